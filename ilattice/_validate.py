@@ -1,0 +1,103 @@
+"""The input doors: every public function checks its arguments here, once.
+
+Guarantee: what passes is finite, of the stated shape, C-contiguous float64.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ilattice._typing import ArrayLike, FloatArray
+from ilattice.errors import InputError
+
+
+def as_array(name: str, value: Any, ndim: int | None = None) -> FloatArray:
+    """Finite float64 array, or `InputError` that names the argument."""
+    try:
+        a = np.ascontiguousarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as e:
+        raise InputError(f"{name} must be an array of real numbers, got {value!r:.80}") from e
+    if ndim is not None and np.ndim(value) != ndim:
+        raise InputError(f"{name} must have {ndim} axes, got shape {np.shape(value)}")
+    return check_finite(name, a)
+
+
+def check_finite(name: str, a: FloatArray) -> FloatArray:
+    """`a` itself, or `InputError` with the first index that is NaN or infinite."""
+    finite = np.isfinite(a)
+    if not finite.all():
+        bad = tuple(int(i) for i in np.argwhere(~finite)[0])
+        raise InputError(
+            f"{name} must be finite: {a.size - int(finite.sum())} of {a.size} values are not, "
+            f"the first is {a[bad]} at index {bad}"
+        )
+    return a
+
+
+def as_points(name: str, value: ArrayLike, dim: int = 3) -> FloatArray:
+    """Points as rows, shape (n, dim)."""
+    a = as_array(name, value)
+    if a.ndim != 2 or a.shape[1] != dim:
+        raise InputError(f"{name} must be points as rows, shape (n, {dim}), got {np.shape(value)}")
+    return a
+
+
+def as_triple(name: str, value: Any, *, positive: bool = False) -> FloatArray:
+    """Three finite numbers; a single number is repeated."""
+    a = as_array(name, value)
+    if a.shape not in ((), (1,), (3,)) or np.size(value) not in (1, 3):
+        raise InputError(f"{name} must be one number or three, got {value!r:.80}")
+    a = np.array(np.broadcast_to(a, (3,)))
+    if positive and (a <= 0).any():
+        raise InputError(f"{name} must be positive, got {value!r:.80}")
+    return a
+
+
+def as_counts(name: str, value: Any) -> tuple[int, int, int]:
+    """Three integers of at least 1; a single one is repeated."""
+    a = as_triple(name, value)
+    if (a != np.rint(a)).any() or (a < 1).any():
+        raise InputError(f"{name} must be whole numbers of at least 1, got {value!r:.80}")
+    i, j, k = (int(v) for v in a)
+    return i, j, k
+
+
+def as_positive(name: str, value: Any) -> float:
+    """One finite number above zero."""
+    a = as_array(name, value)
+    if a.size != 1 or not a.ravel()[0] > 0:
+        raise InputError(f"{name} must be one number above zero, got {value!r:.80}")
+    return float(a.ravel()[0])
+
+
+def as_knots(name: str, value: ArrayLike, n: int, k: int) -> FloatArray:
+    """Knot vector of length n + k + 1, non-decreasing, with t[k] < t[n]."""
+    t = as_array(name, value, ndim=1)
+    if len(t) != n + k + 1:
+        raise InputError(
+            f"{name} must hold n + k + 1 = {n} + {k} + 1 = {n + k + 1} knots, got {len(t)}"
+        )
+    step = np.diff(t)
+    if (step < 0).any():
+        i = int(np.argmax(step < 0))
+        raise InputError(
+            f"{name} must not decrease: knot {i + 1} is {t[i + 1]} after {t[i]}; sort the knots"
+        )
+    if not t[k] < t[n]:
+        raise InputError(f"{name} spans no domain: t[k] = {t[k]} is not below t[n] = {t[n]}")
+    return t
+
+
+def near_names(name: str, known: Sequence[str], count: int = 3) -> str:
+    """The known names most like `name`, for error messages."""
+    from difflib import get_close_matches
+
+    close = get_close_matches(name.lower(), known, n=count, cutoff=0.4)
+    return ", ".join(close) if close else ", ".join(list(known)[:count])
+
+
+def read_only(a: Any) -> Any:
+    """`a` with its write flag cleared."""
+    a.flags.writeable = False
+    return a
