@@ -1,0 +1,318 @@
+"""What every reader and writer shares: whole files in, whole files out, tokens with positions.
+
+Guarantees: a writer replaces a file as a whole or not at all, also when it is interrupted or the
+disk is full; a reader allocates in proportion to the size of the file, never to a count that the
+file claims; what cannot be read ends in a `FormatError` with the path and the line.
+Not guaranteed: a killed process (SIGKILL, power cut) may leave a temporary file ``.*.tmp*`` beside
+the untouched old file.
+"""
+
+import errno
+import os
+import re
+import stat
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import IO, Any, NoReturn
+
+import numpy as np
+
+from ilattice._typing import FloatArray
+from ilattice.errors import FormatError, InputError
+
+_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
+_INTEGER = re.compile(r"[+-]?[0-9]{1,18}")
+
+
+# --- paths ------------------------------------------------------------------------------------
+
+
+def as_path(name: str, value: str | os.PathLike[str]) -> Path:
+    """`value` as a path, or `InputError` that names the argument."""
+    try:
+        path = Path(value)
+    except TypeError as e:
+        raise InputError(f"{name} must be a file name, got {value!r:.80}") from e
+    if not path.name or "\0" in str(path):
+        raise InputError(f"{name} must name a file, got {str(path)!r:.80}")
+    return path
+
+
+# --- writing ----------------------------------------------------------------------------------
+
+
+@contextmanager
+def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """A temporary name beside `path` that becomes `path` when the block ends without an error.
+
+    For writers that insist on a file name (VTK, lib3mf); it keeps the suffix of `path`. Devices
+    and pipes (``/dev/stdout``) are written directly.
+
+    Parameters
+    ----------
+    path : path-like
+        The file to create or to replace. Symbolic links are followed.
+
+    Yields
+    ------
+    Path
+        Name of an existing, empty file in the same directory.
+
+    Raises
+    ------
+    InputError
+        If `path` is a directory, or its directory does not exist.
+    FormatError
+        If the file cannot be written: no permission, disk full.
+    """
+    target = _target(path)
+    if target.exists() and not target.is_file():
+        with _explained(target):
+            yield target
+        return
+    with _explained(target):
+        temporary = _temporary(target)
+        try:
+            yield temporary
+            _flush_to_disk(temporary)
+            os.replace(temporary, target)
+        except BaseException:
+            with suppress(OSError):
+                temporary.unlink()
+            raise
+
+
+@contextmanager
+def atomic_write(path: str | os.PathLike[str], *, text: bool = False) -> Iterator[IO[Any]]:
+    r"""An open file that becomes `path` when the block ends without an error.
+
+    Parameters
+    ----------
+    path : path-like
+        The file to create or to replace.
+    text : bool
+        Open as UTF-8 text with ``\n`` line ends instead of binary.
+
+    Yields
+    ------
+    file
+        Writable file object.
+
+    Raises
+    ------
+    InputError, FormatError
+        As `atomic_path`; whatever the block itself raises is passed on, `OSError` as `FormatError`.
+    """
+    with (
+        atomic_path(path) as temporary,
+        open(
+            temporary,
+            "w" if text else "wb",
+            encoding="utf-8" if text else None,
+            newline="\n" if text else None,
+        ) as file,
+    ):
+        yield file
+
+
+def _target(path: str | os.PathLike[str]) -> Path:
+    """The file that will be written, links resolved; refuses what cannot be one."""
+    target = Path(os.path.realpath(as_path("path", path)))
+    if target.is_dir():
+        raise InputError(f"path {str(path)!r} is a directory; give the name of a file in it")
+    if not target.parent.is_dir():
+        raise InputError(f"path {str(path)!r}: there is no directory {str(target.parent)!r}")
+    return target
+
+
+def _temporary(target: Path) -> Path:
+    """New empty file beside `target`, with the permissions that `target` has or would get."""
+    handle, name = tempfile.mkstemp(
+        dir=target.parent, prefix=f".{target.stem[:40]}.tmp", suffix=target.suffix[:40]
+    )
+    os.close(handle)
+    if target.exists():
+        mode = stat.S_IMODE(target.stat().st_mode)
+    else:
+        mask = os.umask(0)
+        os.umask(mask)
+        mode = 0o666 & ~mask
+    os.chmod(name, mode)
+    return Path(name)
+
+
+def _flush_to_disk(path: Path) -> None:
+    """Wait until the file is on the disk, so that a full disk is noticed before the rename."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+@contextmanager
+def _explained(target: Path) -> Iterator[None]:
+    """`OSError` as a `FormatError` that says what to do."""
+    try:
+        yield
+    except OSError as e:
+        reason = e.strerror or str(e)
+        if e.errno in _FULL:
+            raise FormatError(
+                f"{target}: not written, the disk is full ({reason}); "
+                "free some space or choose another directory"
+            ) from e
+        raise FormatError(f"{target}: cannot be written ({reason})") from e
+
+
+# --- reading ----------------------------------------------------------------------------------
+
+
+def read_bytes(path: str | os.PathLike[str]) -> bytes:
+    """The whole file.
+
+    Raises
+    ------
+    FormatError
+        If there is no such regular file, or it cannot be read.
+    """
+    source = as_path("path", path)
+    try:
+        if source.exists() and not source.is_file():
+            raise FormatError(f"{source}: is not a regular file")
+        return source.read_bytes()
+    except OSError as e:
+        raise FormatError(f"{source}: cannot be read ({e.strerror or e})") from e
+
+
+def read_text(path: str | os.PathLike[str]) -> str:
+    """The whole file as text: UTF-8, or UTF-16 with a byte order mark, else Latin-1.
+
+    Raises
+    ------
+    FormatError
+        If the file cannot be read, or holds zero bytes (a binary file).
+    """
+    data = read_bytes(path)
+    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        text = data.decode("utf-16", errors="replace")
+    else:
+        try:
+            text = data.decode("utf-8-sig")
+        except UnicodeDecodeError:
+            text = data.decode("latin-1")
+    if "\0" in text:
+        line = text.count("\n", 0, text.index("\0")) + 1
+        raise FormatError(f"{path}, line {line}: zero byte; expected a text file")
+    return text
+
+
+class Scanner:
+    """Tokens of a text file, one after the other, with their lines.
+
+    Parameters
+    ----------
+    text : str
+        The text; comments already blanked with their line ends kept.
+    path : path-like
+        Name of the file, for messages.
+    tokens : str
+        Regular expression of one token; what lies between the matches is skipped.
+    """
+
+    def __init__(self, text: str, path: str | os.PathLike[str], tokens: str = r"\S+") -> None:
+        self._text = text
+        self._path = path
+        self._pattern = re.compile(tokens)
+        self._tokens: list[str] = self._pattern.findall(text)
+        self.at = 0
+
+    @property
+    def left(self) -> int:
+        """Number of tokens that are left."""
+        return len(self._tokens) - self.at
+
+    def line(self, at: int | None = None) -> int:
+        """Line of token number `at` (default: the next one), or of the end of the file."""
+        at = self.at if at is None else at
+        if at >= len(self._tokens):
+            return self._text.count("\n") + 1
+        for i, match in enumerate(self._pattern.finditer(self._text)):
+            if i == at:
+                return self._text.count("\n", 0, match.start()) + 1
+        return self._text.count("\n") + 1
+
+    def fail(self, message: str, at: int | None = None) -> NoReturn:
+        """Raise `FormatError` with path and line of token number `at` (default: the next one)."""
+        raise FormatError(f"{self._path}, line {self.line(at)}: {message}")
+
+    def peek(self, ahead: int = 0) -> str:
+        """The next token, or the one `ahead` of it, or "" at the end; stays where it is."""
+        i = self.at + ahead
+        return self._tokens[i] if i < len(self._tokens) else ""
+
+    def word(self, expected: str) -> str:
+        """The next token."""
+        if self.at >= len(self._tokens):
+            self.fail(f"the file ends; expected {expected}")
+        self.at += 1
+        return self._tokens[self.at - 1]
+
+    def expect(self, *words: str) -> str:
+        """The next token, which must be one of `words` (case matters)."""
+        expected = " or ".join(repr(w) for w in words)
+        found = self.word(expected)
+        if found not in words:
+            self.fail(f"found {found!r:.60}; expected {expected}", self.at - 1)
+        return found
+
+    def integer(self, what: str, lo: int = 0, hi: int = 10**18) -> int:
+        """The next token as a whole number within [`lo`, `hi`]."""
+        found = self.word(what)
+        if not _INTEGER.fullmatch(found) or not lo <= int(found) <= hi:
+            self.fail(
+                f"found {found!r:.60}; expected {what}, a whole number from {lo}"
+                + (f" to {hi}" if hi < 10**18 else ""),
+                self.at - 1,
+            )
+        return int(found)
+
+    def numbers(self, count: int, what: str) -> FloatArray:
+        """The next `count` tokens as finite numbers, shape (count,)."""
+        if count > self.left:
+            self.fail(f"expected {count} {what}, the file holds only {self.left} more entries")
+        values = parse_numbers(self._tokens[self.at : self.at + count])
+        if isinstance(values, int):
+            at = self.at + values
+            self.fail(f"found {self._tokens[at]!r:.60}; expected {what}, a finite number", at)
+        self.at += count
+        return values
+
+
+def parse_numbers(tokens: list[str]) -> FloatArray | int:
+    """The tokens as finite float64 numbers, or the index of the first that is not one."""
+    try:
+        values = np.array([float(t) for t in tokens], dtype=np.float64)
+    except ValueError:
+        return next(i for i, t in enumerate(tokens) if not _is_number(t))
+    wrong = np.flatnonzero(~np.isfinite(values))
+    if wrong.size:
+        return int(wrong[0])
+    if any("_" in t for t in tokens):
+        return next(i for i, t in enumerate(tokens) if "_" in t)
+    return values
+
+
+def _is_number(token: str) -> bool:
+    try:
+        float(token)
+    except ValueError:
+        return False
+    return True
+
+
+def blank_comments(text: str, mark: str = "#") -> str:
+    """The text without its comments (from `mark` to the end of the line), lines kept."""
+    return re.sub(re.escape(mark) + r"[^\n]*", "", text) if mark in text else text
