@@ -1,0 +1,126 @@
+"""The table of contents, what importing costs, and the rules no linter knows."""
+
+import ast
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import ilattice as il
+
+ROOT = Path(il.__file__).parent
+MODULES = sorted(ROOT.rglob("*.py"))
+KERNELS = [p for p in MODULES if p.name.startswith("_kernels")]
+HEAVY = {"cyclopts", "lib3mf", "matplotlib", "pyvista", "rich", "skimage", "trimesh", "vtk"}
+
+
+def test_every_public_name_exists_and_is_sorted():
+    assert list(il.__all__) == sorted(il.__all__)
+    assert set(il.__all__) < set(dir(il))
+    for name in il.__all__:
+        assert getattr(il, name) is not None
+
+
+def test_unknown_names_are_attribute_errors():
+    with pytest.raises(AttributeError, match="gyroide"):
+        _ = il.gyroide
+
+
+def test_the_docstring_lists_every_public_name():
+    assert set(il.__all__) <= set(re.findall(r"^`(\w+)`", il.__doc__, re.MULTILINE))
+
+
+def test_every_room_lists_its_names():
+    for room in ("bspline", "tiles", "macroshape", "offsets", "mesh", "io"):
+        module = getattr(il, room)
+        assert sorted(module.__all__) == list(module.__all__), room
+        assert all(hasattr(module, name) for name in module.__all__), room
+
+
+@pytest.mark.parametrize("statement", ["import ilattice", "from ilattice import *"])
+def test_importing_loads_nothing_heavy(statement):
+    code = f"{statement}; import sys; print(*sorted({{m.split('.')[0] for m in sys.modules}}))"
+    # Ambient start-up hooks of the environment may load anything: compare with an empty program.
+    loaded, before = (_run(c) for c in (code, code.replace(statement, "pass")))
+    assert not (loaded - before) & (HEAVY | {"vtkmodules", "PIL", "networkx", "pandas"})
+
+
+def test_importing_the_package_alone_loads_no_room():
+    code = "import ilattice, sys; print(*[m for m in sys.modules if m.startswith('ilattice')])"
+    assert _run(code) == {"ilattice"}
+
+
+def _run(code):
+    env = {k: v for k, v in os.environ.items() if not k.startswith("COV")}
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True, env=env)
+    return set(out.stdout.decode().split())
+
+
+def _imports(tree):
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            yield "." * node.level + (node.module or "")
+
+
+def _module_level(tree):
+    """The tree without the bodies of its functions and of ``if TYPE_CHECKING``."""
+    todo = list(tree.body)
+    while todo:
+        node = todo.pop()
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
+            continue
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
+            todo.extend(node.orelse)
+            continue
+        yield node
+        todo.extend(ast.iter_child_nodes(node))
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: p.relative_to(ROOT).as_posix())
+def test_heavy_packages_are_imported_inside_functions_only(path):
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    shallow = ast.Module([n for n in _module_level(tree) if isinstance(n, ast.stmt)], [])
+    names = {
+        name.split(".")[0]
+        for node in shallow.body
+        if isinstance(node, ast.Import | ast.ImportFrom)
+        for name in _imports(node)
+    }
+    assert not names & (HEAVY | {"vtkmodules"})
+
+
+@pytest.mark.parametrize("path", KERNELS, ids=lambda p: p.relative_to(ROOT).as_posix())
+def test_kernels_import_numpy_numba_and_kernels_only(path):
+    for name in _imports(ast.parse(path.read_text(encoding="utf-8"))):
+        allowed = name.split(".")[0] in ("math", "numba", "numpy", "typing")
+        assert allowed or name.split(".")[-1].startswith("_kernels"), name
+
+
+@pytest.mark.parametrize("path", KERNELS, ids=lambda p: p.relative_to(ROOT).as_posix())
+def test_kernels_name_their_fast_math_flags(path):
+    """The bare flag and ``nnan``/``ninf`` would let NaN vanish without a trace."""
+    allowed = {"contract", "nsz", "arcp", "reassoc"}
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    named = {
+        target.id: node.value
+        for node in tree.body
+        if isinstance(node, ast.Assign)
+        for target in node.targets
+        if isinstance(target, ast.Name)
+    }
+    for node in ast.walk(tree):
+        if isinstance(node, ast.keyword) and node.arg == "fastmath":
+            value = named.get(getattr(node.value, "id", ""), node.value)
+            if not isinstance(value, ast.Name):  # else imported from a kernel file checked itself
+                assert (ast.literal_eval(value) or set()) <= allowed
+
+
+def test_the_walk_finds_module_level_imports():
+    source = "import rich\nif x:\n    import vtk\ndef f():\n    import trimesh\n"
+    nodes = [n for n in _module_level(ast.parse(source)) if isinstance(n, ast.Import)]
+    assert {name for n in nodes for name in _imports(n)} == {"rich", "vtk"}
