@@ -99,7 +99,7 @@ def test_values_that_are_not_finite_name_the_point(text):
 
 
 def test_near_names_are_offered():
-    with pytest.raises(InputError, match="near are .*sin"):
+    with pytest.raises(InputError, match=r"near are .*sin"):
         Expression("sinn(u)")
 
 
@@ -107,9 +107,9 @@ PIECES = [*FUNCTIONS, "u", "v", "w", "pi", "0.1", "1e9", "(", ")", ",", "+", "-"
 NOISE = st.one_of(
     st.text(max_size=40),
     st.text(alphabet=string.printable, max_size=60),
-    st.lists(st.sampled_from([*PIECES, "[", "]", ".", "lambda", ":", "if", "'", "="]), max_size=30).map(
-        "".join
-    ),
+    st.lists(
+        st.sampled_from([*PIECES, "[", "]", ".", "lambda", ":", "if", "'", "="]), max_size=30
+    ).map("".join),
 )
 
 
