@@ -13,8 +13,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
+from numba import njit, prange
 
+CHUNK = 1024
 FAST = {"contract", "nsz", "arcp", "reassoc"}
 TWO_PI = 2.0 * math.pi
 TURNS = 1.0 / TWO_PI
@@ -137,3 +138,93 @@ def trig_jet(
     out[1], out[2], out[3] = gx, gy, gz
     out[4], out[5], out[6] = hxx, hyy, hzz
     out[7], out[8], out[9] = hyz, hxz, hxy
+
+
+@njit(cache=True, fastmath=FAST)
+def trig_value(
+    coef: Any, factor: Any, two_pi_over_period: Any, x: float, y: float, z: float, tab: Any
+) -> float:
+    """Value alone of a trigonometric polynomial at one point; arguments as in `trig_jet`."""
+    _axis_values(tab, 0, two_pi_over_period[0], x)
+    _axis_values(tab, 1, two_pi_over_period[1], y)
+    _axis_values(tab, 2, two_pi_over_period[2], z)
+    f = 0.0
+    for i in range(coef.shape[0]):
+        xy = tab[0, factor[i, 0], 0] * tab[1, factor[i, 1], 0]
+        f += coef[i] * xy * tab[2, factor[i, 2], 0]
+    return f
+
+
+@njit(cache=True, fastmath=FAST)
+def _axis_values(tab: Any, axis: int, w: float, x: float) -> None:
+    """Fill ``tab[axis, code, 0]`` with the value of each factor at x."""
+    s1, c1 = sincos_turns(x * (w * TURNS))
+    tab[axis, 0, 0] = 1.0
+    s, c = s1, c1
+    for h in range(1, (tab.shape[1] + 1) // 2):
+        tab[axis, 2 * h - 1, 0] = c
+        tab[axis, 2 * h, 0] = s
+        s, c = s * c1 + c * s1, c * c1 - s * s1
+
+
+@njit(cache=True)
+def _values(coef: Any, factor: Any, w: Any, p: Any, i0: int, i1: int, out: Any) -> None:
+    tab = trig_tab(factor)
+    for i in range(i0, i1):
+        out[i] = trig_value(coef, factor, w, p[i, 0], p[i, 1], p[i, 2], tab)
+
+
+@njit(cache=True, parallel=True)
+def _values_parallel(coef: Any, factor: Any, w: Any, p: Any, out: Any) -> None:
+    n = p.shape[0]
+    for block in prange((n + CHUNK - 1) // CHUNK):
+        _values(coef, factor, w, p, block * CHUNK, min(n, block * CHUNK + CHUNK), out)
+
+
+def values(coef: Any, factor: Any, w: Any, p: Any) -> Any:
+    """Values, shape (n,), at points ``p`` (n, 3)."""
+    out = np.empty(len(p))
+    if len(p) <= CHUNK:
+        _values(coef, factor, w, p, 0, len(p), out)
+    else:
+        _values_parallel(coef, factor, w, p, out)
+    return out
+
+
+@njit(cache=True)
+def _jets(
+    coef: Any, factor: Any, w: Any, p: Any, i0: int, i1: int, f: Any, g: Any, hess: Any
+) -> None:
+    tab = trig_tab(factor)
+    out = np.empty(10)
+    full = hess.shape[0] > 0
+    for i in range(i0, i1):
+        trig_jet(coef, factor, w, p[i, 0], p[i, 1], p[i, 2], tab, out)
+        f[i] = out[0]
+        g[i, 0], g[i, 1], g[i, 2] = out[1], out[2], out[3]
+        if full:
+            hess[i, 0, 0], hess[i, 1, 1], hess[i, 2, 2] = out[4], out[5], out[6]
+            hess[i, 1, 2] = hess[i, 2, 1] = out[7]
+            hess[i, 0, 2] = hess[i, 2, 0] = out[8]
+            hess[i, 0, 1] = hess[i, 1, 0] = out[9]
+
+
+@njit(cache=True, parallel=True)
+def _jets_parallel(
+    coef: Any, factor: Any, w: Any, p: Any, f: Any, g: Any, hess: Any
+) -> None:
+    n = p.shape[0]
+    for block in prange((n + CHUNK - 1) // CHUNK):
+        _jets(coef, factor, w, p, block * CHUNK, min(n, block * CHUNK + CHUNK), f, g, hess)
+
+
+def jets(coef: Any, factor: Any, w: Any, p: Any, order: int) -> Any:
+    """Values (n,), gradients (n, 3) and, for order 2, Hessians (n, 3, 3) at points ``p``."""
+    n = len(p)
+    f, g = np.empty(n), np.empty((n, 3))
+    hess = np.empty((n if order > 1 else 0, 3, 3))
+    if n <= CHUNK:
+        _jets(coef, factor, w, p, 0, n, f, g, hess)
+    else:
+        _jets_parallel(coef, factor, w, p, f, g, hess)
+    return f, g, hess
