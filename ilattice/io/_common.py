@@ -45,7 +45,7 @@ def as_path(name: str, value: str | os.PathLike[str]) -> Path:
 
 @contextmanager
 def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """A temporary name beside `path` that becomes `path` when the block ends without an error.
+    """Provide a temporary name that becomes `path` when the block ends without an error.
 
     For writers that insist on a file name (VTK, lib3mf); it keeps the suffix of `path`. Devices
     and pipes (``/dev/stdout``) are written directly.
@@ -86,7 +86,7 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 @contextmanager
 def atomic_write(path: str | os.PathLike[str], *, text: bool = False) -> Iterator[IO[Any]]:
-    r"""An open file that becomes `path` when the block ends without an error.
+    r"""Open a file that becomes `path` when the block ends without an error.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ def atomic_write(path: str | os.PathLike[str], *, text: bool = False) -> Iterato
 
 
 def _target(path: str | os.PathLike[str]) -> Path:
-    """The file that will be written, links resolved; refuses what cannot be one."""
+    """Resolve links to the file that will be written; refuse what cannot be one."""
     target = Path(os.path.realpath(as_path("path", path)))
     if target.is_dir():
         raise InputError(f"path {str(path)!r} is a directory; give the name of a file in it")
@@ -128,7 +128,7 @@ def _target(path: str | os.PathLike[str]) -> Path:
 
 
 def _temporary(target: Path) -> Path:
-    """New empty file beside `target`, with the permissions that `target` has or would get."""
+    """Create an empty file beside `target` with the permissions that `target` has or would get."""
     handle, name = tempfile.mkstemp(
         dir=target.parent, prefix=f".{target.stem[:40]}.tmp", suffix=target.suffix[:40]
     )
@@ -171,7 +171,7 @@ def _explained(target: Path) -> Iterator[None]:
 
 
 def read_bytes(path: str | os.PathLike[str]) -> bytes:
-    """The whole file.
+    """Read the whole file.
 
     Raises
     ------
@@ -188,7 +188,7 @@ def read_bytes(path: str | os.PathLike[str]) -> bytes:
 
 
 def read_text(path: str | os.PathLike[str]) -> str:
-    """The whole file as text: UTF-8, or UTF-16 with a byte order mark, else Latin-1.
+    """Read the whole file as text: UTF-8, or UTF-16 with a byte order mark, else Latin-1.
 
     Raises
     ------
@@ -249,19 +249,19 @@ class Scanner:
         raise FormatError(f"{self._path}, line {self.line(at)}: {message}")
 
     def peek(self, ahead: int = 0) -> str:
-        """The next token, or the one `ahead` of it, or "" at the end; stays where it is."""
+        """Look at the next token, or the one `ahead` of it, or "" at the end, and stay in place."""
         i = self.at + ahead
         return self._tokens[i] if i < len(self._tokens) else ""
 
     def word(self, expected: str) -> str:
-        """The next token."""
+        """Take the next token."""
         if self.at >= len(self._tokens):
             self.fail(f"the file ends; expected {expected}")
         self.at += 1
         return self._tokens[self.at - 1]
 
     def expect(self, *words: str) -> str:
-        """The next token, which must be one of `words` (case matters)."""
+        """Take the next token, which must be one of `words` (case matters)."""
         expected = " or ".join(repr(w) for w in words)
         found = self.word(expected)
         if found not in words:
@@ -269,7 +269,7 @@ class Scanner:
         return found
 
     def integer(self, what: str, lo: int = 0, hi: int = 10**18) -> int:
-        """The next token as a whole number within [`lo`, `hi`]."""
+        """Take the next token as a whole number within [`lo`, `hi`]."""
         found = self.word(what)
         if not _INTEGER.fullmatch(found) or not lo <= int(found) <= hi:
             self.fail(
@@ -280,7 +280,7 @@ class Scanner:
         return int(found)
 
     def numbers(self, count: int, what: str) -> FloatArray:
-        """The next `count` tokens as finite numbers, shape (count,)."""
+        """Take the next `count` tokens as finite numbers, shape (count,)."""
         if count > self.left:
             self.fail(f"expected {count} {what}, the file holds only {self.left} more entries")
         values = parse_numbers(self._tokens[self.at : self.at + count])
@@ -290,9 +290,32 @@ class Scanner:
         self.at += count
         return values
 
+    def rows(self, count: int, width: int, what: str) -> FloatArray:
+        """Take the next `count` groups ``[ x1 .. x_width ]``, shape (count, width)."""
+        step = width + 2
+        if count * step > self.left:
+            self.fail(
+                f"expected {count} {what} of {width} numbers in brackets, "
+                f"the file holds only {self.left} more entries"
+            )
+        block = self._tokens[self.at : self.at + count * step]
+        for place, bracket in ((0, "["), (step - 1, "]")):
+            column = block[place::step]
+            if column.count(bracket) != count:
+                row = next(i for i, t in enumerate(column) if t != bracket)
+                at = self.at + row * step + place
+                self.fail(f"found {self._tokens[at]!r:.60} in {what}; expected {bracket!r}", at)
+        inner = [i for i in range(len(block)) if 0 < i % step < step - 1]
+        values = parse_numbers([block[i] for i in inner])
+        if isinstance(values, int):
+            at = self.at + inner[values]
+            self.fail(f"found {self._tokens[at]!r:.60} in {what}; expected a finite number", at)
+        self.at += count * step
+        return values.reshape(count, width)
+
 
 def parse_numbers(tokens: list[str]) -> FloatArray | int:
-    """The tokens as finite float64 numbers, or the index of the first that is not one."""
+    """Finite float64 numbers of the tokens, or the index of the first that is not one."""
     try:
         values = np.array([float(t) for t in tokens], dtype=np.float64)
     except ValueError:
@@ -314,5 +337,5 @@ def _is_number(token: str) -> bool:
 
 
 def blank_comments(text: str, mark: str = "#") -> str:
-    """The text without its comments (from `mark` to the end of the line), lines kept."""
+    """Drop comments (from `mark` to the end of the line), keep the lines."""
     return re.sub(re.escape(mark) + r"[^\n]*", "", text) if mark in text else text

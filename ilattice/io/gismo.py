@@ -1,0 +1,349 @@
+"""G+Smo XML: TensorBSpline and TensorNurbs geometries of one to three parameters.
+
+Guarantees: knots, coefficients and weights are those of the file; control points are Cartesian,
+the first direction runs fastest. XML is read without a document type, entities or links to
+other files. Files with a comment before the XML declaration, which strict parsers refuse, are
+read. What is written is read back bit by bit, but for periodic directions, which become clamped.
+Not guaranteed: interfaces and boundaries of a MultiPatch are not interpreted; geometries of other
+types (hierarchical, trimmed) are skipped.
+
+Format: `gsXml` of G+Smo (https://gismo.github.io), nested Basis elements, ``coefs`` with
+``geoDim``, numbers as text (also fractions ``a/b``) or Base64.
+"""
+
+import base64
+import binascii
+import os
+import re
+from dataclasses import dataclass, field
+from typing import NoReturn
+from xml.parsers import expat
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from ilattice._typing import FloatArray
+from ilattice.bspline import BSpline
+from ilattice.errors import FormatError
+from ilattice.io._common import atomic_write, parse_numbers, read_text
+from ilattice.io._patches import (
+    Patch,
+    clamped,
+    join_names,
+    split_names,
+    to_rows,
+    to_spline,
+    to_text,
+)
+
+DEPTH = 64
+_TYPE = re.compile(r"(BSpline|Nurbs|Tensor(?:BSpline|Nurbs)([1-9]))")
+_BASE64 = {"b64float32": "<f4", "b64float64": "<f8"}
+
+
+# --- reading ----------------------------------------------------------------------------------
+
+
+def read(path: str | os.PathLike[str]) -> tuple[list[Patch], list[str]]:
+    """All splines of a G+Smo file, in its order.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+
+    Returns
+    -------
+    list of Patch
+        Volumes, surfaces and curves.
+    list of str
+        Descriptions of the geometries that were skipped.
+
+    Raises
+    ------
+    FormatError
+        If the file is no G+Smo XML, or holds a malformed geometry.
+    """
+    root = _parse(path, read_text(path))
+    if root.tag != "xml":
+        root.fail(f"root element is <{root.tag:.40}>; expected <xml>, as G+Smo has it")
+    patches: list[Patch] = []
+    skipped: list[str] = []
+    count = 0
+    for node in root.children:
+        if node.tag != "Geometry":
+            continue
+        spline = _geometry(node)
+        if spline is None:
+            skipped.append(f"{node.attributes.get('type')} in line {node.line}")
+            continue
+        volume = spline.ndim == 3
+        patches.append(_patch(node, spline, count if volume else None))
+        count += volume
+    for node in root.children:
+        if node.tag == "MultiPatch":
+            _check_multipatch(node, root)
+    return patches, skipped
+
+
+def _patch(node: "_Node", spline: BSpline, index: int | None) -> Patch:
+    info = {"line": node.line, "type": node.attributes["type"]}
+    if "id" in node.attributes:
+        info["id"] = node.attributes["id"]
+    names = node.attributes.get("names", "")
+    return Patch(
+        spline,
+        index,
+        node.attributes.get("label", ""),
+        split_names(node.fail, names, spline.m) if names else (),
+        info,
+    )
+
+
+def _geometry(node: "_Node") -> BSpline | None:
+    """Spline of a Geometry element, or None if its type is not one of ours."""
+    match = _TYPE.fullmatch(node.attribute("type"))
+    ndim = int(match[2] or 1) if match else 0
+    if not 1 <= ndim <= 3:
+        return None
+    basis = node.child("Basis")
+    weights = None
+    if "Nurbs" in node.attributes["type"]:
+        weights = basis.child("weights")
+        basis = basis.child("Basis")
+    lines = basis.all("Basis") if ndim > 1 or basis.all("Basis") else [basis]
+    if len(lines) != ndim:
+        basis.fail(f"found {len(lines)} bases of one direction; expected {ndim}")
+    degrees, knots = [], []
+    for axis, line in enumerate(lines):
+        if line.attributes.get("index", str(axis)).strip() != str(axis):
+            line.fail(f"index is {line.attributes['index']:.20}; expected {axis}, in order")
+        k, t = _knots(line.child("KnotVector"), node.room)
+        degrees.append(k)
+        knots.append(t)
+    size = 1
+    for k, t in zip(degrees, knots, strict=True):
+        size *= max(len(t) - k - 1, 0)
+    coefs = node.child("coefs")
+    dim = coefs.integer("geoDim", 1, 10**6)
+    rows = coefs.numbers(size * dim, f"numbers, {size} control points of {dim} coordinates")
+    w = None if weights is None else weights.numbers(size, "weights")
+    return to_spline(node.fail, knots, rows.reshape(-1, dim), degrees, weights=w)
+
+
+def _knots(node: "_Node", room: int) -> tuple[int, FloatArray]:
+    """Degree and knots; `room` bounds the number of knots that the file can mean."""
+    k = node.integer("degree", 0, 100)
+    if node.attributes.get("mode") != "uniform":
+        return k, node.numbers(None, "knots")
+    n = node.integer("csize", k + 1, max(room, k + 1))
+    inner = np.linspace(0.0, 1.0, n - k + 1)
+    return k, np.concatenate([np.zeros(k), inner, np.ones(k)])
+
+
+def _check_multipatch(node: "_Node", root: "_Node") -> None:
+    """Every patch that the MultiPatch names must be there."""
+    patches = node.child("patches")
+    known = [c.attributes.get("id", "").strip() for c in root.children if c.tag == "Geometry"]
+    words = patches.text.split()
+    kind = patches.attribute("type")
+    if kind == "id_range":
+        if len(words) != 2 or not all(re.fullmatch(r"[0-9]{1,9}", w) for w in words):
+            patches.fail(f"found {patches.text.strip()!r:.40}; expected first and last id")
+        first, last = int(words[0]), int(words[1])
+        ids = {int(k) for k in known if re.fullmatch(r"[0-9]{1,9}", k)}
+        if last < first or sum(first <= i <= last for i in ids) != last - first + 1:
+            patches.fail(f"ids {first} to {last}: not every one names a Geometry of this file")
+    elif kind == "id_index":
+        for word in words:
+            if word not in known:
+                patches.fail(f"id {word!r:.40} names no Geometry of this file")
+    else:
+        patches.fail(f"type is {kind!r:.40}; expected 'id_range' or 'id_index'")
+
+
+# --- a small XML tree with lines ------------------------------------------------------------------
+
+
+@dataclass
+class _Node:
+    """One element, with the line of its start."""
+
+    path: str | os.PathLike[str]
+    tag: str
+    attributes: dict[str, str]
+    line: int
+    room: int
+    children: list["_Node"] = field(default_factory=list)
+    parts: list[str] = field(default_factory=list)
+
+    @property
+    def text(self) -> str:
+        """Character data between the tags."""
+        return "".join(self.parts)
+
+    def fail(self, message: str, line: int | None = None) -> NoReturn:
+        """Raise `FormatError` with path and line."""
+        raise FormatError(f"{self.path}, line {line or self.line}: <{self.tag:.40}>: {message}")
+
+    def all(self, tag: str) -> list["_Node"]:
+        """All children of that tag."""
+        return [c for c in self.children if c.tag == tag]
+
+    def child(self, tag: str) -> "_Node":
+        """The one child of that tag."""
+        found = self.all(tag)
+        if len(found) != 1:
+            self.fail(f"holds {len(found)} elements <{tag}>; expected one")
+        return found[0]
+
+    def attribute(self, name: str) -> str:
+        """Value of an attribute that must be there."""
+        if name not in self.attributes:
+            self.fail(f"has no attribute {name!r}")
+        return self.attributes[name].strip()
+
+    def integer(self, name: str, lo: int, hi: int) -> int:
+        """Value of an attribute as a whole number."""
+        value = self.attribute(name)
+        if not re.fullmatch(r"[0-9]{1,18}", value) or not lo <= int(value) <= hi:
+            self.fail(f"{name} is {value!r:.40}; expected a whole number from {lo} to {hi}")
+        return int(value)
+
+    def numbers(self, count: int | None, what: str) -> FloatArray:
+        """The text as `count` numbers (None: any count), shape (count,)."""
+        form = self.attributes.get("format", "ascii").lower()
+        values = self._ascii(what) if form == "ascii" else self._decoded(form)
+        if count is not None and len(values) != count:
+            self.fail(f"found {len(values)} numbers; expected {count} {what}")
+        return values
+
+    def _ascii(self, what: str) -> FloatArray:
+        tokens = self.text.split()
+        values = parse_numbers(tokens)
+        if isinstance(values, int):
+            tokens = [_quotient(t) for t in tokens]
+            values = parse_numbers(tokens)
+        if isinstance(values, int):
+            ends = re.finditer(r"\S+", self.text)
+            start = next(m.start() for i, m in enumerate(ends) if i == values)
+            line = self.line + self.text.count("\n", 0, start)
+            self.fail(f"found {tokens[values]!r:.40}; expected {what}, finite", line)
+        return values
+
+    def _decoded(self, form: str) -> FloatArray:
+        if form not in _BASE64:
+            self.fail(f"format is {form!r:.40}; expected ASCII or one of {', '.join(_BASE64)}")
+        try:
+            data = base64.b64decode("".join(self.text.split()), validate=True)
+            values = np.frombuffer(data, _BASE64[form]).astype(np.float64)
+        except (binascii.Error, ValueError) as e:
+            self.fail(f"is no {form} data ({e})")
+        if not np.isfinite(values).all():
+            self.fail(f"number {int(np.argmin(np.isfinite(values))) + 1} is not finite")
+        return values
+
+
+def _quotient(token: str) -> str:
+    """A fraction, which G+Smo allows wherever a number stands, as a decimal number."""
+    parts = token.split("/")
+    if len(parts) != 2:
+        return token
+    pair = parse_numbers(parts)
+    if isinstance(pair, int) or pair[1] == 0:
+        return token
+    return repr(float(np.divide(*map(float, pair))))
+
+
+def _parse(path: str | os.PathLike[str], text: str) -> _Node:
+    """Tree of the elements; refuses a document type and more than `DEPTH` levels."""
+    text = _without_declaration(text)
+    parser = expat.ParserCreate("utf-8")
+    parser.buffer_text = True
+    stack = [_Node(path, "", {}, 1, len(text))]
+
+    def fail(message: str) -> NoReturn:
+        raise FormatError(f"{path}, line {parser.CurrentLineNumber}: {message}")
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        if len(stack) > DEPTH:
+            fail(f"elements are nested more than {DEPTH} deep")
+        node = _Node(path, tag, attributes, parser.CurrentLineNumber, len(text))
+        stack[-1].children.append(node)
+        stack.append(node)
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = lambda _: stack.pop()
+    parser.CharacterDataHandler = lambda data: stack[-1].parts.append(data)
+    parser.CommentHandler = lambda data: stack[-1].parts.append("\n" * data.count("\n"))
+    parser.StartDoctypeDeclHandler = lambda *_: fail("a document type is not allowed here")
+    try:
+        parser.Parse(text, True)
+    except (expat.ExpatError, UnicodeEncodeError) as e:
+        line = getattr(e, "lineno", 1)
+        raise FormatError(f"{path}, line {line}: not well-formed XML ({e})") from e
+    return stack[0].children[0]
+
+
+def _without_declaration(text: str) -> str:
+    """The text with the XML declaration blanked, also where comments precede it."""
+    at = 0
+    while (at := len(text) - len(text[at:].lstrip())) < len(text) and text.startswith("<!--", at):
+        end = text.find("-->", at)
+        if end < 0:
+            return text
+        at = end + 3
+    if not text.startswith("<?xml", at) or (end := text.find("?>", at)) < 0:
+        return text
+    return text[:at] + "\n" * text.count("\n", at, end) + text[end + 2 :]
+
+
+# --- writing ----------------------------------------------------------------------------------
+
+
+def write(spline: BSpline, path: str | os.PathLike[str], names: tuple[str, ...] = ()) -> None:
+    """Write one spline as a G+Smo geometry with id 0.
+
+    Parameters
+    ----------
+    spline : BSpline
+        Curve, surface or volume; a scalar spline becomes one with one coordinate. Periodic
+        directions are written clamped.
+    path : path-like
+        The file.
+    names : tuple of str
+        Names of the coordinates after x, y, z, kept in an attribute that G+Smo ignores.
+
+    Raises
+    ------
+    InputError, FormatError
+        If the file cannot be written.
+    """
+    spline = clamped(spline, only_periodic=True)
+    rows, weights = to_rows(spline)
+    extra = f" names={quoteattr(join_names(names))}" if names else ""
+    number = str(spline.ndim) if spline.ndim > 1 else ""
+    tensor = "Tensor" if spline.ndim > 1 else ""
+    kind = "BSpline" if weights is None else "Nurbs"
+    basis = _basis_text(spline, tensor, number)
+    if weights is not None:
+        inner = f"<weights>\n{to_text(weights[:, None])}\n</weights>\n{basis}"
+        basis = f'<Basis type="{tensor}NurbsBasis{number}">\n{inner}\n</Basis>'
+    with atomic_write(path, text=True) as file:
+        file.write('<?xml version="1.0" encoding="UTF-8"?>\n<xml>\n')
+        file.write(f'<Geometry type="{tensor}{kind}{number}" id="0"{extra}>\n{basis}\n')
+        file.write(f'<coefs geoDim="{rows.shape[1]}">\n{to_text(rows)}\n</coefs>\n')
+        file.write("</Geometry>\n</xml>\n")
+
+
+def _basis_text(spline: BSpline, tensor: str, number: str) -> str:
+    lines = []
+    for axis, (t, k) in enumerate(zip(spline.t, spline.k, strict=True)):
+        index = f' index="{axis}"' if tensor else ""
+        knots = to_text(t[None])
+        lines.append(
+            f'<Basis type="BSplineBasis"{index}>\n'
+            f'<KnotVector degree="{k}">{knots}</KnotVector>\n</Basis>'
+        )
+    text = "\n".join(lines)
+    return f'<Basis type="TensorBSplineBasis{number}">\n{text}\n</Basis>' if tensor else text
