@@ -1,0 +1,252 @@
+"""The main job as one call: tile, volume and thickness in; files and a report out.
+
+This is what the command line calls; the report is plain data, ready for JSON.
+"""
+
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import ilattice as il
+from ilattice._expression import parse
+from ilattice._progress import Progress
+from ilattice._stages import Stages
+from ilattice.errors import FormatError, InputError
+from ilattice.io.registry import WRITERS
+
+#: Volumes of `ilattice.macroshape` that need no arguments.
+VOLUMES = ("box", "cylinder_shell", "duck", "tapered", "torus", "wing")
+
+
+def volume(spec: str) -> "il.SplineMap":
+    """A volume by its name, or from a file.
+
+    Parameters
+    ----------
+    spec : str
+        One of `VOLUMES`, or the path of a file; ``path#2`` is patch 2 of a file with several.
+
+    Returns
+    -------
+    SplineMap
+        The volume.
+
+    Raises
+    ------
+    InputError
+        If it is neither a name nor a file.
+    FormatError
+        If the file cannot be read.
+    """
+    if spec in VOLUMES:
+        return getattr(il.macroshape, spec)()
+    if not any(os.path.exists(path) for path in (spec, spec.rpartition("#")[0])):
+        near = ", ".join(VOLUMES)
+        raise InputError(f"map {spec!r} is neither a file nor a built-in volume; these are {near}")
+    return il.macroshape.load(spec)
+
+
+def build(
+    *,
+    tile: str,
+    through: str,
+    repeat: tuple[int, int, int],
+    thickness: str | float,
+    output: Sequence[str | os.PathLike[str]],
+    tol: float | None = None,
+    h: float | None = None,
+    report: str | os.PathLike[str] | None = None,
+    progress: Progress = None,
+) -> dict[str, Any]:
+    """Fill a volume with a lattice of given wall thickness and write meshes of it.
+
+    Parameters
+    ----------
+    tile : str
+        Name of a tile of the catalogue.
+    through : str
+        Name of a built-in volume, or ``FILE`` or ``FILE#patch``.
+    repeat : tuple of int
+        Number of tiles along u, v and w.
+    thickness : str or float
+        Half-thickness: a number, or a formula in u, v, w.
+    output : sequence of path-like
+        Files to write; the endings pick the formats.
+    tol : float, optional
+        Largest error of the half-thickness.
+    h : float, optional
+        Length of the edges of the mesh.
+    report : path-like, optional
+        File for the report.
+    progress : bool or callable, optional
+        See `ilattice._progress.track`.
+
+    Returns
+    -------
+    dict
+        The report.
+    """
+    check_outputs([*output, *([report] if report else [])])
+    check_meshes(output)
+    d = parse(thickness) if isinstance(thickness, str) else thickness
+    stages = Stages()
+    with stages("volume"):
+        space = volume(through)
+    lattice = il.Lattice(il.tiles[tile], through=space, repeat=repeat)
+    with stages("distance"):
+        wall = lattice.offset(d, tol=tol, progress=progress)
+    with stages("mesh"):
+        mesh = wall.mesh(h=h, progress=progress)
+    with stages("thickness error"):
+        error = wall.thickness_error(mesh)
+    with stages("write"):
+        for path in output:
+            mesh.save(path)
+    inputs = {"tile": tile, "map": through, "repeat": list(repeat), "thickness": thickness, "tol": tol}
+    result = {
+        "ilattice": il.__version__,
+        "input": inputs | {"h": h},
+        **measures(mesh),
+        "thickness_error": {k: getattr(error, k) for k in ("max", "p99", "rms", "relative")},
+        "closest_points": dict(lattice.statistics),
+        "stages": stages.records,
+        "files": [str(path) for path in output],
+    }
+    if report:
+        write_json(report, result)
+    return result
+
+
+def demo(
+    out: str | os.PathLike[str] = "ilattice-demo",
+    *,
+    h: float = 0.05,
+    progress: Progress = None,
+) -> dict[str, Any]:
+    """Build the Schwarz-P torus with half-thickness 0.1, with files, picture and report.
+
+    Parameters
+    ----------
+    out : path-like
+        Directory for ``torus.stl``, ``torus.vtp``, ``macroshape.vtu``, ``torus.png`` and
+        ``report.json``; made if it does not exist.
+    h : float
+        Length of the edges of the mesh.
+    progress : bool or callable, optional
+        See `ilattice._progress.track`.
+
+    Returns
+    -------
+    dict
+        The report.
+    """
+    folder = Path(out)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as e:
+        raise InputError(f"out: cannot make the directory {str(folder)!r}: {e.strerror}") from e
+    names = ("torus.stl", "torus.vtp", "torus.png")
+    result = build(
+        tile="schwarz_p",
+        through="torus",
+        repeat=(16, 2, 2),
+        thickness=0.1,
+        h=h,
+        output=[folder / name for name in names],
+        progress=progress,
+    )
+    volume("torus").save(folder / "macroshape.vtu")
+    result["files"].append(str(folder / "macroshape.vtu"))
+    write_json(folder / "report.json", result)
+    return result
+
+
+def measures(mesh: "il.SurfaceMesh") -> dict[str, Any]:
+    """What the report says about a mesh."""
+    closed = mesh.is_watertight
+    return {
+        "volume": mesh.volume if closed else None,
+        "area": mesh.area,
+        "genus": mesh.genus if closed and mesh.is_oriented else None,
+        "components": mesh.components,
+        "watertight": closed,
+        "vertices": len(mesh.vertices),
+        "faces": len(mesh.faces),
+    }
+
+
+def check_outputs(paths: Sequence[str | os.PathLike[str]]) -> None:
+    """Refuse, before any work, to write into a directory that is missing or read-only.
+
+    Parameters
+    ----------
+    paths : sequence of path-like
+        Files that will be written.
+
+    Raises
+    ------
+    InputError
+        Naming the first file that cannot be written.
+    """
+    for path in paths:
+        folder = Path(path).parent
+        if not folder.is_dir():
+            raise InputError(f"output {str(path)!r}: there is no directory {str(folder)!r}")
+        if not os.access(folder, os.W_OK):
+            raise InputError(f"output {str(path)!r}: the directory is not writable")
+
+
+def check_meshes(paths: Sequence[str | os.PathLike[str]]) -> None:
+    """Refuse, before any work, endings that no mesh format has.
+
+    Parameters
+    ----------
+    paths : sequence of path-like
+        Files of meshes that will be written.
+
+    Raises
+    ------
+    FormatError
+        Naming the first file of an unknown format, and the known ones.
+    """
+    known = WRITERS["SurfaceMesh"]
+    for path in paths:
+        if Path(path).suffix.lower() not in known:
+            raise FormatError(f"{str(path)!r} has none of the endings {', '.join(sorted(known))}")
+
+
+def describe(spec: str) -> list[str]:
+    """What a volume or a file of volumes is, in lines of text.
+
+    Parameters
+    ----------
+    spec : str
+        As for `volume`.
+
+    Returns
+    -------
+    list of str
+        Size, degrees, bounds, volume and Jacobian certificate of each patch.
+    """
+    lines = []
+    for name, space in volumes(spec):
+        lo, hi = space.bounds.tolist()
+        lines += [
+            f"{name}: {space!r}",
+            f"  parameters  {space.domain[0].tolist()} to {space.domain[1].tolist()}",
+            f"  bounds      {lo} to {hi}",
+            f"  volume      {space.volume:.6g}",
+            f"  certificate {space.certificate}",
+        ]
+    return lines
+
+
+def write_json(path: str | os.PathLike[str], data: dict[str, Any]) -> None:
+    """Write plain data as JSON, whole or not at all."""
+    from ilattice.io._common import atomic_write
+
+    with atomic_write(path, text=True) as file:
+        json.dump(data, file, indent=2)
+        file.write("\n")

@@ -1,0 +1,164 @@
+"""The command line ``ilattice``: every command is one call of the library.
+
+Guarantee: what goes wrong on purpose ends in one line on standard error and exit code 2 (wrong
+input or usage) or 1 (everything else); interrupting ends in 130. No traceback.
+"""
+
+import json
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from ilattice.errors import IlatticeError, InputError
+
+if TYPE_CHECKING:
+    from cyclopts import App
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        The words after ``ilattice``; by default those of this process.
+
+    Returns
+    -------
+    int
+        Exit code.
+    """
+    from cyclopts import CycloptsError
+
+    words = sys.argv[1:] if arguments is None else list(arguments)
+    try:
+        _app()(words, exit_on_error=False, print_error=False)
+    except CycloptsError as e:
+        return _fail(str(e), 2)
+    except InputError as e:
+        return _fail(str(e), 2)
+    except (IlatticeError, OSError) as e:
+        return _fail(str(e), 1)
+    except MemoryError:
+        return _fail("not enough memory; try a larger h or fewer tiles", 1)
+    except KeyboardInterrupt:
+        return _fail("interrupted", 130)
+    return 0
+
+
+def _fail(message: str, code: int) -> int:
+    print("ilattice: error:", " ".join(message.split()), file=sys.stderr)
+    return code
+
+
+def _app() -> "App":
+    from cyclopts import App, Parameter
+
+    import ilattice as il
+    from ilattice import _job
+
+    app = App(
+        name="ilattice",
+        help=str(il.__doc__).splitlines()[0],
+        help_format="plaintext",
+        version=il.__version__,
+        default_parameter=Parameter(negative=()),
+    )
+    Files = Annotated[list[Path], Parameter(name=("--output", "-o"), consume_multiple=True)]
+    Length = Annotated[float, Parameter(name="--h")]
+
+    @app.command
+    def demo(*, out: Path = Path("ilattice-demo"), h: Length = 0.05) -> None:
+        """Build the Schwarz-P lattice in a torus: meshes, a picture and a report.
+
+        Parameters
+        ----------
+        out
+            Directory for the files.
+        h
+            Length of the edges of the mesh.
+        """
+        _summary(_job.demo(out, h=h, progress=True))
+
+    @app.command
+    def build(
+        *,
+        tile: str,
+        map: str,
+        repeat: tuple[int, int, int],
+        thickness: Annotated[str, Parameter(allow_leading_hyphen=True)],
+        output: Files,
+        tol: float | None = None,
+        h: Length | None = None,
+        report: Path | None = None,
+    ) -> None:
+        """Fill a volume with a lattice of given wall thickness.
+
+        Parameters
+        ----------
+        tile
+            Name of a tile; see ``ilattice tiles``.
+        map
+            Name of a built-in volume, or FILE, or FILE#patch.
+        repeat
+            Number of tiles along u, v and w.
+        thickness
+            Half-thickness: a number, or a formula in u, v, w such as "0.1 + 0.05*sin(2*pi*u)".
+        output
+            Files to write; the endings pick the formats.
+        tol
+            Largest error of the half-thickness; by default that of 16 spans per tile.
+        h
+            Length of the edges of the mesh.
+        report
+            File for the report, as JSON.
+        """
+        _summary(
+            _job.build(
+                tile=tile,
+                through=map,
+                repeat=repeat,
+                thickness=thickness,
+                tol=tol,
+                h=h,
+                output=output,
+                report=report,
+                progress=True,
+            )
+        )
+
+    @app.command
+    def info(file: str) -> None:
+        """Tell what a file holds: the patches of a volume.
+
+        Parameters
+        ----------
+        file
+            FILE or FILE#patch, or the name of a built-in volume.
+        """
+        print("\n".join(_job.describe(file)))
+
+    @app.command
+    def tiles() -> None:
+        """List the catalogue of tiles."""
+        print("\n".join(_job.catalogue()))
+
+    @app.command
+    def warmup() -> None:
+        """Compile all kernels now, so that later runs start at once."""
+        start = time.perf_counter()
+        _job.warmup()
+        print(f"all kernels are compiled ({time.perf_counter() - start:.0f} s)")
+
+    return app
+
+
+def _summary(report: dict[str, Any]) -> None:
+    keys = ("volume", "area", "genus", "components", "watertight", "vertices", "faces")
+    for key in (*keys, "thickness_error", "closest_points"):
+        value = report[key]
+        print(f"{key:>16}  {value if isinstance(value, str) else json.dumps(value)}")
+    for name in report["files"]:
+        print(f"{'wrote':>16}  {name}")

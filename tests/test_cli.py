@@ -1,0 +1,138 @@
+"""The command line: every command end to end, and every error one line with its exit code."""
+
+import json
+
+import pytest
+
+from ilattice import __version__, cli
+
+BUILD = {
+    "--tile": ["gyroid"],
+    "--map": ["box"],
+    "--repeat": ["1", "1", "1"],
+    "--thickness": ["0.1 + 0.02*cos(2*pi*u)"],
+    "--h": ["0.1"],
+}
+
+
+def words(**changes):
+    options = BUILD | {f"--{name}": value for name, value in changes.items()}
+    return ["build", *(w for name, values in options.items() if values for w in [name, *values])]
+
+
+def fails(arguments, code, capfd):
+    assert cli.main(arguments) == code
+    out, err = capfd.readouterr()
+    assert out == ""
+    assert err.startswith("ilattice: error: ")
+    assert err.count("\n") == 1
+    return err
+
+
+def test_build_writes_all_files_and_the_report(tmp_path, capfd):
+    files = [tmp_path / name for name in ("a.stl", "a.vtp", "a.ply")]
+    report = tmp_path / "a.json"
+    code = cli.main([*words(report=[str(report)]), "-o", *map(str, files)])
+    out, err = capfd.readouterr()
+    assert (code, err) == (0, "")
+    assert all(file.stat().st_size > 1000 for file in files)
+    data = json.loads(report.read_text())
+    assert data["watertight"] is True
+    assert 0.15 < data["volume"] < 0.9
+    assert data["area"] > 4
+    assert data["components"] == 1
+    assert data["faces"] == 2 * (data["vertices"] - 2 + 2 * data["genus"])
+    assert set(data["thickness_error"]) == {"max", "p99", "rms", "relative"}
+    assert 0 < data["thickness_error"]["rms"] <= data["thickness_error"]["max"] < 0.01
+    assert data["closest_points"]["queries"] > 1000
+    assert 0 < data["closest_points"]["mean_iterations"] < 10
+    assert data["closest_points"]["fallbacks"] == 0
+    assert list(data["stages"]) == ["volume", "distance", "mesh", "thickness error", "write"]
+    assert all(stage["seconds"] >= 0 for stage in data["stages"].values())
+    for word in ("genus", "watertight", "thickness_error", *map(str, files)):
+        assert word in out
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"tile": ["gyroit"]}, "gyroid"),
+        ({"map": ["tours"]}, "torus"),
+        ({"repeat": ["1", "0", "1"]}, "repeat"),
+        ({"repeat": ["1", "x", "1"]}, "repeat"),
+        ({"thickness": ["0.1+"]}, "0.1+"),
+        ({"thickness": ["-0.1"]}, "-0.1"),
+        ({"thickness": ["os.system('true')"]}, "os.system"),
+        ({"tol": ["0"]}, "tol"),
+        ({"h": ["-1"]}, "h"),
+        ({"tile": None}, "--tile"),
+        ({"wall": ["0.1"]}, "--wall"),
+    ],
+)
+def test_wrong_input_is_one_line_and_code_2(changes, message, tmp_path, capfd):
+    target = tmp_path / "a.stl"
+    err = fails([*words(**changes), "-o", str(target)], 2, capfd)
+    assert message in err
+    assert not target.exists()
+
+
+def test_a_missing_directory_is_noticed_before_the_work(tmp_path, capfd, monkeypatch):
+    monkeypatch.setattr("ilattice._job.volume", lambda _: pytest.fail("worked in vain"))
+    err = fails([*words(), "-o", str(tmp_path / "no" / "a.stl")], 2, capfd)
+    assert "directory" in err
+
+
+def test_an_unknown_ending_is_noticed_before_the_work(tmp_path, capfd, monkeypatch):
+    monkeypatch.setattr("ilattice._job.volume", lambda _: pytest.fail("worked in vain"))
+    assert ".doc" in fails([*words(), "-o", str(tmp_path / "a.doc")], 1, capfd)
+
+
+def test_a_file_that_is_no_volume_is_code_1(tmp_path, capfd):
+    path = tmp_path / "volume.xml"
+    path.write_text("<xml></xml>")
+    assert "volume.xml" in fails(["info", str(path)], 1, capfd)
+
+
+@pytest.mark.parametrize(
+    ("error", "code"), [(MemoryError(), 1), (KeyboardInterrupt(), 130), (OSError(28, "full"), 1)]
+)
+def test_what_happens_to_anybody_is_one_line(error, code, capfd, monkeypatch):
+    def stop(*_args, **_options):
+        raise error
+
+    monkeypatch.setattr("ilattice._job.build", stop)
+    fails([*words(), "-o", "a.stl"], code, capfd)
+
+
+def test_tiles_lists_the_catalogue(capfd):
+    assert cli.main(["tiles"]) == 0
+    lines = capfd.readouterr().out.splitlines()
+    assert len(lines) > 25
+    assert any(line.startswith("schwarz_p ") for line in lines)
+
+
+@pytest.mark.parametrize("name", ["torus", "duck", "wing", "box", "tapered", "cylinder_shell"])
+def test_info_tells_size_and_certificate(name, capfd):
+    assert cli.main(["info", name]) == 0
+    out = capfd.readouterr().out
+    assert "VALID, right-handed" in out
+    assert "volume" in out
+
+
+def test_unknown_command_and_version(capfd):
+    assert "bild" in fails(["bild"], 2, capfd)
+    assert cli.main(["--version"]) == 0
+    assert capfd.readouterr().out.strip() == __version__
+
+
+def test_demo_leaves_its_files(tmp_path, capfd):
+    assert cli.main(["demo", "--out", str(tmp_path / "new" / "demo"), "--h", "0.2"]) == 0
+    assert "torus.stl" in capfd.readouterr().out
+    folder = tmp_path / "new" / "demo"
+    names = {"torus.stl", "torus.vtp", "macroshape.vtu", "torus.png", "report.json"}
+    assert {path.name for path in folder.iterdir()} == names
+    assert all(path.stat().st_size > 500 for path in folder.iterdir())
+    data = json.loads((folder / "report.json").read_text())
+    assert data["watertight"] is True
+    assert data["components"] == 1
+    assert len(data["files"]) == 4

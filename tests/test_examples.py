@@ -1,0 +1,56 @@
+"""Every example runs, at a reduced size, and gives the number that its docstring states."""
+
+import importlib
+import sys
+from pathlib import Path
+
+import pytest
+
+FOLDER = Path(__file__).parents[1] / "examples"
+NAMES = sorted(path.stem for path in FOLDER.glob("*.py"))
+
+
+def run(name, **arguments):
+    sys.path.insert(0, str(FOLDER))
+    try:
+        return importlib.import_module(name).main(**arguments)
+    finally:
+        sys.path.remove(str(FOLDER))
+
+
+def test_schwarz_p_torus_fills_two_fifths():
+    numbers = run("schwarz_p_torus", h=0.12)
+    assert numbers["filled"] == pytest.approx(0.404, abs=0.004)
+    assert numbers["error"] < 1e-4
+
+
+def test_fig13_is_exact():
+    numbers = run("fig13_tapered", h=0.1)
+    assert numbers["error"] < 1e-6
+    assert numbers["thickness at the sides"] == pytest.approx(0.3, abs=1e-6)
+
+
+def test_fig14_pores_close_where_the_wall_is_thick():
+    genus = run("fig14_torus", h=0.12, repeat=(8, 1, 1))
+    for name in ("gyroid", "diamond"):
+        assert 0 < genus[f"{name} varying"] < genus[f"{name} constant"]
+
+
+def test_fig15_thickness_is_right_everywhere():
+    error = run("fig15_duck", h=0.06, repeat=(9, 3, 2), names=("gyroid",))
+    assert 0 < error["gyroid"] < 1e-3
+
+
+def test_gismo_volume_is_filled_and_closed():
+    numbers = run("gismo_iwp", h=0.06, repeat=(4, 1, 4))
+    assert numbers["open edges"] == 0
+    assert numbers["components"] == 1
+    assert 0.05 < numbers["filled"] < 0.95
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_example_is_tested_and_can_be_run_alone(name):
+    source = (FOLDER / f"{name}.py").read_text(encoding="utf-8")
+    assert f'run("{name}"' in Path(__file__).read_text(encoding="utf-8")
+    assert 'if __name__ == "__main__":' in source
+    assert f"python examples/{name}.py" in source
