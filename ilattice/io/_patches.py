@@ -6,9 +6,10 @@ as printing leaves them, are made equal.
 Not guaranteed: that the patch is a usable map; folds are found by `ilattice.macroshape`.
 """
 
+import itertools
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NoReturn
 
 import numpy as np
@@ -68,6 +69,12 @@ class Patch:
         text += f", {self.spline.m or 1} coordinates"
         text += ", rational" if self.spline.weights is not None else ""
         return text + (", periodic" if any(self.spline.periodic) else "")
+
+
+def numbered(patches: Sequence[Patch]) -> list[Patch]:
+    """Copies of the patches, the volumes numbered from 0."""
+    numbers = itertools.count()
+    return [replace(p, index=next(numbers) if p.spline.ndim == 3 else None) for p in patches]
 
 
 # --- from flat numbers to a spline --------------------------------------------------------------

@@ -15,6 +15,7 @@ import base64
 import binascii
 import os
 import re
+from bisect import bisect_left, bisect_right
 from dataclasses import dataclass, field
 from typing import NoReturn
 from xml.parsers import expat
@@ -30,6 +31,7 @@ from ilattice.io._patches import (
     Patch,
     clamped,
     join_names,
+    numbered,
     split_names,
     to_rows,
     to_spline,
@@ -38,6 +40,7 @@ from ilattice.io._patches import (
 
 DEPTH = 64
 _TYPE = re.compile(r"(BSpline|Nurbs|Tensor(?:BSpline|Nurbs)([1-9]))")
+_ID = re.compile(r"[0-9]{1,9}")
 _BASE64 = {"b64float32": "<f4", "b64float64": "<f8"}
 
 
@@ -69,35 +72,26 @@ def read(path: str | os.PathLike[str]) -> tuple[list[Patch], list[str]]:
         root.fail(f"root element is <{root.tag:.40}>; expected <xml>, as G+Smo has it")
     patches: list[Patch] = []
     skipped: list[str] = []
-    count = 0
-    for node in root.children:
-        if node.tag != "Geometry":
-            continue
+    for node in root.all("Geometry"):
         spline = _geometry(node)
         if spline is None:
-            skipped.append(f"{node.attributes.get('type')} in line {node.line}")
-            continue
-        volume = spline.ndim == 3
-        patches.append(_patch(node, spline, count if volume else None))
-        count += volume
-    for node in root.children:
-        if node.tag == "MultiPatch":
-            _check_multipatch(node, root)
-    return patches, skipped
+            skipped.append(f"{node.attributes.get('type'):.40} in line {node.line}")
+        else:
+            patches.append(_patch(node, spline))
+    ids = {n.attributes.get("id", "").strip() for n in root.all("Geometry")}
+    whole = sorted({int(i) for i in ids if _ID.fullmatch(i)})
+    for node in root.all("MultiPatch"):
+        _check_multipatch(node, ids, whole)
+    return numbered(patches), skipped
 
 
-def _patch(node: "_Node", spline: BSpline, index: int | None) -> Patch:
+def _patch(node: "_Node", spline: BSpline) -> Patch:
     info = {"line": node.line, "type": node.attributes["type"]}
     if "id" in node.attributes:
-        info["id"] = node.attributes["id"]
-    names = node.attributes.get("names", "")
-    return Patch(
-        spline,
-        index,
-        node.attributes.get("label", ""),
-        split_names(node.fail, names, spline.m) if names else (),
-        info,
-    )
+        info["id"] = node.attributes["id"].strip()
+    extra = node.attributes.get("names", "")
+    names = split_names(node.fail, extra, spline.m) if extra else ()
+    return Patch(spline, name=node.attributes.get("label", ""), names=names, info=info)
 
 
 def _geometry(node: "_Node") -> BSpline | None:
@@ -141,22 +135,20 @@ def _knots(node: "_Node", room: int) -> tuple[int, FloatArray]:
     return k, np.concatenate([np.zeros(k), inner, np.ones(k)])
 
 
-def _check_multipatch(node: "_Node", root: "_Node") -> None:
+def _check_multipatch(node: "_Node", ids: set[str], whole: list[int]) -> None:
     """Every patch that the MultiPatch names must be there."""
     patches = node.child("patches")
-    known = [c.attributes.get("id", "").strip() for c in root.children if c.tag == "Geometry"]
     words = patches.text.split()
     kind = patches.attribute("type")
     if kind == "id_range":
-        if len(words) != 2 or not all(re.fullmatch(r"[0-9]{1,9}", w) for w in words):
+        if len(words) != 2 or not all(map(_ID.fullmatch, words)):
             patches.fail(f"found {patches.text.strip()!r:.40}; expected first and last id")
         first, last = int(words[0]), int(words[1])
-        ids = {int(k) for k in known if re.fullmatch(r"[0-9]{1,9}", k)}
-        if last < first or sum(first <= i <= last for i in ids) != last - first + 1:
+        if bisect_right(whole, last) - bisect_left(whole, first) != last - first + 1:
             patches.fail(f"ids {first} to {last}: not every one names a Geometry of this file")
     elif kind == "id_index":
         for word in words:
-            if word not in known:
+            if word not in ids:
                 patches.fail(f"id {word!r:.40} names no Geometry of this file")
     else:
         patches.fail(f"type is {kind!r:.40}; expected 'id_range' or 'id_index'")
@@ -252,7 +244,8 @@ def _quotient(token: str) -> str:
     pair = parse_numbers(parts)
     if isinstance(pair, int) or pair[1] == 0:
         return token
-    return repr(float(np.divide(*map(float, pair))))
+    with np.errstate(over="ignore"):
+        return repr(float(pair[0] / pair[1]))
 
 
 def _parse(path: str | os.PathLike[str], text: str) -> _Node:

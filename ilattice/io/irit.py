@@ -10,8 +10,9 @@ power bases, trimmed surfaces and multivariates of more than three parameters ar
 Grammar, as the IRIT solid modeller (G. Elber) reads and writes it::
 
     object := "[OBJECT" attribute* name? (object | geometry | attribute)* "]"
-    geometry := "[" ("CURVE" | "SURFACE" | "TRIVAR" | "MULTIVAR" dim) "BSPLINE" attribute*
+    geometry := "[" ("CURVE" | "SURFACE" | "TRIVAR") "BSPLINE" attribute*
                 size+ order+ ptype knots+ point+ "]"
+              | the same with "MULTIVAR", number of parameters before the sizes
               | the same with "BEZIER", where sizes are orders and there are no knots
     knots := "[KV" number{n + order} "]"  |  "[KVP" number{n + 2 order - 1} "]"
     point := "[" weight? x1 .. xd "]"                          first direction fastest
@@ -28,7 +29,15 @@ from ilattice._typing import FloatArray
 from ilattice.bspline import BSpline
 from ilattice.errors import FormatError, InputError
 from ilattice.io._common import Scanner, atomic_write, read_text
-from ilattice.io._patches import Patch, join_names, split_names, to_rows, to_spline, to_text
+from ilattice.io._patches import (
+    Patch,
+    join_names,
+    numbered,
+    split_names,
+    to_rows,
+    to_spline,
+    to_text,
+)
 
 _STRING = r'"(?:[^"\\]|\\.?)*+"?'
 _COMMENT = re.compile(rf"(?s:{_STRING})|\#[^\n]*")
@@ -48,7 +57,7 @@ class _Object:
     """An object whose end has not been read yet."""
 
     name: str = ""
-    line: int = 0
+    at: int = 0
     attributes: dict[str, str] = field(default_factory=dict)
 
 
@@ -82,8 +91,8 @@ def read(path: str | os.PathLike[str]) -> tuple[list[Patch], list[str]]:
     while scanner.left:
         _next_item(scanner, stack, patches, skipped)
     if stack:
-        scanner.fail(f"the file ends; expected ']' for the object of line {stack[-1].line}")
-    return patches, skipped
+        scanner.fail("this object is never closed", stack[-1].at)
+    return numbered(patches), skipped
 
 
 def _next_item(
@@ -99,14 +108,11 @@ def _next_item(
             scanner.fail(f"found {token!r:.60}; expected '['")
         stack[-1].name = scanner.word("a name").strip('"')
     elif keyword == "OBJECT":
-        stack.append(_Object(line=scanner.line() if len(stack) < 8 else 0))
+        stack.append(_Object(at=scanner.at))
         scanner.at += 2
     elif keyword in _PARAMETERS and _is_ours(scanner, keyword):
         owner = stack[-1] if stack else _Object()
-        line = scanner.at
-        spline = _geometry(scanner)
-        volumes = sum(p.index is not None for p in patches)
-        patches.append(_patch(scanner, line, spline, owner, volumes))
+        patches.append(_patch(scanner, owner))
     else:
         if keyword in _PARAMETERS or keyword in _OTHER:
             skipped.append(f"{keyword} {scanner.peek(2):.20}")
@@ -122,15 +128,14 @@ def _is_ours(scanner: Scanner, keyword: str) -> bool:
     return scanner.peek(2).upper() in ("BSPLINE", "BEZIER")
 
 
-def _patch(scanner: Scanner, at: int, spline: BSpline, owner: _Object, volumes: int) -> Patch:
-    names = owner.attributes.get("COORDINATES", "")
-    return Patch(
-        spline,
-        volumes if spline.ndim == 3 else None,
-        owner.name,
-        split_names(lambda m: scanner.fail(m, at), names, spline.m) if names else (),
-        {k: v for k, v in owner.attributes.items() if k != "COORDINATES"},
-    )
+def _patch(scanner: Scanner, owner: _Object) -> Patch:
+    """The geometry that comes next, with what its object says."""
+    start = scanner.at
+    spline = _geometry(scanner)
+    info = dict(owner.attributes)
+    extra = info.pop("COORDINATES", "")
+    names = split_names(lambda m: scanner.fail(m, start), extra, spline.m) if extra else ()
+    return Patch(spline, name=owner.name, names=names, info=info)
 
 
 def _skip_group(scanner: Scanner) -> list[str]:
