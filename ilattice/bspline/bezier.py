@@ -14,7 +14,7 @@ from ilattice._typing import ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_array, as_points, read_only
 from ilattice.bspline import _kernels_bezier
 from ilattice.bspline.knots import bezier_matrix, breaks
-from ilattice.bspline.lines import apply_all, line_operator
+from ilattice.bspline.lines import apply_all, frozen, line_operator
 from ilattice.bspline.spline import BSpline
 from ilattice.errors import InputError
 
@@ -135,12 +135,11 @@ def range_on_boxes(
     w = c if spline.weights is None else spline.weights.reshape(c.shape)
     num = c if spline.weights is None else c * w
     missing = 3 - spline.ndim
-    t = [*spline.t, *[np.array([0.0, 1.0])] * missing]
+    t0, t1, t2 = (frozen(v) for v in (*spline.t, *[np.array([0.0, 1.0])] * missing))
     k = np.array(spline.k + (0,) * missing, np.int64)
     pad = 16 * (3 + int(k.sum())) * np.finfo(float).eps
     _kernels_bezier.ranges(
-        *(_frozen(v) for v in t), k, _frozen(c), _frozen(num), _frozen(w),
-        spline.weights is not None, a, b,
+        t0, t1, t2, k, frozen(c), frozen(num), frozen(w), spline.weights is not None, a, b,
         bool(tight), level is not None, 0.0 if level is None else float(level), pad, out,
     )  # fmt: skip
     if owner is None:
@@ -149,13 +148,6 @@ def range_on_boxes(
     np.minimum.at(result[:, 0], owner, out[:, 0])
     np.maximum.at(result[:, 1], owner, out[:, 1])
     return result
-
-
-def _frozen(a: FloatArray) -> FloatArray:
-    """A read-only view, so that the kernel is compiled for one type only."""
-    view = a.view()
-    view.flags.writeable = False
-    return view
 
 
 def _as_boxes(lo: ArrayLike, hi: ArrayLike, nd: int) -> tuple[FloatArray, FloatArray]:

@@ -93,9 +93,6 @@ class FitReport:
     history: tuple[tuple[tuple[int, ...], float], ...]
 
 
-def fit(field: Any, *, full_output: Literal[False] = False, **options: Any) -> BSpline: ...
-@overload
-def fit(field: Any, *, full_output: Literal[True], **options: Any) -> tuple[BSpline, FitReport]: ...
 def fit(
     field: Any,
     *,

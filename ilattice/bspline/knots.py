@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_array
 
-from ilattice._typing import ArrayLike, FloatArray, IntArray
+from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_array, as_knots
 from ilattice.errors import InputError
 
@@ -277,7 +277,7 @@ def _change_matrix(t: FloatArray, k: int, t2: FloatArray, k2: int, periodic: boo
     return _rows_to_csr(rows, spans, k, n)
 
 
-def _nearest_span(t: FloatArray, k: int, start: FloatArray) -> IntArray:
+def _nearest_span(t: FloatArray, k: int, start: AnyArray) -> IntArray:
     """Nonempty span of the domain nearest to each fractional index."""
     n = len(t) - k - 1
     full = k + np.flatnonzero(np.diff(t[k : n + 1]) > 0)

@@ -16,7 +16,7 @@ from math import prod
 import numpy as np
 from scipy.sparse import csr_array, eye_array
 
-from ilattice._typing import FloatArray, IntArray
+from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.bspline import _kernels_fit
 from ilattice.errors import InputError
 
@@ -52,17 +52,24 @@ class LineOperator:
         n, size = self.shape
         lead, tail = x.shape[:axis], x.shape[axis + 1 :]
         out = np.empty((prod(lead), n, prod(tail)))
-        lu = self.lu
-        arrays = (x.reshape(len(out), size, -1), self.indptr, self.indices, self.data)
-        factors = (lu.band, lu.rows, lu.cols)
         if out.size:
-            frozen = [_frozen(a) for a in (*arrays, *factors)]
-            _kernels_fit.apply_lines(*frozen, lu.lower, out)
+            lu = self.lu
+            _kernels_fit.apply_lines(
+                frozen(x.reshape(len(out), size, -1)),
+                frozen(self.indptr),
+                frozen(self.indices),
+                frozen(self.data),
+                frozen(lu.band),
+                frozen(lu.rows),
+                frozen(lu.cols),
+                lu.lower,
+                out,
+            )
         return out.reshape((*lead, n, *tail))
 
 
-def _frozen(a: FloatArray) -> FloatArray:
-    """A read-only view, so that the kernel is compiled for one type only."""
+def frozen(a: AnyArray) -> AnyArray:
+    """A read-only view: kernels are compiled for this type only."""
     view = a.view()
     view.flags.writeable = False
     return view
