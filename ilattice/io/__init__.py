@@ -1,0 +1,27 @@
+"""Files out and in, one module per format.
+
+========================  ==================================================================
+`save`                    write a mesh or a volume; the ending names the format
+`save_grid`               fields on a grid as VTI, or through a map as VTS
+`write_vtu`               cells of one kind with named data
+`save_bezier_vtu`         a spline volume as exact Bezier cells
+`StreamedMeshWriter`      meshes larger than memory, to STL or PLY block by block
+`write_stream`            the same for an iterable of blocks
+========================  ==================================================================
+
+Guarantee: a file is replaced as a whole or not at all.
+"""
+
+from ilattice.io.registry import endings, save
+from ilattice.io.stream import StreamedMeshWriter, write_stream
+from ilattice.io.vtk import save_bezier_vtu, save_grid, write_vtu
+
+__all__ = [
+    "StreamedMeshWriter",
+    "endings",
+    "save",
+    "save_bezier_vtu",
+    "save_grid",
+    "write_stream",
+    "write_vtu",
+]

@@ -1,0 +1,90 @@
+"""What the mesh writers share: blocks, colours, the narrow numbers of the file formats.
+
+Guarantee: nothing here copies a whole mesh; writers go through it block by block.
+"""
+
+import warnings
+from collections.abc import Iterator, Mapping
+from typing import IO
+
+import numpy as np
+
+from ilattice._typing import AnyArray
+from ilattice.errors import GeometryError, InputError, PrecisionWarning
+from ilattice.mesh import SurfaceMesh
+
+BLOCK = 1 << 18
+TEXT_BLOCK = 1 << 14
+_COLOUR = ("r", "g", "b")
+
+
+def blocks(count: int, size: int = BLOCK) -> Iterator[slice]:
+    """Slices that cover ``range(count)`` in order."""
+    for lo in range(0, count, size):
+        yield slice(lo, min(count, lo + size))
+
+
+def check_not_empty(mesh: SurfaceMesh) -> None:
+    """Refuse to write a mesh without triangles: no reader takes it.
+
+    Raises
+    ------
+    GeometryError
+        If there are none.
+    """
+    if len(mesh.faces) == 0:
+        raise GeometryError("the mesh has no triangles: nothing to write")
+
+
+def colours(point_data: Mapping[str, AnyArray]) -> AnyArray | None:
+    """The data ``r``, ``g``, ``b`` as bytes, shape (V, 3), or None if they are not all there.
+
+    Numbers from 0 to 1 are scaled to 0 to 255, and clipped; bytes are taken as they are.
+    """
+    if not all(name in point_data for name in _COLOUR):
+        return None
+    channels = [point_data[name] for name in _COLOUR]
+    if any(c.ndim != 1 for c in channels):
+        raise InputError("colours r, g, b must be one number per vertex, shape (V,)")
+    return np.stack([_as_byte(c) for c in channels], axis=1)
+
+
+def without_colours(point_data: Mapping[str, AnyArray]) -> dict[str, AnyArray]:
+    """The data that are not colours."""
+    if not all(name in point_data for name in _COLOUR):
+        return dict(point_data)
+    return {name: a for name, a in point_data.items() if name not in _COLOUR}
+
+
+def write_records(file: IO[bytes], records: AnyArray) -> None:
+    """Append the bytes of an array (unlike ``tofile`` also to pipes, and with the true error)."""
+    file.write(records.view(np.uint8).data)
+
+
+def _as_byte(channel: AnyArray) -> AnyArray:
+    if channel.dtype == np.uint8:
+        return channel
+    return np.rint(np.clip(channel, 0.0, 1.0) * 255.0).astype(np.uint8)
+
+
+def corners_as_float32(vertices: AnyArray, faces: AnyArray) -> tuple[AnyArray, int]:
+    """Corners of triangles, shape (n, 3, 3) float32, and how many triangles collapse by that."""
+    corners = vertices[faces].astype(np.float32)
+    return corners, collapsed(corners)
+
+
+def collapsed(corners: AnyArray) -> int:
+    """Number of triangles (n, 3, 3) with two equal corners."""
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    return int(((a == b).all(1) | (b == c).all(1) | (c == a).all(1)).sum())
+
+
+def warn_collapsed(count: int, name: str) -> None:
+    """Tell that rounding to the file's numbers made triangles degenerate."""
+    if count:
+        warnings.warn(
+            f"{count} triangles collapse in the single precision of {name}, readers will have to "
+            "repair them; move the part to the origin, or mesh with a larger h",
+            PrecisionWarning,
+            stacklevel=5,
+        )

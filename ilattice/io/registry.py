@@ -1,0 +1,130 @@
+"""Which writer saves what: by the type of the object and the ending of the file name.
+
+Guarantees: an unknown ending or option is refused before anything is written; the message lists
+what is known. Modules of formats are loaded when they are first used.
+"""
+
+import inspect
+import os
+from collections.abc import Callable
+from importlib import import_module
+from typing import Any
+
+from ilattice.errors import FormatError, InputError
+from ilattice.io._common import as_path
+
+_SPLINE = dict.fromkeys((".xml", ".mesh", ".itd", ".npz", ".json"), "splines:save")
+
+#: Type name -> ending -> "module:function" below `ilattice.io`. A writer takes (object, path).
+WRITERS: dict[str, dict[str, str]] = {
+    "SurfaceMesh": {
+        ".stl": "stl:write_stl",
+        ".ply": "ply:write_ply",
+        ".obj": "obj:write_obj",
+        ".off": "off:write_off",
+        ".3mf": "threemf:write_3mf",
+        ".vtp": "vtk:write_vtp",
+        ".png": "png:write_png",
+    },
+    "SplineMap": {".vtu": "vtk:save_bezier_vtu", **_SPLINE},
+    "BSpline": _SPLINE,
+}
+
+
+def save(
+    obj: Any, path: str | os.PathLike[str], *, format: str | None = None, **options: Any
+) -> None:
+    """Write an object to a file.
+
+    Parameters
+    ----------
+    obj : SurfaceMesh, SplineMap or BSpline
+        What to write.
+    path : path-like
+        File to create; an old one is replaced as a whole or left alone.
+    format : str, optional
+        Ending that names the format, by default that of `path`.
+    **options
+        Passed to the writer of the format, for example ``unit="inch"`` for 3MF.
+
+    Raises
+    ------
+    InputError
+        An object that has no file format, or an option that the format does not have.
+    FormatError
+        Unknown ending, or the file cannot be written.
+    """
+    writer = writer_of(obj, path, format)
+    _check_options(writer, options, path)
+    writer(obj, path, **options)
+
+
+def endings(obj: Any) -> list[str]:
+    """Endings of the formats that can hold an object.
+
+    Parameters
+    ----------
+    obj : object
+        What to write.
+
+    Returns
+    -------
+    list of str
+        Such as ``[".3mf", ".obj", ...]``, sorted; empty if there are none.
+    """
+    return sorted(_formats(obj))
+
+
+def writer_of(
+    obj: Any, path: str | os.PathLike[str], format: str | None = None
+) -> Callable[..., None]:
+    """The function that writes an object to a file of this name.
+
+    Parameters
+    ----------
+    obj : object
+        What to write.
+    path : path-like
+        File name.
+    format : str, optional
+        Ending that names the format, by default that of `path`.
+
+    Returns
+    -------
+    callable
+        Takes the object, the path and the options of the format.
+    """
+    formats = _formats(obj)
+    if not formats:
+        raise InputError(
+            f"a {type(obj).__name__} cannot be saved; {', '.join(sorted(WRITERS))} can be"
+        )
+    suffix = as_path("path", path).suffix if format is None else "." + format.lstrip(".")
+    if suffix.lower() not in formats:
+        raise FormatError(
+            f"{str(path)!r}: a {type(obj).__name__} cannot be written with the ending {suffix!r}; "
+            f"choose one of {', '.join(sorted(formats))}"
+        )
+    module, function = formats[suffix.lower()].split(":")
+    return getattr(import_module(f"ilattice.io.{module}"), function)
+
+
+def _formats(obj: Any) -> dict[str, str]:
+    for kind in type(obj).__mro__:
+        if kind.__name__ in WRITERS:
+            return WRITERS[kind.__name__]
+    return {}
+
+
+def _check_options(
+    writer: Callable[..., None], options: dict[str, Any], path: str | os.PathLike[str]
+) -> None:
+    known = inspect.signature(writer).parameters.values()
+    if any(p.kind is p.VAR_KEYWORD for p in known):
+        return
+    names = [p.name for p in known if p.kind is p.KEYWORD_ONLY]
+    for name in options:
+        if name not in names:
+            raise InputError(
+                f"option {name!r} is unknown for {str(path)!r}; known: {', '.join(names) or 'none'}"
+            )

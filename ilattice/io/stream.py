@@ -1,0 +1,270 @@
+"""Writers for meshes larger than memory: STL and PLY, block by block.
+
+Guarantees: memory does not grow with the number of blocks; the file appears under its name only
+when it is complete. PLY keeps all faces in an unnamed file on the same disk until the end, as the
+format wants all vertices first.
+"""
+
+import os
+import shutil
+import tempfile
+from collections import deque
+from collections.abc import Iterable, Mapping
+from contextlib import ExitStack
+from types import TracebackType
+from typing import IO, Protocol, Self
+
+import numpy as np
+
+from ilattice._typing import AnyArray
+from ilattice.errors import FormatError, GeometryError, InputError
+from ilattice.io import ply, stl
+from ilattice.io._common import as_path, atomic_write
+from ilattice.io._mesh import blocks, warn_collapsed, write_records
+
+_HEADER_SIZE = 4096
+_COPY = 1 << 24
+
+
+class StreamedMeshWriter:
+    """Write a mesh to STL or PLY as its blocks arrive.
+
+    Parameters
+    ----------
+    path : path-like
+        File to create or to replace, ending in ``.stl`` or ``.ply``.
+    window : int
+        STL only: faces may name vertices of this many blocks, the present one included.
+    precision : {"single", "double"}, optional
+        PLY only: type of coordinates and real data; by default that of the first block.
+
+    Raises
+    ------
+    FormatError
+        Another ending, or the file cannot be written.
+
+    Examples
+    --------
+    >>> with StreamedMeshWriter("large.ply") as writer:  # doctest: +SKIP
+    ...     for vertices, faces in slabs:
+    ...         writer.append(vertices, faces)
+    """
+
+    def __init__(
+        self, path: str | os.PathLike[str], *, window: int = 2, precision: str | None = None
+    ) -> None:
+        self._path = as_path("path", path)
+        suffix = self._path.suffix.lower()
+        if suffix not in (".stl", ".ply"):
+            raise FormatError(f"cannot stream to {str(path)!r}: the ending must be .stl or .ply")
+        if suffix == ".stl" and precision not in (None, "single"):
+            raise InputError(f"STL is in single precision, got precision={precision!r:.80}")
+        if window < 1:
+            raise InputError(f"window must be at least 1 block, got {window}")
+        self._window = window
+        self._precision = precision
+        self._stack = ExitStack()
+        self._sink: _Sink | None = None
+        self.vertex_count = 0
+        self.face_count = 0
+
+    def __enter__(self) -> Self:
+        """Open a temporary file beside the target."""
+        with ExitStack() as stack:
+            file = stack.enter_context(atomic_write(self._path))
+            if self._path.suffix.lower() == ".stl":
+                self._sink = _StlSink(file, self._window)
+            else:
+                folder = self._path.resolve().parent
+                spill = stack.enter_context(tempfile.TemporaryFile(dir=folder))
+                self._sink = _PlySink(file, spill, self._precision)
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Complete the file and give it its name, or after an error leave nothing behind."""
+        with self._stack:
+            if error is not None:
+                raise error
+            if self._sink is None or self.face_count == 0:
+                raise GeometryError("the mesh has no triangles: nothing to write")
+            self._sink.finish((self.vertex_count, self.face_count))
+
+    def append(
+        self,
+        vertices: AnyArray,
+        faces: AnyArray,
+        point_data: Mapping[str, AnyArray] | None = None,
+    ) -> None:
+        """Write a block.
+
+        Parameters
+        ----------
+        vertices : (n, 3) array
+            New vertices; they are numbered on from those of the blocks before.
+        faces : (m, 3) array of integers
+            New faces, in the numbers of the whole mesh.
+        point_data : mapping of str to (n,) or (n, c) array, optional
+            PLY only: data on the new vertices, the same names and types in every block.
+
+        Raises
+        ------
+        InputError
+            If a face names a vertex that is not there yet or, in STL, no longer.
+        FormatError
+            If the file cannot be written.
+        """
+        if self._sink is None:
+            raise InputError("append works inside of 'with StreamedMeshWriter(...)' only")
+        vertices, faces = np.asarray(vertices), np.asarray(faces)
+        for name, block in (("vertices", vertices), ("faces", faces)):
+            if block.ndim != 2 or block.shape[1] != 3:
+                raise InputError(f"{name} must have shape (n, 3), got {block.shape}")
+        for name, a in (point_data or {}).items():
+            if len(a) != len(vertices):
+                raise InputError(
+                    f"point_data[{name!r}] has {len(a)} rows for {len(vertices)} vertices"
+                )
+        known = self.vertex_count + len(vertices)
+        if len(faces) and not 0 <= int(faces.min()) <= int(faces.max()) < known:
+            wrong = int(faces.max()) if faces.max() >= known else int(faces.min())
+            raise InputError(
+                f"a face names vertex {wrong}, there are {known} so far; append vertices first"
+            )
+        self._sink.write(vertices, faces, self.vertex_count, point_data or {})
+        self.vertex_count += len(vertices)
+        self.face_count += len(faces)
+
+
+def write_stream(
+    path: str | os.PathLike[str],
+    blocks: Iterable[tuple[AnyArray, AnyArray]],
+    *,
+    window: int = 2,
+    precision: str | None = None,
+) -> tuple[int, int]:
+    """Write all blocks of an iterable.
+
+    Parameters
+    ----------
+    path : path-like
+        File to create or to replace, ending in ``.stl`` or ``.ply``.
+    blocks : iterable of (vertices, faces)
+        As for `StreamedMeshWriter.append`.
+    window, precision
+        As for `StreamedMeshWriter`.
+
+    Returns
+    -------
+    vertices, faces : int
+        How many were written.
+    """
+    with StreamedMeshWriter(path, window=window, precision=precision) as writer:
+        for vertices, faces in blocks:
+            writer.append(vertices, faces)
+    return writer.vertex_count, writer.face_count
+
+
+class _Sink(Protocol):
+    """A format under construction."""
+
+    def write(
+        self,
+        vertices: AnyArray,
+        faces: AnyArray,
+        first: int,
+        point_data: Mapping[str, AnyArray],
+    ) -> None:
+        """Take a block whose vertices are numbered from `first`."""
+
+    def finish(self, counts: tuple[int, int]) -> None:
+        """Complete the file of so many vertices and faces."""
+
+
+class _StlSink:
+    """Triangles as they come; remembers the vertices of the last blocks."""
+
+    def __init__(self, file: IO[bytes], window: int) -> None:
+        self._file = file
+        self._recent: deque[AnyArray] = deque(maxlen=window)
+        self._collapsed = 0
+        stl.write_header(file, 0)
+
+    def write(
+        self,
+        vertices: AnyArray,
+        faces: AnyArray,
+        first: int,
+        point_data: Mapping[str, AnyArray],
+    ) -> None:
+        if point_data:
+            raise InputError("STL holds no point data; stream to .ply")
+        self._recent.append(np.array(vertices))
+        known = np.concatenate(self._recent)
+        oldest = first + len(vertices) - len(known)
+        if len(faces) and int(faces.min()) < oldest:
+            raise InputError(
+                f"a face names vertex {int(faces.min())}, but only vertices from {oldest} on "
+                f"are kept for STL (window={self._recent.maxlen} blocks); raise window"
+            )
+        for rows in blocks(len(faces)):
+            records, collapsed = stl.triangle_records(known, faces[rows] - oldest)
+            write_records(self._file, records)
+            self._collapsed += collapsed
+
+    def finish(self, counts: tuple[int, int]) -> None:
+        self._file.seek(0)
+        stl.write_header(self._file, counts[1])
+        warn_collapsed(self._collapsed, "STL")
+
+
+class _PlySink:
+    """Vertices into the file behind room for a header, faces into an unnamed file."""
+
+    def __init__(self, file: IO[bytes], spill: IO[bytes], precision: str | None) -> None:
+        self._file = file
+        self._precision = precision
+        self._vertex: ply.VertexRecords | None = None
+        self._face = ply.FaceRecords()
+        self._spill = spill
+        file.write(b" " * _HEADER_SIZE)
+
+    def write(
+        self,
+        vertices: AnyArray,
+        faces: AnyArray,
+        first: int,
+        point_data: Mapping[str, AnyArray],
+    ) -> None:
+        ply.check_count(first + len(vertices))
+        layout = ply.VertexRecords(vertices, point_data, self._precision)
+        if self._vertex is None:
+            self._head(layout, (2**31 - 1, 2**62))  # refuse what will not fit before the work
+            self._vertex = layout
+        if layout.dtype != self._vertex.dtype:
+            raise InputError(
+                f"point_data must have the names and types of the first block, "
+                f"{self._vertex.dtype.names}, got {layout.dtype.names}"
+            )
+        for rows in blocks(len(vertices)):
+            write_records(self._file, layout.block(vertices, point_data, rows))
+        for rows in blocks(len(faces)):
+            write_records(self._spill, self._face.block(faces, {}, rows))
+
+    def finish(self, counts: tuple[int, int]) -> None:
+        assert self._vertex is not None
+        self._spill.seek(0)
+        shutil.copyfileobj(self._spill, self._file, _COPY)
+        self._file.seek(0)
+        self._file.write(self._head(self._vertex, counts))
+
+    def _head(self, vertex: ply.VertexRecords, counts: tuple[int, int]) -> bytes:
+        head = ply.header(vertex.dtype, counts[0], self._face.dtype, counts[1], _HEADER_SIZE)
+        if len(head) != _HEADER_SIZE:
+            raise InputError("too many or too long names of point data for a streamed PLY file")
+        return head

@@ -1,0 +1,156 @@
+"""3MF through lib3mf: triangles with a unit and colours, for slicers.
+
+Guarantees: coordinates keep the seven digits of single precision whatever the unit; the unit is in
+the file. Colours are rounded to five bits per channel when there are more than 65 536. Not kept:
+named data other than ``r``, ``g``, ``b``. Needs the extra ``print``.
+"""
+
+import ctypes
+import os
+from typing import Any
+
+import numpy as np
+
+from ilattice._typing import AnyArray
+from ilattice._validate import near_names
+from ilattice.errors import FormatError, InputError
+from ilattice.io._common import atomic_path
+from ilattice.io._mesh import (
+    blocks,
+    check_not_empty,
+    collapsed,
+    colours,
+    warn_collapsed,
+)
+from ilattice.mesh import SurfaceMesh
+
+UNITS = {
+    "micron": "MicroMeter",
+    "millimeter": "MilliMeter",
+    "centimeter": "CentiMeter",
+    "inch": "Inch",
+    "foot": "Foot",
+    "meter": "Meter",
+}
+_PALETTE = 1 << 16
+_DIGITS = 8
+
+
+def write_3mf(mesh: SurfaceMesh, path: str | os.PathLike[str], *, unit: str = "millimeter") -> None:
+    """Write a 3MF file with one object.
+
+    Parameters
+    ----------
+    mesh : SurfaceMesh
+        The mesh; ``r``, ``g``, ``b`` become vertex colours.
+    path : path-like
+        File to create or to replace.
+    unit : {"micron", "millimeter", "centimeter", "inch", "foot", "meter"}
+        Unit of the coordinates.
+
+    Raises
+    ------
+    GeometryError
+        If the mesh is empty.
+    InputError
+        Unknown unit.
+    FormatError
+        If lib3mf is missing, or the file cannot be written.
+    """
+    check_not_empty(mesh)
+    if unit not in UNITS:
+        raise InputError(f"unit {unit!r} is unknown; choose {near_names(str(unit), [*UNITS], 6)}")
+    lib3mf = _library()
+    wrapper = lib3mf.get_wrapper()
+    model = wrapper.CreateModel()
+    model.SetUnit(lib3mf.ModelUnit[UNITS[unit]])
+    part = model.AddMeshObject()
+    vertices = mesh.vertices.astype(np.float32)
+    _set_geometry(lib3mf, wrapper, part, vertices, mesh.faces)
+    colour = colours(mesh.point_data)
+    if colour is not None:
+        _set_colours(lib3mf, wrapper, model, part, colour, mesh.faces)
+    model.AddBuildItem(part, wrapper.GetIdentityTransform())
+    with atomic_path(path) as temporary:
+        _write(lib3mf, model, str(temporary), _decimals(mesh))
+    warn_collapsed(
+        sum(collapsed(vertices[mesh.faces[rows]]) for rows in blocks(len(mesh.faces))), "3MF"
+    )
+
+
+def _library() -> Any:
+    try:
+        import lib3mf
+    except ImportError as e:
+        raise FormatError(
+            "writing 3MF needs lib3mf, which is not installed: "
+            'pip install "ilattice[print]"; or write .stl'
+        ) from e
+    return lib3mf
+
+
+def _decimals(mesh: SurfaceMesh) -> int:
+    """Places after the point that keep single precision for coordinates of this size."""
+    largest = max(float(np.abs(mesh.bounds).max()), 1e-30)
+    return int(np.clip(_DIGITS - np.floor(np.log10(largest)), 1, 16))
+
+
+def _write(lib3mf: Any, model: Any, name: str, decimals: int) -> None:
+    """Write the model; lib3mf explains nothing, so let Python fail where the disk does."""
+    writer = model.QueryWriter("3mf")
+    writer.SetDecimalPrecision(decimals)
+    try:
+        writer.WriteToFile(name)
+    except lib3mf.ELib3MFException as e:
+        raise FormatError(f"lib3mf could not write the file: {e}") from e
+
+
+def _set_geometry(
+    lib3mf: Any, wrapper: Any, part: Any, vertices: AnyArray, faces: AnyArray
+) -> None:
+    """Hand the arrays over as they lie in memory; the bindings' own method copies item by item."""
+    corners = np.ascontiguousarray(faces, dtype=np.uint32)
+    wrapper.checkError(
+        part,
+        wrapper.lib.lib3mf_meshobject_setgeometry(
+            part._handle,
+            ctypes.c_uint64(len(vertices)),
+            (lib3mf.Position * len(vertices)).from_buffer(vertices),
+            ctypes.c_uint64(len(corners)),
+            (lib3mf.Triangle * len(corners)).from_buffer(corners),
+        ),
+    )
+
+
+def _set_colours(
+    lib3mf: Any, wrapper: Any, model: Any, part: Any, colour: AnyArray, faces: AnyArray
+) -> None:
+    """A colour for every corner of every triangle, from a palette of the different ones."""
+    palette, number = _palette(colour)
+    group = model.AddColorGroup()
+    identity = np.array(
+        [group.AddColor(lib3mf.Color(*rgb, 255)) for rgb in palette.tolist()], np.uint32
+    )
+    resource = group.GetResourceID()
+    properties = np.empty((len(faces), 4), np.uint32)
+    properties[:, 0] = resource
+    properties[:, 1:] = identity[number][faces]
+    part.SetObjectLevelProperty(resource, int(identity[0]))
+    wrapper.checkError(
+        part,
+        wrapper.lib.lib3mf_meshobject_setalltriangleproperties(
+            part._handle,
+            ctypes.c_uint64(len(faces)),
+            (lib3mf.TriangleProperties * len(faces)).from_buffer(properties),
+        ),
+    )
+
+
+def _palette(colour: AnyArray) -> tuple[AnyArray, AnyArray]:
+    """Different colours (n, 3) and the number of each vertex's colour among them."""
+    packed = colour.astype(np.uint32) @ np.array([1 << 16, 1 << 8, 1], np.uint32)
+    found, number = np.unique(packed, return_inverse=True)
+    if len(found) > _PALETTE:
+        coarse = np.rint(np.rint(colour * (31 / 255)) * (255 / 31)).astype(np.uint8)
+        return _palette(coarse)
+    return np.stack([found >> 16, found >> 8 & 255, found & 255], axis=1), number

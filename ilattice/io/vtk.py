@@ -1,0 +1,355 @@
+"""VTK's XML formats for ParaView: VTP surfaces, VTU cells and Bezier volumes, VTI and VTS grids.
+
+Guarantees: raw appended binary, little endian, readable by ParaView 5.9 and later; indices are
+32-bit wherever they fit; Bezier volumes are exact, rational ones too, with degrees and weights
+set as attributes. Arrays indexed [u, v, w] are turned to VTK's order (first index fastest) in one
+place, `_by_points`. Not done: pieces for parallel readers.
+"""
+
+import errno
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ilattice._typing import AnyArray, ArrayLike
+from ilattice._validate import as_array, as_points
+from ilattice.errors import FormatError, InputError
+from ilattice.io._common import as_path, atomic_path
+from ilattice.io._mesh import check_not_empty, colours
+from ilattice.io.bezier_cells import bezier_nodes
+from ilattice.mesh import SurfaceMesh
+
+if TYPE_CHECKING:
+    from ilattice.macroshape import SplineMap
+
+_BEZIER_HEXAHEDRON = 79
+_SAME_STEP = 1e-9
+#: Stand-ins for the types that VTK does not have.
+_KINDS: dict[str, np.dtype[Any]] = {"b1": np.dtype(np.uint8), "f2": np.dtype(np.float32)}
+
+
+# --- surfaces ---------------------------------------------------------------------------------
+
+
+def write_vtp(mesh: SurfaceMesh, path: str | os.PathLike[str], *, compress: bool = False) -> None:
+    """Write a surface with all its data.
+
+    Parameters
+    ----------
+    mesh : SurfaceMesh
+        The mesh; ``r``, ``g``, ``b`` are written once more as the colour array ``RGB``.
+    path : path-like
+        File to create or to replace.
+    compress : bool
+        Compress with zlib: smaller by a half, slower by ten times.
+
+    Raises
+    ------
+    GeometryError
+        If the mesh is empty.
+    FormatError
+        If the file cannot be written.
+    """
+    from vtkmodules.vtkCommonDataModel import vtkPolyData
+
+    check_not_empty(mesh)
+    surface = vtkPolyData()
+    surface.SetPoints(_points(mesh.vertices))
+    surface.SetPolys(_cells(mesh.faces, len(mesh.vertices)))
+    point_data = dict(mesh.point_data)
+    colour = colours(point_data)
+    if colour is not None:
+        point_data["RGB"] = colour
+    _attach(surface.GetPointData(), point_data)
+    _attach(surface.GetCellData(), mesh.cell_data)
+    _write("vtkXMLPolyDataWriter", surface, path, compress)
+
+
+# --- volumes ----------------------------------------------------------------------------------
+
+
+def save_bezier_vtu(
+    volume: "SplineMap", path: str | os.PathLike[str], *, compress: bool = False
+) -> None:
+    """Write a spline volume as exact Bezier hexahedra, one per element.
+
+    Parameters
+    ----------
+    volume : SplineMap
+        The volume; further coordinates become point data in the same Bezier basis, under their
+        names.
+    path : path-like
+        File to create or to replace.
+    compress : bool
+        Compress with zlib.
+
+    Raises
+    ------
+    FormatError
+        If a degree is 0, or the file cannot be written.
+
+    Notes
+    -----
+    Rational volumes keep Cartesian control points and carry the point attribute
+    ``RationalWeights``; the cell attribute ``HigherOrderDegrees`` allows different degrees per
+    direction. In ParaView raise "Nonlinear Subdivision Level" to see the curvature.
+    """
+    nodes = bezier_nodes(volume.spline.to_bezier())
+    extra = nodes.values[:, 3:]
+    names = list(volume.names) or [f"x{i + 3}" for i in range(extra.shape[1])]
+    data = dict(zip(names, np.ascontiguousarray(extra.T), strict=True))
+    grid = _unstructured(nodes.values[:, :3], nodes.cells, _BEZIER_HEXAHEDRON, data, {})
+    degrees = np.tile(np.array(nodes.degrees, np.float64), (len(nodes.cells), 1))
+    grid.GetCellData().SetHigherOrderDegrees(_array("HigherOrderDegrees", degrees))
+    if nodes.weights is not None:
+        grid.GetPointData().SetRationalWeights(_array("RationalWeights", nodes.weights))
+    _write("vtkXMLUnstructuredGridWriter", grid, path, compress)
+
+
+def write_vtu(
+    path: str | os.PathLike[str],
+    points: ArrayLike,
+    cells: ArrayLike,
+    cell_type: int,
+    *,
+    point_data: Mapping[str, ArrayLike] | None = None,
+    cell_data: Mapping[str, ArrayLike] | None = None,
+    compress: bool = False,
+) -> None:
+    """Write cells of one kind with named data.
+
+    Parameters
+    ----------
+    path : path-like
+        File to create or to replace.
+    points : (n, 3) array
+        Points.
+    cells : (e, c) array of integers
+        Points of each cell, in VTK's order.
+    cell_type : int
+        VTK's number of the kind: 5 triangle, 9 quadrilateral, 10 tetrahedron, 12 hexahedron, ...
+    point_data : mapping of str to (n, ...) array, optional
+        Data on the points; matrices are flattened to rows.
+    cell_data : mapping of str to (e, ...) array, optional
+        Data on the cells.
+    compress : bool
+        Compress with zlib.
+
+    Raises
+    ------
+    InputError
+        Wrong shapes, or cells that name points that do not exist.
+    FormatError
+        If the file cannot be written.
+    """
+    x = as_points("points", points)
+    corners = np.asarray(cells)
+    if corners.ndim != 2 or corners.dtype.kind not in "iu":
+        raise InputError(f"cells must be integers of shape (e, c), got shape {corners.shape}")
+    if corners.size and not 0 <= corners.min() <= corners.max() < len(x):
+        raise InputError(f"cells must name points below {len(x)}, got up to {corners.max()}")
+    grid = _unstructured(
+        x,
+        corners,
+        cell_type,
+        _named("point_data", point_data, (len(x),)),
+        _named("cell_data", cell_data, (len(corners),)),
+    )
+    _write("vtkXMLUnstructuredGridWriter", grid, path, compress)
+
+
+# --- grids ------------------------------------------------------------------------------------
+
+
+def save_grid(
+    path: str | os.PathLike[str],
+    axes: Sequence[ArrayLike],
+    point_data: Mapping[str, ArrayLike],
+    *,
+    through: "SplineMap | None" = None,
+    compress: bool = True,
+) -> None:
+    """Write fields on a grid: ``.vti`` in the parameter domain, ``.vts`` also through a map.
+
+    Parameters
+    ----------
+    path : path-like
+        File to create or to replace, ending in ``.vti`` or ``.vts``.
+    axes : three arrays (n0,), (n1,), (n2,)
+        Increasing coordinates of the grid in each direction; equidistant for ``.vti``.
+    point_data : mapping of str to (n0, n1, n2) or (n0, n1, n2, c) array
+        Fields at the grid points, indexed [u, v, w].
+    through : SplineMap, optional
+        ``.vts`` only: the points are mapped to space.
+    compress : bool
+        Compress with zlib.
+
+    Raises
+    ------
+    InputError
+        Wrong shapes, axes that do not increase or, for ``.vti``, are not equidistant.
+    FormatError
+        Another ending, or the file cannot be written.
+    """
+    ticks = [as_array(f"axes[{i}]", a, ndim=1) for i, a in enumerate(axes)]
+    if len(ticks) != 3 or any(len(a) < 2 or (np.diff(a) <= 0).any() for a in ticks):
+        raise InputError("axes must be three arrays of at least two increasing numbers each")
+    shape = tuple(len(a) for a in ticks)
+    fields = _named("point_data", point_data, shape)
+    suffix = as_path("path", path).suffix.lower()
+    if suffix == ".vti" and through is None:
+        grid, writer = _image(ticks), "vtkXMLImageDataWriter"
+    elif suffix == ".vts":
+        u = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1)
+        x = u if through is None else through.x(u.reshape(-1, 3)).reshape(u.shape)
+        grid, writer = _structured(x), "vtkXMLStructuredGridWriter"
+    else:
+        raise FormatError(
+            f"a grid is written as .vti (without a map) or .vts, not as {suffix!r}: {str(path)!r}"
+        )
+    _attach(grid.GetPointData(), {name: _by_points(a) for name, a in fields.items()})
+    _write(writer, grid, path, compress)
+
+
+def _image(axes: Sequence[AnyArray]) -> Any:
+    from vtkmodules.vtkCommonDataModel import vtkImageData
+
+    image = vtkImageData()
+    steps = [(a[-1] - a[0]) / (len(a) - 1) for a in axes]
+    for i, (a, step) in enumerate(zip(axes, steps, strict=True)):
+        if np.abs(np.diff(a) - step).max() > _SAME_STEP * step:
+            raise InputError(f"axes[{i}] must be equidistant for .vti; write .vts")
+    image.SetDimensions(*(len(a) for a in axes))
+    image.SetOrigin(*(float(a[0]) for a in axes))
+    image.SetSpacing(*(float(step) for step in steps))
+    return image
+
+
+def _structured(x: AnyArray) -> Any:
+    from vtkmodules.vtkCommonDataModel import vtkStructuredGrid
+
+    grid = vtkStructuredGrid()
+    grid.SetDimensions(*x.shape[:3])
+    grid.SetPoints(_points(_by_points(x)))
+    return grid
+
+
+def _by_points(a: AnyArray) -> AnyArray:
+    """Values indexed [u, v, w] as a list of points with u fastest, shape (n,) or (n, c)."""
+    turned = np.moveaxis(a, (0, 1, 2), (2, 1, 0))
+    return np.ascontiguousarray(turned).reshape(-1, *a.shape[3:])
+
+
+# --- shared with VTK --------------------------------------------------------------------------
+
+
+def _named(
+    name: str, data: Mapping[str, ArrayLike] | None, shape: tuple[int, ...]
+) -> dict[str, AnyArray]:
+    """Data as arrays whose first axes are `shape`."""
+    arrays = {}
+    for key, value in (data or {}).items():
+        a = np.asarray(value)
+        if a.shape[: len(shape)] != shape or a.dtype.kind not in "biuf":
+            raise InputError(
+                f"{name}[{key!r}] must hold real numbers of shape {shape} or {shape} + (c,), "
+                f"got {a.dtype} of shape {a.shape}"
+            )
+        arrays[key] = a
+    return arrays
+
+
+def _array(name: str, values: AnyArray) -> Any:
+    """VTK array over the memory of `values`, which VTK keeps alive."""
+    from vtkmodules.util.numpy_support import numpy_to_vtk
+
+    kind = _KINDS.get(values.dtype.str[1:], values.dtype)
+    flat = values.reshape(len(values), -1) if values.ndim > 1 else values
+    array = numpy_to_vtk(np.ascontiguousarray(flat, dtype=kind))
+    array.SetName(name)
+    return array
+
+
+def _attach(target: Any, data: Mapping[str, AnyArray]) -> None:
+    for name, values in data.items():
+        target.AddArray(_array(name, values))
+
+
+def _points(x: AnyArray) -> Any:
+    from vtkmodules.vtkCommonCore import vtkPoints
+
+    points = vtkPoints()
+    points.SetData(_array("Points", x))
+    return points
+
+
+def _cells(corners: AnyArray, n_points: int) -> Any:
+    from vtkmodules.vtkCommonDataModel import vtkCellArray
+
+    kind = np.int32 if max(corners.size, n_points) < 2**31 else np.int64
+    offsets = np.arange(0, corners.size + 1, corners.shape[1], dtype=kind)
+    cells = vtkCellArray()
+    cells.SetData(_array("offsets", offsets), _array("corners", corners.astype(kind).ravel()))
+    return cells
+
+
+def _unstructured(
+    x: AnyArray,
+    corners: AnyArray,
+    cell_type: int,
+    point_data: Mapping[str, AnyArray],
+    cell_data: Mapping[str, AnyArray],
+) -> Any:
+    from vtkmodules.vtkCommonDataModel import vtkUnstructuredGrid
+
+    grid = vtkUnstructuredGrid()
+    grid.SetPoints(_points(x))
+    grid.SetCells(cell_type, _cells(corners, len(x)))
+    _attach(grid.GetPointData(), point_data)
+    _attach(grid.GetCellData(), cell_data)
+    return grid
+
+
+def _write(writer_name: str, data: Any, path: str | os.PathLike[str], compress: bool) -> None:
+    from vtkmodules import vtkIOXML
+
+    writer = getattr(vtkIOXML, writer_name)()
+    writer.SetInputData(data)
+    writer.SetDataModeToAppended()
+    writer.EncodeAppendedDataOff()
+    writer.SetHeaderTypeToUInt64()
+    if compress:
+        writer.SetCompressorTypeToZLib()
+    else:
+        writer.SetCompressorTypeToNone()
+    with atomic_path(path) as temporary, quiet_vtk():
+        writer.SetFileName(str(temporary))
+        done = writer.Write()
+        _check(done, writer.GetErrorCode())
+
+
+@contextmanager
+def quiet_vtk() -> Iterator[None]:
+    """Keep VTK from printing warnings and errors meanwhile; error codes tell the same."""
+    from vtkmodules.vtkCommonCore import vtkObject
+
+    before = vtkObject.GetGlobalWarningDisplay()
+    vtkObject.GlobalWarningDisplayOff()
+    try:
+        yield
+    finally:
+        vtkObject.SetGlobalWarningDisplay(before)
+
+
+def _check(done: int, code: int) -> None:
+    """`OSError` for VTK's error code: numbers of the system, or beyond them VTK's own."""
+    from vtkmodules.vtkCommonMisc import vtkErrorCode
+
+    if done and not code:
+        return
+    message = vtkErrorCode.GetStringFromErrorCode(code)
+    full = message == "OutOfDiskSpaceError"
+    raise OSError(errno.ENOSPC if full else code, "no space left" if full else message)

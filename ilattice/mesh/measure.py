@@ -1,0 +1,172 @@
+"""Measures of triangle meshes: volume, area, triangle quality, and the census of the edges.
+
+Guarantees: linear time and memory; results do not depend on the number of threads. The topology is
+that of the index table: vertices at equal places with different numbers are different vertices.
+Not guaranteed: anything about self-intersections.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ilattice._typing import AnyArray, FloatArray, IntArray
+from ilattice._validate import read_only
+from ilattice.mesh import _kernels_surface as kernels
+
+
+class Topology(NamedTuple):
+    """What the edge table of a mesh says.
+
+    Attributes
+    ----------
+    vertices : int
+        Vertices that belong to a face.
+    edges : int
+        Different edges.
+    faces : int
+        Faces.
+    open_edges : int
+        Edges of one face.
+    nonmanifold_edges : int
+        Edges of three or more faces.
+    twisted_edges : int
+        Edges of several faces that do not run through them equally often both ways.
+    fans : int
+        Fans of faces around the vertices; more than `vertices` where surfaces touch in a point.
+    components : int
+        Parts connected through edges, as slicers count them.
+    labels : (F,) integer array
+        Number of the part of every face, by first appearance.
+    """
+
+    vertices: int
+    edges: int
+    faces: int
+    open_edges: int
+    nonmanifold_edges: int
+    twisted_edges: int
+    fans: int
+    components: int
+    labels: AnyArray
+
+
+def volume_and_area(vertices: AnyArray, faces: AnyArray) -> tuple[float, float]:
+    """Signed volume (positive for outward faces) and area.
+
+    Parameters
+    ----------
+    vertices : (V, 3) array
+        Points, float64 or float32.
+    faces : (F, 3) integer array
+        Corners.
+
+    Returns
+    -------
+    volume, area : float
+        In the cube and the square of the unit of `vertices`. The volume of an open mesh is that
+        of the cone over it from the centre of its bounding box.
+    """
+    if len(faces) == 0:
+        return 0.0, 0.0
+    centre = 0.5 * (vertices.min(axis=0).astype(np.float64) + vertices.max(axis=0))
+    volume, area = kernels.volume_and_area(vertices, faces, centre).sum(axis=0)
+    return float(volume / 6.0), float(area / 2.0)
+
+
+def triangle_quality(vertices: AnyArray, faces: AnyArray) -> FloatArray:
+    """Quality ``4 sqrt(3) area / sum of squared sides`` of every triangle.
+
+    Parameters
+    ----------
+    vertices : (V, 3) array
+        Points.
+    faces : (F, 3) integer array
+        Corners.
+
+    Returns
+    -------
+    (F,) array
+        1 for an equilateral triangle, 0 for a degenerate one.
+    """
+    return kernels.triangle_quality(vertices, faces)
+
+
+def face_normals(vertices: AnyArray, faces: AnyArray) -> FloatArray:
+    """Unit normals of the triangles.
+
+    Parameters
+    ----------
+    vertices : (V, 3) array
+        Points.
+    faces : (F, 3) integer array
+        Corners.
+
+    Returns
+    -------
+    (F, 3) array
+        Outward for outward faces; zero for a triangle without area.
+    """
+    return kernels.face_normals(vertices, faces)
+
+
+def topology(faces: AnyArray, n_vertices: int) -> Topology:
+    """Census of vertices, edges, fans and components.
+
+    Parameters
+    ----------
+    faces : (F, 3) integer array
+        Corners; no face names a vertex twice.
+    n_vertices : int
+        Number of vertices, also of those that belong to no face.
+
+    Returns
+    -------
+    Topology
+        The counts. Memory meanwhile: 24 bytes per face and 9 per vertex (indices below 2**31).
+    """
+    start, order = _sorted_half_edges(faces, n_vertices)
+    parent = np.empty_like(order)
+    edges, opened, crowded, twisted, fans = kernels.census(faces, start, order, parent)
+    del order
+    labels = np.empty(len(faces), np.int32)
+    components = kernels.label_components(parent, labels)
+    return Topology(
+        vertices=kernels.mark_vertices(faces, np.zeros(n_vertices, np.bool_)),
+        edges=edges,
+        faces=len(faces),
+        open_edges=opened,
+        nonmanifold_edges=crowded,
+        twisted_edges=twisted,
+        fans=fans,
+        components=components,
+        labels=read_only(labels),
+    )
+
+
+def faulty_edges(faces: AnyArray, n_vertices: int) -> IntArray:
+    """Edges that do not belong to exactly two faces.
+
+    Parameters
+    ----------
+    faces : (F, 3) integer array
+        Corners.
+    n_vertices : int
+        Number of vertices.
+
+    Returns
+    -------
+    (n, 2) array
+        Vertex pairs, sorted by their lower vertex; empty for a watertight mesh.
+    """
+    start, order = _sorted_half_edges(faces, n_vertices)
+    count = kernels.faulty_edges(faces, start, order, np.empty((0, 2), np.int64))
+    pairs = np.empty((count, 2), np.int64)
+    kernels.faulty_edges(faces, start, order, pairs)
+    return pairs
+
+
+def _sorted_half_edges(faces: AnyArray, n_vertices: int) -> tuple[AnyArray, AnyArray]:
+    start = np.zeros(n_vertices + 1, np.int64)
+    order = np.empty(faces.size, np.int32 if faces.size < 2**31 else np.int64)
+    kernels.sort_half_edges(faces, start, order)
+    return start, order
