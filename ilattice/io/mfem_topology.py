@@ -236,7 +236,7 @@ class _Numbering:
             for face in FACES:
                 start, corners, size = self.face_at[frozenset(element[i] for i in face)]
                 if not _place(dofs, start, size, [ends[corners[i]] for i in (0, 1, 3)]):
-                    self.fail(f"face {corners}: its patches differ in their control points")
+                    self.fail(f"face {corners}: its two patches do not fit together")
         inner = tuple(n - 2 for n in shape)
         dofs[(slice(1, -1),) * len(shape)] = _consecutive(self.next, inner)
         self.next += math.prod(inner)
@@ -248,7 +248,10 @@ def _place(
 ) -> bool:
     """Number what is inside an edge or a face, from corner 0 towards corners 1 (and 2)."""
     origin = corners[0]
-    axes = [next(a for a, c in enumerate(origin) if c != corner[a]) for corner in corners[1:]]
+    steps = [[a for a, c in enumerate(origin) if c != corner[a]] for corner in corners[1:]]
+    if any(len(step) != 1 for step in steps):
+        return False
+    axes = [step[0] for step in steps]
     where: list[int | slice] = [-c for c in origin]
     for axis in axes:
         where[axis] = slice(1, -1)

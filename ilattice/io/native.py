@@ -1,0 +1,263 @@
+"""Native spline files: ``.npz`` for size, ``.json`` for reading by eye; one spline each.
+
+Guarantees: everything of a `BSpline` comes back bit by bit, also periodic directions, scalar
+splines and the names of extra coordinates. Nothing is ever unpickled; sizes are checked against
+the bytes that are there before memory is taken.
+Non-guarantee: a compressed ``.npz`` that expands more than `EXPANSION` times is refused.
+
+Keys of both: ``format`` ("ilattice spline"), ``version`` (1), ``index_order``, ``degrees``,
+``periodic``, ``control_points`` of shape (n0[, n1[, n2]][, m]), ``weights`` of shape
+(n0[, n1[, n2]]) where there are any, ``names``; knots in ``knot_vectors`` (JSON) or
+``knot_vector_0``, ``knot_vector_1``, ... (npz).
+"""
+
+import io
+import json
+import math
+import os
+import zipfile
+import zlib
+from collections.abc import Mapping
+from typing import Any, NoReturn
+
+import numpy as np
+
+from ilattice._typing import AnyArray, FloatArray
+from ilattice.bspline import BSpline
+from ilattice.errors import FormatError
+from ilattice.io._common import atomic_write, read_bytes, read_text
+from ilattice.io._patches import Fail, Patch, check_size, check_weights, checked, numbered
+
+FORMAT = "ilattice spline"
+VERSION = 1
+INDEX_ORDER = "uvw, last fastest"
+EXPANSION = 20
+_SMALL = 1 << 26
+
+
+# --- reading ----------------------------------------------------------------------------------
+
+
+def read_npz(path: str | os.PathLike[str]) -> tuple[list[Patch], list[str]]:
+    """The spline of a native ``.npz`` file.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+
+    Returns
+    -------
+    list of Patch
+        One patch.
+    list of str
+        Empty.
+
+    Raises
+    ------
+    FormatError
+        If the file is damaged, or no native spline.
+    """
+    data = read_bytes(path)
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            if sum(m.file_size for m in archive.infolist()) > max(EXPANSION * len(data), _SMALL):
+                raise FormatError(f"{path}: expands more than {EXPANSION} times; not read")
+            arrays = {
+                m.filename.removesuffix(".npy"): _array(path, m.filename, archive.read(m))
+                for m in archive.infolist()
+            }
+    except (
+        zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, OSError,
+        ValueError, OverflowError, KeyError,
+    ) as e:  # fmt: skip
+        raise FormatError(f"{path}: no whole npz archive ({e})") from e
+    knots = {k: a for k, a in arrays.items() if k.startswith("knot_vector_")}
+    content: dict[str, Any] = {k: a for k, a in arrays.items() if k not in knots}
+    content["knot_vectors"] = [knots[k] for k in sorted(knots)]
+    for key in ("format", "version", "index_order"):
+        if key in content and content[key].ndim == 0:
+            content[key] = content[key].item()
+    for key in ("degrees", "periodic", "names"):
+        if key in content:
+            content[key] = content[key].tolist()
+    return _patches(path, content)
+
+
+def _array(path: str | os.PathLike[str], name: str, data: bytes) -> AnyArray:
+    """One member of the archive; the size in its header must be the size that is there."""
+    stream = io.BytesIO(data)
+    try:
+        version = np.lib.format.read_magic(stream)
+        read = {(1, 0): np.lib.format.read_array_header_1_0}.get(
+            version, np.lib.format.read_array_header_2_0
+        )
+        shape, fortran, dtype = read(stream)
+        if dtype.kind not in "fiubU" or min(shape, default=0) < 0:
+            raise ValueError(f"numbers or text expected, not {dtype}")
+        rest = data[stream.tell() :]
+        if math.prod(shape) * dtype.itemsize != len(rest) or not dtype.itemsize:
+            raise ValueError(f"shape {shape} does not fit {len(rest)} bytes")
+        return np.frombuffer(rest, dtype).reshape(shape, order="F" if fortran else "C")
+    except (ValueError, TypeError, SyntaxError, RecursionError, MemoryError, KeyError) as e:
+        raise FormatError(f"{path}, entry {name!r:.60}: {e}") from e
+
+
+def read_json(path: str | os.PathLike[str]) -> tuple[list[Patch], list[str]]:
+    """The spline of a native ``.json`` file.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+
+    Returns
+    -------
+    list of Patch
+        One patch.
+    list of str
+        Empty.
+
+    Raises
+    ------
+    FormatError
+        If the file is damaged, or no native spline.
+    """
+    text = read_text(path)
+    try:
+        content = json.loads(text, parse_constant=_no_constant)
+    except json.JSONDecodeError as e:
+        raise FormatError(f"{path}, line {e.lineno}: no JSON ({e.msg})") from e
+    except (ValueError, RecursionError) as e:
+        raise FormatError(f"{path}: no JSON that can be read ({e})") from e
+    if not isinstance(content, dict):
+        raise FormatError(f"{path}, line 1: expected an object with the keys of a spline")
+    return _patches(path, content)
+
+
+def _no_constant(name: str) -> NoReturn:
+    raise ValueError(f"number {name} is not finite")
+
+
+def _patches(
+    path: str | os.PathLike[str], content: Mapping[str, Any]
+) -> tuple[list[Patch], list[str]]:
+    """The patch of a mapping with the keys of the module docstring."""
+
+    def fail(message: str) -> NoReturn:
+        raise FormatError(f"{path}: {message}")
+
+    for key, expected in (("format", FORMAT), ("version", VERSION), ("index_order", INDEX_ORDER)):
+        if not isinstance(content.get(key), type(expected)) or content[key] != expected:
+            fail(f"key {key!r}: found {content.get(key)!r:.60}; expected {expected!r}")
+    spline = _spline(fail, content)
+    names = content.get("names", [])
+    if not isinstance(names, list) or not all(isinstance(n, str) for n in names):
+        fail(f"key 'names': found {names!r:.60}; expected a list of words")
+    if names and len(names) != spline.m - 3:
+        fail(f"key 'names': {len(names)} names for {spline.m} components; expected {spline.m - 3}")
+    return numbered([Patch(spline, names=tuple(names))]), []
+
+
+def _spline(fail: Fail, content: Mapping[str, Any]) -> BSpline:
+    vectors = content.get("knot_vectors")
+    if not isinstance(vectors, list) or not 1 <= len(vectors) <= 3:
+        fail("knot vectors: expected one to three")
+    knots = [_numbers(fail, f"knot vector {i}", t) for i, t in enumerate(vectors)]
+    degrees, periodic = content.get("degrees"), content.get("periodic")
+    for key, value, kind in (("degrees", degrees, int), ("periodic", periodic, bool)):
+        if not isinstance(value, list) or len(value) != len(knots):
+            fail(f"key {key!r}: found {value!r:.60}; expected one value per knot vector")
+        if not all(type(v) is kind for v in value):
+            fail(f"key {key!r}: found {value!r:.60}; expected {kind.__name__} values")
+    c = _numbers(fail, "key 'control_points'", content.get("control_points"))
+    w = content.get("weights")
+    if w is not None:
+        w = _numbers(fail, "key 'weights'", w)
+        check_weights(fail, w)
+    if c.size == 0 or any(t.ndim != 1 for t in knots):
+        fail("control points and knot vectors must not be empty, knot vectors have one axis")
+    return checked(fail, knots, c, degrees or (), periodic or (), w)
+
+
+def _numbers(fail: Fail, what: str, value: Any) -> FloatArray:
+    """Finite numbers in equally long lists."""
+    try:
+        a = np.asarray(value)
+    except (ValueError, OverflowError) as e:
+        fail(f"{what}: expected numbers in lists of equal length ({e})")
+    if a.dtype.kind not in "fiu" or a.ndim == 0:
+        fail(f"{what}: expected an array of numbers, found {value!r:.60}")
+    a = a.astype(np.float64)
+    check_size(fail, a, what)
+    return a
+
+
+# --- writing ----------------------------------------------------------------------------------
+
+
+def write_npz(spline: BSpline, path: str | os.PathLike[str], names: tuple[str, ...] = ()) -> None:
+    """Write one spline as ``.npz``.
+
+    Parameters
+    ----------
+    spline : BSpline
+        Curve, surface or volume; scalar or vector.
+    path : path-like
+        The file.
+    names : tuple of str
+        Names of the coordinates after x, y, z.
+
+    Raises
+    ------
+    InputError, FormatError
+        If the file cannot be written.
+    """
+    arrays: dict[str, Any] = {k: v for k, v in _content(spline, names).items() if v is not None}
+    for i, t in enumerate(spline.t):
+        arrays[f"knot_vector_{i}"] = t
+    if not names:
+        del arrays["names"]
+    with atomic_write(path) as file:
+        np.savez(file, allow_pickle=False, **arrays)
+
+
+def write_json(spline: BSpline, path: str | os.PathLike[str], names: tuple[str, ...] = ()) -> None:
+    """Write one spline as ``.json``.
+
+    Parameters
+    ----------
+    spline : BSpline
+        Curve, surface or volume; scalar or vector.
+    path : path-like
+        The file.
+    names : tuple of str
+        Names of the coordinates after x, y, z.
+
+    Raises
+    ------
+    InputError, FormatError
+        If the file cannot be written.
+    """
+    content = {**_content(spline, names), "knot_vectors": list(spline.t)}
+    lines = [f" {json.dumps(k)}: {json.dumps(v, default=_as_list)}" for k, v in content.items()]
+    with atomic_write(path, text=True) as file:
+        file.write("{\n" + ",\n".join(lines) + "\n}\n")
+
+
+def _as_list(a: AnyArray) -> Any:
+    return a.tolist()
+
+
+def _content(spline: BSpline, names: tuple[str, ...]) -> dict[str, Any]:
+    """What both forms share; knots are added by the writers."""
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "index_order": INDEX_ORDER,
+        "degrees": list(spline.k),
+        "periodic": list(spline.periodic),
+        "names": list(names),
+        "control_points": spline.c,
+        "weights": spline.weights,
+    }
