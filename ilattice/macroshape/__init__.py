@@ -1,0 +1,78 @@
+"""Macro-shapes: maps of the parameter box to space, made, loaded, certified, inverted.
+
+=================  =========================================================================
+maps               `SplineMap`; `load` reads one from a file
+primitives         `identity`, `affine`, `box`, `hexahedron`, `tapered`, `cylinder_shell`,
+                   `torus`, `duck`, `wing`
+from surfaces      `extrude`, `ruled`, `revolve`, `loft`
+certificate        `certify`, `check_map`, `Certificate`, `Status`
+lattice            `Lattice`: a tile, repeated through a map
+=================  =========================================================================
+"""
+
+from os import PathLike
+from typing import Any
+
+from ilattice.macroshape.certify import Certificate, Status, certify, check_map
+from ilattice.macroshape.inverse import Located
+from ilattice.macroshape.maps import SplineMap
+from ilattice.macroshape.primitives import (
+    affine,
+    box,
+    cylinder_shell,
+    duck,
+    hexahedron,
+    identity,
+    tapered,
+    torus,
+    wing,
+)
+from ilattice.macroshape.sweeps import extrude, loft, revolve, ruled
+
+__all__ = [
+    "Certificate",
+    "Located",
+    "SplineMap",
+    "Status",
+    "affine",
+    "box",
+    "certify",
+    "check_map",
+    "cylinder_shell",
+    "duck",
+    "extrude",
+    "hexahedron",
+    "identity",
+    "load",
+    "loft",
+    "revolve",
+    "ruled",
+    "tapered",
+    "torus",
+    "wing",
+]
+
+
+def load(path: str | PathLike[str], **options: Any) -> SplineMap:
+    """Read a spline volume from a file: G+Smo, MFEM, IRIT or native.
+
+    Parameters
+    ----------
+    path : path-like
+        File; ``FILE#patch`` chooses a patch by its index, as `patch` does.
+    **options
+        Passed to `ilattice.io.splines.load`.
+
+    Returns
+    -------
+    SplineMap
+        The volume.
+
+    Raises
+    ------
+    FormatError
+        If the file cannot be read as a spline volume.
+    """
+    from ilattice.io import splines
+
+    return splines.load(path, **options)

@@ -1,0 +1,45 @@
+"""Coefficients of extra coordinates: functions of the parameters, interpolated.
+
+Guarantee: functions in the spline space of the volume are reproduced to rounding.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ilattice._typing import ArrayLike, FloatArray
+from ilattice._validate import as_array
+from ilattice.bspline import BSpline
+from ilattice.bspline.knots import design_matrix
+from ilattice.errors import InputError
+
+
+def interpolated(spline: BSpline, name: str, f: Callable[[FloatArray], ArrayLike]) -> FloatArray:
+    """Coefficients, on the knots and weights of a volume, that interpolate a function."""
+    sites, systems = zip(*(_collocation(spline, axis) for axis in range(3)), strict=True)
+    u = np.stack([a.ravel() for a in np.meshgrid(*sites, indexing="ij")], axis=1)
+    values = as_array(name, f(u))
+    if values.shape != (len(u),):
+        raise InputError(f"{name} must return shape ({len(u)},), got {values.shape}")
+    c = values.reshape([len(s) for s in sites])
+    w = spline.weights
+    if w is not None:
+        c = c * np.asarray(BSpline(spline.t, w, spline.k, periodic=spline.periodic).grid(sites))
+    for axis, system in enumerate(systems):
+        c = np.moveaxis(np.tensordot(np.linalg.inv(system), c, axes=(1, axis)), 0, axis)
+        if spline.periodic[axis]:
+            c = np.take(c, np.arange(spline.shape[axis]) % c.shape[axis], axis=axis)
+    return c if w is None else c / w
+
+
+def _collocation(spline: BSpline, axis: int) -> tuple[FloatArray, FloatArray]:
+    """Interpolation sites of one direction, and the basis functions there."""
+    t, k, n = spline.t[axis], spline.k[axis], spline.shape[axis]
+    lo, hi = spline.domain[:, axis]
+    sites = spline.greville(axis)
+    if spline.periodic[axis]:
+        sites = np.sort(lo + np.mod(sites[: n - k] - lo, hi - lo))
+    else:
+        sites = lo + (sites - sites[0]) * ((hi - lo) / (sites[-1] - sites[0]))
+    sites = np.clip(sites, lo, hi)
+    return sites, design_matrix(t, k, sites, periodic=spline.periodic[axis]).toarray()

@@ -1,0 +1,456 @@
+"""The class `SplineMap`: a spline volume as a map from the parameter box to space.
+
+Guarantees: values and derivatives are those of the spline; a direction is called closed only if
+its two end faces coincide; `volume` is exact for polynomial volumes up to rounding.
+Non-guarantees: a map is not certified when it is made, but when a lattice is (`check_map`), or
+on request (`certificate`); where a map overlaps itself, `inverse` returns one of the parameters.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from os import PathLike
+from typing import Any, Self
+
+import numpy as np
+
+from ilattice._typing import ArrayLike, FloatArray
+from ilattice._validate import as_array, as_points, read_only
+from ilattice.bspline import BSpline
+from ilattice.errors import InputError
+from ilattice.macroshape._extra import interpolated
+from ilattice.macroshape.certify import Certificate, certify
+from ilattice.macroshape.inverse import Located, Seeds, locate
+
+__all__ = ["SplineMap"]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SplineMap:
+    """Map from the domain of a spline volume to space.
+
+    Parameters
+    ----------
+    spline : BSpline
+        Three parameters, at least three components, degrees of at least 1. The first three
+        components are the point, further ones are extra coordinates.
+    names : sequence of str, keyword-only
+        Names of the extra coordinates, such as ``("r", "g", "b", "d")``; by default
+        ``("e0", "e1", ...)``.
+
+    Raises
+    ------
+    InputError
+        If the spline is no volume in space, or the names do not match its components.
+    """
+
+    spline: BSpline
+    names: tuple[str, ...] = ()
+
+    def __init__(self, spline: BSpline, *, names: Sequence[str] = ()) -> None:
+        if not isinstance(spline, BSpline) or spline.ndim != 3 or spline.m < 3:
+            raise InputError(
+                "spline must be a BSpline with 3 parameters and at least 3 components, "
+                f"got {spline!r:.80}"
+            )
+        if min(spline.k) < 1:
+            raise InputError(f"spline must have degrees of at least 1, got {spline.k}; elevate it")
+        extra = spline.m - 3
+        names = tuple(names) or tuple(f"e{i}" for i in range(extra))
+        if len(names) != extra or len(set(names)) != extra or not all(map(_is_name, names)):
+            raise InputError(
+                f"names must be {extra} different words, one per component beyond x, y, z, "
+                f"got {names!r}"
+            )
+        object.__setattr__(self, "spline", spline)
+        object.__setattr__(self, "names", names)
+
+    def __repr__(self) -> str:
+        size = "×".join(map(str, self.spline.shape))
+        kind = ", rational" if self.spline.weights is not None else ""
+        extra = f", extra={self.names}" if self.names else ""
+        return f"SplineMap({size}, degrees={self.spline.k}{kind}, closed={self.closed}{extra})"
+
+    # ---------------------------------------------------------------- evaluation
+
+    @cached_property
+    def geometry(self) -> BSpline:
+        """The spline with its first three components only."""
+        return self.spline if self.spline.m == 3 else self._with(self.spline.c[..., :3])
+
+    @property
+    def domain(self) -> FloatArray:
+        """The parameter box, shape (2, 3): rows are the lower and the upper corner."""
+        return self.spline.domain
+
+    def x(self, u: ArrayLike, *, extrapolate: str = "raise") -> FloatArray:
+        """Points of space.
+
+        Parameters
+        ----------
+        u : array_like, shape (n, 3)
+            Parameters.
+        extrapolate : {"raise", "clamp", "extend"}
+            What happens outside the domain, as in `BSpline`.
+
+        Returns
+        -------
+        ndarray, shape (n, 3)
+            Points.
+        """
+        return self.geometry(u, extrapolate=extrapolate)
+
+    def jacobian(self, u: ArrayLike, *, extrapolate: str = "raise") -> FloatArray:
+        """First derivatives.
+
+        Parameters
+        ----------
+        u : array_like, shape (n, 3)
+            Parameters.
+        extrapolate : {"raise", "clamp", "extend"}
+            What happens outside the domain, as in `BSpline`.
+
+        Returns
+        -------
+        ndarray, shape (n, 3, 3)
+            ``J[:, c, k] = dx_c / du_k``.
+        """
+        return self.geometry.jet(u, 1, extrapolate=extrapolate)[1]
+
+    def hessian(self, u: ArrayLike, *, extrapolate: str = "raise") -> FloatArray:
+        """Second derivatives.
+
+        Parameters
+        ----------
+        u : array_like, shape (n, 3)
+            Parameters.
+        extrapolate : {"raise", "clamp", "extend"}
+            What happens outside the domain, as in `BSpline`.
+
+        Returns
+        -------
+        ndarray, shape (n, 3, 3, 3)
+            ``H[:, c, k, l] = d²x_c / du_k du_l``.
+        """
+        return self.geometry.jet(u, 2, extrapolate=extrapolate)[2]
+
+    def jet(
+        self, u: ArrayLike, order: int = 2, *, extrapolate: str = "raise"
+    ) -> tuple[FloatArray, ...]:
+        """Points, first and second derivatives in one pass.
+
+        Parameters
+        ----------
+        u : array_like, shape (n, 3)
+            Parameters.
+        order : {0, 1, 2}
+            Highest derivative.
+        extrapolate : {"raise", "clamp", "extend"}
+            What happens outside the domain, as in `BSpline`.
+
+        Returns
+        -------
+        tuple of ndarray
+            The first ``order + 1`` of x (n, 3), J (n, 3, 3), H (n, 3, 3, 3).
+        """
+        return self.geometry.jet(u, order, extrapolate=extrapolate)
+
+    def extra(self, u: ArrayLike, *, extrapolate: str = "raise") -> FloatArray:
+        """Coordinates beyond x, y, z: colour, material, thickness.
+
+        Parameters
+        ----------
+        u : array_like, shape (n, 3)
+            Parameters.
+        extrapolate : {"raise", "clamp", "extend"}
+            What happens outside the domain, as in `BSpline`.
+
+        Returns
+        -------
+        ndarray, shape (n, m - 3)
+            One column per name.
+        """
+        if not self.names:
+            return np.empty((len(as_points("u", u)), 0))
+        return self._attributes(u, extrapolate=extrapolate)
+
+    @cached_property
+    def _attributes(self) -> BSpline:
+        return self._with(self.spline.c[..., 3:])
+
+    def inverse(self, x: ArrayLike, *, tol: float = 1e-10) -> FloatArray:
+        """Parameters of points.
+
+        Parameters
+        ----------
+        x : array_like, shape (n, 3)
+            Points.
+        tol : float
+            Points nearer to the image than `tol` times the diagonal of `bounds` count as
+            inside. Found points are solved to rounding, not to this tolerance.
+
+        Returns
+        -------
+        ndarray, shape (n, 3)
+            Parameters inside the domain; rows of NaN where `x` is outside the image.
+
+        Warns
+        -----
+        PrecisionWarning
+            If the search failed for some points: these rows are NaN too, and `locate` tells
+            them from the points outside.
+        """
+        found = self.locate(x, tol=tol)
+        found.warn()
+        return found.u
+
+    def locate(self, x: ArrayLike, *, tol: float = 1e-10) -> Located:
+        """Parameters of points, with status, distance and number of iterations.
+
+        Parameters
+        ----------
+        x : array_like, shape (n, 3)
+            Points.
+        tol : float
+            As in `inverse`.
+
+        Returns
+        -------
+        Located
+            What the search found for every point.
+        """
+        return locate(self._seeds, as_points("x", x), tol=tol)
+
+    @cached_property
+    def _seeds(self) -> Seeds:
+        diagonal = float(np.linalg.norm(self.bounds[1] - self.bounds[0]))
+        return Seeds(self.geometry, self.closed, diagonal)
+
+    # ---------------------------------------------------------------- properties
+
+    @cached_property
+    def bounds(self) -> FloatArray:
+        """Bounding box of the control net, shape (2, 3); the image lies inside."""
+        net = self.spline.c[..., :3].reshape(-1, 3)
+        return read_only(np.stack([net.min(axis=0), net.max(axis=0)]))
+
+    @cached_property
+    def closed(self) -> tuple[bool, bool, bool]:
+        """Per direction, whether its two end faces coincide point by point."""
+        a, b, c = (self.spline.periodic[k] or self._faces_meet(k) for k in range(3))
+        return a, b, c
+
+    def _faces_meet(self, axis: int) -> bool:
+        """Compare the end faces at as many sites as determine them; 1e-12 of the size passes."""
+        sites = [_face_sites(self.geometry.breaks(k), self.spline.k[k]) for k in range(3)]
+        sites[axis] = self.domain[:, axis]
+        faces = np.moveaxis(np.asarray(self.geometry.grid(sites)), axis, 0)
+        size = float(np.abs(self.bounds).max())
+        gap = float(np.abs(faces[1] - faces[0]).max())
+        return gap <= 1e-12 * size
+
+    @cached_property
+    def certificate(self) -> Certificate:
+        """Jacobian certificate: status, orientation, worst place."""
+        return certify(self)
+
+    @property
+    def orientation(self) -> int:
+        """+1 for a right-handed map, -1 for a left-handed one, 0 for a flat one."""
+        return self.certificate.orientation
+
+    @cached_property
+    def info(self) -> dict[str, Any]:
+        """Plain summary: size, domain, bounds, handedness, certificate, volume."""
+        s, c = self.spline, self.certificate
+        return {
+            "shape": list(s.shape),
+            "degrees": list(s.k),
+            "rational": s.weights is not None,
+            "periodic": list(s.periodic),
+            "closed": list(self.closed),
+            "domain": self.domain.tolist(),
+            "bounds": self.bounds.tolist(),
+            "extra": list(self.names),
+            "orientation": c.orientation,
+            "certificate": str(c.status),
+            "least_det": c.worst_det,
+            "least_det_u": c.worst_u.tolist(),
+            "least_det_x": c.worst_x.tolist(),
+            "scaled_jacobian": c.scaled,
+            "singular_u": c.singular_u.tolist(),
+            "volume": self.volume(),
+        }
+
+    def volume(self, *, points: int | None = None) -> float:
+        """Volume of the image, the integral of |det J| of a map that is not folded.
+
+        Parameters
+        ----------
+        points : int, optional
+            Gauss points per element and direction. By default enough to be exact for a
+            polynomial volume, and for a rational one to be right to about ten digits on
+            circular arcs of up to a quarter turn.
+
+        Returns
+        -------
+        float
+            The absolute value of the integral of det J.
+        """
+        rational = self.spline.weights is not None
+        sites, weights = [], []
+        for axis in range(3):
+            n = points or (3 * self.spline.k[axis] + 1) // 2 + 6 * rational
+            s, w = np.polynomial.legendre.leggauss(n)
+            b = self.spline.breaks(axis)
+            half = 0.5 * np.diff(b)
+            sites.append(np.add.outer(0.5 * (b[1:] + b[:-1]), 0.0 * s) + np.outer(half, s))
+            weights.append(np.outer(half, w).ravel())
+        total = 0.0
+        axes = [s.ravel() for s in sites]
+        for first, last, jet in self.geometry.slabs(axes, 1):
+            det = np.linalg.det(jet[1])
+            total += float(np.einsum("ijk,i,j,k", det, weights[0][first:last], *weights[1:]))
+        return abs(total)
+
+    # ---------------------------------------------------------------- variations
+
+    def with_extra(self, **coordinates: Any) -> Self:
+        """Same map with further coordinates, the ℝ⁷ of the paper among them.
+
+        Parameters
+        ----------
+        **coordinates : float, array_like (n0, n1, n2) or callable
+            By name: a constant; coefficients on the knots of the map; or a function of
+            parameters (n, 3) that returns values (n,). A function is interpolated in the
+            spline space of the map, so it varies no faster than the map can: two
+            coefficients along a direction make it linear there.
+
+        Returns
+        -------
+        SplineMap
+            The map with its old extra coordinates, then the new ones.
+
+        Raises
+        ------
+        InputError
+            If a name is taken, or coefficients or values are of the wrong shape.
+
+        Notes
+        -----
+        Hong, Antolin, Elber, Kim (Variable offsets and processing of implicit forms) hold
+        volumes in ℝ⁷: x, y, z, then red, green, blue, then the half-thickness d.
+        """
+        new = [self._extra_coefficients(n, v) for n, v in coordinates.items()]
+        if not new:
+            return self
+        c = np.concatenate([self.spline.c, np.stack(new, axis=-1)], axis=-1)
+        return type(self)(self._with(c), names=(*self.names, *coordinates))
+
+    def _extra_coefficients(self, name: str, value: Any) -> FloatArray:
+        shape = self.spline.shape
+        if callable(value):
+            return interpolated(self.spline, name, value)
+        c = as_array(name, value)
+        if np.ndim(value) not in (0, 3) or (np.ndim(value) == 3 and c.shape != shape):
+            raise InputError(
+                f"{name} must be a number, coefficients of shape {shape} or a function, "
+                f"got shape {np.shape(value)}"
+            )
+        return np.array(np.broadcast_to(c, shape))
+
+    def _with(self, c: FloatArray) -> BSpline:
+        s = self.spline
+        return BSpline(s.t, c, s.k, periodic=s.periodic, weights=s.weights)
+
+    def flipped(self, axis: int = 2) -> Self:
+        """Same volume with one direction run backwards: the handedness changes.
+
+        Parameters
+        ----------
+        axis : {0, 1, 2}
+            Direction.
+
+        Returns
+        -------
+        SplineMap
+            On the same domain.
+        """
+        if axis not in (0, 1, 2):
+            raise InputError(f"axis must be 0, 1 or 2, got {axis!r}")
+        s = self.spline
+        t = list(s.t)
+        t[axis] = (self.domain[:, axis].sum() - s.t[axis])[::-1]
+        w = None if s.weights is None else np.flip(s.weights, axis)
+        spline = BSpline(t, np.flip(s.c, axis), s.k, periodic=s.periodic, weights=w)
+        return type(self)(spline, names=self.names)
+
+    def permuted(self, order: Sequence[int]) -> Self:
+        """Same volume with its directions in another order.
+
+        Parameters
+        ----------
+        order : sequence of int
+            The old directions in their new order, such as ``(2, 0, 1)``. An odd permutation
+            changes the handedness.
+
+        Returns
+        -------
+        SplineMap
+            The map with permuted parameters.
+        """
+        if sorted(np.ravel(order).tolist()) != [0, 1, 2]:
+            raise InputError(f"order must be a permutation of 0, 1, 2, got {order!r}")
+        s = self.spline
+        t, k, wrap = (
+            [s.t[i] for i in order],
+            [s.k[i] for i in order],
+            [s.periodic[i] for i in order],
+        )
+        w = None if s.weights is None else s.weights.transpose(order)
+        spline = BSpline(t, s.c.transpose(*order, 3), k, periodic=wrap, weights=w)
+        return type(self)(spline, names=self.names)
+
+    def fix_orientation(self, *, axis: int = 2) -> Self:
+        """Right-handed version of this map.
+
+        Parameters
+        ----------
+        axis : {0, 1, 2}
+            Direction that is run backwards if the map is left-handed.
+
+        Returns
+        -------
+        SplineMap
+            This map itself if it is right-handed.
+        """
+        return self.flipped(axis) if self.orientation < 0 else self
+
+    def save(self, path: str | PathLike[str], **options: Any) -> None:
+        """Write the volume to a file; the extension names the format.
+
+        Parameters
+        ----------
+        path : path-like
+            Where to.
+        **options
+            Passed to `ilattice.io.splines.save`.
+
+        Raises
+        ------
+        FormatError
+            If the format is unknown, or cannot hold this map.
+        """
+        from ilattice.io import splines
+
+        splines.save(self, path, **options)
+
+
+def _is_name(name: Any) -> bool:
+    return isinstance(name, str) and name.isidentifier() and name not in ("x", "y", "z")
+
+
+def _face_sites(breaks: FloatArray, degree: int) -> FloatArray:
+    """Sites that determine a rational piecewise polynomial of the given degree."""
+    s = (np.arange(2 * degree + 1) + 0.5) / (2 * degree + 1)
+    return (breaks[:-1, None] + np.diff(breaks)[:, None] * s).ravel()
