@@ -1,0 +1,211 @@
+"""Compiled passes that join the vertices of the cells around crossed edges to triangles.
+
+The windows are those of `_kernels_cells`. Triangles 2 q and 2 q + 1 come from the same quad
+(a, b, c, d) and are written as (a, b, c), (a, c, d).
+
+Guarantees: as `_kernels_cells`; ties between the diagonals are decided by the order of the cells.
+"""
+
+import numpy as np
+from numba import njit, prange
+
+from ilattice.mesh._kernels_cells import (
+    CHUNK,
+    B,
+    S,
+    crossed_cells,
+    extent,
+    ghost_side,
+    is_bare,
+    kept_edges,
+    lowest,
+    neighbour,
+    pattern,
+)
+from ilattice.mesh._tables import CASES, FLIPPED, LABEL, PATCHES
+
+T = 9  # cells of a block and the layer below it, per direction
+
+
+@njit(cache=True)
+def _index_block(
+    rows, flips, prefix, shape, coords, n, ox, oy, oz, start, caps, ids, pattern_of
+):
+    """Ids and patterns of the cells of block n that block b = n - (ox, oy, oz) needs."""
+    ni = extent(shape, 0, coords[n, 3])
+    nj = extent(shape, 1, coords[n, 1])
+    nk = extent(shape, 2, coords[n, 2])
+    wanted = (1 << nk) - 1 if oz == 0 else 1 << (nk - 1)
+    bits = (1 << nk) - 1
+    for i in range(0 if ox == 0 else ni - 1, ni):
+        gx = ghost_side(shape, 0, B * coords[n, 3] + i)
+        li = i + 1 if ox == 0 else 0
+        for j in range(0 if oy == 0 else nj - 1, nj):
+            x, m0, m1, m2, m3 = crossed_cells(rows, n, i, j, bits)
+            if x & wanted == 0:
+                continue
+            gy = ghost_side(shape, 1, B * coords[n, 1] + j)
+            lj = j + 1 if oy == 0 else 0
+            flip = np.int64(flips[n, B * i + j])
+            at = start[n] + prefix[n, B * i + j]
+            while x != 0:
+                k = lowest(x)
+                x &= x - 1
+                code = pattern(m0, m1, m2, m3, k)
+                row = code + FLIPPED * ((flip >> k) & 1)
+                if (wanted >> k) & 1:
+                    local = T * T * li + T * lj + (k + 1 if oz == 0 else 0)
+                    ids[local] = at
+                    pattern_of[local] = row
+                if not caps:
+                    gz = ghost_side(shape, 2, B * coords[n, 2] + k)
+                    if is_bare(shape, gx, gy, gz, code):
+                        continue
+                at += CASES[row, PATCHES]
+
+
+@njit(cache=True, inline="always")
+def _shape_measure(ax, ay, az, bx, by, bz, cx, cy, cz, axis):
+    """Square of (2 area / sum of squared sides) of a triangle, and its normal along an axis."""
+    ux, uy, uz = bx - ax, by - ay, bz - az
+    vx, vy, vz = cx - ax, cy - ay, cz - az
+    wx, wy, wz = cx - bx, cy - by, cz - bz
+    nx = uy * vz - uz * vy
+    ny = uz * vx - ux * vz
+    nz = ux * vy - uy * vx
+    s = ux * ux + uy * uy + uz * uz + vx * vx + vy * vy + vz * vz + wx * wx + wy * wy + wz * wz
+    q = (nx * nx + ny * ny + nz * nz) / (s * s) if s > 0.0 else 0.0
+    return q, nx if axis == 0 else (ny if axis == 1 else nz)
+
+
+@njit(cache=True)
+def _triangle(p, a, b, c, axis):
+    """`_shape_measure` of three of the rows of p."""
+    return _shape_measure(
+        p[a, 0], p[a, 1], p[a, 2], p[b, 0], p[b, 1], p[b, 2], p[c, 0], p[c, 1], p[c, 2], axis
+    )
+
+
+@njit(cache=True)
+def best_diagonal(p, axis):
+    """0 to split the quad p (4, 3) along corners 0-2, 1 for 1-3.
+
+    Counter-clockwise about `axis`, the quad winds around the crossed edge. A diagonal that keeps
+    both triangles wound that way comes first (one always does), then the better worst triangle.
+    """
+    q0, n0 = _triangle(p, 0, 1, 2, axis)
+    q1, n1 = _triangle(p, 0, 2, 3, axis)
+    r0, m0 = _triangle(p, 1, 2, 3, axis)
+    r1, m1 = _triangle(p, 1, 3, 0, axis)
+    first = min(n0, n1) > 0.0
+    second = min(m0, m1) > 0.0
+    if first != second:
+        return 0 if first else 1
+    return 0 if min(q0, q1) >= min(r0, r1) else 1
+
+
+@njit(cache=True, inline="always")
+def _edge_cell(axis, corner):
+    """Offsets of the cells around an edge, counter-clockwise about its axis, and their edge."""
+    lower_b = corner == 0 or corner == 3  # the axis after `axis`
+    lower_c = corner < 2  # the one after that
+    ob = 1 if lower_b else 0  # offset of the edge in the cell
+    oc = 1 if lower_c else 0
+    if axis == 0:
+        return 0, -ob, -oc, 2 * ob + oc
+    if axis == 1:
+        return -oc, 0, -ob, 4 + 2 * oc + ob
+    return -ob, -oc, 0, 8 + 2 * ob + oc
+
+
+@njit(cache=True)
+def _emit(axis, i, j, k, outward, ids, pattern_of, points, shift, p, faces, at):
+    """Write the two triangles of one crossed edge."""
+    c0 = c1 = c2 = c3 = np.int64(0)
+    for corner in range(4):
+        di, dj, dk, edge = _edge_cell(axis, corner)
+        local = T * T * (i + di + 1) + T * (j + dj + 1) + k + dk + 1
+        v = ids[local] + CASES[pattern_of[local], LABEL + edge]
+        p[corner, 0] = points[v, 0] - (shift[0] if i + di < 0 else 0.0)
+        p[corner, 1] = points[v, 1] - (shift[1] if j + dj < 0 else 0.0)
+        p[corner, 2] = points[v, 2] - (shift[2] if k + dk < 0 else 0.0)
+        if corner == 0:
+            c0 = v
+        elif corner == 1:
+            c1 = v
+        elif corner == 2:
+            c2 = v
+        else:
+            c3 = v
+    if best_diagonal(p, axis) == 1:
+        c0, c1, c2, c3 = c1, c2, c3, c0
+    if not outward:
+        c1, c3 = c3, c1
+    faces[at, 0] = c0
+    faces[at, 1] = c1
+    faces[at, 2] = c2
+    faces[at + 1, 0] = c0
+    faces[at + 1, 1] = c2
+    faces[at + 1, 2] = c3
+
+
+@njit(cache=True)
+def _emit_block(rows, shape, coords, b, caps, ids, pattern_of, points, shift, p, faces, at):
+    """Write the triangles of the edges that a block owns."""
+    bx = kept_edges(shape, 0, coords[b, 3], caps)
+    by = kept_edges(shape, 1, coords[b, 1], caps)
+    bz = kept_edges(shape, 2, coords[b, 2], caps)
+    bits = (1 << extent(shape, 2, coords[b, 2])) - 1
+    for i in range(extent(shape, 0, coords[b, 3])):
+        for j in range(extent(shape, 1, coords[b, 1])):
+            r = S * i + j
+            m = np.int64(rows[b, r])
+            for axis in range(3):
+                if axis == 0:
+                    x = (m ^ np.int64(rows[b, r + S])) & bits if (bx >> i) & 1 else 0
+                elif axis == 1:
+                    x = (m ^ np.int64(rows[b, r + 1])) & bits if (by >> j) & 1 else 0
+                else:
+                    x = (m ^ (m >> 1)) & bz
+                while x != 0:
+                    k = lowest(x)
+                    x &= x - 1
+                    outward = (m >> k) & 1 == 1
+                    _emit(axis, i, j, k, outward, ids, pattern_of, points, shift, p, faces, at)
+                    at += 2
+
+
+@njit(cache=True, parallel=True)
+def faces(
+    rows, flips, prefix, lookup, shape, coords, blocks, start, caps, points, period, first, out
+):
+    """Triangles of the listed blocks: block ``blocks[n]`` writes from row ``2 first[n]`` on.
+
+    ``start[b]`` is the row in `points` of the first vertex of block b; ids in `out` are rows of
+    `points`. `period (3,)` is the length of the domain along the wrapped directions.
+    """
+    n = len(blocks)
+    for chunk in prange((n + CHUNK - 1) // CHUNK):
+        ids = np.zeros(T * T * T, np.int64)
+        pattern_of = np.zeros(T * T * T, np.int64)
+        p = np.empty((4, 3))
+        shift = np.empty(3)
+        for q in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
+            b = blocks[q]
+            if first[q + 1] == first[q]:
+                continue
+            for ox in range(-1, 1):
+                for oy in range(-1, 1):
+                    for oz in range(-1, 1):
+                        c = neighbour(lookup, shape, coords, b, ox, oy, oz)
+                        if c >= 0:
+                            _index_block(
+                                rows, flips, prefix, shape, coords, c, ox, oy, oz, start, caps,
+                                ids, pattern_of,
+                            )  # fmt: skip
+            shift[0] = period[0] if coords[b, 3] == 0 else 0.0
+            shift[1] = period[1] if coords[b, 1] == 0 else 0.0
+            shift[2] = period[2] if coords[b, 2] == 0 else 0.0
+            _emit_block(
+                rows, shape, coords, b, caps, ids, pattern_of, points, shift, p, out, 2 * first[q]
+            )

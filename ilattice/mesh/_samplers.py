@@ -1,0 +1,372 @@
+"""How contouring reads fields: pruning of blocks, samples of blocks, values and gradients.
+
+A sampler stands for ``value = field / scale - middle``, and the solid is ``lower < value < upper``
+(`lower` may be NaN: no lower bound). `GridSampler` takes any field; `TrigSampler` and
+`SplineSampler` sample in compiled code.
+
+Guarantee: a grid point has bitwise the same value in all blocks that share it; blocks are pruned
+only where rigorous bounds, widened by the rounding of the samples, exclude the surface.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ilattice._typing import AnyArray, FloatArray, IntArray
+from ilattice.bspline import BSpline
+from ilattice.errors import GeometryError, InputError
+from ilattice.mesh import _kernels_sampling as kernels
+from ilattice.mesh._grid import Grid
+from ilattice.mesh._kernels_cells import B, LANES, S
+from ilattice.tiles.trig import TrigField
+
+POINTS = 1 << 17  # points per call of a field
+GROUP = 8  # blocks per direction in a box of the coarse pruning
+
+
+class Sampler:
+    """Values of any field at any points; the base of all samplers."""
+
+    max_layers = 1 << 30  # layers of blocks that can be sampled at once
+
+    def __init__(self, field: Any, grid: Grid, level: tuple[float, float], scale: Any) -> None:
+        low, high = level
+        self.field, self.grid, self.scale = field, grid, scale
+        self.middle = high if low == -np.inf else 0.5 * (low + high)
+        self.upper = np.float32(high - self.middle)
+        self.lower = np.float32(np.nan) if low == -np.inf else np.float32(low - self.middle)
+
+    # ---------------------------------------------------------------- points
+
+    def values(self, points: FloatArray) -> FloatArray:
+        """``field / scale - middle`` at points (n, 3); NaN is refused with its place."""
+        f = _call(self.field, points, "field")
+        if self.scale is not None:
+            f = f / self._divisor(points)
+        return f - self.middle
+
+    def _divisor(self, points: FloatArray) -> FloatArray:
+        s = _call(self.scale, points, "scale")
+        if len(s) and not s.min() > 0:
+            i = int(np.argmin(s))
+            raise GeometryError(f"scale must be positive, but is {s[i]} at {points[i].tolist()}")
+        return s
+
+    def jet(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Value (n,) and gradient (n, 3)."""
+        f, g = self._jet(self.field, points)
+        if self.scale is not None:
+            s, ds = self._jet(self.scale, points)
+            f = f / s
+            g = (g - f[:, None] * ds) / s[:, None]
+        return f - self.middle, g
+
+    def _jet(self, field: Any, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        if hasattr(field, "jet"):
+            f, g = field.jet(points, order=1)
+            return f, g
+        f = _call(field, points, "field")
+        g = np.empty((len(points), 3))
+        for axis in range(3):
+            a = self.grid.axes[axis]
+            step = 1e-4 * float(np.diff(a).min())
+            moved = points.copy()
+            moved[:, axis] += np.where(points[:, axis] + step > a[-1], -step, step)
+            g[:, axis] = (_call(field, moved, "field") - f) / (moved[:, axis] - points[:, axis])
+        return f, g
+
+    # ---------------------------------------------------------------- pruning
+
+    def slack(self, low: FloatArray, high: FloatArray) -> Any:
+        """How far samples may leave the bounds by rounding."""
+        return 1e-9 * np.maximum(np.abs(low), np.abs(high))
+
+    def bounds(self, lo: FloatArray, hi: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+        """Bounds of ``value`` on boxes, or None when the field tells nothing."""
+        out = _field_range(self.field, lo, hi)
+        if out is not None and self.scale is not None:
+            by = _field_range(self.scale, lo, hi)
+            if by is None:
+                return None
+            out = _quotient_range(out, by)
+        return None if out is None else (out[:, 0] - self.middle, out[:, 1] - self.middle)
+
+    def crossed(self, low: FloatArray, high: FloatArray, faces: AnyArray) -> AnyArray:
+        """Boxes that may hold a piece of the surface; `faces`: those that touch a face of D."""
+        slack = self.slack(low, high)
+        outside = (low >= self.upper + slack) | (high <= self.lower - slack)
+        inside = high < self.upper - slack
+        if not np.isnan(self.lower):
+            inside &= low > self.lower + slack
+        return ~outside & (faces | ~inside)
+
+    def active(self, first: int, last: int) -> AnyArray:
+        """Which blocks of the layers first..last may be crossed, (layers, by, bz)."""
+        _, by, bz = self.grid.blocks
+        coarse = self._boxes(np.array([[first, last]]), _groups(by), _groups(bz))
+        if coarse is None:
+            return np.ones((last - first, by, bz), dtype=bool)
+        keep = np.repeat(np.repeat(coarse, GROUP, axis=1), GROUP, axis=2)[:, :by, :bz]
+        blocks = np.argwhere(np.broadcast_to(keep, (last - first, by, bz)))
+        out = np.zeros((last - first, by, bz), dtype=bool)
+        for i in range(0, len(blocks), POINTS):
+            part = blocks[i : i + POINTS]
+            out[tuple(part.T)] = self._box_list(part + (first, 0, 0), part + (first, 0, 0))
+        return out
+
+    def _boxes(self, *spans: IntArray) -> AnyArray | None:
+        """`crossed` on the tensor grid of spans of blocks [first, last) along each axis."""
+        index = np.meshgrid(*(np.arange(len(s)) for s in spans), indexing="ij")
+        first = np.stack([s[i, 0].ravel() for s, i in zip(spans, index, strict=True)], axis=1)
+        last = np.stack([s[i, 1].ravel() - 1 for s, i in zip(spans, index, strict=True)], axis=1)
+        out = self._box_list(first, last)
+        return None if out is None else out.reshape(index[0].shape)
+
+    def _box_list(self, first: IntArray, last: IntArray) -> Any:
+        ends = [self.grid.box_ends(a, first[:, a], last[:, a]) for a in range(3)]
+        faces = np.zeros(len(first), dtype=bool)
+        for a in range(3):
+            faces |= self.grid.touches_faces(a, first[:, a], last[:, a])
+        low_high = self.bounds(
+            np.stack([e[0] for e in ends], axis=1), np.stack([e[1] for e in ends], axis=1)
+        )
+        return None if low_high is None else self.crossed(*low_high, faces)
+
+    # ---------------------------------------------------------------- samples
+
+    def begin(self, first: int, last: int, coords: IntArray) -> None:
+        """Prepare the blocks `coords` of the layers first..last."""
+
+    def fill(self, coords: IntArray, samples: AnyArray) -> None:
+        """Samples of blocks."""
+        raise NotImplementedError
+
+
+class GridSampler(Sampler):
+    """Any field: each needed grid point of a slab is evaluated once."""
+
+    def __init__(self, field: Any, grid: Grid, level: tuple[float, float], scale: Any) -> None:
+        super().__init__(field, grid, level, scale)
+        plane = len(grid.axes[1]) * len(grid.axes[2])
+        self.max_layers = max(1, (1 << 24) // (B * plane))
+        self._known: dict[int, AnyArray] = {}  # planes shared with slabs to come
+        self._pinned: dict[int, AnyArray] = {}  # those of the seam
+        self._slab = np.empty((0, 0, 0), np.float32)
+        self._local = np.empty(0, np.int64)
+        self._first = 0
+
+    def begin(self, first: int, last: int, coords: IntArray) -> None:
+        """Evaluate the points of the blocks that no earlier slab has."""
+        planes = self.grid.planes[0][B * first : B * last + 1]
+        real = np.unique(planes)
+        self._first = first
+        self._local = np.searchsorted(real, planes)
+        if not self.grid.wrap[0]:  # ghost samples need no values
+            s = np.arange(B * first, B * last + 1)
+            self._local[(s == 0) | (s >= self.grid.cells[0])] = -1
+        shape = (len(real), len(self.grid.axes[1]), len(self.grid.axes[2]))
+        self._slab = np.full(shape, np.nan, np.float32)
+        for row, plane in enumerate(real):
+            if int(plane) in self._known:
+                self._slab[row] = self._known[int(plane)]
+        mark = np.zeros(shape, np.uint8)
+        kernels.mark_points(
+            coords, first, self._local, self.grid.planes[1], self.grid.planes[2], mark
+        )
+        self._evaluate(real, mark)
+        ends = {int(p): self._slab[np.searchsorted(real, p)].copy() for p in planes[[0, -1]]}
+        if self.grid.wrap[0] and not self._known:
+            self._pinned = ends
+        self._known = self._pinned | ends
+
+    def _evaluate(self, planes: IntArray, mark: AnyArray) -> None:
+        wanted = np.flatnonzero((mark.ravel() == 1) & np.isnan(self._slab.ravel()))
+        flat = self._slab.reshape(-1)
+        x, y, z = self.grid.axes
+        for i in range(0, len(wanted), POINTS):
+            at = wanted[i : i + POINTS]
+            ix, iy, iz = np.unravel_index(at, self._slab.shape)
+            points = np.stack((x[planes[ix]], y[iy], z[iz]), axis=1)
+            flat[at] = self.values(points)
+
+    def fill(self, coords: IntArray, samples: AnyArray) -> None:
+        """Samples of blocks of the slab."""
+        kernels.gather(
+            self._slab, coords, self._first, self._local, *self.grid.planes[1:], samples
+        )
+
+
+class TrigSampler(Sampler):
+    """A `TrigField`, from tables of its factors along the axes."""
+
+    def __init__(self, field: TrigField, grid: Grid, level: tuple[float, float]) -> None:
+        super().__init__(field, grid, level, None)
+        coef = np.append(field.coef, -self.middle)
+        factor = np.vstack((field.factor, np.zeros((1, 3), np.int64)))
+        order = np.argsort(factor[:, 2], kind="stable")
+        self._coef = coef[order]
+        used = [np.unique(factor[:, a], return_inverse=True) for a in range(3)]
+        self._code = np.stack([u[1][order] for u in used], axis=1).astype(np.int64)
+        self._factors = [u[0] for u in used]
+        self._tables = [self._table(a).astype(np.float32) for a in range(3)]
+        self._single = self._coef.astype(np.float32)
+        self._slack = 4e-6 * float(np.abs(coef).sum())
+
+    def _table(self, axis: int) -> FloatArray:
+        turns = self.grid.axes[axis] / self.field.period[axis]
+        turns -= np.rint(turns)
+        angle = 2.0 * np.pi * turns * ((self._factors[axis] + 1) // 2)[:, None]
+        sine = (self._factors[axis] % 2 == 0) & (self._factors[axis] > 0)
+        table = np.where(sine[:, None], np.sin(angle), np.cos(angle))
+        return np.ascontiguousarray(table[:, self.grid.planes[axis]])
+
+    def slack(self, low: FloatArray, high: FloatArray) -> Any:
+        """Rounding of single precision."""
+        return self._slack
+
+    def active(self, first: int, last: int) -> AnyArray:
+        """Bounds of the factors along the axes, then interval arithmetic on the tensor grid."""
+        spans = (np.arange(first, last), *(np.arange(n) for n in self.grid.blocks[1:]))
+        intervals = [self._intervals(a, spans[a]) for a in range(3)]
+        shape = tuple(len(s) for s in spans)
+        low, high = np.empty(shape), np.empty(shape)
+        kernels.ranges_trig(self._coef, self._code, *intervals, low, high)
+        faces = [self.grid.touches_faces(a, spans[a], spans[a]) for a in range(3)]
+        near = faces[0][:, None, None] | faces[1][None, :, None] | faces[2][None, None, :]
+        return self.crossed(low, high, near)
+
+    def _intervals(self, axis: int, blocks: IntArray) -> FloatArray:
+        """Range of each factor on each block of an axis, (factors, blocks, 2)."""
+        a, b = self.grid.box_ends(axis, blocks, blocks)
+        code = self._factors[axis][:, None]
+        h = (code + 1) // 2
+        shift = np.where((code % 2 == 0) & (code > 0), 0.25, 0.0)  # sin x = cos(x - pi / 2)
+        u = h * (a / self.field.period[axis]) - shift
+        v = h * (b / self.field.period[axis]) - shift
+        ends = np.cos(2.0 * np.pi * np.stack((u, v)))
+        low = np.where(np.floor(v - 0.5) >= np.ceil(u - 0.5), -1.0, ends.min(axis=0))
+        high = np.where(np.floor(v) >= np.ceil(u), 1.0, ends.max(axis=0))
+        return np.stack((low, high), axis=-1)
+
+    def fill(self, coords: IntArray, samples: AnyArray) -> None:
+        """Samples of blocks."""
+        kernels.fill_trig(self._single, self._code, *self._tables, coords, samples)
+
+
+class SplineSampler(Sampler):
+    """A scalar B-spline, divided by another one where there is a scale."""
+
+    def __init__(self, field: BSpline, grid: Grid, level: tuple[float, float], scale: Any) -> None:
+        super().__init__(field, grid, level, scale)
+        self._args = _spline_tables(field, grid)
+        self._scale_args = None if scale is None else _spline_tables(scale, grid)
+        self._buffer = np.empty((0, S, S, LANES), np.float32)
+        self._largest = float(np.abs(field.c).max())
+
+    def slack(self, low: FloatArray, high: FloatArray) -> Any:
+        """Rounding of single precision."""
+        least = 1.0 if self.scale is None else float(np.min(self.scale.c))
+        return 4e-6 * (self._largest / least + abs(self.middle))
+
+    def fill(self, coords: IntArray, samples: AnyArray) -> None:
+        """Samples of blocks."""
+        kernels.fill_spline(*self._args, coords, samples)
+        if self._scale_args is not None:
+            if len(self._buffer) < len(samples):
+                self._buffer = np.empty_like(samples)
+            kernels.fill_spline(*self._scale_args, coords, self._buffer[: len(samples)])
+            kernels.divide(samples, self._buffer[: len(samples)])
+        if self.middle != 0.0:
+            samples -= np.float32(self.middle)
+
+
+def sampler_for(field: Any, grid: Grid, level: tuple[float, float], scale: Any) -> Sampler:
+    """The fastest sampler that reads `field` and `scale`."""
+    if isinstance(field, TrigField) and field.linear is None and scale is None:
+        return TrigSampler(field, grid, level)
+    if _is_plain(field, grid) and (scale is None or _is_plain(scale, grid, positive=True)):
+        return SplineSampler(field, grid, level, scale)
+    return GridSampler(field, grid, level, scale)
+
+
+def _is_plain(field: Any, grid: Grid, positive: bool = False) -> bool:
+    """Whether a field is a scalar B-spline that `fill_spline` takes."""
+    if not isinstance(field, BSpline) or field.ndim != 3 or field.m or field.weights is not None:
+        return False
+    inside = all(
+        field.domain[0, a] <= grid.axes[a][0] and grid.axes[a][-1] <= field.domain[1, a]
+        for a in range(3)
+    )
+    closed = all(
+        not grid.wrap[a]
+        or (field.periodic[a] and np.array_equal(field.domain[:, a], grid.axes[a][[0, -1]]))
+        for a in range(3)
+    )
+    return inside and closed and (not positive or bool((field.c > 0).all()))
+
+
+def _spline_tables(s: BSpline, grid: Grid) -> tuple[AnyArray, ...]:
+    """Coefficients, basis functions and their places at the padded samples."""
+    c = s.c
+    out: list[AnyArray] = []
+    for a in range(3):
+        basis, start = _basis(s, a, grid.axes[a])
+        basis, start = basis[grid.planes[a]], start[grid.planes[a]]
+        if grid.wrap[a]:  # the last plane is the first one, one turn later
+            start[len(grid.axes[a]) - 1 :] = s.shape[a] - s.k[a]
+            c = np.concatenate((c, np.take(c, [s.k[a]], axis=a)), axis=a)
+        out += [basis.astype(np.float32), start]
+    out[4] = np.ascontiguousarray(out[4].T)
+    return np.ascontiguousarray(c, dtype=np.float32), *out
+
+
+def _basis(s: BSpline, axis: int, x: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Basis functions (n, k + 1) at x and the index of the first of them."""
+    from scipy.interpolate import BSpline as SciPyBSpline
+
+    t, k = s.t[axis], s.k[axis]
+    matrix = SciPyBSpline.design_matrix(x, t, k)
+    start = matrix.indices.reshape(len(x), k + 1)[:, 0].astype(np.int64)
+    return matrix.data.reshape(len(x), k + 1), start
+
+
+def _groups(blocks: int) -> IntArray:
+    """Spans of `GROUP` blocks."""
+    first = np.arange(0, blocks, GROUP)
+    return np.stack((first, np.minimum(first + GROUP, blocks)), axis=1)
+
+
+def _call(field: Callable[[FloatArray], Any], points: FloatArray, name: str) -> FloatArray:
+    """Values of a callable, checked."""
+    f = np.asarray(field(points), dtype=np.float64)
+    if f.shape != (len(points),):
+        raise InputError(
+            f"{name} must give {len(points)} values for {len(points)} points, got shape {f.shape}"
+        )
+    bad = np.isnan(f)
+    if bad.any():
+        i = int(np.argmax(bad))
+        raise GeometryError(
+            f"{name} is NaN at {points[i].tolist()} ({int(bad.sum())} of {len(f)} points there)"
+        )
+    return f
+
+
+def _field_range(field: Any, lo: FloatArray, hi: FloatArray) -> FloatArray | None:
+    """Bounds (n, 2) from `range` or `lipschitz`, or None."""
+    if hasattr(field, "range"):
+        return np.asarray(field.range(lo, hi), dtype=np.float64)
+    constant = getattr(field, "lipschitz", None)
+    if constant is None:
+        return None
+    f = _call(field, 0.5 * (lo + hi), "field")
+    reach = float(constant) * 0.5 * np.linalg.norm(hi - lo, axis=1)
+    return np.stack((f - reach, f + reach), axis=1)
+
+
+def _quotient_range(f: FloatArray, s: FloatArray) -> FloatArray:
+    """Bounds of f / s for s > 0; unbounded where s may not be."""
+    low = np.maximum(s[:, 0], np.finfo(float).tiny)
+    corner = np.stack((f[:, 0] / low, f[:, 0] / s[:, 1], f[:, 1] / low, f[:, 1] / s[:, 1]))
+    return np.stack((corner.min(axis=0), corner.max(axis=0)), axis=1)
