@@ -1,13 +1,12 @@
 """Compiled evaluation of tensor-product B-splines with one to three parameters.
 
 A spline is seen as a trivariate one (missing parameters have degree 0 and one span) with
-coefficients component first, shape (M, n0, n1, n2). Each direction is a tuple
+coefficients component first, shape (M, n0, n1, n2). Each direction is one flat array, see
+`pack_direction`: compiled code passes single arrays around for free, but pays for counting
+references to tuples of arrays. Per knot span s it holds the monomial coefficients, in
+r = (u - mid[s]) * ih[s] in [-1/2, 1/2], of the k+1 basis functions that live there.
 
-    (breaks (ns+1,), mid (ns,), ih (ns,), first (ns,), table (ns, k+1, k+1), bucket (nb,),
-     scale (1,))
-
-`table[s, j]` holds the monomial coefficients, in r = (u - mid[s]) * ih[s] in [-1/2, 1/2], of
-the j-th of the k+1 basis functions that live on span s. Degrees arrive as objects whose
+Degrees arrive as objects whose
 `len` is k+1: a tuple makes it a compile-time constant and unrolls the loops, an array keeps
 one generic kernel for the rest.
 
@@ -53,31 +52,51 @@ def monomial_table(t, k, spans):
     return out
 
 
-@njit(cache=True, fastmath=FAST)
-def find_span(d, u):
+def pack_direction(t, k, n):
+    """Everything evaluation needs of one direction, in one float array.
+
+    Layout: ns, nb, first break, bins per length | upper ends of spans (ns) | rows of spans
+    (ns, 3 + (k+1)^2): mid, 1/h, index of the first basis function, table | buckets (nb): the
+    first span that overlaps each of nb equal bins.
+    """
+    spans = k + np.flatnonzero(np.diff(t[k : n + 1]) > 0)
+    breaks = np.append(t[spans], t[n])
+    h = np.diff(breaks)
+    bins = len(spans) * (1 if np.allclose(h, h[0], rtol=1e-9, atol=0) else 4)
+    length = breaks[-1] - breaks[0]
+    edges = breaks[0] + np.arange(bins) * (length / bins)
+    bucket = np.clip(np.searchsorted(breaks, edges, side="right") - 1, 0, len(spans) - 1)
+    table = monomial_table(np.ascontiguousarray(t), k, spans).reshape(len(spans), -1)
+    rows = np.column_stack([0.5 * (breaks[1:] + breaks[:-1]), 1.0 / h, spans - k, table])
+    head = [len(spans), bins, breaks[0], bins / length]
+    return np.concatenate([head, breaks[1:], rows.ravel(), bucket])
+
+
+@njit(cache=True, fastmath=FAST, forceinline=True)
+def find_span(d, size, u):
     """Index of the span that holds u; the first or the last one outside the domain."""
-    breaks, bucket = d[0], d[5]
-    b = int((u - breaks[0]) * d[6][0])
-    b = min(max(b, 0), len(bucket) - 1)
-    s = bucket[b]
-    last = len(breaks) - 2
-    while s < last and u >= breaks[s + 1]:
+    ns = int(d[0])
+    nb = int(d[1])
+    s = int(min(max((u - d[2]) * d[3], 0.0), nb - 1.0))
+    s = int(d[4 + ns * (1 + size) + s])
+    while s < ns - 1 and u >= d[4 + s]:
         s += 1
-    while s > 0 and u < breaks[s]:
+    while s > 0 and u < d[3 + s]:
         s -= 1
     return s
 
 
-@njit(cache=True, fastmath=FAST)
-def basis(d, deg, u, order, out):
-    """Basis functions and derivatives at u into out (3, >= k+1); index of the first one."""
-    s = find_span(d, u)
-    ih = d[2][s]
-    r = (u - d[1][s]) * ih
-    table = d[4]
+@njit(cache=True, fastmath=FAST, forceinline=True)
+def basis(d, deg, u, order, out, axis):
+    """Basis functions and derivatives at u into out[axis] (3, >= k+1); index of the first."""
+    size = 3 + len(deg) * len(deg)
     top = len(deg) - 1
+    row = 4 + int(d[0]) + find_span(d, size, u) * size
+    ih = d[row + 1]
+    r = (u - d[row]) * ih
     for j in range(len(deg)):
-        f = table[s, j, top]
+        o = row + 3 + j * len(deg)
+        f = d[o + top]
         g = 0.0
         h = 0.0
         for e in range(top - 1, -1, -1):
@@ -85,15 +104,15 @@ def basis(d, deg, u, order, out):
                 h = h * r + g
             if order > 0:
                 g = g * r + f
-            f = f * r + table[s, j, e]
-        out[0, j] = f
-        out[1, j] = g * ih
-        out[2, j] = 2.0 * h * ih * ih
-    return d[3][s]
+            f = f * r + d[o + e]
+        out[axis, 0, j] = f
+        out[axis, 1, j] = g * ih
+        out[axis, 2, j] = 2.0 * h * ih * ih
+    return int(d[row + 2])
 
 
-@njit(cache=True, fastmath=FAST)
-def contract0(c, i0, j0, l0, k0, k1, k2, b):
+@njit(cache=True, fastmath=FAST, forceinline=True)
+def contract0(c, m, i0, j0, l0, k0, k1, k2, b):
     """Value of one component."""
     f = 0.0
     for i in range(len(k0)):
@@ -101,14 +120,14 @@ def contract0(c, i0, j0, l0, k0, k1, k2, b):
         for j in range(len(k1)):
             s = 0.0
             for q in range(len(k2)):
-                s += b[2, 0, q] * c[i0 + i, j0 + j, l0 + q]
+                s += b[2, 0, q] * c[m, i0 + i, j0 + j, l0 + q]
             a += b[1, 0, j] * s
         f += b[0, 0, i] * a
     return f
 
 
-@njit(cache=True, fastmath=FAST)
-def contract1(c, i0, j0, l0, k0, k1, k2, b):
+@njit(cache=True, fastmath=FAST, forceinline=True)
+def contract1(c, m, i0, j0, l0, k0, k1, k2, b):
     """Value and gradient of one component."""
     f = 0.0
     fu = 0.0
@@ -122,7 +141,7 @@ def contract1(c, i0, j0, l0, k0, k1, k2, b):
             s = 0.0
             sw = 0.0
             for q in range(len(k2)):
-                x = c[i0 + i, j0 + j, l0 + q]
+                x = c[m, i0 + i, j0 + j, l0 + q]
                 s += b[2, 0, q] * x
                 sw += b[2, 1, q] * x
             a += b[1, 0, j] * s
@@ -135,8 +154,8 @@ def contract1(c, i0, j0, l0, k0, k1, k2, b):
     return f, fu, fv, fw
 
 
-@njit(cache=True, fastmath=FAST)
-def contract2(c, i0, j0, l0, k0, k1, k2, b):
+@njit(cache=True, fastmath=FAST, forceinline=True)
+def contract2(c, m, i0, j0, l0, k0, k1, k2, b):
     """Value, gradient and Hessian (uu, vv, ww, vw, uw, uv) of one component."""
     f = 0.0
     fu = 0.0
@@ -160,7 +179,7 @@ def contract2(c, i0, j0, l0, k0, k1, k2, b):
             sw = 0.0
             sww = 0.0
             for q in range(len(k2)):
-                x = c[i0 + i, j0 + j, l0 + q]
+                x = c[m, i0 + i, j0 + j, l0 + q]
                 s += b[2, 0, q] * x
                 sw += b[2, 1, q] * x
                 sww += b[2, 2, q] * x
@@ -186,21 +205,21 @@ def contract2(c, i0, j0, l0, k0, k1, k2, b):
 @njit(cache=True, fastmath=FAST)
 def jet_at(d0, d1, d2, k0, k1, k2, c, u, v, w, order, b, out):
     """Jet of all components at one point: out (M, >= 1, 4 or 10), scratch b (3, 3, >= k+1)."""
-    i0 = basis(d0, k0, u, order, b[0])
-    j0 = basis(d1, k1, v, order, b[1])
-    l0 = basis(d2, k2, w, order, b[2])
+    i0 = basis(d0, k0, u, order, b, 0)
+    j0 = basis(d1, k1, v, order, b, 1)
+    l0 = basis(d2, k2, w, order, b, 2)
     for m in range(c.shape[0]):
         if order == 0:
-            out[m, 0] = contract0(c[m], i0, j0, l0, k0, k1, k2, b)
+            out[m, 0] = contract0(c, m, i0, j0, l0, k0, k1, k2, b)
         elif order == 1:
-            f, fu, fv, fw = contract1(c[m], i0, j0, l0, k0, k1, k2, b)
+            f, fu, fv, fw = contract1(c, m, i0, j0, l0, k0, k1, k2, b)
             out[m, 0] = f
             out[m, 1] = fu
             out[m, 2] = fv
             out[m, 3] = fw
         else:
             f, fu, fv, fw, fuu, fvv, fww, fvw, fuw, fuv = contract2(
-                c[m], i0, j0, l0, k0, k1, k2, b
+                c, m, i0, j0, l0, k0, k1, k2, b
             )
             out[m, 0] = f
             out[m, 1] = fu
@@ -221,11 +240,11 @@ def values(d0, d1, d2, k0, k1, k2, c, u, out):
     for chunk in prange((n + CHUNK - 1) // CHUNK):
         b = np.empty((3, 3, max(len(k0), len(k1), len(k2))))
         for p in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
-            i0 = basis(d0, k0, u[p, 0], 0, b[0])
-            j0 = basis(d1, k1, u[p, 1], 0, b[1])
-            l0 = basis(d2, k2, u[p, 2], 0, b[2])
+            i0 = basis(d0, k0, u[p, 0], 0, b, 0)
+            j0 = basis(d1, k1, u[p, 1], 0, b, 1)
+            l0 = basis(d2, k2, u[p, 2], 0, b, 2)
             for m in range(c.shape[0]):
-                out[p, m] = contract0(c[m], i0, j0, l0, k0, k1, k2, b)
+                out[p, m] = contract0(c, m, i0, j0, l0, k0, k1, k2, b)
 
 
 @njit(cache=True, parallel=True, fastmath=FAST)
@@ -235,11 +254,11 @@ def jets1(d0, d1, d2, k0, k1, k2, c, u, f, g):
     for chunk in prange((n + CHUNK - 1) // CHUNK):
         b = np.empty((3, 3, max(len(k0), len(k1), len(k2))))
         for p in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
-            i0 = basis(d0, k0, u[p, 0], 1, b[0])
-            j0 = basis(d1, k1, u[p, 1], 1, b[1])
-            l0 = basis(d2, k2, u[p, 2], 1, b[2])
+            i0 = basis(d0, k0, u[p, 0], 1, b, 0)
+            j0 = basis(d1, k1, u[p, 1], 1, b, 1)
+            l0 = basis(d2, k2, u[p, 2], 1, b, 2)
             for m in range(c.shape[0]):
-                x, xu, xv, xw = contract1(c[m], i0, j0, l0, k0, k1, k2, b)
+                x, xu, xv, xw = contract1(c, m, i0, j0, l0, k0, k1, k2, b)
                 f[p, m] = x
                 g[p, m, 0] = xu
                 g[p, m, 1] = xv
@@ -253,12 +272,12 @@ def jets2(d0, d1, d2, k0, k1, k2, c, u, f, g, h):
     for chunk in prange((n + CHUNK - 1) // CHUNK):
         b = np.empty((3, 3, max(len(k0), len(k1), len(k2))))
         for p in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
-            i0 = basis(d0, k0, u[p, 0], 2, b[0])
-            j0 = basis(d1, k1, u[p, 1], 2, b[1])
-            l0 = basis(d2, k2, u[p, 2], 2, b[2])
+            i0 = basis(d0, k0, u[p, 0], 2, b, 0)
+            j0 = basis(d1, k1, u[p, 1], 2, b, 1)
+            l0 = basis(d2, k2, u[p, 2], 2, b, 2)
             for m in range(c.shape[0]):
                 x, xu, xv, xw, xuu, xvv, xww, xvw, xuw, xuv = contract2(
-                    c[m], i0, j0, l0, k0, k1, k2, b
+                    c, m, i0, j0, l0, k0, k1, k2, b
                 )
                 f[p, m] = x
                 g[p, m, 0] = xu
@@ -279,14 +298,14 @@ def jets2(d0, d1, d2, k0, k1, k2, c, u, f, g, h):
 def axis_basis(d, deg, x, order):
     """Basis functions at sample sites of one direction: (order+1, k+1, n) and first (n,)."""
     n = len(x)
-    b = np.empty((3, len(deg)))
+    b = np.empty((1, 3, len(deg)))
     out = np.empty((order + 1, len(deg), n))
     first = np.empty(n, np.int64)
     for p in range(n):
-        first[p] = basis(d, deg, x[p], order, b)
+        first[p] = basis(d, deg, x[p], order, b, 0)
         for o in range(order + 1):
             for j in range(len(deg)):
-                out[o, j, p] = b[o, j]
+                out[o, j, p] = b[0, o, j]
     return out, first
 
 

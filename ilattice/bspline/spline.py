@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
+from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import as_array, as_knots, as_points, read_only
 from ilattice.bspline import _kernels
 from ilattice.errors import InputError
@@ -154,9 +154,12 @@ class BSpline:
     # ---------------------------------------------------------------- evaluation
 
     @cached_property
-    def _directions(self) -> tuple[tuple[AnyArray, ...], ...]:
-        dirs = [_direction(t, k, n) for t, k, n in zip(self.t, self.k, self.shape, strict=True)]
-        unit = _direction(np.array([0.0, 1.0]), 0, 1)
+    def _directions(self) -> tuple[FloatArray, ...]:
+        dirs = [
+            _kernels.pack_direction(t, k, n)
+            for t, k, n in zip(self.t, self.k, self.shape, strict=True)
+        ]
+        unit = _kernels.pack_direction(np.array([0.0, 1.0]), 0, 1)
         return tuple(dirs + [unit] * (3 - self.ndim))
 
     @cached_property
@@ -490,26 +493,6 @@ def _as_weights(weights: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
     if (w <= 0).any():
         raise InputError(f"weights must be positive, the least is {w.min()}")
     return read_only(w)
-
-
-def _direction(t: FloatArray, k: int, n: int) -> tuple[AnyArray, ...]:
-    """Tables of one direction, in the layout of `_kernels`."""
-    spans: IntArray = k + np.flatnonzero(np.diff(t[k : n + 1]) > 0).astype(np.int64)
-    breaks = np.append(t[spans], t[n])
-    h = np.diff(breaks)
-    uniform = np.allclose(h, h[0], rtol=1e-9, atol=0)
-    bins = len(spans) * (1 if uniform else 4)
-    edges = breaks[0] + np.arange(bins) * ((breaks[-1] - breaks[0]) / bins)
-    bucket = np.clip(np.searchsorted(breaks, edges, side="right") - 1, 0, len(spans) - 1)
-    return (
-        breaks,
-        0.5 * (breaks[1:] + breaks[:-1]),
-        1.0 / h,
-        spans - k,
-        _kernels.monomial_table(np.ascontiguousarray(t), k, spans),
-        bucket.astype(np.int64),
-        np.array([bins / (breaks[-1] - breaks[0])]),
-    )
 
 
 def _quotient(out: tuple[FloatArray, ...]) -> tuple[FloatArray, ...]:

@@ -1,0 +1,190 @@
+"""The lattice: tiles repeated in the parameter domain of a map.
+
+Guarantees: the map has been certified not to fold (a warning names isolated points with
+det J = 0); everything expensive (seeds, k-d tree, distance spline) is computed once and kept.
+Non-guarantees: neighbouring tiles fit together only as smoothly as the tile is periodic.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ilattice._typing import ArrayLike, FloatArray
+from ilattice._validate import as_counts, as_points
+from ilattice.errors import InputError
+from ilattice.macroshape.certify import check_map
+from ilattice.macroshape.maps import SplineMap
+from ilattice.tiles.tile import Tile
+
+if TYPE_CHECKING:
+    from ilattice.offsets.closest import ClosestPoints, Statistics
+    from ilattice.offsets.wall import Wall
+
+BOUNDARIES = ("extend", "clip")
+
+
+@dataclass(frozen=True, eq=False)
+class Lattice:
+    """Tiles repeated through a map.
+
+    Parameters
+    ----------
+    tile : Tile
+        The unit cell; a name of the catalogue or a callable is accepted.
+    through : SplineMap
+        Macro-shape: the map from the parameter box to space.
+    repeat : int or sequence of 3 int
+        Number of tiles along u, v and w.
+    boundary : {"extend", "clip"}
+        What distances near the ends of the domain refer to: the mid-surface continued by one
+        layer of tiles, so that a wall runs into the end face at full thickness, or only its
+        part inside the domain. Closed directions always wrap.
+    spans_per_tile : int
+        Spans of the fitted distance spline per tile and direction.
+
+    Raises
+    ------
+    InputError
+        If an argument is of the wrong kind.
+    GeometryError
+        If the map folds.
+
+    Examples
+    --------
+    >>> import ilattice as il
+    >>> lattice = il.Lattice("gyroid", through=il.macroshape.box((2, 1, 1)), repeat=(2, 1, 1))
+    >>> lattice.repeat
+    (2, 1, 1)
+    """
+
+    tile: Tile
+    through: SplineMap
+    repeat: tuple[int, int, int] = (1, 1, 1)
+    boundary: str = "extend"
+    spans_per_tile: int = 16
+    _cache: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "tile", _as_tile(self.tile))
+        if not isinstance(self.through, SplineMap):
+            raise InputError(
+                f"through must be a SplineMap, got {type(self.through).__name__}; "
+                "il.macroshape makes or loads one"
+            )
+        object.__setattr__(self, "repeat", as_counts("repeat", self.repeat))
+        if self.boundary not in BOUNDARIES:
+            raise InputError(f"boundary must be one of {BOUNDARIES}, got {self.boundary!r}")
+        if int(self.spans_per_tile) != self.spans_per_tile or self.spans_per_tile < 2:
+            raise InputError(
+                f"spans_per_tile must be a whole number of at least 2, got {self.spans_per_tile!r}"
+            )
+        check_map(self.through)
+
+    def _once(self, name: str, make: Any) -> Any:
+        if name not in self._cache:
+            self._cache[name] = make()
+        return self._cache[name]
+
+    # ------------------------------------------------------------------ geometry
+
+    @property
+    def domain(self) -> FloatArray:
+        """The parameter box, shape (2, 3)."""
+        return self.through.domain
+
+    @property
+    def smooth_tile(self) -> Any:
+        """The tile's field in a form that compiled code evaluates: trigonometric or spline."""
+        return self._once("smooth_tile", lambda: self.tile.kernel_field)
+
+    def tile_coordinates(self, u: ArrayLike) -> FloatArray:
+        """Coordinates in which tile (i, j, k) is the box from (i, j, k) to (i+1, j+1, k+1)."""
+        lo, hi = self.domain
+        return (as_points("u", u) - lo) / (hi - lo) * np.array(self.repeat)
+
+    def implicit(self, u: ArrayLike) -> FloatArray:
+        """Value of the repeated tile field.
+
+        Parameters
+        ----------
+        u : array_like, shape (n, 3)
+            Parameters.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Values, negative inside.
+        """
+        p = self.tile_coordinates(u)
+        return self.smooth_tile(p - np.floor(p))
+
+    # ------------------------------------------------------------------ distances
+
+    def _search(self) -> Any:
+        from ilattice.offsets.closest import ClosestPointSearch
+
+        return self._once("search", lambda: ClosestPointSearch(self))
+
+    def closest(self, u: ArrayLike) -> ClosestPoints:
+        """Closest points on the mid-surface.
+
+        Parameters
+        ----------
+        u : array_like, shape (n, 3)
+            Parameters of the queries; the queries are their images.
+
+        Returns
+        -------
+        ClosestPoints
+            Feet, signed distances and a status per query.
+
+        Raises
+        ------
+        ConvergenceError
+            If more than one query in a hundred does not converge.
+        """
+        return self._search().query(as_points("u", u))
+
+    def distance(self, u: ArrayLike) -> FloatArray:
+        """Signed Euclidean distance to the mid-surface at images of parameters.
+
+        Parameters
+        ----------
+        u : array_like, shape (n, 3)
+            Parameters.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Distances, negative where the implicit function is negative (Hong et al., eq. 5).
+        """
+        return self.closest(u).distance
+
+    @property
+    def statistics(self) -> Statistics:
+        """Counts over all closest-point queries so far."""
+        return self._search().statistics
+
+    def offset(self, d: Any, **options: Any) -> Wall:
+        """Wall of Euclidean half-thickness `d` about the mid-surface.
+
+        See `ilattice.offsets.offset` for the forms of `d` and the options.
+        """
+        from ilattice.offsets.wall import offset
+
+        return offset(self, d, **options)
+
+
+def _as_tile(tile: Any) -> Tile:
+    if isinstance(tile, Tile):
+        return tile
+    if isinstance(tile, str):
+        from ilattice.tiles.catalog import get
+
+        return get(tile)
+    if callable(tile):
+        return Tile(tile)
+    raise InputError(f"tile must be a Tile, a name of the catalogue or a callable, got {tile!r}")

@@ -1,0 +1,272 @@
+"""Closest points on the mid-surface of a lattice, in Euclidean space.
+
+Guarantees: every query returns a foot point and a status; a query whose Newton iterations
+all fail falls back to its nearest seed and is counted; more than `MAX_FALLBACK` of them
+raise `ConvergenceError`. The sign of the distance is that of the implicit function at the
+query, and is checked against the side of the foot from which the query is seen.
+Non-guarantees: on the medial axis the foot is one of several; the distance is still unique.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numba
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ilattice._typing import AnyArray, FloatArray, IntArray
+from ilattice.errors import ConvergenceError, GeometryError
+from ilattice.offsets import _kernels
+
+if TYPE_CHECKING:
+    from ilattice.macroshape.lattice import Lattice
+
+CANDIDATES = 8
+RETRY_CANDIDATES = 48
+BATCH = 1 << 17
+TOLERANCE = 1e-7
+MAX_FALLBACK = 1e-2
+SEEDS_PER_TILE = 8
+
+
+@dataclass(frozen=True)
+class ClosestPoints:
+    """Feet of queries on the mid-surface.
+
+    Attributes
+    ----------
+    foot : ndarray, shape (n, 3)
+        Feet in space.
+    u : ndarray, shape (n, 3)
+        Feet in the parameter domain; beyond it for feet on the continuation.
+    distance : ndarray, shape (n,)
+        Signed distance, negative where the implicit function is negative.
+    status : ndarray, shape (n,)
+        0 converged, 1 converged on a face of the domain, 2 fell back to the nearest seed.
+    iterations, starts : ndarray, shape (n,)
+        Newton iterations and starts spent.
+    """
+
+    foot: FloatArray
+    u: FloatArray
+    distance: FloatArray
+    status: IntArray
+    iterations: IntArray
+    starts: IntArray
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """Counts over all closest-point queries of a lattice."""
+
+    queries: int = 0
+    iterations: int = 0
+    starts: int = 0
+    retries: int = 0
+    fallbacks: int = 0
+
+    @property
+    def mean_iterations(self) -> float:
+        """Newton iterations per query."""
+        return self.iterations / max(self.queries, 1)
+
+    def __add__(self, other: Statistics) -> Statistics:
+        """Sum of two counts."""
+        return Statistics(
+            self.queries + other.queries,
+            self.iterations + other.iterations,
+            self.starts + other.starts,
+            self.retries + other.retries,
+            self.fallbacks + other.fallbacks,
+        )
+
+
+class ClosestPointSearch:
+    """Seeds, k-d tree and Newton solver for one lattice.
+
+    Parameters
+    ----------
+    lattice : Lattice
+        The tiles, their map and the boundary rule.
+
+    Raises
+    ------
+    GeometryError
+        If the tile has no zero set inside the domain.
+
+    Notes
+    -----
+    Hong et al. 2025, section 3.3, with the complete Hessian and several starts per query:
+    all seeds within the nearest distance plus two seed spacings, unless their tangent plane
+    rules them out.
+    """
+
+    def __init__(self, lattice: Lattice) -> None:
+        self.lattice = lattice
+        self.clip = lattice.boundary == "clip"
+        self.space = kernel_space(lattice)
+        geom = self.space[7]
+        self.lo, self.step = geom[0:3], geom[3:6]
+        self.orient = float(lattice.through.orientation)
+        count, closed = np.array(lattice.repeat), np.array(lattice.through.closed)
+        margin = 0.0 if self.clip else 1.0
+        self.box = np.array(
+            [np.where(closed, -np.inf, -margin), np.where(closed, np.inf, count + margin)]
+        )
+        self.seeds = self._make_seeds(count, closed)
+        self.tree = cKDTree(self.seeds[1])
+        self.statistics = Statistics()
+
+    # ------------------------------------------------------------------ seeds
+
+    def _make_seeds(self, count: IntArray, closed: AnyArray) -> tuple[FloatArray, ...]:
+        m = SEEDS_PER_TILE
+        template = self._project(_cell_centres(m), m)
+        ranges = [
+            np.arange(0 if c or self.clip else -1, n if c or self.clip else n + 1)
+            for n, c in zip(count, closed, strict=True)
+        ]
+        shift = np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1).reshape(-1, 1, 3)
+        p = (template[None] + shift).reshape(-1, 3)
+        if self.clip:
+            inside = ((p >= self.box[0]) & (p <= self.box[1])).all(axis=1)
+            p = np.concatenate([p[inside], self._face_seeds(count, closed, m)])
+        if len(p) == 0:
+            raise GeometryError(
+                f"tile {self.lattice.tile.name!r} has no zero set: its field does not change "
+                "sign on the unit cube; shift its level"
+            )
+        x, normal, spacing, det = (
+            np.empty((len(p), 3)), np.empty((len(p), 3)), np.empty(len(p)), np.empty(len(p)),
+        )  # fmt: skip
+        _kernels.place_seeds(*self.space, p, x, normal, spacing, det)
+        inner = ((p >= 0) & (p <= count)).all(axis=1)
+        size = np.median(np.abs(det[inner])) if inner.any() else 0.0
+        keep = inner | (det * self.orient > 1e-3 * size)
+        return tuple(np.ascontiguousarray(a[keep]) for a in (p, x, normal, spacing / m))
+
+    def _project(self, p: FloatArray, m: int, fixed: FloatArray | None = None) -> FloatArray:
+        """Points moved onto I = 0; those that move further than 1.2 cells are dropped."""
+        moved = np.empty(len(p))
+        fixed = np.zeros((len(p), 3)) if fixed is None else fixed
+        _kernels.project(*self.space, p, fixed, 0.5 / m, moved)
+        return p[moved <= 1.2 / m]
+
+    def _face_seeds(self, count: IntArray, closed: AnyArray, m: int) -> FloatArray:
+        """Seeds on the curves in which the surface meets the open faces of the domain."""
+        out = [np.empty((0, 3))]
+        for axis in range(3):
+            if closed[axis]:
+                continue
+            axes = [(np.arange(n * m) + 0.5) / m for n in count]
+            axes[axis] = np.array([0.0, float(count[axis])])
+            p = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+            fixed = np.zeros((len(p), 3))
+            fixed[:, axis] = 1.0
+            p = self._project(p, m, fixed)
+            out.append(p[((p >= self.box[0]) & (p <= self.box[1])).all(axis=1)])
+        return np.concatenate(out)
+
+    # ------------------------------------------------------------------ queries
+
+    def to_tile(self, u: FloatArray) -> FloatArray:
+        """Parameters to tile coordinates."""
+        return (u - self.lo) / self.step
+
+    def from_tile(self, p: FloatArray) -> FloatArray:
+        """Tile coordinates to parameters."""
+        return self.lo + p * self.step
+
+    def candidates(self, x: FloatArray, k: int) -> IntArray:
+        """Nearest seeds of points, (n, k), nearest first; -1 ends a row."""
+        k = min(k, len(self.seeds[0]))
+        _, idx = self.tree.query(x, k=np.arange(1, k + 1), workers=numba.get_num_threads())
+        return np.ascontiguousarray(idx, dtype=np.int64)
+
+    def query(self, u: FloatArray, progress: Any = None) -> ClosestPoints:
+        """Closest points of the images of parameters `u` (n, 3)."""
+        n = len(u)
+        p = self.to_tile(u)
+        x = self.lattice.through.x(u)
+        feet, counts = np.empty((n, 8)), np.empty((n, 2), np.int64)
+        status = np.empty(n, np.int64)
+        for i in range(0, n, BATCH):
+            s = slice(i, min(i + BATCH, n))
+            self._run(x[s], p[s], CANDIDATES, feet[s], counts[s], status[s])
+            if progress is not None:
+                progress(s.stop - s.start)
+        retried = self._retry(x, p, feet, counts, status)
+        self._account(counts, status, retried)
+        return ClosestPoints(
+            feet[:, 3:6].copy(), self.from_tile(feet[:, :3]), feet[:, 6].copy(), status,
+            counts[:, 1].copy(), counts[:, 0].copy(),
+        )  # fmt: skip
+
+    def _run(
+        self, x: FloatArray, p: FloatArray, k: int, feet: FloatArray, counts: IntArray,
+        status: IntArray,
+    ) -> None:  # fmt: skip
+        seconds = np.empty_like(feet)
+        _kernels.closest(
+            *self.space, *self.seeds, x, p, self.candidates(x, k), self.box, self.clip,
+            self.orient, TOLERANCE, feet, seconds, counts, status,
+        )  # fmt: skip
+
+    def _retry(
+        self, x: FloatArray, p: FloatArray, feet: FloatArray, counts: IntArray, status: IntArray
+    ) -> int:
+        """Once more, with many starts, where no start converged or the sides disagree."""
+        sides = (feet[:, 6] * feet[:, 7] < 0) & (status == _kernels.OK)
+        again = np.flatnonzero((status >= _kernels.FALLBACK) | sides)
+        if len(again):
+            f = np.empty((len(again), 8))
+            c, s = np.empty((len(again), 2), np.int64), np.empty(len(again), np.int64)
+            self._run(x[again], p[again], RETRY_CANDIDATES, f, c, s)
+            counts[again] += c
+            better = (s < status[again]) | (np.abs(f[:, 6]) < np.abs(feet[again, 6]))
+            feet[again[better]], status[again[better]] = f[better], s[better]
+        return len(again)
+
+    def _account(self, counts: IntArray, status: IntArray, retried: int) -> None:
+        failed = np.flatnonzero(status >= _kernels.FALLBACK)
+        self.statistics = self.statistics + Statistics(
+            len(status), int(counts[:, 1].sum()), int(counts[:, 0].sum()), retried, len(failed)
+        )
+        if len(failed) > max(MAX_FALLBACK * len(status), 1):
+            raise ConvergenceError(
+                f"closest points: {len(failed)} of {len(status)} queries did not converge "
+                f"(more than {MAX_FALLBACK:.0%}), the first are {failed[:5].tolist()}; the "
+                "tile may be singular at level zero, or the map may fold"
+            )
+
+
+def _cell_centres(m: int) -> FloatArray:
+    a = (np.arange(m) + 0.5) / m
+    return np.stack(np.meshgrid(a, a, a, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def kernel_space(lattice: Lattice) -> tuple[Any, ...]:
+    """What the kernels need to know of a lattice: flat kernel arguments."""
+    from ilattice.bspline import BSpline
+    from ilattice.tiles.trig import TrigField
+
+    spline = lattice.through.spline
+    if spline.m > 3:  # extra coordinates play no part in the geometry
+        spline = BSpline(
+            spline.t, spline.c[..., :3], spline.k, periodic=spline.periodic, weights=spline.weights
+        )
+    lo, hi = lattice.through.domain
+    step = (hi - lo) / np.array(lattice.repeat)
+    field = lattice.smooth_tile
+    zero = BSpline(([0.0, 1.0],) * 3, np.zeros((1, 1, 1)), 0)
+    if isinstance(field, TrigField):
+        kind, trig, tile = 0, (field.coef, field.factor, 2 * np.pi / field.period), zero
+    else:
+        kind, tile = 1, field
+        trig = (np.zeros(1), np.zeros((1, 3), np.int64), np.ones(3))
+    geom = np.concatenate(
+        [lo, step, lattice.through.closed, lattice.repeat, [spline.weights is not None, kind]]
+    ).astype(np.float64)
+    return (*spline.kernel_args, geom, *(np.array(a) for a in trig), *tile.kernel_args)
