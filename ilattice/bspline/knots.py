@@ -170,14 +170,14 @@ def _polar_rows(
         left = t[spans[:, None] + 1 - r + j]
         right = t[spans[:, None] + 1 + j]
         out = np.zeros((len(spans), r + 1))
-        scaled = row / (right - left)
+        gap = right - left
         if r <= k - nu:
             x = args[:, r - 1 : r]
-            out[:, :r] = scaled * (right - x)
-            out[:, 1:] += scaled * (x - left)
+            out[:, :r] = row * ((right - x) / gap)  # exactly 0 or 1 at the knots
+            out[:, 1:] += row * ((x - left) / gap)
         else:
-            out[:, :r] = -r * scaled
-            out[:, 1:] += r * scaled
+            out[:, :r] = -r * row / gap
+            out[:, 1:] += r * row / gap
         row = out
     return row
 
