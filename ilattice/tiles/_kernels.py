@@ -210,9 +210,7 @@ def _jets(
 
 
 @njit(cache=True, parallel=True)
-def _jets_parallel(
-    coef: Any, factor: Any, w: Any, p: Any, f: Any, g: Any, hess: Any
-) -> None:
+def _jets_parallel(coef: Any, factor: Any, w: Any, p: Any, f: Any, g: Any, hess: Any) -> None:
     n = p.shape[0]
     for block in prange((n + CHUNK - 1) // CHUNK):
         _jets(coef, factor, w, p, block * CHUNK, min(n, block * CHUNK + CHUNK), f, g, hess)

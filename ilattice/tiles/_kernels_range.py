@@ -156,9 +156,7 @@ def _ranges(
 
 
 @njit(cache=True, parallel=True)
-def _ranges_parallel(
-    coef: Any, factor: Any, w: Any, lin: Any, lo: Any, hi: Any, out: Any
-) -> None:
+def _ranges_parallel(coef: Any, factor: Any, w: Any, lin: Any, lo: Any, hi: Any, out: Any) -> None:
     n = lo.shape[0]
     for block in prange((n + CHUNK - 1) // CHUNK):
         i0 = block * CHUNK

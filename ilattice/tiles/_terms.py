@@ -78,7 +78,8 @@ def multiply(p: Terms, q: Terms) -> Terms:
 
 def wave(kind: str, harmonics: tuple[int, int, int]) -> Terms:
     """``cos`` or ``sin`` of ``i X + j Y + k Z``, expanded by angle addition."""
-    c, s = ONE, {}
+    c: Terms = ONE
+    s: Terms = {}
     for axis, h in enumerate(harmonics):
         (_, cos_code), (sign, sin_code) = _code("cos", h), _code("sin", h)
         cos_h = {_on_axis(axis, cos_code): 1.0}
@@ -107,6 +108,21 @@ def pruned(p: Terms) -> Terms:
     top = max((abs(v) for v in p.values()), default=0.0)
     kept = {k: v for k, v in p.items() if abs(v) > 1e-15 * top}
     return dict(sorted(kept.items(), key=lambda item: item[0][::-1]))
+
+
+def text(p: Terms) -> str:
+    """``p`` in the notation of this module; `parse` gives the same terms back."""
+    parts = []
+    for codes, value in p.items():
+        factors = [_factor_text(c, axis) for c, axis in zip(codes, "XYZ", strict=True) if c]
+        number = [] if factors and abs(value) == 1.0 else [repr(abs(value))]
+        parts.append(("- " if value < 0 else "+ ") + " ".join(number + factors))
+    return " ".join(parts).removeprefix("+ ") if parts else "0"
+
+
+def _factor_text(code: int, axis: str) -> str:
+    kind, harmonic = _split(code)
+    return f"{kind}{harmonic if harmonic > 1 else ''}{axis}"
 
 
 _TOKEN = re.compile(
@@ -184,10 +200,7 @@ def _parse_factor(text: str, m: re.Match[str]) -> tuple[Terms, int]:
         if end is None or end["close"] != close:
             raise _fault(text, at, repr(close))
         return (cyclic_sum(inner) if close == "]" else inner), end.end()
-    if m["axis"]:
-        angle = f"{m['harmonic']}{m['axis']}"
-    else:
-        angle = m["angle"]
+    angle = f"{m['harmonic']}{m['axis']}" if m["axis"] else m["angle"]
     return wave(m["kind"], _parse_angle(text, m, angle)), m.end()
 
 

@@ -32,16 +32,16 @@ class TrigField:
 
     Parameters
     ----------
-    coef
-        Coefficients, shape (m,).
-    factor
-        Factor of each term on each axis, shape (m, 3): 0 is the constant 1, ``2 h - 1`` the
-        cosine and ``2 h`` the sine of the h-th harmonic, h up to 32. Equal terms are merged.
-    period
-        Period along each axis before `linear`, one positive number or three.
-    linear
-        Matrix (3, 3) applied to the points first, or None. A tile of a hexagonal cell is given
-        in fractional coordinates without it; `placed` adds it.
+    coef : array_like, shape (m,)
+        Coefficients.
+    factor : array_like of int, shape (m, 3)
+        Factor of each term on each axis: 0 is the constant 1, ``2 h - 1`` the cosine and ``2 h``
+        the sine of the h-th harmonic, h up to 32. Equal terms are merged.
+    period : float or array_like, shape (3,)
+        Period along each axis after `linear`; default 1.
+    linear : array_like, shape (3, 3), optional
+        Matrix applied to the points first. A tile of a hexagonal cell is given in fractional
+        coordinates without it; `placed` adds it.
 
     Raises
     ------
@@ -71,11 +71,9 @@ class TrigField:
                 f"factor must hold whole numbers, shape ({len(coef)}, 3) for {len(coef)} "
                 f"coefficients, got {factor.dtype} of shape {factor.shape}"
             )
-        if factor.size and not (0 <= factor.min() and factor.max() <= 2 * _terms.MAX_HARMONIC):
-            raise InputError(
-                f"factor must lie in 0..{2 * _terms.MAX_HARMONIC}, "
-                f"got {factor.min()}..{factor.max()}"
-            )
+        low, high = factor.min(initial=0), factor.max(initial=0)
+        if low < 0 or high > 2 * _terms.MAX_HARMONIC:
+            raise InputError(f"factor must lie in 0..{2 * _terms.MAX_HARMONIC}, got {low}..{high}")
         period = as_triple("period", 1.0 if self.period is None else self.period, positive=True)
         self._set(_as_terms(coef, factor), period, _as_linear(self.linear))
 
@@ -106,10 +104,10 @@ class TrigField:
 
         Parameters
         ----------
-        text
+        text : str
             Sums and products of numbers, ``sqrt(3)``, ``cosX``, ``sin2Y``, ``cos(3X-Y)``;
             ``sum[...]`` adds the two cyclic shifts X -> Y -> Z -> X.
-        period
+        period : float or array_like, shape (3,)
             Length of the cell along each axis.
 
         Returns
@@ -125,6 +123,15 @@ class TrigField:
         triple = as_triple("period", period, positive=True)
         return cls._make(_terms.parse(text), triple)
 
+    def __repr__(self) -> str:
+        """Short form: the expression, if it is short."""
+        text = str(self) if len(self.coef) <= 8 else f"{len(self.coef)} terms"
+        return f"TrigField({text}, period={self.period.tolist()})"
+
+    def __str__(self) -> str:
+        """Expression that `parse` understands."""
+        return _terms.text(self._terms)
+
     # ------------------------------------------------------------------ evaluation
 
     def __call__(self, p: ArrayLike, /) -> FloatArray:
@@ -137,9 +144,9 @@ class TrigField:
 
         Parameters
         ----------
-        p
-            Points, shape (n, 3).
-        order
+        p : array_like, shape (n, 3)
+            Points.
+        order : int
             Highest derivative: 0, 1 or 2.
 
         Returns
@@ -173,17 +180,17 @@ class TrigField:
 
         Parameters
         ----------
-        axes
+        axes : iterable of array_like
             Three 1-D arrays of coordinates.
-        dtype
+        dtype : numpy.dtype
             ``numpy.float64`` or ``numpy.float32``.
-        out
+        out : ndarray, optional
             Array to write to, C-contiguous, of the right shape and type.
 
         Returns
         -------
-        array
-            Shape (len(x), len(y), len(z)); equal to pointwise values up to rounding.
+        ndarray, shape (len(x), len(y), len(z))
+            Values, equal to those at single points up to rounding.
 
         Raises
         ------
@@ -205,7 +212,8 @@ class TrigField:
             for i, x in enumerate(xyz[0]):
                 out[i] = self(_plane(x, xyz[1], xyz[2])).reshape(shape[1:])
         elif out.size:
-            tensor_grid(self.coef, *self._tables(xyz, kind), out)
+            slot, tx, ty, tz = self._tables(xyz, kind)
+            tensor_grid(self.coef, slot, tx, ty, tz, out)
         return out
 
     def range(self, lo: ArrayLike, hi: ArrayLike) -> FloatArray:
@@ -213,13 +221,13 @@ class TrigField:
 
         Parameters
         ----------
-        lo, hi
-            Corners, shape (n, 3), ``lo <= hi``.
+        lo, hi : array_like, shape (n, 3)
+            Corners, ``lo <= hi``.
 
         Returns
         -------
-        array
-            Lower and upper bound, shape (n, 2).
+        ndarray, shape (n, 2)
+            Lower and upper bounds.
 
         Raises
         ------
@@ -250,9 +258,7 @@ class TrigField:
     def lipschitz(self) -> float:
         """Upper bound of the length of the gradient: sum of amplitude times |k| over all modes."""
         waves, amplitude = self.modes()
-        k = 2.0 * np.pi * waves / self.period
-        if self.linear is not None:
-            k = k @ self.linear
+        k = (2.0 * np.pi * waves / self.period) @ _matrix(self.linear)
         return float(np.sum(np.abs(amplitude) * np.linalg.norm(k, axis=1)))
 
     def modes(self) -> tuple[IntArray, AnyArray]:
@@ -260,10 +266,10 @@ class TrigField:
 
         Returns
         -------
-        waves : array
-            Wave vectors, shape (k, 3), whole numbers, each once.
-        amplitude : array
-            Complex amplitudes, shape (k,).
+        waves : ndarray of int, shape (k, 3)
+            Wave vectors, each once.
+        amplitude : ndarray of complex, shape (k,)
+            Amplitudes.
         """
         series: dict[tuple[int, ...], complex] = {}
         for c, codes in zip(self.coef, self.factor, strict=True):
@@ -282,7 +288,23 @@ class TrigField:
         return waves, np.array(list(kept.values()), dtype=np.complex128)
 
     def placed(self, linear: ArrayLike | None) -> "TrigField":
-        """The same polynomial of ``linear @ p``, replacing any `linear` before."""
+        """The same polynomial, evaluated at ``linear @ p``.
+
+        Parameters
+        ----------
+        linear : array_like, shape (3, 3), optional
+            Regular matrix that replaces the present one; None removes it.
+
+        Returns
+        -------
+        TrigField
+            The field with that `linear`.
+
+        Raises
+        ------
+        InputError
+            If the matrix is singular or of another shape.
+        """
         return TrigField._make(self._terms, self.period, _as_linear(linear))
 
     # ------------------------------------------------------------------ algebra

@@ -1,0 +1,54 @@
+"""Sources of fields on the unit cube: the TPMS catalogue, trigonometric fields, own functions.
+
+`Tile` wraps any field; the catalogue is at hand by subscript and by attribute::
+
+    il.tiles["gyroid"]  # or "G", "schoen-gyroid", ...
+    il.tiles.schwarz_p(level=0.2)
+    il.tiles.names()
+
+Guarantee: importing expands no equation.
+"""
+
+import sys
+from collections.abc import Callable, Iterator
+from types import ModuleType
+
+from ilattice.errors import InputError
+from ilattice.tiles.catalog import get, identifiers, maker, names, row
+from ilattice.tiles.tile import Tile
+from ilattice.tiles.trig import TrigField
+
+__all__ = ["Tile", "TrigField", "get", "names", "row"]
+
+
+class _Catalog(ModuleType):
+    """The module itself, with the catalogue as its items."""
+
+    def __getitem__(self, name: str) -> Tile:
+        return get(name)
+
+    def __contains__(self, name: object) -> bool:
+        try:
+            row(name)  # type: ignore[arg-type]
+        except InputError:
+            return False
+        return True
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(names())
+
+
+def __getattr__(name: str) -> Callable[..., Tile]:
+    if name.startswith("__"):
+        raise AttributeError(f"module 'ilattice.tiles' has no attribute {name!r}")
+    try:
+        return maker(name)
+    except InputError as e:
+        raise AttributeError(f"module 'ilattice.tiles' has no attribute {name!r}: {e}") from None
+
+
+def __dir__() -> list[str]:
+    return sorted({*__all__, *identifiers()})
+
+
+sys.modules[__name__].__class__ = _Catalog

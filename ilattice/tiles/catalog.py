@@ -1,0 +1,157 @@
+"""Names of the catalogue and the tiles they stand for.
+
+Guarantee: names and aliases are found whatever their case, with ``-``, ``_`` and blanks taken for
+equal; no two entries share a name. An equation is expanded when first asked for.
+"""
+
+from collections.abc import Callable
+from functools import cache
+
+from ilattice._validate import as_array, near_names
+from ilattice.errors import GeometryError, InputError
+from ilattice.tiles.tile import Tile
+from ilattice.tiles.tpms import ROWS, Row
+from ilattice.tiles.trig import TrigField
+
+_SAME = str.maketrans({"-": "_", " ": "_", "\N{MINUS SIGN}": "_", "\N{EN DASH}": "_"})
+
+
+def _key(name: str) -> str:
+    return name.strip().lower().translate(_SAME)
+
+
+_BY_KEY: dict[str, Row] = {_key(n): row for row in ROWS for n in (row.name, *row.aliases)}
+
+
+def names() -> list[str]:
+    """Identifiers of all tiles, sorted.
+
+    Returns
+    -------
+    list of str
+        One name per tile; aliases are in `row`.
+    """
+    return sorted(row.name for row in ROWS)
+
+
+def row(name: str) -> Row:
+    """What the catalogue knows of a tile.
+
+    Parameters
+    ----------
+    name : str
+        Identifier or alias.
+
+    Returns
+    -------
+    Row
+        Equation, aliases, symmetry, Euler number, volume fraction, flags and source.
+
+    Raises
+    ------
+    InputError
+        If there is no such tile; the message lists near names.
+    """
+    if not isinstance(name, str):
+        raise InputError(f"a tile's name must be a string, got {name!r:.80}")
+    found = _BY_KEY.get(_key(name))
+    if found is None:
+        raise InputError(
+            f"no tile is called {name!r}; near names: {near_names(_key(name), sorted(_BY_KEY))}; "
+            "il.tiles.names() lists all"
+        )
+    return found
+
+
+@cache
+def _field(name: str) -> TrigField:
+    """Field of a row, expanded once."""
+    return TrigField.parse(_BY_KEY[name].equation)
+
+
+def get(name: str, *, level: float | None = None) -> Tile:
+    """Tile of the catalogue.
+
+    Parameters
+    ----------
+    name : str
+        Identifier or alias.
+    level : float, optional
+        Level of the surface; default that of the catalogue, which is zero for most.
+
+    Returns
+    -------
+    Tile
+        The tile; the solid is where the equation is at most `level`.
+
+    Raises
+    ------
+    InputError
+        If there is no such tile, or the level is not a number.
+    GeometryError
+        If the level lies outside the range of the equation.
+    """
+    r = row(name)
+    value = as_array("level", r.level if level is None else level)
+    if value.size != 1:
+        raise InputError(f"level must be one number, got {level!r:.80}")
+    at = float(value.ravel()[0])
+    low, high = r.range
+    if not low < at < high:
+        raise GeometryError(
+            f"tile {r.name!r} has no zero set at level {at:g}: its values run from {low:g} to "
+            f"{high:g}; choose a level between"
+        )
+    return Tile(
+        _field(r.name),
+        name=r.name,
+        level=at,
+        source=r.source,
+        singular_at_zero=r.singular_at_zero and at == 0.0,
+        hexagonal=r.hexagonal,
+        disconnected=r.disconnected,
+        symmetric=r.cyclic,
+        check=False,
+    )
+
+
+def maker(name: str) -> Callable[..., Tile]:
+    """Function that makes one tile: ``gyroid(level=0.1)``.
+
+    Parameters
+    ----------
+    name : str
+        Identifier or alias.
+
+    Returns
+    -------
+    callable
+        Takes the keyword `level`, returns a `Tile`.
+
+    Raises
+    ------
+    InputError
+        If there is no such tile.
+    """
+    r = row(name)
+
+    def make(*, level: float | None = None) -> Tile:
+        return get(r.name, level=level)
+
+    make.__name__ = make.__qualname__ = name
+    make.__doc__ = (
+        f"Tile {r.name!r}: {{{r.equation} <= level}}, default level {r.level:g}.\n\n"
+        f"Source: {r.source}. {r.note}".rstrip()
+    )
+    return make
+
+
+def identifiers() -> list[str]:
+    """Names and aliases that can be typed as attributes, sorted.
+
+    Returns
+    -------
+    list of str
+        Valid Python identifiers among names and aliases.
+    """
+    return sorted(k for k in _BY_KEY if k.isidentifier())
