@@ -7,14 +7,15 @@ named data other than ``r``, ``g``, ``b``. Needs the extra ``print``.
 
 import ctypes
 import os
-from typing import Any
+from collections.abc import Callable
+from typing import IO, Any
 
 import numpy as np
 
 from ilattice._typing import AnyArray
 from ilattice._validate import near_names
 from ilattice.errors import FormatError, InputError
-from ilattice.io._common import atomic_path
+from ilattice.io._common import atomic_write
 from ilattice.io._mesh import (
     blocks,
     check_not_empty,
@@ -71,8 +72,8 @@ def write_3mf(mesh: SurfaceMesh, path: str | os.PathLike[str], *, unit: str = "m
     if colour is not None:
         _set_colours(lib3mf, wrapper, model, part, colour, mesh.faces)
     model.AddBuildItem(part, wrapper.GetIdentityTransform())
-    with atomic_path(path) as temporary:
-        _write(lib3mf, model, str(temporary), _decimals(mesh))
+    with atomic_write(path) as file:
+        _write(lib3mf, model, file, _decimals(mesh))
     warn_collapsed(
         sum(collapsed(vertices[mesh.faces[rows]]) for rows in blocks(len(mesh.faces))), "3MF"
     )
@@ -95,14 +96,37 @@ def _decimals(mesh: SurfaceMesh) -> int:
     return int(np.clip(_DIGITS - np.floor(np.log10(largest)), 1, 16))
 
 
-def _write(lib3mf: Any, model: Any, name: str, decimals: int) -> None:
-    """Write the model; lib3mf explains nothing, so let Python fail where the disk does."""
+def _write(lib3mf: Any, model: Any, file: IO[bytes], decimals: int) -> None:
+    """Write the model through callbacks.
+
+    When lib3mf writes a file itself and the disk is full, its destructor ends the whole process.
+    So Python writes; after an error the rest is thrown away and the error raised at the end.
+    """
+    errors: list[BaseException] = []
+
+    def attempt(action: Callable[[], object]) -> None:
+        if not errors:
+            try:
+                action()
+            except BaseException as e:  # cannot pass through C; an interrupt neither
+                errors.append(e)
+
+    def write(address: int, size: int, _: object) -> None:
+        attempt(lambda: file.write(ctypes.string_at(address, size)))
+
+    def seek(position: int, _: object) -> None:
+        attempt(lambda: file.seek(position))
+
     writer = model.QueryWriter("3mf")
     writer.SetDecimalPrecision(decimals)
+    callbacks = lib3mf.WriteCallback(write), lib3mf.SeekCallback(seek)
     try:
-        writer.WriteToFile(name)
+        writer.WriteToCallback(*callbacks, None)
     except lib3mf.ELib3MFException as e:
-        raise FormatError(f"lib3mf could not write the file: {e}") from e
+        errors.append(FormatError(f"lib3mf could not write the file: {e}"))
+    del writer
+    if errors:
+        raise errors[0]
 
 
 def _set_geometry(

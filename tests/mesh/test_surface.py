@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from ilattice.errors import GeometryError, InputError
-from ilattice.mesh import SurfaceMesh, measure
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+
+from ilattice.errors import GeometryError, InputError
+from ilattice.mesh import SurfaceMesh, measure
 
 
 def mesh_of(*parts):
