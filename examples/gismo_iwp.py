@@ -30,7 +30,7 @@ def main(
     return {
         "open edges": mesh.open_edges,
         "components": mesh.components,
-        "filled": mesh.volume / volume.volume,
+        "filled": mesh.volume / volume.volume(),
     }
 
 

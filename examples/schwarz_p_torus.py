@@ -16,7 +16,7 @@ def main(h: float = 0.05, out: str = "") -> dict[str, float]:
     mesh = wall.mesh(h=h)
     for ending in (".stl", ".vtp", ".png") if out else ():
         mesh.save(out + ending)
-    return {"filled": mesh.volume / torus.volume, "error": wall.thickness_error(mesh).p99}
+    return {"filled": mesh.volume / torus.volume(), "error": wall.thickness_error(mesh).p99}
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ This is what the command line calls; the report is plain data, ready for JSON.
 
 import json
 import os
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from ilattice._progress import Progress
 from ilattice._stages import Stages
 from ilattice.errors import FormatError, InputError
 from ilattice.io.registry import WRITERS
+from ilattice.io.splines import list_patches
 
 #: Volumes of `ilattice.macroshape` that need no arguments.
 VOLUMES = ("box", "cylinder_shell", "duck", "tapered", "torus", "wing")
@@ -91,10 +93,11 @@ def build(
     check_outputs([*output, *([report] if report else [])])
     check_meshes(output)
     d = parse(thickness) if isinstance(thickness, str) else thickness
+    cell = il.tiles.get(tile)
     stages = Stages()
     with stages("volume"):
         space = volume(through)
-    lattice = il.Lattice(il.tiles[tile], through=space, repeat=repeat)
+        lattice = il.Lattice(cell, through=space, repeat=repeat)
     with stages("distance"):
         wall = lattice.offset(d, tol=tol, progress=progress)
     with stages("mesh"):
@@ -110,7 +113,7 @@ def build(
         "input": inputs | {"h": h},
         **measures(mesh),
         "thickness_error": {k: getattr(error, k) for k in ("max", "p99", "rms", "relative")},
-        "closest_points": dict(lattice.statistics),
+        "closest_points": counts(lattice),
         "stages": stages.records,
         "files": [str(path) for path in output],
     }
@@ -177,6 +180,16 @@ def measures(mesh: "il.SurfaceMesh") -> dict[str, Any]:
     }
 
 
+def counts(lattice: "il.Lattice") -> dict[str, float]:
+    """What the report says about closest points."""
+    found = lattice.statistics
+    return {
+        "queries": found.queries,
+        "mean_iterations": round(found.mean_iterations, 3),
+        "fallbacks": found.fallbacks,
+    }
+
+
 def check_outputs(paths: Sequence[str | os.PathLike[str]]) -> None:
     """Refuse, before any work, to write into a directory that is missing or read-only.
 
@@ -230,17 +243,63 @@ def describe(spec: str) -> list[str]:
     list of str
         Size, degrees, bounds, volume and Jacobian certificate of each patch.
     """
+    if spec in VOLUMES or not os.path.exists(spec):
+        space = volume(spec)
+        return _described(f"{spec}: {space!r}", space)
     lines = []
-    for name, space in volumes(spec):
-        lo, hi = space.bounds.tolist()
-        lines += [
-            f"{name}: {space!r}",
-            f"  parameters  {space.domain[0].tolist()} to {space.domain[1].tolist()}",
-            f"  bounds      {lo} to {hi}",
-            f"  volume      {space.volume:.6g}",
-            f"  certificate {space.certificate}",
-        ]
+    for patch in list_patches(spec):
+        usable = patch.index is not None and patch.spline.m >= 3 and min(patch.spline.k) >= 1
+        if usable:
+            lines += _described(str(patch), il.SplineMap(patch.spline, names=patch.names))
+        else:
+            lines.append(str(patch))
     return lines
+
+
+def _described(title: str, space: "il.SplineMap") -> list[str]:
+    (a, b), (lo, hi) = space.domain.tolist(), space.bounds.tolist()
+    return [
+        title,
+        f"  parameters   {a} to {b}",
+        f"  bounds       {_short(lo)} to {_short(hi)}",
+        f"  volume       {space.volume():.6g}",
+        f"  certificate  {space.certificate}",
+    ]
+
+
+def _short(values: list[float]) -> str:
+    return "(" + ", ".join(f"{v:.4g}" for v in values) + ")"
+
+
+def catalogue() -> list[str]:
+    """The tiles of the catalogue, one line of text each.
+
+    Returns
+    -------
+    list of str
+        Name, aliases and flags.
+    """
+    lines = []
+    for name in il.tiles.names():
+        row = il.tiles.row(name)
+        flags = [f for f in ("singular_at_zero", "hexagonal", "disconnected") if getattr(row, f)]
+        lines.append(f"{name:<24}{', '.join([*row.aliases, *(f'[{f}]' for f in flags)])}".rstrip())
+    return lines
+
+
+def warmup() -> None:
+    """Compile every kernel that the main job needs, by doing it at a small size."""
+    volumes = {"box": (1, 1, 1), "torus": (4, 1, 1), "duck": (2, 1, 1), "cylinder_shell": (4, 1, 1)}
+    with tempfile.TemporaryDirectory() as folder:
+        for through, repeat in volumes.items():
+            build(
+                tile="gyroid",
+                through=through,
+                repeat=repeat,
+                thickness="0.05 + 0.001*u",
+                h=0.2,
+                output=[Path(folder) / f"mesh{ending}" for ending in (".stl", ".vtp")],
+            )
 
 
 def write_json(path: str | os.PathLike[str], data: dict[str, Any]) -> None:

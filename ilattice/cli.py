@@ -65,6 +65,8 @@ def _app() -> "App":
         help_format="plaintext",
         version=il.__version__,
         default_parameter=Parameter(negative=()),
+        result_action="return_value",
+        suppress_keyboard_interrupt=False,
     )
     Files = Annotated[list[Path], Parameter(name=("--output", "-o"), consume_multiple=True)]
     Length = Annotated[float, Parameter(name="--h")]

@@ -108,7 +108,7 @@ def test_tiles_lists_the_catalogue(capfd):
     assert cli.main(["tiles"]) == 0
     lines = capfd.readouterr().out.splitlines()
     assert len(lines) > 25
-    assert any(line.startswith("schwarz_p ") for line in lines)
+    assert any(line.startswith("primitive ") and "schwarz_p" in line for line in lines)
 
 
 @pytest.mark.parametrize("name", ["torus", "duck", "wing", "box", "tapered", "cylinder_shell"])

@@ -1,0 +1,127 @@
+"""Boxed gyroid of 2 x 2 x 2 cells on n³ samples against NumPy tables + vtkFlyingEdges3D.
+
+Each measurement is a process of its own, so that its CPU time and peak memory are all its own:
+``python -m benchmarks.bench_contouring METHOD KIND N``.
+"""
+
+import json
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.measure import Row, alone, peak_megabytes
+
+GOALS = {"network": ("<= 0.35", "<= 0.18"), "sheet": ("<= 0.5", "<= 0.2")}
+LEVELS = {"network": 0.0, "sheet": (-0.3, 0.3)}
+
+
+class Contouring:
+    """CPU time and peak memory of one contour of each kind, by each method."""
+
+    params = (("network", "sheet"), (101, 201))
+    param_names = ("kind", "n")
+
+    def time_blocks(self, kind: str, n: int) -> None:
+        contour_blocks(kind, n)
+
+    def peakmem_blocks(self, kind: str, n: int) -> None:
+        contour_blocks(kind, n)
+
+    def time_flying_edges(self, kind: str, n: int) -> None:
+        flying_edges(kind, n)
+
+    def peakmem_flying_edges(self, kind: str, n: int) -> None:
+        flying_edges(kind, n)
+
+
+def problem(n: int) -> tuple[Any, tuple[Any, ...]]:
+    """The gyroid as a field and the planes of the grid."""
+    import ilattice as il
+
+    return il.tiles["gyroid"].field, (np.linspace(-1, 1, n),) * 3
+
+
+def contour_blocks(kind: str, n: int) -> int:
+    """Number of triangles of our mesh."""
+    import ilattice as il
+
+    field, axes = problem(n)
+    return len(il.mesh.contour(field, axes, level=LEVELS[kind]).faces)
+
+
+def streamed(kind: str, n: int) -> int:
+    """Number of triangles of our mesh, written to a file piece by piece."""
+    from ilattice.io import StreamedMeshWriter
+    from ilattice.mesh import contour_blocks as pieces
+
+    field, axes = problem(n)
+    count = 0
+    with tempfile.TemporaryDirectory() as folder:
+        with StreamedMeshWriter(Path(folder) / "gyroid.ply") as writer:
+            for piece in pieces(field, axes, level=LEVELS[kind], dtype=np.float32):
+                writer.append(piece.vertices, piece.faces)
+                count += len(piece.faces)
+    return count
+
+
+def flying_edges(kind: str, n: int) -> int:
+    """Number of triangles of VTK's mesh."""
+    from benchmarks import references
+
+    return references.flying_edges(*references.gyroid_box(n, sheet=kind == "sheet"))[1]
+
+
+MODULE = "benchmarks.bench_contouring"
+METHODS = {"blocks": contour_blocks, "streamed": streamed, "flying_edges": flying_edges}
+
+
+def main(method: str, kind: str, n: str) -> None:
+    """Measure one method: kernels are loaded and warm, the clock starts, one contour is made."""
+    METHODS[method](kind, 33)
+    start, wall = time.process_time(), time.perf_counter()
+    triangles = METHODS[method](kind, int(n))
+    result = {
+        "cpu": time.process_time() - start,
+        "wall": time.perf_counter() - wall,
+        "megabytes": peak_megabytes(),
+        "triangles": triangles,
+    }
+    print(json.dumps(result))
+
+
+def rows(quick: bool) -> Iterator[Row]:
+    """Lines of the table."""
+    n = 201 if quick else 801
+    for kind, (cpu_goal, memory_goal) in GOALS.items():
+        ours, theirs = (alone(MODULE, m, kind, n) for m in ("blocks", "flying_edges"))
+        yield Row(
+            f"gyroid {kind} at {n}³, CPU",
+            f"{ours['cpu']:.2f} s, wall {ours['wall']:.2f} s, {ours['triangles']:.0f} triangles",
+            f"{theirs['cpu']:.2f} s NumPy + vtkFlyingEdges3D, {theirs['triangles']:.0f} triangles",
+            ours["cpu"] / theirs["cpu"],
+            cpu_goal,
+        )
+        yield Row(
+            f"gyroid {kind} at {n}³, peak memory",
+            f"{ours['megabytes']:.0f} MB",
+            f"{theirs['megabytes']:.0f} MB NumPy + vtkFlyingEdges3D",
+            ours["megabytes"] / theirs["megabytes"],
+            memory_goal,
+        )
+    small, large = (alone(MODULE, "streamed", "network", m) for m in (n, 2 * n - 1))
+    yield Row(
+        f"gyroid network streamed at {2 * n - 1}³, peak memory",
+        f"{large['megabytes']:.0f} MB, {large['cpu']:.1f} s CPU",
+        f"{small['megabytes']:.0f} MB at {n}³",
+        large["megabytes"] / small["megabytes"],
+        "<= 1.5x",
+    )
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
