@@ -16,7 +16,8 @@ import numpy as np
 from numba import njit, prange
 
 CHUNK = 1024
-FAST = {"contract", "nsz", "arcp", "reassoc"}
+# Without "reassoc": sums over a few terms must not be vectorised, and keep their order.
+FAST = {"contract", "nsz", "arcp"}
 TWO_PI = 2.0 * math.pi
 TURNS = 1.0 / TWO_PI
 
@@ -62,7 +63,7 @@ def trig_tab(factor: Any) -> Any:
     return np.zeros((3, 2 * ((top + 1) // 2) + 1, 3))
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, inline="always")
 def _axis_table(tab: Any, axis: int, w: float, x: float) -> None:
     """Fill ``tab[axis, code]`` with value, first and second derivative of each factor at x."""
     s1, c1 = sincos_turns(x * (w * TURNS))
@@ -155,7 +156,7 @@ def trig_value(
     return f
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, inline="always")
 def _axis_values(tab: Any, axis: int, w: float, x: float) -> None:
     """Fill ``tab[axis, code, 0]`` with the value of each factor at x."""
     s1, c1 = sincos_turns(x * (w * TURNS))

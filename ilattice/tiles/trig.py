@@ -249,7 +249,7 @@ class TrigField:
     @property
     def bounds(self) -> FloatArray:
         """Box (2, 3) that holds one period; the field itself goes on for ever."""
-        edges = np.diag(self.period)
+        edges: AnyArray = np.diag(self.period)
         if self.linear is not None:
             edges = np.linalg.solve(self.linear, edges)
         return np.stack([np.minimum(edges, 0).sum(axis=1), np.maximum(edges, 0).sum(axis=1)])
