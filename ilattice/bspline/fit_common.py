@@ -62,7 +62,8 @@ def sites(
         One of
 
         - "interpolate", "greville": Greville abscissae; periodic: wrapped (for equal spans:
-          midway between knots for even degrees, at knots for odd ones).
+          midway between knots for even degrees, at knots for odd ones). Where the spline
+          may jump, "interpolate" moves one of the two equal sites away from the knot.
         - "least-squares", "lspia": two per coefficient: midpoints of 2n equal cells, or,
           where the knots are not equally spaced, a quarter to both sides of each Greville
           abscissa.
@@ -94,10 +95,26 @@ def sites(
         return quasi_sites(t, k, periodic)
     if method in ("interpolate", "greville"):
         g = greville(t, k)[:n]
-        return np.sort(wrap(g, t, k)) if periodic else np.clip(g, a, b)
+        if periodic:
+            return _wrapped_sites(g, t, k)
+        return _separated(np.clip(g, a, b)) if method == "interpolate" else np.clip(g, a, b)
     if is_uniform(t, k):
         return a + (np.arange(2 * n) + 0.5) / (2 * n) * (b - a)
     return _quarter_sites(t, k, n, periodic)
+
+
+def _wrapped_sites(x: FloatArray, t: FloatArray, k: int) -> FloatArray:
+    """Ascending sites in the half-open period; what misses the seam by rounding is put on it."""
+    a, b = t[k], t[len(t) - k - 1]
+    x = wrap(x, t, k)
+    return np.sort(np.where(b - x <= 1e-12 * (b - a), a, x))
+
+
+def _separated(x: FloatArray) -> FloatArray:
+    """Sites with the left one of an equal pair, at a jump of the spline, moved halfway back."""
+    equal = np.flatnonzero(np.diff(x) == 0)
+    x[equal] = 0.5 * (x[equal - 1] + x[equal])
+    return x
 
 
 def _quarter_sites(t: FloatArray, k: int, n: int, periodic: bool) -> FloatArray:
@@ -111,7 +128,7 @@ def _quarter_sites(t: FloatArray, k: int, n: int, periodic: bool) -> FloatArray:
         period = t[len(t) - k - 1] - t[k]
         g = np.concatenate([g[n - 1 : n] - period, g[:n], g[:1] + period])
     x = np.interp(index, np.arange(len(g)), g)
-    return np.sort(wrap(x, t, k)) if periodic else np.clip(x, t[k], t[len(t) - k - 1])
+    return _wrapped_sites(x, t, k) if periodic else np.clip(x, t[k], t[len(t) - k - 1])
 
 
 def quasi_sites(t: FloatArray, k: int, periodic: bool) -> FloatArray:

@@ -45,7 +45,9 @@ def test_border_stays_narrow_for_wrapped_bands():
 def test_axes_commute_and_strided_input_is_accepted():
     rng = np.random.default_rng(1)
     ops = [
-        line_operator(csr_array(rng.random((n, n + 2))), csr_array(band_matrix(rng, n, 1, 1, False)))
+        line_operator(
+            csr_array(rng.random((n, n + 2))), csr_array(band_matrix(rng, n, 1, 1, False))
+        )
         for n in (4, 5, 6)
     ]
     x = rng.random((8, 7, 6)).transpose(2, 1, 0)

@@ -107,7 +107,10 @@ def test_rational_jet_agrees_with_naive_quotient_rule(degrees, m):
     def reference(*axes):
         nu = [axes.count(i) for i in range(nd)]
         return np.array(
-            [naive.evaluate_rational(spline.t, spline.c, spline.k, spline.weights, p, nu) for p in u]
+            [
+                naive.evaluate_rational(spline.t, spline.c, spline.k, spline.weights, p, nu)
+                for p in u
+            ]
         )
 
     assert_close(f, reference())
