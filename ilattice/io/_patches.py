@@ -217,14 +217,18 @@ def clamped(spline: BSpline, *, only_periodic: bool = False) -> BSpline:
 
     For formats that know no periodic or no unclamped knots. Exact up to rounding.
     """
+    axes = [
+        axis
+        for axis, (t, k, p) in enumerate(zip(spline.t, spline.k, spline.periodic, strict=True))
+        if p or not (only_periodic or (t[0] == t[k] and t[-1] == t[-1 - k]))
+    ]
+    if not axes:
+        return spline
     knots, c, w = list(spline.t), spline.c, spline.weights
     if w is not None:
-        spread = w[..., None] if spline.m else w
-        c = c * spread
-    for axis, (k, p) in enumerate(zip(spline.k, spline.periodic, strict=True)):
-        if only_periodic and not p:
-            continue
-        t = knots[axis]
+        c = c * (w[..., None] if spline.m else w)
+    for axis in axes:
+        t, k = knots[axis], spline.k[axis]
         knots[axis], c = _clamp_axis(t, c, k, axis)
         w = None if w is None else _clamp_axis(t, w, k, axis)[1]
     if w is not None:

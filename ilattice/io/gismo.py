@@ -28,6 +28,7 @@ from ilattice.bspline import BSpline
 from ilattice.errors import FormatError
 from ilattice.io._common import atomic_write, parse_numbers, read_text
 from ilattice.io._patches import (
+    MAX_DEGREE,
     Patch,
     clamped,
     join_names,
@@ -127,7 +128,7 @@ def _geometry(node: "_Node") -> BSpline | None:
 
 def _knots(node: "_Node", room: int) -> tuple[int, FloatArray]:
     """Degree and knots; `room` bounds the number of knots that the file can mean."""
-    k = node.integer("degree", 0, 100)
+    k = node.integer("degree", 0, MAX_DEGREE)
     if node.attributes.get("mode") != "uniform":
         return k, node.numbers(None, "knots")
     n = node.integer("csize", k + 1, max(room, k + 1))

@@ -30,6 +30,7 @@ from ilattice.bspline import BSpline
 from ilattice.errors import FormatError, InputError
 from ilattice.io._common import Scanner, atomic_write, read_text
 from ilattice.io._patches import (
+    MAX_DEGREE,
     Patch,
     join_names,
     numbered,
@@ -148,7 +149,7 @@ def _skip_group(scanner: Scanner) -> list[str]:
         word = scanner.word("']'")
         depth += (word == "[") - (word == "]")
         if depth == 0:
-            return words
+            return words[1:]
         words.append(word)
 
 
@@ -162,7 +163,7 @@ def _geometry(scanner: Scanner) -> BSpline:
         _skip_group(scanner)
     ndim = ndim or scanner.integer("the number of parameters", 1, 3)
     sizes = [scanner.integer("number of control points", 1) for _ in range(ndim)]
-    orders = sizes if bezier else [scanner.integer("order", 1, 100) for _ in range(ndim)]
+    orders = sizes if bezier else [scanner.integer("order", 1, MAX_DEGREE + 1) for _ in range(ndim)]
     rational, dim = _point_type(scanner)
     if math.prod(sizes) > scanner.left:
         scanner.fail(

@@ -21,6 +21,7 @@ from ilattice.bspline import BSpline
 from ilattice.errors import FormatError, InputError
 from ilattice.io._common import Scanner, atomic_write, blank_comments, read_text
 from ilattice.io._patches import (
+    MAX_DEGREE,
     Patch,
     clamped,
     join_names,
@@ -83,7 +84,7 @@ def read(path: str | os.PathLike[str]) -> tuple[list[Patch], list[str]]:
 
 
 def _knot_vector(scanner: Scanner) -> Knots:
-    k = scanner.integer("degree", 1, 100)
+    k = scanner.integer("degree", 1, MAX_DEGREE)
     n = scanner.integer("number of control points", k + 1)
     return k, scanner.numbers(n + k + 1, "knots")
 
