@@ -27,10 +27,10 @@ class Contouring:
     param_names = ("kind", "n")
 
     def time_blocks(self, kind: str, n: int) -> None:
-        contour_blocks(kind, n)
+        blocks(kind, n)
 
     def peakmem_blocks(self, kind: str, n: int) -> None:
-        contour_blocks(kind, n)
+        blocks(kind, n)
 
     def time_flying_edges(self, kind: str, n: int) -> None:
         flying_edges(kind, n)
@@ -46,26 +46,28 @@ def problem(n: int) -> tuple[Any, tuple[Any, ...]]:
     return il.tiles["gyroid"].field, (np.linspace(-1, 1, n),) * 3
 
 
-def contour_blocks(kind: str, n: int) -> int:
+def blocks(kind: str, n: int) -> int:
     """Number of triangles of our mesh."""
-    import ilattice as il
+    from ilattice.mesh.contouring import contour
 
     field, axes = problem(n)
-    return len(il.mesh.contour(field, axes, level=LEVELS[kind]).faces)
+    return len(contour(field, axes, level=LEVELS[kind]).faces)
 
 
 def streamed(kind: str, n: int) -> int:
     """Number of triangles of our mesh, written to a file piece by piece."""
     from ilattice.io import StreamedMeshWriter
-    from ilattice.mesh import contour_blocks as pieces
+    from ilattice.mesh.contouring import contour_blocks
 
     field, axes = problem(n)
     count = 0
-    with tempfile.TemporaryDirectory() as folder:
-        with StreamedMeshWriter(Path(folder) / "gyroid.ply") as writer:
-            for piece in pieces(field, axes, level=LEVELS[kind], dtype=np.float32):
-                writer.append(piece.vertices, piece.faces)
-                count += len(piece.faces)
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        StreamedMeshWriter(Path(folder) / "gyroid.ply") as writer,
+    ):
+        for piece in contour_blocks(field, axes, level=LEVELS[kind], dtype=np.float32):
+            writer.append(piece.vertices, piece.faces)
+            count += len(piece.faces)
     return count
 
 
@@ -77,7 +79,7 @@ def flying_edges(kind: str, n: int) -> int:
 
 
 MODULE = "benchmarks.bench_contouring"
-METHODS = {"blocks": contour_blocks, "streamed": streamed, "flying_edges": flying_edges}
+METHODS = {"blocks": blocks, "streamed": streamed, "flying_edges": flying_edges}
 
 
 def main(method: str, kind: str, n: str) -> None:
