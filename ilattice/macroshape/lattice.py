@@ -20,7 +20,7 @@ from ilattice.macroshape.maps import SplineMap
 from ilattice.tiles.tile import Tile
 
 if TYPE_CHECKING:
-    from ilattice.offsets.closest import ClosestPoints, Statistics
+    from ilattice.offsets.closest import ClosestPoints, ClosestPointSearch, Statistics
     from ilattice.offsets.wall import Wall
 
 BOUNDARIES = ("extend", "clip")
@@ -123,7 +123,9 @@ class Lattice:
 
     # ------------------------------------------------------------------ distances
 
-    def _search(self) -> Any:
+    @property
+    def search(self) -> ClosestPointSearch:
+        """Seeds, k-d tree and solver of the closest-point queries."""
         from ilattice.offsets.closest import ClosestPointSearch
 
         return self._once("search", lambda: ClosestPointSearch(self))
@@ -146,7 +148,7 @@ class Lattice:
         ConvergenceError
             If more than one query in a hundred does not converge.
         """
-        return self._search().query(as_points("u", u))
+        return self.search.query(as_points("u", u))
 
     def distance(self, u: ArrayLike) -> FloatArray:
         """Signed Euclidean distance to the mid-surface at images of parameters.
@@ -166,7 +168,7 @@ class Lattice:
     @property
     def statistics(self) -> Statistics:
         """Counts over all closest-point queries so far."""
-        return self._search().statistics
+        return self.search.statistics
 
     def offset(self, d: Any, **options: Any) -> Wall:
         """Wall of Euclidean half-thickness `d` about the mid-surface.

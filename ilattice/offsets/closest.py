@@ -21,6 +21,7 @@ from ilattice.errors import ConvergenceError, GeometryError
 from ilattice.offsets import _kernels
 
 if TYPE_CHECKING:
+    from ilattice.bspline import BSpline
     from ilattice.macroshape.lattice import Lattice
 
 CANDIDATES = 8
@@ -28,6 +29,7 @@ RETRY_CANDIDATES = 48
 BATCH = 1 << 17
 TOLERANCE = 1e-7
 MAX_FALLBACK = 1e-2
+POLISH_LIMIT = 1e-7
 SEEDS_PER_TILE = 8
 
 
@@ -228,6 +230,48 @@ class ClosestPointSearch:
             better = (s < status[again]) | (np.abs(f[:, 6]) < np.abs(feet[again, 6]))
             feet[again[better]], status[again[better]] = f[better], s[better]
         return len(again)
+
+    def polish(
+        self, u: FloatArray, fixed: AnyArray, side: FloatArray, d: BSpline
+    ) -> tuple[FloatArray, FloatArray]:
+        """Move points onto the surface at distance `d` from the mid-surface.
+
+        Parameters
+        ----------
+        u : ndarray, shape (n, 3)
+            Parameters, near that surface.
+        fixed : ndarray of bool, shape (n, 3)
+            Coordinates that must not change.
+        side : ndarray, shape (n,)
+            +1 or -1: the sign of the distance.
+        d : BSpline
+            Distance as a function of the parameters.
+
+        Returns
+        -------
+        tuple of ndarray
+            New parameters (n, 3); | |distance| - d | before the last step (n,), infinite where a
+            point was lost and kept its place.
+        """
+        p = self.to_tile(u)
+        residual = np.empty(len(u))
+        limit = POLISH_LIMIT * max(float(np.abs(d.c).max()), 1e-3 * float(self.seeds[3].min()))
+        for i in range(0, len(u), BATCH):
+            s = slice(i, min(i + BATCH, len(u)))
+            x = self.lattice.through.x(u[s])
+            _kernels.polish(
+                *self.space, *d.kernel_args, *self.seeds, p[s], fixed[s].astype(np.int64),
+                side[s], self.candidates(x, CANDIDATES), self.box, self.clip, self.orient,
+                TOLERANCE, limit, residual[s],
+            )  # fmt: skip
+        out = np.clip(self.from_tile(p), *self._limits())
+        return np.where(fixed, u, out), residual
+
+    def _limits(self) -> FloatArray:
+        """Parameter box; unbounded in closed directions."""
+        closed = np.array(self.lattice.through.closed)
+        lo, hi = self.lattice.domain
+        return np.array([np.where(closed, -np.inf, lo), np.where(closed, np.inf, hi)])
 
     def _account(self, counts: IntArray, status: IntArray, retried: int) -> None:
         failed = np.flatnonzero(status >= _kernels.FALLBACK)

@@ -1,0 +1,193 @@
+"""From a wall to triangles in space: contour in the parameter domain, polish, map.
+
+Guarantees: those of `ilattice.mesh.contouring`; polished vertices lie on the exact offset of the
+mid-surface, those on the faces of the domain stay there; vertices that cannot be polished keep
+their place on the spline's offset and are counted in a `PrecisionWarning`. Non-guarantee: where
+two offset surfaces meet in a crease, triangles do not follow the crease.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ilattice._progress import Progress
+from ilattice._typing import AnyArray, FloatArray
+from ilattice.errors import PrecisionWarning
+from ilattice.mesh.contouring import ON_CAP, Contour, contour_arrays, contour_blocks, split_quads
+from ilattice.mesh.surface import SurfaceMesh
+
+if TYPE_CHECKING:
+    from ilattice.offsets.wall import Wall
+
+LEAST_CELLS_PER_TILE = 8
+ANISOTROPY = 2.0
+MAX_LOST = 1e-3
+
+
+def wall_mesh(
+    wall: Wall, h: float | None, *, polish: bool, caps: bool, dtype: Any, progress: Progress
+) -> SurfaceMesh:
+    """Mesh of a wall; see `ilattice.offsets.Wall.mesh`."""
+    job = _Job.of(wall, h, polish, progress)
+    raw = contour_arrays(job.field, job.axes, caps=caps, **job.options)
+    u, side, x = job.place(raw)
+    faces = raw.faces
+    split_quads(x, faces)
+    if wall.lattice.through.orientation < 0:
+        faces = np.ascontiguousarray(faces[:, ::-1])
+    return SurfaceMesh.adopt(x.astype(dtype, copy=False), faces, _point_data(wall, u, side))
+
+
+def wall_pieces(
+    wall: Wall, h: float | None, *, polish: bool, progress: Progress
+) -> Iterator[tuple[FloatArray, AnyArray]]:
+    """Vertices and faces of a wall, slab by slab; faces count vertices through all slabs."""
+    job = _Job.of(wall, h, polish, progress)
+    for raw in contour_blocks(job.field, job.axes, **job.options):
+        _, _, x = job.place(raw)
+        faces = raw.faces
+        if wall.lattice.through.orientation < 0:
+            faces = np.ascontiguousarray(faces[:, ::-1])
+        yield x, faces
+
+
+@dataclass(frozen=True)
+class _Job:
+    """What contouring and polishing a wall need."""
+
+    wall: Wall
+    field: Any
+    axes: tuple[FloatArray, ...]
+    options: dict[str, Any]
+    polish: bool
+
+    @classmethod
+    def of(cls, wall: Wall, h: float | None, polish: bool, progress: Progress) -> _Job:
+        from ilattice.offsets.wall import warn_coarse
+
+        least = wall.thickness.extremes[0]
+        if h is None:
+            h = 0.25 * least
+        warn_coarse(h, least)
+        options: dict[str, Any] = {"wrap": wall.lattice.through.closed, "progress": progress}
+        field: Any = wall.field
+        t = wall.thickness
+        if t.constant:
+            field = wall.distance
+            options["level"] = (-float(t.inner.c.item()), float(t.outer.c.item()))
+        elif t.symmetric:
+            field = wall.distance
+            options |= {"level": (-1.0, 1.0), "scale": t.outer}
+        return cls(wall, field, grid_axes(wall, h), options, polish)
+
+    def place(self, raw: Contour) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Parameters, side and place in space of the vertices of a contour."""
+        u = raw.vertices
+        side = np.where(raw.kind & ON_CAP, 0.0, self.wall.field.side(u))
+        if self.polish:
+            u = self._wrapped(polished(self.wall, u, raw.kind, side))
+        return u, side, self.wall.lattice.through.x(u)
+
+    def _wrapped(self, u: FloatArray) -> FloatArray:
+        """Parameters moved back into the domain across the seams of closed directions."""
+        lo, hi = self.wall.lattice.domain
+        return np.where(self.wall.lattice.through.closed, lo + np.mod(u - lo, hi - lo), u)
+
+
+def polished(wall: Wall, u: FloatArray, kind: AnyArray, side: FloatArray) -> FloatArray:
+    """Vertices of the offset surfaces moved onto the exact offset.
+
+    Parameters
+    ----------
+    wall : Wall
+        The wall.
+    u : ndarray, shape (V, 3)
+        Parameters of the vertices.
+    kind, side : ndarray, shape (V,)
+        Constraints (see `Contour`), and which offset surface they belong to, 0 for none.
+
+    Returns
+    -------
+    ndarray, shape (V, 3)
+        Parameters of the moved vertices.
+    """
+    fixed = np.stack([(kind >> (2 * a)) & 3 for a in range(3)], axis=1) != 0
+    out = u.copy()
+    lost = 0
+    for sign, d in ((1.0, wall.thickness.outer), (-1.0, wall.thickness.inner)):
+        at = np.flatnonzero(side == sign)
+        if len(at):
+            out[at], residual = wall.lattice.search.polish(u[at], fixed[at], side[at], d)
+            lost += int(np.isinf(residual).sum())
+    if lost > MAX_LOST * len(u):
+        warnings.warn(
+            f"{lost} of {len(u)} vertices could not be moved onto the exact offset and stay on "
+            "that of the distance spline",
+            PrecisionWarning,
+            stacklevel=5,
+        )
+    return out
+
+
+def grid_axes(wall: Wall, h: float) -> tuple[FloatArray, ...]:
+    """Grid planes whose images are about `h` apart, and not much closer along one direction.
+
+    Along each direction the largest stretch of the map over the cross-section sets the density
+    of planes. Where a cross-section shrinks, its cells shrink with it, and the planes across
+    move together too, so that cells keep their shape.
+    """
+    lattice = wall.lattice
+    lo, hi = lattice.domain
+    sites = [np.linspace(lo[a], hi[a], max(33, 4 * lattice.repeat[a] + 1)) for a in range(3)]
+    _, g = lattice.through.geometry.grid(sites, 1)
+    stretch = np.linalg.norm(g, axis=-2)  # (n0, n1, n2, parameter)
+    others = [tuple(b for b in range(3) if b != a) for a in range(3)]
+    step = [h / stretch[..., a].max(axis=others[a]) for a in range(3)]  # widths at the sites
+    limited = []
+    for a in range(3):
+        b, c = others[a]
+        size = [
+            (stretch[..., o] * _along(step[o], o)).max(axis=others[a]) for o in (b, c)
+        ]
+        most = ANISOTROPY * np.maximum(*size) / stretch[..., a].max(axis=others[a])
+        limited.append(np.minimum(step[a], most))
+    return tuple(_planes(sites[a], limited[a], lattice.repeat[a]) for a in range(3))
+
+
+def _along(a: FloatArray, axis: int) -> FloatArray:
+    shape = [1, 1, 1]
+    shape[axis] = len(a)
+    return a.reshape(shape)
+
+
+def _planes(sites: FloatArray, step: FloatArray, tiles: int) -> FloatArray:
+    """Planes from the first to the last site, with the local width `step` at the sites."""
+    density = 1.0 / np.minimum(step, (sites[-1] - sites[0]) / (tiles * LEAST_CELLS_PER_TILE))
+    cells = np.concatenate(
+        [[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(sites))]
+    )
+    n = int(np.ceil(cells[-1]))
+    planes = np.interp(np.linspace(0.0, cells[-1], n + 1), cells, sites)
+    planes[0], planes[-1] = sites[0], sites[-1]
+    return planes
+
+
+def _point_data(wall: Wall, u: FloatArray, side: FloatArray) -> dict[str, AnyArray]:
+    data: dict[str, AnyArray] = {
+        "signed_distance": wall.distance(u),
+        "thickness": np.where(side < 0, wall.thickness.inner(u), wall.thickness.outer(u)),
+        "u": u[:, 0].copy(),
+        "v": u[:, 1].copy(),
+        "w": u[:, 2].copy(),
+        "side": side.astype(np.int8),
+    }
+    through = wall.lattice.through
+    if through.names:
+        extra = through.extra(u)
+        data |= {name: extra[:, i].copy() for i, name in enumerate(through.names)}
+    return data

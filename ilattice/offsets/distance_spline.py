@@ -1,0 +1,75 @@
+"""The signed Euclidean distance of a lattice, fitted once as one spline over the domain.
+
+Guarantee: interpolates the distance at one site per coefficient, C1, periodic where the map is
+closed. Non-guarantee: on the medial axis the distance has kinks, which a C1 spline rounds off
+over about one span.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ilattice._progress import Progress, track
+from ilattice.bspline import BSpline
+
+if TYPE_CHECKING:
+    from ilattice.macroshape.lattice import Lattice
+
+DEGREE = 2
+SLAB_POINTS = 1 << 17
+
+
+def distance_spline(
+    lattice: Lattice, spans_per_tile: int | None = None, progress: Progress = None
+) -> BSpline:
+    """Signed distance to the mid-surface as a function of the parameters.
+
+    Parameters
+    ----------
+    lattice : Lattice
+        The lattice; the spline is kept there.
+    spans_per_tile : int, optional
+        Spans per tile and direction, by default those of the lattice.
+    progress : bool or callable, optional
+        See `ilattice._progress.track`.
+
+    Returns
+    -------
+    BSpline
+        Scalar, degree 2, n = spans_per_tile * tiles + 2 coefficients per open direction.
+
+    Notes
+    -----
+    Hong et al. 2025, section 3.3 and eq. 5, with interpolation at Greville sites in place of
+    coefficients set to samples.
+    """
+    spans = lattice.spans_per_tile if spans_per_tile is None else spans_per_tile
+    key = f"distance_spline_{spans}"
+    if key not in lattice._cache:
+        lattice._cache[key] = _fit(lattice, spans, progress)
+    spline: BSpline = lattice._cache[key]
+    return spline
+
+
+def _fit(lattice: Lattice, spans: int, progress: Progress) -> BSpline:
+    from ilattice.bspline.fit import fit_interpolate, sites
+    from ilattice.bspline.knots import uniform_knots
+
+    closed = lattice.through.closed
+    knots, axes = [], []
+    for a in range(3):
+        t = uniform_knots(
+            spans * lattice.repeat[a], DEGREE, tuple(lattice.domain[:, a]), periodic=closed[a]
+        )
+        knots.append(t)
+        axes.append(sites(t, DEGREE, "interpolate", closed[a]))
+    shape = tuple(len(a) for a in axes)
+    values = np.empty(shape)
+    step = max(1, SLAB_POINTS // (shape[1] * shape[2]))
+    for i in track(range(0, shape[0], step), "distance", progress):
+        part = (axes[0][i : i + step], axes[1], axes[2])
+        u = np.stack(np.meshgrid(*part, indexing="ij"), axis=-1).reshape(-1, 3)
+        values[i : i + step] = lattice.distance(u).reshape(-1, *shape[1:])
+    return fit_interpolate(values, knots, DEGREE, periodic=closed)

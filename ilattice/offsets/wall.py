@@ -1,0 +1,315 @@
+"""Walls: the part of a lattice within a given distance of its mid-surface.
+
+Guarantees: the wall is the pair of level sets S < d_outer and S > -d_inner of one distance
+spline S; another thickness does not compute distances again; where offset surfaces meet, the
+topology follows by itself. Non-guarantee: between sites S is exact to its fit only; `tol`
+refines it, and `mesh(polish=True)` moves vertices onto the exact offset.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ilattice._progress import Progress
+from ilattice._typing import AnyArray, ArrayLike, FloatArray
+from ilattice._validate import as_points, as_positive
+from ilattice.bspline import BSpline
+from ilattice.errors import ConvergenceError, PrecisionWarning
+from ilattice.offsets.distance_spline import distance_spline
+from ilattice.offsets.thickness import Thickness, as_thickness
+
+if TYPE_CHECKING:
+    from os import PathLike
+
+    from ilattice.macroshape.lattice import Lattice
+    from ilattice.mesh.surface import SurfaceMesh
+
+MAX_SPANS_PER_TILE = 64
+
+
+@dataclass(frozen=True)
+class ThicknessReport:
+    """Error | |distance| - d | of the half-thickness over the vertices of a wall's mesh.
+
+    Attributes
+    ----------
+    max, p99, rms : float
+        Largest, 99th percentile, root mean square, in units of length.
+    relative : float
+        99th percentile relative to d.
+    relative_max : float
+        Largest relative to d.
+    count : int
+        Number of vertices measured: those of the offset surfaces, caps excluded.
+    """
+
+    max: float
+    p99: float
+    rms: float
+    relative: float
+    relative_max: float
+    count: int
+
+
+@dataclass(frozen=True, eq=False)
+class WallField:
+    """The implicit function of a wall, negative in the wall: max(S - d_outer, -S - d_inner).
+
+    Attributes
+    ----------
+    distance : BSpline
+        Signed distance S.
+    thickness : Thickness
+        Half-thickness on both sides.
+    """
+
+    distance: BSpline
+    thickness: Thickness
+
+    @property
+    def bounds(self) -> FloatArray:
+        """The parameter domain, shape (2, 3)."""
+        return self.distance.domain
+
+    def __call__(self, u: ArrayLike, /) -> FloatArray:
+        """Value, shape (n,), at parameters (n, 3)."""
+        return self.jet(u, 0)[0]
+
+    def jet(self, u: ArrayLike, order: int = 2) -> tuple[FloatArray, ...]:
+        """Value, gradient and Hessian of the side that bounds the wall: `order` + 1 of them."""
+        u = as_points("u", u)
+        s = self.distance.jet(u, order)
+        outer = self.thickness.outer.jet(u, order)
+        inner = outer if self.thickness.symmetric else self.thickness.inner.jet(u, order)
+        out = s[0] - outer[0] >= -s[0] - inner[0]
+        pick = [out.reshape(-1, *(1,) * (a.ndim - 1)) for a in s]
+        return tuple(
+            np.where(p, a - b, -a - c) for p, a, b, c in zip(pick, s, outer, inner, strict=True)
+        )
+
+    def range(self, lo: ArrayLike, hi: ArrayLike) -> FloatArray:
+        """Rigorous bounds, shape (m, 2), on boxes."""
+        s = self.distance.range(lo, hi)
+        outer, inner = self.thickness.outer.range(lo, hi), self.thickness.inner.range(lo, hi)
+        low = np.maximum(s[:, 0] - outer[:, 1], -s[:, 1] - inner[:, 1])
+        high = np.maximum(s[:, 1] - outer[:, 0], -s[:, 0] - inner[:, 0])
+        return np.stack([low, high], axis=1)
+
+    def side(self, u: FloatArray) -> FloatArray:
+        """+1 where the outer level set bounds the wall, -1 where the inner one does."""
+        s = self.distance(u)
+        return np.where(s - self.thickness.outer(u) >= -s - self.thickness.inner(u), 1.0, -1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Wall:
+    """Wall of a lattice: made by `Lattice.offset`.
+
+    Attributes
+    ----------
+    lattice : Lattice
+        Where it comes from.
+    distance : BSpline
+        Signed distance to the mid-surface as a function of the parameters.
+    thickness : Thickness
+        Half-thickness on both sides.
+    """
+
+    lattice: Lattice
+    distance: BSpline
+    thickness: Thickness
+
+    @cached_property
+    def field(self) -> WallField:
+        """The implicit function, negative in the wall."""
+        return WallField(self.distance, self.thickness)
+
+    def mesh(
+        self,
+        h: float | None = None,
+        *,
+        polish: bool = True,
+        caps: bool = True,
+        dtype: Any = np.float64,
+        progress: Progress = None,
+    ) -> SurfaceMesh:
+        """Watertight triangle mesh in space.
+
+        Parameters
+        ----------
+        h : float, optional
+            Length of edges; by default a quarter of the least total thickness.
+        polish : bool
+            Move the vertices of the offset surfaces onto the exact offset by closest points.
+        caps : bool
+            Close the wall on the faces of the domain; otherwise it is open there.
+        dtype : float64 or float32
+            Type of the vertices.
+        progress : bool or callable, optional
+            See `ilattice._progress.track`.
+
+        Returns
+        -------
+        SurfaceMesh
+            Outward oriented, with point data: signed distance, half-thickness, parameters
+            u, v, w, side (0 on caps), and the extra coordinates of the map.
+
+        Raises
+        ------
+        InputError
+            If `h` is not positive.
+        GeometryError
+            If the wall is empty.
+        """
+        from ilattice.mesh.wall_mesh import wall_mesh
+
+        h = None if h is None else as_positive("h", h)
+        return wall_mesh(self, h, polish=polish, caps=caps, dtype=dtype, progress=progress)
+
+    def save(
+        self,
+        path: str | PathLike[str],
+        h: float | None = None,
+        *,
+        polish: bool = True,
+        progress: Progress = None,
+    ) -> None:
+        """Mesh and write slab by slab, for walls whose mesh is larger than memory.
+
+        Parameters
+        ----------
+        path : path-like
+            File ending in ``.stl`` or ``.ply``.
+        h, polish, progress
+            As in `mesh`.
+
+        Raises
+        ------
+        FormatError
+            If the file cannot be written as that format.
+        """
+        from ilattice.io.stream import StreamedMeshWriter
+        from ilattice.mesh.wall_mesh import wall_pieces
+
+        h = None if h is None else as_positive("h", h)
+        with StreamedMeshWriter(path) as writer:
+            for vertices, faces in wall_pieces(self, h, polish=polish, progress=progress):
+                writer.append(vertices, faces)
+
+    def volume(self, h: float | None = None) -> float:
+        """Volume of the wall in space, by the divergence theorem on its polished mesh.
+
+        Parameters
+        ----------
+        h : float, optional
+            Length of edges of that mesh; the error is of second order in it.
+
+        Returns
+        -------
+        float
+            Volume.
+        """
+        return float(self.mesh(h).volume)
+
+    def thickness_error(self, mesh: SurfaceMesh | None = None) -> ThicknessReport:
+        """How far the wall is from the asked thickness, by fresh closest points.
+
+        Parameters
+        ----------
+        mesh : SurfaceMesh, optional
+            A mesh of this wall; by default an unpolished one, which measures the spline.
+
+        Returns
+        -------
+        ThicknessReport
+            Errors over the vertices of the offset surfaces, caps excluded.
+        """
+        if mesh is None:
+            mesh = self.mesh(polish=False)
+        u, side = parameters_of(mesh)
+        u, side = u[side != 0], side[side != 0]
+        asked = np.where(side > 0, self.thickness.outer(u), self.thickness.inner(u))
+        error = np.abs(side * self.lattice.distance(u) - asked)
+        d = np.maximum(asked, 1e-300)
+        return ThicknessReport(
+            float(error.max()), float(np.percentile(error, 99)),
+            float(np.sqrt(np.mean(error**2))), float(np.percentile(error / d, 99)),
+            float((error / d).max()), len(error),
+        )  # fmt: skip
+
+
+def parameters_of(mesh: SurfaceMesh) -> tuple[FloatArray, AnyArray]:
+    """Parameters (V, 3) and side (V,) of the vertices of a wall's mesh."""
+    data = mesh.point_data
+    u = np.stack([data[name] for name in ("u", "v", "w")], axis=1).astype(np.float64)
+    return u, data["side"]
+
+
+def offset(
+    lattice: Lattice, d: Any, *, tol: float | None = None, progress: Progress = None
+) -> Wall:
+    """Wall of Euclidean half-thickness `d` about the mid-surface of a lattice.
+
+    Parameters
+    ----------
+    lattice : Lattice
+        Tiles and map.
+    d : float, callable, BSpline, str, or pair of these
+        Half-thickness in units of length, on both sides, or (inner, outer) for the sides where
+        the implicit function is negative and positive. A callable takes parameters (n, 3);
+        a name is that of an extra coordinate of the map.
+    tol : float, optional
+        Largest error (99th percentile) of the half-thickness, in units of length; the distance
+        spline is refined until it holds.
+    progress : bool or callable, optional
+        See `ilattice._progress.track`.
+
+    Returns
+    -------
+    Wall
+        The wall; it shares the distance spline with every other wall of the lattice.
+
+    Raises
+    ------
+    InputError
+        If `d` is not positive or larger than the part, or `tol` is not positive.
+    ConvergenceError
+        If `tol` is not met with 64 spans per tile.
+
+    Notes
+    -----
+    Hong et al. 2025, eq. 4 and 5: I_+e and I_-e are S - d and S + d.
+    """
+    thickness = as_thickness(d, lattice)
+    wall = Wall(lattice, distance_spline(lattice, progress=progress), thickness)
+    if tol is None:
+        return wall
+    tol = as_positive("tol", tol)
+    spans = lattice.spans_per_tile
+    error = wall.thickness_error().p99
+    while error > tol and 2 * spans <= MAX_SPANS_PER_TILE:
+        spans *= 2
+        wall = replace(wall, distance=distance_spline(lattice, spans, progress))
+        error = wall.thickness_error().p99
+    if error > tol:
+        raise ConvergenceError(
+            f"tol={tol:g} is not met: the half-thickness is still off by {error:g} with {spans} "
+            "spans per tile; ask for less, or polish the mesh"
+        )
+    return wall
+
+
+def warn_coarse(h: float, least: float) -> None:
+    """Warn of a mesh that is too coarse for the wall."""
+    if h > 0.6 * least:
+        warnings.warn(
+            f"h={h:g} is coarse for a wall that is {least:g} thick at its thinnest: thinner "
+            f"parts may be lost; use h <= {0.5 * least:g}",
+            PrecisionWarning,
+            stacklevel=4,
+        )
