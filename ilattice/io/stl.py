@@ -1,7 +1,7 @@
 """Binary STL: a soup of triangles in single precision, for printers.
 
-Guarantees: outward unit normals computed in double precision; a warning if single precision makes
-triangles collapse. Not kept: topology, named data, units.
+Guarantees: the normals are those of the written corners, as readers compute them; a warning if
+single precision makes triangles collapse. Not kept: topology, named data, units.
 """
 
 import os
@@ -95,6 +95,7 @@ def triangle_records(vertices: AnyArray, faces: AnyArray) -> tuple[AnyArray, int
         How many have lost their area to rounding.
     """
     records = np.zeros(len(faces), _TRIANGLE)
-    records["normal"] = face_normals(vertices, faces)
-    records["corners"], collapsed = corners_as_float32(vertices, faces)
+    corners, collapsed = corners_as_float32(vertices, faces)
+    records["corners"] = corners
+    records["normal"] = face_normals(corners.reshape(-1, 3), np.arange(faces.size).reshape(-1, 3))
     return records, collapsed

@@ -17,7 +17,7 @@ import trimesh
 
 from ilattice import io
 from ilattice.errors import FormatError, GeometryError, InputError, PrecisionWarning
-from ilattice.io import _common, _mesh, ply, registry, splines, threemf
+from ilattice.io import _mesh, ply, registry, splines, threemf
 from ilattice.mesh import SurfaceMesh
 
 MESH_ENDINGS = [".3mf", ".obj", ".off", ".ply", ".stl", ".vtp"]
