@@ -123,6 +123,11 @@ class TrigField:
         triple = as_triple("period", period, positive=True)
         return cls._make(_terms.parse(text), triple)
 
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore from a pickle, which forgets that arrays are read-only."""
+        for name, value in state.items():
+            object.__setattr__(self, name, value if value is None else read_only(value))
+
     def __repr__(self) -> str:
         """Short form: the expression, if it is short."""
         text = str(self) if len(self.coef) <= 8 else f"{len(self.coef)} terms"
@@ -165,8 +170,8 @@ class TrigField:
             return (self(p),)
         f, g, hess = jets(self.coef, self.factor, self._frequency, self._inner(p), order)
         if self.linear is not None:
-            g = g @ self.linear
-            hess = self.linear.T @ hess @ self.linear
+            g = _product(g, self.linear)
+            hess = _product(_product(hess, self.linear).transpose(0, 2, 1), self.linear)
         return (f, g, hess)[: order + 1]
 
     def grid(
@@ -361,7 +366,7 @@ class TrigField:
     def _inner(self, p: ArrayLike) -> FloatArray:
         """Checked points after the linear map."""
         points = as_points("p", p)
-        return _own(points if self.linear is None else points @ self.linear.T)
+        return _own(points if self.linear is None else _product(points, self.linear.T))
 
     def _tables(self, xyz: tuple[FloatArray, ...], kind: Any) -> tuple[AnyArray, ...]:
         """Slots and per-axis tables for `tensor_grid`; only factors that occur."""
@@ -403,6 +408,13 @@ def _as_linear(linear: ArrayLike | None) -> FloatArray | None:
 def _matrix(linear: FloatArray | None) -> FloatArray:
     matrix: FloatArray = _IDENTITY if linear is None else linear
     return matrix
+
+
+def _product(a: FloatArray, matrix: FloatArray) -> FloatArray:
+    """``a @ matrix`` with bits that do not depend on the number of rows (those of BLAS do)."""
+    x, y, z = (a[..., i, None] * matrix[i] for i in range(3))
+    out: FloatArray = x + y + z
+    return out
 
 
 def _own(a: FloatArray) -> FloatArray:
