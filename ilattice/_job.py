@@ -107,7 +107,13 @@ def build(
     with stages("write"):
         for path in output:
             mesh.save(path)
-    inputs = {"tile": tile, "map": through, "repeat": list(repeat), "thickness": thickness, "tol": tol}
+    inputs = {
+        "tile": tile,
+        "map": through,
+        "repeat": list(repeat),
+        "thickness": thickness,
+        "tol": tol,
+    }
     result = {
         "ilattice": il.__version__,
         "input": inputs | {"h": h},
@@ -160,7 +166,7 @@ def demo(
         output=[folder / name for name in names],
         progress=progress,
     )
-    volume("torus").save(folder / "macroshape.vtu")
+    il.io.save(volume("torus"), folder / "macroshape.vtu")
     result["files"].append(str(folder / "macroshape.vtu"))
     write_json(folder / "report.json", result)
     return result
@@ -253,6 +259,8 @@ def describe(spec: str) -> list[str]:
             lines += _described(str(patch), il.SplineMap(patch.spline, names=patch.names))
         else:
             lines.append(str(patch))
+    if not lines:
+        raise FormatError(f"{spec}: holds no spline that is known here")
     return lines
 
 

@@ -1,17 +1,19 @@
 """The command line ``ilattice``: every command is one call of the library.
 
 Guarantee: what goes wrong on purpose ends in one line on standard error and exit code 2 (wrong
-input or usage) or 1 (everything else); interrupting ends in 130. No traceback.
+input or usage) or 1 (everything else); interrupting ends in 130. No traceback. Warnings are lines
+on standard error too.
 """
 
 import json
 import sys
 import time
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from ilattice.errors import IlatticeError, InputError
+from ilattice.errors import IlatticeError, InputError, PrecisionWarning
 
 if TYPE_CHECKING:
     from cyclopts import App
@@ -34,7 +36,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     words = sys.argv[1:] if arguments is None else list(arguments)
     try:
-        _app()(words, exit_on_error=False, print_error=False)
+        with warnings.catch_warnings():
+            warnings.simplefilter("always", PrecisionWarning)
+            warnings.showwarning = _warn
+            _app()(words, exit_on_error=False, print_error=False)
     except CycloptsError as e:
         return _fail(str(e), 2)
     except InputError as e:
@@ -49,8 +54,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _fail(message: str, code: int) -> int:
-    print("ilattice: error:", " ".join(message.split()), file=sys.stderr)
+    _tell("error", message)
     return code
+
+
+def _warn(message: Warning | str, *_: object) -> None:
+    _tell("warning", str(message))
+
+
+def _tell(kind: str, message: str) -> None:
+    print(f"ilattice: {kind}:", " ".join(message.split()), file=sys.stderr)
 
 
 def _app() -> "App":

@@ -7,11 +7,11 @@ import pytest
 from ilattice import __version__, cli
 
 BUILD = {
-    "--tile": ["gyroid"],
+    "--tile": ["schwarz_p"],
     "--map": ["box"],
     "--repeat": ["1", "1", "1"],
     "--thickness": ["0.1 + 0.02*cos(2*pi*u)"],
-    "--h": ["0.1"],
+    "--h": ["0.07"],
 }
 
 
@@ -76,6 +76,13 @@ def test_wrong_input_is_one_line_and_code_2(changes, message, tmp_path, capfd):
     assert not target.exists()
 
 
+def test_warnings_are_lines_too(tmp_path, capfd):
+    assert cli.main([*words(h=["0.12"]), "-o", str(tmp_path / "a.stl")]) == 0
+    err = capfd.readouterr().err
+    assert err.startswith("ilattice: warning: h=0.12 is coarse")
+    assert err.count("\n") == 1
+
+
 def test_a_missing_directory_is_noticed_before_the_work(tmp_path, capfd, monkeypatch):
     monkeypatch.setattr("ilattice._job.volume", lambda _: pytest.fail("worked in vain"))
     err = fails([*words(), "-o", str(tmp_path / "no" / "a.stl")], 2, capfd)
@@ -126,7 +133,7 @@ def test_unknown_command_and_version(capfd):
 
 
 def test_demo_leaves_its_files(tmp_path, capfd):
-    assert cli.main(["demo", "--out", str(tmp_path / "new" / "demo"), "--h", "0.2"]) == 0
+    assert cli.main(["demo", "--out", str(tmp_path / "new" / "demo"), "--h", "0.12"]) == 0
     assert "torus.stl" in capfd.readouterr().out
     folder = tmp_path / "new" / "demo"
     names = {"torus.stl", "torus.vtp", "macroshape.vtu", "torus.png", "report.json"}
