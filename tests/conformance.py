@@ -163,7 +163,7 @@ def check_range(field, rng, box, converges):
         f = field(p.reshape(-1, 3)).reshape(20, -1)
         assert (bounds[:, 0] <= f.min(axis=1)).all(), f"lower bound violated at size {size}"
         assert (bounds[:, 1] >= f.max(axis=1)).all(), f"upper bound violated at size {size}"
-        if converges and 0.0 < size <= 0.01:
+        if converges and 0.0 < size <= 1e-3:
             spread, width = np.ptp(f, axis=1), bounds[:, 1] - bounds[:, 0]
             assert np.median(width) <= 2 * np.median(spread), f"bounds not sharp at size {size}"
     with pytest.raises(InputError):
