@@ -67,12 +67,6 @@ def _as_byte(channel: AnyArray) -> AnyArray:
     return np.rint(np.clip(channel, 0.0, 1.0) * 255.0).astype(np.uint8)
 
 
-def corners_as_float32(vertices: AnyArray, faces: AnyArray) -> tuple[AnyArray, int]:
-    """Corners of triangles, shape (n, 3, 3) float32, and how many triangles collapse by that."""
-    corners = vertices[faces].astype(np.float32)
-    return corners, collapsed(corners)
-
-
 def collapsed(corners: AnyArray) -> int:
     """Number of triangles (n, 3, 3) with two equal corners."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]

@@ -15,7 +15,7 @@ from ilattice.io._common import atomic_write
 from ilattice.io._mesh import (
     blocks,
     check_not_empty,
-    corners_as_float32,
+    collapsed,
     warn_collapsed,
     write_records,
 )
@@ -50,7 +50,7 @@ def write_stl(mesh: SurfaceMesh, path: str | os.PathLike[str]) -> None:
     with atomic_write(path) as file:
         write_header(file, len(mesh.faces))
         for rows in blocks(len(mesh.faces)):
-            records, flat = triangle_records(mesh.vertices, mesh.faces[rows])
+            records, flat = triangle_records(mesh.vertices[mesh.faces[rows]])
             write_records(file, records)
             lost += flat
     warn_collapsed(lost, "STL")
@@ -77,25 +77,24 @@ def write_header(file: IO[bytes], count: int) -> None:
     file.write(np.uint32(count).astype("<u4").tobytes())
 
 
-def triangle_records(vertices: AnyArray, faces: AnyArray) -> tuple[AnyArray, int]:
+def triangle_records(corners: AnyArray) -> tuple[AnyArray, int]:
     """Triangles as the bytes of the file.
 
     Parameters
     ----------
-    vertices : (V, 3) array
-        Points.
-    faces : (n, 3) integer array
-        Corners.
+    corners : (n, 3, 3) array
+        Corners of each triangle.
 
     Returns
     -------
     records : (n,) structured array
         Fifty bytes each.
     collapsed : int
-        How many have lost their area to rounding.
+        How many have lost a side to rounding.
     """
-    records = np.zeros(len(faces), _TRIANGLE)
-    corners, collapsed = corners_as_float32(vertices, faces)
-    records["corners"] = corners
-    records["normal"] = face_normals(corners.reshape(-1, 3), np.arange(faces.size).reshape(-1, 3))
-    return records, collapsed
+    narrow = np.ascontiguousarray(corners, dtype=np.float32)
+    records = np.zeros(len(narrow), _TRIANGLE)
+    records["corners"] = narrow
+    numbers = np.arange(3 * len(narrow)).reshape(-1, 3)
+    records["normal"] = face_normals(narrow.reshape(-1, 3), numbers)
+    return records, collapsed(narrow)

@@ -1,8 +1,8 @@
 """Writers for meshes larger than memory: STL and PLY, block by block.
 
 Guarantees: memory does not grow with the number of blocks; the file appears under its name only
-when it is complete. PLY keeps all faces in an unnamed file on the same disk until the end, as the
-format wants all vertices first.
+when it is complete. Meanwhile an unnamed file on the same disk holds what comes too early: for PLY
+the faces (the format wants all vertices first), for STL the vertices (later faces may name them).
 """
 
 import os
@@ -24,6 +24,7 @@ from ilattice.io._mesh import blocks, warn_collapsed, write_records
 
 _HEADER_SIZE = 4096
 _COPY = 1 << 24
+_RECENT = 2
 
 
 class StreamedMeshWriter:
@@ -33,8 +34,6 @@ class StreamedMeshWriter:
     ----------
     path : path-like
         File to create or to replace, ending in ``.stl`` or ``.ply``.
-    window : int
-        STL only: faces may name vertices of this many blocks, the present one included.
     precision : {"single", "double"}, optional
         PLY only: type of coordinates and real data; by default that of the first block.
 
@@ -50,18 +49,13 @@ class StreamedMeshWriter:
     ...         writer.append(vertices, faces)
     """
 
-    def __init__(
-        self, path: str | os.PathLike[str], *, window: int = 2, precision: str | None = None
-    ) -> None:
+    def __init__(self, path: str | os.PathLike[str], *, precision: str | None = None) -> None:
         self._path = as_path("path", path)
         suffix = self._path.suffix.lower()
         if suffix not in (".stl", ".ply"):
             raise FormatError(f"cannot stream to {str(path)!r}: the ending must be .stl or .ply")
         if suffix == ".stl" and precision not in (None, "single"):
             raise InputError(f"STL is in single precision, got precision={precision!r:.80}")
-        if window < 1:
-            raise InputError(f"window must be at least 1 block, got {window}")
-        self._window = window
         self._precision = precision
         self._stack = ExitStack()
         self._sink: _Sink | None = None
@@ -72,11 +66,11 @@ class StreamedMeshWriter:
         """Open a temporary file beside the target."""
         with ExitStack() as stack:
             file = stack.enter_context(atomic_write(self._path))
+            spill = tempfile.TemporaryFile(dir=self._path.resolve().parent)
+            stack.enter_context(spill)
             if self._path.suffix.lower() == ".stl":
-                self._sink = _StlSink(file, self._window)
+                self._sink = _StlSink(file, spill)
             else:
-                folder = self._path.resolve().parent
-                spill = stack.enter_context(tempfile.TemporaryFile(dir=folder))
                 self._sink = _PlySink(file, spill, self._precision)
             self._stack = stack.pop_all()
         return self
@@ -115,7 +109,7 @@ class StreamedMeshWriter:
         Raises
         ------
         InputError
-            If a face names a vertex that is not there yet or, in STL, no longer.
+            If a face names a vertex that is not there yet.
         FormatError
             If the file cannot be written.
         """
@@ -145,7 +139,6 @@ def write_stream(
     path: str | os.PathLike[str],
     blocks: Iterable[tuple[AnyArray, AnyArray]],
     *,
-    window: int = 2,
     precision: str | None = None,
 ) -> tuple[int, int]:
     """Write all blocks of an iterable.
@@ -156,7 +149,7 @@ def write_stream(
         File to create or to replace, ending in ``.stl`` or ``.ply``.
     blocks : iterable of (vertices, faces)
         As for `StreamedMeshWriter.append`.
-    window, precision
+    precision : {"single", "double"}, optional
         As for `StreamedMeshWriter`.
 
     Returns
@@ -164,7 +157,7 @@ def write_stream(
     vertices, faces : int
         How many were written.
     """
-    with StreamedMeshWriter(path, window=window, precision=precision) as writer:
+    with StreamedMeshWriter(path, precision=precision) as writer:
         for vertices, faces in blocks:
             writer.append(vertices, faces)
     return writer.vertex_count, writer.face_count
@@ -187,11 +180,12 @@ class _Sink(Protocol):
 
 
 class _StlSink:
-    """Triangles as they come; remembers the vertices of the last blocks."""
+    """Triangles as they come; all vertices go to an unnamed file, the latest stay in memory."""
 
-    def __init__(self, file: IO[bytes], window: int) -> None:
+    def __init__(self, file: IO[bytes], spill: IO[bytes]) -> None:
         self._file = file
-        self._recent: deque[AnyArray] = deque(maxlen=window)
+        self._spill = spill
+        self._recent: deque[AnyArray] = deque(maxlen=_RECENT)
         self._collapsed = 0
         stl.write_header(file, 0)
 
@@ -204,18 +198,25 @@ class _StlSink:
     ) -> None:
         if point_data:
             raise InputError("STL holds no point data; stream to .ply")
-        self._recent.append(np.array(vertices))
+        narrow = np.array(vertices, dtype=np.float32, order="C")
+        write_records(self._spill, narrow)
+        self._recent.append(narrow)
         known = np.concatenate(self._recent)
-        oldest = first + len(vertices) - len(known)
-        if len(faces) and int(faces.min()) < oldest:
-            raise InputError(
-                f"a face names vertex {int(faces.min())}, but only vertices from {oldest} on "
-                f"are kept for STL (window={self._recent.maxlen} blocks); raise window"
-            )
+        oldest = first + len(narrow) - len(known)
         for rows in blocks(len(faces)):
-            records, collapsed = stl.triangle_records(known, faces[rows] - oldest)
+            records, lost = stl.triangle_records(self._corners(faces[rows], known, oldest))
             write_records(self._file, records)
-            self._collapsed += collapsed
+            self._collapsed += lost
+
+    def _corners(self, faces: AnyArray, known: AnyArray, oldest: int) -> AnyArray:
+        """Corners of faces: vertices from number `oldest` on are `known`, others on the disk."""
+        corners = known[np.maximum(faces - oldest, 0)]
+        early = faces < oldest
+        if early.any():
+            self._spill.flush()
+            stored = np.memmap(self._spill, np.float32, mode="r", shape=(oldest, 3))
+            corners[early] = stored[faces[early]]
+        return corners
 
     def finish(self, counts: tuple[int, int]) -> None:
         self._file.seek(0)

@@ -1,9 +1,14 @@
-"""Triangle meshes: `SurfaceMesh` and its measures.
+"""Triangle meshes: contouring, `SurfaceMesh` and its measures.
 
-`SurfaceMesh` is what contouring gives and what `ilattice.io` writes. `measure` holds the same
-measures as functions of plain arrays.
+========================  ==================================================================
+`SurfaceMesh`             vertices, faces, named data; what `ilattice.io` writes
+`contour`                 from an implicit field on a box to a `SurfaceMesh`
+`measure`                 volume, area, quality, edge census as functions of plain arrays
+========================  ==================================================================
 """
 
+from ilattice.mesh import measure
+from ilattice.mesh.contouring import contour
 from ilattice.mesh.surface import SurfaceMesh
 
-__all__ = ["SurfaceMesh"]
+__all__ = ["SurfaceMesh", "contour", "measure"]

@@ -26,10 +26,10 @@ def in_order_of_slabs():
     return np.concatenate([faces for _, faces in slabs()])
 
 
-@pytest.mark.parametrize("window", [6, 9])
-def test_streamed_stl_equals_the_whole_one(tmp_path, window):
+def test_streamed_stl_equals_the_whole_one(tmp_path):
+    """The ring closes: its last faces name vertices of the first block."""
     SurfaceMesh(VERTICES, in_order_of_slabs()).save(tmp_path / "whole.stl")
-    counts = io.write_stream(tmp_path / "a.stl", slabs(), window=window)
+    counts = io.write_stream(tmp_path / "a.stl", slabs())
     assert counts == (len(VERTICES), len(FACES))
     assert (tmp_path / "a.stl").read_bytes() == (tmp_path / "whole.stl").read_bytes()
 
@@ -71,8 +71,6 @@ def test_faces_must_name_vertices_that_are_there(tmp_path):
         io.write_stream(tmp_path / "a.stl", [(VERTICES, FACES + 1)])
     with pytest.raises(InputError, match="names vertex -1"):
         io.write_stream(tmp_path / "a.ply", [(VERTICES, FACES - 1)])
-    with pytest.raises(InputError, match=r"vertices from \d+ on are kept .*raise window"):
-        io.write_stream(tmp_path / "a.stl", slabs(), window=2)
     assert (tmp_path / "a.stl").read_text() == "old"
     assert len(list(tmp_path.iterdir())) == 1
 
@@ -80,8 +78,6 @@ def test_faces_must_name_vertices_that_are_there(tmp_path):
 def test_wrong_calls_are_refused(tmp_path):
     with pytest.raises(FormatError, match=r"\.stl or \.ply"):
         io.StreamedMeshWriter(tmp_path / "a.obj")
-    with pytest.raises(InputError, match="window"):
-        io.StreamedMeshWriter(tmp_path / "a.stl", window=0)
     with pytest.raises(InputError, match="single precision"):
         io.StreamedMeshWriter(tmp_path / "a.stl", precision="double")
     with pytest.raises(InputError, match="inside of 'with"):
@@ -140,7 +136,7 @@ def test_a_full_disk_between_blocks_is_told(tmp_path, ending):
 
 
 def test_a_block_may_be_reused_by_its_producer(tmp_path):
-    """The window of STL keeps copies."""
+    """STL keeps copies of the latest vertices."""
     buffer = np.empty((len(VERTICES) // 2, 3))
 
     def halves():
