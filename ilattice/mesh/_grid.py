@@ -1,7 +1,9 @@
 """The padded grid of blocks on which contouring works; the checks of its input.
 
 A direction with n planes has ``n + 1`` padded cells, of which the first and the last are ghosts of
-width 0 on the faces of the domain; a wrapped direction has its ``n - 1`` cells and no ghosts.
+width 0 on the faces of the domain; a wrapped direction has its ``n - 1`` cells and no ghosts. The
+outermost planes of samples lie a fraction `inset` of a cell inside the faces, so that vertices on
+the faces and those of the first layer of cells keep a distance.
 """
 
 from collections.abc import Sequence
@@ -19,21 +21,26 @@ from ilattice.mesh._kernels_cells import B, S
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Planes of the grid, directions that wrap, and what follows from them."""
+    """Planes of samples, ends of the domain, directions that wrap, and what follows from them."""
 
     axes: tuple[FloatArray, FloatArray, FloatArray]
+    ends: FloatArray  # (2, 3)
     wrap: tuple[bool, bool, bool]
 
     @classmethod
-    def checked(cls, axes: Any, wrap: Any) -> "Grid":
+    def checked(cls, axes: Any, wrap: Any, inset: float) -> "Grid":
         """Grid of user input, or `InputError`."""
         if not isinstance(axes, Sequence | np.ndarray) or len(axes) != 3:
             raise InputError("axes must be three 1-D arrays of grid planes")
         flags = (wrap,) * 3 if isinstance(wrap, bool) else tuple(bool(w) for w in wrap)
         if len(flags) != 3:
             raise InputError(f"wrap must be one flag or three, got {wrap!r:.80}")
-        planes = [_as_planes(f"axes[{i}]", a, w) for i, (a, w) in enumerate(zip(axes, flags))]  # noqa: B905
-        return cls((planes[0], planes[1], planes[2]), (flags[0], flags[1], flags[2]))
+        planes = [_as_planes(f"axes[{i}]", a, w) for i, (a, w) in enumerate(zip(axes, flags, strict=True))]
+        ends = np.array([[a[0] for a in planes], [a[-1] for a in planes]])
+        if not 0 <= inset < 0.5:
+            raise InputError(f"inset must be at least 0 and below 0.5, got {inset!r:.80}")
+        moved = [a if w else _with_inset(a, inset) for a, w in zip(planes, flags, strict=True)]
+        return cls((moved[0], moved[1], moved[2]), ends, (flags[0], flags[1], flags[2]))
 
     @cached_property
     def cells(self) -> tuple[int, int, int]:
@@ -85,7 +92,9 @@ class Grid:
 
     def _low(self, axis: int) -> FloatArray:
         a = self.axes[axis]
-        return a[:-1] if self.wrap[axis] else np.concatenate((a[:1], a))
+        if self.wrap[axis]:
+            return a[:-1]
+        return np.concatenate((self.ends[:1, axis], a[:-1], self.ends[1:, axis]))
 
     def _size(self, axis: int) -> FloatArray:
         d = np.diff(self.axes[axis])
@@ -94,9 +103,7 @@ class Grid:
     @cached_property
     def period(self) -> FloatArray:
         """Length of the wrapped directions, 0 for the others, shape (3,)."""
-        return np.array(
-            [a[-1] - a[0] if w else 0.0 for a, w in zip(self.axes, self.wrap, strict=True)]
-        )
+        return np.where(self.wrap, self.ends[1] - self.ends[0], 0.0)
 
     def box_ends(self, axis: int, first: IntArray, last: IntArray) -> tuple[FloatArray, FloatArray]:
         """Coordinates where blocks ``first`` begin and blocks ``last`` end along an axis."""
@@ -113,6 +120,13 @@ class Grid:
         return (first == 0) | (last >= self.blocks[axis] - 1) | (
             B * (last + 1) >= self.cells[axis] - 1
         )
+
+
+def _with_inset(a: FloatArray, inset: float) -> FloatArray:
+    moved = a.copy()
+    moved[0] += inset * (a[1] - a[0])
+    moved[-1] -= inset * (a[-1] - a[-2])
+    return moved
 
 
 def _as_planes(name: str, value: Any, wrapped: bool) -> FloatArray:

@@ -33,6 +33,7 @@ _OFFSET = np.array(  # corner of each edge (its lower end), and its axis
 )
 _SLOT = _OFFSET[:, 3] * 729 + _OFFSET[:, 0] * 81 + _OFFSET[:, 1] * 9 + _OFFSET[:, 2]
 CAP = 64  # bit of `kind`: inside a cap, not on the level set
+LOWER = 128  # bit of `kind`: on the lower of two levels
 
 
 @njit(cache=True, inline="always")
@@ -215,11 +216,12 @@ def _crossed_edges(rows, shape, coords, b):
 
 @njit(cache=True, inline="always")
 def _fraction(v0, v1, lower, upper):
-    """Where on an edge the linear interpolant crosses the nearest bound."""
+    """Where on an edge the linear interpolant crosses a bound; 2 more where it is the lower."""
     out = v1 if (v0 < upper and not v0 <= lower) else v0
     bound = upper if out >= upper else lower
     t = (bound - v0) / (v1 - v0)
-    return t if t >= 0.0 and t <= 1.0 else np.float32(0.5)
+    t = t if t >= 0.0 and t <= 1.0 else np.float32(0.5)
+    return t if out >= upper else t + np.float32(2.0)
 
 
 @njit(cache=True, parallel=True)
@@ -377,15 +379,19 @@ def _is_real_edge(e, gx, gy, gz):
 
 @njit(cache=True)
 def _place(row, patch, slot, dense, gx, gy, gz, fraction):
-    """Mean of the crossings of a patch, as fractions of the cell; number of crossings used."""
+    """Mean of the crossings of a patch, as fractions of the cell; CAP or LOWER for its kind."""
     sx = sy = sz = 0.0
     n = 0
+    lower = 0
     ghost = gx >= 0 or gy >= 0 or gz >= 0
     for q in range(CASES[row, START + patch], CASES[row, START + patch + 1]):
         e = CASES[row, ORDER + q]
         if ghost and not _is_real_edge(e, gx, gy, gz):
             continue
         t = dense[slot + _SLOT[e]]
+        if t >= 2.0:
+            t -= np.float32(2.0)
+            lower += 1
         axis = _OFFSET[e, 3]
         sx += t if axis == 0 else _OFFSET[e, 0]
         sy += t if axis == 1 else _OFFSET[e, 1]
@@ -394,30 +400,34 @@ def _place(row, patch, slot, dense, gx, gy, gz, fraction):
     fraction[0] = sx / n if n > 0 else 0.5
     fraction[1] = sy / n if n > 0 else 0.5
     fraction[2] = sz / n if n > 0 else 0.5
-    return n
+    if n == 0:
+        return CAP
+    return LOWER if 2 * lower > n else 0
 
 
 @njit(cache=True)
-def face_bits(gx, gy, gz, crossed):
-    """Code of a vertex: bit 2 a + s for each face of the domain, CAP when on no crossing."""
-    kind = 0 if crossed else CAP
+def face_bits(gx, gy, gz):
+    """Bit 2 a + s for each face of the domain that a cell is a ghost of."""
+    bits = 0
     if gx >= 0:
-        kind |= 1 << (1 - gx)
+        bits |= 1 << (1 - gx)
     if gy >= 0:
-        kind |= 4 << (1 - gy)
+        bits |= 4 << (1 - gy)
     if gz >= 0:
-        kind |= 16 << (1 - gz)
-    return kind
+        bits |= 16 << (1 - gz)
+    return bits
 
 
 @njit(cache=True, parallel=True)
 def vertices(
-    rows, flips, shape, coords, first, last, caps, t, t_first, start, low, size, margin, out, kind
-):
-    """Vertices of the blocks first..last into `out`, their codes into `kind`.
+    rows, flips, shape, coords, first, last, caps, t, t_first, start, low, size, margin, pull,
+    out, kind, cell,
+):  # fmt: skip
+    """Vertices of the blocks first..last into `out`, their codes into `kind`, cells into `cell`.
 
     ``low[a], size[a]`` are the lower end and the width of the padded cells along axis a: ghost
-    cells have width 0. Vertices keep `margin` (a fraction of the cell) from the cell's boundary.
+    cells have width 0. Vertices keep `margin` (a fraction of the cell) from the cell's boundary;
+    the only one of a cell is pulled that far, `pull`, to its centre.
     """
     for chunk in prange((last - first + CHUNK - 1) // CHUNK):
         dense = np.empty(3 * S * S * S, np.float32)
@@ -444,13 +454,16 @@ def vertices(
                         if not caps and is_bare(shape, gx, gy, gz, code):
                             continue
                         row = code + FLIPPED * ((np.int64(flips[b, B * i + j]) >> k) & 1)
+                        keep = 1.0 - (pull if CASES[row, PATCHES] == 1 else 0.0)
                         for patch in range(CASES[row, PATCHES]):
-                            n = _place(
+                            level = _place(
                                 row, patch, 81 * i + 9 * j + k, dense, gx, gy, gz, fraction
                             )
                             for a in range(3):
                                 c = cx if a == 0 else (cy if a == 1 else cz)
-                                f = min(max(fraction[a], margin), 1.0 - margin)
+                                f = 0.5 + keep * (fraction[a] - 0.5)
+                                f = min(max(f, margin), 1.0 - margin)
                                 out[at, a] = low[a, c] + f * size[a, c]
-                            kind[at] = face_bits(gx, gy, gz, n > 0)
+                                cell[at, a] = c
+                            kind[at] = face_bits(gx, gy, gz) | level
                             at += 1

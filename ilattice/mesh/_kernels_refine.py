@@ -8,54 +8,67 @@ import numpy as np
 from numba import njit, prange
 
 
-@njit(cache=True)
-def _cell_of(planes, x):
-    """Index of the cell of ``planes`` that holds x."""
-    low, high = 0, len(planes) - 1
-    while high - low > 1:
-        mid = (low + high) // 2
-        if x >= planes[mid]:
-            low = mid
-        else:
-            high = mid
-    return low
+LOWER = 128  # bit of `kind`: on the lower of two levels
+STEEP = 0.02  # least part of the squared gradient along the coordinates that are left
+FACES = 63  # bits of `kind`: on faces of the domain
+
+
+@njit(cache=True, inline="always")
+def _free_range(low, size, a, c, last, margin, reach):
+    """Where a vertex of cell c may go along axis a; on faces it may leave the cell by `reach`."""
+    rim = margin * size[a, c]
+    lo = low[a, c] + rim
+    hi = low[a, c] + size[a, c] - rim
+    if reach > 0.0 and c > 0 and c < last:
+        lo -= reach * (low[a, c] - low[a, c - 1])
+        hi += reach * (low[a, c + 1] + size[a, c + 1] - low[a, c] - size[a, c])
+    return lo, hi
 
 
 @njit(cache=True, parallel=True)
-def free_boxes(points, kind, x, y, z, margin, low, high):
-    """Box of each vertex: its cell without the margin, no width where it is constrained."""
-    for n in prange(len(points)):
-        for a in range(3):
-            p = points[n, a]
-            planes = x if a == 0 else (y if a == 1 else z)
-            if (kind[n] >> (2 * a)) & 3:
-                low[n, a] = p
-                high[n, a] = p
-            else:
-                c = _cell_of(planes, p)
-                rim = margin * (planes[c + 1] - planes[c])
-                low[n, a] = min(p, planes[c] + rim)
-                high[n, a] = max(p, planes[c + 1] - rim)
+def newton_step(
+    points, value, gradient, kind, cell, shape, low, size, lower, upper, margin, reach,
+    out, residual,
+):  # fmt: skip
+    """One step of each vertex onto its level along the gradient, within its cell.
 
-
-@njit(cache=True, parallel=True)
-def newton_step(points, value, gradient, lower, upper, low, high, out, residual):
-    """One step onto the nearest bound along the gradient, in the free coordinates, clamped."""
+    Coordinates on faces of the domain stay. Where the step would leave the cell, the coordinate
+    stops there and the others take over, unless the field hardly changes along them: that would
+    send the vertex far along the surface.
+    """
     for n in prange(len(points)):
-        r = value[n] - upper
-        if value[n] - lower < upper - value[n]:
-            r = value[n] - lower
+        r = value[n] - (lower if kind[n] & LOWER else upper)
         residual[n] = abs(r)
         s = 0.0
+        free = 0
         for a in range(3):
-            if high[n, a] > low[n, a]:
+            out[n, a] = points[n, a]
+            if (kind[n] >> (2 * a)) & 3 == 0:
+                free |= 1 << a
                 s += gradient[n, a] * gradient[n, a]
-        step = r / s if s > 0.0 else 0.0
-        for a in range(3):
-            p = points[n, a]
-            if high[n, a] > low[n, a]:
-                p = min(max(p - step * gradient[n, a], low[n, a]), high[n, a])
-            out[n, a] = p
+        extra = reach if kind[n] & FACES else 0.0
+        least = STEEP * s
+        for _ in range(3):
+            step = r / s if s > 0.0 else 0.0
+            stopped = 0
+            for a in range(3):
+                if (free >> a) & 1 == 0:
+                    continue
+                p = points[n, a] - step * gradient[n, a]
+                lo, hi = _free_range(low, size, a, cell[n, a], shape[a] - 1, margin, extra)
+                q = min(max(p, lo), hi)
+                out[n, a] = q
+                if q != p:
+                    stopped |= 1 << a
+            if stopped == 0:
+                break
+            for a in range(3):
+                if (stopped >> a) & 1:
+                    r += gradient[n, a] * (out[n, a] - points[n, a])
+                    s -= gradient[n, a] * gradient[n, a]
+                    free ^= 1 << a
+            if free == 0 or s < least:
+                break
 
 
 @njit(cache=True)

@@ -35,15 +35,18 @@ from ilattice._validate import as_array
 from ilattice.errors import GeometryError, InputError
 from ilattice.mesh import _kernels_cells, _kernels_faces, _kernels_refine
 from ilattice.mesh._grid import Grid
-from ilattice.mesh._kernels_cells import CAP, LANES, B, S
+from ilattice.mesh._kernels_cells import CAP, LANES, LOWER, B, S
 from ilattice.mesh._samplers import Sampler, sampler_for
 from ilattice.mesh.surface import SurfaceMesh
 
 BATCH = 1024  # blocks sampled at once
-SLAB = 6000  # active blocks that end a slab
-MARGIN = 1e-3  # distance of a vertex from the boundary of its cell, as a fraction of the cell
+SLAB = 2000  # active blocks that end a slab
+MARGIN = 5e-3  # distance of a vertex from the boundary of its cell, as a fraction of the cell
+PULL = 0.2  # how far vertices are pulled to the centre of their cell before they are refined
+REACH = 0.5  # how far vertices on faces may leave their cell, as a fraction of the next one
 POINTS = 1 << 16  # vertices refined at once
 ON_CAP = CAP
+ON_LOWER = LOWER
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +63,7 @@ class Contour:
     kind : (V,) array of uint8
         Bit ``2 a + s`` is set for vertices on the lower (s = 0) or upper (s = 1) face of D normal
         to axis a: that coordinate is fixed. Bit 6 (`ON_CAP`) is set for vertices inside caps, on
-        no level set. 0 are the vertices that are free.
+        no level set; bit 7 (`ON_LOWER`) for those on the lower of two levels.
     first_vertex : int
         Id of the first of `vertices`; not 0 for the pieces of `contour_blocks`.
     """
@@ -114,6 +117,7 @@ def contour_arrays(
     caps: bool = True,
     wrap: bool | tuple[bool, bool, bool] = False,
     place: Literal["refine", "linear"] = "refine",
+    inset: float = 0.25,
     dtype: Any = np.float64,
     progress: Progress = None,
 ) -> Contour:
@@ -136,6 +140,9 @@ def contour_arrays(
     place : {"refine", "linear"}
         Vertices at the mean of the linear crossings of their patch; "refine" adds two Newton
         steps onto the level set, inside the cell.
+    inset : float
+        The outermost samples are taken this fraction of a cell inside the faces of D, which keeps
+        triangles along the edges of caps from being slim. 0 samples on the faces themselves.
     dtype : float64 or float32
         Type of the vertices.
     progress : bool or callable, optional
@@ -155,8 +162,8 @@ def contour_arrays(
     kind = np.empty(0, np.uint8)
     faces = np.empty((0, 3), np.int32)
     pieces = contour_blocks(
-        field, axes, level=level, scale=scale, caps=caps, wrap=wrap, place=place, dtype=dtype,
-        progress=progress,
+        field, axes, level=level, scale=scale, caps=caps, wrap=wrap, place=place, inset=inset,
+        dtype=dtype, progress=progress,
     )  # fmt: skip
     for piece in pieces:
         if len(points) + len(piece.vertices) > np.iinfo(np.int32).max:
@@ -183,6 +190,7 @@ def contour_blocks(
     caps: bool = True,
     wrap: bool | tuple[bool, bool, bool] = False,
     place: Literal["refine", "linear"] = "refine",
+    inset: float = 0.25,
     dtype: Any = np.float64,
     progress: Progress = None,
 ) -> Iterator[Contour]:
@@ -190,7 +198,7 @@ def contour_blocks(
 
     Parameters
     ----------
-    field, axes, level, scale, caps, wrap, place, dtype, progress
+    field, axes, level, scale, caps, wrap, place, inset, dtype, progress
         As in `contour_arrays`, of which these are the consecutive pieces.
 
     Yields
@@ -204,7 +212,7 @@ def contour_blocks(
     InputError, GeometryError
         As in `contour`.
     """
-    grid = Grid.checked(axes, wrap)
+    grid = Grid.checked(axes, wrap, inset)
     if not callable(field) or not (scale is None or callable(scale)):
         raise InputError(f"field and scale must be callable, got {field!r:.60}, {scale!r:.60}")
     if place not in ("refine", "linear"):
@@ -404,30 +412,32 @@ class _Tracer:
         current.start = local[before:-1] + self.total
         current.points = np.empty((size, 3), self.dtype)
         kind = np.empty(size, np.uint8)
+        cell = np.empty((size, 3), np.int32)
         _kernels_cells.vertices(
             window.rows, flips, shape, window.coords, before, before + n, self.caps, current.t,
-            current.t_first, local, self.grid.low, self.grid.size, MARGIN, current.points, kind,
+            current.t_first, local, self.grid.low, self.grid.size, MARGIN, PULL * self.refine,
+            current.points, kind, cell,
         )  # fmt: skip
         current.t = current.t[:0]
         current.traced = True
         self.total += size
         if self.refine:
             for i in range(0, size, POINTS):
-                self._refine(current.points[i : i + POINTS], kind[i : i + POINTS])
+                part = slice(i, i + POINTS)
+                self._refine(current.points[part], kind[part], cell[part])
         return kind
 
-    def _refine(self, points: AnyArray, kind: AnyArray) -> None:
-        """Two Newton steps of the vertices on the level set, in place."""
+    def _refine(self, points: AnyArray, kind: AnyArray, cell: AnyArray) -> None:
+        """Two Newton steps of the vertices onto their level, in place; none where it diverges."""
         at = np.flatnonzero(kind & CAP == 0)
         p = points[at].astype(np.float64)
-        low, high, q = np.empty_like(p), np.empty_like(p), np.empty_like(p)
+        grid = self.grid
+        bounds = float(self.sampler.lower), float(self.sampler.upper)
+        fixed = (kind[at], cell[at], grid.shape, grid.low, grid.size, *bounds, MARGIN, REACH)
+        q, r = np.empty_like(p), np.empty_like(p)
         before, after = np.empty(len(p)), np.empty(len(p))
-        _kernels_refine.free_boxes(p, kind[at], *self.grid.axes, MARGIN, low, high)
-        bounds = (-np.inf if np.isnan(self.sampler.lower) else float(self.sampler.lower),
-                  float(self.sampler.upper))  # fmt: skip
-        _kernels_refine.newton_step(p, *self.sampler.jet(p), *bounds, low, high, q, before)
-        r = np.empty_like(p)
-        _kernels_refine.newton_step(q, *self.sampler.jet(q), *bounds, low, high, r, after)
+        _kernels_refine.newton_step(p, *self.sampler.jet(p), *fixed, q, before)
+        _kernels_refine.newton_step(q, *self.sampler.jet(q), *fixed, r, after)
         points[at] = np.where((after <= before)[:, None], r, p)
 
     def _faces(
