@@ -22,7 +22,7 @@ from ilattice.errors import ConvergenceError, GeometryError, InputError, Precisi
 from ilattice.tiles.trig import TrigField
 
 #: Deviation of a spline stand-in, as a fraction of the largest value, unless `tol` says otherwise.
-STAND_IN_TOL = 1e-6
+STAND_IN_TOL = 1e-5
 STAND_IN_SPANS = 64
 STAND_IN_DEGREE = 3
 _CUBE = read_only(np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]]))
@@ -56,7 +56,7 @@ class Tile:
         Further fields on the unit cube, such as a colour or a material.
     tol : float, optional
         Largest deviation of the spline that stands in for a plain function where derivatives
-        are needed; default a millionth of the largest value.
+        are needed; default 1e-5 of the largest value.
     check : bool
         Whether to look for a change of sign.
 
