@@ -11,7 +11,6 @@ lattice            `Lattice`: a tile, repeated through a map
 """
 
 from os import PathLike
-from typing import Any
 
 from ilattice.macroshape.certify import Certificate, Status, certify, check_map
 from ilattice.macroshape.inverse import Located
@@ -53,15 +52,15 @@ __all__ = [
 ]
 
 
-def load(path: str | PathLike[str], **options: Any) -> SplineMap:
+def load(path: str | PathLike[str], patch: int | str | None = None) -> SplineMap:
     """Read a spline volume from a file: G+Smo, MFEM, IRIT or native.
 
     Parameters
     ----------
     path : path-like
-        File; ``FILE#patch`` chooses a patch by its index, as `patch` does.
-    **options
-        Passed to `ilattice.io.splines.load`.
+        File; ``FILE#patch`` chooses a patch too.
+    patch : int or str, optional
+        Index or name of a patch; not needed if the file holds one volume.
 
     Returns
     -------
@@ -70,9 +69,11 @@ def load(path: str | PathLike[str], **options: Any) -> SplineMap:
 
     Raises
     ------
+    InputError
+        If the file holds several volumes and none, or none that exists, was chosen.
     FormatError
         If the file cannot be read as a spline volume.
     """
     from ilattice.io import splines
 
-    return splines.load(path, **options)
+    return splines.load(path, patch)

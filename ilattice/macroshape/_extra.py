@@ -17,6 +17,8 @@ from ilattice.errors import InputError
 def interpolated(spline: BSpline, name: str, f: Callable[[FloatArray], ArrayLike]) -> FloatArray:
     """Coefficients, on the knots and weights of a volume, that interpolate a function."""
     sites, systems = zip(*(_collocation(spline, axis) for axis in range(3)), strict=True)
+    if any((np.diff(s) <= 0).any() for s in sites):
+        raise InputError(f"{name} must be coefficients: the knots of this map allow jumps")
     u = np.stack([a.ravel() for a in np.meshgrid(*sites, indexing="ij")], axis=1)
     values = as_array(name, f(u))
     if values.shape != (len(u),):

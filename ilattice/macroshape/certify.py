@@ -163,7 +163,8 @@ def check_map(volume: "SplineMap", *, name: str = "through") -> Certificate:
     Raises
     ------
     GeometryError
-        If det J takes both signs, or vanishes everywhere; the message names the place.
+        If det J takes both signs, or vanishes everywhere, or the volume is torn at a knot of
+        full multiplicity; the message names the place.
 
     Warns
     -----
@@ -171,6 +172,7 @@ def check_map(volume: "SplineMap", *, name: str = "through") -> Certificate:
         If det J touches zero, or its sign could not be told; the message names the places.
     """
     c = volume.certificate
+    _check_torn(volume.geometry, name)
     if c.orientation == 0:
         raise GeometryError(f"{name} is flat: det J vanishes everywhere; give it three dimensions")
     if c.status is Status.INVALID:
@@ -191,6 +193,21 @@ def check_map(volume: "SplineMap", *, name: str = "through") -> Certificate:
     if c.orientation < 0:
         _log.info("%s is left-handed; fix_orientation() turns it round", name)
     return c
+
+
+def _check_torn(spline: BSpline, name: str) -> None:
+    """Refuse jumps, which only knots of multiplicity k + 1 inside the domain allow."""
+    size = float(np.abs(spline.c).max())
+    for axis, (t, k) in enumerate(zip(spline.t, spline.k, strict=True)):
+        lo, hi = spline.domain[:, axis]
+        full = np.flatnonzero(t[: len(t) - k] == t[k:])
+        for i in full[(t[full] > lo) & (t[full] < hi)]:
+            sides = np.take(spline.c, [i - 1, i], axis=axis)
+            if np.abs(np.diff(sides, axis=axis)).max() > 1e-9 * size:
+                raise GeometryError(
+                    f"{name} is torn at {'uvw'[axis]} = {t[i]:.6g}: the two sides of that knot "
+                    "differ; use the parts as volumes of their own"
+                )
 
 
 def _numbers(a: FloatArray) -> str:

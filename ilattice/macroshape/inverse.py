@@ -1,33 +1,30 @@
-"""The parameters of points: nearest seeds from a k-d tree, then a damped Newton search.
+"""The parameters of points: seeds from a k-d tree, then a damped Newton search.
 
-Guarantees: a row that is found satisfies ``|x(u) - x| <= tol * size`` with ``u`` in the domain;
-every row carries a status, and failures are counted, never silent. Points outside the rigorous
-enclosure of the image (Bernstein ranges of its pieces) are told from its seeds at once.
+Guarantees: a row that is found satisfies ``|x(u) - x| <= tol * size`` with ``u`` in the domain.
+A point counts as outside only if it lies in none of the rigorous boxes around the pieces of the
+image, or if searches from the pieces of every branch whose boxes hold it ended at a place where
+the distance is stationary and not zero. All other rows are failures, which are counted.
 Non-guarantees: nearness to a seed picks one branch of a map that overlaps itself; next to places
 where det J = 0 the parameter is as ill-determined as the map is flat there.
 """
 
 import warnings
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import as_positive
-from ilattice.bspline import BSpline
 from ilattice.errors import PrecisionWarning
+from ilattice.macroshape._seeds import CHUNK, Seeds
 
-__all__ = ["Located", "Seeds", "locate"]
+__all__ = ["Located", "locate"]
 
 FOUND, OUTSIDE, FAILED = 0, 1, 2
-#: Iterations of one search, and nearest seeds among which further starts are chosen.
-_ITERATIONS, _NEIGHBOURS, _STARTS = 60, 32, 4
+#: Iterations of one search, and searches for one point at most.
+_ITERATIONS, _STARTS = 60, 12
 #: Cosine of the residual to every free direction below which a search has come to its end.
 _STATIONARY = 1e-4
-#: Seeds of one map at most, unless its elements alone are more.
-_MOST_SEEDS = 200_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +38,8 @@ class Located:
     status : ndarray of int, shape (n,)
         0 found, 1 outside the image, 2 the search failed.
     distance : ndarray, shape (n,)
-        ``|x(u) - x|`` of the last iterate; infinite where the enclosure excluded the point.
+        ``|x(u) - x|`` of the best iterate; infinite where the boxes excluded the point and
+        nothing was searched.
     iterations : ndarray of int, shape (n,)
         Newton steps, over all starts.
     """
@@ -68,71 +66,6 @@ class Located:
             )
 
 
-class Seeds:
-    """Sample points of a volume with a k-d tree, made once per map.
-
-    Parameters
-    ----------
-    spline : BSpline
-        Volume with three components.
-    closed : tuple of bool
-        Directions in which parameters wrap around.
-    size : float
-        Length that tolerances refer to.
-    """
-
-    def __init__(self, spline: BSpline, closed: tuple[bool, bool, bool], size: float) -> None:
-        self.spline, self.size = spline, size
-        self.closed = np.array(closed)
-        self.lo, self.hi = spline.domain
-        edges = [_cells(spline, axis, fine=True) for axis in range(3)]
-        if np.prod([len(e) - 1 for e in edges]) > _MOST_SEEDS:
-            edges = [_cells(spline, axis, fine=False) for axis in range(3)]
-        self.shape = np.array([len(e) - 1 for e in edges])
-        index = np.indices(tuple(self.shape.tolist())).reshape(3, -1)
-        self.first = np.stack([e[:-1][i] for e, i in zip(edges, index, strict=True)], axis=1)
-        self.last = np.stack([e[1:][i] for e, i in zip(edges, index, strict=True)], axis=1)
-        self.index: IntArray = np.ascontiguousarray(index.T)
-        self.u = 0.5 * (self.first + self.last)
-        self.x = spline(self.u)
-
-    @cached_property
-    def tree(self) -> KDTree:
-        """Tree of the sample points."""
-        return KDTree(self.x)
-
-    @cached_property
-    def reach(self) -> float:
-        """Every point of the image is at most this far from a seed (rigorous)."""
-        s = self.spline
-        reach = np.zeros(len(self.u))
-        for c in range(3):
-            part = BSpline(s.t, s.c[..., c], s.k, periodic=s.periodic, weights=s.weights)
-            ends = part.range(self.first, self.last)
-            reach += np.max(np.abs(ends - self.x[:, c, None]), axis=1) ** 2
-        return float(np.sqrt(reach.max()))
-
-    def wrap(self, u: FloatArray) -> FloatArray:
-        """`u` in the domain: closed directions wrap around, others are cut off."""
-        period = self.hi - self.lo
-        turned = self.lo + np.mod(u - self.lo, period)
-        return np.where(self.closed, turned, np.clip(u, self.lo, self.hi))
-
-    def apart(self, i: IntArray, j: IntArray) -> IntArray:
-        """Distance of seeds in cells, the largest over the directions."""
-        gap = np.abs(self.index[i] - self.index[j])
-        gap = np.where(self.closed, np.minimum(gap, self.shape - gap), gap)
-        return gap.max(axis=-1)
-
-
-def _cells(spline: BSpline, axis: int, *, fine: bool) -> FloatArray:
-    """Cell edges of the seeds: each element divided a few times."""
-    b = spline.breaks(axis)
-    parts = max(2 * spline.k[axis], -(-6 // (len(b) - 1))) if fine else 1
-    inner = b[:-1, None] + np.diff(b)[:, None] * (np.arange(parts) / parts)
-    return np.append(inner.ravel(), b[-1])
-
-
 def locate(seeds: Seeds, x: FloatArray, *, tol: float) -> Located:
     """Parameters of points, see `SplineMap.locate`.
 
@@ -153,38 +86,58 @@ def locate(seeds: Seeds, x: FloatArray, *, tol: float) -> Located:
     limit = as_positive("tol", tol) * seeds.size
     n = len(x)
     out = Located(
-        np.full((n, 3), np.nan), np.full(n, OUTSIDE), np.full(n, np.inf), np.zeros(n, np.int64)
+        np.full((n, 3), np.nan), np.full(n, FAILED), np.full(n, np.inf), np.zeros(n, np.int64)
     )
     if n == 0:
         return out
     distance, nearest = (np.asarray(a) for a in seeds.tree.query(x))
-    todo = np.flatnonzero(distance <= seeds.reach + limit)
-    out.status[todo] = FAILED
-    todo = _attempt(seeds, x, todo, nearest[todo], limit, out)
-    if len(todo):
-        near = np.asarray(seeds.tree.query(x[todo], k=min(_NEIGHBOURS, len(seeds.u)))[1])
-        near = near.reshape(len(todo), -1)
-        tried = near[:, :1]
-        for _ in range(_STARTS - 1):
-            pick, some = _next_start(seeds, near, tried, out.status[todo])
-            if not some.any():
-                break
-            left = _attempt(seeds, x, todo[some], pick[some], limit, out)
-            tried = np.concatenate([tried, pick[:, None]], axis=1)
-            stay = np.isin(todo, left) | ~some
-            todo, near, tried = todo[stay], near[stay], tried[stay]
+    near = distance <= seeds.reach[nearest] + limit
+    left = _attempt(seeds, x, np.flatnonzero(near), nearest[near], limit, out)
+    todo = np.concatenate([np.flatnonzero(~near), left])
+    tried = np.concatenate([np.full(n - near.sum(), -1), nearest[left]])
+    for first in range(0, len(todo), CHUNK):
+        part = slice(first, first + CHUNK)
+        _attempt_all(seeds, x, todo[part], tried[part], limit, out)
     return out
 
 
+def _attempt_all(
+    seeds: Seeds, x: FloatArray, todo: IntArray, tried: IntArray, limit: float, out: Located
+) -> None:
+    """Search from one cell of every branch whose box holds the point."""
+    row, cell = seeds.candidates(x[todo], limit)
+    count = np.bincount(row, minlength=len(todo))
+    out.status[todo[count == 0]] = OUTSIDE
+    if len(row) == 0:
+        return
+    cells = np.full((len(todo), count.max()), -1)
+    cells[row, np.arange(len(row)) - (np.cumsum(count) - count)[row]] = cell
+    keep = count > 0
+    todo, cells, tried = todo[keep], cells[keep], tried[keep, None]
+    for _ in range(_STARTS):
+        pick, fresh = _next_start(seeds, cells, tried, out.status[todo])
+        if not fresh.any():
+            return
+        todo, cells, tried, pick = todo[fresh], cells[fresh], tried[fresh], pick[fresh]
+        left = np.isin(todo, _attempt(seeds, x, todo, pick, limit, out))
+        tried = np.concatenate([tried, pick[:, None]], axis=1)
+        todo, cells, tried = todo[left], cells[left], tried[left]
+    out.status[todo[_next_start(seeds, cells, tried, out.status[todo])[1]]] = FAILED
+
+
 def _next_start(
-    seeds: Seeds, near: IntArray, tried: IntArray, status: IntArray
+    seeds: Seeds, cells: IntArray, tried: IntArray, status: IntArray
 ) -> tuple[IntArray, np.ndarray]:
-    """Nearest seed on another branch than those tried; after a failure any other seed."""
-    gap = seeds.apart(near[:, :, None], tried[:, None, :]).min(axis=2)
-    fresh = gap > np.where(status == FAILED, 0, 3)[:, None]
+    """First cell on another branch than those tried; after a failure any other cell.
+
+    Missing entries are -1. Also whether there is such a cell.
+    """
+    gap = seeds.apart(cells[:, :, None], tried[:, None, :])
+    gap = np.where(tried[:, None, :] < 0, np.iinfo(np.int64).max, gap).min(axis=2)
+    fresh = (gap > np.where(status == FAILED, 0, 2)[:, None]) & (cells >= 0)
     pick = np.argmax(fresh, axis=1)
-    rows = np.arange(len(near))
-    return near[rows, pick], fresh[rows, pick]
+    rows = np.arange(len(cells))
+    return cells[rows, pick], fresh[rows, pick]
 
 
 def _attempt(

@@ -19,8 +19,9 @@ from ilattice._validate import as_array, as_points, read_only
 from ilattice.bspline import BSpline
 from ilattice.errors import InputError
 from ilattice.macroshape._extra import interpolated
+from ilattice.macroshape._seeds import Seeds
 from ilattice.macroshape.certify import Certificate, certify
-from ilattice.macroshape.inverse import Located, Seeds, locate
+from ilattice.macroshape.inverse import Located, locate
 
 __all__ = ["SplineMap"]
 
@@ -426,15 +427,13 @@ class SplineMap:
         """
         return self.flipped(axis) if self.orientation < 0 else self
 
-    def save(self, path: str | PathLike[str], **options: Any) -> None:
-        """Write the volume to a file; the extension names the format.
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the volume to a file; its ending names the format.
 
         Parameters
         ----------
         path : path-like
             Where to.
-        **options
-            Passed to `ilattice.io.splines.save`.
 
         Raises
         ------
@@ -443,7 +442,7 @@ class SplineMap:
         """
         from ilattice.io import splines
 
-        splines.save(self, path, **options)
+        splines.save(self, path)
 
 
 def _is_name(name: Any) -> bool:

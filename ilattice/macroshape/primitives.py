@@ -265,7 +265,7 @@ def torus(
     if form == "exact":
         return revolve(_section(r - half, r + half, -half, half))
     rings = {"periodic": _periodic_ring, "arcs": _four_arcs}
-    if form not in rings:
+    if not isinstance(form, str) or form not in rings:
         raise InputError(f"form must be 'periodic', 'arcs' or 'exact', got {form!r}")
     ring, t = rings[form](int(spans))
     c = np.zeros((len(ring), 2, 2, 3))

@@ -132,9 +132,9 @@ def loft(
     GeometryError
         If two neighbours coincide, or interpolated weights do not stay positive.
     """
+    if len(sections) < 2 + closed:
+        raise InputError(f"sections must hold at least {2 + closed} surfaces, got {len(sections)}")
     parts = _unified({f"sections[{i}]": s for i, s in enumerate(sections)})
-    if len(parts) < 2 + closed:
-        raise InputError(f"sections must hold at least {2 + closed} surfaces, got {len(parts)}")
     if not isinstance(degree, int | np.integer) or not 1 <= degree <= 8:
         raise InputError(f"degree must be a whole number from 1 to 8, got {degree!r}")
     ring = [*parts, parts[0]] if closed else parts
