@@ -106,14 +106,6 @@ def identity_operator(n: int, solve: csr_array | None = None) -> LineOperator:
     return line_operator(csr_array(eye_array(n)), solve)
 
 
-def _border(shift: IntArray, n: int, wraps: bool) -> int:
-    """Width of the dense border that takes the entries far from the diagonal."""
-    if not wraps:
-        return 0
-    reach = int(np.abs(shift).max(initial=0))
-    return reach if n > 2 * reach else n
-
-
 def band_lu(a: csr_array) -> BandLU:
     """Factorise a banded or cyclically banded matrix without pivoting.
 
@@ -128,7 +120,7 @@ def band_lu(a: csr_array) -> BandLU:
     cyclic = (j - i + n // 2) % n - n // 2
     wraps = bool((np.abs(j - i) > n // 2).any()) and np.abs(cyclic).max() < np.abs(j - i).max()
     shift = cyclic if wraps else j - i
-    q = _border(shift, n, wraps)
+    q = int(np.abs(shift).max(initial=0)) if wraps else 0  # the border takes all that wraps
     core = n - q
     inside = (i < core) & (j < core)
     lower = int(np.maximum(-shift[inside], 0).max(initial=0))

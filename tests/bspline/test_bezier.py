@@ -124,6 +124,20 @@ def test_level_and_tight_only_trade_width():
     assert np.array_equal(level, np.where(decided[:, None], loose, tight))
 
 
+def test_bounds_on_whole_elements_are_those_of_their_coefficients():
+    spline = random_spline(np.random.default_rng(9), (2, 3, 1))
+    cells = spline.to_bezier()
+    e = np.indices(cells.shape).reshape(3, -1)
+    lo, hi = (np.stack([b[i + s] for b, i in zip(cells.breaks, e, strict=True)], 1) for s in (0, 1))
+    wanted = cells.ranges().reshape(-1, 2)
+    np.testing.assert_allclose(range_on_boxes(spline, lo, hi), wanted, atol=1e-12)
+    spans = [v.searchsorted(b, side="right") - 1 for v, b in zip(spline.t, lo.T, strict=True)]
+    loose = range_on_boxes(spline, lo, hi, tight=False)
+    for i, (r, l) in enumerate(zip(loose, zip(*spans, strict=True), strict=True)):
+        window = spline.c[tuple(slice(s - k, s + 1) for s, k in zip(l, spline.k, strict=True))]
+        np.testing.assert_allclose(r, [window.min(), window.max()], atol=1e-12, err_msg=f"{i}")
+
+
 def test_bounds_are_tight_to_second_order():
     rng = np.random.default_rng(2)
     spline = random_spline(rng, (2, 2, 2))

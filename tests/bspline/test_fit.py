@@ -7,6 +7,7 @@ from scipy.interpolate import make_interp_spline, make_lsq_spline
 from ilattice.bspline import BSpline
 from ilattice.bspline.fit import (
     METHODS,
+    check_points,
     fit,
     fit_greville,
     fit_interpolate,
@@ -243,6 +244,22 @@ def test_sites_are_ascending_and_inside(method, periodic):
         assert sites(odd, 3, method, True).tolist() == [0, 0.25, 0.5, 0.75]
 
 
+@pytest.mark.parametrize("periodic", [False, True])
+@pytest.mark.parametrize("k", [2, 3])
+def test_sites_of_nearly_equal_spans_are_near_those_of_equal_ones(k, periodic):
+    base = np.arange(12) / 12
+    base[5] += 1e-3
+    t = wrapped_knots(base, k, 1.0) if periodic else np.r_[np.zeros(k), base, np.ones(k + 1)]
+    n = 12 if periodic else 12 + k
+    x = sites(t, k, "least-squares", periodic)
+    assert len(x) == 2 * n
+    if periodic:
+        gaps = np.diff(np.r_[x, x[0] + 1])
+        assert np.abs(gaps - 1 / 24).max() < 1e-3
+    per_span = np.histogram(x, np.r_[base, 1])[0]
+    assert per_span.min() >= 2 if not periodic else set(per_span) == {2}
+
+
 # ------------------------------------------------------------------------------ fields
 
 
@@ -255,8 +272,24 @@ def test_fit_refines_until_the_tolerance_is_met_at_fresh_points():
         assert [e > tol for _, e in report.history[:-1]] == [True] * (len(report.history) - 1)
         assert np.abs(spline(u) - Gyroid()(u)).max() < 1.5 * tol
         assert report.rms < report.error
+        last = check_points(np.array([[0.0] * 3, [1] * 3]), 4096, len(report.history) - 1)
+        assert report.error == np.abs(spline(last) - Gyroid()(last)).max()
         same = fit(Gyroid(), tol=tol, spans=4)
         assert np.array_equal(same.c, spline.c)
+
+
+def test_check_points_are_fresh_fill_the_box_and_reach_its_faces():
+    box = np.array([[0.0, -2, 1], [1, 3, 1.5]])
+    first, second = check_points(box, 4096, 0), check_points(box, 4096, 1)
+    both = np.concatenate([first, second])
+    inner = np.all((both > box[0]) & (both < box[1]), axis=1)
+    assert len(np.unique(both[inner], axis=0)) == inner.sum()
+    s = (both - box[0]) / (box[1] - box[0])
+    assert 0 <= s.min() <= s.max() <= 1
+    assert np.abs((s == 0).mean(axis=0) - 0.024).max() < 0.005
+    assert np.abs((s == 1).mean(axis=0) - 0.024).max() < 0.005
+    cells = np.histogramdd(s, bins=4)[0]
+    assert cells.min() > 0.5 * len(s) / 64
 
 
 def test_fit_refines_only_the_directions_that_need_it():

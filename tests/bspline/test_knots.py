@@ -117,8 +117,9 @@ def test_uniform_knots_and_greville_by_hand():
     assert breaks(uniform_knots(2, 1, (0, 4), periodic=True), 1).tolist() == [0, 2, 4]
     third = uniform_knots(3, 4, (0.1, 0.3))
     assert greville(third, 4)[[0, -1]].tolist() == [0.1, 0.3]  # not beyond the ends by rounding
-    ends = uniform_knots(7, 3, (0.1, 0.3), periodic=True)
-    assert (ends[3], ends[10]) == (0.1, 0.3)
+    for a, b in ((0.1, 0.3), (0.2, 0.9), (0.4, 1.7)):  # a + (b - a) may miss b by rounding
+        ends = uniform_knots(7, 3, (a, b), periodic=True)
+        assert (ends[3], ends[10]) == (a, b)
 
 
 @pytest.mark.parametrize("k", DEGREES)
@@ -181,7 +182,9 @@ def test_periodic_insertion_and_elevation_stay_periodic(k):
     c = rng.standard_normal(spans)[np.arange(spans + k) % spans]
     x = sites_of(t, k)
     wanted = design_matrix(t, k, x) @ c
-    results = [(k, *insertion_matrix(t, k, [0.0, 0.3, 1.7, t[k + 1]], periodic=True))]
+    new = [0.0, 0.3, 1.7, t[k + 1]]
+    results = [(k, *insertion_matrix(t, k, new, periodic=True))]
+    results.append((k, *insertion_matrix(t, k, [2.0, 0.3], periodic=True)))
     for times in range(1, min(9 - k, 4)):
         t2, k2, matrix = elevation_matrix(t, k, times, periodic=True)
         results.append((k2, t2, matrix))
