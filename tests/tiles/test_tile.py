@@ -236,8 +236,8 @@ def test_a_tile_without_zero_set_is_refused(field):
 
 
 def test_small_features_are_found():
-    r = 0.02
-    assert Tile(lambda u: np.sum((u - 0.3) ** 2, axis=1) - r * r).name == "custom"
+    """A ball that falls between the samples of the first look, not of the second."""
+    assert Tile(lambda u: np.sum((u - 0.328) ** 2, axis=1) - 0.02**2).name == "custom"
 
 
 @pytest.mark.parametrize(
