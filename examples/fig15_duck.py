@@ -12,7 +12,7 @@ import ilattice as il
 
 def main(
     d: float = 0.01,
-    h: float = 0.03,
+    h: float = 0.012,
     repeat: tuple[int, int, int] = (18, 5, 4),
     names: tuple[str, ...] = ("gyroid", "diamond"),
     out: str = "",
@@ -24,8 +24,9 @@ def main(
         wall = il.Lattice(il.tiles[name], through=duck, repeat=repeat).offset(d)
         mesh = wall.mesh(h=h)
         error[name] = wall.thickness_error(mesh).p99 / d
-        for ending in (".vtp", ".png") if out else ():
-            mesh.save(f"{out}_{name}{ending}")
+        if out:
+            mesh.save(f"{out}_{name}.vtp")
+            mesh.screenshot(f"{out}_{name}.png", scalars="signed_distance")
     return error
 
 

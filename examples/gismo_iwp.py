@@ -21,12 +21,13 @@ def main(
     h: float = 0.03,
     out: str = "",
 ) -> dict[str, float]:
-    """Build the lattice; write ``OUT.stl``, ``OUT.3mf``, ``OUT.vtp``, ``OUT.png`` if `out` is given."""
+    """Build the lattice; write ``OUT`` as STL, 3MF, VTP and PNG if `out` is given."""
     volume = il.macroshape.load(file)
     wall = il.Lattice(il.tiles["iwp"], through=volume, repeat=repeat).offset(d)
     mesh = wall.mesh(h=h)
-    for ending in (".stl", ".3mf", ".vtp", ".png") if out else ():
-        mesh.save(out + ending)
+    if out:
+        for ending in ("stl", "3mf", "vtp", "png"):
+            mesh.save(f"{out}.{ending}")
     return {
         "open edges": mesh.open_edges,
         "components": mesh.components,

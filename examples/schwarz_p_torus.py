@@ -1,6 +1,6 @@
 """The shortest program: a Schwarz-P lattice in a torus with walls of half-thickness 0.1.
 
-The wall fills 40.4 % of the torus.
+The wall fills 41.0 % of the torus (half a million closest points say the same).
 
     python examples/schwarz_p_torus.py
 """
@@ -14,8 +14,10 @@ def main(h: float = 0.05, out: str = "") -> dict[str, float]:
     lattice = il.Lattice(il.tiles.schwarz_p(), through=torus, repeat=(16, 2, 2))
     wall = lattice.offset(0.1)
     mesh = wall.mesh(h=h)
-    for ending in (".stl", ".vtp", ".png") if out else ():
-        mesh.save(out + ending)
+    if out:
+        mesh.save(f"{out}.stl")
+        mesh.save(f"{out}.vtp")
+        mesh.screenshot(f"{out}.png")
     return {"filled": mesh.volume / torus.volume(), "error": wall.thickness_error(mesh).p99}
 
 

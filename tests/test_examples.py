@@ -20,7 +20,7 @@ def run(name, **arguments):
 
 def test_schwarz_p_torus_fills_two_fifths():
     numbers = run("schwarz_p_torus", h=0.12)
-    assert numbers["filled"] == pytest.approx(0.404, abs=0.004)
+    assert numbers["filled"] == pytest.approx(0.41, abs=0.006)
     assert numbers["error"] < 1e-4
 
 
@@ -31,18 +31,19 @@ def test_fig13_is_exact():
 
 
 def test_fig14_pores_close_where_the_wall_is_thick():
-    genus = run("fig14_torus", h=0.12, repeat=(8, 1, 1))
-    for name in ("gyroid", "diamond"):
-        assert 0 < genus[f"{name} varying"] < genus[f"{name} constant"]
+    genus = run("fig14_torus", h=0.12)
+    for name, handles in (("gyroid", 481), ("diamond", 993)):
+        assert genus[f"{name} constant"] == handles
+        assert 0 < genus[f"{name} varying"] < handles
 
 
 def test_fig15_thickness_is_right_everywhere():
-    error = run("fig15_duck", h=0.06, repeat=(9, 3, 2), names=("gyroid",))
+    error = run("fig15_duck", d=0.04, h=0.045, repeat=(9, 3, 2), names=("gyroid",))
     assert 0 < error["gyroid"] < 1e-3
 
 
 def test_gismo_volume_is_filled_and_closed():
-    numbers = run("gismo_iwp", h=0.06, repeat=(4, 1, 4))
+    numbers = run("gismo_iwp", d=0.05, h=0.06, repeat=(4, 1, 4))
     assert numbers["open edges"] == 0
     assert numbers["components"] == 1
     assert 0.05 < numbers["filled"] < 0.95
