@@ -16,7 +16,7 @@ from ilattice.bspline import BSpline
 #: Seeds of one map at most, unless its elements alone are more.
 _MOST = 200_000
 #: Points whose candidates are gathered at once.
-CHUNK = 2048
+CHUNK = 1024
 
 
 class Seeds:

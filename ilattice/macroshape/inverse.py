@@ -4,8 +4,9 @@ Guarantees: a row that is found satisfies ``|x(u) - x| <= tol * size`` with ``u`
 A point counts as outside only if it lies in none of the rigorous boxes around the pieces of the
 image, or if searches from the pieces of every branch whose boxes hold it ended at a place where
 the distance is stationary and not zero. All other rows are failures, which are counted.
-Non-guarantees: nearness to a seed picks one branch of a map that overlaps itself; next to places
-where det J = 0 the parameter is as ill-determined as the map is flat there.
+Non-guarantees: where a map overlaps itself, one of the parameters is returned; inside a folded
+map a search may end between the folds; next to places where det J = 0 the parameter is as
+ill-determined as the map is flat there.
 """
 
 import warnings

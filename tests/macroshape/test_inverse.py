@@ -57,6 +57,8 @@ def test_inside_and_outside_add_up_to_the_volume(name):
     assert part == pytest.approx(volume.volume() / np.prod(hi - lo), abs=4 * sigma)
     np.testing.assert_allclose(volume.x(found.u[inside]), x[inside], atol=1e-10)
     assert np.isnan(found.u[~inside]).all()
+    searched = found.iterations[~inside & (found.iterations > 0)]
+    assert searched.mean() < 9  # ended where the distance is stationary, not by creeping
 
 
 def test_inside_of_the_exact_torus_is_known():
