@@ -133,8 +133,8 @@ def test_bounds_on_whole_elements_are_those_of_their_coefficients():
     np.testing.assert_allclose(range_on_boxes(spline, lo, hi), wanted, atol=1e-12)
     spans = [v.searchsorted(b, side="right") - 1 for v, b in zip(spline.t, lo.T, strict=True)]
     loose = range_on_boxes(spline, lo, hi, tight=False)
-    for i, (r, l) in enumerate(zip(loose, zip(*spans, strict=True), strict=True)):
-        window = spline.c[tuple(slice(s - k, s + 1) for s, k in zip(l, spline.k, strict=True))]
+    for i, (r, span) in enumerate(zip(loose, zip(*spans, strict=True), strict=True)):
+        window = spline.c[tuple(slice(s - k, s + 1) for s, k in zip(span, spline.k, strict=True))]
         np.testing.assert_allclose(r, [window.min(), window.max()], atol=1e-12, err_msg=f"{i}")
 
 
