@@ -38,10 +38,12 @@ def _slab(i: int, coef: Any, slot: Any, tx: Any, ty: Any, tz: Any, out: Any) -> 
     p = np.empty(tz.shape[0] + 1)
     pz = np.empty(tz.shape[0], dtype=tz.dtype)
     for j in range(ty.shape[1]):
-        p[:] = 0.0
+        for c in range(p.shape[0]):
+            p[c] = 0.0
         for t in range(m):
             p[slot[t, 2]] += kx[t] * ty[slot[t, 1], j]
-        pz[:] = p[1:]
+        for c in range(pz.shape[0]):
+            pz[c] = p[c + 1]
         _row(tz.dtype.type(p[0]), pz, tz, out[i, j])
 
 
