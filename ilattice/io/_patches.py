@@ -160,6 +160,13 @@ def check_weights(fail: Fail, weights: FloatArray) -> None:
         fail(f"weights must lie between {1 / LARGEST:g} and {LARGEST:g}")
 
 
+def check_spans(fail: Fail, t: FloatArray) -> None:
+    """Refuse knots so close that the reciprocal of a span overflows."""
+    steps = np.diff(t)
+    if (steps[steps > 0] < 1 / LARGEST).any():
+        fail(f"knots must be equal or at least {1 / LARGEST:g} apart")
+
+
 def snap_knots(fail: Fail, t: FloatArray, k: int) -> FloatArray:
     """Knots with runs of nearly equal values made equal; refuses what is no knot vector."""
     if k > MAX_DEGREE:
@@ -175,7 +182,8 @@ def snap_knots(fail: Fail, t: FloatArray, k: int) -> FloatArray:
             out[i] = out[i - 1]
         elif out[i] < out[i - 1]:
             fail(f"knots must not decrease: knot {i + 1} is {t[i]:g} after {t[i - 1]:g}")
-    if not out[n] - out[k] > 1 / LARGEST:
+    check_spans(fail, out)
+    if not out[k] < out[n]:
         fail(f"knots must bound a domain; degree {k} gives [{t[k]:g}, {t[n]:g}]")
     same = np.unique(out, return_counts=True)[1].max()
     if same > k + 1:

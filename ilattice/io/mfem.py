@@ -1,7 +1,7 @@
 """MFEM NURBS meshes, versions 1.0 and 1.1, of one to three parameters.
 
 Guarantees: both forms are read, the patches form with its three kinds of control points, and the
-form with shared knot vectors, weights and nodes, also of several patches (`mfem_topology`). What
+form with shared knot vectors, weights and nodes, also of several patches (`_mfem_topology`). What
 is written is the patches form with Cartesian control points and is read back bit by bit, but for
 knots: MFEM wants end knots of full multiplicity.
 Not guaranteed: attributes and boundaries are not interpreted; formulas for the spacing of later
@@ -20,6 +20,7 @@ from ilattice._typing import FloatArray
 from ilattice.bspline import BSpline
 from ilattice.errors import FormatError, InputError
 from ilattice.io._common import Scanner, atomic_write, blank_comments, read_text
+from ilattice.io._mfem_topology import CORNERS, FACES, GEOMETRY, Topology, read_topology
 from ilattice.io._patches import (
     MAX_DEGREE,
     Patch,
@@ -31,7 +32,6 @@ from ilattice.io._patches import (
     to_spline,
     to_text,
 )
-from ilattice.io.mfem_topology import CORNERS, FACES, GEOMETRY, Topology, read_topology
 
 Knots = tuple[int, FloatArray]
 _HEADER = re.compile(r"MFEM NURBS mesh v1\.([01])\s*")

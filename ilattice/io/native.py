@@ -27,7 +27,15 @@ from ilattice._typing import AnyArray, FloatArray
 from ilattice.bspline import BSpline
 from ilattice.errors import FormatError
 from ilattice.io._common import atomic_write, read_bytes, read_text
-from ilattice.io._patches import Fail, Patch, check_size, check_weights, checked, numbered
+from ilattice.io._patches import (
+    Fail,
+    Patch,
+    check_size,
+    check_spans,
+    check_weights,
+    checked,
+    numbered,
+)
 
 FORMAT = "ilattice spline"
 VERSION = 1
@@ -177,6 +185,8 @@ def _spline(fail: Fail, content: Mapping[str, Any]) -> BSpline:
     if w is not None:
         w = _numbers(fail, "key 'weights'", w)
         check_weights(fail, w)
+    for t in knots:
+        check_spans(fail, t)
     if c.size == 0 or any(t.ndim != 1 for t in knots):
         fail("control points and knot vectors must not be empty, knot vectors have one axis")
     return checked(fail, knots, c, degrees or (), periodic or (), w)

@@ -87,7 +87,7 @@ def test_places_that_cannot_be_files_are_refused_before_writing(tmp_path):
         raise AssertionError("the block must not run")
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+@pytest.mark.skipif(getattr(os, "geteuid", lambda: 0)() == 0, reason="root may write everywhere")
 def test_a_directory_without_permission(tmp_path):
     tmp_path.chmod(0o500)
     with pytest.raises(FormatError, match="cannot be written"), atomic_write(tmp_path / "a"):

@@ -149,6 +149,7 @@ BOMB = """<?xml version="1.0"?>
         (lambda s: s.replace("weights>", "weight>"), "holds 0 elements <weights>"),
         (lambda s: s.replace("0.0 0.0 1.0 1.0</K", "0.0 0.0 0.0 0.0</K"), "must bound a domain"),
         (lambda s: s.replace("0.5 4.0", "0.5 1e200", 1), "not above 1e"),
+        (lambda s: s.replace("0.0 0.0 1.0 1.0<", "0 0 1e-150 1e-150<"), "at least 1e-100 apart"),
         (
             lambda s: s.replace(
                 "</xml>", "<MultiPatch><patches type='id_range'>0 9</patches></MultiPatch></xml>"

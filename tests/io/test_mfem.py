@@ -1,5 +1,6 @@
 import itertools
 import re
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -317,6 +318,28 @@ def test_three_patches_cannot_share_a_face(tmp_path):
     (tmp_path / "a.mesh").write_text(text)
     with pytest.raises(FormatError, match="more than two patches"):
         splines.list_patches(tmp_path / "a.mesh")
+
+
+def test_patches_that_share_long_edges_take_no_memory(tmp_path):
+    g, n = 15, 5000  # g^2 patches on 4 g edges of n control points each
+    elements, edges = [], {(1, v, v + 4 * g) for v in range(4 * g)}
+    for i, j in itertools.product(range(g), repeat=2):
+        a, b, c, d = i, g + j, 2 * g + (i + j) % g, 3 * g + (i + 2 * j) % g
+        elements.append([a, b, c, d, *(v + 4 * g for v in (a, b, c, d))])
+        for p, q in ((a, b), (d, c), (a, d), (b, c)):
+            edges |= {(0, p, q), (0, p + 4 * g, q + 4 * g)}
+    text = f"MFEM NURBS mesh v1.0\ndimension 3 elements {g * g}\n"
+    text += "\n".join("1 5 " + " ".join(map(str, e)) for e in elements)
+    text += f"\nboundary 0 edges {len(edges)}\n"
+    text += "\n".join(" ".join(map(str, e)) for e in sorted(edges))
+    text += f"\nvertices {8 * g} knotvectors 2 1 2 0 0 1 1 1 {n} 0 "
+    text += " ".join(map(str, range(n))) + f" {n - 1} weights " + "1 " * 1000
+    (tmp_path / "a.mesh").write_text(text)
+    tracemalloc.start()
+    with pytest.raises(FormatError, match="more control points than the file has numbers"):
+        splines.list_patches(tmp_path / "a.mesh")
+    assert tracemalloc.get_traced_memory()[1] < 5e6
+    tracemalloc.stop()
 
 
 def test_curves_with_shared_knot_vectors_are_refused(tmp_path):

@@ -78,6 +78,7 @@ def test_arrays_of_another_order_or_type_are_understood(tmp_path):
         ("control_points", [10**400], "key 'control_points'"),
         ("weights", [1, 2], "weights"),
         ("weights", [[-1]], "weights must be positive"),
+        ("knot_vectors", [[0, 1e-200], [0, 1], [0, 1]], "at least 1e-100 apart"),
         ("knot_vectors", [], "knot vectors: expected one to three"),
         ("knot_vectors", [[0, 1], [1, 0], 3], "knot vector"),
     ],

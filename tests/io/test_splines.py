@@ -39,6 +39,8 @@ def test_round_trip(tmp_path, ending, kind):
         assert same(back.spline.c, spline.c, 0 if ending != ".itd" else 1e-15)
     else:
         assert back.spline.periodic == (False, False, False)
+        for t, k, closed in zip(back.spline.t, spline.k, spline.periodic, strict=True):
+            assert not closed or (t[: k + 1] == t[0]).all()
 
 
 @pytest.mark.parametrize("ending", ENDINGS)
