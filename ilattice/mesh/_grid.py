@@ -1,9 +1,7 @@
 """The padded grid of blocks on which contouring works; the checks of its input.
 
 A direction with n planes has ``n + 1`` padded cells, of which the first and the last are ghosts of
-width 0 on the faces of the domain; a wrapped direction has its ``n - 1`` cells and no ghosts. The
-outermost planes of samples lie a fraction `inset` of a cell inside the faces, so that vertices on
-the faces and those of the first layer of cells keep a distance.
+width 0 on the faces of the domain; a wrapped direction has its ``n - 1`` cells and no ghosts.
 """
 
 from collections.abc import Sequence
@@ -18,17 +16,19 @@ from ilattice._validate import as_array
 from ilattice.errors import InputError
 from ilattice.mesh._kernels_cells import B, S
 
+MARGIN = 5e-3  # distance of vertices from the boundary of their cell, as a fraction of the cell
+FACE_MARGIN = 0.25  # the same, from faces of the domain
+
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Planes of samples, ends of the domain, directions that wrap, and what follows from them."""
+    """Planes of the grid, directions that wrap, and what follows from them."""
 
     axes: tuple[FloatArray, FloatArray, FloatArray]
-    ends: FloatArray  # (2, 3)
     wrap: tuple[bool, bool, bool]
 
     @classmethod
-    def checked(cls, axes: Any, wrap: Any, inset: float) -> "Grid":
+    def checked(cls, axes: Any, wrap: Any) -> "Grid":
         """Grid of user input, or `InputError`."""
         if not isinstance(axes, Sequence | np.ndarray) or len(axes) != 3:
             raise InputError("axes must be three 1-D arrays of grid planes")
@@ -36,11 +36,7 @@ class Grid:
         if len(flags) != 3:
             raise InputError(f"wrap must be one flag or three, got {wrap!r:.80}")
         planes = [_as_planes(f"axes[{i}]", a, w) for i, (a, w) in enumerate(zip(axes, flags, strict=True))]
-        ends = np.array([[a[0] for a in planes], [a[-1] for a in planes]])
-        if not 0 <= inset < 0.5:
-            raise InputError(f"inset must be at least 0 and below 0.5, got {inset!r:.80}")
-        moved = [a if w else _with_inset(a, inset) for a, w in zip(planes, flags, strict=True)]
-        return cls((moved[0], moved[1], moved[2]), ends, (flags[0], flags[1], flags[2]))
+        return cls((planes[0], planes[1], planes[2]), (flags[0], flags[1], flags[2]))
 
     @cached_property
     def cells(self) -> tuple[int, int, int]:
@@ -84,6 +80,25 @@ class Grid:
         """Width of the padded cells, shape (3, most cells)."""
         return self._cell_table(self._size)
 
+    @cached_property
+    def least(self) -> FloatArray:
+        """Least coordinate of vertices in the padded cells, shape (3, most cells)."""
+        return self.low + self._rim(1)
+
+    @cached_property
+    def most(self) -> FloatArray:
+        """Largest coordinate of vertices in the padded cells, shape (3, most cells)."""
+        return self.low + self.size - self._rim(-2)
+
+    def _rim(self, at_face: int) -> FloatArray:
+        """Distance that vertices keep from one end of their cell."""
+        out = MARGIN * self.size
+        for a in range(3):
+            if not self.wrap[a]:
+                c = at_face % self.cells[a]
+                out[a, c] = FACE_MARGIN * self.size[a, c]
+        return out
+
     def _cell_table(self, row: Any) -> FloatArray:
         out = np.zeros((3, max(self.cells)))
         for axis in range(3):
@@ -92,9 +107,7 @@ class Grid:
 
     def _low(self, axis: int) -> FloatArray:
         a = self.axes[axis]
-        if self.wrap[axis]:
-            return a[:-1]
-        return np.concatenate((self.ends[:1, axis], a[:-1], self.ends[1:, axis]))
+        return a[:-1] if self.wrap[axis] else np.concatenate((a[:1], a))
 
     def _size(self, axis: int) -> FloatArray:
         d = np.diff(self.axes[axis])
@@ -103,7 +116,8 @@ class Grid:
     @cached_property
     def period(self) -> FloatArray:
         """Length of the wrapped directions, 0 for the others, shape (3,)."""
-        return np.where(self.wrap, self.ends[1] - self.ends[0], 0.0)
+        length = [a[-1] - a[0] for a in self.axes]
+        return np.where(self.wrap, length, 0.0)
 
     def box_ends(self, axis: int, first: IntArray, last: IntArray) -> tuple[FloatArray, FloatArray]:
         """Coordinates where blocks ``first`` begin and blocks ``last`` end along an axis."""
@@ -120,13 +134,6 @@ class Grid:
         return (first == 0) | (last >= self.blocks[axis] - 1) | (
             B * (last + 1) >= self.cells[axis] - 1
         )
-
-
-def _with_inset(a: FloatArray, inset: float) -> FloatArray:
-    moved = a.copy()
-    moved[0] += inset * (a[1] - a[0])
-    moved[-1] -= inset * (a[-1] - a[-2])
-    return moved
 
 
 def _as_planes(name: str, value: Any, wrapped: bool) -> FloatArray:

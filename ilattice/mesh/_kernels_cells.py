@@ -420,14 +420,15 @@ def face_bits(gx, gy, gz):
 
 @njit(cache=True, parallel=True)
 def vertices(
-    rows, flips, shape, coords, first, last, caps, t, t_first, start, low, size, margin, pull,
-    out, kind, cell,
+    rows, flips, shape, coords, first, last, caps, t, t_first, start, low, size, least, most, pull,
+    out, kind, cell, alone,
 ):  # fmt: skip
-    """Vertices of the blocks first..last into `out`, their codes into `kind`, cells into `cell`.
+    """Vertices of the blocks first..last into `out`, their codes into `kind`.
 
+    Their cells go to `cell`, and whether they are the only ones there to `alone`.
     ``low[a], size[a]`` are the lower end and the width of the padded cells along axis a: ghost
-    cells have width 0. Vertices keep `margin` (a fraction of the cell) from the cell's boundary;
-    the only one of a cell is pulled that far, `pull`, to its centre.
+    cells have width 0. Vertices stay between ``least[a]`` and ``most[a]`` of their cell; the only
+    one of a cell is pulled that far, `pull`, to its centre.
     """
     for chunk in prange((last - first + CHUNK - 1) // CHUNK):
         dense = np.empty(3 * S * S * S, np.float32)
@@ -462,8 +463,9 @@ def vertices(
                             for a in range(3):
                                 c = cx if a == 0 else (cy if a == 1 else cz)
                                 f = 0.5 + keep * (fraction[a] - 0.5)
-                                f = min(max(f, margin), 1.0 - margin)
-                                out[at, a] = low[a, c] + f * size[a, c]
+                                p = low[a, c] + f * size[a, c]
+                                out[at, a] = min(max(p, least[a, c]), most[a, c])
                                 cell[at, a] = c
                             kind[at] = face_bits(gx, gy, gz) | level
+                            alone[at] = CASES[row, PATCHES] == 1
                             at += 1

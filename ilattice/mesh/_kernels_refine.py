@@ -7,30 +7,18 @@ threads. Non-guarantees: arguments are not checked.
 import numpy as np
 from numba import njit, prange
 
-
 LOWER = 128  # bit of `kind`: on the lower of two levels
+REACH = 0.25  # longest part of a step along an axis, as a fraction of the cell
 STEEP = 0.02  # least part of the squared gradient along the coordinates that are left
-FACES = 63  # bits of `kind`: on faces of the domain
-
-
-@njit(cache=True, inline="always")
-def _free_range(low, size, a, c, last, margin, reach):
-    """Where a vertex of cell c may go along axis a; on faces it may leave the cell by `reach`."""
-    rim = margin * size[a, c]
-    lo = low[a, c] + rim
-    hi = low[a, c] + size[a, c] - rim
-    if reach > 0.0 and c > 0 and c < last:
-        lo -= reach * (low[a, c] - low[a, c - 1])
-        hi += reach * (low[a, c + 1] + size[a, c + 1] - low[a, c] - size[a, c])
-    return lo, hi
 
 
 @njit(cache=True, parallel=True)
 def newton_step(
-    points, value, gradient, kind, cell, shape, low, size, lower, upper, margin, reach,
-    out, residual,
-):  # fmt: skip
+    points, value, gradient, kind, cell, least, most, lower, upper, out, residual
+):
     """One step of each vertex onto its level along the gradient, within its cell.
+
+    Along axis a, vertices of cell c stay between ``least[a, c]`` and ``most[a, c]``.
 
     Coordinates on faces of the domain stay. Where the step would leave the cell, the coordinate
     stops there and the others take over, unless the field hardly changes along them: that would
@@ -46,8 +34,7 @@ def newton_step(
             if (kind[n] >> (2 * a)) & 3 == 0:
                 free |= 1 << a
                 s += gradient[n, a] * gradient[n, a]
-        extra = reach if kind[n] & FACES else 0.0
-        least = STEEP * s
+        enough = STEEP * s
         for _ in range(3):
             step = r / s if s > 0.0 else 0.0
             stopped = 0
@@ -55,8 +42,10 @@ def newton_step(
                 if (free >> a) & 1 == 0:
                     continue
                 p = points[n, a] - step * gradient[n, a]
-                lo, hi = _free_range(low, size, a, cell[n, a], shape[a] - 1, margin, extra)
-                q = min(max(p, lo), hi)
+                c = cell[n, a]
+                d = REACH * (most[a, c] - least[a, c])
+                q = min(max(p, points[n, a] - d), points[n, a] + d)
+                q = min(max(q, least[a, c]), most[a, c])
                 out[n, a] = q
                 if q != p:
                     stopped |= 1 << a
@@ -67,7 +56,7 @@ def newton_step(
                     r += gradient[n, a] * (out[n, a] - points[n, a])
                     s -= gradient[n, a] * gradient[n, a]
                     free ^= 1 << a
-            if free == 0 or s < least:
+            if free == 0 or s < enough:
                 break
 
 

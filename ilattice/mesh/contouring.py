@@ -41,9 +41,7 @@ from ilattice.mesh.surface import SurfaceMesh
 
 BATCH = 1024  # blocks sampled at once
 SLAB = 2000  # active blocks that end a slab
-MARGIN = 5e-3  # distance of a vertex from the boundary of its cell, as a fraction of the cell
 PULL = 0.2  # how far vertices are pulled to the centre of their cell before they are refined
-REACH = 0.5  # how far vertices on faces may leave their cell, as a fraction of the next one
 POINTS = 1 << 16  # vertices refined at once
 ON_CAP = CAP
 ON_LOWER = LOWER
@@ -117,7 +115,6 @@ def contour_arrays(
     caps: bool = True,
     wrap: bool | tuple[bool, bool, bool] = False,
     place: Literal["refine", "linear"] = "refine",
-    inset: float = 0.25,
     dtype: Any = np.float64,
     progress: Progress = None,
 ) -> Contour:
@@ -140,9 +137,6 @@ def contour_arrays(
     place : {"refine", "linear"}
         Vertices at the mean of the linear crossings of their patch; "refine" adds two Newton
         steps onto the level set, inside the cell.
-    inset : float
-        The outermost samples are taken this fraction of a cell inside the faces of D, which keeps
-        triangles along the edges of caps from being slim. 0 samples on the faces themselves.
     dtype : float64 or float32
         Type of the vertices.
     progress : bool or callable, optional
@@ -162,8 +156,8 @@ def contour_arrays(
     kind = np.empty(0, np.uint8)
     faces = np.empty((0, 3), np.int32)
     pieces = contour_blocks(
-        field, axes, level=level, scale=scale, caps=caps, wrap=wrap, place=place, inset=inset,
-        dtype=dtype, progress=progress,
+        field, axes, level=level, scale=scale, caps=caps, wrap=wrap, place=place, dtype=dtype,
+        progress=progress,
     )  # fmt: skip
     for piece in pieces:
         if len(points) + len(piece.vertices) > np.iinfo(np.int32).max:
@@ -190,7 +184,6 @@ def contour_blocks(
     caps: bool = True,
     wrap: bool | tuple[bool, bool, bool] = False,
     place: Literal["refine", "linear"] = "refine",
-    inset: float = 0.25,
     dtype: Any = np.float64,
     progress: Progress = None,
 ) -> Iterator[Contour]:
@@ -198,7 +191,7 @@ def contour_blocks(
 
     Parameters
     ----------
-    field, axes, level, scale, caps, wrap, place, inset, dtype, progress
+    field, axes, level, scale, caps, wrap, place, dtype, progress
         As in `contour_arrays`, of which these are the consecutive pieces.
 
     Yields
@@ -212,7 +205,7 @@ def contour_blocks(
     InputError, GeometryError
         As in `contour`.
     """
-    grid = Grid.checked(axes, wrap, inset)
+    grid = Grid.checked(axes, wrap)
     if not callable(field) or not (scale is None or callable(scale)):
         raise InputError(f"field and scale must be callable, got {field!r:.60}, {scale!r:.60}")
     if place not in ("refine", "linear"):
@@ -413,27 +406,26 @@ class _Tracer:
         current.points = np.empty((size, 3), self.dtype)
         kind = np.empty(size, np.uint8)
         cell = np.empty((size, 3), np.int32)
+        alone = np.empty(size, np.bool_)
         _kernels_cells.vertices(
             window.rows, flips, shape, window.coords, before, before + n, self.caps, current.t,
-            current.t_first, local, self.grid.low, self.grid.size, MARGIN, PULL * self.refine,
-            current.points, kind, cell,
+            current.t_first, local, self.grid.low, self.grid.size, self.grid.least, self.grid.most,
+            PULL if self.refine else 0.0, current.points, kind, cell, alone,
         )  # fmt: skip
         current.t = current.t[:0]
         current.traced = True
         self.total += size
         if self.refine:
-            for i in range(0, size, POINTS):
-                part = slice(i, i + POINTS)
-                self._refine(current.points[part], kind[part], cell[part])
+            free = np.flatnonzero(alone & (kind & CAP == 0))
+            for i in range(0, len(free), POINTS):
+                self._refine(current.points, kind, cell, free[i : i + POINTS])
         return kind
 
-    def _refine(self, points: AnyArray, kind: AnyArray, cell: AnyArray) -> None:
-        """Two Newton steps of the vertices onto their level, in place; none where it diverges."""
-        at = np.flatnonzero(kind & CAP == 0)
+    def _refine(self, points: AnyArray, kind: AnyArray, cell: AnyArray, at: IntArray) -> None:
+        """Two Newton steps of some vertices onto their level, in place; none where it diverges."""
         p = points[at].astype(np.float64)
-        grid = self.grid
         bounds = float(self.sampler.lower), float(self.sampler.upper)
-        fixed = (kind[at], cell[at], grid.shape, grid.low, grid.size, *bounds, MARGIN, REACH)
+        fixed = (kind[at], cell[at], self.grid.least, self.grid.most, *bounds)
         q, r = np.empty_like(p), np.empty_like(p)
         before, after = np.empty(len(p)), np.empty(len(p))
         _kernels_refine.newton_step(p, *self.sampler.jet(p), *fixed, q, before)
