@@ -72,7 +72,7 @@ def pack_direction(t, k, n):
     return np.concatenate([head, breaks[1:], rows.ravel(), bucket])
 
 
-@njit(cache=True, fastmath=FAST, forceinline=True)
+@njit(cache=True, fastmath=FAST, error_model="numpy", forceinline=True)
 def find_span(d, size, u):
     """Index of the span that holds u; the first or the last one outside the domain."""
     ns = int(d[0])
@@ -86,7 +86,7 @@ def find_span(d, size, u):
     return s
 
 
-@njit(cache=True, fastmath=FAST, forceinline=True)
+@njit(cache=True, fastmath=FAST, error_model="numpy", forceinline=True)
 def basis(d, deg, u, order, out, axis):
     """Basis functions and derivatives at u into out[axis] (3, >= k+1); index of the first."""
     size = 3 + len(deg) * len(deg)
@@ -111,7 +111,7 @@ def basis(d, deg, u, order, out, axis):
     return int(d[row + 2])
 
 
-@njit(cache=True, fastmath=FAST, forceinline=True)
+@njit(cache=True, fastmath=FAST, error_model="numpy", forceinline=True)
 def contract0(c, m, i0, j0, l0, k0, k1, k2, b):
     """Value of one component."""
     f = 0.0
@@ -126,7 +126,7 @@ def contract0(c, m, i0, j0, l0, k0, k1, k2, b):
     return f
 
 
-@njit(cache=True, fastmath=FAST, forceinline=True)
+@njit(cache=True, fastmath=FAST, error_model="numpy", forceinline=True)
 def contract1(c, m, i0, j0, l0, k0, k1, k2, b):
     """Value and gradient of one component."""
     f = 0.0
@@ -154,7 +154,7 @@ def contract1(c, m, i0, j0, l0, k0, k1, k2, b):
     return f, fu, fv, fw
 
 
-@njit(cache=True, fastmath=FAST, forceinline=True)
+@njit(cache=True, fastmath=FAST, error_model="numpy", forceinline=True)
 def contract2(c, m, i0, j0, l0, k0, k1, k2, b):
     """Value, gradient and Hessian (uu, vv, ww, vw, uw, uv) of one component."""
     f = 0.0
@@ -202,7 +202,7 @@ def contract2(c, m, i0, j0, l0, k0, k1, k2, b):
     return f, fu, fv, fw, fuu, fvv, fww, fvw, fuw, fuv
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def jet_at(d0, d1, d2, k0, k1, k2, c, u, v, w, order, b, out):
     """Jet of all components at one point: out (M, >= 1, 4 or 10), scratch b (3, 3, >= k+1)."""
     i0 = basis(d0, k0, u, order, b, 0)
@@ -233,7 +233,7 @@ def jet_at(d0, d1, d2, k0, k1, k2, c, u, v, w, order, b, out):
             out[m, 9] = fuv
 
 
-@njit(cache=True, parallel=True, fastmath=FAST)
+@njit(cache=True, parallel=True, fastmath=FAST, error_model="numpy")
 def values(d0, d1, d2, k0, k1, k2, c, u, out):
     """Values at points u (n, 3) into out (n, M)."""
     n = len(u)
@@ -247,7 +247,7 @@ def values(d0, d1, d2, k0, k1, k2, c, u, out):
                 out[p, m] = contract0(c, m, i0, j0, l0, k0, k1, k2, b)
 
 
-@njit(cache=True, parallel=True, fastmath=FAST)
+@njit(cache=True, parallel=True, fastmath=FAST, error_model="numpy")
 def jets1(d0, d1, d2, k0, k1, k2, c, u, f, g):
     """Values and gradients at points u (n, 3) into f (n, M) and g (n, M, 3)."""
     n = len(u)
@@ -265,7 +265,7 @@ def jets1(d0, d1, d2, k0, k1, k2, c, u, f, g):
                 g[p, m, 2] = xw
 
 
-@njit(cache=True, parallel=True, fastmath=FAST)
+@njit(cache=True, parallel=True, fastmath=FAST, error_model="numpy")
 def jets2(d0, d1, d2, k0, k1, k2, c, u, f, g, h):
     """Values, gradients and Hessians into f (n, M), g (n, M, 3) and h (n, M, 3, 3)."""
     n = len(u)
@@ -294,7 +294,7 @@ def jets2(d0, d1, d2, k0, k1, k2, c, u, f, g, h):
                 h[p, m, 1, 0] = xuv
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def axis_basis(d, deg, x, order):
     """Basis functions at sample sites of one direction: (order+1, k+1, n) and first (n,)."""
     n = len(x)
@@ -309,7 +309,7 @@ def axis_basis(d, deg, x, order):
     return out, first
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def expand_last(c, b, first, out):
     """Contract the last axis: out (n0, n1, nz) from c (n0, n1, n2) and basis b (k+1, nz)."""
     for i in range(c.shape[0]):
@@ -321,7 +321,7 @@ def expand_last(c, b, first, out):
                 out[i, j, z] = s
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def accumulate(out, rows, weights):
     """Write the weighted sum of rows (k+1, nz) into out (nz,), contiguous in z."""
     n = len(out)
@@ -346,7 +346,7 @@ def accumulate(out, rows, weights):
                 out[z] += weights[q] * rows[q, z]
 
 
-@njit(cache=True, parallel=True, fastmath=FAST)
+@njit(cache=True, parallel=True, fastmath=FAST, error_model="numpy")
 def grid(c, bx, fx, by, fy, bz, fz, out):
     """Values on a tensor grid, one component: out (1, nx, ny, nz); with derivatives (4, ...).
 

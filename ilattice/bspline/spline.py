@@ -186,6 +186,13 @@ class BSpline:
         """What compiled code needs: three directions, three lengths, the coefficients."""
         return (*self._directions, *self._lengths, self._components)
 
+    @property
+    def generic_kernel_args(self) -> tuple[Any, ...]:
+        """As `kernel_args`, for kernels that must not be compiled once per degree."""
+        k = self.k + (0,) * (3 - self.ndim)
+        lengths = (np.zeros(v + 1, np.int64) for v in k)
+        return (*self._directions, *lengths, self._components)
+
     def _parameters(self, u: ArrayLike, extrapolate: str) -> FloatArray:
         u = as_array("u", u)
         if self.ndim == 1 and u.ndim == 1:

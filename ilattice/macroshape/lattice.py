@@ -18,6 +18,7 @@ from ilattice.errors import InputError
 from ilattice.macroshape.certify import check_map
 from ilattice.macroshape.maps import SplineMap
 from ilattice.tiles.tile import Tile
+from ilattice.tiles.trig import TrigField
 
 if TYPE_CHECKING:
     from ilattice.offsets.closest import ClosestPoints, ClosestPointSearch, Statistics
@@ -42,8 +43,9 @@ class Lattice:
         What distances near the ends of the domain refer to: the mid-surface continued by one
         layer of tiles, so that a wall runs into the end face at full thickness, or only its
         part inside the domain. Closed directions always wrap.
-    spans_per_tile : int
-        Spans of the fitted distance spline per tile and direction.
+    spans_per_tile : int, optional
+        Spans of the fitted distance spline per tile and direction; by default 16, and 12 per
+        period of the finest wave of a trigonometric tile.
 
     Raises
     ------
@@ -64,7 +66,7 @@ class Lattice:
     through: SplineMap
     repeat: tuple[int, int, int] = (1, 1, 1)
     boundary: str = "extend"
-    spans_per_tile: int = 16
+    spans_per_tile: int | None = None
     _cache: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -77,10 +79,8 @@ class Lattice:
         object.__setattr__(self, "repeat", as_counts("repeat", self.repeat))
         if self.boundary not in BOUNDARIES:
             raise InputError(f"boundary must be one of {BOUNDARIES}, got {self.boundary!r}")
-        if int(self.spans_per_tile) != self.spans_per_tile or self.spans_per_tile < 2:
-            raise InputError(
-                f"spans_per_tile must be a whole number of at least 2, got {self.spans_per_tile!r}"
-            )
+        if self.spans_per_tile is not None and not self.spans_per_tile >= 2:
+            raise InputError(f"spans_per_tile must be at least 2, got {self.spans_per_tile!r}")
         check_map(self.through)
 
     def _once(self, name: str, make: Any) -> Any:
@@ -99,6 +99,19 @@ class Lattice:
     def smooth_tile(self) -> Any:
         """The tile's field in a form that compiled code evaluates: trigonometric or spline."""
         return self._once("smooth_tile", lambda: self.tile.kernel_field)
+
+    @property
+    def finest_wave(self) -> int:
+        """Waves per tile of the finest term of a trigonometric tile; 2 for any other."""
+        f = self.smooth_tile
+        return int(f.factor.max(initial=1) + 1) // 2 if isinstance(f, TrigField) else 2
+
+    @property
+    def spans(self) -> int:
+        """Spans of the distance spline per tile and direction."""
+        if self.spans_per_tile is not None:
+            return int(self.spans_per_tile)
+        return max(16, 12 * self.finest_wave)
 
     def tile_coordinates(self, u: ArrayLike) -> FloatArray:
         """Coordinates in which tile (i, j, k) is the box from (i, j, k) to (i+1, j+1, k+1)."""

@@ -30,7 +30,7 @@ from ilattice.tiles._kernels import trig_jet, trig_tab
 
 FAST = {"contract", "nsz", "arcp", "reassoc"}
 CHUNK = 256
-POLISH_STEPS = 8
+POLISH_STEPS = 12
 MAX_ITERATIONS = 30
 MAX_BACKTRACKS = 4
 
@@ -48,13 +48,13 @@ def scratch(factor, c, k0, k1, k2, q0, q1, q2):
     return np.zeros((3, 3, k)), np.zeros((c.shape[0], 10)), np.zeros(10), trig_tab(factor)
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def wrap(x, lo, length):
     """x moved by whole lengths into [lo, lo + length)."""
     return x - length * np.floor((x - lo) / length)
 
 
-@njit(cache=True, fastmath=FAST, forceinline=True)
+@njit(cache=True, fastmath=FAST, error_model="numpy", forceinline=True)
 def parameter(geom, axis, p):
     """Parameter of a tile coordinate, wrapped in a closed direction."""
     if geom[6 + axis] != 0.0:
@@ -62,7 +62,7 @@ def parameter(geom, axis, p):
     return geom[axis] + p * geom[3 + axis]
 
 
-@njit(cache=True, fastmath=FAST, forceinline=True)
+@njit(cache=True, fastmath=FAST, error_model="numpy", forceinline=True)
 def map_jet(d0, d1, d2, k0, k1, k2, c, geom, p, order, b, m):
     """Map jet in tile coordinates into m (3, 10): rational maps divided through."""
     i0 = basis(d0, k0, parameter(geom, 0, p[0]), order, b, 0)
@@ -94,7 +94,7 @@ def map_jet(d0, d1, d2, k0, k1, k2, c, geom, p, order, b, m):
         divide(m, order)
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def divide(m, order):
     """Quotient rule on homogeneous jets, the weight in the last row."""
     w = m.shape[0] - 1
@@ -112,7 +112,7 @@ def divide(m, order):
                 ) * inv
 
 
-@njit(cache=True, fastmath=FAST, forceinline=True)
+@njit(cache=True, fastmath=FAST, error_model="numpy", forceinline=True)
 def tile_jet(geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc, p, b, t, tab):
     """Tile jet in tile coordinates into t (10,): f, gradient, xx, yy, zz, yz, xz, xy."""
     if geom[13] == 0.0:
@@ -126,7 +126,7 @@ def tile_jet(geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc, p, b, t, tab
         )
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def sym(h, a, b):
     """a' H b with H as xx, yy, zz, yz, xz, xy and vectors as tuples."""
     return (
@@ -139,7 +139,7 @@ def sym(h, a, b):
     )
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def metric(m):
     """J'J from a map jet, as xx, yy, zz, yz, xz, xy."""
     return (
@@ -152,7 +152,7 @@ def metric(m):
     )
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def solve_sym(h, b):
     """Solution of H x = b for a 3 x 3 symmetric H, and whether H is regular."""
     c00 = h[1] * h[2] - h[3] * h[3]
@@ -172,7 +172,7 @@ def solve_sym(h, b):
     ), True
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def cofactor_normal(m, g):
     """Normal cof(J) g = det(J) J^-T g of the image, from a map jet and a parameter gradient."""
     a = (m[1, 2] * m[2, 3] - m[1, 3] * m[2, 2], m[1, 3] * m[2, 1] - m[1, 1] * m[2, 3],
@@ -188,7 +188,7 @@ def cofactor_normal(m, g):
     return (n0, n1, n2), det
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def tangents(g, fixed):
     """Two vectors that span the null space of g among the free directions (zero if fewer).
 
@@ -221,7 +221,7 @@ def tangents(g, fixed):
     return t, (q[0] * s, q[1] * s, q[2] * s)
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def tangent_step(h, gm, z0, z1, b):
     """Minimiser y of 1/2 y'(Z'HZ)y - b'y in the plane (z0, z1), H shifted by the metric if needed.
 
@@ -252,7 +252,7 @@ def tangent_step(h, gm, z0, z1, b):
     return (y0 * z0[0] + y1 * z1[0], y0 * z0[1] + y1 * z1[1], y0 * z0[2] + y1 * z1[2]), low
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def kkt_step(m, t, r, lam, first, fixed):
     """One Newton step: step, new multiplier, |J step|, and the eigenvalue of `tangent_step`."""
     gm = metric(m)
@@ -297,7 +297,7 @@ def kkt_step(m, t, r, lam, first, fixed):
     return d, new, np.sqrt(max(sym(gm, d, d), 0.0)), low
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def active_set(p, box, jr, t, lam, clip):
     """Directions held at a bound that the gradient of the Lagrangian pushes against."""
     if not clip:
@@ -312,14 +312,14 @@ def active_set(p, box, jr, t, lam, clip):
     )
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def near(a, b, h):
     """Whether two points are within h."""
     d0, d1, d2 = a[0] - b[0], a[1] - b[1], a[2] - b[2]
     return d0 * d0 + d1 * d1 + d2 * d2 < h * h
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def abandon(m, r, size, best, h):
     """Whether an iteration heads for the known foot, or for one that is farther away."""
     if not best[3] < np.inf:
@@ -330,7 +330,7 @@ def abandon(m, r, size, best, h):
     return size < 0.3 * h and dist - 2.0 * size > best[3] + 0.1 * h
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def newton(
     d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
     x, start, best, box, clip, h, tol, b, m, t, tab,
@@ -405,7 +405,7 @@ def newton(
     return p, y, lam, low, MAX_ITERATIONS, FAILED
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def inside(p, box):
     """Whether p lies in the box, up to rounding."""
     for a in range(3):
@@ -414,7 +414,7 @@ def inside(p, box):
     return True
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def outside(geom, p):
     """Whether p lies beyond an open end of the domain, in the continuation."""
     for a in range(3):
@@ -423,7 +423,7 @@ def outside(geom, p):
     return False
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def reachable(geom, p, q):
     """Whether the foot p counts for the query q: a continued foot only for queries near that end."""
     for a in range(3):
@@ -432,7 +432,7 @@ def reachable(geom, p, q):
     return True
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def unlikely(x, sx, sn, i, h, best):
     """Cheap rejection of a further start: its patch cannot hold a foot nearer than `best`.
 
@@ -446,14 +446,14 @@ def unlikely(x, sx, sn, i, h, best):
     return tangential > 1.5 * h + 0.7 * abs(a) or abs(a) > best + 0.5 * h
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def row_near(a, i, j, y, h):
     """Whether the point a[i, j:j+3] is within h of y."""
     d0, d1, d2 = a[i, j] - y[0], a[i, j + 1] - y[1], a[i, j + 2] - y[2]
     return d0 * d0 + d1 * d1 + d2 * d2 < h * h
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def tried(sx, idx, row, used, s, h):
     """Whether a start within h of the seed s has been made; `used` has a bit per candidate."""
     for c in range(idx.shape[1]):
@@ -462,7 +462,7 @@ def tried(sx, idx, row, used, s, h):
     return False
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def store(feet, i, p, y, dist, lam):
     """Fill a foot row."""
     feet[i, 0], feet[i, 1], feet[i, 2] = p[0], p[1], p[2]
@@ -471,7 +471,7 @@ def store(feet, i, p, y, dist, lam):
     feet[i, 7] = lam
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def wanted(sx, sn, idx, row, c, x, feet, seconds, i, skip, used, h):
     """Whether candidate c is worth a start, given the feet found so far."""
     s = idx[row, c]
@@ -483,7 +483,7 @@ def wanted(sx, sn, idx, row, c, x, feet, seconds, i, skip, used, h):
     return not unlikely(x, sx, sn, s, h, feet[i, 6]) and not tried(sx, idx, row, used, y, 0.5 * h)
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def multi_start(
     d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
     sp, sx, sn, sh, x, q, idx, row, box, clip, orient, tol, feet, seconds, i, b, m, t, tab,
@@ -543,13 +543,13 @@ def multi_start(
     return starts, iterations, status
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def seed_distance(sx, s, x):
     """Distance of x to seed s."""
     return np.sqrt((x[0] - sx[s, 0]) ** 2 + (x[1] - sx[s, 1]) ** 2 + (x[2] - sx[s, 2]) ** 2)
 
 
-@njit(cache=True, parallel=True, fastmath=FAST)
+@njit(cache=True, parallel=True, fastmath=FAST, error_model="numpy")
 def closest(
     d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
     sp, sx, sn, sh, x, q, idx, box, clip, orient, tol, feet, seconds, counts, status,
@@ -596,7 +596,7 @@ def closest(
                 feet[i, 6] = 0.0
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def thickness_at(h0, h1, h2, l0, l1, l2, hc, geom, p, hb):
     """Half-thickness and its gradient in tile coordinates at p."""
     i = basis(h0, l0, parameter(geom, 0, p[0]), 1, hb, 0)
@@ -606,7 +606,7 @@ def thickness_at(h0, h1, h2, l0, l1, l2, hc, geom, p, hb):
     return f, (fu * geom[3], fv * geom[4], fw * geom[5])
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def free_metric(gm, fixed):
     """The metric with fixed directions decoupled."""
     a0, a1, a2 = 1.0 - fixed[0], 1.0 - fixed[1], 1.0 - fixed[2]
@@ -620,7 +620,7 @@ def free_metric(gm, fixed):
     )
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def pull(jac, n, side, dd, fixed):
     """Gradient in tile coordinates, among free directions, of side * distance - thickness."""
     j0, j1, j2 = jac
@@ -631,7 +631,7 @@ def pull(jac, n, side, dd, fixed):
     )
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def foot_normal(
     d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
     feet, i, x, sign, h, b, m, t, tab,
@@ -652,7 +652,7 @@ def foot_normal(
     return (n[0] / s, n[1] / s, n[2] / s)
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def two_step(gm, a, fa, b, fb):
     """Least step, in the metric, with a.step = -fa, and b.step = -fb if the first alone breaks it."""
     ia, _ = solve_sym(gm, a)
@@ -667,14 +667,14 @@ def two_step(gm, a, fa, b, fb):
     ab = a[0] * ib[0] + a[1] * ib[1] + a[2] * ib[2]
     bb = b[0] * ib[0] + b[1] * ib[1] + b[2] * ib[2]
     det = aa * bb - ab * ab
-    if fb + s * ab > 0.0 or det <= 0.02 * aa * bb:
+    if fb + s * ab > 0.0 or det <= 0.001 * aa * bb:
         return d
     s = (-fa * bb + fb * ab) / det
     r = (-fb * aa + fa * ab) / det
     return (s * ia[0] + r * ib[0], s * ia[1] + r * ib[1], s * ia[2] + r * ib[2])
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def polish_point(
     d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
     h0, h1, h2, l0, l1, l2, hc,
@@ -731,14 +731,14 @@ def polish_point(
     return p, residual
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def moved(geom, axis, p, step):
     """A tile coordinate after a step, kept inside the domain."""
     p += step
     return p if geom[6 + axis] != 0.0 else min(max(p, 0.0), geom[9 + axis])
 
 
-@njit(cache=True, parallel=True, fastmath=FAST)
+@njit(cache=True, parallel=True, fastmath=FAST, error_model="numpy")
 def polish(
     d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
     h0, h1, h2, l0, l1, l2, hc,
@@ -766,7 +766,7 @@ def polish(
             p[i, 0], p[i, 1], p[i, 2] = end
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, parallel=True, error_model="numpy")
 def project(
     d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
     p, fixed, limit, travel,
@@ -801,7 +801,7 @@ def project(
                     break
 
 
-@njit(cache=True, parallel=True, fastmath=FAST)
+@njit(cache=True, parallel=True, fastmath=FAST, error_model="numpy")
 def place_seeds(
     d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
     p, x, normal, stretch, det,

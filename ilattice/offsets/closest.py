@@ -30,7 +30,8 @@ BATCH = 1 << 17
 TOLERANCE = 1e-7
 MAX_FALLBACK = 1e-2
 POLISH_LIMIT = 1e-7
-SEEDS_PER_TILE = 8
+#: Seeds per tile and direction: at least this many, and this many per period of the finest wave.
+LEAST_SEEDS, SEEDS_PER_WAVE = 8, 6
 
 
 @dataclass(frozen=True)
@@ -124,7 +125,7 @@ class ClosestPointSearch:
     # ------------------------------------------------------------------ seeds
 
     def _make_seeds(self, count: IntArray, closed: AnyArray) -> tuple[FloatArray, ...]:
-        m = SEEDS_PER_TILE
+        m = max(LEAST_SEEDS, SEEDS_PER_WAVE * self.lattice.finest_wave)
         template = self._project(_cell_centres(m), m)
         ranges = [
             np.arange(0 if c or self.clip else -1, n if c or self.clip else n + 1)
@@ -253,6 +254,18 @@ class ClosestPointSearch:
             New parameters (n, 3); | |distance| - d | before the last step (n,), infinite where a
             point was lost and kept its place.
         """
+        p, residual = self._polish(u, fixed, side, d, CANDIDATES)
+        lost = np.flatnonzero(np.isinf(residual))
+        if len(lost):
+            p[lost], residual[lost] = self._polish(
+                u[lost], fixed[lost], side[lost], d, RETRY_CANDIDATES
+            )
+        out = np.clip(self.from_tile(p), *self._limits())
+        return np.where(fixed, u, out), residual
+
+    def _polish(
+        self, u: FloatArray, fixed: AnyArray, side: FloatArray, d: BSpline, k: int
+    ) -> tuple[FloatArray, FloatArray]:
         p = self.to_tile(u)
         residual = np.empty(len(u))
         limit = POLISH_LIMIT * max(float(np.abs(d.c).max()), 1e-3 * float(self.seeds[3].min()))
@@ -260,12 +273,11 @@ class ClosestPointSearch:
             s = slice(i, min(i + BATCH, len(u)))
             x = self.lattice.through.x(u[s])
             _kernels.polish(
-                *self.space, *d.kernel_args, *self.seeds, p[s], fixed[s].astype(np.int64),
-                side[s], self.candidates(x, CANDIDATES), self.box, self.clip, self.orient,
-                TOLERANCE, limit, residual[s],
+                *self.space, *d.generic_kernel_args, *self.seeds, p[s],
+                fixed[s].astype(np.int64), side[s], self.candidates(x, k), self.box, self.clip,
+                self.orient, TOLERANCE, limit, residual[s],
             )  # fmt: skip
-        out = np.clip(self.from_tile(p), *self._limits())
-        return np.where(fixed, u, out), residual
+        return p, residual
 
     def _limits(self) -> FloatArray:
         """Parameter box; unbounded in closed directions."""
@@ -313,4 +325,4 @@ def kernel_space(lattice: Lattice) -> tuple[Any, ...]:
     geom = np.concatenate(
         [lo, step, lattice.through.closed, lattice.repeat, [spline.weights is not None, kind]]
     ).astype(np.float64)
-    return (*spline.kernel_args, geom, *(np.array(a) for a in trig), *tile.kernel_args)
+    return (*spline.kernel_args, geom, *(np.array(a) for a in trig), *tile.generic_kernel_args)

@@ -45,7 +45,7 @@ def distance_spline(
     Hong et al. 2025, section 3.3 and eq. 5, with interpolation at Greville sites in place of
     coefficients set to samples.
     """
-    spans = lattice.spans_per_tile if spans_per_tile is None else spans_per_tile
+    spans = lattice.spans if spans_per_tile is None else spans_per_tile
     key = f"distance_spline_{spans}"
     if key not in lattice._cache:
         lattice._cache[key] = _fit(lattice, spans, progress)

@@ -290,7 +290,7 @@ def offset(
     if tol is None:
         return wall
     tol = as_positive("tol", tol)
-    spans = lattice.spans_per_tile
+    spans = lattice.spans
     error = wall.thickness_error().p99
     while error > tol and 2 * spans <= MAX_SPANS_PER_TILE:
         spans *= 2
