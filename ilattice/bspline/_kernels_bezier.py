@@ -43,8 +43,6 @@ def span_range(t: Any, k: int, lo: float, hi: float) -> Any:
     """
     end = t[len(t) - k - 1]
     first = span_below(t, k, lo, lo >= end)
-    while t[first + 1] <= t[first]:  # copies of the start of the domain
-        first += 1
     last = span_below(t, k, hi, hi >= end)
     if last > first and t[last] == hi and t[last - k] != hi:
         last = span_below(t, k, hi, True)
