@@ -12,17 +12,11 @@ import numpy as np
 from ilattice._typing import AnyArray
 from ilattice.errors import FormatError
 from ilattice.io._common import atomic_write
-from ilattice.io._mesh import (
-    blocks,
-    check_not_empty,
-    collapsed,
-    warn_collapsed,
-    write_records,
-)
+from ilattice.io._kernels_stl import fill_triangles
+from ilattice.io._mesh import blocks, check_not_empty, warn_collapsed, write_records
 from ilattice.mesh import SurfaceMesh
-from ilattice.mesh.measure import face_normals
 
-_TRIANGLE = np.dtype([("normal", "<f4", (3,)), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+_TRIANGLE = np.dtype([("numbers", "<f4", (12,)), ("attribute", "<u2")])
 _HEADER = b"binary STL by ilattice"  # must not begin with "solid", the mark of the text form
 _COUNT_AT = 80
 _LARGEST = 2**32 - 1
@@ -50,7 +44,7 @@ def write_stl(mesh: SurfaceMesh, path: str | os.PathLike[str]) -> None:
     with atomic_write(path) as file:
         write_header(file, len(mesh.faces))
         for rows in blocks(len(mesh.faces)):
-            records, flat = triangle_records(mesh.vertices[mesh.faces[rows]])
+            records, flat = triangle_records(mesh.vertices, mesh.faces[rows])
             write_records(file, records)
             lost += flat
     warn_collapsed(lost, "STL")
@@ -77,13 +71,15 @@ def write_header(file: IO[bytes], count: int) -> None:
     file.write(np.uint32(count).astype("<u4").tobytes())
 
 
-def triangle_records(corners: AnyArray) -> tuple[AnyArray, int]:
+def triangle_records(vertices: AnyArray, faces: AnyArray) -> tuple[AnyArray, int]:
     """Triangles as the bytes of the file.
 
     Parameters
     ----------
-    corners : (n, 3, 3) array
-        Corners of each triangle.
+    vertices : (V, 3) array
+        Points.
+    faces : (n, 3) integer array
+        Corners.
 
     Returns
     -------
@@ -92,9 +88,8 @@ def triangle_records(corners: AnyArray) -> tuple[AnyArray, int]:
     collapsed : int
         How many have lost a side to rounding.
     """
-    narrow = np.ascontiguousarray(corners, dtype=np.float32)
-    records = np.zeros(len(narrow), _TRIANGLE)
-    records["corners"] = narrow
-    numbers = np.arange(3 * len(narrow)).reshape(-1, 3)
-    records["normal"] = face_normals(narrow.reshape(-1, 3), numbers)
-    return records, collapsed(narrow)
+    numbers = np.empty((len(faces), 12), np.float32)
+    collapsed = fill_triangles(vertices, faces, numbers)
+    records = np.zeros(len(faces), _TRIANGLE)
+    records["numbers"] = numbers
+    return records, collapsed

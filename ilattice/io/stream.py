@@ -204,19 +204,20 @@ class _StlSink:
         known = np.concatenate(self._recent)
         oldest = first + len(narrow) - len(known)
         for rows in blocks(len(faces)):
-            records, lost = stl.triangle_records(self._corners(faces[rows], known, oldest))
+            records, lost = stl.triangle_records(*self._near(faces[rows], known, oldest))
             write_records(self._file, records)
             self._collapsed += lost
 
-    def _corners(self, faces: AnyArray, known: AnyArray, oldest: int) -> AnyArray:
-        """Corners of faces: vertices from number `oldest` on are `known`, others on the disk."""
-        corners = known[np.maximum(faces - oldest, 0)]
+    def _near(self, faces: AnyArray, known: AnyArray, oldest: int) -> tuple[AnyArray, AnyArray]:
+        """Vertices and faces numbered in them; those before number `oldest` are on the disk."""
         early = faces < oldest
-        if early.any():
-            self._spill.flush()
-            stored = np.memmap(self._spill, np.float32, mode="r", shape=(oldest, 3))
-            corners[early] = stored[faces[early]]
-        return corners
+        if not early.any():
+            return known, faces - oldest
+        self._spill.flush()
+        stored = np.memmap(self._spill, np.float32, mode="r", shape=(oldest, 3))
+        corners = known[np.maximum(faces - oldest, 0)]
+        corners[early] = stored[faces[early]]
+        return corners.reshape(-1, 3), np.arange(faces.size).reshape(-1, 3)
 
     def finish(self, counts: tuple[int, int]) -> None:
         self._file.seek(0)

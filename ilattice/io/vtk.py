@@ -44,7 +44,7 @@ def write_vtp(mesh: SurfaceMesh, path: str | os.PathLike[str], *, compress: bool
     path : path-like
         File to create or to replace.
     compress : bool
-        Compress with zlib: smaller by a half, slower by ten times.
+        Compress with zlib: smaller, but several times slower.
 
     Raises
     ------

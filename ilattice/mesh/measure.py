@@ -1,7 +1,7 @@
 """Measures of triangle meshes: volume, area, triangle quality, and the census of the edges.
 
-Guarantees: linear time and memory; results do not depend on the number of threads. The topology is
-that of the index table: vertices at equal places with different numbers are different vertices.
+Guarantees: linear time and memory. The topology is that of the index table: vertices at equal
+places with different numbers are different vertices.
 Not guaranteed: anything about self-intersections.
 """
 
@@ -89,24 +89,6 @@ def triangle_quality(vertices: AnyArray, faces: AnyArray) -> FloatArray:
         1 for an equilateral triangle, 0 for a degenerate one.
     """
     return kernels.triangle_quality(vertices, faces)
-
-
-def face_normals(vertices: AnyArray, faces: AnyArray) -> FloatArray:
-    """Unit normals of the triangles.
-
-    Parameters
-    ----------
-    vertices : (V, 3) array
-        Points.
-    faces : (F, 3) integer array
-        Corners.
-
-    Returns
-    -------
-    (F, 3) array
-        Outward for outward faces; zero for a triangle without area.
-    """
-    return kernels.face_normals(vertices, faces)
 
 
 def topology(faces: AnyArray, n_vertices: int) -> Topology:

@@ -331,7 +331,6 @@ class SurfaceMesh:
             vertex_attributes={name: np.array(a) for name, a in self.point_data.items()},
             face_attributes={name: np.array(a) for name, a in self.cell_data.items()},
             process=False,
-            validate=False,
         )
 
     def plot(self, **options: Any) -> Any:
