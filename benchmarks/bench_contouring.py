@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.measure import Row, alone, peak_megabytes
+from benchmarks.measure import Row, alone
+from ilattice._stages import peak_megabytes
 
 GOALS = {"network": ("<= 0.35", "<= 0.18"), "sheet": ("<= 0.5", "<= 0.2")}
 LEVELS = {"network": 0.0, "sheet": (-0.3, 0.3)}
@@ -48,7 +49,7 @@ def problem(n: int) -> tuple[Any, tuple[Any, ...]]:
 
 def blocks(kind: str, n: int) -> int:
     """Number of triangles of our mesh."""
-    from ilattice.mesh.contouring import contour
+    from ilattice.mesh import contour
 
     field, axes = problem(n)
     return len(contour(field, axes, level=LEVELS[kind]).faces)

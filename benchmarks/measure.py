@@ -58,14 +58,6 @@ def alone(module: str, *arguments: object) -> dict[str, float]:
     return dict(json.loads(done.stdout.splitlines()[-1]))
 
 
-def peak_megabytes() -> float:
-    """Largest resident size of this process so far."""
-    import resource
-
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak / (1e6 if sys.platform == "darwin" else 1e3)
-
-
 def table(rows: Iterable[Row]) -> str:
     """The rows as text, columns aligned."""
     head = ("benchmark", "ours", "reference", "ratio", "goal", "met")

@@ -24,7 +24,9 @@ def main(h: float = 0.05, d: float = 0.15, out: str = "") -> dict[str, float]:
     distance = np.abs(mesh.vertices[:, 2] - 0.5)
     if out:
         mesh.save(f"{out}.vtp")
-        mesh.screenshot(f"{out}.png", scalars="signed_distance")
+        depth = mesh.point_data["thickness"] - np.abs(mesh.point_data["signed_distance"])
+        painted = mesh.with_point_data(depth=depth)
+        painted.screenshot(f"{out}.png", scalars="depth", cmap="YlOrBr")
     return {
         "error": np.abs(distance[~on_a_side] - d).max(),
         "thickness at the sides": 2 * distance[on_a_side].max(),

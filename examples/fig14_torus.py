@@ -32,7 +32,9 @@ def main(
             genus[f"{name} {kind}"] = mesh.genus
             if out:
                 mesh.save(f"{out}_{name}_{kind}.vtp")
-                mesh.screenshot(f"{out}_{name}_{kind}.png", scalars="signed_distance")
+                depth = mesh.point_data["thickness"] - np.abs(mesh.point_data["signed_distance"])
+                painted = mesh.with_point_data(depth=depth)
+                painted.screenshot(f"{out}_{name}_{kind}.png", scalars="depth", cmap="YlOrBr")
     return genus
 
 

@@ -7,6 +7,8 @@ light. The measured thickness is right everywhere: 99 of 100 vertices within 0.1
     python examples/fig15_duck.py
 """
 
+import numpy as np
+
 import ilattice as il
 
 
@@ -26,7 +28,9 @@ def main(
         error[name] = wall.thickness_error(mesh).p99 / d
         if out:
             mesh.save(f"{out}_{name}.vtp")
-            mesh.screenshot(f"{out}_{name}.png", scalars="signed_distance")
+            depth = mesh.point_data["thickness"] - np.abs(mesh.point_data["signed_distance"])
+            painted = mesh.with_point_data(depth=depth)
+            painted.screenshot(f"{out}_{name}.png", scalars="depth", cmap="YlOrBr")
     return error
 
 

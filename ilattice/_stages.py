@@ -36,7 +36,7 @@ class Stages:
             self.records[name] = {
                 "seconds": round(time.perf_counter() - wall, 3),
                 "cpu_seconds": round(time.process_time() - cpu, 3),
-                "peak_memory_mb": _peak_megabytes(),
+                "peak_memory_mb": peak_megabytes(),
             }
 
 
@@ -45,7 +45,8 @@ def _reset_peak() -> None:
         Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
 
 
-def _peak_megabytes() -> float | None:
+def peak_megabytes() -> float | None:
+    """Largest resident size of this process in megabytes; None where it is not known."""
     with suppress(OSError):
         for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines():
             if line.startswith("VmHWM:"):
