@@ -137,7 +137,7 @@ def test_a_full_disk_between_blocks_is_told(tmp_path, ending):
 
 def test_a_block_may_be_reused_by_its_producer(tmp_path):
     """STL keeps copies of the latest vertices."""
-    buffer = np.empty((len(VERTICES) // 2, 3))
+    buffer = np.empty((len(VERTICES) // 2, 3), np.float32)
 
     def halves():
         buffer[:] = VERTICES[: len(buffer)]
