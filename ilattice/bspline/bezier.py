@@ -196,7 +196,7 @@ def _wrapped(
     whole = high - low >= period
     a, b = lo.copy(), hi.copy()
     a[:, axis] = np.where(whole, start, np.maximum(low - shift - slack, start))
-    b[:, axis] = np.where(whole | over, end, np.minimum(high - shift + slack, end))
+    b[:, axis] = np.where(whole, end, np.minimum(high - shift + slack, end))
     if not over.any():
         return [(a, b, owner)]
     a2, b2 = a[over], b[over]

@@ -195,6 +195,16 @@ def test_periodic_boxes_wrap(start):
     assert np.ptp(r, axis=1).mean() < 0.9 * np.ptp(c)
 
 
+def test_wrapping_far_from_zero_stays_rigorous():
+    c = np.random.default_rng(10).standard_normal(64)[np.arange(65) % 64]
+    spline = BSpline([uniform_knots(64, 1, (1000.3, 1016.3), periodic=True)], c, 1, periodic=True)
+    u = np.random.default_rng(11).uniform(900, 1100, 2000)
+    r, f = spline.range(u, u), spline(u)
+    assert (r[:, 0] <= f).all()
+    assert (f <= r[:, 1]).all()
+    assert np.ptp(r, axis=1).max() < 1e-9
+
+
 def test_bad_boxes_are_refused():
     spline = random_spline(np.random.default_rng(7), (2, 2))
     with pytest.raises(InputError, match="lo must not exceed hi: box 1 is"):
