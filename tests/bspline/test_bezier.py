@@ -198,11 +198,11 @@ def test_periodic_boxes_wrap(start):
 def test_wrapping_far_from_zero_stays_rigorous():
     c = np.random.default_rng(10).standard_normal(64)[np.arange(65) % 64]
     spline = BSpline([uniform_knots(64, 1, (1000.3, 1016.4), periodic=True)], c, 1, periodic=True)
-    u = np.random.default_rng(11).uniform(900, 1100, 2000)
+    u = np.random.default_rng(11).uniform(-1e5, 1e5, 2000)
     r, f = spline.range(u, u), spline(u)
     assert (r[:, 0] <= f).all()
     assert (f <= r[:, 1]).all()
-    assert np.ptp(r, axis=1).max() < 1e-9
+    assert np.ptp(r, axis=1).max() < 1e-7
 
 
 def test_bad_boxes_are_refused():
