@@ -35,7 +35,9 @@ class Grid:
         flags = (wrap,) * 3 if isinstance(wrap, bool) else tuple(bool(w) for w in wrap)
         if len(flags) != 3:
             raise InputError(f"wrap must be one flag or three, got {wrap!r:.80}")
-        planes = [_as_planes(f"axes[{i}]", a, w) for i, (a, w) in enumerate(zip(axes, flags, strict=True))]
+        planes = [
+            _as_planes(f"axes[{i}]", a, w) for i, (a, w) in enumerate(zip(axes, flags, strict=True))
+        ]
         return cls((planes[0], planes[1], planes[2]), (flags[0], flags[1], flags[2]))
 
     @cached_property
@@ -131,8 +133,10 @@ class Grid:
         """Whether the ranges of blocks hold ghost cells of an axis."""
         if self.wrap[axis]:
             return np.zeros(len(first), dtype=bool)
-        return (first == 0) | (last >= self.blocks[axis] - 1) | (
-            B * (last + 1) >= self.cells[axis] - 1
+        return (
+            (first == 0)
+            | (last >= self.blocks[axis] - 1)
+            | (B * (last + 1) >= self.cells[axis] - 1)
         )
 
 

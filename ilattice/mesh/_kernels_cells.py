@@ -115,9 +115,7 @@ def crossed_cells(rows, b, i, j, bits):
 @njit(cache=True, inline="always")
 def pattern(m0, m1, m2, m3, k):
     """Pattern of the cell at k between four rows of signs."""
-    return (
-        ((m0 >> k) & 3) | ((m1 >> k) & 3) << 2 | ((m2 >> k) & 3) << 4 | ((m3 >> k) & 3) << 6
-    )
+    return ((m0 >> k) & 3) | ((m1 >> k) & 3) << 2 | ((m2 >> k) & 3) << 4 | ((m3 >> k) & 3) << 6
 
 
 @njit(cache=True)
@@ -161,7 +159,7 @@ def is_flipped(rows, lookup, shape, coords, b, i, j, k, code):
 
 
 @njit(cache=True)
-def is_bare(shape, gx, gy, gz, code):
+def is_bare(gx, gy, gz, code):
     """Whether all real corners of a ghost cell are inside: its vertex belongs to caps only."""
     if gx < 0 and gy < 0 and gz < 0:
         return False
@@ -358,7 +356,6 @@ def count(rows, lookup, shape, coords, first, last, caps, flips, prefix):
 def _bare_at(shape, coords, b, i, j, k, code):
     """Whether a cell of a block has nothing but a cap."""
     return is_bare(
-        shape,
         ghost_side(shape, 0, B * coords[b, 3] + i),
         ghost_side(shape, 1, B * coords[b, 1] + j),
         ghost_side(shape, 2, B * coords[b, 2] + k),
@@ -452,7 +449,7 @@ def vertices(
                         cz = B * coords[b, 2] + k
                         gz = ghost_side(shape, 2, cz)
                         code = pattern(m0, m1, m2, m3, k)
-                        if not caps and is_bare(shape, gx, gy, gz, code):
+                        if not caps and is_bare(gx, gy, gz, code):
                             continue
                         row = code + FLIPPED * ((np.int64(flips[b, B * i + j]) >> k) & 1)
                         keep = 1.0 - (pull if CASES[row, PATCHES] == 1 else 0.0)

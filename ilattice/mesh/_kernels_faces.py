@@ -28,9 +28,7 @@ T = 9  # cells of a block and the layer below it, per direction
 
 
 @njit(cache=True)
-def _index_block(
-    rows, flips, prefix, shape, coords, n, ox, oy, oz, start, caps, ids, pattern_of
-):
+def _index_block(rows, flips, prefix, shape, coords, n, ox, oy, oz, start, caps, ids, pattern_of):
     """Ids and patterns of the cells of block n that block b = n - (ox, oy, oz) needs."""
     ni = extent(shape, 0, coords[n, 3])
     nj = extent(shape, 1, coords[n, 1])
@@ -59,7 +57,7 @@ def _index_block(
                     pattern_of[local] = row
                 if not caps:
                     gz = ghost_side(shape, 2, B * coords[n, 2] + k)
-                    if is_bare(shape, gx, gy, gz, code):
+                    if is_bare(gx, gy, gz, code):
                         continue
                 at += CASES[row, PATCHES]
 

@@ -13,9 +13,7 @@ STEEP = 0.02  # least part of the squared gradient along the coordinates that ar
 
 
 @njit(cache=True, parallel=True)
-def newton_step(
-    points, value, gradient, kind, cell, least, most, lower, upper, out, residual
-):
+def newton_step(points, value, gradient, kind, cell, least, most, lower, upper, out, residual):
     """One step of each vertex onto its level along the gradient, within its cell.
 
     Along axis a, vertices of cell c stay between ``least[a, c]`` and ``most[a, c]``.

@@ -18,10 +18,12 @@ from ilattice.bspline import BSpline
 from ilattice.errors import GeometryError, InputError
 from ilattice.mesh import _kernels_sampling as kernels
 from ilattice.mesh._grid import Grid
-from ilattice.mesh._kernels_cells import B, LANES, S
+from ilattice.mesh._kernels_cells import LANES, B, S
 from ilattice.tiles.trig import TrigField
 
 POINTS = 1 << 17  # points per call of a field
+DENSE = 0.3  # part of the points of a plane from which on the whole plane is evaluated
+SINGLE = 4e-6  # rounding of sums in single precision, as a part of the sum of the magnitudes
 GROUP = 8  # blocks per direction in a box of the coarse pruning
 
 
@@ -29,6 +31,7 @@ class Sampler:
     """Values of any field at any points; the base of all samplers."""
 
     max_layers = 1 << 30  # layers of blocks that can be sampled at once
+    rounding = 0.0  # how far samples may be from the exact values
 
     def __init__(self, field: Any, grid: Grid, level: tuple[float, float], scale: Any) -> None:
         low, high = level
@@ -78,10 +81,6 @@ class Sampler:
 
     # ---------------------------------------------------------------- pruning
 
-    def slack(self, low: FloatArray, high: FloatArray) -> Any:
-        """How far samples may leave the bounds by rounding."""
-        return 1e-9 * np.maximum(np.abs(low), np.abs(high))
-
     def bounds(self, lo: FloatArray, hi: FloatArray) -> tuple[FloatArray, FloatArray] | None:
         """Bounds of ``value`` on boxes, or None when the field tells nothing."""
         out = _field_range(self.field, lo, hi)
@@ -94,7 +93,7 @@ class Sampler:
 
     def crossed(self, low: FloatArray, high: FloatArray, faces: AnyArray) -> AnyArray:
         """Boxes that may hold a piece of the surface; `faces`: those that touch a face of D."""
-        slack = self.slack(low, high)
+        slack = self.rounding + 1e-9 * np.maximum(np.abs(low), np.abs(high))
         outside = (low >= self.upper + slack) | (high <= self.lower - slack)
         inside = high < self.upper - slack
         if not np.isnan(self.lower):
@@ -110,9 +109,10 @@ class Sampler:
         keep = np.repeat(np.repeat(coarse, GROUP, axis=1), GROUP, axis=2)[:, :by, :bz]
         blocks = np.argwhere(np.broadcast_to(keep, (last - first, by, bz)))
         out = np.zeros((last - first, by, bz), dtype=bool)
+        shift = np.array([first, 0, 0])
         for i in range(0, len(blocks), POINTS):
             part = blocks[i : i + POINTS]
-            out[tuple(part.T)] = self._box_list(part + (first, 0, 0), part + (first, 0, 0))
+            out[tuple(part.T)] = self._box_list(part + shift, part + shift)
         return out
 
     def _boxes(self, *spans: IntArray) -> AnyArray | None:
@@ -181,9 +181,17 @@ class GridSampler(Sampler):
         self._known = self._pinned | ends
 
     def _evaluate(self, planes: IntArray, mark: AnyArray) -> None:
-        wanted = np.flatnonzero((mark.ravel() == 1) & np.isnan(self._slab.ravel()))
-        flat = self._slab.reshape(-1)
+        """Values at the marked points of the slab that are not known."""
+        mark *= np.isnan(self._slab)
         x, y, z = self.grid.axes
+        if hasattr(self.field, "grid") and self.scale is None:
+            for row in np.flatnonzero(mark.mean(axis=(1, 2)) > DENSE):
+                at = mark[row] == 1
+                values = np.asarray(self.field.grid((x[planes[row]][None], y, z)))[0]
+                self._slab[row][at] = _checked(values[at], "field") - self.middle
+                mark[row] = 0
+        wanted = np.flatnonzero(mark)
+        flat = self._slab.reshape(-1)
         for i in range(0, len(wanted), POINTS):
             at = wanted[i : i + POINTS]
             ix, iy, iz = np.unravel_index(at, self._slab.shape)
@@ -192,9 +200,7 @@ class GridSampler(Sampler):
 
     def fill(self, coords: IntArray, samples: AnyArray) -> None:
         """Samples of blocks of the slab."""
-        kernels.gather(
-            self._slab, coords, self._first, self._local, *self.grid.planes[1:], samples
-        )
+        kernels.gather(self._slab, coords, self._first, self._local, *self.grid.planes[1:], samples)
 
 
 class TrigSampler(Sampler):
@@ -211,7 +217,7 @@ class TrigSampler(Sampler):
         self._factors = [u[0] for u in used]
         self._tables = [self._table(a).astype(np.float32) for a in range(3)]
         self._single = self._coef.astype(np.float32)
-        self._slack = 4e-6 * float(np.abs(coef).sum())
+        self.rounding = SINGLE * float(np.abs(coef).sum())
 
     def _table(self, axis: int) -> FloatArray:
         turns = self.grid.axes[axis] / self.field.period[axis]
@@ -220,10 +226,6 @@ class TrigSampler(Sampler):
         sine = (self._factors[axis] % 2 == 0) & (self._factors[axis] > 0)
         table = np.where(sine[:, None], np.sin(angle), np.cos(angle))
         return np.ascontiguousarray(table[:, self.grid.planes[axis]])
-
-    def slack(self, low: FloatArray, high: FloatArray) -> Any:
-        """Rounding of single precision."""
-        return self._slack
 
     def active(self, first: int, last: int) -> AnyArray:
         """Bounds of the factors along the axes, then interval arithmetic on the tensor grid."""
@@ -262,12 +264,8 @@ class SplineSampler(Sampler):
         self._args = _spline_tables(field, grid)
         self._scale_args = None if scale is None else _spline_tables(scale, grid)
         self._buffer = np.empty((0, S, S, LANES), np.float32)
-        self._largest = float(np.abs(field.c).max())
-
-    def slack(self, low: FloatArray, high: FloatArray) -> Any:
-        """Rounding of single precision."""
-        least = 1.0 if self.scale is None else float(np.min(self.scale.c))
-        return 4e-6 * (self._largest / least + abs(self.middle))
+        least = 1.0 if scale is None else float(np.min(scale.c))
+        self.rounding = SINGLE * (float(np.abs(field.c).max()) / least + abs(self.middle))
 
     def fill(self, coords: IntArray, samples: AnyArray) -> None:
         """Samples of blocks."""
@@ -344,12 +342,15 @@ def _call(field: Callable[[FloatArray], Any], points: FloatArray, name: str) -> 
         raise InputError(
             f"{name} must give {len(points)} values for {len(points)} points, got shape {f.shape}"
         )
+    return _checked(f, name, points)
+
+
+def _checked(f: FloatArray, name: str, points: FloatArray | None = None) -> FloatArray:
+    """`f` itself, or `GeometryError` where it is NaN."""
     bad = np.isnan(f)
     if bad.any():
-        i = int(np.argmax(bad))
-        raise GeometryError(
-            f"{name} is NaN at {points[i].tolist()} ({int(bad.sum())} of {len(f)} points there)"
-        )
+        place = "" if points is None else f" at {points[int(np.argmax(bad))].tolist()}"
+        raise GeometryError(f"{name} is NaN{place} ({int(bad.sum())} of {f.size} points there)")
     return f
 
 

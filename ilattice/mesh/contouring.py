@@ -10,7 +10,8 @@ Guarantees
 ----------
 - Closed, manifold (edges and vertices) and consistently oriented outwards, whatever the signs:
   what happens on the face between two cells depends on shared samples only, without tolerances.
-- Every vertex lies in its own cell; no triangle is degenerate in the coordinates of the axes.
+- Every vertex lies in its own cell, and off the faces of D by a quarter of a cell where it is not
+  on them; no triangle is degenerate in the coordinates of the axes.
 - Rigorous: a block is skipped only where the bounds of the field exclude the surface.
 - Output is the same for any number of threads; memory is proportional to the surface (and one
   slab), of `contour_blocks` to one slab.
@@ -24,56 +25,33 @@ Not guaranteed
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 
-from ilattice._progress import Progress, track
-from ilattice._typing import AnyArray, FloatArray, IntArray
+from ilattice._progress import Progress
+from ilattice._typing import AnyArray
 from ilattice._validate import as_array
-from ilattice.errors import GeometryError, InputError
-from ilattice.mesh import _kernels_cells, _kernels_faces, _kernels_refine
+from ilattice.errors import InputError
+from ilattice.mesh import _kernels_refine
 from ilattice.mesh._grid import Grid
-from ilattice.mesh._kernels_cells import CAP, LANES, LOWER, B, S
-from ilattice.mesh._samplers import Sampler, sampler_for
+from ilattice.mesh._kernels_cells import CAP, LOWER
+from ilattice.mesh._samplers import sampler_for
+from ilattice.mesh._tracer import Contour, Tracer
 from ilattice.mesh.surface import SurfaceMesh
 
-BATCH = 1024  # blocks sampled at once
-SLAB = 2000  # active blocks that end a slab
-PULL = 0.2  # how far vertices are pulled to the centre of their cell before they are refined
-POINTS = 1 << 16  # vertices refined at once
+__all__ = [
+    "ON_CAP",
+    "ON_LOWER",
+    "Contour",
+    "contour",
+    "contour_arrays",
+    "contour_blocks",
+    "split_quads",
+]
+
 ON_CAP = CAP
 ON_LOWER = LOWER
-
-
-@dataclass(frozen=True, eq=False)
-class Contour:
-    """Triangles in the coordinates of the axes, with the constraints of the vertices.
-
-    Attributes
-    ----------
-    vertices : (V, 3) array
-        Points, float64 or float32.
-    faces : (F, 3) array of int32 or int64
-        Corners, counter-clockwise seen from outside. Triangles 2 q and 2 q + 1 come from one quad
-        (a, b, c, d) and are (a, b, c), (a, c, d): see `split_quads`.
-    kind : (V,) array of uint8
-        Bit ``2 a + s`` is set for vertices on the lower (s = 0) or upper (s = 1) face of D normal
-        to axis a: that coordinate is fixed. Bit 6 (`ON_CAP`) is set for vertices inside caps, on
-        no level set; bit 7 (`ON_LOWER`) for those on the lower of two levels.
-    first_vertex : int
-        Id of the first of `vertices`; not 0 for the pieces of `contour_blocks`.
-    """
-
-    vertices: AnyArray
-    faces: AnyArray
-    kind: AnyArray
-    first_vertex: int = 0
-
-    def to_mesh(self) -> SurfaceMesh:
-        """The triangles as a `SurfaceMesh`, which takes over the arrays."""
-        return SurfaceMesh.adopt(self.vertices, self.faces)
 
 
 def contour(field: Any, axes: Any, **options: Any) -> SurfaceMesh:
@@ -211,7 +189,7 @@ def contour_blocks(
     if place not in ("refine", "linear"):
         raise InputError(f"place must be 'refine' or 'linear', got {place!r}")
     sampler = sampler_for(field, grid, _as_levels(level), scale)
-    tracer = _Tracer(sampler, bool(caps), place == "refine", _as_dtype(dtype))
+    tracer = Tracer(sampler, bool(caps), place == "refine", _as_dtype(dtype))
     return tracer.pieces(progress)
 
 
@@ -226,262 +204,6 @@ def split_quads(vertices: AnyArray, faces: AnyArray) -> None:
         Faces of a `Contour`, changed in place.
     """
     _kernels_refine.resplit(vertices, faces)
-
-
-@dataclass
-class _Layers:
-    """Sampled blocks of consecutive layers: what later passes need of them."""
-
-    coords: IntArray  # (n, 4): layer, y, z, layer in the whole grid
-    layers: int
-    rows: AnyArray
-    t: AnyArray
-    t_first: IntArray
-    flips: AnyArray
-    prefix: AnyArray
-    quads: IntArray
-    start: IntArray  # id of the first vertex of each block
-    points: AnyArray  # vertices of the blocks, from id `first_vertex` on
-    first_vertex: int = 0
-    traced: bool = False  # whether the vertices are there
-
-    def part(self, blocks: AnyArray, layer: int) -> "_Layers":
-        """The blocks of one layer, as layers of their own; crossings are left behind."""
-        at = np.flatnonzero(blocks)
-        coords = self.coords[at]
-        coords[:, 0] -= layer
-        first = int(self.start[at[0]]) if len(at) else 0
-        stop = int(self.start[at[-1]] + self.prefix[at[-1], -1]) if len(at) else 0
-        return replace(
-            self, coords=coords, layers=1, rows=self.rows[at], flips=self.flips[at],
-            prefix=self.prefix[at], quads=self.quads[at], start=self.start[at],
-            points=self.points[first - self.first_vertex : stop - self.first_vertex].copy(),
-            first_vertex=first, t=self.t[:0], t_first=self.t_first[:0],
-        )  # fmt: skip
-
-    def first_layer(self) -> "_Layers":
-        """The first layer alone."""
-        return self.part(self.coords[:, 0] == 0, 0)
-
-    def last_layer(self) -> "_Layers":
-        """The last layer alone."""
-        return self.part(self.coords[:, 0] == self.layers - 1, self.layers - 1)
-
-
-@dataclass
-class _Window:
-    """Consecutive layers as one list of blocks, with the place of each block."""
-
-    coords: IntArray
-    lookup: AnyArray
-    rows: AnyArray
-
-
-class _Tracer:
-    """Runs the passes slab by slab: sample, count, place vertices, join faces."""
-
-    def __init__(self, sampler: Sampler, caps: bool, refine: bool, dtype: Any) -> None:
-        self.sampler, self.grid = sampler, sampler.grid
-        self.caps, self.refine, self.dtype = caps, refine, dtype
-        self.total = 0  # vertices so far
-        self._samples = np.empty((0, S, S, LANES), np.float32)
-
-    # ---------------------------------------------------------------- slabs
-
-    def pieces(self, progress: Progress) -> Iterator[Contour]:
-        """Trace all slabs in order; see `contour_blocks`."""
-        seam = self._sample_seam() if self.grid.wrap[0] else None
-        previous, current, opening = seam, None, None
-        for following in self._slabs(seam, progress):
-            if current is not None:
-                yield self.trace(previous, current, following)
-                if seam is not None and opening is None:
-                    opening = current.first_layer()
-                previous = current.last_layer()
-            current = following
-        assert current is not None
-        if seam is None:
-            yield self.trace(previous, current, None)
-        else:
-            last = self.trace(previous, current, opening or current)
-            yield self._close(last, current, opening or current)
-        if self.total == 0:
-            raise GeometryError(self._no_surface())
-
-    def _sample_seam(self) -> _Layers:
-        """The last layer of a wrapped grid, which comes first: layer 0 needs its signs."""
-        n = self.grid.blocks[0]
-        return self.sample(n - 1, self.sampler.active(n - 1, n))
-
-    def _slabs(self, seam: _Layers | None, progress: Progress) -> Iterator[_Layers]:
-        """Sampled slabs, in order; the last layer of a wrapped grid is there already."""
-        n = self.grid.blocks[0] - (seam is not None)
-        first = 0
-        masks: list[AnyArray] = []
-        for group in track(range(0, n, B), "contour", progress):
-            mask = self.sampler.active(group, min(group + B, n))
-            for layer in range(len(mask)):
-                masks.append(mask[layer : layer + 1])
-                full = sum(int(m.sum()) for m in masks) >= SLAB
-                if full or len(masks) >= self.sampler.max_layers:
-                    yield self.sample(first, np.concatenate(masks))
-                    first += len(masks)
-                    masks = []
-        if masks:
-            yield self.sample(first, np.concatenate(masks))
-        if seam is not None:
-            yield seam
-
-    # ---------------------------------------------------------------- passes
-
-    def sample(self, first: int, mask: AnyArray) -> _Layers:
-        """Signs and crossings of the active blocks of layers first.. ."""
-        layer, y, z = np.nonzero(mask)
-        coords = np.stack((layer, y, z, layer + first), axis=1).astype(np.int64)
-        n = len(coords)
-        rows = np.zeros((n, S * S), np.uint16)
-        lower, upper = self.sampler.lower, self.sampler.upper
-        self.sampler.begin(first, first + len(mask), coords)
-        if len(self._samples) < min(n, BATCH):
-            self._samples = np.empty((min(n, BATCH), S, S, LANES), np.float32)
-        fractions, counts = [np.empty(0, np.float32)], [np.zeros(1, np.int64)]
-        for i in range(0, n, BATCH):
-            part = coords[i : i + BATCH]
-            samples = self._samples[: len(part)]
-            self.sampler.fill(part, samples)
-            args = (samples, part, self.grid.shape, lower, upper, rows[i : i + BATCH])
-            crossed = _kernels_cells.signs(*args)
-            start = np.concatenate(([0], np.cumsum(crossed)))
-            t = np.empty(start[-1], np.float32)
-            _kernels_cells.crossings(*args, start, t)
-            fractions.append(t)
-            counts.append(crossed)
-        return _Layers(
-            coords, len(mask), rows, np.concatenate(fractions), np.cumsum(np.concatenate(counts)),
-            np.zeros((n, B * B), np.uint8), np.zeros((n, B * B + 1), np.uint16),
-            np.zeros(n, np.int64), np.zeros(n, np.int64), np.empty((0, 3), self.dtype),
-        )  # fmt: skip
-
-    def trace(
-        self, previous: _Layers | None, current: _Layers, following: _Layers | None
-    ) -> Contour:
-        """Vertices and faces of the slab `current`, between its neighbours."""
-        if previous is current:  # wrapped onto itself
-            previous = replace(current)
-        before = 0 if previous is None else len(previous.coords)
-        after = None if following is None else following.first_layer()
-        window = self._window([previous, current, after])
-        kind = self._vertices(window, before, current)
-        blocks = np.arange(before, before + len(current.coords))
-        if previous is not None and not previous.traced:  # behind the seam: see `_close`
-            blocks = blocks[current.coords[:, 0] > 0]
-        faces = self._faces(window, blocks, previous, current)
-        return Contour(current.points, faces, kind, current.first_vertex)
-
-    def _window(self, parts: list[_Layers | None]) -> _Window:
-        """Layers one after the other."""
-        present = [p for p in parts if p is not None]
-        shift = np.concatenate(([0], np.cumsum([p.layers for p in present])))
-        coords = np.concatenate([p.coords + [s, 0, 0, 0] for p, s in zip(present, shift)])  # noqa: B905
-        lookup = np.full((int(shift[-1]), *self.grid.blocks[1:]), -1, np.int32)
-        lookup[tuple(coords[:, :3].T)] = np.arange(len(coords))
-        return _Window(coords, lookup, np.concatenate([p.rows for p in present]))
-
-    def _vertices(self, window: _Window, before: int, current: _Layers) -> AnyArray:
-        """Fill in the vertices of `current`; their kinds."""
-        n = len(current.coords)
-        flips = np.zeros((before + n, B * B), np.uint8)
-        prefix = np.zeros((before + n, B * B + 1), np.uint16)
-        shape = self.grid.shape
-        current.quads = _kernels_cells.count(
-            window.rows, window.lookup, shape, window.coords, before, before + n, self.caps,
-            flips, prefix,
-        )  # fmt: skip
-        current.flips, current.prefix = flips[before:], prefix[before:]
-        ends = np.cumsum(current.prefix[:, -1], dtype=np.int64)
-        local = np.concatenate((np.zeros(before + 1, np.int64), ends))
-        size = int(local[-1])
-        current.first_vertex = self.total
-        current.start = local[before:-1] + self.total
-        current.points = np.empty((size, 3), self.dtype)
-        kind = np.empty(size, np.uint8)
-        cell = np.empty((size, 3), np.int32)
-        alone = np.empty(size, np.bool_)
-        _kernels_cells.vertices(
-            window.rows, flips, shape, window.coords, before, before + n, self.caps, current.t,
-            current.t_first, local, self.grid.low, self.grid.size, self.grid.least, self.grid.most,
-            PULL if self.refine else 0.0, current.points, kind, cell, alone,
-        )  # fmt: skip
-        current.t = current.t[:0]
-        current.traced = True
-        self.total += size
-        if self.refine:
-            free = np.flatnonzero(alone & (kind & CAP == 0))
-            for i in range(0, len(free), POINTS):
-                self._refine(current.points, kind, cell, free[i : i + POINTS])
-        return kind
-
-    def _refine(self, points: AnyArray, kind: AnyArray, cell: AnyArray, at: IntArray) -> None:
-        """Two Newton steps of some vertices onto their level, in place; none where it diverges."""
-        p = points[at].astype(np.float64)
-        bounds = float(self.sampler.lower), float(self.sampler.upper)
-        fixed = (kind[at], cell[at], self.grid.least, self.grid.most, *bounds)
-        q, r = np.empty_like(p), np.empty_like(p)
-        before, after = np.empty(len(p)), np.empty(len(p))
-        _kernels_refine.newton_step(p, *self.sampler.jet(p), *fixed, q, before)
-        _kernels_refine.newton_step(q, *self.sampler.jet(q), *fixed, r, after)
-        points[at] = np.where((after <= before)[:, None], r, p)
-
-    def _faces(
-        self, window: _Window, blocks: IntArray, previous: _Layers | None, current: _Layers
-    ) -> AnyArray:
-        """Faces of some blocks of the window, in ids of the whole contour."""
-        parts = [p for p in (previous, current) if p is not None]
-        n = sum(len(p.coords) for p in parts)
-        offset = np.cumsum([0] + [len(p.points) for p in parts])
-        start = np.concatenate(
-            [p.start - p.first_vertex + o for p, o in zip(parts, offset)]  # noqa: B905
-        )
-        quads = np.concatenate([p.quads for p in parts])[blocks]
-        first = np.concatenate(([0], np.cumsum(quads)))
-        ids = np.int32 if self.total < np.iinfo(np.int32).max else np.int64
-        out = np.empty((2 * int(first[-1]), 3), ids)
-        points = np.concatenate([p.points for p in parts])
-        _kernels_faces.faces(
-            window.rows[:n], np.concatenate([p.flips for p in parts]),
-            np.concatenate([p.prefix for p in parts]), np.where(window.lookup < n, window.lookup, -1),
-            self.grid.shape, window.coords, blocks, start, self.caps, points, self.grid.period,
-            first, out,
-        )  # fmt: skip
-        last = len(parts) - 1
-        out += ids(parts[last].first_vertex - offset[last])
-        if last and parts[0].first_vertex != parts[1].first_vertex - offset[1]:
-            seam = out < parts[1].first_vertex
-            out[seam] += ids(parts[0].first_vertex - parts[1].first_vertex + offset[1])
-        return out
-
-    def _close(self, last: Contour, current: _Layers, opening: _Layers) -> Contour:
-        """`last` with the faces of the first layer of a wrapped grid, which need all vertices."""
-        previous = current.last_layer()
-        window = self._window([previous, opening])
-        before = len(previous.coords)
-        blocks = np.arange(before, before + len(opening.coords))
-        faces = self._faces(window, blocks, previous, opening)
-        return replace(last, faces=np.concatenate((last.faces, faces)))
-
-    def _no_surface(self) -> str:
-        """Message that names the range of the field."""
-        sparse = [a[:: max(1, len(a) // 24)] for a in self.grid.axes]
-        points = np.stack([a.ravel() for a in np.meshgrid(*sparse, indexing="ij")], axis=1)
-        f = self.sampler.values(np.ascontiguousarray(points)) + self.sampler.middle
-        upper = float(self.sampler.upper) + self.sampler.middle
-        lower = float(self.sampler.lower) + self.sampler.middle
-        wanted = f"below {upper:g}" if np.isnan(lower) else f"between {lower:g} and {upper:g}"
-        return (
-            f"there is no surface: the solid is where the field is {wanted}, but on the box "
-            f"{[[float(a[0]), float(a[-1])] for a in self.grid.axes]} it ranges over about "
-            f"[{f.min():g}, {f.max():g}]; change the level, or the box"
-        )
 
 
 def _as_levels(level: Any) -> tuple[float, float]:

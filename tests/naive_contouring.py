@@ -8,6 +8,8 @@ import itertools
 
 import numpy as np
 
+from ilattice.mesh._grid import FACE_MARGIN, MARGIN
+
 
 def padded(inside, wrap):
     """Signs with a ghost layer of outside samples in the directions that do not wrap."""
@@ -133,22 +135,24 @@ class Naive:
             index = [p[a] - (0 if self.wrap[a] else 1) for a in range(3)]
             onto = list(index)
             onto[axis] += 1
-            if not self.wrap[axis] and not (0 <= index[axis] and onto[axis] < len(axes[axis])):
+            real = all(self.wrap[a] or (index[a] >= 0 and onto[a] < len(axes[a])) for a in range(3))
+            if not real:
                 continue
-            if any(
-                not self.wrap[a] and not 0 <= index[a] < len(axes[a]) for a in range(3) if a != axis
-            ):
-                continue
-            f0 = values[tuple(index)]
-            f1 = values[tuple(onto)]
+            f0, f1 = values[tuple(index)], values[tuple(onto)]
             t = (level - f0) / (f1 - f0)
-            x = np.empty(3)
-            for a in range(3):
-                at_low = p[a] == self.at(cell)[a]
-                x[a] = low[a] if at_low else high[a]
+            x = np.where([p[a] == cell[a] for a in range(3)], low, high)
             x[axis] = low[axis] + t * (high[axis] - low[axis])
             points.append(x)
-        return np.mean(points, axis=0) if points else 0.5 * (low + high)
+        x = np.mean(points, axis=0) if points else 0.5 * (low + high)
+        for a in range(3):
+            index = cell[a] - (0 if self.wrap[a] else 1)
+            rim = [MARGIN, MARGIN]
+            if not self.wrap[a]:
+                ends = (index == 0, index == len(axes[a]) - 2)
+                rim = [FACE_MARGIN if end else MARGIN for end in ends]
+            size = high[a] - low[a]
+            x[a] = min(max(x[a], low[a] + rim[0] * size), high[a] - rim[1] * size)
+        return x
 
     def euler(self):
         """Euler number of the surface, from the connected pieces of the inside (all contractible).
