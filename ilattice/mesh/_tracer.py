@@ -282,7 +282,7 @@ class Tracer:
         _kernels_faces.faces(
             window.rows[:n], np.concatenate([p.flips for p in parts]),
             np.concatenate([p.prefix for p in parts]),
-            np.where(window.lookup < n, window.lookup, -1), window.coords, blocks,
+            np.where(window.lookup < n, window.lookup, -1), self.grid.shape, window.coords, blocks,
             start, self.caps, points, self.grid.period, first, out,
         )  # fmt: skip
         last = len(parts) - 1
