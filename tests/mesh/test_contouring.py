@@ -9,6 +9,8 @@ from naive_contouring import Naive
 from ilattice.bspline import BSpline
 from ilattice.errors import GeometryError, InputError
 from ilattice.mesh import _tracer, measure
+from ilattice.mesh._grid import Grid
+from ilattice.mesh._samplers import sampler_for
 from ilattice.mesh.contouring import (
     ON_CAP,
     ON_LOWER,
@@ -472,6 +474,23 @@ def test_periodic_splines_are_read_across_the_seam():
     b = contour_arrays(lambda p: s(p), axes, wrap=wrap, place="linear")
     assert_closed(a.faces, len(a.vertices))
     assert_alike(a, b, 1e-4)
+
+
+def test_splines_are_pruned_by_their_coefficients():
+    n = 12
+    knots = np.r_[0, np.linspace(0, 1, n), 1]
+    plane = np.add.outer(np.add.outer(knots[1:-1], knots[1:-1]), knots[1:-1]) - 1.5
+    s = BSpline((knots,) * 3, plane, (1, 1, 1))
+    two = BSpline(((0, 0, 1, 1),) * 3, np.full((2, 2, 2), 2.0), (1, 1, 1))
+    axes = cube_axes(70, 0.0, 1.0)
+    for scale in (None, two):
+        level = (-np.inf, 0.0) if scale is None else (-0.05, 0.05)
+        sampler = sampler_for(s, Grid.checked(axes, False), level, scale)
+        assert sampler.active(2, 7)[:, 1:-1, 1:-1].mean() < 0.7
+    mesh = contour(s, axes, level=(-0.05, 0.05), scale=two)
+    other = contour(lambda p: s(p), axes, level=(-0.1, 0.1))
+    assert mesh.faces.shape == other.faces.shape
+    assert np.abs(mesh.vertices - other.vertices).max() < 1e-5
 
 
 class Counting:
