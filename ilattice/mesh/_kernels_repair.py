@@ -1,0 +1,354 @@
+"""Compiled local changes of a triangle mesh: edge collapses and flips that remove slivers.
+
+Guarantees: one thread and a fixed order, so results are reproducible. A manifold mesh stays
+manifold, with the same Euler number and orientation. No vertex moves.
+Not guaranteed: anything for edges of more than two triangles or several fans at one vertex, except
+that they are left alone where they are met.
+
+Corner ``h = 3 f + j`` is corner j of face f. The corners at a vertex form a linked list: `head` of
+the vertex, then `after` of the corner, -1 at the end. Removed faces hold -1. `on` of a vertex has a
+bit for every surface that it lies on: bits 0 to 5 are the faces of the domain, `WALL` is the level
+set. A face lies on the faces of the domain that its corners share, or else on the wall.
+"""
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+WALL = 64
+CAPS = 63
+STEEPEST = 0.5  # least cosine between a triangle and what replaces it
+FAIR = 0.1  # a quality that is good enough: above it, the change of volume decides
+REJECTED = -1.0
+
+
+@njit(cache=True)
+def link_corners(faces: Any, head: Any, after: Any) -> None:
+    """Lists of the corners at every vertex, ascending; `head` comes filled with -1."""
+    for h in range(faces.size - 1, -1, -1):
+        v = faces[h // 3, h % 3]
+        after[h] = head[v]
+        head[v] = h
+
+
+@njit(cache=True)
+def _shape(x: Any, a: int, b: int, c: int) -> Any:
+    """Quality of a triangle, and the cross product of two of its sides."""
+    ux, uy, uz = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
+    vx, vy, vz = x[c, 0] - x[a, 0], x[c, 1] - x[a, 1], x[c, 2] - x[a, 2]
+    wx, wy, wz = vx - ux, vy - uy, vz - uz
+    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    s = ux * ux + uy * uy + uz * uz + vx * vx + vy * vy + vz * vz + wx * wx + wy * wy + wz * wz
+    q = 2.0 * np.sqrt(3.0) * np.sqrt(nx * nx + ny * ny + nz * nz) / s if s > 0.0 else 0.0
+    return q, (nx, ny, nz)
+
+
+@njit(cache=True)
+def _dot(n: Any, m: Any) -> float:
+    return n[0] * m[0] + n[1] * m[1] + n[2] * m[2]
+
+
+@njit(cache=True)
+def _turned(n: Any, m: Any, cosine: float) -> bool:
+    """Whether the angle between two vectors is too large, or cannot be told."""
+    return not _dot(n, m) > cosine * np.sqrt(_dot(n, n) * _dot(m, m))
+
+
+@njit(cache=True)
+def _others(faces: Any, h: int) -> Any:
+    """Vertices after and before corner `h` in its face."""
+    f, j = h // 3, h % 3
+    return faces[f, (j + 1) % 3], faces[f, (j + 2) % 3]
+
+
+@njit(cache=True)
+def _label(on: Any, a: int, b: int, c: int) -> int:
+    """Faces of the domain on which a triangle lies."""
+    return on[a] & on[b] & on[c] & CAPS
+
+
+@njit(cache=True)
+def _edge(faces: Any, on: Any, head: Any, after: Any, a: int, b: int, without: int) -> Any:
+    """Triangles at the edge from a to b, both ways, and what those without a vertex lie on."""
+    forward = backward = surfaces = 0
+    h = head[a]
+    while h >= 0:
+        p, q = _others(faces, h)
+        if p == b or q == b:
+            forward += p == b
+            backward += q == b
+            if p != without and q != without:
+                label = _label(on, a, p, q)
+                surfaces |= label if label else WALL
+        h = after[h]
+    return forward, backward, surfaces
+
+
+@njit(cache=True)
+def _is_neighbour(faces: Any, head: Any, after: Any, a: int, b: int) -> bool:
+    """Whether there is an edge between two vertices."""
+    h = head[a]
+    while h >= 0:
+        p, q = _others(faces, h)
+        if p == b or q == b:
+            return True
+        h = after[h]
+    return False
+
+
+@njit(cache=True)
+def _may_collapse(faces: Any, on: Any, head: Any, after: Any, a: int, b: int) -> bool:
+    """Whether vertex a may be merged into its neighbour b: surfaces, link condition, valence."""
+    if on[a] & ~on[b]:
+        return False
+    forward, backward, surfaces = _edge(faces, on, head, after, a, b, -1)
+    if forward != 1 or backward != 1:
+        return False
+    if on[a] & (on[a] - 1) and surfaces != on[a]:  # a lies on a curve that the edge leaves
+        return False
+    common = valence = 0
+    h = head[a]
+    while h >= 0:
+        p, _ = _others(faces, h)
+        valence += 1
+        forward, backward, surfaces = _edge(faces, on, head, after, a, p, b)
+        if forward != 1 or backward != 1:
+            return False
+        if p != b:
+            forward, backward, more = _edge(faces, on, head, after, b, p, a)
+            common += forward + backward > 0
+            if on[b] & on[p] & CAPS & ~(surfaces | more):  # a chord across a face of the domain
+                return False
+        h = after[h]
+    if common != 2:
+        return False
+    h = head[b]
+    while h >= 0:
+        valence += 1
+        h = after[h]
+    return valence > 6
+
+
+@njit(cache=True)
+def _try_collapse(
+    x: Any, faces: Any, on: Any, head: Any, after: Any, a: int, b: int, quality: float
+) -> Any:
+    """Worst quality around a vertex after it is merged into b, and the change of the volume x 6.
+
+    `REJECTED` where that is not allowed, or worse than before.
+    """
+    if not _may_collapse(faces, on, head, after, a, b):
+        return REJECTED, 0.0
+    patch = (0.0, 0.0, 0.0)  # what stands for the normal of triangles that have none
+    for v in (a, b):
+        h = head[v]
+        while h >= 0:
+            p, q = _others(faces, h)
+            _, n = _shape(x, v, p, q)
+            patch = (patch[0] + n[0], patch[1] + n[1], patch[2] + n[2])
+            h = after[h]
+    least = most = np.inf
+    volume = 0.0
+    step = (x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2])
+    h = head[a]
+    while h >= 0:
+        p, q = _others(faces, h)
+        old, n = _shape(x, a, p, q)
+        least = min(least, old)
+        volume += _dot(step, n)
+        if p != b and q != b:
+            new, m = _shape(x, b, p, q)
+            most = min(most, new)
+            if _label(on, a, p, q) != _label(on, b, p, q):
+                return REJECTED, 0.0
+            if _turned(n, m, STEEPEST) if old >= quality else _turned(patch, m, 0.0):
+                return REJECTED, 0.0
+        h = after[h]
+    return (most, abs(volume)) if most >= least else (REJECTED, 0.0)
+
+
+@njit(cache=True)
+def _across(faces: Any, head: Any, after: Any, a: int, b: int) -> int:
+    """Corner at b of the triangle in which a follows b, or -1."""
+    h = head[b]
+    while h >= 0:
+        p, _ = _others(faces, h)
+        if p == a:
+            return h
+        h = after[h]
+    return -1
+
+
+@njit(cache=True)
+def _try_flip(x: Any, faces: Any, on: Any, head: Any, after: Any, f: int, j: int) -> Any:
+    """Worst quality of the two triangles at edge j of face f with the other diagonal.
+
+    The second value is the change of the volume x 6; `REJECTED` as in `_try_collapse`.
+    """
+    a, b, c = faces[f, j], faces[f, (j + 1) % 3], faces[f, (j + 2) % 3]
+    forward, backward, _ = _edge(faces, on, head, after, a, b, -1)
+    if forward != 1 or backward != 1:
+        return REJECTED, 0.0
+    _, d = _others(faces, _across(faces, head, after, a, b))
+    label = _label(on, a, b, c)
+    if (
+        label != _label(on, a, b, d)
+        or label != _label(on, a, d, c)
+        or label != _label(on, d, b, c)
+        or on[c] & on[d] & CAPS & ~label
+        or _is_neighbour(faces, head, after, c, d)
+    ):
+        return REJECTED, 0.0
+    q0, n0 = _shape(x, a, b, c)
+    q1, n1 = _shape(x, b, a, d)
+    r0, m0 = _shape(x, a, d, c)
+    r1, m1 = _shape(x, d, b, c)
+    n = (n0[0] + n1[0], n0[1] + n1[1], n0[2] + n1[2])
+    if _turned(m0, m1, STEEPEST) or _turned(n, m0, STEEPEST) or _turned(n, m1, STEEPEST):
+        return REJECTED, 0.0
+    step = (x[d, 0] - x[a, 0], x[d, 1] - x[a, 1], x[d, 2] - x[a, 2])
+    new = min(r0, r1)
+    return (new, abs(_dot(step, n0))) if new > min(q0, q1) else (REJECTED, 0.0)
+
+
+@njit(cache=True)
+def _unlink(head: Any, after: Any, v: int, h: int) -> None:
+    """Take corner `h` out of the list of vertex `v`."""
+    if head[v] == h:
+        head[v] = after[h]
+        return
+    g = head[v]
+    while after[g] != h:
+        g = after[g]
+    after[g] = after[h]
+
+
+@njit(cache=True)
+def _put(faces: Any, head: Any, after: Any, h: int, v: int) -> None:
+    """Give corner `h` to vertex `v`."""
+    faces[h // 3, h % 3] = v
+    after[h] = head[v]
+    head[v] = h
+
+
+@njit(cache=True)
+def _collapse(faces: Any, head: Any, after: Any, a: int, b: int) -> None:
+    """Merge vertex a into b."""
+    h = head[a]
+    head[a] = -1
+    while h >= 0:
+        following = after[h]
+        p, q = _others(faces, h)
+        f = h // 3
+        if p == b or q == b:
+            for j in range(3):
+                if faces[f, j] != a:
+                    _unlink(head, after, faces[f, j], 3 * f + j)
+            faces[f, :] = -1
+        else:
+            _put(faces, head, after, h, b)
+        h = following
+
+
+@njit(cache=True)
+def _flip(faces: Any, head: Any, after: Any, f: int, j: int) -> int:
+    """Replace edge j of face f by the other diagonal; returns the face across."""
+    h = 3 * f + (j + 1) % 3
+    a, b, c = faces[f, j], faces[f, (j + 1) % 3], faces[f, (j + 2) % 3]
+    g = _across(faces, head, after, a, b)  # the corner at b of (b, a, d)
+    i = g - g % 3 + (g + 1) % 3  # the corner at a
+    _, d = _others(faces, g)
+    _unlink(head, after, b, h)
+    _put(faces, head, after, h, d)  # (a, d, c)
+    _unlink(head, after, a, i)
+    _put(faces, head, after, i, c)  # (b, c, d)
+    return g // 3
+
+
+@njit(cache=True)
+def _repair_face(
+    x: Any, faces: Any, on: Any, head: Any, after: Any, f: int, quality: float
+) -> Any:
+    """Do the best of nine changes to a bad face: 3 j + 0, 1 collapse edge j, 3 j + 2 flips it.
+
+    Returns the change, or -1, and a vertex whose faces hold all that changed.
+    """
+    best, gain, loss = -1, REJECTED, np.inf
+    for j in range(3):
+        a, b = faces[f, j], faces[f, (j + 1) % 3]
+        for way in range(3):
+            if way == 0:
+                new, volume = _try_collapse(x, faces, on, head, after, a, b, quality)
+            elif way == 1:
+                new, volume = _try_collapse(x, faces, on, head, after, b, a, quality)
+            else:
+                new, volume = _try_flip(x, faces, on, head, after, f, j)
+            new = min(new, FAIR)
+            if new > gain or (new == gain and volume < loss and new >= 0.0):
+                best, gain, loss = 3 * j + way, new, volume
+    if best < 0:
+        return -1, -1
+    j, way = best // 3, best % 3
+    a, b, c = faces[f, j], faces[f, (j + 1) % 3], faces[f, (j + 2) % 3]
+    if way == 0:
+        _collapse(faces, head, after, a, b)
+        return best, b
+    if way == 1:
+        _collapse(faces, head, after, b, a)
+        return best, a
+    _flip(faces, head, after, f, j)
+    return best, c
+
+
+@njit(cache=True)
+def repair(
+    x: Any, faces: Any, on: Any, head: Any, after: Any, bad: Any, quality: float, rounds: int
+) -> Any:
+    """Repair bad faces, and those that turn bad on the way, in place.
+
+    Parameters
+    ----------
+    x : (V, 3) array
+        Vertices.
+    faces : (F, 3) integer array
+        Corners; removed faces become (-1, -1, -1).
+    on : (V,) int64 array
+        Surfaces of the vertices.
+    head, after : integer arrays
+        From `link_corners`.
+    bad : (n,) int64 array
+        The faces of too low quality.
+    quality : float
+        Faces below it are bad.
+    rounds : int
+        How often what is left is tried again.
+
+    Returns
+    -------
+    collapses, flips : int
+        Numbers of changes.
+    """
+    collapses = flips = 0
+    for _ in range(rounds):
+        waiting = [np.int64(0)][:0]
+        before = collapses + flips
+        for f in bad:
+            if faces[f, 0] < 0 or _shape(x, faces[f, 0], faces[f, 1], faces[f, 2])[0] >= quality:
+                continue
+            change, v = _repair_face(x, faces, on, head, after, f, quality)
+            if change < 0:
+                waiting.append(np.int64(f))
+                continue
+            flips += change % 3 == 2
+            collapses += change % 3 != 2
+            h = head[v]
+            while h >= 0:
+                p, q = _others(faces, h)
+                if _shape(x, v, p, q)[0] < quality:
+                    waiting.append(np.int64(h // 3))
+                h = after[h]
+        if collapses + flips == before or len(waiting) == 0:
+            break
+        bad = np.unique(np.array(waiting))
+    return collapses, flips
