@@ -477,7 +477,7 @@ def test_periodic_splines_are_read_across_the_seam():
 
 
 def test_splines_are_pruned_by_their_coefficients():
-    n = 12
+    n = 24
     knots = np.r_[0, np.linspace(0, 1, n), 1]
     plane = np.add.outer(np.add.outer(knots[1:-1], knots[1:-1]), knots[1:-1]) - 1.5
     s = BSpline((knots,) * 3, plane, (1, 1, 1))
