@@ -440,9 +440,9 @@ class SplineMap:
         FormatError
             If the format is unknown, or cannot hold this map.
         """
-        from ilattice.io import splines
+        from ilattice.io import save
 
-        splines.save(self, path)
+        save(self, path)
 
 
 def _is_name(name: Any) -> bool:

@@ -31,6 +31,7 @@ from ilattice.tiles._kernels import trig_jet, trig_tab
 FAST = {"contract", "nsz", "arcp", "reassoc"}
 CHUNK = 256
 POLISH_STEPS = 12
+LOOSE = 0.4
 MAX_ITERATIONS = 30
 MAX_BACKTRACKS = 4
 
@@ -253,6 +254,37 @@ def tangent_step(h, gm, z0, z1, b):
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
+def lagrangian(gm, m, t, r, lam):
+    """Hessian of the Lagrangian: J'J + sum_c r_c Hess(T_c) + lambda Hess(I)."""
+    return (
+        gm[0] + r[0] * m[0, 4] + r[1] * m[1, 4] + r[2] * m[2, 4] + lam * t[4],
+        gm[1] + r[0] * m[0, 5] + r[1] * m[1, 5] + r[2] * m[2, 5] + lam * t[5],
+        gm[2] + r[0] * m[0, 6] + r[1] * m[1, 6] + r[2] * m[2, 6] + lam * t[6],
+        gm[3] + r[0] * m[0, 7] + r[1] * m[1, 7] + r[2] * m[2, 7] + lam * t[7],
+        gm[4] + r[0] * m[0, 8] + r[1] * m[1, 8] + r[2] * m[2, 8] + lam * t[8],
+        gm[5] + r[0] * m[0, 9] + r[1] * m[1, 9] + r[2] * m[2, 9] + lam * t[9],
+    )
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def soft_direction(m, t, x, lam, low):
+    """Direction, of unit length in space, in which the distance grows least about a foot.
+
+    From the jets at the foot; `low` is the eigenvalue that belongs to it.
+    """
+    gm = metric(m)
+    h = lagrangian(gm, m, t, (m[0, 0] - x[0], m[1, 0] - x[1], m[2, 0] - x[2]), lam)
+    z0, z1 = tangents((t[1], t[2], t[3]), (0, 0, 0))
+    a = sym(h, z0, z0) - low * sym(gm, z0, z0)
+    b = sym(h, z0, z1) - low * sym(gm, z0, z1)
+    c = sym(h, z1, z1) - low * sym(gm, z1, z1)
+    y0, y1 = (b, -a) if abs(a) > abs(c) else (c, -b)
+    d = (y0 * z0[0] + y1 * z1[0], y0 * z0[1] + y1 * z1[1], y0 * z0[2] + y1 * z1[2])
+    s = 1.0 / (np.sqrt(max(sym(gm, d, d), 0.0)) + 1e-300)
+    return (s * d[0], s * d[1], s * d[2])
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def kkt_step(m, t, r, lam, first, fixed):
     """One Newton step: step, new multiplier, |J step|, and the eigenvalue of `tangent_step`."""
     gm = metric(m)
@@ -270,14 +302,7 @@ def kkt_step(m, t, r, lam, first, fixed):
             lam = -(a[0] * jr[0] + a[1] * jr[1] + a[2] * jr[2]) / (ga + 1e-300)
         else:
             lam = 0.0
-    h = (
-        gm[0] + r[0] * m[0, 4] + r[1] * m[1, 4] + r[2] * m[2, 4] + lam * t[4],
-        gm[1] + r[0] * m[0, 5] + r[1] * m[1, 5] + r[2] * m[2, 5] + lam * t[5],
-        gm[2] + r[0] * m[0, 6] + r[1] * m[1, 6] + r[2] * m[2, 6] + lam * t[6],
-        gm[3] + r[0] * m[0, 7] + r[1] * m[1, 7] + r[2] * m[2, 7] + lam * t[7],
-        gm[4] + r[0] * m[0, 8] + r[1] * m[1, 8] + r[2] * m[2, 8] + lam * t[8],
-        gm[5] + r[0] * m[0, 9] + r[1] * m[1, 9] + r[2] * m[2, 9] + lam * t[9],
-    )
+    h = lagrangian(gm, m, t, r, lam)
     s = -t[0] / gg
     n = (s * g[0], s * g[1], s * g[2])
     hn = (
@@ -349,6 +374,7 @@ def newton(
     merit_old = np.inf
     back = 0
     low = 1.0
+    last = 0.0
     y = (0.0, 0.0, 0.0)
     for it in range(MAX_ITERATIONS):
         map_jet(d0, d1, d2, k0, k1, k2, c, geom, p, 2, b, m)
@@ -376,7 +402,10 @@ def newton(
         merit_old = half + 2.0 * abs(lam * t[0])
         back = 0
         # near a centre of curvature convergence is linear, but the distance is flat there
+        # and where convergence is quadratic, the next step can be told from the last two
         small = size <= tol * h or (it > 6 and size <= 1e-6 * h)
+        small = small or (size <= 3e-5 * h and size * size * size <= tol * h * last * last)
+        last = size
         small = small or (it == MAX_ITERATIONS - 1 and size <= 1e-3 * h)
         if it > 0 and not small and abandon(m, r, size, best, h):
             return p, y, lam, low, it + 1, WORSE
@@ -443,7 +472,7 @@ def unlikely(x, sx, sn, i, h, best):
     v0, v1, v2 = x[0] - sx[i, 0], x[1] - sx[i, 1], x[2] - sx[i, 2]
     a = v0 * sn[i, 0] + v1 * sn[i, 1] + v2 * sn[i, 2]
     tangential = np.sqrt(max(v0 * v0 + v1 * v1 + v2 * v2 - a * a, 0.0))
-    return tangential > 1.5 * h + 0.7 * abs(a) or abs(a) > best + 0.5 * h
+    return tangential > 0.6 * h + 0.4 * abs(a) or abs(a) > best + 0.2 * h
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
@@ -472,15 +501,50 @@ def store(feet, i, p, y, dist, lam):
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
-def wanted(sx, sn, idx, row, c, x, feet, seconds, i, skip, used, h):
+def same_patch(sx, sn, s, x, feet, i, near_h, far_h):
+    """Whether seed s lies on the patch of the foot in row i: close to it, and facing x alike."""
+    y = (sx[s, 0], sx[s, 1], sx[s, 2])
+    if not row_near(feet, i, 3, y, far_h):
+        return False
+    if row_near(feet, i, 3, y, near_h):
+        return True
+    v = (x[0] - feet[i, 3], x[1] - feet[i, 4], x[2] - feet[i, 5])
+    a = (x[0] - y[0]) * sn[s, 0] + (x[1] - y[1]) * sn[s, 1] + (x[2] - y[2]) * sn[s, 2]
+    turn = v[0] * sn[s, 0] + v[1] * sn[s, 1] + v[2] * sn[s, 2]
+    return (turn if a > 0.0 else -turn) > 0.7 * feet[i, 6]
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def wanted(sx, sn, idx, row, c, x, feet, seconds, i, used, h):
     """Whether candidate c is worth a start, given the feet found so far."""
     s = idx[row, c]
     y = (sx[s, 0], sx[s, 1], sx[s, 2])
-    if row_near(feet, i, 3, y, skip * h):
+    close = min(0.2 * h, 0.5 * feet[i, 6])
+    if same_patch(sx, sn, s, x, feet, i, close, 1.2 * h):
         return False
-    if seconds[i, 6] < np.inf and row_near(seconds, i, 3, y, skip * h):
+    if seconds[i, 6] < np.inf and same_patch(sx, sn, s, x, seconds, i, close, 1.2 * h):
         return False
     return not unlikely(x, sx, sn, s, h, feet[i, 6]) and not tried(sx, idx, row, used, y, 0.5 * h)
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def accept(geom, box, orient, m, p, y, x, q, lam, st, h, feet, seconds, i, empty):
+    """File a converged foot as best or second best: 2 if it is the best now, 1 if not, 0 if void."""
+    if st >= FAILED or not inside(p, box) or not reachable(geom, p, q):
+        return 0
+    if outside(geom, p) and cofactor_normal(m, p)[1] * orient <= 0.0:
+        return 0
+    dist = np.sqrt((x[0] - y[0]) ** 2 + (x[1] - y[1]) ** 2 + (x[2] - y[2]) ** 2)
+    same = row_near(feet, i, 3, y, 0.05 * h) and not empty
+    if empty or dist < feet[i, 6]:
+        if not empty and not same:
+            for j in range(8):
+                seconds[i, j] = feet[i, j]
+        store(feet, i, p, y, dist, lam)
+        return 2
+    if dist < seconds[i, 6] and not same:
+        store(seconds, i, p, y, dist, lam)
+    return 1
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
@@ -496,47 +560,49 @@ def multi_start(
     starts = 0
     iterations = 0
     status = FALLBACK
-    skip = 1.2
     used = 0
+    soft = 1.0
+    along = (0.0, 0.0, 0.0)
     feet[i, 6] = np.inf
     seconds[i, 6] = np.inf
     first = idx[row, 0]
     reach = seed_distance(sx, first, x)
-    for a in range(idx.shape[1]):
-        s = idx[row, a]
-        if s < 0:
-            break
-        h = sh[s]
-        if seed_distance(sx, s, x) > reach + 2.0 * h:
-            continue
-        if status != FALLBACK and not wanted(
-            sx, sn, idx, row, a, x, feet, seconds, i, skip, used, h
-        ):
-            continue
+    for a in range(idx.shape[1] + 2):
+        # first the seeds, then both ways along a direction in which the best foot is loose
+        h = sh[first]
+        if a < idx.shape[1]:
+            s = idx[row, a]
+            if s < 0:
+                continue
+            h = sh[s]
+            if seed_distance(sx, s, x) > reach + 2.0 * h:
+                continue
+            if status != FALLBACK and not wanted(sx, sn, idx, row, a, x, feet, seconds, i, used, h):
+                continue
+            used |= 1 << a
+            start = (sp[s, 0], sp[s, 1], sp[s, 2])
+        else:
+            if status != OK or soft > LOOSE:
+                break
+            s = min(h, 0.5 * feet[i, 6]) * (1.0 if a == idx.shape[1] else -1.0)
+            start = (
+                feet[i, 0] + s * along[0], feet[i, 1] + s * along[1], feet[i, 2] + s * along[2],
+            )  # fmt: skip
         best = (feet[i, 3], feet[i, 4], feet[i, 5], feet[i, 6])
-        start = (sp[s, 0], sp[s, 1], sp[s, 2])
         p, y, lam, low, n, st = newton(
             d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
             x, start, best, box, clip, h, tol, b, m, t, tab,
         )  # fmt: skip
         starts += 1
         iterations += n
-        used |= 1 << a
-        if st >= FAILED or not inside(p, box) or not reachable(geom, p, q):
-            continue
-        if outside(geom, p) and cofactor_normal(m, p)[1] * orient <= 0.0:
-            continue
-        dist = np.sqrt((x[0] - y[0]) ** 2 + (x[1] - y[1]) ** 2 + (x[2] - y[2]) ** 2)
-        same = row_near(feet, i, 3, y, 0.05 * h) and status != FALLBACK
-        if dist < feet[i, 6]:
-            if status != FALLBACK and not same:
-                for j in range(8):
-                    seconds[i, j] = feet[i, j]
-            store(feet, i, p, y, dist, lam)
+        filed = accept(
+            geom, box, orient, m, p, y, x, q, lam, st, h, feet, seconds, i, status == FALLBACK
+        )
+        if filed == 2:
             status = st
-            skip = 1.2 if low > 0.4 else 0.3
-        elif dist < seconds[i, 6] and not same:
-            store(seconds, i, p, y, dist, lam)
+            soft = low
+            if low <= LOOSE:
+                along = soft_direction(m, t, x, lam, low)
     if status == FALLBACK:
         p = (sp[first, 0], sp[first, 1], sp[first, 2])
         store(feet, i, p, (sx[first, 0], sx[first, 1], sx[first, 2]), reach, 0.0)
@@ -804,9 +870,9 @@ def project(
 @njit(cache=True, parallel=True, fastmath=FAST, error_model="numpy")
 def place_seeds(
     d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
-    p, x, normal, stretch, det,
+    p, cell, x, normal, spacing, det,
 ):  # fmt: skip
-    """Image, unit normal, largest stretch of the map, and det J at points p (n, 3)."""
+    """Image, unit normal, size of the image of a cell (n, 3), and det J at points p (n, 3)."""
     n = len(p)
     for chunk in prange((n + CHUNK - 1) // CHUNK):
         b, m, t, tab = scratch(factor, c, k0, k1, k2, q0, q1, q2)
@@ -820,5 +886,6 @@ def place_seeds(
             for a in range(3):
                 x[i, a] = m[a, 0]
                 normal[i, a] = v[a] / s
-                big = max(big, m[0, a + 1] ** 2 + m[1, a + 1] ** 2 + m[2, a + 1] ** 2)
-            stretch[i] = np.sqrt(big)
+                size = m[0, a + 1] ** 2 + m[1, a + 1] ** 2 + m[2, a + 1] ** 2
+                big = max(big, size * cell[i, a] ** 2)
+            spacing[i] = np.sqrt(big)

@@ -32,6 +32,8 @@ MAX_FALLBACK = 1e-2
 POLISH_LIMIT = 1e-7
 #: Seeds per tile and direction: at least this many, and this many per period of the finest wave.
 LEAST_SEEDS, SEEDS_PER_WAVE = 8, 6
+#: Tiles that are longer along one direction get up to this many times the seeds along it.
+MOST_REFINED = 4
 
 
 @dataclass(frozen=True)
@@ -125,17 +127,17 @@ class ClosestPointSearch:
     # ------------------------------------------------------------------ seeds
 
     def _make_seeds(self, count: IntArray, closed: AnyArray) -> tuple[FloatArray, ...]:
-        m = max(LEAST_SEEDS, SEEDS_PER_WAVE * self.lattice.finest_wave)
-        template = self._project(_cell_centres(m), m)
         ranges = [
             np.arange(0 if c or self.clip else -1, n if c or self.clip else n + 1)
             for n, c in zip(count, closed, strict=True)
         ]
-        shift = np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1).reshape(-1, 1, 3)
-        p = (template[None] + shift).reshape(-1, 3)
+        tiles = np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1).reshape(-1, 3)
+        p, cell = self._tile_seeds(tiles)
         if self.clip:
             inside = ((p >= self.box[0]) & (p <= self.box[1])).all(axis=1)
-            p = np.concatenate([p[inside], self._face_seeds(count, closed, m)])
+            faces, face_cell = self._face_seeds(count, closed)
+            p = np.concatenate([p[inside], faces])
+            cell = np.concatenate([cell[inside], face_cell])
         if len(p) == 0:
             raise GeometryError(
                 f"tile {self.lattice.tile.name!r} has no zero set: its field does not change "
@@ -144,22 +146,45 @@ class ClosestPointSearch:
         x, normal, spacing, det = (
             np.empty((len(p), 3)), np.empty((len(p), 3)), np.empty(len(p)), np.empty(len(p)),
         )  # fmt: skip
-        _kernels.place_seeds(*self.space, p, x, normal, spacing, det)
+        _kernels.place_seeds(*self.space, p, cell, x, normal, spacing, det)
         inner = ((p >= 0) & (p <= count)).all(axis=1)
         size = np.median(np.abs(det[inner])) if inner.any() else 0.0
         keep = inner | (det * self.orient > 1e-3 * size)
-        return tuple(np.ascontiguousarray(a[keep]) for a in (p, x, normal, spacing / m))
+        return tuple(np.ascontiguousarray(a[keep]) for a in (p, x, normal, spacing))
 
-    def _project(self, p: FloatArray, m: int, fixed: FloatArray | None = None) -> FloatArray:
+    @property
+    def _least_seeds(self) -> int:
+        return max(LEAST_SEEDS, SEEDS_PER_WAVE * self.lattice.finest_wave)
+
+    def _tile_seeds(self, tiles: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Seeds of tiles and their cells, more along the directions in which a tile is long."""
+        u = self.from_tile(tiles + 0.5)
+        stretch = np.linalg.norm(
+            self.lattice.through.jacobian(u, extrapolate="extend") * self.step, axis=1
+        )
+        least = np.maximum(stretch.min(axis=1, keepdims=True), 1e-3 * stretch.max())
+        factor = np.clip(np.ceil(stretch / (2.0 * least)), 1, MOST_REFINED).astype(np.int64)
+        out = [np.empty((0, 3))]
+        cells = [np.empty((0, 3))]
+        for f in np.unique(factor, axis=0):
+            m = self._least_seeds * f
+            template = self._project(_cell_centres(m), m)
+            shift = tiles[(factor == f).all(axis=1)][:, None, :]
+            out.append((template[None] + shift).reshape(-1, 3))
+            cells.append(np.broadcast_to(1.0 / m, out[-1].shape))
+        return np.concatenate(out), np.concatenate(cells)
+
+    def _project(self, p: FloatArray, m: AnyArray, fixed: FloatArray | None = None) -> FloatArray:
         """Points moved onto I = 0; those that move further than 1.2 cells are dropped."""
         moved = np.empty(len(p))
         fixed = np.zeros((len(p), 3)) if fixed is None else fixed
-        _kernels.project(*self.space, p, fixed, 0.5 / m, moved)
-        return p[moved <= 1.2 / m]
+        _kernels.project(*self.space, p, fixed, 0.5 / float(np.min(m)), moved)
+        return p[moved <= 1.2 / float(np.min(m))]
 
-    def _face_seeds(self, count: IntArray, closed: AnyArray, m: int) -> FloatArray:
+    def _face_seeds(self, count: IntArray, closed: AnyArray) -> tuple[FloatArray, FloatArray]:
         """Seeds on the curves in which the surface meets the open faces of the domain."""
         out = [np.empty((0, 3))]
+        m = 2 * self._least_seeds
         for axis in range(3):
             if closed[axis]:
                 continue
@@ -168,9 +193,10 @@ class ClosestPointSearch:
             p = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
             fixed = np.zeros((len(p), 3))
             fixed[:, axis] = 1.0
-            p = self._project(p, m, fixed)
+            p = self._project(p, np.full(3, m), fixed)
             out.append(p[((p >= self.box[0]) & (p <= self.box[1])).all(axis=1)])
-        return np.concatenate(out)
+        seeds = np.concatenate(out)
+        return seeds, np.full(seeds.shape, 1.0 / m)
 
     # ------------------------------------------------------------------ queries
 
@@ -298,9 +324,9 @@ class ClosestPointSearch:
             )
 
 
-def _cell_centres(m: int) -> FloatArray:
-    a = (np.arange(m) + 0.5) / m
-    return np.stack(np.meshgrid(a, a, a, indexing="ij"), axis=-1).reshape(-1, 3)
+def _cell_centres(m: IntArray) -> FloatArray:
+    axes = [(np.arange(n) + 0.5) / n for n in m]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
 def kernel_space(lattice: Lattice) -> tuple[Any, ...]:
