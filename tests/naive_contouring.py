@@ -8,7 +8,7 @@ import itertools
 
 import numpy as np
 
-from ilattice.mesh._grid import FACE_MARGIN, MARGIN
+from ilattice.mesh._grid import INSET, MARGIN
 
 
 def padded(inside, wrap):
@@ -123,13 +123,19 @@ class Naive:
 
     def position(self, cell, patch, values, level, axes):
         """Mean of the linear crossings of a patch; on the faces of D for ghost cells."""
-        low, high, ghost = np.empty(3), np.empty(3), []
+        low, high = np.empty(3), np.empty(3)
         for a in range(3):
-            n = len(axes[a])
+            planes = list(axes[a])
             index = cell[a] - (0 if self.wrap[a] else 1)
-            ghost.append(not self.wrap[a] and not 0 <= index < n - 1)
-            low[a] = axes[a][min(max(index, 0), n - 1)]
-            high[a] = low[a] if ghost[a] else axes[a][index + 1]
+            if not self.wrap[a]:
+                planes[0] += INSET * (axes[a][1] - axes[a][0])
+                planes[-1] -= INSET * (axes[a][-1] - axes[a][-2])
+            if index < 0:
+                low[a] = high[a] = axes[a][0]
+            elif index == len(planes) - 1:
+                low[a] = high[a] = axes[a][-1]
+            else:
+                low[a], high[a] = planes[index], planes[index + 1]
         points = []
         for axis, p in patch:
             index = [p[a] - (0 if self.wrap[a] else 1) for a in range(3)]
@@ -144,15 +150,8 @@ class Naive:
             x[axis] = low[axis] + t * (high[axis] - low[axis])
             points.append(x)
         x = np.mean(points, axis=0) if points else 0.5 * (low + high)
-        for a in range(3):
-            index = cell[a] - (0 if self.wrap[a] else 1)
-            rim = [MARGIN, MARGIN]
-            if not self.wrap[a]:
-                ends = (index == 0, index == len(axes[a]) - 2)
-                rim = [FACE_MARGIN if end else MARGIN for end in ends]
-            size = high[a] - low[a]
-            x[a] = min(max(x[a], low[a] + rim[0] * size), high[a] - rim[1] * size)
-        return x
+        rim = MARGIN * (high - low)
+        return np.clip(x, low + rim, high - rim)
 
     def euler(self):
         """Euler number of the surface, from the connected pieces of the inside (all contractible).

@@ -1,7 +1,9 @@
 """The padded grid of blocks on which contouring works; the checks of its input.
 
 A direction with n planes has ``n + 1`` padded cells, of which the first and the last are ghosts of
-width 0 on the faces of the domain; a wrapped direction has its ``n - 1`` cells and no ghosts.
+width 0 on the faces of the domain; a wrapped direction has its ``n - 1`` cells and no ghosts. The
+outermost samples are taken `INSET` of a cell inside the faces: so vertices on the faces keep a
+distance from all others, and triangles along the edges of caps are not slim.
 """
 
 from collections.abc import Sequence
@@ -17,14 +19,15 @@ from ilattice.errors import InputError
 from ilattice.mesh._kernels_cells import B, S
 
 MARGIN = 5e-3  # distance of vertices from the boundary of their cell, as a fraction of the cell
-FACE_MARGIN = 0.25  # the same, from faces of the domain
+INSET = 0.25  # distance of the outermost samples from the faces of the domain, likewise
 
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Planes of the grid, directions that wrap, and what follows from them."""
+    """Planes of samples, ends of the domain, directions that wrap, and what follows from them."""
 
     axes: tuple[FloatArray, FloatArray, FloatArray]
+    ends: FloatArray  # (2, 3)
     wrap: tuple[bool, bool, bool]
 
     @classmethod
@@ -38,7 +41,9 @@ class Grid:
         planes = [
             _as_planes(f"axes[{i}]", a, w) for i, (a, w) in enumerate(zip(axes, flags, strict=True))
         ]
-        return cls((planes[0], planes[1], planes[2]), (flags[0], flags[1], flags[2]))
+        ends = np.array([[a[0] for a in planes], [a[-1] for a in planes]])
+        x, y, z = (a if w else _inset(a) for a, w in zip(planes, flags, strict=True))
+        return cls((x, y, z), ends, (flags[0], flags[1], flags[2]))
 
     @cached_property
     def cells(self) -> tuple[int, int, int]:
@@ -85,21 +90,12 @@ class Grid:
     @cached_property
     def least(self) -> FloatArray:
         """Least coordinate of vertices in the padded cells, shape (3, most cells)."""
-        return self.low + self._rim(1)
+        return self.low + MARGIN * self.size
 
     @cached_property
     def most(self) -> FloatArray:
         """Largest coordinate of vertices in the padded cells, shape (3, most cells)."""
-        return self.low + self.size - self._rim(-2)
-
-    def _rim(self, at_face: int) -> FloatArray:
-        """Distance that vertices keep from one end of their cell."""
-        out = MARGIN * self.size
-        for a in range(3):
-            if not self.wrap[a]:
-                c = at_face % self.cells[a]
-                out[a, c] = FACE_MARGIN * self.size[a, c]
-        return out
+        return self.low + (1.0 - MARGIN) * self.size
 
     def _cell_table(self, row: Any) -> FloatArray:
         out = np.zeros((3, max(self.cells)))
@@ -109,7 +105,9 @@ class Grid:
 
     def _low(self, axis: int) -> FloatArray:
         a = self.axes[axis]
-        return a[:-1] if self.wrap[axis] else np.concatenate((a[:1], a))
+        if self.wrap[axis]:
+            return a[:-1]
+        return np.concatenate((self.ends[:1, axis], a[:-1], self.ends[1:, axis]))
 
     def _size(self, axis: int) -> FloatArray:
         d = np.diff(self.axes[axis])
@@ -118,8 +116,7 @@ class Grid:
     @cached_property
     def period(self) -> FloatArray:
         """Length of the wrapped directions, 0 for the others, shape (3,)."""
-        length = [a[-1] - a[0] for a in self.axes]
-        return np.where(self.wrap, length, 0.0)
+        return np.where(self.wrap, self.ends[1] - self.ends[0], 0.0)
 
     def box_ends(self, axis: int, first: IntArray, last: IntArray) -> tuple[FloatArray, FloatArray]:
         """Coordinates where blocks ``first`` begin and blocks ``last`` end along an axis."""
@@ -138,6 +135,14 @@ class Grid:
             | (last >= self.blocks[axis] - 1)
             | (B * (last + 1) >= self.cells[axis] - 1)
         )
+
+
+def _inset(planes: FloatArray) -> FloatArray:
+    """Planes with the outermost ones moved inwards."""
+    moved = planes.copy()
+    moved[0] += INSET * (planes[1] - planes[0])
+    moved[-1] -= INSET * (planes[-1] - planes[-2])
+    return moved
 
 
 def _as_planes(name: str, value: Any, wrapped: bool) -> FloatArray:

@@ -72,10 +72,10 @@ class Sampler:
         f = _call(field, points, "field")
         g = np.empty((len(points), 3))
         for axis in range(3):
-            a = self.grid.axes[axis]
-            step = 1e-4 * float(np.diff(a).min())
+            step = 1e-4 * float(np.diff(self.grid.axes[axis]).min())
             moved = points.copy()
-            moved[:, axis] += np.where(points[:, axis] + step > a[-1], -step, step)
+            beyond = points[:, axis] + step > self.grid.ends[1, axis]
+            moved[:, axis] += np.where(beyond, -step, step)
             g[:, axis] = (_call(field, moved, "field") - f) / (moved[:, axis] - points[:, axis])
         return f, g
 
@@ -307,12 +307,12 @@ def _is_plain(field: Any, grid: Grid, positive: bool = False) -> bool:
     if not isinstance(field, BSpline) or field.ndim != 3 or field.m or field.weights is not None:
         return False
     inside = all(
-        field.domain[0, a] <= grid.axes[a][0] and grid.axes[a][-1] <= field.domain[1, a]
+        field.domain[0, a] <= grid.ends[0, a] and grid.ends[1, a] <= field.domain[1, a]
         for a in range(3)
     )
     closed = all(
         not grid.wrap[a]
-        or (field.periodic[a] and np.array_equal(field.domain[:, a], grid.axes[a][[0, -1]]))
+        or (field.periodic[a] and np.array_equal(field.domain[:, a], grid.ends[:, a]))
         for a in range(3)
     )
     return inside and closed and (not positive or bool((field.c > 0).all()))

@@ -303,7 +303,10 @@ class Tracer:
 
     def _no_surface(self) -> str:
         """Message that names the range of the field."""
-        sparse = [a[:: max(1, len(a) // 24)] for a in self.grid.axes]
+        sparse = [
+            np.concatenate((end[:1], a[1 : -1 : max(1, len(a) // 24)], end[1:]))
+            for a, end in zip(self.grid.axes, self.grid.ends.T, strict=True)
+        ]
         points = np.stack([a.ravel() for a in np.meshgrid(*sparse, indexing="ij")], axis=1)
         f = self.sampler.values(np.ascontiguousarray(points)) + self.sampler.middle
         upper = float(self.sampler.upper) + self.sampler.middle
@@ -311,6 +314,6 @@ class Tracer:
         wanted = f"below {upper:g}" if np.isnan(lower) else f"between {lower:g} and {upper:g}"
         return (
             f"there is no surface: the solid is where the field is {wanted}, but on the box "
-            f"{[[float(a[0]), float(a[-1])] for a in self.grid.axes]} it ranges over about "
+            f"{self.grid.ends.T.tolist()} it ranges over about "
             f"[{f.min():g}, {f.max():g}]; change the level, or the box"
         )

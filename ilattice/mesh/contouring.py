@@ -10,15 +10,16 @@ Guarantees
 ----------
 - Closed, manifold (edges and vertices) and consistently oriented outwards, whatever the signs:
   what happens on the face between two cells depends on shared samples only, without tolerances.
-- Every vertex lies in its own cell, and off the faces of D by a quarter of a cell where it is not
-  on them; no triangle is degenerate in the coordinates of the axes.
+- Every vertex lies in its own cell; no triangle is degenerate in the coordinates of the axes.
 - Rigorous: a block is skipped only where the bounds of the field exclude the surface.
 - Output is the same for any number of threads; memory is proportional to the surface (and one
   slab), of `contour_blocks` to one slab.
 
 Not guaranteed
 --------------
-- Features thinner than a cell are seen only where they hold a grid point.
+- Features thinner than a cell are seen only where they hold a grid point. The outermost samples
+  are taken a quarter of a cell inside the faces of D, so vertices on the edges of caps may be off
+  the level set by part of a cell where the surface grazes a face.
 - Freedom from self-intersections: each quad crosses its grid edge once and stays in the four cells
   around it, so resolved surfaces have none; patches closer than a cell may touch.
 - Fields without `range` (or `lipschitz`) are sampled everywhere.

@@ -27,13 +27,13 @@ PRIMITIVE = TrigField.parse("sum[cosX]")
 
 
 class Samples:
-    """A field that only knows its values at the points of a grid."""
+    """A field that only knows its values at the points of a grid: the nearest one counts."""
 
     def __init__(self, values, axes):
         self.values, self.axes = values, axes
 
     def __call__(self, p):
-        at = [np.searchsorted(a, p[:, i]) for i, a in enumerate(self.axes)]
+        at = [np.searchsorted((a[1:] + a[:-1]) / 2, p[:, i]) for i, a in enumerate(self.axes)]
         return self.values[tuple(at)]
 
 
