@@ -76,14 +76,14 @@ class BSpline:
             raise InputError(f"t must hold 1 to 3 knot vectors, got {nd}")
         c = np.array(as_array("c", c))
         if c.ndim not in (nd, nd + 1):
-            raise InputError(f"c must have {nd} or {nd + 1} axes for {nd} knot vectors, got {c.ndim}")
+            raise InputError(
+                f"c must have {nd} or {nd + 1} axes for {nd} knot vectors, got {c.ndim}"
+            )
         degree = _per_direction("k", k, nd)
         for v in degree:
             if int(v) != v or not 0 <= v <= MAX_DEGREE:
                 raise InputError(f"k must be whole degrees from 0 to {MAX_DEGREE}, got {k!r}")
-        knots = [
-            np.array(as_knots(f"t[{i}]", t[i], c.shape[i], int(degree[i]))) for i in range(nd)
-        ]
+        knots = [np.array(as_knots(f"t[{i}]", t[i], c.shape[i], int(degree[i]))) for i in range(nd)]
         self.t = tuple(read_only(v) for v in knots)
         self.c = read_only(c)
         self.k = tuple(int(v) for v in degree)
@@ -166,9 +166,8 @@ class BSpline:
     def _lengths(self) -> tuple[Any, Any, Any]:
         k = self.k + (0,) * (3 - self.ndim)
         if k in SPECIALISED:
-            a, b, c = ((0,) * (v + 1) for v in k)
-        else:
-            a, b, c = (np.zeros(v + 1, np.int64) for v in k)
+            return ((0,) * (k[0] + 1), (0,) * (k[1] + 1), (0,) * (k[2] + 1))
+        a, b, c = (np.zeros(v + 1, np.int64) for v in k)
         return a, b, c
 
     @cached_property
@@ -397,12 +396,34 @@ class BSpline:
     # ---------------------------------------------------------------- structure
 
     def breaks(self, axis: int) -> FloatArray:
-        """Distinct knots inside the domain of one parameter, ends included."""
+        """Distinct knots inside the domain of one parameter, ends included.
+
+        Parameters
+        ----------
+        axis : int
+            Parameter.
+
+        Returns
+        -------
+        ndarray, shape (spans + 1,)
+            Increasing.
+        """
         k, n = self.k[axis], self.shape[axis]
         return np.unique(self.t[axis][k : n + 1])
 
     def greville(self, axis: int) -> FloatArray:
-        """Greville abscissae of one parameter, shape (n,): the mean of k inner knots each."""
+        """Greville abscissae of one parameter: the mean of k inner knots each.
+
+        Parameters
+        ----------
+        axis : int
+            Parameter.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            One per coefficient.
+        """
         from ilattice.bspline.knots import greville
 
         return greville(self.t[axis], self.k[axis])
@@ -444,13 +465,24 @@ class BSpline:
         """
         from ilattice.bspline.knots import insertion_matrix
 
-        t, matrix = insertion_matrix(
-            self.t[axis], self.k[axis], as_array("knots", knots, ndim=1)
-        )
+        t, matrix = insertion_matrix(self.t[axis], self.k[axis], as_array("knots", knots, ndim=1))
         return self._with_axis(axis, t, self.k[axis], matrix, periodic=False)
 
     def elevate(self, axis: int, times: int = 1) -> BSpline:
-        """Same spline with the degree of one parameter raised `times` times."""
+        """Same spline with the degree of one parameter raised.
+
+        Parameters
+        ----------
+        axis : int
+            Parameter.
+        times : int
+            By how much.
+
+        Returns
+        -------
+        BSpline
+            Of the same values.
+        """
         from ilattice.bspline.knots import elevation_matrix
 
         t, k, matrix = elevation_matrix(self.t[axis], self.k[axis], times)
@@ -458,6 +490,16 @@ class BSpline:
 
     def derivative(self, axis: int) -> BSpline:
         """Exact derivative spline along one parameter.
+
+        Parameters
+        ----------
+        axis : int
+            Parameter.
+
+        Returns
+        -------
+        BSpline
+            Of one degree less along the axis.
 
         Raises
         ------
@@ -467,9 +509,13 @@ class BSpline:
         """
         k, n, t = self.k[axis], self.shape[axis], self.t[axis]
         if self.weights is not None:
-            raise InputError("weights: the derivative of a rational spline is no such spline; use jet")
+            raise InputError(
+                "weights: the derivative of a rational spline is no such spline; use jet"
+            )
         if k == 0:
-            raise InputError(f"k[{axis}] is 0: a piecewise constant spline has no derivative spline")
+            raise InputError(
+                f"k[{axis}] is 0: a piecewise constant spline has no derivative spline"
+            )
         gap = t[k + 1 : n + k] - t[1:n]
         factor = np.divide(k, gap, out=np.zeros_like(gap), where=gap > 0)
         shape = [1] * self.c.ndim
@@ -480,7 +526,13 @@ class BSpline:
         return BSpline(knots, c, degree, periodic=self.periodic)
 
     def to_bezier(self) -> BezierCells:
-        """Bézier elements, one per box of knot spans."""
+        """Bézier elements, one per box of knot spans.
+
+        Returns
+        -------
+        BezierCells
+            Their control points and weights.
+        """
         from ilattice.bspline.bezier import to_bezier
 
         return to_bezier(self)
@@ -513,7 +565,12 @@ def _quotient(out: tuple[FloatArray, ...]) -> tuple[FloatArray, ...]:
         result.append(g)
     if len(out) > 2:
         cross = g[..., :, None] * w1[..., None, :]
-        h = out[2][:, :-1] - cross - np.swapaxes(cross, -1, -2) - f[..., None, None] * out[2][:, -1:]
+        h = (
+            out[2][:, :-1]
+            - cross
+            - np.swapaxes(cross, -1, -2)
+            - f[..., None, None] * out[2][:, -1:]
+        )
         result.append(h / w[..., None, None])
     return tuple(result)
 

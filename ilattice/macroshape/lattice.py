@@ -114,7 +114,18 @@ class Lattice:
         return max(16, 12 * self.finest_wave)
 
     def tile_coordinates(self, u: ArrayLike) -> FloatArray:
-        """Coordinates in which tile (i, j, k) is the box from (i, j, k) to (i+1, j+1, k+1)."""
+        """Coordinates in which tile (i, j, k) is the box from (i, j, k) to (i+1, j+1, k+1).
+
+        Parameters
+        ----------
+        u : array_like, shape (n, 3)
+            Parameters.
+
+        Returns
+        -------
+        ndarray, shape (n, 3)
+            From 0 to `repeat`.
+        """
         lo, hi = self.domain
         return (as_points("u", u) - lo) / (hi - lo) * np.array(self.repeat)
 
@@ -186,7 +197,17 @@ class Lattice:
     def offset(self, d: Any, **options: Any) -> Wall:
         """Wall of Euclidean half-thickness `d` about the mid-surface.
 
-        See `ilattice.offsets.offset` for the forms of `d` and the options.
+        Parameters
+        ----------
+        d : float, callable, BSpline, str, or pair of these
+            Half-thickness, as in `ilattice.offsets.offset`.
+        **options
+            ``tol`` and ``progress``, as in `ilattice.offsets.offset`.
+
+        Returns
+        -------
+        Wall
+            The wall.
         """
         from ilattice.offsets.wall import offset
 

@@ -79,7 +79,9 @@ def as_thickness(d: Any, lattice: Lattice) -> Thickness:
     """
     if isinstance(d, tuple | list):
         if len(d) != 2:
-            raise InputError(f"d must be one half-thickness or a pair (inner, outer), got {d!r:.80}")
+            raise InputError(
+                f"d must be one half-thickness or a pair (inner, outer), got {d!r:.80}"
+            )
         sides = [_as_spline(v, lattice, f"d[{i}]") for i, v in enumerate(d)]
         for i, s in enumerate(sides):
             _check(s, lattice, f"d[{i}]", zero_allowed=True)
@@ -115,7 +117,8 @@ def _named(name: str, lattice: Lattice, argument: str) -> BSpline:
     if name not in through.names:
         known = near_names(name, through.names) if through.names else "none"
         raise InputError(
-            f"{argument} is {name!r}, but the map has no extra coordinate of that name; it has: {known}"
+            f"{argument} is {name!r}, but the map has no extra coordinate of that name; it has: "
+            f"{known}"
         )
     s = through.spline
     c = s.c[..., 3 + list(through.names).index(name)]
@@ -160,7 +163,7 @@ def _check(s: BSpline, lattice: Lattice, name: str, *, zero_allowed: bool) -> No
 
 
 def _grid_points(domain: FloatArray, n: int) -> FloatArray:
-    axes = [np.linspace(*domain[:, a], n) for a in range(3)]
+    axes = [np.linspace(domain[0, a], domain[1, a], n) for a in range(3)]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 

@@ -185,7 +185,7 @@ class Wall:
         ----------
         path : path-like
             File ending in ``.stl`` or ``.ply``.
-        h, polish, progress
+        h, polish, progress : optional
             As in `mesh`.
 
         Raises

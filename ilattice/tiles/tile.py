@@ -125,7 +125,7 @@ class Tile:
             Largest deviation at independent points.
         name : str
             Name of the tile.
-        degree, method, periodic, max_spans
+        degree, method, periodic, max_spans : optional
             See `fit`.
 
         Returns
