@@ -166,7 +166,7 @@ def demo(
         output=[folder / name for name in names],
         progress=progress,
     )
-    il.io.save(volume("torus"), folder / "macroshape.vtu")
+    volume("torus").save(folder / "macroshape.vtu")
     result["files"] += [str(folder / name) for name in ("macroshape.vtu", "report.json")]
     write_json(folder / "report.json", result)
     return result
