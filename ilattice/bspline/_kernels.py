@@ -218,9 +218,7 @@ def jet_at(d0, d1, d2, k0, k1, k2, c, u, v, w, order, b, out):
             out[m, 2] = fv
             out[m, 3] = fw
         else:
-            f, fu, fv, fw, fuu, fvv, fww, fvw, fuw, fuv = contract2(
-                c, m, i0, j0, l0, k0, k1, k2, b
-            )
+            f, fu, fv, fw, fuu, fvv, fww, fvw, fuw, fuv = contract2(c, m, i0, j0, l0, k0, k1, k2, b)
             out[m, 0] = f
             out[m, 1] = fu
             out[m, 2] = fv

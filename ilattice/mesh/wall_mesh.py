@@ -20,6 +20,7 @@ from ilattice._typing import AnyArray, FloatArray
 from ilattice.errors import PrecisionWarning
 from ilattice.mesh.contouring import ON_CAP, Contour, contour_arrays, contour_blocks, split_quads
 from ilattice.mesh.surface import SurfaceMesh
+from ilattice.offsets.polish import polish
 
 if TYPE_CHECKING:
     from ilattice.offsets.wall import Wall
@@ -89,18 +90,14 @@ class _Job:
         """Parameters, side and place in space of the vertices of a contour."""
         u = raw.vertices
         side = np.where(raw.kind & ON_CAP, 0.0, self.wall.field.side(u))
-        if self.polish:
-            u = self._wrapped(polished(self.wall, u, raw.kind, side))
+        u = settled(self.wall, u, raw.kind, side, exactly=self.polish)
         return u, side, self.wall.lattice.through.x(u)
 
-    def _wrapped(self, u: FloatArray) -> FloatArray:
-        """Parameters moved back into the domain across the seams of closed directions."""
-        lo, hi = self.wall.lattice.domain
-        return np.where(self.wall.lattice.through.closed, lo + np.mod(u - lo, hi - lo), u)
 
-
-def polished(wall: Wall, u: FloatArray, kind: AnyArray, side: FloatArray) -> FloatArray:
-    """Vertices of the offset surfaces moved onto the exact offset.
+def settled(
+    wall: Wall, u: FloatArray, kind: AnyArray, side: FloatArray, *, exactly: bool
+) -> FloatArray:
+    """Vertices of the offset surfaces moved onto the offset: that of the spline, or the exact one.
 
     Parameters
     ----------
@@ -110,6 +107,8 @@ def polished(wall: Wall, u: FloatArray, kind: AnyArray, side: FloatArray) -> Flo
         Parameters of the vertices.
     kind, side : ndarray, shape (V,)
         Constraints (see `Contour`), and which offset surface they belong to, 0 for none.
+    exactly : bool
+        Go by closest points instead of the distance spline.
 
     Returns
     -------
@@ -122,7 +121,9 @@ def polished(wall: Wall, u: FloatArray, kind: AnyArray, side: FloatArray) -> Flo
     for sign, d in ((1.0, wall.thickness.outer), (-1.0, wall.thickness.inner)):
         at = np.flatnonzero(side == sign)
         if len(at):
-            out[at], residual = wall.lattice.search.polish(u[at], fixed[at], side[at], d)
+            out[at], residual = polish(
+                wall.lattice, u[at], fixed[at], side[at], d, None if exactly else wall.distance
+            )
             lost += int(np.isinf(residual).sum())
     if lost > MAX_LOST * len(u):
         warnings.warn(
@@ -151,9 +152,7 @@ def grid_axes(wall: Wall, h: float) -> tuple[FloatArray, ...]:
     limited = []
     for a in range(3):
         b, c = others[a]
-        size = [
-            (stretch[..., o] * _along(step[o], o)).max(axis=others[a]) for o in (b, c)
-        ]
+        size = [(stretch[..., o] * _along(step[o], o)).max(axis=others[a]) for o in (b, c)]
         most = ANISOTROPY * np.maximum(*size) / stretch[..., a].max(axis=others[a])
         limited.append(np.minimum(step[a], most))
     return tuple(_planes(sites[a], limited[a], lattice.repeat[a]) for a in range(3))
@@ -168,9 +167,7 @@ def _along(a: FloatArray, axis: int) -> FloatArray:
 def _planes(sites: FloatArray, step: FloatArray, tiles: int) -> FloatArray:
     """Planes from the first to the last site, with the local width `step` at the sites."""
     density = 1.0 / np.minimum(step, (sites[-1] - sites[0]) / (tiles * LEAST_CELLS_PER_TILE))
-    cells = np.concatenate(
-        [[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(sites))]
-    )
+    cells = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(sites))])
     n = int(np.ceil(cells[-1]))
     planes = np.interp(np.linspace(0.0, cells[-1], n + 1), cells, sites)
     planes[0], planes[-1] = sites[0], sites[-1]

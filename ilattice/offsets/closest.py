@@ -18,10 +18,9 @@ from scipy.spatial import cKDTree
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.errors import ConvergenceError, GeometryError
-from ilattice.offsets import _kernels
+from ilattice.offsets import _kernels, _kernels_newton
 
 if TYPE_CHECKING:
-    from ilattice.bspline import BSpline
     from ilattice.macroshape.lattice import Lattice
 
 CANDIDATES = 8
@@ -29,7 +28,6 @@ RETRY_CANDIDATES = 48
 BATCH = 1 << 17
 TOLERANCE = 1e-7
 MAX_FALLBACK = 1e-2
-POLISH_LIMIT = 1e-7
 #: Seeds per tile and direction: at least this many, and this many per period of the finest wave.
 LEAST_SEEDS, SEEDS_PER_WAVE = 8, 6
 #: Tiles that are longer along one direction get up to this many times the seeds along it.
@@ -52,6 +50,10 @@ class ClosestPoints:
         0 converged, 1 converged on a face of the domain, 2 fell back to the nearest seed.
     iterations, starts : ndarray, shape (n,)
         Newton iterations and starts spent.
+    second : ndarray, shape (n, 3)
+        Another foot, the nearest of those that were met on the way.
+    second_distance : ndarray, shape (n,)
+        Its signed distance; infinite where there is none.
     """
 
     foot: FloatArray
@@ -60,6 +62,8 @@ class ClosestPoints:
     status: IntArray
     iterations: IntArray
     starts: IntArray
+    second: FloatArray
+    second_distance: FloatArray
 
 
 @dataclass(frozen=True)
@@ -214,105 +218,47 @@ class ClosestPointSearch:
         _, idx = self.tree.query(x, k=np.arange(1, k + 1), workers=numba.get_num_threads())
         return np.ascontiguousarray(idx, dtype=np.int64)
 
-    def query(self, u: FloatArray, progress: Any = None) -> ClosestPoints:
+    def query(self, u: FloatArray) -> ClosestPoints:
         """Closest points of the images of parameters `u` (n, 3)."""
         n = len(u)
-        p = self.to_tile(u)
-        x = self.lattice.through.x(u)
-        feet, counts = np.empty((n, 8)), np.empty((n, 2), np.int64)
-        status = np.empty(n, np.int64)
+        p, x = self.to_tile(u), self.lattice.through.x(u)
+        feet, counts, status = _results(n)
         for i in range(0, n, BATCH):
             s = slice(i, min(i + BATCH, n))
-            self._run(x[s], p[s], CANDIDATES, feet[s], counts[s], status[s])
-            if progress is not None:
-                progress(s.stop - s.start)
+            self._run(x[s], p[s], CANDIDATES, feet[:, s], counts[s], status[s])
         retried = self._retry(x, p, feet, counts, status)
         self._account(counts, status, retried)
+        first, second = feet
         return ClosestPoints(
-            feet[:, 3:6].copy(), self.from_tile(feet[:, :3]), feet[:, 6].copy(), status,
-            counts[:, 1].copy(), counts[:, 0].copy(),
+            first[:, 3:6].copy(), self.from_tile(first[:, :3]), first[:, 6].copy(), status,
+            counts[:, 1].copy(), counts[:, 0].copy(), second[:, 3:6].copy(), second[:, 6].copy(),
         )  # fmt: skip
 
     def _run(
         self, x: FloatArray, p: FloatArray, k: int, feet: FloatArray, counts: IntArray,
         status: IntArray,
     ) -> None:  # fmt: skip
-        seconds = np.empty_like(feet)
         _kernels.closest(
             *self.space, *self.seeds, x, p, self.candidates(x, k), self.box, self.clip,
-            self.orient, TOLERANCE, feet, seconds, counts, status,
+            self.orient, TOLERANCE, feet[0], feet[1], counts, status,
         )  # fmt: skip
 
     def _retry(
         self, x: FloatArray, p: FloatArray, feet: FloatArray, counts: IntArray, status: IntArray
     ) -> int:
         """Once more, with many starts, where no start converged or the sides disagree."""
-        sides = (feet[:, 6] * feet[:, 7] < 0) & (status == _kernels.OK)
-        again = np.flatnonzero((status >= _kernels.FALLBACK) | sides)
+        sides = (feet[0, :, 6] * feet[0, :, 7] < 0) & (status == _kernels_newton.OK)
+        again = np.flatnonzero((status >= _kernels_newton.FALLBACK) | sides)
         if len(again):
-            f = np.empty((len(again), 8))
-            c, s = np.empty((len(again), 2), np.int64), np.empty(len(again), np.int64)
+            f, c, s = _results(len(again))
             self._run(x[again], p[again], RETRY_CANDIDATES, f, c, s)
             counts[again] += c
-            better = (s < status[again]) | (np.abs(f[:, 6]) < np.abs(feet[again, 6]))
-            feet[again[better]], status[again[better]] = f[better], s[better]
+            better = (s < status[again]) | (np.abs(f[0, :, 6]) < np.abs(feet[0, again, 6]))
+            feet[:, again[better]], status[again[better]] = f[:, better], s[better]
         return len(again)
 
-    def polish(
-        self, u: FloatArray, fixed: AnyArray, side: FloatArray, d: BSpline
-    ) -> tuple[FloatArray, FloatArray]:
-        """Move points onto the surface at distance `d` from the mid-surface.
-
-        Parameters
-        ----------
-        u : ndarray, shape (n, 3)
-            Parameters, near that surface.
-        fixed : ndarray of bool, shape (n, 3)
-            Coordinates that must not change.
-        side : ndarray, shape (n,)
-            +1 or -1: the sign of the distance.
-        d : BSpline
-            Distance as a function of the parameters.
-
-        Returns
-        -------
-        tuple of ndarray
-            New parameters (n, 3); | |distance| - d | before the last step (n,), infinite where a
-            point was lost and kept its place.
-        """
-        p, residual = self._polish(u, fixed, side, d, CANDIDATES)
-        lost = np.flatnonzero(np.isinf(residual))
-        if len(lost):
-            p[lost], residual[lost] = self._polish(
-                u[lost], fixed[lost], side[lost], d, RETRY_CANDIDATES
-            )
-        out = np.clip(self.from_tile(p), *self._limits())
-        return np.where(fixed, u, out), residual
-
-    def _polish(
-        self, u: FloatArray, fixed: AnyArray, side: FloatArray, d: BSpline, k: int
-    ) -> tuple[FloatArray, FloatArray]:
-        p = self.to_tile(u)
-        residual = np.empty(len(u))
-        limit = POLISH_LIMIT * max(float(np.abs(d.c).max()), 1e-3 * float(self.seeds[3].min()))
-        for i in range(0, len(u), BATCH):
-            s = slice(i, min(i + BATCH, len(u)))
-            x = self.lattice.through.x(u[s])
-            _kernels.polish(
-                *self.space, *d.generic_kernel_args, *self.seeds, p[s],
-                fixed[s].astype(np.int64), side[s], self.candidates(x, k), self.box, self.clip,
-                self.orient, TOLERANCE, limit, residual[s],
-            )  # fmt: skip
-        return p, residual
-
-    def _limits(self) -> FloatArray:
-        """Parameter box; unbounded in closed directions."""
-        closed = np.array(self.lattice.through.closed)
-        lo, hi = self.lattice.domain
-        return np.array([np.where(closed, -np.inf, lo), np.where(closed, np.inf, hi)])
-
     def _account(self, counts: IntArray, status: IntArray, retried: int) -> None:
-        failed = np.flatnonzero(status >= _kernels.FALLBACK)
+        failed = np.flatnonzero(status >= _kernels_newton.FALLBACK)
         self.statistics = self.statistics + Statistics(
             len(status), int(counts[:, 1].sum()), int(counts[:, 0].sum()), retried, len(failed)
         )
@@ -322,6 +268,11 @@ class ClosestPointSearch:
                 f"(more than {MAX_FALLBACK:.0%}), the first are {failed[:5].tolist()}; the "
                 "tile may be singular at level zero, or the map may fold"
             )
+
+
+def _results(n: int) -> tuple[FloatArray, IntArray, IntArray]:
+    """Room for first and second feet (2, n, 8), counts (n, 2) and status (n,)."""
+    return np.empty((2, n, 8)), np.empty((n, 2), np.int64), np.empty(n, np.int64)
 
 
 def _cell_centres(m: IntArray) -> FloatArray:

@@ -1,0 +1,212 @@
+"""Compiled jets of a map and of a repeated tile, in tile coordinates, and small linear algebra.
+
+Points of the parameter domain are given in *tile coordinates* p: the tile with index
+(i, j, k) is the box [i, i+1] x [j, j+1] x [k, k+1]. Where the lattice comes in, functions
+take the flat argument list
+
+    d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc
+
+the map T as arguments of the B-spline kernels; `geom` (14,) with lo, step (u = lo + p * step),
+closed directions, numbers of tiles, whether T is rational, and the kind of tile; the tile as a
+trigonometric polynomial (kind 0) or as a spline on the unit cube (kind 1). It is flat because
+every array taken out of a tuple costs a counted reference; `b, m, t, tab` is the scratch of one
+thread: basis functions, map jet, tile jet, trigonometric table. Symmetric matrices are tuples
+xx, yy, zz, yz, xz, xy.
+
+Guarantee: nothing is allocated per point. Non-guarantee: arguments are not checked.
+"""
+
+import numpy as np
+from numba import njit
+
+from ilattice.bspline._kernels import basis, contract1, contract2
+from ilattice.tiles._kernels import trig_jet, trig_tab
+
+FAST = {"contract", "nsz", "arcp", "reassoc"}
+
+
+@njit(cache=True)
+def scratch(factor, c, k0, k1, k2, q0, q1, q2):
+    """Work arrays of one thread: basis functions, map jet, tile jet, trigonometric table."""
+    k = max(max(len(k0), len(k1), len(k2)), max(len(q0), len(q1), len(q2)))
+    return np.zeros((3, 3, k)), np.zeros((c.shape[0], 10)), np.zeros(10), trig_tab(factor)
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def wrap(x, lo, length):
+    """x moved by whole lengths into [lo, lo + length)."""
+    return x - length * np.floor((x - lo) / length)
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy", forceinline=True)
+def parameter(geom, axis, p):
+    """Parameter of a tile coordinate, wrapped in a closed direction."""
+    if geom[6 + axis] != 0.0:
+        p = wrap(p, 0.0, geom[9 + axis])
+    return geom[axis] + p * geom[3 + axis]
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy", forceinline=True)
+def map_jet(d0, d1, d2, k0, k1, k2, c, geom, p, order, b, m):
+    """Map jet in tile coordinates into m (3, 10): rational maps divided through."""
+    i0 = basis(d0, k0, parameter(geom, 0, p[0]), order, b, 0)
+    j0 = basis(d1, k1, parameter(geom, 1, p[1]), order, b, 1)
+    l0 = basis(d2, k2, parameter(geom, 2, p[2]), order, b, 2)
+    for axis in range(3):  # derivatives with respect to p
+        s = geom[3 + axis]
+        for j in range(b.shape[2]):
+            b[axis, 1, j] *= s
+            b[axis, 2, j] *= s * s
+    for a in range(c.shape[0]):
+        if order == 1:
+            f, fu, fv, fw = contract1(c, a, i0, j0, l0, k0, k1, k2, b)
+        else:
+            f, fu, fv, fw, fuu, fvv, fww, fvw, fuw, fuv = contract2(c, a, i0, j0, l0, k0, k1, k2, b)
+            m[a, 4] = fuu
+            m[a, 5] = fvv
+            m[a, 6] = fww
+            m[a, 7] = fvw
+            m[a, 8] = fuw
+            m[a, 9] = fuv
+        m[a, 0] = f
+        m[a, 1] = fu
+        m[a, 2] = fv
+        m[a, 3] = fw
+    if geom[12] != 0.0:
+        divide(m, order)
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def divide(m, order):
+    """Quotient rule on homogeneous jets, the weight in the last row."""
+    w = m.shape[0] - 1
+    inv = 1.0 / m[w, 0]
+    for a in range(3):
+        m[a, 0] *= inv
+        for i in range(1, 4):
+            m[a, i] = (m[a, i] - m[a, 0] * m[w, i]) * inv
+        if order > 1:
+            for i in range(1, 4):
+                m[a, 3 + i] = (m[a, 3 + i] - 2.0 * m[a, i] * m[w, i] - m[a, 0] * m[w, 3 + i]) * inv
+            for n, i, j in ((7, 2, 3), (8, 1, 3), (9, 1, 2)):
+                m[a, n] = (
+                    m[a, n] - m[a, i] * m[w, j] - m[a, j] * m[w, i] - m[a, 0] * m[w, n]
+                ) * inv
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy", forceinline=True)
+def tile_jet(geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc, p, b, t, tab):
+    """Tile jet in tile coordinates into t (10,): f, gradient, xx, yy, zz, yz, xz, xy."""
+    if geom[13] == 0.0:
+        trig_jet(coef, factor, omega, p[0], p[1], p[2], tab, t)
+    else:
+        i0 = basis(t0, q0, p[0] - np.floor(p[0]), 2, b, 0)
+        j0 = basis(t1, q1, p[1] - np.floor(p[1]), 2, b, 1)
+        l0 = basis(t2, q2, p[2] - np.floor(p[2]), 2, b, 2)
+        t[0], t[1], t[2], t[3], t[4], t[5], t[6], t[7], t[8], t[9] = contract2(
+            tc, 0, i0, j0, l0, q0, q1, q2, b
+        )
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def sym(h, a, b):
+    """a' H b with H as xx, yy, zz, yz, xz, xy and vectors as tuples."""
+    return (
+        h[0] * a[0] * b[0]
+        + h[1] * a[1] * b[1]
+        + h[2] * a[2] * b[2]
+        + h[3] * (a[1] * b[2] + a[2] * b[1])
+        + h[4] * (a[0] * b[2] + a[2] * b[0])
+        + h[5] * (a[0] * b[1] + a[1] * b[0])
+    )
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def metric(m):
+    """J'J from a map jet, as xx, yy, zz, yz, xz, xy."""
+    return (
+        m[0, 1] * m[0, 1] + m[1, 1] * m[1, 1] + m[2, 1] * m[2, 1],
+        m[0, 2] * m[0, 2] + m[1, 2] * m[1, 2] + m[2, 2] * m[2, 2],
+        m[0, 3] * m[0, 3] + m[1, 3] * m[1, 3] + m[2, 3] * m[2, 3],
+        m[0, 2] * m[0, 3] + m[1, 2] * m[1, 3] + m[2, 2] * m[2, 3],
+        m[0, 1] * m[0, 3] + m[1, 1] * m[1, 3] + m[2, 1] * m[2, 3],
+        m[0, 1] * m[0, 2] + m[1, 1] * m[1, 2] + m[2, 1] * m[2, 2],
+    )
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def solve_sym(h, b):
+    """Solution of H x = b for a 3 x 3 symmetric H, and whether H is regular."""
+    c00 = h[1] * h[2] - h[3] * h[3]
+    c01 = h[4] * h[3] - h[5] * h[2]
+    c02 = h[5] * h[3] - h[4] * h[1]
+    det = h[0] * c00 + h[5] * c01 + h[4] * c02
+    if not abs(det) > 0.0:
+        return (0.0, 0.0, 0.0), False
+    inv = 1.0 / det
+    c11 = h[0] * h[2] - h[4] * h[4]
+    c12 = h[4] * h[5] - h[0] * h[3]
+    c22 = h[0] * h[1] - h[5] * h[5]
+    return (
+        (c00 * b[0] + c01 * b[1] + c02 * b[2]) * inv,
+        (c01 * b[0] + c11 * b[1] + c12 * b[2]) * inv,
+        (c02 * b[0] + c12 * b[1] + c22 * b[2]) * inv,
+    ), True
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def cofactor_normal(m, g):
+    """Normal cof(J) g = det(J) J^-T g of the image, from a map jet and a parameter gradient."""
+    a = (
+        m[1, 2] * m[2, 3] - m[1, 3] * m[2, 2],
+        m[1, 3] * m[2, 1] - m[1, 1] * m[2, 3],
+        m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1],
+    )
+    b = (
+        m[2, 2] * m[0, 3] - m[2, 3] * m[0, 2],
+        m[2, 3] * m[0, 1] - m[2, 1] * m[0, 3],
+        m[2, 1] * m[0, 2] - m[2, 2] * m[0, 1],
+    )
+    c = (
+        m[0, 2] * m[1, 3] - m[0, 3] * m[1, 2],
+        m[0, 3] * m[1, 1] - m[0, 1] * m[1, 3],
+        m[0, 1] * m[1, 2] - m[0, 2] * m[1, 1],
+    )
+    n0 = a[0] * g[0] + a[1] * g[1] + a[2] * g[2]
+    n1 = b[0] * g[0] + b[1] * g[1] + b[2] * g[2]
+    n2 = c[0] * g[0] + c[1] * g[1] + c[2] * g[2]
+    det = m[0, 1] * a[0] + m[0, 2] * a[1] + m[0, 3] * a[2]
+    return (n0, n1, n2), det
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def tangents(g, fixed):
+    """Two vectors that span the null space of g among the free directions (zero if fewer).
+
+    A fixed direction takes part in neither; with one fixed direction the second is zero.
+    """
+    zero = (0.0, 0.0, 0.0)
+    n = fixed[0] + fixed[1] + fixed[2]
+    if n >= 2:
+        return zero, zero
+    if n == 1:
+        if fixed[0]:
+            t = (0.0, -g[2], g[1])
+        elif fixed[1]:
+            t = (g[2], 0.0, -g[0])
+        else:
+            t = (-g[1], g[0], 0.0)
+        s = np.sqrt(t[0] * t[0] + t[1] * t[1] + t[2] * t[2]) + 1e-300
+        return (t[0] / s, t[1] / s, t[2] / s), zero
+    a0, a1, a2 = abs(g[0]), abs(g[1]), abs(g[2])
+    if a0 <= a1 and a0 <= a2:
+        t = (0.0, -g[2], g[1])
+    elif a1 <= a2:
+        t = (g[2], 0.0, -g[0])
+    else:
+        t = (-g[1], g[0], 0.0)
+    s = 1.0 / (np.sqrt(t[0] * t[0] + t[1] * t[1] + t[2] * t[2]) + 1e-300)
+    t = (t[0] * s, t[1] * s, t[2] * s)
+    q = (g[1] * t[2] - g[2] * t[1], g[2] * t[0] - g[0] * t[2], g[0] * t[1] - g[1] * t[0])
+    s = 1.0 / (np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2]) + 1e-300)
+    return t, (q[0] * s, q[1] * s, q[2] * s)

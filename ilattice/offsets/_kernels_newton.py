@@ -1,0 +1,229 @@
+"""Compiled Newton iteration for the closest point on the image of an implicit surface.
+
+The minimiser of 1/2 |T(p) - x|^2 + lambda I(p) is found by Newton's method on the KKT system
+with the full Hessian J'J + sum_c r_c Hess(T_c) + lambda Hess(I) (Hong et al., eq. 10-12; the
+printed eq. 12 lacks the last term and has x instead of T - x in the middle one), solved in
+the null space of grad I, where it is made positive definite if it is not. There is no line
+search: a merit function rejects good steps on curved constraints (the Maratos effect), which
+cost more starts than it saved.
+
+Guarantee: a status for every start; a converged foot is a local minimum, not a saddle.
+Non-guarantee: which local minimum. The arguments are those of `_kernels_jets`.
+"""
+
+import numpy as np
+from numba import njit
+
+from ilattice.offsets._kernels_jets import FAST, map_jet, metric, solve_sym, sym, tangents, tile_jet
+
+MAX_ITERATIONS = 30
+
+OK = 0
+BOUNDARY = 1
+FALLBACK = 2
+FAILED = 3
+WORSE = 4
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def tangent_step(h, gm, z0, z1, b):
+    """Minimiser y of 1/2 y'(Z'HZ)y - b'y in the plane (z0, z1), H shifted by the metric if needed.
+
+    Returns the step in tile coordinates and the lowest eigenvalue of Z'HZ in the metric: 1 for
+    a plane, 0 where the query is a centre of curvature of the surface.
+    """
+    m00, m11, m01 = sym(gm, z0, z0), sym(gm, z1, z1), sym(gm, z0, z1)
+    a00, a11, a01 = sym(h, z0, z0), sym(h, z1, z1), sym(h, z0, z1)
+    r0 = b[0] * z0[0] + b[1] * z0[1] + b[2] * z0[2]
+    if m11 == 0.0:  # a line, or nothing
+        if m00 == 0.0:
+            return (0.0, 0.0, 0.0), 1.0
+        y0 = r0 / max(a00, 0.05 * m00)
+        return (y0 * z0[0], y0 * z0[1], y0 * z0[2]), a00 / m00
+    r1 = b[0] * z1[0] + b[1] * z1[1] + b[2] * z1[2]
+    det_m = max(m00 * m11 - m01 * m01, 1e-30 * m00 * m11)
+    tr = (a00 * m11 + a11 * m00 - 2.0 * a01 * m01) / det_m
+    det = (a00 * a11 - a01 * a01) / det_m
+    low = 0.5 * tr - np.sqrt(max(0.25 * tr * tr - det, 0.0))  # lowest generalised eigenvalue
+    if low < 0.02:
+        shift = 0.1 - low
+        a00 += shift * m00
+        a11 += shift * m11
+        a01 += shift * m01
+    inv = 1.0 / (a00 * a11 - a01 * a01)
+    y0 = (a11 * r0 - a01 * r1) * inv
+    y1 = (a00 * r1 - a01 * r0) * inv
+    return (y0 * z0[0] + y1 * z1[0], y0 * z0[1] + y1 * z1[1], y0 * z0[2] + y1 * z1[2]), low
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def lagrangian(gm, m, t, r, lam):
+    """Hessian of the Lagrangian: J'J + sum_c r_c Hess(T_c) + lambda Hess(I)."""
+    return (
+        gm[0] + r[0] * m[0, 4] + r[1] * m[1, 4] + r[2] * m[2, 4] + lam * t[4],
+        gm[1] + r[0] * m[0, 5] + r[1] * m[1, 5] + r[2] * m[2, 5] + lam * t[5],
+        gm[2] + r[0] * m[0, 6] + r[1] * m[1, 6] + r[2] * m[2, 6] + lam * t[6],
+        gm[3] + r[0] * m[0, 7] + r[1] * m[1, 7] + r[2] * m[2, 7] + lam * t[7],
+        gm[4] + r[0] * m[0, 8] + r[1] * m[1, 8] + r[2] * m[2, 8] + lam * t[8],
+        gm[5] + r[0] * m[0, 9] + r[1] * m[1, 9] + r[2] * m[2, 9] + lam * t[9],
+    )
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def soft_direction(m, t, x, lam, low):
+    """Direction, of unit length in space, in which the distance grows least about a foot.
+
+    From the jets at the foot; `low` is the eigenvalue that belongs to it.
+    """
+    gm = metric(m)
+    h = lagrangian(gm, m, t, (m[0, 0] - x[0], m[1, 0] - x[1], m[2, 0] - x[2]), lam)
+    z0, z1 = tangents((t[1], t[2], t[3]), (0, 0, 0))
+    a = sym(h, z0, z0) - low * sym(gm, z0, z0)
+    b = sym(h, z0, z1) - low * sym(gm, z0, z1)
+    c = sym(h, z1, z1) - low * sym(gm, z1, z1)
+    y0, y1 = (b, -a) if abs(a) > abs(c) else (c, -b)
+    d = (y0 * z0[0] + y1 * z1[0], y0 * z0[1] + y1 * z1[1], y0 * z0[2] + y1 * z1[2])
+    s = 1.0 / (np.sqrt(max(sym(gm, d, d), 0.0)) + 1e-300)
+    return (s * d[0], s * d[1], s * d[2])
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def kkt_step(m, t, r, lam, first, fixed):
+    """One Newton step: step, new multiplier, |J step|, and the eigenvalue of `tangent_step`."""
+    gm = metric(m)
+    g = (t[1] * (1 - fixed[0]), t[2] * (1 - fixed[1]), t[3] * (1 - fixed[2]))
+    gg = g[0] * g[0] + g[1] * g[1] + g[2] * g[2] + 1e-300
+    jr = (
+        m[0, 1] * r[0] + m[1, 1] * r[1] + m[2, 1] * r[2],
+        m[0, 2] * r[0] + m[1, 2] * r[1] + m[2, 2] * r[2],
+        m[0, 3] * r[0] + m[1, 3] * r[1] + m[2, 3] * r[2],
+    )
+    if first:
+        a, regular = solve_sym(gm, g)
+        if regular:
+            ga = g[0] * a[0] + g[1] * a[1] + g[2] * a[2]
+            lam = -(a[0] * jr[0] + a[1] * jr[1] + a[2] * jr[2]) / (ga + 1e-300)
+        else:
+            lam = 0.0
+    h = lagrangian(gm, m, t, r, lam)
+    s = -t[0] / gg
+    n = (s * g[0], s * g[1], s * g[2])
+    hn = (
+        h[0] * n[0] + h[5] * n[1] + h[4] * n[2],
+        h[5] * n[0] + h[1] * n[1] + h[3] * n[2],
+        h[4] * n[0] + h[3] * n[1] + h[2] * n[2],
+    )
+    z0, z1 = tangents(g, fixed)
+    y, low = tangent_step(h, gm, z0, z1, (-jr[0] - hn[0], -jr[1] - hn[1], -jr[2] - hn[2]))
+    d = (n[0] + y[0], n[1] + y[1], n[2] + y[2])
+    hd = (
+        h[0] * d[0] + h[5] * d[1] + h[4] * d[2],
+        h[5] * d[0] + h[1] * d[1] + h[3] * d[2],
+        h[4] * d[0] + h[3] * d[1] + h[2] * d[2],
+    )
+    new = -(g[0] * (jr[0] + hd[0]) + g[1] * (jr[1] + hd[1]) + g[2] * (jr[2] + hd[2])) / gg
+    return d, new, np.sqrt(max(sym(gm, d, d), 0.0)), low
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def active_set(p, box, jr, t, lam, clip):
+    """Directions held at a bound that the gradient of the Lagrangian pushes against."""
+    if not clip:
+        return (0, 0, 0)
+    f0 = jr[0] + lam * t[1]
+    f1 = jr[1] + lam * t[2]
+    f2 = jr[2] + lam * t[3]
+    return (
+        1 if (p[0] <= box[0, 0] and f0 > 0.0) or (p[0] >= box[1, 0] and f0 < 0.0) else 0,
+        1 if (p[1] <= box[0, 1] and f1 > 0.0) or (p[1] >= box[1, 1] and f1 < 0.0) else 0,
+        1 if (p[2] <= box[0, 2] and f2 > 0.0) or (p[2] >= box[1, 2] and f2 < 0.0) else 0,
+    )
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def near(a, b, h):
+    """Whether two points are within h."""
+    d0, d1, d2 = a[0] - b[0], a[1] - b[1], a[2] - b[2]
+    return d0 * d0 + d1 * d1 + d2 * d2 < h * h
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def abandon(m, r, size, best, h):
+    """Whether an iteration heads for the known foot, or for one that is farther away."""
+    if not best[3] < np.inf:
+        return False
+    if size < 0.1 * h and near((m[0, 0], m[1, 0], m[2, 0]), best, 0.1 * h):
+        return True
+    dist = np.sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
+    return size < 0.3 * h and dist - 2.0 * size > best[3] + 0.1 * h
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def newton(
+    d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
+    x, start, best, box, clip, h, tol, b, m, t, tab,
+):  # fmt: skip
+    """Foot point of x from one start; given up when it cannot beat `best`: a foot and its distance.
+
+    Returns
+    -------
+    tuple
+        Foot in tile coordinates, foot in space, multiplier, lowest eigenvalue, iterations, status.
+    """
+    p = (start[0], start[1], start[2])
+    old = p
+    d = (0.0, 0.0, 0.0)
+    lam = 0.0
+    low = 1.0
+    last = 0.0
+    y = (0.0, 0.0, 0.0)
+    for it in range(MAX_ITERATIONS):
+        map_jet(d0, d1, d2, k0, k1, k2, c, geom, p, 2, b, m)
+        tile_jet(geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc, p, b, t, tab)
+        r = (m[0, 0] - x[0], m[1, 0] - x[1], m[2, 0] - x[2])
+        fixed = (0, 0, 0)
+        if clip:
+            jr = (
+                m[0, 1] * r[0] + m[1, 1] * r[1] + m[2, 1] * r[2],
+                m[0, 2] * r[0] + m[1, 2] * r[1] + m[2, 2] * r[2],
+                m[0, 3] * r[0] + m[1, 3] * r[1] + m[2, 3] * r[2],
+            )
+            fixed = active_set(p, box, jr, t, lam, clip)
+        d, lam, size, low = kkt_step(m, t, r, lam, it == 0, fixed)
+        if not np.isfinite(size):
+            return p, y, lam, low, it + 1, FAILED
+        # near a centre of curvature convergence is linear, but the distance is flat there;
+        # and where convergence is quadratic, the next step can be told from the last two
+        small = size <= tol * h or (it > 6 and size <= 1e-6 * h)
+        small = small or (size <= 3e-5 * h and size * size * size <= tol * h * last * last)
+        last = size
+        small = small or (it == MAX_ITERATIONS - 1 and size <= 1e-3 * h)
+        if it > 0 and not small and abandon(m, r, size, best, h):
+            return p, y, lam, low, it + 1, WORSE
+        if small and low < -1e-3 and it < MAX_ITERATIONS - 1 and not clip:  # a saddle: leave it
+            d = soft_direction(m, t, x, lam, low)
+            p = (p[0] + 0.3 * h * d[0], p[1] + 0.3 * h * d[1], p[2] + 0.3 * h * d[2])
+            continue
+        if size > 2.0 * h:
+            s = 2.0 * h / size
+            d = (s * d[0], s * d[1], s * d[2])
+        old = p
+        p = (p[0] + d[0], p[1] + d[1], p[2] + d[2])
+        if clip:
+            p = (
+                min(max(p[0], box[0, 0]), box[1, 0]),
+                min(max(p[1], box[0, 1]), box[1, 1]),
+                min(max(p[2], box[0, 2]), box[1, 2]),
+            )
+            d = (p[0] - old[0], p[1] - old[1], p[2] - old[2])
+        if small:
+            y = (
+                m[0, 0] + m[0, 1] * d[0] + m[0, 2] * d[1] + m[0, 3] * d[2],
+                m[1, 0] + m[1, 1] * d[0] + m[1, 2] * d[1] + m[1, 3] * d[2],
+                m[2, 0] + m[2, 1] * d[0] + m[2, 2] * d[1] + m[2, 3] * d[2],
+            )
+            held = fixed[0] + fixed[1] + fixed[2]
+            if held > 2:
+                return p, y, lam, low, it + 1, FAILED
+            return p, y, lam, low, it + 1, BOUNDARY if held else OK
+    return p, y, lam, low, MAX_ITERATIONS, FAILED

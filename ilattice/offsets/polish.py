@@ -1,0 +1,157 @@
+"""Move points onto the surface at a given distance from the mid-surface of a lattice.
+
+Guarantees: fixed coordinates do not change; a point whose closest point is lost keeps its place
+and is reported. Near a crease, where two feet are equally near, a step satisfies both.
+Non-guarantee: in the narrow gap of two facing sheets a point may stop short.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ilattice._typing import AnyArray, FloatArray
+from ilattice.bspline import BSpline
+from ilattice.offsets._kernels_newton import FALLBACK
+
+if TYPE_CHECKING:
+    from ilattice.macroshape.lattice import Lattice
+    from ilattice.offsets.closest import ClosestPoints
+
+STEPS = 12
+#: Residual at which a point is left alone, relative to the largest distance.
+LIMIT = 1e-7
+#: Least sine squared of the angle between two feet that are both satisfied.
+APART = 1e-3
+#: Longest step, relative to the residual.
+LONGEST = 5.0
+
+
+def polish(
+    lattice: Lattice,
+    u: FloatArray,
+    fixed: AnyArray,
+    side: FloatArray,
+    d: BSpline,
+    distance: BSpline | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """Move points onto the surface at distance `d` from the mid-surface.
+
+    Parameters
+    ----------
+    lattice : Lattice
+        The lattice.
+    u : ndarray, shape (n, 3)
+        Parameters, near that surface.
+    fixed : ndarray of bool, shape (n, 3)
+        Coordinates that must not change.
+    side : ndarray, shape (n,)
+        +1 or -1: the sign of the distance.
+    d : BSpline
+        Asked distance as a function of the parameters.
+    distance : BSpline, optional
+        Signed distance spline to go by instead of closest points.
+
+    Returns
+    -------
+    tuple of ndarray
+        New parameters (n, 3), wrapped into the domain in closed directions, and the last
+        | |distance| - d | (n,), infinite where a point was lost and kept its place.
+    """
+    out = u.copy()
+    residual = np.full(len(u), np.inf)
+    limit = LIMIT * max(float(np.abs(d.c).max()), 1e-3 * float(lattice.search.seeds[3].min()))
+    at = np.arange(len(u))
+    for _ in range(STEPS):
+        step, error = _step(lattice, out[at], fixed[at], side[at], d, distance)
+        residual[at] = error
+        out[at[np.isinf(error)]] = u[at[np.isinf(error)]]
+        go = np.isfinite(error) & (error > limit)
+        at = at[go]
+        if len(at) == 0:
+            break
+        out[at] = _inside(lattice, out[at] + step[go])
+    return out, residual
+
+
+def _inside(lattice: Lattice, u: FloatArray) -> FloatArray:
+    """Parameters wrapped in closed directions, and clipped in the others."""
+    lo, hi = lattice.domain
+    closed = np.array(lattice.through.closed)
+    return np.where(closed, lo + np.mod(u - lo, hi - lo), np.clip(u, lo, hi))
+
+
+def _step(
+    lattice: Lattice,
+    u: FloatArray,
+    fixed: AnyArray,
+    side: FloatArray,
+    d: BSpline,
+    distance: BSpline | None,
+) -> tuple[FloatArray, FloatArray]:
+    """Least step in space, within the free coordinates, and the residual before it."""
+    x, jacobian = lattice.through.jet(u, 1)
+    asked, slope = d.jet(u, 1)
+    if distance is None:
+        values, gradients, lost = _by_closest_points(lattice, u, x, jacobian)
+    else:
+        value, gradient = distance.jet(u, 1)
+        values, gradients, lost = [value], [gradient], np.zeros(len(u), bool)
+    free = ~fixed
+    metric = np.einsum("nca,ncb->nab", jacobian, jacobian)
+    metric *= free[:, :, None] & free[:, None, :]
+    metric += fixed[:, :, None] * np.eye(3)
+    f = [side * v - asked for v in values]
+    a = [(side[:, None] * g - slope) * free for g in gradients]
+    step = _least_step(metric, a[0], f[0], a[-1], f[1] if len(f) > 1 else np.full(len(u), np.inf))
+    size = np.sqrt(np.maximum(np.einsum("na,nab,nb->n", step, metric, step), 0.0))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        step *= np.minimum(1.0, LONGEST * np.abs(f[0]) / size)[:, None]
+    return np.where(np.isfinite(step), step, 0.0), np.where(lost, np.inf, np.abs(f[0]))
+
+
+def _by_closest_points(
+    lattice: Lattice, u: FloatArray, x: FloatArray, jacobian: FloatArray
+) -> tuple[list[FloatArray], list[FloatArray], AnyArray]:
+    """Signed distances to the two nearest feet, their gradients in u, and where there is none."""
+    found = lattice.closest(u)
+    apart = np.isfinite(found.second_distance)
+    away = np.where(apart[:, None], x - found.second, 0.0)
+    away /= np.where(apart, found.second_distance, 1.0)[:, None]
+    normals = [_gradients(lattice, found, x), away]
+    second = np.where(apart, found.second_distance, np.inf)
+    gradients = [np.einsum("nca,nc->na", jacobian, n) for n in normals]
+    return [found.distance, second], gradients, found.status >= FALLBACK
+
+
+def _gradients(lattice: Lattice, found: ClosestPoints, x: FloatArray) -> FloatArray:
+    """Gradient of the signed distance in space: along x - foot; on the mid-surface, its normal."""
+    tiny = np.abs(found.distance) <= 1e-6 * lattice.search.seeds[3].min()
+    out: FloatArray = (x - found.foot) / np.where(tiny, 1.0, found.distance)[:, None]
+    if tiny.any():
+        u = found.u[tiny]
+        p = lattice.tile_coordinates(u)
+        g = lattice.smooth_tile.jet(p - np.floor(p), 1)[1] / lattice.search.step
+        jacobian = lattice.through.jacobian(u, extrapolate="extend")
+        n = np.linalg.solve(jacobian.transpose(0, 2, 1), g[:, :, None])[:, :, 0]
+        out[tiny] = n / np.linalg.norm(n, axis=1, keepdims=True)
+    return out
+
+
+def _least_step(
+    metric: FloatArray, a: FloatArray, f: FloatArray, b: FloatArray, g: FloatArray
+) -> FloatArray:
+    """Least step s with a.s = -f, and b.s = -g where the first alone would leave b.s < -g."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ia, ib = (np.linalg.solve(metric, v[:, :, None])[:, :, 0] for v in (a, b))
+        aa, ab, bb = ((v * w).sum(axis=1) for v, w in ((a, ia), (a, ib), (b, ib)))
+        alone = -f / aa
+        det = aa * bb - ab * ab
+        both = np.isfinite(g) & (g + alone * ab < 0.0) & (det > APART * aa * bb)
+        p = np.where(both, (-f * bb + g * ab) / det, alone)
+        q = np.where(both, (-g * aa + f * ab) / det, 0.0)
+        step: FloatArray = p[:, None] * ia + np.where(both, q, 0.0)[:, None] * np.where(
+            both[:, None], ib, 0.0
+        )
+    return step
