@@ -417,15 +417,14 @@ def face_bits(gx, gy, gz):
 
 @njit(cache=True, parallel=True)
 def vertices(
-    rows, flips, shape, coords, first, last, caps, t, t_first, start, low, size, least, most, pull,
+    rows, flips, shape, coords, first, last, caps, t, t_first, start, low, size, least, most,
     out, kind, cell, alone,
 ):  # fmt: skip
     """Vertices of the blocks first..last into `out`, their codes into `kind`.
 
     Their cells go to `cell`, and whether they are the only ones there to `alone`.
     ``low[a], size[a]`` are the lower end and the width of the padded cells along axis a: ghost
-    cells have width 0. Vertices stay between ``least[a]`` and ``most[a]`` of their cell; the only
-    one of a cell is pulled that far, `pull`, to its centre.
+    cells have width 0. Vertices stay between ``least[a]`` and ``most[a]`` of their cell.
     """
     for chunk in prange((last - first + CHUNK - 1) // CHUNK):
         dense = np.empty(3 * S * S * S, np.float32)
@@ -452,15 +451,13 @@ def vertices(
                         if not caps and is_bare(gx, gy, gz, code):
                             continue
                         row = code + FLIPPED * ((np.int64(flips[b, B * i + j]) >> k) & 1)
-                        keep = 1.0 - (pull if CASES[row, PATCHES] == 1 else 0.0)
                         for patch in range(CASES[row, PATCHES]):
                             level = _place(
                                 row, patch, 81 * i + 9 * j + k, dense, gx, gy, gz, fraction
                             )
                             for a in range(3):
                                 c = cx if a == 0 else (cy if a == 1 else cz)
-                                f = 0.5 + keep * (fraction[a] - 0.5)
-                                p = low[a, c] + f * size[a, c]
+                                p = low[a, c] + fraction[a] * size[a, c]
                                 out[at, a] = min(max(p, least[a, c]), most[a, c])
                                 cell[at, a] = c
                             kind[at] = face_bits(gx, gy, gz) | level

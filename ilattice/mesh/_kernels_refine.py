@@ -13,46 +13,61 @@ STEEP = 0.02  # least part of the squared gradient along the coordinates that ar
 
 
 @njit(cache=True, parallel=True)
-def newton_step(points, value, gradient, kind, cell, least, most, lower, upper, out, residual):
-    """One step of each vertex onto its level along the gradient, within its cell.
+def pull_to_centre(points, cell, least, most, part, out):
+    """Move vertices towards the centre of their cell by a part of the way."""
+    for n in prange(len(points)):
+        for a in range(3):
+            c = cell[n, a]
+            out[n, a] = points[n, a] + part * (0.5 * (least[a, c] + most[a, c]) - points[n, a])
 
-    Along axis a, vertices of cell c stay between ``least[a, c]`` and ``most[a, c]``.
 
-    Coordinates on faces of the domain stay. Where the step would leave the cell, the coordinate
-    stops there and the others take over, unless the field hardly changes along them: that would
-    send the vertex far along the surface.
+@njit(cache=True, parallel=True)
+def newton_step(
+    points, value, gradient, kind, cell, least, most, lower, upper, out, residual, stopped
+):
+    """One step of each vertex onto its level, within its cell.
+
+    The step goes along the gradient as it is where cells have the size 1. Along axis a, vertices
+    of cell c stay between ``least[a, c]`` and ``most[a, c]``; coordinates on faces of the domain
+    stay. Where the step would leave the cell, the coordinate stops there and the others take over,
+    unless the field hardly changes along them: that would send the vertex far along the surface.
+    `stopped` tells where this happened.
     """
     for n in prange(len(points)):
         r = value[n] - (lower if kind[n] & LOWER else upper)
         residual[n] = abs(r)
+        stopped[n] = False
         s = 0.0
         free = 0
         for a in range(3):
             out[n, a] = points[n, a]
-            if (kind[n] >> (2 * a)) & 3 == 0:
+            width = most[a, cell[n, a]] - least[a, cell[n, a]]
+            if width > 0.0:
                 free |= 1 << a
-                s += gradient[n, a] * gradient[n, a]
+                s += (width * gradient[n, a]) ** 2
         enough = STEEP * s
         for _ in range(3):
             step = r / s if s > 0.0 else 0.0
-            stopped = 0
+            ended = 0
             for a in range(3):
                 if (free >> a) & 1 == 0:
                     continue
-                p = points[n, a] - step * gradient[n, a]
                 c = cell[n, a]
-                d = REACH * (most[a, c] - least[a, c])
+                width = most[a, c] - least[a, c]
+                p = points[n, a] - step * width * width * gradient[n, a]
+                d = REACH * width
                 q = min(max(p, points[n, a] - d), points[n, a] + d)
                 q = min(max(q, least[a, c]), most[a, c])
                 out[n, a] = q
                 if q != p:
-                    stopped |= 1 << a
-            if stopped == 0:
+                    ended |= 1 << a
+            if ended == 0:
                 break
+            stopped[n] = True
             for a in range(3):
-                if (stopped >> a) & 1:
+                if (ended >> a) & 1:
                     r += gradient[n, a] * (out[n, a] - points[n, a])
-                    s -= gradient[n, a] * gradient[n, a]
+                    s -= ((most[a, cell[n, a]] - least[a, cell[n, a]]) * gradient[n, a]) ** 2
                     free ^= 1 << a
             if free == 0 or s < enough:
                 break
@@ -93,3 +108,35 @@ def resplit(points, faces):
         if then_flat and (not now_flat or then > now):
             faces[2 * q, 0], faces[2 * q, 1], faces[2 * q, 2] = b, c, d
             faces[2 * q + 1, 0], faces[2 * q + 1, 1], faces[2 * q + 1, 2] = b, d, a
+
+
+@njit(cache=True, parallel=True)
+def mark_spoilt(before, after, faces, turn, worse, marked):
+    """Mark the corners of triangles that a motion turns over or makes slim; how many there are.
+
+    A triangle is spoilt when the cosine between its old and new normal is not above `turn`, or
+    when its shape (4 sqrt(3) area / sum of squared sides) falls below `worse` and half of before.
+    """
+    spoilt = 0
+    scale = 2.0 * np.sqrt(3.0)
+    for f in prange(len(faces)):
+        p, q = np.empty((3, 3)), np.empty((3, 3))
+        m, n = np.empty(3), np.empty(3)
+        still = True
+        for j in range(3):
+            for i in range(3):
+                p[j, i] = before[faces[f, j], i]
+                q[j, i] = after[faces[f, j], i]
+                still = still and p[j, i] == q[j, i]
+        if still:
+            continue
+        old = scale * np.sqrt(_normal(p, 0, 1, 2, m))
+        new = scale * np.sqrt(_normal(q, 0, 1, 2, n))
+        cosine = m[0] * n[0] + m[1] * n[1] + m[2] * n[2]
+        size = np.sqrt(m[0] * m[0] + m[1] * m[1] + m[2] * m[2])
+        size *= np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
+        if not cosine > turn * size or (new < worse and new < 0.5 * old):
+            spoilt += 1
+            for j in range(3):
+                marked[faces[f, j]] = True
+    return spoilt

@@ -242,7 +242,7 @@ class Tracer:
         _kernels_cells.vertices(
             window.rows, flips, shape, window.coords, before, before + n, self.caps, current.t,
             current.t_first, local, self.grid.low, self.grid.size, self.grid.least, self.grid.most,
-            PULL if self.refine else 0.0, current.points, kind, cell, alone,
+            current.points, kind, cell, alone,
         )  # fmt: skip
         current.t = current.t[:0]
         current.traced = True
@@ -254,15 +254,25 @@ class Tracer:
         return kind
 
     def _refine(self, points: AnyArray, kind: AnyArray, cell: AnyArray, at: IntArray) -> None:
-        """Two Newton steps of some vertices onto their level, in place; none where it diverges."""
-        p = points[at].astype(np.float64)
+        """Two Newton steps of some vertices onto their level, in place; none where it diverges.
+
+        The first step starts nearer to the centre of the cell, which spreads the vertices evenly;
+        where the surface is not in the cell there, the second one starts from the old place.
+        """
+        mean = points[at].astype(np.float64)
+        box = cell[at], self.grid.least, self.grid.most
         bounds = float(self.sampler.lower), float(self.sampler.upper)
-        fixed = (kind[at], cell[at], self.grid.least, self.grid.most, *bounds)
-        q, r = np.empty_like(p), np.empty_like(p)
-        before, after = np.empty(len(p)), np.empty(len(p))
-        _kernels_refine.newton_step(p, *self.sampler.jet(p), *fixed, q, before)
-        _kernels_refine.newton_step(q, *self.sampler.jet(q), *fixed, r, after)
-        points[at] = np.where((after <= before)[:, None], r, p)
+        p, q, r = np.empty_like(mean), np.empty_like(mean), np.empty_like(mean)
+        miss, later = np.empty(len(at)), np.empty(len(at))
+        ended, stopped = np.empty(len(at), np.bool_), np.empty(len(at), np.bool_)
+        _kernels_refine.pull_to_centre(mean, *box, PULL, p)
+        step = _kernels_refine.newton_step
+        step(p, *self.sampler.jet(p), kind[at], *box, *bounds, q, miss, stopped)
+        q[stopped] = mean[stopped]
+        step(q, *self.sampler.jet(q), kind[at], *box, *bounds, r, later, ended)
+        diverged = ~stopped & (later > miss)
+        r[diverged] = mean[diverged]
+        points[at] = r
 
     def _faces(
         self, window: _Window, blocks: IntArray, previous: _Layers | None, current: _Layers
