@@ -162,7 +162,7 @@ class ClosestPointSearch:
 
     def _tile_seeds(self, tiles: IntArray) -> tuple[FloatArray, FloatArray]:
         """Seeds of tiles and their cells, more along the directions in which a tile is long."""
-        u = self.from_tile(tiles + 0.5)
+        u = self.from_tile(tiles.astype(np.float64) + 0.5)
         stretch = np.linalg.norm(
             self.lattice.through.jacobian(u, extrapolate="extend") * self.step, axis=1
         )
