@@ -143,7 +143,8 @@ class Lattice:
             Values, negative inside.
         """
         p = self.tile_coordinates(u)
-        return self.smooth_tile(p - np.floor(p))
+        last = np.where(self.through.closed, np.inf, np.array(self.repeat) - 1.0)
+        return self.smooth_tile(p - np.minimum(np.floor(p), last))
 
     # ------------------------------------------------------------------ distances
 

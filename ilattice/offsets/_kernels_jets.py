@@ -95,14 +95,22 @@ def divide(m, order):
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy", forceinline=True)
+def in_tile(geom, axis, p):
+    """Coordinate within its tile; the upper end of the domain belongs to the last tile."""
+    if geom[6 + axis] == 0.0 and abs(p - geom[9 + axis]) < 1e-9:
+        return p - geom[9 + axis] + 1.0
+    return p - np.floor(p)
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy", forceinline=True)
 def tile_jet(geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc, p, b, t, tab):
     """Tile jet in tile coordinates into t (10,): f, gradient, xx, yy, zz, yz, xz, xy."""
     if geom[13] == 0.0:
         trig_jet(coef, factor, omega, p[0], p[1], p[2], tab, t)
     else:
-        i0 = basis(t0, q0, p[0] - np.floor(p[0]), 2, b, 0)
-        j0 = basis(t1, q1, p[1] - np.floor(p[1]), 2, b, 1)
-        l0 = basis(t2, q2, p[2] - np.floor(p[2]), 2, b, 2)
+        i0 = basis(t0, q0, in_tile(geom, 0, p[0]), 2, b, 0)
+        j0 = basis(t1, q1, in_tile(geom, 1, p[1]), 2, b, 1)
+        l0 = basis(t2, q2, in_tile(geom, 2, p[2]), 2, b, 2)
         t[0], t[1], t[2], t[3], t[4], t[5], t[6], t[7], t[8], t[9] = contract2(
             tc, 0, i0, j0, l0, q0, q1, q2, b
         )
