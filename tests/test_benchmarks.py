@@ -1,0 +1,65 @@
+"""The benchmarks compare the same work, and their table says whether goals are met."""
+
+import numpy as np
+import pytest
+from scipy.interpolate import NdBSpline
+
+from benchmarks import bench_bspline, bench_contouring, references
+from benchmarks.measure import Row, alone, table
+from ilattice.bspline.fit import fit_interpolate
+
+
+def test_scipy_computes_what_we_compute():
+    spline = bench_bspline.spline_a()
+    points = bench_bspline.points("ordered", 200)
+    theirs = references.ndbspline_jet(NdBSpline(spline.t, spline.c, spline.k), points)
+    for ours, reference in zip(spline.jet(points, 1), theirs, strict=True):
+        np.testing.assert_allclose(ours, reference, atol=1e-9)
+
+
+def test_scipy_interpolates_what_we_interpolate():
+    knots = [np.r_[0, 0, np.linspace(0, 1, n - 1), 1, 1] for n in (9, 7, 8)]
+    values = np.random.default_rng(0).random((9, 7, 8))
+    ours = fit_interpolate(values, knots, (2, 2, 2)).c
+    np.testing.assert_allclose(ours, references.interpolate(values, knots, (2, 2, 2)), atol=1e-12)
+
+
+def test_ordered_points_are_the_random_ones():
+    random, ordered = (bench_bspline.points(order, 500) for order in ("random", "ordered"))
+    np.testing.assert_array_equal(np.sort(random, axis=0), np.sort(ordered, axis=0))
+    assert (np.diff(np.floor(ordered[:, 0] * 257)) >= 0).all()
+    assert not (np.diff(np.floor(random[:, 0] * 257)) >= 0).all()
+
+
+@pytest.mark.parametrize("sheet", [False, True])
+def test_tables_hold_the_boxed_gyroid(sheet):
+    samples, h = references.gyroid_box(12, sheet=sheet)
+    x, y, z = np.meshgrid(*[-1 - 1.5 * h + h * np.arange(12)] * 3, indexing="ij")
+    u, v, w = 2 * np.pi * np.stack([x, y, z])
+    g = np.sin(u) * np.cos(v) + np.sin(v) * np.cos(w) + np.sin(w) * np.cos(u)
+    box = np.abs([x, y, z]).max(axis=0) - 1
+    expected = np.maximum(np.abs(g) - 0.3 if sheet else g, box)
+    np.testing.assert_allclose(samples, expected, atol=1e-5)
+
+
+def test_a_process_of_its_own_reports_time_memory_and_triangles():
+    ours, theirs = (
+        alone(bench_contouring.MODULE, m, "network", 41) for m in ("blocks", "flying_edges")
+    )
+    assert ours["triangles"] == pytest.approx(theirs["triangles"], rel=0.3)
+    for result in (ours, theirs):
+        assert 0 < result["cpu"] < 60
+        assert 20 < result["megabytes"] < 2000
+
+
+def test_the_table_judges_goals():
+    rows = [
+        Row("a", "1 s", "2 s", 2.0, ">= 1.5x"),
+        Row("b", "1 s", "2 s", 2.0, "<= 1.5x"),
+        Row("c", "1 s", "2 s", 2.0),
+    ]
+    assert [row.met for row in rows] == ["yes", "NO", ""]
+    lines = table(rows).splitlines()
+    assert len(lines) == 5
+    assert lines[2].startswith("a          1 s   2 s")
+    assert lines[3].endswith("NO")
