@@ -5,7 +5,6 @@ input or usage) or 1 (everything else); interrupting ends in 130. No traceback. 
 on standard error too.
 """
 
-import json
 import sys
 import time
 import warnings
@@ -171,9 +170,16 @@ def _app() -> "App":
 
 
 def _summary(report: dict[str, Any]) -> None:
-    keys = ("volume", "area", "genus", "components", "watertight", "vertices", "faces")
-    for key in (*keys, "thickness_error", "closest_points"):
-        value = report[key]
-        print(f"{key:>16}  {value if isinstance(value, str) else json.dumps(value)}")
+    for key in ("volume", "area", "genus", "components", "watertight", "vertices", "faces"):
+        print(f"{key:>16}  {_text(report[key])}")
+    for key in ("thickness_error", "closest_points"):
+        parts = (f"{name.replace('_', ' ')} {_text(value)}" for name, value in report[key].items())
+        print(f"{key.replace('_', ' '):>16}  {', '.join(parts)}")
     for name in report["files"]:
         print(f"{'wrote':>16}  {name}")
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, bool) or value is None:
+        return {True: "yes", False: "no", None: "unknown: the mesh is open"}[value]
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

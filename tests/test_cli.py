@@ -50,8 +50,10 @@ def test_build_writes_all_files_and_the_report(tmp_path, capfd):
     assert data["closest_points"]["fallbacks"] == 0
     assert list(data["stages"]) == ["volume", "distance", "mesh", "thickness error", "write"]
     assert all(stage["seconds"] >= 0 for stage in data["stages"].values())
-    for word in ("genus", "watertight", "thickness_error", *map(str, files)):
-        assert word in out
+    assert f"genus  {data['genus']}\n" in out
+    assert "watertight  yes\n" in out
+    assert f"rms {data['thickness_error']['rms']:.6g}" in out
+    assert all(f"wrote  {path}\n" in out for path in [*files, report])
 
 
 @pytest.mark.parametrize(
