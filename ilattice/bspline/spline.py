@@ -376,13 +376,19 @@ class BSpline:
             stop = min(i + thickness, len(first))
             yield i, stop, self.grid((first[i:stop], *axes[1:]), order)
 
-    def range(self, lo: ArrayLike, hi: ArrayLike) -> FloatArray:
+    def range(
+        self, lo: ArrayLike, hi: ArrayLike, *, tight: bool = True, level: float | None = None
+    ) -> FloatArray:
         """Rigorous bounds of a scalar spline on boxes, from Bernstein coefficients.
 
         Parameters
         ----------
         lo, hi : array_like, shape (m, ndim)
             Corners of the boxes; clipped to the domain.
+        tight : bool
+            Whether elements are restricted to the box; otherwise bounds are faster and wider.
+        level : float, optional
+            A value of interest: boxes that plainly exclude it keep the faster bounds.
 
         Returns
         -------
@@ -391,7 +397,7 @@ class BSpline:
         """
         from ilattice.bspline.bezier import range_on_boxes
 
-        return range_on_boxes(self, lo, hi)
+        return range_on_boxes(self, lo, hi, tight=tight, level=level)
 
     # ---------------------------------------------------------------- structure
 
@@ -428,12 +434,10 @@ class BSpline:
 
         return greville(self.t[axis], self.k[axis])
 
-    def _with_axis(
-        self, axis: int, t: FloatArray, k: int, matrix: Any, *, periodic: bool
-    ) -> BSpline:
+    def _with_axis(self, axis: int, t: FloatArray, k: int, matrix: Any) -> BSpline:
         """Same map, with the (homogeneous) coefficients of one axis multiplied by a matrix."""
-        knots, degree, wrap = list(self.t), list(self.k), list(self.periodic)
-        knots[axis], degree[axis], wrap[axis] = t, k, periodic
+        knots, degree = list(self.t), list(self.k)
+        knots[axis], degree[axis] = t, k
 
         def apply(a: FloatArray) -> FloatArray:
             moved = np.moveaxis(a, axis, 0)
@@ -441,11 +445,11 @@ class BSpline:
             return np.moveaxis(new.reshape(-1, *moved.shape[1:]), 0, axis)
 
         if self.weights is None:
-            return BSpline(knots, apply(self.c), degree, periodic=wrap)
+            return BSpline(knots, apply(self.c), degree, periodic=self.periodic)
         w = apply(self.weights)
         spread = (lambda a: a[..., None]) if self.m else (lambda a: a)
         c = apply(self.c * spread(self.weights)) / spread(w)
-        return BSpline(knots, c, degree, periodic=wrap, weights=w)
+        return BSpline(knots, c, degree, periodic=self.periodic, weights=w)
 
     def insert_knots(self, axis: int, knots: ArrayLike) -> BSpline:
         """Same spline with knots inserted into one parameter.
@@ -456,7 +460,7 @@ class BSpline:
             Parameter.
         knots : array_like, shape (q,)
             Knots inside the domain; repeat a knot to insert it more than once. A periodic
-            direction becomes a clamped one.
+            direction stays periodic.
 
         Returns
         -------
@@ -465,8 +469,9 @@ class BSpline:
         """
         from ilattice.bspline.knots import insertion_matrix
 
-        t, matrix = insertion_matrix(self.t[axis], self.k[axis], as_array("knots", knots, ndim=1))
-        return self._with_axis(axis, t, self.k[axis], matrix, periodic=False)
+        new = as_array("knots", knots, ndim=1)
+        t, matrix = insertion_matrix(self.t[axis], self.k[axis], new, periodic=self.periodic[axis])
+        return self._with_axis(axis, t, self.k[axis], matrix)
 
     def elevate(self, axis: int, times: int = 1) -> BSpline:
         """Same spline with the degree of one parameter raised.
@@ -485,8 +490,10 @@ class BSpline:
         """
         from ilattice.bspline.knots import elevation_matrix
 
-        t, k, matrix = elevation_matrix(self.t[axis], self.k[axis], times)
-        return self._with_axis(axis, t, k, matrix, periodic=False)
+        t, k, matrix = elevation_matrix(
+            self.t[axis], self.k[axis], times, periodic=self.periodic[axis]
+        )
+        return self._with_axis(axis, t, k, matrix)
 
     def derivative(self, axis: int) -> BSpline:
         """Exact derivative spline along one parameter.
