@@ -12,7 +12,7 @@ from typing import Any
 
 import ilattice as il
 from ilattice._expression import parse
-from ilattice._progress import Progress
+from ilattice._progress import Progress, track
 from ilattice._stages import Stages
 from ilattice.errors import FormatError, InputError
 from ilattice.io.registry import WRITERS
@@ -295,19 +295,29 @@ def catalogue() -> list[str]:
     return lines
 
 
-def warmup() -> None:
-    """Compile every kernel that the main job needs, by doing it at a small size."""
-    volumes = {"box": (1, 1, 1), "torus": (4, 1, 1), "duck": (2, 1, 1), "cylinder_shell": (4, 1, 1)}
+def warmup(progress: Progress = None) -> None:
+    """Compile every kernel that the main job needs, by doing it at a small size.
+
+    Parameters
+    ----------
+    progress : bool or callable, optional
+        See `ilattice._progress.track`.
+    """
+    shapes = il.macroshape
+    box = shapes.box()
+    quadratic = il.SplineMap(box.spline.elevate(0).elevate(1).elevate(2))
+    torus = shapes.torus(major=0.8, width=0.6)
+    volumes = [box, quadratic, torus, shapes.cylinder_shell(0.2, 0.8, 0.6)]
     with tempfile.TemporaryDirectory() as folder:
-        for through, repeat in volumes.items():
-            build(
-                tile="gyroid",
-                through=through,
-                repeat=repeat,
-                thickness="0.05 + 0.001*u",
-                h=0.2,
-                output=[Path(folder) / f"mesh{ending}" for ending in (".stl", ".vtp")],
-            )
+        for through in track(volumes, "compile", progress):
+            lattice = il.Lattice("gyroid", through=through, repeat=(3, 1, 1))
+            for d in (0.05, parse("0.05 + 0.001*u")):
+                wall = lattice.offset(d)
+                mesh = wall.mesh(0.05)
+                wall.thickness_error(mesh)
+                measures(mesh)
+            for ending in ("stl", "vtp"):
+                mesh.save(Path(folder) / f"mesh.{ending}")
 
 
 def write_json(path: str | os.PathLike[str], data: dict[str, Any]) -> None:

@@ -163,7 +163,7 @@ def _app() -> "App":
     def warmup() -> None:
         """Compile all kernels now, so that later runs start at once."""
         start = time.perf_counter()
-        _job.warmup()
+        _job.warmup(progress=True)
         print(f"all kernels are compiled ({time.perf_counter() - start:.0f} s)")
 
     return app

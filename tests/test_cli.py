@@ -1,6 +1,7 @@
 """The command line: every command end to end, and every error one line with its exit code."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -146,3 +147,10 @@ def test_demo_leaves_its_files(tmp_path, capfd):
     assert data["watertight"] is True
     assert data["components"] == 1
     assert {Path(file).name for file in data["files"]} == names
+
+
+def test_warmup_says_how_long_it_took(capfd):
+    assert cli.main(["warmup"]) == 0
+    out, err = capfd.readouterr()
+    assert re.fullmatch(r"all kernels are compiled \(\d+ s\)\n", out)
+    assert err == ""
