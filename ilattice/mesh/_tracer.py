@@ -53,7 +53,13 @@ class Contour:
     first_vertex: int = 0
 
     def to_mesh(self) -> SurfaceMesh:
-        """The triangles as a `SurfaceMesh`, which takes over the arrays."""
+        """The triangles as a mesh.
+
+        Returns
+        -------
+        SurfaceMesh
+            Takes over the arrays.
+        """
         return SurfaceMesh.adopt(self.vertices, self.faces)
 
 

@@ -104,7 +104,7 @@ def contour_arrays(
 
     Parameters
     ----------
-    field, axes
+    field, axes : callable and three 1-D arrays
         As in `contour`.
     level : float or (float, float)
         The solid is ``field < level``, or ``lower < field < upper``.
@@ -173,12 +173,12 @@ def contour_blocks(
 
     Parameters
     ----------
-    field, axes, level, scale, caps, wrap, place, dtype, progress
+    field, axes, level, scale, caps, wrap, place, dtype, progress : optional
         As in `contour_arrays`, of which these are the consecutive pieces.
 
-    Yields
-    ------
-    Contour
+    Returns
+    -------
+    iterator of Contour
         Slabs along the first axis. `faces` hold ids that count through all slabs: vertex `i` of a
         piece has id ``first_vertex + i``. A face may name vertices of earlier pieces.
 
