@@ -1,0 +1,50 @@
+"""The README does what it says: its programs run, its command lines are understood."""
+
+import re
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ilattice as il
+from ilattice import cli
+
+TEXT = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+PROGRAM, VARIATIONS = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
+LINES = [line for line in TEXT.splitlines() if line.startswith("ilattice ")]
+
+
+def test_the_shortest_program_runs(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    exec(PROGRAM.replace("h=0.05", "h=0.12").replace("wall.volume()", "mesh.volume"), {})
+    assert {path.name for path in tmp_path.iterdir()} == {"torus.stl", "torus.vtp"}
+    assert "257 ThicknessReport" in capsys.readouterr().out
+
+
+def test_the_variations_are_one_line_each(tmp_path):
+    file = tmp_path / "part.xml"
+    il.macroshape.box().save(file)
+    lines = [line.split("  #")[0] for line in VARIATIONS.splitlines()]
+    names = {"il": il, "np": np, "lattice": il.Lattice("gyroid", through=il.macroshape.box(9.0))}
+    results = [
+        eval(line.replace('"part.xml"', repr(str(file))).replace("...", "u[:, 0] - 0.5"), names)
+        for line in lines
+    ]
+    kinds = [il.Wall, il.Wall, il.Tile, il.Tile, il.SplineMap]
+    assert [type(result) for result in results] == kinds
+
+
+@pytest.mark.parametrize("line", LINES)
+def test_the_command_lines_are_understood(line, monkeypatch):
+    called = []
+    for name in ("build", "describe", "catalogue"):
+        monkeypatch.setattr(f"ilattice._job.{name}", lambda *a, **k: called.append((a, k)) or [])
+    monkeypatch.setattr("ilattice.cli._summary", lambda _: None)
+    assert cli.main(shlex.split(line)[1:]) == 0
+    assert len(called) == 1
+
+
+def test_there_are_two_commands_and_four_command_lines():
+    assert len(re.findall(r"^python3 -m venv .*", TEXT, re.MULTILINE)) == 2
+    assert len(LINES) == 4
