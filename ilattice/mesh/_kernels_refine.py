@@ -9,7 +9,6 @@ from numba import njit, prange
 
 LOWER = 128  # bit of `kind`: on the lower of two levels
 REACH = 0.25  # longest part of a step along an axis, as a fraction of the cell
-STEEP = 0.02  # least part of the squared gradient along the coordinates that are left
 
 
 @njit(cache=True, parallel=True)
@@ -29,48 +28,28 @@ def newton_step(
 
     The step goes along the gradient as it is where cells have the size 1. Along axis a, vertices
     of cell c stay between ``least[a, c]`` and ``most[a, c]``; coordinates on faces of the domain
-    stay. Where the step would leave the cell, the coordinate stops there and the others take over,
-    unless the field hardly changes along them: that would send the vertex far along the surface.
-    `stopped` tells where this happened.
+    have no room there. `stopped` tells where the step was cut: coordinates are not traded for one
+    another, for that may send the vertex far along the surface.
     """
     for n in prange(len(points)):
         r = value[n] - (lower if kind[n] & LOWER else upper)
         residual[n] = abs(r)
         stopped[n] = False
         s = 0.0
-        free = 0
         for a in range(3):
+            s += ((most[a, cell[n, a]] - least[a, cell[n, a]]) * gradient[n, a]) ** 2
+        step = r / s if s > 0.0 else 0.0
+        for a in range(3):
+            c = cell[n, a]
+            width = most[a, c] - least[a, c]
             out[n, a] = points[n, a]
-            width = most[a, cell[n, a]] - least[a, cell[n, a]]
             if width > 0.0:
-                free |= 1 << a
-                s += (width * gradient[n, a]) ** 2
-        enough = STEEP * s
-        for _ in range(3):
-            step = r / s if s > 0.0 else 0.0
-            ended = 0
-            for a in range(3):
-                if (free >> a) & 1 == 0:
-                    continue
-                c = cell[n, a]
-                width = most[a, c] - least[a, c]
-                p = points[n, a] - step * width * width * gradient[n, a]
-                d = REACH * width
-                q = min(max(p, points[n, a] - d), points[n, a] + d)
-                q = min(max(q, least[a, c]), most[a, c])
-                out[n, a] = q
-                if q != p:
-                    ended |= 1 << a
-            if ended == 0:
-                break
-            stopped[n] = True
-            for a in range(3):
-                if (ended >> a) & 1:
-                    r += gradient[n, a] * (out[n, a] - points[n, a])
-                    s -= ((most[a, cell[n, a]] - least[a, cell[n, a]]) * gradient[n, a]) ** 2
-                    free ^= 1 << a
-            if free == 0 or s < enough:
-                break
+                p = points[n, a]
+                wanted = p - step * width * width * gradient[n, a]
+                p = min(max(wanted, p - REACH * width), p + REACH * width)
+                p = min(max(p, least[a, c]), most[a, c])
+                stopped[n] = stopped[n] or p != wanted
+                out[n, a] = p
 
 
 @njit(cache=True)
