@@ -267,9 +267,7 @@ def _flip(faces: Any, head: Any, after: Any, f: int, j: int) -> int:
 
 
 @njit(cache=True)
-def _repair_face(
-    x: Any, faces: Any, on: Any, head: Any, after: Any, f: int, quality: float
-) -> Any:
+def _repair_face(x: Any, faces: Any, on: Any, head: Any, after: Any, f: int, quality: float) -> Any:
     """Do the best of nine changes to a bad face: 3 j + 0, 1 collapse edge j, 3 j + 2 flips it.
 
     Returns the change, or -1, and a vertex whose faces hold all that changed.

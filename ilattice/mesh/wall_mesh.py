@@ -1,9 +1,11 @@
 """From a wall to triangles in space: contour in the parameter domain, polish, map.
 
 Guarantees: those of `ilattice.mesh.contouring`; polished vertices lie on the exact offset of the
-mid-surface, those on the faces of the domain stay there; vertices that cannot be polished keep
-their place on the spline's offset and are counted in a `PrecisionWarning`. Non-guarantee: where
-two offset surfaces meet in a crease, triangles do not follow the crease.
+mid-surface, those on the faces of the domain stay there; vertices that cannot be polished, or that
+stray, keep their place in the contour and are counted in a `PrecisionWarning`. Slivers of
+`wall_mesh` are removed (`ilattice.mesh.repair`), those of `wall_pieces` are not: their neighbours
+may be gone. Non-guarantee: where two offset surfaces meet in a crease, triangles do not follow the
+crease.
 """
 
 from __future__ import annotations
@@ -19,6 +21,7 @@ from ilattice._progress import Progress
 from ilattice._typing import AnyArray, FloatArray
 from ilattice.errors import PrecisionWarning
 from ilattice.mesh.contouring import ON_CAP, Contour, contour_arrays, contour_blocks, split_quads
+from ilattice.mesh.repair import remove_slivers
 from ilattice.mesh.surface import SurfaceMesh
 from ilattice.offsets.polish import polish
 
@@ -28,6 +31,9 @@ if TYPE_CHECKING:
 LEAST_CELLS_PER_TILE = 8
 ANISOTROPY = 2.0
 MAX_LOST = 1e-3
+#: A vertex that polishing moves by more cells, and by more than a span of the distance spline, has
+#: strayed; one that is still off by more than this part of the half-thickness has missed.
+STRAY, MISSED = 3.0, 0.1
 
 
 def wall_mesh(
@@ -37,8 +43,11 @@ def wall_mesh(
     job = _Job.of(wall, h, polish, progress)
     raw = contour_arrays(job.field, job.axes, caps=caps, **job.options)
     u, side, x = job.place(raw)
-    faces = raw.faces
-    split_quads(x, faces)
+    split_quads(x, raw.faces)
+    repair = remove_slivers(x, raw.faces, raw.kind)
+    faces = repair.faces
+    if len(repair.vertices) < len(x):
+        u, side, x = u[repair.vertices], side[repair.vertices], x[repair.vertices]
     if wall.lattice.through.orientation < 0:
         faces = np.ascontiguousarray(faces[:, ::-1])
     return SurfaceMesh.adopt(x.astype(dtype, copy=False), faces, _point_data(wall, u, side))
@@ -47,7 +56,10 @@ def wall_mesh(
 def wall_pieces(
     wall: Wall, h: float | None, *, polish: bool, progress: Progress
 ) -> Iterator[tuple[FloatArray, AnyArray]]:
-    """Vertices and faces of a wall, slab by slab; faces count vertices through all slabs."""
+    """Vertices and faces of a wall, slab by slab; faces count vertices through all slabs.
+
+    Other than those of `wall_mesh`, they may contain slivers.
+    """
     job = _Job.of(wall, h, polish, progress)
     for raw in contour_blocks(job.field, job.axes, **job.options):
         _, _, x = job.place(raw)
@@ -90,12 +102,18 @@ class _Job:
         """Parameters, side and place in space of the vertices of a contour."""
         u = raw.vertices
         side = np.where(raw.kind & ON_CAP, 0.0, self.wall.field.side(u))
-        u = settled(self.wall, u, raw.kind, side, exactly=self.polish)
+        u = settled(self.wall, self.axes, u, raw.kind, side, exactly=self.polish)
         return u, side, self.wall.lattice.through.x(u)
 
 
 def settled(
-    wall: Wall, u: FloatArray, kind: AnyArray, side: FloatArray, *, exactly: bool
+    wall: Wall,
+    axes: tuple[FloatArray, ...],
+    u: FloatArray,
+    kind: AnyArray,
+    side: FloatArray,
+    *,
+    exactly: bool,
 ) -> FloatArray:
     """Vertices of the offset surfaces moved onto the offset: that of the spline, or the exact one.
 
@@ -103,6 +121,8 @@ def settled(
     ----------
     wall : Wall
         The wall.
+    axes : three 1-D arrays
+        The grid planes of its contour.
     u : ndarray, shape (V, 3)
         Parameters of the vertices.
     kind, side : ndarray, shape (V,)
@@ -118,21 +138,58 @@ def settled(
     fixed = np.stack([(kind >> (2 * a)) & 3 for a in range(3)], axis=1) != 0
     out = u.copy()
     lost = 0
+    thickest = 0.5 * wall.thickness.extremes[1]
     for sign, d in ((1.0, wall.thickness.outer), (-1.0, wall.thickness.inner)):
         at = np.flatnonzero(side == sign)
         if len(at):
-            out[at], residual = polish(
+            moved, residual = polish(
                 wall.lattice, u[at], fixed[at], side[at], d, None if exactly else wall.distance
             )
-            lost += int(np.isinf(residual).sum())
+            stay = strayed(wall, axes, u[at], moved)
+            stay |= residual > MISSED * thickest
+            out[at] = np.where(stay[:, None], u[at], moved)
+            lost += int(stay.sum())
     if lost > MAX_LOST * len(u):
         warnings.warn(
-            f"{lost} of {len(u)} vertices could not be moved onto the exact offset and stay on "
-            "that of the distance spline",
+            f"{lost} of {len(u)} vertices could not be moved onto the offset and keep their "
+            "place in the contour",
             PrecisionWarning,
             stacklevel=5,
         )
     return out
+
+
+def strayed(wall: Wall, axes: tuple[FloatArray, ...], u: FloatArray, moved: FloatArray) -> AnyArray:
+    """Which vertices moved much further than the distance spline is expected to be wrong.
+
+    That happens next to the places where a mid-surface meets itself.
+
+    Parameters
+    ----------
+    wall : Wall
+        The wall.
+    axes : three 1-D arrays
+        The grid planes of its contour.
+    u, moved : ndarray, shape (n, 3)
+        Parameters before and after.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        True where the move is longer than `STRAY` cells and a span along some direction.
+    """
+    lo, hi = wall.lattice.domain
+    far = np.zeros(len(u), np.bool_)
+    for a in range(3):
+        move = np.abs(moved[:, a] - u[:, a])
+        if wall.lattice.through.closed[a]:
+            move = np.minimum(move, np.abs(hi[a] - lo[a] - move))
+        cells = np.diff(axes[a])
+        span = (hi[a] - lo[a]) / (len(wall.distance.breaks(a)) - 1)
+        at = np.flatnonzero(move > max(span, STRAY * cells.min()))
+        cell = np.clip(np.searchsorted(axes[a], u[at, a], side="right") - 1, 0, len(cells) - 1)
+        far[at] |= move[at] > STRAY * cells[cell]
+    return far
 
 
 def grid_axes(wall: Wall, h: float) -> tuple[FloatArray, ...]:
