@@ -310,7 +310,7 @@ def warmup(progress: Progress = None) -> None:
     volumes = [box, quadratic, torus, shapes.cylinder_shell(0.2, 0.8, 0.6)]
     with tempfile.TemporaryDirectory() as folder:
         for through in track(volumes, "compile", progress):
-            lattice = il.Lattice("gyroid", through=through, repeat=(3, 1, 1))
+            lattice = il.Lattice(il.tiles.get("gyroid"), through=through, repeat=(3, 1, 1))
             for d in (0.05, parse("0.05 + 0.001*u")):
                 wall = lattice.offset(d)
                 mesh = wall.mesh(0.05)
