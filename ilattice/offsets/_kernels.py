@@ -23,6 +23,9 @@ from ilattice.offsets._kernels_newton import (
 CHUNK = 256
 #: Where the distance grows this slowly about a foot, compared with a plane, it may have a twin.
 LOOSE = 0.4
+#: Points on sheets that face alike are at least this far apart in tile coordinates. It tells sheets
+#: from each other where a map squeezes tiles to less than the spacing of seeds.
+APART = 0.4
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
@@ -45,9 +48,14 @@ def outside(geom, p):
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
 def reachable(geom, p, q):
-    """Whether the foot p counts for the query q: continued feet only for queries near that end."""
+    """Whether the foot p counts for the query q: continued feet only for queries next to them."""
+    if not outside(geom, p):
+        return True
     for a in range(3):
-        if geom[6 + a] == 0.0 and (p[a] < 0.0 or p[a] > geom[9 + a]) and abs(p[a] - q[a]) > 2.0:
+        d = p[a] - q[a]
+        if geom[6 + a] != 0.0:
+            d -= geom[9 + a] * np.rint(d / geom[9 + a])
+        if abs(d) > 2.0:
             return False
     return True
 
@@ -74,10 +82,28 @@ def row_near(a, i, j, y, h):
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
-def tried(sx, idx, row, used, s, h):
-    """Whether a start within h of the seed s has been made; `used` has a bit per candidate."""
+def together(a, i, b, j):
+    """Whether the tile coordinates in rows i and j are too close for two sheets that face alike."""
+    return (
+        abs(a[i, 0] - b[j, 0]) < APART
+        and abs(a[i, 1] - b[j, 1]) < APART
+        and abs(a[i, 2] - b[j, 2]) < APART
+    )
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def alike(sp, sx, sn, a, b, h):
+    """Whether the seeds a and b are within h of each other and on the same side of a wall."""
+    if not row_near(sx, a, 0, (sx[b, 0], sx[b, 1], sx[b, 2]), h) or not together(sp, a, sp, b):
+        return False
+    return sn[a, 0] * sn[b, 0] + sn[a, 1] * sn[b, 1] + sn[a, 2] * sn[b, 2] > 0.0
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def tried(sp, sx, sn, idx, row, used, s, h):
+    """Whether a start like the seed s has been made; `used` has a bit per candidate."""
     for c in range(idx.shape[1]):
-        if used & (1 << c) and row_near(sx, idx[row, c], 0, s, h):
+        if used & (1 << c) and alike(sp, sx, sn, idx[row, c], s, h):
             return True
     return False
 
@@ -92,30 +118,36 @@ def store(feet, i, p, y, dist, lam):
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
-def same_patch(sx, sn, s, x, feet, i, near_h, far_h):
-    """Whether seed s lies on the patch of the foot in row i: close to it, and facing x alike."""
-    y = (sx[s, 0], sx[s, 1], sx[s, 2])
-    if not row_near(feet, i, 3, y, far_h):
+def same_patch(sp, sx, sn, s, x, feet, i, h):
+    """Whether the patch of seed s is that of the foot in row i: near to it, and facing x alike.
+
+    Near is the seed, or the point next to x on its tangent plane.
+    """
+    if not together(sp, s, feet, i):
         return False
-    if row_near(feet, i, 3, y, near_h):
+    y = (sx[s, 0], sx[s, 1], sx[s, 2])
+    if row_near(feet, i, 3, y, min(0.2 * h, 0.5 * feet[i, 6])):
         return True
-    v = (x[0] - feet[i, 3], x[1] - feet[i, 4], x[2] - feet[i, 5])
     a = (x[0] - y[0]) * sn[s, 0] + (x[1] - y[1]) * sn[s, 1] + (x[2] - y[2]) * sn[s, 2]
+    foot = (x[0] - a * sn[s, 0], x[1] - a * sn[s, 1], x[2] - a * sn[s, 2])
+    if not row_near(feet, i, 3, y, 1.2 * h) and not row_near(feet, i, 3, foot, 0.5 * h):
+        return False
+    v = (x[0] - feet[i, 3], x[1] - feet[i, 4], x[2] - feet[i, 5])
     turn = v[0] * sn[s, 0] + v[1] * sn[s, 1] + v[2] * sn[s, 2]
     return (turn if a > 0.0 else -turn) > 0.7 * feet[i, 6]
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
-def wanted(sx, sn, idx, row, c, x, feet, seconds, i, used, h):
+def wanted(sp, sx, sn, idx, row, c, x, feet, seconds, i, used, h):
     """Whether candidate c is worth a start, given the feet found so far."""
     s = idx[row, c]
-    y = (sx[s, 0], sx[s, 1], sx[s, 2])
-    close = min(0.2 * h, 0.5 * feet[i, 6])
-    if same_patch(sx, sn, s, x, feet, i, close, 1.2 * h):
+    if same_patch(sp, sx, sn, s, x, feet, i, h):
         return False
-    if seconds[i, 6] < np.inf and same_patch(sx, sn, s, x, seconds, i, close, 1.2 * h):
+    if seconds[i, 6] < np.inf and same_patch(sp, sx, sn, s, x, seconds, i, h):
         return False
-    return not unlikely(x, sx, sn, s, h, feet[i, 6]) and not tried(sx, idx, row, used, y, 0.5 * h)
+    return not unlikely(x, sx, sn, s, h, feet[i, 6]) and not tried(
+        sp, sx, sn, idx, row, used, s, 0.5 * h
+    )
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
@@ -141,34 +173,37 @@ def accept(geom, box, orient, m, p, y, x, q, lam, st, h, feet, seconds, i, empty
 @njit(cache=True, fastmath=FAST, error_model="numpy")
 def multi_start(
     d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
-    sp, sx, sn, sh, x, q, idx, row, box, clip, orient, tol, feet, seconds, i, b, m, t, tab,
+    sp, sx, sn, sh, x, q, idx, row, box, clip, orient, tol, feet, seconds, i, status, b, m, t, tab,
 ):  # fmt: skip
     """Best and second-best distinct foot of x over the candidate seeds idx[row].
 
-    Rows i of `feet` and `seconds` (n, 8) receive p (3), y (3), distance and multiplier. Returns
-    the number of starts, of iterations, and the status.
+    Rows i of `feet` and `seconds` (n, 8) receive p (3), y (3), distance and multiplier. Unless
+    `status` is FALLBACK they hold feet already, with distances, and those count too. Returns the
+    number of starts, of iterations, and the status.
     """
     starts = 0
     iterations = 0
-    status = FALLBACK
     used = 0
     soft = 1.0
     along = (0.0, 0.0, 0.0)
-    feet[i, 6] = np.inf
-    seconds[i, 6] = np.inf
-    first = idx[row, 0]
+    if status == FALLBACK:
+        feet[i, 6] = np.inf
+        seconds[i, 6] = np.inf
+    first = first_reachable(geom, sp, idx, row, q)
     reach = seed_distance(sx, first, x)
     for a in range(idx.shape[1] + 2):
         # first the seeds, then both ways along a direction in which the best foot is loose
         h = sh[first]
         if a < idx.shape[1]:
             s = idx[row, a]
-            if s < 0:
+            if s < 0 or not reachable(geom, (sp[s, 0], sp[s, 1], sp[s, 2]), q):
                 continue
             h = sh[s]
             if seed_distance(sx, s, x) > reach + 2.0 * h:
                 continue
-            if status != FALLBACK and not wanted(sx, sn, idx, row, a, x, feet, seconds, i, used, h):
+            if status != FALLBACK and not wanted(
+                sp, sx, sn, idx, row, a, x, feet, seconds, i, used, h
+            ):
                 continue
             used |= 1 << a
             start = (sp[s, 0], sp[s, 1], sp[s, 2])
@@ -179,7 +214,8 @@ def multi_start(
             start = (
                 feet[i, 0] + s * along[0], feet[i, 1] + s * along[1], feet[i, 2] + s * along[2],
             )  # fmt: skip
-        best = (feet[i, 3], feet[i, 4], feet[i, 5], feet[i, 6])
+        firm = 1.0 if soft > LOOSE else 0.05
+        best = (feet[i, 3], feet[i, 4], feet[i, 5], feet[i, 6], firm)
         p, y, lam, low, n, st = newton(
             d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
             x, start, best, box, clip, h, tol, b, m, t, tab,
@@ -198,6 +234,44 @@ def multi_start(
         p = (sp[first, 0], sp[first, 1], sp[first, 2])
         store(feet, i, p, (sx[first, 0], sx[first, 1], sx[first, 2]), reach, 0.0)
     return starts, iterations, status
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def first_reachable(geom, sp, idx, row, q):
+    """Nearest candidate that counts for the query q, or the nearest one."""
+    for a in range(idx.shape[1]):
+        s = idx[row, a]
+        if s >= 0 and reachable(geom, (sp[s, 0], sp[s, 1], sp[s, 2]), q):
+            return s
+    return idx[row, 0]
+
+
+@njit(cache=True, parallel=True, fastmath=FAST, error_model="numpy")
+def spread(geom, sp, sx, sn, sh, q, idx, out):
+    """Thin out candidates idx (n, m), nearest first: reachable ones, one per patch; out (n, k).
+
+    Rows of `out` are filled up with -1; the nearest seed stands where none is reachable.
+    """
+    for i in prange(len(idx)):
+        count = 0
+        for a in range(idx.shape[1]):
+            s = idx[i, a]
+            if not reachable(geom, (sp[s, 0], sp[s, 1], sp[s, 2]), (q[i, 0], q[i, 1], q[i, 2])):
+                continue
+            apart = True
+            for c in range(count):
+                if alike(sp, sx, sn, out[i, c], s, 0.6 * sh[s]):
+                    apart = False
+                    break
+            if apart:
+                out[i, count] = s
+                count += 1
+                if count == out.shape[1]:
+                    break
+        for c in range(count, out.shape[1]):
+            out[i, c] = -1
+        if count == 0:
+            out[i, 0] = idx[i, 0]
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
@@ -228,9 +302,9 @@ def closest(
     feet, seconds
         Output (n, 8): foot p, foot in space, distance with the sign of I(q), multiplier.
     counts
-        Output (n, 2): starts and iterations.
+        Output (n, 2): starts and iterations are added.
     status
-        Output (n,).
+        Output (n,). On entry FALLBACK, or the status of known feet, which are then improved on.
     """
     n = len(x)
     for chunk in prange((n + CHUNK - 1) // CHUNK):
@@ -238,13 +312,14 @@ def closest(
         for i in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
             xi = (x[i, 0], x[i, 1], x[i, 2])
             qi = (q[i, 0], q[i, 1], q[i, 2])
+            feet[i, 6], seconds[i, 6] = abs(feet[i, 6]), abs(seconds[i, 6])
             starts, iterations, st = multi_start(
                 d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
-                sp, sx, sn, sh, xi, qi, idx, i, box, clip, orient, tol, feet, seconds, i,
+                sp, sx, sn, sh, xi, qi, idx, i, box, clip, orient, tol, feet, seconds, i, status[i],
                 b, m, t, tab,
             )  # fmt: skip
-            counts[i, 0] = starts
-            counts[i, 1] = iterations
+            counts[i, 0] += starts
+            counts[i, 1] += iterations
             status[i] = st
             tile_jet(geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc, qi, b, t, tab)
             if t[0] < 0.0:

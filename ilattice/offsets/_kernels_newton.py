@@ -26,8 +26,10 @@ WORSE = 4
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
-def tangent_step(h, gm, z0, z1, b):
-    """Minimiser y of 1/2 y'(Z'HZ)y - b'y in the plane (z0, z1), H shifted by the metric if needed.
+def tangent_step(h, gm, z0, z1, b, floor):
+    """Minimiser y of 1/2 y'(Z'HZ)y - b'y in the plane (z0, z1).
+
+    H is shifted by the metric if its lowest eigenvalue is below `floor`.
 
     Returns the step in tile coordinates and the lowest eigenvalue of Z'HZ in the metric: 1 for
     a plane, 0 where the query is a centre of curvature of the surface.
@@ -38,15 +40,15 @@ def tangent_step(h, gm, z0, z1, b):
     if m11 == 0.0:  # a line, or nothing
         if m00 == 0.0:
             return (0.0, 0.0, 0.0), 1.0
-        y0 = r0 / max(a00, 0.05 * m00)
+        y0 = r0 / max(a00, floor * m00)
         return (y0 * z0[0], y0 * z0[1], y0 * z0[2]), a00 / m00
     r1 = b[0] * z1[0] + b[1] * z1[1] + b[2] * z1[2]
     det_m = max(m00 * m11 - m01 * m01, 1e-30 * m00 * m11)
     tr = (a00 * m11 + a11 * m00 - 2.0 * a01 * m01) / det_m
     det = (a00 * a11 - a01 * a01) / det_m
     low = 0.5 * tr - np.sqrt(max(0.25 * tr * tr - det, 0.0))  # lowest generalised eigenvalue
-    if low < 0.02:
-        shift = 0.1 - low
+    if low < floor:
+        shift = 3.0 * floor - low
         a00 += shift * m00
         a11 += shift * m11
         a01 += shift * m01
@@ -88,7 +90,7 @@ def soft_direction(m, t, x, lam, low):
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
-def kkt_step(m, t, r, lam, first, fixed):
+def kkt_step(m, t, r, lam, first, fixed, floor):
     """One Newton step: step, new multiplier, |J step|, and the eigenvalue of `tangent_step`."""
     gm = metric(m)
     g = (t[1] * (1 - fixed[0]), t[2] * (1 - fixed[1]), t[3] * (1 - fixed[2]))
@@ -114,7 +116,7 @@ def kkt_step(m, t, r, lam, first, fixed):
         h[4] * n[0] + h[3] * n[1] + h[2] * n[2],
     )
     z0, z1 = tangents(g, fixed)
-    y, low = tangent_step(h, gm, z0, z1, (-jr[0] - hn[0], -jr[1] - hn[1], -jr[2] - hn[2]))
+    y, low = tangent_step(h, gm, z0, z1, (-jr[0] - hn[0], -jr[1] - hn[1], -jr[2] - hn[2]), floor)
     d = (n[0] + y[0], n[1] + y[1], n[2] + y[2])
     hd = (
         h[0] * d[0] + h[5] * d[1] + h[4] * d[2],
@@ -152,7 +154,9 @@ def abandon(m, r, size, best, h):
     """Whether an iteration heads for the known foot, or for one that is farther away."""
     if not best[3] < np.inf:
         return False
-    if size < 0.1 * h and near((m[0, 0], m[1, 0], m[2, 0]), best, 0.1 * h):
+    if size < 0.1 * h and near(
+        (m[0, 0], m[1, 0], m[2, 0]), best, best[4] * min(0.1 * h, 0.5 * best[3])
+    ):
         return True
     dist = np.sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
     return size < 0.3 * h and dist - 2.0 * size > best[3] + 0.1 * h
@@ -163,7 +167,9 @@ def newton(
     d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
     x, start, best, box, clip, h, tol, b, m, t, tab,
 ):  # fmt: skip
-    """Foot point of x from one start; given up when it cannot beat `best`: a foot and its distance.
+    """Foot point of x from one start; given up when it cannot beat `best`.
+
+    That is a foot in space, its distance, and how far it reaches: 1, or less if it is loose.
 
     Returns
     -------
@@ -189,7 +195,8 @@ def newton(
                 m[0, 3] * r[0] + m[1, 3] * r[1] + m[2, 3] * r[2],
             )
             fixed = active_set(p, box, jr, t, lam, clip)
-        d, lam, size, low = kkt_step(m, t, r, lam, it == 0, fixed)
+        floor = 0.1 if it < 3 else 0.02 if it < 8 else 5e-4
+        d, lam, size, low = kkt_step(m, t, r, lam, it == 0, fixed, floor)
         if not np.isfinite(size):
             return p, y, lam, low, it + 1, FAILED
         # near a centre of curvature convergence is linear, but the distance is flat there;

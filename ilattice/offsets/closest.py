@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numba
 import numpy as np
+from scipy.ndimage import maximum_filter
 from scipy.spatial import cKDTree
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
@@ -24,10 +25,17 @@ if TYPE_CHECKING:
     from ilattice.macroshape.lattice import Lattice
 
 CANDIDATES = 8
-RETRY_CANDIDATES = 48
+#: A retry starts from up to that many of the nearest seeds, one per patch. It looks among this
+#: many, then four times as many while they may miss a patch, up to the last number.
+RETRY_CANDIDATES, RETRY_NEIGHBOURS, MOST_NEIGHBOURS = 48, 24, 1024
+#: Candidates may miss a patch if the last one is within sqrt(d² + CROWDED h²) of the query, h the
+#: spacing of seeds (the seed next to a foot at distance d is hardly ever farther than that), and
+#: if they lie on several patches: a second foot is nearer than d + RIVAL h.
+CROWDED, RIVAL = 0.35, 0.1
 BATCH = 1 << 17
 TOLERANCE = 1e-7
-MAX_FALLBACK = 1e-2
+#: Largest part of queries that may fall back, and a number that always may.
+MAX_FALLBACK, FEW = 1e-2, 10
 #: Seeds per tile and direction: at least this many, and this many per period of the finest wave.
 LEAST_SEEDS, SEEDS_PER_WAVE = 8, 6
 #: Tiles that are longer along one direction get up to this many times the seeds along it.
@@ -68,7 +76,19 @@ class ClosestPoints:
 
 @dataclass(frozen=True)
 class Statistics:
-    """Counts over all closest-point queries of a lattice."""
+    """Counts over all closest-point queries of a lattice.
+
+    Attributes
+    ----------
+    queries : int
+        Points asked for.
+    iterations, starts : int
+        Newton iterations and starts spent.
+    retries : int
+        Queries that needed more than the nearest candidates.
+    fallbacks : int
+        Queries that ended at their nearest seed.
+    """
 
     queries: int = 0
     iterations: int = 0
@@ -126,6 +146,7 @@ class ClosestPointSearch:
         )
         self.seeds = self._make_seeds(count, closed)
         self.tree = cKDTree(self.seeds[1])
+        self.spacing = self._tile_spacing()
         self.statistics = Statistics()
 
     # ------------------------------------------------------------------ seeds
@@ -202,31 +223,99 @@ class ClosestPointSearch:
         seeds = np.concatenate(out)
         return seeds, np.full(seeds.shape, 1.0 / m)
 
+    def _tile_of(self, p: FloatArray) -> tuple[IntArray, ...]:
+        """Indices of the tiles of points, into an array over all tiles and a ghost layer."""
+        count = np.array(self.lattice.repeat)
+        at = np.where(self.lattice.through.closed, np.mod(np.floor(p), count), np.floor(p))
+        i, j, k = (np.clip(at, -1, count) + 1).astype(np.int64).T
+        return i, j, k
+
+    def _tile_spacing(self) -> FloatArray:
+        """Largest spacing of the seeds in a tile and its neighbours, over all tiles."""
+        spacing = np.zeros(np.array(self.lattice.repeat) + 2)
+        np.maximum.at(spacing, self._tile_of(self.seeds[0]), self.seeds[3])
+        for axis in (int(a) for a in np.flatnonzero(self.lattice.through.closed)):
+            spacing = np.take(spacing, self._wrapped(axis), axis)
+        out: FloatArray = maximum_filter(spacing, 3, mode="nearest")
+        return out
+
+    def _wrapped(self, axis: int) -> IntArray:
+        """Numbers of the layers along a closed direction, the last one before the first."""
+        n = self.lattice.repeat[int(axis)]
+        return np.concatenate([[n], np.arange(1, n + 1), [1]])
+
     # ------------------------------------------------------------------ queries
 
     def to_tile(self, u: FloatArray) -> FloatArray:
-        """Parameters to tile coordinates."""
+        """Parameters to tile coordinates.
+
+        Parameters
+        ----------
+        u : ndarray, shape (n, 3)
+            Parameters.
+
+        Returns
+        -------
+        ndarray, shape (n, 3)
+            Tile coordinates.
+        """
         return (u - self.lo) / self.step
 
     def from_tile(self, p: FloatArray) -> FloatArray:
-        """Tile coordinates to parameters."""
+        """Tile coordinates to parameters.
+
+        Parameters
+        ----------
+        p : ndarray, shape (n, 3)
+            Tile coordinates.
+
+        Returns
+        -------
+        ndarray, shape (n, 3)
+            Parameters.
+        """
         return self.lo + p * self.step
 
-    def candidates(self, x: FloatArray, k: int) -> IntArray:
-        """Nearest seeds of points, (n, k), nearest first; -1 ends a row."""
+    def candidates(self, x: FloatArray, k: int) -> tuple[FloatArray, IntArray]:
+        """Nearest seeds of points, nearest first.
+
+        Parameters
+        ----------
+        x : ndarray, shape (n, 3)
+            Points of space.
+        k : int
+            How many; all if there are fewer.
+
+        Returns
+        -------
+        tuple of ndarray, shape (n, k)
+            Distances and numbers of the seeds.
+        """
         k = min(k, len(self.seeds[0]))
-        _, idx = self.tree.query(x, k=np.arange(1, k + 1), workers=numba.get_num_threads())
-        return np.ascontiguousarray(idx, dtype=np.int64)
+        found: Any = self.tree.query(x, k=np.arange(1, k + 1), workers=numba.get_num_threads())
+        distance, idx = found
+        return distance, np.ascontiguousarray(idx, dtype=np.int64)
 
     def query(self, u: FloatArray) -> ClosestPoints:
-        """Closest points of the images of parameters `u` (n, 3)."""
+        """Closest points of the images of parameters.
+
+        Parameters
+        ----------
+        u : ndarray, shape (n, 3)
+            Parameters.
+
+        Returns
+        -------
+        ClosestPoints
+            Feet, distances and what they cost.
+        """
         n = len(u)
         p, x = self.to_tile(u), self.lattice.through.x(u)
         feet, counts, status = _results(n)
+        retried = 0
         for i in range(0, n, BATCH):
             s = slice(i, min(i + BATCH, n))
-            self._run(x[s], p[s], CANDIDATES, feet[:, s], counts[s], status[s])
-        retried = self._retry(x, p, feet, counts, status)
+            retried += self._search(x[s], p[s], feet[:, s], counts[s], status[s])
         self._account(counts, status, retried)
         first, second = feet
         return ClosestPoints(
@@ -234,35 +323,54 @@ class ClosestPointSearch:
             counts[:, 1].copy(), counts[:, 0].copy(), second[:, 3:6].copy(), second[:, 6].copy(),
         )  # fmt: skip
 
+    def _search(
+        self, x: FloatArray, p: FloatArray, feet: FloatArray, counts: IntArray, status: IntArray
+    ) -> int:
+        """Fill in the results of queries; how many needed more candidates than the first ones."""
+        distance, idx = self.candidates(x, CANDIDATES)
+        self._run(x, p, idx, feet, counts, status)
+        behind = (feet[0, :, 6] * feet[0, :, 7] < 0) & (status == _kernels_newton.OK)
+        again = np.flatnonzero(behind | self._doubtful(p, distance, feet, status))
+        retried, m = len(again), RETRY_NEIGHBOURS
+        while len(again) and m <= MOST_NEIGHBOURS:
+            distance, near = self.candidates(x[again], m)
+            idx = np.empty((len(again), RETRY_CANDIDATES), np.int64)
+            _kernels.spread(self.space[7], *self.seeds, p[again], near, idx)
+            f, c, s = feet[:, again], counts[again], status[again]
+            self._run(x[again], p[again], idx, f, c, s)
+            feet[:, again], counts[again], status[again] = f, c, s
+            again = again[self._doubtful(p[again], distance, f, s)]
+            m *= 4
+        return retried
+
     def _run(
-        self, x: FloatArray, p: FloatArray, k: int, feet: FloatArray, counts: IntArray,
+        self, x: FloatArray, p: FloatArray, idx: IntArray, feet: FloatArray, counts: IntArray,
         status: IntArray,
     ) -> None:  # fmt: skip
         _kernels.closest(
-            *self.space, *self.seeds, x, p, self.candidates(x, k), self.box, self.clip,
+            *self.space, *self.seeds, x, p, idx, self.box, self.clip,
             self.orient, TOLERANCE, feet[0], feet[1], counts, status,
         )  # fmt: skip
 
-    def _retry(
-        self, x: FloatArray, p: FloatArray, feet: FloatArray, counts: IntArray, status: IntArray
-    ) -> int:
-        """Once more, with many starts, where no start converged or the sides disagree."""
-        sides = (feet[0, :, 6] * feet[0, :, 7] < 0) & (status == _kernels_newton.OK)
-        again = np.flatnonzero((status >= _kernels_newton.FALLBACK) | sides)
-        if len(again):
-            f, c, s = _results(len(again))
-            self._run(x[again], p[again], RETRY_CANDIDATES, f, c, s)
-            counts[again] += c
-            better = (s < status[again]) | (np.abs(f[0, :, 6]) < np.abs(feet[0, again, 6]))
-            feet[:, again[better]], status[again[better]] = f[:, better], s[better]
-        return len(again)
+    def _doubtful(
+        self, p: FloatArray, distance: FloatArray, feet: FloatArray, status: IntArray
+    ) -> AnyArray:
+        """Where no start converged, or a further seed may lie next to a foot that is nearer."""
+        failed = status >= _kernels_newton.FALLBACK
+        if distance.shape[1] == len(self.seeds[0]):
+            return failed
+        h = self.spacing[self._tile_of(p)]
+        first, second = np.abs(feet[:, :, 6])
+        crowded = distance[:, -1] ** 2 < first**2 + CROWDED * h**2
+        out: AnyArray = failed | (crowded & (second < first + RIVAL * h))
+        return out
 
     def _account(self, counts: IntArray, status: IntArray, retried: int) -> None:
         failed = np.flatnonzero(status >= _kernels_newton.FALLBACK)
         self.statistics = self.statistics + Statistics(
             len(status), int(counts[:, 1].sum()), int(counts[:, 0].sum()), retried, len(failed)
         )
-        if len(failed) > max(MAX_FALLBACK * len(status), 1):
+        if len(failed) > max(MAX_FALLBACK * len(status), FEW):
             raise ConvergenceError(
                 f"closest points: {len(failed)} of {len(status)} queries did not converge "
                 f"(more than {MAX_FALLBACK:.0%}), the first are {failed[:5].tolist()}; the "
@@ -272,7 +380,8 @@ class ClosestPointSearch:
 
 def _results(n: int) -> tuple[FloatArray, IntArray, IntArray]:
     """Room for first and second feet (2, n, 8), counts (n, 2) and status (n,)."""
-    return np.empty((2, n, 8)), np.empty((n, 2), np.int64), np.empty(n, np.int64)
+    status = np.full(n, _kernels_newton.FALLBACK, np.int64)
+    return np.empty((2, n, 8)), np.zeros((n, 2), np.int64), status
 
 
 def _cell_centres(m: IntArray) -> FloatArray:
