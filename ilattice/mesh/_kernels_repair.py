@@ -311,7 +311,7 @@ def repair(
         Vertices.
     faces : (F, 3) integer array
         Corners; removed faces become (-1, -1, -1).
-    on : (V,) int64 array
+    on : (V,) int16 array
         Surfaces of the vertices.
     head, after : integer arrays
         From `link_corners`.

@@ -11,7 +11,7 @@ Guarantees
 - Features stay: a vertex is merged only into one that lies on all of its surfaces, along an edge
   that lies on them, and no triangle changes between the wall and a cap, or from cap to cap.
 - No triangle turns by more than 60 degrees, and none becomes worse than the worst it replaces.
-- Deterministic; linear time and memory, the latter 14 bytes per triangle besides the copies.
+- Deterministic; linear time and memory, the latter 15 bytes per triangle besides the copies.
 
 Not guaranteed
 --------------
@@ -95,6 +95,6 @@ def remove_slivers(
 def _surfaces(kind: AnyArray | None, count: int) -> AnyArray:
     """Surfaces of the vertices, a bit for each, as `_kernels_repair` wants them."""
     if kind is None:
-        return np.full(count, kernels.WALL, np.uint8)
+        return np.full(count, kernels.WALL, np.int16)
     wall = np.where(kind & ON_CAP, 0, kernels.WALL)
-    return (kind & kernels.CAPS | wall).astype(np.uint8)
+    return (kind & kernels.CAPS | wall).astype(np.int16)
