@@ -18,7 +18,7 @@ from ilattice._validate import as_array
 from ilattice.errors import InputError
 from ilattice.mesh._kernels_cells import B, S
 
-MARGIN = 2e-3  # distance of vertices from the boundary of their cell, as a fraction of the cell
+MARGIN = 5e-3  # distance of vertices from the boundary of their cell, as a fraction of the cell
 INSET = 0.15  # distance of the outermost samples from the faces of the domain, likewise
 
 

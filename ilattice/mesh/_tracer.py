@@ -260,10 +260,12 @@ class Tracer:
         return kind
 
     def _refine(self, points: AnyArray, kind: AnyArray, cell: AnyArray, at: IntArray) -> None:
-        """Two Newton steps of some vertices onto their level, in place; none where it diverges.
+        """Two Newton steps of some vertices onto their level, in place.
 
         The first step starts nearer to the centre of the cell, which spreads the vertices evenly;
-        where the surface is not in the cell there, the second one starts from the old place.
+        where it ends at the boundary of the cell, the second one starts from the old place.
+        Vertices that diverge, or end at the boundary then too, stay where they were: there the
+        surface is bent more than the grid can show, and forced vertices would cross it.
         """
         mean = points[at].astype(np.float64)
         box = cell[at], self.grid.least, self.grid.most
@@ -276,8 +278,8 @@ class Tracer:
         step(p, *self.sampler.jet(p), kind[at], *box, *bounds, q, miss, stopped)
         q[stopped] = mean[stopped]
         step(q, *self.sampler.jet(q), kind[at], *box, *bounds, r, later, ended)
-        diverged = ~stopped & (later > miss)
-        r[diverged] = mean[diverged]
+        lost = ended | (~stopped & (later > miss))
+        r[lost] = mean[lost]
         points[at] = r
 
     def _faces(

@@ -20,8 +20,9 @@ Not guaranteed
 - Features thinner than a cell are seen only where they hold a grid point. The outermost samples
   are taken 0.15 of a cell inside the faces of D, so vertices on the edges of caps may be off
   the level set by part of a cell where the surface grazes a face.
-- Freedom from self-intersections: each quad crosses its grid edge once and stays in the four cells
-  around it, so resolved surfaces have none; patches closer than a cell may touch.
+- Freedom from self-intersections: none has been found with ``place="linear"``, not even in noise,
+  and none in resolved surfaces otherwise; but there is no proof, and refined vertices of sheets
+  thinner than a cell may cross.
 - Fields without `range` (or `lipschitz`) are sampled everywhere.
 """
 

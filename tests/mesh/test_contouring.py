@@ -555,7 +555,7 @@ def test_zeros_on_grid_points_are_outside_and_harmless():
     assert assert_closed(c.faces, len(c.vertices)) == euler_of_signs(values < 0)[0]
     assert measure.triangle_quality(c.vertices, c.faces).min() > 1e-4
     box = contour(lambda p: np.abs(p - 5.0).max(axis=1) - 3.0, axes)
-    assert 180 < box.volume < 216  # its edges lie in the domain: they are bevelled
+    assert 165 < box.volume < 216  # its edges lie in the domain: they are bevelled
     assert box.quality.min() > 0.1
 
 
@@ -575,17 +575,26 @@ def test_sheets_thinner_than_a_cell_stay_closed():
         assert_closed(c.faces, len(c.vertices))
 
 
-def test_resolved_surfaces_do_not_intersect_themselves():
+def crossing_pairs(c):
     cgal = pytest.importorskip("igl.copyleft.cgal")
+    faces = c.faces.astype(np.int64)
+    return len(cgal.remesh_self_intersections(c.vertices, faces, detect_only=True)[2])
+
+
+def test_resolved_surfaces_do_not_intersect_themselves():
     rng = np.random.default_rng(0)
     for field in (GYROID, DIAMOND, PRIMITIVE):
         for level in (0.0, (-0.4, 0.4)):
             axes = [np.linspace(0, 1, 21) + shift for shift in rng.random(3)]
-            c = contour_arrays(field, axes, level=level)
-            pairs = cgal.remesh_self_intersections(
-                c.vertices, c.faces.astype(np.int64), detect_only=True
-            )[2]
-            assert len(pairs) == 0
+            assert crossing_pairs(contour_arrays(field, axes, level=level)) == 0
+
+
+@pytest.mark.parametrize("share", [0.15, 0.5, 0.8])
+def test_noise_with_vertices_in_the_mean_does_not_intersect_itself(share):
+    rng = np.random.default_rng(8)
+    values = noise(rng, (14, 15, 13), share)
+    axes = [uneven(rng, n) for n in values.shape]
+    assert crossing_pairs(contour_arrays(Samples(values, axes), axes, place="linear")) == 0
 
 
 def test_diagonals_can_be_chosen_again():
