@@ -59,7 +59,7 @@ def _index_block(rows, flips, prefix, shape, coords, n, ox, oy, oz, start, caps,
                     gz = ghost_side(shape, 2, B * coords[n, 2] + k)
                     if is_bare(gx, gy, gz, code):
                         continue
-                at += CASES[row, PATCHES]
+                at += np.int64(CASES[row, PATCHES])
 
 
 @njit(cache=True, inline="always")

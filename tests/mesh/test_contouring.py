@@ -564,7 +564,8 @@ def test_infinite_values_are_samples_like_any_other():
         f = sphere(p)
         return np.where(f > 0.2, np.inf, np.where(f < -0.2, -np.inf, f))
 
-    mesh = contour(field, cube_axes(9))
+    with np.errstate(invalid="ignore"):  # seen where the kernels run as plain Python
+        mesh = contour(field, cube_axes(9))
     assert mesh.euler == 2
     assert np.isfinite(mesh.vertices).all()
 
