@@ -22,7 +22,7 @@ def _cyclic(coefficient, a, b, c):
 
 #: Terms as (coefficient, one function per axis); "c2" is cos(2 X), "" is 1.
 TERMS = {
-    "schwarz_p": _cyclic(1.0, "c1", "", ""),
+    "primitive": _cyclic(1.0, "c1", "", ""),
     "gyroid": _cyclic(1.0, "c1", "s1", ""),
     "iwp": _cyclic(2.0, "c1", "c1", "") + _cyclic(-1.0, "c2", "", ""),
 }

@@ -27,11 +27,14 @@ if TYPE_CHECKING:
 CANDIDATES = 8
 #: A retry starts from up to that many of the nearest seeds, one per patch. It looks among this
 #: many, then four times as many while they may miss a patch, up to the last number.
-RETRY_CANDIDATES, RETRY_NEIGHBOURS, MOST_NEIGHBOURS = 48, 24, 1024
-#: Candidates may miss a patch if the last one is within sqrt(d² + CROWDED h²) of the query, h the
-#: spacing of seeds (the seed next to a foot at distance d is hardly ever farther than that), and
-#: if they lie on several patches: a second foot is nearer than d + RIVAL h.
-CROWDED, RIVAL = 0.35, 0.1
+RETRY_CANDIDATES, RETRY_NEIGHBOURS, MOST_NEIGHBOURS = 48, 24, 1536
+#: Seeds that are looked at together.
+RETRIED = 1 << 21
+#: Candidates may miss a patch if the last one is within sqrt(d² + c h²) of the query, h the spacing
+#: of seeds (the seed next to a foot at distance d is hardly ever farther than that): c is CROWDED
+#: if they lie on several patches, so that a second foot is nearer than d + RIVAL h; else it is
+#: PILED, where a map squeezes seeds together.
+CROWDED, PILED, RIVAL = 0.35, 0.1, 0.1
 BATCH = 1 << 17
 TOLERANCE = 1e-7
 #: Largest part of queries that may fall back, and a number that always may.
@@ -333,15 +336,23 @@ class ClosestPointSearch:
         again = np.flatnonzero(behind | self._doubtful(p, distance, feet, status))
         retried, m = len(again), RETRY_NEIGHBOURS
         while len(again) and m <= MOST_NEIGHBOURS:
-            distance, near = self.candidates(x[again], m)
-            idx = np.empty((len(again), RETRY_CANDIDATES), np.int64)
-            _kernels.spread(self.space[7], *self.seeds, p[again], near, idx)
-            f, c, s = feet[:, again], counts[again], status[again]
-            self._run(x[again], p[again], idx, f, c, s)
-            feet[:, again], counts[again], status[again] = f, c, s
-            again = again[self._doubtful(p[again], distance, f, s)]
-            m *= 4
+            parts = [again[i : i + RETRIED // m] for i in range(0, len(again), RETRIED // m)]
+            left = [self._retry(at, m, x, p, feet, counts, status) for at in parts]
+            again, m = np.concatenate(left), 4 * m
         return retried
+
+    def _retry(
+        self, at: IntArray, m: int, x: FloatArray, p: FloatArray, feet: FloatArray,
+        counts: IntArray, status: IntArray,
+    ) -> IntArray:  # fmt: skip
+        """Improve the queries `at` from more seeds, far apart; which of them remain doubtful."""
+        distance, near = self.candidates(x[at], m)
+        idx = np.empty((len(at), RETRY_CANDIDATES), np.int64)
+        _kernels.spread(self.space[7], *self.seeds, p[at], near, idx)
+        f, c, s = feet[:, at], counts[at], status[at]
+        self._run(x[at], p[at], idx, f, c, s)
+        feet[:, at], counts[at], status[at] = f, c, s
+        return at[self._doubtful(p[at], distance, f, s)]
 
     def _run(
         self, x: FloatArray, p: FloatArray, idx: IntArray, feet: FloatArray, counts: IntArray,
@@ -361,8 +372,9 @@ class ClosestPointSearch:
             return failed
         h = self.spacing[self._tile_of(p)]
         first, second = np.abs(feet[:, :, 6])
-        crowded = distance[:, -1] ** 2 < first**2 + CROWDED * h**2
-        out: AnyArray = failed | (crowded & (second < first + RIVAL * h))
+        several = second < first + RIVAL * h
+        reach = first**2 + np.where(several, CROWDED, PILED) * h**2
+        out: AnyArray = failed | (distance[:, -1] ** 2 < reach)
         return out
 
     def _account(self, counts: IntArray, status: IntArray, retried: int) -> None:
