@@ -21,6 +21,7 @@ CAPS = 63
 STEEPEST = 0.5  # least cosine between a triangle and what replaces it
 FAIR = 0.1  # a quality that is good enough: above it, the change of volume decides
 REJECTED = -1.0
+FLIP = 2
 
 
 @njit(cache=True)
@@ -268,42 +269,38 @@ def _flip(faces: Any, head: Any, after: Any, f: int, j: int) -> int:
 
 @njit(cache=True)
 def _repair_face(x: Any, faces: Any, on: Any, head: Any, after: Any, f: int, quality: float) -> Any:
-    """Do the best of nine changes to a bad face: 3 j + 0, 1 collapse edge j, 3 j + 2 flips it.
+    """Do the best of nine changes to a bad face: 3 j + 0, 1 collapse edge j, 3 j + FLIP flips it.
 
     Returns the change, or -1, and a vertex whose faces hold all that changed.
     """
     best, gain, loss = -1, REJECTED, np.inf
-    for j in range(3):
-        a, b = faces[f, j], faces[f, (j + 1) % 3]
-        for way in range(3):
-            if way == 0:
-                new, volume = _try_collapse(x, faces, on, head, after, a, b, quality)
-            elif way == 1:
-                new, volume = _try_collapse(x, faces, on, head, after, b, a, quality)
-            else:
-                new, volume = _try_flip(x, faces, on, head, after, f, j)
-            new = min(new, FAIR)
-            if new > gain or (new == gain and volume < loss and new >= 0.0):
-                best, gain, loss = 3 * j + way, new, volume
+    for change in range(9):
+        j, way = change // 3, change % 3
+        if way == FLIP:
+            new, volume = _try_flip(x, faces, on, head, after, f, j)
+        else:
+            a, b = faces[f, (j + way) % 3], faces[f, (j + 1 - way) % 3]
+            new, volume = _try_collapse(x, faces, on, head, after, a, b, quality)
+        new = min(new, FAIR)
+        if new > gain or (new == gain and volume < loss and new >= 0.0):
+            best, gain, loss = change, new, volume
     if best < 0:
         return -1, -1
     j, way = best // 3, best % 3
-    a, b, c = faces[f, j], faces[f, (j + 1) % 3], faces[f, (j + 2) % 3]
-    if way == 0:
-        _collapse(faces, head, after, a, b)
-        return best, b
-    if way == 1:
-        _collapse(faces, head, after, b, a)
-        return best, a
-    _flip(faces, head, after, f, j)
-    return best, c
+    if way == FLIP:
+        v = faces[f, (j + 2) % 3]
+        _flip(faces, head, after, f, j)
+        return best, v
+    a, v = faces[f, (j + way) % 3], faces[f, (j + 1 - way) % 3]
+    _collapse(faces, head, after, a, v)
+    return best, v
 
 
 @njit(cache=True)
 def repair(
-    x: Any, faces: Any, on: Any, head: Any, after: Any, bad: Any, quality: float, rounds: int
+    x: Any, faces: Any, on: Any, head: Any, after: Any, bad: Any, quality: float, left: Any
 ) -> Any:
-    """Repair bad faces, and those that turn bad on the way, in place.
+    """Change every bad face once, in place.
 
     Parameters
     ----------
@@ -315,12 +312,12 @@ def repair(
         Surfaces of the vertices.
     head, after : integer arrays
         From `link_corners`.
-    bad : (n,) int64 array
-        The faces of too low quality.
+    bad : (n,) integer array
+        The faces to change, if they still are below `quality`.
     quality : float
         Faces below it are bad.
-    rounds : int
-        How often what is left is tried again.
+    left : (F,) array of bool, all False
+        Receives True for faces that stayed bad, became bad, or are bad next to a change.
 
     Returns
     -------
@@ -328,25 +325,18 @@ def repair(
         Numbers of changes.
     """
     collapses = flips = 0
-    for _ in range(rounds):
-        waiting = [np.int64(0)][:0]
-        before = collapses + flips
-        for f in bad:
-            if faces[f, 0] < 0 or _shape(x, faces[f, 0], faces[f, 1], faces[f, 2])[0] >= quality:
-                continue
-            change, v = _repair_face(x, faces, on, head, after, f, quality)
-            if change < 0:
-                waiting.append(np.int64(f))
-                continue
-            flips += change % 3 == 2
-            collapses += change % 3 != 2
-            h = head[v]
-            while h >= 0:
-                p, q = _others(faces, h)
-                if _shape(x, v, p, q)[0] < quality:
-                    waiting.append(np.int64(h // 3))
-                h = after[h]
-        if collapses + flips == before or len(waiting) == 0:
-            break
-        bad = np.unique(np.array(waiting))
+    for f in bad:
+        if faces[f, 0] < 0 or _shape(x, faces[f, 0], faces[f, 1], faces[f, 2])[0] >= quality:
+            continue
+        change, v = _repair_face(x, faces, on, head, after, f, quality)
+        if change < 0:
+            left[f] = True
+            continue
+        flips += change % 3 == FLIP
+        collapses += change % 3 != FLIP
+        h = head[v]
+        while h >= 0:
+            p, q = _others(faces, h)
+            left[h // 3] |= _shape(x, v, p, q)[0] < quality
+            h = after[h]
     return collapses, flips

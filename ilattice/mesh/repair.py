@@ -11,7 +11,7 @@ Guarantees
 - Features stay: a vertex is merged only into one that lies on all of its surfaces, along an edge
   that lies on them, and no triangle changes between the wall and a cap, or from cap to cap.
 - No triangle turns by more than 60 degrees, and none becomes worse than the worst it replaces.
-- Deterministic; linear time and memory, the latter 15 bytes per triangle besides the copies.
+- Deterministic; linear time and memory, the latter 16 bytes per triangle besides the copies.
 
 Not guaranteed
 --------------
@@ -38,7 +38,7 @@ class Repair(NamedTuple):
     Attributes
     ----------
     vertices : (W,) array
-        Which of the old vertices are left, ascending.
+        Which of the old vertices are left, ascending; where anything was repaired, those of faces.
     faces : (G, 3) array of int32 or int64
         Corners, as numbers of rows of `vertices`; of the type of the old ones.
     collapses, flips : int
@@ -82,14 +82,21 @@ def remove_slivers(
     corner: Any = np.int32 if faces.size < np.iinfo(np.int32).max else np.int64
     head, after = np.full(len(x), -1, corner), np.empty(faces.size, corner)
     kernels.link_corners(faces, head, after)
-    args = (_surfaces(kind, len(x)), head, after, bad, quality, ROUNDS)
-    collapses, flips = kernels.repair(x, faces, *args)
+    on = _surfaces(kind, len(x))
+    done = np.zeros(2, np.int64)
+    for _ in range(ROUNDS):
+        left = np.zeros(len(faces), np.bool_)
+        changes = kernels.repair(x, faces, on, head, after, bad, quality, left)
+        done += changes
+        bad = np.flatnonzero(left)
+        if len(bad) == 0 or changes == (0, 0):
+            break
     kept = np.flatnonzero(head >= 0)
     number = np.full(len(x), -1, faces.dtype)
     number[kept] = np.arange(len(kept), dtype=faces.dtype)
     faces = number[faces[faces[:, 0] >= 0]]
-    left = int((triangle_quality(x[kept], faces) < quality).sum())
-    return Repair(kept, faces, int(collapses), int(flips), left)
+    worse = int((triangle_quality(x[kept], faces) < quality).sum())
+    return Repair(kept, faces, int(done[0]), int(done[1]), worse)
 
 
 def _surfaces(kind: AnyArray | None, count: int) -> AnyArray:
