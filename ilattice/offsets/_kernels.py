@@ -214,7 +214,7 @@ def multi_start(
             start = (
                 feet[i, 0] + s * along[0], feet[i, 1] + s * along[1], feet[i, 2] + s * along[2],
             )  # fmt: skip
-        firm = 1.0 if soft > LOOSE else 0.05
+        firm = 1.0 if soft > LOOSE and status == OK else 0.05
         best = (feet[i, 3], feet[i, 4], feet[i, 5], feet[i, 6], firm)
         p, y, lam, low, n, st = newton(
             d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,

@@ -62,7 +62,7 @@ class ClosestPoints:
     iterations, starts : ndarray, shape (n,)
         Newton iterations and starts spent.
     second : ndarray, shape (n, 3)
-        Another foot, the nearest of those that were met on the way.
+        Another foot, the nearest of those that were met on the way; NaN where there is none.
     second_distance : ndarray, shape (n,)
         Its signed distance; infinite where there is none.
     """
@@ -393,7 +393,7 @@ class ClosestPointSearch:
 def _results(n: int) -> tuple[FloatArray, IntArray, IntArray]:
     """Room for first and second feet (2, n, 8), counts (n, 2) and status (n,)."""
     status = np.full(n, _kernels_newton.FALLBACK, np.int64)
-    return np.empty((2, n, 8)), np.zeros((n, 2), np.int64), status
+    return np.full((2, n, 8), np.nan), np.zeros((n, 2), np.int64), status
 
 
 def _cell_centres(m: IntArray) -> FloatArray:
