@@ -327,7 +327,7 @@ def count(rows, lookup, shape, coords, first, last, caps, flips, prefix):
             quads[b - first] = _count_quads(rows, shape, coords, b, caps)
             bits = (1 << extent(shape, 2, coords[b, 2])) - 1
             nj = extent(shape, 1, coords[b, 1])
-            total = 0
+            total = np.int64(0)
             for i in range(B):
                 for j in range(B):
                     prefix[b, B * i + j] = total

@@ -193,37 +193,32 @@ def values(coef: Any, factor: Any, w: Any, p: Any) -> Any:
 
 
 @njit(cache=True)
-def _jets(
-    coef: Any, factor: Any, w: Any, p: Any, i0: int, i1: int, f: Any, g: Any, hess: Any
-) -> None:
+def _jets(coef: Any, factor: Any, w: Any, p: Any, i0: int, i1: int, f: Any, g: Any, h: Any) -> None:
     tab = trig_tab(factor)
     out = np.empty(10)
-    full = hess.shape[0] > 0
     for i in range(i0, i1):
         trig_jet(coef, factor, w, p[i, 0], p[i, 1], p[i, 2], tab, out)
         f[i] = out[0]
         g[i, 0], g[i, 1], g[i, 2] = out[1], out[2], out[3]
-        if full:
-            hess[i, 0, 0], hess[i, 1, 1], hess[i, 2, 2] = out[4], out[5], out[6]
-            hess[i, 1, 2] = hess[i, 2, 1] = out[7]
-            hess[i, 0, 2] = hess[i, 2, 0] = out[8]
-            hess[i, 0, 1] = hess[i, 1, 0] = out[9]
+        h[i, 0, 0], h[i, 1, 1], h[i, 2, 2] = out[4], out[5], out[6]
+        h[i, 1, 2] = h[i, 2, 1] = out[7]
+        h[i, 0, 2] = h[i, 2, 0] = out[8]
+        h[i, 0, 1] = h[i, 1, 0] = out[9]
 
 
 @njit(cache=True, parallel=True)
-def _jets_parallel(coef: Any, factor: Any, w: Any, p: Any, f: Any, g: Any, hess: Any) -> None:
+def _jets_parallel(coef: Any, factor: Any, w: Any, p: Any, f: Any, g: Any, h: Any) -> None:
     n = p.shape[0]
     for block in prange((n + CHUNK - 1) // CHUNK):
-        _jets(coef, factor, w, p, block * CHUNK, min(n, block * CHUNK + CHUNK), f, g, hess)
+        _jets(coef, factor, w, p, block * CHUNK, min(n, block * CHUNK + CHUNK), f, g, h)
 
 
-def jets(coef: Any, factor: Any, w: Any, p: Any, order: int) -> Any:
-    """Values (n,), gradients (n, 3) and, for order 2, Hessians (n, 3, 3) at points ``p``."""
+def jets(coef: Any, factor: Any, w: Any, p: Any) -> Any:
+    """Values (n,), gradients (n, 3) and Hessians (n, 3, 3) at points ``p``."""
     n = len(p)
-    f, g = np.empty(n), np.empty((n, 3))
-    hess = np.empty((n if order > 1 else 0, 3, 3))
+    f, g, h = np.empty(n), np.empty((n, 3)), np.empty((n, 3, 3))
     if n <= CHUNK:
-        _jets(coef, factor, w, p, 0, n, f, g, hess)
+        _jets(coef, factor, w, p, 0, n, f, g, h)
     else:
-        _jets_parallel(coef, factor, w, p, f, g, hess)
-    return f, g, hess
+        _jets_parallel(coef, factor, w, p, f, g, h)
+    return f, g, h

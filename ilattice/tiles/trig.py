@@ -17,6 +17,7 @@ from ilattice._validate import as_array, as_points, as_triple, read_only
 from ilattice.errors import InputError
 from ilattice.tiles import _terms
 from ilattice.tiles._kernels import jets, values
+from ilattice.tiles._kernels_gradient import gradients
 from ilattice.tiles._kernels_grid import tensor_grid
 from ilattice.tiles._kernels_range import ranges
 
@@ -168,11 +169,13 @@ class TrigField:
             raise InputError(f"order must be 0, 1 or 2, got {order!r}")
         if order == 0:
             return (self(p),)
-        f, g, hess = jets(self.coef, self.factor, self._frequency, self._inner(p), order)
+        args = self.coef, self.factor, self._frequency, self._inner(p)
+        f, g, *hess = gradients(*args) if order == 1 else jets(*args)
         if self.linear is not None:
             g = _product(g, self.linear)
-            hess = _product(_product(hess, self.linear).transpose(0, 2, 1), self.linear)
-        return (f, g, hess)[: order + 1]
+            m = self.linear
+            hess = [_product(_product(h, m).transpose(0, 2, 1), m) for h in hess]
+        return (f, g, *hess)
 
     def grid(
         self,

@@ -68,6 +68,23 @@ def test_values_and_gradients_agree_with_terms_typed_out(options):
     np.testing.assert_allclose(g, np.stack(steps, axis=1), atol=1e-13 * np.abs(g).max() * 10)
 
 
+@pytest.mark.parametrize("top", [0, 1, 6, 64])
+def test_gradients_of_many_points_are_those_of_single_points(top):
+    rng = np.random.default_rng(7)
+    field = random_field(rng, top=top, period=(1.0, 0.5, 2.0))
+    p = rng.uniform(-3, 3, (2500, 3))
+    p[::10] = np.rint(8 * p[::10]) / 16  # ends of quadrants, and places next to them
+    f, g = field.jet(p, 1)
+    scale = np.abs(field.coef).sum()
+    full = field.jet(p)
+    np.testing.assert_allclose(f, full[0], atol=1e-14 * scale)
+    np.testing.assert_allclose(g, full[1], atol=1e-14 * scale * 64 * 4 * np.pi)
+    for part in (slice(3, 4), slice(100, 301), slice(1030, 2400)):
+        again = field.jet(p[part], 1)
+        np.testing.assert_array_equal(again[0], f[part])
+        np.testing.assert_array_equal(again[1], g[part])
+
+
 def test_gradient_of_the_linear_map_is_transformed():
     rng = np.random.default_rng(6)
     placed = GYROID.placed(SKEW)
