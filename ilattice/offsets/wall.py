@@ -29,7 +29,12 @@ if TYPE_CHECKING:
     from ilattice.macroshape.lattice import Lattice
     from ilattice.mesh.surface import SurfaceMesh
 
-MAX_SPANS_PER_TILE = 64
+MAX_SPANS_PER_TILE = 96
+#: Vertices whose distance is checked after each refinement for `tol`.
+CHECKED = 1 << 15
+#: Order, in the size of spans, at which the 99th percentile of the error falls: kinks of the
+#: distance at its medial axis and its focal curves give 1.3 to 2, smooth parts 3.
+ORDER = 1.5
 
 
 @dataclass(frozen=True)
@@ -231,8 +236,12 @@ class Wall:
         """
         if mesh is None:
             mesh = self.mesh(polish=False)
+        return self._thickness_error(mesh, 1)
+
+    def _thickness_error(self, mesh: SurfaceMesh, every: int) -> ThicknessReport:
+        """Errors over every so manieth vertex."""
         u, side = parameters_of(mesh)
-        u, side = u[side != 0], side[side != 0]
+        u, side = u[side != 0][::every], side[side != 0][::every]
         asked = np.where(side > 0, self.thickness.outer(u), self.thickness.inner(u))
         error = np.abs(side * self.lattice.distance(u) - asked)
         d = np.maximum(asked, 1e-300)
@@ -241,6 +250,23 @@ class Wall:
             float(np.sqrt(np.mean(error**2))), float(np.percentile(error / d, 99)),
             float((error / d).max()), len(error),
         )  # fmt: skip
+
+    def _refined(self, tol: float, progress: Progress) -> Wall:
+        """The wall, its distance spline refined until 99 of 100 errors are at most `tol`."""
+        wall, spans = self, self.lattice.spans
+        while True:
+            mesh = wall.mesh(polish=False, progress=progress)
+            error = wall._thickness_error(mesh, 1 + len(mesh.vertices) // CHECKED).p99
+            if error <= tol:
+                return wall
+            if spans >= MAX_SPANS_PER_TILE:
+                raise ConvergenceError(
+                    f"tol={tol:g} is not met: the half-thickness is still off by {error:g} with "
+                    f"{spans} spans per tile; ask for less, or polish the mesh"
+                )
+            more = min(max((error / tol) ** (1 / ORDER), 1.2), 3.0)
+            spans = min(4 * int(np.ceil(0.25 * spans * more)), MAX_SPANS_PER_TILE)
+            wall = replace(wall, distance=distance_spline(self.lattice, spans, progress))
 
 
 def parameters_of(mesh: SurfaceMesh) -> tuple[FloatArray, AnyArray]:
@@ -279,7 +305,7 @@ def offset(
     InputError
         If `d` is not positive or larger than the part, or `tol` is not positive.
     ConvergenceError
-        If `tol` is not met with 64 spans per tile.
+        If `tol` is not met with 96 spans per tile.
 
     Notes
     -----
@@ -289,19 +315,7 @@ def offset(
     wall = Wall(lattice, distance_spline(lattice, progress=progress), thickness)
     if tol is None:
         return wall
-    tol = as_positive("tol", tol)
-    spans = lattice.spans
-    error = wall.thickness_error().p99
-    while error > tol and 2 * spans <= MAX_SPANS_PER_TILE:
-        spans *= 2
-        wall = replace(wall, distance=distance_spline(lattice, spans, progress))
-        error = wall.thickness_error().p99
-    if error > tol:
-        raise ConvergenceError(
-            f"tol={tol:g} is not met: the half-thickness is still off by {error:g} with {spans} "
-            "spans per tile; ask for less, or polish the mesh"
-        )
-    return wall
+    return wall._refined(as_positive("tol", tol), progress)
 
 
 def warn_coarse(h: float, least: float) -> None:
