@@ -346,7 +346,7 @@ def count(rows, lookup, shape, coords, first, last, caps, flips, prefix):
                             flip |= 1 << k
                             total += 1
                         if caps or not _bare_at(shape, coords, b, i, j, k, code):
-                            total += np.int64(CASES[code, PATCHES])
+                            total += int(CASES[code, PATCHES])
                     flips[b, B * i + j] = flip
             prefix[b, B * B] = total
     return quads
