@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ilattice._typing import ArrayLike, FloatArray
-from ilattice._validate import as_counts, as_points
+from ilattice._validate import as_array, as_counts, as_points, near_names
 from ilattice.errors import InputError
 from ilattice.macroshape.certify import check_map
 from ilattice.macroshape.maps import SplineMap
@@ -82,6 +82,11 @@ class Lattice:
         if self.spans_per_tile is not None and not self.spans_per_tile >= 2:
             raise InputError(f"spans_per_tile must be at least 2, got {self.spans_per_tile!r}")
         check_map(self.through)
+        both = set(self.through.names) & set(self.tile.properties)
+        if both:
+            raise InputError(
+                f"properties {sorted(both)} are given by the tile and by the map; rename one"
+            )
 
     def _once(self, name: str, make: Any) -> Any:
         if name not in self._cache:
@@ -143,8 +148,59 @@ class Lattice:
             Values, negative inside.
         """
         p = self.tile_coordinates(u)
+        return self.smooth_tile(p - self._tile_of(p))
+
+    def _tile_of(self, p: FloatArray) -> FloatArray:
+        """Lower corners of the tiles that hold points given in tile coordinates."""
         last = np.where(self.through.closed, np.inf, np.array(self.repeat) - 1.0)
-        return self.smooth_tile(p - np.minimum(np.floor(p), last))
+        return np.minimum(np.floor(p), last)
+
+    # ------------------------------------------------------------------ properties
+
+    @property
+    def property_names(self) -> tuple[str, ...]:
+        """Names of the properties: extra coordinates of the map, then those of the tile."""
+        return (*self.through.names, *self.tile.properties)
+
+    def property_at(self, name: str, u: ArrayLike) -> FloatArray:
+        """Value of a property: colour, material, thickness.
+
+        Parameters
+        ----------
+        name : str
+            One of `property_names`.
+        u : array_like, shape (n, 3)
+            Parameters.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Values: of an extra coordinate of the map, which goes through the part as a whole, or
+            of a property of the tile, which repeats in every tile.
+
+        Raises
+        ------
+        InputError
+            If there is no such property, or one of the tile returns values of another shape.
+
+        Notes
+        -----
+        Hong et al. 2025, section 3: T into ℝ^l, l > 3, and the tile's fields I^r, r > 1.
+        """
+        u = as_points("u", u)
+        if name in self.through.names:
+            return self.through.extra(u)[:, self.through.names.index(name)]
+        if name not in self.tile.properties:
+            known = near_names(name, self.property_names) if self.property_names else "none"
+            raise InputError(f"the lattice has no property {name!r}; it has: {known}")
+        p = self.tile_coordinates(u)
+        values = as_array(f"property {name!r}", self.tile.properties[name](p - self._tile_of(p)))
+        if values.shape != (len(u),):
+            raise InputError(
+                f"property {name!r} must return one value per point, shape ({len(u)},), got "
+                f"{values.shape}"
+            )
+        return values
 
     # ------------------------------------------------------------------ distances
 

@@ -240,8 +240,5 @@ def _point_data(wall: Wall, u: FloatArray, side: FloatArray) -> dict[str, AnyArr
         "w": u[:, 2].copy(),
         "side": side.astype(np.int8),
     }
-    through = wall.lattice.through
-    if through.names:
-        extra = through.extra(u)
-        data |= {name: extra[:, i].copy() for i, name in enumerate(through.names)}
-    return data
+    lattice = wall.lattice
+    return data | {name: lattice.property_at(name, u) for name in lattice.property_names}

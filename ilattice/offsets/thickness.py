@@ -14,6 +14,7 @@ import numpy as np
 from ilattice._typing import FloatArray
 from ilattice._validate import as_array, near_names
 from ilattice.bspline import BSpline
+from ilattice.bspline.knots import uniform_knots
 from ilattice.errors import ConvergenceError, InputError
 
 if TYPE_CHECKING:
@@ -62,9 +63,9 @@ def as_thickness(d: Any, lattice: Lattice) -> Thickness:
     ----------
     d : float, callable, BSpline, str, or pair of these
         Half-thickness in units of length; a callable takes parameters (n, 3) and returns (n,);
-        a name is that of an extra coordinate of the map.
+        a name is that of a property of the lattice.
     lattice : Lattice
-        Gives the domain, the extra coordinates and the size of the part.
+        Gives the domain, the properties and the size of the part.
 
     Returns
     -------
@@ -114,11 +115,12 @@ def _as_spline(d: Any, lattice: Lattice, name: str) -> BSpline:
 
 def _named(name: str, lattice: Lattice, argument: str) -> BSpline:
     through = lattice.through
+    if name in lattice.tile.properties:
+        return _repeated(name, lattice, argument)
     if name not in through.names:
-        known = near_names(name, through.names) if through.names else "none"
+        known = near_names(name, lattice.property_names) if lattice.property_names else "none"
         raise InputError(
-            f"{argument} is {name!r}, but the map has no extra coordinate of that name; it has: "
-            f"{known}"
+            f"{argument} is {name!r}, but the lattice has no property of that name; it has: {known}"
         )
     s = through.spline
     c = s.c[..., 3 + list(through.names).index(name)]
@@ -126,6 +128,31 @@ def _named(name: str, lattice: Lattice, argument: str) -> BSpline:
         return BSpline(s.t, c, s.k, periodic=s.periodic)
     rational = BSpline(s.t, c, s.k, periodic=s.periodic, weights=s.weights)
     return _fitted(rational, lattice, argument)
+
+
+def _repeated(name: str, lattice: Lattice, argument: str) -> BSpline:
+    """Spline of a tile's property over the whole domain, fitted on one tile."""
+    from ilattice.bspline.fit import fit
+
+    prop = lattice.tile.properties[name]
+    cube = _evaluate(prop, _grid_points(lattice.tile.bounds, 9), argument)
+    try:
+        one = fit(
+            prop, degree=2, method="interpolate", periodic=True,
+            tol=FIT_TOLERANCE * max(float(np.abs(cube).max()), 1e-300),
+        )  # fmt: skip
+    except ConvergenceError as e:
+        raise InputError(
+            f"{argument} is property {name!r} of the tile, which is no smooth periodic function "
+            f"on the tile: {e}"
+        ) from e
+    c, knots = one.c, []
+    for a, count in enumerate(lattice.repeat):
+        spans = one.shape[a] - 2
+        c = c.take(np.arange(count * spans + 2) % spans, axis=a)
+        domain = tuple(lattice.domain[:, a])
+        knots.append(uniform_knots(count * spans, 2, domain, periodic=True))
+    return BSpline(knots, c, 2, periodic=lattice.through.closed)
 
 
 def _fitted(f: Any, lattice: Lattice, name: str) -> BSpline:

@@ -162,7 +162,7 @@ class Wall:
         -------
         SurfaceMesh
             Outward oriented, with point data: signed distance, half-thickness, parameters
-            u, v, w, side (0 on caps), and the extra coordinates of the map.
+            u, v, w, side (0 on caps), and the properties of the lattice.
 
         Raises
         ------
@@ -288,7 +288,7 @@ def offset(
     d : float, callable, BSpline, str, or pair of these
         Half-thickness in units of length, on both sides, or (inner, outer) for the sides where
         the implicit function is negative and positive. A callable takes parameters (n, 3);
-        a name is that of an extra coordinate of the map.
+        a name is that of a property of the lattice.
     tol : float, optional
         Largest error (99th percentile) of the half-thickness, in units of length; the distance
         spline is refined until it holds.
