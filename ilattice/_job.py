@@ -91,7 +91,7 @@ def build(
         The report.
     """
     check_outputs([*output, *([report] if report else [])])
-    check_meshes(output)
+    check_endings(output, "SurfaceMesh")
     d = parse(thickness) if isinstance(thickness, str) else thickness
     cell = il.tiles.get(tile)
     stages = Stages()
@@ -126,6 +126,52 @@ def build(
     if report:
         write_json(report, result)
     return result
+
+
+def slices(
+    *,
+    tile: str,
+    through: str,
+    repeat: tuple[int, int, int],
+    thickness: str | float,
+    layer: float,
+    output: Sequence[str | os.PathLike[str]],
+    h: float | None = None,
+    polish: bool = True,
+    progress: Progress = None,
+) -> dict[str, Any]:
+    """Fill a volume with a lattice of given wall thickness and write slices of it.
+
+    Parameters
+    ----------
+    tile, through, repeat, thickness, h, progress : optional
+        As in `build`.
+    layer : float
+        Thickness of the layers.
+    output : sequence of path-like
+        Files to write: CLI, SVG or 3MF.
+    polish : bool
+        Whether contours move onto the exact offset; otherwise they follow the distance spline.
+
+    Returns
+    -------
+    dict
+        Number of layers, their lower and upper end, and the files.
+    """
+    check_outputs(output)
+    check_endings(output, "SliceStack")
+    d = parse(thickness) if isinstance(thickness, str) else thickness
+    lattice = il.Lattice(il.tiles.get(tile), through=volume(through), repeat=repeat)
+    wall = lattice.offset(d, progress=progress)
+    stack = wall.slices(thickness=layer, h=h, polish=polish)
+    for path in output:
+        stack.save(path, progress=progress)
+    return {
+        "layers": len(stack),
+        "from": stack.bottom,
+        "to": float(stack.tops[-1]),
+        "files": [str(path) for path in output],
+    }
 
 
 def demo(
@@ -217,20 +263,22 @@ def check_outputs(paths: Sequence[str | os.PathLike[str]]) -> None:
             raise InputError(f"output {str(path)!r}: the directory is not writable")
 
 
-def check_meshes(paths: Sequence[str | os.PathLike[str]]) -> None:
-    """Refuse, before any work, endings that no mesh format has.
+def check_endings(paths: Sequence[str | os.PathLike[str]], kind: str) -> None:
+    """Refuse, before any work, endings that no format of an object has.
 
     Parameters
     ----------
     paths : sequence of path-like
-        Files of meshes that will be written.
+        Files that will be written.
+    kind : str
+        Type of what they will hold, such as ``"SurfaceMesh"``.
 
     Raises
     ------
     FormatError
         Naming the first file of an unknown format, and the known ones.
     """
-    known = WRITERS["SurfaceMesh"]
+    known = WRITERS[kind]
     for path in paths:
         if Path(path).suffix.lower() not in known:
             raise FormatError(f"{str(path)!r} has none of the endings {', '.join(sorted(known))}")
@@ -316,6 +364,7 @@ def warmup(progress: Progress = None) -> None:
                 mesh = wall.mesh(0.05)
                 wall.thickness_error(mesh)
                 measures(mesh)
+            list(wall.slices(thickness=0.25, h=0.05))
             for ending in ("stl", "vtp"):
                 mesh.save(Path(folder) / f"mesh.{ending}")
 

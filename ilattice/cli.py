@@ -143,6 +143,53 @@ def _app() -> "App":
             )
         )
 
+    @app.command(name="slice")
+    def slice_(
+        *,
+        tile: str,
+        map: str,
+        repeat: tuple[int, int, int],
+        thickness: Annotated[str, Parameter(allow_leading_hyphen=True)],
+        layer: float,
+        output: Files,
+        h: Length | None = None,
+        rough: bool = False,
+    ) -> None:
+        """Slice a lattice in a volume without a mesh.
+
+        Parameters
+        ----------
+        tile
+            Name of a tile; see ``ilattice tiles``.
+        map
+            Name of a built-in volume, or FILE, or FILE#patch.
+        repeat
+            Number of tiles along u, v and w.
+        thickness
+            Half-thickness: a number, or a formula in u, v, w.
+        layer
+            Thickness of the layers.
+        output
+            Files to write: .cli, .svg or .3mf.
+        h
+            Length of the edges of the contours.
+        rough
+            Follow the distance spline instead of the exact offset; faster.
+        """
+        report = _job.slices(
+            tile=tile,
+            through=map,
+            repeat=repeat,
+            thickness=thickness,
+            layer=layer,
+            output=output,
+            h=h,
+            polish=not rough,
+            progress=True,
+        )
+        print(f"{report['layers']} layers from {report['from']:.6g} to {report['to']:.6g}")
+        print("\n".join(f"wrote  {name}" for name in report["files"]))
+
     @app.command
     def info(file: str) -> None:
         """Tell what a file holds: the patches of a volume.

@@ -80,6 +80,25 @@ def test_wrong_input_is_one_line_and_code_2(changes, message, tmp_path, capfd):
     assert not target.exists()
 
 
+def test_slice_writes_layers(tmp_path, capfd):
+    files = [tmp_path / name for name in ("a.cli", "a.svg", "a.3mf")]
+    arguments = ["slice", *words()[1:], "--layer", "0.25", "--rough", "-o", *map(str, files)]
+    assert cli.main(arguments) == 0
+    out, err = capfd.readouterr()
+    assert err == ""
+    assert out.startswith("4 layers from 0 to 1\n")
+    assert all(f"wrote  {path}\n" in out for path in files)
+    assert files[1].read_text().count("<g ") == 4
+
+
+def test_slices_have_their_own_endings(tmp_path, capfd):
+    target = tmp_path / "a.stl"
+    err = fails(["slice", *words()[1:], "--layer", "0.25", "-o", str(target)], 1, capfd)
+    assert ".cli" in err
+    err = fails(["slice", *words()[1:], "--layer", "0", "-o", str(tmp_path / "a.cli")], 2, capfd)
+    assert "thickness" in err
+
+
 def test_warnings_are_lines_too(tmp_path, capfd):
     assert cli.main([*words(h=["0.12"]), "-o", str(tmp_path / "a.stl")]) == 0
     err = capfd.readouterr().err

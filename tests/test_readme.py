@@ -9,6 +9,7 @@ import pytest
 
 import ilattice as il
 from ilattice import cli
+from ilattice.mesh import SliceStack
 
 TEXT = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
 PROGRAM, VARIATIONS = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
@@ -31,7 +32,7 @@ def test_the_variations_are_one_line_each(tmp_path):
         eval(line.replace('"part.xml"', repr(str(file))).replace("...", "u[:, 0] - 0.5"), names)
         for line in lines
     ]
-    kinds = [il.Wall, il.Wall, il.Tile, il.Tile, il.SplineMap]
+    kinds = [il.Wall, il.Wall, il.Tile, il.Tile, SliceStack, il.SplineMap]
     assert [type(result) for result in results] == kinds
 
 
@@ -40,11 +41,13 @@ def test_the_command_lines_are_understood(line, monkeypatch):
     called = []
     for name in ("build", "describe", "catalogue"):
         monkeypatch.setattr(f"ilattice._job.{name}", lambda *a, **k: called.append((a, k)) or [])
+    empty = {"layers": 0, "from": 0.0, "to": 0.0, "files": []}
+    monkeypatch.setattr("ilattice._job.slices", lambda **k: called.append(k) or empty)
     monkeypatch.setattr("ilattice.cli._summary", lambda _: None)
     assert cli.main(shlex.split(line)[1:]) == 0
     assert len(called) == 1
 
 
-def test_there_are_two_commands_and_four_command_lines():
+def test_there_are_two_commands_and_five_command_lines():
     assert len(re.findall(r"^python3 -m venv .*", TEXT, re.MULTILINE)) == 2
-    assert len(LINES) == 4
+    assert len(LINES) == 5

@@ -28,6 +28,11 @@ WRITERS: dict[str, dict[str, str]] = {
     },
     "SplineMap": {".vtu": "vtk:save_bezier_vtu", **_SPLINE},
     "BSpline": _SPLINE,
+    "SliceStack": {
+        ".cli": "common_layer:write_cli",
+        ".svg": "svg:write_svg",
+        ".3mf": "threemf_slices:write_3mf_slices",
+    },
 }
 
 
@@ -38,7 +43,7 @@ def save(
 
     Parameters
     ----------
-    obj : SurfaceMesh, SplineMap or BSpline
+    obj : SurfaceMesh, SplineMap, BSpline or SliceStack
         What to write.
     path : path-like
         File to create; an old one is replaced as a whole or left alone.

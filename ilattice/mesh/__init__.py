@@ -3,12 +3,14 @@
 ========================  ==================================================================
 `SurfaceMesh`             vertices, faces, named data; what `ilattice.io` writes
 `contour`                 from an implicit field on a box to a `SurfaceMesh`
+`Slice`, `SliceStack`     contours of a wall at given heights, without a mesh
 `measure`                 volume, area, quality, edge census as functions of plain arrays
 ========================  ==================================================================
 """
 
 from ilattice.mesh import measure
 from ilattice.mesh.contouring import contour
+from ilattice.mesh.slices import Slice, SliceStack
 from ilattice.mesh.surface import SurfaceMesh
 
-__all__ = ["SurfaceMesh", "contour", "measure"]
+__all__ = ["Slice", "SliceStack", "SurfaceMesh", "contour", "measure"]

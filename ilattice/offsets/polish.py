@@ -75,6 +75,29 @@ def polish(
     return out, residual
 
 
+def distance_jet(
+    lattice: Lattice, u: FloatArray, x: FloatArray, jacobian: FloatArray
+) -> tuple[FloatArray, FloatArray, AnyArray]:
+    """Signed distance by closest points, its gradient in u, and where there is none.
+
+    Parameters
+    ----------
+    lattice : Lattice
+        The lattice.
+    u : ndarray, shape (n, 3)
+        Parameters.
+    x, jacobian : ndarray, shape (n, 3) and (n, 3, 3)
+        Their images and the derivatives of the map there.
+
+    Returns
+    -------
+    tuple of ndarray
+        Distances (n,), gradients (n, 3), and True (n,) where the search failed.
+    """
+    values, gradients, lost = _by_closest_points(lattice, u, x, jacobian)
+    return values[0], gradients[0], lost
+
+
 def _inside(lattice: Lattice, u: FloatArray) -> FloatArray:
     """Parameters wrapped in closed directions, and clipped in the others."""
     lo, hi = lattice.domain

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from os import PathLike
 
     from ilattice.macroshape.lattice import Lattice
+    from ilattice.mesh.slices import SliceStack
     from ilattice.mesh.surface import SurfaceMesh
 
 MAX_SPANS_PER_TILE = 96
@@ -205,6 +206,47 @@ class Wall:
         with StreamedMeshWriter(path) as writer:
             for vertices, faces in wall_pieces(self, h, polish=polish, progress=progress):
                 writer.append(vertices, faces)
+
+    def slices(
+        self,
+        z: ArrayLike | None = None,
+        *,
+        thickness: float | None = None,
+        h: float | None = None,
+        normal: ArrayLike = (0.0, 0.0, 1.0),
+        polish: bool = True,
+    ) -> SliceStack:
+        """Closed, oriented and nested contours at given heights, without a mesh.
+
+        Parameters
+        ----------
+        z : array_like, shape (n,), optional
+            Heights of the cuts, increasing.
+        thickness : float, optional
+            In place of `z`: layers of this thickness from the lowest point of the part to its
+            highest, cut half-way up.
+        h : float, optional
+            Length of the edges of contours; by default a quarter of the least total thickness.
+        normal : array_like, shape (3,)
+            Direction of the heights.
+        polish : bool
+            Move the contours onto the exact offset by closest points; otherwise they are those
+            of the distance spline, and come several times faster.
+
+        Returns
+        -------
+        SliceStack
+            An iterable that computes one slice at a time; ``save`` writes it.
+
+        Raises
+        ------
+        InputError
+            If neither or both of `z` and `thickness` are given, or something is not positive,
+            finite or increasing.
+        """
+        from ilattice.mesh.slices import slice_wall
+
+        return slice_wall(self, z, thickness=thickness, h=h, normal=normal, polish=polish)
 
     def volume(self, h: float | None = None) -> float:
         """Volume of the wall in space, by the divergence theorem on its polished mesh.

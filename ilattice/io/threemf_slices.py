@@ -1,0 +1,128 @@
+"""3MF with a slice stack (slice extension 1.0), written as it comes, without lib3mf.
+
+Guarantees: closed polygons, eight digits, tops that increase; empty slices are kept. The mesh
+that every 3MF object needs is the box around the part, marked as low resolution: such files are
+for machines that print slices (the extension is marked as required).
+"""
+
+import os
+import zipfile
+from collections.abc import Iterator
+
+import numpy as np
+
+from ilattice._progress import Progress, track
+from ilattice._typing import FloatArray
+from ilattice.io._common import atomic_write
+from ilattice.io._slices import as_unit, contours, decimals, join
+from ilattice.mesh.slices import Slice, SliceStack
+
+_CORE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
+_SLICE = "http://schemas.microsoft.com/3dmanufacturing/slice/2015/07"
+_XML = '<?xml version="1.0" encoding="UTF-8"?>\n'
+_TYPES = (
+    f'{_XML}<Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types">'
+    '<Default Extension="rels" '
+    'ContentType="application/vnd.openxmlformats-package.relationships+xml"/>'
+    '<Default Extension="model" '
+    'ContentType="application/vnd.ms-package.3dmanufacturing-3dmodel+xml"/></Types>'
+)
+_RELATIONS = (
+    f'{_XML}<Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships">'
+    '<Relationship Target="/3D/3dmodel.model" Id="rel0" '
+    'Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"/></Relationships>'
+)
+_BOX = (  # corners 4 i + 2 j + k of a box, counter-clockwise from outside
+    (0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1),
+    (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3),
+)  # fmt: skip
+_EPOCH = (1980, 1, 1, 0, 0, 0)
+
+
+def write_3mf_slices(
+    stack: SliceStack,
+    path: str | os.PathLike[str],
+    *,
+    unit: str = "millimeter",
+    progress: Progress = None,
+) -> None:
+    """Write slices as the slice stack of a 3MF object.
+
+    Parameters
+    ----------
+    stack : SliceStack
+        The slices.
+    path : path-like
+        File to create or to replace.
+    unit : {"micron", "millimeter", "centimeter", "inch", "foot", "meter"}
+        Unit of the coordinates.
+    progress : bool or callable, optional
+        See `ilattice._progress.track`.
+
+    Raises
+    ------
+    InputError
+        Unknown unit.
+    FormatError
+        If the file cannot be written.
+    """
+    unit = as_unit(unit)
+    with (
+        atomic_write(path) as file,
+        zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=4) as package,
+    ):
+        for name, text in (("[Content_Types].xml", _TYPES), ("_rels/.rels", _RELATIONS)):
+            with package.open(_entry(name), "w") as part:
+                part.write(text.encode("utf-8"))
+        with package.open(_entry("3D/3dmodel.model"), "w", force_zip64=True) as part:
+            for text in _model(stack, unit, progress):
+                part.write(text.encode("utf-8"))
+
+
+def _entry(name: str) -> zipfile.ZipInfo:
+    entry = zipfile.ZipInfo(name, _EPOCH)
+    entry.compress_type = zipfile.ZIP_DEFLATED
+    return entry
+
+
+def _model(stack: SliceStack, unit: str, progress: Progress) -> Iterator[str]:
+    bounds = stack.bounds
+    places = decimals(bounds)
+    yield (
+        f'{_XML}<model unit="{unit}" xml:lang="en-US" xmlns="{_CORE}" xmlns:s="{_SLICE}" '
+        'requiredextensions="s">\n<resources>\n'
+        f'<s:slicestack id="1" zbottom="{stack.bottom:.{places}f}">\n'
+    )
+    for section in track(stack, "slices", progress, total=len(stack)):
+        yield _slice(section, places)
+    yield (
+        '</s:slicestack>\n<object id="2" type="model" s:slicestackid="1" '
+        f's:meshresolution="lowres">\n{_box(bounds, places)}</object>\n</resources>\n'
+        '<build><item objectid="2"/></build>\n</model>\n'
+    )
+
+
+def _slice(section: Slice, places: int) -> str:
+    loops = [points for points, _ in contours(section)]
+    if not loops:
+        return f'<s:slice ztop="{section.top:.{places}f}"/>\n'
+    vertices = join(np.concatenate(loops), places, '<s:vertex x="', '" y="', '"/>')
+    parts, first = [f'<s:slice ztop="{section.top:.{places}f}"><s:vertices>{vertices}'], 0
+    parts.append("</s:vertices>\n")
+    for points in loops:
+        following = [*range(first + 1, first + len(points)), first]
+        segments = "".join(f'<s:segment v2="{i}"/>' for i in following)
+        parts.append(f'<s:polygon startv="{first}">{segments}</s:polygon>\n')
+        first += len(points)
+    return "".join(parts) + "</s:slice>\n"
+
+
+def _box(bounds: FloatArray, places: int) -> str:
+    vertices = "".join(
+        f'<vertex x="{x:.{places}f}" y="{y:.{places}f}" z="{z:.{places}f}"/>'
+        for x in bounds[:, 0]
+        for y in bounds[:, 1]
+        for z in bounds[:, 2]
+    )
+    triangles = "".join(f'<triangle v1="{a}" v2="{b}" v3="{c}"/>' for a, b, c in _BOX)
+    return f"<mesh><vertices>{vertices}</vertices>\n<triangles>{triangles}</triangles></mesh>\n"

@@ -1,0 +1,256 @@
+"""Compiled loops of slicing: march the height through cells, the wall through the sheet.
+
+A cell is cut into the six tetrahedra of Kuhn and Freudenthal: a corner is a bit pattern
+``4 dx + 2 dy + dz``, the edges run from a corner to one whose pattern contains its own. So an
+edge is named by its lower grid vertex and a direction 1 to 7, the same in all cells that share it.
+
+Guarantees: serial, one pass; combinatorics only, no tolerances. Non-guarantee: arguments are not
+checked.
+"""
+
+import numpy as np
+from numba import njit
+
+_PATHS = np.array(  # the six orders of the axes as corners; then the handedness
+    [
+        [0, 4, 6, 7, 1],
+        [0, 2, 3, 7, 1],
+        [0, 1, 5, 7, 1],
+        [0, 4, 5, 7, -1],
+        [0, 2, 6, 7, -1],
+        [0, 1, 3, 7, -1],
+    ],
+    np.int64,
+)
+_EVEN = np.array(  # even orders of four corners, by the bit pattern of those that come first
+    [
+        [-1, -1, -1, -1],
+        [0, 1, 2, 3],
+        [1, 0, 3, 2],
+        [0, 1, 2, 3],
+        [2, 3, 0, 1],
+        [0, 2, 3, 1],
+        [1, 2, 0, 3],
+        [3, 2, 1, 0],
+        [3, 2, 1, 0],
+        [0, 3, 1, 2],
+        [1, 3, 2, 0],
+        [2, 3, 0, 1],
+        [2, 3, 0, 1],
+        [1, 0, 3, 2],
+        [0, 1, 2, 3],
+        [-1, -1, -1, -1],
+    ],
+    np.int64,
+)
+
+
+@njit(cache=True)
+def crossed_cells(height, cells, first, limit, out):
+    """Cells of a block, (B, B, B) of B + 1 samples each way, that a level crosses.
+
+    `height` (n, B+1, B+1, B+1); `cells` (n, 3) first cell of each block; `limit` (3,) cells of the
+    grid. Fills `out` (m, 4) with block and cell within it when it is long enough; the count.
+    """
+    count = 0
+    size = height.shape[1] - 1
+    for b in range(len(height)):
+        for i in range(min(size, limit[0] - cells[b, 0])):
+            for j in range(min(size, limit[1] - cells[b, 1])):
+                for k in range(min(size, limit[2] - cells[b, 2])):
+                    above = 0
+                    for c in range(8):
+                        if height[b, i + (c >> 2), j + (c >> 1 & 1), k + (c & 1)] >= first:
+                            above += 1
+                    if 0 < above < 8:
+                        if count < len(out):
+                            out[count, 0] = b
+                            out[count, 1] = i
+                            out[count, 2] = j
+                            out[count, 3] = k
+                        count += 1
+    return count
+
+
+@njit(cache=True)
+def _edge(cell, low, high, planes):
+    """Name of the edge between two corners of a cell."""
+    if low > high:
+        low, high = high, low
+    i = (cell[0] + (low >> 2)) % planes[0]
+    j = (cell[1] + (low >> 1 & 1)) % planes[1]
+    k = (cell[2] + (low & 1)) % planes[2]
+    return ((i * planes[1] + j) * planes[2] + k) * 8 + (high - low)
+
+
+@njit(cache=True)
+def sheet(cells, corner, level, planes, turn, edges, ends):
+    """Triangles in which the level crosses the tetrahedra of cells.
+
+    `cells` (m, 3); `corner` (m, 8) heights; `planes` (3,) different grid planes per direction (one
+    less than all where it wraps); `turn` -1 where the map reverses handedness. Fills `edges`
+    (12 m, 3), the names of the crossed edges, counter-clockwise seen from above the level, and
+    `ends` (12 m, 3, 2), the heights at their two ends. Returns the number of triangles.
+    """
+    count = 0
+    loop = np.empty((4, 2), np.int64)
+    for m in range(len(cells)):
+        for path in range(6):
+            below = 0
+            for v in range(4):
+                if corner[m, _PATHS[path, v]] < level:
+                    below |= 1 << v
+            if below == 0 or below == 15:
+                continue
+            order = _EVEN[below]
+            size = 4
+            n = (below & 1) + (below >> 1 & 1) + (below >> 2 & 1) + (below >> 3)
+            hand = _PATHS[path, 4] * turn
+            if n == 2:
+                loop[0, 0], loop[0, 1] = order[0], order[2]
+                loop[1, 0], loop[1, 1] = order[0], order[3]
+                loop[2, 0], loop[2, 1] = order[1], order[3]
+                loop[3, 0], loop[3, 1] = order[1], order[2]
+            else:
+                size = 3
+                for v in range(3):
+                    loop[v, 0], loop[v, 1] = order[0], order[v + 1]
+                if n == 3:
+                    hand = -hand
+            for t in range(size - 2):
+                for v in range(3):
+                    at = 0 if v == 0 else t + v
+                    a = _PATHS[path, loop[at, 0]]
+                    b = _PATHS[path, loop[at, 1]]
+                    to = v if hand > 0 else 2 - v
+                    edges[count, to] = _edge(cells[m], a, b, planes)
+                    ends[count, to, 0] = corner[m, min(a, b)]
+                    ends[count, to, 1] = corner[m, max(a, b)]
+                count += 1
+    return count
+
+
+@njit(cache=True)
+def _crossing(a, b, size, upper):
+    """Name of the place where a side of the wall crosses the edge of a sheet."""
+    low, high = min(a, b), max(a, b)
+    return size + 2 * (low * size + high) + upper
+
+
+@njit(cache=True)
+def march(triangles, side, faces, out):
+    """Directed segments, the wall on their left, of the boundary of a wall on a sheet.
+
+    `triangles` (T, 3) counter-clockwise; `side` (V,) 0 in the wall, 1 beyond its outer side, -1
+    beyond its inner one; `faces` (V,) bits of the faces of the domain a vertex lies on. Fills
+    `out` (5 T, 2) with names of ends: a vertex, or a crossing. Returns their number.
+    """
+    size = len(side)
+    count = 0
+    for t in range(len(triangles)):
+        for upper in range(2):
+            beyond = 1 if upper else -1
+            leave, enter = -1, -1
+            for v in range(3):
+                a, b = triangles[t, v], triangles[t, (v + 1) % 3]
+                if (side[a] == beyond) != (side[b] == beyond):
+                    if side[b] == beyond:
+                        leave = _crossing(a, b, size, upper)
+                    else:
+                        enter = _crossing(a, b, size, upper)
+            if leave >= 0:
+                out[count, 0], out[count, 1] = leave, enter
+                count += 1
+        for v in range(3):
+            a, b = triangles[t, v], triangles[t, (v + 1) % 3]
+            if faces[a] & faces[b] == 0 or (side[a] == side[b] and side[a] != 0):
+                continue
+            out[count, 0] = a if side[a] == 0 else _crossing(a, b, size, (side[a] + 1) // 2)
+            out[count, 1] = b if side[b] == 0 else _crossing(a, b, size, (side[b] + 1) // 2)
+            count += 1
+    return count
+
+
+@njit(cache=True)
+def chain(following, order, start):
+    """Cycles of a permutation: fills `order` (n,) and `start` (n + 1,), returns their number."""
+    n = len(following)
+    seen = np.zeros(n, np.bool_)
+    count, at = 0, 0
+    for i in range(n):
+        if seen[i]:
+            continue
+        start[count] = at
+        j = i
+        while not seen[j]:
+            seen[j] = True
+            order[at] = j
+            at += 1
+            j = following[j]
+        count += 1
+    start[count] = at
+    return count
+
+
+@njit(cache=True)
+def _near(points, i, j, least):
+    x, y = points[i, 0] - points[j, 0], points[i, 1] - points[j, 1]
+    return x * x + y * y < least * least
+
+
+@njit(cache=True)
+def thin_out(points, start, least, sharp, keep):
+    """Marks points of closed loops to keep: no two nearer than `least` in a row, sharp ones all."""
+    for loop in range(len(start) - 1):
+        a, b = start[loop], start[loop + 1]
+        last = a
+        keep[a] = True
+        for i in range(a + 1, b):
+            keep[i] = sharp[i] or not _near(points, i, last, least)
+            if keep[i]:
+                if sharp[i] and last > a and not sharp[last] and _near(points, i, last, least):
+                    keep[last] = False
+                last = i
+        if last > a and not sharp[last] and _near(points, last, a, least):
+            keep[last] = False
+
+
+@njit(cache=True)
+def areas(points, start, out):
+    """Signed areas of closed loops, positive for counter-clockwise ones."""
+    for loop in range(len(start) - 1):
+        a, b = start[loop], start[loop + 1]
+        total = 0.0
+        for i in range(a, b):
+            j = i + 1 if i + 1 < b else a
+            x, y = points[i, 0] - points[a, 0], points[i, 1] - points[a, 1]
+            total += x * (points[j, 1] - points[a, 1]) - y * (points[j, 0] - points[a, 0])
+        out[loop] = 0.5 * total
+
+
+@njit(cache=True)
+def owners(points, start, area, box, out):
+    """For each clockwise loop the smallest counter-clockwise one around its first point, or -1."""
+    for hole in range(len(area)):
+        out[hole] = -1
+        if area[hole] >= 0:
+            continue
+        x, y = points[start[hole], 0], points[start[hole], 1]
+        best = np.inf
+        for loop in range(len(area)):
+            if area[loop] <= 0 or area[loop] >= best or area[loop] < -area[hole]:
+                continue
+            if x < box[loop, 0] or x > box[loop, 2] or y < box[loop, 1] or y > box[loop, 3]:
+                continue
+            odd = False
+            a, b = start[loop], start[loop + 1]
+            j = b - 1
+            for i in range(a, b):
+                if (points[i, 1] > y) != (points[j, 1] > y):
+                    s = (y - points[i, 1]) / (points[j, 1] - points[i, 1])
+                    if x < points[i, 0] + s * (points[j, 0] - points[i, 0]):
+                        odd = not odd
+                j = i
+            if odd:
+                best = area[loop]
+                out[hole] = loop

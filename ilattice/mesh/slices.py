@@ -1,0 +1,289 @@
+"""Slices of a wall: closed, oriented, nested contours at given heights, without a mesh.
+
+Guarantees: contours close and do not depend on the number of threads; outer ones run
+counter-clockwise seen from the tip of the normal, holes clockwise; a stack computes one slice at
+a time and keeps none, so memory does not grow with their number. The wall is half-open upwards:
+at its highest point there is a slice, at its lowest there is none.
+Not guaranteed: parts thinner than the grid; next to creases, where two offset surfaces meet, a
+contour may be rounded over part of a cell.
+"""
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, overload
+
+import numpy as np
+
+from ilattice._progress import Progress, track
+from ilattice._typing import ArrayLike, FloatArray
+from ilattice._validate import as_array, as_positive, as_triple, read_only
+from ilattice.errors import InputError
+from ilattice.mesh import _kernels_slices as kernels
+from ilattice.mesh._slicer import Outline, Slicer, as_frame, extent
+
+if TYPE_CHECKING:
+    from ilattice.offsets.wall import Wall
+
+#: A polygon as arrays: its outer contour (n, 2), and its holes.
+Polygon = tuple[FloatArray, tuple[FloatArray, ...]]
+MOST_LAYERS = 1_000_000
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Slice:
+    """Cross-section of a wall.
+
+    Attributes
+    ----------
+    height : float
+        Where the plane cuts, along the normal.
+    top, bottom : float
+        Heights between which the slice stands for the wall.
+    polygons : tuple of (ndarray, tuple of ndarray)
+        Outer contour (n, 2) and holes of each part; the first point is not repeated.
+        ``shapely.Polygon(outer, holes)`` takes them as they are.
+    frame : ndarray, shape (3, 3)
+        Rows: the two directions of the plane in space, and its normal.
+    """
+
+    height: float
+    top: float
+    bottom: float
+    polygons: tuple[Polygon, ...]
+    frame: FloatArray
+
+    def __repr__(self) -> str:
+        return f"Slice(height={self.height:g}, {len(self.polygons)} polygons, area={self.area:g})"
+
+    @property
+    def loops(self) -> list[FloatArray]:
+        """All contours, outer ones before their holes."""
+        return [loop for outer, holes in self.polygons for loop in (outer, *holes)]
+
+    @property
+    def holes(self) -> int:
+        """Number of holes."""
+        return sum(len(holes) for _, holes in self.polygons)
+
+    @cached_property
+    def area(self) -> float:
+        """Area of the material."""
+        return float(sum(_area(loop) for loop in self.loops))
+
+    @cached_property
+    def perimeter(self) -> float:
+        """Length of all contours."""
+        steps = (np.roll(loop, -1, axis=0) - loop for loop in self.loops)
+        return float(sum(np.hypot(*s.T).sum() for s in steps))
+
+    @property
+    def bounds(self) -> FloatArray:
+        """Bounding box, shape (2, 2), rows are the lower and the upper corner; NaN if empty."""
+        if not self.polygons:
+            return np.full((2, 2), np.nan)
+        points = np.concatenate([outer for outer, _ in self.polygons])
+        return np.stack([points.min(axis=0), points.max(axis=0)])
+
+    def to_space(self, points: ArrayLike) -> FloatArray:
+        """Points of the plane as points of space.
+
+        Parameters
+        ----------
+        points : array_like, shape (n, 2)
+            In the plane.
+
+        Returns
+        -------
+        ndarray, shape (n, 3)
+            In space.
+        """
+        p = as_array("points", points, ndim=2)
+        if p.shape[1] != 2:
+            raise InputError(f"points must have shape (n, 2), got {p.shape}")
+        out: FloatArray = p @ self.frame[:2] + self.height * self.frame[2]
+        return out
+
+    def to_svg(self) -> str:
+        """The slice as a picture: an SVG document with one filled path.
+
+        Returns
+        -------
+        str
+            The document.
+        """
+        from ilattice.io.svg import slice_document
+
+        return slice_document(self)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SliceStack:
+    """Slices of a wall, each computed when it is asked for; made by `Wall.slices`.
+
+    Attributes
+    ----------
+    wall : Wall
+        The wall.
+    heights, tops : ndarray, shape (n,)
+        Where the planes cut, and up to where each slice stands for the wall.
+    bottom : float
+        From where the lowest one stands for it.
+    frame : ndarray, shape (3, 3)
+        Rows: the two directions in the planes, and their normal.
+    slicer : Slicer
+        What cuts.
+    """
+
+    wall: "Wall"
+    heights: FloatArray
+    tops: FloatArray
+    bottom: float
+    frame: FloatArray
+    slicer: Slicer
+
+    def __repr__(self) -> str:
+        return f"SliceStack({len(self)} slices from {self.bottom:g} to {self.tops[-1]:g})"
+
+    def __len__(self) -> int:
+        return len(self.heights)
+
+    @overload
+    def __getitem__(self, index: int) -> Slice: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Slice]: ...
+    def __getitem__(self, index: int | slice) -> Slice | list[Slice]:
+        """One slice, or a list of them."""
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        i = range(len(self))[index]
+        height = float(self.heights[i])
+        below = self.bottom if i == 0 else float(self.tops[i - 1])
+        polygons = nested(self.slicer.outline(height))
+        return Slice(height, float(self.tops[i]), below, polygons, self.frame)
+
+    def __iter__(self) -> Iterator[Slice]:
+        """Slices from the lowest to the highest."""
+        return (self[i] for i in range(len(self)))
+
+    @property
+    def bounds(self) -> FloatArray:
+        """Box around all slices in the directions of `frame`, shape (2, 3), rows are corners."""
+        net = self.wall.lattice.through.geometry.c.reshape(-1, 3) @ self.frame.T
+        out = np.stack([net.min(axis=0), net.max(axis=0)])
+        out[:, 2] = self.bottom, self.tops[-1]
+        return out
+
+    def volume(self, *, progress: Progress = None) -> float:
+        """Volume of the layers: sum of area times thickness.
+
+        Parameters
+        ----------
+        progress : bool or callable, optional
+            See `ilattice._progress.track`.
+
+        Returns
+        -------
+        float
+            Volume; for a stack of even layers the midpoint rule, of second order.
+        """
+        layers = track(self, "slices", progress, total=len(self))
+        return float(sum(s.area * (s.top - s.bottom) for s in layers))
+
+    def save(self, path: str | os.PathLike[str], **options: Any) -> None:
+        """Write the stack slice by slice: CLI, SVG or 3MF, as the ending names.
+
+        Parameters
+        ----------
+        path : path-like
+            File to write; an old one is replaced as a whole or left alone.
+        **options
+            See the writer of the format in `ilattice.io`.
+
+        Raises
+        ------
+        FormatError
+            Unknown ending, or the file cannot be written.
+        """
+        from ilattice.io import save
+
+        save(self, path, **options)
+
+
+def slice_wall(
+    wall: "Wall",
+    z: ArrayLike | None = None,
+    *,
+    thickness: float | None = None,
+    h: float | None = None,
+    normal: ArrayLike = (0.0, 0.0, 1.0),
+    polish: bool = True,
+) -> SliceStack:
+    """Slices of a wall; see `ilattice.offsets.Wall.slices`."""
+    from ilattice.mesh.wall_mesh import grid_axes
+    from ilattice.offsets.wall import warn_coarse
+
+    least = wall.thickness.extremes[0]
+    h = 0.25 * least if h is None else as_positive("h", h)
+    warn_coarse(h, least)
+    frame = as_frame(as_triple("normal", normal))
+    slicer = Slicer(wall, grid_axes(wall, h), frame, h, polish)
+    heights, tops, bottom = _layers(z, thickness, extent(slicer.height))
+    return SliceStack(wall, read_only(heights), read_only(tops), bottom, read_only(frame), slicer)
+
+
+def _layers(
+    z: ArrayLike | None, thickness: float | None, ends: tuple[float, float]
+) -> tuple[FloatArray, FloatArray, float]:
+    """Heights of the cuts, upper ends of the layers, lower end of the first."""
+    low, high = ends
+    if (z is None) == (thickness is None):
+        raise InputError("give either z, the heights, or thickness, that of the layers")
+    if thickness is not None:
+        t = as_positive("thickness", thickness)
+        count = max(1, int(np.ceil((high - low) / t - 1e-9)))
+        if count > MOST_LAYERS:
+            raise InputError(
+                f"thickness={t:g} makes {count} layers of a part from {low:g} to {high:g}; "
+                f"at most {MOST_LAYERS} are allowed"
+            )
+        tops: FloatArray = low + t * np.arange(1.0, count + 1.0)
+        return tops - 0.5 * t, tops, low
+    heights = np.array(np.atleast_1d(as_array("z", z)))
+    if heights.ndim != 1 or not len(heights) or (np.diff(heights) <= 0).any():
+        raise InputError("z must be one height or increasing ones; sort them and drop equal ones")
+    first = heights[1] - heights[0] if len(heights) > 1 else heights[0] - low
+    return heights, heights.copy(), float(heights[0] - max(first, 0.0))
+
+
+def nested(outline: Outline) -> tuple[Polygon, ...]:
+    """Polygons of the loops of an outline: each hole in the smallest outer contour around it.
+
+    Parameters
+    ----------
+    outline : Outline
+        Loops with the material on their left.
+
+    Returns
+    -------
+    tuple of (ndarray, tuple of ndarray)
+        Outer contours, by first appearance, with their holes. A hole without an outer contour
+        is dropped: it is smaller than the grid.
+    """
+    points, start, area = outline
+    loops = [points[a:b] for a, b in pairwise(start)]
+    box = np.array([[*p.min(axis=0), *p.max(axis=0)] for p in loops]).reshape(-1, 4)
+    owner = np.empty(len(area), np.int64)
+    kernels.owners(points, start, area, box, owner)
+    holes: dict[int, list[FloatArray]] = {int(i): [] for i in np.flatnonzero(area > 0.0)}
+    for i in np.flatnonzero(owner >= 0):
+        holes[int(owner[i])].append(read_only(loops[i].copy()))
+    return tuple((read_only(loops[i].copy()), tuple(inner)) for i, inner in holes.items())
+
+
+def _area(loop: FloatArray) -> float:
+    out = np.empty(1)
+    kernels.areas(loop, np.array([0, len(loop)]), out)
+    return float(out[0])

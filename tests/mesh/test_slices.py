@@ -1,0 +1,409 @@
+"""Slices against exact cross-sections, the inverse of the map, a mesh, and their own identities."""
+
+import tracemalloc
+from collections import Counter
+from functools import cache
+
+import numba
+import numpy as np
+import pytest
+
+import ilattice as il
+from ilattice.errors import InputError
+from ilattice.mesh import _kernels_slices as kernels
+from ilattice.mesh._slicer import extent
+from ilattice.tiles.trig import TrigField
+
+PLANES = TrigField([1.0], [[1, 0, 0]])  # cos(2 pi x): planes at 1/4 and 3/4
+
+
+@cache
+def wall(name):
+    box, shapes = il.macroshape.box, il.macroshape
+    lattice, d = {
+        "box": (il.Lattice("schwarz_p", through=box()), 0.1),
+        "flipped": (il.Lattice("gyroid", through=box((1, 2, 1)).flipped(), repeat=(1, 2, 1)), 0.08),
+        "torus": (il.Lattice("gyroid", through=shapes.torus(2, 1.5), repeat=(5, 1, 1)), 0.12),
+        "tapered": (
+            il.Lattice("diamond", through=shapes.tapered(), repeat=(1, 1, 1)),
+            lambda u: 0.05 + 0.02 * u[:, 0],
+        ),
+        "shell": (
+            il.Lattice("schwarz_p", through=shapes.cylinder_shell(), repeat=(8, 1, 1)),
+            (0.0, 0.1),
+        ),
+        "duck": (il.Lattice("gyroid", through=shapes.duck(), repeat=(4, 2, 2)), 0.06),
+    }[name]
+    return lattice.offset(d)
+
+
+WALLS = ("box", "flipped", "torus", "tapered", "shell", "duck")
+
+
+def heights(w, count):
+    low, high = extent(il.bspline.BSpline(*parts(w)))
+    return low + (high - low) * (np.arange(count) + 0.5) / count
+
+
+def parts(w):
+    s = w.lattice.through.geometry
+    return s.t, s.c[..., 2], s.k
+
+
+def inside(points, loops):
+    """Naive: even number of crossings of a ray to the right, for all contours at once."""
+    odd = np.zeros(len(points), bool)
+    for loop in loops:
+        for a, b in zip(loop, np.roll(loop, -1, axis=0), strict=True):
+            spans = (a[1] > points[:, 1]) != (b[1] > points[:, 1])
+            if spans.any():
+                x = a[0] + (points[:, 1] - a[1]) / (b[1] - a[1]) * (b[0] - a[0])
+                odd ^= spans & (points[:, 0] < x)
+    return odd
+
+
+def near(points, loops, reach):
+    ends = np.concatenate([p for loop in loops for p in (loop, 0.5 * (loop + np.roll(loop, 1, 0)))])
+    return np.array([np.hypot(*(ends - p).T).min() < reach for p in points])
+
+
+def shoelace(p):
+    x, y = p.T
+    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
+
+
+# --- exact cross-sections ---------------------------------------------------------------------
+
+
+def test_slabs_are_cut_into_rectangles_with_exact_corners():
+    lattice = il.Lattice(il.Tile(PLANES), through=il.macroshape.box((2.0, 1.0, 1.0)))
+    section = lattice.offset(0.1).slices([0.37], h=0.1)[0]
+    assert len(section.polygons) == 2
+    assert section.holes == 0
+    assert section.area == pytest.approx(0.4, abs=1e-9)
+    assert section.perimeter == pytest.approx(2 * 2.4, abs=1e-9)
+    for outer, _ in section.polygons:
+        middle = 0.5 if outer[:, 0].mean() < 1 else 1.5
+        for corner in ([middle - 0.1, 0], [middle + 0.1, 0], [middle - 0.1, 1], [middle + 0.1, 1]):
+            assert np.abs(outer - corner).max(axis=1).min() < 1e-9
+
+
+def test_cylinders_are_cut_into_rings():
+    """The tile's planes become circles of radius 0.35 and 0.65; areas are short by the chords."""
+    through = il.macroshape.cylinder_shell(0.2, 0.8, 0.6)
+    radial = next(a for a in range(3) if np.ptp(np.hypot(*radii(through, a).T)) > 0.5)
+    factor = np.zeros((1, 3), np.int64)
+    factor[0, radial] = 1
+    w = il.Lattice(il.Tile(TrigField([1.0], factor)), through=through).offset(0.05)
+    error = []
+    for h in (0.05, 0.025, 0.0125):
+        section = w.slices([0.2], h=h)[0]
+        assert len(section.polygons) == section.holes == 2
+        for outer, (hole,) in section.polygons:
+            r = 0.4 if np.hypot(*outer[0]) < 0.5 else 0.7
+            assert np.abs(np.hypot(*outer.T) - r).max() < 1e-6
+            assert np.abs(np.hypot(*hole.T) - r + 0.1).max() < 1e-6
+        error.append(abs(section.area / (np.pi * (0.4**2 - 0.3**2 + 0.7**2 - 0.6**2)) - 1))
+    assert error[-1] < 1e-3
+    assert np.log2(error[0] / error[-1]) / 2 > 1.5
+
+
+def radii(through, axis):
+    u = np.full((9, 3), 0.37)
+    u[:, axis] = np.linspace(*through.domain[:, axis], 9)
+    return through.x(u)[:, :2]
+
+
+# --- the inverse of the map as a twin ---------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", WALLS)
+def test_points_are_inside_where_the_field_at_their_parameters_is_negative(name):
+    w = wall(name)
+    rng = np.random.default_rng(3)
+    h = 0.35 * w.thickness.extremes[0]
+    checked = 0
+    for z in heights(w, 3):
+        section = w.slices([z], h=h, polish=False)[0]
+        lo, hi = w.lattice.through.bounds[:, :2]
+        p = lo + (hi - lo) * rng.random((500, 2))
+        u = w.lattice.through.inverse(np.column_stack([p, np.full(len(p), z)]))
+        there = np.isfinite(u[:, 0])
+        expected = np.zeros(len(p), bool)
+        expected[there] = w.field(u[there]) < 0
+        wrong = inside(p, section.loops) != expected
+        assert not wrong[~near(p, section.loops, 0.5 * h)].any()
+        checked += expected.sum()
+    assert checked > 30
+
+
+@pytest.mark.parametrize("name", WALLS)
+def test_points_of_contours_lie_on_the_wall_or_on_a_face_and_in_the_plane(name):
+    w = wall(name)
+    z = heights(w, 3)[1]
+    section = w.slices([z], h=0.35 * w.thickness.extremes[0], polish=False)[0]
+    points = np.concatenate(section.loops)
+    u = w.lattice.through.inverse(section.to_space(points), tol=1e-6)
+    assert np.isfinite(u).all()
+    lo, hi = w.lattice.domain
+    ends = np.minimum(u - lo, hi - u) / (hi - lo)
+    ends[:, np.array(w.lattice.through.closed)] = 1.0
+    off = np.minimum(np.abs(w.field(u)), ends.min(axis=1))
+    assert np.quantile(off, 0.98) < 1e-6
+    assert off.max() < 0.1 * w.thickness.extremes[0]
+
+
+def test_polished_contours_keep_the_exact_distance():
+    w = wall("box")
+    section = w.slices([0.3], h=0.05)[0]
+    u = section.to_space(np.concatenate(section.loops))
+    free = (np.minimum(u, 1 - u)[:, :2] > 1e-9).all(axis=1)
+    error = np.abs(np.abs(w.lattice.distance(u[free])) - 0.1)
+    assert free.sum() > 50
+    assert np.quantile(error, 0.95) < 1e-6
+    rough = w.slices([0.3], h=0.05, polish=False)[0]
+    u = rough.to_space(np.concatenate(rough.loops))
+    assert np.abs(np.abs(w.lattice.distance(u[:, :])) - 0.1).mean() > 1e-6
+
+
+# --- identities -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", WALLS)
+def test_contours_are_oriented_and_nested(name):
+    w = wall(name)
+    holes = 0
+    for section in w.slices(heights(w, 4), h=0.4 * w.thickness.extremes[0], polish=False):
+        holes += section.holes
+        for outer, inner in section.polygons:
+            assert shoelace(outer) > 0
+            for hole in inner:
+                assert shoelace(hole) < 0
+                assert inside(hole, [outer]).mean() > 0.99
+        assert section.area == pytest.approx(sum(map(shoelace, section.loops)), rel=1e-9)
+        steps = [np.hypot(*(p - np.roll(p, 1, axis=0)).T) for p in section.loops]
+        assert all(s.min() > 0 for s in steps)
+    assert holes > 0 or name not in ("torus", "shell")
+
+
+@pytest.mark.parametrize("name", ["box", "torus"])
+def test_sections_are_those_of_the_mesh(name):
+    w = wall(name)
+    h = (0.1 if name == "box" else 0.25) * w.thickness.extremes[0]
+    z = heights(w, 5)[1]
+    section = w.slices([z], h=h)[0]
+    cut = w.mesh(h=h).to_trimesh().section([0, 0, 1], [0, 0, z]).to_2D()[0]
+    assert len(section.polygons) == len(cut.polygons_full)
+    assert section.holes == sum(len(p.interiors) for p in cut.polygons_full)
+    assert section.area == pytest.approx(cut.area, rel=1e-2)
+
+
+def test_volume_converges_with_the_layers():
+    w = wall("box")
+    layers = (4, 16, 96)
+    v = [w.slices(thickness=1 / n, h=0.08, polish=False).volume() for n in layers]
+    coarse, finer = (abs(x / v[-1] - 1) for x in v[:2])
+    assert finer < 6e-3
+    assert coarse > 4 * finer
+
+
+def test_volume_is_that_of_the_mesh():
+    w = wall("box")
+    exact = (4 * w.mesh(0.02).volume - w.mesh(0.04).volume) / 3
+    assert w.slices(thickness=0.02, h=0.03).volume() == pytest.approx(exact, rel=1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", WALLS)
+def test_four_hundred_slices_hold_the_volume(name):
+    w = wall(name)
+    h = 0.2 * w.thickness.extremes[0]
+    low, high = extent(il.bspline.BSpline(*parts(w)))
+    coarse, fine = w.mesh(h).volume, w.mesh(h / 2).volume
+    exact = (4 * fine - coarse) / 3
+    v = w.slices(thickness=(high - low) / 400, h=h).volume()
+    assert v == pytest.approx(exact, rel=1e-3)
+
+
+def test_slices_along_another_normal_are_those_of_the_turned_part():
+    w = wall("box")
+    up, across = w.slices([0.3], h=0.05)[0], w.slices([0.3], h=0.05, normal=(1, 0, 0))[0]
+    assert across.area == pytest.approx(up.area, rel=2e-3)  # the tile is symmetric
+    x = across.to_space(np.concatenate(across.loops))
+    assert np.abs(x[:, 0] - 0.3).max() < 1e-9
+    assert np.linalg.det(across.frame) == pytest.approx(1.0)
+    slanted = w.slices(thickness=0.1, h=0.05, normal=(1, 1, 1))
+    assert slanted.volume() == pytest.approx(w.slices(thickness=0.1, h=0.05).volume(), rel=2e-2)
+    assert slanted.tops[-1] == pytest.approx(np.sqrt(3), abs=0.1)
+
+
+def test_the_ends_are_half_open():
+    w = wall("box")
+    stack = w.slices([-0.1, 0.0, 1e-9, 1.0, 1.0 + 1e-9], h=0.08, polish=False)
+    areas = [s.area for s in stack]
+    assert areas[0] == areas[1] == areas[4] == 0.0
+    assert areas[2] == pytest.approx(areas[3], rel=1e-6)
+    assert areas[2] > 0.1
+    assert len(stack[1].loops) == 0
+
+
+def test_planes_of_the_grid_are_cut_like_their_neighbours():
+    """Heights that are those of grid vertices leave no gap and no spike."""
+    w = wall("box")
+    at = w.slices([0.25, 0.5], h=0.08, polish=False)
+    beside = w.slices([0.25 + 1e-7, 0.5 + 1e-7], h=0.08, polish=False)
+    for a, b in zip(at, beside, strict=True):
+        assert a.area == pytest.approx(b.area, rel=1e-4)
+        assert a.perimeter == pytest.approx(b.perimeter, rel=1e-3)
+
+
+def test_layers_touch_and_cover_the_part():
+    stack = wall("torus").slices(thickness=0.2, h=0.1, polish=False)
+    assert stack.bottom == pytest.approx(-0.75, abs=1e-6)
+    assert stack.tops[-1] == pytest.approx(0.85, abs=1e-6)
+    np.testing.assert_allclose(np.diff(stack.tops), 0.2)
+    np.testing.assert_allclose(stack.heights, stack.tops - 0.1)
+    section = stack[-3]
+    assert section.bottom == pytest.approx(stack[-4].top)
+    assert [s.height for s in stack[1:3]] == [stack.heights[1], stack.heights[2]]
+
+
+def test_memory_does_not_grow_with_the_number_of_slices(tmp_path):
+    peak = {}
+    for count in (8, 64):
+        z = np.linspace(0.3, 0.301, count)  # slices of one size
+        stack = wall("box").slices(z, h=0.08, polish=False)
+        stack.save(tmp_path / "a.cli")  # caches are warm
+        tracemalloc.start()
+        stack.save(tmp_path / "a.cli")
+        peak[count] = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+    assert peak[64] < 1.05 * peak[8]
+
+
+def test_threads_do_not_change_anything():
+    before = numba.get_num_threads()
+    loops = []
+    try:
+        for threads in (1, before):
+            numba.set_num_threads(threads)
+            loops.append(np.concatenate(wall("torus").slices([0.1], h=0.1)[0].loops))
+    finally:
+        numba.set_num_threads(before)
+    assert np.array_equal(*loops)
+
+
+# --- combinatorics ----------------------------------------------------------------------------
+
+
+def noise_sheet(seed, turn=1, wrap=False):
+    """Sheet of random heights on a small grid; names of its vertices, triangles, grid size."""
+    n = 4
+    rng = np.random.default_rng(seed)
+    z = rng.normal(size=(n + 1,) * 3)
+    planes = np.full(3, n + 1)
+    if wrap:
+        z[-1], planes[0] = z[0], n
+    cells = np.indices((n,) * 3).reshape(3, -1).T.copy()
+    corner = np.stack(
+        [z[tuple((cells + np.array([c >> 2, c >> 1 & 1, c & 1])).T)] for c in range(8)], axis=1
+    )
+    edges, ends = np.empty((12 * len(cells), 3), np.int64), np.empty((12 * len(cells), 3, 2))
+    count = kernels.sheet(cells, corner, 0.0, planes, turn, edges, ends)
+    assert (np.sign(ends[:count, :, 0]) != np.sign(ends[:count, :, 1])).all()
+    names, triangles = np.unique(edges[:count], return_inverse=True)
+    return names, triangles.reshape(-1, 3), planes, rng
+
+
+def rim(names, planes, wrap):
+    low = np.stack(np.unravel_index(names // 8, planes), axis=1)
+    step = np.stack([names >> 2 & 1, names >> 1 & 1, names & 1], axis=1)
+    faces = np.zeros(len(names), np.int64)
+    for k in range(1 if wrap else 0, 3):
+        faces |= ((step[:, k] == 0) & (low[:, k] == 0)) * (1 << 2 * k)
+        faces |= ((step[:, k] == 0) & (low[:, k] == planes[k] - 1)) * (2 << 2 * k)
+    return faces
+
+
+@pytest.mark.parametrize("wrap", [False, True])
+@pytest.mark.parametrize("turn", [1, -1])
+def test_a_sheet_of_noise_is_an_oriented_surface_that_ends_on_the_faces(wrap, turn):
+    names, triangles, planes, _ = noise_sheet(5, turn, wrap)
+    assert len(triangles) > 300
+    faces = rim(names, planes, wrap)
+    directed = Counter((t[i], t[(i + 1) % 3]) for t in triangles.tolist() for i in range(3))
+    assert set(directed.values()) == {1}
+    for a, b in directed:
+        assert ((b, a) in directed) != bool(faces[a] & faces[b])
+
+
+def test_the_sheet_looks_up():
+    """Heights x + y + z: all triangles turn counter-clockwise about (1, 1, 1)."""
+    cells = np.zeros((1, 3), np.int64)
+    z = np.array([[bin(c).count("1") for c in range(8)]], float)
+    edges, ends = np.empty((12, 3), np.int64), np.empty((12, 3, 2))
+    for level in (0.4, 1.5, 2.7):
+        n = kernels.sheet(cells, z, level, np.array([2, 2, 2]), 1, edges, ends)
+        low = np.stack(np.unravel_index(edges[:n] // 8, (2, 2, 2)), axis=-1).astype(float)
+        step = np.stack([edges[:n] >> 2 & 1, edges[:n] >> 1 & 1, edges[:n] & 1], axis=-1)
+        t = (level - ends[:n, :, 0]) / (ends[:n, :, 1] - ends[:n, :, 0])
+        p = low + t[..., None] * step
+        normal = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
+        assert n >= 3
+        assert (normal @ [1, 1, 1] > 0).all()
+
+
+@pytest.mark.parametrize("wrap", [False, True])
+def test_outlines_on_a_sheet_of_noise_close(wrap):
+    names, triangles, planes, rng = noise_sheet(7, 1, wrap)
+    side = rng.integers(-1, 2, len(names))
+    out = np.empty((5 * len(triangles), 2), np.int64)
+    n = kernels.march(triangles, side, rim(names, planes, wrap), out)
+    assert n > 300
+    assert len(set(out[:n, 0].tolist())) == n
+    assert set(out[:n, 0].tolist()) == set(out[:n, 1].tolist())
+
+
+def test_cycles_of_a_permutation():
+    following = np.array([2, 1, 4, 5, 0, 3])
+    order, start = np.empty(6, np.int64), np.empty(7, np.int64)
+    assert kernels.chain(following, order, start) == 3
+    assert order.tolist() == [0, 2, 4, 1, 3, 5]
+    assert start[:4].tolist() == [0, 3, 4, 6]
+
+
+def test_near_points_merge_but_sharp_ones_stay():
+    p = np.array([[0, 0], [1, 0], [1.01, 0], [2, 0], [2.01, 0.01], [2, 1], [0.01, 0.01]])
+    keep = np.zeros(7, bool)
+    kernels.thin_out(p, np.array([0, 7]), 0.1, np.zeros(7, bool), keep)
+    assert keep.tolist() == [True, True, False, True, False, True, False]
+    sharp = np.arange(7) == 4
+    kernels.thin_out(p, np.array([0, 7]), 0.1, sharp, keep)
+    assert keep.tolist() == [True, True, False, False, True, True, False]
+
+
+# --- bad input --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({}, "either z"),
+        ({"z": 0.5, "thickness": 0.1}, "either z"),
+        ({"z": [0.5, 0.4]}, "increasing"),
+        ({"z": [[0.5]]}, "increasing"),
+        ({"z": np.nan}, "finite"),
+        ({"thickness": 0.0}, "thickness"),
+        ({"thickness": 1e-9}, "layers"),
+        ({"z": 0.5, "h": -1}, "h must be"),
+        ({"z": 0.5, "normal": (0, 0, 0)}, "normal"),
+    ],
+)
+def test_bad_input_is_named(arguments, message):
+    with pytest.raises(InputError, match=message):
+        wall("box").slices(**arguments)
+
+
+def test_points_of_a_plane_have_two_coordinates():
+    with pytest.raises(InputError, match="points"):
+        wall("box").slices(0.5, h=0.1)[0].to_space([[0.0, 0.0, 0.0]])
