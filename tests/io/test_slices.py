@@ -179,7 +179,7 @@ def test_what_fails_leaves_nothing(stack, tmp_path, ending, monkeypatch):
     def stop(*_):
         raise KeyboardInterrupt
 
-    with pytest.raises(InputError, match="millimeter"):
+    with pytest.raises(InputError, match="furlong"):
         stack.save(tmp_path / f"a.{ending}", unit="furlong")
     monkeypatch.setattr(type(stack.slicer), "outline", stop)
     with pytest.raises(KeyboardInterrupt):
