@@ -27,12 +27,18 @@ def test_the_variations_are_one_line_each(tmp_path):
     file = tmp_path / "part.xml"
     il.macroshape.box().save(file)
     lines = [line.split("  #")[0] for line in VARIATIONS.splitlines()]
-    names = {"il": il, "np": np, "lattice": il.Lattice("gyroid", through=il.macroshape.box(9.0))}
+    torus = il.macroshape.torus()
+    names = {
+        "il": il,
+        "np": np,
+        "torus": torus,
+        "lattice": il.Lattice("gyroid", through=il.macroshape.box(9.0)),
+    }
     results = [
         eval(line.replace('"part.xml"', repr(str(file))).replace("...", "u[:, 0] - 0.5"), names)
         for line in lines
     ]
-    kinds = [il.Wall, il.Wall, il.Tile, il.Tile, SliceStack, il.SplineMap]
+    kinds = [il.Wall, il.Wall, il.SplineMap, il.Tile, il.Tile, SliceStack, il.SplineMap]
     assert [type(result) for result in results] == kinds
 
 
