@@ -422,7 +422,8 @@ def vertices(
 ):  # fmt: skip
     """Vertices of the blocks first..last into `out`, their codes into `kind`.
 
-    Their cells go to `cell`, and whether they are the only ones there to `alone`.
+    The first one has row ``start[first]`` there. Their cells go to `cell`, and whether they are
+    the only ones in them to `alone`, from row 0 on.
     ``low[a], size[a]`` are the lower end and the width of the padded cells along axis a: ghost
     cells have width 0. Vertices stay between ``least[a]`` and ``most[a]`` of their cell.
     """
@@ -459,7 +460,7 @@ def vertices(
                                 c = cx if a == 0 else (cy if a == 1 else cz)
                                 p = low[a, c] + fraction[a] * size[a, c]
                                 out[at, a] = min(max(p, least[a, c]), most[a, c])
-                                cell[at, a] = c
+                                cell[at - start[first], a] = c
                             kind[at] = face_bits(gx, gy, gz) | level
-                            alone[at] = CASES[row, PATCHES] == 1
+                            alone[at - start[first]] = CASES[row, PATCHES] == 1
                             at += 1

@@ -117,8 +117,10 @@ def _edge_cell(axis, corner):
 
 
 @njit(cache=True)
-def _emit(axis, i, j, k, outward, ids, pattern_of, points, shift, p, faces, at):
-    """Write the two triangles of one crossed edge."""
+def _emit(
+    axis, i, j, k, outward, ids, pattern_of, points, shift, split, below, above, p, faces, at
+):  # fmt: skip
+    """Write the two triangles of one crossed edge; see `faces` for the ids."""
     c0 = c1 = c2 = c3 = np.int64(0)
     for corner in range(4):
         di, dj, dk, edge = _edge_cell(axis, corner)
@@ -127,6 +129,7 @@ def _emit(axis, i, j, k, outward, ids, pattern_of, points, shift, p, faces, at):
         p[corner, 0] = points[v, 0] - (shift[0] if i + di < 0 else 0.0)
         p[corner, 1] = points[v, 1] - (shift[1] if j + dj < 0 else 0.0)
         p[corner, 2] = points[v, 2] - (shift[2] if k + dk < 0 else 0.0)
+        v += below if v < split else above
         if corner == 0:
             c0 = v
         elif corner == 1:
@@ -148,7 +151,9 @@ def _emit(axis, i, j, k, outward, ids, pattern_of, points, shift, p, faces, at):
 
 
 @njit(cache=True)
-def _emit_block(rows, shape, coords, b, caps, ids, pattern_of, points, shift, p, faces, at):
+def _emit_block(
+    rows, shape, coords, b, caps, ids, pattern_of, points, shift, split, below, above, p, faces, at
+):  # fmt: skip
     """Write the triangles of the edges that a block owns."""
     bx = kept_edges(shape, 0, coords[b, 3], caps)
     by = kept_edges(shape, 1, coords[b, 1], caps)
@@ -169,18 +174,23 @@ def _emit_block(rows, shape, coords, b, caps, ids, pattern_of, points, shift, p,
                     k = lowest(x)
                     x &= x - 1
                     outward = (m >> k) & 1 == 1
-                    _emit(axis, i, j, k, outward, ids, pattern_of, points, shift, p, faces, at)
+                    _emit(
+                        axis, i, j, k, outward, ids, pattern_of, points, shift, split, below, above,
+                        p, faces, at,
+                    )  # fmt: skip
                     at += 2
 
 
 @njit(cache=True, parallel=True)
 def faces(
-    rows, flips, prefix, lookup, shape, coords, blocks, start, caps, points, period, first, out
-):
+    rows, flips, prefix, lookup, shape, coords, blocks, start, caps, points, period, split, below,
+    above, first, out,
+):  # fmt: skip
     """Triangles of the listed blocks: block ``blocks[n]`` writes from row ``2 first[n]`` on.
 
-    ``start[b]`` is the row in `points` of the first vertex of block b; ids in `out` are rows of
-    `points`. `period (3,)` is the length of the domain along the wrapped directions.
+    ``start[b]`` is the row in `points` of the first vertex of block b; row v has the id
+    ``v + below`` before row `split` and ``v + above`` from there on. `period (3,)` is the length
+    of the domain along the wrapped directions.
     """
     n = len(blocks)
     for chunk in prange((n + CHUNK - 1) // CHUNK):
@@ -205,5 +215,6 @@ def faces(
             shift[1] = period[1] if coords[b, 1] == 0 else 0.0
             shift[2] = period[2] if coords[b, 2] == 0 else 0.0
             _emit_block(
-                rows, shape, coords, b, caps, ids, pattern_of, points, shift, p, out, 2 * first[q]
-            )
+                rows, shape, coords, b, caps, ids, pattern_of, points, shift, split, below, above,
+                p, out, 2 * first[q],
+            )  # fmt: skip

@@ -12,44 +12,73 @@ REACH = 0.25  # longest part of a step along an axis, as a fraction of the cell
 
 
 @njit(cache=True, parallel=True)
-def pull_to_centre(points, cell, least, most, part, out):
-    """Move vertices towards the centre of their cell by a part of the way."""
-    for n in prange(len(points)):
+def pull_to_centre(vertices, at, cell, least, most, part, out):
+    """Places of the vertices `at`, moved to the centres of their cells by a part of the way."""
+    for n in prange(len(at)):
+        v = at[n]
         for a in range(3):
-            c = cell[n, a]
-            out[n, a] = points[n, a] + part * (0.5 * (least[a, c] + most[a, c]) - points[n, a])
+            c = cell[v, a]
+            p = np.float64(vertices[v, a])
+            out[n, a] = p + part * (0.5 * (least[a, c] + most[a, c]) - p)
+
+
+@njit(cache=True, inline="always")
+def _step(points, n, r, gradient, cell, v, least, most):
+    """One Newton step of point n, where the field is r off its level, in place; if it was cut.
+
+    The step goes along the gradient as it is where cells have the size 1, and ends within the
+    cell, between `least` and `most`: coordinates on faces of the domain have no room there.
+    Coordinates are not traded for one another, for that may send the vertex far along the surface.
+    """
+    s = 0.0
+    for a in range(3):
+        s += ((most[a, cell[v, a]] - least[a, cell[v, a]]) * gradient[n, a]) ** 2
+    step = r / s if s > 0.0 else 0.0
+    cut = False
+    for a in range(3):
+        low = least[a, cell[v, a]]
+        high = most[a, cell[v, a]]
+        width = high - low
+        if width > 0.0:
+            p = points[n, a]
+            wanted = p - step * width * width * gradient[n, a]
+            q = min(max(wanted, p - REACH * width), p + REACH * width)
+            q = min(max(q, low), high)
+            cut = cut or q != wanted
+            points[n, a] = q
+    return cut
 
 
 @njit(cache=True, parallel=True)
-def newton_step(
-    points, value, gradient, kind, cell, least, most, lower, upper, out, residual, stopped
+def first_step(
+    vertices, at, kind, cell, least, most, lower, upper, value, gradient, points, miss, stopped
 ):
-    """One step of each vertex onto its level, within its cell.
+    """Step `points`, the moved vertices `at`, in place; back to the vertices where that is cut.
 
-    The step goes along the gradient as it is where cells have the size 1. Along axis a, vertices
-    of cell c stay between ``least[a, c]`` and ``most[a, c]``; coordinates on faces of the domain
-    have no room there. `stopped` tells where the step was cut: coordinates are not traded for one
-    another, for that may send the vertex far along the surface.
+    `value` and `gradient` are those of the field there; `miss` receives how far it was off.
     """
-    for n in prange(len(points)):
-        r = value[n] - (lower if kind[n] & LOWER else upper)
-        residual[n] = abs(r)
-        stopped[n] = False
-        s = 0.0
-        for a in range(3):
-            s += ((most[a, cell[n, a]] - least[a, cell[n, a]]) * gradient[n, a]) ** 2
-        step = r / s if s > 0.0 else 0.0
-        for a in range(3):
-            c = cell[n, a]
-            width = most[a, c] - least[a, c]
-            out[n, a] = points[n, a]
-            if width > 0.0:
-                p = points[n, a]
-                wanted = p - step * width * width * gradient[n, a]
-                p = min(max(wanted, p - REACH * width), p + REACH * width)
-                p = min(max(p, least[a, c]), most[a, c])
-                stopped[n] = stopped[n] or p != wanted
-                out[n, a] = p
+    for n in prange(len(at)):
+        v = at[n]
+        r = value[n] - (lower if kind[v] & LOWER else upper)
+        miss[n] = abs(r)
+        stopped[n] = _step(points, n, r, gradient, cell, v, least, most)
+        if stopped[n]:
+            for a in range(3):
+                points[n, a] = vertices[v, a]
+
+
+@njit(cache=True, parallel=True)
+def second_step(
+    vertices, at, kind, cell, least, most, lower, upper, value, gradient, points, miss, stopped
+):
+    """Step from `points` and move the vertices `at` there, unless that is cut or diverges."""
+    for n in prange(len(at)):
+        v = at[n]
+        r = value[n] - (lower if kind[v] & LOWER else upper)
+        cut = _step(points, n, r, gradient, cell, v, least, most)
+        if not cut and (stopped[n] or abs(r) <= miss[n]):
+            for a in range(3):
+                vertices[v, a] = points[n, a]
 
 
 @njit(cache=True)

@@ -20,12 +20,10 @@ from ilattice.errors import GeometryError
 from ilattice.mesh import _kernels_cells, _kernels_faces, _kernels_refine
 from ilattice.mesh._kernels_cells import CAP, LANES, B, S
 from ilattice.mesh._samplers import Sampler
-from ilattice.mesh.surface import SurfaceMesh
 
-BATCH = 1024  # blocks sampled at once
-SLAB = 2000  # active blocks that end a slab
+BATCH = 1024  # blocks sampled, or given their vertices, at once
+SLAB = 1000  # active blocks that end a slab
 PULL = 0.2  # how far vertices are pulled to the centre of their cell before they are refined
-POINTS = 1 << 16  # vertices refined at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,16 +49,6 @@ class Contour:
     faces: AnyArray
     kind: AnyArray
     first_vertex: int = 0
-
-    def to_mesh(self) -> SurfaceMesh:
-        """The triangles as a mesh.
-
-        Returns
-        -------
-        SurfaceMesh
-            Takes over the arrays.
-        """
-        return SurfaceMesh.adopt(self.vertices, self.faces)
 
 
 @dataclass
@@ -134,6 +122,7 @@ class Tracer:
                     opening = current.first_layer()
                 previous = current.last_layer()
                 yield piece
+                del piece  # not to hold it while the next one is made
             current = following
         assert current is not None
         if seam is None:
@@ -243,20 +232,22 @@ class Tracer:
         current.start = local[before:-1] + self.total
         current.points = np.empty((size, 3), self.dtype)
         kind = np.empty(size, np.uint8)
-        cell = np.empty((size, 3), np.int32)
-        alone = np.empty(size, np.bool_)
-        _kernels_cells.vertices(
-            window.rows, flips, shape, window.coords, before, before + n, self.caps, current.t,
-            current.t_first, local, self.grid.low, self.grid.size, self.grid.least, self.grid.most,
-            current.points, kind, cell, alone,
-        )  # fmt: skip
+        for i in range(before, before + n, BATCH):
+            j = min(i + BATCH, before + n)
+            part = slice(local[i], local[j])
+            cell = np.empty((local[j] - local[i], 3), np.int32)
+            alone = np.empty(len(cell), np.bool_)
+            _kernels_cells.vertices(
+                window.rows, flips, shape, window.coords, i, j, self.caps, current.t,
+                current.t_first[i - before :], local, self.grid.low, self.grid.size,
+                self.grid.least, self.grid.most, current.points, kind, cell, alone,
+            )  # fmt: skip
+            free = np.flatnonzero(alone & (kind[part] & CAP == 0))
+            if self.refine and len(free):
+                self._refine(current.points[part], kind[part], cell, free)
         current.t = current.t[:0]
         current.traced = True
         self.total += size
-        if self.refine:
-            free = np.flatnonzero(alone & (kind & CAP == 0))
-            for i in range(0, len(free), POINTS):
-                self._refine(current.points, kind, cell, free[i : i + POINTS])
         return kind
 
     def _refine(self, points: AnyArray, kind: AnyArray, cell: AnyArray, at: IntArray) -> None:
@@ -267,20 +258,13 @@ class Tracer:
         Vertices that diverge, or end at the boundary then too, stay where they were: there the
         surface is bent more than the grid can show, and forced vertices would cross it.
         """
-        mean = points[at].astype(np.float64)
-        box = cell[at], self.grid.least, self.grid.most
+        box = cell, self.grid.least, self.grid.most
         bounds = float(self.sampler.lower), float(self.sampler.upper)
-        p, q, r = np.empty_like(mean), np.empty_like(mean), np.empty_like(mean)
-        miss, later = np.empty(len(at)), np.empty(len(at))
-        ended, stopped = np.empty(len(at), np.bool_), np.empty(len(at), np.bool_)
-        _kernels_refine.pull_to_centre(mean, *box, PULL, p)
-        step = _kernels_refine.newton_step
-        step(p, *self.sampler.jet(p), kind[at], *box, *bounds, q, miss, stopped)
-        q[stopped] = mean[stopped]
-        step(q, *self.sampler.jet(q), kind[at], *box, *bounds, r, later, ended)
-        lost = ended | (~stopped & (later > miss))
-        r[lost] = mean[lost]
-        points[at] = r
+        p = np.empty((len(at), 3))
+        miss, stopped = np.empty(len(at)), np.empty(len(at), np.bool_)
+        _kernels_refine.pull_to_centre(points, at, *box, PULL, p)
+        for step in (_kernels_refine.first_step, _kernels_refine.second_step):
+            step(points, at, kind, *box, *bounds, *self.sampler.jet(p), p, miss, stopped)
 
     def _faces(
         self, window: _Window, blocks: IntArray, previous: _Layers | None, current: _Layers
@@ -297,17 +281,13 @@ class Tracer:
         ids = np.int32 if self.total < np.iinfo(np.int32).max else np.int64
         out = np.empty((2 * int(first[-1]), 3), ids)
         points = np.concatenate([p.points for p in parts])
+        shift = [p.first_vertex - o for p, o in zip(parts, offset[:-1], strict=True)]
         _kernels_faces.faces(
             window.rows[:n], np.concatenate([p.flips for p in parts]),
             np.concatenate([p.prefix for p in parts]),
             np.where(window.lookup < n, window.lookup, -1), self.grid.shape, window.coords, blocks,
-            start, self.caps, points, self.grid.period, first, out,
+            start, self.caps, points, self.grid.period, offset[-2], shift[0], shift[-1], first, out,
         )  # fmt: skip
-        last = len(parts) - 1
-        out += ids(parts[last].first_vertex - offset[last])
-        if last and parts[0].first_vertex != parts[1].first_vertex - offset[1]:
-            seam = out < parts[1].first_vertex
-            out[seam] += ids(parts[0].first_vertex - parts[1].first_vertex + offset[1])
         return out
 
     def _close(self, last: Contour, current: _Layers, opening: _Layers) -> Contour:

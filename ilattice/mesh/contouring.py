@@ -55,6 +55,7 @@ __all__ = [
 
 ON_CAP = CAP
 ON_LOWER = LOWER
+RESERVE = 1 << 26  # bytes; memory that is never written costs nothing
 LEAST_COSINE = 0.3  # between the normals of a triangle before and after a motion
 LEAST_SHAPE = 0.15  # of triangles that a motion makes worse
 
@@ -86,7 +87,8 @@ def contour(field: Any, axes: Any, **options: Any) -> SurfaceMesh:
     GeometryError
         Where there is no surface (the message names the range of the field) or the field is NaN.
     """
-    return contour_arrays(field, axes, **options).to_mesh()
+    vertices, faces = _join(contour_blocks(field, axes, **options), "vertices", "faces")
+    return SurfaceMesh.adopt(vertices, faces)
 
 
 def contour_arrays(
@@ -135,27 +137,43 @@ def contour_arrays(
     InputError, GeometryError
         As in `contour`.
     """
-    points = np.empty((0, 3), _as_dtype(dtype))
-    kind = np.empty(0, np.uint8)
-    faces = np.empty((0, 3), np.int32)
     pieces = contour_blocks(
         field, axes, level=level, scale=scale, caps=caps, wrap=wrap, place=place, dtype=dtype,
         progress=progress,
     )  # fmt: skip
+    vertices, faces, kind = _join(pieces, "vertices", "faces", "kind")
+    return Contour(vertices, faces, kind)
+
+
+def _join(pieces: Iterator[Contour], *names: str) -> list[AnyArray]:
+    """Attributes of all pieces, each as one array that grows in place."""
+    arrays: list[AnyArray] = []
+    ends = [0] * len(names)
     for piece in pieces:
-        if len(points) + len(piece.vertices) > np.iinfo(np.int32).max:
-            faces = faces.astype(np.int64)
-        _append(points, piece.vertices)
-        _append(kind, piece.kind)
-        _append(faces, piece.faces)
-    return Contour(points, faces, kind)
+        parts = [getattr(piece, name) for name in names]
+        arrays = arrays or [_reserve(part) for part in parts]
+        for i, part in enumerate(parts):
+            if part.dtype != arrays[i].dtype:  # ids have become too large for 32 bits
+                arrays[i] = arrays[i].astype(part.dtype)
+            first, ends[i] = ends[i], ends[i] + len(part)
+            if ends[i] > len(arrays[i]):
+                _resize(arrays[i], ends[i])
+            arrays[i][first : ends[i]] = part
+        del piece, parts, part  # not to hold them while the next piece is made
+    for array, end in zip(arrays, ends, strict=True):
+        _resize(array, end)
+    return arrays
 
 
-def _append(a: AnyArray, more: AnyArray) -> None:
-    """Grow an array in place: the allocator moves pages, not bytes."""
-    n = len(a)
-    a.resize((n + len(more), *a.shape[1:]), refcheck=False)
-    a[n:] = more
+def _reserve(like: AnyArray) -> AnyArray:
+    """A large empty array: as such it lies apart from small ones, and can grow without a copy."""
+    row = like.itemsize * int(np.prod(like.shape[1:]))
+    return np.empty((RESERVE // row, *like.shape[1:]), like.dtype)
+
+
+def _resize(a: AnyArray, rows: int) -> None:
+    """Change the length of an array in place: the allocator moves pages, not bytes."""
+    a.resize((rows, *a.shape[1:]), refcheck=False)
 
 
 def contour_blocks(
