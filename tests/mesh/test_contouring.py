@@ -8,7 +8,7 @@ from naive_contouring import Naive
 
 from ilattice.bspline import BSpline
 from ilattice.errors import GeometryError, InputError
-from ilattice.mesh import _tracer, measure
+from ilattice.mesh import _tracer, contouring, measure
 from ilattice.mesh._grid import Grid
 from ilattice.mesh._samplers import sampler_for
 from ilattice.mesh.contouring import (
@@ -391,6 +391,17 @@ def test_streamed_pieces_are_the_mesh(monkeypatch):
     assert [p.first_vertex for p in pieces] == starts.tolist()
     for p in pieces:  # faces name vertices of this piece and earlier ones only
         assert p.faces.max() < p.first_vertex + len(p.vertices)
+
+
+def test_arrays_grow_beyond_what_was_reserved(monkeypatch):
+    axes = (np.linspace(-1, 1, 40),) * 3
+    whole = contour_arrays(sphere, axes)
+    monkeypatch.setattr(_tracer, "SLAB", 1)
+    monkeypatch.setattr(contouring, "RESERVE", 6000)
+    grown = contour_arrays(sphere, axes)
+    assert len(whole.kind) < 6000 < whole.faces.nbytes, "some arrays grow, one shrinks"
+    for name in ("vertices", "faces", "kind"):
+        np.testing.assert_array_equal(getattr(grown, name), getattr(whole, name))
 
 
 @pytest.mark.parametrize("wrap", [False, True])
