@@ -1,6 +1,7 @@
 """The input doors: every public function checks its arguments here, once.
 
-Guarantee: what passes is finite, of the stated shape, C-contiguous float64.
+Guarantee: what passes is finite (unless ``finite=False`` leaves that to the caller), of the
+stated shape, C-contiguous float64.
 """
 
 from collections.abc import Sequence
@@ -12,15 +13,15 @@ from ilattice._typing import ArrayLike, FloatArray
 from ilattice.errors import InputError
 
 
-def as_array(name: str, value: Any, ndim: int | None = None) -> FloatArray:
-    """Finite float64 array, or `InputError` that names the argument."""
+def as_array(name: str, value: Any, ndim: int | None = None, *, finite: bool = True) -> FloatArray:
+    """Float64 array, finite unless told otherwise, or `InputError` that names the argument."""
     try:
         a = np.ascontiguousarray(value, dtype=np.float64)
     except (TypeError, ValueError) as e:
         raise InputError(f"{name} must be an array of real numbers, got {value!r:.80}") from e
     if ndim is not None and np.ndim(value) != ndim:
         raise InputError(f"{name} must have {ndim} axes, got shape {np.shape(value)}")
-    return check_finite(name, a)
+    return check_finite(name, a) if finite else a
 
 
 def check_finite(name: str, a: FloatArray) -> FloatArray:
@@ -35,9 +36,9 @@ def check_finite(name: str, a: FloatArray) -> FloatArray:
     return a
 
 
-def as_points(name: str, value: ArrayLike, dim: int = 3) -> FloatArray:
+def as_points(name: str, value: ArrayLike, dim: int = 3, *, finite: bool = True) -> FloatArray:
     """Points as rows, shape (n, dim)."""
-    a = as_array(name, value)
+    a = as_array(name, value, finite=finite)
     if a.ndim != 2 or a.shape[1] != dim:
         raise InputError(f"{name} must be points as rows, shape (n, {dim}), got {np.shape(value)}")
     return a

@@ -3,22 +3,30 @@
 A spline is seen as a trivariate one (missing parameters have degree 0 and one span) with
 coefficients component first, shape (M, n0, n1, n2). Each direction is one flat array, see
 `pack_direction`: compiled code passes single arrays around for free, but pays for counting
-references to tuples of arrays. Per knot span s it holds the monomial coefficients, in
-r = (u - mid[s]) * ih[s] in [-1/2, 1/2], of the k+1 basis functions that live there.
+references to tuples of arrays. Per knot span it holds the monomial coefficients, in
+r = (u - middle) / length in [-1/2, 1/2], of the k+1 basis functions that live there.
 
-Degrees arrive as objects whose
+Sums over coefficients run along the last direction in vectors of four, which are contracted in
+the first and second direction before their lanes are added up. Degrees arrive as objects whose
 `len` is k+1: a tuple makes it a compile-time constant and unrolls the loops, an array keeps
-one generic kernel for the rest.
+one generic kernel for the rest. Basis functions lie in scratch of shape (3, 3, `width`):
+direction, derivative, function.
 
-Guarantees: no allocation per point, the same result for any number of threads.
-Non-guarantees: arguments are not checked; outside the domain the end polynomials continue.
+Guarantees: no allocation per point; the same result for any number of threads, and whatever
+the other points are. No parameter, not even NaN, makes them read outside their arrays.
+Non-guarantees: other arguments are not checked; outside the domain the end polynomials continue.
 """
 
 import numpy as np
 from numba import njit, prange
 
+from ilattice.bspline._kernels_vector import dot, load, multiply_add, scale, spread, store
+
 FAST = {"contract", "nsz", "arcp", "reassoc"}
 CHUNK = 4096
+PLANES = 4  # of a grid, per piece of parallel work
+START, DENSITY, LAST, BUCKETS = range(4)  # layout of a direction, see `pack_direction`
+LOWER, UPPER, MIDDLE, SCALE, FIRST, TABLE = range(6)  # layout of the row of a knot span
 
 
 @njit(cache=True)
@@ -55,9 +63,10 @@ def monomial_table(t, k, spans):
 def pack_direction(t, k, n):
     """Everything evaluation needs of one direction, in one float array.
 
-    Layout: ns, nb, first break, bins per length | upper ends of spans (ns) | rows of spans
-    (ns, 3 + (k+1)^2): mid, 1/h, index of the first basis function, table | buckets (nb): the
-    first span that overlaps each of nb equal bins.
+    Layout: first break, bins per length, index of the last bin | per bin the place of the row
+    of a span near it | rows of spans (ns, 5 + (k+1)^2): lower and upper end, middle, 1/length,
+    index of the first basis function, and power by power the coefficients of the k+1 functions.
+    The outer ends of the domain are NaN, which no search passes.
     """
     spans = k + np.flatnonzero(np.diff(t[k : n + 1]) > 0)
     breaks = np.append(t[spans], t[n])
@@ -66,145 +75,180 @@ def pack_direction(t, k, n):
     length = breaks[-1] - breaks[0]
     edges = breaks[0] + np.arange(bins) * (length / bins)
     bucket = np.clip(np.searchsorted(breaks, edges, side="right") - 1, 0, len(spans) - 1)
-    table = monomial_table(np.ascontiguousarray(t), k, spans).reshape(len(spans), -1)
-    rows = np.column_stack([0.5 * (breaks[1:] + breaks[:-1]), 1.0 / h, spans - k, table])
-    head = [len(spans), bins, breaks[0], bins / length]
-    return np.concatenate([head, breaks[1:], rows.ravel(), bucket])
+    table = monomial_table(np.ascontiguousarray(t), k, spans).swapaxes(1, 2)
+    lower, upper = np.append(np.nan, breaks[1:-1]), np.append(breaks[1:-1], np.nan)
+    middle = 0.5 * (breaks[1:] + breaks[:-1])
+    rows = np.column_stack(
+        [lower, upper, middle, 1.0 / h, spans - k, table.reshape(len(spans), -1)]
+    )
+    places = BUCKETS + bins + bucket * rows.shape[1]
+    return np.concatenate([[breaks[0], bins / length, bins - 1.0], places, rows.ravel()])
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy", forceinline=True)
-def find_span(d, size, u):
-    """Index of the span that holds u; the first or the last one outside the domain."""
-    ns = int(d[0])
-    nb = int(d[1])
-    s = int(min(max((u - d[2]) * d[3], 0.0), nb - 1.0))
-    s = int(d[4 + ns * (1 + size) + s])
-    while s < ns - 1 and u >= d[4 + s]:
-        s += 1
-    while s > 0 and u < d[3 + s]:
-        s -= 1
-    return s
+def whole(x):
+    """A whole number >= 0 stored as float; what follows need not count from the end."""
+    return np.int64(np.uint32(x))
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy", forceinline=True)
+def find_row(d, size, u):
+    """Place of the row of the span that holds u; the outermost one outside the domain."""
+    x = (u - d[START]) * d[DENSITY]
+    x = x if x > 0.0 else 0.0  # NaN, too
+    x = x if x < d[LAST] else d[LAST]
+    row = whole(d[BUCKETS + whole(x)])
+    while u >= d[row + UPPER]:
+        row = whole(row + size)
+    while u < d[row + LOWER]:
+        row = whole(row - size)
+    return row
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy", forceinline=True)
+def width(k0, k1, k2):
+    """Length of the last axis of scratch: whole vectors."""
+    return (max(len(k0), len(k1), len(k2)) + 3) // 4 * 4
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy", forceinline=True)
 def basis(d, deg, u, order, out, axis):
-    """Basis functions and derivatives at u into out[axis] (3, >= k+1); index of the first."""
-    size = 3 + len(deg) * len(deg)
-    top = len(deg) - 1
-    row = 4 + int(d[0]) + find_span(d, size, u) * size
-    ih = d[row + 1]
-    r = (u - d[row]) * ih
-    for j in range(len(deg)):
-        o = row + 3 + j * len(deg)
-        f = d[o + top]
-        g = 0.0
-        h = 0.0
-        for e in range(top - 1, -1, -1):
+    """Basis functions and derivatives at u into out[axis] (3, width); index of the first."""
+    n = len(deg)
+    row = find_row(d, TABLE + n * n, u)
+    ih = d[row + SCALE]
+    r = (u - d[row + MIDDLE]) * ih
+    for j in range(0, n, 4):
+        at = row + TABLE + n * (n - 1) + j
+        f = load(d, at, n - j)
+        g = spread(0.0)
+        h = spread(0.0)
+        for _ in range(n - 1):
+            at -= n
             if order > 1:
-                h = h * r + g
+                h = multiply_add(h, r, g)
             if order > 0:
-                g = g * r + f
-            f = f * r + d[o + e]
-        out[axis, 0, j] = f
-        out[axis, 1, j] = g * ih
-        out[axis, 2, j] = 2.0 * h * ih * ih
-    return int(d[row + 2])
+                g = multiply_add(g, r, f)
+            f = multiply_add(f, r, load(d, at, n - j))
+        at = 3 * axis * out.shape[2] + j
+        store(out, at, f)
+        if order > 0:
+            store(out, at + out.shape[2], scale(g, ih))
+        if order > 1:
+            store(out, at + 2 * out.shape[2], scale(h, 2.0 * ih * ih))
+    return whole(d[row + FIRST])
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy", forceinline=True)
+def place(c, m, i, j, q):
+    """Flat position of a coefficient."""
+    return ((m * c.shape[1] + i) * c.shape[2] + j) * c.shape[3] + q
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy", forceinline=True)
 def contract0(c, m, i0, j0, l0, k0, k1, k2, b):
     """Value of one component."""
-    f = 0.0
-    for i in range(len(k0)):
-        a = 0.0
-        for j in range(len(k1)):
-            s = 0.0
-            for q in range(len(k2)):
-                s += b[2, 0, q] * c[m, i0 + i, j0 + j, l0 + q]
-            a += b[1, 0, j] * s
-        f += b[0, 0, i] * a
-    return f
+    first = place(c, m, i0, j0, l0)
+    value = 0.0
+    for q in range(0, len(k2), 4):
+        n = len(k2) - q
+        f = spread(0.0)
+        for i in range(len(k0)):
+            a = spread(0.0)
+            for j in range(len(k1)):
+                x = load(c, first + place(c, 0, i, j, q), n)
+                a = multiply_add(x, b[1, 0, j], a)
+            f = multiply_add(a, b[0, 0, i], f)
+        value += dot(f, load(b, 6 * b.shape[2] + q, n))
+    return value
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy", forceinline=True)
 def contract1(c, m, i0, j0, l0, k0, k1, k2, b):
     """Value and gradient of one component."""
-    f = 0.0
-    fu = 0.0
-    fv = 0.0
-    fw = 0.0
-    for i in range(len(k0)):
-        a = 0.0
-        av = 0.0
-        aw = 0.0
-        for j in range(len(k1)):
-            s = 0.0
-            sw = 0.0
-            for q in range(len(k2)):
-                x = c[m, i0 + i, j0 + j, l0 + q]
-                s += b[2, 0, q] * x
-                sw += b[2, 1, q] * x
-            a += b[1, 0, j] * s
-            av += b[1, 1, j] * s
-            aw += b[1, 0, j] * sw
-        f += b[0, 0, i] * a
-        fu += b[0, 1, i] * a
-        fv += b[0, 0, i] * av
-        fw += b[0, 0, i] * aw
-    return f, fu, fv, fw
+    first = place(c, m, i0, j0, l0)
+    value = 0.0
+    du = 0.0
+    dv = 0.0
+    dw = 0.0
+    for q in range(0, len(k2), 4):
+        n = len(k2) - q
+        f = spread(0.0)
+        fu = spread(0.0)
+        fv = spread(0.0)
+        for i in range(len(k0)):
+            a = spread(0.0)
+            av = spread(0.0)
+            for j in range(len(k1)):
+                x = load(c, first + place(c, 0, i, j, q), n)
+                a = multiply_add(x, b[1, 0, j], a)
+                av = multiply_add(x, b[1, 1, j], av)
+            f = multiply_add(a, b[0, 0, i], f)
+            fu = multiply_add(a, b[0, 1, i], fu)
+            fv = multiply_add(av, b[0, 0, i], fv)
+        z = load(b, 6 * b.shape[2] + q, n)
+        value += dot(f, z)
+        du += dot(fu, z)
+        dv += dot(fv, z)
+        dw += dot(f, load(b, 7 * b.shape[2] + q, n))
+    return value, du, dv, dw
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy", forceinline=True)
 def contract2(c, m, i0, j0, l0, k0, k1, k2, b):
     """Value, gradient and Hessian (uu, vv, ww, vw, uw, uv) of one component."""
-    f = 0.0
-    fu = 0.0
-    fv = 0.0
-    fw = 0.0
-    fuu = 0.0
-    fvv = 0.0
-    fww = 0.0
-    fvw = 0.0
-    fuw = 0.0
-    fuv = 0.0
-    for i in range(len(k0)):
-        a = 0.0
-        av = 0.0
-        aw = 0.0
-        avv = 0.0
-        aww = 0.0
-        avw = 0.0
-        for j in range(len(k1)):
-            s = 0.0
-            sw = 0.0
-            sww = 0.0
-            for q in range(len(k2)):
-                x = c[m, i0 + i, j0 + j, l0 + q]
-                s += b[2, 0, q] * x
-                sw += b[2, 1, q] * x
-                sww += b[2, 2, q] * x
-            a += b[1, 0, j] * s
-            av += b[1, 1, j] * s
-            avv += b[1, 2, j] * s
-            aw += b[1, 0, j] * sw
-            avw += b[1, 1, j] * sw
-            aww += b[1, 0, j] * sww
-        f += b[0, 0, i] * a
-        fu += b[0, 1, i] * a
-        fuu += b[0, 2, i] * a
-        fv += b[0, 0, i] * av
-        fuv += b[0, 1, i] * av
-        fvv += b[0, 0, i] * avv
-        fw += b[0, 0, i] * aw
-        fuw += b[0, 1, i] * aw
-        fww += b[0, 0, i] * aww
-        fvw += b[0, 0, i] * avw
-    return f, fu, fv, fw, fuu, fvv, fww, fvw, fuw, fuv
+    first = place(c, m, i0, j0, l0)
+    value = 0.0
+    du = 0.0
+    dv = 0.0
+    dw = 0.0
+    duu = 0.0
+    dvv = 0.0
+    dww = 0.0
+    dvw = 0.0
+    duw = 0.0
+    duv = 0.0
+    for q in range(0, len(k2), 4):
+        n = len(k2) - q
+        f = spread(0.0)
+        fu = spread(0.0)
+        fv = spread(0.0)
+        fuu = spread(0.0)
+        fvv = spread(0.0)
+        fuv = spread(0.0)
+        for i in range(len(k0)):
+            a = spread(0.0)
+            av = spread(0.0)
+            avv = spread(0.0)
+            for j in range(len(k1)):
+                x = load(c, first + place(c, 0, i, j, q), n)
+                a = multiply_add(x, b[1, 0, j], a)
+                av = multiply_add(x, b[1, 1, j], av)
+                avv = multiply_add(x, b[1, 2, j], avv)
+            f = multiply_add(a, b[0, 0, i], f)
+            fu = multiply_add(a, b[0, 1, i], fu)
+            fuu = multiply_add(a, b[0, 2, i], fuu)
+            fv = multiply_add(av, b[0, 0, i], fv)
+            fuv = multiply_add(av, b[0, 1, i], fuv)
+            fvv = multiply_add(avv, b[0, 0, i], fvv)
+        z = load(b, 6 * b.shape[2] + q, n)
+        dz = load(b, 7 * b.shape[2] + q, n)
+        value += dot(f, z)
+        du += dot(fu, z)
+        dv += dot(fv, z)
+        dw += dot(f, dz)
+        duu += dot(fuu, z)
+        dvv += dot(fvv, z)
+        dww += dot(f, load(b, 8 * b.shape[2] + q, n))
+        dvw += dot(fv, dz)
+        duw += dot(fu, dz)
+        duv += dot(fuv, z)
+    return value, du, dv, dw, duu, dvv, dww, dvw, duw, duv
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
 def jet_at(d0, d1, d2, k0, k1, k2, c, u, v, w, order, b, out):
-    """Jet of all components at one point: out (M, >= 1, 4 or 10), scratch b (3, 3, >= k+1)."""
+    """Jet of all components at one point: out (M, >= 1, 4 or 10), scratch b (3, 3, width)."""
     i0 = basis(d0, k0, u, order, b, 0)
     j0 = basis(d1, k1, v, order, b, 1)
     l0 = basis(d2, k2, w, order, b, 2)
@@ -231,12 +275,24 @@ def jet_at(d0, d1, d2, k0, k1, k2, c, u, v, w, order, b, out):
             out[m, 9] = fuv
 
 
+@njit(cache=True, parallel=True)
+def inside(u, lo, hi):
+    """Whether all points u (n, nd) lie in the closed box; NaN does not."""
+    n = len(u)
+    bad = 0
+    for chunk in prange((n + CHUNK - 1) // CHUNK):
+        for p in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
+            for axis in range(u.shape[1]):
+                bad += not lo[axis] <= u[p, axis] <= hi[axis]
+    return bad == 0
+
+
 @njit(cache=True, parallel=True, fastmath=FAST, error_model="numpy")
 def values(d0, d1, d2, k0, k1, k2, c, u, out):
     """Values at points u (n, 3) into out (n, M)."""
     n = len(u)
     for chunk in prange((n + CHUNK - 1) // CHUNK):
-        b = np.empty((3, 3, max(len(k0), len(k1), len(k2))))
+        b = np.empty((3, 3, width(k0, k1, k2)))
         for p in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
             i0 = basis(d0, k0, u[p, 0], 0, b, 0)
             j0 = basis(d1, k1, u[p, 1], 0, b, 1)
@@ -250,7 +306,7 @@ def jets1(d0, d1, d2, k0, k1, k2, c, u, f, g):
     """Values and gradients at points u (n, 3) into f (n, M) and g (n, M, 3)."""
     n = len(u)
     for chunk in prange((n + CHUNK - 1) // CHUNK):
-        b = np.empty((3, 3, max(len(k0), len(k1), len(k2))))
+        b = np.empty((3, 3, width(k0, k1, k2)))
         for p in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
             i0 = basis(d0, k0, u[p, 0], 1, b, 0)
             j0 = basis(d1, k1, u[p, 1], 1, b, 1)
@@ -268,7 +324,7 @@ def jets2(d0, d1, d2, k0, k1, k2, c, u, f, g, h):
     """Values, gradients and Hessians into f (n, M), g (n, M, 3) and h (n, M, 3, 3)."""
     n = len(u)
     for chunk in prange((n + CHUNK - 1) // CHUNK):
-        b = np.empty((3, 3, max(len(k0), len(k1), len(k2))))
+        b = np.empty((3, 3, width(k0, k1, k2)))
         for p in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
             i0 = basis(d0, k0, u[p, 0], 2, b, 0)
             j0 = basis(d1, k1, u[p, 1], 2, b, 1)
@@ -296,7 +352,7 @@ def jets2(d0, d1, d2, k0, k1, k2, c, u, f, g, h):
 def axis_basis(d, deg, x, order):
     """Basis functions at sample sites of one direction: (order+1, k+1, n) and first (n,)."""
     n = len(x)
-    b = np.empty((1, 3, len(deg)))
+    b = np.empty((1, 3, width(deg, deg, deg)))
     out = np.empty((order + 1, len(deg), n))
     first = np.empty(n, np.int64)
     for p in range(n):
@@ -307,70 +363,75 @@ def axis_basis(d, deg, x, order):
     return out, first
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
-def expand_last(c, b, first, out):
-    """Contract the last axis: out (n0, n1, nz) from c (n0, n1, n2) and basis b (k+1, nz)."""
-    for i in range(c.shape[0]):
-        for j in range(c.shape[1]):
-            for z in range(b.shape[1]):
-                s = 0.0
-                for q in range(b.shape[0]):
-                    s += b[q, z] * c[i, j, first[z] + q]
-                out[i, j, z] = s
+@njit(cache=True, fastmath=FAST, error_model="numpy", forceinline=True)
+def contract_first(c, b, o, x, i, low, out):
+    """Sum of planes i, i+1, ... of c from row `low` on, transposed: out[o] (n2, n1)."""
+    for j in range(out.shape[2]):
+        for z in range(out.shape[1]):
+            s = 0.0
+            for q in range(b.shape[1]):
+                s += b[o, q, x] * c[i + q, low + j, z]
+            out[o, z, j] = s
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
-def accumulate(out, rows, weights):
-    """Write the weighted sum of rows (k+1, nz) into out (nz,), contiguous in z."""
-    n = len(out)
-    k = len(weights)
-    if k == 3:
-        w0, w1, w2 = weights[0], weights[1], weights[2]
-        for z in range(n):
-            out[z] = w0 * rows[0, z] + w1 * rows[1, z] + w2 * rows[2, z]
-    elif k == 2:
-        w0, w1 = weights[0], weights[1]
-        for z in range(n):
-            out[z] = w0 * rows[0, z] + w1 * rows[1, z]
-    elif k == 4:
-        w0, w1, w2, w3 = weights[0], weights[1], weights[2], weights[3]
-        for z in range(n):
-            out[z] = w0 * rows[0, z] + w1 * rows[1, z] + w2 * rows[2, z] + w3 * rows[3, z]
-    else:
-        for z in range(n):
-            out[z] = 0.0
-        for q in range(k):
-            for z in range(n):
-                out[z] += weights[q] * rows[q, z]
+@njit(cache=True, fastmath=FAST, error_model="numpy", forceinline=True)
+def expand_last(plane, p, b, o, first, line, out, r):
+    """Rows of samples out[r] (n1, >= nz) from rows of coefficients plane[p] (n2, n1)."""
+    n = plane.shape[2]
+    for z in range(b.shape[2]):
+        for j in range(0, n, 4):
+            s = spread(0.0)
+            for q in range(b.shape[1]):
+                at = (p * plane.shape[1] + first[z] + q) * n + j
+                s = multiply_add(load(plane, at, n - j), b[o, q, z], s)
+            store(line, j, s)
+        for j in range(n):
+            out[r, j, z] = line[j]
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy", forceinline=True)
+def add_rows(rows, r, j, b, o, y, out, x, d):
+    """Weighted sum of rows[r, j], rows[r, j+1], ... into out[x, d, y], four at a time."""
+    k = b.shape[1]
+    last = rows.shape[1] - 1
+    for q in range(0, k, 4):
+        w0 = b[o, q, y]
+        w1 = b[o, q + 1, y] if q + 1 < k else 0.0
+        w2 = b[o, q + 2, y] if q + 2 < k else 0.0
+        w3 = b[o, q + 3, y] if q + 3 < k else 0.0
+        j0, j1, j2, j3 = j + q, min(j + q + 1, last), min(j + q + 2, last), min(j + q + 3, last)
+        if q == 0:
+            for z in range(out.shape[3]):
+                s = w0 * rows[r, j0, z] + w1 * rows[r, j1, z]
+                out[x, d, y, z] = s + w2 * rows[r, j2, z] + w3 * rows[r, j3, z]
+        else:
+            for z in range(out.shape[3]):
+                s = w0 * rows[r, j0, z] + w1 * rows[r, j1, z]
+                out[x, d, y, z] += s + w2 * rows[r, j2, z] + w3 * rows[r, j3, z]
 
 
 @njit(cache=True, parallel=True, fastmath=FAST, error_model="numpy")
 def grid(c, bx, fx, by, fy, bz, fz, out):
-    """Values on a tensor grid, one component: out (1, nx, ny, nz); with derivatives (4, ...).
+    """Values on a tensor grid, one component: out (nx, 1, ny, nz); with derivatives (nx, 4, ...).
 
-    The last direction is expanded first; then, for each sample row in y, the coefficients
-    are contracted along y and x with contiguous inner loops in z.
+    For each plane of samples, coefficients are contracted in x, which leaves few numbers; those
+    are expanded in z; then each row of samples is a weighted sum of rows that lie in cache.
     """
     order = bx.shape[0] - 1
-    ky, kx = by.shape[1], bx.shape[1]
-    nx, ny, nz = out.shape[1:]
-    n0, n1 = c.shape[0], c.shape[1]
-    e = np.empty((order + 1, n0, n1, nz))
-    for i in prange(n0):
-        for o in range(order + 1):
-            expand_last(c[i : i + 1], bz[o], fz, e[o, i : i + 1])
-    for y in prange(ny):
-        j = fy[y]
-        rows = np.empty((1 + 2 * order, n0, nz))
-        for i in range(n0):
-            accumulate(rows[0, i], e[0, i, j : j + ky], by[0, :, y])
-            if order > 0:
-                accumulate(rows[1, i], e[0, i, j : j + ky], by[1, :, y])
-                accumulate(rows[2, i], e[1, i, j : j + ky], by[0, :, y])
-        for x in range(nx):
-            i = fx[x]
-            accumulate(out[0, x, y], rows[0, i : i + kx], bx[0, :, x])
-            if order > 0:
-                accumulate(out[1, x, y], rows[0, i : i + kx], bx[1, :, x])
-                accumulate(out[2, x, y], rows[1, i : i + kx], bx[0, :, x])
-                accumulate(out[3, x, y], rows[2, i : i + kx], bx[0, :, x])
+    nx, _, ny, nz = out.shape
+    low = fy.min() if ny else 0
+    n1 = fy.max() + by.shape[1] - low if ny else 0
+    for chunk in prange((nx + PLANES - 1) // PLANES):
+        plane = np.empty((order + 1, c.shape[2], n1))
+        line = np.empty(n1 + 3)
+        stride = (nz // 8 + 1 | 1) * 8  # an odd number of cache lines, for columns to spread
+        rows = np.empty((1 + 2 * order, n1, stride))
+        for x in range(chunk * PLANES, min(nx, (chunk + 1) * PLANES)):
+            for o in range(order + 1):
+                contract_first(c, bx, o, x, fx[x], low, plane)
+            for r in range(1 + 2 * order):  # nothing, x or z differentiated
+                expand_last(plane, int(r == 1), bz, int(r == 2), fz, line, rows, r)
+            for d in range(1 + 3 * order):
+                r = int(d == 1) + 2 * int(d == 3)
+                for y in range(ny):
+                    add_rows(rows, r, fy[y] - low, by, int(d == 2), y, out, x, d)

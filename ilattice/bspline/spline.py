@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ilattice._typing import ArrayLike, FloatArray
-from ilattice._validate import as_array, as_knots, as_points, read_only
+from ilattice._validate import as_array, as_knots, as_points, check_finite, read_only
 from ilattice.bspline import _kernels
 from ilattice.errors import InputError
 
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from ilattice.bspline.bezier import BezierCells
 
 MAX_DEGREE = 8
+LARGEST = np.finfo(np.float64).max
 #: Degree triples for which kernels are specialised; all others share one generic kernel.
 SPECIALISED = {(1, 1, 1), (2, 2, 2), (3, 3, 3), (3, 1, 1), (2, 1, 1)}
 
@@ -193,24 +194,32 @@ class BSpline:
         return (*self._directions, *lengths, self._components)
 
     def _parameters(self, u: ArrayLike, extrapolate: str) -> FloatArray:
-        u = as_array("u", u)
+        """Points (n, 3) where kernels may evaluate: checked, wrapped, clamped."""
+        u = as_array("u", u, finite=False)
         if self.ndim == 1 and u.ndim == 1:
             u = u[:, None]
-        u = as_points("u", u, self.ndim)
+        u = as_points("u", u, self.ndim, finite=False)
         if extrapolate not in ("raise", "clamp", "extend"):
             raise InputError(
                 f"extrapolate must be 'raise', 'clamp' or 'extend', got {extrapolate!r}"
             )
-        lo, hi = self.domain
+        free = np.array(self.periodic) | (extrapolate != "raise")
+        lo = np.where(free, -LARGEST, self.domain[0])
+        hi = np.where(free, LARGEST, self.domain[1])
+        if not _kernels.inside(u, lo, hi):
+            check_finite("u", u)
+            for axis in range(self.ndim):
+                if not free[axis]:
+                    self._check_inside(u[:, axis], axis)
+        if self.ndim == 3 and extrapolate != "clamp" and not any(self.periodic):
+            return u
         out = np.full((len(u), 3), 0.5)
-        for axis in range(self.ndim):
+        for axis, (first, last) in enumerate(self.domain.T):
             x = u[:, axis]
             if self.periodic[axis]:
-                x = lo[axis] + np.mod(x - lo[axis], hi[axis] - lo[axis])
+                x = first + np.mod(x - first, last - first)
             elif extrapolate == "clamp":
-                x = np.clip(x, lo[axis], hi[axis])
-            elif extrapolate == "raise" and len(x):
-                self._check_inside(x, axis)
+                x = np.clip(x, first, last)
             out[:, axis] = x
         return out
 
@@ -305,7 +314,7 @@ class BSpline:
         -------
         ndarray, shape (n0[, n1[, n2]][, m])
             Values; with ``order=1`` a pair with the gradient, one more axis of length ndim.
-            Arrays may be strided views: the last axes are stored first.
+            Arrays may be strided views.
 
         Raises
         ------
@@ -320,7 +329,8 @@ class BSpline:
             _kernels.axis_basis(d, k, x, order)
             for d, k, x in zip(dirs, lengths, sites, strict=True)
         ]
-        out = np.empty((len(comps), 1 + 3 * order, *(len(x) for x in sites)))
+        nx, ny, nz = (len(x) for x in sites)
+        out = np.empty((len(comps), nx, 1 + 3 * order, ny, nz))
         flat = [a for pair in tables for a in pair]
         for m in range(len(comps)):
             _kernels.grid(comps[m], *flat, out[m])
@@ -345,12 +355,10 @@ class BSpline:
     def _grid_result(
         self, out: FloatArray, order: int
     ) -> FloatArray | tuple[FloatArray, FloatArray]:
-        out = out.reshape(out.shape[: 2 + self.ndim])
-        value = np.moveaxis(out[:, 0], 0, -1) if self.m else out[0, 0]
-        if order == 0:
-            return value
-        g = np.moveaxis(out[:, 1 : 1 + self.ndim], (0, 1), (-2, -1))
-        return value, g if self.m else g[..., 0, :]
+        out = np.moveaxis(out, (0, 2), (-2, -1))
+        out = out[(slice(None),) * self.ndim + (0,) * (3 - self.ndim)]  # axes that do not exist
+        out = out if self.m else out[..., 0, :]
+        return (out[..., 0], out[..., 1 : 1 + self.ndim]) if order else out[..., 0]
 
     def slabs(
         self, axes: Sequence[ArrayLike], order: int = 0, *, thickness: int = 16
@@ -583,9 +591,9 @@ def _quotient(out: tuple[FloatArray, ...]) -> tuple[FloatArray, ...]:
 
 
 def _quotient_grid(out: FloatArray) -> FloatArray:
-    """Quotient rule on a grid, (M+1, 1 or 4, ...) to (M, 1 or 4, ...)."""
+    """Quotient rule on a grid, (M+1, nx, 1 or 4, ...) to (M, nx, 1 or 4, ...)."""
     w = out[-1]
-    f = out[:-1, :1] / w[:1]
-    if out.shape[1] == 1:
+    f = out[:-1, :, :1] / w[:, :1]
+    if out.shape[2] == 1:
         return f
-    return np.concatenate([f, (out[:-1, 1:] - f * w[1:]) / w[:1]], axis=1)
+    return np.concatenate([f, (out[:-1, :, 1:] - f * w[:, 1:]) / w[:, :1]], axis=2)

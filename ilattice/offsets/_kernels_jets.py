@@ -19,7 +19,7 @@ Guarantee: nothing is allocated per point. Non-guarantee: arguments are not chec
 import numpy as np
 from numba import njit
 
-from ilattice.bspline._kernels import basis, contract1, contract2
+from ilattice.bspline._kernels import basis, contract1, contract2, width
 from ilattice.tiles._kernels import trig_jet, trig_tab
 
 FAST = {"contract", "nsz", "arcp", "reassoc"}
@@ -28,7 +28,7 @@ FAST = {"contract", "nsz", "arcp", "reassoc"}
 @njit(cache=True)
 def scratch(factor, c, k0, k1, k2, q0, q1, q2):
     """Work arrays of one thread: basis functions, map jet, tile jet, trigonometric table."""
-    k = max(max(len(k0), len(k1), len(k2)), max(len(q0), len(q1), len(q2)))
+    k = max(width(k0, k1, k2), width(q0, q1, q2))
     return np.zeros((3, 3, k)), np.zeros((c.shape[0], 10)), np.zeros(10), trig_tab(factor)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import NdBSpline
 
-from ilattice.bspline import BSpline
+from ilattice.bspline import BSpline, _kernels
 from ilattice.bspline.knots import uniform_knots
 from ilattice.errors import InputError
 
@@ -267,3 +267,49 @@ def test_threads_do_not_change_a_bit():
         numba.set_num_threads(before)
     for a, b in zip(many, one, strict=True):
         assert np.array_equal(a, b)
+
+
+@pytest.mark.parametrize("degrees", [(2, 2, 2), (3, 1, 1), (1, 5, 4)], ids=str)
+def test_a_point_does_not_depend_on_its_neighbours(degrees):
+    rng = np.random.default_rng(9)
+    spline = random_spline(rng, degrees, 2)
+    u = sample(rng, spline)
+    order = rng.permutation(len(u))
+    for whole, shuffled in zip(spline.jet(u), spline.jet(u[order]), strict=True):
+        assert np.array_equal(whole[order], shuffled)
+    for i in range(5):
+        for whole, single in zip(spline.jet(u), spline.jet(u[i : i + 1]), strict=True):
+            assert np.array_equal(whole[i], single[0])
+
+
+def test_grid_of_high_degree_at_unsorted_sites():
+    rng = np.random.default_rng(10)
+    spline = random_spline(rng, (1, 8, 5))
+    axes = [rng.random(3), rng.random(4), rng.random(9)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+    f, g = spline.grid(axes, 1)
+    wanted = spline.jet(points, 1)
+    assert_close(f, wanted[0].reshape(3, 4, 9))
+    assert_close(g, wanted[1].reshape(3, 4, 9, 3))
+    empty = spline.grid((axes[0], [], axes[2]), 1)
+    assert [a.shape for a in empty] == [(3, 0, 9), (3, 0, 9, 3)]
+
+
+@pytest.mark.parametrize("u", [np.nan, np.inf, -np.inf, 1e300, -1e300])
+def test_every_number_has_a_knot_span(u):
+    t, k, n = np.array([0, 0, 0, 1, 1.5, 4, 4, 4.0]), 2, 5
+    d = _kernels.pack_direction(t, k, n)
+    size = _kernels.TABLE + (k + 1) ** 2
+    rows = len(d) - size * np.arange(3, 0, -1)
+    assert d[rows + _kernels.FIRST].tolist() == [0, 1, 2]
+    row = _kernels.find_row(d, size, u)
+    assert row in rows
+    if not np.isnan(u):
+        assert row == rows[2 if u > 0 else 0]
+
+
+def test_infinite_parameters_are_refused_wherever_points_may_lie():
+    spline = BSpline([[-1, 0, 1, 2]], [0.0, 0.0], 1, periodic=True)
+    for u, option in ((np.inf, "raise"), (np.nan, "clamp"), (-np.inf, "extend")):
+        with pytest.raises(InputError, match="u must be finite"):
+            spline([u], extrapolate=option)
