@@ -16,6 +16,7 @@ from ilattice.offsets._kernels_newton import (
     FALLBACK,
     MAX_ITERATIONS,
     OK,
+    clamp,
     newton,
     soft_direction,
 )
@@ -121,14 +122,17 @@ def store(feet, i, p, y, dist, lam):
 def same_patch(sp, sx, sn, s, x, feet, i, h):
     """Whether the patch of seed s is that of the foot in row i: near to it, and facing x alike.
 
-    Near is the seed, or the point next to x on its tangent plane.
+    Near is the seed, or the point next to x on its tangent plane. A sheet and the one behind it,
+    however near, are seen from different sides.
     """
     if not together(sp, s, feet, i):
         return False
     y = (sx[s, 0], sx[s, 1], sx[s, 2])
+    a = (x[0] - y[0]) * sn[s, 0] + (x[1] - y[1]) * sn[s, 1] + (x[2] - y[2]) * sn[s, 2]
+    if a * feet[i, 7] < 0.0:
+        return False
     if row_near(feet, i, 3, y, min(0.2 * h, 0.5 * feet[i, 6])):
         return True
-    a = (x[0] - y[0]) * sn[s, 0] + (x[1] - y[1]) * sn[s, 1] + (x[2] - y[2]) * sn[s, 2]
     foot = (x[0] - a * sn[s, 0], x[1] - a * sn[s, 1], x[2] - a * sn[s, 2])
     if not row_near(feet, i, 3, y, 1.2 * h) and not row_near(feet, i, 3, foot, 0.5 * h):
         return False
@@ -208,12 +212,14 @@ def multi_start(
             used |= 1 << a
             start = (sp[s, 0], sp[s, 1], sp[s, 2])
         else:
-            if status != OK or soft > LOOSE:
+            if status == FALLBACK or soft > LOOSE:
                 break
             s = min(h, 0.5 * feet[i, 6]) * (1.0 if a == idx.shape[1] else -1.0)
             start = (
                 feet[i, 0] + s * along[0], feet[i, 1] + s * along[1], feet[i, 2] + s * along[2],
             )  # fmt: skip
+            if clip:
+                start = clamp(start, box)
         firm = 1.0 if soft > LOOSE and status == OK else 0.05
         best = (feet[i, 3], feet[i, 4], feet[i, 5], feet[i, 6], firm)
         p, y, lam, low, n, st = newton(
@@ -229,7 +235,7 @@ def multi_start(
             status = st
             soft = low
             if low <= LOOSE:
-                along = soft_direction(m, t, x, lam, low)
+                along = soft_direction(m, t, x, lam, low, (0, 0, 0))
     if status == FALLBACK:
         p = (sp[first, 0], sp[first, 1], sp[first, 2])
         store(feet, i, p, (sx[first, 0], sx[first, 1], sx[first, 2]), reach, 0.0)
@@ -371,7 +377,10 @@ def place_seeds(
     d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
     p, cell, x, normal, spacing, det,
 ):  # fmt: skip
-    """Image, unit normal, size of the image of a cell (n, 3), and det J at points p (n, 3)."""
+    """Image, unit normal, size of the image of a cell (n, 3), and det J at points p (n, 3).
+
+    Normals are those of the image along which I grows, whatever the orientation of the map.
+    """
     n = len(p)
     for chunk in prange((n + CHUNK - 1) // CHUNK):
         b, m, t, tab = scratch(factor, c, k0, k1, k2, q0, q1, q2)
@@ -384,7 +393,7 @@ def place_seeds(
             big = 0.0
             for a in range(3):
                 x[i, a] = m[a, 0]
-                normal[i, a] = v[a] / s
+                normal[i, a] = v[a] / s if det[i] > 0.0 else -v[a] / s
                 size = m[0, a + 1] ** 2 + m[1, a + 1] ** 2 + m[2, a + 1] ** 2
                 big = max(big, size * cell[i, a] ** 2)
             spacing[i] = np.sqrt(big)

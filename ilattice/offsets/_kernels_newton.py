@@ -72,18 +72,21 @@ def lagrangian(gm, m, t, r, lam):
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
-def soft_direction(m, t, x, lam, low):
+def soft_direction(m, t, x, lam, low, fixed):
     """Direction, of unit length in space, in which the distance grows least about a foot.
 
-    From the jets at the foot; `low` is the eigenvalue that belongs to it.
+    From the jets at the foot; `low` is the eigenvalue that belongs to it. With a fixed direction
+    it is the one that is left.
     """
     gm = metric(m)
     h = lagrangian(gm, m, t, (m[0, 0] - x[0], m[1, 0] - x[1], m[2, 0] - x[2]), lam)
-    z0, z1 = tangents((t[1], t[2], t[3]), (0, 0, 0))
+    z0, z1 = tangents((t[1], t[2], t[3]), fixed)
     a = sym(h, z0, z0) - low * sym(gm, z0, z0)
     b = sym(h, z0, z1) - low * sym(gm, z0, z1)
     c = sym(h, z1, z1) - low * sym(gm, z1, z1)
     y0, y1 = (b, -a) if abs(a) > abs(c) else (c, -b)
+    if fixed[0] + fixed[1] + fixed[2] > 0:
+        y0, y1 = 1.0, 0.0
     d = (y0 * z0[0] + y1 * z1[0], y0 * z0[1] + y1 * z1[1], y0 * z0[2] + y1 * z1[2])
     s = 1.0 / (np.sqrt(max(sym(gm, d, d), 0.0)) + 1e-300)
     return (s * d[0], s * d[1], s * d[2])
@@ -143,6 +146,72 @@ def active_set(p, box, jr, t, lam, clip):
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
+def held_back(p, box, jr, t, lam, fixed):
+    """Whether a direction is held that the new multiplier would let go, into the box."""
+    for a in range(3):
+        if fixed[a]:
+            f = jr[a] + lam * t[1 + a]
+            if p[a] > box[0, a]:
+                f = -f
+            if f < -1e-9 * (abs(jr[a]) + abs(lam * t[1 + a])):
+                return True
+    return False
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def corner_foot(p, box, jr, t):
+    """Whether p is a corner of the box on the surface and a local minimum, and a multiplier.
+
+    It is one if a multiplier makes the gradient push against all three bounds.
+    """
+    low, high = -np.inf, np.inf
+    for a in range(3):
+        if p[a] > box[0, a] and p[a] < box[1, a]:
+            return False, 0.0
+        s = 1.0 if p[a] <= box[0, a] else -1.0
+        if s * t[1 + a] > 0.0:
+            low = max(low, -jr[a] / t[1 + a])
+        elif s * t[1 + a] < 0.0:
+            high = min(high, -jr[a] / t[1 + a])
+        elif s * jr[a] < 0.0:
+            return False, 0.0
+    if low > high or t[0] * t[0] > 1e-18 * (t[1] * t[1] + t[2] * t[2] + t[3] * t[3]):
+        return False, 0.0
+    return True, low if low > -np.inf else high if high < np.inf else 0.0
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def lowest(m, t, r, lam):
+    """Lowest eigenvalue of the Hessian over the whole tangent plane, bounds or no bounds."""
+    gm = metric(m)
+    z0, z1 = tangents((t[1], t[2], t[3]), (0, 0, 0))
+    return tangent_step(lagrangian(gm, m, t, r, lam), gm, z0, z1, (0.0, 0.0, 0.0), 0.0)[1]
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def clamp(p, box):
+    """Point of the box next to p."""
+    return (
+        min(max(p[0], box[0, 0]), box[1, 0]),
+        min(max(p[1], box[0, 1]), box[1, 1]),
+        min(max(p[2], box[0, 2]), box[1, 2]),
+    )
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def leave(m, t, x, lam, low, p, h, fixed, box, clip):
+    """Point next to a saddle p, downhill and in the box."""
+    d = soft_direction(m, t, x, lam, low, fixed)
+    out = (p[0] + h * d[0], p[1] + h * d[1], p[2] + h * d[2])
+    if not clip:
+        return out
+    back = (p[0] - h * d[0], p[1] - h * d[1], p[2] - h * d[2])
+    a, b = clamp(out, box), clamp(back, box)
+    lost = abs(a[0] - out[0]) + abs(a[1] - out[1]) + abs(a[2] - out[2])
+    return a if lost <= abs(b[0] - back[0]) + abs(b[1] - back[1]) + abs(b[2] - back[2]) else b
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def near(a, b, h):
     """Whether two points are within h."""
     d0, d1, d2 = a[0] - b[0], a[1] - b[1], a[2] - b[2]
@@ -188,12 +257,17 @@ def newton(
         tile_jet(geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc, p, b, t, tab)
         r = (m[0, 0] - x[0], m[1, 0] - x[1], m[2, 0] - x[2])
         fixed = (0, 0, 0)
+        jr = r
         if clip:
             jr = (
                 m[0, 1] * r[0] + m[1, 1] * r[1] + m[2, 1] * r[2],
                 m[0, 2] * r[0] + m[1, 2] * r[1] + m[2, 2] * r[2],
                 m[0, 3] * r[0] + m[1, 3] * r[1] + m[2, 3] * r[2],
             )
+            at_corner, corner_lam = corner_foot(p, box, jr, t)
+            if at_corner:
+                y = (m[0, 0], m[1, 0], m[2, 0])
+                return p, y, corner_lam, lowest(m, t, r, corner_lam), it + 1, BOUNDARY
             fixed = active_set(p, box, jr, t, lam, clip)
         floor = 0.1 if it < 3 else 0.02 if it < 8 else 5e-4
         d, lam, size, low = kkt_step(m, t, r, lam, it == 0, fixed, floor)
@@ -205,11 +279,12 @@ def newton(
         small = small or (size <= 3e-5 * h and size * size * size <= tol * h * last * last)
         last = size
         small = small or (it == MAX_ITERATIONS - 1 and size <= 1e-3 * h)
+        if clip and small and it < MAX_ITERATIONS - 1:
+            small = not held_back(p, box, jr, t, lam, fixed)
         if it > 0 and not small and abandon(m, r, size, best, h):
             return p, y, lam, low, it + 1, WORSE
-        if small and low < -1e-3 and it < MAX_ITERATIONS - 1 and not clip:  # a saddle: leave it
-            d = soft_direction(m, t, x, lam, low)
-            p = (p[0] + 0.3 * h * d[0], p[1] + 0.3 * h * d[1], p[2] + 0.3 * h * d[2])
+        if small and low < -1e-3 and it < MAX_ITERATIONS - 1:  # a saddle: leave it
+            p = leave(m, t, x, lam, low, p, 0.3 * h, fixed, box, clip)
             continue
         if size > 2.0 * h:
             s = 2.0 * h / size
@@ -217,11 +292,7 @@ def newton(
         old = p
         p = (p[0] + d[0], p[1] + d[1], p[2] + d[2])
         if clip:
-            p = (
-                min(max(p[0], box[0, 0]), box[1, 0]),
-                min(max(p[1], box[0, 1]), box[1, 1]),
-                min(max(p[2], box[0, 2]), box[1, 2]),
-            )
+            p = clamp(p, box)
             d = (p[0] - old[0], p[1] - old[1], p[2] - old[2])
         if small:
             y = (
@@ -230,7 +301,9 @@ def newton(
                 m[2, 0] + m[2, 1] * d[0] + m[2, 2] * d[1] + m[2, 3] * d[2],
             )
             held = fixed[0] + fixed[1] + fixed[2]
+            if held == 0:
+                return p, y, lam, low, it + 1, OK
             if held > 2:
                 return p, y, lam, low, it + 1, FAILED
-            return p, y, lam, low, it + 1, BOUNDARY if held else OK
+            return p, y, lam, lowest(m, t, r, lam), it + 1, BOUNDARY
     return p, y, lam, low, MAX_ITERATIONS, FAILED

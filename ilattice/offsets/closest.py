@@ -10,6 +10,7 @@ Non-guarantees: on the medial axis the foot is one of several; the distance is s
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
 import numba
@@ -210,19 +211,20 @@ class ClosestPointSearch:
         return p[moved <= 1.2 / float(np.min(m))]
 
     def _face_seeds(self, count: IntArray, closed: AnyArray) -> tuple[FloatArray, FloatArray]:
-        """Seeds on the curves in which the surface meets the open faces of the domain."""
+        """Seeds on the curves and at the points in which the surface meets faces and edges."""
         out = [np.empty((0, 3))]
         m = 2 * self._least_seeds
-        for axis in range(3):
-            if closed[axis]:
-                continue
+        ends = [a for a in range(3) if not closed[a]]
+        for held in (h for n in (1, 2) for h in combinations(ends, n)):
             axes = [(np.arange(n * m) + 0.5) / m for n in count]
-            axes[axis] = np.array([0.0, float(count[axis])])
+            for a in held:
+                axes[a] = np.array([0.0, float(count[a])])
             p = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
             fixed = np.zeros((len(p), 3))
-            fixed[:, axis] = 1.0
+            fixed[:, held] = 1.0
             p = self._project(p, np.full(3, m), fixed)
-            out.append(p[((p >= self.box[0]) & (p <= self.box[1])).all(axis=1)])
+            inside = np.clip(p, *self.box)
+            out.append(inside[(np.abs(inside - p) < 1e-12).all(axis=1)])
         seeds = np.concatenate(out)
         return seeds, np.full(seeds.shape, 1.0 / m)
 

@@ -208,7 +208,7 @@ def test_lowest_eigenvalue_is_that_of_the_reduced_pencil(problem):
         r = tuple(m[:, 0] - x)
         low = newton.kkt_step(m, t, r, 0.4, False, FREE, 1e-9)[3]
         assert low == pytest.approx(pencil.min(), rel=1e-7, abs=1e-9)
-        along = newton.soft_direction(m, t, tuple(x), 0.4, low)
+        along = newton.soft_direction(m, t, tuple(x), 0.4, low, FREE)
         assert np.dot(along, t[1:4]) == pytest.approx(0, abs=1e-9 * np.linalg.norm(t[1:4]))
         assert along @ metric @ along == pytest.approx(1.0, rel=1e-9)
         assert along @ h @ along == pytest.approx(low, rel=1e-6, abs=1e-8)
