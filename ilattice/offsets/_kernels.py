@@ -1,7 +1,7 @@
 """Compiled search for closest points over many starts, and the seeds it starts from.
 
-The arguments are those of `_kernels_jets`; seeds are sp (tile coordinates), sx (image), sn (unit
-normal), each (s, 3), and sh (spacing, (s,)).
+The arguments are those of `_kernels_jets`; seeds are sp (tile coordinates, (s, 3)), sx (image,
+(s, 3)), sn (unit normal, and the largest curvature times spacing, (s, 4)), and sh (spacing, (s,)).
 
 Guarantees: the same result for any number of threads, a status for every query.
 Non-guarantee: the foot is the global minimiser only as far as the seeds cover the surface.
@@ -17,6 +17,7 @@ from ilattice.offsets._kernels_newton import (
     MAX_ITERATIONS,
     OK,
     clamp,
+    curvature,
     newton,
     soft_direction,
 )
@@ -27,6 +28,8 @@ LOOSE = 0.4
 #: Points on sheets that face alike are at least this far apart in tile coordinates. It tells sheets
 #: from each other where a map squeezes tiles to less than the spacing of seeds.
 APART = 0.4
+#: Seeds with a larger curvature times spacing say nothing about the normals next to them.
+SHARP = 2.0
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
@@ -67,10 +70,12 @@ def unlikely(x, sx, sn, i, h, best):
 
     A foot within h of the seed s has its normal along x - foot, so the tangential part of
     x - s is at most h plus what the normal turns over h; and the patch is nearer than `best`
-    only if the normal part is.
+    only if the normal part is. Where the normal turns too much over h, only distance counts.
     """
     v0, v1, v2 = x[0] - sx[i, 0], x[1] - sx[i, 1], x[2] - sx[i, 2]
     a = v0 * sn[i, 0] + v1 * sn[i, 1] + v2 * sn[i, 2]
+    if sn[i, 3] > SHARP:
+        return np.sqrt(v0 * v0 + v1 * v1 + v2 * v2) > best + h
     tangential = np.sqrt(max(v0 * v0 + v1 * v1 + v2 * v2 - a * a, 0.0))
     return tangential > 0.9 * h + 0.5 * abs(a) or abs(a) > best + 0.3 * h
 
@@ -298,7 +303,7 @@ def closest(
     d0 ... tc
         The lattice, see the module.
     sp, sx, sn, sh
-        Seeds: tile coordinates, image, unit normal (s, 3), and spacing (s,).
+        Seeds, see the module.
     x, q
         Queries in space and in tile coordinates, (n, 3).
     idx
@@ -377,23 +382,27 @@ def place_seeds(
     d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
     p, cell, x, normal, spacing, det,
 ):  # fmt: skip
-    """Image, unit normal, size of the image of a cell (n, 3), and det J at points p (n, 3).
+    """Image (n, 3), normal (n, 4), size of the image of a cell, and det J at points p (n, 3).
 
-    Normals are those of the image along which I grows, whatever the orientation of the map.
+    Normals are those along which I grows, whatever the orientation of the map, followed by the
+    largest curvature times that size.
     """
     n = len(p)
     for chunk in prange((n + CHUNK - 1) // CHUNK):
         b, m, t, tab = scratch(factor, c, k0, k1, k2, q0, q1, q2)
         for i in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
             pi = (p[i, 0], p[i, 1], p[i, 2])
-            map_jet(d0, d1, d2, k0, k1, k2, c, geom, pi, 1, b, m)
+            map_jet(d0, d1, d2, k0, k1, k2, c, geom, pi, 2, b, m)
             tile_jet(geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc, pi, b, t, tab)
             v, det[i] = cofactor_normal(m, (t[1], t[2], t[3]))
             s = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]) + 1e-300
+            s = s if det[i] > 0.0 else -s
+            v = (v[0] / s, v[1] / s, v[2] / s)
             big = 0.0
             for a in range(3):
                 x[i, a] = m[a, 0]
-                normal[i, a] = v[a] / s if det[i] > 0.0 else -v[a] / s
+                normal[i, a] = v[a]
                 size = m[0, a + 1] ** 2 + m[1, a + 1] ** 2 + m[2, a + 1] ** 2
                 big = max(big, size * cell[i, a] ** 2)
             spacing[i] = np.sqrt(big)
+            normal[i, 3] = spacing[i] * curvature(m, t, v, abs(det[i] / s))

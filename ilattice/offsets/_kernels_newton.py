@@ -97,7 +97,9 @@ def kkt_step(m, t, r, lam, first, fixed, floor):
     """One Newton step: step, new multiplier, |J step|, and the eigenvalue of `tangent_step`."""
     gm = metric(m)
     g = (t[1] * (1 - fixed[0]), t[2] * (1 - fixed[1]), t[3] * (1 - fixed[2]))
-    gg = g[0] * g[0] + g[1] * g[1] + g[2] * g[2] + 1e-300
+    gg = g[0] * g[0] + g[1] * g[1] + g[2] * g[2]
+    if not gg > 0.0:  # no way back to the surface
+        return (0.0, 0.0, 0.0), lam, np.inf, 1.0
     jr = (
         m[0, 1] * r[0] + m[1, 1] * r[1] + m[2, 1] * r[2],
         m[0, 2] * r[0] + m[1, 2] * r[1] + m[2, 2] * r[2],
@@ -189,6 +191,23 @@ def lowest(m, t, r, lam):
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
+def curvature(m, t, normal, lam):
+    """Largest principal curvature of the image of I = const, up to sign.
+
+    From jets of order 2, the unit normal n and lam = 1 / |J^-T grad I|: along a tangent d it is
+    d'(lam Hess(I) - sum_c n_c Hess(T_c))d.
+    """
+    gm = metric(m)
+    zero = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    z0, z1 = tangents((t[1], t[2], t[3]), (0, 0, 0))
+    h = lagrangian(zero, m, t, normal, -lam)
+    a = tangent_step(h, gm, z0, z1, (0.0, 0.0, 0.0), 0.0)[1]
+    h = (-h[0], -h[1], -h[2], -h[3], -h[4], -h[5])
+    b = tangent_step(h, gm, z0, z1, (0.0, 0.0, 0.0), 0.0)[1]
+    return max(abs(a), abs(b))
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def clamp(p, box):
     """Point of the box next to p."""
     return (
@@ -276,7 +295,10 @@ def newton(
         # near a centre of curvature convergence is linear, but the distance is flat there;
         # and where convergence is quadratic, the next step can be told from the last two
         small = size <= tol * h or (it > 6 and size <= 1e-6 * h)
-        small = small or (size <= 3e-5 * h and size * size * size <= tol * h * last * last)
+        sure = size * size * size <= tol * h * last * last and (
+            d[0] * d[0] + d[1] * d[1] + d[2] * d[2] <= 1e-9
+        )
+        small = small or (size <= 3e-5 * h and sure)
         last = size
         small = small or (it == MAX_ITERATIONS - 1 and size <= 1e-3 * h)
         if clip and small and it < MAX_ITERATIONS - 1:
@@ -303,7 +325,5 @@ def newton(
             held = fixed[0] + fixed[1] + fixed[2]
             if held == 0:
                 return p, y, lam, low, it + 1, OK
-            if held > 2:
-                return p, y, lam, low, it + 1, FAILED
             return p, y, lam, lowest(m, t, r, lam), it + 1, BOUNDARY
     return p, y, lam, low, MAX_ITERATIONS, FAILED

@@ -173,7 +173,7 @@ class ClosestPointSearch:
                 "sign on the unit cube; shift its level"
             )
         x, normal, spacing, det = (
-            np.empty((len(p), 3)), np.empty((len(p), 3)), np.empty(len(p)), np.empty(len(p)),
+            np.empty((len(p), 3)), np.empty((len(p), 4)), np.empty(len(p)), np.empty(len(p)),
         )  # fmt: skip
         _kernels.place_seeds(*self.space, p, cell, x, normal, spacing, det)
         inner = ((p >= 0) & (p <= count)).all(axis=1)

@@ -1,0 +1,111 @@
+"""Closest points that were missed once, and counted failures."""
+
+from pathlib import Path
+
+import naive_closest as nc
+import numpy as np
+import pytest
+
+import ilattice as il
+from ilattice.errors import ConvergenceError
+from ilattice.offsets import closest
+
+GISMO = Path(__file__).parents[1] / "data" / "gismo" / "GshapedVolume.xml"
+MAPS = {
+    "torus": (lambda: il.macroshape.torus(major=4.0, width=2.0), (16, 2, 2)),
+    "duck": (il.macroshape.duck, (18, 5, 4)),
+    "G": (lambda: il.macroshape.load(GISMO), (16, 1, 7)),
+}
+
+
+def lattice_of(shape, tile, boundary):
+    make, repeat = MAPS[shape]
+    through = make()
+    return il.Lattice(tile, through=through, repeat=repeat, boundary=boundary)
+
+
+def parameters(lattice, q):
+    lo, hi = lattice.domain
+    return np.clip(lo + q / np.array(lattice.repeat) * (hi - lo), lo, hi)
+
+
+def tile_sizes(lattice, u):
+    return np.linalg.norm(lattice.through.jacobian(u) * lattice.search.step, axis=1).max(axis=1)
+
+
+#: Queries and points of the surface that are nearer than feet found at one time: a sheet behind
+#: another one, ridges that the map makes, minima just inside a face, corners of the domain.
+MISSED = [
+    ("G", "gyroid", "extend", (13.9501, 0.0352, 6.6110), (13.89715, 0.03196, 6.60981)),
+    ("G", "gyroid", "clip", (13.9501, 0.0352, 6.6110), (13.89715, 0.03196, 6.60981)),
+    ("G", "gyroid", "clip", (16.0, 0.81015, 7.0), (16.0, 1.0, 7.0)),
+    ("G", "gyroid", "clip", (16.0, 0.84794, 7.0), (16.0, 1.0, 7.0)),
+    ("G", "primitive", "clip", (13.703232, 0.044554, 2.961352), (13.4987, 0.1408, 2.8097)),
+    ("G", "primitive", "clip", (13.167744, 0.001226, 0.078874), (13.4993, 0.0, 0.25)),
+    ("G", "primitive", "clip", (1.0, 0.5, 7.0), (0.75499, 0.49514, 6.95974)),
+    ("torus", "primitive", "clip", (10.125, 0.375, 0.0), (10.24593, 0.43912, 0.07098)),
+    ("torus", "primitive", "clip", (11.85081, 0.0, 0.49208), (11.76402, 0.06745, 0.49502)),
+    ("torus", "primitive", "clip", (0.11373, 1.50229, 0.00165), (0.23147, 1.50111, 0.07748)),
+    ("torus", "primitive", "clip", (13.24332, 0.86752, 0.00099), (13.34283, 0.70415, 0.09278)),
+]
+
+
+@pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
+@pytest.mark.parametrize(("shape", "tile", "boundary", "q", "near"), MISSED)
+def test_feet_that_were_missed_once(shape, tile, boundary, q, near):
+    lattice = lattice_of(shape, tile, boundary)
+    u = parameters(lattice, np.array([q]))
+    p = np.array([near])
+    for _ in range(5):
+        f, g, _ = nc.tile_jet(tile, p)
+        g = np.where((p == 0) | (p == np.array(lattice.repeat)), 0.0, g)
+        p = p - (f / np.maximum((g * g).sum(axis=1), 1e-300))[:, None] * g
+    space = nc.NaiveMap(lattice.through.spline, lattice.through.closed, lattice.repeat)
+    assert abs(nc.tile_jet(tile, p)[0][0]) < 1e-12
+    known = np.linalg.norm(space.jet(p, 0)[0] - lattice.through.x(u))
+    assert abs(lattice.distance(u)[0]) <= known * (1 + 1e-9)
+
+
+def test_critical_points_of_the_tile_are_no_feet():
+    """At the corners of the domain grad I = 0, and a step from there goes nowhere."""
+    lattice = lattice_of("duck", "primitive", "clip")
+    corners = np.stack(np.meshgrid(*zip((0, 0, 0), lattice.repeat, strict=True)), -1).reshape(-1, 3)
+    u = parameters(lattice, corners.astype(float))
+    assert (lattice.distance(u) > 0.1 * tile_sizes(lattice, u) * 0.1).all()
+
+
+@pytest.fixture
+def box():
+    return il.Lattice("gyroid", through=il.macroshape.box((2, 1, 1)), repeat=(2, 1, 1))
+
+
+def test_searches_are_counted(box):
+    u = np.random.default_rng(5).random((300, 3))
+    a = box.closest(u[:200])
+    b = box.closest(u[200:])
+    s = box.statistics
+    assert s.queries == 300
+    assert s.iterations == a.iterations.sum() + b.iterations.sum()
+    assert s.starts == a.starts.sum() + b.starts.sum()
+    assert s.mean_iterations == s.iterations / 300
+    assert s.fallbacks == 0
+    assert (a.starts >= 1).all()
+    assert (a.iterations >= a.starts).all()
+
+
+def test_queries_that_fail_are_told_and_counted(box):
+    """Feet are allowed in half of the domain only; those in the other half have none."""
+    search = box.search
+    u = np.random.default_rng(6).random((closest.FEW, 3)) * [0.1, 1, 1]
+    whole = box.closest(u)
+    search.box = np.array([[1.5, -1.0, -1.0], [3.0, 2.0, 2.0]])
+    found = box.closest(u)
+    assert (whole.status == 0).all()
+    assert (found.status == 2).all()
+    assert box.statistics.fallbacks == closest.FEW
+    nearest, _ = search.tree.query(box.through.x(u))
+    np.testing.assert_allclose(np.abs(found.distance), nearest, rtol=1e-12)
+    far = np.random.default_rng(7).random((20, 3)) * [0.3, 1, 1]
+    with pytest.raises(ConvergenceError, match=r"20 of 20 queries did not converge"):
+        box.closest(far)
+    assert box.statistics.fallbacks == closest.FEW + 20
