@@ -1,8 +1,9 @@
-"""The lattice: tiles repeated in the parameter domain of a map.
+"""The lattice: tiles in the parameter domain of a map, one repeated or several mixed.
 
 Guarantees: the map has been certified not to fold (a warning names isolated points with
 det J = 0); everything expensive (seeds, k-d tree, distance spline) is computed once and kept.
-Non-guarantees: neighbouring tiles fit together only as smoothly as the tile is periodic.
+Non-guarantees: neighbouring tiles fit together only as smoothly as the tile is periodic; a
+mixture is one C2 spline for the entire lattice, which deviates from its tiles by up to its `tol`.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from ilattice._validate import as_array, as_counts, as_points, near_names
 from ilattice.errors import InputError
 from ilattice.macroshape.certify import check_map
 from ilattice.macroshape.maps import SplineMap
+from ilattice.tiles.mixture import MixedField, Mixture
 from ilattice.tiles.tile import Tile
 from ilattice.tiles.trig import TrigField
 
@@ -33,8 +35,9 @@ class Lattice:
 
     Parameters
     ----------
-    tile : Tile
-        The unit cell; a name of the catalogue or a callable is accepted.
+    tile : Tile or Mixture
+        The unit cell; a name of the catalogue or a callable is accepted. For different tiles
+        in one lattice see `ilattice.tiles.mix` and `ilattice.tiles.hybrid`.
     through : SplineMap
         Macro-shape: the map from the parameter box to space.
     repeat : int or sequence of 3 int
@@ -62,7 +65,7 @@ class Lattice:
     (2, 1, 1)
     """
 
-    tile: Tile
+    tile: Tile | Mixture
     through: SplineMap
     repeat: tuple[int, int, int] = (1, 1, 1)
     boundary: str = "extend"
@@ -102,14 +105,22 @@ class Lattice:
 
     @property
     def smooth_tile(self) -> Any:
-        """The tile's field in a form that compiled code evaluates: trigonometric or spline."""
-        return self._once("smooth_tile", lambda: self.tile.kernel_field)
+        """The field in a form that compiled code evaluates.
+
+        Trigonometric or a spline on the unit cube; for a mixture, a `MixedField`.
+        """
+        return self._once("smooth_tile", self._make_field)
+
+    def _make_field(self) -> Any:
+        if isinstance(self.tile, Mixture):
+            return self.tile.field(self.repeat, self.domain, self.through.closed)
+        return self.tile.kernel_field
 
     @property
     def finest_wave(self) -> int:
-        """Waves per tile of the finest term of a trigonometric tile; 2 for any other."""
+        """Waves per tile of the finest term of trigonometric tiles; 2 for any other."""
         f = self.smooth_tile
-        return int(f.factor.max(initial=1) + 1) // 2 if isinstance(f, TrigField) else 2
+        return max(map(_waves, f.fields)) if isinstance(f, MixedField) else _waves(f)
 
     @property
     def spans(self) -> int:
@@ -135,7 +146,7 @@ class Lattice:
         return (as_points("u", u) - lo) / (hi - lo) * np.array(self.repeat)
 
     def implicit(self, u: ArrayLike) -> FloatArray:
-        """Value of the repeated tile field.
+        """Value of the field of the tiles.
 
         Parameters
         ----------
@@ -147,13 +158,38 @@ class Lattice:
         ndarray, shape (n,)
             Values, negative inside.
         """
-        p = self.tile_coordinates(u)
-        return self.smooth_tile(p - self._tile_of(p))
+        return self.implicit_jet(u, 0)[0]
 
-    def _tile_of(self, p: FloatArray) -> FloatArray:
-        """Lower corners of the tiles that hold points given in tile coordinates."""
-        last = np.where(self.through.closed, np.inf, np.array(self.repeat) - 1.0)
-        return np.minimum(np.floor(p), last)
+    def implicit_jet(self, u: ArrayLike, order: int = 2) -> tuple[FloatArray, ...]:
+        """Value and derivatives of the field of the tiles.
+
+        Parameters
+        ----------
+        u : array_like, shape (n, 3)
+            Parameters; up to a tile beyond the ends of the domain.
+        order : int
+            Highest derivative: 0, 1 or 2.
+
+        Returns
+        -------
+        tuple of ndarray
+            Values (n,), gradients (n, 3) and Hessians (n, 3, 3) with respect to the parameters:
+            the first ``order + 1``.
+        """
+        p = self.tile_coordinates(u)
+        if not isinstance(self.smooth_tile, MixedField):
+            p = self._in_tile(p)
+        lo, hi = self.domain
+        scale = np.array(self.repeat) / (hi - lo)
+        value, *rest = self.smooth_tile.jet(p, order)
+        factors = (scale, scale[:, None] * scale)
+        return (value, *(a * s for a, s in zip(rest, factors, strict=False)))
+
+    def _in_tile(self, p: FloatArray) -> FloatArray:
+        """Coordinates in the unit cube of points given in tile coordinates."""
+        count = np.array(self.repeat)
+        last = ~np.array(self.through.closed) & (np.abs(p - count) < 1e-9)
+        return np.minimum(p - np.where(last, count - 1.0, np.floor(p)), 1.0)
 
     # ------------------------------------------------------------------ properties
 
@@ -194,7 +230,7 @@ class Lattice:
             known = near_names(name, self.property_names) if self.property_names else "none"
             raise InputError(f"the lattice has no property {name!r}; it has: {known}")
         p = self.tile_coordinates(u)
-        values = as_array(f"property {name!r}", self.tile.properties[name](p - self._tile_of(p)))
+        values = as_array(f"property {name!r}", self.tile.properties[name](self._in_tile(p)))
         if values.shape != (len(u),):
             raise InputError(
                 f"property {name!r} must return one value per point, shape ({len(u)},), got "
@@ -271,8 +307,12 @@ class Lattice:
         return offset(self, d, **options)
 
 
-def _as_tile(tile: Any) -> Tile:
-    if isinstance(tile, Tile):
+def _waves(f: Any) -> int:
+    return int(f.factor.max(initial=1) + 1) // 2 if isinstance(f, TrigField) else 2
+
+
+def _as_tile(tile: Any) -> Tile | Mixture:
+    if isinstance(tile, (Tile, Mixture)):
         return tile
     if isinstance(tile, str):
         from ilattice.tiles.catalog import get
@@ -280,4 +320,6 @@ def _as_tile(tile: Any) -> Tile:
         return get(tile)
     if callable(tile):
         return Tile(tile)
-    raise InputError(f"tile must be a Tile, a name of the catalogue or a callable, got {tile!r}")
+    raise InputError(
+        f"tile must be a Tile, a Mixture, a name of the catalogue or a callable, got {tile!r:.80}"
+    )

@@ -8,7 +8,8 @@ take the flat argument list
 
 the map T as arguments of the B-spline kernels; `geom` (14,) with lo, step (u = lo + p * step),
 closed directions, numbers of tiles, whether T is rational, and the kind of tile; the tile as a
-trigonometric polynomial (kind 0) or as a spline on the unit cube (kind 1). It is flat because
+trigonometric polynomial (kind 0), as a spline on the unit cube (kind 1), or all tiles together as
+a spline in tile coordinates, with period in closed directions (kind 2). It is flat because
 every array taken out of a tuple costs a counted reference; `b, m, t, tab` is the scratch of one
 thread: basis functions, map jet, tile jet, trigonometric table. Symmetric matrices are tuples
 xx, yy, zz, yz, xz, xy.
@@ -96,7 +97,12 @@ def divide(m, order):
 
 @njit(cache=True, fastmath=FAST, error_model="numpy", forceinline=True)
 def in_tile(geom, axis, p):
-    """Coordinate within its tile; the upper end of the domain belongs to the last tile."""
+    """Coordinate for the spline of the tiles: within one tile, or, of kind 2, within the lattice.
+
+    The upper end of the domain belongs to the last tile.
+    """
+    if geom[13] == 2.0:
+        return p if geom[6 + axis] == 0.0 else wrap(p, 0.0, geom[9 + axis])
     if geom[6 + axis] == 0.0 and abs(p - geom[9 + axis]) < 1e-9:
         return p - geom[9 + axis] + 1.0
     return p - np.floor(p)

@@ -21,6 +21,7 @@ from scipy.spatial import cKDTree
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.errors import ConvergenceError, GeometryError
 from ilattice.offsets import _kernels, _kernels_newton
+from ilattice.tiles.mixture import MixedField
 
 if TYPE_CHECKING:
     from ilattice.macroshape.lattice import Lattice
@@ -197,9 +198,12 @@ class ClosestPointSearch:
         cells = [np.empty((0, 3))]
         for f in np.unique(factor, axis=0):
             m = self._least_seeds * f
-            template = self._project(_cell_centres(m), m)
             shift = tiles[(factor == f).all(axis=1)][:, None, :]
-            out.append((template[None] + shift).reshape(-1, 3))
+            centres = _cell_centres(m)
+            if isinstance(self.lattice.smooth_tile, MixedField):
+                out.append(self._project((centres + shift).reshape(-1, 3), m))
+            else:
+                out.append((self._project(centres, m) + shift).reshape(-1, 3))
             cells.append(np.broadcast_to(1.0 / m, out[-1].shape))
         return np.concatenate(out), np.concatenate(cells)
 
@@ -417,11 +421,13 @@ def kernel_space(lattice: Lattice) -> tuple[Any, ...]:
     step = (hi - lo) / np.array(lattice.repeat)
     field = lattice.smooth_tile
     zero = BSpline(([0.0, 1.0],) * 3, np.zeros((1, 1, 1)), 0)
+    trig = (np.zeros(1), np.zeros((1, 3), np.int64), np.ones(3))
     if isinstance(field, TrigField):
         kind, trig, tile = 0, (field.coef, field.factor, 2 * np.pi / field.period), zero
+    elif isinstance(field, MixedField):
+        kind, tile = 2, field.spline
     else:
         kind, tile = 1, field
-        trig = (np.zeros(1), np.zeros((1, 3), np.int64), np.ones(3))
     geom = np.concatenate(
         [lo, step, lattice.through.closed, lattice.repeat, [spline.weights is not None, kind]]
     ).astype(np.float64)

@@ -154,8 +154,7 @@ def _gradients(lattice: Lattice, found: ClosestPoints, x: FloatArray) -> FloatAr
     out: FloatArray = (x - found.foot) / np.where(tiny, 1.0, found.distance)[:, None]
     if tiny.any():
         u = found.u[tiny]
-        p = lattice.tile_coordinates(u)
-        g = lattice.smooth_tile.jet(p - np.floor(p), 1)[1] / lattice.search.step
+        g = lattice.implicit_jet(u, 1)[1]
         jacobian = lattice.through.jacobian(u, extrapolate="extend")
         n = np.linalg.solve(jacobian.transpose(0, 2, 1), g[:, :, None])[:, :, 0]
         out[tiny] = n / np.linalg.norm(n, axis=1, keepdims=True)

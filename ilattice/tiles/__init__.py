@@ -6,6 +6,9 @@
     il.tiles.schwarz_p(level=0.2)
     il.tiles.names()
 
+Different tiles in one lattice: `mix` chooses one per cell, `hybrid` changes from one to another
+over the part, by the weights of `sigmoid` or others.
+
 Guarantee: importing expands no equation.
 """
 
@@ -15,10 +18,21 @@ from types import ModuleType
 
 from ilattice.errors import InputError
 from ilattice.tiles.catalog import get, identifiers, maker, names, row
+from ilattice.tiles.mixture import Mixture, hybrid, mix, sigmoid
 from ilattice.tiles.tile import Tile
 from ilattice.tiles.trig import TrigField
 
-__all__ = ["Tile", "TrigField", "get", "names", "row"]
+__all__ = [
+    "Mixture",
+    "Tile",
+    "TrigField",
+    "get",
+    "hybrid",
+    "mix",
+    "names",
+    "row",
+    "sigmoid",
+]
 
 
 class _Catalog(ModuleType):
