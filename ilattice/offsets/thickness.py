@@ -135,7 +135,7 @@ def _repeated(name: str, lattice: Lattice, argument: str) -> BSpline:
     from ilattice.bspline.fit import fit
 
     prop = lattice.tile.properties[name]
-    cube = _evaluate(prop, _grid_points(lattice.tile.bounds, 9), argument)
+    cube = _evaluate(prop, _grid_points(np.array([[0.0] * 3, [1.0] * 3]), 9), argument)
     try:
         one = fit(
             prop, degree=2, method="interpolate", periodic=True,
