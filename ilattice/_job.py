@@ -10,6 +10,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 import ilattice as il
 from ilattice._expression import parse
 from ilattice._progress import Progress, track
@@ -17,6 +19,7 @@ from ilattice._stages import Stages
 from ilattice.errors import FormatError, InputError
 from ilattice.io.registry import WRITERS
 from ilattice.io.splines import list_patches
+from ilattice.mesh.repair import remove_slivers
 
 #: Volumes of `ilattice.macroshape` that need no arguments.
 VOLUMES = ("box", "cylinder_shell", "duck", "tapered", "torus", "wing")
@@ -227,8 +230,10 @@ def measures(mesh: "il.SurfaceMesh") -> dict[str, Any]:
         "genus": mesh.genus if closed and mesh.is_oriented else None,
         "components": mesh.components,
         "watertight": closed,
+        "self_intersections": mesh.self_intersections,
         "vertices": len(mesh.vertices),
         "faces": len(mesh.faces),
+        "held": int(mesh.point_data["held"].sum()),
     }
 
 
@@ -364,9 +369,16 @@ def warmup(progress: Progress = None) -> None:
                 mesh = wall.mesh(0.05)
                 wall.thickness_error(mesh)
                 measures(mesh)
+                _compile_repair(mesh)
             list(wall.slices(thickness=0.25, h=0.05))
             for ending in ("stl", "vtp"):
                 mesh.save(Path(folder) / f"mesh.{ending}")
+
+
+def _compile_repair(mesh: "il.SurfaceMesh") -> None:
+    """Repair a mesh as if everything were wrong with it: good ones need no repair."""
+    x, faces = np.array(mesh.vertices), np.array(mesh.faces)
+    remove_slivers(x, faces, quality=1.0)
 
 
 def write_json(path: str | os.PathLike[str], data: dict[str, Any]) -> None:

@@ -217,13 +217,15 @@ def _app() -> "App":
 
 
 def _summary(report: dict[str, Any]) -> None:
-    for key in ("volume", "area", "genus", "components", "watertight", "vertices", "faces"):
-        print(f"{key:>16}  {_text(report[key])}")
+    for key in ("volume", "area", "genus", "components", "watertight", "self_intersections"):
+        print(f"{key.replace('_', ' '):>18}  {_text(report[key])}")
+    for key in ("vertices", "faces", "held"):
+        print(f"{key:>18}  {_text(report[key])}")
     for key in ("thickness_error", "closest_points"):
         parts = (f"{name.replace('_', ' ')} {_text(value)}" for name, value in report[key].items())
-        print(f"{key.replace('_', ' '):>16}  {', '.join(parts)}")
+        print(f"{key.replace('_', ' '):>18}  {', '.join(parts)}")
     for name in report["files"]:
-        print(f"{'wrote':>16}  {name}")
+        print(f"{'wrote':>18}  {name}")
 
 
 def _text(value: Any) -> str:

@@ -4,10 +4,38 @@ import importlib
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+from ilattice.offsets import Wall
 
 FOLDER = Path(__file__).parents[1] / "examples"
 NAMES = sorted(path.stem for path in FOLDER.glob("*.py"))
+
+
+@pytest.fixture(autouse=True)
+def meshes(monkeypatch):
+    """The meshes that examples make; they are printable, all of them."""
+    made, mesh = [], Wall.mesh
+
+    def kept(self, *arguments, **options):
+        made.append(mesh(self, *arguments, **options))
+        return made[-1]
+
+    monkeypatch.setattr(Wall, "mesh", kept)
+    yield made
+    for m in made:
+        assert m.is_watertight
+        assert m.is_oriented
+        assert crossings(m) == 0
+        assert np.percentile(m.quality, 1) >= 0.3
+
+
+def crossings(mesh):
+    """Pairs of triangles that intersect, found exactly by an independent library."""
+    cgal = pytest.importorskip("igl.copyleft.cgal")
+    x, faces = mesh.vertices.astype(np.float64), mesh.faces.astype(np.int64)
+    return len(cgal.remesh_self_intersections(x, faces, detect_only=True)[2])
 
 
 def run(name, **arguments):
@@ -18,10 +46,11 @@ def run(name, **arguments):
         sys.path.remove(str(FOLDER))
 
 
-def test_schwarz_p_torus_fills_two_fifths():
+def test_schwarz_p_torus_fills_two_fifths(meshes):
     numbers = run("schwarz_p_torus", h=0.12)
     assert numbers["filled"] == pytest.approx(0.41, abs=0.006)
     assert numbers["error"] < 1e-4
+    assert len(meshes) == 1
 
 
 def test_fig13_is_exact():

@@ -19,7 +19,8 @@ from numba import njit
 WALL = 64
 CAPS = 63
 STEEPEST = 0.5  # least cosine between a triangle and what replaces it
-FAIR = 0.1  # a quality that is good enough: above it, the change of volume decides
+FAIR = 0.3  # a quality that is good enough: above it, the change of volume decides
+SLIVER = 0.02  # a quality below which the normal of a triangle says nothing
 REJECTED = -1.0
 FLIP = 2
 
@@ -132,9 +133,7 @@ def _may_collapse(faces: Any, on: Any, head: Any, after: Any, a: int, b: int) ->
 
 
 @njit(cache=True)
-def _try_collapse(
-    x: Any, faces: Any, on: Any, head: Any, after: Any, a: int, b: int, quality: float
-) -> Any:
+def _try_collapse(x: Any, faces: Any, on: Any, head: Any, after: Any, a: int, b: int) -> Any:
     """Worst quality around a vertex after it is merged into b, and the change of the volume x 6.
 
     `REJECTED` where that is not allowed, or worse than before.
@@ -163,7 +162,7 @@ def _try_collapse(
             most = min(most, new)
             if _label(on, a, p, q) != _label(on, b, p, q):
                 return REJECTED, 0.0
-            if _turned(n, m, STEEPEST) if old >= quality else _turned(patch, m, 0.0):
+            if _turned(n, m, STEEPEST) if old >= SLIVER else _turned(patch, m, 0.0):
                 return REJECTED, 0.0
         h = after[h]
     return (most, abs(volume)) if most >= least else (REJECTED, 0.0)
@@ -268,7 +267,7 @@ def _flip(faces: Any, head: Any, after: Any, f: int, j: int) -> int:
 
 
 @njit(cache=True)
-def _repair_face(x: Any, faces: Any, on: Any, head: Any, after: Any, f: int, quality: float) -> Any:
+def _repair_face(x: Any, faces: Any, on: Any, head: Any, after: Any, f: int) -> Any:
     """Do the best of nine changes to a bad face: 3 j + 0, 1 collapse edge j, 3 j + FLIP flips it.
 
     Returns the change, or -1, and a vertex whose faces hold all that changed.
@@ -280,7 +279,7 @@ def _repair_face(x: Any, faces: Any, on: Any, head: Any, after: Any, f: int, qua
             new, volume = _try_flip(x, faces, on, head, after, f, j)
         else:
             a, b = faces[f, (j + way) % 3], faces[f, (j + 1 - way) % 3]
-            new, volume = _try_collapse(x, faces, on, head, after, a, b, quality)
+            new, volume = _try_collapse(x, faces, on, head, after, a, b)
         new = min(new, FAIR)
         if new > gain or (new == gain and volume < loss and new >= 0.0):
             best, gain, loss = change, new, volume
@@ -328,7 +327,7 @@ def repair(
     for f in bad:
         if faces[f, 0] < 0 or _shape(x, faces[f, 0], faces[f, 1], faces[f, 2])[0] >= quality:
             continue
-        change, v = _repair_face(x, faces, on, head, after, f, quality)
+        change, v = _repair_face(x, faces, on, head, after, f)
         if change < 0:
             left[f] = True
             continue

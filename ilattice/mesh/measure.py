@@ -1,8 +1,8 @@
-"""Measures of triangle meshes: volume, area, triangle quality, and the census of the edges.
+"""Measures of triangle meshes: volume, area, triangle quality, census of edges, self-intersections.
 
-Guarantees: linear time and memory. The topology is that of the index table: vertices at equal
-places with different numbers are different vertices.
-Not guaranteed: anything about self-intersections.
+Guarantees: linear memory and, but for sorting, linear time. The topology is that of the index
+table: vertices at equal places with different numbers are different vertices.
+Not guaranteed: self-intersections that rounding decides may be missed.
 """
 
 from typing import NamedTuple
@@ -11,6 +11,7 @@ import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import read_only
+from ilattice.mesh import _kernels_crossings as crossings
 from ilattice.mesh import _kernels_surface as kernels
 
 
@@ -89,6 +90,44 @@ def triangle_quality(vertices: AnyArray, faces: AnyArray) -> FloatArray:
         1 for an equilateral triangle, 0 for a degenerate one.
     """
     return kernels.triangle_quality(vertices, faces)
+
+
+def self_intersections(
+    vertices: AnyArray, faces: AnyArray, active: AnyArray | None = None
+) -> tuple[int, AnyArray]:
+    """Triangles that pass through each other, or overlap in one plane.
+
+    Parameters
+    ----------
+    vertices : (V, 3) array
+        Points.
+    faces : (F, 3) integer array
+        Corners.
+    active : (F,) array of bool, optional
+        Only pairs with one of these triangles are compared; by default all are.
+
+    Returns
+    -------
+    pairs : int
+        Number of pairs of triangles.
+    marked : (F,) array of bool
+        Which triangles belong to a pair. Memory meanwhile: 30 bytes per triangle.
+    """
+    marked = np.zeros(len(faces), np.bool_)
+    if len(faces) == 0:
+        return 0, marked
+    low = vertices.min(axis=0).astype(np.float64)
+    size = max(float((vertices.max(axis=0) - low).max()), np.finfo(np.float64).tiny)
+    places = np.empty(len(faces), np.int64)
+    crossings.places(vertices, faces, low, size, places)
+    order = np.argsort(places, kind="stable").astype(np.int32 if len(faces) < 2**31 else np.int64)
+    del places
+    leaves = 1 << max(0, (len(faces) - 1) // crossings.LEAF).bit_length()
+    boxes = np.empty((2 * leaves, 6))
+    crossings.fill_leaves(vertices, faces, order, boxes)
+    crossings.fill_nodes(boxes)
+    active = np.ones(len(faces), np.bool_) if active is None else active
+    return crossings.mark_crossings(vertices, faces, order, boxes, active, marked), marked
 
 
 def topology(faces: AnyArray, n_vertices: int) -> Topology:

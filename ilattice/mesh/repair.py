@@ -28,7 +28,7 @@ from ilattice.mesh import _kernels_repair as kernels
 from ilattice.mesh.contouring import ON_CAP
 from ilattice.mesh.measure import triangle_quality
 
-QUALITY = 0.02
+QUALITY = 0.3
 ROUNDS = 10
 
 
@@ -55,7 +55,12 @@ class Repair(NamedTuple):
 
 
 def remove_slivers(
-    x: AnyArray, faces: AnyArray, kind: AnyArray | None = None, *, quality: float = QUALITY
+    x: AnyArray,
+    faces: AnyArray,
+    kind: AnyArray | None = None,
+    *,
+    quality: float = QUALITY,
+    spared: AnyArray | None = None,
 ) -> Repair:
     """Repair triangles of low quality.
 
@@ -69,13 +74,18 @@ def remove_slivers(
         Constraints of the vertices as in `Contour`; none by default.
     quality : float
         Faces with ``4 sqrt(3) area / sum of squared sides`` below it are bad.
+    spared : (V,) array of bool, optional
+        Vertices whose faces are left as they are, however bad.
 
     Returns
     -------
     Repair
         Vertices that are left, new faces, what was done.
     """
-    bad = np.flatnonzero(triangle_quality(x, faces) < quality)
+    poor = triangle_quality(x, faces) < quality
+    if spared is not None:
+        poor &= ~spared[faces].any(axis=1)
+    bad = np.flatnonzero(poor)
     if len(bad) == 0:
         return Repair(np.arange(len(x)), faces, 0, 0, 0)
     faces = faces.copy()
@@ -89,6 +99,8 @@ def remove_slivers(
         changes = kernels.repair(x, faces, on, head, after, bad, quality, left)
         done += changes
         bad = np.flatnonzero(left)
+        if spared is not None:
+            bad = bad[~spared[faces[bad]].any(axis=1)]
         if len(bad) == 0 or changes == (0, 0):
             break
     kept = np.flatnonzero(head >= 0)

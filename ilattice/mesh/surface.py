@@ -2,7 +2,8 @@
 
 Guarantees: immutable (arrays are copied once and read-only); faces name three different, existing
 vertices; all coordinates are finite. Topology is that of the index table.
-Not guaranteed: freedom from self-intersections and closedness; ask `is_watertight`.
+Not guaranteed: closedness and freedom from self-intersections; ask `is_watertight` and
+`self_intersections`.
 """
 
 from collections.abc import Mapping
@@ -168,6 +169,11 @@ class SurfaceMesh:
         Computed anew on every access.
         """
         return measure.triangle_quality(self.vertices, self.faces)
+
+    @cached_property
+    def self_intersections(self) -> int:
+        """Number of pairs of triangles that pass through each other, or overlap in one plane."""
+        return measure.self_intersections(self.vertices, self.faces)[0]
 
     # --- topology -----------------------------------------------------------------------------
 
@@ -438,6 +444,6 @@ def _as_data(name: str, value: Any, count: int) -> dict[str, AnyArray]:
 
 def _share_cache(old: SurfaceMesh, new: SurfaceMesh) -> None:
     """Hand on what was computed from the same vertices and faces."""
-    for name in ("bounds", "_volume_and_area", "topology"):
+    for name in ("bounds", "_volume_and_area", "topology", "self_intersections"):
         if name in old.__dict__:
             new.__dict__[name] = old.__dict__[name]

@@ -1,11 +1,12 @@
 """From a wall to triangles in space: contour in the parameter domain, polish, map.
 
 Guarantees: those of `ilattice.mesh.contouring`; polished vertices lie on the exact offset of the
-mid-surface, those on the faces of the domain stay there; vertices that cannot be polished, or that
-stray, keep their place in the contour and are counted in a `PrecisionWarning`. Slivers of
-`wall_mesh` are removed (`ilattice.mesh.repair`), those of `wall_pieces` are not: their neighbours
-may be gone. Non-guarantee: where two offset surfaces meet in a crease, triangles do not follow the
-crease.
+mid-surface, those on the faces of the domain stay there. The triangles of `wall_mesh` do not pass
+through each other (`ilattice.mesh.untangle`) and have no slivers (`ilattice.mesh.repair`); those
+of `wall_pieces` may, for their neighbours may be gone. Vertices that cannot be polished, that
+stray, or that would make triangles cross, are marked as ``held`` in the point data and, where
+they are many, counted in a `PrecisionWarning`. Non-guarantee: where two offset surfaces meet in a
+crease, triangles do not follow the crease.
 """
 
 from __future__ import annotations
@@ -20,9 +21,9 @@ import numpy as np
 from ilattice._progress import Progress
 from ilattice._typing import AnyArray, FloatArray
 from ilattice.errors import PrecisionWarning
-from ilattice.mesh.contouring import ON_CAP, Contour, contour_arrays, contour_blocks, split_quads
-from ilattice.mesh.repair import remove_slivers
+from ilattice.mesh.contouring import ON_CAP, Contour, contour_arrays, contour_blocks
 from ilattice.mesh.surface import SurfaceMesh
+from ilattice.mesh.untangle import untangled
 from ilattice.offsets.polish import polish
 
 if TYPE_CHECKING:
@@ -30,7 +31,8 @@ if TYPE_CHECKING:
 
 LEAST_CELLS_PER_TILE = 8
 ANISOTROPY = 2.0
-MAX_LOST = 1e-3
+#: Part of the vertices that may be held before a warning.
+MAX_HELD = 0.01
 #: A vertex that polishing moves by more cells, and by more than a span of the distance spline, has
 #: strayed; one that is still off by more than this part of the half-thickness has missed.
 STRAY, MISSED = 3.0, 0.1
@@ -42,15 +44,23 @@ def wall_mesh(
     """Mesh of a wall; see `ilattice.offsets.Wall.mesh`."""
     job = _Job.of(wall, h, polish, progress)
     raw = contour_arrays(job.field, job.axes, caps=caps, **job.options)
-    u, side, x = job.place(raw)
-    split_quads(x, raw.faces)
-    repair = remove_slivers(x, raw.faces, raw.kind)
-    faces = repair.faces
-    if len(repair.vertices) < len(x):
-        u, side, x = u[repair.vertices], side[repair.vertices], x[repair.vertices]
+    side = job.side(raw)
+    u, lost = job.settle(raw.vertices, raw.kind, side)
+    new = untangled(
+        wall.lattice, raw.vertices, u, raw.faces, raw.kind,
+        lambda u, at: job.settle(u, raw.kind[at], side[at]),
+    )  # fmt: skip
+    kept = new.repair.vertices
+    held = (new.held | lost)[kept] & (side[kept] != 0)
+    _warn(int(held.sum()), len(kept), new.left)
+    faces = new.repair.faces
     if wall.lattice.through.orientation < 0:
         faces = np.ascontiguousarray(faces[:, ::-1])
-    return SurfaceMesh.adopt(x.astype(dtype, copy=False), faces, _point_data(wall, u, side))
+    data = _point_data(wall, new.u[kept], side[kept]) | {"held": held.astype(np.int8)}
+    mesh = SurfaceMesh.adopt(new.x[kept].astype(dtype, copy=False), faces, data)
+    if mesh.vertices.dtype == np.float64:
+        mesh.__dict__["self_intersections"] = new.left  # known, needs no other search
+    return mesh
 
 
 def wall_pieces(
@@ -58,12 +68,13 @@ def wall_pieces(
 ) -> Iterator[tuple[FloatArray, AnyArray]]:
     """Vertices and faces of a wall, slab by slab; faces count vertices through all slabs.
 
-    Other than those of `wall_mesh`, they may contain slivers.
+    Other than those of `wall_mesh`, they may contain slivers and cross each other.
     """
     job = _Job.of(wall, h, polish, progress)
     for raw in contour_blocks(job.field, job.axes, **job.options):
-        _, _, x = job.place(raw)
-        faces = raw.faces
+        u, lost = job.settle(raw.vertices, raw.kind, job.side(raw))
+        _warn(int(lost.sum()), len(u), 0)
+        x, faces = wall.lattice.through.x(u), raw.faces
         if wall.lattice.through.orientation < 0:
             faces = np.ascontiguousarray(faces[:, ::-1])
         yield x, faces
@@ -98,12 +109,32 @@ class _Job:
             options |= {"level": (-1.0, 1.0), "scale": t.outer}
         return cls(wall, field, grid_axes(wall, h), options, polish)
 
-    def place(self, raw: Contour) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Parameters, side and place in space of the vertices of a contour."""
-        u = raw.vertices
-        side = np.where(raw.kind & ON_CAP, 0.0, self.wall.field.side(u))
-        u = settled(self.wall, self.axes, u, raw.kind, side, exactly=self.polish)
-        return u, side, self.wall.lattice.through.x(u)
+    def side(self, raw: Contour) -> FloatArray:
+        """Which offset surface the vertices of a contour belong to, 0 for none."""
+        return np.where(raw.kind & ON_CAP, 0.0, self.wall.field.side(raw.vertices))
+
+    def settle(
+        self, u: FloatArray, kind: AnyArray, side: FloatArray
+    ) -> tuple[FloatArray, AnyArray]:
+        """Vertices moved onto the offset, and which could not be; see `settled`."""
+        return settled(self.wall, self.axes, u, kind, side, exactly=self.polish)
+
+
+def _warn(held: int, count: int, left: int) -> None:
+    """Warn of what a mesh could not hold."""
+    if held > MAX_HELD * count:
+        warnings.warn(
+            f"{held} of {count} vertices could not be moved onto the offset, or would make "
+            "triangles cross there, and are off it; use a smaller h",
+            PrecisionWarning,
+            stacklevel=4,
+        )
+    if left:
+        warnings.warn(
+            f"{left} pairs of triangles pass through each other; use a smaller h",
+            PrecisionWarning,
+            stacklevel=4,
+        )
 
 
 def settled(
@@ -114,7 +145,7 @@ def settled(
     side: FloatArray,
     *,
     exactly: bool,
-) -> FloatArray:
+) -> tuple[FloatArray, AnyArray]:
     """Vertices of the offset surfaces moved onto the offset: that of the spline, or the exact one.
 
     Parameters
@@ -134,10 +165,12 @@ def settled(
     -------
     ndarray, shape (V, 3)
         Parameters of the moved vertices.
+    ndarray of bool, shape (V,)
+        Those that could not be moved, and keep their place.
     """
     fixed = np.stack([(kind >> (2 * a)) & 3 for a in range(3)], axis=1) != 0
     out = u.copy()
-    lost = 0
+    lost = np.zeros(len(u), np.bool_)
     thickest = 0.5 * wall.thickness.extremes[1]
     for sign, d in ((1.0, wall.thickness.outer), (-1.0, wall.thickness.inner)):
         at = np.flatnonzero(side == sign)
@@ -148,15 +181,8 @@ def settled(
             stay = strayed(wall, axes, u[at], moved)
             stay |= residual > MISSED * thickest
             out[at] = np.where(stay[:, None], u[at], moved)
-            lost += int(stay.sum())
-    if lost > MAX_LOST * len(u):
-        warnings.warn(
-            f"{lost} of {len(u)} vertices could not be moved onto the offset and keep their "
-            "place in the contour",
-            PrecisionWarning,
-            stacklevel=5,
-        )
-    return out
+            lost[at] = stay
+    return out, lost
 
 
 def strayed(wall: Wall, axes: tuple[FloatArray, ...], u: FloatArray, moved: FloatArray) -> AnyArray:

@@ -71,7 +71,7 @@ def polish(
         at = at[go]
         if len(at) == 0:
             break
-        out[at] = _inside(lattice, out[at] + step[go])
+        out[at] = inside(lattice, out[at] + step[go])
     return out, residual
 
 
@@ -98,8 +98,21 @@ def distance_jet(
     return values[0], gradients[0], lost
 
 
-def _inside(lattice: Lattice, u: FloatArray) -> FloatArray:
-    """Parameters wrapped in closed directions, and clipped in the others."""
+def inside(lattice: Lattice, u: FloatArray) -> FloatArray:
+    """Parameters wrapped in closed directions, and clipped in the others.
+
+    Parameters
+    ----------
+    lattice : Lattice
+        Gives the domain, and which directions are closed.
+    u : ndarray, shape (n, 3)
+        Parameters.
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+        Parameters in the domain.
+    """
     lo, hi = lattice.domain
     closed = np.array(lattice.through.closed)
     return np.where(closed, lo + np.mod(u - lo, hi - lo), np.clip(u, lo, hi))

@@ -163,7 +163,8 @@ class Wall:
         -------
         SurfaceMesh
             Outward oriented, with point data: signed distance, half-thickness, parameters
-            u, v, w, side (0 on caps), and the properties of the lattice.
+            u, v, w, side (0 on caps), held (1 where a vertex is off the offset, to keep triangles
+            from crossing), and the properties of the lattice.
 
         Raises
         ------

@@ -11,7 +11,7 @@ from naive_crossings import crossings
 
 import ilattice as il
 from ilattice.errors import PrecisionWarning
-from ilattice.mesh import SurfaceMesh, wall_mesh
+from ilattice.mesh import SurfaceMesh, untangle, wall_mesh
 from ilattice.mesh.contouring import ON_CAP, contour_arrays, split_quads
 from ilattice.mesh.repair import QUALITY, remove_slivers
 
@@ -210,7 +210,7 @@ def test_rims_between_wall_and_caps_stay():
     faces = faces.astype(np.int64)
     for i in rng.permutation(len(rim))[:25]:
         x, faces, kind = split_edge(x, faces, kind, *rim[i], 10.0 ** rng.uniform(-9, -4))
-    new, r = repaired(x, faces, kind)
+    new, r = repaired(x, faces, kind, quality=0.02)
     assert r.left == 0
     assert r.collapses >= 20
     assert new.volume == pytest.approx(before.volume, rel=1e-5)
@@ -391,7 +391,8 @@ def wall_of(name, d):
     return il.Lattice(il.tiles[name], through=il.macroshape.box(), repeat=(1, 1, 1)).offset(d)
 
 
-def untouched(x, faces, _):
+def untouched(x, faces, _, *, spared):
+    assert not spared.any()
     return SimpleNamespace(vertices=np.arange(len(x)), faces=faces)
 
 
@@ -402,7 +403,7 @@ def untouched(x, faces, _):
 def test_walls_have_no_slivers(name, d, h, monkeypatch):
     wall = wall_of(name, d)
     mesh = wall.mesh(h)
-    monkeypatch.setattr(wall_mesh, "remove_slivers", untouched)
+    monkeypatch.setattr(untangle, "remove_slivers", untouched)
     before = wall.mesh(h)
     assert mesh.quality.min() >= min(QUALITY, 0.01)
     assert mesh.is_watertight
@@ -450,12 +451,34 @@ def test_vertices_that_stray_keep_their_place(monkeypatch):
         return new, residual
 
     monkeypatch.setattr(wall_mesh, "polish", moved)
-    monkeypatch.setattr(wall_mesh, "MAX_LOST", 2.5 / len(u))
-    with pytest.warns(PrecisionWarning, match=f"3 of {len(u)} vertices"):
-        new = wall_mesh.settled(wall, axes, u, kind, side, exactly=True)
+    new, lost = wall_mesh.settled(wall, axes, u, kind, side, exactly=True)
+    assert np.array_equal(np.flatnonzero(lost), out[:3])
     assert np.array_equal(new[out[:3]], u[out[:3]])
     rest = np.setdiff1d(np.flatnonzero(side), out[:3])
     assert np.abs(new[rest] - u[rest] - 0.01).max() < 1e-12
+
+
+def test_held_vertices_are_marked_and_counted(monkeypatch):
+    """What `settled` could not move; it is warned of where it is more than one in a hundred."""
+    wall = wall_of("gyroid", 0.05)
+    settled = wall_mesh.settled
+
+    def some(wall, axes, u, kind, side, *, exactly):
+        new, lost = settled(wall, axes, u, kind, side, exactly=exactly)
+        lost[: len(u) // share] = True
+        return new, lost
+
+    monkeypatch.setattr(wall_mesh, "settled", some)
+    share = 200
+    mesh = wall.mesh(0.05)
+    side, held = mesh.point_data["side"], mesh.point_data["held"]
+    count = np.count_nonzero(side[: len(side) // share])
+    assert held.sum() == count > 0
+    share = 20
+    with pytest.warns(PrecisionWarning, match=f" of {len(side)} vertices could not be moved"):
+        wall.mesh(0.05)
+    with pytest.warns(PrecisionWarning, match="vertices could not be moved"):
+        list(wall_mesh.wall_pieces(wall, 0.05, polish=True, progress=None))
 
 
 def test_far_is_measured_in_cells_and_spans_and_across_seams():

@@ -1,0 +1,246 @@
+"""Compiled search for triangles that pass through each other, over a tree of boxes.
+
+Guarantees: triangles are marked if and only if one of two pierces the other by more than rounding,
+or both lie in one plane and overlap there. The marks do not depend on the number of threads.
+
+The triangles are sorted along a curve that fills space. Leaf i of the tree holds the `LEAF`
+triangles from ``LEAF * i``, node n has the children ``2 n`` and ``2 n + 1``, the root is 1.
+"""
+
+from typing import Any
+
+import numpy as np
+from numba import njit, prange
+
+LEAF = 8
+CHUNK = 64  # leaves that a thread takes at once
+BITS = 21  # of a coordinate in the order along the curve
+ROUNDING = 4e-15  # error of six volumes, relative to the cube of the size
+COPLANAR = 1e-9  # height of triangles over one plane, relative to their size
+DEEPEST = 64
+
+
+@njit(cache=True)
+def _spread(i: int) -> int:
+    """The lowest `BITS` bits of a number, two zeros apart."""
+    i &= 0x1FFFFF
+    i = (i | i << 32) & 0x1F00000000FFFF
+    i = (i | i << 16) & 0x1F0000FF0000FF
+    i = (i | i << 8) & 0x100F00F00F00F00F
+    i = (i | i << 4) & 0x10C30C30C30C30C3
+    return (i | i << 2) & 0x1249249249249249
+
+
+@njit(cache=True, parallel=True)
+def places(x: Any, faces: Any, low: Any, size: float, out: Any) -> None:
+    """Places of the triangles along a curve that fills the cube at `low` with edges `size`."""
+    scale = (2**BITS - 1) / (3.0 * size)
+    for f in prange(len(faces)):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        place = 0
+        for k in range(3):
+            s = (x[a, k] - low[k]) + (x[b, k] - low[k]) + (x[c, k] - low[k])
+            place |= _spread(int(s * scale)) << k
+        out[f] = place
+
+
+@njit(cache=True)
+def _box(x: Any, faces: Any, f: int, out: Any) -> None:
+    """Least and largest coordinates of a triangle."""
+    for k in range(3):
+        a, b, c = x[faces[f, 0], k], x[faces[f, 1], k], x[faces[f, 2], k]
+        out[k] = min(a, b, c)
+        out[3 + k] = max(a, b, c)
+
+
+@njit(cache=True, parallel=True)
+def fill_leaves(x: Any, faces: Any, order: Any, boxes: Any) -> None:
+    """Boxes of the leaves; those beyond the last triangle hold nothing."""
+    first = len(boxes) // 2
+    for leaf in prange(first):
+        box = np.empty(6)
+        for k in range(3):
+            boxes[first + leaf, k] = np.inf
+            boxes[first + leaf, 3 + k] = -np.inf
+        for i in range(LEAF * leaf, min(LEAF * leaf + LEAF, len(order))):
+            _box(x, faces, order[i], box)
+            for k in range(3):
+                boxes[first + leaf, k] = min(boxes[first + leaf, k], box[k])
+                boxes[first + leaf, 3 + k] = max(boxes[first + leaf, 3 + k], box[3 + k])
+
+
+@njit(cache=True)
+def fill_nodes(boxes: Any) -> None:
+    """Boxes of the nodes above the leaves."""
+    for n in range(len(boxes) // 2 - 1, 0, -1):
+        for k in range(3):
+            boxes[n, k] = min(boxes[2 * n, k], boxes[2 * n + 1, k])
+            boxes[n, 3 + k] = max(boxes[2 * n, 3 + k], boxes[2 * n + 1, 3 + k])
+
+
+@njit(cache=True)
+def _apart(p: Any, i: int, q: Any, j: int) -> bool:
+    """Whether two boxes have no point in common."""
+    for k in range(3):
+        if p[i, k] > q[j, 3 + k] or q[j, k] > p[i, 3 + k]:
+            return True
+    return False
+
+
+@njit(cache=True)
+def _volume(x: Any, a: int, b: int, c: int, d: int) -> float:
+    """Six times the volume of a tetrahedron."""
+    ux, uy, uz = x[a, 0] - x[d, 0], x[a, 1] - x[d, 1], x[a, 2] - x[d, 2]
+    vx, vy, vz = x[b, 0] - x[d, 0], x[b, 1] - x[d, 1], x[b, 2] - x[d, 2]
+    wx, wy, wz = x[c, 0] - x[d, 0], x[c, 1] - x[d, 1], x[c, 2] - x[d, 2]
+    return ux * (vy * wz - vz * wy) + uy * (vz * wx - vx * wz) + uz * (vx * wy - vy * wx)
+
+
+@njit(cache=True)
+def _heights(x: Any, faces: Any, f: int, g: int, out: Any) -> None:
+    """Volumes above triangle f of the corners of g, zero for those that are corners of f."""
+    a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+    for j in range(3):
+        v = faces[g, j]
+        out[j] = 0.0 if v == a or v == b or v == c else _volume(x, a, b, c, v)
+
+
+@njit(cache=True)
+def _pierced(x: Any, faces: Any, f: int, g: int, heights: Any, least: float) -> bool:
+    """Whether an edge of g passes through the inside of f."""
+    a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+    for j in range(3):
+        i = (j + 1) % 3
+        above, below = max(heights[i], heights[j]), min(heights[i], heights[j])
+        if above > least and below < -least:
+            p, q = faces[g, i], faces[g, j]
+            u, v = _volume(x, p, q, a, b), _volume(x, p, q, b, c)
+            w = _volume(x, p, q, c, a)
+            if min(u, v, w) > least or max(u, v, w) < -least:
+                return True
+    return False
+
+
+@njit(cache=True)
+def _flat(x: Any, k: int, m: int, a: int, b: int, c: int) -> float:
+    """Twice the area of a triangle in the plane of the coordinates k and m."""
+    return (x[b, k] - x[a, k]) * (x[c, m] - x[a, m]) - (x[b, m] - x[a, m]) * (x[c, k] - x[a, k])
+
+
+@njit(cache=True)
+def _beside(x: Any, faces: Any, k: int, m: int, f: int, g: int, least: float) -> bool:
+    """Whether an edge of f has all of g on its outer side, in the plane."""
+    area = _flat(x, k, m, faces[f, 0], faces[f, 1], faces[f, 2])
+    turn = 1.0 if area > 0.0 else -1.0
+    for i in range(3):
+        p, q = faces[f, i], faces[f, (i + 1) % 3]
+        most = -np.inf
+        for j in range(3):
+            v = faces[g, j]
+            if v != p and v != q:
+                most = max(most, turn * _flat(x, k, m, p, q, v))
+        if most <= least:
+            return True
+    return False
+
+
+@njit(cache=True)
+def _overlap(x: Any, faces: Any, f: int, g: int, size: float) -> bool:
+    """Whether two triangles in one plane overlap."""
+    k, m, most = 0, 1, -1.0
+    for axis in range(3):
+        p, q = (axis + 1) % 3, (axis + 2) % 3
+        area = abs(_flat(x, p, q, faces[f, 0], faces[f, 1], faces[f, 2]))
+        area += abs(_flat(x, p, q, faces[g, 0], faces[g, 1], faces[g, 2]))
+        if area > most:
+            k, m, most = p, q, area
+    least = COPLANAR * size * size
+    return not (_beside(x, faces, k, m, f, g, least) or _beside(x, faces, k, m, g, f, least))
+
+
+@njit(cache=True)
+def _cross(x: Any, faces: Any, f: int, g: int, size: float, heights: Any) -> bool:
+    """Whether one of two triangles pierces the other, or both overlap in one plane."""
+    least = ROUNDING * size * size * size
+    _heights(x, faces, f, g, heights)
+    low, high = min(heights[0], heights[1], heights[2]), max(heights[0], heights[1], heights[2])
+    if max(high, -low) <= COPLANAR * size * size * size:
+        return _overlap(x, faces, f, g, size)
+    if low >= -least or high <= least:
+        return False
+    if _pierced(x, faces, f, g, heights, least):
+        return True
+    _heights(x, faces, g, f, heights)
+    return _pierced(x, faces, g, f, heights, least)
+
+
+@njit(cache=True)
+def _compare(
+    x: Any, faces: Any, order: Any, active: Any, leaf: int, other: int, boxes: Any, marked: Any
+) -> int:
+    """Mark the triangles of two leaves that cross; how many pairs do."""
+    found = 0
+    for j in range(LEAF * other, min(LEAF * other + LEAF, len(order))):
+        g = order[j]
+        _box(x, faces, g, boxes[LEAF])
+        for i in range(LEAF * leaf, min(LEAF * leaf + LEAF, len(order))):
+            f, n = order[i], i - LEAF * leaf
+            if not active[f] or (active[g] and i >= j) or _apart(boxes, n, boxes, LEAF):
+                continue
+            size = 0.0
+            for k in range(3):
+                size = max(size, boxes[n, 3 + k] - boxes[n, k], boxes[LEAF, 3 + k] - boxes[LEAF, k])
+            if _cross(x, faces, f, g, size, boxes[LEAF + 1]):
+                marked[f] = marked[g] = True
+                found += 1
+    return found
+
+
+@njit(cache=True, parallel=True)
+def mark_crossings(x: Any, faces: Any, order: Any, boxes: Any, active: Any, marked: Any) -> int:
+    """Mark the triangles that pass through others.
+
+    Parameters
+    ----------
+    x : (V, 3) array
+        Vertices.
+    faces : (F, 3) integer array
+        Corners.
+    order : (F,) integer array
+        The triangles along the curve.
+    boxes : (2 n, 6) array
+        The tree; n is a power of two, at least F / `LEAF`.
+    active : (F,) array of bool
+        Only pairs with one of these are compared.
+    marked : (F,) array of bool, all False
+        Receives True for triangles that cross another one.
+
+    Returns
+    -------
+    int
+        Number of pairs.
+    """
+    first = len(boxes) // 2
+    leaves = (len(order) + LEAF - 1) // LEAF
+    found = 0
+    for chunk in prange((leaves + CHUNK - 1) // CHUNK):
+        scratch = np.empty((LEAF + 2, 6))  # boxes of a leaf and of one more, heights
+        stack = np.empty(DEEPEST, np.int64)
+        for leaf in range(CHUNK * chunk, min(CHUNK * chunk + CHUNK, leaves)):
+            awake = 0
+            for i in range(LEAF * leaf, min(LEAF * leaf + LEAF, len(order))):
+                _box(x, faces, order[i], scratch[i - LEAF * leaf])
+                awake += active[order[i]]
+            stack[0], depth, count = 1, 1 if awake else 0, 0
+            while depth > 0:
+                depth -= 1
+                n = stack[depth]
+                if _apart(boxes, first + leaf, boxes, n):
+                    continue
+                if n < first:
+                    stack[depth], stack[depth + 1] = 2 * n, 2 * n + 1
+                    depth += 2
+                else:
+                    count += _compare(x, faces, order, active, leaf, n - first, scratch, marked)
+            found += count
+    return found

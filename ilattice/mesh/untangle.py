@@ -1,0 +1,182 @@
+"""Surfaces that do not pass through themselves, although their vertices were moved.
+
+Where two sheets meet, or a pore closes, vertices that were moved onto a surface one by one may
+make triangles cross. They slide along the surface first; those that still cross are held back,
+part of the way to where they came from.
+
+Guarantees
+----------
+- The triangles do not cross if those of the contour do not; pairs that are left are counted.
+- Slivers are removed meanwhile (`ilattice.mesh.repair`), with all that this promises.
+- Vertices that are not part of a crossing, nor next to one, do not move.
+- Deterministic, for any number of threads.
+
+Not guaranteed
+--------------
+- That held vertices lie on the surface: they are marked.
+"""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from ilattice._typing import AnyArray, FloatArray, IntArray
+from ilattice.mesh.contouring import split_quads
+from ilattice.mesh.measure import self_intersections
+from ilattice.mesh.repair import Repair, remove_slivers
+from ilattice.offsets.polish import inside
+
+if TYPE_CHECKING:
+    from ilattice.macroshape.lattice import Lattice
+
+#: Rounds in which vertices slide, by this part of the way to the mean of their neighbours.
+SLIDES, SLIDE = 8, 0.5
+#: Parts of the way back, one after the other, and most rounds in all.
+BACK = np.array([0.0, 0.125, 0.25, 0.5, 1.0])
+ROUNDS = 24
+#: Rings of triangles around vertices that moved in which repair may differ.
+RINGS = 3
+
+Settle = Callable[[FloatArray, IntArray], tuple[FloatArray, AnyArray]]
+
+
+class Untangled(NamedTuple):
+    """A surface that does not cross itself.
+
+    Attributes
+    ----------
+    u, x : (V, 3) array
+        Vertices in parameters and in space, before repair.
+    repair : Repair
+        Faces, and which vertices are left.
+    held : (V,) array of bool
+        Which vertices were held back.
+    left : int
+        Pairs of triangles that still cross.
+    """
+
+    u: FloatArray
+    x: FloatArray
+    repair: Repair
+    held: AnyArray
+    left: int
+
+
+class _Surface:
+    """Vertices on the move, and the triangles between them."""
+
+    def __init__(self, lattice: "Lattice", u: FloatArray, faces: AnyArray, kind: AnyArray) -> None:
+        self.lattice, self.u, self.kind, self.quads = lattice, u.copy(), kind, faces
+        self.x = lattice.through.x(u)
+        self.spared = np.zeros(len(u), np.bool_)
+        self.moved: Any = None
+        self.weave()
+
+    def weave(self) -> None:
+        """Triangles anew: better diagonals, no slivers; `pairs` and `at` tell what crosses."""
+        quads = self.quads.copy()
+        split_quads(self.x, quads)
+        self.repair = remove_slivers(self.x, quads, self.kind, spared=self.spared)
+        self.faces = self.repair.vertices[self.repair.faces]
+        active: Any = None
+        if self.moved is not None:
+            near = self.moved
+            for _ in range(RINGS):
+                near[quads[near[quads].any(axis=1)]] = True
+            active = near[self.faces].any(axis=1)
+        self.pairs, crossing = self_intersections(self.x, self.faces, active)
+        if active is not None and not self.pairs:
+            self.pairs, crossing = self_intersections(self.x, self.faces)
+        self.at = np.unique(self.faces[crossing])
+
+    def move(self, at: IntArray, u: FloatArray) -> None:
+        """Move some vertices."""
+        self.u[at] = u
+        self.x[at] = self.lattice.through.x(u)
+        self.moved = np.zeros(len(self.u), np.bool_)
+        self.moved[at] = True
+
+    def slid(self) -> tuple[IntArray, FloatArray]:
+        """Vertices near crossings, and their places part of the way to their neighbours' mean."""
+        near = np.zeros(len(self.u), np.bool_)
+        near[self.at] = True
+        near[self.faces[near[self.faces].any(axis=1)]] = True
+        at = np.flatnonzero(near)
+        rows = self.faces[near[self.faces].any(axis=1)]
+        total, count = np.zeros((len(self.u), 3)), np.zeros(len(self.u))
+        for i, j in ((0, 1), (1, 2), (2, 0), (1, 0), (2, 1), (0, 2)):
+            a, b = rows[:, i], rows[:, j]
+            np.add.at(total, a, shortest(self.lattice, self.u[b] - self.u[a]))
+            np.add.at(count, a, 1.0)
+        step = SLIDE * total[at] / np.maximum(count[at], 1.0)[:, None]
+        fixed = np.stack([(self.kind[at] >> (2 * a)) & 3 for a in range(3)], axis=1) != 0
+        return at, inside(self.lattice, self.u[at] + np.where(fixed, 0.0, step))
+
+
+def shortest(lattice: "Lattice", way: FloatArray) -> FloatArray:
+    """Ways between parameters, across the seam of closed directions where that is shorter."""
+    lo, hi = lattice.domain
+    closed = np.array(lattice.through.closed)
+    period = hi - lo
+    out: FloatArray = np.where(closed, way - period * np.round(way / period), way)
+    return out
+
+
+def untangled(
+    lattice: "Lattice",
+    start: FloatArray,
+    moved: FloatArray,
+    faces: AnyArray,
+    kind: AnyArray,
+    settle: Settle,
+) -> Untangled:
+    """Triangles that do not cross, between vertices that were moved.
+
+    Parameters
+    ----------
+    lattice : Lattice
+        Gives the map, and which directions are closed.
+    start, moved : (V, 3) array
+        Parameters of the vertices of a contour, and after the motion.
+    faces : (F, 3) array of int32 or int64
+        The quads of the contour, as pairs of triangles.
+    kind : (V,) array of uint8
+        Constraints of the vertices (see `Contour`).
+    settle : callable
+        Moves parameters (n, 3) of the vertices (n,) onto their surface; returns the new ones, and
+        a mask of those that it could not move.
+
+    Returns
+    -------
+    Untangled
+        New places, triangles, and what was held back.
+    """
+    s = _Surface(lattice, moved, faces, kind)
+    held = np.zeros(len(start), np.bool_)
+    for _ in range(SLIDES):
+        if not s.pairs:
+            break
+        at, u = s.slid()
+        u, held[at] = settle(u, at)
+        s.move(at, u)
+        s.weave()
+    if s.pairs:
+        held |= _held_back(s, start)
+    return Untangled(s.u, s.x, s.repair, held, s.pairs)
+
+
+def _held_back(s: _Surface, start: FloatArray) -> AnyArray:
+    """Move vertices back until nothing crosses; which were."""
+    back = np.zeros(len(start), np.int8)
+    goal = s.u.copy()
+    for _ in range(ROUNDS - SLIDES):
+        at = s.at
+        s.spared[at[back[at] == len(BACK) - 1]] = True
+        back[at] = np.minimum(back[at] + 1, len(BACK) - 1)
+        way = shortest(s.lattice, start[at] - goal[at])
+        s.move(at, inside(s.lattice, goal[at] + BACK[back[at], None] * way))
+        s.weave()
+        if not s.pairs:
+            break
+    return back > 0

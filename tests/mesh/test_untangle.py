@@ -1,0 +1,156 @@
+"""Self-intersections: found as an independent library finds them, and removed from walls."""
+
+from functools import cache
+
+import numba
+import numpy as np
+import pytest
+from meshes import joined, sphere, torus
+
+import ilattice as il
+from ilattice.errors import PrecisionWarning
+from ilattice.mesh import SurfaceMesh, untangle, wall_mesh
+from ilattice.mesh.measure import self_intersections
+
+cgal = pytest.importorskip("igl.copyleft.cgal")
+
+
+def by_libigl(x, faces):
+    """Numbers of the faces in pairs that intersect, exactly."""
+    x, faces = np.array(x, np.float64), np.array(faces, np.int64)
+    return np.unique(cgal.remesh_self_intersections(x, faces, detect_only=True)[2])
+
+
+def found(x, faces, active=None):
+    pairs, marked = self_intersections(np.asarray(x), np.asarray(faces), active)
+    return pairs, np.flatnonzero(marked)
+
+
+# --- the search ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("shift", [0.3, 1.7, 2.5])
+def test_two_spheres(shift):
+    x, faces = sphere(3)
+    x, faces = joined((x, faces), (x @ np.linalg.qr(np.ones((3, 3)) + np.eye(3))[0] + shift, faces))
+    pairs, at = found(x, faces)
+    assert (pairs > 0) == (shift < 2 / np.sqrt(3))
+    assert np.array_equal(at, by_libigl(x, faces))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_random_triangles_with_and_without_common_vertices(seed):
+    rng = np.random.default_rng(seed)
+    x = rng.random((60 if seed < 2 else 600, 3))
+    near = np.linalg.norm(x[None] - rng.random((200, 1, 3)), axis=2).argsort(axis=1)[:, :9]
+    faces = np.unique(np.sort([rng.permutation(n)[:3] for n in near]), axis=0)
+    pairs, at = found(x, faces)
+    assert pairs > 20
+    assert np.array_equal(at, by_libigl(x, faces))
+
+
+def test_overlaps_in_one_plane_and_touching_neighbours():
+    x = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0.2, 0.2, 0], [2, 0, 0.0]])
+    turned = np.linalg.qr(np.arange(9.0).reshape(3, 3) + np.eye(3))[0]
+    for faces, pairs in (
+        ([[0, 1, 2], [1, 3, 2]], 0),  # a square
+        ([[0, 1, 2], [2, 1, 4]], 1),  # folded over an edge
+        ([[0, 1, 2], [4, 5, 3]], 1),  # no vertex in common
+        ([[0, 1, 2], [1, 5, 3]], 0),  # one in common
+    ):
+        assert (len(by_libigl(x, faces)) > 0) == (pairs > 0)
+        assert found(x, faces)[0] == found(x @ turned, faces)[0] == pairs
+    assert found(x, [[0, 1, 2], [0, 3, 4]])[0] == 1  # libigl does not look at these
+
+
+def test_good_and_empty_meshes_have_none():
+    assert SurfaceMesh(*sphere(3)).self_intersections == 0
+    assert SurfaceMesh(*torus(12, 8)).self_intersections == 0
+    assert SurfaceMesh(np.zeros((0, 3)), np.zeros((0, 3), int)).self_intersections == 0
+    assert SurfaceMesh(*torus(12, 8, major=1.0, minor=1.4)).self_intersections > 0
+
+
+def test_only_pairs_with_active_faces_are_compared():
+    x, faces = sphere(3)
+    x, faces = joined((x, faces), (x + 1.0, faces))
+    pairs, at = found(x, faces)
+    active = np.zeros(len(faces), bool)
+    active[: len(faces) // 2] = True
+    assert found(x, faces, active) == (pairs, pytest.approx(at))
+    active[:] = False
+    assert found(x, faces, active)[0] == 0
+    active[at[0]] = True
+    some, marked = found(x, faces, active)
+    assert 0 < some < pairs
+    assert at[0] in marked
+
+
+# --- walls --------------------------------------------------------------------------------------
+
+
+@cache
+def wall_of(name, d=0.05):
+    return il.Lattice(il.tiles[name], through=il.macroshape.box(), repeat=(1, 1, 1)).offset(d)
+
+
+def as_polished(lattice, start, moved, faces, kind, _):
+    """What came before: repaired, but not untangled."""
+    s = untangle._Surface(lattice, moved, faces, kind)
+    return untangle.Untangled(s.u, s.x, s.repair, np.zeros(len(start), bool), s.pairs)
+
+
+def test_vertices_slide_along_the_offset_until_nothing_crosses(monkeypatch):
+    wall = wall_of("d_prime")
+    mesh = wall.mesh(0.02)
+    assert len(by_libigl(mesh.vertices, mesh.faces)) == 0
+    assert mesh.self_intersections == 0
+    assert mesh.is_watertight
+    assert mesh.is_oriented
+    assert np.percentile(mesh.quality, 1) >= 0.3
+    assert mesh.point_data["held"].sum() == 0
+    assert wall.thickness_error(mesh).relative_max <= 5e-3
+    monkeypatch.setattr(wall_mesh, "untangled", as_polished)
+    with pytest.warns(PrecisionWarning, match="pairs of triangles pass through each other"):
+        before = wall.mesh(0.02)
+    assert len(by_libigl(before.vertices, before.faces)) > 20
+    assert before.self_intersections > 20
+    assert mesh.euler == before.euler
+    assert mesh.volume == pytest.approx(before.volume, rel=1e-3)
+
+
+def test_vertices_are_held_back_where_sliding_does_not_help(monkeypatch):
+    """And marked, with their error; all others are exact."""
+    wall = wall_of("d_prime")
+    monkeypatch.setattr(untangle, "SLIDES", 0)
+    mesh = wall.mesh(0.025)
+    assert len(by_libigl(mesh.vertices, mesh.faces)) == 0
+    held = mesh.point_data["held"] != 0
+    assert 0 < held.sum() < 0.01 * len(held)
+    u, side = (np.stack([mesh.point_data[k] for k in "uvw"], axis=1), mesh.point_data["side"])
+    assert (side[held] != 0).all()
+    error = np.abs(np.abs(wall.lattice.distance(u)) - 0.05)
+    assert error[held].max() > 1e-4
+    assert error[~held & (side != 0)].max() < 5e-6
+
+
+def test_meshes_do_not_depend_on_the_number_of_threads():
+    wall = wall_of("d_prime")
+    threads = numba.get_num_threads()
+    out = []
+    try:
+        for n in (1, threads):
+            numba.set_num_threads(n)
+            mesh = wall.mesh(0.025)
+            data = [mesh.point_data[name].tobytes() for name in mesh.point_data]
+            out.append([mesh.vertices.tobytes(), mesh.faces.tobytes(), *data])
+    finally:
+        numba.set_num_threads(threads)
+
+    assert out[0] == out[1]
+
+
+def test_closed_directions_are_crossed_the_short_way():
+    lattice = il.Lattice("gyroid", through=il.macroshape.torus(), repeat=(4, 1, 1))
+    way = np.array([[0.9, 0.9, -0.9], [-0.9, 0.1, 0.0], [0.3, 0.0, 0.0]])
+    short = untangle.shortest(lattice, way)
+    np.testing.assert_allclose(short, [[-0.1, 0.9, -0.9], [0.1, 0.1, 0.0], [0.3, 0.0, 0.0]])
