@@ -39,7 +39,7 @@ def test_the_variations_are_one_line_each(tmp_path):
         for line in lines
     ]
     kinds = [il.Wall, il.Wall, il.SplineMap, il.Tile, il.Tile, SliceStack, il.SplineMap]
-    kinds.append(il.tiles.Mixture)
+    kinds += [il.tiles.Mixture, il.SplineMap]
     assert [type(result) for result in results] == kinds
 
 

@@ -5,6 +5,7 @@ maps               `SplineMap`; `load` reads one from a file
 primitives         `identity`, `affine`, `box`, `hexahedron`, `tapered`, `cylinder_shell`,
                    `torus`, `duck`, `wing`
 from surfaces      `extrude`, `ruled`, `revolve`, `loft`
+graded cells       `regrade`: the same volume, run through at another pace
 certificate        `certify`, `check_map`, `Certificate`, `Status`
 lattice            `Lattice`: a tile, repeated through a map
 =================  =========================================================================
@@ -26,6 +27,7 @@ from ilattice.macroshape.primitives import (
     torus,
     wing,
 )
+from ilattice.macroshape.regrade import regrade
 from ilattice.macroshape.sweeps import extrude, loft, revolve, ruled
 
 __all__ = [
@@ -44,6 +46,7 @@ __all__ = [
     "identity",
     "load",
     "loft",
+    "regrade",
     "revolve",
     "ruled",
     "tapered",
