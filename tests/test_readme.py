@@ -10,6 +10,7 @@ import pytest
 import ilattice as il
 from ilattice import cli
 from ilattice.mesh import SliceStack
+from ilattice.offsets import ParametricWall
 
 TEXT = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
 PROGRAM, VARIATIONS = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
@@ -38,8 +39,8 @@ def test_the_variations_are_one_line_each(tmp_path):
         eval(line.replace('"part.xml"', repr(str(file))).replace("...", "u[:, 0] - 0.5"), names)
         for line in lines
     ]
-    kinds = [il.Wall, il.Wall, il.SplineMap, il.Tile, il.Tile, SliceStack, il.SplineMap]
-    kinds += [il.tiles.Mixture, il.SplineMap]
+    kinds = [il.Wall, il.Wall, il.Wall, ParametricWall, il.SplineMap, il.Tile, il.Tile]
+    kinds += [SliceStack, il.SplineMap, il.tiles.Mixture, il.SplineMap]
     assert [type(result) for result in results] == kinds
 
 

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from ilattice.offsets.wall import Wall
 
 BOUNDARIES = ("extend", "clip")
+SPACES = ("euclidean", "parametric")
 
 
 @dataclass(frozen=True, eq=False)
@@ -287,24 +288,35 @@ class Lattice:
         """Counts over all closest-point queries so far."""
         return self.search.statistics
 
-    def offset(self, d: Any, **options: Any) -> Wall:
-        """Wall of Euclidean half-thickness `d` about the mid-surface.
+    def offset(self, d: Any, *, space: str = "euclidean", **options: Any) -> Wall:
+        """Wall of half-thickness `d` about the mid-surface.
 
         Parameters
         ----------
         d : float, callable, BSpline, str, or pair of these
             Half-thickness, as in `ilattice.offsets.offset`.
+        space : {"euclidean", "parametric"}
+            Where `d` is measured: in space, exactly; or in tiles before the map, to first order,
+            as in `ilattice.offsets.parametric_offset`.
         **options
-            ``tol`` and ``progress``, as in `ilattice.offsets.offset`.
+            ``tol`` (in space only) and ``progress``, as in `ilattice.offsets.offset`.
 
         Returns
         -------
         Wall
             The wall.
+
+        Raises
+        ------
+        InputError
+            If `space` is neither of the two, or `d` is unusable.
         """
+        from ilattice.offsets.first_order import parametric_offset
         from ilattice.offsets.wall import offset
 
-        return offset(self, d, **options)
+        if space not in SPACES:
+            raise InputError(f"space must be one of {SPACES}, got {space!r}")
+        return (offset if space == "euclidean" else parametric_offset)(self, d, **options)
 
 
 def _waves(f: Any) -> int:

@@ -225,7 +225,7 @@ def slice_wall(
     from ilattice.mesh.wall_mesh import grid_axes
     from ilattice.offsets.wall import warn_coarse
 
-    least = wall.thickness.extremes[0]
+    least = wall.least_thickness
     h = 0.25 * least if h is None else as_positive("h", h)
     warn_coarse(h, least)
     frame = as_frame(as_triple("normal", normal))

@@ -94,7 +94,7 @@ class _Job:
     def of(cls, wall: Wall, h: float | None, polish: bool, progress: Progress) -> _Job:
         from ilattice.offsets.wall import warn_coarse
 
-        least = wall.thickness.extremes[0]
+        least = wall.least_thickness
         if h is None:
             h = 0.25 * least
         warn_coarse(h, least)
@@ -103,7 +103,11 @@ class _Job:
         t = wall.thickness
         if t.constant:
             field = wall.distance
-            options["level"] = (-float(t.inner.c.item()), float(t.outer.c.item()))
+            inner, outer = (float(s.c.item()) for s in (t.inner, t.outer))
+            options["level"] = outer if t.solid else (-inner, outer)
+        elif t.solid and t.extremes[0] > 0.0:
+            field = wall.distance
+            options |= {"level": 1.0, "scale": t.outer}
         elif t.symmetric:
             field = wall.distance
             options |= {"level": (-1.0, 1.0), "scale": t.outer}
@@ -171,7 +175,7 @@ def settled(
     fixed = np.stack([(kind >> (2 * a)) & 3 for a in range(3)], axis=1) != 0
     out = u.copy()
     lost = np.zeros(len(u), np.bool_)
-    thickest = 0.5 * wall.thickness.extremes[1]
+    thickest = 0.5 * max(wall.thickness.extremes[1], wall.least_thickness)
     for sign, d in ((1.0, wall.thickness.outer), (-1.0, wall.thickness.inner)):
         at = np.flatnonzero(side == sign)
         if len(at):

@@ -1,16 +1,20 @@
 """Thickness: closest points in Euclidean space, the distance spline, walls.
 
-`offset` makes a `Wall` of a lattice; `Lattice.offset` is the same as a method.
+`offset` makes a `Wall` of a lattice, `parametric_offset` one of first order before the map;
+`Lattice.offset` is both as a method.
 """
 
 from ilattice.offsets.closest import ClosestPoints, ClosestPointSearch, Statistics
+from ilattice.offsets.first_order import ParametricWall, parametric_offset
 from ilattice.offsets.wall import ThicknessReport, Wall, offset
 
 __all__ = [
     "ClosestPointSearch",
     "ClosestPoints",
+    "ParametricWall",
     "Statistics",
     "ThicknessReport",
     "Wall",
     "offset",
+    "parametric_offset",
 ]

@@ -7,11 +7,13 @@ over about one span.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ilattice._progress import Progress, track
+from ilattice._typing import FloatArray
 from ilattice.bspline import BSpline
 
 if TYPE_CHECKING:
@@ -54,6 +56,36 @@ def distance_spline(
 
 
 def _fit(lattice: Lattice, spans: int, progress: Progress) -> BSpline:
+    return interpolated(lattice, lattice.distance, spans, DEGREE, progress)
+
+
+def interpolated(
+    lattice: Lattice,
+    f: Callable[[FloatArray], FloatArray],
+    spans: int,
+    degree: int,
+    progress: Progress = None,
+) -> BSpline:
+    """Spline over the domain of a lattice that interpolates a function at one site per coefficient.
+
+    Parameters
+    ----------
+    lattice : Lattice
+        Gives the domain, the tiles and the closed directions.
+    f : callable
+        Takes parameters (n, 3), returns values (n,).
+    spans : int
+        Spans per tile and direction.
+    degree : int
+        Degree.
+    progress : bool or callable, optional
+        See `ilattice._progress.track`.
+
+    Returns
+    -------
+    BSpline
+        Scalar, periodic where the map is closed.
+    """
     from ilattice.bspline.fit import fit_interpolate, sites
     from ilattice.bspline.knots import uniform_knots
 
@@ -61,15 +93,15 @@ def _fit(lattice: Lattice, spans: int, progress: Progress) -> BSpline:
     knots, axes = [], []
     for a in range(3):
         t = uniform_knots(
-            spans * lattice.repeat[a], DEGREE, tuple(lattice.domain[:, a]), periodic=closed[a]
+            spans * lattice.repeat[a], degree, tuple(lattice.domain[:, a]), periodic=closed[a]
         )
         knots.append(t)
-        axes.append(sites(t, DEGREE, "interpolate", closed[a]))
+        axes.append(sites(t, degree, "interpolate", closed[a]))
     shape = tuple(len(a) for a in axes)
     values = np.empty(shape)
     step = max(1, SLAB_POINTS // (shape[1] * shape[2]))
     for i in track(range(0, shape[0], step), "distance", progress):
         part = (axes[0][i : i + step], axes[1], axes[2])
         u = np.stack(np.meshgrid(*part, indexing="ij"), axis=-1).reshape(-1, 3)
-        values[i : i + step] = lattice.distance(u).reshape(-1, *shape[1:])
-    return fit_interpolate(values, knots, DEGREE, periodic=closed)
+        values[i : i + step] = f(u).reshape(-1, *shape[1:])
+    return fit_interpolate(values, knots, degree, periodic=closed)

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 #: Largest error of a fitted half-thickness, relative to its largest value.
 FIT_TOLERANCE = 1e-5
 SAMPLES = 33
+#: Half-thickness on a side that is filled altogether.
+FULL = 1e30
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,27 +47,36 @@ class Thickness:
         return self.inner is self.outer
 
     @property
+    def solid(self) -> bool:
+        """Whether all of the inner side is filled: the solid of the tile, grown by `outer`."""
+        return self.inner.c.size == 1 and float(self.inner.c.item()) >= FULL
+
+    @property
     def constant(self) -> bool:
         """Whether neither side varies."""
         return self.inner.c.size == 1 and self.outer.c.size == 1
 
     @property
     def extremes(self) -> tuple[float, float]:
-        """Least and largest total thickness, up to the sampling of a varying one."""
-        total = _samples(self.inner) + _samples(self.outer)
+        """Least and largest total thickness, up to the sampling; of a solid, of its outer side."""
+        total = _samples(self.outer)
+        if not self.solid:
+            total = total + _samples(self.inner)
         return float(total.min()), float(total.max())
 
 
-def as_thickness(d: Any, lattice: Lattice) -> Thickness:
+def as_thickness(d: Any, lattice: Lattice, size: float | None = None) -> Thickness:
     """Thickness from a number, callable, spline, name, or a pair (inner, outer) of these.
 
     Parameters
     ----------
     d : float, callable, BSpline, str, or pair of these
         Half-thickness in units of length; a callable takes parameters (n, 3) and returns (n,);
-        a name is that of a property of the lattice.
+        a name is that of a property of the lattice; an inner one of infinity fills that side.
     lattice : Lattice
-        Gives the domain, the properties and the size of the part.
+        Gives the domain and the properties.
+    size : float, optional
+        Diameter of the part in the units of `d`; by default that of the box around it.
 
     Returns
     -------
@@ -78,20 +89,31 @@ def as_thickness(d: Any, lattice: Lattice) -> Thickness:
         If `d` is not positive somewhere, not finite, larger than the part, of an unknown form,
         or cannot be fitted.
     """
+    if size is None:
+        size = float(np.linalg.norm(np.diff(lattice.through.bounds, axis=0)))
     if isinstance(d, tuple | list):
         if len(d) != 2:
             raise InputError(
                 f"d must be one half-thickness or a pair (inner, outer), got {d!r:.80}"
             )
+        if np.ndim(d[0]) == 0 and isinstance(d[0], float | np.floating) and d[0] == np.inf:
+            return _solid(_as_spline(d[1], lattice, "d[1]"), lattice, size)
         sides = [_as_spline(v, lattice, f"d[{i}]") for i, v in enumerate(d)]
         for i, s in enumerate(sides):
-            _check(s, lattice, f"d[{i}]", zero_allowed=True)
+            _check(s, size, f"d[{i}]", least=0.0)
         if not (_samples(sides[0]) + _samples(sides[1])).min() > 0:
             raise InputError(f"d must leave a wall: both sides vanish somewhere, got {d!r:.80}")
         return Thickness(*sides)
     s = _as_spline(d, lattice, "d")
-    _check(s, lattice, "d", zero_allowed=False)
+    _check(s, size, "d", least=1e-300)
     return Thickness(s, s)
+
+
+def _solid(outer: BSpline, lattice: Lattice, size: float) -> Thickness:
+    """The inner side filled; the outer one may be negative, which makes the solid smaller."""
+    _check(outer, size, "d[1]", least=-np.inf)
+    knots = [lattice.domain[:, a] for a in range(3)]
+    return Thickness(BSpline(knots, np.full((1, 1, 1), FULL), 0), outer)
 
 
 def _as_spline(d: Any, lattice: Lattice, name: str) -> BSpline:
@@ -177,11 +199,10 @@ def _evaluate(f: Any, u: FloatArray, name: str) -> FloatArray:
     return value
 
 
-def _check(s: BSpline, lattice: Lattice, name: str, *, zero_allowed: bool) -> None:
+def _check(s: BSpline, size: float, name: str, *, least: float) -> None:
     value = _samples(s)
-    size = float(np.linalg.norm(np.diff(lattice.through.bounds, axis=0)))
     low, high = float(value.min()), float(value.max())
-    if low < 0 or (low == 0 and not zero_allowed):
+    if low < least:
         raise InputError(f"{name} must be positive, but reaches {low:g}")
     if high >= 0.5 * size:
         raise InputError(

@@ -19,7 +19,7 @@ from ilattice._progress import Progress
 from ilattice._typing import AnyArray, ArrayLike, FloatArray
 from ilattice._validate import as_points, as_positive
 from ilattice.bspline import BSpline
-from ilattice.errors import ConvergenceError, PrecisionWarning
+from ilattice.errors import ConvergenceError, GeometryError, PrecisionWarning
 from ilattice.offsets.distance_spline import distance_spline
 from ilattice.offsets.thickness import Thickness, as_thickness
 
@@ -135,6 +135,19 @@ class Wall:
         """The implicit function, negative in the wall."""
         return WallField(self.distance, self.thickness)
 
+    @cached_property
+    def least_thickness(self) -> float:
+        """Least total thickness; of a solid, about twice its depth where it is deepest."""
+        least = self.thickness.extremes[0]
+        if not self.thickness.solid:
+            return least
+        depth = -float(self.distance.c.min())
+        if not least + depth > 0.0:
+            raise GeometryError(
+                f"nothing is left of the solid: it is {depth:g} deep and eroded by {-least:g}"
+            )
+        return 2.0 * (least + depth)
+
     def mesh(
         self,
         h: float | None = None,
@@ -152,6 +165,7 @@ class Wall:
             Length of edges; by default a quarter of the least total thickness.
         polish : bool
             Move the vertices of the offset surfaces onto the exact offset by closest points.
+            Parametric walls have none; theirs are moved onto the first-order one.
         caps : bool
             Close the wall on the faces of the domain; otherwise it is open there.
         dtype : float64 or float32
@@ -176,7 +190,9 @@ class Wall:
         from ilattice.mesh.wall_mesh import wall_mesh
 
         h = None if h is None else as_positive("h", h)
-        return wall_mesh(self, h, polish=polish, caps=caps, dtype=dtype, progress=progress)
+        return wall_mesh(
+            self, h, polish=polish and self._exact, caps=caps, dtype=dtype, progress=progress
+        )
 
     def save(
         self,
@@ -205,7 +221,9 @@ class Wall:
 
         h = None if h is None else as_positive("h", h)
         with StreamedMeshWriter(path) as writer:
-            for vertices, faces in wall_pieces(self, h, polish=polish, progress=progress):
+            for vertices, faces in wall_pieces(
+                self, h, polish=polish and self._exact, progress=progress
+            ):
                 writer.append(vertices, faces)
 
     def slices(
@@ -247,7 +265,9 @@ class Wall:
         """
         from ilattice.mesh.slices import slice_wall
 
-        return slice_wall(self, z, thickness=thickness, h=h, normal=normal, polish=polish)
+        return slice_wall(
+            self, z, thickness=thickness, h=h, normal=normal, polish=polish and self._exact
+        )
 
     def volume(self, h: float | None = None) -> float:
         """Volume of the wall in space, by the divergence theorem on its polished mesh.
@@ -281,17 +301,30 @@ class Wall:
             mesh = self.mesh(polish=False)
         return self._thickness_error(mesh, 1)
 
+    #: Whether vertices can be polished onto an exact offset.
+    _exact = True
+
+    @property
+    def _asked(self) -> Thickness:
+        """The half-thickness as it was asked for, in the units of `_true_distance`."""
+        return self.thickness
+
+    def _true_distance(self, u: FloatArray) -> FloatArray:
+        """Signed distance to the mid-surface by fresh closest points."""
+        return self.lattice.distance(u)
+
     def _thickness_error(self, mesh: SurfaceMesh, every: int) -> ThicknessReport:
         """Errors over every so manieth vertex."""
         u, side = parameters_of(mesh)
         u, side = u[side != 0][::every], side[side != 0][::every]
-        asked = np.where(side > 0, self.thickness.outer(u), self.thickness.inner(u))
-        error = np.abs(side * self.lattice.distance(u) - asked)
-        d = np.maximum(asked, 1e-300)
+        d = self._asked
+        asked = np.where(side > 0, d.outer(u), d.inner(u))
+        error = np.abs(side * self._true_distance(u) - asked)
+        relative = error / np.maximum(np.abs(asked), 1e-300)
         return ThicknessReport(
             float(error.max()), float(np.percentile(error, 99)),
-            float(np.sqrt(np.mean(error**2))), float(np.percentile(error / d, 99)),
-            float((error / d).max()), len(error),
+            float(np.sqrt(np.mean(error**2))), float(np.percentile(relative, 99)),
+            float(relative.max()), len(error),
         )  # fmt: skip
 
     def _refined(self, tol: float, progress: Progress) -> Wall:
@@ -331,7 +364,8 @@ def offset(
     d : float, callable, BSpline, str, or pair of these
         Half-thickness in units of length, on both sides, or (inner, outer) for the sides where
         the implicit function is negative and positive. A callable takes parameters (n, 3);
-        a name is that of a property of the lattice.
+        a name is that of a property of the lattice. ``(np.inf, d)`` is the solid of the tile, grown
+        by d, or eroded if d is negative.
     tol : float, optional
         Largest error (99th percentile) of the half-thickness, in units of length; the distance
         spline is refined until it holds.

@@ -1,0 +1,128 @@
+"""Parametric offsets: walls of first order in the thickness, measured in tiles before the map.
+
+Equations 2 and 3 of Hong et al. 2025: the offset of {I = 0} by d is {I - d |grad I| = 0}, with the
+gradient in the coordinates of a tile, so that d is a fraction of a tile. No closest points are
+computed; through the map the wall becomes as thick as the map makes it.
+
+Guarantee: exact for planes; the error against the true distance before the map is of second order
+in d, and `thickness_error` reports it. Non-guarantee: where grad I vanishes near the wall the
+first-order offset means nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ilattice._progress import Progress
+from ilattice._typing import FloatArray
+from ilattice.bspline import BSpline
+from ilattice.offsets.distance_spline import interpolated
+from ilattice.offsets.thickness import Thickness, as_thickness
+from ilattice.offsets.wall import Wall
+
+if TYPE_CHECKING:
+    from ilattice.macroshape.lattice import Lattice
+
+DEGREE = 3
+#: Thickness of a solid in tiles, as far as the width of meshes goes.
+LEAST_SOLID = 0.25
+TINY = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class ParametricWall(Wall):
+    """Wall between first-order offsets: made by ``Lattice.offset(d, space="parametric")``.
+
+    Attributes
+    ----------
+    distance : BSpline
+        The implicit function I itself; it takes the place of the distance.
+    thickness : Thickness
+        d |grad I|, in units of I.
+    asked : Thickness
+        d, in tiles.
+    """
+
+    asked: Thickness
+
+    _exact = False
+
+    @property
+    def _asked(self) -> Thickness:
+        return self.asked
+
+    @cached_property
+    def least_thickness(self) -> float:
+        """Least total thickness (of a solid: part of a tile) times the smallest edge of a tile."""
+        least = LEAST_SOLID if self.asked.solid else self.asked.extremes[0]
+        lattice = self.lattice
+        u = np.indices(lattice.repeat).reshape(3, -1).T + 0.5
+        lo, hi = lattice.domain
+        step = (hi - lo) / np.array(lattice.repeat)
+        edges = np.linalg.norm(lattice.through.jacobian(lo + u * step) * step, axis=1)
+        return float(least * edges.min())
+
+    @cached_property
+    def _flat(self) -> Lattice:
+        """The same tiles before the map."""
+        from ilattice.macroshape.lattice import Lattice
+        from ilattice.macroshape.primitives import box
+
+        lattice = self.lattice
+        return Lattice(lattice.tile, through=box(lattice.repeat), repeat=lattice.repeat)
+
+    def _true_distance(self, u: FloatArray) -> FloatArray:
+        """Signed distance to the mid-surface before the map, in tiles."""
+        return self._flat.distance(self.lattice.tile_coordinates(u) / np.array(self.lattice.repeat))
+
+
+def parametric_offset(lattice: Lattice, d: Any, *, progress: Progress = None) -> ParametricWall:
+    """Wall between the first-order offsets of the mid-surface by `d`, in tiles.
+
+    Parameters
+    ----------
+    lattice : Lattice
+        Tiles and map.
+    d : float, callable, BSpline, str, or pair of these
+        Half-thickness as in `offset`, but as a fraction of a tile before the map.
+    progress : bool or callable, optional
+        See `ilattice._progress.track`.
+
+    Returns
+    -------
+    ParametricWall
+        The wall; `thickness_error` compares it with the true distance before the map.
+
+    Raises
+    ------
+    InputError
+        If `d` is not positive or larger than the part.
+
+    Notes
+    -----
+    Hong et al. 2025, eq. 2 and 3.
+    """
+    asked = as_thickness(d, lattice, float(np.linalg.norm(lattice.repeat)))
+
+    def fitted(f: Callable[[FloatArray], FloatArray]) -> BSpline:
+        return interpolated(lattice, f, lattice.spans, DEGREE, progress)
+
+    edges = np.ptp(lattice.domain, axis=0) / np.array(lattice.repeat)
+
+    def in_units_of_the_field(side: BSpline) -> BSpline:
+        if side is asked.inner and asked.solid:
+            return side
+        s = fitted(lambda u: side(u) * np.linalg.norm(lattice.implicit_jet(u, 1)[1] * edges, axis=1))
+        if not side.c.min() > 0:
+            return s
+        # at critical points of I the norm has a kink, next to which the spline could turn negative
+        return BSpline(s.t, np.maximum(s.c, TINY * s.c.max()), s.k, periodic=s.periodic)
+
+    outer = in_units_of_the_field(asked.outer)
+    inner = outer if asked.symmetric else in_units_of_the_field(asked.inner)
+    return ParametricWall(lattice, fitted(lattice.implicit), Thickness(inner, outer), asked)
