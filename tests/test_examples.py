@@ -53,6 +53,18 @@ def test_schwarz_p_torus_fills_two_fifths(meshes):
     assert len(meshes) == 1
 
 
+def test_fig02_levels_are_not_thickness():
+    spread = run("fig02_level_sets")
+    low, high = spread["graded: level set"]
+    assert low < 0.45
+    assert high > 3.0
+    low, high = spread["graded: parametric"]
+    assert 0.8 < low < 0.9
+    assert 1.1 < high < 1.3
+    for name in ("primitive", "graded"):
+        assert spread[f"{name}: euclidean"] == pytest.approx((1.0, 1.0), abs=1e-5)
+
+
 def test_fig13_is_exact():
     numbers = run("fig13_tapered", h=0.1)
     assert numbers["error"] < 1e-6

@@ -117,7 +117,9 @@ def parametric_offset(lattice: Lattice, d: Any, *, progress: Progress = None) ->
     def in_units_of_the_field(side: BSpline) -> BSpline:
         if side is asked.inner and asked.solid:
             return side
-        s = fitted(lambda u: side(u) * np.linalg.norm(lattice.implicit_jet(u, 1)[1] * edges, axis=1))
+        s = fitted(
+            lambda u: side(u) * np.linalg.norm(lattice.implicit_jet(u, 1)[1] * edges, axis=1)
+        )
         if not side.c.min() > 0:
             return s
         # at critical points of I the norm has a kink, next to which the spline could turn negative
