@@ -90,6 +90,13 @@ def test_gismo_volume_is_filled_and_closed():
     assert 0.05 < numbers["filled"] < 0.95
 
 
+def test_hybrid_tiles_have_the_asked_thickness_where_they_change():
+    numbers = run("hybrid_tiles", h=0.06, cells=2)
+    for name in ("hybrid", "random"):
+        assert numbers[f"{name} closed"] == 1
+        assert 0 < numbers[f"{name} error"] < 1e-3
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_every_example_is_tested_and_can_be_run_alone(name):
     source = (FOLDER / f"{name}.py").read_text(encoding="utf-8")
