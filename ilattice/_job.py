@@ -53,6 +53,41 @@ def volume(spec: str) -> "il.SplineMap":
     return il.macroshape.load(spec)
 
 
+def cell(spec: str, space: "il.SplineMap", seed: int | None = None) -> "il.Tile | il.tiles.Mixture":
+    """A tile by its name, or several of them.
+
+    Parameters
+    ----------
+    spec : str
+        Name of a tile of the catalogue, or several, separated by commas: they follow each other,
+        with smooth transitions, along the first direction of the volume that is not closed.
+    space : SplineMap
+        The volume.
+    seed : int, optional
+        Seed of a random choice among the tiles for every cell, instead of that order.
+
+    Returns
+    -------
+    Tile or Mixture
+        What `Lattice` takes.
+
+    Raises
+    ------
+    InputError
+        If a name is unknown, or the seed is negative.
+    """
+    names = [name.strip() for name in spec.split(",")]
+    if seed is not None:
+        return il.tiles.mix(*names, seed=seed)
+    if len(names) == 1:
+        return il.tiles.get(names[0])
+    axis = int(np.argmin(space.closed))
+    lo, hi = space.domain[:, axis]
+    part = (hi - lo) / len(names)
+    centres = lo + part * np.arange(1, len(names))
+    return il.tiles.hybrid(*names, weight=il.tiles.sigmoid(axis, centres, 0.5 * part))
+
+
 def build(
     *,
     tile: str,
@@ -63,6 +98,7 @@ def build(
     tol: float | None = None,
     h: float | None = None,
     report: str | os.PathLike[str] | None = None,
+    seed: int | None = None,
     progress: Progress = None,
 ) -> dict[str, Any]:
     """Fill a volume with a lattice of given wall thickness and write meshes of it.
@@ -70,7 +106,7 @@ def build(
     Parameters
     ----------
     tile : str
-        Name of a tile of the catalogue.
+        Name of a tile of the catalogue, or several, see `cell`.
     through : str
         Name of a built-in volume, or ``FILE`` or ``FILE#patch``.
     repeat : tuple of int
@@ -85,6 +121,8 @@ def build(
         Length of the edges of the mesh.
     report : path-like, optional
         File for the report.
+    seed : int, optional
+        Seed of a random choice among the tiles, see `cell`.
     progress : bool or callable, optional
         See `ilattice._progress.track`.
 
@@ -96,11 +134,12 @@ def build(
     check_outputs([*output, *([report] if report else [])])
     check_endings(output, "SurfaceMesh")
     d = parse(thickness) if isinstance(thickness, str) else thickness
-    cell = il.tiles.get(tile)
+    for name in tile.split(","):
+        il.tiles.row(name)
     stages = Stages()
     with stages("volume"):
         space = volume(through)
-        lattice = il.Lattice(cell, through=space, repeat=repeat)
+        lattice = il.Lattice(cell(tile, space, seed), through=space, repeat=repeat)
     with stages("distance"):
         wall = lattice.offset(d, tol=tol, progress=progress)
     with stages("mesh"):
@@ -116,6 +155,7 @@ def build(
         "repeat": list(repeat),
         "thickness": thickness,
         "tol": tol,
+        "seed": seed,
     }
     result = {
         "ilattice": il.__version__,
@@ -141,13 +181,14 @@ def slices(
     output: Sequence[str | os.PathLike[str]],
     h: float | None = None,
     polish: bool = True,
+    seed: int | None = None,
     progress: Progress = None,
 ) -> dict[str, Any]:
     """Fill a volume with a lattice of given wall thickness and write slices of it.
 
     Parameters
     ----------
-    tile, through, repeat, thickness, h, progress : optional
+    tile, through, repeat, thickness, h, seed, progress : optional
         As in `build`.
     layer : float
         Thickness of the layers.
@@ -164,7 +205,8 @@ def slices(
     check_outputs(output)
     check_endings(output, "SliceStack")
     d = parse(thickness) if isinstance(thickness, str) else thickness
-    lattice = il.Lattice(il.tiles.get(tile), through=volume(through), repeat=repeat)
+    space = volume(through)
+    lattice = il.Lattice(cell(tile, space, seed), through=space, repeat=repeat)
     wall = lattice.offset(d, progress=progress)
     stack = wall.slices(thickness=layer, h=h, polish=polish)
     for path in output:

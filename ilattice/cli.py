@@ -107,13 +107,15 @@ def _app() -> "App":
         tol: float | None = None,
         h: Length | None = None,
         report: Path | None = None,
+        seed: int | None = None,
     ) -> None:
         """Fill a volume with a lattice of given wall thickness.
 
         Parameters
         ----------
         tile
-            Name of a tile; see ``ilattice tiles``.
+            Name of a tile; see ``ilattice tiles``. Several, with commas in between, follow each
+            other along the first direction that is not closed, with smooth transitions.
         map
             Name of a built-in volume, or FILE, or FILE#patch.
         repeat
@@ -128,6 +130,8 @@ def _app() -> "App":
             Length of the edges of the mesh.
         report
             File for the report, as JSON.
+        seed
+            Draw one of the tiles for every cell; the same seed gives the same lattice.
         """
         _summary(
             _job.build(
@@ -139,6 +143,7 @@ def _app() -> "App":
                 h=h,
                 output=output,
                 report=report,
+                seed=seed,
                 progress=True,
             )
         )
@@ -154,13 +159,15 @@ def _app() -> "App":
         output: Files,
         h: Length | None = None,
         rough: bool = False,
+        seed: int | None = None,
     ) -> None:
         """Slice a lattice in a volume without a mesh.
 
         Parameters
         ----------
         tile
-            Name of a tile; see ``ilattice tiles``.
+            Name of a tile; see ``ilattice tiles``. Several, with commas in between, follow each
+            other along the first direction that is not closed, with smooth transitions.
         map
             Name of a built-in volume, or FILE, or FILE#patch.
         repeat
@@ -175,6 +182,8 @@ def _app() -> "App":
             Length of the edges of the contours.
         rough
             Follow the distance spline instead of the exact offset; faster.
+        seed
+            Draw one of the tiles for every cell; the same seed gives the same lattice.
         """
         report = _job.slices(
             tile=tile,
@@ -185,6 +194,7 @@ def _app() -> "App":
             output=output,
             h=h,
             polish=not rough,
+            seed=seed,
             progress=True,
         )
         print(f"{report['layers']} layers from {report['from']:.6g} to {report['to']:.6g}")

@@ -4,9 +4,11 @@ import json
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from ilattice import __version__, cli
+import ilattice as il
+from ilattice import __version__, _job, cli
 
 BUILD = {
     "--tile": ["schwarz_p"],
@@ -61,6 +63,8 @@ def test_build_writes_all_files_and_the_report(tmp_path, capfd):
     ("changes", "message"),
     [
         ({"tile": ["gyroit"]}, "gyroid"),
+        ({"tile": ["gyroid,iwq"]}, "iwp"),
+        ({"seed": ["-1"]}, "seed"),
         ({"map": ["tours"]}, "torus"),
         ({"repeat": ["1", "0", "1"]}, "repeat"),
         ({"repeat": ["1", "x", "1"]}, "repeat"),
@@ -78,6 +82,30 @@ def test_wrong_input_is_one_line_and_code_2(changes, message, tmp_path, capfd):
     err = fails([*words(**changes), "-o", str(target)], 2, capfd)
     assert message in err
     assert not target.exists()
+
+
+def test_several_tiles_follow_each_other_or_are_drawn(tmp_path, capfd):
+    report = tmp_path / "a.json"
+    found = {}
+    for seed in (None, ["4"]):
+        changes = {"tile": ["gyroid, schwarz_p"], "repeat": ["2", "1", "1"], "seed": seed}
+        arguments = words(**changes, thickness=["0.07"], report=[str(report)])
+        assert cli.main([*arguments, "-o", str(tmp_path / "a.ply")]) == 0
+        found[seed is None] = json.loads(report.read_text())
+    capfd.readouterr()
+    assert all(data["watertight"] for data in found.values())
+    assert [found[key]["input"]["seed"] for key in (True, False)] == [None, 4]
+    assert abs(found[True]["volume"] - found[False]["volume"]) > 1e-3
+
+
+def test_tiles_follow_each_other_along_the_first_open_direction():
+    torus = il.macroshape.torus()
+    weight = _job.cell("gyroid,iwp,diamond", torus).weight
+    u = np.array([[0.3, v, 0.4] for v in (1 / 3, 0.5, 2 / 3)])
+    expected = [[0.5, 0.5, 0], [0, 1, 0], [0, 0.5, 0.5]]
+    np.testing.assert_allclose(weight(u), expected, atol=0.05)
+    assert isinstance(_job.cell("gyroid", torus), il.Tile)
+    assert _job.cell("gyroid", torus, seed=1).weight is None
 
 
 def test_slice_writes_layers(tmp_path, capfd):

@@ -222,6 +222,16 @@ def test_weights_go_on_smoothly_beyond_open_ends():
     np.testing.assert_allclose(blend.shares(p)[:, 1], 0.3 + 0.2 * p[:, 0], atol=1e-12)
 
 
+def test_weights_wrap_around_closed_directions():
+    tiles = tuple(Component.of(il.tiles[n]) for n in ("gyroid", "diamond"))
+    blend = Blend(tiles, None, lambda u: u[:, 0] ** 2, 0.5, (2, 1, 1), UNIT, np.array(CLOSED))
+    p = points(50)
+    shares = blend.shares(p)
+    np.testing.assert_allclose(shares[:, 1], (p[:, 0] / 2) ** 2, atol=1e-12)
+    for turns in (-2.0, 2.0):
+        np.testing.assert_allclose(blend.shares(p + turns * RIGHT), shares, atol=1e-12)
+
+
 def test_sigmoids_add_up_to_one_and_have_the_stated_width():
     s = il.tiles.sigmoid(2, 0.4, 0.2)
     u = np.zeros((5, 3))
