@@ -9,6 +9,7 @@ Rooms, from the bottom up:
 `offsets`                 closest points, signed distance splines, walls
 `mesh`                    watertight contouring, surface meshes, measures
 `io`                      one file per format: STL, PLY, OBJ, 3MF, VTK, G+Smo, MFEM, IRIT
+`sdf`                     meshes as fields: signed distances
 ========================  ==================================================================
 
 Central types:
@@ -41,7 +42,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ilattice import bspline, errors, io, macroshape, mesh, offsets, tiles
+    from ilattice import bspline, errors, io, macroshape, mesh, offsets, sdf, tiles
     from ilattice.bspline import BSpline
     from ilattice.macroshape import SplineMap
     from ilattice.macroshape.lattice import Lattice
@@ -64,6 +65,7 @@ __all__ = [
     "macroshape",
     "mesh",
     "offsets",
+    "sdf",
     "tiles",
 ]
 

@@ -1,0 +1,577 @@
+"""Compiled tree of boxes over triangles: build, nearest triangle, winding number, crossings.
+
+The tree is flat: `box` (N, 6) lower and upper corners, `link` (N, 3): right child (the left one is
+the next node), first triangle and number of triangles (0 for inner nodes). Triangles lie in the
+order of the leaves in `tri` (F, 12): three corners and the unit normal (zero for flat triangles).
+
+Guarantees: the least distance does not depend on the order of the points or on the number of
+threads, and of triangles at equal distance the one of least number wins; a triangle counts as
+inside only by heights above its edges, never by barycentric quotients, so that slivers lose no
+digits.
+"""
+
+import numpy as np
+from numba import njit, prange
+
+FAST = {"contract", "nsz"}
+CHUNK = 256
+LEAF = 4
+BINS = 16
+DEEP = 40  # from here on nodes are halved by count
+STACK = 128  # > DEEP + the logarithm of the number of triangles
+FACE = 0  # features: the face, 1..3 the edge from that corner on, 4..6 a corner
+FAR = 2.0  # a node this many radii away is summed as one dipole
+SURE = 0.25  # how far a winding number must be from one half to be taken from dipoles
+CLEAR = 1e-6  # least cosine between a pseudonormal and the way to the point that tells a side
+
+
+# --- build ------------------------------------------------------------------------------------
+
+
+@njit(cache=True, error_model="numpy")
+def build(lo, hi, order, box, link):
+    """Tree over boxes (F, 3) of triangles, binned by surface area; returns the number of nodes."""
+    stack = np.empty((2 * STACK, 4), np.int64)
+    stack[0] = 0, len(lo), 0, -1
+    top = 1
+    nodes = 0
+    spare = np.empty(len(lo), np.int64)
+    while top > 0:
+        top -= 1
+        begin, end, depth, parent = stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3]
+        node = nodes
+        nodes += 1
+        if parent >= 0:
+            link[parent, 0] = node
+        enclose(lo, hi, order, begin, end, box[node])
+        link[node, 0], link[node, 1], link[node, 2] = -1, begin, end - begin
+        if end - begin > LEAF:
+            middle = split(lo, hi, order, begin, end, depth, spare)
+            link[node, 1], link[node, 2] = 0, 0
+            stack[top] = middle, end, depth + 1, node
+            stack[top + 1] = begin, middle, depth + 1, -1
+            top += 2
+    return nodes
+
+
+@njit(cache=True, error_model="numpy")
+def enclose(lo, hi, order, begin, end, out):
+    """Box of the triangles order[begin:end]."""
+    out[:3], out[3:] = np.inf, -np.inf
+    for i in range(begin, end):
+        for a in range(3):
+            out[a] = min(out[a], lo[order[i], a])
+            out[3 + a] = max(out[3 + a], hi[order[i], a])
+
+
+@njit(cache=True, error_model="numpy")
+def half_area(b):
+    """Half the surface of a box."""
+    x, y, z = b[3] - b[0], b[4] - b[1], b[5] - b[2]
+    return x * y + y * z + z * x
+
+
+@njit(cache=True, error_model="numpy")
+def split(lo, hi, order, begin, end, depth, spare):
+    """Partition order[begin:end] where the expected cost is least; returns the boundary."""
+    axis, first, width = widest(lo, hi, order, begin, end)
+    if depth >= DEEP or not width > 0.0:
+        return (begin + end) // 2
+    counts = np.zeros(BINS, np.int64)
+    boxes = np.empty((BINS, 6))
+    boxes[:, :3], boxes[:, 3:] = np.inf, -np.inf
+    for i in range(begin, end):
+        t = order[i]
+        b = bin_of(lo[t, axis] + hi[t, axis], first, width)
+        counts[b] += 1
+        for a in range(3):
+            boxes[b, a] = min(boxes[b, a], lo[t, a])
+            boxes[b, 3 + a] = max(boxes[b, 3 + a], hi[t, a])
+    cut = cheapest(counts, boxes)
+    left, right = begin, 0
+    for i in range(begin, end):
+        t = order[i]
+        if bin_of(lo[t, axis] + hi[t, axis], first, width) < cut:
+            order[left] = t
+            left += 1
+        else:
+            spare[right] = t
+            right += 1
+    order[left:end] = spare[:right]
+    return left
+
+
+@njit(cache=True, error_model="numpy")
+def widest(lo, hi, order, begin, end):
+    """Axis along which doubled centres spread most, their least value and their spread."""
+    axis, first, width = 0, 0.0, -1.0
+    for a in range(3):
+        low, high = np.inf, -np.inf
+        for i in range(begin, end):
+            c = lo[order[i], a] + hi[order[i], a]
+            low, high = min(low, c), max(high, c)
+        if high - low > width:
+            axis, first, width = a, low, high - low
+    return axis, first, width
+
+
+@njit(cache=True, error_model="numpy")
+def bin_of(centre, first, width):
+    """Bin of a doubled centre; the least one is in the first bin, the largest in the last."""
+    return min(BINS - 1, int(BINS * ((centre - first) / width)))
+
+
+@njit(cache=True, error_model="numpy")
+def cheapest(counts, boxes):
+    """Number of bins that go to the left; both sides get some."""
+    above = np.empty(BINS)
+    b = boxes[BINS - 1].copy()
+    n = 0
+    for i in range(BINS - 1, 0, -1):
+        n += counts[i]
+        b[:3], b[3:] = np.minimum(b[:3], boxes[i, :3]), np.maximum(b[3:], boxes[i, 3:])
+        above[i] = half_area(b) * n if n else 0.0
+    b[:] = boxes[0]
+    n = 0
+    cut, best = 1, np.inf
+    for i in range(1, BINS):
+        n += counts[i - 1]
+        b[:3], b[3:] = np.minimum(b[:3], boxes[i - 1, :3]), np.maximum(b[3:], boxes[i - 1, 3:])
+        cost = half_area(b) * n + above[i]
+        if cost < best:
+            cut, best = i, cost
+    return cut
+
+
+@njit(cache=True, error_model="numpy")
+def dipoles(box, link, tri, area, out):
+    """Moments of all nodes, (N, 7): area vector, area-weighted centre, radius about it."""
+    for node in range(len(link) - 1, -1, -1):
+        moment = np.zeros(7)
+        total = 0.0
+        if link[node, 2] > 0:
+            for k in range(link[node, 1], link[node, 1] + link[node, 2]):
+                total += area[k]
+                for a in range(3):
+                    moment[a] += area[k] * tri[k, 9 + a]
+                    centre = (tri[k, a] + tri[k, 3 + a] + tri[k, 6 + a]) / 3.0
+                    moment[3 + a] += area[k] * centre
+        else:
+            for child in (node + 1, link[node, 0]):
+                total += out[child, 6]
+                moment[:3] += out[child, :3]
+                moment[3:6] += out[child, 6] * out[child, 3:6]
+        if total > 0.0:
+            moment[3:6] /= total
+        else:
+            moment[3:6] = 0.5 * (box[node, :3] + box[node, 3:])
+        moment[6] = total
+        out[node] = moment
+    for node in range(len(link)):
+        far = 0.0
+        for a in range(3):
+            c = out[node, 3 + a]
+            far += max(c - box[node, a], box[node, 3 + a] - c) ** 2
+        out[node, 6] = np.sqrt(far)
+
+
+# --- nearest triangle -------------------------------------------------------------------------
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def box_square(box, i, x, y, z):
+    """Squared distance to a box."""
+    u = max(max(box[i, 0] - x, x - box[i, 3]), 0.0)
+    v = max(max(box[i, 1] - y, y - box[i, 4]), 0.0)
+    w = max(max(box[i, 2] - z, z - box[i, 5]), 0.0)
+    return u * u + v * v + w * w
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def segment(px, py, pz, ex, ey, ez):
+    """Where on the segment from 0 to e the point nearest to p lies, 0 to 1, and how far squared."""
+    ee = ex * ex + ey * ey + ez * ez
+    t = px * ex + py * ey + pz * ez
+    t = 0.0 if t <= 0.0 or ee == 0.0 else (1.0 if t >= ee else t / ee)
+    if t == 1.0:
+        px, py, pz = px - ex, py - ey, pz - ez
+    else:
+        px, py, pz = px - t * ex, py - t * ey, pz - t * ez
+    return t, px * px + py * py + pz * pz
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def triangle(tri, k, x, y, z, bound):
+    """Squared distance to triangle k, the feature that is nearest, and the place on its edge.
+
+    Infinite where the plane alone is farther than `bound`.
+    """
+    ax, ay, az = tri[k, 0], tri[k, 1], tri[k, 2]
+    bx, by, bz = tri[k, 3], tri[k, 4], tri[k, 5]
+    cx, cy, cz = tri[k, 6], tri[k, 7], tri[k, 8]
+    nx, ny, nz = tri[k, 9], tri[k, 10], tri[k, 11]
+    px, py, pz = x - ax, y - ay, z - az
+    h = nx * px + ny * py + nz * pz
+    if h * h > bound:
+        return np.inf, FACE, 0.0
+    qx, qy, qz = x - bx, y - by, z - bz
+    rx, ry, rz = x - cx, y - cy, z - cz
+    ex, ey, ez = bx - ax, by - ay, bz - az
+    fx, fy, fz = cx - bx, cy - by, cz - bz
+    gx, gy, gz = ax - cx, ay - cy, az - cz
+    hab = nx * (ey * pz - ez * py) + ny * (ez * px - ex * pz) + nz * (ex * py - ey * px)
+    hbc = nx * (fy * qz - fz * qy) + ny * (fz * qx - fx * qz) + nz * (fx * qy - fy * qx)
+    hca = nx * (gy * rz - gz * ry) + ny * (gz * rx - gx * rz) + nz * (gx * ry - gy * rx)
+    if hab > 0.0 and hbc > 0.0 and hca > 0.0:
+        return h * h, FACE, 0.0
+    best, feature, place = np.inf, FACE, 0.0
+    if hab <= 0.0:
+        t, d = segment(px, py, pz, ex, ey, ez)
+        best, feature, place = d, 1, t
+    if hbc <= 0.0:
+        t, d = segment(qx, qy, qz, fx, fy, fz)
+        if d < best:
+            best, feature, place = d, 2, t
+    if hca <= 0.0:
+        t, d = segment(rx, ry, rz, gx, gy, gz)
+        if d < best:
+            best, feature, place = d, 3, t
+    if place == 0.0:
+        feature += 3
+    elif place == 1.0:
+        feature = 4 + feature % 3
+    return best, feature, place
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def rounding(x, y, z, scale):
+    """How far a computed distance from a point may be off; `scale` is that of the coordinates."""
+    return 1e-15 * (scale + abs(x) + abs(y) + abs(z))
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def widened(square, slack):
+    """Squared distance up to which boxes must be opened, in spite of rounding."""
+    d = np.sqrt(square) + slack
+    return d * d * (1.0 + 1e-14)
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def nearest(box, link, tri, number, x, y, z, k, scale, nodes, squares):
+    """Nearest triangle (its place in the tree), its squared distance, feature and place.
+
+    The search starts with the bound that triangle `k` gives.
+    """
+    slack = rounding(x, y, z, scale)
+    best, feature, place = triangle(tri, k, x, y, z, np.inf)
+    bound = widened(best, slack)
+    nodes[0], squares[0] = 0, box_square(box, 0, x, y, z)
+    top = 1
+    while top > 0:
+        top -= 1
+        if squares[top] > bound:
+            continue
+        node = nodes[top]
+        while link[node, 2] == 0:
+            left, right = node + 1, link[node, 0]
+            dl, dr = box_square(box, left, x, y, z), box_square(box, right, x, y, z)
+            if dr < dl:
+                left, right, dl, dr = right, left, dr, dl
+            if dr <= bound:
+                nodes[top], squares[top] = right, dr
+                top += 1
+            node = left
+            if dl > bound:
+                break
+        for j in range(link[node, 1], link[node, 1] + link[node, 2]):
+            d, f, t = triangle(tri, j, x, y, z, bound)
+            if d < best or (d == best and number[j] < number[k]):
+                best, feature, place, k = d, f, t, j
+                bound = widened(best, slack)
+    return k, best, feature, place
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def foot_of(tri, k, feature, place, x, y, z, out):
+    """The nearest point of triangle k, and the signed height above its plane."""
+    h = tri[k, 9] * (x - tri[k, 0]) + tri[k, 10] * (y - tri[k, 1]) + tri[k, 11] * (z - tri[k, 2])
+    if feature == FACE:
+        out[0], out[1], out[2] = x - h * tri[k, 9], y - h * tri[k, 10], z - h * tri[k, 11]
+    elif feature >= 4:
+        for a in range(3):
+            out[a] = tri[k, 3 * (feature - 4) + a]
+    else:
+        i, j = 3 * (feature - 1), 3 * (feature % 3)
+        for a in range(3):
+            out[a] = tri[k, i + a] + place * (tri[k, j + a] - tri[k, i + a])
+    return h
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def pseudonormal(tri, k, feature, twin, corners, normals, out):
+    """Angle-weighted normal of a feature, any length; zero where a flat triangle spoils it."""
+    if feature == FACE:
+        out[:] = tri[k, 9:12]
+    elif feature >= 4:
+        out[:] = normals[corners[k, feature - 4]]
+    else:
+        j = twin[k, feature - 1]
+        for a in range(3):
+            out[a] = tri[k, 9 + a] + tri[j, 9 + a]
+        flat_k = tri[k, 9] == 0.0 and tri[k, 10] == 0.0 and tri[k, 11] == 0.0
+        flat_j = tri[j, 9] == 0.0 and tri[j, 10] == 0.0 and tri[j, 11] == 0.0
+        if flat_k or flat_j:
+            out[:] = 0.0
+
+
+@njit(cache=True, parallel=True, fastmath=FAST, error_model="numpy")
+def closest(points, box, link, tri, number, scale, square, face, feature, foot, height):
+    """Nearest triangles (places in the tree), features, feet and heights of points (n, 3)."""
+    count = len(points)
+    for c in prange((count + CHUNK - 1) // CHUNK):
+        nodes = np.empty(STACK, np.int64)
+        squares = np.empty(STACK)
+        k = 0
+        for i in range(c * CHUNK, min(count, (c + 1) * CHUNK)):
+            x, y, z = points[i, 0], points[i, 1], points[i, 2]
+            k, d, f, t = nearest(box, link, tri, number, x, y, z, k, scale, nodes, squares)
+            square[i], face[i], feature[i] = d, k, f
+            height[i] = foot_of(tri, k, f, t, x, y, z, foot[i])
+
+
+# --- sides ------------------------------------------------------------------------------------
+
+
+@njit(cache=True, parallel=True, fastmath=FAST, error_model="numpy")
+def sides_by_normals(
+    points, square, face, feature, foot, height, tri, twin, corners, normals, scale, turn, side
+):
+    """-1 inside, 1 outside, 0 where the pseudonormal does not tell; `turn` -1 swaps them."""
+    count = len(points)
+    for c in prange((count + CHUNK - 1) // CHUNK):
+        n = np.empty(3)
+        for i in range(c * CHUNK, min(count, (c + 1) * CHUNK)):
+            if feature[i] == FACE:
+                side[i] = turn if height[i] >= 0.0 else -turn
+                continue
+            pseudonormal(tri, face[i], feature[i], twin, corners, normals, n)
+            length = np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
+            along = 0.0
+            for a in range(3):
+                along += n[a] * (points[i, a] - foot[i, a])
+            slack = rounding(points[i, 0], points[i, 1], points[i, 2], scale)
+            clear = length * (CLEAR * np.sqrt(square[i]) + slack)
+            side[i] = turn if along > clear else (-turn if along < -clear else 0)
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def solid_angle(tri, k, x, y, z):
+    """Signed solid angle of a triangle seen from a point, positive from inside."""
+    ax, ay, az = tri[k, 0] - x, tri[k, 1] - y, tri[k, 2] - z
+    bx, by, bz = tri[k, 3] - x, tri[k, 4] - y, tri[k, 5] - z
+    cx, cy, cz = tri[k, 6] - x, tri[k, 7] - y, tri[k, 8] - z
+    a = np.sqrt(ax * ax + ay * ay + az * az)
+    b = np.sqrt(bx * bx + by * by + bz * bz)
+    c = np.sqrt(cx * cx + cy * cy + cz * cz)
+    volume = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)
+    ab, bc, ca = (
+        ax * bx + ay * by + az * bz,
+        bx * cx + by * cy + bz * cz,
+        cx * ax + cy * ay + cz * az,
+    )
+    return 2.0 * np.arctan2(volume, a * b * c + ab * c + bc * a + ca * b)
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def winding(box, link, tri, moment, x, y, z, far, nodes):
+    """Generalised winding number of a point; nodes beyond `far` radii count as dipoles."""
+    nodes[0] = 0
+    top = 1
+    total = 0.0
+    while top > 0:
+        top -= 1
+        node = nodes[top]
+        dx, dy, dz = moment[node, 3] - x, moment[node, 4] - y, moment[node, 5] - z
+        r = np.sqrt(dx * dx + dy * dy + dz * dz)
+        if r > far * moment[node, 6]:
+            flux = moment[node, 0] * dx + moment[node, 1] * dy + moment[node, 2] * dz
+            total += flux / (r * r * r)
+        elif link[node, 2] > 0:
+            for k in range(link[node, 1], link[node, 1] + link[node, 2]):
+                total += solid_angle(tri, k, x, y, z)
+        else:
+            nodes[top], nodes[top + 1] = link[node, 0], node + 1
+            top += 2
+    return total / (4.0 * np.pi)
+
+
+@njit(cache=True, parallel=True, fastmath=FAST, error_model="numpy")
+def sides_by_winding(points, box, link, tri, moment, turn, side):
+    """Fill in the sides that are 0: -1 where `turn` x the winding number is above 1/2, else 1."""
+    count = len(points)
+    for c in prange((count + CHUNK - 1) // CHUNK):
+        nodes = np.empty(STACK, np.int64)
+        for i in range(c * CHUNK, min(count, (c + 1) * CHUNK)):
+            if side[i] == 0:
+                x, y, z = points[i, 0], points[i, 1], points[i, 2]
+                w = turn * winding(box, link, tri, moment, x, y, z, FAR, nodes)
+                if abs(w - 0.5) < SURE:
+                    w = turn * winding(box, link, tri, moment, x, y, z, np.inf, nodes)
+                side[i] = -1 if w > 0.5 else 1
+
+
+@njit(cache=True, parallel=True, fastmath=FAST, error_model="numpy")
+def windings(points, box, link, tri, moment, out):
+    """Winding numbers of points, every triangle summed."""
+    count = len(points)
+    for c in prange((count + CHUNK - 1) // CHUNK):
+        nodes = np.empty(STACK, np.int64)
+        for i in range(c * CHUNK, min(count, (c + 1) * CHUNK)):
+            x, y, z = points[i, 0], points[i, 1], points[i, 2]
+            out[i] = winding(box, link, tri, moment, x, y, z, np.inf, nodes)
+
+
+# --- derivatives ------------------------------------------------------------------------------
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def gradients(points, square, face, feature, foot, height, side, tri, turn, out):
+    """Unit vectors (n, 3) along which the signed distance grows."""
+    for i in range(len(points)):
+        k, d = face[i], np.sqrt(square[i])
+        if feature[i] == FACE and d > 0.0:
+            sign = side[i] if height[i] > 0.0 else -side[i]
+            for a in range(3):
+                out[i, a] = sign * tri[k, 9 + a]
+        else:
+            for a in range(3):
+                away = (
+                    side[i] * (points[i, a] - foot[i, a]) / d if d > 0.0 else turn * tri[k, 9 + a]
+                )
+                out[i, a] = away
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def hessians(square, face, feature, side, tri, gradient, out):
+    """Second derivatives (n, 3, 3): curved about edges and corners, zero over faces."""
+    edge = np.empty(3)
+    for i in range(len(square)):
+        out[i] = 0.0
+        if feature[i] == FACE or square[i] == 0.0:
+            continue
+        edge[:] = 0.0
+        if feature[i] < 4:
+            first, last = 3 * (feature[i] - 1), 3 * (feature[i] % 3)
+            edge[:] = tri[face[i], last : last + 3] - tri[face[i], first : first + 3]
+            edge /= np.sqrt(edge[0] ** 2 + edge[1] ** 2 + edge[2] ** 2)
+        curvature = side[i] / np.sqrt(square[i])
+        for a in range(3):
+            out[i, a, a] = curvature
+            for b in range(3):
+                flat = edge[a] * edge[b] + gradient[i, a] * gradient[i, b]
+                out[i, a, b] -= curvature * flat
+
+
+# --- preparation ------------------------------------------------------------------------------
+
+
+@njit(cache=True, error_model="numpy")
+def vertex_normals(vertices, faces, normals, out):
+    """Sum of the face normals around every vertex, weighted by angles; zero beside flat faces."""
+    spoilt = np.zeros(len(vertices), np.bool_)
+    for f in range(len(faces)):
+        flat = normals[f, 0] == 0.0 and normals[f, 1] == 0.0 and normals[f, 2] == 0.0
+        for j in range(3):
+            i = faces[f, j]
+            u = vertices[faces[f, (j + 1) % 3]] - vertices[i]
+            v = vertices[faces[f, (j + 2) % 3]] - vertices[i]
+            w0, w1, w2 = (
+                u[1] * v[2] - u[2] * v[1],
+                u[2] * v[0] - u[0] * v[2],
+                u[0] * v[1] - u[1] * v[0],
+            )
+            sine = np.sqrt(w0 * w0 + w1 * w1 + w2 * w2)
+            angle = np.arctan2(sine, u[0] * v[0] + u[1] * v[1] + u[2] * v[2])
+            out[i] += angle * normals[f]
+            spoilt[i] |= flat
+    for i in range(len(vertices)):
+        if spoilt[i]:
+            out[i] = 0.0
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def orientation(a, b, c, d):
+    """Sign of the volume of a tetrahedron, 0 where rounding might decide it."""
+    u0, u1, u2 = a[0] - d[0], a[1] - d[1], a[2] - d[2]
+    v0, v1, v2 = b[0] - d[0], b[1] - d[1], b[2] - d[2]
+    w0, w1, w2 = c[0] - d[0], c[1] - d[1], c[2] - d[2]
+    p0, q0 = v1 * w2, v2 * w1
+    p1, q1 = v2 * w0, v0 * w2
+    p2, q2 = v0 * w1, v1 * w0
+    volume = u0 * (p0 - q0) + u1 * (p1 - q1) + u2 * (p2 - q2)
+    size = (
+        abs(u0) * (abs(p0) + abs(q0))
+        + abs(u1) * (abs(p1) + abs(q1))
+        + abs(u2) * (abs(p2) + abs(q2))
+    )
+    error = 1e-15 * size
+    return 1 if volume > error else (-1 if volume < -error else 0)
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def pierces(p, q, t):
+    """Whether the segment p q goes through the inside of the triangle t (9 numbers), surely."""
+    a, b, c = t[0:3], t[3:6], t[6:9]
+    up, down = orientation(a, b, c, p), orientation(a, b, c, q)
+    if up * down >= 0:
+        return False
+    s = orientation(p, q, a, b)
+    return s != 0 and s == orientation(p, q, b, c) and s == orientation(p, q, c, a)
+
+
+@njit(cache=True, parallel=True, error_model="numpy")
+def crossings(box, link, tri, corners):
+    """How many edges each triangle has that go through another triangle without a common corner.
+
+    `corners` are vertex numbers in the order of `tri`; an edge counts for each triangle it has.
+    """
+    count = len(tri)
+    out = np.zeros(count, np.int64)
+    for c in prange((count + CHUNK - 1) // CHUNK):
+        nodes = np.empty(STACK, np.int64)
+        for k in range(c * CHUNK, min(count, (c + 1) * CHUNK)):
+            for e in range(3):
+                i, j = corners[k, e], corners[k, (e + 1) % 3]
+                if i < j and edge_crosses(
+                    box, link, tri, corners, i, j,
+                    tri[k, 3 * e : 3 * e + 3], tri[k, 3 * ((e + 1) % 3) : 3 * ((e + 1) % 3) + 3],
+                    nodes,
+                ):  # fmt: skip
+                    out[k] += 1
+    return out
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def edge_crosses(box, link, tri, corners, i, j, p, q, nodes):
+    """Whether the edge from p (vertex i) to q (vertex j) goes through a triangle without i or j."""
+    nodes[0] = 0
+    top = 1
+    while top > 0:
+        top -= 1
+        node = nodes[top]
+        apart = False
+        for a in range(3):
+            apart |= max(p[a], q[a]) < box[node, a] or min(p[a], q[a]) > box[node, 3 + a]
+        if apart:
+            continue
+        if link[node, 2] == 0:
+            nodes[top], nodes[top + 1] = link[node, 0], node + 1
+            top += 2
+            continue
+        for k in range(link[node, 1], link[node, 1] + link[node, 2]):
+            shared = False
+            for a in range(3):
+                shared |= corners[k, a] == i or corners[k, a] == j
+            if not shared and pierces(p, q, tri[k]):
+                return True
+    return False
