@@ -44,6 +44,18 @@ def test_feet_are_nearer_than_any_point_of_the_surface(bar):
     assert (np.abs(found.distance) >= near - 0.02 - 0.02)[inside].all()
 
 
+def test_distances_to_tiles_with_shared_faces_are_those_of_their_surface():
+    mixture = il.tiles.mix("gyroid", "diamond", cells=[[[0]], [[1]]], blend=0)
+    lattice = il.Lattice(mixture, through=il.macroshape.box((2, 1, 1)), repeat=(2, 1, 1))
+    u = np.random.default_rng(6).random((3000, 3))
+    found = lattice.closest(u)
+    assert (found.status == 2).mean() <= 5e-3
+    cloud = lattice.search.seeds[1]
+    beyond = np.abs(found.distance) - cKDTree(cloud).query(lattice.through.x(u))[0]
+    assert np.percentile(beyond, 99.5) <= 1e-9  # no seed is nearer than the foot
+    assert np.percentile(beyond, 50) < -1e-4
+
+
 def test_a_mixture_of_one_tile_is_that_tile():
     box = il.macroshape.box((2, 1, 1))
     mixed = il.tiles.mix("gyroid", cells=np.zeros((2, 1, 1), int), tol=1e-4)

@@ -158,6 +158,40 @@ def test_kinks_are_warned_of():
         il.tiles.mix(roof, "gyroid", seed=0, tol=1e-9).field((1, 1, 1), UNIT, CLOSED)
 
 
+# ---------------------------------------------------------------- shared faces
+
+
+@pytest.mark.parametrize("closed", [OPEN, CLOSED, (True, False, True)])
+def test_shared_faces_are_continuous_with_a_crease_between_different_tiles(closed):
+    cells = [[[0, 0]], [[1, 1]], [[0, 0]]]
+    field = il.tiles.mix("gyroid", "diamond", cells=cells, blend=0).field((3, 1, 2), UNIT, closed)
+    tiles = [il.tiles["gyroid"], il.tiles["diamond"]]
+    scaled = [lambda q, t=t: t(q) / mean_slope(t.field) for t in tiles]
+    q = points(300)
+    for x, number in enumerate((0, 1, 0)):  # inside
+        inner = (q * 0.7 + 0.15) + x * RIGHT
+        np.testing.assert_allclose(field(inner), scaled[number](inner), atol=1e-3)
+    for x, axis, crease in ((1.0, 0, True), (1.0, 2, False), (2.0, 0, True)):
+        face = q * [2.0, 1.0, 1.0]
+        face[:, axis] = x
+        before = face.copy()
+        before[:, axis] = np.nextafter(x, 0.0)
+        (f, g), (f2, g2) = field.jet(before, 1), field.jet(face, 1)
+        assert np.abs(f - f2).max() <= 1e-12
+        assert (np.abs(g - g2).max() > 0.3) == crease
+        if crease:
+            mean = 0.5 * (scaled[0](face) + scaled[1](face))
+            np.testing.assert_allclose(f2, mean, atol=1e-3)
+    for axis in np.flatnonzero(closed):
+        ends = [np.where(np.arange(3) == axis, end, q) for end in (0.0, (3.0, 1.0, 2.0)[axis])]
+        np.testing.assert_allclose(*map(field, ends), atol=1e-12)
+
+
+def test_shared_faces_tell_a_tolerance_that_is_not_met():
+    with pytest.warns(PrecisionWarning, match="32 spans"):
+        il.tiles.mix("gyroid", seed=0, tol=1e-9, blend=0).field((1, 1, 1), UNIT, CLOSED)
+
+
 # ---------------------------------------------------------------- which tile is where
 
 
@@ -264,8 +298,9 @@ def test_sigmoids_add_up_to_one_and_have_the_stated_width():
         (lambda: il.tiles.mix("gyroid", "iwp", seed=1, probabilities=[2, -1]), "negative"),
         (lambda: il.tiles.mix("gyroid", "iwp", seed=1, probabilities=[0, 0]), "not all zero"),
         (lambda: il.tiles.mix("gyroid", cells=checkerboard, probabilities=[1]), "with a random"),
-        (lambda: il.tiles.mix("gyroid", seed=1, blend=1.2), "blend must be at most 1"),
-        (lambda: il.tiles.mix("gyroid", seed=1, blend=0), "blend must be one number above zero"),
+        (lambda: il.tiles.mix("gyroid", seed=1, blend=1.2), "blend must be one number from 0"),
+        (lambda: il.tiles.mix("gyroid", seed=1, blend=-0.1), "blend must be one number from 0"),
+        (lambda: il.tiles.mix("gyroid", seed=1, blend=[0.1, 0.2]), "blend must be one number"),
         (lambda: il.tiles.mix("gyroid", seed=1, tol=-1), "tol must be"),
         (lambda: il.tiles.mix("gyroid", cells=[[0], [1, 2]]), "cells must be an array"),
         (lambda: il.tiles.hybrid("gyroid", weight=checkerboard), "at least two"),
