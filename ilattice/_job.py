@@ -20,6 +20,7 @@ from ilattice.errors import FormatError, InputError
 from ilattice.io.registry import WRITERS
 from ilattice.io.splines import list_patches
 from ilattice.mesh.repair import remove_slivers
+from ilattice.tiles.cells import CellRow
 
 #: Volumes of `ilattice.macroshape` that need no arguments.
 VOLUMES = ("box", "cylinder_shell", "duck", "tapered", "torus", "wing")
@@ -374,6 +375,9 @@ def _short(values: list[float]) -> str:
     return "(" + ", ".join(f"{v:.4g}" for v in values) + ")"
 
 
+_FLAGS = ("singular_at_zero", "hexagonal", "disconnected")
+
+
 def catalogue() -> list[str]:
     """The tiles of the catalogue, one line of text each.
 
@@ -385,7 +389,9 @@ def catalogue() -> list[str]:
     lines = []
     for name in il.tiles.names():
         row = il.tiles.row(name)
-        flags = [f for f in ("singular_at_zero", "hexagonal", "disconnected") if getattr(row, f)]
+        flags = [f for f in _FLAGS if getattr(row, f, False)]
+        if isinstance(row, CellRow):
+            flags.append(f"radius {row.radius:g}")
         lines.append(f"{name:<24}{', '.join([*row.aliases, *(f'[{f}]' for f in flags)])}".rstrip())
     return lines
 

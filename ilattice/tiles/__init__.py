@@ -1,9 +1,11 @@
-"""Sources of fields on the unit cube: the TPMS catalogue, trigonometric fields, own functions.
+"""Sources of fields on the unit cube: surfaces, struts and plates, curves, own functions.
 
 `Tile` wraps any field; the catalogue is at hand by subscript and by attribute::
 
     il.tiles["gyroid"]  # or "G", "schoen-gyroid", ...
     il.tiles.schwarz_p(level=0.2)
+    il.tiles.octet(radius=0.05)
+    il.tiles.skeleton([curve, surface, [(0, 0.5, 0.5), (1, 0.5, 0.5)]], radius=0.1)
     il.tiles.names()
 
 Different tiles in one lattice: `mix` chooses one per cell, `hybrid` changes from one to another
@@ -18,12 +20,21 @@ from types import ModuleType
 
 from ilattice.errors import InputError
 from ilattice.tiles.catalog import get, identifiers, maker, names, row
+from ilattice.tiles.entities import Arc, Curve, Group, Patch, Polyline, Surface
 from ilattice.tiles.mixture import Mixture, hybrid, mix, sigmoid
+from ilattice.tiles.skeleton import SkeletonField, skeleton
 from ilattice.tiles.tile import Tile
 from ilattice.tiles.trig import TrigField
 
 __all__ = [
+    "Arc",
+    "Curve",
+    "Group",
     "Mixture",
+    "Patch",
+    "Polyline",
+    "SkeletonField",
+    "Surface",
     "Tile",
     "TrigField",
     "get",
@@ -32,6 +43,7 @@ __all__ = [
     "names",
     "row",
     "sigmoid",
+    "skeleton",
 ]
 
 

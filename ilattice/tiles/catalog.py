@@ -1,4 +1,4 @@
-"""Names of the catalogue and the tiles they stand for.
+"""Names of the catalogue and the tiles they stand for: surfaces by equations, cells by skeletons.
 
 Guarantee: names and aliases are found whatever their case, with ``-``, ``_`` and blanks taken for
 equal; no two entries share a name. An equation is expanded when first asked for.
@@ -6,9 +6,11 @@ equal; no two entries share a name. An equation is expanded when first asked for
 
 from collections.abc import Callable
 from functools import cache
+from typing import Any
 
 from ilattice._validate import as_array, near_names
 from ilattice.errors import GeometryError, InputError
+from ilattice.tiles.cells import CELLS, CellRow, make
 from ilattice.tiles.tile import Tile
 from ilattice.tiles.tpms import ROWS, Row
 from ilattice.tiles.trig import TrigField
@@ -20,7 +22,9 @@ def _key(name: str) -> str:
     return name.strip().lower().translate(_SAME)
 
 
-_BY_KEY: dict[str, Row] = {_key(n): row for row in ROWS for n in (row.name, *row.aliases)}
+_BY_KEY: dict[str, Row | CellRow] = {
+    _key(n): row for row in (*ROWS, *CELLS) for n in (row.name, *row.aliases)
+}
 
 
 def names() -> list[str]:
@@ -31,10 +35,10 @@ def names() -> list[str]:
     list of str
         One name per tile; aliases are in `row`.
     """
-    return sorted(row.name for row in ROWS)
+    return sorted(row.name for row in (*ROWS, *CELLS))
 
 
-def row(name: str) -> Row:
+def row(name: str) -> Row | CellRow:
     """What the catalogue knows of a tile.
 
     Parameters
@@ -44,8 +48,9 @@ def row(name: str) -> Row:
 
     Returns
     -------
-    Row
-        Equation, aliases, symmetry, Euler number, volume fraction, flags and source.
+    Row or CellRow
+        Of a surface: equation, aliases, symmetry, Euler number, volume fraction, flags and source.
+        Of a cell: struts, plates and walls, aliases, default radius and source.
 
     Raises
     ------
@@ -66,10 +71,12 @@ def row(name: str) -> Row:
 @cache
 def _field(name: str) -> TrigField:
     """Field of a row, expanded once."""
-    return TrigField.parse(_BY_KEY[name].equation)
+    r = _BY_KEY[name]
+    assert isinstance(r, Row)
+    return TrigField.parse(r.equation)
 
 
-def get(name: str, *, level: float | None = None) -> Tile:
+def get(name: str, *, level: float | None = None, **shape: Any) -> Tile:
     """Tile of the catalogue.
 
     Parameters
@@ -78,6 +85,8 @@ def get(name: str, *, level: float | None = None) -> Tile:
         Identifier or alias.
     level : float, optional
         Level of the surface; default that of the catalogue, which is zero for most.
+    **shape
+        Of cells: `radius` or `thickness`, `blend` and `faces`, see `ilattice.tiles.cells.make`.
 
     Returns
     -------
@@ -87,11 +96,18 @@ def get(name: str, *, level: float | None = None) -> Tile:
     Raises
     ------
     InputError
-        If there is no such tile, or the level is not a number.
+        If there is no such tile, the level is not a number, or an option belongs to the other
+        kind of tile.
     GeometryError
         If the level lies outside the range of the equation.
     """
     r = row(name)
+    if isinstance(r, CellRow):
+        if level is not None:
+            raise InputError(f"tile {r.name!r} has no level: give its radius or thickness")
+        return make(r, **shape)
+    if shape:
+        raise InputError(f"tile {r.name!r} has no {', '.join(shape)}: give its level")
     value = as_array("level", r.level if level is None else level)
     if value.size != 1:
         raise InputError(f"level must be one number, got {level!r:.80}")
@@ -116,7 +132,7 @@ def get(name: str, *, level: float | None = None) -> Tile:
 
 
 def maker(name: str) -> Callable[..., Tile]:
-    """Function that makes one tile: ``gyroid(level=0.1)``.
+    """Function that makes one tile: ``gyroid(level=0.1)``, ``octet(radius=0.05)``.
 
     Parameters
     ----------
@@ -126,7 +142,7 @@ def maker(name: str) -> Callable[..., Tile]:
     Returns
     -------
     callable
-        Takes the keyword `level`, returns a `Tile`.
+        Takes the keyword `level`, or those of `ilattice.tiles.cells.make`; returns a `Tile`.
 
     Raises
     ------
@@ -134,16 +150,38 @@ def maker(name: str) -> Callable[..., Tile]:
         If there is no such tile.
     """
     r = row(name)
+    if isinstance(r, CellRow):
+        return _cell_maker(name, r)
 
-    def make(*, level: float | None = None) -> Tile:
+    def surface(*, level: float | None = None) -> Tile:
         return get(r.name, level=level)
 
-    make.__name__ = make.__qualname__ = name
-    make.__doc__ = (
+    surface.__name__ = surface.__qualname__ = name
+    surface.__doc__ = (
         f"Tile {r.name!r}: {{{r.equation} <= level}}, default level {r.level:g}.\n\n"
         f"Source: {r.source}. {r.note}".rstrip()
     )
-    return make
+    return surface
+
+
+def _cell_maker(name: str, r: CellRow) -> Callable[..., Tile]:
+    """Function that makes one cell: ``octet(radius=0.1)``."""
+
+    def cell(
+        *,
+        radius: float | None = None,
+        thickness: float | None = None,
+        blend: float | None = None,
+        faces: Any = None,
+    ) -> Tile:
+        return make(r, radius=radius, thickness=thickness, blend=blend, faces=faces)
+
+    cell.__name__ = cell.__qualname__ = name
+    cell.__doc__ = (
+        f"Tile {r.name!r}: struts or plates of the given radius, default {r.radius:g}.\n\n"
+        f"Options as in `ilattice.tiles.cells.make`. Source: {r.source}. {r.note}".rstrip()
+    )
+    return cell
 
 
 def identifiers() -> list[str]:

@@ -52,6 +52,8 @@ class Tile:
         The solid or its complement falls into several pieces.
     symmetric : bool
         The field does not change when x, y, z are permuted cyclically.
+    edges : array_like, shape (3, 3), optional
+        Edges of the cell as columns, where it is neither a cube nor hexagonal, see `cell`.
     properties : mapping of str to callable
         Further fields on the unit cube, such as a colour or a material.
     tol : float, optional
@@ -84,6 +86,7 @@ class Tile:
     hexagonal: bool = field(default=False, kw_only=True)
     disconnected: bool = field(default=False, kw_only=True)
     symmetric: bool = field(default=False, kw_only=True)
+    edges: Any = field(default=None, kw_only=True)
     properties: Mapping[str, Callable[..., Any]] = field(default_factory=dict, kw_only=True)
     tol: float | None = field(default=None, kw_only=True)
     check: InitVar[bool] = field(default=True, kw_only=True)
@@ -96,6 +99,11 @@ class Tile:
         object.__setattr__(self, "level", float(level.ravel()[0]))
         if self.tol is not None:
             object.__setattr__(self, "tol", as_positive("tol", self.tol))
+        if self.edges is not None:
+            edges = as_array("edges", self.edges, ndim=2)
+            if edges.shape != (3, 3) or np.linalg.det(edges) == 0.0:
+                raise InputError(f"edges must be three independent columns, got {self.edges!r:.80}")
+            object.__setattr__(self, "edges", read_only(np.array(edges)))
         for name, prop in self.properties.items():
             if not callable(prop):
                 raise InputError(f"properties[{name!r}] must be callable, got {prop!r:.80}")
@@ -256,19 +264,28 @@ class Tile:
 
     @property
     def cell(self) -> FloatArray:
-        """Edges of the cell of full symmetry as columns, shape (3, 3): a cube or a rhombic prism.
+        """Edges of the cell as columns, shape (3, 3): a cube unless the tile says otherwise.
 
         ``x = cell @ u`` places a hexagonal tile with angles of 120 degrees.
         """
+        if self.edges is not None:
+            return np.array(self.edges)
         if self.hexagonal:
             return np.array([[1.0, -0.5, 0.0], [0.0, 0.5 * _SQRT3, 0.0], [0.0, 0.0, 1.0]])
         return np.eye(3)
 
     @cached_property
     def periodic(self) -> tuple[bool, bool, bool]:
-        """Whether values and gradients agree on opposite faces, per axis (tried at 64 points)."""
+        """Whether values and gradients agree on opposite faces, per axis (tried at 64 points).
+
+        A skeleton repeats along its periodic axes; halfway between arms its gradients jump, on
+        faces as anywhere.
+        """
         if isinstance(self.field, TrigField) and _repeats(self.field):
             return (True, True, True)
+        if hasattr(self.field, "repeats"):
+            known: tuple[bool, bool, bool] = self.field.repeats
+            return known
         x, y, z = (self._matches(axis) for axis in range(3))
         return (x, y, z)
 
@@ -325,6 +342,9 @@ class Tile:
     ) -> "Tile":
         """The same tile with a spline as its field.
 
+        A skeleton has cones and creases away from its surface, which no spline follows: its
+        values are fitted near the zero set only, see `FlattenedField`.
+
         Parameters
         ----------
         tol : float
@@ -353,7 +373,7 @@ class Tile:
 
         ends = self.periodic if periodic is None else periodic
         spline = fit(
-            self,
+            self._fit_target,
             tol=as_positive("tol", tol),
             degree=degree,
             method=method,
@@ -364,6 +384,13 @@ class Tile:
 
     # ------------------------------------------------------------------ inner
 
+    @property
+    def _fit_target(self) -> Any:
+        """What a spline is fitted to: the values minus the level, flat away from a skeleton."""
+        if hasattr(self.field, "flattened"):
+            return self.field.flattened(self.level)
+        return self
+
     def _stand_in(self) -> BSpline:
         """Spline for a plain function: to tolerance, or the best within 64 spans with a warning."""
         from ilattice.bspline.fit import fit, fit_report
@@ -372,9 +399,9 @@ class Tile:
         tol = STAND_IN_TOL * top if self.tol is None else self.tol
         k, ends, most = STAND_IN_DEGREE, self.periodic, STAND_IN_SPANS
         try:
-            return fit(self, degree=k, periodic=ends, tol=tol, max_spans=most)
+            return fit(self._fit_target, degree=k, periodic=ends, tol=tol, max_spans=most)
         except ConvergenceError:
-            spline, report = fit_report(self, degree=k, periodic=ends, spans=most)
+            spline, report = fit_report(self._fit_target, degree=k, periodic=ends, spans=most)
         warnings.warn(
             f"the spline that stands in for tile {self.name!r} deviates by {report.error:.3g} "
             f"(asked for {tol:.3g}) with {STAND_IN_SPANS} spans per axis: is the field smooth?",

@@ -1,0 +1,506 @@
+"""Kernels of skeletons: nearest point among many pieces, smooth union, derivatives.
+
+Pieces are kept in a tree of boxes. A point starts from what the point before it knows: distances
+change by no more than the step between them.
+
+Guarantees: a piece is passed over only if its box proves it farther than needed; nothing is
+allocated per point; results do not depend on the number of threads.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit, prange
+
+from ilattice.tiles._kernels_closest import (
+    DEPTH,
+    FAST,
+    closest_on_curve,
+    closest_on_surface,
+    surface_jet,
+)
+
+CHUNK = 256
+SEGMENT, ARC, POLYGON, CURVE, SURFACE = 0, 1, 2, 3, 4
+#: Columns of `piece`: kind, group, start, degree or count, second degree, plain.
+#: Columns of a hit: F, foot (3), parameters (2), piece, feature (0 a point, 1 inside, 2 + edge).
+HIT = 8
+#: Rounding of bounds from boxes.
+SLACK = 1e-12
+
+
+@njit(cache=True, fastmath=FAST, inline="always")
+def _box_distance(box: Any, i: int, x: float, y: float, z: float) -> float:
+    """Distance to box i minus the largest radius in it."""
+    dx = max(box[i, 0] - x, x - box[i, 3], 0.0)
+    dy = max(box[i, 1] - y, y - box[i, 4], 0.0)
+    dz = max(box[i, 2] - z, z - box[i, 5], 0.0)
+    return math.sqrt(dx * dx + dy * dy + dz * dz) - box[i, 6]
+
+
+@njit(cache=True, fastmath=FAST)
+def _farthest(box: Any, x: float, y: float, z: float) -> float:
+    """Distance to the farthest corner of all boxes: no point of a piece is farther."""
+    dx = max(x - box[0, 0], box[0, 3] - x)
+    dy = max(y - box[0, 1], box[0, 4] - y)
+    dz = max(z - box[0, 2], box[0, 5] - z)
+    return math.sqrt(dx * dx + dy * dy + dz * dz)
+
+
+@njit(cache=True, fastmath=FAST)
+def _offer(
+    hit: Any, x: float, y: float, z: float, fx: float, fy: float, fz: float, r: float, feature: int
+) -> None:
+    """Keep a foot if it is nearer."""
+    dx, dy, dz = x - fx, y - fy, z - fz
+    f = math.sqrt(dx * dx + dy * dy + dz * dz) - r
+    if f < hit[0]:
+        hit[0], hit[1], hit[2], hit[3], hit[7] = f, fx, fy, fz, feature
+
+
+@njit(cache=True, fastmath=FAST)
+def _segment(
+    d: Any, s: int, m: int, k: int, x: float, y: float, z: float, hit: Any, feature: int
+) -> None:
+    """Segment between points at offsets m and k; radii at s and s + 1 change linearly."""
+    ax, ay, az = d[m], d[m + 1], d[m + 2]
+    tx, ty, tz = d[k] - ax, d[k + 1] - ay, d[k + 2] - az
+    ra, rb = d[s], d[s + 1]
+    length2 = tx * tx + ty * ty + tz * tz
+    t = ((x - ax) * tx + (y - ay) * ty + (z - az) * tz) / length2
+    if ra != rb:
+        slope = (rb - ra) / math.sqrt(length2)
+        if abs(slope) >= 1.0:
+            t = 1.0 if slope > 0.0 else 0.0
+        else:
+            hx, hy, hz = x - ax - t * tx, y - ay - t * ty, z - az - t * tz
+            h = math.sqrt((hx * hx + hy * hy + hz * hz) / length2)
+            t += slope * h / math.sqrt(1.0 - slope * slope)
+    kind = feature
+    if not 0.0 < t < 1.0:
+        t = 0.0 if t <= 0.0 else 1.0
+        kind = 0
+    r = ra + t * (rb - ra)
+    if t == 1.0:
+        _offer(hit, x, y, z, d[k], d[k + 1], d[k + 2], r, kind)
+    else:
+        _offer(hit, x, y, z, ax + t * tx, ay + t * ty, az + t * tz, r, kind)
+
+
+@njit(cache=True, fastmath=FAST)
+def _arc(d: Any, s: int, x: float, y: float, z: float, hit: Any) -> None:
+    """Arc: radius, size, angle, centre (3), unit vectors of angle 0 and pi/2 (3 + 3)."""
+    r, size, angle = d[s], d[s + 1], d[s + 2]
+    px, py, pz = x - d[s + 3], y - d[s + 4], z - d[s + 5]
+    u = px * d[s + 6] + py * d[s + 7] + pz * d[s + 8]
+    v = px * d[s + 9] + py * d[s + 10] + pz * d[s + 11]
+    turn = math.atan2(v, u)
+    if turn < 0.0:
+        turn += 2.0 * math.pi
+    if turn <= angle:
+        norm = math.sqrt(u * u + v * v)
+        c, w = (size * u / norm, size * v / norm) if norm > 0.0 else (size, 0.0)
+        fx = d[s + 3] + c * d[s + 6] + w * d[s + 9]
+        fy = d[s + 4] + c * d[s + 7] + w * d[s + 10]
+        fz = d[s + 5] + c * d[s + 8] + w * d[s + 11]
+        _offer(hit, x, y, z, fx, fy, fz, r, 1)
+    if angle < 2.0 * math.pi:
+        for end in (0.0, angle):
+            c, w = size * math.cos(end), size * math.sin(end)
+            fx = d[s + 3] + c * d[s + 6] + w * d[s + 9]
+            fy = d[s + 4] + c * d[s + 7] + w * d[s + 10]
+            fz = d[s + 5] + c * d[s + 8] + w * d[s + 11]
+            _offer(hit, x, y, z, fx, fy, fz, r, 0)
+
+
+@njit(cache=True, fastmath=FAST)
+def _polygon(d: Any, s: int, m: int, x: float, y: float, z: float, hit: Any) -> None:
+    """Plane polygon: radius twice, unit normal, first and second axis (3 each), m corners."""
+    c = s + 11
+    px, py, pz = x - d[c], y - d[c + 1], z - d[c + 2]
+    h = px * d[s + 2] + py * d[s + 3] + pz * d[s + 4]
+    u = px * d[s + 5] + py * d[s + 6] + pz * d[s + 7]
+    v = px * d[s + 8] + py * d[s + 9] + pz * d[s + 10]
+    inside = False
+    for i in range(m):
+        a, b = c + 3 * i, c + 3 * ((i + 1) % m)
+        va = _along(d, s + 8, a, c)
+        vb = _along(d, s + 8, b, c)
+        if (va > v) != (vb > v):
+            ua, ub = _along(d, s + 5, a, c), _along(d, s + 5, b, c)
+            if u < ua + (v - va) / (vb - va) * (ub - ua):
+                inside = not inside
+    if inside:
+        _offer(
+            hit, x, y, z, x - h * d[s + 2], y - h * d[s + 3], z - h * d[s + 4], d[s], 1
+        )
+    for i in range(m):
+        _segment(d, s, c + 3 * i, c + 3 * ((i + 1) % m), x, y, z, hit, 2 + i)
+
+
+@njit(cache=True, fastmath=FAST, inline="always")
+def _along(d: Any, axis: int, a: int, c: int) -> float:
+    """Coordinate of corner a relative to corner c along an axis."""
+    return (
+        (d[a] - d[c]) * d[axis]
+        + (d[a + 1] - d[c + 1]) * d[axis + 1]
+        + (d[a + 2] - d[c + 2]) * d[axis + 2]
+    )
+
+
+@njit(cache=True)
+def _closest_on_piece(
+    piece: Any, i: int, d: Any, x: float, y: float, z: float, hit: Any, stack: Any, span: Any,
+    work: Any,
+) -> None:  # fmt: skip
+    """Nearest point of piece i, if it is nearer than ``hit[0]``."""
+    kind, s = piece[i, 0], piece[i, 2]
+    before = hit[0]
+    if kind == SEGMENT:
+        _segment(d, s, s + 2, s + 5, x, y, z, hit, 1)
+    elif kind == ARC:
+        _arc(d, s, x, y, z, hit)
+    elif kind == POLYGON:
+        _polygon(d, s, piece[i, 3], x, y, z, hit)
+    elif kind == CURVE:
+        closest_on_curve(d, s, piece[i, 3], piece[i, 5], x, y, z, hit, stack, span, work)
+    else:
+        p, r = piece[i, 3], piece[i, 4]
+        closest_on_surface(d, s, p, r, piece[i, 5], x, y, z, hit, stack, span, work)
+    if hit[0] < before:
+        hit[6] = i
+
+
+@njit(cache=True)
+def _nearest(
+    x: float, y: float, z: float, bound: float, blend: float, node: Any, box: Any, piece: Any,
+    piece_box: Any, d: Any, hits: Any, touched: Any, stack: Any, span: Any, work: Any, path: Any,
+) -> Any:  # fmt: skip
+    """Nearest points of all groups that are within `blend` of the least; their number, least."""
+    least, found = bound, 0
+    path[0] = 0
+    top = 1
+    while top > 0:
+        top -= 1
+        i = path[top]
+        if _box_distance(box, i, x, y, z) - SLACK >= least + blend:
+            continue
+        if node[i, 0] >= 0:
+            a, b = node[i, 0], node[i, 1]
+            if _box_distance(box, a, x, y, z) < _box_distance(box, b, x, y, z):
+                a, b = b, a
+            path[top], path[top + 1] = a, b
+            top += 2
+            continue
+        first = -1 - node[i, 0]
+        for j in range(first, first + node[i, 1]):
+            hit = hits[piece[j, 1]]
+            cut = min(hit[0], least + blend + SLACK)
+            if _box_distance(piece_box, j, x, y, z) - SLACK >= cut:
+                continue
+            new = hit[0] == np.inf
+            hit[0] = cut
+            _closest_on_piece(piece, j, d, x, y, z, hit, stack, span, work)
+            if new:
+                if hit[0] < cut:
+                    touched[found] = piece[j, 1]
+                    found += 1
+                else:
+                    hit[0] = np.inf
+            least = min(least, hit[0])
+    return found, least
+
+
+@njit(cache=True)
+def _union(hits: Any, touched: Any, found: int, least: float, blend: float, weight: Any) -> Any:
+    """Value, and groups with weights: sorted to the front of `touched`; resets the hits."""
+    count = 0
+    for i in range(found):
+        g = touched[i]
+        if hits[g, 0] < least + blend or hits[g, 0] == least:
+            j = count
+            while j > 0 and (
+                hits[touched[j - 1], 0] > hits[g, 0]
+                or (hits[touched[j - 1], 0] == hits[g, 0] and touched[j - 1] > g)
+            ):
+                j -= 1
+            for m in range(i, j, -1):
+                touched[m] = touched[m - 1]
+            touched[j] = g
+            count += 1
+    if blend <= 0.0 or count == 0:
+        weight[0] = 1.0
+        return least, count
+    # The weights w minimise sum w_i a_i + blend/2 (sum w_i² - 1) over the unit simplex.
+    total, theta, size = 0.0, 0.0, 0
+    for j in range(count):
+        total += hits[touched[j], 0]
+        new = (blend + total) / (j + 1)
+        if hits[touched[j], 0] < new or j == 0:
+            theta, size = new, j + 1
+    value, squares = 0.0, 0.0
+    for j in range(size):
+        weight[j] = (theta - hits[touched[j], 0]) / blend
+        value += weight[j] * (hits[touched[j], 0] - least)
+        squares += weight[j] * weight[j]
+    return least + value + 0.5 * blend * (squares - 1.0), size
+
+
+@njit(cache=True)
+def _curve_derivatives(d: Any, s: int, p: int, t: float, work: Any, out: Any) -> None:
+    """First and second derivatives of point and radius of a rational curve: 4 + 4 numbers."""
+    jet = work[200:230]
+    for m in range(5):
+        for i in range(p + 1):
+            work[i] = d[s + 5 * i + m]
+        d1 = d2 = 0.0
+        for level in range(p, 0, -1):
+            if level == 2:
+                d2 = p * (p - 1) * (work[2] - 2.0 * work[1] + work[0])
+            elif level == 1:
+                d1 = p * (work[1] - work[0])
+            for i in range(level):
+                work[i] = (1.0 - t) * work[i] + t * work[i + 1]
+        jet[m], jet[5 + m], jet[10 + m] = work[0], d1, d2
+    w, w1, w2 = jet[4], jet[9], jet[14]
+    for m in range(4):
+        out[m] = (jet[5 + m] - jet[m] / w * w1) / w
+        out[4 + m] = (jet[10 + m] - 2.0 * out[m] * w1 - jet[m] / w * w2) / w
+
+
+@njit(cache=True)
+def _add_point(n: Any, dist: float, weight: float, h: Any) -> None:
+    """Second derivatives of the distance to a fixed point."""
+    for i in range(3):
+        for j in range(3):
+            h[i, j] += weight * ((1.0 if i == j else 0.0) - n[i] * n[j]) / dist
+
+
+@njit(cache=True)
+def _add_curve(n: Any, dist: float, weight: float, c: Any, c1: int, c2: int, h: Any) -> None:
+    """Second derivatives of the distance to a curve with derivatives at c[c1:], c[c2:]."""
+    speed = along = bend = 0.0
+    for i in range(3):
+        speed += c[c1 + i] ** 2
+        along += n[i] * c[c1 + i]
+        bend += n[i] * c[c2 + i]
+    _add_point(n, dist, weight, h)
+    slope = c[c1 + 3]
+    if abs(along + slope) > 1e-7 * math.sqrt(speed):
+        return
+    tt = (speed - along * along) / dist - bend - c[c2 + 3]
+    if not tt > 0.0:
+        return
+    for i in range(3):
+        a = (c[c1 + i] - n[i] * along) / dist
+        for j in range(3):
+            h[i, j] -= weight * a * (c[c1 + j] - n[j] * along) / dist / tt
+
+
+@njit(cache=True)
+def _add_surface(n: Any, dist: float, weight: float, c: Any, h: Any) -> None:
+    """As `_add_curve` for a surface with derivatives u, v, uu, uv, vv of (point, radius) in c."""
+    _add_point(n, dist, weight, h)
+    nu = n[0] * c[0] + n[1] * c[1] + n[2] * c[2]
+    nv = n[0] * c[4] + n[1] * c[5] + n[2] * c[6]
+    uu = (c[0] ** 2 + c[1] ** 2 + c[2] ** 2 - nu * nu) / dist
+    uv = (c[0] * c[4] + c[1] * c[5] + c[2] * c[6] - nu * nv) / dist
+    vv = (c[4] ** 2 + c[5] ** 2 + c[6] ** 2 - nv * nv) / dist
+    uu -= n[0] * c[8] + n[1] * c[9] + n[2] * c[10] + c[11]
+    uv -= n[0] * c[12] + n[1] * c[13] + n[2] * c[14] + c[15]
+    vv -= n[0] * c[16] + n[1] * c[17] + n[2] * c[18] + c[19]
+    det = uu * vv - uv * uv
+    if not (det > 0.0 and uu > 0.0):
+        return
+    for i in range(3):
+        ai, bi = (c[i] - n[i] * nu) / dist, (c[4 + i] - n[i] * nv) / dist
+        for j in range(3):
+            aj, bj = (c[j] - n[j] * nu) / dist, (c[4 + j] - n[j] * nv) / dist
+            h[i, j] -= weight * (vv * ai * aj - uv * (ai * bj + bi * aj) + uu * bi * bj) / det
+
+
+@njit(cache=True)
+def _add_hessian(
+    hit: Any, n: Any, dist: float, weight: float, piece: Any, d: Any, work: Any, h: Any
+) -> None:
+    """Second derivatives of F at one foot, times a weight."""
+    i = int(hit[6])
+    kind, s, feature = piece[i, 0], piece[i, 2], int(hit[7])
+    c = work[240:264]
+    for m in range(24):
+        c[m] = 0.0
+    if kind == CURVE:
+        _curve_derivatives(d, s, piece[i, 3], hit[4], work, c)
+        _add_curve(n, dist, weight, c, 0, 4, h)
+    elif kind == SURFACE:
+        _surface_derivatives(d, s, piece[i, 3], piece[i, 4], hit[4], hit[5], work, c)
+        _add_surface(n, dist, weight, c, h)
+    elif feature == 0:
+        _add_point(n, dist, weight, h)
+    elif kind == ARC:
+        for m in range(3):
+            c[4 + m] = d[s + 3 + m] - hit[1 + m]
+        c[0] = _arc_tangent(d, s, c[4], c[5], c[6], 0)
+        c[1] = _arc_tangent(d, s, c[4], c[5], c[6], 1)
+        c[2] = _arc_tangent(d, s, c[4], c[5], c[6], 2)
+        _add_curve(n, dist, weight, c, 0, 4, h)
+    elif kind == SEGMENT or feature >= 2:
+        a, b = s + 2, s + 5
+        if kind == POLYGON:
+            m = piece[i, 3]
+            a, b = s + 11 + 3 * (feature - 2), s + 11 + 3 * ((feature - 1) % m)
+        for m in range(3):
+            c[m] = d[b + m] - d[a + m]
+        c[3] = d[s + 1] - d[s]
+        _add_curve(n, dist, weight, c, 0, 4, h)
+
+
+@njit(cache=True)
+def _arc_tangent(d: Any, s: int, x: float, y: float, z: float, m: int) -> float:
+    """Component m of the tangent where (x, y, z) points to the centre."""
+    u = -(x * d[s + 6] + y * d[s + 7] + z * d[s + 8])
+    v = -(x * d[s + 9] + y * d[s + 10] + z * d[s + 11])
+    return u * d[s + 9 + m] - v * d[s + 6 + m]
+
+
+@njit(cache=True)
+def _surface_derivatives(
+    d: Any, s: int, p: int, r: int, u: float, v: float, work: Any, out: Any
+) -> None:
+    """Derivatives u, v, uu, uv, vv of point and radius of a rational surface: 20 numbers."""
+    jet = work[264:294]
+    surface_jet(d, s, p, r, u, v, work[300:], jet)
+    w = jet[4]
+    for m in range(4):
+        f = jet[m] / w
+        fu, fv = (jet[5 + m] - f * jet[9]) / w, (jet[10 + m] - f * jet[14]) / w
+        out[m], out[4 + m] = fu, fv
+        out[8 + m] = (jet[15 + m] - 2.0 * fu * jet[9] - f * jet[19]) / w
+        out[12 + m] = (jet[20 + m] - fu * jet[14] - fv * jet[9] - f * jet[24]) / w
+        out[16 + m] = (jet[25 + m] - 2.0 * fv * jet[14] - f * jet[29]) / w
+
+
+@njit(cache=True)
+def _derivatives(
+    x: float, y: float, z: float, order: int, blend: float, hits: Any, touched: Any, weight: Any,
+    size: int, piece: Any, d: Any, work: Any, g: Any, h: Any,
+) -> None:  # fmt: skip
+    """Gradient, and second derivatives for order 2, of the union at one point."""
+    n, total = work[230:233], work[233:236]
+    for i in range(3):
+        total[i] = g[i] = 0.0
+        for j in range(3 if order > 1 else 0):
+            h[i, j] = 0.0
+    for k in range(size):
+        hit = hits[touched[k]]
+        n[0], n[1], n[2] = x - hit[1], y - hit[2], z - hit[3]
+        dist = math.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
+        for i in range(3):
+            n[i] = n[i] / dist if dist > 0.0 else 0.0
+            g[i] += weight[k] * n[i]
+            total[i] += n[i]
+        if order < 2:
+            continue
+        if dist > 0.0:
+            _add_hessian(hit, n, dist, weight[k], piece, d, work, h)
+        if size > 1:
+            for i in range(3):
+                for j in range(3):
+                    h[i, j] -= n[i] * n[j] / blend
+    if order == 2 and size > 1:
+        for i in range(3):
+            for j in range(3):
+                h[i, j] += total[i] * total[j] / (blend * size)
+
+
+@njit(cache=True)
+def _cut(
+    x: float, y: float, z: float, plane: Any, order: int, value: float, g: Any, h: Any
+) -> float:
+    """Intersection with half-spaces ``plane[:3] . x <= plane[3]``."""
+    for i in range(plane.shape[0]):
+        f = plane[i, 0] * x + plane[i, 1] * y + plane[i, 2] * z - plane[i, 3]
+        if f > value:
+            value = f
+            for j in range(3 if order > 0 else 0):
+                g[j] = plane[i, j]
+                for k in range(3 if order > 1 else 0):
+                    h[j, k] = 0.0
+    return value
+
+
+@njit(cache=True)
+def _chunk(
+    points: Any, start: int, stop: int, order: int, blend: float, limit: float, node: Any,
+    box: Any, piece: Any, piece_box: Any, d: Any, groups: int, width: int, plane: Any, f: Any, g: Any, h: Any,
+) -> None:  # fmt: skip
+    """Value and derivatives at points start to stop, with scratch of its own."""
+    hits = np.full((groups, HIT), np.inf)
+    touched = np.empty(groups, np.int64)
+    weight = np.empty(groups)
+    stack = np.empty((DEPTH, 5 * width))
+    span = np.empty((DEPTH, 4))
+    work = np.empty(1000 + 60 * width)
+    path = np.empty(node.shape[0] + 2, np.int64)
+    no_g, no_h = np.empty(3), np.empty((3, 3))
+    least = 0.0
+    for i in range(start, stop):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        if i == start:
+            bound = _farthest(box, x, y, z) + SLACK
+        else:
+            dx, dy, dz = x - points[i - 1, 0], y - points[i - 1, 1], z - points[i - 1, 2]
+            bound = least + math.sqrt(dx * dx + dy * dy + dz * dz) + SLACK
+        found, least = _nearest(
+            x, y, z, min(bound, limit), blend, node, box, piece, piece_box, d, hits, touched, stack, span,
+            work, path,
+        )  # fmt: skip
+        value, size = _union(hits, touched, found, least, blend, weight)
+        gi = g[i] if order > 0 else no_g
+        hi = h[i] if order > 1 else no_h
+        if order > 0:
+            _derivatives(
+                x, y, z, order, blend, hits, touched, weight, size, piece, d, work, gi, hi
+            )
+        f[i] = _cut(x, y, z, plane, order, value, gi, hi)
+        for k in range(found):
+            hits[touched[k], 0] = np.inf
+
+
+@njit(cache=True, parallel=True)
+def skeleton_jets(
+    points: Any, order: int, blend: float, limit: float, node: Any, box: Any, piece: Any,
+    piece_box: Any, d: Any, groups: int, width: int, plane: Any, f: Any, g: Any, h: Any,
+) -> None:  # fmt: skip
+    """Value and derivatives of a skeleton at points.
+
+    Parameters
+    ----------
+    points
+        (n, 3).
+    order
+        Highest derivative.
+    blend
+        Width of the smooth union.
+    limit
+        Where all pieces are farther, this is the value before half-spaces are cut, and the
+        gradient is zero.
+    node, box
+        Tree: children, or minus first piece minus one and count, (m, 2); boxes and largest
+        radius, (m, 7).
+    piece, piece_box, d
+        Pieces (see the top of the module), their boxes, and their numbers.
+    groups, width
+        Number of groups, and most Bézier points of a piece.
+    plane
+        Half-spaces that limit the solid, (k, 4).
+    f, g, h
+        Results, (n,), (n, 3), (n, 3, 3); `g` and `h` are used as far as `order` asks.
+    """
+    n = points.shape[0]
+    for chunk in prange((n + CHUNK - 1) // CHUNK):
+        _chunk(
+            points, chunk * CHUNK, min(n, (chunk + 1) * CHUNK), order, blend, limit, node, box,
+            piece, piece_box, d, groups, width, plane, f, g, h,
+        )  # fmt: skip

@@ -1,0 +1,358 @@
+"""Curves and surfaces that skeletons are made of, each with a radius of its own.
+
+Guarantees: an entity has a positive radius or none (then that of the skeleton is taken), finite
+coordinates and a positive extent. Non-guarantee: a radius given as a function is replaced by a
+cubic spline, within 1e-6 of its largest value.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ilattice._typing import ArrayLike, FloatArray
+from ilattice._validate import as_array, as_points, as_positive, read_only
+from ilattice.bspline import BSpline
+from ilattice.bspline.fit import fit
+from ilattice.errors import ConvergenceError, InputError
+
+#: Largest error of the spline that replaces a radius given as a function, relative to its top.
+RADIUS_TOL = 1e-6
+#: What counts as no length, in units of length.
+TINY = 1e-12
+
+Radius = float | ArrayLike | BSpline | Callable[..., Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Polyline:
+    """Straight segments between points; two points are one segment.
+
+    Parameters
+    ----------
+    points : array_like, shape (n, 3)
+        Corners, in order.
+    radius : float, array_like of shape (n,), callable or BSpline, optional
+        Constant, or per corner and linear between, or a function of the share of the length from
+        0 to 1. By default that of the skeleton.
+    closed : bool
+        Whether the last corner is joined to the first.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two different points.
+    """
+
+    points: FloatArray
+    radius: Any = None
+    closed: bool = False
+
+    def __post_init__(self) -> None:
+        p = as_points("points", self.points)
+        if self.closed and len(p):
+            p = np.concatenate([p, p[:1]])
+        if len(p) < 2 or not np.ptp(p, axis=0).max() > TINY:
+            raise InputError(
+                f"points must hold at least two different points: a curve of length zero has no "
+                f"direction, got {np.asarray(self.points).tolist()!r:.80}"
+            )
+        object.__setattr__(self, "points", read_only(np.array(p)))
+
+
+@dataclass(frozen=True, eq=False)
+class Arc:
+    """Arc ``centre + cos(a) u + sin(a) v`` for a from 0 to `angle`.
+
+    Parameters
+    ----------
+    centre, u, v : array_like, shape (3,)
+        Centre, and two perpendicular vectors of the same length: the size of the circle.
+    angle : float
+        Angle in radians, at most 2 pi: a full circle.
+    radius : float, callable or BSpline, optional
+        Constant, or a function of the angle. By default that of the skeleton.
+
+    Raises
+    ------
+    InputError
+        If the vectors are not perpendicular or not equally long, or the angle is out of range.
+    """
+
+    centre: FloatArray
+    u: FloatArray
+    v: FloatArray
+    angle: float = 2.0 * math.pi
+    radius: Any = None
+
+    def __post_init__(self) -> None:
+        for name in ("centre", "u", "v"):
+            a = as_array(name, getattr(self, name), ndim=1)
+            if a.shape != (3,):
+                raise InputError(f"{name} must be three numbers, got {a.tolist()}")
+            object.__setattr__(self, name, read_only(np.array(a)))
+        a, b = np.linalg.norm(self.u), np.linalg.norm(self.v)
+        if not (a > TINY and abs(a - b) <= 1e-9 * a and abs(self.u @ self.v) <= 1e-9 * a * a):
+            raise InputError(
+                "u and v must be perpendicular and equally long, not zero, got "
+                f"{self.u.tolist()} and {self.v.tolist()}"
+            )
+        angle = as_positive("angle", self.angle)
+        if angle > 2.0 * math.pi + 1e-12:
+            raise InputError(f"angle must be at most 2 pi, got {angle:g}")
+        object.__setattr__(self, "angle", min(angle, 2.0 * math.pi))
+
+    def at(self, a: ArrayLike) -> FloatArray:
+        """Points at angles.
+
+        Parameters
+        ----------
+        a : array_like, shape (n,)
+            Angles in radians.
+
+        Returns
+        -------
+        ndarray, shape (n, 3)
+            Points.
+        """
+        t = np.asarray(a, np.float64)[:, None]
+        return self.centre + np.cos(t) * self.u + np.sin(t) * self.v
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """Plane polygon, convex or not, without holes.
+
+    Parameters
+    ----------
+    corners : array_like, shape (n, 3)
+        Corners in order, in one plane.
+    radius : float, optional
+        Half the thickness of the plate. By default the radius of the skeleton.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than three corners, or they are on one line or not in one plane.
+    """
+
+    corners: FloatArray
+    radius: Any = None
+
+    def __post_init__(self) -> None:
+        p = as_points("corners", self.corners)
+        if len(p) < 3:
+            raise InputError(f"corners must be at least three points, got {len(p)}")
+        values = np.linalg.svd(p - p.mean(axis=0), compute_uv=False)
+        if not values[1] > 1e-9 * values[0] > 0.0:
+            raise InputError("corners must span a plane: they are all on one line")
+        if len(values) > 2 and values[2] > 1e-9 * values[0]:
+            raise InputError(f"corners must be in one plane: they are off it by {values[2]:.3g}")
+        object.__setattr__(self, "corners", read_only(np.array(p)))
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """B-spline curve, rational or not, with corners or not.
+
+    Parameters
+    ----------
+    spline : BSpline
+        One parameter, three components, degree 1 to 8.
+    radius : float, callable or BSpline, optional
+        Constant, or a function of the curve's parameter. By default that of the skeleton.
+
+    Raises
+    ------
+    InputError
+        If the spline is no such curve, or has no length.
+    """
+
+    spline: BSpline
+    radius: Any = None
+
+    def __post_init__(self) -> None:
+        _check_spline(self.spline, 1, "a curve: one parameter")
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """B-spline surface, rational or not.
+
+    Parameters
+    ----------
+    spline : BSpline
+        Two parameters, three components, degrees 1 to 5.
+    radius : float, callable or BSpline, optional
+        Half the thickness: constant, or a function of the parameters (n, 2). By default that of
+        the skeleton.
+
+    Raises
+    ------
+    InputError
+        If the spline is no such surface, or has no extent.
+    """
+
+    spline: BSpline
+    radius: Any = None
+
+    def __post_init__(self) -> None:
+        _check_spline(self.spline, 2, "a surface: two parameters")
+
+
+Single = Polyline | Arc | Patch | Curve | Surface
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Entities that a smooth union takes for one: they are joined sharply.
+
+    Struts in one line belong in a group: the smooth union of two would have a bulge between them.
+
+    Parameters
+    ----------
+    members : sequence of Polyline, Arc, Patch, Curve, Surface, BSpline or array_like
+        At least one; each may have a radius of its own.
+
+    Raises
+    ------
+    InputError
+        If there is none, or one is no entity.
+    """
+
+    members: Sequence[Any]
+
+    def __post_init__(self) -> None:
+        members = tuple(as_single(f"members[{i}]", m) for i, m in enumerate(self.members))
+        if not members:
+            raise InputError("members must be at least one entity, got none")
+        object.__setattr__(self, "members", members)
+
+
+Entity = Single | Group
+
+
+def as_entity(name: str, value: Any) -> Entity:
+    """Entity from what users write: an entity, a spline, or corners of a polyline.
+
+    Parameters
+    ----------
+    name : str
+        Name for messages.
+    value : Entity, BSpline or array_like of shape (n, 3)
+        What is given.
+
+    Returns
+    -------
+    Entity
+        The entity.
+
+    Raises
+    ------
+    InputError
+        If it is none of these.
+    """
+    return value if isinstance(value, Group) else as_single(name, value)
+
+
+def as_single(name: str, value: Any) -> Single:
+    """As `as_entity`, groups excluded.
+
+    Parameters
+    ----------
+    name : str
+        Name for messages.
+    value : Polyline, Arc, Patch, Curve, Surface, BSpline or array_like of shape (n, 3)
+        What is given.
+
+    Returns
+    -------
+    Single
+        The entity.
+
+    Raises
+    ------
+    InputError
+        If it is none of these.
+    """
+    if isinstance(value, Polyline | Arc | Patch | Curve | Surface):
+        return value
+    if isinstance(value, BSpline):
+        return Curve(value) if value.ndim == 1 else Surface(value)
+    try:
+        return Polyline(as_points(name, value))
+    except InputError as e:
+        raise InputError(
+            f"{name} must be a Polyline, Arc, Patch, Curve, Surface, BSpline or points (n, 3): {e}"
+        ) from e
+
+
+def as_radius(name: str, value: Any, domain: FloatArray) -> float | BSpline:
+    """Positive number, or positive spline over a parameter domain (2, nd).
+
+    Parameters
+    ----------
+    name : str
+        Name for messages.
+    value : float, callable or BSpline
+        What is given; a function of parameters (n,), or (n, nd) for a surface.
+    domain : ndarray, shape (2, nd)
+        Parameter domain.
+
+    Returns
+    -------
+    float or BSpline
+        The radius.
+
+    Raises
+    ------
+    InputError
+        If it is not positive, or too rough for a spline.
+    """
+    if not isinstance(value, BSpline) and not callable(value):
+        return as_positive(name, value)
+    nd = domain.shape[1]
+    spline = value if isinstance(value, BSpline) else _fitted(name, value, domain)
+    if spline.ndim != nd or spline.m or spline.weights is not None:
+        raise InputError(f"{name} must be a scalar, polynomial spline of {nd} parameters")
+    if not np.allclose(spline.domain, domain, rtol=0.0, atol=1e-12 * np.abs(domain).max()):
+        raise InputError(
+            f"{name} must have the domain {domain.tolist()}, got {spline.domain.tolist()}"
+        )
+    least = float(spline.c.min())
+    if not least > 0.0:
+        raise InputError(f"{name} must be positive, but its coefficients reach {least:g}")
+    return spline
+
+
+def _fitted(name: str, f: Callable[..., Any], domain: FloatArray) -> BSpline:
+    nd = domain.shape[1]
+
+    def values(t: FloatArray) -> FloatArray:
+        return as_array(name, f(t[:, 0] if nd == 1 else t))
+
+    corners = np.stack(np.meshgrid(*np.linspace(*domain, 17).T, indexing="ij"), axis=-1)
+    sample = values(corners.reshape(-1, nd))
+    if sample.shape != (17**nd,):
+        raise InputError(f"{name} must return one value per parameter, got shape {sample.shape}")
+    if not sample.min() > 0.0:
+        raise InputError(f"{name} must be positive, but reaches {sample.min():g}")
+    try:
+        return fit(values, domain=domain, degree=3, spans=4, tol=RADIUS_TOL * sample.max())
+    except ConvergenceError as e:
+        raise InputError(f"{name} varies too roughly for a spline: {e}; give a BSpline") from e
+
+
+def _check_spline(s: Any, nd: int, what: str) -> None:
+    most = 8 if nd == 1 else 5
+    if not isinstance(s, BSpline) or s.ndim != nd or s.m != 3 or not 1 <= min(s.k) <= max(s.k):
+        raise InputError(f"spline must be {what}, three components, got {s!r:.80}")
+    if max(s.k) > most:
+        raise InputError(f"spline must be of degree 1 to {most}, got {s.k}")
+    if not np.ptp(s.c.reshape(-1, 3), axis=0).max() > TINY:
+        raise InputError(
+            f"spline must have an extent: it is one point, {s.c.reshape(-1, 3)[0].tolist()}; "
+            "a curve of length zero has no direction"
+        )

@@ -1,0 +1,497 @@
+"""Tiles from curves and surfaces: least distance minus radius, joined sharply or smoothly.
+
+Per entity q with radius r_q the field is ``a_q(x) = min over its points p of |x - p| - r_q(p)``:
+for a constant radius the distance to the entity minus the radius, for a varying one the envelope of
+the balls. The sharp union is the least of them. The smooth union of width k is
+``min over w >= 0, sum w = 1 of sum_q w_q a_q + k/2 (sum_q w_q² - 1)``: once continuously
+differentiable, the least a_q exactly where no other is within k of it, and never below that by
+more than ``k/2 (1 - 1/n)`` where n are within k. An entity, its images and its continuations count
+as one.
+
+Guarantees: a_q is the least over all stationary points, corners, ends and boundaries, found by
+subdivision with proven bounds, to 1e-12 in units of the tile; gradients (convex combinations of
+unit vectors) have at most length one, and length one where only one foot is nearest; `range` is
+rigorous. Non-guarantees: second derivatives do not exist where two feet are equally near, and
+first ones there only if the union is smooth and the feet are on two entities; on a skeleton itself
+derivatives are set to zero. With a varying radius or unequal weights the last bits depend on what
+points are asked for together.
+
+Source: Hong et al. 2025, section 3.1.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from ilattice._typing import ArrayLike, FloatArray
+from ilattice._validate import as_array, as_points, as_positive, as_triple, read_only
+from ilattice.errors import GeometryError, InputError
+from ilattice.tiles._kernels_skeleton import skeleton_jets
+from ilattice.tiles._pieces import Piece, Tree, box_of, images, pieces_of, tree_of
+from ilattice.tiles.entities import Arc, Entity, Group, Patch, Polyline, as_entity
+from ilattice.tiles.tile import Tile
+
+FACES = ("x-", "x+", "y-", "y+", "z-", "z+")
+KINDS = ("open", "closed", "periodic")
+#: How far outside the tile an entity may be, and what counts as on a face, in tile coordinates.
+ON_FACE = 1e-9
+#: Error of the spline that stands in for a skeleton, relative to its smallest radius.
+STAND_IN = 0.01
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SkeletonField:
+    """Distance to curves and surfaces minus their radii, negative inside.
+
+    Parameters
+    ----------
+    entities : sequence of Entity, BSpline or array_like of shape (n, 3)
+        Curves and surfaces in lengths of the cell; plain points are a polyline.
+    radius : float, optional
+        Radius of entities that have none of their own: half the thickness of arms and plates.
+    blend : float
+        Width of the smooth union of the entities; 0 joins them sharply.
+    faces : str or mapping
+        "open", "closed" or "periodic" for all faces, or per axis ("x") or face ("x-", "x+").
+        Ends on an open face are continued straight through it; a closed face cuts the solid
+        there; across periodic faces the entities repeat.
+    cell : array_like of shape () or (3,) or (3, 3)
+        Edges of the cell: lengths, or vectors as columns. Points of the unit cube stand for
+        ``cell @ u``.
+
+    Raises
+    ------
+    InputError
+        If there is no entity, one leaves the cell, a radius is missing or not positive, or
+        `faces` contradicts itself.
+    """
+
+    entities: Sequence[Any]
+    radius: Any = None
+    blend: float = 0.0
+    faces: Any = "open"
+    cell: Any = 1.0
+
+    def __post_init__(self) -> None:
+        given = self.entities
+        if not isinstance(given, list | tuple) or not given:
+            raise InputError(
+                f"entities must be a list of at least one curve or surface, got {given!r:.80}"
+            )
+        put = object.__setattr__
+        put(self, "entities", tuple(as_entity(f"entities[{i}]", e) for i, e in enumerate(given)))
+        if self.radius is not None:
+            put(self, "radius", as_positive("radius", self.radius))
+        blend = as_array("blend", self.blend)
+        if blend.size != 1 or not blend.ravel()[0] >= 0.0:
+            raise InputError(f"blend must be zero or positive, got {self.blend!r:.80}")
+        put(self, "blend", float(blend.ravel()[0]))
+        put(self, "cell", _as_cell(self.cell))
+        put(self, "faces", _as_faces(self.faces))
+        for i, e in enumerate(self.entities):
+            self._check_inside(i, e)
+        _ = self._tree
+
+    # ------------------------------------------------------------------ evaluation
+
+    def __call__(self, u: ArrayLike, /) -> FloatArray:
+        """Values, shape (n,), at points ``u`` (n, 3) of the unit cube."""
+        return self.jet(u, 0)[0]
+
+    def jet(self, u: ArrayLike, order: int = 2) -> tuple[FloatArray, ...]:
+        """Value and derivatives with respect to ``u``.
+
+        Parameters
+        ----------
+        u : array_like, shape (n, 3)
+            Points of the unit cube.
+        order : {0, 1, 2}
+            Highest derivative.
+
+        Returns
+        -------
+        tuple of ndarray
+            Values (n,), gradients (n, 3), Hessians (n, 3, 3): the first ``order + 1``.
+
+        Raises
+        ------
+        InputError
+            If the points are not finite, or the order is unknown.
+        """
+        if order not in (0, 1, 2):
+            raise InputError(f"order must be 0, 1 or 2, got {order!r}")
+        p = as_points("u", u)
+        f, *rest = self._evaluate(p @ self.cell.T if self.stretched else p, self._tree, order)
+        if self.stretched and order > 0:
+            rest[0] = rest[0] @ self.cell
+        if self.stretched and order > 1:
+            rest[1] = self.cell.T @ rest[1] @ self.cell
+        return (f, *rest)
+
+    def grid(self, axes: Iterable[ArrayLike]) -> FloatArray:
+        """Values on a tensor grid of the unit cube.
+
+        Parameters
+        ----------
+        axes : iterable of array_like
+            Three 1-D arrays of coordinates.
+
+        Returns
+        -------
+        ndarray, shape (len(x), len(y), len(z))
+            Values.
+        """
+        p, shape = _grid_points(axes)
+        return self(p).reshape(shape)
+
+    def up_to(self, limit: float, u: ArrayLike) -> FloatArray:
+        """Values as far as they are below a limit; it is several times faster to stop there.
+
+        Parameters
+        ----------
+        limit : float
+            Largest value wanted.
+        u : array_like, shape (n, 3)
+            Points of the unit cube.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            The lesser of value and limit.
+        """
+        # A smooth union is below the least distance by at most half its width.
+        p = as_points("u", u) @ self.cell.T
+        return np.minimum(self._evaluate(p, self._tree, 0, limit + 0.5 * self.blend)[0], limit)
+
+    def range(self, lo: ArrayLike, hi: ArrayLike) -> FloatArray:
+        """Rigorous bounds of the values on boxes, from the value in the middle.
+
+        Parameters
+        ----------
+        lo, hi : array_like, shape (m, 3)
+            Corners of the boxes in the unit cube.
+
+        Returns
+        -------
+        ndarray, shape (m, 2)
+            Lower and upper bounds.
+        """
+        a, b = as_points("lo", lo), as_points("hi", hi)
+        if a.shape != b.shape or (a > b).any():
+            raise InputError("lo and hi must have the same shape, with lo <= hi")
+        half = 0.5 * (b - a)
+        corners = np.array(list(product((-1.0, 1.0), repeat=3)))[4:]
+        reach = np.linalg.norm((half[:, None] * corners) @ self.cell.T, axis=2).max(axis=1)
+        f = self(0.5 * (a + b))
+        pad = 1e-13 * (1.0 + np.abs(f))
+        return np.stack([f - reach - pad, f + reach + pad], axis=1)
+
+    # ------------------------------------------------------------------ properties
+
+    @property
+    def bounds(self) -> FloatArray:
+        """The unit cube, shape (2, 3)."""
+        return np.array([[0.0] * 3, [1.0] * 3])
+
+    @property
+    def lipschitz(self) -> float:
+        """Bound of the gradient with respect to ``u``: 1 for the unit cube."""
+        return float(np.linalg.norm(self.cell, 2))
+
+    @property
+    def repeats(self) -> tuple[bool, bool, bool]:
+        """Axes along which the field repeats."""
+        x, y, z = (self.faces[2 * a] == "periodic" for a in range(3))
+        return (x, y, z)
+
+    @cached_property
+    def thinnest(self) -> float:
+        """A lower bound of all radii."""
+        return min(p.radii[0] for p in self._own_pieces)
+
+    @cached_property
+    def stretched(self) -> bool:
+        """Whether the cell is not the unit cube."""
+        return not np.array_equal(self.cell, np.eye(3))
+
+    def flattened(self, level: float = 0.0, reach: float | None = None) -> "FlattenedField":
+        """A smoother field with the same zero set and slope there, for splines.
+
+        Parameters
+        ----------
+        level : float
+            Level of the zero set.
+        reach : float, optional
+            Distance from the zero set at which it becomes constant; default the least radius.
+
+        Returns
+        -------
+        FlattenedField
+            The field minus the level, constant at a distance.
+        """
+        return FlattenedField(self, level, self.thinnest if reach is None else reach)
+
+    def __repr__(self) -> str:
+        """Short form."""
+        return f"SkeletonField({len(self.entities)} entities, blend={self.blend:g})"
+
+    # ------------------------------------------------------------------ inner
+
+    def _evaluate(
+        self, x: FloatArray, tree: Tree, order: int, limit: float = np.inf
+    ) -> tuple[FloatArray, ...]:
+        n = len(x)
+        f = np.empty(n)
+        g = np.empty((n if order > 0 else 0, 3))
+        h = np.empty((n if order > 1 else 0, 3, 3))
+        x = np.ascontiguousarray(x)
+        skeleton_jets(x, order, self.blend, limit, *tree.args, self._planes, f, g, h)
+        return (f, g, h)[: order + 1]
+
+    @cached_property
+    def _own_pieces(self) -> list[Piece]:
+        far = 2.0 * float(np.linalg.norm(self.cell, axis=0).max())
+        out: list[Piece] = []
+        for i, e in enumerate(self.entities):
+            try:
+                out += pieces_of(e, i if self.blend > 0.0 else 0, self.radius, self._outward, far)
+            except InputError as error:
+                raise InputError(f"entities[{i}]: {error}") from None
+        return out
+
+    @cached_property
+    def _tree(self) -> Tree:
+        own = self._own_pieces
+        steps = [self.cell[:, a] for a in range(3) if self.repeats[a]]
+        if not steps:
+            return tree_of(own)
+        # An image that is farther from the cell than its own pieces ever are is never nearest.
+        a = (np.arange(8) + 0.5) / 8
+        u = np.stack(np.meshgrid(a, a, a, indexing="ij"), axis=-1).reshape(-1, 3)
+        top = self._evaluate(u @ self.cell.T, tree_of(own), 0)[0].max()
+        corners = np.array(list(product((0.0, 1.0), repeat=3))) @ self.cell.T
+        top += np.linalg.norm(np.ptp(corners, axis=0)) / 16 + 1.5 * self.blend
+        low, high = corners.min(axis=0), corners.max(axis=0)
+
+        def needed(piece: Piece) -> bool:
+            box = box_of(piece)
+            gap = np.maximum(np.maximum(box[:3] - high, low - box[3:6]), 0.0)
+            return bool(np.linalg.norm(gap) - box[6] <= top)
+
+        return tree_of([p for p in images(own, steps) if needed(p)])
+
+    @cached_property
+    def _planes(self) -> FloatArray:
+        """Half-spaces of the closed faces in space, rows (normal, offset)."""
+        rows = []
+        inverse = np.linalg.inv(self.cell)
+        for i, kind in enumerate(self.faces):
+            if kind == "closed":
+                axis, upper = divmod(i, 2)
+                n = inverse[axis] / np.linalg.norm(inverse[axis])
+                rows.append([*(n if upper else -n), upper / np.linalg.norm(inverse[axis])])
+        return np.array(rows).reshape(-1, 4)
+
+    def _outward(self, p: FloatArray, direction: FloatArray) -> bool:
+        """Whether a direction leaves the cell through a face that is not periodic, at a point."""
+        inverse = np.linalg.inv(self.cell)
+        u, d = inverse @ p, inverse @ direction
+        for i, kind in enumerate(self.faces):
+            axis, upper = divmod(i, 2)
+            out = d[axis] if upper else -d[axis]
+            if kind != "periodic" and abs(u[axis] - upper) <= ON_FACE and out > 1e-6:
+                return True
+        return False
+
+    def _check_inside(self, i: int, e: Entity) -> None:
+        u = _samples(e) @ np.linalg.inv(self.cell).T
+        outside = np.maximum(-u, u - 1.0).max(axis=1)
+        worst = int(np.argmax(outside))
+        if outside[worst] > ON_FACE:
+            raise InputError(
+                f"entities[{i}] leaves the tile: it reaches u = {np.round(u[worst], 6).tolist()}, "
+                "outside [0, 1]³; move, scale or cut it, or give the cell"
+            )
+
+
+def _grid_points(axes: Iterable[ArrayLike]) -> tuple[FloatArray, tuple[int, ...]]:
+    """Points of a tensor grid, and its shape."""
+    xyz = [as_array(f"axes[{i}]", a, ndim=1) for i, a in enumerate(axes)]
+    if len(xyz) != 3:
+        raise InputError(f"axes must be three 1-D arrays, got {len(xyz)}")
+    p = np.stack(np.meshgrid(*xyz, indexing="ij"), axis=-1).reshape(-1, 3)
+    return p, tuple(len(a) for a in xyz)
+
+
+def _samples(e: Entity) -> FloatArray:
+    """Points that tell whether an entity is inside."""
+    if isinstance(e, Group):
+        return np.concatenate([_samples(m) for m in e.members])
+    if isinstance(e, Polyline):
+        return e.points
+    if isinstance(e, Patch):
+        return e.corners
+    if isinstance(e, Arc):
+        return e.at(np.linspace(0.0, e.angle, 181))
+    s = e.spline
+    count = 33 if s.ndim == 1 else 9
+    axes = []
+    for axis in range(s.ndim):
+        b = s.breaks(axis)
+        axes.append(np.unique(np.concatenate([np.linspace(*v, count) for v in zip(b, b[1:])])))
+    return s(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, s.ndim))
+
+
+def _as_cell(value: Any) -> FloatArray:
+    a = as_array("cell", value)
+    if np.ndim(value) == 2:
+        if a.shape != (3, 3) or not abs(np.linalg.det(a)) > 1e-12 * np.abs(a).max() ** 3:
+            raise InputError(f"cell must be three lengths or three independent columns, got {value}")
+        return read_only(np.array(a))
+    return read_only(np.diag(as_triple("cell", value, positive=True)))
+
+
+def _as_faces(value: Any) -> tuple[str, ...]:
+    """Kind of each of the six faces."""
+    given = dict.fromkeys("xyz", value) if isinstance(value, str) else value
+    if not isinstance(given, Mapping):
+        raise InputError(f"faces must be one of {KINDS} or a mapping of faces to these: {value!r}")
+    out: dict[str, str] = {}
+    for key, kind in given.items():
+        names = [key] if key in FACES else [f for f in FACES if f[0] == key]
+        if not names or kind not in KINDS:
+            raise InputError(
+                f"faces: {key!r}: {kind!r} is unknown; the keys are 'x', 'y', 'z' and {FACES}, "
+                f"the kinds {KINDS}"
+            )
+        for name in names:
+            if out.setdefault(name, kind) != kind:
+                raise InputError(
+                    f"faces are in conflict: {name!r} is both {out[name]!r} and {kind!r}"
+                )
+    kinds = tuple(out.get(f, "open") for f in FACES)
+    for axis in range(3):
+        a, b = kinds[2 * axis : 2 * axis + 2]
+        if a != b and "periodic" in (a, b):
+            raise InputError(
+                f"faces are in conflict: {FACES[2 * axis]!r} is {a!r} and {FACES[2 * axis + 1]!r} "
+                f"is {b!r}; opposite faces are periodic together"
+            )
+    return kinds
+
+
+@dataclass(frozen=True, eq=False)
+class FlattenedField:
+    """A field with the same zero set and slope there, constant away from it.
+
+    With s = (f - level) / reach it is ``reach (s - 2 s³/3 + s⁵/5)`` for |s| <= 1, constant beyond.
+    A skeleton is no place for a spline: distances have cones there, and creases halfway between
+    arms. This function has neither if `reach` is at most the radius.
+
+    Attributes
+    ----------
+    field : SkeletonField
+        The field.
+    level : float
+        Level of the zero set.
+    reach : float
+        Distance from the zero set at which it becomes constant.
+    """
+
+    field: SkeletonField
+    level: float
+    reach: float
+
+    def __call__(self, u: ArrayLike, /) -> FloatArray:
+        """Values, shape (n,), at points ``u`` (n, 3)."""
+        return self._flat(self.field.up_to(self.level + self.reach, u))
+
+    def grid(self, axes: Iterable[ArrayLike]) -> FloatArray:
+        """Values on a tensor grid.
+
+        Parameters
+        ----------
+        axes : iterable of array_like
+            Three 1-D arrays of coordinates.
+
+        Returns
+        -------
+        ndarray
+            Values.
+        """
+        p, shape = _grid_points(axes)
+        return self(p).reshape(shape)
+
+    def _flat(self, f: FloatArray) -> FloatArray:
+        s = np.clip((f - self.level) / self.reach, -1.0, 1.0)
+        q = s * s
+        return self.reach * s * (1.0 - q * (2.0 / 3.0 - 0.2 * q))
+
+
+def skeleton(
+    entities: Sequence[Any],
+    *,
+    radius: float | None = None,
+    blend: float = 0.0,
+    faces: str | Mapping[str, str] = "open",
+    cell: ArrayLike = 1.0,
+    name: str = "skeleton",
+    source: str = "",
+) -> Tile:
+    """Tile whose solid is all that is within a radius of curves and surfaces.
+
+    Parameters
+    ----------
+    entities : sequence of Entity, BSpline or array_like of shape (n, 3)
+        Curves and surfaces inside the cell; plain points are a polyline. `Polyline`, `Arc`,
+        `Patch`, `Curve` and `Surface` have a radius of their own, constant or varying.
+    radius : float, optional
+        Radius of entities that have none: half the thickness of arms and plates.
+    blend : float
+        Width of the smooth union; 0 joins the entities sharply. Where two arms meet, a fillet
+        of this size is left.
+    faces : str or mapping
+        "open", "closed" or "periodic" for all faces, or per axis ("x") or face ("x-", "x+").
+        Ends on an open face are continued straight through it; a closed face cuts the solid
+        there; across periodic faces the entities repeat.
+    cell : array_like of shape () or (3,) or (3, 3)
+        Edges of the cell: lengths, or vectors as columns; entities and radii are in its lengths.
+    name : str
+        Name of the tile.
+    source : str
+        Where it is from.
+
+    Returns
+    -------
+    Tile
+        The tile {f < 0}. What needs a spline (`fit`, a lattice) approximates f near its zero
+        set only, see `FlattenedField`.
+
+    Raises
+    ------
+    InputError
+        If there is no entity, one has no length or leaves the cell, a radius is missing or not
+        positive, or `faces` contradicts itself.
+    GeometryError
+        If the solid fills the tile.
+
+    Examples
+    --------
+    >>> bar = skeleton([[(0, 0.5, 0.5), (1, 0.5, 0.5)]], radius=0.2)
+    >>> bar([[0.3, 0.5, 1.0]])
+    array([0.3])
+    """
+    field = SkeletonField(entities, radius, blend, faces, cell)
+    edges = field.cell if field.stretched else None
+    tol = STAND_IN * field.thinnest
+    tile = Tile(field, name=name, source=source, tol=tol, edges=edges, check=False)
+    if not any((tile.grid([(np.arange(n) + 0.37) / n] * 3) > 0.0).any() for n in (24, 64)):
+        raise GeometryError(
+            f"tile {name!r} has no zero set: the solid fills the cell; radii of {field.thinnest:g} "
+            "and more are too large for it"
+        )
+    return tile
