@@ -421,6 +421,7 @@ def warmup(progress: Progress = None) -> None:
             list(wall.slices(thickness=0.25, h=0.05))
             for ending in ("stl", "vtp"):
                 mesh.save(Path(folder) / f"mesh.{ending}")
+        il.tiles.get("cross").jet([[0.5, 0.5, 0.6]])
 
 
 def _compile_repair(mesh: "il.SurfaceMesh") -> None:

@@ -3,14 +3,16 @@
 Written against `ilattice.tiles.skeleton`, with nothing shared but `BSpline` evaluation.
 """
 
+from itertools import pairwise
+
 import numpy as np
 
 
 def curve_minimum(points, curve, radius=lambda t: 0.0 * t, samples=400):
-    """Least |x - C(t)| - r(t): dense samples per span, golden-section-free bisection of brackets."""
+    """Least |x - C(t)| - r(t): dense samples per span, then thirds of the brackets."""
     breaks = curve.breaks(0)
     best = np.full(len(points), np.inf)
-    for a, b in zip(breaks[:-1], breaks[1:], strict=True):
+    for a, b in pairwise(breaks):
         t = np.linspace(a, b, samples)
         q, r = curve(t), radius(t)
         f = np.linalg.norm(points[:, None] - q[None], axis=2) - r
@@ -36,8 +38,8 @@ def surface_minimum(points, surface, samples=41):
     """Least |x - S(u, v)|: dense samples per element, then a shrinking pattern search of each."""
     best = np.full(len(points), np.inf)
     edges = [surface.breaks(axis) for axis in range(2)]
-    for ua, ub in zip(edges[0][:-1], edges[0][1:], strict=True):
-        for va, vb in zip(edges[1][:-1], edges[1][1:], strict=True):
+    for ua, ub in pairwise(edges[0]):
+        for va, vb in pairwise(edges[1]):
             np.minimum(best, _element(points, surface, (ua, va), (ub, vb), samples), out=best)
     return best
 
@@ -73,7 +75,8 @@ def _newton(points, surface, u, low, high):
     slope = np.where(held, 0.0, slope)
     bend = np.where(held[:, :, None] | held[:, None, :], np.eye(2), bend)
     good = (np.linalg.det(bend) > 0) & (bend[:, 0, 0] > 0)
-    gauss = np.where(held[:, :, None] | held[:, None, :], np.eye(2), np.einsum("nmi,nmj->nij", g, g))
+    gauss = np.einsum("nmi,nmj->nij", g, g)
+    gauss = np.where(held[:, :, None] | held[:, None, :], np.eye(2), gauss)
     bend = np.where(good[:, None, None], bend, gauss + 1e-12 * np.eye(2))
     step = -np.linalg.solve(bend, slope[:, :, None])[:, :, 0]
     size = np.abs(step).max(axis=1, keepdims=True)

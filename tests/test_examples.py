@@ -65,6 +65,14 @@ def test_fig02_levels_are_not_thickness():
         assert spread[f"{name}: euclidean"] == pytest.approx((1.0, 1.0), abs=1e-5)
 
 
+def test_fig01_arms_pass_through_opposite_faces_alike():
+    numbers = run("fig01_tiles", n=32, tol=0.01)
+    assert numbers["jump"] <= 1e-14
+    assert numbers["open edges of a"] > 0
+    assert numbers["open edges of b and c"] == 0
+    assert numbers["volume of b"] == pytest.approx(0.215, rel=0.01)
+
+
 def test_fig13_is_exact():
     numbers = run("fig13_tapered", h=0.1)
     assert numbers["error"] < 1e-6

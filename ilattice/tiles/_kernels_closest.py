@@ -1,10 +1,11 @@
 """Kernels of the least distance to one Bézier curve or surface of varying thickness.
 
 A piece has homogeneous Bézier points ``(x w, y w, z w, r w, w)``. Wanted is the least
-``F(t) = |x - C(t)| - r(t)`` below a bound ``b``. Relative to the query, ``q = (P - x w, (r + b) w)``
-has the Lorentz square ``N = |q_1|² + |q_2|² + |q_3|² - q_4²``, a polynomial that is negative exactly
-where F < b (as far as r + b > 0). Its Bernstein coefficients bound it, those of its derivatives
-tell where it has one minimum only; there Newton finds it, elsewhere the piece is halved.
+``F(t) = |x - C(t)| - r(t)`` below a bound ``b``. Relative to the query,
+``q = (P - x w, (r + b) w)`` has the Lorentz square ``N = |q_1|² + |q_2|² + |q_3|² - q_4²``, a
+polynomial that is negative exactly where F < b (as far as r + b > 0). Its Bernstein coefficients
+bound it, those of its derivatives tell where it has one minimum only; there Newton finds it,
+elsewhere the piece is halved.
 
 Guarantees: no minimum is lost: a part is dropped only if its coefficients prove that F >= b there.
 Of a surface the minima in its interior are sought: its four boundary curves are pieces of their
@@ -30,10 +31,10 @@ SHORTEST = 1e-9
 
 
 @njit(cache=True, fastmath=FAST)
-def _load(data: Any, start: int, n: int, x: float, y: float, z: float, out: Any) -> None:
-    """Bézier points relative to the query."""
+def _load(data: Any, start: int, step: int, n: int, x: float, y: float, z: float, out: Any) -> None:
+    """Bézier points, `step` apart, relative to the query."""
     for i in range(n):
-        a = start + 5 * i
+        a = start + step * i
         w = data[a + 4]
         out[5 * i] = data[a] - x * w
         out[5 * i + 1] = data[a + 1] - y * w
@@ -195,6 +196,7 @@ def _pattern(e: Any, n: int, tol: float) -> Any:
 def closest_on_curve(
     data: Any,
     start: int,
+    step: int,
     p: int,
     plain: int,
     x: float,
@@ -209,8 +211,8 @@ def closest_on_curve(
 
     Parameters
     ----------
-    data, start, p
-        Array with the Bézier points, where they begin, and the degree.
+    data, start, step, p
+        Array with the Bézier points, where they begin, how far they are apart, and the degree.
     plain
         Whether the radius is constant and all weights are equal.
     x, y, z
@@ -221,7 +223,7 @@ def closest_on_curve(
         Scratch: (DEPTH, >= 5 (p + 1)), (DEPTH, 4), (>= 5 p + 40,).
     """
     e, tmp, jet = work[: 2 * p + 1], work[2 * p + 1 : 4 * p + 4], work[4 * p + 4 : 4 * p + 20]
-    _load(data, start, p + 1, x, y, z, stack[0])
+    _load(data, start, step, p + 1, x, y, z, stack[0])
     span[0, 0], span[0, 1] = 0.0, 1.0
     top = 1
     while top > 0:
@@ -235,10 +237,10 @@ def closest_on_curve(
         again = False
         simple = False
         if thick > 0 or size < SHORTEST:
-            least, large, step = _slopes(q, p, b, e)
+            least, large, large_step = _slopes(q, p, b, e)
             if thick > 0 and least >= EPS * large:
                 continue
-            changes, first, t = _pattern(e, 2 * p, 1e-15 * math.sqrt(large * step))
+            changes, first, t = _pattern(e, 2 * p, 1e-15 * math.sqrt(large * large_step))
             simple = changes < 2 or size < SHORTEST
             if simple:
                 if first > 0 and changes > 0:
@@ -438,6 +440,47 @@ def _newton_in_box(
 
 
 @njit(cache=True, fastmath=FAST)
+def _search_surface(
+    data: Any, start: int, p: int, r: int, plain: int, x: float, y: float, z: float, hit: Any,
+    stack: Any, span: Any, work: Any,
+) -> None:  # fmt: skip
+    """Minima in the interior of a surface piece, those that are nearer than ``hit[0]``."""
+    count = (2 * p + 1) * (2 * r + 1)
+    n, jet, at, tmp = work[:count], work[count : count + 30], work[count + 30 :], work[count + 32 :]
+    _load(data, start, 5, (p + 1) * (r + 1), x, y, z, stack[0])
+    span[0, 0], span[0, 1], span[0, 2], span[0, 3] = 0.0, 1.0, 0.0, 1.0
+    top = 1
+    while top > 0:
+        top -= 1
+        q = stack[top]
+        b = hit[0]
+        thick = _thick(q, (p + 1) * (r + 1), b)
+        if thick < 0:
+            continue
+        tiny = span[top, 1] * span[top, 3] < SHORTEST * SHORTEST or top + 3 > DEPTH
+        if thick > 0:
+            tol = EPS * _square(q, p, r, b, n)
+            proof = _bounds(n, 2 * p + 1, 2 * r + 1, tol)
+            if proof in (-1, 2):
+                continue
+            if proof == 1 and _newton_in_box(q, p, r, b, tol, tmp, jet, at):
+                surface_jet(q, 0, p, r, at[0], at[1], tmp, jet)
+                u = span[top, 0] + at[0] * span[top, 1]
+                v = span[top, 2] + at[1] * span[top, 3]
+                better = _accept(jet, u, v, x, y, z, hit)
+                if better and plain == 0 and hit[0] < b - 1e-15 * (1.0 + abs(b)):
+                    top += 1
+                continue
+        if tiny:
+            surface_jet(q, 0, p, r, 0.5, 0.5, tmp, jet)
+            u, v = span[top, 0] + 0.5 * span[top, 1], span[top, 2] + 0.5 * span[top, 3]
+            _accept(jet, u, v, x, y, z, hit)
+            continue
+        _push_parts(stack, span, top, p, r)
+        top += 2
+
+
+@njit(cache=True, fastmath=FAST)
 def closest_on_surface(
     data: Any,
     start: int,
@@ -468,39 +511,28 @@ def closest_on_surface(
         Scratch: (DEPTH, >= 5 (p + 1) (r + 1)), (DEPTH, 4),
         (>= (2 p + 1) (2 r + 1) + 15 (p + 1) + p + r + 60,).
     """
-    count = (2 * p + 1) * (2 * r + 1)
-    n, jet, at, tmp = work[:count], work[count : count + 30], work[count + 30 :], work[count + 32 :]
-    _load(data, start, (p + 1) * (r + 1), x, y, z, stack[0])
-    span[0, 0], span[0, 1], span[0, 2], span[0, 3] = 0.0, 1.0, 0.0, 1.0
-    top = 1
-    while top > 0:
-        top -= 1
-        q = stack[top]
-        b = hit[0]
-        thick = _thick(q, (p + 1) * (r + 1), b)
-        if thick < 0:
-            continue
-        tiny = span[top, 1] * span[top, 3] < SHORTEST * SHORTEST or top + 3 > DEPTH
-        if thick > 0:
-            tol = EPS * _square(q, p, r, b, n)
-            proof = _bounds(n, 2 * p + 1, 2 * r + 1, tol)
-            if proof == -1 or (proof == 2 and plain == 1):
-                continue
-            if proof == 1 and _newton_in_box(q, p, r, b, tol, tmp, jet, at):
-                surface_jet(q, 0, p, r, at[0], at[1], tmp, jet)
-                u = span[top, 0] + at[0] * span[top, 1]
-                v = span[top, 2] + at[1] * span[top, 3]
-                better = _accept(jet, u, v, x, y, z, hit)
-                if better and plain == 0 and hit[0] < b - 1e-15 * (1.0 + abs(b)):
-                    top += 1
-                continue
-        if tiny:
-            surface_jet(q, 0, p, r, 0.5, 0.5, tmp, jet)
-            u, v = span[top, 0] + 0.5 * span[top, 1], span[top, 2] + 0.5 * span[top, 3]
-            _accept(jet, u, v, x, y, z, hit)
-            continue
-        _push_parts(stack, span, top, p, r)
-        top += 2
+    if plain == 1:
+        _search_surface(data, start, p, r, plain, x, y, z, hit, stack, span, work)
+        return
+    # That N falls towards a boundary proves nothing about F for a varying radius, unless no
+    # boundary is nearer than the bound, and the bound stays: hence boundaries first, and again.
+    bound = hit[0]
+    a = 5 * (r + 1)
+    edge = work[:8]
+    edge[0] = bound
+    rest = work[8:]
+    closest_on_curve(data, start, 5, r, 0, x, y, z, edge, stack, span, rest)
+    closest_on_curve(data, start + a * p, 5, r, 0, x, y, z, edge, stack, span, rest)
+    closest_on_curve(data, start, a, p, 0, x, y, z, edge, stack, span, rest)
+    closest_on_curve(data, start + 5 * r, a, p, 0, x, y, z, edge, stack, span, rest)
+    least = hit[0] = edge[0]
+    while True:
+        before = hit[0]
+        _search_surface(data, start, p, r, plain, x, y, z, hit, stack, span, work)
+        if not hit[0] < before - 1e-15 * (1.0 + abs(before)):
+            break
+    if not hit[0] < least:
+        hit[0] = bound
 
 
 @njit(cache=True, fastmath=FAST)

@@ -132,9 +132,7 @@ def _polygon(d: Any, s: int, m: int, x: float, y: float, z: float, hit: Any) -> 
             if u < ua + (v - va) / (vb - va) * (ub - ua):
                 inside = not inside
     if inside:
-        _offer(
-            hit, x, y, z, x - h * d[s + 2], y - h * d[s + 3], z - h * d[s + 4], d[s], 1
-        )
+        _offer(hit, x, y, z, x - h * d[s + 2], y - h * d[s + 3], z - h * d[s + 4], d[s], 1)
     for i in range(m):
         _segment(d, s, c + 3 * i, c + 3 * ((i + 1) % m), x, y, z, hit, 2 + i)
 
@@ -164,7 +162,7 @@ def _closest_on_piece(
     elif kind == POLYGON:
         _polygon(d, s, piece[i, 3], x, y, z, hit)
     elif kind == CURVE:
-        closest_on_curve(d, s, piece[i, 3], piece[i, 5], x, y, z, hit, stack, span, work)
+        closest_on_curve(d, s, 5, piece[i, 3], piece[i, 5], x, y, z, hit, stack, span, work)
     else:
         p, r = piece[i, 3], piece[i, 4]
         closest_on_surface(d, s, p, r, piece[i, 5], x, y, z, hit, stack, span, work)
@@ -239,6 +237,9 @@ def _union(hits: Any, touched: Any, found: int, least: float, blend: float, weig
         new = (blend + total) / (j + 1)
         if hits[touched[j], 0] < new or j == 0:
             theta, size = new, j + 1
+    if size == 1:
+        weight[0] = 1.0
+        return least, 1
     value, squares = 0.0, 0.0
     for j in range(size):
         weight[j] = (theta - hits[touched[j], 0]) / blend
@@ -301,9 +302,15 @@ def _add_curve(n: Any, dist: float, weight: float, c: Any, c1: int, c2: int, h: 
 @njit(cache=True)
 def _add_surface(n: Any, dist: float, weight: float, c: Any, h: Any) -> None:
     """As `_add_curve` for a surface with derivatives u, v, uu, uv, vv of (point, radius) in c."""
-    _add_point(n, dist, weight, h)
     nu = n[0] * c[0] + n[1] * c[1] + n[2] * c[2]
     nv = n[0] * c[4] + n[1] * c[5] + n[2] * c[6]
+    # A foot on the boundary is free to move along it only.
+    free_u = abs(nu + c[3]) <= 1e-7 * math.sqrt(c[0] ** 2 + c[1] ** 2 + c[2] ** 2)
+    free_v = abs(nv + c[7]) <= 1e-7 * math.sqrt(c[4] ** 2 + c[5] ** 2 + c[6] ** 2)
+    if not (free_u and free_v):
+        _add_curve(n, dist, weight, c, 4 if free_v else 0, 16 if free_v else 8, h)
+        return
+    _add_point(n, dist, weight, h)
     uu = (c[0] ** 2 + c[1] ** 2 + c[2] ** 2 - nu * nu) / dist
     uv = (c[0] * c[4] + c[1] * c[5] + c[2] * c[6] - nu * nv) / dist
     vv = (c[4] ** 2 + c[5] ** 2 + c[6] ** 2 - nv * nv) / dist
@@ -433,7 +440,8 @@ def _cut(
 @njit(cache=True)
 def _chunk(
     points: Any, start: int, stop: int, order: int, blend: float, limit: float, node: Any,
-    box: Any, piece: Any, piece_box: Any, d: Any, groups: int, width: int, plane: Any, f: Any, g: Any, h: Any,
+    box: Any, piece: Any, piece_box: Any, d: Any, groups: int, width: int, plane: Any, f: Any,
+    g: Any, h: Any,
 ) -> None:  # fmt: skip
     """Value and derivatives at points start to stop, with scratch of its own."""
     hits = np.full((groups, HIT), np.inf)
@@ -453,16 +461,14 @@ def _chunk(
             dx, dy, dz = x - points[i - 1, 0], y - points[i - 1, 1], z - points[i - 1, 2]
             bound = least + math.sqrt(dx * dx + dy * dy + dz * dz) + SLACK
         found, least = _nearest(
-            x, y, z, min(bound, limit), blend, node, box, piece, piece_box, d, hits, touched, stack, span,
-            work, path,
+            x, y, z, min(bound, limit), blend, node, box, piece, piece_box, d, hits, touched,
+            stack, span, work, path,
         )  # fmt: skip
         value, size = _union(hits, touched, found, least, blend, weight)
         gi = g[i] if order > 0 else no_g
         hi = h[i] if order > 1 else no_h
         if order > 0:
-            _derivatives(
-                x, y, z, order, blend, hits, touched, weight, size, piece, d, work, gi, hi
-            )
+            _derivatives(x, y, z, order, blend, hits, touched, weight, size, piece, d, work, gi, hi)
         f[i] = _cut(x, y, z, plane, order, value, gi, hi)
         for k in range(found):
             hits[touched[k], 0] = np.inf

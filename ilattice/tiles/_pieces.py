@@ -17,7 +17,17 @@ from ilattice.bspline import BSpline
 from ilattice.errors import InputError
 from ilattice.tiles._kernels_closest import MAX_DEGREE
 from ilattice.tiles._kernels_skeleton import ARC, CURVE, POLYGON, SEGMENT, SURFACE
-from ilattice.tiles.entities import TINY, Arc, Curve, Entity, Group, Patch, Polyline, Surface, as_radius
+from ilattice.tiles.entities import (
+    TINY,
+    Arc,
+    Curve,
+    Entity,
+    Group,
+    Patch,
+    Polyline,
+    Surface,
+    as_radius,
+)
 
 LEAF = 2
 #: Parts that a Bézier curve is cut into: smaller boxes are passed over more often.
@@ -169,7 +179,9 @@ def _surface(group: int, h: FloatArray) -> Piece:
     return Piece(SURFACE, group, h.ravel(), points.reshape(-1, 3), radii, degree, plain)
 
 
-def pieces_of(entity: Entity, group: int, default: Any, outward: Outward, far: float) -> list[Piece]:
+def pieces_of(
+    entity: Entity, group: int, default: Any, outward: Outward, far: float
+) -> list[Piece]:
     """Pieces of one entity and of its continuations past open faces.
 
     Parameters
@@ -204,9 +216,7 @@ def pieces_of(entity: Entity, group: int, default: Any, outward: Outward, far: f
     return out
 
 
-def _of_polyline(
-    e: Polyline, radius: Any, group: int, outward: Outward, far: float
-) -> list[Piece]:
+def _of_polyline(e: Polyline, radius: Any, group: int, outward: Outward, far: float) -> list[Piece]:
     p = e.points
     keep = np.concatenate([[True], np.abs(np.diff(p, axis=0)).max(axis=1) > TINY])
     if callable(radius) or isinstance(radius, BSpline):
@@ -427,8 +437,9 @@ def tree_of(pieces: Sequence[Piece]) -> Tree:
     rows = [
         (p.kind, p.group, s, *p.degree, int(p.plain)) for p, s in zip(chosen, starts, strict=True)
     ]
-    sizes = [(p.degree[0] + 1) * (p.degree[1] + 1) if p.kind in (CURVE, SURFACE) else 1 for p in chosen]
+    bezier = [p.degree for p in chosen if p.kind in (CURVE, SURFACE)]
+    width = max([(a + 1) * (b + 1) for a, b in bezier], default=1)
     return Tree(
         np.array(nodes, np.int64), np.array(bounds), np.array(rows, np.int64), boxes[order],
-        np.concatenate([p.data for p in chosen]), 1 + max(p.group for p in chosen), max(sizes),
+        np.concatenate([p.data for p in chosen]), 1 + max(p.group for p in chosen), width,
     )  # fmt: skip

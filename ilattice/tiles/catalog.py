@@ -22,9 +22,8 @@ def _key(name: str) -> str:
     return name.strip().lower().translate(_SAME)
 
 
-_BY_KEY: dict[str, Row | CellRow] = {
-    _key(n): row for row in (*ROWS, *CELLS) for n in (row.name, *row.aliases)
-}
+_ALL: tuple[Row | CellRow, ...] = (*ROWS, *CELLS)
+_BY_KEY: dict[str, Row | CellRow] = {_key(n): row for row in _ALL for n in (row.name, *row.aliases)}
 
 
 def names() -> list[str]:
@@ -35,7 +34,7 @@ def names() -> list[str]:
     list of str
         One name per tile; aliases are in `row`.
     """
-    return sorted(row.name for row in (*ROWS, *CELLS))
+    return sorted(row.name for row in _ALL)
 
 
 def row(name: str) -> Row | CellRow:

@@ -119,9 +119,11 @@ def _bow_tie(b: float) -> tuple[Line, ...]:
 
 def _re_entrant(b: float) -> tuple[Line, ...]:
     """Struts of the re-entrant cell: posts of half-length b, joined by inclined struts."""
-    low = tuple(((i, j, b), (H, H, H - b)) for i in (0, 1) for j in (0, 1))
-    high = tuple(((i, j, 1.0 - b), (H, H, H + b)) for i in (0, 1) for j in (0, 1))
-    posts = (((H, H, H - b), (H, H, H + b)), ((0, 0, 0), (0, 0, b)), ((0, 0, 1 - b), (0, 0, 1)))
+    low: tuple[Line, ...] = tuple(((i, j, b), (H, H, H - b)) for i in (0, 1) for j in (0, 1))
+    high: tuple[Line, ...] = tuple(((i, j, 1.0 - b), (H, H, H + b)) for i in (0, 1) for j in (0, 1))
+    posts: tuple[Line, ...] = (
+        ((H, H, H - b), (H, H, H + b)), ((0, 0, 0), (0, 0, b)), ((0, 0, 1 - b), (0, 0, 1)),
+    )  # fmt: skip
     return posts + low + high
 
 
@@ -143,8 +145,8 @@ def _arms() -> tuple[tuple[Point, ...], ...]:
     for c in CORNERS:
         d = np.array(c) - H
         side = np.array([-d[1], d[0], 0.0])
-        rows = [[H, H, H], H + 0.35 * d + 0.5 * side, H + 0.7 * d + 0.15 * side, c]
-        out.append(tuple(tuple(float(v) for v in r) for r in rows))
+        rows = np.array([[H, H, H], H + 0.35 * d + 0.5 * side, H + 0.7 * d + 0.15 * side, c])
+        out.append(tuple(map(tuple, rows.tolist())))
     out.append(((H, H, H), (0.62, H, 0.325), (H, 0.38, 0.3), (H, H, 0.0)))
     out.append(((H, H, H), (0.62, H, 0.675), (H, 0.38, 0.7), (H, H, 1.0)))
     return tuple(out)
@@ -342,12 +344,10 @@ def entities(row: CellRow) -> list[Entity]:
     """
     size = np.array(row.cell)
     struts = [np.array(line, np.float64) for line in row.lines]
-    out: list[Entity] = []
-    for members in _aligned(struts + _between(row.nodes, row.length)):
-        out.append(Group([Polyline(a * size) for a in members]))
+    struts += _between(row.nodes, row.length)
     walls = [np.array([(*p, 0.5) for p in w]) for w in row.walls]
-    for members in _aligned(walls):
-        out.append(Group([Patch(_extruded(a) * size) for a in members]))
+    out: list[Entity] = [Group([Polyline(a * size) for a in line]) for line in _aligned(struts)]
+    out += [Group([Patch(_extruded(a) * size) for a in line]) for line in _aligned(walls)]
     out += [Patch(np.array(p) * size) for p in row.plates]
     out += [Arc(np.array(c) * size, *(ring * np.eye(3)[:2])) for c, ring in row.rings]
     cubic = [0.0] * 4 + [1.0] * 4

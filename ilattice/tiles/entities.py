@@ -93,8 +93,9 @@ class Arc:
             if a.shape != (3,):
                 raise InputError(f"{name} must be three numbers, got {a.tolist()}")
             object.__setattr__(self, name, read_only(np.array(a)))
-        a, b = np.linalg.norm(self.u), np.linalg.norm(self.v)
-        if not (a > TINY and abs(a - b) <= 1e-9 * a and abs(self.u @ self.v) <= 1e-9 * a * a):
+        size, other = float(np.linalg.norm(self.u)), float(np.linalg.norm(self.v))
+        skew = max(abs(size - other), abs(float(self.u @ self.v)) / max(size, TINY))
+        if not (size > TINY and skew <= 1e-9 * size):
             raise InputError(
                 "u and v must be perpendicular and equally long, not zero, got "
                 f"{self.u.tolist()} and {self.v.tolist()}"
@@ -333,7 +334,8 @@ def _fitted(name: str, f: Callable[..., Any], domain: FloatArray) -> BSpline:
     def values(t: FloatArray) -> FloatArray:
         return as_array(name, f(t[:, 0] if nd == 1 else t))
 
-    corners = np.stack(np.meshgrid(*np.linspace(*domain, 17).T, indexing="ij"), axis=-1)
+    axes = [np.linspace(domain[0, i], domain[1, i], 17) for i in range(nd)]
+    corners = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     sample = values(corners.reshape(-1, nd))
     if sample.shape != (17**nd,):
         raise InputError(f"{name} must return one value per parameter, got shape {sample.shape}")

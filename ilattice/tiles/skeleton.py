@@ -22,7 +22,7 @@ Source: Hong et al. 2025, section 3.1.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product
+from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
@@ -125,7 +125,7 @@ class SkeletonField:
         if order not in (0, 1, 2):
             raise InputError(f"order must be 0, 1 or 2, got {order!r}")
         p = as_points("u", u)
-        f, *rest = self._evaluate(p @ self.cell.T if self.stretched else p, self._tree, order)
+        f, *rest = self._evaluate(self._in_space(p), self._tree, order)
         if self.stretched and order > 0:
             rest[0] = rest[0] @ self.cell
         if self.stretched and order > 1:
@@ -164,7 +164,7 @@ class SkeletonField:
             The lesser of value and limit.
         """
         # A smooth union is below the least distance by at most half its width.
-        p = as_points("u", u) @ self.cell.T
+        p = self._in_space(as_points("u", u))
         return np.minimum(self._evaluate(p, self._tree, 0, limit + 0.5 * self.blend)[0], limit)
 
     def range(self, lo: ArrayLike, hi: ArrayLike) -> FloatArray:
@@ -251,6 +251,13 @@ class SkeletonField:
         x = np.ascontiguousarray(x)
         skeleton_jets(x, order, self.blend, limit, *tree.args, self._planes, f, g, h)
         return (f, g, h)[: order + 1]
+
+    def _in_space(self, u: FloatArray) -> FloatArray:
+        """Points of the cell, to the same bits alone and among others."""
+        if not self.stretched:
+            return u
+        a, b, c = self.cell.T
+        return u[:, :1] * a + u[:, 1:2] * b + u[:, 2:] * c
 
     @cached_property
     def _own_pieces(self) -> list[Piece]:
@@ -342,7 +349,7 @@ def _samples(e: Entity) -> FloatArray:
     axes = []
     for axis in range(s.ndim):
         b = s.breaks(axis)
-        axes.append(np.unique(np.concatenate([np.linspace(*v, count) for v in zip(b, b[1:])])))
+        axes.append(np.unique(np.concatenate([np.linspace(*v, count) for v in pairwise(b)])))
     return s(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, s.ndim))
 
 
@@ -350,7 +357,7 @@ def _as_cell(value: Any) -> FloatArray:
     a = as_array("cell", value)
     if np.ndim(value) == 2:
         if a.shape != (3, 3) or not abs(np.linalg.det(a)) > 1e-12 * np.abs(a).max() ** 3:
-            raise InputError(f"cell must be three lengths or three independent columns, got {value}")
+            raise InputError(f"cell must be lengths or three independent columns, got {value}")
         return read_only(np.array(a))
     return read_only(np.diag(as_triple("cell", value, positive=True)))
 

@@ -9,6 +9,7 @@ import pytest
 import ilattice as il
 from ilattice.errors import GeometryError, InputError
 from ilattice.tiles import catalog
+from ilattice.tiles.cells import CELLS
 from ilattice.tiles.tpms import ROWS
 
 
@@ -21,7 +22,7 @@ def test_subscript_attribute_and_function_give_the_same_tile():
         np.testing.assert_array_equal(tile(p), f)
 
 
-@pytest.mark.parametrize("r", ROWS, ids=lambda r: r.name)
+@pytest.mark.parametrize("r", [*ROWS, *CELLS], ids=lambda r: r.name)
 def test_every_name_and_alias_is_found_in_any_spelling(r):
     for name in (r.name, *r.aliases):
         for spelling in (name, name.upper(), name.lower(), name.replace("_", "-"), f" {name} "):
@@ -31,7 +32,8 @@ def test_every_name_and_alias_is_found_in_any_spelling(r):
 
 
 def test_no_two_rows_share_a_name():
-    keys = [catalog._key(n) for r in ROWS for n in {catalog._key(n) for n in (r.name, *r.aliases)}]
+    rows = (*ROWS, *CELLS)
+    keys = [k for r in rows for k in {catalog._key(n) for n in (r.name, *r.aliases)}]
     assert len(keys) == len(set(keys))
 
 
@@ -70,7 +72,7 @@ def test_a_name_must_be_a_string(bad):
 
 
 def test_the_module_lists_its_contents():
-    assert list(il.tiles) == il.tiles.names() == sorted(r.name for r in ROWS)
+    assert list(il.tiles) == il.tiles.names() == sorted(r.name for r in (*ROWS, *CELLS))
     assert "gyroid" in il.tiles
     assert {"Tile", "gyroid", "schwarz_p", "names"} <= set(dir(il.tiles))
     assert all(callable(getattr(il.tiles, n)) for n in dir(il.tiles))
@@ -85,7 +87,7 @@ def test_functions_document_themselves():
     assert str(inspect.signature(make)).startswith("(*, level: float | None = None)")
 
 
-@pytest.mark.parametrize("name", il.tiles.names())
+@pytest.mark.parametrize("name", [r.name for r in ROWS])
 def test_levels_shift_and_are_checked_against_the_range(name):
     low, high = il.tiles.row(name).range
     p = np.random.default_rng(0).random((30, 3))
