@@ -145,7 +145,8 @@ def mix(
         One per tile, of the random choice; they are scaled to add up to one. Equal by default.
     blend : float
         Width of the zone of transition about a face between different tiles, in tile edges, at
-        most 1. With 0 there is no zone: neighbours share the mean of their coefficients on the
+        most 1. Below about 0.2 the surface bends more sharply than a wall of some thickness can
+        follow. With 0 there is no zone: neighbours share the mean of their coefficients on the
         face and meet there in creases, next to which distances are less exact (see Notes).
     tol : float
         Largest deviation of the fitted spline from the blended fields, in tile edges.
