@@ -10,7 +10,7 @@ import numba
 
 from benchmarks.measure import table
 
-MODULES = ("bspline", "offsets", "contouring")
+MODULES = ("bspline", "offsets", "contouring", "quadrature")
 
 
 def main() -> None:

@@ -96,3 +96,11 @@ def flying_edges(samples: AnyArray, h: float) -> tuple[int, int]:
     contour.Update()
     out = contour.GetOutput()
     return out.GetNumberOfPoints(), out.GetNumberOfPolys()
+
+
+def bernstein(tensors: FloatArray, t: FloatArray) -> FloatArray:
+    """Values of one quadratic Bernstein tensor (n, 27) each at local points (n, 3)."""
+    s = 1.0 - t
+    b = np.stack([s * s, 2.0 * s * t, t * t], axis=2)
+    c = np.matmul(tensors.reshape(-1, 9, 3), b[:, 2, :, None]).reshape(-1, 3, 3)
+    return np.einsum("ni,nij,nj->n", b[:, 0], c, b[:, 1], optimize=False)

@@ -8,6 +8,7 @@ Rooms, from the bottom up:
 `macroshape`              maps of the parameter box to space: primitives, files, certificates
 `offsets`                 closest points, signed distance splines, walls
 `mesh`                    watertight contouring, surface meshes, measures
+`cutfem`                  background grids, cut cells, quadrature
 `io`                      one file per format: STL, PLY, OBJ, 3MF, VTK, G+Smo, MFEM, IRIT
 `sdf`                     meshes as fields: signed distances
 ========================  ==================================================================
@@ -42,7 +43,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ilattice import bspline, errors, io, macroshape, mesh, offsets, sdf, tiles
+    from ilattice import bspline, cutfem, errors, io, macroshape, mesh, offsets, sdf, tiles
     from ilattice.bspline import BSpline
     from ilattice.macroshape import SplineMap
     from ilattice.macroshape.lattice import Lattice
@@ -60,6 +61,7 @@ __all__ = [
     "Tile",
     "Wall",
     "bspline",
+    "cutfem",
     "errors",
     "io",
     "macroshape",

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import NdBSpline
 
-from benchmarks import bench_bspline, bench_contouring, references
+from benchmarks import bench_bspline, bench_contouring, bench_quadrature, references
 from benchmarks.measure import Row, alone, table
 from ilattice.bspline.fit import fit_interpolate
 
@@ -63,3 +63,11 @@ def test_the_table_judges_goals():
     assert len(lines) == 5
     assert lines[2].startswith("a          1 s   2 s")
     assert lines[3].endswith("NO")
+
+
+def test_numpy_evaluates_what_the_rules_integrate():
+    bench = bench_quadrature.Rules(bench_quadrature.sphere(4), 3)
+    values = references.bernstein(bench.tensors, bench.local)
+    rule = bench.cut.volume(3, only="cut")
+    np.testing.assert_allclose(values, (rule.points**2).sum(axis=1) - 0.16, atol=1e-13)
+    assert bench.cells == 56

@@ -105,6 +105,13 @@ def test_hybrid_tiles_have_the_asked_thickness_where_they_change():
         assert 0 < numbers[f"{name} error"] < 1e-3
 
 
+def test_mass_properties_by_quadrature_are_those_of_a_fine_mesh():
+    numbers = run("mass_properties", h=0.06, repeat=(4, 1, 1))
+    assert numbers["volume"] == pytest.approx(numbers["volume of the mesh"], rel=3e-3)
+    assert numbers["volume"] == pytest.approx(numbers["volume by the divergence theorem"], rel=1e-4)
+    assert numbers["area"] == pytest.approx(numbers["area of the mesh"], rel=1e-2)
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_every_example_is_tested_and_can_be_run_alone(name):
     source = (FOLDER / f"{name}.py").read_text(encoding="utf-8")

@@ -35,7 +35,7 @@ def test_the_docstring_lists_every_public_name():
 
 
 def test_every_room_lists_its_names():
-    for room in ("bspline", "tiles", "macroshape", "offsets", "mesh", "io"):
+    for room in ("bspline", "tiles", "macroshape", "offsets", "mesh", "cutfem", "io"):
         module = getattr(il, room)
         assert sorted(module.__all__) == list(module.__all__), room
         assert all(hasattr(module, name) for name in module.__all__), room

@@ -1,0 +1,23 @@
+"""Immersed analysis: background grids, cut cells, quadrature on them.
+
+`cut` puts a wall on a grid, `quadrature` integrates anything over it::
+
+    rule = il.cutfem.quadrature(wall, q=3)
+    volume = rule.integrate()
+
+Guarantee: cells are called in or out by certificates, never by sampling.
+"""
+
+from ilattice.cutfem.grid import CutGrid, Grid, cut
+from ilattice.cutfem.measures import MassProperties, mass_properties
+from ilattice.cutfem.rules import Quadrature, quadrature
+
+__all__ = [
+    "CutGrid",
+    "Grid",
+    "MassProperties",
+    "Quadrature",
+    "cut",
+    "mass_properties",
+    "quadrature",
+]

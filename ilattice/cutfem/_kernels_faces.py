@@ -1,0 +1,162 @@
+"""Rules on the part of a face of a cell where all polynomials are negative, by the same recursion.
+
+Guarantees: as those of the columns. A face on which a polynomial vanishes altogether is empty.
+"""
+
+from typing import Any
+
+from numba import njit
+
+from ilattice.cutfem._kernels_bernstein import basis, extremes, jet, roots
+from ilattice.cutfem._kernels_columns import (
+    ALONG,
+    CAP,
+    CROSS,
+    CUT_FACES,
+    EXT,
+    FACES,
+    FLAT,
+    GAP,
+    INNER,
+    LINES,
+    LO,
+    N_VOLUME,
+    NODES,
+    OWNERS,
+    PARTS,
+    SOFT_NODES,
+    SOFT_WEIGHTS,
+    STACK,
+    TEMP,
+    TENSORS,
+    TOL,
+    WEIGHTS,
+    B,
+    X,
+    face_axis,
+    first_part,
+    halve_base,
+)
+from ilattice.cutfem._kernels_rules import set_tolerances
+
+
+@njit(**INNER)
+def emit(Z: Any, N: Any, out: Any, e1: int, a: float, b: float, w: float, q: int) -> None:
+    """Gauss points on the part [a, b] of a line of the present box along e1."""
+    at = N[N_VOLUME]
+    N[N_VOLUME] = at + q
+    if at + q <= len(out):
+        start = Z[LO + e1] + Z[EXT + e1] * a
+        length = Z[EXT + e1] * (b - a)
+        for g in range(q):
+            for i in range(3):
+                out[at + g, i] = Z[X + i]
+            out[at + g, e1] = start + length * Z[NODES + g]
+            out[at + g, 3] = w * length * Z[WEIGHTS + g]
+
+
+@njit(**INNER)
+def face_strips(
+    Z: Any,
+    N: Any,
+    out: Any,
+    face: int,
+    n_faces: int,
+    e0: int,
+    turned: bool,
+    soft: bool,
+    q: int,
+    L: Any,
+) -> None:
+    """Points on one accepted part of a face, Z[FLAT:]: its lower corner and its extent."""
+    P = len(L)
+    u = 1 if e0 == 0 else 0
+    v = 1 if e0 == 2 else 2
+    e1, e2 = (v, u) if turned else (u, v)
+    i1, i2 = (1, 0) if turned else (0, 1)
+    step1, step2 = (1, P) if turned else (P, 1)
+    nodes, weights = (SOFT_NODES, SOFT_WEIGHTS) if soft else (NODES, WEIGHTS)
+    Z[CROSS] = 0.0
+    Z[CROSS + 1] = 1.0
+    n_cross = 2
+    for j in range(n_faces):
+        for side in range(2):
+            edge = face + N[CUT_FACES + j] * P * P + side * (P - 1) * step1
+            for i in range(P):
+                Z[TEMP + i] = Z[edge + i * step2]
+            n_cross = roots(Z, TEMP, CROSS, n_cross, STACK, L)
+    for m2 in range(n_cross - 1):
+        width = Z[CROSS + m2 + 1] - Z[CROSS + m2]
+        if width <= GAP:
+            continue
+        for g2 in range(q):
+            t = Z[CROSS + m2] + width * Z[nodes + g2]
+            Z[X + e2] = Z[LO + e2] + Z[EXT + e2] * (Z[FLAT + i2] + Z[FLAT + 2 + i2] * t)
+            w = width * Z[weights + g2] * Z[FLAT + 2 + i2] * Z[EXT + e2]
+            Z[ALONG] = 0.0
+            Z[ALONG + 1] = 1.0
+            n_along = 2
+            basis(t, Z, B, L)
+            for j in range(n_faces):
+                c = face + N[CUT_FACES + j] * P * P
+                for i in range(P):
+                    s = 0.0
+                    for r in range(P):
+                        s += Z[B + r] * Z[c + i * step1 + r * step2]
+                    Z[LINES + j * P + i] = s
+                n_along = roots(Z, LINES + j * P, ALONG, n_along, STACK, L)
+            for m1 in range(n_along - 1):
+                a = Z[ALONG + m1]
+                b = Z[ALONG + m1 + 1]
+                inside = b - a > GAP
+                for j in range(n_faces):
+                    inside = inside and jet(Z, LINES + j * P, 0.5 * (a + b), L)[0] < 0.0
+                if inside:
+                    low = Z[FLAT + i1]
+                    high = Z[FLAT + 2 + i1]
+                    emit(Z, N, out, e1, low + high * a, low + high * b, w, q)
+
+
+@njit(**INNER)
+def face_rule(
+    Z: Any, N: Any, out: Any, m: int, e0: int, side: int, accept: int, q: int, L: Any
+) -> None:
+    """Rule on one face (across e0) of the cell at the bottom of the stacks in Z."""
+    P = len(L)
+    square = P * P
+    u = 1 if e0 == 0 else 0
+    v = 1 if e0 == 2 else 2
+    set_tolerances(Z, m, L)
+    for k in range(m):
+        c = TENSORS + k * P * square + side * (P - 1) * P ** (2 - e0)
+        for i in range(P):
+            for j in range(P):
+                Z[FACES + 2 * k * square + i * P + j] = Z[c + i * P ** (2 - u) + j * P ** (2 - v)]
+    Z[X + e0] = Z[LO + e0] + side * Z[EXT + e0]
+    first_part(Z)
+    level = 0
+    while level >= 0:
+        here = FACES + level * 4 * square
+        part = PARTS + 6 * level
+        n_faces = 0
+        empty = False
+        for k in range(m):
+            least, most = extremes(Z, here + 2 * k * square, square)
+            empty = empty or least >= -Z[TOL + k]
+            if most > Z[TOL + k]:
+                N[CUT_FACES + n_faces] = 2 * k
+                N[OWNERS + n_faces] = k
+                n_faces += 1
+        axis = 0
+        good = True
+        if n_faces and not empty:
+            axis, good = face_axis(Z, N, here, n_faces, L)
+            if not good and (axis < 0 or Z[part + 5] < accept) and Z[part + 4] < CAP:
+                halve_base(Z, N, level, m, n_faces, axis >= 0, L)
+                level += 1
+                continue
+        if not empty:
+            for i in range(4):
+                Z[FLAT + i] = Z[part + i]
+            face_strips(Z, N, out, here, n_faces, e0, axis == 1, not good, q, L)
+        level -= 1

@@ -1,0 +1,401 @@
+"""One or two level sets as Bernstein tensors on the pieces of a grid.
+
+The solid is where all of them are negative. A piece is a box on which each of them is one
+polynomial: an element of the splines, or a cell of the grid where that is finer. A wall is the two
+sets S - d_outer and -S - d_inner, never the one squared set, which has no slope to stand on.
+
+Guarantees: splines up to degree 4, rational ones too, are represented exactly, up to rounding.
+Non-guarantees: any other field is interpolated piece by piece; `LevelSets.error` is the largest
+deviation at points that the interpolation has not seen, not a bound.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import comb
+from typing import Any
+
+import numpy as np
+
+from ilattice._typing import AnyArray, FloatArray, IntArray
+from ilattice._validate import read_only
+from ilattice.bspline import BSpline
+from ilattice.bspline._kernels_bezier import restriction
+from ilattice.bspline.knots import find_spans
+from ilattice.cutfem import _kernels_drive as kernels
+from ilattice.errors import InputError
+from ilattice.offsets.wall import Wall, WallField
+
+MOST_DEGREE = 4
+#: Pieces that are worked on at once.
+BATCH = 1 << 14
+CHECKS = 4096
+
+
+@dataclass(frozen=True, eq=False)
+class LevelSets:
+    """One or two level sets over a box.
+
+    Attributes
+    ----------
+    splines : tuple of BSpline
+        What the sets are made of.
+    factors : ndarray, shape (sets, splines)
+        Each set is the sum of the splines times its row.
+    fields : tuple
+        Fields that are interpolated instead; then there are no splines.
+    domain : ndarray, shape (2, 3)
+        Where they are defined.
+    degree : int
+        Common degree of the tensors.
+    """
+
+    splines: tuple[BSpline, ...]
+    factors: FloatArray
+    fields: tuple[Any, ...]
+    domain: FloatArray
+    degree: int
+
+    @property
+    def count(self) -> int:
+        """Number of level sets."""
+        return len(self.fields) or len(self.factors)
+
+    @property
+    def exact(self) -> bool:
+        """Whether the tensors are the sets themselves."""
+        return not self.fields
+
+    def __call__(self, u: FloatArray) -> FloatArray:
+        """Values (n, sets) of the sets themselves."""
+        if self.fields:
+            values = [np.asarray(f(u), np.float64) for f in self.fields]
+            for v in values:
+                if v.shape != (len(u),):
+                    raise InputError(
+                        f"field must give one value per point, shape ({len(u)},), got {v.shape}"
+                    )
+            return np.stack(values, axis=1)
+        return np.stack([_numerator(s)(u) for s in self.splines], axis=1) @ self.factors.T
+
+    def pieces(self, axes: Sequence[FloatArray]) -> "Pieces":
+        """The level sets on the cells of a grid, cut at the breaks of the splines.
+
+        Parameters
+        ----------
+        axes : sequence of ndarray
+            Planes of the grid in the three directions.
+
+        Returns
+        -------
+        Pieces
+            Tensors and signs.
+        """
+        cuts = []
+        for a in range(3):
+            edges = np.asarray(axes[a], np.float64)
+            gap = 1e-10 * (edges[-1] - edges[0])
+            for s in self.splines:
+                b = s.breaks(a)
+                b = b[(b > edges[0]) & (b < edges[-1])]
+                far = np.abs(b[:, None] - edges).min(axis=1, initial=np.inf) > gap
+                edges = np.sort(np.concatenate([edges, b[far]]))
+            cuts.append(read_only(edges))
+        kind = FieldPieces if self.fields else SplinePieces
+        return kind(self, tuple(cuts))
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """Level sets on the boxes of a tensor grid: their tensors there.
+
+    Attributes
+    ----------
+    sets : LevelSets
+        The level sets.
+    axes : tuple of ndarray
+        Planes between the pieces.
+    """
+
+    sets: LevelSets
+    axes: tuple[FloatArray, ...]
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Number of pieces per direction."""
+        a, b, c = (len(x) - 1 for x in self.axes)
+        return a, b, c
+
+    @property
+    def order(self) -> int:
+        """Coefficients per direction."""
+        return self.sets.degree + 1
+
+    @property
+    def lengths(self) -> Any:
+        """A tuple or array of length `order`, for the kernels."""
+        return (0, 0, 0) if self.order == 3 else np.zeros(self.order, np.int64)
+
+    def tensors(self, index: IntArray) -> FloatArray:
+        """Bernstein coefficients.
+
+        Parameters
+        ----------
+        index : ndarray, shape (n, 3)
+            Pieces.
+
+        Returns
+        -------
+        ndarray, shape (n, sets, (degree + 1)³)
+            Coefficients.
+        """
+        raise NotImplementedError
+
+    def bounds(self) -> FloatArray | None:
+        """Rigorous bounds (n0, n1, n2, sets, 2) that cost little, or None."""
+        raise NotImplementedError
+
+    @property
+    def error(self) -> float:
+        """Largest deviation of the tensors from the level sets that was seen."""
+        return 0.0
+
+    def signs(self, halvings: int = 6) -> AnyArray:
+        """-1 for pieces in the solid, 1 for those outside, 0 for all others.
+
+        Parameters
+        ----------
+        halvings : int
+            How often a piece that is not certain is halved.
+
+        Returns
+        -------
+        ndarray, shape (n0, n1, n2), int8
+            Signs; -1 and 1 are certain.
+        """
+        out = np.zeros(self.shape, np.int8)
+        bounds = self.bounds()
+        if bounds is not None:
+            out[(bounds[..., 1] < 0).all(axis=-1)] = -1
+            out[(bounds[..., 0] > 0).any(axis=-1)] = 1
+        index = np.argwhere(out == 0)
+        for i in range(0, len(index), BATCH):
+            part = index[i : i + BATCH]
+            sign = np.empty(len(part), np.int64)
+            kernels.signs(self.tensors(part), halvings, self.lengths, sign)
+            out[tuple(part.T)] = sign
+        return out
+
+
+class SplinePieces(Pieces):
+    """Pieces of splines: exact tensors by extraction."""
+
+    @cached_property
+    def _operators(self) -> list[list[tuple[FloatArray, IntArray]]]:
+        return [
+            [_restrictions(s, a, self.axes[a], self.order) for a in range(3)]
+            for s in self.sets.splines
+        ]
+
+    def tensors(self, index: IntArray) -> FloatArray:
+        """See `Pieces.tensors`."""
+        out = np.zeros((len(index), self.sets.count, self.order**3))
+        for s, ops, f in zip(self.sets.splines, self._operators, self.sets.factors.T, strict=True):
+            rows, first = zip(*ops, strict=True)
+            kernels.extract(
+                _coefficients(s), *rows, *first, np.ascontiguousarray(index), f.copy(),
+                self.order, out,
+            )  # fmt: skip
+        return out
+
+    def bounds(self) -> FloatArray | None:
+        """See `Pieces.bounds`: extremes of the coefficients of the splines."""
+        out = np.zeros((*self.shape, self.sets.count, 2))
+        for s, ops, f in zip(self.sets.splines, self._operators, self.sets.factors.T, strict=True):
+            size = np.array([len(rows[0, 0]) for rows, _ in ops])
+            kernels.windows(_coefficients(s), *(first for _, first in ops), size, f.copy(), out)
+        slack = 1e-13 * np.abs(out).max(axis=-1, keepdims=True)
+        return out + slack * np.array([-1.0, 1.0])
+
+
+class FieldPieces(Pieces):
+    """Pieces of any fields: interpolated at Chebyshev-Lobatto sites, which neighbours share."""
+
+    @cached_property
+    def _inverse(self) -> FloatArray:
+        p = self.sets.degree
+        x = self._sites
+        basis = [[comb(p, i) * t**i * (1 - t) ** (p - i) for i in range(p + 1)] for t in x]
+        return np.linalg.inv(np.array(basis))
+
+    @cached_property
+    def _sites(self) -> FloatArray:
+        p = self.sets.degree
+        return 0.5 - 0.5 * np.cos(np.pi * np.arange(p + 1) / p)
+
+    def _points(self, index: IntArray, sites: FloatArray) -> FloatArray:
+        grids = [
+            self.axes[a][index[:, a], None] + np.diff(self.axes[a])[index[:, a], None] * sites
+            for a in range(3)
+        ]
+        n = len(sites)
+        u = np.empty((len(index), n, n, n, 3))
+        u[..., 0] = grids[0][:, :, None, None]
+        u[..., 1] = grids[1][:, None, :, None]
+        u[..., 2] = grids[2][:, None, None, :]
+        lo, hi = self.sets.domain
+        return np.clip(u.reshape(-1, 3), lo, hi)
+
+    def tensors(self, index: IntArray) -> FloatArray:
+        """See `Pieces.tensors`."""
+        P, m = self.order, self.sets.count
+        out = np.empty((len(index), m, P**3))
+        for i in range(0, len(index), BATCH // 16):
+            part = index[i : i + BATCH // 16]
+            values = self.sets(self._points(part, self._sites)).reshape(-1, P, P, P, m)
+            if not np.isfinite(values).all():
+                raise InputError("field must be finite on the whole domain; shrink the domain")
+            V = self._inverse
+            c = np.einsum("ia,jb,kc,nabcm->nmijk", V, V, V, values, optimize=True)
+            out[i : i + len(part)] = c.reshape(len(part), m, P**3)
+        return out
+
+    def bounds(self) -> FloatArray | None:
+        """See `Pieces.bounds`: by the fields' own `range`, where all have it."""
+        if not all(hasattr(f, "range") for f in self.sets.fields):
+            return None
+        lo, hi = (
+            np.stack(np.meshgrid(*(x[s] for x in self.axes), indexing="ij"), -1).reshape(-1, 3)
+            for s in (slice(None, -1), slice(1, None))
+        )
+        parts = [np.asarray(f.range(lo, hi), np.float64) for f in self.sets.fields]
+        return np.stack(parts, axis=1).reshape(*self.shape, -1, 2)
+
+    @cached_property
+    def _error(self) -> float:
+        rng = np.random.default_rng(0)
+        index = np.stack([rng.integers(0, n, CHECKS) for n in self.shape], axis=1)
+        t = rng.random((CHECKS, 3))
+        u = np.stack(
+            [x[i] + np.diff(x)[i] * s for x, i, s in zip(self.axes, index.T, t.T, strict=True)], 1
+        )
+        p = self.sets.degree
+        k = np.arange(p + 1)
+        binomial = np.array([comb(p, i) for i in k])
+        b = binomial * t[..., None] ** k * (1 - t[..., None]) ** (p - k)
+        c = self.tensors(index).reshape(CHECKS, -1, p + 1, p + 1, p + 1)
+        value = np.einsum("nmijk,ni,nj,nk->nm", c, b[:, 0], b[:, 1], b[:, 2])
+        return float(np.abs(value - self.sets(u)).max())
+
+    @property
+    def error(self) -> float:
+        """Largest deviation of the tensors from the level sets at 4096 random points."""
+        return self._error
+
+
+def as_level_sets(field: Any, domain: FloatArray | None, degree: int) -> LevelSets:
+    """Level sets of a wall, a scalar spline, a smooth field, or a pair of fields.
+
+    Parameters
+    ----------
+    field : Wall, WallField, BSpline, callable, or pair of these
+        The solid is where it is negative; of a pair, where both are.
+    domain : ndarray, shape (2, 3), optional
+        Box, for fields that have no bounds.
+    degree : int
+        Degree of the interpolation of what is no spline, 1 to 4.
+
+    Returns
+    -------
+    LevelSets
+        The sets.
+
+    Raises
+    ------
+    InputError
+        If it is something else, or there is no domain.
+    """
+    if isinstance(field, Wall):
+        field = field.field
+    if isinstance(field, WallField):
+        t = field.thickness
+        splines: tuple[BSpline, ...] = (field.distance, t.outer)
+        factors = [[1.0, -1.0], [-1.0, -1.0]]
+        if not t.symmetric:
+            splines = (field.distance, t.outer, t.inner)
+            factors = [[1.0, -1.0, 0.0], [-1.0, 0.0, -1.0]]
+        return _of_splines(splines, np.array(factors), (field,), domain, degree)
+    parts = tuple(field) if isinstance(field, tuple | list) else (field,)
+    if not 1 <= len(parts) <= 2:
+        raise InputError(f"field must be one field or a pair, got {len(parts)}")
+    for f in parts:
+        if isinstance(f, BSpline) and (f.ndim != 3 or f.m):
+            raise InputError(f"field must be a scalar spline with 3 parameters, got {f!r}")
+        if not callable(f):
+            raise InputError(f"field must be a wall, a spline or a callable field, got {f!r:.80}")
+    if all(isinstance(f, BSpline) for f in parts):
+        return _of_splines(parts, np.eye(len(parts)), parts, domain, degree)
+    return _of_fields(parts, domain, degree)
+
+
+def _of_splines(
+    splines: tuple[BSpline, ...], factors: FloatArray, fields: tuple[Any, ...],
+    domain: FloatArray | None, degree: int,
+) -> LevelSets:  # fmt: skip
+    top = max(max(s.k) for s in splines)
+    box = _intersection(splines, domain)
+    if top > MOST_DEGREE:
+        return _of_fields(fields, box, degree)
+    return LevelSets(splines, factors, (), box, max(top, 1))
+
+
+def _of_fields(fields: tuple[Any, ...], domain: FloatArray | None, degree: int) -> LevelSets:
+    box = _intersection(fields, domain)
+    return LevelSets((), np.zeros((0, 0)), fields, box, degree)
+
+
+def _intersection(fields: tuple[Any, ...], domain: FloatArray | None) -> FloatArray:
+    boxes = [np.asarray(f.bounds, np.float64) for f in fields if hasattr(f, "bounds")]
+    if domain is not None:
+        box = domain
+        for b in boxes:
+            slack = 1e-12 * (b[1] - b[0])
+            if (box[0] < b[0] - slack).any() or (box[1] > b[1] + slack).any():
+                raise InputError(
+                    f"domain {box.tolist()} leaves the bounds {b.tolist()} of the field"
+                )
+    elif not boxes:
+        raise InputError("domain is needed: the field has no bounds")
+    else:
+        box = np.array([np.max([b[0] for b in boxes], 0), np.min([b[1] for b in boxes], 0)])
+    if not (box[0] < box[1]).all():
+        raise InputError(f"domain must have its lower corner below its upper one: {box.tolist()}")
+    return read_only(np.array(box))
+
+
+def _numerator(s: BSpline) -> BSpline:
+    """A spline of the same sign without weights."""
+    if s.weights is None:
+        return s
+    return BSpline(s.t, s.c * s.weights, s.k, periodic=s.periodic)
+
+
+def _coefficients(s: BSpline) -> FloatArray:
+    return np.ascontiguousarray(s.c if s.weights is None else s.c * s.weights)
+
+
+def _restrictions(s: BSpline, a: int, edges: FloatArray, order: int) -> tuple[FloatArray, IntArray]:
+    """Rows (pieces, order, k + 1) and first coefficients (pieces,): Bernstein form on pieces."""
+    t, k = np.asarray(s.t[a]), s.k[a]
+    p = order - 1
+    raised = np.array(
+        [[comb(k, j) * comb(p - k, i - j) / comb(p, i) if i >= j else 0.0 for j in range(k + 1)]
+         for i in range(p + 1)]
+    )  # fmt: skip
+    spans = find_spans(t, k, 0.5 * (edges[1:] + edges[:-1]))
+    out = np.empty((len(spans), order, k + 1))
+    rows = np.zeros((k + 1, k + 1))
+    for i, span in enumerate(spans):
+        restriction(t, k, int(span), edges[i], edges[i + 1], rows)
+        out[i] = raised @ rows
+    return out, (spans - k).astype(np.int64)

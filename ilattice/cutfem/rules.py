@@ -1,0 +1,527 @@
+"""Quadrature on cut cells: volumes, the surfaces that bound them, and the faces between cells.
+
+`quadrature(wall)` integrates anything over a wall in space::
+
+    rule = il.cutfem.quadrature(wall, q=3)
+    mass = rule.integrate(density)
+
+Rules are made cell by cell from Bernstein coefficients (see `_kernels_rules`), one pass into room
+that is used again and again, then copied to their place. Sources: Saye, High-order quadrature
+methods for implicitly defined surfaces and volumes in hyperrectangles, 2015, for the recursion;
+Hong et al. 2025, section 4, for what it is used for.
+
+Guarantees: all weights are positive (those of `Quadrature.compressed` excepted); points lie in
+their cells; full cells get a Gauss rule; results have the same bits for any number of threads.
+Non-guarantee: on a surface that is nearly tangent to all directions of a box of depth
+`tangent_depth`, at cones and where two surfaces cross, the order drops; finer cells, or a larger
+depth, help.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ilattice._typing import AnyArray, FloatArray, IntArray
+from ilattice._validate import read_only
+from ilattice.cutfem import _kernels_drive as kernels
+from ilattice.cutfem._kernels_compress import project
+from ilattice.cutfem.grid import CUT, IN, CutGrid, Grid, cut
+from ilattice.errors import InputError
+from ilattice.macroshape.maps import SplineMap
+
+MOST_POINTS = 10
+BATCH = 1024  # boxes between two copies
+VOLUME, SURFACE = 1, 2
+SOFT_FROM = {VOLUME: 5, SURFACE: 2}  # points from which substitution at tangents pays
+NAMES = ("u=0", "u=1", "v=0", "v=1", "w=0", "w=1")
+
+Integrand = Callable[[FloatArray], Any] | float | AnyArray
+
+
+@dataclass(frozen=True, eq=False)
+class Quadrature:
+    """Points and weights, cell after cell.
+
+    Attributes
+    ----------
+    points : ndarray, shape (n, 3)
+        Where to evaluate.
+    weights : ndarray, shape (n,)
+        What to multiply with.
+    offsets : ndarray, shape (cells + 1,)
+        The points of the i-th listed cell are those from offsets[i] to offsets[i + 1].
+    cells : ndarray, shape (cells,)
+        Numbers of the listed cells in `grid`.
+    exact_to : int
+        Degree per direction of polynomials that are integrated exactly where cells are full or
+        cut by planes along the grid.
+    grid : Grid
+        The cells.
+    through : SplineMap or None
+        The map to space, if there is one.
+    normals : ndarray, shape (n, 3), or None
+        Outward unit normals, on surfaces and faces.
+    sets : ndarray, shape (n,), int8, or None
+        On surfaces, which level set vanishes.
+    neighbours : ndarray, shape (cells,), or None
+        On faces between cells, the cells on the upper side.
+    parameters : ndarray, shape (n, 3), or None
+        For a rule in space, the parameters of its points; None for a rule in parameters.
+    """
+
+    points: FloatArray
+    weights: FloatArray
+    offsets: IntArray
+    cells: IntArray
+    exact_to: int
+    grid: Grid
+    through: SplineMap | None = None
+    normals: FloatArray | None = None
+    sets: AnyArray | None = None
+    neighbours: IntArray | None = None
+    parameters: FloatArray | None = None
+
+    def __len__(self) -> int:
+        return len(self.weights)
+
+    def __repr__(self) -> str:
+        place = "parameters" if self.parameters is None else "space"
+        return f"Quadrature({len(self)} points in {place}, {len(self.cells)} cells)"
+
+    def integrate(self, f: Integrand = 1.0) -> Any:
+        """Integral of a function.
+
+        Parameters
+        ----------
+        f : callable, float, or array_like of shape (n,) or (n, ...)
+            Takes points (n, 3) and returns one value per point, or those values, or a constant.
+
+        Returns
+        -------
+        float or ndarray
+            The integral; of shape (...) for values of shape (n, ...).
+
+        Raises
+        ------
+        InputError
+            If there is not one value per point.
+        """
+        total = self._products(f).sum(axis=0)
+        return float(total) if np.ndim(total) == 0 else total
+
+    def integrate_cells(self, f: Integrand = 1.0) -> FloatArray:
+        """Integral over each listed cell.
+
+        Parameters
+        ----------
+        f : callable, float, or array_like
+            As in `integrate`.
+
+        Returns
+        -------
+        ndarray, shape (cells,) or (cells, ...)
+            One integral per cell.
+        """
+        values = self._products(f)
+        padded = np.concatenate([values, np.zeros((1, *values.shape[1:]))])
+        out = np.add.reduceat(padded, self.offsets[:-1], axis=0) if len(self.cells) else values[:0]
+        out[np.diff(self.offsets) == 0] = 0.0
+        return out
+
+    def flux(self, f: Callable[[FloatArray], Any] | AnyArray) -> float:
+        """Integral of a vector field times the normal.
+
+        Parameters
+        ----------
+        f : callable or array_like, shape (n, 3)
+            Takes points (n, 3) and returns vectors (n, 3), or these vectors.
+
+        Returns
+        -------
+        float
+            The flux.
+
+        Raises
+        ------
+        InputError
+            If the rule has no normals, or there is not one vector per point.
+        """
+        if self.normals is None:
+            raise InputError("flux needs the normals of a surface or face rule")
+        vectors = np.asarray(f(self.points) if callable(f) else f, np.float64)
+        if vectors.shape != self.points.shape:
+            raise InputError(
+                f"f must give vectors of shape {self.points.shape}, got {vectors.shape}"
+            )
+        return float(self.weights @ np.einsum("ij,ij->i", vectors, self.normals))
+
+    def in_space(self, through: SplineMap | None = None) -> "Quadrature":
+        """The same rule in space: points mapped, weights times the local volume or area.
+
+        Parameters
+        ----------
+        through : SplineMap, optional
+            The map; by default that of the wall.
+
+        Returns
+        -------
+        Quadrature
+            With `parameters`. Volumes are scaled by |det J|; areas and normals by the cofactors
+            of J (Nanson's formula), so that normals stay outward for left-handed maps too.
+
+        Raises
+        ------
+        InputError
+            If the rule is in space already, or there is no map.
+        """
+        if self.parameters is not None:
+            raise InputError("the rule is in space already")
+        space = through if through is not None else self.through
+        if space is None:
+            raise InputError("through is needed: the rule knows no map")
+        x, J = space.jet(self.points, 1)
+        det = np.linalg.det(J)
+        scale, normals = np.abs(det), None
+        if self.normals is not None:
+            cofactors = np.stack([np.cross(J[:, :, (k + 1) % 3], J[:, :, (k + 2) % 3]) for k in
+                                  range(3)], axis=2)  # fmt: skip
+            n = np.einsum("nck,nk->nc", cofactors, self.normals) * np.sign(det)[:, None]
+            scale = np.linalg.norm(n, axis=1)
+            normals = read_only(n / np.maximum(scale, 1e-300)[:, None])
+        return replace(
+            self,
+            points=read_only(x),
+            weights=read_only(self.weights * scale),
+            normals=normals,
+            through=space,
+            parameters=self.points,
+        )
+
+    def compressed(self, degree: int = 2) -> "Quadrature":
+        """Rule with (degree + 1)³ Gauss points per cell and the same moments.
+
+        Parameters
+        ----------
+        degree : int
+            Per direction, of the polynomials whose integrals stay the same, 0 to 9.
+
+        Returns
+        -------
+        Quadrature
+            Points are the Gauss points of whole cells, the same in every cell. Weights may be
+            negative, and points outside the solid.
+
+        Raises
+        ------
+        InputError
+            If it is no volume rule in parameters.
+        """
+        if self.normals is not None or self.parameters is not None:
+            raise InputError("only volume rules in parameters can be compressed")
+        if degree not in range(MOST_POINTS):
+            raise InputError(f"degree must be a whole number from 0 to 9, got {degree!r}")
+        n = degree + 1
+        x = _gauss(n)[0]
+        boxes = self.grid.boxes(self.cells)
+        weights = np.zeros((len(self.cells), n, n, n))
+        project(self.points, self.weights, self.offsets, boxes, x, weights)
+        points = np.empty((len(self.cells), n, n, n, 3))
+        for a in range(3):
+            shape = [len(self.cells), 1, 1, 1]
+            shape[1 + a] = n
+            points[..., a] = (boxes[:, a, None] + boxes[:, 3 + a, None] * x).reshape(shape)
+        return replace(
+            self,
+            points=read_only(points.reshape(-1, 3)),
+            weights=read_only(weights.ravel()),
+            offsets=read_only(np.arange(len(self.cells) + 1) * n**3),
+            exact_to=degree,
+        )
+
+    @cached_property
+    def owners(self) -> IntArray:
+        """Position in `cells` of the cell of each point, shape (n,)."""
+        return read_only(np.repeat(np.arange(len(self.cells)), np.diff(self.offsets)))
+
+    def _products(self, f: Integrand) -> FloatArray:
+        values = np.asarray(f(self.points) if callable(f) else f, np.float64)
+        if values.ndim and len(values) != len(self):
+            raise InputError(
+                f"f must give one value for each of {len(self)} points, got {values.shape}"
+            )
+        if values.ndim == 0:
+            return self.weights * values
+        return values * self.weights.reshape(-1, *(1,) * (values.ndim - 1))
+
+
+def quadrature(
+    field: Any,
+    cells: Any = None,
+    *,
+    q: int = 3,
+    kind: str = "volume",
+    domain: Any = None,
+    degree: int = 4,
+    tangent_depth: int = 3,
+) -> Quadrature:
+    """Rule to integrate over a solid, or its surface: in space for a wall.
+
+    Parameters
+    ----------
+    field : Wall, BSpline, callable, or pair of fields
+        The solid is where it is negative, as in `cut`.
+    cells : int, sequence of 3 int or Grid, optional
+        Background grid, as in `cut`.
+    q : int
+        Gauss points per direction and piece of a cell, 1 to 10.
+    kind : {"volume", "surface", "u=0", "u=1", "v=0", "v=1", "w=0", "w=1"}
+        The solid, the level sets that bound it, or its part on an end face of the domain.
+    domain : array_like, shape (2, 3), optional
+        Box of the grid; by default the bounds of the field.
+    degree : int
+        Degree of the interpolation of fields that are no splines, 1 to 4.
+    tangent_depth : int
+        How often a nearly tangent box is halved.
+
+    Returns
+    -------
+    Quadrature
+        In space for a wall, in parameters for any other field.
+
+    Raises
+    ------
+    InputError
+        If an argument is wrong.
+    GeometryError
+        If the solid is empty.
+
+    Examples
+    --------
+    >>> import ilattice as il
+    >>> lattice = il.Lattice("gyroid", through=il.macroshape.box((1, 1, 1)))
+    >>> rule = il.cutfem.quadrature(lattice.offset(0.05), q=2)
+    >>> volume, centroid = rule.integrate(), rule.integrate(lambda x: x) / rule.integrate()
+    """
+    if kind not in ("volume", "surface", *NAMES):
+        raise InputError(f"kind must be 'volume', 'surface' or one of {NAMES}, got {kind!r}")
+    grid = cut(field, cells, domain=domain, degree=degree)
+    if kind == "volume":
+        rule = grid.volume(q, tangent_depth=tangent_depth)
+    elif kind == "surface":
+        rule = grid.surface(q, tangent_depth=tangent_depth)
+    else:
+        rule = grid.face(kind, q, tangent_depth=tangent_depth)
+    return rule.in_space() if grid.through is not None else rule
+
+
+# ---------------------------------------------------------------------------- making rules
+
+
+def volume_rule(grid: CutGrid, q: int, tangent_depth: int, only: str) -> Quadrature:
+    """See `CutGrid.volume`."""
+    q, accept = _as_order(q, tangent_depth)
+    if only not in ("", "in", "cut"):
+        raise InputError(f"only must be '', 'in' or 'cut', got {only!r}")
+    status = grid.status.ravel()
+    full = np.flatnonzero(status == IN) if only != "cut" else np.zeros(0, np.int64)
+    index, owner = _pieces_of_cut_cells(grid) if only != "in" else _nothing()
+    cells = np.concatenate([full, owner])
+    order = np.argsort(cells, kind="stable")
+    boxes = np.concatenate([grid.grid.boxes(full), _piece_boxes(grid, index)])[order]
+    which = np.concatenate([np.full(len(full), -1), np.arange(len(index))])[order]
+    sides = np.full(len(cells), -1)
+    return _rule(grid, index, which, boxes, sides, cells[order], VOLUME, q, accept)
+
+
+def surface_rule(grid: CutGrid, q: int, tangent_depth: int) -> Quadrature:
+    """See `CutGrid.surface`."""
+    q, accept = _as_order(q, tangent_depth)
+    wanted = grid._piece_signs == 0
+    bounds = grid.pieces.bounds()
+    inside = True if bounds is None else ~(bounds[..., 1] < 0).all(axis=-1)
+    index = np.argwhere(wanted | ((grid._piece_signs < 0) & inside))  # full, but zero on a face?
+    owner = _cells_of(grid, index)
+    order = np.argsort(owner, kind="stable")
+    index, owner = index[order], owner[order]
+    boxes = _piece_boxes(grid, index)
+    sides = np.full(len(index), -1)
+    return _rule(grid, index, np.arange(len(index)), boxes, sides, owner, SURFACE, q, accept)
+
+
+def end_face_rule(grid: CutGrid, name: str, q: int, tangent_depth: int) -> Quadrature:
+    """See `CutGrid.face`."""
+    q, accept = _as_order(q, tangent_depth)
+    if name not in NAMES:
+        raise InputError(f"name must be one of {NAMES}, got {name!r}")
+    axis, side = divmod(NAMES.index(name), 2)
+    if grid.grid.closed[axis]:
+        raise InputError(f"name={name!r}: the domain is closed in that direction and has no ends")
+    last = grid.pieces.shape[axis] - 1
+    index = np.argwhere(grid._piece_signs.take([side * last], axis) != 1)
+    index[:, axis] = side * last
+    return _faces(grid, index, axis, side, q, accept)
+
+
+def inner_face_rule(grid: CutGrid, axis: int, q: int, tangent_depth: int) -> Quadrature:
+    """See `CutGrid.faces`."""
+    q, accept = _as_order(q, tangent_depth)
+    if axis not in (0, 1, 2):
+        raise InputError(f"axis must be 0, 1 or 2, got {axis!r}")
+    owner = grid._owners[axis]
+    ends = np.flatnonzero(np.append(np.diff(owner) > 0, grid.grid.closed[axis]))
+    signs = grid._piece_signs
+    upper = np.take(signs, (ends + 1) % signs.shape[axis], axis)
+    index = np.argwhere((signs.take(ends, axis) != 1) & (upper != 1))
+    index[:, axis] = ends[index[:, axis]]
+    rule = _faces(grid, index, axis, 1, q, accept)
+    i = list(np.unravel_index(rule.cells, grid.grid.shape))
+    i[axis] = (i[axis] + 1) % grid.grid.shape[axis]
+    return replace(rule, neighbours=read_only(np.ravel_multi_index(tuple(i), grid.grid.shape)))
+
+
+def _faces(grid: CutGrid, index: IntArray, axis: int, side: int, q: int, accept: int) -> Quadrature:
+    owner = _cells_of(grid, index)
+    order = np.argsort(owner, kind="stable")
+    index, owner = index[order], owner[order]
+    sides = np.full(len(index), 2 * axis + side)
+    which = np.arange(len(index))
+    rule = _rule(grid, index, which, _piece_boxes(grid, index), sides, owner, VOLUME, q, accept)
+    normals = np.zeros((len(rule), 3))
+    normals[:, axis] = 2.0 * side - 1.0
+    return replace(rule, normals=read_only(normals))
+
+
+def _as_order(q: Any, tangent_depth: Any) -> tuple[int, int]:
+    for name, value, low, high in (
+        ("q", q, 1, MOST_POINTS),
+        ("tangent_depth", tangent_depth, 0, 9),
+    ):
+        if isinstance(value, bool) or not np.isscalar(value) or value not in range(low, high + 1):
+            raise InputError(f"{name} must be a whole number from {low} to {high}, got {value!r}")
+    return int(q), int(tangent_depth)
+
+
+def _nothing() -> tuple[IntArray, IntArray]:
+    return np.zeros((0, 3), np.int64), np.zeros(0, np.int64)
+
+
+def _cells_of(grid: CutGrid, index: IntArray) -> IntArray:
+    cells = tuple(owner[i] for owner, i in zip(grid._owners, index.T, strict=True))
+    return np.ravel_multi_index(cells, grid.grid.shape).astype(np.int64)
+
+
+def _pieces_of_cut_cells(grid: CutGrid) -> tuple[IntArray, IntArray]:
+    """Pieces of cut cells that are not out, and their cells."""
+    mine = (grid.status == CUT)[np.ix_(*grid._owners)]
+    index = np.argwhere((grid._piece_signs != 1) & mine)
+    return index, _cells_of(grid, index)
+
+
+def _piece_boxes(grid: CutGrid, index: IntArray) -> FloatArray:
+    low = [x[i] for x, i in zip(grid.pieces.axes, index.T, strict=True)]
+    high = [np.diff(x)[i] for x, i in zip(grid.pieces.axes, index.T, strict=True)]
+    return np.stack(low + high, axis=1)
+
+
+def _gauss(n: int) -> tuple[FloatArray, FloatArray]:
+    x, w = np.polynomial.legendre.leggauss(n)
+    return 0.5 * (x + 1.0), 0.5 * w
+
+
+def _table(q: int, want: int) -> FloatArray:
+    """Nodes and weights on [0, 1], and those for integrands with square roots at the ends."""
+    x, w = _gauss(q)
+    rows = [x, w, x, w]
+    if q >= SOFT_FROM[want]:
+        rows = [x, w, x * x * (3.0 - 2.0 * x), 6.0 * x * (1.0 - x) * w]
+    out = np.zeros((4, MOST_POINTS))
+    out[:, :q] = rows
+    return out.ravel()
+
+
+class _Rows:
+    """Arrays that grow, to about what the part that is done lets expect."""
+
+    def __init__(self, wide: bool) -> None:
+        self.count = 0
+        self.wide = wide
+        self.arrays: list[AnyArray] = [
+            np.empty((0, 3)),
+            np.empty(0),
+            np.empty((0, 3)),
+            np.empty(0, np.int8),
+        ]
+
+    def append(self, arena: FloatArray, used: IntArray, done: float) -> None:
+        """Add the rows of all chunks; `done` is the part of the boxes that they complete."""
+        starts = self.count + np.cumsum(used) - used
+        before, self.count = self.count, self.count + int(used.sum())
+        if self.count > len(self.arrays[1]):
+            room = int(1.03 * self.count / done) + 1
+            for i, old in enumerate(self.arrays[: 4 if self.wide else 2]):
+                self.arrays[i] = np.empty((room, *old.shape[1:]), old.dtype)
+                self.arrays[i][:before] = old[:before]
+        kernels.gather(arena, starts, used, *self.arrays)
+
+    def finish(self) -> None:
+        """Give back what is too much."""
+        for a in self.arrays[: 4 if self.wide else 2]:
+            a.resize((self.count, *a.shape[1:]), refcheck=False)
+
+
+def _rule(
+    grid: CutGrid, index: IntArray, which: IntArray, boxes: FloatArray, sides: IntArray,
+    cells: IntArray, want: int, q: int, accept: int,
+) -> Quadrature:  # fmt: skip
+    """Rule on boxes, sorted by cell; which[n] is the row of `index` of box n, or -1 if full."""
+    pieces = grid.pieces
+    rows = _Rows(want == SURFACE)
+    counts = np.zeros(len(boxes), np.int64)
+    room = kernels.CHUNK * 3 * q**3
+    gauss = _table(q, want)
+    width = 8 if want == SURFACE else 4
+    chunks = -(-BATCH // kernels.CHUNK)
+    arena = np.empty((chunks, room, width))
+    none = np.empty((chunks, 0, 12 - width))
+    for i in range(0, len(boxes), BATCH):
+        part = slice(i, min(i + BATCH, len(boxes)))
+        local = which[part].copy()
+        tensors = pieces.tensors(index[local[local >= 0]])
+        local[local >= 0] = np.arange(len(tensors))
+        used = np.zeros(-(-(part.stop - i) // kernels.CHUNK), np.int64)
+        while True:
+            volume, surface = (none, arena) if want == SURFACE else (arena, none)
+            kernels.rules(
+                tensors, local, boxes[part], sides[part], gauss, accept, want, q, pieces.lengths,
+                volume, surface, counts[part], used,
+            )  # fmt: skip
+            if used.max(initial=0) <= arena.shape[1]:
+                break
+            arena = np.empty((chunks, int(used.max()), width))
+        rows.append(arena, used, part.stop / len(boxes))
+    rows.finish()
+    return _assembled(grid, rows, counts, cells, 2 * q - 1)
+
+
+def _assembled(
+    grid: CutGrid, rows: _Rows, counts: IntArray, cells: IntArray, exact_to: int
+) -> Quadrature:
+    """Rows and their counts per box as a rule by cell; cells without points are left out."""
+    keep = counts > 0
+    listed, first = np.unique(cells[keep], return_index=True)
+    ends = np.append(0, np.cumsum(counts[keep]))
+    points, weights, normals, sets = (read_only(a) for a in rows.arrays)
+    return Quadrature(
+        points,
+        weights,
+        read_only(np.append(ends[first], ends[-1])),
+        read_only(listed),
+        exact_to,
+        grid.grid,
+        grid.through,
+        normals if rows.wide else None,
+        sets if rows.wide else None,
+    )

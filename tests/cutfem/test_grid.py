@@ -1,0 +1,201 @@
+"""Signs of cells are certain, for any grid, spline or field; bad input ends at the door."""
+
+import numpy as np
+import pytest
+
+import ilattice as il
+from ilattice.bspline import BSpline
+from ilattice.bspline.fit import fit
+from ilattice.cutfem.grid import CUT, IN, OUT
+from ilattice.errors import GeometryError, InputError
+
+BOX = np.array([[-0.5, -0.5, -0.5], [0.5, 0.5, 0.5]])
+
+
+def ball(u):
+    return (u**2).sum(axis=1) - 0.16
+
+
+def spline(degree=2, spans=5, field=ball, domain=BOX):
+    return fit(field, domain=domain, degree=degree, spans=spans, method="interpolate")
+
+
+def random_spline(rng, degree, shape=(4, 5, 6)):
+    t = [np.r_[[0.0] * degree, np.linspace(0, 1, n - degree + 1), [1.0] * degree] for n in shape]
+    return BSpline(t, rng.normal(size=shape), degree)
+
+
+def inside(sets, grid, cell, n=9):
+    """Whether each of n³ points of a cell, faces included, is in the solid."""
+    box = grid.boxes(np.array([cell]))[0]
+    t = np.linspace(0, 1, n)
+    u = box[:3] + box[3:] * np.stack(np.meshgrid(t, t, t, indexing="ij"), -1).reshape(-1, 3)
+    return (sets(np.clip(u, *grid.domain)) < 0).all(axis=1)
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3, 4])
+def test_tensors_are_the_spline(degree):
+    rng = np.random.default_rng(degree)
+    s = random_spline(rng, degree, (degree + 2, degree + 3, degree + 1))
+    pieces = il.cutfem.cut(s, (3, 2, 4)).pieces
+    for _ in range(20):
+        index = np.array([[rng.integers(n) for n in pieces.shape]])
+        c = pieces.tensors(index).reshape((degree + 1,) * 3)
+        at = rng.random(3)
+        u = [
+            x[i] + t * (x[i + 1] - x[i]) for x, i, t in zip(pieces.axes, index[0], at, strict=True)
+        ]
+        local = BSpline([np.repeat([0.0, 1.0], degree + 1)] * 3, c, degree)
+        assert local(at[None])[0] == pytest.approx(s(np.array([u]))[0], abs=1e-13)
+
+
+def test_degrees_may_differ_and_weights_only_scale():
+    rng = np.random.default_rng(5)
+    t = [np.repeat([0.0, 1.0], k + 1) for k in (1, 3, 2)]
+    c = rng.normal(size=(2, 4, 3))
+    w = rng.uniform(0.5, 2, c.shape)
+    plain = il.cutfem.cut(BSpline(t, c * w, (1, 3, 2)), 4)
+    rational = il.cutfem.cut(BSpline(t, c, (1, 3, 2), weights=w), 4)
+    assert plain.sets.degree == 3
+    np.testing.assert_array_equal(plain.status, rational.status)
+    assert plain.volume(3).integrate() == rational.volume(3).integrate()
+    box = il.cutfem.cut((plain.sets.splines[0], BSpline(t, c, (1, 3, 2), weights=w)), 4)
+    assert box.volume(3).integrate() == pytest.approx(plain.volume(3).integrate(), rel=1e-4)
+
+
+@pytest.mark.parametrize("cells", [(7, 7, 7), (2, 9, 5), None])
+def test_signs_are_those_of_points(cells):
+    rng = np.random.default_rng(1)
+    kinds = set()
+    for degree in (1, 2, 3):
+        cut = il.cutfem.cut(random_spline(rng, degree), cells)
+        for cell, status in enumerate(cut.status.ravel()):
+            points = inside(cut.sets, cut.grid, cell)
+            kinds.add(int(status))
+            if status == IN:
+                assert points[_strictly_inside()].all()
+            elif status == OUT:
+                assert not points.any()
+    assert kinds >= ({IN, CUT} if cells is None else {IN, CUT, OUT})
+
+
+def _strictly_inside(n=9):
+    t = (np.arange(n) > 0) & (np.arange(n) < n - 1)
+    return (t[:, None, None] & t[None, :, None] & t[None, None, :]).ravel()
+
+
+def test_what_sampling_misses_is_cut():
+    def speck(u):
+        return ((u - [0.3, 0.41, 0.27]) ** 2).sum(axis=1) - 1e-6
+
+    cut = il.cutfem.cut(speck, 4, domain=[[0] * 3, [1] * 3], degree=2)
+    assert 21 in cut.cells(CUT)
+    assert cut.cells(OUT).size >= 60
+    np.testing.assert_array_equal(cut.volume(3).cells, [21])
+
+
+def test_signs_are_sharp_on_smooth_solids():
+    cut = il.cutfem.cut(ball, 16, domain=BOX, degree=2)
+    assert [cut.cells(s).size for s in (IN, CUT, OUT)] == [696, 776, 2624]
+
+
+def test_coarse_cells_hold_several_elements():
+    s = spline(spans=10, field=lambda u: np.cos(7 * u).sum(axis=1))
+    fine, coarse, odd = (il.cutfem.cut(s, n) for n in (10, 5, 3))
+    assert fine.pieces.shape == coarse.pieces.shape == (10, 10, 10)
+    assert odd.pieces.shape == (12, 12, 12)
+    volumes = [c.volume(6).integrate() for c in (fine, coarse, odd)]
+    assert volumes[1:] == pytest.approx(volumes[:1] * 2, rel=1e-8)
+    assert coarse.status.shape == (5, 5, 5)
+    blocks = fine.status.reshape(5, 2, 5, 2, 5, 2)
+    low, high = blocks.min(axis=(1, 3, 5)), blocks.max(axis=(1, 3, 5))
+    np.testing.assert_array_equal(coarse.status, np.where(low == high, low, CUT))
+
+
+def test_fields_are_interpolated_with_a_stated_error():
+    def wavy(u):
+        return np.sin(5 * u).sum(axis=1)
+
+    errors = [il.cutfem.cut(wavy, n, domain=BOX, degree=4).error for n in (4, 8)]
+    assert errors[0] / errors[1] == pytest.approx(2**5, rel=0.5)
+    rng = np.random.default_rng(3)
+    cut = il.cutfem.cut(wavy, 8, domain=BOX, degree=4)
+    index = rng.integers(0, 8, (50, 3))
+    centre = cut.pieces.tensors(index).reshape(50, 5, 5, 5)
+    b = np.array([1, 4, 6, 4, 1]) / 16
+    u = -0.5 + (index + 0.5) / 8
+    off = np.abs(np.einsum("nijk,i,j,k", centre, b, b, b) - wavy(u)).max()
+    assert 0 < off <= 1.2 * errors[1]
+    assert il.cutfem.cut(spline(), 4).error == 0.0
+
+
+def test_fields_with_bounds_are_certified_by_them():
+    gyroid = il.tiles["gyroid"]
+    cut = il.cutfem.cut(gyroid, 10, degree=2)
+    box = cut.grid.boxes(np.arange(1000))
+    ranges = gyroid.range(box[:, :3], box[:, :3] + box[:, 3:])
+    status = cut.status.ravel()
+    assert (status[ranges[:, 1] < 0] == IN).all()
+    assert (status[ranges[:, 0] > 0] == OUT).all()
+    assert (ranges[:, 1] < 0).any()
+
+
+def test_periodic_splines_and_closed_maps():
+    shell = il.macroshape.torus(major=4.0, width=2.0)
+    wall = il.Lattice("schwarz_p", through=shell, repeat=(4, 1, 1), spans_per_tile=6).offset(0.2)
+    cut = il.cutfem.cut(wall)
+    assert cut.grid.shape == (24, 6, 6)
+    assert cut.grid.closed == shell.closed
+    assert cut.through is shell
+    values = cut.sets(np.array([[0.1, 0.2, 0.3]]))[0]
+    s = wall.distance(np.array([[0.1, 0.2, 0.3]]))[0]
+    np.testing.assert_allclose(values, [s - 0.2, -s - 0.2])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"cells": 0}, "cells"),
+        ({"cells": (2, 2)}, "cells"),
+        ({"cells": 2.5}, "cells"),
+        ({}, "cells is needed"),
+        ({"cells": 4, "degree": 5}, "degree"),
+        ({"cells": 4, "through": "torus"}, "through"),
+        ({"cells": 4, "domain": [[0, 0, 0], [1, 0, 1]]}, "domain"),
+        ({"cells": 4, "domain": None}, "domain is needed"),
+    ],
+)
+def test_bad_arguments_are_named(arguments, message):
+    with pytest.raises(InputError, match=message):
+        il.cutfem.cut(ball, **{"domain": BOX, **arguments})
+
+
+def test_bad_fields_are_refused():
+    s = spline()
+    with pytest.raises(InputError, match="leaves the bounds"):
+        il.cutfem.cut(s, 4, domain=[[-1, -0.5, -0.5], [0.5, 0.5, 0.5]])
+    with pytest.raises(InputError, match="scalar spline"):
+        il.cutfem.cut(il.macroshape.box((1, 1, 1)).spline, 4)
+    with pytest.raises(InputError, match="one field or a pair"):
+        il.cutfem.cut((s, s, s), 4)
+    with pytest.raises(InputError, match="callable"):
+        il.cutfem.cut("gyroid", 4, domain=BOX)
+    with pytest.raises(InputError, match="finite"):
+        il.cutfem.cut(lambda u: ball(u) * np.nan, 4, domain=BOX)
+    with pytest.raises(InputError, match="one value per point"):
+        il.cutfem.cut(lambda u: u, 4, domain=BOX)
+    with pytest.raises(GeometryError, match="empty"):
+        il.cutfem.cut(lambda u: ball(u) + 1, 4, domain=BOX)
+    with pytest.raises(InputError, match="its own"):
+        il.cutfem.cut(s, il.cutfem.Grid((np.arange(2),) * 3), domain=BOX)
+
+
+def test_grids_are_checked():
+    for axes in ([[0, 1]] * 2, [[0, 1], [0, 1], [0]], [[0, 1], [1, 0], [0, 1]]):
+        with pytest.raises(InputError, match="axes"):
+            il.cutfem.Grid(tuple(axes))
+    grid = il.cutfem.Grid(([0, 1, 3], [0, 2], [1, 2, 4]))
+    assert grid.shape == (2, 1, 2)
+    np.testing.assert_array_equal(grid.boxes(np.array([3])), [[1, 0, 2, 2, 2, 2]])
+    uneven = il.cutfem.cut(lambda u: u[:, 0] - 2, grid, degree=1)
+    assert uneven.volume(1).integrate() == pytest.approx(2 * 2 * 3, rel=1e-14)
