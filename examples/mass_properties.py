@@ -1,7 +1,7 @@
 """Mass, centroid, inertia and area of a wall by quadrature, against its mesh.
 
-The mesh needs a fine h for what the quadrature gives at once: at h = 0.04 its volume is still off
-by some 0.1 %; the mass of half a million triangles is that of the rule to four digits.
+The rule needs no mesh: its volume agrees with that by the divergence theorem over the surface to
+four digits, and with that of a mesh to what the mesh resolves.
 
     python examples/mass_properties.py
 """
