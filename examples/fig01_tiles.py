@@ -49,7 +49,7 @@ def _picture(meshes: list["il.SurfaceMesh"], path: str) -> None:
             smooth_shading=True, split_sharp_edges=True,
         )  # fmt: skip
     scene.view_vector((1.0, 1.0, 0.5))
-    scene.camera.zoom(1.5)
+    scene.camera.zoom(2.3)
     scene.screenshot(path)
     scene.close()
 

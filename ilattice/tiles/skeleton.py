@@ -475,8 +475,9 @@ def skeleton(
     Returns
     -------
     Tile
-        The tile {f < 0}. What needs a spline (`fit`, a lattice) approximates f near its zero
-        set only, see `FlattenedField`.
+        The tile {f < 0}: ``lattice.offset((np.inf, 0))`` makes that solid, ``(0, d)`` a shell
+        around it. What needs a spline (`fit`, a lattice) approximates f near its zero set only,
+        see `FlattenedField`.
 
     Raises
     ------

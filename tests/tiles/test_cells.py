@@ -98,6 +98,9 @@ def test_hexagons_are_regular():
 
 
 def test_struts_in_one_line_have_no_bulge():
+    # Octet and Kagome: two lines in each of six directions; re-entrant: two posts, eight struts.
+    for name, lines in (("octet", 12), ("kagome", 12), ("re_entrant", 10)):
+        assert len(entities(il.tiles.row(name))) == lines
     for name in ("octet", "cross", "chiral", "re_entrant"):
         sharp, smooth = (il.tiles.get(name, blend=b) for b in (0.0, 0.02))
         gap = sharp(POINTS) - smooth(POINTS)
