@@ -14,6 +14,7 @@ lattice            `Lattice`: a tile, repeated through a map
 from os import PathLike
 
 from ilattice.macroshape.certify import Certificate, Status, certify, check_map
+from ilattice.macroshape.grading import regrade
 from ilattice.macroshape.inverse import Located
 from ilattice.macroshape.maps import SplineMap
 from ilattice.macroshape.primitives import (
@@ -27,7 +28,6 @@ from ilattice.macroshape.primitives import (
     torus,
     wing,
 )
-from ilattice.macroshape.regrade import regrade
 from ilattice.macroshape.sweeps import extrude, loft, revolve, ruled
 
 __all__ = [

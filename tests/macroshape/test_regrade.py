@@ -6,7 +6,7 @@ import pytest
 import ilattice as il
 from ilattice.errors import ConvergenceError, GeometryError, InputError
 from ilattice.macroshape import regrade
-from ilattice.macroshape.regrade import _least_slope, _pace
+from ilattice.macroshape.grading import _least_slope, _pace
 
 SHAPES = il.macroshape
 GRADED = [0.0, 0.1, 0.25, 0.5, 1.0]
