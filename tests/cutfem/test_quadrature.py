@@ -185,6 +185,9 @@ def test_a_surface_on_a_face_of_cells_is_counted_once():
         np.testing.assert_allclose(rule.normals, np.outer(np.ones(len(rule)), sign * X), atol=1e-15)
         assert cut.volume(2).integrate() == pytest.approx(0.5, rel=1e-14)
         assert (cut.status[rule.cells[0] // 9] == IN).all()
+        inner = cut.faces(0, 2)  # the face at 0.25 or 0.75 is wet, the one at 0.5 is not
+        assert inner.integrate() == pytest.approx(1, rel=1e-14)
+        assert imbalance(cut, 2)[1] < 1e-14
 
 
 # ------------------------------------------------------------------------------ identities
