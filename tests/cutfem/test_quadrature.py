@@ -190,6 +190,14 @@ def test_a_surface_on_a_face_of_cells_is_counted_once():
         assert imbalance(cut, 2)[1] < 1e-14
 
 
+def test_a_surface_on_the_end_of_the_grid_is_no_face():
+    cut = il.cutfem.cut(lambda u: u[:, 0] - 1, 2, domain=CUBE, degree=1)
+    assert cut.surface(2).integrate() == pytest.approx(1, rel=1e-14)
+    assert len(cut.face("u=1", 2)) == 0
+    assert cut.face("v=1", 2).integrate() == pytest.approx(1, rel=1e-14)
+    assert imbalance(cut, 2)[1] < 1e-14
+
+
 # ------------------------------------------------------------------------------ identities
 
 
