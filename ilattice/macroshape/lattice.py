@@ -23,6 +23,7 @@ from ilattice.tiles.tile import Tile
 from ilattice.tiles.trig import TrigField
 
 if TYPE_CHECKING:
+    from ilattice.mesh.topology import TopologySweep
     from ilattice.offsets.closest import ClosestPoints, ClosestPointSearch, Statistics
     from ilattice.offsets.wall import Wall
 
@@ -317,6 +318,36 @@ class Lattice:
         if space not in SPACES:
             raise InputError(f"space must be one of {SPACES}, got {space!r}")
         return (offset if space == "euclidean" else parametric_offset)(self, d, **options)
+
+    def topology_sweep(self, d_values: ArrayLike, **options: Any) -> TopologySweep:
+        """Half-thicknesses at which the topology of the wall changes, and where.
+
+        Parameters
+        ----------
+        d_values : array_like, shape (n,)
+            Increasing half-thicknesses. Changes are looked for from the first to the last; the
+            contours at all of them are counted, and checked against the changes in between.
+        **options
+            ``h``, length of the edges of the contours, and ``progress``.
+
+        Returns
+        -------
+        TopologySweep
+            Critical half-thicknesses with places, and counts.
+
+        Raises
+        ------
+        InputError
+            If there are not two increasing positive values, or ``boundary="clip"``.
+
+        Notes
+        -----
+        Stratified Morse theory of the distance to the mid-surface, see
+        `ilattice.offsets.critical`.
+        """
+        from ilattice.mesh.topology import topology_sweep
+
+        return topology_sweep(self, d_values, **options)
 
 
 def _waves(f: Any) -> int:

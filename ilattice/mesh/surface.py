@@ -302,6 +302,50 @@ class SurfaceMesh:
             {name: a[keep] for name, a in self.cell_data.items()},
         )
 
+    def remove_islands(self, least: float | None = None) -> "SurfaceMesh":
+        """The mesh without the parts that do not hang together with the largest.
+
+        Parameters
+        ----------
+        least : float, optional
+            Volume from which on parts stay; by default only the largest does.
+
+        Returns
+        -------
+        SurfaceMesh
+            Voids stay in the parts that stay.
+
+        Raises
+        ------
+        GeometryError
+            If the mesh is not a closed oriented surface.
+        """
+        from ilattice.mesh.topology import without_islands
+
+        return without_islands(self, least)
+
+    def fill_voids(self, most: float | None = None) -> "SurfaceMesh":
+        """The mesh with its closed hollows filled, which would trap powder or resin.
+
+        Parameters
+        ----------
+        most : float, optional
+            Volume up to which voids are filled; by default all are.
+
+        Returns
+        -------
+        SurfaceMesh
+            The same surfaces without those of the voids.
+
+        Raises
+        ------
+        GeometryError
+            If the mesh is not a closed oriented surface.
+        """
+        from ilattice.mesh.topology import without_voids
+
+        return without_voids(self, most)
+
     # --- exits --------------------------------------------------------------------------------
 
     def to_pyvista(self) -> "pyvista.PolyData":

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from ilattice.macroshape.lattice import Lattice
     from ilattice.mesh.slices import SliceStack
     from ilattice.mesh.surface import SurfaceMesh
+    from ilattice.mesh.topology import TopologyReport
 
 MAX_SPANS_PER_TILE = 96
 #: Vertices whose distance is checked after each refinement for `tol`.
@@ -268,6 +269,31 @@ class Wall:
         return slice_wall(
             self, z, thickness=thickness, h=h, normal=normal, polish=polish and self._exact
         )
+
+    def topology(
+        self, h: float | None = None, *, necks: float | None = None, progress: Progress = None
+    ) -> TopologyReport:
+        """Parts, handles, voids (traps of powder or resin), islands and thin necks.
+
+        Parameters
+        ----------
+        h : float, optional
+            Length of the edges of the contour that is counted, as in `mesh`.
+        necks : float, optional
+            How much another half-thickness may differ for a change of topology to be reported as
+            a neck; by default a tenth of the least total thickness. 0 looks for none.
+        progress : bool or callable, optional
+            See `ilattice._progress.track`.
+
+        Returns
+        -------
+        TopologyReport
+            Counts, and the place and volume of every part and void.
+        """
+        from ilattice.mesh.topology import wall_topology
+
+        h = None if h is None else as_positive("h", h)
+        return wall_topology(self, h, necks, progress)
 
     def volume(self, h: float | None = None) -> float:
         """Volume of the wall in space, by the divergence theorem on its polished mesh.

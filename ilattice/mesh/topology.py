@@ -1,0 +1,296 @@
+"""What hangs together: parts, handles and voids of a wall, its necks, and when they change.
+
+Guarantees: Betti numbers are those of the closed surface that contouring gives, and every void and
+island is counted with place and volume. Critical thicknesses are those of the exact distance.
+Non-guarantees: parts and gaps thinner than the mesh are not seen; contours follow the distance
+spline, which rounds off the middle of pores and so closes them early, by up to about a third of
+its span. `TopologySweep.unexplained` names intervals in which events and contours disagree.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ilattice._progress import Progress, track
+from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
+from ilattice._validate import as_array
+from ilattice.errors import GeometryError, InputError
+from ilattice.mesh.surface import SurfaceMesh
+
+if TYPE_CHECKING:
+    from ilattice.macroshape.lattice import Lattice
+    from ilattice.offsets.critical import CriticalPoint
+    from ilattice.offsets.wall import Wall
+
+CHUNK = 1 << 20
+
+
+@dataclass(frozen=True)
+class Region:
+    """What one closed surface encloses: a part of a solid, or a void in it.
+
+    Attributes
+    ----------
+    volume : float
+        Enclosed volume; of a part without its voids.
+    centre : ndarray, shape (3,)
+        Centroid of what the surface encloses.
+    bounds : ndarray, shape (2, 3)
+        Box around it, rows are the lower and the upper corner.
+    genus : int
+        Handles of the surface.
+    label : int
+        Number of the surface, as in `SurfaceMesh.component_labels`.
+    """
+
+    volume: float
+    centre: FloatArray
+    bounds: FloatArray
+    genus: int
+    label: int
+
+
+@dataclass(frozen=True)
+class TopologyReport:
+    """Parts, handles and voids of a solid.
+
+    Attributes
+    ----------
+    parts : tuple of Region
+        Parts that do not hang together, the largest first.
+    voids : tuple of Region
+        Closed hollows, the largest first: traps of powder or resin.
+    genus : int
+        Handles of all surfaces together.
+    necks : tuple of CriticalPoint
+        Places where a slightly different thickness would change the topology; `value` is the
+        distance to the mid-surface less the half-thickness: half the width of a throat if
+        positive, and how long ago a web closed if negative.
+    """
+
+    parts: tuple[Region, ...]
+    voids: tuple[Region, ...]
+    genus: int
+    necks: "tuple[CriticalPoint, ...]" = ()
+
+    @property
+    def islands(self) -> tuple[Region, ...]:
+        """All parts but the largest."""
+        return self.parts[1:]
+
+    @property
+    def betti(self) -> tuple[int, int, int]:
+        """Betti numbers of the solid: parts, independent loops, voids."""
+        return len(self.parts), self.genus, len(self.voids)
+
+    @property
+    def euler(self) -> int:
+        """Euler number of the solid, half that of its surface."""
+        return len(self.parts) - self.genus + len(self.voids)
+
+    def __str__(self) -> str:
+        b0, b1, b2 = self.betti
+        lines = [f"{b0} parts, {b1} handles, {b2} voids"]
+        for name, regions in (("island", self.islands), ("void", self.voids)):
+            lines += [f"  {name} of volume {r.volume:.4g} at {_place(r.centre)}" for r in regions]
+        lines += [f"  {n.kind} within {n.value:+.3g} at {_place(n.x)}" for n in self.necks]
+        return "\n".join(lines)
+
+
+@dataclass(frozen=True)
+class TopologySweep:
+    """How the topology of a wall depends on its half-thickness.
+
+    Attributes
+    ----------
+    d : ndarray, shape (n,)
+        Half-thicknesses, increasing.
+    reports : tuple of TopologyReport
+        Of the contours at these.
+    events : tuple of CriticalPoint
+        All changes between the first and the last: `value` is the critical half-thickness.
+    unexplained : tuple of (float, float)
+        Intervals between half-thicknesses whose contours differ by more or less in Euler number
+        than the events in between say.
+    """
+
+    d: FloatArray
+    reports: tuple[TopologyReport, ...]
+    events: "tuple[CriticalPoint, ...]"
+    unexplained: tuple[tuple[float, float], ...]
+
+    @property
+    def thicknesses(self) -> FloatArray:
+        """The different critical half-thicknesses, increasing."""
+        values = np.array([e.value for e in self.events])
+        new = np.diff(values, prepend=-np.inf) > 1e-7 * np.abs(values)
+        out: FloatArray = values[new]
+        return out
+
+
+def topology_of(mesh: SurfaceMesh) -> TopologyReport:
+    """Parts, handles and voids of the solid that a mesh bounds.
+
+    Parameters
+    ----------
+    mesh : SurfaceMesh
+        Closed and oriented outwards, without self-intersections.
+
+    Returns
+    -------
+    TopologyReport
+        Without necks.
+
+    Raises
+    ------
+    GeometryError
+        If the mesh is open, not oriented, or inside out.
+    """
+    regions = _regions(mesh)
+    solid = [r for r in regions if r.volume > 0.0]
+    hollow = [r for r in regions if r.volume <= 0.0]
+    if not solid:
+        raise GeometryError("the mesh bounds no solid: it is empty, or inside out")
+    inside = dict.fromkeys((r.label for r in solid), 0.0)
+    for r, owner in zip(hollow, _owners(mesh, solid, hollow), strict=True):
+        inside[owner] += r.volume
+    parts = [
+        Region(r.volume + inside[r.label], r.centre, r.bounds, r.genus, r.label) for r in solid
+    ]
+    voids = [Region(-r.volume, r.centre, r.bounds, r.genus, r.label) for r in hollow]
+    return TopologyReport(_by_size(parts), _by_size(voids), sum(r.genus for r in regions))
+
+
+def wall_topology(
+    wall: "Wall", h: float | None, necks: float | None, progress: Progress
+) -> TopologyReport:
+    """Topology of a wall; see `ilattice.offsets.Wall.topology`."""
+    from ilattice.offsets.critical import critical_points
+
+    report = topology_of(wall.mesh(h, polish=False, progress=progress))
+    reach = 0.1 * wall.thickness.extremes[0] if necks is None else float(necks)
+    if wall.lattice.boundary == "clip" or reach <= 0.0:
+        return report
+    t = wall.thickness
+    found = critical_points(wall.lattice, -reach, reach, inner=t.inner, outer=t.outer)
+    return TopologyReport(report.parts, report.voids, report.genus, tuple(found))
+
+
+def topology_sweep(
+    lattice: "Lattice", d_values: ArrayLike, *, h: float | None = None, progress: Progress = None
+) -> TopologySweep:
+    """Changes of topology with the thickness; see `Lattice.topology_sweep`."""
+    from ilattice.offsets.critical import critical_points
+
+    d = np.array(np.atleast_1d(as_array("d_values", d_values)))
+    if d.ndim != 1 or len(d) < 2 or not d[0] > 0 or (np.diff(d) <= 0).any():
+        raise InputError(f"d_values must be two or more increasing half-thicknesses, got {d!r:.80}")
+    reports = []
+    for value in track(d.tolist(), "topology", progress):
+        mesh = lattice.offset(value).mesh(h, polish=False)
+        reports.append(topology_of(mesh))
+    events = tuple(critical_points(lattice, float(d[0]), float(d[-1])))
+    unexplained = []
+    for i in range(len(d) - 1):
+        change = sum(e.change for e in events if d[i] < e.value <= d[i + 1])
+        if reports[i + 1].euler - reports[i].euler != change:
+            unexplained.append((float(d[i]), float(d[i + 1])))
+    return TopologySweep(d, tuple(reports), events, tuple(unexplained))
+
+
+def without_islands(mesh: SurfaceMesh, least: float | None) -> SurfaceMesh:
+    """Mesh without its small parts; see `SurfaceMesh.remove_islands`."""
+    report = topology_of(mesh)
+    limit = report.parts[0].volume if least is None else least
+    gone = {r.label for r in report.parts if r.volume < limit}
+    solid = [Region(1.0, r.centre, r.bounds, r.genus, r.label) for r in report.parts]
+    owners = _owners(mesh, solid, report.voids)
+    gone |= {r.label for r, owner in zip(report.voids, owners, strict=True) if owner in gone}
+    return mesh.select(~np.isin(mesh.component_labels, sorted(gone)))
+
+
+def without_voids(mesh: SurfaceMesh, most: float | None) -> SurfaceMesh:
+    """Mesh with its voids filled; see `SurfaceMesh.fill_voids`."""
+    limit = np.inf if most is None else most
+    gone = [r.label for r in topology_of(mesh).voids if r.volume <= limit]
+    return mesh.select(~np.isin(mesh.component_labels, gone))
+
+
+# --- surfaces ---------------------------------------------------------------------------------
+
+
+def _regions(mesh: SurfaceMesh) -> list[Region]:
+    """What each closed surface encloses, with signed volume."""
+    if not (mesh.is_watertight and mesh.is_oriented):
+        raise GeometryError(
+            f"topology needs a closed oriented surface, this one has {mesh.open_edges} open and "
+            f"{mesh.nonmanifold_edges} non-manifold edges; mesh walls with caps"
+        )
+    labels = np.asarray(mesh.component_labels)
+    count = mesh.components
+    moments = np.zeros((count, 4))
+    middle = mesh.vertices.mean(axis=0, dtype=np.float64)
+    for i in range(0, len(mesh.faces), CHUNK):
+        part = slice(i, i + CHUNK)
+        p = mesh.vertices[mesh.faces[part]].astype(np.float64) - middle
+        six = np.einsum("fc,fc->f", p[:, 0], np.cross(p[:, 1], p[:, 2]))
+        rows = np.column_stack([six / 6.0, six[:, None] * p.sum(axis=1) / 24.0])
+        for c in range(4):
+            moments[:, c] += np.bincount(labels[part], rows[:, c], count)
+    lower, upper = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+    fans = _fans(mesh, labels, count, lower, upper)
+    faces = np.bincount(labels, minlength=count)
+    genus = 1 - (fans - faces // 2) // 2
+    return [
+        Region(float(m[0]), middle + m[1:] / m[0], np.stack([lower[k], upper[k]]), int(genus[k]), k)
+        for k, m in enumerate(moments)
+    ]
+
+
+def _fans(
+    mesh: SurfaceMesh, labels: AnyArray, count: int, lower: FloatArray, upper: FloatArray
+) -> IntArray:
+    """Vertices of each surface, those of several surfaces for each; boxes around them."""
+    total = np.zeros(count, np.int64)
+    n = len(mesh.vertices)
+    keys = labels.astype(np.int64)[:, None] * n + mesh.faces
+    owner, vertex = np.divmod(np.unique(keys), n)
+    total += np.bincount(owner, minlength=count)
+    np.minimum.at(lower, owner, mesh.vertices[vertex])
+    np.maximum.at(upper, owner, mesh.vertices[vertex])
+    return total
+
+
+def _owners(mesh: SurfaceMesh, solid: Sequence[Region], hollow: Sequence[Region]) -> list[int]:
+    """For each void the label of the smallest part around it."""
+    labels = np.asarray(mesh.component_labels)
+    out = []
+    for void in hollow:
+        x = mesh.vertices[mesh.faces[int(np.argmax(labels == void.label)), 0]].astype(np.float64)
+        around = [r for r in solid if (r.bounds[0] <= x).all() and (x <= r.bounds[1]).all()]
+        if len(around) > 1:
+            around = [r for r in around if _winding(mesh, labels == r.label, x) > 0.5]
+        if not around:
+            raise GeometryError("a void of the mesh lies in no part: the mesh is not a solid")
+        out.append(min(around, key=lambda r: float(np.prod(np.ptp(r.bounds, axis=0)))).label)
+    return out
+
+
+def _winding(mesh: SurfaceMesh, faces: AnyArray, x: FloatArray) -> float:
+    """How often a closed surface winds around a point, from solid angles."""
+    p = mesh.vertices[mesh.faces[faces]].astype(np.float64) - x
+    a, b, c = np.linalg.norm(p, axis=2).T
+    det = np.einsum("fc,fc->f", p[:, 0], np.cross(p[:, 1], p[:, 2]))
+    ab, bc, ca = (np.einsum("fc,fc->f", p[:, i], p[:, (i + 1) % 3]) for i in range(3))
+    angle = 2.0 * np.arctan2(det, a * b * c + ab * c + bc * a + ca * b)
+    return float(angle.sum() / (4.0 * np.pi))
+
+
+def _by_size(regions: list[Region]) -> tuple[Region, ...]:
+    return tuple(sorted(regions, key=lambda r: (-r.volume, r.label)))
+
+
+def _place(x: FloatArray) -> str:
+    return "(" + ", ".join(f"{v:.4g}" for v in x) + ")"
