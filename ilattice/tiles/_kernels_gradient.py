@@ -11,12 +11,11 @@ from typing import Any
 import numpy as np
 from numba import njit, prange
 
-from ilattice.tiles import _kernels
-from ilattice.tiles._kernels import CHUNK, FAST, TURNS, TWO_PI
+from ilattice.tiles._kernels import _C, _S, CHUNK, FAST, TURNS, TWO_PI
 
 LANES = 64
-_S1, _S2, _S3, _S4, _S5, _S6, _S7 = _kernels._S[1:]
-_C1, _C2, _C3, _C4, _C5, _C6, _C7, _C8 = _kernels._C[1:]
+_S1, _S2, _S3, _S4, _S5, _S6, _S7 = _S[1:]
+_C1, _C2, _C3, _C4, _C5, _C6, _C7, _C8 = _C[1:]
 
 
 @njit(cache=True, fastmath=FAST)
