@@ -170,8 +170,8 @@ def wall_topology(
     from ilattice.offsets.critical import critical_points
 
     report = topology_of(wall.mesh(h, polish=False, progress=progress))
-    reach = 0.1 * wall.thickness.extremes[0] if necks is None else float(necks)
-    if wall.lattice.boundary == "clip" or reach <= 0.0:
+    reach = 0.1 * wall.least_thickness if necks is None else float(necks)
+    if not wall._exact or wall.lattice.boundary == "clip" or reach <= 0.0:
         return report
     t = wall.thickness
     found = critical_points(wall.lattice, -reach, reach, inner=t.inner, outer=t.outer)

@@ -166,6 +166,13 @@ def test_polished_contours_keep_the_exact_distance():
     assert np.abs(np.abs(w.lattice.distance(u[:, :])) - 0.1).mean() > 1e-6
 
 
+def test_first_order_walls_are_not_moved_onto_the_exact_offset():
+    w = wall("box").lattice.offset(0.1, space="parametric")
+    exact, rough = (w.slices([0.3], h=0.05, polish=p)[0].area for p in (True, False))
+    assert exact == rough
+    assert abs(rough / wall("box").slices([0.3], h=0.05)[0].area - 1) > 1e-4
+
+
 # --- identities -------------------------------------------------------------------------------
 
 
