@@ -104,3 +104,11 @@ def bernstein(tensors: FloatArray, t: FloatArray) -> FloatArray:
     b = np.stack([s * s, 2.0 * s * t, t * t], axis=2)
     c = np.matmul(tensors.reshape(-1, 9, 3), b[:, 2, :, None]).reshape(-1, 3, 3)
     return np.einsum("ni,nij,nj->n", b[:, 0], c, b[:, 1], optimize=False)
+
+
+def libigl_distance(points: FloatArray, vertices: FloatArray, faces: AnyArray) -> FloatArray:
+    """Signed distance to a closed mesh by pseudonormals."""
+    import igl
+
+    kind = igl.SIGNED_DISTANCE_TYPE_PSEUDONORMAL
+    return igl.signed_distance(points, vertices, faces, kind)[0]

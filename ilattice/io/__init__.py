@@ -2,6 +2,7 @@
 
 ========================  ==================================================================
 `save`                    write a mesh or a volume; the ending names the format
+`load_mesh`               a triangle mesh from STL, PLY, OBJ or OFF
 `save_grid`               fields on a grid as VTI, or through a map as VTS
 `write_vtu`               cells of one kind with named data
 `save_bezier_vtu`         a spline volume as exact Bezier cells
@@ -12,13 +13,14 @@
 Guarantee: a file is replaced as a whole or not at all.
 """
 
-from ilattice.io.registry import endings, save
+from ilattice.io.registry import endings, load_mesh, save
 from ilattice.io.stream import StreamedMeshWriter, write_stream
 from ilattice.io.vtk import save_bezier_vtu, save_grid, write_vtu
 
 __all__ = [
     "StreamedMeshWriter",
     "endings",
+    "load_mesh",
     "save",
     "save_bezier_vtu",
     "save_grid",

@@ -1,15 +1,19 @@
 """Wavefront OBJ: text, shared vertices, colours after the coordinates; read by everything.
 
-Guarantees: coordinates are written with as many digits as give the same number back. Not kept:
-named data other than ``r``, ``g``, ``b``.
+Guarantees: coordinates are written with as many digits as give the same number back; all polygons
+are read, as fans of triangles. Not written: named data other than ``r``, ``g``, ``b``. Not read:
+anything but vertices and faces.
 """
 
 import os
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Sequence
 
-from ilattice._typing import AnyArray
-from ilattice.io._common import atomic_write
+from ilattice._typing import AnyArray, FloatArray
+from ilattice.errors import FormatError
+from ilattice.io._common import atomic_write, blank_comments, parse_numbers, read_text
 from ilattice.io._mesh import TEXT_BLOCK, blocks, check_not_empty, colours
+from ilattice.io._polygons import checked_mesh, fans, flattened
 from ilattice.mesh import SurfaceMesh
 
 
@@ -40,6 +44,80 @@ def write_obj(mesh: SurfaceMesh, path: str | os.PathLike[str]) -> None:
             file.writelines(point_lines(mesh.vertices[rows], tail, "v "))
         for rows in blocks(len(mesh.faces), TEXT_BLOCK):
             file.writelines(f"f {a} {b} {c}\n" for a, b, c in (mesh.faces[rows] + 1).tolist())
+
+
+def read_obj(path: str | os.PathLike[str]) -> SurfaceMesh:
+    """Read the vertices and faces of a Wavefront OBJ file, of all its objects together.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+
+    Returns
+    -------
+    SurfaceMesh
+        Vertices and triangles.
+
+    Raises
+    ------
+    FormatError
+        If the file cannot be read as OBJ.
+    """
+    text = blank_comments(read_text(path)).replace("\\\n", " ")
+    points, polygons = [], []
+    for number, line in enumerate(text.split("\n"), 1):
+        match line.split():
+            case ["v", *tokens]:
+                points.append((number, tokens[:3]))
+            case ["f", *tokens]:
+                polygons.append(_corners(path, number, tokens, len(points)))
+    return checked_mesh(path, point_rows(path, points), fans(*flattened(polygons)))
+
+
+def _corners(
+    path: str | os.PathLike[str], number: int, tokens: list[str], vertices: int
+) -> list[int]:
+    """Vertices of a face from 0 on; the file counts from 1, or backwards from -1."""
+    corners = []
+    for token in tokens:
+        head = token.split("/", 1)[0]
+        if not re.fullmatch(r"-?[0-9]{1,18}", head) or int(head) == 0:
+            raise FormatError(f"{path}, line {number}: found {token!r:.60}; expected a corner")
+        corners.append(int(head) - 1 if int(head) > 0 else vertices + int(head))
+    return corners
+
+
+def point_rows(
+    path: str | os.PathLike[str], rows: Sequence[tuple[int, Sequence[str]]]
+) -> FloatArray:
+    """Points of the tokens of lines.
+
+    Parameters
+    ----------
+    path : path-like
+        The file, for messages.
+    rows : sequence of (int, sequence of str)
+        Number of the line, and its first three tokens.
+
+    Returns
+    -------
+    (n, 3) array
+        Finite coordinates.
+
+    Raises
+    ------
+    FormatError
+        If a line does not hold three numbers.
+    """
+    values = parse_numbers([t for _, tokens in rows for t in tokens])
+    if isinstance(values, int) or any(len(tokens) != 3 for _, tokens in rows):
+        number, tokens = next(
+            row for row in rows if len(row[1]) != 3 or isinstance(parse_numbers(list(row[1])), int)
+        )
+        found = " ".join(tokens)
+        raise FormatError(f"{path}, line {number}: found {found!r:.60}; expected coordinates")
+    return values.reshape(-1, 3)
 
 
 def point_lines(points: AnyArray, tail: AnyArray | None, start: str) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""Which writer saves what: by the type of the object and the ending of the file name.
+"""Which function writes or reads what: by the type of the object and the ending of the file name.
 
 Guarantees: an unknown ending or option is refused before anything is written; the message lists
 what is known. Modules of formats are loaded when they are first used.
@@ -12,6 +12,7 @@ from typing import Any
 
 from ilattice.errors import FormatError, InputError
 from ilattice.io._common import as_path
+from ilattice.mesh import SurfaceMesh
 
 _SPLINE = dict.fromkeys((".xml", ".mesh", ".itd", ".npz", ".json"), "splines:save")
 
@@ -33,6 +34,14 @@ WRITERS: dict[str, dict[str, str]] = {
         ".svg": "svg:write_svg",
         ".3mf": "threemf_slices:write_3mf_slices",
     },
+}
+
+#: Ending -> "module:function" below `ilattice.io` that reads a mesh from a path.
+READERS = {
+    ".stl": "stl:read_stl",
+    ".ply": "ply_reader:read_ply",
+    ".obj": "obj:read_obj",
+    ".off": "off:read_off",
 }
 
 
@@ -62,6 +71,41 @@ def save(
     writer = writer_of(obj, path, format)
     _check_options(writer, options, path)
     writer(obj, path, **options)
+
+
+def load_mesh(path: str | os.PathLike[str], *, format: str | None = None) -> SurfaceMesh:
+    """Read a triangle mesh from an STL, PLY, OBJ or OFF file.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+    format : str, optional
+        Ending that names the format, by default that of `path`.
+
+    Returns
+    -------
+    SurfaceMesh
+        Vertices and triangles; polygons are cut into fans.
+
+    Raises
+    ------
+    FormatError
+        Unknown ending, or the file cannot be read as that format.
+
+    Warns
+    -----
+    PrecisionWarning
+        If triangles with two equal corners were dropped.
+    """
+    suffix = as_path("path", path).suffix if format is None else "." + format.lstrip(".")
+    if suffix.lower() not in READERS:
+        raise FormatError(
+            f"{str(path)!r}: no mesh can be read from the ending {suffix!r}; "
+            f"choose one of {', '.join(sorted(READERS))}"
+        )
+    module, function = READERS[suffix.lower()].split(":")
+    return getattr(import_module(f"ilattice.io.{module}"), function)(path)
 
 
 def endings(obj: Any) -> list[str]:

@@ -1,19 +1,22 @@
-"""Binary STL: a soup of triangles in single precision, for printers.
+"""STL: a soup of triangles in single precision, for printers; text is read, too.
 
 Guarantees: the normals are those of the written corners, as readers compute them; a warning if
-single precision makes triangles collapse. Not kept: topology, named data, units.
+single precision makes triangles collapse. Read files get their topology back by equal corners;
+their normals are left out. Not kept: named data, units.
 """
 
 import os
+import re
 from typing import IO
 
 import numpy as np
 
-from ilattice._typing import AnyArray
+from ilattice._typing import AnyArray, FloatArray
 from ilattice.errors import FormatError
-from ilattice.io._common import atomic_write
+from ilattice.io._common import atomic_write, parse_numbers, read_bytes
 from ilattice.io._kernels_stl import fill_triangles
 from ilattice.io._mesh import blocks, check_not_empty, warn_collapsed, write_records
+from ilattice.io._polygons import checked_mesh, welded
 from ilattice.mesh import SurfaceMesh
 
 _TRIANGLE = np.dtype([("numbers", "<f4", (12,)), ("attribute", "<u2")])
@@ -93,3 +96,66 @@ def triangle_records(vertices: AnyArray, faces: AnyArray) -> tuple[AnyArray, int
     records = np.zeros(len(faces), _TRIANGLE)
     records["numbers"] = numbers
     return records, collapsed
+
+
+def read_stl(path: str | os.PathLike[str]) -> SurfaceMesh:
+    """Read an STL file, binary or text; equal corners become one vertex.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+
+    Returns
+    -------
+    SurfaceMesh
+        Vertices, in double precision, and triangles.
+
+    Raises
+    ------
+    FormatError
+        If the file cannot be read as STL.
+    """
+    data = read_bytes(path)
+    count = int.from_bytes(data[_COUNT_AT : _COUNT_AT + 4], "little")
+    size = _COUNT_AT + 4 + _TRIANGLE.itemsize * count
+    if len(data) == size:
+        records = np.frombuffer(data, _TRIANGLE, count, _COUNT_AT + 4)
+        corners = records["numbers"][:, 3:].reshape(-1, 3).astype(np.float64)
+    elif data[:512].lstrip()[:5].lower() == b"solid":
+        corners = _text_corners(path, data.decode("latin-1"))
+    else:
+        raise FormatError(
+            f"{path}: is no STL text, and of {len(data)} bytes where its {count} binary triangles "
+            f"take {size}; it may be cut short"
+        )
+    bad = ~np.isfinite(corners).all(axis=1)
+    if bad.any():
+        i = int(np.argmax(bad))
+        raise FormatError(f"{path}: triangle {i // 3} has the corner {corners[i].tolist()}")
+    vertices, number = welded(corners)
+    return checked_mesh(path, vertices, number.reshape(-1, 3))
+
+
+def _text_corners(path: str | os.PathLike[str], text: str) -> FloatArray:
+    """Corners (n, 3) of all facets of a text file."""
+    facets = re.split(r"\bouter\s+loop\b", text, flags=re.IGNORECASE)
+    tokens: list[str] = []
+    line = 1 + facets[0].count("\n")
+    for facet in facets[1:]:
+        words = facet.split(None, 13)
+        marks = [w.lower() for w in words[0:13:4]]
+        if marks != ["vertex", "vertex", "vertex", "endloop"]:
+            found = " ".join(words[:13])
+            raise FormatError(
+                f"{path}, line {line}: found {found!r:.80}; expected three vertices and endloop"
+            )
+        tokens += words[1:4] + words[5:8] + words[9:12]
+        line += facet.count("\n")
+    values = parse_numbers(tokens)
+    if isinstance(values, int):
+        raise FormatError(
+            f"{path}: facet {values // 9} has the coordinate {tokens[values]!r:.60}; expected a "
+            "finite number"
+        )
+    return values.reshape(-1, 3)

@@ -2,6 +2,7 @@
 
 ========================  ==================================================================
 `SurfaceMesh`             vertices, faces, named data; what `ilattice.io` writes
+`load`                    a `SurfaceMesh` from an STL, PLY, OBJ or OFF file
 `contour`                 from an implicit field on a box to a `SurfaceMesh`
 `Slice`, `SliceStack`     contours of a wall at given heights, without a mesh
 `measure`                 volume, area, quality, edge census as functions of plain arrays
@@ -11,6 +12,6 @@
 from ilattice.mesh import measure
 from ilattice.mesh.contouring import contour
 from ilattice.mesh.slices import Slice, SliceStack
-from ilattice.mesh.surface import SurfaceMesh
+from ilattice.mesh.surface import SurfaceMesh, load
 
-__all__ = ["Slice", "SliceStack", "SurfaceMesh", "contour", "measure"]
+__all__ = ["Slice", "SliceStack", "SurfaceMesh", "contour", "load", "measure"]

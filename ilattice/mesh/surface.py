@@ -99,6 +99,31 @@ class SurfaceMesh:
         self._set(vertices, faces, dict(point_data), dict(cell_data))
         return self
 
+    @classmethod
+    def load(cls, path: "str | os.PathLike[str]", *, format: str | None = None) -> "SurfaceMesh":
+        """Read a triangle mesh from an STL, PLY, OBJ or OFF file.
+
+        Parameters
+        ----------
+        path : path-like
+            The file.
+        format : str, optional
+            Ending that names the format, by default that of `path`.
+
+        Returns
+        -------
+        SurfaceMesh
+            Vertices and triangles; polygons are cut into fans.
+
+        Raises
+        ------
+        FormatError
+            Unknown ending, or the file cannot be read as that format.
+        """
+        from ilattice.io import load_mesh
+
+        return load_mesh(path, format=format)
+
     def _set(
         self,
         vertices: AnyArray,
@@ -433,6 +458,9 @@ class SurfaceMesh:
         from ilattice.io import save
 
         save(self, path, **options)
+
+
+load = SurfaceMesh.load
 
 
 # --- doors ------------------------------------------------------------------------------------

@@ -129,11 +129,17 @@ class MeshDistance:
     -----
     PrecisionWarning
         The same faults without ``strict``.
+
+    Examples
+    --------
+    >>> import ilattice as il
+    >>> part = il.sdf.MeshDistance(il.mesh.load("part.stl"))  # doctest: +SKIP
+    >>> part([[0.0, 0.0, 0.0]])  # doctest: +SKIP
     """
 
     def __init__(self, mesh: SurfaceMesh, *, strict: bool = False) -> None:
         if not isinstance(mesh, SurfaceMesh):
-            raise InputError(f"mesh must be a SurfaceMesh, got {mesh!r:.80}")
+            raise InputError(f"mesh must be a SurfaceMesh, got {mesh!r:.80}; see il.mesh.load")
         if len(mesh.faces) == 0:
             raise GeometryError("mesh has no triangles: there is no distance to it")
         self._mesh = mesh
