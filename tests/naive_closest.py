@@ -13,6 +13,8 @@ from scipy.interpolate import NdBSpline
 from scipy.spatial import cKDTree
 
 TAU = 2 * np.pi
+#: Largest side of a tile, cubed, over its volume, above which it counts as squeezed.
+SQUEEZED = 10.0
 PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 
 
@@ -117,12 +119,12 @@ def _quotient(homogeneous):
 
 
 def tile_samples(name, m):
-    """Where the edges of an m³ grid of the closed unit cell cross the surface, (n, 3)."""
+    """Nodes and crossings of edges of an m³ grid of the closed unit cell on the surface, (n, 3)."""
     axis = np.linspace(0.0, 1.0, m + 1)
     grid = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1)
     f = tile_jet(name, grid.reshape(-1, 3))[0].reshape(grid.shape[:3])
+    out = [grid[np.abs(f) < 1e-13]]
     f = np.where(np.abs(f) < 1e-13, 1e-13, f)
-    out = []
     for a in range(3):
         e = np.eye(3)[a]
         here, there = np.take(f, range(m), a), np.take(f, range(1, m + 1), a)
@@ -191,8 +193,10 @@ class Oracle:
         number = np.repeat(tiles, len(self._kept[m]))
         x, jac = self.map.jet(p, 1)
         keep = self._admissible(p, jac)
-        size = np.linalg.norm(jac, axis=1).sum(axis=1) / m
-        return p[keep], x[keep], size[keep], number[keep]
+        side = np.linalg.norm(jac, axis=1)
+        size = side.sum(axis=1) / m
+        squeezed = side.max(axis=1) ** 3 > SQUEEZED * np.abs(np.linalg.det(jac))
+        return p[keep], x[keep], size[keep], number[keep], squeezed[keep]
 
     def _admissible(self, p, jac):
         """Inside the box, and right side out where the map is continued."""
@@ -213,7 +217,7 @@ class Oracle:
 
     @cached_property
     def _coarse(self):
-        p, x, size, number = self.samples(np.arange(len(self.tiles)), self.coarse)
+        p, x, size, number = self.samples(np.arange(len(self.tiles)), self.coarse)[:4]
         return p, x, size, number, cKDTree(x)
 
     def distance(self, q):
@@ -228,7 +232,7 @@ class Oracle:
         return best, foot
 
     def _block(self, x, q):
-        p, y, size = self.samples(self._tiles_near(x, q), self.m)[:3]
+        p, y, size, _, squeezed = self.samples(self._tiles_near(x, q), self.m)
         best, foot = np.full(len(q), np.inf), np.full((len(q), 3), np.nan)
         groups = [(np.ones(len(p), bool), ())]
         if self.clip:  # curves on faces, points on edges
@@ -238,7 +242,7 @@ class Oracle:
         for mask, fixed in groups:
             if not mask.any():
                 continue
-            row, start = self._starts(p[mask], y[mask], size[mask], x, q)
+            row, start = self._starts(p[mask], y[mask], size[mask], squeezed[mask], x, q)
             end = start if len(fixed) > 1 else self._descend(x[row], start, fixed)
             end, dist = self._measure(x[row], q[row], end, fixed)
             order = np.lexsort((dist, row))
@@ -261,11 +265,12 @@ class Oracle:
             int
         )
 
-    def _starts(self, p, y, size, x, q):
+    def _starts(self, p, y, size, squeezed, x, q):
         """Rows of queries and starts: one sample per cell among those that may be nearest.
 
         A sample within the covering radius r of a foot at distance d is within sqrt(d² + 4 r²)
-        of the query if no principal curvature exceeds 3 / d.
+        of the query if no principal curvature exceeds 3 / d, and within d + r in any case; that
+        counts where the map squeezes tiles, and the surface may have edges.
         """
         tree = cKDTree(y)
         first, index = tree.query(x, k=min(24, len(p)))
@@ -274,7 +279,8 @@ class Oracle:
         usable = self._reached(p[index.ravel()], np.repeat(q, k, axis=0)).reshape(-1, k)
         pick = np.argmax(usable, axis=1)
         at = np.arange(len(x))
-        reach = np.sqrt(first[at, pick] ** 2 + 4 * size[index[at, pick]] ** 2)
+        near, r = first[at, pick], size[index[at, pick]]
+        reach = np.where(squeezed[index[:, :8]].any(axis=1), near + r, np.sqrt(near**2 + 4 * r**2))
         rows, starts = [], []
         for i, found in enumerate(tree.query_ball_point(x, reach)):
             found = np.array(found)
@@ -327,6 +333,7 @@ def newton_step(space, tile, x, p, free):
     jr = np.einsum("nck,nc->nk", jac, r)
     metric = np.einsum("nci,ncj->nij", jac, jac)
     curved = np.einsum("nc,ncij->nij", r, hess)
+    metric = metric + 1e-10 * np.trace(metric, axis1=1, axis2=2)[:, None, None] * np.eye(3)
     gf, mf = g[:, free], metric[:, free][:, :, free]
     a = np.linalg.solve(mf, gf[:, :, None])[:, :, 0]
     lam = -(a * jr[:, free]).sum(axis=1) / np.maximum((a * gf).sum(axis=1), 1e-300)
@@ -336,6 +343,7 @@ def newton_step(space, tile, x, p, free):
     chol = np.linalg.inv(np.linalg.cholesky(zm))
     low = np.linalg.eigvalsh(chol @ zh @ chol.transpose(0, 2, 1))[:, 0]
     zh = zh + np.where(low < 0.02, 0.1 - low, 0.0)[:, None, None] * zm
+    zh = zh + 1e-10 * np.trace(zm, axis1=1, axis2=2)[:, None, None] * np.eye(zm.shape[1])
     normal = -(f / np.maximum((gf * gf).sum(axis=1), 1e-300))[:, None] * gf
     right = -(jr[:, free] + np.einsum("nij,nj->ni", h, normal))
     y = np.linalg.solve(zh, np.einsum("nia,ni->na", z, right)[:, :, None])
