@@ -73,6 +73,11 @@ def test_fig01_arms_pass_through_opposite_faces_alike():
     assert numbers["volume of b"] == pytest.approx(0.215, rel=0.01)
 
 
+def test_fig09_thicker_arms_fill_more():
+    gained = run("fig09_cross", parts=("torus",), coarser=2.0)
+    assert gained["torus"] == pytest.approx(1.75, abs=0.03)
+
+
 def test_fig13_is_exact():
     numbers = run("fig13_tapered", h=0.1)
     assert numbers["error"] < 1e-6

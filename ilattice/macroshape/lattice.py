@@ -289,18 +289,19 @@ class Lattice:
         """Counts over all closest-point queries so far."""
         return self.search.statistics
 
-    def offset(self, d: Any, *, space: str = "euclidean", **options: Any) -> Wall:
+    def offset(self, d: Any = None, *, space: str = "euclidean", **options: Any) -> Wall:
         """Wall of half-thickness `d` about the mid-surface.
 
         Parameters
         ----------
-        d : float, callable, BSpline, str, or pair of these
+        d : float, callable, BSpline, str, or pair of these, optional
             Half-thickness, as in `ilattice.offsets.offset`.
         space : {"euclidean", "parametric"}
             Where `d` is measured: in space, exactly; or in tiles before the map, to first order,
             as in `ilattice.offsets.parametric_offset`.
         **options
-            ``tol`` (in space only) and ``progress``, as in `ilattice.offsets.offset`.
+            ``tol`` and ``relative_density`` (in space only) and ``progress``, as in
+            `ilattice.offsets.offset`.
 
         Returns
         -------
@@ -317,7 +318,12 @@ class Lattice:
 
         if space not in SPACES:
             raise InputError(f"space must be one of {SPACES}, got {space!r}")
-        return (offset if space == "euclidean" else parametric_offset)(self, d, **options)
+        if space == "euclidean":
+            return offset(self, d, **options)
+        wrong = options.keys() & {"tol", "relative_density"}
+        if wrong:
+            raise InputError(f"{sorted(wrong)} are for offsets in space, not for parametric ones")
+        return parametric_offset(self, d, **options)
 
     def topology_sweep(self, d_values: ArrayLike, **options: Any) -> TopologySweep:
         """Half-thicknesses at which the topology of the wall changes, and where.

@@ -19,7 +19,7 @@ from ilattice._progress import Progress
 from ilattice._typing import AnyArray, ArrayLike, FloatArray
 from ilattice._validate import as_points, as_positive
 from ilattice.bspline import BSpline
-from ilattice.errors import ConvergenceError, GeometryError, PrecisionWarning
+from ilattice.errors import ConvergenceError, GeometryError, InputError, PrecisionWarning
 from ilattice.offsets.distance_spline import distance_spline
 from ilattice.offsets.thickness import Thickness, as_thickness
 
@@ -310,6 +310,23 @@ class Wall:
         """
         return float(self.mesh(h).volume)
 
+    def relative_density(self, *, per_cell: bool = False) -> Any:
+        """Part of the macro-shape that the wall fills, by cut-cell quadrature.
+
+        Parameters
+        ----------
+        per_cell : bool
+            Whether to give one number per tile.
+
+        Returns
+        -------
+        float, or ndarray of shape (nx, ny, nz)
+            Relative density.
+        """
+        from ilattice.cutfem.density import relative_density
+
+        return relative_density(self, per_cell=per_cell)
+
     def thickness_error(self, mesh: SurfaceMesh | None = None) -> ThicknessReport:
         """How far the wall is from the asked thickness, by fresh closest points.
 
@@ -379,7 +396,12 @@ def parameters_of(mesh: SurfaceMesh) -> tuple[FloatArray, AnyArray]:
 
 
 def offset(
-    lattice: Lattice, d: Any, *, tol: float | None = None, progress: Progress = None
+    lattice: Lattice,
+    d: Any = None,
+    *,
+    relative_density: Any = None,
+    tol: float | None = None,
+    progress: Progress = None,
 ) -> Wall:
     """Wall of Euclidean half-thickness `d` about the mid-surface of a lattice.
 
@@ -392,6 +414,10 @@ def offset(
         the implicit function is negative and positive. A callable takes parameters (n, 3);
         a name is that of a property of the lattice. ``(np.inf, d)`` is the solid of the tile, grown
         by d, or eroded if d is negative.
+    relative_density : float, callable, or array_like of shape (nx, ny, nz), optional
+        Part of the volume that the wall shall fill: of the whole, or of every tile (a callable
+        takes the parameters (n, 3) of their centres). `d` then is the shape of the thickness,
+        which is scaled until the density is met; by default it is constant.
     tol : float, optional
         Largest error (99th percentile) of the half-thickness, in units of length; the distance
         spline is refined until it holds.
@@ -406,16 +432,24 @@ def offset(
     Raises
     ------
     InputError
-        If `d` is not positive or larger than the part, or `tol` is not positive.
+        If `d` is not positive or larger than the part, or `tol` is not positive, or a density
+        cannot be reached (the message says which can).
     ConvergenceError
-        If `tol` is not met with 96 spans per tile.
+        If `tol` is not met with 96 spans per tile, or the densities of tiles are not met.
 
     Notes
     -----
     Hong et al. 2025, eq. 4 and 5: I_+e and I_-e are S - d and S + d.
     """
-    thickness = as_thickness(d, lattice)
-    wall = Wall(lattice, distance_spline(lattice, progress=progress), thickness)
+    if d is None and relative_density is None:
+        raise InputError("offset needs a half-thickness d, or a relative_density")
+    if d is None:
+        d = 1e-3 * float(np.linalg.norm(np.diff(lattice.through.bounds, axis=0)))
+    wall = Wall(lattice, distance_spline(lattice, progress=progress), as_thickness(d, lattice))
+    if relative_density is not None:
+        from ilattice.cutfem.density import wall_of_density
+
+        wall = wall_of_density(wall, relative_density)
     if tol is None:
         return wall
     return wall._refined(as_positive("tol", tol), progress)

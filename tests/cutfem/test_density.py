@@ -1,0 +1,96 @@
+"""Walls of a given relative density, for the whole and for every tile."""
+
+import numpy as np
+import pytest
+
+import ilattice as il
+from ilattice.cutfem import density as density_module
+from ilattice.errors import InputError
+
+TORUS = il.macroshape.torus(major=4.0, width=2.0)
+
+
+@pytest.fixture(scope="module")
+def torus():
+    return il.Lattice("gyroid", through=TORUS, repeat=(12, 1, 2), spans_per_tile=8)
+
+
+@pytest.fixture(scope="module")
+def slab():
+    """Plane in the middle of every tile of a box."""
+    tile = il.Tile(lambda u: u[:, 2] - 0.5, name="slab")
+    return il.Lattice(tile, through=il.macroshape.box((2, 1, 1)), repeat=(2, 1, 1))
+
+
+def test_a_slab_fills_what_it_fills(slab):
+    assert slab.offset(0.1).relative_density() == pytest.approx(0.2, rel=1e-9)
+    cells = slab.offset(lambda u: 0.1 + 0.1 * u[:, 0]).relative_density(per_cell=True)
+    np.testing.assert_allclose(cells.ravel(), [0.25, 0.35], rtol=1e-6)
+
+
+def test_volumes_of_tiles_are_those_of_the_map(torus):
+    tiles = density_module.tile_volumes(torus)
+    assert tiles.shape == torus.repeat
+    wall = torus.offset(0.05)
+    filled = il.cutfem.quadrature(wall, q=2).integrate()
+    assert wall.relative_density() * tiles.sum() == pytest.approx(filled, rel=1e-12)
+    assert tiles.sum() == pytest.approx(2 * np.pi * 4.0 * 4.0, rel=1e-3)
+
+
+def test_the_density_is_met_without_new_distances(torus, monkeypatch):
+    torus.offset(0.1)
+    queries = torus.statistics.queries
+    calls = []
+    keep = density_module.wall_volumes
+    monkeypatch.setattr(
+        density_module, "wall_volumes", lambda *a, **k: calls.append(1) or keep(*a, **k)
+    )
+    wall = torus.offset(relative_density=0.3)
+    assert 2 <= len(calls) <= 10
+    assert wall.relative_density() == pytest.approx(0.3, abs=1e-3)
+    assert torus.statistics.queries == queries
+    assert wall.thickness.symmetric
+
+
+def test_the_shape_of_the_thickness_is_kept(slab):
+    wall = slab.offset(lambda u: 1e-3 * (1.0 + u[:, 0]), relative_density=0.3)
+    d = wall.thickness.outer([[0.0, 0.5, 0.5], [1.0, 0.5, 0.5]])
+    np.testing.assert_allclose(d, [0.1, 0.2], rtol=2e-3)
+    one_sided = slab.offset((0.0, 0.01), relative_density=0.25)
+    assert one_sided.thickness.outer([[0.5, 0.5, 0.5]])[0] == pytest.approx(0.25, rel=2e-3)
+    assert one_sided.thickness.inner([[0.5, 0.5, 0.5]])[0] == 0.0
+
+
+def test_every_tile_has_its_density(torus):
+    asked = 0.25 + 0.1 * np.sin(2 * np.pi * (np.arange(12) + 0.5) / 12)[:, None, None]
+    asked = np.broadcast_to(asked, torus.repeat)
+    wall = torus.offset(relative_density=asked)
+    np.testing.assert_allclose(wall.relative_density(per_cell=True), asked, atol=1.1e-3)
+    same = torus.offset(relative_density=lambda u: 0.25 + 0.1 * np.sin(2 * np.pi * u[:, 0]))
+    np.testing.assert_allclose(same.thickness.outer.c, wall.thickness.outer.c, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("asked", "message"), [
+    (0.0, "between 0 and"),
+    (1.2, "between 0 and"),
+    (np.full((2, 2, 2), 0.3), r"array of shape \(12, 1, 2\)"),
+    (lambda u: u, "one value per tile"),
+    (np.nan, "finite"),
+])  # fmt: skip
+def test_impossible_densities_say_which_are_possible(torus, asked, message):
+    with pytest.raises(InputError, match=message):
+        torus.offset(relative_density=asked)
+
+
+def test_one_sided_walls_reach_only_their_side(slab):
+    with pytest.raises(InputError, match=r"between 0 and 0\.5"):
+        slab.offset((0.0, 0.1), relative_density=0.6)
+
+
+def test_thickness_or_density_is_needed(slab):
+    with pytest.raises(InputError, match="needs a half-thickness d, or a relative_density"):
+        slab.offset()
+    with pytest.raises(InputError, match="offsets in space"):
+        slab.offset(0.1, space="parametric", relative_density=0.2)
+    with pytest.raises(InputError, match="constant d"):
+        slab.offset(lambda u: 0.1 + 0.1 * u[:, 0], relative_density=np.full((2, 1, 1), 0.2))
