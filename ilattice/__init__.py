@@ -4,6 +4,7 @@ Rooms, from the bottom up:
 
 ========================  ==================================================================
 `bspline`                 tensor-product B-splines in one to three parameters, fits
+`fields`                  algebra on implicit fields: primitives, sets, placement, blends
 `tiles`                   implicit fields on the unit cube: the TPMS catalogue, own fields
 `macroshape`              maps of the parameter box to space: primitives, files, certificates
 `offsets`                 closest points, signed distance splines, walls
@@ -43,7 +44,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ilattice import bspline, cutfem, errors, io, macroshape, mesh, offsets, sdf, tiles
+    from ilattice import bspline, cutfem, errors, fields, io, macroshape, mesh, offsets, sdf, tiles
     from ilattice.bspline import BSpline
     from ilattice.macroshape import SplineMap
     from ilattice.macroshape.lattice import Lattice
@@ -63,6 +64,7 @@ __all__ = [
     "bspline",
     "cutfem",
     "errors",
+    "fields",
     "io",
     "macroshape",
     "mesh",

@@ -1,0 +1,416 @@
+"""Operations on fields: sets, offsets, placement, smooth blends.
+
+Guarantee: each has the bounding box of its set. Amounts of `dilate`, `erode` and `shell` are in
+the units of the field: lengths for distances, level units for others.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ilattice._typing import FloatArray
+from ilattice._validate import as_triple
+from ilattice.errors import InputError
+from ilattice.fields import _tables as ops
+from ilattice.fields._program import Builder, Point
+from ilattice.fields.node import Node, as_node, as_number, everywhere, is_empty, nowhere
+from ilattice.fields.primitives import as_direction
+
+__all__ = [
+    "complement", "difference", "dilate", "erode", "intersection", "normalize", "repeat",
+    "rotate", "scale", "shell", "translate", "twist", "union",
+]  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _Extreme(Node):
+    """Union (ops.MIN) or intersection (ops.MAX) of several, blended over a radius."""
+
+    code: int
+    parts: tuple[Node, ...]
+    radius: float
+
+    def emit(self, b: Builder, p: Point) -> int:
+        regs = [part.emit(b, p) for part in self.parts]
+        if self.radius == 0.0:
+            return b.extreme(self.code, regs)
+        total = regs[0]
+        for r in regs[1:]:
+            total = self._blend(b, total, r)
+        return total
+
+    def _blend(self, b: Builder, f: int, g: int) -> int:
+        gap = b.sub(b.const(self.radius), b.op(ops.ABS, b.sub(f, g)))
+        bump = b.op(ops.SQUARE, b.op(ops.MAX, gap, b.const(0.0)))
+        sign = -0.25 if self.code == ops.MIN else 0.25
+        return b.add(b.op(self.code, f, g), b.scaled(sign / self.radius, bump))
+
+    def bounding_box(self, level: float = 0.0) -> FloatArray:
+        if self.code == ops.MAX:
+            boxes = np.stack([part.bounding_box(level) for part in self.parts])
+            return np.stack((boxes[:, 0].max(axis=0), boxes[:, 1].min(axis=0)))
+        grown = level + 0.25 * self.radius * (len(self.parts) - 1)
+        boxes = np.stack([part.bounding_box(grown) for part in self.parts])
+        kept = boxes[[not is_empty(k) for k in boxes]]
+        if not len(kept):
+            return nowhere()
+        return np.stack((kept[:, 0].min(axis=0), kept[:, 1].max(axis=0)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Complement(Node):
+    part: Node
+
+    def emit(self, b: Builder, p: Point) -> int:
+        return b.op(ops.NEG, self.part.emit(b, p))
+
+    def bounding_box(self, level: float = 0.0) -> FloatArray:  # noqa: ARG002
+        return everywhere()
+
+
+@dataclass(frozen=True, eq=False)
+class _Offset(Node):
+    """``f - amount``, or ``|f| - amount`` for a shell."""
+
+    part: Node
+    amount: float | Node
+    sign: float
+    shell: bool = False
+
+    def emit(self, b: Builder, p: Point) -> int:
+        f = self.part.emit(b, p)
+        if self.shell:
+            f = b.op(ops.ABS, f)
+        amount = self.amount
+        by = amount.emit(b, p) if isinstance(amount, Node) else b.const(amount)
+        return b.sub(f, b.scaled(self.sign, by))
+
+    def bounding_box(self, level: float = 0.0) -> FloatArray:
+        if isinstance(self.amount, Node):
+            low, high = self.amount.program.ranges(*everywhere()[:, None])[0]
+            most = max(self.sign * low, self.sign * high)
+        else:
+            most = self.sign * self.amount
+        return self.part.bounding_box(level + most) if most < np.inf else everywhere()
+
+
+@dataclass(frozen=True, eq=False)
+class _Placed(Node):
+    """``factor f(matrix x + shift)``; the matrix is regular."""
+
+    part: Node
+    matrix: FloatArray
+    shift: FloatArray
+    factor: float
+
+    def emit(self, b: Builder, p: Point) -> int:
+        inner = b.linear(self.matrix, p, self.shift)
+        return b.scaled(self.factor, self.part.emit(b, inner))
+
+    def bounding_box(self, level: float = 0.0) -> FloatArray:
+        inner = self.part.bounding_box(level / self.factor)
+        if is_empty(inner):
+            return nowhere()
+        back = np.linalg.inv(self.matrix)
+        low, high = np.zeros(3), np.zeros(3)
+        with np.errstate(invalid="ignore"):
+            for k in range(3):
+                column = back[:, k, None] * (inner[:, k] - self.shift[k])
+                column = np.where(back[:, k, None] == 0.0, 0.0, column)
+                low, high = low + column.min(axis=1), high + column.max(axis=1)
+        return np.stack((low, high))
+
+
+@dataclass(frozen=True, eq=False)
+class _Twist(Node):
+    part: Node
+    rate: float
+
+    def emit(self, b: Builder, p: Point) -> int:
+        angle = b.scaled(self.rate, p[2])
+        c, s = b.op(ops.COS, angle), b.op(ops.SIN, angle)
+        x = b.add(b.mul(c, p[0]), b.mul(s, p[1]))
+        y = b.sub(b.mul(c, p[1]), b.mul(s, p[0]))
+        return self.part.emit(b, (x, y, p[2]))
+
+    def bounding_box(self, level: float = 0.0) -> FloatArray:
+        inner = self.part.bounding_box(level)
+        if is_empty(inner):
+            return nowhere()
+        reach = float(np.linalg.norm(np.abs(inner[:, :2]).max(axis=0)))
+        return np.array([[-reach, -reach, inner[0, 2]], [reach, reach, inner[1, 2]]])
+
+
+@dataclass(frozen=True, eq=False)
+class _Repeat(Node):
+    part: Node
+    period: FloatArray
+
+    def emit(self, b: Builder, p: Point) -> int:
+        x, y, z = (b.op(ops.WRAP, p[i], b.const(self.period[i])) for i in range(3))
+        return self.part.emit(b, (x, y, z))
+
+    def bounding_box(self, level: float = 0.0) -> FloatArray:  # noqa: ARG002
+        return everywhere()
+
+
+@dataclass(frozen=True, eq=False)
+class _Normalized(Node):
+    part: Node
+
+    def emit(self, b: Builder, p: Point) -> int:
+        f = self.part.emit(b, p)
+        steepness = b.norm(*b.gradient(f, p))
+        return b.op(ops.DIV, f, b.op(ops.MAX, steepness, b.const(1e-12)))
+
+    def bounding_box(self, level: float = 0.0) -> FloatArray:
+        return self.part.bounding_box(0.0) if level <= 0.0 else everywhere()
+
+
+def _several(name: str, parts: tuple[Any, ...]) -> tuple[Node, ...]:
+    if not parts:
+        raise InputError(f"{name} needs at least one field")
+    return tuple(as_node(f"parts[{i}]", part) for i, part in enumerate(parts))
+
+
+def union(*parts: Node, radius: float = 0.0) -> Node:
+    """Points in any of the solids: the least of the fields.
+
+    Parameters
+    ----------
+    *parts : Node
+        Fields.
+    radius : float
+        Blend, in units of the fields: 0 keeps the sharp seam.
+
+    Returns
+    -------
+    Node
+        The union; blends add at most ``radius / 4`` per seam.
+    """
+    return _Extreme(ops.MIN, _several("union", parts), as_number("radius", radius, 0.0))
+
+
+def intersection(*parts: Node, radius: float = 0.0) -> Node:
+    """Points in all of the solids: the largest of the fields.
+
+    Parameters
+    ----------
+    *parts : Node
+        Fields.
+    radius : float
+        Blend, in units of the fields: 0 keeps the sharp edge.
+
+    Returns
+    -------
+    Node
+        The intersection.
+    """
+    return _Extreme(ops.MAX, _several("intersection", parts), as_number("radius", radius, 0.0))
+
+
+def difference(first: Node, second: Node, *, radius: float = 0.0) -> Node:
+    """Points in the first solid and not in the second.
+
+    Parameters
+    ----------
+    first, second : Node
+        Fields.
+    radius : float
+        Blend, in units of the fields.
+
+    Returns
+    -------
+    Node
+        ``max(first, -second)``.
+    """
+    return intersection(first, complement(second), radius=radius)
+
+
+def complement(part: Node) -> Node:
+    """Points not in the solid.
+
+    Parameters
+    ----------
+    part : Node
+        Field.
+
+    Returns
+    -------
+    Node
+        ``-part``.
+    """
+    return _Complement(as_node("part", part))
+
+
+def _amount(name: str, value: Any) -> float | Node:
+    return value if isinstance(value, Node) else as_number(name, value, 0.0)
+
+
+def dilate(part: Node, offset: float | Node) -> Node:
+    """The solid grown by an offset.
+
+    Parameters
+    ----------
+    part : Node
+        Field.
+    offset : float or Node
+        In units of the field, not negative; a field varies in space.
+
+    Returns
+    -------
+    Node
+        ``part - offset``.
+    """
+    return _Offset(as_node("part", part), _amount("offset", offset), 1.0)
+
+
+def erode(part: Node, offset: float | Node) -> Node:
+    """The solid shrunk by an offset.
+
+    Parameters
+    ----------
+    part : Node
+        Field.
+    offset : float or Node
+        In units of the field, not negative; a field varies in space.
+
+    Returns
+    -------
+    Node
+        ``part + offset``.
+    """
+    return _Offset(as_node("part", part), _amount("offset", offset), -1.0)
+
+
+def shell(part: Node, thickness: float | Node) -> Node:
+    """A wall about the surface.
+
+    Parameters
+    ----------
+    part : Node
+        Field.
+    thickness : float or Node
+        From side to side, in units of the field: a length only for distances.
+
+    Returns
+    -------
+    Node
+        ``abs(part) - thickness / 2``.
+    """
+    return _Offset(as_node("part", part), _amount("thickness", thickness), 0.5, shell=True)
+
+
+def translate(part: Node, offset: Any) -> Node:
+    """The solid, moved.
+
+    Parameters
+    ----------
+    part : Node
+        Field.
+    offset : (3,) array
+        Motion.
+
+    Returns
+    -------
+    Node
+        ``part(x - offset)``.
+    """
+    return _Placed(as_node("part", part), np.eye(3), -as_triple("offset", offset), 1.0)
+
+
+def scale(part: Node, factor: Any) -> Node:
+    """The solid, stretched along the axes.
+
+    Parameters
+    ----------
+    part : Node
+        Field.
+    factor : float or (3,) array
+        Factors, none of them zero; negative ones mirror.
+
+    Returns
+    -------
+    Node
+        ``min|factor| part(x / factor)``: never steeper than `part`.
+    """
+    a = as_triple("factor", factor)
+    if (a == 0.0).any():
+        raise InputError(f"factor must not be zero, got {a.tolist()}")
+    return _Placed(as_node("part", part), np.diag(1.0 / a), np.zeros(3), float(np.abs(a).min()))
+
+
+def rotate(part: Node, angle: float, axis: Any) -> Node:
+    """The solid, turned about an axis through the origin by the right-hand rule.
+
+    Parameters
+    ----------
+    part : Node
+        Field.
+    angle : float
+        In radians.
+    axis : (3,) array
+        Direction, of any length but zero.
+
+    Returns
+    -------
+    Node
+        ``part(R^T x)``. (Cesogen's eq. (8) is printed with R and would turn the other way.)
+    """
+    v, t = as_direction("axis", axis), as_number("angle", angle)
+    cross = np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+    R = np.eye(3) + np.sin(t) * cross + (1.0 - np.cos(t)) * cross @ cross
+    return _Placed(as_node("part", part), R.T, np.zeros(3), 1.0)
+
+
+def twist(part: Node, rate: float) -> Node:
+    """The solid, turned about the z axis by an angle that grows with z; not a distance.
+
+    Parameters
+    ----------
+    part : Node
+        Field.
+    rate : float
+        Radians per length.
+
+    Returns
+    -------
+    Node
+        The twisted field.
+    """
+    return _Twist(as_node("part", part), as_number("rate", rate))
+
+
+def repeat(part: Node, period: Any) -> Node:
+    """Copies of the solid at all multiples of a period: what lies in one cell about the origin.
+
+    Parameters
+    ----------
+    part : Node
+        Field.
+    period : float or (3,) array
+        Distance of the copies along the axes.
+
+    Returns
+    -------
+    Node
+        The periodic field, which jumps between cells unless `part` is symmetric.
+    """
+    return _Repeat(as_node("part", part), as_triple("period", period, positive=True))
+
+
+def normalize(part: Node) -> Node:
+    """First-order distance ``f / |grad f|``.
+
+    Parameters
+    ----------
+    part : Node
+        Field with a formula.
+
+    Returns
+    -------
+    Node
+        The normalised field; at places without gradient, `part` times 1e12.
+    """
+    return _Normalized(as_node("part", part))

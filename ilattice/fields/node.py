@@ -1,0 +1,161 @@
+"""`Node`: an implicit field, negative inside, that compiles to one program.
+
+Guarantees: immutable; `range` is rigorous; `bounding_box(c)` holds {f <= c}; values are the same
+bits for any number of threads. Not guaranteed: that a field is a distance; see each constructor.
+"""
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ilattice._typing import ArrayLike, FloatArray
+from ilattice._validate import as_array, as_points, read_only
+from ilattice.errors import InputError
+from ilattice.fields._program import Builder, Point, Program
+
+__all__ = ["Node"]
+
+INF = np.inf
+
+
+class Node:
+    """Base of all fields of this room; made by the functions of `ilattice.fields`."""
+
+    def emit(self, b: Builder, p: Point) -> int:
+        """Write the instructions of the field.
+
+        Parameters
+        ----------
+        b : Builder
+            The program in the making.
+        p : tuple of int
+            Registers of the coordinates.
+
+        Returns
+        -------
+        int
+            Register of the value.
+        """
+        raise NotImplementedError
+
+    def bounding_box(self, level: float = 0.0) -> FloatArray:
+        """Box that holds the points where the field is at most `level`.
+
+        Parameters
+        ----------
+        level : float
+            The level.
+
+        Returns
+        -------
+        ndarray, shape (2, 3)
+            Corners; infinite where nothing better is known, the lower one above the upper one
+            where there are no such points.
+        """
+        raise NotImplementedError
+
+    @cached_property
+    def program(self) -> Program:
+        """The compiled field."""
+        b = Builder()
+        return b.program(self.emit(b, (0, 1, 2)))
+
+    @property
+    def bounds(self) -> FloatArray:
+        """Box (2, 3) of the solid, perhaps infinite."""
+        box: FloatArray = read_only(self.bounding_box(0.0))
+        return box
+
+    def __call__(self, p: ArrayLike, /) -> FloatArray:
+        """Values, shape (n,), at points ``p`` (n, 3)."""
+        return self.program.values(as_points("p", p))
+
+    def jet(self, p: ArrayLike, order: int = 2) -> tuple[FloatArray, ...]:
+        """Value and derivatives; at kinks those of one side.
+
+        Parameters
+        ----------
+        p : array_like, shape (n, 3)
+            Points.
+        order : int
+            Highest derivative: 0, 1 or 2.
+
+        Returns
+        -------
+        tuple of ndarray
+            Values (n,), gradients (n, 3), Hessians (n, 3, 3): the first ``order + 1``.
+
+        Raises
+        ------
+        InputError
+            For points of another shape or not finite, or another order.
+        """
+        if order not in (0, 1, 2):
+            raise InputError(f"order must be 0, 1 or 2, got {order!r}")
+        if order == 0:
+            return (self(p),)
+        jets = self.program.jets(as_points("p", p), order)
+        f, g = np.ascontiguousarray(jets[:, 0]), np.ascontiguousarray(jets[:, 1:4])
+        if order == 1:
+            return f, g
+        return f, g, jets[:, [4, 5, 6, 5, 7, 8, 6, 8, 9]].reshape(-1, 3, 3)
+
+    def range(self, lo: ArrayLike, hi: ArrayLike) -> FloatArray:
+        """Rigorous bounds of the values on boxes.
+
+        Parameters
+        ----------
+        lo, hi : array_like, shape (n, 3)
+            Corners, ``lo <= hi``.
+
+        Returns
+        -------
+        ndarray, shape (n, 2)
+            Lower and upper bounds.
+
+        Raises
+        ------
+        InputError
+            For corners of different shapes, not finite or in the wrong order.
+        """
+        a, b = as_points("lo", lo), as_points("hi", hi)
+        if a.shape != b.shape or (a > b).any():
+            raise InputError(
+                f"lo and hi must have one shape and lo <= hi, got shapes {a.shape} and {b.shape}"
+            )
+        return self.program.ranges(a, b)
+
+
+def as_node(name: str, field: Any) -> Node:
+    """The field itself, or `InputError`."""
+    if isinstance(field, Node):
+        return field
+    raise InputError(
+        f"{name} must be a field of ilattice.fields, got {field!r:.80}; "
+        "fields.from_callable wraps others"
+    )
+
+
+def as_number(name: str, value: Any, least: float = -INF) -> float:
+    """One finite number of at least `least`."""
+    a = as_array(name, value)
+    if a.size != 1 or a.ravel()[0] < least:
+        bound = "" if least == -INF else f" of at least {least:g}"
+        raise InputError(f"{name} must be one number{bound}, got {value!r:.80}")
+    return float(a.ravel()[0])
+
+
+def everywhere() -> FloatArray:
+    """The box without ends."""
+    return np.array([[-INF] * 3, [INF] * 3])
+
+
+def nowhere() -> FloatArray:
+    """The empty box."""
+    return np.array([[INF] * 3, [-INF] * 3])
+
+
+def is_empty(box: FloatArray) -> bool:
+    """Whether no point lies in a box."""
+    return bool((box[0] > box[1]).any())
