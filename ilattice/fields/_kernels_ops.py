@@ -118,11 +118,11 @@ def partials(op, a, b, v):
 @njit(cache=True, error_model="numpy")
 def _partials_power(a, b, v):
     da = 0.0 if b == 0.0 else b * a ** (b - 1.0)
-    daa = 0.0 if b == 0.0 or b == 1.0 else b * (b - 1.0) * a ** (b - 2.0)
+    d_aa = 0.0 if b == 0.0 or b == 1.0 else b * (b - 1.0) * a ** (b - 2.0)
     if not a > 0.0:  # the logarithm does not exist; constant exponents need none of it
-        return da, 0.0, daa, 0.0, 0.0
+        return da, 0.0, d_aa, 0.0, 0.0
     log = np.log(a)
-    return da, v * log, daa, (v + b * v * log) / a, v * log * log
+    return da, v * log, d_aa, (v + b * v * log) / a, v * log * log
 
 
 @njit(cache=True, error_model="numpy")

@@ -187,17 +187,17 @@ def _jet(op, a, b, imm, m, point, leaves, at, count, jet):
             continue
         p, q = jet[a[i]], jet[b[i]]
         v = value(o, p[0], q[0])
-        da, db, daa, dab, dbb = partials(o, p[0], q[0], v)
+        da, db, d_aa, d_ab, d_bb = partials(o, p[0], q[0], v)
         one = o < ops.BINARY
         jet[i, 0] = v
         for k in range(1, count):
             jet[i, k] = _scaled(da, p[k]) + (0.0 if one else _scaled(db, q[k]))
-        if count == 10 and not (daa == 0.0 and dab == 0.0 and dbb == 0.0):
+        if count == 10 and not (d_aa == 0.0 and d_ab == 0.0 and d_bb == 0.0):
             for r in range(3):
                 for c in range(r, 3):
                     cross = p[1 + r] * q[1 + c] + p[1 + c] * q[1 + r]
                     jet[i, _place(r, c)] += (
-                        daa * p[1 + r] * p[1 + c] + dab * cross + dbb * q[1 + r] * q[1 + c]
+                        d_aa * p[1 + r] * p[1 + c] + d_ab * cross + d_bb * q[1 + r] * q[1 + c]
                     )
 
 
