@@ -69,15 +69,16 @@ def unlikely(x, sx, sn, i, h, best):
     """Cheap rejection of a further start: its patch cannot hold a foot nearer than `best`.
 
     A foot within h of the seed s has its normal along x - foot, so the tangential part of
-    x - s is at most h plus what the normal turns over h; and the patch is nearer than `best`
-    only if the normal part is. Where the normal turns too much over h, only distance counts.
+    x - s is at most h plus what the normal turns over h, times `best`; and the patch is nearer
+    than that only if the normal part is. Where the normal turns too much, only distance counts.
     """
     v0, v1, v2 = x[0] - sx[i, 0], x[1] - sx[i, 1], x[2] - sx[i, 2]
     a = v0 * sn[i, 0] + v1 * sn[i, 1] + v2 * sn[i, 2]
     if sn[i, 3] > SHARP:
         return np.sqrt(v0 * v0 + v1 * v1 + v2 * v2) > best + h
     tangential = np.sqrt(max(v0 * v0 + v1 * v1 + v2 * v2 - a * a, 0.0))
-    return tangential > 0.9 * h + 0.5 * abs(a) or abs(a) > best + 0.3 * h
+    turn = max(0.5 * abs(a), best * sn[i, 3])
+    return tangential > 0.9 * h + turn or abs(a) > best + 0.3 * h
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
