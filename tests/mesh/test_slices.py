@@ -221,9 +221,8 @@ def test_volume_is_that_of_the_mesh():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", WALLS)
-def test_four_hundred_slices_hold_the_volume(name):
-    w = wall(name)
+def test_four_hundred_slices_hold_the_volume():
+    w = wall("tapered")
     h = 0.2 * w.thickness.extremes[0]
     low, high = extent(il.bspline.BSpline(*parts(w)))
     coarse, fine = (w.mesh(x, polish=False).volume for x in (h, h / 2))

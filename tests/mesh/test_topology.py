@@ -12,6 +12,7 @@ from ilattice.errors import GeometryError, InputError
 from ilattice.mesh import SurfaceMesh
 from ilattice.mesh.topology import topology_of
 from ilattice.offsets.critical import critical_points
+from ilattice.tiles.tpms import ROWS
 
 NECK, NODE = np.sqrt(2) / 6, np.sqrt(3) / 4  # of Schwarz P in a unit cell, see below
 
@@ -120,12 +121,10 @@ def test_counts_are_those_of_voxels(name, d):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", il.tiles.names())
+@pytest.mark.parametrize("name", [row.name for row in ROWS if not row.singular_at_zero])
 def test_counts_of_the_catalogue_are_those_of_voxels(name):
-    row = il.tiles.row(name)
-    if row.singular_at_zero:
-        pytest.skip("no wall about a singular surface")
-    agrees(name, 0.03, 0.012, 128)
+    fine = name == "tubular_gyroid_ab"  # a part of it, in a corner, is 1/120 of the cell wide
+    agrees(name, 0.03, 0.012, 192 if fine else 128)
 
 
 # --- necks and sweeps -------------------------------------------------------------------------
