@@ -116,35 +116,3 @@ def resplit(points, faces):
         if then_flat and (not now_flat or then > now):
             faces[2 * q, 0], faces[2 * q, 1], faces[2 * q, 2] = b, c, d
             faces[2 * q + 1, 0], faces[2 * q + 1, 1], faces[2 * q + 1, 2] = b, d, a
-
-
-@njit(cache=True, parallel=True)
-def mark_spoilt(before, after, faces, turn, worse, marked):
-    """Mark the corners of triangles that a motion turns over or makes slim; how many there are.
-
-    A triangle is spoilt when the cosine between its old and new normal is not above `turn`, or
-    when its shape (4 sqrt(3) area / sum of squared sides) falls below `worse` and half of before.
-    """
-    spoilt = 0
-    scale = 2.0 * np.sqrt(3.0)
-    for f in prange(len(faces)):
-        p, q = np.empty((3, 3)), np.empty((3, 3))
-        m, n = np.empty(3), np.empty(3)
-        still = True
-        for j in range(3):
-            for i in range(3):
-                p[j, i] = before[faces[f, j], i]
-                q[j, i] = after[faces[f, j], i]
-                still = still and p[j, i] == q[j, i]
-        if still:
-            continue
-        old = scale * np.sqrt(_normal(p, 0, 1, 2, m))
-        new = scale * np.sqrt(_normal(q, 0, 1, 2, n))
-        cosine = m[0] * n[0] + m[1] * n[1] + m[2] * n[2]
-        size = np.sqrt(m[0] * m[0] + m[1] * m[1] + m[2] * m[2])
-        size *= np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
-        if not cosine > turn * size or (new < worse and new < 0.5 * old):
-            spoilt += 1
-            for j in range(3):
-                marked[faces[f, j]] = True
-    return spoilt

@@ -32,7 +32,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ilattice._progress import Progress
-from ilattice._typing import AnyArray, FloatArray
+from ilattice._typing import AnyArray
 from ilattice._validate import as_array
 from ilattice.errors import InputError
 from ilattice.mesh import _kernels_refine
@@ -49,15 +49,12 @@ __all__ = [
     "contour",
     "contour_arrays",
     "contour_blocks",
-    "safe_steps",
     "split_quads",
 ]
 
 ON_CAP = CAP
 ON_LOWER = LOWER
 RESERVE = 1 << 26  # bytes; memory that is never written costs nothing
-LEAST_COSINE = 0.3  # between the normals of a triangle before and after a motion
-LEAST_SHAPE = 0.15  # of triangles that a motion makes worse
 
 
 def contour(field: Any, axes: Any, **options: Any) -> SurfaceMesh:
@@ -227,36 +224,6 @@ def split_quads(vertices: AnyArray, faces: AnyArray) -> None:
         Faces of a `Contour`, changed in place.
     """
     _kernels_refine.resplit(vertices, faces)
-
-
-def safe_steps(before: AnyArray, after: AnyArray, faces: AnyArray) -> FloatArray:
-    """How far vertices may move without folding the surface.
-
-    Vertices that leave their cell may turn triangles over, or make them slim; all corners of such
-    triangles are held back by half, a quarter, or altogether.
-
-    Parameters
-    ----------
-    before, after : (V, 3) arrays
-        Places of the vertices before and after the motion, in one space.
-    faces : (F, 3) array of int32 or int64
-        Triangles, well-shaped before the motion.
-
-    Returns
-    -------
-    (V,) array
-        Part of the way that each vertex may go: 1 for most, else 0.5, 0.25 or 0.
-    """
-    part = np.ones(len(before))
-    now = np.array(after)
-    while True:
-        marked = np.zeros(len(before), np.bool_)
-        _kernels_refine.mark_spoilt(before, now, faces, LEAST_COSINE, LEAST_SHAPE, marked)
-        at = np.flatnonzero(marked & (part > 0.0))
-        if not len(at):
-            return part
-        part[at] = np.where(part[at] > 0.25, 0.5 * part[at], 0.0)
-        now[at] = before[at] + part[at, None] * (after[at] - before[at])
 
 
 def _as_levels(level: Any) -> tuple[float, float]:

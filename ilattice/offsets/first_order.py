@@ -29,7 +29,8 @@ if TYPE_CHECKING:
     from ilattice.macroshape.lattice import Lattice
 
 DEGREE = 3
-#: Thickness of a solid in tiles, as far as the width of meshes goes.
+#: Thickness of a solid, in the largest edges of tiles, as far as the width of meshes goes: small
+#: tiles get no fewer cells than `mesh` gives every tile.
 LEAST_SOLID = 0.25
 TINY = 1e-6
 
@@ -58,14 +59,15 @@ class ParametricWall(Wall):
 
     @cached_property
     def least_thickness(self) -> float:
-        """Least total thickness (of a solid: part of a tile) times the smallest edge of a tile."""
-        least = LEAST_SOLID if self.asked.solid else self.asked.extremes[0]
+        """Least total thickness times the least edge of a tile; for solids, see `LEAST_SOLID`."""
         lattice = self.lattice
         u = np.indices(lattice.repeat).reshape(3, -1).T + 0.5
         lo, hi = lattice.domain
         step = (hi - lo) / np.array(lattice.repeat)
         edges = np.linalg.norm(lattice.through.jacobian(lo + u * step) * step, axis=1)
-        return float(least * edges.min())
+        if self.asked.solid:
+            return float(LEAST_SOLID * edges.max())
+        return float(self.asked.extremes[0] * edges.min())
 
     @cached_property
     def _flat(self) -> Lattice:
@@ -127,4 +129,5 @@ def parametric_offset(lattice: Lattice, d: Any, *, progress: Progress = None) ->
 
     outer = in_units_of_the_field(asked.outer)
     inner = outer if asked.symmetric else in_units_of_the_field(asked.inner)
-    return ParametricWall(lattice, fitted(lattice.implicit), Thickness(inner, outer), asked)
+    field = lattice._once("implicit_spline", lambda: fitted(lattice.implicit))
+    return ParametricWall(lattice, field, Thickness(inner, outer), asked)

@@ -48,9 +48,9 @@ class ThicknessReport:
     max, p99, rms : float
         Largest, 99th percentile, root mean square, in units of length.
     relative : float
-        99th percentile relative to d.
+        99th percentile relative to d; on sides where d is zero, to the least total thickness.
     relative_max : float
-        Largest relative to d.
+        Largest, likewise.
     count : int
         Number of vertices measured: those of the offset surfaces, caps excluded.
     """
@@ -363,7 +363,7 @@ class Wall:
         d = self._asked
         asked = np.where(side > 0, d.outer(u), d.inner(u))
         error = np.abs(side * self._true_distance(u) - asked)
-        relative = error / np.maximum(np.abs(asked), 1e-300)
+        relative = error / np.where(asked != 0.0, np.abs(asked), self.least_thickness)
         return ThicknessReport(
             float(error.max()), float(np.percentile(error, 99)),
             float(np.sqrt(np.mean(error**2))), float(np.percentile(relative, 99)),

@@ -17,7 +17,6 @@ from ilattice.mesh.contouring import (
     contour,
     contour_arrays,
     contour_blocks,
-    safe_steps,
     split_quads,
 )
 from ilattice.tiles.trig import TrigField
@@ -633,27 +632,6 @@ def test_diagonals_can_be_chosen_again():
     )
     assert after.mean() > before.mean()
     assert assert_closed(faces, len(bent)) == assert_closed(c.faces, len(bent))
-
-
-def test_motions_that_fold_the_surface_are_held_back():
-    c = contour_arrays(GYROID, cube_axes(21, 0.0, 1.0))
-    rng = np.random.default_rng(1)
-    moved = c.vertices + rng.uniform(-1e-3, 1e-3, c.vertices.shape)
-    assert (safe_steps(c.vertices, moved, c.faces) == 1.0).all()
-    far = rng.choice(len(moved), 30, replace=False)
-    moved[far] += rng.uniform(-0.15, 0.15, (30, 3))
-    part = safe_steps(c.vertices, moved, c.faces)
-    assert set(part) <= {0.0, 0.25, 0.5, 1.0}
-    assert (part[far] < 1.0).sum() > 20
-    near = np.isin(c.faces, far).any(axis=1)
-    assert (part[np.setdiff1d(np.arange(len(part)), c.faces[near])] == 1.0).all()
-    kept = c.vertices + part[:, None] * (moved - c.vertices)
-    normals = []
-    for v in (c.vertices, kept):
-        p, q, r = (v[c.faces[:, i]] for i in range(3))
-        n = np.cross(q - p, r - p)
-        normals.append(n / np.linalg.norm(n, axis=1)[:, None])
-    assert (normals[0] * normals[1]).sum(axis=1).min() > 0.25
 
 
 # --- bad input ----------------------------------------------------------------------------------

@@ -86,6 +86,18 @@ def test_solids_grow_to_first_order(ball):
     assert mesh.genus == 0
 
 
+def test_thin_tiles_need_no_finer_mesh():
+    """Every tile has eight cells along every edge; in a flat box a wide h is no reason to warn."""
+    tile = il.Tile(lambda u: ((u - 0.5) ** 2).sum(axis=1) - 0.09, name="ball")
+    flat = il.Lattice(tile, through=il.macroshape.box((1, 1, 0.02)))
+    wall = flat.offset((np.inf, 0.05), space="parametric")
+    assert wall.distance is flat.offset((np.inf, 0.1), space="parametric").distance
+    mesh = wall.mesh(0.1)
+    assert mesh.genus == 0
+    r = 0.05 + np.sqrt(0.09 + 0.05**2)
+    assert mesh.volume == pytest.approx(0.02 * 4 / 3 * np.pi * r**3, rel=0.1)
+
+
 def test_polishing_does_not_make_it_exact(ball):
     wall = ball.offset((0.0, 0.08), space="parametric")
     assert wall.thickness_error(wall.mesh(0.08, polish=True)).max > 0.01

@@ -70,3 +70,11 @@ def test_an_eroded_solid_may_vanish(lattice):
 def test_the_outer_side_cannot_be_filled(lattice):
     with pytest.raises(InputError, match=r"d\[1\] must be finite"):
         lattice.offset((0.1, np.inf))
+
+
+def test_errors_of_one_sided_walls_are_relative_to_their_thickness(lattice):
+    wall = lattice.offset((0.0, 0.1))
+    error = wall.thickness_error()
+    assert error.relative_max == pytest.approx(error.max / 0.1, rel=1e-9)
+    solid = lattice.offset((np.inf, 0.0)).thickness_error()
+    assert solid.relative_max == pytest.approx(solid.max / (2 * RADIUS), rel=0.1)
