@@ -7,7 +7,7 @@ import numpy as np
 from scipy.interpolate import NdBSpline
 
 from benchmarks import references
-from benchmarks.measure import Row, cpu, wall
+from benchmarks.measure import Row, cpu, in_turns
 from ilattice._typing import FloatArray
 from ilattice.bspline import BSpline
 
@@ -143,14 +143,16 @@ def _thread_row(quick: bool) -> Row:
     bench = Points()
     bench.size = 100_000 if quick else 1_000_000
     bench.setup("ordered")
-    times = []
-    for n in (1, 2):
-        numba.set_num_threads(n)
-        times.append(wall(lambda: bench.time_jet("ordered"), 9))
+
+    def on(threads: int) -> None:
+        numba.set_num_threads(threads)
+        bench.time_jet("ordered")
+
+    one, two = in_turns(lambda: on(1), lambda: on(2))
     return Row(
         "spline value + gradient, ordered points, wall",
-        f"{1e3 * times[1]:.0f} ms on 2 threads",
-        f"{1e3 * times[0]:.0f} ms on 1 thread",
-        times[0] / times[1],
+        f"{1e3 * two:.0f} ms on 2 threads",
+        f"{1e3 * one:.0f} ms on 1 thread",
+        one / two,
         ">= 1.7x",
     )

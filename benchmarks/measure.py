@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from statistics import median
 from typing import Any
 
 
@@ -37,6 +38,17 @@ def cpu(work: Callable[[], Any], repeats: int = 5) -> float:
 def wall(work: Callable[[], Any], repeats: int = 5) -> float:
     """Least wall time of some runs, in seconds, after one run to warm up."""
     return _least(work, time.perf_counter, repeats)
+
+
+def in_turns(a: Callable[[], Any], b: Callable[[], Any], repeats: int = 15) -> tuple[float, float]:
+    """Median wall times of two works that take turns, so that a change of clock meets both."""
+    times: tuple[list[float], list[float]] = ([], [])
+    for _ in range(repeats + 1):
+        for work, taken in zip((a, b), times, strict=True):
+            start = time.perf_counter()
+            work()
+            taken.append(time.perf_counter() - start)
+    return median(times[0][1:]), median(times[1][1:])
 
 
 def _least(work: Callable[[], Any], clock: Callable[[], float], repeats: int) -> float:
