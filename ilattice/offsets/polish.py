@@ -61,8 +61,8 @@ def polish(
     """
     out = u.copy()
     residual = np.full(len(u), np.inf)
-    size = 0.0 if distance is not None else 1e-3 * float(lattice.search.seeds[3].min())
-    limit = LIMIT * max(float(np.abs(d.c).max()), size)
+    scale = lattice.search.seeds[3].min() if distance is None else np.abs(distance.c).max()
+    limit = LIMIT * max(float(np.abs(d.c).max()), 1e-3 * float(scale))
     at = np.arange(len(u))
     for _ in range(STEPS):
         step, error = _step(lattice, out[at], fixed[at], side[at], d, distance)

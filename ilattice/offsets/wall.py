@@ -37,6 +37,9 @@ CHECKED = 1 << 15
 #: Order, in the size of spans, at which the 99th percentile of the error falls: kinks of the
 #: distance at its medial axis and its focal curves give 1.3 to 2, smooth parts 3.
 ORDER = 1.5
+#: Boxes of up to so many spans per direction are bounded element by element, wider ones by the
+#: extremes of their coefficients: contouring asks for boxes of hundreds of elements.
+NARROW = 4
 
 
 @dataclass(frozen=True)
@@ -100,9 +103,21 @@ class WallField:
         )
 
     def range(self, lo: ArrayLike, hi: ArrayLike) -> FloatArray:
-        """Rigorous bounds, shape (m, 2), on boxes."""
-        s = self.distance.range(lo, hi)
-        outer, inner = self.thickness.outer.range(lo, hi), self.thickness.inner.range(lo, hi)
+        """Rigorous bounds, shape (m, 2), on boxes; looser ones on boxes of many spans."""
+        lo, hi = as_points("lo", lo), as_points("hi", hi)
+        spans = np.array([np.diff(self.distance.breaks(a)).max() for a in range(3)])
+        narrow = (hi - lo <= NARROW * spans).all(axis=1)
+        out = np.empty((len(lo), 2))
+        for tight in (False, True):
+            at = np.flatnonzero(narrow == tight)
+            out[at] = self._bounds(lo[at], hi[at], tight)
+        return out
+
+    def _bounds(self, lo: FloatArray, hi: FloatArray, tight: bool) -> FloatArray:
+        s = self.distance.range(lo, hi, tight=tight)
+        outer = self.thickness.outer.range(lo, hi, tight=tight)
+        symmetric = self.thickness.symmetric
+        inner = outer if symmetric else self.thickness.inner.range(lo, hi, tight=tight)
         low = np.maximum(s[:, 0] - outer[:, 1], -s[:, 1] - inner[:, 1])
         high = np.maximum(s[:, 1] - outer[:, 0], -s[:, 0] - inner[:, 0])
         return np.stack([low, high], axis=1)
