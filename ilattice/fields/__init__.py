@@ -9,7 +9,10 @@ not evaluated::
     part = fields.difference(fields.box(1.0), fields.translate(fields.sphere(0.8), (1, 0, 0)))
     mesh = il.mesh.contour(part, axes)
 
-Guarantees and non-guarantees: see `node`, `algebra`, `primitives`.
+Solids may be equations, ``fields.equation("x^2 + y^2 + z^2 - 1")``, and tiles,
+``fields.from_callable(il.tiles["gyroid"])``, which repeat through space.
+
+Guarantees and non-guarantees: see `node`, `algebra`, `deform`, `primitives`, `equation`.
 """
 
 from ilattice.fields.algebra import (
@@ -18,21 +21,23 @@ from ilattice.fields.algebra import (
     dilate,
     erode,
     intersection,
+    mix,
     normalize,
-    repeat,
     rotate,
     scale,
     shell,
     translate,
-    twist,
     union,
 )
+from ilattice.fields.deform import bend, cylindrical, repeat, twist
+from ilattice.fields.equation import constant, equation
 from ilattice.fields.node import Node
 from ilattice.fields.outside import from_callable
-from ilattice.fields.primitives import box, capsule, cylinder, half_space, sphere, torus
+from ilattice.fields.primitives import box, capsule, cone, cylinder, half_space, sphere, torus
 
 __all__ = [
-    "Node", "box", "capsule", "complement", "cylinder", "difference", "dilate", "erode",
-    "from_callable", "half_space", "intersection", "normalize", "repeat", "rotate", "scale",
-    "shell", "sphere", "torus", "translate", "twist", "union",
+    "Node", "bend", "box", "capsule", "complement", "cone", "constant", "cylinder", "cylindrical",
+    "difference", "dilate", "equation", "erode", "from_callable", "half_space", "intersection",
+    "mix", "normalize", "repeat", "rotate", "scale", "shell", "sphere", "torus", "translate",
+    "twist", "union",
 ]  # fmt: skip

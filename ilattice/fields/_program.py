@@ -71,6 +71,10 @@ class Builder:
     def _is_const(self, i: int) -> bool:
         return self.code[i] == ops.CONST
 
+    def is_number(self, i: int, number: float) -> bool:
+        """Whether a register holds this number at all points."""
+        return self._is_const(i) and self.imm[i] == number
+
     def _without(self, code: int, a: int, b: int) -> int | None:
         """The register that holds the result already: x + 0, 1 x, min(x, x) and so on."""
         left = self.imm[a] if self._is_const(a) else None

@@ -18,8 +18,8 @@ from ilattice.fields.node import Node, as_node, as_number, everywhere, is_empty,
 from ilattice.fields.primitives import as_direction
 
 __all__ = [
-    "complement", "difference", "dilate", "erode", "intersection", "normalize", "repeat",
-    "rotate", "scale", "shell", "translate", "twist", "union",
+    "complement", "difference", "dilate", "erode", "intersection", "mix", "normalize", "rotate",
+    "scale", "shell", "translate", "union",
 ]  # fmt: skip
 
 
@@ -123,36 +123,20 @@ class _Placed(Node):
 
 
 @dataclass(frozen=True, eq=False)
-class _Twist(Node):
-    part: Node
-    rate: float
+class _Mixed(Node):
+    """``(1 - w) first + w second`` for the weight w, held between 0 and 1."""
+
+    first: Node
+    second: Node
+    weight: Node
 
     def emit(self, b: Builder, p: Point) -> int:
-        angle = b.scaled(self.rate, p[2])
-        c, s = b.op(ops.COS, angle), b.op(ops.SIN, angle)
-        x = b.add(b.mul(c, p[0]), b.mul(s, p[1]))
-        y = b.sub(b.mul(c, p[1]), b.mul(s, p[0]))
-        return self.part.emit(b, (x, y, p[2]))
+        w = b.op(ops.MIN, b.op(ops.MAX, self.weight.emit(b, p), b.const(0.0)), b.const(1.0))
+        f, g = self.first.emit(b, p), self.second.emit(b, p)
+        return b.add(b.mul(b.sub(b.const(1.0), w), f), b.mul(w, g))
 
     def bounding_box(self, level: float = 0.0) -> FloatArray:
-        inner = self.part.bounding_box(level)
-        if is_empty(inner):
-            return nowhere()
-        reach = float(np.linalg.norm(np.abs(inner[:, :2]).max(axis=0)))
-        return np.array([[-reach, -reach, inner[0, 2]], [reach, reach, inner[1, 2]]])
-
-
-@dataclass(frozen=True, eq=False)
-class _Repeat(Node):
-    part: Node
-    period: FloatArray
-
-    def emit(self, b: Builder, p: Point) -> int:
-        x, y, z = (b.op(ops.WRAP, p[i], b.const(self.period[i])) for i in range(3))
-        return self.part.emit(b, (x, y, z))
-
-    def bounding_box(self, level: float = 0.0) -> FloatArray:  # noqa: ARG002
-        return everywhere()
+        return _Extreme(ops.MIN, (self.first, self.second), 0.0).bounding_box(level)
 
 
 @dataclass(frozen=True, eq=False)
@@ -364,42 +348,6 @@ def rotate(part: Node, angle: float, axis: Any) -> Node:
     return _Placed(as_node("part", part), R.T, np.zeros(3), 1.0)
 
 
-def twist(part: Node, rate: float) -> Node:
-    """The solid, turned about the z axis by an angle that grows with z; not a distance.
-
-    Parameters
-    ----------
-    part : Node
-        Field.
-    rate : float
-        Radians per length.
-
-    Returns
-    -------
-    Node
-        The twisted field.
-    """
-    return _Twist(as_node("part", part), as_number("rate", rate))
-
-
-def repeat(part: Node, period: Any) -> Node:
-    """Copies of the solid at all multiples of a period: what lies in one cell about the origin.
-
-    Parameters
-    ----------
-    part : Node
-        Field.
-    period : float or (3,) array
-        Distance of the copies along the axes.
-
-    Returns
-    -------
-    Node
-        The periodic field, which jumps between cells unless `part` is symmetric.
-    """
-    return _Repeat(as_node("part", part), as_triple("period", period, positive=True))
-
-
 def normalize(part: Node) -> Node:
     """First-order distance ``f / |grad f|``.
 
@@ -414,3 +362,22 @@ def normalize(part: Node) -> Node:
         The normalised field; at places without gradient, `part` times 1e12.
     """
     return _Normalized(as_node("part", part))
+
+
+def mix(first: Node, second: Node, weight: Node) -> Node:
+    """A solid that changes from one field to another through space.
+
+    Parameters
+    ----------
+    first, second : Node
+        Fields, of like steepness: what is mixed are their values.
+    weight : Node
+        Where it is 0 or less the first one holds, where it is 1 or more the second one.
+
+    Returns
+    -------
+    Node
+        ``(1 - w) first + w second``.
+    """
+    nodes = as_node("first", first), as_node("second", second), as_node("weight", weight)
+    return _Mixed(*nodes)

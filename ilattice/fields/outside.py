@@ -30,6 +30,8 @@ class _Outside(Node):
         return b.leaf(self, p)
 
     def bounding_box(self, level: float = 0.0) -> FloatArray:
+        if hasattr(self.f, "bounding_box"):
+            return np.array(self.f.bounding_box(level))
         return np.array(self.box) if level <= 0.0 else everywhere()
 
     def values(self, points: FloatArray) -> FloatArray:
@@ -79,7 +81,9 @@ def from_callable(f: Callable[..., Any], *, bounds: Any = None) -> Node:
     Parameters
     ----------
     f : callable
-        Takes points (n, 3), returns values (n,). Its `jet`, `range` and `lipschitz` are used.
+        Takes points (n, 3), returns values (n,). Its `jet`, `range`, `lipschitz` and
+        `bounding_box` are used. What has a formula of its own as `node`, such as tiles and
+        `TrigField`, becomes part of the program.
     bounds : (2, 3) array, optional
         Box that holds the points where it is not positive; default all of space.
 
@@ -95,6 +99,7 @@ def from_callable(f: Callable[..., Any], *, bounds: Any = None) -> Node:
     """
     if not callable(f):
         raise InputError(f"f must be callable, got {f!r:.80}")
+    f = getattr(f, "node", f)
     if isinstance(f, Node):
         return f
     if bounds is None:

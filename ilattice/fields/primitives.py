@@ -1,4 +1,4 @@
-"""Primitive solids: sphere, box, cylinder, half-space, torus, capsule.
+"""Primitive solids: sphere, box, cylinder, half-space, torus, capsule, cone.
 
 Guarantee: all are true signed distances.
 """
@@ -15,7 +15,7 @@ from ilattice.fields import _tables as ops
 from ilattice.fields._program import Builder, Point
 from ilattice.fields.node import Node, as_number, everywhere, nowhere
 
-__all__ = ["box", "capsule", "cylinder", "half_space", "sphere", "torus"]
+__all__ = ["box", "capsule", "cone", "cylinder", "half_space", "sphere", "torus"]
 
 
 def _centred(reach: Any) -> FloatArray:
@@ -112,6 +112,35 @@ class _Capsule(Node):
             return nowhere()
         ends = np.stack((self.first, self.second))
         return np.stack((ends.min(axis=0) - r, ends.max(axis=0) + r))
+
+
+@dataclass(frozen=True, eq=False)
+class _Cone(Node):
+    radius: float
+    half: float
+
+    def emit(self, b: Builder, p: Point) -> int:
+        length = float(np.hypot(self.radius, 2.0 * self.half))
+        out, up = 2.0 * self.half / length, self.radius / length  # normal of the mantle
+        zero, one = b.const(0.0), b.const(1.0)
+        r = b.norm(p[0], p[1])
+        base = b.sub(b.const(-self.half), p[2])
+        above = b.sub(p[2], b.const(self.half))  # from the tip
+        mantle = b.add(b.scaled(out, r), b.scaled(up, above))
+        inside = b.op(ops.MAX, base, mantle)
+        along = b.add(b.scaled(up / length, r), b.scaled(-out / length, above))
+        t = b.op(ops.MIN, b.op(ops.MAX, along, zero), one)
+        to_mantle = b.norm(
+            b.sub(r, b.scaled(up * length, t)), b.add(above, b.scaled(out * length, t))
+        )
+        to_base = b.norm(b.op(ops.MAX, b.sub(r, b.const(self.radius)), zero), base)
+        away = b.op(ops.MIN, to_mantle, to_base)
+        share = b.scaled(0.5, b.add(one, b.op(ops.SIGN, inside)))
+        return b.add(b.op(ops.MIN, inside, zero), b.mul(share, away))
+
+    def bounding_box(self, level: float = 0.0) -> FloatArray:
+        r = self.radius + level
+        return _centred((r, r, self.half + level))
 
 
 def sphere(radius: float = 1.0) -> Node:
@@ -225,6 +254,24 @@ def capsule(first: Any, second: Any, radius: float) -> Node:
     if (a == c).all():
         raise InputError(f"first and second must differ, got {a.tolist()} twice; use a sphere")
     return _Capsule(a, c, as_positive("radius", radius))
+
+
+def cone(radius: float = 1.0, height: float = 2.0) -> Node:
+    """Cone about the z axis with its tip up, centred at half its height.
+
+    Parameters
+    ----------
+    radius : float
+        Radius of the base, at ``z = -height / 2``.
+    height : float
+        From the base to the tip.
+
+    Returns
+    -------
+    Node
+        Signed distance.
+    """
+    return _Cone(as_positive("radius", radius), 0.5 * as_positive("height", height))
 
 
 def as_direction(name: str, value: Any) -> FloatArray:

@@ -19,6 +19,8 @@ from ilattice._typing import AnyArray, ArrayLike, FloatArray
 from ilattice._validate import as_array, as_points, as_positive, check_finite, read_only
 from ilattice.bspline import BSpline
 from ilattice.errors import ConvergenceError, GeometryError, InputError, PrecisionWarning
+from ilattice.fields.node import Node
+from ilattice.tiles._node import TileNode
 from ilattice.tiles.trig import TrigField
 
 #: Deviation of a spline stand-in, as a fraction of the largest value, unless `tol` says otherwise.
@@ -255,6 +257,11 @@ class Tile:
         return self._stand_in()
 
     # ------------------------------------------------------------------ properties
+
+    @cached_property
+    def node(self) -> Node:
+        """The tile, repeated through space, as a field of `ilattice.fields`; zero at its level."""
+        return TileNode(self)
 
     @property
     def bounds(self) -> FloatArray:

@@ -15,11 +15,13 @@ import numpy as np
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_array, as_points, as_triple, read_only
 from ilattice.errors import InputError
+from ilattice.fields.node import Node
 from ilattice.tiles import _terms
 from ilattice.tiles._kernels import jets, values
 from ilattice.tiles._kernels_gradient import gradients
 from ilattice.tiles._kernels_grid import tensor_grid
 from ilattice.tiles._kernels_range import ranges
+from ilattice.tiles._node import TrigNode
 
 _IDENTITY = read_only(np.eye(3))
 
@@ -268,6 +270,11 @@ class TrigField:
         waves, amplitude = self.modes()
         k = (2.0 * np.pi * waves / self.period) @ _matrix(self.linear)
         return float(np.sum(np.abs(amplitude) * np.linalg.norm(k, axis=1)))
+
+    @property
+    def node(self) -> Node:
+        """The field as instructions, for `ilattice.fields`."""
+        return TrigNode(self)
 
     def modes(self) -> tuple[IntArray, AnyArray]:
         """Fourier series ``f = sum_j amplitude[j] exp(2 pi i waves[j] . (linear p) / period)``.

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from conformance import check_field, check_range
+from scipy.spatial import cKDTree
 
 import ilattice as il
 from ilattice.errors import InputError
@@ -13,7 +14,19 @@ BOX = np.array([[-1.7, -1.6, -1.8], [1.5, 1.9, 1.6]])
 NEAR = np.array([[0.55, 0.72, 0.61], [0.65, 0.82, 0.71]])
 BALL = F.translate(F.sphere(0.9), (0.2, -0.1, 0.3))
 RING = F.rotate(F.torus(1.0, 0.3), 0.7, (1, 2, 3))
-WAVE = F.from_callable(il.tiles["gyroid"].field)
+
+
+class Elsewhere:
+    """A field without a formula, but with all else."""
+
+    def __init__(self, field):
+        self.jet, self.range, self.call = field.jet, field.range, field.__call__
+
+    def __call__(self, p):
+        return self.call(p)
+
+
+WAVE = F.from_callable(Elsewhere(il.tiles["gyroid"].field))
 ZOO = {
     "sphere": BALL,
     "box": F.box((0.9, 0.7, 0.5)),
@@ -30,11 +43,26 @@ ZOO = {
     "erode": F.erode(F.complement(BALL), 0.1),
     "scale": F.scale(BALL, (1.0, -2.0, 0.5)),
     "twist": F.twist(F.translate(F.box(0.6), (0.4, 0, 0)), 1.3),
+    "cone": F.translate(F.cone(0.9, 1.7), (0.1, 0, 0.2)),
+    "bend": F.bend(F.translate(F.box((0.9, 0.3, 0.4)), (0.1, 0, 0)), 0.8),
+    "cylindrical": F.cylindrical(F.translate(F.sphere(0.3), (0.8, 0, 0)), 1),
+    "mix": F.mix(BALL, RING, F.equation("1/(1 + exp(-3*x))")),
     "repeat": F.repeat(F.sphere(0.3), 0.8),
     "normalize": F.normalize(F.scale(F.torus(1.0, 0.3), (1, 2, 1))),
     "outside": F.intersection(F.translate(WAVE, (0.1, 0.2, 0.3)), F.box(1.0)),
 }
-KINKED = {"box", "shell", "graded", "union", "intersection", "difference", "repeat", "capsule"}
+KINKED = {
+    "box",
+    "shell",
+    "graded",
+    "union",
+    "intersection",
+    "difference",
+    "repeat",
+    "capsule",
+    "cone",
+    "bend",
+}
 
 
 def _naive(points):
@@ -61,6 +89,40 @@ def test_operations_are_what_their_formulas_say():
     np.testing.assert_allclose(F.erode(BALL, 0.2)(p), f + 0.2, atol=1e-14)
     a = np.array([1.0, -2.0, 0.5])
     np.testing.assert_allclose(F.scale(BALL, a)(p), 0.5 * _naive(p / a), atol=1e-14)
+
+
+def test_a_cone_is_a_distance():
+    """Against the least distance to many points of its surface."""
+    rng = np.random.default_rng(9)
+    t, turn = np.sqrt(rng.uniform(0, 1, 400_000)), rng.uniform(0, 2 * np.pi, 400_000)
+    ring = np.stack([np.cos(turn), np.sin(turn)], axis=1) * 0.7 * t[:, None]
+    base, mantle = np.full(len(t), -0.6), 0.6 - 1.2 * t
+    points = np.concatenate([np.column_stack([ring, z]) for z in (base, mantle)])
+    p = rng.uniform(-1.5, 1.5, (300, 3))
+    f = F.cone(0.7, 1.2)(p)
+    np.testing.assert_allclose(np.abs(f), cKDTree(points).query(p)[0], atol=2e-2, rtol=2e-3)
+    r, (lower, upper) = np.hypot(p[:, 0], p[:, 1]), (p[:, 2] > -0.6, p[:, 2] < 0.6)
+    np.testing.assert_array_equal(f < 0, lower & upper & (r < 0.7 * (0.6 - p[:, 2]) / 1.2))
+
+
+def test_bending_keeps_lengths_along_the_circle():
+    bar = F.bend(F.translate(F.sphere(0.1), (0.5 * np.pi * 2.0, 0.0, 0.0)), 2.0)
+    np.testing.assert_allclose(bar([[2.0, 2.0, 0.0]]), -0.1, atol=1e-14)
+
+
+def test_cylindrical_coordinates_repeat_a_tile_around_the_axis():
+    f = F.cylindrical(F.from_callable(il.tiles["gyroid"]), 12)
+    r, turn, z = np.random.default_rng(3).uniform(0.1, 2.0, (3, 50))
+    p = np.column_stack([r * np.cos(turn), r * np.sin(turn), z])
+    u = np.column_stack([r, 12 * turn / (2 * np.pi), z])
+    np.testing.assert_allclose(f(p), il.tiles["gyroid"].field(u), atol=1e-12)
+
+
+def test_mixtures_are_what_they_mix_where_the_weight_says_so():
+    f = F.mix(BALL, RING, F.equation("2*x"))
+    p = np.random.default_rng(3).uniform(-2, 2, (300, 3))
+    w = np.clip(2 * p[:, 0], 0, 1)
+    np.testing.assert_allclose(f(p), (1 - w) * BALL(p) + w * RING(p), atol=1e-14)
 
 
 def test_rotation_turns_the_solid_by_the_right_hand_rule():
@@ -130,6 +192,10 @@ def test_a_field_works_as_a_tile():
         lambda: F.scale(F.sphere(), (1, 0, 1)),
         lambda: F.rotate(F.sphere(), 1.0, (0, 0, 0)),
         lambda: F.translate(F.sphere(), (1, np.nan, 0)),
+        lambda: F.cone(0.0),
+        lambda: F.bend(F.sphere(), -1.0),
+        lambda: F.cylindrical(F.sphere(), 1.5),
+        lambda: F.mix(F.sphere(), F.sphere(), 0.5),
         lambda: F.union(),
         lambda: F.union(F.sphere(), 3.0),
         lambda: F.half_space((0, 0, 0)),
