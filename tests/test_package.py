@@ -15,7 +15,8 @@ ROOT = Path(il.__file__).parent
 MODULES = sorted(ROOT.rglob("*.py"))
 COMPILED = ("_kernels", "_tables")  # what numba compiles, and the constants that it compiles in
 KERNELS = [p for p in MODULES if p.name.startswith(COMPILED)]
-HEAVY = {"cyclopts", "lib3mf", "matplotlib", "pyvista", "rich", "skimage", "trimesh", "vtk"}
+HEAVY = {"cyclopts", "lib3mf", "matplotlib", "pyamg", "pyvista", "rich", "skimage", "trimesh"}
+HEAVY |= {"pypardiso", "vtk"}
 
 
 def test_every_public_name_exists_and_is_sorted():

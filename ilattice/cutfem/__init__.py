@@ -11,13 +11,17 @@ Guarantee: cells are called in or out by certificates, never by sampling.
 from ilattice.cutfem.grid import CutGrid, Grid, cut
 from ilattice.cutfem.measures import MassProperties, mass_properties
 from ilattice.cutfem.rules import Quadrature, quadrature
+from ilattice.cutfem.solvers import Solver, SolveReport, rigid_modes
 
 __all__ = [
     "CutGrid",
     "Grid",
     "MassProperties",
     "Quadrature",
+    "SolveReport",
+    "Solver",
     "cut",
     "mass_properties",
     "quadrature",
+    "rigid_modes",
 ]

@@ -1,0 +1,266 @@
+"""Sparse matrices of small square blocks, and long vectors: products, sums, scaling.
+
+A matrix is `offsets` (rows + 1), `columns` (blocks) and `blocks` (blocks, m, m), as in scipy's BSR
+format. `L` is a tuple of length m: the size of a block is then known to the compiler.
+
+Guarantees: every row, and every chunk of a sum, is done by one thread in a fixed order, so the
+results have the same bits for any number of threads. Products of single precision stay in it;
+sums are kept in double precision.
+"""
+
+from typing import Any
+
+import numpy as np
+from numba import njit, prange
+
+ROWS = 512
+CHUNK = 4096
+FAST = {"contract", "nsz", "reassoc"}
+#: A pivot of a diagonal block, scaled to ones on its diagonal, counts as zero below this.
+NO_PIVOT = 1e-12
+
+
+@njit(cache=True, error_model="numpy", parallel=True, fastmath=FAST)
+def multiply3(offsets: Any, columns: Any, blocks: Any, x: Any, y: Any, sign: Any) -> None:
+    """y += sign K x (or y = K x for sign 0), blocks 3 x 3."""
+    n = len(offsets) - 1
+    for chunk in prange((n + ROWS - 1) // ROWS):
+        for i in range(chunk * ROWS, min(n, (chunk + 1) * ROWS)):
+            a = x.dtype.type(0)
+            b = x.dtype.type(0)
+            c = x.dtype.type(0)
+            for k in range(offsets[i], offsets[i + 1]):
+                j = 3 * columns[k]
+                u = x[j]
+                v = x[j + 1]
+                w = x[j + 2]
+                a += blocks[k, 0, 0] * u + blocks[k, 0, 1] * v + blocks[k, 0, 2] * w
+                b += blocks[k, 1, 0] * u + blocks[k, 1, 1] * v + blocks[k, 1, 2] * w
+                c += blocks[k, 2, 0] * u + blocks[k, 2, 1] * v + blocks[k, 2, 2] * w
+            i *= 3
+            if sign == 0:
+                y[i] = a
+                y[i + 1] = b
+                y[i + 2] = c
+            else:
+                y[i] += sign * a
+                y[i + 1] += sign * b
+                y[i + 2] += sign * c
+
+
+@njit(cache=True, error_model="numpy", parallel=True, fastmath=FAST)
+def multiply(offsets: Any, columns: Any, blocks: Any, x: Any, y: Any, sign: Any, S: Any) -> None:
+    """y += sign K x (or y = K x for sign 0), blocks len(S[0]) x len(S[1])."""
+    m = len(S[0])
+    p = len(S[1])
+    n = len(offsets) - 1
+    for chunk in prange((n + ROWS - 1) // ROWS):
+        for i in range(chunk * ROWS, min(n, (chunk + 1) * ROWS)):
+            for a in range(m):
+                v = x.dtype.type(0)
+                for k in range(offsets[i], offsets[i + 1]):
+                    j = p * columns[k]
+                    for b in range(p):
+                        v += blocks[k, a, b] * x[j + b]
+                if sign == 0:
+                    y[m * i + a] = v
+                else:
+                    y[m * i + a] += sign * v
+
+
+@njit(cache=True, error_model="numpy", parallel=True, fastmath=FAST)
+def multiply_transposed(
+    offsets: Any, rows: Any, where: Any, blocks: Any, x: Any, y: Any, S: Any
+) -> None:
+    """y = Pᵀ x for blocks len(S[0]) x len(S[1]); column J has blocks where[k] in rows[k]."""
+    m = len(S[0])
+    p = len(S[1])
+    n = len(offsets) - 1
+    for chunk in prange((n + ROWS - 1) // ROWS):
+        sums = np.empty(p, x.dtype)
+        for J in range(chunk * ROWS, min(n, (chunk + 1) * ROWS)):
+            sums[:] = 0
+            for k in range(offsets[J], offsets[J + 1]):
+                i = m * rows[k]
+                e = where[k]
+                for a in range(m):
+                    for b in range(p):
+                        sums[b] += blocks[e, a, b] * x[i + a]
+            for b in range(p):
+                y[p * J + b] = sums[b]
+
+
+@njit(cache=True, error_model="numpy", parallel=True, fastmath=FAST)
+def dots(x: Any, y: Any, z: Any) -> Any:
+    """Scalar products x y and x z, one row per chunk."""
+    n = len(x)
+    out = np.empty(((n + CHUNK - 1) // CHUNK, 2))
+    for chunk in prange(len(out)):
+        a = 0.0
+        b = 0.0
+        for i in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
+            v = np.float64(x[i])
+            a += v * y[i]
+            b += v * z[i]
+        out[chunk, 0] = a
+        out[chunk, 1] = b
+    return out
+
+
+@njit(cache=True, error_model="numpy", parallel=True, fastmath=FAST)
+def combine(a: Any, x: Any, b: Any, y: Any) -> None:
+    """y = a x + b y."""
+    n = len(x)
+    for chunk in prange((n + CHUNK - 1) // CHUNK):
+        for i in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
+            y[i] = a * x[i] + b * y[i]
+
+
+@njit(cache=True, error_model="numpy", parallel=True, fastmath=FAST)
+def smooth(a: Any, z: Any, b: Any, r: Any, c: Any, x: Any) -> None:
+    """z = a z + b r, then x += c z."""
+    n = len(x)
+    for chunk in prange((n + CHUNK - 1) // CHUNK):
+        for i in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
+            v = a * z[i] + b * r[i]
+            z[i] = v
+            x[i] += c * v
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
+def factors(offsets: Any, columns: Any, blocks: Any, L: Any, roots: Any, inverses: Any) -> Any:
+    """Cholesky factors (rows, m, m) of the diagonal blocks, and their inverses.
+
+    Where a block has a pivot next to zero, its diagonal alone is used. Returns per row whether
+    that was so (1), or a diagonal entry is not positive (2).
+    """
+    m = len(L)
+    n = len(offsets) - 1
+    state = np.zeros(n, np.uint8)
+    for chunk in prange((n + ROWS - 1) // ROWS):
+        for i in range(chunk * ROWS, min(n, (chunk + 1) * ROWS)):
+            F = roots[i]
+            F[:] = 0.0
+            at = -1
+            for k in range(offsets[i], offsets[i + 1]):
+                if columns[k] == i:
+                    at = k
+            for a in range(m):
+                if at < 0 or not blocks[at, a, a] > 0.0:
+                    state[i] = 2
+            if state[i] == 2:
+                for a in range(m):
+                    F[a, a] = 1.0
+            else:
+                state[i] = _cholesky(blocks[at], F, m)
+            _invert(F, inverses[i], m)
+    return state
+
+
+@njit(cache=True, error_model="numpy")
+def _cholesky(A: Any, F: Any, m: int) -> int:
+    for a in range(m):
+        for b in range(a):
+            v = A[a, b]
+            for c in range(b):
+                v -= F[a, c] * F[b, c]
+            F[a, b] = v / F[b, b]
+        v = A[a, a]
+        for c in range(a):
+            v -= F[a, c] * F[a, c]
+        if not v > NO_PIVOT * A[a, a]:
+            F[:] = 0.0
+            for b in range(m):
+                F[b, b] = np.sqrt(A[b, b])
+            return 1
+        F[a, a] = np.sqrt(v)
+    return 0
+
+
+@njit(cache=True, error_model="numpy")
+def _invert(F: Any, G: Any, m: int) -> None:
+    """G = F⁻¹, lower triangular."""
+    for b in range(m):
+        for a in range(m):
+            if a < b:
+                G[a, b] = 0.0
+            elif a == b:
+                G[a, b] = 1.0 / F[a, a]
+            else:
+                v = 0.0
+                for c in range(b, a):
+                    v -= F[a, c] * G[c, b]
+                G[a, b] = v / F[a, a]
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
+def scaled(offsets: Any, columns: Any, blocks: Any, G: Any, L: Any, out: Any) -> None:
+    """out = G_i K_ij G_jᵀ, rounded to what out is."""
+    m = len(L)
+    n = len(offsets) - 1
+    for chunk in prange((n + ROWS - 1) // ROWS):
+        half = np.empty((m, m))
+        for i in range(chunk * ROWS, min(n, (chunk + 1) * ROWS)):
+            for k in range(offsets[i], offsets[i + 1]):
+                j = columns[k]
+                for a in range(m):
+                    for b in range(m):
+                        v = 0.0
+                        for c in range(a + 1):
+                            v += G[i, a, c] * blocks[k, c, b]
+                        half[a, b] = v
+                for a in range(m):
+                    for b in range(m):
+                        v = 0.0
+                        for c in range(b + 1):
+                            v += half[a, c] * G[j, b, c]
+                        out[k, a, b] = v
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
+def multiply_blocks(A: Any, x: Any, transposed: bool, L: Any, y: Any) -> None:
+    """y_i = A_i x_i, or A_iᵀ x_i, of vectors or rows (m rows, p)."""
+    m = len(L)
+    p = x.shape[1]
+    for chunk in prange((len(A) + ROWS - 1) // ROWS):
+        for i in range(chunk * ROWS, min(len(A), (chunk + 1) * ROWS)):
+            for a in range(m):
+                for q in range(p):
+                    v = 0.0
+                    for b in range(m):
+                        v += (A[i, b, a] if transposed else A[i, a, b]) * x[m * i + b, q]
+                    y[m * i + a, q] = v
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
+def scale_rows(offsets: Any, blocks: Any, G: Any, S: Any, out: Any) -> None:
+    """out = G_iᵀ P_ij, G lower triangular."""
+    m = len(S[0])
+    p = len(S[1])
+    n = len(offsets) - 1
+    for chunk in prange((n + ROWS - 1) // ROWS):
+        for i in range(chunk * ROWS, min(n, (chunk + 1) * ROWS)):
+            for k in range(offsets[i], offsets[i + 1]):
+                for a in range(m):
+                    for b in range(p):
+                        v = 0.0
+                        for c in range(a, m):
+                            v += G[i, c, a] * blocks[k, c, b]
+                        out[k, a, b] = v
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
+def scale_columns(columns: Any, blocks: Any, G: Any, S: Any) -> None:
+    """P_ij = P_ij G_jᵀ in place, G lower triangular."""
+    m = len(S[0])
+    p = len(S[1])
+    n = len(columns)
+    for chunk in prange((n + ROWS - 1) // ROWS):
+        for k in range(chunk * ROWS, min(n, (chunk + 1) * ROWS)):
+            j = columns[k]
+            for a in range(m):
+                for b in range(p - 1, -1, -1):
+                    v = 0.0
+                    for c in range(b + 1):
+                        v += blocks[k, a, c] * G[j, b, c]
+                    blocks[k, a, b] = v

@@ -1,0 +1,303 @@
+"""Multigrid by smoothed aggregation: a preconditioner for stiffness matrices of small blocks.
+
+Nodes are joined into aggregates with their neighbours; on each of these the near-nullspace (rigid
+motions, or constants) is made orthonormal and becomes the unknowns of the next level, after one
+step of damped smoothing (P. Vaněk, J. Mandel, M. Brezina, "Algebraic multigrid by smoothed
+aggregation for second and fourth order elliptic problems", Computing 56, 1996). On every level the
+matrix is scaled by the Cholesky factors of its diagonal blocks, which have then disappeared from
+all else: the Chebyshev smoother of the fourth kind (J. Lottes, "Optimal polynomial smoothers for
+multigrid V-cycles", Numer. Linear Algebra Appl. 30, 2023) is block smoothing.
+
+Guarantees: coarse matrices and the factor of the last one are made in double precision, the cycle
+runs in single precision; it is symmetric and positive definite up to that rounding. Set-up and
+cycle have the same bits for any number of threads. A matrix in which a near-nullspace mode has no
+stiffness is refused. Non-guarantee: thread safety; a hierarchy owns its work space.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.linalg import eigvalsh_tridiagonal
+
+from ilattice._typing import AnyArray, FloatArray
+from ilattice.cutfem import _kernels_blocks as kb
+from ilattice.cutfem import _kernels_multigrid as km
+from ilattice.errors import ConvergenceError, InputError
+
+#: Unknowns of the last level, at most, and when coarsening no longer helps.
+COARSEST, DENSE = 900, 4000
+#: Degree of the smoother, damping of the prolongation.
+DEGREE, DAMPING = 2, 4 / 3
+#: Neighbours in an aggregate have couplings above this, relative to the diagonal.
+THETA = 0.0
+LANCZOS = 16
+#: Largest eigenvalues are taken as this much above their estimate.
+SAFETY = 1.1
+#: A pivot of the last matrix, over its diagonal entry, below which there is a motion for free.
+SINGULAR = 1e-11
+ONE = np.float32(1)
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """Sparse matrix of blocks (k, m, p), rows as in the BSR format."""
+
+    offsets: AnyArray
+    columns: AnyArray
+    blocks: AnyArray
+    width: int
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Numbers of scalar rows and columns."""
+        return self.blocks.shape[1] * self.rows, self.blocks.shape[2] * self.width
+
+    @property
+    def rows(self) -> int:
+        """Number of block rows."""
+        return len(self.offsets) - 1
+
+    @cached_property
+    def sizes(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        """Tuples of the lengths of a block, which tell the compiler its size."""
+        return (0,) * self.blocks.shape[1], (0,) * self.blocks.shape[2]
+
+    @cached_property
+    def transposed(self) -> tuple[AnyArray, AnyArray, AnyArray]:
+        """Offsets of the columns, and the row and the index of each of their blocks."""
+        order = np.argsort(self.columns, kind="stable").astype(np.int32)
+        rows = np.repeat(np.arange(self.rows, dtype=np.int32), np.diff(self.offsets))
+        counts = np.bincount(self.columns, minlength=self.width)
+        return _offsets(counts), rows[order], order
+
+    def multiply(self, x: AnyArray, y: AnyArray, sign: float) -> None:
+        """y += sign A x, or y = A x for sign 0."""
+        s = y.dtype.type(sign)
+        if self.blocks.shape[1:] == (3, 3):
+            kb.multiply3(self.offsets, self.columns, self.blocks, x, y, s)
+        else:
+            kb.multiply(self.offsets, self.columns, self.blocks, x, y, s, self.sizes)
+
+    def multiply_transposed(self, x: AnyArray, y: AnyArray) -> None:
+        """y = Aᵀ x."""
+        kb.multiply_transposed(*self.transposed, self.blocks, x, y, self.sizes)
+
+    def times(self, other: Blocks) -> Blocks:
+        """The product, of the type of `other`."""
+        counts = np.zeros(self.rows + 1, np.int64)
+        mine = (self.offsets, self.columns)
+        theirs = (other.offsets, other.columns)
+        km.count_product(*mine, *theirs, other.width, counts)
+        offsets = np.cumsum(counts).astype(np.int32)
+        columns = np.empty(offsets[-1], np.int32)
+        blocks = np.empty((offsets[-1], *other.blocks.shape[1:]), other.blocks.dtype)
+        km.product(
+            *mine, self.blocks, *theirs, other.blocks, other.width, other.sizes,
+            offsets, columns, blocks,
+        )  # fmt: skip
+        return Blocks(offsets, columns, blocks, other.width)
+
+
+class Multigrid:
+    """Hierarchy of a stiffness matrix, applied as ``z = multigrid(r)``.
+
+    Parameters
+    ----------
+    K : Blocks
+        Symmetric, square blocks (m, m), double precision.
+    modes : array_like, shape (n, p)
+        Near-nullspace: motions with little energy.
+
+    Raises
+    ------
+    InputError
+        If K has diagonal entries that are not positive.
+    ConvergenceError
+        If a combination of the modes has no stiffness: K is singular.
+    """
+
+    def __init__(self, K: Blocks, modes: FloatArray) -> None:
+        self.levels: list[_Level] = []
+        A, B = K, modes
+        factors, inverses = _block_factors(A)
+        self.scaling = inverses
+        while A.shape[0] > COARSEST:
+            scaled = _scaled(A, inverses, np.float32)
+            rho = _largest_eigenvalue(scaled)
+            B = _multiply_blocks(factors, B, True, np.float64)
+            P, B = _prolongation(scaled, B, rho)
+            if P.width > 0.7 * A.rows:
+                break
+            A = _galerkin(A, inverses, P)
+            factors, inverses = _block_factors(A)
+            kb.scale_columns(P.columns, P.blocks, inverses, P.sizes)
+            self.levels.append(_Level(scaled, P, SAFETY * rho))
+        self.factor = _factor(_scaled(A, inverses, np.float64))
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes that the hierarchy takes, beside K."""
+        held = [self.scaling, self.factor]
+        for level in self.levels:
+            held += [level.A.blocks, level.P.blocks, level.P.columns, *level.P.transposed]
+        return sum(a.nbytes for a in held)
+
+    def __call__(self, r: FloatArray) -> FloatArray:
+        """Approximate solution of K z = r, in double precision."""
+        length = float(np.sqrt(kb.dots(r, r, r)[:, 0].sum())) or 1.0
+        short = _multiply_blocks(self.scaling, (r / length)[:, None], False, np.float32)
+        x = self._cycle(0, short[:, 0])
+        return length * _multiply_blocks(self.scaling, x[:, None], True, np.float64)[:, 0]
+
+    def _cycle(self, depth: int, r: AnyArray) -> AnyArray:
+        """One V-cycle for the residual r, which is overwritten."""
+        x = np.zeros_like(r)
+        if depth == len(self.levels):
+            km.solve_cholesky(self.factor, r, x)
+            return x
+        level = self.levels[depth]
+        level.smooth(r, x, last=False)
+        coarse = np.empty(level.P.shape[1], np.float32)
+        level.P.multiply_transposed(r, coarse)
+        step = np.empty_like(r)
+        level.P.multiply(self._cycle(depth + 1, coarse), step, 0)
+        level.A.multiply(step, r, -1)
+        kb.combine(ONE, step, ONE, x)
+        level.smooth(r, x, last=True)
+        return x
+
+
+@dataclass(frozen=True, eq=False)
+class _Level:
+    """A matrix with ones in its diagonal, the prolongation to it, a bound of its eigenvalues."""
+
+    A: Blocks
+    P: Blocks
+    rho: float
+
+    def smooth(self, r: AnyArray, x: AnyArray, *, last: bool) -> None:
+        """Add a polynomial in A times r to x; update r, the residual, unless it is the `last`."""
+        z = np.zeros_like(r)
+        for i in range(1, DEGREE + 1):
+            a = np.float32((2 * i - 3) / (2 * i + 1))
+            b = np.float32((8 * i - 4) / (2 * i + 1) / self.rho)
+            kb.smooth(a, z, b, r, ONE, x)
+            if not last or i < DEGREE:
+                self.A.multiply(z, r, -1)
+
+
+def _block_factors(A: Blocks) -> tuple[FloatArray, FloatArray]:
+    factors, inverses = np.empty((2, A.rows, *A.blocks.shape[1:]))
+    state = kb.factors(A.offsets, A.columns, A.blocks, A.sizes[0], factors, inverses)
+    if (state == 2).any():
+        i = int(np.argmax(state == 2))
+        raise InputError(
+            f"K must have a positive diagonal: {int((state == 2).sum())} nodes have not, the "
+            f"first is node {i}; drop nodes without stiffness"
+        )
+    return factors, inverses
+
+
+def _multiply_blocks(A: FloatArray, x: FloatArray, transposed: bool, dtype: Any) -> Any:
+    y = np.empty(x.shape, dtype)
+    kb.multiply_blocks(A, x, transposed, (0,) * A.shape[1], y)
+    return y
+
+
+def _scaled(A: Blocks, inverses: FloatArray, dtype: Any) -> Blocks:
+    out = np.empty(A.blocks.shape, dtype)
+    kb.scaled(A.offsets, A.columns, A.blocks, inverses, A.sizes[0], out)
+    return Blocks(A.offsets, A.columns, out, A.width)
+
+
+def _largest_eigenvalue(A: Blocks) -> float:
+    """Estimate from below by some steps of Lanczos' method."""
+    n = A.shape[0]
+    v = np.sin(1.0 + np.arange(n, dtype=np.float64) ** 2 % 7919).astype(np.float32)
+    v /= np.float32(np.sqrt(kb.dots(v, v, v)[:, 0].sum()))
+    before, beta = np.zeros_like(v), 0.0
+    alphas: list[float] = []
+    betas: list[float] = []
+    for _ in range(min(LANCZOS, n)):
+        w = np.empty_like(v)
+        A.multiply(v, w, 0)
+        kb.combine(np.float32(-beta), before, ONE, w)
+        alphas.append(float(kb.dots(v, w, w)[:, 0].sum()))
+        kb.combine(np.float32(-alphas[-1]), v, ONE, w)
+        beta = float(np.sqrt(kb.dots(w, w, w)[:, 0].sum()))
+        betas.append(beta)
+        if beta <= 1e-5 * abs(alphas[0]):
+            break
+        before, v = v, w / np.float32(beta)
+    return float(eigvalsh_tridiagonal(alphas, betas[: len(alphas) - 1])[-1])
+
+
+def _prolongation(A: Blocks, modes: FloatArray, rho: float) -> tuple[Blocks, FloatArray]:
+    """Smoothed modes on aggregates, single precision, and the modes of the next level."""
+    m, p = A.blocks.shape[1], modes.shape[1]
+    strength = np.empty(len(A.columns), np.float32)
+    km.strengths(A.offsets, A.columns, A.blocks, A.sizes[0], strength)
+    home = np.empty(A.rows, np.int32)
+    count = km.aggregate(A.offsets, A.columns, strength, THETA**2 * m, home)
+    inside = home >= 0
+    members = np.argsort(home, kind="stable")[np.count_nonzero(~inside) :]
+    blocks, coarse = np.zeros((A.rows, m, p)), np.empty((count * p, p))
+    starts = _offsets(np.bincount(home[inside], minlength=count))
+    km.tentative(starts, members, modes, A.sizes[0], blocks, coarse)
+    simple = Blocks(_offsets(inside), home[inside], blocks[inside].astype(np.float32), count)
+    P = A.times(simple)
+    km.damp(P.offsets, P.columns, P.blocks, simple.offsets, simple.columns, simple.blocks,
+            np.float32(-DAMPING / rho))  # fmt: skip
+    return P, coarse
+
+
+def _galerkin(A: Blocks, inverses: FloatArray, P: Blocks) -> Blocks:
+    """Pᵀ Â P in double precision, Â the scaled matrix."""
+    T = Blocks(P.offsets, P.columns, np.empty(P.blocks.shape), P.width)
+    kb.scale_rows(P.offsets, P.blocks, inverses, P.sizes, T.blocks)
+    B = A.times(T)
+    offsets, rows, where = P.transposed
+    counts = np.zeros(P.width + 1, np.int64)
+    km.count_galerkin(offsets, rows, B.offsets, B.columns, counts)
+    upper = np.cumsum(counts).astype(np.int32)
+    columns = np.empty(upper[-1], np.int32)
+    p = P.blocks.shape[2]
+    blocks = np.empty((upper[-1], p, p))
+    km.galerkin(
+        offsets, rows, where, T.blocks, B.offsets, B.columns, B.blocks, P.sizes,
+        upper, columns, blocks,
+    )  # fmt: skip
+    lower = np.bincount(columns, minlength=P.width) - 1
+    whole = _offsets(np.diff(upper) + lower)
+    out = Blocks(whole, np.empty(whole[-1], np.int32), np.empty((whole[-1], p, p)), P.width)
+    km.mirror(upper, columns, blocks, P.sizes[1], whole, out.columns, out.blocks)
+    return out
+
+
+def _factor(A: Blocks) -> FloatArray:
+    """Dense Cholesky factor."""
+    n = A.shape[0]
+    if n > DENSE:
+        raise ConvergenceError(
+            f"multigrid is left with {n} unknowns that it cannot join: the matrix couples few of "
+            "its nodes; use method='superlu'"
+        )
+    rows, m = np.repeat(np.arange(A.rows), np.diff(A.offsets)), A.blocks.shape[1]
+    dense = np.zeros((A.rows, m, A.rows, m))
+    dense[rows, :, A.columns, :] = A.blocks
+    factor = dense.reshape(n, n)
+    least, _ = km.cholesky(factor)
+    if not least > SINGULAR:
+        raise ConvergenceError(
+            f"K is singular: a motion of the whole has {least:.1e} of the stiffness of others; "
+            "is every part held against translation and rotation?"
+        )
+    return factor
+
+
+def _offsets(counts: AnyArray) -> AnyArray:
+    return np.concatenate([[0], np.cumsum(counts, dtype=np.int64)]).astype(np.int32)

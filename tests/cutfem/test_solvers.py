@@ -1,0 +1,233 @@
+"""Solvers: agreement, residuals, refusal of what cannot be solved."""
+
+import numba
+import numpy as np
+import pytest
+from scipy.sparse import bsr_array, csr_array, eye_array
+from scipy.sparse.linalg import spsolve
+
+from benchmarks.systems import cross, modes, sheet, solid, system
+from ilattice.cutfem.solvers import Solver, rigid_modes
+from ilattice.errors import ConvergenceError, InputError
+
+METHODS = ("multigrid", "superlu", "pyamg", "pardiso")
+PACKAGES = {"pyamg": "pyamg", "pardiso": "pypardiso"}
+
+
+@pytest.fixture(scope="module")
+def struts():
+    return system(cross, (16, 8, 8), fixed="z0")
+
+
+@pytest.fixture(scope="module")
+def warm():
+    return system(sheet(0.5), (16, 16, 16), fixed="x0", heat=True)
+
+
+def _available(method):
+    if method in PACKAGES:
+        pytest.importorskip(PACKAGES[method])
+    return method
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", ["struts", "warm"])
+def test_every_method_gives_the_solution(method, name, request):
+    s = request.getfixturevalue(name)
+    solver = Solver(s.K, near_nullspace=s.modes, method=_available(method))
+    x, report = solver.solve(s.f, tol=1e-11)
+    exact = spsolve(s.K.tocsc(), s.f)
+    assert np.abs(x - exact).max() < 1e-8 * np.abs(exact).max()
+    residual = np.linalg.norm(s.f - s.K @ x) / np.linalg.norm(s.f)
+    assert residual <= 1e-11
+    assert report.residual == pytest.approx(residual, rel=1e-3)
+    assert report.method == solver.method == method
+    assert report.size == len(s.f)
+    assert len(report.history) == report.iterations + 1
+    assert report.history[0] == 1
+    assert report.megabytes > 0
+    if method in ("superlu", "pardiso"):
+        assert report.iterations <= 2
+
+
+@pytest.mark.parametrize("name", ["struts", "warm"])
+def test_the_preconditioner_is_symmetric_and_positive(name, request):
+    s = request.getfixturevalue(name)
+    M = Solver(s.K, near_nullspace=s.modes, method="multigrid").precondition
+    x, y = np.random.default_rng(0).standard_normal((2, len(s.f)))
+    Mx, My = M(x), M(y)
+    assert x @ My == pytest.approx(y @ Mx, rel=1e-5)
+    assert x @ Mx > 0
+    assert y @ My > 0
+
+
+@pytest.mark.parametrize("name", ["struts", "warm"])
+def test_the_cycle_contracts(name, request):
+    """All eigenvalues of M K lie in (0, 1], as for one V-cycle with a convergent smoother."""
+    s = request.getfixturevalue(name)
+    solver = Solver(s.K, near_nullspace=s.modes, method="multigrid")
+    M = np.column_stack([solver.precondition(e) for e in np.eye(len(s.f))[:: len(s.f) // 40]])
+    x = np.random.default_rng(0).standard_normal((len(s.f), 1))[:, 0]
+    for _ in range(60):  # power iteration
+        x = solver.precondition(s.K @ x)
+        largest = np.linalg.norm(x)
+        x /= largest
+    assert M.shape[1] >= 40
+    assert 0.9 < largest < 1 + 1e-3
+
+
+def test_bits_do_not_depend_on_the_number_of_threads(struts):
+    before = numba.get_num_threads()
+    results = []
+    try:
+        for threads in (1, min(2, numba.config.NUMBA_NUM_THREADS)):
+            numba.set_num_threads(threads)
+            solver = Solver(struts.K, near_nullspace=struts.modes, method="multigrid")
+            results.append(solver.solve(struts.f))
+    finally:
+        numba.set_num_threads(before)
+    (x, a), (y, b) = results
+    assert (x == y).all()
+    assert (a.history == b.history).all()
+
+
+def test_several_loads_share_the_hierarchy(struts):
+    loads = np.stack([struts.f, 0 * struts.f, np.roll(struts.f, 1)], axis=1)
+    solver = Solver(struts.K, near_nullspace=struts.modes, method="multigrid")
+    x, report = solver.solve(loads)
+    assert x.shape == loads.shape
+    for i in (0, 2):
+        gap = np.linalg.norm(loads[:, i] - struts.K @ x[:, i])
+        assert gap <= 1e-8 * np.linalg.norm(loads[:, i])
+    assert (x[:, 1] == 0).all()
+    assert (x[:, 0] == solver.solve(struts.f)[0]).all()
+    assert report.iterations >= 5
+
+
+@pytest.mark.parametrize("fixed", ["z0", "x0"])
+def test_slivers_cost_few_iterations(fixed):
+    counts = []
+    for slivers in (0.0, 0.1):
+        s = system(cross, (64, 16, 16), fixed=fixed, slivers=slivers)
+        solver = Solver(s.K, near_nullspace=s.modes, method="multigrid")
+        counts.append(solver.solve(s.f)[1].iterations)
+    assert counts[1] <= 1.3 * counts[0]
+    assert counts[0] > 5
+
+
+@pytest.mark.parametrize("method", METHODS[:2])
+def test_rows_of_fixed_components_stay_out_of_it(method, struts):
+    """Components that are fixed one by one: unit rows, zero modes, zero loads."""
+    K, f, B = struts.K.toarray(), struts.f.copy(), struts.modes.copy()
+    held = np.arange(0, len(f), 7)
+    K[held] = 0
+    K[:, held] = 0
+    K[held, held] = 1
+    f[held] = 0
+    B[held] = 0
+    x, report = Solver(bsr_array(K, blocksize=(3, 3)), near_nullspace=B, method=method).solve(f)
+    assert np.abs(x[held]).max() <= 1e-12 * np.abs(x).max()
+    assert report.iterations < 60
+    np.testing.assert_allclose(x, np.linalg.solve(K, f), atol=1e-6 * np.abs(x).max())
+
+
+def test_the_unit_of_stiffness_does_not_matter(struts):
+    x, a = Solver(struts.K, near_nullspace=struts.modes, method="multigrid").solve(struts.f)
+    stiff = bsr_array((2.0**40 * struts.K.data, struts.K.indices, struts.K.indptr))
+    y, b = Solver(stiff, near_nullspace=struts.modes, method="multigrid").solve(struts.f)
+    assert a.iterations == b.iterations
+    np.testing.assert_allclose(y * 2.0**40, x, rtol=1e-6, atol=1e-6 * np.abs(x).max())
+
+
+def test_rigid_modes_move_no_strain():
+    """Every row of an unsupported stiffness matrix annihilates them."""
+    free = system(cross, (8, 8, 8), fixed="")
+    B = rigid_modes(free.places)
+    assert np.abs(free.K @ B).max() < 1e-13
+    assert np.linalg.matrix_rank(np.hstack([B, modes(free.places)])) == 6
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_bodies_without_support_are_refused(method):
+    s = system(solid, (12, 8, 8), per_tile=4, fixed="")
+    with pytest.raises(ConvergenceError, match=r"singular|positive definite"):
+        Solver(s.K, near_nullspace=s.modes, method=_available(method)).solve(s.f)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_block_that_hangs_by_an_edge_is_refused(method):
+    """Two blocks that share an edge, the lower one fixed: the upper one swings."""
+
+    def blocks(u):
+        return (u[:, 2] < 0.5) == (u[:, 0] < 0.5)
+
+    s = system(blocks, (12, 6, 12), per_tile=12, fixed="z0", hanging=True)
+    with pytest.raises(ConvergenceError, match=r"singular|positive definite|more iterations"):
+        Solver(s.K, near_nullspace=s.modes, places=s.places, method=_available(method)).solve(
+            s.f, max_iterations=150
+        )
+
+
+def test_automatic_choice():
+    small = system(cross, (8, 8, 8), fixed="z0")
+    assert Solver(small.K).method in ("superlu", "pardiso")
+    large = system(solid, (24, 24, 24), per_tile=8, fixed="z0")
+    assert Solver(large.K, near_nullspace=large.modes).method == "multigrid"
+
+
+def test_too_few_iterations_are_an_error_with_a_place(struts):
+    solver = Solver(struts.K, near_nullspace=struts.modes, method="multigrid", places=struts.places)
+    with pytest.raises(ConvergenceError, match=r"after 2 iterations.*1\.0e-08.*node \d+ at \["):
+        solver.solve(struts.f, max_iterations=2)
+
+
+def test_progress_counts_to_hundred(struts):
+    seen = []
+    solver = Solver(
+        struts.K,
+        near_nullspace=struts.modes,
+        method="multigrid",
+        progress=lambda *a: seen.append(a),
+    )
+    solver.solve(struts.f)
+    assert seen[-1][0] == "solve"
+    assert [s[1] for s in seen] == list(range(1, len(seen) + 1))
+    assert len(seen) >= 99
+
+
+def test_missing_packages_are_named(struts, monkeypatch):
+    import sys
+
+    monkeypatch.setitem(sys.modules, "pyamg", None)
+    with pytest.raises(InputError, match=r"ilattice\[fem\]"):
+        Solver(struts.K, method="pyamg")
+
+
+def test_bad_input(struts):
+    K, n = struts.K, len(struts.f)
+    for wrong, match in (
+        (K.toarray(), "sparse"),
+        (csr_array((3, 4)), "square"),
+        (bsr_array(np.ones((6, 6)), blocksize=(2, 3)), "square blocks"),
+        (csr_array(np.array([[2.0, 1.0], [0.0, 2.0]])), "symmetric"),
+        (csr_array(np.array([[2.0, np.nan], [np.nan, 2.0]])), "finite"),
+        (csr_array(np.array([[2.0, 1.0], [1.0, -2.0]])), "positive diagonal"),
+    ):
+        with pytest.raises(InputError, match=match):
+            Solver(wrong)
+    for options, match in (
+        ({"method": "guess"}, "multigrid"),
+        ({"near_nullspace": np.ones((n - 1, 6))}, "near_nullspace"),
+        ({"places": np.ones((n, 3))}, "places"),
+    ):
+        with pytest.raises(InputError, match=match):
+            Solver(K, **options)
+    solver = Solver(eye_array(4, format="csr"))
+    for arguments, options, match in (
+        ((np.ones(5),), {}, r"\(4,\)"),
+        ((np.full(4, np.inf),), {}, "finite"),
+        ((np.ones(4),), {"tol": 0.0}, "tol"),
+        ((np.ones(4),), {"max_iterations": 0}, "max_iterations"),
+    ):
+        with pytest.raises(InputError, match=match):
+            solver.solve(*arguments, **options)
