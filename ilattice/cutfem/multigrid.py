@@ -6,7 +6,7 @@ step of damped smoothing (P. Vaněk, J. Mandel, M. Brezina, "Algebraic multigrid
 aggregation for second and fourth order elliptic problems", Computing 56, 1996). On every level the
 matrix is scaled by the Cholesky factors of its diagonal blocks, which have then disappeared from
 all else: the Chebyshev smoother of the fourth kind (J. Lottes, "Optimal polynomial smoothers for
-multigrid V-cycles", Numer. Linear Algebra Appl. 30, 2023) is block smoothing.
+multigrid V-cycles", Numerical Linear Algebra with Applications 30, 2023) is block smoothing.
 
 Guarantees: coarse matrices and the factor of the last one are made in double precision, the cycle
 runs in single precision; it is symmetric and positive definite up to that rounding. Set-up and
