@@ -25,6 +25,7 @@ from ilattice.mesh._kernels_cells import (
 from ilattice.mesh._tables import CASES, FLIPPED, LABEL, PATCHES
 
 T = 9  # cells of a block and the layer below it, per direction
+TIE = 1e-6  # relative difference of shapes that does not count
 
 
 @njit(cache=True)
@@ -63,25 +64,15 @@ def _index_block(rows, flips, prefix, shape, coords, n, ox, oy, oz, start, caps,
 
 
 @njit(cache=True, inline="always")
-def _shape_measure(ax, ay, az, bx, by, bz, cx, cy, cz, axis):
-    """Square of (2 area / sum of squared sides) of a triangle, and its normal along an axis."""
-    ux, uy, uz = bx - ax, by - ay, bz - az
-    vx, vy, vz = cx - ax, cy - ay, cz - az
-    wx, wy, wz = cx - bx, cy - by, cz - bz
-    nx = uy * vz - uz * vy
-    ny = uz * vx - ux * vz
-    nz = ux * vy - uy * vx
-    s = ux * ux + uy * uy + uz * uz + vx * vx + vy * vy + vz * vz + wx * wx + wy * wy + wz * wz
-    q = (nx * nx + ny * ny + nz * nz) / (s * s) if s > 0.0 else 0.0
-    return q, nx if axis == 0 else (ny if axis == 1 else nz)
+def _square(x, y, z):
+    """Square of the length of a vector."""
+    return x * x + y * y + z * z
 
 
-@njit(cache=True)
-def _triangle(p, a, b, c, axis):
-    """`_shape_measure` of three of the rows of p."""
-    return _shape_measure(
-        p[a, 0], p[a, 1], p[a, 2], p[b, 0], p[b, 1], p[b, 2], p[c, 0], p[c, 1], p[c, 2], axis
-    )
+@njit(cache=True, inline="always")
+def _shape(square, sides):
+    """Square of (2 area / sum of squared sides), from the squares of 2 area and of the sides."""
+    return square / (sides * sides) if sides > 0.0 else 0.0
 
 
 @njit(cache=True)
@@ -90,16 +81,30 @@ def best_diagonal(p, axis):
 
     Counter-clockwise about `axis`, the quad winds around the crossed edge. A diagonal that keeps
     both triangles wound that way comes first (one always does), then the better worst triangle.
+    The normals of the triangles are the products of the vectors u, v, w from corner 0 to the
+    others; that of the triangle without corner 0 follows from the other three.
     """
-    q0, n0 = _triangle(p, 0, 1, 2, axis)
-    q1, n1 = _triangle(p, 0, 2, 3, axis)
-    r0, m0 = _triangle(p, 1, 2, 3, axis)
-    r1, m1 = _triangle(p, 1, 3, 0, axis)
-    first = min(n0, n1) > 0.0
-    second = min(m0, m1) > 0.0
+    ux, uy, uz = p[1, 0] - p[0, 0], p[1, 1] - p[0, 1], p[1, 2] - p[0, 2]
+    vx, vy, vz = p[2, 0] - p[0, 0], p[2, 1] - p[0, 1], p[2, 2] - p[0, 2]
+    wx, wy, wz = p[3, 0] - p[0, 0], p[3, 1] - p[0, 1], p[3, 2] - p[0, 2]
+    ax, ay, az = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx  # 0, 1, 2
+    bx, by, bz = vy * wz - vz * wy, vz * wx - vx * wz, vx * wy - vy * wx  # 0, 2, 3
+    cx, cy, cz = uy * wz - uz * wy, uz * wx - ux * wz, ux * wy - uy * wx  # 0, 1, 3
+    dx, dy, dz = ax + bx - cx, ay + by - cy, az + bz - cz  # 1, 2, 3
+    a = ax if axis == 0 else (ay if axis == 1 else az)
+    b = bx if axis == 0 else (by if axis == 1 else bz)
+    c = cx if axis == 0 else (cy if axis == 1 else cz)
+    first = min(a, b) > 0.0
+    second = min(c, a + b - c) > 0.0
     if first != second:
         return 0 if first else 1
-    return 0 if min(q0, q1) >= min(r0, r1) else 1
+    u, v, w = _square(ux, uy, uz), _square(vx, vy, vz), _square(wx, wy, wz)
+    x = _square(vx - ux, vy - uy, vz - uz)
+    y = _square(wx - ux, wy - uy, wz - uz)
+    z = _square(wx - vx, wy - vy, wz - vz)
+    q = min(_shape(_square(ax, ay, az), u + v + x), _shape(_square(bx, by, bz), v + w + z))
+    r = min(_shape(_square(cx, cy, cz), u + w + y), _shape(_square(dx, dy, dz), x + y + z))
+    return 0 if q >= (1.0 - TIE) * r else 1
 
 
 @njit(cache=True, inline="always")
