@@ -1,4 +1,4 @@
-"""Immersed analysis: background grids, cut cells, quadrature on them.
+"""Immersed analysis: background grids, cut cells, quadrature, splines on them.
 
 `cut` puts a wall on a grid, `quadrature` integrates anything over it::
 
@@ -12,6 +12,7 @@ from ilattice.cutfem.grid import CutGrid, Grid, cut
 from ilattice.cutfem.measures import MassProperties, mass_properties
 from ilattice.cutfem.rules import Quadrature, quadrature
 from ilattice.cutfem.solvers import Solver, SolveReport, rigid_modes
+from ilattice.cutfem.space import SplineSpace
 
 __all__ = [
     "CutGrid",
@@ -20,6 +21,7 @@ __all__ = [
     "Quadrature",
     "SolveReport",
     "Solver",
+    "SplineSpace",
     "cut",
     "mass_properties",
     "quadrature",

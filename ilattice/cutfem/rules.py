@@ -224,7 +224,7 @@ class Quadrature:
         if degree not in range(MOST_POINTS):
             raise InputError(f"degree must be a whole number from 0 to 9, got {degree!r}")
         n = degree + 1
-        x = _gauss(n)[0]
+        x = gauss(n)[0]
         boxes = self.grid.boxes(self.cells)
         weights = np.zeros((len(self.cells), n, n, n))
         project(self.points, self.weights, self.offsets, boxes, x, weights)
@@ -426,14 +426,15 @@ def _piece_boxes(grid: CutGrid, index: IntArray) -> FloatArray:
     return np.stack(low + high, axis=1)
 
 
-def _gauss(n: int) -> tuple[FloatArray, FloatArray]:
+def gauss(n: int) -> tuple[FloatArray, FloatArray]:
+    """Gauss points and weights on [0, 1]."""
     x, w = np.polynomial.legendre.leggauss(n)
     return 0.5 * (x + 1.0), 0.5 * w
 
 
 def _table(q: int, want: int) -> FloatArray:
     """Nodes and weights on [0, 1], and those for integrands with square roots at the ends."""
-    x, w = _gauss(q)
+    x, w = gauss(q)
     rows = [x, w, x, w]
     if q >= SOFT_FROM[want]:
         rows = [x, w, x * x * (3.0 - 2.0 * x), 6.0 * x * (1.0 - x) * w]
@@ -481,7 +482,7 @@ def _rule(
     rows = _Rows(want == SURFACE)
     counts = np.zeros(len(boxes), np.int64)
     room = kernels.CHUNK * 3 * q**3
-    gauss = _table(q, want)
+    table = _table(q, want)
     width = 8 if want == SURFACE else 4
     chunks = -(-BATCH // kernels.CHUNK)
     arena = np.empty((chunks, room, width))
@@ -495,7 +496,7 @@ def _rule(
         while True:
             volume, surface = (none, arena) if want == SURFACE else (arena, none)
             kernels.rules(
-                tensors, local, boxes[part], sides[part], gauss, accept, want, q, pieces.lengths,
+                tensors, local, boxes[part], sides[part], table, accept, want, q, pieces.lengths,
                 volume, surface, counts[part], used,
             )  # fmt: skip
             if used.max(initial=0) <= arena.shape[1]:

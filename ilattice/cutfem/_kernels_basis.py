@@ -1,0 +1,160 @@
+"""Basis functions of tensor B-splines in a cell, fields at points, and integrals of vectors.
+
+A direction is a table (cells, p + 1, p + 1) of centred monomial coefficients: of every function
+that lives in a cell, in r = (u - middle) / length. Function (i, j, k) of a cell has the local
+number (i (p + 1) + j) (p + 1) + k.
+
+Guarantees: one allocation of scratch per chunk; a row depends on its own cell only, so results
+have the same bits for any number of threads.
+"""
+
+from typing import Any
+
+import numpy as np
+from numba import njit, prange
+
+FAST = {"contract"}
+INNER: Any = {"cache": True, "fastmath": FAST, "error_model": "numpy"}
+CHUNK = 64
+
+
+@njit(**INNER)
+def line(table: Any, cell: int, r: float, scale: float, value: Any, slope: Any) -> None:
+    """The functions of one direction and their derivatives, `scale` being 1 / length."""
+    n = table.shape[1]
+    for j in range(n):
+        f = table[cell, j, n - 1]
+        g = 0.0
+        for e in range(n - 2, -1, -1):
+            g = g * r + f
+            f = f * r + table[cell, j, e]
+        value[j] = f
+        slope[j] = g * scale
+
+
+@njit(**INNER)
+def lines(t0: Any, t1: Any, t2: Any, cell: Any, box: Any, u: Any, B: Any) -> None:
+    """Functions B[a, 0] and slopes B[a, 1] of the three directions at u."""
+    for a in range(3):
+        t = t0 if a == 0 else (t1 if a == 1 else t2)
+        scale = 1.0 / box[3 + a]
+        line(t, cell[a], (u[a] - box[a]) * scale - 0.5, scale, B[a, 0], B[a, 1])
+
+
+@njit(**INNER)
+def inverse(J: Any, G: Any) -> float:
+    """The determinant of J, and G[k, c] = du_k / dx_c."""
+    for k in range(3):
+        a = (k + 1) % 3
+        b = (k + 2) % 3
+        for c in range(3):
+            d = (c + 1) % 3
+            e = (c + 2) % 3
+            G[k, c] = J[d, a] * J[e, b] - J[e, a] * J[d, b]
+    det = J[0, 0] * G[0, 0] + J[1, 0] * G[0, 1] + J[2, 0] * G[0, 2]
+    for k in range(3):
+        for c in range(3):
+            G[k, c] /= det
+    return det
+
+
+@njit(**INNER)
+def values_of(B: Any, N: Any) -> None:
+    """All products of the functions of the three directions."""
+    n = B.shape[2]
+    a = 0
+    for i in range(n):
+        for j in range(n):
+            v = B[0, 0, i] * B[1, 0, j]
+            for k in range(n):
+                N[a] = v * B[2, 0, k]
+                a += 1
+
+
+@njit(**INNER)
+def gradients_of(B: Any, G: Any, D: Any) -> None:
+    """Gradients in space, D[3 a + c], of all products."""
+    n = B.shape[2]
+    at = 0
+    for i in range(n):
+        for j in range(n):
+            v = B[0, 0, i] * B[1, 0, j]
+            x = B[0, 1, i] * B[1, 0, j]
+            y = B[0, 0, i] * B[1, 1, j]
+            for k in range(n):
+                g0 = x * B[2, 0, k]
+                g1 = y * B[2, 0, k]
+                g2 = v * B[2, 1, k]
+                for c in range(3):
+                    D[at + c] = g0 * G[0, c] + g1 * G[1, c] + g2 * G[2, c]
+                at += 3
+
+
+@njit(parallel=True, **INNER)
+def fields(
+    t0: Any, t1: Any, t2: Any, places: Any, boxes: Any, dofs: Any, owner: Any, u: Any, J: Any,
+    c: Any, value: Any, gradient: Any,
+) -> None:  # fmt: skip
+    """Value (n, m) and gradient in space (n, m, 3) of a field with coefficients c at points u.
+
+    `places` (cells, 3) and `boxes` (cells, 6) say where cells are, `dofs` (cells, nb) which
+    coefficients belong to them, `owner` in which of the cells each point is; one with -1 gets
+    NaN. J is (n, 3, 3), or (1, 3, 3) if it is the same everywhere.
+    """
+    n = t0.shape[1]
+    nb = n * n * n
+    step = 0 if len(J) == 1 else 1
+    for chunk in prange((len(u) + CHUNK - 1) // CHUNK):
+        B = np.empty((3, 2, n))
+        N = np.empty(nb)
+        D = np.empty(3 * nb)
+        G = np.empty((3, 3))
+        for q in range(chunk * CHUNK, min(len(u), (chunk + 1) * CHUNK)):
+            e = owner[q]
+            value[q] = np.nan if e < 0 else 0.0
+            gradient[q] = np.nan if e < 0 else 0.0
+            if e >= 0:
+                lines(t0, t1, t2, places[e], boxes[e], u[q], B)
+                inverse(J[q * step], G)
+                values_of(B, N)
+                gradients_of(B, G, D)
+                for a in range(nb):
+                    for m in range(c.shape[1]):
+                        x = c[dofs[e, a], m]
+                        value[q, m] += N[a] * x
+                        for k in range(3):
+                            gradient[q, m, k] += D[3 * a + k] * x
+
+
+@njit(parallel=True, **INNER)
+def vectors(
+    t0: Any, t1: Any, t2: Any, places: Any, boxes: Any, offsets: Any, u: Any, J: Any, f: Any,
+    P: Any, out: Any,
+) -> None:  # fmt: skip
+    """Sums out (cells, nb, m) over the points of each cell of N f (n, m) + P (n, m, 3) grad N.
+
+    Weights are in f and P already. Either may have no rows, and is then left out.
+    """
+    n = t0.shape[1]
+    nb = n * n * n
+    step = 0 if len(J) == 1 else 1
+    for e in prange(len(places)):
+        B = np.empty((3, 2, n))
+        N = np.empty(nb)
+        D = np.empty(3 * nb)
+        G = np.empty((3, 3))
+        out[e] = 0.0
+        for q in range(offsets[e], offsets[e + 1]):
+            lines(t0, t1, t2, places[e], boxes[e], u[q], B)
+            if len(f):
+                values_of(B, N)
+                for a in range(nb):
+                    for m in range(out.shape[2]):
+                        out[e, a, m] += N[a] * f[q, m]
+            if len(P):
+                inverse(J[q * step], G)
+                gradients_of(B, G, D)
+                for a in range(nb):
+                    for m in range(out.shape[2]):
+                        for k in range(3):
+                            out[e, a, m] += P[q, m, k] * D[3 * a + k]

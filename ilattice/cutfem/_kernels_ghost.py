@@ -1,0 +1,61 @@
+"""Matrices of the jumps of the highest normal derivative across faces between cells.
+
+Guarantees: a matrix depends on its own face only; the same bits for any number of threads.
+"""
+
+from typing import Any
+
+import numpy as np
+from numba import njit, prange
+
+from ilattice.cutfem._kernels_basis import INNER, line
+
+
+@njit(parallel=True, **INNER)
+def ghost_matrices(
+    axis: int, t1: Any, t2: Any, places: Any, nodes: Any, weights: Any, jumps: Any, out: Any
+) -> None:
+    """Matrices out (faces, n, n), n = (p + 2) (p + 1)², of penalties on jumps.
+
+    t1 and t2 are the tables of the two directions along the faces, in rising order, and `places`
+    (faces, 2) the cells there; `weights` (faces, q, q) are those at the tensor points of `nodes`;
+    `jumps` (faces, p + 2) of the functions across.
+    """
+    n = t1.shape[1]
+    m = n + 1
+    q = len(nodes)
+    for e in prange(len(places)):
+        B = np.empty((2, q, n))
+        slope = np.empty(n)
+        for g in range(q):
+            line(t1, places[e, 0], nodes[g] - 0.5, 1.0, B[0, g], slope)
+            line(t2, places[e, 1], nodes[g] - 0.5, 1.0, B[1, g], slope)
+        M = np.zeros((n * n, n * n))
+        N = np.empty(n * n)
+        for g in range(q):
+            for h in range(q):
+                for j in range(n):
+                    for k in range(n):
+                        N[j * n + k] = B[0, g, j] * B[1, h, k]
+                for a in range(n * n):
+                    v = weights[e, g, h] * N[a]
+                    for b in range(a, n * n):
+                        M[a, b] += v * N[b]
+        for a in range(n * n):
+            for b in range(a):
+                M[a, b] = M[b, a]
+        for a in range(n * n * m):
+            i, j = split(a, axis, n)
+            for b in range(n * n * m):
+                k, r = split(b, axis, n)
+                out[e, a, b] = jumps[e, i] * jumps[e, k] * M[j, r]
+
+
+@njit(**INNER)
+def split(a: int, axis: int, n: int) -> Any:
+    """Number across, and number along, of local function a of a face."""
+    if axis == 0:
+        return a // (n * n), a % (n * n)
+    if axis == 1:
+        return (a // n) % (n + 1), a // (n * (n + 1)) * n + a % n
+    return a % (n + 1), a // (n + 1)

@@ -1,0 +1,275 @@
+"""Sparse matrices of a space: the pattern once, cell matrices in batches, rows filled in parallel.
+
+Guarantees: matrices are symmetric to the bit and the same for any number of threads; one pattern
+serves stiffness, mass, geometric stiffness, conduction and every design with the same active
+cells; besides the matrix, memory is bounded by `BATCH_BYTES`. Quadrature rules are made by the
+caller, once. Non-guarantee: where the wall passes a cell twice, both pieces share its functions.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.sparse import bsr_array
+
+from ilattice._typing import AnyArray, FloatArray, IntArray
+from ilattice._validate import read_only
+from ilattice.cutfem import _kernels_assembly as kernels
+from ilattice.cutfem import _kernels_basis as basis
+from ilattice.cutfem.rules import Quadrature
+from ilattice.cutfem.space import IDENTITY, SplineSpace
+from ilattice.cutfem.stabilise import GhostFaces
+from ilattice.macroshape.maps import SplineMap
+
+BATCH_BYTES = 1 << 27
+CHUNKS = 64  # of rows, each with scratch for all columns
+
+
+@dataclass(frozen=True, eq=False)
+class Pattern:
+    """Which nodes couple: those that share an element.
+
+    Attributes
+    ----------
+    start, where : ndarray
+        The places of node i in `dofs` are where[start[i]:start[i + 1]].
+    owner : ndarray
+        Element of every place.
+    first : ndarray
+        The nodes of element e are dofs[first[e]:first[e + 1]].
+    dofs : ndarray
+        Nodes, element by element.
+    indptr, indices : ndarray, int32
+        Compressed rows, with increasing columns.
+    """
+
+    start: IntArray
+    where: IntArray
+    owner: AnyArray
+    first: IntArray
+    dofs: AnyArray
+    indptr: AnyArray
+    indices: AnyArray
+
+    @classmethod
+    def of(cls, groups: list[AnyArray], n: int) -> "Pattern":
+        """Pattern of elements, given as arrays (elements, nodes), on n nodes."""
+        dofs = np.concatenate([g.ravel() for g in groups]).astype(np.int32)
+        sizes = np.concatenate([np.full(len(g), g.shape[1]) for g in groups])
+        first = np.append(0, np.cumsum(sizes))
+        owner = np.repeat(np.arange(len(sizes), dtype=np.int32), sizes)
+        start, where = kernels.incidence(dofs, n)
+        count = np.zeros(n, np.int64)
+        kernels.count_columns(start, where, owner, first, dofs, CHUNKS, count)
+        indptr = np.append(0, np.cumsum(count)).astype(np.int32)
+        indices = np.empty(indptr[-1], np.int32)
+        kernels.list_columns(start, where, owner, first, dofs, CHUNKS, indptr, indices)
+        return cls(*(read_only(a) for a in (start, where, owner, first, dofs, indptr, indices)))
+
+    def add(
+        self, data: FloatArray, blocks: int, elements: IntArray, A: FloatArray, p: float, q: float
+    ) -> None:
+        """Add the matrices A of some elements; see `_kernels_assembly.add_block`."""
+        slot = np.full(len(self.first) - 1, -1, np.int32)
+        slot[elements] = np.arange(len(elements))
+        kernels.fill(
+            blocks, self.start, self.where, self.owner, self.first, self.dofs, slot, CHUNKS,
+            self.indptr, self.indices, A, p, q, data,
+        )  # fmt: skip
+
+    def matrix(self, data: FloatArray) -> Any:
+        """The sparse matrix of blocks (count, m, m)."""
+        n, m = len(self.start) - 1, data.shape[1]
+        return bsr_array((data, self.indices, self.indptr), shape=(n * m, n * m))
+
+
+@dataclass(frozen=True, eq=False)
+class Assembly:
+    """What integrals over cells need: functions, map, ghost faces.
+
+    Attributes
+    ----------
+    space : SplineSpace
+        Functions.
+    through : SplineMap or None
+        Map to space.
+    ghost : GhostFaces or None
+        Faces on which jumps are penalised.
+    """
+
+    space: SplineSpace
+    through: SplineMap | None = None
+    ghost: GhostFaces | None = None
+
+    @cached_property
+    def pattern(self) -> Pattern:
+        """Couplings through cells, and through ghost faces where there are any."""
+        faces = self.ghost.dofs(self.space) if self.ghost is not None else []
+        return Pattern.of([self.space.dofs, *faces], len(self.space))
+
+    def zeros(self, m: int) -> FloatArray:
+        """Blocks of a matrix with m components per node, all zero."""
+        return np.zeros((len(self.pattern.indices), m, m))
+
+    # ---------------------------------------------------------------- the map
+
+    @cached_property
+    def affine(self) -> FloatArray | None:
+        """The Jacobian (1, 3, 3) of the map if it is the same everywhere, else None."""
+        return IDENTITY if self.through is None else constant_jacobian(self.through)
+
+    def jacobians(self, u: FloatArray) -> FloatArray:
+        """Jacobians (n, 3, 3), or (1, 3, 3) if they are all the same."""
+        if self.affine is not None:
+            return self.affine
+        assert self.through is not None
+        return self.through.jacobian(u)
+
+    def x(self, u: FloatArray) -> FloatArray:
+        """Points of space."""
+        return u if self.through is None else self.through.x(u)
+
+    @cached_property
+    def coordinates(self) -> FloatArray:
+        """Coefficients (functions, 3) of x: where nodes are; exact if the map is in the space."""
+        c = self.space.interpolate(self.x)
+        return read_only(c.reshape(-1, 3)[self.space.functions])
+
+    # ---------------------------------------------------------------- integrals
+
+    def batches(self, rule: Quadrature, entries: int) -> Iterator[tuple[IntArray, slice, slice]]:
+        """Parts of a rule: positions of the cells in the space, slices of cells and of points."""
+        position = np.searchsorted(self.space.cells, rule.cells)
+        size = max(BATCH_BYTES // (8 * entries), 64)
+        for i in range(0, len(rule.cells), size):
+            part = slice(i, min(i + size, len(rule.cells)))
+            rows = slice(int(rule.offsets[part.start]), int(rule.offsets[part.stop]))
+            yield position[part], part, rows
+
+    def add_cells(
+        self, data: FloatArray, rule: Quadrature, kind: int, d: FloatArray, p: float = 1.0,
+        q: float = 0.0,
+    ) -> None:  # fmt: skip
+        """Add integrals over the cells of a rule in parameters.
+
+        Parameters
+        ----------
+        data : ndarray, shape (blocks, m, m)
+            Where to add.
+        rule : Quadrature
+            Points in parameters, in active cells.
+        kind : int
+            See `_kernels_assembly.cell_matrices`.
+        d : ndarray, shape (n, 1), (n, 6), or one row for all
+            Coefficients at the points.
+        p, q : float
+            Factor, or Lamé constants for pairs of derivatives.
+        """
+        nb = self.space.dofs.shape[1]
+        size = 3 * nb if kind == kernels.PAIRS else nb
+        blocks = kernels.ELASTIC if kind == kernels.PAIRS else kernels.SCALAR
+        for at, part, rows in self.batches(rule, size * size):
+            A = np.empty((len(at), size, size))
+            u = rule.points[rows]
+            kernels.cell_matrices(
+                kind, *self.space.tables, self.space.places[at], self.space.boxes[at],
+                rule.offsets[part.start : part.stop + 1] - rows.start, u, rule.weights[rows],
+                self.jacobians(u), d if len(d) == 1 else d[rows], A,
+            )  # fmt: skip
+            self.pattern.add(data, blocks, at, A, p, q)
+
+    def add_blocks(self, data: FloatArray, cells: IntArray, A: FloatArray) -> None:
+        """Add matrices (cells, m nb, m nb) of active cells, given by position."""
+        self.pattern.add(data, kernels.BLOCKS, cells, A, 1.0, 0.0)
+
+    def add_ghost(self, data: FloatArray, stiffness: Callable[[FloatArray], FloatArray]) -> None:
+        """Add the penalty on jumps, scaled with a stiffness that takes parameters."""
+        if self.ghost is None:
+            return
+        first = len(self.space.cells)
+        for at, A in self.ghost.matrices(self.space, self.jacobians, stiffness, BATCH_BYTES):
+            self.pattern.add(data, kernels.SCALAR, first + at, A, 1.0, 0.0)
+
+    def vector(
+        self, rule: Quadrature, f: FloatArray | None, P: FloatArray | None = None
+    ) -> FloatArray:
+        """Integrals of N f + P grad N as coefficients (functions, m); weights are in f and P.
+
+        `rule` is in parameters, or in space with `parameters`.
+        """
+        u = rule.points if rule.parameters is None else rule.parameters
+        m = (f if f is not None else P).shape[1]  # type: ignore[union-attr]
+        f = np.zeros((0, m)) if f is None else f
+        P = np.zeros((0, m, 3)) if P is None else P
+        at = np.searchsorted(self.space.cells, rule.cells)
+        out = np.empty((len(at), self.space.dofs.shape[1], m))
+        J = self.jacobians(u) if len(P) else IDENTITY
+        basis.vectors(
+            *self.space.tables, self.space.places[at], self.space.boxes[at], rule.offsets,
+            u, J, np.ascontiguousarray(f), np.ascontiguousarray(P), out,
+        )  # fmt: skip
+        nodes = self.space.dofs[at].ravel()
+        columns = [np.bincount(nodes, out[..., k].ravel(), len(self.space)) for k in range(m)]
+        return np.stack(columns, axis=1)
+
+    def on_rule(
+        self, c: FloatArray, rule: Quadrature
+    ) -> Iterator[tuple[slice, FloatArray, FloatArray]]:
+        """Values and gradients in space at the points of a rule, in batches with their rows."""
+        u = rule.points if rule.parameters is None else rule.parameters
+        m = c.shape[1]
+        per_cell = max(len(rule) // max(len(rule.cells), 1), 1)
+        for at, part, rows in self.batches(rule, per_cell * (4 * m + 9)):
+            owner = np.repeat(at, np.diff(rule.offsets[part.start : part.stop + 1]))
+            value, gradient = np.empty((len(owner), m)), np.empty((len(owner), m, 3))
+            basis.fields(
+                *self.space.tables, self.space.places, self.space.boxes, self.space.dofs, owner,
+                u[rows], self.jacobians(u[rows]), np.ascontiguousarray(c), value, gradient,
+            )  # fmt: skip
+            yield rows, value, gradient
+
+    def evaluate(self, c: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Values (n, m) and gradients in space (n, m, 3) of a field."""
+        return self.space.evaluate(c, u, self.jacobians(u))
+
+
+def constant_jacobian(through: SplineMap) -> FloatArray | None:
+    """The Jacobian (1, 3, 3) of an affine map, None for others."""
+    spline = through.geometry
+    if spline.weights is not None and np.ptp(spline.weights) > 0:
+        return None
+    axes = []
+    for a in range(3):
+        b = spline.breaks(a)
+        t = (np.arange(spline.k[a] + 1) + 0.5) / (spline.k[a] + 1)
+        axes.append((b[:-1, None] + np.diff(b)[:, None] * t).ravel())
+    u = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+    J = through.jacobian(u)
+    middle = J.mean(axis=0, keepdims=True)
+    return read_only(middle) if np.abs(J - middle).max() <= 1e-13 * np.abs(J).max() else None
+
+
+def on_cells(rule: Quadrature, cells: IntArray) -> Quadrature:
+    """The part of a rule in some cells, given increasing."""
+    keep = np.isin(rule.cells, cells)
+    if keep.all():
+        return rule
+    rows = np.repeat(keep, np.diff(rule.offsets))
+
+    def part(a: Any) -> Any:
+        return None if a is None else read_only(a[rows])
+
+    offsets = np.append(0, np.cumsum(np.diff(rule.offsets)[keep]))
+    return replace(
+        rule,
+        points=part(rule.points),
+        weights=part(rule.weights),
+        normals=part(rule.normals),
+        sets=part(rule.sets),
+        parameters=part(rule.parameters),
+        cells=read_only(rule.cells[keep]),
+        neighbours=None if rule.neighbours is None else read_only(rule.neighbours[keep]),
+        offsets=read_only(offsets),
+    )

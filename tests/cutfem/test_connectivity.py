@@ -1,0 +1,62 @@
+"""Parts of a solid: pieces that share an edge or a node only are not held by each other."""
+
+import numpy as np
+import pytest
+
+import ilattice as il
+from ilattice.cutfem.connectivity import connected_parts
+
+CUBE = [[0.0] * 3, [1.0] * 3]
+
+
+def box(lo, hi):
+    lo, hi = np.array(lo, float), np.array(hi, float)
+    return lambda u: np.maximum(lo - u, u - hi).max(axis=1)
+
+
+def union(*fields):
+    return lambda u: np.min([f(u) for f in fields], axis=0)
+
+
+def parts(field, cells=8, **options):
+    cut = il.cutfem.cut(field, cells, domain=CUBE, degree=1, **options)
+    return connected_parts(cut.volume(2), tuple(cut.faces(a, 1) for a in range(3)))
+
+
+def test_cells_that_share_an_edge_only_are_apart():
+    edge = union(box([0, 0, 0], [0.5, 0.5, 1]), box([0.5, 0.5, 0], [1, 1, 0.25]))
+    found = parts(edge)
+    np.testing.assert_allclose(found.volumes, [0.25, 0.0625], rtol=1e-12)
+    np.testing.assert_allclose(found.centroids, [[0.25, 0.25, 0.5], [0.75, 0.75, 0.125]])
+    assert "volume 0.0625 at (0.75, 0.75, 0.125)" in found.describe(np.array([1]))
+    face = union(box([0, 0, 0], [0.5, 0.5, 1]), box([0.375, 0, 0], [1, 1, 0.25]))
+    assert len(parts(face)) == 1
+
+
+def test_a_dry_face_joins_nothing():
+    gap = lambda u: 0.06 - np.abs(u[:, 0] - 0.55)  # noqa: E731
+    found = parts(gap, 20)
+    assert len(found) == 2
+    assert found.volumes.sum() == pytest.approx(0.88, abs=0.02)
+
+
+def test_slivers_belong_to_what_they_grow_on():
+    for eta in (1e-2, 1e-4, 1e-6):
+        corner = box([-1] * 3, [0.875 + 0.125 * eta] * 3)
+        found = parts(corner)
+        assert len(found) == 1
+        assert len(found.cells) == 512
+
+
+def test_a_closed_direction_joins_its_ends():
+    ring = il.macroshape.torus(major=3.0, width=1.0)
+    axis = ring.closed.index(True)
+    ends = lambda u: 0.25 - np.abs(u[:, axis] - 0.5)  # noqa: E731
+    cut = il.cutfem.cut(ends, 8, domain=CUBE, degree=1, through=ring)
+    grid = il.cutfem.Grid(cut.grid.axes, ring.closed)
+    for g, count in ((cut.grid, 2), (grid, 1)):
+        open_or_closed = il.cutfem.cut(ends, g, degree=1, through=ring)
+        solid = open_or_closed.volume(3)
+        found = connected_parts(solid, tuple(open_or_closed.faces(a, 1) for a in range(3)))
+        assert len(found) == (1 if g.closed[axis] else count)
+        assert found.volumes.sum() == pytest.approx(solid.in_space().integrate(), rel=1e-12)
