@@ -73,9 +73,34 @@ def test_fig01_arms_pass_through_opposite_faces_alike():
     assert numbers["volume of b"] == pytest.approx(0.215, rel=0.01)
 
 
+def test_fig03_boxes_of_the_domain_hold_tiles():
+    numbers = run("fig03_tiles", h=0.05)
+    assert numbers["difference"] <= 1e-14
+    assert numbers["uniform"] == pytest.approx(1.0, abs=1e-6)
+    assert numbers["graded"] == pytest.approx(0.2 / 0.12, rel=0.03)  # to first order
+    for method, error in (("uniform-sampling", 0.61), ("greville", 0.22), ("interpolate", 0.013)):
+        assert numbers[method] == pytest.approx(error, rel=0.02)
+
+
+def test_fig06_errors_of_parametric_offsets_are_of_second_order():
+    numbers = run("fig06_variable_offsets", h=0.04)
+    order = np.log2(numbers["schwarz_p: error at 1 d"] / numbers["schwarz_p: error at 0.5 d"])
+    assert order == pytest.approx(2.0, abs=0.25)
+    assert numbers["cross: error at 0.5 d"] < 0.4 * numbers["cross: error at 1 d"]
+    assert numbers["cross: error at 1 d"] < 0.1 * 0.06
+
+
+def test_fig07_walls_are_as_thick_as_asked_in_space_not_in_the_domain():
+    numbers = run("fig07_lattice_space", h=0.05, cells=12)
+    assert numbers["error in space"] < 1e-6
+    assert numbers["thickness in the domain"] > 2.0
+    assert numbers["inside"] < numbers["volume"] < numbers["inside or cut"]
+    assert numbers["volume"] == pytest.approx(numbers["volume of the mesh"], rel=3e-3)
+
+
 def test_fig09_thicker_arms_fill_more():
-    gained = run("fig09_cross", parts=("torus",), coarser=2.0)
-    assert gained["torus"] == pytest.approx(1.75, abs=0.03)
+    gained = run("fig09_colours", figures=("fig09",), coarser=1.5)
+    assert gained["fig09"] == pytest.approx(1.71, abs=0.03)
 
 
 def test_fig13_is_exact():

@@ -105,7 +105,7 @@ class _Job:
             field = wall.distance
             inner, outer = (float(s.c.item()) for s in (t.inner, t.outer))
             options["level"] = outer if t.solid else (-inner, outer)
-        elif t.solid and t.extremes[0] > 0.0:
+        elif t.solid and t.outer.c.min() > 0.0:
             field = wall.distance
             options |= {"level": 1.0, "scale": t.outer}
         elif t.symmetric:

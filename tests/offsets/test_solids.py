@@ -78,3 +78,12 @@ def test_errors_of_one_sided_walls_are_relative_to_their_thickness(lattice):
     assert error.relative_max == pytest.approx(error.max / 0.1, rel=1e-9)
     solid = lattice.offset((np.inf, 0.0)).thickness_error()
     assert solid.relative_max == pytest.approx(solid.max / (2 * RADIUS), rel=0.1)
+
+
+def test_a_growth_that_is_barely_negative_between_samples_is_meshed():
+    slab = il.Tile(lambda u: u[:, 2] - 0.5, name="slab")
+    lattice = il.Lattice(slab, through=il.macroshape.box(), spans_per_tile=4)
+    parabola = np.array([0.16, -0.24, 0.36])[:, None, None]  # (u - 0.4)²
+    growth = il.BSpline([[0, 0, 0, 1, 1, 1], [0, 1], [0, 1]], parabola - 1e-7, (2, 0, 0))
+    mesh = lattice.offset((np.inf, growth)).mesh(0.1)
+    assert mesh.volume == pytest.approx(0.5 + 0.16 - 0.4 + 1 / 3, abs=2e-3)
