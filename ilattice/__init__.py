@@ -9,7 +9,7 @@ Rooms, from the bottom up:
 `macroshape`              maps of the parameter box to space: primitives, files, certificates
 `offsets`                 closest points, signed distance splines, walls
 `mesh`                    watertight contouring, surface meshes, measures
-`cutfem`                  background grids, cut cells, quadrature
+`cutfem`                  background grids, cut cells, quadrature, elasticity, heat
 `io`                      one file per format: STL, PLY, OBJ, 3MF, VTK, G+Smo, MFEM, IRIT
 `sdf`                     meshes as fields: signed distances
 ========================  ==================================================================

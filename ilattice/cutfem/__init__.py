@@ -1,24 +1,36 @@
-"""Immersed analysis: background grids, cut cells, quadrature, splines on them.
+"""Immersed analysis: background grids, cut cells, quadrature, elasticity on them.
 
 `cut` puts a wall on a grid, `quadrature` integrates anything over it::
 
     rule = il.cutfem.quadrature(wall, q=3)
     volume = rule.integrate()
 
+and `Elasticity` solves on the solid itself, without a mesh of it::
+
+    problem = il.cutfem.Elasticity(wall, cells=(128, 16, 16), young=1.0, poisson=0.3)
+    solution = problem.clamp("w=0").load(body=(1e-3, 0, 0)).solve()
+
 Guarantee: cells are called in or out by certificates, never by sampling.
 """
 
+from ilattice.cutfem.elasticity import Elasticity
 from ilattice.cutfem.grid import CutGrid, Grid, cut
+from ilattice.cutfem.heat import Heat, HeatSolution
 from ilattice.cutfem.measures import MassProperties, mass_properties
 from ilattice.cutfem.rules import Quadrature, quadrature
+from ilattice.cutfem.solution import Solution
 from ilattice.cutfem.solvers import Solver, SolveReport, rigid_modes
 from ilattice.cutfem.space import SplineSpace
 
 __all__ = [
     "CutGrid",
+    "Elasticity",
     "Grid",
+    "Heat",
+    "HeatSolution",
     "MassProperties",
     "Quadrature",
+    "Solution",
     "SolveReport",
     "Solver",
     "SplineSpace",

@@ -127,7 +127,7 @@ class SplineSpace:
             (places[:, a, None] + np.arange(layers[a])) % self.shape[a] for a in range(3)
         )  # fmt: skip
         flat = (i[:, :, None, None] * self.shape[1] + j[:, None, :, None]) * self.shape[2]
-        return (flat + k[:, None, None, :]).reshape(len(places), -1)
+        return (flat + k[:, None, None, :]).reshape(len(places), layers[0] * layers[1] * layers[2])
 
     @cached_property
     def functions(self) -> IntArray:

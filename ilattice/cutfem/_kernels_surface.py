@@ -1,0 +1,96 @@
+"""Matrices of conditions on surfaces: springs, convection, and Nitsche's method.
+
+Guarantees: a matrix depends on its own cell only; both halves come from the same operations; the
+same bits for any number of threads.
+"""
+
+from typing import Any
+
+import numpy as np
+from numba import njit, prange
+
+from ilattice.cutfem._kernels_basis import INNER, gradients_of, inverse, lines, values_of
+
+
+@njit(**INNER)
+def traction(D: Any, a: int, n: Any, lam: float, mu: float, T: Any) -> None:
+    """T[a, i, j]: component i of the traction of function a times the unit vector j."""
+    normal = D[3 * a] * n[0] + D[3 * a + 1] * n[1] + D[3 * a + 2] * n[2]
+    for i in range(3):
+        for j in range(3):
+            T[a, i, j] = lam * n[i] * D[3 * a + j] + mu * D[3 * a + i] * n[j]
+        T[a, i, i] += mu * normal
+
+
+@njit(parallel=True, **INNER)
+def surface_blocks(
+    t0: Any, t1: Any, t2: Any, places: Any, boxes: Any, offsets: Any, u: Any, w: Any, J: Any,
+    normals: Any, Q: Any, lame: Any, mask: Any, out: Any,
+) -> None:  # fmt: skip
+    """Matrices out (cells, 3 nb, 3 nb) of w (N Q N - N mask t(N) - its transpose).
+
+    u are parameters, w weights in space; Q (n, 3, 3) is a symmetric stiffness per area, lame
+    (n, 2) the Lamé constants of the tractions t, zero for springs; mask (3,) is 1 in components
+    that are held.
+    """
+    n = t0.shape[1]
+    nb = n * n * n
+    step = 0 if len(J) == 1 else 1
+    for e in prange(len(places)):
+        B = np.empty((3, 2, n))
+        N = np.empty(nb)
+        D = np.empty(3 * nb)
+        G = np.empty((3, 3))
+        T = np.empty((nb, 3, 3))
+        A = out[e]
+        A[:] = 0.0
+        for q in range(offsets[e], offsets[e + 1]):
+            lines(t0, t1, t2, places[e], boxes[e], u[q], B)
+            inverse(J[q * step], G)
+            values_of(B, N)
+            gradients_of(B, G, D)
+            for a in range(nb):
+                traction(D, a, normals[q], lame[q, 0], lame[q, 1], T)
+            for a in range(nb):
+                for b in range(a, nb):
+                    for i in range(3):
+                        for j in range(3):
+                            v = N[a] * N[b] * Q[q, i, j]
+                            v -= N[a] * mask[i] * T[b, i, j] + N[b] * mask[j] * T[a, j, i]
+                            A[3 * a + i, 3 * b + j] += w[q] * v
+        for a in range(3 * nb):
+            for b in range(a // 3 * 3):
+                A[a, b] = A[b, a]
+
+
+@njit(parallel=True, **INNER)
+def surface_scalars(
+    t0: Any, t1: Any, t2: Any, places: Any, boxes: Any, offsets: Any, u: Any, w: Any, J: Any,
+    normals: Any, Q: Any, k: Any, out: Any,
+) -> None:  # fmt: skip
+    """Matrices out (cells, nb, nb) of w (Q N N - N k dN/dn - its transpose); k and Q are (n,)."""
+    n = t0.shape[1]
+    nb = n * n * n
+    step = 0 if len(J) == 1 else 1
+    for e in prange(len(places)):
+        B = np.empty((3, 2, n))
+        N = np.empty(nb)
+        D = np.empty(3 * nb)
+        G = np.empty((3, 3))
+        F = np.empty(nb)
+        A = out[e]
+        A[:] = 0.0
+        for q in range(offsets[e], offsets[e + 1]):
+            lines(t0, t1, t2, places[e], boxes[e], u[q], B)
+            inverse(J[q * step], G)
+            values_of(B, N)
+            gradients_of(B, G, D)
+            for a in range(nb):
+                F[a] = D[3 * a] * normals[q, 0] + D[3 * a + 1] * normals[q, 1]
+                F[a] = k[q] * (F[a] + D[3 * a + 2] * normals[q, 2])
+            for a in range(nb):
+                for b in range(a, nb):
+                    A[a, b] += w[q] * (Q[q] * N[a] * N[b] - N[a] * F[b] - N[b] * F[a])
+        for a in range(nb):
+            for b in range(a):
+                A[a, b] = A[b, a]

@@ -1,0 +1,126 @@
+"""Loads and supports, as given: checked at the door, evaluated when a system is made.
+
+Guarantee: values are numbers, vectors, or functions of points of space (n, 3); functions are
+checked for shape and for being finite where they are used.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ilattice._typing import FloatArray
+from ilattice._validate import as_array, check_finite
+from ilattice.cutfem.domain import SURFACES
+from ilattice.cutfem.rules import NAMES
+from ilattice.errors import InputError
+
+Value = float | Sequence[float] | Callable[[FloatArray], Any]
+AXES = "xyz"
+
+
+@dataclass(frozen=True, eq=False)
+class Support:
+    """Prescribed components on a place, exactly or by Nitsche's method.
+
+    Attributes
+    ----------
+    on : str
+        Place.
+    mask : ndarray of bool, shape (m,)
+        Components that are prescribed.
+    value : Value
+        What they are.
+    weak : bool
+        Nitsche's method.
+    """
+
+    on: str
+    mask: Any
+    value: Value
+    weak: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Spring:
+    """Stiffness per area towards a value: springs, or convection.
+
+    Attributes
+    ----------
+    on : str
+        Place.
+    stiffness : Value
+        One number, or one per component.
+    value : Value
+        Where the spring is at rest; for convection the temperature around.
+    """
+
+    on: str
+    stiffness: Value
+    value: Value
+
+
+@dataclass(frozen=True, eq=False)
+class Load:
+    """A load of one kind.
+
+    Attributes
+    ----------
+    kind : {"body", "gravity", "traction", "pressure", "thermal"}
+        What the value is.
+    value : Value
+        Force per volume, acceleration, force per area, pressure; or temperature above the
+        stress-free one.
+    on : str
+        Place of tractions and pressures.
+    """
+
+    kind: str
+    value: Value
+    on: str = ""
+
+
+def as_place(on: Any) -> str:
+    """A known place, or `InputError`."""
+    if on not in (*NAMES, *SURFACES):
+        raise InputError(f"on must be one of {', '.join((*NAMES, *SURFACES))}, got {on!r}")
+    return str(on)
+
+
+def as_mask(components: Any, m: int) -> Any:
+    """Components, such as ``"xz"``, ``(0, 2)`` or None for all, as booleans."""
+    if components is None:
+        return np.ones(m, bool)
+    listed = [AXES.find(c) if isinstance(c, str) else c for c in components]
+    if not listed or any(isinstance(c, bool) or c not in range(m) for c in listed):
+        raise InputError(
+            f"components must name some of {AXES[:m]!r}, or numbers below {m}, got {components!r}"
+        )
+    mask = np.zeros(m, bool)
+    mask[np.array(listed, int)] = True
+    return mask
+
+
+def as_value(name: str, value: Any, m: int) -> Value:
+    """A number, m numbers, or a function; anything else is refused."""
+    if callable(value):
+        return value
+    a = as_array(name, value)
+    if a.size not in (1, m):
+        raise InputError(
+            f"{name} must be {'a number' if m == 1 else f'one number or {m}'}, or a function of "
+            f"points (n, 3), got {value!r:.80}"
+        )
+    return np.broadcast_to(a.ravel(), (m,)).tolist()
+
+
+def values_at(name: str, value: Value, x: FloatArray, m: int) -> FloatArray:
+    """Values (n, m) at points of space."""
+    a = np.asarray(value(x) if callable(value) else value, np.float64)
+    if callable(value) and a.shape == (len(x),) and m == 1:
+        a = a[:, None]
+    if callable(value) and a.shape != (len(x), m):
+        shape = f"({len(x)},)" if m == 1 else f"({len(x)}, {m})"
+        raise InputError(f"{name} must give values of shape {shape}, got {a.shape}")
+    return check_finite(name, np.array(np.broadcast_to(a, (len(x), m))))

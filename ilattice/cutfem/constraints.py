@@ -1,0 +1,148 @@
+"""Prescribed coefficients, and systems without them.
+
+On an end face the first layer of functions alone is not zero, so that prescribing its
+coefficients prescribes the field. Only functions that matter on the wet part of the face are
+taken: those of cells that have area there.
+
+Guarantees: a system keeps its blocks; a node of which all components are prescribed is left out; of
+one with some, these rows hold their diagonal entry alone. Symmetric to the bit.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.sparse import bsr_array
+
+from ilattice._typing import AnyArray, FloatArray
+from ilattice.cutfem.assembly import Assembly
+from ilattice.cutfem.conditions import Support, values_at
+from ilattice.cutfem.domain import Domain
+from ilattice.cutfem.rules import NAMES
+
+
+@dataclass(frozen=True, eq=False)
+class Constraints:
+    """Prescribed coefficients of a field with m components.
+
+    Attributes
+    ----------
+    fixed : ndarray of bool, shape (n, m)
+        Which are prescribed.
+    values : ndarray, shape (n, m)
+        What they are; zero elsewhere.
+    owner : ndarray, shape (n, m)
+        Number of the support that prescribes each; -1 elsewhere.
+    """
+
+    fixed: AnyArray
+    values: FloatArray
+    owner: AnyArray
+
+    @cached_property
+    def nodes(self) -> AnyArray:
+        """Nodes with something free."""
+        return np.flatnonzero(~self.fixed.all(axis=1))
+
+    def reduce(self, K: Any, *, diagonal: bool = True) -> Any:
+        """The matrix on free nodes.
+
+        Parameters
+        ----------
+        K : bsr_array
+            Square blocks, sorted columns.
+        diagonal : bool
+            Whether the rows of prescribed components keep their diagonal entry, as a stiffness
+            must, or are zero, as a mass must.
+
+        Returns
+        -------
+        bsr_array
+            On the free nodes, in their order.
+        """
+        if not self.fixed.any():
+            return K
+        m = self.fixed.shape[1]
+        place = np.full(len(self.fixed), -1, np.int32)
+        place[self.nodes] = np.arange(len(self.nodes))
+        rows = np.repeat(np.arange(len(self.fixed)), np.diff(K.indptr))
+        keep = (place[rows] >= 0) & (place[K.indices] >= 0)
+        rows, columns, data = rows[keep], K.indices[keep], K.data[keep]
+        partial = np.asarray(self.fixed.any(axis=1))
+        touched = np.flatnonzero(partial[rows] | partial[columns])
+        r, c = self.fixed[rows[touched]], self.fixed[columns[touched]]
+        cut = r[:, :, None] | c[:, None, :]
+        if diagonal:
+            cut &= ~((rows[touched] == columns[touched])[:, None, None] & np.eye(m, dtype=bool))
+        data[touched] = np.where(cut, 0.0, data[touched])
+        counts = np.bincount(place[rows], minlength=len(self.nodes))
+        indptr = np.append(0, np.cumsum(counts)).astype(np.int32)
+        n = m * len(self.nodes)
+        return bsr_array((data, place[columns], indptr), shape=(n, n))
+
+    def restrict(self, f: FloatArray) -> FloatArray:
+        """Free rows (free nodes, m) of coefficients (n, m), zero in prescribed components."""
+        return np.where(self.fixed, 0.0, f)[self.nodes]
+
+    def expand(self, x: FloatArray) -> FloatArray:
+        """Coefficients (n, m) of free ones (free nodes, m), with the prescribed values."""
+        out = self.values.copy()
+        out[self.nodes] += np.where(self.fixed[self.nodes], 0.0, x)
+        return out
+
+
+def layer(domain: Domain, asm: Assembly, name: str) -> AnyArray:
+    """Active functions that are not zero on the wet part of an end face."""
+    axis, side = divmod(NAMES.index(name), 2)
+    space = asm.space
+    position = np.searchsorted(
+        space.cells, np.intersect1d(space.cells, domain.boundary(name).cells)
+    )
+    local = np.arange((space.degree + 1) ** 3).reshape((space.degree + 1,) * 3)
+    face = local.take(0 if side == 0 else -1, axis).ravel()
+    return np.unique(space.dofs[position][:, face])
+
+
+def constraints(
+    domain: Domain, asm: Assembly, supports: tuple[Support, ...], m: int
+) -> Constraints:
+    """Prescribed coefficients of the supports that are not weak; later ones count.
+
+    Parameters
+    ----------
+    domain : Domain
+        The solid.
+    asm : Assembly
+        Functions.
+    supports : tuple of Support
+        Weak ones are passed over.
+    m : int
+        Number of components.
+
+    Returns
+    -------
+    Constraints
+        What is prescribed.
+    """
+    owner = np.full((len(asm.space), m), -1)
+    values = np.zeros((len(asm.space), m))
+    for number, s in enumerate(supports):
+        if s.weak:
+            continue
+        axis, side = divmod(NAMES.index(s.on), 2)
+        nodes = layer(domain, asm, s.on)
+        first = 0 if side == 0 else asm.space.shape[axis] - 1
+
+        def f(u: FloatArray, s: Support = s) -> FloatArray:
+            return values_at("value", s.value, asm.x(u), m)
+
+        shape = list(asm.space.shape)
+        shape[axis] = 1
+        c = np.broadcast_to(asm.space.interpolate(f, fixed={axis: first}), (*shape, m))
+        index = list(np.unravel_index(asm.space.functions[nodes], asm.space.shape))
+        index[axis] = np.zeros_like(index[axis])
+        at = np.ix_(nodes, np.flatnonzero(s.mask))
+        owner[at] = number
+        values[at] = c[tuple(index)][:, s.mask]
+    return Constraints(owner >= 0, values, owner)

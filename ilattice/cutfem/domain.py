@@ -1,0 +1,280 @@
+"""A solid on its grid, ready for analysis: rules, parts and assemblies, each made once.
+
+Problems on the same grid share one `Domain`: other loads, supports and materials cost no new
+quadrature, and the sparse pattern is that of the active cells.
+
+Guarantee: what is asked for twice is computed once.
+"""
+
+import warnings
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ilattice._typing import IntArray
+from ilattice._validate import as_positive
+from ilattice.cutfem.assembly import Assembly, on_cells
+from ilattice.cutfem.connectivity import Parts, connected_parts
+from ilattice.cutfem.grid import CUT, CutGrid, cut
+from ilattice.cutfem.rules import MOST_POINTS, NAMES, Quadrature
+from ilattice.cutfem.space import DEGREES, SplineSpace
+from ilattice.cutfem.stabilise import ghost_faces, void_rule
+from ilattice.errors import GeometryError, InputError, PrecisionWarning
+from ilattice.offsets.wall import Wall
+
+#: Places for conditions: end faces, the level sets that bound the solid, or the outer (first,
+#: of a wall that of the offset to the outside) and the inner (second) of them alone.
+SURFACES = ("surface", "outer", "inner")
+STABILIZATIONS = ("auto", "ghost", "void", "none")
+GUARD = 1e-8
+#: Weights of ghost penalties per degree: as little as bounds the condition number, since thin walls
+#: are stiffened by them; and more where Nitsche's method needs it to be stable.
+GHOST = {1: 0.1, 2: 1e-3, 3: 1e-4}
+GHOST_NITSCHE = {1: 0.1, 2: 1e-2, 3: 1e-2}
+COARSE = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Domain:
+    """A solid on a background grid, with what discretises it.
+
+    Attributes
+    ----------
+    cut : CutGrid
+        Level sets on the grid.
+    degree : int
+        Of the splines: 1, 2 or 3.
+    q : int
+        Gauss points per direction.
+    stabilization : {"ghost", "void", "none"}
+        What is done about badly cut cells.
+    weight : float or None
+        Of that; None for that of `GHOST`, or of `GHOST_NITSCHE` with weak supports.
+    wall : Wall or None
+        Where the level sets come from.
+    """
+
+    cut: CutGrid
+    degree: int
+    q: int
+    stabilization: str
+    weight: float | None
+    wall: Wall | None = None
+    _made: dict[Any, Any] = field(default_factory=dict, repr=False)
+
+    def once(self, key: Any, make: Any) -> Any:
+        """What `make` returns, made at the first call with this key only."""
+        if key not in self._made:
+            self._made[key] = make()
+        return self._made[key]
+
+    # ---------------------------------------------------------------- rules
+
+    @cached_property
+    def volume(self) -> Quadrature:
+        """Rule on the solid, in parameters."""
+        return self.cut.volume(self.q)
+
+    @cached_property
+    def wet(self) -> tuple[Quadrature, ...]:
+        """Rules on the faces between cells, of the three directions; good for areas only."""
+        return tuple(self.cut.faces(axis, 1) for axis in range(3))
+
+    @cached_property
+    def parts(self) -> Parts:
+        """Connected parts of the solid."""
+        return connected_parts(self.volume, self.wet)
+
+    def boundary(self, on: str) -> Quadrature:
+        """Rule in space on an end face or a level set, with normals and `parameters`.
+
+        Parameters
+        ----------
+        on : {"u=0", ..., "w=1", "surface", "outer", "inner"}
+            Where.
+
+        Returns
+        -------
+        Quadrature
+            In space; also without a map.
+        """
+        if on not in (*NAMES, *SURFACES):
+            raise InputError(f"on must be one of {(*NAMES, *SURFACES)}, got {on!r}")
+        return self.once(("boundary", on), lambda: self._boundary(on))
+
+    def _boundary(self, on: str) -> Quadrature:
+        if on in NAMES:
+            rule = self.cut.face(on, self.q)
+        else:
+            rule = self.once("skin", lambda: self.cut.surface(self.q))
+            if on != "surface":
+                rule = _one_set(rule, SURFACES.index(on) - 1)
+        if not len(rule):
+            raise GeometryError(f"on={on!r}: the solid has no area there; choose another place")
+        return on_cells(in_space(rule), self.volume.cells)
+
+    # ---------------------------------------------------------------- discretisation
+
+    def assembly(self, parts: IntArray, *, weak: bool) -> Assembly:
+        """Functions on the cells of some parts.
+
+        Parameters
+        ----------
+        parts : ndarray
+            Numbers of parts.
+        weak : bool
+            Whether there are weak supports; jumps are penalised then in any case.
+
+        Returns
+        -------
+        Assembly
+            The same one for the same parts.
+        """
+        return self.once(("assembly", tuple(parts), weak), lambda: self._assembly(parts, weak))
+
+    def _assembly(self, parts: IntArray, weak: bool) -> Assembly:
+        cells = self.parts.cells[np.isin(self.parts.labels, parts)]
+        space = SplineSpace(self.cut.grid, self.degree, cells)
+        if not weak and self.stabilization != "ghost":
+            return Assembly(space, self.cut.through)
+        weight = self.weight if self.stabilization == "ghost" else None
+        if weight is None:
+            weight = (GHOST_NITSCHE if weak else GHOST)[self.degree]
+        faces = ghost_faces(self.cut, self.wet, cells, weight)
+        return Assembly(space, self.cut.through, faces)
+
+    def stiff_rule(self, asm: Assembly, *, constant: bool) -> Quadrature:
+        """Rule for stiffness: with the weighted void, compressed where that loses nothing."""
+
+        def make() -> Quadrature:
+            rule = on_cells(self.volume, asm.space.cells)
+            if constant and self.degree == 1 and asm.affine is not None:
+                small = rule.compressed(2)
+                rule = small if len(small) < len(rule) else rule
+            if self.stabilization != "void":
+                return rule
+            assert self.weight is not None
+            return void_rule(self.cut, rule, self.degree + 1, self.weight, 1.0 - self.weight)
+
+        return self.once(("stiff", asm, constant), make)
+
+    def void(self, asm: Assembly) -> Quadrature:
+        """Rule, in parameters, on the weighted void part of cut cells; weights may be negative."""
+        cells = np.intersect1d(asm.space.cells, self.cut.cells(CUT))
+        rule = on_cells(self.volume, cells)
+        assert self.weight is not None
+        return void_rule(self.cut, rule, self.degree + 1, self.weight, -self.weight)
+
+    def solid(self, asm: Assembly) -> Quadrature:
+        """Rule in space on the active cells, with `parameters`."""
+        return self.once(("solid", asm), lambda: in_space(on_cells(self.volume, asm.space.cells)))
+
+    def edge(self, asm: Assembly, on: str) -> Quadrature:
+        """Rule in space on the boundary of the active cells; see `boundary`."""
+        return self.once(("edge", asm, on), lambda: on_cells(self.boundary(on), asm.space.cells))
+
+    # ---------------------------------------------------------------- resolution
+
+    @cached_property
+    def cells_per_thickness(self) -> float:
+        """Least thickness of the wall in lengths of cells; infinite for solids that are no walls.
+
+        The length of a cell is its longest edge in space. The least of 99 % of the cut cells.
+        """
+        if self.wall is None or self.wall.thickness.solid:
+            return np.inf
+        box = self.cut.grid.boxes(self.cut.cells(CUT))
+        if not len(box):
+            return np.inf
+        u = box[:, :3] + 0.5 * box[:, 3:]
+        assert self.cut.through is not None
+        edges = np.linalg.norm(self.cut.through.jacobian(u), axis=1) * box[:, 3:]
+        t = self.wall.thickness
+        thick = t.outer(u) + (t.outer(u) if t.symmetric else t.inner(u))
+        return float(np.quantile(thick / edges.max(axis=1), 0.01))
+
+    def warn_coarse(self) -> None:
+        """Warn of a grid that does not resolve the wall."""
+        resolved = self.degree * self.cells_per_thickness
+        if resolved < COARSE:
+            warnings.warn(
+                f"the wall is {self.cells_per_thickness:.2g} cells thick: with degree "
+                f"{self.degree} results are too stiff below {COARSE / self.degree:g} cells; take "
+                "finer cells, or a higher degree",
+                PrecisionWarning,
+                stacklevel=4,
+            )
+
+
+def in_space(rule: Quadrature) -> Quadrature:
+    """A rule in space, with `parameters` also if there is no map."""
+    if rule.through is not None:
+        return rule.in_space()
+    return replace(rule, parameters=rule.points)
+
+
+def _one_set(rule: Quadrature, number: int) -> Quadrature:
+    """The points of a surface rule that lie on one level set."""
+    assert rule.sets is not None
+    assert rule.normals is not None
+    keep = rule.sets == number
+    counts = np.bincount(rule.owners[keep], minlength=len(rule.cells))
+    some = counts > 0
+    return replace(
+        rule,
+        points=rule.points[keep],
+        weights=rule.weights[keep],
+        normals=rule.normals[keep],
+        sets=rule.sets[keep],
+        cells=rule.cells[some],
+        offsets=np.append(0, np.cumsum(counts[some])),
+    )
+
+
+def as_domain(
+    field: Any, cells: Any, *, degree: int, q: int | None, stabilization: str,
+    weight: float | None, domain: Any, through: Any,
+) -> Domain:  # fmt: skip
+    """Check the arguments that all problems share.
+
+    Parameters
+    ----------
+    field : Wall, BSpline, callable, pair of fields, CutGrid or Domain
+        The solid; of a `Domain` everything is kept.
+    cells, domain, through : optional
+        As in `cut`.
+    degree, q, stabilization, weight : optional
+        As in `Domain`.
+
+    Returns
+    -------
+    Domain
+        Nothing is integrated yet.
+
+    Raises
+    ------
+    InputError
+        If an argument is wrong.
+    """
+    if isinstance(field, Domain):
+        return field
+    if isinstance(degree, bool) or degree not in DEGREES:
+        raise InputError(f"degree must be 1, 2 or 3, got {degree!r}")
+    q = degree + 1 if q is None else q
+    if isinstance(q, bool) or q not in range(1, MOST_POINTS + 1):
+        raise InputError(f"q must be a whole number from 1 to {MOST_POINTS}, got {q!r}")
+    if stabilization not in STABILIZATIONS:
+        raise InputError(f"stabilization must be one of {STABILIZATIONS}, got {stabilization!r}")
+    if stabilization == "auto":
+        stabilization = "void" if degree == 1 else "ghost"
+    weight = None if weight is None else as_positive("weight", weight)
+    if stabilization == "void" and weight is None:
+        weight = GUARD
+    if stabilization == "void" and weight is not None and weight > 1.0:
+        raise InputError(f"weight of the void must not exceed 1, got {weight!r}")
+    grid = field if isinstance(field, CutGrid) else cut(field, cells, domain=domain,
+                                                        through=through)  # fmt: skip
+    wall = field if isinstance(field, Wall) else None
+    return Domain(grid, int(degree), int(q), stabilization, weight, wall)

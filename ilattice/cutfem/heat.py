@@ -1,0 +1,444 @@
+"""Heat conduction on a solid that is cut out of a grid, steady or in time.
+
+::
+
+    problem = il.cutfem.Heat(wall, cells=(64, 8, 8), conductivity=200.0)
+    problem = problem.fix("w=0", 20.0).convection("surface", 50.0, around=80.0)
+    temperature = problem.solve()
+
+The same functions, rules and stabilization as for `Elasticity`, with one unknown per node.
+
+Guarantees: heat that enters leaves or is stored, to the tolerance of the solver; no oscillation
+in time with the default, the implicit method of Euler, beyond that of the space. Non-guarantee:
+conductivity and capacity do not depend on temperature; near walls that heat has not reached yet
+consistent masses may undershoot by a fraction of the step.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+import numpy as np
+
+from ilattice._typing import ArrayLike, FloatArray
+from ilattice._validate import as_points, as_positive
+from ilattice.cutfem import _kernels_assembly as kernels
+from ilattice.cutfem._kernels_surface import surface_scalars
+from ilattice.cutfem.assembly import on_cells
+from ilattice.cutfem.conditions import Spring, Support, as_value, values_at
+from ilattice.cutfem.domain import as_domain
+from ilattice.cutfem.material import Property, Scalar
+from ilattice.cutfem.problem import Problem
+from ilattice.cutfem.rules import Quadrature
+from ilattice.cutfem.solvers import Solver
+from ilattice.cutfem.weak import NITSCHE, cell_heights
+from ilattice.errors import InputError
+
+if TYPE_CHECKING:
+    from ilattice.cutfem.solvers import SolveReport
+
+
+@dataclass(frozen=True, eq=False, init=False, repr=False)
+class Heat(Problem):
+    """Heat conduction in a solid.
+
+    Parameters
+    ----------
+    field : Wall, BSpline, callable, pair of fields, CutGrid, or Domain
+        The solid, as in `cut`. The `domain` of another problem shares its rules and pattern.
+    cells : int, sequence of 3 int or Grid, optional
+        Background grid, as in `cut`.
+    conductivity, capacity : float, str or callable, keyword-only
+        Heat per length, time and degree; heat per volume and degree. A callable takes points of
+        space (n, 3); a name is that of a property of the lattice.
+    degree, q, stabilization, weight, islands, domain, through : keyword-only
+        As in `Elasticity`.
+
+    Raises
+    ------
+    InputError
+        If an argument is wrong.
+    GeometryError
+        If the solid is empty.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import ilattice as il
+    >>> bar = lambda u: -np.ones(len(u))
+    >>> problem = il.cutfem.Heat(bar, 2, domain=[[0, 0, 0], [1, 1, 4]])
+    >>> steady = problem.fix("w=0", 0.0).fix("w=1", 8.0).solve()
+    >>> float(round(steady.evaluate([[0.5, 0.5, 1.0]])[0], 9))
+    2.0
+    """
+
+    m: ClassVar[int] = 1
+    lack: ClassVar[str] = "nothing fixes the temperature: add fix or convection before solving"
+    conductivity: Scalar
+    capacity: Scalar
+
+    def __init__(
+        self, field: Any, cells: Any = None, *, conductivity: Property = 1.0,
+        capacity: Property = 1.0, degree: int = 2, q: int | None = None,
+        stabilization: str = "auto", weight: float | None = None, islands: str = "drop",
+        domain: Any = None, through: Any = None,
+    ) -> None:  # fmt: skip
+        where = as_domain(
+            field, cells, degree=degree, q=q, stabilization=stabilization, weight=weight,
+            domain=domain, through=through,
+        )  # fmt: skip
+        super().__init__(where, islands)
+        lattice = None if where.wall is None else where.wall.lattice
+        self._set(
+            conductivity=Scalar("conductivity", conductivity, lattice=lattice),
+            capacity=Scalar("capacity", capacity, lattice=lattice),
+        )
+
+    # ---------------------------------------------------------------- verbs
+
+    def fix(self, on: str, value: Any, *, method: str = "auto") -> Self:
+        """Prescribe the temperature on an end face or a level set.
+
+        Parameters
+        ----------
+        on : {"u=0", "u=1", "v=0", "v=1", "w=0", "w=1", "surface", "outer", "inner"}
+            As in `Elasticity.clamp`.
+        value : float or callable
+            Temperature; a callable takes points of space (n, 3).
+        method : {"auto", "strong", "nitsche"}
+            As in `Elasticity.clamp`.
+
+        Returns
+        -------
+        Heat
+            A new problem.
+        """
+        return self._supported(on, None, value, method, "value")
+
+    def convection(self, on: str, transfer: Any, *, around: Any) -> Self:
+        """Exchange heat with what is around.
+
+        Parameters
+        ----------
+        on : str
+            As in `fix`.
+        transfer : float or callable
+            Heat per area, time and degree.
+        around : float or callable
+            Temperature around.
+
+        Returns
+        -------
+        Heat
+            A new problem.
+        """
+        return self._sprung(on, transfer, around, "transfer")
+
+    def flux(self, on: str, value: Any) -> Self:
+        """Let heat flow in through an end face or a level set.
+
+        Parameters
+        ----------
+        on : str
+            As in `fix`.
+        value : float or callable
+            Heat per area and time into the solid.
+
+        Returns
+        -------
+        Heat
+            A new problem.
+        """
+        return self._loaded("flux", value, 1, on)
+
+    def source(self, value: Any) -> Self:
+        """Generate heat in the solid.
+
+        Parameters
+        ----------
+        value : float or callable
+            Heat per volume and time.
+
+        Returns
+        -------
+        Heat
+            A new problem.
+        """
+        return self._loaded("source", value, 1)
+
+    def solve(
+        self, *, method: str = "auto", tol: float = 1e-8, max_iterations: int = 500
+    ) -> "HeatSolution":
+        """Solve for the steady temperature.
+
+        Parameters
+        ----------
+        method, tol, max_iterations : str, float, int
+            As in `Elasticity.solve`.
+
+        Returns
+        -------
+        HeatSolution
+            Temperature, flux, heat through every place.
+
+        Raises
+        ------
+        InputError
+            If nothing fixes the temperature.
+        ConvergenceError
+            If the tolerance is not reached.
+        """
+        c, report = self._solve(method, tol, max_iterations)
+        return HeatSolution(self, c, report)
+
+    def evolve(
+        self, duration: float, *, steps: int, initial: Any = 0.0, theta: float = 1.0,
+        method: str = "auto", tol: float = 1e-8, max_iterations: int = 500,
+    ) -> "tuple[HeatSolution, ...]":  # fmt: skip
+        """Temperature in time, with supports and sources that stay as they are.
+
+        Parameters
+        ----------
+        duration : float
+            Length of time.
+        steps : int
+            Equal steps; one factor serves all.
+        initial : float or callable
+            Temperature at the start; a callable is interpolated on the grid.
+        theta : float
+            1 for the implicit method of Euler, of first order; 1/2 for the trapezoidal rule, of
+            second, which may oscillate.
+        method, tol, max_iterations : str, float, int
+            As in `Elasticity.solve`.
+
+        Returns
+        -------
+        tuple of HeatSolution
+            steps + 1 of them, the start included.
+
+        Raises
+        ------
+        InputError
+            If an argument is wrong.
+        ConvergenceError
+            If the tolerance is not reached.
+        """
+        dt = as_positive("duration", duration) / as_steps(steps)
+        if not 0.5 <= theta <= 1.0:
+            raise InputError(f"theta must be from 1/2 to 1, got {theta!r}")
+        asm, con = self.assembly, self.constraints
+        M, K = self._capacity(), self.matrix
+        data = M.data + theta * dt * K.data
+        A = asm.pattern.matrix(data)
+        solver = Solver(
+            con.reduce(A), near_nullspace=self.system.near_nullspace, method=method,
+            places=self.system.places,
+        )  # fmt: skip
+        c = np.where(con.fixed, con.values, self._initial(initial))
+        f = (self.forces() + self._from_supports()).ravel()
+        out = [HeatSolution(self, c, None)]
+        for _ in range(int(steps)):
+            old = c.ravel()
+            b = M @ old - (1.0 - theta) * dt * (K @ old) + dt * f - A @ con.values.ravel()
+            b = con.restrict(b[:, None]).ravel()
+            x, report = np.zeros_like(b), None
+            if b.any():
+                x, report = solver.solve(b, tol=tol, max_iterations=max_iterations)
+            c = con.expand(x[:, None])
+            out.append(HeatSolution(self, c, report))
+        return tuple(out)
+
+    # ---------------------------------------------------------------- operators
+
+    def _matrix(self) -> Any:
+        asm = self.assembly
+        data = asm.zeros(1)
+        rule = self.domain.stiff_rule(asm, constant=self.conductivity.constant)
+        k = self.conductivity.at(asm, rule.points)
+        d = k[:, None] * np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+        asm.add_cells(data, rule, kernels.TENSOR, d)
+        asm.add_ghost(data, lambda u: self.conductivity.at(asm, u))
+        for support in self.in_the_mean:
+            self._add_surface(data, support)
+        return asm.pattern.matrix(data)
+
+    def _capacity(self) -> Any:
+        asm = self.assembly
+        data = asm.zeros(1)
+        rule = on_cells(self.domain.volume, asm.space.cells)
+        asm.add_cells(data, rule, kernels.MASS, self.capacity.at(asm, rule.points)[:, None])
+        return asm.pattern.matrix(data)
+
+    def _initial(self, initial: Any) -> FloatArray:
+        value, asm = as_value("initial", initial, 1), self.assembly
+        c = asm.space.interpolate(lambda u: values_at("initial", value, asm.x(u), 1))
+        return c.reshape(-1, 1)[asm.space.functions]
+
+    def surface_terms(self, support: Spring | Support) -> tuple[Quadrature, FloatArray, FloatArray]:
+        """Rule in space, transfer Q (n,) and conductivity of fluxes (n,) of a weak condition.
+
+        Parameters
+        ----------
+        support : Spring or Support
+            Convection, or a weakly prescribed temperature.
+
+        Returns
+        -------
+        tuple
+            Rule, Q and conductivity; that is zero for convection.
+        """
+        asm = self.assembly
+        rule = self.domain.edge(asm, support.on)
+        assert rule.parameters is not None
+        if isinstance(support, Spring):
+            Q = values_at("transfer", support.stiffness, rule.points, 1)[:, 0]
+            return rule, Q, np.zeros(len(rule))
+        k = np.array(np.broadcast_to(self.conductivity.at(asm, rule.parameters), len(rule)))
+        return rule, NITSCHE * asm.space.degree**2 * k / cell_heights(asm, rule), k
+
+    def _add_surface(self, data: FloatArray, support: Spring | Support) -> None:
+        asm = self.assembly
+        rule, Q, k = self.surface_terms(support)
+        assert rule.parameters is not None
+        assert rule.normals is not None
+        size = asm.space.dofs.shape[1]
+        for at, part, rows in asm.batches(rule, size * size):
+            A = np.empty((len(at), size, size))
+            u = rule.parameters[rows]
+            surface_scalars(
+                *asm.space.tables, asm.space.places[at], asm.space.boxes[at],
+                rule.offsets[part.start : part.stop + 1] - rows.start, u, rule.weights[rows],
+                asm.jacobians(u), rule.normals[rows], Q[rows], k[rows], A,
+            )  # fmt: skip
+            asm.add_blocks(data, at, A)
+
+    def _from_supports(self) -> FloatArray:
+        f = np.zeros((len(self.assembly.space), 1))
+        for support in self.in_the_mean:
+            rule, Q, k = self.surface_terms(support)
+            g = values_at("value", support.value, rule.points, 1)[:, 0]
+            w = rule.weights * g
+            assert rule.normals is not None
+            P = (-w * k)[:, None, None] * rule.normals[:, None, :]
+            f += self.assembly.vector(rule, (w * Q)[:, None], P)
+        return f
+
+    def forces(self) -> FloatArray:
+        """Sources and fluxes as coefficients.
+
+        Returns
+        -------
+        ndarray, shape (functions, 1)
+            Their sum is the heat that enters in unit time.
+        """
+        f = np.zeros((len(self.assembly.space), 1))
+        for load in self.loads:
+            asm = self.assembly
+            rule = self.domain.edge(asm, load.on) if load.on else self.domain.solid(asm)
+            value = values_at(load.kind, load.value, rule.points, 1)
+            f += asm.vector(rule, rule.weights[:, None] * value)
+        return f
+
+    def _motions(self, x: FloatArray) -> FloatArray:
+        return np.ones((len(x), 1, 1))
+
+    def inflow(self, solution: "HeatSolution") -> dict[str, float]:
+        """Heat per time that enters through places of fixed temperature and of convection.
+
+        Parameters
+        ----------
+        solution : HeatSolution
+            Steady temperature.
+
+        Returns
+        -------
+        dict of str to float
+            Sums over all conditions of each place.
+        """
+        out = {on: float(r[0]) for on, r in self._strong_reactions(solution.coefficients).items()}
+        for support in self.in_the_mean:
+            rule, Q, k = self.surface_terms(support)
+            assert rule.normals is not None
+            g = values_at("value", support.value, rule.points, 1)[:, 0]
+            total = 0.0
+            for rows, T, slope in self.assembly.on_rule(solution.coefficients, rule):
+                along = np.einsum("qi,qi->q", slope[:, 0], rule.normals[rows])
+                flow = Q[rows] * (g[rows] - T[:, 0]) + k[rows] * along
+                total += float(rule.weights[rows] @ flow)
+            out[support.on] = out.get(support.on, 0.0) + total
+        return out
+
+
+@dataclass(frozen=True, eq=False)
+class HeatSolution:
+    """Temperature of a solid: made by `Heat.solve` and `Heat.evolve`.
+
+    Attributes
+    ----------
+    problem : Heat
+        What was solved.
+    coefficients : ndarray, shape (functions, 1)
+        Of the splines.
+    report : SolveReport or None
+        What the solver says; None if nothing was free.
+    """
+
+    problem: Heat
+    coefficients: FloatArray
+    report: "SolveReport | None"
+
+    def evaluate(self, u: ArrayLike) -> FloatArray:
+        """Temperature at parameters.
+
+        Parameters
+        ----------
+        u : array_like, shape (n, 3)
+            Parameters.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Temperature; NaN more than a cell away from the solid.
+        """
+        return self.problem.assembly.evaluate(self.coefficients, as_points("u", u))[0][:, 0]
+
+    def heat_flux(self, u: ArrayLike) -> FloatArray:
+        """Heat flux at parameters.
+
+        Parameters
+        ----------
+        u : array_like, shape (n, 3)
+            Parameters.
+
+        Returns
+        -------
+        ndarray, shape (n, 3)
+            Minus conductivity times the gradient of the temperature in space.
+        """
+        p = as_points("u", u)
+        asm = self.problem.assembly
+        k = self.problem.conductivity.at(asm, p)
+        return -k[:, None] * asm.evaluate(self.coefficients, p)[1][:, 0]
+
+    @cached_property
+    def inflow(self) -> dict[str, float]:
+        """Heat per time that enters through places of fixed temperature and of convection."""
+        return self.problem.inflow(self)
+
+    @cached_property
+    def stored(self) -> float:
+        """Heat in the solid: the integral of capacity times temperature."""
+        problem = self.problem
+        rule = problem.domain.solid(problem.assembly)
+        assert rule.parameters is not None
+        c, total = problem.capacity.at(problem.assembly, rule.parameters), 0.0
+        for rows, T, _ in problem.assembly.on_rule(self.coefficients, rule):
+            total += float((rule.weights[rows] * (c if len(c) == 1 else c[rows])) @ T[:, 0])
+        return total
+
+
+def as_steps(steps: Any) -> int:
+    """A whole number of at least 1, or `InputError`."""
+    if isinstance(steps, bool) or not isinstance(steps, int | np.integer) or steps < 1:
+        raise InputError(f"steps must be a whole number of at least 1, got {steps!r}")
+    return int(steps)

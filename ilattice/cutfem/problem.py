@@ -1,0 +1,293 @@
+"""What problems on a solid share: which parts are held, systems, and how they are solved.
+
+Guarantees: parts that nothing holds are found before a system is made, and reported with volume
+and place; so is a body that is held, but free to move as a whole. Nothing is changed in place:
+every verb returns a new problem, which shares rules, patterns and, where supports and material are
+the same, matrices. A solve that does not reach its tolerance raises.
+"""
+
+import warnings
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from ilattice._typing import FloatArray, IntArray
+from ilattice.cutfem.assembly import Assembly
+from ilattice.cutfem.conditions import Load, Spring, Support, as_mask, as_place, as_value
+from ilattice.cutfem.constraints import Constraints, constraints
+from ilattice.cutfem.domain import Domain
+from ilattice.cutfem.rules import NAMES
+from ilattice.cutfem.solvers import Solver, SolveReport
+from ilattice.errors import GeometryError, InputError, PrecisionWarning
+
+ISLANDS = ("drop", "refuse")
+#: A motion is free if its share in what is held is below this.
+FREE = 1e-10
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """Linear equations of a problem, on the nodes that are not prescribed.
+
+    Attributes
+    ----------
+    K : bsr_array
+        Symmetric matrix of blocks.
+    b : ndarray, shape (n,)
+        Right-hand side.
+    near_nullspace : ndarray, shape (n, k)
+        Rigid motions, or the constant, at the places of nodes in space.
+    places : ndarray, shape (nodes, 3)
+        Where the nodes are, in space.
+    constraints : Constraints
+        What is prescribed, to go back to all coefficients.
+    """
+
+    K: Any
+    b: FloatArray
+    near_nullspace: FloatArray
+    places: FloatArray
+    constraints: Constraints
+
+
+@dataclass(frozen=True, eq=False, init=False, repr=False)
+class Problem:
+    """A solid with supports and loads; use `Elasticity` or `Heat`.
+
+    Attributes
+    ----------
+    domain : Domain
+        The solid on its grid.
+    islands : {"drop", "refuse"}
+        What is done with parts that nothing holds.
+    supports : tuple of Support
+        Prescribed values.
+    springs : tuple of Spring
+        Stiffness per area.
+    loads : tuple of Load
+        What acts.
+    """
+
+    domain: Domain
+    islands: str
+    supports: tuple[Support, ...]
+    springs: tuple[Spring, ...]
+    loads: tuple[Load, ...]
+    _held: dict[Any, Any]  # matrices and solvers, shared by problems with the same supports
+
+    m: ClassVar[int]
+    lack: ClassVar[str] = "nothing holds the solid: add a support before solving"
+
+    def __init__(self, domain: Domain, islands: str) -> None:
+        if islands not in ISLANDS:
+            raise InputError(f"islands must be one of {ISLANDS}, got {islands!r}")
+        self._set(
+            domain=domain, islands=islands, supports=(), springs=(), loads=(), _held={}
+        )  # fmt: skip
+
+    def _set(self, **values: Any) -> None:
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    def _with(self, **changes: Any) -> Self:
+        """A copy with some attributes changed, and nothing computed."""
+        new = object.__new__(type(self))
+        new._set(**{f.name: getattr(self, f.name) for f in fields(self)})
+        new._set(**changes)
+        return new
+
+    def __repr__(self) -> str:
+        counts = f"{len(self.supports) + len(self.springs)} supports, {len(self.loads)} loads"
+        shape = "×".join(map(str, self.domain.cut.grid.shape))
+        return f"{type(self).__name__}({shape} cells, degree {self.domain.degree}, {counts})"
+
+    # ---------------------------------------------------------------- verbs
+
+    def _supported(self, on: Any, components: Any, value: Any, method: str, name: str) -> Self:
+        place = as_place(on)
+        if method not in ("auto", "strong", "nitsche"):
+            raise InputError(f"method must be 'auto', 'strong' or 'nitsche', got {method!r}")
+        if method == "strong" and place not in NAMES:
+            raise InputError(f"on={on!r}: level sets are held by method='nitsche' only")
+        weak = method == "nitsche" or place not in NAMES
+        new = Support(place, as_mask(components, self.m), as_value(name, value, self.m), weak)
+        self.domain.boundary(place)
+        return self._with(supports=(*self.supports, new), _held={})
+
+    def _sprung(self, on: Any, stiffness: Any, value: Any, name: str) -> Self:
+        k = as_value(name, stiffness, self.m)
+        if not callable(k) and (np.min(k) < 0 or np.max(k) <= 0):
+            raise InputError(f"{name} must not be negative, and not all zero, got {stiffness!r}")
+        new = Spring(as_place(on), k, as_value("value", value, self.m))
+        self.domain.boundary(new.on)
+        return self._with(springs=(*self.springs, new), _held={})
+
+    def _loaded(self, kind: str, value: Any, m: int, on: str = "") -> Self:
+        value = value if hasattr(value, "evaluate") else as_value(kind, value, m)
+        if on:
+            self.domain.boundary(as_place(on))
+        return self._with(loads=(*self.loads, Load(kind, value, on)))
+
+    @property
+    def in_the_mean(self) -> tuple[Spring | Support, ...]:
+        """Springs and weak supports: what is added to the matrix."""
+        return (*self.springs, *(s for s in self.supports if s.weak))
+
+    # ---------------------------------------------------------------- parts
+
+    @cached_property
+    def parts(self) -> tuple[IntArray, IntArray]:
+        """Numbers of the parts that are held, and of those that nothing holds.
+
+        Without any support or spring all parts count as held.
+        """
+        count = len(self.domain.parts)
+        places = {c.on for c in self.supports} | {c.on for c in self.springs}
+        if not places:
+            return np.arange(count), np.zeros(0, np.int64)
+        touching = [self.domain.parts.touching(self.domain.boundary(on).cells) for on in places]
+        held = np.unique(np.concatenate(touching))
+        return held, np.setdiff1d(np.arange(count), held)
+
+    @cached_property
+    def assembly(self) -> Assembly:
+        """Functions on the parts that are held.
+
+        Raises
+        ------
+        GeometryError
+            If nothing is held, or something is not with ``islands="refuse"``.
+        """
+        held, loose = self.parts
+        what = self.domain.parts
+        if not len(held):
+            raise GeometryError("no part of the solid touches a support; move the supports")
+        if len(loose) and self.islands == "refuse":
+            raise GeometryError(
+                f"nothing holds {what.describe(loose)}; islands='drop' leaves them out"
+            )
+        if len(loose):
+            warnings.warn(
+                f"left out, because nothing holds them: {what.describe(loose)}",
+                PrecisionWarning,
+                stacklevel=4,
+            )
+        return self.domain.assembly(held, weak=any(s.weak for s in self.supports))
+
+    @cached_property
+    def constraints(self) -> Constraints:
+        """Prescribed coefficients."""
+        return constraints(self.domain, self.assembly, self.supports, self.m)
+
+    def _strong_reactions(self, c: FloatArray) -> dict[str, FloatArray]:
+        """Sums (m,) of what is missing in the equations of prescribed coefficients, by place."""
+        out: dict[str, FloatArray] = {}
+        r = (self.matrix @ c.ravel()).reshape(c.shape) - self.forces() - self._from_supports()
+        for number, s in enumerate(self.supports):
+            if not s.weak:
+                mine = np.where(self.constraints.owner == number, r, 0.0).sum(axis=0)
+                out[s.on] = out.get(s.on, 0.0) + mine
+        return out
+
+    # ---------------------------------------------------------------- systems
+
+    @property
+    def matrix(self) -> Any:
+        """Stiffness with stabilization, springs and weak supports, before anything is fixed."""
+        if "matrix" not in self._held:
+            self._held["matrix"] = self._matrix()
+        return self._held["matrix"]
+
+    def _matrix(self) -> Any:
+        raise NotImplementedError
+
+    def forces(self) -> FloatArray:
+        """Loads (functions, m), without what comes from supports and springs."""
+        raise NotImplementedError
+
+    def _from_supports(self) -> FloatArray:
+        raise NotImplementedError
+
+    def _motions(self, x: FloatArray) -> FloatArray:
+        """Motions (n, m, k) without energy at points of space."""
+        raise NotImplementedError
+
+    @cached_property
+    def system(self) -> System:
+        """The equations, prescribed coefficients eliminated."""
+        con, x = self.constraints, self.assembly.coordinates
+        f = self.forces() + self._from_supports()
+        if con.values.any():
+            f -= (self.matrix @ con.values.ravel()).reshape(f.shape)
+        size = np.ptp(x, axis=0).max()
+        motions = self._motions((x - x.mean(axis=0)) / size)
+        motions = np.where(con.fixed[:, :, None], 0.0, motions)[con.nodes]
+        return System(
+            self._reduced(), con.restrict(f).ravel(), motions.reshape(-1, motions.shape[2]),
+            x[con.nodes], con,
+        )  # fmt: skip
+
+    def _reduced(self) -> Any:
+        if "reduced" not in self._held:
+            self._held["reduced"] = self.constraints.reduce(self.matrix)
+        return self._held["reduced"]
+
+    def check_held(self) -> None:
+        """Refuse a body that is free to move.
+
+        Raises
+        ------
+        InputError
+            If there is no support, or a motion of a part without energy is free.
+        """
+        if not self.supports and not self.springs:
+            raise InputError(self.lack)
+        for part in self.parts[0]:
+            gram = self._held_motions(int(part))
+            values = np.linalg.eigvalsh(gram / max(np.trace(gram), 1e-300))
+            free = int((values < FREE).sum())
+            if free:
+                raise InputError(
+                    f"{free} of {len(values)} motions of a rigid body are free in "
+                    f"{self.domain.parts.describe(np.array([part]))}; hold more components"
+                )
+
+    def _held_motions(self, part: int) -> FloatArray:
+        """Products (k, k) of the motions of one part in what is held, in units of its size."""
+        asm, parts = self.assembly, self.domain.parts
+        mine = np.searchsorted(asm.space.cells, parts.cells[parts.labels == part])
+        nodes = np.unique(asm.space.dofs[mine])
+        x = asm.coordinates
+        centre, size = x[nodes].mean(axis=0), np.ptp(x[nodes], axis=0).max()
+        held = self._motions((x[nodes] - centre) / size)[self.constraints.fixed[nodes]]
+        gram = held.T @ held
+        weak = [(s.on, s.mask) for s in self.supports if s.weak]
+        weak += [(s.on, np.ones(self.m, bool)) for s in self.springs]
+        for on, mask in weak:
+            rule = self.domain.edge(asm, on)
+            inside = np.isin(rule.cells, asm.space.cells[mine])[rule.owners]
+            at = self._motions((rule.points[inside] - centre) / size)[:, mask]
+            at = at.reshape(-1, gram.shape[0])
+            gram += at.T @ at
+        return gram
+
+    def _solve(
+        self, method: str, tol: float, max_iterations: int
+    ) -> tuple[FloatArray, SolveReport | None]:
+        """All coefficients, and what the solver reports."""
+        self.check_held()
+        system = self.system
+        if not len(system.b):
+            return system.constraints.values, None
+        key = ("solver", method)
+        if key not in self._held:
+            self._held[key] = Solver(
+                system.K, near_nullspace=system.near_nullspace, method=method,
+                places=system.places,
+            )  # fmt: skip
+        if not system.b.any():
+            return system.constraints.values, None
+        x, report = self._held[key].solve(system.b, tol=tol, max_iterations=max_iterations)
+        return system.constraints.expand(x.reshape(-1, self.m)), report

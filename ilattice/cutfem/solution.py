@@ -1,0 +1,325 @@
+"""Displacements, strains and stresses of a solved problem, energies, reactions, files, pictures.
+
+Guarantees: fields are those of the splines, evaluated anywhere in the solid, not interpolated;
+loads and reactions are in equilibrium, and work and energy agree, as well as the equations are
+solved.
+Non-guarantees: stresses are the derivatives of the displacement, an order less accurate, and are
+not averaged; outside the solid fields are continued by one cell, then NaN.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ilattice._typing import ArrayLike, FloatArray
+from ilattice._validate import as_points, as_positive
+from ilattice.cutfem.elasticity import Elasticity
+from ilattice.cutfem.rules import Quadrature
+from ilattice.errors import InputError
+
+if TYPE_CHECKING:
+    from os import PathLike
+
+    from ilattice.cutfem.solvers import SolveReport
+    from ilattice.mesh import SurfaceMesh
+
+VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Displacement of an elastic solid: made by `Elasticity.solve`.
+
+    Attributes
+    ----------
+    problem : Elasticity
+        What was solved.
+    coefficients : ndarray, shape (functions, 3)
+        Of the splines.
+    report : SolveReport or None
+        What the solver says; None if nothing was free.
+    """
+
+    problem: Elasticity
+    coefficients: FloatArray
+    report: "SolveReport | None"
+
+    def __repr__(self) -> str:
+        return f"Solution({len(self.coefficients)} functions, energy {self.energy:.6g})"
+
+    # ---------------------------------------------------------------- fields
+
+    def evaluate(self, u: ArrayLike) -> FloatArray:
+        """Displacement at parameters.
+
+        Parameters
+        ----------
+        u : array_like, shape (n, 3)
+            Parameters.
+
+        Returns
+        -------
+        ndarray, shape (n, 3)
+            Displacement; NaN more than a cell away from the solid.
+        """
+        return self._fields(u)[0]
+
+    displacement = evaluate
+
+    def strain(self, u: ArrayLike) -> FloatArray:
+        """Strain at parameters.
+
+        Parameters
+        ----------
+        u : array_like, shape (n, 3)
+            Parameters.
+
+        Returns
+        -------
+        ndarray, shape (n, 6)
+            xx, yy, zz, yz, xz, xy with engineering shear.
+        """
+        return engineering_strain(self._fields(u)[1])
+
+    def stress(self, u: ArrayLike) -> FloatArray:
+        """Stress at parameters.
+
+        Parameters
+        ----------
+        u : array_like, shape (n, 3)
+            Parameters.
+
+        Returns
+        -------
+        ndarray, shape (n, 6)
+            xx, yy, zz, yz, xz, xy.
+        """
+        p = as_points("u", u)
+        return self._stress(self._fields(p)[1], p)
+
+    def von_mises(self, u: ArrayLike) -> FloatArray:
+        """Von Mises stress at parameters.
+
+        Parameters
+        ----------
+        u : array_like, shape (n, 3)
+            Parameters.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            The equivalent stress.
+        """
+        return von_mises(self.stress(u))
+
+    def principal(self, u: ArrayLike) -> FloatArray:
+        """Principal stresses at parameters.
+
+        Parameters
+        ----------
+        u : array_like, shape (n, 3)
+            Parameters.
+
+        Returns
+        -------
+        ndarray, shape (n, 3)
+            Increasing; NaN where the stress is.
+        """
+        s = self.stress(u)
+        out = np.full((len(s), 3), np.nan)
+        good = np.isfinite(s).all(axis=1)
+        out[good] = np.linalg.eigvalsh(s[good][:, [[0, 5, 4], [5, 1, 3], [4, 3, 2]]])
+        return out
+
+    def stress_on(self, rule: Quadrature) -> FloatArray:
+        """Stress at the points of a rule in the active cells.
+
+        Parameters
+        ----------
+        rule : Quadrature
+            In parameters, or in space with `parameters`.
+
+        Returns
+        -------
+        ndarray, shape (n, 6)
+            As `stress`.
+        """
+        u = rule.points if rule.parameters is None else rule.parameters
+        out = np.empty((len(rule), 6))
+        for rows, _, gradient in self.problem.assembly.on_rule(self.coefficients, rule):
+            out[rows] = self._stress(gradient, u[rows])
+        return out
+
+    def _fields(self, u: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        return self.problem.assembly.evaluate(self.coefficients, as_points("u", u))
+
+    def _stress(self, gradient: FloatArray, u: FloatArray) -> FloatArray:
+        problem = self.problem
+        lam, mu = problem.material.lame(problem.assembly, u)
+        out = elastic_stress(gradient, lam, mu)
+        for load in problem.loads:
+            if load.kind == "temperature":
+                out[:, :3] -= problem.thermal_stress(load, u)[:, None]
+        return out
+
+    # ---------------------------------------------------------------- numbers
+
+    @cached_property
+    def energy(self) -> float:
+        """Strain energy of the solid, without springs and stabilization."""
+        rule = self.problem.domain.solid(self.problem.assembly)
+        return self._energy(rule, rule.weights)
+
+    def _energy(self, rule: Quadrature, weights: FloatArray) -> float:
+        u = rule.points if rule.parameters is None else rule.parameters
+        problem, total = self.problem, 0.0
+        for rows, _, gradient in problem.assembly.on_rule(self.coefficients, rule):
+            lam, mu = problem.material.lame(problem.assembly, u[rows])
+            density = 0.5 * elastic_stress(gradient, lam, mu) * engineering_strain(gradient)
+            total += float(weights[rows] @ density.sum(axis=1))
+        return total
+
+    @cached_property
+    def compliance(self) -> float:
+        """Work of the loads on the displacement: twice the energy where supports are at rest."""
+        return float((self.problem.forces() * self.coefficients).sum())
+
+    @cached_property
+    def stabilization_energy(self) -> float:
+        """Energy of what is no solid: weighted void, or penalty on jumps.
+
+        Compare it with `energy`: the share by which the answer is too stiff.
+        """
+        problem = self.problem
+        asm, domain = problem.assembly, problem.domain
+        total = 0.0
+        if domain.stabilization == "void":
+            void = domain.void(asm)
+            J = np.abs(np.linalg.det(asm.jacobians(void.points)))
+            total += self._energy(void, void.weights * J)
+        if asm.ghost is not None:
+            data = asm.zeros(3)
+            asm.add_ghost(data, problem.ghost_stiffness)
+            c = self.coefficients.ravel()
+            total += 0.5 * float(c @ (asm.pattern.matrix(data) @ c))
+        return total
+
+    @cached_property
+    def reactions(self) -> dict[str, FloatArray]:
+        """Force (3,) that each place of supports and springs exerts on the solid."""
+        return self.problem.reactions(self)
+
+    @cached_property
+    def equilibrium(self) -> float:
+        """Sum of loads and reactions, relative to the sum of what acts on all nodes."""
+        problem = self.problem
+        total = problem.forces().sum(axis=0) + sum(self.reactions.values())
+        inner = (problem.matrix @ self.coefficients.ravel()).reshape(-1, 3)
+        return float(np.abs(total).max() / max(np.abs(inner).sum(), 1e-300))
+
+    @property
+    def residual(self) -> float:
+        """Relative residual of the equations."""
+        return 0.0 if self.report is None else float(self.report.residual)
+
+    # ---------------------------------------------------------------- files and pictures
+
+    def surface(self, h: float | None = None, *, scale: float = 0.0) -> "SurfaceMesh":
+        """The mesh of the wall with displacement, stress and von Mises stress.
+
+        Parameters
+        ----------
+        h : float, optional
+            Length of edges, as in `Wall.mesh`.
+        scale : float
+            Factor of the displacement that is added to the vertices; 0 leaves the shape.
+
+        Returns
+        -------
+        SurfaceMesh
+            With point data ``displacement``, ``stress`` and ``von_mises``; parts that were left
+            out are left out.
+
+        Raises
+        ------
+        InputError
+            If the solid is no wall; `save` writes cells then.
+        """
+        from ilattice.cutfem.output import surface_of
+
+        return surface_of(self, None if h is None else as_positive("h", h), scale)
+
+    def save(
+        self, path: "str | PathLike[str]", *, on: str = "auto", h: float | None = None,
+        scale: float = 0.0,
+    ) -> None:  # fmt: skip
+        """Write a VTU file.
+
+        Parameters
+        ----------
+        path : path-like
+            File ending in ``.vtu``.
+        on : {"auto", "surface", "cells"}
+            The surface of the wall, or the active cells with the level sets, by which a viewer
+            can clip them; by default the surface if there is a wall.
+        h : float, optional
+            Length of edges of the surface.
+        scale : float
+            Factor of the displacement that is added to the points.
+
+        Raises
+        ------
+        InputError
+            If `on` is unknown.
+        FormatError
+            Another ending, or the file cannot be written.
+        """
+        from ilattice.cutfem.output import save
+
+        if on not in ("auto", "surface", "cells"):
+            raise InputError(f"on must be 'auto', 'surface' or 'cells', got {on!r}")
+        save(self, path, on, h, scale)
+
+    def plot(self, *, h: float | None = None, scale: float = 0.0, **options: Any) -> Any:
+        """Show the deformed wall, coloured by von Mises stress.
+
+        Parameters
+        ----------
+        h : float, optional
+            Length of edges.
+        scale : float
+            Factor of the displacement.
+        **options
+            Passed to ``pyvista.PolyData.plot``.
+
+        Returns
+        -------
+        object
+            What pyvista returns.
+        """
+        return self.surface(h, scale=scale).plot(**{"scalars": "von_mises", **options})
+
+
+def engineering_strain(gradient: FloatArray) -> FloatArray:
+    """Strain (n, 6) of displacement gradients (n, 3, 3), with engineering shear."""
+    g = gradient
+    out = np.empty((len(g), 6))
+    for k, (i, j) in enumerate(VOIGT):
+        out[:, k] = g[:, i, i] if i == j else g[:, i, j] + g[:, j, i]
+    return out
+
+
+def elastic_stress(gradient: FloatArray, lam: FloatArray, mu: FloatArray) -> FloatArray:
+    """Stress (n, 6) of displacement gradients (n, 3, 3)."""
+    e = engineering_strain(gradient)
+    out = mu[:, None] * e
+    out[:, :3] += mu[:, None] * e[:, :3] + (lam * e[:, :3].sum(axis=1))[:, None]
+    return out
+
+
+def von_mises(s: FloatArray) -> FloatArray:
+    """Equivalent stress (n,) of stresses (n, 6)."""
+    a, b, c = s[:, 0] - s[:, 1], s[:, 1] - s[:, 2], s[:, 2] - s[:, 0]
+    return np.sqrt(0.5 * (a * a + b * b + c * c) + 3.0 * (s[:, 3:] ** 2).sum(axis=1))

@@ -1,0 +1,142 @@
+"""Conditions on surfaces that are met in the mean: springs, and supports by Nitsche's method.
+
+The symmetric method of Nitsche, 1971, with the penalty 10 p² (2 μ u·v + λ (u·n)(v·n)) / h, where h
+is the height in space of the cell along the normal. On surfaces that cut cells it needs the ghost
+penalty, which problems with such supports always have.
+
+Guarantee: consistent, so that the order of the space is kept; symmetric.
+"""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ilattice._typing import FloatArray
+from ilattice.cutfem._kernels_surface import surface_blocks
+from ilattice.cutfem.assembly import Assembly
+from ilattice.cutfem.conditions import Spring, Support, values_at
+from ilattice.cutfem.rules import Quadrature
+
+if TYPE_CHECKING:
+    from ilattice.cutfem.elasticity import Elasticity
+    from ilattice.cutfem.solution import Solution
+
+NITSCHE = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class Terms:
+    """The integral of u·Q v - mask u·t(v) - mask v·t(u), with tractions t.
+
+    Attributes
+    ----------
+    rule : Quadrature
+        In space.
+    Q : ndarray, shape (n, 3, 3)
+        Symmetric stiffness per area.
+    lame : ndarray, shape (n, 2)
+        Lamé constants of the tractions; zero for springs.
+    mask : ndarray, shape (3,)
+        1 in components that are held.
+    """
+
+    rule: Quadrature
+    Q: FloatArray
+    lame: FloatArray
+    mask: FloatArray
+
+
+def elastic_terms(problem: "Elasticity", support: Spring | Support) -> Terms:
+    """Terms of a spring or a weak support."""
+    asm = problem.assembly
+    rule = problem.domain.edge(asm, support.on)
+    u, n = rule.parameters, rule.normals
+    assert u is not None
+    assert n is not None
+    if isinstance(support, Spring):
+        k = values_at("stiffness", support.stiffness, rule.points, 3)
+        return Terms(rule, k[:, :, None] * np.eye(3), np.zeros((len(u), 2)), np.zeros(3))
+    lame = np.stack([np.broadcast_to(v, len(u)) for v in problem.material.lame(asm, u)], axis=1)
+    scale = NITSCHE * asm.space.degree**2 / cell_heights(asm, rule)
+    mask = support.mask.astype(np.float64)
+    nn = n[:, :, None] * n[:, None, :] * (mask[:, None] * mask)
+    Q = 2 * lame[:, 1, None, None] * np.diag(mask) + lame[:, 0, None, None] * nn
+    return Terms(rule, scale[:, None, None] * Q, lame, mask)
+
+
+def add_elastic(data: FloatArray, problem: "Elasticity", terms: Terms) -> None:
+    """Add the matrix of terms to blocks."""
+    asm, rule = problem.assembly, terms.rule
+    assert rule.parameters is not None
+    assert rule.normals is not None
+    size = 3 * asm.space.dofs.shape[1]
+    for at, part, rows in asm.batches(rule, size * size):
+        A = np.empty((len(at), size, size))
+        u = rule.parameters[rows]
+        surface_blocks(
+            *asm.space.tables, asm.space.places[at], asm.space.boxes[at],
+            rule.offsets[part.start : part.stop + 1] - rows.start, u, rule.weights[rows],
+            asm.jacobians(u), rule.normals[rows], terms.Q[rows], terms.lame[rows], terms.mask, A,
+        )  # fmt: skip
+        asm.add_blocks(data, at, A)
+
+
+def elastic_force(problem: "Elasticity", terms: Terms, value: Any) -> FloatArray:
+    """Coefficients (functions, 3) of the integral of g·Q v - mask g·t(v)."""
+    asm, rule = problem.assembly, terms.rule
+    g = values_at("value", value, rule.points, 3)
+    if not g.any():
+        return np.zeros((len(asm.space), 3))
+    n, held = rule.normals, g * terms.mask
+    assert n is not None
+    P = held[:, :, None] * n[:, None, :]
+    P = terms.lame[:, 1, None, None] * (P + P.transpose(0, 2, 1))
+    P += (terms.lame[:, 0] * np.einsum("qi,qi->q", held, n))[:, None, None] * np.eye(3)
+    w = rule.weights
+    f = w[:, None] * np.einsum("qij,qj->qi", terms.Q, g)
+    return asm.vector(rule, f, -w[:, None, None] * P)
+
+
+def thermal_force(problem: "Elasticity", terms: Terms) -> FloatArray:
+    """Coefficients of what the tractions of hindered expansion add to weak supports."""
+    asm, rule = problem.assembly, terms.rule
+    f = np.zeros((len(asm.space), 3))
+    for load in problem.loads:
+        if load.kind == "temperature":
+            assert rule.parameters is not None
+            assert rule.normals is not None
+            s = problem.thermal_stress(load, rule.parameters)
+            f += asm.vector(rule, (rule.weights * s)[:, None] * terms.mask * rule.normals)
+    return f
+
+
+def elastic_reaction(
+    problem: "Elasticity", terms: Terms, value: Any, solution: "Solution"
+) -> FloatArray:
+    """Force (3,) on the solid: the integral of the tractions minus Q (u - g)."""
+    rule = terms.rule
+    assert rule.normals is not None
+    g = values_at("value", value, rule.points, 3)
+    total = np.zeros(3)
+    for rows, u, _ in problem.assembly.on_rule(solution.coefficients, rule):
+        total -= rule.weights[rows] @ np.einsum("qij,qj->qi", terms.Q[rows], u - g[rows])
+    if terms.mask.any():
+        s = solution.stress_on(rule)[:, [[0, 5, 4], [5, 1, 3], [4, 3, 2]]]
+        t = np.einsum("qij,qj->qi", s, rule.normals)
+        total += terms.mask * (rule.weights @ t)
+    return total
+
+
+def cell_heights(asm: Assembly, rule: Quadrature) -> FloatArray:
+    """Heights (n,) in space of the cells of a surface rule along its normals.
+
+    The inverse length of the gradient of the distance along the normal in the unit of the cell.
+    """
+    assert rule.parameters is not None
+    assert rule.normals is not None
+    J = asm.jacobians(rule.parameters)
+    extent = rule.grid.boxes(rule.cells)[:, 3:][rule.owners]
+    along = np.einsum("qki,qi->qk", np.broadcast_to(np.linalg.inv(J), (len(rule), 3, 3)),
+                      rule.normals) / extent  # fmt: skip
+    return 1.0 / np.linalg.norm(along, axis=1)

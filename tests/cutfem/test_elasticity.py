@@ -1,0 +1,505 @@
+"""Elasticity on cut cells against exact solutions, identities and rates."""
+
+import numpy as np
+import pytest
+
+import ilattice as il
+from ilattice.cutfem import Elasticity
+from ilattice.errors import ConvergenceError, GeometryError, InputError, PrecisionWarning
+
+LAM, MU = 0.3 / (1.3 * 0.4), 1 / 2.6  # young 1, poisson 0.3
+GRADIENT = np.array([[1, 0.2, 0.1], [0.3, -0.5, 0.2], [0, 0.1, 0.4]]) * 1e-2
+STRAIN = 0.5 * (GRADIENT + GRADIENT.T)
+STRESS = LAM * np.trace(STRAIN) * np.eye(3) + 2 * MU * STRAIN
+VOIGT = STRESS.ravel()[[0, 4, 8, 5, 2, 1]]
+CUBE = [[0.0] * 3, [1.0] * 3]
+
+
+def affine(x):
+    return x @ GRADIENT.T + [0.1, 0.2, 0.3]
+
+
+def ball(u, r=0.8123):
+    return (u**2).sum(axis=1) - r * r
+
+
+NORMAL = np.array([0.8, 0.6, 0.0])
+slab = (lambda u: (u - 0.5) @ NORMAL - 0.21, lambda u: (0.5 - u) @ NORMAL - 0.21)
+
+
+gyroid = il.tiles["gyroid"]
+sheet = (lambda u: gyroid(u) - 0.6, lambda u: -gyroid(u) - 0.6)
+
+
+def patch(problem, on):
+    """Affine displacement on one end face, its traction on the rest of the boundary."""
+    problem = problem.clamp(on, value=affine)
+    problem = problem.load(traction=lambda x: np.zeros((len(x), 3)), on=on)
+    for place in ("surface", "u=0", "u=1", "v=0", "v=1", "w=0", "w=1"):
+        try:
+            normals = problem.domain.edge(problem.assembly, place).normals
+        except GeometryError:
+            continue
+        if place != on:
+            problem = problem.load(traction=lambda _, n=normals: n @ STRESS, on=place)
+    return problem.solve(tol=1e-13)
+
+
+def inside(problem, n=200):
+    points = problem.domain.solid(problem.assembly).parameters
+    return points[np.random.default_rng(0).integers(0, len(points), n)]
+
+
+# ------------------------------------------------------------------------------ patch tests
+
+
+@pytest.mark.filterwarnings("ignore:left out")  # a corner of the gyroid
+@pytest.mark.parametrize("p", [1, 2, 3])
+@pytest.mark.parametrize(
+    ("field", "box", "on", "n", "q"),
+    [
+        (ball, [[-1.0] * 3, [1.0, 1.0, 0.0]], "w=1", 5, 10),
+        (slab, CUBE, "v=0", 5, 4),
+        (sheet, [[0.0] * 3, [0.5] * 3], "w=0", 3, 10),
+    ],
+)
+def test_affine_displacements_are_exact(p, field, box, on, n, q):
+    kind = "none" if p == 1 else "auto"
+    through = il.macroshape.box((1.0, 1.0, 1.0)) if box == CUBE else None
+    problem = Elasticity(field, n, domain=box, degree=p, q=q, stabilization=kind, through=through)
+    solution = patch(problem, on)
+    u = inside(solution.problem)
+    x = solution.problem.assembly.x(u)
+    np.testing.assert_allclose(solution.evaluate(u), affine(x), atol=1e-9)
+    np.testing.assert_allclose(solution.stress(u), np.tile(VOIGT, (len(u), 1)), atol=1e-7)
+    assert solution.energy == pytest.approx(
+        0.5 * (STRESS * STRAIN).sum() * problem.domain.solid(solution.problem.assembly).integrate(),
+        rel=1e-7,
+    )
+
+
+@pytest.mark.parametrize("p", [1, 2])
+def test_affine_displacements_are_exact_through_an_affine_map_and_by_nitsche(p):
+    through = il.macroshape.box((2.0, 1.0, 0.5))
+    problem = Elasticity(lambda u: ball(u - 0.5, 0.4), 5, domain=CUBE, degree=p, q=8,
+                         through=through)  # fmt: skip
+    solution = problem.clamp("surface", value=affine).solve(tol=1e-13)
+    u = inside(problem)
+    np.testing.assert_allclose(solution.evaluate(u), affine(through.x(u)), atol=1e-9)
+    assert solution.equilibrium < 1e-8
+    assert abs(solution.stabilization_energy) < 1e-7 * solution.energy
+
+
+def test_the_weight_of_the_void_counts_in_proportion():
+    cut = il.cutfem.cut(ball, 5, domain=[[-1.0] * 3, [1.0, 1.0, 0.0]])
+    work = []
+    for weight in (None, 1e-6, 1e-5, 1e-4):
+        kind = "none" if weight is None else "void"
+        problem = Elasticity(cut, degree=1, q=5, stabilization=kind, weight=weight)
+        solution = problem.clamp("w=1").load(traction=(1.0, 2.0, 0.5), on="surface").solve()
+        work.append(solution.compliance)
+        if weight is not None:
+            assert solution.stabilization_energy == pytest.approx(
+                0.5 * (work[0] - work[-1]), rel=0.1
+            )
+    errors = work[0] - np.array(work[1:])
+    slope = np.polyfit(np.log([1e-6, 1e-5, 1e-4]), np.log(errors), 1)[0]
+    assert slope == pytest.approx(1.0, abs=0.1)
+
+
+# ------------------------------------------------------------------------------ rates
+
+
+def exact(x):
+    X, Y, Z = x.T
+    return np.stack([0.1 * np.sin(X) * Y, 0.2 * np.cos(Y) * Z, 0.1 * X * Z], axis=1)
+
+
+def slope_of(x):
+    X, Y, Z = x.T
+    g = np.zeros((len(x), 3, 3))
+    g[:, 0, 0], g[:, 0, 1] = 0.1 * np.cos(X) * Y, 0.1 * np.sin(X)
+    g[:, 1, 1], g[:, 1, 2] = -0.2 * np.sin(Y) * Z, 0.2 * np.cos(Y)
+    g[:, 2, 0], g[:, 2, 2] = 0.1 * Z, 0.1 * X
+    return g
+
+
+def force(x):
+    X, Y, Z = x.T
+    laplacian = np.stack([-0.1 * np.sin(X) * Y, -0.2 * np.cos(Y) * Z, 0 * X], axis=1)
+    divergence = np.stack([0.1 - 0.1 * np.sin(X) * Y, 0.1 * np.cos(X) - 0.2 * np.cos(Y) * Z,
+                           -0.2 * np.sin(Y)], axis=1)  # fmt: skip
+    return -(MU * laplacian + (LAM + MU) * divergence)
+
+
+def errors_of(solution):
+    problem = solution.problem
+    rule = problem.domain.solid(problem.assembly)
+    square = np.zeros(2)
+    for rows, value, gradient in problem.assembly.on_rule(solution.coefficients, rule):
+        x, w = rule.points[rows], rule.weights[rows]
+        square[0] += w @ ((value - exact(x)) ** 2).sum(axis=1)
+        square[1] += w @ ((gradient - slope_of(x)) ** 2).sum(axis=(1, 2))
+    return np.sqrt(square)
+
+
+@pytest.mark.parametrize(
+    ("p", "cells", "caps"),
+    [
+        (1, (8, 11, 16), (1.2e-4, 4.5e-3)),
+        (2, (4, 6, 9), (8e-6, 2e-4)),
+        (3, (3, 4, 6), (4e-6, 8e-5)),
+    ],
+)
+def test_errors_fall_at_the_order_of_the_space(p, cells, caps):
+    errors = []
+    for n in cells:
+        problem = Elasticity(ball, n, domain=[[-1.0] * 3, [1.0] * 3], degree=p)
+        problem = problem.clamp("surface", value=exact).load(body=force)
+        errors.append(errors_of(problem.solve(tol=1e-10)))
+    rates = -np.polyfit(np.log(cells), np.log(errors), 1)[0]
+    assert rates[0] > p + 1 - 0.15
+    assert rates[1] > p - 0.15
+    assert (errors[-1] < caps).all()
+
+
+def test_errors_on_the_sphere_are_those_of_other_codes():
+    problem = Elasticity(ball, 8, domain=[[-1.0] * 3, [1.0] * 3], degree=1)
+    error = errors_of(problem.clamp("surface", value=exact).load(body=force).solve())
+    assert (error < 1.3 * np.array([3.78e-4, 7.78e-3])).all()  # ngsxfem and nutils
+
+
+# ------------------------------------------------------------------------------ known solutions
+
+
+def test_the_thick_sphere_under_pressure():
+    r2 = lambda u: (u**2).sum(axis=1)  # noqa: E731
+    octant = [[0.0] * 3, [2.1] * 3]
+    problem = Elasticity((lambda u: r2(u) - 4, lambda u: 1 - r2(u)), 8, domain=octant, degree=2)
+    for axis, place in enumerate(("u=0", "v=0", "w=0")):
+        problem = problem.clamp(place, components=(axis,))
+    solution = problem.load(pressure=1.0, on="inner").solve()
+    assert solution.energy == pytest.approx(0.6283185, rel=2e-3)
+    assert solution.compliance == pytest.approx(2 * solution.energy, rel=1e-4)
+    for r, radial, rr, tt in ((1.0, 0.8, -1, 0.714286), (1.5, 0.415873, -0.195767, 0.312169),
+                              (2.0, 0.3, 0, 0.214286)):  # fmt: skip
+        u = r * np.array([[1, 1, 1], [1, 0.2, 0.5], [0.3, 0.4, 1]])
+        u = r * u / np.linalg.norm(u, axis=1)[:, None]
+        n = u / r
+        displacement = np.einsum("ni,ni->n", solution.evaluate(u), n)
+        np.testing.assert_allclose(displacement, radial, rtol=3e-3)
+        s = solution.stress(u)[:, [[0, 5, 4], [5, 1, 3], [4, 3, 2]]]
+        np.testing.assert_allclose(np.einsum("nij,ni,nj->n", s, n, n), rr, atol=0.06)
+        across = 0.5 * (np.trace(s, axis1=1, axis2=2) - np.einsum("nij,ni,nj->n", s, n, n))
+        np.testing.assert_allclose(across, tt, atol=0.04)
+
+
+def full(u):
+    return -np.ones(len(u))
+
+
+def beam(turned):
+    """A square beam along w, straight or turned by 30 degrees about its axis, and its side.
+
+    With no contraction across (Poisson's ratio 0) a clamped end is what the theory of beams takes
+    it for, and the shear coefficient of Cowper, 10 (1 + ν) / (12 + 11 ν), is 5/6.
+    """
+    if not turned:
+        return full, np.array([1.0, 0, 0])
+    c, s = np.cos(np.pi / 6), 0.5
+    x = lambda u: (c * u[:, 0] + s * u[:, 1]) ** 2 - 0.25  # noqa: E731
+    y = lambda u: (c * u[:, 1] - s * u[:, 0]) ** 2 - 0.25  # noqa: E731
+    return (x, y), np.array([c, s, 0.0])
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_the_beam_bends_as_timoshenko_says(turned):
+    sets, across = beam(turned)
+    w = 0.5 if not turned else 0.75
+    cells = (4, 4, 20) if not turned else (6, 6, 20)
+    box = [[-w, -w, 0], [w, w, 10]]
+    problem = Elasticity(sets, cells, domain=box, poisson=0.0)
+    problem = problem.clamp("w=0")
+    tip = problem.load(traction=across, on="w=1").solve()
+    end = np.array([[0.0, 0.0, 10.0]])
+    assert tip.evaluate(end)[0] @ across == pytest.approx(4000 + 10 / (5 / 12), rel=0.01)
+    own = problem.load(body=across).solve()
+    assert own.evaluate(end)[0] @ across == pytest.approx(15000 + 50 / (5 / 12), rel=0.01)
+    np.testing.assert_allclose(own.reactions["w=0"], -10 * across, atol=1e-3)
+    assert tip.problem._held is own.problem._held  # one factor for both
+
+
+def test_degree_one_locks_in_bending_and_recovers():
+    errors = []
+    for n in (2, 4):
+        problem = Elasticity(full, (n, n, 10 * n), domain=[[-0.5, -0.5, 0], [0.5, 0.5, 10]],
+                             degree=1)  # fmt: skip
+        solution = problem.clamp("w=0").load(traction=(1, 0, 0), on="w=1").solve()
+        errors.append(1 - solution.evaluate(np.array([[0, 0, 10.0]]))[0, 0] / 4030.6)
+    assert errors[0] > 0.1
+    assert errors[0] / errors[1] == pytest.approx(4, rel=0.25)
+
+
+# ------------------------------------------------------------------------------ identities
+
+
+def wall(d=0.15):
+    bent = il.macroshape.torus(major=3.0, width=1.5)
+    return il.Lattice("schwarz_p", through=bent, repeat=(6, 1, 1), spans_per_tile=6).offset(d)
+
+
+@pytest.mark.parametrize(("degree", "cells"), [(1, (36, 6, 6)), (2, (18, 4, 4))])
+def test_work_is_twice_the_energy_and_reactions_balance_loads(degree, cells):
+    with pytest.warns(PrecisionWarning, match="cells thick"):
+        problem = Elasticity(wall(), cells, degree=degree, density=2.0)
+    problem = problem.clamp("w=0").load(gravity=(0, 0.3, -1)).load(pressure=0.1, on="surface")
+    solution = problem.solve(tol=1e-10)
+    assert solution.residual <= 1e-10
+    share = solution.stabilization_energy
+    assert solution.compliance == pytest.approx(2 * (solution.energy + share), rel=1e-8)
+    assert 0 < share < 0.1 * solution.energy
+    assert solution.equilibrium < 1e-8
+    mass = 2.0 * problem.domain.volume.in_space().integrate()
+    push = problem.domain.boundary("surface")
+    total = mass * np.array([0, 0.3, -1]) - 0.1 * (push.weights @ push.normals)
+    np.testing.assert_allclose(solution.reactions["w=0"], -total, atol=1e-8 * mass)
+    K = problem.matrix
+    assert abs(K - K.T).max() == 0.0
+
+
+def test_the_papers_stabilization_is_stiff_and_says_so():
+    with pytest.warns(PrecisionWarning):
+        problem = Elasticity(wall(), (36, 6, 6), degree=1)
+    paper = Elasticity(problem.domain.cut, degree=1, stabilization="void", weight=1.0)
+    soft, stiff = (p.clamp("w=0").load(body=(1e-3, 0, 0)).solve() for p in (problem, paper))
+    assert soft.stabilization_energy < 1e-5 * soft.energy
+    assert stiff.compliance < 0.8 * soft.compliance
+    assert stiff.stabilization_energy > 0.2 * stiff.energy
+
+
+def test_energy_falls_with_refinement_of_the_loaded_space():
+    energies = []
+    for p, n in ((1, 4), (1, 8), (2, 8)):
+        problem = Elasticity(slab, n, domain=CUBE, degree=p, q=4, stabilization="none")
+        solution = problem.clamp("w=0").load(body=(1, 0, 0)).solve()
+        energies.append(solution.energy)
+    assert energies[0] < energies[1] < energies[2]
+
+
+def test_springs_and_nitsche_tend_to_clamps():
+    problem = Elasticity(slab, 6, domain=CUBE, q=3).load(body=(1.0, 0.5, 0))
+    strong = problem.clamp("w=0").solve()
+    soft = problem.spring("w=0", 1e5).solve()
+    weak = problem.clamp("w=0", method="nitsche").solve()
+    assert soft.compliance == pytest.approx(strong.compliance, rel=1e-2)
+    assert weak.compliance == pytest.approx(strong.compliance, rel=1e-2)
+    for s in (strong, soft, weak):
+        assert s.equilibrium < 1e-8
+    given = problem.spring("w=0", (2.0, 3.0, 4.0), value=(0.1, 0, 0)).solve()
+    rest = problem.domain.volume.integrate() * np.array([1.0, 0.5, 0])
+    np.testing.assert_allclose(given.reactions["w=0"], -rest, atol=1e-8)
+    only = problem.clamp("w=0", components="xz", method="nitsche").clamp("v=0", components="y")
+    assert only.solve().equilibrium < 1e-8
+
+
+def test_prescribed_components_leave_the_others_free():
+    problem = Elasticity(full, (2, 2, 3), domain=CUBE, poisson=0.25, young=3.0)
+    problem = problem.clamp("w=0", components="z").clamp("u=0", components=[0])
+    problem = problem.clamp("v=0", components="y").clamp("w=1", components="z", value=0.1)
+    solution = problem.solve()
+    u = np.random.default_rng(0).random((20, 3))
+    np.testing.assert_allclose(solution.evaluate(u), u * [-0.025, -0.025, 0.1], atol=1e-9)
+    np.testing.assert_allclose(solution.von_mises(u), 0.3, atol=1e-9)
+    np.testing.assert_allclose(solution.principal(u)[:, 2], 0.3, atol=1e-9)
+    assert solution.reactions["w=1"][2] == pytest.approx(0.3, rel=1e-9)
+
+
+def test_material_may_vary():
+    """A bar of stiffness E(z) in tension: the strain is the stress over E."""
+    E = lambda x: np.where(x[:, 2] < 1, 1.0, 4.0)  # noqa: E731
+    box = [[0.0] * 3, [1.0, 1.0, 2.0]]
+    problem = Elasticity(full, (2, 2, 8), domain=box, young=E, poisson=0.0, degree=1)
+    solution = problem.clamp("w=0").load(traction=(0, 0, 1), on="w=1").solve()
+    u = np.array([[0.5, 0.5, 1.0], [0.2, 0.3, 2.0]])
+    np.testing.assert_allclose(solution.evaluate(u)[:, 2], [1.0, 1.25], rtol=1e-9)
+    np.testing.assert_allclose(solution.stress(u - 0.1)[:, 2], 1.0, rtol=1e-9)
+    named = il.macroshape.box((1, 1, 1)).with_extra(stiff=lambda u: 1 + u[:, 0], soft=-1.0)
+    lattice = il.Lattice("schwarz_p", through=named, spans_per_tile=6)
+    by_name = Elasticity(lattice.offset(0.2), 6, young="stiff")
+    by_function = Elasticity(lattice.offset(0.2), 6, young=lambda x: 1 + x[:, 0])
+    assert abs(by_name.clamp("w=0").matrix - by_function.clamp("w=0").matrix).max() < 1e-12
+    with pytest.raises(InputError, match="young must be above 0"):
+        Elasticity(lattice.offset(0.2), 6, young="soft").clamp("w=0").system  # noqa: B018
+    with pytest.raises(InputError, match="property"):
+        Elasticity(lattice.offset(0.2), 6, young="hard")
+
+
+def test_heat_expands_freely_and_presses_when_hindered():
+    problem = Elasticity(full, 2, domain=CUBE, expansion=1e-2, young=2.0, poisson=0.25)
+    problem = problem.clamp("u=0", components="x").clamp("v=0", components="y")
+    free = problem.clamp("w=0", components="z").load(temperature=10.0).solve()
+    u = np.random.default_rng(1).random((10, 3))
+    np.testing.assert_allclose(free.evaluate(u), 0.1 * u, atol=1e-10)
+    np.testing.assert_allclose(free.stress(u), 0, atol=1e-9)
+    for method in ("strong", "nitsche"):
+        stuck = problem.clamp("w=0", components="z", method=method)
+        stuck = stuck.clamp("w=1", components="z", method=method).load(temperature=10.0).solve()
+        np.testing.assert_allclose(stuck.stress(u)[:, 2], -0.2, atol=1e-9)
+        assert stuck.reactions["w=1"][2] == pytest.approx(-0.2, rel=1e-8)
+
+
+# ------------------------------------------------------------------------------ conditioning
+
+
+def scaled_condition(problem):
+    K = problem.system.K.toarray()
+    d = 1 / np.sqrt(np.diag(K))
+    values = np.linalg.eigvalsh(d[:, None] * K * d)
+    return values[-1] / values[0]
+
+
+def sliver(kind, eta, cells=4, **options):
+    """A cube whose last layer of cells is cut to a part eta, in one direction or in all."""
+    end, size = 0.75 + 0.25 * eta, 0.25 * cells
+    axes = (0,) if kind == "slab" else (0, 1, 2)
+    cut = il.cutfem.cut(lambda u: (u[:, axes] - end).max(axis=1), cells,
+                        domain=[[0.0] * 3, [size] * 3], degree=1)  # fmt: skip
+    return Elasticity(cut, **options).clamp("u=0")
+
+
+@pytest.mark.parametrize(("kind", "most"), [("slab", 150), ("corner", 190)])
+def test_diagonal_scaling_bounds_the_condition_of_degree_one(kind, most):
+    raw = []
+    for eta in (0.5, 0.1, 1e-2, 1e-4, 1e-8, 1e-12):
+        problem = sliver(kind, eta, degree=1)
+        assert scaled_condition(problem) < most
+        raw.append(np.linalg.cond(problem.system.K.toarray()))
+    assert max(raw) > 1e5  # what is bounded is not bounded by itself
+
+
+@pytest.mark.parametrize(("p", "cells", "most"), [(2, 4, 3), (2, 5, 3), (3, 4, 5)])
+def test_ghost_penalty_bounds_the_condition_of_higher_degrees(p, cells, most):
+    """On 4 cells end functions are cut, on 5 inner ones."""
+    whole = 1 - 1e-9 if cells == 5 else 1.5
+    for kind in ("slab", "corner"):
+        uncut = scaled_condition(sliver("slab" if cells == 4 else kind, whole, cells, degree=p))
+        for eta in (0.5, 1e-2, 1e-12) if p == 2 else (1e-2, 1e-12):
+            assert scaled_condition(sliver(kind, eta, cells, degree=p)) < most * uncut
+    if p == 3:
+        bare = sliver("corner", 1e-2, cells, degree=p, stabilization="none")
+        assert scaled_condition(bare) > 10 * uncut
+
+
+# ------------------------------------------------------------------------------ bad input
+
+
+def dumbbell(u):
+    """Two boxes that meet along an edge, and a third that meets nothing."""
+    boxes = [((-1, -1, -1), (0.5, 0.5, 1)), ((0.5, 0.5, 0.25), (2, 2, 0.5))]
+    fields = [np.maximum(np.array(a) - u, u - np.array(b)).max(axis=1) for a, b in boxes]
+    return np.min(fields, axis=0)
+
+
+def test_islands_are_reported_dropped_or_refused():
+    cut = il.cutfem.cut(dumbbell, 8, domain=CUBE, degree=1)
+    problem = Elasticity(cut, degree=1).clamp("w=0").load(body=(1, 0, 0))
+    with pytest.warns(PrecisionWarning, match=r"1 part: volume 0.0625 at \(0.75, 0.75, 0.375\)"):
+        solution = problem.solve()
+    assert np.isfinite(solution.energy)
+    refusing = Elasticity(cut, degree=1, islands="refuse").clamp("w=0").load(body=(1, 0, 0))
+    with pytest.raises(GeometryError, match="nothing holds 1 part"):
+        refusing.solve()
+
+
+def test_what_can_move_is_refused():
+    problem = Elasticity(slab, 4, domain=CUBE, degree=1).load(body=(1, 0, 0))
+    with pytest.raises(InputError, match="nothing holds the solid"):
+        problem.solve()
+    with pytest.raises(InputError, match="3 of 6 motions"):
+        problem.clamp("w=0", components="z").solve()
+    with pytest.raises(InputError, match="of 6 motions"):
+        problem.clamp("w=0", components="z").clamp("v=0", components="y").solve()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"young": 0.0}, "young"),
+        ({"young": -1.0}, "young"),
+        ({"poisson": 0.5}, "poisson"),
+        ({"poisson": -1.0}, "poisson"),
+        ({"young": (1, 2)}, "young"),
+        ({"young": "E"}, "only walls"),
+        ({"density": -1.0}, "density"),
+        ({"degree": 4}, "degree"),
+        ({"q": 0}, "q must"),
+        ({"stabilization": "magic"}, "stabilization"),
+        ({"weight": -1.0}, "weight"),
+        ({"weight": 2.0, "stabilization": "void"}, "weight"),
+        ({"islands": "ignore"}, "islands"),
+    ],
+)
+def test_bad_problems_are_refused(options, message):
+    with pytest.raises(InputError, match=message):
+        Elasticity(slab, 3, domain=CUBE, **options)
+
+
+def test_bad_conditions_are_refused():
+    problem = Elasticity(slab, 3, domain=CUBE)
+    for call, message in (
+        (lambda: problem.clamp("x=0"), "on must be"),
+        (lambda: problem.clamp("w=0", components="q"), "components"),
+        (lambda: problem.clamp("w=0", components=()), "components"),
+        (lambda: problem.clamp("w=0", value=(1, 2)), "value"),
+        (lambda: problem.clamp("surface", method="strong"), "nitsche"),
+        (lambda: problem.clamp("w=0", method="magic"), "method"),
+        (lambda: problem.spring("w=0", 0.0), "stiffness"),
+        (lambda: problem.load(), "load needs"),
+        (lambda: problem.load(traction=(1, 0, 0)), "on="),
+        (lambda: problem.load(body=(1, 0, 0), on="w=1"), "on="),
+        (lambda: problem.load(body=(1, 0)), "body"),
+        (lambda: problem.load(body=(1, 0, np.nan)), "body"),
+    ):
+        with pytest.raises(InputError, match=message):
+            call()
+    held = problem.clamp("w=0")
+    with pytest.raises(InputError, match="shape"):
+        held.load(body=lambda x: x[:, 0]).solve()
+    with pytest.raises(InputError, match="finite"):
+        held.load(body=lambda x: x * np.nan).solve()
+    with pytest.raises(InputError, match="one value per point"):
+        Elasticity(slab, 3, domain=CUBE, young=lambda _: 1.0).clamp("w=0").system  # noqa: B018
+    thin = Elasticity(lambda u: np.abs(u[:, 0] - 0.5) - 0.1, 3, domain=CUBE)
+    with pytest.raises(GeometryError, match="no area"):
+        thin.clamp("u=0")
+    with pytest.raises(ConvergenceError):
+        held.load(body=(1, 0, 0)).solve(method="multigrid", tol=1e-14, max_iterations=1)
+
+
+# ------------------------------------------------------------------------------ files
+
+
+def test_solutions_are_written_and_read(tmp_path):
+    import pyvista as pv
+
+    solid = il.macroshape.box((2.0, 1.0, 1.0))
+    lattice = il.Lattice("schwarz_p", through=solid, repeat=(2, 1, 1), spans_per_tile=6)
+    problem = Elasticity(lattice.offset(0.2), (12, 6, 6), degree=1)
+    solution = problem.clamp("u=0").load(traction=(0, 0, -1), on="u=1").solve()
+    solution.save(tmp_path / "skin.vtu", h=0.15)
+    skin = pv.read(tmp_path / "skin.vtu")
+    u = np.stack([skin.point_data[k] for k in "uvw"], axis=1)
+    np.testing.assert_allclose(skin.point_data["displacement"], solution.evaluate(u), atol=1e-12)
+    assert skin.point_data["stress"].shape == (skin.n_points, 6)
+    solution.save(tmp_path / "cells.vtu", on="cells")
+    cells = pv.read(tmp_path / "cells.vtu")
+    assert cells.n_cells == len(problem.assembly.space.cells)
+    clipped = cells.clip_scalar(scalars="level_set", value=0.0)
+    assert clipped.volume == pytest.approx(problem.domain.volume.in_space().integrate(), rel=0.1)
+    moved = solution.surface(0.15, scale=0.5)
+    assert moved.bounds[0, 2] < skin.bounds[4]
+    with pytest.raises(InputError, match="on must"):
+        solution.save(tmp_path / "x.vtu", on="nodes")
+    with pytest.raises(il.errors.FormatError, match="vtu"):
+        solution.save(tmp_path / "x.stl")
+    assert {p.name for p in tmp_path.iterdir()} == {"skin.vtu", "cells.vtu"}
