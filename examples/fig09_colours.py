@@ -80,7 +80,7 @@ def _picture(meshes: list["il.SurfaceMesh"], volume: il.SplineMap, path: str) ->
         tall = np.ptp(volume.bounds[:, 1]) > 1.2 * np.ptp(volume.bounds[:, 0])
         scene.view_vector((-1.0, -0.4, 0.8) if tall else (0.45, -1.0, 0.7))
     scene.link_views()
-    scene.camera.zoom(1.3)
+    scene.camera.zoom(1.1)
     scene.screenshot(path)
     scene.close()
 

@@ -99,6 +99,7 @@ def build(
     tol: float | None = None,
     h: float | None = None,
     report: str | os.PathLike[str] | None = None,
+    features: bool = False,
     seed: int | None = None,
     progress: Progress = None,
 ) -> dict[str, Any]:
@@ -122,6 +123,8 @@ def build(
         Length of the edges of the mesh.
     report : path-like, optional
         File for the report.
+    features : bool
+        Whether to measure the thinnest wall and the narrowest gap, which may take a minute.
     seed : int, optional
         Seed of a random choice among the tiles, see `cell`.
     progress : bool or callable, optional
@@ -147,6 +150,11 @@ def build(
         mesh = wall.mesh(h=h, progress=progress)
     with stages("thickness error"):
         error = wall.thickness_error(mesh)
+    least = {}
+    if features:
+        with stages("features"):
+            least = {"minimum_thickness": _plain(wall.minimum_thickness()),
+                     "minimum_gap": _plain(wall.minimum_gap())}  # fmt: skip
     with stages("write"):
         for path in output:
             mesh.save(path)
@@ -163,6 +171,7 @@ def build(
         "input": inputs | {"h": h},
         **measures(mesh),
         "thickness_error": {k: getattr(error, k) for k in ("max", "p99", "rms", "relative")},
+        **least,
         "closest_points": counts(lattice),
         "stages": stages.records,
         "files": [str(path) for path in [*output, *([report] if report else [])]],
@@ -277,6 +286,16 @@ def measures(mesh: "il.SurfaceMesh") -> dict[str, Any]:
         "vertices": len(mesh.vertices),
         "faces": len(mesh.faces),
         "held": int(mesh.point_data["held"].sum()),
+    }
+
+
+def _plain(feature: "il.offsets.Feature") -> dict[str, Any]:
+    """A feature as plain data; nothing of infinite size."""
+    there = feature.kind != "none"
+    return {
+        "size": feature.size if there else None,
+        "kind": feature.kind,
+        "at": feature.x.tolist() if there else None,
     }
 
 

@@ -107,6 +107,7 @@ def _app() -> "App":
         tol: float | None = None,
         h: Length | None = None,
         report: Path | None = None,
+        features: bool = False,
         seed: int | None = None,
     ) -> None:
         """Fill a volume with a lattice of given wall thickness.
@@ -130,6 +131,8 @@ def _app() -> "App":
             Length of the edges of the mesh.
         report
             File for the report, as JSON.
+        features
+            Measure the thinnest wall and the narrowest gap, too; this may take a minute.
         seed
             Draw one of the tiles for every cell; the same seed gives the same lattice.
         """
@@ -143,6 +146,7 @@ def _app() -> "App":
                 h=h,
                 output=output,
                 report=report,
+                features=features,
                 seed=seed,
                 progress=True,
             )
@@ -234,6 +238,10 @@ def _summary(report: dict[str, Any]) -> None:
     for key in ("thickness_error", "closest_points"):
         parts = (f"{name.replace('_', ' ')} {_text(value)}" for name, value in report[key].items())
         print(f"{key.replace('_', ' '):>18}  {', '.join(parts)}")
+    for key in ("minimum_thickness", "minimum_gap"):
+        if key in report:
+            found = report[key]
+            print(f"{key.replace('_', ' '):>18}  {_text(found['size'])} ({found['kind']})")
     for name in report["files"]:
         print(f"{'wrote':>18}  {name}")
 

@@ -59,6 +59,21 @@ def test_build_writes_all_files_and_the_report(tmp_path, capfd):
     assert all(f"wrote  {path}\n" in out for path in [*files, report])
 
 
+def test_features_of_the_wall_are_reported(tmp_path, capfd):
+    report = tmp_path / "a.json"
+    arguments = words(thickness=["0.1"], report=[str(report)])
+    assert cli.main([*arguments, "--features", "-o", str(tmp_path / "a.stl")]) == 0
+    data = json.loads(report.read_text())
+    gap = data["minimum_gap"]
+    assert gap["size"] == pytest.approx(2 * (2**0.5 / 6 - 0.1), abs=1e-6)
+    assert gap["kind"] == "neck"
+    assert len(gap["at"]) == 3
+    assert data["minimum_thickness"]["size"] == pytest.approx(0.2)
+    out = capfd.readouterr().out
+    assert "minimum gap  0.271405 (neck)\n" in out
+    assert "minimum thickness  0.2 (wall)\n" in out
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

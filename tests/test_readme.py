@@ -39,7 +39,7 @@ def test_the_variations_are_one_line_each(tmp_path):
         eval(line.replace('"part.xml"', repr(str(file))).replace("...", "u[:, 0] - 0.5"), names)
         for line in lines
     ]
-    kinds = [il.Wall, il.Wall, il.Wall, ParametricWall, il.SplineMap]
+    kinds = [il.Wall, il.Wall, il.Wall, il.Wall, ParametricWall, il.SplineMap]
     kinds += [il.Tile, il.Tile, il.Tile, il.Tile]
     kinds += [SliceStack, il.SplineMap, il.tiles.Mixture, il.SplineMap]
     assert [type(result) for result in results] == kinds

@@ -300,8 +300,8 @@ class Lattice:
             Where `d` is measured: in space, exactly; or in tiles before the map, to first order,
             as in `ilattice.offsets.parametric_offset`.
         **options
-            ``tol`` and ``relative_density`` (in space only) and ``progress``, as in
-            `ilattice.offsets.offset`.
+            ``tol``, ``relative_density``, ``least_wall``, ``least_gap`` (in space only) and
+            ``progress``, as in `ilattice.offsets.offset`.
 
         Returns
         -------
@@ -320,7 +320,7 @@ class Lattice:
             raise InputError(f"space must be one of {SPACES}, got {space!r}")
         if space == "euclidean":
             return offset(self, d, **options)
-        wrong = options.keys() & {"tol", "relative_density"}
+        wrong = options.keys() & {"tol", "relative_density", "least_wall", "least_gap"}
         if wrong:
             raise InputError(f"{sorted(wrong)} are for offsets in space, not for parametric ones")
         return parametric_offset(self, d, **options)

@@ -5,12 +5,14 @@
 """
 
 from ilattice.offsets.closest import ClosestPoints, ClosestPointSearch, Statistics
+from ilattice.offsets.features import Feature
 from ilattice.offsets.first_order import ParametricWall, parametric_offset
 from ilattice.offsets.wall import ThicknessReport, Wall, offset
 
 __all__ = [
     "ClosestPointSearch",
     "ClosestPoints",
+    "Feature",
     "ParametricWall",
     "Statistics",
     "ThicknessReport",

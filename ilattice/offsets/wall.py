@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from ilattice.mesh.slices import SliceStack
     from ilattice.mesh.surface import SurfaceMesh
     from ilattice.mesh.topology import TopologyReport
+    from ilattice.offsets.features import Feature
 
 MAX_SPANS_PER_TILE = 96
 #: Vertices whose distance is checked after each refinement for `tol`.
@@ -310,6 +311,45 @@ class Wall:
         h = None if h is None else as_positive("h", h)
         return wall_topology(self, h, necks, progress)
 
+    def minimum_thickness(self) -> Feature:
+        """Thinnest part: the two half-thicknesses together, or a web that has just closed.
+
+        Returns
+        -------
+        Feature
+            Size and place. A wall that a face of the domain cuts at an angle is not thinner.
+
+        Raises
+        ------
+        InputError
+            For solids, parametric walls, and ``boundary="clip"``.
+        """
+        from ilattice.offsets.features import minimum_thickness
+
+        return minimum_thickness(self._in_space("minimum_thickness"))
+
+    def minimum_gap(self) -> Feature:
+        """Narrowest gap: twice what the wall may grow before pores change their topology.
+
+        Returns
+        -------
+        Feature
+            Size and place; a ball of less diameter passes wherever there is a way at all.
+
+        Raises
+        ------
+        InputError
+            For parametric walls, and ``boundary="clip"``.
+        """
+        from ilattice.offsets.features import minimum_gap
+
+        return minimum_gap(self._in_space("minimum_gap"))
+
+    def _in_space(self, name: str) -> Wall:
+        if not self._exact:
+            raise InputError(f"{name} is for walls in space, this one is parametric")
+        return self
+
     def volume(self, h: float | None = None) -> float:
         """Volume of the wall in space, by the divergence theorem on its polished mesh.
 
@@ -416,6 +456,8 @@ def offset(
     *,
     relative_density: Any = None,
     tol: float | None = None,
+    least_wall: float | None = None,
+    least_gap: float | None = None,
     progress: Progress = None,
 ) -> Wall:
     """Wall of Euclidean half-thickness `d` about the mid-surface of a lattice.
@@ -436,6 +478,9 @@ def offset(
     tol : float, optional
         Largest error (99th percentile) of the half-thickness, in units of length; the distance
         spline is refined until it holds.
+    least_wall, least_gap : float, optional
+        What can be made: a wall with a thinner part or a narrower gap (see
+        `Wall.minimum_thickness` and `Wall.minimum_gap`) is refused.
     progress : bool or callable, optional
         See `ilattice._progress.track`.
 
@@ -451,6 +496,8 @@ def offset(
         cannot be reached (the message says which can).
     ConvergenceError
         If `tol` is not met with 96 spans per tile, or the densities of tiles are not met.
+    GeometryError
+        If something is smaller than `least_wall` or `least_gap`; the message says where.
 
     Notes
     -----
@@ -465,9 +512,13 @@ def offset(
         from ilattice.cutfem.density import wall_of_density
 
         wall = wall_of_density(wall, relative_density)
-    if tol is None:
-        return wall
-    return wall._refined(as_positive("tol", tol), progress)
+    if tol is not None:
+        wall = wall._refined(as_positive("tol", tol), progress)
+    if least_wall is not None or least_gap is not None:
+        from ilattice.offsets.features import check_features
+
+        check_features(wall, least_wall, least_gap)
+    return wall
 
 
 def warn_coarse(h: float, least: float) -> None:

@@ -41,6 +41,13 @@ def test_plain_steps_converge_at_the_rate_of_the_least_eigenvalue():
     assert rates == pytest.approx(np.log(1 - 0.112), rel=0.15)
 
 
+def test_plain_steps_reach_the_least_squares_fit():
+    t, _, values = problem((16,))
+    wanted = fit_least_squares(values, t, 2).c
+    found = fit_lspia(values, t, 2, iterations=400).c
+    assert np.abs(found - wanted).max() <= 1e-10 * np.abs(wanted).max()
+
+
 def test_accelerated_steps_reach_the_least_squares_fit():
     t, _, values = problem()
     wanted = fit_least_squares(values, t, 2).c

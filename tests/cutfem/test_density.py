@@ -52,6 +52,21 @@ def test_the_density_is_met_without_new_distances(torus, monkeypatch):
     assert wall.thickness.symmetric
 
 
+@pytest.mark.parametrize("name", ["diamond", "cross"])
+def test_tiles_in_the_duck_have_the_asked_density(name, monkeypatch):
+    lattice = il.Lattice(name, through=il.macroshape.duck(), repeat=(5, 2, 2), spans_per_tile=8)
+    lattice.offset(0.01)
+    queries, calls, keep = lattice.statistics.queries, [], density_module.wall_volumes
+    monkeypatch.setattr(
+        density_module, "wall_volumes", lambda *a, **k: calls.append(1) or keep(*a, **k)
+    )
+    wall = lattice.offset(relative_density=0.3)
+    assert len(calls) <= 10
+    assert lattice.statistics.queries == queries
+    better = keep(wall, 3).sum() / density_module.tile_volumes(lattice).sum()
+    assert better == pytest.approx(0.3, abs=1e-3)
+
+
 def test_the_shape_of_the_thickness_is_kept(slab):
     wall = slab.offset(lambda u: 1e-3 * (1.0 + u[:, 0]), relative_density=0.3)
     d = wall.thickness.outer([[0.0, 0.5, 0.5], [1.0, 0.5, 0.5]])

@@ -9,6 +9,7 @@ import ilattice as il
 from ilattice.bspline import BSpline
 from ilattice.errors import ConvergenceError, GeometryError, InputError, PrecisionWarning
 from ilattice.tiles import Tile, TrigField
+from ilattice.tiles.tpms import ROWS
 
 RNG = np.random.default_rng(0)
 
@@ -137,6 +138,14 @@ def test_a_fit_meets_its_tolerance_at_points_of_its_own(tol):
     assert np.abs(tile(p) - gyroid(p)).max() <= 1.1 * tol
     bounds = tile.range([[0.2, 0.3, 0.4]], [[0.3, 0.4, 0.5]])
     assert bounds.shape == (1, 2)
+
+
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: row.name)
+def test_fits_of_the_catalogue_meet_their_tolerance_at_fresh_points(row):
+    tile, tol = il.tiles[row.name], 2e-3 * (row.range[1] - row.range[0])
+    p = np.random.default_rng(5).random((20_000, 3))
+    p[::4, 0] = np.round(p[::4, 0])  # on faces, too
+    assert np.abs(tile.fit(tol=tol)(p) - tile(p)).max() <= tol
 
 
 def test_from_callable():
