@@ -4,12 +4,21 @@
 along each half turn. The walls of constant thickness have 481 and 993 handles; where the varying
 wall is thick, pores close, so that it has fewer, and nobody had to look for self-intersections.
 
+Where the topology changes is known before anything is meshed: at the critical values of the
+distance to the mid-surface. An eighth of a tile of the gyroid has these: at 0.125 sheets meet on
+the faces of the torus; at 0.228 the throats of the pores close, which cuts them into cells; the
+cells are filled between 0.230 and 0.246, beyond which the torus is full. In (b) each happens where
+the half-thickness passes that value: the throats close at 71 % of the way from the thinnest place
+to the thickest. The cells that are left there are shallower than the distance spline can tell from
+full: the last pore of the mesh is where the half-thickness is 0.23.
+
     python examples/fig14_torus.py
 """
 
 import numpy as np
 
 import ilattice as il
+from ilattice.offsets.critical import CriticalPoint, critical_points
 
 
 def varying() -> il.BSpline:
@@ -21,22 +30,41 @@ def varying() -> il.BSpline:
 
 def main(
     h: float = 0.05, repeat: tuple[int, int, int] = (16, 2, 2), out: str = ""
-) -> dict[str, int]:
+) -> dict[str, float]:
     """Build the four walls; write ``OUT_*.vtp`` and ``OUT_*.png`` if `out` is given."""
     torus = il.macroshape.torus(major=4.0, width=2.0)
-    genus = {}
+    numbers: dict[str, float] = {}
     for name in ("gyroid", "diamond"):
         lattice = il.Lattice(il.tiles[name], through=torus, repeat=repeat)
         for kind, d in (("constant", 0.1), ("varying", varying())):
             mesh = lattice.offset(d).mesh(h=h)
-            genus[f"{name} {kind}"] = mesh.genus
+            numbers[f"{name} {kind}"] = mesh.genus
             if out:
                 mesh.save(f"{out}_{name}_{kind}.vtp")
                 depth = mesh.point_data["thickness"] - np.abs(mesh.point_data["signed_distance"])
                 painted = mesh.with_point_data(depth=depth)
                 painted.screenshot(f"{out}_{name}_{kind}.png", scalars="depth", cmap="YlOrBr")
-    return genus
+            if (name, kind) == ("gyroid", "varying"):
+                numbers["thickest pore"] = thickest_pore(mesh)
+    return numbers
+
+
+def changes(repeat: tuple[int, int, int] = (16, 2, 2)) -> list[CriticalPoint]:
+    """Critical points of the distance to the gyroid from 0.1 to 0.28, in an eighth of a tile."""
+    torus = il.macroshape.torus(major=4.0, width=2.0)
+    lattice = il.Lattice(il.tiles["gyroid"], through=torus, repeat=repeat)
+    within = np.array([[3.5, 0.0, 0.0], [4.0, 0.5, 0.5]]) / np.array(repeat)
+    return critical_points(lattice, 0.1, 0.28, within=within)
+
+
+def thickest_pore(mesh: "il.SurfaceMesh") -> float:
+    """Largest half-thickness of a wall at which it still has a surface inside the volume."""
+    inner = mesh.point_data["side"] != 0
+    return float(mesh.point_data["thickness"][inner].max())
 
 
 if __name__ == "__main__":
     print(main(out="fig14"))
+    for point in changes():
+        part = (point.value - 0.1) / 0.18
+        print(f"{point.value:.4f}, {part:.0%} of the way to the thickest place: {point.kind}")

@@ -38,10 +38,10 @@ def crossings(mesh):
     return len(cgal.remesh_self_intersections(x, faces, detect_only=True)[2])
 
 
-def run(name, **arguments):
+def run(name, call="main", **arguments):
     sys.path.insert(0, str(FOLDER))
     try:
-        return importlib.import_module(name).main(**arguments)
+        return getattr(importlib.import_module(name), call)(**arguments)
     finally:
         sys.path.remove(str(FOLDER))
 
@@ -114,6 +114,16 @@ def test_fig14_pores_close_where_the_wall_is_thick():
     for name, handles in (("gyroid", 481), ("diamond", 993)):
         assert genus[f"{name} constant"] == handles
         assert 0 < genus[f"{name} varying"] < handles
+    assert 0.228 < genus["thickest pore"] < 0.2465  # from the throats to the last void
+
+
+def test_fig14_says_at_which_thickness_the_topology_changes():
+    found = run("fig14_torus", call="changes")
+    first = {kind: min(p.value for p in found if p.kind == kind) for kind in ("bridge", "neck")}
+    assert first["bridge"] == pytest.approx(0.125, abs=1e-4)
+    assert first["neck"] == pytest.approx(0.228, abs=5e-4)
+    voids = [p.value for p in found if p.kind == "void"]
+    assert 0.230 < min(voids) < max(voids) < 0.2465
 
 
 def test_fig15_thickness_is_right_everywhere():
