@@ -11,7 +11,7 @@ Rooms, from the bottom up:
 `mesh`                    watertight contouring, surface meshes, measures
 `cutfem`                  background grids, cut cells, quadrature, elasticity, heat
 `io`                      one file per format: STL, PLY, OBJ, 3MF, VTK, G+Smo, MFEM, IRIT
-`sdf`                     meshes as fields: signed distances
+`sdf`                     solids from commands and from meshes, as fields
 ========================  ==================================================================
 
 Central types:

@@ -69,7 +69,6 @@ def _app() -> "App":
     from cyclopts import App, Parameter
 
     import ilattice as il
-    from ilattice import _job
 
     app = App(
         name="ilattice",
@@ -80,7 +79,16 @@ def _app() -> "App":
         result_action="return_value",
         suppress_keyboard_interrupt=False,
     )
-    Files = Annotated[list[Path], Parameter(name=("--output", "-o"), consume_multiple=True)]
+    for add in (_add_demo, _add_build, _add_slice, _add_sdf, _add_others):
+        add(app)
+    return app
+
+
+def _add_demo(app: "App") -> None:
+    from cyclopts import Parameter
+
+    from ilattice import _job
+
     Length = Annotated[float, Parameter(name="--h")]
 
     @app.command
@@ -96,13 +104,23 @@ def _app() -> "App":
         """
         _summary(_job.demo(out, h=h, progress=True))
 
+
+def _add_build(app: "App") -> None:
+    from cyclopts import Parameter
+
+    from ilattice import _job
+
+    Files = Annotated[list[Path], Parameter(name=("--output", "-o"), consume_multiple=True)]
+    Length = Annotated[float, Parameter(name="--h")]
+    Thickness = Annotated[str, Parameter(allow_leading_hyphen=True)]
+
     @app.command
     def build(
         *,
         tile: str,
         map: str,
         repeat: tuple[int, int, int],
-        thickness: Annotated[str, Parameter(allow_leading_hyphen=True)],
+        thickness: Thickness,
         output: Files,
         tol: float | None = None,
         h: Length | None = None,
@@ -152,13 +170,23 @@ def _app() -> "App":
             )
         )
 
+
+def _add_slice(app: "App") -> None:
+    from cyclopts import Parameter
+
+    from ilattice import _job
+
+    Files = Annotated[list[Path], Parameter(name=("--output", "-o"), consume_multiple=True)]
+    Length = Annotated[float, Parameter(name="--h")]
+    Thickness = Annotated[str, Parameter(allow_leading_hyphen=True)]
+
     @app.command(name="slice")
     def slice_(
         *,
         tile: str,
         map: str,
         repeat: tuple[int, int, int],
-        thickness: Annotated[str, Parameter(allow_leading_hyphen=True)],
+        thickness: Thickness,
         layer: float,
         output: Files,
         h: Length | None = None,
@@ -204,6 +232,52 @@ def _app() -> "App":
         print(f"{report['layers']} layers from {report['from']:.6g} to {report['to']:.6g}")
         print("\n".join(f"wrote  {name}" for name in report["files"]))
 
+
+def _add_sdf(app: "App") -> None:
+    from cyclopts import App, Parameter
+
+    Words = Annotated[str, Parameter(allow_leading_hyphen=True)]
+    command = App(name="sdf", help_flags=(), version_flags=(), end_of_options_delimiter="")
+
+    @command.default
+    def sdf(*words: Words) -> None:
+        """Mesh a solid that is described by words: ``ilattice sdf -h`` tells which.
+
+        Parameters
+        ----------
+        words
+            Solids, operations and options.
+        """
+        from ilattice.sdf.job import run
+        from ilattice.sdf.manual import manual
+
+        if not words or "-h" in words or "--help" in words:
+            print(manual())
+        elif "--version" in words:
+            print(app.version)
+        else:
+            _tell_solid(run(words, progress=True))
+
+    app.command(command)
+
+
+def _tell_solid(report: dict[str, Any]) -> None:
+    """Print the report of `ilattice.sdf.job.run`."""
+    for line in report.get("tree", ()):
+        print(line)
+    for key, value in report.items():
+        if key not in ("tree", "rows", "stages", "files", "command"):
+            print(f"{key:>18}  {_text(value)}")
+    for row in report.get("rows", ()):
+        if row["message"]:
+            _tell("warning", f"{row['message']}")
+    for name in report.get("files", ()):
+        print(f"{'wrote':>18}  {name}")
+
+
+def _add_others(app: "App") -> None:
+    from ilattice import _job
+
     @app.command
     def info(file: str) -> None:
         """Tell what a file holds: the patches of a volume.
@@ -226,8 +300,6 @@ def _app() -> "App":
         start = time.perf_counter()
         _job.warmup(progress=True)
         print(f"all kernels are compiled ({time.perf_counter() - start:.0f} s)")
-
-    return app
 
 
 def _summary(report: dict[str, Any]) -> None:

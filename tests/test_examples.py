@@ -138,6 +138,13 @@ def test_gismo_volume_is_filled_and_closed():
     assert 0.05 < numbers["filled"] < 0.95
 
 
+def test_hierarchical_lattices_have_the_volume_of_their_points():
+    numbers = run("hierarchical", h=0.125, steps=3)
+    for step in numbers.values():
+        assert step["watertight"]
+        assert step["volume"] == pytest.approx(step["counted"], rel=0.02)
+
+
 def test_hybrid_tiles_have_the_asked_thickness_where_they_change():
     numbers = run("hybrid_tiles", h=0.06, cells=2)
     for name in ("hybrid", "random"):

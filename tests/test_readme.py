@@ -13,7 +13,7 @@ from ilattice.mesh import SliceStack
 from ilattice.offsets import ParametricWall
 
 TEXT = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
-PROGRAM, VARIATIONS = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
+PROGRAM, VARIATIONS, SEARCH = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
 LINES = [line for line in TEXT.splitlines() if line.startswith("ilattice ")]
 
 
@@ -45,6 +45,12 @@ def test_the_variations_are_one_line_each(tmp_path):
     assert [type(result) for result in results] == kinds
 
 
+def test_the_search_of_a_density_finds_it():
+    names = {"il": il}
+    exec(SEARCH, names)
+    assert names["density"](names["level"]) == pytest.approx(0.6, abs=1e-3)
+
+
 @pytest.mark.parametrize("line", LINES)
 def test_the_command_lines_are_understood(line, monkeypatch):
     called = []
@@ -52,11 +58,14 @@ def test_the_command_lines_are_understood(line, monkeypatch):
         monkeypatch.setattr(f"ilattice._job.{name}", lambda *a, **k: called.append((a, k)) or [])
     empty = {"layers": 0, "from": 0.0, "to": 0.0, "files": []}
     monkeypatch.setattr("ilattice._job.slices", lambda **k: called.append(k) or empty)
+    monkeypatch.setattr("ilattice.sdf.job.run", lambda words, **_: called.append(words) or {})
+    if line.startswith("ilattice sdf") and "part.stl" not in line:
+        assert il.sdf.Command.read(shlex.split(line)[2:]).items
     monkeypatch.setattr("ilattice.cli._summary", lambda _: None)
     assert cli.main(shlex.split(line)[1:]) == 0
     assert len(called) == 1
 
 
-def test_there_are_two_commands_and_five_command_lines():
+def test_there_are_two_commands_and_the_command_lines():
     assert len(re.findall(r"^python3 -m venv .*", TEXT, re.MULTILINE)) == 2
-    assert len(LINES) == 5
+    assert len(LINES) == 11

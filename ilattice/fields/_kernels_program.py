@@ -76,41 +76,40 @@ def _compact(op, a, b, imm, m, live, to, new, op2, a2, b2, imm2):
 
 
 @njit(cache=True, error_model="numpy")
-def _step(op, buf, i, p, q):
-    """One instruction on all columns of the registers."""
-    n = buf.shape[1]
+def apply(op, u, v, w, n):
+    """One instruction on n values: ``w = op(u, v)``."""
     if op == ops.ADD:
         for k in range(n):
-            buf[i, k] = buf[p, k] + buf[q, k]
+            w[k] = u[k] + v[k]
     elif op == ops.MUL:
         for k in range(n):
-            buf[i, k] = buf[p, k] * buf[q, k]
+            w[k] = u[k] * v[k]
     elif op == ops.SUB:
         for k in range(n):
-            buf[i, k] = buf[p, k] - buf[q, k]
+            w[k] = u[k] - v[k]
     elif op == ops.SQUARE:
         for k in range(n):
-            buf[i, k] = buf[p, k] * buf[p, k]
+            w[k] = u[k] * u[k]
     elif op == ops.SQRT:
         for k in range(n):
-            buf[i, k] = np.sqrt(buf[p, k])
+            w[k] = np.sqrt(u[k])
     elif op == ops.MIN:
         for k in range(n):
-            u, v = buf[p, k], buf[q, k]
-            buf[i, k] = v if v < u or v != v else u
+            s, t = u[k], v[k]
+            w[k] = t if t < s or t != t else s
     elif op == ops.MAX:
         for k in range(n):
-            u, v = buf[p, k], buf[q, k]
-            buf[i, k] = v if v > u or v != v else u
+            s, t = u[k], v[k]
+            w[k] = t if t > s or t != t else s
     elif op == ops.ABS:
         for k in range(n):
-            buf[i, k] = abs(buf[p, k])
+            w[k] = abs(u[k])
     elif op == ops.NEG:
         for k in range(n):
-            buf[i, k] = -buf[p, k]
+            w[k] = -u[k]
     else:
         for k in range(n):
-            buf[i, k] = value(op, buf[p, k], buf[q, k])
+            w[k] = value(op, u[k], v[k])
 
 
 @njit(cache=True)
@@ -119,7 +118,7 @@ def _run(op, a, b, imm, m, points, leaves, i0, i1, buf):
     n = buf.shape[1]
     for i in range(m):
         if op[i] >= ops.INPUTS:
-            _step(op[i], buf, i, a[i], b[i])
+            apply(op[i], buf[a[i]], buf[b[i]], buf[i], n)
         elif op[i] == ops.CONST:
             buf[i, :] = imm[i]
         else:
@@ -313,7 +312,7 @@ def _sharpen(box, w):
 
 
 @njit(cache=True)
-def _bound(op, a, b, imm, m, box, leaves, w):
+def bound(op, a, b, imm, m, box, leaves, w):
     """Bounds of all registers on a box: (low, high, low and high at the centre, gradients)."""
     for i in range(m):
         o = op[i]
@@ -353,9 +352,9 @@ def ranges(op, a, b, imm, lows, highs, leaves, prune, out):
             for i in range(i0, i1):
                 box[0], box[1] = lows[i], highs[i]
                 if prune:
-                    _bound(op2, a2, b2, imm2, m, box, leaves[i], w)
+                    bound(op2, a2, b2, imm2, m, box, leaves[i], w)
                 else:
-                    _bound(op, a, b, imm, m, box, leaves[i], w)
+                    bound(op, a, b, imm, m, box, leaves[i], w)
                 out[i, 0], out[i, 1] = w[m - 1, 0], w[m - 1, 1]
 
 

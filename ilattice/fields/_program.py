@@ -14,6 +14,7 @@ from ilattice._validate import read_only
 from ilattice.errors import InputError
 from ilattice.fields import _kernels_program as kernels
 from ilattice.fields import _tables as ops
+from ilattice.fields._kernels_blocks import block_bounds, fill_program
 from ilattice.fields._kernels_ops import value
 
 MAX_INSTRUCTIONS = 200_000
@@ -282,6 +283,23 @@ class Program:
         kernels.values(*self._args, _own(points), leaves, self.prune, out)
         return out
 
+    def fill(
+        self, planes: Sequence[FloatArray], coords: IntArray, middle: float, samples: AnyArray
+    ) -> None:
+        """Values less `middle` on blocks of 9 x 9 x 9 grid points; see `_kernels_blocks`."""
+        x, y, z = (_own(p) for p in planes)
+        fill_program(*self._args, x, y, z, _own(coords), middle, samples)
+
+    def block_bounds(
+        self, ends: Sequence[FloatArray], lower: float, upper: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Bounds on blocks with ends (n, 2) along the axes, as far as the levels need them."""
+        low = np.empty([len(e) for e in ends])
+        high = np.empty_like(low)
+        x, y, z = (_own(e) for e in ends)
+        block_bounds(*self._args, x, y, z, lower, upper, low, high)
+        return low, high
+
     def jets(self, points: FloatArray, order: int) -> FloatArray:
         """Jets (n, 4) or (n, 10) at checked points."""
         out = np.empty((len(points), 4 if order == 1 else 10))
@@ -315,7 +333,7 @@ class Program:
         return out
 
 
-def _own(a: FloatArray) -> FloatArray:
+def _own(a: AnyArray) -> AnyArray:
     """A contiguous writable array: kernels are compiled for one type only."""
     a = np.ascontiguousarray(a)
     return a if a.flags.writeable else a.copy()

@@ -12,4 +12,4 @@ SINH, COSH, TANH, EXP, LOG, SIGN, FLOOR, CEIL = range(15, 23)
 BINARY = 23  # codes from here on read two registers
 ADD, SUB, MUL, DIV, MIN, MAX, POW, ATAN2, MOD, WRAP = range(23, 33)
 
-COMMUTES = frozenset({ADD, MUL, MIN, MAX})
+COMMUTES = frozenset({ADD, MUL})  # minima and maxima have the slope of the first of equals

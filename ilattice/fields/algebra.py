@@ -59,6 +59,17 @@ class _Extreme(Node):
 
 
 @dataclass(frozen=True, eq=False)
+class _Everywhere(Node):
+    """All of space."""
+
+    def emit(self, b: Builder, p: Point) -> int:  # noqa: ARG002
+        return b.const(-1.0)
+
+    def bounding_box(self, level: float = 0.0) -> FloatArray:  # noqa: ARG002
+        return everywhere()
+
+
+@dataclass(frozen=True, eq=False)
 class _Complement(Node):
     part: Node
 
@@ -67,6 +78,11 @@ class _Complement(Node):
 
     def bounding_box(self, level: float = 0.0) -> FloatArray:  # noqa: ARG002
         return everywhere()
+
+    @property
+    def polynomial(self) -> Any:
+        p = self.part.polynomial
+        return None if p is None else -p
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +110,13 @@ class _Offset(Node):
             most = self.sign * self.amount
         return self.part.bounding_box(level + most) if most < np.inf else everywhere()
 
+    @property
+    def polynomial(self) -> Any:
+        p, amount = self.part.polynomial, self.amount
+        if p is None or self.shell or isinstance(amount, Node):
+            return None
+        return p - self.sign * amount
+
 
 @dataclass(frozen=True, eq=False)
 class _Placed(Node):
@@ -120,6 +143,18 @@ class _Placed(Node):
                 column = np.where(back[:, k, None] == 0.0, 0.0, column)
                 low, high = low + column.min(axis=1), high + column.max(axis=1)
         return np.stack((low, high))
+
+    @property
+    def exact_box(self) -> FloatArray | None:
+        straight = np.count_nonzero(self.matrix) == 3
+        return self.bounding_box() if straight and self.part.exact_box is not None else None
+
+    @property
+    def polynomial(self) -> Any:
+        p, stretch = self.part.polynomial, np.diag(self.matrix)
+        straight = np.count_nonzero(self.matrix) == 3 and (stretch > 0.0).all()
+        plain = p is not None and straight and not self.shift.any()
+        return p.stretched(1.0 / stretch) * self.factor if plain else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,10 +187,41 @@ class _Normalized(Node):
         return self.part.bounding_box(0.0) if level <= 0.0 else everywhere()
 
 
-def _several(name: str, parts: tuple[Any, ...]) -> tuple[Node, ...]:
+def _several(name: str, code: int, parts: tuple[Any, ...], radius: Any) -> Node:
     if not parts:
         raise InputError(f"{name} needs at least one field")
-    return tuple(as_node(f"parts[{i}]", part) for i, part in enumerate(parts))
+    blend = as_number("radius", radius, 0.0)
+    flat: list[Node] = []
+    for i, part in enumerate(parts):
+        node = as_node(f"parts[{i}]", part)
+        same = isinstance(node, _Extreme) and node.code == code and node.radius == blend == 0.0
+        flat += node.parts if isinstance(node, _Extreme) and same else [node]
+    return flat[0] if len(flat) == 1 else _Extreme(code, tuple(flat), blend)
+
+
+def clipped(solid: Node) -> tuple[Node, FloatArray | None]:
+    """A solid as what lies in a box: the rest of an intersection with boxes, and that box.
+
+    Parameters
+    ----------
+    solid : Node
+        Any field.
+
+    Returns
+    -------
+    tuple
+        The field of the rest, -1 where nothing is left, and the box (2, 3); the solid itself and
+        None if it is no intersection with a box.
+    """
+    sharp = isinstance(solid, _Extreme) and solid.code == ops.MAX and solid.radius == 0.0
+    parts = solid.parts if isinstance(solid, _Extreme) and sharp else (solid,)
+    boxes = [part.exact_box for part in parts]
+    found = [box for box in boxes if box is not None]
+    if not found:
+        return solid, None
+    low, high = np.stack(found).max(axis=0)[0], np.stack(found).min(axis=0)[1]
+    rest = [part for part, box in zip(parts, boxes, strict=True) if box is None]
+    return intersection(*rest) if rest else _Everywhere(), np.stack((low, high))
 
 
 def union(*parts: Node, radius: float = 0.0) -> Node:
@@ -173,7 +239,7 @@ def union(*parts: Node, radius: float = 0.0) -> Node:
     Node
         The union; blends add at most ``radius / 4`` per seam.
     """
-    return _Extreme(ops.MIN, _several("union", parts), as_number("radius", radius, 0.0))
+    return _several("union", ops.MIN, parts, radius)
 
 
 def intersection(*parts: Node, radius: float = 0.0) -> Node:
@@ -191,7 +257,7 @@ def intersection(*parts: Node, radius: float = 0.0) -> Node:
     Node
         The intersection.
     """
-    return _Extreme(ops.MAX, _several("intersection", parts), as_number("radius", radius, 0.0))
+    return _several("intersection", ops.MAX, parts, radius)
 
 
 def difference(first: Node, second: Node, *, radius: float = 0.0) -> Node:

@@ -55,6 +55,27 @@ class Node:
         """
         raise NotImplementedError
 
+    @property
+    def exact_box(self) -> FloatArray | None:
+        """The box (2, 3) that is the solid, or None where the solid is none along the axes."""
+        return None
+
+    @property
+    def polynomial(self) -> Any:
+        """The trigonometric polynomial that the field is (a `TrigField`), or None."""
+        return None
+
+    @property
+    def children(self) -> "tuple[Node, ...]":
+        """The fields that this one is made of."""
+        rows = (v if isinstance(v, tuple) else (v,) for v in vars(self).values())
+        return tuple(v for row in rows for v in row if isinstance(v, Node))
+
+    @cached_property
+    def depth(self) -> int:
+        """Levels of the tree of fields."""
+        return 1 + max((child.depth for child in self.children), default=0)
+
     @cached_property
     def program(self) -> Program:
         """The compiled field."""

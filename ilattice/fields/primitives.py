@@ -47,6 +47,10 @@ class _Box(Node):
     def bounding_box(self, level: float = 0.0) -> FloatArray:
         return _centred(self.half + level)
 
+    @property
+    def exact_box(self) -> FloatArray:
+        return self.bounding_box()
+
 
 @dataclass(frozen=True, eq=False)
 class _Cylinder(Node):

@@ -1,8 +1,8 @@
 """How contouring reads fields: pruning of blocks, samples of blocks, values and gradients.
 
 A sampler stands for ``value = field / scale - middle``, and the solid is ``lower < value < upper``
-(`lower` may be NaN: no lower bound). `GridSampler` takes any field; `TrigSampler` and
-`SplineSampler` sample in compiled code.
+(`lower` may be NaN: no lower bound). `GridSampler` takes any field; `ProgramSampler`, `TrigSampler`
+and `SplineSampler` sample in compiled code.
 
 Guarantee: a grid point has bitwise the same value in all blocks that share it; blocks are pruned
 only where rigorous bounds, widened by the rounding of the samples, exclude the surface.
@@ -16,6 +16,7 @@ import numpy as np
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.bspline import BSpline
 from ilattice.errors import GeometryError, InputError
+from ilattice.fields.node import Node
 from ilattice.mesh import _kernels_sampling as kernels
 from ilattice.mesh._grid import Grid
 from ilattice.mesh._kernels_cells import LANES, B, S
@@ -208,6 +209,32 @@ class GridSampler(Sampler):
         kernels.gather(self._slab, coords, self._first, self._local, *self.grid.planes[1:], samples)
 
 
+class ProgramSampler(Sampler):
+    """A `Node` without fields from elsewhere: the program that each block needs, on its grid."""
+
+    def __init__(self, field: Node, grid: Grid, level: tuple[float, float]) -> None:
+        super().__init__(field, grid, level, None)
+        self._planes = [grid.axes[a][grid.planes[a]] for a in range(3)]
+
+    def active(self, first: int, last: int) -> AnyArray:
+        """From large boxes down to blocks, each with the program that it needs."""
+        spans = (np.arange(first, last), *(np.arange(n) for n in self.grid.blocks[1:]))
+        ends = [np.stack(self.grid.box_ends(a, s, s), axis=1) for a, s in enumerate(spans)]
+        slack = 1e-8 * (1.0 + abs(self.middle))
+        lower = -np.inf if np.isnan(self.lower) else self.middle + float(self.lower) + slack
+        upper = self.middle + float(self.upper) - slack
+        low, high = self.field.program.block_bounds(ends, lower, upper)
+        return self.crossed(low - self.middle, high - self.middle, self._near_faces(spans))
+
+    def fill(self, coords: IntArray, samples: AnyArray) -> None:
+        """Samples of blocks."""
+        self.field.program.fill(self._planes, coords, self.middle, samples)
+        if np.isnan(samples).any():
+            block = coords[int(np.argmax(np.isnan(samples).any(axis=(1, 2, 3))))]
+            near = [t[B * i] for t, i in zip(self._planes, block[[3, 1, 2]], strict=True)]
+            raise GeometryError(f"field is NaN near {near}")
+
+
 class TrigSampler(Sampler):
     """A `TrigField`, from tables of its factors along the axes."""
 
@@ -295,8 +322,12 @@ class SplineSampler(Sampler):
 
 def sampler_for(field: Any, grid: Grid, level: tuple[float, float], scale: Any) -> Sampler:
     """The fastest sampler that reads `field` and `scale`."""
+    polynomial = getattr(field, "polynomial", None)  # of nodes that are nothing else
+    field = field if polynomial is None else polynomial
     if isinstance(field, TrigField) and field.linear is None and scale is None:
         return TrigSampler(field, grid, level)
+    if isinstance(field, Node) and not field.program.leaves and scale is None:
+        return ProgramSampler(field, grid, level)
     if _is_plain(field, grid) and (scale is None or _is_plain(scale, grid, positive=True)):
         return SplineSampler(field, grid, level, scale)
     return GridSampler(field, grid, level, scale)

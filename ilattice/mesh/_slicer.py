@@ -105,6 +105,12 @@ class Slicer:
         height = np.concatenate([p[1] for p in parts])
         return np.concatenate([p[0] for p in parts]), height[:, 0].copy(), height[:, 1].copy()
 
+    @property
+    def net(self) -> FloatArray:
+        """Points whose hull holds the part, shape (n, 3)."""
+        net: FloatArray = self.wall.lattice.through.geometry.c.reshape(-1, 3)
+        return net
+
     def _at(self, index: IntArray) -> FloatArray:
         """Parameters of grid vertices."""
         return np.stack([a[index[:, k]] for k, a in enumerate(self.axes)], axis=1)
@@ -198,7 +204,7 @@ class Slicer:
         kernels.thin_out(self._flat(u), start, SPACING * self.h, sharp, keep)
         start = np.concatenate([[0], np.cumsum(np.add.reduceat(keep, start[:-1], dtype=np.int64))])
         u = self._settled(u[keep], fixed[keep], side[keep], level)
-        return self._finish(self._flat(u), start)
+        return finished(self._flat(u), start, MERGE * self.h)
 
     def _flat(self, u: FloatArray) -> FloatArray:
         """Coordinates (n, 2) in the plane."""
@@ -298,20 +304,18 @@ class Slicer:
         value = np.where(lost, 0.0, side * s - asked)
         return value, side[:, None] * g - slope
 
-    # ---------------------------------------------------------------- loops
 
-    def _finish(self, points: FloatArray, start: IntArray) -> Outline:
-        """Loops without points that coincide, and without loops that are smaller than them."""
-        least = MERGE * self.h
-        keep = np.zeros(len(points), np.bool_)
-        kernels.thin_out(points, start, least, np.zeros_like(keep), keep)
-        count = np.add.reduceat(keep, start[:-1], dtype=np.int64)
-        points, start = points[keep], np.concatenate([[0], np.cumsum(count)])
-        area = np.empty(len(count))
-        kernels.areas(points, start, area)
-        good = (count >= 3) & (np.abs(area) > least**2)
-        points = points[np.repeat(good, count)]
-        return Outline(points, np.concatenate([[0], np.cumsum(count[good])]), area[good])
+def finished(points: FloatArray, start: IntArray, least: float) -> Outline:
+    """Loops without points that coincide, and without loops that are smaller than `least`."""
+    keep = np.zeros(len(points), np.bool_)
+    kernels.thin_out(points, start, least, np.zeros_like(keep), keep)
+    count = np.add.reduceat(keep, start[:-1], dtype=np.int64)
+    points, start = points[keep], np.concatenate([[0], np.cumsum(count)])
+    area = np.empty(len(count))
+    kernels.areas(points, start, area)
+    good = (count >= 3) & (np.abs(area) > least**2)
+    points = points[np.repeat(good, count)]
+    return Outline(points, np.concatenate([[0], np.cumsum(count[good])]), area[good])
 
 
 _EMPTY = Outline(np.empty((0, 2)), np.zeros(1, np.int64), np.empty(0))

@@ -1,4 +1,4 @@
-"""Slices of a wall: closed, oriented, nested contours at given heights, without a mesh.
+"""Slices of a wall or a mesh: closed, oriented, nested contours at given heights, without a mesh.
 
 Guarantees: contours close and do not depend on the number of threads; outer ones run
 counter-clockwise seen from the tip of the normal, holes clockwise; a stack computes one slice at
@@ -22,9 +22,11 @@ from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import as_array, as_positive, as_triple, read_only
 from ilattice.errors import InputError
 from ilattice.mesh import _kernels_slices as kernels
+from ilattice.mesh._mesh_slicer import MeshSlicer
 from ilattice.mesh._slicer import Outline, Slicer, as_frame, extent
 
 if TYPE_CHECKING:
+    from ilattice.mesh.surface import SurfaceMesh
     from ilattice.offsets.wall import Wall
 
 #: A polygon as arrays: its outer contour (n, 2), and its holes.
@@ -121,28 +123,28 @@ class Slice:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SliceStack:
-    """Slices of a wall, each computed when it is asked for; made by `Wall.slices`.
+    """Slices of a part, each computed when asked for; made by `Wall.slices`, `SurfaceMesh.slices`.
 
     Attributes
     ----------
-    wall : Wall
-        The wall.
+    part : Wall or SurfaceMesh
+        What is cut.
     heights, tops : ndarray, shape (n,)
         Where the planes cut, and up to where each slice stands for the wall.
     bottom : float
         From where the lowest one stands for it.
     frame : ndarray, shape (3, 3)
         Rows: the two directions in the planes, and their normal.
-    slicer : Slicer
+    slicer : Slicer or MeshSlicer
         What cuts.
     """
 
-    wall: "Wall"
+    part: "Wall | SurfaceMesh"
     heights: FloatArray
     tops: FloatArray
     bottom: float
     frame: FloatArray
-    slicer: Slicer
+    slicer: Slicer | MeshSlicer
 
     def __repr__(self) -> str:
         return f"SliceStack({len(self)} slices from {self.bottom:g} to {self.tops[-1]:g})"
@@ -171,7 +173,7 @@ class SliceStack:
     @property
     def bounds(self) -> FloatArray:
         """Box around all slices in the directions of `frame`, shape (2, 3), rows are corners."""
-        net = self.wall.lattice.through.geometry.c.reshape(-1, 3) @ self.frame.T
+        net = self.slicer.net @ self.frame.T
         out = np.stack([net.min(axis=0), net.max(axis=0)])
         out[:, 2] = self.bottom, self.tops[-1]
         return out
@@ -232,6 +234,20 @@ def slice_wall(
     slicer = Slicer(wall, grid_axes(wall, h), frame, h, polish)
     heights, tops, bottom = _layers(z, thickness, extent(slicer.height))
     return SliceStack(wall, read_only(heights), read_only(tops), bottom, read_only(frame), slicer)
+
+
+def slice_mesh(
+    mesh: "SurfaceMesh",
+    z: ArrayLike | None = None,
+    *,
+    thickness: float | None = None,
+    normal: ArrayLike = (0.0, 0.0, 1.0),
+) -> SliceStack:
+    """Slices of a closed mesh; see `ilattice.mesh.SurfaceMesh.slices`."""
+    frame = as_frame(as_triple("normal", normal))
+    slicer = MeshSlicer(mesh, frame)
+    heights, tops, bottom = _layers(z, thickness, slicer.ends)
+    return SliceStack(mesh, read_only(heights), read_only(tops), bottom, read_only(frame), slicer)
 
 
 def _layers(

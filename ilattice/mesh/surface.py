@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     import pyvista
     import trimesh
 
+    from ilattice.mesh.slices import SliceStack
+
 _NO_DATA: Mapping[str, AnyArray] = MappingProxyType({})
 
 
@@ -151,6 +153,40 @@ class SurfaceMesh:
             + (f", data: {names}" if names else "")
             + ")"
         )
+
+    def slices(
+        self,
+        z: ArrayLike | None = None,
+        *,
+        thickness: float | None = None,
+        normal: ArrayLike = (0.0, 0.0, 1.0),
+    ) -> "SliceStack":
+        """Cross-sections by parallel planes.
+
+        Parameters
+        ----------
+        z : array_like, optional
+            Heights of the planes, increasing.
+        thickness : float, optional
+            Of layers, each cut at its middle; instead of `z`.
+        normal : (3,) array_like
+            Normal of the planes, of any length.
+
+        Returns
+        -------
+        SliceStack
+            Slices, computed when asked for.
+
+        Raises
+        ------
+        InputError
+            If both or none of `z` and `thickness` are given.
+        GeometryError
+            If the mesh is open, or not oriented.
+        """
+        from ilattice.mesh.slices import slice_mesh
+
+        return slice_mesh(self, z, thickness=thickness, normal=normal)
 
     # --- measures -----------------------------------------------------------------------------
 

@@ -50,6 +50,10 @@ class TrigNode(Node):
     def bounding_box(self, level: float = 0.0) -> FloatArray:  # noqa: ARG002
         return everywhere()
 
+    @property
+    def polynomial(self) -> Any:
+        return self.field if self.field.linear is None else None
+
 
 @dataclass(frozen=True, eq=False)
 class TileNode(Node):
@@ -72,3 +76,9 @@ class TileNode(Node):
 
     def bounding_box(self, level: float = 0.0) -> FloatArray:  # noqa: ARG002
         return everywhere()
+
+    @property
+    def polynomial(self) -> Any:
+        node = getattr(self.tile.field, "node", None)
+        p = None if node is None else node.polynomial
+        return None if p is None else p - self.tile.level

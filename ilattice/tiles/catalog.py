@@ -58,13 +58,29 @@ def row(name: str) -> Row | CellRow:
     """
     if not isinstance(name, str):
         raise InputError(f"a tile's name must be a string, got {name!r:.80}")
-    found = _BY_KEY.get(_key(name))
+    found = find(name)
     if found is None:
         raise InputError(
             f"no tile is called {name!r}; near names: {near_names(_key(name), sorted(_BY_KEY))}; "
             "il.tiles.names() lists all"
         )
     return found
+
+
+def find(name: str) -> Row | CellRow | None:
+    """What the catalogue knows of a tile, or None.
+
+    Parameters
+    ----------
+    name : str
+        Identifier or alias.
+
+    Returns
+    -------
+    Row, CellRow or None
+        As `row`; None where that raises.
+    """
+    return _BY_KEY.get(_key(name))
 
 
 @cache

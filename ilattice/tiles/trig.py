@@ -322,6 +322,22 @@ class TrigField:
         """
         return TrigField._make(self._terms, self.period, _as_linear(linear))
 
+    def stretched(self, factor: ArrayLike) -> "TrigField":
+        """The same polynomial with longer or shorter periods.
+
+        Parameters
+        ----------
+        factor : float or array_like, shape (3,)
+            Positive factors of the periods.
+
+        Returns
+        -------
+        TrigField
+            ``f(p / factor)``, where `linear` is None.
+        """
+        times = as_triple("factor", factor, positive=True)
+        return TrigField._make(self._terms, self.period * times, self.linear)
+
     # ------------------------------------------------------------------ algebra
 
     def __add__(self, other: "TrigField | float") -> "TrigField":

@@ -105,6 +105,14 @@ def test_a_cone_is_a_distance():
     np.testing.assert_array_equal(f < 0, lower & upper & (r < 0.7 * (0.6 - p[:, 2]) / 1.2))
 
 
+@pytest.mark.parametrize("solid", [F.box((1.0, 0.5, 2.0)), F.cone()])
+def test_normals_of_the_surface_have_length_one(solid):
+    p = [[1.0, 0.2, 0.3], [0.3, 0.1, -1.0], [-0.1, 0.5, 0.9], [0.2, -0.2, 2.0], [0.0, 0.5, 0.0]]
+    on = np.array(p)[solid(p) == 0.0]
+    assert len(on) >= 1
+    np.testing.assert_allclose(np.linalg.norm(solid.jet(on, 1)[1], axis=1), 1.0, atol=1e-12)
+
+
 def test_bending_keeps_lengths_along_the_circle():
     bar = F.bend(F.translate(F.sphere(0.1), (0.5 * np.pi * 2.0, 0.0, 0.0)), 2.0)
     np.testing.assert_allclose(bar([[2.0, 2.0, 0.0]]), -0.1, atol=1e-14)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import ilattice as il
-from ilattice.errors import InputError
+from ilattice.errors import GeometryError, InputError
 from ilattice.mesh import _kernels_slices as kernels
 from ilattice.mesh._slicer import extent
 from ilattice.tiles.trig import TrigField
@@ -413,3 +413,29 @@ def test_bad_input_is_named(arguments, message):
 def test_points_of_a_plane_have_two_coordinates():
     with pytest.raises(InputError, match="points"):
         wall("box").slices(0.5, h=0.1)[0].to_space([[0.0, 0.0, 0.0]])
+
+
+def test_slices_of_a_mesh_have_its_volume_and_holes():
+    solid = il.fields.difference(il.fields.sphere(1.0), il.fields.cylinder(0.4))
+    mesh = il.mesh.contour(solid, [np.linspace(-1.1, 1.1, 60)] * 3)
+    stack = mesh.slices(thickness=0.02)
+    assert stack.volume() == pytest.approx(mesh.volume, rel=1e-3)
+    middle = stack[len(stack) // 2]
+    assert (len(middle.polygons), middle.holes) == (1, 1)
+    assert middle.area == pytest.approx(np.pi * (1.0 - 0.4**2), rel=5e-3)
+    assert mesh.slices(z=[0.0])[0].area == pytest.approx(middle.area, rel=1e-2)
+    assert not mesh.slices(z=[2.0])[0].polygons
+
+
+def test_slices_of_a_mesh_along_a_normal():
+    mesh = il.mesh.contour(il.fields.box((0.5, 0.6, 0.7)), [np.linspace(-0.8, 0.8, 33)] * 3)
+    piece = mesh.slices(z=[0.1], normal=(1, 0, 0))[0]
+    lo, hi = piece.bounds
+    assert piece.area == pytest.approx(1.2 * 1.4, rel=2e-2)
+    np.testing.assert_allclose(np.sort(hi - lo), [1.2, 1.4], rtol=2e-2)
+
+
+def test_open_meshes_have_no_slices():
+    mesh = il.SurfaceMesh(np.eye(3), [[0, 1, 2]])
+    with pytest.raises(GeometryError):
+        mesh.slices(thickness=0.1)

@@ -1,0 +1,275 @@
+"""From a field to a mesh: the box, the grid, what it will cost, the spacing that is fine enough.
+
+Guarantees: the surface is closed, whatever the field. Faces of boxes that a solid is intersected
+with are exact: planes of the grid lie on them, and their edges are sharp. Grids that would need
+more memory than allowed are refused before any work, with the numbers.
+
+Not guaranteed: other sharp edges, which are chamfered within a cell; features thinner than a cell.
+The estimate of the cost is that of a coarse sampling.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ilattice._progress import Progress
+from ilattice._typing import FloatArray
+from ilattice._validate import as_positive, as_triple
+from ilattice.errors import GeometryError, InputError
+from ilattice.fields.algebra import clipped
+from ilattice.fields.node import Node, is_empty
+from ilattice.mesh import SurfaceMesh
+from ilattice.mesh.contouring import contour
+
+__all__ = ["Plan", "mesh", "plan"]
+
+PARTS = 100  # spacings along the longest side, unless told otherwise
+MEMORY = 8.0  # gigabytes
+MOST_PLANES = 1_000_000
+PER_TRIANGLE = 60  # bytes, with all that is in memory at once
+PER_BLOCK = 100
+BASE = 3e8
+SINGLE = 1e8  # grid points from which on vertices are in single precision
+COARSE = 40  # samples per side of the estimate
+FIRST = 24  # spacings along the longest side where a tolerance picks them
+SETTLED = 90.0  # percent of the triangles that keep the tolerance: edges are chamfered
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A solid with the grid on which it is contoured; made by `plan`.
+
+    Attributes
+    ----------
+    solid : Node
+        The field.
+    inner : Node
+        The field without the box that clips it.
+    box : ndarray, shape (2, 3)
+        Box of the solid.
+    axes : tuple of ndarray
+        Planes of the grid.
+    """
+
+    solid: Node
+    inner: Node
+    box: FloatArray
+    axes: tuple[FloatArray, FloatArray, FloatArray]
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Planes along the axes."""
+        x, y, z = (len(a) for a in self.axes)
+        return x, y, z
+
+    @property
+    def spacing(self) -> FloatArray:
+        """Distances of the planes, shape (3,)."""
+        return np.array([a[1] - a[0] for a in self.axes])
+
+    def triangles(self) -> int:
+        """About how many triangles the mesh has, from a coarse sampling.
+
+        Returns
+        -------
+        int
+            The estimate.
+        """
+        sparse = [np.linspace(a[0], a[-1], min(COARSE, len(a))) for a in self.axes]
+        p = np.stack([a.ravel() for a in np.meshgrid(*sparse, indexing="ij")], axis=1)
+        with np.errstate(all="ignore"):
+            inside = self.inner(p).reshape([len(a) for a in sparse]) < 0.0
+        inside = np.pad(inside, 1)
+        area, h = 0.0, self.spacing
+        coarse = np.array([a[1] - a[0] for a in sparse])
+        for axis in range(3):
+            crossed = np.count_nonzero(np.diff(inside, axis=axis))
+            others = [k for k in range(3) if k != axis]
+            area += crossed * float(np.prod(coarse[others] / h[others]))
+        return int(2.0 * area)
+
+    def memory(self) -> float:
+        """About how many gigabytes meshing takes.
+
+        Returns
+        -------
+        float
+            The estimate.
+        """
+        blocks = 8 * np.prod([np.ceil(n / 8) for n in self.shape[1:]])
+        return float(BASE + PER_TRIANGLE * self.triangles() + PER_BLOCK * blocks) / 1e9
+
+    def mesh(self, *, progress: Progress = None) -> SurfaceMesh:
+        """Contour the solid.
+
+        Parameters
+        ----------
+        progress : bool or callable, optional
+            See `ilattice._progress.track`.
+
+        Returns
+        -------
+        SurfaceMesh
+            Closed surface.
+
+        Raises
+        ------
+        GeometryError
+            Where there is no surface, or the field is NaN.
+        """
+        dtype = np.float32 if np.prod(np.array(self.shape, float)) > SINGLE else np.float64
+        return contour(self.inner, self.axes, dtype=dtype, progress=progress)
+
+
+def plan(solid: Node, spacing: Any = None, *, memory: float = MEMORY) -> Plan:
+    """Box and grid of a solid.
+
+    Parameters
+    ----------
+    solid : Node
+        Field with a finite box.
+    spacing : float or (3,) array, optional
+        Largest distance of the planes of the grid; default a hundredth of the longest side.
+    memory : float
+        Gigabytes that may be used.
+
+    Returns
+    -------
+    Plan
+        What is needed to mesh it.
+
+    Raises
+    ------
+    InputError
+        If the box is infinite, if the spacing is not positive, or if the grid is too fine.
+    GeometryError
+        If the box is empty.
+    """
+    box = _checked_box(solid)
+    inner, walls = clipped(solid)
+    sides = box[1] - box[0]
+    h = sides.max() / PARTS if spacing is None else as_triple("spacing", spacing, positive=True)
+    h = np.broadcast_to(h, (3,))
+    counts = sides / h
+    if counts.max() > MOST_PLANES:
+        raise InputError(
+            f"spacing {h.tolist()} makes {counts.max():.3g} planes of a box of {sides.tolist()}; "
+            f"at most {MOST_PLANES} are allowed"
+        )
+    axes = [
+        _planes(box[:, k], None if walls is None else walls[:, k], float(h[k])) for k in range(3)
+    ]
+    found = Plan(solid, inner, box, (axes[0], axes[1], axes[2]))
+    limit = as_positive("memory", memory)
+    if np.prod(np.array(found.shape, float)) > 2e7 and found.memory() > limit:
+        raise InputError(
+            f"a grid of {found.shape[0]} x {found.shape[1]} x {found.shape[2]} planes needs about "
+            f"{found.memory():.3g} GB; allowed are {limit:g} GB: take a larger spacing, or allow "
+            "more memory"
+        )
+    return found
+
+
+def _checked_box(solid: Node) -> FloatArray:
+    box = np.array(solid.bounds)
+    if is_empty(box) or (box[0] == box[1]).any():
+        raise GeometryError(f"the solid is empty: its box is {box.tolist()}")
+    endless = ["xyz"[k] for k in range(3) if not np.isfinite(box[:, k]).all()]
+    if endless:
+        raise InputError(
+            f"the solid has no end along {', '.join(endless)}: add a box, a sphere or a mesh"
+        )
+    return box
+
+
+def _planes(ends: FloatArray, walls: FloatArray | None, h: float) -> FloatArray:
+    """Planes of an axis: on walls exactly, otherwise a spacing beyond the solid."""
+    low, high = ends
+    if walls is None or low > walls[0]:
+        low = low - h
+    if walls is None or high < walls[1]:
+        high = high + h
+    count = max(2, int(np.ceil((high - low) / h - 1e-9)) + 1)
+    return np.linspace(low, high, count)
+
+
+def mesh(
+    solid: Node,
+    spacing: Any = None,
+    *,
+    tol: float | None = None,
+    memory: float = MEMORY,
+    progress: Progress = None,
+) -> SurfaceMesh:
+    """Mesh of a solid.
+
+    Parameters
+    ----------
+    solid : Node
+        Field with a finite box.
+    spacing : float or (3,) array, optional
+        Largest distance of the planes of the grid; default a hundredth of the longest side, or
+        what the tolerance needs.
+    tol : float, optional
+        Chord error: the spacing is halved until the middles of 90 % of the triangles (all but
+        those along edges) are that close to the surface, to first order, and the mesh has the same
+        number of handles as the one before.
+    memory : float
+        Gigabytes that may be used.
+    progress : bool or callable, optional
+        See `ilattice._progress.track`.
+
+    Returns
+    -------
+    SurfaceMesh
+        Closed surface.
+
+    Raises
+    ------
+    InputError
+        As `plan`; if both spacing and tolerance are given; if the tolerance needs a finer grid
+        than the memory allows.
+    GeometryError
+        If there is no surface.
+    """
+    if tol is None:
+        return plan(solid, spacing, memory=memory).mesh(progress=progress)
+    if spacing is not None:
+        raise InputError("give either a spacing or a tolerance")
+    return _converged(solid, as_positive("tol", tol), memory, progress)
+
+
+def _converged(solid: Node, tol: float, memory: float, progress: Progress) -> SurfaceMesh:
+    box = _checked_box(solid)
+    h = float((box[1] - box[0]).max()) / FIRST
+    before: int | None = None
+    while True:
+        try:
+            part = plan(solid, h, memory=memory)
+        except InputError as e:
+            raise InputError(f"tol={tol:g} needs a finer grid than is allowed: {e}") from e
+        try:
+            found = part.mesh(progress=progress)
+        except GeometryError:  # nothing seen yet
+            if h < 1e-3 * float((box[1] - box[0]).max()):
+                raise
+            h *= 0.5
+            continue
+        handles = found.genus
+        if handles == before and _chord_error(part, found) <= tol:
+            return found
+        before, h = handles, 0.5 * h
+
+
+def _chord_error(part: Plan, found: SurfaceMesh) -> float:
+    """Distance of the middles of triangles from the surface, to first order; not that of walls."""
+    x = np.asarray(found.vertices, np.float64)
+    middle = x[found.faces].mean(axis=1)
+    half = 0.5 * part.spacing
+    inner = ((middle > part.box[0] + half) & (middle < part.box[1] - half)).all(axis=1)
+    if not inner.any():
+        return 0.0
+    f, g = part.inner.jet(middle[inner], order=1)
+    steep = np.maximum(np.linalg.norm(g, axis=1), 1e-300)
+    return float(np.percentile(np.abs(f) / steep, SETTLED))
