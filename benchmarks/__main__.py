@@ -10,7 +10,7 @@ import numba
 
 from benchmarks.measure import table
 
-MODULES = ("bspline", "offsets", "contouring", "quadrature", "mesh_distance")
+MODULES = ("bspline", "offsets", "contouring", "quadrature", "mesh_distance", "figures")
 
 
 def main() -> None:

@@ -42,24 +42,29 @@ def coloured(name: str, along: int, most: float) -> il.SplineMap:
     )
 
 
+def mesh_of(figure: str, kind: str, coarser: float = 1.0) -> "il.SurfaceMesh":
+    """The lattice of a figure, "constant" or "varying"."""
+    name, tile, repeat, along, most, width = FIGURES[figure]
+    varying = kind == "varying"
+    volume = coloured(name, along, most if varying else 0.0)
+    lattice = il.Lattice(il.tiles[tile], through=volume, repeat=repeat)
+    wall = lattice.offset((np.inf, "d" if varying else 0.0), space="parametric")
+    return wall.mesh(coarser * width)
+
+
 def main(
     figures: tuple[str, ...] = tuple(FIGURES), coarser: float = 1.0, out: str = ""
 ) -> dict[str, float]:
     """Build both lattices of each figure; write ``OUT_*`` (.vtp, .png) if `out` is given."""
     gained = {}
     for figure in figures:
-        name, tile, repeat, along, most, width = FIGURES[figure]
-        meshes = []
-        for kind, d in (("constant", 0.0), ("varying", "d")):
-            volume = coloured(name, along, most if kind == "varying" else 0.0)
-            lattice = il.Lattice(il.tiles[tile], through=volume, repeat=repeat)
-            wall = lattice.offset((np.inf, d), space="parametric")
-            meshes.append(wall.mesh(coarser * width))
-            if out:
-                meshes[-1].save(f"{out}_{figure}_{kind}.vtp")
+        meshes = [mesh_of(figure, kind, coarser) for kind in ("constant", "varying")]
         gained[figure] = meshes[1].volume / meshes[0].volume
         if out:
-            _picture(meshes, volume, f"{out}_{figure}.png")
+            meshes[0].save(f"{out}_{figure}_constant.vtp")
+            meshes[1].save(f"{out}_{figure}_varying.vtp")
+            name, along = FIGURES[figure][0], FIGURES[figure][3]
+            _picture(meshes, coloured(name, along, 0.0), f"{out}_{figure}.png")
     return gained
 
 

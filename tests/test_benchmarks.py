@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import NdBSpline
 
-from benchmarks import bench_bspline, bench_contouring, bench_quadrature, references
+from benchmarks import bench_bspline, bench_contouring, bench_figures, bench_quadrature, references
 from benchmarks.measure import Row, alone, table
 from ilattice.bspline.fit import fit_interpolate
 
@@ -71,3 +71,9 @@ def test_numpy_evaluates_what_the_rules_integrate():
     rule = bench.cut.volume(3, only="cut")
     np.testing.assert_allclose(values, (rule.points**2).sum(axis=1) - 0.16, atol=1e-13)
     assert bench.cells == 56
+
+
+def test_figures_are_meshed_as_in_their_examples():
+    mesh = bench_figures.mesh_of("fig09", "varying", 4.0)
+    assert mesh.is_watertight
+    assert {"r", "g", "b"} <= set(mesh.point_data)

@@ -159,6 +159,14 @@ def test_mass_properties_by_quadrature_are_those_of_a_fine_mesh():
     assert numbers["area"] == pytest.approx(numbers["area of the mesh"], rel=1e-2)
 
 
+def test_nested_lattices_fill_a_part_of_the_coarse_wall():
+    numbers = run("nested_lattices", fine=0.02, finer=3, cells=8)
+    assert numbers["open edges"] == 0
+    assert 0.0 <= numbers["crumbs"] < 0.01
+    share = numbers["filled by the fine one"]
+    assert numbers["of the coarse wall"] == pytest.approx(share, rel=0.05)
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_every_example_is_tested_and_can_be_run_alone(name):
     source = (FOLDER / f"{name}.py").read_text(encoding="utf-8")

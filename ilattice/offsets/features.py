@@ -9,11 +9,12 @@ they close.
 The critical points of the distance spline tell where to look, the narrowest first; what is reported
 is solved for and measured by exact closest points.
 
-Guarantee: at the place that is reported there is a gap, or a web, of that size: gaps to
-1e-6, webs to 1 % of it.
-Non-guarantees: completeness, as in `ilattice.offsets.critical`, and of webs only those are measured
-that closed last, until 32 in a row are no thinner. The sharp edges along which a face of the domain
-cuts a wall, and the crevices in which offset surfaces meet at an angle, have no size.
+Guarantee: at the place that is reported there is a gap, or a web, of that size: gaps to 1e-6, webs
+to 1 % of it.
+Non-guarantees: completeness, as in `ilattice.offsets.critical`, and the search ends with 32 places
+in a row that are no narrower, webs tried from the one that closed last. The sharp edges along which
+a face of the domain cuts a wall, and the crevices in which offset surfaces meet at an angle, have
+no size.
 """
 
 from __future__ import annotations
@@ -36,6 +37,8 @@ if TYPE_CHECKING:
 #: Largest pull of the spline's distance along D at which a point counts as critical, how many are
 #: solved for at a time, and by how many spans those of the spline may be misplaced.
 PULL, BATCH, MISPLACED = 0.1, 32, 0.1
+#: Gaps whose sizes differ by less than this part are of one size.
+SAME = 1e-6
 #: Webs are looked for where sheets have closed by up to this part of the thickness; those that
 #: closed longer ago are thicker than the wall.
 REACH = 0.25
@@ -82,8 +85,12 @@ def minimum_gap(wall: Wall) -> Feature:
     for value, start, on in events.batches(0.0, float(np.abs(wall.distance.c).max())):
         if 2.0 * value > least.size:
             break
-        for p in events.solved(start, on):
-            if 0.0 < 2.0 * p.value < least.size:
+        new = [p for p in events.solved(start, on) if p.value > 0.0]
+        narrower = [p for p in new if 2.0 * p.value < (1.0 - SAME) * least.size]
+        if new and not narrower:
+            break
+        for p in narrower:
+            if 2.0 * p.value < least.size:
                 least = Feature(2.0 * p.value, p.u, p.x, p.kind)
     return least
 
