@@ -160,7 +160,7 @@ def test_mass_properties_by_quadrature_are_those_of_a_fine_mesh():
 
 
 def test_nested_lattices_fill_a_part_of_the_coarse_wall():
-    numbers = run("nested_lattices", fine=0.02, finer=3, cells=8)
+    numbers = run("nested_lattices", fine=0.02, finer=3)
     assert numbers["open edges"] == 0
     assert 0.0 <= numbers["crumbs"] < 0.01
     share = numbers["filled by the fine one"]
