@@ -503,3 +503,58 @@ def test_solutions_are_written_and_read(tmp_path):
     with pytest.raises(il.errors.FormatError, match="vtu"):
         solution.save(tmp_path / "x.stl")
     assert {p.name for p in tmp_path.iterdir()} == {"skin.vtu", "cells.vtu"}
+
+
+# ------------------------------------------------------------------------------ operators
+
+
+def column():
+    """A column of 1 x 1 x 10 that is clamped at its foot, without contraction across."""
+    box = [[-0.5, -0.5, 0], [0.5, 0.5, 10]]
+    return Elasticity(full, (1, 1, 10), domain=box, poisson=0.0, density=2.0).clamp("w=0")
+
+
+def test_mass_is_that_of_the_solid_and_of_a_beam_that_swings():
+    from scipy.linalg import eigh
+
+    problem = Elasticity(slab, 4, domain=CUBE, density=lambda x: 1 + x[:, 0])
+    rule = problem.domain.volume
+    mass = rule.integrate(lambda u: 1 + u[:, 0])
+    shift = np.tile([0.0, 1.0, 0.0], len(problem.assembly.space))
+    assert shift @ (problem.mass() @ shift) == pytest.approx(mass, rel=1e-12)
+    assert shift @ (problem.mass(3.0) @ shift) == pytest.approx(3 * rule.integrate(), rel=1e-12)
+    beam = column()
+    K, M = beam.system.K.toarray(), beam.mass().toarray()
+    omega = np.sqrt(eigh(K, M, eigvals_only=True, subset_by_index=[0, 0])[0])
+    euler = 1.8751**2 * np.sqrt((1 / 12) / (2.0 * 10.0**4))
+    assert omega == pytest.approx(euler, rel=0.02)
+    assert omega < euler  # shear and turning of sections slow it down
+
+
+def test_a_column_buckles_at_eulers_load():
+    from scipy.linalg import eigh
+
+    problem = column()
+    loaded = problem.load(traction=(0, 0, -1.0), on="w=1")
+    K = problem.system.K.toarray()
+    G = problem.geometric_stiffness(loaded.solve()).toarray()
+    np.testing.assert_allclose(G, G.T)
+    load = -1 / eigh(G, K, eigvals_only=True, subset_by_index=[0, 0])[0]
+    euler = np.pi**2 / 12 / 400
+    assert load == pytest.approx(euler, rel=0.02)
+    assert load < euler
+
+
+def test_results_do_not_depend_on_the_number_of_threads():
+    import numba
+
+    threads, found = numba.get_num_threads(), []
+    try:
+        for n in (1, threads):
+            numba.set_num_threads(n)
+            problem = Elasticity(slab, 5, domain=CUBE).clamp("w=0").spring("surface", 0.1)
+            problem = problem.clamp("v=0", method="nitsche").load(body=(1, 0, 0))
+            found.append((problem.matrix.data, problem.system.b))
+    finally:
+        numba.set_num_threads(threads)
+    assert all(np.array_equal(a, b) for a, b in zip(*found, strict=True))
