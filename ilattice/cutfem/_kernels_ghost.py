@@ -44,11 +44,14 @@ def ghost_matrices(
         for a in range(n * n):
             for b in range(a):
                 M[a, b] = M[b, a]
+        across = np.empty(n * n * m)
+        along = np.empty(n * n * m, np.int64)
         for a in range(n * n * m):
-            i, j = split(a, axis, n)
+            i, along[a] = split(a, axis, n)
+            across[a] = jumps[e, i]
+        for a in range(n * n * m):
             for b in range(n * n * m):
-                k, r = split(b, axis, n)
-                out[e, a, b] = jumps[e, i] * jumps[e, k] * M[j, r]
+                out[e, a, b] = across[a] * across[b] * M[along[a], along[b]]
 
 
 @njit(**INNER)

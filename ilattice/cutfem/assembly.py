@@ -273,3 +273,22 @@ def on_cells(rule: Quadrature, cells: IntArray) -> Quadrature:
         neighbours=None if rule.neighbours is None else read_only(rule.neighbours[keep]),
         offsets=read_only(offsets),
     )
+
+
+def compressed_where_long(rule: Quadrature, degree: int) -> Quadrature:
+    """A rule whose cells have moments of a degree instead of more points than that takes."""
+    most = (degree + 1) ** 3
+    counts = np.diff(rule.offsets)
+    if not (counts > most).any():
+        return rule
+    parts = [on_cells(rule, rule.cells[counts > most]).compressed(degree)]
+    parts.append(on_cells(rule, rule.cells[counts <= most]))
+    kept = np.minimum(counts, most)
+    offsets = np.append(0, np.cumsum(kept))
+    points, weights = np.empty((offsets[-1], 3)), np.empty(offsets[-1])
+    for part, mine in zip(parts, (counts > most, counts <= most), strict=True):
+        rows = np.repeat(offsets[:-1][mine] - part.offsets[:-1], kept[mine]) + np.arange(len(part))
+        points[rows], weights[rows] = part.points, part.weights
+    return replace(
+        rule, points=read_only(points), weights=read_only(weights), offsets=read_only(offsets)
+    )

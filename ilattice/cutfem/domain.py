@@ -13,15 +13,16 @@ from typing import Any
 
 import numpy as np
 
-from ilattice._typing import IntArray
+from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import as_positive
-from ilattice.cutfem.assembly import Assembly, on_cells
+from ilattice.cutfem.assembly import Assembly, compressed_where_long, on_cells
 from ilattice.cutfem.connectivity import Parts, connected_parts
 from ilattice.cutfem.grid import CUT, CutGrid, cut
 from ilattice.cutfem.rules import MOST_POINTS, NAMES, Quadrature
 from ilattice.cutfem.space import DEGREES, SplineSpace
 from ilattice.cutfem.stabilise import ghost_faces, void_rule
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
+from ilattice.macroshape.maps import SplineMap
 from ilattice.offsets.wall import Wall
 
 #: Places for conditions: end faces, the level sets that bound the solid, or the outer (first,
@@ -150,15 +151,29 @@ class Domain:
 
         def make() -> Quadrature:
             rule = on_cells(self.volume, asm.space.cells)
-            if constant and self.degree == 1 and asm.affine is not None:
-                small = rule.compressed(2)
-                rule = small if len(small) < len(rule) else rule
+            if constant and self._compressible(asm):
+                rule = compressed_where_long(rule, 2 * self.degree)
             if self.stabilization != "void":
                 return rule
             assert self.weight is not None
             return void_rule(self.cut, rule, self.degree + 1, self.weight, 1.0 - self.weight)
 
         return self.once(("stiff", asm, constant), make)
+
+    def _compressible(self, asm: Assembly) -> bool:
+        """Whether integrals over cells may be taken from moments.
+
+        Exact through an affine map. Through others the Jacobian is interpolated in every cell with
+        degree 2 p; the tiny errors of slivers, which may be negative, need a ghost penalty, and
+        second derivatives of the map must not jump within cells.
+        """
+        if asm.affine is not None or self.degree == 1:
+            return asm.affine is not None
+        assert asm.through is not None
+        return asm.ghost is not None and all(
+            np.abs(kinks(asm.through, a)[:, None] - x).min(axis=1).max(initial=0) < 1e-9 * np.ptp(x)
+            for a, x in enumerate(self.cut.grid.axes)
+        )
 
     def void(self, asm: Assembly) -> Quadrature:
         """Rule, in parameters, on the weighted void part of cut cells; weights may be negative."""
@@ -213,6 +228,14 @@ def in_space(rule: Quadrature) -> Quadrature:
     if rule.through is not None:
         return rule.in_space()
     return replace(rule, parameters=rule.points)
+
+
+def kinks(through: SplineMap, axis: int) -> FloatArray:
+    """Inner knots at which second derivatives of a map may jump."""
+    t, k = through.spline.t[axis], through.spline.k[axis]
+    places, times = np.unique(t, return_counts=True)
+    lo, hi = through.domain[:, axis]
+    return places[(places > lo) & (places < hi) & (k - times < 2)]
 
 
 def _one_set(rule: Quadrature, number: int) -> Quadrature:

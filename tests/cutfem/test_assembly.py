@@ -11,7 +11,7 @@ from scipy.sparse import csr_array
 import ilattice as il
 from ilattice.cutfem import SplineSpace
 from ilattice.cutfem import _kernels_assembly as kernels
-from ilattice.cutfem.assembly import Assembly, on_cells
+from ilattice.cutfem.assembly import Assembly, compressed_where_long, on_cells
 from ilattice.cutfem.stabilise import ghost_faces, void_rule
 
 CUBE = [[0.0] * 3, [1.0] * 3]
@@ -165,11 +165,30 @@ def test_the_pattern_is_that_of_shared_elements(closed):
     assert abs(K - K.T).max() == 0.0
 
 
-def test_compressed_rules_give_the_same_matrices():
-    _, rule, asm = made(1, 4, field=il.tiles["gyroid"])
+@pytest.mark.parametrize("p", [1, 2])
+def test_compressed_rules_give_the_same_matrices(p):
+    cut, _, asm = made(p, 4, field=il.tiles["gyroid"])
+    rule = cut.volume(6)
     full = matrix(asm, rule, kernels.PAIRS, ONE, 0.6, 0.4, m=3)
-    small = matrix(asm, rule.compressed(2), kernels.PAIRS, ONE, 0.6, 0.4, m=3)
+    few = compressed_where_long(rule, 2 * p)
+    assert len(few) < 0.7 * len(rule)
+    np.testing.assert_allclose(few.integrate_cells(), rule.integrate_cells(), rtol=1e-11)
+    small = matrix(asm, few, kernels.PAIRS, ONE, 0.6, 0.4, m=3)
     assert abs(full - small).max() < 1e-13 * abs(full).max()
+    assert compressed_where_long(cut.volume(2), 4) is not rule
+
+
+def test_compression_through_a_curved_map_costs_next_to_nothing():
+    bent = il.macroshape.torus(major=3.0, width=1.0)
+    errors = []
+    for cells in ((8, 4, 4), (16, 8, 8)):
+        cut, _, asm = made(2, cells, bent)
+        rule = cut.volume(6)
+        full = matrix(asm, rule, kernels.PAIRS, ONE, 0.6, 0.4, m=3)
+        small = matrix(asm, compressed_where_long(rule, 4), kernels.PAIRS, ONE, 0.6, 0.4, m=3)
+        errors.append(abs(full - small).max() / abs(full).max())
+    assert errors[0] < 1e-4
+    assert errors[1] < errors[0] / 2
 
 
 def test_the_void_is_weighted():
