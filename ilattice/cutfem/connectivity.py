@@ -87,7 +87,9 @@ class Parts:
         return f"{len(parts)} {noun}: " + "; ".join(told + (rest if len(parts) > most else []))
 
 
-def connected_parts(solid: Quadrature, faces: tuple[Quadrature, ...]) -> Parts:
+def connected_parts(
+    solid: Quadrature, faces: tuple[Quadrature, ...], there: Quadrature | None = None
+) -> Parts:
     """Parts of a solid, by the wet faces between its cells.
 
     Parameters
@@ -96,6 +98,8 @@ def connected_parts(solid: Quadrature, faces: tuple[Quadrature, ...]) -> Parts:
         Volume rule in parameters.
     faces : tuple of Quadrature
         Rules on the faces between cells, `CutGrid.faces`, of the three directions.
+    there : Quadrature, optional
+        The volume rule in space, if it is known.
 
     Returns
     -------
@@ -118,7 +122,8 @@ def connected_parts(solid: Quadrature, faces: tuple[Quadrature, ...]) -> Parts:
         columns.append(high[joined])
     i, j = np.concatenate(rows), np.concatenate(columns)
     count, labels = connected_components(coo_array((np.ones(len(i)), (i, j)), shape=(n, n)), False)
-    there = solid if solid.through is None else solid.in_space()
+    if there is None:
+        there = solid if solid.through is None else solid.in_space()
     owner = labels[solid.owners]
     volumes = np.bincount(owner, there.weights, count)
     moments = [np.bincount(owner, there.weights * there.points[:, a], count) for a in range(3)]

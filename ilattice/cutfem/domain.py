@@ -86,7 +86,12 @@ class Domain:
     @cached_property
     def parts(self) -> Parts:
         """Connected parts of the solid."""
-        return connected_parts(self.volume, self.wet)
+        return connected_parts(self.volume, self.wet, self.volume_in_space)
+
+    @cached_property
+    def volume_in_space(self) -> Quadrature:
+        """Rule on the solid, in space, with `parameters`."""
+        return in_space(self.volume)
 
     def boundary(self, on: str) -> Quadrature:
         """Rule in space on an end face or a level set, with normals and `parameters`.
@@ -146,19 +151,35 @@ class Domain:
         faces = ghost_faces(self.cut, self.wet, cells, weight)
         return Assembly(space, self.cut.through, faces)
 
-    def stiff_rule(self, asm: Assembly, *, constant: bool) -> Quadrature:
-        """Rule for stiffness: with the weighted void, compressed where that loses nothing."""
+    def stiff_rule(self, asm: Assembly, *, constant: bool, void: bool = True) -> Quadrature:
+        """Rule for stiffness, in parameters, compressed where that loses nothing.
+
+        Parameters
+        ----------
+        asm : Assembly
+            Functions on the active cells.
+        constant : bool
+            Whether the material is the same everywhere.
+        void : bool
+            Whether the weighted void is in it.
+
+        Returns
+        -------
+        Quadrature
+            The same one for the same arguments.
+        """
 
         def make() -> Quadrature:
-            rule = on_cells(self.volume, asm.space.cells)
-            if constant and self._compressible(asm):
-                rule = compressed_where_long(rule, 2 * self.degree)
-            if self.stabilization != "void":
-                return rule
+            if not void or self.stabilization != "void":
+                rule = on_cells(self.volume, asm.space.cells)
+                short = constant and self._compressible(asm)
+                return compressed_where_long(rule, 2 * self.degree) if short else rule
+            rule = self.stiff_rule(asm, constant=constant, void=False)
             assert self.weight is not None
             return void_rule(self.cut, rule, self.degree + 1, self.weight, 1.0 - self.weight)
 
-        return self.once(("stiff", asm, constant), make)
+        void = void and self.stabilization == "void"
+        return self.once(("stiff", asm, constant, void), make)
 
     def _compressible(self, asm: Assembly) -> bool:
         """Whether integrals over cells may be taken from moments.
@@ -184,7 +205,7 @@ class Domain:
 
     def solid(self, asm: Assembly) -> Quadrature:
         """Rule in space on the active cells, with `parameters`."""
-        return self.once(("solid", asm), lambda: in_space(on_cells(self.volume, asm.space.cells)))
+        return self.once(("solid", asm), lambda: on_cells(self.volume_in_space, asm.space.cells))
 
     def edge(self, asm: Assembly, on: str) -> Quadrature:
         """Rule in space on the boundary of the active cells; see `boundary`."""

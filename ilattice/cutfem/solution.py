@@ -169,16 +169,21 @@ class Solution:
     @cached_property
     def energy(self) -> float:
         """Strain energy of the solid, without springs and stabilization."""
-        rule = self.problem.domain.solid(self.problem.assembly)
-        return self._energy(rule, rule.weights)
+        problem = self.problem
+        constant = problem.material.constant
+        return self._energy(
+            problem.domain.stiff_rule(problem.assembly, constant=constant, void=False)
+        )
 
-    def _energy(self, rule: Quadrature, weights: FloatArray) -> float:
-        u = rule.points if rule.parameters is None else rule.parameters
+    def _energy(self, rule: Quadrature) -> float:
         problem, total = self.problem, 0.0
-        for rows, _, gradient in problem.assembly.on_rule(self.coefficients, rule):
-            lam, mu = problem.material.lame(problem.assembly, u[rows])
+        asm = problem.assembly
+        for rows, _, gradient in asm.on_rule(self.coefficients, rule):
+            u = rule.points[rows]
+            weights = rule.weights[rows] * np.abs(np.linalg.det(asm.jacobians(u)))
+            lam, mu = problem.material.lame(asm, u)
             density = 0.5 * elastic_stress(gradient, lam, mu) * engineering_strain(gradient)
-            total += float(weights[rows] @ density.sum(axis=1))
+            total += float(weights @ density.sum(axis=1))
         return total
 
     @cached_property
@@ -196,9 +201,7 @@ class Solution:
         asm, domain = problem.assembly, problem.domain
         total = 0.0
         if domain.stabilization == "void":
-            void = domain.void(asm)
-            J = np.abs(np.linalg.det(asm.jacobians(void.points)))
-            total += self._energy(void, void.weights * J)
+            total += self._energy(domain.void(asm))
         if asm.ghost is not None:
             data = asm.zeros(3)
             asm.add_ghost(data, problem.ghost_stiffness)
