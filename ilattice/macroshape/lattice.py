@@ -9,6 +9,7 @@ mixture is one C2 spline for the entire lattice, which deviates from its tiles b
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -214,7 +215,8 @@ class Lattice:
         -------
         ndarray, shape (n,)
             Values: of an extra coordinate of the map, which goes through the part as a whole, or
-            of a property of the tile, which repeats in every tile.
+            of a property of the tile, which repeats in every tile; in mixtures of tiles, the mean
+            of those of the tiles, weighed as their fields are.
 
         Raises
         ------
@@ -232,13 +234,16 @@ class Lattice:
             known = near_names(name, self.property_names) if self.property_names else "none"
             raise InputError(f"the lattice has no property {name!r}; it has: {known}")
         p = self.tile_coordinates(u)
-        values = as_array(f"property {name!r}", self.tile.properties[name](self._in_tile(p)))
-        if values.shape != (len(u),):
-            raise InputError(
-                f"property {name!r} must return one value per point, shape ({len(u)},), got "
-                f"{values.shape}"
-            )
-        return values
+        if isinstance(self.tile, Tile):
+            return _values(name, self.tile, self._in_tile(p))
+        mixture, closed = self.tile, self.through.closed
+        make = partial(mixture.blended, self.repeat, self.domain, closed)
+        tiles, blend = self._once("blend", make)
+        weights, out = blend.weights(p), np.zeros(len(u))
+        for number, tile in enumerate(tiles):
+            at = np.flatnonzero(weights[:, number])
+            out[at] += weights[at, number] * _values(name, tile, self._in_tile(p[at]))
+        return out
 
     # ------------------------------------------------------------------ distances
 
@@ -354,6 +359,19 @@ class Lattice:
         from ilattice.mesh.topology import topology_sweep
 
         return topology_sweep(self, d_values, **options)
+
+
+def _values(name: str, tile: Tile, p: FloatArray) -> FloatArray:
+    """Values of a property of a tile at points of the unit cube, checked."""
+    if name not in tile.properties:
+        raise InputError(f"tile {tile.name!r} of the mixture has no property {name!r}; give it one")
+    values = as_array(f"property {name!r}", tile.properties[name](p))
+    if values.shape != (len(p),):
+        raise InputError(
+            f"property {name!r} must return one value per point, shape ({len(p)},), got "
+            f"{values.shape}"
+        )
+    return values
 
 
 def _waves(f: Any) -> int:

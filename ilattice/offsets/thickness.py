@@ -16,6 +16,7 @@ from ilattice._validate import as_array, near_names
 from ilattice.bspline import BSpline
 from ilattice.bspline.knots import uniform_knots
 from ilattice.errors import ConvergenceError, InputError
+from ilattice.tiles.mixture import Mixture
 
 if TYPE_CHECKING:
     from ilattice.macroshape.lattice import Lattice
@@ -138,6 +139,8 @@ def _as_spline(d: Any, lattice: Lattice, name: str) -> BSpline:
 def _named(name: str, lattice: Lattice, argument: str) -> BSpline:
     through = lattice.through
     if name in lattice.tile.properties:
+        if isinstance(lattice.tile, Mixture):
+            return _fitted(lambda u: lattice.property_at(name, u), lattice, argument)
         return _repeated(name, lattice, argument)
     if name not in through.names:
         known = near_names(name, lattice.property_names) if lattice.property_names else "none"

@@ -151,6 +151,17 @@ class Blend:
                 out[at] += w[at] * tile(p[at] - cell[at])
         return out
 
+    def weights(self, p: FloatArray) -> FloatArray:
+        """Weights (n, m) of the tiles at tile coordinates (n, 3): they sum to one."""
+        shares = self.shares(p)
+        if shares is not None:
+            return shares
+        out = np.zeros((len(p), len(self.tiles)))
+        for cell, w in self._corners(p):
+            for number in range(len(self.tiles)):
+                out[:, number] += w * self._part(number, cell, None)
+        return out
+
     def shares(self, p: FloatArray) -> FloatArray | None:
         """Weights (n, m) of the tiles at tile coordinates; None if cells are chosen."""
         if self.weight is None:
@@ -182,7 +193,7 @@ class Blend:
     def _corners(self, p: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
         """The cells (n, 3) that a point draws from, and their weights (n,), which sum to one."""
         base = np.floor(p - 0.5)
-        upper = smooth_step((p - base - 1.0) / self.width + 0.5)
+        upper = smooth_step((p - base - 1.0) / max(self.width, 1e-12) + 0.5)
         for corner in np.ndindex(2, 2, 2):
             yield base + corner, np.where(corner, upper, 1.0 - upper).prod(axis=1)
 

@@ -72,12 +72,42 @@ class Mixture:
 
     @property
     def properties(self) -> Mapping[str, Callable[..., Any]]:
-        """No properties: those of the tiles do not carry over."""
-        return MappingProxyType({})
+        """Properties that all `tiles` have, as those of the first; a lattice weighs them all."""
+        first, *others = self.tiles or (None,)
+        if first is None:
+            return MappingProxyType({})
+        shared = {
+            n: f for n, f in first.properties.items() if all(n in t.properties for t in others)
+        }
+        return MappingProxyType(shared)
 
     def __repr__(self) -> str:
         how = "cells" if self.weight is None else "weights"
         return f"Mixture({self.name}, by {how})"
+
+    def blended(
+        self, repeat: tuple[int, int, int], domain: FloatArray, closed: Sequence[bool]
+    ) -> tuple[list[Tile], Blend]:
+        """Tiles in use, and the exact blend of them, with its weights.
+
+        Parameters
+        ----------
+        repeat, domain, closed
+            As in `field`.
+
+        Returns
+        -------
+        tuple of list of Tile, and Blend
+            In the same order.
+        """
+        tiles, numbers = list(self.tiles), None
+        if self.weight is None:
+            assert self.cells is not None
+            tiles, numbers = _numbered(self.tiles, self.cells(repeat))
+        return tiles, Blend(
+            tuple(Component.of(t) for t in tiles), numbers, self.weight, self.blend, repeat,
+            np.array(domain), np.array(closed),
+        )  # fmt: skip
 
     def field(
         self, repeat: tuple[int, int, int], domain: FloatArray, closed: Sequence[bool]
@@ -109,15 +139,7 @@ class Mixture:
         PrecisionWarning
             If `tol` is not met with 32 spans per tile edge.
         """
-        if self.weight is not None:
-            tiles, numbers = list(self.tiles), None
-        else:
-            assert self.cells is not None
-            tiles, numbers = _numbered(self.tiles, self.cells(repeat))
-        blend = Blend(
-            tuple(Component.of(t) for t in tiles), numbers, self.weight, self.blend, repeat,
-            np.array(domain), np.array(closed),
-        )  # fmt: skip
+        _, blend = self.blended(repeat, domain, closed)
         blend.check_seams()
         return fitted(blend, self.tol) if self.blend > 0.0 else joined(blend, self.tol)
 

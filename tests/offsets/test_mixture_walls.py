@@ -134,3 +134,37 @@ def test_a_lattice_refuses_cells_of_another_shape():
     lattice = il.Lattice(mixture, through=il.macroshape.box(), repeat=(2, 1, 2))
     with pytest.raises(InputError, match=r"cells must have one entry per tile, shape \(2, 1, 2\)"):
         lattice.offset(0.05)
+
+
+def test_properties_are_weighed_as_the_fields_are():
+    tiles = [
+        il.tiles[name].with_properties(stiffness=lambda p, e=e: e + p[:, 2])
+        for name, e in (("gyroid", 1.0), ("diamond", 3.0))
+    ]
+    box = il.macroshape.box((2, 1, 1))
+    u = np.array([[0.1, 0.5, 0.25], [0.5, 0.5, 0.25], [0.9, 0.5, 0.25]])
+    for blend in (0.5, 0.0):
+        mixture = il.tiles.mix(*tiles, cells=[[[0]], [[1]]], blend=blend)
+        lattice = il.Lattice(mixture, through=box, repeat=(2, 1, 1))
+        assert lattice.property_names == ("stiffness",)
+        np.testing.assert_allclose(lattice.property_at("stiffness", u), [1.25, 2.25, 3.25])
+    hybrid = il.tiles.hybrid(*tiles, weight=lambda u: u[:, 0])
+    lattice = il.Lattice(hybrid, through=box, repeat=(2, 1, 1))
+    np.testing.assert_allclose(lattice.property_at("stiffness", u), [1.45, 2.25, 3.05])
+    thick = [
+        t.with_properties(d=lambda p, d=d: np.full(len(p), d))
+        for t, d in zip(tiles, (0.04, 0.06), strict=True)
+    ]
+    wall = il.Lattice(
+        il.tiles.hybrid(*thick, weight=lambda u: u[:, 0]), through=box, repeat=(2, 1, 1)
+    ).offset("d")
+    np.testing.assert_allclose(wall.thickness.outer(u), [0.042, 0.05, 0.058], atol=1e-6)
+
+
+def test_properties_that_only_some_tiles_have_are_not_those_of_the_mixture():
+    painted = il.tiles["gyroid"].with_properties(red=lambda p: p[:, 0])
+    mixture = il.tiles.mix(painted, "diamond", seed=0)
+    assert dict(mixture.properties) == {}
+    lattice = il.Lattice(mixture, through=il.macroshape.box(), repeat=(2, 1, 1))
+    with pytest.raises(InputError, match="no property 'red'"):
+        lattice.property_at("red", [[0.5, 0.5, 0.5]])
