@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit, prange
 
 import ilattice.fields._tables as ops
-from ilattice.fields._kernels_program import apply, bound, shorten
+from ilattice.fields._kernels_program import apply, bound, shorten, shorten_bounded
 
 S = 9  # samples per block and direction
 CHUNK = 16  # blocks per task
@@ -136,16 +136,21 @@ def _ends(ex, ey, ez, i, j, k, width, box):
 
 
 @njit(cache=True)
-def _narrow(codes, numbers, lengths, level, box, lo, hi, to, w, none):
+def _decided(s, t, lower, upper):
+    """Whether bounds lie beyond a level, or between the two."""
+    return s > upper or t < lower or (lower < s and t < upper)
+
+
+@njit(cache=True)
+def _narrow(codes, numbers, lengths, level, box, lo, hi, to):
     """Shorten the program of a level for a box to the next level; bounds of its result."""
     c, d = codes[level], codes[level + 1]
-    m = shorten(
+    m, s, t = shorten_bounded(
         c[0], c[1], c[2], numbers[level], lengths[level], box, lo, hi, to, d[0], d[1], d[2],
         numbers[level + 1],
     )  # fmt: skip
     lengths[level + 1] = m
-    bound(d[0], d[1], d[2], numbers[level + 1], m, box, none, w)
-    return w[m - 1, 0], w[m - 1, 1]
+    return s, t
 
 
 @njit(cache=True, parallel=True)
@@ -176,8 +181,12 @@ def block_bounds(op, a, b, imm, ex, ey, ez, lower, upper, low, high):
             level = stack[count, 3]
             width = 8 >> level
             i1, j1, k1 = _ends(ex, ey, ez, i, j, k, width, box)
-            s, t = _narrow(codes, numbers, lengths, level, box, lo, hi, to, w, none)
-            if width == 1 or s > upper or t < lower or (lower < s and t < upper):
+            s, t = _narrow(codes, numbers, lengths, level, box, lo, hi, to)
+            if width == 1 and not _decided(s, t, lower, upper):  # sharper, and dearer
+                d, m = codes[level + 1], lengths[level + 1]
+                bound(d[0], d[1], d[2], numbers[level + 1], m, box, none, w)
+                s, t = w[m - 1, 0], w[m - 1, 1]
+            if width == 1 or _decided(s, t, lower, upper):
                 low[i:i1, j:j1, k:k1] = s
                 high[i:i1, j:j1, k:k1] = t
                 continue

@@ -27,6 +27,12 @@ def shorten(op, a, b, imm, m, box, lo, hi, maps, op2, a2, b2, imm2):
 
     ``lo``, ``hi`` and ``maps`` (2, m) are scratch.
     """
+    return shorten_bounded(op, a, b, imm, m, box, lo, hi, maps, op2, a2, b2, imm2)[0]
+
+
+@njit(cache=True, error_model="numpy")
+def shorten_bounded(op, a, b, imm, m, box, lo, hi, maps, op2, a2, b2, imm2):
+    """`shorten`, and bounds of the result on the box."""
     to = maps[0]
     for i in range(m):
         to[i] = i
@@ -45,7 +51,8 @@ def shorten(op, a, b, imm, m, box, lo, hi, maps, op2, a2, b2, imm2):
                 to[i] = to[p] if op[i] == ops.MIN else to[q]
             elif hi[q] < lo[p]:
                 to[i] = to[q] if op[i] == ops.MIN else to[p]
-    return _compact(op, a, b, imm, m, lo, to, maps[1], op2, a2, b2, imm2)
+    low, high = lo[m - 1], hi[m - 1]
+    return _compact(op, a, b, imm, m, lo, to, maps[1], op2, a2, b2, imm2), low, high
 
 
 @njit(cache=True)
@@ -171,27 +178,27 @@ def _place(r, c):
 
 
 @njit(cache=True)
-def _jet(op, a, b, imm, m, point, leaves, at, count, jet):
-    """Value, gradient and (count = 10) the second derivatives xx xy xz yy yz zz of registers."""
+def _jet(op, a, b, imm, m, point, leaves, at, jet):
+    """Value, gradient and the second derivatives xx xy xz yy yz zz of registers."""
     for i in range(m):
         o = op[i]
         if o < ops.INPUTS:
-            jet[i, :count] = 0.0
+            jet[i, :10] = 0.0
             if o < ops.CONST:
                 jet[i, 0], jet[i, 1 + o] = point[o], 1.0
             elif o == ops.CONST:
                 jet[i, 0] = imm[i]
             else:
-                jet[i, :count] = leaves[a[i], at, :count]
+                jet[i, :10] = leaves[a[i], at, :10]
             continue
         p, q = jet[a[i]], jet[b[i]]
         v = value(o, p[0], q[0])
         da, db, d_aa, d_ab, d_bb = partials(o, p[0], q[0], v)
         one = o < ops.BINARY
         jet[i, 0] = v
-        for k in range(1, count):
+        for k in range(1, 10):
             jet[i, k] = _scaled(da, p[k]) + (0.0 if one else _scaled(db, q[k]))
-        if count == 10 and not (d_aa == 0.0 and d_ab == 0.0 and d_bb == 0.0):
+        if not (d_aa == 0.0 and d_ab == 0.0 and d_bb == 0.0):
             for r in range(3):
                 for c in range(r, 3):
                     cross = p[1 + r] * q[1 + c] + p[1 + c] * q[1 + r]
@@ -206,15 +213,108 @@ def _scaled(slope, d):
     return 0.0 if d == 0.0 else slope * d
 
 
+@njit(cache=True, error_model="numpy")
+def _pull(op, u, v, w, z, du, dv, n):
+    """Add what the slope z of a result is worth to the slopes of what it was made from."""
+    if op == ops.ADD:
+        for k in range(n):
+            du[k] += z[k]
+        for k in range(n):
+            dv[k] += z[k]
+    elif op == ops.SUB:
+        for k in range(n):
+            du[k] += z[k]
+        for k in range(n):
+            dv[k] -= z[k]
+    elif op == ops.MUL:
+        for k in range(n):
+            du[k] += v[k] * z[k]
+        for k in range(n):
+            dv[k] += u[k] * z[k]
+    elif op == ops.SQUARE:
+        for k in range(n):
+            du[k] += 2.0 * u[k] * z[k]
+    elif op == ops.SQRT:
+        for k in range(n):
+            du[k] += 0.0 if w[k] == 0.0 else 0.5 / w[k] * z[k]
+    elif op == ops.MIN:
+        for k in range(n):
+            du[k] += 0.0 if v[k] < u[k] else z[k]
+        for k in range(n):
+            dv[k] += z[k] if v[k] < u[k] else 0.0
+    elif op == ops.MAX:
+        for k in range(n):
+            du[k] += 0.0 if v[k] > u[k] else z[k]
+        for k in range(n):
+            dv[k] += z[k] if v[k] > u[k] else 0.0
+    else:
+        for k in range(n):
+            da, db, _, _, _ = partials(op, u[k], v[k], w[k])
+            du[k] += 0.0 if da == 0.0 or z[k] == 0.0 else da * z[k]
+            if op >= ops.BINARY:
+                dv[k] += 0.0 if db == 0.0 or z[k] == 0.0 else db * z[k]
+
+
+@njit(cache=True)
+def _back(op, a, b, m, buf, leaves, i0, i1, slope):
+    """Slopes of the result by all registers, from the last one back."""
+    n = buf.shape[1]
+    slope[:m] = 0.0
+    slope[m - 1] = 1.0
+    for i in range(m - 1, 2, -1):
+        if op[i] >= ops.INPUTS:
+            p, q = a[i], b[i]
+            _pull(op[i], buf[p], buf[q], buf[i], slope[i], slope[p], slope[q], n)
+        elif op[i] == ops.LEAF:
+            for k in range(i1 - i0):
+                for axis in range(3):
+                    slope[axis, k] += slope[i, k] * leaves[a[i], i0 + k, 1 + axis]
+        elif op[i] < ops.CONST:  # the result is a coordinate, read once more
+            for k in range(n):
+                slope[op[i], k] += slope[i, k]
+
+
 @njit(cache=True, parallel=True)
-def jets(op, a, b, imm, points, leaves, prune, out):
-    """Jets (n, 4) or (n, 10) at points: value, gradient, second derivatives."""
-    n, size, count = len(points), len(op), out.shape[1]
+def gradients(op, a, b, imm, points, leaves, prune, out):
+    """Values and gradients (n, 4) at points."""
+    n, size = len(points), len(op)
     for task in prange((n + TASK - 1) // TASK):
         start, stop = task * TASK, min(n, (task + 1) * TASK)
         lo, hi, to = np.empty(size), np.empty(size), np.empty((2, size), np.int64)
         codes, numbers = np.empty((6, size + 1), np.int64), np.empty((2, size + 1))
-        jet, box = np.empty((size + 1, count)), np.empty((2, 3))
+        buf, slope = np.empty((size + 1, FEW)), np.empty((size + 1, FEW))
+        op1, a1, b1, imm1 = codes[0], codes[1], codes[2], numbers[0]
+        op2, a2, b2, imm2 = codes[3], codes[4], codes[5], numbers[1]
+        box, m1 = np.empty((2, 3)), size
+        if prune:
+            _box_of(points, start, stop, box)
+            m1 = shorten(op, a, b, imm, size, box, lo, hi, to, op1, a1, b1, imm1)
+        for i0 in range(start, stop, FEW):
+            i1 = min(stop, i0 + FEW)
+            m = size
+            if prune:
+                _box_of(points, i0, i1, box)
+                m = shorten(op1, a1, b1, imm1, m1, box, lo, hi, to, op2, a2, b2, imm2)
+                _run(op2, a2, b2, imm2, m, points, leaves, i0, i1, buf)
+                _back(op2, a2, b2, m, buf, leaves, i0, i1, slope)
+            else:
+                _run(op, a, b, imm, m, points, leaves, i0, i1, buf)
+                _back(op, a, b, m, buf, leaves, i0, i1, slope)
+            for k in range(i1 - i0):
+                out[i0 + k, 0] = buf[m - 1, k]
+                for axis in range(3):
+                    out[i0 + k, 1 + axis] = slope[axis, k]
+
+
+@njit(cache=True, parallel=True)
+def jets(op, a, b, imm, points, leaves, prune, out):
+    """Jets (n, 10) at points: value, gradient, second derivatives."""
+    n, size = len(points), len(op)
+    for task in prange((n + TASK - 1) // TASK):
+        start, stop = task * TASK, min(n, (task + 1) * TASK)
+        lo, hi, to = np.empty(size), np.empty(size), np.empty((2, size), np.int64)
+        codes, numbers = np.empty((6, size + 1), np.int64), np.empty((2, size + 1))
+        jet, box = np.empty((size + 1, 10)), np.empty((2, 3))
         op1, a1, b1, imm1 = codes[0], codes[1], codes[2], numbers[0]
         op2, a2, b2, imm2 = codes[3], codes[4], codes[5], numbers[1]
         m1 = size
@@ -229,9 +329,9 @@ def jets(op, a, b, imm, points, leaves, prune, out):
                 m = shorten(op1, a1, b1, imm1, m1, box, lo, hi, to, op2, a2, b2, imm2)
             for i in range(i0, i1):
                 if prune:
-                    _jet(op2, a2, b2, imm2, m, points[i], leaves, i, count, jet)
+                    _jet(op2, a2, b2, imm2, m, points[i], leaves, i, jet)
                 else:
-                    _jet(op, a, b, imm, m, points[i], leaves, i, count, jet)
+                    _jet(op, a, b, imm, m, points[i], leaves, i, jet)
                 out[i] = jet[m - 1]
 
 

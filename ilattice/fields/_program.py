@@ -304,7 +304,8 @@ class Program:
         """Jets (n, 4) or (n, 10) at checked points."""
         out = np.empty((len(points), 4 if order == 1 else 10))
         leaves = self._leaf_jets(points, order)
-        kernels.jets(*self._args, _own(points), leaves, self.prune, out)
+        kernel = kernels.gradients if order == 1 else kernels.jets
+        kernel(*self._args, _own(points), leaves, self.prune, out)
         return out
 
     def ranges(self, lo: FloatArray, hi: FloatArray) -> FloatArray:
