@@ -92,8 +92,12 @@ class Mixture:
 
         Parameters
         ----------
-        repeat, domain, closed
-            As in `field`.
+        repeat : tuple of int
+            Number of tiles per direction.
+        domain : ndarray, shape (2, 3)
+            Corners of the parameter box.
+        closed : sequence of 3 bool
+            Directions whose two ends coincide.
 
         Returns
         -------
