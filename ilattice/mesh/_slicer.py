@@ -22,6 +22,7 @@ from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.bspline import BSpline
 from ilattice.errors import GeometryError, InputError
 from ilattice.mesh import _kernels_slices as kernels
+from ilattice.mesh._roots import between
 
 if TYPE_CHECKING:
     from ilattice.offsets.wall import Wall
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
 BLOCK = 8
 #: Bisections of the boxes that may hold the highest and the lowest point.
 HALVINGS = 24
+#: Secants onto the plane, along edges of the grid.
+SECANTS = 3
 #: Most Newton steps onto wall and plane by the distance spline, then by closest points.
 STEPS, POLISHING = 6, 3
 #: Longest step and longest way of a point, and the step that ends the iteration, in cells.
@@ -171,7 +174,7 @@ class Slicer:
         low = np.stack(np.unravel_index(names // 8, self.planes), axis=1)
         step = np.stack([direction >> 2, direction >> 1 & 1, direction & 1], axis=1)
         a, b = self._at(low), self._at(low + step)
-        t = _crossing(self.height, a, b, ends - level, level)
+        t = between(lambda v: self.height(v) - level, a, b, ends - level, SECANTS)
         u = a + t[:, None] * (b - a)
         faces = np.zeros(len(names), np.int64)
         for k in np.flatnonzero(~self.closed):
@@ -326,26 +329,6 @@ def _component(spline: BSpline, direction: FloatArray) -> BSpline:
     return BSpline(
         spline.t, spline.c @ direction, spline.k, periodic=spline.periodic, weights=spline.weights
     )
-
-
-def _crossing(
-    height: BSpline, a: FloatArray, b: FloatArray, ends: FloatArray, level: float
-) -> FloatArray:
-    """Where along segments the height is `level`: bracketed secants, a few of them.
-
-    `ends` (n, 2) are the differences at the ends, of unlike signs.
-    """
-    lo, hi = np.zeros(len(a)), np.ones(len(a))
-    f, g = ends[:, 0].copy(), ends[:, 1].copy()
-    t = f / (f - g)
-    for _ in range(3):
-        value = height(a + t[:, None] * (b - a)) - level
-        low = (value >= 0.0) == (f >= 0.0)
-        lo, hi = np.where(low, t, lo), np.where(low, hi, t)
-        f, g = np.where(low, value, 0.5 * f), np.where(low, 0.5 * g, value)
-        gap = f - g
-        t = np.where(gap == 0.0, t, lo + (hi - lo) * f / np.where(gap == 0.0, 1.0, gap))
-    return t
 
 
 def _permutation(segments: IntArray) -> tuple[IntArray, IntArray]:

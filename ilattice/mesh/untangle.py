@@ -1,8 +1,9 @@
 """Surfaces that do not pass through themselves, although their vertices were moved.
 
 Where two sheets meet, or a pore closes, vertices that were moved onto a surface one by one may
-make triangles cross. They slide along the surface first; those that still cross are held back,
-part of the way to where they came from.
+make triangles cross. They are moved to where the surface passes through their own cells first,
+then slide along the surface; those that still cross are held back, part of the way to where they
+came from.
 
 Guarantees
 ----------
@@ -31,10 +32,10 @@ if TYPE_CHECKING:
     from ilattice.macroshape.lattice import Lattice
 
 #: Rounds in which vertices slide, by this part of the way to the mean of their neighbours.
-SLIDES, SLIDE = 8, 0.5
-#: Parts of the way back, one after the other, and most rounds in all.
+SLIDES, SLIDE = 16, 0.5
+#: Parts of the way back, one after the other, and most rounds of that.
 BACK = np.array([0.0, 0.125, 0.25, 0.5, 1.0])
-ROUNDS = 24
+ROUNDS = 16
 #: Rings of triangles around vertices that moved in which repair may differ.
 RINGS = 3
 
@@ -130,6 +131,7 @@ def untangled(
     faces: AnyArray,
     kind: AnyArray,
     settle: Settle,
+    recall: Settle,
 ) -> Untangled:
     """Triangles that do not cross, between vertices that were moved.
 
@@ -146,6 +148,8 @@ def untangled(
     settle : callable
         Moves parameters (n, 3) of the vertices (n,) onto their surface; returns the new ones, and
         a mask of those that it could not move.
+    recall : callable
+        Likewise, but only within the cells of the contour from whose vertices (n, 3) it starts.
 
     Returns
     -------
@@ -154,6 +158,10 @@ def untangled(
     """
     s = _Surface(lattice, moved, faces, kind)
     held = np.zeros(len(start), np.bool_)
+    if s.pairs:
+        u, lost = recall(start[s.at], s.at)
+        s.move(s.at[~lost], u[~lost])
+        s.weave()
     for _ in range(SLIDES):
         if not s.pairs:
             break
@@ -170,7 +178,7 @@ def _held_back(s: _Surface, start: FloatArray) -> AnyArray:
     """Move vertices back until nothing crosses; which were."""
     back = np.zeros(len(start), np.int8)
     goal = s.u.copy()
-    for _ in range(ROUNDS - SLIDES):
+    for _ in range(ROUNDS):
         at = s.at
         s.spared[at[back[at] == len(BACK) - 1]] = True
         back[at] = np.minimum(back[at] + 1, len(BACK) - 1)

@@ -1,12 +1,14 @@
 """From a wall to triangles in space: contour in the parameter domain, polish, map.
 
 Guarantees: those of `ilattice.mesh.contouring`; polished vertices lie on the exact offset of the
-mid-surface, those on the faces of the domain stay there. The triangles of `wall_mesh` do not pass
-through each other (`ilattice.mesh.untangle`) and have no slivers (`ilattice.mesh.repair`); those
-of `wall_pieces` may, for their neighbours may be gone. Vertices that cannot be polished, that
-stray, or that would make triangles cross, are marked as ``held`` in the point data and, where
-they are many, counted in a `PrecisionWarning`. Non-guarantee: where two offset surfaces meet in a
-crease, triangles do not follow the crease.
+mid-surface, those on the faces of the domain stay there. Where polished, the contour is that of
+the distance spline with exact values at its kinks (`ilattice.offsets.sharp`), so that pores close
+when they should. The triangles of `wall_mesh` do not pass through each other
+(`ilattice.mesh.untangle`) and have no slivers (`ilattice.mesh.repair`); those of `wall_pieces`
+may, for their neighbours may be gone. Vertices that cannot be polished, that stray, or that would
+make triangles cross, are marked as ``held`` in the point data and, where they are many, counted
+in a `PrecisionWarning`. Non-guarantee: where two offset surfaces meet in a crease, triangles do
+not follow the crease.
 """
 
 from __future__ import annotations
@@ -21,10 +23,12 @@ import numpy as np
 from ilattice._progress import Progress
 from ilattice._typing import AnyArray, FloatArray
 from ilattice.errors import PrecisionWarning
+from ilattice.mesh._own_cells import in_own_cells
 from ilattice.mesh.contouring import ON_CAP, Contour, contour_arrays, contour_blocks
 from ilattice.mesh.surface import SurfaceMesh
 from ilattice.mesh.untangle import untangled
 from ilattice.offsets.polish import polish
+from ilattice.offsets.sharp import SharpDistance
 
 if TYPE_CHECKING:
     from ilattice.offsets.wall import Wall
@@ -49,6 +53,7 @@ def wall_mesh(
     new = untangled(
         wall.lattice, raw.vertices, u, raw.faces, raw.kind,
         lambda u, at: job.settle(u, raw.kind[at], side[at]),
+        lambda u, at: job.recall(u, raw.kind[at], side[at]),
     )  # fmt: skip
     kept = new.repair.vertices
     held = (new.held | lost)[kept] & (side[kept] != 0)
@@ -92,24 +97,25 @@ class _Job:
 
     @classmethod
     def of(cls, wall: Wall, h: float | None, polish: bool, progress: Progress) -> _Job:
-        from ilattice.offsets.wall import warn_coarse
+        from ilattice.offsets.wall import WallField, warn_coarse
 
         least = wall.least_thickness
         if h is None:
             h = 0.25 * least
         warn_coarse(h, least)
         options: dict[str, Any] = {"wrap": wall.lattice.through.closed, "progress": progress}
-        field: Any = wall.field
         t = wall.thickness
+        distance: Any = SharpDistance(wall.lattice, wall.distance, t) if polish else wall.distance
+        field: Any = WallField(distance, t)
         if t.constant:
-            field = wall.distance
+            field = distance
             inner, outer = (float(s.c.item()) for s in (t.inner, t.outer))
             options["level"] = outer if t.solid else (-inner, outer)
         elif t.solid and t.outer.c.min() > 0.0:
-            field = wall.distance
+            field = distance
             options |= {"level": 1.0, "scale": t.outer}
         elif t.symmetric:
-            field = wall.distance
+            field = distance
             options |= {"level": (-1.0, 1.0), "scale": t.outer}
         return cls(wall, field, grid_axes(wall, h), options, polish)
 
@@ -122,6 +128,18 @@ class _Job:
     ) -> tuple[FloatArray, AnyArray]:
         """Vertices moved onto the offset, and which could not be; see `settled`."""
         return settled(self.wall, self.axes, u, kind, side, exactly=self.polish)
+
+    def recall(
+        self, u: FloatArray, kind: AnyArray, side: FloatArray
+    ) -> tuple[FloatArray, AnyArray]:
+        """Points of the exact offset in the cells of vertices, and which vertices have none."""
+        out, lost = u.copy(), side != 0
+        at = np.flatnonzero(lost & self.polish)
+        if len(at):
+            fixed = _fixed(kind[at])
+            out[at], found = in_own_cells(self.wall, self.axes, u[at], fixed, side[at])
+            lost[at[found]] = False
+        return out, lost
 
 
 def _warn(held: int, count: int, left: int) -> None:
@@ -172,7 +190,7 @@ def settled(
     ndarray of bool, shape (V,)
         Those that could not be moved, and keep their place.
     """
-    fixed = np.stack([(kind >> (2 * a)) & 3 for a in range(3)], axis=1) != 0
+    fixed = _fixed(kind)
     out = u.copy()
     lost = np.zeros(len(u), np.bool_)
     thickest = 0.5 * max(wall.thickness.extremes[1], wall.least_thickness)
@@ -187,6 +205,12 @@ def settled(
             out[at] = np.where(stay[:, None], u[at], moved)
             lost[at] = stay
     return out, lost
+
+
+def _fixed(kind: AnyArray) -> AnyArray:
+    """Coordinates (n, 3) that stay as they are, on faces of the domain."""
+    out: AnyArray = np.stack([(kind >> (2 * a)) & 3 for a in range(3)], axis=1) != 0
+    return out
 
 
 def strayed(wall: Wall, axes: tuple[FloatArray, ...], u: FloatArray, moved: FloatArray) -> AnyArray:

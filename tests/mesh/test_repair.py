@@ -391,6 +391,10 @@ def wall_of(name, d):
     return il.Lattice(il.tiles[name], through=il.macroshape.box(), repeat=(1, 1, 1)).offset(d)
 
 
+def none_cross(*arrays):
+    return 0, np.zeros(len(arrays[1]), bool)
+
+
 def untouched(x, faces, _, *, spared):
     assert not spared.any()
     return SimpleNamespace(vertices=np.arange(len(x)), faces=faces)
@@ -404,7 +408,8 @@ def test_walls_have_no_slivers(name, d, h, monkeypatch):
     wall = wall_of(name, d)
     mesh = wall.mesh(h)
     monkeypatch.setattr(untangle, "remove_slivers", untouched)
-    before = wall.mesh(h)
+    monkeypatch.setattr(untangle, "self_intersections", none_cross)
+    before = wall.mesh(h)  # slivers may cross: that does not move vertices here
     assert mesh.quality.min() >= min(QUALITY, 0.01)
     assert mesh.is_watertight
     assert mesh.is_oriented

@@ -1,0 +1,48 @@
+"""Roots of functions along segments, many at once."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ilattice._typing import FloatArray
+
+
+def between(
+    f: Callable[[FloatArray], FloatArray],
+    a: FloatArray,
+    b: FloatArray,
+    ends: FloatArray,
+    steps: int,
+) -> FloatArray:
+    """Where along segments from `a` to `b` a function vanishes: bracketed secants.
+
+    Parameters
+    ----------
+    f : callable
+        Takes points (n, 3), one per segment; returns values (n,).
+    a, b : ndarray, shape (n, 3)
+        Ends of the segments.
+    ends : ndarray, shape (n, 2)
+        Values at the ends, of unlike signs.
+    steps : int
+        How often `f` is called.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Parts of the way from `a` to `b`.
+    """
+    lo, hi = np.zeros(len(a)), np.ones(len(a))
+    p, q = ends[:, 0].copy(), ends[:, 1].copy()
+    t = p / (p - q)
+    before = np.zeros(len(a), np.int64)
+    for _ in range(steps):
+        value = f(a + t[:, None] * (b - a))
+        low = (value >= 0.0) == (p >= 0.0)
+        lo, hi = np.where(low, t, lo), np.where(low, hi, t)
+        again = np.where(low == (before > 0), 0.5, 1.0)  # the other end is stuck
+        p, q = np.where(low, value, again * p), np.where(low, again * q, value)
+        before = np.where(low, 1, -1).astype(np.int8)
+        gap = p - q
+        t = np.where(gap == 0.0, t, lo + (hi - lo) * p / np.where(gap == 0.0, 1.0, gap))
+    return t
