@@ -10,7 +10,9 @@ import numba
 
 from benchmarks.measure import table
 
-MODULES = ("bspline", "offsets", "contouring", "quadrature", "mesh_distance", "figures")
+MODULES = (
+    "bspline", "offsets", "contouring", "quadrature", "mesh_distance", "figures", "solvers",
+)  # fmt: skip
 
 
 def main() -> None:

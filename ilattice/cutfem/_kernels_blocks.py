@@ -49,6 +49,42 @@ def multiply3(offsets: Any, columns: Any, blocks: Any, x: Any, y: Any, sign: Any
 
 
 @njit(cache=True, error_model="numpy", parallel=True, fastmath=FAST)
+def multiply6(offsets: Any, columns: Any, blocks: Any, x: Any, y: Any, sign: Any, L: Any) -> None:
+    """y += sign K x (or y = K x for sign 0), blocks 3 x 6 or 6 x 6."""
+    m = len(L)
+    n = len(offsets) - 1
+    for chunk in prange((n + ROWS - 1) // ROWS):
+        for i in range(chunk * ROWS, min(n, (chunk + 1) * ROWS)):
+            for h in range(0, m, 3):
+                a = x.dtype.type(0)
+                b = x.dtype.type(0)
+                c = x.dtype.type(0)
+                for k in range(offsets[i], offsets[i + 1]):
+                    j = 6 * columns[k]
+                    s = x[j]
+                    t = x[j + 1]
+                    u = x[j + 2]
+                    v = x[j + 3]
+                    w = x[j + 4]
+                    z = x[j + 5]
+                    A = blocks[k, h]
+                    B = blocks[k, h + 1]
+                    C = blocks[k, h + 2]
+                    a += A[0] * s + A[1] * t + A[2] * u + A[3] * v + A[4] * w + A[5] * z
+                    b += B[0] * s + B[1] * t + B[2] * u + B[3] * v + B[4] * w + B[5] * z
+                    c += C[0] * s + C[1] * t + C[2] * u + C[3] * v + C[4] * w + C[5] * z
+                e = m * i + h
+                if sign == 0:
+                    y[e] = a
+                    y[e + 1] = b
+                    y[e + 2] = c
+                else:
+                    y[e] += sign * a
+                    y[e + 1] += sign * b
+                    y[e + 2] += sign * c
+
+
+@njit(cache=True, error_model="numpy", parallel=True, fastmath=FAST)
 def multiply(offsets: Any, columns: Any, blocks: Any, x: Any, y: Any, sign: Any, S: Any) -> None:
     """y += sign K x (or y = K x for sign 0), blocks len(S[0]) x len(S[1])."""
     m = len(S[0])
@@ -69,25 +105,54 @@ def multiply(offsets: Any, columns: Any, blocks: Any, x: Any, y: Any, sign: Any,
 
 
 @njit(cache=True, error_model="numpy", parallel=True, fastmath=FAST)
+def multiply_transposed6(
+    offsets: Any, rows: Any, where: Any, blocks: Any, x: Any, y: Any, L: Any
+) -> None:
+    """y = Pᵀ x for blocks len(L) x 6; column J has blocks where[k] in rows[k]."""
+    m = len(L)
+    n = len(offsets) - 1
+    for chunk in prange((n + ROWS - 1) // ROWS):
+        for J in range(chunk * ROWS, min(n, (chunk + 1) * ROWS)):
+            a = x.dtype.type(0)
+            b = x.dtype.type(0)
+            c = x.dtype.type(0)
+            d = x.dtype.type(0)
+            e = x.dtype.type(0)
+            f = x.dtype.type(0)
+            for k in range(offsets[J], offsets[J + 1]):
+                for r in range(m):
+                    v = x[m * rows[k] + r]
+                    B = blocks[where[k], r]
+                    a += B[0] * v
+                    b += B[1] * v
+                    c += B[2] * v
+                    d += B[3] * v
+                    e += B[4] * v
+                    f += B[5] * v
+            y[6 * J] = a
+            y[6 * J + 1] = b
+            y[6 * J + 2] = c
+            y[6 * J + 3] = d
+            y[6 * J + 4] = e
+            y[6 * J + 5] = f
+
+
+@njit(cache=True, error_model="numpy", parallel=True, fastmath=FAST)
 def multiply_transposed(
     offsets: Any, rows: Any, where: Any, blocks: Any, x: Any, y: Any, S: Any
 ) -> None:
-    """y = Pᵀ x for blocks len(S[0]) x len(S[1]); column J has blocks where[k] in rows[k]."""
+    """y = Pᵀ x for blocks len(S[0]) x len(S[1]), otherwise like `multiply_transposed6`."""
     m = len(S[0])
     p = len(S[1])
     n = len(offsets) - 1
     for chunk in prange((n + ROWS - 1) // ROWS):
-        sums = np.empty(p, x.dtype)
         for J in range(chunk * ROWS, min(n, (chunk + 1) * ROWS)):
-            sums[:] = 0
-            for k in range(offsets[J], offsets[J + 1]):
-                i = m * rows[k]
-                e = where[k]
-                for a in range(m):
-                    for b in range(p):
-                        sums[b] += blocks[e, a, b] * x[i + a]
             for b in range(p):
-                y[p * J + b] = sums[b]
+                v = x.dtype.type(0)
+                for k in range(offsets[J], offsets[J + 1]):
+                    for a in range(m):
+                        v += blocks[where[k], a, b] * x[m * rows[k] + a]
+                y[p * J + b] = v
 
 
 @njit(cache=True, error_model="numpy", parallel=True, fastmath=FAST)

@@ -1,6 +1,6 @@
 """Smoothed aggregation: aggregates, the modes they carry, and products of block matrices.
 
-Guarantees: aggregates are disjoint and connected; every node with a neighbour is in one. Products
+Guarantees: aggregates are disjoint and connected; every node with a coupling is in one. Products
 are done row by row, so they have the same bits for any number of threads; the Galerkin product is
 symmetric to the last bit.
 """
@@ -33,53 +33,51 @@ def strengths(offsets: Any, columns: Any, blocks: Any, L: Any, out: Any) -> None
 
 @njit(cache=True, error_model="numpy")
 def aggregate(offsets: Any, columns: Any, strength: Any, least: float, out: Any) -> int:
-    """Aggregate of every node, -1 for nodes without a strong neighbour; the number of them.
+    """Aggregate of every node, -1 for nodes without couplings; the number of them.
 
-    First whole neighbourhoods; then what is left joins the strongest of those; then the rest.
+    First whole neighbourhoods of couplings above `least`; then every other node joins the one to
+    which its coupling is strongest; then what is left.
     """
     n = len(offsets) - 1
     out[:] = -1
     count = 0
     for i in range(n):
-        if out[i] >= 0:
-            continue
-        lonely = True
-        untouched = True
+        free = out[i] == -1
+        size = 0
         for k in range(offsets[i], offsets[i + 1]):
             if strength[k] > least:
-                lonely = False
-                if out[columns[k]] != -1:
-                    untouched = False
-                    break
-        if lonely:
-            out[i] = -2
-        elif untouched:
+                size += 1
+                free = free and out[columns[k]] == -1
+        if free and size > 0:
             out[i] = count
             for k in range(offsets[i], offsets[i + 1]):
                 if strength[k] > least:
                     out[columns[k]] = count
             count += 1
-    whole = count
     for i in range(n):
         if out[i] == -1:
-            best = least
+            best = np.float32(0)
             for k in range(offsets[i], offsets[i + 1]):
-                home = out[columns[k]]
-                if strength[k] > best and 0 <= home < whole:
+                if strength[k] > best and out[columns[k]] >= 0:
                     best = strength[k]
-                    out[i] = -3 - home
+                    out[i] = -2 - out[columns[k]]
     for i in range(n):
-        if out[i] <= -3:
-            out[i] = -3 - out[i]
+        if out[i] < -1:
+            out[i] = -2 - out[i]
     for i in range(n):
         if out[i] == -1:
-            out[i] = count
             for k in range(offsets[i], offsets[i + 1]):
-                if strength[k] > least and out[columns[k]] == -1:
+                if strength[k] > 0 and out[columns[k]] == -1:
+                    out[i] = count
                     out[columns[k]] = count
-            count += 1
-    for i in range(n):
-        out[i] = max(out[i], -1)
+            if out[i] == count:
+                count += 1
+            else:
+                best = np.float32(0)
+                for k in range(offsets[i], offsets[i + 1]):
+                    if strength[k] > best:
+                        best = strength[k]
+                        out[i] = out[columns[k]]
     return count
 
 
@@ -176,11 +174,19 @@ def product(
                         blocks[at] = 0.0
                     B = b_blocks[e]
                     C = blocks[at]
-                    for a in range(m):
+                    if m % 3 == 0:
+                        for c in range(0, m, 3):
+                            for a in range(m):
+                                u = A[a, c]
+                                v = A[a, c + 1]
+                                w = A[a, c + 2]
+                                for b in range(p):
+                                    C[a, b] += u * B[c, b] + v * B[c + 1, b] + w * B[c + 2, b]
+                    else:
                         for c in range(m):
-                            v = A[a, c]
-                            for b in range(p):
-                                C[a, b] += v * B[c, b]
+                            for a in range(m):
+                                for b in range(p):
+                                    C[a, b] += A[a, c] * B[c, b]
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
@@ -261,11 +267,19 @@ def galerkin(
                         continue
                     B = b_blocks[e]
                     C = blocks[slot[J]]
-                    for c in range(m):
-                        for a in range(p):
-                            v = T[c, a]
-                            for b in range(p):
-                                C[a, b] += v * B[c, b]
+                    if m % 3 == 0:
+                        for c in range(0, m, 3):
+                            for a in range(p):
+                                u = T[c, a]
+                                v = T[c + 1, a]
+                                w = T[c + 2, a]
+                                for b in range(p):
+                                    C[a, b] += u * B[c, b] + v * B[c + 1, b] + w * B[c + 2, b]
+                    else:
+                        for c in range(m):
+                            for a in range(p):
+                                for b in range(p):
+                                    C[a, b] += T[c, a] * B[c, b]
 
 
 @njit(cache=True, error_model="numpy")

@@ -11,7 +11,7 @@ multigrid V-cycles", Numerical Linear Algebra with Applications 30, 2023) is blo
 Guarantees: coarse matrices and the factor of the last one are made in double precision, the cycle
 runs in single precision; it is symmetric and positive definite up to that rounding. Set-up and
 cycle have the same bits for any number of threads. A matrix in which a near-nullspace mode has no
-stiffness is refused. Non-guarantee: thread safety; a hierarchy owns its work space.
+stiffness is refused.
 """
 
 from __future__ import annotations
@@ -32,8 +32,9 @@ from ilattice.errors import ConvergenceError, InputError
 COARSEST, DENSE = 900, 4000
 #: Degree of the smoother, damping of the prolongation.
 DEGREE, DAMPING = 2, 4 / 3
-#: Neighbours in an aggregate have couplings above this, relative to the diagonal.
-THETA = 0.0
+#: Neighbours in an aggregate have couplings above this, relative to the diagonal: in the first
+#: level, and in the others, where smoothed modes overlap with many that are far.
+WEAK, WEAK_COARSE = 0.02, 0.05
 LANCZOS = 16
 #: Largest eigenvalues are taken as this much above their estimate.
 SAFETY = 1.1
@@ -77,14 +78,20 @@ class Blocks:
     def multiply(self, x: AnyArray, y: AnyArray, sign: float) -> None:
         """y += sign A x, or y = A x for sign 0."""
         s = y.dtype.type(sign)
-        if self.blocks.shape[1:] == (3, 3):
+        m, p = self.blocks.shape[1:]
+        if m == p == 3:
             kb.multiply3(self.offsets, self.columns, self.blocks, x, y, s)
+        elif m in (3, 6) and p == 6:
+            kb.multiply6(self.offsets, self.columns, self.blocks, x, y, s, self.sizes[0])
         else:
             kb.multiply(self.offsets, self.columns, self.blocks, x, y, s, self.sizes)
 
     def multiply_transposed(self, x: AnyArray, y: AnyArray) -> None:
         """y = Aᵀ x."""
-        kb.multiply_transposed(*self.transposed, self.blocks, x, y, self.sizes)
+        if self.blocks.shape[2] == 6:
+            kb.multiply_transposed6(*self.transposed, self.blocks, x, y, self.sizes[0])
+        else:
+            kb.multiply_transposed(*self.transposed, self.blocks, x, y, self.sizes)
 
     def times(self, other: Blocks) -> Blocks:
         """The product, of the type of `other`."""
@@ -129,7 +136,7 @@ class Multigrid:
             scaled = _scaled(A, inverses, np.float32)
             rho = _largest_eigenvalue(scaled)
             B = _multiply_blocks(factors, B, True, np.float64)
-            P, B = _prolongation(scaled, B, rho)
+            P, B = _prolongation(scaled, B, rho, WEAK_COARSE if self.levels else WEAK)
             if P.width > 0.7 * A.rows:
                 break
             A = _galerkin(A, inverses, P)
@@ -236,13 +243,15 @@ def _largest_eigenvalue(A: Blocks) -> float:
     return float(eigvalsh_tridiagonal(alphas, betas[: len(alphas) - 1])[-1])
 
 
-def _prolongation(A: Blocks, modes: FloatArray, rho: float) -> tuple[Blocks, FloatArray]:
+def _prolongation(
+    A: Blocks, modes: FloatArray, rho: float, least: float
+) -> tuple[Blocks, FloatArray]:
     """Smoothed modes on aggregates, single precision, and the modes of the next level."""
     m, p = A.blocks.shape[1], modes.shape[1]
     strength = np.empty(len(A.columns), np.float32)
     km.strengths(A.offsets, A.columns, A.blocks, A.sizes[0], strength)
     home = np.empty(A.rows, np.int32)
-    count = km.aggregate(A.offsets, A.columns, strength, THETA**2 * m, home)
+    count = km.aggregate(A.offsets, A.columns, strength, least**2 * m, home)
     inside = home >= 0
     members = np.argsort(home, kind="stable")[np.count_nonzero(~inside) :]
     blocks, coarse = np.zeros((A.rows, m, p)), np.empty((count * p, p))

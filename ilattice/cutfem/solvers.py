@@ -117,7 +117,7 @@ class Solver:
             raise InputError(f"places must have {n // self._m} rows, got {len(self._places)}")
         modes = self._modes(near_nullspace)
         self._blocks = Blocks(self._K.indptr, self._K.indices, self._K.data, n // self._m)
-        _check_symmetric(self._times, n)
+        _check_symmetric(self.multiply, n)
         self._method = choose(self._K) if method == "auto" else method
         self._engine, self._bytes = ENGINES[self._method](self._K, modes)
         self._progress = progress
@@ -142,6 +142,23 @@ class Solver:
             z; a symmetric positive definite function of r.
         """
         return self._engine(self._as_load(r, "r")[:, 0])
+
+    def multiply(self, x: FloatArray) -> FloatArray:
+        """K x by all threads.
+
+        Parameters
+        ----------
+        x : ndarray, shape (n,)
+            Contiguous float64.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            The product.
+        """
+        y = np.empty_like(x)
+        self._blocks.multiply(x, y, 0)
+        return y
 
     def solve(
         self, b: ArrayLike, *, tol: float = 1e-8, max_iterations: int = 500
@@ -194,7 +211,7 @@ class Solver:
         return np.stack([run.x for run in runs], axis=1).reshape(np.shape(b)), report
 
     def _run(self, b: FloatArray, tol: float, steps: int) -> Run:
-        run = conjugate_gradients(self._times, self._engine, b, tol, steps, self._progress)
+        run = conjugate_gradients(self.multiply, self._engine, b, tol, steps, self._progress)
         if run.trouble or not run.residual <= tol:
             raise ConvergenceError(self._complaint(run, tol))
         return run
@@ -209,11 +226,6 @@ class Solver:
             f"about {run.condition:.1e}; the largest value is that of node {node}{where}: is the "
             "part there held by more than an edge or a corner?"
         )
-
-    def _times(self, x: FloatArray) -> FloatArray:
-        y = np.empty_like(x)
-        self._blocks.multiply(x, y, 0)
-        return y
 
     def _as_load(self, b: ArrayLike, name: str) -> FloatArray:
         load = as_array(name, b)

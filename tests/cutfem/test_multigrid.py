@@ -1,0 +1,205 @@
+"""Kernels of the multigrid against NumPy and SciPy, its levels against their algebra."""
+
+import numpy as np
+import pytest
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
+
+from benchmarks.systems import cross, sheet, system
+from ilattice.cutfem import _kernels_blocks as kb
+from ilattice.cutfem import _kernels_multigrid as km
+from ilattice.cutfem.multigrid import (
+    Blocks,
+    Multigrid,
+    _block_factors,
+    _galerkin,
+    _prolongation,
+    _scaled,
+)
+from ilattice.cutfem.solvers import rigid_modes
+from ilattice.errors import ConvergenceError, InputError
+
+
+def blocks_of(K):
+    return Blocks(K.indptr, K.indices, K.data, K.shape[1] // K.blocksize[1])
+
+
+def dense(A):
+    """A matrix of blocks, spelled out."""
+    m, p = A.blocks.shape[1:]
+    out = np.zeros((A.rows * m, A.width * p))
+    for i in range(A.rows):
+        for k in range(A.offsets[i], A.offsets[i + 1]):
+            j = A.columns[k]
+            out[m * i : m * (i + 1), p * j : p * (j + 1)] += A.blocks[k]
+    return out
+
+
+def random_blocks(m, p, rows, width, seed, dtype=float):
+    rng = np.random.default_rng(seed)
+    mask = rng.random((rows, width)) < 0.2
+    mask[:, 0] |= ~mask.any(axis=1)
+    mask[np.arange(min(rows, width)), np.arange(min(rows, width))] = True
+    offsets = np.concatenate([[0], np.cumsum(mask.sum(axis=1))]).astype(np.int32)
+    blocks = rng.standard_normal((offsets[-1], m, p)).astype(dtype)
+    return Blocks(offsets, np.nonzero(mask)[1].astype(np.int32), blocks, width)
+
+
+@pytest.fixture(scope="module")
+def struts():
+    return system(cross, (24, 8, 8), fixed="x0")
+
+
+@pytest.fixture(scope="module")
+def hierarchy(struts):
+    return Multigrid(blocks_of(struts.K), struts.modes)
+
+
+SIZES = [(1, 1), (3, 3), (3, 6), (6, 6), (2, 2), (3, 4)]
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_products_with_vectors(size):
+    for dtype, tolerance in ((np.float64, 1e-13), (np.float32, 1e-5)):
+        A = random_blocks(*size, 70, 50, 3, dtype)
+        rng = np.random.default_rng(4)
+        x, y = (rng.standard_normal(n).astype(dtype) for n in A.shape[::-1])
+        D = dense(A)
+        for sign, expected in ((0, D @ x), (1, y + D @ x), (-1, y - D @ x)):
+            z = y.copy()
+            A.multiply(x, z, sign)
+            np.testing.assert_allclose(z, expected, atol=tolerance * 20)
+        z = np.empty_like(x)
+        A.multiply_transposed(y, z)
+        np.testing.assert_allclose(z, D.T @ y, atol=tolerance * 20)
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_products_of_matrices(size):
+    m, p = size
+    A, B = random_blocks(m, m, 60, 50, 5), random_blocks(m, p, 50, 30, 6)
+    C = A.times(B)
+    np.testing.assert_allclose(dense(C), dense(A) @ dense(B), atol=1e-11)
+    for i in range(C.rows):  # every column once
+        row = C.columns[C.offsets[i] : C.offsets[i + 1]]
+        assert len(set(row)) == len(row)
+
+
+def test_sums_and_updates():
+    rng = np.random.default_rng(7)
+    x, y, z = rng.standard_normal((3, 10_000))
+    np.testing.assert_allclose(kb.dots(x, y, z).sum(axis=0), [x @ y, x @ z], atol=1e-10)
+    w = y.copy()
+    kb.combine(2.0, x, -3.0, w)
+    np.testing.assert_allclose(w, 2 * x - 3 * y, atol=1e-14)
+    v, w = z.copy(), x.copy()
+    kb.smooth(0.5, v, 2.0, y, 1.0, w)
+    np.testing.assert_allclose(v, 0.5 * z + 2 * y, atol=1e-14)
+    np.testing.assert_allclose(w, x + v, atol=1e-14)
+
+
+def test_scaled_matrices_have_unit_diagonal_blocks(struts):
+    K = blocks_of(struts.K)
+    factors, inverses = _block_factors(K)
+    np.testing.assert_allclose(
+        factors @ inverses, np.broadcast_to(np.eye(3), factors.shape), atol=1e-12
+    )
+    out = np.empty_like(K.blocks)
+    kb.scaled(K.offsets, K.columns, K.blocks, inverses, K.sizes[0], out)
+    rows = np.repeat(np.arange(K.rows), np.diff(K.offsets))
+    diagonal = out[rows == K.columns]
+    np.testing.assert_allclose(diagonal, np.broadcast_to(np.eye(3), diagonal.shape), atol=1e-12)
+    k = 100
+    expected = inverses[rows[k]] @ K.blocks[k] @ inverses[K.columns[k]].T
+    np.testing.assert_allclose(out[k], expected, atol=1e-12)
+
+
+def test_blocks_without_a_pivot_are_scaled_by_their_diagonal():
+    block = np.array([[2.0, 2.0, 0.0], [2.0, 2.0, 0.0], [0.0, 0.0, 3.0]])
+    A = Blocks(np.array([0, 1], np.int32), np.array([0], np.int32), block[None], 1)
+    factors, _ = _block_factors(A)
+    np.testing.assert_allclose(factors[0], np.diag(np.sqrt([2.0, 2.0, 3.0])))
+    block[2, 2] = 0
+    with pytest.raises(InputError, match="node 0"):
+        _block_factors(A)
+
+
+@pytest.mark.parametrize("least", [0.0, 0.02, 0.1, 1.0])
+def test_aggregates_are_disjoint_connected_and_complete(least, struts):
+    K = blocks_of(struts.K)
+    strength = np.empty(len(K.columns), np.float32)
+    km.strengths(K.offsets, K.columns, K.blocks.astype(np.float32), K.sizes[0], strength)
+    rows = np.repeat(np.arange(K.rows), np.diff(K.offsets))
+    expected = (K.blocks**2).sum(axis=(1, 2)) * (rows != K.columns)
+    np.testing.assert_allclose(strength, expected, rtol=1e-5)
+    home = np.empty(K.rows, np.int32)
+    count = km.aggregate(K.offsets, K.columns, strength, least * strength.max(), home)
+    assert set(home) == set(range(count))
+    inside = (strength > 0) & (home[rows] == home[K.columns])
+    edges = np.ones(inside.sum()), (rows[inside], K.columns[inside])
+    graph = csr_array(edges, shape=(K.rows, K.rows))
+    assert connected_components(graph, directed=False)[0] == count
+    if least < 0.1:
+        assert K.rows / count > 5
+
+
+def test_nodes_without_couplings_are_in_no_aggregate():
+    A = Blocks(np.arange(4, dtype=np.int32), np.arange(3, dtype=np.int32), np.ones((3, 1, 1)), 3)
+    home = np.empty(3, np.int32)
+    assert km.aggregate(A.offsets, A.columns, np.zeros(3, np.float32), 0.0, home) == 0
+    assert (home == -1).all()
+
+
+def test_tentative_modes_are_orthonormal_and_give_the_modes_back():
+    rng = np.random.default_rng(8)
+    places = rng.random((40, 3))
+    modes = rigid_modes(places)
+    home = np.repeat(np.arange(5), 8)
+    home[:3] = 0, 0, 1
+    starts = np.concatenate([[0], np.cumsum(np.bincount(home))]).astype(np.int32)
+    members = np.argsort(home, kind="stable")
+    for used in (modes, np.hstack([modes[:, :5], modes[:, :1]])):  # the second: a mode twice
+        blocks, coarse = np.empty((40, 3, 6)), np.empty((30, 6))
+        km.tentative(starts, members, used, (0,) * 3, blocks, coarse)
+        for J in range(5):
+            rows = np.flatnonzero(home == J)
+            Q = blocks[rows].reshape(-1, 6)
+            R = coarse[6 * J : 6 * J + 6]
+            np.testing.assert_allclose(
+                Q @ R, used.reshape(40, 3, 6)[rows].reshape(-1, 6), atol=1e-12
+            )
+            gram = Q.T @ Q
+            np.testing.assert_allclose(gram, np.diag(np.diag(gram)), atol=1e-12)
+            np.testing.assert_allclose(np.diag(gram), np.round(np.diag(gram)), atol=1e-12)
+    assert gram[5, 5] == 0
+
+
+def test_galerkin_products(struts, hierarchy):
+    """The coarse matrix is Pᵀ Â P, symmetric to the last bit, with ascending columns."""
+    K = blocks_of(struts.K)
+    _, inverses = _block_factors(K)
+    level = hierarchy.levels[0]
+    coarse = _galerkin(K, inverses, level.P)
+    D = dense(coarse)
+    rows = np.arange(K.rows)
+    G = dense(Blocks(np.arange(K.rows + 1), rows, inverses, K.rows))
+    P = dense(level.P).astype(float)
+    expected = P.T @ G @ dense(K) @ G.T @ P
+    np.testing.assert_allclose(D, expected, atol=1e-12)
+    assert (D == D.T).all()
+    for i in range(coarse.rows):
+        assert (np.diff(coarse.columns[coarse.offsets[i] : coarse.offsets[i + 1]]) > 0).all()
+
+
+def test_the_next_level_carries_the_modes():
+    """What a body without support does for free stays free: P coarse = modes."""
+    s = system(sheet(0.5), (12, 12, 12), fixed="")
+    K = blocks_of(s.K)
+    with pytest.raises(ConvergenceError, match="singular"):
+        Multigrid(K, s.modes)
+    factors, inverses = _block_factors(K)
+    scaled = _scaled(K, inverses, np.float32)
+    modes = np.einsum("iba,ibq->iaq", factors, s.modes.reshape(-1, 3, 6)).reshape(-1, 6)
+    P, coarse = _prolongation(scaled, modes, 3.0, 0.02)
+    np.testing.assert_allclose(dense(P) @ coarse, modes, atol=1e-5 * np.abs(modes).max())
+    assert P.width < K.rows / 10
