@@ -6,6 +6,7 @@ Names are the same in upper and lower case, with ``-`` and ``_`` taken for equal
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 
 from ilattice import fields, tiles
 from ilattice.fields.node import Node
@@ -115,7 +116,13 @@ def solid(name: str) -> Node | None:
     if key(name) in SOLIDS:
         return SOLIDS[key(name)]()
     row = find(name)
-    return None if row is None else tiles.get(row.name).node
+    return None if row is None else _tile(row.name)
+
+
+@cache
+def _tile(name: str) -> Node:
+    """A tile of the catalogue, made once: cells of struts take a while."""
+    return tiles.get(name).node
 
 
 def known_names() -> list[str]:
