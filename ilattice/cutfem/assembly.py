@@ -18,7 +18,7 @@ from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import read_only
 from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem import _kernels_basis as basis
-from ilattice.cutfem.rules import Quadrature
+from ilattice.cutfem.rules import Quadrature, on_cells
 from ilattice.cutfem.space import IDENTITY, SplineSpace
 from ilattice.cutfem.stabilise import GhostFaces
 from ilattice.macroshape.maps import SplineMap
@@ -249,30 +249,6 @@ def constant_jacobian(through: SplineMap) -> FloatArray | None:
     J = through.jacobian(u)
     middle = J.mean(axis=0, keepdims=True)
     return read_only(middle) if np.abs(J - middle).max() <= 1e-13 * np.abs(J).max() else None
-
-
-def on_cells(rule: Quadrature, cells: IntArray) -> Quadrature:
-    """The part of a rule in some cells, given increasing."""
-    keep = np.isin(rule.cells, cells)
-    if keep.all():
-        return rule
-    rows = np.repeat(keep, np.diff(rule.offsets))
-
-    def part(a: Any) -> Any:
-        return None if a is None else read_only(a[rows])
-
-    offsets = np.append(0, np.cumsum(np.diff(rule.offsets)[keep]))
-    return replace(
-        rule,
-        points=part(rule.points),
-        weights=part(rule.weights),
-        normals=part(rule.normals),
-        sets=part(rule.sets),
-        parameters=part(rule.parameters),
-        cells=read_only(rule.cells[keep]),
-        neighbours=None if rule.neighbours is None else read_only(rule.neighbours[keep]),
-        offsets=read_only(offsets),
-    )
 
 
 def compressed_where_long(rule: Quadrature, degree: int) -> Quadrature:

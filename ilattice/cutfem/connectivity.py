@@ -18,7 +18,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import read_only
-from ilattice.cutfem.rules import Quadrature
+from ilattice.cutfem.rules import Quadrature, on_cells
 
 #: Least wet area of a face, in units of the two thirds power of the smaller volume beside it.
 LEAST_NECK = 1e-6
@@ -30,23 +30,40 @@ class Parts:
 
     Attributes
     ----------
-    cells : ndarray, shape (cells,)
-        Cells that hold solid, increasing.
+    solid : Quadrature
+        Volume rule in parameters.
     labels : ndarray, shape (cells,)
-        Part of each of them; the largest part is number 0.
-    volumes : ndarray, shape (parts,)
-        Volumes in space, decreasing.
-    centroids : ndarray, shape (parts, 3)
-        Centroids in space.
+        Part of each of its cells; number 0 is the largest part in parameters.
     """
 
-    cells: IntArray
+    solid: Quadrature
     labels: IntArray
-    volumes: FloatArray
-    centroids: FloatArray
+
+    @property
+    def cells(self) -> IntArray:
+        """Cells that hold solid, increasing."""
+        return self.solid.cells
 
     def __len__(self) -> int:
-        return len(self.volumes)
+        return int(self.labels.max()) + 1
+
+    def measure(self, part: int) -> tuple[float, FloatArray]:
+        """Volume and centroid in space.
+
+        Parameters
+        ----------
+        part : int
+            Number of the part.
+
+        Returns
+        -------
+        tuple of float and ndarray, shape (3,)
+            Volume and centroid.
+        """
+        rule = on_cells(self.solid, self.cells[self.labels == part])
+        there = rule if rule.through is None else rule.in_space()
+        volume = there.integrate()
+        return volume, there.integrate(there.points) / volume
 
     def touching(self, cells: IntArray) -> IntArray:
         """Numbers of the parts that have one or more of some cells.
@@ -78,18 +95,16 @@ class Parts:
         str
             Such as ``"2 parts: volume 0.1 at (0, 0, 1); ..."``.
         """
-        told = [
-            f"volume {self.volumes[i]:.4g} at ({', '.join(f'{c:.4g}' for c in self.centroids[i])})"
-            for i in parts[:most]
-        ]
-        rest = [f"and {len(parts) - most} more, volume {self.volumes[parts[most:]].sum():.4g}"]
-        noun = "part" if len(parts) == 1 else "parts"
-        return f"{len(parts)} {noun}: " + "; ".join(told + (rest if len(parts) > most else []))
+        told = []
+        for part in parts[:most]:
+            volume, centroid = self.measure(int(part))
+            told.append(f"volume {volume:.4g} at ({', '.join(f'{c:.4g}' for c in centroid)})")
+        if len(parts) > most:
+            told.append(f"and {len(parts) - most} more")
+        return f"{len(parts)} {'part' if len(parts) == 1 else 'parts'}: " + "; ".join(told)
 
 
-def connected_parts(
-    solid: Quadrature, faces: tuple[Quadrature, ...], there: Quadrature | None = None
-) -> Parts:
+def connected_parts(solid: Quadrature, faces: tuple[Quadrature, ...]) -> Parts:
     """Parts of a solid, by the wet faces between its cells.
 
     Parameters
@@ -98,13 +113,11 @@ def connected_parts(
         Volume rule in parameters.
     faces : tuple of Quadrature
         Rules on the faces between cells, `CutGrid.faces`, of the three directions.
-    there : Quadrature, optional
-        The volume rule in space, if it is known.
 
     Returns
     -------
     Parts
-        Cells with their parts; volumes and centroids.
+        Cells with their parts.
     """
     cells, n = solid.cells, len(solid.cells)
     box = solid.grid.boxes(cells)
@@ -122,17 +135,7 @@ def connected_parts(
         columns.append(high[joined])
     i, j = np.concatenate(rows), np.concatenate(columns)
     count, labels = connected_components(coo_array((np.ones(len(i)), (i, j)), shape=(n, n)), False)
-    if there is None:
-        there = solid if solid.through is None else solid.in_space()
-    owner = labels[solid.owners]
-    volumes = np.bincount(owner, there.weights, count)
-    moments = [np.bincount(owner, there.weights * there.points[:, a], count) for a in range(3)]
-    order = np.argsort(-volumes, kind="stable")
+    sizes = np.bincount(labels, bulk**1.5 * full, count)
     rank = np.empty(count, np.int64)
-    rank[order] = np.arange(count)
-    return Parts(
-        cells,
-        read_only(rank[labels]),
-        read_only(volumes[order]),
-        read_only((np.stack(moments, axis=1) / volumes[:, None])[order]),
-    )
+    rank[np.argsort(-sizes, kind="stable")] = np.arange(count)
+    return Parts(solid, read_only(rank[labels]))

@@ -15,10 +15,10 @@ import numpy as np
 
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import as_positive
-from ilattice.cutfem.assembly import Assembly, compressed_where_long, on_cells
+from ilattice.cutfem.assembly import Assembly, compressed_where_long
 from ilattice.cutfem.connectivity import Parts, connected_parts
 from ilattice.cutfem.grid import CUT, CutGrid, cut
-from ilattice.cutfem.rules import MOST_POINTS, NAMES, Quadrature
+from ilattice.cutfem.rules import MOST_POINTS, NAMES, Quadrature, on_cells
 from ilattice.cutfem.space import DEGREES, SplineSpace
 from ilattice.cutfem.stabilise import ghost_faces, void_rule
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
@@ -86,12 +86,7 @@ class Domain:
     @cached_property
     def parts(self) -> Parts:
         """Connected parts of the solid."""
-        return connected_parts(self.volume, self.wet, self.volume_in_space)
-
-    @cached_property
-    def volume_in_space(self) -> Quadrature:
-        """Rule on the solid, in space, with `parameters`."""
-        return in_space(self.volume)
+        return connected_parts(self.volume, self.wet)
 
     def boundary(self, on: str) -> Quadrature:
         """Rule in space on an end face or a level set, with normals and `parameters`.
@@ -205,7 +200,12 @@ class Domain:
 
     def solid(self, asm: Assembly) -> Quadrature:
         """Rule in space on the active cells, with `parameters`."""
-        return self.once(("solid", asm), lambda: on_cells(self.volume_in_space, asm.space.cells))
+        return self.once(("solid", asm), lambda: in_space(on_cells(self.volume, asm.space.cells)))
+
+    def light(self, asm: Assembly) -> Quadrature:
+        """Rule in space for what is constant: that of the stiffness, with as few points."""
+        rule = self.stiff_rule(asm, constant=True, void=False)
+        return self.once(("light", asm), lambda: in_space(rule))
 
     def edge(self, asm: Assembly, on: str) -> Quadrature:
         """Rule in space on the boundary of the active cells; see `boundary`."""

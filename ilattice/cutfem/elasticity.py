@@ -24,11 +24,11 @@ import numpy as np
 from ilattice._typing import FloatArray
 from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem import weak
-from ilattice.cutfem.assembly import on_cells
 from ilattice.cutfem.conditions import Load, Support, values_at
 from ilattice.cutfem.domain import as_domain
 from ilattice.cutfem.material import Isotropic, Property, Scalar
 from ilattice.cutfem.problem import Problem
+from ilattice.cutfem.rules import on_cells
 from ilattice.errors import InputError
 from ilattice.offsets.wall import Wall
 
@@ -361,7 +361,12 @@ class Elasticity(Problem):
 
     def _force(self, load: Load) -> FloatArray:
         asm = self.assembly
-        rule = self.domain.edge(asm, load.on) if load.on else self.domain.solid(asm)
+        constant = not (callable(load.value) or hasattr(load.value, "evaluate"))
+        constant = constant and self.material.constant and self.material.density.constant
+        if load.on:
+            rule = self.domain.edge(asm, load.on)
+        else:
+            rule = self.domain.light(asm) if constant else self.domain.solid(asm)
         w = rule.weights[:, None]
         if load.kind == "temperature":
             assert rule.parameters is not None

@@ -20,22 +20,25 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
-from ilattice._typing import ArrayLike, FloatArray
+from ilattice._typing import AnyArray, ArrayLike, FloatArray
 from ilattice._validate import as_points, as_positive
 from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem._kernels_surface import surface_scalars
-from ilattice.cutfem.assembly import on_cells
 from ilattice.cutfem.conditions import Spring, Support, as_value, values_at
 from ilattice.cutfem.domain import as_domain
 from ilattice.cutfem.material import Property, Scalar
+from ilattice.cutfem.output import save, surface_of
 from ilattice.cutfem.problem import Problem
-from ilattice.cutfem.rules import Quadrature
+from ilattice.cutfem.rules import Quadrature, on_cells
 from ilattice.cutfem.solvers import Solver
 from ilattice.cutfem.weak import NITSCHE, cell_heights
 from ilattice.errors import InputError
 
 if TYPE_CHECKING:
+    from os import PathLike
+
     from ilattice.cutfem.solvers import SolveReport
+    from ilattice.mesh import SurfaceMesh
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -334,7 +337,10 @@ class Heat(Problem):
         f = np.zeros((len(self.assembly.space), 1))
         for load in self.loads:
             asm = self.assembly
-            rule = self.domain.edge(asm, load.on) if load.on else self.domain.solid(asm)
+            if load.on:
+                rule = self.domain.edge(asm, load.on)
+            else:
+                rule = (self.domain.solid if callable(load.value) else self.domain.light)(asm)
             value = values_at(load.kind, load.value, rule.points, 1)
             f += asm.vector(rule, rule.weights[:, None] * value)
         return f
@@ -419,6 +425,64 @@ class HeatSolution:
         asm = self.problem.assembly
         k = self.problem.conductivity.at(asm, p)
         return -k[:, None] * asm.evaluate(self.coefficients, p)[1][:, 0]
+
+    def point_data(self, u: ArrayLike) -> dict[str, AnyArray]:
+        """What files hold, at parameters.
+
+        Parameters
+        ----------
+        u : array_like, shape (n, 3)
+            Parameters.
+
+        Returns
+        -------
+        dict of str to ndarray
+            ``temperature`` (n,), ``heat_flux`` (n, 3).
+        """
+        return {"temperature": self.evaluate(u), "heat_flux": self.heat_flux(u)}
+
+    def surface(self, h: float | None = None) -> "SurfaceMesh":
+        """The mesh of the wall with temperature and heat flux.
+
+        Parameters
+        ----------
+        h : float, optional
+            Length of edges, as in `Wall.mesh`.
+
+        Returns
+        -------
+        SurfaceMesh
+            With `point_data`.
+
+        Raises
+        ------
+        InputError
+            If the solid is no wall; `save` writes cells then.
+        """
+        return surface_of(self, None if h is None else as_positive("h", h), 0.0)
+
+    def save(
+        self, path: "str | PathLike[str]", *, on: str = "auto", h: float | None = None
+    ) -> None:
+        """Write a VTU file.
+
+        Parameters
+        ----------
+        path : path-like
+            File ending in ``.vtu``.
+        on : {"auto", "surface", "cells"}
+            As in `Solution.save`.
+        h : float, optional
+            Length of edges of the surface.
+
+        Raises
+        ------
+        InputError
+            If `on` is unknown.
+        FormatError
+            Another ending, or the file cannot be written.
+        """
+        save(self, path, on, h, 0.0)
 
     @cached_property
     def inflow(self) -> dict[str, float]:

@@ -17,29 +17,30 @@ from ilattice.offsets.wall import parameters_of
 if TYPE_CHECKING:
     from os import PathLike
 
+    from ilattice.cutfem.heat import HeatSolution
     from ilattice.cutfem.solution import Solution
 
 HEXAHEDRON, TRIANGLE = 12, 5
 CORNERS = ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1))
 
 
-def surface_of(solution: "Solution", h: float | None, scale: float) -> SurfaceMesh:
+def surface_of(solution: "Solution | HeatSolution", h: float | None, scale: float) -> SurfaceMesh:
     """See `Solution.surface`."""
     wall = solution.problem.domain.wall
     if wall is None:
         raise InputError("only walls have a surface mesh; save(path, on='cells') writes cells")
     mesh = wall.mesh(h, polish=False)
     u = parameters_of(mesh)[0]
-    data = _fields(solution, u)
-    good = np.asarray(np.isfinite(data["displacement"]).all(axis=1))
-    vertices = mesh.vertices + scale * np.where(good[:, None], data["displacement"], 0.0)
+    data = solution.point_data(u)
+    good = np.asarray(np.isfinite(next(iter(data.values())).reshape(len(u), -1)).all(axis=1))
+    vertices = mesh.vertices + scale * np.where(good[:, None], data.get("displacement", 0.0), 0.0)
     named = {**mesh.point_data, **data}
     moved = SurfaceMesh(vertices, mesh.faces, point_data=named, cell_data=mesh.cell_data)
     return moved if good.all() else moved.select(good[mesh.faces].all(axis=1))
 
 
 def cells_of(
-    solution: "Solution", scale: float
+    solution: "Solution | HeatSolution", scale: float
 ) -> tuple[FloatArray, AnyArray, dict[str, AnyArray]]:
     """Corners of the active cells, the cells, and fields with the level sets at the corners."""
     asm, cut = solution.problem.assembly, solution.problem.domain.cut
@@ -49,26 +50,21 @@ def cells_of(
                             return_inverse=True)  # fmt: skip
     index = np.unravel_index(used, shape)
     u = np.stack([x[i] for x, i in zip(cut.grid.axes, index, strict=True)], axis=1)
-    data = _fields(solution, u)
+    data = solution.point_data(u)
     data["level_set"] = cut.sets(u).max(axis=1)
-    return asm.x(u) + scale * data["displacement"], cells.reshape(-1, 8), data
-
-
-def _fields(solution: "Solution", u: FloatArray) -> dict[str, AnyArray]:
-    from ilattice.cutfem.solution import von_mises
-
-    stress = solution.stress(u)
-    return {
-        "displacement": solution.evaluate(u),
-        "stress": stress,
-        "von_mises": von_mises(stress),
-    }
+    return asm.x(u) + scale * data.get("displacement", 0.0), cells.reshape(-1, 8), data
 
 
 def save(
-    solution: "Solution", path: "str | PathLike[str]", on: str, h: float | None, scale: float
+    solution: "Solution | HeatSolution",
+    path: "str | PathLike[str]",
+    on: str,
+    h: float | None,
+    scale: float,
 ) -> None:
     """See `Solution.save`."""
+    if on not in ("auto", "surface", "cells"):
+        raise InputError(f"on must be 'auto', 'surface' or 'cells', got {on!r}")
     from ilattice.io.vtk import write_vtu
 
     if not str(path).endswith(".vtu"):

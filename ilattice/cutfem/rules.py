@@ -317,6 +317,30 @@ def quadrature(
     return rule.in_space() if grid.through is not None else rule
 
 
+def on_cells(rule: Quadrature, cells: IntArray) -> Quadrature:
+    """The part of a rule in some cells, given increasing."""
+    keep = np.isin(rule.cells, cells)
+    if keep.all():
+        return rule
+    rows = np.repeat(keep, np.diff(rule.offsets))
+
+    def part(a: Any) -> Any:
+        return None if a is None else read_only(a[rows])
+
+    offsets = np.append(0, np.cumsum(np.diff(rule.offsets)[keep]))
+    return replace(
+        rule,
+        points=part(rule.points),
+        weights=part(rule.weights),
+        normals=part(rule.normals),
+        sets=part(rule.sets),
+        parameters=part(rule.parameters),
+        cells=read_only(rule.cells[keep]),
+        neighbours=None if rule.neighbours is None else read_only(rule.neighbours[keep]),
+        offsets=read_only(offsets),
+    )
+
+
 # ---------------------------------------------------------------------------- making rules
 
 

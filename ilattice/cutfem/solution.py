@@ -13,11 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ilattice._typing import ArrayLike, FloatArray
+from ilattice._typing import AnyArray, ArrayLike, FloatArray
 from ilattice._validate import as_points, as_positive
 from ilattice.cutfem.elasticity import Elasticity
 from ilattice.cutfem.rules import Quadrature
-from ilattice.errors import InputError
 
 if TYPE_CHECKING:
     from os import PathLike
@@ -229,6 +228,24 @@ class Solution:
 
     # ---------------------------------------------------------------- files and pictures
 
+    def point_data(self, u: ArrayLike) -> dict[str, AnyArray]:
+        """What files hold, at parameters.
+
+        Parameters
+        ----------
+        u : array_like, shape (n, 3)
+            Parameters.
+
+        Returns
+        -------
+        dict of str to ndarray
+            ``displacement`` (n, 3), ``stress`` (n, 6), ``von_mises`` (n,).
+        """
+        p = as_points("u", u)
+        value, gradient = self._fields(p)
+        stress = self._stress(gradient, p)
+        return {"displacement": value, "stress": stress, "von_mises": von_mises(stress)}
+
     def surface(self, h: float | None = None, *, scale: float = 0.0) -> "SurfaceMesh":
         """The mesh of the wall with displacement, stress and von Mises stress.
 
@@ -281,8 +298,6 @@ class Solution:
         """
         from ilattice.cutfem.output import save
 
-        if on not in ("auto", "surface", "cells"):
-            raise InputError(f"on must be 'auto', 'surface' or 'cells', got {on!r}")
         save(self, path, on, h, scale)
 
     def plot(self, *, h: float | None = None, scale: float = 0.0, **options: Any) -> Any:

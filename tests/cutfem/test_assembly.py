@@ -11,7 +11,8 @@ from scipy.sparse import csr_array
 import ilattice as il
 from ilattice.cutfem import SplineSpace
 from ilattice.cutfem import _kernels_assembly as kernels
-from ilattice.cutfem.assembly import Assembly, compressed_where_long, on_cells
+from ilattice.cutfem.assembly import Assembly, compressed_where_long
+from ilattice.cutfem.rules import on_cells
 from ilattice.cutfem.stabilise import ghost_faces, void_rule
 
 CUBE = [[0.0] * 3, [1.0] * 3]
@@ -239,3 +240,40 @@ def test_maps_are_affine_only_if_their_jacobian_is_constant():
     np.testing.assert_allclose(constant_jacobian(il.macroshape.box((1, 2, 3)))[0],
                                np.diag([1, 2, 3]))  # fmt: skip
     assert constant_jacobian(il.macroshape.torus(major=3.0, width=1.0)) is None
+
+
+def test_surface_matrices_are_those_of_the_naive_twin():
+    from ilattice.cutfem import Elasticity, Heat, weak
+
+    bent = il.macroshape.torus(major=3.0, width=1.0)
+    for degree in (1, 2):
+        problem = Elasticity(ball, 4, domain=CUBE, degree=degree, through=bent, poisson=0.2)
+        problem = problem.clamp("surface", components="xz").spring("outer", (1.0, 2.0, 3.0))
+        asm = problem.assembly
+        rule = problem.domain.edge(asm, "surface")
+        u = rule.parameters
+        N = naive_lines(asm.space, u, (0, 0, 0))
+        du = [naive_lines(asm.space, u, tuple(np.eye(3, dtype=int)[a])) for a in range(3)]
+        g = np.einsum("qna,qac->qnc", np.stack(du, -1), np.linalg.inv(asm.jacobians(u)))
+        n, w, eye = rule.normals, rule.weights, np.eye(3)
+        for condition in problem.in_the_mean:
+            terms = weak.elastic_terms(problem, condition)
+            lam, mu = terms.lame.T
+            T = np.einsum("q,qi,qbj->qbij", lam, n, g) + np.einsum("q,qbi,qj->qbij", mu, g, n)
+            T += np.einsum("q,qbk,qk,ij->qbij", mu, g, n, eye)
+            half = np.einsum("q,qa,i,qbij->aibj", w, N, terms.mask, T)
+            expected = np.einsum("q,qa,qb,qij->aibj", w, N, N, terms.Q)
+            expected -= half + half.transpose(2, 3, 0, 1)
+            data = asm.zeros(3)
+            weak.add_elastic(data, problem, terms)
+            found = asm.pattern.matrix(data).toarray()
+            np.testing.assert_allclose(found, expected.reshape(found.shape), atol=1e-11)
+        heat = Heat(problem.domain, conductivity=3.0).fix("surface", 0.0)
+        rule, Q, k = heat.surface_terms(heat.supports[0])
+        F = np.einsum("q,qac,qc->qa", k, g, n)
+        half = np.einsum("q,qa,qb->ab", w, N, F)
+        data = heat.assembly.zeros(1)
+        heat._add_surface(data, heat.supports[0])
+        found = heat.assembly.pattern.matrix(data).toarray()
+        expected = np.einsum("q,qa,qb->ab", w * Q, N, N) - half - half.T
+        np.testing.assert_allclose(found, expected, atol=1e-10)

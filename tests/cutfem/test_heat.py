@@ -110,6 +110,20 @@ def test_temperatures_load_elastic_solids():
     np.testing.assert_allclose(solution.stress(u)[:, 0], [-0.025, -0.05], atol=1e-9)
 
 
+def test_temperatures_are_written(tmp_path):
+    import pyvista as pv
+
+    lattice = il.Lattice("schwarz_p", through=il.macroshape.box((2.0, 1.0, 1.0)), spans_per_tile=6)
+    problem = Heat(lattice.offset(0.2), 6, degree=1).fix("u=0", 0.0).fix("u=1", 1.0)
+    solution = problem.solve()
+    for on in ("surface", "cells"):
+        solution.save(tmp_path / f"{on}.vtu", on=on, h=0.15)
+        data = pv.read(tmp_path / f"{on}.vtu").point_data
+        assert data["temperature"].max() == pytest.approx(1.0, abs=1e-6 if on == "surface" else 1)
+        assert data["heat_flux"].shape == (len(data["temperature"]), 3)
+    np.testing.assert_allclose(solution.surface(0.15).point_data["temperature"].min(), 0, atol=1e-6)
+
+
 def test_bad_heat_problems_are_refused():
     problem = Heat(full, 2, domain=CUBE)
     for call, message in (
