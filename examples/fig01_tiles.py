@@ -13,7 +13,7 @@ import numpy as np
 import ilattice as il
 
 
-def main(n: int = 96, tol: float = 1e-3, out: str = "") -> dict[str, float]:
+def main(n: int = 64, tol: float = 1e-3, out: str = "") -> dict[str, float]:
     """Make the tiles; write ``OUT_a`` to ``OUT_c`` as VTP, and ``OUT.png``, if `out` is given."""
     tiles = {
         "a": il.tiles.ten_arms(),
