@@ -30,7 +30,7 @@ MOST_PLANES = 1_000_000
 PER_TRIANGLE = 60  # bytes, with all that is in memory at once
 PER_BLOCK = 100
 BASE = 3e8
-SINGLE = 1e8  # grid points from which on vertices are in single precision
+LARGE = 1e8  # grid points from which on vertices are in single precision, at linear crossings
 COARSE = 40  # samples per side of the estimate
 FIRST = 24  # spacings along the longest side where a tolerance picks them
 SETTLED = 90.0  # percent of the triangles that keep the tolerance: edges are chamfered
@@ -103,6 +103,9 @@ class Plan:
     def mesh(self, *, progress: Progress = None) -> SurfaceMesh:
         """Contour the solid.
 
+        Beyond 1e8 grid points vertices are in single precision and lie at linear crossings, which
+        are off the surface by about an eighth of the squared spacing times the curvature.
+
         Parameters
         ----------
         progress : bool or callable, optional
@@ -118,8 +121,9 @@ class Plan:
         GeometryError
             Where there is no surface, or the field is NaN.
         """
-        dtype = np.float32 if np.prod(np.array(self.shape, float)) > SINGLE else np.float64
-        return contour(self.inner, self.axes, dtype=dtype, progress=progress)
+        large = np.prod(np.array(self.shape, float)) > LARGE
+        how = {"dtype": np.float32, "place": "linear"} if large else {}
+        return contour(self.inner, self.axes, progress=progress, **how)
 
 
 def plan(solid: Node, spacing: Any = None, *, memory: float = MEMORY) -> Plan:
