@@ -131,6 +131,13 @@ def test_fig15_thickness_is_right_everywhere():
     assert 0 < error["gyroid"] < 1e-3
 
 
+def test_fig16_struts_are_stiffer_than_a_wall_of_their_weight():
+    numbers = run("fig16_bending", figures=("fig16c", "fig16d"), degree=2, coarser=2)
+    assert 1.5 < numbers["wall to struts"] < 2.1
+    assert numbers["fig16c: equilibrium"] < 1e-8
+    assert numbers["fig16d: equilibrium"] < 1e-8
+
+
 def test_gismo_volume_is_filled_and_closed():
     numbers = run("gismo_iwp", d=0.05, h=0.06, repeat=(4, 1, 4))
     assert numbers["open edges"] == 0
