@@ -19,7 +19,7 @@ import ilattice as il
 FIGURES = {
     "fig09": ("torus", "cross", (16, 2, 2), 0, 0.12, 0.06),
     "fig10": ("duck", "cross", (18, 5, 4), 0, 0.12, 0.03),
-    "fig11": ("duck", "ten_arms", (10, 5, 4), 0, 0.05, 0.03),
+    "fig11": ("duck", "ten_arms", (10, 5, 4), 0, 0.05, 0.036),
     "fig12": ("wing", "cross", (4, 2, 10), 2, 0.12, 0.015),
 }
 
