@@ -154,7 +154,7 @@ def topology_of(mesh: SurfaceMesh) -> TopologyReport:
     if not solid:
         raise GeometryError("the mesh bounds no solid: it is empty, or inside out")
     inside = dict.fromkeys((r.label for r in solid), 0.0)
-    for r, owner in zip(hollow, _owners(mesh, solid, hollow), strict=True):
+    for r, owner in zip(hollow, owners(mesh, solid, hollow), strict=True):
         inside[owner] += r.volume
     parts = [
         Region(r.volume + inside[r.label], r.centre, r.bounds, r.genus, r.label) for r in solid
@@ -206,8 +206,8 @@ def without_islands(mesh: SurfaceMesh, least: float | None) -> SurfaceMesh:
     limit = report.parts[0].volume if least is None else least
     gone = {r.label for r in report.parts if r.volume < limit}
     solid = [Region(1.0, r.centre, r.bounds, r.genus, r.label) for r in report.parts]
-    owners = _owners(mesh, solid, report.voids)
-    gone |= {r.label for r, owner in zip(report.voids, owners, strict=True) if owner in gone}
+    around = owners(mesh, solid, report.voids)
+    gone |= {r.label for r, owner in zip(report.voids, around, strict=True) if owner in gone}
     return mesh.select(~np.isin(mesh.component_labels, sorted(gone)))
 
 
@@ -263,8 +263,26 @@ def _fans(
     return total
 
 
-def _owners(mesh: SurfaceMesh, solid: Sequence[Region], hollow: Sequence[Region]) -> list[int]:
-    """For each void the label of the smallest part around it."""
+def owners(mesh: SurfaceMesh, solid: Sequence[Region], hollow: Sequence[Region]) -> list[int]:
+    """For each void the smallest part around it.
+
+    Parameters
+    ----------
+    mesh : SurfaceMesh
+        Of the parts and voids.
+    solid, hollow : sequence of Region
+        Parts and voids.
+
+    Returns
+    -------
+    list of int
+        Labels of parts.
+
+    Raises
+    ------
+    GeometryError
+        If a void lies in no part.
+    """
     labels = np.asarray(mesh.component_labels)
     out = []
     for void in hollow:

@@ -43,10 +43,17 @@ STRAY, MISSED = 3.0, 0.1
 
 
 def wall_mesh(
-    wall: Wall, h: float | None, *, polish: bool, caps: bool, dtype: Any, progress: Progress
+    wall: Wall,
+    h: float | None,
+    *,
+    polish: bool,
+    caps: bool,
+    dtype: Any,
+    progress: Progress,
+    cut: Any = None,
 ) -> SurfaceMesh:
-    """Mesh of a wall; see `ilattice.offsets.Wall.mesh`."""
-    job = _Job.of(wall, h, polish, progress)
+    """Mesh of a wall, less where a field `cut` is positive; see `ilattice.offsets.Wall.mesh`."""
+    job = _Job.of(wall, h, polish, progress, cut)
     raw = contour_arrays(job.field, job.axes, caps=caps, **job.options)
     side = job.side(raw)
     u, lost = job.settle(raw.vertices, raw.kind, side)
@@ -94,9 +101,12 @@ class _Job:
     axes: tuple[FloatArray, ...]
     options: dict[str, Any]
     polish: bool
+    cut: Any = None
 
     @classmethod
-    def of(cls, wall: Wall, h: float | None, polish: bool, progress: Progress) -> _Job:
+    def of(
+        cls, wall: Wall, h: float | None, polish: bool, progress: Progress, cut: Any = None
+    ) -> _Job:
         from ilattice.offsets.wall import WallField, warn_coarse
 
         least = wall.least_thickness
@@ -107,7 +117,9 @@ class _Job:
         t = wall.thickness
         distance: Any = SharpDistance(wall.lattice, wall.distance, t) if polish else wall.distance
         field: Any = WallField(distance, t)
-        if t.constant:
+        if cut is not None:
+            field = _Larger(field, cut)
+        elif t.constant:
             field = distance
             inner, outer = (float(s.c.item()) for s in (t.inner, t.outer))
             options["level"] = outer if t.solid else (-inner, outer)
@@ -117,11 +129,14 @@ class _Job:
         elif t.symmetric:
             field = distance
             options |= {"level": (-1.0, 1.0), "scale": t.outer}
-        return cls(wall, field, grid_axes(wall, h), options, polish)
+        return cls(wall, field, grid_axes(wall, h), options, polish, cut)
 
     def side(self, raw: Contour) -> FloatArray:
         """Which offset surface the vertices of a contour belong to, 0 for none."""
-        return np.where(raw.kind & ON_CAP, 0.0, self.wall.field.side(raw.vertices))
+        off = raw.kind & ON_CAP != 0
+        if self.cut is not None:
+            off |= self.field.second(raw.vertices)
+        return np.where(off, 0.0, self.wall.field.side(raw.vertices))
 
     def settle(
         self, u: FloatArray, kind: AnyArray, side: FloatArray
@@ -140,6 +155,31 @@ class _Job:
             out[at], found = in_own_cells(self.wall, self.axes, u[at], fixed, side[at])
             lost[at[found]] = False
         return out, lost
+
+
+class _Larger:
+    """The larger one of two fields."""
+
+    def __init__(self, f: Any, g: Any) -> None:
+        self.f, self.g = f, g
+
+    def __call__(self, u: FloatArray) -> FloatArray:
+        """Value."""
+        return np.maximum(self.f(u), self.g(u))
+
+    def jet(self, u: FloatArray, order: int = 1) -> tuple[FloatArray, ...]:
+        """Value and gradient."""
+        second = self.second(u)
+        pairs = zip(self.f.jet(u, order), self.g.jet(u, order), strict=True)
+        return tuple(np.where(second.reshape(-1, *(1,) * (a.ndim - 1)), b, a) for a, b in pairs)
+
+    def range(self, lo: FloatArray, hi: FloatArray) -> FloatArray:
+        """Rigorous bounds on boxes."""
+        return np.maximum(self.f.range(lo, hi), self.g.range(lo, hi))
+
+    def second(self, u: FloatArray) -> AnyArray:
+        """Where it is the second one."""
+        return self.f(u) < self.g(u)
 
 
 def _warn(held: int, count: int, left: int) -> None:
