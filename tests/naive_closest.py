@@ -2,15 +2,19 @@
 
 Pure NumPy and SciPy: tiles typed with sines and cosines, maps by `scipy.interpolate.NdBSpline`,
 samples where grid edges cross the surface. Every value the oracle returns is the distance of a
-point that lies on the surface, so it can be too large but never too small.
+point of the surface in the domain, or of a foot on its continuation (found by convergence to a
+stationary point), so it can be too large but never too small.
 """
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 from scipy.interpolate import NdBSpline
 from scipy.spatial import cKDTree
+
+import ilattice as il
 
 TAU = 2 * np.pi
 #: Largest side of a tile, cubed, over its volume, above which it counts as squeezed.
@@ -155,7 +159,7 @@ class Oracle:
 
     tile: str
     lattice: object
-    m: int = 40
+    m: int = 32
     coarse: int = 8
     _kept: dict = field(default_factory=dict)
 
@@ -198,11 +202,19 @@ class Oracle:
         squeezed = side.max(axis=1) ** 3 > SQUEEZED * np.abs(np.linalg.det(jac))
         return p[keep], x[keep], size[keep], number[keep], squeezed[keep]
 
+    @cached_property
+    def domain(self):
+        """Tile coordinates of the domain; infinite where it is closed."""
+        closed, count = np.array(self.lattice.through.closed), np.array(self.lattice.repeat)
+        return np.array([np.where(closed, -np.inf, 0), np.where(closed, np.inf, count)])
+
+    def _beyond(self, p, slack=0.0):
+        """On the continuation."""
+        return ((p < self.domain[0] - slack) | (p > self.domain[1] + slack)).any(axis=1)
+
     def _admissible(self, p, jac):
         """Inside the box, and right side out where the map is continued."""
-        count = np.array(self.lattice.repeat)
-        closed = np.array(self.lattice.through.closed)
-        beyond = (((p < 0) | (p > count)) & ~closed).any(axis=1)
+        beyond = self._beyond(p)
         upright = np.linalg.det(jac) * self.lattice.through.orientation > 0
         inside = ((p >= self.box[0] - 1e-9) & (p <= self.box[1] + 1e-9)).all(axis=1)
         return inside & (upright | ~beyond)
@@ -212,8 +224,7 @@ class Oracle:
         count, closed = np.array(self.lattice.repeat), np.array(self.lattice.through.closed)
         away = p - q
         away = np.where(closed, away - count * np.round(away / count), away)
-        beyond = (((p < 0) | (p > count)) & ~closed).any(axis=1)
-        return ~(beyond & (np.abs(away) > 2).any(axis=1))
+        return ~(self._beyond(p) & (np.abs(away) > 2).any(axis=1))
 
     @cached_property
     def _coarse(self):
@@ -232,19 +243,21 @@ class Oracle:
         return best, foot
 
     def _block(self, x, q):
-        p, y, size, _, squeezed = self.samples(self._tiles_near(x, q), self.m)
+        found = self.samples(self._tiles_near(x, q), self.m)
+        away = np.maximum(np.maximum(q.min(axis=0) - found[0], found[0] - q.max(axis=0)), 0.0)
+        closed = np.array(self.lattice.through.closed)
+        keep = ~self._beyond(found[0]) | (closed | (away <= 2)).all(axis=1)
+        p, y, size, _, squeezed = (a[keep] for a in found)
         best, foot = np.full(len(q), np.inf), np.full((len(q), 3), np.nan)
-        groups = [(np.ones(len(p), bool), ())]
-        if self.clip:  # curves on faces, points on edges
-            on = (np.abs(p - self.box[:, None]) < 1e-12).any(axis=0)
-            groups += [(on[:, a], (a,)) for a in range(3)]
-            groups += [(on[:, a] & on[:, b], (a, b)) for a, b in ((0, 1), (0, 2), (1, 2))]
+        on = (np.abs(p - self.domain[:, None]) < 1e-12).any(axis=0)
+        groups = [(np.ones(len(p), bool), ())]  # surface, curves on faces, points on edges
+        groups += [(on[:, a], (a,)) for a in range(3)]
+        groups += [(on[:, a] & on[:, b], (a, b)) for a, b in ((0, 1), (0, 2), (1, 2))]
         for mask, fixed in groups:
             if not mask.any():
                 continue
             row, start = self._starts(p[mask], y[mask], size[mask], squeezed[mask], x, q)
-            end = start if len(fixed) > 1 else self._descend(x[row], start, fixed)
-            end, dist = self._measure(x[row], q[row], end, fixed)
+            end, dist = self._feet(x[row], q[row], start, fixed)
             order = np.lexsort((dist, row))
             first = np.unique(row[order], return_index=True)
             pick = order[first[1]]
@@ -273,7 +286,7 @@ class Oracle:
         counts where the map squeezes tiles, and the surface may have edges.
         """
         tree = cKDTree(y)
-        first, index = tree.query(x, k=min(24, len(p)))
+        first, index = tree.query(x, k=min(100, len(p)))
         first, index = np.atleast_2d(first.T).T, np.atleast_2d(index.T).T
         k = index.shape[1]
         usable = self._reached(p[index.ravel()], np.repeat(q, k, axis=0)).reshape(-1, k)
@@ -291,19 +304,35 @@ class Oracle:
             starts.append(p[found])
         return np.concatenate(rows), np.concatenate(starts)
 
+    def _feet(self, x, q, start, fixed):
+        """Where starts end, and how far that is; the start itself if it is nearer and counts."""
+        end, left = start, np.zeros(len(start))
+        if len(fixed) < 2:
+            end, left = self._descend(x, start, fixed)
+        end, dist = self._measure(x, q, end, fixed)
+        dist[self._beyond(end, 1e-9) & ((left > 1e-6) | (len(fixed) > 0))] = np.inf
+        raw = np.linalg.norm(self.map.jet(start, 0)[0] - x, axis=1)
+        use = ~self._beyond(start) & (raw < dist)
+        return np.where(use[:, None], start, end), np.where(use, raw, dist)
+
     def _descend(self, x, p, fixed, steps=40):
-        """Newton's method on the surface, or on its curve on a face, from every start."""
+        """Newton's method on the surface, or on its curve on a face, from every start.
+
+        Returns the ends, and the lengths of the last steps in tiles.
+        """
         p = p.copy()
+        last = np.zeros(len(p))
         todo = np.arange(len(p))
         free = [a for a in range(3) if a not in fixed]
         for _ in range(steps):
             step, size, cell = newton_step(self.map, self.tile, x[todo], p[todo], free)
             cap = np.minimum(1.0, cell / self.m / np.maximum(size, 1e-300))
             p[todo] += cap[:, None] * step
+            last[todo] = size / cell
             todo = todo[size > 1e-12 * cell]
             if len(todo) == 0:
                 break
-        return p
+        return p, last
 
     def _measure(self, x, q, p, fixed):
         """Points moved onto the surface, and their distances; infinite where they do not count."""
@@ -389,3 +418,27 @@ def _critical(tile, p):
         size = np.linalg.norm(step, axis=1, keepdims=True)
         p += step * np.minimum(1.0, 0.1 / np.maximum(size, 1e-300))
     return p
+
+
+def parameters(lattice, q):
+    """Parameters of tile coordinates, in the domain."""
+    lo, hi = lattice.domain
+    return np.clip(lo + q / np.array(lattice.repeat) * (hi - lo), lo, hi)
+
+
+def _letter():
+    return il.macroshape.load(Path(__file__).parent / "data" / "gismo" / "GshapedVolume.xml")
+
+
+#: Maps, and tiles in them, for comparisons: closed, from degree 1 to 3, with det J near 0.
+MAPS = {
+    "torus": (il.macroshape.torus, (16, 2, 2)),
+    "duck": (il.macroshape.duck, (18, 5, 4)),
+    "G": (_letter, (16, 1, 7)),
+}
+
+
+def lattice_of(shape, tile, boundary):
+    """One of the lattices of MAPS."""
+    make, repeat = MAPS[shape]
+    return il.Lattice(tile, through=make(), repeat=repeat, boundary=boundary)

@@ -16,6 +16,7 @@ from ilattice.offsets._kernels_newton import (
     FALLBACK,
     MAX_ITERATIONS,
     OK,
+    WORSE,
     clamp,
     curvature,
     newton,
@@ -33,10 +34,10 @@ SHARP = 2.0
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
-def inside(p, box):
-    """Whether p lies in the box, up to rounding."""
+def inside(p, box, margin):
+    """Whether p lies in the box and a margin about it, up to rounding."""
     for a in range(3):
-        if p[a] < box[0, a] - 1e-9 or p[a] > box[1, a] + 1e-9:
+        if p[a] < box[0, a] - margin - 1e-9 or p[a] > box[1, a] + margin + 1e-9:
             return False
     return True
 
@@ -161,9 +162,13 @@ def wanted(sp, sx, sn, idx, row, c, x, feet, seconds, i, used, h):
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
-def accept(geom, box, orient, m, p, y, x, q, lam, st, h, feet, seconds, i, empty):
-    """File a converged foot: 2 if it is the best now, 1 if not, 0 if it does not count."""
-    if st >= FAILED or not inside(p, box) or not reachable(geom, p, q):
+def accept(geom, box, clip, orient, m, p, y, x, q, lam, st, h, feet, seconds, i, empty):
+    """File a converged foot: 2 if it is the best now, 1 if not, 0 if it does not count.
+
+    It counts in the box, and, unless the box is a constraint, on its continuation by one layer of
+    tiles where that does not fold.
+    """
+    if st >= FAILED or not inside(p, box, 0.0 if clip else 1.0) or not reachable(geom, p, q):
         return 0
     if outside(geom, p) and cofactor_normal(m, p)[1] * orient <= 0.0:
         return 0
@@ -228,20 +233,27 @@ def multi_start(
                 start = clamp(start, box)
         firm = 1.0 if soft > LOOSE and status == OK else 0.05
         best = (feet[i, 3], feet[i, 4], feet[i, 5], feet[i, 6], firm)
-        p, y, lam, low, n, st = newton(
-            d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
-            x, start, best, box, clip, h, tol, b, m, t, tab,
-        )  # fmt: skip
-        starts += 1
-        iterations += n
-        filed = accept(
-            geom, box, orient, m, p, y, x, q, lam, st, h, feet, seconds, i, status == FALLBACK
-        )
-        if filed == 2:
-            status = st
-            soft = low
-            if low <= LOOSE:
-                along = soft_direction(m, t, x, lam, low, (0, 0, 0))
+        held = clip
+        while True:
+            p, y, lam, low, n, st = newton(
+                d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
+                x, start, best, box, held, h, tol, b, m, t, tab,
+            )  # fmt: skip
+            starts += 1
+            iterations += n
+            filed = accept(
+                geom, box, clip, orient, m, p, y, x, q, lam, st, h, feet, seconds, i,
+                status == FALLBACK,
+            )  # fmt: skip
+            if filed == 2:
+                status = st
+                soft = low
+                if low <= LOOSE:
+                    along = soft_direction(m, t, x, lam, low, (0, 0, 0))
+            if filed > 0 or held or st == WORSE:
+                break
+            held = True  # where the continuation folds or ends, the sheet ends at the face
+            start = clamp(start, box)
     if status == FALLBACK:
         p = (sp[first, 0], sp[first, 1], sp[first, 2])
         store(feet, i, p, (sx[first, 0], sx[first, 1], sx[first, 2]), reach, 0.0)
@@ -310,7 +322,7 @@ def closest(
     idx
         Candidate seeds, nearest first, (n, K), K <= 60; -1 ends a row.
     box, clip, orient, tol
-        Admissible box of feet (2, 3), whether it is a constraint, sign of det J, tolerance.
+        The domain (2, 3), whether feet must lie in it, sign of det J, tolerance.
     feet, seconds
         Output (n, 8): foot p, foot in space, distance with the sign of I(q), multiplier.
     counts

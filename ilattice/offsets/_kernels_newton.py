@@ -177,7 +177,8 @@ def corner_foot(p, box, jr, t):
             high = min(high, -jr[a] / t[1 + a])
         elif s * jr[a] < 0.0:
             return False, 0.0
-    if low > high or t[0] * t[0] > 1e-18 * (t[1] * t[1] + t[2] * t[2] + t[3] * t[3]):
+    on = t[0] * t[0] <= 1e-18 * (t[1] * t[1] + t[2] * t[2] + t[3] * t[3])
+    if low > high or not on:
         return False, 0.0
     return True, low if low > -np.inf else high if high < np.inf else 0.0
 

@@ -477,7 +477,8 @@ def offset(
         which is scaled until the density is met; by default it is constant.
     tol : float, optional
         Largest error (99th percentile) of the half-thickness, in units of length; the distance
-        spline is refined until it holds.
+        spline is refined until it holds. It is for what goes by the spline: quadrature, analysis,
+        and meshes and slices that are not polished. See Notes.
     least_wall, least_gap : float, optional
         What can be made: a wall with a thinner part or a narrower gap (see
         `Wall.minimum_thickness` and `Wall.minimum_gap`) is refused.
@@ -502,6 +503,13 @@ def offset(
     Notes
     -----
     Hong et al. 2025, eq. 4 and 5: I_+e and I_-e are S - d and S + d.
+
+    Without `tol` S has 16 spans per tile. In the walls of their Figures 14 and 15, which come
+    within a third of a span of the creases and focal curves of the distance, 1 % of the surface
+    then is off by more than 3 to 7 % of d. With ``tol=0.01 * d`` it takes 32 to 36 spans for the
+    gyroid, 40 for the diamond, 80 for the gyroid of varying thickness, and the time of as many
+    closest points, which grows with the cube: 39 s in place of 2.8 s for the gyroid on one core.
+    That is why there is no default.
     """
     if d is None and relative_density is None:
         raise InputError("offset needs a half-thickness d, or a relative_density")
