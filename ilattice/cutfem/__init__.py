@@ -17,25 +17,31 @@ from ilattice.cutfem.elasticity import Elasticity
 from ilattice.cutfem.grid import CutGrid, Grid, cut
 from ilattice.cutfem.heat import Heat, HeatSolution
 from ilattice.cutfem.measures import MassProperties, mass_properties
+from ilattice.cutfem.modal import Buckling, EigenReport, Modes, buckling, natural_modes
 from ilattice.cutfem.rules import Quadrature, quadrature
 from ilattice.cutfem.solution import Solution
 from ilattice.cutfem.solvers import Solver, SolveReport, rigid_modes
 from ilattice.cutfem.space import SplineSpace
 
 __all__ = [
+    "Buckling",
     "CutGrid",
+    "EigenReport",
     "Elasticity",
     "Grid",
     "Heat",
     "HeatSolution",
     "MassProperties",
+    "Modes",
     "Quadrature",
     "Solution",
     "SolveReport",
     "Solver",
     "SplineSpace",
+    "buckling",
     "cut",
     "mass_properties",
+    "natural_modes",
     "quadrature",
     "rigid_modes",
 ]

@@ -1,0 +1,304 @@
+"""Natural frequencies, vibration modes and linear buckling of problems of elasticity.
+
+::
+
+    modes = natural_modes(problem, count=6)
+    modes.frequencies  # cycles per unit of time
+    critical = buckling(solution)  # load factors
+
+Both are A x = μ K x with the stiffness K and its `Solver`: frequencies with the mass for A (then
+μ = 1 / ω²), buckling with minus the geometric stiffness (then μ = 1 / load factor). The largest μ
+are found by Lanczos' method where K has a factor, and by LOBPCG preconditioned by multigrid
+(A. Knyazev, "Toward the optimal preconditioned eigensolver", SIAM J. Sci. Comput. 23, 2001) where
+the factor would be too large. A body without supports gets a little of its mass added to K, which
+moves no mode; its six rigid motions come first, with frequencies next to zero.
+
+Guarantees: residuals are computed afresh and above `tol` raise `ConvergenceError`; modes are
+orthonormal in the mass, or in the stiffness for buckling. Non-guarantee: which vectors come out of
+a group of equal frequencies.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh, lobpcg
+
+from ilattice._typing import FloatArray
+from ilattice._validate import as_counts, as_positive, read_only
+from ilattice.cutfem.solvers import Solver
+from ilattice.errors import ConvergenceError, InputError
+
+if TYPE_CHECKING:
+    from ilattice.cutfem.elasticity import Elasticity
+    from ilattice.cutfem.solution import Solution
+
+#: Vectors that LOBPCG works with beyond those asked for, rounds of it, steps in each.
+GUARD = 4
+ROUNDS, STEPS = 12, 25
+#: Part of the mass that is added to a free body, in units of the stiffness of simple strains.
+SHIFT = 1e-2
+
+
+@dataclass(frozen=True, eq=False)
+class EigenReport:
+    """How an eigenvalue problem was solved.
+
+    Attributes
+    ----------
+    method : str
+        That of the solver of K.
+    residual : float
+        Largest |A x - μ K x| / |A x| of the pairs.
+    shift : float
+        Added to the square of all angular frequencies while solving, 0 for supported bodies.
+    """
+
+    method: str
+    residual: float
+    shift: float
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """Natural frequencies, ascending.
+
+    Attributes
+    ----------
+    omega : ndarray, shape (count,)
+        Angular frequencies; next to zero for rigid motions.
+    vectors : ndarray, shape (count, functions, 3)
+        Coefficients of the modes, of unit mass.
+    report : EigenReport
+        Method and residual.
+    """
+
+    omega: FloatArray
+    vectors: FloatArray
+    report: EigenReport
+
+    @property
+    def frequencies(self) -> FloatArray:
+        """Cycles per unit of time, shape (count,)."""
+        return self.omega / (2 * np.pi)
+
+
+@dataclass(frozen=True, eq=False)
+class Buckling:
+    """Factors of the loads at which a body buckles, ascending in size.
+
+    Attributes
+    ----------
+    factors : ndarray, shape (count,)
+        Load factors, all positive.
+    vectors : ndarray, shape (count, functions, 3)
+        Coefficients of the shapes, of unit energy x K x.
+    report : EigenReport
+        Method and residual.
+    """
+
+    factors: FloatArray
+    vectors: FloatArray
+    report: EigenReport
+
+
+def natural_modes(
+    problem: Elasticity, count: int = 6, *, method: str = "auto", tol: float = 1e-6
+) -> Modes:
+    """Lowest natural frequencies of a problem, and the shapes they have.
+
+    Parameters
+    ----------
+    problem : Elasticity
+        Its loads do not matter. Without supports the rigid motions are among the modes.
+    count : int
+        How many.
+    method : str
+        Of the solver, as in `Solver`.
+    tol : float
+        Largest residual |M x - μ K x| / |M x|.
+
+    Returns
+    -------
+    Modes
+        Frequencies and coefficients.
+
+    Raises
+    ------
+    InputError
+        If an argument is wrong.
+    ConvergenceError
+        If residuals stay above `tol`.
+    """
+    system = problem.system
+    M = problem.mass()
+    K, shift = system.K, 0.0
+    if not problem.supports and not problem.springs:
+        shift = SHIFT * _scale(K, M, system)
+        K = K + shift * M
+    solver = _solver(K, system, method)
+    mu, x, residual = largest(M, solver, count, system, tol)
+    omega = np.sqrt(np.maximum(1 / mu - shift, 0.0))
+    x /= np.sqrt(mu)
+    report = EigenReport(solver.method, residual, shift)
+    return Modes(read_only(omega), _expand(problem, x), report)
+
+
+def buckling(
+    solution: Solution, count: int = 3, *, method: str = "auto", tol: float = 1e-6
+) -> Buckling:
+    """Factors of the loads of a solution at which the body becomes unstable.
+
+    Parameters
+    ----------
+    solution : Solution
+        Under the loads that are to be multiplied.
+    count : int
+        How many factors, of those that are positive.
+    method : str
+        Of the solver, as in `Solver`.
+    tol : float
+        Largest residual |K_g x + μ K x| / |K_g x|.
+
+    Returns
+    -------
+    Buckling
+        Factors and shapes.
+
+    Raises
+    ------
+    InputError
+        If an argument is wrong.
+    ConvergenceError
+        If residuals stay above `tol`, or fewer than `count` factors are positive.
+    """
+    problem: Any = solution.problem
+    system = problem.system
+    solver = _solver(system.K, system, method)
+    mu, x, residual = largest(-problem.geometric_stiffness(solution), solver, count, system, tol)
+    if not mu.min() > 0:
+        raise ConvergenceError(
+            f"only {int((mu > 0).sum())} of {count} load factors are positive: these loads press "
+            "on little; ask for fewer"
+        )
+    return Buckling(
+        read_only(1 / mu), _expand(problem, x), EigenReport(solver.method, residual, 0.0)
+    )
+
+
+def largest(
+    A: Any, solver: Solver, count: int, system: Any, tol: float
+) -> tuple[FloatArray, FloatArray, float]:
+    """Largest μ of A x = μ K x, descending, x (n, count) of unit x K x, and the worst residual.
+
+    Parameters
+    ----------
+    A : sparse array, shape (n, n)
+        Symmetric.
+    solver : Solver
+        Of K.
+    count : int
+        How many.
+    system : System
+        For the near-nullspace, where the search starts.
+    tol : float
+        Largest |A x - μ K x| / |A x|.
+
+    Returns
+    -------
+    mu : ndarray, shape (count,)
+        Eigenvalues.
+    x : ndarray, shape (n, count)
+        Eigenvectors.
+    residual : float
+        The largest.
+
+    Raises
+    ------
+    InputError
+        If `count` or `tol` is wrong.
+    ConvergenceError
+        If the residual is above `tol`.
+    """
+    count, tol = as_counts("count", count)[0], as_positive("tol", tol)
+    n = A.shape[0]
+    if n < 5 * (count + GUARD):
+        raise InputError(f"count = {count} is too many for {n} unknowns")
+    find = _by_preconditioner if solver.method in ("multigrid", "pyamg") else _by_factor
+    mu, x = find(A, solver, count, system.near_nullspace, tol)
+    order = np.argsort(-mu)[:count]
+    mu, x = mu[order], x[:, order]
+    residual = _residual(A, solver, mu, x)
+    if not residual <= tol:
+        raise ConvergenceError(
+            f"eigenvectors by {solver.method} have a residual of {residual:.1e}, above tol = "
+            f"{tol:.1e}; ask for another number of them, or method='superlu'"
+        )
+    return mu, x, residual
+
+
+def _by_factor(A: Any, solver: Solver, count: int, _: FloatArray, tol: float) -> Any:
+    n = A.shape[0]
+    K = LinearOperator((n, n), lambda v: solver.multiply(np.ravel(v)), dtype=float)
+    inverse = LinearOperator((n, n), lambda v: solver.precondition(np.ravel(v)), dtype=float)
+    start = np.random.default_rng(0).standard_normal(n)
+    try:
+        return eigsh(A, count, K, which="LA", Minv=inverse, v0=start, tol=1e-2 * tol)
+    except ArpackNoConvergence as e:
+        raise ConvergenceError(
+            f"Lanczos' method found {len(e.eigenvalues)} of {count} modes; ask for fewer"
+        ) from e
+
+
+def _by_preconditioner(A: Any, solver: Solver, count: int, modes: FloatArray, tol: float) -> Any:
+    n = A.shape[0]
+
+    def each(function: Any) -> LinearOperator:
+        def block(V: FloatArray) -> FloatArray:
+            columns = np.asarray(V).reshape(n, -1).T
+            return np.stack([function(np.ascontiguousarray(v)) for v in columns], axis=1)
+
+        return LinearOperator((n, n), matvec=block, matmat=block, dtype=float)
+
+    M, K = each(solver.precondition), each(solver.multiply)
+    x = M @ (A @ np.random.default_rng(0).standard_normal((n, count + GUARD)))
+    known = modes[:, np.abs(modes).max(axis=0) > 0][:, : count + GUARD]
+    x[:, : known.shape[1]] += known * (np.abs(x).max() / np.abs(known).max())
+    for _ in range(ROUNDS):
+        length = np.sqrt((x * (K @ x)).sum(axis=0))
+        least = float((np.linalg.norm(A @ x, axis=0) / length)[:count].min())
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the residuals are computed below
+            found: Any = lobpcg(A, x, K, M, tol=0.3 * tol * least, maxiter=STEPS, largest=True)
+        mu, x = found
+        if _residual(A, solver, mu[:count], x[:, :count]) <= tol:
+            break
+    return mu, x
+
+
+def _residual(A: Any, solver: Solver, mu: FloatArray, x: FloatArray) -> float:
+    """Largest |A x - μ K x| / |A x|."""
+    Kx = np.stack([solver.multiply(np.ascontiguousarray(v)) for v in x.T], axis=1)
+    Ax = A @ x
+    return float((np.linalg.norm(Ax - mu * Kx, axis=0) / np.linalg.norm(Ax, axis=0)).max())
+
+
+def _solver(K: Any, system: Any, method: str) -> Solver:
+    return Solver(K, near_nullspace=system.near_nullspace, method=method, places=system.places)
+
+
+def _expand(problem: Any, x: FloatArray) -> FloatArray:
+    """All coefficients of vectors on free nodes, zero where the body is held."""
+    con = problem.constraints
+    shapes = [con.expand(np.ascontiguousarray(v).reshape(-1, 3)) - con.values for v in x.T]
+    return read_only(np.stack(shapes))
+
+
+def _scale(K: Any, M: Any, system: Any) -> float:
+    """Least ratio of stiffness and mass of displacements that are linear in one coordinate."""
+    x = system.places - system.places.mean(axis=0)
+    fields = (x[:, :, None, None] * np.eye(3)).transpose(0, 2, 1, 3).reshape(len(x) * 3, 9)
+    return float(((fields * (K @ fields)).sum(axis=0) / (fields * (M @ fields)).sum(axis=0)).max())

@@ -1,0 +1,94 @@
+"""Natural frequencies and buckling against exact solutions."""
+
+import numpy as np
+import pytest
+
+from ilattice.cutfem import Elasticity, buckling, natural_modes
+from ilattice.errors import ConvergenceError, InputError
+
+COLUMN = [[0.0] * 3, [1.0, 1.0, 10.0]]
+#: Free ball of radius 1, E = 1, nu = 0.3, rho = 1: torsion l = 2, (l - 1) j_l(x) = x j_{l+1}(x)
+#: with x = omega / c_s, and the spheroidal vibration l = 2; both five-fold.
+TORSION, SPHEROIDAL = 1.551135, 1.641114
+
+
+def ball(u):
+    return (u**2).sum(axis=1) - 1.0
+
+
+def column(cells=(2, 2, 10), **options):
+    """A square bar that fills its box."""
+    return Elasticity(lambda u: np.abs(u[:, 0] - 0.5) - 0.7, cells, domain=COLUMN, **options)
+
+
+@pytest.fixture(scope="module")
+def balls():
+    problems = [Elasticity(ball, n, domain=[[-1.1] * 3, [1.1] * 3]) for n in (5, 8)]
+    return [(p, natural_modes(p, 16)) for p in problems]
+
+
+def test_a_free_ball(balls):
+    for _, modes in balls:
+        assert np.abs(modes.omega[:6]).max() < 1e-4 * TORSION
+    for group, exact in ((slice(6, 11), TORSION), (slice(11, 16), SPHEROIDAL)):
+        errors = [np.abs(m.omega[group] / exact - 1).max() for _, m in balls]
+        assert errors[1] < 4e-4
+        assert np.log(errors[0] / errors[1]) / np.log(8 / 5) > 3.5  # order 2 p = 4
+
+
+def test_modes_are_orthonormal_in_the_mass(balls):
+    problem, modes = balls[0]
+    V = modes.vectors.reshape(len(modes.vectors), -1).T
+    np.testing.assert_allclose(V.T @ (problem.mass() @ V), np.eye(16), atol=1e-6)
+    K = V.T @ (problem.system.K @ V)
+    np.testing.assert_allclose(K, np.diag(modes.omega**2), atol=1e-5)
+    np.testing.assert_allclose(modes.frequencies * 2 * np.pi, modes.omega)
+
+
+def test_multigrid_finds_the_same_modes(balls):
+    problem, modes = balls[0]
+    found = natural_modes(problem, 8, method="multigrid")
+    np.testing.assert_allclose(found.omega[6:], modes.omega[6:8], rtol=1e-6)
+    assert found.report.method == "multigrid"
+    assert found.report.residual <= 1e-6
+
+
+def test_a_cantilever_and_its_density():
+    modes = natural_modes(column().clamp("w=0"), 2)
+    euler = 1.8751041**2 * np.sqrt(1 / 12 / 10**4)
+    np.testing.assert_allclose(modes.omega, euler, rtol=0.01)
+    assert modes.report.shift == 0
+    heavy = natural_modes(column(density=4.0).clamp("w=0"), 2)
+    np.testing.assert_allclose(heavy.omega, modes.omega / 2, rtol=1e-6)
+    held = column().clamp("w=0")
+    fixed = held.constraints.fixed
+    assert fixed.any()
+    assert (modes.vectors[:, fixed] == 0).all()
+
+
+@pytest.mark.parametrize("method", ["superlu", "multigrid"])
+def test_a_column_buckles(method):
+    """Clamped and free, with shear and the shortening before a few thousandths off Euler."""
+    solution = column().clamp("w=0").load(traction=(0, 0, -2.0), on="w=1").solve()
+    found = buckling(solution, 2, method=method)
+    np.testing.assert_allclose(2 * found.factors, np.pi**2 / 12 / 400, rtol=0.01)
+    corner = found.vectors[:, -1]  # of the tip, which turns by pi / (2 L) of its deflection
+    aside = np.linalg.norm(corner[:, :2], axis=1)
+    assert (np.abs(corner[:, 2]) < 1.05 * np.pi / 20 * np.sqrt(0.5) * aside).all()
+
+
+def test_tension_does_not_buckle():
+    pulled = column((1, 1, 6)).clamp("w=0").load(traction=(0, 0, 1.0), on="w=1").solve()
+    with pytest.raises(ConvergenceError, match=r"positive|residual"):
+        buckling(pulled, 30)
+
+
+def test_bad_input():
+    problem = column((1, 1, 4)).clamp("w=0")
+    for count, match in ((0, "count"), (1.5, "count"), (10_000, "too many")):
+        with pytest.raises(InputError, match=match):
+            natural_modes(problem, count)
+    with pytest.raises(InputError, match="tol"):
+        natural_modes(problem, 2, tol=-1.0)
+    with pytest.raises(InputError, match="method"):
+        natural_modes(problem, 2, method="guess")
