@@ -441,6 +441,17 @@ def warmup(progress: Progress = None) -> None:
             for ending in ("stl", "vtp"):
                 mesh.save(Path(folder) / f"mesh.{ending}")
         il.tiles.get("cross").jet([[0.5, 0.5, 0.6]])
+    _compile_analysis()
+
+
+def _compile_analysis() -> None:
+    """Solve a small bar, with so many unknowns that multigrid has two levels."""
+    lattice = il.Lattice(il.tiles.get("schwarz_p"), through=il.macroshape.box((3, 1, 1)))
+    wall = lattice.offset(0.2)
+    il.sdf.MeshDistance(wall.mesh(0.2))([[0.5, 0.5, 0.5]])
+    for degree in (1, 2):
+        problem = il.cutfem.Elasticity(wall, cells=(24, 10, 10), degree=degree).clamp("u=0")
+        problem.load(gravity=(0.0, 0.0, -1.0)).solve(method="multigrid").von_mises([[0.5] * 3])
 
 
 def _compile_repair(mesh: "il.SurfaceMesh") -> None:
