@@ -15,7 +15,8 @@ query, and is checked against the side of the foot from which the query is seen.
 Non-guarantees: on the medial axis the foot is one of several; the distance is still unique. The
 distance may jump where a foot reaches the edge of the continuation, to that of another foot,
 which is at most as far away as the mid-surface in D. A foot may be missed where a map is nearly
-singular; `tests/compare_closest_points.py` counts such feet in large sets, and found none.
+singular: one of a million queries, in the G shape, by 0.05 % of a tile, is known.
+`tests/compare_closest_points.py` counts such feet in large sets.
 """
 
 from __future__ import annotations
