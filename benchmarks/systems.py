@@ -15,6 +15,8 @@ from scipy.sparse import bsr_array
 from ilattice._typing import AnyArray, FloatArray
 
 SAMPLES = 6
+#: Weight of the void in cut cells: some hold fewer samples than it takes to be stiff.
+GUARD = 1e-6
 CORNERS = np.array([(i, j, k) for i in (0, 1) for j in (0, 1) for k in (0, 1)])
 
 
@@ -148,8 +150,11 @@ def _tile(inside: Any, n: int, heat: bool) -> tuple[FloatArray, FloatArray]:
     gauss = np.stack(np.meshgrid(g, g, g, indexing="ij"), axis=-1).reshape(-1, 3)
     at_samples, whole = (_products(p, heat) / (len(p) * n) for p in (local, gauss))
     matrices = np.tensordot(solid.astype(float), at_samples, axes=1)
-    matrices[solid.all(axis=1)] = whole.sum(axis=0)
-    return solid.mean(axis=1), matrices
+    part = solid.mean(axis=1)
+    cut = (part > 0) & (part < 1)
+    matrices[cut] += GUARD * (whole.sum(axis=0) - matrices[cut])
+    matrices[part == 1] = whole.sum(axis=0)
+    return part, matrices
 
 
 def _products(points: FloatArray, heat: bool) -> FloatArray:
