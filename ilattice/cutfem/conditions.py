@@ -67,13 +67,13 @@ class Load:
 
     Attributes
     ----------
-    kind : {"body", "gravity", "traction", "pressure", "thermal"}
-        What the value is.
+    kind : {"body", "gravity", "traction", "pressure", "temperature", "flux", "source"}
+        What the value is; the last two are heat.
     value : Value
-        Force per volume, acceleration, force per area, pressure; or temperature above the
-        stress-free one.
+        Force per volume, acceleration, force per area, pressure; temperature above the stress-free
+        one; heat per area and time, heat per volume and time.
     on : str
-        Place of tractions and pressures.
+        Place of tractions, pressures and fluxes.
     """
 
     kind: str

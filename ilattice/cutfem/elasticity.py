@@ -383,6 +383,22 @@ class Elasticity(Problem):
             value *= self.material.density.at(asm, rule.parameters)[:, None]
         return asm.vector(rule, value)
 
+    def thermal_strain(self, u: FloatArray) -> FloatArray:
+        """Strain of free expansion in every direction, under all temperatures.
+
+        Parameters
+        ----------
+        u : ndarray, shape (n, 3)
+            Parameters.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            α ΔT.
+        """
+        heated = (load for load in self.loads if load.kind == "temperature")
+        return sum((self._expansion(load, u) for load in heated), np.zeros(len(u)))
+
     def thermal_stress(self, load: Load, u: FloatArray) -> FloatArray:
         """Pressure that would keep a heated solid from expanding.
 
@@ -398,13 +414,17 @@ class Elasticity(Problem):
         ndarray, shape (n,)
             (3 λ + 2 μ) α ΔT.
         """
+        lam, mu = self.material.lame(self.assembly, u)
+        return (3 * lam + 2 * mu) * self._expansion(load, u)
+
+    def _expansion(self, load: Load, u: FloatArray) -> FloatArray:
+        """Strain α ΔT (n,) of one temperature."""
         asm = self.assembly
         if hasattr(load.value, "evaluate"):
             rise = load.value.evaluate(u)
         else:
             rise = values_at("temperature", load.value, asm.x(u), 1)[:, 0]
-        lam, mu = self.material.lame(asm, u)
-        return (3 * lam + 2 * mu) * self.material.expansion.at(asm, u) * rise
+        return self.material.expansion.at(asm, u) * rise
 
     def _motions(self, x: FloatArray) -> FloatArray:
         out = np.zeros((len(x), 3, 6))

@@ -230,7 +230,7 @@ class Heat(Problem):
         if not 0.5 <= theta <= 1.0:
             raise InputError(f"theta must be from 1/2 to 1, got {theta!r}")
         asm, con = self.assembly, self.constraints
-        M, K = self._capacity(), self.matrix
+        M, K = self._capacity, self.matrix
         data = M.data + theta * dt * K.data
         A = asm.pattern.matrix(data)
         solver = Solver(
@@ -239,8 +239,8 @@ class Heat(Problem):
         )  # fmt: skip
         c = np.where(con.fixed, con.values, self._initial(initial))
         f = (self.forces() + self._from_supports()).ravel()
-        out = [HeatSolution(self, c, None)]
-        for _ in range(int(steps)):
+        out = [HeatSolution(self, c, None, 0.0)]
+        for n in range(1, int(steps) + 1):
             old = c.ravel()
             b = M @ old - (1.0 - theta) * dt * (K @ old) + dt * f - A @ con.values.ravel()
             b = con.restrict(b[:, None]).ravel()
@@ -248,7 +248,8 @@ class Heat(Problem):
             if b.any():
                 x, report = solver.solve(b, tol=tol, max_iterations=max_iterations)
             c = con.expand(x[:, None])
-            out.append(HeatSolution(self, c, report))
+            step = Step(out[-1].coefficients, dt, float(theta))
+            out.append(HeatSolution(self, c, report, n * dt, step))
         return tuple(out)
 
     # ---------------------------------------------------------------- operators
@@ -265,6 +266,7 @@ class Heat(Problem):
             self._add_surface(data, support)
         return asm.pattern.matrix(data)
 
+    @cached_property
     def _capacity(self) -> Any:
         asm = self.assembly
         data = asm.zeros(1)
@@ -354,25 +356,60 @@ class Heat(Problem):
         Parameters
         ----------
         solution : HeatSolution
-            Steady temperature.
+            Steady temperature, or one that a step in time leads to; then the mean over the step.
 
         Returns
         -------
         dict of str to float
             Sums over all conditions of each place.
+
+        Raises
+        ------
+        InputError
+            At the start of `evolve`.
         """
-        out = {on: float(r[0]) for on, r in self._strong_reactions(solution.coefficients).items()}
+        c, stored = self._balance(solution)
+        out = {on: float(r[0]) for on, r in self._strong_reactions(c, stored).items()}
         for support in self.in_the_mean:
             rule, Q, k = self.surface_terms(support)
             assert rule.normals is not None
             g = values_at("value", support.value, rule.points, 1)[:, 0]
             total = 0.0
-            for rows, T, slope in self.assembly.on_rule(solution.coefficients, rule):
+            for rows, T, slope in self.assembly.on_rule(c, rule):
                 along = np.einsum("qi,qi->q", slope[:, 0], rule.normals[rows])
                 flow = Q[rows] * (g[rows] - T[:, 0]) + k[rows] * along
                 total += float(rule.weights[rows] @ flow)
             out[support.on] = out.get(support.on, 0.0) + total
         return out
+
+    def _balance(self, solution: "HeatSolution") -> tuple[FloatArray, FloatArray | float]:
+        """Coefficients at which conduction counts, and what goes into storage, both (n, 1)."""
+        c, step = solution.coefficients, solution.step
+        if step is None and solution.time is not None:
+            raise InputError("inflow: no step leads to the start of evolve; ask the next solution")
+        if step is None:
+            return c, 0.0
+        middle = step.theta * c + (1.0 - step.theta) * step.before
+        return middle, self._capacity @ ((c - step.before) / step.duration)
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """A step in time.
+
+    Attributes
+    ----------
+    before : ndarray, shape (functions, 1)
+        Coefficients where it starts.
+    duration : float
+        Length of time.
+    theta : float
+        Weight of the end, as in `Heat.evolve`.
+    """
+
+    before: FloatArray
+    duration: float
+    theta: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -387,11 +424,17 @@ class HeatSolution:
         Of the splines.
     report : SolveReport or None
         What the solver says; None if nothing was free.
+    time : float or None
+        Since the start of `Heat.evolve`; None if steady.
+    step : Step or None
+        The step that leads here; None if steady, and at the start.
     """
 
     problem: Heat
     coefficients: FloatArray
     report: "SolveReport | None"
+    time: float | None = None
+    step: Step | None = None
 
     def evaluate(self, u: ArrayLike) -> FloatArray:
         """Temperature at parameters.
@@ -486,7 +529,11 @@ class HeatSolution:
 
     @cached_property
     def inflow(self) -> dict[str, float]:
-        """Heat per time that enters through places of fixed temperature and of convection."""
+        """Heat per time that enters through places of fixed temperature and of convection.
+
+        In time the mean over the step that leads here; with sources and fluxes it is what is stored
+        in the step, over its length. At the start of `evolve` an `InputError`.
+        """
         return self.problem.inflow(self)
 
     @cached_property

@@ -298,7 +298,7 @@ def _expand(problem: Any, x: FloatArray) -> FloatArray:
 
 
 def _scale(K: Any, M: Any, system: Any) -> float:
-    """Least ratio of stiffness and mass of displacements that are linear in one coordinate."""
+    """Largest ratio of stiffness and mass of displacements that are linear in one coordinate."""
     x = system.places - system.places.mean(axis=0)
     fields = (x[:, :, None, None] * np.eye(3)).transpose(0, 2, 1, 3).reshape(len(x) * 3, 9)
     return float(((fields * (K @ fields)).sum(axis=0) / (fields * (M @ fields)).sum(axis=0)).max())

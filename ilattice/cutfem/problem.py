@@ -181,10 +181,16 @@ class Problem:
         """Prescribed coefficients."""
         return constraints(self.domain, self.assembly, self.supports, self.m)
 
-    def _strong_reactions(self, c: FloatArray) -> dict[str, FloatArray]:
-        """Sums (m,) of what is missing in the equations of prescribed coefficients, by place."""
+    def _strong_reactions(
+        self, c: FloatArray, stored: FloatArray | float = 0.0
+    ) -> dict[str, FloatArray]:
+        """Sums (m,) of what is missing in the equations of prescribed coefficients, by place.
+
+        `stored` (functions, m) is what goes into storage.
+        """
         out: dict[str, FloatArray] = {}
         r = (self.matrix @ c.ravel()).reshape(c.shape) - self.forces() - self._from_supports()
+        r += stored
         for number, s in enumerate(self.supports):
             if not s.weak:
                 mine = np.where(self.constraints.owner == number, r, 0.0).sum(axis=0)

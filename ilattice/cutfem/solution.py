@@ -167,27 +167,38 @@ class Solution:
 
     @cached_property
     def energy(self) -> float:
-        """Strain energy of the solid, without springs and stabilization."""
+        """Energy of the elastic strain of the solid, without springs and stabilization.
+
+        The strain of free expansion stores none.
+        """
         problem = self.problem
-        constant = problem.material.constant
+        heated = any(load.kind == "temperature" for load in problem.loads)
+        constant = problem.material.constant and not heated
         return self._energy(
             problem.domain.stiff_rule(problem.assembly, constant=constant, void=False)
         )
 
-    def _energy(self, rule: Quadrature) -> float:
+    def _energy(self, rule: Quadrature, *, heated: bool = True) -> float:
+        """Half of stress times elastic strain, or, not `heated`, as if nothing were heated."""
         problem, total = self.problem, 0.0
         asm = problem.assembly
         for rows, _, gradient in asm.on_rule(self.coefficients, rule):
             u = rule.points[rows]
             weights = rule.weights[rows] * np.abs(np.linalg.det(asm.jacobians(u)))
             lam, mu = problem.material.lame(asm, u)
+            if heated:
+                gradient -= problem.thermal_strain(u)[:, None, None] * np.eye(3)
             density = 0.5 * elastic_stress(gradient, lam, mu) * engineering_strain(gradient)
             total += float(weights @ density.sum(axis=1))
         return total
 
     @cached_property
     def compliance(self) -> float:
-        """Work of the loads on the displacement: twice the energy where supports are at rest."""
+        """Work of the loads on the displacement.
+
+        Twice the energy where supports are at rest and nothing is heated. Of a temperature that is
+        the work of the pressure that would keep the solid from expanding.
+        """
         return float((self.problem.forces() * self.coefficients).sum())
 
     @cached_property
@@ -200,7 +211,7 @@ class Solution:
         asm, domain = problem.assembly, problem.domain
         total = 0.0
         if domain.stabilization == "void":
-            total += self._energy(domain.void(asm))
+            total += self._energy(domain.void(asm), heated=False)
         if asm.ghost is not None:
             data = asm.zeros(3)
             asm.add_ghost(data, problem.ghost_stiffness)

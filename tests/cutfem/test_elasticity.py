@@ -341,11 +341,31 @@ def test_heat_expands_freely_and_presses_when_hindered():
     u = np.random.default_rng(1).random((10, 3))
     np.testing.assert_allclose(free.evaluate(u), 0.1 * u, atol=1e-10)
     np.testing.assert_allclose(free.stress(u), 0, atol=1e-9)
+    assert free.energy == pytest.approx(0.0, abs=1e-15)
     for method in ("strong", "nitsche"):
         stuck = problem.clamp("w=0", components="z", method=method)
         stuck = stuck.clamp("w=1", components="z", method=method).load(temperature=10.0).solve()
         np.testing.assert_allclose(stuck.stress(u)[:, 2], -0.2, atol=1e-9)
         assert stuck.reactions["w=1"][2] == pytest.approx(-0.2, rel=1e-8)
+
+
+@pytest.mark.parametrize("kind", ["number", "function"])
+def test_hindered_expansion_stores_the_energy_of_its_pressure(kind):
+    """Held all around, the solid has the elastic strain - α ΔT everywhere."""
+    rise, mean_square = (10.0, 100.0) if kind == "number" else (lambda x: 9 + x[:, 0] ** 3, 0.0)
+    if kind == "function":
+        mean_square = 81 + 18 / 4 + 1 / 7
+    cut = il.cutfem.cut(full, 3, domain=CUBE)
+    problem = Elasticity(cut, expansion=1e-2, young=2.0, poisson=0.25, q=4)
+    for place in ("u=0", "u=1", "v=0", "v=1", "w=0", "w=1"):
+        problem = problem.clamp(place)
+    stuck = problem.load(temperature=rise).solve()
+    lam = mu = 0.8
+    if kind == "number":
+        assert stuck.energy == pytest.approx(0.5 * (3 * lam + 2 * mu) * 3e-4 * 100, rel=1e-9)
+    total = 0.5 * (3 * lam + 2 * mu) * 3e-4 * mean_square
+    work = stuck.compliance  # of the heat on the displacement: what is released by moving
+    assert stuck.energy == pytest.approx(total - 0.5 * work, rel=1e-9)
 
 
 # ------------------------------------------------------------------------------ conditioning
