@@ -3,9 +3,7 @@
 This is what the command line calls; the report is plain data, ready for JSON.
 """
 
-import json
 import os
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -14,12 +12,13 @@ import numpy as np
 
 import ilattice as il
 from ilattice._expression import parse
-from ilattice._progress import Progress, track
+from ilattice._progress import Progress
 from ilattice._stages import Stages
+from ilattice._warmup import aside
 from ilattice.errors import FormatError, InputError
+from ilattice.io._common import write_report
 from ilattice.io.registry import WRITERS
 from ilattice.io.splines import list_patches
-from ilattice.mesh.repair import remove_slivers
 from ilattice.tiles.cells import CellRow
 
 #: Volumes of `ilattice.macroshape` that need no arguments.
@@ -169,7 +168,9 @@ def build(
     result = {
         "ilattice": il.__version__,
         "input": inputs | {"h": h},
-        **measures(mesh),
+        **mesh.measures(),
+        "self_intersections": mesh.self_intersections,
+        "held": int(mesh.point_data["held"].sum()),
         "thickness_error": {k: getattr(error, k) for k in ("max", "p99", "rms", "relative")},
         **least,
         "closest_points": counts(lattice),
@@ -177,7 +178,7 @@ def build(
         "files": [str(path) for path in [*output, *([report] if report else [])]],
     }
     if report:
-        write_json(report, result)
+        write_report(report, result)
     return result
 
 
@@ -258,35 +259,20 @@ def demo(
     except OSError as e:
         raise InputError(f"out: cannot make the directory {str(folder)!r}: {e.strerror}") from e
     names = ("torus.stl", "torus.vtp", "torus.png")
-    result = build(
-        tile="schwarz_p",
-        through="torus",
-        repeat=(16, 2, 2),
-        thickness=0.1,
-        h=h,
-        output=[folder / name for name in names],
-        progress=progress,
-    )
+    with aside("meshes"):
+        result = build(
+            tile="schwarz_p",
+            through="torus",
+            repeat=(16, 2, 2),
+            thickness=0.1,
+            h=h,
+            output=[folder / name for name in names],
+            progress=progress,
+        )
     volume("torus").save(folder / "macroshape.vtu")
     result["files"] += [str(folder / name) for name in ("macroshape.vtu", "report.json")]
-    write_json(folder / "report.json", result)
+    write_report(folder / "report.json", result)
     return result
-
-
-def measures(mesh: "il.SurfaceMesh") -> dict[str, Any]:
-    """What the report says about a mesh."""
-    closed = mesh.is_watertight
-    return {
-        "volume": mesh.volume if closed else None,
-        "area": mesh.area,
-        "genus": mesh.genus if closed and mesh.is_oriented else None,
-        "components": mesh.components,
-        "watertight": closed,
-        "self_intersections": mesh.self_intersections,
-        "vertices": len(mesh.vertices),
-        "faces": len(mesh.faces),
-        "held": int(mesh.point_data["held"].sum()),
-    }
 
 
 def _plain(feature: "il.offsets.Feature") -> dict[str, Any]:
@@ -413,57 +399,3 @@ def catalogue() -> list[str]:
             flags.append(f"radius {row.radius:g}")
         lines.append(f"{name:<24}{', '.join([*row.aliases, *(f'[{f}]' for f in flags)])}".rstrip())
     return lines
-
-
-def warmup(progress: Progress = None) -> None:
-    """Compile every kernel that the main job needs, by doing it at a small size.
-
-    Parameters
-    ----------
-    progress : bool or callable, optional
-        See `ilattice._progress.track`.
-    """
-    shapes = il.macroshape
-    box = shapes.box()
-    quadratic = il.SplineMap(box.spline.elevate(0).elevate(1).elevate(2))
-    torus = shapes.torus(major=0.8, width=0.6)
-    volumes = [box, quadratic, torus, shapes.cylinder_shell(0.2, 0.8, 0.6)]
-    with tempfile.TemporaryDirectory() as folder:
-        for through in track(volumes, "compile", progress):
-            lattice = il.Lattice(il.tiles.get("gyroid"), through=through, repeat=(3, 1, 1))
-            for d in (0.05, parse("0.05 + 0.001*u")):
-                wall = lattice.offset(d)
-                mesh = wall.mesh(0.05)
-                wall.thickness_error(mesh)
-                measures(mesh)
-                _compile_repair(mesh)
-            list(wall.slices(thickness=0.25, h=0.05))
-            for ending in ("stl", "vtp"):
-                mesh.save(Path(folder) / f"mesh.{ending}")
-        il.tiles.get("cross").jet([[0.5, 0.5, 0.6]])
-    _compile_analysis()
-
-
-def _compile_analysis() -> None:
-    """Solve a small bar, with so many unknowns that multigrid has two levels."""
-    lattice = il.Lattice(il.tiles.get("schwarz_p"), through=il.macroshape.box((3, 1, 1)))
-    wall = lattice.offset(0.2)
-    il.sdf.MeshDistance(wall.mesh(0.2))([[0.5, 0.5, 0.5]])
-    for degree in (1, 2):
-        problem = il.cutfem.Elasticity(wall, cells=(24, 10, 10), degree=degree).clamp("u=0")
-        problem.load(gravity=(0.0, 0.0, -1.0)).solve(method="multigrid").von_mises([[0.5] * 3])
-
-
-def _compile_repair(mesh: "il.SurfaceMesh") -> None:
-    """Repair a mesh as if everything were wrong with it: good ones need no repair."""
-    x, faces = np.array(mesh.vertices), np.array(mesh.faces)
-    remove_slivers(x, faces, quality=1.0)
-
-
-def write_json(path: str | os.PathLike[str], data: dict[str, Any]) -> None:
-    """Write plain data as JSON, whole or not at all."""
-    from ilattice.io._common import atomic_write
-
-    with atomic_write(path, text=True) as file:
-        json.dump(data, file, indent=2)
-        file.write("\n")

@@ -276,7 +276,7 @@ def _tell_solid(report: dict[str, Any]) -> None:
 
 
 def _add_others(app: "App") -> None:
-    from ilattice import _job
+    from ilattice import _job, _warmup
 
     @app.command
     def info(file: str) -> None:
@@ -298,7 +298,7 @@ def _add_others(app: "App") -> None:
     def warmup() -> None:
         """Compile all kernels now, so that later runs start at once."""
         start = time.perf_counter()
-        _job.warmup(progress=True)
+        _warmup.warmup(progress=True)
         print(f"all kernels are compiled ({time.perf_counter() - start:.0f} s)")
 
 

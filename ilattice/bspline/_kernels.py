@@ -75,7 +75,7 @@ def pack_direction(t, k, n):
     length = breaks[-1] - breaks[0]
     edges = breaks[0] + np.arange(bins) * (length / bins)
     bucket = np.clip(np.searchsorted(breaks, edges, side="right") - 1, 0, len(spans) - 1)
-    table = monomial_table(np.ascontiguousarray(t), k, spans).swapaxes(1, 2)
+    table = monomial_table(np.array(t), k, spans).swapaxes(1, 2)
     lower, upper = np.append(np.nan, breaks[1:-1]), np.append(breaks[1:-1], np.nan)
     middle = 0.5 * (breaks[1:] + breaks[:-1])
     rows = np.column_stack(

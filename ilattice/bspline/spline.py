@@ -286,8 +286,11 @@ class BSpline:
         n, size = len(p), self._components.shape[0]
         shapes = [(n, size), (n, size, 3), (n, size, 3, 3)][: order + 1]
         out: tuple[FloatArray, ...] = tuple(np.empty(s) for s in shapes)
-        kernel = (_kernels.values, _kernels.jets1, _kernels.jets2)[order]
-        kernel(*self.kernel_args, p, *out)
+        if self._components[0].size == 1:
+            _fill(self._components, *out)
+        else:
+            kernel = (_kernels.values, _kernels.jets1, _kernels.jets2)[order]
+            kernel(*self.kernel_args, p, *out)
         if self.weights is not None:
             out = _quotient(out)
         return tuple(self._trim(a, i) for i, a in enumerate(out))
@@ -324,10 +327,10 @@ class BSpline:
         if order not in (0, 1):
             raise InputError(f"order must be 0 or 1, got {order!r}")
         sites = self._axes(axes)
-        dirs, lengths, comps = self._directions, self._lengths, self._components
+        *dirs, k0, k1, k2, comps = self.generic_kernel_args
         tables = [
             _kernels.axis_basis(d, k, x, order)
-            for d, k, x in zip(dirs, lengths, sites, strict=True)
+            for d, k, x in zip(dirs, (k0, k1, k2), sites, strict=True)
         ]
         nx, ny, nz = (len(x) for x in sites)
         out = np.empty((len(comps), nx, 1 + 3 * order, ny, nz))
@@ -567,6 +570,13 @@ def _as_weights(weights: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
     if (w <= 0).any():
         raise InputError(f"weights must be positive, the least is {w.min()}")
     return read_only(w)
+
+
+def _fill(c: FloatArray, value: FloatArray, *derivatives: FloatArray) -> None:
+    """The jet of a constant."""
+    value[:] = c.ravel()
+    for a in derivatives:
+        a[:] = 0.0
 
 
 def _quotient(out: tuple[FloatArray, ...]) -> tuple[FloatArray, ...]:

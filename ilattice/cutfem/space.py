@@ -94,7 +94,7 @@ class SplineSpace:
         """Per direction the centred monomial coefficients (cells, p + 1, p + 1) of functions."""
         p = self.degree
         return tuple(
-            monomial_table(np.ascontiguousarray(t), p, p + np.arange(n))
+            monomial_table(np.array(t), p, p + np.arange(n))
             for t, n in zip(self.knots, self.grid.shape, strict=True)
         )
 

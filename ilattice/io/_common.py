@@ -8,6 +8,7 @@ the untouched old file.
 """
 
 import errno
+import json
 import os
 import re
 import stat
@@ -115,6 +116,13 @@ def atomic_write(path: str | os.PathLike[str], *, text: bool = False) -> Iterato
         ) as file,
     ):
         yield file
+
+
+def write_report(path: str | os.PathLike[str], data: dict[str, Any]) -> None:
+    """Write plain data as JSON, whole or not at all."""
+    with atomic_write(path, text=True) as file:
+        json.dump(data, file, indent=2)
+        file.write("\n")
 
 
 def _target(path: str | os.PathLike[str]) -> Path:

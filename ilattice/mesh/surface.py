@@ -236,6 +236,27 @@ class SurfaceMesh:
         """Number of pairs of triangles that pass through each other, or overlap in one plane."""
         return measure.self_intersections(self.vertices, self.faces)[0]
 
+    def measures(self) -> dict[str, Any]:
+        """Size, volume, area and topology as plain data, for reports.
+
+        Returns
+        -------
+        dict
+            `bounds`, `volume` and `genus` (None if the mesh is open), `area`, `components`,
+            `watertight`, and the numbers of `vertices` and `faces`.
+        """
+        closed = self.is_watertight
+        return {
+            "bounds": self.bounds.tolist(),
+            "volume": self.volume if closed else None,
+            "area": self.area,
+            "genus": self.genus if closed and self.is_oriented else None,
+            "components": self.components,
+            "watertight": closed,
+            "vertices": len(self.vertices),
+            "faces": len(self.faces),
+        }
+
     # --- topology -----------------------------------------------------------------------------
 
     @cached_property

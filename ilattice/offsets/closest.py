@@ -365,7 +365,7 @@ class ClosestPointSearch:
         distance, near = self.candidates(x[at], m)
         idx = np.empty((len(at), RETRY_CANDIDATES), np.int64)
         _kernels.spread(self.space[7], *self.seeds, p[at], near, idx)
-        f, c, s = feet[:, at], counts[at], status[at]
+        f, c, s = feet.take(at, axis=1), counts[at], status[at]
         self._run(x[at], p[at], idx, f, c, s)
         feet[:, at], counts[at], status[at] = f, c, s
         return at[self._doubtful(p[at], distance, f, s)]

@@ -7,7 +7,7 @@ stopped: rows of the table are kept as long as the command and the file they nam
 
 import csv
 import io
-import json
+import math
 import os
 import re
 from collections.abc import Mapping, Sequence
@@ -23,6 +23,7 @@ from ilattice._progress import Progress, track
 from ilattice._stages import Stages
 from ilattice._typing import FloatArray
 from ilattice.errors import FormatError, IlatticeError, InputError
+from ilattice.io._common import atomic_write, write_report
 from ilattice.io.registry import WRITERS
 from ilattice.mesh import SurfaceMesh
 from ilattice.sdf._tokens import Token
@@ -109,19 +110,15 @@ def run(command: str | Sequence[str], *, progress: Progress = None) -> dict[str,
     found = Command.read(command)
     settings = Settings.of(found)
     words = [t.text for item in found.items for t in (item.token, *item.operands.values())]
-    if settings.sweep:
-        report = _swept(found, settings, words, progress)
-    elif settings.dry_run:
+    if settings.dry_run:
         report = _described(found, settings)
+    elif settings.sweep:
+        report = _swept(found, settings, words, progress)
     else:
         report = _meshed(found, settings, settings.output, {}, progress)
     if settings.report and not settings.dry_run:
-        from ilattice.io._common import atomic_write
-
         report = {"command": words, **report}
-        with atomic_write(settings.report, text=True) as file:
-            json.dump(report, file, indent=2)
-            file.write("\n")
+        write_report(settings.report, report)
     return report
 
 
@@ -142,7 +139,7 @@ def _meshed(
         )
     full = bool(settings.report or settings.sweep)
     with stages("measure"):
-        report = measures(found) if full else _sizes(found)
+        report = found.measures() if full else _sizes(found)
     with stages("write"):
         if settings.slices is None:
             found.save(output)
@@ -155,25 +152,13 @@ def _sizes(found: SurfaceMesh) -> dict[str, Any]:
     return {"vertices": len(found.vertices), "faces": len(found.faces)}
 
 
-def measures(found: SurfaceMesh) -> dict[str, Any]:
-    """What the report says about a mesh."""
-    closed = found.is_watertight
-    return {
-        "bounds": found.bounds.tolist(),
-        "volume": found.volume if closed else None,
-        "area": found.area,
-        "genus": found.genus if closed else None,
-        "components": found.components,
-        "watertight": closed,
-        **_sizes(found),
-    }
-
-
 def _described(command: Command, settings: Settings) -> dict[str, Any]:
-    """What a run would do."""
-    solid = command.solid(strict=settings.strict)
+    """What a run would do; of a sweep, what its first run would."""
+    first = {name: values[0] for name, values in settings.sweep.items()}
+    solid = command.solid(first, strict=settings.strict)
     found: Plan = plan(solid, settings.spacing, memory=1e9)
     return {
+        "runs": math.prod(map(len, settings.sweep.values())),
         "tree": command.tree(),
         "box": found.box.tolist(),
         "grid": list(found.shape),
@@ -200,7 +185,7 @@ def _swept(
     for combination in track(combinations, "sweep", progress):
         values = dict(zip(names, combination, strict=True))
         row = known.get(combination)
-        if row is None or settings.dry_run:
+        if row is None:
             row = _row(command, settings, values)
             row["command"] = " ".join(words) + _how(settings)
         rows.append(row)
@@ -224,7 +209,7 @@ def _how(settings: Settings) -> str:
         "" if settings.spacing is None else f" -s {','.join(map(repr, settings.spacing.tolist()))}"
     )
     tol = "" if settings.tol is None else f" --tol {settings.tol!r}"
-    return spacing + tol
+    return spacing + tol + ("" if settings.slices is None else f" --slices {settings.slices!r}")
 
 
 def _known(table: Path, names: list[str], command: str) -> dict[tuple[str, ...], dict[str, Any]]:
@@ -241,8 +226,6 @@ def _known(table: Path, names: list[str], command: str) -> dict[tuple[str, ...],
 
 
 def _write_table(table: Path, names: list[str], rows: list[dict[str, Any]]) -> None:
-    from ilattice.io._common import atomic_write
-
     columns = [*names, *MEASURES, "file", "message", "command"]
     text = io.StringIO()
     writer = csv.DictWriter(text, columns, restval="", extrasaction="ignore", lineterminator="\n")

@@ -159,6 +159,14 @@ def test_a_dry_run_writes_nothing(tmp_path, monkeypatch, capfd):
     assert not list(tmp_path.iterdir())
 
 
+def test_a_dry_run_of_a_sweep_describes_its_first_run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    report = job.run("sphere dilate a --set a=0.1,0.2 --dry-run -s 0.1")
+    assert report["runs"] == 2
+    assert report["grid"] == job.run("sphere dilate 0.1 --dry-run -s 0.1")["grid"]
+    assert not list(tmp_path.iterdir())
+
+
 def test_slices_of_a_solid(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     job.run("sphere --slices 0.25 -s 0.1 -o a.svg")
@@ -186,6 +194,13 @@ def test_sweeps_fill_a_table_and_go_on_after_an_interruption(tmp_path, monkeypat
     assert (tmp_path / "s.csv").read_bytes() == table
     again = {p for p, t in made.items() if p.stat().st_mtime_ns != t}
     assert again == {lost}
+
+
+def test_a_sweep_of_other_slices_makes_them_anew(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for thickness, layers in ((0.5, 4), (0.25, 8)):
+        job.run(f"sphere scale a --set a=1 --slices {thickness} -s 0.2 -o a.svg")
+        assert (tmp_path / "a_a=1.svg").read_text().count("<g ") == layers
 
 
 def test_failures_of_a_sweep_are_rows_of_the_table(tmp_path, monkeypatch):

@@ -1,0 +1,111 @@
+"""Compiling kernels before they are needed, by doing small jobs of each kind.
+
+Numba compiles a kernel when it is first called and keeps the result on disk. It compiles one at a
+time; a second process compiles at the same time into the same place.
+
+Guarantee: what is compiled twice, or at the same time, stays right. Non-guarantee: that nothing is
+left to compile; rare options have kernels of their own.
+"""
+
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+import ilattice as il
+from ilattice._expression import parse
+from ilattice._progress import Progress, track
+from ilattice.mesh.repair import remove_slivers
+
+
+def warmup(progress: Progress = None) -> None:
+    """Compile what walls, meshes, slices and analysis need.
+
+    Parameters
+    ----------
+    progress : bool or callable, optional
+        See `ilattice._progress.track`.
+    """
+    shapes = il.macroshape
+    box = shapes.box()
+    quadratic = il.SplineMap(box.spline.elevate(0).elevate(1).elevate(2))
+    torus = shapes.torus(major=0.8, width=0.6)
+    volumes = [box, quadratic, torus, shapes.cylinder_shell(0.2, 0.8, 0.6)]
+    with aside("analysis"):
+        for through in track(volumes, "compile", progress):
+            walls(through)
+        il.tiles.get("cross").jet([[0.5, 0.5, 0.6]])
+
+
+@contextmanager
+def aside(job: str) -> Iterator[None]:
+    """Compile in a process beside this one while the block runs, and wait for it at the end.
+
+    Parameters
+    ----------
+    job : {"meshes", "analysis"}
+        Name of a function of this module.
+    """
+    environment = {**os.environ, "NUMBA_NUM_THREADS": "1", "PYTHONPATH": os.pathsep.join(sys.path)}
+    command = [sys.executable, "-c", f"from ilattice import _warmup; _warmup.{job}()"]
+    silent = subprocess.DEVNULL
+    with subprocess.Popen(command, stdout=silent, stderr=silent, env=environment) as other:
+        try:
+            yield
+        except BaseException:
+            other.kill()
+            raise
+
+
+def walls(through: "il.SplineMap") -> None:
+    """Walls of constant and of varying thickness: meshed, measured, sliced, written.
+
+    Parameters
+    ----------
+    through : SplineMap
+        A small volume.
+    """
+    lattice = il.Lattice(il.tiles.get("gyroid"), through=through, repeat=(3, 1, 1))
+    with tempfile.TemporaryDirectory() as folder:
+        for d in (0.05, parse("0.05 + 0.001*u")):
+            wall = lattice.offset(d)
+            mesh = wall.mesh(0.05)
+            wall.thickness_error(mesh)
+            list(wall.slices(thickness=0.25, h=0.05))
+            for ending in ("stl", "vtp"):
+                mesh.save(Path(folder) / f"mesh.{ending}")
+
+
+def meshes() -> None:
+    """A sheet between two level sets of a spline: meshed, measured, repaired."""
+    mesh = il.mesh.contour(_plane(), [np.linspace(0.0, 1.0, 12)] * 3, level=(-0.2, 0.2))
+    mesh.measures()
+    _ = mesh.self_intersections
+    # as if everything were wrong with it: good meshes need no repair
+    remove_slivers(np.array(mesh.vertices), np.array(mesh.faces), quality=1.0)
+
+
+def analysis() -> None:
+    """A plate under its weight, with so many unknowns that multigrid has two levels."""
+    meshes()
+    ball = il.mesh.contour(il.fields.sphere(1.0), [np.linspace(-1.1, 1.1, 8)] * 3)
+    il.sdf.MeshDistance(ball)([[0.5, 0.5, 0.5]])
+    middle = _plane()
+    sides = [il.BSpline(middle.t, sign * middle.c - 0.2, 2) for sign in (1.0, -1.0)]
+    for degree in (1, 2):
+        problem = il.cutfem.Elasticity(
+            (sides[0], sides[1]), (24, 10, 10), degree=degree, through=il.macroshape.box()
+        ).clamp("u=0")
+        problem.load(gravity=(0.0, 0.0, -1.0)).solve(method="multigrid").von_mises([[0.5] * 3])
+
+
+def _plane() -> "il.BSpline":
+    """Height over the plane w = 1/2 as a quadratic spline."""
+    knots = np.array([0, 0, *range(7), 6, 6]) / 6.0
+    height = np.convolve(knots[1:-1], (0.5, 0.5), "valid") - 0.5
+    return il.BSpline([knots] * 3, np.broadcast_to(height, (8, 8, 8)), 2)
