@@ -39,6 +39,12 @@ STEP, WAY, STILL = 0.5, 1.5, 1e-3
 #: Points nearer to each other, relative to the edges of the grid, merge: first those along smooth
 #: parts of a contour, then all.
 SPACING, MERGE = 0.35, 1e-3
+#: Turn between neighbouring edges, in radians, above which they get points in between, and into
+#: how many pieces they go at most: chords cut off an area that falls with the square of the turn.
+BEND, PIECES = 0.05, 4
+#: How far beside a chord, relative to its length, points in between may be: more than at a turn of
+#: a radian, less than at the other side of a crease.
+ASIDE = 0.15
 #: How far below the asked height planes cut, relative to the largest height: an upper end that is
 #: flat is cut as a whole, whatever the rounding of its heights.
 BELOW = 1e-11
@@ -195,9 +201,7 @@ class Slicer:
         a, b = np.where(cross, pair // size, node), np.where(cross, pair % size, node)
         fa, fb = points.beyond[a, upper], points.beyond[b, upper]
         t = np.where(cross, fa / np.where(cross, fa - fb, 1.0), 0.0)
-        step = points.u[b] - points.u[a]
-        period = np.where(self.closed, np.diff(self.wall.lattice.domain, axis=0)[0], np.inf)
-        step -= np.where(np.abs(step) > 0.5 * period, np.copysign(1.0, step) * period, 0.0)
+        step = self._shortest(points.u[b] - points.u[a])
         u = self._wrapped(points.u[a] + t[:, None] * step)
         side = np.where(cross, 2 * upper - 1, 0)
         faces = points.faces[a] & points.faces[b]
@@ -206,8 +210,38 @@ class Slicer:
         keep = np.zeros(len(u), np.bool_)
         kernels.thin_out(self._flat(u), start, SPACING * self.h, sharp, keep)
         start = np.concatenate([[0], np.cumsum(np.add.reduceat(keep, start[:-1], dtype=np.int64))])
-        u = self._settled(u[keep], fixed[keep], side[keep], level)
+        fixed, side = fixed[keep], side[keep]
+        u = self._settled(u[keep], fixed, side, level)
+        u, start = self._denser(u, start, (fixed, side, level))
         return finished(self._flat(u), start, MERGE * self.h)
+
+    def _denser(
+        self, u: FloatArray, start: IntArray, conditions: tuple[AnyArray, IntArray, float]
+    ) -> tuple[FloatArray, IntArray]:
+        """Loops with more points between neighbours on one side of the wall, where they bend."""
+        fixed, side, level = conditions
+        after = np.arange(1, len(u) + 1)
+        after[start[1:] - 1] = start[:-1]
+        p = self._flat(u)
+        turn = _turns(p, after)
+        sharpest = np.maximum(turn, turn[after])
+        pieces = np.clip(np.ceil(sharpest / BEND), 1, PIECES).astype(np.int64)
+        pieces[(side != side[after]) | (side == 0)] = 1
+        at = np.repeat(np.arange(len(u)), pieces - 1)
+        first = np.cumsum(pieces - 1) - (pieces - 1)
+        part = (np.arange(len(at)) - first[at] + 1.0) / pieces[at]
+        to = after[at]
+        new = self._wrapped(u[at] + part[:, None] * self._shortest(u[to] - u[at]))
+        new = self._settled(new, fixed[at] & fixed[to], side[at], level)
+        good = _beside(self._flat(new), p[at], p[to], part, pieces[at])
+        at, new = at[good], new[good]
+        return np.insert(u, at + 1, new, axis=0), start + np.searchsorted(at, start)
+
+    def _shortest(self, step: FloatArray) -> FloatArray:
+        """Ways between parameters, across the seam of closed directions where that is shorter."""
+        lo, hi = self.wall.lattice.domain
+        turns = np.where(self.closed, np.rint(step / (hi - lo)), 0.0)
+        return step - turns * (hi - lo)
 
     def _flat(self, u: FloatArray) -> FloatArray:
         """Coordinates (n, 2) in the plane."""
@@ -306,6 +340,28 @@ class Slicer:
             lost = np.zeros(len(u), np.bool_)
         value = np.where(lost, 0.0, side * s - asked)
         return value, side[:, None] * g - slope
+
+
+def _turns(points: FloatArray, after: IntArray) -> FloatArray:
+    """Angles of closed loops at points (n, 2), given the index of the one after each."""
+    ahead = points[after] - points
+    turn = np.empty(len(points))
+    beyond = ahead[after]
+    cross = ahead[:, 0] * beyond[:, 1] - ahead[:, 1] * beyond[:, 0]
+    turn[after] = np.abs(np.arctan2(cross, (ahead * beyond).sum(axis=1)))
+    return turn
+
+
+def _beside(
+    new: FloatArray, a: FloatArray, b: FloatArray, part: FloatArray, pieces: IntArray
+) -> AnyArray:
+    """Which points (n, 2) are near their part of the way from a to b: not so beside creases."""
+    way, gone = b - a, new - a
+    square = np.maximum((way * way).sum(axis=1), 1e-300)
+    along = (gone * way).sum(axis=1) / square
+    across = (way[:, 0] * gone[:, 1] - way[:, 1] * gone[:, 0]) / square
+    good: AnyArray = (np.abs(along - part) < 0.5 / pieces) & (np.abs(across) < ASIDE)
+    return good
 
 
 def finished(points: FloatArray, start: IntArray, least: float) -> Outline:

@@ -1,11 +1,13 @@
-"""Slices of a wall or a mesh: closed, oriented, nested contours at given heights, without a mesh.
+"""Slices of a part, from a wall without a mesh, or from a mesh: closed contours at given heights.
 
-Guarantees: contours close and do not depend on the number of threads; outer ones run
+Guarantees: contours close, are nested, and do not depend on the number of threads; outer ones run
 counter-clockwise seen from the tip of the normal, holes clockwise; a stack computes one slice at
 a time and keeps none, so memory does not grow with their number. The wall is half-open upwards:
-at its highest point there is a slice, at its lowest there is none.
+at its highest point there is a slice, at its lowest there is none. Where contours bend they get
+points between those of the grid, so that chords cut off little: of a Schwarz P wall 0.02 % of the
+area at the default `h`.
 Not guaranteed: parts thinner than the grid; next to creases, where two offset surfaces meet, a
-contour may be rounded over part of a cell.
+contour may be rounded over part of a cell, and contours that almost meet there may cross.
 """
 
 import os
