@@ -15,9 +15,9 @@ Guarantee: cells are called in or out by certificates, never by sampling.
 
 from ilattice.cutfem.elasticity import Elasticity
 from ilattice.cutfem.grid import CutGrid, Grid, cut
-from ilattice.cutfem.heat import Heat, HeatSolution
+from ilattice.cutfem.heat import Heat, HeatHistory, HeatSolution
 from ilattice.cutfem.measures import MassProperties, mass_properties
-from ilattice.cutfem.modal import Buckling, EigenReport, Modes, buckling, natural_modes
+from ilattice.cutfem.modal import Buckling, EigenReport, Mode, Modes, buckling, natural_modes
 from ilattice.cutfem.rules import Quadrature, quadrature
 from ilattice.cutfem.solution import Solution
 from ilattice.cutfem.solvers import Solver, SolveReport, rigid_modes
@@ -30,8 +30,10 @@ __all__ = [
     "Elasticity",
     "Grid",
     "Heat",
+    "HeatHistory",
     "HeatSolution",
     "MassProperties",
+    "Mode",
     "Modes",
     "Quadrature",
     "Solution",

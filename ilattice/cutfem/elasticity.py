@@ -50,6 +50,8 @@ class Elasticity(Problem):
         Young's modulus; Poisson's ratio, above -1 and below 1/2; mass per volume; thermal
         expansion per degree. A callable takes points of space (n, 3); a name is that of a property
         of the lattice.
+    strength : float, str or callable, optional, keyword-only
+        Von Mises stress at which the material yields; solutions then tell how much of it is used.
     degree : {1, 2, 3}, keyword-only
         Of the splines.
     q : int, optional, keyword-only
@@ -91,9 +93,10 @@ class Elasticity(Problem):
 
     def __init__(
         self, field: Any, cells: Any = None, *, young: Property = 1.0, poisson: Property = 0.3,
-        density: Property = 1.0, expansion: Property = 0.0, degree: int = 2, q: int | None = None,
-        stabilization: str = "auto", weight: float | None = None, islands: str = "drop",
-        domain: Any = None, through: Any = None,
+        density: Property = 1.0, expansion: Property = 0.0, strength: Property | None = None,
+        degree: int = 2, q: int | None = None, stabilization: str = "auto",
+        weight: float | None = None, islands: str = "drop", domain: Any = None,
+        through: Any = None,
     ) -> None:  # fmt: skip
         where = as_domain(
             field, cells, degree=degree, q=q, stabilization=stabilization, weight=weight,
@@ -106,6 +109,7 @@ class Elasticity(Problem):
             Scalar("poisson", poisson, -1.0, 0.5, lattice=lattice),
             Scalar("density", density, closed=True, lattice=lattice),
             Scalar("expansion", expansion, -np.inf, lattice=lattice),
+            None if strength is None else Scalar("strength", strength, lattice=lattice),
         )
         self._set(material=material)
         where.warn_coarse()

@@ -14,12 +14,13 @@ conductivity and capacity do not depend on temperature; near walls that heat has
 consistent masses may undershoot by a fraction of the step.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
+from ilattice._progress import Progress, track
 from ilattice._typing import AnyArray, ArrayLike, FloatArray
 from ilattice._validate import as_points, as_positive
 from ilattice.cutfem import _kernels_assembly as kernels
@@ -27,7 +28,7 @@ from ilattice.cutfem._kernels_surface import surface_scalars
 from ilattice.cutfem.conditions import Spring, Support, as_value, values_at
 from ilattice.cutfem.domain import as_domain
 from ilattice.cutfem.material import Property, Scalar
-from ilattice.cutfem.output import save, surface_of
+from ilattice.cutfem.output import Result, Series
 from ilattice.cutfem.problem import Problem
 from ilattice.cutfem.rules import Quadrature, on_cells
 from ilattice.cutfem.solvers import Solver
@@ -35,10 +36,7 @@ from ilattice.cutfem.weak import NITSCHE, cell_heights
 from ilattice.errors import InputError
 
 if TYPE_CHECKING:
-    from os import PathLike
-
     from ilattice.cutfem.solvers import SolveReport
-    from ilattice.mesh import SurfaceMesh
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -197,7 +195,8 @@ class Heat(Problem):
     def evolve(
         self, duration: float, *, steps: int, initial: Any = 0.0, theta: float = 1.0,
         method: str = "auto", tol: float = 1e-8, max_iterations: int = 500,
-    ) -> "tuple[HeatSolution, ...]":  # fmt: skip
+        progress: Progress = None,
+    ) -> "HeatHistory":  # fmt: skip
         """Temperature in time, with supports and sources that stay as they are.
 
         Parameters
@@ -213,11 +212,13 @@ class Heat(Problem):
             second, which may oscillate.
         method, tol, max_iterations : str, float, int
             As in `Elasticity.solve`.
+        progress : bool or callable, optional
+            See `ilattice._progress.track`.
 
         Returns
         -------
-        tuple of HeatSolution
-            steps + 1 of them, the start included.
+        HeatHistory
+            A sequence of steps + 1 solutions, the start included.
 
         Raises
         ------
@@ -239,8 +240,8 @@ class Heat(Problem):
         )  # fmt: skip
         c = np.where(con.fixed, con.values, self._initial(initial))
         f = (self.forces() + self._from_supports()).ravel()
-        out = [HeatSolution(self, c, None, 0.0)]
-        for n in range(1, int(steps) + 1):
+        out = [HeatSolution(self, c, None, time=0.0)]
+        for n in track(range(1, int(steps) + 1), "evolve", progress):
             old = c.ravel()
             b = M @ old - (1.0 - theta) * dt * (K @ old) + dt * f - A @ con.values.ravel()
             b = con.restrict(b[:, None]).ravel()
@@ -249,8 +250,8 @@ class Heat(Problem):
                 x, report = solver.solve(b, tol=tol, max_iterations=max_iterations)
             c = con.expand(x[:, None])
             step = Step(out[-1].coefficients, dt, float(theta))
-            out.append(HeatSolution(self, c, report, n * dt, step))
-        return tuple(out)
+            out.append(HeatSolution(self, c, report, time=n * dt, step=step))
+        return HeatHistory(tuple(out))
 
     # ---------------------------------------------------------------- operators
 
@@ -413,7 +414,7 @@ class Step:
 
 
 @dataclass(frozen=True, eq=False)
-class HeatSolution:
+class HeatSolution(Result):
     """Temperature of a solid: made by `Heat.solve` and `Heat.evolve`.
 
     Attributes
@@ -433,8 +434,9 @@ class HeatSolution:
     problem: Heat
     coefficients: FloatArray
     report: "SolveReport | None"
-    time: float | None = None
-    step: Step | None = None
+    time: float | None = field(default=None, kw_only=True)
+    step: Step | None = field(default=None, kw_only=True)
+    shown: ClassVar[str] = "temperature"
 
     def evaluate(self, u: ArrayLike) -> FloatArray:
         """Temperature at parameters.
@@ -484,48 +486,15 @@ class HeatSolution:
         """
         return {"temperature": self.evaluate(u), "heat_flux": self.heat_flux(u)}
 
-    def surface(self, h: float | None = None) -> "SurfaceMesh":
-        """The mesh of the wall with temperature and heat flux.
-
-        Parameters
-        ----------
-        h : float, optional
-            Length of edges, as in `Wall.mesh`.
+    def field_data(self) -> dict[str, float]:
+        """Numbers that files hold about the whole.
 
         Returns
         -------
-        SurfaceMesh
-            With `point_data`.
-
-        Raises
-        ------
-        InputError
-            If the solid is no wall; `save` writes cells then.
+        dict of str to float
+            ``time``, unless steady.
         """
-        return surface_of(self, None if h is None else as_positive("h", h), 0.0)
-
-    def save(
-        self, path: "str | PathLike[str]", *, on: str = "auto", h: float | None = None
-    ) -> None:
-        """Write a VTU file.
-
-        Parameters
-        ----------
-        path : path-like
-            File ending in ``.vtu``.
-        on : {"auto", "surface", "cells"}
-            As in `Solution.save`.
-        h : float, optional
-            Length of edges of the surface.
-
-        Raises
-        ------
-        InputError
-            If `on` is unknown.
-        FormatError
-            Another ending, or the file cannot be written.
-        """
-        save(self, path, on, h, 0.0)
+        return {} if self.time is None else {"time": self.time}
 
     @cached_property
     def inflow(self) -> dict[str, float]:
@@ -546,6 +515,30 @@ class HeatSolution:
         for rows, T, _ in problem.assembly.on_rule(self.coefficients, rule):
             total += float((rule.weights[rows] * (c if len(c) == 1 else c[rows])) @ T[:, 0])
         return total
+
+
+@dataclass(frozen=True, eq=False)
+class HeatHistory(Series[HeatSolution]):
+    """Temperatures in time: made by `Heat.evolve`, a sequence from the start to the end.
+
+    Attributes
+    ----------
+    solutions : tuple of HeatSolution
+        One per time.
+    """
+
+    solutions: tuple[HeatSolution, ...]
+
+    def __len__(self) -> int:
+        return len(self.solutions)
+
+    @property
+    def times(self) -> FloatArray:
+        """Times since the start, shape (len,)."""
+        return np.array([s.time for s in self.solutions], np.float64)
+
+    def _result(self, number: int) -> HeatSolution:
+        return self.solutions[number]
 
 
 def as_steps(steps: Any) -> int:

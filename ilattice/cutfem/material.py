@@ -117,12 +117,15 @@ class Isotropic:
     ----------
     young, poisson, density, expansion : Scalar
         Young's modulus, Poisson's ratio, mass per volume, thermal expansion per degree.
+    strength : Scalar or None
+        Von Mises stress at which the material yields.
     """
 
     young: Scalar
     poisson: Scalar
     density: Scalar
     expansion: Scalar
+    strength: Scalar | None = None
 
     @property
     def constant(self) -> bool:

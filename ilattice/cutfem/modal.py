@@ -4,6 +4,8 @@
 
     modes = natural_modes(problem, count=6)
     modes.frequencies  # cycles per unit of time
+    modes[0].plot()
+    modes.save("modes.pvd")  # all, for ParaView
     critical = buckling(solution)  # load factors
 
 Both are A x = μ K x with the stiffness K and its `Solver`: frequencies with the mass for A (then
@@ -22,13 +24,14 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh, lobpcg
 
-from ilattice._typing import FloatArray
-from ilattice._validate import as_counts, as_positive, read_only
+from ilattice._typing import AnyArray, ArrayLike, FloatArray
+from ilattice._validate import as_counts, as_points, as_positive, read_only
+from ilattice.cutfem.output import Result, Series
 from ilattice.cutfem.solvers import Solver
 from ilattice.errors import ConvergenceError, InputError
 
@@ -63,11 +66,79 @@ class EigenReport:
 
 
 @dataclass(frozen=True, eq=False)
-class Modes:
-    """Natural frequencies, ascending.
+class Mode(Result):
+    """The shape of a mode: one of `Modes` or `Buckling`.
 
     Attributes
     ----------
+    problem : Elasticity
+        Of what.
+    coefficients : ndarray, shape (functions, 3)
+        Of the displacement, whose size means nothing.
+    kind : {"frequency", "factor"}
+        What the number is.
+    number : float
+        Frequency, or load factor.
+    """
+
+    problem: Elasticity
+    coefficients: FloatArray
+    kind: str
+    number: float
+    shown: ClassVar[str] = "displacement"
+
+    def __repr__(self) -> str:
+        return f"Mode({self.kind} {self.number:.6g})"
+
+    def evaluate(self, u: ArrayLike) -> FloatArray:
+        """Displacement at parameters.
+
+        Parameters
+        ----------
+        u : array_like, shape (n, 3)
+            Parameters.
+
+        Returns
+        -------
+        ndarray, shape (n, 3)
+            Displacement; NaN more than a cell away from the solid.
+        """
+        return self.problem.assembly.evaluate(self.coefficients, as_points("u", u))[0]
+
+    def point_data(self, u: ArrayLike) -> dict[str, AnyArray]:
+        """What files hold, at parameters.
+
+        Parameters
+        ----------
+        u : array_like, shape (n, 3)
+            Parameters.
+
+        Returns
+        -------
+        dict of str to ndarray
+            ``displacement`` (n, 3).
+        """
+        return {"displacement": self.evaluate(u)}
+
+    def field_data(self) -> dict[str, float]:
+        """Numbers that files hold about the whole.
+
+        Returns
+        -------
+        dict of str to float
+            ``frequency`` or ``factor``.
+        """
+        return {self.kind: self.number}
+
+
+@dataclass(frozen=True, eq=False)
+class Modes(Series[Mode]):
+    """Natural frequencies, ascending; a sequence of the modes, such as ``modes[0].plot()``.
+
+    Attributes
+    ----------
+    problem : Elasticity
+        Of what.
     omega : ndarray, shape (count,)
         Angular frequencies; next to zero for rigid motions.
     vectors : ndarray, shape (count, functions, 3)
@@ -76,6 +147,7 @@ class Modes:
         Method and residual.
     """
 
+    problem: Elasticity
     omega: FloatArray
     vectors: FloatArray
     report: EigenReport
@@ -85,13 +157,22 @@ class Modes:
         """Cycles per unit of time, shape (count,)."""
         return self.omega / (2 * np.pi)
 
+    def __len__(self) -> int:
+        return len(self.omega)
+
+    def _result(self, number: int) -> Mode:
+        frequency = float(self.frequencies[number])
+        return Mode(self.problem, self.vectors[number], "frequency", frequency)
+
 
 @dataclass(frozen=True, eq=False)
-class Buckling:
-    """Factors of the loads at which a body buckles, ascending in size.
+class Buckling(Series[Mode]):
+    """Factors of the loads at which a body buckles, ascending in size; a sequence of the shapes.
 
     Attributes
     ----------
+    problem : Elasticity
+        Of what.
     factors : ndarray, shape (count,)
         Load factors, all positive.
     vectors : ndarray, shape (count, functions, 3)
@@ -100,9 +181,16 @@ class Buckling:
         Method and residual.
     """
 
+    problem: Elasticity
     factors: FloatArray
     vectors: FloatArray
     report: EigenReport
+
+    def __len__(self) -> int:
+        return len(self.factors)
+
+    def _result(self, number: int) -> Mode:
+        return Mode(self.problem, self.vectors[number], "factor", float(self.factors[number]))
 
 
 def natural_modes(
@@ -144,7 +232,7 @@ def natural_modes(
     omega = np.sqrt(np.maximum(1 / mu - shift, 0.0))
     x /= np.sqrt(mu)
     report = EigenReport(solver.method, residual, shift)
-    return Modes(read_only(omega), _expand(problem, x), report)
+    return Modes(problem, read_only(omega), _expand(problem, x), report)
 
 
 def buckling(
@@ -184,9 +272,8 @@ def buckling(
             f"only {int((mu > 0).sum())} of {count} load factors are positive: these loads press "
             "on little; ask for fewer"
         )
-    return Buckling(
-        read_only(1 / mu), _expand(problem, x), EigenReport(solver.method, residual, 0.0)
-    )
+    report = EigenReport(solver.method, residual, 0.0)
+    return Buckling(problem, read_only(1 / mu), _expand(problem, x), report)
 
 
 def largest(

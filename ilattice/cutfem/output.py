@@ -1,15 +1,25 @@
-"""Solutions as meshes and files.
+"""Results as meshes, pictures and files; series of them as one file for ParaView.
 
-Guarantee: files are written as a whole or not at all; `io` gets points, cells and named arrays.
-Non-guarantee: on the surface of a mesh, which lies off the level sets of the splines by the error
-of both, fields are continued from the nearest cell.
+What is shown of a solid: the surface mesh of its wall; the solid itself, cut out of the cells as
+tetrahedra; or the active cells whole, as Lagrange hexahedra of the degree of the splines, in which
+fields and level sets are polynomials like those of the splines.
+
+Guarantees: fields are evaluated at every vertex, not interpolated; displacements and temperatures
+in Lagrange cells are those of the splines everywhere; files are written as a whole or not at all,
+the one of a series last. Non-guarantee: on the surface of a mesh, which lies off the level sets of
+the splines by the error of both, fields are continued from the nearest cell.
 """
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeVar, overload
 
 import numpy as np
 
-from ilattice._typing import AnyArray, FloatArray
+from ilattice._progress import Progress, track
+from ilattice._typing import AnyArray, FloatArray, IntArray
+from ilattice._validate import as_array, as_positive
+from ilattice.cutfem.clipping import clipped, lattice
 from ilattice.errors import FormatError, InputError
 from ilattice.mesh import SurfaceMesh
 from ilattice.offsets.wall import parameters_of
@@ -17,61 +27,344 @@ from ilattice.offsets.wall import parameters_of
 if TYPE_CHECKING:
     from os import PathLike
 
-    from ilattice.cutfem.heat import HeatSolution
-    from ilattice.cutfem.solution import Solution
+    import pyvista
 
-HEXAHEDRON, TRIANGLE = 12, 5
+    from ilattice.cutfem.problem import Problem
+
+#: VTK's numbers.
+TRIANGLE, TETRAHEDRON, HEXAHEDRON, LAGRANGE_HEXAHEDRON = 5, 10, 12, 72
 CORNERS = ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1))
+WAYS = ("auto", "surface", "solid", "cells")
+#: Largest displacement of pictures with scale="auto", in lengths of the solid.
+AUTO = 0.1
 
 
-def surface_of(solution: "Solution | HeatSolution", h: float | None, scale: float) -> SurfaceMesh:
-    """See `Solution.surface`."""
-    wall = solution.problem.domain.wall
+class Shape(NamedTuple):
+    """What is shown of a solid, before fields are on it.
+
+    Attributes
+    ----------
+    u, x : ndarray, shape (n, 3)
+        Vertices, in parameters and in space.
+    cells : ndarray, shape (e, c)
+        Vertices of cells.
+    kind : int
+        VTK's number of the kind of cells.
+    data : dict of str to ndarray
+        What is known at the vertices without a result.
+    """
+
+    u: FloatArray
+    x: FloatArray
+    cells: IntArray
+    kind: int
+    data: dict[str, AnyArray]
+
+
+class Result:
+    """What results have in common: surfaces, pictures and files."""
+
+    problem: "Problem"
+    coefficients: FloatArray
+    shown: ClassVar[str]  #: the field that gives pictures their colours
+
+    def point_data(self, u: Any) -> dict[str, AnyArray]:
+        """What files hold, at parameters.
+
+        Parameters
+        ----------
+        u : array_like, shape (n, 3)
+            Parameters.
+
+        Returns
+        -------
+        dict of str to ndarray
+            Fields by name.
+        """
+        raise NotImplementedError
+
+    def field_data(self) -> dict[str, float]:
+        """Numbers that files hold about the whole.
+
+        Returns
+        -------
+        dict of str to float
+            By name.
+        """
+        return {}
+
+    def surface(self, h: float | None = None, *, scale: float | str = 0.0) -> SurfaceMesh:
+        """The mesh of the wall with the fields of the result.
+
+        Parameters
+        ----------
+        h : float, optional
+            Length of edges, as in `Wall.mesh`.
+        scale : float or "auto"
+            Factor of the displacement, if there is one, that is added to the vertices; 0 leaves
+            the shape, ``"auto"`` moves them by a tenth of the size of the solid.
+
+        Returns
+        -------
+        SurfaceMesh
+            With what `point_data` has; parts that were left out are left out.
+
+        Raises
+        ------
+        InputError
+            If the solid is no wall.
+        """
+        mesh = surface_of(self.problem, h)
+        data = self.point_data(parameters_of(mesh)[0])
+        vertices = moved(mesh.vertices, data, scale)
+        named = {**mesh.point_data, **data}
+        return SurfaceMesh(vertices, mesh.faces, point_data=named, cell_data=mesh.cell_data)
+
+    def to_pyvista(
+        self, on: str = "auto", *, h: float | None = None, scale: float | str = 0.0
+    ) -> "pyvista.UnstructuredGrid":
+        """The surface, the solid or the cells with all fields, for pyvista and its filters.
+
+        Parameters
+        ----------
+        on : {"auto", "surface", "solid", "cells"}
+            The surface of the wall; the solid, as tetrahedra; or the active cells, whole, with the
+            level sets. By default the surface if there is a wall, else the solid.
+        h : float, optional
+            Length of edges: of the surface as in `Wall.mesh`, of the solid before it is cut. By
+            default cells are divided by their degree.
+        scale : float or "auto"
+            As in `surface`.
+
+        Returns
+        -------
+        pyvista.UnstructuredGrid
+            With point data and field data.
+
+        Raises
+        ------
+        InputError
+            If an argument is wrong, or the solid is no wall and its surface is wanted.
+        """
+        import pyvista as pv
+
+        shape = shape_of(self.problem, on, h)
+        points, data = self._on(shape, scale)
+        sizes = np.full(len(shape.cells), shape.cells.shape[1])
+        kinds = np.full(len(shape.cells), shape.kind, np.uint8)
+        grid = pv.UnstructuredGrid(np.column_stack([sizes, shape.cells]).ravel(), kinds, points)
+        for name, values in data.items():
+            grid.point_data[name] = values
+        for name, number in self.field_data().items():
+            grid.field_data[name] = [number]
+        return grid
+
+    def plot(
+        self, *, on: str = "auto", h: float | None = None, scale: float | str = "auto",
+        **options: Any,
+    ) -> Any:  # fmt: skip
+        """Show the deformed solid, with colours by its main field.
+
+        Parameters
+        ----------
+        on, h : str, float
+            As in `to_pyvista`.
+        scale : float or "auto"
+            As in `surface`.
+        **options
+            Passed to ``pyvista.DataSet.plot``, such as ``scalars`` or ``screenshot``.
+
+        Returns
+        -------
+        object
+            What pyvista returns.
+        """
+        grid = self.to_pyvista(on, h=h, scale=scale)
+        return grid.plot(**{"scalars": self.shown, **options})
+
+    def save(
+        self, path: "str | PathLike[str]", *, on: str = "auto", h: float | None = None,
+        scale: float | str = 0.0,
+    ) -> None:  # fmt: skip
+        """Write a VTU file.
+
+        Parameters
+        ----------
+        path : path-like
+            File ending in ``.vtu``.
+        on, h : str, float
+            As in `to_pyvista`. In ParaView "Clip" with the scalars ``level_set`` cuts the solid out
+            of cells.
+        scale : float or "auto"
+            As in `surface`.
+
+        Raises
+        ------
+        InputError
+            If an argument is wrong.
+        FormatError
+            Another ending, or the file cannot be written.
+        """
+        self._write(as_vtu(path), shape_of(self.problem, on, h), scale)
+
+    def _on(self, shape: Shape, scale: float | str) -> tuple[FloatArray, dict[str, AnyArray]]:
+        """Vertices, moved, and all data."""
+        data = self.point_data(shape.u)
+        return moved(shape.x, data, scale), {**shape.data, **data}
+
+    def _write(
+        self, path: "str | PathLike[str]", shape: Shape, scale: float | str,
+        cell_data: Mapping[str, AnyArray] | None = None,
+    ) -> None:  # fmt: skip
+        from ilattice.io.vtk import write_vtu
+
+        points, data = self._on(shape, scale)
+        write_vtu(
+            path, points, shape.cells, shape.kind, point_data=data, cell_data=cell_data,
+            field_data=self.field_data(),
+        )  # fmt: skip
+
+
+R = TypeVar("R", bound=Result)
+
+
+class Series(Sequence[R]):
+    """Results one after the other: a sequence that is one file for ParaView."""
+
+    @property
+    def times(self) -> FloatArray:
+        """Where the results are on the time line of a viewer, shape (len,)."""
+        return np.arange(len(self), dtype=np.float64)
+
+    def _result(self, number: int) -> R:
+        raise NotImplementedError
+
+    @overload
+    def __getitem__(self, index: int) -> R: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[R, ...]: ...
+    def __getitem__(self, index: int | slice) -> R | tuple[R, ...]:
+        if isinstance(index, slice):
+            return tuple(self._result(k) for k in range(len(self))[index])
+        return self._result(range(len(self))[index])
+
+    def save(
+        self, path: "str | PathLike[str]", *, on: str = "auto", h: float | None = None,
+        scale: float | str = 0.0, progress: Progress = None,
+    ) -> None:  # fmt: skip
+        """Write a PVD file for ParaView, and a VTU file per result in a folder beside it.
+
+        Parameters
+        ----------
+        path : path-like
+            File ending in ``.pvd``; those of ``modes.pvd`` are ``modes/modes_0000.vtu``, ...
+        on, h : str, float
+            As in `Solution.to_pyvista`; the mesh is made once.
+        scale : float or "auto"
+            As in `Solution.surface`.
+        progress : bool or callable, optional
+            See `ilattice._progress.track`.
+
+        Raises
+        ------
+        InputError
+            If an argument is wrong.
+        FormatError
+            Another ending, or a file cannot be written.
+        """
+        from ilattice.io.vtk import write_pvd
+
+        target = Path(path)
+        if target.suffix != ".pvd":
+            raise FormatError(f"{str(path)!r}: series are written as .pvd")
+        shape, folder = shape_of(self[0].problem, on, h), target.with_suffix("")
+        files = [folder / f"{target.stem}_{k:04d}.vtu" for k in range(len(self))]
+        try:
+            folder.mkdir(exist_ok=True)
+        except OSError as e:
+            raise FormatError(f"{str(folder)!r}: cannot be made: {e.strerror}") from e
+        for k, file in track(enumerate(files), "save", progress, total=len(files)):
+            self[k]._write(file, shape, scale)
+        write_pvd(path, files, self.times)
+
+
+# --- shapes -----------------------------------------------------------------------------------
+
+
+def shape_of(problem: "Problem", on: str, h: float | None) -> Shape:
+    """What is shown of a solid; see `Result.to_pyvista`."""
+    if on not in WAYS:
+        raise InputError(f"on must be one of {', '.join(map(repr, WAYS))}, got {on!r}")
+    if on == "auto":
+        on = "solid" if problem.domain.wall is None else "surface"
+    if on == "surface":
+        mesh = surface_of(problem, h)
+        u = parameters_of(mesh)[0]
+        return Shape(u, mesh.vertices, mesh.faces, TRIANGLE, dict(mesh.point_data))
+    return _solid(problem, h) if on == "solid" else _cells(problem)
+
+
+def surface_of(problem: "Problem", h: float | None) -> SurfaceMesh:
+    """The mesh of the wall of a problem, without the parts that were left out."""
+    wall = problem.domain.wall
     if wall is None:
-        raise InputError("only walls have a surface mesh; save(path, on='cells') writes cells")
-    mesh = wall.mesh(h, polish=False)
-    u = parameters_of(mesh)[0]
-    data = solution.point_data(u)
-    good = np.asarray(np.isfinite(next(iter(data.values())).reshape(len(u), -1)).all(axis=1))
-    vertices = mesh.vertices + scale * np.where(good[:, None], data.get("displacement", 0.0), 0.0)
-    named = {**mesh.point_data, **data}
-    moved = SurfaceMesh(vertices, mesh.faces, point_data=named, cell_data=mesh.cell_data)
-    return moved if good.all() else moved.select(good[mesh.faces].all(axis=1))
+        raise InputError("only walls have a surface mesh; on='solid' and on='cells' are for all")
+    mesh = wall.mesh(None if h is None else as_positive("h", h), polish=False)
+    near = problem.assembly.space.locate(parameters_of(mesh)[0]) >= 0
+    return mesh if near.all() else mesh.select(near[mesh.faces].all(axis=1))
 
 
-def cells_of(
-    solution: "Solution | HeatSolution", scale: float
-) -> tuple[FloatArray, AnyArray, dict[str, AnyArray]]:
-    """Corners of the active cells, the cells, and fields with the level sets at the corners."""
-    asm, cut = solution.problem.assembly, solution.problem.domain.cut
-    shape = tuple(n + 1 for n in cut.grid.shape)
-    at = asm.space.places[:, None, :] + np.array(CORNERS)
-    used, cells = np.unique(np.ravel_multi_index(tuple(np.moveaxis(at, 2, 0)), shape),
-                            return_inverse=True)  # fmt: skip
-    index = np.unravel_index(used, shape)
-    u = np.stack([x[i] for x, i in zip(cut.grid.axes, index, strict=True)], axis=1)
-    data = solution.point_data(u)
-    data["level_set"] = cut.sets(u).max(axis=1)
-    return asm.x(u) + scale * data.get("displacement", 0.0), cells.reshape(-1, 8), data
+def _solid(problem: "Problem", h: float | None) -> Shape:
+    asm, cut = problem.assembly, problem.domain.cut
+    n = (asm.space.degree,) * 3
+    if h is not None:
+        middle = asm.space.boxes[:, :3] + 0.5 * asm.space.boxes[:, 3:]
+        edges = np.linalg.norm(asm.jacobians(middle), axis=1) * asm.space.boxes[:, 3:]
+        i, j, k = np.maximum(np.ceil(edges.max(axis=0) / as_positive("h", h)), 1).astype(int)
+        n = (int(i), int(j), int(k))
+    u, cells = clipped(cut.grid, asm.space.places, n, cut.sets)
+    return Shape(u, asm.x(u), cells, TETRAHEDRON, {})
 
 
-def save(
-    solution: "Solution | HeatSolution",
-    path: "str | PathLike[str]",
-    on: str,
-    h: float | None,
-    scale: float,
-) -> None:
-    """See `Solution.save`."""
-    if on not in ("auto", "surface", "cells"):
-        raise InputError(f"on must be 'auto', 'surface' or 'cells', got {on!r}")
-    from ilattice.io.vtk import write_vtu
+def _cells(problem: "Problem") -> Shape:
+    from ilattice.io.bezier_cells import vtk_order
 
+    asm, cut = problem.assembly, problem.domain.cut
+    p = asm.space.degree
+    steps = np.array(CORNERS)
+    if p > 1:
+        steps = np.stack(np.unravel_index(np.argsort(vtk_order(p, p, p).ravel()), (p + 1,) * 3), 1)
+    u, cells = lattice(cut.grid, asm.space.places, (p, p, p), steps)
+    kind = HEXAHEDRON if p == 1 else LAGRANGE_HEXAHEDRON
+    return Shape(u, asm.x(u), cells, kind, {"level_set": cut.sets(u).max(axis=1)})
+
+
+def moved(x: FloatArray, data: Mapping[str, AnyArray], scale: float | str) -> FloatArray:
+    """Points with a factor of the displacement, if there is one, added."""
+    if "displacement" not in data:
+        return x
+    d = data["displacement"]
+    if scale == "auto":
+        far = np.linalg.norm(d, axis=1).max(initial=0.0)
+        scale = float(AUTO * np.ptp(x, axis=0).max() / far) if far > 0 else 0.0
+    if isinstance(scale, str) or as_array("scale", scale).size != 1:
+        raise InputError(f"scale must be a number or 'auto', got {scale!r}")
+    return x + float(scale) * d
+
+
+# --- files ------------------------------------------------------------------------------------
+
+
+def save_cells(
+    result: Result, path: "str | PathLike[str]", scale: float | str,
+    cell_data: Mapping[str, AnyArray] | None = None,
+) -> None:  # fmt: skip
+    """Write the active cells with fields and level sets at their nodes, and data of cells."""
+    result._write(as_vtu(path), _cells(result.problem), scale, cell_data)
+
+
+def as_vtu(path: "str | PathLike[str]") -> "str | PathLike[str]":
+    """A path that ends in .vtu, or `FormatError`."""
     if not str(path).endswith(".vtu"):
-        raise FormatError(f"{str(path)!r}: solutions are written as .vtu")
-    if on == "surface" or (on == "auto" and solution.problem.domain.wall is not None):
-        mesh = surface_of(solution, h, scale)
-        write_vtu(path, mesh.vertices, mesh.faces, TRIANGLE, point_data=mesh.point_data)
-        return
-    points, cells, data = cells_of(solution, scale)
-    write_vtu(path, points, cells, HEXAHEDRON, point_data=data)
+        raise FormatError(f"{str(path)!r}: results are written as .vtu")
+    return path

@@ -9,26 +9,25 @@ not averaged; outside the solid fields are continued by one cell, then NaN.
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from ilattice._typing import AnyArray, ArrayLike, FloatArray
-from ilattice._validate import as_points, as_positive
+from ilattice._validate import as_points
 from ilattice.cutfem.elasticity import Elasticity
+from ilattice.cutfem.output import Result
 from ilattice.cutfem.rules import Quadrature
+from ilattice.errors import InputError
 
 if TYPE_CHECKING:
-    from os import PathLike
-
     from ilattice.cutfem.solvers import SolveReport
-    from ilattice.mesh import SurfaceMesh
 
 VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class Solution(Result):
     """Displacement of an elastic solid: made by `Elasticity.solve`.
 
     Attributes
@@ -44,6 +43,7 @@ class Solution:
     problem: Elasticity
     coefficients: FloatArray
     report: "SolveReport | None"
+    shown: ClassVar[str] = "von_mises"
 
     def __repr__(self) -> str:
         return f"Solution({len(self.coefficients)} functions, energy {self.energy:.6g})"
@@ -163,7 +163,46 @@ class Solution:
                 out[:, :3] -= problem.thermal_stress(load, u)[:, None]
         return out
 
+    def utilization(self, u: ArrayLike) -> FloatArray:
+        """Von Mises stress over the strength of the material, at parameters.
+
+        Parameters
+        ----------
+        u : array_like, shape (n, 3)
+            Parameters.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Above 1 the material yields; the inverse is the factor of safety there.
+
+        Raises
+        ------
+        InputError
+            If the problem was made without `strength`.
+        """
+        return self.von_mises(u) / self._strength(u)
+
+    def _strength(self, u: ArrayLike) -> FloatArray:
+        strength = self.problem.material.strength
+        if strength is None:
+            raise InputError("the material has no strength: give Elasticity(..., strength=...)")
+        return strength.at(self.problem.assembly, as_points("u", u))
+
     # ---------------------------------------------------------------- numbers
+
+    @cached_property
+    def safety_factor(self) -> float:
+        """Factor by which all loads may grow before a point of the solid yields.
+
+        The least strength over von Mises stress at the points of quadrature; an `InputError`
+        without a `strength`. Under temperatures it holds if they grow as the loads do.
+        """
+        problem = self.problem
+        rule = problem.domain.solid(problem.assembly)
+        assert rule.parameters is not None
+        used = von_mises(self.stress_on(rule)) / self._strength(rule.parameters)
+        return float(1.0 / max(used.max(), 1e-300))
 
     @cached_property
     def energy(self) -> float:
@@ -250,85 +289,14 @@ class Solution:
         Returns
         -------
         dict of str to ndarray
-            ``displacement`` (n, 3), ``stress`` (n, 6), ``von_mises`` (n,).
+            ``displacement`` (n, 3), ``stress`` (n, 6), ``von_mises`` (n,), and, if the material
+            has a strength, ``utilization`` (n,).
         """
-        p = as_points("u", u)
-        value, gradient = self._fields(p)
-        stress = self._stress(gradient, p)
-        return {"displacement": value, "stress": stress, "von_mises": von_mises(stress)}
-
-    def surface(self, h: float | None = None, *, scale: float = 0.0) -> "SurfaceMesh":
-        """The mesh of the wall with displacement, stress and von Mises stress.
-
-        Parameters
-        ----------
-        h : float, optional
-            Length of edges, as in `Wall.mesh`.
-        scale : float
-            Factor of the displacement that is added to the vertices; 0 leaves the shape.
-
-        Returns
-        -------
-        SurfaceMesh
-            With point data ``displacement``, ``stress`` and ``von_mises``; parts that were left
-            out are left out.
-
-        Raises
-        ------
-        InputError
-            If the solid is no wall; `save` writes cells then.
-        """
-        from ilattice.cutfem.output import surface_of
-
-        return surface_of(self, None if h is None else as_positive("h", h), scale)
-
-    def save(
-        self, path: "str | PathLike[str]", *, on: str = "auto", h: float | None = None,
-        scale: float = 0.0,
-    ) -> None:  # fmt: skip
-        """Write a VTU file.
-
-        Parameters
-        ----------
-        path : path-like
-            File ending in ``.vtu``.
-        on : {"auto", "surface", "cells"}
-            The surface of the wall, or the active cells with the level sets, by which a viewer
-            can clip them; by default the surface if there is a wall.
-        h : float, optional
-            Length of edges of the surface.
-        scale : float
-            Factor of the displacement that is added to the points.
-
-        Raises
-        ------
-        InputError
-            If `on` is unknown.
-        FormatError
-            Another ending, or the file cannot be written.
-        """
-        from ilattice.cutfem.output import save
-
-        save(self, path, on, h, scale)
-
-    def plot(self, *, h: float | None = None, scale: float = 0.0, **options: Any) -> Any:
-        """Show the deformed wall, coloured by von Mises stress.
-
-        Parameters
-        ----------
-        h : float, optional
-            Length of edges.
-        scale : float
-            Factor of the displacement.
-        **options
-            Passed to ``pyvista.PolyData.plot``.
-
-        Returns
-        -------
-        object
-            What pyvista returns.
-        """
-        return self.surface(h, scale=scale).plot(**{"scalars": "von_mises", **options})
+        stress = self.stress(u)
+        data = {"displacement": self.evaluate(u), "stress": stress, "von_mises": von_mises(stress)}
+        if self.problem.material.strength is not None:
+            data["utilization"] = data["von_mises"] / self._strength(u)
+        return data
 
 
 def engineering_strain(gradient: FloatArray) -> FloatArray:

@@ -5,6 +5,7 @@
 `load_mesh`               a triangle mesh from STL, PLY, OBJ or OFF
 `save_grid`               fields on a grid as VTI, or through a map as VTS
 `write_vtu`               cells of one kind with named data
+`write_pvd`               files that follow each other in time, as one for ParaView
 `save_bezier_vtu`         a spline volume as exact Bezier cells
 `StreamedMeshWriter`      meshes larger than memory, to STL or PLY block by block
 `write_stream`            the same for an iterable of blocks
@@ -15,7 +16,7 @@ Guarantee: a file is replaced as a whole or not at all.
 
 from ilattice.io.registry import endings, load_mesh, save
 from ilattice.io.stream import StreamedMeshWriter, write_stream
-from ilattice.io.vtk import save_bezier_vtu, save_grid, write_vtu
+from ilattice.io.vtk import save_bezier_vtu, save_grid, write_pvd, write_vtu
 
 __all__ = [
     "StreamedMeshWriter",
@@ -24,6 +25,7 @@ __all__ = [
     "save",
     "save_bezier_vtu",
     "save_grid",
+    "write_pvd",
     "write_stream",
     "write_vtu",
 ]

@@ -1,4 +1,4 @@
-"""VTK's XML formats for ParaView: VTP surfaces, VTU cells and Bezier volumes, VTI and VTS grids.
+"""VTK's XML formats for ParaView: VTP surfaces, VTU cells and Bezier volumes, grids, PVD series.
 
 Guarantees: raw appended binary, little endian, readable by ParaView 5.9 and later; indices are
 32-bit wherever they fit; Bezier volumes are exact, rational ones too, with degrees and weights
@@ -10,7 +10,9 @@ import errno
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
@@ -117,6 +119,7 @@ def write_vtu(
     *,
     point_data: Mapping[str, ArrayLike] | None = None,
     cell_data: Mapping[str, ArrayLike] | None = None,
+    field_data: Mapping[str, ArrayLike] | None = None,
     compress: bool = False,
 ) -> None:
     """Write cells of one kind with named data.
@@ -130,11 +133,14 @@ def write_vtu(
     cells : (e, c) array of integers
         Points of each cell, in VTK's order.
     cell_type : int
-        VTK's number of the kind: 5 triangle, 9 quadrilateral, 10 tetrahedron, 12 hexahedron, ...
+        VTK's number of the kind: 5 triangle, 9 quadrilateral, 10 tetrahedron, 12 hexahedron,
+        72 Lagrange hexahedron, ...
     point_data : mapping of str to (n, ...) array, optional
         Data on the points; matrices are flattened to rows.
     cell_data : mapping of str to (e, ...) array, optional
         Data on the cells.
+    field_data : mapping of str to float or array, optional
+        Data about the whole, such as a frequency.
     compress : bool
         Compress with zlib.
 
@@ -158,7 +164,52 @@ def write_vtu(
         _named("point_data", point_data, (len(x),)),
         _named("cell_data", cell_data, (len(corners),)),
     )
+    _attach(grid.GetFieldData(), _named("field_data", _rows(field_data), ()))
     _write("vtkXMLUnstructuredGridWriter", grid, path, compress)
+
+
+def write_pvd(
+    path: str | os.PathLike[str], files: Sequence[str | os.PathLike[str]], times: ArrayLike
+) -> None:
+    """Write a ParaView collection: files that follow each other in time.
+
+    Parameters
+    ----------
+    path : path-like
+        File to create or to replace, ending in ``.pvd``.
+    files : sequence of path-like, n of them
+        VTK files that are there already, in the folder of `path` or below; they are named
+        relative to it, so that all can be moved together.
+    times : (n,) array
+        When each is shown, not decreasing; files of the same time are shown together.
+
+    Raises
+    ------
+    InputError
+        No file, not one time per file, times that decrease, or files elsewhere.
+    FormatError
+        Another ending, or the file cannot be written.
+    """
+    target = as_path("path", path)
+    if target.suffix.lower() != ".pvd":
+        raise FormatError(f"{str(path)!r}: a collection is written as .pvd")
+    t = as_array("times", times)
+    if t.shape != (len(files),) or not len(t) or (np.diff(t) < 0).any():
+        raise InputError(
+            f"times must be {len(files)} numbers that do not decrease, one per file and at least "
+            f"one, got shape {t.shape}"
+        )
+    folder = Path(os.path.abspath(target)).parent
+    lines = ['<?xml version="1.0"?>', '<VTKFile type="Collection" version="0.1">', "  <Collection>"]
+    for time, file in zip(t.tolist(), files, strict=True):
+        place = Path(os.path.abspath(as_path("files", file)))
+        if not place.is_relative_to(folder):
+            raise InputError(f"files: {str(file)!r} is not in the folder of {str(path)!r}")
+        name = quoteattr(place.relative_to(folder).as_posix())
+        lines.append(f'    <DataSet timestep="{time!r}" part="0" file={name}/>')
+    lines += ["  </Collection>", "</VTKFile>", ""]
+    with atomic_path(path) as temporary:
+        temporary.write_text("\n".join(lines), encoding="utf-8")
 
 
 # --- grids ------------------------------------------------------------------------------------
@@ -260,6 +311,11 @@ def _named(
             )
         arrays[key] = a
     return arrays
+
+
+def _rows(data: Mapping[str, ArrayLike] | None) -> dict[str, AnyArray]:
+    """Single numbers as arrays of one."""
+    return {name: np.atleast_1d(value) for name, value in (data or {}).items()}
 
 
 def _array(name: str, values: AnyArray) -> Any:

@@ -197,6 +197,41 @@ def test_bad_cells_are_refused(tmp_path, cells, data, message):
         io.write_vtu(tmp_path / "a.vtu", np.eye(4, 3), cells, 10, point_data=data)
 
 
+def test_a_series_is_read_in_order_and_moves_as_a_whole(tmp_path):
+    (tmp_path / "a & b").mkdir()
+    files = [tmp_path / "a & b" / f"{k}.vtu" for k in range(3)]
+    for k, file in enumerate(files):
+        data = {"step": float(k), "axis": [1.0, 2.0, 3.0]}
+        io.write_vtu(file, np.eye(4, 3) + k, [[0, 1, 2, 3]], 10, field_data=data)
+    io.write_pvd(tmp_path / "all.pvd", files, [0.0, 0.1, 1e6])
+    moved = tmp_path.rename(tmp_path.with_name(tmp_path.name + "_moved"))
+    reader = pv.get_reader(moved / "all.pvd")
+    assert reader.time_values == [0.0, 0.1, 1e6]
+    for k in range(3):
+        reader.set_active_time_point(k)
+        grid = reader.read()[0]
+        np.testing.assert_array_equal(grid.points, np.eye(4, 3) + k)
+        assert grid.field_data["step"] == [k]
+        np.testing.assert_array_equal(grid.field_data["axis"], [1, 2, 3])
+
+
+@pytest.mark.parametrize(
+    ("name", "files", "times", "kind", "match"),
+    [
+        ("a.pvd", ["a.vtu"], [0.0, 1.0], InputError, "times"),
+        ("a.pvd", [], [], InputError, "at least one"),
+        ("a.pvd", ["a.vtu", "b.vtu"], [1.0, 0.0], InputError, "decrease"),
+        ("a.pvd", ["../a.vtu"], [0.0], InputError, "not in the folder"),
+        ("a.vtu", ["b.vtu"], [0.0], FormatError, "pvd"),
+        ("none/a.pvd", ["none/a.vtu"], [0.0], InputError, "none"),
+    ],
+)
+def test_bad_series_are_refused(tmp_path, name, files, times, kind, match):
+    with pytest.raises(kind, match=match):
+        io.write_pvd(tmp_path / name, [tmp_path / f for f in files], times)
+    assert not list(tmp_path.iterdir())
+
+
 AXES = (np.linspace(0, 1, 4), np.linspace(-1, 1, 3), np.linspace(2, 4, 6))
 
 
