@@ -14,10 +14,13 @@ Guarantee: cells are called in or out by certificates, never by sampling.
 """
 
 from ilattice.cutfem.elasticity import Elasticity
+from ilattice.cutfem.estimate import ErrorEstimate
 from ilattice.cutfem.grid import CutGrid, Grid, cut
 from ilattice.cutfem.heat import Heat, HeatHistory, HeatSolution
 from ilattice.cutfem.measures import MassProperties, mass_properties
 from ilattice.cutfem.modal import Buckling, EigenReport, Mode, Modes, buckling, natural_modes
+from ilattice.cutfem.recovery import Recovered, RecoveredHeat
+from ilattice.cutfem.refinement import RefinementStudy, refinement_study
 from ilattice.cutfem.rules import Quadrature, quadrature
 from ilattice.cutfem.solution import Solution
 from ilattice.cutfem.solvers import Solver, SolveReport, rigid_modes
@@ -28,6 +31,7 @@ __all__ = [
     "CutGrid",
     "EigenReport",
     "Elasticity",
+    "ErrorEstimate",
     "Grid",
     "Heat",
     "HeatHistory",
@@ -36,6 +40,9 @@ __all__ = [
     "Mode",
     "Modes",
     "Quadrature",
+    "Recovered",
+    "RecoveredHeat",
+    "RefinementStudy",
     "Solution",
     "SolveReport",
     "Solver",
@@ -45,5 +52,6 @@ __all__ = [
     "mass_properties",
     "natural_modes",
     "quadrature",
+    "refinement_study",
     "rigid_modes",
 ]

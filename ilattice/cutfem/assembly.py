@@ -184,8 +184,10 @@ class Assembly:
         """Add matrices (cells, m nb, m nb) of active cells, given by position."""
         self.pattern.add(data, kernels.BLOCKS, cells, A, 1.0, 0.0)
 
-    def add_ghost(self, data: FloatArray, stiffness: Callable[[FloatArray], FloatArray]) -> None:
-        """Add the penalty on jumps, scaled with a stiffness that takes parameters."""
+    def add_ghost(
+        self, data: FloatArray, stiffness: Callable[[FloatArray], FloatArray] | None
+    ) -> None:
+        """Add the penalty on jumps: scaled with a stiffness at parameters, or that for masses."""
         if self.ghost is None:
             return
         first = len(self.space.cells)

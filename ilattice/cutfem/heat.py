@@ -36,6 +36,8 @@ from ilattice.cutfem.weak import NITSCHE, cell_heights
 from ilattice.errors import InputError
 
 if TYPE_CHECKING:
+    from ilattice.cutfem.estimate import ErrorEstimate
+    from ilattice.cutfem.recovery import RecoveredHeat
     from ilattice.cutfem.solvers import SolveReport
 
 
@@ -470,6 +472,50 @@ class HeatSolution(Result):
         asm = self.problem.assembly
         k = self.problem.conductivity.at(asm, p)
         return -k[:, None] * asm.evaluate(self.coefficients, p)[1][:, 0]
+
+    def heat_flux_on(self, rule: Quadrature) -> FloatArray:
+        """Heat flux at the points of a rule in the active cells.
+
+        Parameters
+        ----------
+        rule : Quadrature
+            In parameters, or in space with `parameters`.
+
+        Returns
+        -------
+        ndarray, shape (n, 3)
+            As `heat_flux`.
+        """
+        asm, out = self.problem.assembly, np.empty((len(rule), 3))
+        u = rule.points if rule.parameters is None else rule.parameters
+        k = np.broadcast_to(self.problem.conductivity.at(asm, u), len(rule))
+        for rows, _, slope in asm.on_rule(self.coefficients, rule):
+            out[rows] = -k[rows, None] * slope[:, 0]
+        return out
+
+    def recovered(self) -> "RecoveredHeat":
+        """The same temperature with a smooth and more accurate heat flux.
+
+        Returns
+        -------
+        RecoveredHeat
+            A solution whose heat flux is projected on the splines of the temperature.
+        """
+        from ilattice.cutfem.recovery import recovered_flux
+
+        return recovered_flux(self)
+
+    def error_estimate(self) -> "ErrorEstimate":
+        """Estimate of the error in the energy norm, cell by cell.
+
+        Returns
+        -------
+        ErrorEstimate
+            From the difference between heat flux and recovered heat flux.
+        """
+        from ilattice.cutfem.estimate import flux_error
+
+        return flux_error(self)
 
     def point_data(self, u: ArrayLike) -> dict[str, AnyArray]:
         """What files hold, at parameters.

@@ -4,7 +4,8 @@ Guarantees: fields are those of the splines, evaluated anywhere in the solid, no
 loads and reactions are in equilibrium, and work and energy agree, as well as the equations are
 solved.
 Non-guarantees: stresses are the derivatives of the displacement, an order less accurate, and are
-not averaged; outside the solid fields are continued by one cell, then NaN.
+not averaged, unless the solution is `recovered`; outside the solid fields are continued by one
+cell, then NaN.
 """
 
 from dataclasses import dataclass
@@ -21,6 +22,8 @@ from ilattice.cutfem.rules import Quadrature
 from ilattice.errors import InputError
 
 if TYPE_CHECKING:
+    from ilattice.cutfem.estimate import ErrorEstimate
+    from ilattice.cutfem.recovery import Recovered
     from ilattice.cutfem.solvers import SolveReport
 
 VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
@@ -150,6 +153,30 @@ class Solution(Result):
         for rows, _, gradient in self.problem.assembly.on_rule(self.coefficients, rule):
             out[rows] = self._stress(gradient, u[rows])
         return out
+
+    def recovered(self) -> "Recovered":
+        """The same displacement with a smooth and more accurate stress.
+
+        Returns
+        -------
+        Recovered
+            A solution whose stresses are projected on the splines of the displacement.
+        """
+        from ilattice.cutfem.recovery import recovered_stress
+
+        return recovered_stress(self)
+
+    def error_estimate(self) -> "ErrorEstimate":
+        """Estimate of the error in the energy norm, cell by cell.
+
+        Returns
+        -------
+        ErrorEstimate
+            From the difference between stress and recovered stress.
+        """
+        from ilattice.cutfem.estimate import stress_error
+
+        return stress_error(self)
 
     def _fields(self, u: ArrayLike) -> tuple[FloatArray, FloatArray]:
         return self.problem.assembly.evaluate(self.coefficients, as_points("u", u))

@@ -59,10 +59,14 @@ class GhostFaces:
         self,
         space: SplineSpace,
         jacobians: Callable[[FloatArray], FloatArray],
-        stiffness: Callable[[FloatArray], FloatArray],
+        stiffness: Callable[[FloatArray], FloatArray] | None,
         room: int,
     ) -> Iterator[tuple[IntArray, FloatArray]]:
-        """Numbers of faces, all directions counted on, and their matrices, in batches."""
+        """Numbers of faces, all directions counted on, and their matrices, in batches.
+
+        Without a stiffness they are those for a matrix of masses, which falls with the square of
+        the height of cells.
+        """
         p = space.degree
         n = (p + 2) * (p + 1) ** 2
         size = max(room // (8 * n * n), 64)
@@ -86,9 +90,9 @@ class GhostFaces:
     def _weights(
         self, space: SplineSpace, axis: int, lower: IntArray, upper: IntArray,
         jacobians: Callable[[FloatArray], FloatArray],
-        stiffness: Callable[[FloatArray], FloatArray],
+        stiffness: Callable[[FloatArray], FloatArray] | None,
     ) -> FloatArray:  # fmt: skip
-        """Weights (faces, q, q): stiffness times area over height, in space."""
+        """Weights (faces, q, q): stiffness times area over height, or area times height."""
         p = space.degree
         x, w = gauss(p + 1)
         q = len(x)
@@ -100,13 +104,14 @@ class GhostFaces:
         sites[..., c] = (box[:, c, None] + box[:, 3 + c, None] * x)[:, None, :]
         u = sites.reshape(-1, 3)
         J = jacobians(u)
-        cofactor = np.cross(J[:, :, b], J[:, :, c])
-        area2 = np.einsum("nc,nc->n", cofactor, cofactor)
-        height = 0.5 * (box[:, 3 + axis] + other[:, 3 + axis])
-        scale = (area2 / np.abs(np.linalg.det(J))) * stiffness(u)
-        local = np.outer(w, w) * (box[:, 3 + b] * box[:, 3 + c] / height)[:, None, None]
+        scale = np.repeat(0.5 * (box[:, 3 + axis] + other[:, 3 + axis]), q * q)
+        scale *= np.abs(np.linalg.det(J))
+        if stiffness is not None:
+            cofactor = np.cross(J[:, :, b], J[:, :, c])
+            scale = np.einsum("nc,nc->n", cofactor, cofactor) / scale * stiffness(u)
+        local = np.outer(w, w) * (box[:, 3 + b] * box[:, 3 + c])[:, None, None]
         factor = self.weight / (factorial(p - 1) ** 2 * (2 * p - 1))
-        return factor * local * np.broadcast_to(scale, len(u)).reshape(-1, q, q)
+        return factor * local * scale.reshape(-1, q, q)
 
 
 def _jumps(space: SplineSpace, axis: int, lower: IntArray, upper: IntArray) -> FloatArray:

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from manufactured import LAM, MU, ball, exact, force, slope_of
 
 import ilattice as il
 from ilattice.cutfem import Elasticity
 from ilattice.errors import ConvergenceError, GeometryError, InputError, PrecisionWarning
 
-LAM, MU = 0.3 / (1.3 * 0.4), 1 / 2.6  # young 1, poisson 0.3
 GRADIENT = np.array([[1, 0.2, 0.1], [0.3, -0.5, 0.2], [0, 0.1, 0.4]]) * 1e-2
 STRAIN = 0.5 * (GRADIENT + GRADIENT.T)
 STRESS = LAM * np.trace(STRAIN) * np.eye(3) + 2 * MU * STRAIN
@@ -17,10 +17,6 @@ CUBE = [[0.0] * 3, [1.0] * 3]
 
 def affine(x):
     return x @ GRADIENT.T + [0.1, 0.2, 0.3]
-
-
-def ball(u, r=0.8123):
-    return (u**2).sum(axis=1) - r * r
 
 
 NORMAL = np.array([0.8, 0.6, 0.0])
@@ -108,28 +104,6 @@ def test_the_weight_of_the_void_counts_in_proportion():
 
 
 # ------------------------------------------------------------------------------ rates
-
-
-def exact(x):
-    X, Y, Z = x.T
-    return np.stack([0.1 * np.sin(X) * Y, 0.2 * np.cos(Y) * Z, 0.1 * X * Z], axis=1)
-
-
-def slope_of(x):
-    X, Y, Z = x.T
-    g = np.zeros((len(x), 3, 3))
-    g[:, 0, 0], g[:, 0, 1] = 0.1 * np.cos(X) * Y, 0.1 * np.sin(X)
-    g[:, 1, 1], g[:, 1, 2] = -0.2 * np.sin(Y) * Z, 0.2 * np.cos(Y)
-    g[:, 2, 0], g[:, 2, 2] = 0.1 * Z, 0.1 * X
-    return g
-
-
-def force(x):
-    X, Y, Z = x.T
-    laplacian = np.stack([-0.1 * np.sin(X) * Y, -0.2 * np.cos(Y) * Z, 0 * X], axis=1)
-    divergence = np.stack([0.1 - 0.1 * np.sin(X) * Y, 0.1 * np.cos(X) - 0.2 * np.cos(Y) * Z,
-                           -0.2 * np.sin(Y)], axis=1)  # fmt: skip
-    return -(MU * laplacian + (LAM + MU) * divergence)
 
 
 def errors_of(solution):
