@@ -43,11 +43,10 @@ def test_tables_hold_the_boxed_gyroid(sheet):
 
 
 def test_a_process_of_its_own_reports_time_memory_and_triangles():
-    ours, theirs = (
-        alone(bench_contouring.MODULE, m, "network", 41) for m in ("blocks", "flying_edges")
-    )
-    assert ours["triangles"] == pytest.approx(theirs["triangles"], rel=0.3)
-    for result in (ours, theirs):
+    methods = ("blocks", "linear", "flying_edges")
+    ours, plain, theirs = (alone(bench_contouring.MODULE, m, "network", 41) for m in methods)
+    assert ours["triangles"] == plain["triangles"] == pytest.approx(theirs["triangles"], rel=0.3)
+    for result in (ours, plain, theirs):
         assert 0 < result["cpu"] < 60
         assert 20 < result["megabytes"] < 2000
 
