@@ -174,6 +174,13 @@ def test_nested_lattices_fill_a_part_of_the_coarse_wall():
     assert numbers["of the coarse wall"] == pytest.approx(share, rel=0.05)
 
 
+def test_vibrations_are_below_rayleighs_estimate():
+    numbers = run("vibrations", tiles=3, cells=6, count=3)
+    assert 1.0 < numbers["Rayleigh's estimate to the lowest"] < 1.02
+    assert numbers["bending to one side and the other"] == pytest.approx(1.0, abs=1e-6)
+    assert numbers["torsion to bending"] > 2
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_every_example_is_tested_and_can_be_run_alone(name):
     source = (FOLDER / f"{name}.py").read_text(encoding="utf-8")

@@ -96,7 +96,12 @@ def test_what_enters_in_a_step_is_stored(theta):
     into += problem.domain.boundary("surface").integrate(lambda x: x[:, 2])
     weak = problem.fix("surface", 2.0)
     for which, places in ((problem, {"w=1", "surface"}), (weak, {"w=1", "surface"})):
-        start, *steps = which.evolve(0.2, steps=3, initial=1.5, theta=theta, tol=1e-12)
+        told = []
+        history = which.evolve(0.2, steps=3, initial=1.5, theta=theta, tol=1e-12,
+                               progress=lambda *a, told=told: told.append(a))  # fmt: skip
+        assert told == [("evolve", k, 3) for k in (1, 2, 3)]
+        np.testing.assert_allclose(history.times, np.linspace(0, 0.2, 4))
+        start, *steps = history
         before = start.stored
         for step in steps:
             assert set(step.inflow) == places
