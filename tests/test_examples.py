@@ -65,6 +65,14 @@ def test_fig02_levels_are_not_thickness():
         assert spread[f"{name}: euclidean"] == pytest.approx((1.0, 1.0), abs=1e-5)
 
 
+def test_design_loop_meets_its_target_without_new_distances():
+    numbers = run("design_loop")
+    assert 1 <= numbers["rounds"] <= 3
+    assert numbers["compliance"] == pytest.approx(numbers["compliance asked for"], rel=0.01)
+    assert numbers["new distances"] == 0
+    assert 0 < numbers["material added"] < 0.25  # a wall as thick everywhere takes more than half
+
+
 def test_fig01_arms_pass_through_opposite_faces_alike():
     numbers = run("fig01_tiles", n=32, tol=0.01)
     assert numbers["jump"] <= 1e-14
@@ -143,6 +151,14 @@ def test_gismo_volume_is_filled_and_closed():
     assert numbers["open edges"] == 0
     assert numbers["components"] == 1
     assert 0.05 < numbers["filled"] < 0.95
+
+
+def test_graded_bars_are_springs_in_series():
+    numbers = run("graded_material", length=4)
+    assert numbers["part to uniform"] == pytest.approx(np.log(7) / 1.5, rel=0.03)
+    assert (
+        1.0 < numbers["tile to uniform"] < 1.0 / np.sqrt(1.0 - 0.75**2)
+    )  # all parallel, in series
 
 
 def test_hierarchical_lattices_have_the_volume_of_their_points():

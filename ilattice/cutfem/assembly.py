@@ -217,9 +217,12 @@ class Assembly:
         return np.stack(columns, axis=1)
 
     def on_rule(
-        self, c: FloatArray, rule: Quadrature
+        self, c: FloatArray, rule: Quadrature, *, in_space: bool = True
     ) -> Iterator[tuple[slice, FloatArray, FloatArray]]:
-        """Values and gradients in space at the points of a rule, in batches with their rows."""
+        """Values and gradients at the points of a rule, in batches with their rows.
+
+        Gradients are those in space, or, which needs no Jacobians, in parameters.
+        """
         u = rule.points if rule.parameters is None else rule.parameters
         m = c.shape[1]
         per_cell = max(len(rule) // max(len(rule.cells), 1), 1)
@@ -228,7 +231,8 @@ class Assembly:
             value, gradient = np.empty((len(owner), m)), np.empty((len(owner), m, 3))
             basis.fields(
                 *self.space.tables, self.space.places, self.space.boxes, self.space.dofs, owner,
-                u[rows], self.jacobians(u[rows]), np.ascontiguousarray(c), value, gradient,
+                u[rows], self.jacobians(u[rows]) if in_space else IDENTITY,
+                np.ascontiguousarray(c), value, gradient,
             )  # fmt: skip
             yield rows, value, gradient
 

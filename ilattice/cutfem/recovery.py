@@ -20,7 +20,6 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import ArrayLike, FloatArray
-from ilattice._validate import as_points
 from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.domain import Domain
@@ -74,7 +73,7 @@ class Recovered(Solution):
         ndarray, shape (n, 6)
             xx, yy, zz, yz, xz, xy.
         """
-        return self.problem.assembly.evaluate(self.stresses, as_points("u", u))[0]
+        return self.problem.assembly.space.evaluate(self.stresses, u)[0]
 
     def stress_on(self, rule: Quadrature) -> FloatArray:
         """Recovered stress at the points of a rule in the active cells.
@@ -127,7 +126,7 @@ class RecoveredHeat(HeatSolution):
         ndarray, shape (n, 3)
             Smooth.
         """
-        return self.problem.assembly.evaluate(self.fluxes, as_points("u", u))[0]
+        return self.problem.assembly.space.evaluate(self.fluxes, u)[0]
 
     def heat_flux_on(self, rule: Quadrature) -> FloatArray:
         """Recovered heat flux at the points of a rule in the active cells.
@@ -196,7 +195,7 @@ def project(domain: Domain, asm: Assembly, rule: Quadrature, values: FloatArray)
 def values_on(asm: Assembly, c: FloatArray, rule: Quadrature) -> FloatArray:
     """Values (n, m) of splines at the points of a rule in the active cells."""
     out = np.empty((len(rule), c.shape[1]))
-    for rows, value, _ in asm.on_rule(c, rule):
+    for rows, value, _ in asm.on_rule(c, rule, in_space=False):
         out[rows] = value
     return out
 
