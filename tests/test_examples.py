@@ -191,7 +191,7 @@ def test_nested_lattices_fill_a_part_of_the_coarse_wall():
 
 
 def test_vibrations_are_below_rayleighs_estimate():
-    numbers = run("vibrations", tiles=3, cells=6, count=3)
+    numbers = run("vibrations", tiles=3, cells=5, count=3)
     assert 1.0 < numbers["Rayleigh's estimate to the lowest"] < 1.02
     assert numbers["bending to one side and the other"] == pytest.approx(1.0, abs=1e-4)
     assert numbers["torsion to bending"] > 2

@@ -9,6 +9,9 @@ and `Elasticity` solves on the solid itself, without a mesh of it::
 
     problem = il.cutfem.Elasticity(wall, cells=(128, 16, 16), young=1.0, poisson=0.3)
     solution = problem.clamp("w=0").load(body=(1e-3, 0, 0)).solve()
+    solution.plot()
+    solution.save("part.vtu", on="solid")
+    natural_modes(problem.clamp("w=0")).save("modes.pvd")
 
 Guarantee: cells are called in or out by certificates, never by sampling.
 """

@@ -5,6 +5,7 @@
     problem = il.cutfem.Heat(wall, cells=(64, 8, 8), conductivity=200.0)
     problem = problem.fix("w=0", 20.0).convection("surface", 50.0, around=80.0)
     temperature = problem.solve()
+    problem.evolve(60.0, steps=30, initial=80.0).save("cooling.pvd")
 
 The same functions, rules and stabilization as for `Elasticity`, with one unknown per node.
 
