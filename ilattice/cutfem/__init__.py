@@ -11,7 +11,7 @@ and `Elasticity` solves on the solid itself, without a mesh of it::
     solution = problem.clamp("w=0").load(body=(1e-3, 0, 0)).solve()
     solution.plot()
     solution.save("part.vtu", on="solid")
-    natural_modes(problem.clamp("w=0")).save("modes.pvd")
+    il.cutfem.natural_modes(problem.clamp("w=0")).save("modes.pvd")
 
 Guarantee: cells are called in or out by certificates, never by sampling.
 """
@@ -19,7 +19,8 @@ Guarantee: cells are called in or out by certificates, never by sampling.
 from ilattice.cutfem.elasticity import Elasticity
 from ilattice.cutfem.estimate import ErrorEstimate
 from ilattice.cutfem.grid import CutGrid, Grid, cut
-from ilattice.cutfem.heat import Heat, HeatHistory, HeatSolution
+from ilattice.cutfem.heat import Heat
+from ilattice.cutfem.heat_solution import HeatHistory, HeatSolution
 from ilattice.cutfem.measures import MassProperties, mass_properties
 from ilattice.cutfem.modal import Buckling, EigenReport, Mode, Modes, buckling, natural_modes
 from ilattice.cutfem.recovery import Recovered, RecoveredHeat

@@ -83,9 +83,14 @@ class Elasticity(Problem):
     Examples
     --------
     >>> import ilattice as il
-    >>> bar = lambda u: abs(u[:, :2] - 0.5).max(axis=1) - 0.3
-    >>> problem = il.cutfem.Elasticity(bar, (5, 5, 2), domain=[[0, 0, 0], [1, 1, 4]], young=2.0)
-    >>> problem = problem.clamp("w=0", components="z").clamp("u=0", components="x")
+    >>> rod = lambda u: (u[:, :2] ** 2).sum(axis=1) - 0.25
+    >>> box = [[-0.6, -0.6, 0], [0.6, 0.6, 4]]
+    >>> problem = il.cutfem.Elasticity(rod, (4, 4, 6), domain=box, young=2.0, strength=5.0)
+    >>> solution = problem.clamp("w=0").load(traction=(0, 0, 1.0), on="w=1").solve()
+    >>> float(round(solution.reactions["w=0"][2], 4))  # minus the area
+    -0.7854
+    >>> bool(0 < solution.safety_factor < 5)
+    True
     """
 
     m: ClassVar[int] = 3

@@ -23,7 +23,7 @@ import numpy as np
 
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import as_points, read_only
-from ilattice.cutfem.heat import HeatSolution
+from ilattice.cutfem.heat_solution import HeatSolution
 from ilattice.cutfem.rules import Quadrature
 from ilattice.cutfem.solution import Solution
 

@@ -15,31 +15,26 @@ conductivity and capacity do not depend on temperature; near walls that heat has
 consistent masses may undershoot by a fraction of the step.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from ilattice._progress import Progress, track
-from ilattice._typing import AnyArray, ArrayLike, FloatArray
-from ilattice._validate import as_points, as_positive
+from ilattice._typing import FloatArray
+from ilattice._validate import as_positive
 from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem._kernels_surface import surface_scalars
 from ilattice.cutfem.conditions import Spring, Support, as_value, values_at
 from ilattice.cutfem.domain import as_domain
+from ilattice.cutfem.heat_solution import HeatHistory, HeatSolution, Step
 from ilattice.cutfem.material import Property, Scalar
-from ilattice.cutfem.output import Result, Series
 from ilattice.cutfem.problem import Problem
 from ilattice.cutfem.rules import Quadrature, on_cells
 from ilattice.cutfem.solvers import Solver
 from ilattice.cutfem.weak import NITSCHE, cell_heights
 from ilattice.errors import InputError
-
-if TYPE_CHECKING:
-    from ilattice.cutfem.estimate import ErrorEstimate
-    from ilattice.cutfem.recovery import RecoveredHeat
-    from ilattice.cutfem.solvers import SolveReport
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -172,7 +167,7 @@ class Heat(Problem):
 
     def solve(
         self, *, method: str = "auto", tol: float = 1e-8, max_iterations: int = 500
-    ) -> "HeatSolution":
+    ) -> HeatSolution:
         """Solve for the steady temperature.
 
         Parameters
@@ -199,7 +194,7 @@ class Heat(Problem):
         self, duration: float, *, steps: int, initial: Any = 0.0, theta: float = 1.0,
         method: str = "auto", tol: float = 1e-8, max_iterations: int = 500,
         progress: Progress = None,
-    ) -> "HeatHistory":  # fmt: skip
+    ) -> HeatHistory:  # fmt: skip
         """Temperature in time, with supports and sources that stay as they are.
 
         Parameters
@@ -354,7 +349,7 @@ class Heat(Problem):
     def _motions(self, x: FloatArray) -> FloatArray:
         return np.ones((len(x), 1, 1))
 
-    def inflow(self, solution: "HeatSolution") -> dict[str, float]:
+    def inflow(self, solution: HeatSolution) -> dict[str, float]:
         """Heat per time that enters through places of fixed temperature and of convection.
 
         Parameters
@@ -386,7 +381,7 @@ class Heat(Problem):
             out[support.on] = out.get(support.on, 0.0) + total
         return out
 
-    def _balance(self, solution: "HeatSolution") -> tuple[FloatArray, FloatArray | float]:
+    def _balance(self, solution: HeatSolution) -> tuple[FloatArray, FloatArray | float]:
         """Coefficients at which conduction counts, and what goes into storage, both (n, 1)."""
         c, step = solution.coefficients, solution.step
         if step is None and solution.time is not None:
@@ -395,197 +390,6 @@ class Heat(Problem):
             return c, 0.0
         middle = step.theta * c + (1.0 - step.theta) * step.before
         return middle, self._capacity @ ((c - step.before) / step.duration)
-
-
-@dataclass(frozen=True, eq=False)
-class Step:
-    """A step in time.
-
-    Attributes
-    ----------
-    before : ndarray, shape (functions, 1)
-        Coefficients where it starts.
-    duration : float
-        Length of time.
-    theta : float
-        Weight of the end, as in `Heat.evolve`.
-    """
-
-    before: FloatArray
-    duration: float
-    theta: float
-
-
-@dataclass(frozen=True, eq=False)
-class HeatSolution(Result):
-    """Temperature of a solid: made by `Heat.solve` and `Heat.evolve`.
-
-    Attributes
-    ----------
-    problem : Heat
-        What was solved.
-    coefficients : ndarray, shape (functions, 1)
-        Of the splines.
-    report : SolveReport or None
-        What the solver says; None if nothing was free.
-    time : float or None
-        Since the start of `Heat.evolve`; None if steady.
-    step : Step or None
-        The step that leads here; None if steady, and at the start.
-    """
-
-    problem: Heat
-    coefficients: FloatArray
-    report: "SolveReport | None"
-    time: float | None = field(default=None, kw_only=True)
-    step: Step | None = field(default=None, kw_only=True)
-    shown: ClassVar[str] = "temperature"
-
-    def evaluate(self, u: ArrayLike) -> FloatArray:
-        """Temperature at parameters.
-
-        Parameters
-        ----------
-        u : array_like, shape (n, 3)
-            Parameters.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            Temperature; NaN more than a cell away from the solid.
-        """
-        return self.problem.assembly.evaluate(self.coefficients, as_points("u", u))[0][:, 0]
-
-    def heat_flux(self, u: ArrayLike) -> FloatArray:
-        """Heat flux at parameters.
-
-        Parameters
-        ----------
-        u : array_like, shape (n, 3)
-            Parameters.
-
-        Returns
-        -------
-        ndarray, shape (n, 3)
-            Minus conductivity times the gradient of the temperature in space.
-        """
-        p = as_points("u", u)
-        asm = self.problem.assembly
-        k = self.problem.conductivity.at(asm, p)
-        return -k[:, None] * asm.evaluate(self.coefficients, p)[1][:, 0]
-
-    def heat_flux_on(self, rule: Quadrature) -> FloatArray:
-        """Heat flux at the points of a rule in the active cells.
-
-        Parameters
-        ----------
-        rule : Quadrature
-            In parameters, or in space with `parameters`.
-
-        Returns
-        -------
-        ndarray, shape (n, 3)
-            As `heat_flux`.
-        """
-        asm, out = self.problem.assembly, np.empty((len(rule), 3))
-        u = rule.points if rule.parameters is None else rule.parameters
-        k = np.broadcast_to(self.problem.conductivity.at(asm, u), len(rule))
-        for rows, _, slope in asm.on_rule(self.coefficients, rule):
-            out[rows] = -k[rows, None] * slope[:, 0]
-        return out
-
-    def recovered(self) -> "RecoveredHeat":
-        """The same temperature with a smooth and more accurate heat flux.
-
-        Returns
-        -------
-        RecoveredHeat
-            A solution whose heat flux is projected on the splines of the temperature.
-        """
-        from ilattice.cutfem.recovery import recovered_flux
-
-        return recovered_flux(self)
-
-    def error_estimate(self) -> "ErrorEstimate":
-        """Estimate of the error in the energy norm, cell by cell.
-
-        Returns
-        -------
-        ErrorEstimate
-            From the difference between heat flux and recovered heat flux.
-        """
-        from ilattice.cutfem.estimate import flux_error
-
-        return flux_error(self)
-
-    def point_data(self, u: ArrayLike) -> dict[str, AnyArray]:
-        """What files hold, at parameters.
-
-        Parameters
-        ----------
-        u : array_like, shape (n, 3)
-            Parameters.
-
-        Returns
-        -------
-        dict of str to ndarray
-            ``temperature`` (n,), ``heat_flux`` (n, 3).
-        """
-        return {"temperature": self.evaluate(u), "heat_flux": self.heat_flux(u)}
-
-    def field_data(self) -> dict[str, float]:
-        """Numbers that files hold about the whole.
-
-        Returns
-        -------
-        dict of str to float
-            ``time``, unless steady.
-        """
-        return {} if self.time is None else {"time": self.time}
-
-    @cached_property
-    def inflow(self) -> dict[str, float]:
-        """Heat per time that enters through places of fixed temperature and of convection.
-
-        In time the mean over the step that leads here; with sources and fluxes it is what is stored
-        in the step, over its length. At the start of `evolve` an `InputError`.
-        """
-        return self.problem.inflow(self)
-
-    @cached_property
-    def stored(self) -> float:
-        """Heat in the solid: the integral of capacity times temperature."""
-        problem = self.problem
-        rule = problem.domain.solid(problem.assembly)
-        assert rule.parameters is not None
-        c, total = problem.capacity.at(problem.assembly, rule.parameters), 0.0
-        for rows, T, _ in problem.assembly.on_rule(self.coefficients, rule):
-            total += float((rule.weights[rows] * (c if len(c) == 1 else c[rows])) @ T[:, 0])
-        return total
-
-
-@dataclass(frozen=True, eq=False)
-class HeatHistory(Series[HeatSolution]):
-    """Temperatures in time: made by `Heat.evolve`, a sequence from the start to the end.
-
-    Attributes
-    ----------
-    solutions : tuple of HeatSolution
-        One per time.
-    """
-
-    solutions: tuple[HeatSolution, ...]
-
-    def __len__(self) -> int:
-        return len(self.solutions)
-
-    @property
-    def times(self) -> FloatArray:
-        """Times since the start, shape (len,)."""
-        return np.array([s.time for s in self.solutions], np.float64)
-
-    def _result(self, number: int) -> HeatSolution:
-        return self.solutions[number]
 
 
 def as_steps(steps: Any) -> int:

@@ -23,7 +23,7 @@ from ilattice._typing import ArrayLike, FloatArray
 from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.domain import Domain
-from ilattice.cutfem.heat import HeatSolution
+from ilattice.cutfem.heat_solution import HeatSolution
 from ilattice.cutfem.rules import Quadrature
 from ilattice.cutfem.solution import Solution
 from ilattice.cutfem.solvers import Solver

@@ -28,7 +28,7 @@ from ilattice._progress import Progress, track
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import as_counts, read_only
 from ilattice.cutfem.assembly import Assembly
-from ilattice.cutfem.heat import HeatSolution
+from ilattice.cutfem.heat_solution import HeatSolution
 from ilattice.cutfem.solution import Solution
 from ilattice.errors import InputError
 

@@ -8,7 +8,7 @@ from vtkmodules.vtkCommonCore import reference
 import ilattice as il
 from ilattice.cutfem import Buckling, EigenReport, Elasticity, Heat, Modes, Solution
 from ilattice.cutfem.grid import cut
-from ilattice.cutfem.heat import HeatHistory, HeatSolution
+from ilattice.cutfem.heat_solution import HeatHistory, HeatSolution
 from ilattice.errors import FormatError, InputError, PrecisionWarning
 
 CUBE = [[-1.0] * 3, [1.0] * 3]
