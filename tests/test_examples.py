@@ -70,7 +70,7 @@ def test_design_loop_meets_its_target_without_new_distances():
     assert 1 <= numbers["rounds"] <= 3
     assert numbers["compliance"] == pytest.approx(numbers["compliance asked for"], rel=0.01)
     assert numbers["new distances"] == 0
-    assert 0 < numbers["material added"] < 0.25  # a wall as thick everywhere takes more than half
+    assert 0 < numbers["material added"] < 0.2  # a wall as thick everywhere takes a quarter more
 
 
 def test_fig01_arms_pass_through_opposite_faces_alike():
