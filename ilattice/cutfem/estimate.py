@@ -11,8 +11,9 @@ the other, which it does for smooth solutions on uniform grids.
 
 Guarantee: what is measured is the whole solid, cut cells included, with positive weights.
 Non-guarantees: it is an estimate, and no bound. Errors of the geometry, of the stabilization and of
-supports that are met in the mean are not in it; on grids that do not resolve a wall, and next to
-re-entrant edges, it is too small.
+supports that are met in the mean are not in it. In walls of one or two cells splines can follow the
+error itself, so that a third of it may be missing; degree 3 is off by a factor of two on grids that
+are coarse for it.
 """
 
 from dataclasses import dataclass
@@ -24,11 +25,16 @@ import numpy as np
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import as_points, read_only
 from ilattice.cutfem.heat_solution import HeatSolution
+from ilattice.cutfem.recovery import smooth_flux, smooth_stress, values_on
 from ilattice.cutfem.rules import Quadrature
 from ilattice.cutfem.solution import Solution
 
 if TYPE_CHECKING:
     from os import PathLike
+
+#: Weights of jumps per degree, ten times those of recovered stresses: a field that is smoother is
+#: less accurate, but hides less of the error. Measured on a ball, a thick shell and a lattice.
+WEIGHTS = {1: 1e-1, 2: 1e-2, 3: 3e-3}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -120,7 +126,8 @@ def stress_error(solution: Solution) -> ErrorEstimate:
     asm = problem.assembly
     rule = problem.domain.solid(asm)
     assert rule.parameters is not None
-    gap = solution.recovered().stress_on(rule) - Solution.stress_on(solution, rule)
+    smooth = values_on(asm, smooth_stress(solution, WEIGHTS), rule)
+    gap = smooth - Solution.stress_on(solution, rule)
     lam, mu = problem.material.lame(asm, rule.parameters)
     return _estimate(solution, rule, complementary(gap, lam, mu), np.sqrt(2.0 * solution.energy))
 
@@ -132,7 +139,7 @@ def flux_error(solution: HeatSolution) -> ErrorEstimate:
     rule = problem.domain.solid(asm)
     assert rule.parameters is not None
     raw = HeatSolution.heat_flux_on(solution, rule)
-    gap = solution.recovered().heat_flux_on(rule) - raw
+    gap = values_on(asm, smooth_flux(solution, WEIGHTS), rule) - raw
     k = problem.conductivity.at(asm, rule.parameters)
     norm = np.sqrt(rule.integrate((raw * raw).sum(axis=1) / k))
     return _estimate(solution, rule, (gap * gap).sum(axis=1) / k, norm)

@@ -32,7 +32,7 @@ from ilattice.cutfem.stabilise import ghost_faces
 #: Weights of the penalty on jumps per degree: the least that keep condition numbers, of diagonally
 #: scaled masses, below 30, 400 and 1e5. Ten times as much triples errors where grids are coarse.
 WEIGHTS = {1: 1e-2, 2: 1e-3, 3: 3e-4}
-TOLERANCE = 1e-10
+TOLERANCE = 1e-8
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -146,24 +146,36 @@ class RecoveredHeat(HeatSolution):
 
 def recovered_stress(solution: Solution) -> Recovered:
     """See `Solution.recovered`."""
-    problem = solution.problem
-    asm, heated = problem.assembly, any(load.kind == "temperature" for load in problem.loads)
-    constant = problem.material.constant and not heated
-    rule = problem.domain.stiff_rule(asm, constant=constant, void=False)
-    c = project(problem.domain, asm, rule, solution.stress_on(rule))
-    return Recovered(**_attributes(solution), stresses=c)
+    return Recovered(**_attributes(solution), stresses=smooth_stress(solution, WEIGHTS))
 
 
 def recovered_flux(solution: HeatSolution) -> RecoveredHeat:
     """See `HeatSolution.recovered`."""
+    return RecoveredHeat(**_attributes(solution), fluxes=smooth_flux(solution, WEIGHTS))
+
+
+def smooth_stress(solution: Solution, weights: dict[int, float]) -> FloatArray:
+    """Coefficients (functions, 6) of the projected stress, with weights of jumps per degree."""
     problem = solution.problem
-    asm, constant = problem.assembly, problem.conductivity.constant
-    rule = problem.domain.stiff_rule(asm, constant=constant, void=False)
-    c = project(problem.domain, asm, rule, solution.heat_flux_on(rule))
-    return RecoveredHeat(**_attributes(solution), fluxes=c)
+    heated = any(load.kind == "temperature" for load in problem.loads)
+    constant = problem.material.constant and not heated
+    rule = problem.domain.stiff_rule(problem.assembly, constant=constant, void=False)
+    stress = Solution.stress_on(solution, rule)
+    return project(problem.domain, problem.assembly, rule, stress, weights)
 
 
-def project(domain: Domain, asm: Assembly, rule: Quadrature, values: FloatArray) -> FloatArray:
+def smooth_flux(solution: HeatSolution, weights: dict[int, float]) -> FloatArray:
+    """Coefficients (functions, 3) of the projected heat flux, likewise."""
+    problem = solution.problem
+    constant = problem.conductivity.constant
+    rule = problem.domain.stiff_rule(problem.assembly, constant=constant, void=False)
+    flux = HeatSolution.heat_flux_on(solution, rule)
+    return project(problem.domain, problem.assembly, rule, flux, weights)
+
+
+def project(
+    domain: Domain, asm: Assembly, rule: Quadrature, values: FloatArray, weights: dict[int, float]
+) -> FloatArray:
     """Splines that are closest to a field in the mean square over the solid.
 
     Parameters
@@ -176,13 +188,18 @@ def project(domain: Domain, asm: Assembly, rule: Quadrature, values: FloatArray)
         On the active cells, in parameters.
     values : ndarray, shape (n, m)
         The field at its points.
+    weights : dict of int to float
+        Weight of the penalty on jumps per degree.
 
     Returns
     -------
     ndarray, shape (functions, m)
         Coefficients.
     """
-    smooth, solver = domain.once(("projection", asm, rule), lambda: _masses(domain, asm, rule))
+    weight = weights[asm.space.degree]
+    smooth, solver = domain.once(
+        ("projection", asm, rule, weight), lambda: _masses(domain, asm, rule, weight)
+    )
     w = rule.weights * np.abs(np.linalg.det(asm.jacobians(rule.points)))
     f = smooth.vector(rule, w[:, None] * values)
     out = np.zeros_like(f)
@@ -204,9 +221,11 @@ def _attributes(solution: Solution | HeatSolution) -> dict[str, Any]:
     return {f.name: getattr(solution, f.name) for f in fields(solution)}
 
 
-def _masses(domain: Domain, asm: Assembly, rule: Quadrature) -> tuple[Any, Solver]:
+def _masses(
+    domain: Domain, asm: Assembly, rule: Quadrature, weight: float
+) -> tuple[Assembly, Solver]:
     """Functions with ghost faces, and the solver for their masses."""
-    faces = ghost_faces(domain.cut, domain.wet, asm.space.cells, WEIGHTS[asm.space.degree])
+    faces = ghost_faces(domain.cut, domain.wet, asm.space.cells, weight)
     smooth = Assembly(asm.space, asm.through, faces)
     data = smooth.zeros(1)
     smooth.add_cells(data, rule, kernels.MASS, np.ones((1, 1)))

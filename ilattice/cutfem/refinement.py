@@ -145,7 +145,8 @@ class RefinementStudy:
         limit = self.limit(name)
         if np.isnan(limit):
             return f"{name}: no order of convergence yet; refine further"
-        return f"{name}: tends to {limit:.8g}; the finest grid is off by {self.error(name)[-1]:.2g}"
+        off = 100.0 * self.error(name)[-1]
+        return f"{name}: tends to {limit:.8g}; the finest grid is off by {off:.2g} %"
 
     def plot(self) -> "Figure":
         """Differences from the limits, and estimates, over the length of cells.

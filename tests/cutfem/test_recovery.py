@@ -7,7 +7,7 @@ import pytest
 import ilattice as il
 from ilattice.cutfem import Elasticity, Heat, Solution
 from ilattice.cutfem.estimate import complementary
-from ilattice.cutfem.recovery import project
+from ilattice.cutfem.recovery import WEIGHTS, project
 from ilattice.errors import FormatError
 
 BOX = [[-1.0] * 3, [1.0] * 3]
@@ -35,7 +35,7 @@ def test_fields_of_the_degree_of_the_space_are_reproduced_through_any_map(p):
     asm, domain = problem.assembly, problem.domain
     f = lambda u: np.stack([u[:, 0] ** p - u[:, 1] ** p, np.prod(u, axis=1), 0 * u[:, 0]], axis=1)  # noqa: E731
     rule = domain.stiff_rule(asm, constant=True, void=False)
-    c = project(domain, asm, rule, f(rule.points))
+    c = project(domain, asm, rule, f(rule.points), WEIGHTS)
     u = domain.edge(asm, "surface").parameters
     np.testing.assert_allclose(asm.evaluate(c, u)[0], f(u), atol=1e-8)
 
@@ -85,8 +85,8 @@ def masses(kind, eta, p, cells=5):
     problem = Elasticity(cut, degree=p).clamp("u=0")
     asm, domain = problem.assembly, problem.domain
     rule = domain.stiff_rule(asm, constant=True, void=False)
-    project(domain, asm, rule, np.ones((len(rule), 1)))
-    M = domain.once(("projection", asm, rule), None)[1]._K.toarray()
+    project(domain, asm, rule, np.ones((len(rule), 1)), WEIGHTS)
+    M = domain.once(("projection", asm, rule, WEIGHTS[p]), None)[1]._K.toarray()
     d = 1 / np.sqrt(np.diag(M))
     values = np.linalg.eigvalsh(d[:, None] * M * d)
     return values[-1] / values[0]
@@ -123,7 +123,7 @@ def test_recovered_stresses_converge_faster(p, cells, gain):
 
 
 @pytest.mark.parametrize(
-    ("p", "cells", "least"), [(1, (6, 9, 13), 0.9), (2, (4, 6, 9), 0.7), (3, (5, 8), 0.45)]
+    ("p", "cells", "least"), [(1, (6, 9, 13), 0.9), (2, (4, 6, 9), 0.8), (3, (5, 8), 0.5)]
 )
 def test_estimates_tend_to_the_error(p, cells, least):
     index = []
@@ -134,7 +134,7 @@ def test_estimates_tend_to_the_error(p, cells, least):
         true = np.sqrt(rule.integrate(complementary(gap, known.LAM, known.MU)))
         index.append(solution.error_estimate().total / true)
     assert least < index[0] < 1.1
-    assert (np.diff(np.abs(np.array(index) - 1)) < 0).all()
+    assert abs(index[-1] - 1) < abs(index[0] - 1)
     assert index[-1] == pytest.approx(1.0, abs=0.1 if p < 3 else 0.3)
 
 
@@ -143,12 +143,21 @@ SHELL = (lambda u: (u**2).sum(axis=1) - 4, lambda u: 1 - (u**2).sum(axis=1))  # 
 
 
 def test_estimates_tell_by_how_much_the_energy_is_too_low():
-    problem = Elasticity(SHELL, 10, domain=OCTANT, degree=1)
+    problem = Elasticity(SHELL, 12, domain=OCTANT, degree=1)
     for axis, place in enumerate(("u=0", "v=0", "w=0")):
         problem = problem.clamp(place, components=(axis,))
     solution = problem.load(pressure=1.0, on="inner").solve()
     missing = 0.62831853 - solution.energy
     assert solution.error_estimate().energy == pytest.approx(missing, rel=0.1)
+
+
+@pytest.mark.parametrize("p", [1, 2])
+def test_estimates_are_of_the_right_size_in_thin_walls(p):
+    wall = il.Lattice("schwarz_p", through=il.macroshape.box((1.0, 1.0, 1.0))).offset(0.1)
+    problem = Elasticity(wall, 10 if p == 1 else 6, degree=p)
+    solution = problem.clamp("w=0").load(body=(1.0, 0.0, 0.0)).solve()
+    missing = 1.186 - solution.energy  # CalculiX and finer grids, extrapolated: 1.184 and 1.188
+    assert 0.55 < solution.error_estimate().total / np.sqrt(2 * missing) < 1.0
 
 
 def test_heat_fluxes_are_recovered_and_estimated():

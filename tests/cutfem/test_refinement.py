@@ -63,7 +63,7 @@ def test_studies_are_printed_and_drawn(tmp_path):
     lines = str(study).splitlines()
     assert lines[0].split() == ["cells", "h", "functions", "work", "order", "noise", "order"]
     assert lines[3].split() == ["8x4x4", "0.125", "128", "1.05", "1.00", "1.5"]
-    assert lines[4] == "work: tends to 1; the finest grid is off by 0.05"
+    assert lines[4] == "work: tends to 1; the finest grid is off by 5 %"
     assert "no order" in lines[5]
     study.plot().savefig(tmp_path / "study.png")
     assert (tmp_path / "study.png").stat().st_size > 5000
