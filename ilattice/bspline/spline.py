@@ -211,7 +211,7 @@ class BSpline:
             for axis in range(self.ndim):
                 if not free[axis]:
                     self._check_inside(u[:, axis], axis)
-        if self.ndim == 3 and extrapolate != "clamp" and not any(self.periodic):
+        if self.ndim == 3 and extrapolate != "clamp" and self._in_period(u):
             return u
         out = np.full((len(u), 3), 0.5)
         for axis, (first, last) in enumerate(self.domain.T):
@@ -222,6 +222,14 @@ class BSpline:
                 x = np.clip(x, first, last)
             out[:, axis] = x
         return out
+
+    def _in_period(self, u: FloatArray) -> bool:
+        """Whether no point needs to be wrapped."""
+        if not any(self.periodic):
+            return True
+        low = np.where(self.periodic, self.domain[0], -LARGEST)
+        high = np.where(self.periodic, np.nextafter(self.domain[1], -np.inf), LARGEST)
+        return bool(_kernels.inside(u, low, high))
 
     def _check_inside(self, x: FloatArray, axis: int) -> None:
         lo, hi = self.domain[:, axis]

@@ -176,13 +176,16 @@ def _cross(x: Any, faces: Any, f: int, g: int, size: float, heights: Any) -> boo
 
 @njit(cache=True)
 def _compare(
-    x: Any, faces: Any, order: Any, active: Any, leaf: int, other: int, boxes: Any, marked: Any
-) -> int:
+    x: Any, faces: Any, order: Any, active: Any, tree: Any, leaf: int, other: int, boxes: Any,
+    marked: Any,
+) -> int:  # fmt: skip
     """Mark the triangles of two leaves that cross; how many pairs do."""
     found = 0
     for j in range(LEAF * other, min(LEAF * other + LEAF, len(order))):
         g = order[j]
         _box(x, faces, g, boxes[LEAF])
+        if _apart(tree, len(tree) // 2 + leaf, boxes, LEAF):
+            continue
         for i in range(LEAF * leaf, min(LEAF * leaf + LEAF, len(order))):
             f, n = order[i], i - LEAF * leaf
             if not active[f] or (active[g] and i >= j) or _apart(boxes, n, boxes, LEAF):
@@ -194,6 +197,18 @@ def _compare(
                 marked[f] = marked[g] = True
                 found += 1
     return found
+
+
+@njit(cache=True)
+def _from(node: int, stack: Any) -> int:
+    """Put on the stack the nodes that together hold a leaf and all leaves after it."""
+    stack[0], depth = node, 1
+    while node > 1:
+        if node % 2 == 0:
+            stack[depth] = node + 1
+            depth += 1
+        node //= 2
+    return depth
 
 
 @njit(cache=True, parallel=True)
@@ -222,6 +237,7 @@ def mark_crossings(x: Any, faces: Any, order: Any, boxes: Any, active: Any, mark
     """
     first = len(boxes) // 2
     leaves = (len(order) + LEAF - 1) // LEAF
+    whole = active.all()  # then every pair is met from the first of its leaves
     found = 0
     for chunk in prange((leaves + CHUNK - 1) // CHUNK):
         scratch = np.empty((LEAF + 2, 6))  # boxes of a leaf and of one more, heights
@@ -232,6 +248,8 @@ def mark_crossings(x: Any, faces: Any, order: Any, boxes: Any, active: Any, mark
                 _box(x, faces, order[i], scratch[i - LEAF * leaf])
                 awake += active[order[i]]
             stack[0], depth, count = 1, 1 if awake else 0, 0
+            if whole:
+                depth = _from(first + leaf, stack)
             while depth > 0:
                 depth -= 1
                 n = stack[depth]
@@ -241,6 +259,9 @@ def mark_crossings(x: Any, faces: Any, order: Any, boxes: Any, active: Any, mark
                     stack[depth], stack[depth + 1] = 2 * n, 2 * n + 1
                     depth += 2
                 else:
-                    count += _compare(x, faces, order, active, leaf, n - first, scratch, marked)
+                    other = n - first
+                    count += _compare(
+                        x, faces, order, active, boxes, leaf, other, scratch, marked
+                    )  # fmt: skip
             found += count
     return found

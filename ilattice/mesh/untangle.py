@@ -36,8 +36,6 @@ SLIDES, SLIDE = 16, 0.5
 #: Parts of the way back, one after the other, and most rounds of that.
 BACK = np.array([0.0, 0.125, 0.25, 0.5, 1.0])
 ROUNDS = 16
-#: Rings of triangles around vertices that moved in which repair may differ.
-RINGS = 3
 
 Settle = Callable[[FloatArray, IntArray], tuple[FloatArray, AnyArray]]
 
@@ -71,31 +69,39 @@ class _Surface:
         self.lattice, self.u, self.kind, self.quads = lattice, u.copy(), kind, faces
         self.x = lattice.through.x(u)
         self.spared = np.zeros(len(u), np.bool_)
-        self.moved: Any = None
+        self.moved = np.zeros(len(u), np.bool_)
+        self.faces: Any = None
         self.weave()
 
     def weave(self) -> None:
-        """Triangles anew: better diagonals, no slivers; `pairs` and `at` tell what crosses."""
+        """Triangles anew: better diagonals, no slivers; `pairs` and `at` tell what crosses.
+
+        Only triangles that were not there before, or have moved, are compared with all others.
+        """
         quads = self.quads.copy()
         split_quads(self.x, quads)
         self.repair = remove_slivers(self.x, quads, self.kind, spared=self.spared)
-        self.faces = self.repair.vertices[self.repair.faces]
-        active: Any = None
-        if self.moved is not None:
-            near = self.moved
-            for _ in range(RINGS):
-                near[quads[near[quads].any(axis=1)]] = True
-            active = near[self.faces].any(axis=1)
-        self.pairs, crossing = self_intersections(self.x, self.faces, active)
-        if active is not None and not self.pairs:
-            self.pairs, crossing = self_intersections(self.x, self.faces)
-        self.at = np.unique(self.faces[crossing])
+        faces = self.repair.vertices[self.repair.faces]
+        active = None if self.faces is None else self._unlike(faces)
+        self.pairs, crossing = self_intersections(self.x, faces, active)
+        self.at = np.unique(faces[crossing])
+        self.faces, self.moved = faces, np.zeros(len(self.x), np.bool_)
+        self.moved[self.at] = True  # what crosses now is to be looked at again
+
+    def _unlike(self, faces: AnyArray) -> AnyArray:
+        """Which triangles are new, have moved, or crossed others when they were looked at last."""
+        assert self.faces is not None
+        old, new = (f[:, 0].astype(np.int64) * len(self.x) + f[:, 1] for f in (self.faces, faces))
+        order = np.argsort(old)
+        at = np.searchsorted(old, new, sorter=order)
+        at = order[np.minimum(at, len(old) - 1)]
+        same: AnyArray = (old[at] == new) & (self.faces[at, 2] == faces[:, 2])
+        return ~same | self.moved[faces].any(axis=1)
 
     def move(self, at: IntArray, u: FloatArray) -> None:
         """Move some vertices."""
         self.u[at] = u
         self.x[at] = self.lattice.through.x(u)
-        self.moved = np.zeros(len(self.u), np.bool_)
         self.moved[at] = True
 
     def slid(self) -> tuple[IntArray, FloatArray]:
