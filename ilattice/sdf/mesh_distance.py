@@ -35,6 +35,8 @@ from ilattice.sdf._triangles import normals_and_areas, twins
 
 __all__ = ["ClosestPoints", "MeshDistance", "MeshFaults"]
 
+#: Height of a triangle, as part of the largest coordinate, below which normals near it do not tell.
+THIN = 1e-9
 _LARGEST = 1e100
 _SMALLEST = 1e-100
 
@@ -171,9 +173,18 @@ class MeshDistance:
         normals, areas = normals_and_areas(corners[order])
         self._tri = np.concatenate([corners[order].reshape(-1, 9), normals], axis=1)
         self._corners = self._mesh.faces[order].astype(np.int64)
+        self._thin = self._near_thin(corners[order], areas)
         self._moment = np.empty((nodes, 7))
         kernels.dipoles(self._box, self._link, self._tri, areas, self._moment)
         self._volume = float(areas @ np.einsum("fi,fi->f", normals, corners[order, 0])) / 3.0
+
+    def _near_thin(self, corners: FloatArray, areas: FloatArray) -> AnyArray:
+        """Triangles with a corner of one so thin that rounding decides which of them is nearest."""
+        longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+        thin = np.asarray(2.0 * areas <= THIN * self._scale * longest)
+        touched = np.zeros(len(self._mesh.vertices), np.bool_)
+        touched[self._corners[thin]] = True
+        return np.asarray(touched[self._corners].any(axis=1))
 
     def _examine(self) -> MeshFaults:
         """Count what is wrong; crossings only if the topology is right."""
@@ -372,6 +383,7 @@ class MeshDistance:
                 self._tri, self._twin, self._corners, self._normals, self._scale,
                 self._turn, found.side,
             )  # fmt: skip
+            found.side[self._thin[found.face]] = 0
         kernels.sides_by_winding(
             points, self._box, self._link, self._tri, self._moment, self._turn, found.side
         )

@@ -1,11 +1,13 @@
 """From a field to a mesh: the box, the grid, what it will cost, the spacing that is fine enough.
 
 Guarantees: the surface is closed, whatever the field. Faces of boxes that a solid is intersected
-with are exact: planes of the grid lie on them, and their edges are sharp. Grids that would need
-more memory than allowed are refused before any work, with the numbers.
+with are exact: planes of the grid lie on them, and their edges are sharp. A mesh that is meshed
+again with the spacing it was made with changes little, however often. Grids that would need more
+memory than allowed are refused before any work, with the numbers.
 
-Not guaranteed: other sharp edges, which are chamfered within a cell; features thinner than a cell.
-The estimate of the cost is that of a coarse sampling.
+Not guaranteed: other sharp edges (`ilattice.mesh.creases`), where they bend by less than 35 degrees
+or end in wedges thinner than a cell, and on grids of more than 1e8 points; features thinner than a
+cell. The estimate of the cost is that of a coarse sampling.
 """
 
 from dataclasses import dataclass
@@ -20,7 +22,10 @@ from ilattice.errors import GeometryError, InputError
 from ilattice.fields.algebra import clipped
 from ilattice.fields.node import Node, is_empty
 from ilattice.mesh import SurfaceMesh
-from ilattice.mesh.contouring import contour
+from ilattice.mesh.contouring import contour, contour_arrays
+from ilattice.mesh.creases import sharpened
+from ilattice.mesh.repair import remove_slivers
+from ilattice.sdf.mesh_distance import MeshDistance
 
 __all__ = ["Plan", "mesh", "plan"]
 
@@ -31,6 +36,8 @@ PER_TRIANGLE = 60  # bytes, with all that is in memory at once
 PER_BLOCK = 100
 BASE = 3e8
 LARGE = 1e8  # grid points from which on vertices are in single precision, at linear crossings
+MARGIN = 0.25  # spacings between the solid and the outermost planes, at least
+SLIVER = 0.005  # quality below which triangles are removed
 COARSE = 40  # samples per side of the estimate
 FIRST = 24  # spacings along the longest side where a tolerance picks them
 SETTLED = 90.0  # percent of the triangles that keep the tolerance: edges are chamfered
@@ -121,9 +128,14 @@ class Plan:
         GeometryError
             Where there is no surface, or the field is NaN.
         """
-        large = np.prod(np.array(self.shape, float)) > LARGE
-        how = {"dtype": np.float32, "place": "linear"} if large else {}
-        return contour(self.inner, self.axes, progress=progress, **how)
+        if np.prod(np.array(self.shape, float)) > LARGE:
+            return contour(
+                self.inner, self.axes, progress=progress, dtype=np.float32, place="linear"
+            )
+        raw = contour_arrays(self.inner, self.axes, progress=progress)
+        sharp = sharpened(raw, self.inner, self.axes, _corners(self.inner))
+        repair = remove_slivers(sharp.vertices, sharp.faces, sharp.kind, quality=SLIVER)
+        return SurfaceMesh.adopt(sharp.vertices[repair.vertices], repair.faces)
 
 
 def plan(solid: Node, spacing: Any = None, *, memory: float = MEMORY) -> Plan:
@@ -175,6 +187,13 @@ def plan(solid: Node, spacing: Any = None, *, memory: float = MEMORY) -> Plan:
     return found
 
 
+def _corners(solid: Node) -> FloatArray | None:
+    """Vertices of the meshes that a solid is made of."""
+    leaves = [getattr(leaf, "f", None) for leaf, _ in solid.program.leaves]
+    found = [f.mesh.vertices for f in leaves if isinstance(f, MeshDistance)]
+    return np.concatenate(found).astype(np.float64) if found else None
+
+
 def _checked_box(solid: Node) -> FloatArray:
     box = np.array(solid.bounds)
     if is_empty(box) or (box[0] == box[1]).any():
@@ -188,14 +207,20 @@ def _checked_box(solid: Node) -> FloatArray:
 
 
 def _planes(ends: FloatArray, walls: FloatArray | None, h: float) -> FloatArray:
-    """Planes of an axis: on walls exactly, otherwise a spacing beyond the solid."""
+    """Planes of an axis: on walls exactly, otherwise multiples of the spacing around the solid.
+
+    So meshes of a solid, and of a mesh that was made of it, share their planes.
+    """
     low, high = ends
-    if walls is None or low > walls[0]:
-        low = low - h
-    if walls is None or high < walls[1]:
-        high = high + h
-    count = max(2, int(np.ceil((high - low) / h - 1e-9)) + 1)
-    return np.linspace(low, high, count)
+    first, last = (False, False) if walls is None else (low <= walls[0], high >= walls[1])
+    count = int(np.ceil((high - low) / h - 1e-9)) + 1
+    if first and last:
+        return np.linspace(low, high, max(2, count))
+    if first:
+        return low + h * np.arange(count + 1)
+    if last:
+        return high - h * np.arange(count + 1)[::-1]
+    return h * np.arange(np.floor(low / h - MARGIN), np.ceil(high / h + MARGIN) + 1.0)
 
 
 def mesh(
