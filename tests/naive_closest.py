@@ -7,7 +7,7 @@ stationary point), so it can be too large but never too small.
 """
 
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,7 @@ import ilattice as il
 TAU = 2 * np.pi
 #: Largest side of a tile, cubed, over its volume, above which it counts as squeezed.
 SQUEEZED = 10.0
+DIAGONALS = np.array([[1, 1, 1, 1], [1, 1, -1, -1], [1, -1, 1, -1]])
 PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 
 
@@ -106,6 +107,16 @@ class NaiveMap:
         return out if self.spline.weights is None else _quotient(out)
 
 
+def volume(jac):
+    """Determinants of Jacobians (n, 3, 3)."""
+    a, b, c = jac.transpose(2, 1, 0)
+    return (
+        a[0] * (b[1] * c[2] - b[2] * c[1])
+        + a[1] * (b[2] * c[0] - b[0] * c[2])
+        + a[2] * (b[0] * c[1] - b[1] * c[0])
+    )
+
+
 def _quotient(homogeneous):
     """Derivatives of x = a / w from those of (a, w)."""
     a, w = homogeneous[0][:, :3], homogeneous[0][:, 3]
@@ -190,7 +201,7 @@ class Oracle:
         return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
     def samples(self, tiles, m):
-        """Samples of tiles: tile coordinates, points, size of a grid cell in space, tile number."""
+        """Samples of tiles: coordinates, points, diagonals of cells, tiles, whether squeezed."""
         if m not in self._kept:
             self._kept[m] = tile_samples(self.tile, m)
         p = (self.tiles[tiles][:, None] + self._kept[m][None]).reshape(-1, 3)
@@ -198,8 +209,8 @@ class Oracle:
         x, jac = self.map.jet(p, 1)
         keep = self._admissible(p, jac)
         side = np.linalg.norm(jac, axis=1)
-        size = side.sum(axis=1) / m
-        squeezed = side.max(axis=1) ** 3 > SQUEEZED * np.abs(np.linalg.det(jac))
+        size = np.linalg.norm(jac @ DIAGONALS, axis=1).max(axis=1) / m
+        squeezed = side.max(axis=1) ** 3 > SQUEEZED * np.abs(volume(jac))
         return p[keep], x[keep], size[keep], number[keep], squeezed[keep]
 
     @cached_property
@@ -215,7 +226,7 @@ class Oracle:
     def _admissible(self, p, jac):
         """Inside the box, and right side out where the map is continued."""
         beyond = self._beyond(p)
-        upright = np.linalg.det(jac) * self.lattice.through.orientation > 0
+        upright = volume(jac) * self.lattice.through.orientation > 0
         inside = ((p >= self.box[0] - 1e-9) & (p <= self.box[1] + 1e-9)).all(axis=1)
         return inside & (upright | ~beyond)
 
@@ -236,7 +247,7 @@ class Oracle:
         x = self.map.jet(q, 0)[0]
         best = np.full(len(q), np.inf)
         foot = np.full((len(q), 3), np.nan)
-        slab = np.floor(q[:, 0]).astype(int)
+        slab = np.floor(q[:, 0] / 3).astype(int)  # layers that are sampled together
         for s in np.unique(slab):
             at = np.flatnonzero(slab == s)
             best[at], foot[at] = self._block(x[at], q[at])
@@ -269,10 +280,8 @@ class Oracle:
     def _tiles_near(self, x, q):
         """Tiles that may hold the nearest point, by the coarse samples."""
         p, _, size, number, tree = self._coarse
-        near = np.empty(len(x))
-        for i, found in enumerate(tree.query(x, k=min(200, len(p)))[1]):
-            ok = self._reached(p[found], np.broadcast_to(q[i], (len(found), 3)))
-            near[i] = np.linalg.norm(tree.data[found[ok][0]] - x[i]) + size[found[ok][0]]
+        sample, near = self._nearest(tree, p, x, q)
+        near += size[sample]
         reach = near + np.percentile(size, 99)
         return np.unique(number[np.unique(np.concatenate(tree.query_ball_point(x, reach)))]).astype(
             int
@@ -281,28 +290,43 @@ class Oracle:
     def _starts(self, p, y, size, squeezed, x, q):
         """Rows of queries and starts: one sample per cell among those that may be nearest.
 
-        A sample within the covering radius r of a foot at distance d is within sqrt(d² + 4 r²)
+        A sample within its covering radius r of a foot at distance d is within sqrt(d² + 4 r²)
         of the query if no principal curvature exceeds 3 / d, and within d + r in any case; that
         counts where the map squeezes tiles, and the surface may have edges.
         """
         tree = cKDTree(y)
-        first, index = tree.query(x, k=min(100, len(p)))
-        first, index = np.atleast_2d(first.T).T, np.atleast_2d(index.T).T
-        k = index.shape[1]
-        usable = self._reached(p[index.ravel()], np.repeat(q, k, axis=0)).reshape(-1, k)
-        pick = np.argmax(usable, axis=1)
-        at = np.arange(len(x))
-        near, r = first[at, pick], size[index[at, pick]]
-        reach = np.where(squeezed[index[:, :8]].any(axis=1), near + r, np.sqrt(near**2 + 4 * r**2))
+        near = self._nearest(tree, p, x, q)[1]
+        near = np.where(near < np.inf, near, -size.max())  # no sample counts
+        next_to = tree.query(x, k=range(1, min(8, len(p)) + 1))[1]
+        pinched = squeezed[next_to].any(axis=1)
+        cell = np.floor(p * self.m / 2).astype(int) @ [1, 1 << 20, 1 << 40]  # a number each
         rows, starts = [], []
-        for i, found in enumerate(tree.query_ball_point(x, reach)):
-            found = np.array(found)
-            found = found[np.argsort(np.linalg.norm(y[found] - x[i], axis=1))]
-            cell = np.floor(p[found] * self.m / 2).astype(int)
-            found = found[np.sort(np.unique(cell, axis=0, return_index=True)[1])]
+        for i, found in enumerate(tree.query_ball_point(x, near + size.max())):
+            found = np.array(found, dtype=int)
+            away = np.linalg.norm(y[found] - x[i], axis=1)
+            wide = squeezed[found] | pinched[i]
+            r = size[found]
+            may = away <= np.where(wide, near[i] + r, np.sqrt(near[i] ** 2 + 4 * r**2))
+            found = found[may][np.argsort(away[may])]
+            found = found[np.sort(np.unique(cell[found], return_index=True)[1])]
             rows.append(np.full(len(found), i))
             starts.append(p[found])
         return np.concatenate(rows), np.concatenate(starts)
+
+    def _nearest(self, tree, p, x, q, k=100):
+        """Numbers of the nearest samples that count for the queries, and how far they are away."""
+        number, away = np.zeros(len(x), int), np.full(len(x), np.inf)
+        todo = np.arange(len(x))
+        while len(todo):
+            k = min(k, len(p))
+            dist, index = (np.reshape(a, (-1, k)) for a in tree.query(x[todo], k=k))
+            usable = self._reached(p[index.ravel()], np.repeat(q[todo], k, axis=0)).reshape(-1, k)
+            found, pick = usable.any(axis=1), np.argmax(usable, axis=1)
+            number[todo[found]] = index[found, pick[found]]
+            away[todo[found]] = dist[found, pick[found]]
+            todo = todo[~found] if k < len(p) else todo[:0]
+            k *= 8
+        return number, away
 
     def _feet(self, x, q, start, fixed):
         """Where starts end, and how far that is; the start itself if it is nearer and counts."""
@@ -315,10 +339,11 @@ class Oracle:
         use = ~self._beyond(start) & (raw < dist)
         return np.where(use[:, None], start, end), np.where(use, raw, dist)
 
-    def _descend(self, x, p, fixed, steps=40):
+    def _descend(self, x, p, fixed, steps=100):
         """Newton's method on the surface, or on its curve on a face, from every start.
 
-        Returns the ends, and the lengths of the last steps in tiles.
+        Those that go a tile beyond the box are given up. Returns the ends, and the lengths of the
+        last steps in tiles.
         """
         p = p.copy()
         last = np.zeros(len(p))
@@ -329,7 +354,8 @@ class Oracle:
             cap = np.minimum(1.0, cell / self.m / np.maximum(size, 1e-300))
             p[todo] += cap[:, None] * step
             last[todo] = size / cell
-            todo = todo[size > 1e-12 * cell]
+            lost = ((p[todo] < self.box[0] - 1) | (p[todo] > self.box[1] + 1)).any(axis=1)
+            todo = todo[(size > 1e-12 * cell) & ~lost]
             if len(todo) == 0:
                 break
         return p, last
@@ -404,7 +430,7 @@ def queries(oracle, n, seed=0):
     held = rng.random((len(part[5]), 3)) < 0.5
     p[part[5]] = np.where(held, np.round(p[part[5]] / count) * count, p[part[5]])
     many = rng.random((20 * len(part[6]) + 20, 3)) * count
-    det = np.abs(np.linalg.det(oracle.map.jet(many, 1)[1]))
+    det = np.abs(volume(oracle.map.jet(many, 1)[1]))
     p[part[6]] = many[np.argsort(det)[: len(part[6])]]
     return np.clip(p, 0.0, count)
 
@@ -438,6 +464,7 @@ MAPS = {
 }
 
 
+@cache
 def lattice_of(shape, tile, boundary):
     """One of the lattices of MAPS."""
     make, repeat = MAPS[shape]
