@@ -10,7 +10,7 @@ Non-guarantee: the foot is the global minimiser only as far as the seeds cover t
 import numpy as np
 from numba import njit, prange
 
-from ilattice.offsets._kernels_jets import FAST, cofactor_normal, map_jet, scratch, tile_jet
+from ilattice.offsets._kernels_jets import FAST, cofactor_normal, map_jet, metric, scratch, tile_jet
 from ilattice.offsets._kernels_newton import (
     FAILED,
     FALLBACK,
@@ -29,6 +29,8 @@ LOOSE = 0.4
 #: Points on sheets that face alike are at least this far apart in tile coordinates. It tells sheets
 #: from each other where a map squeezes tiles to less than the spacing of seeds.
 APART = 0.4
+#: Tiles whose longest side, cubed, is this many times their volume are squeezed.
+SQUEEZED = 10.0
 #: Seeds with a larger curvature times spacing say nothing about the normals next to them.
 SHARP = 2.0
 
@@ -162,6 +164,19 @@ def wanted(sp, sx, sn, idx, row, c, x, feet, seconds, i, used, h):
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
+def slid(geom, orient, m, start, p):
+    """Whether an iteration left the domain for p where the map, of jet m, squeezes tiles.
+
+    It may have jumped over a fold, to a foot farther away than the edge of the sheet on the face.
+    """
+    if not outside(geom, p) or outside(geom, start):
+        return False
+    g = metric(m)
+    longest = max(g[0], g[1], g[2])
+    return SQUEEZED * orient * cofactor_normal(m, p)[1] < longest * np.sqrt(longest)
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def accept(geom, box, clip, orient, m, p, y, x, q, lam, st, h, feet, seconds, i, empty):
     """File a converged foot: 2 if it is the best now, 1 if not, 0 if it does not count.
 
@@ -231,10 +246,10 @@ def multi_start(
             )  # fmt: skip
             if clip:
                 start = clamp(start, box)
-        firm = 1.0 if soft > LOOSE and status == OK else 0.05
-        best = (feet[i, 3], feet[i, 4], feet[i, 5], feet[i, 6], firm)
         held = clip
         while True:
+            firm = 1.0 if soft > LOOSE and status == OK else 0.05
+            best = (feet[i, 3], feet[i, 4], feet[i, 5], feet[i, 6], firm)
             p, y, lam, low, n, st = newton(
                 d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
                 x, start, best, box, held, h, tol, b, m, t, tab,
@@ -250,7 +265,7 @@ def multi_start(
                 soft = low
                 if low <= LOOSE:
                     along = soft_direction(m, t, x, lam, low, (0, 0, 0))
-            if filed > 0 or held or st == WORSE:
+            if held or ((filed > 0 or st == WORSE) and not slid(geom, orient, m, start, p)):
                 break
             held = True  # where the continuation folds or ends, the sheet ends at the face
             start = clamp(start, box)

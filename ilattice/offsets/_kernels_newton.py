@@ -17,6 +17,8 @@ from numba import njit
 from ilattice.offsets._kernels_jets import FAST, map_jet, metric, solve_sym, sym, tangents, tile_jet
 
 MAX_ITERATIONS = 30
+#: Where the lowest eigenvalue is less, a stationary point is a saddle, and left; clear ones early.
+SADDLE, CLEAR_SADDLE = -1e-3, -0.1
 
 OK = 0
 BOUNDARY = 1
@@ -161,15 +163,32 @@ def held_back(p, box, jr, t, lam, fixed):
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
-def corner_foot(p, box, jr, t):
-    """Whether p is a corner of the box on the surface and a local minimum, and a multiplier.
+def at_bounds(p, d, box, fixed):
+    """Whether a direction is held, or the step d ends outside the box."""
+    for a in range(3):
+        if fixed[a] or p[a] + d[a] < box[0, a] or p[a] + d[a] > box[1, a]:
+            return True
+    return False
 
-    It is one if a multiplier makes the gradient push against all three bounds.
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def vertex_foot(p, box, jr, t):
+    """Whether p, on an edge or at a corner of the box, is a local minimum, and a multiplier.
+
+    It is one if it is on the surface and a multiplier makes the gradient of the Lagrangian vanish
+    along the edge, and push against all bounds. Without this test, bounds are held or let go by
+    the multiplier of the last step, and there is none yet where the start is such a point.
     """
     low, high = -np.inf, np.inf
+    free = 0
     for a in range(3):
         if p[a] > box[0, a] and p[a] < box[1, a]:
-            return False, 0.0
+            free += 1
+            if free > 1 or t[1 + a] == 0.0:
+                return False, 0.0
+            low = max(low, -jr[a] / t[1 + a])
+            high = min(high, -jr[a] / t[1 + a])
+            continue
         s = 1.0 if p[a] <= box[0, a] else -1.0
         if s * t[1 + a] > 0.0:
             low = max(low, -jr[a] / t[1 + a])
@@ -239,8 +258,11 @@ def near(a, b, h):
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
-def abandon(m, r, size, best, h):
-    """Whether an iteration heads for the known foot, or for one that is farther away."""
+def abandon(m, r, size, low, best, h):
+    """Whether an iteration heads for the known foot, or for one that is farther away.
+
+    Not so for a saddle, from which it goes on downhill.
+    """
     if not best[3] < np.inf:
         return False
     if size < 0.1 * h and near(
@@ -248,7 +270,27 @@ def abandon(m, r, size, best, h):
     ):
         return True
     dist = np.sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
-    return size < 0.3 * h and dist - 2.0 * size > best[3] + 0.1 * h
+    return size < 0.3 * h and low >= SADDLE and dist - 2.0 * size > best[3] + 0.1 * h
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def settled(size, last, d, dist, it, h, tol):
+    """Whether the step d, of length `size` in space after one of length `last`, is the last one.
+
+    Feet must be sharper where they are near: an error e of the foot is one of e² / (2 dist) of
+    the distance, or of e if that is less; `dist` is that before the step. Near a centre of
+    curvature convergence is linear, but the distance is flat there; where it is quadratic, the
+    next step can be told from the last two. Where det J = 0, a step may be long in tiles and
+    bend away from J d.
+    """
+    if it == MAX_ITERATIONS - 1:
+        return size <= 1e-3 * h
+    if size > 3e-5 * h or d[0] * d[0] + d[1] * d[1] + d[2] * d[2] > 1e-9:
+        return False
+    sharp = h * max(min(1.0, np.sqrt(1e4 * max(dist - size, 0.0) / h)), 1e-4)
+    if size <= tol * sharp or (it > 6 and size <= 1e-6 * sharp):
+        return True
+    return size * size * size <= tol * sharp * last * last
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
@@ -271,6 +313,7 @@ def newton(
     lam = 0.0
     low = 1.0
     last = 0.0
+    left = 0
     y = (0.0, 0.0, 0.0)
     for it in range(MAX_ITERATIONS):
         map_jet(d0, d1, d2, k0, k1, k2, c, geom, p, 2, b, m)
@@ -284,29 +327,28 @@ def newton(
                 m[0, 2] * r[0] + m[1, 2] * r[1] + m[2, 2] * r[2],
                 m[0, 3] * r[0] + m[1, 3] * r[1] + m[2, 3] * r[2],
             )
-            at_corner, corner_lam = corner_foot(p, box, jr, t)
-            if at_corner:
+            found, vertex_lam = vertex_foot(p, box, jr, t)
+            if found:
                 y = (m[0, 0], m[1, 0], m[2, 0])
-                return p, y, corner_lam, lowest(m, t, r, corner_lam), it + 1, BOUNDARY
+                return p, y, vertex_lam, lowest(m, t, r, vertex_lam), it + 1, BOUNDARY
             fixed = active_set(p, box, jr, t, lam, clip)
-        floor = 0.1 if it < 3 else 0.02 if it < 8 else 5e-4
+        since = it - left
+        floor = 0.1 if since < 3 else 0.02 if since < 8 else 5e-4
         d, lam, size, low = kkt_step(m, t, r, lam, it == 0, fixed, floor)
         if not np.isfinite(size):
             return p, y, lam, low, it + 1, FAILED
-        # near a centre of curvature convergence is linear, but the distance is flat there;
-        # and where convergence is quadratic, the next step can be told from the last two
-        small = size <= tol * h or (it > 6 and size <= 1e-6 * h)
-        sure = size * size * size <= tol * h * last * last and (
-            d[0] * d[0] + d[1] * d[1] + d[2] * d[2] <= 1e-9
-        )
-        small = small or (size <= 3e-5 * h and sure)
+        dist = np.sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
+        small = settled(size, last, d, dist, it, h, tol)
+        if clip and small and it < MAX_ITERATIONS - 1 and at_bounds(p, d, box, fixed):
+            # multipliers are those before the step, and must keep their signs over it
+            small = size <= max(1e-4 * dist, 1e-12 * h)
+            small = small and not held_back(p, box, jr, t, lam, fixed)
         last = size
-        small = small or (it == MAX_ITERATIONS - 1 and size <= 1e-3 * h)
-        if clip and small and it < MAX_ITERATIONS - 1:
-            small = not held_back(p, box, jr, t, lam, fixed)
-        if it > 0 and not small and abandon(m, r, size, best, h):
+        if it > 0 and not small and abandon(m, r, size, low, best, h):
             return p, y, lam, low, it + 1, WORSE
-        if small and low < -1e-3 and it < MAX_ITERATIONS - 1:  # a saddle: leave it
+        saddle = low < SADDLE and (small or (size <= 0.01 * h and low < CLEAR_SADDLE))
+        if saddle and it < MAX_ITERATIONS - 1:
+            left = it + 1
             p = leave(m, t, x, lam, low, p, 0.3 * h, fixed, box, clip)
             continue
         if size > 2.0 * h:

@@ -142,11 +142,14 @@ def test_both_feet_are_known_across_the_medial_axis(lattice):
     """Between two points whose feet differ, the nearest feet trade places."""
     u, v = inner_points(lattice, 300, 4), inner_points(lattice, 300, 5)
     v = u + 0.1 * (v - u)
+    foot_u, foot_v = lattice.closest(u).foot, lattice.closest(v).foot
     for _ in range(24):
         middle = 0.5 * (u + v)
-        feet = [lattice.closest(a).foot for a in (u, middle, v)]
-        left = np.linalg.norm(feet[0] - feet[1], axis=1) > np.linalg.norm(feet[1] - feet[2], axis=1)
-        u, v = np.where(left[:, None], u, middle), np.where(left[:, None], middle, v)
+        foot = lattice.closest(middle).foot
+        left = np.linalg.norm(foot_u - foot, axis=1) > np.linalg.norm(foot - foot_v, axis=1)
+        left = left[:, None]
+        u, foot_u = np.where(left, u, middle), np.where(left, foot_u, foot)
+        v, foot_v = np.where(left, middle, v), np.where(left, foot, foot_v)
     a, b = lattice.closest(u), lattice.closest(v)
     crossed = np.linalg.norm(a.foot - b.foot, axis=1) > 0.1 * tile_size(lattice, u)
     assert crossed.sum() > 10

@@ -1,6 +1,5 @@
 """Walls end to end: exact cases, both boundary rules, seams, caching, orientation, doors."""
 
-import numba
 import numpy as np
 import pytest
 
@@ -97,36 +96,6 @@ def test_left_handed_maps_give_outward_meshes():
     mesh = il.Lattice("schwarz_p", through=box).offset(0.1).mesh(h=0.08)
     assert mesh.is_oriented
     assert mesh.volume > 0
-
-
-def test_gradient_of_the_distance_has_unit_length(torus):
-    u = np.random.default_rng(2).random((300, 3)) * [1, 0.8, 0.8] + [0, 0.1, 0.1]
-    found = torus.closest(u)
-    far = ~np.isfinite(found.second_distance) | (
-        np.abs(found.second_distance) > np.abs(found.distance) + 0.05
-    )
-    x, jacobian = torus.through.jet(u, 1)
-    step = 1e-5
-    gradient = np.empty((len(u), 3))
-    for c in range(3):
-        shift = np.linalg.solve(jacobian, np.broadcast_to(np.eye(3)[c], (len(u), 3))[..., None])
-        ahead = torus.distance(u + step * shift[..., 0])
-        behind = torus.distance(u - step * shift[..., 0])
-        gradient[:, c] = (ahead - behind) / (2 * step)
-    length = np.linalg.norm(gradient, axis=1)
-    assert np.median(np.abs(length - 1)[far]) < 1e-6
-    assert np.abs(x - found.foot - found.distance[:, None] * gradient)[far].max() < 1e-2
-
-
-def test_two_thread_counts_give_identical_bytes(torus):
-    u = np.random.default_rng(3).random((2000, 3))
-    threads = numba.get_num_threads()
-    out = []
-    for n in (1, threads):
-        numba.set_num_threads(n)
-        out.append(torus.distance(u).tobytes())
-    numba.set_num_threads(threads)
-    assert out[0] == out[1]
 
 
 def test_streamed_walls_equal_meshed_ones(tmp_path):
