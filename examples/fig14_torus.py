@@ -6,10 +6,10 @@ wall is thick, pores close, so that it has fewer, and nobody had to look for sel
 
 Where the topology changes is known before anything is meshed: at the critical values of the
 distance to the mid-surface. An eighth of a tile of the gyroid has these: at 0.125 sheets meet on
-the faces of the torus; at 0.228 the throats of the pores close, which cuts them into cells; the
-cells are filled between 0.230 and 0.246, beyond which the torus is full. In (b) each happens where
-the half-thickness passes that value: the throats close at 71 % of the way from the thinnest place
-to the thickest. The cells that are left there are shallower than the distance spline can tell from
+the faces of the torus; at 0.228 the first throats of the pores close, and at 0.234 the last, which
+cuts them into cells; the deepest of these is filled at 0.244. In (b) each happens where the
+half-thickness passes that value: the throats close at 71 % of the way from the thinnest place to
+the thickest. The cells that are left there are shallower than the distance spline can tell from
 full: the last pore of the mesh is where the half-thickness is 0.23.
 
     python examples/fig14_torus.py

@@ -130,8 +130,9 @@ def test_fig14_says_at_which_thickness_the_topology_changes():
     first = {kind: min(p.value for p in found if p.kind == kind) for kind in ("bridge", "neck")}
     assert first["bridge"] == pytest.approx(0.125, abs=1e-4)
     assert first["neck"] == pytest.approx(0.228, abs=5e-4)
-    voids = [p.value for p in found if p.kind == "void"]
-    assert 0.230 < min(voids) < max(voids) < 0.2465
+    assert max(p.value for p in found if p.kind == "neck") == pytest.approx(0.2342, abs=5e-4)
+    assert found[-1].kind == "void"
+    assert found[-1].value == pytest.approx(0.2436, abs=1e-4)  # the deepest place: by climbing
 
 
 def test_fig15_thickness_is_right_everywhere():

@@ -2,9 +2,10 @@
 
 Guarantees: Betti numbers are those of the closed surface that contouring gives, and every void and
 island is counted with place and volume. Critical thicknesses are those of the exact distance.
-Non-guarantees: parts and gaps thinner than the mesh are not seen; contours follow the distance
-spline, which rounds off the middle of pores and so closes them early, by up to about a third of
-its span. `TopologySweep.unexplained` names intervals in which events and contours disagree.
+Contours of walls take exact distances at kinks, so that pores close when they should.
+Non-guarantee: parts and gaps thinner than the mesh are not seen, or in pieces: pores that are about
+to close need an `h` smaller than they are wide. `TopologySweep.unexplained` names intervals in
+which events and contours disagree.
 """
 
 from collections.abc import Sequence
@@ -167,9 +168,10 @@ def wall_topology(
     wall: "Wall", h: float | None, necks: float | None, progress: Progress
 ) -> TopologyReport:
     """Topology of a wall; see `ilattice.offsets.Wall.topology`."""
+    from ilattice.mesh.wall_mesh import wall_contour
     from ilattice.offsets.critical import critical_points
 
-    report = topology_of(wall.mesh(h, polish=False, progress=progress))
+    report = topology_of(wall_contour(wall, h, progress=progress))
     reach = 0.1 * wall.least_thickness if necks is None else float(necks)
     if not wall._exact or wall.lattice.boundary == "clip" or reach <= 0.0:
         return report
@@ -182,15 +184,16 @@ def topology_sweep(
     lattice: "Lattice", d_values: ArrayLike, *, h: float | None = None, progress: Progress = None
 ) -> TopologySweep:
     """Changes of topology with the thickness; see `Lattice.topology_sweep`."""
+    from ilattice.mesh.wall_mesh import wall_contour
     from ilattice.offsets.critical import critical_points
 
     d = np.array(np.atleast_1d(as_array("d_values", d_values)))
     if d.ndim != 1 or len(d) < 2 or not d[0] > 0 or (np.diff(d) <= 0).any():
         raise InputError(f"d_values must be two or more increasing half-thicknesses, got {d!r:.80}")
-    reports = []
-    for value in track(d.tolist(), "topology", progress):
-        mesh = lattice.offset(value).mesh(h, polish=False)
-        reports.append(topology_of(mesh))
+    reports = [
+        topology_of(wall_contour(lattice.offset(value), h, progress=None))
+        for value in track(d.tolist(), "topology", progress)
+    ]
     events = tuple(critical_points(lattice, float(d[0]), float(d[-1])))
     unexplained = []
     for i in range(len(d) - 1):

@@ -7,8 +7,9 @@ when they should. The triangles of `wall_mesh` do not pass through each other
 (`ilattice.mesh.untangle`) and have no slivers (`ilattice.mesh.repair`); those of `wall_pieces`
 may, for their neighbours may be gone. Vertices that cannot be polished, that stray, or that would
 make triangles cross, are marked as ``held`` in the point data and, where they are many, counted
-in a `PrecisionWarning`. Non-guarantee: where two offset surfaces meet in a crease, triangles do
-not follow the crease.
+in a `PrecisionWarning`; so are those next to jumps of the distance, in corners of the domain beyond
+which the map folds (`ilattice.offsets.closest`). Non-guarantee: where two offset surfaces meet in
+a crease, triangles do not follow the crease.
 """
 
 from __future__ import annotations
@@ -65,9 +66,7 @@ def wall_mesh(
     kept = new.repair.vertices
     held = (new.held | lost)[kept] & (side[kept] != 0)
     _warn(int(held.sum()), len(kept), new.left)
-    faces = new.repair.faces
-    if wall.lattice.through.orientation < 0:
-        faces = np.ascontiguousarray(faces[:, ::-1])
+    faces = _outward(wall, new.repair.faces)
     data = _point_data(wall, new.u[kept], side[kept]) | {"held": held.astype(np.int8)}
     mesh = SurfaceMesh.adopt(new.x[kept].astype(dtype, copy=False), faces, data)
     if mesh.vertices.dtype == np.float64:
@@ -86,10 +85,22 @@ def wall_pieces(
     for raw in contour_blocks(job.field, job.axes, **job.options):
         u, lost = job.settle(raw.vertices, raw.kind, job.side(raw))
         _warn(int(lost.sum()), len(u), 0)
-        x, faces = wall.lattice.through.x(u), raw.faces
-        if wall.lattice.through.orientation < 0:
-            faces = np.ascontiguousarray(faces[:, ::-1])
-        yield x, faces
+        yield wall.lattice.through.x(u), _outward(wall, raw.faces)
+
+
+def wall_contour(wall: Wall, h: float | None, *, progress: Progress) -> SurfaceMesh:
+    """Contour of a wall for counting: exact distances at kinks, vertices as contouring leaves them.
+
+    Other than the mesh of `wall_mesh`, it has no point data, and may contain slivers.
+    """
+    job = _Job.of(wall, h, wall._exact, progress)
+    raw = contour_arrays(job.field, job.axes, **job.options)
+    return SurfaceMesh.adopt(wall.lattice.through.x(raw.vertices), _outward(wall, raw.faces), {})
+
+
+def _outward(wall: Wall, faces: AnyArray) -> AnyArray:
+    """Triangles counter-clockwise seen from outside, also behind a left-handed map."""
+    return np.ascontiguousarray(faces[:, ::-1]) if wall.lattice.through.orientation < 0 else faces
 
 
 @dataclass(frozen=True)

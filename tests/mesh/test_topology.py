@@ -151,6 +151,20 @@ def test_pinch_off_of_schwarz_p_is_the_radius_of_its_neck():
     assert sweep.unexplained == ()
 
 
+def test_pores_narrower_than_two_spans_of_the_spline_stay_open():
+    """The throats of Schwarz P are 0.07 wide; the distance spline alone closes them."""
+    wall = lattice("schwarz_p").offset(0.2)
+    assert wall.topology(0.04, necks=0).betti == (1, 5, 0)
+    assert topology_of(wall.mesh(0.04, polish=False)).betti != (1, 5, 0)
+
+
+def test_necks_of_a_bent_gyroid_are_no_voids():
+    """In a cube its necks are monkey saddles; bent ones are two necks each, eight in a quarter."""
+    bent = il.Lattice("gyroid", through=il.macroshape.torus(3.2, 1.0), repeat=(20, 1, 1))
+    found = critical_points(bent, 0.2, 0.228, within=[[0.015, 0, 0], [0.0275, 1, 1]])
+    assert [(e.kind, e.change, e.feet) for e in found] == 8 * [("neck", 1, 2)]
+
+
 def test_events_explain_the_contours_of_a_torus():
     """Bent cells: the necks inside, outside, above and in between close one after the other."""
     through = il.macroshape.torus(2.0, 1.5)
