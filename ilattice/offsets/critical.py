@@ -14,7 +14,7 @@ mirror planes) count right, and necks are not taken for voids.
 Guarantees: at what is reported the feet balance to 1e-5, and no foot is nearer.
 Non-guarantees: completeness, because the spline rounds off the kinks of the distance and events
 much closer to each other than its spans may be taken for one; compare Euler numbers, as
-`ilattice.mesh.topology` does. Missed are most voids that close on focal curves of the mid-surface,
+`ilattice.mesh.topology` does. Missed are voids that close on focal curves of the mid-surface,
 where feet become one: those of bent gyroids. Where whole curves or surfaces are critical (parallel
 planes), what is reported is meaningless.
 """
@@ -24,9 +24,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import pairwise, product
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from scipy.ndimage import maximum_filter
 from scipy.optimize import nnls
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
@@ -55,6 +56,8 @@ FLAT, STEEP = 0.2, 0.05
 #: Points nearer than this to each other, in spans, are one.
 SAME = 0.02
 MOST_SEEDS = 64
+#: Rounds of climbing to where the distance is greatest, and tries in each.
+CLIMBS, WAYS = 40, 48
 #: Weight of the condition that weights sum to 1; weights below which feet play no part.
 HEAVY, LIGHT = 1e3, 1e-3
 CHUNK = 1 << 16
@@ -170,6 +173,7 @@ def critical_points(
         cells = search.starts(on, low, high)
         cells = cells[((cells >= box[0]) & (cells <= box[1])).all(axis=1)]
         search.add_new(search.search_from(cells, on), found)
+    search.add_new(search.solve(search.summits(box, low, high), (0, 0, 0)), found)
     slack = 1e-9 * np.ptp(box, axis=0)
     found = [
         p
@@ -212,6 +216,41 @@ class _Search:
         """Critical points near centres of cells, also by way of those of the spline."""
         starts = np.concatenate([self._on_spline(cells, on), cells])
         return self.solve(self._worth_a_try(starts, on), on)
+
+    def summits(self, box: FloatArray, low: float, high: float) -> FloatArray:
+        """Places in a box where the value is greatest nearby, climbed from the cells' highest.
+
+        Near them feet come and go, so that Newton's method needs a close start.
+        """
+        middles = [0.5 * (b[:-1] + b[1:]) for b in self.breaks]
+        u = np.stack(np.meshgrid(*middles, indexing="ij"), axis=-1)
+        shape, u = u.shape[:3], u.reshape(-1, 3)
+        height = self._value(u, self.distance)
+        modes: list[Any] = ["wrap" if c else "nearest" for c in self.lattice.through.closed]
+        top = height == maximum_filter(height.reshape(shape), 3, mode=modes).ravel()
+        slack = np.linalg.norm(self.lattice.through.jacobian(u) * self.span, axis=(1, 2))
+        top &= (height >= low - slack) & (height <= high + slack)
+        u = u[top & (u >= box[0]).all(axis=1) & (u <= box[1]).all(axis=1)]
+        best, step = self._value(u, self.lattice.distance), np.full(len(u), 0.5)
+        rng = np.random.default_rng(0)
+        for _ in range(CLIMBS if len(u) else 0):
+            way = rng.normal(size=(len(u), WAYS, 3))
+            way *= step[:, None, None] / np.linalg.norm(way, axis=2, keepdims=True)
+            there = np.clip(self._wrapped(u[:, None] + way * self.span), *self.domain)
+            value = self._value(there.reshape(-1, 3), self.lattice.distance).reshape(len(u), WAYS)
+            k = value.argmax(axis=1)
+            higher = value.max(axis=1) > best
+            u = np.where(higher[:, None], there[np.arange(len(u)), k], u)
+            best = np.maximum(best, value.max(axis=1))
+            step[~higher] *= 0.6
+        return u
+
+    def _value(self, u: FloatArray, distance: Any) -> FloatArray:
+        """Distance less the half-thickness of the side."""
+        side = self._side(u)
+        less = np.where(side > 0, self._less(u, 1), self._less(u, -1))
+        value: FloatArray = np.abs(distance(u)) - less
+        return value
 
     def _worth_a_try(self, u: FloatArray, on: tuple[int, ...]) -> FloatArray:
         """Those points at which the feet almost balance."""
