@@ -267,6 +267,11 @@ class Program:
     leaves: tuple[tuple[Any, tuple[Any, ...]], ...] = field(default=())
 
     @property
+    def kinked(self) -> bool:
+        """Whether the gradient may jump."""
+        return bool(self.leaves) or any(int(c) in ops.KINKED for c in self.code)
+
+    @property
     def prune(self) -> bool:
         """Whether shorter programs for parts of space may pay."""
         choices = np.isin(self.code, (ops.MIN, ops.MAX)).sum()

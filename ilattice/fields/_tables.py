@@ -12,4 +12,5 @@ SINH, COSH, TANH, EXP, LOG, SIGN, FLOOR, CEIL = range(15, 23)
 BINARY = 23  # codes from here on read two registers
 ADD, SUB, MUL, DIV, MIN, MAX, POW, ATAN2, MOD, WRAP = range(23, 33)
 
+KINKED = frozenset({ABS, SQRT, SIGN, FLOOR, CEIL, MIN, MAX, POW, ATAN2, MOD, WRAP})
 COMMUTES = frozenset({ADD, MUL})  # minima and maxima have the slope of the first of equals

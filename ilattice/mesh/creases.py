@@ -15,6 +15,7 @@ creases that bend by less than about 35 degrees stay chamfered, as do several of
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import binary_dilation
 from scipy.spatial import cKDTree
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
@@ -31,6 +32,7 @@ ON_SURFACE = 1e-9  # of the largest coordinate: how far corners on the surface m
 STEPS = 10  # of root finding along edges
 BEYOND = 0.5  # widths of its cell that a vertex may be outside, where no triangles cross
 TURNS = 30  # between planes and cells
+BOX = 3  # cells per side of the boxes in which triangles are compared
 TRIES = 8  # at most, to find places without crossing triangles
 RANK = 0.1  # smaller eigenvalues, as parts of the largest, are directions without a plane
 
@@ -66,52 +68,76 @@ def sharpened(raw: Contour, field: Any, axes: Any, corners: FloatArray | None = 
     normal = _normals(field, foot)
     at = np.flatnonzero(off | _creased(len(x), around, normal))
     A, b = _equations(x, at, raw.kind, around, foot, normal)
-    places = np.stack([x, x, x])
-    for k, beyond in enumerate((BEYOND, 0.0)):
-        places[k, at] = _kept(field, x[at], _nearest(x[at], A, b, axes, beyond))
+    wide, tight = (
+        _kept(field, x[at], _nearest(x[at], A, b, axes, beyond)) for beyond in (BEYOND, 0.0)
+    )
     if corners is not None:
-        _snap(places[0], raw.kind, corners, field, axes)
-    new, faces = _folded(raw.faces, places, quads, rows, field)
+        at, wide, tight = _snapped(x, at, wide, tight, raw.kind, corners, field, axes)
+    places = np.stack([wide, tight, x[at]])
+    new, faces = _folded(raw.faces, x, at, places, quads, rows, field, axes)
     return Contour(new.astype(raw.vertices.dtype), faces, raw.kind, raw.first_vertex)
 
 
 def _folded(
-    old: IntArray, places: FloatArray, quads: IntArray, rows: IntArray, field: Any
-) -> tuple[FloatArray, IntArray]:
+    old: IntArray, x: FloatArray, at: IntArray, places: FloatArray, quads: IntArray,
+    rows: IntArray, field: Any, axes: Any,
+) -> tuple[FloatArray, IntArray]:  # fmt: skip
     """Vertices and triangles; each takes the first of its places at which no triangles cross."""
-    choice, every = np.zeros(places.shape[1], np.int64), np.arange(places.shape[1])
+    new, moved, row = x.copy(), np.zeros(len(x), np.bool_), np.full(len(x), -1)
+    row[at] = np.arange(len(at))
+    close = np.flatnonzero(_close_to(x, at, axes)[old].any(axis=1))
+    choice = np.zeros(len(at), np.int64)
     for _ in range(TRIES):
-        new, faces = places[choice, every], old.copy()
-        moved = (new != places[-1]).any(axis=1)
-        near = moved[quads].sum(axis=1) >= 2
+        new[at], moved[at] = places[choice, row[at]], choice < len(places) - 1
+        faces, near = old.copy(), moved[quads].sum(axis=1) >= 2
         _fold(field, new, quads[near], rows[near], faces)
-        pairs, crossing = self_intersections(new, faces, moved[faces].any(axis=1))
+        part = faces[close]
+        pairs, crossing = self_intersections(new, part, np.asarray(moved[part].any(axis=1)))
         if not pairs:
             break
-        back = np.unique(faces[crossing])
+        back = row[np.unique(part[crossing])]
+        back = back[back >= 0]
         choice[back] = np.minimum(choice[back] + 1, len(places) - 1)
     return new, faces
 
 
-def _snap(x: FloatArray, kind: AnyArray, corners: FloatArray, field: Any, axes: Any) -> None:
-    """Move vertices, in place, onto corners of the surface that are near, each onto its own."""
+def _close_to(x: FloatArray, at: IntArray, axes: Any) -> AnyArray:
+    """Which vertices are in boxes of cells next to, or with, the vertices `at`."""
+    box = [(np.searchsorted(planes, x[:, a]) + 1) // BOX for a, planes in enumerate(axes)]
+    mask = np.zeros([len(planes) // BOX + 2 for planes in axes], np.bool_)
+    mask[tuple(b[at] for b in box)] = True
+    mask = binary_dilation(mask, np.ones((3, 3, 3), np.bool_))
+    return np.asarray(mask[tuple(box)])
+
+
+def _snapped(
+    x: FloatArray, at: IntArray, wide: FloatArray, tight: FloatArray, kind: AnyArray,
+    corners: FloatArray, field: Any, axes: Any,
+) -> tuple[IntArray, FloatArray, FloatArray]:  # fmt: skip
+    """Vertices that move, with those that move onto a corner of the surface that is near."""
+    new = x.copy()
+    new[at] = wide
     h = min(float(np.diff(planes).min()) for planes in axes)
     size = float(np.abs(corners).max(initial=0.0))
     corners = corners[np.abs(field.jet(corners, 1)[0]) <= ON_SURFACE * size]
     if not len(corners):
-        return
-    found: Any = cKDTree(corners).query(x, distance_upper_bound=SNAP * h)
+        return at, wide, tight
+    found: Any = cKDTree(corners).query(new, distance_upper_bound=SNAP * h)
     distance, own = found
-    at = np.flatnonzero(np.isfinite(distance))
-    order = at[np.argsort(distance[at], kind="stable")]
-    at = order[np.unique(own[order], return_index=True)[1]]
-    new = corners[own[at]]
+    order = np.flatnonzero(np.isfinite(distance))
+    order = order[np.argsort(distance[order], kind="stable")]
+    more = order[np.unique(own[order], return_index=True)[1]]  # each corner for one vertex
+    target = corners[own[more]]
     for a in range(3):
-        held = (kind[at] >> (2 * a)) & 3 != 0
-        new[held, a] = x[at[held], a]
-    low, high = _cells(x[at], axes)
-    own_cell = ((low <= new) & (new <= high)).all(axis=1)
-    x[at[own_cell]] = new[own_cell]
+        held = (kind[more] >> (2 * a)) & 3 != 0
+        target[held, a] = x[more[held], a]
+    low, high = _cells(new[more], axes)
+    inside = ((low <= target) & (target <= high)).all(axis=1)
+    new[more[inside]] = target[inside]
+    every = np.union1d(at, more[inside])
+    old = x.copy()
+    old[at] = tight
+    return every, new[every], old[every]
 
 
 def _off_caps(kind: AnyArray, quads: IntArray) -> AnyArray:

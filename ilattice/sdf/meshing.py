@@ -133,6 +133,8 @@ class Plan:
                 self.inner, self.axes, progress=progress, dtype=np.float32, place="linear"
             )
         raw = contour_arrays(self.inner, self.axes, progress=progress)
+        if not self.inner.program.kinked:
+            return SurfaceMesh.adopt(raw.vertices, raw.faces)
         sharp = sharpened(raw, self.inner, self.axes, _corners(self.inner))
         repair = remove_slivers(sharp.vertices, sharp.faces, sharp.kind, quality=SLIVER)
         return SurfaceMesh.adopt(sharp.vertices[repair.vertices], repair.faces)
