@@ -142,10 +142,11 @@ def active_set(p, box, jr, t, lam, clip):
     f0 = jr[0] + lam * t[1]
     f1 = jr[1] + lam * t[2]
     f2 = jr[2] + lam * t[3]
+    e = 1e-9 * (abs(jr[0]) + abs(jr[1]) + abs(jr[2]))  # on planes of symmetry f is rounding
     return (
-        1 if (p[0] <= box[0, 0] and f0 > 0.0) or (p[0] >= box[1, 0] and f0 < 0.0) else 0,
-        1 if (p[1] <= box[0, 1] and f1 > 0.0) or (p[1] >= box[1, 1] and f1 < 0.0) else 0,
-        1 if (p[2] <= box[0, 2] and f2 > 0.0) or (p[2] >= box[1, 2] and f2 < 0.0) else 0,
+        1 if (p[0] <= box[0, 0] and f0 > e) or (p[0] >= box[1, 0] and f0 < -e) else 0,
+        1 if (p[1] <= box[0, 1] and f1 > e) or (p[1] >= box[1, 1] and f1 < -e) else 0,
+        1 if (p[2] <= box[0, 2] and f2 > e) or (p[2] >= box[1, 2] and f2 < -e) else 0,
     )
 
 

@@ -16,9 +16,7 @@ Non-guarantees: on the medial axis the foot is one of several; the distance is s
 distance may jump where a foot reaches the edge of the continuation, to that of another foot,
 which is at most as far away as the mid-surface in D. The foot is the nearest one as far as seeds
 cover the surface: `tests/compare_closest_points.py` compares large sets with a dense search, to
-1e-8 of the size of a tile plus 1e-7 of the distance. For queries on a plane of symmetry that is a
-face, the farther of two mirrored feet may be returned: one of 200 000 queries, farther by 5e-7 of
-its distance, is known (torus, I-WP, clipped, tile coordinates 12.25, 2, 1.5).
+1e-8 of the size of a tile plus 1e-7 of the distance.
 """
 
 from __future__ import annotations
