@@ -107,13 +107,14 @@ def check_threads(field, rng, box):
     """The same bits for one thread and for all."""
     p = rng.uniform(box[0], box[1], (5000, 3))
     ask = field.jet if hasattr(field, "jet") else lambda q: (field(q),)
-    many = ask(p)
-    threads = numba.get_num_threads()
-    numba.set_num_threads(1)
+    before, found = numba.get_num_threads(), []
     try:
-        one = ask(p)
+        for threads in (1, numba.config.NUMBA_NUM_THREADS):
+            numba.set_num_threads(threads)
+            found.append(ask(p))
     finally:
-        numba.set_num_threads(threads)
+        numba.set_num_threads(before)
+    one, many = found
     assert all(np.array_equal(a, b) for a, b in zip(one, many, strict=True))
 
 

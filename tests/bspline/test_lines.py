@@ -78,6 +78,7 @@ def test_singular_matrices_are_refused(a):
         line_operator(csr_array(np.eye(len(a))), csr_array(np.array(a)))
 
 
+@pytest.mark.threads
 def test_threads_do_not_change_a_bit():
     rng = np.random.default_rng(3)
     op = line_operator(csr_array(rng.random((30, 40))), csr_array(band_matrix(rng, 30, 2, 2, True)))

@@ -253,6 +253,7 @@ def test_bad_queries_are_refused():
     assert spline(np.zeros((0, 3))).shape == (0,)
 
 
+@pytest.mark.threads
 def test_threads_do_not_change_a_bit():
     rng = np.random.default_rng(8)
     spline = random_spline(rng, (2, 2, 2), repeats=False)

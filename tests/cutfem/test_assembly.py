@@ -218,6 +218,7 @@ def test_forces_add_up_and_gradients_are_those_of_fields():
     np.testing.assert_allclose(asm.evaluate(c, rule.points)[1], gradient, atol=1e-12)
 
 
+@pytest.mark.threads
 def test_threads_change_no_bit():
     bent = il.macroshape.torus(major=3.0, width=1.0)
     results = []

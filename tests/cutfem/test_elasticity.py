@@ -539,6 +539,7 @@ def test_a_column_buckles_at_eulers_load():
     assert load < euler
 
 
+@pytest.mark.threads
 def test_results_do_not_depend_on_the_number_of_threads():
     import numba
 

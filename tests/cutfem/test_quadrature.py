@@ -385,6 +385,7 @@ def test_the_seam_of_a_closed_direction_is_an_inner_face():
         cut.face(f"{'uvw'[axis]}=0")
 
 
+@pytest.mark.threads
 def test_threads_change_no_bit():
     cut = il.cutfem.cut(tuple(random_pair(7, 2)), 8)
 

@@ -74,6 +74,7 @@ def test_the_cycle_contracts(name, request):
     assert 0.9 < largest < 1 + 1e-3
 
 
+@pytest.mark.threads
 def test_bits_do_not_depend_on_the_number_of_threads(struts):
     before = numba.get_num_threads()
     results = []

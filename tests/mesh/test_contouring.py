@@ -403,6 +403,7 @@ def test_arrays_grow_beyond_what_was_reserved(monkeypatch):
         np.testing.assert_array_equal(getattr(grown, name), getattr(whole, name))
 
 
+@pytest.mark.threads
 @pytest.mark.parametrize("wrap", [False, True])
 def test_any_number_of_threads_gives_the_same_bytes(wrap):
     if numba.config.NUMBA_NUM_THREADS < 2:

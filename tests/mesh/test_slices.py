@@ -312,6 +312,7 @@ def test_memory_does_not_grow_with_the_number_of_slices(tmp_path):
     assert peak[64] < 1.05 * peak[8]
 
 
+@pytest.mark.threads
 def test_threads_do_not_change_anything():
     before = numba.get_num_threads()
     loops = []

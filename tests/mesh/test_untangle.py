@@ -196,6 +196,7 @@ def test_vertices_are_held_back_where_nothing_else_helps(monkeypatch):
     assert error[~held & (side != 0)].max() < 5e-6
 
 
+@pytest.mark.threads
 def test_meshes_do_not_depend_on_the_number_of_threads():
     wall = wall_of("c_s")
     threads = numba.get_num_threads()

@@ -172,6 +172,7 @@ def test_second_feet_of_a_stack_of_planes():
     np.testing.assert_allclose(np.abs(found.second_distance)[:2], [0.25, 0.251], atol=1e-4)
 
 
+@pytest.mark.threads
 def test_results_are_the_same_for_any_number_of_threads_and_order(lattice):
     u = inner_points(lattice, 1500, 6)
     whole = lattice.closest(u)

@@ -380,6 +380,7 @@ def test_trees_of_many_equal_or_ever_smaller_parts(ratio):
     np.testing.assert_allclose(np.abs(field(points)), expected, atol=1e-15)
 
 
+@pytest.mark.threads
 def test_any_number_of_threads_gives_the_same_faulty_sides():
     (v, f), _ = faulty("open")
     with pytest.warns(PrecisionWarning):
