@@ -1,15 +1,17 @@
 """Sharp edges and corners of solids whose fields have kinks: vertices move onto the creases.
 
 Contours of unions, intersections and meshes chamfer edges within a cell. Here every quad tells its
-tangent plane, from the gradient of the field where its middle meets the surface; where the planes
-around a vertex differ, it moves to the point that is nearest to all of them, inside its cell (dual
-contouring: Ju, Losasso, Schaefer and Warren, Proc. SIGGRAPH 2002), and quads fold along the edge.
-Vertices next to given corners, those of a mesh that is contoured again, move onto them: on the same
-grid a mesh becomes itself, however often.
+tangent plane, from the gradient of the field where the edge of the grid that it surrounds crosses
+the surface; where the planes around a vertex differ, it moves to the point that is nearest to all
+of them (dual contouring: Ju, Losasso, Schaefer and Warren, Proc. SIGGRAPH 2002), half a cell beyond
+its own at most, and quads fold along the edge. Where triangles cross then, vertices go to such a
+point in their own cells, and next back. Vertices next to given corners, those of a mesh that is
+contoured again, move onto them: on the same grid a mesh becomes nearly itself, however often.
 
-Guarantees: vertices stay in their cells and on the faces of the domain that they lie on; none
-moves to where the field is farther from the level; elsewhere nothing changes. Non-guarantees:
-creases that bend by less than about 35 degrees stay chamfered, as do several of them in one cell.
+Guarantees: the same triangles up to the diagonals of quads; vertices stay on the faces of the
+domain that they lie on; away from creases nothing changes. Non-guarantees: creases that bend by
+less than about 35 degrees stay chamfered, as do several of them in one cell, and wedges thinner
+than a cell; after `TRIES` rounds triangles that still cross are left.
 """
 
 from typing import Any

@@ -40,7 +40,7 @@ MARGIN = 0.25  # spacings between the solid and the outermost planes, at least
 SLIVER = 0.005  # quality below which triangles are removed
 COARSE = 40  # samples per side of the estimate
 FIRST = 24  # spacings along the longest side where a tolerance picks them
-SETTLED = 90.0  # percent of the triangles that keep the tolerance: edges are chamfered
+SETTLED = 90.0  # percent of the triangles that keep the tolerance: some edges stay chamfered
 
 
 @dataclass(frozen=True, eq=False)
