@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 import ilattice as il
-from ilattice._expression import parse
 from ilattice._progress import Progress
 from ilattice._stages import Stages
 from ilattice._warmup import aside
 from ilattice.errors import FormatError, InputError
+from ilattice.fields.equation import has_coordinates
 from ilattice.io._common import write_report
 from ilattice.io.registry import WRITERS
 from ilattice.io.splines import list_patches
@@ -88,6 +88,30 @@ def cell(spec: str, space: "il.SplineMap", seed: int | None = None) -> "il.Tile 
     return il.tiles.hybrid(*names, weight=il.tiles.sigmoid(axis, centres, 0.5 * part))
 
 
+def half_thickness(value: str | float) -> Any:
+    """A half-thickness from a command line.
+
+    Parameters
+    ----------
+    value : str or float
+        A number, or an equation in u, v, w; see `ilattice.fields.equation`.
+
+    Returns
+    -------
+    float or Node
+        What `offset` takes: the number, also of constant equations such as ``"1/8"``, or a field.
+
+    Raises
+    ------
+    InputError
+        For any other text, with the place of the first wrong character.
+    """
+    if not isinstance(value, str):
+        return value
+    found = il.fields.equation(value, variables=("u", "v", "w"))
+    return found if has_coordinates(found) else il.fields.constant(value)
+
+
 def build(
     *,
     tile: str,
@@ -113,7 +137,7 @@ def build(
     repeat : tuple of int
         Number of tiles along u, v and w.
     thickness : str or float
-        Half-thickness: a number, or a formula in u, v, w.
+        Half-thickness: a number, or an equation in u, v, w.
     output : sequence of path-like
         Files to write; the endings pick the formats.
     tol : float, optional
@@ -136,7 +160,7 @@ def build(
     """
     check_outputs([*output, *([report] if report else [])])
     check_endings(output, "SurfaceMesh")
-    d = parse(thickness) if isinstance(thickness, str) else thickness
+    d = half_thickness(thickness)
     for name in tile.split(","):
         il.tiles.row(name)
     stages = Stages()
@@ -215,7 +239,7 @@ def slices(
     """
     check_outputs(output)
     check_endings(output, "SliceStack")
-    d = parse(thickness) if isinstance(thickness, str) else thickness
+    d = half_thickness(thickness)
     space = volume(through)
     lattice = il.Lattice(cell(tile, space, seed), through=space, repeat=repeat)
     wall = lattice.offset(d, progress=progress)

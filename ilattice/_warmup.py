@@ -18,7 +18,6 @@ from pathlib import Path
 import numpy as np
 
 import ilattice as il
-from ilattice._expression import parse
 from ilattice._progress import Progress, track
 from ilattice.mesh.repair import remove_slivers
 
@@ -72,7 +71,7 @@ def walls(through: "il.SplineMap") -> None:
     """
     lattice = il.Lattice(il.tiles.get("gyroid"), through=through, repeat=(3, 1, 1))
     with tempfile.TemporaryDirectory() as folder:
-        for d in (0.05, parse("0.05 + 0.001*u")):
+        for d in (0.05, il.fields.equation("0.05 + 0.001*x")):
             wall = lattice.offset(d)
             mesh = wall.mesh(0.05)
             wall.thickness_error(mesh)

@@ -140,7 +140,7 @@ def _add_build(app: "App") -> None:
         repeat
             Number of tiles along u, v and w.
         thickness
-            Half-thickness: a number, or a formula in u, v, w such as "0.1 + 0.05*sin(2*pi*u)".
+            Half-thickness: a number, or an equation in u, v, w, "0.1 + 0.05*sin(2*pi*u)".
         output
             Files to write; the endings pick the formats.
         tol
@@ -205,7 +205,7 @@ def _add_slice(app: "App") -> None:
         repeat
             Number of tiles along u, v and w.
         thickness
-            Half-thickness: a number, or a formula in u, v, w.
+            Half-thickness: a number, or an equation in u, v, w.
         layer
             Thickness of the layers.
         output

@@ -33,6 +33,15 @@ def fails(arguments, code, capfd):
     return err
 
 
+def test_thicknesses_are_numbers_or_fields():
+    assert _job.half_thickness(0.2) == 0.2
+    assert _job.half_thickness("1/8") == 0.125
+    assert isinstance(_job.half_thickness("1/8"), float)
+    p = np.array([[0.25, 0.5, 1.0]])
+    np.testing.assert_allclose(_job.half_thickness("0.1 + 0.09*(1 - cos(2*pi*u))")(p), 0.19)
+    np.testing.assert_array_equal(_job.half_thickness("0*u")(p), [0.0])
+
+
 def test_build_writes_all_files_and_the_report(tmp_path, capfd):
     files = [tmp_path / name for name in ("a.stl", "a.vtp", "a.ply")]
     report = tmp_path / "a.json"
@@ -85,6 +94,9 @@ def test_features_of_the_wall_are_reported(tmp_path, capfd):
         ({"repeat": ["1", "x", "1"]}, "repeat"),
         ({"thickness": ["0.1+"]}, "0.1+"),
         ({"thickness": ["-0.1"]}, "-0.1"),
+        ({"thickness": ["u + x"]}, "unknown name 'x'"),
+        ({"thickness": ["1/(u - u)"]}, "must be finite, but is inf at [0"),
+        ({"thickness": ["1/0"]}, "not a finite number"),
         ({"thickness": ["os.system('true')"]}, "os.system"),
         ({"tol": ["0"]}, "tol"),
         ({"h": ["-1"]}, "h"),

@@ -1,4 +1,4 @@
-"""Equations in x, y, z as fields: parsed, never evaluated by Python.
+"""Equations in x, y, z, or other names of coordinates, as fields: parsed, never run by Python.
 
 ::
 
@@ -15,7 +15,7 @@ Not guaranteed: that an equation has values everywhere: ``sqrt(x)`` is NaN for n
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -102,8 +102,8 @@ def _applied(b: Builder, code: int, arguments: list[int]) -> int:
 class _Parser:
     """Recursive descent to the steps of a stack machine."""
 
-    def __init__(self, text: str, names: Mapping[str, float]) -> None:
-        self.text, self.names = text, names
+    def __init__(self, text: str, names: Mapping[str, float], variables: Sequence[str]) -> None:
+        self.text, self.names, self.variables = text, names, variables
         self.steps: list[_Step] = []
         self.depth = 0
         self.tokens = self._split()
@@ -207,14 +207,14 @@ class _Parser:
         name = token.text.lower()
         if name in self.names:
             self._number(self.names[name], token)
-        elif name in VARIABLES:
-            self.steps.append(_Step("variable", VARIABLES.index(name)))
+        elif name in self.variables:
+            self.steps.append(_Step("variable", self.variables.index(name)))
         elif name in CONSTANTS:
             self._number(CONSTANTS[name], token)
         elif name in FUNCTIONS:
             self._call(name, token)
         else:
-            known = sorted({*VARIABLES, *CONSTANTS, *FUNCTIONS, *self.names})
+            known = sorted({*self.variables, *CONSTANTS, *FUNCTIONS, *self.names})
             near = near_names(name, known)
             raise self._error(f"unknown name {token.text!r} (near names: {near})", token.at)
 
@@ -237,15 +237,19 @@ def _short(text: str) -> str:
     return repr(text if len(text) <= 60 else text[:57] + "...")
 
 
-def _parsed(text: str, names: Mapping[str, float] | None) -> _Equation:
+def _parsed(
+    text: str, names: Mapping[str, float] | None, variables: Sequence[str] = VARIABLES
+) -> _Equation:
     if not isinstance(text, str):
         raise InputError(f"an equation must be text, got {text!r:.80}")
     if len(text) > MAX_LENGTH:
         raise InputError(f"an equation may have {MAX_LENGTH} characters, got {len(text)}")
-    return _Equation(text, _Parser(text, names or {}).parse())
+    return _Equation(text, _Parser(text, names or {}, variables).parse())
 
 
-def equation(text: str, *, names: Mapping[str, float] | None = None) -> Node:
+def equation(
+    text: str, *, names: Mapping[str, float] | None = None, variables: Sequence[str] = VARIABLES
+) -> Node:
     """Field of an equation such as ``"x^2 + y^2 + z^2 - 1"``; the solid is where it is negative.
 
     Parameters
@@ -256,6 +260,8 @@ def equation(text: str, *, names: Mapping[str, float] | None = None) -> Node:
         Upper and lower case are the same.
     names : mapping of str to float, optional
         Further constants, in lower case.
+    variables : sequence of str
+        Names of the three coordinates, in lower case.
 
     Returns
     -------
@@ -272,7 +278,7 @@ def equation(text: str, *, names: Mapping[str, float] | None = None) -> Node:
     >>> float(equation("x^2 + 2*y - 1")([[3.0, 0.5, 0.0]])[0])
     9.0
     """
-    return _parsed(text, names)
+    return _parsed(text, names, variables)
 
 
 def constant(text: str, *, names: Mapping[str, float] | None = None) -> float:

@@ -194,11 +194,15 @@ def _fitted(f: Any, lattice: Lattice, name: str) -> BSpline:
 
 
 def _evaluate(f: Any, u: FloatArray, name: str) -> FloatArray:
-    value = as_array(name, f(u))
+    value = as_array(name, f(u), finite=False)
     if value.shape != (len(u),):
         raise InputError(
             f"{name} must return one value per point, shape ({len(u)},), got {value.shape}"
         )
+    bad = ~np.isfinite(value)
+    if bad.any():
+        i = int(np.argmax(bad))
+        raise InputError(f"{name} must be finite, but is {value[i]} at {u[i].tolist()}")
     return value
 
 

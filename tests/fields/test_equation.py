@@ -60,6 +60,14 @@ def test_constants(text, value):
     assert constant(text, names={"a": 6.0}) == pytest.approx(value, rel=1e-15)
 
 
+def test_coordinates_may_have_other_names():
+    u = np.random.default_rng(1).random((20, 3))
+    found = equation("0.1 + U*v^2 - w", variables=("u", "v", "w"))
+    np.testing.assert_allclose(found(u), 0.1 + u[:, 0] * u[:, 1] ** 2 - u[:, 2], atol=1e-15)
+    with pytest.raises(InputError, match=r"unknown name 'x' .*near names: "):
+        equation("u + x", variables=("u", "v", "w"))
+
+
 @pytest.mark.parametrize(
     ("text", "where"),
     [

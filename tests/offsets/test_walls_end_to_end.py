@@ -124,6 +124,14 @@ def test_bad_thickness_is_refused_at_the_door(torus, d):
         torus.offset(d)
 
 
+def test_a_thickness_that_is_not_finite_names_the_point(torus):
+    with (
+        np.errstate(divide="ignore"),
+        pytest.raises(InputError, match=r"d must be finite, but is inf at \[0\.0, "),
+    ):
+        torus.offset(lambda u: 1 / u[:, 0])
+
+
 def test_bad_lattices_are_refused_at_the_door():
     box = il.macroshape.box((1, 1, 1))
     with pytest.raises(InputError, match="gyroid"):
