@@ -253,9 +253,18 @@ class SurfaceMesh:
             "genus": self.genus if closed and self.is_oriented else None,
             "components": self.components,
             "watertight": closed,
-            "vertices": len(self.vertices),
-            "faces": len(self.faces),
+            **self.sizes(),
         }
+
+    def sizes(self) -> dict[str, int]:
+        """Numbers of `vertices` and `faces` as plain data, which cost nothing to tell.
+
+        Returns
+        -------
+        dict
+            The two numbers.
+        """
+        return {"vertices": len(self.vertices), "faces": len(self.faces)}
 
     # --- topology -----------------------------------------------------------------------------
 

@@ -25,7 +25,6 @@ from ilattice._typing import FloatArray
 from ilattice.errors import FormatError, IlatticeError, InputError
 from ilattice.io._common import atomic_write, write_report
 from ilattice.io.registry import WRITERS
-from ilattice.mesh import SurfaceMesh
 from ilattice.sdf._tokens import Token
 from ilattice.sdf.language import Command, is_free
 from ilattice.sdf.meshing import MEMORY, Plan, mesh, plan
@@ -139,17 +138,13 @@ def _meshed(
         )
     full = bool(settings.report or settings.sweep)
     with stages("measure"):
-        report = found.measures() if full else _sizes(found)
+        report = found.measures() if full else found.sizes()
     with stages("write"):
         if settings.slices is None:
             found.save(output)
         else:
             found.slices(thickness=settings.slices).save(output)
     return {**report, "stages": stages.records, "files": [str(output)]}
-
-
-def _sizes(found: SurfaceMesh) -> dict[str, Any]:
-    return {"vertices": len(found.vertices), "faces": len(found.faces)}
 
 
 def _described(command: Command, settings: Settings) -> dict[str, Any]:
