@@ -17,10 +17,10 @@ than a cell; after `TRIES` rounds triangles that still cross are left.
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import binary_dilation
 from scipy.spatial import cKDTree
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
+from ilattice.mesh import _kernels_creases as kernels
 from ilattice.mesh._kernels_cells import CAP as ON_CAP
 from ilattice.mesh._tracer import Contour
 from ilattice.mesh.measure import self_intersections
@@ -28,10 +28,12 @@ from ilattice.mesh.measure import self_intersections
 __all__ = ["sharpened"]
 
 BENT = np.cos(np.radians(10.0))  # normals farther than this from their mean make a crease
+PLAIN = np.cos(np.radians(4.0))  # where quads bend less, there are no creases
 OFF = 0.02  # spacings that vertices may be off smooth surfaces
 SNAP = 0.2  # spacings that a corner may be away from the vertex that moves there
 ON_SURFACE = 1e-9  # of the largest coordinate: how far corners on the surface may be off it
-STEPS = 10  # of root finding along edges
+STEPS = 10  # of root finding along edges, at most
+FOUND = 1e-11  # of the values at the ends of an edge: a value at its crossing that is small enough
 BEYOND = 0.5  # widths of its cell that a vertex may be outside, where no triangles cross
 TURNS = 30  # between planes and cells
 BOX = 3  # cells per side of the boxes in which triangles are compared
@@ -58,17 +60,16 @@ def sharpened(raw: Contour, field: Any, axes: Any, corners: FloatArray | None = 
     Contour
         With other places of some vertices, and other diagonals of some quads.
     """
-    x = np.asarray(raw.vertices, np.float64)
+    x = np.ascontiguousarray(raw.vertices, np.float64)
     quads = np.concatenate((raw.faces[::2], raw.faces[1::2, 2:]), axis=1)
     real = _off_caps(raw.kind, quads)
     quads, rows = quads[real], np.flatnonzero(real)
-    off = _off_surface(field, x, axes) & (raw.kind & ON_CAP == 0)
-    near = off | _creased(len(x), quads, _normals(field, x[quads].mean(axis=1)))
+    off, near = _suspects(field, x, raw.kind, quads, axes)
     around = quads[near[quads].any(axis=1)]
-    foot, found = _crossings(field, x[around], axes)
+    foot, found = _crossings(field, x, around, axes)
     around, foot = around[found], foot[found]
     normal = _normals(field, foot)
-    at = np.flatnonzero(off | _creased(len(x), around, normal))
+    at = np.flatnonzero(off | (_bends(len(x), around, normal) < BENT))
     A, b = _equations(x, at, raw.kind, around, foot, normal)
     wide, tight = (
         _kept(field, x[at], _nearest(x[at], A, b, axes, beyond)) for beyond in (BEYOND, 0.0)
@@ -80,36 +81,63 @@ def sharpened(raw: Contour, field: Any, axes: Any, corners: FloatArray | None = 
     return Contour(new.astype(raw.vertices.dtype), faces, raw.kind, raw.first_vertex)
 
 
+def _suspects(
+    field: Any, x: FloatArray, kind: AnyArray, quads: IntArray, axes: Any
+) -> tuple[AnyArray, AnyArray]:
+    """Which vertices are off the surface, being bent too much; and those that may be on creases.
+
+    The field is asked only where quads bend.
+    """
+    facing = np.empty((len(quads), 3))
+    kernels.facing(x, quads, facing)
+    bent = _bends(len(x), quads, facing) < PLAIN
+    off, at = np.zeros(len(x), np.bool_), np.flatnonzero(bent & (kind & ON_CAP == 0))
+    value, gradient = field.jet(x[at], 1)
+    h = min(float(np.diff(planes).min()) for planes in axes)
+    off[at] = np.abs(value) > OFF * h * np.linalg.norm(gradient, axis=1)
+    some = quads[bent[quads].any(axis=1)]
+    normal = _normals(field, x[some].mean(axis=1))
+    return off, off | (bent & (_bends(len(x), some, normal) < BENT))
+
+
 def _folded(
     old: IntArray, x: FloatArray, at: IntArray, places: FloatArray, quads: IntArray,
     rows: IntArray, field: Any, axes: Any,
 ) -> tuple[FloatArray, IntArray]:  # fmt: skip
-    """Vertices and triangles; each takes the first of its places at which no triangles cross."""
-    new, moved, row = x.copy(), np.zeros(len(x), np.bool_), np.full(len(x), -1)
+    """Vertices and triangles; each takes the first of its places at which no triangles cross.
+
+    After the first round only what has changed since is folded, and compared with what is near.
+    """
+    new, faces, row = x.copy(), old.copy(), np.full(len(x), -1)
     row[at] = np.arange(len(at))
-    close = np.flatnonzero(_close_to(x, at, axes)[old].any(axis=1))
-    choice = np.zeros(len(at), np.int64)
+    moved, choice, changed = row >= 0, np.zeros(len(at), np.int64), at
     for _ in range(TRIES):
-        new[at], moved[at] = places[choice, row[at]], choice < len(places) - 1
-        faces, near = old.copy(), moved[quads].sum(axis=1) >= 2
-        _fold(field, new, quads[near], rows[near], faces)
-        part = faces[close]
-        pairs, crossing = self_intersections(new, part, np.asarray(moved[part].any(axis=1)))
+        new[changed] = places[choice[row[changed]], row[changed]]
+        moved[changed] = choice[row[changed]] < len(places) - 1
+        fresh = np.zeros(len(x), np.bool_)
+        fresh[changed] = True
+        part = fresh[quads].any(axis=1)
+        _fold(field, new, moved, quads[part], rows[part], old, faces)
+        active = np.zeros(len(faces), np.bool_)
+        active[2 * rows[part]] = active[2 * rows[part] + 1] = True
+        close = np.flatnonzero(_close_to(x, changed, axes)[old].any(axis=1))
+        pairs, crossing = self_intersections(new, faces[close], active[close])
         if not pairs:
             break
-        back = row[np.unique(part[crossing])]
-        back = back[back >= 0]
-        choice[back] = np.minimum(choice[back] + 1, len(places) - 1)
+        back = row[np.unique(faces[close[crossing]])]
+        back = back[(back >= 0) & (choice[back] < len(places) - 1)]
+        choice[back] += 1
+        changed = at[back]
     return new, faces
 
 
 def _close_to(x: FloatArray, at: IntArray, axes: Any) -> AnyArray:
     """Which vertices are in boxes of cells next to, or with, the vertices `at`."""
-    box = [(np.searchsorted(planes, x[:, a]) + 1) // BOX for a, planes in enumerate(axes)]
     mask = np.zeros([len(planes) // BOX + 2 for planes in axes], np.bool_)
-    mask[tuple(b[at] for b in box)] = True
-    mask = binary_dilation(mask, np.ones((3, 3, 3), np.bool_))
-    return np.asarray(mask[tuple(box)])
+    kernels.mark_boxes(x, at, *axes, BOX, mask)
+    out = np.empty(len(x), np.bool_)
+    kernels.in_boxes(x, *axes, BOX, mask, out)
+    return out
 
 
 def _snapped(
@@ -148,14 +176,6 @@ def _off_caps(kind: AnyArray, quads: IntArray) -> AnyArray:
     return np.bitwise_and.reduce(sides, axis=1) == 0
 
 
-def _off_surface(field: Any, x: FloatArray, axes: Any) -> AnyArray:
-    """Which vertices could not be moved onto the surface, for it is bent too much."""
-    value, gradient = field.jet(x, 1)
-    h = min(float(np.diff(planes).min()) for planes in axes)
-    off: AnyArray = np.abs(value) > OFF * h * np.linalg.norm(gradient, axis=1)
-    return off
-
-
 def _normals(field: Any, x: FloatArray) -> FloatArray:
     """Directions of the gradient; zero where there is none."""
     gradient = field.jet(x, 1)[1]
@@ -164,47 +184,33 @@ def _normals(field: Any, x: FloatArray) -> FloatArray:
     return np.where(fine[:, None], gradient, 0.0) / np.where(fine, length, 1.0)[:, None]
 
 
-def _crossings(field: Any, corners: FloatArray, axes: Any) -> tuple[FloatArray, AnyArray]:
-    """Where the edges of the grid that quads (n, 4, 3) surround cross the surface; if they do."""
-    low, high = np.empty((2, len(corners), 3))
-    directions = np.zeros(len(corners))
-    for a, planes in enumerate(axes):
-        cell = np.clip(np.searchsorted(planes, corners[:, :, a], side="right") - 1, 0, None)
-        first, last = cell.min(axis=1), np.minimum(cell.max(axis=1), len(planes) - 2)
-        along = first == last
-        directions += along
-        low[:, a] = planes[np.where(along, first, last)]
-        high[:, a] = planes[np.where(along, last + 1, last)]
+def _crossings(
+    field: Any, x: FloatArray, quads: IntArray, axes: Any
+) -> tuple[FloatArray, AnyArray]:
+    """Where the edges of the grid that quads surround cross the surface; if they do."""
+    low, high = np.empty((2, len(quads), 3))
+    found = np.empty(len(quads), np.bool_)
+    kernels.edges(x, quads, *axes, low, high, found)
     f, g = field(low), field(high)
-    found = (directions == 1) & (f * g <= 0.0)  # not so where corners lie on planes of the grid
-    before = np.zeros(len(f), np.int64)
+    found &= f * g <= 0.0  # not so where corners lie on planes of the grid
+    foot = 0.5 * (low + high)
+    small = FOUND * np.abs(f - g)
+    before, at = np.zeros(len(quads), np.int64), np.flatnonzero(found)
     for _ in range(STEPS):  # Illinois' rule
-        part = np.where((f * g <= 0.0) & (f != g), f / np.where(f == g, 1.0, f - g), 0.5)
-        middle = low + part[:, None] * (high - low)
+        middle = np.empty((len(at), 3))
+        kernels.between(low, high, f, g, at, middle)
         value = field(middle)
-        side = np.where(value * f > 0.0, 1, -1)
-        again = side == before
-        f, g = (
-            np.where(side > 0, value, np.where(again, 0.5 * f, f)),
-            np.where(side < 0, value, np.where(again, 0.5 * g, g)),
-        )
-        low = np.where(side[:, None] > 0, middle, low)
-        high = np.where(side[:, None] < 0, middle, high)
-        before = side
-    return middle, found
+        foot[at] = middle
+        kernels.narrow(middle, value, at, low, high, f, g, before)
+        at = at[np.abs(value) > small[at]]
+    return foot, found
 
 
-def _creased(count: int, quads: IntArray, normal: FloatArray) -> AnyArray:
-    """Which vertices have quads with normals far from their mean."""
-    mean = np.zeros((count, 3))
-    for k in range(4):
-        np.add.at(mean, quads[:, k], normal)
-    mean /= np.maximum(np.linalg.norm(mean, axis=1), 1e-300)[:, None]
+def _bends(count: int, quads: IntArray, normal: FloatArray) -> FloatArray:
+    """Least cosines between the normals of the quads around vertices and their mean."""
     least = np.ones(count)
-    for k in range(4):
-        np.minimum.at(least, quads[:, k], np.einsum("ni,ni->n", mean[quads[:, k]], normal))
-    bent: AnyArray = least < BENT
-    return bent
+    kernels.bends(quads, normal, np.zeros((count, 3)), least)
+    return least
 
 
 def _equations(
@@ -215,13 +221,7 @@ def _equations(
     place = np.full(len(x), -1)
     place[at] = np.arange(len(at))
     A, b = np.zeros((len(at), 3, 3)), np.zeros((len(at), 3))
-    for k in range(4):
-        own = place[quads[:, k]]
-        mine = own >= 0
-        n, v = normal[mine], x[quads[mine, k]]
-        height = np.einsum("ni,ni->n", n, foot[mine] - v)
-        np.add.at(A, own[mine], n[:, :, None] * n[:, None, :])
-        np.add.at(b, own[mine], n * height[:, None])
+    kernels.gather(quads, foot, normal, x, place, A, b)
     for a in range(3):
         held = (kind[at] >> (2 * a)) & 3 != 0
         A[held, a, :] = A[held, :, a] = b[held, a] = 0.0
@@ -235,19 +235,15 @@ def _nearest(x: FloatArray, A: FloatArray, b: FloatArray, axes: Any, beyond: flo
     inverse = np.einsum("nij,nj,nkj->nik", way, used / np.where(used, size, 1.0), way)
     low, high = _cells(x, axes)
     low, high = low - beyond * (high - low), high + beyond * (high - low)
-    new = x
-    for _ in range(TURNS):  # from planes to cell and back, which ends in both if they meet
-        step = np.einsum("nij,nj->ni", inverse, b - np.einsum("nij,nj->ni", A, new - x))
-        new = np.clip(new + step, low, high)
+    new = np.empty_like(x)
+    kernels.approach(x, A, b, inverse, low, high, TURNS, new)
     return new
 
 
 def _cells(x: FloatArray, axes: Any) -> tuple[FloatArray, FloatArray]:
     """Lower and upper corners of the cells that hold points."""
     low, high = np.empty((2, *x.shape))
-    for a, planes in enumerate(axes):
-        cell = np.clip(np.searchsorted(planes, x[:, a], side="right") - 1, 0, len(planes) - 2)
-        low[:, a], high[:, a] = planes[cell], planes[cell + 1]
+    kernels.cells(x, *axes, low, high)
     return low, high
 
 
@@ -255,17 +251,24 @@ def _kept(field: Any, old: FloatArray, new: FloatArray) -> FloatArray:
     """`new` where the field there is as near to 0 as such a step allows, otherwise `old`."""
     value, gradient = field.jet(new, 1)
     reach = np.linalg.norm(new - old, axis=1) * np.linalg.norm(gradient, axis=1)
-    before = np.abs(field.jet(old, 1)[0])
+    before = np.abs(field(old))
     fine = np.abs(value) <= np.maximum(before, 0.25 * reach)
     out: FloatArray = np.where(fine[:, None], new, old)
     return out
 
 
-def _fold(field: Any, x: FloatArray, quads: IntArray, rows: IntArray, faces: IntArray) -> None:
-    """Split quads, in place, along the diagonal whose middle is nearer to the surface."""
+def _fold(
+    field: Any, x: FloatArray, moved: AnyArray, quads: IntArray, rows: IntArray, old: IntArray,
+    faces: IntArray,
+) -> None:  # fmt: skip
+    """Split quads with two moved vertices along the diagonal whose middle is nearer to the surface.
+
+    Others keep their old diagonals.
+    """
+    faces[2 * rows], faces[2 * rows + 1] = old[2 * rows], old[2 * rows + 1]
+    two = moved[quads].sum(axis=1) >= 2
+    quads, rows = quads[two], rows[two]
     a, b, c, d = quads.T
-    first = np.abs(field.jet(0.5 * (x[a] + x[c]), 1)[0])
-    second = np.abs(field.jet(0.5 * (x[b] + x[d]), 1)[0])
-    turn = second < first
+    turn = np.abs(field(0.5 * (x[b] + x[d]))) < np.abs(field(0.5 * (x[a] + x[c])))
     faces[2 * rows] = np.where(turn[:, None], quads[:, [1, 2, 3]], quads[:, [0, 1, 2]])
     faces[2 * rows + 1] = np.where(turn[:, None], quads[:, [1, 3, 0]], quads[:, [0, 2, 3]])
