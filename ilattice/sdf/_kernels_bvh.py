@@ -23,6 +23,7 @@ FACE = 0  # features: the face, 1..3 the edge from that corner on, 4..6 a corner
 FAR = 2.0  # a node this many radii away is summed as one dipole
 SURE = 0.25  # how far a winding number must be from one half to be taken from dipoles
 CLEAR = 1e-6  # least cosine between a pseudonormal and the way to the point that tells a side
+ON = 1e-12  # of the coordinates: points on edges and corners that are nearer have no direction
 
 
 # --- build ------------------------------------------------------------------------------------
@@ -439,15 +440,17 @@ def gradients(points, square, face, feature, foot, height, side, tri, turn, out)
     """Unit vectors (n, 3) along which the signed distance grows."""
     for i in range(len(points)):
         k, d = face[i], np.sqrt(square[i])
+        size = 0.0
+        for a in range(3):
+            size += abs(points[i, a]) + abs(tri[k, a])
+        on = d <= ON * size  # too near for a direction
         if feature[i] == FACE and d > 0.0:
             sign = side[i] if height[i] > 0.0 else -side[i]
             for a in range(3):
                 out[i, a] = sign * tri[k, 9 + a]
         else:
             for a in range(3):
-                away = (
-                    side[i] * (points[i, a] - foot[i, a]) / d if d > 0.0 else turn * tri[k, 9 + a]
-                )
+                away = turn * tri[k, 9 + a] if on else side[i] * (points[i, a] - foot[i, a]) / d
                 out[i, a] = away
 
 

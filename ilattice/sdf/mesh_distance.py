@@ -280,7 +280,8 @@ class MeshDistance:
         """Signed distance and derivatives.
 
         On the medial axis the derivatives are those of the nearest triangle of least number; on
-        the mesh itself the gradient is the normal of that triangle and the Hessian is zero.
+        the mesh itself, to 1e-12 of the coordinates, the gradient is the normal of that triangle;
+        on it exactly the Hessian is zero.
 
         Parameters
         ----------

@@ -221,6 +221,22 @@ def test_gradients_on_the_mesh_are_normals():
     assert (hessian[len(f) :] == 0).all()
 
 
+def test_gradients_within_rounding_of_an_edge_are_those_of_a_face_next_to_it():
+    """Of a flat square of two triangles: directions to its diagonal are noise there."""
+    x = 0.3 * np.array([[0.0, 0, 0], [1, 0, 0.2], [1, 1, 0.5], [0, 1, 0.3]]) + [5.0, 3.0, 4.0]
+    square = SurfaceMesh(x, [[0, 1, 2], [0, 2, 3]])
+    normal = np.cross(x[1] - x[0], x[2] - x[0])
+    normal /= np.linalg.norm(normal)
+    with pytest.warns(PrecisionWarning):
+        field = MeshDistance(square)
+    t = np.random.default_rng(2).uniform(0.05, 0.95, (200, 1))
+    p = x[0] + t * (x[2] - x[0])
+    value, gradient = field.jet(p, 1)
+    assert (value != 0.0).any()
+    assert np.abs(value).max() < 1e-14
+    np.testing.assert_allclose(np.abs(gradient @ normal), 1.0, atol=1e-9)
+
+
 def test_bounding_box_holds_what_is_below_a_level():
     field = distance(meshes.cube((1, 2, 3), 2.0))
     np.testing.assert_array_equal(field.bounds, [[1, 2, 3], [3, 4, 5]])
