@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit, prange
 
 import ilattice.fields._tables as ops
-from ilattice.fields._kernels_program import apply, bound, shorten, shorten_bounded
+from ilattice.fields._kernels_program import apply, begin, bound, narrow
 
 S = 9  # samples per block and direction
 CHUNK = 16  # blocks per task
@@ -70,41 +70,42 @@ def _run(op, a, b, imm, m, x, y, z, mask, buf, first, second):
 
 
 @njit(cache=True, parallel=True)
-def fill_program(op, a, b, imm, tx, ty, tz, coords, middle, samples):
+def fill_program(op, a, b, imm, tx, ty, tz, coords, along, middle, samples):
     """Samples of blocks: ``samples[b, i, j, k]``, k < 9, less `middle`, float32.
 
     ``tx ty tz`` are the coordinates of the padded samples; block b begins at sample
-    ``8 (coords[b, 3], coords[b, 1], coords[b, 2])`` of them.
+    ``8 (coords[b, 3], coords[b, 1], coords[b, 2])`` of them. The rows of
+    `coords` in the order `along` should be near each other.
     """
     n, size = len(coords), len(op)
     for chunk in prange((n + CHUNK - 1) // CHUNK):
         start, stop = chunk * CHUNK, min(n, (chunk + 1) * CHUNK)
-        lo, hi, to = np.empty(size), np.empty(size), np.empty((2, size), np.int64)
-        codes, numbers = np.empty((6, size + 1), np.int64), np.empty((2, size + 1))
-        op1, a1, b1, imm1 = codes[0], codes[1], codes[2], numbers[0]
-        op2, a2, b2, imm2 = codes[3], codes[4], codes[5], numbers[1]
+        codes, numbers, lengths, w, maps = begin(op, a, b, imm, 3)
         box, whole = np.empty((2, 3)), np.empty((2, 3))
         whole[0], whole[1] = np.inf, -np.inf
-        for block in range(start, stop):
+        for block in along[start:stop]:
             _box(tx, ty, tz, coords[block], box)
             for axis in range(3):
                 whole[0, axis] = min(whole[0, axis], box[0, axis])
                 whole[1, axis] = max(whole[1, axis], box[1, axis])
-        m1 = shorten(op, a, b, imm, size, whole, lo, hi, to, op1, a1, b1, imm1)
+        narrow(codes, numbers, lengths, 0, whole, w, maps)
         mask = np.empty(size + 1, np.int64)
-        buf, spread = np.empty((64, S * S * S)), np.empty((2, S * S * S))
-        for block in range(start, stop):
+        buf, repeated = np.empty((64, S * S * S)), np.empty((2, S * S * S))
+        for block in along[start:stop]:
             _box(tx, ty, tz, coords[block], box)
-            m = shorten(op1, a1, b1, imm1, m1, box, lo, hi, to, op2, a2, b2, imm2)
+            narrow(codes, numbers, lengths, 1, box, w, maps)
+            m, c = lengths[2], codes[2]
             if m > len(buf):
                 buf = np.empty((2 * m, S * S * S))
             x0, y0, z0 = 8 * coords[block, 3], 8 * coords[block, 1], 8 * coords[block, 2]
             x, y, z = tx[x0 : x0 + S], ty[y0 : y0 + S], tz[z0 : z0 + S]
-            _run(op2, a2, b2, imm2, m, x, y, z, mask, buf, spread[0], spread[1])
+            _run(
+                c[0], c[1], c[2], numbers[2], m, x, y, z, mask, buf, repeated[0], repeated[1]
+            )  # fmt: skip
             result = buf[m - 1]
             if mask[m - 1] != 7:
-                _spread(result, mask[m - 1], 7, spread[0])
-                result = spread[0]
+                _spread(result, mask[m - 1], 7, repeated[0])
+                result = repeated[0]
             for i in range(S):
                 for j in range(S):
                     row = samples[block, i, j]
@@ -141,18 +142,6 @@ def _decided(s, t, lower, upper):
     return s > upper or t < lower or (lower < s and t < upper)
 
 
-@njit(cache=True)
-def _narrow(codes, numbers, lengths, level, box, lo, hi, to):
-    """Shorten the program of a level for a box to the next level; bounds of its result."""
-    c, d = codes[level], codes[level + 1]
-    m, s, t = shorten_bounded(
-        c[0], c[1], c[2], numbers[level], lengths[level], box, lo, hi, to, d[0], d[1], d[2],
-        numbers[level + 1],
-    )  # fmt: skip
-    lengths[level + 1] = m
-    return s, t
-
-
 @njit(cache=True, parallel=True)
 def block_bounds(op, a, b, imm, ex, ey, ez, lower, upper, low, high):
     """Bounds on a tensor grid of blocks with ends (n, 2) along the axes, from large boxes down.
@@ -163,14 +152,8 @@ def block_bounds(op, a, b, imm, ex, ey, ez, lower, upper, low, high):
     sx, sy, sz = (nx + 7) // 8, (ny + 7) // 8, (nz + 7) // 8
     size = len(op)
     for task in prange(sx * sy * sz):
-        lo, hi, to = np.empty(size), np.empty(size), np.empty((2, size), np.int64)
-        codes, numbers = np.empty((5, 3, size + 1), np.int64), np.empty((5, size + 1))
-        codes[0, 0, :size] = op
-        codes[0, 1, :size] = a
-        codes[0, 2, :size] = b
-        numbers[0, :size] = imm
-        lengths, w = np.empty(5, np.int64), np.empty((size + 1, 10))
-        lengths[0] = size
+        codes, numbers, lengths, scratch, maps = begin(op, a, b, imm, 5)
+        w = np.empty((size + 1, 10))
         box, none, stack = np.empty((2, 3)), np.empty((0, 3)), np.empty((32, 4), np.int64)
         stack[0, 0], stack[0, 1] = 8 * (task // (sy * sz)), 8 * (task // sz % sy)
         stack[0, 2], stack[0, 3] = 8 * (task % sz), 0
@@ -181,7 +164,7 @@ def block_bounds(op, a, b, imm, ex, ey, ez, lower, upper, low, high):
             level = stack[count, 3]
             width = 8 >> level
             i1, j1, k1 = _ends(ex, ey, ez, i, j, k, width, box)
-            s, t = _narrow(codes, numbers, lengths, level, box, lo, hi, to)
+            s, t = narrow(codes, numbers, lengths, level, box, scratch, maps)
             if width == 1 and not _decided(s, t, lower, upper):  # sharper, and dearer
                 d, m = codes[level + 1], lengths[level + 1]
                 bound(d[0], d[1], d[2], numbers[level + 1], m, box, none, w)

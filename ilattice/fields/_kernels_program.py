@@ -1,8 +1,8 @@
 """The interpreter: programs at points, their derivatives, their bounds on boxes.
 
 A program is four arrays of one length: code, first and second register, constant; its result is
-the last register. Where the bounds of a chunk of points decide a minimum or maximum, a shorter
-program without the losing side is run for that chunk: a deep tree costs what is near.
+the last register. Where the bounds on a box of points decide minima and maxima, a shorter program
+without the losing sides is run for them: a deep tree costs what is near.
 
 Guarantees: results do not depend on the number of threads, nor on what else is evaluated: the
 dropped side could not have won. Arguments are not checked.
@@ -14,61 +14,112 @@ from numba import njit, prange
 import ilattice.fields._tables as ops
 from ilattice.fields._kernels_ops import bounds, partials, product, slopes, value
 
-WIDE = 128  # points evaluated at once
-FEW = 32  # points whose derivatives are taken with one program
+WIDE = 64  # points evaluated at once
+FEW = 32  # points whose derivatives are taken at once
+LEVELS = 8  # of programs that are ever shorter
+TOP = 2  # times that the boxes of the tasks are divided from the box of all points
 TASK = 2048  # points or boxes per task
 GROUP = 16  # boxes that share a program
 INF = np.inf
 
 
-@njit(cache=True, error_model="numpy")
-def shorten(op, a, b, imm, m, box, lo, hi, maps, op2, a2, b2, imm2):
-    """Write the program that suffices on a box (2, 3) to op2.. ; return its length.
+@njit(cache=True)
+def begin(op, a, b, imm, levels):
+    """Room for a program and shorter ones, with the program at level 0, for `narrow`.
 
-    ``lo``, ``hi`` and ``maps`` (2, m) are scratch.
+    Returns codes (levels, 3, n), numbers (levels, n), lengths (levels,), and scratch.
     """
-    return shorten_bounded(op, a, b, imm, m, box, lo, hi, maps, op2, a2, b2, imm2)[0]
+    m = len(op)
+    codes, numbers = np.empty((levels, 3, m + 1), np.int64), np.empty((levels, m + 1))
+    lengths = np.empty(levels, np.int64)
+    codes[0, 0, :m] = op
+    codes[0, 1, :m] = a
+    codes[0, 2, :m] = b
+    numbers[0, :m] = imm
+    lengths[0] = m
+    return codes, numbers, lengths, np.empty((4, m + 1)), np.empty((3, m + 1), np.int64)
 
 
 @njit(cache=True, error_model="numpy")
-def shorten_bounded(op, a, b, imm, m, box, lo, hi, maps, op2, a2, b2, imm2):
-    """`shorten`, and bounds of the result on the box."""
-    to = maps[0]
+def narrow(codes, numbers, lengths, level, box, w, maps):
+    """Write the program that suffices on a box (2, 3) to the next level; bounds of its result.
+
+    ``w`` (4, n) and ``maps`` (3, n) are scratch.
+    """
+    op, a, b, imm = codes[level, 0], codes[level, 1], codes[level, 2], numbers[level]
+    m, lo, hi = lengths[level], w[0], w[1]
     for i in range(m):
-        to[i] = i
-        if op[i] < ops.INPUTS:
-            if op[i] < ops.CONST:
-                lo[i], hi[i] = box[0, op[i]], box[1, op[i]]
-            elif op[i] == ops.CONST:
-                lo[i] = hi[i] = imm[i]
-            else:
-                lo[i], hi[i] = -INF, INF
-            continue
-        p, q = a[i], b[i]
-        lo[i], hi[i] = bounds(op[i], lo[p], hi[p], lo[q], hi[q])
-        if op[i] == ops.MIN or op[i] == ops.MAX:
-            if hi[p] < lo[q]:
-                to[i] = to[p] if op[i] == ops.MIN else to[q]
-            elif hi[q] < lo[p]:
-                to[i] = to[q] if op[i] == ops.MIN else to[p]
+        if op[i] >= ops.INPUTS:
+            p, q = a[i], b[i]
+            lo[i], hi[i] = bounds(op[i], lo[p], hi[p], lo[q], hi[q])
+        elif op[i] < ops.CONST:
+            lo[i], hi[i] = box[0, op[i]], box[1, op[i]]
+        elif op[i] == ops.CONST:
+            lo[i] = hi[i] = imm[i]
+        else:
+            lo[i], hi[i] = -INF, INF
     low, high = lo[m - 1], hi[m - 1]
-    return _compact(op, a, b, imm, m, lo, to, maps[1], op2, a2, b2, imm2), low, high
+    _choose(op, a, b, m, lo, hi, w[2], w[3], maps[0], maps[1])
+    c, x = codes[level + 1], numbers[level + 1]
+    lengths[level + 1] = _compact(
+        op, a, b, imm, m, maps[0], maps[1], maps[2], c[0], c[1], c[2], x
+    )  # fmt: skip
+    return low, high
 
 
 @njit(cache=True)
-def _compact(op, a, b, imm, m, live, to, new, op2, a2, b2, imm2):
-    """Copy the instructions that the last one needs, and the coordinates."""
-    live[:m] = 0.0
-    live[to[m - 1]] = 1.0
-    live[:3] = 1.0
+def _choose(op, a, b, m, lo, hi, cap, floor, to, live):
+    """Which registers the result needs, and by which of its sides an extreme can be replaced.
+
+    A register counts only between its floor and its cap: in a union of many, what is above the
+    upper bound of the whole never wins, whatever its neighbours in the tree are.
+    """
+    live[:m] = 0
+    live[m - 1], cap[m - 1], floor[m - 1] = 1, INF, -INF
     for i in range(m - 1, 2, -1):
-        if live[i] > 0.0 and op[i] >= ops.INPUTS:
-            live[to[a[i]]] = 1.0
-            if op[i] >= ops.BINARY:
-                live[to[b[i]]] = 1.0
+        to[i] = i
+        if live[i] == 0 or op[i] < ops.INPUTS:
+            continue
+        c, f = INF, -INF
+        first = second = True
+        p, q = a[i], b[i]
+        if op[i] == ops.MIN:
+            c, f = min(cap[i], hi[i]), floor[i]
+            second = lo[p] > c or not lo[q] > c
+            first = not second or not lo[p] > c
+        elif op[i] == ops.MAX:
+            c, f = cap[i], max(floor[i], lo[i])
+            second = hi[p] < f or not hi[q] < f
+            first = not second or not hi[p] < f
+        elif op[i] < ops.BINARY:
+            second = False
+        if first:
+            _need(p, c, f, cap, floor, live)
+        if second:
+            _need(q, c, f, cap, floor, live)
+        if op[i] == ops.MIN or op[i] == ops.MAX:
+            to[i] = i if first and second else p if first else q
+
+
+@njit(cache=True)
+def _need(i, c, f, cap, floor, live):
+    """A register is read, and counts between f and c."""
+    if live[i] == 0:
+        live[i], cap[i], floor[i] = 1, c, f
+    else:
+        cap[i], floor[i] = max(cap[i], c), min(floor[i], f)
+
+
+@njit(cache=True)
+def _compact(op, a, b, imm, m, to, live, new, op2, a2, b2, imm2):
+    """Copy the coordinates, and the instructions that are read and not replaced."""
+    for i in range(3):
+        to[i] = i
+    for i in range(3, m):
+        to[i] = i if to[i] == i else to[to[i]]
     last, k = to[m - 1], 0
     for i in range(last + 1):
-        if live[i] == 0.0:
+        if i > 2 and (live[i] == 0 or to[i] != i):
             continue
         op2[k], imm2[k] = op[i], imm[i]
         compute = op[i] >= ops.INPUTS  # registers of others keep what they are
@@ -80,6 +131,78 @@ def _compact(op, a, b, imm, m, live, to, new, op2, a2, b2, imm2):
         op2[k], a2[k], b2[k], imm2[k] = op[last], 0, 0, 0.0
         k += 1
     return k
+
+
+@njit(cache=True)
+def spread(i):
+    """The lowest 21 bits of a number, two zeros apart."""
+    i &= 0x1FFFFF
+    i = (i | i << 32) & 0x1F00000000FFFF
+    i = (i | i << 16) & 0x1F0000FF0000FF
+    i = (i | i << 8) & 0x100F00F00F00F00F
+    i = (i | i << 4) & 0x10C30C30C30C30C3
+    return (i | i << 2) & 0x1249249249249249
+
+
+@njit(cache=True, parallel=True)
+def places(points, low, scale, out):
+    """Places of points along a curve that fills space, from whole numbers scale * (p - low)."""
+    for n in prange(len(points)):
+        place = 0
+        for k in range(3):
+            place |= spread(int((points[n, k] - low[k]) * scale)) << k
+        out[n] = place
+
+
+@njit(cache=True)
+def divide(places):
+    """Boxes of points along the curve, each divided in eight until it holds few points.
+
+    Returns nodes (n, 4): first and last point, level, whether it is not divided further; those
+    within a node follow it. Level 1 has the tasks.
+    """
+    nodes, count = np.empty((len(places) // WIDE + 64, 4), np.int64), 0
+    stack, top = np.empty((8 * (LEVELS + TOP) + 8, 3), np.int64), 1
+    stack[0, 0], stack[0, 1], stack[0, 2] = 0, len(places), 1 - TOP
+    while top:
+        top -= 1
+        start, stop, level = stack[top, 0], stack[top, 1], stack[top, 2]
+        differ = places[start] ^ places[stop - 1]
+        end = stop - start <= WIDE or level == LEVELS - 1 or differ == 0
+        if level > 0 or end:
+            if count == len(nodes):
+                nodes = np.concatenate((nodes, np.empty_like(nodes)))
+            nodes[count, 0], nodes[count, 1] = start, stop
+            nodes[count, 2], nodes[count, 3] = max(level, 1), 1 if end else 0
+            count += 1
+        if end:
+            continue
+        shift = 0
+        while differ >> shift > 7:
+            shift += 3
+        last = stop
+        for i in range(stop - 1, start - 1, -1):
+            if i == start or places[i - 1] >> shift != places[i] >> shift:
+                stack[top, 0], stack[top, 1], stack[top, 2] = i, last, level + 1
+                top += 1
+                last = i
+    return nodes[:count]
+
+
+@njit(cache=True)
+def follow(n, prune):
+    """Nodes like those of `divide`, of points in the order that they have."""
+    per = (TASK // WIDE + 1) if prune else 1
+    nodes, count = np.empty((((n + TASK - 1) // TASK) * per, 4), np.int64), 0
+    for start in range(0, n, TASK):
+        stop = min(n, start + TASK)
+        nodes[count] = np.array([start, stop, 1 if prune else 0, 0 if prune else 1])
+        count += 1
+        if prune:
+            for i in range(start, stop, WIDE):
+                nodes[count] = np.array([i, min(stop, i + WIDE), 2, 1])
+                count += 1
+    return nodes[:count]
 
 
 @njit(cache=True, error_model="numpy")
@@ -143,32 +266,43 @@ def _box_of(points, i0, i1, box):
             box[1, axis] = max(box[1, axis], points[i, axis])
 
 
+@njit(cache=True)
+def _grown(buf, m):
+    """Room for m registers."""
+    return buf if m <= len(buf) else np.empty((2 * m, buf.shape[1]))
+
+
+@njit(cache=True)
+def _enter(codes, numbers, lengths, points, node, box, w, maps):
+    """Write the program of a node to its level, from that of the node around it; its length."""
+    level = node[2]
+    if level > 0:
+        _box_of(points, node[0], node[1], box)
+        narrow(codes, numbers, lengths, level - 1, box, w, maps)
+    return level, lengths[level]
+
+
 @njit(cache=True, parallel=True)
-def values(op, a, b, imm, points, leaves, prune, out):
-    """Values (n,) at points (n, 3); ``leaves`` (leaves, n, 1..) holds those computed elsewhere."""
-    n, size = len(points), len(op)
-    for task in prange((n + TASK - 1) // TASK):
-        start, stop = task * TASK, min(n, (task + 1) * TASK)
-        lo, hi, to = np.empty(size), np.empty(size), np.empty((2, size), np.int64)
-        codes, numbers = np.empty((6, size + 1), np.int64), np.empty((2, size + 1))
-        buf, box = np.empty((size + 1, WIDE)), np.empty((2, 3))
-        op1, a1, b1, imm1 = codes[0], codes[1], codes[2], numbers[0]
-        op2, a2, b2, imm2 = codes[3], codes[4], codes[5], numbers[1]
-        m1 = size
-        if prune:
-            _box_of(points, start, stop, box)
-            m1 = shorten(op, a, b, imm, size, box, lo, hi, to, op1, a1, b1, imm1)
-        for i0 in range(start, stop, WIDE):
-            i1 = min(stop, i0 + WIDE)
-            if prune:
-                _box_of(points, i0, i1, box)
-                m = shorten(op1, a1, b1, imm1, m1, box, lo, hi, to, op2, a2, b2, imm2)
-                _run(op2, a2, b2, imm2, m, points, leaves, i0, i1, buf)
-            else:
-                m = size
-                _run(op, a, b, imm, m, points, leaves, i0, i1, buf)
-            for k in range(i1 - i0):
-                out[i0 + k] = buf[m - 1, k]
+def values(op, a, b, imm, points, leaves, nodes, tasks, out):
+    """Values (n, 1) at points (n, 3), which nodes of `divide` or `follow` divide.
+
+    ``leaves`` (leaves, n, 1..) has the values of fields computed elsewhere; task k is the nodes
+    from ``tasks[k]`` on.
+    """
+    for task in prange(len(tasks) - 1):
+        codes, numbers, lengths, w, maps = begin(op, a, b, imm, LEVELS)
+        buf, box = np.empty((64, WIDE)), np.empty((2, 3))
+        for node in nodes[tasks[task] : tasks[task + 1]]:
+            level, m = _enter(codes, numbers, lengths, points, node, box, w, maps)
+            if node[3] == 0:
+                continue
+            buf = _grown(buf, m)
+            c = codes[level]
+            for i0 in range(node[0], node[1], WIDE):
+                i1 = min(node[1], i0 + WIDE)
+                _run(c[0], c[1], c[2], numbers[level], m, points, leaves, i0, i1, buf)
+                for k in range(i1 - i0):
+                    out[i0 + k, 0] = buf[m - 1, k]
 
 
 @njit(cache=True)
@@ -275,63 +409,41 @@ def _back(op, a, b, m, buf, leaves, i0, i1, slope):
 
 
 @njit(cache=True, parallel=True)
-def gradients(op, a, b, imm, points, leaves, prune, out):
-    """Values and gradients (n, 4) at points."""
-    n, size = len(points), len(op)
-    for task in prange((n + TASK - 1) // TASK):
-        start, stop = task * TASK, min(n, (task + 1) * TASK)
-        lo, hi, to = np.empty(size), np.empty(size), np.empty((2, size), np.int64)
-        codes, numbers = np.empty((6, size + 1), np.int64), np.empty((2, size + 1))
-        buf, slope = np.empty((size + 1, FEW)), np.empty((size + 1, FEW))
-        op1, a1, b1, imm1 = codes[0], codes[1], codes[2], numbers[0]
-        op2, a2, b2, imm2 = codes[3], codes[4], codes[5], numbers[1]
-        box, m1 = np.empty((2, 3)), size
-        if prune:
-            _box_of(points, start, stop, box)
-            m1 = shorten(op, a, b, imm, size, box, lo, hi, to, op1, a1, b1, imm1)
-        for i0 in range(start, stop, FEW):
-            i1 = min(stop, i0 + FEW)
-            m = size
-            if prune:
-                _box_of(points, i0, i1, box)
-                m = shorten(op1, a1, b1, imm1, m1, box, lo, hi, to, op2, a2, b2, imm2)
-                _run(op2, a2, b2, imm2, m, points, leaves, i0, i1, buf)
-                _back(op2, a2, b2, m, buf, leaves, i0, i1, slope)
-            else:
-                _run(op, a, b, imm, m, points, leaves, i0, i1, buf)
-                _back(op, a, b, m, buf, leaves, i0, i1, slope)
-            for k in range(i1 - i0):
-                out[i0 + k, 0] = buf[m - 1, k]
-                for axis in range(3):
-                    out[i0 + k, 1 + axis] = slope[axis, k]
+def gradients(op, a, b, imm, points, leaves, nodes, tasks, out):
+    """Values and gradients (n, 4) at points; see `values`."""
+    for task in prange(len(tasks) - 1):
+        codes, numbers, lengths, w, maps = begin(op, a, b, imm, LEVELS)
+        buf, slope, box = np.empty((64, FEW)), np.empty((64, FEW)), np.empty((2, 3))
+        for node in nodes[tasks[task] : tasks[task + 1]]:
+            level, m = _enter(codes, numbers, lengths, points, node, box, w, maps)
+            if node[3] == 0:
+                continue
+            buf, slope = _grown(buf, m), _grown(slope, m)
+            c = codes[level]
+            for i0 in range(node[0], node[1], FEW):
+                i1 = min(node[1], i0 + FEW)
+                _run(c[0], c[1], c[2], numbers[level], m, points, leaves, i0, i1, buf)
+                _back(c[0], c[1], c[2], m, buf, leaves, i0, i1, slope)
+                for k in range(i1 - i0):
+                    out[i0 + k, 0] = buf[m - 1, k]
+                    for axis in range(3):
+                        out[i0 + k, 1 + axis] = slope[axis, k]
 
 
 @njit(cache=True, parallel=True)
-def jets(op, a, b, imm, points, leaves, prune, out):
-    """Jets (n, 10) at points: value, gradient, second derivatives."""
-    n, size = len(points), len(op)
-    for task in prange((n + TASK - 1) // TASK):
-        start, stop = task * TASK, min(n, (task + 1) * TASK)
-        lo, hi, to = np.empty(size), np.empty(size), np.empty((2, size), np.int64)
-        codes, numbers = np.empty((6, size + 1), np.int64), np.empty((2, size + 1))
-        jet, box = np.empty((size + 1, 10)), np.empty((2, 3))
-        op1, a1, b1, imm1 = codes[0], codes[1], codes[2], numbers[0]
-        op2, a2, b2, imm2 = codes[3], codes[4], codes[5], numbers[1]
-        m1 = size
-        if prune:
-            _box_of(points, start, stop, box)
-            m1 = shorten(op, a, b, imm, size, box, lo, hi, to, op1, a1, b1, imm1)
-        for i0 in range(start, stop, FEW):
-            i1 = min(stop, i0 + FEW)
-            m = size
-            if prune:
-                _box_of(points, i0, i1, box)
-                m = shorten(op1, a1, b1, imm1, m1, box, lo, hi, to, op2, a2, b2, imm2)
-            for i in range(i0, i1):
-                if prune:
-                    _jet(op2, a2, b2, imm2, m, points[i], leaves, i, jet)
-                else:
-                    _jet(op, a, b, imm, m, points[i], leaves, i, jet)
+def jets(op, a, b, imm, points, leaves, nodes, tasks, out):
+    """Jets (n, 10) at points: value, gradient, second derivatives; see `values`."""
+    for task in prange(len(tasks) - 1):
+        codes, numbers, lengths, w, maps = begin(op, a, b, imm, LEVELS)
+        jet, box = np.empty((64, 10)), np.empty((2, 3))
+        for node in nodes[tasks[task] : tasks[task + 1]]:
+            level, m = _enter(codes, numbers, lengths, points, node, box, w, maps)
+            if node[3] == 0:
+                continue
+            jet = _grown(jet, m)
+            c = codes[level]
+            for i in range(node[0], node[1]):
+                _jet(c[0], c[1], c[2], numbers[level], m, points[i], leaves, i, jet)
                 out[i] = jet[m - 1]
 
 
@@ -432,29 +544,25 @@ def bound(op, a, b, imm, m, box, leaves, w):
 @njit(cache=True, parallel=True)
 def ranges(op, a, b, imm, lows, highs, leaves, prune, out):
     """Bounds (n, 2) on boxes with corners (n, 3); leaves (n, leaves, 3): low, high, steepness."""
-    n, size = len(lows), len(op)
+    n, last = len(lows), 2 if prune else 0
     for task in prange((n + 16 * GROUP - 1) // (16 * GROUP)):
         start, stop = task * 16 * GROUP, min(n, (task + 1) * 16 * GROUP)
-        lo, hi, to = np.empty(size), np.empty(size), np.empty((2, size), np.int64)
-        codes, numbers = np.empty((6, size + 1), np.int64), np.empty((2, size + 1))
-        w, box = np.empty((size + 1, 10)), np.empty((2, 3))
-        op1, a1, b1, imm1 = codes[0], codes[1], codes[2], numbers[0]
-        op2, a2, b2, imm2 = codes[3], codes[4], codes[5], numbers[1]
-        m1 = size
+        codes, numbers, lengths, scratch, maps = begin(op, a, b, imm, 3)
+        w, box = np.empty((64, 10)), np.empty((2, 3))
         if prune:
             _hull(lows, highs, start, stop, box)
-            m1 = shorten(op, a, b, imm, size, box, lo, hi, to, op1, a1, b1, imm1)
+            narrow(codes, numbers, lengths, 0, box, scratch, maps)
         for i0 in range(start, stop, GROUP):
-            i1, m = min(stop, i0 + GROUP), size
+            i1 = min(stop, i0 + GROUP)
             if prune:
                 _hull(lows, highs, i0, i1, box)
-                m = shorten(op1, a1, b1, imm1, m1, box, lo, hi, to, op2, a2, b2, imm2)
+                narrow(codes, numbers, lengths, 1, box, scratch, maps)
+            m = lengths[last]
+            w = _grown(w, m)
+            c = codes[last]
             for i in range(i0, i1):
                 box[0], box[1] = lows[i], highs[i]
-                if prune:
-                    bound(op2, a2, b2, imm2, m, box, leaves[i], w)
-                else:
-                    bound(op, a, b, imm, m, box, leaves[i], w)
+                bound(c[0], c[1], c[2], numbers[last], m, box, leaves[i], w)
                 out[i, 0], out[i, 1] = w[m - 1, 0], w[m - 1, 1]
 
 

@@ -19,6 +19,8 @@ from ilattice.fields._kernels_ops import value
 
 MAX_INSTRUCTIONS = 200_000
 PRUNE_FROM = 24  # instructions from which on shorter programs are looked for
+SORT_FROM = 256  # instructions from which on points are put in an order in which near ones follow
+CURVE = 2**21 - 1  # places along each axis of the curve that orders them
 Point: TypeAlias = tuple[int, int, int]
 
 
@@ -283,9 +285,29 @@ class Program:
 
     def values(self, points: FloatArray) -> FloatArray:
         """Values (n,) at checked points (n, 3)."""
-        out = np.empty(len(points))
-        leaves = self._leaf_jets(points, 0)
-        kernels.values(*self._args, _own(points), leaves, self.prune, out)
+        return self._in_order(points, 0)[:, 0]
+
+    def jets(self, points: FloatArray, order: int) -> FloatArray:
+        """Jets (n, 4) or (n, 10) at checked points."""
+        return self._in_order(points, order)
+
+    def _in_order(self, points: FloatArray, order: int) -> FloatArray:
+        """Jets (n, 1 or 4 or 10); of long programs near points are taken together."""
+        if not self.prune or len(self.code) < SORT_FROM or len(points) <= kernels.WIDE:
+            nodes = kernels.follow(len(points), self.prune)
+            return self._jets(points, order, nodes)
+        places = along_curve(points)
+        along = np.argsort(places, kind="stable")
+        out = np.empty((len(points), _COUNTS[order]))
+        out[along] = self._jets(points[along], order, kernels.divide(places[along]))
+        return out
+
+    def _jets(self, points: FloatArray, order: int, nodes: IntArray) -> FloatArray:
+        out = np.empty((len(points), _COUNTS[order]))
+        leaves = self._leaf_jets(points, order)
+        tasks = np.append(np.flatnonzero(nodes[:, 2] <= 1), len(nodes))
+        kernel = (kernels.values, kernels.gradients, kernels.jets)[order]
+        kernel(*self._args, _own(points), leaves, nodes, tasks, out)
         return out
 
     def fill(
@@ -293,7 +315,8 @@ class Program:
     ) -> None:
         """Values less `middle` on blocks of 9 x 9 x 9 grid points; see `_kernels_blocks`."""
         x, y, z = (_own(p) for p in planes)
-        fill_program(*self._args, x, y, z, _own(coords), middle, samples)
+        along = np.argsort(along_curve(coords[:, [3, 1, 2]].astype(np.float64)), kind="stable")
+        fill_program(*self._args, x, y, z, _own(coords), along, middle, samples)
 
     def block_bounds(
         self, ends: Sequence[FloatArray], lower: float, upper: float
@@ -304,14 +327,6 @@ class Program:
         x, y, z = (_own(e) for e in ends)
         block_bounds(*self._args, x, y, z, lower, upper, low, high)
         return low, high
-
-    def jets(self, points: FloatArray, order: int) -> FloatArray:
-        """Jets (n, 4) or (n, 10) at checked points."""
-        out = np.empty((len(points), 4 if order == 1 else 10))
-        leaves = self._leaf_jets(points, order)
-        kernel = kernels.gradients if order == 1 else kernels.jets
-        kernel(*self._args, _own(points), leaves, self.prune, out)
-        return out
 
     def ranges(self, lo: FloatArray, hi: FloatArray) -> FloatArray:
         """Bounds (n, 2) on checked boxes."""
@@ -326,8 +341,8 @@ class Program:
 
     def _leaf_jets(self, points: FloatArray, order: int) -> FloatArray:
         """Values, or jets, of what is evaluated elsewhere, (leaves, n, 1 or 4 or 10)."""
-        count = (1, 4, 10)[order]
-        out = np.zeros((max(1, len(self.leaves)), len(points) if self.leaves else 1, count))
+        shape = max(1, len(self.leaves)), len(points) if self.leaves else 1, _COUNTS[order]
+        out = np.zeros(shape)
         for k, (leaf, point) in enumerate(self.leaves):
             if order == 0:
                 at = np.stack([p.values(points) for p in point], axis=1)
@@ -337,6 +352,19 @@ class Program:
                 at = np.stack([p[:, 0] for p in inner], axis=1)
                 out[k] = _chained(leaf.jets(at, order), inner)
         return out
+
+
+def along_curve(points: FloatArray) -> IntArray:
+    """Places (n,) of points along a curve that fills space: near ones are mostly near there."""
+    places = np.empty(len(points), np.int64)
+    if len(points):
+        low = points.min(axis=0)
+        size = float((points.max(axis=0) - low).max())
+        kernels.places(_own(points), low, CURVE / size if size > 1e-300 else 0.0, places)
+    return places
+
+
+_COUNTS = (1, 4, 10)  # numbers of a value, and of jets of the orders 1 and 2
 
 
 def _own(a: AnyArray) -> AnyArray:

@@ -12,23 +12,14 @@ from typing import Any
 import numpy as np
 from numba import njit, prange
 
+from ilattice.fields._kernels_program import spread
+
 LEAF = 8
 CHUNK = 64  # leaves that a thread takes at once
 BITS = 21  # of a coordinate in the order along the curve
 ROUNDING = 4e-15  # error of six volumes, relative to the cube of the size
 COPLANAR = 1e-9  # height of triangles over one plane, relative to their size
 DEEPEST = 64
-
-
-@njit(cache=True)
-def _spread(i: int) -> int:
-    """The lowest `BITS` bits of a number, two zeros apart."""
-    i &= 0x1FFFFF
-    i = (i | i << 32) & 0x1F00000000FFFF
-    i = (i | i << 16) & 0x1F0000FF0000FF
-    i = (i | i << 8) & 0x100F00F00F00F00F
-    i = (i | i << 4) & 0x10C30C30C30C30C3
-    return (i | i << 2) & 0x1249249249249249
 
 
 @njit(cache=True, parallel=True)
@@ -40,7 +31,7 @@ def places(x: Any, faces: Any, low: Any, size: float, out: Any) -> None:
         place = 0
         for k in range(3):
             s = (x[a, k] - low[k]) + (x[b, k] - low[k]) + (x[c, k] - low[k])
-            place |= _spread(int(s * scale)) << k
+            place |= spread(int(s * scale)) << k
         out[f] = place
 
 

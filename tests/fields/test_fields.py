@@ -7,6 +7,7 @@ from scipy.spatial import cKDTree
 
 import ilattice as il
 from ilattice.errors import InputError
+from ilattice.fields import _kernels_program as kernels
 
 F = il.fields
 
@@ -89,6 +90,53 @@ def test_operations_are_what_their_formulas_say():
     np.testing.assert_allclose(F.erode(BALL, 0.2)(p), f + 0.2, atol=1e-14)
     a = np.array([1.0, -2.0, 0.5])
     np.testing.assert_allclose(F.scale(BALL, a)(p), 0.5 * _naive(p / a), atol=1e-14)
+
+
+def _many(rng, count):
+    """Balls, their union with other things, and its values from theirs alone."""
+    balls = [
+        F.translate(F.sphere(r), c)
+        for r, c in zip(rng.uniform(0.05, 0.2, count), rng.uniform(-1, 1, (count, 3)), strict=True)
+    ]
+    third = count // 3
+    drilled = [
+        F.difference(F.union(a, b), c)
+        for a, b, c in zip(balls[:third], balls[third : 2 * third], balls[2 * third :], strict=True)
+    ]
+    tree = F.union(*drilled, F.shell(F.union(*balls[:7]), 0.02), F.intersection(*balls[3:5]))
+
+    def values(p):
+        v = np.stack([ball(p) for ball in balls])
+        parts = np.maximum(np.minimum(v[:third], v[third : 2 * third]), -v[2 * third :])
+        shell = np.abs(v[:7].min(axis=0)) - 0.5 * 0.02
+        return np.minimum(np.minimum(parts.min(axis=0), shell), v[3:5].max(axis=0))
+
+    return tree, values
+
+
+def test_what_is_left_out_of_a_deep_tree_does_not_matter():
+    """Exactly: in points far and near, in any order, and derivatives from both sides."""
+    rng = np.random.default_rng(3)
+    tree, values = _many(rng, 90)
+    near = [c + 0.1 * rng.uniform(-1, 1, (300, 3)) for c in rng.uniform(-1, 1, (12, 3))]
+    p = np.concatenate([*near, rng.uniform(-3, 3, (2000, 3))])
+    for q in (p, rng.permutation(p), p[:7]):
+        np.testing.assert_array_equal(tree(q), values(q))
+    q, e = p[:200], 1e-7
+    slopes = [(values(q + e * d) - values(q - e * d)) / (2 * e) for d in np.eye(3)]
+    f, g = tree.jet(q, 1)
+    np.testing.assert_array_equal(f, values(q))
+    assert (np.abs(g - np.stack(slopes, axis=1)).max(axis=1) < 1e-5).mean() > 0.98  # but at kinks
+    np.testing.assert_allclose(tree.jet(q, 2)[1], g, atol=1e-12)
+
+
+def test_solids_out_of_reach_are_left_out_wherever_they_are_in_the_tree():
+    tree, _ = _many(np.random.default_rng(3), 90)
+    program = tree.program
+    codes, numbers, lengths, w, maps = kernels.begin(*program._args, 2)
+    box = np.array([[0.1] * 3, [0.15] * 3])
+    kernels.narrow(codes, numbers, lengths, 0, box, w, maps)
+    assert lengths[1] < len(program.code) / 10
 
 
 def test_a_cone_is_a_distance():
