@@ -11,7 +11,8 @@ import numba
 from benchmarks.measure import table
 
 MODULES = (
-    "bspline", "offsets", "contouring", "quadrature", "mesh_distance", "figures", "solvers",
+    "bspline", "offsets", "contouring", "fields", "quadrature", "mesh_distance", "figures",
+    "solvers",
 )  # fmt: skip
 
 

@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 from scipy.interpolate import NdBSpline
 
-from benchmarks import bench_bspline, bench_contouring, bench_figures, bench_quadrature, references
+from benchmarks import (
+    bench_bspline,
+    bench_contouring,
+    bench_fields,
+    bench_figures,
+    bench_quadrature,
+    references,
+)
 from benchmarks.measure import Row, alone, table
 from ilattice.bspline.fit import fit_interpolate
 
@@ -76,3 +83,11 @@ def test_figures_are_meshed_as_in_their_examples():
     mesh = bench_figures.mesh_of("fig09", "varying", 4.0)
     assert mesh.is_watertight
     assert {"r", "g", "b"} <= set(mesh.point_data)
+
+
+def test_numexpr_evaluates_what_is_meshed():
+    theirs = bench_fields.numexpr(21, 12)
+    x = np.linspace(-1, 1, 21)
+    p = np.stack([a.ravel() for a in np.meshgrid(x, x, x, indexing="ij")], axis=1)
+    np.testing.assert_allclose(theirs.ravel(), bench_fields.tree(12)(p), atol=2e-6)
+    assert (theirs < 0).any()
