@@ -19,6 +19,7 @@ Non-guarantees: arguments are not checked.
 import numpy as np
 from numba import njit, prange
 
+from ilattice.mesh._kernels_bits import lowest, popcount
 from ilattice.mesh._tables import CASES, DOUBLE, FLIPPED, ORDER, PATCHES, START
 
 B = 8  # cells per block and direction
@@ -34,21 +35,6 @@ _OFFSET = np.array(  # corner of each edge (its lower end), and its axis
 _SLOT = _OFFSET[:, 3] * 729 + _OFFSET[:, 0] * 81 + _OFFSET[:, 1] * 9 + _OFFSET[:, 2]
 CAP = 64  # bit of `kind`: inside a cap, not on the level set
 LOWER = 128  # bit of `kind`: on the lower of two levels
-
-
-@njit(cache=True, inline="always")
-def popcount(x):
-    """Number of set bits of a non-negative integer below 2**16."""
-    x = x - ((x >> 1) & 0x5555)
-    x = (x & 0x3333) + ((x >> 2) & 0x3333)
-    x = (x + (x >> 4)) & 0x0F0F
-    return (x + (x >> 8)) & 0x1F
-
-
-@njit(cache=True, inline="always")
-def lowest(x):
-    """Index of the lowest set bit of a positive integer below 2**16."""
-    return popcount((x & -x) - 1)
 
 
 @njit(cache=True)

@@ -9,6 +9,8 @@ Guarantees: as `_kernels_cells`; ties between the diagonals are decided by the o
 import numpy as np
 from numba import njit, prange
 
+from ilattice._typing import AnyArray
+from ilattice.mesh._kernels_bits import lowest
 from ilattice.mesh._kernels_cells import (
     CHUNK,
     B,
@@ -18,7 +20,6 @@ from ilattice.mesh._kernels_cells import (
     ghost_side,
     is_bare,
     kept_edges,
-    lowest,
     neighbour,
     pattern,
 )
@@ -107,63 +108,59 @@ def best_diagonal(p, axis):
     return 0 if q >= (1.0 - TIE) * r else 1
 
 
-@njit(cache=True, inline="always")
-def _edge_cell(axis, corner):
-    """Offsets of the cells around an edge, counter-clockwise about its axis, and their edge."""
-    lower_b = corner == 0 or corner == 3  # the axis after `axis`
-    lower_c = corner < 2  # the one after that
-    ob = 1 if lower_b else 0  # offset of the edge in the cell
-    oc = 1 if lower_c else 0
-    if axis == 0:
-        return 0, -ob, -oc, 2 * ob + oc
-    if axis == 1:
-        return -oc, 0, -ob, 4 + 2 * oc + ob
-    return -ob, -oc, 0, 8 + 2 * ob + oc
+def _around_edges() -> tuple[AnyArray, AnyArray, AnyArray]:
+    """Of the cells around an edge along each axis, counter-clockwise: offsets, and their edge.
+
+    Returns the offsets (3, 4, 3), what they add to a local index, and the edges, (3, 4) each.
+    """
+    offset, edge = np.zeros((3, 4, 3), np.int64), np.zeros((3, 4), np.int64)
+    for axis in range(3):
+        b, c = (axis + 1) % 3, (axis + 2) % 3
+        for corner, (ob, oc) in enumerate(((1, 1), (0, 1), (0, 0), (1, 0))):
+            offset[axis, corner, b], offset[axis, corner, c] = -ob, -oc
+            low, high = (ob, oc) if b < c else (oc, ob)
+            edge[axis, corner] = 4 * axis + 2 * low + high
+    return offset, offset @ np.array([T * T, T, 1]), edge
+
+
+_OFFSET, _STEP, _EDGE = _around_edges()
 
 
 @njit(cache=True)
-def _emit(
-    axis, i, j, k, outward, ids, pattern_of, points, shift, split, below, above, p, faces, at
-):  # fmt: skip
-    """Write the two triangles of one crossed edge; see `faces` for the ids."""
-    c0 = c1 = c2 = c3 = np.int64(0)
+def _corners(axis, cell, ids, pattern_of, points, split, below, above, p, c):
+    """Corners of the quad around an edge of a cell: ids to `c`, places to `p`.
+
+    `cell` is local, the edge is its lowest one along `axis`. See `faces` for the ids.
+    """
     for corner in range(4):
-        di, dj, dk, edge = _edge_cell(axis, corner)
-        local = T * T * (i + di + 1) + T * (j + dj + 1) + k + dk + 1
-        v = ids[local] + CASES[pattern_of[local], LABEL + edge]
-        p[corner, 0] = points[v, 0] - (shift[0] if i + di < 0 else 0.0)
-        p[corner, 1] = points[v, 1] - (shift[1] if j + dj < 0 else 0.0)
-        p[corner, 2] = points[v, 2] - (shift[2] if k + dk < 0 else 0.0)
-        v += below if v < split else above
-        if corner == 0:
-            c0 = v
-        elif corner == 1:
-            c1 = v
-        elif corner == 2:
-            c2 = v
-        else:
-            c3 = v
-    if best_diagonal(p, axis) == 1:
-        c0, c1, c2, c3 = c1, c2, c3, c0
-    if not outward:
-        c1, c3 = c3, c1
-    faces[at, 0] = c0
-    faces[at, 1] = c1
-    faces[at, 2] = c2
-    faces[at + 1, 0] = c0
-    faces[at + 1, 1] = c2
-    faces[at + 1, 2] = c3
+        local = cell + _STEP[axis, corner]
+        v = ids[local] + CASES[pattern_of[local], LABEL + _EDGE[axis, corner]]
+        for a in range(3):
+            p[corner, a] = points[v, a]
+        c[corner] = v + (below if v < split else above)
+
+
+@njit(cache=True)
+def _unwrap(axis, i, j, k, shift, p):
+    """Move the corners that lie across the seam of a wrapped direction next to the others."""
+    for corner in range(4):
+        for a in range(3):
+            at = i if a == 0 else (j if a == 1 else k)
+            if at + _OFFSET[axis, corner, a] < 0:
+                p[corner, a] -= shift[a]
 
 
 @njit(cache=True)
 def _emit_block(
-    rows, shape, coords, b, caps, ids, pattern_of, points, shift, split, below, above, p, faces, at
+    rows, shape, coords, b, caps, ids, pattern_of, points, shift, split, below, above, p, c, faces,
+    at,
 ):  # fmt: skip
     """Write the triangles of the edges that a block owns."""
     bx = kept_edges(shape, 0, coords[b, 3], caps)
     by = kept_edges(shape, 1, coords[b, 1], caps)
     bz = kept_edges(shape, 2, coords[b, 2], caps)
     bits = (1 << extent(shape, 2, coords[b, 2])) - 1
+    seam = shift[0] > 0.0 or shift[1] > 0.0 or shift[2] > 0.0
     for i in range(extent(shape, 0, coords[b, 3])):
         for j in range(extent(shape, 1, coords[b, 1])):
             r = S * i + j
@@ -178,11 +175,18 @@ def _emit_block(
                 while x != 0:
                     k = lowest(x)
                     x &= x - 1
-                    outward = (m >> k) & 1 == 1
-                    _emit(
-                        axis, i, j, k, outward, ids, pattern_of, points, shift, split, below, above,
-                        p, faces, at,
-                    )  # fmt: skip
+                    cell = T * T * (i + 1) + T * (j + 1) + k + 1
+                    _corners(axis, cell, ids, pattern_of, points, split, below, above, p, c)
+                    if seam:
+                        _unwrap(axis, i, j, k, shift, p)
+                    first = best_diagonal(p, axis)
+                    second, third = first + 1, (first + 3) % 4
+                    if (m >> k) & 1 == 0:
+                        second, third = third, second
+                    faces[at, 0] = faces[at + 1, 0] = c[first]
+                    faces[at, 1] = c[second]
+                    faces[at, 2] = faces[at + 1, 1] = c[first + 2]
+                    faces[at + 1, 2] = c[third]
                     at += 2
 
 
@@ -202,6 +206,7 @@ def faces(
         ids = np.zeros(T * T * T, np.int64)
         pattern_of = np.zeros(T * T * T, np.int64)
         p = np.empty((4, 3))
+        corners = np.empty(4, np.int64)
         shift = np.empty(3)
         for q in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
             b = blocks[q]
@@ -221,5 +226,5 @@ def faces(
             shift[2] = period[2] if coords[b, 2] == 0 else 0.0
             _emit_block(
                 rows, shape, coords, b, caps, ids, pattern_of, points, shift, split, below, above,
-                p, out, 2 * first[q],
+                p, corners, out, 2 * first[q],
             )  # fmt: skip
