@@ -4,9 +4,10 @@ Contours of unions, intersections and meshes chamfer edges within a cell. Here e
 tangent plane, from the gradient of the field where the edge of the grid that it surrounds crosses
 the surface; where the planes around a vertex differ, it moves to the point that is nearest to all
 of them (dual contouring: Ju, Losasso, Schaefer and Warren, Proc. SIGGRAPH 2002), half a cell beyond
-its own at most, and quads fold along the edge. Where triangles cross then, vertices go to such a
-point in their own cells, and next back. Vertices next to given corners, those of a mesh that is
-contoured again, move onto them: on the same grid a mesh becomes nearly itself, however often.
+its own at most, and quads fold along the edge. Where triangles cross then, the vertex that moved
+farthest goes to such a point in its own cell, and next back. Vertices next to given corners, those
+of a mesh that is contoured again, move onto them: on the same grid a mesh becomes nearly itself,
+however often.
 
 Guarantees: the same triangles up to the diagonals of quads; vertices stay on the faces of the
 domain that they lie on; away from creases nothing changes. Non-guarantees: creases that bend by
@@ -30,6 +31,7 @@ __all__ = ["sharpened"]
 BENT = np.cos(np.radians(10.0))  # normals farther than this from their mean make a crease
 PLAIN = np.cos(np.radians(4.0))  # where quads bend less, there are no creases
 OFF = 0.02  # spacings that vertices may be off smooth surfaces
+FAR = 0.1  # spacings that places beyond the cells may be off, where places in them are not
 SNAP = 0.2  # spacings that a corner may be away from the vertex that moves there
 ON_SURFACE = 1e-9  # of the largest coordinate: how far corners on the surface may be off it
 STEPS = 10  # of root finding along edges, at most
@@ -37,7 +39,7 @@ FOUND = 1e-11  # of the values at the ends of an edge: a value at its crossing t
 BEYOND = 0.5  # widths of its cell that a vertex may be outside, where no triangles cross
 TURNS = 30  # between planes and cells
 BOX = 3  # cells per side of the boxes in which triangles are compared
-TRIES = 8  # at most, to find places without crossing triangles
+TRIES = 12  # at most, to find places without crossing triangles
 RANK = 0.1  # smaller eigenvalues, as parts of the largest, are directions without a plane
 
 
@@ -74,6 +76,7 @@ def sharpened(raw: Contour, field: Any, axes: Any, corners: FloatArray | None = 
     wide, tight = (
         _kept(field, x[at], _nearest(x[at], A, b, axes, beyond)) for beyond in (BEYOND, 0.0)
     )
+    wide = _nearer(field, wide, tight, axes)
     if corners is not None:
         at, wide, tight = _snapped(x, at, wide, tight, raw.kind, corners, field, axes)
     places = np.stack([wide, tight, x[at]])
@@ -106,7 +109,8 @@ def _folded(
 ) -> tuple[FloatArray, IntArray]:  # fmt: skip
     """Vertices and triangles; each takes the first of its places at which no triangles cross.
 
-    After the first round only what has changed since is folded, and compared with what is near.
+    Of those of a triangle that crosses another, the one that has moved farthest takes its next
+    place. After the first round only what has changed is folded, and compared with what is near.
     """
     new, faces, row = x.copy(), old.copy(), np.full(len(x), -1)
     row[at] = np.arange(len(at))
@@ -124,10 +128,12 @@ def _folded(
         pairs, crossing = self_intersections(new, faces[close], active[close])
         if not pairs:
             break
-        back = row[np.unique(faces[close[crossing]])]
-        back = back[(back >= 0) & (choice[back] < len(places) - 1)]
-        choice[back] += 1
-        changed = at[back]
+        corners = faces[close[crossing]]
+        free = moved[corners]
+        far = np.where(free, np.linalg.norm(new[corners] - x[corners], axis=2), -1.0)
+        one = np.take_along_axis(corners, far.argmax(axis=1)[:, None], axis=1)
+        changed = np.unique(one[free.any(axis=1)])
+        choice[row[changed]] += 1
     return new, faces
 
 
@@ -254,6 +260,16 @@ def _kept(field: Any, old: FloatArray, new: FloatArray) -> FloatArray:
     before = np.abs(field(old))
     fine = np.abs(value) <= np.maximum(before, 0.25 * reach)
     out: FloatArray = np.where(fine[:, None], new, old)
+    return out
+
+
+def _nearer(field: Any, wide: FloatArray, tight: FloatArray, axes: Any) -> FloatArray:
+    """`wide`, but `tight` where only that is near to the surface: corners out of reach."""
+    h = min(float(np.diff(planes).min()) for planes in axes)
+    value, gradient = field.jet(wide, 1)
+    missed = np.abs(value) > FAR * h * np.linalg.norm(gradient, axis=1)
+    missed &= 2.0 * np.abs(field(tight)) < np.abs(value)
+    out: FloatArray = np.where(missed[:, None], tight, wide)
     return out
 
 

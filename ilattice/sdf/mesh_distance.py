@@ -37,6 +37,7 @@ __all__ = ["ClosestPoints", "MeshDistance", "MeshFaults"]
 
 #: Height of a triangle, as part of the largest coordinate, below which normals near it do not tell.
 THIN = 1e-9
+ON_MESH = 4e-15  # of the coordinates: points that are nearer to an edge have no side
 _LARGEST = 1e100
 _SMALLEST = 1e-100
 
@@ -385,6 +386,8 @@ class MeshDistance:
                 self._turn, found.side,
             )  # fmt: skip
             found.side[self._thin[found.face]] = 0
+        slack = ON_MESH * (self._scale + np.abs(points).sum(axis=1))
+        found.side[(found.side == 0) & (found.square <= slack**2)] = 1
         kernels.sides_by_winding(
             points, self._box, self._link, self._tri, self._moment, self._turn, found.side
         )

@@ -232,3 +232,32 @@ def test_round_trips_do_not_wear_meshes_out(tmp_path):
     assert all(e.max() < 1.5 * errors[0].max() for e in errors)
     assert all(np.sqrt((e**2).mean()) < 1.5 * np.sqrt((errors[0] ** 2).mean()) for e in errors)
     assert errors[0].max() < 0.6 * h
+
+
+HIERARCHY = (  # Figure 5 of the paper, smaller
+    ("box scale 1.2", "sphere scale 1.5"),
+    ("p-surface scale 4 translate 2,2,2",),
+    ("d-surface scale 3.75",),
+    ("gyroid scale 1.25",),
+)
+
+
+def test_hierarchies_may_be_meshed_step_by_step(tmp_path):
+    """Each step from the file of the one before; against the parts divided by their slopes."""
+    h, path, words = 4 / 50, tmp_path / "a.ply", []
+    for step in HIERARCHY:
+        before = [str(path)] if words else []
+        found = mesh(il.sdf.parse([*before, *" ".join(step).split()]), h)
+        found.save(path)
+        words += step
+        assert found.is_watertight
+    direct = mesh(il.sdf.parse(" ".join(words)), h)
+    parts = [il.fields.normalize(il.sdf.parse(word)) for word in words]
+    errors = []
+    for made in (direct, found):
+        x = np.asarray(made.vertices, float)
+        points = np.concatenate([x, x[made.faces].mean(axis=1)])
+        errors.append(np.abs(np.max([part(points) for part in parts], axis=0)))
+    assert found.volume == pytest.approx(direct.volume, rel=0.05)
+    for size in (np.max, lambda e: np.sqrt((e**2).mean())):
+        assert size(errors[1]) < 2 * size(errors[0])
