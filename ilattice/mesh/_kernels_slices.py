@@ -200,18 +200,22 @@ def _near(points, i, j, least):
 
 @njit(cache=True)
 def thin_out(points, start, least, sharp, keep):
-    """Marks points of closed loops to keep: no two nearer than `least` in a row, sharp ones all."""
+    """Marks points of closed loops to keep: no two in a row nearer than `least` (n,) of the later.
+
+    Sharp ones stay.
+    """
     for loop in range(len(start) - 1):
         a, b = start[loop], start[loop + 1]
         last = a
         keep[a] = True
         for i in range(a + 1, b):
-            keep[i] = sharp[i] or not _near(points, i, last, least)
+            near = _near(points, i, last, least[i])
+            keep[i] = sharp[i] or not near
             if keep[i]:
-                if sharp[i] and last > a and not sharp[last] and _near(points, i, last, least):
+                if near and sharp[i] and last > a and not sharp[last]:
                     keep[last] = False
                 last = i
-        if last > a and not sharp[last] and _near(points, last, a, least):
+        if last > a and not sharp[last] and _near(points, last, a, least[last]):
             keep[last] = False
 
 

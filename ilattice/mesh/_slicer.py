@@ -36,15 +36,15 @@ SECANTS = 3
 STEPS, POLISHING = 6, 3
 #: Longest step and longest way of a point, and the step that ends the iteration, in cells.
 STEP, WAY, STILL = 0.5, 1.5, 1e-3
-#: Points nearer to each other, relative to the edges of the grid, merge: first those along smooth
-#: parts of a contour, then all.
+#: Points nearer to each other merge: first those along smooth parts of a contour, relative to the
+#: shortest edge of the cells there, then all, relative to the edges asked for.
 SPACING, MERGE = 0.35, 1e-3
-#: Turn between neighbouring edges, in radians, above which they get points in between, and into
-#: how many pieces they go at most: chords cut off an area that falls with the square of the turn.
-BEND, PIECES = 0.05, 4
-#: How far beside a chord, relative to its length, points in between may be: more than at a turn of
-#: a radian, less than at the other side of a crease.
-ASIDE = 0.15
+#: Turn between neighbouring edges, in radians, above which they are halved, and how often at most:
+#: chords cut off an area that falls with the square of the turn.
+BEND, HALVES = 0.05, 5
+#: How far beside a chord, relative to its length, the point in between may be: more than at a turn
+#: of two radians, less than at the other side of a crease; and how far from its middle.
+ASIDE, AHEAD = 0.28, 0.25
 #: How far below the asked height planes cut, relative to the largest height: an upper end that is
 #: flat is cut as a whole, whatever the rounding of its heights.
 BELOW = 1e-11
@@ -208,7 +208,7 @@ class Slicer:
         fixed = np.stack([(faces >> (2 * k)) & 3 for k in range(3)], axis=1) != 0
         sharp = fixed.sum(axis=1) + cross > 1
         keep = np.zeros(len(u), np.bool_)
-        kernels.thin_out(self._flat(u), start, SPACING * self.h, sharp, keep)
+        kernels.thin_out(self._flat(u), start, SPACING * self._edges(u), sharp, keep)
         start = np.concatenate([[0], np.cumsum(np.add.reduceat(keep, start[:-1], dtype=np.int64))])
         fixed, side = fixed[keep], side[keep]
         u = self._settled(u[keep], fixed, side, level)
@@ -218,24 +218,29 @@ class Slicer:
     def _denser(
         self, u: FloatArray, start: IntArray, conditions: tuple[AnyArray, IntArray, float]
     ) -> tuple[FloatArray, IntArray]:
-        """Loops with more points between neighbours on one side of the wall, where they bend."""
+        """Loops with more points between neighbours on a side or a face, where they bend."""
         fixed, side, level = conditions
-        after = np.arange(1, len(u) + 1)
-        after[start[1:] - 1] = start[:-1]
-        p = self._flat(u)
-        turn = _turns(p, after)
-        sharpest = np.maximum(turn, turn[after])
-        pieces = np.clip(np.ceil(sharpest / BEND), 1, PIECES).astype(np.int64)
-        pieces[(side != side[after]) | (side == 0)] = 1
-        at = np.repeat(np.arange(len(u)), pieces - 1)
-        first = np.cumsum(pieces - 1) - (pieces - 1)
-        part = (np.arange(len(at)) - first[at] + 1.0) / pieces[at]
-        to = after[at]
-        new = self._wrapped(u[at] + part[:, None] * self._shortest(u[to] - u[at]))
-        new = self._settled(new, fixed[at] & fixed[to], side[at], level)
-        good = _beside(self._flat(new), p[at], p[to], part, pieces[at])
-        at, new = at[good], new[good]
-        return np.insert(u, at + 1, new, axis=0), start + np.searchsorted(at, start)
+        for _ in range(HALVES):
+            after = np.arange(1, len(u) + 1)
+            after[start[1:] - 1] = start[:-1]
+            p = self._flat(u)
+            rim: AnyArray = np.asarray((fixed & fixed[after]).any(axis=1))
+            along = rim | (side == side[after])
+            turn = _turns(p, after)
+            bend = along & along[after] & (rim == rim[after])
+            turn[after[~bend]] = 0.0  # corners of the wall, or of the domain
+            turn[fixed.sum(axis=1) > 1] = 0.0
+            at = np.flatnonzero(along & (np.maximum(turn, turn[after]) > BEND))
+            to = after[at]
+            on, of = fixed[at] & fixed[to], np.where(rim, 0, side)[at]
+            new = self._wrapped(u[at] + 0.5 * self._shortest(u[to] - u[at]))
+            new = self._settled(new, on, of, level)
+            good = _beside(self._flat(new), p[at], p[to])
+            place = at[good] + 1
+            start = start + np.searchsorted(place, start, "right")
+            u, fixed = np.insert(u, place, new[good], axis=0), np.insert(fixed, place, on[good], 0)
+            side = np.insert(side, place, of[good])
+        return u, start
 
     def _shortest(self, step: FloatArray) -> FloatArray:
         """Ways between parameters, across the seam of closed directions where that is shorter."""
@@ -297,6 +302,11 @@ class Slicer:
             out[:, k] = d[np.clip(np.searchsorted(a, u[:, k]) - 1, 0, len(d) - 1)]
         return out
 
+    def _edges(self, u: FloatArray) -> FloatArray:
+        """Lengths of the shortest edges of the cells around points, at most those asked for."""
+        size = np.linalg.norm(self.wall.lattice.through.jacobian(u), axis=1)
+        return np.minimum((size * self._widths(u)).min(axis=1), self.h)
+
     def _step(
         self, u: FloatArray, fixed: AnyArray, side: IntArray, level: float, *, exact: bool
     ) -> FloatArray:
@@ -352,22 +362,20 @@ def _turns(points: FloatArray, after: IntArray) -> FloatArray:
     return turn
 
 
-def _beside(
-    new: FloatArray, a: FloatArray, b: FloatArray, part: FloatArray, pieces: IntArray
-) -> AnyArray:
-    """Which points (n, 2) are near their part of the way from a to b: not so beside creases."""
+def _beside(new: FloatArray, a: FloatArray, b: FloatArray) -> AnyArray:
+    """Which points (n, 2) are near the middle of the way from a to b: not so beside creases."""
     way, gone = b - a, new - a
     square = np.maximum((way * way).sum(axis=1), 1e-300)
     along = (gone * way).sum(axis=1) / square
     across = (way[:, 0] * gone[:, 1] - way[:, 1] * gone[:, 0]) / square
-    good: AnyArray = (np.abs(along - part) < 0.5 / pieces) & (np.abs(across) < ASIDE)
+    good: AnyArray = (np.abs(along - 0.5) < AHEAD) & (np.abs(across) < ASIDE)
     return good
 
 
 def finished(points: FloatArray, start: IntArray, least: float) -> Outline:
     """Loops without points that coincide, and without loops that are smaller than `least`."""
     keep = np.zeros(len(points), np.bool_)
-    kernels.thin_out(points, start, least, np.zeros_like(keep), keep)
+    kernels.thin_out(points, start, np.full(len(points), least), np.zeros_like(keep), keep)
     count = np.add.reduceat(keep, start[:-1], dtype=np.int64)
     points, start = points[keep], np.concatenate([[0], np.cumsum(count)])
     area = np.empty(len(count))

@@ -53,12 +53,12 @@ def parts(w):
 def inside(points, loops):
     """Naive: even number of crossings of a ray to the right, for all contours at once."""
     odd = np.zeros(len(points), bool)
-    for loop in loops:
-        for a, b in zip(loop, np.roll(loop, -1, axis=0), strict=True):
-            spans = (a[1] > points[:, 1]) != (b[1] > points[:, 1])
-            if spans.any():
-                x = a[0] + (points[:, 1] - a[1]) / (b[1] - a[1]) * (b[0] - a[0])
-                odd ^= spans & (points[:, 0] < x)
+    for a in loops:
+        b = np.roll(a, -1, axis=0)
+        edge, at = np.nonzero((a[:, 1:] > points[:, 1]) != (b[:, 1:] > points[:, 1]))
+        part = (points[at, 1] - a[edge, 1]) / (b[edge, 1] - a[edge, 1])
+        crossed = points[at, 0] < a[edge, 0] + part * (b[edge, 0] - a[edge, 0])
+        odd ^= np.bincount(at[crossed], minlength=len(points)) % 2 == 1
     return odd
 
 
@@ -241,6 +241,23 @@ def test_chords_cut_off_little_of_bent_contours(z):
     assert error[1] < 1e-4
 
 
+def test_small_tiles_get_as_many_points_as_large_ones():
+    """A cross in tiles of 0.07 to 0.43: arms are a few cells thick, the smallest less than h."""
+    c = np.stack(np.meshgrid([0.0, 0.05, 1.0], [0.0, 1.0], [0.0, 1.0], indexing="ij"), axis=-1)
+    through = il.SplineMap(
+        il.BSpline([[0, 0, 0, 1, 1, 1], [0, 0, 1, 1], [0, 0, 1, 1]], c, (2, 1, 1))
+    )
+    lattice = il.Lattice("cross", through=through, repeat=(4, 4, 4))
+    w = lattice.offset((np.inf, 0.0), space="parametric")
+
+    def field(p):
+        u = (np.sqrt(0.01 + 3.6 * p[:, 0]) - 0.1) / 1.8
+        return w.field(np.column_stack([u, p[:, 1], np.full(len(p), 0.46)]))
+
+    area = w.slices([0.46])[0].area
+    assert area == pytest.approx(area_by_lines(field, lines=4000), rel=5e-4)
+
+
 def area_by_lines(f, lines=1000, samples=200):
     """Area of the unit square where f < 0."""
     y, x = (np.arange(lines) + 0.5) / lines, np.linspace(0.0, 1.0, samples + 1)
@@ -406,12 +423,15 @@ def test_cycles_of_a_permutation():
 
 def test_near_points_merge_but_sharp_ones_stay():
     p = np.array([[0, 0], [1, 0], [1.01, 0], [2, 0], [2.01, 0.01], [2, 1], [0.01, 0.01]])
-    keep = np.zeros(7, bool)
-    kernels.thin_out(p, np.array([0, 7]), 0.1, np.zeros(7, bool), keep)
+    keep, near = np.zeros(7, bool), np.full(7, 0.1)
+    kernels.thin_out(p, np.array([0, 7]), near, np.zeros(7, bool), keep)
     assert keep.tolist() == [True, True, False, True, False, True, False]
     sharp = np.arange(7) == 4
-    kernels.thin_out(p, np.array([0, 7]), 0.1, sharp, keep)
+    kernels.thin_out(p, np.array([0, 7]), near, sharp, keep)
     assert keep.tolist() == [True, True, False, False, True, True, False]
+    near[2:4] = 0.001, 2.0  # what counts is the distance that the later one asks for
+    kernels.thin_out(p, np.array([0, 7]), near, np.zeros(7, bool), keep)
+    assert keep.tolist() == [True, True, True, False, True, True, False]
 
 
 # --- bad input --------------------------------------------------------------------------------
