@@ -28,13 +28,16 @@ SINGULAR = 1e12
 SMALL, MEDIUM = 1.5e7, 6e7
 
 
-def multigrid(K: bsr_array, modes: FloatArray) -> tuple[Engine, int]:
+def multigrid(
+    K: bsr_array, modes: FloatArray, places: FloatArray | None = None
+) -> tuple[Engine, int]:
     """Our own smoothed aggregation, and the bytes it takes."""
-    engine = Multigrid(Blocks(K.indptr, K.indices, K.data, K.shape[0] // K.blocksize[0]), modes)
+    blocks = Blocks(K.indptr, K.indices, K.data, K.shape[0] // K.blocksize[0])
+    engine = Multigrid(blocks, modes, places)
     return engine, engine.nbytes
 
 
-def superlu(K: bsr_array, _: FloatArray) -> tuple[Engine, int]:
+def superlu(K: bsr_array, *_: Any) -> tuple[Engine, int]:
     """SciPy's SuperLU for symmetric matrices, without pivoting."""
     d = 1 / np.sqrt(_positive_diagonal(K))
     scaled = (diags_array(d) @ K.tocsr() @ diags_array(d)).tocsc()
@@ -52,7 +55,7 @@ def superlu(K: bsr_array, _: FloatArray) -> tuple[Engine, int]:
     return _certain(lambda r: d * lu.solve(d * r), d), 12 * lu.nnz
 
 
-def pardiso(K: bsr_array, _: FloatArray) -> tuple[Engine, int]:
+def pardiso(K: bsr_array, *_: Any) -> tuple[Engine, int]:
     """MKL's PARDISO for positive definite matrices, by pypardiso."""
     module = _optional("pypardiso", "pardiso")
     d = 1 / np.sqrt(_positive_diagonal(K))
@@ -68,7 +71,7 @@ def pardiso(K: bsr_array, _: FloatArray) -> tuple[Engine, int]:
     return engine, 1024 * int(solver.get_iparm(17))
 
 
-def pyamg(K: bsr_array, modes: FloatArray) -> tuple[Engine, int]:
+def pyamg(K: bsr_array, modes: FloatArray, *_: Any) -> tuple[Engine, int]:
     """Smoothed aggregation with block Gauss-Seidel by pyamg."""
     module = _optional("pyamg", "fem")
     _positive_diagonal(K)

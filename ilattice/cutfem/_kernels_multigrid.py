@@ -31,6 +31,44 @@ def strengths(offsets: Any, columns: Any, blocks: Any, L: Any, out: Any) -> None
             out[k] = v
 
 
+@njit(cache=True, error_model="numpy", parallel=True)
+def nearest(offsets: Any, columns: Any, strength: Any, least: float, places: Any, out: Any) -> None:
+    """Squared distance to the nearest node with a coupling above `least`, infinite without any."""
+    n = len(offsets) - 1
+    for part in prange(PARTS):
+        for i in range(n * part // PARTS, n * (part + 1) // PARTS):
+            out[i] = np.inf
+            for k in range(offsets[i], offsets[i + 1]):
+                if strength[k] > least:
+                    out[i] = min(out[i], squared_distance(places, i, columns[k]))
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
+def weaken_far(
+    offsets: Any, columns: Any, places: Any, near: Any, most: float, factor: Any, strength: Any
+) -> None:
+    """Couplings to nodes beyond sqrt(`most`) times the nearest one, times a factor.
+
+    The nearest one of that of the two nodes which has it farther away.
+    """
+    n = len(offsets) - 1
+    for part in prange(PARTS):
+        for i in range(n * part // PARTS, n * (part + 1) // PARTS):
+            for k in range(offsets[i], offsets[i + 1]):
+                j = columns[k]
+                if squared_distance(places, i, j) > most * max(near[i], near[j]):
+                    strength[k] *= factor
+
+
+@njit(cache=True, error_model="numpy")
+def squared_distance(places: Any, i: int, j: int) -> float:
+    """Between two nodes."""
+    x = places[i, 0] - places[j, 0]
+    y = places[i, 1] - places[j, 1]
+    z = places[i, 2] - places[j, 2]
+    return x * x + y * y + z * z
+
+
 @njit(cache=True, error_model="numpy")
 def aggregate(offsets: Any, columns: Any, strength: Any, least: float, out: Any) -> int:
     """Aggregate of every node, -1 for nodes without couplings; the number of them.

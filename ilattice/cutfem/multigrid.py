@@ -35,6 +35,9 @@ DEGREE, DAMPING = 2, 4 / 3
 #: Neighbours in an aggregate have couplings above this, relative to the diagonal: in the first
 #: level, and in the others, where smoothed modes overlap with many that are far.
 WEAK, WEAK_COARSE = 0.02, 0.05
+#: And they are nearer than this many times the nearest such node: where cells are stretched, those
+#: across the short side are joined first.
+FAR = 2.0
 LANCZOS = 16
 #: Largest eigenvalues are taken as this much above their estimate.
 SAFETY = 1.1
@@ -118,6 +121,8 @@ class Multigrid:
         Symmetric, square blocks (m, m), double precision.
     modes : array_like, shape (n, p)
         Near-nullspace: motions with little energy.
+    places : ndarray, shape (nodes, 3), optional
+        Nodes in space; without them stretched cells are not told from others.
 
     Raises
     ------
@@ -127,16 +132,18 @@ class Multigrid:
         If a combination of the modes has no stiffness: K is singular.
     """
 
-    def __init__(self, K: Blocks, modes: FloatArray) -> None:
+    def __init__(self, K: Blocks, modes: FloatArray, places: FloatArray | None = None) -> None:
         self.levels: list[_Level] = []
-        A, B = K, modes
+        A, B, x = K, modes, places
         factors, inverses = _block_factors(A)
         self.scaling = inverses
         while A.shape[0] > COARSEST:
             scaled = _scaled(A, inverses, np.float32)
             rho = _largest_eigenvalue(scaled)
             B = _multiply_blocks(factors, B, True, np.float64)
-            P, B = _prolongation(scaled, B, rho, WEAK_COARSE if self.levels else WEAK)
+            home, count = _aggregates(scaled, x, WEAK_COARSE if self.levels else WEAK)
+            P, B = _prolongation(scaled, B, rho, home, count)
+            x = None if x is None else _means(x, home, count)
             if P.width > 0.7 * A.rows:
                 break
             A = _galerkin(A, inverses, P)
@@ -243,18 +250,35 @@ def _largest_eigenvalue(A: Blocks) -> float:
     return float(eigvalsh_tridiagonal(alphas, betas[: len(alphas) - 1])[-1])
 
 
-def _prolongation(
-    A: Blocks, modes: FloatArray, rho: float, least: float
-) -> tuple[Blocks, FloatArray]:
-    """Smoothed modes on aggregates, single precision, and the modes of the next level."""
-    m, p = A.blocks.shape[1], modes.shape[1]
+def _aggregates(A: Blocks, places: FloatArray | None, least: float) -> tuple[AnyArray, int]:
+    """Aggregate of every node, -1 for nodes without couplings, and their number."""
     strength = np.empty(len(A.columns), np.float32)
     km.strengths(A.offsets, A.columns, A.blocks, A.sizes[0], strength)
+    bound = least**2 * A.blocks.shape[1]
+    if places is not None:
+        near = np.empty(A.rows)
+        km.nearest(A.offsets, A.columns, strength, bound, places, near)
+        km.weaken_far(A.offsets, A.columns, places, near, FAR**2, np.float32(bound), strength)
     home = np.empty(A.rows, np.int32)
-    count = km.aggregate(A.offsets, A.columns, strength, least**2 * m, home)
+    return home, km.aggregate(A.offsets, A.columns, strength, bound, home)
+
+
+def _means(places: FloatArray, home: AnyArray, count: int) -> FloatArray:
+    """Mean places (count, 3) of the nodes of aggregates."""
+    inside = home >= 0
+    size = np.bincount(home[inside], minlength=count)
+    sums = [np.bincount(home[inside], x[inside], count) for x in places.T]
+    return np.stack(sums, axis=1) / size[:, None]
+
+
+def _prolongation(
+    A: Blocks, modes: FloatArray, rho: float, home: AnyArray, count: int
+) -> tuple[Blocks, FloatArray]:
+    """Smoothed modes on aggregates, single precision, and the modes of the next level."""
+    p = modes.shape[1]
     inside = home >= 0
     members = np.argsort(home, kind="stable")[np.count_nonzero(~inside) :]
-    blocks, coarse = np.zeros((A.rows, m, p)), np.empty((count * p, p))
+    blocks, coarse = np.zeros((A.rows, A.blocks.shape[1], p)), np.empty((count * p, p))
     starts = _offsets(np.bincount(home[inside], minlength=count))
     km.tentative(starts, members, modes, A.sizes[0], blocks, coarse)
     simple = Blocks(_offsets(inside), home[inside], blocks[inside].astype(np.float32), count)

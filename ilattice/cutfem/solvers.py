@@ -85,7 +85,8 @@ class Solver:
         "multigrid" (our own), "pyamg", "pardiso" (each needs its extra, ``fem`` or ``pardiso``),
         "superlu", or "auto": by the predicted size of a factor.
     places : array_like, shape (n / m, 3), optional
-        Nodes in space, for the rigid motions and for messages.
+        Nodes in space: for the rigid motions, for messages, and for multigrid to see where cells
+        are stretched.
     progress : bool or callable, optional
         Bar of each solve, as everywhere.
 
@@ -119,7 +120,7 @@ class Solver:
         self._blocks = Blocks(self._K.indptr, self._K.indices, self._K.data, n // self._m)
         _check_symmetric(self.multiply, n)
         self._method = choose(self._K) if method == "auto" else method
-        self._engine, self._bytes = ENGINES[self._method](self._K, modes)
+        self._engine, self._bytes = ENGINES[self._method](self._K, modes, self._places)
         self._progress = progress
         self._setup_seconds = time.perf_counter() - start
 

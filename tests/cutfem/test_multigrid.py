@@ -11,6 +11,7 @@ from ilattice.cutfem import _kernels_multigrid as km
 from ilattice.cutfem.multigrid import (
     Blocks,
     Multigrid,
+    _aggregates,
     _block_factors,
     _galerkin,
     _prolongation,
@@ -200,6 +201,6 @@ def test_the_next_level_carries_the_modes():
     factors, inverses = _block_factors(K)
     scaled = _scaled(K, inverses, np.float32)
     modes = np.einsum("iba,ibq->iaq", factors, s.modes.reshape(-1, 3, 6)).reshape(-1, 6)
-    P, coarse = _prolongation(scaled, modes, 3.0, 0.02)
+    P, coarse = _prolongation(scaled, modes, 3.0, *_aggregates(scaled, None, 0.02))
     np.testing.assert_allclose(dense(P) @ coarse, modes, atol=1e-5 * np.abs(modes).max())
     assert P.width < K.rows / 10

@@ -6,6 +6,7 @@ import pytest
 from scipy.sparse import bsr_array, csr_array, eye_array
 from scipy.sparse.linalg import spsolve
 
+import ilattice as il
 from benchmarks.systems import cross, modes, sheet, solid, system
 from ilattice.cutfem.solvers import Solver, rigid_modes
 from ilattice.errors import ConvergenceError, InputError
@@ -112,6 +113,21 @@ def test_slivers_cost_few_iterations(fixed):
         counts.append(solver.solve(s.f)[1].iterations)
     assert counts[1] <= 1.3 * counts[0]
     assert counts[0] > 5
+
+
+def test_stretched_cells_cost_few_iterations():
+    """Aggregates follow the short sides of cells, where the places of nodes are known."""
+    iterations = []
+    for length in (1.0, 8.0):
+        box = [[0, 0, 0], [1, 1, length]]
+        problem = il.cutfem.Elasticity(lambda u: u[:, 0] - 2, (12, 12, 12), domain=box, degree=1)
+        s = problem.clamp("w=0").clamp("w=1").load(body=(1, 0.3, 0)).system
+        for places in (s.places, None):
+            solver = Solver(s.K, near_nullspace=s.near_nullspace, places=places, method="multigrid")
+            iterations.append(solver.solve(s.b)[1].iterations)
+    cubes, _, stretched, blind = iterations
+    assert stretched <= 2 * cubes
+    assert stretched <= 0.5 * blind
 
 
 @pytest.mark.parametrize("fixed", ["z0", "x0"])
