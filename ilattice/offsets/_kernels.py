@@ -33,6 +33,8 @@ APART = 0.4
 SQUEEZED = 10.0
 #: Seeds with a larger curvature times spacing say nothing about the normals next to them.
 SHARP = 2.0
+#: How far below its upper faces a tile ends whose neighbours meet it in creases.
+BELOW = 1e-12
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
@@ -92,8 +94,38 @@ def row_near(a, i, j, y, h):
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
-def together(a, i, b, j):
+def tile_index(geom, axis, p):
+    """Number of the tile of a coordinate; the upper end of the domain belongs to the last one."""
+    if geom[6 + axis] == 0.0 and p == geom[9 + axis]:
+        return p - 1.0
+    return np.floor(p)
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def across(geom, p, q):
+    """Whether a crease may lie between p and q: they are in different tiles, which have creases."""
+    if geom[14] == 0.0:
+        return False
+    for a in range(3):
+        if tile_index(geom, a, p[a]) != tile_index(geom, a, q[a]):
+            return True
+    return False
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def piece(geom, p, room):
+    """Bounds of the tile of p, less the upper ones, which belong to the next tile, into `room`."""
+    for a in range(3):
+        k = tile_index(geom, a, p[a])
+        room[0, a] = k
+        room[1, a] = k + 1.0 - BELOW
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def together(geom, a, i, b, j):
     """Whether the tile coordinates in rows i and j are too close for two sheets that face alike."""
+    if across(geom, (a[i, 0], a[i, 1], a[i, 2]), (b[j, 0], b[j, 1], b[j, 2])):
+        return False
     return (
         abs(a[i, 0] - b[j, 0]) < APART
         and abs(a[i, 1] - b[j, 1]) < APART
@@ -102,18 +134,20 @@ def together(a, i, b, j):
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
-def alike(sp, sx, sn, a, b, h):
+def alike(geom, sp, sx, sn, a, b, h):
     """Whether the seeds a and b are within h of each other and on the same side of a wall."""
-    if not row_near(sx, a, 0, (sx[b, 0], sx[b, 1], sx[b, 2]), h) or not together(sp, a, sp, b):
+    if not row_near(sx, a, 0, (sx[b, 0], sx[b, 1], sx[b, 2]), h) or not together(
+        geom, sp, a, sp, b
+    ):
         return False
     return sn[a, 0] * sn[b, 0] + sn[a, 1] * sn[b, 1] + sn[a, 2] * sn[b, 2] > 0.0
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
-def tried(sp, sx, sn, idx, row, used, s, h):
+def tried(geom, sp, sx, sn, idx, row, used, s, h):
     """Whether a start like the seed s has been made; `used` has a bit per candidate."""
     for c in range(idx.shape[1]):
-        if used & (1 << c) and alike(sp, sx, sn, idx[row, c], s, h):
+        if used & (1 << c) and alike(geom, sp, sx, sn, idx[row, c], s, h):
             return True
     return False
 
@@ -128,13 +162,13 @@ def store(feet, i, p, y, dist, lam):
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
-def same_patch(sp, sx, sn, s, x, feet, i, h):
+def same_patch(geom, sp, sx, sn, s, x, feet, i, h):
     """Whether the patch of seed s is that of the foot in row i: near to it, and facing x alike.
 
     Near is the seed, or the point next to x on its tangent plane. A sheet and the one behind it,
     however near, are seen from different sides.
     """
-    if not together(sp, s, feet, i):
+    if not together(geom, sp, s, feet, i):
         return False
     y = (sx[s, 0], sx[s, 1], sx[s, 2])
     a = (x[0] - y[0]) * sn[s, 0] + (x[1] - y[1]) * sn[s, 1] + (x[2] - y[2]) * sn[s, 2]
@@ -151,15 +185,15 @@ def same_patch(sp, sx, sn, s, x, feet, i, h):
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
-def wanted(sp, sx, sn, idx, row, c, x, feet, seconds, i, used, h):
+def wanted(geom, sp, sx, sn, idx, row, c, x, feet, seconds, i, used, h):
     """Whether candidate c is worth a start, given the feet found so far."""
     s = idx[row, c]
-    if same_patch(sp, sx, sn, s, x, feet, i, h):
+    if same_patch(geom, sp, sx, sn, s, x, feet, i, h):
         return False
-    if seconds[i, 6] < np.inf and same_patch(sp, sx, sn, s, x, seconds, i, h):
+    if seconds[i, 6] < np.inf and same_patch(geom, sp, sx, sn, s, x, seconds, i, h):
         return False
     return not unlikely(x, sx, sn, s, h, feet[i, 6]) and not tried(
-        sp, sx, sn, idx, row, used, s, 0.5 * h
+        geom, sp, sx, sn, idx, row, used, s, 0.5 * h
     )
 
 
@@ -203,19 +237,22 @@ def accept(geom, box, clip, orient, m, p, y, x, q, lam, st, h, feet, seconds, i,
 @njit(cache=True, fastmath=FAST, error_model="numpy")
 def multi_start(
     d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
-    sp, sx, sn, sh, x, q, idx, row, box, clip, orient, tol, feet, seconds, i, status, b, m, t, tab,
+    sp, sx, sn, sh, x, q, idx, row, box, clip, orient, tol, feet, seconds, i, status, room,
+    b, m, t, tab,
 ):  # fmt: skip
     """Best and second-best distinct foot of x over the candidate seeds idx[row].
 
     Rows i of `feet` and `seconds` (n, 8) receive p (3), y (3), distance and multiplier. Unless
-    `status` is FALLBACK they hold feet already, with distances, and those count too. Returns the
-    number of starts, of iterations, and the status.
+    `status` is FALLBACK they hold feet already, with distances, and those count too. Where tiles
+    meet in creases each start stays in its tile, `room`, as if there were no other one. Returns
+    the number of starts, of iterations, and the status.
     """
     starts = 0
     iterations = 0
     used = 0
     soft = 1.0
     along = (0.0, 0.0, 0.0)
+    room[:] = box
     if status == FALLBACK:
         feet[i, 6] = np.inf
         seconds[i, 6] = np.inf
@@ -232,7 +269,7 @@ def multi_start(
             if seed_distance(sx, s, x) > reach + 2.0 * h:
                 continue
             if status != FALLBACK and not wanted(
-                sp, sx, sn, idx, row, a, x, feet, seconds, i, used, h
+                geom, sp, sx, sn, idx, row, a, x, feet, seconds, i, used, h
             ):
                 continue
             used |= 1 << a
@@ -246,13 +283,17 @@ def multi_start(
             )  # fmt: skip
             if clip:
                 start = clamp(start, box)
-        held = clip
+        held = clip or geom[14] != 0.0
+        if geom[14] != 0.0:
+            piece(geom, start, room)
         while True:
             firm = 1.0 if soft > LOOSE and status == OK else 0.05
+            if status != FALLBACK and across(geom, start, (feet[i, 0], feet[i, 1], feet[i, 2])):
+                firm = 0.0
             best = (feet[i, 3], feet[i, 4], feet[i, 5], feet[i, 6], firm)
             p, y, lam, low, n, st = newton(
                 d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
-                x, start, best, box, held, h, tol, b, m, t, tab,
+                x, start, best, room, held, h, tol, b, m, t, tab,
             )  # fmt: skip
             starts += 1
             iterations += n
@@ -299,7 +340,7 @@ def spread(geom, sp, sx, sn, sh, q, idx, out):
                 continue
             apart = True
             for c in range(count):
-                if alike(sp, sx, sn, out[i, c], s, 0.6 * sh[s]):
+                if alike(geom, sp, sx, sn, out[i, c], s, 0.6 * sh[s]):
                     apart = False
                     break
             if apart:
@@ -348,6 +389,7 @@ def closest(
     n = len(x)
     for chunk in prange((n + CHUNK - 1) // CHUNK):
         b, m, t, tab = scratch(factor, c, k0, k1, k2, q0, q1, q2)
+        room = np.empty((2, 3))
         for i in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
             xi = (x[i, 0], x[i, 1], x[i, 2])
             qi = (q[i, 0], q[i, 1], q[i, 2])
@@ -355,7 +397,7 @@ def closest(
             starts, iterations, st = multi_start(
                 d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
                 sp, sx, sn, sh, xi, qi, idx, i, box, clip, orient, tol, feet, seconds, i, status[i],
-                b, m, t, tab,
+                room, b, m, t, tab,
             )  # fmt: skip
             counts[i, 0] += starts
             counts[i, 1] += iterations

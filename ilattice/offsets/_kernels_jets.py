@@ -6,8 +6,9 @@ take the flat argument list
 
     d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc
 
-the map T as arguments of the B-spline kernels; `geom` (14,) with lo, step (u = lo + p * step),
-closed directions, numbers of tiles, whether T is rational, and the kind of tile; the tile as a
+the map T as arguments of the B-spline kernels; `geom` (15,) with lo, step (u = lo + p * step),
+closed directions, numbers of tiles, whether T is rational, the kind of tile, and whether the
+gradient of its field jumps at the faces of tiles, so that they meet in creases; the tile as a
 trigonometric polynomial (kind 0), as a spline on the unit cube (kind 1), or all tiles together as
 a spline in tile coordinates, with period in closed directions (kind 2). It is flat because
 every array taken out of a tuple costs a counted reference; `b, m, t, tab` is the scratch of one

@@ -7,6 +7,8 @@ one layer of tiles beyond open ends, where det J has the sign that it has in D, 
 tiles of the query along each direction, so that the continuation of one end has no say elsewhere.
 So a wall is never thinner than what the mid-surface in D asks for: where the continuation folds
 or ends, the sheet ends at the face of D, not at the fold.
+Tiles that share faces without a zone of transition meet in creases: there the surface is the union
+of the pieces in each tile, which end in edges on its faces.
 
 Guarantees: every query returns a foot point and a status; a query whose Newton iterations
 all fail falls back to its nearest seed and is counted; more than `MAX_FALLBACK` of them
@@ -57,6 +59,9 @@ MAX_FALLBACK, FEW = 1e-2, 10
 LEAST_SEEDS, SEEDS_PER_WAVE = 8, 6
 #: Tiles that are longer along one direction get up to this many times the seeds along it.
 MOST_REFINED = 4
+#: Where tiles meet in creases, surfaces bend sharply next to faces: so many times the seeds per
+#: direction; those up to so many cells away from a face do not tell the normals next to them.
+MORE, CREASED = 2, 1.5
 
 
 @dataclass(frozen=True)
@@ -72,8 +77,8 @@ class ClosestPoints:
     distance : ndarray, shape (n,)
         Signed distance, negative where the implicit function is negative.
     status : ndarray, shape (n,)
-        0 converged, 1 converged on a face of the domain (where that is an edge of the mid-surface),
-        2 fell back to the nearest seed.
+        0 converged, 1 converged on a face of the domain, or of a tile, where that is an edge of the
+        mid-surface or a crease of it, 2 fell back to the nearest seed.
     iterations, starts : ndarray, shape (n,)
         Newton iterations and starts spent.
     second : ndarray, shape (n, 3)
@@ -156,6 +161,7 @@ class ClosestPointSearch:
         self.space = kernel_space(lattice)
         geom = self.space[7]
         self.lo, self.step = geom[0:3], geom[3:6]
+        self.creased = bool(geom[14])
         self.orient = float(lattice.through.orientation)
         count, closed = np.array(lattice.repeat), np.array(lattice.through.closed)
         self.box = np.array([np.where(closed, -np.inf, 0.0), np.where(closed, np.inf, count)])
@@ -175,9 +181,10 @@ class ClosestPointSearch:
         p, cell = self._tile_seeds(tiles)
         if self.clip:
             inside = ((p >= self.box[0]) & (p <= self.box[1])).all(axis=1)
+            p, cell = p[inside], cell[inside]
+        if self.clip or self.creased:
             faces, face_cell = self._face_seeds(count, closed)
-            p = np.concatenate([p[inside], faces])
-            cell = np.concatenate([cell[inside], face_cell])
+            p, cell = np.concatenate([p, faces]), np.concatenate([cell, face_cell])
         if len(p) == 0:
             raise GeometryError(
                 f"tile {self.lattice.tile.name!r} has no zero set: its field does not change "
@@ -187,6 +194,9 @@ class ClosestPointSearch:
             np.empty((len(p), 3)), np.empty((len(p), 4)), np.empty(len(p)), np.empty(len(p)),
         )  # fmt: skip
         _kernels.place_seeds(*self.space, p, cell, x, normal, spacing, det)
+        if self.creased:
+            near = (np.abs(p - np.rint(p)) <= CREASED * cell).any(axis=1)
+            normal[near, 3] = np.inf
         inner = ((p >= 0) & (p <= count)).all(axis=1)
         size = np.median(np.abs(det[inner])) if inner.any() else 0.0
         keep = inner | (det * self.orient > 1e-3 * size)
@@ -194,7 +204,8 @@ class ClosestPointSearch:
 
     @property
     def _least_seeds(self) -> int:
-        return max(LEAST_SEEDS, SEEDS_PER_WAVE * self.lattice.finest_wave)
+        least = max(LEAST_SEEDS, SEEDS_PER_WAVE * self.lattice.finest_wave)
+        return MORE * least if self.creased else least
 
     def _tile_seeds(self, tiles: IntArray) -> tuple[FloatArray, FloatArray]:
         """Seeds of tiles and their cells, more along the directions in which a tile is long."""
@@ -225,14 +236,15 @@ class ClosestPointSearch:
         return p[moved <= 1.2 / float(np.min(m))]
 
     def _face_seeds(self, count: IntArray, closed: AnyArray) -> tuple[FloatArray, FloatArray]:
-        """Seeds on the curves and at the points in which the surface meets faces and edges."""
+        """Seeds on curves and points in which the surface meets faces and edges, or has creases."""
         out = [np.empty((0, 3))]
         m = 2 * self._least_seeds
-        ends = [a for a in range(3) if not closed[a]]
+        ends = [a for a in range(3) if self.creased or not closed[a]]
         for held in (h for n in (1, 2) for h in combinations(ends, n)):
             axes = [(np.arange(n * m) + 0.5) / m for n in count]
             for a in held:
-                axes[a] = np.array([0.0, float(count[a])])
+                planes = np.arange(count[a] + (0.0 if closed[a] else 1.0))
+                axes[a] = planes if self.creased else planes[[0, -1]]
             p = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
             fixed = np.zeros((len(p), 3))
             fixed[:, held] = 1.0
@@ -438,7 +450,9 @@ def kernel_space(lattice: Lattice) -> tuple[Any, ...]:
         kind, tile = 2, field.spline
     else:
         kind, tile = 1, field
-    geom = np.concatenate(
-        [lo, step, lattice.through.closed, lattice.repeat, [spline.weights is not None, kind]]
-    ).astype(np.float64)
+    creased = isinstance(field, MixedField) and field.creased
+    last = [spline.weights is not None, kind, creased]
+    geom = np.concatenate([lo, step, lattice.through.closed, lattice.repeat, last]).astype(
+        np.float64
+    )
     return (*spline.kernel_args, geom, *(np.array(a) for a in trig), *tile.generic_kernel_args)

@@ -51,6 +51,16 @@ class MixedField:
     spans: tuple[int, int, int]
 
     @property
+    def creased(self) -> bool:
+        """Whether the gradient may jump at the faces of tiles: where neighbours share them only."""
+        inner = [np.unique(t[k + 1 : -k - 1], return_counts=True)[1] for t, k in self._knots]
+        return any((repeats >= k).any() for repeats, k in zip(inner, self.spline.k, strict=True))
+
+    @property
+    def _knots(self) -> Iterator[tuple[AnyArray, int]]:
+        return zip(self.spline.t, self.spline.k, strict=True)
+
+    @property
     def nbytes(self) -> int:
         """Memory of the coefficients."""
         return int(self.spline.c.nbytes)

@@ -173,7 +173,7 @@ def mix(
         Width of the zone of transition about a face between different tiles, in tile edges, at
         most 1. Below about 0.2 the surface bends more sharply than a wall of some thickness can
         follow. With 0 there is no zone: neighbours share the mean of their coefficients on the
-        face and meet there in creases, next to which distances are less exact (see Notes).
+        face and meet there in creases (see Notes).
     tol : float
         Largest deviation of the fitted spline from the blended fields, in tile edges.
 
@@ -195,9 +195,11 @@ def mix(
     repetition or, where a tile does not repeat smoothly, by point reflection in the face, and
     weighed by a fifth-degree smooth step.
 
-    With ``blend=0`` the spline is only C0 at faces (section 3.1). A point whose nearest point lies
-    on a crease has no foot where the gradients match: one in a thousand falls back to a seed, and
-    the half-thickness is off by some percent at one vertex in a hundred.
+    With ``blend=0`` the spline is only C0 at faces (section 3.1): the surface of each tile ends in
+    an edge on the face, where that of its neighbour goes on. Distances are those to the union of
+    these pieces, edges included, so that a wall is round about a crease on its outer side and has a
+    crease on its inner one. Where the fields of two tiles differ in sign on a face, the surface
+    follows that face, within a span of the spline.
 
     Examples
     --------
