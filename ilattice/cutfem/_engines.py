@@ -57,7 +57,7 @@ def superlu(K: bsr_array, *_: Any) -> tuple[Engine, int]:
 
 def pardiso(K: bsr_array, *_: Any) -> tuple[Engine, int]:
     """MKL's PARDISO for positive definite matrices, by pypardiso."""
-    module = _optional("pypardiso", "pardiso")
+    module = _optional("pypardiso.pardiso_wrapper", "pardiso")
     d = 1 / np.sqrt(_positive_diagonal(K))
     upper = triu(diags_array(d) @ K.tocsr() @ diags_array(d), format="csr")
     upper = csr_array(upper)
@@ -146,6 +146,7 @@ def _optional(name: str, extra: str) -> Any:
     try:
         return import_module(name)
     except ImportError as e:
+        package = name.partition(".")[0]
         raise InputError(
-            f'method needs the package {name}: pip install "ilattice[{extra}]", or use another'
+            f'method needs the package {package}: pip install "ilattice[{extra}]", or use another'
         ) from e

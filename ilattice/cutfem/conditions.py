@@ -124,3 +124,13 @@ def values_at(name: str, value: Value, x: FloatArray, m: int) -> FloatArray:
         shape = f"({len(x)},)" if m == 1 else f"({len(x)}, {m})"
         raise InputError(f"{name} must give values of shape {shape}, got {a.shape}")
     return check_finite(name, np.array(np.broadcast_to(a, (len(x), m))))
+
+
+def stiffness_at(name: str, value: Value, x: FloatArray, m: int) -> FloatArray:
+    """Values (n, m) at points of space, of which none may be negative."""
+    k = values_at(name, value, x, m)
+    if k.min(initial=0.0) < 0:
+        worst = int(np.argmin(k.min(axis=1)))
+        place = np.round(x[worst], 6).tolist()
+        raise InputError(f"{name} must not be negative, got {k[worst].min():g} at {place}")
+    return k

@@ -192,7 +192,7 @@ class Elasticity(Problem):
         Raises
         ------
         InputError
-            If there is no load, or a place is missing or too much.
+            If there is no load, a place is missing or too much, or heat expands nothing.
         """
         new = self
         given = {"traction": traction, "pressure": pressure}
@@ -202,6 +202,8 @@ class Elasticity(Problem):
                 f"on={on!r}: tractions and pressures need a place, such as on='w=1' or "
                 "on='surface', other loads have none"
             )
+        if temperature is not None and self.material.expansion.value == 0.0:
+            raise InputError("temperature: the material does not expand; give it an expansion")
         for kind, value in at.items():
             new = new._loaded(kind, value, 3 if kind == "traction" else 1, on)
         for kind, value, m in (

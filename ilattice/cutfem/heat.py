@@ -26,7 +26,7 @@ from ilattice._typing import FloatArray
 from ilattice._validate import as_positive
 from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem._kernels_surface import surface_scalars
-from ilattice.cutfem.conditions import Spring, Support, as_value, values_at
+from ilattice.cutfem.conditions import Spring, Support, as_value, stiffness_at, values_at
 from ilattice.cutfem.domain import as_domain
 from ilattice.cutfem.heat_solution import HeatHistory, HeatSolution, Step
 from ilattice.cutfem.material import Property, Scalar
@@ -295,7 +295,7 @@ class Heat(Problem):
         rule = self.domain.edge(asm, support.on)
         assert rule.parameters is not None
         if isinstance(support, Spring):
-            Q = values_at("transfer", support.stiffness, rule.points, 1)[:, 0]
+            Q = stiffness_at("transfer", support.stiffness, rule.points, 1)[:, 0]
             return rule, Q, np.zeros(len(rule))
         k = np.array(np.broadcast_to(self.conductivity.at(asm, rule.parameters), len(rule)))
         return rule, NITSCHE * asm.space.degree**2 * k / cell_heights(asm, rule), k

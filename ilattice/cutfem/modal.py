@@ -306,7 +306,7 @@ def largest(
     Raises
     ------
     InputError
-        If `count` or `tol` is wrong.
+        If `count` or `tol` is wrong, or A is zero.
     ConvergenceError
         If the residual is above `tol`.
     """
@@ -314,6 +314,8 @@ def largest(
     n = A.shape[0]
     if n < 5 * (count + GUARD):
         raise InputError(f"count = {count} is too many for {n} unknowns")
+    if not A.data.any():
+        raise InputError("density, or the stress of the solution, is zero: nothing moves the body")
     find = _by_preconditioner if solver.method in ("multigrid", "pyamg") else _by_factor
     mu, x = find(A, solver, count, system.near_nullspace, tol)
     order = np.argsort(-mu)[:count]

@@ -15,7 +15,7 @@ import numpy as np
 from ilattice._typing import FloatArray
 from ilattice.cutfem._kernels_surface import surface_blocks
 from ilattice.cutfem.assembly import Assembly
-from ilattice.cutfem.conditions import Spring, Support, values_at
+from ilattice.cutfem.conditions import Spring, Support, stiffness_at, values_at
 from ilattice.cutfem.rules import Quadrature
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def elastic_terms(problem: "Elasticity", support: Spring | Support) -> Terms:
     assert u is not None
     assert n is not None
     if isinstance(support, Spring):
-        k = values_at("stiffness", support.stiffness, rule.points, 3)
+        k = stiffness_at("stiffness", support.stiffness, rule.points, 3)
         return Terms(rule, k[:, :, None] * np.eye(3), np.zeros((len(u), 2)), np.zeros(3))
     lame = np.stack([np.broadcast_to(v, len(u)) for v in problem.material.lame(asm, u)], axis=1)
     scale = NITSCHE * asm.space.degree**2 / cell_heights(asm, rule)
