@@ -1,12 +1,37 @@
-"""A smooth displacement in a ball, with the force that causes it: Young's modulus 1, ratio 0.3."""
+"""Smooth displacements and temperatures, with the forces and sources that cause them.
+
+Young's modulus 1, Poisson's ratio 0.3, conductivity 1; in space, so that they suit any solid.
+"""
 
 import numpy as np
+
+import ilattice as il
+from ilattice.errors import GeometryError
 
 LAM, MU = 0.3 / (1.3 * 0.4), 1 / 2.6
 
 
 def ball(u, r=0.8123):
     return (u**2).sum(axis=1) - r * r
+
+
+def sheet(n):
+    """A part of the gyroid's sheet, in a box of edge 1, at least 0.65 n cells thick."""
+    gyroid, box = il.tiles["gyroid"], il.macroshape.box((5.0, 5.0, 5.0))
+    sides = (lambda u: gyroid(u) - 0.6, lambda u: -gyroid(u) - 0.6)
+    return il.cutfem.cut(sides, n, domain=[[0.125] * 3, [0.325] * 3], through=box)
+
+
+def wet(domain):
+    """Places that the solid reaches, the surface last."""
+    out = []
+    for place in ("u=0", "u=1", "v=0", "v=1", "w=0", "w=1", "surface"):
+        try:
+            domain.boundary(place)
+        except GeometryError:
+            continue
+        out.append(place)
+    return out
 
 
 def exact(x):
@@ -37,3 +62,40 @@ def stress(x):
         :, None, None
     ] * np.eye(3)
     return s.reshape(-1, 9)[:, [0, 4, 8, 5, 2, 1]]
+
+
+def traction(x, normals):
+    return np.einsum("nij,nj->ni", stress(x)[:, [[0, 5, 4], [5, 1, 3], [4, 3, 2]]], normals)
+
+
+def temperature(x):
+    X, Y, Z = x.T
+    return np.sin(X) * np.exp(Y) * (1 + Z**2)
+
+
+def slope_of_temperature(x):
+    X, Y, Z = x.T
+    e = np.exp(Y)
+    wide = 1 + Z**2
+    return np.stack([np.cos(X) * e * wide, np.sin(X) * e * wide, 2 * np.sin(X) * e * Z], axis=1)
+
+
+def source(x):
+    return -2 * np.sin(x[:, 0]) * np.exp(x[:, 1])
+
+
+def flux(x, normals):
+    """Heat that enters per area."""
+    return np.einsum("ni,ni->n", slope_of_temperature(x), normals)
+
+
+def errors_of(solution, value, slope):
+    """Errors in the mean square of a solution and of its gradient, over the solid."""
+    asm = solution.problem.assembly
+    rule = solution.problem.domain.solid(asm)
+    square = np.zeros(2)
+    for rows, v, g in asm.on_rule(solution.coefficients, rule):
+        x, w = rule.points[rows], rule.weights[rows]
+        square[0] += w @ ((v - value(x).reshape(v.shape)) ** 2).sum(axis=1)
+        square[1] += w @ ((g - slope(x).reshape(g.shape)) ** 2).sum(axis=(1, 2))
+    return np.sqrt(square)

@@ -30,9 +30,9 @@ from ilattice.offsets.wall import Wall
 SURFACES = ("surface", "outer", "inner")
 STABILIZATIONS = ("auto", "ghost", "void", "none")
 GUARD = 1e-8
-#: Weights of ghost penalties per degree: as little as bounds the condition number, since thin walls
-#: are stiffened by them; and more where Nitsche's method needs it to be stable.
-GHOST = {1: 0.1, 2: 1e-3, 3: 1e-4}
+#: Weights of ghost penalties per degree: as little as bounds the condition number by three times
+#: that of whole cells, since thin walls are stiffened by them; and more for Nitsche's method.
+GHOST = {1: 0.1, 2: 1e-3, 3: 1e-3}
 GHOST_NITSCHE = {1: 0.1, 2: 1e-2, 3: 1e-2}
 COARSE = 2.0
 
@@ -143,7 +143,7 @@ class Domain:
         weight = self.weight if self.stabilization == "ghost" else None
         if weight is None:
             weight = (GHOST_NITSCHE if weak else GHOST)[self.degree]
-        faces = ghost_faces(self.cut, self.wet, cells, weight)
+        faces = ghost_faces(self.cut, self.wet, cells, weight, self.volume)
         return Assembly(space, self.cut.through, faces)
 
     def stiff_rule(self, asm: Assembly, *, constant: bool, void: bool = True) -> Quadrature:

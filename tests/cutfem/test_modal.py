@@ -36,6 +36,18 @@ def test_a_free_ball(balls):
         assert np.log(errors[0] / errors[1]) / np.log(8 / 5) > 3.5  # order 2 p = 4
 
 
+def test_faster_vibrations_of_a_free_ball():
+    """An eighth of it has one of seven torsions l = 3, and the breathing l = 0."""
+    errors = []
+    for n in (4, 6):
+        problem = Elasticity(ball, n, domain=[[0.0] * 3, [1.1] * 3])
+        for axis, place in enumerate(("u=0", "v=0", "w=0")):
+            problem = problem.clamp(place, components=(axis,))
+        errors.append(np.abs(natural_modes(problem, 4).omega[2:] / (2.396785, 3.098086) - 1))
+    assert (errors[0] < 1e-3).all()
+    assert (np.log(errors[0] / errors[1]) / np.log(6 / 4) > 3.5).all()
+
+
 def test_modes_are_orthonormal_in_the_mass(balls):
     problem, modes = balls[0]
     V = modes.vectors.reshape(len(modes.vectors), -1).T
@@ -92,3 +104,7 @@ def test_bad_input():
         natural_modes(problem, 2, tol=-1.0)
     with pytest.raises(InputError, match="method"):
         natural_modes(problem, 2, method="guess")
+    with pytest.raises(InputError, match="density"):
+        natural_modes(column((1, 1, 4), density=0.0).clamp("w=0"), 2)
+    with pytest.raises(InputError, match="stress"):
+        buckling(problem.solve(), 2)

@@ -1,5 +1,8 @@
 """Rules on cut cells: accuracy, degenerate cells, identities, the naive twin, bad input."""
 
+import itertools
+from math import factorial
+
 import naive_quadrature as naive
 import numba
 import numpy as np
@@ -109,6 +112,17 @@ def test_full_cells_and_straight_cuts_are_exact_to_the_promised_degree():
             exact = 0.37 ** (k[1] + 1) / (k + 1).prod()
             value = rule.integrate((rule.points**k).prod(axis=1))
             assert value == pytest.approx(exact, rel=1e-12)
+
+
+def test_moments_of_a_corner_that_a_plane_cuts_off_are_exact():
+    grid = il.cutfem.CutGrid(
+        il.cutfem.Grid(tuple(CUBE.T)), as_level_sets(plane((1, 1, 1), 1.0), None, 2)
+    )
+    rule = grid.volume(5)
+    for k in itertools.product(range(8), repeat=3):
+        if sum(k) <= 7:  # and two more from the slanted side
+            exact = np.prod([factorial(i) for i in k]) / factorial(sum(k) + 3)
+            assert rule.integrate((rule.points**k).prod(axis=1)) == pytest.approx(exact, abs=1e-13)
 
 
 # ------------------------------------------------------------------------------ degenerate cells

@@ -122,6 +122,27 @@ def test_recovered_stresses_converge_faster(p, cells, gain):
     assert (errors[:, 2:] < gain * errors[:, :2]).all()
 
 
+@pytest.mark.parametrize(("p", "cells"), [(1, (6, 9, 13)), (2, (4, 6, 9)), (3, (3, 4, 6))])
+def test_recovered_stresses_converge_on_a_gyroid_sheet(p, cells):
+    errors = []
+    for n in cells:
+        problem = Elasticity(known.sheet(n), degree=p, q=p + 3).load(body=known.force)
+        *ends, skin = known.wet(problem.domain)
+        for place in ends:
+            problem = problem.clamp(place, value=known.exact)
+        edge = problem.domain.edge(problem.assembly, skin)
+        problem = problem.load(traction=lambda x, n=edge.normals: known.traction(x, n), on=skin)
+        raw = problem.solve(tol=1e-11)
+        rules = problem.domain.solid(problem.assembly), edge
+        errors.append(
+            [mean_error(r, s.stress_on(r)) for s in (raw, raw.recovered()) for r in rules]
+        )
+    errors = np.array(errors)
+    rates = -np.polyfit(np.log(cells), np.log(errors), 1)[0]
+    assert (rates[2:] > [p + 0.4, p]).all()
+    assert (errors[-1, 2:] < 0.4 * errors[-1, :2]).all()
+
+
 @pytest.mark.parametrize(
     ("p", "cells", "least"), [(1, (6, 9, 13), 0.9), (2, (4, 6, 9), 0.8), (3, (5, 8), 0.5)]
 )

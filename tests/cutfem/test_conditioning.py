@@ -1,0 +1,73 @@
+"""Slivers: condition numbers and iterations do not depend on how cells are cut."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import ilattice as il
+from ilattice.cutfem import Elasticity
+from ilattice.cutfem.grid import CUT
+
+
+def scaled_condition(problem):
+    K = problem.system.K.toarray()
+    d = 1 / np.sqrt(np.diag(K))
+    values = np.linalg.eigvalsh(d[:, None] * K * d)
+    return values[-1] / values[0]
+
+
+def sliver(kind, eta, cells=4, **options):
+    """A cube whose last layer of cells is cut to a part eta, in one direction, two or all.
+
+    On 4 cells the functions of the end are cut, on 5 inner ones.
+    """
+    end, size = 0.75 + 0.25 * eta, 0.25 * cells
+    axes = {"slab": (0,), "edge": (0, 1), "corner": (0, 1, 2)}[kind]
+    cut = il.cutfem.cut(lambda u: (u[:, axes] - end).max(axis=1), cells,
+                        domain=[[0.0] * 3, [size] * 3], degree=1)  # fmt: skip
+    return Elasticity(cut, **options).clamp("u=0")
+
+
+@pytest.mark.parametrize(("kind", "most"), [("slab", 150), ("corner", 190)])
+def test_diagonal_scaling_bounds_the_condition_of_degree_one(kind, most):
+    raw = []
+    for eta in (0.5, 0.1, 1e-2, 1e-4, 1e-8, 1e-12):
+        problem = sliver(kind, eta, degree=1)
+        assert scaled_condition(problem) < most
+        raw.append(np.linalg.cond(problem.system.K.toarray()))
+    assert max(raw) > 1e5  # what is bounded is not bounded by itself
+
+
+@pytest.mark.parametrize("kind", ["slab", "edge", "corner"])
+@pytest.mark.parametrize(("p", "cells"), [(2, 4), (2, 5), (3, 4)])
+def test_ghost_penalty_bounds_the_condition_of_higher_degrees(p, cells, kind):
+    whole = 1 - 1e-9 if cells == 5 else 1.5
+    uncut = scaled_condition(sliver(kind, whole, cells, degree=p))
+    for eta in (0.7, 0.5, 0.1, 1e-2, 1e-12):
+        assert scaled_condition(sliver(kind, eta, cells, degree=p)) < 3 * uncut
+    if p == 3 and kind == "corner":
+        bare = sliver(kind, 1e-2, cells, degree=p, stabilization="none")
+        assert scaled_condition(bare) > 10 * uncut
+
+
+def with_slivers(domain):
+    """The same grid with a tenth of the cut cells thinned out by up to 1e-6."""
+    rule, rng = domain.volume, np.random.default_rng(1)
+    chosen = np.isin(rule.cells, domain.cut.cells(CUT)) & (rng.random(len(rule.cells)) < 0.1)
+    scale = np.where(chosen, 10.0 ** (-6 * rng.random(len(chosen))), 1.0)
+    new = replace(domain, _made={})
+    weights = rule.weights * np.repeat(scale, np.diff(rule.offsets))
+    new.__dict__["volume"] = replace(rule, weights=weights)
+    return new
+
+
+@pytest.mark.parametrize("p", [2, 3])
+def test_slivers_cost_few_iterations_of_multigrid(p):
+    tile = il.tiles["schwarz_p"]
+    domain = Elasticity(tile, 6, degree=p).domain
+    counts = []
+    for where in (domain, with_slivers(domain)):
+        problem = Elasticity(where).clamp("u=0").load(body=(0, 0, 1.0))
+        counts.append(problem.solve(method="multigrid").report.iterations)
+    assert 10 < counts[1] <= 1.3 * counts[0]
