@@ -180,15 +180,16 @@ class _Events:
 
     def _starts(self, low: float, high: float) -> tuple[FloatArray, FloatArray, IntArray]:
         """Critical points of the distance spline, with exact values."""
-        search, through = self.search, self.search.lattice.through
+        search, excess, through = self.search, self.search.excess, self.search.lattice.through
         values, places, strata = [np.empty(0)], [np.empty((0, 3))], [np.empty((0, 3), np.int64)]
         for on in product(*((0,) if c else (-1, 0, 1) for c in through.closed)):
             cells = search.starts(on, low, high)
             u = self._sparse(search._on_spline(cells, on) if 0 in on else cells)
             size = np.linalg.norm(through.jacobian(u), axis=1)
-            flat = np.linalg.norm((self._slope(u) / size)[:, np.array(on) == 0], axis=1) < PULL
+            flat = np.linalg.norm((excess.on_spline(u, 1)[1] / size)[:, np.array(on) == 0], axis=1)
+            flat = flat < PULL
             u, slack = u[flat], MISPLACED * (size[flat] * search.span).max(axis=1, initial=0.0)
-            value = self._value(u)
+            value = excess.value(u)
             keep = (value > low - slack) & (value < high + slack)
             values.append(value[keep])
             places.append(u[keep])
@@ -199,31 +200,6 @@ class _Events:
         """One point of those within about half a span of each other."""
         _, first = np.unique(np.rint(2.0 * u / self.search.span), axis=0, return_index=True)
         return u[np.sort(first)]
-
-    def _less(self, u: FloatArray, side: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Half-thickness and its gradient on the side of each point."""
-        value, slope = np.zeros(len(u)), np.zeros((len(u), 3))
-        for sign, less in self.search.less.items():
-            at = np.flatnonzero(side == sign)
-            if less is not None and len(at):
-                value[at], slope[at] = less.jet(u[at], 1)
-        return value, slope
-
-    def _slope(self, u: FloatArray) -> FloatArray:
-        """Gradient of the spline's distance less the half-thickness, up to its sign."""
-        value, slope = self.search.distance.jet(u, 1)
-        side = np.where(value >= 0.0, 1, -1)
-        out: FloatArray = slope - side[:, None] * self._less(u, side)[1]
-        return out
-
-    def _value(self, u: FloatArray) -> FloatArray:
-        """Exact distance less the half-thickness."""
-        if not len(u):
-            return np.empty(0)
-        distance = self.search.lattice.distance(u)
-        side = np.where(distance >= 0.0, 1, -1)
-        out: FloatArray = np.abs(distance) - self._less(u, side)[0]
-        return out
 
 
 def _room(wall: Wall, point: CriticalPoint, most: float) -> float:

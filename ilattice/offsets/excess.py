@@ -1,0 +1,91 @@
+"""The distance to a mid-surface less a half-thickness, exactly and by the distance spline.
+
+Guarantee: values are those of fresh closest points; parameters may lie beyond the seams of closed
+directions.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ilattice._typing import FloatArray, IntArray
+from ilattice.bspline import BSpline
+
+if TYPE_CHECKING:
+    from ilattice.macroshape.lattice import Lattice
+
+
+class Excess:
+    """How far points are beyond the walls of a lattice.
+
+    Parameters
+    ----------
+    lattice : Lattice
+        The lattice.
+    inner, outer : BSpline, optional
+        Half-thickness on the sides where the implicit function is negative and positive; by
+        default nothing is taken off the distance.
+    """
+
+    def __init__(
+        self, lattice: Lattice, inner: BSpline | None = None, outer: BSpline | None = None
+    ) -> None:
+        from ilattice.offsets.distance_spline import distance_spline
+
+        self.lattice, self.domain = lattice, lattice.domain
+        self.closed = np.array(lattice.through.closed)
+        self.spline = distance_spline(lattice)
+        self.less = {-1: inner, 1: outer}
+        self.breaks = [self.spline.breaks(a) for a in range(3)]
+        self.span = np.array([np.diff(b).max() for b in self.breaks])
+
+    def side(self, u: FloatArray) -> IntArray:
+        """Sign (n,) of the implicit function at parameters (n, 3)."""
+        return np.where(self.lattice.implicit(u) >= 0.0, 1, -1)
+
+    def taken(self, u: FloatArray, side: IntArray, order: int = 0) -> tuple[FloatArray, ...]:
+        """Half-thickness on a side, and its derivatives: `order` + 1 of them."""
+        out = tuple(np.zeros((len(u), *(3,) * k)) for k in range(order + 1))
+        for sign, less in self.less.items():
+            at = np.flatnonzero(side == sign)
+            if less is not None and len(at):
+                for whole, part in zip(out, less.jet(u[at], order), strict=True):
+                    whole[at] = part
+        return out
+
+    def value(self, u: FloatArray) -> FloatArray:
+        """Exact values (n,) at parameters (n, 3)."""
+        if not len(u):
+            return np.empty(0)
+        distance = self.lattice.distance(u)
+        return np.abs(distance) - self.taken(u, np.where(distance < 0.0, -1, 1))[0]
+
+    def on_spline(self, u: FloatArray, order: int = 0) -> tuple[FloatArray, ...]:
+        """Values by the distance spline, and its derivatives: `order` + 1 of them."""
+        jet = self.spline.jet(u, order)
+        side = np.where(jet[0] < 0.0, -1, 1)
+        taken = self.taken(u, side, order)
+        sign = [side.reshape(-1, *(1,) * k) for k in range(order + 1)]
+        return tuple(s * a - b for s, a, b in zip(sign, jet, taken, strict=True))
+
+    def wrapped(self, u: FloatArray) -> FloatArray:
+        """Parameters moved into the domain along closed directions."""
+        lo, hi = self.domain
+        return np.where(self.closed, lo + np.mod(u - lo, hi - lo), u)
+
+    def apart(self, u: FloatArray, v: FloatArray) -> FloatArray:
+        """Differences of parameters, the shorter way round in closed directions."""
+        gap = np.abs(u - v)
+        around = np.abs(self.domain[1] - self.domain[0] - gap)
+        return np.where(self.closed, np.minimum(gap, around), gap)
+
+    def sizes(self, u: FloatArray) -> FloatArray:
+        """Lengths (n, 3) of the derivatives of the map at parameters (n, 3)."""
+        out: FloatArray = np.linalg.norm(self.lattice.through.jacobian(u), axis=1)
+        return out
+
+    def least_span(self, u: FloatArray) -> float:
+        """Length of the shortest side of a span at a point (3,)."""
+        return float((self.sizes(u[None])[0] * self.span).min())
