@@ -76,7 +76,9 @@ def _panels(lattice: il.Lattice, flat: "il.SurfaceMesh", mesh: "il.SurfaceMesh",
     scene = pv.Plotter(off_screen=True, window_size=(2000, 460), shape=(1, 5), border=False)
     for i, (panel, colour) in enumerate(zip(panels, colours, strict=True)):
         scene.subplot(0, i)
-        scene.add_mesh(panel, color=colour, point_size=3, smooth_shading=i != 2)
+        scene.add_mesh(
+            panel, color=colour, point_size=3, smooth_shading=i != 2, split_sharp_edges=i > 2
+        )
         box = frame.copy()
         if i not in (0, 3):
             box.points = lattice.through.x(frame.points)

@@ -72,6 +72,7 @@ def _picture(meshes: list["il.SurfaceMesh"], volume: il.SplineMap, path: str) ->
     """The lattice of constant d in the translucent volume, and the one of varying d."""
     import pyvista as pv
 
+    flat = np.ptp(volume.bounds[:, 2]) < 0.2 * np.ptp(volume.bounds[:, 1])
     scene = pv.Plotter(off_screen=True, window_size=(1800, 800), shape=(1, 2), border=False)
     for i, mesh in enumerate(meshes):
         scene.subplot(0, i)
@@ -82,10 +83,9 @@ def _picture(meshes: list["il.SurfaceMesh"], volume: il.SplineMap, path: str) ->
         )
         if i == 0:
             scene.add_mesh(_skin(volume), color="lightblue", opacity=0.25)
-        tall = np.ptp(volume.bounds[:, 1]) > 1.2 * np.ptp(volume.bounds[:, 0])
-        scene.view_vector((-1.0, -0.4, 0.8) if tall else (0.45, -1.0, 0.7))
+        scene.view_vector((-0.5, -0.3, 1.0) if flat else (0.45, -1.0, 0.7))
     scene.link_views()
-    scene.camera.zoom(1.1)
+    scene.camera.zoom(1.1 if flat else 1.3)
     scene.screenshot(path)
     scene.close()
 

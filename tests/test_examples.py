@@ -173,7 +173,10 @@ def test_hybrid_tiles_have_the_asked_thickness_where_they_change():
     numbers = run("hybrid_tiles", h=0.06, cells=2)
     for name in ("hybrid", "random"):
         assert numbers[f"{name} closed"] == 1
+        assert numbers[f"{name} parts"] == 1
+        assert 0 <= numbers[f"{name} crumbs"] < 2e-3
         assert 0 < numbers[f"{name} error"] < 1e-3
+    assert numbers["random crumbs"] > 1e-5
 
 
 def test_mass_properties_by_quadrature_are_those_of_a_fine_mesh():
