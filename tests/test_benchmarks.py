@@ -5,6 +5,7 @@ import pytest
 from scipy.interpolate import NdBSpline
 
 from benchmarks import (
+    bench_analyses,
     bench_bspline,
     bench_contouring,
     bench_fields,
@@ -91,3 +92,12 @@ def test_numexpr_evaluates_what_is_meshed():
     p = np.stack([a.ravel() for a in np.meshgrid(x, x, x, indexing="ij")], axis=1)
     np.testing.assert_allclose(theirs.ravel(), bench_fields.tree(12)(p), atol=2e-6)
     assert (theirs < 0).any()
+
+
+def test_analyses_are_timed_stage_by_stage():
+    found = bench_analyses.measure("fig16d", 1, 2)
+    stages = list(found)[: list(found).index("compliance")]
+    assert stages == ["classify", "quadrature", "pattern", "assemble", "solve"]
+    assert all(0 < found[stage] < 60 for stage in stages)
+    assert found["unknowns"] % 3 == 0
+    assert found["compliance"] > 0

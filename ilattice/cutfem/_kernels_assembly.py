@@ -1,7 +1,7 @@
 """Matrices of cells, and sparse matrices from them: row by row, without atomics.
 
-A cell matrix is a sum over points of products of rows, gathered four points and two rows at a time
-so that a matrix is read and written a quarter as often, and points half as often. Elasticity keeps
+A cell matrix is a sum over points of products of rows, gathered in tiles that stay in registers.
+Elasticity keeps
 S = sum w dN/dx_i dN/dx_j of all pairs, which holds for any Lamé constants; they come in when rows
 are filled.
 
@@ -15,70 +15,108 @@ from typing import Any
 import numpy as np
 from numba import njit, prange
 
-from ilattice.cutfem._kernels_basis import INNER, gradients_of, inverse, lines, values_of
+from ilattice.bspline._kernels_vector import LANES, load, multiply_add, store
+from ilattice.cutfem._kernels_basis import CHUNK, INNER, inverse, lines, values_of
 
 MASS, TENSOR, PAIRS = range(3)  # kinds of cell matrices
 SCALAR, ELASTIC, BLOCKS = range(3)  # kinds of blocks
-ROWS = 12  # rows of a cell that are multiplied at once
+ROWS = 48  # rows of a cell that are multiplied at once
+TILE = 2 * LANES  # columns that are
 
 
 @njit(**INNER)
 def add_products(L: Any, R: Any, rows: int, A: Any) -> None:
-    """Add R^T L to the upper half of A; the rows up to the next multiple of 4 are cleared.
+    """Add R^T L to the upper half of A, in tiles of 4 rows and `TILE` columns.
 
-    Entries just below the diagonal are added to as well.
+    L, R and A have a multiple of `TILE` columns; entries just below the diagonal are added to.
     """
-    n = A.shape[0]
-    for q in range(rows, (rows + 3) // 4 * 4):
-        L[q] = 0.0
-        R[q] = 0.0
-    for q in range(0, rows, 4):
-        for a in range(0, n - 1, 2):
-            r0 = R[q, a]
-            r1 = R[q + 1, a]
-            r2 = R[q + 2, a]
-            r3 = R[q + 3, a]
-            s0 = R[q, a + 1]
-            s1 = R[q + 1, a + 1]
-            s2 = R[q + 2, a + 1]
-            s3 = R[q + 3, a + 1]
-            for b in range(a, n):
-                x = L[q, b]
-                y = L[q + 1, b]
-                z = L[q + 2, b]
-                t = L[q + 3, b]
-                A[a, b] += r0 * x + r1 * y + r2 * z + r3 * t
-                A[a + 1, b] += s0 * x + s1 * y + s2 * z + s3 * t
-        if n % 2:
-            for k in range(q, q + 4):
-                A[n - 1, n - 1] += R[k, n - 1] * L[k, n - 1]
+    n = A.shape[1]
+    for a in range(0, A.shape[0], 4):
+        for b in range(a // TILE * TILE, n, TILE):
+            at = a * n + b
+            a0 = load(A, at, LANES)
+            b0 = load(A, at + LANES, LANES)
+            a1 = load(A, at + n, LANES)
+            b1 = load(A, at + n + LANES, LANES)
+            a2 = load(A, at + 2 * n, LANES)
+            b2 = load(A, at + 2 * n + LANES, LANES)
+            a3 = load(A, at + 3 * n, LANES)
+            b3 = load(A, at + 3 * n + LANES, LANES)
+            for q in range(rows):
+                x = load(L, q * n + b, LANES)
+                y = load(L, q * n + b + LANES, LANES)
+                r = R[q, a]
+                s = R[q, a + 1]
+                t = R[q, a + 2]
+                u = R[q, a + 3]
+                a0 = multiply_add(x, r, a0)
+                b0 = multiply_add(y, r, b0)
+                a1 = multiply_add(x, s, a1)
+                b1 = multiply_add(y, s, b1)
+                a2 = multiply_add(x, t, a2)
+                b2 = multiply_add(y, t, b2)
+                a3 = multiply_add(x, u, a3)
+                b3 = multiply_add(y, u, b3)
+            store(A, at, a0)
+            store(A, at + LANES, b0)
+            store(A, at + n, a1)
+            store(A, at + n + LANES, b1)
+            store(A, at + 2 * n, a2)
+            store(A, at + 2 * n + LANES, b2)
+            store(A, at + 3 * n, a3)
+            store(A, at + 3 * n + LANES, b3)
 
 
 @njit(**INNER)
-def point_rows(kind: int, B: Any, G: Any, w: float, d: Any, D: Any, L: Any, R: Any) -> int:
-    """The rows of one point: N, the three of grad N, or grad N of all functions in one."""
-    nb = len(D) // 3
+def slopes_of(B: Any, S: Any) -> None:
+    """Derivatives S[k] along the three directions of all products."""
+    n = B.shape[2]
+    at = 0
+    for i in range(n):
+        for j in range(n):
+            v = B[0, 0, i] * B[1, 0, j]
+            x = B[0, 1, i] * B[1, 0, j]
+            y = B[0, 0, i] * B[1, 1, j]
+            for k in range(n):
+                S[0, at] = x * B[2, 0, k]
+                S[1, at] = y * B[2, 0, k]
+                S[2, at] = v * B[2, 1, k]
+                at += 1
+
+
+@njit(**INNER)
+def point_rows(
+    kind: int, B: Any, G: Any, w: float, d: Any, i: int, S: Any, L: Any, R: Any, row: int
+) -> int:
+    """The rows of one point from `row` on: N, the three of grad N, or grad N in one."""
+    nb = S.shape[1]
     if kind == 0:
-        values_of(B, L[0])
+        values_of(B, S[0])
         for a in range(nb):
-            R[0, a] = w * d[0] * L[0, a]
+            L[row, a] = S[0, a]
+            R[row, a] = w * d[i, 0] * S[0, a]
         return 1
+    slopes_of(B, S)
     if kind == 2:
-        gradients_of(B, G, L[0])
-        for a in range(3 * nb):
-            R[0, a] = w * d[0] * L[0, a]
+        for c in range(3):
+            x = G[0, c]
+            y = G[1, c]
+            z = G[2, c]
+            for a in range(nb):
+                v = S[0, a] * x + S[1, a] * y + S[2, a] * z
+                L[row, c * nb + a] = v
+                R[row, c * nb + a] = w * d[i, 0] * v
         return 1
-    gradients_of(B, G, D)
     for a in range(nb):
-        x = D[3 * a]
-        y = D[3 * a + 1]
-        z = D[3 * a + 2]
-        L[0, a] = x
-        L[1, a] = y
-        L[2, a] = z
-        R[0, a] = w * (d[0] * x + d[5] * y + d[4] * z)
-        R[1, a] = w * (d[5] * x + d[1] * y + d[3] * z)
-        R[2, a] = w * (d[4] * x + d[3] * y + d[2] * z)
+        x = S[0, a] * G[0, 0] + S[1, a] * G[1, 0] + S[2, a] * G[2, 0]
+        y = S[0, a] * G[0, 1] + S[1, a] * G[1, 1] + S[2, a] * G[2, 1]
+        z = S[0, a] * G[0, 2] + S[1, a] * G[1, 2] + S[2, a] * G[2, 2]
+        L[row, a] = x
+        L[row + 1, a] = y
+        L[row + 2, a] = z
+        R[row, a] = w * (d[i, 0] * x + d[i, 5] * y + d[i, 4] * z)
+        R[row + 1, a] = w * (d[i, 5] * x + d[i, 1] * y + d[i, 3] * z)
+        R[row + 2, a] = w * (d[i, 4] * x + d[i, 3] * y + d[i, 2] * z)
     return 3
 
 
@@ -90,33 +128,36 @@ def cell_matrices(
     """Matrices out (cells, n, n) of the points u (n, 3) with weights w in parameters.
 
     MASS: d (n, 1) times N N; TENSOR: grad N d grad N with the symmetric tensor d (n, 6) in
-    Voigt order; PAIRS: d (n, 1) times the products of all derivatives, n = 3 nb. J and d may have
-    one row for all points.
+    Voigt order; PAIRS: d (n, 1) times the products of all derivatives, that of function a in
+    direction i at i nb + a. J and d may have one row for all points.
     """
     n = t0.shape[1]
     size = out.shape[1]
+    wide = (size + TILE - 1) // TILE * TILE
     J_step = 0 if len(J) == 1 else 1
     d_step = 0 if len(d) == 1 else 1
-    for e in prange(len(places)):
+    for chunk in prange((len(places) + CHUNK - 1) // CHUNK):
         B = np.empty((3, 2, n))
-        D = np.empty(3 * n * n * n)
+        S = np.empty((3, n * n * n))
         G = np.empty((3, 3))
-        L = np.empty((ROWS, size))
-        R = np.empty((ROWS, size))
-        A = out[e]
-        A[:] = 0.0
-        rows = 0
-        for q in range(offsets[e], offsets[e + 1]):
-            lines(t0, t1, t2, places[e], boxes[e], u[q], B)
-            det = inverse(J[q * J_step], G)
-            rows += point_rows(kind, B, G, w[q] * abs(det), d[q * d_step], D, L[rows:], R[rows:])
-            if rows == ROWS:
-                add_products(L, R, rows, A)
-                rows = 0
-        add_products(L, R, rows, A)
-        for a in range(size):
-            for b in range(a):
-                A[a, b] = A[b, a]
+        L = np.zeros((ROWS, wide))
+        R = np.zeros((ROWS, wide))
+        A = np.empty((wide, wide))
+        for e in range(chunk * CHUNK, min(len(places), (chunk + 1) * CHUNK)):
+            A[:] = 0.0
+            rows = 0
+            for q in range(offsets[e], offsets[e + 1]):
+                lines(t0, t1, t2, places, boxes, e, u, q, B)
+                det = inverse(J, q * J_step, G)
+                rows += point_rows(kind, B, G, w[q] * abs(det), d, q * d_step, S, L, R, rows)
+                if rows == ROWS:
+                    add_products(L, R, rows, A)
+                    rows = 0
+            add_products(L, R, rows, A)
+            for a in range(size):
+                for b in range(a, size):
+                    out[e, a, b] = A[a, b]
+                    out[e, b, a] = A[a, b]
 
 
 # ---------------------------------------------------------------------------------- patterns
@@ -190,10 +231,11 @@ def add_block(kind: int, A: Any, a: int, b: int, p: float, q: float, out: Any) -
         for i in range(m):
             out[i, i] += p * A[a, b]
     elif kind == 1:
-        trace = q * (A[3 * a, 3 * b] + A[3 * a + 1, 3 * b + 1] + A[3 * a + 2, 3 * b + 2])
+        n = len(A) // 3
+        trace = q * (A[a, b] + A[n + a, n + b] + A[2 * n + a, 2 * n + b])
         for i in range(3):
             for j in range(3):
-                v = p * A[3 * a + i, 3 * b + j] + q * A[3 * a + j, 3 * b + i]
+                v = p * A[i * n + a, j * n + b] + q * A[j * n + a, i * n + b]
                 if i == j:
                     v += trace
                 out[i, j] += v

@@ -15,12 +15,12 @@ from numba import njit, prange
 
 FAST = {"contract"}
 INNER: Any = {"cache": True, "fastmath": FAST, "error_model": "numpy"}
-CHUNK = 64
+CHUNK, LONG = 64, 4096
 
 
 @njit(**INNER)
-def line(table: Any, cell: int, r: float, scale: float, value: Any, slope: Any) -> None:
-    """The functions of one direction and their derivatives, `scale` being 1 / length."""
+def line(table: Any, cell: int, r: float, scale: float, B: Any, a: int) -> None:
+    """The functions B[a, 0] of one direction, and derivatives B[a, 1], `scale` being 1 / length."""
     n = table.shape[1]
     for j in range(n):
         f = table[cell, j, n - 1]
@@ -28,34 +28,51 @@ def line(table: Any, cell: int, r: float, scale: float, value: Any, slope: Any) 
         for e in range(n - 2, -1, -1):
             g = g * r + f
             f = f * r + table[cell, j, e]
-        value[j] = f
-        slope[j] = g * scale
+        B[a, 0, j] = f
+        B[a, 1, j] = g * scale
 
 
 @njit(**INNER)
-def lines(t0: Any, t1: Any, t2: Any, cell: Any, box: Any, u: Any, B: Any) -> None:
-    """Functions B[a, 0] and slopes B[a, 1] of the three directions at u."""
-    for a in range(3):
-        t = t0 if a == 0 else (t1 if a == 1 else t2)
-        scale = 1.0 / box[3 + a]
-        line(t, cell[a], (u[a] - box[a]) * scale - 0.5, scale, B[a, 0], B[a, 1])
+def lines(
+    t0: Any, t1: Any, t2: Any, places: Any, boxes: Any, e: int, u: Any, q: int, B: Any
+) -> None:
+    """Functions B[a, 0] and slopes B[a, 1] of the three directions of cell e at u[q]."""
+    x = 1.0 / boxes[e, 3]
+    y = 1.0 / boxes[e, 4]
+    z = 1.0 / boxes[e, 5]
+    line(t0, places[e, 0], (u[q, 0] - boxes[e, 0]) * x - 0.5, x, B, 0)
+    line(t1, places[e, 1], (u[q, 1] - boxes[e, 1]) * y - 0.5, y, B, 1)
+    line(t2, places[e, 2], (u[q, 2] - boxes[e, 2]) * z - 0.5, z, B, 2)
 
 
 @njit(**INNER)
-def inverse(J: Any, G: Any) -> float:
-    """The determinant of J, and G[k, c] = du_k / dx_c."""
+def inverse(J: Any, q: int, G: Any) -> float:
+    """The determinant of J[q], and G[k, c] = du_k / dx_c."""
     for k in range(3):
         a = (k + 1) % 3
         b = (k + 2) % 3
         for c in range(3):
             d = (c + 1) % 3
             e = (c + 2) % 3
-            G[k, c] = J[d, a] * J[e, b] - J[e, a] * J[d, b]
-    det = J[0, 0] * G[0, 0] + J[1, 0] * G[0, 1] + J[2, 0] * G[0, 2]
+            G[k, c] = J[q, d, a] * J[q, e, b] - J[q, e, a] * J[q, d, b]
+    det = J[q, 0, 0] * G[0, 0] + J[q, 1, 0] * G[0, 1] + J[q, 2, 0] * G[0, 2]
+    factor = 1.0 / det
     for k in range(3):
         for c in range(3):
-            G[k, c] /= det
+            G[k, c] *= factor
     return det
+
+
+@njit(parallel=True, **INNER)
+def determinants(J: Any, out: Any) -> None:
+    """Determinants of matrices J (n, 3, 3)."""
+    for chunk in prange((len(J) + LONG - 1) // LONG):
+        for q in range(chunk * LONG, min(len(J), (chunk + 1) * LONG)):
+            out[q] = (
+                J[q, 0, 0] * (J[q, 1, 1] * J[q, 2, 2] - J[q, 1, 2] * J[q, 2, 1])
+                + J[q, 0, 1] * (J[q, 1, 2] * J[q, 2, 0] - J[q, 1, 0] * J[q, 2, 2])
+                + J[q, 0, 2] * (J[q, 1, 0] * J[q, 2, 1] - J[q, 1, 1] * J[q, 2, 0])
+            )
 
 
 @njit(**INNER)
@@ -114,8 +131,8 @@ def fields(
             value[q] = np.nan if e < 0 else 0.0
             gradient[q] = np.nan if e < 0 else 0.0
             if e >= 0:
-                lines(t0, t1, t2, places[e], boxes[e], u[q], B)
-                inverse(J[q * step], G)
+                lines(t0, t1, t2, places, boxes, e, u, q, B)
+                inverse(J, q * step, G)
                 values_of(B, N)
                 gradients_of(B, G, D)
                 for a in range(nb):
@@ -138,23 +155,24 @@ def vectors(
     n = t0.shape[1]
     nb = n * n * n
     step = 0 if len(J) == 1 else 1
-    for e in prange(len(places)):
+    for chunk in prange((len(places) + CHUNK - 1) // CHUNK):
         B = np.empty((3, 2, n))
         N = np.empty(nb)
         D = np.empty(3 * nb)
         G = np.empty((3, 3))
-        out[e] = 0.0
-        for q in range(offsets[e], offsets[e + 1]):
-            lines(t0, t1, t2, places[e], boxes[e], u[q], B)
-            if len(f):
-                values_of(B, N)
-                for a in range(nb):
-                    for m in range(out.shape[2]):
-                        out[e, a, m] += N[a] * f[q, m]
-            if len(P):
-                inverse(J[q * step], G)
-                gradients_of(B, G, D)
-                for a in range(nb):
-                    for m in range(out.shape[2]):
-                        for k in range(3):
-                            out[e, a, m] += P[q, m, k] * D[3 * a + k]
+        for e in range(chunk * CHUNK, min(len(places), (chunk + 1) * CHUNK)):
+            out[e] = 0.0
+            for q in range(offsets[e], offsets[e + 1]):
+                lines(t0, t1, t2, places, boxes, e, u, q, B)
+                if len(f):
+                    values_of(B, N)
+                    for a in range(nb):
+                        for m in range(out.shape[2]):
+                            out[e, a, m] += N[a] * f[q, m]
+                if len(P):
+                    inverse(J, q * step, G)
+                    gradients_of(B, G, D)
+                    for a in range(nb):
+                        for m in range(out.shape[2]):
+                            for k in range(3):
+                                out[e, a, m] += P[q, m, k] * D[3 * a + k]

@@ -18,62 +18,145 @@ from ilattice.cutfem._kernels_columns import (
     NUMBERS,
     TENSORS,
 )
-from ilattice.cutfem._kernels_faces import face_rule
+from ilattice.cutfem._kernels_faces import face_rule, whole_face
 from ilattice.cutfem._kernels_rules import cell_rule, cell_sign, solid
 
 CHUNK = 32
+FAST = {"contract"}
+ROUNDING = 1e-13  # of sums of coefficients, relative
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST)
+def add_line(row: Any, f: float, c: Any, at: int, n: int, L: Any, out: Any, to: int) -> None:
+    """Add f times the sum of row[t] c[at + t n] to n numbers of out from `to` on."""
+    for t in range(len(L)):
+        w = f * row[t]
+        for r in range(n):
+            out[to + r] += w * c[at + t * n + r]
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST)
+def add_last(line: Any, at: int, step: int, rows: Any, L: Any, out: Any, to: int) -> None:
+    """Transform P² runs of P numbers, `step` apart, by rows (P, P); add them to out."""
+    P = len(L)
+    for i in range(P * P):
+        for r in range(P):
+            v = 0.0
+            for t in range(P):
+                v += rows[r, t] * line[at + i * step + t]
+            out[to + i * P + r] += v
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
 def extract(
-    c: Any,
-    rows0: Any,
-    rows1: Any,
-    rows2: Any,
-    first0: Any,
-    first1: Any,
-    first2: Any,
-    pieces: Any,
-    factor: Any,
-    P: int,
-    out: Any,
-) -> None:
+    c: Any, rows0: Any, rows1: Any, rows2: Any, first0: Any, first1: Any, first2: Any,
+    pieces: Any, factor: Any, L: Any, out: Any,
+) -> None:  # fmt: skip
     """Add factor[k] times the Bernstein tensor of a spline to tensor k of each piece.
 
-    `rows` (pieces, P, k + 1) and `first` (pieces,) say for each direction how coefficients
-    from the first one on make those of the piece; out is (n, m, P³).
+    `rows` (pieces, P, P) and `first` (pieces,) say for each direction how coefficients from the
+    first one on make those of the piece; out is (n, m, P³).
     """
-    s0 = rows0.shape[2]
-    s1 = rows1.shape[2]
-    s2 = rows2.shape[2]
+    P = len(L)
     for chunk in prange((len(pieces) + CHUNK - 1) // CHUNK):
-        a = np.empty((s0, s1, P))
-        b = np.empty((s0, P, P))
+        near = np.empty(P * P * P)
+        a = np.empty(P * P * P)
+        b = np.empty(P * P * P)
+        v = np.empty(P * P * P)
         for n in range(chunk * CHUNK, min(len(pieces), (chunk + 1) * CHUNK)):
-            p0 = pieces[n, 0]
-            p1 = pieces[n, 1]
-            p2 = pieces[n, 2]
-            for i in range(s0):
-                for j in range(s1):
-                    for r in range(P):
-                        v = 0.0
-                        for t in range(s2):
-                            v += rows2[p2, r, t] * c[first0[p0] + i, first1[p1] + j, first2[p2] + t]
-                        a[i, j, r] = v
-                for j in range(P):
-                    for r in range(P):
-                        v = 0.0
-                        for t in range(s1):
-                            v += rows1[p1, j, t] * a[i, t, r]
-                        b[i, j, r] = v
+            x = first0[pieces[n, 0]]
+            y = first1[pieces[n, 1]]
+            z = first2[pieces[n, 2]]
             for i in range(P):
                 for j in range(P):
-                    for r in range(P):
-                        v = 0.0
-                        for t in range(s0):
-                            v += rows0[p0, i, t] * b[t, j, r]
-                        for k in range(len(factor)):
-                            out[n, k, (i * P + j) * P + r] += factor[k] * v
+                    for t in range(P):
+                        near[(i * P + j) * P + t] = c[x + i, y + j, z + t]
+            a[:] = 0.0
+            b[:] = 0.0
+            v[:] = 0.0
+            for i in range(P):
+                add_line(rows0[pieces[n, 0], i], 1.0, near, 0, P * P, L, a, i * P * P)
+            for i in range(P):
+                for j in range(P):
+                    at = i * P * P
+                    add_line(rows1[pieces[n, 1], j], 1.0, a, at, P, L, b, at + j * P)
+            add_last(b, 0, P, rows2[pieces[n, 2]], L, v, 0)
+            for k in range(len(factor)):
+                for i in range(P * P * P):
+                    out[n, k, i] += factor[k] * v[i]
+
+
+@njit(cache=True, error_model="numpy")
+def window_sign(low: Any, high: Any, at: int, P: int) -> int:
+    """-1 if all sets are negative by bounds of P coefficients each, 1 if one is positive, or 0."""
+    full = True
+    for k in range(len(low)):
+        least = low[k, at]
+        most = high[k, at]
+        for z in range(at + 1, at + P):
+            least = min(least, low[k, z])
+            most = max(most, high[k, z])
+        slack = ROUNDING * max(-least, most)
+        if least > slack:
+            return 1
+        full = full and most < -slack
+    return -1 if full else 0
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
+def signs_of_splines(
+    c: Any, rows0: Any, rows1: Any, rows2: Any, first0: Any, first1: Any, first2: Any,
+    factors: Any, shifts: Any, halvings: int, L: Any, out: Any,
+) -> None:  # fmt: skip
+    """`cell_sign` of all pieces, out (n0, n1, n2), of sets `factors` @ splines + `shifts`.
+
+    The splines c (splines, ., ., .) have knots in common. Pieces along the last direction share
+    what the first two make of the coefficients.
+    """
+    P = len(L)
+    sets = len(factors)
+    n = c.shape[3]
+    for i in prange(len(first0)):
+        Z = np.empty(NUMBERS)
+        N = np.zeros(INTEGERS, np.int64)
+        planes = np.empty((len(c), P * c.shape[2] * n))
+        lines = np.empty(sets * P * P * n)
+        low = np.empty((sets, n))
+        high = np.empty((sets, n))
+        flat = c.ravel()
+        planes[:] = 0.0
+        for s in range(len(c)):
+            at = (s * c.shape[1] + first0[i]) * c.shape[2] * n
+            for a in range(P):
+                add_line(rows0[i, a], 1.0, flat, at, c.shape[2] * n, L, planes[s],
+                         a * c.shape[2] * n)  # fmt: skip
+        for j in range(len(first1)):
+            for k in range(sets):
+                lines[k * P * P * n : (k + 1) * P * P * n] = shifts[k]
+                for s in range(len(c)):
+                    if factors[k, s] != 0.0:
+                        for a in range(P):
+                            for b in range(P):
+                                at = (a * c.shape[2] + first1[j]) * n
+                                add_line(rows1[j, b], factors[k, s], planes[s], at, n, L, lines,
+                                         ((k * P + a) * P + b) * n)  # fmt: skip
+            low[:] = np.inf
+            high[:] = -np.inf
+            for k in range(sets):
+                for a in range(P * P):
+                    for z in range(n):
+                        low[k, z] = min(low[k, z], lines[(k * P * P + a) * n + z])
+                        high[k, z] = max(high[k, z], lines[(k * P * P + a) * n + z])
+            for r in range(len(first2)):
+                out[i, j, r] = window_sign(low, high, first2[r], P)
+                if out[i, j, r] != 0:
+                    continue
+                size = P * P * P
+                Z[TENSORS : TENSORS + sets * size] = 0.0
+                for k in range(sets):
+                    at = k * P * P * n + first2[r]
+                    add_last(lines, at, n, rows2[r], L, Z, TENSORS + k * size)
+                out[i, j, r] = cell_sign(Z, N, sets, halvings, L)
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
@@ -115,6 +198,64 @@ def signs(tensors: Any, halvings: int, L: Any, out: Any) -> None:
             out[n] = cell_sign(Z, N, m, halvings, L)
 
 
+@njit(cache=True, error_model="numpy")
+def grow(signs: Any, mark: Any, end: Any, done: int, box: Any) -> None:
+    """Grow box (6,), of one full piece, over full pieces that are not marked `done`; mark it.
+
+    The pieces of its cell stop at `end`; it grows along the last direction first.
+    """
+    for axis in range(2, -1, -1):
+        free = True
+        while free and box[3 + axis] < end[axis]:
+            low = box[:3].copy()
+            high = box[3:].copy()
+            low[axis] = box[3 + axis]
+            high[axis] = low[axis] + 1
+            for i in range(low[0], high[0]):
+                for j in range(low[1], high[1]):
+                    for k in range(low[2], high[2]):
+                        free = free and signs[i, j, k] == -1 and mark[i, j, k] != done
+            if free:
+                box[3 + axis] += 1
+    mark[box[0] : box[3], box[1] : box[4], box[2] : box[5]] = done
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
+def boxes_of_cells(
+    signs: Any, mark: Any, cells: Any, starts0: Any, starts1: Any, starts2: Any, offsets: Any,
+    boxes: Any, counts: Any,
+) -> None:  # fmt: skip
+    """Boxes that make up cells: pieces that are cut, and as few as can be of all full ones.
+
+    Cell n (n, 3) has pieces starts[cells[n]] to starts[cells[n] + 1]. Without `boxes` they are
+    counted; rows of boxes (m, 6) from offsets[n] on get first and last pieces. `mark` is zero at
+    first, and passed on.
+    """
+    done = 2 if len(boxes) else 1
+    for n in prange(len(cells)):
+        begin = np.empty(3, np.int64)
+        end = np.empty(3, np.int64)
+        box = np.empty(6, np.int64)
+        x, y, z = cells[n]
+        begin[0], end[0] = starts0[x], starts0[x + 1]
+        begin[1], end[1] = starts1[y], starts1[y + 1]
+        begin[2], end[2] = starts2[z], starts2[z + 1]
+        count = 0
+        for i in range(begin[0], end[0]):
+            for j in range(begin[1], end[1]):
+                for k in range(begin[2], end[2]):
+                    if signs[i, j, k] == 1 or mark[i, j, k] == done:
+                        continue
+                    box[0], box[1], box[2] = i, j, k
+                    box[3], box[4], box[5] = i + 1, j + 1, k + 1
+                    if signs[i, j, k] == -1:
+                        grow(signs, mark, end, done, box)
+                    if done == 2:
+                        boxes[offsets[n] + count] = box
+                    count += 1
+        counts[n] = count
+
+
 @njit(cache=True, error_model="numpy", parallel=True)
 def rules(
     tensors: Any,
@@ -133,8 +274,8 @@ def rules(
 ) -> None:
     """Rules on boxes (n, 6), given by lower corners and extents.
 
-    which[n] is the row of the tensors, or -1 for a full box. sides[n] is -1 for the box itself,
-    or 2 axis + side for one of its faces. Chunk i writes rows of volume[i] (rows, 4) and
+    which[n] is the row of the tensors, or -1 for a full box or face. sides[n] is -1 for the box
+    itself, or 2 axis + side for one of its faces. Chunk i writes rows of volume[i] (rows, 4) and
     surface[i] (rows, 8); used[i] says how many it has, or would have; counts (n,) are those of
     each box.
     """
@@ -155,6 +296,8 @@ def rules(
             if which[n] < 0:
                 if sides[n] < 0:
                     solid(Z, N, points, q)
+                else:
+                    whole_face(Z, N, points, sides[n] // 2, sides[n] % 2, q)
             else:
                 for k in range(m):
                     for i in range(size):

@@ -118,6 +118,22 @@ def face_strips(
 
 
 @njit(**INNER)
+def whole_face(Z: Any, N: Any, out: Any, e0: int, side: int, q: int) -> None:
+    """Tensor Gauss rule on one face (across e0) of the present box."""
+    u = 1 if e0 == 0 else 0
+    v = 1 if e0 == 2 else 2
+    for i in range(q):
+        for j in range(q):
+            n = N[N_VOLUME]
+            N[N_VOLUME] = n + 1
+            if n < len(out):
+                out[n, e0] = Z[LO + e0] + side * Z[EXT + e0]
+                out[n, u] = Z[LO + u] + Z[EXT + u] * Z[NODES + i]
+                out[n, v] = Z[LO + v] + Z[EXT + v] * Z[NODES + j]
+                out[n, 3] = Z[EXT + u] * Z[WEIGHTS + i] * (Z[EXT + v] * Z[WEIGHTS + j])
+
+
+@njit(**INNER)
 def face_rule(
     Z: Any, N: Any, out: Any, m: int, e0: int, side: int, accept: int, q: int, L: Any
 ) -> None:

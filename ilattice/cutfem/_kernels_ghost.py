@@ -25,18 +25,17 @@ def ghost_matrices(
     m = n + 1
     q = len(nodes)
     for e in prange(len(places)):
-        B = np.empty((2, q, n))
-        slope = np.empty(n)
+        B = np.empty((2 * q, 2, n))
         for g in range(q):
-            line(t1, places[e, 0], nodes[g] - 0.5, 1.0, B[0, g], slope)
-            line(t2, places[e, 1], nodes[g] - 0.5, 1.0, B[1, g], slope)
+            line(t1, places[e, 0], nodes[g] - 0.5, 1.0, B, g)
+            line(t2, places[e, 1], nodes[g] - 0.5, 1.0, B, q + g)
         M = np.zeros((n * n, n * n))
         N = np.empty(n * n)
         for g in range(q):
             for h in range(q):
                 for j in range(n):
                     for k in range(n):
-                        N[j * n + k] = B[0, g, j] * B[1, h, k]
+                        N[j * n + k] = B[g, 0, j] * B[q + h, 0, k]
                 for a in range(n * n):
                     v = weights[e, g, h] * N[a]
                     for b in range(a, n * n):

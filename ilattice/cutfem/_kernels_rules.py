@@ -146,6 +146,23 @@ def set_tolerances(Z: Any, m: int, L: Any) -> None:
 
 
 @njit(**INNER)
+def corners_differ(Z: Any, m: int, L: Any) -> bool:
+    """Whether a corner of the cell at the bottom of the stack is inside, and another outside."""
+    P = len(L)
+    inside = False
+    outside = False
+    for corner in range(8):
+        i = (corner // 4 * P * P + corner // 2 % 2 * P + corner % 2) * (P - 1)
+        below = True
+        for k in range(m):
+            v = Z[TENSORS + k * P * P * P + i]
+            below = below and v < -Z[TOL + k]
+            outside = outside or v > Z[TOL + k]
+        inside = inside or below
+    return inside and outside
+
+
+@njit(**INNER)
 def cell_sign(Z: Any, N: Any, m: int, halvings: int, L: Any) -> int:
     """-1 if the cell at the bottom of the stack is certainly full, 1 if empty, 0 otherwise.
 
@@ -154,6 +171,8 @@ def cell_sign(Z: Any, N: Any, m: int, halvings: int, L: Any) -> int:
     P = len(L)
     cube = P * P * P
     set_tolerances(Z, m, L)
+    if corners_differ(Z, m, L):
+        return 0
     Z[BOXES + 6] = 0.0
     full = False
     void = False

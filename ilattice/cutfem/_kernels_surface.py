@@ -45,8 +45,8 @@ def surface_blocks(
         A = out[e]
         A[:] = 0.0
         for q in range(offsets[e], offsets[e + 1]):
-            lines(t0, t1, t2, places[e], boxes[e], u[q], B)
-            inverse(J[q * step], G)
+            lines(t0, t1, t2, places, boxes, e, u, q, B)
+            inverse(J, q * step, G)
             values_of(B, N)
             gradients_of(B, G, D)
             for a in range(nb):
@@ -81,8 +81,8 @@ def surface_scalars(
         A = out[e]
         A[:] = 0.0
         for q in range(offsets[e], offsets[e + 1]):
-            lines(t0, t1, t2, places[e], boxes[e], u[q], B)
-            inverse(J[q * step], G)
+            lines(t0, t1, t2, places, boxes, e, u, q, B)
+            inverse(J, q * step, G)
             values_of(B, N)
             gradients_of(B, G, D)
             for a in range(nb):

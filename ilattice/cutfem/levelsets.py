@@ -41,7 +41,9 @@ class LevelSets:
     splines : tuple of BSpline
         What the sets are made of.
     factors : ndarray, shape (sets, splines)
-        Each set is the sum of the splines times its row.
+        Each set is the sum of the splines times its row,
+    shifts : ndarray, shape (sets,)
+        plus its number here.
     fields : tuple
         Fields that are interpolated instead; then there are no splines.
     domain : ndarray, shape (2, 3)
@@ -52,6 +54,7 @@ class LevelSets:
 
     splines: tuple[BSpline, ...]
     factors: FloatArray
+    shifts: FloatArray
     fields: tuple[Any, ...]
     domain: FloatArray
     degree: int
@@ -76,7 +79,8 @@ class LevelSets:
                         f"field must give one value per point, shape ({len(u)},), got {v.shape}"
                     )
             return np.stack(values, axis=1)
-        return np.stack([_numerator(s)(u) for s in self.splines], axis=1) @ self.factors.T
+        parts = np.stack([_numerator(s)(u) for s in self.splines], axis=1)
+        return parts @ self.factors.T + self.shifts
 
     def pieces(self, axes: Sequence[FloatArray]) -> "Pieces":
         """The level sets on the cells of a grid, cut at the breaks of the splines.
@@ -199,22 +203,38 @@ class SplinePieces(Pieces):
 
     def tensors(self, index: IntArray) -> FloatArray:
         """See `Pieces.tensors`."""
-        out = np.zeros((len(index), self.sets.count, self.order**3))
+        out = np.empty((len(index), self.sets.count, self.order**3))
+        out[:] = self.sets.shifts[:, None]
         for s, ops, f in zip(self.sets.splines, self._operators, self.sets.factors.T, strict=True):
             rows, first = zip(*ops, strict=True)
             kernels.extract(
-                _coefficients(s), *rows, *first, np.ascontiguousarray(index), f.copy(),
-                self.order, out,
+                _coefficients(s, self.order), *rows, *first, np.ascontiguousarray(index), f.copy(),
+                self.lengths, out,
             )  # fmt: skip
+        return out
+
+    def signs(self, halvings: int = 6) -> AnyArray:
+        """See `Pieces.signs`."""
+        splines = self.sets.splines
+        if not all(_alike(s, splines[0]) for s in splines):
+            return super().signs(halvings)
+        rows, first = zip(*self._operators[0], strict=True)
+        out = np.empty(self.shape, np.int8)
+        kernels.signs_of_splines(
+            np.stack([_coefficients(s, self.order) for s in splines]), *rows, *first,
+            self.sets.factors, self.sets.shifts, halvings, self.lengths, out,
+        )  # fmt: skip
         return out
 
     def bounds(self) -> FloatArray | None:
         """See `Pieces.bounds`: extremes of the coefficients of the splines."""
-        out = np.zeros((*self.shape, self.sets.count, 2))
+        out = np.empty((*self.shape, self.sets.count, 2))
+        out[:] = self.sets.shifts[:, None]
         for s, ops, f in zip(self.sets.splines, self._operators, self.sets.factors.T, strict=True):
-            size = np.array([len(rows[0, 0]) for rows, _ in ops])
-            kernels.windows(_coefficients(s), *(first for _, first in ops), size, f.copy(), out)
-        slack = 1e-13 * np.abs(out).max(axis=-1, keepdims=True)
+            size = np.array(s.k) + 1
+            first = [np.asarray(first) for _, first in ops]
+            kernels.windows(_coefficients(s, self.order), *first, size, f.copy(), out)
+        slack = kernels.ROUNDING * np.abs(out).max(axis=-1, keepdims=True)
         return out + slack * np.array([-1.0, 1.0])
 
 
@@ -346,12 +366,51 @@ def _of_splines(
     box = _intersection(splines, domain)
     if top > MOST_DEGREE:
         return _of_fields(fields, box, degree)
-    return LevelSets(splines, factors, (), box, max(top, 1))
+    splines, factors, shifts = _simplified(splines, factors)
+    return LevelSets(splines, factors, shifts, (), box, max(top, 1))
 
 
 def _of_fields(fields: tuple[Any, ...], domain: FloatArray | None, degree: int) -> LevelSets:
     box = _intersection(fields, domain)
-    return LevelSets((), np.zeros((0, 0)), fields, box, degree)
+    return LevelSets((), np.zeros((0, 0)), np.zeros(0), fields, box, degree)
+
+
+def _simplified(
+    splines: tuple[BSpline, ...], factors: FloatArray
+) -> tuple[tuple[BSpline, ...], FloatArray, FloatArray]:
+    """Splines, factors and shifts of the same sets, with no more splines and sets than it takes.
+
+    Constant splines become shifts, splines with knots in common one per set; last sets that are
+    negative everywhere, as the inner one of a solid, do not matter.
+    """
+    shifts = np.zeros(len(factors))
+    if any(s.weights is not None for s in splines):
+        return splines, factors, shifts
+    vary = np.array([np.ptp(s.c) > 0 for s in splines])
+    if vary.any():
+        constants = [s.c.flat[0] for s, v in zip(splines, vary, strict=True) if not v]
+        shifts = factors[:, ~vary] @ np.array(constants)
+        splines = tuple(s for s, v in zip(splines, vary, strict=True) if v)
+        factors = factors[:, vary]
+    tops = [_top(splines, f) + shift for f, shift in zip(factors, shifts, strict=True)]
+    while len(factors) > 1 and tops[len(factors) - 1] < 0:
+        factors, shifts = factors[:-1], shifts[:-1]
+    s = splines[0]
+    if len(splines) > 1 and all(_alike(s, other) for other in splines):
+        sums = [sum(f * o.c for f, o in zip(row, splines, strict=True)) for row in factors]
+        splines = tuple(BSpline(s.t, c, s.k, periodic=s.periodic) for c in sums)
+        factors = np.eye(len(factors))
+    return splines, np.ascontiguousarray(factors), shifts
+
+
+def _top(splines: tuple[BSpline, ...], row: FloatArray) -> float:
+    """An upper bound of a sum of splines."""
+    return float(sum((f * s.c).max() for f, s in zip(row, splines, strict=True)))
+
+
+def _alike(a: BSpline, b: BSpline) -> bool:
+    """Whether splines have knots in common."""
+    return a.k == b.k and a.periodic == b.periodic and all(map(np.array_equal, a.t, b.t))
 
 
 def _intersection(fields: tuple[Any, ...], domain: FloatArray | None) -> FloatArray:
@@ -380,12 +439,14 @@ def _numerator(s: BSpline) -> BSpline:
     return BSpline(s.t, s.c * s.weights, s.k, periodic=s.periodic)
 
 
-def _coefficients(s: BSpline) -> FloatArray:
-    return np.ascontiguousarray(s.c if s.weights is None else s.c * s.weights)
+def _coefficients(s: BSpline, order: int) -> FloatArray:
+    """Coefficients, with room for a window of `order` per direction."""
+    c = s.c if s.weights is None else s.c * s.weights
+    return np.pad(c, [(0, order - 1 - k) for k in s.k])
 
 
 def _restrictions(s: BSpline, a: int, edges: FloatArray, order: int) -> tuple[FloatArray, IntArray]:
-    """Rows (pieces, order, k + 1) and first coefficients (pieces,): Bernstein form on pieces."""
+    """Rows (pieces, order, order) and first coefficients (pieces,): Bernstein form on pieces."""
     t, k = np.asarray(s.t[a]), s.k[a]
     p = order - 1
     raised = np.array(
@@ -393,9 +454,9 @@ def _restrictions(s: BSpline, a: int, edges: FloatArray, order: int) -> tuple[Fl
          for i in range(p + 1)]
     )  # fmt: skip
     spans = find_spans(t, k, 0.5 * (edges[1:] + edges[:-1]))
-    out = np.empty((len(spans), order, k + 1))
+    out = np.zeros((len(spans), order, order))
     rows = np.zeros((k + 1, k + 1))
     for i, span in enumerate(spans):
         restriction(t, k, int(span), edges[i], edges[i + 1], rows)
-        out[i] = raised @ rows
+        out[i, :, : k + 1] = raised @ rows
     return out, (spans - k).astype(np.int64)

@@ -27,13 +27,15 @@ import numpy as np
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import read_only
 from ilattice.cutfem import _kernels_drive as kernels
+from ilattice.cutfem._kernels_basis import determinants
 from ilattice.cutfem._kernels_compress import project
 from ilattice.cutfem.grid import CUT, IN, CutGrid, Grid, cut
 from ilattice.errors import InputError
 from ilattice.macroshape.maps import SplineMap
 
 MOST_POINTS = 10
-BATCH = 1024  # boxes between two copies
+BATCH = 4096  # boxes between two copies
+AT_ONCE = 1 << 18  # points that are mapped to space
 VOLUME, SURFACE = 1, 2
 SOFT_FROM = {VOLUME: 5, SURFACE: 2}  # points from which substitution at tangents pays
 NAMES = ("u=0", "u=1", "v=0", "v=1", "w=0", "w=1")
@@ -182,20 +184,22 @@ class Quadrature:
         space = through if through is not None else self.through
         if space is None:
             raise InputError("through is needed: the rule knows no map")
-        x, J = space.jet(self.points, 1)
-        det = np.linalg.det(J)
-        scale, normals = np.abs(det), None
-        if self.normals is not None:
-            cofactors = np.stack([np.cross(J[:, :, (k + 1) % 3], J[:, :, (k + 2) % 3]) for k in
-                                  range(3)], axis=2)  # fmt: skip
-            n = np.einsum("nck,nk->nc", cofactors, self.normals) * np.sign(det)[:, None]
-            scale = np.linalg.norm(n, axis=1)
-            normals = read_only(n / np.maximum(scale, 1e-300)[:, None])
+        x, scale = np.empty_like(self.points), np.empty_like(self.weights)
+        normals = None if self.normals is None else np.empty_like(self.normals)
+        for i in range(0, len(self), AT_ONCE):
+            part = slice(i, i + AT_ONCE)
+            x[part], J = space.jet(self.points[part], 1)
+            determinants(J, scale[part])
+            if normals is not None:
+                assert self.normals is not None
+                n = _cofactors(J, self.normals[part]) * np.sign(scale[part])[:, None]
+                scale[part] = np.linalg.norm(n, axis=1)
+                normals[part] = n / np.maximum(scale[part], 1e-300)[:, None]
         return replace(
             self,
             points=read_only(x),
-            weights=read_only(self.weights * scale),
-            normals=normals,
+            weights=read_only(self.weights * np.abs(scale)),
+            normals=None if normals is None else read_only(normals),
             through=space,
             parameters=self.points,
         )
@@ -341,6 +345,12 @@ def on_cells(rule: Quadrature, cells: IntArray) -> Quadrature:
     )
 
 
+def _cofactors(J: FloatArray, n: FloatArray) -> FloatArray:
+    """Cofactor matrices of J (n, 3, 3) times vectors (n, 3)."""
+    columns = [np.cross(J[:, :, (k + 1) % 3], J[:, :, (k + 2) % 3]) for k in range(3)]
+    return np.asarray(np.einsum("nck,nk->nc", np.stack(columns, axis=2), n))
+
+
 # ---------------------------------------------------------------------------- making rules
 
 
@@ -349,15 +359,14 @@ def volume_rule(grid: CutGrid, q: int, tangent_depth: int, only: str) -> Quadrat
     q, accept = _as_order(q, tangent_depth)
     if only not in ("", "in", "cut"):
         raise InputError(f"only must be '', 'in' or 'cut', got {only!r}")
-    status = grid.status.ravel()
-    full = np.flatnonzero(status == IN) if only != "cut" else np.zeros(0, np.int64)
-    index, owner = _pieces_of_cut_cells(grid) if only != "in" else _nothing()
-    cells = np.concatenate([full, owner])
-    order = np.argsort(cells, kind="stable")
-    boxes = np.concatenate([grid.grid.boxes(full), _piece_boxes(grid, index)])[order]
-    which = np.concatenate([np.full(len(full), -1), np.arange(len(index))])[order]
-    sides = np.full(len(cells), -1)
-    return _rule(grid, index, which, boxes, sides, cells[order], VOLUME, q, accept)
+    wanted = {"": (IN, CUT), "in": (IN,), "cut": (CUT,)}[only]
+    cells = np.flatnonzero(np.isin(grid.status.ravel(), wanted))
+    low, high, owner = _boxes_of_cells(grid, cells)
+    part = grid._piece_signs[tuple(low.T)] == 0
+    which = np.where(part, np.cumsum(part) - 1, -1)
+    sides = np.full(len(low), -1)
+    boxes = _boxes(grid, low, high)
+    return _rule(grid, low[part], which, boxes, sides, owner, VOLUME, q, accept)
 
 
 def surface_rule(grid: CutGrid, q: int, tangent_depth: int) -> Quadrature:
@@ -386,7 +395,7 @@ def end_face_rule(grid: CutGrid, name: str, q: int, tangent_depth: int) -> Quadr
     last = grid.pieces.shape[axis] - 1
     index = np.argwhere(grid._piece_signs.take([side * last], axis) != 1)
     index[:, axis] = side * last
-    return _faces(grid, index, axis, side, q, accept)
+    return _faces(grid, index, np.zeros(len(index), bool), axis, side, q, accept)
 
 
 def inner_face_rule(grid: CutGrid, axis: int, q: int, tangent_depth: int) -> Quadrature:
@@ -399,20 +408,25 @@ def inner_face_rule(grid: CutGrid, axis: int, q: int, tangent_depth: int) -> Qua
     signs = grid._piece_signs
     upper = np.take(signs, (ends + 1) % signs.shape[axis], axis)
     index = np.argwhere((signs.take(ends, axis) != 1) & (upper != 1))
+    whole = (signs.take(ends, axis) == -1) & (upper == -1)
+    whole = whole[tuple(index.T)]
     index[:, axis] = ends[index[:, axis]]
-    rule = _faces(grid, index, axis, 1, q, accept)
+    rule = _faces(grid, index, whole, axis, 1, q, accept)
     i = list(np.unravel_index(rule.cells, grid.grid.shape))
     i[axis] = (i[axis] + 1) % grid.grid.shape[axis]
     return replace(rule, neighbours=read_only(np.ravel_multi_index(tuple(i), grid.grid.shape)))
 
 
-def _faces(grid: CutGrid, index: IntArray, axis: int, side: int, q: int, accept: int) -> Quadrature:
+def _faces(
+    grid: CutGrid, index: IntArray, whole: AnyArray, axis: int, side: int, q: int, accept: int
+) -> Quadrature:
     owner = _cells_of(grid, index)
     order = np.argsort(owner, kind="stable")
-    index, owner = index[order], owner[order]
+    index, owner, part = index[order], owner[order], ~whole[order]
     sides = np.full(len(index), 2 * axis + side)
-    which = np.arange(len(index))
-    rule = _rule(grid, index, which, _piece_boxes(grid, index), sides, owner, VOLUME, q, accept)
+    which = np.where(part, np.cumsum(part) - 1, -1)
+    boxes = _piece_boxes(grid, index)
+    rule = _rule(grid, index[part], which, boxes, sides, owner, VOLUME, q, accept)
     normals = np.zeros((len(rule), 3))
     normals[:, axis] = 2.0 * side - 1.0
     return replace(rule, normals=read_only(normals))
@@ -428,26 +442,41 @@ def _as_order(q: Any, tangent_depth: Any) -> tuple[int, int]:
     return int(q), int(tangent_depth)
 
 
-def _nothing() -> tuple[IntArray, IntArray]:
-    return np.zeros((0, 3), np.int64), np.zeros(0, np.int64)
-
-
 def _cells_of(grid: CutGrid, index: IntArray) -> IntArray:
     cells = tuple(owner[i] for owner, i in zip(grid._owners, index.T, strict=True))
     return np.ravel_multi_index(cells, grid.grid.shape).astype(np.int64)
 
 
-def _pieces_of_cut_cells(grid: CutGrid) -> tuple[IntArray, IntArray]:
-    """Pieces of cut cells that are not out, and their cells."""
-    mine = (grid.status == CUT)[np.ix_(*grid._owners)]
-    index = np.argwhere((grid._piece_signs != 1) & mine)
-    return index, _cells_of(grid, index)
+def _boxes_of_cells(grid: CutGrid, cells: IntArray) -> tuple[IntArray, IntArray, IntArray]:
+    """First and last planes (n, 3) of boxes that are not out, and the cell of each, increasing."""
+    places = np.stack(np.unravel_index(cells, grid.grid.shape), axis=1)
+    starts0, starts1, starts2 = (
+        np.searchsorted(owner, np.arange(n + 1))
+        for owner, n in zip(grid._owners, grid.grid.shape, strict=True)
+    )
+    mark = np.zeros(grid.pieces.shape, np.int8)
+    counts = np.zeros(len(cells), np.int64)
+    boxes = np.empty((0, 6), np.int64)
+    for _ in range(2):  # count, then list
+        offsets = np.append(0, np.cumsum(counts))
+        boxes = np.empty((offsets[-1], 6), np.int64)
+        kernels.boxes_of_cells(
+            grid._piece_signs, mark, places, starts0, starts1, starts2, offsets, boxes, counts
+        )
+    return boxes[:, :3], boxes[:, 3:], np.repeat(cells, counts)
 
 
 def _piece_boxes(grid: CutGrid, index: IntArray) -> FloatArray:
-    low = [x[i] for x, i in zip(grid.pieces.axes, index.T, strict=True)]
-    high = [np.diff(x)[i] for x, i in zip(grid.pieces.axes, index.T, strict=True)]
-    return np.stack(low + high, axis=1)
+    return _boxes(grid, index, index + 1)
+
+
+def _boxes(grid: CutGrid, low: IntArray, high: IntArray) -> FloatArray:
+    """Lower corners and extents (n, 6) of boxes of pieces."""
+    out = np.empty((len(low), 6))
+    for a, x in enumerate(grid.pieces.axes):
+        out[:, a] = x[low[:, a]]
+        out[:, 3 + a] = x[high[:, a]] - x[low[:, a]]
+    return out
 
 
 def gauss(n: int) -> tuple[FloatArray, FloatArray]:

@@ -7,6 +7,7 @@ import ilattice as il
 from ilattice.bspline import BSpline
 from ilattice.bspline.fit import fit
 from ilattice.cutfem.grid import CUT, IN, OUT
+from ilattice.cutfem.levelsets import Pieces
 from ilattice.errors import GeometryError, InputError
 
 BOX = np.array([[-0.5, -0.5, -0.5], [0.5, 0.5, 0.5]])
@@ -61,6 +62,32 @@ def test_degrees_may_differ_and_weights_only_scale():
     assert plain.volume(3).integrate() == rational.volume(3).integrate()
     box = il.cutfem.cut((plain.sets.splines[0], BSpline(t, c, (1, 3, 2), weights=w)), 4)
     assert box.volume(3).integrate() == pytest.approx(plain.volume(3).integrate(), rel=1e-4)
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3, 4])
+def test_rows_of_pieces_have_the_signs_of_single_ones(degree):
+    rng = np.random.default_rng(degree)
+    pair = tuple(random_spline(rng, degree, (7, 8, 9)) for _ in range(2))
+    shifted = tuple(BSpline(s.t, s.c - 0.4, s.k) for s in pair)
+    cut = il.cutfem.cut(shifted, (9, 5, 7))
+    expected = Pieces.signs(cut.pieces)
+    assert set(np.unique(expected)) == {IN, CUT, OUT}
+    np.testing.assert_array_equal(cut.pieces.signs(), expected)
+
+
+def test_sets_of_walls_take_no_more_splines_than_they_need():
+    lattice = il.Lattice("gyroid", through=il.macroshape.box((1, 1, 1)))
+    u = np.random.default_rng(2).random((50, 3))
+    for d, count, splines in (
+        (0.05, 2, 1), (lambda u: 0.05 + 0.02 * u[:, 0], 2, 2), ((np.inf, 0.03), 1, 1)
+    ):  # fmt: skip
+        field = lattice.offset(d).field
+        sets = il.cutfem.cut(lattice.offset(d), 4).sets
+        assert (sets.count, len(sets.splines)) == (count, splines)
+        outer = field.distance(u) - field.thickness.outer(u)
+        inner = -field.distance(u) - field.thickness.inner(u)
+        expected = np.stack([outer, inner], axis=1)[:, :count]
+        np.testing.assert_allclose(sets(u), expected, atol=1e-14)
 
 
 @pytest.mark.parametrize("cells", [(7, 7, 7), (2, 9, 5), None])

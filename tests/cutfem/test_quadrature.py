@@ -63,6 +63,19 @@ def measures(field, q, cells=None, **options):
 # ------------------------------------------------------------------------------ accuracy
 
 
+def test_full_pieces_of_cut_cells_share_a_rule():
+    """A cell of 8³ pieces, of which a plane leaves 7 layers full and one cut."""
+    t = [np.r_[0, 0, np.linspace(0, 1, 9), 1, 1]] * 3
+    x = np.convolve(t[0][1:-1], [0.5, 0.5], "valid")
+    whole = BSpline(t, np.broadcast_to(x[:, None, None] - 0.95, (10, 10, 10)).copy(), 2)
+    rule = il.cutfem.cut(whole, 1).volume(2)
+    assert len(rule) == 8 * (1 + 64)
+    for powers in ((0, 0, 0), (3, 0, 0), (1, 2, 3), (3, 3, 3)):
+        i, j, k = powers
+        exact = 0.95 ** (i + 1) / (i + 1) / (j + 1) / (k + 1)
+        assert rule.integrate(lambda u, p=powers: (u**p).prod(axis=1)) == pytest.approx(exact)
+
+
 @pytest.mark.parametrize(
     ("q", "volume", "surface"), [(2, 3e-7, 4e-6), (3, 1e-8, 7e-8), (4, 1e-10, 9e-10)]
 )
