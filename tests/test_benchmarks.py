@@ -98,6 +98,6 @@ def test_analyses_are_timed_stage_by_stage():
     found = bench_analyses.measure("fig16d", 1, 2)
     stages = list(found)[: list(found).index("compliance")]
     assert stages == ["classify", "quadrature", "pattern", "assemble", "solve"]
-    assert all(0 < found[stage] < 60 for stage in stages)
+    assert all(found[stage] > 0 for stage in stages)
     assert found["unknowns"] % 3 == 0
     assert found["compliance"] > 0
