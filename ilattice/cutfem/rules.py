@@ -11,7 +11,8 @@ methods for implicitly defined surfaces and volumes in hyperrectangles, 2015, fo
 Hong et al. 2025, section 4, for what it is used for.
 
 Guarantees: all weights are positive (those of `Quadrature.compressed` excepted); points lie in
-their cells; full cells get a Gauss rule; results have the same bits for any number of threads.
+their cells; results have the same bits for any number of threads. Full cells get a Gauss rule, and
+so do boxes of full pieces in cut cells; through a curved map both are as exact as `q` makes them.
 Non-guarantee: on a surface that is nearly tangent to all directions of a box of depth
 `tangent_depth`, at cones and where two surfaces cross, the order drops; finer cells, or a larger
 depth, help.
