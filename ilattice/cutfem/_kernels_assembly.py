@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit, prange
 
 from ilattice.bspline._kernels_vector import LANES, load, multiply_add, store
-from ilattice.cutfem._kernels_basis import CHUNK, INNER, inverse, lines, values_of
+from ilattice.cutfem._kernels_basis import CHUNK, INNER, gradients_of, inverse, lines, values_of
 
 MASS, TENSOR, PAIRS = range(3)  # kinds of cell matrices
 SCALAR, ELASTIC, BLOCKS = range(3)  # kinds of blocks
@@ -68,49 +68,28 @@ def add_products(L: Any, R: Any, rows: int, A: Any) -> None:
 
 
 @njit(**INNER)
-def slopes_of(B: Any, S: Any) -> None:
-    """Derivatives S[k] along the three directions of all products."""
-    n = B.shape[2]
-    at = 0
-    for i in range(n):
-        for j in range(n):
-            v = B[0, 0, i] * B[1, 0, j]
-            x = B[0, 1, i] * B[1, 0, j]
-            y = B[0, 0, i] * B[1, 1, j]
-            for k in range(n):
-                S[0, at] = x * B[2, 0, k]
-                S[1, at] = y * B[2, 0, k]
-                S[2, at] = v * B[2, 1, k]
-                at += 1
-
-
-@njit(**INNER)
 def point_rows(
-    kind: int, B: Any, G: Any, w: float, d: Any, i: int, S: Any, L: Any, R: Any, row: int
+    kind: int, B: Any, G: Any, w: float, d: Any, i: int, D: Any, L: Any, R: Any, row: int
 ) -> int:
     """The rows of one point from `row` on: N, the three of grad N, or grad N in one."""
-    nb = S.shape[1]
+    nb = D.shape[1]
     if kind == 0:
-        values_of(B, S[0])
+        values_of(B, D[0])
         for a in range(nb):
-            L[row, a] = S[0, a]
-            R[row, a] = w * d[i, 0] * S[0, a]
+            L[row, a] = D[0, a]
+            R[row, a] = w * d[i, 0] * D[0, a]
         return 1
-    slopes_of(B, S)
+    gradients_of(B, G, D)
     if kind == 2:
         for c in range(3):
-            x = G[0, c]
-            y = G[1, c]
-            z = G[2, c]
             for a in range(nb):
-                v = S[0, a] * x + S[1, a] * y + S[2, a] * z
-                L[row, c * nb + a] = v
-                R[row, c * nb + a] = w * d[i, 0] * v
+                L[row, c * nb + a] = D[c, a]
+                R[row, c * nb + a] = w * d[i, 0] * D[c, a]
         return 1
     for a in range(nb):
-        x = S[0, a] * G[0, 0] + S[1, a] * G[1, 0] + S[2, a] * G[2, 0]
-        y = S[0, a] * G[0, 1] + S[1, a] * G[1, 1] + S[2, a] * G[2, 1]
-        z = S[0, a] * G[0, 2] + S[1, a] * G[1, 2] + S[2, a] * G[2, 2]
+        x = D[0, a]
+        y = D[1, a]
+        z = D[2, a]
         L[row, a] = x
         L[row + 1, a] = y
         L[row + 2, a] = z
@@ -138,7 +117,7 @@ def cell_matrices(
     d_step = 0 if len(d) == 1 else 1
     for chunk in prange((len(places) + CHUNK - 1) // CHUNK):
         B = np.empty((3, 2, n))
-        S = np.empty((3, n * n * n))
+        D = np.empty((3, n * n * n))
         G = np.empty((3, 3))
         L = np.zeros((ROWS, wide))
         R = np.zeros((ROWS, wide))
@@ -149,7 +128,7 @@ def cell_matrices(
             for q in range(offsets[e], offsets[e + 1]):
                 lines(t0, t1, t2, places, boxes, e, u, q, B)
                 det = inverse(J, q * J_step, G)
-                rows += point_rows(kind, B, G, w[q] * abs(det), d, q * d_step, S, L, R, rows)
+                rows += point_rows(kind, B, G, w[q] * abs(det), d, q * d_step, D, L, R, rows)
                 if rows == ROWS:
                     add_products(L, R, rows, A)
                     rows = 0

@@ -90,7 +90,7 @@ def values_of(B: Any, N: Any) -> None:
 
 @njit(**INNER)
 def gradients_of(B: Any, G: Any, D: Any) -> None:
-    """Gradients in space, D[3 a + c], of all products."""
+    """Gradients in space, D (3, nb), of all products."""
     n = B.shape[2]
     at = 0
     for i in range(n):
@@ -99,12 +99,17 @@ def gradients_of(B: Any, G: Any, D: Any) -> None:
             x = B[0, 1, i] * B[1, 0, j]
             y = B[0, 0, i] * B[1, 1, j]
             for k in range(n):
-                g0 = x * B[2, 0, k]
-                g1 = y * B[2, 0, k]
-                g2 = v * B[2, 1, k]
-                for c in range(3):
-                    D[at + c] = g0 * G[0, c] + g1 * G[1, c] + g2 * G[2, c]
-                at += 3
+                D[0, at] = x * B[2, 0, k]
+                D[1, at] = y * B[2, 0, k]
+                D[2, at] = v * B[2, 1, k]
+                at += 1
+    for a in range(at):  # a loop of its own, which becomes vector instructions
+        x = D[0, a]
+        y = D[1, a]
+        v = D[2, a]
+        D[0, a] = x * G[0, 0] + y * G[1, 0] + v * G[2, 0]
+        D[1, a] = x * G[0, 1] + y * G[1, 1] + v * G[2, 1]
+        D[2, a] = x * G[0, 2] + y * G[1, 2] + v * G[2, 2]
 
 
 @njit(parallel=True, **INNER)
@@ -124,7 +129,7 @@ def fields(
     for chunk in prange((len(u) + CHUNK - 1) // CHUNK):
         B = np.empty((3, 2, n))
         N = np.empty(nb)
-        D = np.empty(3 * nb)
+        D = np.empty((3, nb))
         G = np.empty((3, 3))
         for q in range(chunk * CHUNK, min(len(u), (chunk + 1) * CHUNK)):
             e = owner[q]
@@ -140,7 +145,7 @@ def fields(
                         x = c[dofs[e, a], m]
                         value[q, m] += N[a] * x
                         for k in range(3):
-                            gradient[q, m, k] += D[3 * a + k] * x
+                            gradient[q, m, k] += D[k, a] * x
 
 
 @njit(parallel=True, **INNER)
@@ -158,7 +163,7 @@ def vectors(
     for chunk in prange((len(places) + CHUNK - 1) // CHUNK):
         B = np.empty((3, 2, n))
         N = np.empty(nb)
-        D = np.empty(3 * nb)
+        D = np.empty((3, nb))
         G = np.empty((3, 3))
         for e in range(chunk * CHUNK, min(len(places), (chunk + 1) * CHUNK)):
             out[e] = 0.0
@@ -175,4 +180,4 @@ def vectors(
                     for a in range(nb):
                         for m in range(out.shape[2]):
                             for k in range(3):
-                                out[e, a, m] += P[q, m, k] * D[3 * a + k]
+                                out[e, a, m] += P[q, m, k] * D[k, a]

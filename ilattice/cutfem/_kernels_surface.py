@@ -15,10 +15,10 @@ from ilattice.cutfem._kernels_basis import INNER, gradients_of, inverse, lines, 
 @njit(**INNER)
 def traction(D: Any, a: int, n: Any, lam: float, mu: float, T: Any) -> None:
     """T[a, i, j]: component i of the traction of function a times the unit vector j."""
-    normal = D[3 * a] * n[0] + D[3 * a + 1] * n[1] + D[3 * a + 2] * n[2]
+    normal = D[0, a] * n[0] + D[1, a] * n[1] + D[2, a] * n[2]
     for i in range(3):
         for j in range(3):
-            T[a, i, j] = lam * n[i] * D[3 * a + j] + mu * D[3 * a + i] * n[j]
+            T[a, i, j] = lam * n[i] * D[j, a] + mu * D[i, a] * n[j]
         T[a, i, i] += mu * normal
 
 
@@ -39,7 +39,7 @@ def surface_blocks(
     for e in prange(len(places)):
         B = np.empty((3, 2, n))
         N = np.empty(nb)
-        D = np.empty(3 * nb)
+        D = np.empty((3, nb))
         G = np.empty((3, 3))
         T = np.empty((nb, 3, 3))
         A = out[e]
@@ -75,7 +75,7 @@ def surface_scalars(
     for e in prange(len(places)):
         B = np.empty((3, 2, n))
         N = np.empty(nb)
-        D = np.empty(3 * nb)
+        D = np.empty((3, nb))
         G = np.empty((3, 3))
         F = np.empty(nb)
         A = out[e]
@@ -86,8 +86,8 @@ def surface_scalars(
             values_of(B, N)
             gradients_of(B, G, D)
             for a in range(nb):
-                F[a] = D[3 * a] * normals[q, 0] + D[3 * a + 1] * normals[q, 1]
-                F[a] = k[q] * (F[a] + D[3 * a + 2] * normals[q, 2])
+                F[a] = D[0, a] * normals[q, 0] + D[1, a] * normals[q, 1]
+                F[a] = k[q] * (F[a] + D[2, a] * normals[q, 2])
             for a in range(nb):
                 for b in range(a, nb):
                     A[a, b] += w[q] * (Q[q] * N[a] * N[b] - N[a] * F[b] - N[b] * F[a])

@@ -25,7 +25,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.ndimage import maximum_filter
-from scipy.optimize import nnls
 
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_array
@@ -203,12 +202,10 @@ class _Search:
         top &= (height >= low - slack) & (height <= high + slack)
         u = u[top & (u >= box[0]).all(axis=1) & (u <= box[1]).all(axis=1)]
         u, value = climbed(excess, u)
-        x, side, feet = self.lattice.through.x(u), excess.side(u), self.feet(u)
-        equal = [
-            int((f.value <= v + EQUAL * (1.0 + abs(v))).sum())
-            for f, v in zip(feet, value, strict=True)
-        ]
-        rows = zip(value.tolist(), u, x, side.tolist(), equal, strict=True)
+        feet = [int(f.nearest.sum()) for f in self.feet(u)]
+        rows = zip(
+            value.tolist(), u, self.lattice.through.x(u), excess.side(u).tolist(), feet, strict=True
+        )
         ends = [CriticalPoint(*row, (0, 0, 0)) for row in rows]
         ends = [p for p in ends if self.link(p.u, p.value, p.side, p.on)[2]]
         return self.solve(u, (0, 0, 0)) + ends
@@ -301,6 +298,8 @@ class _Search:
 
         Feet that are later than the nearest count less, and not at all beyond `sharp` x reach.
         """
+        from scipy.optimize import nnls  # 10 MB that meshing does without
+
         slopes = (feet.gradient / feet.size)[:, np.array(on) == 0]
         later = (feet.value - feet.value.min()) / (sharp * feet.reach)
         a = np.vstack([slopes.T, later, np.full(len(later), HEAVY)])

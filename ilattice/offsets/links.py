@@ -26,9 +26,8 @@ SEGMENTS, RADIUS = 12, 0.2
 #: Part of its radius to which the sphere is flattened across the sheet of equal distances, and
 #: least slope across it of the distances to the feet.
 FLAT, STEEP = 0.2, 0.05
-#: Distances to feet that differ by less, relative to 1 + the distance, are equal; a fall of the
-#: distance, relative to the radius, that is none.
-EQUAL, NONE = 1e-6, 1e-9
+#: A fall of the distance, relative to the radius, that is none.
+NONE = 1e-9
 
 
 class Links:
@@ -69,7 +68,7 @@ class Links:
         corners, triangles = _octahedron(SEGMENTS)
         size = self.excess.sizes(u[None])[0]
         length = RADIUS * float((size * self.excess.span).min())
-        steps, inward = self._around(u, value, on, corners * length, size)
+        steps, inward = self._around(u, on, corners * length, size)
         around = np.clip(self.excess.wrapped(u + steps[inward] / size), *self.excess.domain)
         distance = np.abs(self.excess.lattice.distance(around))
         taken = self.excess.taken(around, np.full(len(around), side))[0]
@@ -80,15 +79,15 @@ class Links:
         return *_betti(below, triangles), False
 
     def _around(
-        self, u: FloatArray, value: float, on: tuple[int, ...], sphere: FloatArray, size: FloatArray
+        self, u: FloatArray, on: tuple[int, ...], sphere: FloatArray, size: FloatArray
     ) -> tuple[FloatArray, AnyArray]:
         """Steps, in lengths, from a point to those of a small sphere about it; which are inwards.
 
         The axes of the sphere lie in the sheet and across.
         """
         feet = self.feet(u[None])[0]
-        equal = feet.value <= feet.value.min() + EQUAL * (1.0 + value)
-        slopes, bends = feet.gradient[equal] / size, feet.hessian[equal] / np.outer(size, size)
+        slopes = feet.gradient[feet.nearest] / size
+        bends = feet.hessian[feet.nearest] / np.outer(size, size)
         free = np.flatnonzero(np.array(on) == 0)
         _, spread, axes = np.linalg.svd(slopes[:, free])
         rank = int((spread > STEEP).sum())

@@ -12,13 +12,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ilattice._typing import FloatArray, IntArray
+from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.offsets import _kernels_newton
 from ilattice.offsets.excess import Excess
 
 #: Feet are looked for that are farther than the nearest by up to so many diagonals of a span.
 NEARLY = 1.2
 MOST_SEEDS = 64
+#: Feet whose distances differ by less, relative to the size of a span, are equally near.
+EVEN = 1e-5
 
 
 class Feet(NamedTuple):
@@ -33,6 +35,11 @@ class Feet(NamedTuple):
     hessian: FloatArray
     size: FloatArray
     reach: float
+
+    @property
+    def nearest(self) -> AnyArray:
+        """Which feet (n,) are as near as the nearest one."""
+        return np.asarray(self.value <= self.value.min(initial=np.inf) + EVEN * self.reach)
 
 
 class SeveralFeet:

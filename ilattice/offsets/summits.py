@@ -12,7 +12,6 @@ Guarantee: no end is lower than its start. Non-guarantee: which summit a climb e
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import linprog
 
 from ilattice._typing import FloatArray
 from ilattice.offsets.excess import Excess
@@ -88,6 +87,8 @@ class _Climb:
         self, x: FloatArray, jacobian: FloatArray, taken: float, slope: FloatArray, room: FloatArray
     ) -> FloatArray:
         """Step in spans to where the least of the distances to feet, linearised, is greatest."""
+        from scipy.optimize import linprog  # 10 MB that meshing does without
+
         away = x - self.feet
         distance = np.linalg.norm(away, axis=1)
         near = distance <= distance.min() + 4.0 * self.box * np.linalg.norm(jacobian)

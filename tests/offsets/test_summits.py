@@ -6,6 +6,7 @@ import pytest
 import ilattice as il
 from ilattice.offsets.critical import critical_points
 from ilattice.offsets.excess import Excess
+from ilattice.offsets.several_feet import SeveralFeet
 from ilattice.offsets.summits import climbed
 
 NODE = np.sqrt(3) / 4  # of Schwarz P in a unit cell: its middle to the flat points
@@ -67,3 +68,13 @@ def test_no_start_has_no_end():
     u, value = climbed(excess, np.empty((0, 3)))
     assert u.shape == (0, 3)
     assert value.shape == (0,)
+
+
+@pytest.mark.parametrize("size", [1e-5, 1.0, 1e3])
+def test_as_many_feet_are_nearest_in_any_unit(size):
+    """Of the middle of a pore all eight; of a point beside it, 0.3 % of a tile nearer to one, 1."""
+    lattice = il.Lattice("schwarz_p", through=il.macroshape.box(size))
+    beside = 0.5 + 0.01 * np.array([0.3, 0.6, 1.0])
+    middle, other = SeveralFeet(Excess(lattice))(np.array([[0.5] * 3, beside]))
+    assert middle.nearest.sum() == 8
+    assert other.nearest.sum() == 1
