@@ -22,6 +22,7 @@ MASS, TENSOR, PAIRS = range(3)  # kinds of cell matrices
 SCALAR, ELASTIC, BLOCKS = range(3)  # kinds of blocks
 ROWS = 48  # rows of a cell that are multiplied at once
 TILE = 2 * LANES  # columns that are
+SHORT = 512  # rows of a sparse matrix that one thread fills at a time
 
 
 @njit(**INNER)
@@ -199,49 +200,55 @@ def list_columns(
 
 
 @njit(**INNER)
-def add_block(kind: int, A: Any, a: int, b: int, p: float, q: float, out: Any) -> None:
-    """Add the block of functions a and b of one element.
+def add_block(
+    kind: int, A: Any, e: int, a: int, b: int, p: float, q: float, out: Any, to: int
+) -> None:
+    """Add the block of functions a and b of element e to out[to].
 
-    SCALAR: p A[a, b] on the diagonal; ELASTIC: that of the Lamé constants p and q from the
+    SCALAR: p A[e, a, b] on the diagonal; ELASTIC: that of the Lamé constants p and q from the
     products of derivatives; BLOCKS: p times the block of A itself.
     """
-    m = out.shape[0]
+    m = out.shape[1]
     if kind == 0:
         for i in range(m):
-            out[i, i] += p * A[a, b]
+            out[to, i, i] += p * A[e, a, b]
     elif kind == 1:
-        n = len(A) // 3
-        trace = q * (A[a, b] + A[n + a, n + b] + A[2 * n + a, 2 * n + b])
+        n = A.shape[1] // 3
+        trace = q * (A[e, a, b] + A[e, n + a, n + b] + A[e, 2 * n + a, 2 * n + b])
         for i in range(3):
             for j in range(3):
-                v = p * A[i * n + a, j * n + b] + q * A[j * n + a, i * n + b]
+                v = p * A[e, i * n + a, j * n + b] + q * A[e, j * n + a, i * n + b]
                 if i == j:
                     v += trace
-                out[i, j] += v
+                out[to, i, j] += v
     else:
         for i in range(m):
             for j in range(m):
-                out[i, j] += p * A[m * a + i, m * b + j]
+                out[to, i, j] += p * A[e, m * a + i, m * b + j]
 
 
 @njit(parallel=True, **INNER)
 def fill(
-    kind: int, start: Any, where: Any, owner: Any, first: Any, dofs: Any, slot: Any, chunks: int,
-    indptr: Any, indices: Any, A: Any, p: float, q: float, data: Any,
+    kind: int, start: Any, where: Any, owner: Any, first: Any, dofs: Any, slot: Any, low: int,
+    high: int, reach: int, indptr: Any, indices: Any, A: Any, p: float, q: float, data: Any,
 ) -> None:  # fmt: skip
-    """Add the matrices A[slot[e]] of all elements e with slot[e] >= 0 to data (blocks, m, m)."""
-    n = len(start) - 1
-    for chunk in prange(chunks):
-        at = np.empty(n, np.int64)
-        for r in range(chunk * n // chunks, (chunk + 1) * n // chunks):
+    """Add the matrices A[slot[e]] of all elements e with slot[e] >= 0 to data (blocks, m, m).
+
+    Their nodes are from `low` to below `high`; no row is longer than `reach`, gaps included.
+    """
+    for chunk in prange((high - low + SHORT - 1) // SHORT):
+        at = np.empty(reach, np.int64)
+        for r in range(low + chunk * SHORT, min(high, low + (chunk + 1) * SHORT)):
             ready = False
+            left = indices[indptr[r]]
             for i in range(start[r], start[r + 1]):
                 e = owner[where[i]]
                 if slot[e] >= 0:
                     if not ready:
                         ready = True
                         for k in range(indptr[r], indptr[r + 1]):
-                            at[indices[k]] = k
+                            at[indices[k] - left] = k
                     a = where[i] - first[e]
                     for j in range(first[e], first[e + 1]):
-                        add_block(kind, A[slot[e]], a, j - first[e], p, q, data[at[dofs[j]]])
+                        to = at[dofs[j] - left]
+                        add_block(kind, A, slot[e], a, j - first[e], p, q, data, to)

@@ -165,19 +165,26 @@ def vectors(
         N = np.empty(nb)
         D = np.empty((3, nb))
         G = np.empty((3, 3))
+        sums = np.empty((out.shape[2], nb))
         for e in range(chunk * CHUNK, min(len(places), (chunk + 1) * CHUNK)):
-            out[e] = 0.0
+            sums[:] = 0.0
             for q in range(offsets[e], offsets[e + 1]):
                 lines(t0, t1, t2, places, boxes, e, u, q, B)
                 if len(f):
                     values_of(B, N)
-                    for a in range(nb):
-                        for m in range(out.shape[2]):
-                            out[e, a, m] += N[a] * f[q, m]
+                    for m in range(out.shape[2]):
+                        x = f[q, m]
+                        for a in range(nb):
+                            sums[m, a] += N[a] * x
                 if len(P):
                     inverse(J, q * step, G)
                     gradients_of(B, G, D)
-                    for a in range(nb):
-                        for m in range(out.shape[2]):
-                            for k in range(3):
-                                out[e, a, m] += P[q, m, k] * D[k, a]
+                    for m in range(out.shape[2]):
+                        x = P[q, m, 0]
+                        y = P[q, m, 1]
+                        z = P[q, m, 2]
+                        for a in range(nb):
+                            sums[m, a] += x * D[0, a] + y * D[1, a] + z * D[2, a]
+            for a in range(nb):
+                for m in range(out.shape[2]):
+                    out[e, a, m] = sums[m, a]

@@ -18,13 +18,15 @@ from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import read_only
 from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem import _kernels_basis as basis
-from ilattice.cutfem.rules import Quadrature, on_cells
+from ilattice.cutfem.rules import Quadrature, in_space, on_cells, some_cells
 from ilattice.cutfem.space import IDENTITY, SplineSpace
 from ilattice.cutfem.stabilise import GhostFaces
 from ilattice.macroshape.maps import SplineMap
 
-BATCH_BYTES = 1 << 27
+BATCH_BYTES = 1 << 24  # the allocator keeps arrays of this size, so that they are warm
 CHUNKS = 64  # of rows, each with scratch for all columns
+
+Density = Callable[[Quadrature], tuple[FloatArray | None, FloatArray | None]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,15 +70,24 @@ class Pattern:
         kernels.list_columns(start, where, owner, first, dofs, CHUNKS, indptr, indices)
         return cls(*(read_only(a) for a in (start, where, owner, first, dofs, indptr, indices)))
 
+    @cached_property
+    def _reach(self) -> int:
+        """Largest distance of two columns of one row, and one."""
+        last = self.indices[self.indptr[1:] - 1]
+        return int((last - self.indices[self.indptr[:-1]]).max(initial=0)) + 1
+
     def add(
         self, data: FloatArray, blocks: int, elements: IntArray, A: FloatArray, p: float, q: float
     ) -> None:
         """Add the matrices A of some elements; see `_kernels_assembly.add_block`."""
+        if not len(elements):
+            return
         slot = np.full(len(self.first) - 1, -1, np.int32)
         slot[elements] = np.arange(len(elements))
+        near = self.dofs[self.first[elements.min()] : self.first[elements.max() + 1]]
         kernels.fill(
-            blocks, self.start, self.where, self.owner, self.first, self.dofs, slot, CHUNKS,
-            self.indptr, self.indices, A, p, q, data,
+            blocks, self.start, self.where, self.owner, self.first, self.dofs, slot, near.min(),
+            near.max() + 1, self._reach, self.indptr, self.indices, A, p, q, data,
         )  # fmt: skip
 
     def matrix(self, data: FloatArray) -> Any:
@@ -201,19 +212,60 @@ class Assembly:
 
         `rule` is in parameters, or in space with `parameters`.
         """
-        u = rule.points if rule.parameters is None else rule.parameters
         m = (f if f is not None else P).shape[1]  # type: ignore[union-attr]
+        out = np.empty((len(rule.cells), self.space.dofs.shape[1], m))
+        self._vectors(rule, f, P, out)
+        return self._gathered(rule, out)
+
+    def vector_by_parts(self, rule: Quadrature, m: int, density: Density) -> FloatArray:
+        """`vector` (functions, m) of what is computed part by part: nothing is kept at all points.
+
+        Parameters
+        ----------
+        rule : Quadrature
+            In parameters, or in space with `parameters`.
+        m : int
+            Number of components.
+        density : callable
+            Takes a part of the rule, in space with `parameters`, and returns f (n, m) and
+            P (n, m, 3) there, one of which may be None, both without weights.
+
+        Returns
+        -------
+        ndarray, shape (functions, m)
+            Coefficients.
+        """
+        out = np.empty((len(rule.cells), self.space.dofs.shape[1], m))
+        per_cell = max(len(rule) // max(len(rule.cells), 1), 1)
+        for _, cells, _ in self.batches(rule, per_cell * (12 + 4 * m)):
+            part = in_space(some_cells(rule, cells))
+            f, P = density(part)
+            w = part.weights
+            f = None if f is None else w[:, None] * f
+            P = None if P is None else w[:, None, None] * P
+            self._vectors(part, f, P, out[cells])
+        return self._gathered(rule, out)
+
+    def _vectors(
+        self, rule: Quadrature, f: FloatArray | None, P: FloatArray | None, out: FloatArray
+    ) -> None:
+        """Integrals of N f + P grad N over the cells of a rule, out (cells, nb, m)."""
+        u = rule.points if rule.parameters is None else rule.parameters
+        m = out.shape[2]
         f = np.zeros((0, m)) if f is None else f
         P = np.zeros((0, m, 3)) if P is None else P
         at = np.searchsorted(self.space.cells, rule.cells)
-        out = np.empty((len(at), self.space.dofs.shape[1], m))
         J = self.jacobians(u) if len(P) else IDENTITY
         basis.vectors(
             *self.space.tables, self.space.places[at], self.space.boxes[at], rule.offsets,
             u, J, np.ascontiguousarray(f), np.ascontiguousarray(P), out,
         )  # fmt: skip
-        nodes = self.space.dofs[at].ravel()
-        columns = [np.bincount(nodes, out[..., k].ravel(), len(self.space)) for k in range(m)]
+
+    def _gathered(self, rule: Quadrature, parts: FloatArray) -> FloatArray:
+        """Sums (functions, m) of what is given per cell of a rule and function, (cells, nb, m)."""
+        nodes = self.space.dofs[np.searchsorted(self.space.cells, rule.cells)].ravel()
+        m = parts.shape[2]
+        columns = [np.bincount(nodes, parts[..., k].ravel(), len(self.space)) for k in range(m)]
         return np.stack(columns, axis=1)
 
     def on_rule(

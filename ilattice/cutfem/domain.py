@@ -7,6 +7,7 @@ Guarantee: what is asked for twice is computed once.
 """
 
 import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -18,7 +19,7 @@ from ilattice._validate import as_positive
 from ilattice.cutfem.assembly import Assembly, compressed_where_long
 from ilattice.cutfem.connectivity import Parts, connected_parts
 from ilattice.cutfem.grid import CUT, CutGrid, cut
-from ilattice.cutfem.rules import MOST_POINTS, NAMES, Quadrature, on_cells
+from ilattice.cutfem.rules import MOST_POINTS, NAMES, Quadrature, in_space, on_cells, some_cells
 from ilattice.cutfem.space import DEGREES, SplineSpace
 from ilattice.cutfem.stabilise import ghost_faces, void_rule
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
@@ -146,8 +147,8 @@ class Domain:
         faces = ghost_faces(self.cut, self.wet, cells, weight, self.volume)
         return Assembly(space, self.cut.through, faces)
 
-    def stiff_rule(self, asm: Assembly, *, constant: bool, void: bool = True) -> Quadrature:
-        """Rule for stiffness, in parameters, compressed where that loses nothing.
+    def stiff_rule(self, asm: Assembly, *, constant: bool) -> Quadrature:
+        """Rule for the stiffness of the solid, in parameters, compressed where that loses nothing.
 
         Parameters
         ----------
@@ -155,26 +156,40 @@ class Domain:
             Functions on the active cells.
         constant : bool
             Whether the material is the same everywhere.
-        void : bool
-            Whether the weighted void is in it.
 
         Returns
         -------
         Quadrature
             The same one for the same arguments.
         """
+        short = constant and self._compressible(asm)
 
         def make() -> Quadrature:
-            if not void or self.stabilization != "void":
-                rule = on_cells(self.volume, asm.space.cells)
-                short = constant and self._compressible(asm)
-                return compressed_where_long(rule, 2 * self.degree) if short else rule
-            rule = self.stiff_rule(asm, constant=constant, void=False)
-            assert self.weight is not None
-            return void_rule(self.cut, rule, self.degree + 1, self.weight, 1.0 - self.weight)
+            rule = on_cells(self.volume, asm.space.cells)
+            return compressed_where_long(rule, 2 * self.degree) if short else rule
 
-        void = void and self.stabilization == "void"
-        return self.once(("stiff", asm, constant, void), make)
+        return self.once(("stiff", asm, short), make)
+
+    def stiff_rules(self, asm: Assembly, *, constant: bool) -> Iterator[Quadrature]:
+        """Parts of `stiff_rule` with the weighted void of cut cells; one at a time is in memory."""
+        rule = self.stiff_rule(asm, constant=constant)
+        if self.stabilization != "void":
+            yield rule
+            return
+        assert self.weight is not None
+        yield from self._with_void(asm, rule, self.weight, 1.0 - self.weight)
+
+    def void_rules(self, asm: Assembly) -> Iterator[Quadrature]:
+        """Parts of a rule, in parameters, on the weighted void of cut cells, solid negative."""
+        cells = np.intersect1d(asm.space.cells, self.cut.cells(CUT))
+        assert self.weight is not None
+        yield from self._with_void(asm, on_cells(self.volume, cells), self.weight, -self.weight)
+
+    def _with_void(
+        self, asm: Assembly, rule: Quadrature, weight: float, solid: float
+    ) -> Iterator[Quadrature]:
+        for _, cells, _ in asm.batches(rule, (3 * asm.space.dofs.shape[1]) ** 2):
+            yield void_rule(self.cut, some_cells(rule, cells), self.degree + 1, weight, solid)
 
     def _compressible(self, asm: Assembly) -> bool:
         """Whether integrals over cells may be taken from moments.
@@ -191,21 +206,9 @@ class Domain:
             for a, x in enumerate(self.cut.grid.axes)
         )
 
-    def void(self, asm: Assembly) -> Quadrature:
-        """Rule, in parameters, on the weighted void part of cut cells; weights may be negative."""
-        cells = np.intersect1d(asm.space.cells, self.cut.cells(CUT))
-        rule = on_cells(self.volume, cells)
-        assert self.weight is not None
-        return void_rule(self.cut, rule, self.degree + 1, self.weight, -self.weight)
-
     def solid(self, asm: Assembly) -> Quadrature:
         """Rule in space on the active cells, with `parameters`."""
         return self.once(("solid", asm), lambda: in_space(on_cells(self.volume, asm.space.cells)))
-
-    def light(self, asm: Assembly) -> Quadrature:
-        """Rule in space for what is constant: that of the stiffness, with as few points."""
-        rule = self.stiff_rule(asm, constant=True, void=False)
-        return self.once(("light", asm), lambda: in_space(rule))
 
     def edge(self, asm: Assembly, on: str) -> Quadrature:
         """Rule in space on the boundary of the active cells; see `boundary`."""
@@ -242,13 +245,6 @@ class Domain:
                 PrecisionWarning,
                 stacklevel=4,
             )
-
-
-def in_space(rule: Quadrature) -> Quadrature:
-    """A rule in space, with `parameters` also if there is no map."""
-    if rule.through is not None:
-        return rule.in_space()
-    return replace(rule, parameters=rule.points)
 
 
 def kinks(through: SplineMap, axis: int) -> FloatArray:

@@ -17,6 +17,7 @@ refinement; a wall thinner than a cell is too stiff, and a warning says so.
 """
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
@@ -28,7 +29,7 @@ from ilattice.cutfem.conditions import Load, Support, values_at
 from ilattice.cutfem.domain import as_domain
 from ilattice.cutfem.material import Isotropic, Property, Scalar
 from ilattice.cutfem.problem import Problem
-from ilattice.cutfem.rules import on_cells
+from ilattice.cutfem.rules import Quadrature, on_cells
 from ilattice.errors import InputError
 from ilattice.offsets.wall import Wall
 
@@ -253,14 +254,13 @@ class Elasticity(Problem):
     def _matrix(self) -> Any:
         asm = self.assembly
         data = asm.zeros(3)
-        rule = self.domain.stiff_rule(asm, constant=self.material.constant)
-        one = np.ones((1, 1))
-        if self.material.constant:
-            lam, mu = (float(v[0]) for v in self.material.lame(asm, rule.points[:1]))
-            asm.add_cells(data, rule, kernels.PAIRS, one, lam, mu)
-        else:
-            for v, p, q in zip(self.material.lame(asm, rule.points), (1.0, 0.0), (0.0, 1.0),
-                               strict=True):  # fmt: skip
+        for rule in self.domain.stiff_rules(asm, constant=self.material.constant):
+            lame = self.material.lame(asm, rule.points)
+            if self.material.constant:
+                lam, mu = (float(v[0]) for v in lame)
+                asm.add_cells(data, rule, kernels.PAIRS, np.ones((1, 1)), lam, mu)
+                continue
+            for v, p, q in zip(lame, (1.0, 0.0), (0.0, 1.0), strict=True):
                 d = np.broadcast_to(v, len(rule))[:, None].copy()
                 asm.add_cells(data, rule, kernels.PAIRS, d, p, q)
         asm.add_ghost(data, self.ghost_stiffness)
@@ -357,42 +357,30 @@ class Elasticity(Problem):
 
     # ---------------------------------------------------------------- loads
 
-    def forces(self) -> FloatArray:
-        """Loads as coefficients.
-
-        Returns
-        -------
-        ndarray, shape (functions, 3)
-            Their sums over the functions are the resultants.
-        """
-        f = np.zeros((len(self.assembly.space), 3))
-        for load in self.loads:
-            f += self._force(load)
-        return f
-
     def _force(self, load: Load) -> FloatArray:
         asm = self.assembly
         constant = not (callable(load.value) or hasattr(load.value, "evaluate"))
         constant = constant and self.material.constant and self.material.density.constant
-        if load.on:
-            rule = self.domain.edge(asm, load.on)
-        else:
-            rule = self.domain.light(asm) if constant else self.domain.solid(asm)
-        w = rule.weights[:, None]
+        rule = (
+            self.domain.edge(asm, load.on)
+            if load.on
+            else self.domain.stiff_rule(asm, constant=constant)
+        )
+        return asm.vector_by_parts(rule, 3, partial(self._density, load))
+
+    def _density(self, load: Load, rule: Quadrature) -> tuple[FloatArray | None, FloatArray | None]:
+        """Force f (n, 3) and stress P (n, 3, 3) of a load at the points of a rule in space."""
+        assert rule.parameters is not None
         if load.kind == "temperature":
-            assert rule.parameters is not None
             s = self.thermal_stress(load, rule.parameters)
-            P = (w[:, 0] * s)[:, None, None] * np.eye(3)
-            return asm.vector(rule, None, P)
+            return None, s[:, None, None] * np.eye(3)
         if load.kind == "pressure":
             assert rule.normals is not None
-            return asm.vector(rule, -w * values_at(load.kind, load.value, rule.points, 1)
-                              * rule.normals)  # fmt: skip
-        value = w * values_at(load.kind, load.value, rule.points, 3)
+            return -values_at(load.kind, load.value, rule.points, 1) * rule.normals, None
+        value = values_at(load.kind, load.value, rule.points, 3)
         if load.kind == "gravity":
-            assert rule.parameters is not None
-            value *= self.material.density.at(asm, rule.parameters)[:, None]
-        return asm.vector(rule, value)
+            value *= self.material.density.at(self.assembly, rule.parameters)[:, None]
+        return value, None
 
     def thermal_strain(self, u: FloatArray) -> FloatArray:
         """Strain of free expansion in every direction, under all temperatures.

@@ -26,7 +26,7 @@ from ilattice._typing import FloatArray
 from ilattice._validate import as_positive
 from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem._kernels_surface import surface_scalars
-from ilattice.cutfem.conditions import Spring, Support, as_value, stiffness_at, values_at
+from ilattice.cutfem.conditions import Load, Spring, Support, as_value, stiffness_at, values_at
 from ilattice.cutfem.domain import as_domain
 from ilattice.cutfem.heat_solution import HeatHistory, HeatSolution, Step
 from ilattice.cutfem.material import Property, Scalar
@@ -256,10 +256,10 @@ class Heat(Problem):
     def _matrix(self) -> Any:
         asm = self.assembly
         data = asm.zeros(1)
-        rule = self.domain.stiff_rule(asm, constant=self.conductivity.constant)
-        k = self.conductivity.at(asm, rule.points)
-        d = k[:, None] * np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
-        asm.add_cells(data, rule, kernels.TENSOR, d)
+        for rule in self.domain.stiff_rules(asm, constant=self.conductivity.constant):
+            k = self.conductivity.at(asm, rule.points)
+            d = k[:, None] * np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+            asm.add_cells(data, rule, kernels.TENSOR, d)
         asm.add_ghost(data, lambda u: self.conductivity.at(asm, u))
         for support in self.in_the_mean:
             self._add_surface(data, support)
@@ -327,24 +327,16 @@ class Heat(Problem):
             f += self.assembly.vector(rule, (w * Q)[:, None], P)
         return f
 
-    def forces(self) -> FloatArray:
-        """Sources and fluxes as coefficients.
-
-        Returns
-        -------
-        ndarray, shape (functions, 1)
-            Their sum is the heat that enters in unit time.
-        """
-        f = np.zeros((len(self.assembly.space), 1))
-        for load in self.loads:
-            asm = self.assembly
-            if load.on:
-                rule = self.domain.edge(asm, load.on)
-            else:
-                rule = (self.domain.solid if callable(load.value) else self.domain.light)(asm)
-            value = values_at(load.kind, load.value, rule.points, 1)
-            f += asm.vector(rule, rule.weights[:, None] * value)
-        return f
+    def _force(self, load: Load) -> FloatArray:
+        asm = self.assembly
+        rule = (
+            self.domain.edge(asm, load.on)
+            if load.on
+            else self.domain.stiff_rule(asm, constant=not callable(load.value))
+        )
+        return asm.vector_by_parts(
+            rule, 1, lambda part: (values_at(load.kind, load.value, part.points, 1), None)
+        )
 
     def _motions(self, x: FloatArray) -> FloatArray:
         return np.ones((len(x), 1, 1))

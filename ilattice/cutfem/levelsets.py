@@ -201,16 +201,19 @@ class SplinePieces(Pieces):
             for s in self.sets.splines
         ]
 
+    @cached_property
+    def _arrays(self) -> list[FloatArray]:
+        return [_coefficients(s, self.order) for s in self.sets.splines]
+
     def tensors(self, index: IntArray) -> FloatArray:
         """See `Pieces.tensors`."""
         out = np.empty((len(index), self.sets.count, self.order**3))
         out[:] = self.sets.shifts[:, None]
-        for s, ops, f in zip(self.sets.splines, self._operators, self.sets.factors.T, strict=True):
+        for c, ops, f in zip(self._arrays, self._operators, self.sets.factors.T, strict=True):
             rows, first = zip(*ops, strict=True)
             kernels.extract(
-                _coefficients(s, self.order), *rows, *first, np.ascontiguousarray(index), f.copy(),
-                self.lengths, out,
-            )  # fmt: skip
+                c, *rows, *first, np.ascontiguousarray(index), f.copy(), self.lengths, out
+            )
         return out
 
     def signs(self, halvings: int = 6) -> AnyArray:
@@ -221,8 +224,8 @@ class SplinePieces(Pieces):
         rows, first = zip(*self._operators[0], strict=True)
         out = np.empty(self.shape, np.int8)
         kernels.signs_of_splines(
-            np.stack([_coefficients(s, self.order) for s in splines]), *rows, *first,
-            self.sets.factors, self.sets.shifts, halvings, self.lengths, out,
+            np.stack(self._arrays), *rows, *first, self.sets.factors, self.sets.shifts, halvings,
+            self.lengths, out,
         )  # fmt: skip
         return out
 
@@ -230,10 +233,11 @@ class SplinePieces(Pieces):
         """See `Pieces.bounds`: extremes of the coefficients of the splines."""
         out = np.empty((*self.shape, self.sets.count, 2))
         out[:] = self.sets.shifts[:, None]
-        for s, ops, f in zip(self.sets.splines, self._operators, self.sets.factors.T, strict=True):
+        for s, c, ops, f in zip(self.sets.splines, self._arrays, self._operators,
+                                self.sets.factors.T, strict=True):  # fmt: skip
             size = np.array(s.k) + 1
             first = [np.asarray(first) for _, first in ops]
-            kernels.windows(_coefficients(s, self.order), *first, size, f.copy(), out)
+            kernels.windows(c, *first, size, f.copy(), out)
         slack = kernels.ROUNDING * np.abs(out).max(axis=-1, keepdims=True)
         return out + slack * np.array([-1.0, 1.0])
 
@@ -442,7 +446,8 @@ def _numerator(s: BSpline) -> BSpline:
 def _coefficients(s: BSpline, order: int) -> FloatArray:
     """Coefficients, with room for a window of `order` per direction."""
     c = s.c if s.weights is None else s.c * s.weights
-    return np.pad(c, [(0, order - 1 - k) for k in s.k])
+    room = [(0, order - 1 - k) for k in s.k]
+    return read_only(np.pad(c, room) if np.any(room) else np.ascontiguousarray(c))
 
 
 def _restrictions(s: BSpline, a: int, edges: FloatArray, order: int) -> tuple[FloatArray, IntArray]:

@@ -14,6 +14,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from ilattice._typing import FloatArray, IntArray
+from ilattice._validate import read_only
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.conditions import Load, Spring, Support, as_mask, as_place, as_value
 from ilattice.cutfem.constraints import Constraints, constraints
@@ -210,7 +211,24 @@ class Problem:
         raise NotImplementedError
 
     def forces(self) -> FloatArray:
-        """Loads (functions, m), without what comes from supports and springs."""
+        """Loads as coefficients, without what comes from supports and springs.
+
+        Returns
+        -------
+        ndarray, shape (functions, m)
+            Their sums over the functions are the resultants: force, or heat per time.
+        """
+        return self._forces
+
+    @cached_property
+    def _forces(self) -> FloatArray:
+        f = np.zeros((len(self.assembly.space), self.m))
+        for load in self.loads:
+            f += self._force(load)
+        return read_only(f)
+
+    def _force(self, load: Load) -> FloatArray:
+        """One load as coefficients (functions, m)."""
         raise NotImplementedError
 
     def _from_supports(self) -> FloatArray:

@@ -159,7 +159,7 @@ def smooth_stress(solution: Solution, weights: dict[int, float]) -> FloatArray:
     problem = solution.problem
     heated = any(load.kind == "temperature" for load in problem.loads)
     constant = problem.material.constant and not heated
-    rule = problem.domain.stiff_rule(problem.assembly, constant=constant, void=False)
+    rule = problem.domain.stiff_rule(problem.assembly, constant=constant)
     stress = Solution.stress_on(solution, rule)
     return project(problem.domain, problem.assembly, rule, stress, weights)
 
@@ -168,7 +168,7 @@ def smooth_flux(solution: HeatSolution, weights: dict[int, float]) -> FloatArray
     """Coefficients (functions, 3) of the projected heat flux, likewise."""
     problem = solution.problem
     constant = problem.conductivity.constant
-    rule = problem.domain.stiff_rule(problem.assembly, constant=constant, void=False)
+    rule = problem.domain.stiff_rule(problem.assembly, constant=constant)
     flux = HeatSolution.heat_flux_on(solution, rule)
     return project(problem.domain, problem.assembly, rule, flux, weights)
 

@@ -346,6 +346,33 @@ def on_cells(rule: Quadrature, cells: IntArray) -> Quadrature:
     )
 
 
+def some_cells(rule: Quadrature, which: slice) -> Quadrature:
+    """The part of a rule in some cells, given by position: a view, which takes no memory."""
+    begin, end = rule.offsets[which.start], rule.offsets[which.stop]
+
+    def part(a: Any) -> Any:
+        return None if a is None else a[begin:end]
+
+    return replace(
+        rule,
+        points=part(rule.points),
+        weights=part(rule.weights),
+        normals=part(rule.normals),
+        sets=part(rule.sets),
+        parameters=part(rule.parameters),
+        cells=rule.cells[which],
+        neighbours=None if rule.neighbours is None else rule.neighbours[which],
+        offsets=rule.offsets[which.start : which.stop + 1] - begin,
+    )
+
+
+def in_space(rule: Quadrature) -> Quadrature:
+    """A rule in space, with `parameters` also if there is no map; one that is there already."""
+    if rule.parameters is not None:
+        return rule
+    return replace(rule, parameters=rule.points) if rule.through is None else rule.in_space()
+
+
 def _cofactors(J: FloatArray, n: FloatArray) -> FloatArray:
     """Cofactor matrices of J (n, 3, 3) times vectors (n, 3)."""
     columns = [np.cross(J[:, :, (k + 1) % 3], J[:, :, (k + 2) % 3]) for k in range(3)]
@@ -407,10 +434,10 @@ def inner_face_rule(grid: CutGrid, axis: int, q: int, tangent_depth: int) -> Qua
     owner = grid._owners[axis]
     ends = np.flatnonzero(np.append(np.diff(owner) > 0, grid.grid.closed[axis]))
     signs = grid._piece_signs
-    upper = np.take(signs, (ends + 1) % signs.shape[axis], axis)
-    index = np.argwhere((signs.take(ends, axis) != 1) & (upper != 1))
-    whole = (signs.take(ends, axis) == -1) & (upper == -1)
-    whole = whole[tuple(index.T)]
+    lower = signs.take(ends, axis)
+    upper = signs.take((ends + 1) % signs.shape[axis], axis)
+    index = np.argwhere((lower != 1) & (upper != 1))
+    whole = ((lower == -1) | (upper == -1))[tuple(index.T)]
     index[:, axis] = ends[index[:, axis]]
     rule = _faces(grid, index, whole, axis, 1, q, accept)
     i = list(np.unravel_index(rule.cells, grid.grid.shape))

@@ -240,9 +240,7 @@ class Solution(Result):
         problem = self.problem
         heated = any(load.kind == "temperature" for load in problem.loads)
         constant = problem.material.constant and not heated
-        return self._energy(
-            problem.domain.stiff_rule(problem.assembly, constant=constant, void=False)
-        )
+        return self._energy(problem.domain.stiff_rule(problem.assembly, constant=constant))
 
     def _energy(self, rule: Quadrature, *, heated: bool = True) -> float:
         """Half of stress times elastic strain, or, not `heated`, as if nothing were heated."""
@@ -277,7 +275,7 @@ class Solution(Result):
         asm, domain = problem.assembly, problem.domain
         total = 0.0
         if domain.stabilization == "void":
-            total += self._energy(domain.void(asm), heated=False)
+            total += sum(self._energy(rule, heated=False) for rule in domain.void_rules(asm))
         if asm.ghost is not None:
             data = asm.zeros(3)
             asm.add_ghost(data, problem.ghost_stiffness)

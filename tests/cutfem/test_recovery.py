@@ -34,7 +34,7 @@ def test_fields_of_the_degree_of_the_space_are_reproduced_through_any_map(p):
     problem = Elasticity(cut, degree=p).clamp("surface")
     asm, domain = problem.assembly, problem.domain
     f = lambda u: np.stack([u[:, 0] ** p - u[:, 1] ** p, np.prod(u, axis=1), 0 * u[:, 0]], axis=1)  # noqa: E731
-    rule = domain.stiff_rule(asm, constant=True, void=False)
+    rule = domain.stiff_rule(asm, constant=True)
     c = project(domain, asm, rule, f(rule.points), WEIGHTS)
     u = domain.edge(asm, "surface").parameters
     np.testing.assert_allclose(asm.evaluate(c, u)[0], f(u), atol=1e-8)
@@ -84,7 +84,7 @@ def masses(kind, eta, p, cells=5):
                         domain=[[0.0] * 3, [size] * 3], degree=1)  # fmt: skip
     problem = Elasticity(cut, degree=p).clamp("u=0")
     asm, domain = problem.assembly, problem.domain
-    rule = domain.stiff_rule(asm, constant=True, void=False)
+    rule = domain.stiff_rule(asm, constant=True)
     project(domain, asm, rule, np.ones((len(rule), 1)), WEIGHTS)
     M = domain.once(("projection", asm, rule, WEIGHTS[p]), None)[1]._K.toarray()
     d = 1 / np.sqrt(np.diag(M))
