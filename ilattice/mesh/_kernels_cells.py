@@ -404,12 +404,13 @@ def face_bits(gx, gy, gz):
 @njit(cache=True, parallel=True)
 def vertices(
     rows, flips, shape, coords, first, last, caps, t, t_first, start, low, size, least, most,
-    out, kind, cell, alone,
+    out, kind, place, cell, alone,
 ):  # fmt: skip
-    """Vertices of the blocks first..last into `out`, their codes into `kind`.
+    """Vertices of the blocks first..last into `out`, their codes into `kind` and `place`.
 
     The first one has row ``start[first]`` there. Their cells go to `cell`, and whether they are
-    the only ones in them to `alone`, from row 0 on.
+    the only ones in them to `alone`, from row 0 on. Codes in `place` are
+    ``k | row << 3 | patch << 12``: their cell in its row, row and patch of `CASES`.
     ``low[a], size[a]`` are the lower end and the width of the padded cells along axis a: ghost
     cells have width 0. Vertices stay between ``least[a]`` and ``most[a]`` of their cell.
     """
@@ -448,5 +449,6 @@ def vertices(
                                 out[at, a] = min(max(p, least[a, c]), most[a, c])
                                 cell[at - start[first], a] = c
                             kind[at] = face_bits(gx, gy, gz) | level
+                            place[at] = k | row << 3 | patch << 12
                             alone[at - start[first]] = CASES[row, PATCHES] == 1
                             at += 1

@@ -15,53 +15,39 @@ from ilattice.mesh._kernels_cells import (
     CHUNK,
     B,
     S,
-    crossed_cells,
     extent,
-    ghost_side,
-    is_bare,
     kept_edges,
     neighbour,
-    pattern,
 )
-from ilattice.mesh._tables import CASES, FLIPPED, LABEL, PATCHES
+from ilattice.mesh._tables import CASES, LABEL, PATCHES
 
 T = 9  # cells of a block and the layer below it, per direction
 TIE = 1e-6  # relative difference of shapes that does not count
 
 
 @njit(cache=True)
-def _index_block(rows, flips, prefix, shape, coords, n, ox, oy, oz, start, caps, ids, pattern_of):
-    """Ids and patterns of the cells of block n that block b = n - (ox, oy, oz) needs."""
+def _index_block(prefix, shape, coords, n, ox, oy, oz, start, place, ids, row_of):
+    """Vertices and rows of `CASES` of the cells of block n that block n - (ox, oy, oz) needs.
+
+    They go to the local places of the cells, which begin one layer below the block; of cells with
+    several vertices the first one v goes there as -1 - v.
+    """
     ni = extent(shape, 0, coords[n, 3])
     nj = extent(shape, 1, coords[n, 1])
     nk = extent(shape, 2, coords[n, 2])
-    wanted = (1 << nk) - 1 if oz == 0 else 1 << (nk - 1)
-    bits = (1 << nk) - 1
     for i in range(0 if ox == 0 else ni - 1, ni):
-        gx = ghost_side(shape, 0, B * coords[n, 3] + i)
-        li = i + 1 if ox == 0 else 0
         for j in range(0 if oy == 0 else nj - 1, nj):
-            x, m0, m1, m2, m3 = crossed_cells(rows, n, i, j, bits)
-            if x & wanted == 0:
-                continue
-            gy = ghost_side(shape, 1, B * coords[n, 1] + j)
-            lj = j + 1 if oy == 0 else 0
-            flip = np.int64(flips[n, B * i + j])
-            at = start[n] + prefix[n, B * i + j]
-            while x != 0:
-                k = lowest(x)
-                x &= x - 1
-                code = pattern(m0, m1, m2, m3, k)
-                row = code + FLIPPED * ((flip >> k) & 1)
-                if (wanted >> k) & 1:
-                    local = T * T * li + T * lj + (k + 1 if oz == 0 else 0)
-                    ids[local] = at
-                    pattern_of[local] = row
-                if not caps:
-                    gz = ghost_side(shape, 2, B * coords[n, 2] + k)
-                    if is_bare(gx, gy, gz, code):
-                        continue
-                at += np.int64(CASES[row, PATCHES])
+            local = T * T * (i + 1 if ox == 0 else 0) + T * (j + 1 if oy == 0 else 0)
+            r = B * i + j
+            for v in range(start[n] + prefix[n, r], start[n] + prefix[n, r + 1]):
+                code = np.int64(place[v])
+                k = code & 7
+                if oz < 0 and k < nk - 1:
+                    continue
+                at = local + (k + 1 if oz == 0 else 0)
+                row = (code >> 3) & 511
+                ids[at] = v if CASES[row, PATCHES] == 1 else (code >> 12) - v - 1
+                row_of[at] = row
 
 
 @njit(cache=True, inline="always")
@@ -95,17 +81,15 @@ def best_diagonal(p, axis):
     a = ax if axis == 0 else (ay if axis == 1 else az)
     b = bx if axis == 0 else (by if axis == 1 else bz)
     c = cx if axis == 0 else (cy if axis == 1 else cz)
-    first = min(a, b) > 0.0
-    second = min(c, a + b - c) > 0.0
-    if first != second:
-        return 0 if first else 1
+    first, second = min(a, b) > 0.0, min(c, a + b - c) > 0.0
     u, v, w = _square(ux, uy, uz), _square(vx, vy, vz), _square(wx, wy, wz)
     x = _square(vx - ux, vy - uy, vz - uz)
     y = _square(wx - ux, wy - uy, wz - uz)
     z = _square(wx - vx, wy - vy, wz - vz)
     q = min(_shape(_square(ax, ay, az), u + v + x), _shape(_square(bx, by, bz), v + w + z))
     r = min(_shape(_square(cx, cy, cz), u + w + y), _shape(_square(dx, dy, dz), x + y + z))
-    return 0 if q >= (1.0 - TIE) * r else 1
+    better = q < (1.0 - TIE) * r
+    return np.int64((second > first) | ((first == second) & better))
 
 
 def _around_edges() -> tuple[AnyArray, AnyArray, AnyArray]:
@@ -127,14 +111,16 @@ _OFFSET, _STEP, _EDGE = _around_edges()
 
 
 @njit(cache=True)
-def _corners(axis, cell, ids, pattern_of, points, split, below, above, p, c):
+def _corners(axis, cell, ids, row_of, points, split, below, above, p, c):
     """Corners of the quad around an edge of a cell: ids to `c`, places to `p`.
 
     `cell` is local, the edge is its lowest one along `axis`. See `faces` for the ids.
     """
     for corner in range(4):
         local = cell + _STEP[axis, corner]
-        v = ids[local] + CASES[pattern_of[local], LABEL + _EDGE[axis, corner]]
+        v = ids[local]
+        if v < 0:
+            v = CASES[row_of[local], LABEL + _EDGE[axis, corner]] - 1 - v
         for a in range(3):
             p[corner, a] = points[v, a]
         c[corner] = v + (below if v < split else above)
@@ -152,7 +138,7 @@ def _unwrap(axis, i, j, k, shift, p):
 
 @njit(cache=True)
 def _emit_block(
-    rows, shape, coords, b, caps, ids, pattern_of, points, shift, split, below, above, p, c, faces,
+    rows, shape, coords, b, caps, ids, row_of, points, shift, split, below, above, p, c, faces,
     at,
 ):  # fmt: skip
     """Write the triangles of the edges that a block owns."""
@@ -176,35 +162,33 @@ def _emit_block(
                     k = lowest(x)
                     x &= x - 1
                     cell = T * T * (i + 1) + T * (j + 1) + k + 1
-                    _corners(axis, cell, ids, pattern_of, points, split, below, above, p, c)
+                    _corners(axis, cell, ids, row_of, points, split, below, above, p, c)
                     if seam:
                         _unwrap(axis, i, j, k, shift, p)
                     first = best_diagonal(p, axis)
-                    second, third = first + 1, (first + 3) % 4
-                    if (m >> k) & 1 == 0:
-                        second, third = third, second
+                    turn = 1 + (2 & (m >> k << 1))  # 3 where the lower end is inside, else 1
                     faces[at, 0] = faces[at + 1, 0] = c[first]
-                    faces[at, 1] = c[second]
+                    faces[at, 1] = c[(first - turn) & 3]
                     faces[at, 2] = faces[at + 1, 1] = c[first + 2]
-                    faces[at + 1, 2] = c[third]
+                    faces[at + 1, 2] = c[(first + turn) & 3]
                     at += 2
 
 
 @njit(cache=True, parallel=True)
 def faces(
-    rows, flips, prefix, lookup, shape, coords, blocks, start, caps, points, period, split, below,
+    rows, prefix, lookup, shape, coords, blocks, start, caps, points, place, period, split, below,
     above, first, out,
 ):  # fmt: skip
     """Triangles of the listed blocks: block ``blocks[n]`` writes from row ``2 first[n]`` on.
 
-    ``start[b]`` is the row in `points` of the first vertex of block b; row v has the id
+    ``start[b]`` is the row in `points` and `place` of the first vertex of block b; row v has the id
     ``v + below`` before row `split` and ``v + above`` from there on. `period (3,)` is the length
     of the domain along the wrapped directions.
     """
     n = len(blocks)
     for chunk in prange((n + CHUNK - 1) // CHUNK):
         ids = np.zeros(T * T * T, np.int64)
-        pattern_of = np.zeros(T * T * T, np.int64)
+        row_of = np.zeros(T * T * T, np.int64)
         p = np.empty((4, 3))
         corners = np.empty(4, np.int64)
         shift = np.empty(3)
@@ -218,13 +202,12 @@ def faces(
                         c = neighbour(lookup, shape, coords, b, ox, oy, oz)
                         if c >= 0:
                             _index_block(
-                                rows, flips, prefix, shape, coords, c, ox, oy, oz, start, caps,
-                                ids, pattern_of,
-                            )  # fmt: skip
+                                prefix, shape, coords, c, ox, oy, oz, start, place, ids, row_of
+                            )
             shift[0] = period[0] if coords[b, 3] == 0 else 0.0
             shift[1] = period[1] if coords[b, 1] == 0 else 0.0
             shift[2] = period[2] if coords[b, 2] == 0 else 0.0
             _emit_block(
-                rows, shape, coords, b, caps, ids, pattern_of, points, shift, split, below, above,
+                rows, shape, coords, b, caps, ids, row_of, points, shift, split, below, above,
                 p, corners, out, 2 * first[q],
             )  # fmt: skip

@@ -60,11 +60,11 @@ class _Layers:
     rows: AnyArray
     t: AnyArray
     t_first: IntArray
-    flips: AnyArray
     prefix: AnyArray
     quads: IntArray
     start: IntArray  # id of the first vertex of each block
     points: AnyArray  # vertices of the blocks, from id `first_vertex` on
+    place: AnyArray  # and their codes: see `_kernels_cells.vertices`
     first_vertex: int = 0
     traced: bool = False  # whether the vertices are there
 
@@ -75,11 +75,12 @@ class _Layers:
         coords[:, 0] -= layer
         first = int(self.start[at[0]]) if len(at) else 0
         stop = int(self.start[at[-1]] + self.prefix[at[-1], -1]) if len(at) else 0
+        own = slice(first - self.first_vertex, stop - self.first_vertex)
         return replace(
-            self, coords=coords, layers=1, rows=self.rows[at], flips=self.flips[at],
-            prefix=self.prefix[at], quads=self.quads[at], start=self.start[at],
-            points=self.points[first - self.first_vertex : stop - self.first_vertex].copy(),
-            first_vertex=first, t=self.t[:0], t_first=self.t_first[:0],
+            self, coords=coords, layers=1, rows=self.rows[at], prefix=self.prefix[at],
+            quads=self.quads[at], start=self.start[at], points=self.points[own].copy(),
+            place=self.place[own].copy(), first_vertex=first, t=self.t[:0],
+            t_first=self.t_first[:0],
         )  # fmt: skip
 
     def first_layer(self) -> "_Layers":
@@ -183,8 +184,8 @@ class Tracer:
             counts.append(crossed)
         return _Layers(
             coords, len(mask), rows, np.concatenate(fractions), np.cumsum(np.concatenate(counts)),
-            np.zeros((n, B * B), np.uint8), np.zeros((n, B * B + 1), np.uint16),
-            np.zeros(n, np.int64), np.zeros(n, np.int64), np.empty((0, 3), self.dtype),
+            np.zeros((n, B * B + 1), np.uint16), np.zeros(n, np.int64), np.zeros(n, np.int64),
+            np.empty((0, 3), self.dtype), np.empty(0, np.uint16),
         )  # fmt: skip
 
     def trace(
@@ -224,13 +225,14 @@ class Tracer:
             window.rows, window.lookup, shape, window.coords, before, before + n, self.caps,
             flips, prefix,
         )  # fmt: skip
-        current.flips, current.prefix = flips[before:], prefix[before:]
+        current.prefix = prefix[before:]
         ends = np.cumsum(current.prefix[:, -1], dtype=np.int64)
         local = np.concatenate((np.zeros(before + 1, np.int64), ends))
         size = int(local[-1])
         current.first_vertex = self.total
         current.start = local[before:-1] + self.total
         current.points = np.empty((size, 3), self.dtype)
+        current.place = np.empty(size, np.uint16)
         kind = np.empty(size, np.uint8)
         for i in range(before, before + n, BATCH):
             j = min(i + BATCH, before + n)
@@ -240,7 +242,8 @@ class Tracer:
             _kernels_cells.vertices(
                 window.rows, flips, shape, window.coords, i, j, self.caps, current.t,
                 current.t_first[i - before :], local, self.grid.low, self.grid.size,
-                self.grid.least, self.grid.most, current.points, kind, cell, alone,
+                self.grid.least, self.grid.most, current.points, kind, current.place,
+                cell, alone,
             )  # fmt: skip
             free = np.flatnonzero(alone & (kind[part] & CAP == 0))
             if self.refine and len(free):
@@ -283,10 +286,10 @@ class Tracer:
         points = np.concatenate([p.points for p in parts])
         shift = [p.first_vertex - o for p, o in zip(parts, offset[:-1], strict=True)]
         _kernels_faces.faces(
-            window.rows[:n], np.concatenate([p.flips for p in parts]),
-            np.concatenate([p.prefix for p in parts]),
+            window.rows[:n], np.concatenate([p.prefix for p in parts]),
             np.where(window.lookup < n, window.lookup, -1), self.grid.shape, window.coords, blocks,
-            start, self.caps, points, self.grid.period, offset[-2], shift[0], shift[-1], first, out,
+            start, self.caps, points, np.concatenate([p.place for p in parts]), self.grid.period,
+            offset[-2], shift[0], shift[-1], first, out,
         )  # fmt: skip
         return out
 
