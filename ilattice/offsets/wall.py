@@ -9,7 +9,7 @@ refines it, and `mesh(polish=True)` moves vertices onto the exact offset.
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +19,7 @@ from ilattice._progress import Progress
 from ilattice._typing import AnyArray, ArrayLike, FloatArray
 from ilattice._validate import as_points, as_positive
 from ilattice.bspline import BSpline
-from ilattice.errors import ConvergenceError, GeometryError, InputError, PrecisionWarning
+from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.offsets.distance_spline import distance_spline
 from ilattice.offsets.thickness import Thickness, as_thickness
 
@@ -32,12 +32,6 @@ if TYPE_CHECKING:
     from ilattice.mesh.topology import TopologyReport
     from ilattice.offsets.features import Feature
 
-MAX_SPANS_PER_TILE = 96
-#: Vertices whose distance is checked after each refinement for `tol`.
-CHECKED = 1 << 15
-#: Order, in the size of spans, at which the 99th percentile of the error falls: kinks of the
-#: distance at its medial axis and its focal curves give 1.3 to 2, smooth parts 3.
-ORDER = 1.5
 #: Boxes of up to so many spans per direction are bounded element by element, wider ones by the
 #: extremes of their coefficients: contouring asks for boxes of hundreds of elements.
 NARROW = 4
@@ -397,7 +391,14 @@ class Wall:
         """
         if mesh is None:
             mesh = self.mesh(polish=False)
-        return self._thickness_error(mesh, 1)
+        u, side = parameters_of(mesh)
+        error, asked = self._errors(u[side != 0], side[side != 0])
+        relative = error / np.where(asked != 0.0, np.abs(asked), self.least_thickness)
+        return ThicknessReport(
+            float(error.max()), float(np.percentile(error, 99)),
+            float(np.sqrt(np.mean(error**2))), float(np.percentile(relative, 99)),
+            float(relative.max()), len(error),
+        )  # fmt: skip
 
     #: Whether vertices can be polished onto an exact offset.
     _exact = True
@@ -411,36 +412,10 @@ class Wall:
         """Signed distance to the mid-surface by fresh closest points."""
         return self.lattice.distance(u)
 
-    def _thickness_error(self, mesh: SurfaceMesh, every: int) -> ThicknessReport:
-        """Errors over every so manieth vertex."""
-        u, side = parameters_of(mesh)
-        u, side = u[side != 0][::every], side[side != 0][::every]
-        d = self._asked
-        asked = np.where(side > 0, d.outer(u), d.inner(u))
-        error = np.abs(side * self._true_distance(u) - asked)
-        relative = error / np.where(asked != 0.0, np.abs(asked), self.least_thickness)
-        return ThicknessReport(
-            float(error.max()), float(np.percentile(error, 99)),
-            float(np.sqrt(np.mean(error**2))), float(np.percentile(relative, 99)),
-            float(relative.max()), len(error),
-        )  # fmt: skip
-
-    def _refined(self, tol: float, progress: Progress) -> Wall:
-        """The wall, its distance spline refined until 99 of 100 errors are at most `tol`."""
-        wall, spans = self, self.lattice.spans
-        while True:
-            mesh = wall.mesh(polish=False, progress=progress)
-            error = wall._thickness_error(mesh, 1 + len(mesh.vertices) // CHECKED).p99
-            if error <= tol:
-                return wall
-            if spans >= MAX_SPANS_PER_TILE:
-                raise ConvergenceError(
-                    f"tol={tol:g} is not met: the half-thickness is still off by {error:g} with "
-                    f"{spans} spans per tile; ask for less, or polish the mesh"
-                )
-            more = min(max((error / tol) ** (1 / ORDER), 1.2), 3.0)
-            spans = min(4 * int(np.ceil(0.25 * spans * more)), MAX_SPANS_PER_TILE)
-            wall = replace(wall, distance=distance_spline(self.lattice, spans, progress))
+    def _errors(self, u: FloatArray, side: AnyArray) -> tuple[FloatArray, FloatArray]:
+        """Errors of the half-thickness at points of the offset surfaces, and what it should be."""
+        asked = np.where(side > 0, self._asked.outer(u), self._asked.inner(u))
+        return np.abs(side * self._true_distance(u) - asked), asked
 
 
 def parameters_of(mesh: SurfaceMesh) -> tuple[FloatArray, AnyArray]:
@@ -521,7 +496,9 @@ def offset(
 
         wall = wall_of_density(wall, relative_density)
     if tol is not None:
-        wall = wall._refined(as_positive("tol", tol), progress)
+        from ilattice.offsets.tolerance import refined
+
+        wall = refined(wall, as_positive("tol", tol), progress)
     if least_wall is not None or least_gap is not None:
         from ilattice.offsets.features import check_features
 
