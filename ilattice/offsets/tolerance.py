@@ -85,9 +85,7 @@ def refined(wall: Wall, tol: float, progress: Progress = None) -> Wall:
 
 def _probes(wall: Wall) -> FloatArray:
     """Random points near the offset surfaces, as dense as the vertices of a mesh."""
-    from ilattice.mesh.wall_mesh import grid_axes
-
-    axes = grid_axes(wall, wall.least_thickness)
+    axes = wall._planes(wall.least_thickness)
     random = np.random.default_rng(0)
     found = np.empty((0, 3))
     for _ in range(BATCHES):

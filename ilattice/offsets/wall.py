@@ -400,6 +400,12 @@ class Wall:
             float(relative.max()), len(error),
         )  # fmt: skip
 
+    def _planes(self, h: float) -> tuple[FloatArray, ...]:
+        """Grid planes of a mesh with edges of length `h`."""
+        from ilattice.mesh.wall_mesh import grid_axes
+
+        return grid_axes(self, h)
+
     #: Whether vertices can be polished onto an exact offset.
     _exact = True
 
@@ -481,10 +487,10 @@ def offset(
 
     Without `tol` S has 16 spans per tile. In the walls of their Figures 14 and 15, which come
     within a third of a span of the creases and focal curves of the distance, 1 % of the surface
-    then is off by more than 3 to 7 % of d. With ``tol=0.01 * d`` it takes 32 to 36 spans for the
-    gyroid, 40 for the diamond, 80 for the gyroid of varying thickness, and the time of as many
-    closest points, which grows with the cube: 39 s in place of 2.8 s for the gyroid on one core.
-    That is why there is no default.
+    then is off by more than 3 to 7 % of d. With ``tol=0.01 * d`` it takes 32 spans for the gyroid
+    in the torus, 40 in the duck and 64 where its thickness varies, and 6, 12 and 15 times as many
+    closest points, for these are asked near the surfaces and creases only. That takes minutes in
+    large parts, which is why there is no default.
     """
     if d is None and relative_density is None:
         raise InputError("offset needs a half-thickness d, or a relative_density")
