@@ -15,8 +15,16 @@ from typing import Any
 import numpy as np
 from numba import njit, prange
 
-from ilattice.bspline._kernels_vector import LANES, load, multiply_add, store
-from ilattice.cutfem._kernels_basis import CHUNK, INNER, gradients_of, inverse, lines, values_of
+from ilattice.bspline._kernels_vector import LANES, load, multiply_add, scale, store
+from ilattice.cutfem._kernels_basis import (
+    CHUNK,
+    INNER,
+    gradients_of,
+    inverse,
+    lines,
+    take_tables,
+    values_of,
+)
 
 MASS, TENSOR, PAIRS = range(3)  # kinds of cell matrices
 SCALAR, ELASTIC, BLOCKS = range(3)  # kinds of blocks
@@ -69,25 +77,9 @@ def add_products(L: Any, R: Any, rows: int, A: Any) -> None:
 
 
 @njit(**INNER)
-def point_rows(
-    kind: int, B: Any, G: Any, w: float, d: Any, i: int, D: Any, L: Any, R: Any, row: int
-) -> int:
-    """The rows of one point from `row` on: N, the three of grad N, or grad N in one."""
-    nb = D.shape[1]
-    if kind == 0:
-        values_of(B, D[0])
-        for a in range(nb):
-            L[row, a] = D[0, a]
-            R[row, a] = w * d[i, 0] * D[0, a]
-        return 1
-    gradients_of(B, G, D)
-    if kind == 2:
-        for c in range(3):
-            for a in range(nb):
-                L[row, c * nb + a] = D[c, a]
-                R[row, c * nb + a] = w * d[i, 0] * D[c, a]
-        return 1
-    for a in range(nb):
+def tensor_rows(D: Any, w: float, d: Any, i: int, L: Any, R: Any, row: int) -> None:
+    """The three rows of one point from `row` on: grad N, and w d grad N."""
+    for a in range(D.shape[1]):
         x = D[0, a]
         y = D[1, a]
         z = D[2, a]
@@ -97,7 +89,15 @@ def point_rows(
         R[row, a] = w * (d[i, 0] * x + d[i, 5] * y + d[i, 4] * z)
         R[row + 1, a] = w * (d[i, 5] * x + d[i, 1] * y + d[i, 3] * z)
         R[row + 2, a] = w * (d[i, 4] * x + d[i, 3] * y + d[i, 2] * z)
-    return 3
+
+
+@njit(**INNER)
+def weigh(L: Any, W: Any, rows: int, R: Any) -> None:
+    """R[r] = W[r] L[r]."""
+    for r in range(rows):
+        w = W[r]
+        for at in range(r * L.shape[1], (r + 1) * L.shape[1], LANES):
+            store(R, at, scale(load(L, at, LANES), w))
 
 
 @njit(parallel=True, **INNER)
@@ -117,23 +117,37 @@ def cell_matrices(
     J_step = 0 if len(J) == 1 else 1
     d_step = 0 if len(d) == 1 else 1
     for chunk in prange((len(places) + CHUNK - 1) // CHUNK):
-        B = np.empty((3, 2, n))
-        D = np.empty((3, n * n * n))
+        T = np.zeros((3, n, LANES))
+        B = np.empty((3, 2, LANES))
+        D = np.empty((4, n * n * n))
         G = np.empty((3, 3))
-        L = np.zeros((ROWS, wide))
+        L = np.zeros((ROWS + 1, wide))  # one more, for what basis functions write behind a row
         R = np.zeros((ROWS, wide))
+        W = np.empty(ROWS)
         A = np.empty((wide, wide))
         for e in range(chunk * CHUNK, min(len(places), (chunk + 1) * CHUNK)):
             A[:] = 0.0
             rows = 0
+            take_tables(t0, t1, t2, places, e, T)
             for q in range(offsets[e], offsets[e + 1]):
-                lines(t0, t1, t2, places, boxes, e, u, q, B)
-                det = inverse(J, q * J_step, G)
-                rows += point_rows(kind, B, G, w[q] * abs(det), d, q * d_step, D, L, R, rows)
-                if rows == ROWS:
+                lines(T, boxes, e, u, q, B)
+                weight = w[q] * abs(inverse(J, q * J_step, G))
+                if kind == 1:
+                    gradients_of(B, n, G, D, 0)
+                    tensor_rows(D, weight, d, q * d_step, L, R, rows)
+                    rows += 3
+                else:
+                    W[rows] = weight * d[q * d_step, 0]
+                    if kind == 0:
+                        values_of(B, n, L, rows * wide)
+                    else:
+                        gradients_of(B, n, G, L, rows * wide)
+                    rows += 1
+                if rows == ROWS or q + 1 == offsets[e + 1]:
+                    if kind != 1:
+                        weigh(L, W, rows, R)
                     add_products(L, R, rows, A)
                     rows = 0
-            add_products(L, R, rows, A)
             for a in range(size):
                 for b in range(a, size):
                     out[e, a, b] = A[a, b]
@@ -252,3 +266,40 @@ def fill(
                     for j in range(first[e], first[e + 1]):
                         to = at[dofs[j] - left]
                         add_block(kind, A, slot[e], a, j - first[e], p, q, data, to)
+
+
+# ---------------------------------------------------------------------------------- reduction
+
+
+@njit(parallel=True, cache=True)
+def count_free(indptr: Any, indices: Any, nodes: Any, place: Any, count: Any) -> None:
+    """Number of blocks of the rows `nodes` in columns with a place."""
+    for r in prange(len(nodes)):
+        for k in range(indptr[nodes[r]], indptr[nodes[r] + 1]):
+            count[r] += place[indices[k]] >= 0
+
+
+@njit(parallel=True, cache=True)
+def take_free(
+    indptr: Any, indices: Any, data: Any, nodes: Any, place: Any, fixed: Any, diagonal: bool,
+    offsets: Any, columns: Any, blocks: Any,
+) -> None:  # fmt: skip
+    """The blocks that `count_free` counts, zero in rows and columns of `fixed` components.
+
+    Of these the diagonal entry is kept, or not.
+    """
+    m = fixed.shape[1]
+    for chunk in prange((len(nodes) + SHORT - 1) // SHORT):
+        for r in range(chunk * SHORT, min(len(nodes), (chunk + 1) * SHORT)):
+            i = nodes[r]
+            to = offsets[r]
+            for k in range(indptr[i], indptr[i + 1]):
+                j = indices[k]
+                if place[j] >= 0:
+                    columns[to] = place[j]
+                    for a in range(m):
+                        for b in range(m):
+                            keep = not (fixed[i, a] or fixed[j, b])
+                            keep = keep or (diagonal and i == j and a == b)
+                            blocks[to, a, b] = data[k, a, b] if keep else 0.0
+                    to += 1

@@ -1,8 +1,9 @@
 """Basis functions of tensor B-splines in a cell, fields at points, and integrals of vectors.
 
 A direction is a table (cells, p + 1, p + 1) of centred monomial coefficients: of every function
-that lives in a cell, in r = (u - middle) / length. Function (i, j, k) of a cell has the local
-number (i (p + 1) + j) (p + 1) + k.
+that lives in a cell, in r = (u - middle) / length. Degrees are at most 3, so that all functions of
+a direction fit into one vector. Function (i, j, k) of a cell has the local number
+(i (p + 1) + j) (p + 1) + k.
 
 Guarantees: one allocation of scratch per chunk; a row depends on its own cell only, so results
 have the same bits for any number of threads.
@@ -13,36 +14,54 @@ from typing import Any
 import numpy as np
 from numba import njit, prange
 
+from ilattice.bspline._kernels_vector import LANES, load, multiply_add, scale, spread, store
+
 FAST = {"contract"}
 INNER: Any = {"cache": True, "fastmath": FAST, "error_model": "numpy"}
 CHUNK, LONG = 64, 4096
 
 
 @njit(**INNER)
-def line(table: Any, cell: int, r: float, scale: float, B: Any, a: int) -> None:
-    """The functions B[a, 0] of one direction, and derivatives B[a, 1], `scale` being 1 / length."""
+def take_table(table: Any, cell: int, T: Any, a: int) -> None:
+    """T[a, e, j] = table[cell, j, e]: a row of all functions for every power, in a whole vector."""
     n = table.shape[1]
     for j in range(n):
-        f = table[cell, j, n - 1]
-        g = 0.0
-        for e in range(n - 2, -1, -1):
-            g = g * r + f
-            f = f * r + table[cell, j, e]
-        B[a, 0, j] = f
-        B[a, 1, j] = g * scale
+        for e in range(n):
+            T[a, e, j] = table[cell, j, e]
 
 
 @njit(**INNER)
-def lines(
-    t0: Any, t1: Any, t2: Any, places: Any, boxes: Any, e: int, u: Any, q: int, B: Any
-) -> None:
+def take_tables(t0: Any, t1: Any, t2: Any, places: Any, e: int, T: Any) -> None:
+    """The tables T (3, n, LANES), zeros at first, of the three directions of cell e."""
+    take_table(t0, places[e, 0], T, 0)
+    take_table(t1, places[e, 1], T, 1)
+    take_table(t2, places[e, 2], T, 2)
+
+
+@njit(**INNER)
+def line(T: Any, t: int, r: float, factor: float, B: Any, a: int) -> None:
+    """The functions B[a, 0] of table T[t] at r, and derivatives B[a, 1], factor being 1 / length.
+
+    B is (., 2, LANES).
+    """
+    n = T.shape[1]
+    at = (t * n + n - 1) * LANES
+    f = load(T, at, LANES)
+    g = spread(0.0)
+    for _ in range(n - 1):
+        at -= LANES
+        g = multiply_add(g, r, f)
+        f = multiply_add(f, r, load(T, at, LANES))
+    store(B, 2 * a * LANES, f)
+    store(B, (2 * a + 1) * LANES, scale(g, factor))
+
+
+@njit(**INNER)
+def lines(T: Any, boxes: Any, e: int, u: Any, q: int, B: Any) -> None:
     """Functions B[a, 0] and slopes B[a, 1] of the three directions of cell e at u[q]."""
-    x = 1.0 / boxes[e, 3]
-    y = 1.0 / boxes[e, 4]
-    z = 1.0 / boxes[e, 5]
-    line(t0, places[e, 0], (u[q, 0] - boxes[e, 0]) * x - 0.5, x, B, 0)
-    line(t1, places[e, 1], (u[q, 1] - boxes[e, 1]) * y - 0.5, y, B, 1)
-    line(t2, places[e, 2], (u[q, 2] - boxes[e, 2]) * z - 0.5, z, B, 2)
+    for a in range(3):
+        x = 1.0 / boxes[e, 3 + a]
+        line(T, a, (u[q, a] - boxes[e, a]) * x - 0.5, x, B, a)
 
 
 @njit(**INNER)
@@ -76,40 +95,30 @@ def determinants(J: Any, out: Any) -> None:
 
 
 @njit(**INNER)
-def values_of(B: Any, N: Any) -> None:
-    """All products of the functions of the three directions."""
-    n = B.shape[2]
-    a = 0
+def values_of(B: Any, n: int, N: Any, at: int) -> None:
+    """All products of n functions per direction, from flat position `at` of N on.
+
+    Up to LANES numbers behind them are written, too.
+    """
+    z = load(B, 4 * LANES, LANES)
     for i in range(n):
         for j in range(n):
-            v = B[0, 0, i] * B[1, 0, j]
-            for k in range(n):
-                N[a] = v * B[2, 0, k]
-                a += 1
+            store(N, at, scale(z, B[0, 0, i] * B[1, 0, j]))
+            at += n
 
 
 @njit(**INNER)
-def gradients_of(B: Any, G: Any, D: Any) -> None:
-    """Gradients in space, D (3, nb), of all products."""
-    n = B.shape[2]
-    at = 0
-    for i in range(n):
-        for j in range(n):
-            v = B[0, 0, i] * B[1, 0, j]
-            x = B[0, 1, i] * B[1, 0, j]
-            y = B[0, 0, i] * B[1, 1, j]
-            for k in range(n):
-                D[0, at] = x * B[2, 0, k]
-                D[1, at] = y * B[2, 0, k]
-                D[2, at] = v * B[2, 1, k]
-                at += 1
-    for a in range(at):  # a loop of its own, which becomes vector instructions
-        x = D[0, a]
-        y = D[1, a]
-        v = D[2, a]
-        D[0, a] = x * G[0, 0] + y * G[1, 0] + v * G[2, 0]
-        D[1, a] = x * G[0, 1] + y * G[1, 1] + v * G[2, 1]
-        D[2, a] = x * G[0, 2] + y * G[1, 2] + v * G[2, 2]
+def gradients_of(B: Any, n: int, G: Any, D: Any, at: int) -> None:
+    """Gradients in space of all products: those along x, then y, then z; see `values_of`."""
+    z = load(B, 4 * LANES, LANES)
+    slope = load(B, 5 * LANES, LANES)
+    for c in range(3):
+        for i in range(n):
+            for j in range(n):
+                x = B[0, 1, i] * B[1, 0, j] * G[0, c] + B[0, 0, i] * B[1, 1, j] * G[1, c]
+                y = B[0, 0, i] * B[1, 0, j] * G[2, c]
+                store(D, at, multiply_add(slope, y, scale(z, x)))
+                at += n
 
 
 @njit(parallel=True, **INNER)
@@ -127,19 +136,24 @@ def fields(
     nb = n * n * n
     step = 0 if len(J) == 1 else 1
     for chunk in prange((len(u) + CHUNK - 1) // CHUNK):
-        B = np.empty((3, 2, n))
-        N = np.empty(nb)
-        D = np.empty((3, nb))
+        T = np.zeros((3, n, LANES))
+        B = np.empty((3, 2, LANES))
+        N = np.empty(nb + LANES)
+        D = np.empty((4, nb))
         G = np.empty((3, 3))
+        last = -1
         for q in range(chunk * CHUNK, min(len(u), (chunk + 1) * CHUNK)):
             e = owner[q]
             value[q] = np.nan if e < 0 else 0.0
             gradient[q] = np.nan if e < 0 else 0.0
             if e >= 0:
-                lines(t0, t1, t2, places, boxes, e, u, q, B)
+                if e != last:
+                    take_tables(t0, t1, t2, places, e, T)
+                    last = e
+                lines(T, boxes, e, u, q, B)
                 inverse(J, q * step, G)
-                values_of(B, N)
-                gradients_of(B, G, D)
+                values_of(B, n, N, 0)
+                gradients_of(B, n, G, D, 0)
                 for a in range(nb):
                     for m in range(c.shape[1]):
                         x = c[dofs[e, a], m]
@@ -161,24 +175,26 @@ def vectors(
     nb = n * n * n
     step = 0 if len(J) == 1 else 1
     for chunk in prange((len(places) + CHUNK - 1) // CHUNK):
-        B = np.empty((3, 2, n))
-        N = np.empty(nb)
-        D = np.empty((3, nb))
+        T = np.zeros((3, n, LANES))
+        B = np.empty((3, 2, LANES))
+        N = np.empty(nb + LANES)
+        D = np.empty((4, nb))
         G = np.empty((3, 3))
         sums = np.empty((out.shape[2], nb))
         for e in range(chunk * CHUNK, min(len(places), (chunk + 1) * CHUNK)):
             sums[:] = 0.0
+            take_tables(t0, t1, t2, places, e, T)
             for q in range(offsets[e], offsets[e + 1]):
-                lines(t0, t1, t2, places, boxes, e, u, q, B)
+                lines(T, boxes, e, u, q, B)
                 if len(f):
-                    values_of(B, N)
+                    values_of(B, n, N, 0)
                     for m in range(out.shape[2]):
                         x = f[q, m]
                         for a in range(nb):
                             sums[m, a] += N[a] * x
                 if len(P):
                     inverse(J, q * step, G)
-                    gradients_of(B, G, D)
+                    gradients_of(B, n, G, D, 0)
                     for m in range(out.shape[2]):
                         x = P[q, m, 0]
                         y = P[q, m, 1]

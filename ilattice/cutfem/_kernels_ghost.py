@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numba import njit, prange
 
-from ilattice.cutfem._kernels_basis import INNER, line
+from ilattice.bspline._kernels_vector import LANES
+from ilattice.cutfem._kernels_basis import INNER, line, take_table
 
 
 @njit(parallel=True, **INNER)
@@ -25,10 +26,13 @@ def ghost_matrices(
     m = n + 1
     q = len(nodes)
     for e in prange(len(places)):
-        B = np.empty((2 * q, 2, n))
+        T = np.zeros((2, n, LANES))
+        take_table(t1, places[e, 0], T, 0)
+        take_table(t2, places[e, 1], T, 1)
+        B = np.empty((2 * q, 2, LANES))
         for g in range(q):
-            line(t1, places[e, 0], nodes[g] - 0.5, 1.0, B, g)
-            line(t2, places[e, 1], nodes[g] - 0.5, 1.0, B, q + g)
+            line(T, 0, nodes[g] - 0.5, 1.0, B, g)
+            line(T, 1, nodes[g] - 0.5, 1.0, B, q + g)
         M = np.zeros((n * n, n * n))
         N = np.empty(n * n)
         for g in range(q):

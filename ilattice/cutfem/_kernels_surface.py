@@ -9,7 +9,15 @@ from typing import Any
 import numpy as np
 from numba import njit, prange
 
-from ilattice.cutfem._kernels_basis import INNER, gradients_of, inverse, lines, values_of
+from ilattice.bspline._kernels_vector import LANES
+from ilattice.cutfem._kernels_basis import (
+    INNER,
+    gradients_of,
+    inverse,
+    lines,
+    take_tables,
+    values_of,
+)
 
 
 @njit(**INNER)
@@ -37,26 +45,28 @@ def surface_blocks(
     nb = n * n * n
     step = 0 if len(J) == 1 else 1
     for e in prange(len(places)):
-        B = np.empty((3, 2, n))
-        N = np.empty(nb)
-        D = np.empty((3, nb))
+        T = np.zeros((3, n, LANES))
+        B = np.empty((3, 2, LANES))
+        N = np.empty(nb + LANES)
+        D = np.empty((4, nb))
         G = np.empty((3, 3))
-        T = np.empty((nb, 3, 3))
+        t = np.empty((nb, 3, 3))
         A = out[e]
         A[:] = 0.0
+        take_tables(t0, t1, t2, places, e, T)
         for q in range(offsets[e], offsets[e + 1]):
-            lines(t0, t1, t2, places, boxes, e, u, q, B)
+            lines(T, boxes, e, u, q, B)
             inverse(J, q * step, G)
-            values_of(B, N)
-            gradients_of(B, G, D)
+            values_of(B, n, N, 0)
+            gradients_of(B, n, G, D, 0)
             for a in range(nb):
-                traction(D, a, normals[q], lame[q, 0], lame[q, 1], T)
+                traction(D, a, normals[q], lame[q, 0], lame[q, 1], t)
             for a in range(nb):
                 for b in range(a, nb):
                     for i in range(3):
                         for j in range(3):
                             v = N[a] * N[b] * Q[q, i, j]
-                            v -= N[a] * mask[i] * T[b, i, j] + N[b] * mask[j] * T[a, j, i]
+                            v -= N[a] * mask[i] * t[b, i, j] + N[b] * mask[j] * t[a, j, i]
                             A[3 * a + i, 3 * b + j] += w[q] * v
         for a in range(3 * nb):
             for b in range(a // 3 * 3):
@@ -73,18 +83,20 @@ def surface_scalars(
     nb = n * n * n
     step = 0 if len(J) == 1 else 1
     for e in prange(len(places)):
-        B = np.empty((3, 2, n))
-        N = np.empty(nb)
-        D = np.empty((3, nb))
+        T = np.zeros((3, n, LANES))
+        B = np.empty((3, 2, LANES))
+        N = np.empty(nb + LANES)
+        D = np.empty((4, nb))
         G = np.empty((3, 3))
         F = np.empty(nb)
         A = out[e]
         A[:] = 0.0
+        take_tables(t0, t1, t2, places, e, T)
         for q in range(offsets[e], offsets[e + 1]):
-            lines(t0, t1, t2, places, boxes, e, u, q, B)
+            lines(T, boxes, e, u, q, B)
             inverse(J, q * step, G)
-            values_of(B, N)
-            gradients_of(B, G, D)
+            values_of(B, n, N, 0)
+            gradients_of(B, n, G, D, 0)
             for a in range(nb):
                 F[a] = D[0, a] * normals[q, 0] + D[1, a] * normals[q, 1]
                 F[a] = k[q] * (F[a] + D[2, a] * normals[q, 2])

@@ -16,6 +16,7 @@ import numpy as np
 from scipy.sparse import bsr_array
 
 from ilattice._typing import AnyArray, FloatArray
+from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.conditions import Support, values_at
 from ilattice.cutfem.domain import Domain
@@ -63,23 +64,17 @@ class Constraints:
         """
         if not self.fixed.any():
             return K
-        m = self.fixed.shape[1]
+        nodes, m = self.nodes, self.fixed.shape[1]
         place = np.full(len(self.fixed), -1, np.int32)
-        place[self.nodes] = np.arange(len(self.nodes))
-        rows = np.repeat(np.arange(len(self.fixed)), np.diff(K.indptr))
-        keep = (place[rows] >= 0) & (place[K.indices] >= 0)
-        rows, columns, data = rows[keep], K.indices[keep], K.data[keep]
-        partial = np.asarray(self.fixed.any(axis=1))
-        touched = np.flatnonzero(partial[rows] | partial[columns])
-        r, c = self.fixed[rows[touched]], self.fixed[columns[touched]]
-        cut = r[:, :, None] | c[:, None, :]
-        if diagonal:
-            cut &= ~((rows[touched] == columns[touched])[:, None, None] & np.eye(m, dtype=bool))
-        data[touched] = np.where(cut, 0.0, data[touched])
-        counts = np.bincount(place[rows], minlength=len(self.nodes))
-        indptr = np.append(0, np.cumsum(counts)).astype(np.int32)
-        n = m * len(self.nodes)
-        return bsr_array((data, place[columns], indptr), shape=(n, n))
+        place[nodes] = np.arange(len(nodes))
+        count = np.zeros(len(nodes), np.int64)
+        kernels.count_free(K.indptr, K.indices, nodes, place, count)
+        indptr = np.append(0, np.cumsum(count)).astype(np.int32)
+        columns, data = np.empty(indptr[-1], np.int32), np.empty((indptr[-1], m, m))
+        kernels.take_free(
+            K.indptr, K.indices, K.data, nodes, place, self.fixed, diagonal, indptr, columns, data
+        )
+        return bsr_array((data, columns, indptr), shape=(m * len(nodes), m * len(nodes)))
 
     def restrict(self, f: FloatArray) -> FloatArray:
         """Free rows (free nodes, m) of coefficients (n, m), zero in prescribed components."""

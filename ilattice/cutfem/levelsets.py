@@ -27,6 +27,7 @@ from ilattice.errors import InputError
 from ilattice.offsets.wall import Wall, WallField
 
 MOST_DEGREE = 4
+UNROLLED = (3, 4)
 #: Pieces that are worked on at once.
 BATCH = 1 << 14
 CHECKS = 4096
@@ -137,8 +138,12 @@ class Pieces:
 
     @property
     def lengths(self) -> Any:
-        """A tuple or array of length `order`, for the kernels."""
-        return (0, 0, 0) if self.order == 3 else np.zeros(self.order, np.int64)
+        """A tuple or array of length `order`, for the kernels.
+
+        Those for a tuple have loops that are unrolled, which halves their time: walls are mostly
+        quadratic or cubic. All other orders share those for an array.
+        """
+        return (0,) * self.order if self.order in UNROLLED else np.zeros(self.order, np.int64)
 
     def tensors(self, index: IntArray) -> FloatArray:
         """Bernstein coefficients.

@@ -282,7 +282,9 @@ class Problem:
         """Products (k, k) of the motions of one part in what is held, in units of its size."""
         asm, parts = self.assembly, self.domain.parts
         mine = np.searchsorted(asm.space.cells, parts.cells[parts.labels == part])
-        nodes = np.unique(asm.space.dofs[mine])
+        near = np.zeros(len(asm.space), bool)
+        near[asm.space.dofs[mine]] = True
+        nodes = np.flatnonzero(near)
         x = asm.coordinates
         centre, size = x[nodes].mean(axis=0), np.ptp(x[nodes], axis=0).max()
         held = self._motions((x[nodes] - centre) / size)[self.constraints.fixed[nodes]]

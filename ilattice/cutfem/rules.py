@@ -540,18 +540,19 @@ class _Rows:
     def append(self, arena: FloatArray, used: IntArray, done: float) -> None:
         """Add the rows of all chunks; `done` is the part of the boxes that they complete."""
         starts = self.count + np.cumsum(used) - used
-        before, self.count = self.count, self.count + int(used.sum())
+        self.count += int(used.sum())
         if self.count > len(self.arrays[1]):
-            room = int(1.03 * self.count / done) + 1
-            for i, old in enumerate(self.arrays[: 4 if self.wide else 2]):
-                self.arrays[i] = np.empty((room, *old.shape[1:]), old.dtype)
-                self.arrays[i][:before] = old[:before]
+            self._resize(int(1.03 * self.count / done) + 1)
         kernels.gather(arena, starts, used, *self.arrays)
 
     def finish(self) -> None:
         """Give back what is too much."""
+        self._resize(self.count)
+
+    def _resize(self, rows: int) -> None:
+        """More or less room; large arrays are not copied for that."""
         for a in self.arrays[: 4 if self.wide else 2]:
-            a.resize((self.count, *a.shape[1:]), refcheck=False)
+            a.resize((rows, *a.shape[1:]), refcheck=False)
 
 
 def _rule(
