@@ -41,10 +41,10 @@ STEP, WAY, STILL = 0.5, 1.5, 1e-3
 SPACING, MERGE = 0.35, 1e-3
 #: Turn between neighbouring edges, in radians, above which they are halved, and how often at most:
 #: chords cut off an area that falls with the square of the turn.
-BEND, HALVES = 0.05, 5
-#: How far beside a chord, relative to its length, the point in between may be: more than at a turn
-#: of two radians, less than at the other side of a crease; and how far from its middle.
-ASIDE, AHEAD = 0.28, 0.25
+BEND, HALVES = 0.03, 5
+#: How far beside a chord, relative to its length, the point in between may be: as at half a circle,
+#: less than at the other side of a crease; and how far from its middle.
+ASIDE, AHEAD = 0.5, 0.35
 #: How far below the asked height planes cut, relative to the largest height: an upper end that is
 #: flat is cut as a whole, whatever the rounding of its heights.
 BELOW = 1e-11

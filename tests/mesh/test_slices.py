@@ -104,8 +104,7 @@ def test_cylinders_are_cut_into_rings():
             assert np.abs(np.hypot(*outer.T) - r).max() < 1e-6
             assert np.abs(np.hypot(*hole.T) - r + 0.1).max() < 1e-6
         error.append(abs(section.area / (np.pi * (0.4**2 - 0.3**2 + 0.7**2 - 0.6**2)) - 1))
-    assert max(error) < 2e-4  # however wide the grid: bent contours get points in between
-    assert error[-1] < 0.3 * error[0]
+    assert max(error) < 6e-5  # however wide the grid: bent contours get points in between
 
 
 def radii(through, axis):
@@ -239,6 +238,14 @@ def test_chords_cut_off_little_of_bent_contours(z):
     error = [abs(w.slices([z], h=h, polish=False)[0].area / exact - 1) for h in (0.05, 0.0125)]
     assert error[0] < 3e-4
     assert error[1] < 1e-4
+
+
+@pytest.mark.parametrize("z", [0.22, 0.4806, 0.72, 0.97])
+def test_contours_that_turn_back_within_a_cell_keep_their_area(z):
+    """A thick gyroid, whose contours are blunt ends of pores: points half a circle off the chord."""
+    w = il.Lattice("gyroid", through=il.macroshape.box()).offset(0.17)
+    exact = area_by_lines(lambda p: w.field(np.column_stack([p, np.full(len(p), z)])), lines=2000)
+    assert w.slices([z], polish=False)[0].area == pytest.approx(exact, rel=1e-4)
 
 
 def test_small_tiles_get_as_many_points_as_large_ones():
