@@ -122,12 +122,16 @@ def _picture_of_gyroids(surfaces: list["il.SurfaceMesh"], path: str) -> None:
     """The zero sets, coloured by how far off they are, in tile edges."""
     import pyvista as pv
 
+    bar = {
+        "title": "off, in tiles\n", "n_labels": 3, "fmt": "%.2f", "vertical": True, "width": 0.08,
+        "height": 0.4, "position_x": 0.8, "position_y": 0.55,
+    }  # fmt: skip
     scene = pv.Plotter(off_screen=True, window_size=(1600, 620), shape=(1, 3), border=False)
     for i, mesh in enumerate(surfaces):
         scene.subplot(0, i)
         scene.add_mesh(
             mesh.to_pyvista(), scalars="off", clim=(0.0, 0.06), cmap="YlOrBr", smooth_shading=True,
-            show_scalar_bar=i == 2,
+            show_scalar_bar=i == 2, scalar_bar_args=bar,
         )  # fmt: skip
         scene.view_vector((1.0, -1.6, 0.9))
     scene.screenshot(path)

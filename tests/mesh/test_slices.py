@@ -242,7 +242,7 @@ def test_chords_cut_off_little_of_bent_contours(z):
 
 @pytest.mark.parametrize("z", [0.22, 0.4806, 0.72, 0.97])
 def test_contours_that_turn_back_within_a_cell_keep_their_area(z):
-    """A thick gyroid, whose contours are blunt ends of pores: points half a circle off the chord."""
+    """A thick gyroid: chords across blunt ends of its pores, with half a circle beside them."""
     w = il.Lattice("gyroid", through=il.macroshape.box()).offset(0.17)
     exact = area_by_lines(lambda p: w.field(np.column_stack([p, np.full(len(p), z)])), lines=2000)
     assert w.slices([z], polish=False)[0].area == pytest.approx(exact, rel=1e-4)
