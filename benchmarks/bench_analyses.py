@@ -33,6 +33,7 @@ def measure(figure: str, degree: int, coarser: int) -> dict[str, float]:
 
     warm, _ = solve(figure, degree, 2 * coarser)  # load the kernels
     warm.problem.solve(method="multigrid")
+    del warm
     solution, seconds = solve(figure, degree, coarser)
     report = solution.report
     return {
