@@ -6,15 +6,18 @@ in directions that cancel along it while the distance grows inwards. The distanc
 where to look: cells in which its gradient may vanish, by rigorous ranges, on D, its faces, edges
 and corners. What is found there is solved for with fresh closest points and second derivatives:
 equal distances f_i to m feet, and weights l_i >= 0 of sum 1 with sum l_i grad f_i = 0. Voids are
-climbed to (`ilattice.offsets.summits`), because their feet may be one, on focal curves; what
-changes is told by `ilattice.offsets.links`.
+climbed to (`ilattice.offsets.summits`), because their feet may be one, on focal curves. Points on
+faces and points next to them give each other away: where the distance falls inwards from a critical
+point of a face, the one that counts is beside it. What changes is told by `ilattice.offsets.links`,
+on spheres that hold no second point.
 
 Guarantees: no foot is nearer than what is reported; the feet balance to 1e-5, or, in voids, a
 further step promises no more than 1e-6 of the distance.
 Non-guarantees: completeness, because the spline rounds off the kinks of the distance and events
-much closer to each other than its spans may be taken for one; compare Euler numbers, as
-`ilattice.mesh.topology` does. Necks that close on focal curves may be missed. Where whole curves or
-surfaces are critical (parallel planes), what is reported is meaningless.
+closer to each other than a fiftieth of its spans are taken for one, or, a void behind a face and
+the neck on it, for none; compare Euler numbers, as `ilattice.mesh.topology` does. Necks that close
+on focal curves may be missed. Where whole curves or surfaces are critical (parallel planes), what
+is reported is meaningless.
 """
 
 from __future__ import annotations
@@ -25,13 +28,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.ndimage import maximum_filter
+from scipy.spatial import cKDTree
 
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_array
 from ilattice.bspline import BSpline
 from ilattice.errors import InputError
 from ilattice.offsets.excess import Excess
-from ilattice.offsets.links import RADIUS, Links
+from ilattice.offsets.links import Links
 from ilattice.offsets.several_feet import Feet, SeveralFeet
 from ilattice.offsets.summits import climbed
 
@@ -40,7 +44,16 @@ if TYPE_CHECKING:
 
 #: Steps of Newton's method, and in spans the step at which it ends, the last step of one that
 #: converges slowly because curvatures vanish, and how far it may go.
-STEPS, STILL, SLOW, FAR = 15, 1e-8, 1e-3, 4.0
+STEPS, STILL, SLOW, FAR = 15, 1e-8, 1e-3, 2.0
+#: Parts of the reach within which feet count at first, in one try after the other; the longest
+#: step, in spans, and the relative size of slopes and curvatures that are nothing beyond it.
+FIRST, LONGEST, ALIKE = (0.3, 0.05), 0.5, 0.03
+#: Parts into which spans are cut inside, and on faces and edges.
+PIECES = 2, 4
+#: How far, in spans, points are clear of faces.
+NEAR = 1e-4
+#: How far from each other, in spans, points inside and on a face may be that give each other away.
+BESIDE = 0.25
 #: Relative difference of equal distances.
 EQUAL = 1e-6
 #: Length of the least pull up to which a start is worth a try, and of a found point.
@@ -145,18 +158,24 @@ def critical_points(
         raise InputError(f"within must be a lower and an upper corner, got {within!r:.80}")
     search = _Search(lattice, inner, outer)
     found: list[CriticalPoint] = []
-    for on in product(*((0,) if c else (-1, 0, 1) for c in lattice.through.closed)):
+    sides = product(*((0,) if c else (-1, 0, 1) for c in lattice.through.closed))
+    strata = sorted(sides, key=np.count_nonzero, reverse=True)
+    for on in strata:
         cells = search.starts(on, low, high)
         cells = cells[((cells >= box[0]) & (cells <= box[1])).all(axis=1)]
-        search.add_new(search.search_from(cells, on), found)
+        starts = np.concatenate([cells, search.beside(found, on)])
+        search.add_new(search.search_from(starts, on), found)
     search.add_new(search.voids(box, low, high), found)
+    for on in strata[:-1]:
+        search.add_new(search.solve(search.beside(found, on), on), found)
     slack = 1e-9 * np.ptp(box, axis=0)
-    found = [
+    asked = [
         p
         for p in found
         if low <= p.value <= high
         and (np.abs(2.0 * p.u - box.sum(axis=0)) <= np.ptp(box, axis=0) + slack).all()
     ]
+    found = search.judged(asked, found)
     found = [p for p in found if p.closed or (p.parts, p.holes) != (1, 0)]
     return sorted(found, key=lambda p: (p.value, *p.u.tolist()))
 
@@ -189,6 +208,15 @@ class _Search:
         starts = np.concatenate([self._on_spline(cells, on), cells])
         return self.solve(self._worth_a_try(starts, on), on)
 
+    def beside(self, points: list[CriticalPoint], on: tuple[int, ...]) -> FloatArray:
+        """Places on a face, an edge or inside next to points that are found on others, (n, 3)."""
+        ends = np.where(np.array(on) < 0, *self.domain)
+        found = [np.where(np.array(on) == 0, p.u, ends) for p in points if p.on != on]
+        u = np.array([p.u for p in points if p.on != on]).reshape(-1, 3)
+        out = np.array(found).reshape(-1, 3)
+        near = (np.abs(out - u) < BESIDE * self.span).all(axis=1)
+        return out[near]
+
     def voids(self, box: FloatArray, low: float, high: float) -> list[CriticalPoint]:
         """Places in a box where the value is greatest nearby: climbs from the highest cells."""
         excess = self.excess
@@ -202,13 +230,10 @@ class _Search:
         top &= (height >= low - slack) & (height <= high + slack)
         u = u[top & (u >= box[0]).all(axis=1) & (u <= box[1]).all(axis=1)]
         u, value = climbed(excess, u)
-        feet = [int(f.nearest.sum()) for f in self.feet(u)]
-        rows = zip(
-            value.tolist(), u, self.lattice.through.x(u), excess.side(u).tolist(), feet, strict=True
-        )
-        ends = [CriticalPoint(*row, (0, 0, 0)) for row in rows]
-        ends = [p for p in ends if self.link(p.u, p.value, p.side, p.on)[2]]
-        return self.solve(u, (0, 0, 0)) + ends
+        off = self._off_faces(u, (0, 0, 0), SAME)
+        u, value = u[off], value[off]
+        feet = np.array([f.nearest.sum() for f in self.feet(u)], np.int64)
+        return self.solve(u, (0, 0, 0)) + self._points(u, value, (0, 0, 0), feet)
 
     def _worth_a_try(self, u: FloatArray, on: tuple[int, ...]) -> FloatArray:
         """Those points at which the feet almost balance."""
@@ -235,8 +260,10 @@ class _Search:
     def _boxes(self, on: tuple[int, ...]) -> list[tuple[FloatArray, FloatArray]]:
         """Cells of the distance spline, those on a face without thickness, in chunks."""
         ends = []
+        pieces = PIECES[any(on)]
         for a, b in enumerate(self.excess.breaks):
             edge = b[:1] if on[a] < 0 else b[-1:]
+            b = np.interp(np.arange(pieces * (len(b) - 1) + 1) / pieces, np.arange(len(b)), b)
             ends.append((b[:-1], b[1:]) if on[a] == 0 else (edge, edge))
         shape = [len(e[0]) for e in ends]
         out = []
@@ -249,21 +276,50 @@ class _Search:
         return out
 
     def add_new(self, points: list[CriticalPoint], known: list[CriticalPoint]) -> None:
-        """Add those points that differ from all known ones, with what changes there."""
+        """Add those points that differ from all known ones."""
         for point in points:
-            least = SAME * self.excess.least_span(point.u)
-            if all(np.linalg.norm(point.x - k.x) > least for k in known):
-                parts, holes, closed = self.link(point.u, point.value, point.side, point.on)
-                closed = closed and not self._at_a_face(point.u)
-                known.append(replace(point, parts=parts, holes=holes, closed=closed))
+            span = self.excess.least_span(point.u)
+            if all(
+                np.linalg.norm(point.x - k.x) > (SAME if k.on == point.on else NEAR) * span
+                for k in known
+            ):
+                known.append(point)
 
-    def _at_a_face(self, u: FloatArray) -> bool:
-        """Whether a point is so near a face of the domain that a void there was open until the end.
+    def judged(
+        self, points: list[CriticalPoint], among: list[CriticalPoint]
+    ) -> list[CriticalPoint]:
+        """Points with what changes there, seen on spheres that hold no other of those found."""
+        if not points:
+            return []
+        tree = cKDTree(np.array([p.x for p in among]))
+        gap = np.asarray(tree.query(np.array([p.x for p in points]), 2)[0])[:, 1]
+        out = []
+        for point, apart in zip(points, gap.tolist(), strict=True):
+            size = self.excess.sizes(point.u[None])[0]
+            room = np.minimum(point.u - self.domain[0], self.domain[1] - point.u) * size
+            room = room[(np.array(point.on) == 0) & ~self.excess.closed]
+            radius = min(0.4 * apart, 0.5 * float(room.min(initial=np.inf)))
+            parts, holes, closed = self.link(point.u, point.value, point.side, point.on, radius)
+            out.append(replace(point, parts=parts, holes=holes, closed=closed))
+        return self._without_pairs(out)
 
-        What happens on the face is judged on a sphere that reaches beyond the void.
-        """
-        room = np.minimum(u - self.domain[0], self.domain[1] - u) / self.span
-        return bool((room[~self.excess.closed] < 0.5 * RADIUS).any())
+    def _without_pairs(self, points: list[CriticalPoint]) -> list[CriticalPoint]:
+        """Points without voids that are next to a face, and the necks on it that close them."""
+        gone = set()
+        for i, void in enumerate(points):
+            room = np.stack([void.u - self.domain[0], self.domain[1] - void.u]) / self.span
+            room[:, self.excess.closed] = np.inf
+            if void.closed and room.min() < SAME:
+                end, axis = np.unravel_index(room.argmin(), room.shape)
+                least = 2.0 * SAME * self.excess.least_span(void.u)
+                necks = [
+                    (float(np.linalg.norm(p.x - void.x)), k)
+                    for k, p in enumerate(points)
+                    if p.on[axis] == 2 * end - 1 and p.change == 1
+                ]
+                gone.add(i)
+                gone |= {k for gap, k in sorted(necks)[:1] if gap < least}
+        return [p for i, p in enumerate(points) if i not in gone]
 
     def _may_balance(
         self, lo: FloatArray, hi: FloatArray, on: tuple[int, ...], low: AnyArray, high: AnyArray
@@ -308,72 +364,106 @@ class _Search:
         return weights, float(np.linalg.norm(weights @ slopes))
 
     def solve(self, start: FloatArray, on: tuple[int, ...]) -> list[CriticalPoint]:
-        """Newton's method from starts (n, 3); the critical points in which they end."""
+        """Newton's method from starts (n, 3); the critical points in which they end.
+
+        What fails with all feet about a start is tried again with the very nearest ones only.
+        """
+        if on.count(0) == 0:
+            return self._checked(start, on, NEAR)
+        out = []
+        for first in FIRST:
+            u, size = self._iterate(start, on, first)
+            out += self._checked(u[size < STILL], on, NEAR)
+            out += self._checked(u[(size >= STILL) & (size < SLOW)], on, SLOW)
+            start = start[size >= SLOW]
+        return out
+
+    def _iterate(
+        self, start: FloatArray, on: tuple[int, ...], first: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Places (n, 3) in which Newton's method from starts ends, and the last step, in spans."""
         free = np.flatnonzero(np.array(on) == 0)
-        u, live = start.copy(), np.arange(len(start) if len(free) else 0)
-        ended = np.full(len(start), not len(free))
+        u, live, last = start.copy(), np.arange(len(start)), np.full(len(start), np.inf)
         lo, hi = self.domain
         slack = 1e-9 * self.span
-        sharp = np.ones(len(start))
-        for step_number in range(STEPS):
+        sharp = np.full(len(start), first)
+        for _ in range(STEPS):
             size = np.full(len(live), np.inf)
             for i, feet in enumerate(self.feet(u[live])):
                 if len(feet.value):
                     weights, _ = self._pull(feet, on, float(sharp[live[i]]))
-                    step = _newton(feet, np.flatnonzero(weights > LIGHT), free, weights)
-                    size[i] = np.abs(step / self.span[free]).max()
-                    u[live[i], free] += step * min(1.0, 1.0 / max(size[i], 1e-300))
-            sharp[live] = np.clip(2.0 * size, 1e-3, 1.0)
-            lost = (self.excess.apart(u[live], start[live]) > FAR * self.span).any(
-                axis=1
-            ) | np.isinf(size)
+                    active = np.flatnonzero(weights > LIGHT)
+                    step = _newton(feet, active, free, weights, self.span)
+                    size[i] = np.abs(step).max()
+                    step *= self.span[free] * min(1.0, LONGEST / max(size[i], 1e-300))
+                    u[live[i], free] += step
+            sharp[live] = np.clip(2.0 * size, 1e-3, first)
+            far = self.excess.apart(u[live], start[live]) > FAR * self.span
             u[live] = self.excess.wrapped(u[live])
+            lost = far.any(axis=1) | np.isinf(size)
             lost |= ((u[live] < lo - slack) | (u[live] > hi + slack)).any(axis=1)
             u[live] = np.where(lost[:, None], start[live], np.clip(u[live], lo, hi))
-            ended[live] = (size < (STILL if step_number + 1 < STEPS else SLOW)) & ~lost
-            live = live[~ended[live] & ~lost]
-        return self._checked(u[ended], on)
+            last[live] = np.where(lost, np.inf, size)
+            live = live[(size >= STILL) & ~lost]
+        return u, last
 
-    def _checked(self, u: FloatArray, on: tuple[int, ...]) -> list[CriticalPoint]:
+    def _checked(self, u: FloatArray, on: tuple[int, ...], room: float) -> list[CriticalPoint]:
         """Those points in which the feet balance, and to which no foot is nearer."""
-        lo, hi = self.domain
-        inner = (np.array(on) == 0) & ~np.array(self.lattice.through.closed)
-        near = np.minimum(u - lo, hi - u) <= 1e-7 * self.span
-        u = u[~near[:, inner].any(axis=1)]  # the others are found when that face is searched
-        if not len(u):
-            return []
+        u = u[self._off_faces(u, on, room)]
         least = np.abs(self.lattice.distance(u))
-        x, side = self.lattice.through.x(u), self.excess.side(u)
-        taken = self.excess.taken(u, side)[0]
-        out = []
+        value = least - self.excess.taken(u, self.excess.side(u))[0]
+        count = np.zeros(len(u), np.int64)
         for i, feet in enumerate(self.feet(u)):
-            value = least[i] - taken[i]
-            equal = feet.value <= value + EQUAL * least[i]
-            if abs(feet.value.min(initial=np.inf) - value) > EQUAL * least[i]:
+            slack = EQUAL * least[i]
+            if abs(feet.value.min(initial=np.inf) - value[i]) > slack:
                 continue
+            equal = feet.value <= value[i] + slack
             feet = feet._replace(
                 value=feet.value[equal], gradient=feet.gradient[equal], hessian=feet.hessian[equal]
             )
-            weights, pull = self._pull(feet, on)
-            if pull < BALANCED:
-                place = (on[0], on[1], on[2])
-                out.append(
-                    CriticalPoint(float(value), u[i], x[i], int(side[i]), len(weights), place)
-                )
-        return out
+            if self._pull(feet, on)[1] < BALANCED:
+                count[i] = equal.sum()
+        good = np.flatnonzero(count)
+        return self._points(u[good], value[good], on, count[good])
+
+    def _points(
+        self, u: FloatArray, value: FloatArray, on: tuple[int, ...], feet: IntArray
+    ) -> list[CriticalPoint]:
+        """Points at parameters (n, 3), with their values and numbers of feet."""
+        place = (on[0], on[1], on[2])
+        rows = zip(
+            value.tolist(), u, self.lattice.through.x(u), self.excess.side(u).tolist(),
+            feet.tolist(), strict=True,
+        )  # fmt: skip
+        return [CriticalPoint(*row, place) for row in rows]
+
+    def _off_faces(self, u: FloatArray, on: tuple[int, ...], least: float) -> AnyArray:
+        """Which points are clear of other faces: those on them are found there."""
+        room = np.minimum(u - self.domain[0], self.domain[1] - u) / self.span
+        inner = (np.array(on) == 0) & ~self.excess.closed
+        return np.asarray((room[:, inner] > least).all(axis=1))
 
 
-def _newton(feet: Feet, active: IntArray, free: IntArray, weights: FloatArray) -> FloatArray:
-    """Step in the free coordinates onto equal distances and balanced pulls of the active feet."""
+def _newton(
+    feet: Feet, active: IntArray, free: IntArray, weights: FloatArray, span: FloatArray
+) -> FloatArray:
+    """Step, in spans, in the free coordinates onto equal distances and balanced pulls of feet.
+
+    Where that is far, distances that differ by little along the domain need not become equal.
+    """
     m, k = len(active), len(free)
-    g, f = feet.gradient[active][:, free], feet.value[active]
+    scale = span[free]
+    g = feet.gradient[active][:, free] * scale / feet.reach
+    f = feet.value[active] / feet.reach
     w = weights[active] / weights[active].sum()
     h = np.einsum("n,nab->ab", w, feet.hessian[active])[np.ix_(free, free)]
     r = float(w @ f)
     system = np.zeros((m + k + 1, k + 1 + m))
     system[:m, :k], system[:m, k] = g, -1.0
-    system[m : m + k, :k], system[m : m + k, k + 1 :] = h, g.T
+    system[m : m + k, :k], system[m : m + k, k + 1 :] = h * np.outer(scale, scale) / feet.reach, g.T
     system[-1, k + 1 :] = 1.0
     miss = np.concatenate([f - r, w @ g, [0.0]])
     step: FloatArray = np.linalg.lstsq(system, -miss, rcond=1e-12)[0][:k]
+    if np.abs(step).max() > LONGEST:
+        step = np.linalg.lstsq(system, -miss, rcond=ALIKE)[0][:k]
     return step

@@ -45,7 +45,7 @@ class Links:
         self.excess, self.feet = excess, feet
 
     def __call__(
-        self, u: FloatArray, value: float, side: int, on: tuple[int, ...]
+        self, u: FloatArray, value: float, side: int, on: tuple[int, ...], most: float = np.inf
     ) -> tuple[int, int, bool]:
         """Directions in which the distance falls.
 
@@ -59,6 +59,8 @@ class Links:
             Sign of the implicit function there.
         on : tuple of int
             Faces of the domain that it lies on, as in `CriticalPoint`.
+        most : float
+            Largest radius of the sphere, so that it holds no other critical point.
 
         Returns
         -------
@@ -67,7 +69,7 @@ class Links:
         """
         corners, triangles = _octahedron(SEGMENTS)
         size = self.excess.sizes(u[None])[0]
-        length = RADIUS * float((size * self.excess.span).min())
+        length = min(most, RADIUS * float((size * self.excess.span).min()))
         steps, inward = self._around(u, on, corners * length, size)
         around = np.clip(self.excess.wrapped(u + steps[inward] / size), *self.excess.domain)
         distance = np.abs(self.excess.lattice.distance(around))

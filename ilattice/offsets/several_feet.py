@@ -69,14 +69,15 @@ class SeveralFeet:
         status = np.full(n, _kernels_newton.FALLBACK, np.int64)
         q = self.search.to_tile(u)[owner]
         self.search._run(x[owner], q, seed[:, None].copy(), feet, counts, status)
-        d = np.abs(feet[0, :, 6])
-        good = np.flatnonzero((status == _kernels_newton.OK) & (d > 1e-9))
-        good = good[np.lexsort((d[good], owner[good]))]
-        keep = good[_first_ones(owner[good], feet[0, good, 3:6], 1e-5 * d[good])]
-        value, gradient, hessian = self._jets(
-            u, owner[keep], feet[0, keep, :3], feet[0, keep, 3:6], d[keep]
-        )
-        ends = np.searchsorted(owner[keep], np.arange(len(u) + 1))
+        good = (status == _kernels_newton.OK)[None] & np.isfinite(feet[:, :, 6])
+        owner, feet = np.tile(owner, 2)[good.ravel()], feet[good]
+        d = np.abs(feet[:, 6])
+        order = np.lexsort((d, owner))
+        order = order[d[order] > 1e-9]
+        keep = order[_first_ones(owner[order], feet[order, 3:6], 1e-5 * d[order])]
+        owner, feet, d = owner[keep], feet[keep], d[keep]
+        value, gradient, hessian = self._jets(u, owner, feet[:, :3], feet[:, 3:6], d)
+        ends = np.searchsorted(owner, np.arange(len(u) + 1))
         return [
             Feet(value[i:j], gradient[i:j], hessian[i:j], size[k], float(reach[k]))
             for k, (i, j) in enumerate(pairwise(ends))

@@ -1,6 +1,7 @@
 """Topology reports against hand-made solids, voxels, and each other across critical thicknesses."""
 
 from functools import cache
+from itertools import pairwise
 
 import meshes
 import numpy as np
@@ -159,10 +160,15 @@ def test_pores_narrower_than_two_spans_of_the_spline_stay_open():
 
 
 def test_necks_of_a_bent_gyroid_are_no_voids():
-    """In a cube its necks are monkey saddles; bent ones are two necks each, eight in a quarter."""
+    """In a cube its necks are monkey saddles; bent ones are two necks each, eight in a quarter.
+
+    A ninth is on the open face, which cuts through a neck.
+    """
     bent = il.Lattice("gyroid", through=il.macroshape.torus(3.2, 1.0), repeat=(20, 1, 1))
     found = critical_points(bent, 0.2, 0.228, within=[[0.015, 0, 0], [0.0275, 1, 1]])
-    assert [(e.change, e.feet) for e in found if e.kind == "neck"] == 8 * [(1, 2)]
+    necks = [e for e in found if e.kind == "neck"]
+    assert [(e.change, e.feet) for e in necks] == 9 * [(1, 2)]
+    assert [e.on for e in necks if e.on != (0, 0, 0)] == [(0, 0, -1)]
     voids = [e for e in found if e.kind != "neck"]
     assert [(e.kind, e.change) for e in voids] == 2 * [("void", -1)]
     steps = np.random.default_rng(0).uniform(-0.01, 0.01, (400, 3)) * [0.05, 1, 1]
@@ -183,6 +189,46 @@ def test_events_explain_the_contours_of_a_torus():
     spline = sweep.events[0].value
     assert abs(np.abs(il.Lattice("schwarz_p", through=through, repeat=(5, 1, 1)).distance(
         sweep.events[0].u[None])[0]) - spline) < 1e-9  # fmt: skip
+
+
+def euler_numbers(lattice, n, d):
+    """Naive: of the cells of a grid, at whose corners the exact distance is at most d."""
+    axes = [np.linspace(0.0, 1.0, n + 1)] * 3
+    u = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    corners = np.abs(lattice.distance(u.reshape(-1, 3))).reshape(u.shape[:3])
+    total = np.zeros(len(d), int)
+    for sides in np.ndindex(2, 2, 2):
+        f = corners
+        for axis in np.flatnonzero(sides):
+            f = np.maximum(np.delete(f, 0, axis), np.delete(f, -1, axis))
+        total += (-1) ** sum(sides) * np.array([(f <= v).sum() for v in d])
+    return total
+
+
+def bent_cell(name):
+    through = il.macroshape.cylinder_shell(2.0, 3.0, 1.0, angle=0.4)
+    return il.Lattice(name, through=through)
+
+
+def test_bridges_on_open_faces_are_found_next_to_focal_curves():
+    """Two feet of the distance, about to become one, on faces and edges of a bent gyroid."""
+    d = [0.08, 0.11, 0.137, 0.17]
+    found = critical_points(bent_cell("gyroid"), d[0], d[-1])
+    events = [sum(e.change for e in found if a < e.value <= b) for a, b in pairwise(d)]
+    np.testing.assert_array_equal(events, np.diff(euler_numbers(bent_cell("gyroid"), 64, d)))
+    assert {e.kind for e in found} == {"bridge"}
+    assert {np.count_nonzero(e.on) for e in found} == {1, 2}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "d"), [("gyroid", [0.17, 0.207, 0.23, 0.25]), ("diamond", [0.08, 0.136, 0.19, 0.25])]
+)
+def test_events_near_open_faces_of_bent_cells_are_those_of_a_grid(name, d):
+    """Necks on faces, and voids behind them that are a fiftieth of a span deep."""
+    found = critical_points(bent_cell(name), d[0], d[-1])
+    events = [sum(e.change for e in found if a < e.value <= b) for a, b in pairwise(d)]
+    np.testing.assert_array_equal(events, np.diff(euler_numbers(bent_cell(name), 96, d)))
 
 
 def test_missing_events_are_admitted(monkeypatch):
