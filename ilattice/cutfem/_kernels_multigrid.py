@@ -1,6 +1,7 @@
 """Smoothed aggregation: aggregates, the modes they carry, and products of block matrices.
 
-Guarantees: aggregates are disjoint and connected; every node with a coupling is in one. Products
+Guarantees: aggregates are disjoint and connected; every node with a strong coupling, or with any
+to such a node, is in one. Products
 are done row by row, so they have the same bits for any number of threads; the Galerkin product is
 symmetric to the last bit.
 """
@@ -32,32 +33,41 @@ def strengths(offsets: Any, columns: Any, blocks: Any, L: Any, out: Any) -> None
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
-def nearest(offsets: Any, columns: Any, strength: Any, least: float, places: Any, out: Any) -> None:
-    """Squared distance to the nearest node with a coupling above `least`, infinite without any."""
+def mark_strong(
+    offsets: Any, columns: Any, strength: Any, least: float, share: float, out: Any
+) -> None:
+    """Which couplings are above `least` and above `share` of the greatest one of either node."""
     n = len(offsets) - 1
+    top = np.zeros(n, np.float32)
     for part in prange(PARTS):
         for i in range(n * part // PARTS, n * (part + 1) // PARTS):
-            out[i] = np.inf
             for k in range(offsets[i], offsets[i + 1]):
-                if strength[k] > least:
-                    out[i] = min(out[i], squared_distance(places, i, columns[k]))
+                top[i] = max(top[i], strength[k])
+    for part in prange(PARTS):
+        for i in range(n * part // PARTS, n * (part + 1) // PARTS):
+            for k in range(offsets[i], offsets[i + 1]):
+                out[k] = strength[k] > max(least, share * max(top[i], top[columns[k]]))
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
-def weaken_far(
-    offsets: Any, columns: Any, places: Any, near: Any, most: float, factor: Any, strength: Any
-) -> None:
-    """Couplings to nodes beyond sqrt(`most`) times the nearest one, times a factor.
+def unmark_far(offsets: Any, columns: Any, places: Any, most: float, strong: Any) -> None:
+    """Unmark couplings to nodes beyond sqrt(`most`) times the nearest one with a mark.
 
     The nearest one of that of the two nodes which has it farther away.
     """
     n = len(offsets) - 1
+    near = np.full(n, np.inf)
+    for part in prange(PARTS):
+        for i in range(n * part // PARTS, n * (part + 1) // PARTS):
+            for k in range(offsets[i], offsets[i + 1]):
+                if strong[k]:
+                    near[i] = min(near[i], squared_distance(places, i, columns[k]))
     for part in prange(PARTS):
         for i in range(n * part // PARTS, n * (part + 1) // PARTS):
             for k in range(offsets[i], offsets[i + 1]):
                 j = columns[k]
                 if squared_distance(places, i, j) > most * max(near[i], near[j]):
-                    strength[k] *= factor
+                    strong[k] = False
 
 
 @njit(cache=True, error_model="numpy")
@@ -70,11 +80,12 @@ def squared_distance(places: Any, i: int, j: int) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def aggregate(offsets: Any, columns: Any, strength: Any, least: float, out: Any) -> int:
+def aggregate(offsets: Any, columns: Any, strength: Any, strong: Any, out: Any) -> int:
     """Aggregate of every node, -1 for nodes without couplings; the number of them.
 
-    First whole neighbourhoods of couplings above `least`; then every other node joins the one to
-    which its coupling is strongest; then what is left.
+    First whole neighbourhoods of strong couplings; then every other node joins the one to which
+    its strong coupling is strongest; then what is left, by any coupling in the end: all nodes must
+    take part in the motions of the whole.
     """
     n = len(offsets) - 1
     out[:] = -1
@@ -83,40 +94,55 @@ def aggregate(offsets: Any, columns: Any, strength: Any, least: float, out: Any)
         free = out[i] == -1
         size = 0
         for k in range(offsets[i], offsets[i + 1]):
-            if strength[k] > least:
+            if strong[k]:
                 size += 1
                 free = free and out[columns[k]] == -1
         if free and size > 0:
-            out[i] = count
-            for k in range(offsets[i], offsets[i + 1]):
-                if strength[k] > least:
-                    out[columns[k]] = count
-            count += 1
+            count = found(i, offsets, columns, strong, count, out)
     for i in range(n):
         if out[i] == -1:
-            best = np.float32(0)
-            for k in range(offsets[i], offsets[i + 1]):
-                if strength[k] > best and out[columns[k]] >= 0:
-                    best = strength[k]
-                    out[i] = -2 - out[columns[k]]
+            join = strongest(i, offsets, columns, strength, strong, True, out)
+            if join >= 0:
+                out[i] = -2 - join
     for i in range(n):
         if out[i] < -1:
             out[i] = -2 - out[i]
     for i in range(n):
         if out[i] == -1:
-            for k in range(offsets[i], offsets[i + 1]):
-                if strength[k] > 0 and out[columns[k]] == -1:
-                    out[i] = count
-                    out[columns[k]] = count
-            if out[i] == count:
-                count += 1
-            else:
-                best = np.float32(0)
-                for k in range(offsets[i], offsets[i + 1]):
-                    if strength[k] > best:
-                        best = strength[k]
-                        out[i] = out[columns[k]]
+            out[i] = strongest(i, offsets, columns, strength, strong, True, out)
+            if out[i] == -1:
+                count = found(i, offsets, columns, strong, count, out)
+    for i in range(n):
+        if out[i] == -1:
+            out[i] = strongest(i, offsets, columns, strength, strong, False, out)
     return count
+
+
+@njit(cache=True, error_model="numpy")
+def found(i: int, offsets: Any, columns: Any, strong: Any, count: int, out: Any) -> int:
+    """Number `count`, for node i and those with strong couplings to it; the number after it."""
+    some = False
+    for k in range(offsets[i], offsets[i + 1]):
+        if strong[k] and out[columns[k]] == -1:
+            out[columns[k]] = count
+            some = True
+    if some:
+        out[i] = count
+    return count + some
+
+
+@njit(cache=True, error_model="numpy")
+def strongest(
+    i: int, offsets: Any, columns: Any, strength: Any, strong: Any, only: bool, home: Any
+) -> int:
+    """Aggregate to which a coupling, maybe `only` strong ones, of node i is strongest, or -1."""
+    best = np.float32(0)
+    out = -1
+    for k in range(offsets[i], offsets[i + 1]):
+        if (strong[k] or not only) and strength[k] > best and home[columns[k]] >= 0:
+            best = strength[k]
+            out = home[columns[k]]
+    return out
 
 
 @njit(cache=True, error_model="numpy", parallel=True)

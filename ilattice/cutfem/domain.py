@@ -18,7 +18,7 @@ from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import as_positive
 from ilattice.cutfem.assembly import Assembly, compressed_where_long
 from ilattice.cutfem.connectivity import Parts, connected_parts
-from ilattice.cutfem.grid import CUT, CutGrid, cut
+from ilattice.cutfem.grid import CUT, IN, CutGrid, cut
 from ilattice.cutfem.rules import MOST_POINTS, NAMES, Quadrature, in_space, on_cells, some_cells
 from ilattice.cutfem.space import DEGREES, SplineSpace
 from ilattice.cutfem.stabilise import ghost_faces, void_rule
@@ -36,6 +36,9 @@ GUARD = 1e-8
 GHOST = {1: 0.1, 2: 1e-3, 3: 1e-3}
 GHOST_NITSCHE = {1: 0.1, 2: 1e-2, 3: 1e-2}
 COARSE = 2.0
+#: A solid of which fewer cells are full than this part of those that are cut has struts that are
+#: about two cells thick, or thinner.
+FULL = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,6 +248,14 @@ class Domain:
                 PrecisionWarning,
                 stacklevel=4,
             )
+        full, partly = (len(self.cut.cells(status)) for status in (IN, CUT))
+        if self.wall is not None and self.wall.thickness.solid and full < FULL * partly:
+            warnings.warn(
+                f"{full} cells lie in the solid and {partly} cross its surface: struts of one or "
+                "two cells are too stiff, also with a higher degree; take finer cells",
+                PrecisionWarning,
+                stacklevel=4,
+            )
 
 
 def kinks(through: SplineMap, axis: int) -> FloatArray:
@@ -302,7 +313,7 @@ def as_domain(
         return field
     if isinstance(degree, bool) or degree not in DEGREES:
         raise InputError(f"degree must be 1, 2 or 3, got {degree!r}")
-    q = degree + 1 if q is None else q
+    q = degree + (1 if degree == 1 else 2) if q is None else q
     if isinstance(q, bool) or q not in range(1, MOST_POINTS + 1):
         raise InputError(f"q must be a whole number from 1 to {MOST_POINTS}, got {q!r}")
     if stabilization not in STABILIZATIONS:

@@ -35,14 +35,18 @@ DEGREE, DAMPING = 2, 4 / 3
 #: Neighbours in an aggregate have couplings above this, relative to the diagonal: in the first
 #: level, and in the others, where smoothed modes overlap with many that are far.
 WEAK, WEAK_COARSE = 0.02, 0.05
+#: And above this part of the greatest coupling of either, so that slivers are joined with each
+#: other: they move almost freely, and are not seen in the motions of what they hang on.
+SHARE = 0.25
 #: And they are nearer than this many times the nearest such node: where cells are stretched, those
 #: across the short side are joined first.
 FAR = 2.0
 LANCZOS = 16
 #: Largest eigenvalues are taken as this much above their estimate.
 SAFETY = 1.1
-#: A pivot of the last matrix, over its diagonal entry, below which there is a motion for free.
-SINGULAR = 1e-11
+#: A pivot of the last matrix, over its diagonal entry, below which there is a motion for free;
+#: each level leaves some 1e-12 there, for its prolongation is in single precision.
+SINGULAR = 1e-10
 ONE = np.float32(1)
 
 
@@ -254,13 +258,13 @@ def _aggregates(A: Blocks, places: FloatArray | None, least: float) -> tuple[Any
     """Aggregate of every node, -1 for nodes without couplings, and their number."""
     strength = np.empty(len(A.columns), np.float32)
     km.strengths(A.offsets, A.columns, A.blocks, A.sizes[0], strength)
+    strong = np.empty(len(A.columns), np.bool_)
     bound = least**2 * A.blocks.shape[1]
+    km.mark_strong(A.offsets, A.columns, strength, bound, SHARE**2, strong)
     if places is not None:
-        near = np.empty(A.rows)
-        km.nearest(A.offsets, A.columns, strength, bound, places, near)
-        km.weaken_far(A.offsets, A.columns, places, near, FAR**2, np.float32(bound), strength)
+        km.unmark_far(A.offsets, A.columns, places, FAR**2, strong)
     home = np.empty(A.rows, np.int32)
-    return home, km.aggregate(A.offsets, A.columns, strength, bound, home)
+    return home, km.aggregate(A.offsets, A.columns, strength, strong, home)
 
 
 def _means(places: FloatArray, home: AnyArray, count: int) -> FloatArray:

@@ -134,6 +134,22 @@ def test_work_is_twice_the_energy_and_reactions_balance_loads(degree, cells):
     assert abs(K - K.T).max() == 0.0
 
 
+def test_struts_of_two_cells_are_too_stiff_with_any_degree_and_that_is_said():
+    """They are 0.24 tiles thick; on half the cells degree 2 is no better than degree 1."""
+    lattice = il.Lattice("cross", through=il.macroshape.box((1.0, 1.0, 1.0)))
+    struts = lattice.offset((np.inf, 0.0), space="parametric")
+    compliance = {}
+    for degree, n in ((1, 8), (2, 4), (2, 8)):
+        with pytest.warns(PrecisionWarning, match="too stiff, also with a higher degree"):
+            problem = Elasticity(struts, n, degree=degree)
+        problem = problem.clamp("u=0").clamp("u=1").load(body=(0, 0, -1.0))
+        compliance[degree, n] = problem.solve().compliance
+    fine = Elasticity(struts, 16).clamp("u=0").clamp("u=1").load(body=(0, 0, -1.0)).solve()
+    error = {key: 1 - value / fine.compliance for key, value in compliance.items()}
+    assert 0.1 < error[1, 8] < error[2, 4]
+    assert error[2, 8] < 0.5 * error[2, 4]
+
+
 def test_the_papers_stabilization_is_stiff_and_says_so():
     with pytest.warns(PrecisionWarning):
         problem = Elasticity(wall(), (36, 6, 6), degree=1)

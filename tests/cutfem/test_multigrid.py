@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.sparse import csr_array
+from scipy.sparse import block_diag, bsr_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
 from benchmarks.systems import cross, sheet, system
@@ -133,21 +133,54 @@ def test_aggregates_are_disjoint_connected_and_complete(least, struts):
     rows = np.repeat(np.arange(K.rows), np.diff(K.offsets))
     expected = (K.blocks**2).sum(axis=(1, 2)) * (rows != K.columns)
     np.testing.assert_allclose(strength, expected, rtol=1e-5)
+    strong = strength > least * strength.max()
     home = np.empty(K.rows, np.int32)
-    count = km.aggregate(K.offsets, K.columns, strength, least * strength.max(), home)
-    assert set(home) == set(range(count))
-    inside = (strength > 0) & (home[rows] == home[K.columns])
+    count = km.aggregate(K.offsets, K.columns, strength, strong, home)
+    assert set(home[home >= 0]) == set(range(count))
+    assert ((home >= 0) == strong.any()).all()  # it all hangs together
+    inside = (strength > 0) & (home[rows] == home[K.columns]) & (home[rows] >= 0)
     edges = np.ones(inside.sum()), (rows[inside], K.columns[inside])
     graph = csr_array(edges, shape=(K.rows, K.rows))
-    assert connected_components(graph, directed=False)[0] == count
+    assert connected_components(graph, directed=False)[0] == count + (home < 0).sum()
     if least < 0.1:
         assert K.rows / count > 5
+
+
+def test_couplings_are_strong_for_both_nodes_and_near():
+    A = random_blocks(1, 1, 40, 40, 9)
+    S = dense(A) + dense(A).T
+    A = csr_array(S)
+    rng = np.random.default_rng(10)
+    places = rng.random((40, 3))
+    S = np.where(np.eye(40), 0, S * S).astype(np.float32)
+    top = S.max(axis=1)
+    expected = (S > 0.2) & (0.5 * np.maximum(top[:, None], top) < S)
+    rows, columns = np.repeat(np.arange(40), np.diff(A.indptr)), A.indices
+    strong = np.empty(A.nnz, np.bool_)
+    km.mark_strong(A.indptr, columns, S[rows, columns], 0.2, 0.5, strong)
+    np.testing.assert_array_equal(strong, expected[rows, columns])
+    assert 40 < strong.sum() < 0.5 * A.nnz
+    far = ((places[:, None] - places) ** 2).sum(axis=2)
+    near = np.where(expected, far, np.inf).min(axis=1)
+    expected &= far <= 1.5 * np.maximum(near[:, None], near)
+    before = strong.sum()
+    km.unmark_far(A.indptr, columns, places, 1.5, strong)
+    np.testing.assert_array_equal(strong, expected[rows, columns])
+    assert 0 < strong.sum() < before
+
+
+def test_nodes_that_stand_alone_need_no_levels():
+    K = bsr_array(block_diag([np.diag([1.0, 2.0, 3.0])] * 500, format="bsr"))
+    mesh = Multigrid(blocks_of(K), np.tile(np.eye(3), (500, 1)))
+    r = np.arange(1500.0)
+    np.testing.assert_allclose(mesh(r), K.diagonal() ** -1 * r, rtol=1e-2)
 
 
 def test_nodes_without_couplings_are_in_no_aggregate():
     A = Blocks(np.arange(4, dtype=np.int32), np.arange(3, dtype=np.int32), np.ones((3, 1, 1)), 3)
     home = np.empty(3, np.int32)
-    assert km.aggregate(A.offsets, A.columns, np.zeros(3, np.float32), 0.0, home) == 0
+    none = np.zeros(3, np.bool_)
+    assert km.aggregate(A.offsets, A.columns, np.zeros(3, np.float32), none, home) == 0
     assert (home == -1).all()
 
 
