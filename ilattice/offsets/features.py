@@ -176,7 +176,8 @@ class _Events:
             here = (int(row[0]), int(row[1]), int(row[2]))
             found = self.search.solve(start[(on == row).all(axis=1)], here)
             self.search.add_new(found, self.known)
-        return [p for p in self.known[first:] if p.closed or (p.parts, p.holes) != (1, 0)]
+        new = self.search.judged(self.known[first:], self.known)
+        return [p for p in new if p.closed or (p.parts, p.holes) != (1, 0)]
 
     def _starts(self, low: float, high: float) -> tuple[FloatArray, FloatArray, IntArray]:
         """Critical points of the distance spline, with exact values."""
