@@ -2,6 +2,7 @@
 
 Both sides sample, and store their vertices, in single precision. VTK places vertices by linear
 interpolation; so does the row "as VTK". By default ours are moved onto the surface.
+VTK works on one thread; ours uses all, which costs CPU time while threads wait for each other.
 Each measurement is a process of its own, so that its CPU time and peak memory are all its own:
 ``python -m benchmarks.bench_contouring METHOD KIND N``.
 """
@@ -62,6 +63,14 @@ def linear(kind: str, n: int) -> int:
     return blocks(kind, n, "linear")
 
 
+def one_thread(kind: str, n: int) -> int:
+    """Number of triangles of our mesh, made on one thread as VTK makes its own."""
+    import numba
+
+    numba.set_num_threads(1)
+    return blocks(kind, n)
+
+
 def streamed(kind: str, n: int) -> int:
     """Number of triangles of our mesh, written to a file piece by piece."""
     from ilattice.io import StreamedMeshWriter
@@ -88,7 +97,7 @@ def flying_edges(kind: str, n: int) -> int:
 
 
 MODULE = "benchmarks.bench_contouring"
-METHODS = {f.__name__: f for f in (blocks, linear, streamed, flying_edges)}
+METHODS = {f.__name__: f for f in (blocks, linear, one_thread, streamed, flying_edges)}
 
 
 def main(method: str, kind: str, n: str) -> None:
@@ -109,12 +118,13 @@ def rows(quick: bool) -> Iterator[Row]:
     """Lines of the table."""
     n = 201 if quick else 801
     for kind, (cpu_goal, memory_goal) in GOALS.items():
-        methods = ("blocks", "linear", "flying_edges")
-        ours, plain, theirs = (alone(MODULE, m, kind, n) for m in methods)
+        methods = ("blocks", "linear", "one_thread", "flying_edges")
+        ours, plain, single, theirs = (alone(MODULE, m, kind, n) for m in methods)
         vtk = f"NumPy + vtkFlyingEdges3D, {theirs['triangles']:.0f} triangles"
-        for places, found in (("", ours), (", placed as VTK does", plain)):
+        runs = {"": ours, ", placed as VTK does": plain, ", on one thread as VTK": single}
+        for how, found in runs.items():
             yield Row(
-                f"gyroid {kind} at {n}³{places}, CPU",
+                f"gyroid {kind} at {n}³{how}, CPU",
                 f"{found['cpu']:.2f} s, wall {found['wall']:.2f} s, "
                 f"{found['triangles']:.0f} triangles",
                 f"{theirs['cpu']:.2f} s {vtk}",
