@@ -2,6 +2,8 @@
 
 import json
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -228,3 +230,15 @@ def test_warmup_says_how_long_it_took(capfd):
     out, err = capfd.readouterr()
     assert re.fullmatch(r"all kernels are compiled \(\d+ s\)\n", out)
     assert err == ""
+
+
+def test_the_package_runs_as_a_module():
+    done = subprocess.run(
+        [sys.executable, "-m", "ilattice", "--version"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0
+    assert __version__ in done.stdout
+    done = subprocess.run([sys.executable, "-m", "ilattice", "sdf", "no-such-solid"], check=False,
+                          capture_output=True, text=True)  # fmt: skip
+    assert done.returncode == 2
+    assert done.stderr.startswith("ilattice: error: ")
