@@ -6,7 +6,9 @@ step of damped smoothing (P. Vaněk, J. Mandel, M. Brezina, "Algebraic multigrid
 aggregation for second and fourth order elliptic problems", Computing 56, 1996). On every level the
 matrix is scaled by the Cholesky factors of its diagonal blocks, which have then disappeared from
 all else: the Chebyshev smoother of the fourth kind (J. Lottes, "Optimal polynomial smoothers for
-multigrid V-cycles", Numerical Linear Algebra with Applications 30, 2023) is block smoothing.
+multigrid V-cycles", Numerical Linear Algebra with Applications 30, 2023) is block smoothing. Its
+blocks are larger where nodes hang on each other, as those of slivers do: few of their common
+motions are among those of the next level.
 
 Guarantees: coarse matrices and the factor of the last one are made in double precision, the cycle
 runs in single precision; it is symmetric and positive definite up to that rounding. Set-up and
@@ -26,6 +28,8 @@ from scipy.linalg import eigvalsh_tridiagonal
 from ilattice._typing import AnyArray, FloatArray
 from ilattice.cutfem import _kernels_blocks as kb
 from ilattice.cutfem import _kernels_multigrid as km
+from ilattice.cutfem import _kernels_patches as kp
+from ilattice.cutfem import _kernels_products as kq
 from ilattice.errors import ConvergenceError, InputError
 
 #: Unknowns of the last level, at most, and when coarsening no longer helps.
@@ -37,10 +41,13 @@ DEGREE, DAMPING = 2, 4 / 3
 WEAK, WEAK_COARSE = 0.02, 0.05
 #: And above this part of the greatest coupling of either, so that slivers are joined with each
 #: other: they move almost freely, and are not seen in the motions of what they hang on.
-SHARE = 0.25
+SHARE = 0.1
 #: And they are nearer than this many times the nearest such node: where cells are stretched, those
 #: across the short side are joined first.
 FAR = 2.0
+#: Nodes hang on each other if their coupling, of a matrix with ones in its diagonal, is above this
+#: (Frobenius norm); a patch has as many nodes at most.
+TIED, PATCH = 0.6, 16
 LANCZOS = 16
 #: Largest eigenvalues are taken as this much above their estimate.
 SAFETY = 1.1
@@ -105,13 +112,14 @@ class Blocks:
         counts = np.zeros(self.rows + 1, np.int64)
         mine = (self.offsets, self.columns)
         theirs = (other.offsets, other.columns)
-        km.count_product(*mine, *theirs, other.width, counts)
+        kq.count_product(*mine, *theirs, other.width, counts)
         offsets = np.cumsum(counts).astype(np.int32)
         columns = np.empty(offsets[-1], np.int32)
         blocks = np.empty((offsets[-1], *other.blocks.shape[1:]), other.blocks.dtype)
-        km.product(
-            *mine, self.blocks, *theirs, other.blocks, other.width, other.sizes,
-            offsets, columns, blocks,
+        six = blocks.shape[2] == 6
+        (kq.product6 if six else kq.product)(
+            *mine, self.blocks, *theirs, other.blocks, other.width,
+            other.sizes[0] if six else other.sizes, offsets, columns, blocks,
         )  # fmt: skip
         return Blocks(offsets, columns, blocks, other.width)
 
@@ -143,9 +151,12 @@ class Multigrid:
         self.scaling = inverses
         while A.shape[0] > COARSEST:
             scaled = _scaled(A, inverses, np.float32)
-            rho = _largest_eigenvalue(scaled)
+            strength = np.empty(len(A.columns), np.float32)
+            km.strengths(A.offsets, A.columns, scaled.blocks, A.sizes[0], strength)
+            patches = _patches(scaled, strength)
+            rho = _largest_eigenvalue(scaled, patches)
             B = _multiply_blocks(factors, B, True, np.float64)
-            home, count = _aggregates(scaled, x, WEAK_COARSE if self.levels else WEAK)
+            home, count = _aggregates(scaled, strength, x, WEAK_COARSE if self.levels else WEAK)
             P, B = _prolongation(scaled, B, rho, home, count)
             x = None if x is None else _means(x, home, count)
             if P.width > 0.7 * A.rows:
@@ -153,7 +164,7 @@ class Multigrid:
             A = _galerkin(A, inverses, P)
             factors, inverses = _block_factors(A)
             kb.scale_columns(P.columns, P.blocks, inverses, P.sizes)
-            self.levels.append(_Level(scaled, P, SAFETY * rho))
+            self.levels.append(_Level(scaled, P, patches, SAFETY * rho))
         self.factor = _factor(_scaled(A, inverses, np.float64))
 
     @property
@@ -162,6 +173,7 @@ class Multigrid:
         held = [self.scaling, self.factor]
         for level in self.levels:
             held += [level.A.blocks, level.P.blocks, level.P.columns, *level.P.transposed]
+            held += [level.patches.members, level.patches.inverses]
         return sum(a.nbytes for a in held)
 
     def __call__(self, r: FloatArray) -> FloatArray:
@@ -190,11 +202,33 @@ class Multigrid:
 
 
 @dataclass(frozen=True, eq=False)
+class _Patches:
+    """Sets of nodes, and the inverses of their matrices from `where` on."""
+
+    starts: AnyArray
+    members: AnyArray
+    where: AnyArray
+    inverses: FloatArray
+
+    def solve(self, r: AnyArray, m: int) -> AnyArray:
+        """r (rows m), on patches multiplied by their inverses: r itself if there are none."""
+        if len(self.members) == 0:
+            return r
+        s = r.copy()
+        kp.apply(self.starts, self.members, self.where, self.inverses, m, r, s)
+        return s
+
+
+@dataclass(frozen=True, eq=False)
 class _Level:
-    """A matrix with ones in its diagonal, the prolongation to it, a bound of its eigenvalues."""
+    """A matrix with ones in its diagonal, the prolongation to it, and what its smoother needs.
+
+    `rho` is a bound of the eigenvalues after multiplication by the inverses of the patches.
+    """
 
     A: Blocks
     P: Blocks
+    patches: _Patches
     rho: float
 
     def smooth(self, r: AnyArray, x: AnyArray, *, last: bool) -> None:
@@ -203,7 +237,7 @@ class _Level:
         for i in range(1, DEGREE + 1):
             a = np.float32((2 * i - 3) / (2 * i + 1))
             b = np.float32((8 * i - 4) / (2 * i + 1) / self.rho)
-            kb.smooth(a, z, b, r, ONE, x)
+            kb.smooth(a, z, b, self.patches.solve(r, self.A.blocks.shape[1]), ONE, x)
             if not last or i < DEGREE:
                 self.A.multiply(z, r, -1)
 
@@ -232,32 +266,53 @@ def _scaled(A: Blocks, inverses: FloatArray, dtype: Any) -> Blocks:
     return Blocks(A.offsets, A.columns, out, A.width)
 
 
-def _largest_eigenvalue(A: Blocks) -> float:
-    """Estimate from below by some steps of Lanczos' method."""
-    n = A.shape[0]
-    v = np.sin(1.0 + np.arange(n, dtype=np.float64) ** 2 % 7919).astype(np.float32)
-    v /= np.float32(np.sqrt(kb.dots(v, v, v)[:, 0].sum()))
-    before, beta = np.zeros_like(v), 0.0
+def _patches(A: Blocks, strength: AnyArray) -> _Patches:
+    """Nodes that hang on each other, the closest ties first."""
+    tied = np.flatnonzero(strength > TIED**2)
+    rows = (np.searchsorted(A.offsets, tied, side="right") - 1).astype(np.int32)
+    tied, rows = tied[rows < A.columns[tied]], rows[rows < A.columns[tied]]
+    order = np.argsort(-strength[tied], kind="stable")
+    first = np.empty(A.rows, np.int32)
+    kp.join(rows[order], A.columns[tied[order]], PATCH, first)
+    size = np.bincount(first, minlength=A.rows)
+    inside = np.flatnonzero(size[first] > 1).astype(np.int32)
+    members = inside[np.argsort(first[inside], kind="stable")]
+    sizes = size[size > 1]
+    where = np.concatenate([[0], np.cumsum((A.blocks.shape[1] * sizes) ** 2)])
+    out = _Patches(_offsets(sizes), members, where, np.empty(where[-1]))
+    kp.invert(A.offsets, A.columns, A.blocks, out.starts, members, where, out.inverses)
+    return out
+
+
+def _largest_eigenvalue(A: Blocks, patches: _Patches) -> float:
+    """Estimate from below, for M A, M the inverses of the patches, by steps of Lanczos' method."""
+    n, m = A.shape[0], A.blocks.shape[1]
+    before, beta = np.zeros(n, np.float32), 0.0
+    r = np.sin(1.0 + np.arange(n, dtype=np.float64) ** 2 % 7919).astype(np.float32)
+    z = patches.solve(r, m)
+    length = np.float32(np.sqrt(kb.dots(r, z, z)[:, 0].sum()))
     alphas: list[float] = []
     betas: list[float] = []
     for _ in range(min(LANCZOS, n)):
-        w = np.empty_like(v)
-        A.multiply(v, w, 0)
-        kb.combine(np.float32(-beta), before, ONE, w)
-        alphas.append(float(kb.dots(v, w, w)[:, 0].sum()))
-        kb.combine(np.float32(-alphas[-1]), v, ONE, w)
-        beta = float(np.sqrt(kb.dots(w, w, w)[:, 0].sum()))
+        v, z = r / length, z / length
+        r = np.empty_like(v)
+        A.multiply(z, r, 0)
+        kb.combine(np.float32(-beta), before, ONE, r)
+        alphas.append(float(kb.dots(z, r, r)[:, 0].sum()))
+        kb.combine(np.float32(-alphas[-1]), v, ONE, r)
+        z = patches.solve(r, m)
+        beta = float(np.sqrt(kb.dots(r, z, z)[:, 0].sum()))
         betas.append(beta)
         if beta <= 1e-5 * abs(alphas[0]):
             break
-        before, v = v, w / np.float32(beta)
+        before, length = v, np.float32(beta)
     return float(eigvalsh_tridiagonal(alphas, betas[: len(alphas) - 1])[-1])
 
 
-def _aggregates(A: Blocks, places: FloatArray | None, least: float) -> tuple[AnyArray, int]:
+def _aggregates(
+    A: Blocks, strength: AnyArray, places: FloatArray | None, least: float
+) -> tuple[AnyArray, int]:
     """Aggregate of every node, -1 for nodes without couplings, and their number."""
-    strength = np.empty(len(A.columns), np.float32)
-    km.strengths(A.offsets, A.columns, A.blocks, A.sizes[0], strength)
     strong = np.empty(len(A.columns), np.bool_)
     bound = least**2 * A.blocks.shape[1]
     km.mark_strong(A.offsets, A.columns, strength, bound, SHARE**2, strong)
@@ -287,7 +342,7 @@ def _prolongation(
     km.tentative(starts, members, modes, A.sizes[0], blocks, coarse)
     simple = Blocks(_offsets(inside), home[inside], blocks[inside].astype(np.float32), count)
     P = A.times(simple)
-    km.damp(P.offsets, P.columns, P.blocks, simple.offsets, simple.columns, simple.blocks,
+    kq.damp(P.offsets, P.columns, P.blocks, simple.offsets, simple.columns, simple.blocks,
             np.float32(-DAMPING / rho))  # fmt: skip
     return P, coarse
 
@@ -299,19 +354,19 @@ def _galerkin(A: Blocks, inverses: FloatArray, P: Blocks) -> Blocks:
     B = A.times(T)
     offsets, rows, where = P.transposed
     counts = np.zeros(P.width + 1, np.int64)
-    km.count_galerkin(offsets, rows, B.offsets, B.columns, counts)
+    kq.count_galerkin(offsets, rows, B.offsets, B.columns, counts)
     upper = np.cumsum(counts).astype(np.int32)
     columns = np.empty(upper[-1], np.int32)
     p = P.blocks.shape[2]
     blocks = np.empty((upper[-1], p, p))
-    km.galerkin(
-        offsets, rows, where, T.blocks, B.offsets, B.columns, B.blocks, P.sizes,
-        upper, columns, blocks,
+    (kq.galerkin6 if p == 6 else kq.galerkin)(
+        offsets, rows, where, T.blocks, B.offsets, B.columns, B.blocks,
+        P.sizes[0] if p == 6 else P.sizes, upper, columns, blocks,
     )  # fmt: skip
     lower = np.bincount(columns, minlength=P.width) - 1
     whole = _offsets(np.diff(upper) + lower)
     out = Blocks(whole, np.empty(whole[-1], np.int32), np.empty((whole[-1], p, p)), P.width)
-    km.mirror(upper, columns, blocks, P.sizes[1], whole, out.columns, out.blocks)
+    kq.mirror(upper, columns, blocks, P.sizes[1], whole, out.columns, out.blocks)
     return out
 
 

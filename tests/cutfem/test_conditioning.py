@@ -68,7 +68,7 @@ def sheet(u):
 
 @pytest.mark.parametrize(
     ("solid", "cells", "p"),
-    [(il.tiles["schwarz_p"], 12, 1), (sheet, 12, 1),
+    [(il.tiles["schwarz_p"], 16, 1), (sheet, 12, 1), (sheet, 16, 1),
      (il.tiles["schwarz_p"], 6, 2), (il.tiles["schwarz_p"], 6, 3)],
 )  # fmt: skip
 def test_slivers_cost_few_iterations_of_multigrid(solid, cells, p):

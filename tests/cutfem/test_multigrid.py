@@ -8,12 +8,15 @@ from scipy.sparse.csgraph import connected_components
 from benchmarks.systems import cross, sheet, system
 from ilattice.cutfem import _kernels_blocks as kb
 from ilattice.cutfem import _kernels_multigrid as km
+from ilattice.cutfem import _kernels_patches as kp
 from ilattice.cutfem.multigrid import (
     Blocks,
     Multigrid,
     _aggregates,
     _block_factors,
     _galerkin,
+    _largest_eigenvalue,
+    _patches,
     _prolongation,
     _scaled,
 )
@@ -146,6 +149,57 @@ def test_aggregates_are_disjoint_connected_and_complete(least, struts):
         assert K.rows / count > 5
 
 
+@pytest.mark.parametrize("most", [2, 3, 16])
+def test_patches_hold_the_closest_ties(most):
+    """As Kruskal's algorithm has it: every set below `most` that one tie makes is made."""
+    rng = np.random.default_rng(11)
+    ends = rng.integers(0, 60, (70, 2)).astype(np.int32)
+    first = np.empty(60, np.int32)
+    kp.join(ends[:, 0], ends[:, 1], most, first)
+    sets = [{i} for i in range(60)]
+    for i, j in ends:
+        if sets[i] is not sets[j] and len(sets[i]) + len(sets[j]) <= most:
+            both = sets[i] | sets[j]
+            for k in both:
+                sets[k] = both
+    assert first.tolist() == [min(s) for s in sets]
+    assert max(len(s) for s in sets) == most or most == 16
+
+
+@pytest.mark.parametrize("m", [1, 3, 6])
+def test_patches_are_solved_exactly_and_bound_the_eigenvalues(m):
+    """Nodes in twos and threes that share nearly all their stiffness, among others that do not."""
+    rng = np.random.default_rng(12)
+    A = np.eye(40 * m)
+    tied = [(0, 7), (3, 20, 31), (5, 6)]
+    for nodes in tied:
+        rows = (m * np.array(nodes)[:, None] + np.arange(m)).ravel()
+        for a, b in ((0, 1), (1, 2))[: len(nodes) - 1]:
+            part = np.linalg.qr(rng.standard_normal((m, m)))[0] * (0.7 if len(nodes) > 2 else 0.999)
+            A[np.ix_(rows[a * m : a * m + m], rows[b * m : b * m + m])] = part
+            A[np.ix_(rows[b * m : b * m + m], rows[a * m : a * m + m])] = part.T
+    A[m * 30, m * 31] = A[m * 31, m * 30] = 1e-3
+    K = blocks_of(bsr_array(A.astype(np.float32), blocksize=(m, m)))
+    strength = np.empty(len(K.columns), np.float32)
+    km.strengths(K.offsets, K.columns, K.blocks, K.sizes[0], strength)
+    patches = _patches(K, strength)
+    found = [
+        tuple(patches.members[a:b])
+        for a, b in zip(patches.starts[:-1], patches.starts[1:], strict=True)
+    ]
+    assert found == tied
+    r = rng.standard_normal(40 * m)
+    s = patches.solve(r, m)
+    whole = np.eye(40 * m)
+    for nodes in tied:
+        rows = (m * np.array(nodes)[:, None] + np.arange(m)).ravel()
+        whole[np.ix_(rows, rows)] = A[np.ix_(rows, rows)]
+    np.testing.assert_allclose(s, np.linalg.solve(whole, r), rtol=1e-3, atol=1e-3)
+    exact = np.linalg.eigvals(np.linalg.solve(whole, A)).real.max()
+    assert _largest_eigenvalue(K, patches) == pytest.approx(exact, rel=1e-3)
+    assert np.linalg.eigvalsh(A).max() > 1.5 * exact
+
+
 def test_couplings_are_strong_for_both_nodes_and_near():
     A = random_blocks(1, 1, 40, 40, 9)
     S = dense(A) + dense(A).T
@@ -234,6 +288,8 @@ def test_the_next_level_carries_the_modes():
     factors, inverses = _block_factors(K)
     scaled = _scaled(K, inverses, np.float32)
     modes = np.einsum("iba,ibq->iaq", factors, s.modes.reshape(-1, 3, 6)).reshape(-1, 6)
-    P, coarse = _prolongation(scaled, modes, 3.0, *_aggregates(scaled, None, 0.02))
+    strength = np.empty(len(K.columns), np.float32)
+    km.strengths(K.offsets, K.columns, scaled.blocks, K.sizes[0], strength)
+    P, coarse = _prolongation(scaled, modes, 3.0, *_aggregates(scaled, strength, None, 0.02))
     np.testing.assert_allclose(dense(P) @ coarse, modes, atol=1e-5 * np.abs(modes).max())
     assert P.width < K.rows / 10

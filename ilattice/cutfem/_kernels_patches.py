@@ -1,0 +1,108 @@
+"""Patches: small sets of nodes that hang on each other, and the inverses of their matrices.
+
+Nodes of slivers are held by little else than each other, so that steps which see one node at a time
+leave their common motions alone. Guarantees: patches are disjoint, and no larger than asked; the
+inverses are positive definite; every patch is done by one thread.
+"""
+
+from typing import Any
+
+import numpy as np
+from numba import njit, prange
+
+#: Least pivot of a patch whose diagonal is one: below it, the matrix in single precision is noise.
+LEAST = 1e-6
+
+
+@njit(cache=True, error_model="numpy")
+def join(rows: Any, columns: Any, most: int, out: Any) -> None:
+    """out[i] = first node of the patch of node i; couplings are taken in the order given."""
+    size = np.ones(len(out), np.int32)
+    for i in range(len(out)):
+        out[i] = i
+    for k in range(len(rows)):
+        i = root(out, rows[k])
+        j = root(out, columns[k])
+        if i != j and size[i] + size[j] <= most:
+            i, j = min(i, j), max(i, j)
+            out[j] = i
+            size[i] += size[j]
+    for i in range(len(out)):
+        out[i] = out[out[i]]
+
+
+@njit(cache=True, error_model="numpy")
+def root(first: Any, i: int) -> int:
+    """First node of the patch of node i."""
+    while first[i] != i:
+        i = first[i]
+    return i
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
+def invert(
+    offsets: Any, columns: Any, blocks: Any, starts: Any, members: Any, where: Any, out: Any
+) -> None:
+    """Inverses, from out[where[p]] on, of the matrices of the nodes of every patch p."""
+    m = blocks.shape[1]
+    for p in prange(len(starts) - 1):
+        nodes = members[starts[p] : starts[p + 1]]
+        n = m * len(nodes)
+        D = np.zeros((n, n))
+        for i in range(len(nodes)):
+            for k in range(offsets[nodes[i]], offsets[nodes[i] + 1]):
+                for j in range(i + 1):
+                    if columns[k] == nodes[j]:
+                        for a in range(m):
+                            for b in range(m):
+                                D[m * i + a, m * j + b] = blocks[k, a, b]
+        factor(D)
+        x = np.empty(n)
+        for c in range(n):
+            x[:] = 0.0
+            x[c] = 1.0
+            substitute(D, x)
+            for a in range(n):
+                out[where[p] + a * n + c] = x[a]
+
+
+@njit(cache=True, error_model="numpy")
+def factor(A: Any) -> None:
+    """Cholesky factor in the lower triangle of A, of unit diagonal; pivots are LEAST or more."""
+    for i in range(len(A)):
+        for j in range(i):
+            v = A[i, j]
+            for k in range(j):
+                v -= A[i, k] * A[j, k]
+            A[i, j] = v / A[j, j]
+        v = A[i, i]
+        for k in range(i):
+            v -= A[i, k] * A[i, k]
+        A[i, i] = np.sqrt(max(v, LEAST))
+
+
+@njit(cache=True, error_model="numpy")
+def substitute(F: Any, x: Any) -> None:
+    """x = (F Fᵀ)⁻¹ x, F lower triangular."""
+    n = len(F)
+    for i in range(n):
+        for k in range(i):
+            x[i] -= F[i, k] * x[k]
+        x[i] /= F[i, i]
+    for i in range(n - 1, -1, -1):
+        for k in range(i + 1, n):
+            x[i] -= F[k, i] * x[k]
+        x[i] /= F[i, i]
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
+def apply(starts: Any, members: Any, where: Any, inverses: Any, m: int, r: Any, s: Any) -> None:
+    """s = inverse times r on the patches."""
+    for p in prange(len(starts) - 1):
+        first = starts[p]
+        n = m * (starts[p + 1] - first)
+        for a in range(n):
+            v = 0.0
+            for b in range(n):
+                v += inverses[where[p] + a * n + b] * r[m * members[first + b // m] + b % m]
+            s[m * members[first + a // m] + a % m] = v

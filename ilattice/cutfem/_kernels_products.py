@@ -1,0 +1,320 @@
+"""Products of block matrices: smoothed prolongations and the matrices of the next level.
+
+Products are done row by row, so they have the same bits for any number of threads; the Galerkin
+product is symmetric to the last bit.
+"""
+
+from typing import Any
+
+import numpy as np
+from numba import njit, prange
+
+from ilattice.cutfem._kernels_blocks import FAST
+
+PARTS = 64
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
+def count_product(
+    a_offsets: Any, a_columns: Any, b_offsets: Any, b_columns: Any, width: int, out: Any
+) -> None:
+    """out[i + 1] = number of blocks in row i of A B, B of `width` columns."""
+    n = len(a_offsets) - 1
+    for part in prange(PARTS):
+        seen = np.full(width, -1, np.int32)
+        for i in range(n * part // PARTS, n * (part + 1) // PARTS):
+            count = 0
+            for k in range(a_offsets[i], a_offsets[i + 1]):
+                j = a_columns[k]
+                for e in range(b_offsets[j], b_offsets[j + 1]):
+                    J = b_columns[e]
+                    if seen[J] != i:
+                        seen[J] = i
+                        count += 1
+            out[i + 1] = count
+
+
+@njit(cache=True, error_model="numpy", parallel=True, fastmath=FAST)
+def product(
+    a_offsets: Any,
+    a_columns: Any,
+    a_blocks: Any,
+    b_offsets: Any,
+    b_columns: Any,
+    b_blocks: Any,
+    width: int,
+    S: Any,
+    offsets: Any,
+    columns: Any,
+    blocks: Any,
+) -> None:
+    """A B, blocks len(S[0]) square times len(S[0]) x len(S[1]); columns of a row as they come."""
+    m = len(S[0])
+    p = len(S[1])
+    n = len(a_offsets) - 1
+    for part in prange(PARTS):
+        slot = np.full(width, -1, np.int32)
+        for i in range(n * part // PARTS, n * (part + 1) // PARTS):
+            first = offsets[i]
+            to = first
+            for k in range(a_offsets[i], a_offsets[i + 1]):
+                j = a_columns[k]
+                A = a_blocks[k]
+                for e in range(b_offsets[j], b_offsets[j + 1]):
+                    J = b_columns[e]
+                    at = slot[J]
+                    if at < first or at >= to or columns[at] != J:
+                        at = to
+                        to += 1
+                        slot[J] = at
+                        columns[at] = J
+                        blocks[at] = 0.0
+                    B = b_blocks[e]
+                    C = blocks[at]
+                    for c in range(m):
+                        for a in range(m):
+                            for b in range(p):
+                                C[a, b] += A[a, c] * B[c, b]
+
+
+@njit(cache=True, error_model="numpy", parallel=True, fastmath=FAST)
+def product6(
+    a_offsets: Any,
+    a_columns: Any,
+    a_blocks: Any,
+    b_offsets: Any,
+    b_columns: Any,
+    b_blocks: Any,
+    width: int,
+    L: Any,
+    offsets: Any,
+    columns: Any,
+    blocks: Any,
+) -> None:
+    """`product` for blocks len(L) x 6, whose rows stay in registers."""
+    m = len(L)
+    n = len(a_offsets) - 1
+    for part in prange(PARTS):
+        slot = np.full(width, -1, np.int32)
+        for i in range(n * part // PARTS, n * (part + 1) // PARTS):
+            first = offsets[i]
+            to = first
+            for k in range(a_offsets[i], a_offsets[i + 1]):
+                j = a_columns[k]
+                for e in range(b_offsets[j], b_offsets[j + 1]):
+                    J = b_columns[e]
+                    at = slot[J]
+                    if at < first or at >= to or columns[at] != J:
+                        at = to
+                        to += 1
+                        slot[J] = at
+                        columns[at] = J
+                        for a in range(m):
+                            for b in range(6):
+                                blocks[at, a, b] = 0.0
+                    for a in range(m):
+                        s = blocks[at, a, 0]
+                        t = blocks[at, a, 1]
+                        u = blocks[at, a, 2]
+                        v = blocks[at, a, 3]
+                        w = blocks[at, a, 4]
+                        z = blocks[at, a, 5]
+                        for c in range(m):
+                            f = a_blocks[k, a, c]
+                            s += f * b_blocks[e, c, 0]
+                            t += f * b_blocks[e, c, 1]
+                            u += f * b_blocks[e, c, 2]
+                            v += f * b_blocks[e, c, 3]
+                            w += f * b_blocks[e, c, 4]
+                            z += f * b_blocks[e, c, 5]
+                        blocks[at, a, 0] = s
+                        blocks[at, a, 1] = t
+                        blocks[at, a, 2] = u
+                        blocks[at, a, 3] = v
+                        blocks[at, a, 4] = w
+                        blocks[at, a, 5] = z
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
+def damp(
+    offsets: Any, columns: Any, blocks: Any, b_offsets: Any, b_columns: Any, b_blocks: Any, f: Any
+) -> None:
+    """A = f A + B, where A has all blocks of B."""
+    n = len(offsets) - 1
+    for part in prange(PARTS):
+        for i in range(n * part // PARTS, n * (part + 1) // PARTS):
+            for k in range(offsets[i], offsets[i + 1]):
+                blocks[k] *= f
+                for e in range(b_offsets[i], b_offsets[i + 1]):
+                    if b_columns[e] == columns[k]:
+                        blocks[k] += b_blocks[e]
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
+def count_galerkin(t_offsets: Any, t_rows: Any, b_offsets: Any, b_columns: Any, out: Any) -> None:
+    """out[top + 1] = number of blocks on and right of the diagonal in row I of Tᵀ B."""
+    n = len(t_offsets) - 1
+    for part in prange(PARTS):
+        seen = np.full(n, -1, np.int32)
+        for top in range(n * part // PARTS, n * (part + 1) // PARTS):
+            count = 0
+            for k in range(t_offsets[top], t_offsets[top + 1]):
+                i = t_rows[k]
+                for e in range(b_offsets[i], b_offsets[i + 1]):
+                    J = b_columns[e]
+                    if J >= top and seen[J] != top:
+                        seen[J] = top
+                        count += 1
+            out[top + 1] = count
+
+
+@njit(cache=True, error_model="numpy", parallel=True, fastmath=FAST)
+def galerkin(
+    t_offsets: Any,
+    t_rows: Any,
+    t_where: Any,
+    t_blocks: Any,
+    b_offsets: Any,
+    b_columns: Any,
+    b_blocks: Any,
+    S: Any,
+    offsets: Any,
+    columns: Any,
+    blocks: Any,
+) -> None:
+    """Blocks of Tᵀ B on and right of the diagonal, columns of a row ascending."""
+    m = len(S[0])
+    p = len(S[1])
+    n = len(t_offsets) - 1
+    for part in prange(PARTS):
+        slot = np.full(n, -1, np.int32)
+        for top in range(n * part // PARTS, n * (part + 1) // PARTS):
+            first = offsets[top]
+            to = first
+            for k in range(t_offsets[top], t_offsets[top + 1]):
+                i = t_rows[k]
+                for e in range(b_offsets[i], b_offsets[i + 1]):
+                    J = b_columns[e]
+                    at = slot[J]
+                    if J >= top and (at < first or at >= to or columns[at] != J):
+                        slot[J] = to
+                        columns[to] = J
+                        to += 1
+            columns[first:to].sort()
+            for at in range(first, to):
+                slot[columns[at]] = at
+                blocks[at] = 0.0
+            for k in range(t_offsets[top], t_offsets[top + 1]):
+                i = t_rows[k]
+                T = t_blocks[t_where[k]]
+                for e in range(b_offsets[i], b_offsets[i + 1]):
+                    J = b_columns[e]
+                    if J < top:
+                        continue
+                    B = b_blocks[e]
+                    C = blocks[slot[J]]
+                    for c in range(m):
+                        for a in range(p):
+                            for b in range(p):
+                                C[a, b] += T[c, a] * B[c, b]
+
+
+@njit(cache=True, error_model="numpy", parallel=True, fastmath=FAST)
+def galerkin6(
+    t_offsets: Any,
+    t_rows: Any,
+    t_where: Any,
+    t_blocks: Any,
+    b_offsets: Any,
+    b_columns: Any,
+    b_blocks: Any,
+    L: Any,
+    offsets: Any,
+    columns: Any,
+    blocks: Any,
+) -> None:
+    """`galerkin` for blocks len(L) x 6, whose rows stay in registers."""
+    m = len(L)
+    n = len(t_offsets) - 1
+    for part in prange(PARTS):
+        slot = np.full(n, -1, np.int32)
+        for top in range(n * part // PARTS, n * (part + 1) // PARTS):
+            first = offsets[top]
+            to = first
+            for k in range(t_offsets[top], t_offsets[top + 1]):
+                i = t_rows[k]
+                for e in range(b_offsets[i], b_offsets[i + 1]):
+                    J = b_columns[e]
+                    at = slot[J]
+                    if J >= top and (at < first or at >= to or columns[at] != J):
+                        slot[J] = to
+                        columns[to] = J
+                        to += 1
+            columns[first:to].sort()
+            for at in range(first, to):
+                slot[columns[at]] = at
+                for a in range(6):
+                    for b in range(6):
+                        blocks[at, a, b] = 0.0
+            for k in range(t_offsets[top], t_offsets[top + 1]):
+                i = t_rows[k]
+                q = t_where[k]
+                for e in range(b_offsets[i], b_offsets[i + 1]):
+                    if b_columns[e] < top:
+                        continue
+                    at = slot[b_columns[e]]
+                    for a in range(6):
+                        s = blocks[at, a, 0]
+                        t = blocks[at, a, 1]
+                        u = blocks[at, a, 2]
+                        v = blocks[at, a, 3]
+                        w = blocks[at, a, 4]
+                        z = blocks[at, a, 5]
+                        for c in range(m):
+                            f = t_blocks[q, c, a]
+                            s += f * b_blocks[e, c, 0]
+                            t += f * b_blocks[e, c, 1]
+                            u += f * b_blocks[e, c, 2]
+                            v += f * b_blocks[e, c, 3]
+                            w += f * b_blocks[e, c, 4]
+                            z += f * b_blocks[e, c, 5]
+                        blocks[at, a, 0] = s
+                        blocks[at, a, 1] = t
+                        blocks[at, a, 2] = u
+                        blocks[at, a, 3] = v
+                        blocks[at, a, 4] = w
+                        blocks[at, a, 5] = z
+
+
+@njit(cache=True, error_model="numpy")
+def mirror(
+    u_offsets: Any, u_columns: Any, u_blocks: Any, L: Any, offsets: Any, columns: Any, blocks: Any
+) -> None:
+    """The whole symmetric matrix from its blocks on and right of the diagonal.
+
+    `offsets` (n + 1) are those of the whole. Diagonal entries that are zero become one.
+    """
+    p = len(L)
+    n = len(u_offsets) - 1
+    to = offsets[:-1].copy()
+    for top in range(n):
+        for k in range(u_offsets[top], u_offsets[top + 1]):
+            J = u_columns[k]
+            at = to[top]
+            to[top] += 1
+            columns[at] = J
+            if J == top:
+                for a in range(p):
+                    for b in range(a, p):
+                        blocks[at, a, b] = u_blocks[k, a, b]
+                        blocks[at, b, a] = u_blocks[k, a, b]
+                    if blocks[at, a, a] == 0.0:
+                        blocks[at, a, a] = 1.0
+                continue
+            blocks[at] = u_blocks[k]
+            at = to[J]
+            to[J] += 1
+            columns[at] = top
+            for a in range(p):
+                for b in range(p):
+                    blocks[at, b, a] = u_blocks[k, a, b]
