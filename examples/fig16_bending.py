@@ -38,7 +38,9 @@ def design(figure: str) -> tuple[il.Wall, tuple[int, int, int], tuple[str, ...]]
     return wall, tuple(8 * n for n in repeat), ("v=0",) if torus else ("u=0", "u=1")
 
 
-def solve(figure: str, degree: int, coarser: int) -> tuple[il.cutfem.Solution, dict[str, float]]:
+def solve(
+    figure: str, degree: int, coarser: int, smoothness: int | None = None
+) -> tuple[il.cutfem.Solution, dict[str, float]]:
     """The solution, and the seconds that its stages took, the wall and its spline not counted."""
     wall, cells, held = design(figure)
     force: Callable[[np.ndarray], np.ndarray] = FIGURES[figure][2]
@@ -49,7 +51,8 @@ def solve(figure: str, degree: int, coarser: int) -> tuple[il.cutfem.Solution, d
     clock = [time.perf_counter()]
     with warnings.catch_warnings():  # at 8 cells per tile trilinear functions are too stiff
         warnings.simplefilter("ignore", il.errors.PrecisionWarning)
-        problem = il.cutfem.Elasticity(wall, tuple(n // coarser for n in cells), degree=degree)
+        coarse = tuple(n // coarser for n in cells)
+        problem = il.cutfem.Elasticity(wall, coarse, degree=degree, smoothness=smoothness)
         clock.append(time.perf_counter())
         for face in held:
             problem = problem.clamp(face)

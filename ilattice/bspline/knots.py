@@ -113,7 +113,8 @@ def wrapped_knots(base: FloatArray, k: int, end: float) -> FloatArray:
     """Periodic knot vector (S + 2k + 1,) from the S knots of one period ``[base[0], end]``."""
     j = np.arange(-k, len(base) + k + 1)
     t = base[j % len(base)] + (j // len(base)) * (end - base[0])
-    t[t == base[0] + (end - base[0])] = end  # the sum may miss it by rounding
+    t[t == base[0] + (end - base[0])] = end  # sums may miss both ends by rounding
+    t[t == end - (end - base[0])] = base[0]
     return t
 
 

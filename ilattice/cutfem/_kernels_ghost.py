@@ -1,4 +1,4 @@
-"""Matrices of the jumps of the highest normal derivative across faces between cells.
+"""Matrices of the jumps of normal derivatives across faces between cells.
 
 Guarantees: a matrix depends on its own face only; the same bits for any number of threads.
 """
@@ -14,16 +14,16 @@ from ilattice.cutfem._kernels_basis import INNER, line, take_table
 
 @njit(parallel=True, **INNER)
 def ghost_matrices(
-    axis: int, t1: Any, t2: Any, places: Any, nodes: Any, weights: Any, jumps: Any, out: Any
+    axis: int, t1: Any, t2: Any, places: Any, nodes: Any, weights: Any, products: Any, out: Any
 ) -> None:
-    """Matrices out (faces, n, n), n = (p + 2) (p + 1)², of penalties on jumps.
+    """Matrices out (faces, n, n), n = m (p + 1)², of penalties on jumps.
 
     t1 and t2 are the tables of the two directions along the faces, in rising order, and `places`
     (faces, 2) the cells there; `weights` (faces, q, q) are those at the tensor points of `nodes`;
-    `jumps` (faces, p + 2) of the functions across.
+    `products` (faces, m, m) are those of the jumps of the functions across.
     """
     n = t1.shape[1]
-    m = n + 1
+    m = products.shape[1]
     q = len(nodes)
     for e in prange(len(places)):
         T = np.zeros((2, n, LANES))
@@ -47,21 +47,20 @@ def ghost_matrices(
         for a in range(n * n):
             for b in range(a):
                 M[a, b] = M[b, a]
-        across = np.empty(n * n * m)
+        across = np.empty(n * n * m, np.int64)
         along = np.empty(n * n * m, np.int64)
         for a in range(n * n * m):
-            i, along[a] = split(a, axis, n)
-            across[a] = jumps[e, i]
+            across[a], along[a] = split(a, axis, n, m)
         for a in range(n * n * m):
             for b in range(n * n * m):
-                out[e, a, b] = across[a] * across[b] * M[along[a], along[b]]
+                out[e, a, b] = products[e, across[a], across[b]] * M[along[a], along[b]]
 
 
 @njit(**INNER)
-def split(a: int, axis: int, n: int) -> Any:
+def split(a: int, axis: int, n: int, m: int) -> Any:
     """Number across, and number along, of local function a of a face."""
     if axis == 0:
         return a // (n * n), a % (n * n)
     if axis == 1:
-        return (a // n) % (n + 1), a // (n * (n + 1)) * n + a % n
-    return a % (n + 1), a // (n + 1)
+        return (a // n) % m, a // (n * m) * n + a % n
+    return a % m, a // m

@@ -20,7 +20,7 @@ from ilattice.cutfem.assembly import Assembly, compressed_where_long
 from ilattice.cutfem.connectivity import Parts, connected_parts
 from ilattice.cutfem.grid import CUT, IN, CutGrid, cut
 from ilattice.cutfem.rules import MOST_POINTS, NAMES, Quadrature, in_space, on_cells, some_cells
-from ilattice.cutfem.space import DEGREES, SplineSpace
+from ilattice.cutfem.space import SplineSpace, as_degree_and_smoothness
 from ilattice.cutfem.stabilise import ghost_faces, void_rule
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.macroshape.maps import SplineMap
@@ -31,9 +31,11 @@ from ilattice.offsets.wall import Wall
 SURFACES = ("surface", "outer", "inner")
 STABILIZATIONS = ("auto", "ghost", "void", "none")
 GUARD = 1e-8
-#: Weights of ghost penalties per degree: as little as bounds the condition number by three times
-#: that of whole cells, since thin walls are stiffened by them; and more for Nitsche's method.
-GHOST = {1: 0.1, 2: 1e-3, 3: 1e-3}
+#: Weights of ghost penalties per degree and smoothness: as little as bounds the condition number by
+#: three times that of whole cells, since thin walls are stiffened by them; and more, per degree,
+#: for Nitsche's method. For degree 3 and smoothness 0 no weight does it: where slivers meet at an
+#: edge or a corner the number is up to 1e4 times that of whole cells.
+GHOST = {(1, 0): 0.1, (2, 1): 1e-3, (2, 0): 1e-4, (3, 2): 1e-3, (3, 1): 1e-3, (3, 0): 1e-3}
 GHOST_NITSCHE = {1: 0.1, 2: 1e-2, 3: 1e-2}
 COARSE = 2.0
 #: A solid of which fewer cells are full than this part of those that are cut has struts that are
@@ -51,6 +53,8 @@ class Domain:
         Level sets on the grid.
     degree : int
         Of the splines: 1, 2 or 3.
+    smoothness : int
+        Number of their derivatives that are continuous across the faces of cells.
     q : int
         Gauss points per direction.
     stabilization : {"ghost", "void", "none"}
@@ -63,6 +67,7 @@ class Domain:
 
     cut: CutGrid
     degree: int
+    smoothness: int
     q: int
     stabilization: str
     weight: float | None
@@ -141,12 +146,13 @@ class Domain:
 
     def _assembly(self, parts: IntArray, weak: bool) -> Assembly:
         cells = self.parts.cells[np.isin(self.parts.labels, parts)]
-        space = SplineSpace(self.cut.grid, self.degree, cells)
+        space = SplineSpace(self.cut.grid, self.degree, cells, self.smoothness)
         if not weak and self.stabilization != "ghost":
             return Assembly(space, self.cut.through)
         weight = self.weight if self.stabilization == "ghost" else None
         if weight is None:
-            weight = (GHOST_NITSCHE if weak else GHOST)[self.degree]
+            p = self.degree
+            weight = GHOST_NITSCHE[p] if weak else GHOST[p, self.smoothness]
         faces = ghost_faces(self.cut, self.wet, cells, weight, self.volume)
         return Assembly(space, self.cut.through, faces)
 
@@ -250,9 +256,10 @@ class Domain:
             )
         full, partly = (len(self.cut.cells(status)) for status in (IN, CUT))
         if self.wall is not None and self.wall.thickness.solid and full < FULL * partly:
+            kinks = ", or smoothness=0: functions that bend between cells" * (self.smoothness > 0)
             warnings.warn(
                 f"{full} cells lie in the solid and {partly} cross its surface: struts of one or "
-                "two cells are too stiff, also with a higher degree; take finer cells",
+                f"two cells are too stiff, also with a higher degree; take finer cells{kinks}",
                 PrecisionWarning,
                 stacklevel=4,
             )
@@ -285,8 +292,8 @@ def _one_set(rule: Quadrature, number: int) -> Quadrature:
 
 
 def as_domain(
-    field: Any, cells: Any, *, degree: int, q: int | None, stabilization: str,
-    weight: float | None, domain: Any, through: Any,
+    field: Any, cells: Any, *, degree: int, smoothness: int | None, q: int | None,
+    stabilization: str, weight: float | None, domain: Any, through: Any,
 ) -> Domain:  # fmt: skip
     """Check the arguments that all problems share.
 
@@ -296,7 +303,7 @@ def as_domain(
         The solid; of a `Domain` everything is kept.
     cells, domain, through : optional
         As in `cut`.
-    degree, q, stabilization, weight : optional
+    degree, smoothness, q, stabilization, weight : optional
         As in `Domain`.
 
     Returns
@@ -311,8 +318,7 @@ def as_domain(
     """
     if isinstance(field, Domain):
         return field
-    if isinstance(degree, bool) or degree not in DEGREES:
-        raise InputError(f"degree must be 1, 2 or 3, got {degree!r}")
+    degree, smoothness = as_degree_and_smoothness(degree, smoothness)
     q = degree + (1 if degree == 1 else 2) if q is None else q
     if isinstance(q, bool) or q not in range(1, MOST_POINTS + 1):
         raise InputError(f"q must be a whole number from 1 to {MOST_POINTS}, got {q!r}")
@@ -328,4 +334,4 @@ def as_domain(
     grid = field if isinstance(field, CutGrid) else cut(field, cells, domain=domain,
                                                         through=through)  # fmt: skip
     wall = field if isinstance(field, Wall) else None
-    return Domain(grid, int(degree), int(q), stabilization, weight, wall)
+    return Domain(grid, degree, smoothness, int(q), stabilization, weight, wall)

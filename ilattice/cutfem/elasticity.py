@@ -55,6 +55,10 @@ class Elasticity(Problem):
         Von Mises stress at which the material yields; solutions then tell how much of it is used.
     degree : {1, 2, 3}, keyword-only
         Of the splines.
+    smoothness : int, optional, keyword-only
+        Number of derivatives that are continuous across the faces of cells, from 0 to degree - 1,
+        which is the default. With 0 thin struts bend at joints within a cell or two, at up to
+        degree³ times as many unknowns; see `ilattice.cutfem` for which to use when.
     q : int, optional, keyword-only
         Gauss points per direction and piece of a cell; by default 2 for degree 1, else degree + 2:
         with fewer, errors under tractions on a curved surface fall more slowly than those of the
@@ -103,13 +107,13 @@ class Elasticity(Problem):
     def __init__(
         self, field: Any, cells: Any = None, *, young: Property = 1.0, poisson: Property = 0.3,
         density: Property = 1.0, expansion: Property = 0.0, strength: Property | None = None,
-        degree: int = 2, q: int | None = None, stabilization: str = "auto",
-        weight: float | None = None, islands: str = "drop", domain: Any = None,
-        through: Any = None,
+        degree: int = 2, smoothness: int | None = None, q: int | None = None,
+        stabilization: str = "auto", weight: float | None = None, islands: str = "drop",
+        domain: Any = None, through: Any = None,
     ) -> None:  # fmt: skip
         where = as_domain(
-            field, cells, degree=degree, q=q, stabilization=stabilization, weight=weight,
-            domain=domain, through=through,
+            field, cells, degree=degree, smoothness=smoothness, q=q, stabilization=stabilization,
+            weight=weight, domain=domain, through=through,
         )  # fmt: skip
         lattice = where.wall.lattice if isinstance(where.wall, Wall) else None
         super().__init__(where, islands)

@@ -50,7 +50,7 @@ class Heat(Problem):
     conductivity, capacity : float, str or callable, keyword-only
         Heat per length, time and degree; heat per volume and degree. A callable takes points of
         space (n, 3); a name is that of a property of the lattice.
-    degree, q, stabilization, weight, islands, domain, through : keyword-only
+    degree, smoothness, q, stabilization, weight, islands, domain, through : keyword-only
         As in `Elasticity`.
 
     Raises
@@ -78,13 +78,13 @@ class Heat(Problem):
 
     def __init__(
         self, field: Any, cells: Any = None, *, conductivity: Property = 1.0,
-        capacity: Property = 1.0, degree: int = 2, q: int | None = None,
-        stabilization: str = "auto", weight: float | None = None, islands: str = "drop",
-        domain: Any = None, through: Any = None,
+        capacity: Property = 1.0, degree: int = 2, smoothness: int | None = None,
+        q: int | None = None, stabilization: str = "auto", weight: float | None = None,
+        islands: str = "drop", domain: Any = None, through: Any = None,
     ) -> None:  # fmt: skip
         where = as_domain(
-            field, cells, degree=degree, q=q, stabilization=stabilization, weight=weight,
-            domain=domain, through=through,
+            field, cells, degree=degree, smoothness=smoothness, q=q, stabilization=stabilization,
+            weight=weight, domain=domain, through=through,
         )  # fmt: skip
         super().__init__(where, islands)
         lattice = None if where.wall is None else where.wall.lattice

@@ -127,7 +127,7 @@ class HeatSolution(Result):
         Returns
         -------
         RecoveredHeat
-            A solution whose heat flux is projected on the splines of the temperature.
+            A solution whose heat flux is projected on smooth splines of the same degree.
         """
         from ilattice.cutfem.recovery import recovered_flux
 

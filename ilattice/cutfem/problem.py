@@ -102,7 +102,8 @@ class Problem:
     def __repr__(self) -> str:
         counts = f"{len(self.supports) + len(self.springs)} supports, {len(self.loads)} loads"
         shape = "×".join(map(str, self.domain.cut.grid.shape))
-        return f"{type(self).__name__}({shape} cells, degree {self.domain.degree}, {counts})"
+        kind = f"degree {self.domain.degree}, smoothness {self.domain.smoothness}"
+        return f"{type(self).__name__}({shape} cells, {kind}, {counts})"
 
     # ---------------------------------------------------------------- verbs
 

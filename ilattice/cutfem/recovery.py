@@ -1,12 +1,12 @@
-"""Smooth stresses and heat fluxes of solved problems: projections on the space of the solution.
+"""Smooth stresses and heat fluxes of solved problems: projections on smooth splines.
 
 Derivatives of a solution of degree p are an order less accurate than the solution, and worst at
-its surface, in badly cut cells. Their projection on the splines of the same degree, with the least
-mean square over the solid, is smooth and defined up to the surface. On uniform grids it is also
-more accurate: the error of the derivatives oscillates with the period of the cells, and splines are
-orthogonal to that. Sources: Zienkiewicz and Zhu, 1987, for the recovery by projection; Burman,
-Ghost penalty, 2010, for the penalty on jumps, without which a cell of which little is left would
-take any value.
+its surface, in badly cut cells. Their projection on the splines of the same degree and of greatest
+smoothness, with the least mean square over the solid, is smooth and defined up to the surface. On
+uniform grids it is also more accurate: the error of the derivatives oscillates with the period of
+the cells, and these splines are orthogonal to that. Sources: Zienkiewicz and Zhu, 1987, for the
+recovery by projection; Burman, Ghost penalty, 2010, for the penalty on jumps, without which a cell
+of which little is left would take any value.
 
 Guarantees: stresses in the space of splines, so all that are linear in parameters, are reproduced,
 through an affine map or any other; the condition number of the projection does not depend on how
@@ -14,7 +14,7 @@ cells are cut. Non-guarantees: where a material jumps, so does the stress, and t
 overshoots there; at re-entrant edges it grows without bound under refinement, as the stress does.
 """
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,7 @@ from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.domain import Domain
 from ilattice.cutfem.heat_solution import HeatSolution
+from ilattice.cutfem.problem import Problem
 from ilattice.cutfem.rules import Quadrature
 from ilattice.cutfem.solution import Solution
 from ilattice.cutfem.solvers import Solver
@@ -73,7 +74,7 @@ class Recovered(Solution):
         ndarray, shape (n, 6)
             xx, yy, zz, yz, xz, xy.
         """
-        return self.problem.assembly.space.evaluate(self.stresses, u)[0]
+        return smoothest(self.problem).space.evaluate(self.stresses, u)[0]
 
     def stress_on(self, rule: Quadrature) -> FloatArray:
         """Recovered stress at the points of a rule in the active cells.
@@ -88,7 +89,7 @@ class Recovered(Solution):
         ndarray, shape (n, 6)
             As `stress`.
         """
-        return values_on(self.problem.assembly, self.stresses, rule)
+        return values_on(smoothest(self.problem), self.stresses, rule)
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +127,7 @@ class RecoveredHeat(HeatSolution):
         ndarray, shape (n, 3)
             Smooth.
         """
-        return self.problem.assembly.space.evaluate(self.fluxes, u)[0]
+        return smoothest(self.problem).space.evaluate(self.fluxes, u)[0]
 
     def heat_flux_on(self, rule: Quadrature) -> FloatArray:
         """Recovered heat flux at the points of a rule in the active cells.
@@ -141,7 +142,7 @@ class RecoveredHeat(HeatSolution):
         ndarray, shape (n, 3)
             As `heat_flux`.
         """
-        return values_on(self.problem.assembly, self.fluxes, rule)
+        return values_on(smoothest(self.problem), self.fluxes, rule)
 
 
 def recovered_stress(solution: Solution) -> Recovered:
@@ -161,7 +162,7 @@ def smooth_stress(solution: Solution, weights: dict[int, float]) -> FloatArray:
     constant = problem.material.constant and not heated
     rule = problem.domain.stiff_rule(problem.assembly, constant=constant)
     stress = Solution.stress_on(solution, rule)
-    return project(problem.domain, problem.assembly, rule, stress, weights)
+    return project(problem, rule, stress, weights)
 
 
 def smooth_flux(solution: HeatSolution, weights: dict[int, float]) -> FloatArray:
@@ -170,20 +171,29 @@ def smooth_flux(solution: HeatSolution, weights: dict[int, float]) -> FloatArray
     constant = problem.conductivity.constant
     rule = problem.domain.stiff_rule(problem.assembly, constant=constant)
     flux = HeatSolution.heat_flux_on(solution, rule)
-    return project(problem.domain, problem.assembly, rule, flux, weights)
+    return project(problem, rule, flux, weights)
+
+
+def smoothest(problem: Problem) -> Assembly:
+    """Splines of greatest smoothness on the active cells: those that are recovered."""
+    asm, domain = problem.assembly, problem.domain
+
+    def make() -> Assembly:
+        space = replace(asm.space, smoothness=asm.space.degree - 1)
+        return Assembly(space, asm.through)
+
+    return domain.once(("smoothest", asm), make)
 
 
 def project(
-    domain: Domain, asm: Assembly, rule: Quadrature, values: FloatArray, weights: dict[int, float]
+    problem: Problem, rule: Quadrature, values: FloatArray, weights: dict[int, float]
 ) -> FloatArray:
-    """Splines that are closest to a field in the mean square over the solid.
+    """Smoothest splines that are closest to a field in the mean square over the solid.
 
     Parameters
     ----------
-    domain : Domain
-        Keeps the factor of the matrix of masses, for other fields.
-    asm : Assembly
-        Functions and map.
+    problem : Problem
+        Its domain keeps the factor of the matrix of masses, for other fields.
     rule : Quadrature
         On the active cells, in parameters.
     values : ndarray, shape (n, m)
@@ -196,11 +206,12 @@ def project(
     ndarray, shape (functions, m)
         Coefficients.
     """
-    weight = weights[asm.space.degree]
-    smooth, solver = domain.once(
-        ("projection", asm, rule, weight), lambda: _masses(domain, asm, rule, weight)
+    domain, weight = problem.domain, weights[problem.domain.degree]
+    smooth = smoothest(problem)
+    solver = domain.once(
+        ("projection", smooth, rule, weight), lambda: _masses(domain, smooth, rule, weight)
     )
-    w = rule.weights * np.abs(np.linalg.det(asm.jacobians(rule.points)))
+    w = rule.weights * np.abs(np.linalg.det(smooth.jacobians(rule.points)))
     f = smooth.vector(rule, w[:, None] * values)
     out = np.zeros_like(f)
     some = f.any(axis=0)
@@ -221,13 +232,11 @@ def _attributes(solution: Solution | HeatSolution) -> dict[str, Any]:
     return {f.name: getattr(solution, f.name) for f in fields(solution)}
 
 
-def _masses(
-    domain: Domain, asm: Assembly, rule: Quadrature, weight: float
-) -> tuple[Assembly, Solver]:
-    """Functions with ghost faces, and the solver for their masses."""
-    faces = ghost_faces(domain.cut, domain.wet, asm.space.cells, weight)
-    smooth = Assembly(asm.space, asm.through, faces)
-    data = smooth.zeros(1)
-    smooth.add_cells(data, rule, kernels.MASS, np.ones((1, 1)))
-    smooth.add_ghost(data, None)
-    return smooth, Solver(smooth.pattern.matrix(data), places=asm.coordinates)
+def _masses(domain: Domain, smooth: Assembly, rule: Quadrature, weight: float) -> Solver:
+    """Solver for the masses of functions, with a penalty on their jumps."""
+    faces = ghost_faces(domain.cut, domain.wet, smooth.space.cells, weight)
+    asm = replace(smooth, ghost=faces)
+    data = asm.zeros(1)
+    asm.add_cells(data, rule, kernels.MASS, np.ones((1, 1)))
+    asm.add_ghost(data, None)
+    return Solver(asm.pattern.matrix(data), places=smooth.coordinates)

@@ -160,7 +160,7 @@ class Solution(Result):
         Returns
         -------
         Recovered
-            A solution whose stresses are projected on the splines of the displacement.
+            A solution whose stresses are projected on smooth splines of the same degree.
         """
         from ilattice.cutfem.recovery import recovered_stress
 

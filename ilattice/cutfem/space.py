@@ -1,9 +1,11 @@
-"""Tensor B-splines of greatest smoothness on a background grid: the functions that matter.
+"""Tensor B-splines on a background grid: the functions that matter.
 
 A `SplineSpace` has the functions whose support meets an active cell: one in or cut, and not
-dropped. Open directions have repeated end knots, so that on an end face the functions of the first
-layer alone are not zero; closed directions wrap. Degree 1 are the trilinear functions of Hong et
-al. 2025, section 4.
+dropped. Planes between cells are knots of which each repetition takes one continuous derivative: by
+default there is one, and p - 1 derivatives of degree p are continuous; with p of them, smoothness
+0, the functions span those of finite elements. Open directions have end knots repeated p + 1 times,
+so that on an end face the functions of the first layer alone are not zero; closed directions wrap.
+Degree 1 are the trilinear functions of Hong et al. 2025, section 4.
 
 Guarantees: the functions add up to one in every active cell, and reproduce polynomials of their
 degree in parameters; a map in the space of all functions has exact rigid modes. Non-guarantee:
@@ -41,21 +43,23 @@ class SplineSpace:
         1, 2 or 3 in every direction.
     cells : ndarray, shape (cells,)
         Numbers of the active cells, increasing.
+    smoothness : int
+        Number of derivatives that are continuous across the faces of cells, 0 to degree - 1.
     """
 
     grid: Grid
     degree: int
     cells: IntArray
+    smoothness: int
 
     def __post_init__(self) -> None:
-        if isinstance(self.degree, bool) or self.degree not in DEGREES:
-            raise InputError(f"degree must be 1, 2 or 3, got {self.degree!r}")
+        p = as_degree_and_smoothness(self.degree, self.smoothness)[0]
         for a in range(3):
-            if self.grid.closed[a] and self.grid.shape[a] < self.degree + 1:
+            if self.grid.closed[a] and self.step * self.grid.shape[a] < p + 1:
                 raise InputError(
                     f"cells: the domain is closed in direction {'uvw'[a]} and needs at least "
-                    f"{self.degree + 1} cells there for degree {self.degree}, got "
-                    f"{self.grid.shape[a]}"
+                    f"{-(-(p + 1) // self.step)} cells there for degree {p} and smoothness "
+                    f"{self.smoothness}, got {self.grid.shape[a]}"
                 )
         cells = np.unique(np.asarray(self.cells, np.int64))
         if not len(cells) or cells[0] < 0 or cells[-1] >= np.prod(self.grid.shape):
@@ -66,35 +70,44 @@ class SplineSpace:
         return len(self.functions)
 
     def __repr__(self) -> str:
-        return f"SplineSpace(degree {self.degree}, {len(self)} functions, {len(self.cells)} cells)"
+        kind = f"degree {self.degree}, smoothness {self.smoothness}"
+        return f"SplineSpace({kind}, {len(self)} functions, {len(self.cells)} cells)"
 
     # ---------------------------------------------------------------- numbering
 
     @property
+    def step(self) -> int:
+        """Functions that each further cell brings in a direction: repetitions of its knot."""
+        return self.degree - self.smoothness
+
+    @property
     def shape(self) -> tuple[int, int, int]:
         """Number of functions per direction, active or not."""
-        p = self.degree
-        a, b, c = (n if w else n + p
-                   for n, w in zip(self.grid.shape, self.grid.closed, strict=True))  # fmt: skip
+        p, m = self.degree, self.step
+        cells, closed = self.grid.shape, self.grid.closed
+        a, b, c = (m * n if w else m * (n - 1) + p + 1 for n, w in zip(cells, closed, strict=True))
         return a, b, c
 
     @cached_property
     def knots(self) -> tuple[FloatArray, ...]:
-        """Knots per direction."""
-        p = self.degree
-        return tuple(
-            wrapped_knots(x[:-1], p, float(x[-1]))
-            if closed
-            else np.concatenate([np.full(p, x[0]), x, np.full(p, x[-1])])
-            for x, closed in zip(self.grid.axes, self.grid.closed, strict=True)
-        )
+        """Knots per direction; the first cell is behind knot p, and each further one `step` on."""
+        p, m = self.degree, self.step
+        out = []
+        for x, closed in zip(self.grid.axes, self.grid.closed, strict=True):
+            inner = np.repeat(x[1:-1], m)
+            if closed:
+                base = np.concatenate([x[:1], inner, np.full(m - 1, x[-1])])
+                out.append(wrapped_knots(base, p, float(x[-1])))
+            else:
+                out.append(np.concatenate([np.full(p + 1, x[0]), inner, np.full(p + 1, x[-1])]))
+        return tuple(out)
 
     @cached_property
     def tables(self) -> tuple[FloatArray, ...]:
         """Per direction the centred monomial coefficients (cells, p + 1, p + 1) of functions."""
         p = self.degree
         return tuple(
-            monomial_table(np.array(t), p, p + np.arange(n))
+            monomial_table(np.array(t), p, p + self.step * np.arange(n))
             for t, n in zip(self.knots, self.grid.shape, strict=True)
         )
 
@@ -109,12 +122,12 @@ class SplineSpace:
         return self.grid.boxes(self.cells)
 
     def numbers(self, places: IntArray, layers: tuple[int, int, int]) -> IntArray:
-        """Numbers, among all functions, of those from each place on.
+        """Numbers, among all functions, of those from the first one of each cell on.
 
         Parameters
         ----------
         places : ndarray, shape (n, 3)
-            First function per direction.
+            Index of cells per direction.
         layers : tuple of int
             How many functions per direction.
 
@@ -124,7 +137,8 @@ class SplineSpace:
             The last direction runs fastest.
         """
         i, j, k = (
-            (places[:, a, None] + np.arange(layers[a])) % self.shape[a] for a in range(3)
+            (self.step * places[:, a, None] + np.arange(layers[a])) % self.shape[a]
+            for a in range(3)
         )  # fmt: skip
         flat = (i[:, :, None, None] * self.shape[1] + j[:, None, :, None]) * self.shape[2]
         return (flat + k[:, None, None, :]).reshape(len(places), layers[0] * layers[1] * layers[2])
@@ -256,3 +270,18 @@ class SplineSpace:
                 solved = np.linalg.solve(A.toarray(), rows.reshape(len(sites[a]), -1))
                 c = np.moveaxis(solved.reshape(rows.shape), 0, a)
         return c
+
+
+def as_degree_and_smoothness(degree: Any, smoothness: Any) -> tuple[int, int]:
+    """Degree 1, 2 or 3, and smoothness from 0 to degree - 1, or `InputError`.
+
+    Without a smoothness it is the greatest.
+    """
+    if isinstance(degree, bool) or degree not in DEGREES:
+        raise InputError(f"degree must be 1, 2 or 3, got {degree!r}")
+    r = degree - 1 if smoothness is None else smoothness
+    if isinstance(r, bool) or r not in range(degree):
+        raise InputError(
+            f"smoothness must be a whole number from 0 to degree - 1 = {degree - 1}, got {r!r}"
+        )
+    return int(degree), int(r)

@@ -2,15 +2,15 @@
 
 For degree 1 diagonal scaling alone bounds the condition number, and a weight of 1e-8 on the void
 part of cut cells guards against cells with too few points. From degree 2 on, and with Nitsche's
-method, jumps of the p-th normal derivative across wet faces at cut cells are penalised: functions
-are polynomials of degree p on both sides exactly if these vanish, so the penalty is consistent
-with smooth solutions to the order of the space. What a face gets is set by its emptier cell: the
-square of the part that is empty, which spares cells that hold themselves, and `FALL` per cell that
-it is away from solid. Of equal weights everywhere those at a corner of slivers are felt more than
-the solid that they hang on, and degree 3 is conditioned worse the more it is stabilised. Sources:
-Burman, Ghost penalty, 2010; Burman, Hansbo, Larson, Massing, Cut finite element methods, 2015; Hong
-et al. 2025, Remark A.2, for the stiffness on the void, which with weight 1 makes thin lattices 2 to
-6 times too stiff.
+method, jumps across wet faces at cut cells are penalised: of the p-th normal derivative, and of all
+others that are not continuous. Functions are the same polynomial of degree p on both sides exactly
+if these vanish, so the penalty is consistent with smooth solutions to the order of the space. What
+a face gets is set by its emptier cell: the square of the part that is empty, which spares cells
+that hold themselves, and `FALL` per cell that it is away from solid. Of equal weights everywhere
+those at a corner of slivers are felt more than the solid that they hang on, and degree 3 is
+conditioned worse the more it is stabilised. Sources: Burman, Ghost penalty, 2010; Burman, Hansbo,
+Larson, Massing, Cut finite element methods, 2015; Hong et al. 2025, Remark A.2, for the stiffness
+on the void, which with weight 1 makes thin lattices 2 to 6 times too stiff.
 
 Guarantees: the penalty is that of derivatives in the unit of cells, scaled with the height of the
 cells in space and the stiffness at hand, so it depends on neither unit nor size. Non-guarantee:
@@ -20,7 +20,7 @@ penalised by the order of the space.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from math import factorial
+from math import factorial, perm
 
 import numpy as np
 
@@ -52,12 +52,12 @@ class GhostFaces:
     weights: tuple[FloatArray, FloatArray, FloatArray]
 
     def dofs(self, space: SplineSpace) -> list[AnyArray]:
-        """Per direction the active functions (faces, (p + 2) (p + 1)²) of the cells at faces."""
+        """Per direction the active functions (faces, n) of the two cells at faces."""
         out = []
         for axis in range(3):
             at = np.stack(np.unravel_index(self.lower[axis], space.grid.shape), axis=1)
             layers = [space.degree + 1] * 3
-            layers[axis] += 1
+            layers[axis] += space.step
             a, b, c = layers
             out.append(space.position[space.numbers(at, (a, b, c))])
         return out
@@ -75,7 +75,7 @@ class GhostFaces:
         the height of cells.
         """
         p = space.degree
-        n = (p + 2) * (p + 1) ** 2
+        n = (p + 1 + space.step) * (p + 1) ** 2
         size = max(room // (8 * n * n), 64)
         first = 0
         for axis in range(3):
@@ -89,7 +89,7 @@ class GhostFaces:
                 ghost_matrices(
                     axis, space.tables[b], space.tables[c], at[:, [b, c]], gauss(p + 1)[0],
                     self._scales(space, axis, part, jacobians, stiffness),
-                    _jumps(space, axis, lower, upper), A,
+                    _products(space, axis, lower, upper), A,
                 )  # fmt: skip
                 yield first + np.arange(part.start, part.stop), A
             first += count
@@ -118,20 +118,27 @@ class GhostFaces:
             cofactor = np.cross(J[:, :, b], J[:, :, c])
             scale = np.einsum("nc,nc->n", cofactor, cofactor) / scale * stiffness(u)
         local = np.outer(w, w) * (box[:, 3 + b] * box[:, 3 + c])[:, None, None]
-        factor = self.weights[axis][part] / (factorial(p - 1) ** 2 * (2 * p - 1))
-        return factor[:, None, None] * local * scale.reshape(-1, q, q)
+        return self.weights[axis][part][:, None, None] * local * scale.reshape(-1, q, q)
 
 
-def _jumps(space: SplineSpace, axis: int, lower: IntArray, upper: IntArray) -> FloatArray:
-    """Jumps (faces, p + 2) of the p-th derivative, in the mean height of the two cells."""
-    p = space.degree
+def _products(space: SplineSpace, axis: int, lower: IntArray, upper: IntArray) -> FloatArray:
+    """Products (faces, m, m) of the jumps of the m functions across, summed over derivatives.
+
+    Derivatives are in the mean height of the two cells, and those of order k weigh what they do in
+    the energy of a Taylor series.
+    """
+    p, step = space.degree, space.step
     i, j = (np.unravel_index(c, space.grid.shape)[axis] for c in (lower, upper))
-    length = np.diff(space.grid.axes[axis])
+    length, table = np.diff(space.grid.axes[axis]), space.tables[axis]
     h = 0.5 * (length[i] + length[j])
-    top = factorial(p) * space.tables[axis][:, :, p]
-    out = np.zeros((len(lower), p + 2))
-    out[:, 1:] = top[j] * ((h / length[j]) ** p)[:, None]
-    out[:, :-1] -= top[i] * ((h / length[i]) ** p)[:, None]
+    out = np.zeros((len(lower), p + 1 + step, p + 1 + step))
+    for k in range(space.smoothness + 1, p + 1):
+        jump = np.zeros((len(lower), p + 1 + step))
+        for cell, side, mine in ((i, -1.0, slice(0, p + 1)), (j, 1.0, slice(step, None))):
+            factors = [perm(e, k) * (-0.5 * side) ** (e - k) for e in range(k, p + 1)]
+            scale = side * (h / length[cell]) ** k
+            jump[:, mine] += scale[:, None] * (table[cell][:, :, k:] @ factors)
+        out += jump[:, :, None] * jump[:, None, :] / (factorial(k - 1) ** 2 * (2 * k - 1))
     return out
 
 

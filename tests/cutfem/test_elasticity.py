@@ -54,19 +54,20 @@ def inside(problem, n=200):
 
 
 @pytest.mark.filterwarnings("ignore:left out")  # a corner of the gyroid
-@pytest.mark.parametrize("p", [1, 2, 3])
+@pytest.mark.parametrize(("p", "r"), [(1, 0), (2, 1), (2, 0), (3, 2), (3, 0)])
 @pytest.mark.parametrize(
     ("field", "box", "on", "n", "q"),
     [
         (ball, [[-1.0] * 3, [1.0, 1.0, 0.0]], "w=1", 5, 10),
         (slab, CUBE, "v=0", 5, 4),
-        (sheet, [[0.0] * 3, [0.5] * 3], "w=0", 3, 10),
+        (sheet, [[0.0] * 3, [0.5] * 3], "w=0", 4, 10),
     ],
 )
-def test_affine_displacements_are_exact(p, field, box, on, n, q):
+def test_affine_displacements_are_exact(p, r, field, box, on, n, q):
     kind = "none" if p == 1 else "auto"
     through = il.macroshape.box((1.0, 1.0, 1.0)) if box == CUBE else None
-    problem = Elasticity(field, n, domain=box, degree=p, q=q, stabilization=kind, through=through)
+    problem = Elasticity(field, n, domain=box, degree=p, smoothness=r, q=q, stabilization=kind,
+                         through=through)  # fmt: skip
     solution = patch(problem, on)
     u = inside(solution.problem)
     x = solution.problem.assembly.x(u)
@@ -78,11 +79,11 @@ def test_affine_displacements_are_exact(p, field, box, on, n, q):
     )
 
 
-@pytest.mark.parametrize("p", [1, 2])
-def test_affine_displacements_are_exact_through_an_affine_map_and_by_nitsche(p):
+@pytest.mark.parametrize(("p", "r"), [(1, 0), (2, 1), (2, 0)])
+def test_affine_displacements_are_exact_through_an_affine_map_and_by_nitsche(p, r):
     through = il.macroshape.box((2.0, 1.0, 0.5))
     problem = Elasticity(lambda u: ball(u - 0.5, 0.4), 5, domain=CUBE, degree=p, q=8,
-                         through=through)  # fmt: skip
+                         smoothness=r, through=through)  # fmt: skip
     solution = problem.clamp("surface", value=affine).solve(tol=1e-13)
     u = inside(problem)
     np.testing.assert_allclose(solution.evaluate(u), affine(through.x(u)), atol=1e-9)
@@ -135,19 +136,22 @@ def test_work_is_twice_the_energy_and_reactions_balance_loads(degree, cells):
 
 
 def test_struts_of_two_cells_are_too_stiff_with_any_degree_and_that_is_said():
-    """They are 0.24 tiles thick; on half the cells degree 2 is no better than degree 1."""
+    """They are 0.24 tiles thick; smooth functions of degree 2 do not bend at joints in a cell."""
     lattice = il.Lattice("cross", through=il.macroshape.box((1.0, 1.0, 1.0)))
     struts = lattice.offset((np.inf, 0.0), space="parametric")
     compliance = {}
-    for degree, n in ((1, 8), (2, 4), (2, 8)):
-        with pytest.warns(PrecisionWarning, match="too stiff, also with a higher degree"):
-            problem = Elasticity(struts, n, degree=degree)
+    for degree, smoothness, n in ((1, 0, 8), (2, 1, 4), (2, 1, 8), (2, 0, 4), (2, 0, 6)):
+        with pytest.warns(PrecisionWarning, match="too stiff, also with a higher degree") as told:
+            problem = Elasticity(struts, n, degree=degree, smoothness=smoothness)
+        assert ("or smoothness=0" in str(told[0].message)) == (smoothness > 0)
         problem = problem.clamp("u=0").clamp("u=1").load(body=(0, 0, -1.0))
-        compliance[degree, n] = problem.solve().compliance
+        compliance[degree, smoothness, n] = problem.solve().compliance
     fine = Elasticity(struts, 16).clamp("u=0").clamp("u=1").load(body=(0, 0, -1.0)).solve()
     error = {key: 1 - value / fine.compliance for key, value in compliance.items()}
-    assert 0.1 < error[1, 8] < error[2, 4]
-    assert error[2, 8] < 0.5 * error[2, 4]
+    assert 0.1 < error[1, 0, 8] < error[2, 1, 4]
+    assert error[2, 1, 8] < 0.5 * error[2, 1, 4]
+    assert error[2, 0, 4] < 0.65 * error[2, 1, 4]
+    assert 0.05 < error[2, 0, 6] < 0.5 * error[1, 0, 8]
 
 
 def test_the_papers_stabilization_is_stiff_and_says_so():
@@ -293,6 +297,7 @@ def test_what_can_move_is_refused():
         ({"young": "E"}, "only walls"),
         ({"density": -1.0}, "density"),
         ({"degree": 4}, "degree"),
+        ({"smoothness": 2}, "smoothness"),
         ({"q": 0}, "q must"),
         ({"stabilization": "magic"}, "stabilization"),
         ({"weight": -1.0}, "weight"),

@@ -34,17 +34,18 @@ def test_the_hollow_sphere():
 
 
 @pytest.mark.parametrize(
-    ("p", "cells", "caps"),
+    ("p", "r", "cells", "caps"),
     [
-        (1, (6, 8, 12), (1.5e-3, 0.09)),
-        (2, (4, 6, 8), (2.5e-4, 6.5e-3)),
-        (3, (4, 6, 8), (7e-6, 1.6e-4)),
+        (1, 0, (6, 8, 12), (1.5e-3, 0.09)),
+        (2, 1, (4, 6, 8), (2.5e-4, 6.5e-3)),
+        (2, 0, (4, 6, 8), (2.5e-4, 6.5e-3)),
+        (3, 2, (4, 6, 8), (7e-6, 1.6e-4)),
     ],
 )
-def test_errors_fall_at_the_order_of_the_space(p, cells, caps):
+def test_errors_fall_at_the_order_of_the_space(p, r, cells, caps):
     errors = []
     for n in cells:
-        problem = Heat(ball, n, domain=[[-1.0] * 3, [1.0] * 3], degree=p)
+        problem = Heat(ball, n, domain=[[-1.0] * 3, [1.0] * 3], degree=p, smoothness=r)
         problem = problem.fix("surface", known.temperature).source(known.source)
         solution = problem.solve(tol=1e-11)
         errors.append(known.errors_of(solution, known.temperature, known.slope_of_temperature))

@@ -11,10 +11,12 @@ from ilattice.errors import InputError
 AXES = (np.array([0.0, 0.3, 0.5, 1.0, 1.2]), np.linspace(-1, 1, 6), np.linspace(0, 2, 5))
 
 
-def space(p, closed=(False, False, False), cells=None):
+KINDS = [(1, 0), (2, 1), (2, 0), (3, 2), (3, 1), (3, 0)]  # degree and smoothness
+
+
+def space(p, r, closed=(False, False, False)):
     grid = Grid(AXES, closed)
-    cells = np.arange(np.prod(grid.shape)) if cells is None else cells
-    return SplineSpace(grid, p, cells)
+    return SplineSpace(grid, p, np.arange(np.prod(grid.shape)), r)
 
 
 def points(rng, n=40):
@@ -22,12 +24,17 @@ def points(rng, n=40):
     return lo + (hi - lo) * rng.random((n, 3))
 
 
-@pytest.mark.parametrize("p", [1, 2, 3])
+@pytest.mark.parametrize(("p", "r"), KINDS)
 @pytest.mark.parametrize("closed", [(False,) * 3, (True, False, False), (False, True, True)])
-def test_functions_are_those_of_scipy(p, closed):
-    s = space(p, closed)
+def test_functions_are_those_of_scipy(p, r, closed):
+    s = space(p, r, closed)
     rng = np.random.default_rng(p)
     u = points(rng)
+    for a in range(3):
+        places, times = np.unique(s.knots[a], return_counts=True)
+        inner = (places > AXES[a][0]) & (places < AXES[a][-1])
+        np.testing.assert_array_equal(places[inner], AXES[a][1:-1])
+        assert (times[inner] == p - r).all()
     c = rng.normal(size=(len(s), 2))
     full = c.reshape(*s.shape, 2)
     value, gradient = s.evaluate(c, u)
@@ -44,9 +51,9 @@ def test_functions_are_those_of_scipy(p, closed):
         np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-11)
 
 
-@pytest.mark.parametrize("p", [1, 2, 3])
-def test_polynomials_are_reproduced_and_smoothness_is_greatest(p):
-    s = space(p)
+@pytest.mark.parametrize(("p", "r"), KINDS)
+def test_polynomials_are_reproduced_and_derivatives_continuous_as_asked(p, r):
+    s = space(p, r)
 
     def f(u):
         return np.stack([(1 + u[:, 0]) ** p * u[:, 1] ** p, u[:, 2] ** p - u[:, 0]], axis=1)
@@ -56,31 +63,34 @@ def test_polynomials_are_reproduced_and_smoothness_is_greatest(p):
     np.testing.assert_allclose(s.evaluate(c, u)[0], f(u), atol=1e-12)
     rng = np.random.default_rng(1)
     c = rng.normal(size=(len(s), 1))
-    e = 1e-7
-    u = np.array([[0.5, 0.1, 0.7]])  # on a plane between cells
-    sides = [s.evaluate(c, u + np.array([d, 0, 0])) for d in (-e, e)]
-    assert abs(sides[0][0] - sides[1][0]).max() < 1e-4
-    jump = abs(sides[0][1] - sides[1][1]).max()
-    assert jump < 1e-3 if p > 1 else jump > 1e-2
+    t = np.linspace(0.02, 0.18, p + 1)  # off the plane between two cells
+    sides = []
+    for x in (t, -t):
+        v = s.evaluate(c, np.stack([0.5 + x, 0 * x + 0.1, 0 * x + 0.7], axis=1))[0][:, 0]
+        sides.append(np.linalg.solve(np.vander(x, p + 1, increasing=True), v))
+    jumps = np.abs(sides[0] - sides[1])  # of derivatives
+    assert (jumps[: r + 1] < 1e-9).all()
+    assert (jumps[r + 1 :] > 1e-2).all()
 
 
 def test_only_functions_of_active_cells_are_kept():
     grid = Grid((np.arange(6.0),) * 3)
-    for p in (1, 2, 3):
-        one = SplineSpace(grid, p, np.array([31]))
+    for p, r in KINDS:
+        one = SplineSpace(grid, p, np.array([31]), r)
         assert len(one) == (p + 1) ** 3
-        two = SplineSpace(grid, p, np.array([31, 30]))  # neighbours in the last direction
-        assert len(two) == (p + 1) ** 2 * (p + 2)
-        np.testing.assert_array_equal(two.dofs[0].reshape((p + 1,) * 3)[..., 1:],
-                                      two.dofs[1].reshape((p + 1,) * 3)[..., :-1])  # fmt: skip
+        two = SplineSpace(grid, p, np.array([31, 30]), r)  # neighbours in the last direction
+        assert len(two) == (p + 1) ** 2 * (2 * p + 1 - r)
+        np.testing.assert_array_equal(two.dofs[0].reshape((p + 1,) * 3)[..., p - r :],
+                                      two.dofs[1].reshape((p + 1,) * 3)[..., : r + 1])  # fmt: skip
         u = np.array([[1.5, 0.2, 0.3], [1.5, 0.5, 1.8], [4.5, 4.5, 4.5]])
         value = two.evaluate(np.ones((len(two), 1)), u)[0]
         np.testing.assert_allclose(value[:2], 1, atol=1e-13)  # continued by one cell
         assert np.isnan(value[2]).all()
 
 
-def test_the_seam_is_no_place():
-    s = space(2, (True, False, False))
+@pytest.mark.parametrize(("p", "r"), KINDS)
+def test_the_seam_is_no_place(p, r):
+    s = space(p, r, (True, False, False))
     c = np.random.default_rng(2).normal(size=(len(s), 1))
     v = [s.evaluate(c, np.array([[x, 0.2, 0.4]]))[0] for x in (0.0, 1.2, -1e-12)]
     np.testing.assert_allclose(v[1:], [v[0]] * 2, atol=1e-9)
@@ -88,24 +98,31 @@ def test_the_seam_is_no_place():
     def wave(u):
         return np.cos(2 * np.pi * u[:, :1] / 1.2)
 
-    fine = SplineSpace(Grid((np.linspace(0, 1.2, 41), *AXES[1:]), (True, False, False)), 3,
-                       np.arange(40 * 20))  # fmt: skip
+    fine = SplineSpace(Grid((np.linspace(0, 1.2, 41), *AXES[1:]), (True, False, False)), p,
+                       np.arange(40 * 20), r)  # fmt: skip
     c = fine.interpolate(wave).reshape(-1, 1)
     u = points(np.random.default_rng(3))
-    np.testing.assert_allclose(fine.evaluate(c, u)[0], wave(u), atol=1e-5)
+    np.testing.assert_allclose(fine.evaluate(c, u)[0], wave(u), atol=0.2 * 0.15 ** (p + 1))
 
 
 def test_bad_spaces_are_refused():
     grid = Grid(AXES, (False, False, True))
     for degree in (0, 4, 1.5, "2", True):
         with pytest.raises(InputError, match="degree"):
-            SplineSpace(grid, degree, np.arange(3))
+            SplineSpace(grid, degree, np.arange(3), 0)
     for cells in ([], [-1], [100]):
         with pytest.raises(InputError, match="cells"):
-            SplineSpace(grid, 1, np.array(cells))
+            SplineSpace(grid, 1, np.array(cells), 0)
     few = Grid((AXES[0], AXES[1], np.linspace(0, 1, 3)), (False, False, True))
     with pytest.raises(InputError, match="closed in direction w"):
-        SplineSpace(few, 2, np.arange(3))
+        SplineSpace(few, 2, np.arange(3), 1)
+    assert len(SplineSpace(few, 2, np.arange(3), 0))
+    one = Grid((AXES[0], AXES[1], np.linspace(0, 1, 2)), (False, False, True))
+    with pytest.raises(InputError, match="needs at least 2 cells"):
+        SplineSpace(one, 2, np.arange(3), 0)
+    for smoothness in (-1, 2, 0.5, "0", True):
+        with pytest.raises(InputError, match=r"smoothness must be .* degree - 1 = 1"):
+            SplineSpace(grid, 2, np.arange(3), smoothness)
     with pytest.raises(InputError, match="shape"):
-        space(1).evaluate(np.ones((150, 1)), [1.0, 2.0])
+        space(1, 0).evaluate(np.ones((150, 1)), [1.0, 2.0])
     assert il.cutfem.SplineSpace is SplineSpace
