@@ -2,8 +2,9 @@
 
 Ten curved arms meet in the middle of a tile; its corners are octants of a joint with seven other
 tiles. It is shown (a) open, to be connected, and (b) closed; (c) is a closed tile of a curve and a
-surface. The field is the least distance to the curves minus their radius, fitted as a B-spline to
-1e-3; where the arms pass through the faces, the field on opposite faces is the same to rounding.
+surface, which go on in its neighbours. The field is the least distance to the curves minus their
+radius, fitted as a B-spline to 1e-3; where the arms pass through the faces, the field on opposite
+faces is the same to rounding.
 
     python examples/fig01_tiles.py
 """
@@ -42,14 +43,14 @@ def main(n: int = 64, tol: float = 1e-3, out: str = "") -> dict[str, float]:
 def _picture(meshes: list["il.SurfaceMesh"], path: str) -> None:
     import pyvista as pv
 
-    scene = pv.Plotter(off_screen=True, window_size=(1500, 620))
+    scene = pv.Plotter(off_screen=True, window_size=(1500, 480))
     for i, mesh in enumerate(meshes):
         scene.add_mesh(
             mesh.to_pyvista().translate((-1.4 * i, 1.4 * i, 0.0)), color="goldenrod",
             smooth_shading=True, split_sharp_edges=True,
         )  # fmt: skip
     scene.view_vector((1.0, 1.0, 0.5))
-    scene.camera.zoom(2.3)
+    scene.camera.zoom(2.9)
     scene.screenshot(path)
     scene.close()
 

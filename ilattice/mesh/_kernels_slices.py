@@ -258,3 +258,124 @@ def owners(points, start, area, box, out):
             if odd:
                 best = area[loop]
                 out[hole] = loop
+
+
+@njit(cache=True)
+def hidden(triangles, u, side, beyond, slope, period, out):
+    """Edges (T, 3), from each corner to the next, between whose ends a side may be crossed twice.
+
+    Corners have parameters `u` (V, 3), `side` (V,), `beyond` (V, 2) and its gradient `slope`
+    (V, 2, 3). Both ends are on one side, both tangents rise towards the surface, and meet beyond.
+    """
+    step = np.empty(3)
+    for t in range(len(triangles)):
+        for v in range(3):
+            i, j = triangles[t, v], triangles[t, (v + 1) % 3]
+            a, b = min(i, j), max(i, j)
+            out[t, v] = False
+            if side[a] != side[b]:
+                continue
+            for k in range(3):
+                step[k] = u[b, k] - u[a, k]
+                if period[k] > 0.0:
+                    step[k] -= period[k] * np.rint(step[k] / period[k])
+            for m in range(2):
+                sign = 1.0 if beyond[a, m] < 0.0 else -1.0
+                rise, fall = 0.0, 0.0
+                for k in range(3):
+                    rise += sign * slope[a, m, k] * step[k]
+                    fall -= sign * slope[b, m, k] * step[k]
+                if rise > 0.0 and fall > 0.0:
+                    meet = (fall * beyond[a, m] + rise * beyond[b, m]) * sign + rise * fall
+                    out[t, v] |= meet > 0.0
+
+
+@njit(cache=True)
+def _put(out, count, a, b, c):
+    out[count, 0], out[count, 1], out[count, 2] = a, b, c
+    return count + 1
+
+
+@njit(cache=True)
+def halve(triangles, middle, out):
+    """Triangles with some edges halved, of the same orientation; returns their number.
+
+    `middle` (T, 3) is that of the edge from each corner to the next, -1 where it stays whole.
+    Fills `out` (4 T, 3).
+    """
+    count = 0
+    for t in range(len(triangles)):
+        first = 0
+        for v in range(3):  # start so that edges to halve come first
+            if middle[t, v] >= 0 and middle[t, (v + 2) % 3] < 0:
+                first = v
+        a, b, c = triangles[t, first], triangles[t, (first + 1) % 3], triangles[t, (first + 2) % 3]
+        p, q, r = middle[t, first], middle[t, (first + 1) % 3], middle[t, (first + 2) % 3]
+        if p < 0:
+            count = _put(out, count, a, b, c)
+        elif q < 0:
+            count = _put(out, count, a, p, c)
+            count = _put(out, count, p, b, c)
+        else:
+            count = _put(out, count, p, b, q)
+            count = _put(out, count, p, q, c if r < 0 else r)
+            count = _put(out, count, a, p, c if r < 0 else r)
+            if r >= 0:
+                count = _put(out, count, r, q, c)
+    return count
+
+
+@njit(cache=True)
+def _left(a, b, c, least):
+    """Side of c as seen from a to b: 1, -1, or 0 within rounding."""
+    turn = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+    return 0 if abs(turn) <= least else (1 if turn > 0 else -1)
+
+
+@njit(cache=True)
+def _meet(a, b, c, d, least):
+    """Whether two edges, whose boxes meet, cross or touch."""
+    return (
+        _left(a, b, c, least) * _left(a, b, d, least) <= 0
+        and _left(c, d, a, least) * _left(c, d, b, least) <= 0
+    )
+
+
+@njit(cache=True)
+def _folded(a, b, c, least):
+    """Whether an edge runs back along the one before it."""
+    ahead = (b[0] - a[0]) * (c[0] - b[0]) + (b[1] - a[1]) * (c[1] - b[1])
+    return ahead < 0.0 and _left(a, b, c, least) == 0
+
+
+@njit(cache=True)
+def crossings(points, after, order, out):
+    """Marks edges, from each point to the one after it, that cross or touch others.
+
+    `order` (n,) by their least x: a sweep. Neighbours may touch at the point they share.
+    """
+    size = 0.0
+    for p in points:
+        size = max(size, abs(p[0]), abs(p[1]))
+    for k in range(len(order)):
+        i = order[k]
+        a, b = points[i], points[after[i]]
+        right = max(a[0], b[0])
+        low, high = min(a[1], b[1]), max(a[1], b[1])
+        for m in range(k + 1, len(order)):
+            j = order[m]
+            c, d = points[j], points[after[j]]
+            if min(c[0], d[0]) > right:
+                break
+            if min(c[1], d[1]) > high or max(c[1], d[1]) < low:
+                continue
+            reach = abs(b[0] - a[0]) + abs(b[1] - a[1]) + abs(d[0] - c[0]) + abs(d[1] - c[1])
+            least = 1e-15 * size * reach
+            if after[i] == j:
+                meets = _folded(a, b, d, least)
+            elif after[j] == i:
+                meets = _folded(c, d, b, least)
+            else:
+                meets = _meet(a, b, c, d, least)
+            if meets:
+                out[i], out[j] = True, True

@@ -11,7 +11,7 @@ import numpy as np
 from ilattice._typing import FloatArray, IntArray
 from ilattice.errors import GeometryError
 from ilattice.mesh import _kernels_slices as kernels
-from ilattice.mesh._slicer import MERGE, Outline, finished
+from ilattice.mesh._loops import EMPTY, MERGE, Outline, finished, merged
 
 if TYPE_CHECKING:
     from ilattice.mesh.surface import SurfaceMesh
@@ -64,7 +64,7 @@ class MeshSlicer:
         """
         hit = self._faces[(self._low < level) & (self._high >= level)]
         if not len(hit):
-            return Outline(np.empty((0, 2)), np.zeros(1, np.int64), np.empty(0))
+            return EMPTY
         up = self._edges(hit, level, rising=True)
         down = self._edges(hit, level, rising=False)
         names, where = np.unique(up, axis=0, return_inverse=True)
@@ -76,7 +76,10 @@ class MeshSlicer:
         a, b = self._x[names[order, 0]], self._x[names[order, 1]]
         t = ((level - a[:, 2]) / (b[:, 2] - a[:, 2]))[:, None]
         points = np.ascontiguousarray(((1.0 - t) * a + t * b)[:, :2])
-        return finished(points, start[: loops + 1].copy(), self._least)
+        points, start, _ = merged(
+            points, start[: loops + 1].copy(), np.full(len(points), self._least), a[:, 0]
+        )
+        return finished(points, start, self._least)
 
     def _edges(self, faces: IntArray, level: float, *, rising: bool) -> IntArray:
         """The edge of each triangle along which its boundary rises (or falls) through a plane."""

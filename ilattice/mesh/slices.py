@@ -6,11 +6,15 @@ a time and keeps none, so memory does not grow with their number. The wall is ha
 at its highest point there is a slice, at its lowest there is none. Where contours bend they get
 points between those of the grid, so that chords cut off little: of a Schwarz P wall 0.02 % of the
 area at the default `h`, of struts that are two cells wide less than 0.1 %.
-Not guaranteed: parts thinner than the grid; next to creases, where two offset surfaces meet, a
-contour may be rounded over part of a cell, and contours that almost meet there may cross.
+Contours do not cross or touch each other or themselves. Where gaps or webs are finer than the grid,
+it is halved, up to three times; what may be finer still is counted as `Slice.doubt` and, where it
+is much, warned of.
+Not guaranteed: next to creases, where two offset surfaces meet, a contour may be rounded over part
+of a cell; contours may cross where a cell of the grid is folded by the map.
 """
 
 import os
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -22,10 +26,11 @@ import numpy as np
 from ilattice._progress import Progress, track
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import as_array, as_positive, as_triple, read_only
-from ilattice.errors import InputError
+from ilattice.errors import InputError, PrecisionWarning
 from ilattice.mesh import _kernels_slices as kernels
+from ilattice.mesh._loops import Outline
 from ilattice.mesh._mesh_slicer import MeshSlicer
-from ilattice.mesh._slicer import Outline, Slicer, as_frame, extent
+from ilattice.mesh._slicer import Slicer, as_frame, extent
 
 if TYPE_CHECKING:
     from ilattice.mesh.surface import SurfaceMesh
@@ -34,6 +39,8 @@ if TYPE_CHECKING:
 #: A polygon as arrays: its outer contour (n, 2), and its holes.
 Polygon = tuple[FloatArray, tuple[FloatArray, ...]]
 MOST_LAYERS = 1_000_000
+#: Part of the area of a slice in which contours may be missed before a warning.
+MOST_DOUBT = 0.005
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -51,6 +58,8 @@ class Slice:
         ``shapely.Polygon(outer, holes)`` takes them as they are.
     frame : ndarray, shape (3, 3)
         Rows: the two directions of the plane in space, and its normal.
+    doubt : float
+        Area of the places where a gap or a web may be finer than an eighth of the grid.
     """
 
     height: float
@@ -58,6 +67,7 @@ class Slice:
     bottom: float
     polygons: tuple[Polygon, ...]
     frame: FloatArray
+    doubt: float = 0.0
 
     def __repr__(self) -> str:
         return f"Slice(height={self.height:g}, {len(self.polygons)} polygons, area={self.area:g})"
@@ -165,8 +175,16 @@ class SliceStack:
         i = range(len(self))[index]
         height = float(self.heights[i])
         below = self.bottom if i == 0 else float(self.tops[i - 1])
-        polygons = nested(self.slicer.outline(height))
-        return Slice(height, float(self.tops[i]), below, polygons, self.frame)
+        outline = self.slicer.outline(height)
+        out = Slice(height, float(self.tops[i]), below, nested(outline), self.frame, outline.doubt)
+        if out.doubt > MOST_DOUBT * out.area:
+            warnings.warn(
+                "gaps or webs in slices are so fine that contours may be missed, see Slice.doubt; "
+                "use a smaller h",
+                PrecisionWarning,
+                stacklevel=2,
+            )
+        return out
 
     def __iter__(self) -> Iterator[Slice]:
         """Slices from the lowest to the highest."""
@@ -290,7 +308,7 @@ def nested(outline: Outline) -> tuple[Polygon, ...]:
         Outer contours, by first appearance, with their holes. A hole without an outer contour
         is dropped: it is smaller than the grid.
     """
-    points, start, area = outline
+    points, start, area, _ = outline
     loops = [points[a:b] for a, b in pairwise(start)]
     box = np.array([[*p.min(axis=0), *p.max(axis=0)] for p in loops]).reshape(-1, 4)
     owner = np.empty(len(area), np.int64)

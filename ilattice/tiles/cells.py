@@ -159,14 +159,14 @@ CELLS: tuple[CellRow, ...] = (
         source=f"{HONG}, Figure 1 (a, b)",
     ),
     CellRow(
-        name="curve_and_surface", faces="closed", radius=0.06,
-        curves=(((0.2, 0.2, 0.0), (0.2, 1.1, 0.35), (0.8, -0.1, 0.65), (0.8, 0.8, 1.0)),),
+        name="curve_and_surface", radius=0.06,
+        curves=(((H, H, 0.0), (0.0, 0.3, 0.35), (1.0, 0.7, 0.65), (H, H, 1.0)),),
         surface=(
             ((0.0, 0.0, 0.35), (0.0, 0.5, 0.75), (0.0, 1.0, 0.35)),
             ((0.5, 0.0, 0.65), (0.5, 0.5, 0.25), (0.5, 1.0, 0.65)),
             ((1.0, 0.0, 0.35), (1.0, 0.5, 0.75), (1.0, 1.0, 0.35)),
         ),
-        source=f"{HONG}, Figure 1 (c)",
+        note="Both go on in the neighbours.", source=f"{HONG}, Figure 1 (c)",
     ),
     CellRow(
         name="cross", aliases=("cross_3d", "3d_cross"), radius=0.12,

@@ -3,14 +3,18 @@
 import tracemalloc
 from collections import Counter
 from functools import cache
+from itertools import combinations, pairwise
 
 import numba
 import numpy as np
 import pytest
+import shapely
 
 import ilattice as il
-from ilattice.errors import GeometryError, InputError
+from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.mesh import _kernels_slices as kernels
+from ilattice.mesh._loops import _between, crossing
+from ilattice.mesh._sheet import edges_of, halved
 from ilattice.mesh._slicer import extent
 from ilattice.tiles.trig import TrigField
 
@@ -265,6 +269,71 @@ def test_small_tiles_get_as_many_points_as_large_ones():
     assert area == pytest.approx(area_by_lines(field, lines=4000), rel=5e-4)
 
 
+def two_cylinders(gap):
+    """A solid of two cylinders along z in the unit cube, whose centres are 0.5 apart."""
+
+    def field(u):
+        away = np.abs(u[:, 0] - 0.5) - 0.25
+        return np.hypot(away, u[:, 1] - 0.5) - 0.25 + 0.5 * gap
+
+    spline = il.bspline.fit.fit(field, degree=3, spans=64, method="interpolate")
+    lattice = il.Lattice(il.Tile(spline, name="two"), through=il.macroshape.box())
+    return lattice.offset((np.inf, 0.0), space="parametric")
+
+
+@pytest.mark.parametrize("gap", [0.03, 0.012])
+def test_gaps_finer_than_the_grid_are_seen(gap):
+    """At the default h of 0.0625, and at twice that: where cylinders almost touch."""
+    w = two_cylinders(gap)
+    for h in (0.0625, 0.125):
+        section = w.slices([0.52], h=h)[0]
+        exact = area_by_lines(lambda p: w.field(np.column_stack([p, np.full(len(p), 0.52)])))
+        assert len(section.polygons) == 2
+        assert section.area == pytest.approx(exact, rel=3e-4)
+        assert section.doubt == 0.0
+
+
+def test_gaps_that_are_too_fine_are_counted_and_warned_of():
+    """A slot of width 0.002 that widens, at h = 0.15."""
+
+    def field(u):
+        return 1e-6 + 0.02 * u[:, 1] ** 8 - (u[:, 0] - 0.53) ** 2
+
+    spline = il.bspline.fit.fit(field, degree=8, spans=1, method="interpolate")
+    lattice = il.Lattice(il.Tile(spline, name="slot"), through=il.macroshape.box())
+    w = lattice.offset((np.inf, 0.0), space="parametric")
+    with pytest.warns(PrecisionWarning, match=r"Slice\.doubt"):
+        section = w.slices([0.52], h=0.15)[0]
+    assert 0.005 * section.area < section.doubt < 0.05
+    assert len(w.slices([0.52], h=0.01)[0].polygons) == 2
+
+
+CREASED = {
+    "gyroid": lambda: il.Lattice("gyroid", through=il.macroshape.box()).offset(0.2),
+    "octet": lambda: il.Lattice("octet", through=il.macroshape.box()).offset((np.inf, 0.02)),
+    "arms": lambda: il.Lattice(
+        il.tiles["ten_arms"], through=il.macroshape.box()
+    ).offset((np.inf, 0.05), space="parametric"),
+    "torus": lambda: il.Lattice(
+        "gyroid", through=il.macroshape.torus(2, 1.5), repeat=(8, 1, 1)
+    ).offset(0.15),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CREASED)
+@pytest.mark.parametrize("polish", [True, False])
+def test_contours_of_creased_walls_are_simple(name, polish):
+    """By an independent library: none crosses itself or another one, and holes lie within."""
+    w = CREASED[name]()
+    sections = list(w.slices(heights(w, 7), polish=polish))
+    polygons = [shapely.Polygon(outer, holes) for s in sections for outer, holes in s.polygons]
+    assert len(polygons) > 6
+    assert all(p.is_valid for p in polygons)
+    for s in sections:
+        parts = shapely.union_all([shapely.Polygon(*p) for p in s.polygons])
+        assert parts.area == pytest.approx(s.area, rel=1e-9)  # they do not overlap
+
+
 def area_by_lines(f, lines=1000, samples=200):
     """Area of the unit square where f < 0."""
     y, x = (np.arange(lines) + 0.5) / lines, np.linspace(0.0, 1.0, samples + 1)
@@ -407,6 +476,70 @@ def test_the_sheet_looks_up():
         normal = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
         assert n >= 3
         assert (normal @ [1, 1, 1] > 0).all()
+
+
+@pytest.mark.parametrize("part", [0.1, 0.6, 1.0])
+def test_halved_triangles_are_the_same_surface(part):
+    """Same rim, same area, and twice as fine where all edges are halved."""
+    names, triangles, _, rng = noise_sheet(5)
+    marked = np.zeros(triangles.shape, bool)
+    directed = {(a, b): rng.random() < part for a, b in edge_set(triangles) if a < b}
+    for t, v in np.ndindex(*triangles.shape):
+        a, b = triangles[t, v], triangles[t, (v + 1) % 3]
+        marked[t, v] = directed.get((min(a, b), max(a, b)), False)
+    ends, edge = edges_of(triangles, marked, len(names))
+    new = halved(triangles, np.where(edge < 0, -1, len(names) + edge))
+    assert len(new) == len(triangles) + marked.sum()
+    x = rng.random((len(names), 3))
+    y = np.concatenate([x, 0.5 * (x[ends[:, 0]] + x[ends[:, 1]])])
+    np.testing.assert_allclose(cross_sum(y, new), cross_sum(x, triangles), atol=1e-10)
+    before, after = edge_set(triangles), edge_set(new)
+    assert len(after) == 3 * len(new)  # oriented: no edge runs twice in one direction
+    more = sum(((a, b) in before) != ((b, a) in before) for a, b in ends.tolist())
+    assert len(rim_of(after)) == len(rim_of(before)) + more
+
+
+def rim_of(edges):
+    return {(a, b) for a, b in edges if (b, a) not in edges}
+
+
+def edge_set(triangles):
+    return {(t[i], t[(i + 1) % 3]) for t in triangles.tolist() for i in range(3)}
+
+
+def cross_sum(x, triangles):
+    p = x[triangles]
+    return np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]).sum(axis=0)
+
+
+def test_nodes_next_to_crossing_edges_are_found_across_the_end_of_a_loop():
+    """Two loops of four first nodes; of the first one 0 and 2 are left, and points in between."""
+    place, start = np.array([0.0, 1.0, 2.0, 2.5, 4.0, 5.0, 6.0, 7.0, 7.5]), np.array([0, 4, 9])
+    first = np.array([0, 4, 8])
+    for edge, nodes in ((0, [0, 1]), (1, [1, 2]), (2, [2, 3]), (3, [0, 2, 3]), (4, [4, 5]),
+                        (7, [4, 7]), (8, [4, 7])):  # fmt: skip
+        found = _between(place, start, np.arange(9) == edge, first)
+        assert np.flatnonzero(found).tolist() == nodes
+
+
+def test_edges_that_cross_are_those_of_a_naive_search():
+    rng = np.random.default_rng(4)
+    angle = np.sort(2.0 * np.pi * rng.random((30, 5)), axis=1)
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    points = (rng.random((30, 1, 2)) + 0.08 * circle).reshape(-1, 2)
+    start = 5 * np.arange(31)
+    loops = [points[a:b] for a, b in pairwise(start)]
+    edges = [shapely.LineString(e) for p in loops for e in zip(p, np.roll(p, -1, 0), strict=True)]
+    expected = np.zeros(len(edges), bool)
+    for i, j in combinations(range(len(edges)), 2):
+        shared = set(edges[i].coords) & set(edges[j].coords)
+        if edges[i].crosses(edges[j]) and not shared:
+            expected[[i, j]] = True
+    found = crossing(points, start)
+    assert 0 < expected.sum() < len(edges)
+    assert np.array_equal(found, expected)
+    back = np.array([[0.0, 0.0], [2.0, 0.0], [1.0, 0.0], [1.0, 1.0]])  # runs back on itself
+    assert crossing(back, np.array([0, 4])).tolist() == [True, True, True, False]
 
 
 @pytest.mark.parametrize("wrap", [False, True])
