@@ -101,7 +101,8 @@ def factor_size(K: bsr_array) -> float:
     """Estimate of the numbers in a Cholesky factor of K.
 
     The lesser of what an ordering by levels gives (slender parts) and the growth with n^(4/3) of
-    nested dissection in three dimensions (blocks). Beyond MEDIUM it is not refined.
+    nested dissection in three dimensions (blocks), whose separators are the thicker the farther
+    nodes couple. Beyond MEDIUM it is not refined.
     """
     n, m = K.shape[0], K.blocksize[0]
     if 4.0 * n > MEDIUM or K.nnz > MEDIUM:
@@ -113,7 +114,8 @@ def factor_size(K: bsr_array) -> float:
     place[order] = np.arange(nodes)
     first = np.minimum.reduceat(place[K.indices], K.indptr[:-1])
     levels = m * m * float((place - np.minimum(first, place) + 1).sum())
-    return min(levels, 20.0 * n ** (4 / 3))
+    layers = max(len(K.indices) / (27 * nodes), 1.0) ** (1 / 3)
+    return min(levels, 20.0 * n ** (4 / 3) * layers**2)
 
 
 def _positive_diagonal(K: bsr_array) -> FloatArray:

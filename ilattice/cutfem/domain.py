@@ -35,8 +35,11 @@ GUARD = 1e-8
 #: three times that of whole cells, since thin walls are stiffened by them; and more, per degree,
 #: for Nitsche's method. For degree 3 and smoothness 0 no weight does it: where slivers meet at an
 #: edge or a corner the number is up to 1e4 times that of whole cells.
-GHOST = {(1, 0): 0.1, (2, 1): 1e-3, (2, 0): 1e-4, (3, 2): 1e-3, (3, 1): 1e-3, (3, 0): 1e-3}
+GHOST = {(1, 0): 0.1, (2, 1): 1e-3, (2, 0): 1e-4, (3, 2): 3e-3, (3, 1): 1e-3, (3, 0): 1e-3}
 GHOST_NITSCHE = {1: 0.1, 2: 1e-2, 3: 1e-2}
+#: Cells of which more than this part is filled have none, except with Nitsche's method: their
+#: functions hold themselves, and couplings across all faces are two thirds of a matrix.
+ENOUGH = 0.4
 COARSE = 2.0
 #: A solid of which fewer cells are full than this part of those that are cut has struts that are
 #: about two cells thick, or thinner.
@@ -153,7 +156,8 @@ class Domain:
         if weight is None:
             p = self.degree
             weight = GHOST_NITSCHE[p] if weak else GHOST[p, self.smoothness]
-        faces = ghost_faces(self.cut, self.wet, cells, weight, self.volume)
+        enough = 1.0 if weak else ENOUGH
+        faces = ghost_faces(self.cut, self.wet, cells, weight, self.volume, enough)
         return Assembly(space, self.cut.through, faces)
 
     def stiff_rule(self, asm: Assembly, *, constant: bool) -> Quadrature:

@@ -5,12 +5,12 @@ part of cut cells guards against cells with too few points. From degree 2 on, an
 method, jumps across wet faces at cut cells are penalised: of the p-th normal derivative, and of all
 others that are not continuous. Functions are the same polynomial of degree p on both sides exactly
 if these vanish, so the penalty is consistent with smooth solutions to the order of the space. What
-a face gets is set by its emptier cell: the square of the part that is empty, which spares cells
-that hold themselves, and `FALL` per cell that it is away from solid. Of equal weights everywhere
-those at a corner of slivers are felt more than the solid that they hang on, and degree 3 is
-conditioned worse the more it is stabilised. Sources: Burman, Ghost penalty, 2010; Burman, Hansbo,
-Larson, Massing, Cut finite element methods, 2015; Hong et al. 2025, Remark A.2, for the stiffness
-on the void, which with weight 1 makes thin lattices 2 to 6 times too stiff.
+a face gets is set by its emptier cell: the square of the part that is missing to what holds a cell,
+so that most cells are spared, and `FALL` per cell that it is away from solid. Of equal weights
+everywhere those at a corner of slivers are felt more than the solid that they hang on, and degree 3
+is conditioned worse the more it is stabilised. Sources: Burman, Ghost penalty, 2010; Burman,
+Hansbo, Larson, Massing, Cut finite element methods, 2015; Hong et al. 2025, Remark A.2, for the
+stiffness on the void, which with weight 1 makes thin lattices 2 to 6 times too stiff.
 
 Guarantees: the penalty is that of derivatives in the unit of cells, scaled with the height of the
 cells in space and the stiffness at hand, so it depends on neither unit nor size. Non-guarantee:
@@ -148,8 +148,9 @@ def ghost_faces(
     cells: IntArray,
     weight: float,
     solid: Quadrature | None = None,
+    enough: float = 1.0,
 ) -> GhostFaces:
-    """Wet faces between active cells at cut cells.
+    """Wet faces between active cells at cut cells, as far as these need them.
 
     Parameters
     ----------
@@ -163,6 +164,8 @@ def ghost_faces(
         Factor of the penalty at slivers next to solid.
     solid : Quadrature, optional
         Rule on the solid, in parameters, that tells what is one; without it, all cells count so.
+    enough : float
+        Part of a cell that holds it if it is filled: no penalty is needed then.
 
     Returns
     -------
@@ -178,15 +181,16 @@ def ghost_faces(
         low, high = rule.cells, rule.neighbours
         keep = active[low] & active[high] & (is_cut[low] | is_cut[high]) & (low != high)
         sides.append((low[keep], high[keep]))
-    factors = [np.full(len(low), weight) for low, _ in sides]
+    needs = [np.ones(len(low)) for low, _ in sides]
     if solid is not None:
         full = np.zeros(cut.status.size)
         boxes = cut.grid.boxes(solid.cells)
         full[solid.cells] = solid.integrate_cells() / boxes[:, 3:].prod(axis=1)
-        need = (1.0 - np.minimum(full, 1.0)) ** 2 * _nearness(full, sides)
-        factors = [weight * need[np.where(full[i] < full[j], i, j)] for i, j in sides]
-    (a, d), (b, e), (c, f) = sides
-    x, y, z = factors
+        need = np.maximum(1.0 - full / enough, 0.0) ** 2 * _nearness(full, sides)
+        needs = [need[np.where(full[i] < full[j], i, j)] for i, j in sides]
+    a, b, c = (low[need > 0] for (low, _), need in zip(sides, needs, strict=True))
+    d, e, f = (high[need > 0] for (_, high), need in zip(sides, needs, strict=True))
+    x, y, z = (weight * need[need > 0] for need in needs)
     return GhostFaces((a, b, c), (d, e, f), (x, y, z))
 
 

@@ -92,8 +92,8 @@ def test_cell_matrices_are_those_of_the_naive_twin(p):
     np.testing.assert_allclose(K, expected.reshape(K.shape), atol=1e-12)
 
 
-def naive_need(cut, rule, wet):
-    """Square of the empty part of a cell, times its nearness to solid, in tenths per cell."""
+def naive_need(cut, rule, wet, enough):
+    """Square of what a cell lacks, times its nearness to solid, in tenths per cell."""
     full = {c: v / cut.grid.boxes(np.array([c]))[0, 3:].prod()
             for c, v in zip(rule.cells, rule.integrate_cells(), strict=True)}  # fmt: skip
     near = dict(full)
@@ -101,7 +101,8 @@ def naive_need(cut, rule, wet):
     for _ in range(len(full)):
         for i, j in sides:
             near[i], near[j] = max(near[i], 0.1 * near[j]), max(near[j], 0.1 * near[i])
-    need = {c: (1 - v) ** 2 * min(max(10 * near[c], 0.01), 1.0) for c, v in full.items()}
+    near = {c: min(max(10 * v, 0.01), 1.0) for c, v in near.items()}
+    need = {c: max(1 - v / enough, 0) ** 2 * near[c] for c, v in full.items()}
     return lambda i, j: need[i if full[i] < full[j] else j]
 
 
@@ -111,17 +112,18 @@ def corner(u):
 
 
 @pytest.mark.parametrize(("p", "r"), KINDS)
-def test_ghost_penalty_is_that_of_the_naive_twin(p, r):
+@pytest.mark.parametrize("enough", [1.0, 0.2])
+def test_ghost_penalty_is_that_of_the_naive_twin(p, r, enough):
     axes = (np.array([0, 0.3, 0.6, 1.0]), np.linspace(0, 1, 4), np.array([0, 0.2, 0.7, 1.0]))
     cut = il.cutfem.cut(corner, il.cutfem.Grid(axes), degree=2)
     rule = cut.volume(2)
     space = SplineSpace(cut.grid, p, rule.cells, r)
     wet = tuple(cut.faces(a, 1) for a in range(3))
-    asm = Assembly(space, None, ghost_faces(cut, wet, rule.cells, 0.3, rule))
+    asm = Assembly(space, None, ghost_faces(cut, wet, rule.cells, 0.3, rule, enough))
     c = np.random.default_rng(p).normal(size=len(space))
     total = 0.0
     x, w = np.polynomial.legendre.leggauss(p + 1)
-    need = naive_need(cut, rule, wet)
+    need = naive_need(cut, rule, wet, enough)
     for axis, faces in enumerate(wet):
         b, c2 = (a for a in range(3) if a != axis)
         for low, high in zip(faces.cells, faces.neighbours, strict=True):

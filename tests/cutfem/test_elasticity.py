@@ -116,10 +116,12 @@ def wall(d=0.15):
     return il.Lattice("schwarz_p", through=bent, repeat=(6, 1, 1), spans_per_tile=6).offset(d)
 
 
-@pytest.mark.parametrize(("degree", "cells"), [(1, (36, 6, 6)), (2, (18, 4, 4))])
-def test_work_is_twice_the_energy_and_reactions_balance_loads(degree, cells):
+@pytest.mark.parametrize(
+    ("degree", "smoothness", "cells"), [(1, 0, (36, 6, 6)), (2, 1, (18, 4, 4)), (2, 0, (12, 3, 3))]
+)
+def test_work_is_twice_the_energy_and_reactions_balance_loads(degree, smoothness, cells):
     with pytest.warns(PrecisionWarning, match="cells thick"):
-        problem = Elasticity(wall(), cells, degree=degree, density=2.0)
+        problem = Elasticity(wall(), cells, degree=degree, smoothness=smoothness, density=2.0)
     problem = problem.clamp("w=0").load(gravity=(0, 0.3, -1)).load(pressure=0.1, on="surface")
     solution = problem.solve(tol=1e-10)
     assert solution.residual <= 1e-10

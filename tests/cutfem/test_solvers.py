@@ -4,10 +4,12 @@ import numba
 import numpy as np
 import pytest
 from scipy.sparse import bsr_array, csr_array, eye_array
-from scipy.sparse.linalg import spsolve
+from scipy.sparse.linalg import splu, spsolve
 
 import ilattice as il
 from benchmarks.systems import cross, modes, sheet, solid, system
+from ilattice.cutfem import Elasticity
+from ilattice.cutfem._engines import factor_size
 from ilattice.cutfem.solvers import Solver, rigid_modes
 from ilattice.errors import ConvergenceError, InputError
 
@@ -260,3 +262,13 @@ def test_bad_input(struts):
     ):
         with pytest.raises(InputError, match=match):
             solver.solve(*arguments, **options)
+
+
+@pytest.mark.parametrize(("p", "r", "cells"), [(1, 0, 9), (2, 1, 8), (2, 0, 4), (3, 2, 7)])
+def test_the_size_of_a_factor_is_predicted_for_all_functions(p, r, cells):
+    ball = Elasticity(lambda u: (u**2).sum(axis=1) - 1, cells, domain=[[-1.05] * 3, [1.05] * 3],
+                      degree=p, smoothness=r)  # fmt: skip
+    K = ball.clamp("surface").system.K
+    factor = splu(K.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
+                  options={"SymmetricMode": True})  # fmt: skip
+    assert 0.9 < factor_size(K) / factor.L.nnz < 1.6
