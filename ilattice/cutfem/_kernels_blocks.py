@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numba import njit, prange
 
-ROWS = 512
+ROWS = 32
 CHUNK = 4096
 FAST = {"contract", "nsz", "reassoc"}
 #: A pivot of a diagonal block, scaled to ones on its diagonal, counts as zero below this.
