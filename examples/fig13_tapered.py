@@ -25,7 +25,7 @@ def main(h: float = 0.05, d: float = 0.15, out: str = "") -> dict[str, float]:
     if out:
         mesh.save(f"{out}.vtp")
         depth = mesh.point_data["thickness"] - np.abs(mesh.point_data["signed_distance"])
-        painted = mesh.with_point_data(depth=depth)
+        painted = mesh.with_point_data(depth=np.maximum(depth, 0.0))
         painted.screenshot(f"{out}.png", scalars="depth", cmap="YlOrBr")
     return {
         "error": np.abs(distance[~on_a_side] - d).max(),

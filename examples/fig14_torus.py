@@ -42,7 +42,7 @@ def main(
             if out:
                 mesh.save(f"{out}_{name}_{kind}.vtp")
                 depth = mesh.point_data["thickness"] - np.abs(mesh.point_data["signed_distance"])
-                painted = mesh.with_point_data(depth=depth)
+                painted = mesh.with_point_data(depth=np.maximum(depth, 0.0))
                 painted.screenshot(f"{out}_{name}_{kind}.png", scalars="depth", cmap="YlOrBr")
             if (name, kind) == ("gyroid", "varying"):
                 numbers["thickest pore"] = thickest_pore(mesh)

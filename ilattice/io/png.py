@@ -86,7 +86,14 @@ def _style(mesh: SurfaceMesh, scalars: str | None) -> dict[str, Any]:
     smooth = len(mesh.faces) <= _SMOOTH_UP_TO
     style = {"smooth_shading": smooth, "split_sharp_edges": smooth, "feature_angle": _CREASE}
     if scalars is not None:
-        return style | _MATERIAL | {"scalars": scalars, "scalar_bar_args": {"vertical": True}}
+        bar = {
+            "vertical": True,
+            "fmt": "%.3g",
+            "position_x": 0.92,
+            "position_y": 0.25,
+            "width": 0.04,
+        }
+        return style | _MATERIAL | {"scalars": scalars, "scalar_bar_args": bar}
     if {"r", "g", "b"} <= set(mesh.point_data):
         return style | _MATERIAL | {"scalars": "RGB", "rgb": True}
     return style | _MATERIAL | {"color": _DEFAULT_COLOUR}
