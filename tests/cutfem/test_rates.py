@@ -51,6 +51,26 @@ def test_errors_on_the_sphere_are_those_of_other_codes():
     assert (error < 1.3 * np.array([3.78e-4, 7.78e-3])).all()  # ngsxfem and nutils
 
 
+def test_stiffness_on_the_void_lowers_the_order_to_one():
+    """Hong et al. 2025, Remark A.2: weight 1 is a crime of the size of the cut cells."""
+    cells, errors = (8, 12, 16), []
+    for n in cells:
+        problem = Elasticity(
+            known.ball,
+            n,
+            domain=[[-1.0] * 3, [1.0] * 3],
+            degree=1,
+            stabilization="void",
+            weight=1.0,
+        )
+        problem = problem.clamp("surface", value=known.exact).load(body=known.force)
+        errors.append(of_displacement(problem.solve(tol=1e-10)))
+    rates = -np.polyfit(np.log(cells), np.log(errors), 1)[0]
+    assert 0.6 < rates[0] < 1.3
+    assert rates[1] < 0.8
+    assert errors[2][0] > 10 * 1.3 * 9.90e-5  # ngsxfem without it
+
+
 # ------------------------------------------------------------------------------ lattices
 
 
