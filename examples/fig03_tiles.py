@@ -99,7 +99,8 @@ def _picture_of_maps(mesh: "il.SurfaceMesh", volume: il.SplineMap, path: str) ->
     flat = solid.copy()
     flat.points = np.stack([mesh.point_data[c] for c in "uvw"], axis=1) * [4, 1, 1]
     edges = [pv.Box((i, i + 1, 0, 1, 0, 1)).extract_all_edges() for i in range(4)]
-    scene = pv.Plotter(off_screen=True, window_size=(1600, 700), shape=(1, 2), border=False)
+    scene = pv.Plotter(off_screen=True, window_size=(1600, 620), shape=(1, 2), border=False)
+    scene.enable_anti_aliasing("ssaa")
     for column, surface in enumerate((flat, solid)):
         scene.subplot(0, column)
         scene.add_mesh(
@@ -112,8 +113,16 @@ def _picture_of_maps(mesh: "il.SurfaceMesh", volume: il.SplineMap, path: str) ->
             ).combine()
             if column:
                 fine.points = volume.x(np.clip(fine.points / [4, 1, 1], 0.0, 1.0))
-            scene.add_mesh(fine, color="black" if i == 2 else "gray", line_width=6 if i == 2 else 2)
+            scene.add_mesh(
+                fine, color="black" if i == 2 else "gray", line_width=12 if i == 2 else 3,
+                render_lines_as_tubes=i == 2,
+            )  # fmt: skip
         scene.view_vector((0.4, -1.0, 0.8) if not column else (0.3, -0.6, 1.0))
+        scene.add_text(
+            "in space" if column else "in the domain", position="upper_edge", font_size=12,
+            color="black",
+        )  # fmt: skip
+        scene.camera.zoom(1.12)
     scene.screenshot(path)
     scene.close()
 
@@ -122,17 +131,20 @@ def _picture_of_gyroids(surfaces: list["il.SurfaceMesh"], path: str) -> None:
     """The zero sets, coloured by how far off they are, in tile edges."""
     import pyvista as pv
 
+    titles = ("samples as coefficients", "samples at Greville points", "interpolation")
     bar = {
-        "title": "off, in tiles\n", "n_labels": 3, "fmt": "%.2f", "vertical": True, "width": 0.08,
-        "height": 0.4, "position_x": 0.8, "position_y": 0.55,
+        "title": "distance to the gyroid, in tiles\n", "n_labels": 4, "fmt": "%.2f", "width": 0.8,
+        "position_x": 0.1, "position_y": 0.02, "title_font_size": 20, "label_font_size": 18,
     }  # fmt: skip
-    scene = pv.Plotter(off_screen=True, window_size=(1600, 620), shape=(1, 3), border=False)
-    for i, mesh in enumerate(surfaces):
+    scene = pv.Plotter(off_screen=True, window_size=(1800, 760), shape=(1, 3), border=False)
+    scene.enable_anti_aliasing("ssaa")
+    for i, (mesh, title) in enumerate(zip(surfaces, titles, strict=True)):
         scene.subplot(0, i)
         scene.add_mesh(
             mesh.to_pyvista(), scalars="off", clim=(0.0, 0.06), cmap="YlOrBr", smooth_shading=True,
-            show_scalar_bar=i == 2, scalar_bar_args=bar,
+            show_scalar_bar=i == 1, scalar_bar_args=bar, ambient=0.1,
         )  # fmt: skip
+        scene.add_text(title, position="upper_edge", font_size=12, color="black")
         scene.view_vector((1.0, -1.6, 0.9))
     scene.screenshot(path)
     scene.close()

@@ -73,17 +73,21 @@ def _panels(lattice: il.Lattice, flat: "il.SurfaceMesh", mesh: "il.SurfaceMesh",
               flat.to_pyvista(), mesh.to_pyvista()]  # fmt: skip
     colours = ["firebrick", "firebrick", "black", "gold", "gold"]
     frame = pv.Box((0, 1, 0, 1, 0, 1)).extract_all_edges()
-    scene = pv.Plotter(off_screen=True, window_size=(2000, 460), shape=(1, 5), border=False)
+    scene = pv.Plotter(off_screen=True, window_size=(2000, 480), shape=(1, 5), border=False)
+    scene.enable_anti_aliasing("ssaa")
     for i, (panel, colour) in enumerate(zip(panels, colours, strict=True)):
         scene.subplot(0, i)
         scene.add_mesh(
-            panel, color=colour, point_size=3, smooth_shading=i != 2, split_sharp_edges=i > 2
-        )
+            panel, color=colour, point_size=8, smooth_shading=i != 2, split_sharp_edges=i > 2,
+            ambient=0.2,
+        )  # fmt: skip
         box = frame.copy()
         if i not in (0, 3):
             box.points = lattice.through.x(frame.points)
-        scene.add_mesh(box, color="gray")
+        scene.add_mesh(box, color="gray", line_width=3)
+        scene.add_text(f"({'abcde'[i]})", position="upper_left", font_size=12, color="black")
         scene.view_vector((1.0, -1.6, 0.9))
+        scene.camera.zoom(1.1)
     scene.screenshot(path)
     scene.close()
 
@@ -101,16 +105,21 @@ def _grid(volume: il.SplineMap, status: np.ndarray, mesh: "il.SurfaceMesh", path
     shown = grid.extract_cells((grid["status"] <= 0) & ~near)
     frame = grid.extract_surface(algorithm=None).extract_feature_edges(30)
     scene = pv.Plotter(off_screen=True, window_size=(1600, 700), shape=(1, 2), border=False)
-    scene.add_mesh(mesh.to_pyvista(), color="gold", smooth_shading=True, split_sharp_edges=True)
-    scene.add_mesh(frame, color="gray")
+    scene.enable_anti_aliasing("ssaa")
+    scene.add_mesh(
+        mesh.to_pyvista(), color="gold", smooth_shading=True, split_sharp_edges=True, ambient=0.2
+    )
+    scene.add_mesh(frame, color="gray", line_width=3)
     scene.view_vector((0.6, -1.6, 0.9))
+    scene.camera.zoom(1.15)
     scene.subplot(0, 1)
     scene.add_mesh(
         shown, scalars="status", cmap=["gold", "darkorange"], show_edges=True,
-        show_scalar_bar=False,
+        show_scalar_bar=False, ambient=0.2,
     )  # fmt: skip
-    scene.add_mesh(frame, color="gray")
+    scene.add_mesh(frame, color="gray", line_width=3)
     scene.view_vector((0.6, -1.6, 0.9))
+    scene.camera.zoom(1.15)
     scene.screenshot(path)
     scene.close()
 

@@ -30,7 +30,9 @@ def main(
             mesh.save(f"{out}_{name}.vtp")
             depth = mesh.point_data["thickness"] - np.abs(mesh.point_data["signed_distance"])
             painted = mesh.with_point_data(depth=np.maximum(depth, 0.0))
-            painted.screenshot(f"{out}_{name}.png", scalars="depth", cmap="YlOrBr")
+            painted.screenshot(
+                f"{out}_{name}.png", scalars="depth", cmap="YlOrBr", size=(1600, 900)
+            )
     return error
 
 

@@ -87,6 +87,7 @@ def _style(mesh: SurfaceMesh, scalars: str | None) -> dict[str, Any]:
     style = {"smooth_shading": smooth, "split_sharp_edges": smooth, "feature_angle": _CREASE}
     if scalars is not None:
         bar = {
+            "title": f"{scalars}\n",  # apart from the uppermost number
             "vertical": True,
             "fmt": "%.3g",
             "position_x": 0.92,
