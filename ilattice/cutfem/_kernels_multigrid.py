@@ -180,8 +180,11 @@ def tentative(offsets: Any, members: Any, modes: Any, L: Any, blocks: Any, coars
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST)
-def cholesky(A: Any) -> Any:
-    """Factor in the lower triangle of A; the least pivot over its diagonal entry, and where."""
+def cholesky(A: Any, floor: float) -> Any:
+    """Factor in the lower triangle of A; the least pivot over its diagonal entry, and where.
+
+    Pivots are at least `floor` times their diagonal entry.
+    """
     least = np.inf
     where = -1
     for i in range(len(A)):
@@ -197,7 +200,7 @@ def cholesky(A: Any) -> Any:
         if not ratio >= least:
             least = ratio
             where = i
-        A[i, i] = np.sqrt(max(A[i, i] - v, 1e-30 * A[i, i]))
+        A[i, i] = np.sqrt(max(A[i, i] - v, floor * A[i, i]))
     return least, where
 
 

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from numba import njit, prange
 
+from ilattice.cutfem._kernels_multigrid import cholesky, solve_cholesky
+
 #: Least pivot of a patch whose diagonal is one: below it, the matrix in single precision is noise.
 LEAST = 1e-6
 
@@ -56,43 +58,15 @@ def invert(
                         for a in range(m):
                             for b in range(m):
                                 D[m * i + a, m * j + b] = blocks[k, a, b]
-        factor(D)
+        cholesky(D, LEAST)
+        unit = np.zeros(n)
         x = np.empty(n)
         for c in range(n):
-            x[:] = 0.0
-            x[c] = 1.0
-            substitute(D, x)
+            unit[c] = 1.0
+            solve_cholesky(D, unit, x)
+            unit[c] = 0.0
             for a in range(n):
                 out[where[p] + a * n + c] = x[a]
-
-
-@njit(cache=True, error_model="numpy")
-def factor(A: Any) -> None:
-    """Cholesky factor in the lower triangle of A, of unit diagonal; pivots are LEAST or more."""
-    for i in range(len(A)):
-        for j in range(i):
-            v = A[i, j]
-            for k in range(j):
-                v -= A[i, k] * A[j, k]
-            A[i, j] = v / A[j, j]
-        v = A[i, i]
-        for k in range(i):
-            v -= A[i, k] * A[i, k]
-        A[i, i] = np.sqrt(max(v, LEAST))
-
-
-@njit(cache=True, error_model="numpy")
-def substitute(F: Any, x: Any) -> None:
-    """x = (F Fᵀ)⁻¹ x, F lower triangular."""
-    n = len(F)
-    for i in range(n):
-        for k in range(i):
-            x[i] -= F[i, k] * x[k]
-        x[i] /= F[i, i]
-    for i in range(n - 1, -1, -1):
-        for k in range(i + 1, n):
-            x[i] -= F[k, i] * x[k]
-        x[i] /= F[i, i]
 
 
 @njit(cache=True, error_model="numpy", parallel=True)

@@ -14,6 +14,44 @@ from ilattice.cutfem._kernels_blocks import FAST
 PARTS = 64
 
 
+@njit(inline="always")
+def clear(C: Any, at: int, rows: Any, columns: Any) -> None:
+    """C[at] = 0, blocks len(rows) x len(columns)."""
+    for a in range(len(rows)):
+        for b in range(len(columns)):
+            C[at, a, b] = 0.0
+
+
+@njit(inline="always")
+def add_product(
+    C: Any, at: int, A: Any, k: int, transposed: bool, B: Any, e: int,
+    rows: Any, inner: Any, columns: Any,
+) -> None:  # fmt: skip
+    """C[at] += A[k] B[e], of A[k] the transpose if asked; tuples as long as rows, sums, columns.
+
+    Rows of six, those of rigid modes, stay in registers.
+    """
+    for a in range(len(rows)):
+        if len(columns) == 6:
+            s, t, u = C[at, a, 0], C[at, a, 1], C[at, a, 2]
+            v, w, z = C[at, a, 3], C[at, a, 4], C[at, a, 5]
+            for c in range(len(inner)):
+                f = A[k, c, a] if transposed else A[k, a, c]
+                s += f * B[e, c, 0]
+                t += f * B[e, c, 1]
+                u += f * B[e, c, 2]
+                v += f * B[e, c, 3]
+                w += f * B[e, c, 4]
+                z += f * B[e, c, 5]
+            C[at, a, 0], C[at, a, 1], C[at, a, 2] = s, t, u
+            C[at, a, 3], C[at, a, 4], C[at, a, 5] = v, w, z
+        else:
+            for c in range(len(inner)):
+                f = A[k, c, a] if transposed else A[k, a, c]
+                for b in range(len(columns)):
+                    C[at, a, b] += f * B[e, c, b]
+
+
 @njit(cache=True, error_model="numpy", parallel=True)
 def count_product(
     a_offsets: Any, a_columns: Any, b_offsets: Any, b_columns: Any, width: int, out: Any
@@ -49,50 +87,7 @@ def product(
     blocks: Any,
 ) -> None:
     """A B, blocks len(S[0]) square times len(S[0]) x len(S[1]); columns of a row as they come."""
-    m = len(S[0])
-    p = len(S[1])
-    n = len(a_offsets) - 1
-    for part in prange(PARTS):
-        slot = np.full(width, -1, np.int32)
-        for i in range(n * part // PARTS, n * (part + 1) // PARTS):
-            first = offsets[i]
-            to = first
-            for k in range(a_offsets[i], a_offsets[i + 1]):
-                j = a_columns[k]
-                A = a_blocks[k]
-                for e in range(b_offsets[j], b_offsets[j + 1]):
-                    J = b_columns[e]
-                    at = slot[J]
-                    if at < first or at >= to or columns[at] != J:
-                        at = to
-                        to += 1
-                        slot[J] = at
-                        columns[at] = J
-                        blocks[at] = 0.0
-                    B = b_blocks[e]
-                    C = blocks[at]
-                    for c in range(m):
-                        for a in range(m):
-                            for b in range(p):
-                                C[a, b] += A[a, c] * B[c, b]
-
-
-@njit(cache=True, error_model="numpy", parallel=True, fastmath=FAST)
-def product6(
-    a_offsets: Any,
-    a_columns: Any,
-    a_blocks: Any,
-    b_offsets: Any,
-    b_columns: Any,
-    b_blocks: Any,
-    width: int,
-    L: Any,
-    offsets: Any,
-    columns: Any,
-    blocks: Any,
-) -> None:
-    """`product` for blocks len(L) x 6, whose rows stay in registers."""
-    m = len(L)
+    L, R = S
     n = len(a_offsets) - 1
     for part in prange(PARTS):
         slot = np.full(width, -1, np.int32)
@@ -109,30 +104,8 @@ def product6(
                         to += 1
                         slot[J] = at
                         columns[at] = J
-                        for a in range(m):
-                            for b in range(6):
-                                blocks[at, a, b] = 0.0
-                    for a in range(m):
-                        s = blocks[at, a, 0]
-                        t = blocks[at, a, 1]
-                        u = blocks[at, a, 2]
-                        v = blocks[at, a, 3]
-                        w = blocks[at, a, 4]
-                        z = blocks[at, a, 5]
-                        for c in range(m):
-                            f = a_blocks[k, a, c]
-                            s += f * b_blocks[e, c, 0]
-                            t += f * b_blocks[e, c, 1]
-                            u += f * b_blocks[e, c, 2]
-                            v += f * b_blocks[e, c, 3]
-                            w += f * b_blocks[e, c, 4]
-                            z += f * b_blocks[e, c, 5]
-                        blocks[at, a, 0] = s
-                        blocks[at, a, 1] = t
-                        blocks[at, a, 2] = u
-                        blocks[at, a, 3] = v
-                        blocks[at, a, 4] = w
-                        blocks[at, a, 5] = z
+                        clear(blocks, at, L, R)
+                    add_product(blocks, at, a_blocks, k, False, b_blocks, e, L, L, R)
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
@@ -183,8 +156,7 @@ def galerkin(
     blocks: Any,
 ) -> None:
     """Blocks of Tᵀ B on and right of the diagonal, columns of a row ascending."""
-    m = len(S[0])
-    p = len(S[1])
+    L, R = S
     n = len(t_offsets) - 1
     for part in prange(PARTS):
         slot = np.full(n, -1, np.int32)
@@ -203,87 +175,15 @@ def galerkin(
             columns[first:to].sort()
             for at in range(first, to):
                 slot[columns[at]] = at
-                blocks[at] = 0.0
-            for k in range(t_offsets[top], t_offsets[top + 1]):
-                i = t_rows[k]
-                T = t_blocks[t_where[k]]
-                for e in range(b_offsets[i], b_offsets[i + 1]):
-                    J = b_columns[e]
-                    if J < top:
-                        continue
-                    B = b_blocks[e]
-                    C = blocks[slot[J]]
-                    for c in range(m):
-                        for a in range(p):
-                            for b in range(p):
-                                C[a, b] += T[c, a] * B[c, b]
-
-
-@njit(cache=True, error_model="numpy", parallel=True, fastmath=FAST)
-def galerkin6(
-    t_offsets: Any,
-    t_rows: Any,
-    t_where: Any,
-    t_blocks: Any,
-    b_offsets: Any,
-    b_columns: Any,
-    b_blocks: Any,
-    L: Any,
-    offsets: Any,
-    columns: Any,
-    blocks: Any,
-) -> None:
-    """`galerkin` for blocks len(L) x 6, whose rows stay in registers."""
-    m = len(L)
-    n = len(t_offsets) - 1
-    for part in prange(PARTS):
-        slot = np.full(n, -1, np.int32)
-        for top in range(n * part // PARTS, n * (part + 1) // PARTS):
-            first = offsets[top]
-            to = first
-            for k in range(t_offsets[top], t_offsets[top + 1]):
-                i = t_rows[k]
-                for e in range(b_offsets[i], b_offsets[i + 1]):
-                    J = b_columns[e]
-                    at = slot[J]
-                    if J >= top and (at < first or at >= to or columns[at] != J):
-                        slot[J] = to
-                        columns[to] = J
-                        to += 1
-            columns[first:to].sort()
-            for at in range(first, to):
-                slot[columns[at]] = at
-                for a in range(6):
-                    for b in range(6):
-                        blocks[at, a, b] = 0.0
+                clear(blocks, at, R, R)
             for k in range(t_offsets[top], t_offsets[top + 1]):
                 i = t_rows[k]
                 q = t_where[k]
                 for e in range(b_offsets[i], b_offsets[i + 1]):
-                    if b_columns[e] < top:
+                    J = b_columns[e]
+                    if J < top:
                         continue
-                    at = slot[b_columns[e]]
-                    for a in range(6):
-                        s = blocks[at, a, 0]
-                        t = blocks[at, a, 1]
-                        u = blocks[at, a, 2]
-                        v = blocks[at, a, 3]
-                        w = blocks[at, a, 4]
-                        z = blocks[at, a, 5]
-                        for c in range(m):
-                            f = t_blocks[q, c, a]
-                            s += f * b_blocks[e, c, 0]
-                            t += f * b_blocks[e, c, 1]
-                            u += f * b_blocks[e, c, 2]
-                            v += f * b_blocks[e, c, 3]
-                            w += f * b_blocks[e, c, 4]
-                            z += f * b_blocks[e, c, 5]
-                        blocks[at, a, 0] = s
-                        blocks[at, a, 1] = t
-                        blocks[at, a, 2] = u
-                        blocks[at, a, 3] = v
-                        blocks[at, a, 4] = w
-                        blocks[at, a, 5] = z
+                    add_product(blocks, slot[J], t_blocks, q, True, b_blocks, e, R, L, R)
 
 
 @njit(cache=True, error_model="numpy")

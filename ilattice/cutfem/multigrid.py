@@ -116,10 +116,9 @@ class Blocks:
         offsets = np.cumsum(counts).astype(np.int32)
         columns = np.empty(offsets[-1], np.int32)
         blocks = np.empty((offsets[-1], *other.blocks.shape[1:]), other.blocks.dtype)
-        six = blocks.shape[2] == 6
-        (kq.product6 if six else kq.product)(
-            *mine, self.blocks, *theirs, other.blocks, other.width,
-            other.sizes[0] if six else other.sizes, offsets, columns, blocks,
+        kq.product(
+            *mine, self.blocks, *theirs, other.blocks, other.width, other.sizes,
+            offsets, columns, blocks,
         )  # fmt: skip
         return Blocks(offsets, columns, blocks, other.width)
 
@@ -359,9 +358,9 @@ def _galerkin(A: Blocks, inverses: FloatArray, P: Blocks) -> Blocks:
     columns = np.empty(upper[-1], np.int32)
     p = P.blocks.shape[2]
     blocks = np.empty((upper[-1], p, p))
-    (kq.galerkin6 if p == 6 else kq.galerkin)(
-        offsets, rows, where, T.blocks, B.offsets, B.columns, B.blocks,
-        P.sizes[0] if p == 6 else P.sizes, upper, columns, blocks,
+    kq.galerkin(
+        offsets, rows, where, T.blocks, B.offsets, B.columns, B.blocks, P.sizes,
+        upper, columns, blocks,
     )  # fmt: skip
     lower = np.bincount(columns, minlength=P.width) - 1
     whole = _offsets(np.diff(upper) + lower)
@@ -382,7 +381,7 @@ def _factor(A: Blocks) -> FloatArray:
     dense = np.zeros((A.rows, m, A.rows, m))
     dense[rows, :, A.columns, :] = A.blocks
     factor = dense.reshape(n, n)
-    least, _ = km.cholesky(factor)
+    least, _ = km.cholesky(factor, 1e-30)
     if not least > SINGULAR:
         raise ConvergenceError(
             f"K is singular: a motion of the whole has {least:.1e} of the stiffness of others; "

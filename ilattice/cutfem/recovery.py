@@ -176,13 +176,12 @@ def smooth_flux(solution: HeatSolution, weights: dict[int, float]) -> FloatArray
 
 def smoothest(problem: Problem) -> Assembly:
     """Splines of greatest smoothness on the active cells: those that are recovered."""
-    asm, domain = problem.assembly, problem.domain
-
-    def make() -> Assembly:
-        space = replace(asm.space, smoothness=asm.space.degree - 1)
-        return Assembly(space, asm.through)
-
-    return domain.once(("smoothest", asm), make)
+    asm, greatest = problem.assembly, problem.domain.degree - 1
+    if asm.space.smoothness == greatest:
+        return asm
+    return problem.domain.once(
+        ("smoothest", asm), lambda: Assembly(replace(asm.space, smoothness=greatest), asm.through)
+    )
 
 
 def project(
