@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
+from ilattice.mesh.untangle import shortest
+from ilattice.offsets.polish import distance_jet, inside
 
 if TYPE_CHECKING:
     from ilattice.offsets.wall import Wall
@@ -40,13 +42,10 @@ class InPlane:
         self, wall: "Wall", axes: tuple[FloatArray, ...], frame: FloatArray, h: float, polish: bool
     ) -> None:
         self.wall, self.axes, self.frame, self.h, self.polish = wall, axes, frame, h, polish
-        self.closed = np.array(wall.lattice.through.closed)
 
     def shortest(self, step: FloatArray) -> FloatArray:
         """Ways between parameters, across the seam of closed directions where that is shorter."""
-        lo, hi = self.wall.lattice.domain
-        turns = np.where(self.closed, np.rint(step / (hi - lo)), 0.0)
-        return step - turns * (hi - lo)
+        return shortest(self.wall.lattice, step)
 
     def flat(self, u: FloatArray) -> FloatArray:
         """Coordinates (n, 2) in the plane."""
@@ -55,8 +54,7 @@ class InPlane:
 
     def wrapped(self, u: FloatArray) -> FloatArray:
         """Parameters within the domain."""
-        lo, hi = self.wall.lattice.domain
-        return np.where(self.closed, lo + np.mod(u - lo, hi - lo), np.clip(u, lo, hi))
+        return inside(self.wall.lattice, u)
 
     def settled(self, u: FloatArray, fixed: AnyArray, side: IntArray, level: float) -> FloatArray:
         """Points moved onto the plane and, those on a side of the wall, onto it.
@@ -136,8 +134,6 @@ class InPlane:
         self, u: FloatArray, x: FloatArray, jacobian: FloatArray, side: IntArray, exact: bool
     ) -> tuple[FloatArray, FloatArray]:
         """How far points are beyond a side of the wall, and the gradient in u."""
-        from ilattice.offsets.polish import distance_jet
-
         thickness = self.wall.thickness
         asked, slope = (np.where(side > 0, a.T, b.T).T for a, b in zip(
             thickness.outer.jet(u, 1), thickness.inner.jet(u, 1), strict=True

@@ -17,7 +17,8 @@ from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.mesh import _kernels_slices as kernels
 from ilattice.mesh._in_plane import InPlane
 from ilattice.mesh._roots import between
-from ilattice.mesh._sheet import Sheet, fixed_by
+from ilattice.mesh._sheet import Sheet
+from ilattice.mesh.contouring import fixed_coordinates
 
 #: Secants onto the wall, along edges of the sheet.
 SECANTS = 4
@@ -94,11 +95,12 @@ def placed(plane: InPlane, node: IntArray, start: IntArray, sheet: Sheet, level:
     u = plane.wrapped(sheet.u[a] + t[:, None] * plane.shortest(sheet.u[b] - sheet.u[a]))
     flat = plane.flat(sheet.u)
     rough = flat[a] + t[:, None] * (flat[b] - flat[a])
-    fixed, side = fixed_by(sheet.faces[a] & sheet.faces[b]), np.where(cross, 2 * upper - 1, 0)
+    fixed = fixed_coordinates(sheet.faces[a] & sheet.faces[b])
+    side = np.where(cross, 2 * upper - 1, 0)
     keep = np.zeros(len(u), np.bool_)
-    apart = SPACING * plane.edges(u) * 0.5 ** np.maximum(sheet.depth[a], sheet.depth[b])
-    kernels.thin_out(rough, start, apart, fixed.sum(axis=1) + cross > 1, keep)
-    first = np.concatenate([[0], np.cumsum(np.add.reduceat(keep, start[:-1], dtype=np.int64))])
+    spacing = SPACING * plane.edges(u) * 0.5 ** np.maximum(sheet.depth[a], sheet.depth[b])
+    kernels.thin_out(rough, start, spacing, fixed.sum(axis=1) + cross > 1, keep)
+    first = _first(keep, start)
     fixed, side = fixed[keep], side[keep]
     moved = plane.settled(u[keep], fixed, side, level)
     loops = _Loops(moved, fixed, side, np.flatnonzero(keep).astype(np.float64), first)
@@ -149,7 +151,8 @@ def _simple(plane: InPlane, loops: _Loops, rough: FloatArray, first: IntArray) -
     back = np.zeros(len(rough), np.bool_)
     while True:
         least = np.where(np.isin(place, np.flatnonzero(back)), SAME, MERGE) * plane.h
-        points, start, place = merged(points, start, least, place)
+        keep, start = apart(points, start, least)
+        points, place = points[keep], place[keep]
         now = back | _between(place, start, crossing(points, start), first)
         if (now == back).all():
             return finished(points, start, MERGE * plane.h)
@@ -196,14 +199,17 @@ def _after(start: IntArray) -> IntArray:
     return after
 
 
-def merged(
-    points: FloatArray, start: IntArray, least: FloatArray, place: FloatArray
-) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Loops, and what belongs to their points, less those nearer to the one before than `least`."""
+def apart(points: FloatArray, start: IntArray, least: FloatArray) -> tuple[AnyArray, IntArray]:
+    """Which points (n,) of loops are not nearer to the one before than `least`; first of each."""
     keep = np.zeros(len(points), np.bool_)
     kernels.thin_out(points, start, least, np.zeros_like(keep), keep)
+    return keep, _first(keep, start)
+
+
+def _first(keep: AnyArray, start: IntArray) -> IntArray:
+    """First point of each loop, once only those to keep are left."""
     count = np.add.reduceat(keep, start[:-1], dtype=np.int64)
-    return points[keep], np.concatenate([[0], np.cumsum(count)]), place[keep]
+    return np.concatenate([[0], np.cumsum(count)])
 
 
 def _turns(points: FloatArray, after: IntArray) -> FloatArray:

@@ -11,7 +11,7 @@ import numpy as np
 from ilattice._typing import FloatArray, IntArray
 from ilattice.errors import GeometryError
 from ilattice.mesh import _kernels_slices as kernels
-from ilattice.mesh._loops import EMPTY, MERGE, Outline, finished, merged
+from ilattice.mesh._loops import EMPTY, MERGE, Outline, apart, finished
 
 if TYPE_CHECKING:
     from ilattice.mesh.surface import SurfaceMesh
@@ -76,10 +76,9 @@ class MeshSlicer:
         a, b = self._x[names[order, 0]], self._x[names[order, 1]]
         t = ((level - a[:, 2]) / (b[:, 2] - a[:, 2]))[:, None]
         points = np.ascontiguousarray(((1.0 - t) * a + t * b)[:, :2])
-        points, start, _ = merged(
-            points, start[: loops + 1].copy(), np.full(len(points), self._least), a[:, 0]
-        )
-        return finished(points, start, self._least)
+        least = np.full(len(points), self._least)
+        keep, first = apart(points, start[: loops + 1].copy(), least)
+        return finished(points[keep], first, self._least)
 
     def _edges(self, faces: IntArray, level: float, *, rising: bool) -> IntArray:
         """The edge of each triangle along which its boundary rises (or falls) through a plane."""

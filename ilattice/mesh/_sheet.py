@@ -74,9 +74,3 @@ def joined(sheet: Sheet, new: Sheet) -> Sheet:
     """Corners of one sheet and of another one, with the triangles of the first."""
     pairs = zip(sheet[1:], new[1:], strict=True)
     return Sheet._make([sheet.triangles, *(np.concatenate(pair) for pair in pairs)])
-
-
-def fixed_by(faces: IntArray) -> AnyArray:
-    """Coordinates (n, 3) that faces of the domain, as bits, fix."""
-    out: AnyArray = np.stack([(faces >> (2 * k)) & 3 for k in range(3)], axis=1) != 0
-    return out

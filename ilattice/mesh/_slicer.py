@@ -15,7 +15,6 @@ vertices tell of them, which is nearly always; see `ilattice.mesh._sheet`.
 """
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,10 +25,8 @@ from ilattice.mesh import _kernels_slices as kernels
 from ilattice.mesh._in_plane import InPlane
 from ilattice.mesh._loops import EMPTY, Outline, placed
 from ilattice.mesh._roots import between
-from ilattice.mesh._sheet import Sheet, edges_of, fixed_by, halved, hidden, joined
-
-if TYPE_CHECKING:
-    from ilattice.offsets.wall import Wall
+from ilattice.mesh._sheet import Sheet, edges_of, halved, hidden, joined
+from ilattice.mesh.contouring import fixed_coordinates
 
 BLOCK = 8
 #: Bisections of the boxes that may hold the highest and the lowest point.
@@ -49,26 +46,16 @@ class Slicer:
 
     Parameters
     ----------
-    wall : Wall
-        The wall.
-    axes : three ndarray
-        Grid planes in the parameter box.
-    frame : ndarray, shape (3, 3)
-        Rows: the two directions in the plane and its normal, right-handed.
-    h : float
-        Length of the edges of the grid in space.
-    polish : bool
-        Whether points move onto the exact offset, by closest points.
+    plane : InPlane
+        Moves points of the wall within such planes.
     """
 
-    def __init__(
-        self, wall: "Wall", axes: tuple[FloatArray, ...], frame: FloatArray, h: float, polish: bool
-    ) -> None:
-        self.wall, self.axes, self.h = wall, axes, h
-        self.plane = InPlane(wall, axes, frame, h, polish)
+    def __init__(self, plane: InPlane) -> None:
+        self.plane, wall, axes = plane, plane.wall, plane.axes
+        self.wall, self.axes = wall, axes
         self.closed = np.array(wall.lattice.through.closed)
         self.period = np.where(self.closed, np.ptp(wall.lattice.domain, axis=0), 0.0)
-        self.height = _component(wall.lattice.through.geometry, frame[2])
+        self.height = _component(wall.lattice.through.geometry, plane.frame[2])
         cells = np.array([len(a) - 1 for a in axes])
         self.cells = cells
         self.planes = np.where(self.closed, cells, cells + 1)
@@ -188,7 +175,7 @@ class Slicer:
             faces = sheet.faces[a] & sheet.faces[b]
             u = sheet.u[a] + 0.5 * self.plane.shortest(sheet.u[b] - sheet.u[a])
             none = np.zeros(len(u), np.int64)
-            u = self.plane.settled(self.plane.wrapped(u), fixed_by(faces), none, level)
+            u = self.plane.settled(self.plane.wrapped(u), fixed_coordinates(faces), none, level)
             new = self._seen(u, faces, depth)
             middle = np.where(edge < 0, -1, len(sheet.u) + edge)
             triangles = halved(sheet.triangles[open_], middle)

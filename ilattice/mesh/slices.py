@@ -28,6 +28,7 @@ from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import as_array, as_positive, as_triple, read_only
 from ilattice.errors import InputError, PrecisionWarning
 from ilattice.mesh import _kernels_slices as kernels
+from ilattice.mesh._in_plane import InPlane
 from ilattice.mesh._loops import Outline
 from ilattice.mesh._mesh_slicer import MeshSlicer
 from ilattice.mesh._slicer import Slicer, as_frame, extent
@@ -251,7 +252,7 @@ def slice_wall(
     h = 0.25 * least if h is None else as_positive("h", h)
     warn_coarse(h, least)
     frame = as_frame(as_triple("normal", normal))
-    slicer = Slicer(wall, grid_axes(wall, h), frame, h, polish)
+    slicer = Slicer(InPlane(wall, grid_axes(wall, h), frame, h, polish))
     heights, tops, bottom = _layers(z, thickness, extent(slicer.height))
     return SliceStack(wall, read_only(heights), read_only(tops), bottom, read_only(frame), slicer)
 

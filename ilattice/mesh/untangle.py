@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
-from ilattice.mesh.contouring import split_quads
+from ilattice.mesh.contouring import fixed_coordinates, split_quads
 from ilattice.mesh.measure import self_intersections
 from ilattice.mesh.repair import Repair, remove_slivers
 from ilattice.offsets.polish import inside
@@ -117,7 +117,7 @@ class _Surface:
             np.add.at(total, a, shortest(self.lattice, self.u[b] - self.u[a]))
             np.add.at(count, a, 1.0)
         step = SLIDE * total[at] / np.maximum(count[at], 1.0)[:, None]
-        fixed = np.stack([(self.kind[at] >> (2 * a)) & 3 for a in range(3)], axis=1) != 0
+        fixed = fixed_coordinates(self.kind[at])
         return at, inside(self.lattice, self.u[at] + np.where(fixed, 0.0, step))
 
 

@@ -25,7 +25,13 @@ from ilattice._progress import Progress
 from ilattice._typing import AnyArray, FloatArray
 from ilattice.errors import PrecisionWarning
 from ilattice.mesh._own_cells import in_own_cells
-from ilattice.mesh.contouring import ON_CAP, Contour, contour_arrays, contour_blocks
+from ilattice.mesh.contouring import (
+    ON_CAP,
+    Contour,
+    contour_arrays,
+    contour_blocks,
+    fixed_coordinates,
+)
 from ilattice.mesh.surface import SurfaceMesh
 from ilattice.mesh.untangle import untangled
 from ilattice.offsets.polish import polish
@@ -162,7 +168,7 @@ class _Job:
         out, lost = u.copy(), side != 0
         at = np.flatnonzero(lost & self.polish)
         if len(at):
-            fixed = _fixed(kind[at])
+            fixed = fixed_coordinates(kind[at])
             out[at], found = in_own_cells(self.wall, self.axes, u[at], fixed, side[at])
             lost[at[found]] = False
         return out, lost
@@ -241,7 +247,7 @@ def settled(
     ndarray of bool, shape (V,)
         Those that could not be moved, and keep their place.
     """
-    fixed = _fixed(kind)
+    fixed = fixed_coordinates(kind)
     out = u.copy()
     lost = np.zeros(len(u), np.bool_)
     thickest = 0.5 * max(wall.thickness.extremes[1], wall.least_thickness)
@@ -256,12 +262,6 @@ def settled(
             out[at] = np.where(stay[:, None], u[at], moved)
             lost[at] = stay
     return out, lost
-
-
-def _fixed(kind: AnyArray) -> AnyArray:
-    """Coordinates (n, 3) that stay as they are, on faces of the domain."""
-    out: AnyArray = np.stack([(kind >> (2 * a)) & 3 for a in range(3)], axis=1) != 0
-    return out
 
 
 def strayed(wall: Wall, axes: tuple[FloatArray, ...], u: FloatArray, moved: FloatArray) -> AnyArray:
