@@ -169,6 +169,21 @@ def test_polished_contours_keep_the_exact_distance():
     assert np.abs(np.abs(w.lattice.distance(u[:, :])) - 0.1).mean() > 1e-6
 
 
+@pytest.mark.parametrize(("name", "d"), [("gyroid", 0.15), ("diamond", 0.1)])
+def test_polished_contours_hold_the_area_of_exact_distances(name, d):
+    """Thick walls, whose distance spline is off by more than that: so are unpolished ones."""
+    lattice = il.Lattice(name, through=il.macroshape.box())
+    z, w = 0.4806, lattice.offset(d)
+
+    def field(p):
+        return np.abs(lattice.distance(np.column_stack([p, np.full(len(p), z)]))) - d
+
+    exact = area_by_lines(field, lines=250, samples=120)
+    polished, rough = (w.slices([z], polish=p)[0].area for p in (True, False))
+    assert polished == pytest.approx(exact, rel=3e-4)
+    assert abs(rough / exact - 1) > 1e-3
+
+
 def test_first_order_walls_are_not_moved_onto_the_exact_offset():
     w = wall("box").lattice.offset(0.1, space="parametric")
     exact, rough = (w.slices([0.3], h=0.05, polish=p)[0].area for p in (True, False))
