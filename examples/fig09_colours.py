@@ -72,20 +72,24 @@ def _picture(meshes: list["il.SurfaceMesh"], volume: il.SplineMap, path: str) ->
     """The lattice of constant d in the translucent volume, and the one of varying d."""
     import pyvista as pv
 
-    flat = np.ptp(volume.bounds[:, 2]) < 0.2 * np.ptp(volume.bounds[:, 1])
-    scene = pv.Plotter(off_screen=True, window_size=(1800, 800), shape=(1, 2), border=False)
+    x, y, z = np.ptp(volume.bounds, axis=0)
+    flat, long = z < 0.2 * y, x < 0.75 * y
+    shape = (2, 1) if long else (1, 2)
+    scene = pv.Plotter(off_screen=True, window_size=(1800, 800), shape=shape, border=False)
+    scene.enable_anti_aliasing("ssaa")
     for i, mesh in enumerate(meshes):
-        scene.subplot(0, i)
+        scene.subplot(*((i, 0) if long else (0, i)))
         solid = mesh.to_pyvista()
         solid["colour"] = np.stack([mesh.point_data[c] for c in "rgb"], axis=1)
         scene.add_mesh(
-            solid, scalars="colour", rgb=True, smooth_shading=True, split_sharp_edges=True
-        )
+            solid, scalars="colour", rgb=True, smooth_shading=True, split_sharp_edges=True,
+            ambient=0.2,
+        )  # fmt: skip
         if i == 0:
             scene.add_mesh(_skin(volume), color="lightblue", opacity=0.25)
         scene.view_vector((-0.5, -0.3, 1.0) if flat else (0.45, -1.0, 0.7))
     scene.link_views()
-    scene.camera.zoom(1.1 if flat else 1.3)
+    scene.camera.zoom(3.3 if long else 1.1 if flat else 1.3)
     scene.screenshot(path)
     scene.close()
 

@@ -180,7 +180,8 @@ class Result:
             What pyvista returns.
         """
         grid = self.to_pyvista(on, h=h, scale=scale)
-        return grid.plot(**{"scalars": self.shown, **options})
+        bar = {"title": f"{options.get('scalars', self.shown)}\n"}  # apart from the numbers
+        return grid.plot(**{"scalars": self.shown, "scalar_bar_args": bar, **options})
 
     def save(
         self, path: "str | PathLike[str]", *, on: str = "auto", h: float | None = None,

@@ -235,12 +235,17 @@ def _equations(
 
 
 def _nearest(x: FloatArray, A: FloatArray, b: FloatArray, axes: Any, beyond: float) -> FloatArray:
-    """Points nearest to the planes around x, and to x, in cells that are wider by `beyond`."""
+    """Points nearest to the planes around x, and to x, in cells that are wider by `beyond`.
+
+    They stay in the grid: beyond it, fields need not be known.
+    """
     size, way = np.linalg.eigh(A)
     used = size > RANK * size[:, 2:]
     inverse = np.einsum("nij,nj,nkj->nik", way, used / np.where(used, size, 1.0), way)
     low, high = _cells(x, axes)
-    low, high = low - beyond * (high - low), high + beyond * (high - low)
+    least, most = (np.array([a[i] for a in axes]) for i in (0, -1))
+    wider = beyond * (high - low)
+    low, high = np.maximum(low - wider, least), np.minimum(high + wider, most)
     new = np.empty_like(x)
     kernels.approach(x, A, b, inverse, low, high, TURNS, new)
     return new

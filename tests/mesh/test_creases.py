@@ -69,6 +69,31 @@ def test_edges_end_at_caps_and_stay_on_them():
     assert found.is_watertight
 
 
+class Within:
+    """A field that is known in the unit cube only: the intersection of two halves of space."""
+
+    bounds = np.array([[0.0] * 3, [1.0] * 3])
+    normal = np.array([[-0.32, 0.92, 0.23], [-0.2, -0.81, -0.55]])
+    level = normal @ np.full(3, 0.5)
+
+    def __call__(self, p):
+        return self.jet(p, 0)[0]
+
+    def jet(self, p, order=1):
+        assert ((p >= 0.0) & (p <= 1.0)).all()
+        both = p @ self.normal.T - self.level
+        side = both.argmax(axis=1)
+        jets = both.max(axis=1), self.normal[side], np.zeros((len(p), 3, 3))
+        return jets[: order + 1]
+
+
+def test_creases_next_to_faces_of_the_domain_stay_within():
+    part = sharp(Within(), (np.linspace(0.0, 1.0, 12),) * 3)
+    assert part.is_watertight
+    assert part.vertices.min() == 0.0
+    assert part.vertices.max() == 1.0
+
+
 def test_smooth_surfaces_stay_as_they_are():
     ball = fields.sphere(1.0)
     raw = contour_arrays(ball, planes(30))
