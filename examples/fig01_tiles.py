@@ -59,4 +59,5 @@ def _picture(meshes: list["il.SurfaceMesh"], path: str) -> None:
 
 
 if __name__ == "__main__":
-    print(main(out="fig01_tiles"))
+    for name, number in main(out="fig01_tiles").items():
+        print(f"{name}: {number:.6g}")

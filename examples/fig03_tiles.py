@@ -151,4 +151,5 @@ def _picture_of_gyroids(surfaces: list["il.SurfaceMesh"], path: str) -> None:
 
 
 if __name__ == "__main__":
-    print(main(out="fig03"))
+    for name, number in main(out="fig03").items():
+        print(f"{name}: {number:.6g}")

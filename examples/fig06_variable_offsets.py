@@ -74,4 +74,5 @@ def _picture(base: "il.SurfaceMesh", moved: "il.SurfaceMesh", path: str) -> None
 
 
 if __name__ == "__main__":
-    print(main(out="fig06"))
+    for name, number in main(out="fig06").items():
+        print(f"{name}: {number:.6g}")

@@ -125,4 +125,5 @@ def _grid(volume: il.SplineMap, status: np.ndarray, mesh: "il.SurfaceMesh", path
 
 
 if __name__ == "__main__":
-    print(main(out="fig07"))
+    for name, number in main(out="fig07").items():
+        print(f"{name}: {number:.6g}")

@@ -104,4 +104,5 @@ def _skin(volume: il.SplineMap) -> Any:
 
 
 if __name__ == "__main__":
-    print(main(out="fig09"))
+    for name, number in main(out="fig09").items():
+        print(f"{name}: {number:.6g}")

@@ -34,4 +34,5 @@ def main(h: float = 0.05, d: float = 0.15, out: str = "") -> dict[str, float]:
 
 
 if __name__ == "__main__":
-    print(main(out="fig13_tapered"))
+    for name, number in main(out="fig13_tapered").items():
+        print(f"{name}: {number:.6g}")

@@ -64,7 +64,8 @@ def thickest_pore(mesh: "il.SurfaceMesh") -> float:
 
 
 if __name__ == "__main__":
-    print(main(out="fig14"))
+    for name, number in main(out="fig14").items():
+        print(f"{name}: {number:.6g}")
     for point in changes():
         part = (point.value - 0.1) / 0.18
         print(f"{point.value:.4f}, {part:.0%} of the way to the thickest place: {point.kind}")

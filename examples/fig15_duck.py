@@ -37,4 +37,5 @@ def main(
 
 
 if __name__ == "__main__":
-    print(main(out="fig15"))
+    for name, number in main(out="fig15").items():
+        print(f"{name}: {number:.6g}")

@@ -1,7 +1,8 @@
 """A volume that somebody else wrote, filled with I-WP.
 
 `cylinder.xml` comes from G+Smo: a rational, left-handed cylinder shell. It is read, filled and
-written for a slicer; the mesh is watertight and in one piece.
+written for a slicer; the mesh is watertight and in one piece. 3MF files need
+`pip install "ilattice[print]"`.
 
     python examples/gismo_iwp.py [FILE.xml]
 """
@@ -36,4 +37,5 @@ def main(
 
 
 if __name__ == "__main__":
-    print(main(*sys.argv[1:], out="gismo_iwp"))
+    for name, number in main(*sys.argv[1:], out="gismo_iwp").items():
+        print(f"{name}: {number:.6g}")

@@ -40,4 +40,5 @@ def main(d: float = 0.05, h: float = 0.05, cells: int = 6, out: str = "") -> dic
 
 
 if __name__ == "__main__":
-    print(main(out="hybrid_tiles"))
+    for name, number in main(out="hybrid_tiles").items():
+        print(f"{name}: {number:.6g}")

@@ -33,4 +33,5 @@ def main(h: float = 0.03, repeat: tuple[int, int, int] = (8, 2, 2)) -> dict[str,
 
 
 if __name__ == "__main__":
-    print(main())
+    for name, number in main().items():
+        print(f"{name}: {number:.6g}")

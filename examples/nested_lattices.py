@@ -44,4 +44,5 @@ def main(
 
 
 if __name__ == "__main__":
-    print(main(out="nested_lattices"))
+    for name, number in main(out="nested_lattices").items():
+        print(f"{name}: {number:.6g}")

@@ -22,4 +22,5 @@ def main(h: float = 0.05, out: str = "") -> dict[str, float]:
 
 
 if __name__ == "__main__":
-    print(main(out="schwarz_p_torus"))
+    for name, number in main(out="schwarz_p_torus").items():
+        print(f"{name}: {number:.6g}")
