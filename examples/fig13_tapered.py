@@ -26,7 +26,7 @@ def main(h: float = 0.05, d: float = 0.15, out: str = "") -> dict[str, float]:
         mesh.save(f"{out}.vtp")
         depth = mesh.point_data["thickness"] - np.abs(mesh.point_data["signed_distance"])
         painted = mesh.with_point_data(depth=np.maximum(depth, 0.0))
-        painted.screenshot(f"{out}.png", scalars="depth", cmap="YlOrBr")
+        painted.screenshot(f"{out}.png", scalars="depth", cmap="copper_r")
     return {
         "error": np.abs(distance[~on_a_side] - d).max(),
         "thickness at the sides": 2 * distance[on_a_side].max(),

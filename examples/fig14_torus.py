@@ -9,8 +9,7 @@ distance to the mid-surface. An eighth of a tile of the gyroid has these: at 0.1
 the faces of the torus; at 0.228 the first throats of the pores close, and at 0.234 the last, which
 cuts them into cells; the deepest of these is filled at 0.244. In (b) each happens where the
 half-thickness passes that value: the throats close at 71 % of the way from the thinnest place to
-the thickest. The cells that are left there are shallower than the distance spline can tell from
-full: the last pore of the mesh is where the half-thickness is 0.23.
+the thickest. The last pore of the mesh is where the half-thickness is 0.242.
 
     python examples/fig14_torus.py
 """
@@ -43,7 +42,7 @@ def main(
                 mesh.save(f"{out}_{name}_{kind}.vtp")
                 depth = mesh.point_data["thickness"] - np.abs(mesh.point_data["signed_distance"])
                 painted = mesh.with_point_data(depth=np.maximum(depth, 0.0))
-                painted.screenshot(f"{out}_{name}_{kind}.png", scalars="depth", cmap="YlOrBr")
+                painted.screenshot(f"{out}_{name}_{kind}.png", scalars="depth", cmap="copper_r")
             if (name, kind) == ("gyroid", "varying"):
                 numbers["thickest pore"] = thickest_pore(mesh)
     return numbers

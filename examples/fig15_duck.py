@@ -31,7 +31,7 @@ def main(
             depth = mesh.point_data["thickness"] - np.abs(mesh.point_data["signed_distance"])
             painted = mesh.with_point_data(depth=np.maximum(depth, 0.0))
             painted.screenshot(
-                f"{out}_{name}.png", scalars="depth", cmap="YlOrBr", size=(1600, 900)
+                f"{out}_{name}.png", scalars="depth", cmap="copper_r", size=(1600, 900)
             )
     return error
 

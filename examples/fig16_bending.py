@@ -4,7 +4,9 @@ Figure 16: a wall and struts of about the same volume in a torus, whose bottom i
 that pulls one half up and pushes the other down. Figure 17: struts of two thicknesses in a duck,
 held at tail and head, under their weight. The grids are those of the paper, and so are the
 trilinear functions; the solid is cut out of the grid exactly. The number that is checked: the
-struts are about twice as stiff as the wall.
+struts are about twice as stiff as the wall. Elasticity is linear, and the loads of the paper are
+large: the torus moves by up to its height, and the duck by far more, so that it is drawn with
+displacements made smaller.
 
     python examples/fig16_bending.py
 """
