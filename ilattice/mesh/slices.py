@@ -13,7 +13,8 @@ Contours do not cross or touch each other or themselves. Where gaps or webs are 
 it is halved, up to three times; what may be finer still is counted as `Slice.doubt` and, where it
 is much, warned of.
 Not guaranteed: next to creases, where two offset surfaces meet, a contour may be rounded over part
-of a cell; contours may cross where a cell of the grid is folded by the map.
+of a cell, which fills up to 0.07 % more of walls whose pores almost close, at the default `h`;
+contours may cross where a cell of the grid is folded by the map.
 """
 
 import os
