@@ -21,6 +21,8 @@ from ilattice.errors import GeometryError, InputError
 from ilattice.mesh.surface import SurfaceMesh
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from ilattice.macroshape.lattice import Lattice
     from ilattice.offsets.critical import CriticalPoint
     from ilattice.offsets.wall import Wall
@@ -114,7 +116,7 @@ class TopologySweep:
         All changes between the first and the last: `value` is the critical half-thickness.
     unexplained : tuple of (float, float)
         Intervals between half-thicknesses whose contours differ by more or less in Euler number
-        than the events in between say.
+        than the events in between say. Contours with longer edges than a pore is wide lose it.
     """
 
     d: FloatArray
@@ -129,6 +131,58 @@ class TopologySweep:
         new = np.diff(values, prepend=-np.inf) > 1e-7 * np.abs(values)
         out: FloatArray = values[new]
         return out
+
+    def euler(self, d: ArrayLike) -> IntArray:
+        """Euler numbers of walls: that of the first contour, and the changes up to there.
+
+        Parameters
+        ----------
+        d : array_like, shape (n,)
+            Half-thicknesses, in the range of those of the sweep.
+
+        Returns
+        -------
+        ndarray of int, shape (n,)
+            Parts less handles plus voids, however narrow these are.
+
+        Raises
+        ------
+        InputError
+            For half-thicknesses out of range.
+        """
+        values = np.atleast_1d(as_array("d", d))
+        if not ((values >= self.d[0]) & (values <= self.d[-1])).all():
+            raise InputError(
+                f"d must be between {self.d[0]:g} and {self.d[-1]:g}, got {d!r:.80}; sweep further"
+            )
+        changes = np.cumsum([0, *(e.change for e in self.events)])
+        at = np.searchsorted([e.value for e in self.events], values, side="right")
+        return np.asarray(self.reports[0].euler + changes[at])
+
+    def plot(self) -> "Figure":
+        """Euler number over the half-thickness, and where parts, bridges, necks and voids change.
+
+        Returns
+        -------
+        Figure
+            Of matplotlib; ``savefig`` writes it.
+        """
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(7, 4.5), layout="constrained")
+        axes = figure.add_subplot()
+        d = np.unique([self.d[0], *(e.value for e in self.events), self.d[-1]])
+        axes.step(d, self.euler(d), where="post", color="0.3", label="Euler number")
+        axes.plot(self.d, [r.euler for r in self.reports], "kx", label="of the contours")
+        for kind in ("part", "bridge", "neck", "void"):
+            values = np.array([e.value for e in self.events if e.kind == kind])
+            if len(values):
+                label = f"{len(values)} {kind}{'s' * (len(values) > 1)}"
+                axes.plot(values, self.euler(values), "o", markersize=4, label=label)
+        axes.set(xlabel="half-thickness", ylabel="parts - handles + voids")
+        axes.grid(alpha=0.3)
+        axes.legend()
+        return figure
 
 
 def topology_of(mesh: SurfaceMesh) -> TopologyReport:
@@ -194,7 +248,7 @@ def topology_sweep(
         topology_of(wall_contour(lattice.offset(value), h, progress=None))
         for value in track(d.tolist(), "topology", progress)
     ]
-    events = tuple(critical_points(lattice, float(d[0]), float(d[-1])))
+    events = tuple(critical_points(lattice, float(d[0]), float(d[-1]), progress=progress))
     unexplained = []
     for i in range(len(d) - 1):
         change = sum(e.change for e in events if d[i] < e.value <= d[i + 1])

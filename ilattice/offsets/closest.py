@@ -429,8 +429,11 @@ def _cell_centres(m: IntArray) -> FloatArray:
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
-def kernel_space(lattice: Lattice) -> tuple[Any, ...]:
-    """What the kernels need to know of a lattice: flat kernel arguments."""
+def kernel_space(lattice: Lattice, *, generic: bool = False) -> tuple[Any, ...]:
+    """What the kernels need to know of a lattice: flat kernel arguments.
+
+    Generic ones are for kernels that must not be compiled once per degree of the map.
+    """
     from ilattice.bspline import BSpline
     from ilattice.tiles.trig import TrigField
 
@@ -455,4 +458,5 @@ def kernel_space(lattice: Lattice) -> tuple[Any, ...]:
     geom = np.concatenate([lo, step, lattice.through.closed, lattice.repeat, last]).astype(
         np.float64
     )
-    return (*spline.kernel_args, geom, *(np.array(a) for a in trig), *tile.generic_kernel_args)
+    args = spline.generic_kernel_args if generic else spline.kernel_args
+    return (*args, geom, *(np.array(a) for a in trig), *tile.generic_kernel_args)

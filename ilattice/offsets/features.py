@@ -6,39 +6,35 @@ size of the pores). A wall is nowhere thinner than its two half-thicknesses toge
 where sheets or pores have just closed: these are as thick as the largest ball that fits in where
 they close.
 
-The critical points of the distance spline tell where to look, the narrowest first; what is reported
-is solved for and measured by exact closest points.
+Both are found among the critical points of the distance (`ilattice.offsets.critical`), the next
+ones first.
 
 Guarantee: at the place that is reported there is a gap, or a web, of that size: gaps to 1e-6, webs
 to 1 % of it.
-Non-guarantees: completeness, as in `ilattice.offsets.critical`, and the search ends with 32 places
-in a row that are no narrower, webs tried from the one that closed last. The sharp edges along which
-a face of the domain cuts a wall, and the crevices in which offset surfaces meet at an angle, have
-no size.
+Non-guarantees: completeness, as in `ilattice.offsets.critical`; webs are tried from those that
+closed last, until some are no thinner. The sharp edges along which a face of the domain cuts a
+wall, and the crevices in which offset surfaces meet at an angle, have no size.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import product
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ilattice._typing import AnyArray, FloatArray, IntArray
+from ilattice._typing import AnyArray, FloatArray
 from ilattice.errors import GeometryError, InputError
-from ilattice.offsets.critical import CriticalPoint, _Search
+from ilattice.offsets.critical import CriticalPoint, CriticalSearch
 from ilattice.offsets.polish import inside
 
 if TYPE_CHECKING:
     from ilattice.offsets.wall import Wall
 
-#: Largest pull of the spline's distance along D at which a point counts as critical, how many are
-#: solved for at a time, and by how many spans those of the spline may be misplaced.
-PULL, BATCH, MISPLACED = 0.1, 32, 0.1
-#: Gaps whose sizes differ by less than this part are of one size.
-SAME = 1e-6
+#: Ranges of values that are searched one after the other.
+STAGES = 6
 #: Webs are looked for where sheets have closed by up to this part of the thickness; those that
 #: closed longer ago are thicker than the wall.
 REACH = 0.25
@@ -80,19 +76,11 @@ class Feature:
 
 def minimum_gap(wall: Wall) -> Feature:
     """Width of the narrowest gap; see `ilattice.offsets.Wall.minimum_gap`."""
-    events = _Events(wall)
-    least = Feature(np.inf, np.full(3, np.nan), np.full(3, np.nan), "none")
-    for value, start, on in events.batches(0.0, float(np.abs(wall.distance.c).max())):
-        if 2.0 * value > least.size:
-            break
-        new = [p for p in events.solved(start, on) if p.value > 0.0]
-        narrower = [p for p in new if 2.0 * p.value < (1.0 - SAME) * least.size]
-        if new and not narrower:
-            break
-        for p in narrower:
-            if 2.0 * p.value < least.size:
-                least = Feature(2.0 * p.value, p.u, p.x, p.kind)
-    return least
+    for gaps in _events(wall, 0.0, float(np.abs(wall.distance.c).max())):
+        p = min((p for p in gaps if p.kind != "part"), key=lambda p: p.value, default=None)
+        if p is not None:
+            return Feature(2.0 * p.value, p.u, p.x, p.kind)
+    return Feature(np.inf, np.full(3, np.nan), np.full(3, np.nan), "none")
 
 
 def minimum_thickness(wall: Wall) -> Feature:
@@ -100,17 +88,14 @@ def minimum_thickness(wall: Wall) -> Feature:
     if wall.thickness.solid:
         raise InputError("solids have no prescribed thickness; minimum_thickness is for walls")
     least = whole = _thinnest(wall)
-    events = _Events(wall)
-    for _, start, on in events.batches(-REACH * whole.size, 0.0, latest=True):
-        webs = [p for p in events.solved(start, on) if p.value < 0.0]
-        webs = [p for p in webs if p.kind in ("bridge", "neck")]
+    for events in _events(wall, 0.0, -REACH * whole.size):
+        webs = [p for p in events if p.kind in ("bridge", "neck")]
         rooms = [(2.0 * _room(wall, p, 0.5 * whole.size), p) for p in webs]
         size, p = min(rooms, key=lambda r: r[0], default=(np.inf, None))
-        if p is None or size >= least.size:
-            if webs:
-                break
-            continue
-        least = Feature(size, p.u, p.x, "web")
+        if p is not None and size < least.size:
+            least = Feature(size, p.u, p.x, "web")
+        elif webs:
+            break
     return least
 
 
@@ -151,56 +136,15 @@ def _thinnest(wall: Wall) -> Feature:
     return Feature(float(total[i]), u[i], wall.lattice.through.x(u[i : i + 1])[0], "wall")
 
 
-class _Events:
-    """Changes of topology if a wall grew or shrank, a batch at a time."""
-
-    def __init__(self, wall: Wall) -> None:
-        self.wall = wall
-        self.search = _Search(wall.lattice, wall.thickness.inner, wall.thickness.outer)
-        self.known: list[CriticalPoint] = []
-
-    def batches(
-        self, low: float, high: float, *, latest: bool = False
-    ) -> Iterator[tuple[float, FloatArray, IntArray]]:
-        """Places where something may change between values, by value, and by faces they are on."""
-        value, u, on = self._starts(low, high)
-        order = np.argsort(-value if latest else value, kind="stable")
-        for i in range(0, len(order), BATCH):
-            part = order[i : i + BATCH]
-            yield float(value[part[0]]), u[part], on[part]
-
-    def solved(self, start: FloatArray, on: IntArray) -> list[CriticalPoint]:
-        """Changes of topology near places that were not known before."""
-        first = len(self.known)
-        for row in np.unique(on, axis=0):
-            here = (int(row[0]), int(row[1]), int(row[2]))
-            found = self.search.solve(start[(on == row).all(axis=1)], here)
-            self.search.add_new(found, self.known)
-        new = self.search.judged(self.known[first:], self.known)
-        return [p for p in new if p.closed or (p.parts, p.holes) != (1, 0)]
-
-    def _starts(self, low: float, high: float) -> tuple[FloatArray, FloatArray, IntArray]:
-        """Critical points of the distance spline, with exact values."""
-        search, excess, through = self.search, self.search.excess, self.search.lattice.through
-        values, places, strata = [np.empty(0)], [np.empty((0, 3))], [np.empty((0, 3), np.int64)]
-        for on in product(*((0,) if c else (-1, 0, 1) for c in through.closed)):
-            cells = search.starts(on, low, high)
-            u = self._sparse(search._on_spline(cells, on) if 0 in on else cells)
-            size = np.linalg.norm(through.jacobian(u), axis=1)
-            flat = np.linalg.norm((excess.on_spline(u, 1)[1] / size)[:, np.array(on) == 0], axis=1)
-            flat = flat < PULL
-            u, slack = u[flat], MISPLACED * (size[flat] * search.span).max(axis=1, initial=0.0)
-            value = excess.value(u)
-            keep = (value > low - slack) & (value < high + slack)
-            values.append(value[keep])
-            places.append(u[keep])
-            strata.append(np.tile(np.array(on), (int(keep.sum()), 1)))
-        return np.concatenate(values), np.concatenate(places), np.concatenate(strata)
-
-    def _sparse(self, u: FloatArray) -> FloatArray:
-        """One point of those within about half a span of each other."""
-        _, first = np.unique(np.rint(2.0 * u / self.search.span), axis=0, return_index=True)
-        return u[np.sort(first)]
+def _events(wall: Wall, first: float, last: float) -> Iterator[list[CriticalPoint]]:
+    """Changes of topology if a wall grew or shrank, a range of values after the other."""
+    search = CriticalSearch(wall.lattice, wall.thickness.inner, wall.thickness.outer)
+    box, slack = wall.lattice.domain, np.copysign(search.windows.slack, last - first)
+    seen = first - slack
+    for a, b in pairwise(np.linspace(first, last, STAGES + 1).tolist()):
+        search.look(min(seen, b + slack), max(seen, b + slack), box)
+        seen = b + slack
+        yield search.changes(min(a, b), max(a, b), box)
 
 
 def _room(wall: Wall, point: CriticalPoint, most: float) -> float:

@@ -41,6 +41,12 @@ class Feet(NamedTuple):
         """Which feet (n,) are as near as the nearest one."""
         return np.asarray(self.value <= self.value.min(initial=np.inf) + EVEN * self.reach)
 
+    def of(self, rows: IntArray) -> Feet:
+        """Some of the feet."""
+        return self._replace(
+            value=self.value[rows], gradient=self.gradient[rows], hessian=self.hessian[rows]
+        )
+
 
 class SeveralFeet:
     """Finds all near feet of points.

@@ -1,0 +1,143 @@
+"""Compiled search for the shortest weighted mean of vectors, and small linear systems.
+
+Guarantee: nothing is allocated per set of vectors. Non-guarantee: arguments are not checked.
+"""
+
+import numpy as np
+from numba import njit
+
+#: Most vectors that join a mean, and the least weight, gain, or pivot, that is one.
+ROUNDS, NOTHING = 64, 1e-12
+
+
+@njit(cache=True, error_model="numpy")
+def solve_small(a, y, n):
+    """Solve the first n equations a x = y in place, with pivots; how many were singular.
+
+    Unknowns that nothing determines are zero.
+    """
+    singular = 0
+    for i in range(n):
+        p = i
+        for j in range(i + 1, n):
+            if abs(a[j, i]) > abs(a[p, i]):
+                p = j
+        if not abs(a[p, i]) > NOTHING:
+            singular += 1
+            a[i, :n] = 0.0
+            a[i, i], y[i] = 1.0, 0.0
+            continue
+        if p != i:
+            for j in range(n):
+                a[i, j], a[p, j] = a[p, j], a[i, j]
+            y[i], y[p] = y[p], y[i]
+        for j in range(i + 1, n):
+            s = a[j, i] / a[i, i]
+            if s != 0.0:
+                for k in range(i, n):
+                    a[j, k] -= s * a[i, k]
+                y[j] -= s * y[i]
+    for i in range(n - 1, -1, -1):
+        for j in range(i + 1, n):
+            y[i] -= a[i, j] * y[j]
+        y[i] /= a[i, i]
+    return singular
+
+
+@njit(cache=True, error_model="numpy")
+def settle(vectors, active, share, count, a, y):
+    """Weights of least mean over the affine hull of active vectors, less those that would be < 0.
+
+    Returns how many remain, or 0 where the vectors depend on each other.
+    """
+    while True:
+        for i in range(count):
+            y[i] = 1.0
+            for j in range(count):
+                a[i, j] = 1.0
+                for c in range(vectors.shape[1]):
+                    a[i, j] += vectors[active[i], c] * vectors[active[j], c]
+        if solve_small(a, y, count) > 0:
+            return 0
+        total = 0.0
+        for i in range(count):
+            total += y[i]
+        theta = 1.0
+        for i in range(count):
+            y[i] /= total
+            if y[i] <= NOTHING:
+                theta = min(theta, share[i] / max(share[i] - y[i], 1e-300))
+        kept = 0
+        for i in range(count):
+            s = share[i] + theta * (y[i] - share[i])
+            if s > NOTHING:
+                active[kept], share[kept] = active[i], s
+                kept += 1
+        if kept == count or kept == 0:
+            return kept
+        count = kept
+
+
+@njit(cache=True, error_model="numpy")
+def shortest(vectors, first, last, active, share, mean, a, y):
+    """Weights >= 0 of sum 1 of rows first to last whose weighted mean is shortest (Wolfe 1976).
+
+    Returns how many rows `active` have a `share`; the mean is left in `mean`.
+    """
+    k = vectors.shape[1]
+    least, count = np.inf, 0
+    for i in range(first, last):
+        size = 0.0
+        for c in range(k):
+            size += vectors[i, c] ** 2
+        if size < least:
+            least = size
+            active[0], share[0], count = i, 1.0, 1
+    for _ in range(ROUNDS):
+        for c in range(k):
+            mean[c] = 0.0
+            for i in range(count):
+                mean[c] += share[i] * vectors[active[i], c]
+        low, new = -NOTHING, -1
+        for i in range(first, last):
+            along = 0.0
+            for c in range(k):
+                along += mean[c] * (vectors[i, c] - mean[c])
+            if along < low:
+                low, new = along, i
+        for i in range(count):
+            if active[i] == new:
+                new = -1
+        if new < 0 or count > k:
+            break
+        active[count], share[count] = new, 0.0
+        kept = settle(vectors, active, share, count + 1, a, y)
+        if kept == 0:
+            break
+        count = kept
+    return count
+
+
+@njit(cache=True, error_model="numpy")
+def shortest_means(ends, vectors, rows, weights, pull):
+    """Shortest weighted means of rows ends[n] to ends[n + 1] of vectors (r, 3), for each n.
+
+    Into `rows` (n, 4) and `weights` (n, 4) go those with weights, the heaviest first, -1 ends
+    them; into `pull` (n,) the length of the mean.
+    """
+    active, share = np.empty(8, np.int64), np.empty(8)
+    a, y, mean = np.empty((8, 8)), np.empty(8), np.zeros(3)
+    for n in range(len(ends) - 1):
+        rows[n], weights[n], pull[n] = -1, 0.0, np.inf
+        if ends[n] == ends[n + 1]:
+            continue
+        count = shortest(vectors, ends[n], ends[n + 1], active, share, mean, a, y)
+        pull[n] = np.sqrt(mean[0] ** 2 + mean[1] ** 2 + mean[2] ** 2)
+        for place in range(min(count, rows.shape[1])):
+            best = place
+            for i in range(place, count):
+                if share[i] > share[best]:
+                    best = i
+            active[place], active[best] = active[best], active[place]
+            share[place], share[best] = share[best], share[place]
+            rows[n, place], weights[n, place] = active[place], share[place]
