@@ -1,9 +1,9 @@
 """A lattice in the wall of a lattice: a fine gyroid fills the walls of a coarse Schwarz P.
 
 Both walls have the half-thickness that is asked for in space. Their fields are functions of the
-same parameters, so that their intersection is a field, too: it is meshed in the domain, with sharp
-edges, and mapped. The fine lattice fills as much of the coarse wall as it fills of everything, to a
-few percent, for it knows nothing of the other one; of it, crumbs are cut off, which are removed.
+same parameters, so that their intersection is a field, too: it is contoured in the domain and
+mapped. The fine lattice fills as much of the coarse wall as it fills of everything, to a few
+percent, for it knows nothing of the other one; of it, crumbs are cut off, which are removed.
 
     python examples/nested_lattices.py
 """
@@ -24,9 +24,9 @@ def main(
             "gyroid", through=arch, repeat=(4 * finer, finer, finer), spans_per_tile=8
         ).offset(fine),
     ]
-    domain = il.fields.translate(il.fields.box(0.5), (0.5, 0.5, 0.5))
-    solid = il.fields.intersection(*[il.fields.from_callable(w.field) for w in walls], domain)
-    flat = il.sdf.mesh(solid, 1.0 / (cells * np.array(walls[1].lattice.repeat)))
+    both = il.fields.intersection(*[il.fields.from_callable(wall.field) for wall in walls])
+    axes = [np.linspace(0.0, 1.0, cells * n + 1) for n in walls[1].lattice.repeat]
+    flat = il.mesh.contour(both, axes)
     faces = flat.faces if arch.orientation > 0 else flat.faces[:, ::-1]
     whole = il.SurfaceMesh(arch.x(np.clip(flat.vertices, 0.0, 1.0)), faces)
     mesh = whole.remove_islands()
@@ -44,5 +44,4 @@ def main(
 
 
 if __name__ == "__main__":
-    for name, number in main(out="nested_lattices").items():
-        print(f"{name}: {number:.6g}")
+    print(main(out="nested_lattices"))
