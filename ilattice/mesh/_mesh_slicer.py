@@ -1,7 +1,7 @@
 """Cuts a closed mesh by parallel planes.
 
-Guarantee: loops close, whatever the mesh that is closed and oriented; corners that lie on a plane
-count as above it.
+Guarantee: loops close, whatever the mesh that is closed and oriented, and cross only where the mesh
+crosses itself; corners that lie on a plane count as above it.
 """
 
 from typing import TYPE_CHECKING
@@ -11,10 +11,14 @@ import numpy as np
 from ilattice._typing import FloatArray, IntArray
 from ilattice.errors import GeometryError
 from ilattice.mesh import _kernels_slices as kernels
-from ilattice.mesh._loops import EMPTY, MERGE, Outline, apart, finished
+from ilattice.mesh._loops import EMPTY, MERGE, Outline, apart, crossing, finished
 
 if TYPE_CHECKING:
     from ilattice.mesh.surface import SurfaceMesh
+
+#: Where contours cross after points have merged, which are nearer to each other than a part of the
+#: edges, so much nearer ones merge, then none.
+LESS = 1e-3
 
 
 class MeshSlicer:
@@ -76,8 +80,11 @@ class MeshSlicer:
         a, b = self._x[names[order, 0]], self._x[names[order, 1]]
         t = ((level - a[:, 2]) / (b[:, 2] - a[:, 2]))[:, None]
         points = np.ascontiguousarray(((1.0 - t) * a + t * b)[:, :2])
-        least = np.full(len(points), self._least)
-        keep, first = apart(points, start[: loops + 1].copy(), least)
+        for least in (self._least, LESS * self._least, 0.0):
+            reach = np.full(len(points), least)
+            keep, first = apart(points, start[: loops + 1].copy(), reach)
+            if not crossing(points[keep], first).any():
+                break
         return finished(points[keep], first, self._least)
 
     def _edges(self, faces: IntArray, level: float, *, rising: bool) -> IntArray:

@@ -628,6 +628,31 @@ def test_slices_of_a_mesh_have_its_volume_and_holes():
     assert not mesh.slices(z=[2.0])[0].polygons
 
 
+def prism(outline):
+    """From z = 0 to 1 over a polygon (n, 2), star-shaped about the mean of its corners."""
+    n = len(outline)
+    flat = np.vstack([outline, np.mean(outline, axis=0)])
+    x = np.vstack([np.insert(flat, 2, z, axis=1) for z in (0.0, 1.0)])
+    i, j, m = np.arange(n), (np.arange(n) + 1) % n, n + 1
+    bottom, top = np.stack([j, i, 0 * i + n], 1), np.stack([i, j, 0 * i + n], 1) + m
+    sides = np.vstack([np.stack([i, j, j + m], 1), np.stack([i, j + m, i + m], 1)])
+    return x, np.vstack([bottom, top, sides])
+
+
+def test_points_of_a_mesh_do_not_merge_across_another_contour():
+    """Below a step of 0.3 per mille of the edges ends a wedge, half as high as the step."""
+    step = 3e-4
+    above = [[-1, 0], [0, 0], [0, step], [1, step], [1, 1], [-1, 1]]
+    below = [[0.6, -1], [0.1, 0.5 * step], [-0.4, -1]]
+    (x, f), (y, g) = prism(above), prism(below)
+    mesh = il.SurfaceMesh(np.vstack([x, y]), np.vstack([f, g + len(x)]))
+    (section,) = mesh.slices([0.5])
+    polygons = [shapely.Polygon(outer, holes) for outer, holes in section.polygons]
+    assert len(polygons) == 2
+    assert not polygons[0].intersects(polygons[1])
+    assert sum(p.area for p in polygons) == pytest.approx(2.0 - step + 0.5 * (1 + 0.5 * step))
+
+
 def test_slices_of_a_mesh_along_a_normal():
     mesh = il.mesh.contour(il.fields.box((0.5, 0.6, 0.7)), [np.linspace(-0.8, 0.8, 33)] * 3)
     piece = mesh.slices(z=[0.1], normal=(1, 0, 0))[0]
