@@ -73,6 +73,13 @@ def test_design_loop_meets_its_target_without_new_distances():
     assert 0 < numbers["material added"] < 0.2  # a wall as thick everywhere takes a quarter more
 
 
+def test_changes_of_topology_lead_to_the_full_pipe():
+    numbers = run("topology_sweep", tiles=1)
+    assert numbers["Euler number of the thinnest wall"] == -4
+    assert numbers["Euler number of the full pipe"] == 1
+    assert 0.18 < numbers["first throat closes at"] < numbers["last throat closes at"] < 0.26
+
+
 def test_fig01_arms_pass_through_opposite_faces_alike():
     numbers = run("fig01_tiles", n=32, tol=0.01)
     assert numbers["jump"] <= 1e-14

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from ilattice.offsets.wall import Wall
 
 CHUNK = 1 << 20
+#: How the kinds of changes are drawn.
+COLOURS = {"part": "black", "bridge": "royalblue", "neck": "darkorange", "void": "seagreen"}
 
 
 @dataclass(frozen=True)
@@ -168,18 +170,20 @@ class TopologySweep:
             Of matplotlib; ``savefig`` writes it.
         """
         from matplotlib.figure import Figure
+        from matplotlib.ticker import MaxNLocator
 
         figure = Figure(figsize=(7, 4.5), layout="constrained")
         axes = figure.add_subplot()
         d = np.unique([self.d[0], *(e.value for e in self.events), self.d[-1]])
         axes.step(d, self.euler(d), where="post", color="0.3", label="Euler number")
         axes.plot(self.d, [r.euler for r in self.reports], "kx", label="of the contours")
-        for kind in ("part", "bridge", "neck", "void"):
+        for kind, colour in COLOURS.items():
             values = np.array([e.value for e in self.events if e.kind == kind])
             if len(values):
                 label = f"{len(values)} {kind}{'s' * (len(values) > 1)}"
-                axes.plot(values, self.euler(values), "o", markersize=4, label=label)
+                axes.plot(values, self.euler(values), "o", color=colour, ms=4, label=label)
         axes.set(xlabel="half-thickness", ylabel="parts - handles + voids")
+        axes.yaxis.set_major_locator(MaxNLocator(integer=True))
         axes.grid(alpha=0.3)
         axes.legend()
         return figure

@@ -16,7 +16,7 @@ from numba import njit, prange
 
 from ilattice.offsets._kernels_hull import solve_small
 from ilattice.offsets._kernels_jets import FAST, map_jet, metric, scratch, tile_jet
-from ilattice.offsets._kernels_newton import lagrangian
+from ilattice.offsets._kernels_newton import lagrangian, lowest
 
 CHUNK, MOST = 32, 4
 STEPS, PATIENCE = 25, 9
@@ -106,7 +106,7 @@ def shortened(y, m):
 @njit(cache=True, parallel=True, fastmath=FAST, error_model="numpy")
 def balance(
     d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
-    e0, e1, e2, l0, l1, l2, ec, p, feet, weights, count, held, reach, last,
+    e0, e1, e2, l0, l1, l2, ec, p, feet, weights, count, held, reach, last, low,
 ):  # fmt: skip
     """Newton's method from many starts, in place.
 
@@ -126,6 +126,8 @@ def balance(
         How far points may go, in tiles.
     last
         Output (n,): the last step, in tiles; infinite where the method is lost.
+    low
+        Output (n,): the least eigenvalue of `lowest` at the feet; saddles have negative ones.
     """
     plain = geom.copy()
     plain[12] = 0.0
@@ -190,5 +192,13 @@ def balance(
                 if away > reach or (step > PATIENCE and size > 0.01):
                     break
                 if size < STILL or step == STEPS - 1:
-                    last[s] = size
+                    last[s], low[s] = size, np.inf
+                    for i in range(m):
+                        at = (feet[s, i, 0], feet[s, i, 1], feet[s, i, 2])
+                        map_jet(d0, d1, d2, k0, k1, k2, c, geom, at, 2, b, f)
+                        tile_jet(
+                            geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc, at, b, t, tab
+                        )  # fmt: skip
+                        r = (f[0, 0] - x[0, 0], f[1, 0] - x[1, 0], f[2, 0] - x[2, 0])
+                        low[s] = min(low[s], lowest(f, t, r, mult[i] * length * length))
                     break

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ilattice._typing import AnyArray, FloatArray
+from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.bspline import BSpline
 from ilattice.offsets import _kernels_balance
 from ilattice.offsets.closest import kernel_space
@@ -20,19 +20,28 @@ from ilattice.offsets.windows import Starts
 
 #: How far points may go from their starts, and the last step of one that may be an end, in tiles.
 REACH, SLOW = 0.15, 1e-4
-#: Weights above which feet pull, not push.
-PUSH = -1e-6
+#: Weights above which feet pull, not push, and eigenvalues above which they are no saddles.
+PUSH, SADDLE = -1e-6, -1e-7
 
 
 class Ends(NamedTuple):
     """Ends (n) of Newton's method in the domain.
 
-    Parameters `u` (n, 3), the last step (n,) in tiles, and whether all feet pull.
+    Parameters `u` (n, 3), the last step (n,) in tiles, `feet` (n, 4, 3) in tile coordinates, of
+    which `number` (n,) are meant, and whether these pull, and are no saddles.
     """
 
     u: FloatArray
     last: FloatArray
+    feet: FloatArray
+    number: IntArray
     pulled: AnyArray
+
+    def of(self, rows: AnyArray) -> Ends:
+        """Some of the ends."""
+        return Ends(
+            self.u[rows], self.last[rows], self.feet[rows], self.number[rows], self.pulled[rows]
+        )
 
 
 class Balance:
@@ -69,14 +78,15 @@ class Balance:
             Where the method ended.
         """
         p, feet, weights = (a.copy() for a in (starts.p, starts.feet, starts.weights))
-        last = np.empty(len(p))
+        last, low = np.empty(len(p)), np.empty(len(p))
         kernel: Any = _kernels_balance.balance
         kernel(
             *self.space, *self.less[starts.side], p, feet, weights, starts.number,
-            np.array(on) != 0, REACH, last,
+            np.array(on) != 0, REACH, last, low,
         )  # fmt: skip
         u = self.excess.wrapped(self.search.from_tile(p))
         lo, hi = self.excess.domain
         slack = 1e-9 * (hi - lo)
         good = (last < SLOW) & ((u >= lo - slack) & (u <= hi + slack)).all(axis=1)
-        return Ends(np.clip(u[good], lo, hi), last[good], (weights[good] > PUSH).all(axis=1))
+        pulled = (weights > PUSH).all(axis=1) & (low > SADDLE)
+        return Ends(np.clip(u, lo, hi), last, feet, starts.number, pulled).of(good)

@@ -4,11 +4,11 @@ The wall ``dist <= d`` changes its topology where d passes a critical value of t
 domain D: at a point whose nearest feet pull in opposite directions, or, on a face or an edge of D,
 in directions that cancel along it while the distance grows inwards. Windows of a grid in which feet
 pull both ways tell where to look (`ilattice.offsets.windows`), and what is found there is solved
-for with its feet (`ilattice.offsets.balance`); ever smaller windows about what was found tell
-critical points next to it. What changes is told by the number of feet, and by how the common
-distance to them bends along the sheet on which it is common; where that is not enough, because
-more feet are near than are needed, or it does not bend, by `ilattice.offsets.links`, on spheres
-that hold no second point.
+for with its feet (`ilattice.offsets.balance`); ever smaller windows about what was found, and
+beside it on faces, tell critical points next to it. What changes is told by the number of feet, and
+by how the common distance to them bends along the sheet on which it is common; where that is not
+enough, because more feet are near than are needed, or it does not bend, by
+`ilattice.offsets.links`, on spheres that hold no second point.
 
 Guarantees: no foot is nearer than what is reported; the feet balance to 1e-5.
 Non-guarantees: completeness, because shares of the space thinner than a cell of the grid are not
@@ -42,6 +42,10 @@ if TYPE_CHECKING:
 
 #: Sizes of the windows about what was found, in those of the grid, one after the other.
 CLOSER = (0.5, 0.25)
+#: Further ones, about places to which other feet are nearer, and beside points on faces.
+CLOSEST = (0.05, 0.01)
+#: How far from each other, in tiles, points inside and on a face may be that give each other away.
+BESIDE = 0.05
 #: How far, in tiles, points are clear of faces, and from each other; in last steps if these are
 #: longer.
 NEAR, BLUR = 1e-5, 10.0
@@ -205,8 +209,12 @@ class CriticalSearch:
         ]
         for on, part in track(parts, "critical points", progress):
             ends[on] += self._ends(part, on)
-        for on in strata:
-            self.points += self._checked(self._new(ends[on], on), on)
+        fresh = self._added(ends)
+        while fresh:
+            beside = {on: self._beside(fresh, on) for on in strata if 0 in on}
+            fresh = self._added(
+                {on: self._closer(u, on, CLOSER + CLOSEST) for on, u in beside.items()}
+            )
 
     def changes(self, low: float, high: float, box: FloatArray) -> list[CriticalPoint]:
         """Points of a range, and of a box, at which a wall changes, by increasing value.
@@ -238,61 +246,89 @@ class CriticalSearch:
 
     def _ends(self, cells: IntArray, on: tuple[int, ...]) -> list[Ends]:
         """Where Newton's method ends, from windows of cells and from those about its ends."""
-        ends = new = [self.balance.ends(s, on) for s in self.windows.starts(cells, on)]
-        for scale in CLOSER:
-            starts = self.windows.starts_about(np.concatenate([e.u for e in new]), on, scale)
-            new = [self.balance.ends(s, on) for s in starts]
-            ends = ends + new
-            if not new:
-                break
+        ends = [self.balance.ends(s, on) for s in self.windows.starts(cells, on)]
+        return ends + self._closer(np.concatenate([e.u for e in ends]), on)
+
+    def _closer(
+        self, u: FloatArray, on: tuple[int, ...], scales: tuple[float, ...] = CLOSER
+    ) -> list[Ends]:
+        """Ends from ever smaller windows about places (n, 3)."""
+        ends: list[Ends] = []
+        places = u
+        for scale in scales:
+            new = [self.balance.ends(s, on) for s in self.windows.starts_about(places, on, scale)]
+            ends += new
+            places = np.concatenate([u, *(e.u for e in new)])
         return ends
+
+    def _beside(self, points: list[CriticalPoint], on: tuple[int, ...]) -> FloatArray:
+        """Places (n, 3) on a face, an edge or inside next to points that are found on others."""
+        lo, hi = self.domain
+        u = np.array([p.u for p in points if p.on != on]).reshape(-1, 3)
+        out = np.where(np.array(on) == 0, u, np.where(np.array(on) < 0, lo, hi))
+        near = (np.abs(out - u) < BESIDE * self.tile).all(axis=1)
+        return out[near]
+
+    def _added(self, ends: dict[tuple[int, ...], list[Ends]]) -> list[CriticalPoint]:
+        """Points that are new among ends, which are added."""
+        first = len(self.points)
+        for on, some in ends.items():
+            points, missed = self._checked(self._new(some, on), on)
+            self.points += points
+            if 0 in on:  # feet that are nearer there have small shares of the space
+                closer = self._new(self._closer(missed, on, CLOSEST), on)
+                self.points += self._checked(closer, on)[0]
+        return self.points[first:]
 
     def _corner(self, on: tuple[int, ...]) -> Ends:
         lo, hi = self.domain
         u = np.where(np.array(on) < 0, lo, hi)[None]
-        return Ends(u, np.zeros(1), np.ones(1, np.bool_))
+        none = np.zeros(1, np.int64)
+        return Ends(u, np.zeros(1), np.zeros((1, MOST, 3)), none, np.ones(1, np.bool_))
 
-    def _new(self, ends: list[Ends], on: tuple[int, ...]) -> FloatArray:
-        """Places (n, 3) where all feet pull, clear of other faces: the sharpest of each, if new."""
+    def _new(self, ends: list[Ends], on: tuple[int, ...]) -> Ends:
+        """Ends where all feet pull, clear of other faces: the sharpest at each place, if new."""
+        if not ends:
+            return self._corner(on).of(np.zeros(0, np.int64))
+        every = Ends(*(np.concatenate(a) for a in zip(*ends, strict=True)))
+        every = every.of(every.pulled)
         known = np.array([p.u for p in self.points if p.on == on]).reshape(-1, 3)
-        u = np.concatenate([known, *(e.u[e.pulled] for e in ends)])
-        last = np.concatenate([np.zeros(len(known)), *(e.last[e.pulled] for e in ends)])
+        u = np.concatenate([known, every.u])
+        last = np.concatenate([np.zeros(len(known)), every.last])
         blur = np.maximum(NEAR, BLUR * last)
         room = np.minimum(u - self.domain[0], self.domain[1] - u) / self.tile
         inner = (np.array(on) == 0) & ~self.excess.closed
         clear = np.flatnonzero((room[:, inner] > blur[:, None]).all(axis=1))
         order = clear[np.argsort(last[clear], kind="stable")]
         if not len(order):
-            return u[:0]
+            return every.of(order)
         around = np.where(self.excess.closed, np.array(self.lattice.repeat), 0.0)
         p = (self.excess.wrapped(u[order]) - self.domain[0]) / self.tile
         near = cKDTree(p, boxsize=around).query_ball_point(p, blur[order])
         first = order[np.array([min(k) for k in near]) == np.arange(len(near))]
-        out: FloatArray = u[first[first >= len(known)]]
-        return out
+        return every.of(first[first >= len(known)] - len(known))
 
     # ---------------------------------------------------------------- what is found
 
-    def _checked(self, u: FloatArray, on: tuple[int, ...]) -> list[CriticalPoint]:
-        """Those points in which the feet balance, and to which no foot is nearer."""
+    def _checked(self, ends: Ends, on: tuple[int, ...]) -> tuple[list[CriticalPoint], FloatArray]:
+        """Points in which the feet balance, and places (n, 3) to which other feet are nearer."""
+        u = ends.u
         least = np.abs(self.lattice.distance(u)) if len(u) else np.empty(0)
         side = self.excess.side(u)
         value = least - self.excess.taken(u, side)[0]
         place, x, out = (on[0], on[1], on[2]), self.lattice.through.x(u), []
-        for i, feet in enumerate(self.feet(u)):
+        good = np.zeros(len(u), np.bool_)
+        for i, feet in enumerate(self.feet(u, ends.feet, ends.number)):
             slack = EQUAL * least[i]
             if abs(feet.value.min(initial=np.inf) - value[i]) > slack:
                 continue
             feet = feet.of(np.flatnonzero(feet.value <= value[i] + slack))
             weights, pull = _pull(feet, on)
-            if pull < BALANCED:
-                falls = self._falls(feet, weights, on)
-                out.append(
-                    CriticalPoint(
-                        float(value[i]), u[i], x[i], int(side[i]), len(weights), place, *falls
-                    )
-                )
-        return out
+            good[i] = pull < BALANCED
+            if good[i]:
+                head = float(value[i]), u[i], x[i], int(side[i]), len(weights), place
+                out.append(CriticalPoint(*head, *self._falls(feet, weights, on)))
+        return out, u[~good]
 
     def _falls(self, feet: Feet, weights: FloatArray, on: tuple[int, ...]) -> tuple[int, int, bool]:
         """Directions in which the distance falls: parts, holes, and whether they are all.

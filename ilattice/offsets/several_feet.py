@@ -60,13 +60,43 @@ class SeveralFeet:
     def __init__(self, excess: Excess) -> None:
         self.excess, self.lattice, self.search = excess, excess.lattice, excess.lattice.search
 
-    def __call__(self, u: FloatArray) -> list[Feet]:
-        """For each point the feet that are about as near as the nearest, with jets."""
+    def __call__(
+        self, u: FloatArray, known: FloatArray | None = None, number: IntArray | None = None
+    ) -> list[Feet]:
+        """For each point the feet that are about as near as the nearest, with jets.
+
+        Among them are those that are known, (n, m, 3) in tile coordinates, `number` (n,) of them.
+        """
         if not len(u):
             return []
         x, jacobian = self.lattice.through.jet(u, 1)
         size = np.linalg.norm(jacobian, axis=1)
         reach = NEARLY * np.linalg.norm(size * self.excess.span, axis=1)
+        owner, p = self._found(u, x, reach)
+        first = np.zeros(len(p), np.int64)
+        if known is not None and number is not None:
+            slot = np.arange(known.shape[1]) < number[:, None]
+            owner = np.concatenate([np.nonzero(slot)[0], owner])
+            p = np.concatenate([known[slot], p])
+            first = np.concatenate([np.full(int(slot.sum()), -1), first])
+        foot = self._image(p)
+        d = np.linalg.norm(foot - x[owner], axis=1)
+        order = np.lexsort((d, first, owner))
+        order = order[d[order] > 1e-9 * reach[owner[order]]]
+        keep = order[_first_ones(owner[order], foot[order], 1e-5 * d[order])]
+        keep = keep[np.lexsort((d[keep], owner[keep]))]
+        owner, p, foot, d = owner[keep], p[keep], foot[keep], d[keep]
+        value, gradient, hessian = self._jets(u, owner, p, foot, d)
+        ends = np.searchsorted(owner, np.arange(len(u) + 1))
+        return [
+            Feet(value[i:j], gradient[i:j], hessian[i:j], size[k], float(reach[k]))
+            for k, (i, j) in enumerate(pairwise(ends))
+        ]
+
+    def _found(
+        self, u: FloatArray, x: FloatArray, reach: FloatArray
+    ) -> tuple[IntArray, FloatArray]:
+        """Points, and their feet (r, 3) in tile coordinates, from seeds."""
         seeds = self._seeds(x, reach)
         owner = np.repeat(np.arange(len(u)), [len(s) for s in seeds])
         seed = np.concatenate(seeds)
@@ -76,18 +106,12 @@ class SeveralFeet:
         q = self.search.to_tile(u)[owner]
         self.search._run(x[owner], q, seed[:, None].copy(), feet, counts, status)
         good = (status == _kernels_newton.OK)[None] & np.isfinite(feet[:, :, 6])
-        owner, feet = np.tile(owner, 2)[good.ravel()], feet[good]
-        d = np.abs(feet[:, 6])
-        order = np.lexsort((d, owner))
-        order = order[d[order] > 1e-9]
-        keep = order[_first_ones(owner[order], feet[order, 3:6], 1e-5 * d[order])]
-        owner, feet, d = owner[keep], feet[keep], d[keep]
-        value, gradient, hessian = self._jets(u, owner, feet[:, :3], feet[:, 3:6], d)
-        ends = np.searchsorted(owner, np.arange(len(u) + 1))
-        return [
-            Feet(value[i:j], gradient[i:j], hessian[i:j], size[k], float(reach[k]))
-            for k, (i, j) in enumerate(pairwise(ends))
-        ]
+        return np.tile(owner, 2)[good.ravel()], feet[good][:, :3]
+
+    def _image(self, p: FloatArray) -> FloatArray:
+        """Points of space (r, 3) of tile coordinates, also of the continuation."""
+        u = self.excess.wrapped(self.search.from_tile(p))
+        return self.lattice.through.x(u, extrapolate="extend")
 
     def _seeds(self, x: FloatArray, reach: FloatArray) -> list[IntArray]:
         """For each point seeds not further than the nearest one and `reach` and two spacings."""

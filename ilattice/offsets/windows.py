@@ -24,8 +24,8 @@ from ilattice.offsets.excess import Excess
 FINER = 1.5
 #: Longest mean at which a window is worth a start, and the least weight of a foot.
 PULL, LIGHT = 0.35, 1e-3
-#: Cosine of the angle between pulls that may be those of one foot.
-ALIKE = 0.7
+#: Cosines of the angles between pulls that may be those of one foot, seen from two nodes.
+ALIKE = 0.7, 0.0
 #: Nodes next to a cell that belong to its window.
 RING = 1
 #: Windows that are looked at together.
@@ -234,28 +234,37 @@ def _opposed(
     rows, weights, middle = np.maximum(rows[good], 0), weights[good], middle[good]
     weights[weights < LIGHT] = 0.0
     chosen = flat[rows] if n else rows
-    joined = _joined(weights, table.pull[chosen])
-    fewer = (joined > 0.0).sum(axis=1) < (weights > 0.0).sum(axis=1)
-    weights = np.concatenate([weights, joined[fewer]])
-    chosen = np.concatenate([chosen, chosen[fewer]])
+    weights, which = _variants(weights, table.pull[chosen], any(on))
+    chosen, middle = chosen[which], middle[which]
     heavy = np.argsort(-weights, axis=1, kind="stable")
     weights = np.take_along_axis(weights, heavy, axis=1)
     feet = table.foot[np.take_along_axis(chosen, heavy, axis=1)]
     weights /= weights.sum(axis=1, keepdims=True)
-    p = np.concatenate([middle, middle[fewer]])
-    return Starts(p, feet, weights, (weights > 0.0).sum(axis=1), side)
+    return Starts(middle, feet, weights, (weights > 0.0).sum(axis=1), side)
 
 
-def _joined(weights: FloatArray, pull: FloatArray) -> FloatArray:
-    """Weights (n, m) after feet that pull alike were joined to the first of them.
+def _variants(weights: FloatArray, pull: FloatArray, single: bool) -> tuple[FloatArray, IntArray]:
+    """Weights (r, m) of windows (n, m), and others where feet that pull alike may be one foot.
 
-    They may be one foot, seen from two nodes.
+    Also the number of the window of each. A single foot may balance on a face or an edge.
     """
+    every, which = [weights], [np.arange(len(weights))]
+    for alike in (*ALIKE, -2.0) if single else ALIKE:
+        joined = _joined(every[0], pull, alike)
+        fewer = (joined > 0.0).sum(axis=1) < (weights > 0.0).sum(axis=1)
+        every.append(joined[fewer])
+        which.append(np.flatnonzero(fewer))
+        weights = joined
+    return np.concatenate(every), np.concatenate(which)
+
+
+def _joined(weights: FloatArray, pull: FloatArray, least: float) -> FloatArray:
+    """Weights (n, m) after feet were added to the first one that pulls alike."""
     out = weights.copy()
     pull = pull / np.maximum(np.linalg.norm(pull, axis=2, keepdims=True), 1e-300)
     for i in range(1, out.shape[1]):
         for j in range(i):
-            alike = np.einsum("nc,nc->n", pull[:, i], pull[:, j]) > ALIKE
+            alike = np.einsum("nc,nc->n", pull[:, i], pull[:, j]) > least
             alike &= (out[:, i] > 0.0) & (out[:, j] > 0.0)
             out[alike, j] += out[alike, i]
             out[alike, i] = 0.0

@@ -13,6 +13,7 @@ from ilattice.errors import GeometryError, InputError
 from ilattice.mesh import SurfaceMesh
 from ilattice.mesh.topology import topology_of
 from ilattice.offsets.critical import critical_points
+from ilattice.offsets.distance_spline import distance_spline
 from ilattice.tiles.tpms import ROWS
 
 NECK, NODE = np.sqrt(2) / 6, np.sqrt(3) / 4  # of Schwarz P in a unit cell, see below
@@ -246,6 +247,17 @@ def test_events_near_open_faces_of_bent_cells_are_those_of_a_grid(name, d):
     found = critical_points(bent_cell(name), d[0], d[-1])
     events = [sum(e.change for e in found if a < e.value <= b) for a, b in pairwise(d)]
     np.testing.assert_array_equal(events, np.diff(euler_numbers(bent_cell(name), 96, d)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["schwarz_p", "iwp", "neovius", "frd"])
+def test_changes_in_a_bent_cell_add_up_to_the_full_cell(name):
+    """From the Euler number of a thin wall to that of a ball; some on mirror planes."""
+    bent = bent_cell(name)
+    most = np.abs(distance_spline(bent).c).max()
+    thin = bent.offset(0.12 * most).topology(0.036 * most, necks=0).euler
+    assert thin < 0
+    assert thin + sum(e.change for e in critical_points(bent, 0.12 * most, 1.1 * most)) == 1
 
 
 def test_missing_events_are_admitted(monkeypatch):
