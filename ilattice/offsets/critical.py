@@ -11,9 +11,10 @@ enough, because more feet are near than are needed, or it does not bend, by
 `ilattice.offsets.links`, on spheres that hold no second point.
 
 Guarantees: no foot is nearer than what is reported; the feet balance to 1e-5.
-Non-guarantees: completeness, because shares of the space thinner than a cell of the grid are not
-seen; compare Euler numbers, as `ilattice.mesh.topology` does. Where whole curves or surfaces are
-critical (parallel planes), what is reported is meaningless.
+Non-guarantees: completeness, because feet with shares of the space that are thinner than a cell of
+the grid are seen only where windows get smaller; compare Euler numbers, as `ilattice.mesh.topology`
+does. Feet on creases, where tiles meet without a zone of transition, are not followed. Where whole
+curves or surfaces are critical (parallel planes), what is reported is meaningless.
 """
 
 from __future__ import annotations
