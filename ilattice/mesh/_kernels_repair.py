@@ -101,9 +101,7 @@ def _is_neighbour(faces: Any, head: Any, after: Any, a: int, b: int) -> bool:
 
 @njit(cache=True)
 def _may_collapse(faces: Any, on: Any, head: Any, after: Any, a: int, b: int) -> bool:
-    """Whether vertex a may be merged into its neighbour b: surfaces, link condition, valence."""
-    if on[a] & ~on[b]:
-        return False
+    """Whether vertex a may be merged into b: curves of surfaces, link condition, valence."""
     forward, backward, surfaces = _edge(faces, on, head, after, a, b, -1)
     if forward != 1 or backward != 1:
         return False
@@ -133,14 +131,9 @@ def _may_collapse(faces: Any, on: Any, head: Any, after: Any, a: int, b: int) ->
 
 
 @njit(cache=True)
-def _try_collapse(x: Any, faces: Any, on: Any, head: Any, after: Any, a: int, b: int) -> Any:
-    """Worst quality around a vertex after it is merged into b, and the change of the volume x 6.
-
-    `REJECTED` where that is not allowed, or worse than before.
-    """
-    if not _may_collapse(faces, on, head, after, a, b):
-        return REJECTED, 0.0
-    patch = (0.0, 0.0, 0.0)  # what stands for the normal of triangles that have none
+def _patch(x: Any, faces: Any, head: Any, after: Any, a: int, b: int) -> Any:
+    """Sum of the normals around two vertices: what stands for that of triangles that have none."""
+    patch = (0.0, 0.0, 0.0)
     for v in (a, b):
         h = head[v]
         while h >= 0:
@@ -148,6 +141,19 @@ def _try_collapse(x: Any, faces: Any, on: Any, head: Any, after: Any, a: int, b:
             _, n = _shape(x, v, p, q)
             patch = (patch[0] + n[0], patch[1] + n[1], patch[2] + n[2])
             h = after[h]
+    return patch
+
+
+@njit(cache=True)
+def _try_collapse(
+    x: Any, faces: Any, on: Any, head: Any, after: Any, a: int, b: int, floor: float
+) -> Any:
+    """Worst quality around a vertex after it is merged into b, and the change of the volume x 6.
+
+    `REJECTED` where that is not allowed, worse than before, or below a floor.
+    """
+    if on[a] & ~on[b]:
+        return REJECTED, 0.0
     least = most = np.inf
     volume = 0.0
     step = (x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2])
@@ -160,12 +166,17 @@ def _try_collapse(x: Any, faces: Any, on: Any, head: Any, after: Any, a: int, b:
         if p != b and q != b:
             new, m = _shape(x, b, p, q)
             most = min(most, new)
-            if _label(on, a, p, q) != _label(on, b, p, q):
+            if most < floor or _label(on, a, p, q) != _label(on, b, p, q):
                 return REJECTED, 0.0
-            if _turned(n, m, STEEPEST) if old >= SLIVER else _turned(patch, m, 0.0):
+            if old >= SLIVER:
+                if _turned(n, m, STEEPEST):
+                    return REJECTED, 0.0
+            elif _turned(_patch(x, faces, head, after, a, b), m, 0.0):
                 return REJECTED, 0.0
         h = after[h]
-    return (most, abs(volume)) if most >= least else (REJECTED, 0.0)
+    if most < least or not _may_collapse(faces, on, head, after, a, b):
+        return REJECTED, 0.0
+    return most, abs(volume)
 
 
 @njit(cache=True)
@@ -279,7 +290,7 @@ def _repair_face(x: Any, faces: Any, on: Any, head: Any, after: Any, f: int) -> 
             new, volume = _try_flip(x, faces, on, head, after, f, j)
         else:
             a, b = faces[f, (j + way) % 3], faces[f, (j + 1 - way) % 3]
-            new, volume = _try_collapse(x, faces, on, head, after, a, b)
+            new, volume = _try_collapse(x, faces, on, head, after, a, b, gain)
         new = min(new, FAIR)
         if new > gain or (new == gain and volume < loss and new >= 0.0):
             best, gain, loss = change, new, volume
@@ -296,10 +307,26 @@ def _repair_face(x: Any, faces: Any, on: Any, head: Any, after: Any, f: int) -> 
 
 
 @njit(cache=True)
+def _mark(
+    x: Any, faces: Any, head: Any, after: Any, v: int, quality: float, left: Any, changed: Any,
+    clock: int,
+) -> None:  # fmt: skip
+    """Mark the bad faces at a vertex, and the vertices of all of its faces as changed."""
+    changed[v] = clock
+    h = head[v]
+    while h >= 0:
+        p, q = _others(faces, h)
+        changed[p] = changed[q] = clock
+        left[h // 3] |= _shape(x, v, p, q)[0] < quality
+        h = after[h]
+
+
+@njit(cache=True)
 def repair(
-    x: Any, faces: Any, on: Any, head: Any, after: Any, bad: Any, quality: float, left: Any
-) -> Any:
-    """Change every bad face once, in place.
+    x: Any, faces: Any, on: Any, head: Any, after: Any, bad: Any, quality: float, left: Any,
+    changed: Any, tried: Any, done: Any,
+) -> None:  # fmt: skip
+    """Change every bad face once, in place, unless it was tried and nothing about it has changed.
 
     Parameters
     ----------
@@ -317,25 +344,24 @@ def repair(
         Faces below it are bad.
     left : (F,) array of bool, all False
         Receives True for faces that stayed bad, became bad, or are bad next to a change.
-
-    Returns
-    -------
-    collapses, flips : int
-        Numbers of changes.
+    changed : (V,) integer array, 0 at first
+        Number of the last change of a face at a vertex.
+    tried : (F,) integer array, -1 at first
+        Number of changes when a face was tried last.
+    done : (2,) integer array
+        Numbers of collapses and flips, which are added to.
     """
-    collapses = flips = 0
     for f in bad:
-        if faces[f, 0] < 0 or _shape(x, faces[f, 0], faces[f, 1], faces[f, 2])[0] >= quality:
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        if a < 0 or _shape(x, a, b, c)[0] >= quality:
             continue
+        left[f] = True
+        if tried[f] >= max(changed[a], changed[b], changed[c]):
+            continue
+        tried[f] = done[0] + done[1]
         change, v = _repair_face(x, faces, on, head, after, f)
         if change < 0:
-            left[f] = True
             continue
-        flips += change % 3 == FLIP
-        collapses += change % 3 != FLIP
-        h = head[v]
-        while h >= 0:
-            p, q = _others(faces, h)
-            left[h // 3] |= _shape(x, v, p, q)[0] < quality
-            h = after[h]
-    return collapses, flips
+        left[f] = False
+        done[1 if change % 3 == FLIP else 0] += 1
+        _mark(x, faces, head, after, v, quality, left, changed, done[0] + done[1])

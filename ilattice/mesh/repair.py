@@ -11,7 +11,7 @@ Guarantees
 - Features stay: a vertex is merged only into one that lies on all of its surfaces, along an edge
   that lies on them, and no triangle changes between the wall and a cap, or from cap to cap.
 - No triangle turns by more than 60 degrees, and none becomes worse than the worst it replaces.
-- Deterministic; linear time and memory, the latter 16 bytes per triangle besides the copies.
+- Deterministic; linear time and memory, the latter 22 bytes per triangle besides the copies.
 
 Not guaranteed
 --------------
@@ -41,6 +41,8 @@ class Repair(NamedTuple):
         Which of the old vertices are left, ascending; where anything was repaired, those of faces.
     faces : (G, 3) array of int32 or int64
         Corners, as numbers of rows of `vertices`; of the type of the old ones.
+    rows : (G,) array
+        Which of the old faces they are, or have come from, ascending.
     collapses, flips : int
         Numbers of collapsed edges and of flipped ones.
     left : int
@@ -49,6 +51,7 @@ class Repair(NamedTuple):
 
     vertices: IntArray
     faces: AnyArray
+    rows: IntArray
     collapses: int
     flips: int
     left: int
@@ -87,28 +90,30 @@ def remove_slivers(
         poor &= ~spared[faces].any(axis=1)
     bad = np.flatnonzero(poor)
     if len(bad) == 0:
-        return Repair(np.arange(len(x)), faces, 0, 0, 0)
+        return Repair(np.arange(len(x)), faces, np.arange(len(faces)), 0, 0, 0)
     faces = faces.copy()
     corner: Any = np.int32 if faces.size < np.iinfo(np.int32).max else np.int64
     head, after = np.full(len(x), -1, corner), np.empty(faces.size, corner)
     kernels.link_corners(faces, head, after)
     on = _surfaces(kind, len(x))
-    done = np.zeros(2, np.int64)
+    changed, tried = np.zeros(len(x), corner), np.full(len(faces), -1, corner)
+    done, before = np.zeros(2, np.int64), -1
     for _ in range(ROUNDS):
+        if len(bad) == 0 or done.sum() == before:
+            break
+        before = done.sum()
         left = np.zeros(len(faces), np.bool_)
-        changes = kernels.repair(x, faces, on, head, after, bad, quality, left)
-        done += changes
+        kernels.repair(x, faces, on, head, after, bad, quality, left, changed, tried, done)
         bad = np.flatnonzero(left)
         if spared is not None:
             bad = bad[~spared[faces[bad]].any(axis=1)]
-        if len(bad) == 0 or changes == (0, 0):
-            break
     kept = np.flatnonzero(head >= 0)
     number = np.full(len(x), -1, faces.dtype)
     number[kept] = np.arange(len(kept), dtype=faces.dtype)
-    faces = number[faces[faces[:, 0] >= 0]]
+    rows = np.flatnonzero(faces[:, 0] >= 0)
+    faces = number[faces[rows]]
     worse = int((triangle_quality(x[kept], faces) < quality).sum())
-    return Repair(kept, faces, int(done[0]), int(done[1]), worse)
+    return Repair(kept, faces, rows, int(done[0]), int(done[1]), worse)
 
 
 def _surfaces(kind: AnyArray | None, count: int) -> AnyArray:

@@ -70,7 +70,7 @@ class _Surface:
         self.x = lattice.through.x(u)
         self.spared = np.zeros(len(u), np.bool_)
         self.moved = np.zeros(len(u), np.bool_)
-        self.faces: Any = None
+        self.before: Any = np.full_like(faces, -1)
         self.weave()
 
     def weave(self) -> None:
@@ -82,21 +82,13 @@ class _Surface:
         split_quads(self.x, quads)
         self.repair = remove_slivers(self.x, quads, self.kind, spared=self.spared)
         faces = self.repair.vertices[self.repair.faces]
-        active = None if self.faces is None else self._unlike(faces)
+        before, self.before = self.before, np.full_like(quads, -1)
+        self.before[self.repair.rows] = faces
+        active = (faces != before[self.repair.rows]).any(axis=1) | self.moved[faces].any(axis=1)
         self.pairs, crossing = self_intersections(self.x, faces, active)
         self.at = np.unique(faces[crossing])
         self.faces, self.moved = faces, np.zeros(len(self.x), np.bool_)
         self.moved[self.at] = True  # what crosses now is to be looked at again
-
-    def _unlike(self, faces: AnyArray) -> AnyArray:
-        """Which triangles are new, have moved, or crossed others when they were looked at last."""
-        assert self.faces is not None
-        old, new = (f[:, 0].astype(np.int64) * len(self.x) + f[:, 1] for f in (self.faces, faces))
-        order = np.argsort(old)
-        at = np.searchsorted(old, new, sorter=order)
-        at = order[np.minimum(at, len(old) - 1)]
-        same: AnyArray = (old[at] == new) & (self.faces[at, 2] == faces[:, 2])
-        return ~same | self.moved[faces].any(axis=1)
 
     def move(self, at: IntArray, u: FloatArray) -> None:
         """Move some vertices."""

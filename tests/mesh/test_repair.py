@@ -12,6 +12,7 @@ from naive_crossings import crossings
 import ilattice as il
 from ilattice.errors import PrecisionWarning
 from ilattice.mesh import SurfaceMesh, untangle, wall_mesh
+from ilattice.mesh import _kernels_repair as kernels
 from ilattice.mesh.contouring import ON_CAP, contour_arrays, split_quads
 from ilattice.mesh.repair import QUALITY, remove_slivers
 
@@ -98,6 +99,8 @@ def repaired(x, faces, kind=None, **options):
     assert np.array_equal(faces, given)
     assert r.faces.dtype == faces.dtype
     assert (np.diff(r.vertices) > 0).all()
+    assert (np.diff(r.rows) > 0).all()
+    assert len(r.rows) == len(r.faces)
     old, new = SurfaceMesh(x, faces), SurfaceMesh(x[r.vertices], r.faces)
     assert np.array_equal(np.unique(new.faces), np.arange(len(r.vertices)))
     for name in ("open_edges", "nonmanifold_edges", "nonmanifold_vertices", "euler", "components"):
@@ -172,6 +175,7 @@ def test_faces_far_from_slivers_are_untouched():
     before = {tuple(f) for f in x[spoilt_faces].reshape(-1, 9).tolist()}
     after = {tuple(f) for f in new.vertices[new.faces].reshape(-1, 9).tolist()}
     assert len(before - after) < 15
+    assert (spoilt_faces[r.rows] == r.vertices[r.faces]).all(axis=1).sum() > len(faces) - 15
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -250,6 +254,22 @@ def test_promises_hold_for_random_slivers(seed, shape, quality):
     again = remove_slivers(x, faces.astype(np.int32), kind, quality=quality)
     assert np.array_equal(again.faces, r.faces)
     assert np.array_equal(again.vertices, r.vertices)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_only_changes_nearby_make_a_second_try_worthwhile(seed, monkeypatch):
+    x, faces, kind = spoilt(*box(3), np.random.default_rng(seed), 60)
+    r, once = remove_slivers(x, faces, kind), kernels.repair
+
+    def always(*args):
+        *_, tried, _ = args
+        tried[:] = -1
+        once(*args)
+
+    monkeypatch.setattr(kernels, "repair", always)
+    again = remove_slivers(x, faces, kind)
+    assert (r.collapses, r.flips, r.left) == (again.collapses, again.flips, again.left)
+    assert np.array_equal(r.faces, again.faces)
 
 
 # --- what must not happen ------------------------------------------------------------------------
@@ -397,7 +417,7 @@ def none_cross(*arrays):
 
 def untouched(x, faces, _, *, spared):
     assert not spared.any()
-    return SimpleNamespace(vertices=np.arange(len(x)), faces=faces)
+    return SimpleNamespace(vertices=np.arange(len(x)), faces=faces, rows=np.arange(len(faces)))
 
 
 @pytest.mark.parametrize(
