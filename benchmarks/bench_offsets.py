@@ -1,4 +1,4 @@
-"""True offsets of the lattice of Figure 14 (a) against a k-d tree with the same queries."""
+"""True offsets of Figure 14 (a), and changes of topology, against k-d trees and scipy."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -10,6 +10,10 @@ from benchmarks import references
 from benchmarks.measure import Row, wall
 from ilattice._typing import FloatArray
 from ilattice.bspline.fit import sites
+from ilattice.offsets import _kernels_hull
+from ilattice.offsets.critical import critical_points
+from ilattice.offsets.excess import Excess
+from ilattice.offsets.windows import Windows
 
 PAPER = "paper: 0.41-1.24 s torus, 3.05-8.73 s duck, one M2 Max core"
 
@@ -53,6 +57,68 @@ class Duck(Torus):
     d = 0.01
 
 
+class Events:
+    """All changes of topology of a bent cell of the gyroid, and the queries of its grid alone."""
+
+    def setup(self) -> None:
+        space = il.macroshape.cylinder_shell(2.0, 3.0, 1.0, angle=0.4)
+        self.lattice = il.Lattice(il.tiles["gyroid"], through=space)
+        windows = Windows(Excess(self.lattice))
+        axes = [
+            np.linspace(*side, n) for side, n in zip(space.domain.T, windows.shape, strict=True)
+        ]
+        self.nodes = space.x(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3))
+        self.cloud = self.lattice.search.seeds[1]
+
+    def time_events(self) -> None:
+        critical_points(self.lattice, 0.05, 0.5)
+
+    def time_nearest(self) -> None:
+        references.nearest(self.cloud, self.nodes)
+
+
+class Means:
+    """Shortest weighted means of the directions of 64 nodes, as windows of cells need them."""
+
+    count, nodes = 20_000, 64
+
+    def setup(self) -> None:
+        vectors = np.random.default_rng(0).normal(size=(self.count * self.nodes, 3))
+        vectors[:, 0] += 2.5  # some hulls hold the origin
+        self.vectors = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+        self.ends = np.arange(0, len(vectors) + 1, self.nodes)
+        self.out = np.empty((self.count, 4), np.int64), np.empty((self.count, 4))
+
+    def time_means(self) -> None:
+        _kernels_hull.shortest_means(self.ends, self.vectors, *self.out, np.empty(self.count))
+
+    def time_nnls(self) -> None:
+        references.shortest_means(self.ends, self.vectors)
+
+
+def topology(quick: bool) -> Iterator[Row]:
+    """Lines of the table about changes of topology."""
+    events, means = Events(), Means()
+    if quick:
+        means.count //= 10
+    events.setup()
+    means.setup()
+    ours, tree = wall(events.time_events, 3), wall(events.time_nearest, 3)
+    yield Row(
+        "all changes of topology of a bent gyroid, wall",
+        f"{ours:.2f} s",
+        f"{tree:.3f} s cKDTree, 2 workers, {len(events.nodes)} nodes",
+        ours / tree,
+    )
+    ours, scipy = wall(means.time_means, 3), wall(means.time_nnls, 1)
+    yield Row(
+        f"shortest means, {means.count} of {means.nodes} vectors, wall",
+        f"{1e6 * ours / means.count:.2f} us each",
+        f"{1e6 * scipy / means.count:.2f} us nnls",
+        ours / scipy,
+    )
+
+
 def rows(quick: bool) -> Iterator[Row]:
     """Lines of the table."""
     for kind, goal in ((Torus, "<= 8x"), (Duck, "")):
@@ -68,3 +134,4 @@ def rows(quick: bool) -> Iterator[Row]:
             ours / tree,
             goal,
         )
+    yield from topology(quick)

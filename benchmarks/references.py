@@ -44,6 +44,19 @@ def nearest(cloud: FloatArray, queries: FloatArray, workers: int = 2) -> tuple[A
     return cKDTree(cloud).query(queries, workers=workers)
 
 
+def shortest_means(ends: AnyArray, vectors: FloatArray) -> FloatArray:
+    """Lengths of the shortest means of rows ends[n] to ends[n + 1], with weights >= 0 of sum 1."""
+    from scipy.optimize import nnls
+
+    out = np.empty(len(ends) - 1)
+    goal = np.array([0.0, 0.0, 0.0, 1e3])  # the sum of the weights, and heavily so
+    for n in range(len(out)):
+        rows = vectors[ends[n] : ends[n + 1]]
+        weights = nnls(np.vstack([rows.T, np.full(len(rows), goal[3])]), goal)[0]
+        out[n] = np.linalg.norm(weights @ rows)
+    return out
+
+
 def gyroid_box(n: int, *, sheet: bool) -> tuple[AnyArray, float]:
     """Gyroid of period 1 in the box [-1, 1]³ on n³ samples, from separable tables, as float32.
 

@@ -10,11 +10,13 @@ from benchmarks import (
     bench_contouring,
     bench_fields,
     bench_figures,
+    bench_offsets,
     bench_quadrature,
     references,
 )
 from benchmarks.measure import Row, alone, table
 from ilattice.bspline.fit import fit_interpolate
+from ilattice.offsets import _kernels_hull
 
 
 def test_scipy_computes_what_we_compute():
@@ -101,3 +103,14 @@ def test_analyses_are_timed_stage_by_stage():
     assert all(found[stage] > 0 for stage in stages)
     assert found["unknowns"] % 3 == 0
     assert found["compliance"] > 0
+
+
+def test_shortest_means_of_the_reference_are_ours():
+    means = bench_offsets.Means()
+    means.count = 50
+    means.setup()
+    pull = np.empty(means.count)
+    _kernels_hull.shortest_means(means.ends, means.vectors, *means.out, pull)
+    least = references.shortest_means(means.ends, means.vectors)
+    np.testing.assert_allclose(pull, least, atol=1e-5)
+    assert 0.1 < (least < 1e-3).mean() < 0.9

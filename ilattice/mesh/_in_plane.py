@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
-from ilattice.mesh.untangle import shortest
-from ilattice.offsets.polish import distance_jet, inside
+from ilattice.offsets.polish import distance_jet, inside, shortest
 
 if TYPE_CHECKING:
     from ilattice.offsets.wall import Wall

@@ -115,7 +115,8 @@ class TopologySweep:
     reports : tuple of TopologyReport
         Of the contours at these.
     events : tuple of CriticalPoint
-        All changes between the first and the last: `value` is the critical half-thickness.
+        All changes between the first and the last: `value` is the critical half-thickness. Where
+        walls meet along whole curves or surfaces, one event stands for each.
     unexplained : tuple of (float, float)
         Intervals between half-thicknesses whose contours differ by more or less in Euler number
         than the events in between say. Contours with longer edges than a pore is wide lose it.

@@ -26,7 +26,7 @@ from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.mesh.contouring import fixed_coordinates, split_quads
 from ilattice.mesh.measure import self_intersections
 from ilattice.mesh.repair import Repair, remove_slivers
-from ilattice.offsets.polish import inside
+from ilattice.offsets.polish import inside, shortest
 
 if TYPE_CHECKING:
     from ilattice.macroshape.lattice import Lattice
@@ -111,15 +111,6 @@ class _Surface:
         step = SLIDE * total[at] / np.maximum(count[at], 1.0)[:, None]
         fixed = fixed_coordinates(self.kind[at])
         return at, inside(self.lattice, self.u[at] + np.where(fixed, 0.0, step))
-
-
-def shortest(lattice: "Lattice", way: FloatArray) -> FloatArray:
-    """Ways between parameters, across the seam of closed directions where that is shorter."""
-    lo, hi = lattice.domain
-    closed = np.array(lattice.through.closed)
-    period = hi - lo
-    out: FloatArray = np.where(closed, way - period * np.round(way / period), way)
-    return out
 
 
 def untangled(

@@ -124,6 +124,7 @@ class _Job:
     def of(
         cls, wall: Wall, h: float | None, polish: bool, progress: Progress, cut: Any = None
     ) -> _Job:
+        """What a wall needs for edges of some length, by default as fine as it is thin."""
         from ilattice.offsets.wall import WallField, warn_coarse
 
         least = wall.least_thickness

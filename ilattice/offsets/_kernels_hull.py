@@ -4,26 +4,27 @@ Guarantee: nothing is allocated per set of vectors. Non-guarantee: arguments are
 """
 
 import numpy as np
-from numba import njit
+from numba import njit, prange
 
-#: Most vectors that join a mean, and the least weight, gain, or pivot, that is one.
+CHUNK = 64
+#: Most vectors that join a mean, and weights, gains and pivots that are none.
 ROUNDS, NOTHING = 64, 1e-12
 
 
 @njit(cache=True, error_model="numpy")
-def solve_small(a, y, n):
-    """Solve the first n equations a x = y in place, with pivots; how many were singular.
+def solve_small(a, y, n, nothing):
+    """Solve the first n equations a x = y in place, with pivots; returns the smallest of these.
 
-    Unknowns that nothing determines are zero.
+    Unknowns that nothing determines, whose pivots are no larger than `nothing`, are zero.
     """
-    singular = 0
+    smallest = np.inf
     for i in range(n):
         p = i
         for j in range(i + 1, n):
             if abs(a[j, i]) > abs(a[p, i]):
                 p = j
-        if not abs(a[p, i]) > NOTHING:
-            singular += 1
+        smallest = min(smallest, abs(a[p, i]))
+        if not abs(a[p, i]) > nothing:
             a[i, :n] = 0.0
             a[i, i], y[i] = 1.0, 0.0
             continue
@@ -41,7 +42,7 @@ def solve_small(a, y, n):
         for j in range(i + 1, n):
             y[i] -= a[i, j] * y[j]
         y[i] /= a[i, i]
-    return singular
+    return smallest
 
 
 @njit(cache=True, error_model="numpy")
@@ -57,7 +58,7 @@ def settle(vectors, active, share, count, a, y):
                 a[i, j] = 1.0
                 for c in range(vectors.shape[1]):
                     a[i, j] += vectors[active[i], c] * vectors[active[j], c]
-        if solve_small(a, y, count) > 0:
+        if not solve_small(a, y, count, NOTHING) > NOTHING:
             return 0
         total = 0.0
         for i in range(count):
@@ -119,25 +120,33 @@ def shortest(vectors, first, last, active, share, mean, a, y):
 
 
 @njit(cache=True, error_model="numpy")
+def heaviest_first(active, share, count, rows, weights):
+    """The rows with the largest of `count` shares into rows (m,), these into weights (m,)."""
+    for place in range(min(count, len(rows))):
+        best = place
+        for i in range(place, count):
+            if share[i] > share[best]:
+                best = i
+        active[place], active[best] = active[best], active[place]
+        share[place], share[best] = share[best], share[place]
+        rows[place], weights[place] = active[place], share[place]
+
+
+@njit(cache=True, parallel=True, error_model="numpy")
 def shortest_means(ends, vectors, rows, weights, pull):
     """Shortest weighted means of rows ends[n] to ends[n + 1] of vectors (r, 3), for each n.
 
     Into `rows` (n, 4) and `weights` (n, 4) go those with weights, the heaviest first, -1 ends
     them; into `pull` (n,) the length of the mean.
     """
-    active, share = np.empty(8, np.int64), np.empty(8)
-    a, y, mean = np.empty((8, 8)), np.empty(8), np.zeros(3)
-    for n in range(len(ends) - 1):
-        rows[n], weights[n], pull[n] = -1, 0.0, np.inf
-        if ends[n] == ends[n + 1]:
-            continue
-        count = shortest(vectors, ends[n], ends[n + 1], active, share, mean, a, y)
-        pull[n] = np.sqrt(mean[0] ** 2 + mean[1] ** 2 + mean[2] ** 2)
-        for place in range(min(count, rows.shape[1])):
-            best = place
-            for i in range(place, count):
-                if share[i] > share[best]:
-                    best = i
-            active[place], active[best] = active[best], active[place]
-            share[place], share[best] = share[best], share[place]
-            rows[n, place], weights[n, place] = active[place], share[place]
+    last = len(ends) - 1
+    for chunk in prange((last + CHUNK - 1) // CHUNK):
+        active, share = np.empty(8, np.int64), np.empty(8)
+        a, y, mean = np.empty((8, 8)), np.empty(8), np.zeros(3)
+        for n in range(chunk * CHUNK, min(last, (chunk + 1) * CHUNK)):
+            rows[n], weights[n], pull[n] = -1, 0.0, np.inf
+            if ends[n] == ends[n + 1]:
+                continue
+            count = shortest(vectors, ends[n], ends[n + 1], active, share, mean, a, y)
+            pull[n] = np.sqrt(mean[0] ** 2 + mean[1] ** 2 + mean[2] ** 2)
+            heaviest_first(active, share, count, rows[n], weights[n])

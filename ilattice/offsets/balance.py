@@ -28,7 +28,8 @@ class Ends(NamedTuple):
     """Ends (n) of Newton's method in the domain.
 
     Parameters `u` (n, 3), the last step (n,) in tiles, `feet` (n, 4, 3) in tile coordinates, of
-    which `number` (n,) are meant, and whether these pull, and are no saddles.
+    which `number` (n,) are meant; whether these pull, and are no saddles; whether no other ends
+    are about.
     """
 
     u: FloatArray
@@ -36,12 +37,13 @@ class Ends(NamedTuple):
     feet: FloatArray
     number: IntArray
     pulled: AnyArray
+    isolated: AnyArray
 
     def of(self, rows: AnyArray) -> Ends:
         """Some of the ends."""
-        return Ends(
-            self.u[rows], self.last[rows], self.feet[rows], self.number[rows], self.pulled[rows]
-        )
+        pulled, isolated = self.pulled[rows], self.isolated[rows]
+        head = self.u[rows], self.last[rows], self.feet[rows], self.number[rows]
+        return Ends(*head, pulled, isolated)
 
 
 class Balance:
@@ -78,15 +80,18 @@ class Balance:
             Where the method ended.
         """
         p, feet, weights = (a.copy() for a in (starts.p, starts.feet, starts.weights))
-        last, low = np.empty(len(p)), np.empty(len(p))
+        last, low, pivot = np.empty((3, len(p)))
         kernel: Any = _kernels_balance.balance
         kernel(
             *self.space, *self.less[starts.side], p, feet, weights, starts.number,
-            np.array(on) != 0, REACH, last, low,
+            np.array(on) != 0, REACH, last, low, pivot,
         )  # fmt: skip
         u = self.excess.wrapped(self.search.from_tile(p))
         lo, hi = self.excess.domain
         slack = 1e-9 * (hi - lo)
         good = (last < SLOW) & ((u >= lo - slack) & (u <= hi + slack)).all(axis=1)
         pulled = (weights > PUSH).all(axis=1) & (low > SADDLE)
-        return Ends(np.clip(u, lo, hi), last, feet, starts.number, pulled).of(good)
+        ends = Ends(
+            np.clip(u, lo, hi), last, feet, starts.number, pulled, pivot > _kernels_balance.SINGULAR
+        )
+        return ends.of(good)

@@ -14,7 +14,8 @@ Guarantees: no foot is nearer than what is reported; the feet balance to 1e-5.
 Non-guarantees: completeness, because feet with shares of the space that are thinner than a cell of
 the grid are seen only where windows get smaller; compare Euler numbers, as `ilattice.mesh.topology`
 does. Feet on creases, where tiles meet without a zone of transition, are not followed. Where whole
-curves or surfaces are critical (parallel planes), what is reported is meaningless.
+curves or surfaces are critical (parallel planes), one point stands for each, whose change is that
+of the wall if they have no holes.
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from ilattice._progress import Progress, track
@@ -35,6 +38,7 @@ from ilattice.offsets import _kernels_hull
 from ilattice.offsets.balance import Balance, Ends
 from ilattice.offsets.excess import Excess
 from ilattice.offsets.links import Links
+from ilattice.offsets.polish import inside, shortest
 from ilattice.offsets.several_feet import Feet, SeveralFeet
 from ilattice.offsets.windows import MOST, Windows
 
@@ -55,6 +59,11 @@ EQUAL, BALANCED = 1e-6, 1e-5
 #: Weights below which feet play no part, slopes inwards that are none, slopes across the sheet of
 #: equal distances that are none, and bends along it, per distance, that are none.
 LIGHT, LEVEL, ALIKE, FLAT = 1e-3, 1e-3, 0.02, 1e-3
+#: How far from each other, in cells of the grid, points of a critical curve or surface may be, and
+#: the relative difference of the distance half-way between them.
+LINKED, BETWEEN = 5.0, 0.05
+#: How far from each other, in cells of the grid, points are the same.
+TWINS = 0.01
 #: Directions in which the distance falls, by Morse index; and where that is not told.
 FALLS = (0, 0, False), (2, 0, False), (1, 1, False), (1, 0, True)
 UNKNOWN = -1, 0, False
@@ -84,6 +93,8 @@ class CriticalPoint:
         Parts of the directions in which the distance falls, and holes in them.
     closed : bool
         Whether it falls in all directions.
+    isolated : bool
+        Whether it does not stand for a whole curve or surface of critical points.
     """
 
     value: float
@@ -95,6 +106,7 @@ class CriticalPoint:
     parts: int = 1
     holes: int = 0
     closed: bool = False
+    isolated: bool = True
 
     @property
     def change(self) -> int:
@@ -171,8 +183,9 @@ class CriticalSearch:
 
     Attributes
     ----------
-    points : list of CriticalPoint
-        On D, its faces, edges and corners, whether a wall changes there or not.
+    points, spread : list of CriticalPoint
+        On D, its faces, edges and corners, whether a wall changes there or not: isolated ones, and
+        others, about one in each cell of the grid that critical curves and surfaces pass through.
     """
 
     def __init__(self, lattice: Lattice, inner: BSpline | None, outer: BSpline | None) -> None:
@@ -184,6 +197,7 @@ class CriticalSearch:
         self.domain, self.span = self.excess.domain, self.excess.span
         self.tile = np.ptp(self.domain, axis=0) / np.array(lattice.repeat)
         self.points: list[CriticalPoint] = []
+        self.spread: list[CriticalPoint] = []
 
     def look(self, low: float, high: float, box: FloatArray, progress: Progress = None) -> None:
         """Add the critical points that windows lead to whose own values are in a range.
@@ -235,11 +249,11 @@ class CriticalSearch:
         slack = 1e-9 * np.ptp(box, axis=0)
         asked = [
             p
-            for p in self.points
+            for p in self.points + self.spread
             if low <= p.value <= high
             and (np.abs(2.0 * p.u - box.sum(axis=0)) <= np.ptp(box, axis=0) + slack).all()
         ]
-        judged = self._judged(asked)
+        judged = self._judged(self._one_of_each(asked))
         changing = [p for p in judged if p.closed or (p.parts, p.holes) != (1, 0)]
         return sorted(changing, key=lambda p: (p.value, *p.u.tolist()))
 
@@ -271,43 +285,67 @@ class CriticalSearch:
         return out[near]
 
     def _added(self, ends: dict[tuple[int, ...], list[Ends]]) -> list[CriticalPoint]:
-        """Points that are new among ends, which are added."""
+        """Isolated points that are new among ends; these are added, and others."""
         first = len(self.points)
         for on, some in ends.items():
-            points, missed = self._checked(self._new(some, on), on)
-            self.points += points
+            missed = self._add(some, on)
             if 0 in on:  # feet that are nearer there have small shares of the space
-                closer = self._new(self._closer(missed, on, CLOSEST), on)
-                self.points += self._checked(closer, on)[0]
+                self._add(self._closer(missed, on, CLOSEST), on)
         return self.points[first:]
+
+    def _add(self, ends: list[Ends], on: tuple[int, ...]) -> FloatArray:
+        """Add what is new among ends; returns places (n, 3) to which other feet are nearer."""
+        if not ends:
+            return np.empty((0, 3))
+        every = Ends(*(np.concatenate(a) for a in zip(*ends, strict=True)))
+        every = every.of(every.pulled)
+        points, missed = self._checked(self._new(every.of(every.isolated), on), on)
+        self.points += points
+        self.spread += self._checked(self._new_of_spread(every.of(~every.isolated), on), on)[0]
+        return missed
 
     def _corner(self, on: tuple[int, ...]) -> Ends:
         lo, hi = self.domain
         u = np.where(np.array(on) < 0, lo, hi)[None]
         none = np.zeros(1, np.int64)
-        return Ends(u, np.zeros(1), np.zeros((1, MOST, 3)), none, np.ones(1, np.bool_))
+        sure = np.ones(1, np.bool_)
+        return Ends(u, np.zeros(1), np.zeros((1, MOST, 3)), none, sure, sure)
 
-    def _new(self, ends: list[Ends], on: tuple[int, ...]) -> Ends:
-        """Ends where all feet pull, clear of other faces: the sharpest at each place, if new."""
-        if not ends:
-            return self._corner(on).of(np.zeros(0, np.int64))
-        every = Ends(*(np.concatenate(a) for a in zip(*ends, strict=True)))
-        every = every.of(every.pulled)
+    def _new(self, ends: Ends, on: tuple[int, ...]) -> Ends:
+        """Ends clear of other faces: the sharpest at each place, if new."""
         known = np.array([p.u for p in self.points if p.on == on]).reshape(-1, 3)
-        u = np.concatenate([known, every.u])
-        last = np.concatenate([np.zeros(len(known)), every.last])
+        u = np.concatenate([known, ends.u])
+        last = np.concatenate([np.zeros(len(known)), ends.last])
         blur = np.maximum(NEAR, BLUR * last)
         room = np.minimum(u - self.domain[0], self.domain[1] - u) / self.tile
         inner = (np.array(on) == 0) & ~self.excess.closed
         clear = np.flatnonzero((room[:, inner] > blur[:, None]).all(axis=1))
         order = clear[np.argsort(last[clear], kind="stable")]
         if not len(order):
-            return every.of(order)
-        around = np.where(self.excess.closed, np.array(self.lattice.repeat), 0.0)
-        p = (self.excess.wrapped(u[order]) - self.domain[0]) / self.tile
-        near = cKDTree(p, boxsize=around).query_ball_point(p, blur[order])
+            return ends.of(order)
+        tree, p = self._tree(u[order], self.tile)
+        near = tree.query_ball_point(p, blur[order])
         first = order[np.array([min(k) for k in near]) == np.arange(len(near))]
-        return every.of(first[first >= len(known)] - len(known))
+        return ends.of(first[first >= len(known)] - len(known))
+
+    def _new_of_spread(self, ends: Ends, on: tuple[int, ...]) -> Ends:
+        """Ends that are not isolated: one in each cell of the grid, if new."""
+        inner = (np.array(on) == 0) & ~self.excess.closed
+        room = np.minimum(ends.u - self.domain[0], self.domain[1] - ends.u) / self.tile
+        ends = ends.of((room[:, inner] > NEAR).all(axis=1))
+        known = np.array([p.u for p in self.spread if p.on == on]).reshape(-1, 3)
+        u = (np.concatenate([known, ends.u]) - self.domain[0]) / self.windows.spacing
+        cell = np.floor(u + 1.0 / 3.0)  # many are on nodes
+        _, first = np.unique(cell, axis=0, return_index=True)
+        return ends.of(np.sort(first[first >= len(known)]) - len(known))
+
+    def _tree(self, u: FloatArray, length: FloatArray) -> tuple[cKDTree, FloatArray]:
+        """Tree of parameters (n, 3), and they themselves, in some lengths, across seams."""
+        closed = self.excess.closed
+        around = np.where(closed, np.ptp(self.domain, axis=0) / length, 0.0)
+        p = (u - self.domain[0]) / length
+        p[:, closed] %= around[closed]
+        return cKDTree(p, boxsize=around), p
 
     # ---------------------------------------------------------------- what is found
 
@@ -328,13 +366,18 @@ class CriticalSearch:
             good[i] = pull < BALANCED
             if good[i]:
                 head = float(value[i]), u[i], x[i], int(side[i]), len(weights), place
-                out.append(CriticalPoint(*head, *self._falls(feet, weights, on)))
+                alone = bool(ends.isolated[i])
+                falls = self._falls(feet, weights, on, alone)
+                out.append(CriticalPoint(*head, *falls, alone))
         return out, u[~good]
 
-    def _falls(self, feet: Feet, weights: FloatArray, on: tuple[int, ...]) -> tuple[int, int, bool]:
+    def _falls(
+        self, feet: Feet, weights: FloatArray, on: tuple[int, ...], isolated: bool
+    ) -> tuple[int, int, bool]:
         """Directions in which the distance falls: parts, holes, and whether they are all.
 
-        Stratified Morse theory; `UNKNOWN` where the point is degenerate.
+        Stratified Morse theory, across critical curves and surfaces; `UNKNOWN` where an isolated
+        point is degenerate.
         """
         free = np.array(on) == 0
         slopes = feet.gradient / feet.size
@@ -353,16 +396,59 @@ class CriticalSearch:
             axes = np.eye(int(free.sum()))
         bend = np.einsum("n,nab->ab", weights, feet.hessian) / np.outer(feet.size, feet.size)
         bends = np.linalg.eigvalsh(axes @ bend[np.ix_(free, free)] @ axes.T)
-        if (np.abs(bends) * feet.reach < FLAT).any():
+        if isolated and (np.abs(bends) * feet.reach < FLAT).any():
             return UNKNOWN
+        bends = bends[np.abs(bends) * feet.reach >= FLAT]
         return FALLS[len(across) + int((bends < 0.0).sum())]
+
+    def _one_of_each(self, points: list[CriticalPoint]) -> list[CriticalPoint]:
+        """Points with one only of each critical curve or surface: that most in its middle."""
+        points = self._without_twins(points)
+        if all(p.isolated for p in points):
+            return points
+        on = np.array([p.on for p in points])
+        tree, u = self._tree(np.array([p.u for p in points]), self.windows.spacing)
+        ends = self._joined(points, tree.query_pairs(LINKED, p=np.inf, output_type="ndarray"))
+        graph = coo_array((np.ones(len(ends)), ends.T), shape=(len(u), len(u)))
+        _, label = connected_components(graph, directed=False)
+        middle = np.array([np.median(u[label == k], axis=0) for k in range(label.max() + 1)])
+        away = np.linalg.norm(u - middle[label], axis=1)
+        order = np.lexsort((away, np.count_nonzero(on, axis=1), label))
+        _, first = np.unique(label[order], return_index=True)
+        return [points[k] for k in order[first]]
+
+    def _without_twins(self, points: list[CriticalPoint]) -> list[CriticalPoint]:
+        """Points without those at isolated ones, to which starts with the same foot twice led."""
+        if not points:
+            return points
+        on = np.array([p.on for p in points])
+        isolated = np.array([p.isolated for p in points])
+        tree = self._tree(np.array([p.u for p in points]), self.windows.spacing)[0]
+        a, b = tree.query_pairs(TWINS, output_type="ndarray").T
+        twins = (on[a] == on[b]).all(axis=1) & (isolated[a] != isolated[b])
+        a, b = a[twins], b[twins]
+        dropped = set(np.where(isolated[a], b, a).tolist())
+        return [p for k, p in enumerate(points) if k not in dropped]
+
+    def _joined(self, points: list[CriticalPoint], pairs: IntArray) -> IntArray:
+        """Those of pairs (n, 2) of points that belong to one critical curve or surface."""
+        value = np.array([p.value for p in points])
+        spread = np.array([not p.isolated for p in points])
+        same = np.ptp(value[pairs], axis=1) <= EQUAL * np.abs(value[pairs]).max(axis=1)
+        pairs = pairs[same & spread[pairs].any(axis=1)]
+        u, side = np.array([p.u for p in points]), np.array([p.side for p in points])
+        a, b = pairs.T
+        middle = inside(self.lattice, u[a] + 0.5 * shortest(self.lattice, u[b] - u[a]))
+        between = np.abs(self.lattice.distance(middle)) - self.excess.taken(middle, side[a])[0]
+        return pairs[np.abs(between - value[a]) <= BETWEEN * np.abs(value[a])]
 
     def _judged(self, points: list[CriticalPoint]) -> list[CriticalPoint]:
         """Degenerate points with what changes there, seen on spheres that hold no other one."""
         unknown = [p for p in points if (p.parts, p.holes, p.closed) == UNKNOWN]
         if not unknown:
             return points
-        tree = cKDTree(np.array([p.x for p in self.points]))
+        every = self.points + [p for p in points if not p.isolated]
+        tree = cKDTree(np.array([p.x for p in every]))
         gaps = np.asarray(tree.query(np.array([p.x for p in unknown]), 2)[0])[:, 1]
         told = {}
         for point, apart in zip(unknown, gaps.tolist(), strict=True):
@@ -370,7 +456,8 @@ class CriticalSearch:
             room = np.minimum(point.u - self.domain[0], self.domain[1] - point.u) * size
             room = room[(np.array(point.on) == 0) & ~self.excess.closed]
             radius = min(0.4 * apart, 0.5 * float(room.min(initial=np.inf)))
-            parts, holes, closed = self.link(point.u, point.value, point.side, point.on, radius)
+            place = point.u, point.value, point.side, point.on
+            parts, holes, closed = self.link(*place, point.isolated, radius)
             told[id(point)] = replace(point, parts=parts, holes=holes, closed=closed)
         return [told.get(id(p), p) for p in points]
 

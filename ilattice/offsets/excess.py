@@ -55,13 +55,6 @@ class Excess:
                     whole[at] = part
         return out
 
-    def value(self, u: FloatArray) -> FloatArray:
-        """Exact values (n,) at parameters (n, 3)."""
-        if not len(u):
-            return np.empty(0)
-        distance = self.lattice.distance(u)
-        return np.abs(distance) - self.taken(u, np.where(distance < 0.0, -1, 1))[0]
-
     def on_spline(self, u: FloatArray, order: int = 0) -> tuple[FloatArray, ...]:
         """Values by the distance spline, and its derivatives: `order` + 1 of them."""
         jet = self.spline.jet(u, order)
@@ -75,17 +68,7 @@ class Excess:
         lo, hi = self.domain
         return np.where(self.closed, lo + np.mod(u - lo, hi - lo), u)
 
-    def apart(self, u: FloatArray, v: FloatArray) -> FloatArray:
-        """Differences of parameters, the shorter way round in closed directions."""
-        gap = np.abs(u - v)
-        around = np.abs(self.domain[1] - self.domain[0] - gap)
-        return np.where(self.closed, np.minimum(gap, around), gap)
-
     def sizes(self, u: FloatArray) -> FloatArray:
         """Lengths (n, 3) of the derivatives of the map at parameters (n, 3)."""
         out: FloatArray = np.linalg.norm(self.lattice.through.jacobian(u), axis=1)
         return out
-
-    def least_span(self, u: FloatArray) -> float:
-        """Length of the shortest side of a span at a point (3,)."""
-        return float((self.sizes(u[None])[0] * self.span).min())

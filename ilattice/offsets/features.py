@@ -170,6 +170,7 @@ def _first_exits(
     less = wall.thickness.inner if point.side < 0 else wall.thickness.outer
 
     def within(t: FloatArray) -> AnyArray:
+        """Which places (n,) at some lengths of way are in the wall."""
         u = inside(lattice, point.u + t[:, None] * directions)
         out: AnyArray = np.abs(lattice.distance(u)) < less(u)
         return out

@@ -26,8 +26,8 @@ SEGMENTS, RADIUS = 12, 0.2
 #: Part of its radius to which the sphere is flattened across the sheet of equal distances, and
 #: least slope across it of the distances to the feet.
 FLAT, STEEP = 0.2, 0.05
-#: A fall of the distance, relative to the radius, that is none.
-NONE = 1e-9
+#: A fall of the distance, relative to the radius, that is none: about isolated points, and others.
+NONE, NONE_ALONG = 1e-9, 1e-4
 
 
 class Links:
@@ -45,7 +45,13 @@ class Links:
         self.excess, self.feet = excess, feet
 
     def __call__(
-        self, u: FloatArray, value: float, side: int, on: tuple[int, ...], most: float = np.inf
+        self,
+        u: FloatArray,
+        value: float,
+        side: int,
+        on: tuple[int, ...],
+        isolated: bool,
+        most: float,
     ) -> tuple[int, int, bool]:
         """Directions in which the distance falls.
 
@@ -59,6 +65,8 @@ class Links:
             Sign of the implicit function there.
         on : tuple of int
             Faces of the domain that it lies on, as in `CriticalPoint`.
+        isolated : bool
+            Whether the point is none of a critical curve or surface, along which nothing falls.
         most : float
             Largest radius of the sphere, so that it holds no other critical point.
 
@@ -75,7 +83,8 @@ class Links:
         distance = np.abs(self.excess.lattice.distance(around))
         taken = self.excess.taken(around, np.full(len(around), side))[0]
         below = np.zeros(len(corners), np.bool_)
-        below[inward] = distance - taken < value - NONE * length
+        none = NONE if isolated else NONE_ALONG
+        below[inward] = distance - taken < value - none * length
         if below.all():
             return 1, 0, True
         return *_betti(below, triangles), False

@@ -119,6 +119,14 @@ def inside(lattice: Lattice, u: FloatArray) -> FloatArray:
     return np.where(closed, lo + np.mod(u - lo, hi - lo), np.clip(u, lo, hi))
 
 
+def shortest(lattice: Lattice, way: FloatArray) -> FloatArray:
+    """Ways (n, 3) between parameters, across the seam of closed directions where shorter."""
+    closed = np.array(lattice.through.closed)
+    period = np.ptp(lattice.domain, axis=0)
+    out: FloatArray = np.where(closed, way - period * np.round(way / period), way)
+    return out
+
+
 def _step(
     lattice: Lattice,
     u: FloatArray,

@@ -14,6 +14,7 @@ from ilattice.mesh._own_cells import in_own_cells
 from ilattice.mesh._roots import between
 from ilattice.mesh.contouring import contour_arrays
 from ilattice.mesh.measure import self_intersections
+from ilattice.offsets.polish import shortest
 from ilattice.tiles.tpms import ROWS
 
 cgal = pytest.importorskip("igl.copyleft.cgal")
@@ -216,5 +217,5 @@ def test_meshes_do_not_depend_on_the_number_of_threads():
 def test_closed_directions_are_crossed_the_short_way():
     lattice = il.Lattice("gyroid", through=il.macroshape.torus(), repeat=(4, 1, 1))
     way = np.array([[0.9, 0.9, -0.9], [-0.9, 0.1, 0.0], [0.3, 0.0, 0.0]])
-    short = untangle.shortest(lattice, way)
+    short = shortest(lattice, way)
     np.testing.assert_allclose(short, [[-0.1, 0.9, -0.9], [0.1, 0.1, 0.0], [0.3, 0.0, 0.0]])

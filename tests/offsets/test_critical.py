@@ -1,5 +1,7 @@
 """Critical points of the distance: the least means and Newton's method under them, and voids."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.optimize import nnls
 
 import ilattice as il
-from ilattice.offsets import _kernels_hull, windows
+from ilattice.offsets import _kernels_balance, _kernels_hull, windows
 from ilattice.offsets.balance import Balance
 from ilattice.offsets.critical import CriticalSearch, critical_points
 from ilattice.offsets.excess import Excess
@@ -23,8 +25,12 @@ def bent(name):
     return il.Lattice(name, through=il.macroshape.cylinder_shell(2.0, 3.0, 1.0, angle=0.4))
 
 
+def box():
+    return il.macroshape.box()
+
+
 def straight(name="schwarz_p"):
-    return il.Lattice(name, through=il.macroshape.box())
+    return il.Lattice(name, through=box())
 
 
 # --- shortest means ---------------------------------------------------------------------------
@@ -77,19 +83,43 @@ def test_no_vectors_have_no_mean():
     assert (rows == -1).all()
 
 
+def test_many_means_are_those_of_each():
+    rng = np.random.default_rng(1)
+    ends = np.concatenate([[0], np.cumsum(rng.integers(0, 12, 300))])
+    vectors = rng.normal((0.5, 0.0, 0.0), 1.0, (ends[-1], 3))
+    rows, weights, pull = np.empty((300, 4), np.int64), np.empty((300, 4)), np.empty(300)
+    _kernels_hull.shortest_means(ends, vectors, rows, weights, pull)
+    for n, (i, j) in enumerate(pairwise(ends.tolist())):
+        if j > i:
+            each, least = shortest(vectors[i:j])
+            assert least == pull[n]
+            np.testing.assert_array_equal(each[rows[n][rows[n] >= 0] - i], weights[n][rows[n] >= 0])
+    assert np.isinf(pull[np.diff(ends) == 0]).all()
+
+
 @pytest.mark.parametrize("n", [1, 4, 9, 24])
 def test_small_systems_are_solved(n):
     rng = np.random.default_rng(n)
     a, y = rng.normal(size=(n, n)), rng.normal(size=n)
     x = y.copy()
-    assert _kernels_hull.solve_small(a.copy(), x, n) == 0
+    assert _kernels_hull.solve_small(a.copy(), x, n, 1e-12) > 1e-6
     np.testing.assert_allclose(a @ x, y, atol=1e-10)
 
 
 def test_unknowns_that_nothing_determines_are_zero():
     a, x = np.diag([2.0, 0.0, 4.0]), np.array([2.0, 0.0, 2.0])
-    assert _kernels_hull.solve_small(a, x, 3) == 1
+    assert _kernels_hull.solve_small(a, x, 3, 1e-12) == 0.0
     np.testing.assert_array_equal(x, [1.0, 0.0, 0.5])
+
+
+def test_damped_steps_solve_the_normal_equations():
+    rng = np.random.default_rng(0)
+    a, y = rng.normal(size=(2, 9, 9))
+    a[:, 3] = a[:, 4] + 1e-9  # singular
+    want = np.linalg.solve(a.T @ a + 1e-4 * np.eye(9), a.T @ y[0])
+    x = y[0].copy()
+    _kernels_balance.solve_damped(a, x, 9, np.empty((9, 9)), np.empty(9))
+    np.testing.assert_allclose(x, want, atol=1e-8)
 
 
 # --- Newton's method --------------------------------------------------------------------------
@@ -132,7 +162,7 @@ def test_ends_balance_whatever_the_map_and_the_thickness():
     assert len(inside) > 10
     step = 1e-5
     for p in inside[:10]:
-        value = excess.value(p.u[None])[0]
+        value = abs(lattice.distance(p.u[None])[0]) - (0.02 + 0.01 * p.u[0])
         assert value == pytest.approx(p.value, abs=1e-10)
         feet = SeveralFeet(excess)(p.u[None])[0]
         near = np.flatnonzero(feet.value <= value + 1e-7)
@@ -165,22 +195,65 @@ def test_windows_start_where_feet_pull_both_ways():
 
 
 def test_events_do_not_depend_on_the_grid(monkeypatch):
-    box = np.array([[0.0, 0.0, 0.0], [0.5, 0.5, 0.5]])
+    eighth = np.array([[0.0, 0.0, 0.0], [0.5, 0.5, 0.5]])
     found = []
     for finer in (1.5, 2.5):
         monkeypatch.setattr(windows, "FINER", finer)
-        events = critical_points(bent("diamond"), 0.1, 0.3, within=box)
+        events = critical_points(bent("diamond"), 0.1, 0.3, within=eighth)
         found.append(sorted((round(p.value, 7), p.change) for p in events))
     assert len(found[0]) > 10
     np.testing.assert_allclose(found[0], found[1], atol=2e-7)
+
+
+# --- critical curves and surfaces -------------------------------------------------------------
+
+
+def told(points):
+    return [(p.kind, p.feet, p.change, p.isolated) for p in points]
+
+
+def test_one_point_stands_for_a_critical_plane():
+    lattice = il.Lattice(il.Tile(lambda u: (u[:, 2] - 0.3) * (u[:, 2] - 0.7)), through=box())
+    (point,) = critical_points(lattice, 0.05, 0.4, within=[[0.3, 0.3, 0.0], [0.7, 0.7, 1.0]])
+    assert told([point]) == [("bridge", 2, -1, False)]
+    assert point.value == pytest.approx(0.2, abs=1e-9)
+    assert point.u[2] == pytest.approx(0.5, abs=1e-9)
+
+
+def test_one_point_stands_for_the_axis_of_a_tube():
+    lattice = il.Lattice(
+        il.Tile(lambda u: ((u[:, :2] - 0.5) ** 2).sum(axis=1) - 0.09), through=box()
+    )
+    (point,) = critical_points(lattice, 0.1, 0.35)
+    assert (point.kind, point.change, point.isolated) == ("neck", 1, False)
+    assert point.value == pytest.approx(0.3, abs=1e-9)
+    np.testing.assert_allclose(point.u[:2], 0.5, atol=1e-6)
+
+
+def test_walls_of_honeycombs_meet_along_lines():
+    """Of four sheets one block: by Euler numbers 4 - 4 + 1 = 1."""
+    points = critical_points(straight("honeycomb_iwp"), 0.05, 0.4)
+    assert told(points) == 4 * [("bridge", 2, -1, False)] + [("neck", 4, 1, False)]
+    np.testing.assert_allclose([p.value for p in points], [1 / 6] * 4 + [0.125**0.5], atol=1e-9)
+    places = sorted(p.u[:2].round(6).tolist() for p in points)
+    assert places == [[0.0, 0.5], [0.5, 0.0], [0.5, 0.5], [0.5, 1.0], [1.0, 0.5]]
+
+
+def test_a_channel_through_a_shell_closes_along_a_line():
+    """Between two flat sheets, above and below: the same gap at every radius."""
+    shell = il.macroshape.cylinder_shell(2.0, 3.0, 1.0)
+    lattice = il.Lattice("honeycomb_iwp", through=shell, repeat=(12, 2, 2))
+    (line,) = critical_points(lattice, 0.1, 0.17, within=[[0.24, 0.4, 0.0], [0.26, 0.6, 1.0]])
+    assert told([line]) == [("neck", 2, 1, False)]
+    assert line.value == pytest.approx(1 / 6, abs=1e-9)
 
 
 # --- voids ------------------------------------------------------------------------------------
 
 
 def test_the_middle_of_schwarz_p_is_a_void():
-    box = [[0.4, 0.4, 0.4], [0.6, 0.6, 0.6]]
-    (void,) = critical_points(straight(), 0.4, 0.5, within=box)
+    middle = [[0.4, 0.4, 0.4], [0.6, 0.6, 0.6]]
+    (void,) = critical_points(straight(), 0.4, 0.5, within=middle)
     np.testing.assert_allclose(void.u, 0.5, atol=1e-9)
     assert (void.kind, void.feet) == ("void", 8)
     assert void.value == pytest.approx(NODE, abs=1e-10)
@@ -190,8 +263,8 @@ def test_what_is_taken_off_lowers_the_void():
     """Off a distance that is at most NODE - |x| / sqrt(3) next to its greatest value."""
     lattice = straight()
     t = lattice.offset(lambda u: 0.1 + 0.02 * u[:, 0]).thickness
-    box = [[0.4, 0.4, 0.4], [0.6, 0.6, 0.6]]
-    (void,) = critical_points(lattice, 0.3, 0.4, inner=t.inner, outer=t.outer, within=box)
+    middle = [[0.4, 0.4, 0.4], [0.6, 0.6, 0.6]]
+    (void,) = critical_points(lattice, 0.3, 0.4, inner=t.inner, outer=t.outer, within=middle)
     np.testing.assert_allclose(void.u, 0.5, atol=1e-6)
     assert void.value == pytest.approx(NODE - 0.11, abs=1e-8)
 
