@@ -11,19 +11,13 @@ Non-guarantee: which critical point a start ends in, and whether no other foot i
 arguments are those of `_kernels_jets`; e0 ... ec is the half-thickness, as a spline.
 """
 
-from typing import Any
-
 import numpy as np
 from numba import njit, prange
 
-from ilattice.offsets import _kernels_jets as jets
 from ilattice.offsets._kernels_hull import solve_small
-from ilattice.offsets._kernels_jets import FAST, metric, scratch
+from ilattice.offsets._kernels_jets import FAST, map_jet, metric, scratch, tile_jet
 from ilattice.offsets._kernels_newton import lagrangian, lowest
 
-#: Called with tuples of arguments.
-map_jet: Any = jets.map_jet
-tile_jet: Any = jets.tile_jet
 CHUNK, MOST = 32, 4
 STEPS, PATIENCE = 25, 9
 #: Longest steps of the point and of feet, and the step that is the last one, in tiles.
@@ -54,12 +48,12 @@ def column(m, i, v):
 def look(space, less, p, feet, m, work):
     """Jets of the map and of the half-thickness at a point, and of map and tile at its m feet."""
     b, x, tab, h, taken, f, t = work
-    map_jet(*space[:8], (p[0], p[1], p[2]), 2, b, x)
-    map_jet(*less, (p[0], p[1], p[2]), 2, taken, h)
+    map_jet(*space[:8], (p[0], p[1], p[2]), 2, b, x)  # type: ignore[call-arg]
+    map_jet(*less, (p[0], p[1], p[2]), 2, taken, h)  # type: ignore[call-arg]
     for i in range(m):
         at = (feet[i, 0], feet[i, 1], feet[i, 2])
-        map_jet(*space[:8], at, 2, b, f[i])
-        tile_jet(*space[7:], at, b, t[i], tab)
+        map_jet(*space[:8], at, 2, b, f[i])  # type: ignore[call-arg]
+        tile_jet(*space[7:], at, b, t[i], tab)  # type: ignore[call-arg]
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")

@@ -14,8 +14,8 @@ Guarantees: no foot is nearer than what is reported; the feet balance to 1e-5.
 Non-guarantees: completeness, because feet with shares of the space that are thinner than a cell of
 the grid are seen only where windows get smaller; compare Euler numbers, as `ilattice.mesh.topology`
 does. Feet on creases, where tiles meet without a zone of transition, are not followed. Where whole
-curves or surfaces are critical (parallel planes), one point stands for each, whose change is that
-of the wall if they have no holes.
+curves or surfaces are critical (parallel planes), one point stands for each
+(`ilattice.offsets.critical_sets`).
 """
 
 from __future__ import annotations
@@ -25,8 +25,6 @@ from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from ilattice._progress import Progress, track
@@ -36,9 +34,9 @@ from ilattice.bspline import BSpline
 from ilattice.errors import InputError
 from ilattice.offsets import _kernels_hull
 from ilattice.offsets.balance import Balance, Ends
+from ilattice.offsets.critical_sets import EQUAL, one_of_each
 from ilattice.offsets.excess import Excess
 from ilattice.offsets.links import Links
-from ilattice.offsets.polish import inside, shortest
 from ilattice.offsets.several_feet import Feet, SeveralFeet
 from ilattice.offsets.windows import MOST, Windows
 
@@ -54,16 +52,11 @@ BESIDE = 0.05
 #: How far, in tiles, points are clear of faces, and from each other; in last steps if these are
 #: longer.
 NEAR, BLUR = 1e-5, 10.0
-#: Relative difference of equal distances; length of the least pull of a found point.
-EQUAL, BALANCED = 1e-6, 1e-5
+#: Length of the least pull of a found point.
+BALANCED = 1e-5
 #: Weights below which feet play no part, slopes inwards that are none, slopes across the sheet of
 #: equal distances that are none, and bends along it, per distance, that are none.
 LIGHT, LEVEL, ALIKE, FLAT = 1e-3, 1e-3, 0.02, 1e-3
-#: How far from each other, in cells of the grid, points of a critical curve or surface may be, and
-#: the relative difference of the distance half-way between them.
-LINKED, BETWEEN = 5.0, 0.05
-#: How far from each other, in cells of the grid, points are the same.
-TWINS = 0.01
 #: Directions in which the distance falls, by Morse index; and where that is not told.
 FALLS = (0, 0, False), (2, 0, False), (1, 1, False), (1, 0, True)
 UNKNOWN = -1, 0, False
@@ -95,6 +88,8 @@ class CriticalPoint:
         Whether it falls in all directions.
     isolated : bool
         Whether it does not stand for a whole curve or surface of critical points.
+    euler : int
+        Euler number of what it stands for: 0 for rings, else 1.
     """
 
     value: float
@@ -107,11 +102,12 @@ class CriticalPoint:
     holes: int = 0
     closed: bool = False
     isolated: bool = True
+    euler: int = 1
 
     @property
     def change(self) -> int:
         """By how much the Euler number of the wall jumps as the thickness passes `value`."""
-        return 1 - self.parts + self.holes - int(self.closed)
+        return self.euler * (1 - self.parts + self.holes - int(self.closed))
 
     @property
     def kind(self) -> str:
@@ -253,7 +249,7 @@ class CriticalSearch:
             if low <= p.value <= high
             and (np.abs(2.0 * p.u - box.sum(axis=0)) <= np.ptp(box, axis=0) + slack).all()
         ]
-        judged = self._judged(self._one_of_each(asked))
+        judged = self._judged(one_of_each(asked, self.excess, self.windows.spacing))
         changing = [p for p in judged if p.closed or (p.parts, p.holes) != (1, 0)]
         return sorted(changing, key=lambda p: (p.value, *p.u.tolist()))
 
@@ -323,7 +319,7 @@ class CriticalSearch:
         order = clear[np.argsort(last[clear], kind="stable")]
         if not len(order):
             return ends.of(order)
-        tree, p = self._tree(u[order], self.tile)
+        tree, p = self.excess.tree(u[order], self.tile)
         near = tree.query_ball_point(p, blur[order])
         first = order[np.array([min(k) for k in near]) == np.arange(len(near))]
         return ends.of(first[first >= len(known)] - len(known))
@@ -338,14 +334,6 @@ class CriticalSearch:
         cell = np.floor(u + 1.0 / 3.0)  # many are on nodes
         _, first = np.unique(cell, axis=0, return_index=True)
         return ends.of(np.sort(first[first >= len(known)]) - len(known))
-
-    def _tree(self, u: FloatArray, length: FloatArray) -> tuple[cKDTree, FloatArray]:
-        """Tree of parameters (n, 3), and they themselves, in some lengths, across seams."""
-        closed = self.excess.closed
-        around = np.where(closed, np.ptp(self.domain, axis=0) / length, 0.0)
-        p = (u - self.domain[0]) / length
-        p[:, closed] %= around[closed]
-        return cKDTree(p, boxsize=around), p
 
     # ---------------------------------------------------------------- what is found
 
@@ -400,47 +388,6 @@ class CriticalSearch:
             return UNKNOWN
         bends = bends[np.abs(bends) * feet.reach >= FLAT]
         return FALLS[len(across) + int((bends < 0.0).sum())]
-
-    def _one_of_each(self, points: list[CriticalPoint]) -> list[CriticalPoint]:
-        """Points with one only of each critical curve or surface: that most in its middle."""
-        points = self._without_twins(points)
-        if all(p.isolated for p in points):
-            return points
-        on = np.array([p.on for p in points])
-        tree, u = self._tree(np.array([p.u for p in points]), self.windows.spacing)
-        ends = self._joined(points, tree.query_pairs(LINKED, p=np.inf, output_type="ndarray"))
-        graph = coo_array((np.ones(len(ends)), ends.T), shape=(len(u), len(u)))
-        _, label = connected_components(graph, directed=False)
-        middle = np.array([np.median(u[label == k], axis=0) for k in range(label.max() + 1)])
-        away = np.linalg.norm(u - middle[label], axis=1)
-        order = np.lexsort((away, np.count_nonzero(on, axis=1), label))
-        _, first = np.unique(label[order], return_index=True)
-        return [points[k] for k in order[first]]
-
-    def _without_twins(self, points: list[CriticalPoint]) -> list[CriticalPoint]:
-        """Points without those at isolated ones, to which starts with the same foot twice led."""
-        if not points:
-            return points
-        on = np.array([p.on for p in points])
-        isolated = np.array([p.isolated for p in points])
-        tree = self._tree(np.array([p.u for p in points]), self.windows.spacing)[0]
-        a, b = tree.query_pairs(TWINS, output_type="ndarray").T
-        twins = (on[a] == on[b]).all(axis=1) & (isolated[a] != isolated[b])
-        a, b = a[twins], b[twins]
-        dropped = set(np.where(isolated[a], b, a).tolist())
-        return [p for k, p in enumerate(points) if k not in dropped]
-
-    def _joined(self, points: list[CriticalPoint], pairs: IntArray) -> IntArray:
-        """Those of pairs (n, 2) of points that belong to one critical curve or surface."""
-        value = np.array([p.value for p in points])
-        spread = np.array([not p.isolated for p in points])
-        same = np.ptp(value[pairs], axis=1) <= EQUAL * np.abs(value[pairs]).max(axis=1)
-        pairs = pairs[same & spread[pairs].any(axis=1)]
-        u, side = np.array([p.u for p in points]), np.array([p.side for p in points])
-        a, b = pairs.T
-        middle = inside(self.lattice, u[a] + 0.5 * shortest(self.lattice, u[b] - u[a]))
-        between = np.abs(self.lattice.distance(middle)) - self.excess.taken(middle, side[a])[0]
-        return pairs[np.abs(between - value[a]) <= BETWEEN * np.abs(value[a])]
 
     def _judged(self, points: list[CriticalPoint]) -> list[CriticalPoint]:
         """Degenerate points with what changes there, seen on spheres that hold no other one."""

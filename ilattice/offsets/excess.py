@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from ilattice._typing import FloatArray, IntArray
 from ilattice.bspline import BSpline
@@ -67,6 +68,13 @@ class Excess:
         """Parameters moved into the domain along closed directions."""
         lo, hi = self.domain
         return np.where(self.closed, lo + np.mod(u - lo, hi - lo), u)
+
+    def tree(self, u: FloatArray, length: FloatArray) -> tuple[cKDTree, FloatArray]:
+        """Tree of parameters (n, 3), and they themselves, in some lengths, across seams."""
+        around = np.where(self.closed, np.ptp(self.domain, axis=0) / length, 0.0)
+        p = (u - self.domain[0]) / length
+        p[:, self.closed] %= around[self.closed]
+        return cKDTree(p, boxsize=around), p
 
     def sizes(self, u: FloatArray) -> FloatArray:
         """Lengths (n, 3) of the derivatives of the map at parameters (n, 3)."""

@@ -248,6 +248,15 @@ def test_a_channel_through_a_shell_closes_along_a_line():
     assert line.value == pytest.approx(1 / 6, abs=1e-9)
 
 
+def test_shells_that_meet_all_the_way_round_change_no_euler_number():
+    """Two rings become one."""
+    shell = il.macroshape.cylinder_shell(2.0, 3.0, 1.0)
+    tile = il.Tile(lambda u: (u[:, 2] - 0.3) * (u[:, 2] - 0.7))
+    (point,) = critical_points(il.Lattice(tile, through=shell, repeat=(2, 1, 1)), 0.15, 0.22)
+    assert told([point]) == [("bridge", 2, 0, False)]
+    assert point.value == pytest.approx(0.2, abs=1e-9)
+
+
 # --- voids ------------------------------------------------------------------------------------
 
 
