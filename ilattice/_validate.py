@@ -17,6 +17,8 @@ def as_array(name: str, value: Any, ndim: int | None = None, *, finite: bool = T
     """Float64 array, finite unless told otherwise, or `InputError` that names the argument."""
     try:
         a = np.ascontiguousarray(value, dtype=np.float64)
+        if value is None:  # which NumPy reads as NaN
+            raise TypeError(value)
     except (TypeError, ValueError) as e:
         raise InputError(f"{name} must be an array of real numbers, got {value!r:.80}") from e
     if ndim is not None and np.ndim(value) != ndim:
@@ -70,6 +72,25 @@ def as_positive(name: str, value: Any) -> float:
     if a.size != 1 or not a.ravel()[0] > 0:
         raise InputError(f"{name} must be one number above zero, got {value!r:.80}")
     return float(a.ravel()[0])
+
+
+def as_not_negative(name: str, value: Any, *, finite: bool = True) -> float:
+    """One number of at least zero, finite unless told otherwise."""
+    a = as_array(name, value, finite=finite)
+    if a.size != 1 or not a.ravel()[0] >= 0:
+        raise InputError(f"{name} must be one number, zero or more, got {value!r:.80}")
+    return float(a.ravel()[0])
+
+
+def as_float_type(name: str, value: Any) -> Any:
+    """`numpy.float64` or `numpy.float32`, from whatever NumPy takes for one of them."""
+    try:
+        kind = np.dtype(value)
+    except (TypeError, ValueError) as e:
+        raise InputError(f"{name} must be float64 or float32, got {value!r:.80}") from e
+    if kind not in (np.dtype(np.float64), np.dtype(np.float32)):
+        raise InputError(f"{name} must be float64 or float32, got {kind}")
+    return kind.type
 
 
 def as_knots(name: str, value: ArrayLike, n: int, k: int) -> FloatArray:

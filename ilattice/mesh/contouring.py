@@ -33,7 +33,7 @@ import numpy as np
 
 from ilattice._progress import Progress
 from ilattice._typing import AnyArray, IntArray
-from ilattice._validate import as_array
+from ilattice._validate import as_array, as_float_type
 from ilattice.errors import InputError
 from ilattice.mesh import _kernels_refine
 from ilattice.mesh._grid import Grid
@@ -210,7 +210,7 @@ def contour_blocks(
     if place not in ("refine", "linear"):
         raise InputError(f"place must be 'refine' or 'linear', got {place!r}")
     sampler = sampler_for(field, grid, _as_levels(level), scale)
-    tracer = Tracer(sampler, bool(caps), place == "refine", _as_dtype(dtype))
+    tracer = Tracer(sampler, bool(caps), place == "refine", as_float_type("dtype", dtype))
     return tracer.pieces(progress)
 
 
@@ -251,13 +251,3 @@ def _as_levels(level: Any) -> tuple[float, float]:
     if pair.shape != (2,) or not pair[0] < pair[1]:
         raise InputError(f"level must be one number or a pair (lower, upper), got {level!r:.80}")
     return float(pair[0]), float(pair[1])
-
-
-def _as_dtype(dtype: Any) -> Any:
-    try:
-        kind = np.dtype(dtype)
-    except TypeError as e:
-        raise InputError(f"dtype must be float64 or float32, got {dtype!r:.80}") from e
-    if kind not in (np.dtype(np.float64), np.dtype(np.float32)):
-        raise InputError(f"dtype must be float64 or float32, got {kind}")
-    return kind.type

@@ -408,6 +408,8 @@ class SurfaceMesh:
 
         Raises
         ------
+        InputError
+            If `least` is not a number of at least zero.
         GeometryError
             If the mesh is not a closed oriented surface.
         """
@@ -430,6 +432,8 @@ class SurfaceMesh:
 
         Raises
         ------
+        InputError
+            If `most` is not a number of at least zero.
         GeometryError
             If the mesh is not a closed oriented surface.
         """

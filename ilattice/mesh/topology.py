@@ -16,7 +16,7 @@ import numpy as np
 
 from ilattice._progress import Progress, track
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
-from ilattice._validate import as_array
+from ilattice._validate import as_array, as_not_negative, as_positive
 from ilattice.errors import GeometryError, InputError
 from ilattice.mesh.surface import SurfaceMesh
 
@@ -231,7 +231,7 @@ def wall_topology(
     from ilattice.offsets.critical import critical_points
 
     report = topology_of(wall_contour(wall, h, progress=progress))
-    reach = 0.1 * wall.least_thickness if necks is None else float(necks)
+    reach = 0.1 * wall.least_thickness if necks is None else necks
     if not wall._exact or wall.lattice.boundary == "clip" or reach <= 0.0:
         return report
     t = wall.thickness
@@ -249,6 +249,7 @@ def topology_sweep(
     d = np.array(np.atleast_1d(as_array("d_values", d_values)))
     if d.ndim != 1 or len(d) < 2 or not d[0] > 0 or (np.diff(d) <= 0).any():
         raise InputError(f"d_values must be two or more increasing half-thicknesses, got {d!r:.80}")
+    h = None if h is None else as_positive("h", h)
     reports = [
         topology_of(wall_contour(lattice.offset(value), h, progress=None))
         for value in track(d.tolist(), "topology", progress)
@@ -264,6 +265,7 @@ def topology_sweep(
 
 def without_islands(mesh: SurfaceMesh, least: float | None) -> SurfaceMesh:
     """Mesh without its small parts; see `SurfaceMesh.remove_islands`."""
+    least = None if least is None else as_not_negative("least", least)
     report = topology_of(mesh)
     limit = report.parts[0].volume if least is None else least
     gone = {r.label for r in report.parts if r.volume < limit}
@@ -275,7 +277,7 @@ def without_islands(mesh: SurfaceMesh, least: float | None) -> SurfaceMesh:
 
 def without_voids(mesh: SurfaceMesh, most: float | None) -> SurfaceMesh:
     """Mesh with its voids filled; see `SurfaceMesh.fill_voids`."""
-    limit = np.inf if most is None else most
+    limit = np.inf if most is None else as_not_negative("most", most, finite=False)
     gone = [r.label for r in topology_of(mesh).voids if r.volume <= limit]
     return mesh.select(~np.isin(mesh.component_labels, gone))
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from ilattice._progress import Progress
 from ilattice._typing import AnyArray, ArrayLike, FloatArray
-from ilattice._validate import as_points, as_positive
+from ilattice._validate import as_float_type, as_not_negative, as_points, as_positive
 from ilattice.bspline import BSpline
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.offsets.distance_spline import distance_spline
@@ -194,12 +194,13 @@ class Wall:
         Raises
         ------
         InputError
-            If `h` is not positive.
+            If `h` is not positive, or `dtype` is neither of the two.
         GeometryError
             If the wall is empty.
         """
         from ilattice.mesh.wall_mesh import wall_mesh
 
+        dtype = as_float_type("dtype", dtype)
         h = None if h is None else as_positive("h", h)
         return wall_mesh(
             self, h, polish=polish and self._exact, caps=caps, dtype=dtype, progress=progress
@@ -299,10 +300,16 @@ class Wall:
         -------
         TopologyReport
             Counts, and the place and volume of every part and void.
+
+        Raises
+        ------
+        InputError
+            If `h` is not positive, or `necks` is negative.
         """
         from ilattice.mesh.topology import wall_topology
 
         h = None if h is None else as_positive("h", h)
+        necks = None if necks is None else as_not_negative("necks", necks)
         return wall_topology(self, h, necks, progress)
 
     def minimum_thickness(self) -> Feature:
@@ -472,8 +479,8 @@ def offset(
     Raises
     ------
     InputError
-        If `d` is not positive or larger than the part, or `tol` is not positive, or a density
-        cannot be reached (the message says which can).
+        If `d` is not positive or larger than the part, or `tol` is not positive, or `least_wall`
+        or `least_gap` is negative, or a density cannot be reached (the message says which can).
     ConvergenceError
         If `tol` is not met with 96 spans per tile, or the densities of tiles are not met.
     GeometryError
@@ -492,6 +499,9 @@ def offset(
     """
     if d is None and relative_density is None:
         raise InputError("offset needs a half-thickness d, or a relative_density")
+    tol = None if tol is None else as_positive("tol", tol)
+    least_wall = None if least_wall is None else as_not_negative("least_wall", least_wall)
+    least_gap = None if least_gap is None else as_not_negative("least_gap", least_gap)
     if d is None:
         d = 1e-3 * float(np.linalg.norm(np.diff(lattice.through.bounds, axis=0)))
     wall = Wall(lattice, distance_spline(lattice, progress=progress), as_thickness(d, lattice))
@@ -502,7 +512,7 @@ def offset(
     if tol is not None:
         from ilattice.offsets.tolerance import refined
 
-        wall = refined(wall, as_positive("tol", tol), progress)
+        wall = refined(wall, tol, progress)
     if least_wall is not None or least_gap is not None:
         from ilattice.offsets.features import check_features
 

@@ -16,7 +16,14 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import AnyArray, ArrayLike, FloatArray
-from ilattice._validate import as_array, as_points, as_positive, check_finite, read_only
+from ilattice._validate import (
+    as_array,
+    as_float_type,
+    as_points,
+    as_positive,
+    check_finite,
+    read_only,
+)
 from ilattice.bspline import BSpline
 from ilattice.errors import ConvergenceError, GeometryError, InputError, PrecisionWarning
 from ilattice.fields.node import Node
@@ -195,19 +202,25 @@ class Tile:
         axes : iterable of array_like
             Three 1-D arrays of coordinates.
         dtype : numpy.dtype
-            Type of the result.
+            Type of the result: ``numpy.float64`` or ``numpy.float32``.
 
         Returns
         -------
         ndarray, shape (len(x), len(y), len(z))
             Values.
+
+        Raises
+        ------
+        InputError
+            For axes that are not three 1-D arrays, or another type.
         """
+        kind = as_float_type("dtype", dtype)
         xyz = tuple(as_array(f"axes[{i}]", a, ndim=1) for i, a in enumerate(axes))
         if len(xyz) != 3:
             raise InputError(f"axes must be three 1-D arrays, got {len(xyz)}")
         if hasattr(self.field, "grid"):
-            return np.asarray(self.field.grid(xyz) - self.level, dtype)
-        out = np.empty(tuple(len(a) for a in xyz), dtype)
+            return np.asarray(self.field.grid(xyz) - self.level, kind)
+        out = np.empty(tuple(len(a) for a in xyz), kind)
         for i, x in enumerate(xyz[0]):
             plane = np.stack(np.meshgrid([x], xyz[1], xyz[2], indexing="ij"), axis=-1)
             out[i] = self(plane.reshape(-1, 3)).reshape(out.shape[1:])

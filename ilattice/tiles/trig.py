@@ -13,7 +13,7 @@ from typing import Any, Self
 import numpy as np
 
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
-from ilattice._validate import as_array, as_points, as_triple, read_only
+from ilattice._validate import as_array, as_float_type, as_points, as_triple, read_only
 from ilattice.errors import InputError
 from ilattice.fields.node import Node
 from ilattice.tiles import _terms
@@ -210,9 +210,7 @@ class TrigField:
         xyz = tuple(as_array(f"axes[{i}]", a, ndim=1) for i, a in enumerate(axes))
         if len(xyz) != 3:
             raise InputError(f"axes must be three 1-D arrays, got {len(xyz)}")
-        kind = np.dtype(dtype)
-        if kind not in (np.dtype(np.float64), np.dtype(np.float32)):
-            raise InputError(f"dtype must be float64 or float32, got {kind}")
+        kind = np.dtype(as_float_type("dtype", dtype))
         shape = tuple(len(a) for a in xyz)
         if out is None:
             out = np.empty(shape, kind)

@@ -80,7 +80,17 @@ def test_islands_go_with_their_voids_and_voids_are_filled():
     assert topology_of(mesh.remove_islands(unit)).betti == (2, 0, 2)
     assert topology_of(mesh.fill_voids()).betti == (3, 0, 0)
     assert topology_of(mesh.fill_voids(20 * unit)).betti == (3, 0, 1)
+    assert topology_of(mesh.fill_voids(np.inf)).betti == (3, 0, 0)
     assert mesh.fill_voids().volume == pytest.approx(unit * (1000 + 27 + 0.125))
+
+
+@pytest.mark.parametrize("limit", [np.nan, -1.0, "a", [1.0, 2.0]])
+def test_limits_of_volume_are_not_negative(limit):
+    mesh = solid(ball(1.0))
+    with pytest.raises(InputError, match="least"):
+        mesh.remove_islands(limit)
+    with pytest.raises(InputError, match="most"):
+        mesh.fill_voids(limit)
 
 
 def test_what_is_no_solid_is_refused():
@@ -308,6 +318,20 @@ def test_necks_of_a_varying_wall_are_where_the_distance_falls_short_of_it():
 def test_sweeps_need_increasing_thicknesses(d):
     with pytest.raises(InputError, match="d_values"):
         lattice("schwarz_p").topology_sweep(d)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [({"h": 0.0}, "h must"), ({"necks": -1}, "necks"), ({"necks": np.nan}, "necks")],
+)
+def test_reports_refuse_what_is_no_length(options, message):
+    with pytest.raises(InputError, match=message):
+        lattice("schwarz_p").offset(0.1).topology(**options)
+
+
+def test_sweeps_refuse_what_is_no_length():
+    with pytest.raises(InputError, match="h must"):
+        lattice("schwarz_p").topology_sweep([0.1, 0.2], h=-1)
 
 
 def test_clipped_lattices_have_reports_but_no_sweeps():

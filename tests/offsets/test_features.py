@@ -61,6 +61,15 @@ def test_walls_that_cannot_be_made_are_refused(schwarz_p):
         schwarz_p.offset(0.1, least_wall=0.21)
 
 
+@pytest.mark.parametrize("name", ["least_wall", "least_gap"])
+@pytest.mark.parametrize("limit", [np.nan, np.inf, -2.0, "a", [0.1, 0.2]])
+def test_limits_that_are_none_are_refused_before_any_work(name, limit):
+    fresh = il.Lattice("schwarz_p", through=il.macroshape.box((1.0, 1.0, 1.0)))
+    with pytest.raises(InputError, match=name):
+        fresh.offset(0.1, **{name: limit})
+    assert fresh._cache == {}
+
+
 def test_features_of_what_has_none(schwarz_p):
     full = schwarz_p.offset(0.44).minimum_gap()
     assert (full.size, full.kind, str(full)) == (np.inf, "none", "none")

@@ -136,6 +136,12 @@ def test_bad_thickness_is_refused_at_the_door(torus, d):
         torus.offset(d)
 
 
+@pytest.mark.parametrize("dtype", [int, np.float16, complex, "foo"])
+def test_vertices_are_float64_or_float32(torus, dtype):
+    with pytest.raises(InputError, match="dtype must be float64 or float32"):
+        torus.offset(0.1).mesh(dtype=dtype)
+
+
 def test_a_thickness_that_is_not_finite_names_the_point(torus):
     with (
         np.errstate(divide="ignore"),

@@ -263,6 +263,8 @@ def test_small_features_are_found():
         (lambda: Tile(ball, tol=0.0), "tol"),
         (lambda: il.tiles.gyroid()([[0.0, 0.0]]), "shape"),
         (lambda: il.tiles.gyroid().grid([[0.0]]), "axes"),
+        (lambda: Tile(ball).grid([[0.0]] * 3, int), "dtype"),
+        (lambda: Tile(ball).grid([[0.0]] * 3, np.float16), "dtype"),
     ],
 )
 def test_bad_input_is_named(make, message):

@@ -138,8 +138,9 @@ def test_float32_grids_and_given_output():
     for bad in (np.empty((5, 6, 40)), np.empty((6, 5, 40), np.float32), out[..., ::2]):
         with pytest.raises(InputError, match="out must be"):
             GYROID.grid(axes, np.float32, out=bad)
-    with pytest.raises(InputError, match="dtype"):
-        GYROID.grid(axes, np.int32)
+    for bad in (np.int32, np.float16, ">f8", "foo", {"a": 1}):
+        with pytest.raises(InputError, match="dtype must be float64 or float32"):
+            GYROID.grid(axes, bad)
     assert GYROID.grid([[], [0.0], [1.0]]).shape == (0, 1, 1)
 
 
