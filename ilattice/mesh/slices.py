@@ -2,10 +2,11 @@
 
 Guarantees: contours close, are nested, and do not depend on the number of threads; outer ones run
 counter-clockwise seen from the tip of the normal, holes clockwise; a stack computes one slice at
-a time and keeps none, so memory does not grow with their number. The wall is half-open upwards:
-at its highest point there is a slice, at its lowest there is none. Where contours bend they get
-points between those of the grid, so that chords cut off little: of a Schwarz P wall 0.02 % of the
-area at the default `h`, of struts that are two cells wide less than 0.1 %.
+a time and keeps none, so memory does not grow with their number. Layers of a given thickness end
+at the top of the part: the last one is as thick as what is left, and cut at the middle of it. The
+wall is half-open upwards: at its highest point there is a slice, at its lowest there is none. Where
+contours bend they get points between those of the grid, so that chords cut off little: of a Schwarz
+P wall 0.02 % of the area at the default `h`, of struts that are two cells wide less than 0.1 %.
 Polished contours hold the area of the exact offset, to 1e-4 away from creases; unpolished ones that
 of the distance spline, which at the default resolution is off by up to 0.5 % in thick walls: see
 `tol` of `Lattice.offset`.
@@ -44,6 +45,10 @@ if TYPE_CHECKING:
 #: A polygon as arrays: its outer contour (n, 2), and its holes.
 Polygon = tuple[FloatArray, tuple[FloatArray, ...]]
 MOST_LAYERS = 1_000_000
+#: Part of a layer below which what is left of the height goes to the last layer: it is rounding.
+LEAST_LAYER = 1e-3
+#: How far beyond the part a height may be, relative to its extent, before it is outside.
+ROUNDING = 1e-6
 #: Part of the area of a slice in which contours may be missed before a warning.
 MOST_DOUBT = 0.005
 
@@ -214,7 +219,8 @@ class SliceStack:
         Returns
         -------
         float
-            Volume; for a stack of even layers the midpoint rule, of second order.
+            Volume; for a stack of given thickness the midpoint rule, of second order: the last
+            layer counts with what is left of the height.
         """
         layers = track(self, "slices", progress, total=len(self))
         return float(sum(s.area * (s.top - s.bottom) for s in layers))
@@ -284,17 +290,23 @@ def _layers(
         raise InputError("give either z, the heights, or thickness, that of the layers")
     if thickness is not None:
         t = as_positive("thickness", thickness)
-        count = max(1, int(np.ceil((high - low) / t - 1e-9)))
+        count = max(1, int(np.ceil((high - low) / t - LEAST_LAYER)))
         if count > MOST_LAYERS:
             raise InputError(
                 f"thickness={t:g} makes {count} layers of a part from {low:g} to {high:g}; "
                 f"at most {MOST_LAYERS} are allowed"
             )
-        tops: FloatArray = low + t * np.arange(1.0, count + 1.0)
-        return tops - 0.5 * t, tops, low
+        ends_of_layers = np.append(low + t * np.arange(count), high)
+        return 0.5 * (ends_of_layers[:-1] + ends_of_layers[1:]), ends_of_layers[1:], low
     heights = np.array(np.atleast_1d(as_array("z", z)))
     if heights.ndim != 1 or not len(heights) or (np.diff(heights) <= 0).any():
         raise InputError("z must be one height or increasing ones; sort them and drop equal ones")
+    slack = ROUNDING * (high - low)
+    if not ((heights >= low - slack) & (heights <= high + slack)).any():
+        raise InputError(
+            f"z must have heights within the part, from {low:g} to {high:g} along the normal, "
+            f"got {heights[0]:g} to {heights[-1]:g}"
+        )
     first = heights[1] - heights[0] if len(heights) > 1 else heights[0] - low
     return heights, heights.copy(), float(heights[0] - max(first, 0.0))
 

@@ -166,9 +166,11 @@ class SurfaceMesh:
         Parameters
         ----------
         z : array_like, optional
-            Heights of the planes, increasing.
+            Heights of the planes, increasing, at least one of them within the part; beyond it
+            slices are empty.
         thickness : float, optional
-            Of layers, each cut at its middle; instead of `z`.
+            Of layers, each cut at its middle; instead of `z`. The last one is what is left of
+            the height.
         normal : (3,) array_like
             Normal of the planes, of any length.
 
@@ -180,7 +182,7 @@ class SurfaceMesh:
         Raises
         ------
         InputError
-            If both or none of `z` and `thickness` are given.
+            If both or none of `z` and `thickness` are given, or all of `z` is outside of the part.
         GeometryError
             If the mesh is open, or not oriented.
         """

@@ -252,10 +252,11 @@ class Wall:
         Parameters
         ----------
         z : array_like, shape (n,), optional
-            Heights of the cuts, increasing.
+            Heights of the cuts, increasing, at least one of them within the part; beyond it
+            slices are empty.
         thickness : float, optional
             In place of `z`: layers of this thickness from the lowest point of the part to its
-            highest, cut half-way up.
+            highest, cut half-way up. The last one is what is left of the height.
         h : float, optional
             Length of the edges of contours; by default a quarter of the least total thickness.
         normal : array_like, shape (3,)
@@ -272,8 +273,8 @@ class Wall:
         Raises
         ------
         InputError
-            If neither or both of `z` and `thickness` are given, or something is not positive,
-            finite or increasing.
+            If neither or both of `z` and `thickness` are given, something is not positive,
+            finite or increasing, or all of `z` is outside of the part.
         """
         from ilattice.mesh.slices import slice_wall
 

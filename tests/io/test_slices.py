@@ -171,6 +171,22 @@ def test_3mf_is_the_same_every_time(stack, tmp_path):
         assert package.testzip() is None
 
 
+@pytest.mark.parametrize("ending", ["cli", "3mf"])
+def test_files_end_at_the_top_of_the_part(stack, tmp_path, ending):
+    path = tmp_path / f"a.{ending}"
+    layers = stack.part.slices(thickness=0.08, h=0.05, polish=False)
+    if ending == "cli":
+        layers.save(path, binary=False)
+        tops = [z for z, _ in read_ascii(path.read_text())[1]][1:]
+    else:
+        layers.save(path)
+        with zipfile.ZipFile(path) as package:
+            text = package.read("3D/3dmodel.model").decode()
+        tops = [float(z) for z in re.findall(r'ztop="([^"]*)"', text)]
+        assert max(float(z) for z in re.findall(r'<vertex .* z="([^"]*)"', text)) == tops[-1]
+    np.testing.assert_allclose(tops, [0.08, 0.16, 0.24, 0.3], atol=1e-7)
+
+
 # --- all --------------------------------------------------------------------------------------
 
 

@@ -373,7 +373,7 @@ def test_slices_along_another_normal_are_those_of_the_turned_part():
     assert np.linalg.det(across.frame) == pytest.approx(1.0)
     slanted = w.slices(thickness=0.1, h=0.05, normal=(1, 1, 1))
     assert slanted.volume() == pytest.approx(w.slices(thickness=0.1, h=0.05).volume(), rel=2e-2)
-    assert slanted.tops[-1] == pytest.approx(np.sqrt(3), abs=0.1)
+    assert slanted.tops[-1] == pytest.approx(np.sqrt(3), abs=1e-6)
 
 
 def test_the_ends_are_half_open():
@@ -399,12 +399,46 @@ def test_planes_of_the_grid_are_cut_like_their_neighbours():
 def test_layers_touch_and_cover_the_part():
     stack = wall("torus").slices(thickness=0.2, h=0.1, polish=False)
     assert stack.bottom == pytest.approx(-0.75, abs=1e-6)
-    assert stack.tops[-1] == pytest.approx(0.85, abs=1e-6)
-    np.testing.assert_allclose(np.diff(stack.tops), 0.2)
-    np.testing.assert_allclose(stack.heights, stack.tops - 0.1)
+    assert stack.tops[-1] == pytest.approx(0.75, abs=1e-6)
+    np.testing.assert_allclose(np.diff(stack.tops), [0.2] * 6 + [0.1], atol=1e-6)
+    np.testing.assert_allclose(stack.heights, stack.tops - np.array([0.1] * 7 + [0.05]), atol=1e-6)
     section = stack[-3]
     assert section.bottom == pytest.approx(stack[-4].top)
     assert [s.height for s in stack[1:3]] == [stack.heights[1], stack.heights[2]]
+
+
+# Midpoints are exact for both: the section of a slab is constant, that of a wedge linear.
+LAYERS = [(50.0, [0.5]), (1.5, [0.5]), (1 - 1e-4, [0.5]), (0.7, [0.35, 0.85]), (0.5, [0.25, 0.75])]
+
+
+def check_layers(stack, cuts, volume):
+    np.testing.assert_allclose(stack.heights, cuts, atol=1e-4)
+    assert stack.tops[-1] == stack[-1].top == pytest.approx(1.0, abs=1e-9)
+    assert stack.bounds[1, 2] == stack.tops[-1]
+    assert stack.volume() == pytest.approx(volume, rel=1e-6)
+
+
+@pytest.mark.parametrize(("thickness", "cuts"), LAYERS)
+def test_the_last_layer_of_a_wall_is_what_is_left(thickness, cuts):
+    tile = il.Tile(lambda u: u[:, 1] - 0.5, name="slab")
+    lattice = il.Lattice(tile, through=il.macroshape.box((2, 1, 1)), repeat=(2, 1, 1))
+    stack = lattice.offset(0.1).slices(thickness=thickness, polish=False)
+    check_layers(stack, cuts, 0.4)
+
+
+@pytest.mark.parametrize(("thickness", "cuts"), LAYERS)
+def test_the_last_layer_of_a_mesh_is_what_is_left(thickness, cuts):
+    wedge = il.SurfaceMesh(*prism([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
+    check_layers(wedge.slices(thickness=thickness, normal=(0, 1, 0)), cuts, 0.5)
+
+
+def test_heights_outside_of_the_part_are_refused():
+    wedge = il.SurfaceMesh(*prism([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
+    for z in ([-1.0], [1.1, 2.0], [-1.0, 1.5]):
+        with pytest.raises(InputError, match=r"within the part, from 0 to 1 along"):
+            wedge.slices(z)
+    assert [len(s.polygons) for s in wedge.slices([-1.0, 0.5, 2.0])] == [0, 1, 0]
+    assert not wedge.slices([0.0])[0].polygons
 
 
 def test_memory_does_not_grow_with_the_number_of_slices(tmp_path):
@@ -602,6 +636,7 @@ def test_near_points_merge_but_sharp_ones_stay():
         ({"z": np.nan}, "finite"),
         ({"thickness": 0.0}, "thickness"),
         ({"thickness": 1e-9}, "layers"),
+        ({"z": [1.2, 1.3]}, "from 0 to 1 along"),
         ({"z": 0.5, "h": -1}, "h must be"),
         ({"z": 0.5, "normal": (0, 0, 0)}, "normal"),
     ],
@@ -625,7 +660,7 @@ def test_slices_of_a_mesh_have_its_volume_and_holes():
     assert (len(middle.polygons), middle.holes) == (1, 1)
     assert middle.area == pytest.approx(np.pi * (1.0 - 0.4**2), rel=5e-3)
     assert mesh.slices(z=[0.0])[0].area == pytest.approx(middle.area, rel=1e-2)
-    assert not mesh.slices(z=[2.0])[0].polygons
+    assert not mesh.slices(z=[0.0, 2.0])[1].polygons
 
 
 def prism(outline):
