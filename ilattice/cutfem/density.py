@@ -136,7 +136,8 @@ def wall_of_density(wall: Wall, density: Any) -> Wall:
         Gives the shape of the thickness; constant if densities are asked for every tile.
     density : float, callable, or array_like of shape (nx, ny, nz)
         Relative density of the whole, or of every tile; a callable takes the parameters (n, 3)
-        of the centres of tiles.
+        of the centres of tiles. Of a solid only the growth is scaled: a positive one reaches
+        densities above that of the solid itself, a negative one those below, of the whole only.
 
     Returns
     -------
@@ -146,7 +147,8 @@ def wall_of_density(wall: Wall, density: Any) -> Wall:
     Raises
     ------
     InputError
-        If a density cannot be reached; the message says which can.
+        If a density cannot be reached, the message says which can; or the thickness vanishes
+        somewhere, so that it cannot be scaled.
     ConvergenceError
         If the densities of tiles are not met, because neighbours ask for too different ones.
     """
@@ -156,26 +158,36 @@ def wall_of_density(wall: Wall, density: Any) -> Wall:
     top = _scaled(profile, thickest)
     if not callable(density) and np.size(density) == 1:
         target = float(as_array("relative_density", density).ravel()[0])
-        most = densities.whole(top)
-        _check_reachable(target, most)
-        factor = _solve(densities, profile, target, thickest, most)
+        least = densities.whole(_scaled(profile, 0.0)) if profile.solid else 0.0
+        ends = least, densities.whole(top)
+        _check_reachable(target, *sorted(ends))
+        factor = _solve(densities, profile, target, thickest, ends)
         return Wall(lattice, distance, _scaled(profile, factor))
     if not profile.constant:
         raise InputError("densities of tiles need a constant d, or none; this one varies")
+    if profile.solid and profile.outer.c.item() < 0.0:
+        raise InputError("densities of tiles need a positive growth in d=(inf, growth)")
     targets = _targets(lattice, density)
     tops = densities.cells(top)
-    worst = np.unravel_index(np.argmax(targets - tops), targets.shape)
-    _check_reachable(float(targets.min()), 1.0)
-    _check_reachable(float(targets[worst]), float(tops[worst]))
-    return Wall(lattice, distance, _solve_cells(densities, profile, targets, thickest))
+    bottoms = densities.cells(_scaled(profile, 0.0)) if profile.solid else np.zeros_like(tops)
+    for place in (np.argmin(targets - bottoms), np.argmax(targets - tops)):
+        _check_reachable(*(float(a.flat[place]) for a in (targets, bottoms, tops)))
+    return Wall(lattice, distance, _solve_cells(densities, profile, targets, thickest, bottoms))
 
 
 def _solve(
-    densities: _Densities, profile: Thickness, target: float, thickest: float, most: float
+    densities: _Densities,
+    profile: Thickness,
+    target: float,
+    thickest: float,
+    ends: tuple[float, float],
 ) -> float:
-    """Factor at which the density is the target: secants that keep a bracket (Illinois)."""
-    a, fa = 0.0, -target
-    b, fb = thickest, most - target
+    """Factor at which the density is the target: secants that keep a bracket (Illinois).
+
+    `ends` are the densities at the factors 0 and `thickest`.
+    """
+    a, fa = 0.0, ends[0] - target
+    b, fb = thickest, ends[1] - target
     f = fb
     for _ in range(EVALUATIONS):
         x = b - fb * (b - a) / (fb - fa)
@@ -191,13 +203,18 @@ def _solve(
 
 
 def _solve_cells(
-    densities: _Densities, profile: Thickness, targets: FloatArray, thickest: float
+    densities: _Densities,
+    profile: Thickness,
+    targets: FloatArray,
+    thickest: float,
+    bottoms: FloatArray,
 ) -> Thickness:
-    """Thickness with one coefficient per cell such that every cell has its density."""
+    """Thickness with one coefficient per cell such that every cell has its density.
+
+    `bottoms` are the densities at the factor 0.
+    """
     levels = thickest * np.linspace(0.0, 1.0, LEVELS) ** 1.5
-    curves = np.stack(
-        [np.zeros(targets.shape)] + [densities.cells(_scaled(profile, s)) for s in levels[1:]]
-    )
+    curves = np.stack([bottoms] + [densities.cells(_scaled(profile, s)) for s in levels[1:]])
     factor = _by_cell(targets, curves, levels)
     slopes = np.gradient(curves, levels, axis=0)
     slope = np.maximum(_by_cell(factor, levels, slopes), 0.2 * slopes.max(axis=0))
@@ -261,11 +278,11 @@ def _targets(lattice: Lattice, density: Any) -> FloatArray:
     return values
 
 
-def _check_reachable(target: float, top: float) -> None:
-    if not 0.0 < target < top:
+def _check_reachable(target: float, least: float, most: float) -> None:
+    if not least < target < most:
         raise InputError(
             f"relative_density={target:g} cannot be reached: with this tile and these sides it "
-            f"lies between 0 and {top:.4g}"
+            f"lies between {least:.4g} and {most:.4g}"
         )
 
 
@@ -285,8 +302,14 @@ def _sides(profile: Thickness, inner: BSpline, outer: BSpline) -> Thickness:
 
 
 def _least(profile: Thickness) -> float:
-    """Least half-thickness of the thicker side that may vary."""
-    least = float(profile.outer.c.min())
-    if not profile.solid:
-        least = max(least, float(profile.inner.c.min()))
-    return max(least, 1e-300)
+    """Least half-thickness of the thicker side that may vary; of a solid, least growth."""
+    c = profile.outer.c
+    if profile.solid:
+        least = max(float(c.min()), -float(c.max()))
+        remedy = "the growth in d=(inf, growth) must be positive, or negative, everywhere"
+    else:
+        least = max(float(c.min()), float(profile.inner.c.min()))
+        remedy = "one side of d must be positive everywhere"
+    if not least > 0.0:
+        raise InputError(f"relative_density scales d, which vanishes somewhere: {remedy}")
+    return least

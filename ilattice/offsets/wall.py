@@ -461,7 +461,9 @@ def offset(
     relative_density : float, callable, or array_like of shape (nx, ny, nz), optional
         Part of the volume that the wall shall fill: of the whole, or of every tile (a callable
         takes the parameters (n, 3) of their centres). `d` then is the shape of the thickness,
-        which is scaled until the density is met; by default it is constant.
+        which is scaled until the density is met; by default it is constant. Of the solid
+        ``(np.inf, d)`` the growth d is scaled, and must not vanish: d > 0 reaches densities above
+        that of the solid, d < 0 those below, of the whole only.
     tol : float, optional
         Largest error (99th percentile) of the half-thickness, in units of length; the distance
         spline is refined until it holds. It is for what goes by the spline: quadrature, analysis,

@@ -102,6 +102,31 @@ def test_one_sided_walls_reach_only_their_side(slab):
         slab.offset((0.0, 0.1), relative_density=0.6)
 
 
+def test_the_growth_of_a_solid_is_scaled(slab):
+    """The solid is the lower half of the box: what it lacks or has too much is the growth."""
+    for growth, asked in ((0.01, 0.7), (-0.3, 0.4)):
+        wall = slab.offset((np.inf, growth), relative_density=asked)
+        assert wall.thickness.solid
+        assert wall.thickness.outer.c.item() == pytest.approx(asked - 0.5, abs=1e-3)
+    tiles = np.array([0.6, 0.7]).reshape(2, 1, 1)
+    wall = slab.offset((np.inf, 0.1), relative_density=tiles)
+    np.testing.assert_allclose(wall.relative_density(per_cell=True), tiles, atol=1.1e-3)
+
+
+@pytest.mark.parametrize(("d", "asked", "message"), [
+    ((np.inf, 0.1), 0.3, r"between 0\.5 and 1"),
+    ((np.inf, -0.1), 0.7, r"between 0 and 0\.5"),
+    ((np.inf, 0.1), np.full((2, 1, 1), 0.3), r"between 0\.5 and 1"),
+    ((np.inf, -0.1), np.full((2, 1, 1), 0.3), "positive growth"),
+    ((np.inf, 0.0), 0.3, "vanishes somewhere: the growth"),
+    ((np.inf, lambda u: u[:, 0] - 0.5), 0.6, "vanishes somewhere: the growth"),
+    ((lambda u: u[:, 0], lambda u: 1 - u[:, 0]), 0.6, "vanishes somewhere: one side"),
+])  # fmt: skip
+def test_solids_say_which_densities_are_possible(slab, d, asked, message):
+    with pytest.raises(InputError, match=message):
+        slab.offset(d, relative_density=asked)
+
+
 def test_thickness_or_density_is_needed(slab):
     with pytest.raises(InputError, match="needs a half-thickness d, or a relative_density"):
         slab.offset()
