@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import FloatArray
+from ilattice._validate import as_array, as_positive
 from ilattice.errors import InputError
 from ilattice.io._common import atomic_write
 from ilattice.io._mesh import check_not_empty, colours
@@ -22,6 +23,15 @@ _MARGIN = 1.05
 _ROOM_FOR_BAR = 0.85
 _MATERIAL = {"ambient": 0.25, "diffuse": 0.75, "specular": 0.25, "specular_power": 20.0}
 _DEFAULT_COLOUR = "#d9b382"
+#: Azimuth and elevation of the viewer in degrees; up in the picture is z, or y from the top.
+VIEWS = {
+    "front": (-90.0, 0.0),
+    "back": (90.0, 0.0),
+    "left": (180.0, 0.0),
+    "right": (0.0, 0.0),
+    "top": (-90.0, 90.0),
+    "bottom": (-90.0, -90.0),
+}
 
 
 def write_png(
@@ -29,7 +39,7 @@ def write_png(
     path: str | os.PathLike[str],
     *,
     size: tuple[int, int] = (1600, 1200),
-    view: tuple[float, float] = (-60.0, 30.0),
+    view: str | tuple[float, float] = (-60.0, 30.0),
     zoom: float = 1.0,
     background: str = "white",
     scalars: str | None = None,
@@ -45,8 +55,9 @@ def write_png(
         File to create or to replace.
     size : (int, int)
         Width and height in pixels.
-    view : (float, float)
-        Azimuth from the x-axis and elevation of the viewer, in degrees; z is up.
+    view : (float, float) or {"front", "back", "left", "right", "top", "bottom"}
+        Azimuth from the x-axis and elevation of the viewer, in degrees; z is up. From the front
+        and the top x points to the right.
     zoom : float
         Magnification; 1 makes the mesh fill the picture.
     background : str
@@ -61,13 +72,14 @@ def write_png(
     GeometryError
         If the mesh is empty.
     InputError
-        Unknown `scalars`.
+        Unknown `scalars` or `view`, or a `size` or `zoom` that is not positive.
     FormatError
         If the file cannot be written.
     """
     from PIL import Image
 
     check_not_empty(mesh)
+    size, view, zoom = _as_size(size), _as_view(view), as_positive("zoom", zoom)
     names = [*mesh.point_data, *mesh.cell_data]
     if scalars is not None and scalars not in names:
         raise InputError(f"scalars {scalars!r} are not in the mesh; it has {names}")
@@ -80,6 +92,28 @@ def write_png(
     picture = _render(surface, size, view, zoom, background, style)
     with atomic_write(path) as file:
         Image.fromarray(picture).save(file, format="PNG")
+
+
+def _as_size(value: Any) -> tuple[int, int]:
+    size = as_array("size", value)
+    if size.shape != (2,) or (size != np.rint(size)).any() or (size < 1).any():
+        raise InputError(
+            "size must be width and height in pixels, two whole numbers of at least 1, "
+            f"got {value!r:.80}"
+        )
+    return int(size[0]), int(size[1])
+
+
+def _as_view(value: Any) -> tuple[float, float]:
+    if isinstance(value, str) and value in VIEWS:
+        return VIEWS[value]
+    angles = np.empty(0) if isinstance(value, str) else as_array("view", value)
+    if angles.shape != (2,):
+        raise InputError(
+            "view must be azimuth and elevation of the viewer in degrees, or one of "
+            f"{', '.join(VIEWS)}, got {value!r:.80}"
+        )
+    return float(angles[0]), float(angles[1])
 
 
 def _style(mesh: SurfaceMesh, scalars: str | None) -> dict[str, Any]:
@@ -111,21 +145,15 @@ def _render(
     """Pixels, shape (height, width, 3)."""
     import pyvista as pv
 
-    azimuth, elevation = np.deg2rad(view)
-    toward = np.array(
-        [
-            np.cos(elevation) * np.cos(azimuth),
-            np.cos(elevation) * np.sin(azimuth),
-            np.sin(elevation),
-        ]
-    )
+    (c, s), (along, upward) = ((np.cos(a), np.sin(a)) for a in np.deg2rad(view))
+    toward, up = (along * c, along * s, upward), (-upward * c, -upward * s, along)
     with quiet_vtk():  # VTK warns about the missing display before it falls back to EGL
         plotter = pv.Plotter(off_screen=True, window_size=list(size), lighting="three lights")
         try:
             plotter.set_background(background)
             plotter.add_mesh(surface, **style)
             plotter.enable_anti_aliasing("ssaa")
-            plotter.view_vector(toward, viewup=(0.0, 0.0, 1.0))
+            plotter.view_vector(toward, viewup=up)
             plotter.camera.view_angle = _view_angle(plotter.camera, surface.points, size) / zoom
             return plotter.screenshot(return_img=True)
         finally:

@@ -373,6 +373,53 @@ def test_screenshot_shows_the_mesh(tmp_path):
         ring.screenshot(tmp_path / "ring.png", scalars="depth")
 
 
+@pytest.mark.parametrize(
+    ("view", "shown"),
+    [("front", "xz"), ("back", "Xz"), ("left", "Yz"), ("right", "yz"), ("top", "xy"),
+     ("bottom", "xY")],
+)  # fmt: skip
+def test_views_are_called_by_name(tmp_path, view, shown):
+    """A red, a green and a blue cube far along x, y and z; capitals point left or down."""
+    from PIL import Image
+
+    cubes = [meshes.cube(5.0 * np.eye(3)[a] - 0.5) for a in range(3)]
+    vertices, faces = (np.concatenate(a) for a in zip(*cubes, strict=True))
+    faces += np.repeat(8 * np.arange(3), len(cubes[0][1]))[:, None]
+    colours = dict(zip("rgb", np.repeat(np.eye(3), 8, axis=1), strict=True))
+    mesh = SurfaceMesh(vertices, faces, colours)
+    mesh.screenshot(tmp_path / "a.png", size=(200, 200), view=view, background="black")
+    pixels = np.asarray(Image.open(tmp_path / "a.png")).astype(int)
+    right, up = ("xyz".index(c.lower()) for c in shown)
+    place = []
+    for a in (right, up):
+        rows, columns = np.nonzero(pixels[..., a] > 2 * np.delete(pixels, a, axis=2).max(axis=2))
+        place.append(np.array([columns.mean(), -rows.mean()]))
+    away = place[0] - place[1]
+    sign = [1 if c.islower() else -1 for c in shown]
+    np.testing.assert_allclose(away / np.abs(away), [sign[0], -sign[1]])
+    assert abs(away[0] / away[1]) == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"view": "above"}, "view must be .* or one of front, back, .*top"),
+        ({"view": 3}, "view"),
+        ({"view": (0.0, np.nan)}, "view"),
+        ({"view": ("a", "b")}, "view"),
+        ({"view": [[1], [2, 3]]}, "view"),
+        ({"size": -3}, "size"),
+        ({"size": (320, 0)}, "size"),
+        ({"size": (320.5, 240)}, "size"),
+        ({"zoom": 0.0}, "zoom"),
+    ],
+)
+def test_pictures_refuse_what_they_cannot_show(tmp_path, options, message):
+    with pytest.raises(InputError, match=message):
+        SurfaceMesh(*meshes.cube()).screenshot(tmp_path / "a.png", **options)
+    assert not (tmp_path / "a.png").exists()
+
+
 def test_plot_passes_its_options_on(monkeypatch):
     import pyvista as pv
 
