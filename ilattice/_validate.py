@@ -4,7 +4,7 @@ Guarantee: what passes is finite (unless ``finite=False`` leaves that to the cal
 stated shape, C-contiguous float64.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -68,18 +68,26 @@ def as_counts(name: str, value: Any) -> tuple[int, int, int]:
 
 def as_positive(name: str, value: Any) -> float:
     """One finite number above zero."""
-    a = as_array(name, value)
-    if a.size != 1 or not a.ravel()[0] > 0:
-        raise InputError(f"{name} must be one number above zero, got {value!r:.80}")
-    return float(a.ravel()[0])
+    return _as_one(name, value, "one number above zero", lambda x: x > 0, finite=True)
 
 
 def as_not_negative(name: str, value: Any, *, finite: bool = True) -> float:
     """One number of at least zero, finite unless told otherwise."""
-    a = as_array(name, value, finite=finite)
-    if a.size != 1 or not a.ravel()[0] >= 0:
-        raise InputError(f"{name} must be one number, zero or more, got {value!r:.80}")
-    return float(a.ravel()[0])
+    return _as_one(name, value, "one number, zero or more", lambda x: x >= 0, finite=finite)
+
+
+def _as_one(
+    name: str, value: Any, what: str, fits: Callable[[float], bool], *, finite: bool
+) -> float:
+    try:
+        a = as_array(name, value, finite=False).ravel()
+    except InputError as e:
+        raise InputError(f"{name} must be {what}, got {value!r:.80}") from e
+    if finite and len(a) == 1:
+        check_finite(name, a)
+    if len(a) != 1 or not fits(float(a[0])):
+        raise InputError(f"{name} must be {what}, got {value!r:.80}")
+    return float(a[0])
 
 
 def as_float_type(name: str, value: Any) -> Any:

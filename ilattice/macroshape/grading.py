@@ -63,7 +63,7 @@ def regrade(
     Raises
     ------
     InputError
-        If ends do not ascend or do not span the domain.
+        If `volume` is no volume, or ends do not ascend or do not span the domain.
     ConvergenceError
         If `tol` is not met.
     GeometryError
@@ -83,6 +83,10 @@ def regrade(
     >>> bar.x([[0.25, 0, 0], [0.75, 0, 0]])[:, 0].round(9)
     array([0.4, 2.4])
     """
+    if not isinstance(volume, SplineMap):
+        raise InputError(
+            f"volume must be a SplineMap, got {volume!r:.80}; il.macroshape makes or loads one"
+        )
     tol = as_positive("tol", tol)
     check_map(volume, name="volume")
     spline = volume.spline

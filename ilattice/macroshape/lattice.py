@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ilattice._typing import ArrayLike, FloatArray
-from ilattice._validate import as_array, as_counts, as_points, near_names
+from ilattice._validate import as_array, as_counts, as_points
 from ilattice.errors import InputError
 from ilattice.macroshape.certify import check_map
 from ilattice.macroshape.maps import SplineMap
@@ -231,7 +231,7 @@ class Lattice:
         if name in self.through.names:
             return self.through.extra(u)[:, self.through.names.index(name)]
         if name not in self.tile.properties:
-            known = near_names(name, self.property_names) if self.property_names else "none"
+            known = ", ".join(self.property_names) or "none"
             raise InputError(f"the lattice has no property {name!r}; it has: {known}")
         p = self.tile_coordinates(u)
         if isinstance(self.tile, Tile):

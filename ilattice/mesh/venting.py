@@ -59,10 +59,18 @@ def vent(
     Raises
     ------
     InputError
-        If `diameter` is not positive, or less than three edges.
+        If `wall` is no wall, or `diameter` is not positive, less than three edges, or so large
+        that nothing of the wall is left.
     GeometryError
         If a void is left.
     """
+    from ilattice.offsets.wall import Wall, parameters_of
+
+    if not isinstance(wall, Wall):
+        raise InputError(
+            f"wall must be a Wall, as lattice.offset(d) makes, got {type(wall).__name__}; "
+            "channels are cut before it is meshed"
+        )
     diameter = as_positive("diameter", diameter)
     h = 0.25 * min(wall.least_thickness, diameter) if h is None else as_positive("h", h)
     if diameter < ACROSS * h:
@@ -75,6 +83,11 @@ def vent(
     if not len(ends):
         return mesh
     cut = Channels(wall.lattice.through, ends, 0.5 * diameter)
+    if (cut(parameters_of(mesh)[0]) > 0.0).all():
+        raise InputError(
+            f"diameter={diameter:g} is too large for the part: nothing of the wall is left; "
+            "use a smaller one"
+        )
     mesh = wall_mesh(
         wall, h, polish=wall._exact, caps=True, dtype=np.float64, progress=progress, cut=cut
     )

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ilattice._typing import FloatArray
-from ilattice._validate import as_array, near_names
+from ilattice._validate import as_array
 from ilattice.bspline import BSpline
 from ilattice.bspline.knots import uniform_knots
 from ilattice.errors import ConvergenceError, InputError
@@ -143,7 +143,7 @@ def _named(name: str, lattice: Lattice, argument: str) -> BSpline:
             return _fitted(lambda u: lattice.property_at(name, u), lattice, argument)
         return _repeated(name, lattice, argument)
     if name not in through.names:
-        known = near_names(name, lattice.property_names) if lattice.property_names else "none"
+        known = ", ".join(lattice.property_names) or "none"
         raise InputError(
             f"{argument} is {name!r}, but the lattice has no property of that name; it has: {known}"
         )

@@ -102,7 +102,7 @@ class Arc:
             )
         angle = as_positive("angle", self.angle)
         if angle > 2.0 * math.pi + 1e-12:
-            raise InputError(f"angle must be at most 2 pi, got {angle:g}")
+            raise InputError(f"angle must be at most 2 pi radians, got {angle:g}")
         object.__setattr__(self, "angle", min(angle, 2.0 * math.pi))
 
     def at(self, a: ArrayLike) -> FloatArray:
@@ -283,6 +283,9 @@ def as_single(name: str, value: Any) -> Single:
     if isinstance(value, BSpline):
         return Curve(value) if value.ndim == 1 else Surface(value)
     try:
+        points = as_array(name, value)
+        if points.shape == (3,):
+            raise InputError("it is one point; for a single polyline write [points]")
         return Polyline(as_points(name, value))
     except InputError as e:
         raise InputError(

@@ -129,6 +129,12 @@ def test_ends_that_are_no_cells_are_refused(ends, message):
         regrade(SHAPES.box(), u=ends)
 
 
+@pytest.mark.parametrize("volume", [3, None, "box"])
+def test_what_is_no_volume_is_refused(volume):
+    with pytest.raises(InputError, match="volume must be a SplineMap"):
+        regrade(volume, u=[0.0, 1.0])
+
+
 def test_a_folded_volume_is_refused():
     s = SHAPES.box((1, 1, 1)).spline.elevate(0)
     c = s.c.copy()

@@ -89,6 +89,8 @@ def test_voids_that_stay_closed_are_an_error(monkeypatch):
     ("diameter", "h", "message"),
     [
         (0.0, None, "diameter"),
+        (None, None, "diameter must be one number above zero, got None"),
+        (10, None, "diameter=10 is too large for the part"),
         (np.nan, None, "diameter"),
         (0.1, 0.05, "h <= 0.0333"),
         (0.2, 0, "h"),
@@ -97,3 +99,8 @@ def test_voids_that_stay_closed_are_an_error(monkeypatch):
 def test_bad_input_is_named(diameter, h, message):
     with pytest.raises(InputError, match=message):
         vent(wall_of(), diameter, h=h)
+
+
+def test_a_mesh_is_no_wall():
+    with pytest.raises(InputError, match=r"wall must be a Wall, .*got SurfaceMesh"):
+        vent(wall_of(d=0.1).mesh(0.06), 0.1)

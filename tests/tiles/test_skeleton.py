@@ -335,6 +335,8 @@ def test_skeletons_can_be_pickled():
         ({"entities": [Polyline(X_BAR, radius=lambda t: t - 0.5)]}, "radius must be positive"),
         ({"entities": [Polyline(X_BAR, radius=[0.1, 0.2, 0.3])]}, "one per corner"),
         ({"entities": [Polyline(X_BAR, radius=lambda t: 0.1 + 0.05 * (t > 0.3))]}, "too roughly"),
+        ({"entities": X_BAR}, r"entities\[0\] .*write \[points\]"),
+        ({"entities": [[[0.0], [0.0, 1.0]]]}, r"entities\[0\] must be"),
         ({"blend": -0.1}, "blend"),
         ({"faces": "ajar"}, "faces"),
         ({"faces": {"w": "open"}}, "faces"),
@@ -355,7 +357,7 @@ def test_bad_input_is_refused(arguments, message):
     [
         (lambda: Arc([0, 0, 0], [1, 0, 0], [1, 0, 0]), "perpendicular"),
         (lambda: Arc([0, 0, 0], [1, 0, 0], [0, 2, 0]), "equally long"),
-        (lambda: Arc([0, 0, 0], [1, 0, 0], [0, 1, 0], 7.0), "2 pi"),
+        (lambda: Arc([0, 0, 0], [1, 0, 0], [0, 1, 0], 7.0), "2 pi radians"),
         (lambda: Patch([(0, 0, 0), (1, 0, 0)]), "three points"),
         (lambda: Patch([(0, 0, 0), (1, 0, 0), (0.5, 0, 0)]), "one line"),
         (lambda: Patch([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0.2)]), "one plane"),
