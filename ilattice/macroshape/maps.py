@@ -18,7 +18,7 @@ from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import as_array, as_points, read_only
 from ilattice.bspline import BSpline
 from ilattice.errors import InputError
-from ilattice.macroshape._extra import interpolated
+from ilattice.macroshape._extra import interpolated, warn_missed
 from ilattice.macroshape._seeds import Seeds
 from ilattice.macroshape.certify import Certificate, certify
 from ilattice.macroshape.inverse import Located, locate
@@ -325,7 +325,7 @@ class SplineMap:
             By name: a constant; coefficients on the knots of the map; or a function of
             parameters (n, 3) that returns values (n,). A function is interpolated in the
             spline space of the map, so it varies no faster than the map can: two
-            coefficients along a direction make it linear there.
+            coefficients along a direction make it linear there. For more, see Notes.
 
         Returns
         -------
@@ -337,8 +337,17 @@ class SplineMap:
         InputError
             If a name is taken, or coefficients or values are of the wrong shape.
 
+        Warns
+        -----
+        PrecisionWarning
+            If a function is missed by more than 1 % of its range.
+
         Notes
         -----
+        A map gets more coefficients, and stays the same, by
+        ``SplineMap(map.spline.elevate(axis, 2).insert_knots(axis, knots), names=map.names)``,
+        with knots inside of the domain.
+
         Hong, Antolin, Elber, Kim (Variable offsets and processing of implicit forms) hold
         volumes in ℝ⁷: x, y, z, then red, green, blue, then the half-thickness d.
         """
@@ -346,7 +355,11 @@ class SplineMap:
         if not new:
             return self
         c = np.concatenate([self.spline.c, np.stack(new, axis=-1)], axis=-1)
-        return type(self)(self._with(c), names=(*self.names, *coordinates))
+        rich = type(self)(self._with(c), names=(*self.names, *coordinates))
+        for (name, value), scalar in zip(coordinates.items(), new, strict=True):
+            if callable(value):
+                warn_missed(self._with(scalar), name, value)
+        return rich
 
     def _extra_coefficients(self, name: str, value: Any) -> FloatArray:
         shape = self.spline.shape

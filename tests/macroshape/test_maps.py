@@ -1,6 +1,7 @@
 """The interface of `SplineMap`: derivatives, extra coordinates, closedness, turned copies."""
 
 import dataclasses
+import re
 
 import macro_zoo
 import numpy as np
@@ -10,7 +11,7 @@ from macro_zoo import ZOO, parameters
 
 from ilattice import macroshape as ms
 from ilattice.bspline import BSpline
-from ilattice.errors import InputError
+from ilattice.errors import InputError, PrecisionWarning
 from ilattice.macroshape import SplineMap
 
 ALL = pytest.mark.parametrize("volume", ZOO.values(), ids=ZOO)
@@ -183,6 +184,40 @@ def test_functions_need_knots_without_jumps():
     with pytest.raises(InputError, match="heat must be coefficients"):
         volume.with_extra(heat=lambda u: u[:, 0])
     assert volume.with_extra(heat=1.0).names == ("heat",)
+
+
+def wave(u):
+    return 3.0 + np.sin(6.0 * u[:, 0])
+
+
+def test_functions_that_the_map_cannot_follow_are_warned_of():
+    """The chord of sin 6u from 0 to 1 is off by most of the range; the remedy is the named one."""
+    with pytest.warns(PrecisionWarning, match=r"^heat is interpolated") as found:
+        ms.box().with_extra(even=1.0, flat=lambda u: 0 * u[:, 0] + 1 / 3, heat=wave)
+    (warning,) = found
+    assert warning.filename == __file__
+    u = np.linspace(0.0, 1.0, 2001)
+    off = np.abs(np.sin(6.0 * u) - np.sin(6.0) * u).max() / np.ptp(np.sin(6.0 * u))
+    percent = float(re.search(r"([\d.]+) %", str(warning.message))[1])
+    assert percent == pytest.approx(100 * off, abs=1.0)
+
+
+def test_maps_with_more_coefficients_follow():
+    box = ms.box().with_extra(old=0.5)
+    knots = np.linspace(0.0, 1.0, 9)[1:-1]
+    finer = SplineMap(box.spline.elevate(0, 2).insert_knots(0, knots), names=box.names)
+    rich = finer.with_extra(heat=wave)  # warnings are errors
+    u = parameters(box, 200)
+    np.testing.assert_allclose(rich.x(u), box.x(u), atol=1e-14)
+    assert rich.names == ("old", "heat")
+    np.testing.assert_allclose(rich.extra(u)[:, 1], wave(u), atol=0.01 * 2.0)
+
+
+def test_a_seam_is_a_jump_for_functions_that_do_not_repeat():
+    torus = ms.torus()
+    with pytest.warns(PrecisionWarning, match="repeat in closed directions"):
+        torus.with_extra(heat=lambda u: u[:, 0])
+    torus.with_extra(heat=lambda u: np.sin(np.pi * u[:, 0]) ** 2)
 
 
 def test_coefficients_of_extra_coordinates_are_taken_as_they_are():
