@@ -58,7 +58,10 @@ class Duck(Torus):
 
 
 class Events:
-    """All changes of topology of a bent cell of the gyroid, and the queries of its grid alone."""
+    """All changes of topology of a bent cell of the gyroid, and the queries of its grid alone.
+
+    The lattice has its spline of the distance and its seeds already.
+    """
 
     def setup(self) -> None:
         space = il.macroshape.cylinder_shell(2.0, 3.0, 1.0, angle=0.4)
@@ -105,7 +108,7 @@ def topology(quick: bool) -> Iterator[Row]:
     means.setup()
     ours, tree = wall(events.time_events, 3), wall(events.time_nearest, 3)
     yield Row(
-        "all changes of topology of a bent gyroid, wall",
+        "all changes of topology of a bent gyroid, distance spline given, wall",
         f"{ours:.2f} s",
         f"{tree:.3f} s cKDTree, 2 workers, {len(events.nodes)} nodes",
         ours / tree,

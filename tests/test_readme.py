@@ -29,6 +29,7 @@ def test_the_shortest_program_runs(tmp_path, monkeypatch, capsys):
 def test_the_variations_are_one_line_each(tmp_path):
     file = tmp_path / "part.xml"
     il.macroshape.box().save(file)
+    assert "[0.03, 0.14]" in VARIATIONS
     text = VARIATIONS.replace("[0.03, 0.14]", "[0.8, 1.6]")
     lines = [line.split("  #")[0] for line in text.splitlines()]
     torus = il.macroshape.torus()

@@ -53,6 +53,7 @@ class _Bar:
         self.tol = tol
         self.done = 0
         self.bar: Iterator[int] = track(range(100), "solve", progress)
+        next(self.bar)
 
     def show(self, residual: float) -> None:
         """Advance to where this residual is."""

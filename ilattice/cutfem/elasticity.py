@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
+from ilattice._progress import Progress
 from ilattice._typing import FloatArray
 from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem import weak
@@ -224,8 +225,9 @@ class Elasticity(Problem):
         return new
 
     def solve(
-        self, *, method: str = "auto", tol: float = 1e-8, max_iterations: int = 500
-    ) -> "Solution":
+        self, *, method: str = "auto", tol: float = 1e-8, max_iterations: int = 500,
+        progress: Progress = None,
+    ) -> "Solution":  # fmt: skip
         """Solve for the displacement.
 
         Parameters
@@ -236,6 +238,8 @@ class Elasticity(Problem):
             Relative residual of iterative solvers.
         max_iterations : int
             Of iterative solvers.
+        progress : bool or callable, optional
+            Per cent of the digits asked for; see `ilattice._progress.track`.
 
         Returns
         -------
@@ -253,7 +257,7 @@ class Elasticity(Problem):
         """
         from ilattice.cutfem.solution import Solution
 
-        c, report = self._solve(method, tol, max_iterations)
+        c, report = self._solve(method, tol, max_iterations, progress)
         return Solution(self, c, report)
 
     # ---------------------------------------------------------------- operators

@@ -166,13 +166,14 @@ class Heat(Problem):
         return self._loaded("source", value, 1)
 
     def solve(
-        self, *, method: str = "auto", tol: float = 1e-8, max_iterations: int = 500
-    ) -> HeatSolution:
+        self, *, method: str = "auto", tol: float = 1e-8, max_iterations: int = 500,
+        progress: Progress = None,
+    ) -> HeatSolution:  # fmt: skip
         """Solve for the steady temperature.
 
         Parameters
         ----------
-        method, tol, max_iterations : str, float, int
+        method, tol, max_iterations, progress : str, float, int, bool or callable
             As in `Elasticity.solve`.
 
         Returns
@@ -187,7 +188,7 @@ class Heat(Problem):
         ConvergenceError
             If the tolerance is not reached.
         """
-        c, report = self._solve(method, tol, max_iterations)
+        c, report = self._solve(method, tol, max_iterations, progress)
         return HeatSolution(self, c, report)
 
     def evolve(

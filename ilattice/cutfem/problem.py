@@ -13,6 +13,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from ilattice._progress import Progress
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import read_only
 from ilattice.cutfem.assembly import Assembly
@@ -301,7 +302,7 @@ class Problem:
         return gram
 
     def _solve(
-        self, method: str, tol: float, max_iterations: int
+        self, method: str, tol: float, max_iterations: int, progress: Progress
     ) -> tuple[FloatArray, SolveReport | None]:
         """All coefficients, and what the solver reports."""
         self.check_held()
@@ -316,5 +317,7 @@ class Problem:
             )  # fmt: skip
         if not system.b.any():
             return system.constraints.values, None
-        x, report = self._held[key].solve(system.b, tol=tol, max_iterations=max_iterations)
+        x, report = self._held[key].solve(
+            system.b, tol=tol, max_iterations=max_iterations, progress=progress
+        )
         return system.constraints.expand(x.reshape(-1, self.m)), report

@@ -87,8 +87,6 @@ class Solver:
     places : array_like, shape (n / m, 3), optional
         Nodes in space: for the rigid motions, for messages, and for multigrid to see where cells
         are stretched.
-    progress : bool or callable, optional
-        Bar of each solve, as everywhere.
 
     Raises
     ------
@@ -106,7 +104,6 @@ class Solver:
         near_nullspace: ArrayLike | None = None,
         method: str = "auto",
         places: ArrayLike | None = None,
-        progress: Progress = None,
     ) -> None:
         if method != "auto" and method not in ENGINES:
             raise InputError(f"method must be auto or one of {', '.join(ENGINES)}, got {method!r}")
@@ -121,7 +118,6 @@ class Solver:
         _check_symmetric(self.multiply, n)
         self._method = choose(self._K) if method == "auto" else method
         self._engine, self._bytes = ENGINES[self._method](self._K, modes, self._places)
-        self._progress = progress
         self._setup_seconds = time.perf_counter() - start
 
     @property
@@ -162,8 +158,9 @@ class Solver:
         return y
 
     def solve(
-        self, b: ArrayLike, *, tol: float = 1e-8, max_iterations: int = 500
-    ) -> tuple[FloatArray, SolveReport]:
+        self, b: ArrayLike, *, tol: float = 1e-8, max_iterations: int = 500,
+        progress: Progress = None,
+    ) -> tuple[FloatArray, SolveReport]:  # fmt: skip
         """Solve K x = b.
 
         Parameters
@@ -174,6 +171,8 @@ class Solver:
             Largest relative residual |b - K x| / |b|.
         max_iterations : int
             Largest number of steps of conjugate gradients.
+        progress : bool or callable, optional
+            Per cent of the digits asked for; see `ilattice._progress.track`.
 
         Returns
         -------
@@ -196,7 +195,8 @@ class Solver:
         if int(max_iterations) != max_iterations or max_iterations < 1:
             raise InputError(f"max_iterations must be a positive integer, got {max_iterations!r}")
         start = time.perf_counter()
-        runs = [self._run(np.ascontiguousarray(c), tol, int(max_iterations)) for c in loads.T]
+        steps = int(max_iterations)
+        runs = [self._run(np.ascontiguousarray(c), tol, steps, progress) for c in loads.T]
         longest = max(runs, key=lambda run: len(run.history))
         report = SolveReport(
             self._method,
@@ -211,8 +211,8 @@ class Solver:
         )
         return np.stack([run.x for run in runs], axis=1).reshape(np.shape(b)), report
 
-    def _run(self, b: FloatArray, tol: float, steps: int) -> Run:
-        run = conjugate_gradients(self.multiply, self._engine, b, tol, steps, self._progress)
+    def _run(self, b: FloatArray, tol: float, steps: int, progress: Progress) -> Run:
+        run = conjugate_gradients(self.multiply, self._engine, b, tol, steps, progress)
         if run.trouble or not run.residual <= tol:
             raise ConvergenceError(self._complaint(run, tol))
         return run

@@ -116,7 +116,8 @@ class TopologySweep:
         Of the contours at these.
     events : tuple of CriticalPoint
         All changes between the first and the last: `value` is the critical half-thickness. Where
-        walls meet along whole curves or surfaces, one event stands for each.
+        walls meet along whole curves or surfaces, one event stands for each; its `change` is right
+        if that ends at faces of the domain only, or is a ring.
     unexplained : tuple of (float, float)
         Intervals between half-thicknesses whose contours differ by more or less in Euler number
         than the events in between say. Contours with longer edges than a pore is wide lose it.

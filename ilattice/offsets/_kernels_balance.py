@@ -24,6 +24,8 @@ STEPS, PATIENCE = 25, 9
 LONGEST, WANDER, STILL = 0.06, 0.15, 1e-11
 #: Pivots up to this are those of critical points that are not isolated: no step is made there.
 SINGULAR = 1e-9
+#: Residuals up to this, in tiles, are none.
+LEFT = 1e-6
 #: First pivots up to this may be those near them, where steps along them are damped.
 SMALL = 1e-2
 #: Weight of the square of a step against that of its residual where a step is too long.
@@ -46,14 +48,21 @@ def column(m, i, v):
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
 def look(space, less, p, feet, m, work):
-    """Jets of the map and of the half-thickness at a point, and of map and tile at its m feet."""
-    b, x, tab, h, taken, f, t = work
+    """Jets of the map and of the half-thickness at a point, and of map and tile at its m feet.
+
+    Those of the tile are divided by the length of its gradient at the first place of a foot, as the
+    unit of its values means nothing.
+    """
+    b, x, tab, h, taken, f, t, unit = work
     map_jet(*space[:8], (p[0], p[1], p[2]), 2, b, x)  # type: ignore[call-arg]
     map_jet(*less, (p[0], p[1], p[2]), 2, taken, h)  # type: ignore[call-arg]
     for i in range(m):
         at = (feet[i, 0], feet[i, 1], feet[i, 2])
         map_jet(*space[:8], at, 2, b, f[i])  # type: ignore[call-arg]
         tile_jet(*space[7:], at, b, t[i], tab)  # type: ignore[call-arg]
+        if unit[i] == 0.0:
+            unit[i] = np.sqrt(t[i, 1] ** 2 + t[i, 2] ** 2 + t[i, 3] ** 2)
+        t[i] /= unit[i]
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
@@ -65,7 +74,7 @@ def away(x, f):
 @njit(cache=True, fastmath=FAST, error_model="numpy")
 def estimate(m, work, weights, length, mult):
     """First multipliers of feet; the mean of the distances to them, less the half-thickness."""
-    _, x, _, h, _, f, t = work
+    _, x, _, h, _, f, t, _ = work
     common = 0.0
     for i in range(m):
         r = away(x, f[i])
@@ -120,7 +129,7 @@ def add_foot(a, y, i, m, x, f, t, h, weight, mult, common, length, held):
 @njit(cache=True, fastmath=FAST, error_model="numpy")
 def assemble(a, y, m, work, weights, mult, common, length, held):
     """Equations of a point and its m feet."""
-    _, x, _, h, _, f, t = work
+    _, x, _, h, _, f, t, _ = work
     n = 4 + 5 * m
     a[:n, :n] = 0.0
     y[:n] = 0.0
@@ -131,6 +140,16 @@ def assemble(a, y, m, work, weights, mult, common, length, held):
     for j in range(3):
         if held[j]:
             a[j, j] = 1.0
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def solved(a, y, m, work, weights, mult, common, length, held):
+    """Whether all equations are, those too that a step leaves out as their pivots are none."""
+    assemble(a, y, m, work, weights, mult, common, length, held)
+    most = 0.0
+    for i in range(4 + 5 * m):
+        most = max(most, abs(y[i]))
+    return most < LEFT
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
@@ -175,7 +194,7 @@ def move(y, m, p, feet, weights, mult):
 @njit(cache=True, fastmath=FAST, error_model="numpy")
 def lowest_of_feet(m, work, mult, square):
     """Least eigenvalue of `lowest` at m feet."""
-    _, x, _, _, _, f, t = work
+    _, x, _, _, _, f, t, _ = work
     low = np.inf
     for i in range(m):
         low = min(low, lowest(f[i], t[i], away(x, f[i]), mult[i] * square))
@@ -193,6 +212,7 @@ def solve(
     """
     s0, s1, s2 = p[0], p[1], p[2]
     n = 4 + 5 * m
+    work[7][:] = 0.0
     look(space, less, p, feet, m, work)
     g = metric(work[1])
     length = np.sqrt((g[0] + g[1] + g[2]) / 3.0)
@@ -217,6 +237,8 @@ def solve(
             break
         look(space, less, p, feet, m, work)
         if size < STILL or step == STEPS - 1:
+            if pivot <= SINGULAR and not solved(a, y, m, work, weights, mult, common, length, held):
+                break
             return size, lowest_of_feet(m, work, mult, length * length), pivot
     return np.inf, -np.inf, first
 
@@ -247,8 +269,8 @@ def balance(
     low
         Output (n,): the least eigenvalue of `lowest` at the feet; saddles have negative ones.
     pivot
-        Output (n,): the smallest pivot of the last step; none where critical points are not
-        isolated.
+        Output (n,): the smallest pivot of the last step, or of the first one where the method is
+        lost; at most `SINGULAR` where critical points are not isolated.
     """
     plain = geom.copy()
     plain[12] = 0.0
@@ -259,7 +281,8 @@ def balance(
         less = (e0, e1, e2, l0, l1, l2, ec, plain)
         b, x, _, tab = scratch(factor, c, k0, k1, k2, q0, q1, q2)
         taken, h, _, _ = scratch(factor, ec, l0, l1, l2, l0, l1, l2)
-        work = (b, x, tab, h, taken, np.zeros((MOST, c.shape[0], 10)), np.zeros((MOST, 10)))
+        f, t, unit = np.zeros((MOST, c.shape[0], 10)), np.zeros((MOST, 10)), np.zeros(MOST)
+        work = (b, x, tab, h, taken, f, t, unit)
         n = 4 + 5 * MOST
         a, square, y, right = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), np.zeros(n)
         mult = np.zeros(MOST)

@@ -15,7 +15,8 @@ ROUNDS, NOTHING = 64, 1e-12
 def solve_small(a, y, n, nothing):
     """Solve the first n equations a x = y in place, with pivots; returns the smallest of these.
 
-    Unknowns that nothing determines, whose pivots are no larger than `nothing`, are zero.
+    Unknowns whose pivots are no larger than `nothing` are zero, and of the equations that are left
+    one is dropped for each: if others are not solved by that, the solution is none.
     """
     smallest = np.inf
     for i in range(n):

@@ -106,7 +106,10 @@ class CriticalPoint:
 
     @property
     def change(self) -> int:
-        """By how much the Euler number of the wall jumps as the thickness passes `value`."""
+        """By how much the Euler number of the wall jumps as the thickness passes `value`.
+
+        Not told for curves and surfaces that end inside of the domain, as in slots.
+        """
         return self.euler * (1 - self.parts + self.holes - int(self.closed))
 
     @property
@@ -190,7 +193,7 @@ class CriticalSearch:
         self.windows, self.balance = Windows(self.excess), Balance(self.excess)
         self.feet = SeveralFeet(self.excess)
         self.link = Links(self.excess, self.feet)
-        self.domain, self.span = self.excess.domain, self.excess.span
+        self.domain = self.excess.domain
         self.tile = np.ptp(self.domain, axis=0) / np.array(lattice.repeat)
         self.points: list[CriticalPoint] = []
         self.spread: list[CriticalPoint] = []
@@ -325,7 +328,10 @@ class CriticalSearch:
         return ends.of(first[first >= len(known)] - len(known))
 
     def _new_of_spread(self, ends: Ends, on: tuple[int, ...]) -> Ends:
-        """Ends that are not isolated: one in each cell of the grid, if new."""
+        """Ends that are not isolated and have no nearer feet: one in each cell, if new."""
+        foot = self.excess.image(ends.feet[:, 0])
+        reach = np.linalg.norm(foot - self.lattice.through.x(ends.u), axis=1)
+        ends = ends.of(reach <= (1.0 + EQUAL) * np.abs(self.lattice.distance(ends.u)))
         inner = (np.array(on) == 0) & ~self.excess.closed
         room = np.minimum(ends.u - self.domain[0], self.domain[1] - ends.u) / self.tile
         ends = ends.of((room[:, inner] > NEAR).all(axis=1))

@@ -4,9 +4,11 @@ Parallel planes, tubes and honeycombs meet along whole curves or surfaces at onc
 ends on these at places without number, of which about one per cell of a grid is known. Those with
 a common value, which the distance also has half-way between them, belong together.
 
-Guarantee: isolated points stay as they are. Non-guarantee: the Euler number of a set is that of a
-disc, or of a ring if it goes all the way round in a closed direction; sets with holes, and several
-ones closer than `LINKED`, are not told.
+Guarantee: isolated points with no other point of their value about stay as they are.
+Non-guarantee: what changes is told for sets that end at faces of the domain only, like discs, and
+for those that go all the way round in a closed direction, like rings. For sets that end inside
+(the strip in the middle of a slot) it is that of a point in the middle; sets with holes are not
+told from discs, nor sets that touch from one.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.offsets.excess import Excess
@@ -27,7 +29,7 @@ if TYPE_CHECKING:
 
 #: How far from each other, in cells of the grid, points of a critical curve or surface may be.
 LINKED = 5.0
-#: Relative difference of equal values, and of the distance half-way between two points.
+#: Differences of equal values, and from that half-way between two points, per distance.
 EQUAL, BETWEEN = 1e-6, 0.05
 #: How far from each other, in cells of the grid, points are the same.
 TWINS = 0.01
@@ -56,30 +58,41 @@ def one_of_each(
     points = _without_twins(points, excess, spacing)
     if all(p.isolated for p in points):
         return points
-    on = np.array([p.on for p in points])
-    tree, u = excess.tree(np.array([p.u for p in points]), spacing)
-    ends = _joined(points, excess, tree.query_pairs(LINKED, p=np.inf, output_type="ndarray"))
-    graph = coo_array((np.ones(len(ends)), ends.T), shape=(len(u), len(u)))
+    on, u = np.array([p.on for p in points]), np.array([p.u for p in points])
+    near = excess.tree(u, spacing)[0].query_pairs(LINKED, p=np.inf, output_type="ndarray")
+    pairs = _joined(points, excess, near)
+    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(u), len(u)))
     _, label = connected_components(graph, directed=False)
-    members = [np.flatnonzero(label == k) for k in range(label.max() + 1)]
-    middle = np.array([np.median(u[m], axis=0) for m in members])
-    away = np.linalg.norm(u - middle[label], axis=1)
-    first = [m[np.lexsort((away[m], np.count_nonzero(on[m], axis=1)))[0]] for m in members]
-    around = np.ptp(excess.domain, axis=0) / spacing
-    rings = [_is_ring(u[m], around, excess.closed) for m in members]
-    return [
-        replace(points[k], euler=0) if ring else points[k]
-        for k, ring in zip(first, rings, strict=True)
-    ]
+    u, ring = _unrolled(u, pairs, label, excess)
+    out = []
+    for k in range(label.max() + 1):
+        rows = np.flatnonzero(label == k)
+        away = np.linalg.norm((u[rows] - np.median(u[rows], axis=0)) / spacing, axis=1)
+        first = points[rows[np.lexsort((away, np.count_nonzero(on[rows], axis=1)))[0]]]
+        out.append(replace(first, euler=0) if k in ring else first)
+    return out
 
 
-def _is_ring(u: FloatArray, around: FloatArray, closed: AnyArray) -> bool:
-    """Whether points (n, 3), in cells, go all the way round in a closed direction."""
-    for a in np.flatnonzero(closed):
-        p = np.sort(u[:, a])
-        if np.diff(p, append=p[0] + around[a]).max() <= LINKED:
-            return True
-    return False
+def _unrolled(
+    u: FloatArray, pairs: IntArray, label: AnyArray, excess: Excess
+) -> tuple[FloatArray, set[int]]:
+    """Parameters (n, 3) as they are along a set, seams or not, and the labels of rings.
+
+    From the first point of each set along pairs (m, 2); a ring has a pair whose ends, gone to
+    along others, are a whole way round from each other.
+    """
+    n = len(u)
+    first = np.unique(label, return_index=True)[1]
+    edges = np.concatenate([pairs, np.column_stack([np.full(len(first), n), first])])
+    graph = coo_array((np.ones(len(edges)), edges.T), shape=(n + 1, n + 1))
+    order, before = breadth_first_order(graph, n, directed=False)
+    out = u.copy()
+    for k in order[(before[order] >= 0) & (before[order] < n)]:
+        out[k] = out[before[k]] + shortest(excess.lattice, u[k] - u[before[k]])
+    a, b = pairs.T
+    gap = out[b] - out[a] - shortest(excess.lattice, u[b] - u[a])
+    around = (np.abs(gap) > 0.5 * np.ptp(excess.domain, axis=0)).any(axis=1)
+    return out, set(label[a[around]].tolist())
 
 
 def _without_twins(
@@ -102,10 +115,12 @@ def _joined(points: list[CriticalPoint], excess: Excess, pairs: IntArray) -> Int
     """Those of pairs (n, 2) of points that belong to one critical curve or surface."""
     value, side = np.array([p.value for p in points]), np.array([p.side for p in points])
     spread = np.array([not p.isolated for p in points])
-    same = np.ptp(value[pairs], axis=1) <= EQUAL * np.abs(value[pairs]).max(axis=1)
+    u, lattice = np.array([p.u for p in points]), excess.lattice
+    far = np.abs(lattice.distance(u))
+    same = np.ptp(value[pairs], axis=1) <= EQUAL * far[pairs].max(axis=1)
+    same &= side[pairs[:, 0]] == side[pairs[:, 1]]
     pairs = pairs[same & spread[pairs].any(axis=1)]
     a, b = pairs.T
-    u, lattice = np.array([p.u for p in points]), excess.lattice
     middle = inside(lattice, u[a] + 0.5 * shortest(lattice, u[b] - u[a]))
     between = np.abs(lattice.distance(middle)) - excess.taken(middle, side[a])[0]
-    return pairs[np.abs(between - value[a]) <= BETWEEN * np.abs(value[a])]
+    return pairs[np.abs(between - value[a]) <= BETWEEN * far[a]]

@@ -69,6 +69,11 @@ class Excess:
         lo, hi = self.domain
         return np.where(self.closed, lo + np.mod(u - lo, hi - lo), u)
 
+    def image(self, p: FloatArray) -> FloatArray:
+        """Points of space (n, 3) of tile coordinates, also of the continuation."""
+        u = self.wrapped(self.lattice.search.from_tile(p))
+        return self.lattice.through.x(u, extrapolate="extend")
+
     def tree(self, u: FloatArray, length: FloatArray) -> tuple[cKDTree, FloatArray]:
         """Tree of parameters (n, 3), and they themselves, in some lengths, across seams."""
         around = np.where(self.closed, np.ptp(self.domain, axis=0) / length, 0.0)

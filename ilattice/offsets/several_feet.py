@@ -79,7 +79,7 @@ class SeveralFeet:
             owner = np.concatenate([np.nonzero(slot)[0], owner])
             p = np.concatenate([known[slot], p])
             first = np.concatenate([np.full(int(slot.sum()), -1), first])
-        foot = self._image(p)
+        foot = self.excess.image(p)
         d = np.linalg.norm(foot - x[owner], axis=1)
         order = np.lexsort((d, first, owner))
         order = order[d[order] > 1e-9 * reach[owner[order]]]
@@ -107,11 +107,6 @@ class SeveralFeet:
         self.search._run(x[owner], q, seed[:, None].copy(), feet, counts, status)
         good = (status == _kernels_newton.OK)[None] & np.isfinite(feet[:, :, 6])
         return np.tile(owner, 2)[good.ravel()], feet[good][:, :3]
-
-    def _image(self, p: FloatArray) -> FloatArray:
-        """Points of space (r, 3) of tile coordinates, also of the continuation."""
-        u = self.excess.wrapped(self.search.from_tile(p))
-        return self.lattice.through.x(u, extrapolate="extend")
 
     def _seeds(self, x: FloatArray, reach: FloatArray) -> list[IntArray]:
         """For each point seeds not further than the nearest one and `reach` and two spacings."""

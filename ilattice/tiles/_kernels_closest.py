@@ -316,6 +316,25 @@ def _square(q: Any, p: int, r: int, b: float, n: Any) -> float:
 
 
 @njit(cache=True, fastmath=FAST)
+def _apart(q: Any, n: int, b: float) -> bool:
+    """Whether the points are farther along the direction of their mean than r + b is long.
+
+    Then F >= b. Where r + b changes its sign, N says nothing: it is negative in both cones.
+    """
+    x = y = z = 0.0
+    for i in range(n):
+        x += q[5 * i]
+        y += q[5 * i + 1]
+        z += q[5 * i + 2]
+    size = math.sqrt(x * x + y * y + z * z)
+    for i in range(n):
+        a = 5 * i
+        if x * q[a] + y * q[a + 1] + z * q[a + 2] < size * (q[a + 3] + b * q[a + 4]):
+            return False
+    return size > 0.0
+
+
+@njit(cache=True, fastmath=FAST)
 def _bounds(n: Any, rows: int, cols: int, tol: float) -> int:
     """What the coefficients prove: 2 no minimum inside, 1 convex, 0 nothing; -1 drop it."""
     least = n[0]
@@ -455,7 +474,7 @@ def _search_surface(
         q = stack[top]
         b = hit[0]
         thick = _thick(q, (p + 1) * (r + 1), b)
-        if thick < 0:
+        if thick < 0 or (thick == 0 and _apart(q, (p + 1) * (r + 1), b)):
             continue
         tiny = span[top, 1] * span[top, 3] < SHORTEST * SHORTEST or top + 3 > DEPTH
         if thick > 0:

@@ -91,6 +91,14 @@ def test_affine_displacements_are_exact_through_an_affine_map_and_by_nitsche(p, 
     assert abs(solution.stabilization_energy) < 1e-7 * solution.energy
 
 
+def test_solving_tells_its_progress():
+    cut = il.cutfem.cut(ball, 5, domain=[[-1.0] * 3, [1.0, 1.0, 0.0]])
+    problem = Elasticity(cut, degree=1).clamp("w=1").load(body=(0.0, 0.0, -1.0))
+    told = []
+    problem.solve(progress=lambda *a: told.append(a))
+    assert told == [("solve", k, 100) for k in range(1, 101)]
+
+
 def test_the_weight_of_the_void_counts_in_proportion():
     cut = il.cutfem.cut(ball, 5, domain=[[-1.0] * 3, [1.0, 1.0, 0.0]])
     work = []

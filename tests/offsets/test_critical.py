@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.optimize import nnls
 
 import ilattice as il
-from ilattice.offsets import _kernels_balance, _kernels_hull, windows
+from ilattice.offsets import _kernels_balance, _kernels_hull, critical_sets, windows
 from ilattice.offsets.balance import Balance
 from ilattice.offsets.critical import CriticalSearch, critical_points
 from ilattice.offsets.excess import Excess
@@ -252,9 +252,61 @@ def test_shells_that_meet_all_the_way_round_change_no_euler_number():
     """Two rings become one."""
     shell = il.macroshape.cylinder_shell(2.0, 3.0, 1.0)
     tile = il.Tile(lambda u: (u[:, 2] - 0.3) * (u[:, 2] - 0.7))
-    (point,) = critical_points(il.Lattice(tile, through=shell, repeat=(2, 1, 1)), 0.15, 0.22)
+    lattice, part = il.Lattice(tile, through=shell), [[0.0, 0.45, 0.4], [1.0, 0.55, 0.6]]
+    (point,) = critical_points(lattice, 0.19, 0.21, within=part)
     assert told([point]) == [("bridge", 2, 0, False)]
     assert point.value == pytest.approx(0.2, abs=1e-9)
+
+
+def test_bent_sheets_that_touch_meet_once():
+    """The half-thickness at which they do leaves nothing to which values could be relative."""
+    shell = il.macroshape.cylinder_shell(2.0, 3.0, 1.0)
+    tile = il.Tile(lambda u: (u[:, 2] - 0.3) * (u[:, 2] - 0.7))
+    wall = il.Lattice(tile, through=shell, repeat=(2, 1, 1)).offset(0.2)
+    taken = {"inner": wall.thickness.inner, "outer": wall.thickness.outer}
+    part = [[0.1, 0.2, 0.0], [0.4, 0.8, 1.0]]
+    (point,) = critical_points(wall.lattice, -0.01, 0.1, **taken, within=part)
+    assert told([point]) == [("bridge", 2, -1, False)]
+    assert point.value == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(("x", "y", "w"), [(0.463, 0.427, 0.2637), (0.551, 0.42, 0.2935)])
+def test_channels_anywhere_have_an_axis(x, y, w):
+    """The planes half-way between opposite walls come near to the axis, and hide it not."""
+
+    def sides(u):
+        return ((u[:, :2] - [x, y] + w) * (u[:, :2] - [x, y] - w)).prod(axis=1)
+
+    part = [[x - w, y - w, 0.0], [x + w, y + w, 1.0]]
+    (point,) = critical_points(il.Lattice(il.Tile(sides), through=box()), 0.15, 0.35, within=part)
+    assert told([point]) == [("neck", 4, 1, False)]
+    assert point.value == pytest.approx(w, abs=1e-6)
+
+
+def test_the_unit_of_the_tile_means_nothing():
+    tile = il.tiles["schwarz_p"]
+    tiles = [il.Tile(lambda u, s=s: s * tile(u)) for s in (1.0, 1e-6)]
+    one, other = (critical_points(il.Lattice(t, through=box()), 0.2, 0.5) for t in tiles)
+    assert told(one) == told(other)
+    np.testing.assert_allclose([p.value for p in other], [p.value for p in one], atol=1e-9)
+
+
+def links(u):
+    """Pairs of points next to each other."""
+    return np.column_stack([np.arange(len(u) - 1), np.arange(1, len(u))])
+
+
+def test_rings_close_and_helices_do_not():
+    shell = il.Lattice("gyroid", through=il.macroshape.cylinder_shell(2.0, 3.0, 1.0))
+    excess = Excess(shell)
+    turn = np.linspace(0.8, 1.7, 19)
+    arc = np.column_stack([np.mod(turn, 1.0), 0.5 + 0.0 * turn, turn - 0.8])
+    label = np.zeros(len(arc), np.int64)
+    along, rings = critical_sets._unrolled(arc, links(arc), label, excess)
+    assert rings == set()
+    np.testing.assert_allclose(along[:, 0], turn, atol=1e-12)
+    closed = np.concatenate([links(arc), [[len(arc) - 1, 0]]])
+    assert critical_sets._unrolled(arc, closed, label, excess)[1] == {0}
 
 
 # --- voids ------------------------------------------------------------------------------------

@@ -71,15 +71,43 @@ def test_distance_to_surfaces_is_the_least_of_all(k, rational):
     np.testing.assert_allclose(f + 0.05, surface_minimum(POINTS, surface), rtol=0, atol=1e-12)
 
 
-def test_distance_to_a_surface_of_varying_thickness():
-    surface = random_surface(2)
-    linear = BSpline([[0, 0, 1, 1]] * 2, [[0.02, 0.05], [0.08, 0.04]], 1)
-    f = SkeletonField([Surface(surface, radius=linear)])(POINTS[:40])
+def four_corners(z, low=0.15):
+    """Bilinear surface over a square."""
+    x, y = np.meshgrid([low, 1.0 - low], [low, 1.0 - low], indexing="ij")
+    return BSpline([[0, 0, 1, 1]] * 2, np.stack([x, y, np.broadcast_to(z, (2, 2))], axis=-1), 1)
+
+
+@pytest.mark.parametrize("radius", [
+    [[0.02, 0.05], [0.08, 0.04]], [[0.05, 0.05], [0.051, 0.051]], [[0.03, 0.03], [0.15, 0.15]],
+])  # fmt: skip
+@pytest.mark.parametrize(
+    "surface",
+    [random_surface(2), four_corners([[0.3, 0.7], [0.7, 0.3]])],
+    ids=["random", "saddle"],
+)
+def test_distance_to_a_surface_of_varying_thickness(surface, radius):
+    linear = BSpline([[0, 0, 1, 1]] * 2, radius, 1)
+    points = np.concatenate([POINTS[:40], surface(POINTS[:10, :2])])
+    f = SkeletonField([Surface(surface, radius=linear)])(points)
     u = np.stack(np.meshgrid(*[np.linspace(0, 1, 400)] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
     s, r = surface(u), linear(u)
-    dense = np.array([(np.linalg.norm(p - s, axis=1) - r).min() for p in POINTS[:40]])
+    dense = np.array([(np.linalg.norm(p - s, axis=1) - r).min() for p in points])
     assert (f <= dense + 1e-14).all()
-    assert (dense - f).max() < 2e-4  # the density of the samples
+    assert (dense - f)[:40].max() < 2e-4  # the density of the samples
+    assert (dense - f)[40:].max() < 2e-3  # to first order on the surface
+
+
+@pytest.mark.parametrize("slope", [0.1, 0.5])
+def test_a_plate_of_linear_thickness_is_a_wedge(slope):
+    plate = four_corners(0.5, 0.0)
+    field = SkeletonField([Surface(plate, radius=lambda u: 0.05 + slope * u[:, 0])])
+    p = POINTS * [0.6, 1.0, 0.4] + [0.2, 0.0, 0.5]
+    p[:20, 2] = 0.5
+    height = p[:, 2] - 0.5
+    want = height * np.sqrt(1.0 - slope**2) - 0.05 - slope * p[:, 0]
+    inside = p[:, 0] + slope * height / np.sqrt(1.0 - slope**2) < 1.0
+    assert inside.sum() > 100
+    np.testing.assert_allclose(field(p)[inside], want[inside], atol=1e-12)
 
 
 def test_points_on_and_close_to_the_curve():
