@@ -414,7 +414,9 @@ class ClosestPointSearch:
             raise ConvergenceError(
                 f"closest points: {len(failed)} of {len(status)} queries did not converge "
                 f"(more than {MAX_FALLBACK:.0%}), the first are {failed[:5].tolist()}; the "
-                "tile may be singular at level zero, or the map may fold"
+                "tile may be singular at level zero, as at the rims of closed faces; its "
+                "opposite faces may differ, so that tiles do not fit together (periodic ones "
+                "do); or the map may fold"
             )
 
 

@@ -58,7 +58,9 @@ class SkeletonField:
     faces : str or mapping
         "open", "closed" or "periodic" for all faces, or per axis ("x") or face ("x-", "x+").
         Ends on an open face are continued straight through it; a closed face cuts the solid
-        there; across periodic faces the entities repeat.
+        there; across periodic faces the entities repeat. In a lattice, open ends must meet others
+        of the same radius on the opposite face, or tiles do not fit together; the rim of a closed
+        face is an edge, which the spline that stands in for the tile rounds off.
     cell : array_like of shape () or (3,) or (3, 3)
         Edges of the cell: lengths, or vectors as columns. Points of the unit cube stand for
         ``cell @ u``.
