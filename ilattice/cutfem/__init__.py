@@ -30,6 +30,7 @@ from ilattice.cutfem.heat import Heat
 from ilattice.cutfem.heat_solution import HeatHistory, HeatSolution
 from ilattice.cutfem.measures import MassProperties, mass_properties
 from ilattice.cutfem.modal import Buckling, EigenReport, Mode, Modes, buckling, natural_modes
+from ilattice.cutfem.probe import Probe
 from ilattice.cutfem.recovery import Recovered, RecoveredHeat
 from ilattice.cutfem.refinement import RefinementStudy, refinement_study
 from ilattice.cutfem.rules import Quadrature, quadrature
@@ -50,6 +51,7 @@ __all__ = [
     "MassProperties",
     "Mode",
     "Modes",
+    "Probe",
     "Quadrature",
     "Recovered",
     "RecoveredHeat",

@@ -97,6 +97,8 @@ def as_mask(components: Any, m: int) -> Any:
         raise InputError(
             f"components must name some of {AXES[:m]!r}, or numbers below {m}, got {components!r}"
         )
+    if len(set(listed)) < len(listed):
+        raise InputError(f"components must name each component once, got {components!r}")
     mask = np.zeros(m, bool)
     mask[np.array(listed, int)] = True
     return mask

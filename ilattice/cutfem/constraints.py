@@ -18,9 +18,13 @@ from scipy.sparse import bsr_array
 from ilattice._typing import AnyArray, FloatArray
 from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem.assembly import Assembly
-from ilattice.cutfem.conditions import Support, values_at
+from ilattice.cutfem.conditions import AXES, Support, values_at
 from ilattice.cutfem.domain import Domain
 from ilattice.cutfem.rules import NAMES
+from ilattice.errors import InputError
+
+#: Values that two supports prescribe for one node are the same up to this part of the largest.
+SAME = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +106,7 @@ def layer(domain: Domain, asm: Assembly, name: str) -> AnyArray:
 def constraints(
     domain: Domain, asm: Assembly, supports: tuple[Support, ...], m: int
 ) -> Constraints:
-    """Prescribed coefficients of the supports that are not weak; later ones count.
+    """Prescribed coefficients of the supports that are not weak.
 
     Parameters
     ----------
@@ -119,6 +123,11 @@ def constraints(
     -------
     Constraints
         What is prescribed.
+
+    Raises
+    ------
+    InputError
+        If two supports prescribe different values where they meet.
     """
     owner = np.full((len(asm.space), m), -1)
     values = np.zeros((len(asm.space), m))
@@ -138,6 +147,26 @@ def constraints(
         index = list(np.unravel_index(asm.space.functions[nodes], asm.space.shape))
         index[axis] = np.zeros_like(index[axis])
         at = np.ix_(nodes, np.flatnonzero(s.mask))
+        new = c[tuple(index)][:, s.mask]
+        off = np.abs(new - values[at]) > SAME * max(np.abs(c).max(), np.abs(values).max())
+        off &= owner[at] >= 0
+        if off.any():
+            _refuse(asm, supports, owner[at], values[at], new, off, nodes, s)
         owner[at] = number
-        values[at] = c[tuple(index)][:, s.mask]
+        values[at] = new
     return Constraints(owner >= 0, values, owner)
+
+
+def _refuse(
+    asm: Assembly, supports: tuple[Support, ...], owner: AnyArray, old: FloatArray,
+    new: FloatArray, off: AnyArray, nodes: AnyArray, s: Support,
+) -> None:  # fmt: skip
+    """Say where two supports prescribe different values."""
+    row, column = np.argwhere(off)[0]
+    component = AXES[np.flatnonzero(s.mask)[column]] if len(s.mask) > 1 else "the value"
+    other = supports[owner[row, column]].on
+    raise InputError(
+        f"supports on {other!r} and {s.on!r} contradict each other: near the point "
+        f"{np.round(asm.coordinates[nodes[row]], 6).tolist()} {component} would be "
+        f"{old[row, column]:g} and {new[row, column]:g}; prescribe it once, or equal values"
+    )

@@ -217,12 +217,14 @@ def natural_modes(
     Raises
     ------
     InputError
-        If an argument is wrong.
+        If an argument is wrong, or the solid has no mass.
     ConvergenceError
         If residuals stay above `tol`.
     """
     system = problem.system
     M = problem.mass()
+    if not M.data.any():
+        raise InputError("density: the solid has no mass, and no frequencies; give it a density")
     K, shift = system.K, 0.0
     if not problem.supports and not problem.springs:
         shift = SHIFT * _scale(K, M, system)
@@ -259,14 +261,20 @@ def buckling(
     Raises
     ------
     InputError
-        If an argument is wrong.
+        If an argument is wrong, or the solution has no stress.
     ConvergenceError
         If residuals stay above `tol`, or fewer than `count` factors are positive.
     """
     problem: Any = solution.problem
+    geometric = problem.geometric_stiffness(solution)
+    if not geometric.data.any():
+        raise InputError(
+            "solution: it has no stress, and nothing buckles without; add loads, or prescribed "
+            "displacements, before solving"
+        )
     system = problem.system
     solver = _solver(system.K, system, method)
-    mu, x, residual = largest(-problem.geometric_stiffness(solution), solver, count, system, tol)
+    mu, x, residual = largest(-geometric, solver, count, system, tol)
     if not mu.min() > 0:
         raise ConvergenceError(
             f"only {int((mu > 0).sum())} of {count} load factors are positive: these loads press "
@@ -306,16 +314,17 @@ def largest(
     Raises
     ------
     InputError
-        If `count` or `tol` is wrong, or A is zero.
+        If `count` or `tol` is wrong.
     ConvergenceError
         If the residual is above `tol`.
     """
     count, tol = as_counts("count", count)[0], as_positive("tol", tol)
     n = A.shape[0]
     if n < 5 * (count + GUARD):
-        raise InputError(f"count = {count} is too many for {n} unknowns")
-    if not A.data.any():
-        raise InputError("density, or the stress of the solution, is zero: nothing moves the body")
+        raise InputError(
+            f"count = {count} is too many for {n} unknowns: at most {max(n // 5 - GUARD, 0)} can "
+            "be found; ask for fewer, or take more cells"
+        )
     find = _by_preconditioner if solver.method in ("multigrid", "pyamg") else _by_factor
     mu, x = find(A, solver, count, system.near_nullspace, tol)
     order = np.argsort(-mu)[:count]

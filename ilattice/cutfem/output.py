@@ -17,9 +17,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeVar, overload
 import numpy as np
 
 from ilattice._progress import Progress, track
-from ilattice._typing import AnyArray, FloatArray, IntArray
+from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_array, as_positive
 from ilattice.cutfem.clipping import clipped, lattice
+from ilattice.cutfem.probe import Probe, probe
 from ilattice.errors import FormatError, InputError
 from ilattice.mesh import SurfaceMesh
 from ilattice.offsets.wall import parameters_of
@@ -67,6 +68,7 @@ class Result:
     problem: "Problem"
     coefficients: FloatArray
     shown: ClassVar[str]  #: the field that gives pictures their colours
+    probed: ClassVar[tuple[str, ...]] = ()  #: functions of parameters, besides `point_data`
 
     def point_data(self, u: Any) -> dict[str, AnyArray]:
         """What files hold, at parameters.
@@ -92,6 +94,38 @@ class Result:
             By name.
         """
         return {}
+
+    def at(self, x: ArrayLike, *, outside: str = "raise") -> Probe:
+        """The result at points of space.
+
+        Parameters
+        ----------
+        x : array_like, shape (n, 3)
+            Points of space, in the solid. Points that lie off it by less than a tenth of a cell,
+            as the vertices of meshes do, count as inside.
+        outside : {"raise", "nan"}
+            What is done with points elsewhere: an error, or NaN in all fields.
+
+        Returns
+        -------
+        Probe
+            Points, their parameters, and the fields there as attributes, such as ``.stress``.
+
+        Raises
+        ------
+        InputError
+            If points are outside of the solid; the message names the first ones.
+
+        Examples
+        --------
+        >>> import ilattice as il
+        >>> rod = lambda u: (u[:, :2] ** 2).sum(axis=1) - 0.25
+        >>> problem = il.cutfem.Elasticity(rod, 4, domain=[[-0.6, -0.6, 0], [0.6, 0.6, 4]])
+        >>> solution = problem.clamp("w=0").load(traction=(0, 0, 1.0), on="w=1").solve()
+        >>> solution.at([[0.1, 0.2, 2.0]]).displacement.shape
+        (1, 3)
+        """
+        return probe(self, x, outside)
 
     def surface(self, h: float | None = None, *, scale: float | str = 0.0) -> SurfaceMesh:
         """The mesh of the wall with the fields of the result.
@@ -148,6 +182,8 @@ class Result:
         """
         import pyvista as pv
 
+        from ilattice.io.vtk import name_components
+
         shape = shape_of(self.problem, on, h)
         points, data = self._on(shape, scale)
         sizes = np.full(len(shape.cells), shape.cells.shape[1])
@@ -155,6 +191,7 @@ class Result:
         grid = pv.UnstructuredGrid(np.column_stack([sizes, shape.cells]).ravel(), kinds, points)
         for name, values in data.items():
             grid.point_data[name] = values
+            name_components(grid.GetPointData().GetAbstractArray(name))
         for name, number in self.field_data().items():
             grid.field_data[name] = [number]
         return grid
@@ -187,12 +224,14 @@ class Result:
         self, path: "str | PathLike[str]", *, on: str = "auto", h: float | None = None,
         scale: float | str = 0.0,
     ) -> None:  # fmt: skip
-        """Write a VTU file.
+        """Write a VTU file, or the surface of a wall as VTP.
+
+        Stresses have named components, XX to XY, in ParaView.
 
         Parameters
         ----------
         path : path-like
-            File ending in ``.vtu``.
+            File ending in ``.vtu``, or in ``.vtp`` for the surface.
         on, h : str, float
             As in `to_pyvista`. In ParaView "Clip" with the scalars ``level_set`` cuts the solid out
             of cells.
@@ -206,6 +245,9 @@ class Result:
         FormatError
             Another ending, or the file cannot be written.
         """
+        if str(path).endswith(".vtp") and on in ("auto", "surface"):
+            self.surface(h, scale=scale).save(path)
+            return
         self._write(as_vtu(path), shape_of(self.problem, on, h), scale)
 
     def _on(self, shape: Shape, scale: float | str) -> tuple[FloatArray, dict[str, AnyArray]]:
@@ -367,5 +409,7 @@ def save_cells(
 def as_vtu(path: "str | PathLike[str]") -> "str | PathLike[str]":
     """A path that ends in .vtu, or `FormatError`."""
     if not str(path).endswith(".vtu"):
-        raise FormatError(f"{str(path)!r}: results are written as .vtu")
+        raise FormatError(
+            f"{str(path)!r}: results are written as .vtu, on the surface of a wall as .vtp too"
+        )
     return path

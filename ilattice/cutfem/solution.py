@@ -47,6 +47,7 @@ class Solution(Result):
     coefficients: FloatArray
     report: "SolveReport | None"
     shown: ClassVar[str] = "von_mises"
+    probed: ClassVar[tuple[str, ...]] = ("strain", "principal", "utilization")
 
     def __repr__(self) -> str:
         return f"Solution({len(self.coefficients)} functions, energy {self.energy:.6g})"

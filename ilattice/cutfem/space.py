@@ -178,9 +178,12 @@ class SplineSpace:
             Positions in `cells`; -1 where no active cell is nearer than one cell.
         """
         at = np.empty((len(u), 3), np.int64)
+        far = np.zeros(len(u), bool)
         for a, x in enumerate(self.grid.axes):
             at[:, a] = np.clip(np.searchsorted(x, u[:, a], side="right") - 1, 0, len(x) - 2)
-        return self._nearest[tuple(at.T)]
+            if not self.grid.closed[a]:
+                far |= (u[:, a] < 2.0 * x[0] - x[1]) | (u[:, a] > 2.0 * x[-1] - x[-2])
+        return np.where(far, -1, self._nearest[tuple(at.T)])
 
     @cached_property
     def _nearest(self) -> IntArray:

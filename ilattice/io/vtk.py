@@ -29,6 +29,9 @@ if TYPE_CHECKING:
 
 _BEZIER_HEXAHEDRON = 79
 _SAME_STEP = 1e-9
+#: Components of symmetric tensors in Voigt order: without names ParaView takes them for another.
+VOIGT = ("XX", "YY", "ZZ", "YZ", "XZ", "XY")
+TENSORS = ("stress", "strain")
 #: Stand-ins for the types that VTK does not have.
 _KINDS: dict[str, np.dtype[Any]] = {"b1": np.dtype(np.uint8), "f2": np.dtype(np.float32)}
 
@@ -326,7 +329,21 @@ def _array(name: str, values: AnyArray) -> Any:
     flat = values.reshape(len(values), -1) if values.ndim > 1 else values
     array = numpy_to_vtk(np.ascontiguousarray(flat, dtype=kind))
     array.SetName(name)
+    name_components(array)
     return array
+
+
+def name_components(array: Any) -> None:
+    """Name the components of a VTK array that is a stress or strain in Voigt order.
+
+    Parameters
+    ----------
+    array : vtkDataArray
+        Changed if its name ends with one of `TENSORS` and it has six components.
+    """
+    if array.GetNumberOfComponents() == len(VOIGT) and array.GetName().endswith(TENSORS):
+        for k, component in enumerate(VOIGT):
+            array.SetComponentName(k, component)
 
 
 def _attach(target: Any, data: Mapping[str, AnyArray]) -> None:

@@ -326,6 +326,7 @@ def test_bad_conditions_are_refused():
         (lambda: problem.clamp("x=0"), "on must be"),
         (lambda: problem.clamp("w=0", components="q"), "components"),
         (lambda: problem.clamp("w=0", components=()), "components"),
+        (lambda: problem.clamp("w=0", components="zz"), "once"),
         (lambda: problem.clamp("w=0", value=(1, 2)), "value"),
         (lambda: problem.clamp("surface", method="strong"), "nitsche"),
         (lambda: problem.clamp("w=0", method="magic"), "method"),
@@ -340,6 +341,8 @@ def test_bad_conditions_are_refused():
         with pytest.raises(InputError, match=message):
             call()
     held = problem.clamp("w=0")
+    with pytest.raises(InputError, match=r"'w=0' and 'u=0' contradict .* x would be 0 and 0.3"):
+        held.clamp("u=0", components="xz", value=0.3).load(body=(1, 0, 0)).solve()
     with pytest.raises(InputError, match="shape"):
         held.load(body=lambda x: x[:, 0]).solve()
     with pytest.raises(InputError, match="finite"):

@@ -98,7 +98,7 @@ def test_tension_does_not_buckle():
 
 def test_bad_input():
     problem = column((1, 1, 4)).clamp("w=0")
-    for count, match in ((0, "count"), (1.5, "count"), (10_000, "too many")):
+    for count, match in ((0, "count"), (1.5, "count"), (10_000, r"at most [1-9][0-9]* can")):
         with pytest.raises(InputError, match=match):
             natural_modes(problem, count)
     with pytest.raises(InputError, match="tol"):
@@ -107,5 +107,5 @@ def test_bad_input():
         natural_modes(problem, 2, method="guess")
     with pytest.raises(InputError, match="density"):
         natural_modes(column((1, 1, 4), density=0.0).clamp("w=0"), 2)
-    with pytest.raises(InputError, match="stress"):
+    with pytest.raises(InputError, match=r"no stress.* add loads"):
         buckling(problem.solve(), 2)

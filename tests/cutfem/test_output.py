@@ -31,6 +31,35 @@ def stretched(problem, *, by=(0.3, 0.0, 0.0)):
     return Solution(problem, problem.assembly.coordinates * np.array(by), None)
 
 
+def test_stresses_have_named_components(tmp_path, ball):
+    """Uniaxial stretch along each axis and each shear: what ParaView names is what there is."""
+    names = {"XX": (0, 0), "YY": (1, 1), "ZZ": (2, 2), "YZ": (1, 2), "XZ": (0, 2), "XY": (0, 1)}
+    problem = ball.problem
+    for name, (i, j) in names.items():
+        A = np.zeros((3, 3))
+        A[i, j] = 0.1
+        solution = Solution(problem, problem.assembly.coordinates @ A.T, None)
+        solution.save(tmp_path / "a.vtu", on="solid")
+        read = pv.read(tmp_path / "a.vtu").GetPointData().GetAbstractArray("stress")
+        shown = solution.to_pyvista("solid").GetPointData().GetAbstractArray("stress")
+        for array in (read, shown):
+            column = [array.GetComponentName(k) for k in range(6)].index(name)
+            values = np.abs(pv.wrap(array)).mean(axis=0)
+            assert values.argmax() == column
+
+
+def test_the_surface_of_a_wall_is_a_surface_file(tmp_path):
+    wall = il.Lattice("primitive", through=il.macroshape.box((1.0, 1.2, 0.9))).offset(0.17)
+    solution = stretched(Elasticity(wall, 9, degree=1, young=2.0))
+    solution.save(tmp_path / "a.vtp", h=0.15, scale=2.0)
+    mesh = pv.read(tmp_path / "a.vtp")
+    u = np.column_stack([mesh[name] for name in "uvw"])
+    np.testing.assert_allclose(mesh["displacement"], solution.evaluate(u), atol=1e-12)
+    assert mesh.GetPointData().GetAbstractArray("stress").GetComponentName(3) == "YZ"
+    with pytest.raises(FormatError, match="vtp"):
+        solution.save(tmp_path / "b.vtp", on="solid")
+
+
 # ------------------------------------------------------------------------------ shapes
 
 

@@ -1,0 +1,131 @@
+"""Results at points of space: where they are in parameters, and whether they are in the solid.
+
+Guarantees: a point has values if it is in the image of the map and in an active cell, and the level
+sets are negative there, or zero within a tenth of a cell; no other point has any. Non-guarantee:
+that tenth is measured to first order.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ilattice._typing import AnyArray, ArrayLike, FloatArray
+from ilattice._validate import as_points
+from ilattice.errors import InputError
+
+#: How far off the solid points may be, in cells.
+NEAR = 0.1
+#: Step of differences of level sets, in cells.
+STEP = 1e-3
+SHOWN = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Probe:
+    """A result at points of space: made by `Solution.at` and others.
+
+    Every field of the result that is a function of parameters is an attribute here, such as
+    ``displacement``, ``strain``, ``stress``, ``von_mises`` or ``principal`` of an elastic
+    solution, ``temperature`` and ``heat_flux`` of heat.
+
+    Attributes
+    ----------
+    result : object
+        Whose: `Solution`, `HeatSolution` or `Mode`.
+    x : ndarray, shape (n, 3)
+        Points of space.
+    u : ndarray, shape (n, 3)
+        Their parameters; NaN outside of the solid.
+    """
+
+    result: Any
+    x: FloatArray
+    u: FloatArray
+
+    def __repr__(self) -> str:
+        return f"Probe({len(self.x)} points, {', '.join(self.data)})"
+
+    def __len__(self) -> int:
+        return len(self.x)
+
+    @cached_property
+    def inside(self) -> AnyArray:
+        """Which points are in the solid, shape (n,)."""
+        return np.isfinite(self.u[:, 0])
+
+    @cached_property
+    def data(self) -> dict[str, AnyArray]:
+        """What files hold, by name; NaN outside of the solid."""
+        known = self.result.point_data(self.u[self.inside])
+        return {name: self._spread(values) for name, values in known.items()}
+
+    def __getattr__(self, name: str) -> AnyArray:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        if name in self.data:
+            return self.data[name]
+        field = getattr(type(self.result), name, None)
+        if not callable(field) or name not in self.result.probed:
+            raise AttributeError(
+                f"there is no {name!r} at points; there are "
+                f"{', '.join(sorted({*self.data, *self.result.probed}))}"
+            )
+        return self._spread(field(self.result, self.u[self.inside]))
+
+    def _spread(self, values: AnyArray) -> AnyArray:
+        """Values at all points from those inside."""
+        out = np.full((len(self.x), *values.shape[1:]), np.nan)
+        out[self.inside] = values
+        return out
+
+
+def probe(result: Any, x: ArrayLike, outside: str) -> Probe:
+    """A result at points of space; see `Result.at`."""
+    if outside not in ("raise", "nan"):
+        raise InputError(f"outside must be 'raise' or 'nan', got {outside!r}")
+    points = as_points("x", x)
+    u = _parameters(result.problem, points)
+    off = np.isnan(u[:, 0])
+    if off.any() and outside == "raise":
+        first = np.round(points[off][:SHOWN], 6).tolist()
+        raise InputError(
+            f"x: {int(off.sum())} of {len(points)} points are outside of the solid, the first are "
+            f"{first}; outside='nan' leaves them out"
+        )
+    return Probe(result, points, u)
+
+
+def _parameters(problem: Any, x: FloatArray) -> FloatArray:
+    """Parameters of points in the solid, NaN for others."""
+    asm = problem.assembly
+    u = x.copy() if asm.through is None else asm.through.inverse(x)
+    inside = np.isfinite(u[:, 0])
+    rows = np.flatnonzero(inside)
+    inside[rows] = asm.space.locate(u[rows]) >= 0
+    rows = np.flatnonzero(inside)
+    inside[rows] = _off(problem, u[rows]) <= NEAR
+    return np.where(inside[:, None], u, np.nan)
+
+
+def _off(problem: Any, u: FloatArray) -> FloatArray:
+    """How far points are outside of the solid or the grid, in cells, to first order."""
+    grid, sets = problem.domain.cut.grid, problem.domain.cut.sets
+    lo, hi = grid.domain
+    sizes = np.stack(
+        [np.diff(a)[np.clip(np.searchsorted(a, u[:, k]) - 1, 0, len(a) - 2)]
+         for k, a in enumerate(grid.axes)], axis=1,
+    )  # fmt: skip
+    beyond = (np.maximum(np.maximum(lo - u, u - hi), 0.0) / sizes)[:, ~np.array(grid.closed)]
+    p = np.clip(u, lo, hi)
+    value = sets(p)
+    square = np.zeros_like(value)
+    for a in range(3):
+        step = STEP * sizes[:, a : a + 1] * np.eye(3)[a]
+        up, down = np.minimum(p + step, hi), np.maximum(p - step, lo)
+        width = ((up - down)[:, a] / sizes[:, a])[:, None]
+        square += ((sets(up) - sets(down)) / width) ** 2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        distance = np.where(value > 0.0, value / np.sqrt(square), 0.0)
+    return np.maximum(distance.max(axis=1), beyond.max(axis=1, initial=0.0))
