@@ -348,10 +348,11 @@ def as_level_sets(field: Any, domain: FloatArray | None, degree: int) -> LevelSe
         field = field.field
     if isinstance(field, WallField):
         t = field.thickness
-        splines: tuple[BSpline, ...] = (field.distance, t.outer)
+        distance = getattr(field.distance, "spline", field.distance)
+        splines: tuple[BSpline, ...] = (distance, t.outer)
         factors = [[1.0, -1.0], [-1.0, -1.0]]
         if not t.symmetric:
-            splines = (field.distance, t.outer, t.inner)
+            splines = (distance, t.outer, t.inner)
             factors = [[1.0, -1.0, 0.0], [-1.0, 0.0, -1.0]]
         return _of_splines(splines, np.array(factors), (field,), domain, degree)
     parts = tuple(field) if isinstance(field, tuple | list) else (field,)

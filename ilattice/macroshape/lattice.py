@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ilattice._typing import ArrayLike, FloatArray
-from ilattice._validate import as_array, as_counts, as_points
+from ilattice._validate import as_array, as_counts, as_not_negative, as_points
 from ilattice.errors import InputError
 from ilattice.macroshape.certify import check_map
 from ilattice.macroshape.maps import SplineMap
@@ -94,6 +94,42 @@ class Lattice:
                 f"properties {sorted(both)} are given by the tile and by the map; rename one"
             )
 
+    @classmethod
+    def from_struts(
+        cls, nodes: ArrayLike, edges: ArrayLike, radii: ArrayLike, *, blend: float = 0.0
+    ) -> Lattice:
+        """One tile that holds a graph of round struts anywhere in space, in a box around it.
+
+        Parameters
+        ----------
+        nodes, edges, radii, blend : array_like and float
+            As in `ilattice.tiles.struts`, but `nodes` are points of space, in units of length.
+
+        Returns
+        -------
+        Lattice
+            Its ``offset((np.inf, 0))`` is the struts, to be meshed, sliced and analysed.
+
+        Raises
+        ------
+        InputError
+            As in `ilattice.tiles.struts`.
+
+        Examples
+        --------
+        >>> import numpy as np, ilattice as il
+        >>> graph = il.Lattice.from_struts([(5, 0, 0), (9, 0, 0), (9, 3, 0)], [(0, 1), (1, 2)], 0.4)
+        >>> graph.offset((np.inf, 0)).mesh().genus
+        0
+        """
+        from ilattice.macroshape.primitives import box
+        from ilattice.tiles.struts import as_graph, box_around, struts
+
+        points, ends, r = as_graph(nodes, edges, radii)
+        low, high = box_around(points, ends, r, as_not_negative("blend", blend))
+        tile = struts(points - low, ends, r, blend=blend, faces="open", cell=high - low)
+        return cls(tile, through=box(lo=low, hi=high))
+
     def _once(self, name: str, make: Any) -> Any:
         if name not in self._cache:
             self._cache[name] = make()
@@ -122,6 +158,8 @@ class Lattice:
     @property
     def finest_wave(self) -> int:
         """Waves per tile of the finest term of trigonometric tiles; 2 for any other."""
+        if isinstance(self.tile, Tile) and not isinstance(self.tile.field, TrigField):
+            return 2
         f = self.smooth_tile
         return max(map(_waves, f.fields)) if isinstance(f, MixedField) else _waves(f)
 

@@ -32,6 +32,7 @@ from ilattice.mesh.contouring import (
     contour_blocks,
     fixed_coordinates,
 )
+from ilattice.mesh.creases import sharpened
 from ilattice.mesh.surface import SurfaceMesh
 from ilattice.mesh.untangle import untangled
 from ilattice.offsets.polish import polish
@@ -62,6 +63,8 @@ def wall_mesh(
     """Mesh of a wall, less where a field `cut` is positive; see `ilattice.offsets.Wall.mesh`."""
     job = _Job.of(wall, h, polish, progress, cut)
     raw = contour_arrays(job.field, job.axes, caps=caps, **job.options)
+    if wall.creased and cut is None:
+        raw = sharpened(raw, job.field, job.axes)
     side = job.side(raw)
     u, lost = job.settle(raw.vertices, raw.kind, side)
     new = untangled(

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ilattice._progress import Progress, track
-from ilattice._typing import FloatArray
+from ilattice._typing import ArrayLike, FloatArray
 from ilattice.bspline import BSpline
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def _fit(lattice: Lattice, spans: int, progress: Progress) -> BSpline:
 def interpolated(
     lattice: Lattice,
     f: Callable[[FloatArray], FloatArray],
-    spans: int,
+    spans: int | ArrayLike,
     degree: int,
     progress: Progress = None,
 ) -> BSpline:
@@ -74,7 +74,7 @@ def interpolated(
         Gives the domain, the tiles and the closed directions.
     f : callable
         Takes parameters (n, 3), returns values (n,).
-    spans : int
+    spans : int or three of them
         Spans per tile and direction.
     degree : int
         Degree.
@@ -90,10 +90,11 @@ def interpolated(
     from ilattice.bspline.knots import uniform_knots
 
     closed = lattice.through.closed
+    counts = np.broadcast_to(np.asarray(spans, np.int64), 3).tolist()
     knots, axes = [], []
     for a in range(3):
         t = uniform_knots(
-            spans * lattice.repeat[a], degree, tuple(lattice.domain[:, a]), periodic=closed[a]
+            counts[a] * lattice.repeat[a], degree, tuple(lattice.domain[:, a]), periodic=closed[a]
         )
         knots.append(t)
         axes.append(sites(t, degree, "interpolate", closed[a]))

@@ -52,6 +52,7 @@ class ParametricWall(Wall):
     asked: Thickness
 
     _exact = False
+    _has_necks = False
 
     @property
     def _asked(self) -> Thickness:

@@ -53,6 +53,11 @@ class Thickness:
         return self.inner.c.size == 1 and float(self.inner.c.item()) >= FULL
 
     @property
+    def unchanged(self) -> bool:
+        """Whether it is the solid of the tile, neither grown nor eroded."""
+        return self.solid and self.outer.c.size == 1 and float(self.outer.c.item()) == 0.0
+
+    @property
     def constant(self) -> bool:
         """Whether neither side varies."""
         return self.inner.c.size == 1 and self.outer.c.size == 1

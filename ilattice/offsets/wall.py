@@ -300,7 +300,8 @@ class Wall:
         Returns
         -------
         TopologyReport
-            Counts, and the place and volume of every part and void.
+            Counts, and the place and volume of every part and void. No necks are looked for in
+            parametric walls, nor in solids of struts and plates as they are.
 
         Raises
         ------
@@ -414,6 +415,10 @@ class Wall:
 
     #: Whether vertices can be polished onto an exact offset.
     _exact = True
+    #: Whether necks can be found: where the distance has critical points.
+    _has_necks = True
+    #: Whether edges of meshes are made sharp where the gradient of the field jumps.
+    creased = False
 
     @property
     def _asked(self) -> Thickness:
@@ -457,7 +462,7 @@ def offset(
         Half-thickness in units of length, on both sides, or (inner, outer) for the sides where
         the implicit function is negative and positive. A callable takes parameters (n, 3);
         a name is that of a property of the lattice. ``(np.inf, d)`` is the solid of the tile, grown
-        by d, or eroded if d is negative.
+        by d, or eroded if d is negative; ``(np.inf, 0)`` takes no distances.
     relative_density : float, callable, or array_like of shape (nx, ny, nz), optional
         Part of the volume that the wall shall fill: of the whole, or of every tile (a callable
         takes the parameters (n, 3) of their centres). `d` then is the shape of the thickness,
@@ -507,7 +512,14 @@ def offset(
     least_gap = None if least_gap is None else as_not_negative("least_gap", least_gap)
     if d is None:
         d = 1e-3 * float(np.linalg.norm(np.diff(lattice.through.bounds, axis=0)))
-    wall = Wall(lattice, distance_spline(lattice, progress=progress), as_thickness(d, lattice))
+    sides = as_thickness(d, lattice)
+    if sides.unchanged and relative_density is None:
+        from ilattice.offsets.solid import solid_wall
+
+        wall: Wall = solid_wall(lattice, sides, tol)
+        tol = None
+    else:
+        wall = Wall(lattice, distance_spline(lattice, progress=progress), sides)
     if relative_density is not None:
         from ilattice.cutfem.density import wall_of_density
 

@@ -23,6 +23,7 @@ from ilattice.tiles.catalog import get, identifiers, maker, names, row
 from ilattice.tiles.entities import Arc, Curve, Group, Patch, Polyline, Surface
 from ilattice.tiles.mixture import Mixture, hybrid, mix, sigmoid
 from ilattice.tiles.skeleton import SkeletonField, skeleton
+from ilattice.tiles.struts import struts
 from ilattice.tiles.tile import Tile
 from ilattice.tiles.trig import TrigField
 
@@ -44,6 +45,7 @@ __all__ = [
     "row",
     "sigmoid",
     "skeleton",
+    "struts",
 ]
 
 

@@ -46,12 +46,12 @@ def test_varying_positive_growth(lattice):
     np.testing.assert_allclose(ball(mesh.vertices), 0.05 + 0.05 * mesh.vertices[:, 2], atol=1e-6)
 
 
-def test_the_default_mesh_width_follows_the_depth_of_the_solid(lattice):
+def test_the_default_mesh_width_follows_the_volume_by_the_area_of_the_solid(lattice):
     wall = lattice.offset((np.inf, 0.0))
-    assert wall.least_thickness == pytest.approx(2 * RADIUS, rel=0.1)
+    assert wall.least_thickness == pytest.approx(2 / 3 * RADIUS, rel=0.05)  # 2 V / A of a ball
     mesh = wall.mesh()
     assert mesh.is_watertight
-    assert mesh.volume == pytest.approx(4 / 3 * np.pi * RADIUS**3, rel=0.2)
+    assert mesh.volume == pytest.approx(4 / 3 * np.pi * RADIUS**3, rel=0.02)
 
 
 def test_solids_run_into_the_faces_with_caps():
@@ -76,8 +76,9 @@ def test_errors_of_one_sided_walls_are_relative_to_their_thickness(lattice):
     wall = lattice.offset((0.0, 0.1))
     error = wall.thickness_error()
     assert error.relative_max == pytest.approx(error.max / 0.1, rel=1e-9)
-    solid = lattice.offset((np.inf, 0.0)).thickness_error()
-    assert solid.relative_max == pytest.approx(solid.max / (2 * RADIUS), rel=0.1)
+    wall = lattice.offset((np.inf, 0.0))
+    solid = wall.thickness_error()
+    assert solid.relative_max == pytest.approx(solid.max / wall.least_thickness, rel=1e-9)
 
 
 def test_a_growth_that_is_barely_negative_between_samples_is_meshed():

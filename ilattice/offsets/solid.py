@@ -1,0 +1,321 @@
+"""The solid of the tiles as it is, neither grown nor eroded: ``Lattice.offset((np.inf, 0))``.
+
+It needs no distances: meshes and slices go by the field of the tiles itself, their vertices are
+moved onto its zero set by Newton steps. Quadrature and analysis take splines; theirs is fitted to
+the field, near its zero set only where the field is that of a skeleton.
+
+Guarantees: any field of a tile will do, also with creases, jumps at faces of tiles, or ends;
+vertices are on the zero set to first order, as `Wall.thickness_error` reports; bounds are rigorous
+if those of the tile are. Non-guarantees: the spline is off by `TileField.error`; the mesh rounds
+off creases over part of a cell, as everywhere.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import product
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
+from ilattice._validate import as_points
+from ilattice.bspline import BSpline
+from ilattice.errors import ConvergenceError, GeometryError, PrecisionWarning
+from ilattice.offsets.distance_spline import DEGREE, distance_spline, interpolated
+from ilattice.offsets.thickness import Thickness
+from ilattice.offsets.wall import Wall
+from ilattice.tiles.mixture import Mixture
+from ilattice.tiles.skeleton import FACES, SkeletonField
+from ilattice.tiles.tile import Tile
+
+if TYPE_CHECKING:
+    from ilattice.macroshape.lattice import Lattice
+
+#: Random points that tell the size of a solid and the error of its spline.
+POINTS = 1 << 15
+#: Part of them, nearest to the surface, whose gradients set the unit of the field.
+NEAR = 0.1
+#: Spans of the spline per radius of the thinnest strut, and the most coefficients.
+PER_RADIUS, MOST_IN_TOTAL = 4.0, 1 << 22
+#: Error of the spline, relative to the least thickness, from which on there is a warning.
+MOST_ERROR = 0.02
+
+
+class TileField:
+    """Field of the tiles of a lattice over the domain, scaled to lengths in space.
+
+    Parameters
+    ----------
+    lattice : Lattice
+        The lattice.
+    tol : float, optional
+        Largest error (99th percentile, at the surface) of `spline`, in units of length.
+    """
+
+    def __init__(self, lattice: Lattice, tol: float | None = None) -> None:
+        self.lattice, self.tol, self.scale, self.tile = lattice, tol, 1.0, _uncut(lattice.tile)
+        u = _random(lattice, POINTS, 0)
+        f, g = self.jet(u, 1)
+        jacobian = lattice.through.jacobian(u)
+        slope = np.linalg.norm(_in_space(g, jacobian), axis=1)
+        near = np.argsort(np.abs(f), kind="stable")[: int(NEAR * POINTS)]
+        self.scale = 1.0 / max(float(np.median(slope[near])), 1e-300)
+        width = float(np.abs(f[near]).max())
+        det = np.abs(np.linalg.det(jacobian))
+        area = float((det * slope)[near].sum()) / max(2.0 * width, 1e-300)
+        filled = float(det[f < 0.0].sum())
+        if filled == 0.0:
+            raise GeometryError(
+                f"nothing of the solid of tile {lattice.tile.name!r} is in the domain"
+            )
+        #: Twice the volume by the area: the thickness of a plate, the radius of a rod.
+        self.width = 2.0 * filled / area if area > 0.0 else np.inf
+        self.c = self.scale * np.array([f.min(), f.max()])
+
+    @property
+    def domain(self) -> FloatArray:
+        """The parameter domain, shape (2, 3)."""
+        return self.lattice.domain
+
+    def breaks(self, axis: int) -> FloatArray:
+        """Faces of the tiles and the planes between, as dense as knots of distance splines."""
+        n = self.lattice.spans * self.lattice.repeat[axis] + 1
+        lo, hi = self.domain[:, axis]
+        return np.linspace(lo, hi, n)
+
+    def __call__(self, u: ArrayLike, /) -> FloatArray:
+        """Value, shape (n,), at parameters (n, 3)."""
+        u = as_points("u", u)
+        if isinstance(self.tile, Mixture):
+            return self.scale * self.lattice.implicit(u)
+        return self.scale * self.tile(self.lattice._in_tile(self.lattice.tile_coordinates(u)))
+
+    def jet(self, u: ArrayLike, order: int = 2) -> tuple[FloatArray, ...]:
+        """Value, gradient and Hessian in the parameters: `order` + 1 of them."""
+        u = as_points("u", u)
+        if order == 0:
+            return (self(u),)
+        tile, (lo, hi) = self.tile, self.domain
+        if isinstance(tile, Mixture):
+            return tuple(self.scale * a for a in self.lattice.implicit_jet(u, order))
+        p = self.lattice._in_tile(self.lattice.tile_coordinates(u))
+        value, *rest = tile.jet(p, order)
+        if not hasattr(tile.field, "jet"):
+            value = tile(p)
+        step = np.array(self.lattice.repeat) / (hi - lo)
+        factors = (step, step[:, None] * step)
+        parts = (value, *(a * s for a, s in zip(rest, factors, strict=False)))
+        return tuple(self.scale * a for a in parts)
+
+    def range(self, lo: ArrayLike, hi: ArrayLike, **_: Any) -> FloatArray:
+        """Bounds, shape (m, 2), on boxes; infinite if the field of the tile has none."""
+        lo, hi = as_points("lo", lo), as_points("hi", hi)
+        tile = self.tile
+        out = np.stack([np.full(len(lo), -np.inf), np.full(len(lo), np.inf)], axis=1)
+        if isinstance(tile, Mixture) or not hasattr(tile.field, "range"):
+            return out
+        a, b = self.lattice.tile_coordinates(lo), self.lattice.tile_coordinates(hi)
+        first, last = np.floor(a), np.maximum(np.ceil(b) - 1.0, np.floor(a))
+        few = np.flatnonzero((last - first).max(axis=1, initial=0.0) <= 1.0)
+        low, high = np.full(len(few), np.inf), np.full(len(few), -np.inf)
+        for upper in product((False, True), repeat=3):
+            at, ends = _in_one_tile(a[few], b[few], first[few], last[few], np.array(upper))
+            bound = tile.range(*ends)
+            low[at] = np.minimum(low[at], bound[:, 0])
+            high[at] = np.maximum(high[at], bound[:, 1])
+        out[few] = self.scale * np.stack([low, high], axis=1)
+        return out
+
+    # ------------------------------------------------------------------ the spline
+
+    @cached_property
+    def spline(self) -> BSpline:
+        """Spline with nearly the same zero set, for what is integrated or solved on."""
+        lattice = self.lattice
+        spans = np.full(3, lattice.spans) if self.tol is not None else self._spans
+        while True:
+            spline = interpolated(lattice, self._smooth, spans, DEGREE)
+            self.error = self._measured(spline)
+            if self.tol is None or self.error <= self.tol:
+                break
+            more = _affordable(lattice, np.ceil(1.5 * spans))
+            if (more <= spans).any():
+                raise ConvergenceError(
+                    f"tol={self.tol:g} is not met with {spans.tolist()} spans per tile: the spline "
+                    f"of the solid is off by {self.error:.3g}; ask for less, or repeat fewer tiles"
+                )
+            spans = more
+        if self.tol is None and self.error > MOST_ERROR * thinnest(self):
+            warnings.warn(
+                f"the spline that quadrature and analysis go by is off by {self.error:.2g} from "
+                f"the solid, which is {thinnest(self):.2g} thick; meshes and slices are exact",
+                PrecisionWarning,
+                stacklevel=2,
+            )
+        return spline
+
+    error: float = 0.0
+
+    @property
+    def _spans(self) -> IntArray:
+        """Spans per tile that resolve the radii of struts, or waves."""
+        lattice, field = self.lattice, getattr(self.tile, "field", None)
+        spans = np.full(3, lattice.spans)
+        if lattice.spans_per_tile is None and isinstance(field, SkeletonField):
+            edges = np.linalg.norm(field.cell, axis=0)
+            fine = np.ceil(PER_RADIUS * edges / field.thinnest).astype(np.int64)
+            spans = np.maximum(spans, _affordable(lattice, fine))
+        return spans
+
+    def _smooth(self, u: FloatArray) -> FloatArray:
+        """The values as they are, or those of a skeleton, flat away from it."""
+        field = getattr(self.tile, "field", None)
+        if not isinstance(field, SkeletonField):
+            return self(u)
+        p = self.lattice._in_tile(self.lattice.tile_coordinates(u))
+        return self.scale * field.flattened(float(getattr(self.tile, "level", 0.0)))(p)
+
+    def _measured(self, spline: BSpline) -> float:
+        """Deviation of a spline at the surface: 99th percentile at random points near it."""
+        u = _random(self.lattice, POINTS, 1)
+        f = self(u)
+        near = np.argsort(np.abs(f), kind="stable")[: POINTS // 16]
+        u, _ = onto_zero(self, u[near])
+        return float(np.percentile(np.abs(spline(u)), 99))
+
+
+def _uncut(tile: Tile | Mixture) -> Tile | Mixture:
+    """The tile; a skeleton without the planes of closed faces, where domain and neighbours cut it.
+
+    On these planes its field is zero, and tells nothing of the rims there.
+    """
+    field = getattr(tile, "field", None)
+    if (
+        isinstance(tile, Mixture)
+        or not isinstance(field, SkeletonField)
+        or "closed" not in field.faces
+    ):
+        return tile
+    faces = dict(zip(FACES, (k.replace("closed", "open") for k in field.faces), strict=True))
+    open_field = SkeletonField(field.entities, field.radius, field.blend, faces, field.cell)
+    return replace(tile, field=open_field, check=False)
+
+
+def _affordable(lattice: Lattice, spans: AnyArray) -> IntArray:
+    """Spans per tile, or less where the coefficients would be too many."""
+    total = float(np.prod(spans * np.array(lattice.repeat, float)))
+    share = min(1.0, (MOST_IN_TOTAL / total) ** (1.0 / 3.0))
+    return np.maximum(np.floor(spans * share), 2).astype(np.int64)
+
+
+def onto_zero(field: TileField, u: FloatArray, steps: int = 8) -> tuple[FloatArray, FloatArray]:
+    """Points next to the surface moved onto it along the gradient, and what is left there."""
+    lo, hi = field.domain
+    out = u
+    for _ in range(steps):
+        f, g = field.jet(out, 1)
+        square = np.maximum((g * g).sum(axis=1), 1e-300)
+        out = np.clip(out - (f / square)[:, None] * g, lo, hi)
+    return out, np.abs(field(out))
+
+
+def thinnest(field: TileField) -> float:
+    """Least thickness in space: of struts and plates by their radii, of others `width`."""
+    lattice = field.lattice
+    skeleton = getattr(lattice.tile, "field", None)
+    if not isinstance(skeleton, SkeletonField):
+        return field.width
+    u = _random(lattice, 512, 2)
+    step = np.ptp(lattice.domain, axis=0) / np.array(lattice.repeat)
+    jacobian = lattice.through.jacobian(u) * step @ np.linalg.inv(skeleton.cell)
+    return 2.0 * skeleton.thinnest * float(np.linalg.svd(jacobian, compute_uv=False).min())
+
+
+@dataclass(frozen=True, eq=False)
+class SolidWall(Wall):
+    """The solid of the tiles: made by ``Lattice.offset((np.inf, 0))``.
+
+    Attributes
+    ----------
+    distance : TileField
+        The field of the tiles; it takes the place of the distance.
+    """
+
+    distance: Any
+
+    _exact = False
+
+    @cached_property
+    def least_thickness(self) -> float:
+        """Least thickness of struts and plates; of other solids twice the volume by the area."""
+        return thinnest(self.distance)
+
+    @property
+    def _of_skeleton(self) -> bool:
+        return isinstance(getattr(self.lattice.tile, "field", None), SkeletonField)
+
+    @property
+    def _has_necks(self) -> bool:  # type: ignore[override]
+        return not self._of_skeleton
+
+    @property
+    def creased(self) -> bool:  # type: ignore[override]
+        """Whether it is a skeleton, in a map that is open in all directions."""
+        return self._of_skeleton and not any(self.lattice.through.closed)
+
+    def _in_space(self, _name: str) -> Wall:
+        return Wall(self.lattice, distance_spline(self.lattice), self.thickness)
+
+    def _errors(self, u: FloatArray, _side: AnyArray) -> tuple[FloatArray, FloatArray]:
+        """Distance from the zero set to first order, and 0, which it should be."""
+        f, g = self.distance.jet(u, 1)
+        slope = np.linalg.norm(_in_space(g, self.lattice.through.jacobian(u)), axis=1)
+        return np.abs(f) / np.maximum(slope, 1e-3 * np.median(slope)), np.zeros(len(u))
+
+
+def solid_wall(lattice: Lattice, thickness: Thickness, tol: float | None = None) -> SolidWall:
+    """The solid of the tiles of a lattice as it is.
+
+    Parameters
+    ----------
+    lattice : Lattice
+        Tiles and map.
+    thickness : Thickness
+        That of ``(np.inf, 0)``.
+    tol : float, optional
+        As in `ilattice.offsets.offset`.
+
+    Returns
+    -------
+    SolidWall
+        The solid.
+    """
+    return SolidWall(lattice, TileField(lattice, tol), thickness)
+
+
+def _random(lattice: Lattice, n: int, seed: int) -> FloatArray:
+    """Random parameters (n, 3)."""
+    lo, hi = lattice.domain
+    return lo + (hi - lo) * np.random.default_rng(seed).random((n, 3))
+
+
+def _in_space(g: FloatArray, jacobian: FloatArray) -> FloatArray:
+    """Gradients in space from those in the parameters; where the map is flat, zero."""
+    with np.errstate(all="ignore"):
+        det = np.linalg.det(jacobian)
+        flat = np.abs(det) <= 1e-12 * np.abs(det).max()
+        safe = np.where(flat[:, None, None], np.eye(3), jacobian)
+        out = np.linalg.solve(safe.transpose(0, 2, 1), g[:, :, None])[:, :, 0]
+    return np.where(flat[:, None], 0.0, out)
+
+
+def _in_one_tile(
+    a: FloatArray, b: FloatArray, first: FloatArray, last: FloatArray, upper: AnyArray
+) -> tuple[AnyArray, tuple[FloatArray, FloatArray]]:
+    """Parts of boxes in the lower or upper one of two tiles per axis, in the unit cube."""
+    at = np.flatnonzero(((last > first) | ~upper).all(axis=1))
+    tile = np.where(upper, last, first)[at]
+    return at, (np.clip(a[at] - tile, 0.0, 1.0), np.clip(b[at] - tile, 0.0, 1.0))

@@ -1,0 +1,168 @@
+"""Graphs of struts as they are: meshed, sliced and integrated without distances.
+
+The oracle is the union of the balls along the axes, by closed formulae or dense sampling in NumPy.
+"""
+
+import numpy as np
+import pytest
+
+import ilattice as il
+from ilattice.errors import ConvergenceError, InputError, PrecisionWarning
+
+NODES = np.array(
+    [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0.5, 0.47, 0.9), (0.53, 0.5, 0.4)], float
+)
+EDGES = [(0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 4), (2, 4), (3, 4), (4, 5)]
+STRUTS = [NODES[list(e)] for e in EDGES]
+FREE = np.array([(7.1, -3, 2), (9, -2.6, 2.2), (8.8, -1, 2.4), (7, -1.2, 1.9), (8, -2, 3.7)])
+RING = [(0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 4), (2, 4), (3, 4)]
+
+
+def balls(x, nodes, edges, radii, steps=400):
+    """Least of |x - p| - r over the balls of all struts, radii (m, 2) linear along them."""
+    out = np.full(len(x), np.inf)
+    for (a, b), (ra, rb) in zip(edges, radii, strict=True):
+        p, q = nodes[a], nodes[b]
+        t = np.linspace(0, 1, steps)
+        if ra == rb:  # the nearest ball is that of the foot
+            t = np.clip((x - p) @ (q - p) / ((q - p) @ (q - p)), 0, 1)
+            ball = np.linalg.norm(x - p - t[:, None] * (q - p), axis=1) - ra
+        else:
+            ways = np.linalg.norm(x[:, None] - p - t[:, None] * (q - p), axis=2)
+            ball = (ways - (ra + t * (rb - ra))).min(axis=1)
+        out = np.minimum(out, ball)
+    return out
+
+
+def cube(n, repeat=(1, 1, 1)):
+    axes = [(np.arange(n * r) + 0.5) / n for r in repeat]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+@pytest.mark.parametrize("faces", ["open", "closed"])
+def test_struts_between_nodes_on_faces_edges_and_corners_are_meshed(faces):
+    tile = il.tiles.skeleton(STRUTS, radius=0.05, faces=faces)
+    wall = il.Lattice(tile, through=il.macroshape.box((1, 1, 1))).offset((np.inf, 0))
+    mesh = wall.mesh(h=0.02)
+    assert mesh.is_watertight
+    assert mesh.self_intersections == 0
+    assert (mesh.components, mesh.genus) == (1, 4)  # 9 edges - 6 nodes + 1
+    radii = np.full((9, 2), 0.05)
+    exact = float((balls(cube(120), NODES, EDGES, radii) < 0).mean())
+    assert mesh.volume == pytest.approx(exact, rel=0.025)
+    assert wall.volume() == pytest.approx(exact, rel=0.015)
+    assert wall.slices(thickness=0.02).volume() == pytest.approx(exact, rel=0.015)
+    outside = mesh.vertices[mesh.point_data["side"] != 0]
+    off = np.abs(balls(outside, NODES, EDGES, radii))
+    assert np.percentile(off, 99) < 1e-9
+    assert wall.thickness_error(mesh).relative < 1e-6
+
+
+def test_varying_radii_and_blends_of_repeated_cells_through_a_bent_map():
+    rng = np.random.default_rng(8)
+    radii = rng.uniform(0.04, 0.08, (9, 2))
+    tile = il.tiles.struts(NODES, EDGES, radii, faces="open", blend=0.03)
+    corners = [(0, 0, 0), (2, 0, 0.1), (2, 2.1, 0), (0, 2, 0.1), (0.2, 0, 1), (2.2, 0.1, 1),
+               (2, 2.2, 1.2), (0.1, 2, 1.1)]  # fmt: skip
+    through = il.macroshape.hexahedron(corners)
+    lattice = il.Lattice(tile, through=through, repeat=(2, 2, 1))
+    mesh = lattice.offset((np.inf, 0)).mesh(h=0.04)
+    assert mesh.is_watertight
+    assert mesh.self_intersections == 0
+    assert mesh.components == 1
+    data = mesh.point_data
+    u = np.stack([data[k] for k in "uvw"], axis=1)[data["side"] != 0]
+    at = u * [2, 2, 1]
+    bottom = np.minimum(np.floor(at), [1, 1, 0])
+    f = balls(at - bottom, NODES, EDGES, radii)
+    # a smooth union of at most n struts adds up to k / 2 (1 - 1 / n)
+    assert f.min() > -1e-4
+    assert f.max() < 0.5 * 0.03 * (1 - 1 / 9) + 1e-9
+    assert np.mean(np.abs(f) < 1e-4) > 0.3
+
+
+@pytest.mark.parametrize("per", ["node", "edge", "end"])
+def test_a_graph_in_space_is_meshed_sliced_and_integrated(per):
+    rng = np.random.default_rng(5)
+    radii = {
+        "node": rng.uniform(0.1, 0.2, 5), "edge": rng.uniform(0.1, 0.2, 8),
+        "end": rng.uniform(0.1, 0.2, (8, 2)),
+    }[per]  # fmt: skip
+    ends = {
+        "node": lambda r: r[np.array(RING)], "edge": lambda r: np.stack([r, r], 1),
+        "end": lambda r: r,
+    }[per](radii)  # fmt: skip
+    wall = il.Lattice.from_struts(FREE, RING, radii).offset((np.inf, 0))
+    mesh = wall.mesh()
+    assert mesh.is_watertight
+    assert mesh.self_intersections == 0
+    assert (mesh.components, mesh.genus) == (1, 4)
+    x = mesh.vertices[rng.choice(len(mesh.vertices), 500)]
+    assert np.percentile(np.abs(balls(x, FREE, RING, ends, 2000)), 99) < 2e-5
+    assert (mesh.point_data["side"] == 1).all()  # nothing ends at the box around it
+    p = rng.uniform(*mesh.bounds, (60_000, 3))
+    inside = balls(p, FREE, RING, ends, 60) < 0
+    exact = inside.mean() * np.prod(np.ptp(mesh.bounds, axis=0))
+    noise = 4 * np.sqrt(exact * np.prod(np.ptp(mesh.bounds, axis=0)) / len(p))
+    assert abs(wall.volume() - exact) < noise
+    assert mesh.volume == pytest.approx(wall.volume(), rel=0.03)
+    assert wall.slices(thickness=0.06).volume() == pytest.approx(wall.volume(), rel=0.01)
+
+
+def test_a_bar_in_space_is_as_stiff_as_a_bar():
+    length, r = 6.0, 0.5
+    wall = il.Lattice.from_struts([(0, 0, 0), (length, 0, 0)], [(0, 1)], r).offset((np.inf, 0))
+    lo, hi = wall.lattice.through.bounds
+    assert lo[0] < -r
+    assert hi[0] > length + r
+    mass = il.cutfem.quadrature(wall).integrate(lambda x: np.ones(len(x)))
+    assert mass == pytest.approx(np.pi * r**2 * length + 4 / 3 * np.pi * r**3, rel=2e-3)
+
+
+def test_solids_of_other_tiles_need_no_distances_either():
+    lattice = il.Lattice("gyroid", through=il.macroshape.torus(), repeat=(9, 2, 2))
+    wall = lattice.offset((np.inf, 0))
+    mesh = wall.mesh(h=0.1)
+    assert lattice.statistics.queries == 0
+    assert mesh.is_watertight
+    u = np.stack([mesh.point_data[k] for k in "uvw"], axis=1)[mesh.point_data["side"] != 0]
+    assert np.abs(lattice.distance(u[::50])).max() < 1e-6
+    assert wall.relative_density() == pytest.approx(0.5, abs=0.01)
+
+
+def test_a_tolerance_refines_the_spline_or_says_that_it_cannot(monkeypatch):
+    monkeypatch.setattr("ilattice.offsets.solid.MOST_IN_TOTAL", 1 << 16)
+    tile = il.tiles.struts(NODES, EDGES, 0.08)
+    lattice = il.Lattice(tile, through=il.macroshape.box((1, 1, 1)))
+    wall = lattice.offset((np.inf, 0), tol=4e-3)
+    wall.volume()
+    assert wall.distance.error < 4e-3
+    with pytest.raises(ConvergenceError, match="spans per tile"):
+        lattice.offset((np.inf, 0), tol=1e-9).volume()
+
+
+def test_a_spline_that_is_too_coarse_is_told():
+    tile = il.tiles.struts(NODES, EDGES, 0.02)
+    lattice = il.Lattice(tile, through=il.macroshape.box((1, 1, 1)), spans_per_tile=16)
+    with pytest.warns(PrecisionWarning, match="quadrature and analysis"):
+        lattice.offset((np.inf, 0)).volume()
+
+
+@pytest.mark.parametrize(
+    ("nodes", "edges", "radii", "match"),
+    [
+        (FREE, [(0, 7)], 0.1, r"edges\[0\] is \[0.0, 7.0\]: it must name nodes"),
+        (FREE, [(0, 1.5)], 0.1, "must name nodes by numbers from 0 to 4"),
+        (FREE, [(0, 1), (2, 2)], 0.1, r"edges\[1\] .* joins a node with itself"),
+        (FREE, [*RING, (1, 0)], 0.1, r"edges\[8\] .* is there twice"),
+        (FREE, RING[:3], 0.1, r"nodes\[4\] has no edge"),
+        (FREE[[0, 0, 1]], [(0, 1), (1, 2)], 0.1, "two nodes at the same place"),
+        (FREE, RING, -0.1, "radii must be positive"),
+        (FREE, RING, np.full(6, 0.1), r"one per node \(5,\), one per edge \(8,\)"),
+        (FREE, [*RING[:4], (0, 4)], np.full(5, 0.1), "5 nodes or of the 5 edges"),
+        (FREE, [0, 1], 0.1, r"shape \(m, 2\)"),
+    ],
+)
+def test_what_is_no_graph_is_refused_by_name(nodes, edges, radii, match):
+    with pytest.raises(InputError, match=match):
+        il.Lattice.from_struts(nodes, edges, radii)
