@@ -159,6 +159,10 @@ class Assembly:
             rows = slice(int(rule.offsets[part.start]), int(rule.offsets[part.stop]))
             yield position[part], part, rows
 
+    def owners(self, rule: Quadrature) -> IntArray:
+        """Position in the space of the cell of each point of a rule, (n,)."""
+        return np.searchsorted(self.space.cells, rule.cells)[rule.owners]
+
     def add_cells(
         self, data: FloatArray, rule: Quadrature, kind: int, d: FloatArray, p: float = 1.0,
         q: float = 0.0,
@@ -212,10 +216,16 @@ class Assembly:
 
         `rule` is in parameters, or in space with `parameters`.
         """
+        return self.gathered(rule, self.per_cell(rule, f, P))
+
+    def per_cell(
+        self, rule: Quadrature, f: FloatArray | None, P: FloatArray | None = None
+    ) -> FloatArray:
+        """`vector` before it is summed over cells: (cells of the rule, nb, m)."""
         m = (f if f is not None else P).shape[1]  # type: ignore[union-attr]
         out = np.empty((len(rule.cells), self.space.dofs.shape[1], m))
         self._vectors(rule, f, P, out)
-        return self._gathered(rule, out)
+        return out
 
     def vector_by_parts(self, rule: Quadrature, m: int, density: Density) -> FloatArray:
         """`vector` (functions, m) of what is computed part by part: nothing is kept at all points.
@@ -244,7 +254,7 @@ class Assembly:
             f = None if f is None else w[:, None] * f
             P = None if P is None else w[:, None, None] * P
             self._vectors(part, f, P, out[cells])
-        return self._gathered(rule, out)
+        return self.gathered(rule, out)
 
     def _vectors(
         self, rule: Quadrature, f: FloatArray | None, P: FloatArray | None, out: FloatArray
@@ -261,7 +271,7 @@ class Assembly:
             u, J, np.ascontiguousarray(f), np.ascontiguousarray(P), out,
         )  # fmt: skip
 
-    def _gathered(self, rule: Quadrature, parts: FloatArray) -> FloatArray:
+    def gathered(self, rule: Quadrature, parts: FloatArray) -> FloatArray:
         """Sums (functions, m) of what is given per cell of a rule and function, (cells, nb, m)."""
         nodes = self.space.dofs[np.searchsorted(self.space.cells, rule.cells)].ravel()
         m = parts.shape[2]

@@ -11,31 +11,38 @@ differ by default: degree 2 instead of 1, and a consistent stabilization (see `s
 are ``degree=1, stabilization="void", weight=1.0``.
 
 Guarantees: equilibrium of loads and reactions, and twice the energy equal to the work, to the
-tolerance of the solver; exact for displacements in the space (affine ones, through affine maps).
-Non-guarantees: small displacements; stresses at re-entrant edges grow without bound under
+tolerance of the solver; exact for displacements in the space (affine ones, through affine maps)
+from degree 2 on, and of degree 1 with ``q=3, stabilization="ghost"``.
+Non-guarantees: the defaults of degree 1 are chosen for speed: stresses of an affine displacement
+are off by 1e-4 in the mean square, and by up to a tenth in slivers of cells; small displacements; stresses at re-entrant edges grow without bound under
 refinement; a wall thinner than a cell is too stiff, and a warning says so.
 """
 
+import warnings
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
 from ilattice._progress import Progress
-from ilattice._typing import FloatArray
+from ilattice._typing import FloatArray, IntArray
 from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem import weak
 from ilattice.cutfem.conditions import Load, Support, values_at
+from ilattice.cutfem.dilatation import FROM, Dilatation, as_terms
 from ilattice.cutfem.domain import as_domain
 from ilattice.cutfem.material import Isotropic, Property, Scalar
 from ilattice.cutfem.problem import Problem
 from ilattice.cutfem.rules import Quadrature, on_cells
-from ilattice.errors import InputError
+from ilattice.errors import InputError, PrecisionWarning
 from ilattice.offsets.wall import Wall
 
 if TYPE_CHECKING:
     from ilattice.cutfem.solution import Solution
+
+
+DILATATIONS = ("auto", "full", "projected")
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -61,14 +68,18 @@ class Elasticity(Problem):
         which is the default. With 0 thin struts bend at joints within a cell or two, at up to
         degree³ times as many unknowns; see `ilattice.cutfem` for which to use when.
     q : int, optional, keyword-only
-        Gauss points per direction and piece of a cell; by default 2 for degree 1, else degree + 2:
-        with fewer, errors under tractions on a curved surface fall more slowly than those of the
+        Gauss points per direction and piece of a cell; by default 2 for degree 1, which takes two
+        thirds of the time of 3 and costs accuracy in slivers (see above), else degree + 2: with fewer, errors under tractions on a curved surface fall more slowly than those of the
         space.
     stabilization : {"auto", "ghost", "void", "none"}, keyword-only
         What is done about badly cut cells: ``"ghost"`` penalises jumps, the default from degree 2
         on; ``"void"`` gives the void part of cut cells a weight, 1e-8 by default for degree 1.
     weight : float, optional, keyword-only
         Of the stabilization.
+    dilatation : {"auto", "full", "projected"}, keyword-only
+        Change of volume in the energy: at every point, or projected cell by cell, which keeps
+        nearly incompressible solids from locking; see `ilattice.cutfem.dilatation`. By default it
+        is projected where Poisson's ratio is 0.45 or above somewhere.
     islands : {"drop", "refuse"}, keyword-only
         What is done with parts that nothing holds.
     domain : array_like, shape (2, 3), optional, keyword-only
@@ -86,8 +97,8 @@ class Elasticity(Problem):
     Warns
     -----
     PrecisionWarning
-        If degree times the thickness of the wall in cells is below 2, or hardly a cell lies in
-        the struts of a solid lattice.
+        If degree times the thickness of the wall in cells is below 2, hardly a cell lies in
+        the struts of a solid lattice, or the solid is nearly incompressible and locks.
 
     Examples
     --------
@@ -104,14 +115,17 @@ class Elasticity(Problem):
 
     m: ClassVar[int] = 3
     material: Isotropic
+    dilatation: str
 
     def __init__(
         self, field: Any, cells: Any = None, *, young: Property = 1.0, poisson: Property = 0.3,
         density: Property = 1.0, expansion: Property = 0.0, strength: Property | None = None,
         degree: int = 2, smoothness: int | None = None, q: int | None = None,
-        stabilization: str = "auto", weight: float | None = None, islands: str = "drop",
-        domain: Any = None, through: Any = None,
+        stabilization: str = "auto", weight: float | None = None, dilatation: str = "auto",
+        islands: str = "drop", domain: Any = None, through: Any = None,
     ) -> None:  # fmt: skip
+        if dilatation not in DILATATIONS:
+            raise InputError(f"dilatation must be one of {DILATATIONS}, got {dilatation!r}")
         where = as_domain(
             field, cells, degree=degree, smoothness=smoothness, q=q, stabilization=stabilization,
             weight=weight, domain=domain, through=through,
@@ -125,7 +139,7 @@ class Elasticity(Problem):
             Scalar("expansion", expansion, -np.inf, lattice=lattice),
             None if strength is None else Scalar("strength", strength, lattice=lattice),
         )
-        self._set(material=material)
+        self._set(material=material, dilatation=dilatation)
         where.warn_coarse()
 
     # ---------------------------------------------------------------- verbs
@@ -262,18 +276,55 @@ class Elasticity(Problem):
 
     # ---------------------------------------------------------------- operators
 
+    @cached_property
+    def projection(self) -> Dilatation | None:
+        """What projects the change of volume, or None where it is taken at every point."""
+        near = self._largest_nu >= FROM
+        if self.dilatation == "full" and near:
+            warnings.warn(
+                f"Poisson's ratio is up to {self._largest_nu:g}, and with dilatation='full' the "
+                "solid locks: it is too stiff by a tenth and more; take dilatation='auto'",
+                PrecisionWarning,
+                stacklevel=3,
+            )
+        if self.dilatation == "full" or (self.dilatation == "auto" and not near):
+            return None
+        asm, space = self.assembly, self.assembly.space
+
+        def make() -> Dilatation:
+            rules = self.domain.stiff_rules(asm, constant=self.material.constant)
+            terms = as_terms(space.degree, space.smoothness)
+            return Dilatation.of(asm, self.material, rules, terms)
+
+        if "projection" not in self._held:
+            self._held["projection"] = make()
+        made: Dilatation = self._held["projection"]
+        return made
+
+    @cached_property
+    def _largest_nu(self) -> float:
+        """Largest Poisson's ratio at the points of quadrature."""
+        if self.material.poisson.constant:
+            return float(self.material.poisson.at(self.assembly, np.zeros((1, 3)))[0])
+        return float(self.material.poisson.at(self.assembly, self.domain.volume.points).max())
+
     def _matrix(self) -> Any:
         asm = self.assembly
         data = asm.zeros(3)
+        projection = self.projection
+        whole = 0.0 if projection is not None else 1.0
         for rule in self.domain.stiff_rules(asm, constant=self.material.constant):
             lame = self.material.lame(asm, rule.points)
             if self.material.constant:
                 lam, mu = (float(v[0]) for v in lame)
-                asm.add_cells(data, rule, kernels.PAIRS, np.ones((1, 1)), lam, mu)
+                asm.add_cells(data, rule, kernels.PAIRS, np.ones((1, 1)), whole * lam, mu)
                 continue
-            for v, p, q in zip(lame, (1.0, 0.0), (0.0, 1.0), strict=True):
-                d = np.broadcast_to(v, len(rule))[:, None].copy()
-                asm.add_cells(data, rule, kernels.PAIRS, d, p, q)
+            for v, p, q in zip(lame, (whole, 0.0), (0.0, 1.0), strict=True):
+                if p or q:
+                    d = np.broadcast_to(v, len(rule))[:, None].copy()
+                    asm.add_cells(data, rule, kernels.PAIRS, d, p, q)
+        if projection is not None:
+            projection.add(data)
         asm.add_ghost(data, self.ghost_stiffness)
         for support in self.in_the_mean:
             weak.add_elastic(data, self, weak.elastic_terms(self, support))
@@ -383,7 +434,7 @@ class Elasticity(Problem):
         """Force f (n, 3) and stress P (n, 3, 3) of a load at the points of a rule in space."""
         assert rule.parameters is not None
         if load.kind == "temperature":
-            s = self.thermal_stress(load, rule.parameters)
+            s = self.thermal_stress(load, rule.parameters, self.assembly.owners(rule))
             return None, s[:, None, None] * np.eye(3)
         if load.kind == "pressure":
             assert rule.normals is not None
@@ -409,7 +460,7 @@ class Elasticity(Problem):
         heated = (load for load in self.loads if load.kind == "temperature")
         return sum((self._expansion(load, u) for load in heated), np.zeros(len(u)))
 
-    def thermal_stress(self, load: Load, u: FloatArray) -> FloatArray:
+    def thermal_stress(self, load: Load, u: FloatArray, owner: IntArray) -> FloatArray:
         """Pressure that would keep a heated solid from expanding.
 
         Parameters
@@ -418,14 +469,32 @@ class Elasticity(Problem):
             A temperature.
         u : ndarray, shape (n, 3)
             Parameters.
+        owner : ndarray, shape (n,)
+            Active cells they are in.
 
         Returns
         -------
         ndarray, shape (n,)
-            (3 λ + 2 μ) α ΔT.
+            (3 λ + 2 μ) α ΔT, the change of volume 3 α ΔT projected if that of the solid is.
         """
         lam, mu = self.material.lame(self.assembly, u)
-        return (3 * lam + 2 * mu) * self._expansion(load, u)
+        strain = self._expansion(load, u)
+        if self.projection is None:
+            return (3 * lam + 2 * mu) * strain
+        projected = self.projection.at(self.projected_expansion[load], u, owner)
+        return 3 * lam * projected + 2 * mu * strain
+
+    @cached_property
+    def projected_expansion(self) -> dict[Load, FloatArray]:
+        """Projections (cells, terms) of α ΔT of every temperature, if there are any."""
+        if self.projection is None:
+            return {}
+        rule = on_cells(self.domain.volume, self.assembly.space.cells)
+        return {
+            load: self.projection.of_values(self.material, rule, self._expansion(load, rule.points))
+            for load in self.loads
+            if load.kind == "temperature"
+        }
 
     def _expansion(self, load: Load, u: FloatArray) -> FloatArray:
         """Strain α ΔT (n,) of one temperature."""

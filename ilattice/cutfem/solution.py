@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ilattice._typing import AnyArray, ArrayLike, FloatArray
+from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_points
 from ilattice.cutfem.elasticity import Elasticity
 from ilattice.cutfem.output import Result
@@ -100,7 +100,7 @@ class Solution(Result):
             xx, yy, zz, yz, xz, xy.
         """
         p = as_points("u", u)
-        return self._stress(self._fields(p)[1], p)
+        return self._stress(self._fields(p)[1], p, self.problem.assembly.space.locate(p))
 
     def von_mises(self, u: ArrayLike) -> FloatArray:
         """Von Mises stress at parameters.
@@ -150,9 +150,10 @@ class Solution(Result):
             As `stress`.
         """
         u = rule.points if rule.parameters is None else rule.parameters
-        out = np.empty((len(rule), 6))
-        for rows, _, gradient in self.problem.assembly.on_rule(self.coefficients, rule):
-            out[rows] = self._stress(gradient, u[rows])
+        asm, out = self.problem.assembly, np.empty((len(rule), 6))
+        owner = asm.owners(rule)
+        for rows, _, gradient in asm.on_rule(self.coefficients, rule):
+            out[rows] = self._stress(gradient, u[rows], owner[rows])
         return out
 
     def recovered(self) -> "Recovered":
@@ -182,14 +183,27 @@ class Solution(Result):
     def _fields(self, u: ArrayLike) -> tuple[FloatArray, FloatArray]:
         return self.problem.assembly.evaluate(self.coefficients, as_points("u", u))
 
-    def _stress(self, gradient: FloatArray, u: FloatArray) -> FloatArray:
+    def _stress(self, gradient: FloatArray, u: FloatArray, owner: IntArray) -> FloatArray:
         problem = self.problem
         lam, mu = problem.material.lame(problem.assembly, u)
-        out = elastic_stress(gradient, lam, mu)
+        out = elastic_stress(gradient, lam * self._dilatation(gradient, u, owner), mu)
         for load in problem.loads:
             if load.kind == "temperature":
-                out[:, :3] -= problem.thermal_stress(load, u)[:, None]
+                out[:, :3] -= problem.thermal_stress(load, u, owner)[:, None]
         return out
+
+    def _dilatation(self, gradient: FloatArray, u: FloatArray, owner: IntArray) -> FloatArray:
+        """Change of volume (n,) that makes stress: div u, or its projection."""
+        projection = self.problem.projection
+        if projection is None:
+            return np.trace(gradient, axis1=1, axis2=2)
+        return projection.at(self._projected, u, owner)
+
+    @cached_property
+    def _projected(self) -> FloatArray:
+        """Projection (cells, terms) of div u."""
+        assert self.problem.projection is not None
+        return self.problem.projection.of_field(self.coefficients)
 
     def utilization(self, u: ArrayLike) -> FloatArray:
         """Von Mises stress over the strength of the material, at parameters.
@@ -247,15 +261,26 @@ class Solution(Result):
         """Half of stress times elastic strain, or, not `heated`, as if nothing were heated."""
         problem, total = self.problem, 0.0
         asm = problem.assembly
+        owner = asm.owners(rule)
         for rows, _, gradient in asm.on_rule(self.coefficients, rule):
             u = rule.points[rows]
             weights = rule.weights[rows] * np.abs(np.linalg.det(asm.jacobians(u)))
             lam, mu = problem.material.lame(asm, u)
+            volume = self._dilatation(gradient, u, owner[rows])
             if heated:
                 gradient -= problem.thermal_strain(u)[:, None, None] * np.eye(3)
-            density = 0.5 * elastic_stress(gradient, lam, mu) * engineering_strain(gradient)
-            total += float(weights @ density.sum(axis=1))
+                volume -= self._thermal_dilatation(u, owner[rows])
+            shape = elastic_stress(gradient, np.zeros(1), mu) * engineering_strain(gradient)
+            total += 0.5 * float(weights @ (shape.sum(axis=1) + lam * volume**2))
         return total
+
+    def _thermal_dilatation(self, u: FloatArray, owner: IntArray) -> FloatArray:
+        """Change of volume (n,) of free expansion, projected as `_dilatation` is."""
+        problem = self.problem
+        if problem.projection is None:
+            return 3.0 * problem.thermal_strain(u)
+        heat = problem.projected_expansion.values()
+        return 3.0 * sum((problem.projection.at(c, u, owner) for c in heat), np.zeros(len(u)))
 
     @cached_property
     def compliance(self) -> float:
@@ -334,11 +359,11 @@ def engineering_strain(gradient: FloatArray) -> FloatArray:
     return out
 
 
-def elastic_stress(gradient: FloatArray, lam: FloatArray, mu: FloatArray) -> FloatArray:
-    """Stress (n, 6) of displacement gradients (n, 3, 3)."""
+def elastic_stress(gradient: FloatArray, pressure: FloatArray, mu: FloatArray) -> FloatArray:
+    """Stress (n, 6) of displacement gradients (n, 3, 3), with λ times the change of volume."""
     e = engineering_strain(gradient)
     out = mu[:, None] * e
-    out[:, :3] += mu[:, None] * e[:, :3] + (lam * e[:, :3].sum(axis=1))[:, None]
+    out[:, :3] += mu[:, None] * e[:, :3] + pressure[:, None]
     return out
 
 

@@ -37,6 +37,8 @@ class Terms:
         Symmetric stiffness per area.
     lame : ndarray, shape (n, 2)
         Lamé constants of the tractions; zero for springs.
+    pressure : ndarray, shape (n,)
+        λ of tractions by a projected change of volume, which is not in `lame` then; else zero.
     mask : ndarray, shape (3,)
         1 in components that are held.
     """
@@ -44,6 +46,7 @@ class Terms:
     rule: Quadrature
     Q: FloatArray
     lame: FloatArray
+    pressure: FloatArray
     mask: FloatArray
 
 
@@ -56,13 +59,17 @@ def elastic_terms(problem: "Elasticity", support: Spring | Support) -> Terms:
     assert n is not None
     if isinstance(support, Spring):
         k = stiffness_at("stiffness", support.stiffness, rule.points, 3)
-        return Terms(rule, k[:, :, None] * np.eye(3), np.zeros((len(u), 2)), np.zeros(3))
+        none = np.zeros((len(u), 3))
+        return Terms(rule, k[:, :, None] * np.eye(3), none[:, :2], none[:, 2], np.zeros(3))
     lame = np.stack([np.broadcast_to(v, len(u)) for v in problem.material.lame(asm, u)], axis=1)
     scale = NITSCHE * asm.space.degree**2 / cell_heights(asm, rule)
     mask = support.mask.astype(np.float64)
     nn = n[:, :, None] * n[:, None, :] * (mask[:, None] * mask)
     Q = 2 * lame[:, 1, None, None] * np.diag(mask) + lame[:, 0, None, None] * nn
-    return Terms(rule, scale[:, None, None] * Q, lame, mask)
+    pressure = np.zeros(len(u))
+    if problem.projection is not None:
+        pressure, lame[:, 0] = lame[:, 0].copy(), 0.0
+    return Terms(rule, scale[:, None, None] * Q, lame, pressure, mask)
 
 
 def add_elastic(data: FloatArray, problem: "Elasticity", terms: Terms) -> None:
@@ -80,6 +87,9 @@ def add_elastic(data: FloatArray, problem: "Elasticity", terms: Terms) -> None:
             asm.jacobians(u), rule.normals[rows], terms.Q[rows], terms.lame[rows], terms.mask, A,
         )  # fmt: skip
         asm.add_blocks(data, at, A)
+    if problem.projection is not None and terms.pressure.any():
+        f = (rule.weights * terms.pressure)[:, None] * terms.mask * rule.normals
+        problem.projection.add_tractions(data, rule, f)
 
 
 def elastic_force(problem: "Elasticity", terms: Terms, value: Any) -> FloatArray:
@@ -95,7 +105,11 @@ def elastic_force(problem: "Elasticity", terms: Terms, value: Any) -> FloatArray
     P += (terms.lame[:, 0] * np.einsum("qi,qi->q", held, n))[:, None, None] * np.eye(3)
     w = rule.weights
     f = w[:, None] * np.einsum("qij,qj->qi", terms.Q, g)
-    return asm.vector(rule, f, -w[:, None, None] * P)
+    out = asm.vector(rule, f, -w[:, None, None] * P)
+    if problem.projection is not None and terms.pressure.any():
+        normal = np.einsum("qi,qi->q", held, n)
+        out += problem.projection.traction_force(rule, w * terms.pressure * normal)
+    return out
 
 
 def thermal_force(problem: "Elasticity", terms: Terms) -> FloatArray:
@@ -106,7 +120,7 @@ def thermal_force(problem: "Elasticity", terms: Terms) -> FloatArray:
         if load.kind == "temperature":
             assert rule.parameters is not None
             assert rule.normals is not None
-            s = problem.thermal_stress(load, rule.parameters)
+            s = problem.thermal_stress(load, rule.parameters, asm.owners(rule))
             f += asm.vector(rule, (rule.weights * s)[:, None] * terms.mask * rule.normals)
     return f
 

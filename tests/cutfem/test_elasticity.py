@@ -1,5 +1,7 @@
 """Elasticity on cut cells: patch tests, identities, materials, bad input, files, operators."""
 
+import contextlib
+
 import numpy as np
 import pytest
 from manufactured import LAM, MU, ball
@@ -318,6 +320,29 @@ def test_what_can_move_is_refused():
 def test_bad_problems_are_refused(options, message):
     with pytest.raises(InputError, match=message):
         Elasticity(slab, 3, domain=CUBE, **options)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_degree_one_passes_the_patch_test_on_tilted_slabs(seed):
+    """To rounding with ghost penalty and q = 3; its defaults as well as they say."""
+    rng = np.random.default_rng(seed)
+    n = rng.normal(size=3)
+    n /= np.linalg.norm(n)
+    c, A = 0.5 * n.sum() + rng.uniform(-0.2, 0.2), 0.01 * rng.normal(size=(3, 3))
+    exact = (A + A.T) / 2.6 + 0.3 / 1.3 / 0.4 * np.trace(A) * np.eye(3)
+    for options, rms, worst in (
+        ({"q": 3, "stabilization": "ghost"}, 1e-9, 1e-9), ({}, 1e-3, 0.15)
+    ):  # fmt: skip
+        problem = Elasticity(lambda u: u @ n - c, 5, domain=[[0] * 3, [1] * 3], degree=1, **options)
+        for place in ("u=0", "u=1", "v=0", "v=1", "w=0", "w=1"):
+            with contextlib.suppress(GeometryError):  # the slab does not reach that face
+                problem = problem.clamp(place, value=lambda x: x @ A.T)
+        solution = problem.load(traction=exact @ n, on="surface").solve(method="superlu")
+        rule = problem.domain.volume
+        off = solution.stress_on(rule) - exact[[0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1]]
+        off /= np.abs(exact).max()
+        assert np.sqrt(rule.weights @ off**2 / rule.weights.sum()).max() <= rms
+        assert np.abs(off).max() <= worst
 
 
 def test_bad_conditions_are_refused():

@@ -1,0 +1,122 @@
+"""Nearly incompressible solids: they do not lock, and all that was exact still is."""
+
+import numpy as np
+import pytest
+
+from ilattice.cutfem import Elasticity
+from ilattice.errors import InputError, PrecisionWarning
+
+RATIOS = (0.3, 0.49, 0.499)
+SPACES = [(1, 0), (2, 1), (2, 0), (3, 2)]
+BOX = [[-0.1, 0.2, 0.3], [1.0, 1.1, 2.4]]
+A = np.array([[0.02, -0.01, 0.005], [0.003, -0.04, 0.01], [0.0, 0.02, 0.03]])
+NORMAL = np.array([0.3, -0.2, 1.0]) / np.sqrt(1.13)
+
+
+def everywhere(u):
+    return -np.ones(len(u))
+
+
+def slab(u):
+    return u @ NORMAL - 1.37
+
+
+def column(u):
+    return (u[:, 0] - 0.43) ** 2 + (u[:, 1] - 0.67) ** 2 - 0.15
+
+
+def affine(x):
+    return x @ A.T + [0.1, -0.2, 0.3]
+
+
+def tip(nu, **options):
+    """Deflection of a cantilever of 1 x 1 x 10 under shear, over that of Timoshenko."""
+    problem = Elasticity(
+        everywhere, (2, 2, 10), domain=[[0.0] * 3, [1.0, 1.0, 10.0]], poisson=nu, **options
+    )
+    solution = problem.clamp("w=0").load(traction=(1e-3, 0, 0), on="w=1").solve()
+    correction = 10 * (1 + nu) / (12 + 11 * nu)
+    theory = 1e-3 * (1000 * 12 / 3 + 10 * 2 * (1 + nu) / correction)
+    return solution.at([[0.5, 0.5, 10.0]]).displacement[0, 0] / theory
+
+
+def test_a_beam_bends_as_far_at_any_ratio():
+    for nu in RATIOS:
+        assert 0.98 <= tip(nu) <= 1.005
+    assert max(abs(tip(nu, degree=1) / tip(0.3, degree=1, dilatation="projected") - 1)
+               for nu in (0.49, 0.499)) < 0.01  # fmt: skip
+    for degree, smoothness, least in ((2, 0, 0.965), (3, 2, 0.955)):
+        assert least <= tip(0.499, degree=degree, smoothness=smoothness) <= 1.005
+
+
+def test_locking_is_told():
+    with pytest.warns(PrecisionWarning, match="locks"):
+        assert tip(0.499, dilatation="full") < 0.9
+    with pytest.raises(InputError, match="dilatation"):
+        tip(0.3, dilatation="half")
+
+
+@pytest.mark.parametrize(("degree", "smoothness"), SPACES)
+@pytest.mark.parametrize("method", ["strong", "nitsche"])
+def test_affine_displacements_are_exact(degree, smoothness, method):
+    nu, young = 0.4993, 3.0
+    problem = Elasticity(
+        slab, (3, 3, 5), domain=BOX, young=young, poisson=nu, degree=degree,
+        smoothness=smoothness, q=5,
+    )  # fmt: skip
+    for place in ("u=0", "u=1", "v=0", "v=1", "w=0"):
+        problem = problem.clamp(place, value=affine, method=method)
+    lam, mu = young * nu / (1 + nu) / (1 - 2 * nu), young / (2 + 2 * nu)
+    stress = mu * (A + A.T) + lam * np.trace(A) * np.eye(3)
+    solution = problem.load(traction=stress @ NORMAL, on="surface").solve()
+    u = np.array(BOX[0]) + np.random.default_rng(1).random((300, 3)) * [1.1, 0.9, 2.1]
+    u = u[slab(u) < 0]
+    np.testing.assert_allclose(solution.evaluate(u), affine(u), atol=2e-6)
+    exact = stress[[0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1]]
+    scale = np.abs(stress).max()
+    assert np.median(np.abs(solution.stress(u) - exact)) < 1e-5 * scale
+    assert solution.energy == pytest.approx(
+        0.5 * (stress * A).sum() * problem.domain.volume.integrate(), rel=1e-6
+    )
+
+
+@pytest.mark.parametrize(("degree", "smoothness"), SPACES)
+def test_work_reactions_and_energy_agree(degree, smoothness):
+    """Also where Poisson's ratio varies, and whatever the supports are."""
+    force = np.array([1e-3, 2e-3, -1e-3])
+    for nu in (0.497, lambda x: 0.3 + 0.199 * np.sin(x[:, 0]) ** 2 + 0.05 * (x[:, 2] > 1)):
+        problem = Elasticity(
+            column, (4, 4, 5), domain=BOX, young=2.0, poisson=nu, degree=degree,
+            smoothness=smoothness, dilatation="projected",
+        )  # fmt: skip
+        problem = problem.load(traction=force, on="w=1")
+        held = problem.clamp("w=0").solve()
+        area = problem.domain.boundary("w=1").integrate()
+        assert 2 * held.energy == pytest.approx(held.compliance, rel=3e-3)  # the penalty on jumps
+        np.testing.assert_allclose(held.reactions["w=0"], -area * force, atol=1e-8)
+        weak = problem.clamp("w=0", method="nitsche").solve()
+        np.testing.assert_allclose(weak.reactions["w=0"], -area * force, atol=1e-8)
+        near = 0.1 if degree == 1 else 0.01  # whose grid is coarse for it
+        assert weak.compliance == pytest.approx(held.compliance, rel=near)
+
+
+def test_free_expansion_makes_no_stress():
+    """Of a temperature that is linear along the axis, so that the strain varies in each cell."""
+    problem = Elasticity(
+        everywhere, (3, 4, 3), domain=BOX, young=2.0, poisson=0.499, expansion=1e-2
+    )
+    x0 = np.array([0.2, 0.3, 0.4])
+    axis = np.array([0.3, -0.5, 0.8])
+
+    def free(x):
+        """The displacement of which the strain is 0.01 axis·(x - x0) in all directions."""
+        y = x - x0
+        return 0.01 * ((y @ axis)[:, None] * y - 0.5 * (y * y).sum(axis=1)[:, None] * axis)
+
+    for place in ("u=0", "v=1"):
+        problem = problem.clamp(place, value=free)
+    heated = problem.load(temperature=lambda x: (x - x0) @ axis).solve()
+    u = np.array(BOX[0]) + np.random.default_rng(2).random((200, 3)) * [1.1, 0.9, 2.1]
+    np.testing.assert_allclose(heated.evaluate(u), free(u), atol=1e-7)
+    pressure = 2.0 * 0.01 / (1 - 2 * 0.499)
+    assert np.abs(heated.stress(u)).max() < 1e-5 * pressure
