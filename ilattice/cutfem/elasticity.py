@@ -14,8 +14,9 @@ Guarantees: equilibrium of loads and reactions, and twice the energy equal to th
 tolerance of the solver; exact for displacements in the space (affine ones, through affine maps)
 from degree 2 on, and of degree 1 with ``q=3, stabilization="ghost"``.
 Non-guarantees: the defaults of degree 1 are chosen for speed: stresses of an affine displacement
-are off by 1e-4 in the mean square, and by up to a tenth in slivers of cells; small displacements; stresses at re-entrant edges grow without bound under
-refinement; a wall thinner than a cell is too stiff, and a warning says so.
+are off by up to 0.2 % in the mean square, and by up to a tenth in slivers of cells; small
+displacements; stresses at re-entrant edges grow without bound under refinement; a wall thinner than
+a cell is too stiff, and a warning says so.
 """
 
 import warnings
@@ -69,8 +70,8 @@ class Elasticity(Problem):
         degree³ times as many unknowns; see `ilattice.cutfem` for which to use when.
     q : int, optional, keyword-only
         Gauss points per direction and piece of a cell; by default 2 for degree 1, which takes two
-        thirds of the time of 3 and costs accuracy in slivers (see above), else degree + 2: with fewer, errors under tractions on a curved surface fall more slowly than those of the
-        space.
+        thirds of the time of 3 and costs accuracy in slivers (see above), else degree + 2: with
+        fewer, errors under tractions on a curved surface fall more slowly than those of the space.
     stabilization : {"auto", "ghost", "void", "none"}, keyword-only
         What is done about badly cut cells: ``"ghost"`` penalises jumps, the default from degree 2
         on; ``"void"`` gives the void part of cut cells a weight, 1e-8 by default for degree 1.

@@ -331,7 +331,7 @@ def test_degree_one_passes_the_patch_test_on_tilted_slabs(seed):
     c, A = 0.5 * n.sum() + rng.uniform(-0.2, 0.2), 0.01 * rng.normal(size=(3, 3))
     exact = (A + A.T) / 2.6 + 0.3 / 1.3 / 0.4 * np.trace(A) * np.eye(3)
     for options, rms, worst in (
-        ({"q": 3, "stabilization": "ghost"}, 1e-9, 1e-9), ({}, 1e-3, 0.15)
+        ({"q": 3, "stabilization": "ghost"}, 1e-9, 1e-9), ({}, 5e-3, 0.15)
     ):  # fmt: skip
         problem = Elasticity(lambda u: u @ n - c, 5, domain=[[0] * 3, [1] * 3], degree=1, **options)
         for place in ("u=0", "u=1", "v=0", "v=1", "w=0", "w=1"):
