@@ -15,10 +15,10 @@ from ilattice._progress import Progress
 from ilattice._stages import Stages
 from ilattice._warmup import aside
 from ilattice.errors import FormatError, InputError
-from ilattice.fields.equation import has_coordinates
 from ilattice.io._common import write_report
 from ilattice.io.registry import WRITERS
 from ilattice.io.splines import list_patches
+from ilattice.offsets.thickness import as_equation
 from ilattice.tiles.cells import CellRow
 
 #: Volumes of `ilattice.macroshape` that need no arguments.
@@ -94,7 +94,7 @@ def half_thickness(value: str | float) -> Any:
     Parameters
     ----------
     value : str or float
-        A number, or an equation in u, v, w; see `ilattice.fields.equation`.
+        A number, or an equation in u, v, w or in x, y, z; see `ilattice.fields.equation`.
 
     Returns
     -------
@@ -108,8 +108,7 @@ def half_thickness(value: str | float) -> Any:
     """
     if not isinstance(value, str):
         return value
-    found = il.fields.equation(value, variables=("u", "v", "w"))
-    return found if has_coordinates(found) else il.fields.constant(value)
+    return as_equation(value)
 
 
 def build(
@@ -137,7 +136,7 @@ def build(
     repeat : tuple of int
         Number of tiles along u, v and w.
     thickness : str or float
-        Half-thickness: a number, or an equation in u, v, w.
+        Half-thickness: a number, or an equation in u, v, w or in x, y, z.
     output : sequence of path-like
         Files to write; the endings pick the formats.
     tol : float, optional

@@ -140,7 +140,8 @@ def _add_build(app: "App") -> None:
         repeat
             Number of tiles along u, v and w.
         thickness
-            Half-thickness: a number, or an equation in u, v, w, "0.1 + 0.05*sin(2*pi*u)".
+            Half-thickness: a number, or an equation in u, v, w, "0.1 + 0.05*sin(2*pi*u)", or in
+            x, y, z of space.
         output
             Files to write; the endings pick the formats.
         tol
@@ -205,7 +206,7 @@ def _add_slice(app: "App") -> None:
         repeat
             Number of tiles along u, v and w.
         thickness
-            Half-thickness: a number, or an equation in u, v, w.
+            Half-thickness: a number, or an equation in u, v, w or in x, y, z.
         layer
             Thickness of the layers.
         output

@@ -38,14 +38,19 @@ def test_the_variations_are_one_line_each(tmp_path):
         "np": np,
         "torus": torus,
         "lattice": il.Lattice("gyroid", through=il.macroshape.box(9.0)),
+        "x": 9.0 * np.indices((3, 3, 3)).reshape(3, -1).T / 2.0,
+        "d": np.linspace(0.1, 0.3, 27),
+        "nodes": [(0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (1.0, 0.0, 0.0)],
+        "edges": [(0, 1), (0, 2)],
+        "radii": 0.1,
     }
     results = [
         eval(line.replace('"part.xml"', repr(str(file))).replace("...", "u[:, 0] - 0.5"), names)
         for line in lines
     ]
     pyplot.close("all")
-    kinds = [il.Wall, il.Wall, il.Wall, il.Wall, ParametricWall, il.SplineMap]
-    kinds += [il.Tile, il.Tile, il.Tile, il.Tile]
+    kinds = [*[il.Wall] * 6, ParametricWall, il.SplineMap]
+    kinds += [il.Tile, il.Tile, il.Tile, il.Tile, il.SurfaceMesh, il.Tile]
     kinds += [Figure, SliceStack, il.SplineMap, il.tiles.Mixture, il.SplineMap]
     assert [type(result) for result in results] == kinds
 

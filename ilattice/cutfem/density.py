@@ -155,21 +155,21 @@ def wall_of_density(wall: Wall, density: Any) -> Wall:
     lattice, distance, profile = wall.lattice, wall.distance, wall.thickness
     densities = _Densities(lattice, distance)
     thickest = 1.01 * float(np.abs(distance.c).max()) / _least(profile)
-    top = _scaled(profile, thickest)
+    top = profile.scaled(thickest)
     if not callable(density) and np.size(density) == 1:
         target = float(as_array("relative_density", density).ravel()[0])
-        least = densities.whole(_scaled(profile, 0.0)) if profile.solid else 0.0
+        least = densities.whole(profile.scaled(0.0)) if profile.solid else 0.0
         ends = least, densities.whole(top)
         _check_reachable(target, *sorted(ends))
         factor = _solve(densities, profile, target, thickest, ends)
-        return Wall(lattice, distance, _scaled(profile, factor))
+        return Wall(lattice, distance, profile.scaled(factor))
     if not profile.constant:
         raise InputError("densities of tiles need a constant d, or none; this one varies")
     if profile.solid and profile.outer.c.item() < 0.0:
         raise InputError("densities of tiles need a positive growth in d=(inf, growth)")
     targets = _targets(lattice, density)
     tops = densities.cells(top)
-    bottoms = densities.cells(_scaled(profile, 0.0)) if profile.solid else np.zeros_like(tops)
+    bottoms = densities.cells(profile.scaled(0.0)) if profile.solid else np.zeros_like(tops)
     for place in (np.argmin(targets - bottoms), np.argmax(targets - tops)):
         _check_reachable(*(float(a.flat[place]) for a in (targets, bottoms, tops)))
     return Wall(lattice, distance, _solve_cells(densities, profile, targets, thickest, bottoms))
@@ -191,7 +191,7 @@ def _solve(
     f = fb
     for _ in range(EVALUATIONS):
         x = b - fb * (b - a) / (fb - fa)
-        f = densities.whole(_scaled(profile, x)) - target
+        f = densities.whole(profile.scaled(x)) - target
         if abs(f) <= TOLERANCE:
             return x
         if f * fb < 0:
@@ -214,7 +214,7 @@ def _solve_cells(
     `bottoms` are the densities at the factor 0.
     """
     levels = thickest * np.linspace(0.0, 1.0, LEVELS) ** 1.5
-    curves = np.stack([bottoms] + [densities.cells(_scaled(profile, s)) for s in levels[1:]])
+    curves = np.stack([bottoms] + [densities.cells(profile.scaled(s)) for s in levels[1:]])
     factor = _by_cell(targets, curves, levels)
     slopes = np.gradient(curves, levels, axis=0)
     slope = np.maximum(_by_cell(factor, levels, slopes), 0.2 * slopes.max(axis=0))
@@ -284,14 +284,6 @@ def _check_reachable(target: float, least: float, most: float) -> None:
             f"relative_density={target:g} cannot be reached: with this tile and these sides it "
             f"lies between {least:.4g} and {most:.4g}"
         )
-
-
-def _scaled(profile: Thickness, factor: float) -> Thickness:
-    outer, inner = (
-        BSpline(s.t, s.c * factor, s.k, periodic=s.periodic, weights=s.weights)
-        for s in (profile.outer, profile.inner)
-    )
-    return _sides(profile, inner, outer)
 
 
 def _sides(profile: Thickness, inner: BSpline, outer: BSpline) -> Thickness:

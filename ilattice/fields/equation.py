@@ -71,6 +71,7 @@ class _Step(NamedTuple):
 class _Equation(Node):
     text: str
     steps: tuple[_Step, ...]
+    variables: tuple[str, ...] = VARIABLES
 
     def emit(self, b: Builder, p: Point) -> int:
         stack: list[int] = []
@@ -244,7 +245,7 @@ def _parsed(
         raise InputError(f"an equation must be text, got {text!r:.80}")
     if len(text) > MAX_LENGTH:
         raise InputError(f"an equation may have {MAX_LENGTH} characters, got {len(text)}")
-    return _Equation(text, _Parser(text, names or {}, variables).parse())
+    return _Equation(text, _Parser(text, names or {}, variables).parse(), tuple(variables))
 
 
 def equation(
@@ -314,3 +315,28 @@ def constant(text: str, *, names: Mapping[str, float] | None = None) -> float:
 def has_coordinates(field: Node) -> bool:
     """Whether an equation mentions x, y or z."""
     return isinstance(field, _Equation) and any(s.kind == "variable" for s in field.steps)
+
+
+def coordinates_in(field: Node) -> set[str]:
+    """Names of the coordinates that a field is a function of: x, y, z, unless equations say more.
+
+    Parameters
+    ----------
+    field : Node
+        The field.
+
+    Returns
+    -------
+    set of str
+        Those that its equations mention, and x, y, z for all other fields in it.
+    """
+    if isinstance(field, _Equation):
+        return {field.variables[int(s.value)] for s in field.steps if s.kind == "variable"}
+    if not field.children:
+        return set(VARIABLES)
+    return set().union(*(coordinates_in(child) for child in field.children))
+
+
+def names_in(text: str) -> set[str]:
+    """Names that an equation mentions, in lower case: coordinates, constants and functions."""
+    return {t.text.lower() for t in _Parser(text, {}, VARIABLES).tokens if t.kind == "name"}

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 BOUNDARIES = ("extend", "clip")
 SPACES = ("euclidean", "parametric")
+#: Options of offsets in space only.
+IN_SPACE = {"points", "values", "tol", "relative_density", "least_wall", "least_gap"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -343,8 +345,8 @@ class Lattice:
             Where `d` is measured: in space, exactly; or in tiles before the map, to first order,
             as in `ilattice.offsets.parametric_offset`.
         **options
-            ``tol``, ``relative_density``, ``least_wall``, ``least_gap`` (in space only) and
-            ``progress``, as in `ilattice.offsets.offset`.
+            ``points`` and ``values``, ``tol``, ``relative_density``, ``least_wall``, ``least_gap``
+            (in space only) and ``progress``, as in `ilattice.offsets.offset`.
 
         Returns
         -------
@@ -363,7 +365,7 @@ class Lattice:
             raise InputError(f"space must be one of {SPACES}, got {space!r}")
         if space == "euclidean":
             return offset(self, d, **options)
-        wrong = options.keys() & {"tol", "relative_density", "least_wall", "least_gap"}
+        wrong = options.keys() & IN_SPACE
         if wrong:
             raise InputError(f"{sorted(wrong)} are for offsets in space, not for parametric ones")
         return parametric_offset(self, d, **options)

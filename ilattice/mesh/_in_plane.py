@@ -133,9 +133,10 @@ class InPlane:
         self, u: FloatArray, x: FloatArray, jacobian: FloatArray, side: IntArray, exact: bool
     ) -> tuple[FloatArray, FloatArray]:
         """How far points are beyond a side of the wall, and the gradient in u."""
-        thickness = self.wall.thickness
+        t = self.wall.thickness
+        outer, inner = (t.side(1.0), t.side(-1.0)) if exact else (t.outer, t.inner)
         asked, slope = (np.where(side > 0, a.T, b.T).T for a, b in zip(
-            thickness.outer.jet(u, 1), thickness.inner.jet(u, 1), strict=True
+            outer.jet(u, 1), inner.jet(u, 1), strict=True
         ))  # fmt: skip
         if exact:
             s, g, lost = distance_jet(self.wall.lattice, u, x, jacobian)

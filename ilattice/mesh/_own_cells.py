@@ -47,7 +47,7 @@ def in_own_cells(
     ndarray of bool, shape (n,)
         Those that are on the offset; the others keep their place.
     """
-    asked = np.where(side > 0, wall.thickness.outer(u), wall.thickness.inner(u))
+    asked = _asked(wall, u, side)
     f = _excess(wall, u, side)
     corners = _corners(axes, u, fixed)
     g = _excess(wall, corners.reshape(-1, 3), np.repeat(side, 8)).reshape(-1, 8)
@@ -78,6 +78,12 @@ def _corners(axes: tuple[FloatArray, ...], u: FloatArray, fixed: AnyArray) -> Fl
 def _excess(wall: "Wall", u: FloatArray, side: FloatArray) -> FloatArray:
     """How far points are beyond an offset surface."""
     u = inside(wall.lattice, u)
-    asked = np.where(side > 0, wall.thickness.outer(u), wall.thickness.inner(u))
+    asked = _asked(wall, u, side)
     out: FloatArray = side * wall.lattice.distance(u) - asked
     return out
+
+
+def _asked(wall: "Wall", u: FloatArray, side: FloatArray) -> FloatArray:
+    """Half-thickness on the side of each point."""
+    outer, inner = wall.thickness.side(1.0), wall.thickness.side(-1.0)
+    return np.where(side > 0, outer(u), inner(u))

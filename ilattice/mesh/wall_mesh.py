@@ -255,7 +255,9 @@ def settled(
     out = u.copy()
     lost = np.zeros(len(u), np.bool_)
     thickest = 0.5 * max(wall.thickness.extremes[1], wall.least_thickness)
-    for sign, d in ((1.0, wall.thickness.outer), (-1.0, wall.thickness.inner)):
+    for sign in (1.0, -1.0):
+        t = wall.thickness
+        d = t.side(sign) if exactly else t.outer if sign > 0 else t.inner
         at = np.flatnonzero(side == sign)
         if len(at):
             moved, residual = polish(

@@ -431,7 +431,7 @@ class Wall:
 
     def _errors(self, u: FloatArray, side: AnyArray) -> tuple[FloatArray, FloatArray]:
         """Errors of the half-thickness at points of the offset surfaces, and what it should be."""
-        asked = np.where(side > 0, self._asked.outer(u), self._asked.inner(u))
+        asked = self._asked.at(u, side)
         return np.abs(side * self._true_distance(u) - asked), asked
 
 
@@ -446,6 +446,8 @@ def offset(
     lattice: Lattice,
     d: Any = None,
     *,
+    points: ArrayLike | None = None,
+    values: ArrayLike | None = None,
     relative_density: Any = None,
     tol: float | None = None,
     least_wall: float | None = None,
@@ -458,11 +460,16 @@ def offset(
     ----------
     lattice : Lattice
         Tiles and map.
-    d : float, callable, BSpline, str, or pair of these
+    d : float, callable, Node, BSpline, str, or pair of these
         Half-thickness in units of length, on both sides, or (inner, outer) for the sides where
-        the implicit function is negative and positive. A callable takes parameters (n, 3);
-        a name is that of a property of the lattice. ``(np.inf, d)`` is the solid of the tile, grown
+        the implicit function is negative and positive. A callable takes parameters (n, 3), and
+        may have kinks but no jumps; a text is the name of a property of the lattice, or an
+        equation, in u, v, w or in x, y, z of space, ``"max(0.05, 0.1*u)"``; other fields of
+        `ilattice.fields` are functions of space. ``(np.inf, d)`` is the solid of the tile, grown
         by d, or eroded if d is negative; ``(np.inf, 0)`` takes no distances.
+    points, values : array_like, shape (n, 3) and (n,), optional
+        In place of `d`: half-thickness at points of space, interpolated in between and within the
+        range of the values, see `ilattice.offsets.scattered`.
     relative_density : float, callable, or array_like of shape (nx, ny, nz), optional
         Part of the volume that the wall shall fill: of the whole, or of every tile (a callable
         takes the parameters (n, 3) of their centres). `d` then is the shape of the thickness,
@@ -487,8 +494,9 @@ def offset(
     Raises
     ------
     InputError
-        If `d` is not positive or larger than the part, or `tol` is not positive, or `least_wall`
-        or `least_gap` is negative, or a density cannot be reached (the message says which can).
+        If `d` is not positive, not continuous or larger than the part, or `tol` is not positive,
+        or `least_wall` or `least_gap` is negative, or a density cannot be reached (the message
+        says which can).
     ConvergenceError
         If `tol` is not met with 96 spans per tile, or the densities of tiles are not met.
     GeometryError
@@ -505,6 +513,12 @@ def offset(
     closest points, for these are asked near the surfaces and creases only. That takes minutes in
     large parts, which is why there is no default.
     """
+    if points is not None or values is not None:
+        from ilattice.offsets.scattered import scattered
+
+        if d is not None or points is None or values is None:
+            raise InputError("give points and values together, in place of d")
+        d = scattered(lattice, points, values)
     if d is None and relative_density is None:
         raise InputError("offset needs a half-thickness d, or a relative_density")
     tol = None if tol is None else as_positive("tol", tol)

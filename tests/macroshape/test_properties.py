@@ -65,9 +65,11 @@ def test_thickness_of_the_tile_wraps_around_a_closed_map():
     np.testing.assert_allclose(wall.thickness.outer(u), rings(u * [12, 2, 2]), atol=1e-6)
 
 
-def test_thickness_that_does_not_repeat_smoothly_is_refused(lattice):
-    with pytest.raises(InputError, match="'place' of the tile, which is no smooth periodic"):
-        lattice.offset("place")
+def test_thickness_that_jumps_from_tile_to_tile_is_refused(lattice):
+    tile = lattice.tile.with_properties(step=lambda p: 0.02 + 0.05 * p[:, 2])
+    steps = il.Lattice(tile, through=lattice.through, repeat=lattice.repeat)
+    with pytest.raises(InputError, match=r"d jumps from 0\.07 to 0\.02"):
+        steps.offset("step")
 
 
 def test_unknown_properties_are_named(lattice):
