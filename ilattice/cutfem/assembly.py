@@ -3,7 +3,7 @@
 Guarantees: matrices are symmetric to the bit and the same for any number of threads; one pattern
 serves stiffness, mass, geometric stiffness, conduction and every design with the same active
 cells; besides the matrix, memory is bounded by `BATCH_BYTES`. Quadrature rules are made by the
-caller, once. Non-guarantee: where the wall passes a cell twice, both pieces share its functions.
+caller, once.
 """
 
 from collections.abc import Callable, Iterator

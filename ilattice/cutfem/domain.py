@@ -17,7 +17,8 @@ import numpy as np
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import as_positive
 from ilattice.cutfem.assembly import Assembly, compressed_where_long
-from ilattice.cutfem.connectivity import Parts, connected_parts
+from ilattice.cutfem.connectivity import Parts, connected_parts, joints, links
+from ilattice.cutfem.elements import ElementGrid, elements_of
 from ilattice.cutfem.grid import CUT, IN, CutGrid, cut
 from ilattice.cutfem.rules import MOST_POINTS, NAMES, Quadrature, in_space, on_cells, some_cells
 from ilattice.cutfem.space import SplineSpace, as_degree_and_smoothness
@@ -86,14 +87,28 @@ class Domain:
     # ---------------------------------------------------------------- rules
 
     @cached_property
-    def volume(self) -> Quadrature:
-        """Rule on the solid, in parameters."""
+    def _volume(self) -> Quadrature:
         return self.cut.volume(self.q)
 
     @cached_property
+    def elements(self) -> ElementGrid:
+        """The cells, and further elements where the solid in a cell is in several pieces."""
+        return elements_of(self.cut, self._volume)
+
+    @cached_property
+    def volume(self) -> Quadrature:
+        """Rule on the solid, in parameters, by elements."""
+        return self.elements.divided(self._volume)
+
+    @cached_property
     def wet(self) -> tuple[Quadrature, ...]:
-        """Rules on the faces between cells, of the three directions; good for areas only."""
-        return tuple(self.cut.faces(axis, 1) for axis in range(3))
+        """Rules on the faces between elements, of the three directions; good for areas only."""
+        return tuple(self.elements.divided(self.cut.faces(axis, 1)) for axis in range(3))
+
+    @cached_property
+    def joints(self) -> tuple[Quadrature, ...]:
+        """Those faces of `wet` through which elements hang together."""
+        return joints(self.volume, self.wet)
 
     @cached_property
     def parts(self) -> Parts:
@@ -126,7 +141,7 @@ class Domain:
                 rule = _one_set(rule, SURFACES.index(on) - 1)
         if not len(rule):
             raise GeometryError(f"on={on!r}: the solid has no area there; choose another place")
-        return on_cells(in_space(rule), self.volume.cells)
+        return on_cells(in_space(self.elements.divided(rule)), self.volume.cells)
 
     # ---------------------------------------------------------------- discretisation
 
@@ -149,7 +164,7 @@ class Domain:
 
     def _assembly(self, parts: IntArray, weak: bool) -> Assembly:
         cells = self.parts.cells[np.isin(self.parts.labels, parts)]
-        space = SplineSpace(self.cut.grid, self.degree, cells, self.smoothness)
+        space = SplineSpace(self.elements, self.degree, cells, self.smoothness, links(self.joints))
         if not weak and self.stabilization != "ghost":
             return Assembly(space, self.cut.through)
         weight = self.weight if self.stabilization == "ghost" else None
@@ -157,7 +172,7 @@ class Domain:
             p = self.degree
             weight = GHOST_NITSCHE[p] if weak else GHOST[p, self.smoothness]
         enough = 1.0 if weak else ENOUGH
-        faces = ghost_faces(self.cut, self.wet, cells, weight, self.volume, enough)
+        faces = ghost_faces(self.cut, self.joints, cells, weight, self.volume, enough)
         return Assembly(space, self.cut.through, faces)
 
     def stiff_rule(self, asm: Assembly, *, constant: bool) -> Quadrature:
@@ -194,7 +209,8 @@ class Domain:
 
     def void_rules(self, asm: Assembly) -> Iterator[Quadrature]:
         """Parts of a rule, in parameters, on the weighted void of cut cells, solid negative."""
-        cells = np.intersect1d(asm.space.cells, self.cut.cells(CUT))
+        is_cut = self.cut.status.ravel()[self.elements.home(asm.space.cells)] == CUT
+        cells = asm.space.cells[is_cut]
         assert self.weight is not None
         yield from self._with_void(asm, on_cells(self.volume, cells), self.weight, -self.weight)
 
@@ -267,6 +283,24 @@ class Domain:
                 PrecisionWarning,
                 stacklevel=4,
             )
+
+    def warn_gaps(self) -> None:
+        """Warn of air between solid that is too thin to be seen, so that it is bridged."""
+        gaps = self.elements.gaps
+        if not len(gaps):
+            return
+        widest = int(np.argmax(gaps[:, 1]))
+        box = self.cut.grid.boxes(gaps[[widest], 0].astype(np.int64))
+        middle = box[:, :3] + 0.5 * box[:, 3:]
+        x = middle if self.cut.through is None else self.cut.through.x(middle)
+        place = ", ".join(f"{c:.4g}" for c in x[0])
+        warnings.warn(
+            f"a gap of {gaps[widest, 1]:.2g} cells near ({place}) is too thin to be resolved, in "
+            f"{len(gaps)} {'cell' if len(gaps) == 1 else 'cells'}: the solid on both sides is "
+            "taken as one; widen the gap, close it, or take finer cells",
+            PrecisionWarning,
+            stacklevel=5,
+        )
 
 
 def kinks(through: SplineMap, axis: int) -> FloatArray:

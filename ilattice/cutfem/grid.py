@@ -63,9 +63,44 @@ class Grid:
         return a, b, c
 
     @property
+    def count(self) -> int:
+        """Number of cells."""
+        return int(np.prod(self.shape))
+
+    @property
     def domain(self) -> FloatArray:
         """Lower and upper corner, shape (2, 3)."""
         return np.array([[x[0] for x in self.axes], [x[-1] for x in self.axes]])
+
+    def home(self, elements: IntArray) -> IntArray:
+        """Cells of elements: the same numbers, where every cell is one element.
+
+        Parameters
+        ----------
+        elements : ndarray, shape (n,)
+            Their numbers.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Numbers of cells.
+        """
+        return elements
+
+    def places(self, cells: IntArray) -> IntArray:
+        """Index of cells per direction.
+
+        Parameters
+        ----------
+        cells : ndarray, shape (n,)
+            Numbers of cells, or of elements.
+
+        Returns
+        -------
+        ndarray, shape (n, 3)
+            Indices.
+        """
+        return np.stack(np.unravel_index(self.home(cells), self.shape), axis=1)
 
     def boxes(self, cells: IntArray) -> FloatArray:
         """Lower corner and extent of cells.
@@ -73,7 +108,7 @@ class Grid:
         Parameters
         ----------
         cells : ndarray, shape (n,)
-            Numbers of cells, the last direction running fastest.
+            Numbers of cells, the last direction running fastest, or of elements.
 
         Returns
         -------
@@ -81,7 +116,7 @@ class Grid:
             Lower corners, then extents.
         """
         out = np.empty((len(cells), 6))
-        for a, i in enumerate(np.unravel_index(cells, self.shape)):
+        for a, i in enumerate(self.places(cells).T):
             out[:, a] = self.axes[a][i]
             out[:, 3 + a] = self.axes[a][i + 1] - self.axes[a][i]
         return out

@@ -177,6 +177,7 @@ class Problem:
                 PrecisionWarning,
                 stacklevel=4,
             )
+        self.domain.warn_gaps()
         return self.domain.assembly(held, weak=any(s.weak for s in self.supports))
 
     @cached_property

@@ -324,7 +324,11 @@ def quadrature(
 
 def on_cells(rule: Quadrature, cells: IntArray) -> Quadrature:
     """The part of a rule in some cells, given increasing."""
-    keep = np.isin(rule.cells, cells)
+    return kept(rule, np.isin(rule.cells, cells))
+
+
+def kept(rule: Quadrature, keep: AnyArray) -> Quadrature:
+    """The part of a rule in the listed cells that are marked."""
     if keep.all():
         return rule
     rows = np.repeat(keep, np.diff(rule.offsets))

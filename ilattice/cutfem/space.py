@@ -8,7 +8,9 @@ so that on an end face the functions of the first layer alone are not zero; clos
 Degree 1 are the trilinear functions of Hong et al. 2025, section 4.
 
 Guarantees: the functions add up to one in every active cell, and reproduce polynomials of their
-degree in parameters; a map in the space of all functions has exact rigid modes. Non-guarantee:
+degree in parameters; a map in the space of all functions has exact rigid modes. With `links` the
+solid in the support of a function is connected: where it falls apart, as across a gap, every part
+has a copy of the function (P. Hansbo and M. Larson, 2004, did so for cracks). Non-guarantee:
 outside the active cells the field of the nearest one is continued, by at most one cell.
 """
 
@@ -24,10 +26,13 @@ from ilattice._validate import as_points, read_only
 from ilattice.bspline._kernels import monomial_table
 from ilattice.bspline.knots import design_matrix, greville, wrapped_knots
 from ilattice.cutfem import _kernels_basis as kernels
+from ilattice.cutfem._kernels_elements import components
+from ilattice.cutfem.elements import ElementGrid
 from ilattice.cutfem.grid import Grid
 from ilattice.errors import InputError
 
 DEGREES = (1, 2, 3)
+CHUNKS = 16  # of functions, each with scratch for all cells
 IDENTITY = read_only(np.eye(3)[None])
 
 
@@ -42,15 +47,19 @@ class SplineSpace:
     degree : int
         1, 2 or 3 in every direction.
     cells : ndarray, shape (cells,)
-        Numbers of the active cells, increasing.
+        Numbers of the active cells, or elements, increasing.
     smoothness : int
         Number of derivatives that are continuous across the faces of cells, 0 to degree - 1.
+    links : tuple of ndarray, shape (n,), or None
+        Pairs of elements that hang together through a face. A function is copied for every
+        connected part of its support; without links none is.
     """
 
     grid: Grid
     degree: int
     cells: IntArray
     smoothness: int
+    links: tuple[IntArray, IntArray] | None = None
 
     def __post_init__(self) -> None:
         p = as_degree_and_smoothness(self.degree, self.smoothness)[0]
@@ -62,7 +71,7 @@ class SplineSpace:
                     f"{self.smoothness}, got {self.grid.shape[a]}"
                 )
         cells = np.unique(np.asarray(self.cells, np.int64))
-        if not len(cells) or cells[0] < 0 or cells[-1] >= np.prod(self.grid.shape):
+        if not len(cells) or cells[0] < 0 or cells[-1] >= self.grid.count + self._beyond:
             raise InputError("cells must name one or more cells of the grid")
         object.__setattr__(self, "cells", read_only(cells))
 
@@ -114,7 +123,12 @@ class SplineSpace:
     @cached_property
     def places(self) -> IntArray:
         """Index (cells, 3) of the active cells per direction."""
-        return np.stack(np.unravel_index(self.cells, self.grid.shape), axis=1)
+        return self.grid.places(self.cells)
+
+    @property
+    def _beyond(self) -> int:
+        """Number of elements beyond one per cell."""
+        return len(self.grid.parents) if isinstance(self.grid, ElementGrid) else 0
 
     @cached_property
     def boxes(self) -> FloatArray:
@@ -144,23 +158,55 @@ class SplineSpace:
         return (flat + k[:, None, None, :]).reshape(len(places), layers[0] * layers[1] * layers[2])
 
     @cached_property
-    def functions(self) -> IntArray:
-        """Numbers (n,) of the active functions among all, increasing."""
+    def _numbered(self) -> tuple[IntArray, AnyArray]:
+        """Numbers of the active functions among all, and those of each active cell."""
+        numbers = self.numbers(self.places, (self.degree + 1,) * 3)
         active = np.zeros(int(np.prod(self.shape)), bool)
-        active[self.numbers(self.places, (self.degree + 1,) * 3)] = True
-        return read_only(np.flatnonzero(active))
+        active[numbers] = True
+        functions = np.flatnonzero(active)
+        first = np.full(len(active), -1, np.int32)
+        first[functions] = np.arange(len(functions))
+        if self.links is None:
+            return read_only(functions), read_only(first[numbers])
+        part, copies = self._components(functions)
+        first[functions] = np.append(0, np.cumsum(copies)[:-1])
+        return read_only(np.repeat(functions, copies)), read_only(first[numbers] + part)
 
-    @cached_property
-    def position(self) -> AnyArray:
-        """Place of each function among the active ones, or -1; int32."""
-        out = np.full(int(np.prod(self.shape)), -1, np.int32)
-        out[self.functions] = np.arange(len(self.functions))
-        return read_only(out)
+    def _components(self, functions: IntArray) -> tuple[AnyArray, IntArray]:
+        """Connected part of the support to which each function of each cell belongs.
 
-    @cached_property
+        And the number of these parts per function.
+        """
+        assert self.links is not None
+        n = len(self.cells)
+        home = self.grid.home(self.cells)
+        first, after = np.full(self.grid.count, -1, np.int64), np.full(n, -1, np.int64)
+        first[home[::-1]] = np.arange(n)[::-1]
+        more = np.argsort(home, kind="stable")
+        same = home[more[1:]] == home[more[:-1]]
+        after[more[:-1][same]] = more[1:][same]
+        low, high = self.links
+        keep = np.isin(low, self.cells) & np.isin(high, self.cells)
+        low, high = (np.searchsorted(self.cells, c[keep]) for c in (low, high))
+        order = np.argsort(low, kind="stable")
+        begin = np.append(0, np.cumsum(np.bincount(low, minlength=n)))
+        out = np.zeros((n, (self.degree + 1) ** 3), np.int32)
+        copies = np.ones(len(functions), np.int64)
+        components(
+            np.array(self.grid.shape), np.array(self.shape), self.step, self.degree, functions,
+            np.array(self.grid.closed), first, after, begin, high[order], CHUNKS, out, copies,
+        )  # fmt: skip
+        return out, copies
+
+    @property
+    def functions(self) -> IntArray:
+        """Numbers (n,) of the active functions among all, increasing; copies have the same."""
+        return self._numbered[0]
+
+    @property
     def dofs(self) -> AnyArray:
         """Active functions (cells, (p + 1)³) of each active cell, int32."""
-        return read_only(self.position[self.numbers(self.places, (self.degree + 1,) * 3)])
+        return self._numbered[1]
 
     # ---------------------------------------------------------------- fields
 
@@ -179,11 +225,27 @@ class SplineSpace:
         """
         at = np.empty((len(u), 3), np.int64)
         far = np.zeros(len(u), bool)
+        inside = u.copy()
         for a, x in enumerate(self.grid.axes):
-            at[:, a] = np.clip(np.searchsorted(x, u[:, a], side="right") - 1, 0, len(x) - 2)
-            if not self.grid.closed[a]:
-                far |= (u[:, a] < 2.0 * x[0] - x[1]) | (u[:, a] > 2.0 * x[-1] - x[-2])
-        return np.where(far, -1, self._nearest[tuple(at.T)])
+            if self.grid.closed[a]:
+                inside[:, a] = x[0] + np.mod(u[:, a] - x[0], x[-1] - x[0])
+            else:
+                far |= ~((u[:, a] >= 2 * x[0] - x[1]) & (u[:, a] <= 2 * x[-1] - x[-2]))
+            at[:, a] = np.clip(np.searchsorted(x, inside[:, a], side="right") - 1, 0, len(x) - 2)
+        out = np.where(far, -1, self._nearest[tuple(at.T)])
+        return self._among_several(out, inside)
+
+    def _among_several(self, found: IntArray, u: FloatArray) -> IntArray:
+        """Of cells with several elements, the one in which points are; -1 if it is not active."""
+        grid = self.grid
+        if not isinstance(grid, ElementGrid) or not len(grid.several):
+            return found
+        home = grid.home(self.cells)[found]
+        mine = np.flatnonzero((found >= 0) & np.isin(home, grid.several))
+        element = grid.element_at(u[mine], home[mine])
+        at = np.minimum(np.searchsorted(self.cells, element), len(self.cells) - 1)
+        found[mine] = np.where(self.cells[at] == element, at, -1)
+        return found
 
     @cached_property
     def _nearest(self) -> IntArray:
@@ -191,7 +253,7 @@ class SplineSpace:
         from scipy.ndimage import distance_transform_edt
 
         active = np.full(self.grid.shape, -1, np.int64)
-        active.ravel()[self.cells] = np.arange(len(self.cells))
+        active.ravel()[self.grid.home(self.cells)] = np.arange(len(self.cells))
         pad = [(1, 1) if closed else (0, 0) for closed in self.grid.closed]
         inner = tuple(slice(1, -1) if closed else slice(None) for closed in self.grid.closed)
         wide = np.pad(active, pad, mode="wrap")

@@ -55,11 +55,15 @@ class GhostFaces:
         """Per direction the active functions (faces, n) of the two cells at faces."""
         out = []
         for axis in range(3):
-            at = np.stack(np.unravel_index(self.lower[axis], space.grid.shape), axis=1)
-            layers = [space.degree + 1] * 3
-            layers[axis] += space.step
-            a, b, c = layers
-            out.append(space.position[space.numbers(at, (a, b, c))])
+            low, high = (
+                space.dofs[np.searchsorted(space.cells, cells)].reshape(
+                    -1, *(space.degree + 1,) * 3
+                )
+                for cells in (self.lower[axis], self.upper[axis])
+            )
+            last = np.arange(space.degree + 1 - space.step, space.degree + 1)
+            both = np.concatenate([low, high.take(last, axis + 1)], axis=axis + 1)
+            out.append(both.reshape(len(low), int(np.prod(both.shape[1:]))))
         return out
 
     def matrices(
@@ -84,7 +88,7 @@ class GhostFaces:
             for i in range(0, count, size):
                 part = slice(i, min(i + size, count))
                 lower, upper = self.lower[axis][part], self.upper[axis][part]
-                at = np.stack(np.unravel_index(lower, space.grid.shape), axis=1)
+                at = space.grid.places(lower)
                 A = np.empty((len(lower), n, n))
                 ghost_matrices(
                     axis, space.tables[b], space.tables[c], at[:, [b, c]], gauss(p + 1)[0],
@@ -128,7 +132,7 @@ def _products(space: SplineSpace, axis: int, lower: IntArray, upper: IntArray) -
     the energy of a Taylor series.
     """
     p, step = space.degree, space.step
-    i, j = (np.unravel_index(c, space.grid.shape)[axis] for c in (lower, upper))
+    i, j = (space.grid.places(c)[:, axis] for c in (lower, upper))
     length, table = np.diff(space.grid.axes[axis]), space.tables[axis]
     h = 0.5 * (length[i] + length[j])
     out = np.zeros((len(lower), p + 1 + step, p + 1 + step))
@@ -172,9 +176,12 @@ def ghost_faces(
     GhostFaces
         The faces.
     """
-    active = np.zeros(cut.status.size, bool)
+    grid = wet[0].grid
+    count = max(int(cells[-1]) + 1, *(int(r.cells.max(initial=0)) + 1 for r in wet))
+    count = max(count, *(int(r.neighbours.max(initial=0)) + 1 for r in wet))
+    active = np.zeros(count, bool)
     active[cells] = True
-    is_cut = cut.status.ravel() == CUT
+    is_cut = cut.status.ravel()[grid.home(np.arange(count))] == CUT
     sides = []
     for rule in wet:
         assert rule.neighbours is not None
@@ -183,8 +190,8 @@ def ghost_faces(
         sides.append((low[keep], high[keep]))
     needs = [np.ones(len(low)) for low, _ in sides]
     if solid is not None:
-        full = np.zeros(cut.status.size)
-        boxes = cut.grid.boxes(solid.cells)
+        full = np.zeros(max(count, int(solid.cells.max(initial=0)) + 1))
+        boxes = solid.grid.boxes(solid.cells)
         full[solid.cells] = solid.integrate_cells() / boxes[:, 3:].prod(axis=1)
         need = np.maximum(1.0 - full / enough, 0.0) ** 2 * _nearness(full, sides)
         needs = [need[np.where(full[i] < full[j], i, j)] for i, j in sides]
@@ -228,7 +235,7 @@ def void_rule(cut: CutGrid, rule: Quadrature, q: int, weight: float, solid: floa
     Quadrature
         In cut cells `solid` times the rule, then `weight` times that of the whole cell.
     """
-    is_cut = cut.status.ravel()[rule.cells] == CUT
+    is_cut = cut.status.ravel()[rule.grid.home(rule.cells)] == CUT
     counts = np.diff(rule.offsets)
     x, w = gauss(q)
     offsets = np.append(0, np.cumsum(counts + np.where(is_cut, q**3, 0)))
@@ -236,7 +243,7 @@ def void_rule(cut: CutGrid, rule: Quadrature, q: int, weight: float, solid: floa
     kept = np.arange(len(rule)) + np.repeat(offsets[:-1] - rule.offsets[:-1], counts)
     points[kept] = rule.points
     weights[kept] = rule.weights * np.repeat(np.where(is_cut, solid, 1.0), counts)
-    box = cut.grid.boxes(rule.cells[is_cut])
+    box = rule.grid.boxes(rule.cells[is_cut])
     unit = np.stack(np.meshgrid(x, x, x, indexing="ij"), -1).reshape(-1, 3)
     product = (w[:, None, None] * w[:, None] * w).ravel()
     rows = offsets[1:][is_cut][:, None] - q**3 + np.arange(q**3)

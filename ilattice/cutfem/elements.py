@@ -1,0 +1,301 @@
+"""Elements: the connected pieces of the solid inside the cells of a grid.
+
+A gap or a slit that passes through a cell leaves two or more pieces of solid in it. They are
+elements of their own, with functions of their own, so that nothing is carried through air. The
+first piece of a cell has the number of the cell, all others have numbers beyond those of the cells:
+rules and spaces take both alike, and where every cell has one piece nothing changes.
+
+Guarantees: pieces are told apart by Bernstein coefficients (see `_kernels_elements`), never by
+sampling, so that what hangs together inside a cell stays together. Non-guarantee: air that is
+thinner than some thirtieth of a cell may not be seen; `ElementGrid.gaps` says where that divides a
+piece.
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from ilattice._typing import AnyArray, FloatArray, IntArray
+from ilattice._validate import read_only
+from ilattice.cutfem import _kernels_elements as kernels
+from ilattice.cutfem.grid import CUT, OUT, CutGrid, Grid
+from ilattice.cutfem.rules import Quadrature
+
+#: Pieces of splines that are worked on at once.
+BATCH = 1 << 13
+
+
+@dataclass(frozen=True, eq=False)
+class ElementGrid(Grid):
+    """A grid of which some cells have several elements.
+
+    Attributes
+    ----------
+    cut : CutGrid
+        The level sets.
+    several : ndarray, shape (c,)
+        Cells with more than one piece, increasing.
+    offsets : ndarray, shape (c + 1,)
+        The boxes of the i-th of them are those from offsets[i] to offsets[i + 1].
+    corner, length : ndarray, shape (boxes, 3)
+        Boxes in `_kernels_elements.UNIT` parts of the pieces of splines, from the cell's corner.
+    label : ndarray, shape (boxes,)
+        Element of each box.
+    parents : ndarray, shape (e,)
+        Cells of the elements beyond the cells.
+    gaps : ndarray, shape (g, 2)
+        Cells with air that is too thin to be resolved, and its width in cells.
+    """
+
+    cut: CutGrid = field(kw_only=True)
+    several: IntArray = field(kw_only=True)
+    offsets: IntArray = field(kw_only=True)
+    corner: IntArray = field(kw_only=True)
+    length: IntArray = field(kw_only=True)
+    label: IntArray = field(kw_only=True)
+    parents: IntArray = field(kw_only=True)
+    gaps: FloatArray = field(kw_only=True)
+
+    def home(self, elements: IntArray) -> IntArray:
+        """Cells of elements.
+
+        Parameters
+        ----------
+        elements : ndarray, shape (n,)
+            Their numbers.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Numbers of cells.
+        """
+        beyond = elements - self.count
+        if not len(self.parents):
+            return elements
+        return np.where(beyond < 0, elements, self.parents[np.maximum(beyond, 0)])
+
+    def element_at(self, u: FloatArray, cells: IntArray) -> IntArray:
+        """Elements in which, or nearest to which, points are.
+
+        Parameters
+        ----------
+        u : ndarray, shape (n, 3)
+            Parameters.
+        cells : ndarray, shape (n,)
+            Cells of the grid in which they are.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Numbers of elements.
+        """
+        out = np.array(cells, np.int64)
+        if not len(self.several):
+            return out
+        at = np.minimum(np.searchsorted(self.several, cells), len(self.several) - 1)
+        mine = np.flatnonzero(self.several[at] == cells)
+        if len(mine):
+            x = _fine(self.cut, u[mine], out[mine])
+            found = np.empty(len(mine), np.int64)
+            kernels.labels_at(
+                x, at[mine], self.offsets, self.corner, self.length, self.label, found
+            )
+            out[mine] = found
+        return out
+
+    def divided(self, rule: Quadrature) -> Quadrature:
+        """A rule by cells as one by elements.
+
+        Parameters
+        ----------
+        rule : Quadrature
+            In parameters, on the solid, its surface, or faces.
+
+        Returns
+        -------
+        Quadrature
+            Sorted by element; the same points.
+        """
+        if not len(self.several):
+            return replace(rule, grid=self)
+        cells = rule.cells[rule.owners]
+        low = self.element_at(rule.points, cells)
+        high = None
+        if rule.neighbours is not None:
+            high = self.element_at(*_on_the_other_side(rule))
+        if (low == cells).all() and (high is None or (high == rule.neighbours[rule.owners]).all()):
+            return replace(rule, grid=self)
+        return _regrouped(replace(rule, grid=self), low, high)
+
+
+def elements_of(cut: CutGrid, solid: Quadrature) -> ElementGrid:
+    """The elements of a solid.
+
+    Parameters
+    ----------
+    cut : CutGrid
+        Level sets on a grid.
+    solid : Quadrature
+        Rule on the solid, in parameters: pieces in which it has no points are none.
+
+    Returns
+    -------
+    ElementGrid
+        With the cells of the grid.
+    """
+    cells, counts, widths = _counted(cut)
+    several = cells[counts > 1]
+    boxes = [
+        kernels.pieces_of(*_content(cut, one)[:5], cut.pieces.order)[:3] for one in several[:, None]
+    ]
+    corner = np.concatenate([np.zeros((0, 3), np.int64), *(b[0] for b in boxes)])
+    length = np.concatenate([np.zeros((0, 3), np.int64), *(b[1] for b in boxes)])
+    label = np.concatenate([np.zeros(0, np.int64), *(b[2] for b in boxes)])
+    offsets = np.append(0, np.cumsum([len(b[1]) for b in boxes])).astype(np.int64)
+    seen = [label[a:b] for a, b in zip(offsets[:-1], offsets[1:], strict=True)]
+    grid = cut.grid
+    thin = widths > 0
+    gaps = np.column_stack([cells[thin], widths[thin]])
+    raw = ElementGrid(
+        grid.axes, grid.closed, cut=cut, several=several, offsets=offsets, corner=corner,
+        length=length, label=label, parents=np.zeros(0, np.int64), gaps=gaps,
+    )  # fmt: skip
+    return _numbered(raw, seen, solid)
+
+
+def _counted(cut: CutGrid) -> tuple[IntArray, IntArray, FloatArray]:
+    """Cut cells, their numbers of pieces, and the widths of gaps that are not resolved, in cells."""
+    cells = cut.cells(CUT)
+    counts, widths = np.zeros(len(cells), np.int64), np.zeros(len(cells))
+    per_cell = np.prod(cut.pieces.shape) / cut.grid.count
+    size = max(int(BATCH / per_cell), 1)
+    for i in range(0, len(cells), size):
+        part = slice(i, min(i + size, len(cells)))
+        tensors, tables, which, start, extent, owner = _content(cut, cells[part])
+        offsets = np.append(np.searchsorted(owner, cells[part]), len(owner))
+        kernels.count_pieces(
+            tensors, tables, which, start, extent, offsets, cut.pieces.order, counts[part],
+            widths[part],
+        )  # fmt: skip
+    return cells, counts, widths / np.cbrt(per_cell)
+
+
+def _content(cut: CutGrid, cells: IntArray) -> tuple[Any, ...]:
+    """What `_kernels_elements.boxes_of` needs of some cells, and the cell of each box.
+
+    Coefficients and tables of boxes that are cut, their row for each box or -1 for full ones,
+    corners and lengths in parts of the cell.
+    """
+    axes = [
+        np.flatnonzero(np.isin(o, p)) for o, p in zip(cut._owners, _span(cut, cells), strict=True)
+    ]
+    chosen = np.zeros(cut.grid.count, bool)
+    chosen[cells] = True
+    index = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+    index = index[chosen[_owner(cut, index)] & (cut._piece_signs[tuple(index.T)] != OUT)]
+    owner = _owner(cut, index)
+    order = np.argsort(owner, kind="stable")
+    index, owner = index[order], owner[order]
+    part = cut._piece_signs[tuple(index.T)] == 0
+    corners = [
+        np.searchsorted(o, i)
+        for o, i in zip(cut._owners, np.unravel_index(owner, cut.grid.shape), strict=True)
+    ]
+    start = (index - np.stack(corners, axis=1)) * kernels.UNIT
+    tensors = cut.pieces.tensors(index[part])
+    plain = np.bitwise_and.reduce(~np.array(kernels.LOW[: tensors.shape[1]], np.int64))
+    tables = np.full(len(tensors), plain)
+    which = np.where(part, np.cumsum(part) - 1, -1)
+    return tensors, tables, which, start, np.full_like(start, kernels.UNIT), owner
+
+
+def _span(cut: CutGrid, cells: IntArray) -> list[IntArray]:
+    """Layers of cells, per direction, from the first to the last one of some."""
+    places = np.unravel_index(cells, cut.grid.shape)
+    return [np.arange(p.min(), p.max() + 1) for p in places]
+
+
+def _owner(cut: CutGrid, index: IntArray) -> IntArray:
+    places = tuple(owner[i] for owner, i in zip(cut._owners, index.T, strict=True))
+    return np.ravel_multi_index(places, cut.grid.shape).astype(np.int64)
+
+
+def _numbered(raw: ElementGrid, labels: list[IntArray], solid: Quadrature) -> ElementGrid:
+    """The same with numbers of elements for labels; pieces without points are left out."""
+    count = raw.count
+    cells = solid.cells[solid.owners]
+    several = np.isin(cells, raw.several)
+    found = raw.element_at(solid.points[several], cells[several])
+    owner = cells[several]
+    out, parents, keep = [], [], []
+    for cell, mine in zip(raw.several, labels, strict=True):
+        begin, end = np.searchsorted(owner, [cell, cell + 1])
+        wet = np.unique(found[begin:end])
+        names = np.full(mine.max() + 1, -1)
+        names[wet] = [cell, *(count + len(parents) + np.arange(len(wet) - 1))][: len(wet)]
+        parents += [cell] * (len(wet) - 1)
+        out.append(names[mine])
+        keep.append(len(wet) > 1)
+    label = np.concatenate([np.zeros(0, np.int64), *out])
+    sizes = np.diff(raw.offsets)
+    rows = np.repeat(np.array(keep, bool), sizes) & (label >= 0)
+    boxes = np.add.reduceat(rows, raw.offsets[:-1]) if len(sizes) else sizes
+    boxes = boxes[np.array(keep, bool)]
+    return replace(
+        raw,
+        several=read_only(raw.several[np.array(keep, bool)]),
+        offsets=read_only(np.append(0, np.cumsum(boxes)).astype(np.int64)),
+        corner=read_only(raw.corner[rows]),
+        length=read_only(raw.length[rows]),
+        label=read_only(label[rows]),
+        parents=read_only(np.array(parents, np.int64)),
+    )
+
+
+def _fine(cut: CutGrid, u: FloatArray, cells: IntArray) -> FloatArray:
+    """Places (n, 3) of points in UNIT parts of pieces, from the corners of cells."""
+    places = np.unravel_index(cells, cut.grid.shape)
+    out = np.empty(u.shape)
+    for a, (x, owner) in enumerate(zip(cut.pieces.axes, cut._owners, strict=True)):
+        low, high = (np.searchsorted(owner, places[a], side=s) for s in ("left", "right"))
+        i = np.clip(np.searchsorted(x, u[:, a], side="right") - 1, low, high - 1)
+        out[:, a] = kernels.UNIT * (i - low + (u[:, a] - x[i]) / (x[i + 1] - x[i]))
+    return out
+
+
+def _on_the_other_side(rule: Quadrature) -> tuple[FloatArray, IntArray]:
+    """Points of a rule on faces, as those of the upper cells, and these."""
+    assert rule.normals is not None
+    assert rule.neighbours is not None
+    u, upper = rule.points.copy(), rule.neighbours[rule.owners]
+    axis = np.abs(rule.normals).argmax(axis=1)
+    rows = np.arange(len(u))
+    u[rows, axis] = rule.grid.boxes(upper)[rows, axis]
+    return u, upper
+
+
+def _regrouped(rule: Quadrature, low: IntArray, high: IntArray | None) -> Quadrature:
+    """The same points by elements, and by those on the other side."""
+    order = np.argsort(low, kind="stable") if high is None else np.lexsort((high, low))
+    low = low[order]
+    change = low[1:] != low[:-1]
+    if high is not None:
+        high = high[order]
+        change |= high[1:] != high[:-1]
+    first = np.append(0, np.flatnonzero(change) + 1) if len(low) else np.zeros(0, np.int64)
+
+    def part(a: AnyArray | None) -> AnyArray | None:
+        return None if a is None else read_only(a[order])
+
+    return replace(
+        rule,
+        points=part(rule.points),
+        weights=part(rule.weights),
+        normals=part(rule.normals),
+        sets=part(rule.sets),
+        parameters=part(rule.parameters),
+        cells=read_only(low[first]),
+        neighbours=None if high is None else read_only(high[first]),
+        offsets=read_only(np.append(first, len(low))),
+    )
