@@ -6,8 +6,8 @@ through the face between them.
 
 Guarantees: found before a system is made; a face counts by the area that is wet, not by the cells
 having it in common, relative to the smaller of the two pieces of solid, so that small cells count
-like large ones. Pieces of solid in one cell are apart as far as the rules tell them apart by
-elements (see `elements`).
+like large ones. Pieces of solid in one cell are apart as far as rules tell them apart by elements
+(see `elements`).
 """
 
 from dataclasses import dataclass
@@ -80,6 +80,25 @@ class Parts:
         """
         return np.unique(self.labels[np.isin(self.cells, cells)])
 
+    def joined(self, faces: Quadrature) -> Quadrature:
+        """Faces through which a part hangs together.
+
+        Parameters
+        ----------
+        faces : Quadrature
+            Rule on faces between its cells.
+
+        Returns
+        -------
+        Quadrature
+            Those of which both sides are of one part.
+        """
+        part = np.full(max(int(self.cells[-1]), *_highest(faces)) + 1, -1)
+        part[self.cells] = self.labels
+        assert faces.neighbours is not None
+        low = part[faces.cells]
+        return kept(faces, (low >= 0) & (low == part[faces.neighbours]))
+
     def describe(self, parts: IntArray, most: int = 3) -> str:
         """Number, volumes and places of some parts, in words.
 
@@ -104,6 +123,18 @@ class Parts:
         return f"{len(parts)} {'part' if len(parts) == 1 else 'parts'}: " + "; ".join(told)
 
 
+def _highest(faces: Quadrature) -> tuple[int, int]:
+    """Largest numbers on both sides of faces, 0 without any."""
+    assert faces.neighbours is not None
+    return int(faces.cells.max(initial=0)), int(faces.neighbours.max(initial=0))
+
+
+def links(joined: tuple[Quadrature, ...]) -> tuple[IntArray, IntArray]:
+    """Cells, or elements, on the lower and on the upper sides of faces."""
+    high = [rule.neighbours for rule in joined if rule.neighbours is not None]
+    return np.concatenate([rule.cells for rule in joined]), np.concatenate(high)
+
+
 def connected_parts(solid: Quadrature, faces: tuple[Quadrature, ...]) -> Parts:
     """Parts of a solid, by the wet faces between its cells.
 
@@ -120,44 +151,22 @@ def connected_parts(solid: Quadrature, faces: tuple[Quadrature, ...]) -> Parts:
         Cells with their parts.
     """
     cells, n = solid.cells, len(solid.cells)
-    i, j = (np.searchsorted(cells, c) for c in links(joints(solid, faces)))
+    box = solid.grid.boxes(cells)
+    full = box[:, 3:].prod(axis=1)
+    bulk = (np.maximum(solid.integrate_cells(), 0.0) / full) ** (2 / 3)
+    rows, columns = [], []
+    for axis, rule in enumerate(faces):
+        assert rule.neighbours is not None
+        keep = np.isin(rule.cells, cells) & np.isin(rule.neighbours, cells)
+        low, high = (np.searchsorted(cells, c[keep]) for c in (rule.cells, rule.neighbours))
+        others = [3 + a for a in range(3) if a != axis]
+        wet = rule.integrate_cells()[keep] / box[low][:, others].prod(axis=1)
+        joined = wet > LEAST_NECK * np.minimum(bulk[low], bulk[high])
+        rows.append(low[joined])
+        columns.append(high[joined])
+    i, j = np.concatenate(rows), np.concatenate(columns)
     count, labels = connected_components(coo_array((np.ones(len(i)), (i, j)), shape=(n, n)), False)
-    sizes = np.bincount(labels, np.maximum(solid.integrate_cells(), 0.0), count)
+    sizes = np.bincount(labels, bulk**1.5 * full, count)
     rank = np.empty(count, np.int64)
     rank[np.argsort(-sizes, kind="stable")] = np.arange(count)
     return Parts(solid, read_only(rank[labels]))
-
-
-def joints(solid: Quadrature, faces: tuple[Quadrature, ...]) -> tuple[Quadrature, ...]:
-    """The faces through which cells, or elements, hang together: those of which enough is wet.
-
-    Parameters
-    ----------
-    solid : Quadrature
-        Volume rule in parameters.
-    faces : tuple of Quadrature
-        As in `connected_parts`.
-
-    Returns
-    -------
-    tuple of Quadrature
-        Some of these faces.
-    """
-    cells, box = solid.cells, solid.grid.boxes(solid.cells)
-    bulk = (np.maximum(solid.integrate_cells(), 0.0) / box[:, 3:].prod(axis=1)) ** (2 / 3)
-    out = []
-    for axis, rule in enumerate(faces):
-        assert rule.neighbours is not None
-        both = kept(rule, np.isin(rule.cells, cells) & np.isin(rule.neighbours, cells))
-        assert both.neighbours is not None
-        low, high = np.searchsorted(cells, both.cells), np.searchsorted(cells, both.neighbours)
-        others = [3 + a for a in range(3) if a != axis]
-        wet = both.integrate_cells() / box[low][:, others].prod(axis=1)
-        out.append(kept(both, wet > LEAST_NECK * np.minimum(bulk[low], bulk[high])))
-    return tuple(out)
-
-
-def links(joined: tuple[Quadrature, ...]) -> tuple[IntArray, IntArray]:
-    """Cells, or elements, on the lower and on the upper sides of faces."""
-    high = [rule.neighbours for rule in joined if rule.neighbours is not None]
-    return np.concatenate([rule.cells for rule in joined]), np.concatenate(high)

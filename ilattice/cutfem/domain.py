@@ -17,7 +17,7 @@ import numpy as np
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import as_positive
 from ilattice.cutfem.assembly import Assembly, compressed_where_long
-from ilattice.cutfem.connectivity import Parts, connected_parts, joints, links
+from ilattice.cutfem.connectivity import Parts, connected_parts, links
 from ilattice.cutfem.elements import ElementGrid, elements_of
 from ilattice.cutfem.grid import CUT, IN, CutGrid, cut
 from ilattice.cutfem.rules import MOST_POINTS, NAMES, Quadrature, in_space, on_cells, some_cells
@@ -31,7 +31,7 @@ from ilattice.offsets.wall import Wall
 #: of a wall that of the offset to the outside) and the inner (second) of them alone.
 SURFACES = ("surface", "outer", "inner")
 STABILIZATIONS = ("auto", "ghost", "void", "none")
-GUARD = 1e-8
+GUARD = 4e-9
 #: Weights of ghost penalties per degree and smoothness: as little as bounds the condition number by
 #: three times that of whole cells, since thin walls are stiffened by them; and more, per degree,
 #: for Nitsche's method. For degree 3 and smoothness 0 no weight does it: where slivers meet at an
@@ -107,8 +107,8 @@ class Domain:
 
     @cached_property
     def joints(self) -> tuple[Quadrature, ...]:
-        """Those faces of `wet` through which elements hang together."""
-        return joints(self.volume, self.wet)
+        """Those faces of `wet` through which parts hang together."""
+        return tuple(self.parts.joined(rule) for rule in self.wet)
 
     @cached_property
     def parts(self) -> Parts:

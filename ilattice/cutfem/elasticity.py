@@ -74,7 +74,7 @@ class Elasticity(Problem):
         fewer, errors under tractions on a curved surface fall more slowly than those of the space.
     stabilization : {"auto", "ghost", "void", "none"}, keyword-only
         What is done about badly cut cells: ``"ghost"`` penalises jumps, the default from degree 2
-        on; ``"void"`` gives the void part of cut cells a weight, 1e-8 by default for degree 1.
+        on; ``"void"`` gives the void part of cut cells a weight, 4e-9 by default for degree 1.
     weight : float, optional, keyword-only
         Of the stabilization.
     dilatation : {"auto", "full", "projected"}, keyword-only

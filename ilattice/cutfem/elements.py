@@ -12,11 +12,12 @@ piece.
 """
 
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from ilattice._typing import AnyArray, FloatArray, IntArray
+from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import read_only
 from ilattice.cutfem import _kernels_elements as kernels
 from ilattice.cutfem.grid import CUT, OUT, CutGrid, Grid
@@ -124,8 +125,6 @@ class ElementGrid(Grid):
         high = None
         if rule.neighbours is not None:
             high = self.element_at(*_on_the_other_side(rule))
-        if (low == cells).all() and (high is None or (high == rule.neighbours[rule.owners]).all()):
-            return replace(rule, grid=self)
         return _regrouped(replace(rule, grid=self), low, high)
 
 
@@ -153,7 +152,7 @@ def elements_of(cut: CutGrid, solid: Quadrature) -> ElementGrid:
     length = np.concatenate([np.zeros((0, 3), np.int64), *(b[1] for b in boxes)])
     label = np.concatenate([np.zeros(0, np.int64), *(b[2] for b in boxes)])
     offsets = np.append(0, np.cumsum([len(b[1]) for b in boxes])).astype(np.int64)
-    seen = [label[a:b] for a, b in zip(offsets[:-1], offsets[1:], strict=True)]
+    seen = [label[a:b] for a, b in pairwise(offsets)]
     grid = cut.grid
     thin = widths > 0
     gaps = np.column_stack([cells[thin], widths[thin]])
@@ -165,7 +164,7 @@ def elements_of(cut: CutGrid, solid: Quadrature) -> ElementGrid:
 
 
 def _counted(cut: CutGrid) -> tuple[IntArray, IntArray, FloatArray]:
-    """Cut cells, their numbers of pieces, and the widths of gaps that are not resolved, in cells."""
+    """Cut cells, their numbers of pieces, and widths of gaps that are not resolved, in cells."""
     cells = cut.cells(CUT)
     counts, widths = np.zeros(len(cells), np.int64), np.zeros(len(cells))
     per_cell = np.prod(cut.pieces.shape) / cut.grid.count
@@ -228,7 +227,9 @@ def _numbered(raw: ElementGrid, labels: list[IntArray], solid: Quadrature) -> El
     several = np.isin(cells, raw.several)
     found = raw.element_at(solid.points[several], cells[several])
     owner = cells[several]
-    out, parents, keep = [], [], []
+    out: list[IntArray] = []
+    parents: list[int] = []
+    keep: list[bool] = []
     for cell, mine in zip(raw.several, labels, strict=True):
         begin, end = np.searchsorted(owner, [cell, cell + 1])
         wet = np.unique(found[begin:end])
@@ -285,7 +286,7 @@ def _regrouped(rule: Quadrature, low: IntArray, high: IntArray | None) -> Quadra
         change |= high[1:] != high[:-1]
     first = np.append(0, np.flatnonzero(change) + 1) if len(low) else np.zeros(0, np.int64)
 
-    def part(a: AnyArray | None) -> AnyArray | None:
+    def part(a: Any) -> Any:
         return None if a is None else read_only(a[order])
 
     return replace(

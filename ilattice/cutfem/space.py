@@ -26,7 +26,7 @@ from ilattice._validate import as_points, read_only
 from ilattice.bspline._kernels import monomial_table
 from ilattice.bspline.knots import design_matrix, greville, wrapped_knots
 from ilattice.cutfem import _kernels_basis as kernels
-from ilattice.cutfem._kernels_elements import components
+from ilattice.cutfem._kernels_copies import components
 from ilattice.cutfem.elements import ElementGrid
 from ilattice.cutfem.grid import Grid
 from ilattice.errors import InputError

@@ -1,6 +1,6 @@
 """What keeps badly cut cells harmless: a guard weight on the void, and ghost penalties.
 
-For degree 1 diagonal scaling alone bounds the condition number, and a weight of 1e-8 on the void
+For degree 1 diagonal scaling alone bounds the condition number, and a weight of 4e-9 on the void
 part of cut cells guards against cells with too few points. From degree 2 on, and with Nitsche's
 method, jumps across wet faces at cut cells are penalised: of the p-th normal derivative, and of all
 others that are not continuous. Functions are the same polynomial of degree p on both sides exactly
@@ -177,8 +177,8 @@ def ghost_faces(
         The faces.
     """
     grid = wet[0].grid
-    count = max(int(cells[-1]) + 1, *(int(r.cells.max(initial=0)) + 1 for r in wet))
-    count = max(count, *(int(r.neighbours.max(initial=0)) + 1 for r in wet))
+    listed = [c for r in wet for c in (r.cells, r.neighbours) if c is not None and len(c)]
+    count = 1 + max(int(c.max()) for c in [cells, *listed])
     active = np.zeros(count, bool)
     active[cells] = True
     is_cut = cut.status.ravel()[grid.home(np.arange(count))] == CUT

@@ -51,7 +51,10 @@ def ghosts(asm, m=1):
 
 
 def naive_lines(space, u, nu):
-    """Values (n, functions) of all active functions, differentiated as nu says, by SciPy."""
+    """Values (n, functions) of all active functions, differentiated as nu says, by SciPy.
+
+    Copies of functions are zero in cells that do not have them.
+    """
     rows = []
     for a in range(3):
         n = len(space.knots[a]) - space.degree - 1
@@ -59,7 +62,9 @@ def naive_lines(space, u, nu):
         wrapped = np.zeros((len(u), space.shape[a]))
         np.add.at(wrapped.T, np.arange(n) % space.shape[a], one.T)
         rows.append(wrapped)
-    return np.einsum("ni,nj,nk->nijk", *rows).reshape(len(u), -1)[:, space.functions]
+    here = np.zeros((len(u), len(space)))
+    np.put_along_axis(here, space.dofs[space.locate(u)], 1.0, axis=1)
+    return here * np.einsum("ni,nj,nk->nijk", *rows).reshape(len(u), -1)[:, space.functions]
 
 
 def naive_basis(asm, rule):

@@ -1,0 +1,124 @@
+"""Pieces of solid inside cells, and functions that no air carries: a second body changes nothing.
+
+The reference is the same body alone on the same grid, or a rigid motion that is known.
+"""
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+import ilattice as il
+from ilattice.cutfem.elements import elements_of
+from ilattice.errors import PrecisionWarning
+
+H = 1 / 8
+GRID = il.cutfem.Grid((np.linspace(0, 0.375, 4),) * 2 + (np.linspace(0, 1, 9),))
+SPACES = [(1, None), (2, None), (2, 0), (3, None)]
+
+
+def gap(rng, cells, oblique):
+    """Two blocks with air of some cells between, as one polynomial."""
+    n = np.array([0, 0, 1.0]) + oblique * rng.uniform(-0.6, 0.6, 3)
+    n /= np.linalg.norm(n)
+    c = np.array([0.1875, 0.1875, 0.4]) @ n + rng.random() * H
+    return lambda u: (u @ n - c) * (c + cells * H - u @ n)
+
+
+@pytest.mark.parametrize(("degree", "smoothness"), SPACES)
+@pytest.mark.parametrize("seed", range(5))
+def test_a_body_across_a_gap_hangs_on_its_springs_alone(degree, smoothness, seed):
+    rng = np.random.default_rng([7, seed])
+    for oblique in (0, 1):
+        field = gap(rng, rng.uniform(1.0 if oblique else 0.5, 2.2), oblique)
+        problem = il.cutfem.Elasticity(field, GRID, degree=degree, smoothness=smoothness)
+        load = problem.clamp("w=0").spring("w=1", 1e-3).load(traction=(0, 0, -1), on="w=1")
+        sunk = load.solve().evaluate(np.append(rng.uniform(0.05, 0.3, (3, 2)), [[0.999]] * 3, 1))
+        np.testing.assert_allclose(sunk[:, 2], -1000.0, rtol=1e-2)
+        assert len(problem.domain.parts) == 2
+        warm = il.cutfem.Heat(field, GRID, degree=degree, smoothness=smoothness)
+        warm = warm.fix("w=0", 1.0).convection("w=1", 1e-3, around=5.0).solve()
+        below = warm.evaluate([[0.2, 0.2, 0.01], [0.2, 0.2, 0.99]])
+        np.testing.assert_allclose(below, [1.0, 5.0], rtol=1e-9)
+
+
+def columns(only):
+    """Two columns whose gap of 0.55 cells is not parallel to the grid; or one of them."""
+
+    def field(u):
+        x = u[:, 0] - 0.03 * u[:, 2]
+        low, high = x - 0.262, 0.331 - x
+        return {"low": low, "high": high, "both": low * high}[only]
+
+    grid = il.cutfem.Grid((np.linspace(0, 0.625, 6), np.linspace(0, 0.25, 3), np.linspace(0, 1, 5)))
+    return il.cutfem.Elasticity(field, grid, density=2.0).clamp("w=0")
+
+
+def test_a_second_column_beside_it_changes_neither_modes_nor_buckling():
+    modes, factors, c = {}, {}, {}
+    points = np.array([[0.1, 0.1, 0.9], [0.24, 0.2, 0.5]])
+    for only in ("low", "high", "both"):
+        problem = columns(only)
+        modes[only] = il.cutfem.natural_modes(problem, 3).omega
+        solution = problem.load(traction=(0, 0, -1), on="w=1").solve(tol=1e-11)
+        factors[only] = il.cutfem.buckling(solution, 2).factors
+        c[only] = solution.evaluate(points)
+    np.testing.assert_allclose(c["both"], c["low"], rtol=1e-7, atol=1e-9)
+    for found in (modes, factors):
+        known = np.sort(np.concatenate([found["low"], found["high"]]))[: len(found["both"])]
+        np.testing.assert_allclose(found["both"], known, rtol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_pieces_of_cells_are_those_that_fine_samples_find(seed):
+    rng = np.random.default_rng([11, seed])
+    c = rng.standard_normal((6, 6, 6))
+    t = np.concatenate([[0, 0], np.linspace(0, 1, 5), [1, 1]])
+    field = il.BSpline((t,) * 3, c, 2)
+    cut = il.cutfem.cut(field, 2)
+    grid = elements_of(cut, cut.volume(3))
+    n = 65
+    x = np.linspace(0, 0.5, n)
+    for cell in range(8):
+        low = grid.boxes(np.array([cell]))[0, :3]
+        u = np.stack(np.meshgrid(*(low[a] + x for a in range(3)), indexing="ij"), -1).reshape(-1, 3)
+        inside = (field(u) < 0).reshape(n, n, n)
+        labels, count = ndimage.label(inside)
+        found = grid.element_at(u, np.full(len(u), cell)).reshape(n, n, n)
+        for k in range(1, count + 1):  # what hangs together stays together
+            assert len(np.unique(found[labels == k])) == 1
+        wide = ndimage.label(ndimage.binary_dilation(inside, iterations=3))[0]
+        for k in np.unique(wide[np.isin(labels, np.flatnonzero(np.bincount(labels.ravel()) > 40))]):
+            others = found[inside & (wide > 0) & (wide != k)]  # what is clearly apart is so
+            assert k == 0 or not np.isin(found[inside & (wide == k)], others).any()
+
+
+def test_air_that_is_too_thin_is_told_with_place_and_width():
+    z = 0.5 + 0.37 * H
+    for width in (1e-3, 1e-5):
+        g = width * H
+        field = lambda u, g=g: (u[:, 2] - z) * (z + g - u[:, 2])  # noqa: E731
+        problem = il.cutfem.Elasticity(field, GRID).clamp("w=0").load(body=(0, 0, 1))
+        with pytest.warns(PrecisionWarning, match=rf"gap of {width:.2g} cells near .*0.5625\)"):
+            problem.assembly  # noqa: B018
+
+
+def test_a_slit_that_ends_inside_the_solid_divides_nothing_and_warns_of_nothing():
+    field = lambda u: 0.1**2 - (u[:, 2] - 0.47) ** 2 * 60 - (u[:, 0] - 0.19) ** 2  # noqa: E731
+    problem = il.cutfem.Elasticity(field, GRID).clamp("w=0").load(body=(0, 0, 1))
+    assert len(problem.domain.parts) == 1
+    assert problem.solve().residual < 1e-7
+
+
+def test_pictures_and_estimates_know_the_pieces(tmp_path):
+    rng = np.random.default_rng(3)
+    problem = il.cutfem.Elasticity(gap(rng, 0.6, 0), GRID)
+    solution = problem.clamp("w=0").spring("w=1", 1e-3).load(traction=(0, 0, -1), on="w=1").solve()
+    solid = solution.to_pyvista("solid")
+    sunk = solid.point_data["displacement"][:, 2]
+    upper = solid.points[:, 2] > 0.5 + H
+    np.testing.assert_allclose(sunk[upper], -1000.0, rtol=1e-2)
+    assert np.abs(sunk[solid.points[:, 2] < 0.4]).max() < 1.0
+    estimate = solution.error_estimate()
+    assert np.isfinite(estimate.relative)
+    estimate.save(tmp_path / "error.vtu")
+    assert solution.recovered().stress([[0.1, 0.1, 0.1]]).shape == (1, 6)
