@@ -144,9 +144,18 @@ class Assembly:
 
     @cached_property
     def coordinates(self) -> FloatArray:
-        """Coefficients (functions, 3) of x: where nodes are; exact if the map is in the space."""
-        c = self.space.interpolate(self.x)
-        return read_only(c.reshape(-1, 3)[self.space.functions])
+        """Coefficients (functions, 3) of x: where nodes are; exact if the map is in the space.
+
+        Where the grid is closed but the map is not, x jumps at the seam, and no spline follows it:
+        nodes are at the Greville abscissae then.
+        """
+        space, ring = self.space, (False,) * 3 if self.through is None else self.through.closed
+        if any(g and not r for g, r in zip(space.grid.closed, ring, strict=True)):
+            at = np.unravel_index(space.functions, space.shape)
+            sites = [x[i] for x, i in zip(space.sites, at, strict=True)]
+            return read_only(np.array(self.x(np.stack(sites, axis=1))))
+        c = space.interpolate(self.x)
+        return read_only(c.reshape(-1, 3)[space.functions])
 
     # ---------------------------------------------------------------- integrals
 
