@@ -24,7 +24,7 @@ def main(h: float = 0.05, d: float = 0.15, out: str = "") -> dict[str, float]:
     distance = np.abs(mesh.vertices[:, 2] - 0.5)
     if out:
         mesh.save(f"{out}.vtp")
-        depth = mesh.point_data["thickness"] - np.abs(mesh.point_data["signed_distance"])
+        depth = mesh.point_data["half_thickness"] - np.abs(mesh.point_data["signed_distance"])
         painted = mesh.with_point_data(depth=np.maximum(depth, 0.0))
         painted.screenshot(f"{out}.png", scalars="depth", cmap="copper_r")
     return {

@@ -40,7 +40,9 @@ def main(
             numbers[f"{name} {kind}"] = mesh.genus
             if out:
                 mesh.save(f"{out}_{name}_{kind}.vtp")
-                depth = mesh.point_data["thickness"] - np.abs(mesh.point_data["signed_distance"])
+                depth = mesh.point_data["half_thickness"] - np.abs(
+                    mesh.point_data["signed_distance"]
+                )
                 painted = mesh.with_point_data(depth=np.maximum(depth, 0.0))
                 painted.screenshot(f"{out}_{name}_{kind}.png", scalars="depth", cmap="copper_r")
             if (name, kind) == ("gyroid", "varying"):
@@ -59,7 +61,7 @@ def changes(repeat: tuple[int, int, int] = (16, 2, 2)) -> list[CriticalPoint]:
 def thickest_pore(mesh: "il.SurfaceMesh") -> float:
     """Largest half-thickness of a wall at which it still has a surface inside the volume."""
     inner = mesh.point_data["side"] != 0
-    return float(mesh.point_data["thickness"][inner].max())
+    return float(mesh.point_data["half_thickness"][inner].max())
 
 
 if __name__ == "__main__":

@@ -28,7 +28,7 @@ def main(
         error[name] = wall.thickness_error(mesh).p99 / d
         if out:
             mesh.save(f"{out}_{name}.vtp")
-            depth = mesh.point_data["thickness"] - np.abs(mesh.point_data["signed_distance"])
+            depth = mesh.point_data["half_thickness"] - np.abs(mesh.point_data["signed_distance"])
             painted = mesh.with_point_data(depth=np.maximum(depth, 0.0))
             painted.screenshot(
                 f"{out}_{name}.png", scalars="depth", cmap="copper_r", size=(1600, 900)

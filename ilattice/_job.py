@@ -18,6 +18,7 @@ from ilattice.errors import FormatError, InputError
 from ilattice.io._common import write_report
 from ilattice.io.registry import WRITERS
 from ilattice.io.splines import list_patches
+from ilattice.mesh.topology import islands_of
 from ilattice.offsets.thickness import as_equation
 from ilattice.tiles.cells import CellRow
 
@@ -122,6 +123,7 @@ def build(
     h: float | None = None,
     report: str | os.PathLike[str] | None = None,
     features: bool = False,
+    remove_islands: bool = False,
     seed: int | None = None,
     progress: Progress = None,
 ) -> dict[str, Any]:
@@ -147,6 +149,8 @@ def build(
         File for the report.
     features : bool
         Whether to measure the thinnest wall and the narrowest gap, which may take a minute.
+    remove_islands : bool
+        Whether to keep only the largest part of the mesh.
     seed : int, optional
         Seed of a random choice among the tiles, see `cell`.
     progress : bool or callable, optional
@@ -170,6 +174,8 @@ def build(
         wall = lattice.offset(d, tol=tol, progress=progress)
     with stages("mesh"):
         mesh = wall.mesh(h=h, progress=progress)
+        if remove_islands:
+            mesh = mesh.remove_islands()
     with stages("thickness error"):
         error = wall.thickness_error(mesh)
     least = {}
@@ -187,11 +193,13 @@ def build(
         "thickness": thickness,
         "tol": tol,
         "seed": seed,
+        "remove_islands": remove_islands,
     }
     result = {
         "ilattice": il.__version__,
         "input": inputs | {"h": h},
         **mesh.measures(),
+        **islands_of(mesh),
         "self_intersections": mesh.self_intersections,
         "held": int(mesh.point_data["held"].sum()),
         "thickness_error": {k: getattr(error, k) for k in ("max", "p99", "rms", "relative")},

@@ -126,6 +126,7 @@ def _add_build(app: "App") -> None:
         h: Length | None = None,
         report: Path | None = None,
         features: bool = False,
+        remove_islands: bool = False,
         seed: int | None = None,
     ) -> None:
         """Fill a volume with a lattice of given wall thickness.
@@ -152,6 +153,8 @@ def _add_build(app: "App") -> None:
             File for the report, as JSON.
         features
             Measure the thinnest wall and the narrowest gap, too; this may take a minute.
+        remove_islands
+            Keep only the largest part of the mesh, without loose chips.
         seed
             Draw one of the tiles for every cell; the same seed gives the same lattice.
         """
@@ -166,6 +169,7 @@ def _add_build(app: "App") -> None:
                 output=output,
                 report=report,
                 features=features,
+                remove_islands=remove_islands,
                 seed=seed,
                 progress=True,
             )
@@ -304,7 +308,8 @@ def _add_others(app: "App") -> None:
 
 
 def _summary(report: dict[str, Any]) -> None:
-    for key in ("volume", "area", "genus", "components", "watertight", "self_intersections"):
+    keys = ("volume", "area", "genus", "components", "islands", "watertight", "self_intersections")
+    for key in keys:
         print(f"{key.replace('_', ' '):>18}  {_text(report[key])}")
     for key in ("vertices", "faces", "held"):
         print(f"{key:>18}  {_text(report[key])}")

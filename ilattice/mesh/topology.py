@@ -8,16 +8,17 @@ to close need an `h` smaller than they are wide. `TopologySweep.unexplained` nam
 which events and contours disagree.
 """
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ilattice._progress import Progress, track
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_array, as_not_negative, as_positive
-from ilattice.errors import GeometryError, InputError
+from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.mesh.surface import SurfaceMesh
 
 if TYPE_CHECKING:
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
     from ilattice.offsets.wall import Wall
 
 CHUNK = 1 << 20
+#: Parts smaller than this, relative to the largest, are told of as chips.
+CHIP = 0.05
 #: How the kinds of changes are drawn.
 COLOURS = {"part": "black", "bridge": "royalblue", "neck": "darkorange", "void": "seagreen"}
 
@@ -281,6 +284,41 @@ def without_voids(mesh: SurfaceMesh, most: float | None) -> SurfaceMesh:
     limit = np.inf if most is None else as_not_negative("most", most, finite=False)
     gone = [r.label for r in topology_of(mesh).voids if r.volume <= limit]
     return mesh.select(~np.isin(mesh.component_labels, gone))
+
+
+def islands_of(mesh: SurfaceMesh) -> dict[str, Any]:
+    """Parts of a mesh besides the largest, as plain data for reports, with a warning of chips.
+
+    Parameters
+    ----------
+    mesh : SurfaceMesh
+        The mesh.
+
+    Returns
+    -------
+    dict
+        `islands`, their number, and `islands_volume`, that of all of them within their outer
+        surfaces; None if the mesh is open.
+
+    Warns
+    -----
+    PrecisionWarning
+        If one is smaller than `CHIP` of the largest part: most likely it was not meant.
+    """
+    if not (mesh.is_watertight and mesh.is_oriented):
+        return {"islands": None, "islands_volume": None}
+    volumes = np.sort([r.volume for r in _regions(mesh) if r.volume > 0.0])[::-1]
+    loose = volumes[1:]
+    chips = loose[loose < CHIP * volumes[0]] if len(loose) else loose
+    if len(chips):
+        warnings.warn(
+            f"{len(chips)} loose {'chips hang' if len(chips) > 1 else 'chip hangs'} together with "
+            f"nothing, {100 * chips.sum() / volumes.sum():.2g} % of the volume; --remove-islands, "
+            "or mesh.remove_islands(), removes them",
+            PrecisionWarning,
+            stacklevel=3,
+        )
+    return {"islands": len(loose), "islands_volume": float(loose.sum())}
 
 
 # --- surfaces ---------------------------------------------------------------------------------

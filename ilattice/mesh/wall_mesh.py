@@ -345,11 +345,14 @@ def _planes(sites: FloatArray, step: FloatArray, tiles: int) -> FloatArray:
 def _point_data(wall: Wall, u: FloatArray, side: FloatArray) -> dict[str, AnyArray]:
     data: dict[str, AnyArray] = {
         "signed_distance": wall.distance(u),
-        "thickness": np.where(side < 0, wall.thickness.inner(u), wall.thickness.outer(u)),
+        "half_thickness": wall._asked.at(u, np.where(side < 0, -1.0, 1.0)),
         "u": u[:, 0].copy(),
         "v": u[:, 1].copy(),
         "w": u[:, 2].copy(),
         "side": side.astype(np.int8),
     }
+    if not wall.thickness.solid:
+        one = np.ones(len(u))
+        data["thickness"] = wall._asked.at(u, -one) + wall._asked.at(u, one)
     lattice = wall.lattice
     return data | {name: lattice.property_at(name, u) for name in lattice.property_names}

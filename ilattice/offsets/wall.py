@@ -35,6 +35,9 @@ if TYPE_CHECKING:
 #: Boxes of up to so many spans per direction are bounded element by element, wider ones by the
 #: extremes of their coefficients: contouring asks for boxes of hundreds of elements.
 NARROW = 4
+#: Random points, and the corners, at which a wall that fills the part is noticed.
+FILLED = 4096
+CORNERS = np.indices((2, 2, 2)).reshape(3, -1).T
 
 
 @dataclass(frozen=True)
@@ -187,9 +190,10 @@ class Wall:
         Returns
         -------
         SurfaceMesh
-            Outward oriented, with point data: signed distance, half-thickness, parameters
-            u, v, w, side (0 on caps), held (1 where a vertex is off the offset, to keep triangles
-            from crossing), and the properties of the lattice.
+            Outward oriented, with point data: signed_distance, half_thickness (on the side of the
+            vertex), thickness (of both sides together; solids have none), parameters u, v, w, side
+            (0 on caps), held (1 where a vertex is off the offset, to keep triangles from
+            crossing), and the properties of the lattice.
 
         Raises
         ------
@@ -202,6 +206,7 @@ class Wall:
 
         dtype = as_float_type("dtype", dtype)
         h = None if h is None else as_positive("h", h)
+        _warn_full(self)
         return wall_mesh(
             self, h, polish=polish and self._exact, caps=caps, dtype=dtype, progress=progress
         )
@@ -232,6 +237,7 @@ class Wall:
         from ilattice.mesh.wall_mesh import wall_pieces
 
         h = None if h is None else as_positive("h", h)
+        _warn_full(self)
         with StreamedMeshWriter(path) as writer:
             for vertices, faces in wall_pieces(
                 self, h, polish=polish and self._exact, progress=progress
@@ -547,6 +553,21 @@ def offset(
 
         check_features(wall, least_wall, least_gap)
     return wall
+
+
+def _warn_full(wall: Wall) -> None:
+    """Warn of a wall that fills the part."""
+    lo, hi = wall.lattice.domain
+    u = lo + (hi - lo) * np.random.default_rng(0).random((FILLED, 3))
+    full = wall.field(u).max() < 0.0
+    if full and wall.field(lo + (hi - lo) * CORNERS).max() < 0.0:
+        top = np.abs(wall.distance(u)).max()
+        warnings.warn(
+            "the wall fills the part: its half-thickness is more than the distance from the "
+            f"mid-surface, which is {top:.3g} at most; what is left is the volume as a whole",
+            PrecisionWarning,
+            stacklevel=3,
+        )
 
 
 def warn_coarse(h: float, least: float) -> None:

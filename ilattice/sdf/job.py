@@ -25,6 +25,7 @@ from ilattice._typing import FloatArray
 from ilattice.errors import FormatError, IlatticeError, InputError
 from ilattice.io._common import atomic_write, write_report
 from ilattice.io.registry import WRITERS
+from ilattice.mesh.topology import islands_of
 from ilattice.sdf._tokens import Token
 from ilattice.sdf.language import Command, is_free
 from ilattice.sdf.meshing import MEMORY, Plan, mesh, plan
@@ -49,6 +50,7 @@ class Settings:
     memory: float
     strict: bool
     dry_run: bool
+    remove_islands: bool
     sweep: Mapping[str, tuple[str, ...]]
 
     @classmethod
@@ -66,6 +68,7 @@ class Settings:
             _number(options, "--memory") or MEMORY,
             "--strict" in options,
             "--dry-run" in options,
+            "--remove-islands" in options,
             _sweep(options.get("--set", ())),
         )
         if found.spacing is not None and found.tol is not None:
@@ -92,7 +95,7 @@ def run(command: str | Sequence[str], *, progress: Progress = None) -> dict[str,
         chord error in place of a spacing; ``--report`` file; ``--slices`` thickness of layers,
         written in place of a mesh; ``--set name=a,b,..`` values that a name stands for, several
         times for all combinations; ``--table`` file for their results; ``--memory`` gigabytes;
-        ``--strict``; ``--dry-run``.
+        ``--remove-islands``; ``--strict``; ``--dry-run``.
     progress : bool or callable, optional
         See `ilattice._progress.track`.
 
@@ -136,9 +139,11 @@ def _meshed(
         found = mesh(
             solid, settings.spacing, tol=settings.tol, memory=settings.memory, progress=progress
         )
-    full = bool(settings.report or settings.sweep)
+        if settings.remove_islands:
+            found = found.remove_islands()
+    full = bool(settings.report or settings.sweep or settings.remove_islands)
     with stages("measure"):
-        report = found.measures() if full else found.sizes()
+        report = found.measures() | islands_of(found) if full else found.sizes()
     with stages("write"):
         if settings.slices is None:
             found.save(output)
@@ -204,7 +209,10 @@ def _how(settings: Settings) -> str:
         "" if settings.spacing is None else f" -s {','.join(map(repr, settings.spacing.tolist()))}"
     )
     tol = "" if settings.tol is None else f" --tol {settings.tol!r}"
-    return spacing + tol + ("" if settings.slices is None else f" --slices {settings.slices!r}")
+    kept = " --remove-islands" if settings.remove_islands else ""
+    return (
+        spacing + tol + kept + ("" if settings.slices is None else f" --slices {settings.slices!r}")
+    )
 
 
 def _known(table: Path, names: list[str], command: str) -> dict[tuple[str, ...], dict[str, Any]]:

@@ -42,6 +42,7 @@ Options
   --table FILE      results of all runs, continued after an interruption; default: as -o, .csv
   --memory GB       that may be used; default 8
   --dry-run         tell the tree, the box and the cost, and stop
+  --remove-islands  keep only the largest part
   --strict          refuse meshes that bound no solid
   --                what follows are no options
   @FILE             stands for the words of a file
