@@ -45,7 +45,12 @@ def _wave(code, x):
 
 
 def tile_jet(name, p):
-    """Value (n,), gradient (n, 3), Hessian (n, 3, 3) of a tile at tile coordinates."""
+    """Value (n,), gradient (n, 3), Hessian (n, 3, 3) of a tile at tile coordinates.
+
+    The tile is a key of `TERMS`, or a function that returns them.
+    """
+    if callable(name):
+        return name(p)
     f, g, h = np.zeros(len(p)), np.zeros((len(p), 3)), np.zeros((len(p), 3, 3))
     for a, codes in TERMS[name]:
         w = [_wave(code, p[:, i]) for i, code in enumerate(codes)]
@@ -160,8 +165,8 @@ class Oracle:
 
     Parameters
     ----------
-    tile : str
-        Key of `TERMS`.
+    tile : str or callable
+        Key of `TERMS`, or a function of tile coordinates to values, gradients and Hessians.
     lattice : Lattice
         Its map, repeat and boundary rule are read, nothing is called but attributes.
     m : int
@@ -401,7 +406,10 @@ def newton_step(space, tile, x, p, free):
     zh = zh + 1e-10 * np.trace(zm, axis1=1, axis2=2)[:, None, None] * np.eye(zm.shape[1])
     normal = -(f / np.maximum((gf * gf).sum(axis=1), 1e-300))[:, None] * gf
     right = -(jr[:, free] + np.einsum("nij,nj->ni", h, normal))
-    y = np.linalg.solve(zh, np.einsum("nia,ni->na", z, right)[:, :, None])
+    right = np.einsum("nia,ni->na", z, right)
+    sound = np.isfinite(zh).all(axis=(1, 2)) & (np.linalg.det(zh) != 0.0)
+    zh[~sound] = np.eye(zh.shape[1])  # at critical points of the tile: no step
+    y = np.linalg.solve(zh, np.where(sound[:, None], right, 0.0)[:, :, None])
     step = np.zeros_like(p)
     step[:, free] = normal + (z @ y)[:, :, 0]
     size = np.linalg.norm(np.einsum("nck,nk->nc", jac, step), axis=1)

@@ -3,7 +3,8 @@
 A cell that the contour crosses has corners on both sides of the surface, and the surface lies
 between two of them. Vertices that stay in their cells hardly make triangles cross.
 
-Guarantee: points lie in the cells, and on the exact offset where this is reported.
+Guarantee: points lie in the cells, and on the exact offset where this is reported. Where the
+distance jumps there is no offset, though the wall ends there: `at_jumps` tells such vertices.
 """
 
 from typing import TYPE_CHECKING
@@ -12,6 +13,7 @@ import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray
 from ilattice.mesh._roots import between
+from ilattice.offsets._kernels_newton import FALLBACK
 from ilattice.offsets.polish import inside
 
 if TYPE_CHECKING:
@@ -19,11 +21,19 @@ if TYPE_CHECKING:
 
 #: Secants, and the distance from the offset, relative to the half-thickness, that is none.
 SECANTS, NONE = 12, 1e-6
+#: Halvings of a way that find a jump, and how large it is at least, relative to the half-thickness.
+HALVINGS, JUMP = 40, 1e-2
 BITS = np.indices((2, 2, 2)).reshape(3, -1).T
 
 
 def in_own_cells(
-    wall: "Wall", axes: tuple[FloatArray, ...], u: FloatArray, fixed: AnyArray, side: FloatArray
+    wall: "Wall",
+    axes: tuple[FloatArray, ...],
+    u: FloatArray,
+    fixed: AnyArray,
+    side: FloatArray,
+    size: FloatArray,
+    around: int = 0,
 ) -> tuple[FloatArray, AnyArray]:
     """Points of the offset on the shortest ways from vertices to corners of their cells.
 
@@ -39,6 +49,10 @@ def in_own_cells(
         Coordinates that must not change.
     side : ndarray, shape (n,)
         Which offset surface they belong to, +1 or -1.
+    size : ndarray, shape (n,)
+        Half-thickness that distances from the offset are compared with.
+    around : int
+        How many cells the box around the cell of a vertex is wider on every side.
 
     Returns
     -------
@@ -47,9 +61,54 @@ def in_own_cells(
     ndarray of bool, shape (n,)
         Those that are on the offset; the others keep their place.
     """
-    asked = _asked(wall, u, side)
+    out = u.copy()
+    at, b, ends = _brackets(wall, axes, u, fixed, side, around)
+    t = between(lambda v: _excess(wall, v, side[at]), u[at], b, ends, SECANTS)
+    out[at] += t[:, None] * (b - u[at])
+    found = np.zeros(len(u), np.bool_)
+    end, of = inside(wall.lattice, out[at]), side[at]
+    found[at] = np.abs(of * signed(wall, end) - asked(wall, end, of)) <= NONE * size[at]
+    out[~found] = u[~found]
+    return out, found
+
+
+def at_jumps(
+    wall: "Wall", axes: tuple[FloatArray, ...], u: FloatArray, fixed: AnyArray, side: FloatArray,
+    size: FloatArray,
+) -> AnyArray:  # fmt: skip
+    """Where the wall ends in or next to the cells of vertices because the distance jumps.
+
+    Parameters
+    ----------
+    wall, axes, u, fixed, side, size
+        As in `in_own_cells`.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        True where halving a way from the vertex to a corner leaves a jump by more than a
+        hundredth of `size`.
+    """
+    at, b, ends = _brackets(wall, axes, u, fixed, side, 1)
+    out = np.zeros(len(u), np.bool_)
+    a = u[at]
+    for _ in range(HALVINGS):
+        middle = 0.5 * (a + b)
+        f = _excess(wall, middle, side[at])
+        same = (f >= 0.0) == (ends[:, 0] >= 0.0)
+        a, b = np.where(same[:, None], middle, a), np.where(same[:, None], b, middle)
+        ends = np.where(np.stack([same, ~same], axis=1), f[:, None], ends)
+    out[at] = np.abs(ends[:, 1] - ends[:, 0]) > JUMP * size[at]
+    return out
+
+
+def _brackets(
+    wall: "Wall", axes: tuple[FloatArray, ...], u: FloatArray, fixed: AnyArray, side: FloatArray,
+    around: int,
+) -> tuple[AnyArray, FloatArray, FloatArray]:  # fmt: skip
+    """Vertices between which and a corner the offset is, that corner, and how far both are off."""
     f = _excess(wall, u, side)
-    corners = _corners(axes, u, fixed)
+    corners = _corners(axes, u, fixed, around)
     g = _excess(wall, corners.reshape(-1, 3), np.repeat(side, 8)).reshape(-1, 8)
     width = np.ptp(corners, axis=1)
     away = (corners - u[:, None]) / np.where(width > 0.0, width, 1.0)[:, None]
@@ -58,32 +117,38 @@ def in_own_cells(
     way[~(f[:, None] * g < 0.0)] = np.inf
     at = np.flatnonzero(np.isfinite(way.min(axis=1, initial=np.inf)))
     best = way[at].argmin(axis=1)
-    b, ends = corners[at, best], np.stack([f[at], g[at, best]], axis=1)
-    out = u.copy()
-    t = between(lambda v: _excess(wall, v, side[at]), u[at], b, ends, SECANTS)
-    out[at] += t[:, None] * (b - u[at])
-    return out, np.abs(_excess(wall, out, side)) <= NONE * np.abs(asked)
+    return at, corners[at, best], np.stack([f[at], g[at, best]], axis=1)
 
 
-def _corners(axes: tuple[FloatArray, ...], u: FloatArray, fixed: AnyArray) -> FloatArray:
+def _corners(
+    axes: tuple[FloatArray, ...], u: FloatArray, fixed: AnyArray, around: int
+) -> FloatArray:
     """Corners (n, 8, 3) of the cells around points; along fixed coordinates they coincide."""
     out = np.empty((len(u), 8, 3))
     for a, planes in enumerate(axes):
         cell = np.clip(np.searchsorted(planes, u[:, a], side="right") - 1, 0, len(planes) - 2)
-        ends = np.where(fixed[:, a, None], u[:, a, None], planes[cell[:, None] + np.arange(2)])
+        low, high = np.maximum(cell - around, 0), np.minimum(cell + 1 + around, len(planes) - 1)
+        ends = np.where(fixed[:, a, None], u[:, a, None], planes[np.stack([low, high], axis=1)])
         out[:, :, a] = ends[:, BITS[:, a]]
     return out
 
 
-def _excess(wall: "Wall", u: FloatArray, side: FloatArray) -> FloatArray:
-    """How far points are beyond an offset surface."""
-    u = inside(wall.lattice, u)
-    asked = _asked(wall, u, side)
-    out: FloatArray = side * wall.lattice.distance(u) - asked
+def signed(wall: "Wall", u: FloatArray) -> FloatArray:
+    """Signed distances at parameters (n, 3); NaN where the search fails."""
+    found = wall.lattice.search.query(u, strict=False)
+    out: FloatArray = np.where(found.status >= FALLBACK, np.nan, found.distance)
     return out
 
 
-def _asked(wall: "Wall", u: FloatArray, side: FloatArray) -> FloatArray:
+def _excess(wall: "Wall", u: FloatArray, side: FloatArray) -> FloatArray:
+    """How far points are beyond an offset surface, by the nearest seed where the search fails."""
+    u = inside(wall.lattice, u)
+    found = wall.lattice.search.query(u, strict=False)
+    out: FloatArray = side * found.distance - asked(wall, u, side)
+    return out
+
+
+def asked(wall: "Wall", u: FloatArray, side: FloatArray) -> FloatArray:
     """Half-thickness on the side of each point."""
     outer, inner = wall.thickness.side(1.0), wall.thickness.side(-1.0)
     return np.where(side > 0, outer(u), inner(u))

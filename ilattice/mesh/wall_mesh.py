@@ -5,11 +5,13 @@ mid-surface, those on the faces of the domain stay there. Where polished, the co
 the distance spline with exact values at its kinks (`ilattice.offsets.sharp`), so that pores close
 when they should. The triangles of `wall_mesh` do not pass through each other
 (`ilattice.mesh.untangle`) and have no slivers (`ilattice.mesh.repair`); those of `wall_pieces`
-may, for their neighbours may be gone. Vertices that cannot be polished, that stray, or that would
-make triangles cross, are marked as ``held`` in the point data and, where they are many, counted
-in a `PrecisionWarning`; so are those next to jumps of the distance, in corners of the domain beyond
-which the map folds (`ilattice.offsets.closest`). Non-guarantee: where two offset surfaces meet in
-a crease, triangles do not follow the crease.
+may, for their neighbours may be gone. Vertices that are off the offset, because polishing fails or
+to keep triangles from crossing, are marked as ``held`` in the point data and, where they are more
+than one in ten thousand, counted in a `PrecisionWarning`, above one in a hundred in a
+`ConvergenceError`; those next to jumps of the distance, in corners of the domain beyond which the
+map folds (`ilattice.offsets.closest`), are warned of only. All others are on it to a ten-thousandth
+of the half-thickness. Non-guarantee: where two offset surfaces meet in a crease, triangles do not
+follow the crease.
 """
 
 from __future__ import annotations
@@ -23,8 +25,9 @@ import numpy as np
 
 from ilattice._progress import Progress
 from ilattice._typing import AnyArray, FloatArray
-from ilattice.errors import PrecisionWarning
+from ilattice.errors import ConvergenceError, PrecisionWarning
 from ilattice.mesh._own_cells import in_own_cells
+from ilattice.mesh._settling import Classes, classified, measure, settled
 from ilattice.mesh.contouring import (
     ON_CAP,
     Contour,
@@ -35,7 +38,6 @@ from ilattice.mesh.contouring import (
 from ilattice.mesh.creases import sharpened
 from ilattice.mesh.surface import SurfaceMesh
 from ilattice.mesh.untangle import untangled
-from ilattice.offsets.polish import polish
 from ilattice.offsets.sharp import SharpDistance
 
 if TYPE_CHECKING:
@@ -43,11 +45,9 @@ if TYPE_CHECKING:
 
 LEAST_CELLS_PER_TILE = 8
 ANISOTROPY = 2.0
-#: Part of the vertices that may be held before a warning.
-MAX_HELD = 0.01
-#: A vertex that polishing moves by more cells, and by more than a span of the distance spline, has
-#: strayed; one that is still off by more than this part of the half-thickness has missed.
-STRAY, MISSED = 3.0, 0.1
+#: Part of the vertices that may be held before a warning, and before an error; a number of them
+#: that always may.
+MAX_HELD, MOST_HELD, FEW = 1e-4, 1e-2, 10
 
 
 def wall_mesh(
@@ -73,7 +73,10 @@ def wall_mesh(
         lambda u, at: job.recall(u, raw.kind[at], side[at]),
     )  # fmt: skip
     kept = new.repair.vertices
-    held = (new.held | lost)[kept] & (side[kept] != 0)
+    of = job.classify(new.u, raw.kind, side, new.held | lost)
+    side = np.where(of.cap, 0.0, side)
+    held = (of.off | of.jump)[kept]
+    _check(int(of.off[kept].sum()), len(kept), exactly=job.polish)
     _warn(int(held.sum()), len(kept), new.left)
     faces = _outward(wall, new.repair.faces)
     data = _point_data(wall, new.u[kept], side[kept]) | {"held": held.astype(np.int8)}
@@ -91,10 +94,15 @@ def wall_pieces(
     Other than those of `wall_mesh`, they may contain slivers and cross each other.
     """
     job = _Job.of(wall, h, polish, progress)
+    off = count = 0
     for raw in contour_blocks(job.field, job.axes, **job.options):
-        u, lost = job.settle(raw.vertices, raw.kind, job.side(raw))
-        _warn(int(lost.sum()), len(u), 0)
+        side = job.side(raw)
+        u, lost = job.settle(raw.vertices, raw.kind, side)
+        of = job.classify(u, raw.kind, side, lost)
+        _warn(int((of.off | of.jump).sum()), len(u), 0)
+        off, count = off + int(of.off.sum()), count + len(u)
         yield wall.lattice.through.x(u), _outward(wall, raw.faces)
+    _check(off, count, exactly=job.polish)
 
 
 def wall_contour(wall: Wall, h: float | None, *, progress: Progress) -> SurfaceMesh:
@@ -173,9 +181,19 @@ class _Job:
         at = np.flatnonzero(lost & self.polish)
         if len(at):
             fixed = fixed_coordinates(kind[at])
-            out[at], found = in_own_cells(self.wall, self.axes, u[at], fixed, side[at])
+            within = measure(self.wall, u[at], side[at])
+            out[at], found = in_own_cells(self.wall, self.axes, u[at], fixed, side[at], within)
             lost[at[found]] = False
         return out, lost
+
+    def classify(
+        self, u: FloatArray, kind: AnyArray, side: FloatArray, suspect: AnyArray
+    ) -> Classes:
+        """What suspect vertices are; see `classified`."""
+        if not self.polish:
+            none = np.zeros(len(u), np.bool_)
+            return Classes(suspect & (side != 0), none, none)
+        return classified(self.wall, self.axes, u, kind, side, suspect)
 
 
 class _Larger:
@@ -203,9 +221,19 @@ class _Larger:
         return self.f(u) < self.g(u)
 
 
+def _check(held: int, count: int, *, exactly: bool) -> None:
+    """Refuse a mesh of which too many vertices are off the offset."""
+    if exactly and held > max(MOST_HELD * count, FEW):
+        raise ConvergenceError(
+            f"{held} of {count} vertices are off the offset (more than {MOST_HELD:.0%}): there is "
+            "none in their cells, as in slits thinner than a part of a cell, or triangles would "
+            "cross; use a smaller h, or polish=False for a mesh of the distance spline"
+        )
+
+
 def _warn(held: int, count: int, left: int) -> None:
     """Warn of what a mesh could not hold."""
-    if held > MAX_HELD * count:
+    if held > max(MAX_HELD * count, FEW):
         warnings.warn(
             f"{held} of {count} vertices could not be moved onto the offset, or would make "
             "triangles cross there, and are off it; use a smaller h",
@@ -218,89 +246,6 @@ def _warn(held: int, count: int, left: int) -> None:
             PrecisionWarning,
             stacklevel=4,
         )
-
-
-def settled(
-    wall: Wall,
-    axes: tuple[FloatArray, ...],
-    u: FloatArray,
-    kind: AnyArray,
-    side: FloatArray,
-    *,
-    exactly: bool,
-) -> tuple[FloatArray, AnyArray]:
-    """Vertices of the offset surfaces moved onto the offset: that of the spline, or the exact one.
-
-    Parameters
-    ----------
-    wall : Wall
-        The wall.
-    axes : three 1-D arrays
-        The grid planes of its contour.
-    u : ndarray, shape (V, 3)
-        Parameters of the vertices.
-    kind, side : ndarray, shape (V,)
-        Constraints (see `Contour`), and which offset surface they belong to, 0 for none.
-    exactly : bool
-        Go by closest points instead of the distance spline.
-
-    Returns
-    -------
-    ndarray, shape (V, 3)
-        Parameters of the moved vertices.
-    ndarray of bool, shape (V,)
-        Those that could not be moved, and keep their place.
-    """
-    fixed = fixed_coordinates(kind)
-    out = u.copy()
-    lost = np.zeros(len(u), np.bool_)
-    thickest = 0.5 * max(wall.thickness.extremes[1], wall.least_thickness)
-    for sign in (1.0, -1.0):
-        t = wall.thickness
-        d = t.side(sign) if exactly else t.outer if sign > 0 else t.inner
-        at = np.flatnonzero(side == sign)
-        if len(at):
-            moved, residual = polish(
-                wall.lattice, u[at], fixed[at], side[at], d, None if exactly else wall.distance
-            )
-            stay = strayed(wall, axes, u[at], moved)
-            stay |= residual > MISSED * thickest
-            out[at] = np.where(stay[:, None], u[at], moved)
-            lost[at] = stay
-    return out, lost
-
-
-def strayed(wall: Wall, axes: tuple[FloatArray, ...], u: FloatArray, moved: FloatArray) -> AnyArray:
-    """Which vertices moved much further than the distance spline is expected to be wrong.
-
-    That happens next to the places where a mid-surface meets itself.
-
-    Parameters
-    ----------
-    wall : Wall
-        The wall.
-    axes : three 1-D arrays
-        The grid planes of its contour.
-    u, moved : ndarray, shape (n, 3)
-        Parameters before and after.
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
-        True where the move is longer than `STRAY` cells and a span along some direction.
-    """
-    lo, hi = wall.lattice.domain
-    far = np.zeros(len(u), np.bool_)
-    for a in range(3):
-        move = np.abs(moved[:, a] - u[:, a])
-        if wall.lattice.through.closed[a]:
-            move = np.minimum(move, np.abs(hi[a] - lo[a] - move))
-        cells = np.diff(axes[a])
-        span = (hi[a] - lo[a]) / (len(wall.distance.breaks(a)) - 1)
-        at = np.flatnonzero(move > max(span, STRAY * cells.min()))
-        cell = np.clip(np.searchsorted(axes[a], u[at, a], side="right") - 1, 0, len(cells) - 1)
-        far[at] |= move[at] > STRAY * cells[cell]
-    return far
 
 
 def grid_axes(wall: Wall, h: float) -> tuple[FloatArray, ...]:

@@ -327,13 +327,15 @@ class ClosestPointSearch:
         distance, idx = found
         return distance, np.ascontiguousarray(idx, dtype=np.int64)
 
-    def query(self, u: FloatArray) -> ClosestPoints:
+    def query(self, u: FloatArray, *, strict: bool = True) -> ClosestPoints:
         """Closest points of the images of parameters.
 
         Parameters
         ----------
         u : ndarray, shape (n, 3)
             Parameters.
+        strict : bool
+            Whether too many queries that do not converge are an error; else the status tells.
 
         Returns
         -------
@@ -347,7 +349,7 @@ class ClosestPointSearch:
         for i in range(0, n, BATCH):
             s = slice(i, min(i + BATCH, n))
             retried += self._search(x[s], p[s], feet[:, s], counts[s], status[s])
-        self._account(counts, status, retried)
+        self._account(counts, status, retried, strict)
         first, second = feet
         return ClosestPoints(
             first[:, 3:6].copy(), self.from_tile(first[:, :3]), first[:, 6].copy(), status,
@@ -405,12 +407,12 @@ class ClosestPointSearch:
         out: AnyArray = failed | (distance[:, -1] ** 2 < reach)
         return out
 
-    def _account(self, counts: IntArray, status: IntArray, retried: int) -> None:
+    def _account(self, counts: IntArray, status: IntArray, retried: int, strict: bool) -> None:
         failed = np.flatnonzero(status >= _kernels_newton.FALLBACK)
         self.statistics = self.statistics + Statistics(
             len(status), int(counts[:, 1].sum()), int(counts[:, 0].sum()), retried, len(failed)
         )
-        if len(failed) > max(MAX_FALLBACK * len(status), FEW):
+        if strict and len(failed) > max(MAX_FALLBACK * len(status), FEW):
             raise ConvergenceError(
                 f"closest points: {len(failed)} of {len(status)} queries did not converge "
                 f"(more than {MAX_FALLBACK:.0%}), the first are {failed[:5].tolist()}; the "

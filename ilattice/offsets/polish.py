@@ -160,7 +160,7 @@ def _by_closest_points(
     lattice: Lattice, u: FloatArray, x: FloatArray, jacobian: FloatArray
 ) -> tuple[list[FloatArray], list[FloatArray], AnyArray]:
     """Signed distances to the two nearest feet, their gradients in u, and where there is none."""
-    found = lattice.closest(u)
+    found = lattice.search.query(u, strict=False)
     apart = np.isfinite(found.second_distance)
     away = np.where(apart[:, None], x - found.second, 0.0)
     away /= np.where(apart, found.second_distance, 1.0)[:, None]
@@ -179,7 +179,8 @@ def _gradients(lattice: Lattice, found: ClosestPoints, x: FloatArray) -> FloatAr
         g = lattice.implicit_jet(u, 1)[1]
         jacobian = lattice.through.jacobian(u, extrapolate="extend")
         n = np.linalg.solve(jacobian.transpose(0, 2, 1), g[:, :, None])[:, :, 0]
-        out[tiny] = n / np.linalg.norm(n, axis=1, keepdims=True)
+        size = np.linalg.norm(n, axis=1, keepdims=True)
+        out[tiny] = n / np.where(size > 0.0, size, 1.0)  # singular points have no normal
     return out
 
 

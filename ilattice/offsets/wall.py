@@ -201,6 +201,9 @@ class Wall:
             If `h` is not positive, or `dtype` is neither of the two.
         GeometryError
             If the wall is empty.
+        ConvergenceError
+            If more than a hundredth of the vertices cannot be moved onto the offset: `h` is too
+            long for what is between them.
         """
         from ilattice.mesh.wall_mesh import wall_mesh
 

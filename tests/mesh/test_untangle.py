@@ -150,7 +150,8 @@ def test_a_wall_whose_pores_close_along_a_torus_is_on_the_offset():
     d = il.BSpline([[0.0, 0.0, 0.5, 1.0, 1.0], [0, 1], [0, 1]], along, (1, 0, 0))
     through = il.macroshape.torus(major=4.0, width=2.0)
     wall = il.Lattice("diamond", through=through, repeat=(16, 2, 2)).offset(d)
-    mesh = wall.mesh(0.12)
+    with pytest.warns(PrecisionWarning, match="vertices could not be moved onto the offset"):
+        mesh = wall.mesh(0.12)
     assert wall.thickness_error(mesh).relative < 1e-6
     assert mesh.point_data["held"].mean() < 5e-3
     assert len(by_libigl(mesh.vertices, mesh.faces)) == 0
@@ -171,7 +172,8 @@ def test_points_in_own_cells_are_on_the_offset_and_do_not_leave_fixed_coordinate
     side = np.where(raw.kind & 64, 0.0, wall.field.side(raw.vertices))
     at = np.flatnonzero(side)
     fixed = np.stack([(raw.kind[at] >> (2 * a)) & 3 for a in range(3)], axis=1) != 0
-    u, found = in_own_cells(wall, axes, raw.vertices[at], fixed, side[at])
+    size = np.full(len(at), 0.05)
+    u, found = in_own_cells(wall, axes, raw.vertices[at], fixed, side[at], size)
     assert found.mean() > 0.98
     assert np.abs(np.abs(wall.lattice.distance(u[found])) - 0.05).max() < 1e-7
     assert (np.floor(25 * u + 1e-9) - np.floor(25 * raw.vertices[at]) <= 1e-9)[found].all()
@@ -183,13 +185,15 @@ def test_vertices_are_held_back_where_nothing_else_helps(monkeypatch):
     """And marked, with their error; all others are exact."""
     wall = wall_of("c_s")
     monkeypatch.setattr(untangle, "SLIDES", 0)
+    monkeypatch.setattr(wall_mesh, "MOST_HELD", 0.03)
     monkeypatch.setattr(
         wall_mesh, "in_own_cells", lambda *args: (args[2], np.zeros(len(args[2]), bool))
     )
-    mesh = wall.mesh(0.02)
+    with pytest.warns(PrecisionWarning, match="vertices could not be moved onto the offset"):
+        mesh = wall.mesh(0.03)
     assert len(by_libigl(mesh.vertices, mesh.faces)) == 0
     held = mesh.point_data["held"] != 0
-    assert 0 < held.sum() < 0.01 * len(held)
+    assert 0 < held.sum() < 0.03 * len(held)
     u, side = (np.stack([mesh.point_data[k] for k in "uvw"], axis=1), mesh.point_data["side"])
     assert (side[held] != 0).all()
     error = np.abs(np.abs(wall.lattice.distance(u)) - 0.05)

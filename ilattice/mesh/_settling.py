@@ -1,0 +1,183 @@
+"""Vertices of a contour moved onto the exact offset, and what is off it in the end.
+
+A vertex that polishing cannot move, or moves too far, goes to where the offset passes through its
+own cell, or through the cells around it. What is on a face of the domain and within the wall needs
+no offset: it belongs to the cap.
+
+Guarantee: vertices that are not reported are within `MISSED` of the offset, relative to the
+half-thickness that was asked for; where that is zero, to the least total thickness.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from ilattice._typing import AnyArray, FloatArray
+from ilattice.mesh._own_cells import asked, at_jumps, in_own_cells, signed
+from ilattice.mesh.contouring import fixed_coordinates
+from ilattice.offsets.polish import polish
+
+if TYPE_CHECKING:
+    from ilattice.offsets.wall import Wall
+
+#: A vertex that polishing moves by more cells, and by more than a span of the distance spline, has
+#: strayed; one that is still off by more than this part of the half-thickness has missed.
+STRAY, MISSED = 3.0, 1e-4
+#: Half-thicknesses below this part of the least total thickness count as that.
+LEAST = 1e-2
+#: How many cells around a vertex are searched for the offset, one after the other.
+AROUND = (0, 1)
+
+
+def settled(
+    wall: Wall,
+    axes: tuple[FloatArray, ...],
+    u: FloatArray,
+    kind: AnyArray,
+    side: FloatArray,
+    *,
+    exactly: bool,
+) -> tuple[FloatArray, AnyArray]:
+    """Vertices of the offset surfaces moved onto the offset: that of the spline, or the exact one.
+
+    Parameters
+    ----------
+    wall : Wall
+        The wall.
+    axes : three 1-D arrays
+        The grid planes of its contour.
+    u : ndarray, shape (V, 3)
+        Parameters of the vertices.
+    kind, side : ndarray, shape (V,)
+        Constraints (see `Contour`), and which offset surface they belong to, 0 for none.
+    exactly : bool
+        Go by closest points instead of the distance spline.
+
+    Returns
+    -------
+    ndarray, shape (V, 3)
+        Parameters of the moved vertices.
+    ndarray of bool, shape (V,)
+        Those that could not be moved, and keep their place.
+    """
+    fixed = fixed_coordinates(kind)
+    out = u.copy()
+    lost = np.zeros(len(u), np.bool_)
+    for sign in (1.0, -1.0):
+        t = wall.thickness
+        d = t.side(sign) if exactly else t.outer if sign > 0 else t.inner
+        at = np.flatnonzero(side == sign)
+        if len(at):
+            moved, residual = polish(
+                wall.lattice, u[at], fixed[at], side[at], d, None if exactly else wall.distance
+            )
+            stay = strayed(wall, axes, u[at], moved)
+            stay |= residual > MISSED * measure(wall, u[at], side[at])
+            out[at] = np.where(stay[:, None], u[at], moved)
+            lost[at] = stay
+    for cells in AROUND if exactly else ():
+        at = np.flatnonzero(lost)
+        if len(at):
+            within = measure(wall, u[at], side[at])
+            out[at], found = in_own_cells(wall, axes, u[at], fixed[at], side[at], within, cells)
+            lost[at[found]] = False
+    return out, lost
+
+
+def measure(wall: Wall, u: FloatArray, side: FloatArray) -> FloatArray:
+    """What errors of the half-thickness are compared with at parameters (n, 3): its size (n,)."""
+    size, least = np.abs(asked(wall, u, side)), wall.least_thickness
+    out: FloatArray = np.where(size < LEAST * least, least, size)
+    return out
+
+
+class Classes(NamedTuple):
+    """What vertices that may be off turn out to be, each an array of bool, shape (V,).
+
+    Attributes
+    ----------
+    off
+        Off by more than `MISSED`.
+    jump
+        Likewise, but where the distance jumps, so that there is no offset to be on.
+    cap
+        On a face of the domain and within the wall: no vertices of the offset.
+    """
+
+    off: AnyArray
+    jump: AnyArray
+    cap: AnyArray
+
+
+def classified(
+    wall: Wall,
+    axes: tuple[FloatArray, ...],
+    u: FloatArray,
+    kind: AnyArray,
+    side: FloatArray,
+    suspect: AnyArray,
+) -> Classes:
+    """What vertices are that may be off the offset.
+
+    Parameters
+    ----------
+    wall, axes
+        As in `settled`.
+    u, kind, side : ndarray, shape (V, 3), (V,) and (V,)
+        Vertices, as in `settled`.
+    suspect : ndarray of bool, shape (V,)
+        Those that may be off.
+
+    Returns
+    -------
+    Classes
+        What they are.
+    """
+    out = Classes(*np.zeros((3, len(u)), np.bool_))
+    at = np.flatnonzero(suspect & (side != 0))
+    if len(at) == 0:
+        return out
+    s, p, fixed = signed(wall, u[at]), u[at], fixed_coordinates(kind[at])
+    size = measure(wall, p, side[at])
+    sides = np.ones(len(p))
+    beyond = np.maximum(s - asked(wall, p, sides), -s - asked(wall, p, -sides))
+    out.cap[at] = (beyond < -MISSED * size) & fixed.any(axis=1)
+    at, size = at[off := ~(np.abs(beyond) <= MISSED * size) & ~out.cap[at]], size[off]
+    jump = at_jumps(wall, axes, u[at], fixed[off], side[at], size)
+    out.jump[at], out.off[at] = jump, ~jump
+    return out
+
+
+def strayed(wall: Wall, axes: tuple[FloatArray, ...], u: FloatArray, moved: FloatArray) -> AnyArray:
+    """Which vertices moved much further than the distance spline is expected to be wrong.
+
+    That happens next to the places where a mid-surface meets itself.
+
+    Parameters
+    ----------
+    wall : Wall
+        The wall.
+    axes : three 1-D arrays
+        The grid planes of its contour.
+    u, moved : ndarray, shape (n, 3)
+        Parameters before and after.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        True where the move is longer than `STRAY` cells and a span along some direction.
+    """
+    lo, hi = wall.lattice.domain
+    far = np.zeros(len(u), np.bool_)
+    for a in range(3):
+        move = np.abs(moved[:, a] - u[:, a])
+        if wall.lattice.through.closed[a]:
+            move = np.minimum(move, np.abs(hi[a] - lo[a] - move))
+        cells = np.diff(axes[a])
+        span = (hi[a] - lo[a]) / (len(wall.distance.breaks(a)) - 1)
+        at = np.flatnonzero(move > max(span, STRAY * cells.min()))
+        cell = np.clip(np.searchsorted(axes[a], u[at, a], side="right") - 1, 0, len(cells) - 1)
+        far[at] |= move[at] > STRAY * cells[cell]
+    return far

@@ -1,0 +1,50 @@
+"""Walls of random tiles, maps, thicknesses, lengths of edges and scales, against naive oracles."""
+
+import warnings
+
+import combinations as cb
+import numpy as np
+import pytest
+
+import ilattice as il
+from ilattice.errors import ConvergenceError, PrecisionWarning
+
+#: Of those that a run of `combinations` found right, the ones that take about a second.
+SEEDS = [
+    2000, 2002, 2004, 2005, 2008, 2010, 2011, 2013, 2016, 2022, 2023, 2024, 2025,
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_random_combination_is_right_or_refused(seed):
+    """Closed, of the right volume and thickness, both ways; see `combinations`."""
+    combo = cb.combination(seed, kinked=False, most=4000)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PrecisionWarning)
+        assert cb.judge(combo, count=24, igl_crossings=False).faults == []
+
+
+def test_vertices_on_edges_of_the_domain_are_on_the_offset():
+    """They used to be off by up to 97 % of d, and counted as right."""
+    lattice = il.Lattice("iwp", through=il.macroshape.duck(), repeat=(5, 2, 1))
+    wall = lattice.offset((np.inf, -0.05))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PrecisionWarning)
+        mesh = wall.mesh(0.08)
+    data = mesh.point_data
+    u = np.stack([data[k] for k in "uvw"], axis=1)
+    on = (data["side"] != 0) & (data["held"] == 0)
+    assert np.abs(lattice.distance(u[on]) + 0.05).max() < 1e-4 * 0.05
+    assert (data["held"] != 0).sum() < 3e-3 * len(u)
+    lo, hi = lattice.domain
+    edge = ((u == lo) | (u == hi)).sum(axis=1) == 2
+    assert (edge & on).sum() > 5
+    cap = edge & (data["side"] == 0)
+    assert lattice.distance(u[cap]).max() < -0.05 + 1e-4
+
+
+def test_slits_thinner_than_a_part_of_a_cell_are_refused():
+    """Next to faces of the domain the plates leave a slit of a tenth of d on either side."""
+    wall = il.Lattice("sc_plates", through=il.macroshape.box((1, 1, 1))).offset(0.072)
+    with pytest.raises(ConvergenceError, match=r"are off the offset .* use a smaller h"):
+        wall.mesh(0.08)
