@@ -408,6 +408,8 @@ class Wall:
         if mesh is None:
             mesh = self.mesh(polish=False)
         u, side = parameters_of(mesh)
+        if not side.any():  # the wall fills the part
+            return ThicknessReport(0.0, 0.0, 0.0, 0.0, 0.0, 0)
         error, asked = self._errors(u[side != 0], side[side != 0])
         relative = error / np.where(asked != 0.0, np.abs(asked), self.least_thickness)
         return ThicknessReport(

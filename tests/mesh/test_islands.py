@@ -68,6 +68,7 @@ def test_a_wall_that_fills_the_part_is_told():
     with pytest.warns(PrecisionWarning, match="the wall fills the part"):
         mesh = wall.mesh(h=0.5)
     assert mesh.volume == pytest.approx(7 * 5 * 9)
+    assert wall.thickness_error(mesh).count == 0
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         lattice.offset(0.4).mesh(h=0.3)
