@@ -15,7 +15,7 @@ from ilattice._progress import Progress
 from ilattice._stages import Stages
 from ilattice._warmup import aside
 from ilattice.errors import FormatError, InputError
-from ilattice.io._common import write_report
+from ilattice.io._common import check_distinct, check_outputs, write_report
 from ilattice.io.registry import WRITERS
 from ilattice.io.splines import list_patches
 from ilattice.mesh.topology import islands_of
@@ -161,7 +161,9 @@ def build(
     dict
         The report.
     """
-    check_outputs([*output, *([report] if report else [])])
+    reports = [report] if report else []
+    check_outputs([*output, *reports])
+    check_distinct({"--map": _files(through), "-o": output, "--report": reports})
     check_endings(output, "SurfaceMesh")
     d = half_thickness(thickness)
     for name in tile.split(","):
@@ -245,6 +247,7 @@ def slices(
         Number of layers, their lower and upper end, and the files.
     """
     check_outputs(output)
+    check_distinct({"--map": _files(through), "-o": output})
     check_endings(output, "SliceStack")
     d = half_thickness(thickness)
     space = volume(through)
@@ -326,25 +329,9 @@ def counts(lattice: "il.Lattice") -> dict[str, float]:
     }
 
 
-def check_outputs(paths: Sequence[str | os.PathLike[str]]) -> None:
-    """Refuse, before any work, to write into a directory that is missing or read-only.
-
-    Parameters
-    ----------
-    paths : sequence of path-like
-        Files that will be written.
-
-    Raises
-    ------
-    InputError
-        Naming the first file that cannot be written.
-    """
-    for path in paths:
-        folder = Path(path).parent
-        if not folder.is_dir():
-            raise InputError(f"output {str(path)!r}: there is no directory {str(folder)!r}")
-        if not os.access(folder, os.W_OK):
-            raise InputError(f"output {str(path)!r}: the directory is not writable")
+def _files(spec: str) -> list[str]:
+    """The file that a volume is read from, if it is."""
+    return [path for path in (spec, spec.rpartition("#")[0]) if os.path.isfile(path)][:1]
 
 
 def check_endings(paths: Sequence[str | os.PathLike[str]], kind: str) -> None:

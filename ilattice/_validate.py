@@ -13,14 +13,23 @@ from ilattice._typing import ArrayLike, FloatArray
 from ilattice.errors import InputError
 
 
+#: Largest number of tiles or cells in one direction.
+LARGEST_COUNT = 10_000_000
+
+
 def as_array(name: str, value: Any, ndim: int | None = None, *, finite: bool = True) -> FloatArray:
     """Float64 array, finite unless told otherwise, or `InputError` that names the argument."""
     try:
-        a = np.ascontiguousarray(value, dtype=np.float64)
-        if value is None:  # which NumPy reads as NaN
+        raw = np.asarray(value)
+        # NumPy reads None as NaN and text as numbers, and drops masks and imaginary parts
+        if value is None or raw.dtype.kind not in "biufO" or np.ma.is_masked(value):
             raise TypeError(value)
-    except (TypeError, ValueError) as e:
-        raise InputError(f"{name} must be an array of real numbers, got {value!r:.80}") from e
+        a = np.ascontiguousarray(raw, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError, AttributeError) as e:
+        masked = " without masks" if np.ma.is_masked(value) else ""
+        raise InputError(
+            f"{name} must be an array of real numbers{masked}, got {value!r:.80}"
+        ) from e
     if ndim is not None and np.ndim(value) != ndim:
         raise InputError(f"{name} must have {ndim} axes, got shape {np.shape(value)}")
     return check_finite(name, a) if finite else a
@@ -48,7 +57,7 @@ def as_points(name: str, value: ArrayLike, dim: int = 3, *, finite: bool = True)
 
 def as_triple(name: str, value: Any, *, positive: bool = False) -> FloatArray:
     """Three finite numbers; a single number is repeated."""
-    a = as_array(name, value)
+    a = as_array(name, _no_flags(name, value))
     if a.shape not in ((), (1,), (3,)) or np.size(value) not in (1, 3):
         raise InputError(f"{name} must be one number or three, got {value!r:.80}")
     a = np.array(np.broadcast_to(a, (3,)))
@@ -60,8 +69,10 @@ def as_triple(name: str, value: Any, *, positive: bool = False) -> FloatArray:
 def as_counts(name: str, value: Any) -> tuple[int, int, int]:
     """Three integers of at least 1; a single one is repeated."""
     a = as_triple(name, value)
-    if (a != np.rint(a)).any() or (a < 1).any():
-        raise InputError(f"{name} must be whole numbers of at least 1, got {value!r:.80}")
+    if (a != np.rint(a)).any() or (a < 1).any() or (a > LARGEST_COUNT).any():
+        raise InputError(
+            f"{name} must be whole numbers from 1 to {LARGEST_COUNT}, got {value!r:.80}"
+        )
     i, j, k = (int(v) for v in a)
     return i, j, k
 
@@ -80,7 +91,7 @@ def _as_one(
     name: str, value: Any, what: str, fits: Callable[[float], bool], *, finite: bool
 ) -> float:
     try:
-        a = as_array(name, value, finite=False).ravel()
+        a = as_array(name, _no_flags(name, value), finite=False).ravel()
     except InputError as e:
         raise InputError(f"{name} must be {what}, got {value!r:.80}") from e
     if finite and len(a) == 1:
@@ -88,6 +99,15 @@ def _as_one(
     if len(a) != 1 or not fits(float(a[0])):
         raise InputError(f"{name} must be {what}, got {value!r:.80}")
     return float(a[0])
+
+
+def _no_flags(name: str, value: Any) -> Any:
+    """`value` itself; True and False are no numbers, alone or in a short list."""
+    few = value if isinstance(value, (list, tuple)) and len(value) < 4 else (value,)
+    for v in few:
+        if isinstance(v, (bool, np.bool_)) or (isinstance(v, np.ndarray) and v.dtype.kind == "b"):
+            raise InputError(f"{name} must be a number, got {value!r:.80}")
+    return value
 
 
 def as_float_type(name: str, value: Any) -> Any:

@@ -1,18 +1,21 @@
 """The command line ``ilattice``: every command is one call of the library.
 
 Guarantee: what goes wrong on purpose ends in one line on standard error and exit code 2 (wrong
-input or usage) or 1 (everything else); interrupting ends in 130. No traceback. Warnings are lines
-on standard error too.
+words: usage and arguments) or 1 (files, geometry and everything else); interrupting ends in 130. No
+traceback, whatever the encoding of the terminal; whoever reads the output may stop reading it.
+Warnings are lines on standard error too.
 """
 
+import os
 import sys
 import time
 import warnings
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from ilattice.errors import IlatticeError, InputError, PrecisionWarning
+from ilattice.errors import FileError, IlatticeError, InputError, PrecisionWarning, shortened
 
 if TYPE_CHECKING:
     from cyclopts import App
@@ -34,15 +37,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from cyclopts import CycloptsError
 
     words = sys.argv[1:] if arguments is None else list(arguments)
+    _take_any_letter()
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("always", PrecisionWarning)
             warnings.showwarning = _warn
             _app()(words, exit_on_error=False, print_error=False)
+            sys.stdout.flush()
+    except BrokenPipeError:
+        _stop_writing()
     except CycloptsError as e:
         return _fail(str(e), 2)
     except InputError as e:
-        return _fail(str(e), 2)
+        return _fail(str(e), 1 if isinstance(e, FileError) else 2)
     except (IlatticeError, OSError) as e:
         return _fail(str(e), 1)
     except MemoryError:
@@ -50,6 +57,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return _fail("interrupted", 130)
     return 0
+
+
+def _take_any_letter() -> None:
+    """Let letters that the terminal does not know stand as their codes."""
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(AttributeError, ValueError):  # streams that are no files of text
+            stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
+
+
+def _stop_writing() -> None:
+    """Nobody reads the output any more: let what is left of it vanish."""
+    with suppress(OSError, ValueError, AttributeError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _fail(message: str, code: int) -> int:
@@ -62,7 +82,8 @@ def _warn(message: Warning | str, *_: Any, **__: Any) -> None:
 
 
 def _tell(kind: str, message: str) -> None:
-    print(f"ilattice: {kind}:", " ".join(message.split()), file=sys.stderr)
+    with suppress(BrokenPipeError):
+        print(f"ilattice: {kind}:", shortened(" ".join(message.split())), file=sys.stderr)
 
 
 def _app() -> "App":

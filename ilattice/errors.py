@@ -7,13 +7,24 @@
     ├── GeometryError             the input is well-formed, but its geometry cannot be used
     ├── ConvergenceError          a numerical method failed on more than the stated fraction
     └── FormatError               a file cannot be read or written as the named format
+        └── FileError             an argument names a file that cannot be (an InputError, too)
 
-Guarantee: bad input ends in one of these, before anything on disk is touched.
+Guarantee: bad input ends in one of these, before anything on disk is touched. A message is one line
+of at most `LONGEST` characters, and shows numbers as numbers, whatever their type.
 """
+
+import re
+
+#: Characters of the longest message; the middle of longer ones is left out.
+LONGEST = 1000
+_NUMPY = re.compile(r"\bnp\.(?:float|int|uint|bool|str)[0-9_]*\(([^()]*)\)")
 
 
 class IlatticeError(Exception):
     """Base class of every error raised on purpose."""
+
+    def __init__(self, message: str = "") -> None:
+        super().__init__(shortened(str(message)))
 
 
 class InputError(IlatticeError, ValueError):
@@ -32,5 +43,28 @@ class FormatError(IlatticeError):
     """A file cannot be read or written as the named format."""
 
 
+class FileError(FormatError, InputError):
+    """An argument names a file that is missing, or cannot be made; caught as either base."""
+
+
 class PrecisionWarning(UserWarning):
     """The result is usable, but less accurate or less complete than asked."""
+
+
+def shortened(message: str) -> str:
+    """A message as one line of bounded length.
+
+    Parameters
+    ----------
+    message : str
+        Any text.
+
+    Returns
+    -------
+    str
+        The text, its ends of lines as blanks, the middle of a long one left out.
+    """
+    text = _NUMPY.sub(r"\1", " ".join(message.splitlines()))
+    if len(text) > LONGEST:
+        text = f"{text[: LONGEST * 2 // 3]} ... {text[-LONGEST // 4 :]}"
+    return text

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import bsr_array
 
+from ilattice._memory import need
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import read_only
 from ilattice.cutfem import _kernels_assembly as kernels
@@ -117,12 +118,16 @@ class Assembly:
     @cached_property
     def pattern(self) -> Pattern:
         """Couplings through cells, and through ghost faces where there are any."""
+        couplings = float((2 * self.space.degree + 1) ** 3) * len(self.space)
+        need(8.0 * couplings, _told(self.space, 1), "use fewer cells, or a lower degree")
         faces = self.ghost.dofs(self.space) if self.ghost is not None else []
         return Pattern.of([self.space.dofs, *faces], len(self.space))
 
     def zeros(self, m: int) -> FloatArray:
         """Blocks of a matrix with m components per node, all zero."""
-        return np.zeros((len(self.pattern.indices), m, m))
+        count = len(self.pattern.indices)
+        need(8.0 * m * m * count, _told(self.space, m), "use fewer cells, or a lower degree")
+        return np.zeros((count, m, m))
 
     # ---------------------------------------------------------------- the map
 
@@ -310,6 +315,11 @@ class Assembly:
     def evaluate(self, c: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Values (n, m) and gradients in space (n, m, 3) of a field."""
         return self.space.evaluate(c, u, self.jacobians(u))
+
+
+def _told(space: SplineSpace, m: int) -> str:
+    """What a matrix is, for messages."""
+    return f"the matrix of {m * len(space)} unknowns on {len(space.cells)} cells"
 
 
 def constant_jacobian(through: SplineMap) -> FloatArray | None:

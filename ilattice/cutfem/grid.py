@@ -10,6 +10,7 @@ halving of pieces can tell. Non-guarantee: for fields that are no splines the ce
 their interpolant, and of the fields themselves only where they have `range`.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,9 +18,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ilattice._memory import need
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import as_array, as_counts, read_only
-from ilattice.cutfem.levelsets import LevelSets, Pieces, as_level_sets
+from ilattice.cutfem.levelsets import PER_PIECE, LevelSets, Pieces, as_level_sets
 from ilattice.errors import GeometryError, InputError
 from ilattice.macroshape.maps import SplineMap
 from ilattice.offsets.wall import Wall
@@ -354,6 +356,11 @@ def _as_grid(cells: Any, sets: LevelSets, through: SplineMap | None) -> Grid:
     closed = through.closed if through is not None and whole else (False, False, False)
     if cells is not None:
         counts: Sequence[int] = as_counts("cells", cells)
+        need(
+            PER_PIECE * math.prod(map(float, counts)),
+            f"a grid of {' x '.join(map(str, counts))} cells",
+            "use fewer cells per direction",
+        )
         x, y, z = (np.linspace(lo[a], hi[a], counts[a] + 1) for a in range(3))
         return Grid((x, y, z), closed)
     if not sets.exact:

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._memory import need
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import read_only
 from ilattice.bspline import BSpline
@@ -30,6 +31,7 @@ MOST_DEGREE = 4
 UNROLLED = (3, 4)
 #: Pieces that are worked on at once.
 BATCH = 1 << 14
+PER_PIECE = 24  # bytes of memory
 CHECKS = 4096
 
 
@@ -106,6 +108,12 @@ class LevelSets:
                 far = np.abs(b[:, None] - edges).min(axis=1, initial=np.inf) > gap
                 edges = np.sort(np.concatenate([edges, b[far]]))
             cuts.append(read_only(edges))
+        x, y, z = (float(len(edges) - 1) for edges in cuts)
+        need(
+            PER_PIECE * x * y * z,
+            f"a grid of {x:.3g} x {y:.3g} x {z:.3g} cells",
+            "use fewer cells per direction",
+        )
         kind = FieldPieces if self.fields else SplinePieces
         return kind(self, tuple(cuts))
 

@@ -3,8 +3,9 @@
 Guarantees: a writer replaces a file as a whole or not at all, also when it is interrupted or the
 disk is full; a reader allocates in proportion to the size of the file, never to a count that the
 file claims; what cannot be read ends in a `FormatError` with the path and the line.
+Only regular files are read, and never more than `LIMIT` bytes.
 Not guaranteed: a killed process (SIGKILL, power cut) may leave a temporary file ``.*.tmp*`` beside
-the untouched old file.
+the untouched old file; the next save of the same name removes it.
 """
 
 import errno
@@ -13,17 +14,21 @@ import os
 import re
 import stat
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any, NoReturn
 
 import numpy as np
 
+from ilattice._memory import need
 from ilattice._typing import FloatArray
-from ilattice.errors import FormatError, InputError
+from ilattice.errors import FileError, FormatError, InputError
 
 _FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
+_AT_ONCE = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+#: Bytes of the largest file that is read.
+LIMIT = 1 << 33
 _INTEGER = re.compile(r"[+-]?[0-9]{1,18}")
 
 
@@ -39,6 +44,49 @@ def as_path(name: str, value: str | os.PathLike[str]) -> Path:
     if not path.name or "\0" in str(path):
         raise InputError(f"{name} must name a file, got {str(path)!r:.80}")
     return path
+
+
+def check_outputs(paths: Sequence[str | os.PathLike[str]]) -> None:
+    """Refuse, before any work, to write where nothing can be written.
+
+    Parameters
+    ----------
+    paths : sequence of path-like
+        Files that will be written.
+
+    Raises
+    ------
+    FileError
+        Naming the first that is a directory, or whose directory is missing or read-only.
+    """
+    for path in paths:
+        folder = _target(path).parent
+        if not os.access(folder, os.W_OK):
+            raise FileError(f"path {str(path)!r}: the directory is not writable")
+
+
+def check_distinct(named: Mapping[str, Sequence[str | os.PathLike[str]]]) -> None:
+    """Refuse, before any work, to write two things to one file, or over what is read.
+
+    Parameters
+    ----------
+    named : mapping of str to sequence of path-like
+        Paths by what they are for.
+
+    Raises
+    ------
+    InputError
+        Naming the first two that are the same file; devices may be.
+    """
+    seen: dict[str, str] = {}
+    for name, paths in named.items():
+        for path in paths:
+            real = os.path.realpath(path)
+            if real in seen and not (os.path.exists(real) and not os.path.isfile(real)):
+                raise InputError(
+                    f"{seen[real]} and {name} name the same file, {str(path)!r}; choose another"
+                )
+            seen[real] = name
 
 
 # --- writing ----------------------------------------------------------------------------------
@@ -63,26 +111,20 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
 
     Raises
     ------
-    InputError
+    FileError
         If `path` is a directory, or its directory does not exist.
     FormatError
         If the file cannot be written: no permission, disk full.
     """
     target = _target(path)
     if target.exists() and not target.is_file():
-        with _explained(target):
+        with explained(target):
             yield target
         return
-    with _explained(target):
-        temporary = _temporary(target)
-        try:
-            yield temporary
-            _flush_to_disk(temporary)
-            os.replace(temporary, target)
-        except BaseException:
-            with suppress(OSError):
-                temporary.unlink()
-            raise
+    with explained(target), _temporary(target) as temporary:
+        yield temporary
+        _flush_to_disk(temporary)
+        os.replace(temporary, target)
 
 
 @contextmanager
@@ -129,18 +171,66 @@ def _target(path: str | os.PathLike[str]) -> Path:
     """Resolve links to the file that will be written; refuse what cannot be one."""
     target = Path(os.path.realpath(as_path("path", path)))
     if target.is_dir():
-        raise InputError(f"path {str(path)!r} is a directory; give the name of a file in it")
+        raise FileError(f"path {str(path)!r} is a directory; give the name of a file in it")
     if not target.parent.is_dir():
-        raise InputError(f"path {str(path)!r}: there is no directory {str(target.parent)!r}")
+        raise FileError(f"path {str(path)!r}: there is no directory {str(target.parent)!r}")
     return target
 
 
-def _temporary(target: Path) -> Path:
-    """Create an empty file beside `target` with the permissions that `target` has or would get."""
-    handle, name = tempfile.mkstemp(
-        dir=target.parent, prefix=f".{target.stem[:40]}.tmp", suffix=target.suffix[:40]
-    )
-    os.close(handle)
+@contextmanager
+def _temporary(target: Path) -> Iterator[Path]:
+    """Create an empty file beside `target` with the permissions that `target` has or would get.
+
+    It is locked while the block runs. Those that are not belong to processes that were killed, and
+    are removed first.
+    """
+    start, end = f".{target.stem[:40]}.tmp", target.suffix[:40]
+    left = re.compile(re.escape(start) + "[a-z0-9_]{8}" + re.escape(end))
+    for name in os.listdir(target.parent):
+        if left.fullmatch(name):
+            _remove_unlocked(target.parent / name)
+    while True:
+        handle, name = tempfile.mkstemp(dir=target.parent, prefix=start, suffix=end)
+        locked = _lock(handle, wait=True)
+        if not locked:
+            os.close(handle)
+        if not locked or os.path.exists(name):  # not removed before it was locked
+            break
+        os.close(handle)
+    try:
+        _set_mode(target, name)
+        yield Path(name)
+    finally:
+        with suppress(OSError):
+            os.unlink(name)  # unless it has become the target
+        if locked:
+            os.close(handle)
+
+
+def _lock(handle: int, *, wait: bool) -> bool:
+    """Whether this process has the lock of an open file now; never where there are none."""
+    try:
+        import fcntl
+
+        fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+    except (ImportError, OSError):
+        return False
+    return True
+
+
+def _remove_unlocked(path: Path) -> None:
+    """Remove a temporary file that no process is writing."""
+    with suppress(OSError):
+        handle = os.open(path, os.O_RDWR | _AT_ONCE)
+        try:
+            if _lock(handle, wait=False):
+                path.unlink()
+        finally:
+            os.close(handle)
+
+
+def _set_mode(target: Path, name: str) -> None:
+    """Give a new file the permissions that `target` has or would get."""
     if target.exists():
         mode = stat.S_IMODE(target.stat().st_mode)
     else:
@@ -148,7 +238,6 @@ def _temporary(target: Path) -> Path:
         os.umask(mask)
         mode = 0o666 & ~mask
     os.chmod(name, mode)
-    return Path(name)
 
 
 def _flush_to_disk(path: Path) -> None:
@@ -161,7 +250,7 @@ def _flush_to_disk(path: Path) -> None:
 
 
 @contextmanager
-def _explained(target: Path) -> Iterator[None]:
+def explained(target: Path, done: str = "written") -> Iterator[None]:
     """`OSError` as a `FormatError` that says what to do."""
     try:
         yield
@@ -172,27 +261,40 @@ def _explained(target: Path) -> Iterator[None]:
                 f"{target}: not written, the disk is full ({reason}); "
                 "free some space or choose another directory"
             ) from e
-        raise FormatError(f"{target}: cannot be written ({reason})") from e
+        raise FormatError(f"{target}: cannot be {done} ({reason})") from e
 
 
 # --- reading ----------------------------------------------------------------------------------
 
 
-def read_bytes(path: str | os.PathLike[str]) -> bytes:
-    """Read the whole file.
+def read_bytes(path: str | os.PathLike[str], *, limit: int = LIMIT) -> bytes:
+    """Read the whole file, if it is a regular one of at most `limit` bytes.
 
     Raises
     ------
     FormatError
-        If there is no such regular file, or it cannot be read.
+        If there is no such regular file, it is larger, or it cannot be read.
     """
     source = as_path("path", path)
     try:
-        if source.exists() and not source.is_file():
-            raise FormatError(f"{source}: is not a regular file")
-        return source.read_bytes()
+        handle = os.open(source, os.O_RDONLY | _AT_ONCE)  # a pipe must not be waited for
+        try:
+            if not stat.S_ISREG(os.fstat(handle).st_mode):
+                raise FormatError(f"{source}: is not a regular file")
+            size = os.fstat(handle).st_size
+            if size <= limit:
+                need(4 * size, f"{source}: reading {size} bytes", "close other programs")
+                with open(handle, "rb", closefd=False) as file:
+                    data = file.read(size + 1)
+                if len(data) > size:
+                    raise FormatError(f"{source}: grows while it is read")
+        finally:
+            os.close(handle)
     except OSError as e:
         raise FormatError(f"{source}: cannot be read ({e.strerror or e})") from e
+    if size > limit:
+        raise FormatError(f"{source}: has more than {limit} bytes; not read")
+    return data
 
 
 def read_text(path: str | os.PathLike[str]) -> str:
@@ -325,7 +427,7 @@ class Scanner:
 def parse_numbers(tokens: list[str]) -> FloatArray | int:
     """Finite float64 numbers of the tokens, or the index of the first that is not one."""
     try:
-        values = np.array([float(t) for t in tokens], dtype=np.float64)
+        values = np.fromiter(map(float, tokens), np.float64, len(tokens))
     except ValueError:
         return next(i for i, t in enumerate(tokens) if not _is_number(t))
     wrong = np.flatnonzero(~np.isfinite(values))

@@ -3,7 +3,8 @@ r"""IRIT text data (``.itd``): B-spline and Bézier curves, surfaces and trivari
 Guarantees: orders become degrees; point types E1, E2, ... and P1, P2, ... (weight first,
 coordinates multiplied by it) become Cartesian control points and weights; ``KV`` and periodic
 ``KVP`` knot vectors keep their meaning; further coordinates (E7: colour and thickness) are kept.
-Attributes, comments, nested objects and objects of other kinds are passed over.
+Attributes, comments, nested objects and objects of other kinds are passed over; all patches of an
+object share its attributes.
 Not guaranteed: rational coordinates come back to rounding only, since the format multiplies them;
 power bases, trimmed surfaces and multivariates of more than three parameters are skipped.
 
@@ -59,7 +60,9 @@ class _Object:
 
     name: str = ""
     at: int = 0
-    attributes: dict[str, str] = field(default_factory=dict)
+    attributes: dict[str, str] = field(default_factory=dict)  # shared by its patches
+    coordinates: str = ""
+    names: dict[int, tuple[str, ...]] = field(default_factory=dict)  # by number of components
 
 
 def read(path: str | os.PathLike[str]) -> tuple[list[Patch], list[str]]:
@@ -118,7 +121,9 @@ def _next_item(
         if keyword in _PARAMETERS or keyword in _OTHER:
             skipped.append(f"{keyword} {scanner.peek(2):.20}")
         words = _skip_group(scanner)
-        if stack and len(words) == 2:
+        if stack and len(words) == 2 and words[0].upper() == "COORDINATES":
+            stack[-1].coordinates, stack[-1].names = words[1].strip('"'), {}
+        elif stack and len(words) == 2:
             stack[-1].attributes[words[0].upper()] = words[1].strip('"')
 
 
@@ -133,10 +138,10 @@ def _patch(scanner: Scanner, owner: _Object) -> Patch:
     """The geometry that comes next, with what its object says."""
     start = scanner.at
     spline = _geometry(scanner)
-    info = dict(owner.attributes)
-    extra = info.pop("COORDINATES", "")
-    names = split_names(lambda m: scanner.fail(m, start), extra, spline.m) if extra else ()
-    return Patch(spline, name=owner.name, names=names, info=info)
+    extra, m = owner.coordinates, spline.m
+    if extra and m not in owner.names:
+        owner.names[m] = split_names(lambda text: scanner.fail(text, start), extra, m)
+    return Patch(spline, name=owner.name, names=owner.names.get(m, ()), info=owner.attributes)
 
 
 def _skip_group(scanner: Scanner) -> list[str]:

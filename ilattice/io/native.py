@@ -1,9 +1,10 @@
 """Native spline files: ``.npz`` for size, ``.json`` for reading by eye; one spline each.
 
 Guarantees: everything of a `BSpline` comes back bit by bit, also periodic directions, scalar
-splines and the names of extra coordinates. Nothing is ever unpickled; sizes are checked against
-the bytes that are there before memory is taken.
-Non-guarantee: a compressed ``.npz`` that expands more than `EXPANSION` times is refused.
+splines and the names of extra coordinates. Nothing is ever unpickled; members are expanded no
+further than they claim, and claims are checked against the size of the file.
+Non-guarantee: a compressed ``.npz`` that expands more than `EXPANSION` times, to more than 16 MB,
+is refused; so are members that are neither stored nor deflated.
 
 Keys of both: ``format`` ("ilattice spline"), ``version`` (1), ``index_order``, ``degrees``,
 ``periodic``, ``control_points`` of shape (n0[, n1[, n2]][, m]), ``weights`` of shape
@@ -12,10 +13,12 @@ Keys of both: ``format`` ("ilattice spline"), ``version`` (1), ``index_order``, 
 """
 
 import io
+import itertools
 import json
 import math
 import os
 import re
+import struct
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -40,8 +43,10 @@ from ilattice.io._patches import (
 FORMAT = "ilattice spline"
 VERSION = 1
 INDEX_ORDER = "uvw, last fastest"
-EXPANSION = 20
-_SMALL = 1 << 26
+EXPANSION = 5
+_SMALL = 1 << 24
+_MEMBERS = 32
+_AXES = 4
 _HEADER = re.compile(
     rb"\{'descr': '([<>|=]?(?:f[248]|[iu][1248]|b1|U[0-9]{1,4}))', 'fortran_order': (True|False), "
     rb"'shape': \(((?:[0-9]{1,15}(?:, ?|(?=\))))*)\),? *\}\s*"
@@ -74,15 +79,20 @@ def read_npz(path: str | os.PathLike[str]) -> tuple[list[Patch], list[str]]:
     data = read_bytes(path)
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            if sum(m.file_size for m in archive.infolist()) > max(EXPANSION * len(data), _SMALL):
-                raise FormatError(f"{path}: expands more than {EXPANSION} times; not read")
+            members = archive.infolist()
+            room = max(EXPANSION * len(data), _SMALL)
+            if len(members) > _MEMBERS or sum(m.file_size for m in members) > room:
+                raise FormatError(
+                    f"{path}: expands more than {EXPANSION} times, or has more than {_MEMBERS} "
+                    "members; not read"
+                )
             arrays = {
-                m.filename.removesuffix(".npy"): _array(path, m.filename, archive.read(m))
-                for m in archive.infolist()
+                m.filename.removesuffix(".npy"): _array(path, m, _member(path, archive, m), room)
+                for m in members
             }
     except (
         zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, OSError,
-        ValueError, OverflowError, KeyError,
+        ValueError, OverflowError, KeyError, struct.error,
     ) as e:  # fmt: skip
         raise FormatError(f"{path}: no whole npz archive ({e})") from e
     knots = {k: a for k, a in arrays.items() if k.startswith("knot_vector_")}
@@ -96,8 +106,25 @@ def read_npz(path: str | os.PathLike[str]) -> tuple[list[Patch], list[str]]:
     return _patches(path, content)
 
 
-def _array(path: str | os.PathLike[str], name: str, data: bytes) -> AnyArray:
+def _member(
+    path: str | os.PathLike[str], archive: zipfile.ZipFile, member: zipfile.ZipInfo
+) -> bytes:
+    """Bytes of one member, expanded no further than it claims."""
+    name = member.filename
+    if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise FormatError(f"{path}, entry {name!r:.60}: is neither stored nor deflated; not read")
+    with archive.open(member) as file:
+        data = file.read(member.file_size + 1)
+    if len(data) != member.file_size:
+        raise FormatError(f"{path}, entry {name!r:.60}: is not of the size that it claims")
+    return data
+
+
+def _array(
+    path: str | os.PathLike[str], member: zipfile.ZipInfo, data: bytes, room: int
+) -> AnyArray:
     """One member of the archive; the size in its header must be the size that is there."""
+    name = member.filename
     width = 2 if data[6:7] == b"\1" else 4
     start = 8 + width + int.from_bytes(data[8 : 8 + width], "little")
     header = _HEADER.fullmatch(data[8 + width : min(start, 4096)])
@@ -110,6 +137,8 @@ def _array(path: str | os.PathLike[str], name: str, data: bytes) -> AnyArray:
             f"{path}, entry {name!r:.60}: shape {shape} does not fit {len(data) - start} bytes"
         )
     a = np.frombuffer(data, dtype, offset=start)
+    if dtype.kind != "U" and 8 * a.size > room:
+        raise FormatError(f"{path}, entry {name!r:.60}: expands more than {EXPANSION} times")
     return a.reshape(shape[::-1]).T if header[2] == b"True" else a.reshape(shape)
 
 
@@ -194,15 +223,35 @@ def _spline(fail: Fail, content: Mapping[str, Any]) -> BSpline:
 
 def _numbers(fail: Fail, what: str, value: Any) -> FloatArray:
     """Finite numbers in equally long lists."""
-    try:
-        a = np.asarray(value)
-    except (ValueError, OverflowError) as e:
-        fail(f"{what}: expected numbers in lists of equal length ({e})")
-    if a.dtype.kind not in "fiu" or a.ndim == 0:
-        fail(f"{what}: expected an array of numbers, found {value!r:.60}")
-    a = a.astype(np.float64)
+    if isinstance(value, list):
+        value = _listed(fail, what, value)
+    if not isinstance(value, np.ndarray) or value.dtype.kind not in "fiu" or value.ndim == 0:
+        fail(f"{what}: expected an array of numbers, found {_shown(value)}")
+    a = value.astype(np.float64)
     check_size(fail, a, what)
     return a
+
+
+def _listed(fail: Fail, what: str, value: list[Any]) -> FloatArray:
+    """Lists of lists of numbers as an array; types are checked one by one, before NumPy."""
+    shape, items = [len(value)], value
+    while items and isinstance(items[0], list) and len(shape) < _AXES:
+        shape.append(len(items[0]))
+        if not all(type(i) is list and len(i) == shape[-1] for i in items):
+            fail(f"{what}: expected numbers in lists of equal length")
+        items = list(itertools.chain.from_iterable(items))
+    for item in items:
+        if type(item) not in (int, float):
+            fail(f"{what}: expected numbers in lists of equal length, found {_shown(item)}")
+    try:
+        return np.fromiter(map(float, items), np.float64, len(items)).reshape(shape)
+    except OverflowError:
+        fail(f"{what}: a whole number is too large")
+
+
+def _shown(value: Any) -> str:
+    """A foreign value, for messages: short, and made without walking through all of it."""
+    return f"{value!r:.60}" if isinstance(value, (int, float)) else f"a {type(value).__name__}"
 
 
 # --- writing ----------------------------------------------------------------------------------

@@ -8,12 +8,14 @@ mixture is one C2 spline for the entire lattice, which deviates from its tiles b
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ilattice._memory import need
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import as_array, as_counts, as_not_negative, as_points
 from ilattice.errors import InputError
@@ -32,6 +34,7 @@ BOUNDARIES = ("extend", "clip")
 SPACES = ("euclidean", "parametric")
 #: Options of offsets in space only.
 IN_SPACE = {"points", "values", "tol", "relative_density", "least_wall", "least_gap"}
+PER_TILE = 2000  # bytes of memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,6 +157,7 @@ class Lattice:
 
     def _make_field(self) -> Any:
         if isinstance(self.tile, Mixture):
+            self._check_count()
             return self.tile.field(self.repeat, self.domain, self.through.closed)
         return self.tile.kernel_field
 
@@ -292,7 +296,16 @@ class Lattice:
         """Seeds, k-d tree and solver of the closest-point queries."""
         from ilattice.offsets.closest import ClosestPointSearch
 
+        self._check_count()
         return self._once("search", lambda: ClosestPointSearch(self))
+
+    def _check_count(self) -> None:
+        """Refuse so many tiles that what is kept of each does not fit."""
+        need(
+            PER_TILE * math.prod(map(float, self.repeat)),
+            f"a lattice of {' x '.join(map(str, self.repeat))} tiles",
+            "use fewer tiles",
+        )
 
     def closest(self, u: ArrayLike) -> ClosestPoints:
         """Closest points on the mid-surface.

@@ -13,11 +13,13 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._memory import need
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import as_array
 from ilattice.errors import InputError
 from ilattice.mesh._kernels_cells import B, S
 
+PER_COLUMN = 3  # bytes of memory per point of a cross-section
 MARGIN = 5e-3  # distance of vertices from the boundary of their cell, as a fraction of the cell
 INSET = 0.15  # distance of the outermost samples from the faces of the domain, likewise
 
@@ -41,6 +43,12 @@ class Grid:
         planes = [
             _as_planes(f"axes[{i}]", a, w) for i, (a, w) in enumerate(zip(axes, flags, strict=True))
         ]
+        x, y, z = (float(len(a)) for a in planes)
+        need(
+            PER_COLUMN * y * z,
+            f"a grid of {x:.3g} x {y:.3g} x {z:.3g} planes",
+            "use fewer planes along the second and the third axis",
+        )
         ends = np.array([[a[0] for a in planes], [a[-1] for a in planes]])
         x, y, z = (a if w else _inset(a) for a, w in zip(planes, flags, strict=True))
         return cls((x, y, z), ends, (flags[0], flags[1], flags[2]))

@@ -28,6 +28,7 @@ from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
+from ilattice._memory import need
 from ilattice._progress import Progress, track
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import as_array, as_positive, as_triple, read_only
@@ -36,7 +37,7 @@ from ilattice.mesh import _kernels_slices as kernels
 from ilattice.mesh._in_plane import InPlane
 from ilattice.mesh._loops import Outline
 from ilattice.mesh._mesh_slicer import MeshSlicer
-from ilattice.mesh._slicer import Slicer, as_frame, extent
+from ilattice.mesh._slicer import BLOCK, Slicer, as_frame, extent
 
 if TYPE_CHECKING:
     from ilattice.mesh.surface import SurfaceMesh
@@ -45,6 +46,8 @@ if TYPE_CHECKING:
 #: A polygon as arrays: its outer contour (n, 2), and its holes.
 Polygon = tuple[FloatArray, tuple[FloatArray, ...]]
 MOST_LAYERS = 1_000_000
+#: Bytes per cell of a cross-section, and per block of cells, while slicing.
+PER_CELL, PER_BLOCK = 20, 40
 #: Part of a layer below which what is left of the height goes to the last layer: it is rounding.
 LEAST_LAYER = 1e-3
 #: How far beyond the part a height may be, relative to its extent, before it is outside.
@@ -262,7 +265,14 @@ def slice_wall(
     h = 0.25 * least if h is None else as_positive("h", h)
     warn_coarse(h, least)
     frame = as_frame(as_triple("normal", normal))
-    slicer = Slicer(InPlane(wall, grid_axes(wall, h), frame, h, polish))
+    axes = grid_axes(wall, h)
+    a, b, c = (float(len(planes)) for planes in axes)
+    need(
+        PER_CELL * max(a * b, b * c, c * a) + PER_BLOCK * a * b * c / BLOCK**3,
+        f"slicing on a grid of {a:.3g} x {b:.3g} x {c:.3g} planes",
+        "use a larger h or fewer tiles",
+    )
+    slicer = Slicer(InPlane(wall, axes, frame, h, polish))
     heights, tops, bottom = _layers(z, thickness, extent(slicer.height))
     return SliceStack(wall, read_only(heights), read_only(tops), bottom, read_only(frame), slicer)
 
@@ -290,10 +300,11 @@ def _layers(
         raise InputError("give either z, the heights, or thickness, that of the layers")
     if thickness is not None:
         t = as_positive("thickness", thickness)
-        count = max(1, int(np.ceil((high - low) / t - LEAST_LAYER)))
+        layers = float(np.ceil((high - low) / max(t, 1e-300) - LEAST_LAYER))
+        count = int(np.clip(layers, 1, MOST_LAYERS + 1))
         if count > MOST_LAYERS:
             raise InputError(
-                f"thickness={t:g} makes {count} layers of a part from {low:g} to {high:g}; "
+                f"thickness={t:g} makes {layers:.3g} layers of a part from {low:g} to {high:g}; "
                 f"at most {MOST_LAYERS} are allowed"
             )
         ends_of_layers = np.append(low + t * np.arange(count), high)

@@ -23,9 +23,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ilattice._memory import need
 from ilattice._progress import Progress
 from ilattice._typing import AnyArray, FloatArray
-from ilattice.errors import ConvergenceError, PrecisionWarning
+from ilattice.errors import ConvergenceError, InputError, PrecisionWarning
 from ilattice.mesh._own_cells import in_own_cells
 from ilattice.mesh._settling import Classes, classified, measure, settled
 from ilattice.mesh.contouring import (
@@ -48,6 +49,9 @@ ANISOTROPY = 2.0
 #: Part of the vertices that may be held before a warning, and before an error; a number of them
 #: that always may.
 MAX_HELD, MOST_HELD, FEW = 1e-4, 1e-2, 10
+#: Bytes of memory per vertex of a mesh, and per site where the map is sampled.
+PER_VERTEX, PER_SITE = 500, 150
+MOST_PLANES = 10_000_000
 
 
 def wall_mesh(
@@ -62,6 +66,7 @@ def wall_mesh(
 ) -> SurfaceMesh:
     """Mesh of a wall, less where a field `cut` is positive; see `ilattice.offsets.Wall.mesh`."""
     job = _Job.of(wall, h, polish, progress, cut)
+    _check_size(job.axes)
     raw = contour_arrays(job.field, job.axes, caps=caps, **job.options)
     if wall.creased and cut is None:
         raw = sharpened(raw, job.field, job.axes)
@@ -111,8 +116,19 @@ def wall_contour(wall: Wall, h: float | None, *, progress: Progress) -> SurfaceM
     Other than the mesh of `wall_mesh`, it has no point data, and may contain slivers.
     """
     job = _Job.of(wall, h, wall._exact, progress)
+    _check_size(job.axes)
     raw = contour_arrays(job.field, job.axes, **job.options)
     return SurfaceMesh.adopt(wall.lattice.through.x(raw.vertices), _outward(wall, raw.faces), {})
+
+
+def _check_size(axes: tuple[FloatArray, ...]) -> None:
+    """Refuse meshes that do not fit: of a surface that crosses the grid about once each way."""
+    x, y, z = (float(len(a)) for a in axes)
+    need(
+        PER_VERTEX * (x * y + y * z + z * x) / 3.0,
+        f"the mesh on a grid of {x:.3g} x {y:.3g} x {z:.3g} planes",
+        "use a larger h or fewer tiles",
+    )
 
 
 def _outward(wall: Wall, faces: AnyArray) -> AnyArray:
@@ -257,11 +273,24 @@ def grid_axes(wall: Wall, h: float) -> tuple[FloatArray, ...]:
     """
     lattice = wall.lattice
     lo, hi = lattice.domain
-    sites = [np.linspace(lo[a], hi[a], max(33, 4 * lattice.repeat[a] + 1)) for a in range(3)]
+    counts = [max(33, 4 * n + 1) for n in lattice.repeat]
+    need(
+        PER_SITE * float(np.prod(np.array(counts, float))),
+        f"the grid of {' x '.join(map(str, lattice.repeat))} tiles",
+        "use fewer tiles",
+    )
+    sites = [np.linspace(lo[a], hi[a], counts[a]) for a in range(3)]
     _, g = lattice.through.geometry.grid(sites, 1)
     stretch = np.linalg.norm(g, axis=-2)  # (n0, n1, n2, parameter)
     others = [tuple(b for b in range(3) if b != a) for a in range(3)]
     step = [h / stretch[..., a].max(axis=others[a]) for a in range(3)]  # widths at the sites
+    for a in range(3):
+        planes = float((np.diff(sites[a]) / np.maximum(step[a][1:], 1e-300)).sum())
+        if not planes < MOST_PLANES:
+            raise InputError(
+                f"h = {h:.3g} makes {planes:.3g} planes along {'uvw'[a]}; at most {MOST_PLANES} "
+                "are allowed: use a larger h"
+            )
     limited = []
     for a in range(3):
         b, c = others[a]

@@ -7,11 +7,13 @@ over about one span.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ilattice._memory import need
 from ilattice._progress import Progress, track
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice.bspline import BSpline
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
     from ilattice.macroshape.lattice import Lattice
 
 DEGREE = 2
+PER_SITE = 40  # bytes
 SLAB_POINTS = 1 << 17
 
 
@@ -91,6 +94,12 @@ def interpolated(
 
     closed = lattice.through.closed
     counts = np.broadcast_to(np.asarray(spans, np.int64), 3).tolist()
+    need(
+        PER_SITE * math.prod(n * r + degree for n, r in zip(counts, lattice.repeat, strict=True)),
+        f"the distance spline of {' x '.join(map(str, lattice.repeat))} tiles with "
+        f"{max(counts)} spans per tile and direction",
+        "use fewer tiles, or a smaller spans_per_tile",
+    )
     knots, axes = [], []
     for a in range(3):
         t = uniform_knots(

@@ -1,7 +1,7 @@
 """Words of a command: arguments of a process or of a text, with files named by ``@path`` inserted.
 
 Guarantees: files may insert files, relative to themselves, up to `MAX_DEPTH` deep, never in a
-circle; more than `MAX_WORDS` words are refused.
+circle; more than `MAX_WORDS` words, or `MAX_BYTES` bytes in all files, are refused.
 """
 
 import os
@@ -10,11 +10,13 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from ilattice.errors import InputError
+from ilattice.errors import FileError, FormatError, InputError
+from ilattice.io._common import read_bytes
 
 MAX_DEPTH = 16
 MAX_WORDS = 100_000
-MAX_BYTES = 10_000_000
+MAX_BYTES = 2_000_000
+_PER_FILE = 100  # bytes that a file counts for beside its own, so that empty ones end too
 
 
 class Token(NamedTuple):
@@ -55,7 +57,7 @@ def read(command: str | Sequence[str]) -> list[Token]:
     else:
         raise InputError(f"a command must be text or a sequence of words, got {command!r:.80}")
     out: list[Token] = []
-    for token in _expanded(words, "", Path(), ()):
+    for token in _expanded(words, "", Path(), (), [MAX_BYTES]):
         if len(out) == MAX_WORDS:
             raise InputError(f"the command has more than {MAX_WORDS} words")
         out.append(token)
@@ -70,8 +72,9 @@ def _split(text: str, name: str) -> list[str]:
 
 
 def _expanded(
-    words: Sequence[str], source: str, folder: Path, above: tuple[Path, ...]
+    words: Sequence[str], source: str, folder: Path, above: tuple[Path, ...], left: list[int]
 ) -> Iterator[Token]:
+    """The words with their places; `left` holds the bytes that files may still have."""
     for i, word in enumerate(words, 1):
         place = f"{source}word {i}"
         if not word.startswith("@"):
@@ -81,18 +84,19 @@ def _expanded(
         name = f"{place} {word!r}"
         real = Path(os.path.realpath(path))
         if real in above:
-            raise InputError(f"{name}: the file {str(path)!r} inserts itself")
+            raise InputError(f"{name}: the file {str(path)!r:.80} inserts itself")
         if len(above) == MAX_DEPTH:
-            raise InputError(f"{name}: {str(path)!r} is more than {MAX_DEPTH} files deep")
-        inner = _split(_text(path, name), str(path))
-        yield from _expanded(inner, f"{path}: ", path.parent, (*above, real))
+            raise InputError(f"{name}: {str(path)!r:.80} is more than {MAX_DEPTH} files deep")
+        inner = _split(_text(path, name, left), str(path))
+        yield from _expanded(inner, f"{path}: ", path.parent, (*above, real), left)
 
 
-def _text(path: Path, name: str) -> str:
+def _text(path: Path, name: str, left: list[int]) -> str:
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(f"{name}: {str(path)!r} has more than {MAX_BYTES} bytes")
-        return path.read_text(encoding="utf-8")
-    except (OSError, ValueError) as e:
-        reason = getattr(e, "strerror", None) or "it is not text"
-        raise InputError(f"{name}: cannot read the file {str(path)!r}: {reason}") from e
+        data = read_bytes(path, limit=left[0])
+        left[0] = max(left[0] - len(data) - _PER_FILE, 0)
+        return data.decode("utf-8")
+    except FormatError as e:
+        raise FileError(f"{name}: cannot read the file: {e}") from e
+    except ValueError as e:
+        raise InputError(f"{name}: cannot read the file {str(path)!r:.80}: it is not text") from e

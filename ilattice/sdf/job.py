@@ -2,14 +2,15 @@
 
 Guarantees: the same command writes the same bytes of meshes and tables; what is wrong with the
 words is found before anything is meshed or written. A sweep that was interrupted goes on where it
-stopped: rows of the table are kept as long as the command and the file they name are the same.
+stopped, and ends with the same table (`ilattice.io.table`): runs are left out as long as the
+command, its input files, the library and the file that was written are the same.
 """
 
-import csv
-import io
 import math
 import os
 import re
+import shlex
+from ast import literal_eval
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -18,13 +19,14 @@ from typing import Any
 
 import numpy as np
 
-from ilattice import fields
+from ilattice import __version__, fields
 from ilattice._progress import Progress, track
 from ilattice._stages import Stages
 from ilattice._typing import FloatArray
 from ilattice.errors import FormatError, IlatticeError, InputError
-from ilattice.io._common import atomic_write, write_report
+from ilattice.io._common import check_distinct, check_outputs, write_report
 from ilattice.io.registry import WRITERS
+from ilattice.io.table import Table, digest
 from ilattice.mesh.topology import islands_of
 from ilattice.sdf._tokens import Token
 from ilattice.sdf.language import Command, is_free
@@ -34,6 +36,7 @@ __all__ = ["run"]
 
 OUTPUT = "out.ply"
 MOST_RUNS = 100_000
+LONGEST_NAME = 240  # bytes of the name of a file
 MEASURES = ("volume", "area", "genus", "components", "watertight", "vertices", "faces")
 
 
@@ -77,11 +80,12 @@ class Settings:
         if output.suffix.lower() not in WRITERS[kind]:
             known = ", ".join(sorted(WRITERS[kind]))
             raise FormatError(f"output {str(output)!r} has none of the endings {known}")
-        for path in (output, found.report, found.table):
-            if path is not None and not path.parent.is_dir():
-                raise InputError(
-                    f"output {str(path)!r}: there is no directory {str(path.parent)!r}"
-                )
+        files = {"-o": [output], "--report": [found.report], "--table": [found.table]}
+        if not found.sweep:
+            del files["--table"]
+        given = {name: [p for p in paths if p is not None] for name, paths in files.items()}
+        check_outputs([path for paths in given.values() for path in paths])
+        check_distinct(given)
         return found
 
 
@@ -112,6 +116,8 @@ def run(command: str | Sequence[str], *, progress: Progress = None) -> dict[str,
     found = Command.read(command)
     settings = Settings.of(found)
     words = [t.text for item in found.items for t in (item.token, *item.operands.values())]
+    if settings.report:
+        check_distinct({"--report": [settings.report], "input": found.files({})})
     if settings.dry_run:
         report = _described(found, settings)
     elif settings.sweep:
@@ -176,66 +182,97 @@ def _swept(
     command: Command, settings: Settings, words: list[str], progress: Progress
 ) -> dict[str, Any]:
     """One run for every combination of values; the rows of the table."""
-    names = list(settings.sweep)
-    combinations = list(product(*settings.sweep.values()))
-    if len(combinations) > MOST_RUNS:
-        raise InputError(f"--set makes {len(combinations)} runs; at most {MOST_RUNS} are allowed")
-    known = _known(settings.table, names, " ".join(words) + _how(settings))
+    runs = _runs(command, settings)
+    table = Table(settings.table, list(settings.sweep), MEASURES)
+    told = " ".join([shlex.join(words), *_how(settings)])
+    digests = _Digests()
     rows: list[dict[str, Any]] = []
-    for combination in track(combinations, "sweep", progress):
-        values = dict(zip(names, combination, strict=True))
-        row = known.get(combination)
-        if row is None:
-            row = _row(command, settings, values)
-            row["command"] = " ".join(words) + _how(settings)
+    for output, values in track(list(runs.items()), "sweep", progress):
+        inputs = digests(command.files(values))
+        known = table.find(values, told, inputs, __version__)
+        row = _typed(known) if known else _row(command, settings, output, values)
+        if not known:
+            made = digest(row["file"]) if row["file"] else ""
+            row |= {"command": told, "inputs": inputs, "version": __version__, "output": made}
+            table.append(row)
         rows.append(row)
-        _write_table(settings.table, names, rows)
     return {"rows": rows, "files": [str(settings.table), *(r["file"] for r in rows if r["file"])]}
 
 
-def _row(command: Command, settings: Settings, values: dict[str, str]) -> dict[str, Any]:
-    tag = re.sub(r"[^\w.+=-]", "~", "_".join(f"{name}={value}" for name, value in values.items()))
-    output = settings.output.with_stem(f"{settings.output.stem}_{tag}")
+def _runs(command: Command, settings: Settings) -> dict[Path, dict[str, str]]:
+    """The values of every run by the file it writes; refused if two would write the same one."""
+    count = math.prod(map(len, settings.sweep.values()))
+    if count > MOST_RUNS:
+        raise InputError(f"--set makes {count} runs; at most {MOST_RUNS} are allowed")
+    command.check_used(settings.sweep)
+    runs: dict[Path, dict[str, str]] = {}
+    inputs: set[str] = set()
+    for combination in product(*settings.sweep.values()):
+        values = dict(zip(settings.sweep, combination, strict=True))
+        told = "_".join(f"{name}={value}" for name, value in values.items())
+        tag = re.sub(r"[^\w.+=-]", "~", told)
+        output = settings.output.with_stem(f"{settings.output.stem}_{tag}")
+        if len(output.name.encode()) > LONGEST_NAME:
+            raise InputError(f"--set: the name of a file, {output.name!r:.80}, would be too long")
+        if output in runs:
+            before = "_".join(f"{name}={value}" for name, value in runs[output].items())
+            raise InputError(
+                f"--set: {before!r:.80} and {told!r:.80} would both write {str(output)!r:.80}; "
+                "leave one of them out, or write it with other letters"
+            )
+        runs[output] = values
+        inputs.update(command.files(values))
+    check_distinct({"-o": list(runs), "--table": [settings.table], "input": sorted(inputs)})
+    if settings.report:
+        check_distinct({"--report": [settings.report], "-o": list(runs)})
+    return runs
+
+
+def _row(
+    command: Command, settings: Settings, output: Path, values: dict[str, str]
+) -> dict[str, Any]:
     try:
         found = _meshed(command, settings, output, values, None)
     except IlatticeError as e:
-        return {**values, "file": "", "message": " ".join(str(e).split())}
+        return {**values, "file": "", "message": str(e)}
     return {**values, "file": str(output), "message": "", **{k: found[k] for k in MEASURES}}
 
 
-def _how(settings: Settings) -> str:
+def _typed(row: Mapping[str, str]) -> dict[str, Any]:
+    """A row of the table, its measures as `_row` has them."""
+    return {k: literal_eval(v) if k in MEASURES else v for k, v in row.items()}
+
+
+class _Digests:
+    """Digests of input files, taken again when a file has changed."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, tuple[Any, str]] = {}
+
+    def __call__(self, paths: Sequence[str]) -> str:
+        return "-".join(self._one(path) for path in paths)
+
+    def _one(self, path: str) -> str:
+        try:
+            found = os.stat(path)
+        except OSError:
+            return "none"  # the run says so
+        state = (found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns)
+        if path not in self._known or self._known[path][0] != state:
+            self._known[path] = (state, digest(path))
+        return self._known[path][1]
+
+
+def _how(settings: Settings) -> list[str]:
     """The options that change results, as text."""
-    spacing = (
-        "" if settings.spacing is None else f" -s {','.join(map(repr, settings.spacing.tolist()))}"
-    )
-    tol = "" if settings.tol is None else f" --tol {settings.tol!r}"
-    kept = " --remove-islands" if settings.remove_islands else ""
-    return (
-        spacing + tol + kept + ("" if settings.slices is None else f" --slices {settings.slices!r}")
-    )
-
-
-def _known(table: Path, names: list[str], command: str) -> dict[tuple[str, ...], dict[str, Any]]:
-    """Rows of an earlier run that are still right."""
-    if not table.is_file():
-        return {}
-    try:
-        with table.open(encoding="utf-8", newline="") as file:
-            rows = list(csv.DictReader(file))
-    except (OSError, ValueError, csv.Error) as e:
-        raise FormatError(f"table {str(table)!r} cannot be read: {e}; remove it") from e
-    right = [r for r in rows if r.get("command") == command and all(n in r for n in names)]
-    return {tuple(r[n] for n in names): r for r in right if r["file"] and os.path.isfile(r["file"])}
-
-
-def _write_table(table: Path, names: list[str], rows: list[dict[str, Any]]) -> None:
-    columns = [*names, *MEASURES, "file", "message", "command"]
-    text = io.StringIO()
-    writer = csv.DictWriter(text, columns, restval="", extrasaction="ignore", lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    with atomic_write(table, text=True) as file:
-        file.write(text.getvalue())
+    parts = []
+    if settings.spacing is not None:
+        parts.append(f"-s {','.join(map(repr, settings.spacing.tolist()))}")
+    if settings.tol is not None:
+        parts.append(f"--tol {settings.tol!r}")
+    if settings.slices is not None:
+        parts.append(f"--slices {settings.slices!r}")
+    return parts + ["--strict"] * settings.strict
 
 
 # ---------------------------------------------------------------------------- options

@@ -23,7 +23,7 @@ import numpy as np
 from ilattice import fields
 from ilattice._typing import FloatArray
 from ilattice._validate import near_names
-from ilattice.errors import InputError
+from ilattice.errors import FileError, InputError
 from ilattice.fields.equation import CONSTANTS, FUNCTIONS, VARIABLES, has_coordinates
 from ilattice.fields.node import Node
 from ilattice.sdf._tokens import Token, read
@@ -42,6 +42,7 @@ __all__ = ["Command", "parse"]
 
 MAX_DEPTH = 150  # of the tree of operations
 _NUMBER = re.compile(r"-[\d.]")
+_NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)
 _WORD = re.compile(r"[A-Za-z][\w-]*\Z", re.ASCII)
 
 
@@ -113,6 +114,54 @@ class Command:
             For files that cannot be read, or used.
         """
         return _Machine(values or {}, strict).run(self.items)
+
+    def files(self, values: Mapping[str, str]) -> list[str]:
+        """The files that the command reads.
+
+        Parameters
+        ----------
+        values : mapping of str to str
+            Words that stand for others.
+
+        Returns
+        -------
+        list of str
+            Paths, in order, each once.
+        """
+        known = {key(name): text for name, text in values.items()}
+        found: dict[str, None] = {}
+        for item in self.items:
+            text = item.token.text
+            if item.operation is None and solid(text) is None:
+                text = known.get(key(text), text)
+                if solid(text) is None and text.lower().endswith(MESHES):
+                    found[text] = None
+        return list(found)
+
+    def check_used(self, values: Mapping[str, Sequence[str]]) -> None:
+        """Refuse names that stand for values but occur nowhere.
+
+        Parameters
+        ----------
+        values : mapping of str to sequence of str
+            What each name stands for.
+
+        Raises
+        ------
+        InputError
+            Naming the first such name.
+        """
+        texts = [t.text for i in self.items for t in (i.token, *i.operands.values())]
+        texts += [text for several in values.values() for text in several]
+        used = {key(text) for text in texts}
+        for text in texts:
+            if not text.lower().endswith(MESHES):
+                used.update(map(key, _NAME.findall(text)))
+        for name in values:
+            if key(name) not in used:
+                raise InputError(
+                    f"{name!r:.80} stands for a value, but the command does not use that name"
+                )
 
     def tree(self) -> list[str]:
         """The tree of operations, one line of text each, as deep as it is indented.
@@ -319,7 +368,7 @@ class _Machine:
             from ilattice.sdf.mesh_distance import MeshDistance
 
             if not os.path.isfile(path):
-                raise InputError(f"{token}: there is no file {path!r}")
+                raise FileError(f"{token}: there is no file {path!r:.80}")
             self.meshes[path] = fields.from_callable(MeshDistance(load(path), strict=self.strict))
         return self.meshes[path]
 
@@ -379,4 +428,6 @@ def parse(command: str | Sequence[str], *, strict: bool = False, **values: float
     for name in values:
         if not is_free(name):
             raise InputError(f"{name!r} cannot stand for a value: it has a meaning already")
-    return found.solid({name: str(value) for name, value in values.items()}, strict=strict)
+    texts = {name: str(value) for name, value in values.items()}
+    found.check_used({name: [text] for name, text in texts.items()})
+    return found.solid(texts, strict=strict)

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._memory import available, need
 from ilattice._progress import Progress
 from ilattice._typing import FloatArray
 from ilattice._validate import as_positive, as_triple
@@ -34,6 +35,8 @@ MEMORY = 8.0  # gigabytes
 MOST_PLANES = 1_000_000
 PER_TRIANGLE = 60  # bytes, with all that is in memory at once
 PER_BLOCK = 100
+MOST_PER_CELL = 320
+GENEROUS = 1e6  # gigabytes: as good as no limit
 BASE = 3e8
 LARGE = 1e8  # grid points from which on vertices are in single precision, at linear crossings
 MARGIN = 0.25  # spacings between the solid and the outermost planes, at least
@@ -106,6 +109,16 @@ class Plan:
         """
         blocks = 8 * np.prod([np.ceil(n / 8) for n in self.shape[1:]])
         return float(BASE + PER_TRIANGLE * self.triangles() + PER_BLOCK * blocks) / 1e9
+
+    def most_memory(self) -> float:
+        """More gigabytes than meshing can take, from the shape of the grid alone.
+
+        Returns
+        -------
+        float
+            The bound.
+        """
+        return float(BASE + MOST_PER_CELL * np.prod(np.array(self.shape, float))) / 1e9
 
     def mesh(self, *, progress: Progress = None) -> SurfaceMesh:
         """Contour the solid.
@@ -180,12 +193,16 @@ def plan(solid: Node, spacing: Any = None, *, memory: float = MEMORY) -> Plan:
     ]
     found = Plan(solid, inner, box, (axes[0], axes[1], axes[2]))
     limit = as_positive("memory", memory)
-    if np.prod(np.array(found.shape, float)) > 2e7 and found.memory() > limit:
+    what = "a grid of " + " x ".join(map(str, found.shape)) + " planes"
+    if found.most_memory() > limit and found.memory() > limit:
         raise InputError(
-            f"a grid of {found.shape[0]} x {found.shape[1]} x {found.shape[2]} planes needs about "
-            f"{found.memory():.3g} GB; allowed are {limit:g} GB: take a larger spacing, or allow "
-            "more memory"
+            f"{what} needs about {found.memory():.3g} GB; allowed are {limit:g} GB: take a larger "
+            "spacing, or allow more memory"
         )
+    if limit > GENEROUS:
+        return found
+    if 1e9 * found.most_memory() > available():
+        need(1e9 * found.memory(), what, "take a larger spacing")
     return found
 
 
@@ -199,7 +216,8 @@ def _corners(solid: Node) -> FloatArray | None:
 def _checked_box(solid: Node) -> FloatArray:
     box = np.array(solid.bounds)
     if is_empty(box) or (box[0] == box[1]).any():
-        raise GeometryError(f"the solid is empty: its box is {box.tolist()}")
+        where = f": its box is {box.tolist()}" if np.isfinite(box).all() else ""
+        raise GeometryError(f"the solid is empty{where}")
     endless = ["xyz"[k] for k in range(3) if not np.isfinite(box[:, k]).all()]
     if endless:
         raise InputError(
@@ -275,11 +293,9 @@ def _converged(solid: Node, tol: float, memory: float, progress: Progress) -> Su
     box = _checked_box(solid)
     h = float((box[1] - box[0]).max()) / FIRST
     before: int | None = None
+    last = np.inf
     while True:
-        try:
-            part = plan(solid, h, memory=memory)
-        except InputError as e:
-            raise InputError(f"tol={tol:g} needs a finer grid than is allowed: {e}") from e
+        part = _allowed(solid, h, tol, memory)
         try:
             found = part.mesh(progress=progress)
         except GeometryError:  # nothing seen yet
@@ -287,10 +303,30 @@ def _converged(solid: Node, tol: float, memory: float, progress: Progress) -> Su
                 raise
             h *= 0.5
             continue
-        handles = found.genus
-        if handles == before and _chord_error(part, found) <= tol:
+        handles, error = found.genus, _chord_error(part, found)
+        if handles == before and error <= tol:
             return found
-        before, h = handles, 0.5 * h
+        if error > tol and last < np.inf:
+            _allowed(solid, h * 0.5 ** _halvings(last, error, tol), tol, memory)
+        before, last, h = handles, error, 0.5 * h
+
+
+def _allowed(solid: Node, h: float, tol: float, memory: float) -> Plan:
+    """The plan of a spacing, or the error that says why a tolerance cannot be kept."""
+    try:
+        return plan(solid, h, memory=memory)
+    except InputError as e:
+        raise InputError(f"tol={tol:g} needs a finer grid than is allowed: {e}") from e
+
+
+def _halvings(last: float, error: float, tol: float) -> int:
+    """How often the spacing must at least be halved until the tolerance is kept.
+
+    Errors of smooth surfaces fall to a quarter; where they fall less, or more, the second of two is
+    trusted between a half and an eighth, and one halving is given.
+    """
+    order = float(np.clip(np.log2(last / max(error, 1e-300)), 1.0, 3.0))
+    return max(1, int(np.log2(error / tol) / order))
 
 
 def _chord_error(part: Plan, found: SurfaceMesh) -> float:

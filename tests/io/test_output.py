@@ -8,6 +8,7 @@ import subprocess
 import sys
 import warnings
 import zipfile
+from pathlib import Path
 
 import meshes
 import numpy as np
@@ -15,6 +16,7 @@ import pytest
 import pyvista as pv
 import trimesh
 
+import ilattice as il
 from ilattice import io
 from ilattice.errors import FormatError, GeometryError, InputError, PrecisionWarning
 from ilattice.io import _mesh, ply, registry, splines, threemf
@@ -416,3 +418,35 @@ def test_files_replace_old_ones(ring, old):
         ring.save(old / f"a{ending}")
         assert (old / f"a{ending}").stat().st_size > 1000
     assert zipfile.is_zipfile(old / "a.3mf")
+
+
+def test_temporary_files_of_killed_processes_are_removed_by_the_next_save(tmp_path):
+    """Not those of processes that are still writing, and no other files."""
+    program = (
+        "import sys, time; from ilattice.io._common import atomic_path\n"
+        "with atomic_path(sys.argv[1]) as p: print(p, flush=True); time.sleep(60)"
+    )
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    children = [
+        subprocess.Popen(
+            [sys.executable, "-c", program, tmp_path / "a.ply"],
+            stdout=subprocess.PIPE, text=True, env=environment,
+        )
+        for _ in range(3)
+    ]  # fmt: skip
+    names = [Path(child.stdout.readline().strip()) for child in children]
+    other = tmp_path / ".a.tmp.ply"
+    other.touch()
+    for child in children[1:]:
+        child.kill()
+        child.wait()
+    assert all(name.exists() for name in names)
+    il.sdf.mesh(il.fields.sphere(1.0), 0.5).save(tmp_path / "a.ply")
+    assert [name.exists() for name in names] == [True, False, False]
+    assert other.exists()
+    children[0].kill()
+    children[0].wait()
+    for child in children:
+        child.stdout.close()
+    il.sdf.mesh(il.fields.sphere(1.0), 0.5).save(tmp_path / "a.ply")
+    assert {p.name for p in tmp_path.iterdir()} == {"a.ply", ".a.tmp.ply"}

@@ -1,0 +1,254 @@
+"""Files that are made to harm: devices, bombs, claims, and what grows faster than the file."""
+
+import io
+import itertools
+import json
+import os
+import random
+import struct
+import threading
+import time
+import tracemalloc
+import zipfile
+
+import numpy as np
+import pytest
+import wounds
+from spline_zoo import ZOO
+
+import ilattice as il
+from ilattice.errors import FormatError, IlatticeError, InputError
+from ilattice.io import registry, splines
+from ilattice.macroshape import SplineMap
+
+COUNT = int(os.environ.get("ILATTICE_MUTANTS", "500"))
+HEAD = {"format": "ilattice spline", "version": 1, "index_order": "uvw, last fastest"}
+LINE = HEAD | {"degrees": [1], "periodic": [False], "knot_vectors": [[0, 0, 1, 1]]}
+SQUARE = """MFEM NURBS mesh v1.0
+dimension 2 elements {n}
+{elements}
+boundary 0 edges 4 0 0 1 0 3 2 0 0 3 0 1 2 vertices 4
+knotvectors 1 1 2 0 0 1 1 weights 1 1 1 1
+FiniteElementSpace FiniteElementCollection: NURBS1 VDim: {dim} Ordering: 0
+{numbers}
+"""
+
+
+def load(path):
+    if path.suffix in registry.READERS:
+        return il.mesh.load(path)
+    return splines.list_patches(path)
+
+
+def cost(path):
+    """Result or error of reading a file, its peak of memory, and the time."""
+    tracemalloc.start()
+    start = time.process_time()
+    try:
+        found = load(path)
+    except FormatError as e:
+        found = e
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    return found, peak, time.process_time() - start
+
+
+# --- what is no regular file ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("ending", sorted([*registry.READERS, *splines.FORMATS]))
+@pytest.mark.parametrize("kind", ["zero", "fifo", "folder"])
+def test_only_regular_files_are_read(tmp_path, ending, kind):
+    path = tmp_path / f"a{ending}"
+    if kind == "zero":
+        path.symlink_to("/dev/zero")
+    elif kind == "fifo":
+        os.mkfifo(path)
+    else:
+        path.mkdir()
+    found, peak, _ = cost(path)
+    assert isinstance(found, FormatError)
+    assert "is not a regular file" in str(found)
+    assert peak < 3e6
+
+
+def test_words_of_a_command_come_from_regular_files_of_bounded_size(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "long").write_bytes(b"sphere " * 400_000)
+    (tmp_path / "leaf").write_text("")
+    below = "leaf"
+    for i in range(8):  # 1000 ** 8 insertions of nothing
+        (tmp_path / f"level{i}").write_text(f"@{below} " * 1000)
+        below = f"level{i}"
+    for name, message in (
+        ("/dev/zero", "regular"),
+        (tmp_path / "pipe", "regular"),
+        (tmp_path / "long", "bytes"),
+        (tmp_path / below, "bytes"),
+    ):
+        done: list[Exception] = []
+
+        def parse(name=name, done=done):
+            try:
+                il.sdf.parse(f"@{name} sphere")
+            except InputError as e:
+                done.append(e)
+
+        worker = threading.Thread(target=parse, daemon=True)
+        worker.start()
+        worker.join(20)
+        assert done
+        assert message in str(done[0])
+
+
+# --- archives and JSON ----------------------------------------------------------------------------
+
+
+def archive(content, method, claim=None):
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w", method) as package:
+        package.writestr("control_points.npy", content)
+    data = out.getvalue()
+    if claim is not None:
+        data = data.replace(struct.pack("<I", len(content)), struct.pack("<I", claim))
+    return data
+
+
+@pytest.mark.parametrize("method", [zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+@pytest.mark.parametrize("claim", [None, 100, 10_000_000])
+def test_archives_that_lie_about_sizes_take_no_memory(tmp_path, method, claim):
+    (tmp_path / "a.npz").write_bytes(archive(bytes(1 << 26), method, claim))
+    found, peak, _ = cost(tmp_path / "a.npz")
+    assert isinstance(found, FormatError)
+    assert peak < 60e6
+
+
+def test_damaged_lzma_is_refused(tmp_path):
+    rng, path = random.Random(7), tmp_path / "a.npz"
+    good = archive(rng.randbytes(3000), zipfile.ZIP_LZMA)
+    for _ in range(100):
+        data = bytearray(good)
+        for _ in range(3):
+            data[rng.randrange(60, 2000)] = rng.randrange(256)
+        path.write_bytes(data)
+        assert isinstance(cost(path)[0], FormatError)
+
+
+@pytest.mark.parametrize("kind", ["<f2", "|i1", "<f8"])
+def test_narrow_numbers_do_not_grow_beyond_the_file(tmp_path, kind):
+    arrays = {k: v for k, v in LINE.items() if k != "knot_vectors"}
+    np.savez_compressed(
+        tmp_path / "a.npz",
+        control_points=np.zeros(12_000_000 if kind == "|i1" else 2_000_000, kind),
+        knot_vector_0=np.array([0, 0, 1, 1.0]),
+        **arrays,
+    )
+    found, peak, _ = cost(tmp_path / "a.npz")
+    assert isinstance(found, FormatError)
+    assert peak < 20 * (tmp_path / "a.npz").stat().st_size + 100e6
+
+
+@pytest.mark.parametrize("odd", ["x" * 3000, None, True, [1, 2], {}, "1", 10**400])
+@pytest.mark.parametrize("at", [0, 77_000])
+def test_one_odd_entry_among_numbers_costs_nothing(tmp_path, odd, at):
+    values = [0] * 150_000
+    values[at] = odd
+    (tmp_path / "a.json").write_text(json.dumps(LINE | {"control_points": values}))
+    found, peak, _ = cost(tmp_path / "a.json")
+    assert isinstance(found, FormatError)
+    assert len(str(found)) < 400
+    assert peak < 20e6
+
+
+# --- what grew with the square of the file --------------------------------------------------------
+
+
+def test_attributes_of_an_object_are_kept_once(tmp_path):
+    def file(n):
+        parts = "".join(f"[A{i} b][CURVE BEZIER 2 E1 [1] [2]]\n" for i in range(n))
+        (tmp_path / "a.itd").write_text(f"[OBJECT part {parts}]")
+        return cost(tmp_path / "a.itd")
+
+    (small, low, _), (large, high, _) = file(300), file(2400)
+    assert len(small) == 300
+    assert len(large) == 2400
+    assert large[5].info["A2399"] == "b"
+    assert high < 12 * low
+
+
+def test_names_of_coordinates_are_kept_once(tmp_path):
+    curves = "[CURVE BEZIER 2 E4 [1 2 3 4] [2 3 4 5]]\n" * 1500
+    (tmp_path / "a.itd").write_text(f'[OBJECT part [COORDINATES "{"a" * 20_000}"]\n{curves}]')
+    found, peak, _ = cost(tmp_path / "a.itd")
+    assert found[1499].names == ("a" * 20_000,)
+    assert peak < 20e6
+
+
+@pytest.mark.parametrize(("n", "dim"), [(2500, 12_000), (40, 12_000)])
+def test_a_square_is_not_used_again_and_again(tmp_path, n, dim):
+    text = SQUARE.format(
+        n=n, dim=dim, elements="1 3 0 1 2 3\n" * n, numbers="1 " * 4 * dim
+    )  # fmt: skip
+    (tmp_path / "a.mesh").write_text(text)
+    found, peak, _ = cost(tmp_path / "a.mesh")
+    assert isinstance(found, FormatError)
+    assert "share their points more than 16 times" in str(found)
+    assert peak < 20 * len(text) + 5e6
+
+
+# --- damaged at random ----------------------------------------------------------------------------
+
+
+def good_files(ending, tmp_path):
+    path = tmp_path / f"good{ending}"
+    if ending in registry.READERS:
+        for field, h in (("box", 1.0), ("sphere", 0.6)):
+            il.sdf.mesh(il.sdf.parse(field), h).save(path)
+            yield path.read_bytes()
+        return
+    for kind in ("trilinear", "closed rational", "rational material", "repeated knots"):
+        spline, names = ZOO[kind]
+        splines.save(SplineMap(spline, names=names), path)
+        yield path.read_bytes()
+
+
+def repacked(data, rng):
+    """The archive wounded, or packed anew in some way with a wound in one of its members."""
+    if rng.random() < 0.3:
+        return wounds.mutated(data, rng)
+    out = io.BytesIO()
+    methods = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_LZMA)
+    with zipfile.ZipFile(io.BytesIO(data)) as old, zipfile.ZipFile(out, "w") as new:
+        names = old.namelist()
+        chosen = rng.choice(names)
+        for name in names:
+            content = old.read(name)
+            method = rng.choice(methods) if rng.random() < 0.1 else zipfile.ZIP_DEFLATED
+            content = wounds.mutated(content, rng) if name == chosen else content
+            new.writestr(name, content, compress_type=method)
+    packed = out.getvalue()
+    return wounds.mutated(packed, rng) if rng.random() < 0.2 else packed
+
+
+@pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
+@pytest.mark.filterwarnings("ignore:Duplicate name")
+@pytest.mark.parametrize("ending", [".npz", ".json", ".off"])
+def test_damaged_files_end_in_our_errors_and_take_little(tmp_path, ending):
+    rng, path = random.Random(f"damage {ending}"), tmp_path / f"a{ending}"
+    good = list(good_files(ending, tmp_path))
+    refused = 0
+    tracemalloc.start()
+    for _ in itertools.repeat(None, COUNT):
+        data = (repacked if ending == ".npz" else wounds.mutated)(rng.choice(good), rng)
+        path.write_bytes(data)
+        tracemalloc.reset_peak()
+        try:
+            load(path)
+        except IlatticeError as e:
+            refused += 1
+            assert isinstance(e, FormatError)
+            assert "\n" not in str(e)
+            assert len(str(e)) <= 1000
+        assert tracemalloc.get_traced_memory()[1] < 20 * len(data) + 100e6
+    tracemalloc.stop()
+    assert 0 < refused <= COUNT

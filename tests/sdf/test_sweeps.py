@@ -1,0 +1,209 @@
+"""Sweeps: tables that lose nothing, whoever kills, changes or repeats them."""
+
+import csv
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+import ilattice as il
+from ilattice.errors import FormatError, InputError
+from ilattice.io.table import Table, digest
+from ilattice.sdf import job
+
+KILLS = int(os.environ.get("ILATTICE_KILLS", "6"))
+SWEEP = "sphere dilate t -s 0.5 -o a.ply"
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def rows(path):
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def everything(folder):
+    return {p.name: p.read_bytes() for p in folder.iterdir()}
+
+
+# --- refused before any work --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("content", ["x,y,z,measured\n1,2,3,4\n", "", "t,command\n0,a\n", "\0\xff"])
+@pytest.mark.parametrize("option", ["--table a.csv", ""])
+def test_tables_of_others_are_left_alone(here, content, option):
+    (here / "a.csv").write_text(content, "latin-1")
+    if not content:  # nothing to lose
+        assert len(job.run(f"{SWEEP} --set t=0,0.1 {option}")["rows"]) == 2
+        return
+    before = everything(here)
+    with pytest.raises(FormatError, match=r"'a\.csv' is not one of this sweep.*name another file"):
+        job.run(f"{SWEEP} --set t=0,0.1 {option}")
+    assert everything(here) == before
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("--set t=1/4,1*4", "'t=1/4' and 't=1\\*4' would both write"),
+        ("--set t=0.1,0.2,0.1", "would both write 'a_t=0.1.ply'"),
+        ("--set t=1 --set s=2", "'s' stands for a value"),
+        ("--set t=1 --table a_t=1.ply", "-o and --table name the same file"),
+        ("--set t=1 --report a_t=1.ply", "--report and -o name the same file"),
+        ("--set t=1 --report a.csv", "--report and --table name the same file"),
+        ("--report a.ply", "-o and --report name the same file"),
+        ("--report ./b/../a.ply", "-o and --report name the same file"),
+        (f"--set t=1,{'1' * 300}", "would be too long"),
+    ],
+)
+def test_what_would_be_lost_is_refused_before_any_work(here, words, message):
+    (here / "b").mkdir()
+    with pytest.raises(InputError, match=message):
+        job.run(f"sphere dilate {'t' if 't=' in words else '1'} -s 0.5 -o a.ply {words}")
+    assert [p.name for p in here.iterdir()] == ["b"]
+
+
+@pytest.mark.parametrize("words", ["-o a.ply --report part.stl", "-o part_t=1.stl --report a.json"])
+def test_reports_and_runs_do_not_overwrite_what_is_read(here, words):
+    il.sdf.mesh(il.fields.sphere(1.0), 0.5).save("part.stl")
+    il.sdf.mesh(il.fields.sphere(1.0), 0.5).save("part_t=1.stl")
+    if "t=1" in words:
+        words, name = "-o part.stl --set t=1", "part_t=1.stl"
+    else:
+        words, name = f"{words} --set t=1", "part.stl"
+    before = everything(here)
+    with pytest.raises(InputError, match="name the same file"):
+        job.run(f"{name} dilate t -s 0.5 {words}")
+    assert everything(here) == before
+
+
+# --- rows are kept, and right ---------------------------------------------------------------------
+
+
+def test_rows_of_other_commands_are_kept(here):
+    job.run(f"{SWEEP} --set t=0,0.1")
+    before = (here / "a.csv").read_bytes()
+    job.run("box dilate t -s 0.5 -o b.ply --table a.csv --set t=0,0.2")
+    job.run(f"{SWEEP} -s 0.4 --set t=0".replace("-s 0.5 ", "").replace("a.ply", "c.ply --table a.csv"))
+    after = (here / "a.csv").read_bytes()
+    assert after.startswith(before)
+    assert [r["t"] for r in rows(here / "a.csv")] == ["0", "0.1", "0", "0.2", "0"]
+    assert job.run(f"{SWEEP} --set t=0,0.1")["rows"][1]["t"] == "0.1"
+    assert (here / "a.csv").read_bytes() == after
+
+
+def test_known_rows_are_returned_as_they_were_measured(here):
+    first = job.run(f"{SWEEP} --set t=0,0.1")["rows"]
+    assert job.run(f"{SWEEP} --set t=0,0.1")["rows"] == first
+
+
+def test_an_interrupted_resume_loses_no_row(here):
+    job.run(f"{SWEEP} --set t=0,0.1,0.2")
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        job.run(f"{SWEEP} --set t=0.3,0,0.1,0.2", progress=interrupt)
+    assert [r["t"] for r in rows(here / "a.csv")] == ["0", "0.1", "0.2", "0.3"]
+
+
+def test_changed_inputs_are_computed_anew(here):
+    volumes = []
+    for radius in (1.0, 2.0, 2.0, 1.0):
+        axes = [np.linspace(-2.2, 2.2, 23)] * 3
+        il.mesh.contour(il.fields.sphere(radius), axes).save("part.stl")
+        volumes.append([r["volume"] for r in job.run("part.stl dilate t -s 0.4 --set t=0,0.1")["rows"]])
+    assert volumes[1][0] == pytest.approx(8 * volumes[0][0], rel=0.1)
+    assert volumes[2] == volumes[1]
+    assert volumes[3] == volumes[0]
+    assert len(rows(here / "out.csv")) == 6
+
+
+def test_the_output_of_a_row_is_what_was_written(here):
+    job.run(f"{SWEEP} --set t=0,0.1")
+    whole = everything(here)
+    (here / "a_t=0.ply").write_text("something else")
+    (here / "a_t=0.1.ply").unlink()
+    job.run(f"{SWEEP} --set t=0,0.1")
+    assert everything(here) == whole
+
+
+def test_values_may_be_files(here):
+    for name, radius in (("p.stl", 1.0), ("q.stl", 0.5)):
+        il.sdf.mesh(il.fields.sphere(radius), 0.25).save(name)
+    found = job.run("part -s 0.2 --set part=p.stl,q.stl")["rows"]
+    assert found[0]["inputs"] == digest("p.stl")
+    assert found[1]["inputs"] == digest("q.stl")
+    assert found[0]["volume"] > 6 * found[1]["volume"]
+
+
+# --- killed at any moment -------------------------------------------------------------------------
+
+
+def test_any_prefix_of_a_table_is_completed_to_the_same_bytes(here):
+    path, results = here / "t.csv", ("volume",)
+    runs = [{"a": f"{i}/7", "b": 'w "x", y', "volume": i / 7, "command": "c\nd"} for i in range(9)]
+
+    def fill():
+        table = Table(path, ("a", "b"), results)
+        for run in runs:
+            table.append({**run, "version": "1"})
+
+    fill()
+    whole = path.read_bytes()
+    for cut in [*range(0, len(whole), 7), len(whole)]:
+        path.write_bytes(whole[:cut])
+        fill()
+        assert path.read_bytes() == whole
+
+
+def test_killed_sweeps_end_with_the_same_table(here):
+    """The process is killed at random moments and started again until it is done."""
+    command = "box gyroid intersection dilate t -o a.stl -s 0.25 --set t=0,.01,.02,.03,.04,.05,x"
+    (here / "calm").mkdir()
+    (here / "wild").mkdir()
+    os.chdir(here / "calm")
+    start = time.perf_counter()
+    assert job.run(command)["rows"][-1]["message"]
+    span = time.perf_counter() - start
+    rng, kills = random.Random(17), 0
+    program = (
+        "import sys; from ilattice.sdf import job, mesh, parse; import ilattice.io.ply; "
+        "print('go', flush=True); job.run(sys.argv[1])"
+    )
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    while kills < KILLS:
+        child = subprocess.Popen(
+            [sys.executable, "-c", program, command],
+            cwd=here / "wild", env=environment, stdout=subprocess.PIPE,
+        )  # fmt: skip
+        child.stdout.readline()
+        time.sleep(rng.uniform(0, span if kills % 4 else 0.3 * span))
+        child.send_signal(signal.SIGKILL)
+        kills += child.wait() != 0
+        child.stdout.close()
+        if kills and rng.random() < 0.2:
+            for path in (here / "wild").glob("a*"):
+                path.unlink()
+    os.chdir(here / "wild")
+    job.run(command)
+    calm, wild = everything(here / "calm"), everything(here / "wild")
+    assert wild == calm
+
+
+def test_lines_that_somebody_has_edited_are_named(here):
+    job.run(f"{SWEEP} --set t=0,0.1")
+    text = (here / "a.csv").read_text()
+    (here / "a.csv").write_text(text + "more,of,this\n")
+    with pytest.raises(FormatError, match=r"line 4: is no row of \d+ columns"):
+        job.run(f"{SWEEP} --set t=0,0.1")

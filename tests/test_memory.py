@@ -1,0 +1,115 @@
+"""What does not fit is refused before any work, with the numbers, in one line."""
+
+import re
+import time
+import tracemalloc
+
+import numpy as np
+import pytest
+
+import ilattice as il
+from ilattice import _memory, cli
+from ilattice.errors import FormatError, InputError
+
+BOX = il.macroshape.box()
+BALL = il.fields.sphere(1.0)
+UNIT = [[-1.0] * 3, [1.0] * 3]
+
+
+@pytest.fixture(scope="module")
+def wall():
+    return il.Lattice("gyroid", through=BOX, repeat=1).offset(0.1)
+
+
+def many(*repeat, tile="gyroid", **options):
+    return il.Lattice(tile, through=BOX, repeat=repeat, **options)
+
+
+MIXED = il.tiles.mix("gyroid", "diamond", seed=1)
+CASES = {  # those that end in numbers of bytes
+    "mesh": lambda w: w.mesh(h=1.3e-6),
+    "tiles": lambda _: many(311, 290, 305).offset(1e-4),
+    "a row of tiles": lambda _: many(1, 999_999, 1).offset(0.1),
+    "spans": lambda _: many(1, 1, 1, spans_per_tile=10**7).offset(0.1),
+    "mixture": lambda _: many(99999, 99999, 99999, tile=MIXED).offset(0.1),
+    "parametric": lambda _: many(3000, 2999, 3001).offset(0.1, space="parametric"),
+    "closest": lambda _: many(99999, 99998, 99997).closest([[0.2, 0.3, 0.4]]),
+    "elasticity": lambda w: il.cutfem.Elasticity(w, 10**5),
+    "heat of a field": lambda _: il.cutfem.Heat(BALL, (10**5, 10**6, 10**5), domain=UNIT),
+    "mass": lambda w: il.cutfem.mass_properties(w, 99_999),
+    "cut": lambda w: il.cutfem.cut(w, 10**7),
+    "contour": lambda _: il.mesh.contour(BALL, [np.linspace(-1, 1, 2 * 10**5)] * 3),
+    "slices": lambda w: w.slices(thickness=0.1, h=1.7e-5),
+    "sweep": lambda _: many(1, 1, 1).topology_sweep([0.05, 0.1], h=1e-6),
+}  # fmt: skip
+OTHERS = {
+    "planes of a mesh": (lambda w: w.mesh(h=1e-12), "makes 1e[+]12 planes along u; at most"),
+    "no width": (lambda w: w.mesh(h=1e-320), "planes along u; at most"),
+    "layers": (lambda w: w.slices(thickness=1e-12), "makes 1e[+]12 layers"),
+    "no layers": (lambda w: w.slices(thickness=1e-320), "layers of a part"),
+    "repeat": (lambda _: many(1e18, 1, 1), "whole numbers from 1 to"),
+    "cells": (lambda w: il.cutfem.cut(w, 10**12), "whole numbers from 1 to"),
+    "memory": (lambda _: il.sdf.mesh(BALL, 0.1, memory=1e-9), "23 x 23 x 23.*0.3 GB.* 1e-09 GB"),
+    "tol": (lambda _: il.sdf.mesh(BALL, tol=1e-12), "finer grid than is allowed.*GB; allowed are"),
+    "tol of kinks": (lambda _: il.sdf.mesh(il.sdf.parse("box gyroid shell 0.3"), tol=1e-9), "finer"),
+}  # fmt: skip
+
+
+def refused(work, message):
+    tracemalloc.start()
+    start = time.process_time()
+    try:
+        with pytest.raises(InputError, match=message) as caught:
+            work()
+        assert tracemalloc.get_traced_memory()[1] < 500e6
+    finally:
+        tracemalloc.stop()
+    assert time.process_time() - start < 2.0
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
+@pytest.mark.parametrize("name", CASES)
+def test_memory_is_estimated_before_the_work(name, wall):
+    remedy = r"needs about [\d.e+]+ .?B of memory, [\d.]+ .?B are free: (use|take) "
+    refused(lambda: CASES[name](wall), remedy)
+
+
+@pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
+@pytest.mark.parametrize("name", OTHERS)
+def test_sizes_that_are_absurd_are_refused_with_the_number(name, wall):
+    refused(lambda: OTHERS[name][0](wall), OTHERS[name][1])
+
+
+def test_what_is_free_counts_limits_of_the_machine_and_of_the_process(monkeypatch):
+    assert 1e8 < _memory.available() < 1e14
+    for source, limit in (("_machine", 3e9), ("_group", 2e9), ("_own", 1e9)):
+        monkeypatch.setattr(_memory, source, lambda limit=limit: iter([int(limit)]))
+        assert _memory.available() == pytest.approx(limit, abs=1)
+        _memory.need(0.99 * limit, "work", "do less")
+        told = f"work needs about {1.01 * limit / 1e9:.3g} GB of memory, "
+        with pytest.raises(InputError, match=re.escape(told)):
+            _memory.need(1.01 * limit, "work", "do less")
+    for source in ("_machine", "_group", "_own"):
+        monkeypatch.setattr(_memory, source, lambda: iter([]))
+    assert _memory.available() == _memory.UNKNOWN
+    with pytest.raises(InputError, match="more than 1e15 TB"):
+        _memory.need(float("inf"), "work", "do less")
+
+
+def test_large_files_are_refused_by_what_is_free(tmp_path, monkeypatch):
+    (tmp_path / "a.off").write_bytes(b"OFF\n" + b" " * 40_000_000)
+    monkeypatch.setattr(_memory, "available", lambda: 100_000_000)
+    with pytest.raises(InputError, match="160 MB of memory, 100 MB are free"):
+        il.mesh.load(tmp_path / "a.off")
+    monkeypatch.undo()
+    with pytest.raises(FormatError, match="numbers of vertices"):
+        il.mesh.load(tmp_path / "a.off")
+
+
+def test_too_many_tiles_on_the_command_line_are_one_line(tmp_path, capfd):
+    words = "build --tile gyroid --map box --repeat 99999 99999 99999 --thickness 0.1 -o".split()
+    assert cli.main([*words, str(tmp_path / "a.stl")]) == 2
+    out, err = capfd.readouterr()
+    assert out == ""
+    assert re.fullmatch(r"ilattice: error: [^\n]*TB of memory[^\n]*use fewer tiles[^\n]*\n", err)
