@@ -12,7 +12,6 @@ import numpy as np
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice.errors import InputError
 
-
 #: Largest number of tiles or cells in one direction.
 LARGEST_COUNT = 10_000_000
 
@@ -22,7 +21,8 @@ def as_array(name: str, value: Any, ndim: int | None = None, *, finite: bool = T
     try:
         raw = np.asarray(value)
         # NumPy reads None as NaN and text as numbers, and drops masks and imaginary parts
-        if value is None or raw.dtype.kind not in "biufO" or np.ma.is_masked(value):
+        flag = raw.dtype.kind == "b" and raw.ndim == 0
+        if value is None or flag or raw.dtype.kind not in "biufO" or np.ma.is_masked(value):
             raise TypeError(value)
         a = np.ascontiguousarray(raw, dtype=np.float64)
     except (TypeError, ValueError, OverflowError, AttributeError) as e:
@@ -105,7 +105,8 @@ def _no_flags(name: str, value: Any) -> Any:
     """`value` itself; True and False are no numbers, alone or in a short list."""
     few = value if isinstance(value, (list, tuple)) and len(value) < 4 else (value,)
     for v in few:
-        if isinstance(v, (bool, np.bool_)) or (isinstance(v, np.ndarray) and v.dtype.kind == "b"):
+        odd = isinstance(v, (bool, np.bool_, np.datetime64, np.timedelta64)) or v is np.ma.masked
+        if odd or (isinstance(v, np.ndarray) and v.dtype.kind == "b"):
             raise InputError(f"{name} must be a number, got {value!r:.80}")
     return value
 
@@ -151,3 +152,23 @@ def read_only(a: Any) -> Any:
     """`a` with its write flag cleared."""
     a.flags.writeable = False
     return a
+
+
+class Frozen:
+    """Objects whose public arrays stay read-only through `pickle` and `copy.deepcopy`."""
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore from a pickle, which forgets that arrays are read-only."""
+        self.__dict__.update(state)
+        for name, value in state.items():
+            if not name.startswith("_"):
+                _freeze(value)
+
+
+def _freeze(value: Any) -> None:
+    """Clear the write flags of arrays, also in sequences."""
+    if isinstance(value, np.ndarray):
+        read_only(value)
+    elif isinstance(value, (list, tuple)):
+        for item in value:
+            _freeze(item)

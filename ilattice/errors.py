@@ -9,14 +9,15 @@
     └── FormatError               a file cannot be read or written as the named format
         └── FileError             an argument names a file that cannot be (an InputError, too)
 
-Guarantee: bad input ends in one of these, before anything on disk is touched. A message is one line
-of at most `LONGEST` characters, and shows numbers as numbers, whatever their type.
+Guarantee: bad input ends in one of these, before anything on disk is touched. A message is one
+line (lists of what a file holds take more) of at most `LONGEST` characters, and shows numbers as
+numbers, whatever their type.
 """
 
 import re
 
-#: Characters of the longest message; the middle of longer ones is left out.
-LONGEST = 1000
+#: Characters of the longest line, and lines of the longest message; of more the middle is left out.
+LONGEST, MOST_LINES = 1000, 100
 _NUMPY = re.compile(r"\bnp\.(?:float|int|uint|bool|str)[0-9_]*\(([^()]*)\)")
 
 
@@ -52,7 +53,7 @@ class PrecisionWarning(UserWarning):
 
 
 def shortened(message: str) -> str:
-    """A message as one line of bounded length.
+    """A message of bounded length.
 
     Parameters
     ----------
@@ -62,9 +63,17 @@ def shortened(message: str) -> str:
     Returns
     -------
     str
-        The text, its ends of lines as blanks, the middle of a long one left out.
+        The text, with the middle of long lines left out, and of a long list of lines.
     """
-    text = _NUMPY.sub(r"\1", " ".join(message.splitlines()))
-    if len(text) > LONGEST:
-        text = f"{text[: LONGEST * 2 // 3]} ... {text[-LONGEST // 4 :]}"
-    return text
+    lines = message.split("\n") if "\n" in message else [message]
+    if len(lines) > MOST_LINES:
+        lines = [*lines[: MOST_LINES - 2], "  ...", lines[-1]]
+    return "\n".join(map(_short, lines))
+
+
+def _short(line: str) -> str:
+    if "np." in line:
+        line = _NUMPY.sub(r"\1", line)
+    if len(line) > LONGEST:
+        line = f"{line[: LONGEST * 2 // 3]} ... {line[-LONGEST // 4 :]}"
+    return line

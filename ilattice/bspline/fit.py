@@ -275,7 +275,7 @@ class _Setup:
 
     def checked(self, values: Any, shape: tuple[int, ...]) -> FloatArray:
         """Values of the right shape, finite."""
-        f = np.asarray(values, np.float64)
+        f = as_array("values", values, finite=False)
         if f.shape[: len(shape)] != shape or f.ndim > len(shape) + 1:
             raise InputError(
                 f"field must return values of shape {shape} or {(*shape, 'm')}, got {f.shape}"

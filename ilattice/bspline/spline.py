@@ -72,9 +72,9 @@ class BSpline:
         periodic: bool | Sequence[bool] = False,
         weights: ArrayLike | None = None,
     ) -> None:
+        if not isinstance(t, (Sequence, np.ndarray)) or not 1 <= len(t) <= 3:
+            raise InputError(f"t must hold 1 to 3 knot vectors, got {t!r:.80}")
         nd = len(t)
-        if not 1 <= nd <= 3:
-            raise InputError(f"t must hold 1 to 3 knot vectors, got {nd}")
         c = np.array(as_array("c", c))
         if c.ndim not in (nd, nd + 1):
             raise InputError(
@@ -82,20 +82,27 @@ class BSpline:
             )
         degree = _per_direction("k", k, nd)
         for v in degree:
-            if int(v) != v or not 0 <= v <= MAX_DEGREE:
+            if not (isinstance(v, (int, float, np.number)) and 0 <= v <= MAX_DEGREE and int(v) == v):
                 raise InputError(f"k must be whole degrees from 0 to {MAX_DEGREE}, got {k!r}")
         knots = [np.array(as_knots(f"t[{i}]", t[i], c.shape[i], int(degree[i]))) for i in range(nd)]
-        self.t = tuple(read_only(v) for v in knots)
-        self.c = read_only(c)
-        self.k = tuple(int(v) for v in degree)
-        self.periodic = tuple(bool(v) for v in _per_direction("periodic", periodic, nd))
-        self.weights = None if weights is None else _as_weights(weights, c.shape[:nd])
+        self.__dict__.update(
+            t=tuple(read_only(v) for v in knots),
+            c=read_only(c),
+            k=tuple(int(v) for v in degree),
+            periodic=tuple(bool(v) for v in _per_direction("periodic", periodic, nd)),
+            weights=None if weights is None else _as_weights(weights, c.shape[:nd]),
+        )
         self._check_wrapped()
 
     def __setattr__(self, name: str, value: Any) -> None:
-        if name in self.__dict__:
-            raise AttributeError(f"BSpline is immutable: cannot set {name}")
-        self.__dict__[name] = value
+        raise AttributeError(f"BSpline is immutable: cannot set {name} to {value!r:.40}")
+
+    def __delattr__(self, name: str) -> None:
+        raise AttributeError(f"BSpline is immutable: cannot delete {name}")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Made anew by `pickle` and `copy`: arrays that they restore may be written to."""
+        return _restored, (self.t, self.c, self.k, self.periodic, self.weights)
 
     def __repr__(self) -> str:
         kind = "scalar" if self.m == 0 else f"{self.m} components"
@@ -615,3 +622,8 @@ def _quotient_grid(out: FloatArray) -> FloatArray:
     if out.shape[2] == 1:
         return f
     return np.concatenate([f, (out[:-1, :, 1:] - f * w[:, 1:]) / w[:, :1]], axis=2)
+
+
+def _restored(t: Any, c: FloatArray, k: Any, periodic: Any, weights: FloatArray | None) -> BSpline:
+    """Spline of its parts."""
+    return BSpline(t, c, k, periodic=periodic, weights=weights)

@@ -20,7 +20,7 @@ import numpy as np
 
 from ilattice._memory import need
 from ilattice._typing import AnyArray, FloatArray, IntArray
-from ilattice._validate import as_array, as_counts, read_only
+from ilattice._validate import Frozen, as_array, as_counts, read_only
 from ilattice.cutfem.levelsets import PER_PIECE, LevelSets, Pieces, as_level_sets
 from ilattice.errors import GeometryError, InputError
 from ilattice.macroshape.maps import SplineMap
@@ -33,7 +33,7 @@ IN, CUT, OUT = -1, 0, 1
 
 
 @dataclass(frozen=True, eq=False)
-class Grid:
+class Grid(Frozen):
     """Tensor grid of boxes.
 
     Attributes

@@ -19,7 +19,7 @@ import numpy as np
 
 from ilattice._memory import need
 from ilattice._typing import AnyArray, FloatArray, IntArray
-from ilattice._validate import read_only
+from ilattice._validate import Frozen, as_array, read_only
 from ilattice.bspline import BSpline
 from ilattice.bspline._kernels_bezier import restriction
 from ilattice.bspline.knots import find_spans
@@ -75,7 +75,7 @@ class LevelSets:
     def __call__(self, u: FloatArray) -> FloatArray:
         """Values (n, sets) of the sets themselves."""
         if self.fields:
-            values = [np.asarray(f(u), np.float64) for f in self.fields]
+            values = [as_array("field", f(u), finite=False) for f in self.fields]
             for v in values:
                 if v.shape != (len(u),):
                     raise InputError(
@@ -119,7 +119,7 @@ class LevelSets:
 
 
 @dataclass(frozen=True, eq=False)
-class Pieces:
+class Pieces(Frozen):
     """Level sets on the boxes of a tensor grid: their tensors there.
 
     Attributes

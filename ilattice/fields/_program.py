@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
-from ilattice._validate import read_only
+from ilattice._validate import Frozen, read_only
 from ilattice.errors import InputError
 from ilattice.fields import _kernels_program as kernels
 from ilattice.fields import _tables as ops
@@ -259,7 +259,7 @@ class Builder:
 
 
 @dataclass(frozen=True, eq=False)
-class Program:
+class Program(Frozen):
     """Instructions that compute one number from a point; see `_kernels_program`."""
 
     code: IntArray

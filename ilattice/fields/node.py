@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import ArrayLike, FloatArray
-from ilattice._validate import as_array, as_points, read_only
+from ilattice._validate import Frozen, as_array, as_points, read_only
 from ilattice.errors import InputError
 from ilattice.fields._program import Builder, Point, Program
 
@@ -19,7 +19,7 @@ __all__ = ["Node"]
 INF = np.inf
 
 
-class Node:
+class Node(Frozen):
     """Base of all fields of this room; made by the functions of `ilattice.fields`."""
 
     def emit(self, b: Builder, p: Point) -> int:

@@ -36,7 +36,7 @@ class _Outside(Node):
 
     def values(self, points: FloatArray) -> FloatArray:
         """Values, checked for their shape."""
-        out = np.asarray(self.f(points), dtype=np.float64)
+        out = as_array("values of the field", self.f(points), finite=False)
         if out.shape != (len(points),):
             raise InputError(
                 f"field must give {len(points)} values for {len(points)} points, "

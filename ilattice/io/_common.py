@@ -42,7 +42,7 @@ def as_path(name: str, value: str | os.PathLike[str]) -> Path:
     except TypeError as e:
         raise InputError(f"{name} must be a file name, got {value!r:.80}") from e
     if not path.name or "\0" in str(path):
-        raise InputError(f"{name} must name a file, got {str(path)!r:.80}")
+        raise FileError(f"{name} must name a file, got {str(path)!r:.80}")
     return path
 
 

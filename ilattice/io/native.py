@@ -242,7 +242,7 @@ def _listed(fail: Fail, what: str, value: list[Any]) -> FloatArray:
         items = list(itertools.chain.from_iterable(items))
     for item in items:
         if type(item) not in (int, float):
-            fail(f"{what}: expected numbers in lists of equal length, found {_shown(item)}")
+            fail(f"{what}: expected an array of numbers, found {_shown(item)}")
     try:
         return np.fromiter(map(float, items), np.float64, len(items)).reshape(shape)
     except OverflowError:

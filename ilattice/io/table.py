@@ -1,6 +1,6 @@
-"""Tables of sweeps: one line per run, appended and on the disk before the next run begins.
+r"""Tables of sweeps: one line per run, appended and on the disk before the next run begins.
 
-The format is CSV in UTF-8 with ``\\n`` ends of lines. Its columns are the parameters of the sweep,
+The format is CSV in UTF-8 with ``\n`` ends of lines. Its columns are the parameters of the sweep,
 the results, and `KEPT`:
 
 ===========  ======================================================================
@@ -19,8 +19,8 @@ Guarantees: a line that is there stays as it is, whatever is run, and whenever a
 line that a killed run has left unfinished is cut off. Files that are no such table, or one with
 other columns, are refused and left alone. A sweep that was killed and is run again ends with the
 bytes of one that was not. Several sweeps at a time may write to one table where the system has
-``flock``. Not guaranteed: that somebody's editor keeps the format; lines that do not fit are refused
-by their number.
+``flock``. Not guaranteed: that somebody's editor keeps the format; lines that do not fit are
+refused by their number.
 """
 
 import csv

@@ -2,11 +2,14 @@
 
 Guarantees: coordinates keep the seven digits of single precision whatever the unit; the unit is in
 the file. Colours are rounded to five bits per channel when there are more than 65 536. Not kept:
-named data other than ``r``, ``g``, ``b``. Needs the extra ``print``.
+named data other than ``r``, ``g``, ``b``. The same mesh gives the same bytes: its UUIDs are made
+from a digest. Needs the extra ``print``.
 """
 
 import ctypes
+import hashlib
 import os
+import uuid
 from collections.abc import Callable
 from typing import IO, Any
 
@@ -71,12 +74,23 @@ def write_3mf(mesh: SurfaceMesh, path: str | os.PathLike[str], *, unit: str = "m
     colour = colours(mesh.point_data)
     if colour is not None:
         _set_colours(lib3mf, wrapper, model, part, colour, mesh.faces)
-    model.AddBuildItem(part, wrapper.GetIdentityTransform())
+    item = model.AddBuildItem(part, wrapper.GetIdentityTransform())
+    _set_names(model, part, item, vertices, mesh.faces)
     with atomic_write(path) as file:
         _write(lib3mf, model, file, _decimals(mesh))
     warn_collapsed(
         sum(collapsed(vertices[mesh.faces[rows]]) for rows in blocks(len(mesh.faces))), "3MF"
     )
+
+
+def _set_names(model: Any, part: Any, item: Any, vertices: AnyArray, faces: AnyArray) -> None:
+    """UUIDs from what the mesh holds, in place of the random ones of lib3mf."""
+    found = hashlib.sha256(np.ascontiguousarray(vertices).data)
+    found.update(np.ascontiguousarray(faces, np.int64).data)
+    space = uuid.UUID(bytes=found.digest()[:16])
+    model.SetBuildUUID(str(uuid.uuid5(space, "build")))
+    part.SetUUID(str(uuid.uuid5(space, "object")))
+    item.SetUUID(str(uuid.uuid5(space, "item")))
 
 
 def _library() -> Any:

@@ -1,11 +1,13 @@
 """3MF with a slice stack (slice extension 1.0), written as it comes, without lib3mf.
 
 Guarantees: closed polygons, eight digits, tops that increase; empty slices are kept. The mesh
-that every 3MF object needs is the box around the part, marked as low resolution: such files are
-for machines that print slices (the extension is marked as required).
+that every 3MF object needs, and which programs print that do not know of slices, is the part
+itself: the mesh that was sliced, or that of the wall at twice the default length of edges, marked
+as low resolution. The extension is marked as required.
 """
 
 import os
+import warnings
 import zipfile
 from collections.abc import Iterator
 
@@ -13,8 +15,11 @@ import numpy as np
 
 from ilattice._progress import Progress, track
 from ilattice._typing import FloatArray
+from ilattice.errors import PrecisionWarning
 from ilattice.io._common import atomic_write
+from ilattice.io._mesh import TEXT_BLOCK, blocks
 from ilattice.io._slices import as_unit, contours, decimals, join
+from ilattice.mesh import SurfaceMesh
 from ilattice.mesh.slices import Slice, SliceStack
 
 _CORE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
@@ -32,10 +37,7 @@ _RELATIONS = (
     '<Relationship Target="/3D/3dmodel.model" Id="rel0" '
     'Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"/></Relationships>'
 )
-_BOX = (  # corners 4 i + 2 j + k of a box, counter-clockwise from outside
-    (0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1),
-    (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3),
-)  # fmt: skip
+_STAND_IN = 0.5  # edges of the mesh of a wall, as a part of the thinnest wall
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 
 
@@ -86,8 +88,8 @@ def _entry(name: str) -> zipfile.ZipInfo:
 
 
 def _model(stack: SliceStack, unit: str, progress: Progress) -> Iterator[str]:
-    bounds = stack.bounds
-    places = decimals(bounds)
+    stand_in = _part(stack)
+    places = decimals(stack.bounds)
     yield (
         f'{_XML}<model unit="{unit}" xml:lang="en-US" xmlns="{_CORE}" xmlns:s="{_SLICE}" '
         'requiredextensions="s">\n<resources>\n'
@@ -97,9 +99,10 @@ def _model(stack: SliceStack, unit: str, progress: Progress) -> Iterator[str]:
         yield _slice(section, places)
     yield (
         '</s:slicestack>\n<object id="2" type="model" s:slicestackid="1" '
-        f's:meshresolution="lowres">\n{_box(bounds, places)}</object>\n</resources>\n'
-        '<build><item objectid="2"/></build>\n</model>\n'
+        's:meshresolution="lowres">\n'
     )
+    yield from _mesh(stand_in, stack.frame, places)
+    yield '</object>\n</resources>\n<build><item objectid="2"/></build>\n</model>\n'
 
 
 def _slice(section: Slice, places: int) -> str:
@@ -117,12 +120,26 @@ def _slice(section: Slice, places: int) -> str:
     return "".join(parts) + "</s:slice>\n"
 
 
-def _box(bounds: FloatArray, places: int) -> str:
-    vertices = "".join(
-        f'<vertex x="{x:.{places}f}" y="{y:.{places}f}" z="{z:.{places}f}"/>'
-        for x in bounds[:, 0]
-        for y in bounds[:, 1]
-        for z in bounds[:, 2]
-    )
-    triangles = "".join(f'<triangle v1="{a}" v2="{b}" v3="{c}"/>' for a, b, c in _BOX)
-    return f"<mesh><vertices>{vertices}</vertices>\n<triangles>{triangles}</triangles></mesh>\n"
+def _part(stack: SliceStack) -> SurfaceMesh:
+    """The part as a mesh, for those who do not know of slices."""
+    part = stack.part
+    if isinstance(part, SurfaceMesh):
+        return part
+    with warnings.catch_warnings():  # it is coarse on purpose
+        warnings.simplefilter("ignore", PrecisionWarning)
+        return part.mesh(h=_STAND_IN * part.least_thickness, polish=False)
+
+
+def _mesh(mesh: SurfaceMesh, frame: FloatArray, places: int) -> Iterator[str]:
+    """Vertices in the directions of the slices, and triangles."""
+    yield "<mesh><vertices>\n"
+    row = f'<vertex x="%.{places}f" y="%.{places}f" z="%.{places}f"/>\n'
+    for rows in blocks(len(mesh.vertices), TEXT_BLOCK):
+        points = mesh.vertices[rows].astype(np.float64) @ frame.T
+        yield (row * len(points)) % tuple(points.flat)
+    yield "</vertices>\n<triangles>\n"
+    row = '<triangle v1="%d" v2="%d" v3="%d"/>\n'
+    for rows in blocks(len(mesh.faces), TEXT_BLOCK):
+        corners = mesh.faces[rows]
+        yield (row * len(corners)) % tuple(corners.flat)
+    yield "</triangles></mesh>\n"

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ilattice._typing import FloatArray, IntArray
-from ilattice._validate import read_only
+from ilattice._validate import Frozen, read_only
 from ilattice.bspline import BSpline
 from ilattice.errors import GeometryError, PrecisionWarning
 from ilattice.macroshape import _bernstein as bern
@@ -45,7 +45,7 @@ class Status(StrEnum):
 
 
 @dataclass(frozen=True, eq=False)
-class Certificate:
+class Certificate(Frozen):
     """What `certify` found out.
 
     Attributes

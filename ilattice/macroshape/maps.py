@@ -15,7 +15,7 @@ from typing import Any, Self
 import numpy as np
 
 from ilattice._typing import ArrayLike, FloatArray
-from ilattice._validate import as_array, as_points, read_only
+from ilattice._validate import Frozen, as_array, as_points, read_only
 from ilattice.bspline import BSpline
 from ilattice.errors import InputError
 from ilattice.macroshape._extra import interpolated, warn_missed
@@ -27,7 +27,7 @@ __all__ = ["SplineMap"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SplineMap:
+class SplineMap(Frozen):
     """Map from the domain of a spline volume to space.
 
     Parameters

@@ -43,10 +43,9 @@ class Grid:
         planes = [
             _as_planes(f"axes[{i}]", a, w) for i, (a, w) in enumerate(zip(axes, flags, strict=True))
         ]
-        x, y, z = (float(len(a)) for a in planes)
         need(
-            PER_COLUMN * y * z,
-            f"a grid of {x:.3g} x {y:.3g} x {z:.3g} planes",
+            PER_COLUMN * float(len(planes[1])) * len(planes[2]),
+            f"a grid of {' x '.join(str(len(a)) for a in planes)} planes",
             "use fewer planes along the second and the third axis",
         )
         ends = np.array([[a[0] for a in planes], [a[-1] for a in planes]])

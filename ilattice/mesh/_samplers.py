@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
+from ilattice._validate import as_array
 from ilattice.bspline import BSpline
 from ilattice.errors import GeometryError, InputError
 from ilattice.fields.node import Node
@@ -410,7 +411,7 @@ def _groups(blocks: int) -> IntArray:
 
 def _call(field: Callable[[FloatArray], Any], points: FloatArray, name: str) -> FloatArray:
     """Values of a callable, checked."""
-    f = np.asarray(field(points), dtype=np.float64)
+    f = as_array("field", field(points), finite=False)
     if f.shape != (len(points),):
         raise InputError(
             f"{name} must give {len(points)} values for {len(points)} points, got shape {f.shape}"
@@ -430,7 +431,7 @@ def _checked(f: FloatArray, name: str, points: FloatArray | None = None) -> Floa
 def _field_range(field: Any, lo: FloatArray, hi: FloatArray) -> FloatArray | None:
     """Bounds (n, 2) from `range` or `lipschitz`, or None."""
     if hasattr(field, "range"):
-        return np.asarray(field.range(lo, hi), dtype=np.float64)
+        return as_array("range of the field", field.range(lo, hi), finite=False)
     constant = getattr(field, "lipschitz", None)
     if constant is None:
         return None

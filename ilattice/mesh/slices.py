@@ -31,7 +31,7 @@ import numpy as np
 from ilattice._memory import need
 from ilattice._progress import Progress, track
 from ilattice._typing import ArrayLike, FloatArray
-from ilattice._validate import as_array, as_positive, as_triple, read_only
+from ilattice._validate import Frozen, as_array, as_positive, as_triple, read_only
 from ilattice.errors import InputError, PrecisionWarning
 from ilattice.mesh import _kernels_slices as kernels
 from ilattice.mesh._in_plane import InPlane
@@ -57,7 +57,7 @@ MOST_DOUBT = 0.005
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Slice:
+class Slice(Frozen):
     """Cross-section of a wall.
 
     Attributes
@@ -147,7 +147,7 @@ class Slice:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SliceStack:
+class SliceStack(Frozen):
     """Slices of a part, each computed when asked for; made by `Wall.slices`, `SurfaceMesh.slices`.
 
     Attributes

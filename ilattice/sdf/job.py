@@ -24,7 +24,7 @@ from ilattice._progress import Progress, track
 from ilattice._stages import Stages
 from ilattice._typing import FloatArray
 from ilattice.errors import FormatError, IlatticeError, InputError
-from ilattice.io._common import check_distinct, check_outputs, write_report
+from ilattice.io._common import as_path, check_distinct, check_outputs, write_report
 from ilattice.io.registry import WRITERS
 from ilattice.io.table import Table, digest
 from ilattice.mesh.topology import islands_of
@@ -80,12 +80,13 @@ class Settings:
         if output.suffix.lower() not in WRITERS[kind]:
             known = ", ".join(sorted(WRITERS[kind]))
             raise FormatError(f"output {str(output)!r} has none of the endings {known}")
-        files = {"-o": [output], "--report": [found.report], "--table": [found.table]}
-        if not found.sweep:
-            del files["--table"]
-        given = {name: [p for p in paths if p is not None] for name, paths in files.items()}
-        check_outputs([path for paths in given.values() for path in paths])
-        check_distinct(given)
+        files = {"-o": [output]}
+        if found.report is not None:
+            files["--report"] = [found.report]
+        if found.sweep:
+            files["--table"] = [found.table]
+        check_outputs([path for paths in files.values() for path in paths])
+        check_distinct(files)
         return found
 
 
@@ -305,7 +306,7 @@ def _number(options: Mapping[str, tuple[Token, ...]], name: str) -> float | None
 
 
 def _path(options: Mapping[str, tuple[Token, ...]], name: str) -> Path | None:
-    return Path(options[name][0].text) if name in options else None
+    return as_path(name, options[name][0].text) if name in options else None
 
 
 def _sweep(tokens: Sequence[Token]) -> dict[str, tuple[str, ...]]:

@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
-from ilattice._validate import as_array, as_points, read_only
+from ilattice._validate import Frozen, as_array, as_points, read_only
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.mesh import SurfaceMesh
 from ilattice.sdf import _kernels_bvh as kernels
@@ -111,7 +111,7 @@ class _Search:
         return np.sqrt(self.square) * self.side
 
 
-class MeshDistance:
+class MeshDistance(Frozen):
     """Signed distance to a triangle mesh, a field like any other.
 
     Parameters

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
+from ilattice._validate import as_array
 from ilattice.bspline import BSpline
 from ilattice.errors import InputError, PrecisionWarning
 from ilattice.tiles.tile import Tile
@@ -252,7 +253,7 @@ def continued(
 
 def normalized(weights: Any, u: FloatArray, count: int) -> FloatArray:
     """Weights (n, count) that add up to one, from those of a user."""
-    w = np.asarray(weights, np.float64)
+    w = as_array("weights", weights, finite=False)
     n = len(u)
     if w.shape == (n,) and count == 2:
         w = np.stack([1.0 - w, w], axis=1)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import ArrayLike, FloatArray
-from ilattice._validate import as_array, as_points, as_positive, read_only
+from ilattice._validate import Frozen, as_array, as_points, as_positive, read_only
 from ilattice.bspline import BSpline
 from ilattice.bspline.fit import fit
 from ilattice.errors import ConvergenceError, InputError
@@ -27,7 +27,7 @@ Radius = float | ArrayLike | BSpline | Callable[..., Any]
 
 
 @dataclass(frozen=True, eq=False)
-class Polyline:
+class Polyline(Frozen):
     """Straight segments between points; two points are one segment.
 
     Parameters
@@ -63,7 +63,7 @@ class Polyline:
 
 
 @dataclass(frozen=True, eq=False)
-class Arc:
+class Arc(Frozen):
     """Arc ``centre + cos(a) u + sin(a) v`` for a from 0 to `angle`.
 
     Parameters
@@ -123,7 +123,7 @@ class Arc:
 
 
 @dataclass(frozen=True, eq=False)
-class Patch:
+class Patch(Frozen):
     """Plane polygon, convex or not, without holes.
 
     Parameters
@@ -155,7 +155,7 @@ class Patch:
 
 
 @dataclass(frozen=True, eq=False)
-class Curve:
+class Curve(Frozen):
     """B-spline curve, rational or not, with corners or not.
 
     Parameters
@@ -179,7 +179,7 @@ class Curve:
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class Surface(Frozen):
     """B-spline surface, rational or not.
 
     Parameters
@@ -207,7 +207,7 @@ Single = Polyline | Arc | Patch | Curve | Surface
 
 
 @dataclass(frozen=True, eq=False)
-class Group:
+class Group(Frozen):
     """Entities that a smooth union takes for one: they are joined sharply.
 
     Struts in one line belong in a group: the smooth union of two would have a bulge between them.

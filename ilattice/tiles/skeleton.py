@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import ArrayLike, FloatArray
-from ilattice._validate import as_array, as_points, as_positive, as_triple, read_only
+from ilattice._validate import Frozen, as_array, as_points, as_positive, as_triple, read_only
 from ilattice.errors import GeometryError, InputError
 from ilattice.tiles._kernels_skeleton import skeleton_jets
 from ilattice.tiles._pieces import Piece, Tree, box_of, images, pieces_of, tree_of
@@ -44,7 +44,7 @@ STAND_IN = 0.01
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SkeletonField:
+class SkeletonField(Frozen):
     """Distance to curves and surfaces minus their radii, negative inside.
 
     Parameters

@@ -165,7 +165,7 @@ class Tile:
     def __call__(self, u: ArrayLike, /) -> FloatArray:
         """Values, shape (n,), at points ``u`` (n, 3) of the unit cube."""
         points = as_points("u", u)
-        values = np.asarray(self.field(points), dtype=np.float64)
+        values = as_array(f"values of tile {self.name!r}", self.field(points), finite=False)
         if values.shape != (len(points),):
             raise InputError(
                 f"the field of tile {self.name!r} must return values of shape ({len(points)},) "
