@@ -9,8 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._compiling import watch
+from ilattice._threads import take_turns
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice.errors import InputError
+
+take_turns()  # every way to a kernel leads through here
+watch()
 
 #: Largest number of tiles or cells in one direction.
 LARGEST_COUNT = 10_000_000

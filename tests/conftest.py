@@ -14,6 +14,8 @@ settings.register_profile(
 )
 settings.load_profile("ilattice")
 
+os.environ.setdefault("ILATTICE_PATIENCE", "inf")  # say nothing of compiling, here and in children
+
 ALL = numba.config.NUMBA_NUM_THREADS
 SHARE = max(1, ALL // int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1")))
 numba.set_num_threads(SHARE)  # for fixtures of modules

@@ -231,3 +231,44 @@ def test_slices_in_3mf_stand_in_for_the_part_itself(tmp_path, normal, kind):
     np.testing.assert_allclose(found.bounds[:, 2], ends, atol=0.02)
     with pytest.raises((FormatError, InputError)):
         stack.save(tmp_path / "a.3mf", unit="ell")
+
+
+# --- threads and compiling ------------------------------------------------------------------------
+
+THREADS = """
+import threading, numba, ilattice as il
+field, found = il.sdf.parse("box gyroid shell 0.3"), []
+def work():
+    found.append(len(il.sdf.mesh(field, 0.1).faces))
+threads = [threading.Thread(target=work) for _ in range(4)]
+[t.start() for t in threads]
+[t.join() for t in threads]
+print(numba.threading_layer(), len(found), len(set(found)), flush=True)
+"""
+COMPILE = """
+import ilattice.errors, ilattice._validate, numba
+for i in range(4):
+    exec(f"@numba.njit\\ndef f(x):\\n    return sum([x + j + {i} for j in range(9)])\\nf(1)")
+"""
+
+
+def test_threads_take_turns_where_the_layer_takes_one_at_a_time():
+    environment = {**os.environ, **PATH, "NUMBA_THREADING_LAYER": "workqueue"}
+    environment["NUMBA_NUM_THREADS"] = "2"
+    done = subprocess.run(
+        [sys.executable, "-c", THREADS], env=environment, capture_output=True, timeout=300,
+        check=False, text=True,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (0, "workqueue 4 1\n")
+
+
+@pytest.mark.parametrize(("patience", "lines"), [("0.2", 1), ("inf", 0), ("1000", 0)])
+def test_a_line_tells_of_long_compiling(patience, lines):
+    environment = {**os.environ, **PATH, "ILATTICE_PATIENCE": patience}
+    done = subprocess.run(
+        [sys.executable, "-c", COMPILE], env=environment, capture_output=True, timeout=300,
+        check=False, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0
+    assert done.stderr.count("\n") == lines
+    assert done.stderr.count("compiling kernels, once") == lines

@@ -82,7 +82,9 @@ class BSpline:
             )
         degree = _per_direction("k", k, nd)
         for v in degree:
-            if not (isinstance(v, (int, float, np.number)) and 0 <= v <= MAX_DEGREE and int(v) == v):
+            if not (
+                isinstance(v, (int, float, np.number)) and 0 <= v <= MAX_DEGREE and int(v) == v
+            ):
                 raise InputError(f"k must be whole degrees from 0 to {MAX_DEGREE}, got {k!r}")
         knots = [np.array(as_knots(f"t[{i}]", t[i], c.shape[i], int(degree[i]))) for i in range(nd)]
         self.__dict__.update(

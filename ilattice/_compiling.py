@@ -1,0 +1,73 @@
+"""A line on standard error when kernels are being compiled, so that nobody takes it for a hang.
+
+Guarantee: one line in the life of a process, as soon as compiling has taken `PATIENCE` seconds in
+all; it goes through `logging` as a warning of the logger ``ilattice``, which anybody may silence.
+Kernels that are found on the disk are not compiled. The environment variable
+``ILATTICE_PATIENCE`` sets other seconds, ``inf`` for never.
+"""
+
+import logging
+import os
+import threading
+import time
+from contextlib import suppress
+from typing import Any
+
+PATIENCE = 2.0  # seconds
+_TOLD = (
+    "ilattice: compiling kernels, once; later runs find them on the disk "
+    "('ilattice warmup' does it in advance)"
+)
+
+
+class _Clock:
+    """Adds up the time of compiling, and tells when it is too long."""
+
+    def __init__(self, patience: float) -> None:
+        self.left, self.depth, self.start = patience, 0, 0.0
+        self.lock = threading.Lock()
+        self.timer: threading.Timer | None = None
+
+    def on_start(self) -> None:
+        """A kernel begins."""
+        with self.lock:
+            self.depth += 1
+            if self.depth == 1 and self.left < float("inf"):
+                self.start = time.perf_counter()
+                self.timer = threading.Timer(max(self.left, 0.0), self.tell)
+                self.timer.daemon = True
+                self.timer.start()
+
+    def on_end(self) -> None:
+        """A kernel is done."""
+        with self.lock:
+            self.depth -= 1
+            if self.depth == 0 and self.timer is not None:
+                self.timer.cancel()
+                self.left -= time.perf_counter() - self.start
+
+    def tell(self) -> None:
+        """Say it, once."""
+        with self.lock:
+            if self.left < float("inf"):
+                self.left = float("inf")
+                logging.getLogger("ilattice").warning(_TOLD)
+
+
+def watch() -> None:
+    """Begin to listen to the compiler; once in a process."""
+    with suppress(ImportError, AttributeError, ValueError):
+        from numba.core import event
+
+        clock = _Clock(float(os.environ.get("ILATTICE_PATIENCE", PATIENCE)))
+
+        class Listener(event.Listener):  # type: ignore[misc]
+            """Passes events on to the clock."""
+
+            def on_start(self, event: Any) -> None:  # noqa: ARG002
+                clock.on_start()
+
+            def on_end(self, event: Any) -> None:  # noqa: ARG002
+                clock.on_end()
+
+        event.register("numba:compile", Listener())

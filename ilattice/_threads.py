@@ -1,0 +1,48 @@
+"""Parallel kernels called from several Python threads at a time, where the layer cannot take it.
+
+Numba runs parallel kernels on one of three layers. TBB (the extra ``fast``) and OpenMP serve
+several Python threads at once. The third, "workqueue", which Numba takes where neither is found,
+ends the whole process when two threads come at the same time. Here they take turns instead.
+
+Guarantee: with any layer kernels may be called from any thread, with the same results. Not
+guaranteed: that threads gain anything on the layer where they take turns; that kernels of other
+libraries, which have started that layer before this package was imported, take turns with ours;
+processes forked after the first kernel (only TBB takes that).
+"""
+
+import ctypes
+import threading
+from contextlib import suppress
+from typing import Any
+
+_LAUNCH = ctypes.CFUNCTYPE(
+    None,
+    ctypes.c_void_p,  # the loop
+    ctypes.c_void_p,  # its arguments
+    ctypes.c_void_p,  # its bounds
+    ctypes.c_void_p,  # steps
+    ctypes.c_void_p,  # data
+    ctypes.c_size_t,  # inner dimensions
+    ctypes.c_size_t,  # arrays
+    ctypes.c_ssize_t,  # threads
+)
+_kept: list[Any] = []
+
+
+def take_turns() -> None:
+    """Put a lock before the launch of loops on the layer that cannot take two at a time."""
+    with suppress(ImportError, AttributeError, TypeError):
+        from numba.np.ufunc import workqueue
+
+        if _kept:
+            return
+        launch, lock = _LAUNCH(workqueue.parallel_for), threading.RLock()
+
+        def one_at_a_time(*arguments: Any) -> None:
+            with lock:
+                launch(*arguments)
+
+        guarded = _LAUNCH(one_at_a_time)
+        _kept.extend((guarded, launch))
+        address = ctypes.cast(guarded, ctypes.c_void_p).value
+        workqueue.parallel_for = address  # which Numba reads when it starts the layer
