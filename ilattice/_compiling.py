@@ -61,7 +61,7 @@ def watch() -> None:
 
         clock = _Clock(float(os.environ.get("ILATTICE_PATIENCE", PATIENCE)))
 
-        class Listener(event.Listener):  # type: ignore[misc]
+        class Listener(event.Listener):
             """Passes events on to the clock."""
 
             def on_start(self, event: Any) -> None:  # noqa: ARG002
@@ -70,4 +70,4 @@ def watch() -> None:
             def on_end(self, event: Any) -> None:  # noqa: ARG002
                 clock.on_end()
 
-        event.register("numba:compile", Listener())
+        event.register("numba:compile", Listener())  # type: ignore[no-untyped-call]

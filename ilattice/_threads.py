@@ -13,6 +13,7 @@ processes forked after the first kernel (only TBB takes that).
 import ctypes
 import threading
 from contextlib import suppress
+from importlib import import_module
 from typing import Any
 
 _LAUNCH = ctypes.CFUNCTYPE(
@@ -32,7 +33,7 @@ _kept: list[Any] = []
 def take_turns() -> None:
     """Put a lock before the launch of loops on the layer that cannot take two at a time."""
     with suppress(ImportError, AttributeError, TypeError):
-        from numba.np.ufunc import workqueue
+        workqueue: Any = import_module("numba.np.ufunc.workqueue")
 
         if _kept:
             return

@@ -116,6 +116,38 @@ def _no_flags(name: str, value: Any) -> Any:
     return value
 
 
+def as_kind(name: str, value: Any, kind: str) -> Any:
+    """`value` itself if it is of a class of this name, or `InputError`."""
+    if all(c.__name__ != kind for c in type(value).__mro__):
+        raise InputError(f"{name} must be a {kind}, got {type(value).__name__}: {value!r:.60}")
+    return value
+
+
+def as_choice(name: str, value: Any, choices: Sequence[Any]) -> Any:
+    """`value` itself if it is one of some words or whole numbers, and of their type."""
+    whole = isinstance(value, np.integer)
+    known = (whole or any(type(value) is type(c) for c in choices)) and value in choices
+    if not known:
+        told = ", ".join(map(repr, choices))
+        raise InputError(f"{name} must be one of {told}, got {value!r:.80}")
+    return value
+
+
+def as_flag(name: str, value: Any) -> bool:
+    """True or False."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise InputError(f"{name} must be True or False, got {value!r:.80}")
+    return bool(value)
+
+
+def as_items(name: str, value: Any) -> list[Any]:
+    """The items of a list, a tuple or an array."""
+    listed = isinstance(value, Sequence) and not isinstance(value, (str, bytes))
+    if not listed and not (isinstance(value, np.ndarray) and value.ndim):
+        raise InputError(f"{name} must be a list, got {value!r:.80}")
+    return list(value)
+
+
 def as_float_type(name: str, value: Any) -> Any:
     """`numpy.float64` or `numpy.float32`, from whatever NumPy takes for one of them."""
     try:

@@ -15,7 +15,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ilattice._typing import ArrayLike, FloatArray
-from ilattice._validate import as_array, as_knots, as_points, check_finite, read_only
+from ilattice._validate import (
+    as_array,
+    as_flag,
+    as_items,
+    as_knots,
+    as_points,
+    check_finite,
+    read_only,
+)
 from ilattice.bspline import _kernels
 from ilattice.errors import InputError
 
@@ -72,9 +80,9 @@ class BSpline:
         periodic: bool | Sequence[bool] = False,
         weights: ArrayLike | None = None,
     ) -> None:
-        if not isinstance(t, (Sequence, np.ndarray)) or not 1 <= len(t) <= 3:
+        nd = len(as_items("t", t))
+        if not 1 <= nd <= 3:
             raise InputError(f"t must hold 1 to 3 knot vectors, got {t!r:.80}")
-        nd = len(t)
         c = np.array(as_array("c", c))
         if c.ndim not in (nd, nd + 1):
             raise InputError(
@@ -87,11 +95,12 @@ class BSpline:
             ):
                 raise InputError(f"k must be whole degrees from 0 to {MAX_DEGREE}, got {k!r}")
         knots = [np.array(as_knots(f"t[{i}]", t[i], c.shape[i], int(degree[i]))) for i in range(nd)]
+        closed = _per_direction("periodic", periodic, nd)
         self.__dict__.update(
             t=tuple(read_only(v) for v in knots),
             c=read_only(c),
             k=tuple(int(v) for v in degree),
-            periodic=tuple(bool(v) for v in _per_direction("periodic", periodic, nd)),
+            periodic=tuple(as_flag("periodic", v) for v in closed),
             weights=None if weights is None else _as_weights(weights, c.shape[:nd]),
         )
         self._check_wrapped()
@@ -574,7 +583,8 @@ class BSpline:
 
 
 def _per_direction(name: str, value: Any, nd: int) -> list[Any]:
-    values = list(value) if np.ndim(value) else [value] * nd
+    several = isinstance(value, (list, tuple)) or (isinstance(value, np.ndarray) and value.ndim)
+    values = list(value) if several else [value] * nd
     if len(values) != nd:
         raise InputError(f"{name} must be one value or {nd}, got {value!r}")
     return values

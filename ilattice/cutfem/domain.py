@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import FloatArray, IntArray
-from ilattice._validate import as_positive
+from ilattice._validate import as_choice, as_positive
 from ilattice.cutfem.assembly import Assembly, compressed_where_long
 from ilattice.cutfem.connectivity import Parts, connected_parts, links
 from ilattice.cutfem.elements import ElementGrid, elements_of
@@ -358,10 +358,8 @@ def as_domain(
         return field
     degree, smoothness = as_degree_and_smoothness(degree, smoothness)
     q = degree + (1 if degree == 1 else 2) if q is None else q
-    if isinstance(q, bool) or q not in range(1, MOST_POINTS + 1):
-        raise InputError(f"q must be a whole number from 1 to {MOST_POINTS}, got {q!r}")
-    if stabilization not in STABILIZATIONS:
-        raise InputError(f"stabilization must be one of {STABILIZATIONS}, got {stabilization!r}")
+    as_choice("q", q, tuple(range(1, MOST_POINTS + 1)))
+    as_choice("stabilization", stabilization, STABILIZATIONS)
     if stabilization == "auto":
         stabilization = "void" if degree == 1 else "ghost"
     weight = None if weight is None else as_positive("weight", weight)

@@ -20,7 +20,7 @@ import numpy as np
 
 from ilattice._memory import need
 from ilattice._typing import AnyArray, FloatArray, IntArray
-from ilattice._validate import Frozen, as_array, as_counts, read_only
+from ilattice._validate import Frozen, as_array, as_choice, as_counts, as_flag, as_items, read_only
 from ilattice.cutfem.levelsets import PER_PIECE, LevelSets, Pieces, as_level_sets
 from ilattice.errors import GeometryError, InputError
 from ilattice.macroshape.maps import SplineMap
@@ -48,8 +48,11 @@ class Grid(Frozen):
     closed: tuple[bool, bool, bool] = (False, False, False)
 
     def __post_init__(self) -> None:
-        if len(self.axes) != 3:
+        if len(as_items("axes", self.axes)) != 3:
             raise InputError(f"axes must hold three arrays, got {len(self.axes)}")
+        closed = [as_flag("closed", c) for c in as_items("closed", self.closed)]
+        if len(closed) != 3:
+            raise InputError(f"closed must hold three flags, got {self.closed!r:.80}")
         planes = []
         for i, a in enumerate(self.axes):
             x = as_array(f"axes[{i}]", a, ndim=1)
@@ -322,8 +325,7 @@ def cut(
     >>> round(grid.volume(q=4).integrate(), 6)
     0.268083
     """
-    if degree not in (1, 2, 3, 4):
-        raise InputError(f"degree must be 1, 2, 3 or 4, got {degree!r}")
+    as_choice("degree", degree, (1, 2, 3, 4))
     if through is not None and not isinstance(through, SplineMap):
         raise InputError(f"through must be a SplineMap, got {type(through).__name__}")
     box = None if domain is None else _as_box(domain)

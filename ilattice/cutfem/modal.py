@@ -30,7 +30,7 @@ import numpy as np
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh, lobpcg
 
 from ilattice._typing import AnyArray, ArrayLike, FloatArray
-from ilattice._validate import as_counts, as_points, as_positive, read_only
+from ilattice._validate import as_counts, as_kind, as_points, as_positive, read_only
 from ilattice.cutfem.output import Result, Series
 from ilattice.cutfem.solvers import Solver
 from ilattice.errors import ConvergenceError, InputError
@@ -221,7 +221,7 @@ def natural_modes(
     ConvergenceError
         If residuals stay above `tol`.
     """
-    system = problem.system
+    system = as_kind("problem", problem, "Elasticity").system
     M = problem.mass()
     if not M.data.any():
         raise InputError("density: the solid has no mass, and no frequencies; give it a density")
@@ -265,7 +265,7 @@ def buckling(
     ConvergenceError
         If residuals stay above `tol`, or fewer than `count` factors are positive.
     """
-    problem: Any = solution.problem
+    problem: Any = as_kind("solution", solution, "Solution").problem
     geometric = problem.geometric_stiffness(solution)
     if not geometric.data.any():
         raise InputError(

@@ -15,7 +15,7 @@ import numpy as np
 
 from ilattice._progress import Progress
 from ilattice._typing import FloatArray, IntArray
-from ilattice._validate import read_only
+from ilattice._validate import as_choice, read_only
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.conditions import Load, Spring, Support, as_mask, as_place, as_value
 from ilattice.cutfem.constraints import Constraints, constraints
@@ -83,8 +83,7 @@ class Problem:
     lack: ClassVar[str] = "nothing holds the solid: add a support before solving"
 
     def __init__(self, domain: Domain, islands: str) -> None:
-        if islands not in ISLANDS:
-            raise InputError(f"islands must be one of {ISLANDS}, got {islands!r}")
+        as_choice("islands", islands, ISLANDS)
         self._set(
             domain=domain, islands=islands, supports=(), springs=(), loads=(), _held={}
         )  # fmt: skip

@@ -26,7 +26,7 @@ from scipy.optimize import brentq
 
 from ilattice._progress import Progress, track
 from ilattice._typing import FloatArray, IntArray
-from ilattice._validate import as_counts, read_only
+from ilattice._validate import as_counts, as_items, read_only
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.heat_solution import HeatSolution
 from ilattice.cutfem.solution import Solution
@@ -221,7 +221,12 @@ def refinement_study(
     >>> round(study.limit("stored"), 2)  # 8 π / 15 = 1.6755
     1.67
     """
-    grids = np.array([as_counts("cells", n) for n in cells])
+    if not callable(build) or not isinstance(quantities, Mapping):
+        raise InputError(
+            "build must be callable and quantities a mapping, "
+            f"got {build!r:.40}, {quantities!r:.40}"
+        )
+    grids = np.array([as_counts("cells", n) for n in as_items("cells", cells)])
     if len(grids) < 3:
         raise InputError(f"cells must be three or more grids, got {len(grids)}")
     factors = grids / grids[0]

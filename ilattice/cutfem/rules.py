@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
-from ilattice._validate import read_only
+from ilattice._validate import as_choice, read_only
 from ilattice.cutfem import _kernels_drive as kernels
 from ilattice.cutfem._kernels_basis import determinants
 from ilattice.cutfem._kernels_compress import project
@@ -310,8 +310,7 @@ def quadrature(
     >>> rule = il.cutfem.quadrature(lattice.offset(0.05), q=2)
     >>> volume, centroid = rule.integrate(), rule.integrate(lambda x: x) / rule.integrate()
     """
-    if kind not in ("volume", "surface", *NAMES):
-        raise InputError(f"kind must be 'volume', 'surface' or one of {NAMES}, got {kind!r}")
+    as_choice("kind", kind, ("volume", "surface", *NAMES))
     grid = cut(field, cells, domain=domain, degree=degree)
     if kind == "volume":
         rule = grid.volume(q, tangent_depth=tangent_depth)

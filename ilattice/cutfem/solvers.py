@@ -25,7 +25,7 @@ from scipy.sparse import bsr_array, issparse
 
 from ilattice._progress import Progress
 from ilattice._typing import ArrayLike, FloatArray
-from ilattice._validate import as_array, as_points, as_positive, check_finite, read_only
+from ilattice._validate import as_array, as_choice, as_points, as_positive, check_finite, read_only
 from ilattice.cutfem._engines import ENGINES, choose
 from ilattice.cutfem._krylov import Run, conjugate_gradients
 from ilattice.cutfem.multigrid import Blocks
@@ -105,8 +105,7 @@ class Solver:
         method: str = "auto",
         places: ArrayLike | None = None,
     ) -> None:
-        if method != "auto" and method not in ENGINES:
-            raise InputError(f"method must be auto or one of {', '.join(ENGINES)}, got {method!r}")
+        as_choice("method", method, ("auto", *ENGINES))
         start = time.perf_counter()
         self._K = _as_blocks(K)
         n, self._m = self._K.shape[0], self._K.blocksize[0]
@@ -262,6 +261,8 @@ def rigid_modes(places: ArrayLike) -> FloatArray:
         the inverse of the largest distance from it.
     """
     x = as_points("places", places)
+    if not len(x):
+        raise InputError("places must hold at least one point")
     x = x - x.mean(axis=0)
     x = x / (np.abs(x).max() or 1.0)
     out = np.zeros((len(x), 3, 6))

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
-from ilattice._validate import as_points, read_only
+from ilattice._validate import as_choice, as_points, read_only
 from ilattice.bspline._kernels import monomial_table
 from ilattice.bspline.knots import design_matrix, greville, wrapped_knots
 from ilattice.cutfem import _kernels_basis as kernels
@@ -342,10 +342,9 @@ def as_degree_and_smoothness(degree: Any, smoothness: Any) -> tuple[int, int]:
 
     Without a smoothness it is the greatest.
     """
-    if isinstance(degree, bool) or degree not in DEGREES:
-        raise InputError(f"degree must be 1, 2 or 3, got {degree!r}")
+    as_choice("degree", degree, DEGREES)
     r = degree - 1 if smoothness is None else smoothness
-    if isinstance(r, bool) or r not in range(degree):
+    if not isinstance(r, (int, np.integer)) or isinstance(r, bool) or r not in range(degree):
         raise InputError(
             f"smoothness must be a whole number from 0 to degree - 1 = {degree - 1}, got {r!r}"
         )

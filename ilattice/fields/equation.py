@@ -243,6 +243,13 @@ def _parsed(
 ) -> _Equation:
     if not isinstance(text, str):
         raise InputError(f"an equation must be text, got {text!r:.80}")
+    told = names is None or (
+        isinstance(names, Mapping) and all(isinstance(name, str) for name in names)
+    )
+    if not told:
+        raise InputError(f"names must be a mapping of words to numbers, got {names!r:.80}")
+    if not isinstance(variables, (list, tuple)) or not all(isinstance(v, str) for v in variables):
+        raise InputError(f"variables must be three words, got {variables!r:.80}")
     if len(text) > MAX_LENGTH:
         raise InputError(f"an equation may have {MAX_LENGTH} characters, got {len(text)}")
     return _Equation(text, _Parser(text, names or {}, variables).parse(), tuple(variables))

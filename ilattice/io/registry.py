@@ -98,7 +98,7 @@ def load_mesh(path: str | os.PathLike[str], *, format: str | None = None) -> Sur
     PrecisionWarning
         If triangles with two equal corners were dropped.
     """
-    suffix = as_path("path", path).suffix if format is None else "." + format.lstrip(".")
+    suffix = _suffix(path, format)
     if suffix.lower() not in READERS:
         raise FormatError(
             f"{str(path)!r}: no mesh can be read from the ending {suffix!r}; "
@@ -148,7 +148,7 @@ def writer_of(
         raise InputError(
             f"a {type(obj).__name__} cannot be saved; {', '.join(sorted(WRITERS))} can be"
         )
-    suffix = as_path("path", path).suffix if format is None else "." + format.lstrip(".")
+    suffix = _suffix(path, format)
     if suffix.lower() not in formats:
         raise FormatError(
             f"{str(path)!r}: a {type(obj).__name__} cannot be written with the ending {suffix!r}; "
@@ -156,6 +156,15 @@ def writer_of(
         )
     module, function = formats[suffix.lower()].split(":")
     return getattr(import_module(f"ilattice.io.{module}"), function)
+
+
+def _suffix(path: str | os.PathLike[str], format: str | None) -> str:
+    """The ending that names the format."""
+    if format is None:
+        return as_path("path", path).suffix
+    if not isinstance(format, str):
+        raise InputError(f"format must be an ending such as '.stl', got {format!r:.80}")
+    return "." + format.lstrip(".")
 
 
 def _formats(obj: Any) -> dict[str, str]:

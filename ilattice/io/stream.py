@@ -54,6 +54,8 @@ class StreamedMeshWriter:
         suffix = self._path.suffix.lower()
         if suffix not in (".stl", ".ply"):
             raise FormatError(f"cannot stream to {str(path)!r}: the ending must be .stl or .ply")
+        if precision is not None and not isinstance(precision, str):
+            raise InputError(f"precision must be a word, got {precision!r:.80}")
         if suffix == ".stl" and precision not in (None, "single"):
             raise InputError(f"STL is in single precision, got precision={precision!r:.80}")
         self._precision = precision

@@ -17,7 +17,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from ilattice._typing import AnyArray, ArrayLike
-from ilattice._validate import as_array, as_points
+from ilattice._validate import as_array, as_kind, as_points
 from ilattice.errors import FormatError, InputError
 from ilattice.io._common import as_path, atomic_path
 from ilattice.io._mesh import check_not_empty, colours
@@ -102,6 +102,7 @@ def save_bezier_vtu(
     ``RationalWeights``; the cell attribute ``HigherOrderDegrees`` allows different degrees per
     direction. In ParaView raise "Nonlinear Subdivision Level" to see the curvature.
     """
+    as_kind("volume", volume, "SplineMap")
     nodes = bezier_nodes(volume.spline.to_bezier())
     extra = nodes.values[:, 3:]
     names = list(volume.names) or [f"x{i + 3}" for i in range(extra.shape[1])]

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ilattice._typing import FloatArray, IntArray
-from ilattice._validate import Frozen, read_only
+from ilattice._validate import Frozen, as_kind, read_only
 from ilattice.bspline import BSpline
 from ilattice.errors import GeometryError, PrecisionWarning
 from ilattice.macroshape import _bernstein as bern
@@ -116,7 +116,9 @@ def certify(volume: "SplineMap | BSpline", *, depth: int = 16, tol: float = 1e-9
     volume, det J = N / w⁴ with N the 4×4 determinant of the homogeneous point and its derivatives;
     with N and w⁴ in one Bernstein basis, the quotients of the coefficients enclose det J.
     """
-    spline = volume if isinstance(volume, BSpline) else volume.spline
+    spline = (
+        volume if isinstance(volume, BSpline) else as_kind("volume", volume, "SplineMap").spline
+    )
     elements = _Elements(spline)
     low, high, mean, corners = elements.scan()
     noise = elements.noise
@@ -171,7 +173,7 @@ def check_map(volume: "SplineMap", *, name: str = "through") -> Certificate:
     PrecisionWarning
         If det J touches zero, or its sign could not be told; the message names the places.
     """
-    c = volume.certificate
+    c = as_kind("volume", volume, "SplineMap").certificate
     _check_torn(volume.geometry, name)
     if c.orientation == 0:
         raise GeometryError(f"{name} is flat: det J vanishes everywhere; give it three dimensions")

@@ -17,7 +17,7 @@ import numpy as np
 
 from ilattice._memory import need
 from ilattice._typing import ArrayLike, FloatArray
-from ilattice._validate import as_array, as_counts, as_not_negative, as_points
+from ilattice._validate import as_array, as_counts, as_not_negative, as_points, as_positive
 from ilattice.errors import InputError
 from ilattice.macroshape.certify import check_map
 from ilattice.macroshape.maps import SplineMap
@@ -90,8 +90,9 @@ class Lattice:
         object.__setattr__(self, "repeat", as_counts("repeat", self.repeat))
         if self.boundary not in BOUNDARIES:
             raise InputError(f"boundary must be one of {BOUNDARIES}, got {self.boundary!r}")
-        if self.spans_per_tile is not None and not self.spans_per_tile >= 2:
-            raise InputError(f"spans_per_tile must be at least 2, got {self.spans_per_tile!r}")
+        spans = self.spans_per_tile
+        if spans is not None and not as_positive("spans_per_tile", spans) >= 2:
+            raise InputError(f"spans_per_tile must be at least 2, got {spans!r}")
         check_map(self.through)
         both = set(self.through.names) & set(self.tile.properties)
         if both:

@@ -15,7 +15,7 @@ from typing import Any, Self
 import numpy as np
 
 from ilattice._typing import ArrayLike, FloatArray
-from ilattice._validate import Frozen, as_array, as_points, read_only
+from ilattice._validate import Frozen, as_array, as_items, as_points, read_only
 from ilattice.bspline import BSpline
 from ilattice.errors import InputError
 from ilattice.macroshape._extra import interpolated, warn_missed
@@ -57,7 +57,7 @@ class SplineMap(Frozen):
         if min(spline.k) < 1:
             raise InputError(f"spline must have degrees of at least 1, got {spline.k}; elevate it")
         extra = spline.m - 3
-        names = tuple(names) or tuple(f"e{i}" for i in range(extra))
+        names = tuple(as_items("names", names)) or tuple(f"e{i}" for i in range(extra))
         if len(names) != extra or len(set(names)) != extra or not all(map(_is_name, names)):
             raise InputError(
                 f"names must be {extra} different words, one per component beyond x, y, z, "

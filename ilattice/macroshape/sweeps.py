@@ -16,7 +16,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from ilattice._typing import ArrayLike, FloatArray, IntArray
-from ilattice._validate import as_array, as_positive, as_triple
+from ilattice._validate import as_array, as_flag, as_items, as_positive, as_triple
 from ilattice.bspline import BSpline
 from ilattice.errors import GeometryError, InputError
 from ilattice.macroshape.maps import SplineMap
@@ -132,7 +132,7 @@ def loft(
     GeometryError
         If two neighbours coincide, or interpolated weights do not stay positive.
     """
-    if len(sections) < 2 + closed:
+    if len(as_items("sections", sections)) < 2 + as_flag("closed", closed):
         raise InputError(f"sections must hold at least {2 + closed} surfaces, got {len(sections)}")
     parts = _unified({f"sections[{i}]": s for i, s in enumerate(sections)})
     if not isinstance(degree, int | np.integer) or not 1 <= degree <= 8:

@@ -6,7 +6,6 @@ outermost samples are taken `INSET` of a cell inside the faces: so vertices on t
 distance from all others, and triangles along the edges of caps are not slim.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -15,7 +14,7 @@ import numpy as np
 
 from ilattice._memory import need
 from ilattice._typing import AnyArray, FloatArray, IntArray
-from ilattice._validate import as_array
+from ilattice._validate import as_array, as_flag, as_items
 from ilattice.errors import InputError
 from ilattice.mesh._kernels_cells import B, S
 
@@ -35,9 +34,13 @@ class Grid:
     @classmethod
     def checked(cls, axes: Any, wrap: Any) -> "Grid":
         """Grid of user input, or `InputError`."""
-        if not isinstance(axes, Sequence | np.ndarray) or len(axes) != 3:
+        if len(as_items("axes", axes)) != 3:
             raise InputError("axes must be three 1-D arrays of grid planes")
-        flags = (wrap,) * 3 if isinstance(wrap, bool) else tuple(bool(w) for w in wrap)
+        flags = (
+            (wrap,) * 3
+            if isinstance(wrap, bool)
+            else tuple(as_flag("wrap", w) for w in as_items("wrap", wrap))
+        )
         if len(flags) != 3:
             raise InputError(f"wrap must be one flag or three, got {wrap!r:.80}")
         planes = [

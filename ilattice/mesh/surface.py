@@ -542,7 +542,7 @@ def _as_vertices(value: Any) -> AnyArray:
     dtype = np.float32 if getattr(value, "dtype", None) == np.float32 else np.float64
     try:
         vertices = np.array(value, dtype=dtype, order="C")
-    except (TypeError, ValueError) as e:
+    except (TypeError, ValueError, OverflowError) as e:
         raise InputError(f"vertices must be an array of real numbers, got {value!r:.80}") from e
     if vertices.ndim != 2 or vertices.shape[1] != 3:
         raise InputError(f"vertices must have shape (V, 3), got {vertices.shape}")

@@ -33,6 +33,7 @@ from scipy.ndimage import maximum_filter
 from scipy.spatial import cKDTree
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
+from ilattice._validate import as_kind
 from ilattice.errors import ConvergenceError, GeometryError
 from ilattice.offsets import _kernels, _kernels_newton
 from ilattice.tiles.mixture import MixedField
@@ -156,7 +157,7 @@ class ClosestPointSearch:
     """
 
     def __init__(self, lattice: Lattice) -> None:
-        self.lattice = lattice
+        self.lattice = as_kind("lattice", lattice, "Lattice")
         self.clip = lattice.boundary == "clip"
         self.space = kernel_space(lattice)
         geom = self.space[7]

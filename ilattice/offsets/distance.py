@@ -367,7 +367,8 @@ def distance(part: Node, *, box: Any = None, band: float = np.inf, seeds: int = 
     field, from several seeds; see Hong et al. 2025, section 3.3.
     """
     node = as_node("part", part)
-    if not (isinstance(band, int | float) and band > 0.0):
+    width = as_array("band", band, finite=False)  # may be infinite
+    if width.size != 1 or not width.ravel()[0] > 0.0:
         raise InputError(f"band must be a number above zero, got {band!r:.80}")
     if not (isinstance(seeds, int) and 4 <= seeds <= 2000):
         raise InputError(f"seeds must be a whole number from 4 to 2000, got {seeds!r:.80}")
@@ -376,7 +377,7 @@ def distance(part: Node, *, box: Any = None, band: float = np.inf, seeds: int = 
         region = np.array(as_array("box", box, ndim=2))
         if region.shape != (2, 3) or not (region[0] < region[1]).all():
             raise InputError(f"box must be two corners (2, 3), lower one first, got {box!r:.80}")
-    return _Distance(node, region, seeds, float(band))
+    return _Distance(node, region, seeds, float(width.ravel()[0]))
 
 
 def bind(field: Node, box: FloatArray) -> None:

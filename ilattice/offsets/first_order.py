@@ -20,6 +20,7 @@ import numpy as np
 
 from ilattice._progress import Progress
 from ilattice._typing import FloatArray
+from ilattice._validate import as_kind
 from ilattice.bspline import BSpline
 from ilattice.offsets.distance_spline import interpolated
 from ilattice.offsets.thickness import Thickness, as_thickness
@@ -110,6 +111,7 @@ def parametric_offset(lattice: Lattice, d: Any, *, progress: Progress = None) ->
     -----
     Hong et al. 2025, eq. 2 and 3.
     """
+    as_kind("lattice", lattice, "Lattice")
     asked = as_thickness(d, lattice, float(np.linalg.norm(lattice.repeat)))
 
     def fitted(f: Callable[[FloatArray], FloatArray]) -> BSpline:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray
-from ilattice._validate import as_array
+from ilattice._validate import as_array, as_kind
 from ilattice.bspline import BSpline
 from ilattice.bspline.knots import uniform_knots
 from ilattice.errors import ConvergenceError, InputError, PrecisionWarning
@@ -201,6 +201,7 @@ def as_thickness(d: Any, lattice: Lattice, size: float | None = None) -> Thickne
     PrecisionWarning
         If a spline is off by more than 0.1 %.
     """
+    as_kind("lattice", lattice, "Lattice")
     if size is None:
         size = float(np.linalg.norm(np.diff(lattice.through.bounds, axis=0)))
     if isinstance(d, tuple | list):

@@ -18,7 +18,7 @@ import numpy as np
 from ilattice._memory import available, need
 from ilattice._progress import Progress
 from ilattice._typing import FloatArray
-from ilattice._validate import as_positive, as_triple
+from ilattice._validate import as_kind, as_positive, as_triple
 from ilattice.errors import GeometryError, InputError
 from ilattice.fields.algebra import clipped
 from ilattice.fields.node import Node, is_empty
@@ -214,7 +214,7 @@ def _corners(solid: Node) -> FloatArray | None:
 
 
 def _checked_box(solid: Node) -> FloatArray:
-    box = np.array(solid.bounds)
+    box = np.array(as_kind("solid", solid, "Node").bounds)
     if is_empty(box) or (box[0] == box[1]).any():
         where = f": its box is {box.tolist()}" if np.isfinite(box).all() else ""
         raise GeometryError(f"the solid is empty{where}")

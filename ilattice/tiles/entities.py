@@ -13,7 +13,15 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import ArrayLike, FloatArray
-from ilattice._validate import Frozen, as_array, as_points, as_positive, read_only
+from ilattice._validate import (
+    Frozen,
+    as_array,
+    as_flag,
+    as_items,
+    as_points,
+    as_positive,
+    read_only,
+)
 from ilattice.bspline import BSpline
 from ilattice.bspline.fit import fit
 from ilattice.errors import ConvergenceError, InputError
@@ -52,7 +60,7 @@ class Polyline(Frozen):
 
     def __post_init__(self) -> None:
         p = as_points("points", self.points)
-        if self.closed and len(p):
+        if as_flag("closed", self.closed) and len(p):
             p = np.concatenate([p, p[:1]])
         if len(p) < 2 or not np.ptp(p, axis=0).max() > TINY:
             raise InputError(
@@ -226,7 +234,9 @@ class Group(Frozen):
     members: Sequence[Any]
 
     def __post_init__(self) -> None:
-        members = tuple(as_single(f"members[{i}]", m) for i, m in enumerate(self.members))
+        members = tuple(
+            as_single(f"members[{i}]", m) for i, m in enumerate(as_items("members", self.members))
+        )
         if not members:
             raise InputError("members must be at least one entity, got none")
         object.__setattr__(self, "members", members)

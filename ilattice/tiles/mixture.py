@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
-from ilattice._validate import as_array, as_points, as_positive
+from ilattice._validate import as_array, as_choice, as_points, as_positive
 from ilattice.errors import InputError
 from ilattice.tiles._joined import joined
 from ilattice.tiles._mixed import Blend, Component, MixedField, fitted
@@ -298,8 +298,7 @@ class sigmoid:  # noqa: N801  (a function to its users)
     width: float
 
     def __post_init__(self) -> None:
-        if self.axis not in (0, 1, 2):
-            raise InputError(f"axis must be 0, 1 or 2, got {self.axis!r}")
+        as_choice("axis", self.axis, (0, 1, 2))
         centres = np.atleast_1d(as_array("centre", self.centre))
         if centres.ndim != 1 or len(centres) == 0 or (np.diff(centres) <= 0).any():
             raise InputError(f"centre must be ascending numbers, got {self.centre!r:.80}")

@@ -18,6 +18,7 @@ import numpy as np
 from ilattice._typing import AnyArray, ArrayLike, FloatArray
 from ilattice._validate import (
     as_array,
+    as_flag,
     as_float_type,
     as_points,
     as_positive,
@@ -113,11 +114,13 @@ class Tile:
             if edges.shape != (3, 3) or np.linalg.det(edges) == 0.0:
                 raise InputError(f"edges must be three independent columns, got {self.edges!r:.80}")
             object.__setattr__(self, "edges", read_only(np.array(edges)))
+        if not isinstance(self.properties, Mapping):
+            raise InputError(f"properties must be a mapping, got {self.properties!r:.80}")
         for name, prop in self.properties.items():
             if not callable(prop):
                 raise InputError(f"properties[{name!r}] must be callable, got {prop!r:.80}")
         object.__setattr__(self, "properties", MappingProxyType(dict(self.properties)))
-        if check:
+        if as_flag("check", check):
             self._check_zero_set()
 
     @classmethod

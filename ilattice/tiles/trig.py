@@ -66,6 +66,7 @@ class TrigField:
 
     def __post_init__(self) -> None:
         coef = as_array("coef", self.coef, ndim=1)
+        as_array("factor", self.factor)
         factor = np.asarray(self.factor)
         if factor.size == 0:
             factor = np.zeros((0, 3), np.int64)
