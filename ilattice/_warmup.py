@@ -38,7 +38,8 @@ def warmup(progress: Progress = None) -> None:
     with aside("analysis"):
         for through in track(volumes, "compile", progress):
             walls(through)
-        il.tiles.get("cross").jet([[0.5, 0.5, 0.6]])
+        solids()
+        words()
 
 
 @contextmanager
@@ -80,6 +81,40 @@ def walls(through: "il.SplineMap") -> None:
                 mesh.save(Path(folder) / f"mesh.{ending}")
 
 
+def solids() -> None:
+    """Solids of tiles of all kinds, also through a map of degree 4, and offsets before the map."""
+    box = il.macroshape.box()
+    own = il.Tile(lambda u: np.cos(2.0 * np.pi * u).sum(axis=1))
+    bar = il.tiles.skeleton([[(0, 0.5, 0.5), (1, 0.5, 0.5)]], radius=0.1)
+    for tile in ("gyroid", il.tiles.octet(radius=0.05), bar, own):
+        il.Lattice(tile, through=box).offset((np.inf, 0.05)).mesh(0.2)
+    quartic = il.SplineMap(box.spline.elevate(0, 3).elevate(1, 3).elevate(2, 3))
+    for through in (box, quartic):
+        il.Lattice("gyroid", through=through).offset(0.1, space="parametric").mesh(0.2)
+    il.Lattice("gyroid", through=quartic).offset(0.1).mesh(0.2)
+    mixed = il.tiles.mix("gyroid", "diamond", seed=1)
+    il.Lattice(mixed, through=box, repeat=(2, 1, 1)).offset(0.1).mesh(0.2)
+
+
+def words() -> None:
+    """Solids that are described by words, also from the file of a mesh: meshed and measured."""
+    commands = [
+        ["box", "gyroid", "shell", "0.6"],
+        ["box", "scale", "2", "sphere", "scale", "2.5", "p-surface", "gyroid"],
+        ["box", "gyroid", "diamond", "mix", "1/(1+exp(-10*x))", "shell", "0.4+0.2*x"],
+        ["box", "gyroid", "dilate", "0.2"],
+    ]
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "part.stl"
+        il.sdf.mesh(il.fields.sphere(1.0), 0.25).save(path)
+        commands.append([str(path), "gyroid", "scale", "2", "distance", "shell", "0.4"])
+        for command in commands:
+            found = il.sdf.mesh(il.sdf.parse(command), 0.2)
+            found.measures()
+            for ending in ("ply", "stl"):
+                found.save(path.with_suffix(f".{ending}"))
+
+
 def meshes() -> None:
     """A sheet between two level sets of a spline: meshed, measured, repaired."""
     mesh = il.mesh.contour(_plane(), [np.linspace(0.0, 1.0, 12)] * 3, level=(-0.2, 0.2))
@@ -90,7 +125,7 @@ def meshes() -> None:
 
 
 def analysis() -> None:
-    """A plate under its weight, with so many unknowns that multigrid has two levels."""
+    """A plate under its weight, with so many unknowns that multigrid has two levels; a bent wall."""
     meshes()
     ball = il.mesh.contour(il.fields.sphere(1.0), [np.linspace(-1.1, 1.1, 8)] * 3)
     il.sdf.MeshDistance(ball)([[0.5, 0.5, 0.5]])
@@ -101,6 +136,16 @@ def analysis() -> None:
             (sides[0], sides[1]), (24, 10, 10), degree=degree, through=il.macroshape.box()
         ).clamp("u=0")
         problem.load(gravity=(0.0, 0.0, -1.0)).solve(method="multigrid").von_mises([[0.5] * 3])
+    torus = il.macroshape.torus(major=4.0, width=2.0)
+    wall = il.Lattice("schwarz_p", through=torus, repeat=(4, 1, 1)).offset(0.3)
+    il.cutfem.mass_properties(wall, (8, 4, 4))
+    heavy = il.cutfem.Elasticity(wall, (16, 4, 4)).clamp("w=0").load(gravity=(0.0, 0.0, -1.0))
+    solution = heavy.solve()
+    solution.recovered()
+    solution.error_estimate()
+    with tempfile.TemporaryDirectory() as folder:
+        solution.save(Path(folder) / "surface.vtu")
+        solution.save(Path(folder) / "solid.vtu", on="solid")
 
 
 def _plane() -> "il.BSpline":

@@ -17,7 +17,14 @@ import numpy as np
 
 from ilattice._memory import need
 from ilattice._typing import ArrayLike, FloatArray
-from ilattice._validate import as_array, as_counts, as_not_negative, as_points, as_positive
+from ilattice._validate import (
+    as_array,
+    as_choice,
+    as_counts,
+    as_not_negative,
+    as_points,
+    as_positive,
+)
 from ilattice.errors import InputError
 from ilattice.macroshape.certify import check_map
 from ilattice.macroshape.maps import SplineMap
@@ -88,8 +95,7 @@ class Lattice:
                 "il.macroshape makes or loads one"
             )
         object.__setattr__(self, "repeat", as_counts("repeat", self.repeat))
-        if self.boundary not in BOUNDARIES:
-            raise InputError(f"boundary must be one of {BOUNDARIES}, got {self.boundary!r}")
+        as_choice("boundary", self.boundary, BOUNDARIES)
         spans = self.spans_per_tile
         if spans is not None and not as_positive("spans_per_tile", spans) >= 2:
             raise InputError(f"spans_per_tile must be at least 2, got {spans!r}")
@@ -375,8 +381,7 @@ class Lattice:
         from ilattice.offsets.first_order import parametric_offset
         from ilattice.offsets.wall import offset
 
-        if space not in SPACES:
-            raise InputError(f"space must be one of {SPACES}, got {space!r}")
+        as_choice("space", space, SPACES)
         if space == "euclidean":
             return offset(self, d, **options)
         wrong = options.keys() & IN_SPACE

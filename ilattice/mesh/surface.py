@@ -551,7 +551,10 @@ def _as_vertices(value: Any) -> AnyArray:
 
 
 def _as_faces(value: Any, n_vertices: int) -> AnyArray:
-    given = np.asarray(value)
+    try:
+        given = np.asarray(value)
+    except (TypeError, ValueError) as e:
+        raise InputError(f"faces must be integers of shape (F, 3), got {value!r:.80}") from e
     if given.size == 0:
         given = given.astype(np.int64)
     if given.ndim != 2 or given.shape[1] != 3 or given.dtype.kind not in "iu":
