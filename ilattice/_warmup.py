@@ -86,12 +86,14 @@ def solids() -> None:
     box = il.macroshape.box()
     own = il.Tile(lambda u: np.cos(2.0 * np.pi * u).sum(axis=1))
     bar = il.tiles.skeleton([[(0, 0.5, 0.5), (1, 0.5, 0.5)]], radius=0.1)
-    for tile in ("gyroid", il.tiles.octet(radius=0.05), bar, own):
+    for tile in (il.tiles.get("gyroid"), il.tiles.octet(radius=0.05), bar, own):
         il.Lattice(tile, through=box).offset((np.inf, 0.05)).mesh(0.2)
     quartic = il.SplineMap(box.spline.elevate(0, 3).elevate(1, 3).elevate(2, 3))
     for through in (box, quartic):
-        il.Lattice("gyroid", through=through).offset(0.1, space="parametric").mesh(0.2)
-    il.Lattice("gyroid", through=quartic).offset(0.1).mesh(0.2)
+        il.Lattice(il.tiles.get("gyroid"), through=through).offset(0.1, space="parametric").mesh(
+            0.2
+        )
+    il.Lattice(il.tiles.get("gyroid"), through=quartic).offset(0.1).mesh(0.2)
     mixed = il.tiles.mix("gyroid", "diamond", seed=1)
     il.Lattice(mixed, through=box, repeat=(2, 1, 1)).offset(0.1).mesh(0.2)
 
@@ -125,7 +127,7 @@ def meshes() -> None:
 
 
 def analysis() -> None:
-    """A plate under its weight, with so many unknowns that multigrid has two levels; a bent wall."""
+    """A plate under its weight, large enough for two levels of multigrid, and a bent wall."""
     meshes()
     ball = il.mesh.contour(il.fields.sphere(1.0), [np.linspace(-1.1, 1.1, 8)] * 3)
     il.sdf.MeshDistance(ball)([[0.5, 0.5, 0.5]])
@@ -137,7 +139,7 @@ def analysis() -> None:
         ).clamp("u=0")
         problem.load(gravity=(0.0, 0.0, -1.0)).solve(method="multigrid").von_mises([[0.5] * 3])
     torus = il.macroshape.torus(major=4.0, width=2.0)
-    wall = il.Lattice("schwarz_p", through=torus, repeat=(4, 1, 1)).offset(0.3)
+    wall = il.Lattice(il.tiles.get("schwarz_p"), through=torus, repeat=(4, 1, 1)).offset(0.3)
     il.cutfem.mass_properties(wall, (8, 4, 4))
     heavy = il.cutfem.Elasticity(wall, (16, 4, 4)).clamp("w=0").load(gravity=(0.0, 0.0, -1.0))
     solution = heavy.solve()

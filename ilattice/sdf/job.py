@@ -241,7 +241,15 @@ def _row(
 
 def _typed(row: Mapping[str, str]) -> dict[str, Any]:
     """A row of the table, its measures as `_row` has them."""
-    return {k: literal_eval(v) if k in MEASURES else v for k, v in row.items()}
+    return {k: _value(v) if k in MEASURES else v for k, v in row.items()}
+
+
+def _value(text: str) -> Any:
+    """A number or a flag; what somebody has written by hand stays text."""
+    try:
+        return literal_eval(text)
+    except (ValueError, SyntaxError):
+        return text
 
 
 class _Digests:
@@ -273,6 +281,7 @@ def _how(settings: Settings) -> list[str]:
         parts.append(f"--tol {settings.tol!r}")
     if settings.slices is not None:
         parts.append(f"--slices {settings.slices!r}")
+    parts += ["--remove-islands"] * settings.remove_islands
     return parts + ["--strict"] * settings.strict
 
 
