@@ -20,6 +20,8 @@ import re
 LONGEST, MOST_LINES = 1000, 100
 _NUMPY = re.compile(r"\bnp\.(?:float|int|uint|bool|str)[0-9_]*\(([^()]*)\)")
 
+_ARRAY = re.compile(r"\s*\n\s*(?=[\[\d.-]|$)")  # where arrays are broken into lines
+
 
 class IlatticeError(Exception):
     """Base class of every error raised on purpose."""
@@ -65,7 +67,7 @@ def shortened(message: str) -> str:
     str
         The text, with the middle of long lines left out, and of a long list of lines.
     """
-    lines = message.split("\n") if "\n" in message else [message]
+    lines = _ARRAY.sub(" ", message).split("\n") if "\n" in message else [message]
     if len(lines) > MOST_LINES:
         lines = [*lines[: MOST_LINES - 2], "  ...", lines[-1]]
     return "\n".join(map(_short, lines))
