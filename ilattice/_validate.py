@@ -134,8 +134,11 @@ def as_choice(name: str, value: Any, choices: Sequence[Any]) -> Any:
 
 
 def as_flag(name: str, value: Any) -> bool:
-    """True or False."""
-    if not isinstance(value, (bool, np.bool_)):
+    """True or False, or 1 or 0."""
+    known = isinstance(value, (bool, np.bool_)) or (
+        isinstance(value, (int, np.integer)) and value in (0, 1)
+    )
+    if not known:
         raise InputError(f"{name} must be True or False, got {value!r:.80}")
     return bool(value)
 
