@@ -31,7 +31,6 @@ from ilattice.bspline.knots import greville, uniform_knots
 from ilattice.errors import IlatticeError
 
 DATA = Path(__file__).parent / "data"
-MORE_DATA = Path(__file__).parents[2] / "shared" / "data"
 FILES = (
     "gismo/GshapedVolume.xml", "gismo/cube.xml#0", "gismo/cylinder.xml", "gismo/fichera.xml#0",
     "gismo/fichera.xml#1", "mfem/beam-hex-nurbs.mesh#0", "mfem/cube-nurbs-deformed.mesh",
@@ -167,24 +166,17 @@ def _scaled(name, scale):
 
 
 def maps():
-    """Names of the maps; those of files that are here."""
-    files = [f for f in FILES if _path(f) is not None]
+    """Names of the maps."""
     return ["box", "flat", "torus", "duck", "wing", "shell", "tapered", "swept", "loft",
-            "revolved", "perturbed", *files]  # fmt: skip
-
-
-def _path(name):
-    file = name.partition("#")[0]
-    found = [d / file for d in (DATA, MORE_DATA) if (d / file).exists()]
-    return found[0] if found else None
+            "revolved", "perturbed", *FILES]  # fmt: skip
 
 
 @cache
 def _map(name):
     ms = il.macroshape
     if name in FILES:
-        patch = name.partition("#")[2]
-        return ms.load(_path(name), int(patch) if patch else None)
+        file, _, patch = name.partition("#")
+        return ms.load(DATA / file, int(patch) if patch else None)
     makers = {
         "box": lambda: ms.box((0.8, 1.7, 0.65)), "flat": lambda: ms.box((1, 1, 0.15)),
         "torus": ms.torus, "duck": ms.duck, "wing": ms.wing, "tapered": ms.tapered,
