@@ -11,14 +11,17 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+import warnings
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import wraps
 from pathlib import Path
 
 import numpy as np
 
 import ilattice as il
 from ilattice._progress import Progress, track
+from ilattice.errors import PrecisionWarning
 from ilattice.mesh.repair import remove_slivers
 
 
@@ -40,6 +43,18 @@ def warmup(progress: Progress = None) -> None:
             walls(through)
         solids()
         words()
+
+
+def _quietly(work: Callable[[], None]) -> Callable[[], None]:
+    """Work on examples that are coarse on purpose, without warnings about it."""
+
+    @wraps(work)
+    def quiet() -> None:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", PrecisionWarning)
+            work()
+
+    return quiet
 
 
 @contextmanager
@@ -81,6 +96,7 @@ def walls(through: "il.SplineMap") -> None:
                 mesh.save(Path(folder) / f"mesh.{ending}")
 
 
+@_quietly
 def solids() -> None:
     """Solids of tiles of all kinds, also through a map of degree 4, and offsets before the map."""
     box = il.macroshape.box()
@@ -126,6 +142,7 @@ def meshes() -> None:
     remove_slivers(np.array(mesh.vertices), np.array(mesh.faces), quality=1.0)
 
 
+@_quietly
 def analysis() -> None:
     """A plate under its weight, large enough for two levels of multigrid, and a bent wall."""
     meshes()
