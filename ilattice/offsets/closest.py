@@ -36,7 +36,9 @@ from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import as_kind
 from ilattice.errors import ConvergenceError, GeometryError
 from ilattice.offsets import _kernels, _kernels_newton
+from ilattice.offsets.seeding import crossings, downhill, gaps
 from ilattice.tiles.mixture import MixedField
+from ilattice.tiles.trig import TrigField
 
 if TYPE_CHECKING:
     from ilattice.macroshape.lattice import Lattice
@@ -63,6 +65,8 @@ MOST_REFINED = 4
 #: Where tiles meet in creases, surfaces bend sharply next to faces: so many times the seeds per
 #: direction; those up to so many cells away from a face do not tell the normals next to them.
 MORE, CREASED = 2, 1.5
+#: Planes per direction between which splines are searched for surfaces that seeds have missed.
+FINE = 65
 
 
 @dataclass(frozen=True)
@@ -225,9 +229,20 @@ class ClosestPointSearch:
             if isinstance(self.lattice.smooth_tile, MixedField):
                 out.append(self._project((centres + shift).reshape(-1, 3), m))
             else:
-                out.append((self._project(centres, m) + shift).reshape(-1, 3))
+                out.append((self._covering(self._project(centres, m), m) + shift).reshape(-1, 3))
             cells.append(np.broadcast_to(1.0 / m, out[-1].shape))
         return np.concatenate(out), np.concatenate(cells)
+
+    def _covering(self, p: FloatArray, m: IntArray) -> FloatArray:
+        """Seeds of one tile, and more where they leave gaps.
+
+        Fields that level off, as those of skeletons, lead back to the surface from next to it only.
+        """
+        if isinstance(self.lattice.smooth_tile, TrigField):
+            return p
+        found = crossings(self.lattice.smooth_tile, FINE)
+        more = gaps(self.lattice.smooth_tile, found, p, m)
+        return np.concatenate([p, self._project(more, m)])
 
     def _project(self, p: FloatArray, m: AnyArray, fixed: FloatArray | None = None) -> FloatArray:
         """Points moved onto I = 0; those that move further than 1.2 cells are dropped."""
@@ -235,6 +250,12 @@ class ClosestPointSearch:
         fixed = np.zeros((len(p), 3)) if fixed is None else fixed
         _kernels.project(*self.space, p, fixed, 0.5 / float(np.min(m)), moved)
         return p[moved <= 1.2 / float(np.min(m))]
+
+    def on_surface(self, p: FloatArray) -> tuple[FloatArray, AnyArray]:
+        """Tile coordinates (n, 3) moved onto I = 0, and which of them got there."""
+        out, moved = p.copy(), np.empty(len(p))
+        _kernels.project(*self.space, out, np.zeros((len(p), 3)), 0.1, moved)
+        return out, np.isfinite(moved)
 
     def _face_seeds(self, count: IntArray, closed: AnyArray) -> tuple[FloatArray, FloatArray]:
         """Seeds on curves and points in which the surface meets faces and edges, or has creases."""
@@ -364,13 +385,31 @@ class ClosestPointSearch:
         distance, idx = self.candidates(x, CANDIDATES)
         self._run(x, p, idx, feet, counts, status)
         behind = (feet[0, :, 6] * feet[0, :, 7] < 0) & (status == _kernels_newton.OK)
-        again = np.flatnonzero(behind | self._doubtful(p, distance, feet, status))
+        missed = self._missed(distance[:, 0], idx[:, 0], feet[0, :, 6])
+        again = np.flatnonzero(behind | missed | self._doubtful(p, distance, feet, status))
         retried, m = len(again), RETRY_NEIGHBOURS
         while len(again) and m <= MOST_NEIGHBOURS:
             parts = [again[i : i + RETRIED // m] for i in range(0, len(again), RETRIED // m)]
             left = [self._retry(at, m, x, p, feet, counts, status) for at in parts]
             again, m = np.concatenate(left), 4 * m
+        at = np.flatnonzero(self._missed(distance[:, 0], idx[:, 0], feet[0, :, 6]))
+        if len(at):
+            self._descend(x[at], at, self.seeds[0][idx[at, 0]], feet[0])
         return retried
+
+    def _descend(self, x: FloatArray, at: IntArray, start: FloatArray, feet: FloatArray) -> None:
+        """Fill in feet that are found downhill from the nearest seeds, where Newton left them."""
+        p = downhill(self, x, start)
+        y = self.lattice.through.x(self.from_tile(p), extrapolate="extend")
+        sign = np.where(feet[at, 6] < 0.0, -1.0, 1.0)
+        feet[at] = np.column_stack([p, y, sign * np.linalg.norm(x - y, axis=1), sign])
+
+    def _missed(self, distance: FloatArray, seed: IntArray, found: FloatArray) -> AnyArray:
+        """Where the foot is farther than the nearest seed, and that is in the domain."""
+        lo, hi = self.box
+        p = self.seeds[0][seed]
+        out: AnyArray = (np.abs(found) > distance) & ((p >= lo) & (p <= hi)).all(axis=1)
+        return out
 
     def _retry(
         self, at: IntArray, m: int, x: FloatArray, p: FloatArray, feet: FloatArray,
@@ -440,7 +479,6 @@ def kernel_space(lattice: Lattice, *, generic: bool = False) -> tuple[Any, ...]:
     Generic ones are for kernels that must not be compiled once per degree of the map.
     """
     from ilattice.bspline import BSpline
-    from ilattice.tiles.trig import TrigField
 
     spline = lattice.through.spline
     if spline.m > 3:  # extra coordinates play no part in the geometry

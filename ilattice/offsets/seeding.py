@@ -1,0 +1,136 @@
+"""Where a surface is that the seeds of closest points have missed.
+
+Seeds come from the centres of cells, by Newton's method. A field that levels off away from its zero
+set, as that of thin struts and plates does, tells nothing there, and whole plates between the
+centres stay without seeds. Here they are found by changes of sign on a fine grid.
+
+Guarantee: every part of the surface that separates points of the fine grid has a seed on its own
+side of the solid within about a cell. Non-guarantee: parts between those points.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ilattice._typing import FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from ilattice.offsets.closest import ClosestPointSearch
+
+#: Cells within which a seed that faces alike must be, the least cosine between normals that are
+#: alike, and seeds that are looked at.
+NEAR, ALIKE, LOOKED_AT = 0.9, 0.75, 8
+#: Steps downhill.
+DOWNHILL = 24
+
+
+def crossings(field: Any, n: int) -> FloatArray:
+    """Points near the zero set of a field on the unit cube.
+
+    Parameters
+    ----------
+    field : object
+        With `grid(axes)`.
+    n : int
+        Planes per direction.
+
+    Returns
+    -------
+    ndarray, shape (k, 3)
+        Linear roots along the edges of the grid whose ends differ in sign.
+    """
+    axis = np.linspace(0.0, 1.0, n)
+    values = field.grid([axis] * 3)
+    out = []
+    for a in range(3):
+        low, high = (np.take(values, part, a) for part in (np.arange(n - 1), np.arange(1, n)))
+        at = np.argwhere((low < 0.0) != (high < 0.0))
+        f, g = low[tuple(at.T)], high[tuple(at.T)]
+        points = axis[at]
+        points[:, a] += (axis[1] - axis[0]) * f / (f - g)
+        out.append(points)
+    return np.concatenate(out)
+
+
+def gaps(field: Any, points: FloatArray, seeds: FloatArray, m: IntArray) -> FloatArray:
+    """Points of a surface that are far from all seeds on their side, at most a few per cell.
+
+    Parameters
+    ----------
+    field : object
+        With `jet(points, order)`; tells by its gradient which side faces where.
+    points : ndarray, shape (k, 3)
+        Points of its zero set, in the unit cube.
+    seeds : ndarray, shape (s, 3)
+        Seeds there are.
+    m : ndarray of int, shape (3,)
+        Cells per direction.
+
+    Returns
+    -------
+    ndarray, shape (r, 3)
+        Some of `points`, of every cell and octant of normals the one next to the middle.
+    """
+    normal = _normals(field, points)
+    far = np.ones(len(points), np.bool_)
+    if len(seeds):
+        tree = cKDTree(seeds * m)
+        found: Any = tree.query(points * m, k=min(LOOKED_AT, len(seeds)), distance_upper_bound=NEAR)
+        number = found[1].reshape(len(points), -1)
+        facing = np.concatenate([_normals(field, np.clip(seeds, 0.0, 1.0)), np.zeros((1, 3))])
+        far = ~(np.einsum("na,nka->nk", normal, facing[number]) > ALIKE).any(axis=1)
+    points, normal = points[far], normal[far]
+    cell = np.clip(np.floor(points * m), 0, m - 1)
+    off = np.abs(points * m - cell - 0.5).max(axis=1)
+    octant = ((normal > 0.0) * np.array([4, 2, 1])).sum(axis=1)
+    key = np.column_stack([cell.astype(np.int64), octant])
+    order = np.lexsort([off, *key.T])
+    _, first = np.unique(key[order], axis=0, return_index=True)
+    return points[order[first]]
+
+
+def downhill(search: ClosestPointSearch, x: FloatArray, p: FloatArray) -> FloatArray:
+    """Points of the surface nearer and nearer to some points of space, by tangential steps.
+
+    Parameters
+    ----------
+    search : ClosestPointSearch
+        Gives the surface.
+    x : ndarray, shape (n, 3)
+        Points of space.
+    p : ndarray, shape (n, 3)
+        Points of the surface to start from, in tile coordinates.
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+        Points of the surface, in tile coordinates; none is farther than its start.
+    """
+    lattice = search.lattice
+    p, part = p.copy(), np.ones(len(p))
+    y = lattice.through.x(search.from_tile(p), extrapolate="extend")
+    for _ in range(DOWNHILL):
+        u = search.from_tile(p)
+        jacobian = lattice.through.jacobian(u, extrapolate="extend") * search.step
+        g = lattice.implicit_jet(u, 1)[1] * search.step
+        metric = np.einsum("nca,ncb->nab", jacobian, jacobian)
+        pull = np.einsum("nca,nc->na", jacobian, x - y)
+        both = np.linalg.solve(metric, np.stack([pull, g], axis=2))
+        gg = np.maximum((g * both[:, :, 1]).sum(axis=1), np.finfo(np.float64).tiny)
+        step = both[:, :, 0] - ((g * both[:, :, 0]).sum(axis=1) / gg)[:, None] * both[:, :, 1]
+        q, there = search.on_surface(np.clip(p + part[:, None] * step, *search.box))
+        z = lattice.through.x(search.from_tile(q), extrapolate="extend")
+        better = ((x - z) ** 2).sum(axis=1) < ((x - y) ** 2).sum(axis=1)
+        better &= there & ((q >= search.box[0]) & (q <= search.box[1])).all(axis=1)
+        p[better], y[better] = q[better], z[better]
+        part = np.where(better, np.minimum(1.0, 2.0 * part), 0.5 * part)
+    return p
+
+
+def _normals(field: Any, points: FloatArray) -> FloatArray:
+    gradient = field.jet(points, 1)[1]
+    length = np.linalg.norm(gradient, axis=1, keepdims=True)
+    return gradient / np.where(length > 0.0, length, 1.0)
