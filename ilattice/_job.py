@@ -124,6 +124,7 @@ def build(
     report: str | os.PathLike[str] | None = None,
     features: bool = False,
     remove_islands: bool = False,
+    allow_loss: bool = False,
     seed: int | None = None,
     progress: Progress = None,
 ) -> dict[str, Any]:
@@ -151,6 +152,8 @@ def build(
         Whether to measure the thinnest wall and the narrowest gap, which may take a minute.
     remove_islands : bool
         Whether to keep only the largest part of the mesh.
+    allow_loss : bool
+        Whether to accept a mesh that has lost more than 5 % of the volume of the wall.
     seed : int, optional
         Seed of a random choice among the tiles, see `cell`.
     progress : bool or callable, optional
@@ -175,7 +178,7 @@ def build(
     with stages("distance"):
         wall = lattice.offset(d, tol=tol, progress=progress)
     with stages("mesh"):
-        mesh = wall.mesh(h=h, progress=progress)
+        mesh = wall.mesh(h=h, allow_loss=allow_loss, progress=progress)
         if remove_islands:
             mesh = mesh.remove_islands()
     with stages("thickness error"):
@@ -202,9 +205,12 @@ def build(
         "input": inputs | {"h": h},
         **mesh.measures(),
         **islands_of(mesh),
+        "wall_volume": wall.known_volume,
         "self_intersections": mesh.self_intersections,
         "held": int(mesh.point_data["held"].sum()),
-        "thickness_error": {k: getattr(error, k) for k in ("max", "p99", "rms", "relative")},
+        "thickness_error": {
+            k: getattr(error, k) for k in ("max", "p99", "rms", "relative", "missing")
+        },
         **least,
         "closest_points": counts(lattice),
         "stages": stages.records,

@@ -148,6 +148,7 @@ def _add_build(app: "App") -> None:
         report: Path | None = None,
         features: bool = False,
         remove_islands: bool = False,
+        allow_loss: bool = False,
         seed: int | None = None,
     ) -> None:
         """Fill a volume with a lattice of given wall thickness.
@@ -169,13 +170,15 @@ def _add_build(app: "App") -> None:
         tol
             Largest error of the half-thickness; by default that of 16 spans per tile.
         h
-            Length of the edges of the mesh.
+            Length of the edges of the mesh; it may be longer than the wall is thick.
         report
             File for the report, as JSON.
         features
             Measure the thinnest wall and the narrowest gap, too; this may take a minute.
         remove_islands
             Keep only the largest part of the mesh, without loose chips.
+        allow_loss
+            Accept a mesh that has lost more than 5 % of the volume of the wall.
         seed
             Draw one of the tiles for every cell; the same seed gives the same lattice.
         """
@@ -191,6 +194,7 @@ def _add_build(app: "App") -> None:
                 report=report,
                 features=features,
                 remove_islands=remove_islands,
+                allow_loss=allow_loss,
                 seed=seed,
                 progress=True,
             )
@@ -332,6 +336,8 @@ def _summary(report: dict[str, Any]) -> None:
     keys = ("volume", "area", "genus", "components", "islands", "watertight", "self_intersections")
     for key in keys:
         print(f"{key.replace('_', ' '):>18}  {_text(report[key])}")
+    if report.get("wall_volume") is not None:
+        print(f"{'of the wall':>18}  {_text(report['wall_volume'])}")
     for key in ("vertices", "faces", "held"):
         print(f"{key:>18}  {_text(report[key])}")
     for key in ("thickness_error", "closest_points"):

@@ -57,7 +57,9 @@ def test_build_writes_all_files_and_the_report(tmp_path, capfd):
     assert data["area"] > 4
     assert data["components"] == 1
     assert data["faces"] == 2 * (data["vertices"] - 2 + 2 * data["genus"])
-    assert set(data["thickness_error"]) == {"max", "p99", "rms", "relative"}
+    assert set(data["thickness_error"]) == {"max", "p99", "rms", "relative", "missing"}
+    assert data["thickness_error"]["missing"] == 0.0
+    assert data["wall_volume"] is None  # edges are short enough
     assert 0 < data["thickness_error"]["rms"] <= data["thickness_error"]["max"] < 0.01
     assert data["closest_points"]["queries"] > 1000
     assert 0 < data["closest_points"]["mean_iterations"] < 40
@@ -149,6 +151,16 @@ def test_slice_writes_layers(tmp_path, capfd):
     assert files[1].read_text().count("<g ") == 4
 
 
+def test_thin_walls_are_whole_and_their_reports_have_both_volumes(tmp_path, capfd):
+    report = tmp_path / "a.json"
+    thin = words(thickness=["0.002"], h=["0.04"], report=[str(report)])
+    assert cli.main([*thin, "-o", str(tmp_path / "a.stl")]) == 0
+    assert "of the wall" in capfd.readouterr().out
+    data = json.loads(report.read_text())
+    assert data["components"] == 1
+    assert data["volume"] == pytest.approx(data["wall_volume"], rel=0.01)
+
+
 def test_slices_have_their_own_endings(tmp_path, capfd):
     target = tmp_path / "a.stl"
     err = fails(["slice", *words()[1:], "--layer", "0.25", "-o", str(target)], 1, capfd)
@@ -158,7 +170,8 @@ def test_slices_have_their_own_endings(tmp_path, capfd):
 
 
 def test_warnings_are_lines_too(tmp_path, capfd):
-    assert cli.main([*words(h=["0.12"]), "-o", str(tmp_path / "a.stl")]) == 0
+    arguments = ["slice", *words(h=["0.12"])[1:], "--layer", "0.25", "--rough"]
+    assert cli.main([*arguments, "-o", str(tmp_path / "a.cli")]) == 0
     err = capfd.readouterr().err
     assert err.startswith("ilattice: warning: h=0.12 is coarse")
     assert err.count("\n") == 1

@@ -65,7 +65,15 @@ class Untangled(NamedTuple):
 class _Surface:
     """Vertices on the move, and the triangles between them."""
 
-    def __init__(self, lattice: "Lattice", u: FloatArray, faces: AnyArray, kind: AnyArray) -> None:
+    def __init__(
+        self,
+        lattice: "Lattice",
+        u: FloatArray,
+        faces: AnyArray,
+        kind: AnyArray,
+        repaired: bool = False,
+    ) -> None:
+        self.repaired = repaired
         self.lattice, self.u, self.kind, self.quads = lattice, u.copy(), kind, faces
         self.x = lattice.through.x(u)
         self.spared = np.zeros(len(u), np.bool_)
@@ -78,9 +86,14 @@ class _Surface:
 
         Only triangles that were not there before, or have moved, are compared with all others.
         """
-        quads = self.quads.copy()
-        split_quads(self.x, quads)
-        self.repair = remove_slivers(self.x, quads, self.kind, spared=self.spared)
+        quads = self.quads
+        if self.repaired:
+            rows = np.arange(len(quads))
+            self.repair = Repair(np.arange(len(self.x)), quads, rows, 0, 0, 0)
+        else:
+            quads = quads.copy()
+            split_quads(self.x, quads)
+            self.repair = remove_slivers(self.x, quads, self.kind, spared=self.spared)
         faces = self.repair.vertices[self.repair.faces]
         before, self.before = self.before, np.full_like(quads, -1)
         self.before[self.repair.rows] = faces
@@ -121,6 +134,8 @@ def untangled(
     kind: AnyArray,
     settle: Settle,
     recall: Settle,
+    *,
+    repaired: bool = False,
 ) -> Untangled:
     """Triangles that do not cross, between vertices that were moved.
 
@@ -139,13 +154,15 @@ def untangled(
         a mask of those that it could not move.
     recall : callable
         Likewise, but only within the cells of the contour from whose vertices (n, 3) it starts.
+    repaired : bool
+        The faces are triangles that must stay as they are; slivers are left.
 
     Returns
     -------
     Untangled
         New places, triangles, and what was held back.
     """
-    s = _Surface(lattice, moved, faces, kind)
+    s = _Surface(lattice, moved, faces, kind, repaired)
     held = np.zeros(len(start), np.bool_)
     if s.pairs:
         u, lost = recall(start[s.at], s.at)

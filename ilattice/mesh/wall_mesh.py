@@ -5,13 +5,15 @@ mid-surface, those on the faces of the domain stay there. Where polished, the co
 the distance spline with exact values at its kinks (`ilattice.offsets.sharp`), so that pores close
 when they should. The triangles of `wall_mesh` do not pass through each other
 (`ilattice.mesh.untangle`) and have no slivers (`ilattice.mesh.repair`); those of `wall_pieces`
-may, for their neighbours may be gone. Vertices that are off the offset, because polishing fails or
-to keep triangles from crossing, are marked as ``held`` in the point data and, where they are more
-than one in ten thousand, counted in a `PrecisionWarning`, above one in a hundred in a
-`ConvergenceError`; those next to jumps of the distance, in corners of the domain beyond which the
-map folds (`ilattice.offsets.closest`), are warned of only. All others are on it to a ten-thousandth
-of the half-thickness. Non-guarantee: where two offset surfaces meet in a crease, triangles do not
-follow the crease.
+may, for their neighbours may be gone. Walls thinner than one and a half edges are meshed from
+their mid-surface (`ilattice.mesh.sheets`), with slivers along their rims; meshes with long edges
+are compared with the volume of the wall (`ilattice.mesh.loss`). Vertices that are off the offset,
+because polishing fails or to keep triangles from crossing, are marked as ``held`` in the point data
+and, where they are more than one in ten thousand, counted in a `PrecisionWarning`, above one in a
+hundred in a `ConvergenceError`; those next to jumps of the distance, in corners of the domain
+beyond which the map folds (`ilattice.offsets.closest`), are warned of only. All others are on it to
+a ten-thousandth of the half-thickness. Non-guarantee: where two offset surfaces meet in a crease,
+triangles do not follow the crease.
 """
 
 from __future__ import annotations
@@ -26,7 +28,7 @@ import numpy as np
 from ilattice._memory import need
 from ilattice._progress import Progress
 from ilattice._typing import AnyArray, FloatArray
-from ilattice.errors import ConvergenceError, InputError, PrecisionWarning
+from ilattice.errors import ConvergenceError, GeometryError, InputError, PrecisionWarning
 from ilattice.mesh._own_cells import in_own_cells
 from ilattice.mesh._settling import Classes, classified, measure, settled
 from ilattice.mesh.contouring import (
@@ -37,8 +39,10 @@ from ilattice.mesh.contouring import (
     fixed_coordinates,
 )
 from ilattice.mesh.creases import sharpened
+from ilattice.mesh.loss import ENOUGH, check_loss
+from ilattice.mesh.sheets import Sheets
 from ilattice.mesh.surface import SurfaceMesh
-from ilattice.mesh.untangle import untangled
+from ilattice.mesh.untangle import Untangled, untangled
 from ilattice.offsets.sharp import SharpDistance
 
 if TYPE_CHECKING:
@@ -52,6 +56,10 @@ MAX_HELD, MOST_HELD, FEW = 1e-4, 1e-2, 10
 #: Bytes of memory per vertex of a mesh, and per site where the map is sampled.
 PER_VERTEX, PER_SITE = 500, 150
 MOST_PLANES = 10_000_000
+#: Longest edges, relative to the least thickness, with which contours show a wall.
+SEEN = 1.0 / 1.5
+#: Vertices and triangles; kinds and sides of vertices; which of these may be off their side.
+_Made = tuple[Untangled, AnyArray, FloatArray, AnyArray]
 
 
 def wall_mesh(
@@ -63,22 +71,15 @@ def wall_mesh(
     dtype: Any,
     progress: Progress,
     cut: Any = None,
+    allow_loss: bool = False,
 ) -> SurfaceMesh:
     """Mesh of a wall, less where a field `cut` is positive; see `ilattice.offsets.Wall.mesh`."""
     job = _Job.of(wall, h, polish, progress, cut)
     _check_size(job.axes)
-    raw = contour_arrays(job.field, job.axes, caps=caps, **job.options)
-    if wall.creased and cut is None:
-        raw = sharpened(raw, job.field, job.axes)
-    side = job.side(raw)
-    u, lost = job.settle(raw.vertices, raw.kind, side)
-    new = untangled(
-        wall.lattice, raw.vertices, u, raw.faces, raw.kind,
-        lambda u, at: job.settle(u, raw.kind[at], side[at]),
-        lambda u, at: job.recall(u, raw.kind[at], side[at]),
-    )  # fmt: skip
+    sheets = _of_sheets(job, caps)
+    new, kind, side, suspect = sheets or _of_contour(job, caps)
     kept = new.repair.vertices
-    of = job.classify(new.u, raw.kind, side, new.held | lost)
+    of = job.classify(new.u, kind, side, suspect)
     side = np.where(of.cap, 0.0, side)
     held = (of.off | of.jump)[kept]
     _check(int(of.off[kept].sum()), len(kept), exactly=job.polish)
@@ -88,17 +89,66 @@ def wall_mesh(
     mesh = SurfaceMesh.adopt(new.x[kept].astype(dtype, copy=False), faces, data)
     if mesh.vertices.dtype == np.float64:
         mesh.__dict__["self_intersections"] = new.left  # known, needs no other search
+    if caps and cut is None:
+        check_loss(wall, job.h, mesh, sheets=sheets is not None, allowed=allow_loss)
     return mesh
 
 
+def _of_contour(job: _Job, caps: bool) -> _Made:
+    """A wall by contours of both its sides."""
+    raw = contour_arrays(job.field, job.axes, caps=caps, **job.options)
+    if job.wall.creased and job.cut is None:
+        raw = sharpened(raw, job.field, job.axes)
+    side = job.side(raw)
+    u, lost = job.settle(raw.vertices, raw.kind, side)
+    new = untangled(
+        job.wall.lattice, raw.vertices, u, raw.faces, raw.kind,
+        lambda u, at: job.settle(u, raw.kind[at], side[at]),
+        lambda u, at: job.recall(u, raw.kind[at], side[at]),
+    )  # fmt: skip
+    return new, raw.kind, side, new.held | lost
+
+
+def _of_sheets(job: _Job, caps: bool) -> _Made | None:
+    """A thin wall by its mid-surface, likewise; None for others, and where that fails."""
+    if not job.thin:
+        return None
+    sheets = Sheets(
+        job.wall, job.axes, exactly=job.polish, caps=caps, progress=job.options["progress"]
+    )
+    new, suspect = sheets.moved(
+        job.wall, lambda u, at: job.settle(u, sheets.kind[at], sheets.side[at])
+    )
+    off = int(job.classify(new.u, sheets.kind, sheets.side, suspect).off.sum())
+    if new.left or off > max(MOST_HELD * len(suspect), FEW):
+        least = job.wall.least_thickness
+        if job.h <= least:
+            return None
+        raise GeometryError(
+            f"h={job.h:g} is too long for a wall that is {least:g} thick at its thinnest: it is "
+            f"meshed from its mid-surface, of which {off} of {len(suspect)} vertices cannot be "
+            f"moved to its sides, and {new.left} pairs of triangles cross; use "
+            f"h <= {ENOUGH * least:g}"
+        )
+    return new, sheets.kind, sheets.side, suspect
+
+
 def wall_pieces(
-    wall: Wall, h: float | None, *, polish: bool, progress: Progress
+    wall: Wall, h: float | None, *, polish: bool, progress: Progress, allow_loss: bool = False
 ) -> Iterator[tuple[FloatArray, AnyArray]]:
     """Vertices and faces of a wall, slab by slab; faces count vertices through all slabs.
 
-    Other than those of `wall_mesh`, they may contain slivers and cross each other.
+    Other than those of `wall_mesh`, they may contain slivers and cross each other. A wall thinner
+    than the grid is one piece.
     """
     job = _Job.of(wall, h, polish, progress)
+    if job.thin:
+        mesh = wall_mesh(
+            wall, h, polish=polish, caps=True, dtype=np.float64, progress=progress,
+            allow_loss=allow_loss,
+        )  # fmt: skip
+        yield mesh.vertices, mesh.faces
+        return
     off = count = 0
     for raw in contour_blocks(job.field, job.axes, **job.options):
         side = job.side(raw)
@@ -117,6 +167,10 @@ def wall_contour(wall: Wall, h: float | None, *, progress: Progress) -> SurfaceM
     """
     job = _Job.of(wall, h, wall._exact, progress)
     _check_size(job.axes)
+    sheets = _of_sheets(job, True)
+    if sheets is not None:
+        new = sheets[0]
+        return SurfaceMesh.adopt(new.x, _outward(wall, new.repair.faces), {})
     raw = contour_arrays(job.field, job.axes, **job.options)
     return SurfaceMesh.adopt(wall.lattice.through.x(raw.vertices), _outward(wall, raw.faces), {})
 
@@ -141,6 +195,7 @@ class _Job:
     """What contouring and polishing a wall need."""
 
     wall: Wall
+    h: float
     field: Any
     axes: tuple[FloatArray, ...]
     options: dict[str, Any]
@@ -152,12 +207,11 @@ class _Job:
         cls, wall: Wall, h: float | None, polish: bool, progress: Progress, cut: Any = None
     ) -> _Job:
         """What a wall needs for edges of some length, by default as fine as it is thin."""
-        from ilattice.offsets.wall import WallField, warn_coarse
+        from ilattice.offsets.wall import WallField
 
         least = wall.least_thickness
         if h is None:
             h = 0.25 * least
-        warn_coarse(h, least)
         options: dict[str, Any] = {"wrap": wall.lattice.through.closed, "progress": progress}
         t = wall.thickness
         distance: Any = SharpDistance(wall.lattice, wall.distance, t) if polish else wall.distance
@@ -174,7 +228,13 @@ class _Job:
         elif t.symmetric:
             field = distance
             options |= {"level": (-1.0, 1.0), "scale": t.outer}
-        return cls(wall, field, grid_axes(wall, h), options, polish, cut)
+        return cls(wall, h, field, grid_axes(wall, h), options, polish, cut)
+
+    @property
+    def thin(self) -> bool:
+        """Whether the wall is thinner than the grid sees."""
+        plain = self.cut is None and not self.wall.thickness.solid
+        return plain and self.h > SEEN * self.wall.least_thickness
 
     def side(self, raw: Contour) -> FloatArray:
         """Which offset surface the vertices of a contour belong to, 0 for none."""

@@ -252,7 +252,18 @@ class ClosestPointSearch:
         return p[moved <= 1.2 / float(np.min(m))]
 
     def on_surface(self, p: FloatArray) -> tuple[FloatArray, AnyArray]:
-        """Tile coordinates (n, 3) moved onto I = 0, and which of them got there."""
+        """Points moved onto the mid-surface along the gradient.
+
+        Parameters
+        ----------
+        p : ndarray, shape (n, 3)
+            Tile coordinates.
+
+        Returns
+        -------
+        tuple of ndarray
+            Tile coordinates (n, 3), and which of them got there (n,).
+        """
         out, moved = p.copy(), np.empty(len(p))
         _kernels.project(*self.space, out, np.zeros((len(p), 3)), 0.1, moved)
         return out, np.isfinite(moved)

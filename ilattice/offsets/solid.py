@@ -266,6 +266,13 @@ class SolidWall(Wall):
         """Whether it is a skeleton, in a map that is open in all directions."""
         return self._of_skeleton and not any(self.lattice.through.closed)
 
+    def _middle(self, most: int) -> tuple[FloatArray, FloatArray]:
+        """Points next to the surface, moved onto it; they stand for equal areas."""
+        u = _random(self.lattice, POINTS, 3)
+        near = np.argsort(np.abs(self.distance(u)), kind="stable")[: min(most, POINTS // 8)]
+        out, _ = onto_zero(self.distance, u[near])
+        return out, np.ones(len(out))
+
     def _in_space(self, _name: str) -> Wall:
         return Wall(self.lattice, distance_spline(self.lattice), self.thickness)
 

@@ -21,6 +21,7 @@ from ilattice._validate import as_float_type, as_not_negative, as_points, as_pos
 from ilattice.bspline import BSpline
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.offsets.distance_spline import distance_spline
+from ilattice.offsets.local_thickness import depths_of, least_of, points
 from ilattice.offsets.thickness import Thickness, as_thickness
 
 if TYPE_CHECKING:
@@ -54,6 +55,8 @@ class ThicknessReport:
         Largest, likewise.
     count : int
         Number of vertices measured: those of the offset surfaces, caps excluded.
+    missing : float
+        Part of the offset surfaces, by area, next to which the mesh has no triangle.
     """
 
     max: float
@@ -62,6 +65,7 @@ class ThicknessReport:
     relative: float
     relative_max: float
     count: int
+    missing: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,16 +155,21 @@ class Wall:
 
     @cached_property
     def least_thickness(self) -> float:
-        """Least total thickness; of a solid, about twice its depth where it is deepest."""
+        """Least total thickness; of a solid, but for the thinnest tenth of its surface."""
         least = self.thickness.extremes[0]
         if not self.thickness.solid:
             return least
         depth = -float(self.distance.c.min())
-        if not least + depth > 0.0:
-            raise GeometryError(
-                f"nothing is left of the solid: it is {depth:g} deep and eroded by {-least:g}"
-            )
-        return 2.0 * (least + depth)
+        u, depths, area = depths_of(self.lattice, depth)
+        local = depths + self.thickness.outer(u)
+        left = local > 0.0
+        if left.any():
+            return 2.0 * least_of(local[left], area[left])
+        if least + depth > 0.0:
+            return 2.0 * (least + depth)
+        raise GeometryError(
+            f"nothing is left of the solid: it is {depth:g} deep and eroded by {-least:g}"
+        )
 
     def mesh(
         self,
@@ -169,6 +178,7 @@ class Wall:
         polish: bool = True,
         caps: bool = True,
         dtype: Any = np.float64,
+        allow_loss: bool = False,
         progress: Progress = None,
     ) -> SurfaceMesh:
         """Watertight triangle mesh in space.
@@ -176,7 +186,9 @@ class Wall:
         Parameters
         ----------
         h : float, optional
-            Length of edges; by default a quarter of the least total thickness.
+            Length of edges; by default a quarter of the least total thickness. Where it is more
+            than two thirds of that, the mesh is made from the mid-surface, moved to both sides:
+            edges may be longer than the wall is thick by any factor.
         polish : bool
             Move the vertices of the offset surfaces onto the exact offset by closest points.
             Parametric walls have none; theirs are moved onto the first-order one.
@@ -184,6 +196,10 @@ class Wall:
             Close the wall on the faces of the domain; otherwise it is open there.
         dtype : float64 or float32
             Type of the vertices.
+        allow_loss : bool
+            Accept a mesh whose volume differs by more than 5 % from that of the wall. Where edges
+            are longer than 0.6 of the least thickness, the two are compared, and a
+            `PrecisionWarning` names differences of more than 1 %.
         progress : bool or callable, optional
             See `ilattice._progress.track`.
 
@@ -200,7 +216,7 @@ class Wall:
         InputError
             If `h` is not positive, or `dtype` is neither of the two.
         GeometryError
-            If the wall is empty.
+            If the wall is empty, or the mesh too coarse for it; the message says which `h` is not.
         ConvergenceError
             If more than a hundredth of the vertices cannot be moved onto the offset: `h` is too
             long for what is between them.
@@ -211,8 +227,9 @@ class Wall:
         h = None if h is None else as_positive("h", h)
         _warn_full(self)
         return wall_mesh(
-            self, h, polish=polish and self._exact, caps=caps, dtype=dtype, progress=progress
-        )
+            self, h, polish=polish and self._exact, caps=caps, dtype=dtype, progress=progress,
+            allow_loss=allow_loss,
+        )  # fmt: skip
 
     def save(
         self,
@@ -220,6 +237,7 @@ class Wall:
         h: float | None = None,
         *,
         polish: bool = True,
+        allow_loss: bool = False,
         progress: Progress = None,
     ) -> None:
         """Mesh and write slab by slab, for walls whose mesh is larger than memory.
@@ -228,8 +246,9 @@ class Wall:
         ----------
         path : path-like
             File ending in ``.stl`` or ``.ply``.
-        h, polish, progress : optional
-            As in `mesh`.
+        h, polish, allow_loss, progress : optional
+            As in `mesh`. Walls that are meshed from their mid-surface are held in memory as a
+            whole.
 
         Raises
         ------
@@ -243,7 +262,7 @@ class Wall:
         _warn_full(self)
         with StreamedMeshWriter(path) as writer:
             for vertices, faces in wall_pieces(
-                self, h, polish=polish and self._exact, progress=progress
+                self, h, polish=polish and self._exact, progress=progress, allow_loss=allow_loss
             ):
                 writer.append(vertices, faces)
 
@@ -373,7 +392,14 @@ class Wall:
         """
         from ilattice.cutfem.density import wall_volumes
 
-        return float(wall_volumes(self).sum())
+        if "volume" not in self._known:
+            self._known["volume"] = float(wall_volumes(self).sum())
+        return self._known["volume"]
+
+    @property
+    def known_volume(self) -> float | None:
+        """What `volume` has returned, also to `mesh`; None if it was not asked for."""
+        return self._known.get("volume")
 
     def relative_density(self, *, per_cell: bool = False) -> Any:
         """Part of the macro-shape that the wall fills, by cut-cell quadrature.
@@ -403,20 +429,33 @@ class Wall:
         Returns
         -------
         ThicknessReport
-            Errors over the vertices of the offset surfaces, caps excluded.
+            Errors over the vertices of the offset surfaces, caps excluded, and what part of these
+            surfaces the mesh lacks.
         """
+        from ilattice.mesh.coverage import missing_part
+
         if mesh is None:
             mesh = self.mesh(polish=False)
         u, side = parameters_of(mesh)
         if not side.any():  # the wall fills the part
-            return ThicknessReport(0.0, 0.0, 0.0, 0.0, 0.0, 0)
+            return ThicknessReport(0.0, 0.0, 0.0, 0.0, 0.0, 0, 0.0)
         error, asked = self._errors(u[side != 0], side[side != 0])
         relative = error / np.where(asked != 0.0, np.abs(asked), self.least_thickness)
         return ThicknessReport(
             float(error.max()), float(np.percentile(error, 99)),
             float(np.sqrt(np.mean(error**2))), float(np.percentile(relative, 99)),
-            float(relative.max()), len(error),
+            float(relative.max()), len(error), missing_part(self, mesh),
         )  # fmt: skip
+
+    @cached_property
+    def _known(self) -> dict[str, float]:
+        """What has been computed already."""
+        return {}
+
+    def _middle(self, most: int) -> tuple[FloatArray, FloatArray]:
+        """Parameters (n, 3) of points of the mid-surface, and areas (n,), up to a factor."""
+        u, _, _, area = points(self.lattice, most)
+        return u, area
 
     def _planes(self, h: float) -> tuple[FloatArray, ...]:
         """Grid planes of a mesh with edges of length `h`."""

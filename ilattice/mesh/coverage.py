@@ -1,0 +1,108 @@
+"""Whether a mesh has all of a wall: from points of the exact offset surfaces to its triangles.
+
+Guarantee: none of the points is where walls have merged or the domain ends, and distances are those
+to triangles. Non-guarantee: holes smaller than the spacing of the points are not seen.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ilattice._typing import AnyArray, FloatArray
+from ilattice.mesh.sheets import beside, to_faces
+from ilattice.offsets.polish import inside
+
+if TYPE_CHECKING:
+    from ilattice.mesh.surface import SurfaceMesh
+    from ilattice.offsets.wall import Wall
+
+#: Points of the mid-surface at most, and vertices of the mesh next to each that are looked at.
+POINTS, VERTICES = 4000, 6
+#: Distance from a triangle, relative to its longest edge, within which it covers a point.
+NEAR = 0.25
+#: Part of the half-thickness that points of the offset may be off.
+OFF = 0.05
+
+
+def missing_part(wall: Wall, mesh: SurfaceMesh) -> float:
+    """Part of the offset surfaces of a wall that a mesh lacks.
+
+    Parameters
+    ----------
+    wall : Wall
+        The wall.
+    mesh : SurfaceMesh
+        A mesh of it.
+
+    Returns
+    -------
+    float
+        From 0 to 1, by area of the mid-surface.
+    """
+    u, area = wall._middle(POINTS)
+    total = lacking = 0.0
+    for side in (1.0,) if wall.thickness.solid else (1.0, -1.0):
+        sides = np.full(len(u), side)
+        way, cut = to_faces(wall, u, beside(wall, u, np.zeros((len(u), 3), np.bool_), sides))
+        at = np.flatnonzero(~cut)
+        there = inside(wall.lattice, u[at] + way[at])
+        error, asked = wall._errors(there, sides[at])
+        fine = error <= OFF * np.maximum(np.abs(asked), wall.least_thickness)
+        at = at[fine]
+        far = ~covered(mesh, wall.lattice.through.x(there[fine]))
+        total += float(area[at].sum())
+        lacking += float(area[at][far].sum())
+    return lacking / total if total > 0.0 else 0.0
+
+
+def covered(mesh: SurfaceMesh, x: FloatArray) -> AnyArray:
+    """Which points (n, 3) are next to a triangle, as far as its size goes.
+
+    Parameters
+    ----------
+    mesh : SurfaceMesh
+        The triangles.
+    x : ndarray, shape (n, 3)
+        Points of space.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        True where one is within `NEAR` of its longest edge.
+    """
+    if len(x) == 0:
+        return np.zeros(0, np.bool_)
+    corner = np.asarray(mesh.faces).ravel()
+    order = np.argsort(corner, kind="stable")
+    first = np.searchsorted(corner[order], np.arange(len(mesh.vertices) + 1))
+    found: Any = cKDTree(mesh.vertices).query(x, k=min(VERTICES, len(mesh.vertices)))
+    near = found[1].reshape(len(x), -1)
+    count = np.diff(first)[near].ravel()
+    point = np.repeat(np.repeat(np.arange(len(x)), near.shape[1]), count)
+    start = np.repeat(first[near.ravel()] - (np.cumsum(count) - count), count)
+    triangle = order[start + np.arange(len(start))] // 3
+    corners = mesh.vertices[mesh.faces[triangle]].astype(np.float64)
+    edge = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    out = np.zeros(len(x), np.bool_)
+    out[point[_distance(x[point], corners) <= NEAR * edge]] = True
+    return out
+
+
+def _distance(x: FloatArray, corners: FloatArray) -> FloatArray:
+    """Distances (n,) from points (n, 3) to triangles (n, 3, 3)."""
+    best = np.full(len(x), np.inf)
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    over = np.ones(len(x), np.bool_)
+    for i in range(3):
+        a, b = corners[:, i], corners[:, (i + 1) % 3]
+        along, way = b - a, x - a
+        square = np.maximum((along * along).sum(axis=1), np.finfo(np.float64).tiny)
+        t = np.clip((way * along).sum(axis=1) / square, 0.0, 1.0)
+        best = np.minimum(best, np.linalg.norm(way - t[:, None] * along, axis=1))
+        over &= (np.cross(along, way) * normal).sum(axis=1) >= 0.0
+    length = np.maximum(np.linalg.norm(normal, axis=1), np.finfo(np.float64).tiny)
+    height = np.abs(((x - corners[:, 0]) * normal).sum(axis=1)) / length
+    return np.where(over, height, best)

@@ -1,0 +1,177 @@
+"""Walls thinner than the edges of their meshes, and what meshes lose."""
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import ilattice as il
+from ilattice.cutfem.density import wall_volumes
+from ilattice.errors import GeometryError, PrecisionWarning
+from ilattice.offsets.local_thickness import depths_of
+
+box = il.macroshape.box
+
+
+def sound(mesh, parts=1):
+    assert mesh.is_watertight
+    assert mesh.is_oriented
+    assert mesh.nonmanifold_edges == 0
+    assert mesh.nonmanifold_vertices == 0
+    assert mesh.self_intersections == 0
+    assert mesh.components == parts
+
+
+def off_faces(mesh, volume):
+    """Largest distance of vertices with side 0 from the faces of a box."""
+    x = mesh.vertices[mesh.point_data["side"] == 0]
+    lo, hi = volume.bounds
+    return np.minimum(np.abs(x - lo), np.abs(x - hi)).min(axis=1).max(initial=0.0)
+
+
+def affine(a):
+    """Map u -> a u of the unit cube."""
+    corners = np.stack(np.meshgrid(*[[0.0, 1.0]] * 3, indexing="ij"), axis=-1)
+    return il.SplineMap(il.BSpline([[0.0, 0.0, 1.0, 1.0]] * 3, corners @ a.T, 1))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_walls_of_schwarz_p_far_thinner_than_the_mesh_are_whole(seed):
+    rng = np.random.default_rng(seed)
+    scale = 10.0 ** rng.uniform(-6, 6)
+    lo = rng.normal(size=3) * scale
+    volume = box(lo=lo, hi=lo + scale * rng.uniform(0.8, 1.3, 3))
+    d = scale * 10.0 ** rng.uniform(-4, -2.3)
+    wall = il.Lattice("primitive", through=volume).offset(d)
+    h = scale * rng.uniform(0.025, 0.045)
+    assert h > 3 * d
+    mesh = wall.mesh(h)
+    sound(mesh)
+    assert mesh.volume == pytest.approx(wall.volume(), rel=0.01)
+    distance = np.abs(wall.lattice.distance(np.stack([mesh.point_data[k] for k in "uvw"], axis=1)))
+    off = np.abs(distance / d - 1.0)[mesh.point_data["side"] != 0]
+    assert np.percentile(off, 99) < 1e-3
+    assert mesh.point_data["held"].mean() < 1e-3
+    assert off_faces(mesh, volume) < 1e-9 * scale
+    assert wall.thickness_error(mesh).missing == 0.0
+
+
+def test_the_volume_of_a_thin_wall_is_area_times_thickness():
+    d, lattice = 2e-3, il.Lattice("primitive", through=box())
+    mesh = lattice.offset(d).mesh(0.02)
+    area = lattice.offset((np.inf, 0.0)).mesh(0.02)
+    on_surface = (area.point_data["side"] != 0)[area.faces].all(axis=1)
+    a, b, c = (area.vertices[area.faces[on_surface, i]] for i in range(3))
+    size = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
+    # triangles with all corners on the surface; those that lie in faces of the box are few
+    assert mesh.volume == pytest.approx(2 * d * size, rel=0.02)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_slabs_in_sheared_boxes_are_exact(seed):
+    rng = np.random.default_rng(10 + seed)
+    a = np.eye(3) + rng.uniform(-0.3, 0.3, (3, 3))
+    place = rng.uniform(0.4, 0.6)
+    inner, outer = rng.uniform(0.001, 0.004, 2) * np.array([seed % 2, 1.0])
+    tile = il.Tile(lambda u: np.sin(2.0 * (u[:, 0] - place)), name="slab")
+    lattice = il.Lattice(tile, through=affine(a), spans_per_tile=8)
+    mesh = lattice.offset((inner, outer)).mesh(rng.uniform(0.04, 0.08))
+    sound(mesh)
+    n = np.cross(a[:, 1], a[:, 2])  # faces of the domain cut a parallelepiped out of the slab
+    assert mesh.volume == pytest.approx((inner + outer) * np.linalg.norm(n), rel=1e-6)
+    n *= np.sign(n @ a[:, 0]) / np.linalg.norm(n)
+    side = mesh.point_data["side"]
+    assert (side != 0).all()
+    asked = np.where(side > 0, outer, -inner)
+    np.testing.assert_allclose(
+        (mesh.vertices - place * a[:, 0]) @ n, asked, atol=2e-6
+    )  # the spline of the tile
+    u = np.linalg.solve(a, mesh.vertices.T)[1:]
+    assert u.min() > -1e-12
+    assert u.max() < 1 + 1e-12
+
+
+@pytest.mark.parametrize(
+    ("tile", "through", "repeat", "d", "h"),
+    [
+        ("gyroid", box((2, 1, 1)), (2, 1, 1), 0.0031, 0.06),
+        ("gyroid", box((2, 1, 1)), (2, 1, 1), (0.0, 0.013), 0.06),
+        ("iwp", il.macroshape.torus(), (6, 1, 1), 0.011, 0.2),
+        ("diamond", il.macroshape.cylinder_shell(), (4, 1, 1), 0.0042, 0.07),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:the mesh with h")  # of long edges
+def test_thin_walls_in_other_shapes(tile, through, repeat, d, h):
+    wall = il.Lattice(tile, through=through, repeat=repeat).offset(d)
+    mesh = wall.mesh(h)
+    sound(mesh)
+    assert mesh.volume == pytest.approx(wall.volume(), rel=0.05)
+    assert mesh.point_data["held"].mean() <= 1e-3
+    report = wall.thickness_error(mesh)
+    assert report.relative < 1e-3
+    assert report.missing < 5e-3  # tips in corners of the domain
+
+
+def test_thickness_may_vary_and_the_domain_may_end_the_surface():
+    lattice = il.Lattice("gyroid", through=box((2, 1, 1)), repeat=(2, 1, 1), boundary="clip")
+    wall = lattice.offset(lambda u: 0.002 + 0.006 * u[:, 0])
+    mesh = wall.mesh(0.05)
+    sound(mesh)
+    assert mesh.volume == pytest.approx(wall.volume(), rel=0.03)
+    assert wall.thickness_error(mesh).relative < 1e-3
+
+
+def test_open_sheets_and_streams(tmp_path):
+    wall = il.Lattice("primitive", through=box()).offset(0.002)
+    assert wall.mesh(0.05, caps=False).open_edges > 0
+    wall.save(tmp_path / "a.ply", 0.05)
+    mesh = il.mesh.load(tmp_path / "a.ply")
+    assert mesh.components == 1
+    assert mesh.volume == pytest.approx(wall.volume(), rel=0.02)
+    assert wall.topology(0.05, necks=0.0).parts[0].volume == pytest.approx(mesh.volume, rel=1e-6)
+
+
+@pytest.mark.filterwarnings("ignore:.*vertices could not be moved")
+def test_a_mesh_that_has_lost_much_is_refused_unless_that_is_allowed():
+    wall = il.Lattice("octet", through=box()).offset((np.inf, 0.0))
+    with pytest.raises(GeometryError, match=r"% less than the wall .* use h <= .* allow_loss=True"):
+        wall.mesh(0.15)
+    with pytest.warns(PrecisionWarning, match="less than the wall"):
+        mesh = wall.mesh(0.15, allow_loss=True)
+    assert mesh.volume < 0.95 * wall_volumes(wall).sum()
+
+
+def test_what_a_mesh_lacks_is_measured():
+    wall = il.Lattice("primitive", through=box()).offset(0.003)
+    mesh = wall.mesh(0.03)
+    assert wall.thickness_error(mesh).missing == 0.0
+    part = mesh.select(mesh.vertices[mesh.faces].mean(axis=1)[:, 0] < 0.7)
+    assert 0.2 < wall.thickness_error(part).missing < 0.4
+
+
+def test_plates_whose_field_levels_off_are_found():
+    off, half, n = 0.513, 0.023, 96
+    knots = np.concatenate([[0.0, 0.0], np.linspace(0.0, 1.0, n - 1), [1.0, 1.0]])
+    middle = 0.5 * (knots[1 : n + 1] + knots[2 : n + 2])
+    c = np.clip((np.abs(middle - off) - half) / half, -0.9, 0.6)  # flat two cells away
+    line = [0.0, 0.0, 0.0, 1.0, 1.0, 1.0]
+    field = il.BSpline([knots, line, line], np.tile(c[:, None, None], (1, 3, 3)), 2)
+
+    def root(a, b):
+        return brentq(lambda x: float(field([[x, 0.5, 0.5]])[0]), a, b, xtol=1e-14)
+
+    low, high = root(off - 2 * half, off), root(off, off + 2 * half)
+    lattice = il.Lattice(il.Tile(field, name="plate"), through=box())
+    u = np.random.default_rng(3).random((2000, 3))
+    faces = np.array([low - 1, high - 1, low, high, low + 1, high + 1])
+    exact = np.abs(u[:, :1] - faces).min(axis=1)
+    np.testing.assert_allclose(np.abs(lattice.distance(u)), exact, atol=1e-9)
+    _, depth, _ = depths_of(lattice, 3.0 * half)
+    np.testing.assert_allclose(depth, 0.5 * (high - low), rtol=0.02)
+
+
+def test_default_meshes_of_grown_and_eroded_solids_keep_their_volume():
+    for tile, grown in (("gyroid", -0.031), ("sc_struts", -0.013)):
+        wall = il.Lattice(tile, through=box()).offset((np.inf, grown))
+        mesh = wall.mesh()
+        sound(mesh)
+        assert mesh.volume == pytest.approx(wall.volume(), rel=0.03)
