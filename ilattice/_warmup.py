@@ -89,7 +89,7 @@ def walls(through: "il.SplineMap") -> None:
     with tempfile.TemporaryDirectory() as folder:
         for d in (0.05, il.fields.equation("0.05 + 0.001*x")):
             wall = lattice.offset(d)
-            mesh = wall.mesh(0.05)
+            mesh = wall.mesh(0.05, allow_loss=True)
             wall.thickness_error(mesh)
             list(wall.slices(thickness=0.25, h=0.05))
             for ending in ("stl", "vtp"):
@@ -103,15 +103,15 @@ def solids() -> None:
     own = il.Tile(lambda u: np.cos(2.0 * np.pi * u).sum(axis=1))
     bar = il.tiles.skeleton([[(0, 0.5, 0.5), (1, 0.5, 0.5)]], radius=0.1)
     for tile in (il.tiles.get("gyroid"), il.tiles.octet(radius=0.05), bar, own):
-        il.Lattice(tile, through=box).offset((np.inf, 0.05)).mesh(0.2)
+        il.Lattice(tile, through=box).offset((np.inf, 0.05)).mesh(0.2, allow_loss=True)
     quartic = il.SplineMap(box.spline.elevate(0, 3).elevate(1, 3).elevate(2, 3))
     for through in (box, quartic):
         il.Lattice(il.tiles.get("gyroid"), through=through).offset(0.1, space="parametric").mesh(
-            0.2
+            0.2, allow_loss=True
         )
-    il.Lattice(il.tiles.get("gyroid"), through=quartic).offset(0.1).mesh(0.2)
+    il.Lattice(il.tiles.get("gyroid"), through=quartic).offset(0.1).mesh(0.2, allow_loss=True)
     mixed = il.tiles.mix("gyroid", "diamond", seed=1)
-    il.Lattice(mixed, through=box, repeat=(2, 1, 1)).offset(0.1).mesh(0.2)
+    il.Lattice(mixed, through=box, repeat=(2, 1, 1)).offset(0.1).mesh(0.2, allow_loss=True)
 
 
 def words() -> None:
