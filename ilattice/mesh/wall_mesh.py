@@ -52,7 +52,7 @@ LEAST_CELLS_PER_TILE = 8
 ANISOTROPY = 2.0
 #: Part of the vertices that may be held before a warning, and before an error; a number of them
 #: that always may.
-MAX_HELD, MOST_HELD, FEW = 1e-4, 1e-2, 10
+MAX_HELD, MOST_HELD, FEW = 1e-3, 1e-2, 10
 #: Bytes of memory per vertex of a mesh, and per site where the map is sampled.
 PER_VERTEX, PER_SITE = 500, 150
 MOST_PLANES = 10_000_000

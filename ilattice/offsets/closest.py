@@ -43,7 +43,9 @@ from ilattice.tiles.trig import TrigField
 if TYPE_CHECKING:
     from ilattice.macroshape.lattice import Lattice
 
-CANDIDATES = 8
+#: Nearest seeds that are looked at first; and where seeds that were missed have been added, which
+#: crowd on one sheet so that the nearest ones may hide another.
+CANDIDATES, AMONG_ADDED = 8, 32
 #: A retry starts from up to that many of the nearest seeds, one per patch. It looks among this
 #: many, then four times as many while they may miss a patch, up to the last number.
 RETRY_CANDIDATES, RETRY_NEIGHBOURS, MOST_NEIGHBOURS = 48, 24, 1536
@@ -170,6 +172,7 @@ class ClosestPointSearch:
         self.orient = float(lattice.through.orientation)
         count, closed = np.array(lattice.repeat), np.array(lattice.through.closed)
         self.box = np.array([np.where(closed, -np.inf, 0.0), np.where(closed, np.inf, count)])
+        self.looked_at = CANDIDATES
         self.seeds = self._make_seeds(count, closed)
         self.tree = cKDTree(self.seeds[1])
         self.spacing = self._tile_spacing()
@@ -241,8 +244,10 @@ class ClosestPointSearch:
         if isinstance(self.lattice.smooth_tile, TrigField):
             return p
         found = crossings(self.lattice.smooth_tile, FINE)
-        more = gaps(self.lattice.smooth_tile, found, p, m)
-        return np.concatenate([p, self._project(more, m)])
+        more = self._project(gaps(self.lattice.smooth_tile, found, p, m), m)
+        if len(more):
+            self.looked_at = AMONG_ADDED
+        return np.concatenate([p, more])
 
     def _project(self, p: FloatArray, m: AnyArray, fixed: FloatArray | None = None) -> FloatArray:
         """Points moved onto I = 0; those that move further than 1.2 cells are dropped."""
@@ -393,7 +398,7 @@ class ClosestPointSearch:
         self, x: FloatArray, p: FloatArray, feet: FloatArray, counts: IntArray, status: IntArray
     ) -> int:
         """Fill in the results of queries; how many needed more candidates than the first ones."""
-        distance, idx = self.candidates(x, CANDIDATES)
+        distance, idx = self.candidates(x, self.looked_at)
         self._run(x, p, idx, feet, counts, status)
         behind = (feet[0, :, 6] * feet[0, :, 7] < 0) & (status == _kernels_newton.OK)
         missed = self._missed(distance[:, 0], idx[:, 0], feet[0, :, 6])
