@@ -15,7 +15,14 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from ilattice.errors import FileError, IlatticeError, InputError, PrecisionWarning, shortened
+from ilattice.errors import (
+    FileError,
+    GeometryError,
+    IlatticeError,
+    InputError,
+    PrecisionWarning,
+    shortened,
+)
 
 if TYPE_CHECKING:
     from cyclopts import App
@@ -43,7 +50,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             warnings.simplefilter("always", PrecisionWarning)
             warnings.showwarning = _warn
             _app()(words, exit_on_error=False, print_error=False)
-            sys.stdout.flush()
+            if sys.stdout is not None:  # as it is where it was closed
+                sys.stdout.flush()
     except BrokenPipeError:
         _stop_writing()
     except CycloptsError as e:
@@ -286,7 +294,10 @@ def _add_sdf(app: "App") -> None:
         elif "--version" in words:
             print(app.version)
         else:
-            _tell_solid(run(words, progress=True))
+            report = run(words, progress=True)
+            _tell_solid(report)
+            if report.get("rows") and not any(row["file"] for row in report["rows"]):
+                raise GeometryError(f"none of the {len(report['rows'])} runs made a solid")
 
     app.command(command)
 

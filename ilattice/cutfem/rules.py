@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
-from ilattice._validate import as_choice, read_only
+from ilattice._validate import Frozen, as_choice, read_only
 from ilattice.cutfem import _kernels_drive as kernels
 from ilattice.cutfem._kernels_basis import determinants
 from ilattice.cutfem._kernels_compress import project
@@ -45,7 +45,7 @@ Integrand = Callable[[FloatArray], Any] | float | AnyArray
 
 
 @dataclass(frozen=True, eq=False)
-class Quadrature:
+class Quadrature(Frozen):
     """Points and weights, cell after cell.
 
     Attributes

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
-from ilattice._validate import check_finite, read_only
+from ilattice._validate import as_array, check_finite, read_only
 from ilattice.errors import GeometryError, InputError
 from ilattice.mesh import measure
 from ilattice.mesh._kernels_surface import first_bad_face
@@ -540,10 +540,11 @@ load = SurfaceMesh.load
 
 def _as_vertices(value: Any) -> AnyArray:
     dtype = np.float32 if getattr(value, "dtype", None) == np.float32 else np.float64
-    try:
-        vertices = np.array(value, dtype=dtype, order="C")
-    except (TypeError, ValueError, OverflowError) as e:
-        raise InputError(f"vertices must be an array of real numbers, got {value!r:.80}") from e
+    if getattr(value, "dtype", None) == np.bool_:
+        raise InputError(f"vertices must be an array of real numbers, got {value!r:.80}")
+    if getattr(value, "dtype", None) != dtype or np.ma.isMaskedArray(value):
+        value = as_array("vertices", value, finite=False)
+    vertices = np.array(value, dtype=dtype, order="C")
     if vertices.ndim != 2 or vertices.shape[1] != 3:
         raise InputError(f"vertices must have shape (V, 3), got {vertices.shape}")
     check_finite("vertices", vertices)  # type: ignore[arg-type]

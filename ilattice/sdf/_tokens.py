@@ -20,10 +20,11 @@ _PER_FILE = 100  # bytes that a file counts for beside its own, so that empty on
 
 
 class Token(NamedTuple):
-    """A word and where it stands."""
+    """A word and where it stands; `file` is the one it was read from, or nothing."""
 
     text: str
     place: str
+    file: str = ""
 
     def __str__(self) -> str:
         """For messages."""
@@ -78,7 +79,7 @@ def _expanded(
     for i, word in enumerate(words, 1):
         place = f"{source}word {i}"
         if not word.startswith("@"):
-            yield Token(word, place)
+            yield Token(word, place, str(above[-1]) if above else "")
             continue
         path = folder / word[1:]
         name = f"{place} {word!r}"

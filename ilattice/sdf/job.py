@@ -11,7 +11,7 @@ import os
 import re
 import shlex
 from ast import literal_eval
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -26,7 +26,7 @@ from ilattice._typing import FloatArray
 from ilattice.errors import FormatError, IlatticeError, InputError
 from ilattice.io._common import as_path, check_distinct, check_outputs, write_report
 from ilattice.io.registry import WRITERS
-from ilattice.io.table import Table, digest
+from ilattice.io.table import KEPT, Table, digest
 from ilattice.mesh.topology import islands_of
 from ilattice.sdf._tokens import Token
 from ilattice.sdf.language import Command, is_free
@@ -74,6 +74,8 @@ class Settings:
             "--remove-islands" in options,
             _sweep(options.get("--set", ())),
         )
+        if "--table" in options and not found.sweep:
+            raise InputError("--table is for the rows of a sweep: give --set as well")
         if found.spacing is not None and found.tol is not None:
             raise InputError("give either -s, a spacing, or --tol, a tolerance")
         kind = "SurfaceMesh" if found.slices is None else "SliceStack"
@@ -117,13 +119,15 @@ def run(command: str | Sequence[str], *, progress: Progress = None) -> dict[str,
     found = Command.read(command)
     settings = Settings.of(found)
     words = [t.text for item in found.items for t in (item.token, *item.operands.values())]
+    read = _real([*found.files({}), *found.sources])
     if settings.report:
-        check_distinct({"--report": [settings.report], "input": found.files({})})
+        check_distinct({"--report": [settings.report], "input": read})
     if settings.dry_run:
         report = _described(found, settings)
     elif settings.sweep:
         report = _swept(found, settings, words, progress)
     else:
+        check_distinct({"-o": [settings.output], "input": read})
         report = _meshed(found, settings, settings.output, {}, progress)
     if settings.report and not settings.dry_run:
         report = {"command": words, **report}
@@ -196,7 +200,7 @@ def _swept(
             made = digest(row["file"]) if row["file"] else ""
             row |= {"command": told, "inputs": inputs, "version": __version__, "output": made}
             table.append(row)
-        rows.append(row)
+        rows.append({name: row[name] for name in table.columns if name in row})
     return {"rows": rows, "files": [str(settings.table), *(r["file"] for r in rows if r["file"])]}
 
 
@@ -207,13 +211,13 @@ def _runs(command: Command, settings: Settings) -> dict[Path, dict[str, str]]:
         raise InputError(f"--set makes {count} runs; at most {MOST_RUNS} are allowed")
     command.check_used(settings.sweep)
     runs: dict[Path, dict[str, str]] = {}
-    inputs: set[str] = set()
+    inputs = set(command.sources)
     for combination in product(*settings.sweep.values()):
         values = dict(zip(settings.sweep, combination, strict=True))
         told = "_".join(f"{name}={value}" for name, value in values.items())
         tag = re.sub(r"[^\w.+=-]", "~", told)
         output = settings.output.with_stem(f"{settings.output.stem}_{tag}")
-        if len(output.name.encode()) > LONGEST_NAME:
+        if len(os.fsencode(output.name)) > LONGEST_NAME:
             raise InputError(f"--set: the name of a file, {output.name!r:.80}, would be too long")
         if output in runs:
             before = "_".join(f"{name}={value}" for name, value in runs[output].items())
@@ -223,10 +227,15 @@ def _runs(command: Command, settings: Settings) -> dict[Path, dict[str, str]]:
             )
         runs[output] = values
         inputs.update(command.files(values))
-    check_distinct({"-o": list(runs), "--table": [settings.table], "input": sorted(inputs)})
+    check_distinct({"-o": list(runs), "--table": [settings.table], "input": _real(inputs)})
     if settings.report:
         check_distinct({"--report": [settings.report], "-o": list(runs)})
     return runs
+
+
+def _real(paths: Iterable[str]) -> list[str]:
+    """Files behind paths, each once."""
+    return sorted({os.path.realpath(path) for path in paths})
 
 
 def _row(
@@ -327,5 +336,7 @@ def _sweep(tokens: Sequence[Token]) -> dict[str, tuple[str, ...]]:
                 f"--set at {token}: must be name=value,value,.. with a name of its own that has "
                 "no meaning yet"
             )
+        if name in (*MEASURES, *KEPT):
+            raise InputError(f"--set at {token}: {name!r} is a column of the table; rename it")
         sweep[name] = tuple(v.strip() for v in values.split(","))
     return sweep

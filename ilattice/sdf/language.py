@@ -138,6 +138,13 @@ class Command:
                     found[text] = None
         return list(found)
 
+    @property
+    def sources(self) -> list[str]:
+        """The files from which words of the command were read."""
+        tokens = [t for item in self.items for t in (item.token, *item.operands.values())]
+        tokens += [t for given in self.options.values() for t in given]
+        return sorted({t.file for t in tokens if t.file})
+
     def check_used(self, values: Mapping[str, Sequence[str]]) -> None:
         """Refuse names that stand for values but occur nowhere.
 

@@ -427,3 +427,17 @@ def test_plot_passes_its_options_on(monkeypatch):
     monkeypatch.setattr(pv.PolyData, "plot", lambda self, **kw: seen.update(kw, n=self.n_cells))
     SurfaceMesh(*meshes.cube()).plot(color="red")
     assert seen == {"color": "red", "n": 12}
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [lambda v: v + 1j, lambda v: v > 0, lambda v: np.ma.masked_array(v, mask=v > 0),
+     lambda v: v.astype(str)],
+)  # fmt: skip
+def test_vertices_are_real_numbers_without_masks(spoil):
+    """Imaginary parts and masks used to be dropped."""
+    vertices = np.array([[0.1, 0, 0], [1, 0.2, 0], [0, 1, 0.3], [0, 0, 1]])
+    faces = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]
+    assert SurfaceMesh(vertices, faces).volume > 0
+    with pytest.raises(InputError, match="real numbers"):
+        SurfaceMesh(spoil(vertices), faces)

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import ilattice as il
+from ilattice import cli
 from ilattice.errors import FormatError, InputError
 from ilattice.io.table import Table, digest
 from ilattice.sdf import job
@@ -57,6 +58,9 @@ def test_tables_of_others_are_left_alone(here, content, option):
         ("--set t=1/4,1*4", "'t=1/4' and 't=1\\*4' would both write"),
         ("--set t=0.1,0.2,0.1", "would both write 'a_t=0.1.ply'"),
         ("--set t=1 --set s=2", "'s' stands for a value"),
+        ("--set t=1 --set volume=1,2", "'volume' is a column of the table"),
+        ("--set t=1 --set command=1", "'command' is a column of the table"),
+        ("--table b.csv", "--table is for the rows of a sweep"),
         ("--set t=1 --table a_t=1.ply", "-o and --table name the same file"),
         ("--set t=1 --report a_t=1.ply", "--report and -o name the same file"),
         ("--set t=1 --report a.csv", "--report and --table name the same file"),
@@ -209,3 +213,49 @@ def test_lines_that_somebody_has_edited_are_named(here):
     (here / "a.csv").write_text(text + "more,of,this\n")
     with pytest.raises(FormatError, match=r"line 4: is no row of \d+ columns"):
         job.run(f"{SWEEP} --set t=0,0.1")
+
+
+# --- reports, names and inputs ------------------------------------------------------------------
+
+
+def test_a_resumed_sweep_has_the_report_of_one_that_was_not(here):
+    words = f"{SWEEP} --set t=0,0.1,-0.05 --report r.json"
+    job.run(words)
+    whole = (here / "r.json").read_bytes()
+    lines = (here / "a.csv").read_bytes().splitlines(keepends=True)
+    (here / "a.csv").write_bytes(b"".join(lines[:3]))
+    job.run(words)
+    assert (here / "r.json").read_bytes() == whole
+
+
+def test_names_of_files_need_not_be_text(here):
+    name = os.fsdecode(b"o_\xff.stl")
+    found = job.run(["sphere", "dilate", "t", "-s", "0.5", "--set", "t=0", "-o", name])
+    assert all((here / row["file"]).stat().st_size for row in found["rows"])
+
+
+def test_a_run_does_not_write_over_its_input(here):
+    job.run("sphere -s 0.5 -o in.stl")
+    (here / "same.stl").symlink_to("in.stl")
+    before = (here / "in.stl").read_bytes()
+    for output in ("in.stl", "same.stl"):
+        with pytest.raises(InputError, match="name the same file"):
+            job.run(f"in.stl dilate 0.1 -s 0.5 -o {output}")
+    assert (here / "in.stl").read_bytes() == before
+
+
+def test_nothing_is_written_over_the_words(here):
+    (here / "w.txt").write_text("sphere -s 0.5")
+    for words in ("--report w.txt", "--report ./w.txt", "dilate t --set t=1 --table w.txt"):
+        with pytest.raises((InputError, FormatError), match="name the same file"):
+            job.run(f"@w.txt {words} -o a.ply")
+    assert (here / "w.txt").read_text() == "sphere -s 0.5"
+    assert job.run("@w.txt -o a.ply")["files"] == ["a.ply"]
+
+
+def test_a_sweep_of_which_no_run_succeeds_fails(here, capsys):
+    assert (
+        cli.main(["sdf", "sphere", "erode", "t", "-s", "0.5", "-o", "a.ply", "--set", "t=3,4"]) == 1
+    )
+    assert "none of the 2 runs" in capsys.readouterr().err
+    assert len(rows(here / "a.csv")) == 2
