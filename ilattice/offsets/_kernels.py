@@ -29,6 +29,8 @@ LOOSE = 0.4
 #: Points on sheets that face alike are at least this far apart in tile coordinates. It tells sheets
 #: from each other where a map squeezes tiles to less than the spacing of seeds.
 APART = 0.4
+#: Least cosine between the normals of seeds of one patch: surfaces may meet at right angles.
+ALIKE = 0.5
 #: Tiles whose longest side, cubed, is this many times their volume are squeezed.
 SQUEEZED = 10.0
 #: Seeds with a larger curvature times spacing say nothing about the normals next to them.
@@ -140,7 +142,7 @@ def alike(geom, sp, sx, sn, a, b, h):
         geom, sp, a, sp, b
     ):
         return False
-    return sn[a, 0] * sn[b, 0] + sn[a, 1] * sn[b, 1] + sn[a, 2] * sn[b, 2] > 0.0
+    return sn[a, 0] * sn[b, 0] + sn[a, 1] * sn[b, 1] + sn[a, 2] * sn[b, 2] > ALIKE
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")

@@ -23,7 +23,7 @@ cover the surface: `tests/compare_closest_points.py` compares large sets with a 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
@@ -36,7 +36,8 @@ from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import as_kind
 from ilattice.errors import ConvergenceError, GeometryError
 from ilattice.offsets import _kernels, _kernels_newton
-from ilattice.offsets.seeding import crossings, downhill, gaps
+from ilattice.offsets.mending import mended
+from ilattice.offsets.seeding import apart, between, crossings, downhill, gaps, regular
 from ilattice.tiles.mixture import MixedField
 from ilattice.tiles.trig import TrigField
 
@@ -46,6 +47,8 @@ if TYPE_CHECKING:
 #: Nearest seeds that are looked at first; and where seeds that were missed have been added, which
 #: crowd on one sheet so that the nearest ones may hide another.
 CANDIDATES, AMONG_ADDED = 8, 32
+#: That happens where they are more than this part of the others.
+CROWDING = 0.02
 #: A retry starts from up to that many of the nearest seeds, one per patch. It looks among this
 #: many, then four times as many while they may miss a patch, up to the last number.
 RETRY_CANDIDATES, RETRY_NEIGHBOURS, MOST_NEIGHBOURS = 48, 24, 1536
@@ -67,8 +70,11 @@ MOST_REFINED = 4
 #: Where tiles meet in creases, surfaces bend sharply next to faces: so many times the seeds per
 #: direction; those up to so many cells away from a face do not tell the normals next to them.
 MORE, CREASED = 2, 1.5
-#: Planes per direction between which splines are searched for surfaces that seeds have missed.
-FINE = 65
+#: Spacings of seeds on the continuation count up to so many times those in the domain.
+STRETCHED = 1.5
+#: Planes per direction between which splines are searched for surfaces that seeds have missed, and
+#: trigonometric tiles, per seed.
+FINE, FINER = 65, 4
 
 
 @dataclass(frozen=True)
@@ -103,6 +109,21 @@ class ClosestPoints:
     second: FloatArray
     second_distance: FloatArray
 
+    def rows(self, at: AnyArray) -> ClosestPoints:
+        """Some of the queries.
+
+        Parameters
+        ----------
+        at : ndarray
+            Which ones: a mask, or numbers.
+
+        Returns
+        -------
+        ClosestPoints
+            Their feet.
+        """
+        return ClosestPoints(*(getattr(self, f.name)[at] for f in fields(self)))
+
 
 @dataclass(frozen=True)
 class Statistics:
@@ -118,6 +139,8 @@ class Statistics:
         Queries that needed more than the nearest candidates.
     fallbacks : int
         Queries that ended at their nearest seed.
+    mended : int
+        Queries whose feet were farther than those of their neighbours, and were replaced.
     """
 
     queries: int = 0
@@ -125,6 +148,7 @@ class Statistics:
     starts: int = 0
     retries: int = 0
     fallbacks: int = 0
+    mended: int = 0
 
     @property
     def mean_iterations(self) -> float:
@@ -139,6 +163,7 @@ class Statistics:
             self.starts + other.starts,
             self.retries + other.retries,
             self.fallbacks + other.fallbacks,
+            self.mended + other.mended,
         )
 
 
@@ -176,6 +201,8 @@ class ClosestPointSearch:
         self.seeds = self._make_seeds(count, closed)
         self.tree = cKDTree(self.seeds[1])
         self.spacing = self._tile_spacing()
+        self.least_spacing = float(self.seeds[3].min())
+        self.cell = 1.0 / self._least_seeds
         self.statistics = Statistics()
 
     # ------------------------------------------------------------------ seeds
@@ -239,13 +266,15 @@ class ClosestPointSearch:
     def _covering(self, p: FloatArray, m: IntArray) -> FloatArray:
         """Seeds of one tile, and more where they leave gaps.
 
-        Fields that level off, as those of skeletons, lead back to the surface from next to it only.
+        Fields that level off, as those of skeletons, lead back to the surface from next to it only;
+        where surfaces meet, Newton's method leads to where they do, and that has no normal.
         """
-        if isinstance(self.lattice.smooth_tile, TrigField):
-            return p
-        found = crossings(self.lattice.smooth_tile, FINE)
-        more = self._project(gaps(self.lattice.smooth_tile, found, p, m), m)
-        if len(more):
+        field = self.lattice.smooth_tile
+        p = p[regular(field, p)]
+        fine = FINER * int(self._least_seeds) + 1 if isinstance(field, TrigField) else FINE
+        more = self._project(gaps(field, crossings(field, fine), p, m), m)
+        more = more[regular(field, more)]
+        if len(more) > CROWDING * len(p):
             self.looked_at = AMONG_ADDED
         return np.concatenate([p, more])
 
@@ -284,13 +313,33 @@ class ClosestPointSearch:
                 planes = np.arange(count[a] + (0.0 if closed[a] else 1.0))
                 axes[a] = planes if self.creased else planes[[0, -1]]
             p = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-            fixed = np.zeros((len(p), 3))
-            fixed[:, held] = 1.0
-            p = self._project(p, np.full(3, m), fixed)
-            inside = np.clip(p, *self.box)
-            out.append(inside[(np.abs(inside - p) < 1e-12).all(axis=1)])
+            out.append(self._onto_faces(p, held, m))
+            more = self._onto_faces(self._face_crossings(axes, held, m), held, m)
+            out.append(more[apart(more, out[-1], m)])
         seeds = np.concatenate(out)
         return seeds, np.full(seeds.shape, 1.0 / m)
+
+    def _onto_faces(self, p: FloatArray, held: tuple[int, ...], m: int) -> FloatArray:
+        """Points moved onto the surface with coordinates held, less those that leave the domain."""
+        fixed = np.zeros((len(p), 3))
+        fixed[:, held] = 1.0
+        p = self._project(p, np.full(3, m), fixed)
+        inside = np.clip(p, *self.box)
+        return inside[(np.abs(inside - p) < 1e-12).all(axis=1)]
+
+    def _face_crossings(
+        self, centres: list[FloatArray], held: tuple[int, ...], m: int
+    ) -> FloatArray:
+        """Points next to the surface on faces and edges, between centres of cells and beyond."""
+        count = self.lattice.repeat
+        axes = [
+            centres[a] if a in held else np.linspace(0.0, count[a], FINER * count[a] * m // 2 + 1)
+            for a in range(3)
+        ]
+        p = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+        f = self.lattice.implicit(self.from_tile(p.reshape(-1, 3))).reshape(p.shape[:3])
+        out = [between(p, f, a) for a in range(3) if a not in held]
+        return np.concatenate(out)
 
     def _tile_of(self, p: FloatArray) -> tuple[IntArray, ...]:
         """Indices of the tiles of points, into an array over all tiles and a ghost layer."""
@@ -302,7 +351,11 @@ class ClosestPointSearch:
     def _tile_spacing(self) -> FloatArray:
         """Largest spacing of the seeds in a tile and its neighbours, over all tiles."""
         spacing = np.zeros(np.array(self.lattice.repeat) + 2)
-        np.maximum.at(spacing, self._tile_of(self.seeds[0]), self.seeds[3])
+        p, _, _, size = self.seeds
+        inner = ((p >= self.box[0]) & (p <= self.box[1])).all(axis=1)
+        if inner.any():  # the continuation may stretch without end
+            size = np.minimum(size, STRETCHED * size[inner].max())
+        np.maximum.at(spacing, self._tile_of(p), size)
         for axis in (int(a) for a in np.flatnonzero(self.lattice.through.closed)):
             spacing = np.take(spacing, self._wrapped(axis), axis)
         out: FloatArray = maximum_filter(spacing, 3, mode="nearest")
@@ -365,7 +418,15 @@ class ClosestPointSearch:
         distance, idx = found
         return distance, np.ascontiguousarray(idx, dtype=np.int64)
 
-    def query(self, u: FloatArray, *, strict: bool = True) -> ClosestPoints:
+    def query(
+        self,
+        u: FloatArray,
+        *,
+        strict: bool = True,
+        strides: tuple[int, ...] = (1,),
+        known: ClosestPoints | None = None,
+        thorough: bool = False,
+    ) -> ClosestPoints:
         """Closest points of the images of parameters.
 
         Parameters
@@ -374,6 +435,12 @@ class ClosestPointSearch:
             Parameters.
         strict : bool
             Whether too many queries that do not converge are an error; else the status tells.
+        strides : tuple of int
+            Queries so many rows apart are neighbours: their feet are compared.
+        known : ClosestPoints, optional
+            Feet of points near the queries, one each.
+        thorough : bool
+            Compare every query with all feet of its batch.
 
         Returns
         -------
@@ -383,11 +450,15 @@ class ClosestPointSearch:
         n = len(u)
         p, x = self.to_tile(u), self.lattice.through.x(u)
         feet, counts, status = _results(n)
-        retried = 0
+        retried = repaired = 0
+        points = None if known is None else np.hstack([self.to_tile(known.u), known.foot])
         for i in range(0, n, BATCH):
             s = slice(i, min(i + BATCH, n))
-            retried += self._search(x[s], p[s], feet[:, s], counts[s], status[s])
-        self._account(counts, status, retried, strict)
+            part = x[s], p[s], feet[:, s], counts[s], status[s]
+            retried += self._search(*part)
+            near = None if points is None else points[s]
+            repaired += mended(self, *part[:3], part[4], strides, near, thorough)
+        self._account(counts, status, retried, repaired, strict)
         first, second = feet
         return ClosestPoints(
             first[:, 3:6].copy(), self.from_tile(first[:, :3]), first[:, 6].copy(), status,
@@ -442,10 +513,10 @@ class ClosestPointSearch:
 
     def _run(
         self, x: FloatArray, p: FloatArray, idx: IntArray, feet: FloatArray, counts: IntArray,
-        status: IntArray,
+        status: IntArray, seeds: tuple[FloatArray, ...] | None = None,
     ) -> None:  # fmt: skip
         _kernels.closest(
-            *self.space, *self.seeds, x, p, idx, self.box, self.clip,
+            *self.space, *(seeds or self.seeds), x, p, idx, self.box, self.clip,
             self.orient, TOLERANCE, feet[0], feet[1], counts, status,
         )  # fmt: skip
 
@@ -463,11 +534,14 @@ class ClosestPointSearch:
         out: AnyArray = failed | (distance[:, -1] ** 2 < reach)
         return out
 
-    def _account(self, counts: IntArray, status: IntArray, retried: int, strict: bool) -> None:
+    def _account(
+        self, counts: IntArray, status: IntArray, retried: int, repaired: int, strict: bool
+    ) -> None:
         failed = np.flatnonzero(status >= _kernels_newton.FALLBACK)
         self.statistics = self.statistics + Statistics(
-            len(status), int(counts[:, 1].sum()), int(counts[:, 0].sum()), retried, len(failed)
-        )
+            len(status), int(counts[:, 1].sum()), int(counts[:, 0].sum()), retried, len(failed),
+            repaired,
+        )  # fmt: skip
         if strict and len(failed) > max(MAX_FALLBACK * len(status), FEW):
             raise ConvergenceError(
                 f"closest points: {len(failed)} of {len(status)} queries did not converge "

@@ -59,12 +59,15 @@ def distance_spline(
 
 
 def _fit(lattice: Lattice, spans: int, progress: Progress) -> BSpline:
-    return interpolated(lattice, lattice.distance, spans, DEGREE, progress)
+    def distance(u: FloatArray, strides: tuple[int, ...]) -> FloatArray:
+        return lattice.search.query(u, strides=strides).distance
+
+    return interpolated(lattice, distance, spans, DEGREE, progress)
 
 
 def interpolated(
     lattice: Lattice,
-    f: Callable[[FloatArray], FloatArray],
+    f: Callable[[FloatArray, tuple[int, ...]], FloatArray],
     spans: int | ArrayLike,
     degree: int,
     progress: Progress = None,
@@ -76,7 +79,7 @@ def interpolated(
     lattice : Lattice
         Gives the domain, the tiles and the closed directions.
     f : callable
-        Takes parameters (n, 3), returns values (n,).
+        Takes parameters (n, 3), and how many rows apart neighbours are; returns values (n,).
     spans : int or three of them
         Spans per tile and direction.
     degree : int
@@ -113,5 +116,6 @@ def interpolated(
     for i in track(range(0, shape[0], step), "distance", progress):
         part = (axes[0][i : i + step], axes[1], axes[2])
         u = np.stack(np.meshgrid(*part, indexing="ij"), axis=-1).reshape(-1, 3)
-        values[i : i + step] = f(u).reshape(-1, *shape[1:])
+        strides = (1, shape[2], shape[1] * shape[2])
+        values[i : i + step] = f(u, strides).reshape(-1, *shape[1:])
     return fit_interpolate(values, knots, degree, periodic=closed)

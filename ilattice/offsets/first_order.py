@@ -115,7 +115,7 @@ def parametric_offset(lattice: Lattice, d: Any, *, progress: Progress = None) ->
     asked = as_thickness(d, lattice, float(np.linalg.norm(lattice.repeat)))
 
     def fitted(f: Callable[[FloatArray], FloatArray]) -> BSpline:
-        return interpolated(lattice, f, lattice.spans, DEGREE, progress)
+        return interpolated(lattice, lambda u, _: f(u), lattice.spans, DEGREE, progress)
 
     edges = np.ptp(lattice.domain, axis=0) / np.array(lattice.repeat)
 

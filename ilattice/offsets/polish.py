@@ -64,14 +64,16 @@ def polish(
     scale = lattice.search.seeds[3].min() if distance is None else np.abs(distance.c).max()
     limit = LIMIT * max(float(np.abs(d.c).max()), 1e-3 * float(scale))
     at = np.arange(len(u))
+    known: ClosestPoints | None = None
     for _ in range(STEPS):
-        step, error = _step(lattice, out[at], fixed[at], side[at], d, distance)
+        step, error, found = _step(lattice, out[at], fixed[at], side[at], d, distance, known)
         residual[at] = error
         out[at[np.isinf(error)]] = u[at[np.isinf(error)]]
         go = np.isfinite(error) & (error > limit)
         at = at[go]
         if len(at) == 0:
             break
+        known = None if found is None else found.rows(go)
         out[at] = inside(lattice, out[at] + step[go])
     return out, residual
 
@@ -95,7 +97,8 @@ def distance_jet(
     tuple of ndarray
         Distances (n,), gradients (n, 3), and True (n,) where the search failed.
     """
-    values, gradients, lost = _by_closest_points(lattice, u, x, jacobian)
+    values, gradients, found = _by_closest_points(lattice, u, x, jacobian, None)
+    lost = found.status >= FALLBACK
     return values[0], gradients[0], lost
 
 
@@ -134,15 +137,18 @@ def _step(
     side: FloatArray,
     d: BSpline,
     distance: BSpline | None,
-) -> tuple[FloatArray, FloatArray]:
-    """Least step in space, within the free coordinates, and the residual before it."""
+    known: ClosestPoints | None,
+) -> tuple[FloatArray, FloatArray, ClosestPoints | None]:
+    """Least step in space, within the free coordinates, the residual before it, and feet."""
     x, jacobian = lattice.through.jet(u, 1)
     asked, slope = d.jet(u, 1)
+    found, lost = None, np.zeros(len(u), bool)
     if distance is None:
-        values, gradients, lost = _by_closest_points(lattice, u, x, jacobian)
+        values, gradients, found = _by_closest_points(lattice, u, x, jacobian, known)
+        lost = found.status >= FALLBACK
     else:
         value, gradient = distance.jet(u, 1)
-        values, gradients, lost = [value], [gradient], np.zeros(len(u), bool)
+        values, gradients = [value], [gradient]
     free = ~fixed
     metric = np.einsum("nca,ncb->nab", jacobian, jacobian)
     metric *= free[:, :, None] & free[:, None, :]
@@ -153,21 +159,22 @@ def _step(
     size = np.sqrt(np.maximum(np.einsum("na,nab,nb->n", step, metric, step), 0.0))
     with np.errstate(divide="ignore", invalid="ignore"):
         step *= np.minimum(1.0, LONGEST * np.abs(f[0]) / size)[:, None]
-    return np.where(np.isfinite(step), step, 0.0), np.where(lost, np.inf, np.abs(f[0]))
+    return np.where(np.isfinite(step), step, 0.0), np.where(lost, np.inf, np.abs(f[0])), found
 
 
 def _by_closest_points(
-    lattice: Lattice, u: FloatArray, x: FloatArray, jacobian: FloatArray
-) -> tuple[list[FloatArray], list[FloatArray], AnyArray]:
-    """Signed distances to the two nearest feet, their gradients in u, and where there is none."""
-    found = lattice.search.query(u, strict=False)
+    lattice: Lattice, u: FloatArray, x: FloatArray, jacobian: FloatArray,
+    known: ClosestPoints | None,
+) -> tuple[list[FloatArray], list[FloatArray], ClosestPoints]:  # fmt: skip
+    """Signed distances to the two nearest feet, their gradients in u, and these feet."""
+    found = lattice.search.query(u, strict=False, known=known, thorough=known is None)
     apart = np.isfinite(found.second_distance)
     away = np.where(apart[:, None], x - found.second, 0.0)
     away /= np.where(apart, found.second_distance, 1.0)[:, None]
     normals = [_gradients(lattice, found, x), away]
     second = np.where(apart, found.second_distance, np.inf)
     gradients = [np.einsum("nca,nc->na", jacobian, n) for n in normals]
-    return [found.distance, second], gradients, found.status >= FALLBACK
+    return [found.distance, second], gradients, found
 
 
 def _gradients(lattice: Lattice, found: ClosestPoints, x: FloatArray) -> FloatArray:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ilattice._typing import FloatArray, IntArray
+from ilattice._typing import AnyArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from ilattice.offsets.closest import ClosestPointSearch
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 #: Cells within which a seed that faces alike must be, the least cosine between normals that are
 #: alike, and seeds that are looked at.
 NEAR, ALIKE, LOOKED_AT = 0.9, 0.75, 8
+#: Gradients below this part of the median one are none.
+FLAT = 1e-2
 #: Steps downhill.
 DOWNHILL = 24
 
@@ -43,16 +45,61 @@ def crossings(field: Any, n: int) -> FloatArray:
         Linear roots along the edges of the grid whose ends differ in sign.
     """
     axis = np.linspace(0.0, 1.0, n)
+    points = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1)
     values = field.grid([axis] * 3)
-    out = []
-    for a in range(3):
-        low, high = (np.take(values, part, a) for part in (np.arange(n - 1), np.arange(1, n)))
-        at = np.argwhere((low < 0.0) != (high < 0.0))
-        f, g = low[tuple(at.T)], high[tuple(at.T)]
-        points = axis[at]
-        points[:, a] += (axis[1] - axis[0]) * f / (f - g)
-        out.append(points)
-    return np.concatenate(out)
+    return np.concatenate([between(points, values, a) for a in range(3)])
+
+
+def between(points: FloatArray, values: FloatArray, axis: int) -> FloatArray:
+    """Linear roots between neighbours of a grid that differ in sign.
+
+    Parameters
+    ----------
+    points : ndarray, shape (a, b, c, 3)
+        The grid.
+    values : ndarray, shape (a, b, c)
+        Values on it.
+    axis : int
+        Direction in which neighbours are compared.
+
+    Returns
+    -------
+    ndarray, shape (k, 3)
+        The roots.
+    """
+    n = values.shape[axis]
+    low, high = (np.take(values, part, axis) for part in (np.arange(n - 1), np.arange(1, n)))
+    at = np.nonzero((low < 0.0) != (high < 0.0))
+    f, g = low[at], high[at]
+    p = points[at]
+    ahead = points[tuple(i + (b == axis) for b, i in enumerate(at))]
+    return p + (f / (f - g))[:, None] * (ahead - p)
+
+
+def apart(points: FloatArray, others: FloatArray, m: int) -> AnyArray:
+    """Of the points (n, 3) in each cell of size 1/m, the first one, where no other point is near.
+
+    Parameters
+    ----------
+    points, others : ndarray, shape (n, 3) and (k, 3)
+        Points in tile coordinates.
+    m : int
+        Cells per tile.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        True for some that are half a cell from all others.
+    """
+    out = np.zeros(len(points), np.bool_)
+    if len(points) == 0:
+        return out
+    cells = np.floor(2.0 * m * points).astype(np.int64)
+    out[np.unique(cells, axis=0, return_index=True)[1]] = True
+    if len(others):
+        near: Any = cKDTree(others).query(points)
+        out &= near[0] > 0.5 / m
+    return out
 
 
 def gaps(field: Any, points: FloatArray, seeds: FloatArray, m: IntArray) -> FloatArray:
@@ -74,6 +121,7 @@ def gaps(field: Any, points: FloatArray, seeds: FloatArray, m: IntArray) -> Floa
     ndarray, shape (r, 3)
         Some of `points`, of every cell and octant of normals the one next to the middle.
     """
+    points = points[regular(field, points)]
     normal = _normals(field, points)
     far = np.ones(len(points), np.bool_)
     if len(seeds):
@@ -84,7 +132,7 @@ def gaps(field: Any, points: FloatArray, seeds: FloatArray, m: IntArray) -> Floa
         far = ~(np.einsum("na,nka->nk", normal, facing[number]) > ALIKE).any(axis=1)
     points, normal = points[far], normal[far]
     cell = np.clip(np.floor(points * m), 0, m - 1)
-    off = np.abs(points * m - cell - 0.5).max(axis=1)
+    off = ((points * m - cell - 0.5) ** 2).sum(axis=1)  # planes may lie between cells
     octant = ((normal > 0.0) * np.array([4, 2, 1])).sum(axis=1)
     key = np.column_stack([cell.astype(np.int64), octant])
     order = np.lexsort([off, *key.T])
@@ -128,6 +176,29 @@ def downhill(search: ClosestPointSearch, x: FloatArray, p: FloatArray) -> FloatA
         p[better], y[better] = q[better], z[better]
         part = np.where(better, np.minimum(1.0, 2.0 * part), 0.5 * part)
     return p
+
+
+def regular(field: Any, points: FloatArray) -> AnyArray:
+    """Which points of a surface have a normal, and are not where surfaces meet.
+
+    Parameters
+    ----------
+    field : object
+        With `jet(points, order)`.
+    points : ndarray, shape (n, 3)
+        Points of its zero set, in the unit cube or next to it.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        True where the gradient is not much less than the median one; True everywhere if that is
+        zero.
+    """
+    if len(points) == 0:
+        return np.ones(0, np.bool_)
+    slope = np.linalg.norm(field.jet(np.clip(points, 0.0, 1.0), 1)[1], axis=1)
+    out: AnyArray = slope >= FLAT * np.median(slope)
+    return out
 
 
 def _normals(field: Any, points: FloatArray) -> FloatArray:

@@ -137,7 +137,7 @@ class TileField:
         lattice = self.lattice
         spans = np.full(3, lattice.spans) if self.tol is not None else self._spans
         while True:
-            spline = interpolated(lattice, self._smooth, spans, DEGREE)
+            spline = interpolated(lattice, lambda u, _: self._smooth(u), spans, DEGREE)
             self.error = self._measured(spline)
             if self.tol is None or self.error <= self.tol:
                 break

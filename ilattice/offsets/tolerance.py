@@ -136,7 +136,7 @@ class _Samples:
         count = per_tile * np.array(self.wall.lattice.repeat)
         return tuple(np.clip(((u - lo) / (hi - lo) * count).astype(np.int64), 0, count - 1).T)
 
-    def __call__(self, u: FloatArray) -> FloatArray:
+    def __call__(self, u: FloatArray, _strides: tuple[int, ...]) -> FloatArray:
         """Distances, shape (n,), at parameters (n, 3)."""
         s: FloatArray
         wall = self.wall

@@ -1,5 +1,6 @@
 """Closest points that were missed once, and counted failures."""
 
+import combinations as cb
 import naive_closest as nc
 import numpy as np
 import pytest
@@ -120,3 +121,49 @@ def test_queries_that_fail_are_told_and_counted(box):
     with pytest.raises(ConvergenceError, match=r"20 of 20 queries did not converge.*fit together"):
         box.closest(far)
     assert box.statistics.fallbacks == closest.FEW + 20
+
+
+@pytest.mark.parametrize(
+    ("shape", "repeat", "boundary"),
+    [
+        ("perturbed", (2, 2, 1), "extend"),
+        ("gismo/cylinder.xml", (2, 1, 2), "extend"),
+        ("mfem/cube-nurbs-deformed.mesh", (3, 2, 3), "clip"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
+def test_surfaces_that_meet_have_seeds_next_to_where_they_do(shape, repeat, boundary):
+    """Planes of the F surface went unnoticed next to each other: up to a tenth of a tile off."""
+    lattice = il.Lattice("f", through=cb._map(shape), repeat=repeat, boundary=boundary)
+    lo, hi = lattice.domain
+    u = lo + (hi - lo) * np.random.default_rng(0).random((300, 3))
+    oracle = nc.Oracle(cb.tile_function(lattice), lattice, m=24, coarse=8)
+    distance, _ = oracle.distance(lattice.tile_coordinates(u))
+    farther = np.abs(lattice.closest(u).distance) - distance
+    assert (farther <= 1e-8 * tile_sizes(lattice, u)).all()
+
+
+def test_feet_without_a_seed_come_from_neighbours():
+    """Of a search with hardly any seeds most feet are still right, for neighbours have them."""
+    shape = il.macroshape.cylinder_shell(angle=2.0)
+    whole = il.Lattice("gyroid", through=shape, repeat=(2, 2, 1))
+    poor = il.Lattice("gyroid", through=shape, repeat=(2, 2, 1))
+    keep = np.random.default_rng(3).random(len(poor.search.seeds[0])) < 0.02
+    poor.search.seeds = tuple(np.ascontiguousarray(a[keep]) for a in poor.search.seeds)
+    poor.search.tree = closest.cKDTree(poor.search.seeds[1])
+    n = 25
+    axes = [np.linspace(*whole.domain[:, a], n) for a in range(3)]
+    u = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    right = whole.distance(u)
+
+    def wrong(**options):
+        found = poor.search.query(u, strict=False, **options).distance
+        return (np.abs(found - right) > 1e-7).mean()
+
+    alone = wrong(strides=())
+    assert poor.statistics.mended == 0
+    assert alone > 0.02
+    assert wrong(strides=(1, n, n * n)) < 0.2 * alone
+    assert poor.statistics.mended > 0
+    assert wrong(thorough=True) < 0.2 * alone
+    assert wrong(strides=(), known=whole.search.query(u)) == 0.0

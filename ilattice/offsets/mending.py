@@ -1,0 +1,137 @@
+"""Feet that are checked against those of neighbouring queries, and mended where these are nearer.
+
+Every foot of a query is a point of the surface, and so no other query next to it may have a foot
+that is farther away. That finds feet which no seed has led to, at the cost of a subtraction.
+
+Guarantee: no query keeps a foot that is farther than one it was compared with, where that counts
+for it. Non-guarantee: a part of the surface that none of the queries has found is not found.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ilattice._typing import AnyArray, FloatArray, IntArray
+from ilattice.offsets import _kernels, _kernels_mending, _kernels_newton
+
+if TYPE_CHECKING:
+    from ilattice.offsets.closest import ClosestPointSearch
+
+#: Rounds in which better feet spread to neighbours, and by how much they must be nearer, relative
+#: to the distance and to the spacing of seeds.
+ROUNDS, NEARER, CLEARLY = 20, 1e-7, 1e-6
+
+
+def mended(
+    search: ClosestPointSearch, x: FloatArray, p: FloatArray, feet: FloatArray, status: IntArray,
+    strides: tuple[int, ...], known: FloatArray | None, thorough: bool,
+) -> int:  # fmt: skip
+    """Replace feet by nearer ones of neighbours; how many queries that concerns.
+
+    Parameters
+    ----------
+    search : ClosestPointSearch
+        Seeds, map and tiles.
+    x, p : ndarray, shape (n, 3)
+        Queries in space and in tile coordinates.
+    feet, status : ndarray, shape (2, n, 8) and (n,)
+        What `_kernels.closest` has found; changed in place.
+    strides : tuple of int
+        Neighbours are the queries so many rows before and behind.
+    known : ndarray, shape (n, 6), optional
+        A point of the surface for each query: tile coordinates, and its image.
+    thorough : bool
+        Also compare with the nearest of all feet.
+
+    Returns
+    -------
+    int
+        Queries that were mended.
+    """
+    changed = np.zeros(len(x), np.bool_)
+    both = np.array([s for t in strides for s in (t, -t)], np.int64)
+    if known is not None:
+        _replace(search, x, p, known[:, :3], known[:, 3:], feet, status, changed)
+    if thorough and len(x) > 1:
+        near = cKDTree(feet[0, :, 3:6], balanced_tree=False).query(x)[1]
+        _replace(search, x, p, feet[0, near, :3], feet[0, near, 3:6], feet, status, changed)
+    for _ in range(ROUNDS):
+        best = np.abs(feet[0, :, 6])
+        pick = np.full(len(x), -1)
+        _kernels_mending.compare(
+            x, feet[0, :, 3:6], _least(search, best), both, best, pick
+        )  # fmt: skip
+        at = np.flatnonzero(pick >= 0)
+        start = feet[0, pick[at], :3]
+        fits = _reachable(search, start, p[at])
+        if not fits.any():
+            break
+        at, start = at[fits], start[fits]
+        changed[at] = True
+        if not _restart(search, x, p, at, start, feet, status):
+            break
+    return int(changed.sum())
+
+
+def _least(search: ClosestPointSearch, distance: FloatArray) -> FloatArray:
+    """By how much (n,) feet must be nearer."""
+    out: FloatArray = np.maximum(NEARER * distance, CLEARLY * search.least_spacing)
+    return out
+
+
+def _replace(
+    search: ClosestPointSearch, x: FloatArray, p: FloatArray, q: FloatArray, y: FloatArray,
+    feet: FloatArray, status: IntArray, changed: AnyArray,
+) -> None:  # fmt: skip
+    """Feet where points of the surface are nearer: one for each query, and its image."""
+    best = np.abs(feet[0, :, 6])
+    at = np.flatnonzero(np.linalg.norm(x - y, axis=1) < best - _least(search, best))
+    at = at[_reachable(search, q[at], p[at])]
+    if len(at):
+        changed[at] = True
+        _restart(search, x, p, at, q[at], feet, status)
+
+
+def _reachable(search: ClosestPointSearch, p: FloatArray, q: FloatArray) -> AnyArray:
+    """Which feet p (n, 3) count for the queries q (n, 3), see `_kernels.reachable`."""
+    count, closed = np.array(search.lattice.repeat), np.array(search.lattice.through.closed)
+    outside = (((p < 0.0) | (p > count)) & ~closed).any(axis=1)
+    d = np.where(closed, p - q - count * np.rint((p - q) / count), p - q)
+    out: AnyArray = ~outside | (np.abs(d) <= 2.0).all(axis=1)
+    return out
+
+
+def _restart(
+    search: ClosestPointSearch, x: FloatArray, p: FloatArray, at: IntArray, start: FloatArray,
+    feet: FloatArray, status: IntArray,
+) -> bool:  # fmt: skip
+    """Feet of the queries `at` from points of the surface nearer than those they have.
+
+    Tells whether any has become nearer.
+    """
+    n = len(at)
+    start = np.ascontiguousarray(start)
+    y, normal, spacing, det = (np.empty((n, 3)), np.empty((n, 4)), np.empty(n), np.empty(n))
+    cell = np.full((n, 3), search.cell)
+    place: Any = _kernels.place_seeds
+    place(*search.space, start, cell, y, normal, spacing, det)
+    new, counts = np.full((2, n, 8), np.nan), np.zeros((n, 2), np.int64)
+    state = np.full(n, _kernels_newton.FALLBACK, np.int64)
+    number = np.arange(n)[:, None]
+    seeds = (start, y, normal, spacing)
+    search._run(x[at], p[at], number, new, counts, state, seeds)
+    bound = np.linalg.norm(x[at] - y, axis=1)
+    bad = np.flatnonzero(~(np.abs(new[0, :, 6]) <= bound) | (state >= _kernels_newton.FALLBACK))
+    if len(bad):
+        search._descend(x[at[bad]], bad, start[bad], new[0])
+        state[bad] = _kernels_newton.OK
+    old = feet[0, at].copy()
+    sign = np.where(old[:, 6] < 0.0, -1.0, 1.0)
+    new[0, :, 6] = sign * np.abs(new[0, :, 6])
+    better = np.abs(new[0, :, 6]) < np.abs(old[:, 6])
+    at, new, state = at[better], new[:, better], state[better]
+    feet[0, at], feet[1, at], status[at] = new[0], old[better], state
+    return bool(better.any())
