@@ -110,6 +110,11 @@ def solids() -> None:
             0.2, allow_loss=True
         )
     il.Lattice(il.tiles.get("gyroid"), through=quartic).offset(0.1).mesh(0.2, allow_loss=True)
+    lattice = il.Lattice(il.tiles.get("gyroid"), through=box)
+    lattice.offset(0.005).mesh(0.2, allow_loss=True)  # a sheet: the wall is thinner than the grid
+    wall = lattice.offset(relative_density=0.3, least_gap=0.01)
+    wall.minimum_gap()
+    wall.minimum_thickness()
     mixed = il.tiles.mix("gyroid", "diamond", seed=1)
     il.Lattice(mixed, through=box, repeat=(2, 1, 1)).offset(0.1).mesh(0.2, allow_loss=True)
 
@@ -162,9 +167,15 @@ def analysis() -> None:
     solution = heavy.solve()
     solution.recovered()
     solution.error_estimate()
+    modes = il.cutfem.natural_modes(heavy, 2)
+    il.cutfem.buckling(solution, 1)
+    heat = il.cutfem.Heat(wall, (16, 4, 4), conductivity=1.0).fix("w=0", 0.0).source(1.0)
     with tempfile.TemporaryDirectory() as folder:
         solution.save(Path(folder) / "surface.vtu")
         solution.save(Path(folder) / "solid.vtu", on="solid")
+        modes.save(Path(folder) / "modes.pvd")
+        heat.solve().save(Path(folder) / "heat.vtu")
+        heat.evolve(1.0, steps=2).save(Path(folder) / "cooling.pvd")
 
 
 def _plane() -> "il.BSpline":

@@ -1,8 +1,8 @@
 """What every reader and writer shares: whole files in, whole files out, tokens with positions.
 
 Guarantees: a writer replaces a file as a whole or not at all, also when it is interrupted or the
-disk is full; a reader allocates in proportion to the size of the file, never to a count that the
-file claims; what cannot be read ends in a `FormatError` with the path and the line.
+disk is full; a reader allocates at most 20 times the size of the file and 100 MB, never by a count
+that the file claims; what cannot be read ends in a `FormatError` with the path and the line.
 Only regular files are read, and never more than `LIMIT` bytes.
 Not guaranteed: a killed process (SIGKILL, power cut) may leave a temporary file ``.*.tmp*`` beside
 the untouched old file; the next save of the same name removes it.
@@ -29,6 +29,8 @@ _FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 _AT_ONCE = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 #: Bytes of the largest file that is read.
 LIMIT = 1 << 33
+_PIECE = 1 << 15  # tokens, or letters, that are taken apart at a time
+_SPACE = re.compile(r"\s")
 _INTEGER = re.compile(r"[+-]?[0-9]{1,18}")
 
 
@@ -336,23 +338,25 @@ class Scanner:
         self._text = text
         self._path = path
         self._pattern = re.compile(tokens)
-        self._tokens: list[str] = self._pattern.findall(text)
+        kind = np.int32 if len(text) < 2**31 else np.int64
+        self._starts = np.fromiter((m.start() for m in self._pattern.finditer(text)), kind)
         self.at = 0
 
     @property
     def left(self) -> int:
         """Number of tokens that are left."""
-        return len(self._tokens) - self.at
+        return len(self._starts) - self.at
+
+    @property
+    def size(self) -> int:
+        """Length of the text."""
+        return len(self._text)
 
     def line(self, at: int | None = None) -> int:
         """Line of token number `at` (default: the next one), or of the end of the file."""
         at = self.at if at is None else at
-        if at >= len(self._tokens):
-            return self._text.count("\n") + 1
-        for i, match in enumerate(self._pattern.finditer(self._text)):
-            if i == at:
-                return self._text.count("\n", 0, match.start()) + 1
-        return self._text.count("\n") + 1
+        end = self._starts[at] if at < len(self._starts) else len(self._text)
+        return self._text.count("\n", 0, end) + 1
 
     def fail(self, message: str, at: int | None = None) -> NoReturn:
         """Raise `FormatError` with path and line of token number `at` (default: the next one)."""
@@ -361,14 +365,14 @@ class Scanner:
     def peek(self, ahead: int = 0) -> str:
         """Look at the next token, or the one `ahead` of it, or "" at the end, and stay in place."""
         i = self.at + ahead
-        return self._tokens[i] if i < len(self._tokens) else ""
+        return self._token(i) if i < len(self._starts) else ""
 
     def word(self, expected: str) -> str:
         """Take the next token."""
-        if self.at >= len(self._tokens):
+        if self.at >= len(self._starts):
             self.fail(f"the file ends; expected {expected}")
         self.at += 1
-        return self._tokens[self.at - 1]
+        return self._token(self.at - 1)
 
     def expect(self, *words: str) -> str:
         """Take the next token, which must be one of `words` (case matters)."""
@@ -393,10 +397,11 @@ class Scanner:
         """Take the next `count` tokens as finite numbers, shape (count,)."""
         if count > self.left:
             self.fail(f"expected {count} {what}, the file holds only {self.left} more entries")
-        values = parse_numbers(self._tokens[self.at : self.at + count])
-        if isinstance(values, int):
-            at = self.at + values
-            self.fail(f"found {self._tokens[at]!r:.60}; expected {what}, a finite number", at)
+        values = np.empty(count)
+        for i in range(0, count, _PIECE):
+            tokens = self._tokens(self.at + i, self.at + min(i + _PIECE, count))
+            told = f"; expected {what}, a finite number"
+            values[i : i + len(tokens)] = self._parsed(tokens, self.at + i, told)
         self.at += count
         return values
 
@@ -408,20 +413,72 @@ class Scanner:
                 f"expected {count} {what} of {width} numbers in brackets, "
                 f"the file holds only {self.left} more entries"
             )
-        block = self._tokens[self.at : self.at + count * step]
+        values = np.empty((count, width))
+        at_once = max(1, _PIECE // step)
+        for i in range(0, count, at_once):
+            part = values[i : i + at_once]
+            self._fill(part, self.at + i * step, what)
+        self.at += count * step
+        return values
+
+    def _fill(self, out: FloatArray, start: int, what: str) -> None:
+        """Groups of numbers in brackets from token number `start` on."""
+        count, step = len(out), out.shape[1] + 2
+        block = self._tokens(start, start + count * step)
         for place, bracket in ((0, "["), (step - 1, "]")):
             column = block[place::step]
             if column.count(bracket) != count:
                 row = next(i for i, t in enumerate(column) if t != bracket)
-                at = self.at + row * step + place
-                self.fail(f"found {self._tokens[at]!r:.60} in {what}; expected {bracket!r}", at)
-        inner = [i for i in range(len(block)) if 0 < i % step < step - 1]
-        values = parse_numbers([block[i] for i in inner])
+                at = start + row * step + place
+                self.fail(f"found {self._token(at)!r:.60} in {what}; expected {bracket!r}", at)
+        for i in range(count):
+            first = start + i * step + 1
+            told = f" in {what}; expected a finite number"
+            out[i] = self._parsed(block[i * step + 1 : i * step + step - 1], first, told)
+
+    def _token(self, i: int) -> str:
+        """Token number `i`."""
+        match = self._pattern.match(self._text, self._starts[i])
+        return match[0] if match else ""
+
+    def _tokens(self, first: int, last: int) -> list[str]:
+        """Tokens from number `first` to before number `last`."""
+        if first >= last:
+            return []
+        end = self._starts[last] if last < len(self._starts) else len(self._text)
+        return self._pattern.findall(self._text, self._starts[first], end)
+
+    def _parsed(self, tokens: list[str], at: int, told: str) -> FloatArray:
+        """Finite numbers of tokens, the first of which is token number `at`."""
+        values = parse_numbers(tokens)
         if isinstance(values, int):
-            at = self.at + inner[values]
-            self.fail(f"found {self._tokens[at]!r:.60} in {what}; expected a finite number", at)
-        self.at += count * step
-        return values.reshape(count, width)
+            self.fail(f"found {tokens[values]!r:.60}{told}", at + values)
+        return values
+
+
+def pieces(text: str) -> Iterator[str]:
+    """Parts of a text that are short, cut where there is white space."""
+    at = 0
+    while at < len(text):
+        found = _SPACE.search(text, at + _PIECE)
+        end = found.start() if found else len(text)
+        yield text[at:end]
+        at = end
+
+
+def parse_text(text: str) -> tuple[FloatArray, str]:
+    """Finite numbers of a text up to the first word that is none, and that word, or nothing."""
+    parts = [np.empty(0)]
+    for piece in pieces(text):
+        tokens = piece.split()
+        values = parse_numbers(tokens)
+        if isinstance(values, int):
+            good: FloatArray | int = values
+            while isinstance(good, int):
+                values, good = good, parse_numbers(tokens[:good])
+            return np.concatenate([*parts, good]), tokens[values]
+        parts.append(values)
+    return np.concatenate(parts), ""
 
 
 def parse_numbers(tokens: list[str]) -> FloatArray | int:

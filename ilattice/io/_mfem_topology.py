@@ -21,6 +21,10 @@ import numpy as np
 
 from ilattice._typing import IntArray
 from ilattice.io._common import Scanner
+from ilattice.io._patches import check_count
+
+_PER_PATCH = 250  # letters for each patch of many: what they share takes memory, too
+_MOST_EDGES = 12
 
 #: Codes of point, segment, square and cube, by dimension.
 GEOMETRY = (0, 1, 3, 5)
@@ -119,12 +123,15 @@ def read_topology(scanner: Scanner) -> Topology:
     ndim = scanner.integer("dimension", 1, 3)
     scanner.expect("elements")
     count = scanner.integer("number of elements", 1)
+    check_count(scanner.fail, min(count, scanner.left) - 1, scanner.size, _PER_PATCH)
     elements = [_element(scanner, ndim) for _ in range(count)]
     scanner.expect("boundary")
     for _ in range(scanner.integer("number of boundary elements")):
         _element(scanner, ndim - 1)
     scanner.expect("edges")
     count = scanner.integer("number of edges")
+    if count > _MOST_EDGES * len(elements):
+        scanner.fail(f"{count} edges are more than {len(elements)} patches have", scanner.at - 1)
     edges = [(_vertex(scanner), _vertex(scanner), _vertex(scanner)) for _ in range(count)]
     scanner.expect("vertices")
     vertices = scanner.integer("number of vertices", 1)
@@ -156,7 +163,7 @@ class _Numbering:
     ) -> None:
         self.mesh, self.sizes, self.room, self.fail = mesh, sizes, room, fail
         self.next = mesh.vertices
-        self.edge_at: dict[frozenset[int], tuple[int, int, bool]] = {}
+        self.edge_at: dict[int, int] = {}  # as packed by `_edge`
         self.face_at: dict[frozenset[int], tuple[int, tuple[int, ...], tuple[int, int]]] = {}
         self.face_uses: dict[frozenset[int], int] = {}
 
@@ -183,12 +190,12 @@ class _Numbering:
         return self.next, patches
 
     def _edge(self, vector: int, first: int, last: int) -> None:
-        key = frozenset((first, last))
+        key = _key(first, last)
         if vector >= len(self.sizes):
             self.fail(f"an edge has knot vector {vector}, there are only {len(self.sizes)}")
-        if len(key) < 2 or key in self.edge_at:
+        if first == last or key in self.edge_at:
             self.fail(f"two edges join the vertices {first} and {last}, or they are equal")
-        self.edge_at[key] = (self.next, vector, first > last)
+        self.edge_at[key] = (self.next * len(self.sizes) + vector) * 2 + (first > last)
         self.next += self.sizes[vector] - 2
 
     def _vectors(self, element: tuple[int, ...]) -> tuple[tuple[int, bool], ...]:
@@ -197,10 +204,11 @@ class _Numbering:
         for axis in range(self.mesh.ndim):
             found = set()
             for i, j in PARALLEL[self.mesh.ndim][axis]:
-                key = frozenset((element[i], element[j]))
+                key = _key(element[i], element[j])
                 if key not in self.edge_at:
                     self.fail(f"the edge from vertex {element[i]} to {element[j]} is not listed")
-                _, vector, backwards = self.edge_at[key]
+                vector = self.edge_at[key] // 2 % len(self.sizes)
+                backwards = bool(self.edge_at[key] % 2)
                 found.add((vector, backwards != (element[i] > element[j])))
             if len(found) != 1:
                 self.fail(f"patch {element}: edges of direction {axis} differ in knots or sense")
@@ -230,7 +238,7 @@ class _Numbering:
         for axis in range(self.mesh.ndim):
             for i, j in PARALLEL[self.mesh.ndim][axis]:
                 low, high = sorted((element[i], element[j]))
-                start = self.edge_at[frozenset((low, high))][0]
+                start = self.edge_at[_key(low, high)] // 2 // len(self.sizes)
                 _place(dofs, start, (shape[axis] - 2,), [ends[low], ends[high]])
         if self.mesh.ndim == 3:
             for face in FACES:
@@ -241,6 +249,11 @@ class _Numbering:
         dofs[(slice(1, -1),) * len(shape)] = _consecutive(self.next, inner)
         self.next += math.prod(inner)
         return dofs
+
+
+def _key(first: int, last: int) -> int:
+    """One number for an edge, whichever of its vertices comes first."""
+    return min(first, last) << 32 | max(first, last)
 
 
 def _place(

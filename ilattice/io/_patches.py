@@ -25,6 +25,8 @@ KINDS = ("curve", "surface", "volume")
 SNAP = 1e-9
 LARGEST = 1e100
 MAX_DEGREE = 8
+MANY = 20_000  # splines that a file may hold, however short they are; of more
+PER_PATCH = 120  # letters, each
 _NAME = re.compile(r"[\w .:/+-]+")
 
 
@@ -150,6 +152,12 @@ def check_size(fail: Fail, values: FloatArray, what: str) -> None:
     """Refuse numbers so large that products of three of them overflow."""
     if not np.abs(values).max(initial=0.0) <= LARGEST:
         fail(f"{what} must be finite and not above {LARGEST:g} in size")
+
+
+def check_count(fail: Fail, count: int, size: int, per_patch: int = PER_PATCH) -> None:
+    """Refuse to read on where splines take far more memory than the file is long."""
+    if count >= MANY + size // per_patch:
+        fail(f"the file holds more than {count} splines in {size} letters; not read")
 
 
 def check_weights(fail: Fail, weights: FloatArray) -> None:

@@ -13,6 +13,7 @@ Format: `gsXml` of G+Smo (https://gismo.github.io), nested Basis elements, ``coe
 
 import base64
 import binascii
+import io
 import os
 import re
 from bisect import bisect_left, bisect_right
@@ -26,10 +27,11 @@ import numpy as np
 from ilattice._typing import FloatArray
 from ilattice.bspline import BSpline
 from ilattice.errors import FormatError
-from ilattice.io._common import atomic_write, parse_numbers, read_text
+from ilattice.io._common import atomic_write, parse_numbers, pieces, read_text
 from ilattice.io._patches import (
     MAX_DEGREE,
     Patch,
+    check_count,
     clamped,
     join_names,
     numbered,
@@ -42,6 +44,20 @@ from ilattice.io._patches import (
 DEPTH = 64
 _TYPE = re.compile(r"(BSpline|Nurbs|Tensor(?:BSpline|Nurbs)([1-9]))")
 _ID = re.compile(r"[0-9]{1,9}")
+_ATTRIBUTES = (
+    "type", "id", "label", "names", "index", "degree", "mode", "csize", "geoDim", "format",
+)  # fmt: skip
+_TAGS: dict[str, tuple[str, ...]] = {
+    "xml": ("Geometry", "MultiPatch"),
+    "Geometry": ("Basis", "coefs"),
+    "Basis": ("Basis", "KnotVector", "weights"),
+    "MultiPatch": ("patches",),
+}
+MOST_CHILDREN = 64
+MOST_MULTIPATCHES = 1000
+MOST_SKIPPED = 1000
+MOST_IN_TAG = 60_000
+_LONG_TAG = re.compile(rf"<[^!?>][^>]{{{MOST_IN_TAG}}}")
 _BASE64 = {"b64float32": "<f4", "b64float64": "<f8"}
 
 
@@ -68,22 +84,39 @@ def read(path: str | os.PathLike[str]) -> tuple[list[Patch], list[str]]:
     FormatError
         If the file is no G+Smo XML, or holds a malformed geometry.
     """
-    root = _parse(path, read_text(path))
-    if root.tag != "xml":
-        root.fail(f"root element is <{root.tag:.40}>; expected <xml>, as G+Smo has it")
-    patches: list[Patch] = []
-    skipped: list[str] = []
-    for node in root.all("Geometry"):
-        spline = _geometry(node)
-        if spline is None:
-            skipped.append(f"{node.attributes.get('type'):.40} in line {node.line}")
-        else:
-            patches.append(_patch(node, spline))
-    ids = {n.attributes.get("id", "").strip() for n in root.all("Geometry")}
-    whole = sorted({int(i) for i in ids if _ID.fullmatch(i)})
-    for node in root.all("MultiPatch"):
-        _check_multipatch(node, ids, whole)
-    return numbered(patches), skipped
+    found = _Found()
+    _parse(path, read_text(path), found)
+    whole = sorted({int(i) for i in found.ids if _ID.fullmatch(i)})
+    for node in found.multipatches:
+        _check_multipatch(node, found.ids, whole)
+    return numbered(found.patches), found.skipped
+
+
+@dataclass
+class _Found:
+    """What has been read so far."""
+
+    patches: list[Patch] = field(default_factory=list)
+    skipped: list[str] = field(default_factory=list)
+    ids: set[str] = field(default_factory=set)
+    multipatches: list["_Node"] = field(default_factory=list)
+
+    def take(self, node: "_Node") -> None:
+        """Take in an element below the root that has ended."""
+        if node.tag == "MultiPatch":
+            self.multipatches.append(node)
+            if len(self.multipatches) > MOST_MULTIPATCHES:
+                node.fail(f"is one of more than {MOST_MULTIPATCHES}; not read")
+        elif node.tag == "Geometry":
+            self.ids.add(node.attributes.get("id", "").strip())
+            spline = _geometry(node)
+            if spline is None:
+                if len(self.skipped) < MOST_SKIPPED:
+                    kind = node.attributes.get("type")
+                    self.skipped.append(f"{kind:.40} in line {node.line}")
+            else:
+                check_count(node.fail, len(self.patches), node.room)
+                self.patches.append(_patch(node, spline))
 
 
 def _patch(node: "_Node", spline: BSpline) -> Patch:
@@ -158,9 +191,9 @@ def _check_multipatch(node: "_Node", ids: set[str], whole: list[int]) -> None:
 # --- a small XML tree with lines ------------------------------------------------------------------
 
 
-@dataclass
+@dataclass(slots=True)
 class _Node:
-    """One element, with the line of its start."""
+    """One element, with the line of its start; below it only what is known here."""
 
     path: str | os.PathLike[str]
     tag: str
@@ -168,12 +201,12 @@ class _Node:
     line: int
     room: int
     children: list["_Node"] = field(default_factory=list)
-    parts: list[str] = field(default_factory=list)
+    data: io.StringIO = field(default_factory=io.StringIO)
 
     @property
     def text(self) -> str:
         """Character data between the tags."""
-        return "".join(self.parts)
+        return self.data.getvalue()
 
     def fail(self, message: str, line: int | None = None) -> NoReturn:
         """Raise `FormatError` with path and line."""
@@ -212,17 +245,21 @@ class _Node:
         return values
 
     def _ascii(self, what: str) -> FloatArray:
-        tokens = self.text.split()
-        values = parse_numbers(tokens)
-        if isinstance(values, int):
-            tokens = [_quotient(t) for t in tokens]
+        text, done = self.text, 0
+        parts = [np.empty(0)]
+        for piece in pieces(text):
+            tokens = piece.split()
             values = parse_numbers(tokens)
-        if isinstance(values, int):
-            ends = re.finditer(r"\S+", self.text)
-            start = next(m.start() for i, m in enumerate(ends) if i == values)
-            line = self.line + self.text.count("\n", 0, start)
-            self.fail(f"found {tokens[values]!r:.40}; expected {what}, finite", line)
-        return values
+            if isinstance(values, int):
+                tokens = [_quotient(t) for t in tokens]
+                values = parse_numbers(tokens)
+            if isinstance(values, int):
+                at = done + [m.start() for m in re.finditer(r"\S+", piece)][values]
+                line = self.line + text.count("\n", 0, at)
+                self.fail(f"found {tokens[values]!r:.40}; expected {what}, finite", line)
+            parts.append(values)
+            done += len(piece)
+        return np.concatenate(parts)
 
     def _decoded(self, form: str) -> FloatArray:
         if form not in _BASE64:
@@ -249,34 +286,57 @@ def _quotient(token: str) -> str:
         return repr(float(pair[0] / pair[1]))
 
 
-def _parse(path: str | os.PathLike[str], text: str) -> _Node:
-    """Tree of the elements; refuses a document type and more than `DEPTH` levels."""
-    text = _without_declaration(text)
+def _parse(path: str | os.PathLike[str], text: str, found: _Found) -> None:
+    """Take the elements below the root in, one after the other.
+
+    Refuses a document type, more than `DEPTH` levels, and more than `MOST_CHILDREN` known elements
+    in one. Elements and attributes that are not known here are passed over.
+    """
+    if long := _LONG_TAG.search(text):
+        line = text.count("\n", 0, long.start()) + 1
+        raise FormatError(f"{path}, line {line}: a tag has more than {MOST_IN_TAG} letters")
     parser = expat.ParserCreate("utf-8")
     parser.buffer_text = True
-    stack = [_Node(path, "", {}, 1, len(text))]
+    stack: list[_Node | None] = []  # None where elements are passed over
 
     def fail(message: str) -> NoReturn:
         raise FormatError(f"{path}, line {parser.CurrentLineNumber}: {message}")
 
     def start(tag: str, attributes: dict[str, str]) -> None:
-        if len(stack) > DEPTH:
+        if len(stack) >= DEPTH:
             fail(f"elements are nested more than {DEPTH} deep")
-        node = _Node(path, tag, attributes, parser.CurrentLineNumber, len(text))
-        stack[-1].children.append(node)
+        above = stack[-1] if stack else None
+        node = None
+        if not stack or (above is not None and tag in _TAGS.get(above.tag, ())):
+            known = {k: attributes[k] for k in _ATTRIBUTES if k in attributes}
+            node = _Node(path, tag, known, parser.CurrentLineNumber, len(text))
+        if not stack and tag != "xml" and node is not None:
+            node.fail(f"root element is <{tag:.40}>; expected <xml>, as G+Smo has it")
+        if len(stack) > 1 and above is not None and node is not None:
+            above.children.append(node)
+            if len(above.children) > MOST_CHILDREN:
+                above.fail(f"holds more than {MOST_CHILDREN} elements; not read")
         stack.append(node)
 
+    def end(_: str) -> None:
+        node = stack.pop()
+        if len(stack) == 1 and node is not None:
+            found.take(node)
+
+    def add(data: str) -> None:
+        if len(stack) > 1 and stack[-1] is not None:
+            stack[-1].data.write(data)
+
     parser.StartElementHandler = start
-    parser.EndElementHandler = lambda _: stack.pop()
-    parser.CharacterDataHandler = lambda data: stack[-1].parts.append(data)
-    parser.CommentHandler = lambda data: stack[-1].parts.append("\n" * data.count("\n"))
+    parser.EndElementHandler = end
+    parser.CharacterDataHandler = add
+    parser.CommentHandler = lambda data: add("\n" * data.count("\n"))
     parser.StartDoctypeDeclHandler = lambda *_: fail("a document type is not allowed here")
     try:
-        parser.Parse(text, True)
+        parser.Parse(_without_declaration(text), True)
     except (expat.ExpatError, UnicodeEncodeError) as e:
         line = getattr(e, "lineno", 1)
         raise FormatError(f"{path}, line {line}: not well-formed XML ({e})") from e
-    return stack[0].children[0]
 
 
 def _without_declaration(text: str) -> str:

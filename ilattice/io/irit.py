@@ -19,6 +19,7 @@ Grammar, as the IRIT solid modeller (G. Elber) reads and writes it::
     point := "[" weight? x1 .. xd "]"                          first direction fastest
 """
 
+import io
 import math
 import os
 import re
@@ -33,6 +34,7 @@ from ilattice.io._common import Scanner, atomic_write, read_text
 from ilattice.io._patches import (
     MAX_DEGREE,
     Patch,
+    check_count,
     join_names,
     numbered,
     split_names,
@@ -49,6 +51,9 @@ _PARAMETERS = {"CURVE": 1, "SURFACE": 2, "TRIVAR": 3, "MULTIVAR": 0}
 _WORDS = ("CURVE", "SURFACE", "TRIVAR")
 _OTHER = {"TRIMSRF", "TRISRF", "MODEL"}
 LARGEST_POINT = 9
+MOST_NESTED = 1000
+MOST_SKIPPED = 1000
+MOST_ATTRIBUTES = 50_000
 
 
 # --- reading ----------------------------------------------------------------------------------
@@ -85,8 +90,7 @@ def read(path: str | os.PathLike[str]) -> tuple[list[Patch], list[str]]:
     FormatError
         If the file does not follow the grammar.
     """
-    text = _COMMENT.sub(lambda m: m[0] if m[0][0] == '"' else "", read_text(path))
-    scanner = Scanner(text, path, _TOKEN)
+    scanner = Scanner(_without_comments(read_text(path)), path, _TOKEN)
     if not scanner.left:
         raise FormatError(f"{path}: is empty; expected '[OBJECT'")
     patches: list[Patch] = []
@@ -97,6 +101,19 @@ def read(path: str | os.PathLike[str]) -> tuple[list[Patch], list[str]]:
     if stack:
         scanner.fail("this object is never closed", stack[-1].at)
     return numbered(patches), skipped
+
+
+def _without_comments(text: str) -> str:
+    """The text without comments; a mark within quotes begins none."""
+    if "#" not in text:
+        return text
+    out, at = io.StringIO(), 0
+    for match in _COMMENT.finditer(text):
+        if text[match.start()] == "#":
+            out.write(text[at : match.start()])
+            at = match.end()
+    out.write(text[at:])
+    return out.getvalue()
 
 
 def _next_item(
@@ -112,18 +129,24 @@ def _next_item(
             scanner.fail(f"found {token!r:.60}; expected '['")
         stack[-1].name = scanner.word("a name").strip('"')
     elif keyword == "OBJECT":
+        if len(stack) == MOST_NESTED:
+            scanner.fail(f"objects are nested more than {MOST_NESTED} deep")
         stack.append(_Object(at=scanner.at))
         scanner.at += 2
     elif keyword in _PARAMETERS and _is_ours(scanner, keyword):
         owner = stack[-1] if stack else _Object()
+        check_count(scanner.fail, len(patches), scanner.size)
         patches.append(_patch(scanner, owner))
     else:
-        if keyword in _PARAMETERS or keyword in _OTHER:
+        ours = keyword in _PARAMETERS or keyword in _OTHER
+        if ours and len(skipped) < MOST_SKIPPED:
             skipped.append(f"{keyword} {scanner.peek(2):.20}")
         words = _skip_group(scanner)
         if stack and len(words) == 2 and words[0].upper() == "COORDINATES":
             stack[-1].coordinates, stack[-1].names = words[1].strip('"'), {}
         elif stack and len(words) == 2:
+            if len(stack[-1].attributes) == MOST_ATTRIBUTES:
+                scanner.fail(f"an object has more than {MOST_ATTRIBUTES} attributes")
             stack[-1].attributes[words[0].upper()] = words[1].strip('"')
 
 
@@ -155,7 +178,8 @@ def _skip_group(scanner: Scanner) -> list[str]:
         depth += (word == "[") - (word == "]")
         if depth == 0:
             return words[1:]
-        words.append(word)
+        if len(words) < 4:  # more are never looked at
+            words.append(word)
 
 
 def _geometry(scanner: Scanner) -> BSpline:

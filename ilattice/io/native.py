@@ -47,6 +47,7 @@ EXPANSION = 5
 _SMALL = 1 << 24
 _MEMBERS = 32
 _AXES = 4
+_FEW, _PER_LIST = 100_000, 7  # lists that JSON may hold, and letters for each of more
 _HEADER = re.compile(
     rb"\{'descr': '([<>|=]?(?:f[248]|[iu][1248]|b1|U[0-9]{1,4}))', 'fortran_order': (True|False), "
     rb"'shape': \(((?:[0-9]{1,15}(?:, ?|(?=\))))*)\),? *\}\s*"
@@ -163,6 +164,8 @@ def read_json(path: str | os.PathLike[str]) -> tuple[list[Patch], list[str]]:
         If the file is damaged, or no native spline.
     """
     text = read_text(path)
+    if _PER_LIST * (text.count("[") + 3 * text.count("{") - _FEW) > len(text):
+        raise FormatError(f"{path}: holds more lists than numbers; not read")
     try:
         content = json.loads(text, parse_constant=_no_constant)
     except json.JSONDecodeError as e:

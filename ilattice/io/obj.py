@@ -7,14 +7,16 @@ anything but vertices and faces.
 
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
-from ilattice._typing import AnyArray, FloatArray
+from ilattice._typing import AnyArray
 from ilattice.errors import FormatError
-from ilattice.io._common import atomic_write, blank_comments, parse_numbers, read_text
+from ilattice.io._common import atomic_write, blank_comments, read_text
 from ilattice.io._mesh import TEXT_BLOCK, blocks, check_not_empty, colours
-from ilattice.io._polygons import checked_mesh, fans, flattened
+from ilattice.io._polygons import Points, Polygons, checked_mesh, text_lines, words_of
 from ilattice.mesh import SurfaceMesh
+
+_CORNER = re.compile(r"-?[0-9]{1,18}")
 
 
 def write_obj(mesh: SurfaceMesh, path: str | os.PathLike[str]) -> None:
@@ -65,59 +67,25 @@ def read_obj(path: str | os.PathLike[str]) -> SurfaceMesh:
         If the file cannot be read as OBJ.
     """
     text = blank_comments(read_text(path)).replace("\\\n", " ")
-    points, polygons = [], []
-    for number, line in enumerate(text.split("\n"), 1):
-        match line.split():
-            case ["v", *tokens]:
-                points.append((number, tokens[:3]))
-            case ["f", *tokens]:
-                polygons.append(_corners(path, number, tokens, len(points)))
-    return checked_mesh(path, point_rows(path, points), fans(*flattened(polygons)))
+    points, polygons = Points(path), Polygons()
+    for number, line in text_lines(text):
+        match line.split(None, 1):
+            case ["v", *rest]:
+                points.add(number, *rest or [""])
+            case ["f", rest]:
+                start = len(polygons.corners)
+                polygons.corners.extend(_corners(path, number, rest, len(points)))
+                polygons.close(start)
+    return checked_mesh(path, points.rows(), *polygons.arrays(), len(text))
 
 
-def _corners(
-    path: str | os.PathLike[str], number: int, tokens: list[str], vertices: int
-) -> list[int]:
+def _corners(path: str | os.PathLike[str], number: int, text: str, vertices: int) -> Iterator[int]:
     """Vertices of a face from 0 on; the file counts from 1, or backwards from -1."""
-    corners = []
-    for token in tokens:
+    for token in words_of(text):
         head = token.split("/", 1)[0]
-        if not re.fullmatch(r"-?[0-9]{1,18}", head) or int(head) == 0:
+        if not _CORNER.fullmatch(head) or int(head) == 0:
             raise FormatError(f"{path}, line {number}: found {token!r:.60}; expected a corner")
-        corners.append(int(head) - 1 if int(head) > 0 else vertices + int(head))
-    return corners
-
-
-def point_rows(
-    path: str | os.PathLike[str], rows: Sequence[tuple[int, Sequence[str]]]
-) -> FloatArray:
-    """Points of the tokens of lines.
-
-    Parameters
-    ----------
-    path : path-like
-        The file, for messages.
-    rows : sequence of (int, sequence of str)
-        Number of the line, and its first three tokens.
-
-    Returns
-    -------
-    (n, 3) array
-        Finite coordinates.
-
-    Raises
-    ------
-    FormatError
-        If a line does not hold three numbers.
-    """
-    values = parse_numbers([t for _, tokens in rows for t in tokens])
-    if isinstance(values, int) or any(len(tokens) != 3 for _, tokens in rows):
-        number, tokens = next(
-            row for row in rows if len(row[1]) != 3 or isinstance(parse_numbers(list(row[1])), int)
-        )
-        found = " ".join(tokens)
-        raise FormatError(f"{path}, line {number}: found {found!r:.60}; expected coordinates")
-    return values.reshape(-1, 3)
+        yield int(head) - 1 if int(head) > 0 else vertices + int(head)
 
 
 def point_lines(points: AnyArray, tail: AnyArray | None, start: str) -> Iterator[str]:

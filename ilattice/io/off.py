@@ -4,15 +4,19 @@ Guarantees: coordinates are written with as many digits as give the same number 
 are read, as fans of triangles. Not kept: named data and colours.
 """
 
+import itertools
 import os
 import re
+from typing import NoReturn
 
 from ilattice.errors import FormatError
 from ilattice.io._common import atomic_write, blank_comments, read_text
 from ilattice.io._mesh import TEXT_BLOCK, blocks, check_not_empty
-from ilattice.io._polygons import checked_mesh, fans, flattened
-from ilattice.io.obj import point_lines, point_rows
+from ilattice.io._polygons import Points, Polygons, checked_mesh, text_lines, words_of
+from ilattice.io.obj import point_lines
 from ilattice.mesh import SurfaceMesh
+
+_WHOLE = re.compile(r"-?[0-9]{1,18}")
 
 
 def write_off(mesh: SurfaceMesh, path: str | os.PathLike[str]) -> None:
@@ -59,37 +63,55 @@ def read_off(path: str | os.PathLike[str]) -> SurfaceMesh:
     FormatError
         If the file cannot be read as OFF.
     """
-    lines = [
-        (number, line.split())
-        for number, line in enumerate(blank_comments(read_text(path)).split("\n"), 1)
-        if not line.isspace() and line
-    ]
-    head = lines[0][1] if lines else [""]
-    if re.fullmatch(r"(ST)?C?N?OFF", head[0]) is None:
-        raise FormatError(f"{path}: begins with {head[0]!r:.60}; expected 'OFF'")
-    if "BINARY" in head:
+    text = blank_comments(read_text(path))
+    lines = text_lines(text)
+    number, head = next(lines, (1, ""))
+    words = head.split(None, 1)
+    mark, rest = [*words, "", ""][:2]
+    if re.fullmatch(r"(ST)?C?N?OFF", mark) is None:
+        raise FormatError(f"{path}: begins with {mark!r:.60}; expected 'OFF'")
+    if "BINARY" in rest[:60].split():
         raise FormatError(f"{path}: is binary OFF, of which only the text form is read")
-    lines = [(lines[0][0], head[1:]), *lines[1:]] if len(head) > 1 else lines[1:]
-    counts = _whole(path, lines[0], "the numbers of vertices and faces") if lines else []
-    if len(counts) < 2 or min(counts) < 0 or counts[0] + counts[1] > len(lines) - 1:
-        raise FormatError(
-            f"{path}: expected the numbers of vertices and faces, and as many lines; found "
-            f"{counts} and {max(len(lines) - 1, 0)} lines"
-        )
-    points, rows = lines[1 : 1 + counts[0]], lines[1 + counts[0] : 1 + counts[0] + counts[1]]
-    vertices = point_rows(path, [(number, tokens[:3]) for number, tokens in points])
-    polygons = []
-    for row in rows:
-        size = _whole(path, (row[0], row[1][:1]), "a number of corners")[0]
-        polygons.append(_whole(path, (row[0], row[1][1 : 1 + size]), "corners"))
-        if size != len(polygons[-1]):
-            raise FormatError(f"{path}, line {row[0]}: expected {size} corners")
-    return checked_mesh(path, vertices, fans(*flattened(polygons)))
+    if not rest.strip():
+        number, rest = next(lines, (number, ""))
+    counts = _whole(path, number, rest.split(None, 3)[:3], "the numbers of vertices and faces")
+    if len(counts) < 2 or min(counts) < 0 or 2 * (counts[0] + counts[1]) > len(text):
+        _refuse(path, counts, sum(1 for _ in lines))
+    points, polygons = Points(path), Polygons()
+    for number, line in itertools.islice(lines, counts[0]):
+        points.add(number, line)
+    found = len(points)
+    for number, line in itertools.islice(lines, counts[1]):
+        _polygon(path, number, line, polygons)
+        found += 1
+    if found < counts[0] + counts[1]:
+        _refuse(path, counts, found)
+    return checked_mesh(path, points.rows(), *polygons.arrays(), len(text))
 
 
-def _whole(path: str | os.PathLike[str], line: tuple[int, list[str]], what: str) -> list[int]:
+def _refuse(path: str | os.PathLike[str], counts: list[int], lines: int) -> NoReturn:
+    raise FormatError(
+        f"{path}: expected the numbers of vertices and faces, and as many lines; found "
+        f"{counts} and {lines} lines"
+    )
+
+
+def _polygon(path: str | os.PathLike[str], number: int, line: str, polygons: Polygons) -> None:
+    """Take a face in: its number of corners, the corners; what follows is left out."""
+    words = words_of(line)
+    size = _whole(path, number, [next(words)], "a number of corners")[0]
+    start, left = len(polygons.corners), max(size, 0)
+    while left and (tokens := list(itertools.islice(words, min(left, 1 << 15)))):
+        polygons.corners.extend(_whole(path, number, tokens, "corners"))
+        left -= len(tokens)
+    if left or size < 0:
+        raise FormatError(f"{path}, line {number}: expected {size} corners")
+    polygons.close(start)
+
+
+def _whole(path: str | os.PathLike[str], number: int, tokens: list[str], what: str) -> list[int]:
     """The tokens of a line as whole numbers."""
-    number, tokens = line
-    if not all(re.fullmatch(r"-?[0-9]{1,18}", t) for t in tokens):
-        raise FormatError(f"{path}, line {number}: found {' '.join(tokens)!r:.60}; expected {what}")
+    if not all(map(_WHOLE.fullmatch, tokens)):
+        found = " ".join(t[:60] for t in tokens[:9])
+        raise FormatError(f"{path}, line {number}: found {found!r:.60}; expected {what}")
     return [int(t) for t in tokens]

@@ -7,15 +7,16 @@ data.
 
 import os
 import struct
+from array import array
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
-from ilattice._typing import AnyArray, IntArray
+from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.errors import FormatError
-from ilattice.io._common import parse_numbers, read_bytes
-from ilattice.io._polygons import checked_mesh, fans
+from ilattice.io._common import parse_text, read_bytes
+from ilattice.io._polygons import checked_mesh
 from ilattice.mesh import SurfaceMesh
 
 _CODES = {
@@ -28,6 +29,7 @@ _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _CORNERS = ("vertex_indices", "vertex_index")
 _EVEN = 255  # corners; longer lists are read row by row
 _HEAD = 1 << 20  # bytes; no header is longer
+_ROWS = 1 << 16  # numbers that are checked at a time
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,7 @@ def read_ply(path: str | os.PathLike[str]) -> SurfaceMesh:
     """
     data = read_bytes(path)
     order, elements, start = _header(path, data)
-    source = _Text(path, data[start:]) if not order else _Binary(path, data[start:], order)
+    source = _Binary(path, data, start, order) if order else _Text(path, data, start)
     found: dict[str, dict[str, Any]] = {}
     for element in elements:
         found[element.name] = source.table(element)
@@ -85,7 +87,9 @@ def read_ply(path: str | os.PathLike[str]) -> SurfaceMesh:
     sizes, values = found["face"][corners[0]]
     if values.dtype.kind not in "iu":
         raise FormatError(f"{path}: {corners[0]} must be whole numbers, not {values.dtype}")
-    return checked_mesh(path, np.stack(columns, axis=1), fans(sizes, values.astype(np.int64)))
+    vertices = np.stack(columns, axis=1)
+    del found, columns, vertex
+    return checked_mesh(path, vertices, sizes, values, len(data))
 
 
 def _header(path: str | os.PathLike[str], data: bytes) -> tuple[str, list[_Element], int]:
@@ -124,8 +128,8 @@ def _are_types(elements: list[_Element], *names: str) -> bool:
 class _Binary:
     """Tables of a binary file."""
 
-    def __init__(self, path: str | os.PathLike[str], data: bytes, order: str) -> None:
-        self._path, self._data, self._order, self._at = path, data, order, 0
+    def __init__(self, path: str | os.PathLike[str], data: bytes, start: int, order: str) -> None:
+        self._path, self._data, self._order, self._at = path, data, order, start
 
     def table(self, element: _Element) -> dict[str, Any]:
         """Columns by name; lists as their lengths and all values."""
@@ -169,94 +173,154 @@ class _Binary:
             values = rows[f"v{i}"].astype(c.code)
             if c.length and not (rows[f"n{i}"] == size).all():
                 return None
-            lengths = np.full(element.count, size, np.int64)
+            lengths = np.full(element.count, size, np.int32)
             table[c.name] = (lengths, values.ravel()) if c.length else values
         self._at += element.count * width
         return table
 
     def _ragged(self, element: _Element) -> dict[str, Any]:
         """The table row by row."""
-        parts: list[list[Any]] = [[] for _ in element.columns]
-        lengths: list[list[int]] = [[] for _ in element.columns]
+        parts = [bytearray() for _ in element.columns]
+        codes = [_STRUCT.get(c.length, "i") for c in element.columns]
+        lengths = [array("i" if code in "fd" else code) for code in codes]
         try:
             for _ in range(element.count):
                 for c, values, counts in zip(element.columns, parts, lengths, strict=True):
-                    count = int(self._take(c.length, 1)[0]) if c.length else 1
-                    values.extend(self._take(c.code, count))
-                    counts.append(count)
+                    count = 1
+                    if c.length:
+                        code = self._order + _STRUCT[c.length]
+                        count = int(struct.unpack(code, self._take(int(c.length[1])))[0])
+                        counts.append(count)  # negative ones end below
+                    values += self._take(int(c.code[1]) * count)
         except (struct.error, ValueError, OverflowError) as e:
             raise FormatError(f"{self._path}: ends within {element.name!r:.60}") from e
-        return _columns(element, lengths, parts)
+        numbers = [
+            np.frombuffer(values, self._order + c.code).astype(c.code, copy=False)
+            for c, values in zip(element.columns, parts, strict=True)
+        ]
+        return _columns(element, lengths, numbers)
 
-    def _take(self, code: str, count: int) -> tuple[Any, ...]:
-        size = int(code[1]) * count
-        if count < 0 or self._at + size > len(self._data):
+    def _take(self, size: int) -> bytes:
+        """The next bytes."""
+        if size < 0 or self._at + size > len(self._data):
             raise ValueError
-        values = struct.unpack_from(f"{self._order}{count}{_STRUCT[code]}", self._data, self._at)
         self._at += size
-        return values
+        return self._data[self._at - size : self._at]
 
 
 class _Text:
     """Tables of a text file: one row after the other, wherever the lines end."""
 
-    def __init__(self, path: str | os.PathLike[str], data: bytes) -> None:
-        self._path = path
-        self._tokens = data.decode("latin-1").split()
-        self._at = 0
+    def __init__(self, path: str | os.PathLike[str], data: bytes, start: int) -> None:
+        self._path, self._at = path, 0
+        self._values, self._wrong = parse_text(data[start:].decode("latin-1"))
 
     def table(self, element: _Element) -> dict[str, Any]:
         """Columns by name; lists as their lengths and all values."""
         if not element.columns:
             return {}
-        if element.count * len(element.columns) > len(self._tokens) - self._at:
+        left = len(self._values) - self._at
+        if element.count * len(element.columns) > left and not self._wrong:
             raise FormatError(
                 f"{self._path}: claims {element.count} of {element.name!r:.60}, more than fit"
             )
-        parts: list[list[str]] = [[] for _ in element.columns]
-        lengths: list[list[int]] = [[] for _ in element.columns]
-        for _ in range(element.count):
-            for c, values, counts in zip(element.columns, parts, lengths, strict=True):
-                count = self._length() if c.length else 1
-                values += self._tokens[self._at : self._at + count]
-                counts.append(count)
-                self._at += count
-        if self._at > len(self._tokens):
-            raise FormatError(f"{self._path}: ends within {element.name!r:.60}")
-        numbers = [
-            self._numbers(values, c, element)
-            for values, c in zip(parts, element.columns, strict=True)
+        places = [array(_whole_kind(self._values)) for _ in element.columns]
+        lengths = [array("i") for _ in element.columns]
+        if not any(c.length for c in element.columns):
+            width, start = len(element.columns), self._at
+            self._move(element, element.count * width)
+            block = self._values[start : self._at].reshape(-1, width)
+            numbers = [block[:, i] for i in range(width)]
+        else:
+            self._walk(element, places, lengths)
+            numbers = [
+                self._values[_spread(p, n if c.length else None)]
+                for c, p, n in zip(element.columns, places, lengths, strict=True)
+            ]
+        checked = [
+            self._typed(values, c, element)
+            for values, c in zip(numbers, element.columns, strict=True)
         ]
-        return _columns(element, lengths, numbers)
+        return _columns(element, lengths, checked)
 
-    def _length(self) -> int:
-        token = self._tokens[self._at] if self._at < len(self._tokens) else ""
-        if not (token.isascii() and token.isdigit() and len(token) < 19):
-            raise FormatError(f"{self._path}: found {token!r:.60}; expected the length of a list")
-        self._at += 1
-        return int(token)
+    def _walk(
+        self, element: _Element, places: list["array[int]"], lengths: list["array[int]"]
+    ) -> None:
+        """Places and lengths of the values of all rows, one row after the other."""
+        for _ in range(element.count):
+            for c, starts, counts in zip(element.columns, places, lengths, strict=True):
+                count = 1
+                if c.length:
+                    count = self._length(element)
+                    counts.append(count)
+                starts.append(self._at)
+                self._move(element, count)
 
-    def _numbers(self, tokens: list[str], column: _Property, element: _Element) -> AnyArray:
+    def _move(self, element: _Element, count: int) -> None:
+        """Pass over numbers, which must be there."""
+        if self._at + count > len(self._values):
+            if self._wrong:
+                self._refuse(self._wrong, element, "finite numbers")
+            raise FormatError(f"{self._path}: ends within {element.name!r:.60}")
+        self._at += count
+
+    def _length(self, element: _Element) -> int:
+        """The next number, as the length of a list."""
+        start = self._at
+        self._move(element, 1)
+        value = float(self._values[start])
+        if not (value >= 0 and value == int(value)):
+            self._refuse(f"{value:g}", element, "the length of a list")
+        return int(min(value, len(self._values)))
+
+    def _refuse(self, word: str, element: _Element, expected: str) -> NoReturn:
+        raise FormatError(
+            f"{self._path}: found {word!r:.60} in {element.name!r:.60}; expected {expected}"
+        )
+
+    def _typed(self, values: FloatArray, column: _Property, element: _Element) -> AnyArray:
         """Values of a column; reals with all their digits, whatever precision the file names."""
-        values = parse_numbers(tokens)
-        if not isinstance(values, int) and column.code[0] != "f":
-            limits = np.iinfo(column.code)
-            whole = (values == np.rint(values)) & (values >= limits.min) & (values <= limits.max)
-            if whole.all():
-                return values.astype(column.code)
-            values = int(np.argmin(whole))
-        if isinstance(values, int):
-            raise FormatError(
-                f"{self._path}: found {tokens[values]!r:.60} in {element.name!r:.60}; expected "
-                f"finite numbers of type {column.code}"
-            )
-        return values
+        if column.code[0] == "f":
+            return values
+        limits = np.iinfo(column.code)
+        out = np.empty(len(values), column.code)
+        for i in range(0, len(values), _ROWS):
+            part = values[i : i + _ROWS]
+            whole = (part == np.rint(part)) & (part >= limits.min) & (part <= limits.max)
+            if not whole.all():
+                word = f"{part[np.argmin(whole)]:g}"
+                self._refuse(word, element, f"finite numbers of type {column.code}")
+            out[i : i + _ROWS] = part
+        return out
 
 
-def _columns(element: _Element, lengths: list[list[int]], parts: list[Any]) -> dict[str, Any]:
+def _as_numbers(counts: "array[int]") -> IntArray:
+    """The same numbers, not copied."""
+    return np.frombuffer(counts, counts.typecode) if len(counts) else np.zeros(0, np.int64)
+
+
+def _whole_kind(values: FloatArray) -> str:
+    """Type of places among values."""
+    return "i" if len(values) < 2**31 else "q"
+
+
+def _spread(places: "array[int]", lengths: "array[int] | None") -> IntArray:
+    """Places of all values of lists, given those of the first ones."""
+    first = np.array(places)
+    if lengths is None:
+        return first
+    counts = _as_numbers(lengths)
+    first, counts = first[counts > 0], counts[counts > 0].astype(np.int64)
+    out = np.repeat(first - (np.cumsum(counts) - counts), counts)
+    out += np.arange(len(out))
+    return out
+
+
+def _columns(
+    element: _Element, lengths: list["array[int]"], parts: list[AnyArray]
+) -> dict[str, Any]:
     """Columns by name; lists as their lengths and all values."""
-    table: dict[str, tuple[IntArray, AnyArray] | AnyArray] = {}
-    for c, counts, values in zip(element.columns, lengths, parts, strict=True):
-        column = values if isinstance(values, np.ndarray) else np.array(values, c.code)
-        table[c.name] = (np.array(counts, np.int64), column) if c.length else column
-    return table
+    return {
+        c.name: (_as_numbers(counts), values) if c.length else values
+        for c, counts, values in zip(element.columns, lengths, parts, strict=True)
+    }

@@ -7,6 +7,7 @@ their normals are left out. Not kept: named data, units.
 
 import os
 import re
+from array import array
 from typing import IO
 
 import numpy as np
@@ -23,6 +24,7 @@ _TRIANGLE = np.dtype([("numbers", "<f4", (12,)), ("attribute", "<u2")])
 _HEADER = b"binary STL by ilattice"  # must not begin with "solid", the mark of the text form
 _COUNT_AT = 80
 _LARGEST = 2**32 - 1
+_LONGEST = 4096  # letters from one facet to the next
 
 
 def write_stl(mesh: SurfaceMesh, path: str | os.PathLike[str]) -> None:
@@ -134,28 +136,29 @@ def read_stl(path: str | os.PathLike[str]) -> SurfaceMesh:
         i = int(np.argmax(bad))
         raise FormatError(f"{path}: triangle {i // 3} has the corner {corners[i].tolist()}")
     vertices, number = welded(corners)
-    return checked_mesh(path, vertices, number.reshape(-1, 3))
+    return checked_mesh(path, vertices, np.full(len(number) // 3, 3), number, len(data))
 
 
 def _text_corners(path: str | os.PathLike[str], text: str) -> FloatArray:
     """Corners (n, 3) of all facets of a text file."""
-    facets = re.split(r"\bouter\s+loop\b", text, flags=re.IGNORECASE)
-    tokens: list[str] = []
-    line = 1 + facets[0].count("\n")
-    for facet in facets[1:]:
-        words = facet.split(None, 13)
+    values = array("d")
+    line = at = 0
+    for facet in re.finditer(r"\bouter\s+loop\b", text, re.IGNORECASE):
+        line += text.count("\n", at, facet.end())
+        at = facet.end()
+        words = text[at : at + _LONGEST].split(None, 13)
         marks = [w.lower() for w in words[0:13:4]]
         if marks != ["vertex", "vertex", "vertex", "endloop"]:
-            found = " ".join(words[:13])
+            found = " ".join(w[:80] for w in words[:13])
             raise FormatError(
-                f"{path}, line {line}: found {found!r:.80}; expected three vertices and endloop"
+                f"{path}, line {line + 1}: found {found!r:.80}; expected three vertices and endloop"
             )
-        tokens += words[1:4] + words[5:8] + words[9:12]
-        line += facet.count("\n")
-    values = parse_numbers(tokens)
-    if isinstance(values, int):
-        raise FormatError(
-            f"{path}: facet {values // 9} has the coordinate {tokens[values]!r:.60}; expected a "
-            "finite number"
-        )
-    return values.reshape(-1, 3)
+        numbers = parse_numbers(words[1:4] + words[5:8] + words[9:12])
+        if isinstance(numbers, int):
+            wrong = words[numbers + numbers // 3 + 1]
+            raise FormatError(
+                f"{path}, line {line + 1}: facet {len(values) // 9} has the coordinate "
+                f"{wrong!r:.60}; expected a finite number"
+            )
+        values.extend(numbers)
+    return np.array(values, np.float64).reshape(-1, 3)

@@ -13,14 +13,18 @@ the results, and `KEPT`:
 ===========  ======================================================================
 
 Digests are the first 32 hexadecimal digits of SHA-256. Numbers have as many digits as are needed to
-read the same numbers back. Where several rows have equal parameters and command, the last holds.
+read the same numbers back. Parameters and command are the key of a row: a run that is made anew,
+for it had failed, or because its inputs, the library or its file have changed, is appended; when
+the sweep ends it takes the place of the old row. Until then the last of equal keys holds.
 
-Guarantees: a line that is there stays as it is, whatever is run, and whenever a run is killed; a
-line that a killed run has left unfinished is cut off. Files that are no such table, or one with
-other columns, are refused and left alone. A sweep that was killed and is run again ends with the
-bytes of one that was not. Several sweeps at a time may write to one table where the system has
-``flock``. Not guaranteed: that somebody's editor keeps the format; lines that do not fit are
-refused by their number.
+Guarantees: while a sweep runs no line is changed, whenever it is killed; a line that a killed run
+has left unfinished is cut off. Rows of other keys stay for ever. Files that are no such table, or
+one with other columns, are refused and left alone. A sweep that was killed and is run again ends
+with the bytes of one that was not. One sweep at a time writes to a table: a second one is refused
+where the system has ``flock`` (not on Windows, nor on some network disks).
+Not guaranteed: that somebody's editor keeps the format; lines that do not fit are refused by their
+number. That `file` is still the one of the row: other commands may have written it since, `output`
+tells.
 """
 
 import csv
@@ -28,24 +32,25 @@ import errno
 import hashlib
 import io
 import os
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, NoReturn
 
 from ilattice.errors import FormatError
-from ilattice.io._common import explained, read_bytes
+from ilattice.io._common import atomic_write, explained, read_bytes
 
 __all__ = ["KEPT", "Table", "digest"]
 
 #: Columns of every table, behind those of parameters and results.
 KEPT = ("file", "message", "command", "inputs", "version", "output")
 _DIGITS = 32
+_MARK = b"\xef\xbb\xbf"
 _BLOCK = 1 << 20
 
 
 class Table:
-    """The table of a sweep.
+    """The table of a sweep, open for writing; a context manager.
 
     Parameters
     ----------
@@ -57,7 +62,7 @@ class Table:
     Raises
     ------
     FormatError
-        If there is a file that is no table with these columns.
+        If there is a file that is no table with these columns, or another sweep writes to it.
     """
 
     def __init__(
@@ -67,7 +72,28 @@ class Table:
         self.parameters = tuple(parameters)
         self.columns = (*parameters, *results, *KEPT)
         self._rows: dict[tuple[str, ...], dict[str, str]] = {}
-        self._read()
+        self._replaced = False
+        with explained(self.path):
+            self._file = _locked(self.path)
+            try:
+                self._file.truncate(self._checked(read_bytes(self.path)))
+            except BaseException:
+                self._file.close()
+                raise
+
+    def __enter__(self) -> "Table":
+        """The table itself."""
+        return self
+
+    def __exit__(self, kind: object, *_: object) -> None:
+        """Put rows that were made anew in the places of the old ones, and let others write."""
+        try:
+            if not self._file.seek(0, os.SEEK_END):
+                self.path.unlink(missing_ok=True)  # nothing has been written
+            elif kind is None:
+                self._settle()
+        finally:
+            self._file.close()
 
     def find(
         self, values: Mapping[str, str], command: str, inputs: str, version: str
@@ -95,7 +121,7 @@ class Table:
         return None
 
     def append(self, row: Mapping[str, Any]) -> None:
-        """Add a row, unless the last one of its parameters and command is the same.
+        """Add a row, unless the one of its parameters and command is the same.
 
         Parameters
         ----------
@@ -111,29 +137,36 @@ class Table:
         found = self._parsed(line)
         if self._rows.get(self._key(found)) == found:
             return
-        with explained(self.path), self._locked() as file:
-            start = file.seek(0, os.SEEK_END)
+        with explained(self.path):
+            start = self._file.seek(0, os.SEEK_END)
             head = b"" if start else _line(self.columns).encode()
-            _write(file, start, head + line.encode())
+            _write(self._file, start, head + line.encode())
         if not start:
             _keep_name(self.path)
-        self._rows[self._key(found)] = found
+        self._take(found)
 
     # ------------------------------------------------------------------ inside
 
     def _key(self, row: Mapping[str, str]) -> tuple[str, ...]:
         return (*(one_line(row[name]) for name in self.parameters), row["command"])
 
+    def _take(self, row: dict[str, str]) -> None:
+        """Let a row hold, in the place of an older one of its key."""
+        key = self._key(row)
+        self._replaced |= key in self._rows
+        self._rows[key] = row
+
     def _parsed(self, line: str) -> dict[str, str]:
         return dict(zip(self.columns, next(csv.reader([line])), strict=True))
 
-    def _read(self) -> None:
-        """The rows that are there; what a killed run has left of a line is cut off."""
-        if not self.path.exists():
+    def _settle(self) -> None:
+        """Write the table anew, as a whole or not at all, if a row has been made anew."""
+        if not self._replaced:
             return
-        with explained(self.path), self._locked() as file:
-            whole = self._checked(read_bytes(self.path))
-            file.truncate(whole)
+        with atomic_write(self.path) as file:
+            file.write(_line(self.columns).encode())
+            for row in self._rows.values():
+                file.write(_line(list(row.values())).encode())
 
     def _checked(self, data: bytes) -> int:
         """Take the rows in; the number of bytes that are whole lines."""
@@ -141,10 +174,7 @@ class Table:
         if not data.startswith(head):
             if head.startswith(data):
                 return 0
-            raise FormatError(
-                f"table {str(self.path)!r} is not one of this sweep, whose columns are "
-                f"{','.join(self.columns)}; it is left as it is: name another file, or move it away"
-            )
+            self._refuse(data, head)
         whole = data.rfind(b"\n") + 1
         lines = data[len(head) : whole].split(b"\n")[:-1]
         for number, line in enumerate(lines, 2):
@@ -155,19 +185,56 @@ class Table:
                     f"table {str(self.path)!r}, line {number}: is no row of {len(self.columns)} "
                     "columns; mend the line, name another file, or move it away"
                 ) from e
-            self._rows[self._key(row)] = row
+            self._take(row)
         return whole
 
-    @contextmanager
-    def _locked(self) -> Iterator[IO[bytes]]:
-        """The file, made if need be, while no other sweep writes to it."""
-        handle = os.open(self.path, os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o666)
-        with open(handle, "r+b", buffering=0) as file:
-            with suppress(ImportError):
-                from fcntl import LOCK_EX, flock
+    def _refuse(self, data: bytes, head: bytes) -> NoReturn:
+        """Say why a file is not the table of this sweep."""
+        plain = data[len(_MARK) :] if data.startswith(_MARK) else data
+        first = plain[: len(head) + 1].replace(b"\r\n", b"\n")
+        if first.startswith(head):
+            raise FormatError(
+                f"table {str(self.path)!r} has been saved with a byte order mark or with Windows "
+                "ends of lines (CRLF); it is left as it is: save it as plain UTF-8 with ends of "
+                "lines LF, or name another file"
+            )
+        raise FormatError(
+            f"table {str(self.path)!r} is not one of this sweep, whose columns are "
+            f"{','.join(self.columns)}; it is left as it is: name another file, or move it away"
+        )
 
-                flock(handle, LOCK_EX)
-            yield file
+
+def _locked(path: Path) -> IO[bytes]:
+    """A file, made if need be, that no other sweep writes to."""
+    while True:
+        handle = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o666)
+        file = open(handle, "r+b", buffering=0)  # noqa: SIM115
+        try:
+            _lock(handle, path)
+            if os.path.samestat(os.fstat(handle), os.stat(path)):
+                return file
+        except FileNotFoundError:
+            pass  # removed in between
+        except BaseException:
+            file.close()
+            raise
+        file.close()  # replaced in between
+
+
+def _lock(handle: int, path: Path) -> None:
+    """Lock an open file, where the system can, or refuse."""
+    try:
+        from fcntl import LOCK_EX, LOCK_NB, flock
+
+        flock(handle, LOCK_EX | LOCK_NB)
+    except ImportError:
+        return
+    except OSError as e:
+        if e.errno in (errno.EWOULDBLOCK, errno.EACCES):
+            raise FormatError(
+                f"table {str(path)!r}: another sweep is writing to it; wait for it, or give "
+                "another --table"
+            ) from e
 
 
 def digest(*paths: str | os.PathLike[str]) -> str:

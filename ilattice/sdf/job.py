@@ -37,7 +37,9 @@ __all__ = ["run"]
 OUTPUT = "out.ply"
 MOST_RUNS = 100_000
 LONGEST_NAME = 240  # bytes of the name of a file
-MEASURES = ("volume", "area", "genus", "components", "watertight", "vertices", "faces")
+MEASURES = (
+    "volume", "area", "genus", "components", "islands", "watertight", "vertices", "faces"
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -188,19 +190,19 @@ def _swept(
 ) -> dict[str, Any]:
     """One run for every combination of values; the rows of the table."""
     runs = _runs(command, settings)
-    table = Table(settings.table, list(settings.sweep), MEASURES)
     told = " ".join([shlex.join(words), *_how(settings)])
     digests = _Digests()
     rows: list[dict[str, Any]] = []
-    for output, values in track(list(runs.items()), "sweep", progress):
-        inputs = digests(command.files(values))
-        known = table.find(values, told, inputs, __version__)
-        row = _typed(known) if known else _row(command, settings, output, values)
-        if not known:
-            made = digest(row["file"]) if row["file"] else ""
-            row |= {"command": told, "inputs": inputs, "version": __version__, "output": made}
-            table.append(row)
-        rows.append({name: row[name] for name in table.columns if name in row})
+    with Table(settings.table, list(settings.sweep), MEASURES) as table:
+        for output, values in track(list(runs.items()), "sweep", progress):
+            inputs = digests(command.files(values))
+            known = table.find(values, told, inputs, __version__)
+            row = _typed(known) if known else _row(command, settings, output, values)
+            if not known:
+                made = digest(row["file"]) if row["file"] else ""
+                row |= {"command": told, "inputs": inputs, "version": __version__, "output": made}
+                table.append(row)
+            rows.append({name: row[name] for name in table.columns if name in row})
     return {"rows": rows, "files": [str(settings.table), *(r["file"] for r in rows if r["file"])]}
 
 

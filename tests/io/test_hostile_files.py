@@ -18,7 +18,7 @@ from spline_zoo import ZOO
 
 import ilattice as il
 from ilattice.errors import FormatError, InputError
-from ilattice.io import registry, splines
+from ilattice.io import _patches, native, registry, splines
 from ilattice.macroshape import SplineMap
 
 COUNT = int(os.environ.get("ILATTICE_MUTANTS", "500"))
@@ -194,6 +194,103 @@ def test_a_square_is_not_used_again_and_again(tmp_path, n, dim):
     assert isinstance(found, FormatError)
     assert "share their points more than 16 times" in str(found)
     assert peak < 20 * len(text) + 5e6
+
+
+# --- small things, many times ---------------------------------------------------------------------
+
+SIZE = 300_000
+PLY = (
+    "ply\nformat {form} 1.0\nelement vertex {v}\nproperty float x\nproperty float y\n"
+    "property float z\nelement face {f}\nproperty list {n} int vertex_indices\nend_header\n"
+)
+CORNERS = "0 0 1\n1 0 0\n0 1 0\n"
+KNOTS = "<Basis><KnotVector degree='1'>0 0 1 1</KnotVector></Basis>"
+CURVE = f"<Geometry type='BSpline'>{KNOTS}<coefs geoDim='1'>"
+PATCH = "knotvectors 1 1 2 0 0 1 1 dimension 1 controlpoints 1 1 1 1 "
+MESH = "MFEM NURBS mesh v1.0\ndimension "
+
+
+def chain(n):
+    """Squares in a row, each of which shares an edge with the next."""
+    elements = "".join(f"1 3 {2 * i} {2 * i + 2} {2 * i + 3} {2 * i + 1}\n" for i in range(n))
+    edges = "".join(
+        f"0 {2 * i} {2 * i + 2}\n1 {2 * i} {2 * i + 1}\n0 {2 * i + 1} {2 * i + 3}\n"
+        for i in range(n)
+    )
+    return (
+        f"{MESH}2 elements {n}\n{elements}boundary 0 edges {3 * n + 1}\n{edges}1 {2 * n} "
+        f"{2 * n + 1} vertices {2 * n + 2} knotvectors 2 1 2 0 0 1 1 1 2 0 0 1 1 weights "
+        + "1 " * (2 * n + 2)
+        + "FiniteElementSpace FiniteElementCollection: NURBS1 VDim: 1 Ordering: 0 "
+        + "1 " * (2 * n + 2)
+    )
+
+
+def edges(n):
+    rows = "".join(f"0 {300 + i} {301 + i} " for i in range(n))
+    return (
+        f"{MESH}2 elements 1 1 3 0 1 2 3 boundary 0 edges {n} {rows}vertices {n + 302} "
+        "knotvectors 1 1 2 0 0 1 1 weights "
+    )
+
+
+MANY = {  # names end in formats; what stands once, and what many times
+    "short.off": ("OFF\n", "1\n", ""),
+    "long.off": ("OFF\n", "11\n", ""),
+    "points.off": ("OFF\n50000 0 0\n", "1 1 1\n", ""),
+    "faces.off": (f"OFF\n3 37000 0\n{CORNERS}", "3 0 1 2\n", ""),
+    "empty.off": (f"OFF\n3 149000 0\n{CORNERS}3 0 1 2\n", "0\n", ""),
+    "polygon.off": (f"OFF\n3 1 0\n{CORNERS}149000 ", "0 1 2 ", ""),
+    "wide.off": ("OFF # \U0001f600\n50000 1 0\n", "1 1 1\n", ""),
+    "points.obj": ("", "v 1 1 1\n", "f 1 2 3\n"),
+    "bare.obj": ("", "v\n", ""),
+    "faces.obj": ("v 0 0 1\nv 1 0 0\nv 0 1 0\n", "f 1 2 3\n", ""),
+    "edges.obj": ("v 0 0 1\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "f 1\n", ""),
+    "polygon.obj": ("v 0 0 1\nv 1 0 0\nv 0 1 0\nf ", "1 2 3 ", ""),
+    "facets.stl": ("solid\n", "outer loop vertex 10 10 10 vertex 10 11 10 vertex 10 10 11 endloop\n", ""),
+    "loops.stl": ("solid\n", "outer loop ", ""),
+    "points.ply": (PLY.format(form="ascii", v=33_000, f=1, n="int"), "11 12 13\n", ""),
+    "faces.ply": (PLY.format(form="ascii", v=3, f=37_000, n="uchar") + CORNERS, "3 0 1 2\n", ""),
+    "empty.ply": (PLY.format(form="ascii", v=3, f=140_000, n="uchar") + CORNERS + "3 0 1 2\n", "0\n", ""),
+    "polygon.ply": (PLY.format(form="ascii", v=3, f=1, n="uint") + CORNERS + "149000 ", "0 1 2 ", ""),
+    "words.ply": (PLY.format(form="ascii", v=10**6, f=1, n="uint"), "11 ", ""),
+    "elements.xml": ("<xml>", "<a/>", "</xml>"),
+    "values.xml": ("<xml>", '<a b="1"/>', "</xml>"),
+    "bases.xml": ("<xml><Geometry type='BSpline'>", "<Basis/>", "</Geometry></xml>"),
+    "none.xml": ("<xml>", "<Geometry type='X'/>", "</xml>"),
+    "numbers.xml": (f"<xml>{CURVE}", "11 ", "</coefs></Geometry></xml>"),
+    "parts.xml": (f"<xml>{CURVE}", "1<b/>", "</coefs></Geometry></xml>"),
+    "notes.xml": (f"<xml>{CURVE}", "1<!---->", "</coefs></Geometry></xml>"),
+    "curves.xml": ("<xml>", f"{CURVE}1 2</coefs></Geometry>", "</xml>"),
+    "curves.itd": ("[OBJECT a ", "[CURVE BEZIER 2 E1 [1] [2]]\n", "]"),
+    "nested.itd": ("", "[OBJECT ", ""),
+    "attributes.itd": ("[OBJECT a ", "[SURFACE X]", "]"),
+    "quotes.itd": ("", '""', ""),
+    "notes.itd": ("", '"a"#\n', ""),
+    "points.itd": ("[OBJECT a [CURVE BEZIER 74000 E1 ", "[1] ", "]]"),
+    "elements.mesh": (f"{MESH}2 elements 24000 ", "1 3 0 1 2 3 ", ""),
+    "words.mesh": (f"{MESH}2 ", "11 ", ""),
+    "patches.mesh": (
+        f"{MESH}1 elements 4200 {'1 1 0 1 ' * 4200}boundary 0 edges 0 vertices 2 patches ", PATCH, ""
+    ),
+    "chain.mesh": (chain(3500), " ", ""),
+    "edges.mesh": (edges(18_000), " ", ""),
+    "lists.json": ("[", "[],", "1]"),
+    "objects.json": ("[", '{"a":1},', "1]"),
+    "rows.json": ('{"control_points": [', "[1],", "1]}"),
+}  # fmt: skip
+
+
+@pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
+@pytest.mark.parametrize("name", MANY)
+def test_memory_is_in_proportion_to_the_file(tmp_path, name, monkeypatch):
+    monkeypatch.setattr(_patches, "MANY", 0)
+    monkeypatch.setattr(native, "_FEW", 0)
+    head, unit, tail = MANY[name]
+    text = head + unit * ((SIZE - len(head) - len(tail)) // len(unit)) + tail
+    path = tmp_path / f"a{name[name.index('.') :]}"
+    path.write_text(text, encoding="utf-8")
+    assert cost(path)[1] < 20 * len(text) + 4e6
 
 
 # --- damaged at random ----------------------------------------------------------------------------

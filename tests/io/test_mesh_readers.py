@@ -156,8 +156,22 @@ def test_points_are_welded_in_their_order():
 
 
 def test_polygons_become_fans():
-    sizes, corners = _polygons.flattened([[0, 1, 2], [3, 4], [5, 6, 7, 8], []])
-    assert _polygons.fans(sizes, corners).tolist() == [[0, 1, 2], [5, 6, 7], [5, 7, 8]]
+    sizes, corners = np.array([3, 2, 4, 0]), np.arange(9)
+    found = np.concatenate(list(_polygons.fans(sizes, corners)))
+    assert found.tolist() == [[0, 1, 2], [5, 6, 7], [5, 7, 8]]
+    assert _polygons.count_triangles(sizes) == 3
+
+
+def test_polygons_of_any_size_become_fans_in_blocks(monkeypatch):
+    rng = np.random.default_rng(5)
+    sizes = rng.integers(0, 30, 400)
+    corners = rng.integers(0, 99, sizes.sum())
+    parts = np.split(corners, np.cumsum(sizes)[:-1])
+    expected = [[p[0], p[i], p[i + 1]] for p in parts for i in range(1, len(p) - 1)]
+    for block in (7, 1 << 16):
+        monkeypatch.setattr(_polygons, "_BLOCK", block)
+        found = np.concatenate(list(_polygons.fans(sizes, corners)))
+        np.testing.assert_array_equal(found, expected)
 
 
 def test_collapsed_triangles_are_dropped_with_a_warning(tmp_path):
@@ -203,7 +217,7 @@ POINTS = "0 0 0\n1 0 0\n0 1 0\n"
         (".ply", PLY + FACE.replace("indices", "list") + POINTS + "3 0 1 2\n", "has no faces"),
         (".ply", PLY + FACE.replace("int v", "float v") + POINTS + "3 0 1 2\n", "whole numbers"),
         (".ply", PLY + FACE + POINTS + "3 0 1 2.5\n", "'2.5' in 'face'"),
-        (".ply", PLY + FACE + POINTS + "-1 0 1 2\n", "'-1'; expected the length"),
+        (".ply", PLY + FACE + POINTS + "-1 0 1 2\n", "'-1' in 'face'; expected the length"),
         (".ply", PLY + FACE + POINTS + "3 0 1\n", "ends within 'face'"),
         (".ply", PLY.replace("vertex 3", "vertex 9") + FACE + POINTS, "more than fit"),
         (".ply", PLY + FACE + POINTS.replace("1 0 0", "1 inf 0") + "3 0 1 2\n", "'inf'"),

@@ -132,7 +132,102 @@ def test_changed_inputs_are_computed_anew(here):
     assert volumes[1][0] == pytest.approx(8 * volumes[0][0], rel=0.1)
     assert volumes[2] == volumes[1]
     assert volumes[3] == volumes[0]
-    assert len(rows(here / "out.csv")) == 6
+    assert [r["t"] for r in rows(here / "out.csv")] == ["0", "0.1"]  # one row for each run
+    assert [float(r["volume"]) for r in rows(here / "out.csv")] == volumes[3]
+
+
+def test_failures_that_pass_leave_no_trace(here, monkeypatch):
+    """A run fails for a while; made again, its row stands where it would have stood."""
+    job.run(f"{SWEEP} --set t=0,0.1,0.2")
+    calm = (here / "a.csv").read_bytes()
+    for path in here.iterdir():
+        path.unlink()
+    mesh, fails = job.mesh, [True, False, True]
+
+    def full(*arguments, **options):
+        if fails.pop():
+            raise FormatError("the disk is full")
+        return mesh(*arguments, **options)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(job, "mesh", full)
+        found = job.run(f"{SWEEP} --set t=0,0.1,0.2")["rows"]
+    assert [r["message"] for r in found] == ["the disk is full", "", "the disk is full"]
+    failed = (here / "a.csv").read_bytes()
+
+    def interrupt(_, done, __):
+        if done == 1:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):  # before the rows are put in their places
+        job.run(f"{SWEEP} --set t=0,0.1,0.2", progress=interrupt)
+    assert (here / "a.csv").read_bytes().startswith(failed)
+    job.run(f"{SWEEP} --set t=0,0.1,0.2")
+    assert (here / "a.csv").read_bytes() == calm
+    assert not list(here.glob(".*"))
+
+
+def test_a_sweep_without_any_row_leaves_no_table(here, monkeypatch):
+    def stop(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(job, "mesh", stop)
+    with pytest.raises(KeyboardInterrupt):
+        job.run(f"{SWEEP} --set t=0")
+    assert not list(here.iterdir())
+
+
+def test_one_sweep_at_a_time_writes_to_a_table(here):
+    pytest.importorskip("fcntl")
+    refused = []
+
+    def another(_, done, __):
+        with pytest.raises(FormatError, match="another sweep is writing to it; wait") as caught:
+            job.run(f"{SWEEP} --set t=0,0.1")
+        refused.append((done, str(caught.value)))
+
+    job.run(f"{SWEEP} --set t=0,0.1", progress=another)
+    assert [done for done, _ in refused] == [1, 2]
+    whole = (here / "a.csv").read_bytes()
+    job.run(f"{SWEEP} --set t=0,0.1")
+    assert (here / "a.csv").read_bytes() == whole
+
+
+def test_equal_sweeps_at_a_time_write_every_row_once(here):
+    pytest.importorskip("fcntl")
+    program = (
+        "import sys; from ilattice import cli; sys.exit(cli.main(['sdf', *sys.argv[1].split()]))"
+    )
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    command = [sys.executable, "-c", program, f"{SWEEP} --set t=0,0.1,0.2,0.3"]
+    children = [
+        subprocess.Popen(command, env=environment, stderr=subprocess.PIPE) for _ in range(3)
+    ]
+    errors = [child.communicate(timeout=300)[1] for child in children]
+    for child, error in zip(children, errors, strict=True):
+        assert child.returncode == (1 if b"another sweep" in error else 0)
+    assert any(child.returncode == 0 for child in children)
+    assert [r["t"] for r in rows(here / "a.csv")] == ["0", "0.1", "0.2", "0.3"]
+    assert not list(here.glob(".*"))
+
+
+@pytest.mark.parametrize("mend", ["crlf", "mark", "both"])
+def test_tables_from_spreadsheets_are_refused_with_the_reason(here, mend):
+    job.run(f"{SWEEP} --set t=0,0.1")
+    data = (here / "a.csv").read_bytes()
+    if mend != "mark":
+        data = data.replace(b"\n", b"\r\n")
+    if mend != "crlf":
+        data = b"\xef\xbb\xbf" + data
+    (here / "a.csv").write_bytes(data)
+    with pytest.raises(FormatError, match=r"byte order mark or .*CRLF.*save it as plain UTF-8"):
+        job.run(f"{SWEEP} --set t=0,0.1")
+    assert (here / "a.csv").read_bytes() == data
+
+
+def test_loose_parts_are_in_the_table(here):
+    job.run("sphere sphere translate 3,0,0 union dilate t -s 0.5 -o a.ply --set t=0,2")
+    assert [r["islands"] for r in rows(here / "a.csv")] == ["1", "0"]
 
 
 def test_the_output_of_a_row_is_what_was_written(here):
@@ -161,9 +256,9 @@ def test_any_prefix_of_a_table_is_completed_to_the_same_bytes(here):
     runs = [{"a": f"{i}/7", "b": 'w "x", y', "volume": i / 7, "command": "c\nd"} for i in range(9)]
 
     def fill():
-        table = Table(path, ("a", "b"), results)
-        for run in runs:
-            table.append({**run, "version": "1"})
+        with Table(path, ("a", "b"), results) as table:
+            for run in runs:
+                table.append({**run, "version": "1"})
 
     fill()
     whole = path.read_bytes()
