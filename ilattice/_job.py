@@ -14,7 +14,7 @@ import ilattice as il
 from ilattice._progress import Progress
 from ilattice._stages import Stages
 from ilattice._warmup import aside
-from ilattice.errors import FormatError, InputError
+from ilattice.errors import FileError, FormatError, InputError
 from ilattice.io._common import check_distinct, check_outputs, write_report
 from ilattice.io.registry import WRITERS
 from ilattice.io.splines import list_patches
@@ -42,15 +42,20 @@ def volume(spec: str) -> "il.SplineMap":
     Raises
     ------
     InputError
-        If it is neither a name nor a file.
-    FormatError
-        If the file cannot be read.
+        If it is a word that names no volume.
+    FileError, FormatError
+        If a file (a word with a dot or a slash) is missing, or cannot be read.
     """
     if spec in VOLUMES:
         return getattr(il.macroshape, spec)()
-    if not any(os.path.exists(path) for path in (spec, spec.rpartition("#")[0])):
+    file = spec.rpartition("#")[0] or spec
+    if not any(os.path.exists(path) for path in (spec, file)):
+        if Path(file).name != file or Path(file).suffix:
+            raise FileError(f"map {spec!r:.80}: there is no such file")
         near = ", ".join(VOLUMES)
-        raise InputError(f"map {spec!r} is neither a file nor a built-in volume; these are {near}")
+        raise InputError(
+            f"map {spec!r:.80} is neither a file nor a built-in volume; these are {near}"
+        )
     return il.macroshape.load(spec)
 
 
@@ -297,7 +302,7 @@ def demo(
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as e:
-        raise InputError(f"out: cannot make the directory {str(folder)!r}: {e.strerror}") from e
+        raise FileError(f"out: cannot make the directory {str(folder)!r}: {e.strerror}") from e
     names = ("torus.stl", "torus.vtp", "torus.png")
     with aside("meshes"):
         result = build(

@@ -195,7 +195,13 @@ def read_only(a: Any) -> Any:
 
 
 class Frozen:
-    """Objects whose public arrays stay read-only through `pickle` and `copy.deepcopy`."""
+    """Objects whose public arrays are read-only, also through `pickle` and `copy.deepcopy`."""
+
+    def __post_init__(self) -> None:
+        """Clear the write flags of public arrays of a dataclass."""
+        for name, value in vars(self).items():
+            if not name.startswith("_"):
+                _freeze(value)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Restore from a pickle, which forgets that arrays are read-only."""

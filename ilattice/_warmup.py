@@ -21,6 +21,7 @@ import numpy as np
 
 import ilattice as il
 from ilattice._progress import Progress, track
+from ilattice._validate import read_only
 from ilattice.errors import PrecisionWarning
 from ilattice.mesh.repair import remove_slivers
 
@@ -85,6 +86,8 @@ def walls(through: "il.SplineMap") -> None:
     through : SplineMap
         A small volume.
     """
+    for order in (0, 1, 2):  # arrays of meshes cannot be written to, which kernels can tell
+        through.spline.jet(read_only(np.full((1, 3), 0.5)), order)
     lattice = il.Lattice(il.tiles.get("gyroid"), through=through, repeat=(3, 1, 1))
     with tempfile.TemporaryDirectory() as folder:
         for d in (0.05, il.fields.equation("0.05 + 0.001*x")):

@@ -21,6 +21,7 @@ from ilattice.errors import (
     IlatticeError,
     InputError,
     PrecisionWarning,
+    printable,
     shortened,
 )
 
@@ -268,7 +269,7 @@ def _add_slice(app: "App") -> None:
             progress=True,
         )
         print(f"{report['layers']} layers from {report['from']:.6g} to {report['to']:.6g}")
-        print("\n".join(f"wrote  {name}" for name in report["files"]))
+        print("\n".join(f"wrote  {printable(name)}" for name in report["files"]))
 
 
 def _add_sdf(app: "App") -> None:
@@ -305,7 +306,7 @@ def _add_sdf(app: "App") -> None:
 def _tell_solid(report: dict[str, Any]) -> None:
     """Print the report of `ilattice.sdf.job.run`."""
     for line in report.get("tree", ()):
-        print(line)
+        print(printable(line))
     for key, value in report.items():
         if key not in ("tree", "rows", "stages", "files", "command"):
             print(f"{key:>18}  {_text(value)}")
@@ -313,7 +314,7 @@ def _tell_solid(report: dict[str, Any]) -> None:
         if row["message"]:
             _tell("warning", f"{row['message']}")
     for name in report.get("files", ()):
-        print(f"{'wrote':>18}  {name}")
+        print(f"{'wrote':>18}  {printable(str(name))}")
 
 
 def _add_others(app: "App") -> None:
@@ -328,7 +329,7 @@ def _add_others(app: "App") -> None:
         file
             FILE or FILE#patch, or the name of a built-in volume.
         """
-        print("\n".join(_job.describe(file)))
+        print("\n".join(map(printable, _job.describe(file))))
 
     @app.command
     def tiles() -> None:
@@ -359,7 +360,7 @@ def _summary(report: dict[str, Any]) -> None:
             found = report[key]
             print(f"{key.replace('_', ' '):>18}  {_text(found['size'])} ({found['kind']})")
     for name in report["files"]:
-        print(f"{'wrote':>18}  {name}")
+        print(f"{'wrote':>18}  {printable(str(name))}")
 
 
 def _text(value: Any) -> str:

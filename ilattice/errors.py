@@ -68,9 +68,30 @@ def shortened(message: str) -> str:
         The text, with the middle of long lines left out, and of a long list of lines.
     """
     lines = _ARRAY.sub(" ", message).split("\n") if "\n" in message else [message]
+    lines = [printable(line) for line in lines]
     if len(lines) > MOST_LINES:
         lines = [*lines[: MOST_LINES - 2], "  ...", lines[-1]]
     return "\n".join(map(_short, lines))
+
+
+def printable(text: str) -> str:
+    """A text with its control characters as their codes, so that none acts on a terminal.
+
+    Parameters
+    ----------
+    text : str
+        Any text.
+
+    Returns
+    -------
+    str
+        What can be printed, in one line.
+    """
+    return text if text.isprintable() else "".join(map(_plain, text))
+
+
+def _plain(letter: str) -> str:
+    return letter if letter.isprintable() else letter.encode("unicode_escape").decode("ascii")
 
 
 def _short(line: str) -> str:

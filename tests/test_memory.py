@@ -3,13 +3,14 @@
 import re
 import time
 import tracemalloc
+import warnings
 
 import numpy as np
 import pytest
 
 import ilattice as il
 from ilattice import _memory, cli
-from ilattice.errors import FormatError, InputError
+from ilattice.errors import ConvergenceError, FormatError, InputError, PrecisionWarning
 
 BOX = il.macroshape.box()
 BALL = il.fields.sphere(1.0)
@@ -47,6 +48,10 @@ OTHERS = {
     "no width": (lambda w: w.mesh(h=1e-320), "planes along u; at most"),
     "layers": (lambda w: w.slices(thickness=1e-12), "makes 1e[+]12 layers"),
     "no layers": (lambda w: w.slices(thickness=1e-320), "layers of a part"),
+    "thin layers": (lambda w: w.slices(thickness=1e-5), "at most 50000 are allowed: use a thick"),
+    "large grids": (
+        lambda _: il.sdf.mesh(BALL, 1e-5, memory=1e9), r"needs about .* of memory, .* are free: t"
+    ),
     "repeat": (lambda _: many(1e18, 1, 1), "whole numbers from 1 to"),
     "cells": (lambda w: il.cutfem.cut(w, 10**12), "whole numbers from 1 to"),
     "memory": (lambda _: il.sdf.mesh(BALL, 0.1, memory=1e-9), "23 x 23 x 23.*0.3 GB.* 1e-09 GB"),
@@ -95,6 +100,38 @@ def test_what_is_free_counts_limits_of_the_machine_and_of_the_process(monkeypatc
     assert _memory.available() == _memory.UNKNOWN
     with pytest.raises(InputError, match="more than 1e15 TB"):
         _memory.need(float("inf"), "work", "do less")
+
+
+def test_tolerances_out_of_reach_are_refused_after_one_look(monkeypatch):
+    """No finer spline is begun; the message has what would do."""
+    monkeypatch.setattr("ilattice.offsets.tolerance.interpolated", lambda *_: pytest.fail("began"))
+    with pytest.raises(
+        ConvergenceError, match=r"spans per tile, .*B of memory, .* free; .*use tol"
+    ) as e:
+        many(1, 1, 1).offset(0.1, tol=1e-12)
+    monkeypatch.undo()
+    enough = float(re.search(r"use tol >= (\S+)", str(e.value))[1])
+    assert 1e-9 < enough < 1e-3
+
+
+def test_coarse_grids_of_solids_are_told():
+    for spacing in (1.5, 5.0, 1e6):
+        with pytest.warns(PrecisionWarning, match="is coarse for a solid .* at most 0.1"):
+            il.sdf.mesh(BALL, spacing)
+
+
+def test_advice_for_coarse_meshes_comes_from_the_part(wall):
+    """Edges of 1e9 are those of the coarsest grid."""
+    thin = wall.lattice.offset(0.03)
+    advice = []
+    for h in (1e9, 1e3):
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            thin.mesh(h=h, allow_loss=True)
+        texts = " ".join(str(w.message) for w in caught)
+        advice += [float(x) for x in re.findall(r"use h <= ([\d.e+-]+)", texts)]
+    assert len(advice) >= 2
+    assert max(advice) < 1.0
 
 
 def test_large_files_are_refused_by_what_is_free(tmp_path, monkeypatch):

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import FloatArray
-from ilattice._validate import as_array, check_finite
+from ilattice._validate import Frozen, as_array, check_finite
 from ilattice.cutfem.grid import cut
 from ilattice.errors import InputError
 
@@ -18,7 +18,7 @@ Density = float | Callable[[FloatArray], Any]
 
 
 @dataclass(frozen=True, eq=False)
-class MassProperties:
+class MassProperties(Frozen):
     """What a solid weighs.
 
     Attributes

@@ -301,6 +301,10 @@ class Problem:
             gram += at.T @ at
         return gram
 
+    def __getstate__(self) -> dict[str, Any]:
+        """For `pickle` and `copy.deepcopy`, without factors, which are made again when needed."""
+        return {**vars(self), "_held": {}}
+
     def _solve(
         self, method: str, tol: float, max_iterations: int, progress: Progress
     ) -> tuple[FloatArray, SolveReport | None]:

@@ -25,7 +25,15 @@ from scipy.sparse import bsr_array, issparse
 
 from ilattice._progress import Progress
 from ilattice._typing import ArrayLike, FloatArray
-from ilattice._validate import as_array, as_choice, as_points, as_positive, check_finite, read_only
+from ilattice._validate import (
+    Frozen,
+    as_array,
+    as_choice,
+    as_points,
+    as_positive,
+    check_finite,
+    read_only,
+)
 from ilattice.cutfem._engines import ENGINES, choose
 from ilattice.cutfem._krylov import Run, conjugate_gradients
 from ilattice.cutfem.multigrid import Blocks
@@ -36,7 +44,7 @@ ASYMMETRY = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class SolveReport:
+class SolveReport(Frozen):
     """How a system was solved.
 
     Attributes

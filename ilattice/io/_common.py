@@ -85,9 +85,10 @@ def check_distinct(named: Mapping[str, Sequence[str | os.PathLike[str]]]) -> Non
         for path in paths:
             real = os.path.realpath(path)
             if real in seen and not (os.path.exists(real) and not os.path.isfile(real)):
-                raise InputError(
-                    f"{seen[real]} and {name} name the same file, {str(path)!r}; choose another"
+                both = (
+                    f"{seen[real]} and {name} name" if seen[real] != name else f"{name} names twice"
                 )
+                raise InputError(f"{both} the same file, {str(path)!r}; choose another")
             seen[real] = name
 
 

@@ -39,7 +39,7 @@ __all__ = ["FORMATS", "Patch", "SplineFormat", "list_patches", "load", "read_pat
 
 Reader = Callable[[str | os.PathLike[str]], tuple[list[Patch], list[str]]]
 Writer = Callable[[BSpline, str | os.PathLike[str], tuple[str, ...]], None]
-_LISTED = 30
+_LISTED = 8
 
 
 @dataclass(frozen=True)
@@ -218,6 +218,6 @@ def _choose(path: Path, patches: Sequence[Patch], patch: int | str | None) -> Pa
 
 
 def _listed(items: Sequence[str]) -> str:
-    """Items on lines of their own, the first `_LISTED` of them."""
-    more = [f"... and {len(items) - _LISTED} more"] if len(items) > _LISTED else []
-    return "".join(f"\n  {i}" for i in [*items[:_LISTED], *more]) or " nothing"
+    """Items in one line, the first `_LISTED` of them."""
+    more = [f"and {len(items) - _LISTED} more"] if len(items) > _LISTED else []
+    return " " + ("; ".join([*items[:_LISTED], *more]) or "nothing")

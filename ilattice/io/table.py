@@ -37,7 +37,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any, NoReturn
 
-from ilattice.errors import FormatError
+from ilattice.errors import FormatError, printable
 from ilattice.io._common import atomic_write, explained, read_bytes
 
 __all__ = ["KEPT", "Table", "digest"]
@@ -113,7 +113,7 @@ class Table:
             The row, as text; None if there is none, if its inputs or its version are others, or if
             its file is not the one that was written.
         """
-        row = self._rows.get(self._key({**values, "command": one_line(command)}))
+        row = self._rows.get(self._key({**values, "command": printable(command)}))
         if row is None or not row["file"] or (row["inputs"], row["version"]) != (inputs, version):
             return None
         with suppress(FormatError):
@@ -148,7 +148,7 @@ class Table:
     # ------------------------------------------------------------------ inside
 
     def _key(self, row: Mapping[str, str]) -> tuple[str, ...]:
-        return (*(one_line(row[name]) for name in self.parameters), row["command"])
+        return (*(printable(row[name]) for name in self.parameters), row["command"])
 
     def _take(self, row: dict[str, str]) -> None:
         """Let a row hold, in the place of an older one of its key."""
@@ -269,18 +269,9 @@ def digest(*paths: str | os.PathLike[str]) -> str:
     return total.hexdigest()[:_DIGITS]
 
 
-def one_line(text: str) -> str:
-    """A text without ends of lines and other control characters."""
-    return text if text.isprintable() else "".join(map(_plain, text))
-
-
-def _plain(letter: str) -> str:
-    return letter if letter.isprintable() else letter.encode("unicode_escape").decode("ascii")
-
-
 def _line(values: Sequence[Any]) -> str:
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerow([one_line(str(v)) for v in values])
+    csv.writer(text, lineterminator="\n").writerow([printable(str(v)) for v in values])
     return text.getvalue()
 
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ilattice._typing import FloatArray, IntArray
-from ilattice._validate import as_positive
+from ilattice._validate import Frozen, as_positive
 from ilattice.errors import PrecisionWarning
 from ilattice.macroshape._seeds import CHUNK, Seeds
 
@@ -29,7 +29,7 @@ _STATIONARY = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
-class Located:
+class Located(Frozen):
     """What `locate` found.
 
     Attributes
@@ -49,6 +49,9 @@ class Located:
     status: IntArray = field(repr=False)
     distance: FloatArray = field(repr=False)
     iterations: IntArray = field(repr=False)
+
+    def __post_init__(self) -> None:
+        """Leave the arrays open to the search; `SplineMap.locate` closes them."""
 
     @property
     def failures(self) -> int:

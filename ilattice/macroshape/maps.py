@@ -7,6 +7,7 @@ on request (`certificate`); where a map overlaps itself, `inverse` returns one o
 """
 
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
@@ -201,7 +202,7 @@ class SplineMap(Frozen):
             If the search failed for some points: these rows are NaN too, and `locate` tells
             them from the points outside.
         """
-        found = self.locate(x, tol=tol)
+        found = locate(self._seeds, as_points("x", x), tol=tol)
         found.warn()
         return found.u
 
@@ -220,7 +221,10 @@ class SplineMap(Frozen):
         Located
             What the search found for every point.
         """
-        return locate(self._seeds, as_points("x", x), tol=tol)
+        found = locate(self._seeds, as_points("x", x), tol=tol)
+        for a in (found.u, found.status, found.distance, found.iterations):
+            read_only(a)
+        return found
 
     @cached_property
     def _seeds(self) -> Seeds:
@@ -260,9 +264,14 @@ class SplineMap(Frozen):
         """+1 for a right-handed map, -1 for a left-handed one, 0 for a flat one."""
         return self.certificate.orientation
 
-    @cached_property
+    @property
     def info(self) -> dict[str, Any]:
-        """Plain summary: size, domain, bounds, handedness, certificate, volume."""
+        """Plain summary: size, domain, bounds, handedness, certificate, volume; a copy of yours."""
+        return deepcopy(self._info)
+
+    @cached_property
+    def _info(self) -> dict[str, Any]:
+        """What `info` says."""
         s, c = self.spline, self.certificate
         return {
             "shape": list(s.shape),

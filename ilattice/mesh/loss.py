@@ -10,6 +10,8 @@ from __future__ import annotations
 import warnings
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ilattice.errors import GeometryError, PrecisionWarning
 
 if TYPE_CHECKING:
@@ -51,12 +53,19 @@ def check_loss(wall: Wall, h: float, mesh: SurfaceMesh, *, sheets: bool, allowed
     off = got / whole - 1.0 if whole > 0.0 else 0.0
     if abs(off) <= TOLD:
         return
+    told, h = f"{h:g}", min(h, _longest_edge(mesh))  # a grid has at least some planes per tile
     enough = 0.9 * h * (TOLD / abs(off)) ** 0.5 if sheets else ENOUGH * least
     message = (
-        f"the mesh with h={h:g} has the volume {got:.6g}, {100 * abs(off):.2g} % "
+        f"the mesh with h={told} has the volume {got:.6g}, {100 * abs(off):.2g} % "
         f"{'less' if off < 0.0 else 'more'} than the wall ({whole:.6g}), which is {least:g} thick "
         f"at its thinnest; use h <= {enough:.3g}"
     )
     if abs(off) > REFUSED and not allowed:
         raise GeometryError(f"{message}, or allow_loss=True")
     warnings.warn(message, PrecisionWarning, stacklevel=4)
+
+
+def _longest_edge(mesh: SurfaceMesh) -> float:
+    """Length of the longest edge of a mesh."""
+    corners = mesh.vertices[mesh.faces]
+    return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(initial=0.0))

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 #: A polygon as arrays: its outer contour (n, 2), and its holes.
 Polygon = tuple[FloatArray, tuple[FloatArray, ...]]
-MOST_LAYERS = 1_000_000
+MOST_LAYERS = 50_000
 #: Bytes per cell of a cross-section, and per block of cells, while slicing.
 PER_CELL, PER_BLOCK = 20, 40
 #: Part of a layer below which what is left of the height goes to the last layer: it is rounding.
@@ -305,7 +305,8 @@ def _layers(
         if count > MOST_LAYERS:
             raise InputError(
                 f"thickness={t:g} makes {layers:.3g} layers of a part from {low:g} to {high:g}; "
-                f"at most {MOST_LAYERS} are allowed"
+                f"at most {MOST_LAYERS} are allowed: use a thickness of at least "
+                f"{(high - low) / MOST_LAYERS:.2g}"
             )
         ends_of_layers = np.append(low + t * np.arange(count), high)
         return 0.5 * (ends_of_layers[:-1] + ends_of_layers[1:]), ends_of_layers[1:], low

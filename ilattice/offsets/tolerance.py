@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from scipy.ndimage import maximum_filter
 
+from ilattice._memory import available, readable
 from ilattice._progress import Progress
 from ilattice._typing import AnyArray, FloatArray
 from ilattice.errors import ConvergenceError
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
 MAX_SPANS_PER_TILE = 96
 CHECKED = 1 << 15  # points of the offset surfaces at which the error is measured
 ORDER = 1.5  # of the 99th percentile in the size of spans: 1.3 to 2 at creases, 3 elsewhere
+SMOOTH_ORDER = 3.0  # of distances without creases
+HOPELESS = 1.5  # times as many spans as are allowed, needed even so
 BATCHES = 64  # of random points, of which some are near enough
 SAFE = 0.85  # part of the tolerance to be reached there, for meshes have their vertices elsewhere
 LEAST = 1.4  # times as many spans at once, for every step costs about the same
@@ -61,7 +64,8 @@ def refined(wall: Wall, tol: float, progress: Progress = None) -> Wall:
     Raises
     ------
     ConvergenceError
-        If `tol` is not met with `MAX_SPANS_PER_TILE` spans per tile.
+        If `tol` is not met with `MAX_SPANS_PER_TILE` spans per tile; at once where even a smooth
+        distance would need far more.
     """
     spans = wall.lattice.spans
     u = _probes(wall)
@@ -75,12 +79,26 @@ def refined(wall: Wall, tol: float, progress: Progress = None) -> Wall:
                 f"tol={tol:g} is not met: the half-thickness is still off by {reached:g} with "
                 f"{spans} spans per tile; ask for less, or polish the mesh"
             )
+        least = spans * (reached / tol) ** (1 / SMOOTH_ORDER)
+        if least > HOPELESS * MAX_SPANS_PER_TILE:
+            raise ConvergenceError(_too_fine(wall, tol, reached, spans, least))
         more = min(max((reached / tol) ** (1 / ORDER), LEAST), MOST)
         finer = min(4 * ceil(0.25 * spans * more), MAX_SPANS_PER_TILE)
         samples = _Samples(wall, spans, finer, SMOOTH * tol)
         spline = interpolated(wall.lattice, samples, finer, DEGREE, progress)
         wall, spans = replace(wall, distance=spline), finer
     return wall
+
+
+def _too_fine(wall: Wall, tol: float, reached: float, spans: int, least: float) -> str:
+    """What a tolerance would need, even if the distance were smooth."""
+    size = 8.0 * least**3 * float(np.prod(np.array(wall.lattice.repeat, float)))
+    best = reached * (spans / MAX_SPANS_PER_TILE) ** ORDER
+    return (
+        f"tol={tol:g} needs at least {least:.3g} spans per tile, {readable(size)} of memory, of "
+        f"which {readable(available())} are free; at most {MAX_SPANS_PER_TILE} spans are allowed: "
+        f"the half-thickness is off by {reached:.2g} with {spans}; use tol >= {best:.1g}"
+    )
 
 
 def _probes(wall: Wall) -> FloatArray:

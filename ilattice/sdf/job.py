@@ -30,7 +30,7 @@ from ilattice.io.table import KEPT, Table, digest
 from ilattice.mesh.topology import islands_of
 from ilattice.sdf._tokens import Token
 from ilattice.sdf.language import Command, is_free
-from ilattice.sdf.meshing import MEMORY, Plan, mesh, plan
+from ilattice.sdf.meshing import MEMORY, Plan, mesh, planned
 
 __all__ = ["run"]
 
@@ -169,7 +169,7 @@ def _described(command: Command, settings: Settings) -> dict[str, Any]:
     """What a run would do; of a sweep, what its first run would."""
     first = {name: values[0] for name, values in settings.sweep.items()}
     solid = command.solid(first, strict=settings.strict)
-    found: Plan = plan(solid, settings.spacing, memory=1e9)
+    found: Plan = planned(solid, settings.spacing)
     return {
         "runs": math.prod(map(len, settings.sweep.values())),
         "tree": command.tree(),

@@ -22,7 +22,7 @@ Not guaranteed
 
 import warnings
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -160,6 +160,20 @@ class MeshDistance(Frozen):
         self._judge(strict)
         if not self._faults:
             self._prepare_normals()
+        self._sealed = True
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if "_sealed" in vars(self):
+            raise AttributeError(f"MeshDistance is immutable: cannot set {name} to {value!r:.40}")
+        super().__setattr__(name, value)
+
+    def __delattr__(self, name: str) -> None:
+        raise AttributeError(f"MeshDistance is immutable: cannot delete {name}")
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore from a pickle, which forgets that arrays are read-only."""
+        super().__setstate__(state)
+        read_only(self._bounds)
 
     # --- construction -------------------------------------------------------------------------
 

@@ -10,6 +10,7 @@ or end in wedges thinner than a cell, and on grids of more than 1e8 points; feat
 cell. The estimate of the cost is that of a coarse sampling.
 """
 
+import warnings
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,8 +19,8 @@ import numpy as np
 from ilattice._memory import available, need
 from ilattice._progress import Progress
 from ilattice._typing import FloatArray
-from ilattice._validate import as_kind, as_positive, as_triple
-from ilattice.errors import GeometryError, InputError
+from ilattice._validate import Frozen, as_kind, as_positive, as_triple
+from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.fields.algebra import clipped
 from ilattice.fields.node import Node, is_empty
 from ilattice.mesh import SurfaceMesh
@@ -36,7 +37,7 @@ MOST_PLANES = 1_000_000
 PER_TRIANGLE = 60  # bytes, with all that is in memory at once
 PER_BLOCK = 100
 MOST_PER_CELL = 320
-GENEROUS = 1e6  # gigabytes: as good as no limit
+COARSE_GRID = 2.5  # spacings along the longest side below which a grid is called coarse
 BASE = 3e8
 LARGE = 1e8  # grid points from which on vertices are in single precision, at linear crossings
 MARGIN = 0.25  # spacings between the solid and the outermost planes, at least
@@ -47,7 +48,7 @@ SETTLED = 90.0  # percent of the triangles that keep the tolerance: some edges s
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class Plan(Frozen):
     """A solid with the grid on which it is contoured; made by `plan`.
 
     Attributes
@@ -177,6 +178,21 @@ def plan(solid: Node, spacing: Any = None, *, memory: float = MEMORY) -> Plan:
     GeometryError
         If the box is empty.
     """
+    found = planned(solid, spacing)
+    limit = as_positive("memory", memory)
+    what = "a grid of " + " x ".join(map(str, found.shape)) + " planes"
+    if found.most_memory() > limit and found.memory() > limit:
+        raise InputError(
+            f"{what} needs about {found.memory():.3g} GB; allowed are {limit:g} GB: take a larger "
+            "spacing, or allow more memory"
+        )
+    if 1e9 * found.most_memory() > available():
+        need(1e9 * found.memory(), what, "take a larger spacing")
+    return found
+
+
+def planned(solid: Node, spacing: Any = None) -> Plan:
+    """Box and grid of a solid, however much memory meshing takes; see `plan`."""
     box = _checked_box(solid)
     inner, walls = clipped(solid)
     sides = box[1] - box[0]
@@ -191,19 +207,15 @@ def plan(solid: Node, spacing: Any = None, *, memory: float = MEMORY) -> Plan:
     axes = [
         _planes(box[:, k], None if walls is None else walls[:, k], float(h[k])) for k in range(3)
     ]
-    found = Plan(solid, inner, box, (axes[0], axes[1], axes[2]))
-    limit = as_positive("memory", memory)
-    what = "a grid of " + " x ".join(map(str, found.shape)) + " planes"
-    if found.most_memory() > limit and found.memory() > limit:
-        raise InputError(
-            f"{what} needs about {found.memory():.3g} GB; allowed are {limit:g} GB: take a larger "
-            "spacing, or allow more memory"
+    if counts.max() < COARSE_GRID:
+        warnings.warn(
+            f"spacing {h.max():g} is coarse for a solid of which the box is "
+            f"{' x '.join(f'{s:.3g}' for s in sides)}: parts thinner than that are lost; use a "
+            f"spacing of at most {sides.max() / 20:.2g}",
+            PrecisionWarning,
+            stacklevel=4,
         )
-    if limit > GENEROUS:
-        return found
-    if 1e9 * found.most_memory() > available():
-        need(1e9 * found.memory(), what, "take a larger spacing")
-    return found
+    return Plan(solid, inner, box, (axes[0], axes[1], axes[2]))
 
 
 def _corners(solid: Node) -> FloatArray | None:

@@ -247,12 +247,18 @@ MANY = {  # names end in formats; what stands once, and what many times
     "faces.obj": ("v 0 0 1\nv 1 0 0\nv 0 1 0\n", "f 1 2 3\n", ""),
     "edges.obj": ("v 0 0 1\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "f 1\n", ""),
     "polygon.obj": ("v 0 0 1\nv 1 0 0\nv 0 1 0\nf ", "1 2 3 ", ""),
-    "facets.stl": ("solid\n", "outer loop vertex 10 10 10 vertex 10 11 10 vertex 10 10 11 endloop\n", ""),
+    "facets.stl": (
+        "solid\n", "outer loop vertex 10 10 10 vertex 10 11 10 vertex 10 10 11 endloop\n", ""
+    ),
     "loops.stl": ("solid\n", "outer loop ", ""),
     "points.ply": (PLY.format(form="ascii", v=33_000, f=1, n="int"), "11 12 13\n", ""),
     "faces.ply": (PLY.format(form="ascii", v=3, f=37_000, n="uchar") + CORNERS, "3 0 1 2\n", ""),
-    "empty.ply": (PLY.format(form="ascii", v=3, f=140_000, n="uchar") + CORNERS + "3 0 1 2\n", "0\n", ""),
-    "polygon.ply": (PLY.format(form="ascii", v=3, f=1, n="uint") + CORNERS + "149000 ", "0 1 2 ", ""),
+    "empty.ply": (
+        PLY.format(form="ascii", v=3, f=140_000, n="uchar") + CORNERS + "3 0 1 2\n", "0\n", ""
+    ),
+    "polygon.ply": (
+        PLY.format(form="ascii", v=3, f=1, n="uint") + CORNERS + "149000 ", "0 1 2 ", ""
+    ),
     "words.ply": (PLY.format(form="ascii", v=10**6, f=1, n="uint"), "11 ", ""),
     "elements.xml": ("<xml>", "<a/>", "</xml>"),
     "values.xml": ("<xml>", '<a b="1"/>', "</xml>"),
@@ -271,7 +277,8 @@ MANY = {  # names end in formats; what stands once, and what many times
     "elements.mesh": (f"{MESH}2 elements 24000 ", "1 3 0 1 2 3 ", ""),
     "words.mesh": (f"{MESH}2 ", "11 ", ""),
     "patches.mesh": (
-        f"{MESH}1 elements 4200 {'1 1 0 1 ' * 4200}boundary 0 edges 0 vertices 2 patches ", PATCH, ""
+        f"{MESH}1 elements 4200 {'1 1 0 1 ' * 4200}boundary 0 edges 0 vertices 2 patches ",
+        PATCH, "",
     ),
     "chain.mesh": (chain(3500), " ", ""),
     "edges.mesh": (edges(18_000), " ", ""),
