@@ -7,7 +7,7 @@ ends the whole process when two threads come at the same time. Here they take tu
 Guarantee: with any layer kernels may be called from any thread, with the same results. Not
 guaranteed: that threads gain anything on the layer where they take turns; that kernels of other
 libraries, which have started that layer before this package was imported, take turns with ours;
-processes forked after the first kernel (only TBB takes that).
+processes forked after the first kernel on OpenMP (TBB and workqueue take that).
 """
 
 import ctypes
