@@ -151,8 +151,8 @@ def results(things):
     lattice = il.Lattice("gyroid", through=il.macroshape.box(), repeat=1)
     wall, ball = lattice.offset(0.1), il.fields.sphere(1.0)
     mesh = il.sdf.mesh(ball, 0.5)
-    found = [*things, wall, ball, il.sdf.MeshDistance(mesh), il.sdf.plan(ball, 0.5)]
-    found += [lattice.closest([[0.2, 0.3, 0.4]]), lattice.through.locate([[0.2, 0.3, 0.4]])]
+    found = [*things, wall, ball, il.sdf.MeshDistance(mesh)]
+    found += [lattice.through.locate([[0.2, 0.3, 0.4]])]
     found += [lattice.offset(0.1, space="parametric"), il.cutfem.quadrature(wall, 4)]
     found += [il.cutfem.mass_properties(wall, 4), il.sdf.Command.read("box gyroid")]
     return found

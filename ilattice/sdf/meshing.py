@@ -19,7 +19,7 @@ import numpy as np
 from ilattice._memory import available, need
 from ilattice._progress import Progress
 from ilattice._typing import FloatArray
-from ilattice._validate import Frozen, as_kind, as_positive, as_triple
+from ilattice._validate import as_kind, as_positive, as_triple
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.fields.algebra import clipped
 from ilattice.fields.node import Node, is_empty
@@ -48,7 +48,7 @@ SETTLED = 90.0  # percent of the triangles that keep the tolerance: some edges s
 
 
 @dataclass(frozen=True, eq=False)
-class Plan(Frozen):
+class Plan:
     """A solid with the grid on which it is contoured; made by `plan`.
 
     Attributes
