@@ -338,18 +338,23 @@ def constant_jacobian(through: SplineMap) -> FloatArray | None:
     return read_only(middle) if np.abs(J - middle).max() <= 1e-13 * np.abs(J).max() else None
 
 
-def compressed_where_long(rule: Quadrature, degree: int) -> Quadrature:
-    """A rule whose cells have moments of a degree instead of more points than that takes."""
+def compressed_where_long(rule: Quadrature, degree: int, least: float) -> Quadrature:
+    """A rule whose cells have moments of a degree instead of more points than that takes.
+
+    Cells that are filled by less than the part `least` are left as they are.
+    """
     most = (degree + 1) ** 3
     counts = np.diff(rule.offsets)
-    if not (counts > most).any():
+    full = rule.grid.boxes(rule.cells)[:, 3:].prod(axis=1)
+    long = (counts > most) & (rule.integrate_cells() >= least * full)
+    if not long.any():
         return rule
-    parts = [on_cells(rule, rule.cells[counts > most]).compressed(degree)]
-    parts.append(on_cells(rule, rule.cells[counts <= most]))
-    kept = np.minimum(counts, most)
+    parts = [on_cells(rule, rule.cells[long]).compressed(degree)]
+    parts.append(on_cells(rule, rule.cells[~long]))
+    kept = np.where(long, most, counts)
     offsets = np.append(0, np.cumsum(kept))
     points, weights = np.empty((offsets[-1], 3)), np.empty(offsets[-1])
-    for part, mine in zip(parts, (counts > most, counts <= most), strict=True):
+    for part, mine in zip(parts, (long, ~long), strict=True):
         rows = np.repeat(offsets[:-1][mine] - part.offsets[:-1], kept[mine]) + np.arange(len(part))
         points[rows], weights[rows] = part.points, part.weights
     return replace(

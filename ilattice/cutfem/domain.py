@@ -19,7 +19,7 @@ from ilattice._validate import as_choice, as_positive
 from ilattice.cutfem.assembly import Assembly, compressed_where_long
 from ilattice.cutfem.connectivity import Parts, connected_parts, links
 from ilattice.cutfem.elements import ElementGrid, elements_of
-from ilattice.cutfem.grid import CUT, IN, CutGrid, cut
+from ilattice.cutfem.grid import CUT, CutGrid, cut
 from ilattice.cutfem.rules import MOST_POINTS, NAMES, Quadrature, in_space, on_cells, some_cells
 from ilattice.cutfem.space import SplineSpace, as_degree_and_smoothness
 from ilattice.cutfem.stabilise import ghost_faces, void_rule
@@ -41,10 +41,9 @@ GHOST_NITSCHE = {1: 0.1, 2: 1e-2, 3: 1e-2}
 #: Cells of which more than this part is filled have none, except with Nitsche's method: their
 #: functions hold themselves, and couplings across all faces are two thirds of a matrix.
 ENOUGH = 0.4
-COARSE = 2.0
-#: A solid of which fewer cells are full than this part of those that are cut has struts that are
-#: about two cells thick, or thinner.
-FULL = 0.05
+#: Part of a cell that must be filled for its integrals to be taken from moments through a curved
+#: map: in less, what the moments of the whole cell are off by may exceed the integral.
+SLIVER = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,7 +193,8 @@ class Domain:
 
         def make() -> Quadrature:
             rule = on_cells(self.volume, asm.space.cells)
-            return compressed_where_long(rule, 2 * self.degree) if short else rule
+            least = 0.0 if asm.affine is not None else SLIVER
+            return compressed_where_long(rule, 2 * self.degree, least) if short else rule
 
         return self.once(("stiff", asm, short), make)
 
@@ -244,45 +244,6 @@ class Domain:
         return self.once(("edge", asm, on), lambda: on_cells(self.boundary(on), asm.space.cells))
 
     # ---------------------------------------------------------------- resolution
-
-    @cached_property
-    def cells_per_thickness(self) -> float:
-        """Least thickness of the wall in lengths of cells; infinite for solids that are no walls.
-
-        The length of a cell is its longest edge in space. The least of 99 % of the cut cells.
-        """
-        if self.wall is None or self.wall.thickness.solid:
-            return np.inf
-        box = self.cut.grid.boxes(self.cut.cells(CUT))
-        if not len(box):
-            return np.inf
-        u = box[:, :3] + 0.5 * box[:, 3:]
-        assert self.cut.through is not None
-        edges = np.linalg.norm(self.cut.through.jacobian(u), axis=1) * box[:, 3:]
-        t = self.wall.thickness
-        thick = t.outer(u) + (t.outer(u) if t.symmetric else t.inner(u))
-        return float(np.quantile(thick / edges.max(axis=1), 0.01))
-
-    def warn_coarse(self) -> None:
-        """Warn of a grid that does not resolve the wall."""
-        resolved = self.degree * self.cells_per_thickness
-        if resolved < COARSE * (1.0 - 1e-6):  # not for rounding
-            warnings.warn(
-                f"the wall is {self.cells_per_thickness:.2g} cells thick: with degree "
-                f"{self.degree} results are too stiff below {COARSE / self.degree:g} cells; take "
-                "finer cells, or a higher degree",
-                PrecisionWarning,
-                stacklevel=4,
-            )
-        full, partly = (len(self.cut.cells(status)) for status in (IN, CUT))
-        if self.wall is not None and self.wall.thickness.solid and full < FULL * partly:
-            kinks = ", or smoothness=0: functions that bend between cells" * (self.smoothness > 0)
-            warnings.warn(
-                f"{full} cells lie in the solid and {partly} cross its surface: struts of one or "
-                f"two cells are too stiff, also with a higher degree; take finer cells{kinks}",
-                PrecisionWarning,
-                stacklevel=4,
-            )
 
     def warn_gaps(self) -> None:
         """Warn of air between solid that is too thin to be seen, so that it is bridged."""

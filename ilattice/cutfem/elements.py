@@ -20,7 +20,7 @@ import numpy as np
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import read_only
 from ilattice.cutfem import _kernels_elements as kernels
-from ilattice.cutfem.grid import CUT, OUT, CutGrid, Grid
+from ilattice.cutfem.grid import CUT, OUT, CutGrid, DividedGrid
 from ilattice.cutfem.rules import Quadrature
 
 #: Pieces of splines that are worked on at once.
@@ -28,7 +28,7 @@ BATCH = 1 << 13
 
 
 @dataclass(frozen=True, eq=False)
-class ElementGrid(Grid):
+class ElementGrid(DividedGrid):
     """A grid of which some cells have several elements.
 
     Attributes
@@ -43,8 +43,6 @@ class ElementGrid(Grid):
         Boxes in `_kernels_elements.UNIT` parts of the pieces of splines, from the cell's corner.
     label : ndarray, shape (boxes,)
         Element of each box.
-    parents : ndarray, shape (e,)
-        Cells of the elements beyond the cells.
     gaps : ndarray, shape (g, 2)
         Cells with air that is too thin to be resolved, and its width in cells.
     """
@@ -55,26 +53,7 @@ class ElementGrid(Grid):
     corner: IntArray = field(kw_only=True)
     length: IntArray = field(kw_only=True)
     label: IntArray = field(kw_only=True)
-    parents: IntArray = field(kw_only=True)
     gaps: FloatArray = field(kw_only=True)
-
-    def home(self, elements: IntArray) -> IntArray:
-        """Cells of elements.
-
-        Parameters
-        ----------
-        elements : ndarray, shape (n,)
-            Their numbers.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            Numbers of cells.
-        """
-        beyond = elements - self.count
-        if not len(self.parents):
-            return elements
-        return np.where(beyond < 0, elements, self.parents[np.maximum(beyond, 0)])
 
     def element_at(self, u: FloatArray, cells: IntArray) -> IntArray:
         """Elements in which, or nearest to which, points are.

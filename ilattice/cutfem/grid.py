@@ -12,7 +12,7 @@ their interpolant, and of the fields themselves only where they have `range`.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -125,6 +125,37 @@ class Grid(Frozen):
             out[:, a] = self.axes[a][i]
             out[:, 3 + a] = self.axes[a][i + 1] - self.axes[a][i]
         return out
+
+
+@dataclass(frozen=True, eq=False)
+class DividedGrid(Grid):
+    """A grid of which some cells have several elements, numbered beyond the cells.
+
+    Attributes
+    ----------
+    parents : ndarray, shape (e,)
+        Cells of the elements beyond the cells.
+    """
+
+    parents: IntArray = field(kw_only=True)
+
+    def home(self, elements: IntArray) -> IntArray:
+        """Cells of elements.
+
+        Parameters
+        ----------
+        elements : ndarray, shape (n,)
+            Their numbers.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Numbers of cells.
+        """
+        if not len(self.parents):
+            return elements
+        beyond = elements - self.count
+        return np.where(beyond < 0, elements, self.parents[np.maximum(beyond, 0)])
 
 
 @dataclass(frozen=True, eq=False)

@@ -72,6 +72,7 @@ class Heat(Problem):
     """
 
     m: ClassVar[int] = 1
+    energy_name: ClassVar[str] = "the energy of the temperature, and heat that flows by it,"
     lack: ClassVar[str] = "nothing fixes the temperature: add fix or convection before solving"
     conductivity: Scalar
     capacity: Scalar
@@ -187,9 +188,25 @@ class Heat(Problem):
             If nothing fixes the temperature.
         ConvergenceError
             If the tolerance is not reached.
+
+        Warns
+        -----
+        PrecisionWarning
+            If the energy of the temperature is off by more than 2 % because of the cells, by
+            estimate: see `SolveReport.grid_error`.
         """
         c, report = self._solve(method, tol, max_iterations, progress)
         return HeatSolution(self, c, report)
+
+    def _solid_energy(self, c: FloatArray) -> float:
+        asm, total = self.assembly, 0.0
+        rule = self.domain.stiff_rule(asm, constant=self.conductivity.constant)
+        for rows, _, slope in asm.on_rule(c, rule):
+            u = rule.points[rows]
+            k = self.conductivity.at(asm, u)
+            weights = rule.weights[rows] * np.abs(np.linalg.det(asm.jacobians(u)))
+            total += float((weights * k) @ (slope[:, 0] ** 2).sum(axis=1))
+        return total
 
     def evolve(
         self, duration: float, *, steps: int, initial: Any = 0.0, theta: float = 1.0,

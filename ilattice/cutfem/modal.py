@@ -31,6 +31,7 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh, lobp
 
 from ilattice._typing import AnyArray, ArrayLike, FloatArray
 from ilattice._validate import as_counts, as_kind, as_points, as_positive, read_only
+from ilattice.cutfem.grid_error import warn
 from ilattice.cutfem.output import Result, Series
 from ilattice.cutfem.solvers import Solver
 from ilattice.errors import ConvergenceError, InputError
@@ -58,11 +59,15 @@ class EigenReport:
         Largest |A x - μ K x| / |A x| of the pairs.
     shift : float
         Added to the square of all angular frequencies while solving, 0 for supported bodies.
+    grid_error : float
+        Estimated part by which squares of frequencies, or load factors, are too large because of
+        the cells, of the worst mode; see `grid_error`.
     """
 
     method: str
     residual: float
     shift: float
+    grid_error: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,9 +237,10 @@ def natural_modes(
     solver = _solver(K, system, method)
     mu, x, residual = largest(M, solver, count, system, tol)
     omega = np.sqrt(np.maximum(1 / mu - shift, 0.0))
-    x /= np.sqrt(mu)
-    report = EigenReport(solver.method, residual, shift)
-    return Modes(problem, read_only(omega), _expand(problem, x), report)
+    shapes = _expand(problem, x)
+    error = _grid_error(problem, solver, shapes, "the square of a frequency")
+    report = EigenReport(solver.method, residual, shift, error)
+    return Modes(problem, read_only(omega), read_only(shapes / np.sqrt(mu)[:, None, None]), report)
 
 
 def buckling(
@@ -280,8 +286,10 @@ def buckling(
             f"only {int((mu > 0).sum())} of {count} load factors are positive: these loads press "
             "on little; ask for fewer"
         )
-    report = EigenReport(solver.method, residual, 0.0)
-    return Buckling(problem, read_only(1 / mu), _expand(problem, x), report)
+    shapes = _expand(problem, x)
+    error = _grid_error(problem, solver, shapes, "a load factor")
+    report = EigenReport(solver.method, residual, 0.0, error)
+    return Buckling(problem, read_only(1 / mu), read_only(shapes), report)
 
 
 def largest(
@@ -392,7 +400,14 @@ def _expand(problem: Any, x: FloatArray) -> FloatArray:
     """All coefficients of vectors on free nodes, zero where the body is held."""
     con = problem.constraints
     shapes = [con.expand(np.ascontiguousarray(v).reshape(-1, 3)) - con.values for v in x.T]
-    return read_only(np.stack(shapes))
+    return np.stack(shapes)
+
+
+def _grid_error(problem: Any, solver: Solver, shapes: FloatArray, what: str) -> float:
+    """Worst estimate for some shapes of unit energy, with a warning if it is large."""
+    error = max(problem.grid_error(solver, c, 1.0) for c in shapes)
+    warn(error, what, problem.domain.degree)
+    return float(error)
 
 
 def _scale(K: Any, M: Any, system: Any) -> float:

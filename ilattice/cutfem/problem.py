@@ -7,7 +7,7 @@ the same, matrices. A solve that does not reach its tolerance raises.
 """
 
 import warnings
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, ClassVar, Self
 
@@ -16,6 +16,7 @@ import numpy as np
 from ilattice._progress import Progress
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import as_choice, read_only
+from ilattice.cutfem import grid_error
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.conditions import Load, Spring, Support, as_mask, as_place, as_value
 from ilattice.cutfem.constraints import Constraints, constraints
@@ -81,6 +82,7 @@ class Problem:
 
     m: ClassVar[int]
     lack: ClassVar[str] = "nothing holds the solid: add a support before solving"
+    energy_name: ClassVar[str] = "the strain energy"
 
     def __init__(self, domain: Domain, islands: str) -> None:
         as_choice("islands", islands, ISLANDS)
@@ -321,7 +323,48 @@ class Problem:
             )  # fmt: skip
         if not system.b.any():
             return system.constraints.values, None
-        x, report = self._held[key].solve(
+        solver = self._held[key]
+        x, report = solver.solve(
             system.b, tol=tol, max_iterations=max_iterations, progress=progress
         )
-        return system.constraints.expand(x.reshape(-1, self.m)), report
+        c = system.constraints.expand(x.reshape(-1, self.m))
+        if system.constraints.values.any() or self.in_the_mean:
+            energy = self._solid_energy(c)
+        else:
+            energy = float(x @ solver.multiply(x))
+        error = self.grid_error(solver, c, energy)
+        grid_error.warn(error, self.energy_name, self.domain.degree)
+        return c, replace(report, grid_error=error)
+
+    def grid_error(self, solver: Solver, c: FloatArray, energy: float) -> float:
+        """Estimated part of an energy by which it is off because of the cells.
+
+        Parameters
+        ----------
+        solver : Solver
+            Of the system, for its products.
+        c : ndarray, shape (functions, m)
+            A solution, or the shape of a mode.
+        energy : float
+            Twice its energy.
+
+        Returns
+        -------
+        float
+            See `grid_error.relative_error`.
+        """
+        space, con = self.assembly.space, self.constraints
+        levels = self.domain.once(("coarser", space), lambda: grid_error.levels(space))
+        diagonal = np.ones_like(c)
+        diagonal[con.nodes] = self.system.K.diagonal().reshape(-1, self.m)
+
+        def multiply(v: FloatArray) -> FloatArray:
+            out = np.zeros_like(v)
+            out[con.nodes] = solver.multiply(v[con.nodes].ravel()).reshape(-1, self.m)
+            return np.where(con.fixed, 0.0, out)
+
+        return grid_error.relative_error(levels, multiply, diagonal, c, con.fixed, energy)
+
+    def _solid_energy(self, c: FloatArray) -> float:
+        """Twice the energy of the solid alone, without springs and supports."""
+        raise NotImplementedError

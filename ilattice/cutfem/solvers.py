@@ -65,6 +65,9 @@ class SolveReport(Frozen):
         Number of unknowns.
     megabytes : float
         What the factor or hierarchy takes.
+    grid_error : float
+        Estimated part of the energy by which it is off because of the cells, see `grid_error`;
+        NaN where there is no estimate.
     """
 
     method: str
@@ -76,6 +79,7 @@ class SolveReport(Frozen):
     solve_seconds: float
     size: int
     megabytes: float
+    grid_error: float = float("nan")
 
 
 class Solver:

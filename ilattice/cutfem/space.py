@@ -28,7 +28,7 @@ from ilattice.bspline.knots import design_matrix, greville, wrapped_knots
 from ilattice.cutfem import _kernels_basis as kernels
 from ilattice.cutfem._kernels_copies import components
 from ilattice.cutfem.elements import ElementGrid
-from ilattice.cutfem.grid import Grid
+from ilattice.cutfem.grid import DividedGrid, Grid
 from ilattice.errors import InputError
 
 DEGREES = (1, 2, 3)
@@ -128,7 +128,7 @@ class SplineSpace:
     @property
     def _beyond(self) -> int:
         """Number of elements beyond one per cell."""
-        return len(self.grid.parents) if isinstance(self.grid, ElementGrid) else 0
+        return len(self.grid.parents) if isinstance(self.grid, DividedGrid) else 0
 
     @cached_property
     def boxes(self) -> FloatArray:

@@ -236,12 +236,12 @@ def test_compressed_rules_give_the_same_matrices(p):
     cut, _, asm = made(p, 4, field=il.tiles["gyroid"])
     rule = cut.volume(6)
     full = matrix(asm, rule, kernels.PAIRS, ONE, 0.6, 0.4, m=3)
-    few = compressed_where_long(rule, 2 * p)
+    few = compressed_where_long(rule, 2 * p, 0.0)
     assert len(few) < 0.7 * len(rule)
     np.testing.assert_allclose(few.integrate_cells(), rule.integrate_cells(), rtol=1e-11)
     small = matrix(asm, few, kernels.PAIRS, ONE, 0.6, 0.4, m=3)
     assert abs(full - small).max() < 1e-13 * abs(full).max()
-    assert compressed_where_long(cut.volume(2), 4) is not rule
+    assert compressed_where_long(cut.volume(2), 4, 0.0) is not rule
 
 
 def test_compression_through_a_curved_map_costs_next_to_nothing():
@@ -251,7 +251,7 @@ def test_compression_through_a_curved_map_costs_next_to_nothing():
         cut, _, asm = made(2, cells, bent)
         rule = cut.volume(6)
         full = matrix(asm, rule, kernels.PAIRS, ONE, 0.6, 0.4, m=3)
-        small = matrix(asm, compressed_where_long(rule, 4), kernels.PAIRS, ONE, 0.6, 0.4, m=3)
+        small = matrix(asm, compressed_where_long(rule, 4, 0.0), kernels.PAIRS, ONE, 0.6, 0.4, m=3)
         errors.append(abs(full - small).max() / abs(full).max())
     assert errors[0] < 1e-4
     assert errors[1] < errors[0] / 2

@@ -1,0 +1,253 @@
+"""Coarse spaces are parts of fine ones; what finer cells add is estimated, and warned of."""
+
+import warnings
+
+import numpy as np
+import pytest
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+import ilattice as il
+from ilattice.cutfem import Elasticity, Grid, Heat, buckling, natural_modes
+from ilattice.cutfem.coarsening import coarser
+from ilattice.cutfem.grid_error import levels, relative_error
+from ilattice.errors import PrecisionWarning
+
+BOX = [[-1.0] * 3, [1.0] * 3]
+
+
+def whole(u):
+    return -np.ones(len(u))
+
+
+def space_of(p, r, shape, closed=(False, False, False), field=whole, seed=0):
+    """Functions on a grid with planes at random places."""
+    rng = np.random.default_rng(seed)
+    axes = tuple(np.append(0.0, np.cumsum(0.5 + rng.random(n))) for n in shape)
+    problem = Elasticity(field, Grid(axes, closed), degree=p, smoothness=r)
+    return problem.assembly.space
+
+
+# ------------------------------------------------------------------------------ coarse spaces
+
+KINDS = [(1, 0), (2, 1), (2, 0), (3, 2), (3, 1), (3, 0)]
+
+
+@pytest.mark.parametrize(("p", "r"), KINDS)
+@pytest.mark.parametrize("closed", [(False,) * 3, (True, False, True)])
+def test_coarse_splines_are_combinations_of_fine_ones(p, r, closed):
+    space = space_of(p, r, (9, 5, 8), closed, seed=p + 3 * r)
+    coarse, P = coarser(space)
+    rng = np.random.default_rng(1)
+    b = rng.standard_normal((len(coarse), 2))
+    lo, hi = space.grid.domain
+    u = lo + (hi - lo) * rng.random((200, 3))
+    np.testing.assert_allclose(
+        space.evaluate(P @ b, u)[0], coarse.evaluate(b, u)[0], rtol=0, atol=1e-11
+    )
+
+
+@pytest.mark.parametrize(("p", "r"), KINDS)
+def test_an_odd_number_of_cells_and_few_closed_ones_are_no_trouble(p, r):
+    space = space_of(p, r, (1, 3, 2), (False, False, False))
+    coarse, P = coarser(space)
+    assert coarse.grid.shape == (1, 1, 1)
+    np.testing.assert_allclose(P @ np.ones(len(coarse)), 1.0, atol=1e-12)
+    ring = space_of(p, r, (5, 1, 1), (True, False, False))
+    half = coarser(ring)
+    assert half is None or half[0].grid.shape[0] == 2
+    assert coarser(space_of(p, r, (1, 1, 1))) is None
+
+
+def apart(u):
+    """Two blocks with an oblique slit of about a cell between."""
+    s = (u @ np.array([0.2, -0.1, 0.97]) + 0.03) / 0.07
+    return 1.0 - s * s
+
+
+def pieces(space):
+    """How many sets of functions there are that no element has in common with others."""
+    n = len(space)
+    first = np.broadcast_to(space.dofs[:, :1], space.dofs.shape)
+    pairs = (first.ravel(), space.dofs.ravel())
+    return connected_components(coo_array((np.ones(len(pairs[0])), pairs), (n, n)), False)[0]
+
+
+@pytest.mark.parametrize("p", [1, 2, 3])
+def test_gaps_stay_open_on_coarse_cells(p):
+    space = Elasticity(apart, 14, domain=BOX, degree=p).assembly.space
+    assert pieces(space) == 2
+    for _ in range(3):
+        space, P = coarser(space)
+        assert pieces(space) == 2
+        np.testing.assert_allclose(P @ np.ones(len(space)), 1.0, atol=1e-12)
+
+
+# ------------------------------------------------------------------------------ the estimate
+
+
+def ball(u):
+    return (u**2).sum(axis=1) - 0.8**2
+
+
+def bar(n, p, **options):
+    grid = (n, n, 4 * n)
+    return Elasticity(whole, grid, domain=[[0, 0, 0], [1, 1, 4]], degree=p, **options)
+
+
+@pytest.mark.parametrize("p", [1, 2])
+def test_the_coarse_approximation_is_the_best_one(p):
+    problem = bar(3, p, poisson=0.2).clamp("w=0").load(traction=(1.0, 0.3, 0.0), on="w=1")
+    c, con, K = solved(problem), problem.constraints, problem.matrix.toarray()
+    P = levels(problem.assembly.space)[:1]
+    free = ~con.fixed.ravel()
+    wide = np.kron(P[0].toarray(), np.eye(3))
+    wide = wide[:, np.abs(wide[~free]).max(axis=0) == 0][free]
+    K, u = K[np.ix_(free, free)], c.ravel()[free]
+    e = u - wide @ np.linalg.solve(wide.T @ K @ wide, wide.T @ K @ u)
+    exact = e @ K @ e
+    full = problem.matrix
+
+    def multiply(v):
+        return np.where(con.fixed, 0.0, (full @ v.ravel()).reshape(v.shape))
+
+    found = relative_error(P, multiply, full.diagonal().reshape(c.shape), c, con.fixed, 1.0)
+    assert 0.999 * exact < 1.5 * found < 1.2 * exact  # of one level alone: over 1.5
+
+
+def solved(problem):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PrecisionWarning)
+        return problem.solve(tol=1e-10).coefficients
+
+
+def stretched(x):
+    return x @ np.array([[0.1, 0.2, 0.0], [0.0, -0.3, 0.1], [0.4, 0.0, 0.2]]) + 7.0
+
+
+@pytest.mark.parametrize("p", [1, 2, 3])
+def test_nothing_is_off_for_solutions_that_coarse_cells_have(p):
+    problem = Elasticity(lambda u: u @ [0.3, 0.5, 0.81] - 0.2, 5, domain=BOX, degree=p, q=p + 2,
+                         stabilization="ghost")  # fmt: skip
+    for on in ("u=0", "u=1", "v=0", "v=1", "w=0", "w=1"):
+        problem = problem.clamp(on, value=stretched)
+    held = problem.load(traction=lambda x: traction_of(problem, x), on="surface")
+    assert held.solve(tol=1e-11).report.grid_error < 1e-6
+    moved = bar(3, p).clamp("w=0", value=(1.0, 2.0, 3.0))
+    assert moved.solve().report.grid_error == 0.0
+    warm = Heat(ball, 6, domain=BOX, degree=p).convection("surface", 1.0, around=20.0)
+    assert warm.solve().report.grid_error == 0.0
+
+
+def traction_of(problem, x):
+    """Traction of the stretched state on the tilted plane, for Young's modulus 1 and ν = 0.3."""
+    g = np.array([[0.1, 0.2, 0.0], [0.0, -0.3, 0.1], [0.4, 0.0, 0.2]]).T
+    strain = 0.5 * (g + g.T)
+    lam, mu = 0.3 / (1.3 * 0.4), 1 / 2.6
+    n = np.array([0.3, 0.5, 0.81])
+    s = lam * np.trace(strain) * np.eye(3) + 2 * mu * strain
+    return np.broadcast_to(s @ n / np.linalg.norm(n), x.shape)
+
+
+def value(problem):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PrecisionWarning)
+        s = problem.solve()
+    return s.compliance, s.report.grid_error
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_twice_as_many_cells_change_no_more_than_twice_the_estimate(seed):
+    rng = np.random.default_rng(seed)
+    n, p = int(rng.integers(5, 8)), int(rng.integers(1, 3))
+    centre, tilt = 0.2 * rng.random(3), rng.standard_normal(3)
+    load, thick = rng.standard_normal(3), 0.3 + 0.3 * rng.random()
+
+    def body(u):
+        s = (u - centre) @ (tilt / np.linalg.norm(tilt))
+        return np.abs(s + 0.2 * np.sin(3 * u[:, 0])) - thick  # a bent sheet
+
+    def pair(u):
+        s = (u - centre) @ (tilt / np.linalg.norm(tilt)) + 0.2 * np.sin(3 * u[:, 0])
+        return s - thick
+
+    def other(u):
+        s = (u - centre) @ (tilt / np.linalg.norm(tilt)) + 0.2 * np.sin(3 * u[:, 0])
+        return -s - thick
+
+    def made(cells):
+        problem = Elasticity((pair, other), cells, domain=BOX, degree=p)
+        held, _ = problem.parts
+        assert len(held)
+        return problem.clamp(place(body)).load(body=load)
+
+    coarse, error = value(made(n))
+    fine, _ = value(made(2 * n))
+    assert abs(fine / coarse - 1.0) <= 2.0 * error
+
+
+def place(body):
+    """An end face that the body meets."""
+    t = np.linspace(-1, 1, 21)
+    face = np.stack(np.meshgrid(t, t, indexing="ij"), -1).reshape(-1, 2)
+    wet = [
+        (body(np.insert(face, axis, side, axis=1)) < 0).mean()
+        for axis in range(3)
+        for side in (-1.0, 1.0)
+    ]
+    return ("u=0", "u=1", "v=0", "v=1", "w=0", "w=1")[int(np.argmax(wet))]
+
+
+@pytest.mark.parametrize(("n", "p"), [(4, 1), (8, 1), (2, 2)])
+def test_the_estimate_of_a_beam_is_near_what_is_missing(n, p):
+    def loaded(cells, degree):
+        return bar(cells, degree).clamp("w=0").load(traction=(1.0, 0, 0), on="w=1")
+
+    found, error = value(loaded(n, p))
+    exact, _ = value(loaded(8, 2))
+    missing = exact / found - 1.0
+    assert 0.5 * missing < error < 2.0 * missing
+
+
+# ------------------------------------------------------------------------------ warnings
+
+
+@pytest.mark.parametrize(("n", "p"), [(6, 2), (8, 1)])
+def test_walls_of_a_cell_or_two_are_warned_of(n, p):
+    wall = il.Lattice("schwarz_p", through=il.macroshape.box((1, 1, 1))).offset(0.1)
+    problem = Elasticity(wall, n, degree=p).clamp("w=0").load(traction=(0, 0, -1.0), on="w=1")
+    with pytest.warns(PrecisionWarning, match="too coarse: the strain energy is off by about"):
+        solution = problem.solve()
+    assert solution.report.grid_error > 0.05
+
+
+def test_struts_in_any_solid_are_warned_of_and_stout_bodies_are_not():
+    rod = Elasticity(lambda u: (u[:, :2] ** 2).sum(axis=1) - 0.04, (2, 2, 9), degree=1,
+                     domain=[[-0.3, -0.3, 0], [0.3, 0.3, 3]])  # fmt: skip
+    rod = rod.clamp("w=0").load(traction=(1.0, 0, 0), on="w=1")
+    with pytest.warns(PrecisionWarning, match="too coarse"):
+        rod.solve()
+    quiet = bar(3, 2).clamp("w=0").load(traction=(1.0, 0, 0), on="w=1")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        quiet.solve()
+
+
+def test_heat_is_warned_of_too():
+    thin = Heat(whole, (2, 2, 3), domain=[[0, 0, 0], [1, 1, 4]], degree=1).fix("w=0", 0.0)
+    with pytest.warns(PrecisionWarning, match="the temperature"):
+        thin.source(lambda x: np.exp(-30 * ((x - [0.5, 0.5, 3.0]) ** 2).sum(axis=1))).solve()
+
+
+def test_frequencies_and_load_factors_have_estimates():
+    fine = natural_modes(bar(6, 2).clamp("w=0"), 3).omega**2
+    with pytest.warns(PrecisionWarning, match="square of a frequency"):
+        modes = natural_modes(bar(3, 1).clamp("w=0"), 3)
+    missing = (modes.omega**2 / fine - 1.0).max()
+    assert 0.5 * missing < modes.report.grid_error < 2.0 * missing
+    pressed = bar(3, 1).clamp("w=0").load(traction=(0, 0, -1.0), on="w=1")
+    with pytest.warns(PrecisionWarning, match="load factor"):
+        factors = buckling(pressed.solve(), 1)
+    better = buckling(bar(4, 2).clamp("w=0").load(traction=(0, 0, -1.0), on="w=1").solve(), 1)
+    missing = float(factors.factors[0] / better.factors[0] - 1.0)
+    assert 0.5 * missing < factors.report.grid_error < 2.5 * missing
