@@ -5,7 +5,8 @@ splines are combinations of the fine ones, so that nothing is integrated again: 
 these combinations, coefficients c on the coarse cells are P c on the fine ones.
 
 Guarantees: exact, for every degree and smoothness, in closed directions too; what is apart in the
-fine space is apart in the coarse one, so that gaps stay open. Non-guarantee: closed directions of too few cells for the degree are left as they are.
+fine space is apart in the coarse one, so that gaps stay open. Non-guarantee: closed directions of
+too few cells for the degree are left as they are.
 """
 
 from typing import Any
@@ -86,9 +87,7 @@ def _coarse_space(
     return coarse, np.searchsorted(coarse.cells, element)
 
 
-def _numbers(
-    home: IntArray, piece: AnyArray, count: int, cells: int
-) -> tuple[IntArray, IntArray]:
+def _numbers(home: IntArray, piece: AnyArray, count: int, cells: int) -> tuple[IntArray, IntArray]:
     """Number of each piece: that of its cell for the first one there, and parents of all others."""
     parent = np.zeros(count, np.int64)
     parent[piece] = home

@@ -92,15 +92,15 @@ def relative_error(
     return lost[0] / (factor - 1.0) / max(energy, FEW * noise)
 
 
-def warn(error: float, what: str, degree: int) -> None:
+def warn(error: float, what: str, space: SplineSpace) -> None:
     """Warn of an energy that is off."""
     if not error > WARNED:
         return
-    more = " or a higher degree" * (degree < 3)
+    more = ", a higher degree" * (space.degree < 3) + ", smoothness=0" * (space.smoothness > 0)
     many = f"about {100 * error:.2g} %" if error < 1 else "more than its own size"
     warnings.warn(
         f"the cells are too coarse: {what} is off by {many}, estimated from cells twice and four "
-        f"times as long; take finer cells{more}",
+        f"times as long; take finer cells{' or'.join(more.rsplit(',', 1))}",
         PrecisionWarning,
         stacklevel=4,
     )

@@ -406,7 +406,7 @@ def _expand(problem: Any, x: FloatArray) -> FloatArray:
 def _grid_error(problem: Any, solver: Solver, shapes: FloatArray, what: str) -> float:
     """Worst estimate for some shapes of unit energy, with a warning if it is large."""
     error = max(problem.grid_error(solver, c, 1.0) for c in shapes)
-    warn(error, what, problem.domain.degree)
+    warn(error, what, problem.assembly.space)
     return float(error)
 
 

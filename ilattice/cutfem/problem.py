@@ -333,7 +333,7 @@ class Problem:
         else:
             energy = float(x @ solver.multiply(x))
         error = self.grid_error(solver, c, energy)
-        grid_error.warn(error, self.energy_name, self.domain.degree)
+        grid_error.warn(error, self.energy_name, self.assembly.space)
         return c, replace(report, grid_error=error)
 
     def grid_error(self, solver: Solver, c: FloatArray, energy: float) -> float:

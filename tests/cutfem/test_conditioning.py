@@ -9,6 +9,9 @@ import ilattice as il
 from ilattice.cutfem import Elasticity
 from ilattice.cutfem.grid import CUT
 
+#: Numbers on coarse grids are what is tested here.
+pytestmark = pytest.mark.filterwarnings("ignore:the cells are too coarse")
+
 
 def scaled_condition(problem):
     K = problem.system.K.toarray()

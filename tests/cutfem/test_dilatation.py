@@ -6,6 +6,9 @@ import pytest
 from ilattice.cutfem import Elasticity
 from ilattice.errors import InputError, PrecisionWarning
 
+#: Numbers on coarse grids are what is tested here.
+pytestmark = pytest.mark.filterwarnings("ignore:the cells are too coarse")
+
 RATIOS = (0.3, 0.49, 0.499)
 SPACES = [(1, 0), (2, 1), (2, 0), (3, 2)]
 BOX = [[-0.1, 0.2, 0.3], [1.0, 1.1, 2.4]]

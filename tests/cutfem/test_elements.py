@@ -11,6 +11,9 @@ import ilattice as il
 from ilattice.cutfem.elements import elements_of
 from ilattice.errors import PrecisionWarning
 
+#: Numbers on coarse grids are what is tested here.
+pytestmark = pytest.mark.filterwarnings("ignore:the cells are too coarse")
+
 H = 1 / 8
 GRID = il.cutfem.Grid((np.linspace(0, 0.375, 4),) * 2 + (np.linspace(0, 1, 9),))
 SPACES = [(1, None), (2, None), (2, 0), (3, None)]

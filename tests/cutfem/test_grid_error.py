@@ -131,7 +131,7 @@ def test_nothing_is_off_for_solutions_that_coarse_cells_have(p):
                          stabilization="ghost")  # fmt: skip
     for on in ("u=0", "u=1", "v=0", "v=1", "w=0", "w=1"):
         problem = problem.clamp(on, value=stretched)
-    held = problem.load(traction=lambda x: traction_of(problem, x), on="surface")
+    held = problem.load(traction=traction_of, on="surface")
     assert held.solve(tol=1e-11).report.grid_error < 1e-6
     moved = bar(3, p).clamp("w=0", value=(1.0, 2.0, 3.0))
     assert moved.solve().report.grid_error == 0.0
@@ -139,7 +139,7 @@ def test_nothing_is_off_for_solutions_that_coarse_cells_have(p):
     assert warm.solve().report.grid_error == 0.0
 
 
-def traction_of(problem, x):
+def traction_of(x):
     """Traction of the stretched state on the tilted plane, for Young's modulus 1 and ν = 0.3."""
     g = np.array([[0.1, 0.2, 0.0], [0.0, -0.3, 0.1], [0.4, 0.0, 0.2]]).T
     strain = 0.5 * (g + g.T)
@@ -240,7 +240,7 @@ def test_heat_is_warned_of_too():
 
 
 def test_frequencies_and_load_factors_have_estimates():
-    fine = natural_modes(bar(6, 2).clamp("w=0"), 3).omega**2
+    fine = natural_modes(bar(6, 2).clamp("w=0"), 3).omega ** 2
     with pytest.warns(PrecisionWarning, match="square of a frequency"):
         modes = natural_modes(bar(3, 1).clamp("w=0"), 3)
     missing = (modes.omega**2 / fine - 1.0).max()

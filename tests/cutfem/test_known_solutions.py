@@ -7,6 +7,9 @@ from manufactured import MU
 import ilattice as il
 from ilattice.cutfem import Elasticity
 
+#: Numbers on coarse grids are what is tested here.
+pytestmark = pytest.mark.filterwarnings("ignore:the cells are too coarse")
+
 NU = 0.3
 
 

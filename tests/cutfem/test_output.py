@@ -11,6 +11,9 @@ from ilattice.cutfem.grid import cut
 from ilattice.cutfem.heat_solution import HeatHistory, HeatSolution
 from ilattice.errors import FormatError, InputError, PrecisionWarning
 
+#: Numbers on coarse grids are what is tested here.
+pytestmark = pytest.mark.filterwarnings("ignore:the cells are too coarse")
+
 CUBE = [[-1.0] * 3, [1.0] * 3]
 HOLLOW = (lambda u: (u**2).sum(axis=1) - 0.64, lambda u: 0.09 - (u**2).sum(axis=1))
 
@@ -153,7 +156,7 @@ def test_a_wall_is_shown_by_its_surface_or_as_a_solid(tmp_path):
 def test_modes_are_a_sequence_and_one_file(tmp_path, ball):
     problem = ball.problem
     vectors = np.stack([some(problem, seed).coefficients for seed in range(3)])
-    report = EigenReport("superlu", 0.0, 0.0)
+    report = EigenReport("superlu", 0.0, 0.0, 0.0)
     modes = Modes(problem, 2 * np.pi * np.array([1.0, 1.0, 2.5]), vectors, report)
     assert len(modes) == 3
     assert [m.number for m in modes] == pytest.approx([1.0, 1.0, 2.5])
@@ -217,7 +220,7 @@ def test_utilization_and_safety():
 
 
 def test_bad_output_is_refused(tmp_path, ball):
-    modes = Modes(ball.problem, np.ones(1), ball.coefficients[None], EigenReport("", 0.0, 0.0))
+    modes = Modes(ball.problem, np.ones(1), ball.coefficients[None], EigenReport("", 0.0, 0.0, 0.0))
     for call, kind, match in (
         (lambda: ball.to_pyvista("walls"), InputError, "on must be"),
         (lambda: ball.to_pyvista("surface"), InputError, "only walls"),

@@ -6,6 +6,9 @@ import pytest
 import ilattice as il
 from ilattice.errors import InputError
 
+#: Numbers on coarse grids are what is tested here.
+pytestmark = pytest.mark.filterwarnings("ignore:the cells are too coarse")
+
 BOX = [[-0.3, 0.1, -0.2], [0.7, 1.3, 1.9]]
 A = np.array([[0.02, -0.01, 0.005], [0.003, -0.04, 0.01], [0.0, 0.02, 0.03]])
 

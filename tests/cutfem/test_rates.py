@@ -9,6 +9,9 @@ import pytest
 import ilattice as il
 from ilattice.cutfem import Elasticity, Heat
 
+#: Numbers on coarse grids are what is tested here.
+pytestmark = pytest.mark.filterwarnings("ignore:the cells are too coarse")
+
 
 def of_displacement(solution):
     return known.errors_of(solution, known.exact, known.slope_of)

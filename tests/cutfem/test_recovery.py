@@ -10,6 +10,9 @@ from ilattice.cutfem.estimate import complementary
 from ilattice.cutfem.recovery import WEIGHTS, project, smoothest
 from ilattice.errors import FormatError
 
+#: Numbers on coarse grids are what is tested here.
+pytestmark = pytest.mark.filterwarnings("ignore:the cells are too coarse")
+
 BOX = [[-1.0] * 3, [1.0] * 3]
 
 
