@@ -96,6 +96,7 @@ def test_numexpr_evaluates_what_is_meshed():
     assert (theirs < 0).any()
 
 
+@pytest.mark.filterwarnings("ignore:the cells are too coarse")
 def test_analyses_are_timed_stage_by_stage():
     found = bench_analyses.measure("fig16d", 1, 0, 2)
     stages = list(found)[: list(found).index("compliance")]

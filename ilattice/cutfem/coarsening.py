@@ -133,4 +133,5 @@ def _restrictions(
     middle, length = 0.5 * (y[joined] + y[joined + 1]), np.diff(y)[joined]
     there = ((u - middle[:, None]) / length[:, None])[..., None] ** k
     fine = (t - 0.5)[:, None] ** k @ space.tables[axis].transpose(0, 2, 1)
-    return np.linalg.solve(fine, there @ coarse.tables[axis][joined].transpose(0, 2, 1))
+    rows = there @ coarse.tables[axis][joined].transpose(0, 2, 1)
+    return np.asarray(np.linalg.solve(fine, rows), np.float64)
