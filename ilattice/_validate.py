@@ -4,8 +4,8 @@ Guarantee: what passes is finite (unless ``finite=False`` leaves that to the cal
 stated shape, C-contiguous float64.
 """
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -17,12 +17,15 @@ from ilattice.errors import InputError
 take_turns()  # every way to a kernel leads through here
 watch()
 
+K = TypeVar("K")
+V = TypeVar("V")
+T = TypeVar("T")
 #: Largest number of tiles or cells in one direction.
 LARGEST_COUNT = 10_000_000
 
 
 def as_array(name: str, value: Any, ndim: int | None = None, *, finite: bool = True) -> FloatArray:
-    """Float64 array, finite unless told otherwise, or `InputError` that names the argument."""
+    """Writable float64 array, finite unless told otherwise, or `InputError` with the argument."""
     try:
         raw = np.asarray(value)
         # NumPy reads None as NaN and text as numbers, and drops masks and imaginary parts
@@ -30,6 +33,8 @@ def as_array(name: str, value: Any, ndim: int | None = None, *, finite: bool = T
         if value is None or flag or raw.dtype.kind not in "biufO" or np.ma.is_masked(value):
             raise TypeError(value)
         a = np.ascontiguousarray(raw, dtype=np.float64)
+        if not a.flags.writeable:  # of another type to kernels, which would be compiled again
+            a = a.copy()
     except (TypeError, ValueError, OverflowError, AttributeError) as e:
         masked = " without masks" if np.ma.is_masked(value) else ""
         raise InputError(
@@ -194,21 +199,65 @@ def read_only(a: Any) -> Any:
     return a
 
 
-class Frozen:
-    """Objects whose public arrays are read-only, also through `pickle` and `copy.deepcopy`."""
+class FixedMapping(Mapping[K, V]):
+    """A mapping that nobody can change, also after `pickle` and `copy.deepcopy`."""
 
-    def __post_init__(self) -> None:
-        """Clear the write flags of public arrays of a dataclass."""
-        for name, value in vars(self).items():
-            if not name.startswith("_"):
-                _freeze(value)
+    __slots__ = ("_items",)
+    _items: dict[K, V]
+
+    def __init__(self, items: Mapping[K, V] | None = None) -> None:
+        object.__setattr__(self, "_items", dict(items or {}))
+
+    def __getitem__(self, key: K) -> V:
+        return self._items[key]
+
+    def __iter__(self) -> Iterator[K]:
+        return iter(self._items)
+
+    def __len__(self) -> int:
+        return len(self._items)
+
+    def __repr__(self) -> str:
+        return repr(self._items)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        raise AttributeError(f"{name!r} cannot be set: mappings of results are immutable")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """For `pickle` and `copy`; arrays are read-only again."""
+        return _fixed, (self._items,)
+
+
+def _fixed(items: dict[Any, Any]) -> "FixedMapping[Any, Any]":
+    """Mapping of a pickle, which forgets that arrays are read-only."""
+    for value in items.values():
+        _freeze(value)
+    return FixedMapping(items)
+
+
+class FrozenCopies:
+    """Objects of which copies, by `pickle` or `copy.deepcopy`, have read-only public arrays."""
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Restore from a pickle, which forgets that arrays are read-only."""
         self.__dict__.update(state)
-        for name, value in state.items():
-            if not name.startswith("_"):
-                _freeze(value)
+        freeze(self)
+
+
+class Frozen(FrozenCopies):
+    """Objects whose public arrays are read-only, also through `pickle` and `copy.deepcopy`."""
+
+    def __post_init__(self) -> None:
+        """Clear the write flags of public arrays of a dataclass."""
+        freeze(self)
+
+
+def freeze(thing: T) -> T:
+    """`thing` itself, its public arrays read-only."""
+    for name, value in vars(thing).items():
+        if not name.startswith("_"):
+            _freeze(value)
+    return thing
 
 
 def _freeze(value: Any) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import FloatArray
-from ilattice._validate import as_array, check_finite
+from ilattice._validate import Frozen, as_array, check_finite
 from ilattice.cutfem.domain import SURFACES
 from ilattice.cutfem.rules import NAMES
 from ilattice.errors import InputError
@@ -21,7 +21,7 @@ AXES = "xyz"
 
 
 @dataclass(frozen=True, eq=False)
-class Support:
+class Support(Frozen):
     """Prescribed components on a place, exactly or by Nitsche's method.
 
     Attributes
@@ -43,7 +43,7 @@ class Support:
 
 
 @dataclass(frozen=True, eq=False)
-class Spring:
+class Spring(Frozen):
     """Stiffness per area towards a value: springs, or convection.
 
     Attributes
@@ -62,7 +62,7 @@ class Spring:
 
 
 @dataclass(frozen=True, eq=False)
-class Load:
+class Load(Frozen):
     """A load of one kind.
 
     Attributes
@@ -114,7 +114,7 @@ def as_value(name: str, value: Any, m: int) -> Value:
             f"{name} must be {'a number' if m == 1 else f'one number or {m}'}, or a function of "
             f"points (n, 3), got {value!r:.80}"
         )
-    return np.broadcast_to(a.ravel(), (m,)).tolist()
+    return tuple(np.broadcast_to(a.ravel(), (m,)).tolist())
 
 
 def values_at(name: str, value: Value, x: FloatArray, m: int) -> FloatArray:

@@ -17,7 +17,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ilattice._typing import FloatArray, IntArray
-from ilattice._validate import read_only
+from ilattice._validate import Frozen, read_only
 from ilattice.cutfem.rules import Quadrature, kept, on_cells
 
 #: Least wet area of a face, in units of the two thirds power of the smaller volume beside it.
@@ -25,7 +25,7 @@ LEAST_NECK = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Parts:
+class Parts(Frozen):
     """Connected parts of a solid on a grid.
 
     Attributes

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import FloatArray, IntArray
-from ilattice._validate import as_choice, as_positive
+from ilattice._validate import Frozen, as_choice, as_positive
 from ilattice.cutfem.assembly import Assembly, compressed_where_long
 from ilattice.cutfem.connectivity import Parts, connected_parts, links
 from ilattice.cutfem.elements import ElementGrid, elements_of
@@ -47,7 +47,7 @@ SLIVER = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Domain:
+class Domain(Frozen):
     """A solid on a background grid, with what discretises it.
 
     Attributes
@@ -76,6 +76,10 @@ class Domain:
     weight: float | None
     wall: Wall | None = None
     _made: dict[Any, Any] = field(default_factory=dict, repr=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For `pickle` and `copy.deepcopy`, without what is made again when needed."""
+        return {**vars(self), "_made": {}}
 
     def once(self, key: Any, make: Any) -> Any:
         """What `make` returns, made at the first call with this key only."""

@@ -134,7 +134,7 @@ def elements_of(cut: CutGrid, solid: Quadrature) -> ElementGrid:
     seen = [label[a:b] for a, b in pairwise(offsets)]
     grid = cut.grid
     thin = widths > 0
-    gaps = np.column_stack([cells[thin], widths[thin]])
+    gaps = read_only(np.column_stack([cells[thin], widths[thin]]))
     raw = ElementGrid(
         grid.axes, grid.closed, cut=cut, several=several, offsets=offsets, corner=corner,
         length=length, label=label, parents=np.zeros(0, np.int64), gaps=gaps,

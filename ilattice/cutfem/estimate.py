@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ilattice._typing import ArrayLike, FloatArray
-from ilattice._validate import as_points, read_only
+from ilattice._validate import Frozen, as_points, read_only
 from ilattice.cutfem.heat_solution import HeatSolution
 from ilattice.cutfem.recovery import smooth_flux, smooth_stress, smoothest, values_on
 from ilattice.cutfem.rules import Quadrature
@@ -39,7 +39,7 @@ WEIGHTS = {1: 1e-1, 2: 1e-2, 3: 3e-3}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ErrorEstimate:
+class ErrorEstimate(Frozen):
     """Estimated error in the energy norm: made by `Solution.error_estimate`.
 
     The energy norm of a displacement is the root of twice its strain energy; that of a temperature

@@ -159,7 +159,7 @@ class DividedGrid(Grid):
 
 
 @dataclass(frozen=True, eq=False)
-class CutGrid:
+class CutGrid(Frozen):
     """Level sets on a grid: made by `cut`.
 
     Attributes

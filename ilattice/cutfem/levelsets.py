@@ -36,7 +36,7 @@ CHECKS = 4096
 
 
 @dataclass(frozen=True, eq=False)
-class LevelSets:
+class LevelSets(Frozen):
     """One or two level sets over a box.
 
     Attributes
@@ -237,8 +237,8 @@ class SplinePieces(Pieces):
         rows, first = zip(*self._operators[0], strict=True)
         out = np.empty(self.shape, np.int8)
         kernels.signs_of_splines(
-            np.stack(self._arrays), *rows, *first, self.sets.factors, self.sets.shifts, halvings,
-            self.lengths, out,
+            np.stack(self._arrays), *rows, *first, self.sets.factors.copy(),
+            self.sets.shifts.copy(), halvings, self.lengths, out,
         )  # fmt: skip
         return out
 

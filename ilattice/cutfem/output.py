@@ -18,7 +18,7 @@ import numpy as np
 
 from ilattice._progress import Progress, track
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
-from ilattice._validate import as_array, as_positive
+from ilattice._validate import FrozenCopies, as_array, as_positive
 from ilattice.cutfem.clipping import clipped, lattice
 from ilattice.cutfem.probe import Probe, probe
 from ilattice.errors import FormatError, InputError
@@ -62,7 +62,7 @@ class Shape(NamedTuple):
     data: dict[str, AnyArray]
 
 
-class Result:
+class Result(FrozenCopies):
     """What results have in common: surfaces, pictures and files."""
 
     problem: "Problem"
@@ -271,7 +271,7 @@ class Result:
 R = TypeVar("R", bound=Result)
 
 
-class Series(Sequence[R]):
+class Series(FrozenCopies, Sequence[R]):
     """Results one after the other: a sequence that is one file for ParaView."""
 
     @property

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import AnyArray, ArrayLike, FloatArray
-from ilattice._validate import as_points
+from ilattice._validate import Frozen, as_points
 from ilattice.errors import InputError
 
 #: How far off the solid points may be, in cells.
@@ -23,7 +23,7 @@ SHOWN = 3
 
 
 @dataclass(frozen=True, eq=False)
-class Probe:
+class Probe(Frozen):
     """A result at points of space: made by `Solution.at` and others.
 
     Every field of the result that is a function of parameters is an attribute here, such as

@@ -26,7 +26,7 @@ from scipy.optimize import brentq
 
 from ilattice._progress import Progress, track
 from ilattice._typing import FloatArray, IntArray
-from ilattice._validate import as_counts, as_items, read_only
+from ilattice._validate import FixedMapping, Frozen, as_counts, as_items, read_only
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.heat_solution import HeatSolution
 from ilattice.cutfem.solution import Solution
@@ -41,7 +41,7 @@ ORDERS = (1e-3, 20.0)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RefinementStudy:
+class RefinementStudy(Frozen):
     """Numbers on finer and finer grids: made by `refinement_study`.
 
     Attributes
@@ -52,7 +52,7 @@ class RefinementStudy:
         Mean length of the longest edges of cells, in space.
     functions : ndarray, shape (n,)
         Number of functions; times three it is the number of unknowns of elasticity.
-    values : dict of str to ndarray, shape (n,)
+    values : mapping of str to ndarray, shape (n,)
         What was asked for.
     estimates : ndarray, shape (n,)
         Estimated relative errors in the energy norm; NaN where they were not asked for.
@@ -61,7 +61,7 @@ class RefinementStudy:
     cells: IntArray
     h: FloatArray
     functions: IntArray
-    values: dict[str, FloatArray]
+    values: Mapping[str, FloatArray]
     estimates: FloatArray
 
     def order(self, name: str) -> FloatArray:
@@ -246,7 +246,8 @@ def refinement_study(
         rows.append(np.array([_length(asm), len(asm.space), estimate, *numbers]))
     h, functions, estimates, *values = read_only(np.stack(rows, axis=1))
     named = dict(zip(quantities, values, strict=True))
-    return RefinementStudy(read_only(grids), h, functions.astype(np.int64), named, estimates)
+    values = FixedMapping({name: read_only(q) for name, q in named.items()})
+    return RefinementStudy(read_only(grids), h, functions.astype(np.int64), values, estimates)
 
 
 def observed_order(h: FloatArray, q: FloatArray) -> float:

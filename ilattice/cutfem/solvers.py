@@ -125,6 +125,7 @@ class Solver:
         if self._places is not None and len(self._places) != n // self._m:
             raise InputError(f"places must have {n // self._m} rows, got {len(self._places)}")
         modes = self._modes(near_nullspace)
+        self._near_nullspace = near_nullspace
         self._blocks = Blocks(self._K.indptr, self._K.indices, self._K.data, n // self._m)
         _check_symmetric(self.multiply, n)
         self._method = choose(self._K) if method == "auto" else method
@@ -135,6 +136,10 @@ class Solver:
     def method(self) -> str:
         """The method, also if it was chosen automatically."""
         return self._method
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """For `pickle` and `copy`, without factors, which are made again."""
+        return _again, (self._K, self._near_nullspace, self._method, self._places)
 
     def precondition(self, r: ArrayLike) -> FloatArray:
         """Approximate solution, shape (n,), of K z = r by one application of the method.
@@ -310,3 +315,8 @@ def _check_symmetric(times: Any, n: int) -> None:
     gap = abs(float(y @ Kx - x @ Ky))
     if gap > ASYMMETRY * np.linalg.norm(x) * np.linalg.norm(Ky):
         raise InputError(f"K must be symmetric: x K y and y K x differ by {gap:.2e}")
+
+
+def _again(K: Any, near_nullspace: Any, method: str, places: Any) -> Solver:
+    """A solver from a pickle."""
+    return Solver(K, near_nullspace=near_nullspace, method=method, places=places)

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
-from ilattice._validate import as_choice, as_points, read_only
+from ilattice._validate import FrozenCopies, as_choice, as_points, read_only
 from ilattice.bspline._kernels import monomial_table
 from ilattice.bspline.knots import design_matrix, greville, wrapped_knots
 from ilattice.cutfem import _kernels_basis as kernels
@@ -37,7 +37,7 @@ IDENTITY = read_only(np.eye(3)[None])
 
 
 @dataclass(frozen=True, eq=False)
-class SplineSpace:
+class SplineSpace(FrozenCopies):
     """B-splines on the active cells of a grid.
 
     Attributes

@@ -20,8 +20,8 @@ from typing import NoReturn
 import numpy as np
 
 from ilattice._typing import IntArray
-from ilattice.io._common import Scanner
 from ilattice.io._patches import check_count
+from ilattice.io._scanner import Scanner
 
 _PER_PATCH = 250  # letters for each patch of many: what they share takes memory, too
 _MOST_EDGES = 12

@@ -14,7 +14,7 @@ import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.errors import FormatError, PrecisionWarning
-from ilattice.io._common import parse_numbers, pieces
+from ilattice.io._scanner import parse_numbers, pieces
 from ilattice.mesh import SurfaceMesh
 
 _BLOCK = 1 << 14  # triangles that are checked at a time

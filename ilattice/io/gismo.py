@@ -27,7 +27,7 @@ import numpy as np
 from ilattice._typing import FloatArray
 from ilattice.bspline import BSpline
 from ilattice.errors import FormatError
-from ilattice.io._common import atomic_write, parse_numbers, pieces, read_text
+from ilattice.io._common import atomic_write, read_text
 from ilattice.io._patches import (
     MAX_DEGREE,
     Patch,
@@ -40,6 +40,7 @@ from ilattice.io._patches import (
     to_spline,
     to_text,
 )
+from ilattice.io._scanner import parse_numbers, pieces
 
 DEPTH = 64
 _TYPE = re.compile(r"(BSpline|Nurbs|Tensor(?:BSpline|Nurbs)([1-9]))")

@@ -30,7 +30,7 @@ import numpy as np
 from ilattice._typing import FloatArray
 from ilattice.bspline import BSpline
 from ilattice.errors import FormatError, InputError
-from ilattice.io._common import Scanner, atomic_write, read_text
+from ilattice.io._common import atomic_write, read_text
 from ilattice.io._patches import (
     MAX_DEGREE,
     Patch,
@@ -42,6 +42,7 @@ from ilattice.io._patches import (
     to_spline,
     to_text,
 )
+from ilattice.io._scanner import Scanner
 
 _STRING = r'"(?:[^"\\]|\\.?)*+"?'
 _COMMENT = re.compile(rf"(?s:{_STRING})|\#[^\n]*")

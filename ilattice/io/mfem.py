@@ -19,7 +19,7 @@ import numpy as np
 from ilattice._typing import FloatArray
 from ilattice.bspline import BSpline
 from ilattice.errors import FormatError, InputError
-from ilattice.io._common import Scanner, atomic_write, blank_comments, read_text
+from ilattice.io._common import atomic_write, read_text
 from ilattice.io._mfem_topology import CORNERS, FACES, GEOMETRY, Topology, read_topology
 from ilattice.io._patches import (
     MAX_DEGREE,
@@ -32,6 +32,7 @@ from ilattice.io._patches import (
     to_spline,
     to_text,
 )
+from ilattice.io._scanner import Scanner, blank_comments
 
 Knots = tuple[int, FloatArray]
 #: How often a control point of a mesh is used, on average, at most; 8 in a grid of bricks.

@@ -11,9 +11,10 @@ from collections.abc import Iterator
 
 from ilattice._typing import AnyArray
 from ilattice.errors import FormatError
-from ilattice.io._common import atomic_write, blank_comments, read_text
+from ilattice.io._common import atomic_write, read_text
 from ilattice.io._mesh import TEXT_BLOCK, blocks, check_not_empty, colours
 from ilattice.io._polygons import Points, Polygons, checked_mesh, text_lines, words_of
+from ilattice.io._scanner import blank_comments
 from ilattice.mesh import SurfaceMesh
 
 _CORNER = re.compile(r"-?[0-9]{1,18}")

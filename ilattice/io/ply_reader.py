@@ -1,13 +1,16 @@
 """PLY files of all three encodings: text, little and big endian.
 
-Guarantees: vertices and faces are found whatever other elements and properties there are; all
-polygons are read, as fans of triangles; binary single precision stays single. Not read: named
-data.
+Guarantees: vertices and faces are found whatever other elements and properties there are, and the
+file holds all that its header claims and nothing more, also after the faces; all polygons are read,
+as fans of triangles; binary single precision stays single. Not read: named data.
 """
 
+import itertools
 import os
+import re
 import struct
 from array import array
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, NoReturn
 
@@ -15,8 +18,9 @@ import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.errors import FormatError
-from ilattice.io._common import parse_text, read_bytes
+from ilattice.io._common import read_bytes
 from ilattice.io._polygons import checked_mesh
+from ilattice.io._scanner import parse_text
 from ilattice.mesh import SurfaceMesh
 
 _CODES = {
@@ -73,9 +77,10 @@ def read_ply(path: str | os.PathLike[str]) -> SurfaceMesh:
     source = _Binary(path, data, start, order) if order else _Text(path, data, start)
     found: dict[str, dict[str, Any]] = {}
     for element in elements:
-        found[element.name] = source.table(element)
-        if "vertex" in found and "face" in found:
-            break
+        table = source.table(element)
+        if element.name in ("vertex", "face"):
+            found[element.name] = table
+    source.end()
     vertex = found.get("vertex", {})
     if not all(isinstance(vertex.get(c), np.ndarray) for c in "xyz"):
         raise FormatError(f"{path}: has no vertices with x, y and z")
@@ -115,6 +120,9 @@ def _header(path: str | os.PathLike[str], data: bytes) -> tuple[str, list[_Eleme
                 elements[-1].columns.append(_Property(name, _CODES[code]))
             case _:
                 raise FormatError(f"{path}, line {number}: found {line!r:.60}; expected a property")
+    names = [element.name for element in elements]
+    if any(names.count(name) > 1 for name in ("vertex", "face")):
+        raise FormatError(f"{path}: names vertices or faces twice")
     if order is None:
         raise FormatError(f"{path}: names no known format; expected {' or '.join(_ORDERS)} 1.0")
     return order, elements, stop + 1
@@ -200,6 +208,12 @@ class _Binary:
         ]
         return _columns(element, lengths, numbers)
 
+    def end(self) -> None:
+        """Refuse what comes after the last table."""
+        rest = len(self._data) - self._at
+        if rest and not self._data[self._at :].isspace():
+            raise FormatError(f"{self._path}: holds {rest} bytes more than its header claims")
+
     def _take(self, size: int) -> bytes:
         """The next bytes."""
         if size < 0 or self._at + size > len(self._data):
@@ -213,6 +227,7 @@ class _Text:
 
     def __init__(self, path: str | os.PathLike[str], data: bytes, start: int) -> None:
         self._path, self._at = path, 0
+        self._data, self._start = data, start
         self._values, self._wrong = parse_text(data[start:].decode("latin-1"))
 
     def table(self, element: _Element) -> dict[str, Any]:
@@ -230,18 +245,30 @@ class _Text:
             width, start = len(element.columns), self._at
             self._move(element, element.count * width)
             block = self._values[start : self._at].reshape(-1, width)
-            numbers = [block[:, i] for i in range(width)]
+            checked = [
+                self._typed(block[:, i], c, element, range(start + i, self._at, width).__getitem__)
+                for i, c in enumerate(element.columns)
+            ]
         else:
             self._walk(element, places, lengths)
-            numbers = [
-                self._values[_spread(p, n if c.length else None)]
-                for c, p, n in zip(element.columns, places, lengths, strict=True)
-            ]
-        checked = [
-            self._typed(values, c, element)
-            for values, c in zip(numbers, element.columns, strict=True)
-        ]
+            checked = []
+            for c, p, n in zip(element.columns, places, lengths, strict=True):
+                at = _spread(p, n if c.length else None)
+                checked.append(self._typed(self._values[at], c, element, at.__getitem__))
         return _columns(element, lengths, checked)
+
+    def end(self) -> None:
+        """Refuse what comes after the last table."""
+        if self._at < len(self._values) or self._wrong:
+            raise FormatError(
+                f"{self._path}, line {self._line(self._at)}: holds more than its header claims"
+            )
+
+    def _line(self, number: int) -> int:
+        """The line of a number of the tables, or the last one."""
+        places = re.finditer(rb"\S+", memoryview(self._data)[self._start :])
+        place = next((m.start() for m in itertools.islice(places, number, None)), 0)
+        return self._data.count(b"\n", 0, self._start + place) + 1
 
     def _walk(
         self, element: _Element, places: list["array[int]"], lengths: list["array[int]"]
@@ -260,7 +287,7 @@ class _Text:
         """Pass over numbers, which must be there."""
         if self._at + count > len(self._values):
             if self._wrong:
-                self._refuse(self._wrong, element, "finite numbers")
+                self._refuse(self._wrong, element, "finite numbers", len(self._values))
             raise FormatError(f"{self._path}: ends within {element.name!r:.60}")
         self._at += count
 
@@ -270,15 +297,22 @@ class _Text:
         self._move(element, 1)
         value = float(self._values[start])
         if not (value >= 0 and value == int(value)):
-            self._refuse(f"{value:g}", element, "the length of a list")
+            self._refuse(f"{value:g}", element, "the length of a list", start)
         return int(min(value, len(self._values)))
 
-    def _refuse(self, word: str, element: _Element, expected: str) -> NoReturn:
+    def _refuse(self, word: str, element: _Element, expected: str, at: int) -> NoReturn:
         raise FormatError(
-            f"{self._path}: found {word!r:.60} in {element.name!r:.60}; expected {expected}"
+            f"{self._path}, line {self._line(at)}: found {word!r:.60} in {element.name!r:.60}; "
+            f"expected {expected}"
         )
 
-    def _typed(self, values: FloatArray, column: _Property, element: _Element) -> AnyArray:
+    def _typed(
+        self,
+        values: FloatArray,
+        column: _Property,
+        element: _Element,
+        place: Callable[[int], int],
+    ) -> AnyArray:
         """Values of a column; reals with all their digits, whatever precision the file names."""
         if column.code[0] == "f":
             return values
@@ -288,8 +322,9 @@ class _Text:
             part = values[i : i + _ROWS]
             whole = (part == np.rint(part)) & (part >= limits.min) & (part <= limits.max)
             if not whole.all():
-                word = f"{part[np.argmin(whole)]:g}"
-                self._refuse(word, element, f"finite numbers of type {column.code}")
+                bad = int(np.argmin(whole))
+                expected = f"finite numbers of type {column.code}"
+                self._refuse(f"{part[bad]:g}", element, expected, int(place(i + bad)))
             out[i : i + _ROWS] = part
         return out
 

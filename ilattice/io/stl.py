@@ -14,10 +14,11 @@ import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray
 from ilattice.errors import FormatError
-from ilattice.io._common import atomic_write, parse_numbers, read_bytes
+from ilattice.io._common import atomic_write, read_bytes
 from ilattice.io._kernels_stl import fill_triangles
 from ilattice.io._mesh import blocks, check_not_empty, warn_collapsed, write_records
 from ilattice.io._polygons import checked_mesh, welded
+from ilattice.io._scanner import parse_numbers
 from ilattice.mesh import SurfaceMesh
 
 _TRIANGLE = np.dtype([("numbers", "<f4", (12,)), ("attribute", "<u2")])

@@ -24,6 +24,7 @@ from ilattice._validate import (
     as_not_negative,
     as_points,
     as_positive,
+    freeze,
 )
 from ilattice.errors import InputError
 from ilattice.macroshape.certify import check_map
@@ -325,14 +326,14 @@ class Lattice:
         Returns
         -------
         ClosestPoints
-            Feet, signed distances and a status per query.
+            Feet, signed distances and a status per query; their arrays are read-only.
 
         Raises
         ------
         ConvergenceError
             If more than one query in a hundred does not converge.
         """
-        return self.search.query(as_points("u", u))
+        return freeze(self.search.query(as_points("u", u)))
 
     def distance(self, u: ArrayLike) -> FloatArray:
         """Signed Euclidean distance to the mid-surface at images of parameters.
@@ -347,7 +348,7 @@ class Lattice:
         ndarray, shape (n,)
             Distances, negative where the implicit function is negative (Hong et al., eq. 5).
         """
-        return self.closest(u).distance
+        return self.search.query(as_points("u", u)).distance
 
     @property
     def statistics(self) -> Statistics:

@@ -33,7 +33,7 @@ from scipy.ndimage import maximum_filter
 from scipy.spatial import cKDTree
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
-from ilattice._validate import as_kind
+from ilattice._validate import FrozenCopies, as_kind
 from ilattice.errors import ConvergenceError, GeometryError
 from ilattice.offsets import _kernels, _kernels_newton
 from ilattice.offsets.mending import mended
@@ -78,7 +78,7 @@ FINE, FINER = 65, 4
 
 
 @dataclass(frozen=True)
-class ClosestPoints:
+class ClosestPoints(FrozenCopies):
     """Feet of queries on the mid-surface.
 
     Attributes

@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray
+from ilattice._validate import Frozen
 from ilattice.errors import GeometryError, InputError
 from ilattice.offsets.critical import CriticalPoint, CriticalSearch
 from ilattice.offsets.polish import inside
@@ -46,7 +47,7 @@ MARCH, HALVINGS = 12, 10
 
 
 @dataclass(frozen=True)
-class Feature:
+class Feature(Frozen):
     """A least feature of a wall.
 
     Attributes
@@ -79,7 +80,7 @@ def minimum_gap(wall: Wall) -> Feature:
     for gaps in _events(wall, 0.0, float(np.abs(wall.distance.c).max())):
         p = min((p for p in gaps if p.kind != "part"), key=lambda p: p.value, default=None)
         if p is not None:
-            return Feature(2.0 * p.value, p.u, p.x, p.kind)
+            return Feature(2.0 * p.value, p.u.copy(), p.x.copy(), p.kind)
     return Feature(np.inf, np.full(3, np.nan), np.full(3, np.nan), "none")
 
 
@@ -93,7 +94,7 @@ def minimum_thickness(wall: Wall) -> Feature:
         rooms = [(2.0 * _room(wall, p, 0.5 * whole.size), p) for p in webs]
         size, p = min(rooms, key=lambda r: r[0], default=(np.inf, None))
         if p is not None and size < least.size:
-            least = Feature(size, p.u, p.x, "web")
+            least = Feature(size, p.u.copy(), p.x.copy(), "web")
         elif webs:
             break
     return least
@@ -133,7 +134,7 @@ def _thinnest(wall: Wall) -> Feature:
     u = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     total = t.outer(u, extrapolate="clamp") + t.inner(u, extrapolate="clamp")
     i = int(np.argmin(total))
-    return Feature(float(total[i]), u[i], wall.lattice.through.x(u[i : i + 1])[0], "wall")
+    return Feature(float(total[i]), u[i].copy(), wall.lattice.through.x(u[i : i + 1])[0], "wall")
 
 
 def _events(wall: Wall, first: float, last: float) -> Iterator[list[CriticalPoint]]:

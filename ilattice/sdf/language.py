@@ -22,7 +22,7 @@ import numpy as np
 
 from ilattice import fields
 from ilattice._typing import FloatArray
-from ilattice._validate import near_names
+from ilattice._validate import FixedMapping, near_names
 from ilattice.errors import FileError, InputError
 from ilattice.fields.equation import CONSTANTS, FUNCTIONS, VARIABLES, has_coordinates
 from ilattice.fields.node import Node
@@ -52,7 +52,7 @@ class _Item:
 
     token: Token
     operation: Operation | None = None
-    operands: Mapping[str, Token] = field(default_factory=dict)
+    operands: Mapping[str, Token] = field(default_factory=FixedMapping)
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,7 +217,7 @@ class _Reader:
                 self._operation(token, OPERATIONS[key(token.text)])
             else:
                 self.items.append(_Item(token))
-        options = {name: tuple(found) for name, found in self.options.items()}
+        options = FixedMapping({name: tuple(found) for name, found in self.options.items()})
         return Command(tuple(self.items), options)
 
     def _word(self) -> Token:

@@ -59,6 +59,15 @@ class ClosestPoints(NamedTuple):
     faces: IntArray
     distances: FloatArray
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """For `pickle` and `copy`, which forget that arrays are read-only."""
+        return _feet, tuple(self)
+
+
+def _feet(*arrays: AnyArray) -> ClosestPoints:
+    """Closest points with arrays that cannot be written to."""
+    return ClosestPoints(*(read_only(a) for a in arrays))
+
 
 @dataclass(frozen=True)
 class MeshFaults:
@@ -289,7 +298,7 @@ class MeshDistance(Frozen):
             Feet, triangles and signed distances.
         """
         found = self._search(as_points("p", p))
-        return ClosestPoints(found.foot, self._number[found.face], found.distance)
+        return _feet(found.foot, self._number[found.face], found.distance)
 
     def jet(self, p: ArrayLike, order: int = 2) -> tuple[FloatArray, ...]:
         """Signed distance and derivatives.

@@ -19,7 +19,7 @@ import numpy as np
 from ilattice._memory import available, need
 from ilattice._progress import Progress
 from ilattice._typing import FloatArray
-from ilattice._validate import as_kind, as_positive, as_triple
+from ilattice._validate import Frozen, as_kind, as_positive, as_triple
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.fields.algebra import clipped
 from ilattice.fields.node import Node, is_empty
@@ -48,7 +48,7 @@ SETTLED = 90.0  # percent of the triangles that keep the tolerance: some edges s
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class Plan(Frozen):
     """A solid with the grid on which it is contoured; made by `plan`.
 
     Attributes
@@ -142,14 +142,13 @@ class Plan:
         GeometryError
             Where there is no surface, or the field is NaN.
         """
+        axes = [a.copy() for a in self.axes]  # to kernels, read-only ones are of another type
         if np.prod(np.array(self.shape, float)) > LARGE:
-            return contour(
-                self.inner, self.axes, progress=progress, dtype=np.float32, place="linear"
-            )
-        raw = contour_arrays(self.inner, self.axes, progress=progress)
+            return contour(self.inner, axes, progress=progress, dtype=np.float32, place="linear")
+        raw = contour_arrays(self.inner, axes, progress=progress)
         if not self.inner.program.kinked:
             return SurfaceMesh.adopt(raw.vertices, raw.faces)
-        sharp = sharpened(raw, self.inner, self.axes, _corners(self.inner))
+        sharp = sharpened(raw, self.inner, axes, _corners(self.inner))
         repair = remove_slivers(sharp.vertices, sharp.faces, sharp.kind, quality=SLIVER)
         return SurfaceMesh.adopt(sharp.vertices[repair.vertices], repair.faces)
 

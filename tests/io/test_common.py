@@ -8,7 +8,8 @@ import pytest
 
 from ilattice.errors import FormatError, InputError
 from ilattice.io import _common
-from ilattice.io._common import Scanner, atomic_path, atomic_write, parse_numbers, read_text
+from ilattice.io._common import atomic_path, atomic_write, read_text
+from ilattice.io._scanner import Scanner, parse_numbers
 
 
 def test_a_file_is_written_whole(tmp_path):

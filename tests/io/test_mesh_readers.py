@@ -192,6 +192,7 @@ def test_a_part_from_a_file_is_a_field(tmp_path):
 
 PLY = "ply\nformat ascii 1.0\nelement vertex 3\n" + "".join(f"property float {c}\n" for c in "xyz")
 FACE = "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+AFTER = FACE.replace("end_header", "element edge 2\nproperty int a\nend_header")
 POINTS = "0 0 0\n1 0 0\n0 1 0\n"
 
 
@@ -216,8 +217,13 @@ POINTS = "0 0 0\n1 0 0\n0 1 0\n"
         (".ply", PLY.replace("format", "comment") + FACE + POINTS, "no known format"),
         (".ply", PLY + FACE.replace("indices", "list") + POINTS + "3 0 1 2\n", "has no faces"),
         (".ply", PLY + FACE.replace("int v", "float v") + POINTS + "3 0 1 2\n", "whole numbers"),
-        (".ply", PLY + FACE + POINTS + "3 0 1 2.5\n", "'2.5' in 'face'"),
-        (".ply", PLY + FACE + POINTS + "-1 0 1 2\n", "'-1' in 'face'; expected the length"),
+        (".ply", PLY + FACE + POINTS + "3 0 1 2.5\n", "line 13: found '2.5' in 'face'"),
+        (".ply", PLY + FACE + POINTS + "-1 0 1 2\n", "13: .*'-1' in 'face'; expected the length"),
+        (".ply", PLY + FACE + POINTS + "3 0 1 2\n3 0 2 1\n", "line 14: holds more than"),
+        (".ply", PLY + FACE + POINTS + "3 0 1 2\nx\n", "line 14: holds more than"),
+        (".ply", PLY + AFTER + POINTS + "3 0 1 2\n7\n8.5\n", "line 17: found '8.5' in 'edge'"),
+        (".ply", PLY + AFTER + POINTS + "3 0 1 2\n7\n", "ends within 'edge'"),
+        (".ply", PLY + PLY[21:] + FACE + POINTS, "twice"),
         (".ply", PLY + FACE + POINTS + "3 0 1\n", "ends within 'face'"),
         (".ply", PLY.replace("vertex 3", "vertex 9") + FACE + POINTS, "more than fit"),
         (".ply", PLY + FACE + POINTS.replace("1 0 0", "1 inf 0") + "3 0 1 2\n", "'inf'"),
@@ -241,6 +247,24 @@ def test_binary_coordinates_must_be_finite(ring, tmp_path):
         data[at : at + 8] = b"\xff" * 8
         with pytest.raises(FormatError, match="nan"):
             il.mesh.load(written(tmp_path, ending, bytes(data)))
+
+
+@pytest.mark.parametrize("order", "<>")
+def test_binary_files_hold_what_their_headers_claim(tmp_path, order):
+    """Also after the faces: what is cut short there, or goes on, is a damaged file."""
+    name = {"<": "little", ">": "big"}[order]
+    head = (PLY + AFTER).replace("format ascii", f"format binary_{name}_endian").encode()
+    body = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], order + "f4").tobytes() + b"\3"
+    body += np.array([0, 1, 2, 7, 8], order + "i4").tobytes()
+    mesh = il.mesh.load(written(tmp_path, ".ply", head + body + b" \r\n"))
+    np.testing.assert_array_equal(mesh.faces, [[0, 1, 2]])
+    for damaged, message in (
+        (body[:-1], "more than fit|ends within"),
+        (body[:-8], "more than fit|ends within"),
+        (body + b"\0", "1 bytes more than its header"),
+    ):
+        with pytest.raises(FormatError, match=message):
+            il.mesh.load(written(tmp_path, ".ply", head + damaged))
 
 
 def test_unknown_endings_are_refused(tmp_path):

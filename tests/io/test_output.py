@@ -3,9 +3,11 @@
 import errno
 import io as std_io
 import os
+import random
 import struct
 import subprocess
 import sys
+import time
 import warnings
 import zipfile
 from pathlib import Path
@@ -22,6 +24,7 @@ from ilattice.errors import FormatError, GeometryError, InputError, PrecisionWar
 from ilattice.io import _mesh, ply, registry, splines, threemf
 from ilattice.mesh import SurfaceMesh
 
+SAVES_KILLED = int(os.environ.get("ILATTICE_KILLS", "3"))
 MESH_ENDINGS = [".3mf", ".obj", ".off", ".ply", ".stl", ".vtp"]
 
 
@@ -450,3 +453,39 @@ def test_temporary_files_of_killed_processes_are_removed_by_the_next_save(tmp_pa
         child.stdout.close()
     il.sdf.mesh(il.fields.sphere(1.0), 0.5).save(tmp_path / "a.ply")
     assert {p.name for p in tmp_path.iterdir()} == {"a.ply", ".a.tmp.ply"}
+
+
+KILLED = """
+import itertools, sys
+import numpy as np, ilattice as il
+a, b = (il.sdf.mesh(il.fields.sphere(r), 0.25 * r) for r in (1.0, 1.5))
+if sys.argv[1] in (".json", ".xml"):
+    a, b = il.macroshape.torus(1.0, 0.7), il.macroshape.torus(2.0, 0.9)
+ending = sys.argv[1]
+a.save("old" + ending), b.save("new" + ending), a.save("a" + ending)
+print("go", flush=True)
+for i in itertools.count():
+    (b, a)[i % 2].save("a" + ending)
+"""
+
+
+@pytest.mark.parametrize("ending", [".stl", ".3mf", ".json"])
+def test_killed_saves_leave_the_old_file_or_the_new_one(ending, tmp_path):
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    rng = random.Random(f"kills {ending}")
+    for _ in range(SAVES_KILLED):
+        child = subprocess.Popen(
+            [sys.executable, "-c", KILLED, ending],
+            cwd=tmp_path, env=environment, stdout=subprocess.PIPE,
+        )  # fmt: skip
+        assert child.stdout.readline() == b"go\n"
+        time.sleep(rng.uniform(0.0, 0.1))
+        child.kill()
+        child.wait()
+        child.stdout.close()
+        old, new = ((tmp_path / f"{name}{ending}").read_bytes() for name in ("old", "new"))
+        assert old != new
+        assert (tmp_path / f"a{ending}").read_bytes() in (old, new)
+    part = il.macroshape.box() if ending == ".json" else il.sdf.mesh(il.fields.sphere(1.0), 0.5)
+    part.save(tmp_path / f"a{ending}")
+    assert {p.name for p in tmp_path.iterdir()} == {f"{n}{ending}" for n in ("a", "old", "new")}

@@ -1,0 +1,186 @@
+"""Everything public is immutable, also after `pickle` and `copy.deepcopy`: class by class.
+
+A public class without an example here is an error, so that none is forgotten.
+"""
+
+import copy
+import importlib
+import pickle
+from collections.abc import Mapping
+from enum import Enum
+
+import numpy as np
+import pytest
+
+import ilattice as il
+
+ROOMS = ("bspline", "tiles", "macroshape", "fields", "sdf", "mesh", "offsets", "cutfem", "io")
+#: Those that do something, and have no state that users could take for a result.
+TOOLS = {"offsets.ClosestPointSearch", "cutfem.Solver", "io.StreamedMeshWriter"}
+
+
+def public_classes():
+    """Public classes by room and name; those of the top are in rooms, too."""
+    found = {}
+    for room in ROOMS:
+        module = importlib.import_module(f"ilattice.{room}")
+        for name in module.__all__:
+            thing = getattr(module, name)
+            if isinstance(thing, type) and not issubclass(thing, (Exception, Enum)):
+                found[f"{room}.{name}"] = thing
+    return found
+
+
+CLASSES = public_classes()
+
+
+def entities():
+    """One of each kind of what tiles are made of."""
+    from ilattice.tiles import Arc, Curve, Group, Patch, Polyline, Surface
+
+    rng = np.random.default_rng(1)
+    line = Polyline(rng.random((3, 3)))
+    knots = [[0, 0, 0.4, 1, 1]]
+    curve = Curve(il.BSpline(knots, rng.random((3, 3)), 1))
+    sheet = il.BSpline(knots * 2, rng.random((3, 3, 3)), 1)
+    patch = Patch(rng.random((3, 3)))
+    arc = Arc((0.3, 0.5, 0.5), (0.2, 0, 0), (0, 0.2, 0))
+    return [line, arc, curve, patch, Surface(sheet), Group([line])]
+
+
+@pytest.fixture(scope="module")
+def examples():
+    """One object of each public class."""
+    lattice = il.Lattice("gyroid", through=il.macroshape.box(), repeat=1)
+    wall, ball = lattice.offset(0.1), il.fields.sphere(1.0)
+    mesh = il.sdf.mesh(ball, 0.5)
+    distance = il.sdf.MeshDistance(mesh)
+    slices = mesh.slices(thickness=0.4)
+    solid = il.cutfem.Elasticity(wall, 4).clamp("w=0").load(gravity=(0.1, 0.2, -1))
+    solution = solid.solve()
+    heat = il.cutfem.Heat(wall, 4).fix("w=0", 0.0).source(1.0)
+    temperature = heat.solve()
+    modes = il.cutfem.natural_modes(solid, 2)
+    point = lattice.through.x([[0.2, 0.3, 0.1]])
+    study = il.cutfem.refinement_study(
+        lambda cells: il.cutfem.Heat(wall, cells).fix("w=0", 0.0).source(1.0).solve(),
+        (2, 4, 8),
+        {"mean": lambda solution: float(solution.coefficients.mean())},
+    )
+    found = [
+        lattice, wall, ball, mesh, distance, slices, slices[1], solid, solution, heat, temperature,
+        modes, modes[0], study, lattice.through, lattice.through.spline,
+        il.macroshape.torus(major=1.0, width=0.7).certificate, lattice.through.locate(point),
+        il.tiles.get("cross"), il.tiles.get("gyroid").field, il.tiles.mix("cross", "f", seed=1),
+        il.tiles.skeleton([[(0, 0.5, 0.5), (1, 0.5, 0.5)]], radius=0.1).field, *entities(),
+        il.tiles.sigmoid(0, [0.5], 0.1), distance.closest([[0.1, 0.2, 0.3]]), distance.faults,
+        il.sdf.Command.read("box rotate 10 0,0,1 -s 0.2"), il.sdf.plan(ball, 0.5),
+        lattice.closest([[0.2, 0.3, 0.4]]), lattice.statistics, wall.minimum_gap(),
+        lattice.offset(0.1, space="parametric"), wall.thickness_error(mesh_of(wall)),
+        il.cutfem.cut(wall, 4), solid.domain.cut.grid, il.cutfem.quadrature(wall, 4),
+        il.cutfem.mass_properties(wall, 4), heat.evolve(1.0, steps=2), modes.report,
+        solution.recovered(), temperature.recovered(), solution.error_estimate(),
+        solution.report, il.cutfem.buckling(solution, 1), solid.assembly.space,
+        solution.at(point, outside="nan"),
+    ]  # fmt: skip
+    return {type(thing): thing for thing in found}
+
+
+def mesh_of(wall):
+    return wall.mesh(0.2, allow_loss=True)
+
+
+def lacks(thing, path, seen):
+    """What could be changed in the public attributes of a thing, and in theirs."""
+    if id(thing) in seen:
+        return
+    seen[id(thing)] = thing
+    if isinstance(thing, np.ndarray):
+        if thing.flags.writeable:
+            yield f"{path} can be written to"
+    elif isinstance(thing, (dict, list, set, bytearray)):
+        yield f"{path} is a {type(thing).__name__}"
+    elif isinstance(thing, Mapping):
+        for key, value in thing.items():
+            yield from lacks(value, f"{path}[{key!r}]", seen)
+    elif isinstance(thing, tuple):
+        for i, value in enumerate(thing):
+            yield from lacks(value, f"{path}[{i}]", seen)
+    elif type(thing).__module__.startswith("ilattice") and hasattr(thing, "__dict__"):
+        for name, value in vars(thing).items():
+            if not name.startswith("_") and type(thing) not in map(CLASSES.get, TOOLS):
+                yield from lacks(value, f"{path}.{name}", seen)
+
+
+def own(thing):
+    """Names of attributes that must not be bound to something else."""
+    names = getattr(thing, "_fields", ()) or [
+        n for n in getattr(thing, "__dict__", ()) if n[0] != "_"
+    ]
+    return ["foo", *names] if hasattr(thing, "__dict__") else list(names)
+
+
+@pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
+@pytest.mark.parametrize("name", sorted(set(CLASSES) - TOOLS))
+def test_public_objects_and_their_copies_are_immutable(name, examples):
+    kind = CLASSES[name]
+    known = [thing for its, thing in examples.items() if its is kind or name == "fields.Node"]
+    assert known, f"{name} has no example here"
+    thing = known[0]
+    for way in (lambda x: x, copy.copy, copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x))):
+        other = way(thing)
+        assert type(other) is type(thing)
+        assert not list(lacks(other, name, {}))
+        for attribute in own(other):
+            with pytest.raises(AttributeError):
+                setattr(other, attribute, getattr(thing, attribute, 1))
+            with pytest.raises(AttributeError):
+                delattr(other, attribute)
+
+
+def arrays(thing, depth=0):
+    """Public arrays, in order."""
+    if isinstance(thing, np.ndarray):
+        yield thing
+    elif isinstance(thing, Mapping):
+        for key in thing:
+            yield from arrays(thing[key], depth)
+    elif isinstance(thing, tuple):
+        for value in thing:
+            yield from arrays(value, depth)
+    elif depth < 3 and type(thing).__module__.startswith("ilattice"):
+        for field in sorted(getattr(type(thing), "__dataclass_fields__", ())):
+            if not field.startswith("_"):
+                yield from arrays(getattr(thing, field), depth + 1)
+
+
+@pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
+@pytest.mark.parametrize("name", sorted(set(CLASSES) - TOOLS))
+def test_copies_hold_the_same_numbers(name, examples):
+    thing = examples.get(CLASSES[name], examples[il.Lattice])
+    for other in (copy.deepcopy(thing), pickle.loads(pickle.dumps(thing))):
+        for mine, theirs in zip(arrays(thing), arrays(other), strict=True):
+            assert mine.dtype == theirs.dtype
+            assert mine.tobytes() == theirs.tobytes()
+
+
+def test_solvers_can_be_copied():
+    rng = np.random.default_rng(2)
+    a = rng.random((12, 12))
+    solver = il.cutfem.Solver(a @ a.T + np.eye(12), method="superlu")
+    b = rng.random(12)
+    for other in (copy.deepcopy(solver), pickle.loads(pickle.dumps(solver))):
+        np.testing.assert_array_equal(other.solve(b)[0], solver.solve(b)[0])
+
+
+def test_read_only_arrays_are_no_other_type_to_kernels():
+    """They would be compiled once more for them, for minutes."""
+    from ilattice._validate import as_array
+
+    a = np.arange(6.0).reshape(2, 3)
+    assert as_array("a", a) is a
+    a.flags.writeable = False
+    b = as_array("a", a)
+    assert b.flags.writeable
+    assert not np.shares_memory(a, b)
+    np.testing.assert_array_equal(a, b)
