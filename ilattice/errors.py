@@ -10,17 +10,15 @@
         └── FileError             an argument names a file that cannot be (an InputError, too)
 
 Guarantee: bad input ends in one of these, before anything on disk is touched. A message is one
-line (lists of what a file holds take more) of at most `LONGEST` characters, and shows numbers as
-numbers, whatever their type.
+line of at most `LONGEST` characters, and shows numbers as numbers, whatever their type.
 """
 
 import re
 
-#: Characters of the longest line, and lines of the longest message; of more the middle is left out.
-LONGEST, MOST_LINES = 1000, 100
+#: Characters of the longest message; of longer ones the middle is left out.
+LONGEST = 1000
 _NUMPY = re.compile(r"\bnp\.(?:float|int|uint|bool|str)[0-9_]*\(([^()]*)\)")
-
-_ARRAY = re.compile(r"\s*\n\s*(?=[\[\d.-]|$)")  # where arrays are broken into lines
+_BREAK = re.compile(r"\s*\n\s*")
 
 
 class IlatticeError(Exception):
@@ -65,13 +63,9 @@ def shortened(message: str) -> str:
     Returns
     -------
     str
-        The text, with the middle of long lines left out, and of a long list of lines.
+        The text in one line, with the middle left out if it is long.
     """
-    lines = _ARRAY.sub(" ", message).split("\n") if "\n" in message else [message]
-    lines = [printable(line) for line in lines]
-    if len(lines) > MOST_LINES:
-        lines = [*lines[: MOST_LINES - 2], "  ...", lines[-1]]
-    return "\n".join(map(_short, lines))
+    return _short(printable(_BREAK.sub(" ", message)))
 
 
 def printable(text: str) -> str:

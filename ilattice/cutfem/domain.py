@@ -294,6 +294,12 @@ def _one_set(rule: Quadrature, number: int) -> Quadrature:
     )
 
 
+def lattice_of(field: Any) -> Any:
+    """The lattice that a solid is made of, or None."""
+    wall = field if isinstance(field, Wall) else getattr(field, "wall", None)
+    return wall.lattice if isinstance(wall, Wall) else None
+
+
 def as_domain(
     field: Any, cells: Any, *, degree: int, smoothness: int | None, q: int | None,
     stabilization: str, weight: float | None, domain: Any, through: Any,

@@ -28,16 +28,16 @@ import numpy as np
 
 from ilattice._progress import Progress
 from ilattice._typing import FloatArray, IntArray
+from ilattice._validate import as_choice
 from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem import weak
 from ilattice.cutfem.conditions import Load, Support, values_at
 from ilattice.cutfem.dilatation import FROM, Dilatation, as_terms
-from ilattice.cutfem.domain import as_domain
+from ilattice.cutfem.domain import as_domain, lattice_of
 from ilattice.cutfem.material import Isotropic, Property, Scalar
-from ilattice.cutfem.problem import Problem
+from ilattice.cutfem.problem import ISLANDS, Problem
 from ilattice.cutfem.rules import Quadrature, on_cells
 from ilattice.errors import InputError, PrecisionWarning
-from ilattice.offsets.wall import Wall
 
 if TYPE_CHECKING:
     from ilattice.cutfem.solution import Solution
@@ -126,12 +126,7 @@ class Elasticity(Problem):
     ) -> None:  # fmt: skip
         if dilatation not in DILATATIONS:
             raise InputError(f"dilatation must be one of {DILATATIONS}, got {dilatation!r}")
-        where = as_domain(
-            field, cells, degree=degree, smoothness=smoothness, q=q, stabilization=stabilization,
-            weight=weight, domain=domain, through=through,
-        )  # fmt: skip
-        lattice = where.wall.lattice if isinstance(where.wall, Wall) else None
-        super().__init__(where, islands)
+        lattice = lattice_of(field)
         material = Isotropic(
             Scalar("young", young, lattice=lattice),
             Scalar("poisson", poisson, -1.0, 0.5, lattice=lattice),
@@ -139,6 +134,12 @@ class Elasticity(Problem):
             Scalar("expansion", expansion, -np.inf, lattice=lattice),
             None if strength is None else Scalar("strength", strength, lattice=lattice),
         )
+        as_choice("islands", islands, ISLANDS)
+        where = as_domain(
+            field, cells, degree=degree, smoothness=smoothness, q=q, stabilization=stabilization,
+            weight=weight, domain=domain, through=through,
+        )  # fmt: skip
+        super().__init__(where, islands)
         self._set(material=material, dilatation=dilatation)
 
     # ---------------------------------------------------------------- verbs

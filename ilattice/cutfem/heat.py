@@ -23,14 +23,14 @@ import numpy as np
 
 from ilattice._progress import Progress, track
 from ilattice._typing import FloatArray
-from ilattice._validate import as_positive
+from ilattice._validate import as_choice, as_positive
 from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem._kernels_surface import surface_scalars
 from ilattice.cutfem.conditions import Load, Spring, Support, as_value, stiffness_at, values_at
-from ilattice.cutfem.domain import as_domain
+from ilattice.cutfem.domain import as_domain, lattice_of
 from ilattice.cutfem.heat_solution import HeatHistory, HeatSolution, Step
 from ilattice.cutfem.material import Property, Scalar
-from ilattice.cutfem.problem import Problem
+from ilattice.cutfem.problem import ISLANDS, Problem
 from ilattice.cutfem.rules import Quadrature, on_cells
 from ilattice.cutfem.solvers import Solver
 from ilattice.cutfem.weak import NITSCHE, cell_heights
@@ -83,16 +83,18 @@ class Heat(Problem):
         q: int | None = None, stabilization: str = "auto", weight: float | None = None,
         islands: str = "drop", domain: Any = None, through: Any = None,
     ) -> None:  # fmt: skip
+        lattice = lattice_of(field)
+        properties = {
+            "conductivity": Scalar("conductivity", conductivity, lattice=lattice),
+            "capacity": Scalar("capacity", capacity, lattice=lattice),
+        }
+        as_choice("islands", islands, ISLANDS)
         where = as_domain(
             field, cells, degree=degree, smoothness=smoothness, q=q, stabilization=stabilization,
             weight=weight, domain=domain, through=through,
         )  # fmt: skip
         super().__init__(where, islands)
-        lattice = None if where.wall is None else where.wall.lattice
-        self._set(
-            conductivity=Scalar("conductivity", conductivity, lattice=lattice),
-            capacity=Scalar("capacity", capacity, lattice=lattice),
-        )
+        self._set(**properties)
 
     # ---------------------------------------------------------------- verbs
 

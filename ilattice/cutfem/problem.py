@@ -15,7 +15,7 @@ import numpy as np
 
 from ilattice._progress import Progress
 from ilattice._typing import FloatArray, IntArray
-from ilattice._validate import as_choice, read_only
+from ilattice._validate import read_only
 from ilattice.cutfem import grid_error
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.conditions import Load, Spring, Support, as_mask, as_place, as_value
@@ -85,7 +85,6 @@ class Problem:
     energy_name: ClassVar[str] = "the strain energy"
 
     def __init__(self, domain: Domain, islands: str) -> None:
-        as_choice("islands", islands, ISLANDS)
         self._set(
             domain=domain, islands=islands, supports=(), springs=(), loads=(), _held={}
         )  # fmt: skip
@@ -150,10 +149,10 @@ class Problem:
         count = len(self.domain.parts)
         places = {c.on for c in self.supports} | {c.on for c in self.springs}
         if not places:
-            return np.arange(count), np.zeros(0, np.int64)
+            return read_only(np.arange(count)), read_only(np.zeros(0, np.int64))
         touching = [self.domain.parts.touching(self.domain.boundary(on).cells) for on in places]
         held = np.unique(np.concatenate(touching))
-        return held, np.setdiff1d(np.arange(count), held)
+        return read_only(held), read_only(np.setdiff1d(np.arange(count), held))
 
     @cached_property
     def assembly(self) -> Assembly:
@@ -304,8 +303,8 @@ class Problem:
         return gram
 
     def __getstate__(self) -> dict[str, Any]:
-        """For `pickle` and `copy.deepcopy`, without factors, which are made again when needed."""
-        return {**vars(self), "_held": {}}
+        """For `pickle` and `copy.deepcopy`, without what is made again when needed."""
+        return {**{f.name: getattr(self, f.name) for f in fields(self)}, "_held": {}}
 
     def _solve(
         self, method: str, tol: float, max_iterations: int, progress: Progress

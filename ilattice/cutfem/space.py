@@ -15,14 +15,14 @@ outside the active cells the field of the nearest one is continued, by at most o
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
-from ilattice._validate import FrozenCopies, as_choice, as_points, read_only
+from ilattice._validate import Frozen, as_choice, as_points, read_only
 from ilattice.bspline._kernels import monomial_table
 from ilattice.bspline.knots import design_matrix, greville, wrapped_knots
 from ilattice.cutfem import _kernels_basis as kernels
@@ -37,7 +37,7 @@ IDENTITY = read_only(np.eye(3)[None])
 
 
 @dataclass(frozen=True, eq=False)
-class SplineSpace(FrozenCopies):
+class SplineSpace(Frozen):
     """B-splines on the active cells of a grid.
 
     Attributes
@@ -74,6 +74,11 @@ class SplineSpace(FrozenCopies):
         if not len(cells) or cells[0] < 0 or cells[-1] >= self.grid.count + self._beyond:
             raise InputError("cells must name one or more cells of the grid")
         object.__setattr__(self, "cells", read_only(cells))
+        super().__post_init__()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For `pickle` and `copy.deepcopy`, without what is made again when needed."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}
 
     def __len__(self) -> int:
         return len(self.functions)

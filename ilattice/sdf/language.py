@@ -260,7 +260,7 @@ class _Reader:
                     f"{token}: {wanted[name].name}, {_TYPES[parameter.kind]}, must follow"
                 )
             given[name] = self._word()
-        self.items.append(_Item(token, operation, given))
+        self.items.append(_Item(token, operation, FixedMapping(given)))
 
 
 _TYPES = {
