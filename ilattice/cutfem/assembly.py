@@ -300,7 +300,7 @@ class Assembly:
         Gradients are those in space, or, which needs no Jacobians, in parameters.
         """
         u = rule.points if rule.parameters is None else rule.parameters
-        m = c.shape[1]
+        m, c = c.shape[1], np.array(c, order="C")  # writable: read-only ones are of another type
         per_cell = max(len(rule) // max(len(rule.cells), 1), 1)
         for at, part, rows in self.batches(rule, per_cell * (4 * m + 9)):
             owner = np.repeat(at, np.diff(rule.offsets[part.start : part.stop + 1]))
@@ -308,7 +308,7 @@ class Assembly:
             basis.fields(
                 *self.space.tables, self.space.places, self.space.boxes, self.space.dofs, owner,
                 u[rows], self.jacobians(u[rows]) if in_space else IDENTITY,
-                np.ascontiguousarray(c), value, gradient,
+                c, value, gradient,
             )  # fmt: skip
             yield rows, value, gradient
 

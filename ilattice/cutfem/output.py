@@ -18,7 +18,7 @@ import numpy as np
 
 from ilattice._progress import Progress, track
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
-from ilattice._validate import FrozenCopies, as_array, as_positive
+from ilattice._validate import FrozenCopies, as_array, as_positive, read_only
 from ilattice.cutfem.clipping import clipped, lattice
 from ilattice.cutfem.probe import Probe, probe
 from ilattice.errors import FormatError, InputError
@@ -69,6 +69,12 @@ class Result(FrozenCopies):
     coefficients: FloatArray
     shown: ClassVar[str]  #: the field that gives pictures their colours
     probed: ClassVar[tuple[str, ...]] = ()  #: functions of parameters, besides `point_data`
+
+    def __post_init__(self) -> None:
+        """Show the coefficients, and arrays that are like them, read-only."""
+        for name, value in vars(self).items():
+            if isinstance(value, np.ndarray):
+                object.__setattr__(self, name, read_only(value.view()))
 
     def point_data(self, u: Any) -> dict[str, AnyArray]:
         """What files hold, at parameters.

@@ -297,7 +297,7 @@ class SplineSpace(Frozen):
         gradient = np.empty((len(u), c.shape[1], 3))
         kernels.fields(
             *self.tables, self.places, self.boxes, self.dofs, owner, wrapped,
-            np.ascontiguousarray(J), np.ascontiguousarray(c), value, gradient,
+            np.ascontiguousarray(J), np.array(c, order="C"), value, gradient,
         )  # fmt: skip
         return value, gradient
 
