@@ -124,9 +124,8 @@ def fields(thing):
 
 def own(thing):
     """Names of attributes that must not be bound to something else."""
-    names = getattr(thing, "_fields", ()) or [
-        n for n in getattr(thing, "__dict__", ()) if n[0] != "_"
-    ]
+    public = [name for name in getattr(thing, "__dict__", ()) if name[0] != "_"]
+    names = thing._fields if isinstance(thing, tuple) else public
     return ["foo", *names] if hasattr(thing, "__dict__") else list(names)
 
 

@@ -5,6 +5,7 @@ sets are negative there, or zero within a tenth of a cell; no other point has an
 that tenth is measured to first order.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -12,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import AnyArray, ArrayLike, FloatArray
-from ilattice._validate import Frozen, as_points
+from ilattice._validate import FixedMapping, Frozen, as_points, read_only
 from ilattice.errors import InputError
 
 #: How far off the solid points may be, in cells.
@@ -56,10 +57,10 @@ class Probe(Frozen):
         return np.isfinite(self.u[:, 0])
 
     @cached_property
-    def data(self) -> dict[str, AnyArray]:
+    def data(self) -> Mapping[str, AnyArray]:
         """What files hold, by name; NaN outside of the solid."""
         known = self.result.point_data(self.u[self.inside])
-        return {name: self._spread(values) for name, values in known.items()}
+        return FixedMapping({name: read_only(self._spread(v)) for name, v in known.items()})
 
     def __getattr__(self, name: str) -> AnyArray:
         if name.startswith("_"):
