@@ -28,7 +28,7 @@ from scipy.ndimage import label
 import ilattice as il
 from ilattice.bspline import BSpline
 from ilattice.bspline.knots import greville, uniform_knots
-from ilattice.errors import IlatticeError
+from ilattice.errors import ConvergenceError, GeometryError, IlatticeError, PrecisionWarning
 
 DATA = Path(__file__).parent / "data"
 FILES = (
@@ -41,6 +41,8 @@ KINKED = "kinked"
 SCALES = (1.0, 1.0, 1e-6, 1e-3, 1e3, 1e6)
 #: Triangles that a combination should have at most, about.
 MOST = 16_000
+#: Errors with which a combination may be refused.
+REFUSALS = (ConvergenceError, GeometryError)
 #: Columns of the table.
 COLUMNS = (
     "seed", "tile", "map", "repeat", "boundary", "kind", "d", "h", "scale", "cpu", "all", "faces",
@@ -456,16 +458,23 @@ def judge(combo, *, count=100, igl_crossings=True, quadrature=True):
         except IlatticeError as e:
             row |= {"error": f"{type(e).__name__}: {str(e)[:160]}"}
             row["cpu"] = round(time.process_time() - start, 2)
-            row["faults"] = ["error"]
+            row["faults"] = [] if isinstance(e, REFUSALS) else ["error"]
             return Verdict(row)
     row["cpu"] = round(time.process_time() - start, 2)
-    row["warnings"] = " | ".join(sorted({str(w.message)[:70] for w in caught}))
+    told = [str(w.message) for w in caught if issubclass(w.category, PrecisionWarning)]
+    row["warnings"] = " | ".join(sorted({m[:70] for m in told}))
     faults += [f"warning {w.category.__name__}" for w in caught
                if w.category.__name__ == "RuntimeWarning"]  # fmt: skip
     faults += _sound(row, mesh, igl_crossings)
     if quadrature:
         faults += _volumes(row, combo, wall, mesh)
-    faults += _thickness(row, combo, lattice, wall, mesh, count)
+    spread = any("only neighbours have found" in m for m in told)
+    faults += [
+        f
+        for f in _thickness(row, combo, lattice, wall, mesh, count)
+        if not (spread and f.startswith(("off", "distance")))
+    ]
+    faults += _untold(row, mesh, told)
     row["faults"], row["all"] = faults, round(time.process_time() - start, 2)
     return Verdict(row)
 
@@ -513,15 +522,13 @@ def _thickness(row, combo, lattice, wall, mesh, count):
     judge_ = Judge(combo, lattice, wall, mesh, count=count)
     at = judge_.vertices()
     if len(at) == 0:
-        return ["no vertices on the offset"]
+        return [] if "fills the part" in row["warnings"] else ["no vertices on the offset"]
     error, farther = judge_.thickness_errors(at)
     row["p99"] = float(np.percentile(error, 99) / size)
     row["max"] = float(error.max() / size)
     row["distance"] = float(farther[np.abs(farther).argmax()] / size)
     chord = 0.25 * size + 0.3 * (combo.h or 0.0)
     row["wrong_side"], clear = judge_.wrong_side(chord)
-    if row["held"] > 1e-3:
-        out.append(f"held {row['held']:.2%}")
     if row["off"] > 0.0:
         out.append(f"off {row['off']:.2%}")
     if row["p99"] > 1e-3:
@@ -533,6 +540,15 @@ def _thickness(row, combo, lattice, wall, mesh, count):
     if row["wrong_side"] > 0.01:
         out.append(f"wrong side {row['wrong_side']:.1%} of {clear}")
     return out
+
+
+def _untold(row, mesh, told):
+    """Vertices that are off without a warning that gives their number."""
+    held = int((mesh.point_data["held"] != 0).sum())
+    if held <= max(1e-3 * len(mesh.vertices), 10):
+        return []
+    start = f"{held} of {len(mesh.vertices)} vertices could not be moved"
+    return [] if any(m.startswith(start) for m in told) else [f"held {row['held']:.2%}, untold"]
 
 
 def main():

@@ -87,7 +87,7 @@ def at_jumps(
     -------
     ndarray of bool, shape (n,)
         True where halving a way from the vertex to a corner leaves a jump by more than a
-        hundredth of `size`.
+        hundredth of `size`, though the foot on either side was looked for on the other, too.
     """
     at, b, ends = _brackets(wall, axes, u, fixed, side, 1)
     out = np.zeros(len(u), np.bool_)
@@ -98,6 +98,8 @@ def at_jumps(
         same = (f >= 0.0) == (ends[:, 0] >= 0.0)
         a, b = np.where(same[:, None], middle, a), np.where(same[:, None], b, middle)
         ends = np.where(np.stack([same, ~same], axis=1), f[:, None], ends)
+    both = np.stack([a, b], axis=1).reshape(-1, 3)  # as neighbours, which share feet
+    ends = _excess(wall, both, np.repeat(side[at], 2)).reshape(-1, 2)
     out[at] = np.abs(ends[:, 1] - ends[:, 0]) > JUMP * size[at]
     return out
 

@@ -17,7 +17,8 @@ import numpy as np
 from ilattice._typing import AnyArray, FloatArray
 from ilattice.mesh._own_cells import asked, at_jumps, in_own_cells, signed
 from ilattice.mesh.contouring import fixed_coordinates
-from ilattice.offsets.polish import polish
+from ilattice.offsets._kernels_newton import FALLBACK
+from ilattice.offsets.polish import inside, polish
 
 if TYPE_CHECKING:
     from ilattice.offsets.wall import Wall
@@ -27,6 +28,11 @@ if TYPE_CHECKING:
 STRAY, MISSED = 3.0, 1e-4
 #: Half-thicknesses below this part of the least total thickness count as that.
 LEAST = 1e-2
+#: Part of the longest edge of a cell by which vertices at creases may be off, and the cosine
+#: between normals a cell apart that tells of one.
+CUT, TURNED = 0.1, 0.866
+#: Vertices that are looked at again in the end, and the error from which on they are off.
+CHECKED, OFF = 20_000, 1e-3
 #: How many cells around a vertex are searched for the offset, one after the other.
 AROUND = (0, 1)
 
@@ -102,13 +108,23 @@ class Classes(NamedTuple):
         Off by more than `MISSED`.
     jump
         Likewise, but where the distance jumps, so that there is no offset to be on.
+    crease
+        Likewise, but where normals turn within a cell, as at edges of the wall, which triangles
+        cut; off by at most `CUT` of the longest edge of their cells.
     cap
         On a face of the domain and within the wall: no vertices of the offset.
     """
 
     off: AnyArray
     jump: AnyArray
+    crease: AnyArray
     cap: AnyArray
+
+    @property
+    def held(self) -> AnyArray:
+        """Vertices that are off the offset for any reason."""
+        out: AnyArray = self.off | self.jump | self.crease
+        return out
 
 
 def classified(
@@ -135,7 +151,7 @@ def classified(
     Classes
         What they are.
     """
-    out = Classes(*np.zeros((3, len(u)), np.bool_))
+    out = Classes(*np.zeros((4, len(u)), np.bool_))
     at = np.flatnonzero(suspect & (side != 0))
     if len(at) == 0:
         return out
@@ -146,8 +162,71 @@ def classified(
     out.cap[at] = (beyond < -MISSED * size) & fixed.any(axis=1)
     at, size = at[off := ~(np.abs(beyond) <= MISSED * size) & ~out.cap[at]], size[off]
     jump = at_jumps(wall, axes, u[at], fixed[off], side[at], size)
-    out.jump[at], out.off[at] = jump, ~jump
+    crease = ~jump & _at_creases(wall, axes, u[at], side[at])
+    out.jump[at], out.crease[at], out.off[at] = jump, crease, ~jump & ~crease
     return out
+
+
+def _at_creases(
+    wall: Wall, axes: tuple[FloatArray, ...], u: FloatArray, side: FloatArray
+) -> AnyArray:
+    """Which vertices (n,) are off by a part of their cells, where normals turn within a cell."""
+    if len(u) == 0:
+        return np.zeros(0, np.bool_)
+    cells = [
+        np.diff(a)[np.clip(np.searchsorted(a, u[:, k], side="right") - 1, 0, len(a) - 2)]
+        for k, a in enumerate(axes)
+    ]
+    cell = np.stack(cells, axis=1)
+    edges = np.linalg.norm(wall.lattice.through.jacobian(u), axis=1) * cell
+    ways = np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
+    around = inside(wall.lattice, (u[:, None] + ways * cell[:, None]).reshape(-1, 3))
+    found = wall.lattice.search.query(around, strict=False)
+    normal = (wall.lattice.through.x(around) - found.foot).reshape(len(u), len(ways), 3)
+    length = np.abs(found.distance).reshape(len(u), len(ways))
+    normal /= np.where(length > 0.0, length, 1.0)[:, :, None]
+    turned = np.einsum("na,nka->nk", normal[:, 0], normal).min(axis=1) < TURNED
+    off = side * found.distance.reshape(length.shape)[:, 0] - asked(wall, u, side)
+    out: AnyArray = turned & (np.abs(off) <= CUT * edges.max(axis=1))
+    return out
+
+
+def unsettled(
+    wall: Wall, u: FloatArray, side: FloatArray, free: AnyArray
+) -> tuple[AnyArray, float, float]:
+    """Vertices that are off the offset by closest points looked for anew, all of them together.
+
+    Parameters
+    ----------
+    wall : Wall
+        The wall.
+    u, side : ndarray, shape (V, 3) and (V,)
+        Vertices.
+    free : ndarray of bool, shape (V,)
+        Those that are taken to be on the offset.
+
+    Returns
+    -------
+    ndarray of bool, shape (V,)
+        Those of up to `CHECKED` of them that are not.
+    float
+        The part of these.
+    float
+        The part whose feet only neighbours have found.
+    """
+    out = np.zeros(len(u), np.bool_)
+    at = np.flatnonzero(free)
+    if len(at) > CHECKED:
+        at = np.sort(np.random.default_rng(0).choice(at, CHECKED, replace=False))
+    if len(at) == 0:
+        return out, 0.0, 0.0
+    before = wall.lattice.statistics.mended
+    found = wall.lattice.search.query(u[at], strict=False, thorough=True)
+    error = np.abs(side[at] * found.distance - asked(wall, u[at], side[at]))
+    bad = ~(error <= OFF * measure(wall, u[at], side[at])) & (found.status < FALLBACK)
+    out[at[bad]] = True
+    mended = wall.lattice.statistics.mended - before
+    return out, float(bad.mean()), mended / len(at)
 
 
 def strayed(wall: Wall, axes: tuple[FloatArray, ...], u: FloatArray, moved: FloatArray) -> AnyArray:

@@ -1,8 +1,8 @@
 """What a mesh has lost of its wall: its volume against that of the wall by cut cells.
 
-Guarantee: meshes whose edges are long against the wall are compared. Non-guarantee: others are not,
-for there the quadrature takes longer than it is worth; the volume of the wall goes by the distance
-spline (see `ilattice.offsets.Wall.volume`).
+Guarantee: meshes whose edges are long against the wall are compared, and others where the volume at
+random points is another one. Non-guarantees: losses below 3 % of meshes with short edges are not
+seen; the volume of the wall goes by the distance spline (see `ilattice.offsets.Wall.volume`).
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 #: Part of the volume from which on it is told, and from which on it is an error.
 TOLD, REFUSED = 0.01, 0.05
+#: Random points, and the part of the volume by which they may be off beyond three standard errors.
+POINTS, NEAR = 32_768, 0.03
 #: Length of edges, relative to the least thickness, from which on volumes are compared, and that
 #: which is recommended.
 COMPARED, ENOUGH = 0.6, 0.25
@@ -47,7 +49,7 @@ def check_loss(wall: Wall, h: float, mesh: SurfaceMesh, *, sheets: bool, allowed
         If more than `REFUSED` of the volume is lost or gained, unless that is allowed.
     """
     least = wall.least_thickness
-    if h <= COMPARED * least:
+    if h <= COMPARED * least and not _doubtful(wall, mesh.volume):
         return
     whole, got = wall.volume(), mesh.volume
     off = got / whole - 1.0 if whole > 0.0 else 0.0
@@ -69,3 +71,13 @@ def _longest_edge(mesh: SurfaceMesh) -> float:
     """Length of the longest edge of a mesh."""
     corners = mesh.vertices[mesh.faces]
     return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(initial=0.0))
+
+
+def _doubtful(wall: Wall, volume: float) -> bool:
+    """Whether the wall has another volume at random points."""
+    lo, hi = wall.lattice.domain
+    u = lo + (hi - lo) * np.random.default_rng(0).random((POINTS, 3))
+    weight = np.abs(np.linalg.det(wall.lattice.through.jacobian(u))) * (wall.field(u) < 0.0)
+    box = float(np.prod(hi - lo))
+    mean, error = box * float(weight.mean()), box * float(weight.std()) / POINTS**0.5
+    return abs(mean - volume) > 3.0 * error + NEAR * abs(volume)

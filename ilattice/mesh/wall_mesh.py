@@ -30,7 +30,7 @@ from ilattice._progress import Progress
 from ilattice._typing import AnyArray, FloatArray
 from ilattice.errors import ConvergenceError, GeometryError, InputError, PrecisionWarning
 from ilattice.mesh._own_cells import in_own_cells
-from ilattice.mesh._settling import Classes, classified, measure, settled
+from ilattice.mesh._settling import Classes, classified, measure, settled, unsettled
 from ilattice.mesh.contouring import (
     ON_CAP,
     Contour,
@@ -50,9 +50,10 @@ if TYPE_CHECKING:
 
 LEAST_CELLS_PER_TILE = 8
 ANISOTROPY = 2.0
-#: Part of the vertices that may be held before a warning, and before an error; a number of them
-#: that always may.
-MAX_HELD, MOST_HELD, FEW = 1e-3, 1e-2, 10
+#: Part of the vertices that may be held without a warning; part of them that may be off for no
+#: jump or crease of the distance, and at creases, without an error; a number of them that always
+#: may. Last, the part that may have nearer feet than they went by.
+MAX_HELD, MOST_HELD, MOST_CREASED, FEW, MOST_NEARER = 1e-3, 1e-3, 2e-2, 10, 1e-2
 #: Bytes of memory per vertex of a mesh, and per site where the map is sampled.
 PER_VERTEX, PER_SITE = 500, 150
 MOST_PLANES = 10_000_000
@@ -81,8 +82,12 @@ def wall_mesh(
     kept = new.repair.vertices
     of = job.classify(new.u, kind, side, suspect)
     side = np.where(of.cap, 0.0, side)
-    held = (of.off | of.jump)[kept]
-    _check(int(of.off[kept].sum()), len(kept), exactly=job.polish)
+    held, off = of.held[kept], of.off[kept]
+    if job.polish:
+        wrong, part, mended = unsettled(wall, new.u[kept], side[kept], (side[kept] != 0) & ~held)
+        held = held | wrong
+        _check_again(part, mended)
+    _check(off, of.crease[kept], exactly=job.polish)
     _warn(int(held.sum()), len(kept), new.left)
     faces = _outward(wall, new.repair.faces)
     data = _point_data(wall, new.u[kept], side[kept]) | {"held": held.astype(np.int8)}
@@ -149,15 +154,16 @@ def wall_pieces(
         )  # fmt: skip
         yield mesh.vertices, mesh.faces
         return
-    off = count = 0
+    off, crease = [np.zeros(0, np.bool_)], [np.zeros(0, np.bool_)]
     for raw in contour_blocks(job.field, job.axes, **job.options):
         side = job.side(raw)
         u, lost = job.settle(raw.vertices, raw.kind, side)
         of = job.classify(u, raw.kind, side, lost)
-        _warn(int((of.off | of.jump).sum()), len(u), 0)
-        off, count = off + int(of.off.sum()), count + len(u)
+        _warn(int(of.held.sum()), len(u), 0)
+        off.append(of.off)
+        crease.append(of.crease)
         yield wall.lattice.through.x(u), _outward(wall, raw.faces)
-    _check(off, count, exactly=job.polish)
+    _check(np.concatenate(off), np.concatenate(crease), exactly=job.polish)
 
 
 def wall_contour(wall: Wall, h: float | None, *, progress: Progress) -> SurfaceMesh:
@@ -268,7 +274,7 @@ class _Job:
         """What suspect vertices are; see `classified`."""
         if not self.polish:
             none = np.zeros(len(u), np.bool_)
-            return Classes(suspect & (side != 0), none, none)
+            return Classes(suspect & (side != 0), none, none, none)
         return classified(self.wall, self.axes, u, kind, side, suspect)
 
 
@@ -297,13 +303,43 @@ class _Larger:
         return self.f(u) < self.g(u)
 
 
-def _check(held: int, count: int, *, exactly: bool) -> None:
-    """Refuse a mesh of which too many vertices are off the offset."""
+def _check(off: AnyArray, crease: AnyArray, *, exactly: bool) -> None:
+    """Refuse a mesh of which too many vertices are off the offset, or off its creases."""
+    count = len(off)
+    held, cut = int(off.sum()), int(crease.sum())
+    remedy = "use a smaller h, or polish=False for a mesh of the distance spline"
     if exactly and held > max(MOST_HELD * count, FEW):
         raise ConvergenceError(
-            f"{held} of {count} vertices are off the offset (more than {MOST_HELD:.0%}): there is "
+            f"{held} of {count} vertices are off the offset (more than {MOST_HELD:.1%}): there is "
             "none in their cells, as in slits thinner than a part of a cell, or triangles would "
-            "cross; use a smaller h, or polish=False for a mesh of the distance spline"
+            f"cross; {remedy}"
+        )
+    if exactly and cut > max(MOST_CREASED * count, FEW):
+        raise ConvergenceError(
+            f"{cut} of {count} vertices cut creases of the offset (more than {MOST_CREASED:.0%}); "
+            f"{remedy}"
+        )
+
+
+def _check_again(part: float, mended: float) -> None:
+    """Tell of vertices that have nearer feet than those they went by, and refuse too many."""
+    where = (
+        "as where the map folds beyond its ends or squeezes tiles; use boundary='clip', more and "
+        "smaller tiles"
+    )
+    if part > MOST_NEARER:
+        raise ConvergenceError(
+            f"{part:.2%} of the vertices are off the offset (more than {MOST_NEARER:.0%}): parts "
+            f"of the mid-surface are nearer than their closest points, {where}, or polish=False "
+            "for a mesh of the distance spline"
+        )
+    if max(part, mended) > MAX_HELD:
+        warnings.warn(
+            f"{part:.2%} of the vertices are off the offset, for parts of the mid-surface are "
+            f"nearer than their closest points, and of {mended:.2%} only neighbours have found "
+            f"the closest points, {where}",
+            PrecisionWarning,
+            stacklevel=4,
         )
 
 

@@ -218,8 +218,10 @@ class Wall:
         GeometryError
             If the wall is empty, or the mesh too coarse for it; the message says which `h` is not.
         ConvergenceError
-            If more than a hundredth of the vertices cannot be moved onto the offset: `h` is too
-            long for what is between them.
+            If more than a thousandth of the vertices cannot be moved onto the offset: `h` is too
+            long for what is between them. Two in a hundred may be next to creases, off either side
+            by a quarter of the length of edges at most, and any number where the distance jumps at
+            the end of the continuation; a `PrecisionWarning` tells of a thousandth and more.
         """
         from ilattice.mesh.wall_mesh import wall_mesh
 
