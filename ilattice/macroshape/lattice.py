@@ -326,14 +326,16 @@ class Lattice:
         Returns
         -------
         ClosestPoints
-            Feet, signed distances and a status per query; their arrays are read-only.
+            Feet, signed distances and a status per query; their arrays are read-only. Queries are
+            compared with the feet of all others asked for together, so that many at once are the
+            more reliable.
 
         Raises
         ------
         ConvergenceError
             If more than one query in a hundred does not converge.
         """
-        return freeze(self.search.query(as_points("u", u)))
+        return freeze(self.search.query(as_points("u", u), thorough=True))
 
     def distance(self, u: ArrayLike) -> FloatArray:
         """Signed Euclidean distance to the mid-surface at images of parameters.
