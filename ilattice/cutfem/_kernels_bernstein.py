@@ -214,7 +214,7 @@ def single_root(c: Any, at: int, L: Any) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def _insert(c: Any, to: int, n: int, t: float) -> int:
+def insert(c: Any, to: int, n: int, t: float) -> int:
     """Put t into the sorted list c[to : to + n]; its new length."""
     i = to + n
     while i > to and c[i - 1] > t:
@@ -237,11 +237,11 @@ def _quadratic(c: Any, at: int, to: int, n: int) -> int:
     if s != 0.0:
         t = f / s
         if 0.0 < t < 1.0:
-            n = _insert(c, to, n, t)
+            n = insert(c, to, n, t)
     if a != 0.0:
         t = s / a
         if 0.0 < t < 1.0:
-            n = _insert(c, to, n, t)
+            n = insert(c, to, n, t)
     return n
 
 
@@ -256,7 +256,7 @@ def roots(c: Any, at: int, to: int, n: int, stack: int, L: Any) -> int:
     if least >= 0.0 or most <= 0.0:
         return n
     if P == 2:
-        return _insert(c, to, n, c[at] / (c[at] - c[at + 1]))
+        return insert(c, to, n, c[at] / (c[at] - c[at + 1]))
     if P == 3:
         return _quadratic(c, at, to, n)
     width = P + 2
@@ -281,13 +281,13 @@ def roots(c: Any, at: int, to: int, n: int, stack: int, L: Any) -> int:
         end = c[here + 1 + P]
         if changes == 0:
             if end == 0.0 and b < 1.0:
-                n = _insert(c, to, n, b)
+                n = insert(c, to, n, b)
             top -= 1
         elif changes == 1 and first * end < 0.0:
-            n = _insert(c, to, n, bracketed(c, at, a, b, L))
+            n = insert(c, to, n, bracketed(c, at, a, b, L))
             top -= 1
         elif b - a < 2.0**-DEEPEST:
-            n = _insert(c, to, n, 0.5 * (a + b))
+            n = insert(c, to, n, 0.5 * (a + b))
             top -= 1
         else:
             middle = 0.5 * (a + b)

@@ -1,12 +1,7 @@
-"""Rules on a box in columns along one direction in which all active polynomials are monotone.
-
-All scratch is one array of numbers and one of integers, made once per chunk, in which everything
-has the place that is named below: arrays as arguments cost counted references, which here would
-take as long as the work itself.
+"""Points of rules on columns over an accepted part of a base: volumes and surfaces.
 
 Guarantees: weights are positive; points lie inside the box. Rows that do not fit into the output
-are counted, not written. Non-guarantees: columns with a vertical tangent, and bases in which the
-zero sets of two polynomials cross, are accepted at the asked depth, and then are of lower order.
+are counted, not written.
 """
 
 from typing import Any
@@ -14,110 +9,41 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from ilattice.cutfem._kernels_bernstein import (
-    basis,
-    basis_slope,
-    bend,
-    extremes,
-    halve,
-    jet,
-    roots,
-    single_root,
-    slopes,
+from ilattice.cutfem._kernels_bernstein import basis, basis_slope, jet, roots, single_root
+from ilattice.cutfem._kernels_crossings import add_crossings
+from ilattice.cutfem._kernels_scratch import (
+    ACTIVE,
+    ALONG,
+    CROSS,
+    CUT_FACES,
+    EMIT,
+    EXT,
+    FLAT,
+    GAP,
+    INNER,
+    LINES,
+    LO,
+    MOST,
+    N_SURFACE,
+    N_VOLUME,
+    NAMES,
+    NODES,
+    PLANES,
+    SOFT_NODES,
+    SOFT_WEIGHTS,
+    STACK,
+    SURFACE,
+    TABLE,
+    TEMP,
+    TOL,
+    UP,
+    UPRIGHT,
+    VOLUME,
+    WEIGHTS,
+    B,
+    D,
+    X,
 )
-
-#: For what only other kernels call: no wrappers, which take a third of the compilation.
-INNER: Any = {
-    "cache": True,
-    "error_model": "numpy",
-    "no_cpython_wrapper": True,
-    "no_cfunc_wrapper": True,
-}
-CAP = 24  # levels of halving of a box, and of its base
-SHARE = 0.05  # least slope along the height, as a part of the largest slope
-GAP = 1e-14  # intervals below this are dropped
-VOLUME, SURFACE = 1, 2  # what is wanted
-
-# Places in the scratch Z of numbers, for coefficients up to degree 4
-NODES, WEIGHTS, SOFT_NODES, SOFT_WEIGHTS = 0, 10, 20, 30
-X, LO, EXT, FLAT, TOL = 40, 43, 46, 49, 53
-B, D, SPANS = 56, 61, 66  # SPANS: [axis, polynomial, end], 3 x 4 x 2
-CROSS, ALONG, UPRIGHT = 90, 154, 218  # breakpoints in three directions
-STACK, TEMP = 282, 576
-PLANES, LINES = 584, 684  # 4 planes (values, slopes), 6 lines (values, two slopes)
-PARTS = 716  # (CAP + 2) x [lower corner, extent, halvings, those of parts with a direction]
-BOXES = PARTS + (CAP + 2) * 6  # (CAP + 2) x the same, in three dimensions
-FACES = BOXES + (CAP + 2) * 8  # (CAP + 2) x 4 faces
-TENSORS = FACES + (CAP + 2) * 4 * 25  # (CAP + 2) x 2 tensors
-NUMBERS = TENSORS + (CAP + 2) * 2 * 125
-
-# Places in the scratch N of whole numbers
-ACTIVE, UP, CUT_FACES, OWNERS, SENSE = 0, 2, 4, 8, 12
-N_VOLUME, N_SURFACE, UNSURE = 16, 17, 18  # rows written, whether any sign is not certain
-INTEGERS = 20
-
-
-@njit(**INNER)
-def no_common_zero(c: Any, at: int, to: int, size: int) -> bool:
-    """Whether some a f + b g with constants a, b has one strict sign: f and g vanish nowhere both.
-
-    The pairs of coefficients must fit into an open half-plane; what is kept is the cone that they
-    span, from the direction (ax, ay) to the left as far as (bx, by).
-    """
-    ax = c[at]
-    ay = c[to]
-    bx = ax
-    by = ay
-    fits = ax != 0.0 or ay != 0.0
-    for i in range(1, size):
-        x = c[at + i]
-        y = c[to + i]
-        left = ax * y - ay * x
-        right = x * by - y * bx
-        if left >= 0.0 and right >= 0.0:
-            fits = fits and (left + right > 0.0 or ax * x + ay * y > 0.0)
-        elif left < 0.0 and right > 0.0:
-            ax = x
-            ay = y
-        elif right < 0.0 and left > 0.0:
-            bx = x
-            by = y
-        else:
-            fits = False
-    return fits
-
-
-@njit(**INNER)
-def best_axis(Z: Any, N: Any, axes: int, n: int, which: int, up: int) -> Any:
-    """Direction in which n polynomials are monotone, and how steep they are there.
-
-    Their least and largest differences are in SPANS; polynomial i has the tolerance
-    Z[TOL + N[which + i]], and the sense N[up + i] along the direction. That is -1 if none will do.
-    """
-    best = -1
-    score = -1.0
-    for axis in range(axes):
-        worst = 2.0
-        for i in range(n):
-            low = Z[SPANS + axis * 8 + i * 2]
-            high = Z[SPANS + axis * 8 + i * 2 + 1]
-            eps = Z[TOL + N[which + i]]
-            if max(-low, high) <= eps or (low < -eps and high > eps):
-                worst = -1.0
-            elif worst >= 0.0:
-                top = 0.0
-                for other in range(axes):
-                    at = SPANS + other * 8 + i * 2
-                    top = max(top, max(-Z[at], Z[at + 1]))
-                worst = min(worst, max(max(low, -high), 0.0) / top)
-        if worst > score:
-            best = axis
-            score = worst
-    if best >= 0:
-        for i in range(n):
-            at = SPANS + best * 8 + i * 2
-            N[up + i] = 1 if Z[at + 1] > -Z[at] else -1
-    return best, score
 
 
 @njit(**INNER)
@@ -131,18 +57,23 @@ def foot(
     low: float,
     high: float,
     w: float,
+    out: float,
     L: Any,
 ) -> None:
-    """Point of the zero set of active polynomial i, at t on a column, with its normal."""
+    """Point of the zero set of active polynomial i, at t on a column, with its normal.
+
+    That is the gradient times `out`, 1 or -1.
+    """
     P = len(L)
     lines = LINES + i * P
     e1 = 1 if e0 == 0 else 0
     e2 = 1 if e0 == 2 else 2
     g0 = jet(Z, lines, t, L)[1] / Z[EXT + e0]
-    g1 = jet(Z, lines + 2 * P, t, L)[0] / Z[EXT + e1]
-    g2 = jet(Z, lines + 4 * P, t, L)[0] / Z[EXT + e2]
+    g1 = jet(Z, lines + MOST * P, t, L)[0] / Z[EXT + e1]
+    g2 = jet(Z, lines + 2 * MOST * P, t, L)[0] / Z[EXT + e2]
     length = np.sqrt(g0 * g0 + g1 * g1 + g2 * g2)
-    if abs(g0) > 1e-14 * length:  # else a tangent column: no area
+    wanted = N[EMIT] >> N[ACTIVE + i] & 1
+    if wanted and abs(g0) > 1e-14 * length:  # else a tangent column: no area
         at = N[N_SURFACE]
         N[N_SURFACE] = at + 1
         if at < len(surface):
@@ -151,10 +82,10 @@ def foot(
             surface[at, 2] = Z[X + 2]
             surface[at, e0] = low + high * t
             surface[at, 3] = w * length / abs(g0)
-            surface[at, 4 + e0] = g0 / length
-            surface[at, 4 + e1] = g1 / length
-            surface[at, 4 + e2] = g2 / length
-            surface[at, 7] = N[ACTIVE + i]
+            surface[at, 4 + e0] = out * g0 / length
+            surface[at, 4 + e1] = out * g1 / length
+            surface[at, 4 + e2] = out * g2 / length
+            surface[at, 7] = N[NAMES + N[ACTIVE + i]]
 
 
 @njit(**INNER, inline="always")
@@ -188,10 +119,45 @@ def segment(
 
 
 @njit(**INNER)
+def signs_at(Z: Any, N: Any, n: int, t: float, L: Any) -> int:
+    """Signs of the active polynomials at t on a column, as a place in a table."""
+    signs = 0
+    for i in range(n):
+        if jet(Z, LINES + i * len(L), t, L)[0] < 0.0:
+            signs |= 1 << N[ACTIVE + i]
+    return signs
+
+
+@njit(**INNER)
+def boundary(
+    Z: Any, N: Any, surface: Any, n: int, t: float, inside: int, outside: int, e0: int, w: float,
+    L: Any,
+) -> None:  # fmt: skip
+    """Foot at t of the first polynomial whose sign differs on both sides of the surface."""
+    for i in range(n):
+        k = N[ACTIVE + i]
+        if (inside ^ outside) >> k & 1:
+            out = 1.0 if inside >> k & 1 else -1.0
+            foot(Z, N, surface, i, t, e0, Z[LO + e0], Z[EXT + e0], w, out, L)
+            return
+
+
+@njit(**INNER)
+def beyond(Z: Any, N: Any, n: int, t: float, signs: int, L: Any) -> int:
+    """Signs beyond an end t of a column: others for polynomials that vanish there."""
+    for i in range(n):
+        k = N[ACTIVE + i]
+        eps = 1e3 * Z[TOL + k]
+        if abs(jet(Z, LINES + i * len(L), t, L)[0]) <= eps:
+            signs ^= 1 << k
+    return signs
+
+
+@njit(**INNER)
 def crowded(
     Z: Any, N: Any, volume: Any, surface: Any, n: int, e0: int, w: float, want: int, q: int, L: Any
 ) -> None:
-    """`column` where nothing is known to be monotone: all roots, signs between them."""
+    """`column` for any table, and where nothing is known to be monotone: all roots."""
     P = len(L)
     Z[UPRIGHT] = 0.0
     Z[UPRIGHT + 1] = 1.0
@@ -200,20 +166,33 @@ def crowded(
         count = roots(Z, LINES + i * P, UPRIGHT, count, STACK, L)
     low = Z[LO + e0]
     high = Z[EXT + e0]
+    table = N[TABLE]
+    begin = 0.0  # of the solid that is not written yet
+    last = -1
     for j in range(count - 1):
         a = Z[UPRIGHT + j]
         b = Z[UPRIGHT + j + 1]
-        inside = b - a > GAP
-        for i in range(n):
-            inside = inside and jet(Z, LINES + i * P, 0.5 * (a + b), L)[0] < 0.0
-        if inside and want & VOLUME:
-            segment(Z, N, volume, a, b, e0, low, high, w, q)
-        if inside and want & SURFACE:
-            for i in range(n):
-                eps = 1e3 * Z[TOL + N[ACTIVE + i]]
-                for t in (a, b):
-                    if abs(jet(Z, LINES + i * P, t, L)[0]) <= eps:
-                        foot(Z, N, surface, i, t, e0, low, high, w, L)
+        if b - a <= GAP:
+            continue
+        signs = signs_at(Z, N, n, 0.5 * (a + b), L)
+        before = last if last >= 0 else beyond(Z, N, n, 0.0, signs, L)
+        is_in = table >> signs & 1
+        was_in = table >> before & 1
+        if is_in and (last < 0 or not was_in):
+            begin = a
+        if last >= 0 and was_in and not is_in and want & VOLUME:
+            segment(Z, N, volume, begin, a, e0, low, high, w, q)
+        if is_in != was_in and (is_in or last >= 0) and want & SURFACE:
+            inside, outside = (signs, before) if is_in else (before, signs)
+            boundary(Z, N, surface, n, a, inside, outside, e0, w, L)
+        last = signs
+    if last >= 0:
+        is_in = table >> last & 1
+        if is_in and want & VOLUME:
+            segment(Z, N, volume, begin, 1.0, e0, low, high, w, q)
+        after = beyond(Z, N, n, 1.0, last, L)
+        if is_in and not table >> after & 1 and want & SURFACE:
+            boundary(Z, N, surface, n, 1.0, last, after, e0, w, L)
 
 
 @njit(**INNER, inline="always")
@@ -266,9 +245,9 @@ def column(
             segment(Z, N, volume, a, b, e0, low, high, w, q)
         if want & SURFACE:
             if ka >= 0:
-                foot(Z, N, surface, ka, a, e0, low, high, w, L)
+                foot(Z, N, surface, ka, a, e0, low, high, w, 1.0, L)
             if kb >= 0:
-                foot(Z, N, surface, kb, b, e0, low, high, w, L)
+                foot(Z, N, surface, kb, b, e0, low, high, w, 1.0, L)
 
 
 @njit(**INNER)
@@ -316,7 +295,8 @@ def strips(
 ) -> None:
     """Columns over one accepted part of a base, Z[FLAT:]: its lower corner and its extent.
 
-    Lines run along the first direction of the base, or along the second if it is `turned`.
+    With `crowd` all roots in columns are looked for. Lines run along the first direction of the
+    base, or along the second if it is `turned`.
     """
     P = len(L)
     square = P * P
@@ -331,7 +311,7 @@ def strips(
     low = Z[LO + e0]
     high = Z[EXT + e0]
     nodes, weights = (SOFT_NODES, SOFT_WEIGHTS) if soft else (NODES, WEIGHTS)
-    first, second = (2, 4) if e1 < e2 else (4, 2)
+    first, second = (MOST, 2 * MOST) if e1 < e2 else (2 * MOST, MOST)
     Z[CROSS] = 0.0
     Z[CROSS + 1] = 1.0
     n_cross = 2
@@ -341,6 +321,7 @@ def strips(
             for i in range(P):
                 Z[TEMP + i] = Z[edge + i * step2]
             n_cross = roots(Z, TEMP, CROSS, n_cross, STACK, L)
+    n_cross = add_crossings(Z, N, face, n_faces, turned, n_cross, L)
     for m2 in range(n_cross - 1):
         width2 = Z[CROSS + m2 + 1] - Z[CROSS + m2]
         if width2 <= GAP:
@@ -367,7 +348,7 @@ def strips(
             slice_tensors(Z, N, at, n, B, PLANES, long0, long1, long2, L)
             if want & SURFACE:
                 basis_slope(y2, Z, D, L)
-                slice_tensors(Z, N, at, n, D, PLANES + 2 * square, long0, long1, long2, L)
+                slice_tensors(Z, N, at, n, D, PLANES + MOST * square, long0, long1, long2, L)
             for m1 in range(n_along - 1):
                 width1 = Z[ALONG + m1 + 1] - Z[ALONG + m1]
                 if width1 <= GAP:
@@ -389,144 +370,10 @@ def strips(
                             s2 = 0.0
                             for j in range(P):
                                 s1 += Z[D + j] * Z[PLANES + i * P + j]
-                                s2 += Z[B + j] * Z[PLANES + 2 * square + i * P + j]
+                                s2 += Z[B + j] * Z[PLANES + MOST * square + i * P + j]
                             Z[LINES + first * P + i] = s1
                             Z[LINES + second * P + i] = s2
                     if crowd:
                         crowded(Z, N, volume, surface, n, e0, w1, want, q, L)
                     else:
                         column(Z, N, volume, surface, n, e0, low, high, w1, want, q, L)
-
-
-@njit(**INNER)
-def first_part(Z: Any) -> None:
-    """The whole base as the only part of it."""
-    for i in range(6):
-        Z[PARTS + i] = 1.0 if i == 2 or i == 3 else 0.0
-
-
-@njit(**INNER)
-def first_faces(Z: Any, N: Any, at: int, n: int, e0: int, L: Any) -> None:
-    """The two faces across e0 of all active tensors."""
-    P = len(L)
-    u = 1 if e0 == 0 else 0
-    v = 1 if e0 == 2 else 2
-    step1 = P ** (2 - u)
-    step2 = P ** (2 - v)
-    for k in range(n):
-        for side in range(2):
-            c = at + N[ACTIVE + k] * P * P * P + side * (P - 1) * P ** (2 - e0)
-            f = FACES + (2 * k + side) * P * P
-            for i in range(P):
-                for j in range(P):
-                    Z[f + i * P + j] = Z[c + i * step1 + j * step2]
-
-
-@njit(**INNER)
-def face_axis(Z: Any, N: Any, here: int, n_faces: int, L: Any) -> Any:
-    """Direction in which all cut faces are monotone, or -1, and whether they are steep there.
-
-    Faces of different polynomials must not vanish together either.
-    """
-    P = len(L)
-    square = P * P
-    for j in range(n_faces):
-        c = here + N[CUT_FACES + j] * square
-        for k in range(2):
-            step = P if k == 0 else 1
-            low, high = slopes(Z, c, step, P + 1 - step, 0, 1, L)
-            Z[SPANS + k * 8 + j * 2] = low
-            Z[SPANS + k * 8 + j * 2 + 1] = high
-    axis, score = best_axis(Z, N, 2, n_faces, OWNERS, SENSE)
-    good = score >= SHARE
-    for i in range(n_faces):
-        for j in range(i):
-            a = N[CUT_FACES + i]
-            b = N[CUT_FACES + j]
-            if good and a // 2 != b // 2:
-                good = no_common_zero(Z, here + a * square, here + b * square, square)
-    return axis, good
-
-
-@njit(**INNER)
-def halve_base(Z: Any, N: Any, level: int, n: int, n_faces: int, directed: bool, L: Any) -> None:
-    """Halve a part of a base along its most curved direction: upper half here, lower above."""
-    P = len(L)
-    square = P * P
-    here = FACES + level * 4 * square
-    cut = 0
-    top = 0.0
-    for j in range(n_faces):
-        c = here + N[CUT_FACES + j] * square
-        for k in range(2):
-            step = P if k == 0 else 1
-            size = bend(Z, c, step, P + 1 - step, 0, 1, L)
-            if size > top * (1.0 + 1e-9):
-                top = size
-                cut = k
-    step = P if cut == 0 else 1
-    for f in range(2 * n):
-        c = here + f * square
-        halve(Z, c, c + 4 * square, step, P + 1 - step, 0, 1, L)
-    part = PARTS + 6 * level
-    Z[part + 4] += 1.0
-    if directed:
-        Z[part + 5] += 1.0
-    Z[part + 2 + cut] *= 0.5
-    for i in range(6):
-        Z[part + 6 + i] = Z[part + i]
-    Z[part + cut] += Z[part + 2 + cut]
-
-
-@njit(**INNER)
-def base(
-    Z: Any,
-    N: Any,
-    volume: Any,
-    surface: Any,
-    at: int,
-    n: int,
-    e0: int,
-    soft: bool,
-    crowd: bool,
-    accept: int,
-    want: int,
-    q: int,
-    L: Any,
-) -> None:
-    """Rules on a box in columns along e0; halves the base where no direction of it will do."""
-    P = len(L)
-    square = P * P
-    first_faces(Z, N, at, n, e0, L)
-    first_part(Z)
-    level = 0
-    while level >= 0:
-        here = FACES + level * 4 * square
-        n_faces = 0
-        empty = False
-        for k in range(n):
-            eps = Z[TOL + N[ACTIVE + k]]
-            lowest = np.inf
-            for side in range(2):
-                least, most = extremes(Z, here + (2 * k + side) * square, square)
-                lowest = min(lowest, least)
-                if least < -eps and most > eps:
-                    N[CUT_FACES + n_faces] = 2 * k + side
-                    N[OWNERS + n_faces] = N[ACTIVE + k]
-                    n_faces += 1
-            empty = empty or (lowest >= -eps and not crowd)
-        axis = 0
-        good = True
-        if n_faces and not empty:
-            axis, good = face_axis(Z, N, here, n_faces, L)
-            part = PARTS + 6 * level
-            if not good and (axis < 0 or Z[part + 5] < accept) and Z[part + 4] < CAP:
-                halve_base(Z, N, level, n, n_faces, axis >= 0, L)
-                level += 1
-                continue
-        if not empty:
-            for i in range(4):
-                Z[FLAT + i] = Z[PARTS + 6 * level + i]
-            strips(Z, N, volume, surface, at, n, here, n_faces, e0, axis == 1, soft or not good,
-                   crowd, want, q, L)  # fmt: skip
-        level -= 1

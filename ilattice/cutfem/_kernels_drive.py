@@ -9,17 +9,20 @@ from typing import Any
 import numpy as np
 from numba import njit, prange
 
-from ilattice.cutfem._kernels_columns import (
+from ilattice.cutfem._kernels_faces import face_rule, whole_face
+from ilattice.cutfem._kernels_rules import cell_rule, cell_sign, solid
+from ilattice.cutfem._kernels_scratch import (
     EXT,
     INTEGERS,
     LO,
     N_SURFACE,
     N_VOLUME,
-    NUMBERS,
+    NAMES,
+    PROJECT,
+    TABLE,
     TENSORS,
+    numbers,
 )
-from ilattice.cutfem._kernels_faces import face_rule, whole_face
-from ilattice.cutfem._kernels_rules import cell_rule, cell_sign, solid
 
 CHUNK = 32
 FAST = {"contract"}
@@ -106,7 +109,7 @@ def window_sign(low: Any, high: Any, at: int, P: int) -> int:
 @njit(cache=True, error_model="numpy", parallel=True)
 def signs_of_splines(
     c: Any, rows0: Any, rows1: Any, rows2: Any, first0: Any, first1: Any, first2: Any,
-    factors: Any, shifts: Any, halvings: int, L: Any, out: Any,
+    factors: Any, shifts: Any, table: int, halvings: int, L: Any, out: Any,
 ) -> None:  # fmt: skip
     """`cell_sign` of all pieces, out (n0, n1, n2), of sets `factors` @ splines + `shifts`.
 
@@ -117,8 +120,9 @@ def signs_of_splines(
     sets = len(factors)
     n = c.shape[3]
     for i in prange(len(first0)):
-        Z = np.empty(NUMBERS)
+        Z = np.empty(numbers(sets, L))
         N = np.zeros(INTEGERS, np.int64)
+        N[TABLE] = table
         planes = np.empty((len(c), P * c.shape[2] * n))
         lines = np.empty(sets * P * P * n)
         low = np.empty((sets, n))
@@ -184,18 +188,18 @@ def windows(
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
-def signs(tensors: Any, halvings: int, L: Any, out: Any) -> None:
-    """`cell_sign` of every row of tensors (n, m, P³)."""
-    m = tensors.shape[1]
+def signs(tensors: Any, many: Any, tables: Any, halvings: int, L: Any, out: Any) -> None:
+    """`cell_sign` of every row of tensors (n, m, P³), of which the first `many` (n,) count."""
     size = tensors.shape[2]
     for chunk in prange((len(tensors) + CHUNK - 1) // CHUNK):
-        Z = np.empty(NUMBERS)
+        Z = np.empty(numbers(tensors.shape[1], L))
         N = np.zeros(INTEGERS, np.int64)
         for n in range(chunk * CHUNK, min(len(tensors), (chunk + 1) * CHUNK)):
-            for k in range(m):
+            N[TABLE] = tables[n]
+            for k in range(many[n]):
                 for i in range(size):
                     Z[TENSORS + k * size + i] = tensors[n, k, i]
-            out[n] = cell_sign(Z, N, m, halvings, L)
+            out[n] = cell_sign(Z, N, many[n], halvings, L)
 
 
 @njit(cache=True, error_model="numpy")
@@ -259,10 +263,14 @@ def boxes_of_cells(
 @njit(cache=True, error_model="numpy", parallel=True)
 def rules(
     tensors: Any,
+    many: Any,
+    tables: Any,
+    names: Any,
     which: Any,
     boxes: Any,
     sides: Any,
     gauss: Any,
+    project: int,
     accept: int,
     want: int,
     q: int,
@@ -274,16 +282,19 @@ def rules(
 ) -> None:
     """Rules on boxes (n, 6), given by lower corners and extents.
 
-    which[n] is the row of the tensors, or -1 for a full box or face. sides[n] is -1 for the box
+    which[n] is the row of the tensors (., m, P³), or -1 for a full box or face; the first `many` of
+    a row count, `tables` say which of their signs are solid, and names (., m) number them on
+    surfaces. With `project` crossings of curves are looked for on bases of all boxes, which takes
+    some more points than halving them where curves are nearly parallel. sides[n] is -1 for the box
     itself, or 2 axis + side for one of its faces. Chunk i writes rows of volume[i] (rows, 4) and
     surface[i] (rows, 8); used[i] says how many it has, or would have; counts (n,) are those of
     each box.
     """
-    m = tensors.shape[1]
     size = tensors.shape[2]
     for chunk in prange((len(boxes) + CHUNK - 1) // CHUNK):
-        Z = np.empty(NUMBERS)
+        Z = np.empty(numbers(tensors.shape[1], L))
         N = np.zeros(INTEGERS, np.int64)
+        N[PROJECT] = project
         points = volume[chunk]
         feet = surface[chunk]
         for i in range(len(gauss)):
@@ -299,7 +310,10 @@ def rules(
                 else:
                     whole_face(Z, N, points, sides[n] // 2, sides[n] % 2, q)
             else:
+                m = many[which[n]]
+                N[TABLE] = tables[which[n]]
                 for k in range(m):
+                    N[NAMES + k] = names[which[n], k]
                     for i in range(size):
                         Z[TENSORS + k * size + i] = tensors[which[n], k, i]
                 if sides[n] < 0:

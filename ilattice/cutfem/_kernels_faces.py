@@ -1,43 +1,49 @@
-"""Rules on the part of a face of a cell where all polynomials are negative, by the same recursion.
+"""Rules on the part of a face of a cell in the solid, by the same recursion.
 
-Guarantees: as those of the columns. A face on which a polynomial vanishes altogether is empty.
+Guarantees: as those of the columns. A face on which a polynomial vanishes altogether is in
+the solid only if that has both sides of it.
 """
 
 from typing import Any
 
 from numba import njit
 
+from ilattice.cutfem._kernels_bases import face_axis, first_part, halve_base
 from ilattice.cutfem._kernels_bernstein import basis, extremes, jet, roots
-from ilattice.cutfem._kernels_columns import (
+from ilattice.cutfem._kernels_crossings import add_crossings
+from ilattice.cutfem._kernels_rules import set_tolerances
+from ilattice.cutfem._kernels_scratch import (
+    ACTIVE,
     ALONG,
     CAP,
     CROSS,
+    CURVES,
     CUT_FACES,
     EXT,
     FACES,
     FLAT,
     GAP,
     INNER,
-    LINES,
+    LINE,
     LO,
+    LOW,
     N_VOLUME,
     NODES,
     OWNERS,
     PARTS,
+    SLOTS,
     SOFT_NODES,
     SOFT_WEIGHTS,
     STACK,
+    TABLE,
     TEMP,
     TENSORS,
     TOL,
     WEIGHTS,
     B,
     X,
-    face_axis,
-    first_part,
-    halve_base,
+    with_sign,
 )
-from ilattice.cutfem._kernels_rules import set_tolerances
 
 
 @njit(**INNER)
@@ -85,6 +91,7 @@ def face_strips(
             for i in range(P):
                 Z[TEMP + i] = Z[edge + i * step2]
             n_cross = roots(Z, TEMP, CROSS, n_cross, STACK, L)
+    n_cross = add_crossings(Z, N, face, n_faces, turned, n_cross, L)
     for m2 in range(n_cross - 1):
         width = Z[CROSS + m2 + 1] - Z[CROSS + m2]
         if width <= GAP:
@@ -103,15 +110,18 @@ def face_strips(
                     s = 0.0
                     for r in range(P):
                         s += Z[B + r] * Z[c + i * step1 + r * step2]
-                    Z[LINES + j * P + i] = s
-                n_along = roots(Z, LINES + j * P, ALONG, n_along, STACK, L)
+                    Z[LINE + j * P + i] = s
+                n_along = roots(Z, LINE + j * P, ALONG, n_along, STACK, L)
             for m1 in range(n_along - 1):
                 a = Z[ALONG + m1]
                 b = Z[ALONG + m1 + 1]
-                inside = b - a > GAP
+                if b - a <= GAP:
+                    continue
+                signs = 0
                 for j in range(n_faces):
-                    inside = inside and jet(Z, LINES + j * P, 0.5 * (a + b), L)[0] < 0.0
-                if inside:
+                    if jet(Z, LINE + j * P, 0.5 * (a + b), L)[0] < 0.0:
+                        signs |= 1 << N[OWNERS + j]
+                if N[TABLE] >> signs & 1:
                     low = Z[FLAT + i1]
                     high = Z[FLAT + 2 + i1]
                     emit(Z, N, out, e1, low + high * a, low + high * b, w, q)
@@ -150,29 +160,43 @@ def face_rule(
                 Z[FACES + 2 * k * square + i * P + j] = Z[c + i * P ** (2 - u) + j * P ** (2 - v)]
     Z[X + e0] = Z[LO + e0] + side * Z[EXT + e0]
     first_part(Z)
+    whole = N[TABLE]
+    N[CURVES] = 1
     level = 0
     while level >= 0:
-        here = FACES + level * 4 * square
+        here = FACES + level * SLOTS * square
         part = PARTS + 6 * level
-        n_faces = 0
-        empty = False
+        table = whole
+        n = 0
         for k in range(m):
             least, most = extremes(Z, here + 2 * k * square, square)
-            empty = empty or least >= -Z[TOL + k]
-            if most > Z[TOL + k]:
+            eps = Z[TOL + k]
+            if max(-least, most) <= eps:
+                table = with_sign(table, k, False) & with_sign(table, k, True)
+            elif least >= -eps or most <= eps:
+                table = with_sign(table, k, most <= eps)
+            else:
+                N[ACTIVE + n] = k
+                n += 1
+        n_faces = 0
+        for i in range(n):
+            k = N[ACTIVE + i]
+            if ((table >> (1 << k)) ^ table) & LOW[k]:
                 N[CUT_FACES + n_faces] = 2 * k
                 N[OWNERS + n_faces] = k
                 n_faces += 1
         axis = 0
         good = True
-        if n_faces and not empty:
+        if n_faces:
             axis, good = face_axis(Z, N, here, n_faces, L)
             if not good and (axis < 0 or Z[part + 5] < accept) and Z[part + 4] < CAP:
-                halve_base(Z, N, level, m, n_faces, axis >= 0, L)
+                halve_base(Z, N, level, 2 * m, n_faces, axis >= 0, L)
                 level += 1
                 continue
-        if not empty:
+        if n_faces or table != 0:
             for i in range(4):
                 Z[FLAT + i] = Z[part + i]
+            N[TABLE] = table
             face_strips(Z, N, out, here, n_faces, e0, axis == 1, not good, q, L)
+            N[TABLE] = whole
         level -= 1

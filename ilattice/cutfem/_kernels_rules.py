@@ -1,41 +1,47 @@
-"""Height-function recursion on Bernstein coefficients: rules on {all polynomials < 0} in a cell.
+"""Height-function recursion on Bernstein coefficients: rules on the solid in a cell.
 
 A box in which every polynomial has a certain sign is full or empty. One in which all others are
 monotone along a direction is integrated in columns along it; any other is halved.
 
 Guarantees: as those of the columns. A box whose sign is certain from the coefficients is never
-looked at through samples. Up to two polynomials of one degree, 1 to 4.
+looked at through samples. Up to six polynomials of one degree, 1 to 4, with a table of the signs
+that are solid (see `_kernels_scratch`).
 """
 
 from typing import Any
 
 from numba import njit
 
+from ilattice.cutfem._kernels_bases import base, best_axis
 from ilattice.cutfem._kernels_bernstein import bend, extremes, halve, slopes
-from ilattice.cutfem._kernels_columns import (
+from ilattice.cutfem._kernels_crossings import project_seams, rising
+from ilattice.cutfem._kernels_scratch import (
     ACTIVE,
     BOXES,
     CAP,
+    EMIT,
     EXT,
     INNER,
     LO,
+    LOW,
     N_VOLUME,
     NODES,
+    PROJECT,
+    ROW,
+    SEAMS,
     SHARE,
     SPANS,
     SURFACE,
+    TABLE,
     TENSORS,
+    TINY,
     TOL,
     UNSURE,
     UP,
     VOLUME,
     WEIGHTS,
-    base,
-    best_axis,
-    no_common_zero,
+    with_sign,
 )
-
-TINY = 1e-15  # coefficients below this part of the largest count as zero
 
 
 @njit(**INNER)
@@ -58,7 +64,7 @@ def touches(c: Any, at: int, eps: float, L: Any) -> bool:
 
 
 @njit(**INNER)
-def height_axis(Z: Any, N: Any, at: int, n: int, L: Any) -> Any:
+def height_axis(Z: Any, N: Any, at: int, n: int, flat: bool, L: Any) -> Any:
     """`best_axis` of the n active tensors of those at `at`."""
     P = len(L)
     for i in range(n):
@@ -66,9 +72,42 @@ def height_axis(Z: Any, N: Any, at: int, n: int, L: Any) -> Any:
         for axis in range(3):
             step = P ** (2 - axis)
             low, high = slopes(Z, c, step, P * P if axis else P, 1 if axis < 2 else P, P, L)
-            Z[SPANS + axis * 8 + i * 2] = low
-            Z[SPANS + axis * 8 + i * 2 + 1] = high
-    return best_axis(Z, N, 3, n, ACTIVE, UP)
+            Z[SPANS + axis * ROW + i * 2] = low
+            Z[SPANS + axis * ROW + i * 2 + 1] = high
+    return best_axis(Z, N, 3, n, ACTIVE, UP, flat)
+
+
+@njit(**INNER)
+def all_rise(Z: Any, N: Any, n: int) -> bool:
+    """Whether each active polynomial depends on some direction in which all are monotone."""
+    found = 0
+    wanted = 0
+    for axis in range(3):
+        found |= rising(Z, N, n, axis)
+    for i in range(n):
+        wanted |= 1 << N[ACTIVE + i]
+    return found == wanted
+
+
+@njit(**INNER)
+def surfaces_by_axes(
+    Z: Any, N: Any, volume: Any, surface: Any, here: int, n: int, soft: bool, accept: int, q: int,
+    L: Any,
+) -> None:  # fmt: skip
+    """Feet of polynomials on columns in all directions, each polynomial in the first that will do.
+
+    For those of which some do not depend on a direction, as the sides of boxes along the axes.
+    """
+    done = 0
+    for axis in range(3):
+        height_axis(Z, N, here, n, True, L)
+        mine = rising(Z, N, n, axis) & ~done
+        if mine:
+            done |= mine
+            N[EMIT] = mine
+            project_seams(Z, N, here, n, axis, L)
+            base(Z, N, volume, surface, here, n, axis, soft, True, accept, SURFACE, q, L)
+    N[EMIT] = -1
 
 
 @njit(**INNER)
@@ -78,7 +117,7 @@ def steepest_axis(Z: Any, n: int) -> int:
     top = -1.0
     for axis in range(3):
         for i in range(n):
-            at = SPANS + axis * 8 + i * 2
+            at = SPANS + axis * ROW + i * 2
             size = max(Z[at + 1], -Z[at])
             if size > top:
                 top = size
@@ -146,32 +185,68 @@ def set_tolerances(Z: Any, m: int, L: Any) -> None:
 
 
 @njit(**INNER)
-def corners_differ(Z: Any, m: int, L: Any) -> bool:
+def corners_differ(Z: Any, N: Any, m: int, L: Any) -> bool:
     """Whether a corner of the cell at the bottom of the stack is inside, and another outside."""
     P = len(L)
     inside = False
     outside = False
     for corner in range(8):
         i = (corner // 4 * P * P + corner // 2 % 2 * P + corner % 2) * (P - 1)
-        below = True
+        surely = 0
+        perhaps = 0
         for k in range(m):
             v = Z[TENSORS + k * P * P * P + i]
-            below = below and v < -Z[TOL + k]
-            outside = outside or v > Z[TOL + k]
-        inside = inside or below
+            if v < -Z[TOL + k]:
+                surely |= 1 << k
+            if v <= Z[TOL + k]:
+                perhaps |= 1 << k
+        first = N[TABLE] >> surely & 1
+        second = N[TABLE] >> perhaps & 1
+        inside = inside or (first == 1 and second == 1)
+        outside = outside or (first == 0 and second == 0)
     return inside and outside
+
+
+@njit(**INNER)
+def choose(Z: Any, N: Any, here: int, m: int, table: int, want: int, L: Any) -> Any:
+    """Table of a box, and the number of polynomials whose signs matter there; they are ACTIVE.
+
+    For a rule on surfaces those that vanish on a face of the solid matter, too.
+    """
+    cube = len(L) * len(L) * len(L)
+    n = 0
+    for k in range(m):
+        least, most = extremes(Z, here + k * cube, cube)
+        eps = Z[TOL + k]
+        if least >= -eps:
+            touching = want & SURFACE != 0 and least <= eps and with_sign(table, k, False) != 0
+        else:
+            touching = want & SURFACE != 0 and most >= -eps
+        crosses = least < -eps and most > eps
+        if crosses or (touching and touches(Z, here + k * cube, eps, L)):
+            N[ACTIVE + n] = k
+            n += 1
+        else:
+            table = with_sign(table, k, least < -eps)
+    count = 0
+    for i in range(n):
+        k = N[ACTIVE + i]
+        if ((table >> (1 << k)) ^ table) & LOW[k]:
+            N[ACTIVE + count] = k
+            count += 1
+    return table, count
 
 
 @njit(**INNER)
 def cell_sign(Z: Any, N: Any, m: int, halvings: int, L: Any) -> int:
     """-1 if the cell at the bottom of the stack is certainly full, 1 if empty, 0 otherwise.
 
-    Boxes whose sign is not certain are halved at most so many times.
+    Its table is N[TABLE]. Boxes whose sign is not certain are halved at most so many times.
     """
     P = len(L)
     cube = P * P * P
     set_tolerances(Z, m, L)
-    if corners_differ(Z, m, L):
+    if corners_differ(Z, N, m, L):
         return 0
     Z[BOXES + 6] = 0.0
     full = False
@@ -180,19 +255,12 @@ def cell_sign(Z: Any, N: Any, m: int, halvings: int, L: Any) -> int:
     level = 0
     while level >= 0 and sure and not (full and void):
         here = TENSORS + level * m * cube
-        n = 0
-        empty = False
-        for k in range(m):
-            least, most = extremes(Z, here + k * cube, cube)
-            empty = empty or least >= -Z[TOL + k]
-            if most > Z[TOL + k]:
-                N[ACTIVE + n] = k
-                n += 1
-        if empty:
-            void = True
-            level -= 1
-        elif n == 0:
-            full = True
+        table, n = choose(Z, N, here, m, N[TABLE], 0, L)
+        if n == 0:
+            if table == 0:
+                void = True
+            else:
+                full = True
             level -= 1
         elif Z[BOXES + 8 * level + 6] < halvings:
             halve_box(Z, N, level, m, n, False, L)
@@ -208,9 +276,14 @@ def cell_sign(Z: Any, N: Any, m: int, halvings: int, L: Any) -> int:
 def cell_rule(
     Z: Any, N: Any, volume: Any, surface: Any, m: int, accept: int, want: int, q: int, L: Any
 ) -> None:
-    """Rules on the cell Z[LO:], Z[EXT:] with the tensors at the bottom of their stack."""
+    """Rules on the cell Z[LO:], Z[EXT:] with the tensors at the bottom of their stack.
+
+    Its table is N[TABLE].
+    """
     P = len(L)
     cube = P * P * P
+    whole = N[TABLE]
+    N[EMIT] = -1
     set_tolerances(Z, m, L)
     for i in range(6):
         Z[BOXES + i] = Z[LO + i]
@@ -221,23 +294,21 @@ def cell_rule(
         here = TENSORS + level * m * cube
         for i in range(6):
             Z[LO + i] = Z[BOXES + 8 * level + i]
-        n = 0
-        empty = False
-        for k in range(m):
-            c = here + k * cube
-            least, most = extremes(Z, c, cube)
-            eps = Z[TOL + k]
-            empty = empty or least >= -eps
-            if most > eps or (want & SURFACE and most >= -eps and touches(Z, c, eps, L)):
-                N[ACTIVE + n] = k
-                n += 1
-        if not empty and n == 0 and want & VOLUME:
+        table, n = choose(Z, N, here, m, whole, want, L)
+        if n == 0 and table != 0 and want & VOLUME:
             solid(Z, N, volume, q)
-        if not empty and n:
-            axis, score = height_axis(Z, N, here, n, L)
-            good = score >= SHARE
-            if good and n == 2:
-                good = no_common_zero(Z, here, here + cube, cube)
+        if n:
+            axis, score = height_axis(Z, N, here, n, False, L)
+            flat = axis < 0 and n > 1 and N[PROJECT] == 1
+            if flat:
+                axis, score = height_axis(Z, N, here, n, True, L)
+                if want & SURFACE and not all_rise(Z, N, n):
+                    axis = -1
+                flat = axis >= 0
+            good = score >= SHARE and axis >= 0
+            N[SEAMS] = 0
+            if n > 1 and axis >= 0:
+                good = project_seams(Z, N, here, n, axis, L) and good
             box = BOXES + 8 * level
             if not good and (axis < 0 or Z[box + 7] < accept) and Z[box + 6] < CAP:
                 halve_box(Z, N, level, m, n, axis >= 0, L)
@@ -247,5 +318,24 @@ def cell_rule(
             crowd = axis < 0
             if crowd:
                 axis = steepest_axis(Z, n)
-            base(Z, N, volume, surface, here, n, axis, not good, crowd, accept, want, q, L)
+            N[TABLE] = table
+            if flat and want & SURFACE:
+                surfaces_by_axes(Z, N, volume, surface, here, n, not good, accept, q, L)
+            else:
+                base(
+                    Z,
+                    N,
+                    volume,
+                    surface,
+                    here,
+                    n,
+                    axis,
+                    not good,
+                    crowd or flat,
+                    accept,
+                    want,
+                    q,
+                    L,
+                )
         level -= 1
+    N[TABLE] = whole

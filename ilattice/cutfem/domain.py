@@ -16,11 +16,12 @@ import numpy as np
 
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import Frozen, as_choice, as_positive
+from ilattice.cutfem._filling import MOST_POINTS
 from ilattice.cutfem.assembly import Assembly, compressed_where_long
 from ilattice.cutfem.connectivity import Parts, connected_parts, links
 from ilattice.cutfem.elements import ElementGrid, elements_of
 from ilattice.cutfem.grid import CUT, CutGrid, cut
-from ilattice.cutfem.rules import MOST_POINTS, NAMES, Quadrature, in_space, on_cells, some_cells
+from ilattice.cutfem.rules import NAMES, Quadrature, in_space, on_cells, some_cells
 from ilattice.cutfem.space import SplineSpace, as_degree_and_smoothness
 from ilattice.cutfem.stabilise import ghost_faces, void_rule
 from ilattice.errors import GeometryError, InputError, PrecisionWarning

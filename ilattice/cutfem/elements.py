@@ -20,7 +20,7 @@ import numpy as np
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import read_only
 from ilattice.cutfem import _kernels_elements as kernels
-from ilattice.cutfem.grid import CUT, OUT, CutGrid, DividedGrid
+from ilattice.cutfem.grid import CUT, CutGrid, DividedGrid
 from ilattice.cutfem.rules import Quadrature
 
 #: Pieces of splines that are worked on at once.
@@ -40,7 +40,8 @@ class ElementGrid(DividedGrid):
     offsets : ndarray, shape (c + 1,)
         The boxes of the i-th of them are those from offsets[i] to offsets[i + 1].
     corner, length : ndarray, shape (boxes, 3)
-        Boxes in `_kernels_elements.UNIT` parts of the pieces of splines, from the cell's corner.
+        Boxes in `_kernels_elements.UNIT` parts of the pieces of splines, or of cells, from the
+        cell's corner.
     label : ndarray, shape (boxes,)
         Element of each box.
     gaps : ndarray, shape (g, 2)
@@ -76,7 +77,7 @@ class ElementGrid(DividedGrid):
         at = np.minimum(np.searchsorted(self.several, cells), len(self.several) - 1)
         mine = np.flatnonzero(self.several[at] == cells)
         if len(mine):
-            x = _fine(self.cut, u[mine], out[mine])
+            x = self.cut.layout.fine(u[mine], out[mine])
             found = np.empty(len(mine), np.int64)
             kernels.labels_at(
                 x, at[mine], self.offsets, self.corner, self.length, self.label, found
@@ -125,7 +126,8 @@ def elements_of(cut: CutGrid, solid: Quadrature) -> ElementGrid:
     cells, counts, widths = _counted(cut)
     several = cells[counts > 1]
     boxes = [
-        kernels.pieces_of(*_content(cut, one)[:5], cut.pieces.order)[:3] for one in several[:, None]
+        kernels.pieces_of(*cut.layout.insides(one)[:5], cut.pieces.order)[:3]
+        for one in several[:, None]
     ]
     corner = np.concatenate([np.zeros((0, 3), np.int64), *(b[0] for b in boxes)])
     length = np.concatenate([np.zeros((0, 3), np.int64), *(b[1] for b in boxes)])
@@ -146,57 +148,17 @@ def _counted(cut: CutGrid) -> tuple[IntArray, IntArray, FloatArray]:
     """Cut cells, their numbers of pieces, and widths of gaps that are not resolved, in cells."""
     cells = cut.cells(CUT)
     counts, widths = np.zeros(len(cells), np.int64), np.zeros(len(cells))
-    per_cell = np.prod(cut.pieces.shape) / cut.grid.count
+    per_cell = cut.layout.per_cell
     size = max(int(BATCH / per_cell), 1)
     for i in range(0, len(cells), size):
         part = slice(i, min(i + size, len(cells)))
-        tensors, tables, which, start, extent, owner = _content(cut, cells[part])
+        tensors, tables, which, start, extent, owner = cut.layout.insides(cells[part])
         offsets = np.append(np.searchsorted(owner, cells[part]), len(owner))
         kernels.count_pieces(
             tensors, tables, which, start, extent, offsets, cut.pieces.order, counts[part],
             widths[part],
         )  # fmt: skip
     return cells, counts, widths / np.cbrt(per_cell)
-
-
-def _content(cut: CutGrid, cells: IntArray) -> tuple[Any, ...]:
-    """What `_kernels_elements.boxes_of` needs of some cells, and the cell of each box.
-
-    Coefficients and tables of boxes that are cut, their row for each box or -1 for full ones,
-    corners and lengths in parts of the cell.
-    """
-    axes = [
-        np.flatnonzero(np.isin(o, p)) for o, p in zip(cut._owners, _span(cut, cells), strict=True)
-    ]
-    chosen = np.zeros(cut.grid.count, bool)
-    chosen[cells] = True
-    index = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
-    index = index[chosen[_owner(cut, index)] & (cut._piece_signs[tuple(index.T)] != OUT)]
-    owner = _owner(cut, index)
-    order = np.argsort(owner, kind="stable")
-    index, owner = index[order], owner[order]
-    part = cut._piece_signs[tuple(index.T)] == 0
-    corners = [
-        np.searchsorted(o, i)
-        for o, i in zip(cut._owners, np.unravel_index(owner, cut.grid.shape), strict=True)
-    ]
-    start = (index - np.stack(corners, axis=1)) * kernels.UNIT
-    tensors = cut.pieces.tensors(index[part])
-    plain = np.bitwise_and.reduce(~np.array(kernels.LOW[: tensors.shape[1]], np.int64))
-    tables = np.full(len(tensors), plain)
-    which = np.where(part, np.cumsum(part) - 1, -1)
-    return tensors, tables, which, start, np.full_like(start, kernels.UNIT), owner
-
-
-def _span(cut: CutGrid, cells: IntArray) -> list[IntArray]:
-    """Layers of cells, per direction, from the first to the last one of some."""
-    places = np.unravel_index(cells, cut.grid.shape)
-    return [np.arange(p.min(), p.max() + 1) for p in places]
-
-
-def _owner(cut: CutGrid, index: IntArray) -> IntArray:
-    places = tuple(owner[i] for owner, i in zip(cut._owners, index.T, strict=True))
-    return np.ravel_multi_index(places, cut.grid.shape).astype(np.int64)
 
 
 def _numbered(raw: ElementGrid, labels: list[IntArray], solid: Quadrature) -> ElementGrid:
@@ -231,17 +193,6 @@ def _numbered(raw: ElementGrid, labels: list[IntArray], solid: Quadrature) -> El
         label=read_only(label[rows]),
         parents=read_only(np.array(parents, np.int64)),
     )
-
-
-def _fine(cut: CutGrid, u: FloatArray, cells: IntArray) -> FloatArray:
-    """Places (n, 3) of points in UNIT parts of pieces, from the corners of cells."""
-    places = np.unravel_index(cells, cut.grid.shape)
-    out = np.empty(u.shape)
-    for a, (x, owner) in enumerate(zip(cut.pieces.axes, cut._owners, strict=True)):
-        low, high = (np.searchsorted(owner, places[a], side=s) for s in ("left", "right"))
-        i = np.clip(np.searchsorted(x, u[:, a], side="right") - 1, low, high - 1)
-        out[:, a] = kernels.UNIT * (i - low + (u[:, a] - x[i]) / (x[i + 1] - x[i]))
-    return out
 
 
 def _on_the_other_side(rule: Quadrature) -> tuple[FloatArray, IntArray]:

@@ -6,11 +6,14 @@ does not match, is refined inside by the breaks of the splines, so that cells ma
 
 Guarantees: a cell that is called in or out is so everywhere: its sign is decided by Bernstein
 coefficients, never by sampling. A cell that is called cut may be full or empty by less than the
-halving of pieces can tell. Non-guarantee: for fields that are no splines the certificate is that of
-their interpolant, and of the fields themselves only where they have `range`.
+halving of pieces can tell. Fields of `il.fields` and `il.sdf` are split at `abs`, `min`, `max` and
+steps into smooth ones, and certified by their bounds.
+Non-guarantee: the certificate for functions without `range` is that of their interpolant, and what
+is smaller than a cell may be missed in them; `CutGrid.error` and a warning say what is seen of it.
 """
 
 import math
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -21,8 +24,10 @@ import numpy as np
 from ilattice._memory import need
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import Frozen, as_array, as_choice, as_counts, as_flag, as_items, read_only
+from ilattice.cutfem._layouts import Layout, layout_of
+from ilattice.cutfem.field_pieces import FieldPieces
 from ilattice.cutfem.levelsets import PER_PIECE, LevelSets, Pieces, as_level_sets
-from ilattice.errors import GeometryError, InputError
+from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.macroshape.maps import SplineMap
 from ilattice.offsets.wall import Wall
 
@@ -30,6 +35,8 @@ if TYPE_CHECKING:
     from ilattice.cutfem.rules import Quadrature
 
 IN, CUT, OUT = -1, 0, 1
+#: Errors of volumes, as a part of them, that are warned of.
+WORTH_TELLING = 2e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,31 +184,19 @@ class CutGrid(Frozen):
     through: SplineMap | None = None
 
     @cached_property
-    def pieces(self) -> Pieces:
+    def pieces(self) -> "Pieces | FieldPieces":
         """The boxes on which the level sets are polynomials."""
         return self.sets.pieces(self.grid.axes)
 
     @cached_property
-    def _piece_signs(self) -> AnyArray:
-        return self.pieces.signs()
-
-    @cached_property
-    def _owners(self) -> list[IntArray]:
-        """Per direction, the cell in which each layer of pieces lies."""
-        return [
-            np.searchsorted(coarse, 0.5 * (fine[1:] + fine[:-1])) - 1
-            for coarse, fine in zip(self.grid.axes, self.pieces.axes, strict=True)
-        ]
+    def layout(self) -> Layout:
+        """Which boxes make up the cells."""
+        return layout_of(self.grid, self.pieces)
 
     @cached_property
     def status(self) -> AnyArray:
         """Sign of the solid in each cell: -1 in, 0 cut, 1 out; shape of the grid, int8."""
-        low = high = self._piece_signs
-        for a, owner in enumerate(self._owners):
-            starts = np.searchsorted(owner, np.arange(self.grid.shape[a]))
-            low = np.minimum.reduceat(low, starts, axis=a)
-            high = np.maximum.reduceat(high, starts, axis=a)
-        return read_only(np.where(low == high, low, CUT).astype(np.int8))
+        return self.layout.status
 
     def cells(self, status: int) -> IntArray:
         """Numbers of the cells with a status.
@@ -220,7 +215,11 @@ class CutGrid(Frozen):
 
     @property
     def error(self) -> float:
-        """Largest deviation of the tensors from the level sets that was seen; 0 for splines."""
+        """Estimated error of the volume, as a part of it; 0 for splines.
+
+        How far the surface of what is integrated is from that of the fields, times its area, and
+        boxes of which it is not certain whether they are in the solid, over the volume.
+        """
         return self.pieces.error
 
     # ------------------------------------------------------------------ rules
@@ -322,8 +321,10 @@ def cut(
 
     Parameters
     ----------
-    field : Wall, BSpline, callable, or pair of fields
-        The solid is where it is negative; of a pair, where both are.
+    field : Wall, BSpline, Node, callable, or pair of fields
+        The solid is where it is negative; of a pair, where both are. Solids with edges or thin
+        parts are best stated by `il.fields` or `il.sdf`: those are found and integrated exactly
+        that a function of points, which tells nothing of its kinks, may hide between samples.
     cells : int, sequence of 3 int or Grid, optional
         Number of equal cells per direction, or the grid itself. By default the elements of the
         splines.
@@ -345,6 +346,11 @@ def cut(
         If an argument is of the wrong kind, or the grid leaves the field.
     GeometryError
         If no part of the grid is in the solid.
+
+    Warns
+    -----
+    PrecisionWarning
+        If the estimated error of the volume is more than 0.2 %.
 
     Examples
     --------
@@ -371,6 +377,20 @@ def cut(
     out = CutGrid(grid, sets, through)
     if (out.status == OUT).all():
         raise GeometryError("the solid is empty: the field is positive in every cell of the grid")
+    if not out.error < np.inf:
+        raise GeometryError(
+            "no solid is found, and the field is not resolved: take finer cells, or state it by "
+            "il.fields or il.sdf, which are split at kinks"
+        )
+    if out.error > WORTH_TELLING:
+        remedy = "state it by il.fields or il.sdf, which are split at kinks" * sets.opaque
+        warnings.warn(
+            f"the volume of the field is known to {100 * out.error:.2g} % only: it is not resolved "
+            f"by {' x '.join(map(str, grid.shape))} cells; take finer cells{', or ' * sets.opaque}"
+            f"{remedy}",
+            PrecisionWarning,
+            stacklevel=2,
+        )
     return out
 
 

@@ -1,12 +1,12 @@
-"""One or two level sets as Bernstein tensors on the pieces of a grid.
+"""Level sets as Bernstein tensors on the pieces of a grid.
 
 The solid is where all of them are negative. A piece is a box on which each of them is one
 polynomial: an element of the splines, or a cell of the grid where that is finer. A wall is the two
 sets S - d_outer and -S - d_inner, never the one squared set, which has no slope to stand on.
 
 Guarantees: splines up to degree 4, rational ones too, are represented exactly, up to rounding.
-Non-guarantees: any other field is interpolated piece by piece; `LevelSets.error` is the largest
-deviation at points that the interpolation has not seen, not a bound.
+Other fields are interpolated on boxes (see `field_pieces`), with an estimate of the error of the
+volume.
 """
 
 from collections.abc import Sequence
@@ -24,7 +24,11 @@ from ilattice.bspline import BSpline
 from ilattice.bspline._kernels_bezier import restriction
 from ilattice.bspline.knots import find_spans
 from ilattice.cutfem import _kernels_drive as kernels
+from ilattice.cutfem._filling import Content
+from ilattice.cutfem._kernels_scratch import LOW
+from ilattice.cutfem.field_pieces import FieldPieces, field_pieces
 from ilattice.errors import InputError
+from ilattice.fields.node import Node
 from ilattice.offsets.wall import Wall, WallField
 
 MOST_DEGREE = 4
@@ -32,12 +36,11 @@ UNROLLED = (3, 4)
 #: Pieces that are worked on at once.
 BATCH = 1 << 14
 PER_PIECE = 24  # bytes of memory
-CHECKS = 4096
 
 
 @dataclass(frozen=True, eq=False)
 class LevelSets(Frozen):
-    """One or two level sets over a box.
+    """One or two level sets, or fields, over a box.
 
     Attributes
     ----------
@@ -85,7 +88,12 @@ class LevelSets(Frozen):
         parts = np.stack([_numerator(s)(u) for s in self.splines], axis=1)
         return parts @ self.factors.T + self.shifts
 
-    def pieces(self, axes: Sequence[FloatArray]) -> "Pieces":
+    @property
+    def opaque(self) -> bool:
+        """Whether a field has neither a formula nor bounds."""
+        return any(not isinstance(f, Node) and not hasattr(f, "range") for f in self.fields)
+
+    def pieces(self, axes: Sequence[FloatArray]) -> "Pieces | FieldPieces":
         """The level sets on the cells of a grid, cut at the breaks of the splines.
 
         Parameters
@@ -95,8 +103,8 @@ class LevelSets(Frozen):
 
         Returns
         -------
-        Pieces
-            Tensors and signs.
+        Pieces or FieldPieces
+            Tensors and signs; of fields, boxes that are halved until these are right.
         """
         cuts = []
         for a in range(3):
@@ -114,8 +122,9 @@ class LevelSets(Frozen):
             f"a grid of {x:.3g} x {y:.3g} x {z:.3g} cells",
             "use fewer cells per direction",
         )
-        kind = FieldPieces if self.fields else SplinePieces
-        return kind(self, tuple(cuts))
+        if self.fields:
+            return field_pieces(self.fields, self.domain, self.degree, tuple(cuts))
+        return SplinePieces(self, tuple(cuts))
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,6 +141,8 @@ class Pieces(Frozen):
 
     sets: LevelSets
     axes: tuple[FloatArray, ...]
+    #: Whether rules look for crossings of curves on bases: not worth while for the sides of walls.
+    project = False
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -174,8 +185,19 @@ class Pieces(Frozen):
 
     @property
     def error(self) -> float:
-        """Largest deviation of the tensors from the level sets that was seen."""
+        """Error of the volume, as a part of it."""
         return 0.0
+
+    def content(self, index: IntArray) -> Content:
+        """Tensors of pieces (n, 3) for rules: the solid is where all are negative."""
+        n, m = len(index), self.sets.count
+        names = np.tile(np.arange(m), (n, 1))
+        return Content(self.tensors(index), np.full(n, m), np.full(n, self.table), names)
+
+    @property
+    def table(self) -> int:
+        """The table of signs of which all are negative."""
+        return int(np.bitwise_and.reduce(~np.array(LOW[: self.sets.count], np.int64)))
 
     def signs(self, halvings: int = 6) -> AnyArray:
         """-1 for pieces in the solid, 1 for those outside, 0 for all others.
@@ -199,7 +221,8 @@ class Pieces(Frozen):
         for i in range(0, len(index), BATCH):
             part = index[i : i + BATCH]
             sign = np.empty(len(part), np.int64)
-            kernels.signs(self.tensors(part), halvings, self.lengths, sign)
+            c = self.content(part)
+            kernels.signs(c.tensors, c.many, c.tables, halvings, self.lengths, sign)
             out[tuple(part.T)] = sign
         return out
 
@@ -238,7 +261,7 @@ class SplinePieces(Pieces):
         out = np.empty(self.shape, np.int8)
         kernels.signs_of_splines(
             np.stack(self._arrays), *rows, *first, self.sets.factors.copy(),
-            self.sets.shifts.copy(), halvings, self.lengths, out,
+            self.sets.shifts.copy(), self.table, halvings, self.lengths, out,
         )  # fmt: skip
         return out
 
@@ -253,81 +276,6 @@ class SplinePieces(Pieces):
             kernels.windows(c, *first, size, f.copy(), out)
         slack = kernels.ROUNDING * np.abs(out).max(axis=-1, keepdims=True)
         return out + slack * np.array([-1.0, 1.0])
-
-
-class FieldPieces(Pieces):
-    """Pieces of any fields: interpolated at Chebyshev-Lobatto sites, which neighbours share."""
-
-    @cached_property
-    def _inverse(self) -> FloatArray:
-        p = self.sets.degree
-        x = self._sites
-        basis = [[comb(p, i) * t**i * (1 - t) ** (p - i) for i in range(p + 1)] for t in x]
-        return np.linalg.inv(np.array(basis))
-
-    @cached_property
-    def _sites(self) -> FloatArray:
-        p = self.sets.degree
-        return 0.5 - 0.5 * np.cos(np.pi * np.arange(p + 1) / p)
-
-    def _points(self, index: IntArray, sites: FloatArray) -> FloatArray:
-        grids = [
-            self.axes[a][index[:, a], None] + np.diff(self.axes[a])[index[:, a], None] * sites
-            for a in range(3)
-        ]
-        n = len(sites)
-        u = np.empty((len(index), n, n, n, 3))
-        u[..., 0] = grids[0][:, :, None, None]
-        u[..., 1] = grids[1][:, None, :, None]
-        u[..., 2] = grids[2][:, None, None, :]
-        lo, hi = self.sets.domain
-        return np.clip(u.reshape(-1, 3), lo, hi)
-
-    def tensors(self, index: IntArray) -> FloatArray:
-        """See `Pieces.tensors`."""
-        P, m = self.order, self.sets.count
-        out = np.empty((len(index), m, P**3))
-        for i in range(0, len(index), BATCH // 16):
-            part = index[i : i + BATCH // 16]
-            values = self.sets(self._points(part, self._sites)).reshape(-1, P, P, P, m)
-            if not np.isfinite(values).all():
-                raise InputError("field must be finite on the whole domain; shrink the domain")
-            V = self._inverse
-            c = np.einsum("ia,jb,kc,nabcm->nmijk", V, V, V, values, optimize=True)
-            out[i : i + len(part)] = c.reshape(len(part), m, P**3)
-        return out
-
-    def bounds(self) -> FloatArray | None:
-        """See `Pieces.bounds`: by the fields' own `range`, where all have it."""
-        if not all(hasattr(f, "range") for f in self.sets.fields):
-            return None
-        lo, hi = (
-            np.stack(np.meshgrid(*(x[s] for x in self.axes), indexing="ij"), -1).reshape(-1, 3)
-            for s in (slice(None, -1), slice(1, None))
-        )
-        parts = [np.asarray(f.range(lo, hi), np.float64) for f in self.sets.fields]
-        return np.stack(parts, axis=1).reshape(*self.shape, -1, 2)
-
-    @cached_property
-    def _error(self) -> float:
-        rng = np.random.default_rng(0)
-        index = np.stack([rng.integers(0, n, CHECKS) for n in self.shape], axis=1)
-        t = rng.random((CHECKS, 3))
-        u = np.stack(
-            [x[i] + np.diff(x)[i] * s for x, i, s in zip(self.axes, index.T, t.T, strict=True)], 1
-        )
-        p = self.sets.degree
-        k = np.arange(p + 1)
-        binomial = np.array([comb(p, i) for i in k])
-        b = binomial * t[..., None] ** k * (1 - t[..., None]) ** (p - k)
-        c = self.tensors(index).reshape(CHECKS, -1, p + 1, p + 1, p + 1)
-        value = np.einsum("nmijk,ni,nj,nk->nm", c, b[:, 0], b[:, 1], b[:, 2])
-        return float(np.abs(value - self.sets(u)).max())
-
-    @property
-    def error(self) -> float:
-        """Largest deviation of the tensors from the level sets at 4096 random points."""
-        return self._error
 
 
 def as_level_sets(field: Any, domain: FloatArray | None, degree: int) -> LevelSets:
@@ -435,7 +383,10 @@ def _intersection(fields: tuple[Any, ...], domain: FloatArray | None) -> FloatAr
     boxes = [np.asarray(f.bounds, np.float64) for f in fields if hasattr(f, "bounds")]
     if domain is not None:
         box = domain
-        for b in boxes:
+        for f in fields:
+            if isinstance(f, Node) or not hasattr(f, "bounds"):
+                continue  # a formula holds beyond the box of its solid
+            b = np.asarray(f.bounds, np.float64)
             slack = 1e-12 * (b[1] - b[0])
             if (box[0] < b[0] - slack).any() or (box[1] > b[1] + slack).any():
                 raise InputError(
@@ -445,6 +396,8 @@ def _intersection(fields: tuple[Any, ...], domain: FloatArray | None) -> FloatAr
         raise InputError("domain is needed: the field has no bounds")
     else:
         box = np.array([np.max([b[0] for b in boxes], 0), np.min([b[1] for b in boxes], 0)])
+        if not np.isfinite(box).all():
+            raise InputError(f"domain is needed: the field goes on for ever, {box.tolist()}")
     if not (box[0] < box[1]).all():
         raise InputError(f"domain must have its lower corner below its upper one: {box.tolist()}")
     return read_only(np.array(box))

@@ -13,8 +13,9 @@ Hong et al. 2025, section 4, for what it is used for.
 Guarantees: all weights are positive (those of `Quadrature.compressed` excepted); points lie in
 their cells; results have the same bits for any number of threads. Full cells get a Gauss rule, and
 so do boxes of full pieces in cut cells; through a curved map both are as exact as `q` makes them.
+Polyhedra are exact up to rounding.
 Non-guarantee: on a surface that is nearly tangent to all directions of a box of depth
-`tangent_depth`, at cones and where two surfaces cross, the order drops; finer cells, or a larger
+`tangent_depth`, at cones and where curved edges end, the order drops; finer cells, or a larger
 depth, help.
 """
 
@@ -27,18 +28,14 @@ import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import Frozen, as_choice, read_only
-from ilattice.cutfem import _kernels_drive as kernels
+from ilattice.cutfem._filling import MOST_POINTS, SURFACE, VOLUME, Listing, filled, gauss
 from ilattice.cutfem._kernels_basis import determinants
 from ilattice.cutfem._kernels_compress import project
 from ilattice.cutfem.grid import CUT, IN, CutGrid, Grid, cut
 from ilattice.errors import InputError
 from ilattice.macroshape.maps import SplineMap
 
-MOST_POINTS = 10
-BATCH = 4096  # boxes between two copies
 AT_ONCE = 1 << 18  # points that are mapped to space
-VOLUME, SURFACE = 1, 2
-SOFT_FROM = {VOLUME: 5, SURFACE: 2}  # points from which substitution at tangents pays
 NAMES = ("u=0", "u=1", "v=0", "v=1", "w=0", "w=1")
 
 Integrand = Callable[[FloatArray], Any] | float | AnyArray
@@ -392,27 +389,13 @@ def volume_rule(grid: CutGrid, q: int, tangent_depth: int, only: str) -> Quadrat
         raise InputError(f"only must be '', 'in' or 'cut', got {only!r}")
     wanted = {"": (IN, CUT), "in": (IN,), "cut": (CUT,)}[only]
     cells = np.flatnonzero(np.isin(grid.status.ravel(), wanted))
-    low, high, owner = _boxes_of_cells(grid, cells)
-    part = grid._piece_signs[tuple(low.T)] == 0
-    which = np.where(part, np.cumsum(part) - 1, -1)
-    sides = np.full(len(low), -1)
-    boxes = _boxes(grid, low, high)
-    return _rule(grid, low[part], which, boxes, sides, owner, VOLUME, q, accept)
+    return _rule(grid, grid.layout.volume(cells), VOLUME, q, accept)
 
 
 def surface_rule(grid: CutGrid, q: int, tangent_depth: int) -> Quadrature:
     """See `CutGrid.surface`."""
     q, accept = _as_order(q, tangent_depth)
-    wanted = grid._piece_signs == 0
-    bounds = grid.pieces.bounds()
-    inside = True if bounds is None else ~(bounds[..., 1] < 0).all(axis=-1)
-    index = np.argwhere(wanted | ((grid._piece_signs < 0) & inside))  # full, but zero on a face?
-    owner = _cells_of(grid, index)
-    order = np.argsort(owner, kind="stable")
-    index, owner = index[order], owner[order]
-    boxes = _piece_boxes(grid, index)
-    sides = np.full(len(index), -1)
-    return _rule(grid, index, np.arange(len(index)), boxes, sides, owner, SURFACE, q, accept)
+    return _rule(grid, grid.layout.surface(), SURFACE, q, accept)
 
 
 def end_face_rule(grid: CutGrid, name: str, q: int, tangent_depth: int) -> Quadrature:
@@ -423,10 +406,7 @@ def end_face_rule(grid: CutGrid, name: str, q: int, tangent_depth: int) -> Quadr
     axis, side = divmod(NAMES.index(name), 2)
     if grid.grid.closed[axis]:
         raise InputError(f"name={name!r}: the domain is closed in that direction and has no ends")
-    last = grid.pieces.shape[axis] - 1
-    index = np.argwhere(grid._piece_signs.take([side * last], axis) != 1)
-    index[:, axis] = side * last
-    return _faces(grid, index, np.zeros(len(index), bool), axis, side, q, accept)
+    return _faces(grid, grid.layout.end_faces(axis, side), axis, side, q, accept)
 
 
 def inner_face_rule(grid: CutGrid, axis: int, q: int, tangent_depth: int) -> Quadrature:
@@ -434,30 +414,16 @@ def inner_face_rule(grid: CutGrid, axis: int, q: int, tangent_depth: int) -> Qua
     q, accept = _as_order(q, tangent_depth)
     if axis not in (0, 1, 2):
         raise InputError(f"axis must be 0, 1 or 2, got {axis!r}")
-    owner = grid._owners[axis]
-    ends = np.flatnonzero(np.append(np.diff(owner) > 0, grid.grid.closed[axis]))
-    signs = grid._piece_signs
-    lower = signs.take(ends, axis)
-    upper = signs.take((ends + 1) % signs.shape[axis], axis)
-    index = np.argwhere((lower != 1) & (upper != 1))
-    whole = ((lower == -1) | (upper == -1))[tuple(index.T)]
-    index[:, axis] = ends[index[:, axis]]
-    rule = _faces(grid, index, whole, axis, 1, q, accept)
+    rule = _faces(grid, grid.layout.inner_faces(axis), axis, 1, q, accept)
     i = list(np.unravel_index(rule.cells, grid.grid.shape))
     i[axis] = (i[axis] + 1) % grid.grid.shape[axis]
     return replace(rule, neighbours=read_only(np.ravel_multi_index(tuple(i), grid.grid.shape)))
 
 
 def _faces(
-    grid: CutGrid, index: IntArray, whole: AnyArray, axis: int, side: int, q: int, accept: int
+    grid: CutGrid, listing: Listing, axis: int, side: int, q: int, accept: int
 ) -> Quadrature:
-    owner = _cells_of(grid, index)
-    order = np.argsort(owner, kind="stable")
-    index, owner, part = index[order], owner[order], ~whole[order]
-    sides = np.full(len(index), 2 * axis + side)
-    which = np.where(part, np.cumsum(part) - 1, -1)
-    boxes = _piece_boxes(grid, index)
-    rule = _rule(grid, index[part], which, boxes, sides, owner, VOLUME, q, accept)
+    rule = _rule(grid, listing, VOLUME, q, accept)
     normals = np.zeros((len(rule), 3))
     normals[:, axis] = 2.0 * side - 1.0
     return replace(rule, normals=read_only(normals))
@@ -473,131 +439,11 @@ def _as_order(q: Any, tangent_depth: Any) -> tuple[int, int]:
     return int(q), int(tangent_depth)
 
 
-def _cells_of(grid: CutGrid, index: IntArray) -> IntArray:
-    cells = tuple(owner[i] for owner, i in zip(grid._owners, index.T, strict=True))
-    return np.ravel_multi_index(cells, grid.grid.shape).astype(np.int64)
-
-
-def _boxes_of_cells(grid: CutGrid, cells: IntArray) -> tuple[IntArray, IntArray, IntArray]:
-    """First and last planes (n, 3) of boxes that are not out, and the cell of each, increasing."""
-    places = np.stack(np.unravel_index(cells, grid.grid.shape), axis=1)
-    starts0, starts1, starts2 = (
-        np.searchsorted(owner, np.arange(n + 1))
-        for owner, n in zip(grid._owners, grid.grid.shape, strict=True)
-    )
-    mark = np.zeros(grid.pieces.shape, np.int8)
-    counts = np.zeros(len(cells), np.int64)
-    boxes = np.empty((0, 6), np.int64)
-    for _ in range(2):  # count, then list
-        offsets = np.append(0, np.cumsum(counts))
-        boxes = np.empty((offsets[-1], 6), np.int64)
-        kernels.boxes_of_cells(
-            grid._piece_signs, mark, places, starts0, starts1, starts2, offsets, boxes, counts
-        )
-    return boxes[:, :3], boxes[:, 3:], np.repeat(cells, counts)
-
-
-def _piece_boxes(grid: CutGrid, index: IntArray) -> FloatArray:
-    return _boxes(grid, index, index + 1)
-
-
-def _boxes(grid: CutGrid, low: IntArray, high: IntArray) -> FloatArray:
-    """Lower corners and extents (n, 6) of boxes of pieces."""
-    out = np.empty((len(low), 6))
-    for a, x in enumerate(grid.pieces.axes):
-        out[:, a] = x[low[:, a]]
-        out[:, 3 + a] = x[high[:, a]] - x[low[:, a]]
-    return out
-
-
-def gauss(n: int) -> tuple[FloatArray, FloatArray]:
-    """Gauss points and weights on [0, 1]."""
-    x, w = np.polynomial.legendre.leggauss(n)
-    return 0.5 * (x + 1.0), 0.5 * w
-
-
-def _table(q: int, want: int) -> FloatArray:
-    """Nodes and weights on [0, 1], and those for integrands with square roots at the ends."""
-    x, w = gauss(q)
-    rows = [x, w, x, w]
-    if q >= SOFT_FROM[want]:
-        rows = [x, w, x * x * (3.0 - 2.0 * x), 6.0 * x * (1.0 - x) * w]
-    out = np.zeros((4, MOST_POINTS))
-    out[:, :q] = rows
-    return out.ravel()
-
-
-class _Rows:
-    """Arrays that grow, to about what the part that is done lets expect."""
-
-    def __init__(self, wide: bool) -> None:
-        self.count = 0
-        self.wide = wide
-        self.arrays: list[AnyArray] = [
-            np.empty((0, 3)),
-            np.empty(0),
-            np.empty((0, 3)),
-            np.empty(0, np.int8),
-        ]
-
-    def append(self, arena: FloatArray, used: IntArray, done: float) -> None:
-        """Add the rows of all chunks; `done` is the part of the boxes that they complete."""
-        starts = self.count + np.cumsum(used) - used
-        self.count += int(used.sum())
-        if self.count > len(self.arrays[1]):
-            self._resize(int(1.03 * self.count / done) + 1)
-        kernels.gather(arena, starts, used, *self.arrays)
-
-    def finish(self) -> None:
-        """Give back what is too much."""
-        self._resize(self.count)
-
-    def _resize(self, rows: int) -> None:
-        """More or less room; large arrays are not copied for that."""
-        for a in self.arrays[: 4 if self.wide else 2]:
-            a.resize((rows, *a.shape[1:]), refcheck=False)
-
-
-def _rule(
-    grid: CutGrid, index: IntArray, which: IntArray, boxes: FloatArray, sides: IntArray,
-    cells: IntArray, want: int, q: int, accept: int,
-) -> Quadrature:  # fmt: skip
-    """Rule on boxes, sorted by cell; which[n] is the row of `index` of box n, or -1 if full."""
-    pieces = grid.pieces
-    rows = _Rows(want == SURFACE)
-    counts = np.zeros(len(boxes), np.int64)
-    room = kernels.CHUNK * 3 * q**3
-    table = _table(q, want)
-    width = 8 if want == SURFACE else 4
-    chunks = -(-BATCH // kernels.CHUNK)
-    arena = np.empty((chunks, room, width))
-    none = np.empty((chunks, 0, 12 - width))
-    for i in range(0, len(boxes), BATCH):
-        part = slice(i, min(i + BATCH, len(boxes)))
-        local = which[part].copy()
-        tensors = pieces.tensors(index[local[local >= 0]])
-        local[local >= 0] = np.arange(len(tensors))
-        used = np.zeros(-(-(part.stop - i) // kernels.CHUNK), np.int64)
-        while True:
-            volume, surface = (none, arena) if want == SURFACE else (arena, none)
-            kernels.rules(
-                tensors, local, boxes[part], sides[part], table, accept, want, q, pieces.lengths,
-                volume, surface, counts[part], used,
-            )  # fmt: skip
-            if used.max(initial=0) <= arena.shape[1]:
-                break
-            arena = np.empty((chunks, int(used.max()), width))
-        rows.append(arena, used, part.stop / len(boxes))
-    rows.finish()
-    return _assembled(grid, rows, counts, cells, 2 * q - 1)
-
-
-def _assembled(
-    grid: CutGrid, rows: _Rows, counts: IntArray, cells: IntArray, exact_to: int
-) -> Quadrature:
+def _rule(grid: CutGrid, listing: Listing, want: int, q: int, accept: int) -> Quadrature:
     """Rows and their counts per box as a rule by cell; cells without points are left out."""
+    rows, counts = filled(grid.pieces, listing, want, q, accept)
     keep = counts > 0
-    listed, first = np.unique(cells[keep], return_index=True)
+    listed, first = np.unique(listing.cells[keep], return_index=True)
     ends = np.append(0, np.cumsum(counts[keep]))
     points, weights, normals, sets = (read_only(a) for a in rows.arrays)
     return Quadrature(
@@ -605,7 +451,7 @@ def _assembled(
         weights,
         read_only(np.append(ends[first], ends[-1])),
         read_only(listed),
-        exact_to,
+        2 * q - 1,
         grid.grid,
         grid.through,
         normals if rows.wide else None,

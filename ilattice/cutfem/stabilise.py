@@ -26,9 +26,10 @@ import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import read_only
+from ilattice.cutfem._filling import gauss
 from ilattice.cutfem._kernels_ghost import ghost_matrices
 from ilattice.cutfem.grid import CUT, CutGrid
-from ilattice.cutfem.rules import Quadrature, gauss
+from ilattice.cutfem.rules import Quadrature
 from ilattice.cutfem.space import SplineSpace
 
 #: Factor of penalties per cell away from solid, and number of cells for which it counts.

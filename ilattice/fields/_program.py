@@ -3,7 +3,7 @@
 Guarantee: constants are folded with the same arithmetic as at run time.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
@@ -15,6 +15,7 @@ from ilattice.errors import InputError
 from ilattice.fields import _kernels_program as kernels
 from ilattice.fields import _tables as ops
 from ilattice.fields._kernels_blocks import block_bounds, fill_program
+from ilattice.fields._kernels_decisions import decide
 from ilattice.fields._kernels_ops import value
 
 MAX_INSTRUCTIONS = 200_000
@@ -33,6 +34,8 @@ class Builder:
         self.leaves: list[tuple[Any, Point]] = []
         self._known: dict[tuple[int, int, int, float], int] = {}
         self._derived: dict[tuple[int, Point], Point] = {}
+        #: Registers that are below any level up to zero just where others are, which are simpler.
+        self.insides: dict[int, int] = {}
 
     def _append(self, code: int, a: int, b: int, imm: float) -> int:
         key = (code, a, b, imm)
@@ -125,6 +128,12 @@ class Builder:
             row = pairs + row[len(row) - len(row) % 2 :]
         return row[0]
 
+    def inside(self, a: int, simpler: int) -> int:
+        """Register a, which is below any level up to zero just where a simpler one is."""
+        if a != simpler:
+            self.insides[a] = simpler
+        return a
+
     def linear(self, matrix: FloatArray, p: Point, shift: FloatArray | None = None) -> Point:
         """The point ``matrix @ p + shift``."""
         rows = []
@@ -143,7 +152,7 @@ class Builder:
             e = [zero, zero, zero]
             e[axis] = one
             known[p[axis]] = (e[0], e[1], e[2])
-        for i in sorted(self._ancestors(root, set(p))):
+        for i in sorted(self.ancestors(root, set(p))):
             if i in known:
                 continue
             code, a, b = self.code[i], self.a[i], self.b[i]
@@ -159,7 +168,8 @@ class Builder:
             known[i] = (x, y, z)
         return known[root]
 
-    def _ancestors(self, root: int, stop: set[int]) -> set[int]:
+    def ancestors(self, root: int, stop: Collection[int] = ()) -> set[int]:
+        """All registers that one is computed from, itself included."""
         seen, todo = set(), [root]
         while todo:
             i = todo.pop()
@@ -231,16 +241,16 @@ class Builder:
         }
         return rules[code]() if code in rules else self.const(0.0)
 
+    def kept(self, root: int) -> list[int]:
+        """Registers of the program of `root`, in order; one more that repeats a coordinate."""
+        return [0, 1, 2, len(self.code)] if root < 3 else sorted(self.ancestors(root) | {0, 1, 2})
+
     def program(self, root: int) -> "Program":
         """What `root` needs, as a program."""
-        code, a, b = list(self.code), list(self.a), list(self.b)
-        imm = list(self.imm)
+        code, a, b, imm = self.code, self.a, self.b, self.imm
         if root < 3:
-            code.append(root)
-            a, b, imm = [*a, 0], [*b, 0], [*imm, 0.0]
-            root = len(code) - 1
-        needed = self._ancestors(root, set()) if root < len(self.code) else {root}
-        keep = sorted(needed | {0, 1, 2})
+            code, a, b, imm = [*code, root], [*a, 0], [*b, 0], [*imm, 0.0]
+        keep = self.kept(root)
         new = {old: k for k, old in enumerate(keep)}
         reads = [code[i] >= ops.INPUTS for i in keep]
         arrays: tuple[AnyArray, ...] = (
@@ -331,13 +341,26 @@ class Program(Frozen):
     def ranges(self, lo: FloatArray, hi: FloatArray) -> FloatArray:
         """Bounds (n, 2) on checked boxes."""
         out = np.empty((len(lo), 2))
+        leaves = self._leaf_ranges(lo, hi)
+        kernels.ranges(*self._args, _own(lo), _own(hi), leaves, self.prune, out)
+        return out
+
+    def decided(
+        self, lo: FloatArray, hi: FloatArray, choices: IntArray, states: IntArray
+    ) -> FloatArray:
+        """Bounds (n, 2) on checked boxes, and states (n, k) of choices; see `decide`."""
+        out = np.empty((len(lo), 2))
+        leaves = self._leaf_ranges(lo, hi)
+        decide(*self._args, _own(lo), _own(hi), leaves, choices, out, states)
+        return out
+
+    def _leaf_ranges(self, lo: FloatArray, hi: FloatArray) -> FloatArray:
         leaves = np.zeros((len(lo), max(1, len(self.leaves)), 3))
         for k, (leaf, point) in enumerate(self.leaves):
             at = np.stack([p.ranges(lo, hi) for p in point])
             moved = not all(_is_axis(p, axis) for axis, p in enumerate(point))
             leaves[:, k] = leaf.bounds_on(at[:, :, 0].T, at[:, :, 1].T, moved)
-        kernels.ranges(*self._args, _own(lo), _own(hi), leaves, self.prune, out)
-        return out
+        return leaves
 
     def _leaf_jets(self, points: FloatArray, order: int) -> FloatArray:
         """Values, or jets, of what is evaluated elsewhere, (leaves, n, 1 or 4 or 10)."""

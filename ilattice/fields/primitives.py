@@ -42,7 +42,8 @@ class _Box(Node):
         q = [b.sub(b.op(ops.ABS, p[i]), b.const(self.half[i])) for i in range(3)]
         zero = b.const(0.0)
         outside = b.norm(*(b.op(ops.MAX, r, zero) for r in q))
-        return b.add(outside, b.op(ops.MIN, b.extreme(ops.MAX, q), zero))
+        inside = b.extreme(ops.MAX, q)
+        return b.inside(b.add(outside, b.op(ops.MIN, inside, zero)), inside)
 
     def bounding_box(self, level: float = 0.0) -> FloatArray:
         return _centred(self.half + level)
@@ -140,7 +141,7 @@ class _Cone(Node):
         to_base = b.norm(b.op(ops.MAX, b.sub(r, b.const(self.radius)), zero), base)
         away = b.op(ops.MIN, to_mantle, to_base)
         share = b.scaled(0.5, b.add(one, b.op(ops.SIGN, inside)))
-        return b.add(b.op(ops.MIN, inside, zero), b.mul(share, away))
+        return b.inside(b.add(b.op(ops.MIN, inside, zero), b.mul(share, away)), inside)
 
     def bounding_box(self, level: float = 0.0) -> FloatArray:
         r = self.radius + level

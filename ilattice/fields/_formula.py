@@ -1,0 +1,530 @@
+"""Solids as Boolean functions of the signs of smooth fields.
+
+A program with `abs`, `min`, `max`, `sign` and steps is smooth between its kinks. Which side wins on
+a box is decided by bounds; what is left open there is split exactly:
+
+- {min(f, g) < c} is {f < c} or {g < c}, {max(f, g) < c} both, and {|f| < c} is {f < c} and not
+  {f <= -c}. Monotone functions of one number move to the other side: {sqrt(f) < c} is {f < c²}.
+- What rises with a minimum or maximum below other operations is a minimum or maximum itself:
+  min(f, g) + h = min(f + h, g + h).
+- Anything else is taken apart by a switch: where f < g with f in place of min(f, g), else with g.
+
+Guarantees: a formula has the sign of the field in its box, but for sets without volume.
+Non-guarantees: square roots count as smooth where they vanish, and so do powers, angles and fields
+without a formula; blends stay what they are between their seams.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from ilattice._typing import AnyArray, FloatArray, IntArray
+from ilattice._validate import read_only
+from ilattice.fields import _tables as ops
+from ilattice.fields._kernels_decisions import FIRST, OPEN, ORIGIN, SECOND, STEP
+from ilattice.fields._program import Builder, Program
+from ilattice.fields.node import Node
+
+#: Fields with signs of their own in one box.
+MOST_ACTIVE = 6
+#: Smooth fields of one formula, and splits that lead to them, above which a box is to be halved.
+MOST_LEAVES = 48
+MOST_SPLITS = 400
+#: Bits of tables in which field k is negative.
+NEGATIVE = tuple(sum(1 << i for i in range(64) if i >> k & 1) for k in range(MOST_ACTIVE))
+ALL = (1 << 64) - 1
+PROBES = np.random.default_rng(0).uniform(-1.0, 1.0, (8, 3))
+
+Expression: TypeAlias = Any  # bool, or a tuple of a word and its operands
+
+
+class _TooManyError(Exception):
+    """A formula grew beyond its limits."""
+
+
+def negation(e: Expression) -> Expression:
+    """Not e."""
+    if isinstance(e, bool):
+        return not e
+    return e[1] if e[0] == "not" else ("not", e)
+
+
+def both(e: Expression, f: Expression) -> Expression:
+    """The intersection of two expressions."""
+    if isinstance(e, bool):
+        return f if e else False
+    if isinstance(f, bool):
+        return e if f else False
+    return e if e == f else ("and", e, f)
+
+
+def either(e: Expression, f: Expression) -> Expression:
+    """The union of two expressions."""
+    return negation(both(negation(e), negation(f)))
+
+
+def choice(s: Expression, e: Expression, f: Expression) -> Expression:
+    """e where s, else f."""
+    return e if e == f else either(both(s, e), both(negation(s), f))
+
+
+@dataclass(frozen=True, eq=False)
+class Formula:
+    """A Boolean function of the signs of smooth fields.
+
+    Attributes
+    ----------
+    expression : bool or tuple
+        It: a truth value, ("leaf", number), ("not", e) or ("and", e, f).
+    leaves : tuple of int
+        Numbers of its fields.
+    """
+
+    expression: Expression
+    leaves: tuple[int, ...]
+
+    def restricted(self, signs: Sequence[int]) -> tuple[tuple[int, ...], int] | None:
+        """What is left where some fields have certain signs.
+
+        Parameters
+        ----------
+        signs : sequence of int
+            -1, 0 or 1 for each of the leaves: negative, open, not negative.
+
+        Returns
+        -------
+        tuple or None
+            Numbers of the fields whose signs matter, and a table of 64 bits: bit b tells whether
+            points are in the solid where just the fields of the ones in b are negative. None if
+            there are more than `MOST_ACTIVE`.
+        """
+        known: dict[int, bool] = {
+            leaf: s < 0 for leaf, s in zip(self.leaves, signs, strict=True) if s
+        }
+        rest = _simplified(self.expression, known, {})
+        leaves = leaves_of(rest)
+        if len(leaves) > MOST_ACTIVE:
+            return None
+        table = _table(rest, {leaf: NEGATIVE[k] for k, leaf in enumerate(leaves)})
+        matter = tuple(
+            leaf for k, leaf in enumerate(leaves)
+            if (table >> (1 << k)) & ~NEGATIVE[k] & ALL != table & ~NEGATIVE[k] & ALL
+        )  # fmt: skip
+        if len(matter) < len(leaves):
+            bits = dict.fromkeys(leaves, 0) | {leaf: NEGATIVE[k] for k, leaf in enumerate(matter)}
+            table = _table(rest, bits)
+        return matter, table
+
+
+def leaves_of(e: Expression) -> tuple[int, ...]:
+    """Numbers of the fields of an expression, in the order in which they occur."""
+    found: dict[int, None] = {}
+    seen: set[int] = set()
+    todo = [e]
+    while todo:
+        part = todo.pop()
+        if isinstance(part, bool) or id(part) in seen:
+            continue
+        seen.add(id(part))
+        if part[0] == "leaf":
+            found[part[1]] = None
+        else:
+            todo += part[:0:-1]
+    return tuple(found)
+
+
+def _simplified(e: Expression, known: dict[int, bool], memo: dict[int, Expression]) -> Expression:
+    if isinstance(e, bool):
+        return e
+    if id(e) not in memo:
+        if e[0] == "leaf":
+            memo[id(e)] = known.get(e[1], e)
+        elif e[0] == "not":
+            memo[id(e)] = negation(_simplified(e[1], known, memo))
+        else:
+            memo[id(e)] = both(*(_simplified(part, known, memo) for part in e[1:]))
+    return memo[id(e)]
+
+
+def _table(e: Expression, bits: dict[int, int]) -> int:
+    if isinstance(e, bool):
+        return ALL if e else 0
+    if e[0] == "leaf":
+        return bits[e[1]]
+    if e[0] == "not":
+        return ALL ^ _table(e[1], bits)
+    return _table(e[1], bits) & _table(e[2], bits)
+
+
+@dataclass(frozen=True, eq=False)
+class Leaf:
+    """A smooth field: a program less a number.
+
+    Attributes
+    ----------
+    program : Program
+        The program.
+    level : float
+        The number.
+    """
+
+    program: Program
+    level: float
+
+    def values(self, points: FloatArray) -> FloatArray:
+        """Values (n,) at points (n, 3)."""
+        return self.program.values(points) - self.level
+
+    def ranges(self, lo: FloatArray, hi: FloatArray) -> FloatArray:
+        """Bounds (n, 2) on boxes with corners (n, 3)."""
+        return self.program.ranges(lo, hi) - self.level
+
+    @property
+    def bounded(self) -> bool:
+        """Whether its bounds are finite on finite boxes: where all of it has a formula or them."""
+        return all(hasattr(getattr(leaf, "f", None), "range") for leaf, _ in self.program.leaves)
+
+
+class Splitter:
+    """The formulas of a solid where all of some fields are negative."""
+
+    def __init__(self, fields: Sequence[Node]) -> None:
+        self.builder = Builder()
+        self.roots = [f.emit(self.builder, (0, 1, 2)) for f in fields]
+        self.root = self.builder.extreme(ops.MAX, self.roots)
+        self.program = self.builder.program(self.root)
+        self.leaves: list[Leaf] = []
+        self._vanish: dict[int, bool] = {}
+        self.owners: list[int] = []  # of the smooth fields: the first field that has them
+        self._keys: dict[tuple[int, float], int] = {}
+        self._formulas: dict[bytes, Formula | None] = {}
+        registers = self.builder.kept(self.root)
+        self._choices = [
+            (i, r) for i, r in enumerate(registers) if int(self.program.code[i]) in CHOICES
+        ]
+
+    @cached_property
+    def whole(self) -> Formula:
+        """The formula that takes the field as it is, with all its kinks."""
+        return Formula(("leaf", self.leaf(self.root, 0.0)), (self.leaf(self.root, 0.0),))
+
+    def leaf(self, register: int, level: float, owner: int = 0) -> int:
+        """Number of a smooth field."""
+        key = (register, level)
+        if key not in self._keys:
+            self._keys[key] = len(self.leaves)
+            self.leaves.append(Leaf(self.builder.program(register), level))
+            self.owners.append(owner)
+        return self._keys[key]
+
+    def vanishes(self, number: int) -> bool:
+        """Whether a smooth field is zero everywhere: |x| + x for negative x, split."""
+        if number not in self._vanish:
+            leaf = self.leaves[number]
+            known = not leaf.program.leaves
+            self._vanish[number] = known and bool((leaf.values(PROBES) == 0.0).all())
+        return self._vanish[number]
+
+    def decided(self, lo: FloatArray, hi: FloatArray) -> tuple[FloatArray, IntArray]:
+        """Bounds (n, 2) of the field on boxes (n, 3), and the states (n, k) of its choices."""
+        choices = np.array([i for i, _ in self._choices], np.int64)
+        states = np.empty((len(lo), len(choices)), np.int64)
+        return self.program.decided(lo, hi, choices, states), states
+
+    def formula(self, states: IntArray) -> Formula | None:
+        """The formula of boxes with these states, or None if these are to be halved."""
+        key = states.tobytes()
+        if key not in self._formulas:
+            known = {r: int(s) for (_, r), s in zip(self._choices, states, strict=True)}
+            try:
+                e = _Case(self, known).whole()
+                self._formulas[key] = Formula(e, leaves_of(e))
+            except _TooManyError:
+                self._formulas[key] = None
+        return self._formulas[key]
+
+
+CHOICES = frozenset({ops.ABS, ops.MIN, ops.MAX, ops.SIGN, ops.FLOOR, ops.CEIL, ops.MOD, ops.WRAP})
+NEVER_NEGATIVE = frozenset({ops.SQRT, ops.SQUARE, ops.ABS, ops.EXP, ops.COSH})
+RISING = frozenset({ops.SINH, ops.TANH, ops.EXP, ops.ATAN})
+
+
+class _Case:
+    """Splitting a program for boxes on which some of its choices are made."""
+
+    def __init__(self, splitter: Splitter, states: dict[int, int]) -> None:
+        self.splitter, self.states = splitter, states
+        self.b = splitter.builder
+        self.memo: dict[tuple[int, float, bool], Expression] = {}
+        self.found: set[int] = set()
+        self.splits = 0
+        self.owner = 0
+
+    def whole(self) -> Expression:
+        """Where all fields are negative."""
+        out: Expression = True
+        lost = {FIRST: 1, SECOND: 0}.get(self.states.get(self.splitter.root, OPEN))
+        for k, root in enumerate(self.splitter.roots):
+            self.owner = k
+            if len(self.splitter.roots) == 1 or k != lost:
+                out = both(out, self.solid(root, 0.0, False))
+        return out
+
+    def solid(self, i: int, level: float, closed: bool) -> Expression:
+        """Where a register is below a level, or at most as large if `closed`."""
+        key = (i, level, closed)
+        if key not in self.memo:
+            self.memo[key] = self._solid(i, level, closed)
+        return self.memo[key]
+
+    def _solid(self, i: int, level: float, closed: bool) -> Expression:
+        b = self.b
+        code, first, second = b.code[i], b.a[i], b.b[i]
+        if i in b.insides and level <= 0.0:
+            return self.solid(b.insides[i], level, closed)
+        if code == ops.CONST:
+            return bool(b.imm[i] <= level if closed else b.imm[i] < level)
+        if code in (ops.MIN, ops.MAX):
+            return self._extreme(i, level, closed)
+        if code == ops.NEG:
+            return self._above(first, -level, closed)
+        if code in (ops.ADD, ops.SUB, ops.MUL, ops.DIV):
+            moved = self._moved(code, first, second, level, closed)
+            if moved is not None:
+                return moved
+        if code in (ops.ABS, ops.SQUARE, ops.SQRT, ops.EXP):
+            return self._of_one(i, level, closed)
+        return self._split(i, level, closed)
+
+    def _above(self, i: int, level: float, closed: bool) -> Expression:
+        """Where a register is above a level, or at least as large if `closed`."""
+        return negation(self.solid(i, level, not closed))
+
+    def _extreme(self, i: int, level: float, closed: bool) -> Expression:
+        state = self.states.get(i, OPEN)
+        first, second = self.b.a[i], self.b.b[i]
+        if state in (FIRST, SECOND):
+            return self.solid(first if state == FIRST else second, level, closed)
+        e, f = self.solid(first, level, closed), self.solid(second, level, closed)
+        return either(e, f) if self.b.code[i] == ops.MIN else both(e, f)
+
+    def _moved(self, code: int, p: int, q: int, level: float, closed: bool) -> Expression | None:
+        """Sums and products with a number, which goes to the other side; else None."""
+        b = self.b
+        if b.code[q] == ops.CONST:
+            number = b.imm[q]
+            if code in (ops.ADD, ops.SUB):
+                return self.solid(p, level - number if code == ops.ADD else level + number, closed)
+            scale = 1.0 / number if code == ops.MUL else number
+            return (self.solid if scale > 0.0 else self._above)(p, level * scale, closed)
+        if b.code[p] == ops.CONST:
+            number = b.imm[p]
+            if code == ops.ADD:
+                return self.solid(q, level - number, closed)
+            if code == ops.SUB:
+                return self._above(q, number - level, closed)
+            if code == ops.MUL:
+                scale = 1.0 / number
+                return (self.solid if scale > 0.0 else self._above)(q, level * scale, closed)
+        if code == ops.DIV and level == 0.0 and self._never_negative(q):
+            return self.solid(p, 0.0, closed)
+        if code == ops.SUB and p > q:  # one field for f - g and g - f
+            return self._above(b.sub(q, p), -level, closed)
+        return None
+
+    def _never_negative(self, i: int) -> bool:
+        b = self.b
+        if b.code[i] == ops.MAX:
+            return self._never_negative(b.a[i]) or self._never_negative(b.b[i])
+        if b.code[i] in (ops.ADD, ops.MUL):
+            return self._never_negative(b.a[i]) and self._never_negative(b.b[i])
+        return b.code[i] in NEVER_NEGATIVE or (b.code[i] == ops.CONST and b.imm[i] >= 0.0)
+
+    def _of_one(self, i: int, level: float, closed: bool) -> Expression:
+        """Where |f|, f², sqrt(f) or exp(f) are below a level."""
+        code, p = self.b.code[i], self.b.a[i]
+        state = self.states.get(i, OPEN)
+        if code == ops.ABS and state in (FIRST, SECOND):
+            return (
+                self.solid(p, level, closed) if state == FIRST else self._above(p, -level, closed)
+            )
+        if level < 0.0 or (level == 0.0 and code == ops.EXP):
+            return False
+        if code == ops.EXP:
+            return self.solid(p, float(np.log(level)), closed)
+        if code == ops.SQRT:
+            return self.solid(p, level * level, closed)
+        reach = level if code == ops.ABS else float(np.sqrt(level))
+        return both(self.solid(p, reach, closed), self._above(p, -reach, closed))
+
+    def _split(self, i: int, level: float, closed: bool) -> Expression:
+        """Take a register apart at one of its choices; a leaf if there is none."""
+        self.splits += 1
+        if self.splits > MOST_SPLITS:
+            raise _TooManyError
+        new = self._rebuilt(i, {})
+        if new != i:
+            return self.solid(new, level, closed)
+        inner = [
+            j for j in sorted(self.b.ancestors(i))
+            if self.b.code[j] in CHOICES and self._sides(j) is not None
+        ]  # fmt: skip
+        if not inner:
+            return self._leaf(i, level, closed)
+        for j in reversed(inner):
+            if self.b.code[j] in (ops.MIN, ops.MAX, ops.ABS):
+                sense = self._sense(i, j)
+                if sense:
+                    e, f = (
+                        self.solid(self._rebuilt(i, {j: side}), level, closed)
+                        for side in self._ends(j)
+                    )
+                    lower = (self.b.code[j] == ops.MIN) == (sense > 0)
+                    return either(e, f) if lower else both(e, f)
+        sides = self._sides(inner[0])
+        assert sides is not None
+        switch, first, second = sides
+        e, f = (
+            self.solid(self._rebuilt(i, {inner[0]: side}), level, closed)
+            for side in (first, second)
+        )
+        return choice(switch(), e, f)
+
+    def _leaf(self, i: int, level: float, closed: bool) -> Expression:
+        number = self.splitter.leaf(i, level, self.owner)
+        self.found.add(number)
+        if len(self.found) > MOST_LEAVES:
+            raise _TooManyError
+        if self.splitter.vanishes(number):
+            return closed
+        return ("leaf", number)
+
+    def _ends(self, j: int) -> tuple[int, int]:
+        """The two numbers of which a choice is the least or the largest."""
+        p = self.b.a[j]
+        return (p, self.b.op(ops.NEG, p)) if self.b.code[j] == ops.ABS else (p, self.b.b[j])
+
+    def _sides(self, j: int) -> tuple[Callable[[], Expression], int, int] | None:
+        """Where the first of two registers replaces a choice, and these; None if it is no choice.
+
+        That is a step between too many numbers.
+        """
+        b, code, p = self.b, self.b.code[j], self.b.a[j]
+        if code in (ops.MIN, ops.MAX):
+            q = b.b[j]
+            low, high = (p, q) if code == ops.MIN else (q, p)
+            return lambda: self.solid(b.sub(low, high), 0.0, False), p, q
+        if code == ops.ABS:
+            return lambda: self.solid(p, 0.0, False), b.op(ops.NEG, p), p
+        if code == ops.SIGN:
+            return lambda: self.solid(p, 0.0, False), b.const(-1.0), b.const(1.0)
+        state = self.states.get(j, OPEN)
+        if state < STEP:
+            return None
+        k = (state - STEP) // 2 - ORIGIN
+        at, first, second = self._stairs(j, k)
+        return lambda: self.solid(p, at, False), first, second
+
+    def _stairs(self, j: int, k: int) -> tuple[float, int, int]:
+        """Where a step from number k to the next one is, and what is there before and behind."""
+        b, code, p = self.b, self.b.code[j], self.b.a[j]
+        if code == ops.FLOOR:
+            return k + 1.0, b.const(float(k)), b.const(k + 1.0)
+        if code == ops.CEIL:
+            return float(k), b.const(float(k)), b.const(k + 1.0)
+        period = b.imm[b.b[j]]
+        first, second = (b.sub(p, b.const(period * n)) for n in (k, k + 1))
+        return period * (k + (0.5 if code == ops.WRAP else 1.0)), first, second
+
+    def _rebuilt(self, i: int, replaced: dict[int, int]) -> int:
+        """A register with all choices that are made, and some others, replaced."""
+        b = self.b
+        new = dict(replaced)
+        for j in sorted(b.ancestors(i)):
+            if j in new:
+                continue
+            if b.code[j] < ops.INPUTS:
+                new[j] = j
+                continue
+            side = self._made(j)
+            if side is not None:
+                new[j] = new[side] if side in new else self._rebuilt(side, replaced)
+                continue
+            p, q = new[b.a[j]], new[b.b[j]]
+            same = p == b.a[j] and q == b.b[j]
+            new[j] = j if same else b.op(b.code[j], p, q if b.code[j] >= ops.BINARY else None)
+            if new[j] != j and j in self.states and new[j] not in self.states:
+                self.states[new[j]] = self.states[j]
+        return new[i]
+
+    def _made(self, j: int) -> int | None:
+        """The register that a choice is, if it is made."""
+        b, state = self.b, self.states.get(j, OPEN)
+        code, p = b.code[j], b.a[j]
+        if code in (ops.MIN, ops.MAX) and state in (FIRST, SECOND):
+            return p if state == FIRST else b.b[j]
+        if code == ops.ABS and state in (FIRST, SECOND):
+            return p if state == FIRST else b.op(ops.NEG, p)
+        if code == ops.SIGN and state in (FIRST, SECOND):
+            return b.const(1.0 if state == FIRST else -1.0)
+        if state >= STEP and (state - STEP) % 2 == 0:
+            return self._stairs(j, (state - STEP) // 2 - ORIGIN)[1]
+        return None
+
+    def _sense(self, i: int, j: int) -> int:
+        """1 if register i rises with register j, -1 if it falls, 0 if that is not known."""
+        b = self.b
+        sense: dict[int, int | None] = {j: 1}  # None where it does not depend on j
+        for k in sorted(b.ancestors(i)):
+            if k == j:
+                continue
+            code, p, q = b.code[k], b.a[k], b.b[k]
+            if code < ops.INPUTS:
+                sense[k] = None
+                continue
+            s = sense[p]
+            t = sense[q] if code >= ops.BINARY else None
+            if s is None and t is None:
+                sense[k] = None
+            elif code in (ops.ADD, ops.MIN, ops.MAX):
+                sense[k] = _joint(s, t)
+            elif code == ops.SUB:
+                sense[k] = _joint(s, None if t is None else -t)
+            elif code == ops.NEG:
+                sense[k] = -int(s or 0)
+            elif code in RISING:
+                sense[k] = s
+            elif code == ops.MUL and t is None and self._signed(q):
+                sense[k] = int(s or 0) * self._signed(q)
+            elif code == ops.MUL and s is None and self._signed(p):
+                sense[k] = int(t or 0) * self._signed(p)
+            elif code == ops.DIV and t is None and self._signed(q):
+                sense[k] = int(s or 0) * self._signed(q)
+            else:
+                sense[k] = 0
+        return int(sense[i] or 0)
+
+    def _signed(self, i: int) -> int:
+        """1 or -1 for a register that is never negative, or never positive; 0 for others."""
+        if self.b.code[i] == ops.CONST:
+            return 1 if self.b.imm[i] >= 0.0 else -1
+        return int(self._never_negative(i))
+
+
+def _joint(s: int | None, t: int | None) -> int:
+    """Sense of a sum of two."""
+    if s is None or t is None:
+        return int((t if s is None else s) or 0)
+    return s if s == t else 0
+
+
+def signature(states: AnyArray) -> tuple[IntArray, IntArray]:
+    """First rows and group (n,) of equal rows of states (n, k)."""
+    if not states.shape[1]:
+        return np.zeros(min(len(states), 1), np.int64), np.zeros(len(states), np.int64)
+    rows = np.ascontiguousarray(states).view(np.dtype((np.void, states.itemsize * states.shape[1])))
+    _, first, group = np.unique(rows.ravel(), return_index=True, return_inverse=True)
+    return read_only(first), read_only(group.ravel())
