@@ -42,6 +42,7 @@ def test_diagonal_scaling_bounds_the_condition_of_degree_one(kind, most):
     assert max(raw) > 1e5  # what is bounded is not bounded by itself
 
 
+@pytest.mark.filterwarnings("ignore:the volume of the field")  # corners, as functions
 @pytest.mark.parametrize("kind", ["slab", "edge", "corner"])
 @pytest.mark.parametrize(("p", "r", "cells"), [(2, 1, 4), (2, 1, 5), (2, 0, 4), (3, 2, 4)])
 def test_ghost_penalty_bounds_the_condition_of_higher_degrees(p, r, cells, kind):
