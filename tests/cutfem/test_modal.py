@@ -6,6 +6,9 @@ import pytest
 from ilattice.cutfem import Elasticity, buckling, natural_modes
 from ilattice.errors import ConvergenceError, InputError
 
+#: Numbers on coarse grids are what is tested here.
+pytestmark = pytest.mark.filterwarnings("ignore:the cells are too coarse")
+
 COLUMN = [[0.0] * 3, [1.0, 1.0, 10.0]]
 #: Free ball of radius 1, E = 1, nu = 0.3, rho = 1: torsion l = 2, (l - 1) j_l(x) = x j_{l+1}(x)
 #: with x = omega / c_s, and the spheroidal vibration l = 2; both five-fold.
