@@ -34,9 +34,9 @@ SURFACES = ("surface", "outer", "inner")
 STABILIZATIONS = ("auto", "ghost", "void", "none")
 GUARD = 4e-9
 #: Weights of ghost penalties per degree and smoothness: as little as bounds the condition number by
-#: three times that of whole cells, since thin walls are stiffened by them; and more, per degree,
-#: for Nitsche's method. For degree 3 and smoothness 0 no weight does it: where slivers meet at an
-#: edge or a corner the number is up to 1e4 times that of whole cells.
+#: three and a half times that of whole cells, since thin walls are stiffened by them; and more, per
+#: degree, for Nitsche's method. For degree 3 and smoothness 0 no weight does it: where slivers meet
+#: at an edge or a corner the number is up to 1e4 times that of whole cells.
 GHOST = {(1, 0): 0.1, (2, 1): 1e-3, (2, 0): 1e-4, (3, 2): 3e-3, (3, 1): 1e-3, (3, 0): 1e-3}
 GHOST_NITSCHE = {1: 0.1, 2: 1e-2, 3: 1e-2}
 #: Cells of which more than this part is filled have none, except with Nitsche's method: their

@@ -27,8 +27,8 @@ def sliver(kind, eta, cells=4, **options):
     """
     end, size = 0.75 + 0.25 * eta, 0.25 * cells
     axes = {"slab": (0,), "edge": (0, 1), "corner": (0, 1, 2)}[kind]
-    cut = il.cutfem.cut(lambda u: (u[:, axes] - end).max(axis=1), cells,
-                        domain=[[0.0] * 3, [size] * 3], degree=1)  # fmt: skip
+    corner = il.fields.intersection(*(il.fields.half_space(np.eye(3)[a], end) for a in axes))
+    cut = il.cutfem.cut(corner, cells, domain=[[0.0] * 3, [size] * 3], degree=1)
     return Elasticity(cut, **options).clamp("u=0")
 
 
@@ -42,14 +42,13 @@ def test_diagonal_scaling_bounds_the_condition_of_degree_one(kind, most):
     assert max(raw) > 1e5  # what is bounded is not bounded by itself
 
 
-@pytest.mark.filterwarnings("ignore:the volume of the field")  # corners, as functions
 @pytest.mark.parametrize("kind", ["slab", "edge", "corner"])
 @pytest.mark.parametrize(("p", "r", "cells"), [(2, 1, 4), (2, 1, 5), (2, 0, 4), (3, 2, 4)])
 def test_ghost_penalty_bounds_the_condition_of_higher_degrees(p, r, cells, kind):
     whole = 1 - 1e-9 if cells == 5 else 1.5
     uncut = scaled_condition(sliver(kind, whole, cells, degree=p, smoothness=r))
     for eta in (0.7, 0.5, 0.1, 1e-2, 1e-12):
-        assert scaled_condition(sliver(kind, eta, cells, degree=p, smoothness=r)) < 3 * uncut
+        assert scaled_condition(sliver(kind, eta, cells, degree=p, smoothness=r)) < 3.5 * uncut
     if p == 3 and kind == "corner":
         bare = sliver(kind, 1e-2, cells, degree=p, stabilization="none")
         assert scaled_condition(bare) > 10 * uncut
