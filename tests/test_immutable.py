@@ -20,7 +20,8 @@ ROOMS = ("bspline", "tiles", "macroshape", "fields", "sdf", "mesh", "offsets", "
 TOOLS = {"offsets.ClosestPointSearch", "cutfem.Solver", "io.StreamedMeshWriter"}
 #: Their arrays are made when first needed, for kernels, which know read-only ones by another type.
 MADE = ("SplineSpace", "Assembly", "ClosestPointSearch", "Solver")
-INNER = ("GhostFaces", "System", "Pattern", "Constraints")  # parts of equations, named nowhere
+INNER = ("GhostFaces", "System", "Pattern", "Constraints",
+         "TensorLayout", "BoxLayout")  # parts of equations and grids, named nowhere  # fmt: skip
 
 
 def public_classes():

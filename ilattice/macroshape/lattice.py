@@ -350,7 +350,7 @@ class Lattice:
         ndarray, shape (n,)
             Distances, negative where the implicit function is negative (Hong et al., eq. 5).
         """
-        return self.search.query(as_points("u", u)).distance
+        return self.search.query(as_points("u", u), thorough=True).distance
 
     @property
     def statistics(self) -> Statistics:

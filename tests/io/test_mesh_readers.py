@@ -222,7 +222,7 @@ POINTS = "0 0 0\n1 0 0\n0 1 0\n"
         (".ply", PLY + FACE + POINTS + "3 0 1 2\n3 0 2 1\n", "line 14: holds more than"),
         (".ply", PLY + FACE + POINTS + "3 0 1 2\nx\n", "line 14: holds more than"),
         (".ply", PLY + AFTER + POINTS + "3 0 1 2\n7\n8.5\n", "line 17: found '8.5' in 'edge'"),
-        (".ply", PLY + AFTER + POINTS + "3 0 1 2\n7\n", "ends within 'edge'"),
+        (".ply", PLY + AFTER + POINTS + "3 0 1 2\n7\n", "claims 2 of 'edge', more than fit"),
         (".ply", PLY + PLY[21:] + FACE + POINTS, "twice"),
         (".ply", PLY + FACE + POINTS + "3 0 1\n", "ends within 'face'"),
         (".ply", PLY.replace("vertex 3", "vertex 9") + FACE + POINTS, "more than fit"),

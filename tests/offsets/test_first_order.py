@@ -92,7 +92,7 @@ def test_thin_tiles_need_no_finer_mesh():
     flat = il.Lattice(tile, through=il.macroshape.box((1, 1, 0.02)))
     wall = flat.offset((np.inf, 0.05), space="parametric")
     assert wall.distance is flat.offset((np.inf, 0.1), space="parametric").distance
-    mesh = wall.mesh(0.1)
+    mesh = wall.mesh(0.03)
     assert mesh.genus == 0
     r = 0.05 + np.sqrt(0.09 + 0.05**2)
     assert mesh.volume == pytest.approx(0.02 * 4 / 3 * np.pi * r**3, rel=0.1)
