@@ -5,7 +5,7 @@ solid, which is cut out of the cells of the analysis without a mesh of the wall.
 checked: Rayleigh's estimate of the lowest frequency, from the deflection of the arm under its own
 weight, is never below it, and here 0.6 % above; bending to two sides has the same frequency. Walls
 of a cell and a half are too coarse for more than the order of modes: the analysis warns of it, and
-`modes.report.grid_error` says by how much.
+`modes.report.discretization_error` says by how much.
 
     python examples/vibrations.py
 """
@@ -33,7 +33,7 @@ def main(tiles: int = 4, cells: int = 7, count: int = 4, out: str = "") -> dict[
         "lowest frequency": float(modes.frequencies[0]),
         "Rayleigh's estimate to the lowest": float(rayleigh / modes.omega[0]),
         "bending to one side and the other": float(modes.omega[1] / modes.omega[0]),
-        "squares of frequencies too high by about": modes.report.grid_error,
+        "squares of frequencies too high by about": modes.report.discretization_error,
         "torsion to bending": float(modes.omega[2] / modes.omega[0]),
     }
 

@@ -13,6 +13,7 @@ import numpy as np
 import ilattice as il
 from ilattice._progress import Progress
 from ilattice._stages import Stages
+from ilattice._validate import as_positive
 from ilattice._warmup import aside
 from ilattice.errors import FileError, FormatError, InputError
 from ilattice.io._common import check_distinct, check_outputs, write_report
@@ -174,6 +175,7 @@ def build(
     check_distinct({"--map": _files(through), "-o": output, "--report": reports})
     check_endings(output, "SurfaceMesh")
     d = half_thickness(thickness)
+    h = None if h is None else as_positive("h", h)
     for name in tile.split(","):
         il.tiles.row(name)
     stages = Stages()
@@ -261,6 +263,7 @@ def slices(
     check_distinct({"--map": _files(through), "-o": output})
     check_endings(output, "SliceStack")
     d = half_thickness(thickness)
+    layer, h = as_positive("layer", layer), None if h is None else as_positive("h", h)
     space = volume(through)
     lattice = il.Lattice(cell(tile, space, seed), through=space, repeat=repeat)
     wall = lattice.offset(d, progress=progress)
@@ -298,7 +301,7 @@ def demo(
     dict
         The report.
     """
-    folder = Path(out)
+    folder, h = Path(out), as_positive("h", h)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as e:

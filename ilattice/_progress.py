@@ -1,12 +1,15 @@
 """Progress of long work: a bar on a terminal, a callable of yours, or nothing.
 
 Guarantee: the items of the iterable pass through unchanged, in order. Nothing is written unless
-`progress` is True and the standard error stream is a terminal.
+`progress` is True and the standard error stream is a terminal. What a callable raises ends the work
+and is passed on as it is.
 """
 
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from typing import TypeVar
+
+from ilattice.errors import InputError
 
 T = TypeVar("T")
 Progress = bool | Callable[[str, int, int], object] | None
@@ -35,6 +38,8 @@ def track(
         The items.
     """
     count = total if total is not None else _length(items)
+    if not (progress is None or isinstance(progress, bool) or callable(progress)):
+        raise InputError(f"progress must be True, False, None or a callable, got {progress!r:.80}")
     if callable(progress):
         for done, item in enumerate(items, 1):
             yield item

@@ -12,7 +12,7 @@ import numpy as np
 from ilattice._compiling import watch
 from ilattice._threads import take_turns
 from ilattice._typing import ArrayLike, FloatArray
-from ilattice.errors import InputError
+from ilattice.errors import IlatticeError, InputError
 
 take_turns()  # every way to a kernel leads through here
 watch()
@@ -43,6 +43,13 @@ def as_array(name: str, value: Any, ndim: int | None = None, *, finite: bool = T
     if ndim is not None and np.ndim(value) != ndim:
         raise InputError(f"{name} must have {ndim} axes, got shape {np.shape(value)}")
     return check_finite(name, a) if finite else a
+
+
+def as_own(name: str, value: Any) -> FloatArray:
+    """`as_array` as an array of one's own, copied no more than once."""
+    a = as_array(name, value)
+    fresh = type(value) in (list, tuple) or not np.may_share_memory(a, np.asarray(value))
+    return a if fresh else a.copy()
 
 
 def check_finite(name: str, a: FloatArray) -> FloatArray:
@@ -130,12 +137,32 @@ def as_kind(name: str, value: Any, kind: str) -> Any:
 
 def as_choice(name: str, value: Any, choices: Sequence[Any]) -> Any:
     """`value` itself if it is one of some words or whole numbers, and of their type."""
-    whole = isinstance(value, np.integer)
-    known = (whole or any(type(value) is type(c) for c in choices)) and value in choices
-    if not known:
+    if not among(value, choices):
         told = ", ".join(map(repr, choices))
         raise InputError(f"{name} must be one of {told}, got {value!r:.80}")
     return value
+
+
+def among(value: Any, choices: Sequence[Any]) -> bool:
+    """Whether a value is one of some words or whole numbers, and of their type: True is no 1."""
+    whole = isinstance(value, np.integer)
+    return (whole or any(type(value) is type(c) for c in choices)) and value in choices
+
+
+def as_axis(name: str, value: Any, count: int = 3) -> int:
+    """A direction: a whole number from 0 on, below the number of directions."""
+    if not among(value, range(count)):
+        raise InputError(f"{name} must be a whole number from 0 to {count - 1}, got {value!r:.80}")
+    return int(value)
+
+
+def as_whole(name: str, value: Any, least: int, most: int) -> int:
+    """A whole number between two others."""
+    known = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+    if not known or not least <= value <= most:
+        told = f"a whole number from {least} to {most}"
+        raise InputError(f"{name} must be {told}, got {value!r:.80}")
+    return int(value)
 
 
 def as_flag(name: str, value: Any) -> bool:
@@ -185,6 +212,19 @@ def as_knots(name: str, value: ArrayLike, n: int, k: int) -> FloatArray:
     return t
 
 
+def asked(name: str, f: Callable[..., Any], *arguments: Any) -> Any:
+    """What a function of the user returns; what it raises says which argument it was."""
+    if str(getattr(f, "__module__", "")).startswith("ilattice."):
+        return f(*arguments)  # which says by itself what is wrong
+    try:
+        return f(*arguments)
+    except IlatticeError as e:
+        kind = next(c for c in type(e).__mro__ if c.__module__ == "ilattice.errors")
+        raise kind(f"{name}: {e}") from e
+    except Exception as e:
+        raise InputError(f"{name} raised {type(e).__name__}: {e}") from e
+
+
 def near_names(name: str, known: Sequence[str], count: int = 3) -> str:
     """The known names most like `name`, for error messages."""
     from difflib import get_close_matches
@@ -197,6 +237,11 @@ def read_only(a: Any) -> Any:
     """`a` with its write flag cleared."""
     a.flags.writeable = False
     return a
+
+
+def seen(a: Any) -> Any:
+    """A read-only view; `a` itself stays of the type that compiled code knows."""
+    return read_only(a.view())
 
 
 class FixedMapping(Mapping[K, V]):

@@ -94,6 +94,7 @@ def walls(through: "il.SplineMap") -> None:
             wall = lattice.offset(d)
             mesh = wall.mesh(0.05, allow_loss=True)
             wall.thickness_error(mesh)
+            wall.volume()
             list(wall.slices(thickness=0.25, h=0.05))
             for ending in ("stl", "vtp"):
                 mesh.save(Path(folder) / f"mesh.{ending}")
@@ -107,6 +108,11 @@ def solids() -> None:
     bar = il.tiles.skeleton([[(0, 0.5, 0.5), (1, 0.5, 0.5)]], radius=0.1)
     for tile in (il.tiles.get("gyroid"), il.tiles.octet(radius=0.05), bar, own):
         il.Lattice(tile, through=box).offset((np.inf, 0.05)).mesh(0.2, allow_loss=True)
+    torus = il.macroshape.torus(major=0.8, width=0.6)
+    il.Lattice(il.tiles.get("gyroid"), through=torus).offset(0.1, space="parametric").mesh(
+        0.3, allow_loss=True
+    )
+    il.tiles.get("gyroid").jet(np.random.default_rng(0).random((5000, 3)), 2)  # in parallel
     quartic = il.SplineMap(box.spline.elevate(0, 3).elevate(1, 3).elevate(2, 3))
     for through in (box, quartic):
         il.Lattice(il.tiles.get("gyroid"), through=through).offset(0.1, space="parametric").mesh(
@@ -163,9 +169,15 @@ def analysis() -> None:
             (sides[0], sides[1]), (24, 10, 10), degree=degree, through=il.macroshape.box()
         ).clamp("u=0")
         problem.load(gravity=(0.0, 0.0, -1.0)).solve(method="multigrid").von_mises([[0.5] * 3])
+    plate = il.cutfem.Heat((sides[0], sides[1]), (24, 10, 10)).fix("u=0", 0.0)
+    plate.source(1.0).solve(method="multigrid")
+    il.cutfem.Elasticity((sides[0], sides[1]), 4, young=(1.0, 2.0), phases="u - 0.4").clamp(
+        "u=0"
+    ).load(traction=(0.0, 0.0, 1.0), on="u=1").solve()
     torus = il.macroshape.torus(major=4.0, width=2.0)
     wall = il.Lattice(il.tiles.get("schwarz_p"), through=torus, repeat=(4, 1, 1)).offset(0.3)
     il.cutfem.mass_properties(wall, (8, 4, 4))
+    il.cutfem.mass_properties(il.sdf.parse("box gyroid shell 0.6"), 4)
     heavy = il.cutfem.Elasticity(wall, (16, 4, 4)).clamp("w=0").load(gravity=(0.0, 0.0, -1.0))
     solution = heavy.solve()
     solution.recovered()

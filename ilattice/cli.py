@@ -50,7 +50,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with warnings.catch_warnings():
             warnings.simplefilter("always", PrecisionWarning)
             warnings.showwarning = _warn
-            _app()(words, exit_on_error=False, print_error=False)
+            if words[:1] == ["sdf"]:
+                _sdf(words[1:])  # of which Cyclopts would drop empty ones
+            else:
+                _app()(words, exit_on_error=False, print_error=False)
             if sys.stdout is not None:  # as it is where it was closed
                 sys.stdout.flush()
     except BrokenPipeError:
@@ -287,20 +290,26 @@ def _add_sdf(app: "App") -> None:
         words
             Solids, operations and options.
         """
-        from ilattice.sdf.job import run
-        from ilattice.sdf.manual import manual
-
-        if not words or "-h" in words or "--help" in words:
-            print(manual())
-        elif "--version" in words:
-            print(app.version)
-        else:
-            report = run(words, progress=True)
-            _tell_solid(report)
-            if report.get("rows") and not any(row["file"] for row in report["rows"]):
-                raise GeometryError(f"none of the {len(report['rows'])} runs made a solid")
+        _sdf(words)
 
     app.command(command)
+
+
+def _sdf(words: Sequence[str]) -> None:
+    """Carry out ``ilattice sdf``."""
+    from ilattice import __version__
+    from ilattice.sdf.job import run
+    from ilattice.sdf.manual import manual
+
+    if not words or "-h" in words or "--help" in words:
+        print(manual())
+    elif "--version" in words:
+        print(__version__)
+    else:
+        report = run(words, progress=True)
+        _tell_solid(report)
+        if report.get("rows") and not any(row["file"] for row in report["rows"]):
+            raise GeometryError(f"none of the {len(report['rows'])} runs made a solid")
 
 
 def _tell_solid(report: dict[str, Any]) -> None:

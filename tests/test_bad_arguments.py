@@ -18,7 +18,7 @@ import pytest
 from numba.core import event
 
 import ilattice as il
-from ilattice.errors import IlatticeError
+from ilattice.errors import IlatticeError, InputError
 
 ROUNDS = int(os.environ.get("ILATTICE_ROUNDS", "2"))
 ROOMS = (
@@ -56,6 +56,41 @@ def good():
         "x": [[0.2, 0.3, 0.4]], "points": [[0.2, 0.3, 0.4]], "radius": 0.2, "name": "gyroid",
         "thickness": 0.3, "text": "x + y", "vertices": mesh.vertices, "faces": mesh.faces,
         "command": "sphere", "spacing": 0.4, "path": "nowhere/a.stl", "degree": 2, "axis": 0,
+    }  # fmt: skip
+
+
+def own(sense):
+    """Arguments that make sense to one callable only, by its name."""
+    line = il.BSpline([[0, 0, 0.4, 1, 1]], [[0, 0, 0], [0.5, 0.1, 0], [1, 0, 0]], 1)
+    flat = np.array([[[0, 0, 0], [0, 1, 0]], [[1, 0, 0], [1, 1, 0.2]]])
+    sheet, above = (il.BSpline([[0, 0, 1, 1]] * 2, flat + np.array([0, 0, h]), 1) for h in (0, 1))
+    box, ball, corners = sense["through"], sense["f"], [[0, 0, 0], [1, 0, 0], [1, 1, 0.0]]
+    strut = [[(0, 0.5, 0.5), (1, 0.5, 0.5)]]
+    block = (sense["mesh"].vertices, sense["mesh"].faces)
+    return {
+        "tiles.Arc": {"centre": (0.3, 0.5, 0.5), "u": (0.2, 0, 0), "v": (0, 0.2, 0)},
+        "tiles.Curve": {"spline": line}, "tiles.Surface": {"spline": sheet},
+        "tiles.Group": {"members": [il.tiles.Polyline(corners)]},
+        "tiles.Patch": {"corners": corners}, "tiles.Polyline": {"points": corners},
+        "tiles.SkeletonField": {"entities": strut}, "tiles.skeleton": {"entities": strut},
+        "tiles.struts": {"nodes": corners, "edges": [[0, 1], [1, 2]], "radii": 0.1},
+        "tiles.hybrid": {"weight": il.tiles.sigmoid(0, [0.5], 0.2)},
+        "macroshape.affine": {"matrix": np.eye(3)}, "macroshape.certify": {"volume": box},
+        "macroshape.check_map": {"volume": box}, "macroshape.loft": {"sections": [sheet, above]},
+        "macroshape.extrude": {"surface": sheet}, "macroshape.regrade": {"volume": box},
+        "macroshape.ruled": {"first": sheet, "second": above},
+        "macroshape.revolve": {"surface": sheet, "point": (-1, 0, 0), "axis": (0, 1, 0)},
+        "fields.capsule": {"first": (0, 0, 0), "second": (1, 0, 0)},
+        "fields.constant": {"text": "1/3"}, "fields.rotate": {"axis": (0, 0, 1)},
+        "fields.difference": {"first": ball, "second": ball},
+        "fields.mix": {"first": ball, "second": ball, "weight": ball},
+        "io.save": {"obj": sense["mesh"], "path": "s.stl"},
+        "io.save_bezier_vtu": {"volume": box, "path": "s.vtu"},
+        "io.write_pvd": {"path": "s.pvd", "files": ["a.vtu"], "times": [0.0]},
+        "io.write_stream": {"path": "s.stl", "blocks": [block]},
+        "io.write_vtu": {
+            "path": "s.vtu", "cells": [[0, 1, 2]], "cell_type": 5, "points": corners
+        },
     }  # fmt: skip
 
 
@@ -142,8 +177,13 @@ def sense():
     return good()
 
 
+@pytest.fixture(scope="module")
+def senses(sense):
+    return {name: sense | mine for name, mine in own(sense).items()}
+
+
 @pytest.mark.parametrize("room", ["", *ROOMS])
-def test_public_callables_refuse_what_makes_no_sense(room, sense, tmp_path, monkeypatch):
+def test_public_callables_refuse_what_makes_no_sense(room, sense, senses, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     rng = random.Random(f"odd {room}")
     wrong = []
@@ -151,7 +191,7 @@ def test_public_callables_refuse_what_makes_no_sense(room, sense, tmp_path, monk
         if name.split(".")[0] != room:
             continue
         for _ in range(ROUNDS):
-            positional, named = arguments(thing, sense, rng)
+            positional, named = arguments(thing, senses.get(name, sense), rng)
             told = f"{name}(*{positional!r:.200}, **{named!r:.300})"
             tracemalloc.start()
             try:
@@ -168,3 +208,110 @@ def test_public_callables_refuse_what_makes_no_sense(room, sense, tmp_path, monk
             if calls.count > MOST_CALLS:
                 wrong.append(f"{told}: {calls.count} calls")
     assert not wrong, "\n" + "\n".join(wrong)
+
+
+CORNERS = [[0, 0, 0], [1, 0, 0], [1, 1, 0.0]]
+TRIANGLE = {"path": "s.vtu", "points": CORNERS, "cells": [[0, 1, 2]], "cell_type": 5}
+
+
+@pytest.mark.parametrize("name", ["cell_type", "compress", "point_data", "cell_data", "field_data"])
+def test_vtk_is_asked_for_nothing_odd(name, tmp_path, monkeypatch):
+    """It ended the process for a kind of cells that is None."""
+    monkeypatch.chdir(tmp_path)
+    for odd in ODD:
+        if odd is None and name.endswith("data"):
+            continue
+        empty = isinstance(odd, dict) and not odd and name.endswith("data")
+        flag = name == "compress" and (odd is True or (isinstance(odd, int) and odd == 0))
+        if empty or flag:
+            il.io.write_vtu(**TRIANGLE | {name: odd})
+            continue
+        with pytest.raises(InputError):
+            il.io.write_vtu(**TRIANGLE | {name: odd})
+    il.io.write_vtu(**TRIANGLE | {"field_data": {"a": 1.0}, "point_data": {"b": [1, 2, 3]}})
+    with pytest.raises(InputError, match="cells of cell_type 9 have 4 points, got 3"):
+        il.io.write_vtu(**TRIANGLE | {"cell_type": 9})
+
+
+LINE = il.BSpline([[0, 0, 1, 1]], CORNERS[:2], 1)
+GRID = il.cutfem.Grid([np.linspace(0, 1, 4)] * 3)
+ODD_CALLS = [
+    lambda _: il.io.write_vtu("s.vtu", CORNERS, [[1, 2], [3]], 5),
+    lambda _: il.io.write_pvd("s.pvd", 3, [1.0]),
+    lambda _: il.io.write_pvd("s.pvd", ["a.vtu"], 0.0),
+    lambda _: il.io.write_stream("s.stl", 0.3),
+    lambda _: il.io.write_stream("s.stl", [CORNERS, CORNERS]),
+    lambda s: il.io.save_bezier_vtu(s["through"], "a" * 300 + ".vtu"),
+    lambda s: il.io.save_bezier_vtu(s["through"], "a.vtu", compress=np.zeros(3)),
+    lambda s: s["mesh"].save("a" * 300 + ".stl"),
+    lambda _: il.sdf.run("sphere -s 0.5 -o a.ply --set t=0", progress="no"),
+    lambda _: il.sdf.parse("sphere", strict="no"),
+    lambda s: il.sdf.MeshDistance(s["mesh"], strict=None),
+    lambda s: il.fields.from_callable(s["f"], bounds=[[1, 1, 1], [0, 0, 0]]),
+    lambda _: il.BSpline([[0, 0, 1, 1]], [0.0, 1.0], True),
+    lambda _: il.tiles.Arc((0.3, 0.5, 0.5), (0.2, 0, 0), (0, 0.2, 0), radius=NAN),
+    lambda _: il.tiles.Polyline(CORNERS, radius=[0.1, -0.1, 0.1]),
+    lambda _: il.tiles.Patch(CORNERS, radius="wide"),
+    lambda _: il.tiles.Curve(LINE, radius=0.0),
+    lambda _: il.tiles.Mixture((), None, None, 0.5, 0.1),
+    lambda _: il.tiles.Mixture("gyroid", len, None, 0.5, 0.1),
+    lambda s: s["through"].flipped(np.zeros(3)),
+    lambda s: s["through"].flipped(np.float32(1)),
+    lambda s: s["through"].jet([[0.2, 0.3, 0.4]], True),
+    lambda s: s["through"].x([[0.2, 0.3, 0.4]], extrapolate=np.zeros(2)),
+    lambda s: s["through"].permuted([None] * 3),
+    lambda s: s["through"].volume(points=NAN),
+    lambda s: s["through"].volume(points=2**70),
+    lambda s: s["through"].inverse([[0.2, 0.3, 0.4]], tol=1e300),
+    lambda s: s["spline"].breaks(7),
+    lambda s: s["spline"].greville("x"),
+    lambda s: s["spline"].derivative(None),
+    lambda s: s["spline"].elevate(0, -1),
+    lambda s: s["spline"].elevate(1j),
+    lambda s: s["spline"].grid(3),
+    lambda s: list(s["spline"].slabs([], 0)),
+    lambda s: list(s["spline"].slabs([[0.5]] * 3, 0, thickness=0)),
+    lambda s: s["f"].jet([[0.2, 0.3, 0.4]], np.zeros(2)),
+    lambda _: il.tiles.get("gyroid").grid(3),
+    lambda _: il.tiles.TrigField.parse(3),
+    lambda s: s["lattice"].property_at([], [[0.2, 0.3, 0.4]]),
+    lambda s: s["wall"].mesh(h=0.3, polish=np.zeros(2)),
+    lambda s: s["wall"].relative_density(per_cell="x"),
+    lambda s: s["wall"].thickness_error(3),
+    lambda s: il.cutfem.Elasticity(s["wall"], 4).clamp(np.zeros(2)),
+    lambda s: il.cutfem.Elasticity(s["wall"], 4).clamp("w=0", components=3),
+    lambda s: il.cutfem.Elasticity(s["wall"], 4).clamp("w=0", method=[]),
+    lambda s: il.cutfem.Elasticity(s["wall"], 4).clamp("w=0").solve(method=[]),
+    lambda s: (
+        il.cutfem.Elasticity(s["wall"], 4)
+        .clamp("w=0")
+        .load(body=(1, 0, 0))
+        .solve(max_iterations=NAN)
+    ),
+    lambda _: il.cutfem.SplineSpace("grid", 1, [0], 0),
+    lambda _: il.cutfem.SplineSpace(GRID, 1, "cells", 0),
+    lambda _: il.cutfem.SplineSpace(GRID, 1, [0.5], 0),
+    lambda _: il.cutfem.SplineSpace(GRID, 1, [1e300], 0),
+    lambda _: il.cutfem.refinement_study(len, [2, 4, 8], {1: 2}),
+    lambda _: il.cutfem.refinement_study(len, [2, 4, 8], {"a": len}),
+    lambda s: s["lattice"].offset(relative_density=[[1, 2], [3]]),
+    lambda s: s["lattice"].offset(0.1, least_wall=1e300),
+    lambda s: s["lattice"].offset(0.1, least_gap=40.0),
+    lambda s: il.Lattice("gyroid", through=s["through"]).offset(0.1, progress=3),
+]
+
+
+@pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
+@pytest.mark.parametrize("number", range(len(ODD_CALLS)))
+def test_odd_arguments_that_used_to_pass_or_to_end_in_foreign_errors(
+    number, sense, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(IlatticeError):
+        ODD_CALLS[number](sense)
+
+
+def test_points_that_are_infinitely_far_are_outside(sense):
+    found = sense["through"].locate([[1e300, -1e300, 1e300], [0.2, 0.3, 0.4], [-1e200, 0, 0]])
+    assert np.isnan(found.u[[0, 2]]).all()
+    np.testing.assert_allclose(found.u[1], [0.2, 0.3, 0.4])

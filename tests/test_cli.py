@@ -166,7 +166,7 @@ def test_slices_have_their_own_endings(tmp_path, capfd):
     err = fails(["slice", *words()[1:], "--layer", "0.25", "-o", str(target)], 1, capfd)
     assert ".cli" in err
     err = fails(["slice", *words()[1:], "--layer", "0", "-o", str(tmp_path / "a.cli")], 2, capfd)
-    assert "thickness" in err
+    assert "layer" in err
 
 
 def test_warnings_are_lines_too(tmp_path, capfd):
@@ -256,3 +256,22 @@ def test_the_package_runs_as_a_module():
                           capture_output=True, text=True)  # fmt: skip
     assert done.returncode == 2
     assert done.stderr.startswith("ilattice: error: ")
+
+
+@pytest.mark.parametrize("h", ["0", "nan", "inf", "-1"])
+def test_lengths_are_refused_before_any_work(h, tmp_path, monkeypatch, capsys):
+    """It took as long as all distances, and left a folder."""
+    monkeypatch.chdir(tmp_path)
+    part = ["--tile", "gyroid", "--map", "box", "--repeat", "1", "1", "1", "--thickness", "0.1"]
+    started = []
+    monkeypatch.setattr(il.Lattice, "offset", lambda *_, **__: started.append(1))
+    for words in (
+        ["demo", "--h", h],
+        ["build", *part, "-o", "a.stl", "--h", h],
+        ["slice", *part, "--layer", "0.1", "-o", "a.svg", "--h", h],
+        ["slice", *part, "--layer", h, "-o", "a.svg"],
+    ):
+        assert cli.main(words) == 2
+        assert capsys.readouterr().err.count("\n") == 1
+    assert not started
+    assert not list(tmp_path.iterdir())

@@ -163,3 +163,62 @@ def test_too_many_tiles_on_the_command_line_are_one_line(tmp_path, capfd):
     out, err = capfd.readouterr()
     assert out == ""
     assert re.fullmatch(r"ilattice: error: [^\n]*TB of memory[^\n]*use fewer tiles[^\n]*\n", err)
+
+
+# --- copies of what is handed in ------------------------------------------------------------------
+
+
+class Sharing:
+    """Something that NumPy takes for an array, and that keeps it."""
+
+    def __init__(self, a):
+        self.a = a
+
+    def __array__(self, dtype=None, copy=None):
+        return self.a
+
+
+class SharingList(list, Sharing):
+    """A list that is taken for an array, too."""
+
+
+def kinds_of(a):
+    """What splines may be made of, and the arrays behind that."""
+    for source in (
+        a.copy(),
+        np.asfortranarray(a),
+        a.astype(np.float32),
+        a[:, ::-1].copy()[:, ::-1],
+    ):
+        listed = SharingList(a.tolist())
+        listed.a = source
+        fixed = source.view()
+        fixed.flags.writeable = False
+        yield from ((source, source), (source, fixed), (source, Sharing(source)), (source, listed))
+        yield source, source.tolist()
+        if source.flags.c_contiguous:
+            yield source, memoryview(source)
+
+
+def test_splines_share_no_memory_with_what_they_were_made_of():
+    a = np.random.default_rng(5).random((4, 3))
+    for source, given in kinds_of(a):
+        spline = il.BSpline([[0, 0, 0.3, 0.6, 1, 1]], given, 1)
+        before = spline.c.copy()
+        assert not np.shares_memory(source, spline.c)
+        source[0] = 7.0
+        np.testing.assert_array_equal(spline.c, before)
+        assert not spline.c.flags.writeable
+
+
+@pytest.mark.parametrize("writeable", [True, False])
+@pytest.mark.parametrize("kind", [np.float64, np.float32])
+def test_large_input_is_copied_once(writeable, kind):
+    c = np.random.default_rng(6).random((200_000, 3)).astype(kind)
+    c.flags.writeable = writeable
+    t = [0.0, *np.linspace(0, 1, len(c)), 1.0]
+    tracemalloc.start()
+    spline = il.BSpline([t], c, 1)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 1.2 * (spline.c.nbytes + 2 * spline.t[0].nbytes)

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import ArrayLike, FloatArray
-from ilattice._validate import as_array, as_positive, check_finite
+from ilattice._validate import as_array, as_positive, asked, check_finite
 from ilattice.bspline.fit_common import (
     METHODS,
     Direction,
@@ -268,9 +268,9 @@ class _Setup:
         """Values of the field on a tensor grid."""
         shape = tuple(len(x) for x in axes)
         if hasattr(self.field, "grid"):
-            return self.checked(self.field.grid(tuple(axes)), shape)
+            return self.checked(asked("grid of field", self.field.grid, tuple(axes)), shape)
         points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
-        values = self.checked(self.field(points), (len(points),))
+        values = self.checked(asked("field", self.field, points), (len(points),))
         return values.reshape(shape + values.shape[1:])
 
     def checked(self, values: Any, shape: tuple[int, ...]) -> FloatArray:
@@ -285,7 +285,8 @@ class _Setup:
     def deviation(self, spline: BSpline, checks: int, turn: int) -> tuple[float, float]:
         """Largest and rms deviation at quasi-random points, other ones every turn."""
         u = check_points(self.box, checks, turn)
-        d = spline(u, extrapolate="clamp") - self.checked(self.field(u), (len(u),))
+        f = self.checked(asked("field", self.field, u), (len(u),))
+        d = spline(u, extrapolate="clamp") - f
         return float(np.abs(d).max()), float(np.sqrt(np.mean(d * d)))
 
 

@@ -85,7 +85,7 @@ def sites(
     """
     k = as_degree("k", k)
     t = as_knot_vector("t", t, k, periodic=periodic)
-    if method not in METHODS:
+    if not isinstance(method, str) or method not in METHODS:
         raise InputError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
     n = len(t) - k - 1 - (k if periodic else 0)
     a, b = t[k], t[len(t) - k - 1]

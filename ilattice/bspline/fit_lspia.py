@@ -16,7 +16,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ilattice._typing import ArrayLike, FloatArray
-from ilattice._validate import as_array
+from ilattice._validate import among, as_array
 from ilattice.bspline.fit_common import Direction, as_samples, directions, to_spline
 from ilattice.bspline.knots import design_matrix
 from ilattice.bspline.lines import apply_all, line_operator
@@ -104,7 +104,7 @@ def fit_lspia(
     ConvergenceError
         If `tol` is given and not met within `iterations`.
     """
-    if accelerate not in (None, "cg"):
+    if not among(accelerate, (None, "cg")):
         raise InputError(f"accelerate must be None or 'cg', got {accelerate!r}")
     if iterations != int(iterations) or iterations < 0:
         raise InputError(f"iterations must be a whole number of at least 0, got {iterations!r}")

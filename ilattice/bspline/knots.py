@@ -28,7 +28,8 @@ MAX_DEGREE = 8
 
 def as_degree(name: str, k: Any) -> int:
     """Degree 0 to 8, or `InputError`."""
-    if np.ndim(k) or isinstance(k, str) or k != int(k) or not 0 <= k <= MAX_DEGREE:
+    number = isinstance(k, (int, float, np.number)) and not isinstance(k, bool)
+    if not number or not 0 <= k <= MAX_DEGREE or k != int(k):
         raise InputError(f"{name} must be a whole degree from 0 to {MAX_DEGREE}, got {k!r}")
     return int(k)
 

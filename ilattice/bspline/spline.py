@@ -16,11 +16,15 @@ import numpy as np
 
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import (
+    among,
     as_array,
+    as_axis,
     as_flag,
     as_items,
     as_knots,
+    as_own,
     as_points,
+    as_whole,
     check_finite,
     read_only,
 )
@@ -83,16 +87,15 @@ class BSpline:
         nd = len(as_items("t", t))
         if not 1 <= nd <= 3:
             raise InputError(f"t must hold 1 to 3 knot vectors, got {t!r:.80}")
-        c = np.array(as_array("c", c))
+        c = as_own("c", c)
         if c.ndim not in (nd, nd + 1):
             raise InputError(
                 f"c must have {nd} or {nd + 1} axes for {nd} knot vectors, got {c.ndim}"
             )
         degree = _per_direction("k", k, nd)
         for v in degree:
-            if not (
-                isinstance(v, (int, float, np.number)) and 0 <= v <= MAX_DEGREE and int(v) == v
-            ):
+            number = isinstance(v, (int, float, np.number)) and not isinstance(v, bool)
+            if not (number and 0 <= v <= MAX_DEGREE and int(v) == v):
                 raise InputError(f"k must be whole degrees from 0 to {MAX_DEGREE}, got {k!r}")
         knots = [np.array(as_knots(f"t[{i}]", t[i], c.shape[i], int(degree[i]))) for i in range(nd)]
         closed = _per_direction("periodic", periodic, nd)
@@ -217,7 +220,7 @@ class BSpline:
         if self.ndim == 1 and u.ndim == 1:
             u = u[:, None]
         u = as_points("u", u, self.ndim, finite=False)
-        if extrapolate not in ("raise", "clamp", "extend"):
+        if not among(extrapolate, ("raise", "clamp", "extend")):
             raise InputError(
                 f"extrapolate must be 'raise', 'clamp' or 'extend', got {extrapolate!r}"
             )
@@ -306,7 +309,7 @@ class BSpline:
         InputError
             If the order is not 0, 1 or 2, or a point is outside the domain.
         """
-        if order not in (0, 1, 2):
+        if not among(order, (0, 1, 2)):
             raise InputError(f"order must be 0, 1 or 2, got {order!r}")
         p = self._parameters(u, extrapolate)
         n, size = len(p), self._components.shape[0]
@@ -350,7 +353,7 @@ class BSpline:
         InputError
             If the axes do not match the parameters, or leave the domain.
         """
-        if order not in (0, 1):
+        if not among(order, (0, 1)):
             raise InputError(f"order must be 0 or 1, got {order!r}")
         sites = self._axes(axes)
         *dirs, k0, k1, k2, comps = self.generic_kernel_args
@@ -368,6 +371,7 @@ class BSpline:
         return self._grid_result(out, order)
 
     def _axes(self, axes: Sequence[ArrayLike]) -> list[FloatArray]:
+        axes = as_items("axes", axes)
         if len(axes) != self.ndim:
             raise InputError(f"axes must hold {self.ndim} arrays, got {len(axes)}")
         sites = []
@@ -408,6 +412,9 @@ class BSpline:
         tuple
             First and last-plus-one index of the slab, and what `grid` returns for it.
         """
+        axes, thickness = as_items("axes", axes), as_whole("thickness", thickness, 1, 2**31)
+        if not axes:
+            raise InputError(f"axes must hold {self.ndim} arrays, got none")
         first = as_array("axes[0]", axes[0], ndim=1)
         for i in range(0, len(first), thickness):
             stop = min(i + thickness, len(first))
@@ -451,6 +458,7 @@ class BSpline:
         ndarray, shape (spans + 1,)
             Increasing.
         """
+        axis = as_axis("axis", axis, self.ndim)
         k, n = self.k[axis], self.shape[axis]
         return np.unique(self.t[axis][k : n + 1])
 
@@ -469,6 +477,7 @@ class BSpline:
         """
         from ilattice.bspline.knots import greville
 
+        axis = as_axis("axis", axis, self.ndim)
         return greville(self.t[axis], self.k[axis])
 
     def _with_axis(self, axis: int, t: FloatArray, k: int, matrix: Any) -> BSpline:
@@ -506,7 +515,7 @@ class BSpline:
         """
         from ilattice.bspline.knots import insertion_matrix
 
-        new = as_array("knots", knots, ndim=1)
+        axis, new = as_axis("axis", axis, self.ndim), as_array("knots", knots, ndim=1)
         t, matrix = insertion_matrix(self.t[axis], self.k[axis], new, periodic=self.periodic[axis])
         return self._with_axis(axis, t, self.k[axis], matrix)
 
@@ -527,6 +536,7 @@ class BSpline:
         """
         from ilattice.bspline.knots import elevation_matrix
 
+        axis, times = as_axis("axis", axis, self.ndim), as_whole("times", times, 0, MAX_DEGREE)
         t, k, matrix = elevation_matrix(
             self.t[axis], self.k[axis], times, periodic=self.periodic[axis]
         )
@@ -551,6 +561,7 @@ class BSpline:
             If the spline is rational (its derivative is not of the same degree), or of
             degree 0 along the axis.
         """
+        axis = as_axis("axis", axis, self.ndim)
         k, n, t = self.k[axis], self.shape[axis], self.t[axis]
         if self.weights is not None:
             raise InputError(
@@ -591,7 +602,7 @@ def _per_direction(name: str, value: Any, nd: int) -> list[Any]:
 
 
 def _as_weights(weights: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
-    w = np.array(as_array("weights", weights))
+    w = as_own("weights", weights)
     if w.shape != shape:
         raise InputError(f"weights must have the shape of the coefficients {shape}, got {w.shape}")
     if (w <= 0).any():

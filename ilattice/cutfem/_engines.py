@@ -32,7 +32,11 @@ def multigrid(
     K: bsr_array, modes: FloatArray, places: FloatArray | None = None
 ) -> tuple[Engine, int]:
     """Our own smoothed aggregation, and the bytes it takes."""
-    blocks = Blocks(K.indptr, K.indices, K.data, K.shape[0] // K.blocksize[0])
+    # kernels are compiled for arrays that may be written to
+    offsets, columns, data = (
+        np.require(a, requirements="W") for a in (K.indptr, K.indices, K.data)
+    )
+    blocks = Blocks(offsets, columns, data, K.shape[0] // K.blocksize[0])
     engine = Multigrid(blocks, modes, places)
     return engine, engine.nbytes
 

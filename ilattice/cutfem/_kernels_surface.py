@@ -74,6 +74,31 @@ def surface_blocks(
 
 
 @njit(parallel=True, **INNER)
+def seam_blocks(offsets: Any, w: Any, N: Any, T: Any, Q: Any, out: Any) -> None:
+    """Matrices out (pairs, m nb, m nb) of w (N Q N - N T - its transpose) on pairs of elements.
+
+    N (n, nb) are the jumps of the functions of both elements, T (n, m, nb, m) the mean tractions of
+    function b along direction j at [:, :, b, j], Q (n, m, m) a symmetric stiffness per area.
+    """
+    nb = N.shape[1]
+    m = Q.shape[1]
+    for e in prange(len(out)):
+        A = out[e]
+        A[:] = 0.0
+        for q in range(offsets[e], offsets[e + 1]):
+            for a in range(nb):
+                for b in range(a, nb):
+                    for i in range(m):
+                        for j in range(m):
+                            v = N[q, a] * N[q, b] * Q[q, i, j]
+                            v -= N[q, a] * T[q, i, b, j] + N[q, b] * T[q, j, a, i]
+                            A[m * a + i, m * b + j] += w[q] * v
+        for a in range(m * nb):
+            for b in range(a // m * m):
+                A[a, b] = A[b, a]
+
+
+@njit(parallel=True, **INNER)
 def surface_scalars(
     t0: Any, t1: Any, t2: Any, places: Any, boxes: Any, offsets: Any, u: Any, w: Any, J: Any,
     normals: Any, Q: Any, k: Any, out: Any,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
-from ilattice._validate import read_only
+from ilattice._validate import FrozenCopies, read_only
 from ilattice.cutfem import _kernels_drive as kernels
 from ilattice.cutfem._filling import Listing
 from ilattice.cutfem._kernels_elements import UNIT
@@ -25,7 +25,7 @@ IN, CUT, OUT = -1, 0, 1
 Insides = tuple[FloatArray, IntArray, IntArray, IntArray, IntArray, IntArray]
 
 
-class Layout:
+class Layout(FrozenCopies):
     """The boxes of a grid, for rules and for elements."""
 
     def __init__(self, grid: "Grid", pieces: Any) -> None:
@@ -72,17 +72,18 @@ class TensorLayout(Layout):
     pieces: Pieces
 
     @cached_property
-    def signs(self) -> AnyArray:
-        """Signs of the pieces."""
+    def _signs(self) -> AnyArray:
+        """Signs of the pieces, not read-only: for compiled code."""
         return self.pieces.signs()
 
     @cached_property
-    def owners(self) -> list[IntArray]:
+    def owners(self) -> tuple[IntArray, ...]:
         """Per direction, the cell in which each layer of pieces lies."""
-        return [
-            np.searchsorted(coarse, 0.5 * (fine[1:] + fine[:-1])) - 1
-            for coarse, fine in zip(self.grid.axes, self.pieces.axes, strict=True)
-        ]
+        pairs = zip(self.grid.axes, self.pieces.axes, strict=True)
+        return tuple(
+            read_only(np.searchsorted(coarse, 0.5 * (fine[1:] + fine[:-1])) - 1)
+            for coarse, fine in pairs
+        )
 
     @property
     def per_cell(self) -> float:
@@ -92,7 +93,7 @@ class TensorLayout(Layout):
     @cached_property
     def status(self) -> AnyArray:
         """See `Layout.status`."""
-        low = high = self.signs
+        low = high = self._signs
         for a, owner in enumerate(self.owners):
             starts = np.searchsorted(owner, np.arange(self.grid.shape[a]))
             low = np.minimum.reduceat(low, starts, axis=a)
@@ -102,7 +103,7 @@ class TensorLayout(Layout):
     def volume(self, cells: IntArray) -> Listing:
         """See `Layout.volume`."""
         low, high, owner = self._boxes_of_cells(cells)
-        part = self.signs[tuple(low.T)] == 0
+        part = self._signs[tuple(low.T)] == 0
         which = np.where(part, np.cumsum(part) - 1, -1)
         return Listing(low[part], which, self._boxes(low, high), np.full(len(low), -1), owner)
 
@@ -110,7 +111,7 @@ class TensorLayout(Layout):
         """See `Layout.surface`."""
         bounds = self.pieces.bounds()
         inside = True if bounds is None else ~(bounds[..., 1] < 0).all(axis=-1)
-        index = np.argwhere((self.signs == 0) | ((self.signs < 0) & inside))  # zero on a face?
+        index = np.argwhere((self._signs == 0) | ((self._signs < 0) & inside))  # zero on a face?
         owner = self._cells_of(index)
         order = np.argsort(owner, kind="stable")
         index, owner = index[order], owner[order]
@@ -120,7 +121,7 @@ class TensorLayout(Layout):
     def end_faces(self, axis: int, side: int) -> Listing:
         """See `Layout.end_faces`."""
         last = self.pieces.shape[axis] - 1
-        index = np.argwhere(self.signs.take([side * last], axis) != OUT)
+        index = np.argwhere(self._signs.take([side * last], axis) != OUT)
         index[:, axis] = side * last
         return self._faces(index, np.zeros(len(index), bool), axis, side)
 
@@ -128,8 +129,8 @@ class TensorLayout(Layout):
         """See `Layout.inner_faces`."""
         owner = self.owners[axis]
         ends = np.flatnonzero(np.append(np.diff(owner) > 0, self.grid.closed[axis]))
-        lower = self.signs.take(ends, axis)
-        upper = self.signs.take((ends + 1) % self.signs.shape[axis], axis)
+        lower = self._signs.take(ends, axis)
+        upper = self._signs.take((ends + 1) % self._signs.shape[axis], axis)
         index = np.argwhere((lower != OUT) & (upper != OUT))
         whole = ((lower == IN) | (upper == IN))[tuple(index.T)]
         index[:, axis] = ends[index[:, axis]]
@@ -142,11 +143,11 @@ class TensorLayout(Layout):
         chosen = np.zeros(self.grid.count, bool)
         chosen[cells] = True
         index = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
-        index = index[chosen[self._cells_of(index)] & (self.signs[tuple(index.T)] != OUT)]
+        index = index[chosen[self._cells_of(index)] & (self._signs[tuple(index.T)] != OUT)]
         owner = self._cells_of(index)
         order = np.argsort(owner, kind="stable")
         index, owner = index[order], owner[order]
-        part = self.signs[tuple(index.T)] == 0
+        part = self._signs[tuple(index.T)] == 0
         corners = [
             np.searchsorted(o, i)
             for o, i in zip(self.owners, np.unravel_index(owner, self.grid.shape), strict=True)
@@ -197,7 +198,7 @@ class TensorLayout(Layout):
             offsets = np.append(0, np.cumsum(counts))
             boxes = np.empty((offsets[-1], 6), np.int64)
             kernels.boxes_of_cells(
-                self.signs, mark, places, starts0, starts1, starts2, offsets, boxes, counts
+                self._signs, mark, places, starts0, starts1, starts2, offsets, boxes, counts
             )
         return boxes[:, :3], boxes[:, 3:], np.repeat(cells, counts)
 

@@ -16,12 +16,14 @@ from scipy.sparse import bsr_array
 
 from ilattice._memory import need
 from ilattice._typing import AnyArray, FloatArray, IntArray
-from ilattice._validate import read_only
+from ilattice._validate import Frozen, read_only
 from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem import _kernels_basis as basis
+from ilattice.cutfem.grid import DividedGrid
 from ilattice.cutfem.rules import Quadrature, in_space, on_cells, some_cells
 from ilattice.cutfem.space import IDENTITY, SplineSpace
-from ilattice.cutfem.stabilise import GhostFaces
+from ilattice.cutfem.stabilise import GhostFaces, Stiffness
+from ilattice.errors import InputError
 from ilattice.macroshape.maps import SplineMap
 
 BATCH_BYTES = 1 << 24  # the allocator keeps arrays of this size, so that they are warm
@@ -31,7 +33,7 @@ Density = Callable[[Quadrature], tuple[FloatArray | None, FloatArray | None]]
 
 
 @dataclass(frozen=True, eq=False)
-class Pattern:
+class Pattern(Frozen):
     """Which nodes couple: those that share an element.
 
     Attributes
@@ -69,7 +71,7 @@ class Pattern:
         indptr = np.append(0, np.cumsum(count)).astype(np.int32)
         indices = np.empty(indptr[-1], np.int32)
         kernels.list_columns(start, where, owner, first, dofs, CHUNKS, indptr, indices)
-        return cls(*(read_only(a) for a in (start, where, owner, first, dofs, indptr, indices)))
+        return cls(start, where, owner, first, dofs, indptr, indices)
 
     @cached_property
     def _reach(self) -> int:
@@ -98,7 +100,7 @@ class Pattern:
 
 
 @dataclass(frozen=True, eq=False)
-class Assembly:
+class Assembly(Frozen):
     """What integrals over cells need: functions, map, ghost faces.
 
     Attributes
@@ -109,11 +111,14 @@ class Assembly:
         Map to space.
     ghost : GhostFaces or None
         Faces on which jumps are penalised.
+    seam : Quadrature or None
+        Rule in space on the surface between phases, by pairs of elements, which couple there.
     """
 
     space: SplineSpace
     through: SplineMap | None = None
     ghost: GhostFaces | None = None
+    seam: Quadrature | None = None
 
     @cached_property
     def pattern(self) -> Pattern:
@@ -121,7 +126,19 @@ class Assembly:
         couplings = float((2 * self.space.degree + 1) ** 3) * len(self.space)
         need(8.0 * couplings, _told(self.space, 1), "use fewer cells, or a lower degree")
         faces = self.ghost.dofs(self.space) if self.ghost is not None else []
-        return Pattern.of([self.space.dofs, *faces], len(self.space))
+        pairs = np.concatenate([self.space.dofs[at] for at in self.sides], axis=1)
+        return Pattern.of([self.space.dofs, *faces, pairs], len(self.space))
+
+    @cached_property
+    def sides(self) -> tuple[IntArray, IntArray]:
+        """Positions in the space of the elements on both sides of each pair of the seam."""
+        if self.seam is None:
+            return read_only(np.zeros(0, np.int64)), read_only(np.zeros(0, np.int64))
+        assert self.seam.neighbours is not None
+        low, high = (
+            np.searchsorted(self.space.cells, c) for c in (self.seam.cells, self.seam.neighbours)
+        )
+        return read_only(low), read_only(high)
 
     def zeros(self, m: int) -> FloatArray:
         """Blocks of a matrix with m components per node, all zero."""
@@ -174,8 +191,26 @@ class Assembly:
             yield position[part], part, rows
 
     def owners(self, rule: Quadrature) -> IntArray:
-        """Position in the space of the cell of each point of a rule, (n,)."""
-        return np.searchsorted(self.space.cells, rule.cells)[rule.owners]
+        """Position in the space of the cell of each point of a rule, (n,).
+
+        Of rules by cells, not elements, in cells with several that in which the point is.
+        """
+        space = self.space
+        at = np.minimum(np.searchsorted(space.cells, rule.cells), len(space.cells) - 1)
+        out = at[rule.owners]
+        missing = space.cells[at] != rule.cells
+        if isinstance(space.grid, DividedGrid) and rule.grid is not space.grid:
+            beside = missing | np.isin(rule.cells, space.grid.several)
+            rows = np.flatnonzero(beside[rule.owners])
+            u = rule.points if rule.parameters is None else rule.parameters
+            out[rows] = space.locate(u[rows])
+            missing = np.array(out < 0)
+        if missing.any():
+            raise InputError(
+                "rule has points in cells without functions, such as those of parts that nothing "
+                "holds; take a rule of the problem, as problem.domain.solid(problem.assembly)"
+            )
+        return out
 
     def add_cells(
         self, data: FloatArray, rule: Quadrature, kind: int, d: FloatArray, p: float = 1.0,
@@ -203,7 +238,7 @@ class Assembly:
             A = np.empty((len(at), size, size))
             u = rule.points[rows]
             kernels.cell_matrices(
-                kind, *self.space.tables, self.space.places[at], self.space.boxes[at],
+                kind, *self.space._tables, self.space.places[at], self.space.boxes[at],
                 rule.offsets[part.start : part.stop + 1] - rows.start, u, rule.weights[rows],
                 self.jacobians(u), d if len(d) == 1 else d[rows], A,
             )  # fmt: skip
@@ -213,10 +248,14 @@ class Assembly:
         """Add matrices (cells, m nb, m nb) of active cells, given by position."""
         self.pattern.add(data, kernels.BLOCKS, cells, A, 1.0, 0.0)
 
-    def add_ghost(
-        self, data: FloatArray, stiffness: Callable[[FloatArray], FloatArray] | None
-    ) -> None:
-        """Add the penalty on jumps: scaled with a stiffness at parameters, or that for masses."""
+    def add_pairs(self, data: FloatArray, first: int, A: FloatArray) -> None:
+        """Add matrices (pairs, 2 m nb, 2 m nb) of pairs of the seam from a first one on."""
+        assert self.seam is not None
+        begin = len(self.pattern.first) - 1 - len(self.seam.cells) + first
+        self.pattern.add(data, kernels.BLOCKS, begin + np.arange(len(A)), A, 1.0, 0.0)
+
+    def add_ghost(self, data: FloatArray, stiffness: Stiffness | None) -> None:
+        """Add the penalty on jumps: scaled with a stiffness, or that for masses."""
         if self.ghost is None:
             return
         first = len(self.space.cells)
@@ -281,7 +320,7 @@ class Assembly:
         at = np.searchsorted(self.space.cells, rule.cells)
         J = self.jacobians(u) if len(P) else IDENTITY
         basis.vectors(
-            *self.space.tables, self.space.places[at], self.space.boxes[at], rule.offsets,
+            *self.space._tables, self.space.places[at], self.space.boxes[at], rule.offsets,
             u, J, np.ascontiguousarray(f), np.ascontiguousarray(P), out,
         )  # fmt: skip
 
@@ -302,11 +341,12 @@ class Assembly:
         u = rule.points if rule.parameters is None else rule.parameters
         m, c = c.shape[1], np.array(c, order="C")  # writable: read-only ones are of another type
         per_cell = max(len(rule) // max(len(rule.cells), 1), 1)
-        for at, part, rows in self.batches(rule, per_cell * (4 * m + 9)):
-            owner = np.repeat(at, np.diff(rule.offsets[part.start : part.stop + 1]))
+        owners = self.owners(rule)
+        for _, _, rows in self.batches(rule, per_cell * (4 * m + 9)):
+            owner = owners[rows]
             value, gradient = np.empty((len(owner), m)), np.empty((len(owner), m, 3))
             basis.fields(
-                *self.space.tables, self.space.places, self.space.boxes, self.space.dofs, owner,
+                *self.space._tables, self.space._places, self.space._boxes, self.space.dofs, owner,
                 u[rows], self.jacobians(u[rows]) if in_space else IDENTITY,
                 c, value, gradient,
             )  # fmt: skip

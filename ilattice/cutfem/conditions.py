@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import FloatArray
-from ilattice._validate import Frozen, as_array, check_finite
+from ilattice._validate import Frozen, among, as_array, as_items, asked, check_finite
 from ilattice.cutfem.domain import SURFACES
 from ilattice.cutfem.rules import NAMES
 from ilattice.errors import InputError
@@ -83,7 +83,7 @@ class Load(Frozen):
 
 def as_place(on: Any) -> str:
     """A known place, or `InputError`."""
-    if on not in (*NAMES, *SURFACES):
+    if not among(on, (*NAMES, *SURFACES)):
         raise InputError(f"on must be one of {', '.join((*NAMES, *SURFACES))}, got {on!r}")
     return str(on)
 
@@ -92,8 +92,10 @@ def as_mask(components: Any, m: int) -> Any:
     """Components, such as ``"xz"``, ``(0, 2)`` or None for all, as booleans."""
     if components is None:
         return np.ones(m, bool)
-    listed = [AXES.find(c) if isinstance(c, str) else c for c in components]
-    if not listed or any(isinstance(c, bool) or c not in range(m) for c in listed):
+    text = isinstance(components, str)
+    given = components if text else as_items("components", components)
+    listed = [AXES.find(c) if isinstance(c, str) else c for c in given]
+    if not listed or not all(among(c, range(m)) for c in listed):
         raise InputError(
             f"components must name some of {AXES[:m]!r}, or numbers below {m}, got {components!r}"
         )
@@ -119,7 +121,7 @@ def as_value(name: str, value: Any, m: int) -> Value:
 
 def values_at(name: str, value: Value, x: FloatArray, m: int) -> FloatArray:
     """Values (n, m) at points of space."""
-    a = np.asarray(value(x) if callable(value) else value, np.float64)
+    a = as_array(name, asked(name, value, x) if callable(value) else value, finite=False)
     if callable(value) and a.shape == (len(x),) and m == 1:
         a = a[:, None]
     if callable(value) and a.shape != (len(x), m):

@@ -135,7 +135,9 @@ def links(joined: tuple[Quadrature, ...]) -> tuple[IntArray, IntArray]:
     return np.concatenate([rule.cells for rule in joined]), np.concatenate(high)
 
 
-def connected_parts(solid: Quadrature, faces: tuple[Quadrature, ...]) -> Parts:
+def connected_parts(
+    solid: Quadrature, faces: tuple[Quadrature, ...], seam: Quadrature | None = None
+) -> Parts:
     """Parts of a solid, by the wet faces between its cells.
 
     Parameters
@@ -144,6 +146,8 @@ def connected_parts(solid: Quadrature, faces: tuple[Quadrature, ...]) -> Parts:
         Volume rule in parameters.
     faces : tuple of Quadrature
         Rules on the faces between cells, `CutGrid.faces`, of the three directions.
+    seam : Quadrature, optional
+        Rule, in parameters, on the surface between phases, by pairs of elements.
 
     Returns
     -------
@@ -162,6 +166,13 @@ def connected_parts(solid: Quadrature, faces: tuple[Quadrature, ...]) -> Parts:
         others = [3 + a for a in range(3) if a != axis]
         wet = rule.integrate_cells()[keep] / box[low][:, others].prod(axis=1)
         joined = wet > LEAST_NECK * np.minimum(bulk[low], bulk[high])
+        rows.append(low[joined])
+        columns.append(high[joined])
+    if seam is not None:
+        assert seam.neighbours is not None
+        low, high = (np.searchsorted(cells, c) for c in (seam.cells, seam.neighbours))
+        area = seam.integrate_cells() / full[low] ** (2 / 3)
+        joined = area > LEAST_NECK * np.minimum(bulk[low], bulk[high])
         rows.append(low[joined])
         columns.append(high[joined])
     i, j = np.concatenate(rows), np.concatenate(columns)

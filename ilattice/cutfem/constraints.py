@@ -16,6 +16,7 @@ import numpy as np
 from scipy.sparse import bsr_array
 
 from ilattice._typing import AnyArray, FloatArray
+from ilattice._validate import Frozen, read_only
 from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.conditions import AXES, Support, values_at
@@ -28,7 +29,7 @@ SAME = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
-class Constraints:
+class Constraints(Frozen):
     """Prescribed coefficients of a field with m components.
 
     Attributes
@@ -48,7 +49,7 @@ class Constraints:
     @cached_property
     def nodes(self) -> AnyArray:
         """Nodes with something free."""
-        return np.flatnonzero(~self.fixed.all(axis=1))
+        return read_only(np.flatnonzero(~self.fixed.all(axis=1)))
 
     def reduce(self, K: Any, *, diagonal: bool = True) -> Any:
         """The matrix on free nodes.
@@ -68,7 +69,8 @@ class Constraints:
         """
         if not self.fixed.any():
             return K
-        nodes, m = self.nodes, self.fixed.shape[1]
+        nodes, fixed = self.nodes.copy(), self.fixed.copy()  # read-only ones are of another type
+        m = fixed.shape[1]
         place = np.full(len(self.fixed), -1, np.int32)
         place[nodes] = np.arange(len(nodes))
         count = np.zeros(len(nodes), np.int64)
@@ -76,7 +78,7 @@ class Constraints:
         indptr = np.append(0, np.cumsum(count)).astype(np.int32)
         columns, data = np.empty(indptr[-1], np.int32), np.empty((indptr[-1], m, m))
         kernels.take_free(
-            K.indptr, K.indices, K.data, nodes, place, self.fixed, diagonal, indptr, columns, data
+            K.indptr, K.indices, K.data, nodes, place, fixed, diagonal, indptr, columns, data
         )
         return bsr_array((data, columns, indptr), shape=(m * len(nodes), m * len(nodes)))
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ilattice._typing import FloatArray
-from ilattice._validate import as_array
+from ilattice._validate import as_array, asked
 from ilattice.bspline import BSpline
 from ilattice.bspline.knots import uniform_knots
 from ilattice.cutfem.grid import cut
@@ -156,8 +156,9 @@ def wall_of_density(wall: Wall, density: Any) -> Wall:
     densities = _Densities(lattice, distance)
     thickest = 1.01 * float(np.abs(distance.c).max()) / _least(profile)
     top = profile.scaled(thickest)
-    if not callable(density) and np.size(density) == 1:
-        target = float(as_array("relative_density", density).ravel()[0])
+    given = None if callable(density) else as_array("relative_density", density)
+    if given is not None and given.size == 1:
+        target = float(given.ravel()[0])
         least = densities.whole(profile.scaled(0.0)) if profile.solid else 0.0
         ends = least, densities.whole(top)
         _check_reachable(target, *sorted(ends))
@@ -260,9 +261,8 @@ def _targets(lattice: Lattice, density: Any) -> FloatArray:
     if callable(density):
         at = np.indices(lattice.repeat).reshape(3, -1).T + 0.5
         lo, hi = lattice.domain
-        values = as_array(
-            "relative_density", density(lo + at / np.array(lattice.repeat) * (hi - lo))
-        )
+        u = lo + at / np.array(lattice.repeat) * (hi - lo)
+        values = as_array("relative_density", asked("relative_density", density, u))
         if values.shape != (len(at),):
             raise InputError(
                 f"relative_density must return one value per tile, shape ({len(at)},), got "

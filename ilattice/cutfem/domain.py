@@ -7,21 +7,21 @@ Guarantee: what is asked for twice is computed once.
 """
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from ilattice._typing import FloatArray, IntArray
-from ilattice._validate import Frozen, as_choice, as_positive
+from ilattice._typing import AnyArray, FloatArray, IntArray
+from ilattice._validate import Frozen, among, as_choice, as_positive
 from ilattice.cutfem._filling import MOST_POINTS
 from ilattice.cutfem.assembly import Assembly, compressed_where_long
 from ilattice.cutfem.connectivity import Parts, connected_parts, links
 from ilattice.cutfem.elements import ElementGrid, elements_of
 from ilattice.cutfem.grid import CUT, CutGrid, cut
-from ilattice.cutfem.rules import NAMES, Quadrature, in_space, on_cells, some_cells
+from ilattice.cutfem.rules import NAMES, Quadrature, in_space, kept, on_cells, some_cells
 from ilattice.cutfem.space import SplineSpace, as_degree_and_smoothness
 from ilattice.cutfem.stabilise import ghost_faces, void_rule
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
@@ -88,6 +88,25 @@ class Domain(Frozen):
             self._made[key] = make()
         return self._made[key]
 
+    #: The surface between two phases; see `PhasedDomain`.
+    interface: ClassVar[Any] = None
+    #: Whether points are in the second of two phases; likewise.
+    second: ClassVar[Any] = None
+
+    def by_phase(self, values: list[FloatArray], elements: IntArray) -> FloatArray:
+        """Of the values (n,) or (1,) of the phases those of some elements (n,)."""
+        del elements  # there is one phase
+        return values[0]
+
+    def of_phases(self, rule: Quadrature) -> tuple[Quadrature, ...]:
+        """The parts of a rule by elements in each phase."""
+        return (rule,)
+
+    @property
+    def status(self) -> AnyArray:
+        """See `CutGrid.status`."""
+        return self.cut.status
+
     # ---------------------------------------------------------------- rules
 
     @cached_property
@@ -132,20 +151,23 @@ class Domain(Frozen):
         Quadrature
             In space; also without a map.
         """
-        if on not in (*NAMES, *SURFACES):
+        if not among(on, (*NAMES, *SURFACES)):
             raise InputError(f"on must be one of {(*NAMES, *SURFACES)}, got {on!r}")
         return self.once(("boundary", on), lambda: self._boundary(on))
 
     def _boundary(self, on: str) -> Quadrature:
-        if on in NAMES:
-            rule = self.cut.face(on, self.q)
-        else:
-            rule = self.once("skin", lambda: self.cut.surface(self.q))
-            if on != "surface":
-                rule = _one_set(rule, SURFACES.index(on) - 1)
+        rule = self._by_elements(on)
+        if on in SURFACES[1:]:
+            rule = one_set(rule, [SURFACES.index(on) - 1])
         if not len(rule):
             raise GeometryError(f"on={on!r}: the solid has no area there; choose another place")
-        return on_cells(in_space(self.elements.divided(rule)), self.volume.cells)
+        return on_cells(in_space(rule), self.volume.cells)
+
+    def _by_elements(self, on: str) -> Quadrature:
+        """Rule in parameters on an end face, or on all level sets."""
+        if on in NAMES:
+            return self.elements.divided(self.cut.face(on, self.q))
+        return self.once("skin", lambda: self.elements.divided(self.cut.surface(self.q)))
 
     # ---------------------------------------------------------------- discretisation
 
@@ -171,13 +193,21 @@ class Domain(Frozen):
         space = SplineSpace(self.elements, self.degree, cells, self.smoothness, links(self.joints))
         if not weak and self.stabilization != "ghost":
             return Assembly(space, self.cut.through)
+        weak |= self.interface is not None
         weight = self.weight if self.stabilization == "ghost" else None
         if weight is None:
             p = self.degree
             weight = GHOST_NITSCHE[p] if weak else GHOST[p, self.smoothness]
         enough = 1.0 if weak else ENOUGH
-        faces = ghost_faces(self.cut, self.joints, cells, weight, self.volume, enough)
-        return Assembly(space, self.cut.through, faces)
+        faces = ghost_faces(self.status, self.joints, cells, weight, self.volume, enough)
+        return Assembly(space, self.cut.through, faces, self._seam(cells))
+
+    def _seam(self, cells: IntArray) -> Quadrature | None:
+        """The surface between phases in some cells."""
+        if self.interface is None:
+            return None
+        rule = self.interface
+        return kept(rule, np.isin(rule.cells, cells) & np.isin(rule.neighbours, cells))
 
     def stiff_rule(self, asm: Assembly, *, constant: bool) -> Quadrature:
         """Rule for the stiffness of the solid, in parameters, compressed where that loses nothing.
@@ -277,11 +307,11 @@ def kinks(through: SplineMap, axis: int) -> FloatArray:
     return places[(places > lo) & (places < hi) & (k - times < 2)]
 
 
-def _one_set(rule: Quadrature, number: int) -> Quadrature:
-    """The points of a surface rule that lie on one level set."""
+def one_set(rule: Quadrature, numbers: Sequence[int]) -> Quadrature:
+    """The points of a surface rule that lie on one of some level sets."""
     assert rule.sets is not None
     assert rule.normals is not None
-    keep = rule.sets == number
+    keep = np.isin(rule.sets, numbers)
     counts = np.bincount(rule.owners[keep], minlength=len(rule.cells))
     some = counts > 0
     return replace(

@@ -16,7 +16,7 @@ from degree 2 on, and of degree 1 with ``q=3, stabilization="ghost"``.
 Non-guarantees: the defaults of degree 1 are chosen for speed: stresses of an affine displacement
 are off by up to 0.2 % in the mean square, and by up to a tenth in slivers of cells; small
 displacements; stresses at re-entrant edges grow without bound under refinement; walls of a cell or
-two are too stiff, by a part that every solution estimates, and warns of (see `grid_error`).
+two are too stiff, by a part that every solution estimates, and warns of (see `discretization`).
 """
 
 import warnings
@@ -28,13 +28,15 @@ import numpy as np
 
 from ilattice._progress import Progress
 from ilattice._typing import FloatArray, IntArray
-from ilattice._validate import as_choice
+from ilattice._validate import FixedMapping, among, as_choice, read_only
 from ilattice.cutfem import _kernels_assembly as kernels
-from ilattice.cutfem import weak
+from ilattice.cutfem import coupling, weak
+from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.conditions import Load, Support, values_at
 from ilattice.cutfem.dilatation import FROM, Dilatation, as_terms
-from ilattice.cutfem.domain import as_domain, lattice_of
-from ilattice.cutfem.material import Isotropic, Property, Scalar
+from ilattice.cutfem.domain import lattice_of
+from ilattice.cutfem.material import Isotropic, Property, Scalar, jump_within_cells, warn_of_jump
+from ilattice.cutfem.phases import as_phased
 from ilattice.cutfem.problem import ISLANDS, Problem
 from ilattice.cutfem.rules import Quadrature, on_cells
 from ilattice.errors import InputError, PrecisionWarning
@@ -59,7 +61,7 @@ class Elasticity(Problem):
     young, poisson, density, expansion : float, str or callable, keyword-only
         Young's modulus; Poisson's ratio, above -1 and below 1/2; mass per volume; thermal
         expansion per degree. A callable takes points of space (n, 3); a name is that of a property
-        of the lattice.
+        of the lattice; with `phases`, a pair of these is one of each.
     strength : float, str or callable, optional, keyword-only
         Von Mises stress at which the material yields; solutions then tell how much of it is used.
     degree : {1, 2, 3}, keyword-only
@@ -87,6 +89,11 @@ class Elasticity(Problem):
         Box of the grid, as in `cut`.
     through : SplineMap, optional, keyword-only
         Map to space, as in `cut`.
+    phases : BSpline, Node, str or callable, optional, keyword-only
+        Level set that divides the solid into two materials, negative in the first: a spline of
+        parameters, a field or an equation in u, v, w or in x, y, z, or a function of points of
+        space (n, 3). Cells are cut by it, and strains may jump there; see
+        `ilattice.cutfem.phases`.
 
     Raises
     ------
@@ -122,23 +129,25 @@ class Elasticity(Problem):
         density: Property = 1.0, expansion: Property = 0.0, strength: Property | None = None,
         degree: int = 2, smoothness: int | None = None, q: int | None = None,
         stabilization: str = "auto", weight: float | None = None, dilatation: str = "auto",
-        islands: str = "drop", domain: Any = None, through: Any = None,
+        islands: str = "drop", domain: Any = None, through: Any = None, phases: Any = None,
     ) -> None:  # fmt: skip
-        if dilatation not in DILATATIONS:
+        if not among(dilatation, DILATATIONS):
             raise InputError(f"dilatation must be one of {DILATATIONS}, got {dilatation!r}")
-        lattice = lattice_of(field)
-        material = Isotropic(
-            Scalar("young", young, lattice=lattice),
-            Scalar("poisson", poisson, -1.0, 0.5, lattice=lattice),
-            Scalar("density", density, closed=True, lattice=lattice),
-            Scalar("expansion", expansion, -np.inf, lattice=lattice),
-            None if strength is None else Scalar("strength", strength, lattice=lattice),
-        )
         as_choice("islands", islands, ISLANDS)
-        where = as_domain(
+        where = as_phased(
             field, cells, degree=degree, smoothness=smoothness, q=q, stabilization=stabilization,
-            weight=weight, domain=domain, through=through,
+            weight=weight, domain=domain, through=through, phases=phases,
         )  # fmt: skip
+        known = {"lattice": lattice_of(field), "second": where.second}
+        material = Isotropic(
+            Scalar("young", young, **known),
+            Scalar("poisson", poisson, -1.0, 0.5, **known),
+            Scalar("density", density, closed=True, **known),
+            Scalar("expansion", expansion, -np.inf, **known),
+            None if strength is None else Scalar("strength", strength, **known),
+        )
+        if where.interface is not None and dilatation == "projected":
+            raise InputError("dilatation='projected' is not there for two phases; take 'auto'")
         super().__init__(where, islands)
         self._set(material=material, dilatation=dilatation)
 
@@ -273,7 +282,7 @@ class Elasticity(Problem):
         -----
         PrecisionWarning
             If the energy is off by more than 2 % because of the cells, by estimate: see
-            `SolveReport.grid_error`.
+            `SolveReport.discretization_error`.
         """
         from ilattice.cutfem.solution import Solution
 
@@ -292,14 +301,16 @@ class Elasticity(Problem):
     def projection(self) -> Dilatation | None:
         """What projects the change of volume, or None where it is taken at every point."""
         near = self._largest_nu >= FROM
-        if self.dilatation == "full" and near:
+        phased = self.domain.interface is not None
+        if (self.dilatation == "full" or phased) and near:
             warnings.warn(
-                f"Poisson's ratio is up to {self._largest_nu:g}, and with dilatation='full' the "
-                "solid locks: it is too stiff by a tenth and more; take dilatation='auto'",
+                f"Poisson's ratio is up to {self._largest_nu:g}, and with "
+                f"{'two phases' if phased else 'dilatation=full'} the solid locks: it is too stiff "
+                f"by a tenth and more; take {'finer cells' if phased else 'dilatation=auto'}",
                 PrecisionWarning,
                 stacklevel=3,
             )
-        if self.dilatation == "full" or (self.dilatation == "auto" and not near):
+        if self.dilatation == "full" or phased or (self.dilatation == "auto" and not near):
             return None
         asm, space = self.assembly, self.assembly.space
 
@@ -325,21 +336,29 @@ class Elasticity(Problem):
         data = asm.zeros(3)
         projection = self.projection
         whole = 0.0 if projection is not None else 1.0
-        for rule in self.domain.stiff_rules(asm, constant=self.material.constant):
-            lame = self.material.lame(asm, rule.points)
-            if self.material.constant:
-                lam, mu = (float(v[0]) for v in lame)
-                asm.add_cells(data, rule, kernels.PAIRS, np.ones((1, 1)), whole * lam, mu)
-                continue
-            for v, p, q in zip(lame, (whole, 0.0), (0.0, 1.0), strict=True):
-                if p or q:
-                    d = np.broadcast_to(v, len(rule))[:, None].copy()
-                    asm.add_cells(data, rule, kernels.PAIRS, d, p, q)
+        jump = 1.0
+        phases = self.material.phases
+        uniform = all(m.constant for m in phases)
+        for rule in self.domain.stiff_rules(asm, constant=uniform):
+            for m, part in zip(phases, self.domain.of_phases(rule), strict=False):
+                lame = m.lame(asm, part.points)
+                if uniform:
+                    lam, mu = (float(v[0]) for v in lame)
+                    asm.add_cells(data, part, kernels.PAIRS, np.ones((1, 1)), whole * lam, mu)
+                    continue
+                jump = max(jump, jump_within_cells(part, lame[1], partial(_shear, m, asm)))
+                for v, p, q in zip(lame, (whole, 0.0), (0.0, 1.0), strict=True):
+                    if p or q:
+                        d = np.broadcast_to(v, len(part))[:, None].copy()
+                        asm.add_cells(data, part, kernels.PAIRS, d, p, q)
+        warn_of_jump("young", jump)
         if projection is not None:
             projection.add(data)
         asm.add_ghost(data, self.ghost_stiffness)
         for support in self.in_the_mean:
             weak.add_elastic(data, self, weak.elastic_terms(self, support))
+        if asm.seam is not None:
+            coupling.add_elastic(data, self)
         return asm.pattern.matrix(data)
 
     def mass(self, density: Property | None = None) -> Any:
@@ -394,20 +413,24 @@ class Elasticity(Problem):
                 f -= weak.thermal_force(self, terms)
         return f
 
-    def ghost_stiffness(self, u: FloatArray) -> FloatArray:
+    def ghost_stiffness(self, u: FloatArray, elements: IntArray) -> FloatArray:
         """Stiffness that scales the penalty on jumps.
 
         Parameters
         ----------
         u : ndarray, shape (n, 3)
             Parameters.
+        elements : ndarray, shape (n,)
+            Elements at whose faces they are.
 
         Returns
         -------
         ndarray, shape (n,) or (1,)
             2 μ.
         """
-        return 2.0 * self.material.lame(self.assembly, u)[1]
+        return 2.0 * self.domain.by_phase(
+            [m.lame(self.assembly, u)[1] for m in self.material.phases], elements
+        )
 
     def reactions(self, solution: "Solution") -> dict[str, FloatArray]:
         """Forces (3,) that places of supports and springs exert on the solid.
@@ -440,7 +463,10 @@ class Elasticity(Problem):
             if load.on
             else self.domain.stiff_rule(asm, constant=constant)
         )
-        return asm.vector_by_parts(rule, 3, partial(self._density, load))
+        f = asm.vector_by_parts(rule, 3, partial(self._density, load))
+        if load.kind == "temperature" and asm.seam is not None:
+            f += coupling.thermal_force(self, load)
+        return f
 
     def _density(self, load: Load, rule: Quadrature) -> tuple[FloatArray | None, FloatArray | None]:
         """Force f (n, 3) and stress P (n, 3, 3) of a load at the points of a rule in space."""
@@ -470,7 +496,7 @@ class Elasticity(Problem):
             α ΔT.
         """
         heated = (load for load in self.loads if load.kind == "temperature")
-        return sum((self._expansion(load, u) for load in heated), np.zeros(len(u)))
+        return sum((self.expansion_of(self.material, load, u) for load in heated), np.zeros(len(u)))
 
     def thermal_stress(self, load: Load, u: FloatArray, owner: IntArray) -> FloatArray:
         """Pressure that would keep a heated solid from expanding.
@@ -490,32 +516,47 @@ class Elasticity(Problem):
             (3 λ + 2 μ) α ΔT, the change of volume 3 α ΔT projected if that of the solid is.
         """
         lam, mu = self.material.lame(self.assembly, u)
-        strain = self._expansion(load, u)
+        strain = self.expansion_of(self.material, load, u)
         if self.projection is None:
             return (3 * lam + 2 * mu) * strain
         projected = self.projection.at(self.projected_expansion[load], u, owner)
         return 3 * lam * projected + 2 * mu * strain
 
     @cached_property
-    def projected_expansion(self) -> dict[Load, FloatArray]:
+    def projected_expansion(self) -> FixedMapping[Load, FloatArray]:
         """Projections (cells, terms) of α ΔT of every temperature, if there are any."""
         if self.projection is None:
-            return {}
+            return FixedMapping()
         rule = on_cells(self.domain.volume, self.assembly.space.cells)
-        return {
-            load: self.projection.of_values(self.material, rule, self._expansion(load, rule.points))
-            for load in self.loads
-            if load.kind == "temperature"
-        }
+        found, of_values, m = {}, self.projection.of_values, self.material
+        for load in self.loads:
+            if load.kind == "temperature":
+                found[load] = of_values(m, rule, self.expansion_of(m, load, rule.points))
+        return FixedMapping({load: read_only(values) for load, values in found.items()})
 
-    def _expansion(self, load: Load, u: FloatArray) -> FloatArray:
-        """Strain α ΔT (n,) of one temperature."""
+    def expansion_of(self, material: Isotropic, load: Load, u: FloatArray) -> FloatArray:
+        """Strain of free expansion of a material under one temperature.
+
+        Parameters
+        ----------
+        material : Isotropic
+            That of this problem, or of one of its phases.
+        load : Load
+            A temperature.
+        u : ndarray, shape (n, 3)
+            Parameters.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            α ΔT.
+        """
         asm = self.assembly
         if hasattr(load.value, "evaluate"):
             rise = load.value.evaluate(u)
         else:
             rise = values_at("temperature", load.value, asm.x(u), 1)[:, 0]
-        return self.material.expansion.at(asm, u) * rise
+        return material.expansion.at(asm, u) * rise
 
     def _motions(self, x: FloatArray) -> FloatArray:
         out = np.zeros((len(x), 3, 6))
@@ -525,3 +566,8 @@ class Elasticity(Problem):
             out[:, j, 3 + i] = -x[:, k]
             out[:, k, 3 + i] = x[:, j]
         return out
+
+
+def _shear(material: Isotropic, asm: Assembly, u: FloatArray) -> FloatArray:
+    """Shear modulus (n,) at parameters."""
+    return np.broadcast_to(material.lame(asm, u)[1], len(u))

@@ -35,7 +35,7 @@ class ElementGrid(DividedGrid):
     ----------
     cut : CutGrid
         The level sets.
-    several : ndarray, shape (c,)
+    divided_cells : ndarray, shape (c,)
         Cells with more than one piece, increasing.
     offsets : ndarray, shape (c + 1,)
         The boxes of the i-th of them are those from offsets[i] to offsets[i + 1].
@@ -49,12 +49,17 @@ class ElementGrid(DividedGrid):
     """
 
     cut: CutGrid = field(kw_only=True)
-    several: IntArray = field(kw_only=True)
+    divided_cells: IntArray = field(kw_only=True)
     offsets: IntArray = field(kw_only=True)
     corner: IntArray = field(kw_only=True)
     length: IntArray = field(kw_only=True)
     label: IntArray = field(kw_only=True)
     gaps: FloatArray = field(kw_only=True)
+
+    @property
+    def several(self) -> IntArray:
+        """See `divided_cells`."""
+        return self.divided_cells
 
     def element_at(self, u: FloatArray, cells: IntArray) -> IntArray:
         """Elements in which, or nearest to which, points are.
@@ -105,7 +110,7 @@ class ElementGrid(DividedGrid):
         high = None
         if rule.neighbours is not None:
             high = self.element_at(*_on_the_other_side(rule))
-        return _regrouped(replace(rule, grid=self), low, high)
+        return regrouped(replace(rule, grid=self), low, high)
 
 
 def elements_of(cut: CutGrid, solid: Quadrature) -> ElementGrid:
@@ -138,7 +143,7 @@ def elements_of(cut: CutGrid, solid: Quadrature) -> ElementGrid:
     thin = widths > 0
     gaps = read_only(np.column_stack([cells[thin], widths[thin]]))
     raw = ElementGrid(
-        grid.axes, grid.closed, cut=cut, several=several, offsets=offsets, corner=corner,
+        grid.axes, grid.closed, cut=cut, divided_cells=several, offsets=offsets, corner=corner,
         length=length, label=label, parents=np.zeros(0, np.int64), gaps=gaps,
     )  # fmt: skip
     return _numbered(raw, seen, solid)
@@ -186,7 +191,7 @@ def _numbered(raw: ElementGrid, labels: list[IntArray], solid: Quadrature) -> El
     boxes = boxes[np.array(keep, bool)]
     return replace(
         raw,
-        several=read_only(raw.several[np.array(keep, bool)]),
+        divided_cells=read_only(raw.several[np.array(keep, bool)]),
         offsets=read_only(np.append(0, np.cumsum(boxes)).astype(np.int64)),
         corner=read_only(raw.corner[rows]),
         length=read_only(raw.length[rows]),
@@ -206,8 +211,23 @@ def _on_the_other_side(rule: Quadrature) -> tuple[FloatArray, IntArray]:
     return u, upper
 
 
-def _regrouped(rule: Quadrature, low: IntArray, high: IntArray | None) -> Quadrature:
-    """The same points by elements, and by those on the other side."""
+def regrouped(rule: Quadrature, low: IntArray, high: IntArray | None) -> Quadrature:
+    """The same points by elements, and by those on the other side.
+
+    Parameters
+    ----------
+    rule : Quadrature
+        Points; its cells do not matter.
+    low : ndarray, shape (n,)
+        Element of each point.
+    high : ndarray, shape (n,), or None
+        Elements on the other side of faces.
+
+    Returns
+    -------
+    Quadrature
+        Sorted.
+    """
     order = np.argsort(low, kind="stable") if high is None else np.lexsort((high, low))
     low = low[order]
     change = low[1:] != low[:-1]

@@ -116,8 +116,9 @@ class ErrorEstimate(Frozen):
         """
         from ilattice.cutfem.output import save_cells
 
-        density = np.sqrt(self.squares / self.volumes)
-        errors = {"error": np.sqrt(self.squares), "error_density": density}
+        home = self.solution.problem.assembly.space.homes[1]
+        squares, volumes = np.bincount(home, self.squares), np.bincount(home, self.volumes)
+        errors = {"error": np.sqrt(squares), "error_density": np.sqrt(squares / volumes)}
         save_cells(self.solution, path, 0.0, errors)
 
 

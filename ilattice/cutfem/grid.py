@@ -146,6 +146,29 @@ class DividedGrid(Grid):
 
     parents: IntArray = field(kw_only=True)
 
+    @property
+    def several(self) -> IntArray:
+        """Cells with more than one element, increasing, where it is known which one is where."""
+        return np.zeros(0, np.int64)
+
+    def element_at(self, u: FloatArray, cells: IntArray) -> IntArray:
+        """Elements in which, or nearest to which, points are.
+
+        Parameters
+        ----------
+        u : ndarray, shape (n, 3)
+            Parameters.
+        cells : ndarray, shape (n,)
+            Cells of the grid in which they are.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Numbers of elements.
+        """
+        del u  # every cell is one element
+        return cells
+
     def home(self, elements: IntArray) -> IntArray:
         """Cells of elements.
 
@@ -377,21 +400,27 @@ def cut(
     out = CutGrid(grid, sets, through)
     if (out.status == OUT).all():
         raise GeometryError("the solid is empty: the field is positive in every cell of the grid")
-    if not out.error < np.inf:
+    check_resolved(out, "field")
+    return out
+
+
+def check_resolved(cut: CutGrid, what: str) -> None:
+    """Warn of a solid, with a name for messages, that the cells do not resolve, or refuse it."""
+    if not cut.error < np.inf:
         raise GeometryError(
-            "no solid is found, and the field is not resolved: take finer cells, or state it by "
+            f"no solid is found, and the {what} is not resolved: take finer cells, or state it by "
             "il.fields or il.sdf, which are split at kinks"
         )
-    if out.error > WORTH_TELLING:
-        remedy = "state it by il.fields or il.sdf, which are split at kinks" * sets.opaque
+    if cut.error > WORTH_TELLING:
+        opaque = cut.sets.opaque
+        remedy = "state it by il.fields or il.sdf, which are split at kinks" * opaque
         warnings.warn(
-            f"the volume of the field is known to {100 * out.error:.2g} % only: it is not resolved "
-            f"by {' x '.join(map(str, grid.shape))} cells; take finer cells{', or ' * sets.opaque}"
-            f"{remedy}",
+            f"the volume of the {what} is known to {100 * cut.error:.2g} % only: it is not "
+            f"resolved by {' x '.join(map(str, cut.grid.shape))} cells; take finer cells"
+            f"{', or ' * opaque}{remedy}",
             PrecisionWarning,
-            stacklevel=2,
+            stacklevel=3,
         )
-    return out
 
 
 def _as_box(domain: Any) -> FloatArray:

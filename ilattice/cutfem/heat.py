@@ -16,20 +16,22 @@ consistent masses may undershoot by a fraction of the step.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from ilattice._progress import Progress, track
-from ilattice._typing import FloatArray
+from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import as_choice, as_positive
 from ilattice.cutfem import _kernels_assembly as kernels
+from ilattice.cutfem import coupling
 from ilattice.cutfem._kernels_surface import surface_scalars
 from ilattice.cutfem.conditions import Load, Spring, Support, as_value, stiffness_at, values_at
-from ilattice.cutfem.domain import as_domain, lattice_of
+from ilattice.cutfem.domain import lattice_of
 from ilattice.cutfem.heat_solution import HeatHistory, HeatSolution, Step
-from ilattice.cutfem.material import Property, Scalar
+from ilattice.cutfem.material import Property, Scalar, jump_within_cells, warn_of_jump
+from ilattice.cutfem.phases import as_phased
 from ilattice.cutfem.problem import ISLANDS, Problem
 from ilattice.cutfem.rules import Quadrature, on_cells
 from ilattice.cutfem.solvers import Solver
@@ -50,8 +52,8 @@ class Heat(Problem):
     conductivity, capacity : float, str or callable, keyword-only
         Heat per length, time and degree; heat per volume and degree. A callable takes points of
         space (n, 3); a name is that of a property of the lattice.
-    degree, smoothness, q, stabilization, weight, islands, domain, through : keyword-only
-        As in `Elasticity`.
+    degree, smoothness, q, stabilization, weight, islands, domain, through, phases : keyword-only
+        As in `Elasticity`; properties are pairs likewise.
 
     Raises
     ------
@@ -81,18 +83,18 @@ class Heat(Problem):
         self, field: Any, cells: Any = None, *, conductivity: Property = 1.0,
         capacity: Property = 1.0, degree: int = 2, smoothness: int | None = None,
         q: int | None = None, stabilization: str = "auto", weight: float | None = None,
-        islands: str = "drop", domain: Any = None, through: Any = None,
+        islands: str = "drop", domain: Any = None, through: Any = None, phases: Any = None,
     ) -> None:  # fmt: skip
-        lattice = lattice_of(field)
-        properties = {
-            "conductivity": Scalar("conductivity", conductivity, lattice=lattice),
-            "capacity": Scalar("capacity", capacity, lattice=lattice),
-        }
         as_choice("islands", islands, ISLANDS)
-        where = as_domain(
+        where = as_phased(
             field, cells, degree=degree, smoothness=smoothness, q=q, stabilization=stabilization,
-            weight=weight, domain=domain, through=through,
+            weight=weight, domain=domain, through=through, phases=phases,
         )  # fmt: skip
+        known = {"lattice": lattice_of(field), "second": where.second}
+        properties = {
+            "conductivity": Scalar("conductivity", conductivity, **known),
+            "capacity": Scalar("capacity", capacity, **known),
+        }
         super().__init__(where, islands)
         self._set(**properties)
 
@@ -195,7 +197,7 @@ class Heat(Problem):
         -----
         PrecisionWarning
             If the energy of the temperature is off by more than 2 % because of the cells, by
-            estimate: see `SolveReport.grid_error`.
+            estimate: see `SolveReport.discretization_error`.
         """
         c, report = self._solve(method, tol, max_iterations, progress)
         return HeatSolution(self, c, report)
@@ -276,14 +278,26 @@ class Heat(Problem):
     def _matrix(self) -> Any:
         asm = self.assembly
         data = asm.zeros(1)
-        for rule in self.domain.stiff_rules(asm, constant=self.conductivity.constant):
-            k = self.conductivity.at(asm, rule.points)
-            d = k[:, None] * np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
-            asm.add_cells(data, rule, kernels.TENSOR, d)
-        asm.add_ghost(data, lambda u: self.conductivity.at(asm, u))
+        jump, phases = 1.0, self.conductivity.phases
+        uniform = all(s.constant for s in phases)
+        for rule in self.domain.stiff_rules(asm, constant=uniform):
+            for s, part in zip(phases, self.domain.of_phases(rule), strict=False):
+                k = s.at(asm, part.points)
+                jump = max(jump, jump_within_cells(part, k, partial(s.at, asm)))
+                d = k[:, None] * np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+                asm.add_cells(data, part, kernels.TENSOR, d)
+        warn_of_jump("conductivity", jump)
+        asm.add_ghost(data, self._ghost_conductivity)
         for support in self.in_the_mean:
             self._add_surface(data, support)
+        if asm.seam is not None:
+            coupling.add_heat(data, self)
         return asm.pattern.matrix(data)
+
+    def _ghost_conductivity(self, u: FloatArray, elements: IntArray) -> FloatArray:
+        """Conductivity (n,) that scales the penalty on jumps."""
+        k = [s.at(self.assembly, u) for s in self.conductivity.phases]
+        return self.domain.by_phase(k, elements)
 
     @cached_property
     def _capacity(self) -> Any:
@@ -330,7 +344,7 @@ class Heat(Problem):
             A = np.empty((len(at), size, size))
             u = rule.parameters[rows]
             surface_scalars(
-                *asm.space.tables, asm.space.places[at], asm.space.boxes[at],
+                *asm.space._tables, asm.space.places[at], asm.space.boxes[at],
                 rule.offsets[part.start : part.stop + 1] - rows.start, u, rule.weights[rows],
                 asm.jacobians(u), rule.normals[rows], Q[rows], k[rows], A,
             )  # fmt: skip

@@ -6,6 +6,7 @@ Non-guarantees: heat fluxes are derivatives of the temperature, an order less ac
 solution is `recovered`; outside the solid fields are continued by one cell, then NaN.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from ilattice._typing import AnyArray, ArrayLike, FloatArray
-from ilattice._validate import as_points
+from ilattice._validate import FixedMapping, as_points
 from ilattice.cutfem.output import Result, Series
 from ilattice.cutfem.rules import Quadrature
 
@@ -171,13 +172,13 @@ class HeatSolution(Result):
         return {} if self.time is None else {"time": self.time}
 
     @cached_property
-    def inflow(self) -> dict[str, float]:
+    def inflow(self) -> Mapping[str, float]:
         """Heat per time that enters through places of fixed temperature and of convection.
 
         In time the mean over the step that leads here; with sources and fluxes it is what is stored
         in the step, over its length. At the start of `evolve` an `InputError`.
         """
-        return self.problem.inflow(self)
+        return FixedMapping(self.problem.inflow(self))
 
     @cached_property
     def stored(self) -> float:

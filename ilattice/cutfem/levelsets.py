@@ -10,7 +10,7 @@ volume.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import comb
 from typing import Any
@@ -19,7 +19,7 @@ import numpy as np
 
 from ilattice._memory import need
 from ilattice._typing import AnyArray, FloatArray, IntArray
-from ilattice._validate import Frozen, as_array, read_only
+from ilattice._validate import Frozen, as_array, asked, read_only
 from ilattice.bspline import BSpline
 from ilattice.bspline._kernels_bezier import restriction
 from ilattice.bspline.knots import find_spans
@@ -28,6 +28,7 @@ from ilattice.cutfem._filling import Content
 from ilattice.cutfem._kernels_scratch import LOW
 from ilattice.cutfem.field_pieces import FieldPieces, field_pieces
 from ilattice.errors import InputError
+from ilattice.fields.algebra import complement
 from ilattice.fields.node import Node
 from ilattice.offsets.wall import Wall, WallField
 
@@ -56,6 +57,8 @@ class LevelSets(Frozen):
         Where they are defined.
     degree : int
         Common degree of the tensors.
+    crossing : bool
+        Whether zero sets cross, as the sides of a wall do not: rules look for that.
     """
 
     splines: tuple[BSpline, ...]
@@ -64,6 +67,7 @@ class LevelSets(Frozen):
     fields: tuple[Any, ...]
     domain: FloatArray
     degree: int
+    crossing: bool = False
 
     @property
     def count(self) -> int:
@@ -78,7 +82,7 @@ class LevelSets(Frozen):
     def __call__(self, u: FloatArray) -> FloatArray:
         """Values (n, sets) of the sets themselves."""
         if self.fields:
-            values = [as_array("field", f(u), finite=False) for f in self.fields]
+            values = [as_array("field", asked("field", f, u), finite=False) for f in self.fields]
             for v in values:
                 if v.shape != (len(u),):
                     raise InputError(
@@ -87,6 +91,36 @@ class LevelSets(Frozen):
             return np.stack(values, axis=1)
         parts = np.stack([_numerator(s)(u) for s in self.splines], axis=1)
         return parts @ self.factors.T + self.shifts
+
+    def also(self, f: Any, sign: float) -> "LevelSets":
+        """The part of the solid where a further function is negative, after these.
+
+        Parameters
+        ----------
+        f : BSpline, Node or callable
+            The function: a spline, where these are splines.
+        sign : {1, -1}
+            Where f is positive with -1.
+
+        Returns
+        -------
+        LevelSets
+            With one more set, the last one.
+        """
+        if self.fields:
+            g = f if sign > 0 else _negative(f)
+            return replace(self, fields=(*self.fields, g), crossing=True)
+        m = len(self.factors)
+        factors = np.zeros((m + 1, len(self.splines) + 1))
+        factors[:m, :-1], factors[m, -1] = self.factors, sign
+        return replace(
+            self,
+            splines=(*self.splines, f),
+            factors=factors,
+            shifts=np.append(self.shifts, 0.0),
+            degree=max(self.degree, *f.k),
+            crossing=True,
+        )
 
     @property
     def opaque(self) -> bool:
@@ -141,8 +175,11 @@ class Pieces(Frozen):
 
     sets: LevelSets
     axes: tuple[FloatArray, ...]
-    #: Whether rules look for crossings of curves on bases: not worth while for the sides of walls.
-    project = False
+
+    @property
+    def project(self) -> bool:
+        """Whether rules look for crossings of curves on bases."""
+        return self.sets.crossing
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -377,6 +414,11 @@ def _top(splines: tuple[BSpline, ...], row: FloatArray) -> float:
 def _alike(a: BSpline, b: BSpline) -> bool:
     """Whether splines have knots in common."""
     return a.k == b.k and a.periodic == b.periodic and all(map(np.array_equal, a.t, b.t))
+
+
+def _negative(f: Any) -> Any:
+    """A field of which the sign is the other one."""
+    return complement(f) if isinstance(f, Node) else lambda u: -np.asarray(f(u), np.float64)
 
 
 def _intersection(fields: tuple[Any, ...], domain: FloatArray | None) -> FloatArray:

@@ -1,25 +1,33 @@
 """Material that may vary from point to point.
 
 A property is a number, a function of points of space, or the name of a property of the lattice:
-an extra coordinate of its map, or a property of its tile.
+an extra coordinate of its map, or a property of its tile; of solids of two phases a pair of these,
+or one for both.
 
 Guarantee: every value is checked where it is used; what is negative, zero where it must not be,
 or not finite ends in an error that tells where.
 """
 
+import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 
-from ilattice._typing import FloatArray
-from ilattice._validate import as_array, check_finite
+from ilattice._typing import AnyArray, FloatArray
+from ilattice._validate import as_array, asked, check_finite
 from ilattice.cutfem.assembly import Assembly
-from ilattice.errors import InputError
+from ilattice.cutfem.rules import Quadrature
+from ilattice.errors import InputError, PrecisionWarning
 from ilattice.macroshape.lattice import Lattice
 
-Property = float | str | Callable[[FloatArray], Any]
+#: Factor by which a stiffness may jump within a cell without a warning; cells that are searched,
+#: steps of the search, and the part of the range that one of them takes where there is a jump.
+STEEP, SEARCHED, STEPS, ABRUPT = 1.2, 20, 16, 0.4
+
+Single = float | str | Callable[[FloatArray], Any]
+Property = Single | tuple[Single, Single]
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,12 +38,14 @@ class Scalar:
     ----------
     name : str
         What it is called in messages.
-    value : float, str or callable
-        The property.
+    value : float, str, callable, or pair of these
+        The property; of both phases.
     low, high : float
         Values must lie strictly between; with `closed`, low itself is allowed.
     lattice : Lattice or None
         Where named properties come from.
+    second : callable or None
+        Tells of parameters (n, 3) whether they are in the second phase, if there are two.
     """
 
     name: str
@@ -44,9 +54,17 @@ class Scalar:
     high: float = np.inf
     closed: bool = False
     lattice: Lattice | None = None
+    second: Callable[[FloatArray], AnyArray] | None = None
 
     def __post_init__(self) -> None:
-        if isinstance(self.value, str):
+        if self.paired:
+            if self.second is None or len(self.value) != 2:  # type: ignore[arg-type]
+                raise InputError(
+                    f"{self.name} must be one property, or a pair of them with phases=, got "
+                    f"{self.value!r:.80}"
+                )
+            _ = self.phases
+        elif isinstance(self.value, str):
             if self.lattice is None:
                 raise InputError(f"{self.name}={self.value!r}: only walls have named properties")
             middle = self.lattice.domain.mean(axis=0, keepdims=True)
@@ -61,9 +79,22 @@ class Scalar:
             self._check(value.ravel())
 
     @property
+    def paired(self) -> bool:
+        """Whether each phase has its own."""
+        return isinstance(self.value, tuple | list)
+
+    @property
+    def phases(self) -> "tuple[Scalar, Scalar]":
+        """The property of the first and of the second phase."""
+        if not self.paired:
+            return self, self
+        first, second = self.value  # type: ignore[misc,str-unpack]
+        return replace(self, value=first, second=None), replace(self, value=second, second=None)
+
+    @property
     def constant(self) -> bool:
         """Whether it is one number."""
-        return not (isinstance(self.value, str) or callable(self.value))
+        return not (isinstance(self.value, str) or callable(self.value) or self.paired)
 
     def at(self, asm: Assembly, u: FloatArray) -> FloatArray:
         """Values at parameters.
@@ -85,12 +116,16 @@ class Scalar:
         InputError
             If a value is out of range, or there is not one per point.
         """
+        if self.paired:
+            assert self.second is not None
+            first, second = (np.broadcast_to(s.at(asm, u), len(u)) for s in self.phases)
+            return np.where(self.second(u), second, first)
         if isinstance(self.value, str):
             assert self.lattice is not None
             return self._check(self.lattice.property_at(self.value, u))
         if not callable(self.value):
-            return np.array([float(np.ravel(self.value)[0])])
-        value = as_array(self.name, self.value(asm.x(u)), finite=False)
+            return np.array([float(np.ravel(self.value)[0])])  # type: ignore[arg-type]
+        value = as_array(self.name, asked(self.name, self.value, asm.x(u)), finite=False)
         if value.shape != (len(u),):
             raise InputError(
                 f"{self.name} must give one value per point, shape ({len(u)},), got {value.shape}"
@@ -107,6 +142,48 @@ class Scalar:
                 f"{self.name} must be {sign} {self.low:g}{limit}, got {value[~good][0]:g}"
             )
         return value
+
+
+def jump_within_cells(
+    rule: Quadrature, values: FloatArray, at: Callable[[FloatArray], FloatArray]
+) -> float:
+    """Largest factor by which positive values jump within a cell, 1 where none is seen.
+
+    `values` (n,) are those at the points of the rule, `at` gives them at any parameters: the cells
+    in which they vary most are searched between the points of the least and the largest one.
+    """
+    if len(values) < len(rule) or not len(rule):
+        return 1.0
+    starts = rule.offsets[:-1][np.diff(rule.offsets) > 0]
+    ratio = np.maximum.reduceat(values, starts) / np.minimum.reduceat(values, starts)
+    worst = np.argsort(-ratio, kind="stable")[:SEARCHED]
+    worst = worst[ratio[worst] > STEEP]
+    if not len(worst):
+        return 1.0
+    u, ends = rule.points, np.append(starts, len(rule))
+    pairs = [
+        (b + values[b:e].argmin(), b + values[b:e].argmax())
+        for b, e in zip(ends[worst], ends[worst + 1], strict=True)
+    ]
+    low, high = np.array(pairs).T
+    t = np.linspace(0.0, 1.0, STEPS + 1)[:, None]
+    line = u[low][:, None] + t * (u[high] - u[low])[:, None]
+    found = at(line.reshape(-1, 3)).reshape(len(worst), STEPS + 1)
+    steps = np.abs(np.diff(found, axis=1)).max(axis=1)
+    jumps = steps > ABRUPT * np.ptp(found, axis=1)
+    return float(ratio[worst][jumps].max(initial=1.0))
+
+
+def warn_of_jump(name: str, factor: float) -> None:
+    """Warn of a material that jumps within cells."""
+    if factor > STEEP:
+        warnings.warn(
+            f"{name} jumps by a factor of {factor:.3g} within a cell, where splines cannot bend; "
+            "divide the solid by phases= where it jumps, and give a pair, or let it change over a "
+            "cell or more",
+            PrecisionWarning,
+            stacklevel=5,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,6 +203,13 @@ class Isotropic:
     density: Scalar
     expansion: Scalar
     strength: Scalar | None = None
+
+    @property
+    def phases(self) -> "tuple[Isotropic, Isotropic]":
+        """The material of the first and of the second phase."""
+        scalars = [getattr(self, f.name) for f in fields(self)]
+        first, second = ([s and s.phases[k] for s in scalars] for k in (0, 1))
+        return Isotropic(*first), Isotropic(*second)
 
     @property
     def constant(self) -> bool:

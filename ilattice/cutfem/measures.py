@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import FloatArray
-from ilattice._validate import Frozen, as_array, check_finite
+from ilattice._validate import Frozen, as_array, asked, check_finite
 from ilattice.cutfem.grid import cut
 from ilattice.errors import InputError
 
@@ -82,7 +82,7 @@ def mass_properties(
 
 
 def _as_density(density: Density, points: FloatArray) -> FloatArray:
-    value = as_array("density", density(points) if callable(density) else density)
+    value = as_array("density", asked("density", density, points) if callable(density) else density)
     if value.size != 1 and value.shape != (len(points),):
         raise InputError(
             f"density must give one value per point, shape ({len(points)},), got {value.shape}"

@@ -31,7 +31,7 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh, lobp
 
 from ilattice._typing import AnyArray, ArrayLike, FloatArray
 from ilattice._validate import as_counts, as_kind, as_points, as_positive, read_only
-from ilattice.cutfem.grid_error import warn
+from ilattice.cutfem.discretization import warn
 from ilattice.cutfem.output import Result, Series
 from ilattice.cutfem.solvers import Solver
 from ilattice.errors import ConvergenceError, InputError
@@ -59,15 +59,15 @@ class EigenReport:
         Largest |A x - μ K x| / |A x| of the pairs.
     shift : float
         Added to the square of all angular frequencies while solving, 0 for supported bodies.
-    grid_error : float
+    discretization_error : float
         Estimated part by which squares of frequencies, or load factors, are too large because of
-        the cells, of the worst mode; see `grid_error`.
+        the cells, of the worst mode; see `discretization`.
     """
 
     method: str
     residual: float
     shift: float
-    grid_error: float
+    discretization_error: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,7 +238,7 @@ def natural_modes(
     mu, x, residual = largest(M, solver, count, system, tol)
     omega = np.sqrt(np.maximum(1 / mu - shift, 0.0))
     shapes = _expand(problem, x)
-    error = _grid_error(problem, solver, shapes, "the square of a frequency")
+    error = _discretization_error(problem, solver, shapes, "the square of a frequency")
     report = EigenReport(solver.method, residual, shift, error)
     return Modes(problem, read_only(omega), read_only(shapes / np.sqrt(mu)[:, None, None]), report)
 
@@ -287,7 +287,7 @@ def buckling(
             "on little; ask for fewer"
         )
     shapes = _expand(problem, x)
-    error = _grid_error(problem, solver, shapes, "a load factor")
+    error = _discretization_error(problem, solver, shapes, "a load factor")
     report = EigenReport(solver.method, residual, 0.0, error)
     return Buckling(problem, read_only(1 / mu), read_only(shapes), report)
 
@@ -403,9 +403,9 @@ def _expand(problem: Any, x: FloatArray) -> FloatArray:
     return np.stack(shapes)
 
 
-def _grid_error(problem: Any, solver: Solver, shapes: FloatArray, what: str) -> float:
+def _discretization_error(problem: Any, solver: Solver, shapes: FloatArray, what: str) -> float:
     """Worst estimate for some shapes of unit energy, with a warning if it is large."""
-    error = max(problem.grid_error(solver, c, 1.0) for c in shapes)
+    error = max(problem.discretization_error(solver, c, 1.0) for c in shapes)
     warn(error, what, problem.assembly.space)
     return float(error)
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from ilattice._progress import Progress, track
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
-from ilattice._validate import FrozenCopies, as_array, as_positive, read_only
+from ilattice._validate import FrozenCopies, among, as_array, as_positive, read_only
 from ilattice.cutfem.clipping import clipped, lattice
 from ilattice.cutfem.probe import Probe, probe
 from ilattice.errors import FormatError, InputError
@@ -342,7 +342,7 @@ class Series(FrozenCopies, Sequence[R]):
 
 def shape_of(problem: "Problem", on: str, h: float | None) -> Shape:
     """What is shown of a solid; see `Result.to_pyvista`."""
-    if on not in WAYS:
+    if not among(on, WAYS):
         raise InputError(f"on must be one of {', '.join(map(repr, WAYS))}, got {on!r}")
     if on == "auto":
         on = "solid" if problem.domain.wall is None else "surface"
@@ -371,7 +371,7 @@ def _solid(problem: "Problem", h: float | None) -> Shape:
         edges = np.linalg.norm(asm.jacobians(middle), axis=1) * asm.space.boxes[:, 3:]
         i, j, k = np.maximum(np.ceil(edges.max(axis=0) / as_positive("h", h)), 1).astype(int)
         n = (int(i), int(j), int(k))
-    u, cells = clipped(cut.grid, asm.space.places, n, cut.sets)
+    u, cells = clipped(cut.grid, asm.space.homes[0], n, cut.sets)
     return Shape(u, asm.x(u), cells, TETRAHEDRON, {})
 
 
@@ -383,7 +383,7 @@ def _cells(problem: "Problem") -> Shape:
     steps = np.array(CORNERS)
     if p > 1:
         steps = np.stack(np.unravel_index(np.argsort(vtk_order(p, p, p).ravel()), (p + 1,) * 3), 1)
-    u, cells = lattice(cut.grid, asm.space.places, (p, p, p), steps)
+    u, cells = lattice(cut.grid, asm.space.homes[0], (p, p, p), steps)
     kind = HEXAHEDRON if p == 1 else LAGRANGE_HEXAHEDRON
     return Shape(u, asm.x(u), cells, kind, {"level_set": cut.sets(u).max(axis=1)})
 

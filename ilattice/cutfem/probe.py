@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import AnyArray, ArrayLike, FloatArray
-from ilattice._validate import FixedMapping, Frozen, as_points, read_only
+from ilattice._validate import FixedMapping, Frozen, among, as_points, read_only
 from ilattice.errors import InputError
 
 #: How far off the solid points may be, in cells.
@@ -54,7 +54,7 @@ class Probe(Frozen):
     @cached_property
     def inside(self) -> AnyArray:
         """Which points are in the solid, shape (n,)."""
-        return np.isfinite(self.u[:, 0])
+        return read_only(np.isfinite(self.u[:, 0]))
 
     @cached_property
     def data(self) -> Mapping[str, AnyArray]:
@@ -84,7 +84,7 @@ class Probe(Frozen):
 
 def probe(result: Any, x: ArrayLike, outside: str) -> Probe:
     """A result at points of space; see `Result.at`."""
-    if outside not in ("raise", "nan"):
+    if not among(outside, ("raise", "nan")):
         raise InputError(f"outside must be 'raise' or 'nan', got {outside!r}")
     points = as_points("x", x)
     u = _parameters(result.problem, points)

@@ -15,8 +15,9 @@ import numpy as np
 
 from ilattice._progress import Progress
 from ilattice._typing import FloatArray, IntArray
-from ilattice._validate import read_only
-from ilattice.cutfem import grid_error
+from ilattice._validate import Frozen, among, as_choice, read_only
+from ilattice.cutfem import discretization
+from ilattice.cutfem._engines import ENGINES
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.conditions import Load, Spring, Support, as_mask, as_place, as_value
 from ilattice.cutfem.constraints import Constraints, constraints
@@ -31,7 +32,7 @@ FREE = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
-class System:
+class System(Frozen):
     """Linear equations of a problem, on the nodes that are not prescribed.
 
     Attributes
@@ -110,7 +111,7 @@ class Problem:
 
     def _supported(self, on: Any, components: Any, value: Any, method: str, name: str) -> Self:
         place = as_place(on)
-        if method not in ("auto", "strong", "nitsche"):
+        if not among(method, ("auto", "strong", "nitsche")):
             raise InputError(f"method must be 'auto', 'strong' or 'nitsche', got {method!r}")
         if method == "strong" and place not in NAMES:
             raise InputError(f"on={on!r}: level sets are held by method='nitsche' only")
@@ -310,6 +311,7 @@ class Problem:
         self, method: str, tol: float, max_iterations: int, progress: Progress
     ) -> tuple[FloatArray, SolveReport | None]:
         """All coefficients, and what the solver reports."""
+        as_choice("method", method, ("auto", *ENGINES))
         self.check_held()
         system = self.system
         if not len(system.b):
@@ -331,11 +333,11 @@ class Problem:
             energy = self._solid_energy(c)
         else:
             energy = float(x @ solver.multiply(x))
-        error = self.grid_error(solver, c, energy)
-        grid_error.warn(error, self.energy_name, self.assembly.space)
-        return c, replace(report, grid_error=error)
+        error = self.discretization_error(solver, c, energy)
+        discretization.warn(error, self.energy_name, self.assembly.space)
+        return c, replace(report, discretization_error=error)
 
-    def grid_error(self, solver: Solver, c: FloatArray, energy: float) -> float:
+    def discretization_error(self, solver: Solver, c: FloatArray, energy: float) -> float:
         """Estimated part of an energy by which it is off because of the cells.
 
         Parameters
@@ -350,10 +352,10 @@ class Problem:
         Returns
         -------
         float
-            See `grid_error.relative_error`.
+            See `discretization.relative_error`.
         """
         space, con = self.assembly.space, self.constraints
-        levels = self.domain.once(("coarser", space), lambda: grid_error.levels(space))
+        levels = self.domain.once(("coarser", space), lambda: discretization.levels(space))
         diagonal = np.ones_like(c)
         diagonal[con.nodes] = self.system.K.diagonal().reshape(-1, self.m)
 
@@ -362,7 +364,7 @@ class Problem:
             out[con.nodes] = solver.multiply(v[con.nodes].ravel()).reshape(-1, self.m)
             return np.where(con.fixed, 0.0, out)
 
-        return grid_error.relative_error(levels, multiply, diagonal, c, con.fixed, energy)
+        return discretization.relative_error(levels, multiply, diagonal, c, con.fixed, energy)
 
     def _solid_energy(self, c: FloatArray) -> float:
         """Twice the energy of the solid alone, without springs and supports."""

@@ -233,7 +233,7 @@ def _attributes(solution: Solution | HeatSolution) -> dict[str, Any]:
 
 def _masses(domain: Domain, smooth: Assembly, rule: Quadrature, weight: float) -> Solver:
     """Solver for the masses of functions, with a penalty on their jumps."""
-    faces = ghost_faces(domain.cut, domain.joints, smooth.space.cells, weight)
+    faces = ghost_faces(domain.status, domain.joints, smooth.space.cells, weight)
     asm = replace(smooth, ghost=faces)
     data = asm.zeros(1)
     asm.add_cells(data, rule, kernels.MASS, np.ones((1, 1)))

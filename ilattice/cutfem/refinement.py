@@ -27,7 +27,7 @@ from scipy.optimize import brentq
 
 from ilattice._progress import Progress, track
 from ilattice._typing import FloatArray, IntArray
-from ilattice._validate import FixedMapping, Frozen, as_counts, as_items, read_only
+from ilattice._validate import FixedMapping, Frozen, as_array, as_counts, as_items, asked, read_only
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.heat_solution import HeatSolution
 from ilattice.cutfem.solution import Solution
@@ -236,21 +236,34 @@ def refinement_study(
             "cells must be refined by the same factor in all directions, such as (8, 4, 4), "
             f"(12, 6, 6), got {grids.tolist()}"
         )
+    if not all(callable(f) for f in quantities.values()):
+        raise InputError(f"quantities must be functions of the solution, got {quantities!r:.80}")
     if not quantities:
         raise InputError("quantities must name what to compare, such as {'energy': ...}")
     rows: list[FloatArray] = []
     for n in track(grids.tolist(), "refining", progress):
         with warnings.catch_warnings():  # how coarse grids are is what this is about
             warnings.filterwarnings("ignore", "the cells are too coarse", PrecisionWarning)
-            solution = build(tuple(n))
+            solution = asked("build", build, tuple(n))
+        if not hasattr(solution, "problem"):
+            raise InputError(f"build must return a solution, got {solution!r:.80}")
         asm = solution.problem.assembly
         estimate = solution.error_estimate().relative if error_estimate else np.nan
-        numbers = [float(f(solution)) for f in quantities.values()]
+        numbers = [_number(name, f, solution) for name, f in quantities.items()]
         rows.append(np.array([_length(asm), len(asm.space), estimate, *numbers]))
     h, functions, estimates, *values = read_only(np.stack(rows, axis=1))
     named = dict(zip(quantities, values, strict=True))
     values = FixedMapping({name: read_only(q) for name, q in named.items()})
     return RefinementStudy(read_only(grids), h, functions.astype(np.int64), values, estimates)
+
+
+def _number(name: str, f: Callable[[Any], float], solution: Any) -> float:
+    """A quantity of a solution, checked."""
+    told = f"quantities[{name!r}]"
+    value = as_array(told, asked(told, f, solution), finite=False)
+    if value.size != 1:
+        raise InputError(f"{told} must return one number, got shape {value.shape}")
+    return float(value.ravel()[0])
 
 
 def observed_order(h: FloatArray, q: FloatArray) -> float:

@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
-from ilattice._validate import Frozen, as_choice, read_only
+from ilattice._validate import Frozen, among, as_array, as_choice, asked, read_only
 from ilattice.cutfem._filling import MOST_POINTS, SURFACE, VOLUME, Listing, filled, gauss
 from ilattice.cutfem._kernels_basis import determinants
 from ilattice.cutfem._kernels_compress import project
@@ -151,7 +151,7 @@ class Quadrature(Frozen):
         """
         if self.normals is None:
             raise InputError("flux needs the normals of a surface or face rule")
-        vectors = np.asarray(f(self.points) if callable(f) else f, np.float64)
+        vectors = as_array("f", asked("f", f, self.points) if callable(f) else f, finite=False)
         if vectors.shape != self.points.shape:
             raise InputError(
                 f"f must give vectors of shape {self.points.shape}, got {vectors.shape}"
@@ -223,7 +223,7 @@ class Quadrature(Frozen):
         """
         if self.normals is not None or self.parameters is not None:
             raise InputError("only volume rules in parameters can be compressed")
-        if degree not in range(MOST_POINTS):
+        if not among(degree, range(MOST_POINTS)):
             raise InputError(f"degree must be a whole number from 0 to 9, got {degree!r}")
         n = degree + 1
         x = gauss(n)[0]
@@ -249,7 +249,8 @@ class Quadrature(Frozen):
         return read_only(np.repeat(np.arange(len(self.cells)), np.diff(self.offsets)))
 
     def _products(self, f: Integrand) -> FloatArray:
-        values = np.asarray(f(self.points) if callable(f) else f, np.float64)
+        given = asked("f", f, self.points) if callable(f) else f
+        values = as_array("f", given, finite=False).reshape(np.shape(given))
         if values.ndim and len(values) != len(self):
             raise InputError(
                 f"f must give one value for each of {len(self)} points, got {values.shape}"
@@ -385,7 +386,7 @@ def _cofactors(J: FloatArray, n: FloatArray) -> FloatArray:
 def volume_rule(grid: CutGrid, q: int, tangent_depth: int, only: str) -> Quadrature:
     """See `CutGrid.volume`."""
     q, accept = _as_order(q, tangent_depth)
-    if only not in ("", "in", "cut"):
+    if not among(only, ("", "in", "cut")):
         raise InputError(f"only must be '', 'in' or 'cut', got {only!r}")
     wanted = {"": (IN, CUT), "in": (IN,), "cut": (CUT,)}[only]
     cells = np.flatnonzero(np.isin(grid.status.ravel(), wanted))
@@ -401,7 +402,7 @@ def surface_rule(grid: CutGrid, q: int, tangent_depth: int) -> Quadrature:
 def end_face_rule(grid: CutGrid, name: str, q: int, tangent_depth: int) -> Quadrature:
     """See `CutGrid.face`."""
     q, accept = _as_order(q, tangent_depth)
-    if name not in NAMES:
+    if not among(name, NAMES):
         raise InputError(f"name must be one of {NAMES}, got {name!r}")
     axis, side = divmod(NAMES.index(name), 2)
     if grid.grid.closed[axis]:
@@ -412,7 +413,7 @@ def end_face_rule(grid: CutGrid, name: str, q: int, tangent_depth: int) -> Quadr
 def inner_face_rule(grid: CutGrid, axis: int, q: int, tangent_depth: int) -> Quadrature:
     """See `CutGrid.faces`."""
     q, accept = _as_order(q, tangent_depth)
-    if axis not in (0, 1, 2):
+    if not among(axis, (0, 1, 2)):
         raise InputError(f"axis must be 0, 1 or 2, got {axis!r}")
     rule = _faces(grid, grid.layout.inner_faces(axis), axis, 1, q, accept)
     i = list(np.unravel_index(rule.cells, grid.grid.shape))

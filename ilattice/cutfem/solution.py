@@ -8,6 +8,7 @@ not averaged, unless the solution is `recovered`; outside the solid fields are c
 cell, then NaN.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar
@@ -15,7 +16,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
-from ilattice._validate import as_points
+from ilattice._validate import FixedMapping, as_points, read_only
 from ilattice.cutfem.elasticity import Elasticity
 from ilattice.cutfem.output import Result
 from ilattice.cutfem.rules import Quadrature
@@ -310,9 +311,10 @@ class Solution(Result):
         return total
 
     @cached_property
-    def reactions(self) -> dict[str, FloatArray]:
+    def reactions(self) -> Mapping[str, FloatArray]:
         """Force (3,) that each place of supports and springs exerts on the solid."""
-        return self.problem.reactions(self)
+        found = self.problem.reactions(self)
+        return FixedMapping({on: read_only(force) for on, force in found.items()})
 
     @cached_property
     def equilibrium(self) -> float:

@@ -31,6 +31,7 @@ from ilattice._validate import (
     as_choice,
     as_points,
     as_positive,
+    as_whole,
     check_finite,
     read_only,
 )
@@ -65,8 +66,8 @@ class SolveReport(Frozen):
         Number of unknowns.
     megabytes : float
         What the factor or hierarchy takes.
-    grid_error : float
-        Estimated part of the energy by which it is off because of the cells, see `grid_error`;
+    discretization_error : float
+        Estimated part of the energy by which it is off because of the cells, see `discretization`;
         NaN where there is no estimate.
     """
 
@@ -79,7 +80,7 @@ class SolveReport(Frozen):
     solve_seconds: float
     size: int
     megabytes: float
-    grid_error: float = float("nan")
+    discretization_error: float = float("nan")
 
 
 class Solver:
@@ -208,10 +209,8 @@ class Solver:
         tol = as_positive("tol", tol)
         if not 1e-15 <= tol < 1:
             raise InputError(f"tol must be between 1e-15 and 1, got {tol:g}")
-        if int(max_iterations) != max_iterations or max_iterations < 1:
-            raise InputError(f"max_iterations must be a positive integer, got {max_iterations!r}")
+        steps = as_whole("max_iterations", max_iterations, 1, 2**31)
         start = time.perf_counter()
-        steps = int(max_iterations)
         runs = [self._run(np.ascontiguousarray(c), tol, steps, progress) for c in loads.T]
         longest = max(runs, key=lambda run: len(run.history))
         report = SolveReport(

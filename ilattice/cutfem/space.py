@@ -22,12 +22,20 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
-from ilattice._validate import Frozen, as_choice, as_points, read_only
+from ilattice._validate import (
+    Frozen,
+    as_array,
+    as_choice,
+    as_kind,
+    as_points,
+    asked,
+    read_only,
+    seen,
+)
 from ilattice.bspline._kernels import monomial_table
 from ilattice.bspline.knots import design_matrix, greville, wrapped_knots
 from ilattice.cutfem import _kernels_basis as kernels
 from ilattice.cutfem._kernels_copies import components
-from ilattice.cutfem.elements import ElementGrid
 from ilattice.cutfem.grid import DividedGrid, Grid
 from ilattice.errors import InputError
 
@@ -63,6 +71,7 @@ class SplineSpace(Frozen):
 
     def __post_init__(self) -> None:
         p = as_degree_and_smoothness(self.degree, self.smoothness)[0]
+        as_kind("grid", self.grid, "Grid")
         for a in range(3):
             if self.grid.closed[a] and self.step * self.grid.shape[a] < p + 1:
                 raise InputError(
@@ -70,9 +79,11 @@ class SplineSpace(Frozen):
                     f"{-(-(p + 1) // self.step)} cells there for degree {p} and smoothness "
                     f"{self.smoothness}, got {self.grid.shape[a]}"
                 )
-        cells = np.unique(np.asarray(self.cells, np.int64))
-        if not len(cells) or cells[0] < 0 or cells[-1] >= self.grid.count + self._beyond:
+        given = as_array("cells", self.cells)
+        whole = (given == np.rint(given)) & (given >= 0) & (given < self.grid.count + self._beyond)
+        if not given.size or not whole.all():
             raise InputError("cells must name one or more cells of the grid")
+        cells = np.unique(given.astype(np.int64))
         object.__setattr__(self, "cells", read_only(cells))
         super().__post_init__()
 
@@ -114,11 +125,25 @@ class SplineSpace(Frozen):
                 out.append(wrapped_knots(base, p, float(x[-1])))
             else:
                 out.append(np.concatenate([np.full(p + 1, x[0]), inner, np.full(p + 1, x[-1])]))
-        return tuple(out)
+        return tuple(map(read_only, out))
 
-    @cached_property
+    @property
     def tables(self) -> tuple[FloatArray, ...]:
         """Per direction the centred monomial coefficients (cells, p + 1, p + 1) of functions."""
+        return tuple(map(seen, self._tables))
+
+    @property
+    def places(self) -> IntArray:
+        """Index (cells, 3) of the active cells per direction."""
+        return seen(self._places)
+
+    @property
+    def boxes(self) -> FloatArray:
+        """Lower corner and extent (cells, 6) of the active cells."""
+        return seen(self._boxes)
+
+    @cached_property  # this and the next two are for compiled code: not read-only
+    def _tables(self) -> tuple[FloatArray, ...]:
         p = self.degree
         return tuple(
             monomial_table(np.array(t), p, p + self.step * np.arange(n))
@@ -126,19 +151,24 @@ class SplineSpace(Frozen):
         )
 
     @cached_property
-    def places(self) -> IntArray:
-        """Index (cells, 3) of the active cells per direction."""
+    def _places(self) -> IntArray:
         return self.grid.places(self.cells)
+
+    @cached_property
+    def _boxes(self) -> FloatArray:
+        return self.grid.boxes(self.cells)
+
+    @cached_property
+    def homes(self) -> tuple[IntArray, IntArray]:
+        """Index (n, 3) per direction of the cells of the grid, and the one of each active cell."""
+        cells, at = np.unique(self.grid.home(self.cells), return_inverse=True)
+        places = np.stack(np.unravel_index(cells, self.grid.shape), axis=1)
+        return read_only(places), read_only(at.ravel())
 
     @property
     def _beyond(self) -> int:
         """Number of elements beyond one per cell."""
         return len(self.grid.parents) if isinstance(self.grid, DividedGrid) else 0
-
-    @cached_property
-    def boxes(self) -> FloatArray:
-        """Lower corner and extent (cells, 6) of the active cells."""
-        return self.grid.boxes(self.cells)
 
     def numbers(self, places: IntArray, layers: tuple[int, int, int]) -> IntArray:
         """Numbers, among all functions, of those from the first one of each cell on.
@@ -243,7 +273,7 @@ class SplineSpace(Frozen):
     def _among_several(self, found: IntArray, u: FloatArray) -> IntArray:
         """Of cells with several elements, the one in which points are; -1 if it is not active."""
         grid = self.grid
-        if not isinstance(grid, ElementGrid) or not len(grid.several):
+        if not isinstance(grid, DividedGrid) or not len(grid.several):
             return found
         home = grid.home(self.cells)[found]
         mine = np.flatnonzero((found >= 0) & np.isin(home, grid.several))
@@ -296,7 +326,7 @@ class SplineSpace(Frozen):
         value = np.empty((len(u), c.shape[1]))
         gradient = np.empty((len(u), c.shape[1], 3))
         kernels.fields(
-            *self.tables, self.places, self.boxes, self.dofs, owner, wrapped,
+            *self._tables, self._places, self._boxes, self.dofs, owner, wrapped,
             np.ascontiguousarray(J), np.array(c, order="C"), value, gradient,
         )  # fmt: skip
         return value, gradient
@@ -309,7 +339,7 @@ class SplineSpace(Frozen):
             x = greville(self.knots[a], self.degree)[: self.shape[a]]
             lo, hi = self.grid.axes[a][[0, -1]]
             out.append(lo + np.mod(x - lo, hi - lo) if self.grid.closed[a] else np.clip(x, lo, hi))
-        return tuple(out)
+        return tuple(map(read_only, out))
 
     def interpolate(
         self, f: Callable[[FloatArray], Any], *, fixed: dict[int, int] | None = None
@@ -331,7 +361,7 @@ class SplineSpace(Frozen):
         fixed = fixed or {}
         sites = [x[[fixed[a]]] if a in fixed else x for a, x in enumerate(self.sites)]
         u = np.stack(np.meshgrid(*sites, indexing="ij"), -1).reshape(-1, 3)
-        c = np.asarray(f(u), np.float64).reshape(*(len(x) for x in sites), -1)
+        c = as_array("f", asked("f", f, u), finite=False).reshape(*(len(x) for x in sites), -1)
         for a in range(3):
             if a not in fixed and self.degree > 1:
                 periodic = bool(self.grid.closed[a])

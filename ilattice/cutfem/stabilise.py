@@ -25,7 +25,7 @@ from math import factorial, perm
 import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
-from ilattice._validate import read_only
+from ilattice._validate import Frozen, read_only
 from ilattice.cutfem._filling import gauss
 from ilattice.cutfem._kernels_ghost import ghost_matrices
 from ilattice.cutfem.grid import CUT, CutGrid
@@ -35,9 +35,12 @@ from ilattice.cutfem.space import SplineSpace
 #: Factor of penalties per cell away from solid, and number of cells for which it counts.
 FALL, FAR = 0.1, 3
 
+#: Takes parameters (n, 3) and the elements (n,) that they belong to, returns values (n,) or (1,).
+Stiffness = Callable[[FloatArray, IntArray], FloatArray]
+
 
 @dataclass(frozen=True, eq=False)
-class GhostFaces:
+class GhostFaces(Frozen):
     """Faces between active cells, of which one or both are cut.
 
     Attributes
@@ -71,7 +74,7 @@ class GhostFaces:
         self,
         space: SplineSpace,
         jacobians: Callable[[FloatArray], FloatArray],
-        stiffness: Callable[[FloatArray], FloatArray] | None,
+        stiffness: Stiffness | None,
         room: int,
     ) -> Iterator[tuple[IntArray, FloatArray]]:
         """Numbers of faces, all directions counted on, and their matrices, in batches.
@@ -92,7 +95,7 @@ class GhostFaces:
                 at = space.grid.places(lower)
                 A = np.empty((len(lower), n, n))
                 ghost_matrices(
-                    axis, space.tables[b], space.tables[c], at[:, [b, c]], gauss(p + 1)[0],
+                    axis, space._tables[b], space._tables[c], at[:, [b, c]], gauss(p + 1)[0],
                     self._scales(space, axis, part, jacobians, stiffness),
                     _products(space, axis, lower, upper), A,
                 )  # fmt: skip
@@ -102,7 +105,7 @@ class GhostFaces:
     def _scales(
         self, space: SplineSpace, axis: int, part: slice,
         jacobians: Callable[[FloatArray], FloatArray],
-        stiffness: Callable[[FloatArray], FloatArray] | None,
+        stiffness: Stiffness | None,
     ) -> FloatArray:  # fmt: skip
         """Weights (faces, q, q): stiffness times area over height, or area times height."""
         p = space.degree
@@ -121,7 +124,8 @@ class GhostFaces:
         scale *= np.abs(np.linalg.det(J))
         if stiffness is not None:
             cofactor = np.cross(J[:, :, b], J[:, :, c])
-            scale = np.einsum("nc,nc->n", cofactor, cofactor) / scale * stiffness(u)
+            scale = np.einsum("nc,nc->n", cofactor, cofactor) / scale
+            scale *= stiffness(u, np.repeat(lower, q * q))
         local = np.outer(w, w) * (box[:, 3 + b] * box[:, 3 + c])[:, None, None]
         return self.weights[axis][part][:, None, None] * local * scale.reshape(-1, q, q)
 
@@ -148,7 +152,7 @@ def _products(space: SplineSpace, axis: int, lower: IntArray, upper: IntArray) -
 
 
 def ghost_faces(
-    cut: CutGrid,
+    status: AnyArray,
     wet: tuple[Quadrature, ...],
     cells: IntArray,
     weight: float,
@@ -159,8 +163,8 @@ def ghost_faces(
 
     Parameters
     ----------
-    cut : CutGrid
-        Level sets on the grid.
+    status : ndarray
+        Of the cells of the grid, as in `CutGrid.status`.
     wet : tuple of Quadrature
         Rules on the wet faces in the three directions.
     cells : ndarray
@@ -182,7 +186,7 @@ def ghost_faces(
     count = 1 + max(int(c.max()) for c in [cells, *listed])
     active = np.zeros(count, bool)
     active[cells] = True
-    is_cut = cut.status.ravel()[grid.home(np.arange(count))] == CUT
+    is_cut = status.ravel()[grid.home(np.arange(count))] == CUT
     sides = []
     for rule in wet:
         assert rule.neighbours is not None

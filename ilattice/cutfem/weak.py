@@ -82,7 +82,7 @@ def add_elastic(data: FloatArray, problem: "Elasticity", terms: Terms) -> None:
         A = np.empty((len(at), size, size))
         u = rule.parameters[rows]
         surface_blocks(
-            *asm.space.tables, asm.space.places[at], asm.space.boxes[at],
+            *asm.space._tables, asm.space.places[at], asm.space.boxes[at],
             rule.offsets[part.start : part.stop + 1] - rows.start, u, rule.weights[rows],
             asm.jacobians(u), rule.normals[rows], terms.Q[rows], terms.lame[rows], terms.mask, A,
         )  # fmt: skip

@@ -266,10 +266,11 @@ class _Case:
     def whole(self) -> Expression:
         """Where all fields are negative."""
         out: Expression = True
-        lost = {FIRST: 1, SECOND: 0}.get(self.states.get(self.splitter.root, OPEN))
-        for k, root in enumerate(self.splitter.roots):
+        last = len(self.splitter.roots) - 1
+        state = self.states.get(self.splitter.root, OPEN) if last else OPEN
+        for k, root in enumerate(self.splitter.roots):  # the largest of all but the last, and it
             self.owner = k
-            if len(self.splitter.roots) == 1 or k != lost:
+            if not ((state == FIRST and k == last) or (state == SECOND and k < last)):
                 out = both(out, self.solid(root, 0.0, False))
         return out
 

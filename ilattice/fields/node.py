@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import ArrayLike, FloatArray
-from ilattice._validate import Frozen, as_array, as_points, read_only
+from ilattice._validate import Frozen, among, as_array, as_points, read_only
 from ilattice.errors import InputError
 from ilattice.fields._program import Builder, Point, Program
 
@@ -112,7 +112,7 @@ class Node(Frozen):
         InputError
             For points of another shape or not finite, or another order.
         """
-        if order not in (0, 1, 2):
+        if not among(order, (0, 1, 2)):
             raise InputError(f"order must be 0, 1 or 2, got {order!r}")
         if order == 0:
             return (self(p),)

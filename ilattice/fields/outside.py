@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import FloatArray
-from ilattice._validate import as_array
+from ilattice._validate import as_array, asked
 from ilattice.errors import InputError
 from ilattice.fields._program import Builder, Point
 from ilattice.fields.node import Node, everywhere
@@ -31,12 +31,12 @@ class _Outside(Node):
 
     def bounding_box(self, level: float = 0.0) -> FloatArray:
         if hasattr(self.f, "bounding_box"):
-            return np.array(self.f.bounding_box(level))
+            return np.array(asked("bounding_box of the field", self.f.bounding_box, level))
         return np.array(self.box) if level <= 0.0 else everywhere()
 
     def values(self, points: FloatArray) -> FloatArray:
         """Values, checked for their shape."""
-        out = as_array("values of the field", self.f(points), finite=False)
+        out = as_array("values of the field", asked("field", self.f, points), finite=False)
         if out.shape != (len(points),):
             raise InputError(
                 f"field must give {len(points)} values for {len(points)} points, "
@@ -47,7 +47,7 @@ class _Outside(Node):
     def jets(self, points: FloatArray, order: int) -> tuple[FloatArray, ...]:
         """Value and derivatives, by differences where the field has none."""
         if hasattr(self.f, "jet"):
-            return tuple(self.f.jet(points, order))
+            return tuple(asked("jet of the field", self.f.jet, points, order))
         e = STEP * np.eye(3)
         value = self.values(points)
         up = np.stack([self.values(points + e[k]) for k in range(3)], axis=1)
@@ -69,7 +69,8 @@ class _Outside(Node):
         out = np.tile([-np.inf, np.inf, np.inf], (len(lo), 1))
         finite = np.isfinite(lo).all(axis=1) & np.isfinite(hi).all(axis=1)
         if hasattr(self.f, "range") and finite.any():
-            out[finite, :2] = self.f.range(lo[finite], hi[finite])
+            told = "range of the field"
+            out[finite, :2] = asked(told, self.f.range, lo[finite], hi[finite])
         if not moved:
             out[:, 2] = getattr(self.f, "lipschitz", np.inf)
         return out
@@ -85,7 +86,8 @@ def from_callable(f: Callable[..., Any], *, bounds: Any = None) -> Node:
         `bounding_box` are used. What has a formula of its own as `node`, such as tiles and
         `TrigField`, becomes part of the program.
     bounds : (2, 3) array, optional
-        Box that holds the points where it is not positive; default all of space.
+        Box that holds the points where it is not positive; default all of space. What has a
+        formula knows its own.
 
     Returns
     -------
@@ -100,11 +102,10 @@ def from_callable(f: Callable[..., Any], *, bounds: Any = None) -> Node:
     if not callable(f):
         raise InputError(f"f must be callable, got {f!r:.80}")
     f = getattr(f, "node", f)
-    if isinstance(f, Node):
-        return f
-    if bounds is None:
-        return _Outside(f, everywhere())
-    box = as_array("bounds", bounds, ndim=2, finite=False)
-    if box.shape != (2, 3) or not (box[0] <= box[1]).all():
-        raise InputError(f"bounds must be two corners (2, 3), lower one first, got {bounds!r:.80}")
-    return _Outside(f, np.array(box))
+    box = everywhere()
+    if bounds is not None:
+        box = np.array(as_array("bounds", bounds, ndim=2, finite=False))
+        if box.shape != (2, 3) or not (box[0] <= box[1]).all():
+            told = "bounds must be two corners (2, 3), lower one first"
+            raise InputError(f"{told}, got {bounds!r:.80}")
+    return f if isinstance(f, Node) else _Outside(f, box)

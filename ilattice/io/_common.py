@@ -12,7 +12,9 @@ import errno
 import json
 import os
 import re
+import shutil
 import stat
+import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -22,7 +24,7 @@ from typing import IO, Any
 from ilattice._memory import need
 from ilattice.errors import FileError, FormatError, InputError
 
-_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
+_FULL = {errno.ENOSPC, errno.EDQUOT}
 _AT_ONCE = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 #: Bytes of the largest file that is read.
 LIMIT = 1 << 33
@@ -94,7 +96,8 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Provide a temporary name that becomes `path` when the block ends without an error.
 
     For writers that insist on a file name (VTK, lib3mf); it keeps the suffix of `path`. Devices
-    and pipes (``/dev/stdout``) are written directly.
+    and pipes are written directly; what a stream of this process (``/dev/stdout``) has been sent to
+    is continued, never replaced.
 
     Parameters
     ----------
@@ -113,7 +116,11 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     FormatError
         If the file cannot be written: no permission, disk full.
     """
-    target = _target(path)
+    target, number = _target(path), _descriptor(path)
+    if number is not None and target.is_file():
+        with explained(target), _copied_to(number, target.suffix) as temporary:
+            yield temporary
+        return
     if target.exists() and not target.is_file():
         with explained(target):
             yield target
@@ -167,11 +174,35 @@ def write_report(path: str | os.PathLike[str], data: dict[str, Any]) -> None:
 def _target(path: str | os.PathLike[str]) -> Path:
     """Resolve links to the file that will be written; refuse what cannot be one."""
     target = Path(os.path.realpath(as_path("path", path)))
-    if target.is_dir():
+    try:
+        folder = target.is_dir()
+    except OSError as e:  # a name that is too long
+        raise FileError(f"path {str(path)!r:.80}: cannot be written ({e.strerror or e})") from e
+    if folder:
         raise FileError(f"path {str(path)!r} is a directory; give the name of a file in it")
     if not target.parent.is_dir():
         raise FileError(f"path {str(path)!r}: there is no directory {str(target.parent)!r}")
     return target
+
+
+def _descriptor(path: str | os.PathLike[str]) -> int | None:
+    """Number of the open file of this process that a path such as ``/dev/stdout`` stands for."""
+    name = os.path.abspath(path)
+    found = re.fullmatch(r"(?:/dev/fd|/proc/self/fd)/([0-9]{1,6})", name)
+    return int(found[1]) if found else {"/dev/stdout": 1, "/dev/stderr": 2}.get(name)
+
+
+@contextmanager
+def _copied_to(number: int, suffix: str) -> Iterator[Path]:
+    """Name of an empty file, of which the content is appended to an open one in the end."""
+    with tempfile.TemporaryDirectory() as folder:
+        temporary = Path(folder) / f"stream{suffix}"
+        temporary.touch()
+        yield temporary
+        sys.stdout.flush()
+        sys.stderr.flush()
+        with open(temporary, "rb") as file, open(os.dup(number), "ab") as out:
+            shutil.copyfileobj(file, out)
 
 
 @contextmanager
@@ -257,6 +288,11 @@ def explained(target: Path, done: str = "written") -> Iterator[None]:
             raise FormatError(
                 f"{target}: not written, the disk is full ({reason}); "
                 "free some space or choose another directory"
+            ) from e
+        if e.errno == errno.EFBIG:
+            raise FormatError(
+                f"{target}: not written, it is larger than files may be here ({reason}); raise the "
+                "limit (ulimit -f), choose another directory, or write less"
             ) from e
         raise FormatError(f"{target}: cannot be {done} ({reason})") from e
 

@@ -150,7 +150,7 @@ def checked(
 
 def check_size(fail: Fail, values: FloatArray, what: str) -> None:
     """Refuse numbers so large that products of three of them overflow."""
-    if not np.abs(values).max(initial=0.0) <= LARGEST:
+    if not (values.max(initial=0.0) <= LARGEST and values.min(initial=0.0) >= -LARGEST):
         fail(f"{what} must be finite and not above {LARGEST:g} in size")
 
 

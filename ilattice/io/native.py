@@ -48,6 +48,11 @@ _SMALL = 1 << 24
 _MEMBERS = 32
 _AXES = 4
 _FEW, _PER_LIST = 100_000, 7  # lists that JSON may hold, and letters for each of more
+_DEEP = 100  # brackets
+_WORD = re.compile("-?(?:NaN|Infinity)")
+_POINTS = "control_points"
+_ABOUT = {"knot": "knot_vectors", "t ": "knot_vectors", "t[": "knot_vectors", "k ": "degrees",
+          "k[": "degrees", "weights": "weights", "periodic": "periodic"}  # fmt: skip
 _HEADER = re.compile(
     rb"\{'descr': '([<>|=]?(?:f[248]|[iu][1248]|b1|U[0-9]{1,4}))', 'fortran_order': (True|False), "
     rb"'shape': \(((?:[0-9]{1,15}(?:, ?|(?=\))))*)\),? *\}\s*"
@@ -171,23 +176,50 @@ def read_json(path: str | os.PathLike[str]) -> tuple[list[Patch], list[str]]:
     except json.JSONDecodeError as e:
         raise FormatError(f"{path}, line {e.lineno}: no JSON ({e.msg})") from e
     except (ValueError, RecursionError) as e:
-        raise FormatError(f"{path}: no JSON that can be read ({e})") from e
+        word = _WORD.search(str(e))
+        place = _place(text, re.escape(word[0])) if word else _depth(text)
+        raise FormatError(f"{path}{place}: no JSON that can be read ({e})") from e
     if not isinstance(content, dict):
         raise FormatError(f"{path}, line 1: expected an object with the keys of a spline")
-    return _patches(path, content)
+    return _patches(path, content, text)
 
 
 def _no_constant(name: str) -> NoReturn:
     raise ValueError(f"number {name} is not finite")
 
 
+def _place(text: str, pattern: str) -> str:
+    """The line of what stands first in a text, for messages."""
+    found = re.search(pattern, text)
+    return f", line {text.count(chr(10), 0, found.start()) + 1}" if found else ""
+
+
+def _depth(text: str) -> str:
+    """The line in which brackets are open deeper than any spline needs, or numbers too long."""
+    depth = 0
+    for bracket in re.finditer(r"[][{}]|[0-9]{4000}", text):
+        depth += 1 if bracket[0] in "[{" else -1
+        if depth > _DEEP or len(bracket[0]) > 1:
+            return f", line {text.count(chr(10), 0, bracket.start()) + 1}"
+    return ""
+
+
+def _about(message: str) -> str:
+    """The key that a message is about."""
+    named = re.match(r"key '(\w+)'", message)
+    if named:
+        return named[1]
+    return next((key for start, key in _ABOUT.items() if message.startswith(start)), _POINTS)
+
+
 def _patches(
-    path: str | os.PathLike[str], content: Mapping[str, Any]
+    path: str | os.PathLike[str], content: Mapping[str, Any], text: str = ""
 ) -> tuple[list[Patch], list[str]]:
-    """The patch of a mapping with the keys of the module docstring."""
+    """The patch of a mapping with the keys of the module docstring; `text` tells the lines."""
 
     def fail(message: str) -> NoReturn:
-        raise FormatError(f"{path}: {message}")
+        line = _place(text, f'"{_about(message)}"\\s*:') or (text and ", line 1")
+        raise FormatError(f"{path}{line}: {message}")
 
     for key, expected in (("format", FORMAT), ("version", VERSION), ("index_order", INDEX_ORDER)):
         if type(content.get(key)) is not type(expected) or content[key] != expected:

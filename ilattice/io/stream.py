@@ -159,9 +159,14 @@ def write_stream(
     vertices, faces : int
         How many were written.
     """
+    told = "blocks must be an iterable of pairs (vertices, faces)"
+    if not isinstance(blocks, Iterable):
+        raise InputError(f"{told}, got {blocks!r:.80}")
     with StreamedMeshWriter(path, precision=precision) as writer:
-        for vertices, faces in blocks:
-            writer.append(vertices, faces)
+        for block in blocks:
+            if not isinstance(block, (tuple, list)) or len(block) != 2:
+                raise InputError(f"{told}, got {block!r:.80} in it")
+            writer.append(*block)
     return writer.vertex_count, writer.face_count
 
 

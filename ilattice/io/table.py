@@ -37,7 +37,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any, NoReturn
 
-from ilattice.errors import FormatError, printable
+from ilattice.errors import FileError, FormatError, printable
 from ilattice.io._common import atomic_write, explained, read_bytes
 
 __all__ = ["KEPT", "Table", "digest"]
@@ -119,6 +119,31 @@ class Table:
         with suppress(FormatError):
             return row if digest(row["file"]) == row["output"] else None
         return None
+
+    def check_files(self, runs: Mapping[str, Mapping[str, str]], command: str) -> None:
+        """Refuse, before any work, to write over what rows of other keys have written.
+
+        Parameters
+        ----------
+        runs : mapping of str to mapping of str to str
+            The parameters of runs, by the file that each will write.
+        command : str
+            As in the column of this name.
+
+        Raises
+        ------
+        FileError
+            Naming the first file of another row that is there.
+        """
+        owners = {os.path.realpath(r["file"]): (k, r) for k, r in self._rows.items() if r["file"]}
+        for path, values in runs.items():
+            key, row = owners.get(os.path.realpath(path), (None, {}))
+            mine = key in (None, self._key({**values, "command": printable(command)}))
+            if not mine and os.path.exists(path):
+                raise FileError(
+                    f"-o: {str(path)!r} is the file of another row of {str(self.path)!r}, "
+                    f"{row['command']!r:.200}, and would be lost; choose another -o"
+                )
 
     def append(self, row: Mapping[str, Any]) -> None:
         """Add a row, unless the one of its parameters and command is the same.
@@ -260,7 +285,8 @@ def digest(*paths: str | os.PathLike[str]) -> str:
     total = hashlib.sha256()
     for path in paths:
         if not os.path.isfile(path):
-            raise FormatError(f"{path}: there is no such file")
+            there = "is not a regular file" if os.path.exists(path) else "there is no such file"
+            raise FormatError(f"{path}: {there}")
         own = hashlib.sha256()
         with explained(Path(path), "read"), open(path, "rb") as file:
             while block := file.read(_BLOCK):
@@ -278,8 +304,9 @@ def _line(values: Sequence[Any]) -> str:
 def _write(file: IO[bytes], start: int, data: bytes) -> None:
     """Append whole lines and wait until they are on the disk, or leave the file as it was."""
     try:
-        if file.write(data) != len(data):
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        left = memoryview(data)
+        while left:  # what is written in parts ends in the error of the next part
+            left = left[file.write(left) :]
         os.fsync(file.fileno())
     except BaseException:
         file.truncate(start)

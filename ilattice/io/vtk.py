@@ -17,7 +17,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from ilattice._typing import AnyArray, ArrayLike
-from ilattice._validate import as_array, as_kind, as_points
+from ilattice._validate import as_array, as_choice, as_flag, as_items, as_kind, as_points
 from ilattice.errors import FormatError, InputError
 from ilattice.io._common import as_path, atomic_path
 from ilattice.io._mesh import check_not_empty, colours
@@ -32,6 +32,12 @@ _SAME_STEP = 1e-9
 #: Components of symmetric tensors in Voigt order: without names ParaView takes them for another.
 VOIGT = ("XX", "YY", "ZZ", "YZ", "XZ", "XY")
 TENSORS = ("stress", "strain")
+#: Points of cells by VTK's number of their kind; None if that varies.
+_CELLS: dict[int, int | None] = {
+    1: 1, 2: None, 3: 2, 4: None, 5: 3, 6: None, 7: None, 8: 4, 9: 4, 10: 4, 11: 8, 12: 8, 13: 6,
+    14: 5, 21: 3, 22: 6, 23: 8, 24: 10, 25: 20, 26: 15, 27: 13, 28: 9, 29: 27,
+    **dict.fromkeys(range(68, 82)),
+}  # fmt: skip
 #: Stand-ins for the types that VTK does not have.
 _KINDS: dict[str, np.dtype[Any]] = {"b1": np.dtype(np.uint8), "f2": np.dtype(np.float32)}
 
@@ -156,11 +162,19 @@ def write_vtu(
         If the file cannot be written.
     """
     x = as_points("points", points)
-    corners = np.asarray(cells)
+    try:
+        corners = np.asarray(cells)
+    except ValueError as e:
+        raise InputError(f"cells must be integers of shape (e, c), got {cells!r:.80}") from e
     if corners.ndim != 2 or corners.dtype.kind not in "iu":
         raise InputError(f"cells must be integers of shape (e, c), got shape {corners.shape}")
     if corners.size and not 0 <= corners.min() <= corners.max() < len(x):
         raise InputError(f"cells must name points below {len(x)}, got up to {corners.max()}")
+    count = _CELLS[as_choice("cell_type", cell_type, tuple(_CELLS))]
+    if count not in (None, corners.shape[1]):
+        raise InputError(
+            f"cells of cell_type {cell_type} have {count} points, got {corners.shape[1]}"
+        )
     grid = _unstructured(
         x,
         corners,
@@ -197,8 +211,8 @@ def write_pvd(
     target = as_path("path", path)
     if target.suffix.lower() != ".pvd":
         raise FormatError(f"{str(path)!r}: a collection is written as .pvd")
-    t = as_array("times", times)
-    if t.shape != (len(files),) or not len(t) or (np.diff(t) < 0).any():
+    files, t = as_items("files", files), as_array("times", times)
+    if np.ndim(times) != 1 or t.shape != (len(files),) or not len(t) or (np.diff(t) < 0).any():
         raise InputError(
             f"times must be {len(files)} numbers that do not decrease, one per file and at least "
             f"one, got shape {t.shape}"
@@ -306,7 +320,7 @@ def _named(
 ) -> dict[str, AnyArray]:
     """Data as arrays whose first axes are `shape`."""
     arrays = {}
-    for key, value in (data or {}).items():
+    for key, value in _items(name, data):
         a = np.asarray(value)
         if a.shape[: len(shape)] != shape or a.dtype.kind not in "biuf":
             raise InputError(
@@ -319,7 +333,22 @@ def _named(
 
 def _rows(data: Mapping[str, ArrayLike] | None) -> dict[str, AnyArray]:
     """Single numbers as arrays of one."""
-    return {name: np.atleast_1d(value) for name, value in (data or {}).items()}
+    return {name: np.atleast_1d(value) for name, value in _items("field_data", data)}
+
+
+def _items(name: str, data: Mapping[str, ArrayLike] | None) -> list[tuple[str, ArrayLike]]:
+    """Names and arrays of a mapping, or `InputError`."""
+    if data is not None and not isinstance(data, Mapping):
+        raise InputError(f"{name} must be a mapping of names to arrays, got {data!r:.80}")
+    found = list((data or {}).items())
+    for key, value in found:
+        try:
+            np.asarray(value)
+        except ValueError as e:
+            raise InputError(f"{name}[{key!r:.60}] must be an array, got {value!r:.80}") from e
+        if not isinstance(key, str) or not key:
+            raise InputError(f"{name} must have names as keys, got {key!r:.80}")
+    return found
 
 
 def _array(name: str, values: AnyArray) -> Any:
@@ -390,6 +419,7 @@ def _unstructured(
 def _write(writer_name: str, data: Any, path: str | os.PathLike[str], compress: bool) -> None:
     from vtkmodules import vtkIOXML
 
+    compress = as_flag("compress", compress)
     writer = getattr(vtkIOXML, writer_name)()
     writer.SetInputData(data)
     writer.SetDataModeToAppended()

@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ilattice._typing import ArrayLike, FloatArray
-from ilattice._validate import as_array
+from ilattice._validate import as_array, asked
 from ilattice.bspline import BSpline
 from ilattice.bspline.fit import check_points
 from ilattice.bspline.knots import design_matrix
@@ -27,7 +27,7 @@ def interpolated(spline: BSpline, name: str, f: Callable[[FloatArray], ArrayLike
     if any((np.diff(s) <= 0).any() for s in sites):
         raise InputError(f"{name} must be coefficients: the knots of this map allow jumps")
     u = np.stack([a.ravel() for a in np.meshgrid(*sites, indexing="ij")], axis=1)
-    values = as_array(name, f(u))
+    values = as_array(name, asked(name, f, u))
     if values.shape != (len(u),):
         raise InputError(f"{name} must return shape ({len(u)},), got {values.shape}")
     c = values.reshape([len(s) for s in sites])
@@ -44,7 +44,7 @@ def interpolated(spline: BSpline, name: str, f: Callable[[FloatArray], ArrayLike
 def warn_missed(spline: BSpline, name: str, f: Callable[[FloatArray], ArrayLike]) -> None:
     """Warn of a function that its interpolating spline misses."""
     u = check_points(spline.domain, CHECKS)
-    values = as_array(name, f(u))
+    values = as_array(name, asked(name, f, u))
     missed = float(np.abs(spline(u) - values).max())
     spread = max(float(np.ptp(values)), 1e-9 * float(np.abs(values).max()))
     if missed > MOST_MISSED * spread:

@@ -16,7 +16,7 @@ import numpy as np
 
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import Frozen, as_positive
-from ilattice.errors import PrecisionWarning
+from ilattice.errors import InputError, PrecisionWarning
 from ilattice.macroshape._seeds import CHUNK, Seeds
 
 __all__ = ["Located", "locate"]
@@ -26,6 +26,8 @@ FOUND, OUTSIDE, FAILED = 0, 1, 2
 _ITERATIONS, _STARTS = 60, 12
 #: Cosine of the residual to every free direction below which a search has come to its end.
 _STATIONARY = 1e-4
+#: Coordinates beyond which distances overflow.
+FAR = 1e150
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,8 +89,10 @@ def locate(seeds: Seeds, x: FloatArray, *, tol: float) -> Located:
     Located
         One row per point.
     """
-    limit = as_positive("tol", tol) * seeds.size
-    n = len(x)
+    if as_positive("tol", tol) > 1.0:
+        raise InputError(f"tol must be at most 1, it is relative to the size, got {tol:g}")
+    limit = tol * seeds.size
+    n, x = len(x), np.clip(x, -FAR, FAR)
     out = Located(
         np.full((n, 3), np.nan), np.full(n, FAILED), np.full(n, np.inf), np.zeros(n, np.int64)
     )

@@ -24,6 +24,7 @@ from ilattice._validate import (
     as_not_negative,
     as_points,
     as_positive,
+    asked,
     freeze,
 )
 from ilattice.errors import InputError
@@ -280,6 +281,8 @@ class Lattice:
         Hong et al. 2025, section 3: T into ℝ^l, l > 3, and the tile's fields I^r, r > 1.
         """
         u = as_points("u", u)
+        if not isinstance(name, str):
+            raise InputError(f"name must be the name of a property, got {name!r:.80}")
         if name in self.through.names:
             return self.through.extra(u)[:, self.through.names.index(name)]
         if name not in self.tile.properties:
@@ -427,7 +430,8 @@ def _values(name: str, tile: Tile, p: FloatArray) -> FloatArray:
     """Values of a property of a tile at points of the unit cube, checked."""
     if name not in tile.properties:
         raise InputError(f"tile {tile.name!r} of the mixture has no property {name!r}; give it one")
-    values = as_array(f"property {name!r}", tile.properties[name](p))
+    told = f"property {name!r}"
+    values = as_array(told, asked(told, tile.properties[name], p))
     if values.shape != (len(p),):
         raise InputError(
             f"property {name!r} must return one value per point, shape ({len(p)},), got "

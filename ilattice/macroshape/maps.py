@@ -16,7 +16,16 @@ from typing import Any, Self
 import numpy as np
 
 from ilattice._typing import ArrayLike, FloatArray
-from ilattice._validate import Frozen, as_array, as_items, as_points, read_only
+from ilattice._validate import (
+    Frozen,
+    among,
+    as_array,
+    as_axis,
+    as_items,
+    as_points,
+    as_whole,
+    read_only,
+)
 from ilattice.bspline import BSpline
 from ilattice.errors import InputError
 from ilattice.macroshape._extra import interpolated, warn_missed
@@ -25,6 +34,8 @@ from ilattice.macroshape.certify import Certificate, certify
 from ilattice.macroshape.inverse import Located, locate
 
 __all__ = ["SplineMap"]
+
+MOST_POINTS = 1000  # of a Gauss rule per element and direction
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -308,6 +319,7 @@ class SplineMap(Frozen):
             The absolute value of the integral of det J.
         """
         rational = self.spline.weights is not None
+        points = None if points is None else as_whole("points", points, 1, MOST_POINTS)
         sites, weights = [], []
         for axis in range(3):
             n = points or (3 * self.spline.k[axis] + 1) // 2 + 6 * rational
@@ -399,8 +411,7 @@ class SplineMap(Frozen):
         SplineMap
             On the same domain.
         """
-        if axis not in (0, 1, 2):
-            raise InputError(f"axis must be 0, 1 or 2, got {axis!r}")
+        axis = as_axis("axis", axis)
         s = self.spline
         t = list(s.t)
         t[axis] = (self.domain[:, axis].sum() - s.t[axis])[::-1]
@@ -422,7 +433,8 @@ class SplineMap(Frozen):
         SplineMap
             The map with permuted parameters.
         """
-        if sorted(np.ravel(order).tolist()) != [0, 1, 2]:
+        listed = list(order) if isinstance(order, (Sequence, np.ndarray)) else []
+        if not all(among(a, range(3)) for a in listed) or sorted(listed) != [0, 1, 2]:
             raise InputError(f"order must be a permutation of 0, 1, 2, got {order!r}")
         s = self.spline
         t, k, wrap = (

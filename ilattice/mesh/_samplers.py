@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
-from ilattice._validate import as_array
+from ilattice._validate import as_array, asked
 from ilattice.bspline import BSpline
 from ilattice.errors import GeometryError, InputError
 from ilattice.fields.node import Node
@@ -69,7 +69,7 @@ class Sampler:
 
     def _jet(self, field: Any, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         if hasattr(field, "jet"):
-            f, g = field.jet(points, order=1)
+            f, g = asked("jet of the field", field.jet, points, 1)
             return f, g
         f = _call(field, points, "field")
         g = np.empty((len(points), 3))
@@ -194,7 +194,8 @@ class GridSampler(Sampler):
         if hasattr(self.field, "grid") and self.scale is None:
             for row in np.flatnonzero(mark.mean(axis=(1, 2)) > DENSE):
                 at = mark[row] == 1
-                values = np.asarray(self.field.grid((x[planes[row]][None], y, z)))[0]
+                axes = (x[planes[row]][None], y, z)
+                values = np.asarray(asked("grid of the field", self.field.grid, axes))[0]
                 self._slab[row][at] = _checked(values[at], "field") - self.middle
                 mark[row] = 0
         wanted = np.flatnonzero(mark)
@@ -411,7 +412,7 @@ def _groups(blocks: int) -> IntArray:
 
 def _call(field: Callable[[FloatArray], Any], points: FloatArray, name: str) -> FloatArray:
     """Values of a callable, checked."""
-    f = as_array("field", field(points), finite=False)
+    f = as_array(name, asked(name, field, points), finite=False)
     if f.shape != (len(points),):
         raise InputError(
             f"{name} must give {len(points)} values for {len(points)} points, got shape {f.shape}"
@@ -431,7 +432,8 @@ def _checked(f: FloatArray, name: str, points: FloatArray | None = None) -> Floa
 def _field_range(field: Any, lo: FloatArray, hi: FloatArray) -> FloatArray | None:
     """Bounds (n, 2) from `range` or `lipschitz`, or None."""
     if hasattr(field, "range"):
-        return as_array("range of the field", field.range(lo, hi), finite=False)
+        told = "range of the field"
+        return as_array(told, asked(told, field.range, lo, hi), finite=False)
     constant = getattr(field, "lipschitz", None)
     if constant is None:
         return None

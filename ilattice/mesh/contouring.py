@@ -33,7 +33,7 @@ import numpy as np
 
 from ilattice._progress import Progress
 from ilattice._typing import AnyArray, IntArray
-from ilattice._validate import as_array, as_float_type
+from ilattice._validate import among, as_array, as_float_type
 from ilattice.errors import InputError
 from ilattice.mesh import _kernels_refine
 from ilattice.mesh._grid import Grid
@@ -207,7 +207,7 @@ def contour_blocks(
     grid = Grid.checked(axes, wrap)
     if not callable(field) or not (scale is None or callable(scale)):
         raise InputError(f"field and scale must be callable, got {field!r:.60}, {scale!r:.60}")
-    if place not in ("refine", "linear"):
+    if not among(place, ("refine", "linear")):
         raise InputError(f"place must be 'refine' or 'linear', got {place!r}")
     sampler = sampler_for(field, grid, _as_levels(level), scale)
     tracer = Tracer(sampler, bool(caps), place == "refine", as_float_type("dtype", dtype))

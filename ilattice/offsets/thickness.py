@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray
-from ilattice._validate import as_array, as_kind
+from ilattice._validate import as_array, as_kind, asked
 from ilattice.bspline import BSpline
 from ilattice.bspline.knots import uniform_knots
 from ilattice.errors import ConvergenceError, InputError, PrecisionWarning
@@ -27,6 +27,7 @@ from ilattice.tiles.mixture import Mixture
 
 if TYPE_CHECKING:
     from ilattice.macroshape.lattice import Lattice
+    from ilattice.macroshape.maps import SplineMap
 
 #: Largest error of a fitted half-thickness, relative to its largest value.
 FIT_TOLERANCE = 1e-5
@@ -252,7 +253,7 @@ def _as_side(d: Any, lattice: Lattice, name: str) -> _Side:
     if isinstance(d, str):
         return _named(d, lattice, name)
     if isinstance(d, Node):
-        return _fitted(_of_field(d, lattice, name), lattice, name)
+        return _fitted(of_parameters(d, lattice.through, name), lattice, name)
     if callable(d):
         return _fitted(d, lattice, name)
     value = as_array(name, d)
@@ -285,7 +286,7 @@ def _named(name: str, lattice: Lattice, argument: str) -> _Side:
             ) from e
         if isinstance(field, float):
             return _constant(field, lattice)
-        return _fitted(_of_field(field, lattice, argument), lattice, argument)
+        return _fitted(of_parameters(field, lattice.through, argument), lattice, argument)
     s = through.spline
     c = s.c[..., 3 + list(through.names).index(name)]
     if s.weights is None:
@@ -295,7 +296,7 @@ def _named(name: str, lattice: Lattice, argument: str) -> _Side:
 
 
 def as_equation(text: str) -> float | Node:
-    """A half-thickness from a text.
+    """A number or a field from a text.
 
     Parameters
     ----------
@@ -321,18 +322,38 @@ def as_equation(text: str) -> float | Node:
     return equation(text, variables=kinds[0])
 
 
-def _of_field(field: Node, lattice: Lattice, name: str) -> Any:
-    """A field as a function of the parameters."""
+def of_parameters(field: Node, through: SplineMap | None, name: str) -> Any:
+    """A field as a function of the parameters.
+
+    Parameters
+    ----------
+    field : Node
+        Of x, y, z, or an equation in u, v, w.
+    through : SplineMap or None
+        From parameters to space; without one they are the same.
+    name : str
+        What it is called in messages.
+
+    Returns
+    -------
+    callable
+        Takes parameters (n, 3), returns values (n,); the field itself where it is one of them.
+
+    Raises
+    ------
+    InputError
+        If it has other coordinates, or both kinds.
+    """
     names = coordinates_in(field)
     if names <= set(SPACE):
-        return lambda u: field(lattice.through.x(u))
+        return field if through is None else lambda u: field(through.x(u))
     if names <= set(PARAMETERS):
         return field
     if names <= {*PARAMETERS, *SPACE}:
         raise InputError(f"{name}: {field!r:.80} {MIXED}")
     raise InputError(
-        f"{name}: {field!r:.80} is an equation in {', '.join(sorted(names))}; a half-thickness is "
-        "one in the parameters u, v, w, or in x, y, z of space"
+        f"{name}: {field!r:.80} is an equation in {', '.join(sorted(names))}; take one "
+        "in the parameters u, v, w, or in x, y, z of space"
     )
 
 
@@ -344,7 +365,7 @@ def _repeated(name: str, lattice: Lattice, argument: str) -> _Side:
     cube = _evaluate(prop, _grid_points(np.array([[0.0] * 3, [1.0] * 3]), 9), argument)
     try:
         one = fit(
-            prop, degree=2, method="interpolate", periodic=True,
+            lambda u: _evaluate(prop, u, argument), degree=2, method="interpolate", periodic=True,
             tol=FIT_TOLERANCE * max(float(np.abs(cube).max()), 1e-300),
         )  # fmt: skip
     except ConvergenceError:  # kinks, or tiles that do not fit together
@@ -393,7 +414,7 @@ def _fitted(f: Any, lattice: Lattice, name: str) -> _Side:
 
 
 def _evaluate(f: Any, u: FloatArray, name: str) -> FloatArray:
-    value = as_array(name, f(u), finite=False)
+    value = as_array(name, asked(name, f, u), finite=False)
     if value.shape != (len(u),):
         raise InputError(
             f"{name} must return one value per point, shape ({len(u)},), got {value.shape}"

@@ -17,7 +17,14 @@ import numpy as np
 
 from ilattice._progress import Progress
 from ilattice._typing import AnyArray, ArrayLike, FloatArray
-from ilattice._validate import as_float_type, as_not_negative, as_points, as_positive
+from ilattice._validate import (
+    as_flag,
+    as_float_type,
+    as_kind,
+    as_not_negative,
+    as_points,
+    as_positive,
+)
 from ilattice.bspline import BSpline
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.offsets.distance_spline import distance_spline
@@ -229,7 +236,7 @@ class Wall:
         h = None if h is None else as_positive("h", h)
         _warn_full(self)
         return wall_mesh(
-            self, h, polish=polish and self._exact, caps=caps, dtype=dtype, progress=progress,
+            self, h, polish=self._polished(polish), caps=caps, dtype=dtype, progress=progress,
             allow_loss=allow_loss,
         )  # fmt: skip
 
@@ -264,7 +271,7 @@ class Wall:
         _warn_full(self)
         with StreamedMeshWriter(path) as writer:
             for vertices, faces in wall_pieces(
-                self, h, polish=polish and self._exact, progress=progress, allow_loss=allow_loss
+                self, h, polish=self._polished(polish), progress=progress, allow_loss=allow_loss
             ):
                 writer.append(vertices, faces)
 
@@ -309,7 +316,7 @@ class Wall:
         from ilattice.mesh.slices import slice_wall
 
         return slice_wall(
-            self, z, thickness=thickness, h=h, normal=normal, polish=polish and self._exact
+            self, z, thickness=thickness, h=h, normal=normal, polish=self._polished(polish)
         )
 
     def topology(
@@ -418,7 +425,7 @@ class Wall:
         """
         from ilattice.cutfem.density import relative_density
 
-        return relative_density(self, per_cell=per_cell)
+        return relative_density(self, per_cell=as_flag("per_cell", per_cell))
 
     def thickness_error(self, mesh: SurfaceMesh | None = None) -> ThicknessReport:
         """How far the wall is from the asked thickness, by fresh closest points.
@@ -438,7 +445,7 @@ class Wall:
 
         if mesh is None:
             mesh = self.mesh(polish=False)
-        u, side = parameters_of(mesh)
+        u, side = parameters_of(as_kind("mesh", mesh, "SurfaceMesh"))
         if not side.any():  # the wall fills the part
             return ThicknessReport(0.0, 0.0, 0.0, 0.0, 0.0, 0, 0.0)
         error, asked = self._errors(u[side != 0], side[side != 0])
@@ -448,6 +455,10 @@ class Wall:
             float(np.sqrt(np.mean(error**2))), float(np.percentile(relative, 99)),
             float(relative.max()), len(error), missing_part(self, mesh),
         )  # fmt: skip
+
+    def _polished(self, polish: bool) -> bool:
+        """Whether vertices move onto the exact offset, if that is asked for."""
+        return as_flag("polish", polish) and self._exact
 
     @cached_property
     def _known(self) -> dict[str, float]:
@@ -574,10 +585,11 @@ def offset(
     if d is None and relative_density is None:
         raise InputError("offset needs a half-thickness d, or a relative_density")
     tol = None if tol is None else as_positive("tol", tol)
-    least_wall = None if least_wall is None else as_not_negative("least_wall", least_wall)
-    least_gap = None if least_gap is None else as_not_negative("least_gap", least_gap)
-    if d is None:
-        d = 1e-3 * float(np.linalg.norm(np.diff(lattice.through.bounds, axis=0)))
+    size = float(np.linalg.norm(np.diff(lattice.through.bounds, axis=0)))
+    for name, least in (("least_wall", least_wall), ("least_gap", least_gap)):
+        if least is not None and as_not_negative(name, least) > size:
+            raise InputError(f"{name} must be at most the size {size:.4g} of the part, got {least}")
+    d = 1e-3 * size if d is None else d
     sides = as_thickness(d, lattice)
     if sides.unchanged and relative_density is None:
         from ilattice.offsets.solid import solid_wall

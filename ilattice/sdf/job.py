@@ -194,6 +194,7 @@ def _swept(
     digests = _Digests()
     rows: list[dict[str, Any]] = []
     with Table(settings.table, list(settings.sweep), MEASURES) as table:
+        table.check_files({str(path): values for path, values in runs.items()}, told)
         for output, values in track(list(runs.items()), "sweep", progress):
             inputs = digests(command.files(values))
             known = table.find(values, told, inputs, __version__)
@@ -279,8 +280,16 @@ class _Digests:
             return "none"  # the run says so
         state = (found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns)
         if path not in self._known or self._known[path][0] != state:
-            self._known[path] = (state, digest(path))
+            self._known[path] = (state, _readable(path))
         return self._known[path][1]
+
+
+def _readable(path: str) -> str:
+    """Digest of a file; of one that cannot be read the run says so."""
+    try:
+        return digest(path)
+    except FormatError:
+        return "none"
 
 
 def _how(settings: Settings) -> list[str]:
@@ -341,4 +350,6 @@ def _sweep(tokens: Sequence[Token]) -> dict[str, tuple[str, ...]]:
         if name in (*MEASURES, *KEPT):
             raise InputError(f"--set at {token}: {name!r} is a column of the table; rename it")
         sweep[name] = tuple(v.strip() for v in values.split(","))
+        if not all(sweep[name]):
+            raise InputError(f"--set at {token}: there is nothing between two commas; give a value")
     return sweep

@@ -22,7 +22,7 @@ import numpy as np
 
 from ilattice import fields
 from ilattice._typing import FloatArray
-from ilattice._validate import FixedMapping, near_names
+from ilattice._validate import FixedMapping, as_flag, near_names
 from ilattice.errors import FileError, InputError
 from ilattice.fields.equation import CONSTANTS, FUNCTIONS, VARIABLES, has_coordinates
 from ilattice.fields.node import Node
@@ -283,7 +283,7 @@ class _Machine:
                 self.numbers[name] = fields.constant(text)
             except InputError:
                 continue
-        self.strict = strict
+        self.strict = as_flag("strict", strict)
         self.stack: list[Node] = []
         self.meshes: dict[str, Node] = {}
 
@@ -374,7 +374,7 @@ class _Machine:
             from ilattice.mesh import load
             from ilattice.sdf.mesh_distance import MeshDistance
 
-            if not os.path.isfile(path):
+            if not os.path.exists(path):
                 raise FileError(f"{token}: there is no file {path!r:.80}")
             self.meshes[path] = fields.from_callable(MeshDistance(load(path), strict=self.strict))
         return self.meshes[path]

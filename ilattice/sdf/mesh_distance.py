@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
-from ilattice._validate import Frozen, as_array, as_points, read_only
+from ilattice._validate import Frozen, among, as_array, as_flag, as_points, read_only
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.mesh import SurfaceMesh
 from ilattice.sdf import _kernels_bvh as kernels
@@ -166,7 +166,7 @@ class MeshDistance(Frozen):
         self._plant(corners)
         self._faults = self._examine()
         self._turn = -1 if self._volume < 0.0 and not self._faults else 1
-        self._judge(strict)
+        self._judge(as_flag("strict", strict))
         if not self._faults:
             self._prepare_normals()
         self._sealed = True
@@ -319,7 +319,7 @@ class MeshDistance(Frozen):
         tuple of array
             Value (n,), gradient (n, 3), Hessian (n, 3, 3): the first ``order + 1`` of them.
         """
-        if order not in (0, 1, 2):
+        if not among(order, (0, 1, 2)):
             raise InputError(f"order must be 0, 1 or 2, got {order!r:.80}")
         points = as_points("p", p)
         found = self._search(points)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
-from ilattice._validate import as_array
+from ilattice._validate import as_array, asked
 from ilattice.bspline import BSpline
 from ilattice.errors import InputError, PrecisionWarning
 from ilattice.tiles.tile import Tile
@@ -187,7 +187,7 @@ class Blend:
         lo, hi = self.domain
         u = np.minimum(lo + p / np.array(self.repeat) * (hi - lo), hi)
         assert self.weight is not None
-        return normalized(self.weight(u), u, len(self.tiles))
+        return normalized(asked("weight", self.weight, u), u, len(self.tiles))
 
     def _part(self, number: int, cell: FloatArray, shares: FloatArray | None) -> FloatArray:
         """Part of a tile in the weight of cells."""

@@ -20,6 +20,7 @@ from ilattice._validate import (
     as_items,
     as_points,
     as_positive,
+    asked,
     read_only,
 )
 from ilattice.bspline import BSpline
@@ -59,6 +60,7 @@ class Polyline(Frozen):
     closed: bool = False
 
     def __post_init__(self) -> None:
+        _check_radius(self.radius)
         p = as_points("points", self.points)
         if as_flag("closed", self.closed) and len(p):
             p = np.concatenate([p, p[:1]])
@@ -96,6 +98,7 @@ class Arc(Frozen):
     radius: Any = None
 
     def __post_init__(self) -> None:
+        _check_radius(self.radius)
         for name in ("centre", "u", "v"):
             a = as_array(name, getattr(self, name), ndim=1)
             if a.shape != (3,):
@@ -151,6 +154,7 @@ class Patch(Frozen):
     radius: Any = None
 
     def __post_init__(self) -> None:
+        _check_radius(self.radius)
         p = as_points("corners", self.corners)
         if len(p) < 3:
             raise InputError(f"corners must be at least three points, got {len(p)}")
@@ -183,6 +187,7 @@ class Curve(Frozen):
     radius: Any = None
 
     def __post_init__(self) -> None:
+        _check_radius(self.radius)
         _check_spline(self.spline, 1, "a curve: one parameter")
 
 
@@ -208,6 +213,7 @@ class Surface(Frozen):
     radius: Any = None
 
     def __post_init__(self) -> None:
+        _check_radius(self.radius)
         _check_spline(self.spline, 2, "a surface: two parameters")
 
 
@@ -345,7 +351,7 @@ def _fitted(name: str, f: Callable[..., Any], domain: FloatArray) -> BSpline:
     nd = domain.shape[1]
 
     def values(t: FloatArray) -> FloatArray:
-        return as_array(name, f(t[:, 0] if nd == 1 else t))
+        return as_array(name, asked(name, f, t[:, 0] if nd == 1 else t))
 
     axes = [np.linspace(domain[0, i], domain[1, i], 17) for i in range(nd)]
     corners = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
@@ -358,6 +364,15 @@ def _fitted(name: str, f: Callable[..., Any], domain: FloatArray) -> BSpline:
         return fit(values, domain=domain, degree=3, spans=4, tol=RADIUS_TOL * sample.max())
     except ConvergenceError as e:
         raise InputError(f"{name} varies too roughly for a spline: {e}; give a BSpline") from e
+
+
+def _check_radius(radius: Any) -> None:
+    """Refuse what is no radius: of numbers, those that are not positive."""
+    if radius is None or callable(radius) or isinstance(radius, BSpline):
+        return
+    several = isinstance(radius, (list, tuple, np.ndarray)) and np.ndim(radius) > 0
+    for r in as_array("radius", radius, ndim=1) if several else [radius]:
+        as_positive("radius", r)
 
 
 def _check_spline(s: Any, nd: int, what: str) -> None:

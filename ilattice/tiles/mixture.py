@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
-from ilattice._validate import as_array, as_choice, as_points, as_positive
+from ilattice._validate import as_array, as_choice, as_not_negative, as_points, as_positive, asked
 from ilattice.errors import InputError
 from ilattice.tiles._joined import joined
 from ilattice.tiles._mixed import Blend, Component, MixedField, fitted
@@ -64,6 +64,16 @@ class Mixture:
     weight: Weight | None
     blend: float
     tol: float
+
+    def __post_init__(self) -> None:
+        if not (isinstance(self.tiles, tuple) and all(isinstance(t, Tile) for t in self.tiles)):
+            raise InputError(f"tiles must be a tuple of Tiles, got {self.tiles!r:.80}")
+        given = [f for f in (self.cells, self.weight) if f is not None]
+        if len(given) != 1 or not callable(given[0]):
+            raise InputError("either cells or weight must be a function, the other one None")
+        if as_not_negative("blend", self.blend) > 1.0:
+            raise InputError(f"blend must be at most 1, got {self.blend!r:.80}")
+        as_positive("tol", self.tol)
 
     @property
     def name(self) -> str:
@@ -361,7 +371,7 @@ def _given(cells: AnyArray, repeat: tuple[int, int, int]) -> AnyArray:
 def _called(choose: Callable[..., Any], repeat: tuple[int, int, int]) -> AnyArray:
     out = np.empty(repeat, dtype=object)
     for at in np.ndindex(*repeat):
-        out[at] = choose(*at)
+        out[at] = asked("cells", choose, *at)
     return out
 
 

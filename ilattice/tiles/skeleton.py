@@ -28,7 +28,16 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import ArrayLike, FloatArray
-from ilattice._validate import Frozen, as_array, as_points, as_positive, as_triple, read_only
+from ilattice._validate import (
+    Frozen,
+    among,
+    as_array,
+    as_items,
+    as_points,
+    as_positive,
+    as_triple,
+    read_only,
+)
 from ilattice.errors import GeometryError, InputError
 from ilattice.tiles._kernels_skeleton import skeleton_jets
 from ilattice.tiles._pieces import Piece, Tree, box_of, images, pieces_of, tree_of
@@ -124,7 +133,7 @@ class SkeletonField(Frozen):
         InputError
             If the points are not finite, or the order is unknown.
         """
-        if order not in (0, 1, 2):
+        if not among(order, (0, 1, 2)):
             raise InputError(f"order must be 0, 1 or 2, got {order!r}")
         p = as_points("u", u)
         f, *rest = self._evaluate(self._in_space(p), self._tree, order)
@@ -269,7 +278,7 @@ class SkeletonField(Frozen):
             try:
                 out += pieces_of(e, i if self.blend > 0.0 else 0, self.radius, self._outward, far)
             except InputError as error:
-                raise InputError(f"entities[{i}]: {error}") from None
+                raise InputError(f"entities[{i}]: {error}") from error
         return out
 
     @cached_property
@@ -329,7 +338,7 @@ class SkeletonField(Frozen):
 
 def _grid_points(axes: Iterable[ArrayLike]) -> tuple[FloatArray, tuple[int, ...]]:
     """Points of a tensor grid, and its shape."""
-    xyz = [as_array(f"axes[{i}]", a, ndim=1) for i, a in enumerate(axes)]
+    xyz = [as_array(f"axes[{i}]", a, ndim=1) for i, a in enumerate(as_items("axes", axes))]
     if len(xyz) != 3:
         raise InputError(f"axes must be three 1-D arrays, got {len(xyz)}")
     p = np.stack(np.meshgrid(*xyz, indexing="ij"), axis=-1).reshape(-1, 3)

@@ -20,8 +20,10 @@ from ilattice._validate import (
     as_array,
     as_flag,
     as_float_type,
+    as_items,
     as_points,
     as_positive,
+    asked,
     check_finite,
     read_only,
 )
@@ -168,7 +170,7 @@ class Tile:
     def __call__(self, u: ArrayLike, /) -> FloatArray:
         """Values, shape (n,), at points ``u`` (n, 3) of the unit cube."""
         points = as_points("u", u)
-        values = as_array(f"values of tile {self.name!r}", self.field(points), finite=False)
+        values = as_array(f"values of tile {self.name!r}", self._asked("", points), finite=False)
         if values.shape != (len(points),):
             raise InputError(
                 f"the field of tile {self.name!r} must return values of shape ({len(points)},) "
@@ -192,9 +194,8 @@ class Tile:
             Values (n,), gradients (n, 3), Hessians (n, 3, 3): the first ``order + 1``.
         """
         if not hasattr(self.field, "jet"):
-            out: tuple[FloatArray, ...] = self.kernel_field.jet(u, order)
-            return out
-        value, *rest = self.field.jet(u, order)
+            return self.kernel_field.jet(u, order)
+        value, *rest = self._asked("jet", as_points("u", u), order)
         return (value - self.level, *rest)
 
     def grid(self, axes: Iterable[ArrayLike], dtype: Any = np.float64) -> AnyArray:
@@ -218,11 +219,11 @@ class Tile:
             For axes that are not three 1-D arrays, or another type.
         """
         kind = as_float_type("dtype", dtype)
-        xyz = tuple(as_array(f"axes[{i}]", a, ndim=1) for i, a in enumerate(axes))
+        xyz = tuple(as_array(f"axes[{i}]", a, ndim=1) for i, a in enumerate(as_items("axes", axes)))
         if len(xyz) != 3:
             raise InputError(f"axes must be three 1-D arrays, got {len(xyz)}")
         if hasattr(self.field, "grid"):
-            return np.asarray(self.field.grid(xyz) - self.level, kind)
+            return np.asarray(self._asked("grid", xyz) - self.level, kind)
         out = np.empty(tuple(len(a) for a in xyz), kind)
         for i, x in enumerate(xyz[0]):
             plane = np.stack(np.meshgrid([x], xyz[1], xyz[2], indexing="ij"), axis=-1)
@@ -252,8 +253,7 @@ class Tile:
                 f"the field of tile {self.name!r} is a plain function without bounds; "
                 "tile.fit(tol=...) makes a spline tile that has them"
             )
-        bounds: FloatArray = self.field.range(lo, hi) - self.level
-        return bounds
+        return self._asked("range", as_points("lo", lo), as_points("hi", hi)) - self.level
 
     @cached_property
     def kernel_field(self) -> TrigField | BSpline:
@@ -307,8 +307,7 @@ class Tile:
         if isinstance(self.field, TrigField) and _repeats(self.field):
             return (True, True, True)
         if hasattr(self.field, "repeats"):
-            known: tuple[bool, bool, bool] = self.field.repeats
-            return known
+            return self.field.repeats
         x, y, z = (self._matches(axis) for axis in range(3))
         return (x, y, z)
 
@@ -436,6 +435,12 @@ class Tile:
     def _samples(self, n: int) -> AnyArray:
         a = (np.arange(n) + 0.37) / n
         return self.grid((a, a, a))
+
+    def _asked(self, method: str, *arguments: Any) -> Any:
+        """What the field returns, or one of its methods; errors name the tile."""
+        f = getattr(self.field, method) if method else self.field
+        told = f"{method} of the field" if method else "the field"
+        return asked(f"{told} of tile {self.name!r}", f, *arguments)
 
     def _check_zero_set(self) -> None:
         """Refuse a field that does not change sign on 24³, then on 64³ samples."""

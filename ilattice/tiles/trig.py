@@ -13,7 +13,15 @@ from typing import Any, Self
 import numpy as np
 
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
-from ilattice._validate import as_array, as_float_type, as_points, as_triple, read_only
+from ilattice._validate import (
+    among,
+    as_array,
+    as_float_type,
+    as_items,
+    as_points,
+    as_triple,
+    read_only,
+)
 from ilattice.errors import InputError
 from ilattice.fields.node import Node
 from ilattice.tiles import _terms
@@ -125,6 +133,8 @@ class TrigField:
             For text outside the notation, with the position.
         """
         triple = as_triple("period", period, positive=True)
+        if not isinstance(text, str):
+            raise InputError(f"text must be an equation, got {text!r:.80}")
         return cls._make(_terms.parse(text), triple)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -168,7 +178,7 @@ class TrigField:
         InputError
             For points of another shape or not finite, or another order.
         """
-        if order not in (0, 1, 2):
+        if not among(order, (0, 1, 2)):
             raise InputError(f"order must be 0, 1 or 2, got {order!r}")
         if order == 0:
             return (self(p),)
@@ -208,14 +218,19 @@ class TrigField:
         InputError
             For axes that are not three 1-D arrays, another type, or an `out` that does not fit.
         """
-        xyz = tuple(as_array(f"axes[{i}]", a, ndim=1) for i, a in enumerate(axes))
+        xyz = tuple(as_array(f"axes[{i}]", a, ndim=1) for i, a in enumerate(as_items("axes", axes)))
         if len(xyz) != 3:
             raise InputError(f"axes must be three 1-D arrays, got {len(xyz)}")
         kind = np.dtype(as_float_type("dtype", dtype))
         shape = tuple(len(a) for a in xyz)
         if out is None:
             out = np.empty(shape, kind)
-        elif out.shape != shape or out.dtype != kind or not out.flags.c_contiguous:
+        elif (
+            not isinstance(out, np.ndarray)
+            or out.shape != shape
+            or out.dtype != kind
+            or not out.flags.c_contiguous
+        ):
             raise InputError(f"out must be a C-contiguous {kind} array of shape {shape}")
         if self.linear is not None:
             for i, x in enumerate(xyz[0]):

@@ -34,7 +34,9 @@ def made(p, cells=4, through=None, closed=None, weight=0.1, field=ball, smoothne
     rule = cut.volume(p + 1)
     r = p - 1 if smoothness is None else smoothness
     space = SplineSpace(cut.grid, p, rule.cells, r)
-    faces = ghost_faces(cut, tuple(cut.faces(a, 1) for a in range(3)), rule.cells, weight, rule)
+    faces = ghost_faces(
+        cut.status, tuple(cut.faces(a, 1) for a in range(3)), rule.cells, weight, rule
+    )
     return cut, rule, Assembly(space, through, faces)
 
 
@@ -46,7 +48,7 @@ def matrix(asm, rule, kind, d=ONE, p=1.0, q=0.0, m=1):
 
 def ghosts(asm, m=1):
     data = asm.zeros(m)
-    asm.add_ghost(data, lambda _: np.ones(1))
+    asm.add_ghost(data, lambda *_: np.ones(1))
     return asm.pattern.matrix(data)
 
 
@@ -124,7 +126,7 @@ def test_ghost_penalty_is_that_of_the_naive_twin(p, r, enough):
     rule = cut.volume(2)
     space = SplineSpace(cut.grid, p, rule.cells, r)
     wet = tuple(cut.faces(a, 1) for a in range(3))
-    asm = Assembly(space, None, ghost_faces(cut, wet, rule.cells, 0.3, rule, enough))
+    asm = Assembly(space, None, ghost_faces(cut.status, wet, rule.cells, 0.3, rule, enough))
     c = np.random.default_rng(p).normal(size=len(space))
     total = 0.0
     x, w = np.polynomial.legendre.leggauss(p + 1)

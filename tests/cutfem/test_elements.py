@@ -141,3 +141,30 @@ def test_nodes_of_a_closed_grid_without_a_closed_map_stay_in_the_box(degree):
         report = problem.load(body=(0, 1.0, 0)).solve(method="multigrid").report
         steps[closed] = report.iterations
     assert steps[True] <= 1.5 * steps[False]
+
+
+def test_files_show_every_cell_once_and_foreign_rules_find_the_pieces(tmp_path):
+    rng = np.random.default_rng(11)
+    field = gap(rng, 0.7, 1)
+    problem = il.cutfem.Elasticity(field, GRID, density=3.0)
+    solution = problem.clamp("w=0").spring("w=1", 2.0).load(gravity=(0.3, 0, -1.0)).solve()
+    assert len(problem.domain.elements.several)
+    problem = solution.problem
+    tetrahedra = solution.to_pyvista(on="solid", scale=0.0)
+    sizes = tetrahedra.compute_cell_sizes()["Volume"]
+    assert np.abs(sizes).sum() == pytest.approx(problem.domain.volume.integrate(), rel=0.05)
+    solution.error_estimate().save(tmp_path / "a.vtu")
+    boxes = np.unique(GRID.home(problem.domain.elements.home(problem.assembly.space.cells)))
+    assert solution.to_pyvista(on="cells").n_cells == len(boxes)
+    rule = problem.domain.cut.volume(2)
+    stress = solution.stress_on(rule)
+    assert np.abs(stress).max() > 0.1
+    np.testing.assert_allclose(stress, solution.stress(rule.points), atol=1e-9)
+
+
+def test_rules_beside_what_is_held_are_refused():
+    problem = il.cutfem.Elasticity(gap(np.random.default_rng(2), 2.0, 0), GRID).clamp("w=0")
+    with pytest.warns(PrecisionWarning, match="left out"):
+        solution = problem.load(gravity=(0, 0, -1.0)).solve()
+    with pytest.raises(il.errors.InputError, match="cells without functions"):
+        solution.stress_on(problem.domain.cut.volume(2))

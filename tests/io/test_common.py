@@ -1,6 +1,7 @@
 import errno
 import os
 import stat
+import subprocess
 import sys
 
 import numpy as np
@@ -65,8 +66,12 @@ def test_a_real_write_error_leaves_the_old_file(tmp_path):
     old = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (1000, old[1]))
     try:
-        with pytest.raises(FormatError, match="disk is full"), atomic_write(path) as file:
+        with (
+            pytest.raises(FormatError, match=r"larger than files may be here.*ulimit -f") as caught,
+            atomic_write(path) as file,
+        ):
             file.write(b"x" * 100_000)
+        assert "disk is full" not in str(caught.value)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, old)
     assert path.read_text() == "old"
@@ -184,3 +189,24 @@ def test_numbers(tokens, result):
     found = parse_numbers(tokens)
     assert np.array_equal(found, result)
     assert isinstance(found, int) == isinstance(result, int)
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/stdout"), reason="needs /dev/stdout")
+@pytest.mark.parametrize("stream", ["/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"])
+def test_what_a_stream_was_sent_to_is_continued(tmp_path, stream):
+    """The file of ``>> log`` was replaced by the report, and what it held was lost."""
+    program = (
+        "from ilattice.io._common import atomic_write\n"
+        "print('before')\n"
+        f"with atomic_write({stream!r}, text=True) as file:\n    file.write('report\\n')\n"
+        "print('after')\n"
+    )
+    log = tmp_path / "log.txt"
+    log.write_text("kept\n")
+    with log.open("a") as file:
+        subprocess.run(
+            [sys.executable, "-c", program], stdout=file, check=True, timeout=100,
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        )  # fmt: skip
+    assert log.read_text() == "kept\nbefore\nreport\nafter\n"
+    assert os.listdir(tmp_path) == ["log.txt"]

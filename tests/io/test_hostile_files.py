@@ -300,6 +300,16 @@ def test_memory_is_in_proportion_to_the_file(tmp_path, name, monkeypatch):
     assert cost(path)[1] < 20 * len(text) + 4e6
 
 
+def test_wide_letters_do_not_add_to_many_numbers(tmp_path):
+    """One letter outside of the basic plane makes all letters of a text four bytes wide."""
+    text = json.dumps(LINE | {"names": ["\U0001f600"]}, ensure_ascii=False)
+    text = text[:-1] + ', "control_points": [' + "0," * 1_000_000 + "0]}"
+    (tmp_path / "a.json").write_text(text, encoding="utf-8")
+    found, peak, _ = cost(tmp_path / "a.json")
+    assert isinstance(found, FormatError)
+    assert peak < 18 * len(text)
+
+
 # --- damaged at random ----------------------------------------------------------------------------
 
 

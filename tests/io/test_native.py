@@ -154,3 +154,47 @@ def test_an_archive_that_expands_out_of_proportion(tmp_path):
         splines.load(path)
     assert tracemalloc.get_traced_memory()[1] < 5e6
     tracemalloc.stop()
+
+
+WRONG = {
+    "format": ['"mesh"', "1"],
+    "version": ["2", "true"],
+    "index_order": ['"wvu"'],
+    "degrees": ["[2, 2]", "[2, 2, 1.5]", "[99, 2, 1]", '"x"'],
+    "periodic": ["[false]", "3"],
+    "names": ['["r"]', '"r"', "[1]"],
+    "control_points": ["[[1], [2, 3]]", '["a"]', "[]", "[1, 2, NaN]", "[-Infinity]", "[1e300]"],
+    "weights": ["[-1]", '"w"', "[[1], 2]"],
+    "knot_vectors": ["[]", "[[0, 0, 1], [2], [1, 0]]", '[["a"], [0], [1]]'],
+}
+
+
+@pytest.mark.parametrize(("key", "value"), [(k, v) for k, values in WRONG.items() for v in values])
+def test_errors_in_json_name_the_line(tmp_path, content, key, value):
+    rng = np.random.default_rng(len(value) + 7 * len(key))
+    keys = list(content)
+    rng.shuffle(keys)
+    lines = ["{"]
+    where = 0
+    for name in keys:
+        lines += [""] * int(rng.integers(0, 4))
+        lines.append(f'"{name}" : {value if name == key else json.dumps(content[name])},')
+        where = len(lines) if name == key else where
+    lines[-1] = lines[-1][:-1]
+    (tmp_path / "a.json").write_text("\n".join([*lines, "}"]))
+    with pytest.raises(FormatError, match=f"a.json, line {where}: "):
+        splines.list_patches(tmp_path / "a.json")
+
+
+@pytest.mark.parametrize("bad", ["[" * 5000, '{"a":' * 5000, "1" * 5000])
+def test_what_no_reader_of_json_can_take_has_a_line(tmp_path, bad):
+    (tmp_path / "a.json").write_text(f'{{\n\n"a": [1, {{}}, [2]],\n"b": {bad}')
+    with pytest.raises(FormatError, match=r"a.json, line 4"):
+        splines.list_patches(tmp_path / "a.json")
+
+
+def test_a_key_that_is_missing_has_the_line_of_the_object(tmp_path, content):
+    del content["weights"], content["degrees"]
+    (tmp_path / "a.json").write_text(json.dumps(content))
+    with pytest.raises(FormatError, match=r"a\.json, line 1: key 'degrees'"):
+        splines.list_patches(tmp_path / "a.json")

@@ -198,9 +198,11 @@ def test_sweeps_fill_a_table_and_go_on_after_an_interruption(tmp_path, monkeypat
 
 def test_a_sweep_of_other_slices_makes_them_anew(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    for thickness, layers in ((0.5, 4), (0.25, 8)):
-        job.run(f"sphere scale a --set a=1 --slices {thickness} -s 0.2 -o a.svg")
-        assert (tmp_path / "a_a=1.svg").read_text().count("<g ") == layers
+    for thickness, layers, name in ((0.5, 4, "a"), (0.25, 8, "b")):
+        job.run(f"sphere scale a --set a=1 --slices {thickness} -s 0.2 -o {name}.svg --table t.csv")
+        assert (tmp_path / f"{name}_a=1.svg").read_text().count("<g ") == layers
+    with pytest.raises(InputError, match="is the file of another row"):
+        job.run("sphere scale a --set a=1 --slices 0.1 -s 0.2 -o b.svg --table t.csv")
 
 
 def test_failures_of_a_sweep_are_rows_of_the_table(tmp_path, monkeypatch):

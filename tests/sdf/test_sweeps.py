@@ -57,6 +57,8 @@ def test_tables_of_others_are_left_alone(here, content, option):
     [
         ("--set t=1/4,1*4", "'t=1/4' and 't=1\\*4' would both write"),
         ("--set t=0.1,0.2,0.1", "would both write 'a_t=0.1.ply'"),
+        ("--set t=0.1,,0.2", "there is nothing between two commas"),
+        ("--set t=0.1,", "there is nothing between two commas"),
         ("--set t=1 --set s=2", "'s' stands for a value"),
         ("--set t=1 --set volume=1,2", "'volume' is a column of the table"),
         ("--set t=1 --set command=1", "'command' is a column of the table"),
@@ -74,6 +76,60 @@ def test_what_would_be_lost_is_refused_before_any_work(here, words, message):
     with pytest.raises(InputError, match=message):
         job.run(f"sphere dilate {'t' if 't=' in words else '1'} -s 0.5 -o a.ply {words}")
     assert [p.name for p in here.iterdir()] == ["b"]
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        ("sphere dilate t -s 0.5 --set t=0,0.1", "box dilate t -s 0.5 --set t=0.1"),
+        ("sphere dilate t -s 0.5 --set t=0,0.1", "sphere dilate t -s 0.4 --set t=0.2,0.1"),
+        ("sphere dilate t -s 0.5 --set t=1/4", "sphere dilate t -s 0.5 --set t=1*4"),
+    ],
+)
+@pytest.mark.parametrize("way", ["", "./b/../"])
+def test_meshes_of_other_rows_are_not_overwritten(here, first, second, way):
+    (here / "b").mkdir()
+    job.run(f"{first} -o a.ply --table t.csv")
+    before = {p.name: p.read_bytes() for p in here.iterdir() if p.is_file()}
+    with pytest.raises(InputError, match=r"is the file of another row of 't\.csv'.*choose another"):
+        job.run(f"{second} -o {way}a.ply --table t.csv")
+    assert {p.name: p.read_bytes() for p in here.iterdir() if p.is_file()} == before
+    job.run(f"{second} -o c.ply --table t.csv")
+    for path in here.glob("a_*"):
+        path.unlink()
+    job.run(f"{second} -o a.ply --table t.csv")  # nothing to lose any more
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs limits of the file size")
+def test_a_table_that_outgrows_a_limit_says_so_and_stays_whole(here):
+    import resource
+
+    job.run(f"{SWEEP} --set t=0,0.1")
+    before = (here / "a.csv").read_bytes()
+    old = resource.getrlimit(resource.RLIMIT_FSIZE)
+    with Table("a.csv", ["t"], job.MEASURES) as table:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (len(before) + 10, old[1]))
+        try:
+            with pytest.raises(FormatError, match=r"larger than files may be here"):
+                table.append({"t": "0.5", "command": "c"})
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, old)
+        assert (here / "a.csv").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    "words", ["p.stl -s 0.5", "@p.stl", "part --set part=p.stl", "p.stl t --set t=box"]
+)
+def test_pipes_are_no_input_and_are_called_so(here, words, capsys):
+    os.mkfifo(here / "p.stl")
+    assert cli.main(["sdf", *words.split()]) == 1
+    assert "is not a regular file" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("words", [[""], ["box", ""], ["", "-s", "0.5"], [" "]])
+def test_empty_words_are_an_error(words, capsys):
+    assert cli.main(["sdf", *words]) == 2
+    assert "neither a name nor a file" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("words", ["-o a.ply --report part.stl", "-o part_t=1.stl --report a.json"])

@@ -1,0 +1,157 @@
+"""Two phases held together where they meet, by Nitsche's method.
+
+Symmetric, with tractions that are weighed by the stiffness of the other phase, so that neither
+a hard nor a soft inclusion spoils the condition of the matrix (Burman and Zunino, 2006), and the
+penalty 10 p² / h of `weak`, of what these weights leave of the stiffness. Slivers need the ghost
+penalty, which phased problems always have.
+
+Guarantees: consistent and symmetric; a jump of the stiffness of any size changes no order.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ilattice._typing import FloatArray, IntArray
+from ilattice.cutfem import _kernels_basis as basis
+from ilattice.cutfem._kernels_surface import seam_blocks
+from ilattice.cutfem.assembly import BATCH_BYTES, Assembly
+from ilattice.cutfem.conditions import Load
+from ilattice.cutfem.rules import Quadrature
+from ilattice.cutfem.space import IDENTITY
+from ilattice.cutfem.weak import NITSCHE, cell_heights
+
+if TYPE_CHECKING:
+    from ilattice.cutfem.elasticity import Elasticity
+    from ilattice.cutfem.heat import Heat
+
+#: Takes the number of a side, its rows and gradients (n, nb, 3); returns tractions (n, m, nb, m).
+Tractions = Callable[[int, slice, FloatArray], FloatArray]
+
+
+def add_elastic(data: FloatArray, problem: "Elasticity") -> None:
+    """Add what couples the phases of an elastic solid to blocks."""
+    asm, rule, u = _surface(problem.assembly)
+    lame = [
+        np.stack([np.broadcast_to(v, len(u)) for v in material.lame(asm, u)])
+        for material in problem.material.phases
+    ]
+    share = shares(*(lam + 2.0 * mu for lam, mu in lame))
+    n = rule.normals
+    assert n is not None
+    scale = 2.0 * NITSCHE * asm.space.degree**2 / cell_heights(asm, rule)
+    lam, mu = scale * sum(s * s * v for s, v in zip(share, lame, strict=True))
+    nn = n[:, :, None] * n[:, None, :]
+    Q = 2.0 * mu[:, None, None] * np.eye(3) + lam[:, None, None] * nn
+
+    def tractions(side: int, rows: slice, D: FloatArray) -> FloatArray:
+        lam, mu = (share[side] * lame[side])[:, rows]
+        normal = n[rows]
+        T = lam[:, None, None, None] * normal[:, :, None, None] * D[:, None]
+        T += mu[:, None, None, None] * np.einsum("qbi,qj->qibj", D, normal)
+        along = mu[:, None] * np.einsum("qbk,qk->qb", D, normal)
+        for i in range(3):
+            T[:, i, :, i] += along
+        return T
+
+    _add(data, asm, Q, tractions)
+
+
+def add_heat(data: FloatArray, problem: "Heat") -> None:
+    """Add what couples the phases of a conductor to blocks."""
+    asm, rule, u = _surface(problem.assembly)
+    k = [np.broadcast_to(s.at(asm, u), len(u)) for s in problem.conductivity.phases]
+    share, n = shares(*k), rule.normals
+    assert n is not None
+    scale = 2.0 * NITSCHE * asm.space.degree**2 / cell_heights(asm, rule)
+    Q = scale * sum(s * s * v for s, v in zip(share, k, strict=True))
+
+    def fluxes(side: int, rows: slice, D: FloatArray) -> FloatArray:
+        weighed = (share[side] * k[side])[rows, None] * n[rows]
+        return np.einsum("qbk,qk->qb", D, weighed)[:, None, :, None]
+
+    _add(data, asm, Q[:, None, None], fluxes)
+
+
+def thermal_force(problem: "Elasticity", load: Load) -> FloatArray:
+    """Coefficients (functions, 3) of what the mean traction of hindered expansion adds."""
+    asm, rule, u = _surface(problem.assembly)
+    assert rule.normals is not None
+    materials = problem.material.phases
+    share = shares(*(lam + 2.0 * mu for lam, mu in (m.lame(asm, u) for m in materials)))
+    stress = np.zeros(len(u))
+    for part, m in zip(share, materials, strict=True):
+        lam, mu = m.lame(asm, u)
+        stress = stress + part * (3 * lam + 2 * mu) * problem.expansion_of(m, load, u)
+    f = (rule.weights * stress)[:, None] * rule.normals
+    return asm.vector(upper(rule), f) - asm.vector(rule, f)
+
+
+def shares(first: FloatArray, second: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Weights of the tractions of two phases of some stiffness."""
+    return second / (first + second), first / (first + second)
+
+
+def upper(rule: Quadrature) -> Quadrature:
+    """A rule on a seam by the elements of the second phase."""
+    assert rule.neighbours is not None
+    assert rule.parameters is not None
+    u, grid = rule.parameters.copy(), rule.grid
+    box = grid.boxes(rule.neighbours)[rule.owners]
+    for a in np.flatnonzero(grid.closed):  # the cell may be on the other side of the end
+        period = grid.axes[a][-1] - grid.axes[a][0]
+        middle = box[:, a] + 0.5 * box[:, 3 + a]
+        u[:, a] -= period * np.rint((u[:, a] - middle) / period)
+    return replace(rule, cells=rule.neighbours, neighbours=None, parameters=u)
+
+
+def _surface(asm: Assembly) -> tuple[Assembly, Quadrature, FloatArray]:
+    """The seam of an assembly, and its points in parameters."""
+    assert asm.seam is not None
+    assert asm.seam.parameters is not None
+    return asm, asm.seam, asm.seam.parameters
+
+
+def _add(data: FloatArray, asm: Assembly, Q: FloatArray, tractions: Tractions) -> None:
+    """Add w ([N] Q [N] - [N] mean t(N) - its transpose), where [N] is low minus high."""
+    rule, m = asm.seam, Q.shape[1]
+    assert rule is not None
+    both = (rule, upper(rule))
+    nb = asm.space.dofs.shape[1]
+    for pairs, rows in _batches(rule, (2 * m * nb) ** 2):
+        N, T = [], []
+        for side, at in enumerate(asm.sides):
+            values, D = _functions(asm, both[side], at[rule.owners[rows]], rows)
+            N.append(values if side == 0 else -values)
+            T.append(tractions(side, rows, D))
+        A = np.empty((pairs.stop - pairs.start, 2 * m * nb, 2 * m * nb))
+        seam_blocks(
+            rule.offsets[pairs.start : pairs.stop + 1] - rows.start, rule.weights[rows],
+            np.concatenate(N, axis=1), np.concatenate(T, axis=2), Q[rows], A,
+        )  # fmt: skip
+        asm.add_pairs(data, pairs.start, A)
+
+
+def _batches(rule: Quadrature, entries: int) -> Iterator[tuple[slice, slice]]:
+    """Slices of pairs and of their points."""
+    size = max(BATCH_BYTES // (8 * entries), 8)
+    for i in range(0, len(rule.cells), size):
+        stop = min(i + size, len(rule.cells))
+        yield slice(i, stop), slice(int(rule.offsets[i]), int(rule.offsets[stop]))
+
+
+def _functions(
+    asm: Assembly, rule: Quadrature, at: IntArray, rows: slice
+) -> tuple[FloatArray, FloatArray]:
+    """Values (n, nb) and gradients in space (n, nb, 3) of the functions of the element of each."""
+    assert rule.parameters is not None
+    space, u = asm.space, rule.parameters[rows]
+    n, nb = len(u), asm.space.dofs.shape[1]
+    N, D = np.empty((n, nb, 1)), np.empty((n, nb, 3))
+    where = (*space._tables, space.places[at], space.boxes[at], np.arange(n + 1), u)
+    basis.vectors(*where, IDENTITY, np.ones((n, 1)), np.zeros((0, 1, 3)), N)
+    unit = np.ascontiguousarray(np.broadcast_to(np.eye(3), (n, 3, 3)))
+    basis.vectors(*where, asm.jacobians(u), np.zeros((0, 3)), unit, D)
+    return N[:, :, 0], D
