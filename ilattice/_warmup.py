@@ -110,7 +110,7 @@ def solids() -> None:
         il.Lattice(tile, through=box).offset((np.inf, 0.05)).mesh(0.2, allow_loss=True)
     torus = il.macroshape.torus(major=0.8, width=0.6)
     il.Lattice(il.tiles.get("gyroid"), through=torus).offset(0.1, space="parametric").mesh(
-        0.3, allow_loss=True
+        0.1, allow_loss=True
     )
     il.tiles.get("gyroid").jet(np.random.default_rng(0).random((5000, 3)), 2)  # in parallel
     quartic = il.SplineMap(box.spline.elevate(0, 3).elevate(1, 3).elevate(2, 3))
