@@ -100,7 +100,7 @@ def table(q: int, want: int, order: int) -> FloatArray:
 
 
 class Rows:
-    """Arrays that grow, to about what the part that is done lets expect."""
+    """Arrays that grow, to about what the part that is done lets expect, at most twofold."""
 
     def __init__(self, wide: bool) -> None:
         self.count = 0
@@ -112,13 +112,13 @@ class Rows:
             np.empty(0, np.int8),
         ]
 
-    def append(self, arena: FloatArray, used: IntArray, done: float) -> None:
+    def append(self, arena: FloatArray, room: IntArray, used: IntArray, done: float) -> None:
         """Add the rows of all chunks; `done` is the part of the boxes that they complete."""
         starts = self.count + np.cumsum(used) - used
         self.count += int(used.sum())
         if self.count > len(self.arrays[1]):
-            self._resize(int(1.03 * self.count / done) + 1)
-        kernels.gather(arena, starts, used, *self.arrays)
+            self._resize(min(int(1.03 * self.count / done) + 1, 2 * self.count))
+        kernels.gather(arena, room, starts, used, *self.arrays)
 
     def finish(self) -> None:
         """Give back what is too much."""
@@ -135,28 +135,29 @@ def filled(pieces: Any, listing: Listing, want: int, q: int, accept: int) -> tup
     boxes, which = listing.boxes, listing.which
     rows = Rows(want == SURFACE)
     counts = np.zeros(len(boxes), np.int64)
-    room = kernels.CHUNK * 3 * q**3
     numbers = table(q, want, pieces.order)
     width = 8 if want == SURFACE else 4
-    chunks = -(-BATCH // kernels.CHUNK)
-    arena = np.empty((chunks, room, width))
-    none = np.empty((chunks, 0, 12 - width))
+    usual = np.arange(-(-BATCH // kernels.CHUNK) + 1) * (kernels.CHUNK * 3 * q**3)
+    arena, none = np.empty((usual[-1], width)), np.empty((0, 12 - width))
     for i in range(0, len(boxes), BATCH):
         part = slice(i, min(i + BATCH, len(boxes)))
         local = which[part].copy()
         content = pieces.content(listing.rows[local[local >= 0]])
         local[local >= 0] = np.arange(len(content.tensors))
         used = np.zeros(-(-(part.stop - i) // kernels.CHUNK), np.int64)
+        room = usual
         while True:
             volume, surface = (none, arena) if want == SURFACE else (arena, none)
             kernels.rules(
                 content.tensors, content.many, content.tables, content.names, local, boxes[part],
                 listing.sides[part], numbers, int(pieces.project), accept, want, q, pieces.lengths,
-                volume, surface, counts[part], used,
+                volume, surface, room, counts[part], used,
             )  # fmt: skip
-            if used.max(initial=0) <= arena.shape[1]:
+            if (used <= np.diff(room)[: len(used)]).all():
                 break
-            arena = np.empty((chunks, int(used.max()), width))
-        rows.append(arena, used, part.stop / len(boxes))
+            room = np.append(0, np.cumsum(used))  # no more than there are
+            if room[-1] > len(arena):
+                arena = np.empty((room[-1], width))
+        rows.append(arena, room, used, part.stop / len(boxes))
     rows.finish()
     return rows, counts

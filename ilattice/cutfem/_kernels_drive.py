@@ -277,6 +277,7 @@ def rules(
     L: Any,
     volume: Any,
     surface: Any,
+    room: Any,
     counts: Any,
     used: Any,
 ) -> None:
@@ -286,17 +287,17 @@ def rules(
     a row count, `tables` say which of their signs are solid, and names (., m) number them on
     surfaces. With `project` crossings of curves are looked for on bases of all boxes, which takes
     some more points than halving them where curves are nearly parallel. sides[n] is -1 for the box
-    itself, or 2 axis + side for one of its faces. Chunk i writes rows of volume[i] (rows, 4) and
-    surface[i] (rows, 8); used[i] says how many it has, or would have; counts (n,) are those of
-    each box.
+    itself, or 2 axis + side for one of its faces. Chunk i writes rows room[i] to room[i + 1] of
+    volume (rows, 4) or of surface (rows, 8); used[i] says how many it has, or would have; counts
+    (n,) are those of each box.
     """
     size = tensors.shape[2]
     for chunk in prange((len(boxes) + CHUNK - 1) // CHUNK):
         Z = np.empty(numbers(tensors.shape[1], L))
         N = np.zeros(INTEGERS, np.int64)
         N[PROJECT] = project
-        points = volume[chunk]
-        feet = surface[chunk]
+        points = volume[room[chunk] : room[chunk + 1]]
+        feet = surface[room[chunk] : room[chunk + 1]]
         for i in range(len(gauss)):
             Z[i] = gauss[i]
         for n in range(chunk * CHUNK, min(len(boxes), (chunk + 1) * CHUNK)):
@@ -326,17 +327,19 @@ def rules(
 
 @njit(cache=True, error_model="numpy", parallel=True)
 def gather(
-    arena: Any, starts: Any, used: Any, points: Any, weights: Any, normals: Any, sets: Any
-) -> None:
+    arena: Any, room: Any, starts: Any, used: Any, points: Any, weights: Any, normals: Any,
+    sets: Any,
+) -> None:  # fmt: skip
     """Copy the rows of all chunks to where they belong; normals and sets of surfaces only."""
-    wide = arena.shape[2] > 4
+    wide = arena.shape[1] > 4
     for chunk in prange(len(used)):
         for i in range(used[chunk]):
             row = starts[chunk] + i
+            mine = room[chunk] + i
             for j in range(3):
-                points[row, j] = arena[chunk, i, j]
-            weights[row] = arena[chunk, i, 3]
+                points[row, j] = arena[mine, j]
+            weights[row] = arena[mine, 3]
             if wide:
                 for j in range(3):
-                    normals[row, j] = arena[chunk, i, 4 + j]
-                sets[row] = int(arena[chunk, i, 7])
+                    normals[row, j] = arena[mine, 4 + j]
+                sets[row] = int(arena[mine, 7])

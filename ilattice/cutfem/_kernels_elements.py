@@ -99,11 +99,20 @@ def reduced(c: Any, m: int, size: int, tol: Any, table: int, which: Any) -> Any:
 
 
 @njit(**FAST)
-def all_negative(table: int, which: Any, n: int) -> bool:
-    """Whether a table asks for negative signs of n polynomials."""
+def signs_asked(table: int, which: Any, n: int, out: Any) -> bool:
+    """Factors out (n,), 1 or -1, with which a table asks for negative signs of n polynomials.
+
+    False if it does not ask for one sign of each.
+    """
     wanted = -1
     for i in range(n):
-        wanted &= ~LOW[which[i]]
+        low = LOW[which[i]]
+        if table & low == 0:
+            out[i] = 1.0
+            wanted &= ~low
+        else:
+            out[i] = -1.0
+            wanted &= low
     return bool(wanted == table)
 
 
@@ -116,21 +125,26 @@ def sort_of(c: Any, m: int, P: int, tol: Any, table: int) -> int:
     table, n = reduced(c, m, size, tol, table, which)
     if n == 0:
         return FULL if table else EMPTY
-    if not all_negative(table, which, n):
+    factor = np.empty(n)
+    if not signs_asked(table, which, n, factor):
         return UNSURE
+    mine = np.empty((n, size))
+    eps = np.empty(n)
+    for i in range(n):
+        mine[i] = factor[i] * c[which[i]]
+        eps[i] = tol[which[i]]
+        which[i] = i
     sense = np.empty(n, np.int64)
     for axis in range(dim):
         step = P ** (dim - 1 - axis)
-        if senses(c, which, n, size, step, P, tol, sense):
+        if senses(mine, which, n, size, step, P, eps, sense):
             face = np.empty((n, P ** (dim - 1)))
-            eps = np.empty(n)
             for i in range(n):
-                eps[i] = tol[which[i]]
                 side = 0 if sense[i] > 0 else P - 1
                 at = 0
                 for j in range(size):
                     if (j // step) % P == side:
-                        face[i, at] = c[which[i], j]
+                        face[i, at] = mine[i, j]
                         at += 1
             found = sort_of_face(face, n, dim - 1, P, eps)
             if found != UNSURE:

@@ -262,6 +262,17 @@ class Assembly(Frozen):
         for at, A in self.ghost.matrices(self.space, self.jacobians, stiffness, BATCH_BYTES):
             self.pattern.add(data, kernels.SCALAR, first + at, A, 1.0, 0.0)
 
+    def ghost_energy(self, c: FloatArray, stiffness: Stiffness) -> float:
+        """Twice the energy that the penalty on jumps takes of coefficients (functions, m)."""
+        if self.ghost is None:
+            return 0.0
+        dofs = np.concatenate(self.ghost.dofs(self.space))
+        total = 0.0
+        for at, A in self.ghost.matrices(self.space, self.jacobians, stiffness, BATCH_BYTES):
+            near = c[dofs[at]]
+            total += float((near * (A @ near)).sum())
+        return total
+
     def vector(
         self, rule: Quadrature, f: FloatArray | None, P: FloatArray | None = None
     ) -> FloatArray:

@@ -414,20 +414,7 @@ class Elasticity(Problem):
         return f
 
     def ghost_stiffness(self, u: FloatArray, elements: IntArray) -> FloatArray:
-        """Stiffness that scales the penalty on jumps.
-
-        Parameters
-        ----------
-        u : ndarray, shape (n, 3)
-            Parameters.
-        elements : ndarray, shape (n,)
-            Elements at whose faces they are.
-
-        Returns
-        -------
-        ndarray, shape (n,) or (1,)
-            2 μ.
-        """
+        """2 μ; see `Problem.ghost_stiffness`."""
         return 2.0 * self.domain.by_phase(
             [m.lame(self.assembly, u)[1] for m in self.material.phases], elements
         )

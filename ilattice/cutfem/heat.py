@@ -287,15 +287,15 @@ class Heat(Problem):
                 d = k[:, None] * np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
                 asm.add_cells(data, part, kernels.TENSOR, d)
         warn_of_jump("conductivity", jump)
-        asm.add_ghost(data, self._ghost_conductivity)
+        asm.add_ghost(data, self.ghost_stiffness)
         for support in self.in_the_mean:
             self._add_surface(data, support)
         if asm.seam is not None:
             coupling.add_heat(data, self)
         return asm.pattern.matrix(data)
 
-    def _ghost_conductivity(self, u: FloatArray, elements: IntArray) -> FloatArray:
-        """Conductivity (n,) that scales the penalty on jumps."""
+    def ghost_stiffness(self, u: FloatArray, elements: IntArray) -> FloatArray:
+        """Conductivity; see `Problem.ghost_stiffness`."""
         k = [s.at(self.assembly, u) for s in self.conductivity.phases]
         return self.domain.by_phase(k, elements)
 

@@ -238,6 +238,23 @@ class Problem:
     def _from_supports(self) -> FloatArray:
         raise NotImplementedError
 
+    def ghost_stiffness(self, u: FloatArray, elements: IntArray) -> FloatArray:
+        """Stiffness that scales the penalty on jumps.
+
+        Parameters
+        ----------
+        u : ndarray, shape (n, 3)
+            Parameters.
+        elements : ndarray, shape (n,)
+            Elements at whose faces they are.
+
+        Returns
+        -------
+        ndarray, shape (n,) or (1,)
+            2 μ, or the conductivity.
+        """
+        raise NotImplementedError
+
     def _motions(self, x: FloatArray) -> FloatArray:
         """Motions (n, m, k) without energy at points of space."""
         raise NotImplementedError
@@ -364,7 +381,10 @@ class Problem:
             out[con.nodes] = solver.multiply(v[con.nodes].ravel()).reshape(-1, self.m)
             return np.where(con.fixed, 0.0, out)
 
-        return discretization.relative_error(levels, multiply, diagonal, c, con.fixed, energy)
+        jumps = self.assembly.ghost_energy(c, self.ghost_stiffness)
+        return discretization.relative_error(
+            levels, multiply, diagonal, c, con.fixed, energy, jumps
+        )
 
     def _solid_energy(self, c: FloatArray) -> float:
         """Twice the energy of the solid alone, without springs and supports."""

@@ -186,6 +186,37 @@ def test_twice_as_many_cells_change_no_more_than_twice_the_estimate(seed):
     assert abs(fine / coarse - 1.0) <= 2.0 * error
 
 
+@pytest.mark.parametrize(("p", "r"), [(2, 1), (2, 0), (3, 2)])
+def test_what_the_penalty_on_jumps_takes_is_in_the_estimate(p, r):
+    rng = np.random.default_rng([p, r])
+    n, m = rng.standard_normal((2, 3))
+    problems = {}
+    for how in ("ghost", "none"):
+        made = Elasticity(
+            lambda u: np.abs(u @ n / np.linalg.norm(n)) - 0.3, 5, domain=BOX, degree=p,
+            smoothness=r, young=3e4, stabilization=how,
+        )  # fmt: skip
+        problems[how] = made.clamp(place(lambda u: np.abs(u @ n) - 0.3)).load(body=m)
+    problem = problems["ghost"]
+    c = solved(problem)
+    energy = float(c.ravel() @ (problem.matrix @ c.ravel()))
+    jumps = energy - float(c.ravel() @ (problems["none"].matrix @ c.ravel()))
+    assert jumps > 1e-4 * energy
+    found = problem.assembly.ghost_energy(c, problem.ghost_stiffness)
+    np.testing.assert_allclose(found, jumps, rtol=1e-6)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PrecisionWarning)
+        report = problem.solve(tol=1e-10).report
+    con, full = problem.constraints, problem.matrix
+
+    def multiply(v):
+        return np.where(con.fixed, 0.0, (full @ v.ravel()).reshape(v.shape))
+
+    coarse = levels(problem.assembly.space)
+    rest = relative_error(coarse, multiply, full.diagonal().reshape(c.shape), c, con.fixed, energy)
+    np.testing.assert_allclose(report.discretization_error, rest + jumps / energy, rtol=1e-4)
+
+
 def place(body):
     """An end face that the body meets."""
     t = np.linspace(-1, 1, 21)

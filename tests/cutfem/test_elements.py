@@ -8,6 +8,7 @@ import pytest
 from scipy import ndimage
 
 import ilattice as il
+from ilattice.cutfem import _kernels_elements as kernels
 from ilattice.cutfem.elements import elements_of
 from ilattice.errors import PrecisionWarning
 
@@ -69,6 +70,26 @@ def test_a_second_column_beside_it_changes_neither_modes_nor_buckling():
     for found in (modes, factors):
         known = np.sort(np.concatenate([found["low"], found["high"]]))[: len(found["both"])]
         np.testing.assert_allclose(found["both"], known, rtol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_bounds_decide_of_a_solid_does_not_depend_on_signs(seed):
+    rng = np.random.default_rng([13, seed])
+    slope = rng.standard_normal((2, 3)) + 2.0
+    t = np.stack(np.meshgrid(*[np.linspace(0, 1, 4)] * 3, indexing="ij"), -1).reshape(-1, 3)
+    c = t @ slope.T
+    c = (c - c.mean(axis=0) + 0.1 * rng.standard_normal(2)).T.copy()  # linear: the coefficients
+    tol = kernels.tolerances(c)
+
+    def sort(c, signs):
+        """With solid where polynomial k is negative if bit k is set, positive if not."""
+        table = sum(1 << b for b in range(64) if b % 4 == signs)
+        return kernels.sort_of(c, 2, 4, tol, table - (table >> 63 << 64))
+
+    sorts = [sort(c, signs) for signs in range(4)]
+    flipped = [sort(c * [[1 - 2 * (1 - i % 2)], [1 - 2 * (1 - i // 2)]], 3) for i in range(4)]
+    assert sorts == flipped
+    assert kernels.SINGLE in sorts
 
 
 @pytest.mark.parametrize("seed", range(6))
