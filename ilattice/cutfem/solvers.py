@@ -35,13 +35,15 @@ from ilattice._validate import (
     check_finite,
     read_only,
 )
-from ilattice.cutfem._engines import ENGINES, choose
+from ilattice.cutfem._engines import ENGINES, LARGEST, choose, factor_size
 from ilattice.cutfem._krylov import Run, conjugate_gradients
 from ilattice.cutfem.multigrid import Blocks
 from ilattice.errors import ConvergenceError, InputError
 
 #: Largest part of |x| |K y| by which x K y and y K x may differ.
 ASYMMETRY = 1e-9
+#: Steps that are allowed from which on a factor takes over where they are not enough.
+MANY = 100
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +98,8 @@ class Solver:
         rigid motions of `places` for m = 3, or constants per component.
     method : str
         "multigrid" (our own), "pyamg", "pardiso" (each needs its extra, ``fem`` or ``pardiso``),
-        "superlu", or "auto": by the predicted size of a factor.
+        "superlu", or "auto": by the predicted size of a factor, which also takes over where
+        multigrid has not converged.
     places : array_like, shape (n / m, 3), optional
         Nodes in space: for the rigid motions, for messages, and for multigrid to see where cells
         are stretched.
@@ -130,6 +133,7 @@ class Solver:
         self._blocks = Blocks(self._K.indptr, self._K.indices, self._K.data, n // self._m)
         _check_symmetric(self.multiply, n)
         self._method = choose(self._K) if method == "auto" else method
+        self._replaceable = method == "auto" and self._method == "multigrid"
         self._engine, self._bytes = ENGINES[self._method](self._K, modes, self._places)
         self._setup_seconds = time.perf_counter() - start
 
@@ -229,8 +233,18 @@ class Solver:
     def _run(self, b: FloatArray, tol: float, steps: int, progress: Progress) -> Run:
         run = conjugate_gradients(self.multiply, self._engine, b, tol, steps, progress)
         if run.trouble or not run.residual <= tol:
+            if self._replaceable and steps >= MANY and factor_size(self._K) <= LARGEST:
+                self._replace()
+                return self._run(b, tol, steps, progress)
             raise ConvergenceError(self._complaint(run, tol))
         return run
+
+    def _replace(self) -> None:
+        """Take a factor from now on, in place of multigrid that does not converge."""
+        start = time.perf_counter()
+        self._method, self._replaceable = "superlu", False
+        self._engine, self._bytes = ENGINES["superlu"](self._K, np.zeros((0, 0)), self._places)
+        self._setup_seconds += time.perf_counter() - start
 
     def _complaint(self, run: Run, tol: float) -> str:
         node = int(np.argmax(np.abs(run.x))) // self._m

@@ -8,7 +8,7 @@ from scipy.sparse.linalg import splu, spsolve
 
 import ilattice as il
 from benchmarks.systems import cross, modes, sheet, solid, system
-from ilattice.cutfem import Elasticity
+from ilattice.cutfem import Elasticity, _engines, solvers
 from ilattice.cutfem._engines import factor_size
 from ilattice.cutfem.solvers import Solver, rigid_modes
 from ilattice.errors import ConvergenceError, InputError
@@ -204,6 +204,19 @@ def test_automatic_choice():
     assert Solver(small.K).method in ("superlu", "pardiso")
     large = system(solid, (24, 24, 24), per_tile=8, fixed="z0")
     assert Solver(large.K, near_nullspace=large.modes).method == "multigrid"
+
+
+def test_a_factor_takes_over_where_multigrid_does_not_converge(struts, monkeypatch):
+    K, b = struts.K, struts.f
+    monkeypatch.setitem(_engines.ENGINES, "multigrid", lambda *_: (lambda r: r.copy(), 0))
+    monkeypatch.setattr(solvers, "choose", lambda K: "multigrid")
+    solver = Solver(K, places=struts.places)
+    x, report = solver.solve(b, max_iterations=solvers.MANY)
+    assert report.method == solver.method == "superlu"
+    assert np.linalg.norm(b - K @ x) <= 1e-8 * np.linalg.norm(b)
+    for method, steps in (("multigrid", 200), ("auto", solvers.MANY - 1)):
+        with pytest.raises(ConvergenceError, match="multigrid stopped"):
+            Solver(K, method=method).solve(b, max_iterations=steps)
 
 
 def test_too_few_iterations_are_an_error_with_a_place(struts):
