@@ -35,6 +35,9 @@ WARNED = 0.02
 #: Least factor by which the square of the error is taken to fall on half the cells: that of the
 #: edges of a body (order two thirds); four, that of order one, is what smooth solutions reach.
 LEAST = 2.5
+#: Part of the energy that cells four times as long may miss: from more than that it cannot be seen
+#: how fast the error falls.
+SEEN = 0.3
 #: Steps towards the best approximation, in the energy, and, before, in the mean square of nodes.
 STEPS, FIRST = 8, 40
 DIGITS = 1e-7
@@ -117,13 +120,14 @@ def relative_error(
     """
     if not levels:
         return float("nan")
-    lost = [_distance(level, multiply, diagonal, c, fixed) for level in levels]
+    whole = max(energy, 1e-300)
+    lost = [min(_distance(level, multiply, diagonal, c, fixed), whole) for level in levels]
     free = np.where(fixed, 0.0, diagonal)
     noise = ROUNDING * (free * (c - c.mean(axis=0)) ** 2).sum() + SOLVED * (free * c * c).sum()
     if lost[0] + jumps <= noise:
         return 0.0
     factor = LEAST
-    if len(lost) == 2 and lost[0] > 0.0:
+    if len(lost) == 2 and 0.0 < lost[0] and lost[1] < SEEN * whole:
         factor = max((lost[1] - lost[0]) / lost[0], LEAST)
     return (lost[0] / (factor - 1.0) + jumps) / max(energy, FEW * noise)
 

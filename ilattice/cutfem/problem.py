@@ -17,6 +17,7 @@ from ilattice._progress import Progress
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import Frozen, among, as_choice, read_only
 from ilattice.cutfem import discretization
+from ilattice.cutfem.discretization import Product
 from ilattice.cutfem._engines import ENGINES
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.conditions import Load, Spring, Support, as_mask, as_place, as_value
@@ -346,21 +347,25 @@ class Problem:
             system.b, tol=tol, max_iterations=max_iterations, progress=progress
         )
         c = system.constraints.expand(x.reshape(-1, self.m))
-        if system.constraints.values.any() or self.in_the_mean:
-            energy = self._solid_energy(c)
-        else:
-            energy = float(x @ solver.multiply(x))
-        error = self.discretization_error(solver, c, energy)
+        error = self.discretization_error(solver.multiply, c, self._energy_of(solver.multiply, c))
         discretization.warn(error, self.energy_name, self.assembly.space)
         return c, replace(report, discretization_error=error)
 
-    def discretization_error(self, solver: Solver, c: FloatArray, energy: float) -> float:
+    def _energy_of(self, product: Product, c: FloatArray) -> float:
+        """What errors are relative to: twice the energy of a solution."""
+        con = self.constraints
+        if con.values.any() or self.in_the_mean:
+            return self._solid_energy(c)
+        x = c[con.nodes].ravel()
+        return float(x @ product(x))
+
+    def discretization_error(self, product: Product, c: FloatArray, energy: float) -> float:
         """Estimated part of an energy by which it is off because of the cells.
 
         Parameters
         ----------
-        solver : Solver
-            Of the system, for its products.
+        product : callable
+            Product of the matrix of `system` with a vector.
         c : ndarray, shape (functions, m)
             A solution, or the shape of a mode.
         energy : float
@@ -378,7 +383,7 @@ class Problem:
 
         def multiply(v: FloatArray) -> FloatArray:
             out = np.zeros_like(v)
-            out[con.nodes] = solver.multiply(v[con.nodes].ravel()).reshape(-1, self.m)
+            out[con.nodes] = product(v[con.nodes].ravel()).reshape(-1, self.m)
             return np.where(con.fixed, 0.0, out)
 
         jumps = self.assembly.ghost_energy(c, self.ghost_stiffness)

@@ -6,7 +6,7 @@ import pytest
 
 import ilattice as il
 from ilattice.cutfem import Elasticity, Heat
-from ilattice.errors import InputError
+from ilattice.errors import InputError, PrecisionWarning
 
 CUBE = [[0.0] * 3, [1.0] * 3]
 SHELL = (lambda u: (u**2).sum(axis=1) - 4, lambda u: 1 - (u**2).sum(axis=1))
@@ -33,6 +33,7 @@ def test_the_hollow_sphere():
     assert sum(solution.inflow.values()) == pytest.approx(0, abs=1e-8)
 
 
+@pytest.mark.filterwarnings("ignore:the cells are too coarse")
 @pytest.mark.parametrize(
     ("p", "r", "cells", "caps"),
     [
@@ -77,6 +78,7 @@ def test_what_enters_leaves():
     assert sum(solution.inflow.values()) == pytest.approx(-into, abs=1e-9)
 
 
+@pytest.mark.filterwarnings("ignore:the cells are too coarse")
 @pytest.mark.parametrize(("theta", "order"), [(1.0, 1), (0.5, 2)])
 def test_a_mode_decays_at_its_rate(theta, order):
     wave = lambda x: np.cos(np.pi * x[:, 2])  # noqa: E731
@@ -91,6 +93,7 @@ def test_a_mode_decays_at_its_rate(theta, order):
     assert errors[-1] < 0.1 * decay
 
 
+@pytest.mark.filterwarnings("ignore:the cells are too coarse")
 @pytest.mark.parametrize("theta", [1.0, 0.5])
 def test_what_enters_in_a_step_is_stored(theta):
     """Through a fixed end, weakly held and convective ones, with a source and a flux."""
@@ -174,3 +177,14 @@ def test_bad_heat_problems_are_refused():
     ):
         with pytest.raises(InputError, match=message):
             call()
+
+
+def test_the_cells_of_a_transient_are_judged_at_its_first_and_last_step():
+    rod = il.cutfem.Heat(lambda u: -np.ones(len(u)), (3, 3, 6), domain=[[0] * 3, [1, 1, 3]])
+    with pytest.warns(PrecisionWarning, match="by it, at one time or more is off by"):
+        history = rod.fix("w=0", 1.0).fix("w=1", 0.0).evolve(0.04, steps=4)
+    errors = [s.report.discretization_error for s in history[1:]]
+    assert errors[0] > errors[-1] > 1e-3  # the front is a fifth of a cell wide at first
+    assert np.isnan(errors[1:-1]).all()
+    slow = rod.fix("w=0", 1.0).fix("w=1", 0.0).evolve(400.0, steps=4)
+    assert slow[-1].report.discretization_error < 1e-8  # linear
