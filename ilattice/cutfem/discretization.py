@@ -127,7 +127,7 @@ def relative_error(
     if lost[0] + jumps <= noise:
         return 0.0
     factor = LEAST
-    if len(lost) == 2 and 0.0 < lost[0] and lost[1] < SEEN * whole:
+    if len(lost) == 2 and lost[0] > 0.0 and lost[1] < SEEN * whole:
         factor = max((lost[1] - lost[0]) / lost[0], LEAST)
     return (lost[0] / (factor - 1.0) + jumps) / max(energy, FEW * noise)
 

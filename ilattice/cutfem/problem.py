@@ -17,11 +17,11 @@ from ilattice._progress import Progress
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import Frozen, among, as_choice, read_only
 from ilattice.cutfem import discretization
-from ilattice.cutfem.discretization import Product
 from ilattice.cutfem._engines import ENGINES
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.conditions import Load, Spring, Support, as_mask, as_place, as_value
 from ilattice.cutfem.constraints import Constraints, constraints
+from ilattice.cutfem.discretization import Product
 from ilattice.cutfem.domain import Domain
 from ilattice.cutfem.rules import NAMES
 from ilattice.cutfem.solvers import Solver, SolveReport

@@ -209,7 +209,7 @@ def test_automatic_choice():
 def test_a_factor_takes_over_where_multigrid_does_not_converge(struts, monkeypatch):
     K, b = struts.K, struts.f
     monkeypatch.setitem(_engines.ENGINES, "multigrid", lambda *_: (lambda r: r.copy(), 0))
-    monkeypatch.setattr(solvers, "choose", lambda K: "multigrid")
+    monkeypatch.setattr(solvers, "choose", lambda _: "multigrid")
     solver = Solver(K, places=struts.places)
     x, report = solver.solve(b, max_iterations=solvers.MANY)
     assert report.method == solver.method == "superlu"
