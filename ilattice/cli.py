@@ -125,7 +125,7 @@ def _add_demo(app: "App") -> None:
     Length = Annotated[float, Parameter(name="--h")]
 
     @app.command
-    def demo(*, out: Path = Path("ilattice-demo"), h: Length = 0.05) -> None:
+    def demo(*, out: str = "ilattice-demo", h: Length = 0.05) -> None:
         """Build the Schwarz-P lattice in a torus: meshes, a picture and a report.
 
         Parameters

@@ -21,9 +21,10 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from ilattice._memory import need
 from ilattice._progress import Progress, track
 from ilattice._typing import FloatArray, IntArray
-from ilattice._validate import as_choice, as_positive
+from ilattice._validate import as_choice, as_kind, as_positive, as_whole
 from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem import coupling
 from ilattice.cutfem._kernels_surface import surface_scalars
@@ -37,6 +38,9 @@ from ilattice.cutfem.rules import Quadrature, on_cells
 from ilattice.cutfem.solvers import Solver
 from ilattice.cutfem.weak import NITSCHE, cell_heights
 from ilattice.errors import InputError
+
+#: Bytes of a solution besides its coefficients, and the largest number of steps in time.
+PER_STEP, MOST_STEPS = 1000, 10**9
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -247,10 +251,13 @@ class Heat(Problem):
         ConvergenceError
             If the tolerance is not reached.
         """
-        dt = as_positive("duration", duration) / as_steps(steps)
+        steps, theta = as_steps(steps), as_positive("theta", theta)
+        dt = as_positive("duration", duration) / steps
         if not 0.5 <= theta <= 1.0:
-            raise InputError(f"theta must be from 1/2 to 1, got {theta!r}")
+            raise InputError(f"theta must be from 1/2 to 1, got {theta:g}")
         asm, con = self.assembly, self.constraints
+        size = float(con.values.nbytes + PER_STEP)
+        need(size * steps, f"{steps} steps of {size:.3g} bytes each", "use fewer steps")
         M, K = self._capacity, self.matrix
         data = M.data + theta * dt * K.data
         A = asm.pattern.matrix(data)
@@ -261,7 +268,7 @@ class Heat(Problem):
         c = np.where(con.fixed, con.values, self._initial(initial))
         f = (self.forces() + self._from_supports()).ravel()
         out = [HeatSolution(self, c, None, time=0.0)]
-        for n in track(range(1, int(steps) + 1), "evolve", progress):
+        for n in track(range(1, steps + 1), "evolve", progress):
             old = c.ravel()
             b = M @ old - (1.0 - theta) * dt * (K @ old) + dt * f - A @ con.values.ravel()
             b = con.restrict(b[:, None]).ravel()
@@ -269,7 +276,7 @@ class Heat(Problem):
             if b.any():
                 x, report = solver.solve(b, tol=tol, max_iterations=max_iterations)
             c = con.expand(x[:, None])
-            step = Step(out[-1].coefficients, dt, float(theta))
+            step = Step(out[-1].coefficients, dt, theta)
             out.append(HeatSolution(self, c, report, time=n * dt, step=step))
         return HeatHistory(tuple(out))
 
@@ -312,7 +319,9 @@ class Heat(Problem):
         c = asm.space.interpolate(lambda u: values_at("initial", value, asm.x(u), 1))
         return c.reshape(-1, 1)[asm.space.functions]
 
-    def surface_terms(self, support: Spring | Support) -> tuple[Quadrature, FloatArray, FloatArray]:
+    def _surface_terms(
+        self, support: Spring | Support
+    ) -> tuple[Quadrature, FloatArray, FloatArray]:
         """Rule in space, transfer Q (n,) and conductivity of fluxes (n,) of a weak condition.
 
         Parameters
@@ -336,7 +345,7 @@ class Heat(Problem):
 
     def _add_surface(self, data: FloatArray, support: Spring | Support) -> None:
         asm = self.assembly
-        rule, Q, k = self.surface_terms(support)
+        rule, Q, k = self._surface_terms(support)
         assert rule.parameters is not None
         assert rule.normals is not None
         size = asm.space.dofs.shape[1]
@@ -353,7 +362,7 @@ class Heat(Problem):
     def _from_supports(self) -> FloatArray:
         f = np.zeros((len(self.assembly.space), 1))
         for support in self.in_the_mean:
-            rule, Q, k = self.surface_terms(support)
+            rule, Q, k = self._surface_terms(support)
             g = values_at("value", support.value, rule.points, 1)[:, 0]
             w = rule.weights * g
             assert rule.normals is not None
@@ -393,10 +402,10 @@ class Heat(Problem):
         InputError
             At the start of `evolve`.
         """
-        c, stored = self._balance(solution)
+        c, stored = self._balance(self._own(as_kind("solution", solution, "HeatSolution")))
         out = {on: float(r[0]) for on, r in self._strong_reactions(c, stored).items()}
         for support in self.in_the_mean:
-            rule, Q, k = self.surface_terms(support)
+            rule, Q, k = self._surface_terms(support)
             assert rule.normals is not None
             g = values_at("value", support.value, rule.points, 1)[:, 0]
             total = 0.0
@@ -420,6 +429,4 @@ class Heat(Problem):
 
 def as_steps(steps: Any) -> int:
     """A whole number of at least 1, or `InputError`."""
-    if isinstance(steps, bool) or not isinstance(steps, int | np.integer) or steps < 1:
-        raise InputError(f"steps must be a whole number of at least 1, got {steps!r}")
-    return int(steps)
+    return as_whole("steps", steps, 1, MOST_STEPS)

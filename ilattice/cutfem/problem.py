@@ -9,7 +9,7 @@ the same, matrices. A solve that does not reach its tolerance raises.
 import warnings
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Self, TypeVar
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from ilattice.cutfem.rules import NAMES
 from ilattice.cutfem.solvers import Solver, SolveReport
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 
+R = TypeVar("R", bound=Any)
 ISLANDS = ("drop", "refuse")
 #: A motion is free if its share in what is held is below this.
 FREE = 1e-10
@@ -130,7 +131,7 @@ class Problem:
 
     def _loaded(self, kind: str, value: Any, m: int, on: str = "") -> Self:
         value = value if hasattr(value, "evaluate") else as_value(kind, value, m)
-        if on:
+        if not isinstance(on, str) or on:
             self.domain.boundary(as_place(on))
         return self._with(loads=(*self.loads, Load(kind, value, on)))
 
@@ -138,6 +139,16 @@ class Problem:
     def in_the_mean(self) -> tuple[Spring | Support, ...]:
         """Springs and weak supports: what is added to the matrix."""
         return (*self.springs, *(s for s in self.supports if s.weak))
+
+    def _own(self, solution: R) -> R:
+        """A solution that has the functions of this problem, or `InputError`."""
+        found, wanted = solution.coefficients.shape, (len(self.assembly.space), self.m)
+        if found != wanted:
+            raise InputError(
+                f"solution must be one of this problem, with coefficients of shape {wanted}, got "
+                f"{found}"
+            )
+        return solution
 
     # ---------------------------------------------------------------- parts
 
@@ -333,11 +344,11 @@ class Problem:
             energy = self._solid_energy(c)
         else:
             energy = float(x @ solver.multiply(x))
-        error = self.discretization_error(solver, c, energy)
+        error = self._discretization_error(solver, c, energy)
         discretization.warn(error, self.energy_name, self.assembly.space)
         return c, replace(report, discretization_error=error)
 
-    def discretization_error(self, solver: Solver, c: FloatArray, energy: float) -> float:
+    def _discretization_error(self, solver: Solver, c: FloatArray, energy: float) -> float:
         """Estimated part of an energy by which it is off because of the cells.
 
         Parameters

@@ -164,6 +164,14 @@ def atomic_write(path: str | os.PathLike[str], *, text: bool = False) -> Iterato
         yield file
 
 
+def replace(made: Path, path: str | os.PathLike[str]) -> None:
+    """Give a file that is on the disk its final name, and the permissions of the one before."""
+    target = _target(path)
+    with explained(target):
+        _set_mode(target, str(made))
+        os.replace(made, target)
+
+
 def write_report(path: str | os.PathLike[str], data: dict[str, Any]) -> None:
     """Write plain data as JSON, whole or not at all."""
     with atomic_write(path, text=True) as file:
