@@ -94,6 +94,8 @@ def own(sense):
     }  # fmt: skip
 
 
+#: Methods that work for seconds where arguments make sense, draw, or are those of tuples.
+SLOW = {"topology", "topology_sweep", "plot", "screenshot", "index", "count"}
 BALL = [[-1.0] * 3, [1.0] * 3]
 
 
@@ -139,7 +141,7 @@ def methods(thing):
     names = [n for n in dir(type(thing)) if not n.startswith("_") or n == "__call__"]
     kinds = {n: inspect.getattr_static(type(thing), n) for n in names}
     found = {n: getattr(thing, n) for n, k in kinds.items() if is_method(k)}
-    return {n: f for n, f in found.items() if n not in {"plot", "screenshot", "index", "count"}}
+    return {n: f for n, f in found.items() if n not in SLOW}
 
 
 def is_method(kind):
