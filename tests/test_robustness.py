@@ -76,6 +76,7 @@ def test_whoever_reads_may_stop_reading(words):
           "--thickness", "0.1", "--layer", "0.1", "-o", "a.cli"], 1),
         (["sdf", "missing.stl", "--set", "t=1", "-o", "a.stl"], 2),
         (["demo", "--out", "/proc/no"], 1),
+        (["demo", "--out", ""], 2),
         (["sdf", "a\x07\x1b[31m.stl"], 1),
         (["info", "a\x07\nb.xml"], 1),
         (["build", "--tile", "gyroid", "--map", "box", "--repeat", "1", "1", "1",

@@ -220,8 +220,9 @@ def _temporary(target: Path) -> Iterator[Path]:
     It is locked while the block runs. Those that are not belong to processes that were killed, and
     are removed first.
     """
-    start, end = f".{target.stem[:40]}.tmp", target.suffix[:40]
-    left = re.compile(re.escape(start) + "[a-z0-9_]{8}" + re.escape(end))
+    start, end = _hidden(target)
+    mark = "[a-z0-9_]{8}"  # of files that were to become hidden ones there are two
+    left = re.compile(rf"\.?{re.escape(start)}{mark}(?:\.tmp{mark})?{re.escape(end)}")
     for name in os.listdir(target.parent):
         if left.fullmatch(name):
             _remove_unlocked(target.parent / name)
@@ -241,6 +242,29 @@ def _temporary(target: Path) -> Iterator[Path]:
             os.unlink(name)  # unless it has become the target
         if locked:
             os.close(handle)
+
+
+def _hidden(target: Path) -> tuple[str, str]:
+    """How hidden names of a file begin and end, with eight letters in between."""
+    return f".{target.stem[:40]}.tmp", target.suffix[:40]
+
+
+def hidden_name(path: str | os.PathLike[str], mark: str) -> Path:
+    """Name, with a mark of eight letters, for a file that is to become `path` by `replace`."""
+    target = _target(path)
+    start, end = _hidden(target)
+    return target.with_name(f"{start}{mark}{end}")
+
+
+@contextmanager
+def held(path: Path) -> Iterator[None]:
+    """Keep a hidden file, while the block runs, from being removed as one of a killed process."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        _lock(handle, wait=True)
+        yield
+    finally:
+        os.close(handle)
 
 
 def _lock(handle: int, *, wait: bool) -> bool:

@@ -40,7 +40,14 @@ from pathlib import Path
 from typing import IO, Any, NoReturn
 
 from ilattice.errors import FileError, FormatError, printable
-from ilattice.io._common import atomic_write, explained, read_bytes, replace
+from ilattice.io._common import (
+    atomic_write,
+    explained,
+    held,
+    hidden_name,
+    read_bytes,
+    replace,
+)
 
 __all__ = ["KEPT", "Table", "digest"]
 
@@ -171,12 +178,11 @@ class Table:
         ------
         Path
             A name in the same directory with the same suffix, and the same whenever the run is
-            repeated. What is there at the end of the block is removed.
+            repeated. What is there at the end of the block is removed; what a killed process has
+            left, by the next save of that file.
         """
-        target = Path(os.path.realpath(path))
-        mark = hashlib.sha256(os.fsencode(f"{os.path.realpath(self.path)}\0{target.name}"))
-        name = f".{target.stem[:40]}.{mark.hexdigest()[:12]}{target.suffix}"
-        hidden = target.with_name(name)
+        mark = hashlib.sha256(os.fsencode(os.path.realpath(self.path))).hexdigest()
+        hidden = hidden_name(path, mark[:8])
         try:
             yield hidden
         finally:
@@ -203,11 +209,14 @@ class Table:
         FormatError
             If it cannot be written, or another program has written that file in the meantime.
         """
-        whole = {**row, "output": digest(made) if row["file"] else ""}
-        if row["file"]:
+        if not row["file"]:
+            whole = {**row, "output": ""}
+            self.append(whole)
+            return whole
+        with explained(made), held(made):
+            whole = {**row, "output": digest(made)}
             self.check_files({row["file"]: row}, row["command"])
-        self.append(whole)
-        if row["file"]:
+            self.append(whole)
             replace(made, row["file"])
         return whole
 
