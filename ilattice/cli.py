@@ -94,6 +94,8 @@ def _warn(message: Warning | str, *_: Any, **__: Any) -> None:
 
 
 def _tell(kind: str, message: str) -> None:
+    if sys.stderr is None:  # closed; print would take the output instead
+        return
     with suppress(BrokenPipeError):
         print(f"ilattice: {kind}:", shortened(" ".join(message.split())), file=sys.stderr)
 

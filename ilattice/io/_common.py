@@ -207,8 +207,9 @@ def _copied_to(number: int, suffix: str) -> Iterator[Path]:
         temporary = Path(folder) / f"stream{suffix}"
         temporary.touch()
         yield temporary
-        sys.stdout.flush()
-        sys.stderr.flush()
+        for stream in (sys.stdout, sys.stderr):
+            if stream is not None:  # as it is where it was closed
+                stream.flush()
         with open(temporary, "rb") as file, open(os.dup(number), "ab") as out:
             shutil.copyfileobj(file, out)
 

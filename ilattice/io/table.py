@@ -125,7 +125,7 @@ class Table:
             The row, as text; None if there is none, if its file, its inputs or its version are
             others, or if its file is not the one that was written.
         """
-        row = self._rows.get(self._key({**values, "command": printable(command)}))
+        row = self._rows.get(self._key({**values, "command": _written(command)}))
         if row is None or not row["file"] or (row["inputs"], row["version"]) != (inputs, version):
             return None
         if _real(row["file"]) != _real(path):
@@ -150,7 +150,7 @@ class Table:
             Naming the first file that is there, and whose it is.
         """
         for path, values in runs.items():
-            own = self._rows.get(self._key({**values, "command": printable(command)}))
+            own = self._rows.get(self._key({**values, "command": _written(command)}))
             row = self._owners.get(_real(path))
             # of a run that has failed nobody knows the file: it may be of an earlier success
             mine = row is own if row else own is not None and not own["file"]
@@ -248,7 +248,7 @@ class Table:
     # ------------------------------------------------------------------ inside
 
     def _key(self, row: Mapping[str, str]) -> tuple[str, ...]:
-        return (*(printable(row[name]) for name in self.parameters), row["command"])
+        return (*(_written(row[name]) for name in self.parameters), row["command"])
 
     def _take(self, row: dict[str, str]) -> None:
         """Let a row hold, in the place of an older one of its key."""
@@ -378,12 +378,19 @@ def digest(*paths: str | os.PathLike[str]) -> str:
 
 def _real(path: str | os.PathLike[str]) -> str:
     """Where a file is, with the letters that a table has for it."""
-    return printable(os.path.realpath(path))
+    return _written(os.path.realpath(path))
+
+
+def _written(text: str) -> str:
+    """A text as it stands in tables: in one line, and the same in every locale."""
+    with suppress(UnicodeEncodeError):  # names in UTF-8 that this process does not know as such
+        text = text.encode("utf-8", "surrogateescape").decode("utf-8", "surrogateescape")
+    return printable(text)
 
 
 def _line(values: Sequence[Any]) -> str:
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerow([printable(str(v)) for v in values])
+    csv.writer(text, lineterminator="\n").writerow([_written(str(v)) for v in values])
     return text.getvalue()
 
 

@@ -438,6 +438,22 @@ def test_names_of_files_need_not_be_text(here):
     assert all((here / row["file"]).stat().st_size for row in found["rows"])
 
 
+def test_tables_are_the_same_in_every_locale(here):
+    """Names in UTF-8 are bytes to a process that runs in the locale C."""
+    program = "import sys; from ilattice import cli; sys.exit(cli.main(sys.argv[1:]))"
+    words = ["sdf", "sphere", "dilate", "t", "-s", "0.5", "--set", "t=0", "-o", "ö.ply"]
+    path = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    plain = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    tables = []
+    for environment in (path | plain, path | {"PYTHONUTF8": "1"}):
+        command = [sys.executable, "-c", program, *words]
+        done = subprocess.run(command, env=environment, capture_output=True, timeout=300)
+        assert done.returncode == 0, done.stderr
+        tables.append((here / "\u00f6.csv").read_bytes())
+    assert tables[0] == tables[1]
+    assert "\u00f6_t=0.ply" in tables[0].decode()
+
+
 def test_a_run_does_not_write_over_its_input(here):
     job.run("sphere -s 0.5 -o in.stl")
     (here / "same.stl").symlink_to("in.stl")
