@@ -378,7 +378,10 @@ def digest(*paths: str | os.PathLike[str]) -> str:
 
 def _real(path: str | os.PathLike[str]) -> str:
     """Where a file is, with the letters that a table has for it."""
-    return _written(os.path.realpath(path))
+    name = os.fspath(path)
+    with suppress(UnicodeEncodeError):  # of a table, whose letters may be none of this locale
+        name = os.fsdecode(name.encode("utf-8", "surrogateescape"))
+    return _written(os.path.realpath(name))
 
 
 def _written(text: str) -> str:
