@@ -301,6 +301,8 @@ def demo(
     dict
         The report.
     """
+    if not isinstance(out, (str, os.PathLike)) or not os.fspath(out):
+        raise InputError(f"out must name a directory, got {out!r:.80}; '.' is this one")
     folder, h = Path(out), as_positive("h", h)
     try:
         folder.mkdir(parents=True, exist_ok=True)

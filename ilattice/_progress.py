@@ -44,7 +44,7 @@ def track(
         for done, item in enumerate(items, 1):
             yield item
             progress(label, done, count)
-    elif progress is True and sys.stderr.isatty():
+    elif progress is True and sys.stderr is not None and sys.stderr.isatty():
         yield from _bar(items, label, count)
     else:
         yield from items

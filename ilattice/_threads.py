@@ -11,6 +11,7 @@ processes forked after the first kernel on OpenMP (TBB and workqueue take that).
 """
 
 import ctypes
+import os
 import threading
 from contextlib import suppress
 from importlib import import_module
@@ -43,6 +44,10 @@ def take_turns() -> None:
             with lock:
                 launch(*arguments)
 
+        if hasattr(os, "register_at_fork"):  # a child must not wait for threads that it has not
+            os.register_at_fork(
+                before=lock.acquire, after_in_parent=lock.release, after_in_child=lock.release
+            )
         guarded = _LAUNCH(one_at_a_time)
         _kept.extend((guarded, launch))
         address = ctypes.cast(guarded, ctypes.c_void_p).value

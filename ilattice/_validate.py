@@ -11,7 +11,7 @@ import numpy as np
 
 from ilattice._compiling import watch
 from ilattice._threads import take_turns
-from ilattice._typing import ArrayLike, FloatArray
+from ilattice._typing import ArrayLike, FloatArray, IntArray
 from ilattice.errors import IlatticeError, InputError
 
 take_turns()  # every way to a kernel leads through here
@@ -104,6 +104,11 @@ def as_not_negative(name: str, value: Any, *, finite: bool = True) -> float:
     return _as_one(name, value, "one number, zero or more", lambda x: x >= 0, finite=finite)
 
 
+def as_real(name: str, value: Any, *, finite: bool = True) -> float:
+    """One number, finite unless told otherwise, never NaN."""
+    return _as_one(name, value, "one number", lambda x: x == x, finite=finite)
+
+
 def _as_one(
     name: str, value: Any, what: str, fits: Callable[[float], bool], *, finite: bool
 ) -> float:
@@ -175,12 +180,60 @@ def as_flag(name: str, value: Any) -> bool:
     return bool(value)
 
 
+def as_numbers(name: str, value: Any, count: int) -> IntArray:
+    """Numbers of things from 0 on, below their count, shape (n,)."""
+    whole = isinstance(value, np.ndarray) and value.dtype.kind in "iu" and value.ndim == 1
+    a = value
+    if not whole:
+        numbers = as_array(name, value, ndim=1)
+        if (numbers != np.rint(numbers)).any():
+            raise InputError(f"{name} must be whole numbers, got {value!r:.80}")
+        a = np.clip(numbers, -1, count).astype(np.int64)
+    if len(a) and (a.min() < 0 or a.max() >= count):
+        raise InputError(f"{name} must be whole numbers from 0 to {count - 1}, got {value!r:.80}")
+    found: IntArray = a
+    return found
+
+
+def as_rows(name: str, value: Any, count: int) -> IntArray:
+    """Numbers of rows, below their count, from numbers or from a mask."""
+    if not isinstance(value, np.ndarray) or value.dtype != np.bool_:
+        return as_numbers(name, value, count)
+    if value.shape != (count,):
+        raise InputError(f"{name} must be a mask of shape ({count},), got {value.shape}")
+    return np.flatnonzero(value)
+
+
+def as_index(name: str, value: Any) -> int:
+    """A whole number for the index of a sequence; too large ones are for Python to refuse."""
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)):
+        raise InputError(f"{name} must be a whole number or a slice, got {value!r:.80}")
+    return int(value)
+
+
+def as_texts(name: str, value: Any) -> dict[str, str]:
+    """Texts by their names, or `InputError`."""
+    known = isinstance(value, Mapping)
+    if not known or not all(isinstance(v, str) for item in value.items() for v in item):
+        raise InputError(f"{name} must be a mapping of names to texts, got {value!r:.80}")
+    return dict(value)
+
+
 def as_items(name: str, value: Any) -> list[Any]:
     """The items of a list, a tuple or an array."""
     listed = isinstance(value, Sequence) and not isinstance(value, (str, bytes))
     if not listed and not (isinstance(value, np.ndarray) and value.ndim):
         raise InputError(f"{name} must be a list, got {value!r:.80}")
     return list(value)
+
+
+def per_direction(name: str, value: Any, count: int) -> list[Any]:
+    """One value per direction; a single value is repeated."""
+    several = isinstance(value, (list, tuple)) or (isinstance(value, np.ndarray) and value.ndim)
+    values = list(value) if several else [value] * count
+    if len(values) != count:
+        raise InputError(f"{name} must be one value or {count}, got {value!r:.80}")
+    return values
 
 
 def as_float_type(name: str, value: Any) -> Any:

@@ -185,6 +185,10 @@ def analysis() -> None:
     modes = il.cutfem.natural_modes(heavy, 2)
     il.cutfem.buckling(solution, 1)
     heat = il.cutfem.Heat(wall, (16, 4, 4), conductivity=1.0).fix("w=0", 0.0).source(1.0)
+    warm = il.cutfem.Elasticity(wall, (16, 4, 4), expansion=1e-3).clamp("w=0")
+    warm.load(temperature=heat.solve()).solve()
+    two = il.cutfem.Elasticity(wall, (16, 4, 4), young=(1.0, 2.0), phases="x - 0.3").clamp("w=0")
+    two.load(gravity=(0.0, 0.0, -1.0)).solve()
     with tempfile.TemporaryDirectory() as folder:
         solution.save(Path(folder) / "surface.vtu")
         solution.save(Path(folder) / "solid.vtu", on="solid")

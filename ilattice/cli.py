@@ -94,6 +94,8 @@ def _warn(message: Warning | str, *_: Any, **__: Any) -> None:
 
 
 def _tell(kind: str, message: str) -> None:
+    if sys.stderr is None:  # closed; print would take the output instead
+        return
     with suppress(BrokenPipeError):
         print(f"ilattice: {kind}:", shortened(" ".join(message.split())), file=sys.stderr)
 
@@ -125,7 +127,7 @@ def _add_demo(app: "App") -> None:
     Length = Annotated[float, Parameter(name="--h")]
 
     @app.command
-    def demo(*, out: Path = Path("ilattice-demo"), h: Length = 0.05) -> None:
+    def demo(*, out: str = "ilattice-demo", h: Length = 0.05) -> None:
         """Build the Schwarz-P lattice in a torus: meshes, a picture and a report.
 
         Parameters

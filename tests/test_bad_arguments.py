@@ -94,6 +94,60 @@ def own(sense):
     }  # fmt: skip
 
 
+#: Methods that work for seconds where arguments make sense, draw, or are those of tuples.
+SLOW = {"topology", "topology_sweep", "plot", "screenshot", "index", "count"}
+BALL = [[-1.0] * 3, [1.0] * 3]
+
+
+def solids():
+    """A heated and an elastic ball on few cells, and what becomes of them."""
+    elastic = il.cutfem.Elasticity(
+        lambda u: (u**2).sum(axis=1) - 0.6, 4, domain=BALL, density=1.0, expansion=0.1
+    ).clamp("surface")
+    bent = elastic.load(body=(0, 0, 1), temperature=1.0)
+    heat = il.cutfem.Heat(elastic.domain, capacity=1.0).fix("surface", 0.0).source(1.0)
+    solution, warm = bent.solve(), heat.solve()
+    return [
+        bent, heat, solution, warm, solution.recovered(), warm.recovered(),
+        solution.error_estimate(), heat.evolve(1.0, steps=2), solution.at([[0.1, 0.2, 0.3]]),
+        il.cutfem.natural_modes(elastic, 2), il.cutfem.natural_modes(elastic, 1)[0],
+        bent.assembly.space, elastic.domain.cut, elastic.domain.cut.grid,
+        elastic.domain.cut.volume(2), elastic.domain.cut.surface(2),
+        il.cutfem.Solver(bent.system.K, method="superlu"),
+    ]  # fmt: skip
+
+
+def things(sense):
+    """Objects of public classes, of which the methods are called."""
+    mesh, wall, lattice, ball = (sense[name] for name in ("mesh", "wall", "lattice", "f"))
+    strut = il.tiles.Polyline([(0, 0.5, 0.5), (1, 0.5, 0.5)], radius=0.1)
+    search = il.offsets.ClosestPointSearch(lattice)
+    tile, stack = il.tiles.get("gyroid"), mesh.slices(thickness=0.3)
+    own = [
+        sense["spline"], sense["through"], il.macroshape.torus().with_extra(d=0.1), tile,
+        tile.field, il.Tile(lambda u: np.cos(2 * np.pi * u).sum(axis=1)), lattice, wall,
+        lattice.offset(0.1, space="parametric"), ball, il.sdf.parse("box gyroid shell 0.6"),
+        il.fields.from_callable(ball, bounds=BALL), il.tiles.mix("gyroid", "diamond", seed=1),
+        il.tiles.SkeletonField([strut]), il.tiles.sigmoid(0, [0.5], 0.2), mesh, stack, stack[2],
+        il.tiles.Arc((0.3, 0.5, 0.5), (0.2, 0, 0), (0, 0.2, 0)), il.sdf.MeshDistance(mesh),
+        il.sdf.Command.read("sphere dilate t"), il.sdf.plan(ball, 0.5), search,
+        search.query([[0.2, 0.3, 0.4]]), sense["through"].locate([[0.2, 0.3, 0.4]]),
+    ]  # fmt: skip
+    return own + solids()
+
+
+def methods(thing):
+    """Its public methods, by name."""
+    names = [n for n in dir(type(thing)) if not n.startswith("_") or n == "__call__"]
+    kinds = {n: inspect.getattr_static(type(thing), n) for n in names}
+    found = {n: getattr(thing, n) for n, k in kinds.items() if is_method(k)}
+    return {n: f for n, f in found.items() if n not in SLOW}
+
+
+def is_method(kind):
+    return inspect.isfunction(kind) or isinstance(kind, (classmethod, staticmethod))
+
+
 def targets():
     found = {}
     for room in ("", *ROOMS):
@@ -210,6 +264,57 @@ def test_public_callables_refuse_what_makes_no_sense(room, sense, senses, tmp_pa
     assert not wrong, "\n" + "\n".join(wrong)
 
 
+@pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
+def test_methods_refuse_what_makes_no_sense(sense, tmp_path, monkeypatch):
+    """Arguments one at a time; the others make sense."""
+    monkeypatch.chdir(tmp_path)
+    rng, wrong = random.Random("methods"), []
+    for thing in things(sense):
+        mine = sense | usual(thing)
+        for name, method in methods(thing).items():
+            known = inspect.signature(method).parameters.values()
+            for chosen in (p for p in known if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)):
+                for odd in rng.sample(ODD, ROUNDS):
+                    needed = {p.name: mine.get(p.name) for p in known if p.default is p.empty}
+                    needed.pop("options", None)
+                    told = f"{type(thing).__name__}.{name}({chosen.name}={odd!r:.60})"
+                    wrong += outcome(told, method, {**needed, chosen.name: odd})
+    assert not wrong, "\n" + "\n".join(wrong)
+
+
+def usual(thing):
+    """Arguments of methods that make sense."""
+    kind = type(thing).__name__
+    ending = {"SliceStack": "svg", "SplineMap": "xml", "HeatHistory": "pvd", "Modes": "pvd"}
+    return {
+        "path": f"a.{ending.get(kind, 'stl' if kind in ('SurfaceMesh', 'Wall') else 'vtu')}",
+        "p": [[0.2, 0.3, 0.4]], "lo": [[0.1] * 3], "hi": [[0.2] * 3], "on": "surface", "cells": [0],
+        "axes": [[0.1, 0.5]] * 3, "value": 0.0, "tol": 0.2, "level": 0.1, "stiffness": 1.0, "q": 2,
+        "transfer": 1.0, "around": 0.0, "duration": 1.0, "steps": 1, "knots": [0.3], "status": 0,
+        "values": {"t": "1"}, "closed": (False,) * 3, "domain": [[0.0] * 3, [1.0] * 3], "limit": 1,
+        "name": "u=0", "elements": [0], "at": [0], "order": [0, 1, 2], "f": sense_of_f,
+    }  # fmt: skip
+
+
+def sense_of_f(u):
+    return (np.asarray(u) ** 2).sum(axis=1) - 0.6
+
+
+def outcome(told, method, named):
+    """What is wrong with a call, in a list of lines."""
+    tracemalloc.start()
+    try:
+        with Calls() as calls:
+            call(method, [], named)
+    except Exception as e:  # every other error is one to mend
+        return [f"{told}: {type(e).__name__}: {e!s:.200}"]
+    finally:
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+    many, much = calls.count > MOST_CALLS, peak > MOST_MEMORY
+    return [f"{told}: {calls.count} calls"] * many + [f"{told}: {peak / 1e6:.0f} MB"] * much
+
+
 CORNERS = [[0, 0, 0], [1, 0, 0], [1, 1, 0.0]]
 TRIANGLE = {"path": "s.vtu", "points": CORNERS, "cells": [[0, 1, 2]], "cell_type": 5}
 
@@ -231,6 +336,11 @@ def test_vtk_is_asked_for_nothing_odd(name, tmp_path, monkeypatch):
     il.io.write_vtu(**TRIANGLE | {"field_data": {"a": 1.0}, "point_data": {"b": [1, 2, 3]}})
     with pytest.raises(InputError, match="cells of cell_type 9 have 4 points, got 3"):
         il.io.write_vtu(**TRIANGLE | {"cell_type": 9})
+
+
+def warm(cells=4):
+    """The temperature of a heated ball."""
+    return il.cutfem.Heat(sense_of_f, cells, domain=BALL).fix("surface", 0.0).source(1.0).solve()
 
 
 LINE = il.BSpline([[0, 0, 1, 1]], CORNERS[:2], 1)
@@ -298,6 +408,49 @@ ODD_CALLS = [
     lambda s: s["lattice"].offset(0.1, least_wall=1e300),
     lambda s: s["lattice"].offset(0.1, least_gap=40.0),
     lambda s: il.Lattice("gyroid", through=s["through"]).offset(0.1, progress=3),
+    lambda s: s["f"].bounding_box(None),
+    lambda s: s["through"].fix_orientation(axis=7),
+    lambda s: s["through"].permuted(np.array("a")),
+    lambda s: s["mesh"].select([[1, 2], [3]]),
+    lambda s: s["mesh"].slices(thickness=0.3)[1.5],
+    lambda s: s["wall"].mesh(h=0.3, caps=np.zeros(2)),
+    lambda s: s["lattice"].search.query("x"),
+    lambda s: s["lattice"].search.query([[0.1] * 3], strides=0),
+    lambda s: s["lattice"].search.candidates([[0.1] * 3], -1),
+    lambda s: s["lattice"].search.to_tile(None),
+    lambda s: s["lattice"].search.query([[0.1] * 3]).rows([0.5]),
+    lambda _: il.tiles.Arc((0.3, 0.5, 0.5), (0.2, 0, 0), (0, 0.2, 0)).at([NAN]),
+    lambda _: il.tiles.SkeletonField([[(0, 0.5, 0.5), (1, 0.5, 0.5)]], 0.1).up_to(NAN, [[0.1] * 3]),
+    lambda _: il.tiles.mix("gyroid", "iwp", seed=1).blended(-1, [[0] * 3, [1] * 3], (False,) * 3),
+    lambda _: il.tiles.mix("gyroid", "iwp", seed=1).field(1, [[0] * 3, [1] * 3], "abc"),
+    lambda _: il.tiles.get("gyroid").fit(tol=0.1, degree=[[1, 2], [3]]),
+    lambda _: il.tiles.get("gyroid").fit(tol=0.1, periodic=np.zeros((3, 3))),
+    lambda _: il.tiles.get("gyroid").fit(tol=1e-9, max_spans=NAN),
+    lambda s: il.Tile(s["f"], name=3),
+    lambda s: il.Tile(s["f"], symmetric="no"),
+    lambda _: il.sdf.Command.read("sphere dilate t").files(3),
+    lambda _: il.sdf.Command.read("sphere dilate t").solid({"t": 1}),
+    lambda _: il.sdf.Command.read("sphere dilate t").check_used([1]),
+    lambda _: GRID.places([-1]),
+    lambda _: GRID.boxes(3),
+    lambda _: GRID.home([0.5]),
+    lambda s: il.cutfem.cut(s["wall"], 4).cells([0]),
+    lambda _: (
+        il.cutfem.Heat(sense_of_f, 4, domain=BALL).fix("surface", 0.0).evolve(1.0, steps=10**9)
+    ),
+    lambda _: (
+        il.cutfem.Heat(sense_of_f, 4, domain=BALL)
+        .fix("surface", 0.0)
+        .evolve(1.0, steps=1, theta=[1] * 2)
+    ),
+    lambda _: il.cutfem.Heat(sense_of_f, 4, domain=BALL).flux(np.zeros(0), 1.0),
+    lambda s: il.cutfem.Elasticity(s["wall"], 4).clamp("w=0").reactions(None),
+    lambda _: warm().heat_flux_on([1]),
+    lambda _: warm().problem.inflow(warm(5)),
+    lambda _: warm().save("a.vtu", h=1e-12),
+    lambda _: warm().save("a.vtu", h=1e-320),
+    lambda _: warm().problem.evolve(1.0, steps=1).save(3),
+    lambda _: warm().problem.evolve(1.0, steps=1)[0.5],
 ]
 
 

@@ -275,3 +275,15 @@ def test_lengths_are_refused_before_any_work(h, tmp_path, monkeypatch, capsys):
         assert capsys.readouterr().err.count("\n") == 1
     assert not started
     assert not list(tmp_path.iterdir())
+
+
+def test_a_closed_standard_error_is_no_error(tmp_path, monkeypatch, capfd):
+    """It ended in an error of the progress bar, and messages went to the output."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "stderr", None)
+    words = ["sphere", "dilate", "t", "-s", "0.5", "-o", "a.ply", "--set", "t=0,0.1"]
+    assert cli.main(["sdf", *words]) == 0
+    assert len(list(tmp_path.glob("a_*.ply"))) == 2
+    capfd.readouterr()
+    assert cli.main(["sdf", "nonsense"]) == 2
+    assert capfd.readouterr().out == ""

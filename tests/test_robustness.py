@@ -76,6 +76,7 @@ def test_whoever_reads_may_stop_reading(words):
           "--thickness", "0.1", "--layer", "0.1", "-o", "a.cli"], 1),
         (["sdf", "missing.stl", "--set", "t=1", "-o", "a.stl"], 2),
         (["demo", "--out", "/proc/no"], 1),
+        (["demo", "--out", ""], 2),
         (["sdf", "a\x07\x1b[31m.stl"], 1),
         (["info", "a\x07\nb.xml"], 1),
         (["build", "--tile", "gyroid", "--map", "box", "--repeat", "1", "1", "1",
@@ -307,6 +308,26 @@ threads = [threading.Thread(target=work) for _ in range(4)]
 [t.join() for t in threads]
 print(numba.threading_layer(), len(found), len(set(found)), flush=True)
 """
+FORKS = """
+import multiprocessing, threading, time, ilattice as il
+field, stop = il.sdf.parse("box gyroid shell 0.3"), []
+def work():
+    il.sdf.mesh(field, 0.1)
+def loop():
+    while not stop: work()
+work()
+thread = threading.Thread(target=loop)
+thread.start()
+children = [multiprocessing.get_context("fork").Process(target=work) for _ in range(4)]
+for child in children:
+    time.sleep(0.03)
+    child.start()
+for child in children:
+    child.join(30)
+print([child.exitcode for child in children], flush=True)
+[child.kill() for child in children]
+stop.append(1)
+"""
 COMPILE = """
 import ilattice.errors, ilattice._validate, numba
 for i in range(4):
@@ -322,6 +343,18 @@ def test_threads_take_turns_where_the_layer_takes_one_at_a_time():
         check=False, text=True,
     )  # fmt: skip
     assert (done.returncode, done.stdout) == (0, "workqueue 4 1\n")
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs forks")
+def test_children_do_not_wait_for_threads_that_they_have_not():
+    """Forked while another thread had its turn they waited for ever."""
+    environment = {**os.environ, **PATH, "NUMBA_THREADING_LAYER": "workqueue"}
+    environment["NUMBA_NUM_THREADS"] = "2"
+    done = subprocess.run(
+        [sys.executable, "-c", FORKS], env=environment, capture_output=True, timeout=300,
+        check=False, text=True,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (0, "[0, 0, 0, 0]\n")
 
 
 @pytest.mark.parametrize(("patience", "lines"), [("0.2", 1), ("inf", 0), ("1000", 0)])

@@ -16,12 +16,19 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import ArrayLike, FloatArray
-from ilattice._validate import as_array, as_positive, asked, check_finite
+from ilattice._validate import (
+    as_array,
+    as_flag,
+    as_positive,
+    as_whole,
+    asked,
+    check_finite,
+    per_direction,
+)
 from ilattice.bspline.fit_common import (
     METHODS,
     Direction,
     directions,
-    per_direction,
     sites,
     to_spline,
 )
@@ -57,6 +64,7 @@ __all__ = [
 
 #: Most spans per direction that `fit` refines to, for one, two and three parameters.
 MAX_SPANS = {1: 4096, 2: 512, 3: 128}
+MOST_SPANS, MOST_CHECKS = 1 << 20, 10_000_000
 SLAB_POINTS = 1 << 18
 
 _OPERATORS: dict[str, Callable[[Direction], LineOperator]] = {
@@ -206,7 +214,7 @@ def _as_setup(
             f"got {domain!r:.80}"
         )
     degrees = tuple(as_degree("degree", v) for v in per_direction("degree", degree, nd))
-    wraps = tuple(bool(v) for v in per_direction("periodic", periodic, nd))
+    wraps = tuple(as_flag("periodic", v) for v in per_direction("periodic", periodic, nd))
     counts = tuple(per_direction("spans", spans, nd))
     return _Setup(field, box, degrees, wraps, method), counts
 
@@ -216,9 +224,9 @@ def _refine(
 ) -> tuple[BSpline, FitReport]:
     """Fit, measure, double spans, until the error is below the tolerance."""
     bound = np.inf if tol is None else as_positive("tol", tol)
-    limit = MAX_SPANS[setup.box.shape[1]] if max_spans is None else max_spans
-    if checks != int(checks) or checks < 1:
-        raise InputError(f"checks must be a whole number of at least 1, got {checks!r}")
+    nd = setup.box.shape[1]
+    limit = MAX_SPANS[nd] if max_spans is None else as_whole("max_spans", max_spans, 1, MOST_SPANS)
+    checks = as_whole("checks", checks, 1, MOST_CHECKS)
     history: list[tuple[tuple[int, ...], float]] = []
     evaluations = 0
     while True:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import AnyArray, ArrayLike, FloatArray
-from ilattice._validate import as_array
+from ilattice._validate import as_array, as_flag, per_direction
 from ilattice.bspline.knots import as_degree, as_knot_vector, breaks, greville, wrap
 from ilattice.bspline.spline import BSpline
 from ilattice.errors import InputError
@@ -149,7 +149,7 @@ def directions(
     if not 1 <= nd <= 3:
         raise InputError(f"t must hold 1 to 3 knot vectors, got {nd}")
     degree = [as_degree("k", v) for v in per_direction("k", k, nd)]
-    wraps = [bool(v) for v in per_direction("periodic", periodic, nd)]
+    wraps = [as_flag("periodic", v) for v in per_direction("periodic", periodic, nd)]
     own = [None] * nd if at is None else [at] if np.ndim(at[0]) == 0 else list(at)
     if len(own) != nd:
         raise InputError(f"at must hold {nd} arrays of sites, got {len(own)}")
@@ -172,14 +172,6 @@ def as_sites(i: int, value: Any, t: FloatArray, k: int) -> FloatArray:
     if len(x) == 0 or x[0] < a or x[-1] > b or (np.diff(x) <= 0).any():
         raise InputError(f"at[{i}] must hold ascending sites inside [{a}, {b}]")
     return x
-
-
-def per_direction(name: str, value: Any, nd: int) -> list[Any]:
-    """One value per direction; a single value is repeated."""
-    out = list(value) if np.ndim(value) else [value] * nd
-    if len(out) != nd:
-        raise InputError(f"{name} must be one value or {nd}, got {value!r:.80}")
-    return out
 
 
 def as_samples(values: ArrayLike, dirs: Sequence[Direction], counts: Sequence[int]) -> FloatArray:

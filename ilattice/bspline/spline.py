@@ -26,6 +26,7 @@ from ilattice._validate import (
     as_points,
     as_whole,
     check_finite,
+    per_direction,
     read_only,
 )
 from ilattice.bspline import _kernels
@@ -92,13 +93,13 @@ class BSpline:
             raise InputError(
                 f"c must have {nd} or {nd + 1} axes for {nd} knot vectors, got {c.ndim}"
             )
-        degree = _per_direction("k", k, nd)
+        degree = per_direction("k", k, nd)
         for v in degree:
             number = isinstance(v, (int, float, np.number)) and not isinstance(v, bool)
             if not (number and 0 <= v <= MAX_DEGREE and int(v) == v):
                 raise InputError(f"k must be whole degrees from 0 to {MAX_DEGREE}, got {k!r}")
         knots = [np.array(as_knots(f"t[{i}]", t[i], c.shape[i], int(degree[i]))) for i in range(nd)]
-        closed = _per_direction("periodic", periodic, nd)
+        closed = per_direction("periodic", periodic, nd)
         self.__dict__.update(
             t=tuple(read_only(v) for v in knots),
             c=read_only(c),
@@ -591,14 +592,6 @@ class BSpline:
         from ilattice.bspline.bezier import to_bezier
 
         return to_bezier(self)
-
-
-def _per_direction(name: str, value: Any, nd: int) -> list[Any]:
-    several = isinstance(value, (list, tuple)) or (isinstance(value, np.ndarray) and value.ndim)
-    values = list(value) if several else [value] * nd
-    if len(values) != nd:
-        raise InputError(f"{name} must be one value or {nd}, got {value!r}")
-    return values
 
 
 def _as_weights(weights: ArrayLike, shape: tuple[int, ...]) -> FloatArray:

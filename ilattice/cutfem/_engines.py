@@ -27,7 +27,7 @@ SINGULAR = 1e12
 #: Numbers in a factor up to which it is faster than multigrid: SuperLU's, and PARDISO's.
 SMALL, MEDIUM = 1.5e7, 6e7
 #: Numbers in a factor up to which SuperLU takes over where multigrid that was chosen fails.
-LARGEST = 2e8
+LIMIT = 2e8
 
 
 def multigrid(
@@ -108,10 +108,10 @@ def factor_size(K: bsr_array) -> float:
 
     The lesser of what an ordering by levels gives (slender parts) and the growth with n^(4/3) of
     nested dissection in three dimensions (blocks), whose separators are the thicker the farther
-    nodes couple. Beyond LARGEST it is not refined.
+    nodes couple. Beyond LIMIT it is not refined.
     """
     n, m = K.shape[0], K.blocksize[0]
-    if 4.0 * n > LARGEST or K.nnz > LARGEST:
+    if 4.0 * n > LIMIT or K.nnz > LARGEST:
         return float(K.nnz)
     nodes = n // m
     graph = csr_array((np.ones(len(K.indices), np.int8), K.indices, K.indptr), shape=(nodes,) * 2)

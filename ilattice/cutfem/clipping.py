@@ -9,17 +9,20 @@ to second order in the size of boxes. Non-guarantee: a box that a level set ente
 its sign at a corner is taken as if it did not.
 """
 
+import math
 from collections.abc import Callable
 from itertools import permutations
 
 import numpy as np
 
+from ilattice._memory import need
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.cutfem.grid import Grid
 from ilattice.errors import InputError
 
 #: Number of tetrahedra, before clipping, above which a picture is refused.
 MOST = 50_000_000
+PER_PIECE = 400  # bytes of memory per tetrahedron
 STEPS = 8  # of the search for zeros on edges
 FLAT = 1e-9  # volumes below this, in units of a tetrahedron, are left out
 #: Steps along the axes from the first corner of a box to those of its tetrahedra.
@@ -63,9 +66,10 @@ def clipped(
     InputError
         If there would be more than `MOST` tetrahedra.
     """
-    count = len(PATHS) * len(places) * int(np.prod(pieces))
+    count = float(len(PATHS) * len(places)) * math.prod(pieces)
     if count > MOST:
         raise InputError(f"h: {count:.2g} tetrahedra are more than {MOST:.2g}; take a larger h")
+    need(PER_PIECE * count, f"h: {count:.2g} tetrahedra", "take a larger h")
     u, cells = _boxes(grid, places, pieces)
     for k in range(sets(u[:1]).shape[1]):
         u, cells = _clip(u, cells, lambda p, k=k: sets(p)[:, k])  # type: ignore[misc]

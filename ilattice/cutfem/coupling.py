@@ -84,7 +84,7 @@ def thermal_force(problem: "Elasticity", load: Load) -> FloatArray:
     stress = np.zeros(len(u))
     for part, m in zip(share, materials, strict=True):
         lam, mu = m.lame(asm, u)
-        stress = stress + part * (3 * lam + 2 * mu) * problem.expansion_of(m, load, u)
+        stress = stress + part * (3 * lam + 2 * mu) * problem._expansion_of(m, load, u)
     f = (rule.weights * stress)[:, None] * rule.normals
     return asm.vector(upper(rule), f) - asm.vector(rule, f)
 

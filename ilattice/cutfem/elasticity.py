@@ -28,7 +28,7 @@ import numpy as np
 
 from ilattice._progress import Progress
 from ilattice._typing import FloatArray, IntArray
-from ilattice._validate import FixedMapping, among, as_choice, read_only
+from ilattice._validate import FixedMapping, among, as_choice, as_kind, as_points, read_only
 from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem import coupling, weak
 from ilattice.cutfem.assembly import Assembly
@@ -226,6 +226,8 @@ class Elasticity(Problem):
         InputError
             If there is no load, a place is missing or too much, or heat expands nothing.
         """
+        if not isinstance(on, str):
+            raise InputError(f"on must be the name of a place, got {on!r:.80}")
         new = self
         given = {"traction": traction, "pressure": pressure}
         at = {k: v for k, v in given.items() if v is not None}
@@ -354,7 +356,7 @@ class Elasticity(Problem):
         warn_of_jump("young", jump)
         if projection is not None:
             projection.add(data)
-        asm.add_ghost(data, self.ghost_stiffness)
+        asm.add_ghost(data, self._ghost_stiffness)
         for support in self.in_the_mean:
             weak.add_elastic(data, self, weak.elastic_terms(self, support))
         if asm.seam is not None:
@@ -397,6 +399,7 @@ class Elasticity(Problem):
             The integral of grad v . stress . grad u; rows of prescribed components are zero.
         """
         asm = self.assembly
+        self._own(as_kind("solution", solution, "Solution"))
         rule = on_cells(self.domain.volume, asm.space.cells)
         data = asm.zeros(3)
         asm.add_cells(data, rule, kernels.TENSOR, solution.stress_on(rule))
@@ -413,8 +416,8 @@ class Elasticity(Problem):
                 f -= weak.thermal_force(self, terms)
         return f
 
-    def ghost_stiffness(self, u: FloatArray, elements: IntArray) -> FloatArray:
-        """2 μ; see `Problem.ghost_stiffness`."""
+    def _ghost_stiffness(self, u: FloatArray, elements: IntArray) -> FloatArray:
+        """2 μ; see `Problem._ghost_stiffness`."""
         return 2.0 * self.domain.by_phase(
             [m.lame(self.assembly, u)[1] for m in self.material.phases], elements
         )
@@ -432,6 +435,7 @@ class Elasticity(Problem):
         dict of str to ndarray
             Sums over all supports and springs of each place.
         """
+        self._own(as_kind("solution", solution, "Solution"))
         out = self._strong_reactions(solution.coefficients)
         for support in self.in_the_mean:
             terms = weak.elastic_terms(self, support)
@@ -459,7 +463,7 @@ class Elasticity(Problem):
         """Force f (n, 3) and stress P (n, 3, 3) of a load at the points of a rule in space."""
         assert rule.parameters is not None
         if load.kind == "temperature":
-            s = self.thermal_stress(load, rule.parameters, self.assembly.owners(rule))
+            s = self._thermal_stress(load, rule.parameters, self.assembly.owners(rule))
             return None, s[:, None, None] * np.eye(3)
         if load.kind == "pressure":
             assert rule.normals is not None
@@ -482,10 +486,13 @@ class Elasticity(Problem):
         ndarray, shape (n,)
             α ΔT.
         """
+        u = as_points("u", u)
         heated = (load for load in self.loads if load.kind == "temperature")
-        return sum((self.expansion_of(self.material, load, u) for load in heated), np.zeros(len(u)))
+        return sum(
+            (self._expansion_of(self.material, load, u) for load in heated), np.zeros(len(u))
+        )
 
-    def thermal_stress(self, load: Load, u: FloatArray, owner: IntArray) -> FloatArray:
+    def _thermal_stress(self, load: Load, u: FloatArray, owner: IntArray) -> FloatArray:
         """Pressure that would keep a heated solid from expanding.
 
         Parameters
@@ -503,7 +510,7 @@ class Elasticity(Problem):
             (3 λ + 2 μ) α ΔT, the change of volume 3 α ΔT projected if that of the solid is.
         """
         lam, mu = self.material.lame(self.assembly, u)
-        strain = self.expansion_of(self.material, load, u)
+        strain = self._expansion_of(self.material, load, u)
         if self.projection is None:
             return (3 * lam + 2 * mu) * strain
         projected = self.projection.at(self.projected_expansion[load], u, owner)
@@ -518,10 +525,10 @@ class Elasticity(Problem):
         found, of_values, m = {}, self.projection.of_values, self.material
         for load in self.loads:
             if load.kind == "temperature":
-                found[load] = of_values(m, rule, self.expansion_of(m, load, rule.points))
+                found[load] = of_values(m, rule, self._expansion_of(m, load, rule.points))
         return FixedMapping({load: read_only(values) for load, values in found.items()})
 
-    def expansion_of(self, material: Isotropic, load: Load, u: FloatArray) -> FloatArray:
+    def _expansion_of(self, material: Isotropic, load: Load, u: FloatArray) -> FloatArray:
         """Strain of free expansion of a material under one temperature.
 
         Parameters

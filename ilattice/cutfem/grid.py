@@ -23,7 +23,16 @@ import numpy as np
 
 from ilattice._memory import need
 from ilattice._typing import AnyArray, FloatArray, IntArray
-from ilattice._validate import Frozen, as_array, as_choice, as_counts, as_flag, as_items, read_only
+from ilattice._validate import (
+    Frozen,
+    as_array,
+    as_choice,
+    as_counts,
+    as_flag,
+    as_items,
+    as_numbers,
+    read_only,
+)
 from ilattice.cutfem._layouts import Layout, layout_of
 from ilattice.cutfem.field_pieces import FieldPieces
 from ilattice.cutfem.levelsets import PER_PIECE, LevelSets, Pieces, as_level_sets
@@ -97,7 +106,7 @@ class Grid(Frozen):
         ndarray, shape (n,)
             Numbers of cells.
         """
-        return elements
+        return as_numbers("elements", elements, self.count)
 
     def places(self, cells: IntArray) -> IntArray:
         """Index of cells per direction.
@@ -127,8 +136,9 @@ class Grid(Frozen):
         ndarray, shape (n, 6)
             Lower corners, then extents.
         """
-        out = np.empty((len(cells), 6))
-        for a, i in enumerate(self.places(cells).T):
+        places = self.places(cells)
+        out = np.empty((len(places), 6))
+        for a, i in enumerate(places.T):
             out[:, a] = self.axes[a][i]
             out[:, 3 + a] = self.axes[a][i + 1] - self.axes[a][i]
         return out
@@ -182,6 +192,7 @@ class DividedGrid(Grid):
         ndarray, shape (n,)
             Numbers of cells.
         """
+        elements = as_numbers("elements", elements, self.count + len(self.parents))
         if not len(self.parents):
             return elements
         beyond = elements - self.count
@@ -234,7 +245,8 @@ class CutGrid(Frozen):
         ndarray, shape (n,)
             In increasing order, the last direction running fastest.
         """
-        return np.flatnonzero(self.status.ravel() == status)
+        wanted = as_choice("status", status, (IN, CUT, OUT))
+        return np.flatnonzero(self.status.ravel() == wanted)
 
     @property
     def error(self) -> float:

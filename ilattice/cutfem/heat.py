@@ -21,9 +21,10 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from ilattice._memory import need
 from ilattice._progress import Progress, track
 from ilattice._typing import FloatArray, IntArray
-from ilattice._validate import as_choice, as_positive
+from ilattice._validate import as_choice, as_kind, as_positive, as_whole
 from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem import coupling, discretization
 from ilattice.cutfem._kernels_surface import surface_scalars
@@ -37,6 +38,9 @@ from ilattice.cutfem.rules import Quadrature, on_cells
 from ilattice.cutfem.solvers import Solver
 from ilattice.cutfem.weak import NITSCHE, cell_heights
 from ilattice.errors import InputError
+
+#: Bytes of a solution besides its coefficients, and the largest number of steps in time.
+PER_STEP, MOST_STEPS = 1000, 10**9
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -249,10 +253,13 @@ class Heat(Problem):
         ConvergenceError
             If the tolerance is not reached.
         """
-        dt = as_positive("duration", duration) / as_steps(steps)
+        steps, theta = as_steps(steps), as_positive("theta", theta)
+        dt = as_positive("duration", duration) / steps
         if not 0.5 <= theta <= 1.0:
-            raise InputError(f"theta must be from 1/2 to 1, got {theta!r}")
+            raise InputError(f"theta must be from 1/2 to 1, got {theta:g}")
         asm, con = self.assembly, self.constraints
+        size = float(con.values.nbytes + PER_STEP)
+        need(size * steps, f"{steps} steps of {size:.3g} bytes each", "use fewer steps")
         M, K = self._capacity, self.matrix
         data = M.data + theta * dt * K.data
         A = asm.pattern.matrix(data)
@@ -263,7 +270,7 @@ class Heat(Problem):
         c = np.where(con.fixed, con.values, self._initial(initial))
         f = (self.forces() + self._from_supports()).ravel()
         out = [HeatSolution(self, c, None, time=0.0)]
-        for n in track(range(1, int(steps) + 1), "evolve", progress):
+        for n in track(range(1, steps + 1), "evolve", progress):
             old = c.ravel()
             b = M @ old - (1.0 - theta) * dt * (K @ old) + dt * f - A @ con.values.ravel()
             b = con.restrict(b[:, None]).ravel()
@@ -273,16 +280,16 @@ class Heat(Problem):
             c = con.expand(x[:, None])
             if report is not None and n in (1, steps):
                 report = replace(report, discretization_error=self._transient_error(c))
-            step = Step(out[-1].coefficients, dt, float(theta))
+            step = Step(out[-1].coefficients, dt, theta)
             out.append(HeatSolution(self, c, report, time=n * dt, step=step))
-        self._warn_of(out[1 :: max(int(steps) - 1, 1)])
+        self._warn_of(out[1 :: max(steps - 1, 1)])
         return HeatHistory(tuple(out))
 
     def _transient_error(self, c: FloatArray) -> float:
         """See `discretization`, of the temperature at one time."""
         K = self.system.K
         energy = self._energy_of(lambda x: K @ x, c)
-        return self.discretization_error(lambda x: K @ x, c, energy)
+        return self._discretization_error(lambda x: K @ x, c, energy)
 
     def _warn_of(self, times: "list[HeatSolution]") -> None:
         """Warn once of the worst of some times."""
@@ -305,15 +312,15 @@ class Heat(Problem):
                 d = k[:, None] * np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
                 asm.add_cells(data, part, kernels.TENSOR, d)
         warn_of_jump("conductivity", jump)
-        asm.add_ghost(data, self.ghost_stiffness)
+        asm.add_ghost(data, self._ghost_stiffness)
         for support in self.in_the_mean:
             self._add_surface(data, support)
         if asm.seam is not None:
             coupling.add_heat(data, self)
         return asm.pattern.matrix(data)
 
-    def ghost_stiffness(self, u: FloatArray, elements: IntArray) -> FloatArray:
-        """Conductivity; see `Problem.ghost_stiffness`."""
+    def _ghost_stiffness(self, u: FloatArray, elements: IntArray) -> FloatArray:
+        """Conductivity; see `Problem._ghost_stiffness`."""
         k = [s.at(self.assembly, u) for s in self.conductivity.phases]
         return self.domain.by_phase(k, elements)
 
@@ -330,7 +337,9 @@ class Heat(Problem):
         c = asm.space.interpolate(lambda u: values_at("initial", value, asm.x(u), 1))
         return c.reshape(-1, 1)[asm.space.functions]
 
-    def surface_terms(self, support: Spring | Support) -> tuple[Quadrature, FloatArray, FloatArray]:
+    def _surface_terms(
+        self, support: Spring | Support
+    ) -> tuple[Quadrature, FloatArray, FloatArray]:
         """Rule in space, transfer Q (n,) and conductivity of fluxes (n,) of a weak condition.
 
         Parameters
@@ -354,7 +363,7 @@ class Heat(Problem):
 
     def _add_surface(self, data: FloatArray, support: Spring | Support) -> None:
         asm = self.assembly
-        rule, Q, k = self.surface_terms(support)
+        rule, Q, k = self._surface_terms(support)
         assert rule.parameters is not None
         assert rule.normals is not None
         size = asm.space.dofs.shape[1]
@@ -371,7 +380,7 @@ class Heat(Problem):
     def _from_supports(self) -> FloatArray:
         f = np.zeros((len(self.assembly.space), 1))
         for support in self.in_the_mean:
-            rule, Q, k = self.surface_terms(support)
+            rule, Q, k = self._surface_terms(support)
             g = values_at("value", support.value, rule.points, 1)[:, 0]
             w = rule.weights * g
             assert rule.normals is not None
@@ -411,10 +420,10 @@ class Heat(Problem):
         InputError
             At the start of `evolve`.
         """
-        c, stored = self._balance(solution)
+        c, stored = self._balance(self._own(as_kind("solution", solution, "HeatSolution")))
         out = {on: float(r[0]) for on, r in self._strong_reactions(c, stored).items()}
         for support in self.in_the_mean:
-            rule, Q, k = self.surface_terms(support)
+            rule, Q, k = self._surface_terms(support)
             assert rule.normals is not None
             g = values_at("value", support.value, rule.points, 1)[:, 0]
             total = 0.0
@@ -438,6 +447,4 @@ class Heat(Problem):
 
 def as_steps(steps: Any) -> int:
     """A whole number of at least 1, or `InputError`."""
-    if isinstance(steps, bool) or not isinstance(steps, int | np.integer) or steps < 1:
-        raise InputError(f"steps must be a whole number of at least 1, got {steps!r}")
-    return int(steps)
+    return as_whole("steps", steps, 1, MOST_STEPS)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from ilattice._typing import AnyArray, ArrayLike, FloatArray
-from ilattice._validate import FixedMapping, as_points
+from ilattice._validate import FixedMapping, as_kind, as_points
 from ilattice.cutfem.output import Result, Series
 from ilattice.cutfem.rules import Quadrature
 
@@ -115,6 +115,7 @@ class HeatSolution(Result):
         ndarray, shape (n, 3)
             As `heat_flux`.
         """
+        as_kind("rule", rule, "Quadrature")
         asm, out = self.problem.assembly, np.empty((len(rule), 3))
         u = rule.points if rule.parameters is None else rule.parameters
         k = np.broadcast_to(self.problem.conductivity.at(asm, u), len(rule))

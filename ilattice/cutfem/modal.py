@@ -405,7 +405,7 @@ def _expand(problem: Any, x: FloatArray) -> FloatArray:
 
 def _discretization_error(problem: Any, solver: Solver, shapes: FloatArray, what: str) -> float:
     """Worst estimate for some shapes of unit energy, with a warning if it is large."""
-    error = max(problem.discretization_error(solver.multiply, c, 1.0) for c in shapes)
+    error = max(problem._discretization_error(solver.multiply, c, 1.0) for c in shapes)
     warn(error, what, problem.assembly.space)
     return float(error)
 

@@ -10,7 +10,9 @@ the one of a series last. Non-guarantee: on the surface of a mesh, which lies of
 the splines by the error of both, fields are continued from the nearest cell.
 """
 
+import math
 from collections.abc import Mapping, Sequence
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeVar, overload
 
@@ -18,16 +20,14 @@ import numpy as np
 
 from ilattice._progress import Progress, track
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
-from ilattice._validate import FrozenCopies, among, as_array, as_positive, read_only
-from ilattice.cutfem.clipping import clipped, lattice
+from ilattice._validate import FrozenCopies, among, as_array, as_index, as_positive, read_only
+from ilattice.cutfem.clipping import MOST, clipped, lattice
 from ilattice.cutfem.probe import Probe, probe
 from ilattice.errors import FormatError, InputError
 from ilattice.mesh import SurfaceMesh
 from ilattice.offsets.wall import parameters_of
 
 if TYPE_CHECKING:
-    from os import PathLike
-
     import pyvista
 
     from ilattice.cutfem.problem import Problem
@@ -295,7 +295,7 @@ class Series(FrozenCopies, Sequence[R]):
     def __getitem__(self, index: int | slice) -> R | tuple[R, ...]:
         if isinstance(index, slice):
             return tuple(self._result(k) for k in range(len(self))[index])
-        return self._result(range(len(self))[index])
+        return self._result(range(len(self))[as_index("index", index)])
 
     def save(
         self, path: "str | PathLike[str]", *, on: str = "auto", h: float | None = None,
@@ -323,6 +323,8 @@ class Series(FrozenCopies, Sequence[R]):
         """
         from ilattice.io.vtk import write_pvd
 
+        if not isinstance(path, (str, PathLike)):
+            raise InputError(f"path must be a file name, got {path!r:.80}")
         target = Path(path)
         if target.suffix != ".pvd":
             raise FormatError(f"{str(path)!r}: series are written as .pvd")
@@ -369,8 +371,10 @@ def _solid(problem: "Problem", h: float | None) -> Shape:
     if h is not None:
         middle = asm.space.boxes[:, :3] + 0.5 * asm.space.boxes[:, 3:]
         edges = np.linalg.norm(asm.jacobians(middle), axis=1) * asm.space.boxes[:, 3:]
-        i, j, k = np.maximum(np.ceil(edges.max(axis=0) / as_positive("h", h)), 1).astype(int)
-        n = (int(i), int(j), int(k))
+        least = as_positive("h", h)
+        longest = np.minimum(edges.max(axis=0), MOST * least)  # so that more of them are refused
+        i, j, k = (max(math.ceil(e / least), 1) for e in longest)
+        n = (i, j, k)
     u, cells = clipped(cut.grid, asm.space.homes[0], n, cut.sets)
     return Shape(u, asm.x(u), cells, TETRAHEDRON, {})
 
@@ -393,7 +397,7 @@ def moved(x: FloatArray, data: Mapping[str, AnyArray], scale: float | str) -> Fl
     if "displacement" not in data:
         return x
     d = data["displacement"]
-    if scale == "auto":
+    if isinstance(scale, str) and scale == "auto":
         far = np.linalg.norm(d, axis=1).max(initial=0.0)
         scale = float(AUTO * np.ptp(x, axis=0).max() / far) if far > 0 else 0.0
     if isinstance(scale, str) or as_array("scale", scale).size != 1:

@@ -9,7 +9,7 @@ the same, matrices. A solve that does not reach its tolerance raises.
 import warnings
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Self, TypeVar
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from ilattice.cutfem.rules import NAMES
 from ilattice.cutfem.solvers import Solver, SolveReport
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 
+R = TypeVar("R", bound=Any)
 ISLANDS = ("drop", "refuse")
 #: A motion is free if its share in what is held is below this.
 FREE = 1e-10
@@ -131,7 +132,7 @@ class Problem:
 
     def _loaded(self, kind: str, value: Any, m: int, on: str = "") -> Self:
         value = value if hasattr(value, "evaluate") else as_value(kind, value, m)
-        if on:
+        if not isinstance(on, str) or on:
             self.domain.boundary(as_place(on))
         return self._with(loads=(*self.loads, Load(kind, value, on)))
 
@@ -139,6 +140,16 @@ class Problem:
     def in_the_mean(self) -> tuple[Spring | Support, ...]:
         """Springs and weak supports: what is added to the matrix."""
         return (*self.springs, *(s for s in self.supports if s.weak))
+
+    def _own(self, solution: R) -> R:
+        """A solution that has the functions of this problem, or `InputError`."""
+        found, wanted = solution.coefficients.shape, (len(self.assembly.space), self.m)
+        if found != wanted:
+            raise InputError(
+                f"solution must be one of this problem, with coefficients of shape {wanted}, got "
+                f"{found}"
+            )
+        return solution
 
     # ---------------------------------------------------------------- parts
 
@@ -239,7 +250,7 @@ class Problem:
     def _from_supports(self) -> FloatArray:
         raise NotImplementedError
 
-    def ghost_stiffness(self, u: FloatArray, elements: IntArray) -> FloatArray:
+    def _ghost_stiffness(self, u: FloatArray, elements: IntArray) -> FloatArray:
         """Stiffness that scales the penalty on jumps.
 
         Parameters
@@ -347,7 +358,7 @@ class Problem:
             system.b, tol=tol, max_iterations=max_iterations, progress=progress
         )
         c = system.constraints.expand(x.reshape(-1, self.m))
-        error = self.discretization_error(solver.multiply, c, self._energy_of(solver.multiply, c))
+        error = self._discretization_error(solver.multiply, c, self._energy_of(solver.multiply, c))
         discretization.warn(error, self.energy_name, self.assembly.space)
         return c, replace(report, discretization_error=error)
 
@@ -359,7 +370,7 @@ class Problem:
         x = c[con.nodes].ravel()
         return float(x @ product(x))
 
-    def discretization_error(self, product: Product, c: FloatArray, energy: float) -> float:
+    def _discretization_error(self, product: Product, c: FloatArray, energy: float) -> float:
         """Estimated part of an energy by which it is off because of the cells.
 
         Parameters
@@ -386,7 +397,7 @@ class Problem:
             out[con.nodes] = product(v[con.nodes].ravel()).reshape(-1, self.m)
             return np.where(con.fixed, 0.0, out)
 
-        jumps = self.assembly.ghost_energy(c, self.ghost_stiffness)
+        jumps = self.assembly.ghost_energy(c, self._ghost_stiffness)
         return discretization.relative_error(
             levels, multiply, diagonal, c, con.fixed, energy, jumps
         )

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import ArrayLike, FloatArray
+from ilattice._validate import as_kind
 from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.domain import Domain
@@ -89,6 +90,7 @@ class Recovered(Solution):
         ndarray, shape (n, 6)
             As `stress`.
         """
+        as_kind("rule", rule, "Quadrature")
         return values_on(smoothest(self.problem), self.stresses, rule)
 
 
@@ -142,6 +144,7 @@ class RecoveredHeat(HeatSolution):
         ndarray, shape (n, 3)
             As `heat_flux`.
         """
+        as_kind("rule", rule, "Quadrature")
         return values_on(smoothest(self.problem), self.fluxes, rule)
 
 

@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
-from ilattice._validate import Frozen, among, as_array, as_choice, asked, read_only
+from ilattice._validate import Frozen, among, as_array, as_choice, as_kind, asked, read_only
 from ilattice.cutfem._filling import MOST_POINTS, SURFACE, VOLUME, Listing, filled, gauss
 from ilattice.cutfem._kernels_basis import determinants
 from ilattice.cutfem._kernels_compress import project
@@ -179,7 +179,7 @@ class Quadrature(Frozen):
         """
         if self.parameters is not None:
             raise InputError("the rule is in space already")
-        space = through if through is not None else self.through
+        space = as_kind("through", through, "SplineMap") if through is not None else self.through
         if space is None:
             raise InputError("through is needed: the rule knows no map")
         x, scale = np.empty_like(self.points), np.empty_like(self.weights)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
-from ilattice._validate import FixedMapping, as_points, read_only
+from ilattice._validate import FixedMapping, as_kind, as_points, read_only
 from ilattice.cutfem.elasticity import Elasticity
 from ilattice.cutfem.output import Result
 from ilattice.cutfem.rules import Quadrature
@@ -150,6 +150,7 @@ class Solution(Result):
         ndarray, shape (n, 6)
             As `stress`.
         """
+        as_kind("rule", rule, "Quadrature")
         u = rule.points if rule.parameters is None else rule.parameters
         asm, out = self.problem.assembly, np.empty((len(rule), 6))
         owner = asm.owners(rule)
@@ -190,7 +191,7 @@ class Solution(Result):
         out = elastic_stress(gradient, lam * self._dilatation(gradient, u, owner), mu)
         for load in problem.loads:
             if load.kind == "temperature":
-                out[:, :3] -= problem.thermal_stress(load, u, owner)[:, None]
+                out[:, :3] -= problem._thermal_stress(load, u, owner)[:, None]
         return out
 
     def _dilatation(self, gradient: FloatArray, u: FloatArray, owner: IntArray) -> FloatArray:
@@ -305,7 +306,7 @@ class Solution(Result):
             total += sum(self._energy(rule, heated=False) for rule in domain.void_rules(asm))
         if asm.ghost is not None:
             data = asm.zeros(3)
-            asm.add_ghost(data, problem.ghost_stiffness)
+            asm.add_ghost(data, problem._ghost_stiffness)
             c = self.coefficients.ravel()
             total += 0.5 * float(c @ (asm.pattern.matrix(data) @ c))
         return total

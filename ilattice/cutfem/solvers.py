@@ -35,11 +35,13 @@ from ilattice._validate import (
     check_finite,
     read_only,
 )
-from ilattice.cutfem._engines import ENGINES, LARGEST, choose, factor_size
+from ilattice.cutfem._engines import ENGINES, LIMIT, choose, factor_size
 from ilattice.cutfem._krylov import Run, conjugate_gradients
 from ilattice.cutfem.multigrid import Blocks
 from ilattice.errors import ConvergenceError, InputError
 
+#: Largest entry of a matrix.
+LARGEST = 1e140
 #: Largest part of |x| |K y| by which x K y and y K x may differ.
 ASYMMETRY = 1e-9
 #: Steps that are allowed from which on a factor takes over where they are not enough.
@@ -131,7 +133,7 @@ class Solver:
         modes = self._modes(near_nullspace)
         self._near_nullspace = near_nullspace
         self._blocks = Blocks(self._K.indptr, self._K.indices, self._K.data, n // self._m)
-        _check_symmetric(self.multiply, n)
+        _check_symmetric(self._multiply, n)
         self._method = choose(self._K) if method == "auto" else method
         self._replaceable = method == "auto" and self._method == "multigrid"
         self._engine, self._bytes = ENGINES[self._method](self._K, modes, self._places)
@@ -161,19 +163,25 @@ class Solver:
         """
         return self._engine(self._as_load(r, "r")[:, 0])
 
-    def multiply(self, x: FloatArray) -> FloatArray:
+    def multiply(self, x: ArrayLike) -> FloatArray:
         """K x by all threads.
 
         Parameters
         ----------
-        x : ndarray, shape (n,)
-            Contiguous float64.
+        x : array_like, shape (n,)
+            A vector.
 
         Returns
         -------
         ndarray, shape (n,)
             The product.
         """
+        a = as_array("x", x, ndim=1)
+        if len(a) != self._K.shape[0]:
+            raise InputError(f"x must have {self._K.shape[0]} rows, got {len(a)}")
+        return self._multiply(a)
+
+    def _multiply(self, x: FloatArray) -> FloatArray:
         y = np.empty_like(x)
         self._blocks.multiply(x, y, 0)
         return y
@@ -231,9 +239,9 @@ class Solver:
         return np.stack([run.x for run in runs], axis=1).reshape(np.shape(b)), report
 
     def _run(self, b: FloatArray, tol: float, steps: int, progress: Progress) -> Run:
-        run = conjugate_gradients(self.multiply, self._engine, b, tol, steps, progress)
+        run = conjugate_gradients(self._multiply, self._engine, b, tol, steps, progress)
         if run.trouble or not run.residual <= tol:
-            if self._replaceable and steps >= MANY and factor_size(self._K) <= LARGEST:
+            if self._replaceable and steps >= MANY and factor_size(self._K) <= LIMIT:
                 self._replace()
                 return self._run(b, tol, steps, progress)
             raise ConvergenceError(self._complaint(run, tol))
@@ -318,6 +326,12 @@ def _as_blocks(given: Any) -> bsr_array:
     if len(K.data) >= 2**31:
         raise InputError(f"K has {len(K.data)} blocks, more than 32-bit indices can count")
     data = np.ascontiguousarray(check_finite("K.data", np.asarray(K.data, np.float64)))
+    largest = float(np.abs(data).max(initial=0.0))
+    if largest > LARGEST:
+        raise InputError(
+            f"K has entries of {largest:.3g}, of which squares overflow; use other units, so that "
+            f"they are below {LARGEST:g}"
+        )
     indices, indptr = (np.asarray(a, np.int32) for a in (K.indices, K.indptr))
     return bsr_array((data, indices, indptr), shape=K.shape)
 

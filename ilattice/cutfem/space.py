@@ -25,9 +25,11 @@ from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import (
     Frozen,
     as_array,
+    as_axis,
     as_choice,
     as_kind,
     as_points,
+    as_whole,
     asked,
     read_only,
     seen,
@@ -170,21 +172,8 @@ class SplineSpace(Frozen):
         """Number of elements beyond one per cell."""
         return len(self.grid.parents) if isinstance(self.grid, DividedGrid) else 0
 
-    def numbers(self, places: IntArray, layers: tuple[int, int, int]) -> IntArray:
-        """Numbers, among all functions, of those from the first one of each cell on.
-
-        Parameters
-        ----------
-        places : ndarray, shape (n, 3)
-            Index of cells per direction.
-        layers : tuple of int
-            How many functions per direction.
-
-        Returns
-        -------
-        ndarray, shape (n, product of layers)
-            The last direction runs fastest.
-        """
+    def _numbers(self, places: IntArray, layers: tuple[int, int, int]) -> IntArray:
+        """Numbers (n, product of layers), among all functions, from the first of each cell on."""
         i, j, k = (
             (self.step * places[:, a, None] + np.arange(layers[a])) % self.shape[a]
             for a in range(3)
@@ -195,7 +184,7 @@ class SplineSpace(Frozen):
     @cached_property
     def _numbered(self) -> tuple[IntArray, AnyArray]:
         """Numbers of the active functions among all, and those of each active cell."""
-        numbers = self.numbers(self.places, (self.degree + 1,) * 3)
+        numbers = self._numbers(self.places, (self.degree + 1,) * 3)
         active = np.zeros(int(np.prod(self.shape)), bool)
         active[numbers] = True
         functions = np.flatnonzero(active)
@@ -258,6 +247,7 @@ class SplineSpace(Frozen):
         ndarray, shape (n,)
             Positions in `cells`; -1 where no active cell is nearer than one cell.
         """
+        u = as_points("u", u, finite=False)
         at = np.empty((len(u), 3), np.int64)
         far = np.zeros(len(u), bool)
         inside = u.copy()
@@ -314,7 +304,12 @@ class SplineSpace(Frozen):
         tuple of ndarray
             Values (n, m) and gradients (n, m, 3); NaN where no active cell is near.
         """
-        u = as_points("u", u)
+        u, c = as_points("u", u), as_array("c", c, ndim=2, finite=False)
+        if len(c) != len(self):
+            raise InputError(f"c must have {len(self)} rows, one per function, got {len(c)}")
+        J = as_array("J", J, ndim=3, finite=False)
+        if J.shape not in ((1, 3, 3), (len(u), 3, 3)):
+            raise InputError(f"J must have shape (1, 3, 3) or ({len(u)}, 3, 3), got {J.shape}")
         owner = self.locate(u)
         at = np.maximum(owner, 0)
         wrapped = u.copy()
@@ -327,7 +322,7 @@ class SplineSpace(Frozen):
         gradient = np.empty((len(u), c.shape[1], 3))
         kernels.fields(
             *self._tables, self._places, self._boxes, self.dofs, owner, wrapped,
-            np.ascontiguousarray(J), np.array(c, order="C"), value, gradient,
+            J, c, value, gradient,
         )  # fmt: skip
         return value, gradient
 
@@ -358,7 +353,11 @@ class SplineSpace(Frozen):
         ndarray, shape (n0, n1, n2, m)
             Coefficients; polynomials of the degree of the space are reproduced.
         """
-        fixed = fixed or {}
+        fixed = {} if fixed is None else fixed
+        if not isinstance(fixed, dict):
+            raise InputError(f"fixed must be a dict of directions to layers, got {fixed!r:.80}")
+        for a, layer in fixed.items():
+            as_whole(f"fixed[{a}]", layer, 0, self.shape[as_axis("fixed", a)] - 1)
         sites = [x[[fixed[a]]] if a in fixed else x for a, x in enumerate(self.sites)]
         u = np.stack(np.meshgrid(*sites, indexing="ij"), -1).reshape(-1, 3)
         c = as_array("f", asked("f", f, u), finite=False).reshape(*(len(x) for x in sites), -1)

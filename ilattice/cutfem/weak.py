@@ -120,7 +120,7 @@ def thermal_force(problem: "Elasticity", terms: Terms) -> FloatArray:
         if load.kind == "temperature":
             assert rule.parameters is not None
             assert rule.normals is not None
-            s = problem.thermal_stress(load, rule.parameters, asm.owners(rule))
+            s = problem._thermal_stress(load, rule.parameters, asm.owners(rule))
             f += asm.vector(rule, (rule.weights * s)[:, None] * terms.mask * rule.normals)
     return f
 

@@ -193,7 +193,7 @@ class Splitter:
 
     def __init__(self, fields: Sequence[Node]) -> None:
         self.builder = Builder()
-        self.roots = [f.emit(self.builder, (0, 1, 2)) for f in fields]
+        self.roots = [f._emit(self.builder, (0, 1, 2)) for f in fields]
         self.root = self.builder.extreme(ops.MAX, self.roots)
         self.program = self.builder.program(self.root)
         self.leaves: list[Leaf] = []

@@ -31,8 +31,8 @@ class _Extreme(Node):
     parts: tuple[Node, ...]
     radius: float
 
-    def emit(self, b: Builder, p: Point) -> int:
-        regs = [part.emit(b, p) for part in self.parts]
+    def _emit(self, b: Builder, p: Point) -> int:
+        regs = [part._emit(b, p) for part in self.parts]
         if self.radius == 0.0:
             return b.extreme(self.code, regs)
         total = regs[0]
@@ -46,12 +46,12 @@ class _Extreme(Node):
         sign = -0.25 if self.code == ops.MIN else 0.25
         return b.add(b.op(self.code, f, g), b.scaled(sign / self.radius, bump))
 
-    def bounding_box(self, level: float = 0.0) -> FloatArray:
+    def _box(self, level: float = 0.0) -> FloatArray:
         if self.code == ops.MAX:
-            boxes = np.stack([part.bounding_box(level) for part in self.parts])
+            boxes = np.stack([part._box(level) for part in self.parts])
             return np.stack((boxes[:, 0].max(axis=0), boxes[:, 1].min(axis=0)))
         grown = level + 0.25 * self.radius * (len(self.parts) - 1)
-        boxes = np.stack([part.bounding_box(grown) for part in self.parts])
+        boxes = np.stack([part._box(grown) for part in self.parts])
         kept = boxes[[not is_empty(k) for k in boxes]]
         if not len(kept):
             return nowhere()
@@ -62,10 +62,10 @@ class _Extreme(Node):
 class _Everywhere(Node):
     """All of space."""
 
-    def emit(self, b: Builder, p: Point) -> int:  # noqa: ARG002
+    def _emit(self, b: Builder, p: Point) -> int:  # noqa: ARG002
         return b.const(-1.0)
 
-    def bounding_box(self, level: float = 0.0) -> FloatArray:  # noqa: ARG002
+    def _box(self, level: float = 0.0) -> FloatArray:  # noqa: ARG002
         return everywhere()
 
 
@@ -73,10 +73,10 @@ class _Everywhere(Node):
 class _Complement(Node):
     part: Node
 
-    def emit(self, b: Builder, p: Point) -> int:
-        return b.op(ops.NEG, self.part.emit(b, p))
+    def _emit(self, b: Builder, p: Point) -> int:
+        return b.op(ops.NEG, self.part._emit(b, p))
 
-    def bounding_box(self, level: float = 0.0) -> FloatArray:  # noqa: ARG002
+    def _box(self, level: float = 0.0) -> FloatArray:  # noqa: ARG002
         return everywhere()
 
     @property
@@ -94,21 +94,21 @@ class _Offset(Node):
     sign: float
     shell: bool = False
 
-    def emit(self, b: Builder, p: Point) -> int:
-        f = self.part.emit(b, p)
+    def _emit(self, b: Builder, p: Point) -> int:
+        f = self.part._emit(b, p)
         if self.shell:
             f = b.op(ops.ABS, f)
         amount = self.amount
-        by = amount.emit(b, p) if isinstance(amount, Node) else b.const(amount)
+        by = amount._emit(b, p) if isinstance(amount, Node) else b.const(amount)
         return b.sub(f, b.scaled(self.sign, by))
 
-    def bounding_box(self, level: float = 0.0) -> FloatArray:
+    def _box(self, level: float = 0.0) -> FloatArray:
         if isinstance(self.amount, Node):
             low, high = self.amount.program.ranges(*everywhere()[:, None])[0]
             most = max(self.sign * low, self.sign * high)
         else:
             most = self.sign * self.amount
-        return self.part.bounding_box(level + most) if most < np.inf else everywhere()
+        return self.part._box(level + most) if most < np.inf else everywhere()
 
     @property
     def polynomial(self) -> Any:
@@ -127,12 +127,12 @@ class _Placed(Node):
     shift: FloatArray
     factor: float
 
-    def emit(self, b: Builder, p: Point) -> int:
+    def _emit(self, b: Builder, p: Point) -> int:
         inner = b.linear(self.matrix, p, self.shift)
-        return b.scaled(self.factor, self.part.emit(b, inner))
+        return b.scaled(self.factor, self.part._emit(b, inner))
 
-    def bounding_box(self, level: float = 0.0) -> FloatArray:
-        inner = self.part.bounding_box(level / self.factor)
+    def _box(self, level: float = 0.0) -> FloatArray:
+        inner = self.part._box(level / self.factor)
         if is_empty(inner):
             return nowhere()
         back = np.linalg.inv(self.matrix)
@@ -147,7 +147,7 @@ class _Placed(Node):
     @property
     def exact_box(self) -> FloatArray | None:
         straight = np.count_nonzero(self.matrix) == 3
-        return self.bounding_box() if straight and self.part.exact_box is not None else None
+        return self._box() if straight and self.part.exact_box is not None else None
 
     @property
     def polynomial(self) -> Any:
@@ -165,26 +165,26 @@ class _Mixed(Node):
     second: Node
     weight: Node
 
-    def emit(self, b: Builder, p: Point) -> int:
-        w = b.op(ops.MIN, b.op(ops.MAX, self.weight.emit(b, p), b.const(0.0)), b.const(1.0))
-        f, g = self.first.emit(b, p), self.second.emit(b, p)
+    def _emit(self, b: Builder, p: Point) -> int:
+        w = b.op(ops.MIN, b.op(ops.MAX, self.weight._emit(b, p), b.const(0.0)), b.const(1.0))
+        f, g = self.first._emit(b, p), self.second._emit(b, p)
         return b.add(b.mul(b.sub(b.const(1.0), w), f), b.mul(w, g))
 
-    def bounding_box(self, level: float = 0.0) -> FloatArray:
-        return _Extreme(ops.MIN, (self.first, self.second), 0.0).bounding_box(level)
+    def _box(self, level: float = 0.0) -> FloatArray:
+        return _Extreme(ops.MIN, (self.first, self.second), 0.0)._box(level)
 
 
 @dataclass(frozen=True, eq=False)
 class _Normalized(Node):
     part: Node
 
-    def emit(self, b: Builder, p: Point) -> int:
-        f = self.part.emit(b, p)
+    def _emit(self, b: Builder, p: Point) -> int:
+        f = self.part._emit(b, p)
         steepness = b.norm(*b.gradient(f, p))
         return b.op(ops.DIV, f, b.op(ops.MAX, steepness, b.const(1e-12)))
 
-    def bounding_box(self, level: float = 0.0) -> FloatArray:
-        return self.part.bounding_box(0.0) if level <= 0.0 else everywhere()
+    def _box(self, level: float = 0.0) -> FloatArray:
+        return self.part._box(0.0) if level <= 0.0 else everywhere()
 
 
 def _several(name: str, code: int, parts: tuple[Any, ...], radius: Any) -> Node:

@@ -24,15 +24,15 @@ class _Twist(Node):
     part: Node
     rate: float
 
-    def emit(self, b: Builder, p: Point) -> int:
+    def _emit(self, b: Builder, p: Point) -> int:
         angle = b.scaled(self.rate, p[2])
         c, s = b.op(ops.COS, angle), b.op(ops.SIN, angle)
         x = b.add(b.mul(c, p[0]), b.mul(s, p[1]))
         y = b.sub(b.mul(c, p[1]), b.mul(s, p[0]))
-        return self.part.emit(b, (x, y, p[2]))
+        return self.part._emit(b, (x, y, p[2]))
 
-    def bounding_box(self, level: float = 0.0) -> FloatArray:
-        inner = self.part.bounding_box(level)
+    def _box(self, level: float = 0.0) -> FloatArray:
+        inner = self.part._box(level)
         if is_empty(inner):
             return nowhere()
         reach = float(np.linalg.norm(np.abs(inner[:, :2]).max(axis=0)))
@@ -44,11 +44,11 @@ class _Repeat(Node):
     part: Node
     period: FloatArray
 
-    def emit(self, b: Builder, p: Point) -> int:
+    def _emit(self, b: Builder, p: Point) -> int:
         x, y, z = (b.op(ops.WRAP, p[i], b.const(self.period[i])) for i in range(3))
-        return self.part.emit(b, (x, y, z))
+        return self.part._emit(b, (x, y, z))
 
-    def bounding_box(self, level: float = 0.0) -> FloatArray:  # noqa: ARG002
+    def _box(self, level: float = 0.0) -> FloatArray:  # noqa: ARG002
         return everywhere()
 
 
@@ -57,14 +57,14 @@ class _Bent(Node):
     part: Node
     radius: float
 
-    def emit(self, b: Builder, p: Point) -> int:
+    def _emit(self, b: Builder, p: Point) -> int:
         radius = b.const(self.radius)
         up = b.sub(radius, p[1])
         along = b.mul(radius, b.op(ops.ATAN2, p[0], up))
-        return self.part.emit(b, (along, b.sub(radius, b.norm(p[0], up)), p[2]))
+        return self.part._emit(b, (along, b.sub(radius, b.norm(p[0], up)), p[2]))
 
-    def bounding_box(self, level: float = 0.0) -> FloatArray:
-        inner = self.part.bounding_box(level)
+    def _box(self, level: float = 0.0) -> FloatArray:
+        inner = self.part._box(level)
         if is_empty(inner):
             return nowhere()
         far = max(self.radius - inner[0, 1], 0.0)
@@ -78,12 +78,12 @@ class _Cylindrical(Node):
     part: Node
     count: float
 
-    def emit(self, b: Builder, p: Point) -> int:
+    def _emit(self, b: Builder, p: Point) -> int:
         turn = b.scaled(0.5 * self.count / np.pi, b.op(ops.ATAN2, p[1], p[0]))
-        return self.part.emit(b, (b.norm(p[0], p[1]), turn, p[2]))
+        return self.part._emit(b, (b.norm(p[0], p[1]), turn, p[2]))
 
-    def bounding_box(self, level: float = 0.0) -> FloatArray:
-        inner = self.part.bounding_box(level)
+    def _box(self, level: float = 0.0) -> FloatArray:
+        inner = self.part._box(level)
         far = inner[1, 0]
         if is_empty(inner) or far < 0.0:
             return nowhere()

@@ -73,7 +73,7 @@ class _Equation(Node):
     steps: tuple[_Step, ...]
     variables: tuple[str, ...] = VARIABLES
 
-    def emit(self, b: Builder, p: Point) -> int:
+    def _emit(self, b: Builder, p: Point) -> int:
         stack: list[int] = []
         for step in self.steps:
             if step.kind == "number":
@@ -85,7 +85,7 @@ class _Equation(Node):
                 stack[first:] = [_applied(b, int(step.value), stack[first:])]
         return stack[0]
 
-    def bounding_box(self, level: float = 0.0) -> FloatArray:  # noqa: ARG002
+    def _box(self, level: float = 0.0) -> FloatArray:  # noqa: ARG002
         return everywhere()
 
     def __repr__(self) -> str:
@@ -313,7 +313,7 @@ def constant(text: str, *, names: Mapping[str, float] | None = None) -> float:
     if has_coordinates(found):
         raise InputError(f"{_short(text)} must be a constant, without x, y and z")
     b = Builder()
-    value = b.imm[found.emit(b, (0, 1, 2))]
+    value = b.imm[found._emit(b, (0, 1, 2))]
     if not np.isfinite(value):
         raise InputError(f"{_short(text)} is {value}, not a finite number")
     return value

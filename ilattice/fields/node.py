@@ -22,21 +22,12 @@ INF = np.inf
 class Node(Frozen):
     """Base of all fields of this room; made by the functions of `ilattice.fields`."""
 
-    def emit(self, b: Builder, p: Point) -> int:
-        """Write the instructions of the field.
+    def _emit(self, b: Builder, p: Point) -> int:
+        """Write the instructions of the field at registers of the coordinates; the value's."""
+        raise NotImplementedError
 
-        Parameters
-        ----------
-        b : Builder
-            The program in the making.
-        p : tuple of int
-            Registers of the coordinates.
-
-        Returns
-        -------
-        int
-            Register of the value.
-        """
+    def _box(self, level: float = 0.0) -> FloatArray:
+        """`bounding_box` of a level that is known to be a number."""
         raise NotImplementedError
 
     def bounding_box(self, level: float = 0.0) -> FloatArray:
@@ -52,8 +43,13 @@ class Node(Frozen):
         ndarray, shape (2, 3)
             Corners; infinite where nothing better is known, the lower one above the upper one
             where there are no such points.
+
+        Raises
+        ------
+        InputError
+            For a level that is not one finite number.
         """
-        raise NotImplementedError
+        return self._box(as_number("level", level))
 
     @property
     def exact_box(self) -> FloatArray | None:
@@ -80,12 +76,12 @@ class Node(Frozen):
     def program(self) -> Program:
         """The compiled field."""
         b = Builder()
-        return b.program(self.emit(b, (0, 1, 2)))
+        return b.program(self._emit(b, (0, 1, 2)))
 
     @property
     def bounds(self) -> FloatArray:
         """Box (2, 3) of the solid, perhaps infinite."""
-        box: FloatArray = read_only(self.bounding_box(0.0))
+        box: FloatArray = read_only(self._box(0.0))
         return box
 
     def __call__(self, p: ArrayLike, /) -> FloatArray:

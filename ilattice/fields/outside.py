@@ -26,10 +26,10 @@ class _Outside(Node):
     f: Any
     box: FloatArray
 
-    def emit(self, b: Builder, p: Point) -> int:
+    def _emit(self, b: Builder, p: Point) -> int:
         return b.leaf(self, p)
 
-    def bounding_box(self, level: float = 0.0) -> FloatArray:
+    def _box(self, level: float = 0.0) -> FloatArray:
         if hasattr(self.f, "bounding_box"):
             return np.array(asked("bounding_box of the field", self.f.bounding_box, level))
         return np.array(self.box) if level <= 0.0 else everywhere()

@@ -27,10 +27,10 @@ def _centred(reach: Any) -> FloatArray:
 class _Sphere(Node):
     radius: float
 
-    def emit(self, b: Builder, p: Point) -> int:
+    def _emit(self, b: Builder, p: Point) -> int:
         return b.sub(b.norm(*p), b.const(self.radius))
 
-    def bounding_box(self, level: float = 0.0) -> FloatArray:
+    def _box(self, level: float = 0.0) -> FloatArray:
         return _centred(self.radius + level)
 
 
@@ -38,29 +38,29 @@ class _Sphere(Node):
 class _Box(Node):
     half: FloatArray
 
-    def emit(self, b: Builder, p: Point) -> int:
+    def _emit(self, b: Builder, p: Point) -> int:
         q = [b.sub(b.op(ops.ABS, p[i]), b.const(self.half[i])) for i in range(3)]
         zero = b.const(0.0)
         outside = b.norm(*(b.op(ops.MAX, r, zero) for r in q))
         inside = b.extreme(ops.MAX, q)
         return b.inside(b.add(outside, b.op(ops.MIN, inside, zero)), inside)
 
-    def bounding_box(self, level: float = 0.0) -> FloatArray:
+    def _box(self, level: float = 0.0) -> FloatArray:
         return _centred(self.half + level)
 
     @property
     def exact_box(self) -> FloatArray:
-        return self.bounding_box()
+        return self._box()
 
 
 @dataclass(frozen=True, eq=False)
 class _Cylinder(Node):
     radius: float
 
-    def emit(self, b: Builder, p: Point) -> int:
+    def _emit(self, b: Builder, p: Point) -> int:
         return b.sub(b.norm(p[0], p[1]), b.const(self.radius))
 
-    def bounding_box(self, level: float = 0.0) -> FloatArray:
+    def _box(self, level: float = 0.0) -> FloatArray:
         r = self.radius + level
         return _centred((r, r, np.inf))
 
@@ -70,11 +70,11 @@ class _HalfSpace(Node):
     normal: FloatArray
     offset: float
 
-    def emit(self, b: Builder, p: Point) -> int:
+    def _emit(self, b: Builder, p: Point) -> int:
         dot = b.add(*(b.scaled(self.normal[i], p[i]) for i in range(3)))
         return b.sub(dot, b.const(self.offset))
 
-    def bounding_box(self, level: float = 0.0) -> FloatArray:
+    def _box(self, level: float = 0.0) -> FloatArray:
         out = everywhere()
         for i in np.flatnonzero(np.abs(self.normal) == 1.0):
             sign = self.normal[i]
@@ -87,11 +87,11 @@ class _Torus(Node):
     major: float
     minor: float
 
-    def emit(self, b: Builder, p: Point) -> int:
+    def _emit(self, b: Builder, p: Point) -> int:
         ring = b.sub(b.norm(p[0], p[1]), b.const(self.major))
         return b.sub(b.norm(ring, p[2]), b.const(self.minor))
 
-    def bounding_box(self, level: float = 0.0) -> FloatArray:
+    def _box(self, level: float = 0.0) -> FloatArray:
         r = self.minor + level
         return nowhere() if r < 0 else _centred((self.major + r, self.major + r, r))
 
@@ -102,7 +102,7 @@ class _Capsule(Node):
     second: FloatArray
     radius: float
 
-    def emit(self, b: Builder, p: Point) -> int:
+    def _emit(self, b: Builder, p: Point) -> int:
         axis = self.second - self.first
         q = [b.sub(p[i], b.const(self.first[i])) for i in range(3)]
         square = float(axis @ axis)
@@ -111,7 +111,7 @@ class _Capsule(Node):
         away = b.norm(*(b.sub(q[i], b.scaled(axis[i], t)) for i in range(3)))
         return b.sub(away, b.const(self.radius))
 
-    def bounding_box(self, level: float = 0.0) -> FloatArray:
+    def _box(self, level: float = 0.0) -> FloatArray:
         r = self.radius + level
         if r < 0:
             return nowhere()
@@ -124,7 +124,7 @@ class _Cone(Node):
     radius: float
     half: float
 
-    def emit(self, b: Builder, p: Point) -> int:
+    def _emit(self, b: Builder, p: Point) -> int:
         length = float(np.hypot(self.radius, 2.0 * self.half))
         out, up = 2.0 * self.half / length, self.radius / length  # normal of the mantle
         zero, one = b.const(0.0), b.const(1.0)
@@ -143,7 +143,7 @@ class _Cone(Node):
         share = b.scaled(0.5, b.add(one, b.op(ops.SIGN, inside)))
         return b.inside(b.add(b.op(ops.MIN, inside, zero), b.mul(share, away)), inside)
 
-    def bounding_box(self, level: float = 0.0) -> FloatArray:
+    def _box(self, level: float = 0.0) -> FloatArray:
         r = self.radius + level
         return _centred((r, r, self.half + level))
 

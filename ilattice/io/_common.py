@@ -164,6 +164,14 @@ def atomic_write(path: str | os.PathLike[str], *, text: bool = False) -> Iterato
         yield file
 
 
+def replace(made: Path, path: str | os.PathLike[str]) -> None:
+    """Give a file that is on the disk its final name, and the permissions of the one before."""
+    target = _target(path)
+    with explained(target):
+        _set_mode(target, str(made))
+        os.replace(made, target)
+
+
 def write_report(path: str | os.PathLike[str], data: dict[str, Any]) -> None:
     """Write plain data as JSON, whole or not at all."""
     with atomic_write(path, text=True) as file:
@@ -199,8 +207,9 @@ def _copied_to(number: int, suffix: str) -> Iterator[Path]:
         temporary = Path(folder) / f"stream{suffix}"
         temporary.touch()
         yield temporary
-        sys.stdout.flush()
-        sys.stderr.flush()
+        for stream in (sys.stdout, sys.stderr):
+            if stream is not None:  # as it is where it was closed
+                stream.flush()
         with open(temporary, "rb") as file, open(os.dup(number), "ab") as out:
             shutil.copyfileobj(file, out)
 
@@ -212,8 +221,9 @@ def _temporary(target: Path) -> Iterator[Path]:
     It is locked while the block runs. Those that are not belong to processes that were killed, and
     are removed first.
     """
-    start, end = f".{target.stem[:40]}.tmp", target.suffix[:40]
-    left = re.compile(re.escape(start) + "[a-z0-9_]{8}" + re.escape(end))
+    start, end = _hidden(target)
+    mark = "[a-z0-9_]{8}"  # of files that were to become hidden ones there are two
+    left = re.compile(rf"\.?{re.escape(start)}{mark}(?:\.tmp{mark})?{re.escape(end)}")
     for name in os.listdir(target.parent):
         if left.fullmatch(name):
             _remove_unlocked(target.parent / name)
@@ -233,6 +243,29 @@ def _temporary(target: Path) -> Iterator[Path]:
             os.unlink(name)  # unless it has become the target
         if locked:
             os.close(handle)
+
+
+def _hidden(target: Path) -> tuple[str, str]:
+    """How hidden names of a file begin and end, with eight letters in between."""
+    return f".{target.stem[:40]}.tmp", target.suffix[:40]
+
+
+def hidden_name(path: str | os.PathLike[str], mark: str) -> Path:
+    """Name, with a mark of eight letters, for a file that is to become `path` by `replace`."""
+    target = _target(path)
+    start, end = _hidden(target)
+    return target.with_name(f"{start}{mark}{end}")
+
+
+@contextmanager
+def held(path: Path) -> Iterator[None]:
+    """Keep a hidden file, while the block runs, from being removed as one of a killed process."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        _lock(handle, wait=True)
+        yield
+    finally:
+        os.close(handle)
 
 
 def _lock(handle: int, *, wait: bool) -> bool:

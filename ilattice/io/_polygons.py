@@ -184,4 +184,4 @@ def checked_mesh(
             PrecisionWarning,
             stacklevel=5,
         )
-    return SurfaceMesh.adopt(np.ascontiguousarray(vertices), faces[:kept])
+    return SurfaceMesh._adopt(np.ascontiguousarray(vertices), faces[:kept])

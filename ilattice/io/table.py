@@ -19,7 +19,9 @@ the sweep ends it takes the place of the old row. Until then the last of equal k
 
 Guarantees: while a sweep runs no line is changed, whenever it is killed; a line that a killed run
 has left unfinished is cut off. Rows of other keys stay for ever. Files that are no such table, or
-one with other columns, are refused and left alone. A sweep that was killed and is run again ends
+one with other columns, are refused and left alone. What a run writes has a hidden name until its
+row is on the disk, so that every file that is there has a row; files that are there and have none
+in this table are not written over. A sweep that was killed and is run again ends
 with the bytes of one that was not. One sweep at a time writes to a table: a second one is refused
 where the system has ``flock`` (not on Windows, nor on some network disks).
 Not guaranteed: that somebody's editor keeps the format; lines that do not fit are refused by their
@@ -32,13 +34,20 @@ import errno
 import hashlib
 import io
 import os
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any, NoReturn
 
 from ilattice.errors import FileError, FormatError, printable
-from ilattice.io._common import atomic_write, explained, read_bytes
+from ilattice.io._common import (
+    atomic_write,
+    explained,
+    held,
+    hidden_name,
+    read_bytes,
+    replace,
+)
 
 __all__ = ["KEPT", "Table", "digest"]
 
@@ -72,6 +81,7 @@ class Table:
         self.parameters = tuple(parameters)
         self.columns = (*parameters, *results, *KEPT)
         self._rows: dict[tuple[str, ...], dict[str, str]] = {}
+        self._owners: dict[str, dict[str, str]] = {}
         self._replaced = False
         with explained(self.path):
             self._file = _locked(self.path)
@@ -96,12 +106,14 @@ class Table:
             self._file.close()
 
     def find(
-        self, values: Mapping[str, str], command: str, inputs: str, version: str
+        self, path: str, values: Mapping[str, str], command: str, inputs: str, version: str
     ) -> dict[str, str] | None:
         """The row of a run that need not be repeated.
 
         Parameters
         ----------
+        path : str
+            The file that the run writes.
         values : mapping of str to str
             The parameters.
         command, inputs, version : str
@@ -110,18 +122,20 @@ class Table:
         Returns
         -------
         dict or None
-            The row, as text; None if there is none, if its inputs or its version are others, or if
-            its file is not the one that was written.
+            The row, as text; None if there is none, if its file, its inputs or its version are
+            others, or if its file is not the one that was written.
         """
-        row = self._rows.get(self._key({**values, "command": printable(command)}))
+        row = self._rows.get(self._key({**values, "command": _written(command)}))
         if row is None or not row["file"] or (row["inputs"], row["version"]) != (inputs, version):
             return None
+        if _real(row["file"]) != _real(path):
+            return None
         with suppress(FormatError):
-            return row if digest(row["file"]) == row["output"] else None
+            return row if digest(path) == row["output"] else None
         return None
 
     def check_files(self, runs: Mapping[str, Mapping[str, str]], command: str) -> None:
-        """Refuse, before any work, to write over what rows of other keys have written.
+        """Refuse to write over files that the rows of these runs have not written.
 
         Parameters
         ----------
@@ -133,17 +147,78 @@ class Table:
         Raises
         ------
         FileError
-            Naming the first file of another row that is there.
+            Naming the first file that is there, and whose it is.
         """
-        owners = {os.path.realpath(r["file"]): (k, r) for k, r in self._rows.items() if r["file"]}
         for path, values in runs.items():
-            key, row = owners.get(os.path.realpath(path), (None, {}))
-            mine = key in (None, self._key({**values, "command": printable(command)}))
-            if not mine and os.path.exists(path):
-                raise FileError(
-                    f"-o: {str(path)!r} is the file of another row of {str(self.path)!r}, "
-                    f"{row['command']!r:.200}, and would be lost; choose another -o"
-                )
+            own = self._rows.get(self._key({**values, "command": _written(command)}))
+            row = self._owners.get(_real(path))
+            # of a run that has failed nobody knows the file: it may be of an earlier success
+            mine = row is own if row else own is not None and not own["file"]
+            if mine or not os.path.exists(path):
+                continue
+            whose = (
+                f"is the file of another row of {str(self.path)!r}, {row['command']!r:.200}, and "
+                "would be lost; choose another -o"
+                if row
+                else f"is there, and of no row of {str(self.path)!r}; move it away, choose another "
+                "-o, or give the --table that has it"
+            )
+            raise FileError(f"-o: {str(path)!r} {whose}")
+
+    @contextmanager
+    def aside(self, path: str | os.PathLike[str]) -> Iterator[Path]:
+        """Provide the hidden name under which a run writes, until `add` gives it the final one.
+
+        Parameters
+        ----------
+        path : path-like
+            The file of the run.
+
+        Yields
+        ------
+        Path
+            A name in the same directory with the same suffix, and the same whenever the run is
+            repeated. What is there at the end of the block is removed; what a killed process has
+            left, by the next save of that file.
+        """
+        mark = hashlib.sha256(os.fsencode(os.path.realpath(self.path))).hexdigest()
+        hidden = hidden_name(path, mark[:8])
+        try:
+            yield hidden
+        finally:
+            with suppress(OSError):
+                hidden.unlink()
+
+    def add(self, row: Mapping[str, Any], made: Path) -> dict[str, Any]:
+        """Add the row of a run, and give what it has written the name that the row has.
+
+        Parameters
+        ----------
+        row : mapping of str to object
+            As in `append`; of a run that has failed `file` is empty.
+        made : Path
+            What the run has written, see `aside`.
+
+        Returns
+        -------
+        dict
+            The row with the digest of the file.
+
+        Raises
+        ------
+        FormatError
+            If it cannot be written, or another program has written that file in the meantime.
+        """
+        if not row["file"]:
+            whole = {**row, "output": ""}
+            self.append(whole)
+            return whole
+        with explained(made), held(made):
+            whole = {**row, "output": digest(made)}
+            self.check_files({row["file"]: row}, row["command"])
+            self.append(whole)
+            replace(made, row["file"])
+        return whole
 
     def append(self, row: Mapping[str, Any]) -> None:
         """Add a row, unless the one of its parameters and command is the same.
@@ -173,13 +248,19 @@ class Table:
     # ------------------------------------------------------------------ inside
 
     def _key(self, row: Mapping[str, str]) -> tuple[str, ...]:
-        return (*(printable(row[name]) for name in self.parameters), row["command"])
+        return (*(_written(row[name]) for name in self.parameters), row["command"])
 
     def _take(self, row: dict[str, str]) -> None:
         """Let a row hold, in the place of an older one of its key."""
         key = self._key(row)
-        self._replaced |= key in self._rows
+        before = self._rows.get(key)
+        if before:
+            self._replaced = True
+            if before["file"]:
+                self._owners.pop(_real(before["file"]), None)
         self._rows[key] = row
+        if row["file"]:
+            self._owners[_real(row["file"])] = row
 
     def _parsed(self, line: str) -> dict[str, str]:
         return dict(zip(self.columns, next(csv.reader([line])), strict=True))
@@ -295,9 +376,24 @@ def digest(*paths: str | os.PathLike[str]) -> str:
     return total.hexdigest()[:_DIGITS]
 
 
+def _real(path: str | os.PathLike[str]) -> str:
+    """Where a file is, with the letters that a table has for it."""
+    name = os.fspath(path)
+    with suppress(UnicodeEncodeError):  # of a table, whose letters may be none of this locale
+        name = os.fsdecode(name.encode("utf-8", "surrogateescape"))
+    return _written(os.path.realpath(name))
+
+
+def _written(text: str) -> str:
+    """A text as it stands in tables: in one line, and the same in every locale."""
+    with suppress(UnicodeEncodeError):  # names in UTF-8 that this process does not know as such
+        text = text.encode("utf-8", "surrogateescape").decode("utf-8", "surrogateescape")
+    return printable(text)
+
+
 def _line(values: Sequence[Any]) -> str:
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerow([printable(str(v)) for v in values])
+    csv.writer(text, lineterminator="\n").writerow([_written(str(v)) for v in values])
     return text.getvalue()
 
 

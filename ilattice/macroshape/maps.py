@@ -433,7 +433,7 @@ class SplineMap(Frozen):
         SplineMap
             The map with permuted parameters.
         """
-        listed = list(order) if isinstance(order, (Sequence, np.ndarray)) else []
+        listed = as_items("order", order)
         if not all(among(a, range(3)) for a in listed) or sorted(listed) != [0, 1, 2]:
             raise InputError(f"order must be a permutation of 0, 1, 2, got {order!r}")
         s = self.spline
@@ -459,6 +459,7 @@ class SplineMap(Frozen):
         SplineMap
             This map itself if it is right-handed.
         """
+        axis = as_axis("axis", axis)
         return self.flipped(axis) if self.orientation < 0 else self
 
     def save(self, path: str | PathLike[str]) -> None:

@@ -86,7 +86,7 @@ def contour(field: Any, axes: Any, **options: Any) -> SurfaceMesh:
         Where there is no surface (the message names the range of the field) or the field is NaN.
     """
     vertices, faces = _join(contour_blocks(field, axes, **options), "vertices", "faces")
-    return SurfaceMesh.adopt(vertices, faces)
+    return SurfaceMesh._adopt(vertices, faces)
 
 
 def contour_arrays(

@@ -31,7 +31,7 @@ import numpy as np
 from ilattice._memory import need
 from ilattice._progress import Progress, track
 from ilattice._typing import ArrayLike, FloatArray
-from ilattice._validate import Frozen, as_array, as_positive, as_triple, read_only
+from ilattice._validate import Frozen, as_array, as_index, as_positive, as_triple, read_only
 from ilattice.errors import InputError, PrecisionWarning
 from ilattice.mesh import _kernels_slices as kernels
 from ilattice.mesh._in_plane import InPlane
@@ -185,7 +185,7 @@ class SliceStack(Frozen):
         """One slice, or a list of them."""
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
-        i = range(len(self))[index]
+        i = range(len(self))[as_index("index", index)]
         height = float(self.heights[i])
         below = self.bottom if i == 0 else float(self.tops[i - 1])
         outline = self.slicer.outline(height)

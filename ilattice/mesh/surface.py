@@ -70,7 +70,7 @@ class SurfaceMesh:
         )
 
     @classmethod
-    def adopt(
+    def _adopt(
         cls,
         vertices: AnyArray,
         faces: AnyArray,
@@ -143,7 +143,7 @@ class SurfaceMesh:
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle by content (read-only mappings cannot be pickled)."""
         data = (self.vertices, self.faces, dict(self.point_data), dict(self.cell_data))
-        return type(self).adopt, data
+        return type(self)._adopt, data
 
     def __repr__(self) -> str:
         """One line: sizes and names of the data."""
@@ -361,7 +361,7 @@ class SurfaceMesh:
             Shares vertices and faces with this one.
         """
         new = _as_data("point_data", arrays, len(self.vertices))
-        mesh = self.adopt(self.vertices, self.faces, {**self.point_data, **new}, self.cell_data)
+        mesh = self._adopt(self.vertices, self.faces, {**self.point_data, **new}, self.cell_data)
         _share_cache(self, mesh)
         return mesh
 
@@ -378,6 +378,7 @@ class SurfaceMesh:
         SurfaceMesh
             With the data of what is kept, in the old order.
         """
+        as_array("faces", faces)
         keep = np.asarray(faces)
         if keep.shape != (len(self.faces),) or keep.dtype != np.bool_:
             raise InputError(
@@ -388,7 +389,7 @@ class SurfaceMesh:
         used = np.zeros(len(self.vertices), np.bool_)
         used[kept] = True
         number = (np.cumsum(used) - 1).astype(self.faces.dtype)
-        return self.adopt(
+        return self._adopt(
             self.vertices[used],
             number[kept],
             {name: a[used] for name, a in self.point_data.items()},

@@ -91,7 +91,7 @@ def wall_mesh(
     _warn(int(held.sum()), len(kept), new.left)
     faces = _outward(wall, new.repair.faces)
     data = _point_data(wall, new.u[kept], side[kept]) | {"held": held.astype(np.int8)}
-    mesh = SurfaceMesh.adopt(new.x[kept].astype(dtype, copy=False), faces, data)
+    mesh = SurfaceMesh._adopt(new.x[kept].astype(dtype, copy=False), faces, data)
     if mesh.vertices.dtype == np.float64:
         mesh.__dict__["self_intersections"] = new.left  # known, needs no other search
     if caps and cut is None:
@@ -176,9 +176,9 @@ def wall_contour(wall: Wall, h: float | None, *, progress: Progress) -> SurfaceM
     sheets = _of_sheets(job, True)
     if sheets is not None:
         new = sheets[0]
-        return SurfaceMesh.adopt(new.x, _outward(wall, new.repair.faces), {})
+        return SurfaceMesh._adopt(new.x, _outward(wall, new.repair.faces), {})
     raw = contour_arrays(job.field, job.axes, **job.options)
-    return SurfaceMesh.adopt(wall.lattice.through.x(raw.vertices), _outward(wall, raw.faces), {})
+    return SurfaceMesh._adopt(wall.lattice.through.x(raw.vertices), _outward(wall, raw.faces), {})
 
 
 def _check_size(axes: tuple[FloatArray, ...]) -> None:

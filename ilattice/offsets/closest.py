@@ -33,8 +33,17 @@ from scipy.ndimage import maximum_filter
 from scipy.spatial import cKDTree
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
-from ilattice._validate import FrozenCopies, as_kind
-from ilattice.errors import ConvergenceError, GeometryError
+from ilattice._validate import (
+    FrozenCopies,
+    as_array,
+    as_flag,
+    as_items,
+    as_kind,
+    as_points,
+    as_rows,
+    as_whole,
+)
+from ilattice.errors import ConvergenceError, GeometryError, InputError
 from ilattice.offsets import _kernels, _kernels_newton
 from ilattice.offsets.mending import mended
 from ilattice.offsets.seeding import apart, between, crossings, downhill, gaps, regular
@@ -60,6 +69,7 @@ RETRIED = 1 << 21
 #: PILED, where a map squeezes seeds together.
 CROWDED, PILED, RIVAL = 0.35, 0.15, 0.1
 BATCH = 1 << 17
+MOST_ROWS = 1 << 40
 TOLERANCE = 1e-7
 #: Largest part of queries that may fall back, and a number that always may.
 MAX_FALLBACK, FEW = 1e-2, 10
@@ -122,7 +132,8 @@ class ClosestPoints(FrozenCopies):
         ClosestPoints
             Their feet.
         """
-        return ClosestPoints(*(getattr(self, f.name)[at] for f in fields(self)))
+        chosen = as_rows("at", at, len(self.u))
+        return ClosestPoints(*(getattr(self, f.name)[chosen] for f in fields(self)))
 
 
 @dataclass(frozen=True)
@@ -298,8 +309,9 @@ class ClosestPointSearch:
         tuple of ndarray
             Tile coordinates (n, 3), and which of them got there (n,).
         """
-        out, moved = p.copy(), np.empty(len(p))
-        _kernels.project(*self.space, out, np.zeros((len(p), 3)), 0.1, moved)
+        out = as_points("p", p).copy()
+        moved = np.empty(len(out))
+        _kernels.project(*self.space, out, np.zeros((len(out), 3)), 0.1, moved)
         return out, np.isfinite(moved)
 
     def _face_seeds(self, count: IntArray, closed: AnyArray) -> tuple[FloatArray, FloatArray]:
@@ -381,7 +393,7 @@ class ClosestPointSearch:
         ndarray, shape (n, 3)
             Tile coordinates.
         """
-        return (u - self.lo) / self.step
+        return (_triples("u", u) - self.lo) / self.step
 
     def from_tile(self, p: FloatArray) -> FloatArray:
         """Tile coordinates to parameters.
@@ -396,7 +408,7 @@ class ClosestPointSearch:
         ndarray, shape (n, 3)
             Parameters.
         """
-        return self.lo + p * self.step
+        return self.lo + _triples("p", p) * self.step
 
     def candidates(self, x: FloatArray, k: int) -> tuple[FloatArray, IntArray]:
         """Nearest seeds of points, nearest first.
@@ -413,7 +425,8 @@ class ClosestPointSearch:
         tuple of ndarray, shape (n, k)
             Distances and numbers of the seeds.
         """
-        k = min(k, len(self.seeds[0]))
+        x = as_points("x", x)
+        k = min(as_whole("k", k, 1, MOST_ROWS), len(self.seeds[0]))
         found: Any = self.tree.query(x, k=np.arange(1, k + 1), workers=numba.get_num_threads())
         distance, idx = found
         return distance, np.ascontiguousarray(idx, dtype=np.int64)
@@ -447,6 +460,11 @@ class ClosestPointSearch:
         ClosestPoints
             Feet, distances and what they cost.
         """
+        u = as_points("u", u)
+        strict, thorough = as_flag("strict", strict), as_flag("thorough", thorough)
+        strides = tuple(as_whole("strides", s, 1, MOST_ROWS) for s in as_items("strides", strides))
+        if known is not None and len(as_kind("known", known, "ClosestPoints").u) != len(u):
+            raise InputError(f"known must hold {len(u)} feet, one per query, got {len(known.u)}")
         n = len(u)
         p, x = self.to_tile(u), self.lattice.through.x(u)
         feet, counts, status = _results(n)
@@ -550,6 +568,14 @@ class ClosestPointSearch:
                 "opposite faces may differ, so that tiles do not fit together (periodic ones "
                 "do); or the map may fold"
             )
+
+
+def _triples(name: str, value: AnyArray) -> FloatArray:
+    """Array of which the last axis is one of three numbers, perhaps infinite."""
+    a = as_array(name, value, finite=False)
+    if a.shape[-1:] != (3,):
+        raise InputError(f"{name} must be points as rows, shape (n, 3), got {a.shape}")
+    return a
 
 
 def _results(n: int) -> tuple[FloatArray, IntArray, IntArray]:

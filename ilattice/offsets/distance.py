@@ -237,11 +237,11 @@ class _Distance(Node):
     band: float
     cache: dict[str, Any] = field(default_factory=dict)
 
-    def emit(self, b: Builder, p: Point) -> int:
+    def _emit(self, b: Builder, p: Point) -> int:
         return b.leaf(self, p)
 
-    def bounding_box(self, level: float = 0.0) -> FloatArray:
-        inner = self.part.bounding_box(0.0)
+    def _box(self, level: float = 0.0) -> FloatArray:
+        inner = self.part._box(0.0)
         if is_empty(inner):
             return nowhere()
         margin = max(level, 0.0)
@@ -261,7 +261,7 @@ class _Distance(Node):
             return _Periodic(polynomial)
         box = self.cache.get("region", self.region)
         if box is None or not np.isfinite(box).all():
-            box = self.part.bounding_box(0.0)
+            box = self.part._box(0.0)
         if not np.isfinite(box).all():
             raise InputError(
                 "the distance to a field without end needs a box: give box=, or intersect the "
@@ -397,7 +397,7 @@ def bind(field: Node, box: FloatArray) -> None:
         ends = np.stack([p.ranges(box[:1], box[1:])[0] for p in point], axis=1)
         bind(leaf.part, ends)
         if leaf.region is None and np.isfinite(ends).all():
-            inner = leaf.part.bounding_box(0.0)
+            inner = leaf.part._box(0.0)
             margin = MARGIN * float((ends[1] - ends[0]).max())
             reach = ends + np.array([[-margin], [margin]])
             leaf.cache["region"] = np.stack(

@@ -234,6 +234,7 @@ class Wall:
 
         dtype = as_float_type("dtype", dtype)
         h = None if h is None else as_positive("h", h)
+        caps, allow_loss = as_flag("caps", caps), as_flag("allow_loss", allow_loss)
         _warn_full(self)
         return wall_mesh(
             self, h, polish=self._polished(polish), caps=caps, dtype=dtype, progress=progress,

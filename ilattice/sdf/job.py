@@ -197,12 +197,14 @@ def _swept(
         table.check_files({str(path): values for path, values in runs.items()}, told)
         for output, values in track(list(runs.items()), "sweep", progress):
             inputs = digests(command.files(values))
-            known = table.find(values, told, inputs, __version__)
-            row = _typed(known) if known else _row(command, settings, output, values)
-            if not known:
-                made = digest(row["file"]) if row["file"] else ""
-                row |= {"command": told, "inputs": inputs, "version": __version__, "output": made}
-                table.append(row)
+            known = table.find(str(output), values, told, inputs, __version__)
+            if known:
+                row = _typed(known) | {"file": str(output)}
+            else:
+                with table.aside(output) as made:
+                    found = _row(command, settings, output, made, values)
+                    row = found | {"command": told, "inputs": inputs, "version": __version__}
+                    row = table.add(row, made)
             rows.append({name: row[name] for name in table.columns if name in row})
     return {"rows": rows, "files": [str(settings.table), *(r["file"] for r in rows if r["file"])]}
 
@@ -242,12 +244,14 @@ def _real(paths: Iterable[str]) -> list[str]:
 
 
 def _row(
-    command: Command, settings: Settings, output: Path, values: dict[str, str]
+    command: Command, settings: Settings, output: Path, made: Path, values: dict[str, str]
 ) -> dict[str, Any]:
+    """The row of one run, which writes `made`, and is to become `output`."""
     try:
-        found = _meshed(command, settings, output, values, None)
+        found = _meshed(command, settings, made, values, None)
     except IlatticeError as e:
-        return {**values, "file": "", "message": str(e)}
+        told = str(e).replace(str(made), str(output))
+        return {**values, "file": "", "message": told}
     return {**values, "file": str(output), "message": "", **{k: found[k] for k in MEASURES}}
 
 

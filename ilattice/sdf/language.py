@@ -22,7 +22,7 @@ import numpy as np
 
 from ilattice import fields
 from ilattice._typing import FloatArray
-from ilattice._validate import FixedMapping, as_flag, near_names
+from ilattice._validate import FixedMapping, as_flag, as_items, as_texts, near_names
 from ilattice.errors import FileError, InputError
 from ilattice.fields.equation import CONSTANTS, FUNCTIONS, VARIABLES, has_coordinates
 from ilattice.fields.node import Node
@@ -113,7 +113,8 @@ class Command:
         FormatError, GeometryError
             For files that cannot be read, or used.
         """
-        return _Machine(values or {}, strict).run(self.items)
+        known = as_texts("values", {} if values is None else values)
+        return _Machine(known, strict).run(self.items)
 
     def files(self, values: Mapping[str, str]) -> list[str]:
         """The files that the command reads.
@@ -128,7 +129,7 @@ class Command:
         list of str
             Paths, in order, each once.
         """
-        known = {key(name): text for name, text in values.items()}
+        known = {key(name): text for name, text in as_texts("values", values).items()}
         found: dict[str, None] = {}
         for item in self.items:
             text = item.token.text
@@ -158,6 +159,11 @@ class Command:
         InputError
             Naming the first such name.
         """
+        if not isinstance(values, Mapping):
+            raise InputError(f"values must be a mapping of names to texts, got {values!r:.80}")
+        for name, several in values.items():
+            for text in as_items("values", several):
+                as_texts("values", {name: text})
         texts = [t.text for i in self.items for t in (i.token, *i.operands.values())]
         texts += [text for several in values.values() for text in several]
         used = {key(text) for text in texts}

@@ -147,10 +147,10 @@ class Plan(Frozen):
             return contour(self.inner, axes, progress=progress, dtype=np.float32, place="linear")
         raw = contour_arrays(self.inner, axes, progress=progress)
         if not self.inner.program.kinked:
-            return SurfaceMesh.adopt(raw.vertices, raw.faces)
+            return SurfaceMesh._adopt(raw.vertices, raw.faces)
         sharp = sharpened(raw, self.inner, axes, _corners(self.inner))
         repair = remove_slivers(sharp.vertices, sharp.faces, sharp.kind, quality=SLIVER)
-        return SurfaceMesh.adopt(sharp.vertices[repair.vertices], repair.faces)
+        return SurfaceMesh._adopt(sharp.vertices[repair.vertices], repair.faces)
 
 
 def plan(solid: Node, spacing: Any = None, *, memory: float = MEMORY) -> Plan:

@@ -24,7 +24,7 @@ class TrigNode(Node):
 
     field: Any
 
-    def emit(self, b: Builder, p: Point) -> int:
+    def _emit(self, b: Builder, p: Point) -> int:
         f = self.field
         q = p if f.linear is None else b.linear(f.linear, p)
         total: list[int] = []
@@ -47,7 +47,7 @@ class TrigNode(Node):
         turn = 2.0 * np.pi * ((code + 1) // 2) / float(self.field.period[axis])
         return b.op(ops.COS if code % 2 else ops.SIN, b.scaled(turn, q[axis]))
 
-    def bounding_box(self, level: float = 0.0) -> FloatArray:  # noqa: ARG002
+    def _box(self, level: float = 0.0) -> FloatArray:  # noqa: ARG002
         return everywhere()
 
     @property
@@ -61,20 +61,20 @@ class TileNode(Node):
 
     tile: Any
 
-    def emit(self, b: Builder, p: Point) -> int:
+    def _emit(self, b: Builder, p: Point) -> int:
         field = self.tile.field
         level = b.const(self.tile.level)
         if hasattr(field, "node"):
-            return b.sub(field.node.emit(b, p), level)
+            return b.sub(field.node._emit(b, p), level)
         zero, one = b.const(0.0), b.const(1.0)
         within = [b.op(ops.MAX, b.op(ops.MIN, b.op(ops.MOD, r, one), one), zero) for r in p]
-        return b.sub(self._leaf.emit(b, (within[0], within[1], within[2])), level)
+        return b.sub(self._leaf._emit(b, (within[0], within[1], within[2])), level)
 
     @cached_property
     def _leaf(self) -> Node:
         return from_callable(self.tile.field)
 
-    def bounding_box(self, level: float = 0.0) -> FloatArray:  # noqa: ARG002
+    def _box(self, level: float = 0.0) -> FloatArray:  # noqa: ARG002
         return everywhere()
 
     @property

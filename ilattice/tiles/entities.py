@@ -129,7 +129,7 @@ class Arc(Frozen):
         ndarray, shape (n, 3)
             Points.
         """
-        t = np.asarray(a, np.float64)[:, None]
+        t = as_array("a", a, ndim=1)[:, None]
         return self.centre + np.cos(t) * self.u + np.sin(t) * self.v
 
 

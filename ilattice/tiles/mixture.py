@@ -23,7 +23,17 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
-from ilattice._validate import as_array, as_choice, as_not_negative, as_points, as_positive, asked
+from ilattice._validate import (
+    as_array,
+    as_choice,
+    as_counts,
+    as_flag,
+    as_not_negative,
+    as_points,
+    as_positive,
+    asked,
+    per_direction,
+)
 from ilattice.errors import InputError
 from ilattice.tiles._joined import joined
 from ilattice.tiles._mixed import Blend, Component, MixedField, fitted
@@ -114,13 +124,18 @@ class Mixture:
         tuple of list of Tile, and Blend
             In the same order.
         """
+        repeat = as_counts("repeat", repeat)
+        domain = as_array("domain", domain, ndim=2)
+        if domain.shape != (2, 3) or not (domain[0] < domain[1]).all():
+            raise InputError(f"domain must be a lower and an upper corner, got {domain.tolist()}")
+        closed = [as_flag("closed", c) for c in per_direction("closed", closed, 3)]
         tiles, numbers = list(self.tiles), None
         if self.weight is None:
             assert self.cells is not None
             tiles, numbers = _numbered(self.tiles, self.cells(repeat))
         return tiles, Blend(
             tuple(Component.of(t) for t in tiles), numbers, self.weight, self.blend, repeat,
-            np.array(domain), np.array(closed),
+            domain, np.array(closed),
         )  # fmt: skip
 
     def field(

@@ -35,6 +35,7 @@ from ilattice._validate import (
     as_items,
     as_points,
     as_positive,
+    as_real,
     as_triple,
     read_only,
 )
@@ -174,6 +175,7 @@ class SkeletonField(Frozen):
         ndarray, shape (n,)
             The lesser of value and limit.
         """
+        limit = as_real("limit", limit, finite=False)
         # A smooth union is below the least distance by at most half its width.
         p = self._in_space(as_points("u", u))
         return np.minimum(self._evaluate(p, self._tree, 0, limit + 0.5 * self.blend)[0], limit)

@@ -23,6 +23,7 @@ from ilattice._validate import (
     as_items,
     as_points,
     as_positive,
+    as_real,
     asked,
     check_finite,
     read_only,
@@ -105,10 +106,12 @@ class Tile:
 
     def __post_init__(self, check: bool) -> None:
         _check_field(self.field)
-        level = as_array("level", self.level)
-        if level.size != 1:
-            raise InputError(f"level must be one number, got {self.level!r:.80}")
-        object.__setattr__(self, "level", float(level.ravel()[0]))
+        for told in ("name", "source"):
+            if not isinstance(getattr(self, told), str):
+                raise InputError(f"{told} must be a text, got {getattr(self, told)!r:.80}")
+        for flag in ("singular_at_zero", "hexagonal", "disconnected", "symmetric"):
+            object.__setattr__(self, flag, as_flag(flag, getattr(self, flag)))
+        object.__setattr__(self, "level", as_real("level", self.level))
         if self.tol is not None:
             object.__setattr__(self, "tol", as_positive("tol", self.tol))
         if self.edges is not None:
@@ -335,6 +338,7 @@ class Tile:
         GeometryError
             If the field does not cross that level.
         """
+        level = as_real("level", level)
         same = self.singular_at_zero and level == self.level
         return replace(self, level=level, singular_at_zero=same)
 

@@ -352,7 +352,7 @@ def test_surface_matrices_are_those_of_the_naive_twin():
             found = asm.pattern.matrix(data).toarray()
             np.testing.assert_allclose(found, expected.reshape(found.shape), atol=1e-11)
         heat = Heat(problem.domain, conductivity=3.0).fix("surface", 0.0)
-        rule, Q, k = heat.surface_terms(heat.supports[0])
+        rule, Q, k = heat._surface_terms(heat.supports[0])
         F = np.einsum("q,qac,qc->qa", k, g, n)
         half = np.einsum("q,qa,qb->ab", w, N, F)
         data = heat.assembly.zeros(1)

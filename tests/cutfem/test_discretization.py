@@ -203,7 +203,7 @@ def test_what_the_penalty_on_jumps_takes_is_in_the_estimate(p, r):
     energy = float(c.ravel() @ (problem.matrix @ c.ravel()))
     jumps = energy - float(c.ravel() @ (problems["none"].matrix @ c.ravel()))
     assert jumps > 1e-4 * energy
-    found = problem.assembly.ghost_energy(c, problem.ghost_stiffness)
+    found = problem.assembly.ghost_energy(c, problem._ghost_stiffness)
     np.testing.assert_allclose(found, jumps, rtol=1e-6)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", PrecisionWarning)

@@ -35,11 +35,11 @@ class Instruction(Node):
 
     code: int
 
-    def emit(self, b, p):
+    def _emit(self, b, p):
         first = b.add(p[0], b.scaled(0.3, p[2]))
         return b.op(self.code, first, p[1] if self.code >= ops.BINARY else None)
 
-    def bounding_box(self, level=0.0):  # noqa: ARG002
+    def _box(self, level=0.0):  # noqa: ARG002
         return everywhere()
 
 
@@ -78,7 +78,7 @@ def test_derivatives_as_instructions_are_those_of_the_jet(name, ends):
     field, box = Instruction(code), box_of(*ends)
     p = np.random.default_rng(6).uniform(*box, (100, 3))
     b = Builder()
-    rows = b.gradient(field.emit(b, (0, 1, 2)), (0, 1, 2))
+    rows = b.gradient(field._emit(b, (0, 1, 2)), (0, 1, 2))
     by_instructions = np.stack([b.program(r).values(p) for r in rows], axis=1)
     g = field.jet(p, 1)[1]
     np.testing.assert_allclose(by_instructions, g, rtol=1e-12, atol=1e-13)

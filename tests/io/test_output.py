@@ -440,13 +440,15 @@ def test_temporary_files_of_killed_processes_are_removed_by_the_next_save(tmp_pa
     names = [Path(child.stdout.readline().strip()) for child in children]
     other = tmp_path / ".a.tmp.ply"
     other.touch()
+    for name in (".a.tmp0123abcd.ply", "..a.tmp0123abcd.tmpwxyz_890.ply"):  # of killed sweeps
+        (tmp_path / name).touch()
     for child in children[1:]:
         child.kill()
         child.wait()
     assert all(name.exists() for name in names)
     il.sdf.mesh(il.fields.sphere(1.0), 0.5).save(tmp_path / "a.ply")
     assert [name.exists() for name in names] == [True, False, False]
-    assert other.exists()
+    assert {p.name for p in tmp_path.iterdir()} == {"a.ply", other.name, names[0].name}
     children[0].kill()
     children[0].wait()
     for child in children:

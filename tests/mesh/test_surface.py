@@ -296,7 +296,7 @@ def test_arrays_are_copied_and_read_only():
 
 def test_adopt_takes_the_arrays_without_a_copy():
     vertices, faces = meshes.cube()
-    mesh = SurfaceMesh.adopt(vertices, faces)
+    mesh = SurfaceMesh._adopt(vertices, faces)
     assert mesh.vertices is vertices
     assert not vertices.flags.writeable
     assert mesh.volume == pytest.approx(1.0)

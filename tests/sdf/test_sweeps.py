@@ -14,6 +14,7 @@ import pytest
 import ilattice as il
 from ilattice import cli
 from ilattice.errors import FormatError, InputError
+from ilattice.io import table
 from ilattice.io.table import Table, digest
 from ilattice.sdf import job
 
@@ -98,6 +99,58 @@ def test_meshes_of_other_rows_are_not_overwritten(here, first, second, way):
     for path in here.glob("a_*"):
         path.unlink()
     job.run(f"{second} -o a.ply --table t.csv")  # nothing to lose any more
+
+
+@pytest.mark.parametrize("other", ["sphere dilate t -s 0.5", "box dilate t -s 0.5"])
+def test_files_of_another_table_are_not_overwritten(here, other):
+    """They used to be, as no table knows of the rows of another one."""
+    job.run(f"{SWEEP} --set t=0,0.1 --table one.csv")
+    before = everything(here)
+    with pytest.raises(InputError, match=r"'a_t=0\.1\.ply' is there, and of no row of 'two\.csv'"):
+        job.run(f"{other} -o a.ply --set t=0.3,0.1 --table two.csv")
+    assert everything(here) == before
+
+
+def test_files_that_appear_during_a_sweep_are_not_overwritten(here):
+    def another(_, done, __):
+        if done == 1:
+            (here / "a_t=0.1.ply").write_text("of somebody else")
+
+    with pytest.raises(InputError, match=r"'a_t=0\.1\.ply' is there"):
+        job.run(f"{SWEEP} --set t=0,0.1", progress=another)
+    assert (here / "a_t=0.1.ply").read_text() == "of somebody else"
+    assert [r["t"] for r in rows(here / "a.csv")] == ["0"]
+    assert not list(here.glob(".*"))
+
+
+def test_another_output_is_written_too(here):
+    """Rows were taken for done whatever -o said."""
+    job.run(f"{SWEEP} --set t=0,0.1 --table t.csv")
+    before = everything(here)
+    found = job.run("sphere dilate t -s 0.5 -o b.ply --set t=0,0.1 --table t.csv")
+    assert [r["file"] for r in found["rows"]] == ["b_t=0.ply", "b_t=0.1.ply"]
+    assert [r["file"] for r in rows(here / "t.csv")] == ["b_t=0.ply", "b_t=0.1.ply"]
+    for t in ("0", "0.1"):
+        assert everything(here)[f"b_t={t}.ply"] == before[f"a_t={t}.ply"]
+
+
+@pytest.mark.parametrize("step", ["append", "replace"])
+def test_runs_that_end_between_file_and_row_do_not_bar_the_next(here, monkeypatch, step):
+    job.run(f"{SWEEP} --set t=0,0.1")
+    calm = everything(here)
+    for path in here.iterdir():
+        path.unlink()
+
+    def die(*_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Table if step == "append" else table, step, die)
+        with pytest.raises(KeyboardInterrupt):
+            job.run(f"{SWEEP} --set t=0,0.1")
+    assert not list(here.glob("*.ply"))
+    job.run(f"{SWEEP} --set t=0,0.1")
+    assert everything(here) == calm
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs limits of the file size")
@@ -383,6 +436,22 @@ def test_names_of_files_need_not_be_text(here):
     name = os.fsdecode(b"o_\xff.stl")
     found = job.run(["sphere", "dilate", "t", "-s", "0.5", "--set", "t=0", "-o", name])
     assert all((here / row["file"]).stat().st_size for row in found["rows"])
+
+
+def test_tables_are_the_same_in_every_locale(here):
+    """Names in UTF-8 are bytes to a process that runs in the locale C."""
+    program = "import sys; from ilattice import cli; sys.exit(cli.main(sys.argv[1:]))"
+    words = ["sdf", "sphere", "dilate", "t", "-s", "0.5", "--set", "t=0", "-o", "ö.ply"]
+    path = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    plain = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    tables = []
+    for environment in (path | plain, path | {"PYTHONUTF8": "1"}):
+        command = [sys.executable, "-c", program, *words]
+        done = subprocess.run(command, env=environment, capture_output=True, timeout=300)
+        assert done.returncode == 0, done.stderr
+        tables.append((here / "\u00f6.csv").read_bytes())
+    assert tables[0] == tables[1]
+    assert "\u00f6_t=0.ply" in tables[0].decode()
 
 
 def test_a_run_does_not_write_over_its_input(here):
