@@ -95,7 +95,9 @@ def wall_mesh(
     if mesh.vertices.dtype == np.float64:
         mesh.__dict__["self_intersections"] = new.left  # known, needs no other search
     if caps and cut is None:
-        check_loss(wall, job.h, mesh, sheets=sheets is not None, allowed=allow_loss)
+        check_loss(
+            wall, job.h, mesh, sheets=sheets is not None, exactly=job.polish, allowed=allow_loss
+        )
     return mesh
 
 

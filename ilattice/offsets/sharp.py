@@ -85,7 +85,7 @@ class SharpDistance:
     def _near(self, u: FloatArray, s: FloatArray) -> AnyArray:
         """Where the level of the wall is near."""
         inner, outer = self.thickness.inner(u), self.thickness.outer(u)
-        return np.abs(np.where(s < 0.0, -s - inner, s - outer)) < self.band
+        return np.minimum(np.abs(-s - inner), np.abs(s - outer)) < self.band
 
     def _bent(self, u: FloatArray) -> AnyArray:
         """Where the spline is not a distance."""
