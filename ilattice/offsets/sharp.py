@@ -19,6 +19,7 @@ import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray
 from ilattice._validate import as_points
+from ilattice.offsets._small import solved
 
 if TYPE_CHECKING:
     from ilattice._typing import ArrayLike
@@ -91,5 +92,6 @@ class SharpDistance:
         """Where the spline is not a distance."""
         _, gradient = self.spline.jet(u, 1)
         jacobian = self.lattice.through.jacobian(u)
-        normal = np.linalg.solve(jacobian.transpose(0, 2, 1), gradient[:, :, None])[:, :, 0]
-        return np.abs(np.linalg.norm(normal, axis=1) - 1.0) > BENT
+        normal = solved(jacobian.transpose(0, 2, 1), gradient[:, :, None])[:, :, 0]
+        straight: AnyArray = np.abs(np.linalg.norm(normal, axis=1) - 1.0) <= BENT
+        return ~straight
