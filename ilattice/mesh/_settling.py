@@ -31,7 +31,7 @@ LEAST = 1e-2
 #: Part of the longest edge of a cell by which vertices at creases may be off, and the cosine
 #: between normals a cell apart that tells of one.
 CUT, TURNED = 0.1, 0.866
-#: Vertices that are looked at again in the end, and the error from which on they are off.
+#: Vertices that are looked at again together in the end, and the error from which on they are off.
 CHECKED, OFF = 20_000, 1e-3
 #: How many cells around a vertex are searched for the offset, one after the other.
 AROUND = (0, 1)
@@ -208,25 +208,32 @@ def unsettled(
     Returns
     -------
     ndarray of bool, shape (V,)
-        Those of up to `CHECKED` of them that are not.
+        Those that are not, of `CHECKED` of them; where some are not, of all.
     float
         The part of these.
     float
         The part whose feet only neighbours have found.
     """
     out = np.zeros(len(u), np.bool_)
-    at = np.flatnonzero(free)
-    if len(at) > CHECKED:
-        at = np.sort(np.random.default_rng(0).choice(at, CHECKED, replace=False))
+    at = np.random.default_rng(0).permutation(np.flatnonzero(free))
     if len(at) == 0:
         return out, 0.0, 0.0
+    looked, mended = 0, 0
+    while looked < len(at) and (looked == 0 or out.any()):  # where some are off, others may be
+        part = np.sort(at[looked : looked + CHECKED])
+        bad, found = _off(wall, u[part], side[part])
+        out[part[bad]] = True
+        looked, mended = looked + len(part), mended + found
+    return out, float(out.sum()) / looked, mended / looked
+
+
+def _off(wall: Wall, u: FloatArray, side: FloatArray) -> tuple[AnyArray, int]:
+    """Which vertices are off by closest points of all, and how many only neighbours have found."""
     before = wall.lattice.statistics.mended
-    found = wall.lattice.search.query(u[at], strict=False, thorough=True)
-    error = np.abs(side[at] * found.distance - asked(wall, u[at], side[at]))
-    bad = ~(error <= OFF * measure(wall, u[at], side[at])) & (found.status < FALLBACK)
-    out[at[bad]] = True
-    mended = wall.lattice.statistics.mended - before
-    return out, float(bad.mean()), mended / len(at)
+    found = wall.lattice.search.query(u, strict=False, thorough=True)
+    error = np.abs(side * found.distance - asked(wall, u, side))
+    bad = ~(error <= OFF * measure(wall, u, side)) & (found.status < FALLBACK)
+    return bad, wall.lattice.statistics.mended - before
 
 
 def strayed(wall: Wall, axes: tuple[FloatArray, ...], u: FloatArray, moved: FloatArray) -> AnyArray:

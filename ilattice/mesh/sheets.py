@@ -14,7 +14,7 @@ cross, or the volume is not that of the wall. All three are reported.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.bspline import BSpline
 from ilattice.mesh.contouring import contour_arrays, fixed_coordinates
 from ilattice.mesh.untangle import Settle, Untangled, untangled
+from ilattice.offsets._small import solved
 from ilattice.offsets.polish import LONGEST, inside, polish
 
 if TYPE_CHECKING:
@@ -183,7 +184,7 @@ def to_faces(wall: Wall, u: FloatArray, way: FloatArray) -> tuple[FloatArray, An
 def _least(metric: FloatArray, slope: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Shortest ways along which functions grow by 1, and their lengths."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        up: Any = np.linalg.solve(metric, slope[:, :, None])[:, :, 0]
+        up = solved(metric, slope[:, :, None])[:, :, 0]
         square = (slope * up).sum(axis=1)
         return up / square[:, None], 1.0 / np.sqrt(square)
 

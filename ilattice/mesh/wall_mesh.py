@@ -50,6 +50,8 @@ if TYPE_CHECKING:
 
 LEAST_CELLS_PER_TILE = 8
 ANISOTROPY = 2.0
+#: How much closer planes are next to where faces collapse into edges or points.
+CLOSEST = 32.0
 #: Part of the vertices that may be held without a warning; part of them that may be off for no
 #: jump or crease of the distance, and at creases, without an error; a number of them that always
 #: may. Last, the part that may have nearer feet than they went by.
@@ -95,7 +97,9 @@ def wall_mesh(
     if mesh.vertices.dtype == np.float64:
         mesh.__dict__["self_intersections"] = new.left  # known, needs no other search
     if caps and cut is None:
-        check_loss(wall, job.h, mesh, sheets=sheets is not None, allowed=allow_loss)
+        check_loss(
+            wall, job.h, mesh, sheets=sheets is not None, exactly=job.polish, allowed=allow_loss
+        )
     return mesh
 
 
@@ -392,7 +396,7 @@ def grid_axes(wall: Wall, h: float) -> tuple[FloatArray, ...]:
         b, c = others[a]
         size = [(stretch[..., o] * _along(step[o], o)).max(axis=others[a]) for o in (b, c)]
         most = ANISOTROPY * np.maximum(*size) / stretch[..., a].max(axis=others[a])
-        limited.append(np.minimum(step[a], most))
+        limited.append(np.minimum(step[a], np.maximum(most, step[a] / CLOSEST)))
     return tuple(_planes(sites[a], limited[a], lattice.repeat[a]) for a in range(3))
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from ilattice._typing import AnyArray, FloatArray
 from ilattice.bspline import BSpline
 from ilattice.offsets._kernels_newton import FALLBACK
+from ilattice.offsets._small import solved
 
 if TYPE_CHECKING:
     from ilattice.macroshape.lattice import Lattice
@@ -185,7 +186,7 @@ def _gradients(lattice: Lattice, found: ClosestPoints, x: FloatArray) -> FloatAr
         u = found.u[tiny]
         g = lattice.implicit_jet(u, 1)[1]
         jacobian = lattice.through.jacobian(u, extrapolate="extend")
-        n = np.linalg.solve(jacobian.transpose(0, 2, 1), g[:, :, None])[:, :, 0]
+        n = solved(jacobian.transpose(0, 2, 1), g[:, :, None])[:, :, 0]
         size = np.linalg.norm(n, axis=1, keepdims=True)
         out[tiny] = n / np.where(size > 0.0, size, 1.0)  # singular points have no normal
     return out
@@ -196,7 +197,7 @@ def _least_step(
 ) -> FloatArray:
     """Least step s with a.s = -f, and b.s = -g where the first alone would leave b.s < -g."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        ia, ib = (np.linalg.solve(metric, v[:, :, None])[:, :, 0] for v in (a, b))
+        ia, ib = (solved(metric, v[:, :, None])[:, :, 0] for v in (a, b))
         aa, ab, bb = ((v * w).sum(axis=1) for v, w in ((a, ia), (a, ib), (b, ib)))
         alone = -f / aa
         det = aa * bb - ab * ab

@@ -6,8 +6,8 @@ points, where the interpolant goes on until it reaches the range. Points in spac
 parameters by the map, x(u), which is never inverted.
 
 Guarantees: interpolates, to `TOLERANCE` of the largest value where the map and the clipping allow
-(a warning tells of 2 % and more); within the range of the values; continuous for up to `GLOBAL`
-points.
+(a warning tells of a thousandth of the half-thickness and more); within the range of the values;
+continuous for up to `GLOBAL` points.
 Non-guarantees: of more points only the `NEAREST` ones act at a place, so that there are small
 jumps; where the part reaches far beyond the points (`FAR`) values are guesses, of which a warning
 tells.

@@ -16,6 +16,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
+from ilattice.offsets._small import solved
 
 if TYPE_CHECKING:
     from ilattice.offsets.closest import ClosestPointSearch
@@ -166,9 +167,10 @@ def downhill(search: ClosestPointSearch, x: FloatArray, p: FloatArray) -> FloatA
         g = lattice.implicit_jet(u, 1)[1] * search.step
         metric = np.einsum("nca,ncb->nab", jacobian, jacobian)
         pull = np.einsum("nca,nc->na", jacobian, x - y)
-        both = np.linalg.solve(metric, np.stack([pull, g], axis=2))
+        both = solved(metric, np.stack([pull, g], axis=2))
         gg = np.maximum((g * both[:, :, 1]).sum(axis=1), np.finfo(np.float64).tiny)
         step = both[:, :, 0] - ((g * both[:, :, 0]).sum(axis=1) / gg)[:, None] * both[:, :, 1]
+        step = np.where(np.isfinite(step), step, 0.0)
         q, there = search.on_surface(np.clip(p + part[:, None] * step, *search.box))
         z = lattice.through.x(search.from_tile(q), extrapolate="extend")
         better = ((x - z) ** 2).sum(axis=1) < ((x - y) ** 2).sum(axis=1)

@@ -19,6 +19,7 @@ import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray
 from ilattice._validate import as_points
+from ilattice.offsets._small import solved
 
 if TYPE_CHECKING:
     from ilattice._typing import ArrayLike
@@ -85,11 +86,12 @@ class SharpDistance:
     def _near(self, u: FloatArray, s: FloatArray) -> AnyArray:
         """Where the level of the wall is near."""
         inner, outer = self.thickness.inner(u), self.thickness.outer(u)
-        return np.abs(np.where(s < 0.0, -s - inner, s - outer)) < self.band
+        return np.minimum(np.abs(-s - inner), np.abs(s - outer)) < self.band
 
     def _bent(self, u: FloatArray) -> AnyArray:
         """Where the spline is not a distance."""
         _, gradient = self.spline.jet(u, 1)
         jacobian = self.lattice.through.jacobian(u)
-        normal = np.linalg.solve(jacobian.transpose(0, 2, 1), gradient[:, :, None])[:, :, 0]
-        return np.abs(np.linalg.norm(normal, axis=1) - 1.0) > BENT
+        normal = solved(jacobian.transpose(0, 2, 1), gradient[:, :, None])[:, :, 0]
+        straight: AnyArray = np.abs(np.linalg.norm(normal, axis=1) - 1.0) <= BENT
+        return ~straight

@@ -402,7 +402,7 @@ def _fitted(f: Any, lattice: Lattice, name: str) -> _Side:
             f"{name} jumps or varies too fast for a spline, which is off by {found.relative:.2g} "
             f"of it {where}; make it continuous, smooth it, or align its kinks with u, v and w"
         )
-    if found.relative > max(WARN, 10.0 * tol):
+    if found.relative > WARN:
         users = "quadrature and analysis go by it, polished meshes and slices by the function"
         warnings.warn(
             f"the spline that stands for {name} is off by {100 * found.relative:.2g} % of it "

@@ -204,9 +204,9 @@ class Wall:
         dtype : float64 or float32
             Type of the vertices.
         allow_loss : bool
-            Accept a mesh whose volume differs by more than 5 % from that of the wall. Where edges
-            are longer than 0.6 of the least thickness, the two are compared, and a
-            `PrecisionWarning` names differences of more than 1 %.
+            Accept a mesh whose volume differs by more than 5 % from that of the wall, either way.
+            A `PrecisionWarning` names differences of more than 1 %, of meshes with edges shorter
+            than 0.6 of the least thickness of more than 2 %.
         progress : bool or callable, optional
             See `ilattice._progress.track`.
 

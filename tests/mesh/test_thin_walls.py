@@ -1,5 +1,7 @@
 """Walls thinner than the edges of their meshes, and what meshes lose."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy.optimize import brentq
@@ -138,6 +140,35 @@ def test_a_mesh_that_has_lost_much_is_refused_unless_that_is_allowed():
     with pytest.warns(PrecisionWarning, match="less than the wall"):
         mesh = wall.mesh(0.15, allow_loss=True)
     assert mesh.volume < 0.95 * wall_volumes(wall).sum()
+
+
+@pytest.mark.parametrize(("tile", "d", "h"), [("c_y", 0.113, 0.085), ("q_star", 0.152, 0.13)])
+def test_a_mesh_that_has_gained_much_is_refused_unless_that_is_allowed(tile, d, h):
+    """Chords cut through narrow pores, with edges shorter than half of the wall is thick."""
+    lattice = il.Lattice(tile, through=box((0.97, 1.02, 1.01)))
+    wall = lattice.offset(lambda u: d * (0.9 + 0.1 * u[:, 0]))
+    assert h < 0.52 * wall.least_thickness
+    with pytest.raises(GeometryError, match=r"% more than the wall .* use h <= .* allow_loss=True"):
+        wall.mesh(h)
+    with pytest.warns(PrecisionWarning, match=r"% more than the wall") as told:
+        mesh = wall.mesh(h, allow_loss=True)
+    u = np.random.default_rng(7).random((40_000, 3))
+    inside = np.abs(lattice.distance(u)) < d * (0.9 + 0.1 * u[:, 0])
+    gained = 100 * (mesh.volume / (inside.mean() * np.prod((0.97, 1.02, 1.01))) - 1)
+    number = next(float(m.group(1)) for w in told if (m := re.search(r"([\d.]+) % more", str(w))))
+    assert number == pytest.approx(gained, abs=1.0)
+
+
+def test_volumes_are_compared_with_those_of_exact_distances():
+    """Where the distance spline rounds off what it should not, the mesh is not to blame."""
+    lattice = il.Lattice("primitive", through=box((1.03, 0.97, 1.01)), spans_per_tile=4)
+    wall = lattice.offset((np.inf, -0.2))
+    u = np.random.default_rng(8).random((100_000, 3))
+    inside = (lattice.distance(u) < -0.2).mean() * 1.03 * 0.97 * 1.01
+    assert abs(wall.volume() / inside - 1.0) > 0.2
+    with pytest.warns(PrecisionWarning, match=r"% less than the wall .* and spans_per_tile > 4"):
+        mesh = wall.mesh(0.04)
+    assert mesh.volume == pytest.approx(inside, rel=0.05)
 
 
 def test_what_a_mesh_lacks_is_measured():

@@ -8,6 +8,7 @@ import pytest
 
 import ilattice as il
 from ilattice.errors import ConvergenceError, PrecisionWarning
+from ilattice.mesh import _settling
 
 #: Of those that a run of `combinations` found right, the ones that take about a second.
 SEEDS = [
@@ -50,3 +51,24 @@ def test_slits_thinner_than_a_part_of_a_cell_are_refused():
     wall = il.Lattice("sc_plates", through=il.macroshape.box((1, 1, 1))).offset(0.072)
     with pytest.raises(ConvergenceError, match=r"are off the offset .* use a smaller h"):
         wall.mesh(0.08)
+
+
+def test_all_vertices_are_looked_at_again_where_some_are_off(monkeypatch):
+    seen = []
+
+    def off(_wall, u, _side):
+        seen.append(len(u))
+        return u[:, 0] > limit, 2
+
+    monkeypatch.setattr(_settling, "CHECKED", 100)
+    monkeypatch.setattr(_settling, "_off", off)
+    u, free = np.random.default_rng(1).random((1030, 3)), np.arange(1030) % 9 != 0
+    limit = 0.9
+    wrong, part, mended = _settling.unsettled(None, u, np.ones(1030), free)
+    np.testing.assert_array_equal(wrong, free & (u[:, 0] > 0.9))
+    assert part == pytest.approx(wrong.sum() / free.sum())
+    assert (sum(seen), mended) == (free.sum(), pytest.approx(2 * len(seen) / free.sum()))
+    limit = 1.0
+    seen.clear()
+    assert not _settling.unsettled(None, u, np.ones(1030), free)[0].any()
+    assert seen == [100]

@@ -1,5 +1,6 @@
 """Half-thicknesses with kinks, as text, in space, at scattered points: against what was asked."""
 
+import re
 import warnings
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 import ilattice as il
 from ilattice.errors import InputError, PrecisionWarning
 from ilattice.offsets.kinks import JumpError, fit_with_kinks
+from ilattice.offsets.scattered import Scattered
 from ilattice.offsets.thickness import FIT_TOLERANCE, as_thickness
 
 UNIT = np.array([[0.0] * 3, [1.0] * 3])
@@ -194,11 +196,17 @@ def test_scattered_values_are_interpolated_in_space(bent):
     def f(x):
         return 0.08 + 0.01 * np.sin(x[:, 0]) + 0.005 * x[:, 2]
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
+    with pytest.warns(
+        PrecisionWarning, match=r"stands for d is off by [\d.]+ % .* go by it"
+    ) as told:
         wall = bent.offset(points=x, values=f(x))
     t = wall.thickness
     np.testing.assert_allclose(t.outer(u), f(x), rtol=1e-2)
+    number = float(re.search(r"off by ([\d.]+) %", str(told[0].message)).group(1)) / 100
+    anywhere, asked = rng.random((20_000, 3)), Scattered(bent, x, f(x))
+    off = np.abs(t.outer(anywhere) / asked(anywhere) - 1).max()
+    assert off > 2e-3
+    assert off < 1.1 * number < 2.0 * off
     assert np.median(np.abs(t.outer(u) / f(x) - 1)) < 1e-3
     other = rng.random((500, 3))
     values = t.outer(other)

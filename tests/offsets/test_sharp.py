@@ -39,3 +39,13 @@ def test_bounds_hold_and_derivatives_are_those_of_the_spline(wall):
         np.testing.assert_array_equal(a, b)
     np.testing.assert_array_equal(sharp.jet(u, 0)[0], value)
     np.testing.assert_array_equal(sharp.domain, wall.distance.domain)
+
+
+def test_kinks_next_to_eroded_solids_are_exact():
+    lattice = il.Lattice("primitive", through=il.macroshape.box((1.03, 0.97, 1.01)))
+    wall = lattice.offset((np.inf, -0.23))
+    sharp = SharpDistance(lattice, wall.distance, wall.thickness)
+    u = np.random.default_rng(3).random((40000, 3))
+    exact, spline, value = lattice.distance(u), wall.distance(u), sharp(u)
+    wrong = [((f < -0.23) != (exact < -0.23)).mean() for f in (spline, value)]
+    assert wrong[1] < 0.3 * wrong[0]
