@@ -111,7 +111,7 @@ def factor_size(K: bsr_array) -> float:
     nodes couple. Beyond LIMIT it is not refined.
     """
     n, m = K.shape[0], K.blocksize[0]
-    if 4.0 * n > LIMIT or K.nnz > LARGEST:
+    if 4.0 * n > LIMIT or K.nnz > LIMIT:
         return float(K.nnz)
     nodes = n // m
     graph = csr_array((np.ones(len(K.indices), np.int8), K.indices, K.indptr), shape=(nodes,) * 2)
