@@ -82,6 +82,7 @@ def test_numpy_evaluates_what_the_rules_integrate():
     assert bench.cells == 56
 
 
+@pytest.mark.filterwarnings("ignore:the mesh with h=")  # coarse
 def test_figures_are_meshed_as_in_their_examples():
     mesh = bench_figures.mesh_of("fig09", "varying", 4.0)
     assert mesh.is_watertight

@@ -125,6 +125,7 @@ def test_fig13_is_exact():
     assert numbers["thickness at the sides"] == pytest.approx(0.3, abs=1e-6)
 
 
+@pytest.mark.filterwarnings("ignore:the mesh with h=")  # coarse
 def test_fig14_pores_close_where_the_wall_is_thick():
     genus = run("fig14_torus", h=0.12)
     for name, handles in (("gyroid", 481), ("diamond", 993)):

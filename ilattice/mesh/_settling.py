@@ -208,9 +208,9 @@ def unsettled(
     Returns
     -------
     ndarray of bool, shape (V,)
-        Those that are not, of `CHECKED` of them; where some are not, of all.
+        Those that have missed it, of `CHECKED` of them; where some are off, of all.
     float
-        The part of these.
+        The part of these that is off by more than `OFF`.
     float
         The part whose feet only neighbours have found.
     """
@@ -218,22 +218,26 @@ def unsettled(
     at = np.random.default_rng(0).permutation(np.flatnonzero(free))
     if len(at) == 0:
         return out, 0.0, 0.0
-    looked, mended = 0, 0
-    while looked < len(at) and (looked == 0 or out.any()):  # where some are off, others may be
+    looked, off, mended = 0, 0, 0
+    while looked < len(at) and (looked == 0 or off):  # where some are off, others may be
         part = np.sort(at[looked : looked + CHECKED])
-        bad, found = _off(wall, u[part], side[part])
-        out[part[bad]] = True
-        looked, mended = looked + len(part), mended + found
-    return out, float(out.sum()) / looked, mended / looked
+        error, found = _errors(wall, u[part], side[part])
+        out[part[error > MISSED]] = True
+        looked, off, mended = looked + len(part), off + int((error > OFF).sum()), mended + found
+    return out, off / looked, mended / looked
 
 
-def _off(wall: Wall, u: FloatArray, side: FloatArray) -> tuple[AnyArray, int]:
-    """Which vertices are off by closest points of all, and how many only neighbours have found."""
+def _errors(wall: Wall, u: FloatArray, side: FloatArray) -> tuple[FloatArray, int]:
+    """How far vertices are off by closest points of all, and how many only neighbours have found.
+
+    Relative to what `measure` says; zero where only a fallback has found closest points.
+    """
     before = wall.lattice.statistics.mended
     found = wall.lattice.search.query(u, strict=False, thorough=True)
-    error = np.abs(side * found.distance - asked(wall, u, side))
-    bad = ~(error <= OFF * measure(wall, u, side)) & (found.status < FALLBACK)
-    return bad, wall.lattice.statistics.mended - before
+    error = np.abs(side * found.distance - asked(wall, u, side)) / measure(wall, u, side)
+    error = np.where(np.isnan(error), np.inf, error)
+    out: FloatArray = np.where(found.status < FALLBACK, error, 0.0)
+    return out, wall.lattice.statistics.mended - before
 
 
 def strayed(wall: Wall, axes: tuple[FloatArray, ...], u: FloatArray, moved: FloatArray) -> AnyArray:

@@ -446,11 +446,12 @@ def test_memory_does_not_grow_with_the_number_of_slices(tmp_path):
     for count in (8, 64):
         z = np.linspace(0.3, 0.301, count)  # slices of one size
         stack = wall("box").slices(z, h=0.08, polish=False)
-        stack.save(tmp_path / "a.cli")  # caches are warm
-        tracemalloc.start()
-        stack.save(tmp_path / "a.cli")
-        peak[count] = tracemalloc.get_traced_memory()[1]
-        tracemalloc.stop()
+        peak[count] = np.inf
+        for _ in range(4):  # the first fills caches; what else is collected varies
+            tracemalloc.start()
+            stack.save(tmp_path / "a.cli")
+            peak[count] = min(peak[count], tracemalloc.get_traced_memory()[1])
+            tracemalloc.stop()
     assert peak[64] < 1.05 * peak[8]
 
 

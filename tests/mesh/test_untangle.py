@@ -145,6 +145,7 @@ def test_walls_of_the_catalogue_are_exact(name):
     is_exact(name, 0.02)
 
 
+@pytest.mark.filterwarnings("ignore:the mesh with h=")  # coarse
 def test_a_wall_whose_pores_close_along_a_torus_is_on_the_offset():
     along = np.array([0.1, 0.28, 0.1])[:, None, None]
     d = il.BSpline([[0.0, 0.0, 0.5, 1.0, 1.0], [0, 1], [0, 1]], along, (1, 0, 0))

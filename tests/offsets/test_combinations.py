@@ -56,12 +56,12 @@ def test_slits_thinner_than_a_part_of_a_cell_are_refused():
 def test_all_vertices_are_looked_at_again_where_some_are_off(monkeypatch):
     seen = []
 
-    def off(_wall, u, _side):
+    def errors(_wall, u, _side):
         seen.append(len(u))
-        return u[:, 0] > limit, 2
+        return np.where(u[:, 0] > limit, 2 * _settling.OFF, 0.0), 2
 
     monkeypatch.setattr(_settling, "CHECKED", 100)
-    monkeypatch.setattr(_settling, "_off", off)
+    monkeypatch.setattr(_settling, "_errors", errors)
     u, free = np.random.default_rng(1).random((1030, 3)), np.arange(1030) % 9 != 0
     limit = 0.9
     wrong, part, mended = _settling.unsettled(None, u, np.ones(1030), free)
