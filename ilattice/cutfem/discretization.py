@@ -6,15 +6,16 @@ long. Where the two fall by a constant factor, as they do under refinement, the 
 series (Richardson, 1911). The coarse spaces are parts of the fine one (see `coarsening`), so that
 nothing is integrated again: the best approximation there takes some products with the matrix that
 has been solved, a few hundredths of the time of the solution. The energy of the penalty on jumps at
-cut cells, of which the exact solution has none, counts in full: f(u) - f(u_h) is that of the error
-in the solid plus it.
+cut cells counts in full: by Galerkin's orthogonality the compliance that is missed is the energy of
+the error, penalty included, and the exact solution jumps nowhere (Burman, Ghost penalty, 2010).
 
 Guarantees: zero, up to rounding, for solutions that the coarse splines have, such as those of patch
 tests; no smoothness and no recovery is supposed, so it is large where walls are a cell thick, and
 estimates by recovered stresses are blind. What cannot be estimated, where a direction has a single
 cell, is said and not passed over. Non-guarantees: an estimate, and no bound. It is right to a fifth
-for beams and bodies of many cells; for walls of one or two cells at degree 2 it is three to five
-times too large, and half of what it should be for degree 3 on cells as long as the wall is thick.
+for beams and bodies of many cells; for walls of one or two cells at degree 2 it is three to ten
+times too large. Above `SURE` it may be several times too small, where bodies hang on a patch of a
+cell or two: all cells at hand are then too coarse to see it.
 Errors of the geometry and of the map are not in it.
 """
 
@@ -32,6 +33,8 @@ from ilattice.errors import PrecisionWarning
 
 #: Relative error of the energy above which a solution comes with a warning.
 WARNED = 0.02
+#: Estimates above this may be too small by several times.
+SURE = 0.1
 #: Least factor by which the square of the error is taken to fall on half the cells: that of the
 #: edges of a body (order two thirds); four, that of order one, is what smooth solutions reach.
 LEAST = 2.5
@@ -120,14 +123,13 @@ def relative_error(
     """
     if not levels:
         return float("nan")
-    whole = max(energy, 1e-300)
-    lost = [min(_distance(level, multiply, diagonal, c, fixed), whole) for level in levels]
+    lost = [_distance(level, multiply, diagonal, c, fixed) for level in levels]
     free = np.where(fixed, 0.0, diagonal)
     noise = ROUNDING * (free * (c - c.mean(axis=0)) ** 2).sum() + SOLVED * (free * c * c).sum()
     if lost[0] + jumps <= noise:
         return 0.0
     factor = LEAST
-    if len(lost) == 2 and lost[0] > 0.0 and lost[1] < SEEN * whole:
+    if len(lost) == 2 and lost[0] > 0.0 and lost[1] < SEEN * energy:
         factor = max((lost[1] - lost[0]) / lost[0], LEAST)
     return (lost[0] / (factor - 1.0) + jumps) / max(energy, FEW * noise)
 
@@ -144,7 +146,11 @@ def warn(error: float, what: str, space: SplineSpace) -> None:
             f"or more in every direction, and {2 * (space.degree + 1)} or more in closed ones"
         )
     else:
-        much = f"about {100 * error:.2g} % or less" if error < 1 else "more than its own size"
+        much = f"about {100 * error:.2g} % or less"
+        if error > SURE:
+            much = f"about {100 * error:.2g} %, or several times that"
+        if error >= 1.0:
+            much = "more than its own size"
         message = (
             f"the cells are too coarse: {what} is off by {much}, estimated from cells twice and "
             f"four times as long; take finer cells{' or'.join(more.rsplit(',', 1))}"

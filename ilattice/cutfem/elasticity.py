@@ -417,7 +417,7 @@ class Elasticity(Problem):
         return f
 
     def _ghost_stiffness(self, u: FloatArray, elements: IntArray) -> FloatArray:
-        """2 μ; see `Problem._ghost_stiffness`."""
+        """2 μ."""
         return 2.0 * self.domain.by_phase(
             [m.lame(self.assembly, u)[1] for m in self.material.phases], elements
         )
@@ -529,22 +529,7 @@ class Elasticity(Problem):
         return FixedMapping({load: read_only(values) for load, values in found.items()})
 
     def _expansion_of(self, material: Isotropic, load: Load, u: FloatArray) -> FloatArray:
-        """Strain of free expansion of a material under one temperature.
-
-        Parameters
-        ----------
-        material : Isotropic
-            That of this problem, or of one of its phases.
-        load : Load
-            A temperature.
-        u : ndarray, shape (n, 3)
-            Parameters.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            α ΔT.
-        """
+        """Free expansion α ΔT (n,) of a phase under one temperature at parameters (n, 3)."""
         asm = self.assembly
         if hasattr(load.value, "evaluate"):
             rise = load.value.evaluate(u)

@@ -62,20 +62,7 @@ class ElementGrid(DividedGrid):
         return self.divided_cells
 
     def element_at(self, u: FloatArray, cells: IntArray) -> IntArray:
-        """Elements in which, or nearest to which, points are.
-
-        Parameters
-        ----------
-        u : ndarray, shape (n, 3)
-            Parameters.
-        cells : ndarray, shape (n,)
-            Cells of the grid in which they are.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            Numbers of elements.
-        """
+        """See `DividedGrid.element_at`: where boxes leave a point out, the nearest one counts."""
         out = np.array(cells, np.int64)
         if not len(self.several):
             return out

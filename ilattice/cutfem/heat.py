@@ -320,7 +320,7 @@ class Heat(Problem):
         return asm.pattern.matrix(data)
 
     def _ghost_stiffness(self, u: FloatArray, elements: IntArray) -> FloatArray:
-        """Conductivity; see `Problem._ghost_stiffness`."""
+        """Conductivity."""
         k = [s.at(self.assembly, u) for s in self.conductivity.phases]
         return self.domain.by_phase(k, elements)
 

@@ -251,20 +251,7 @@ class Problem:
         raise NotImplementedError
 
     def _ghost_stiffness(self, u: FloatArray, elements: IntArray) -> FloatArray:
-        """Stiffness that scales the penalty on jumps.
-
-        Parameters
-        ----------
-        u : ndarray, shape (n, 3)
-            Parameters.
-        elements : ndarray, shape (n,)
-            Elements at whose faces they are.
-
-        Returns
-        -------
-        ndarray, shape (n,) or (1,)
-            2 μ, or the conductivity.
-        """
+        """What scales the penalty on jumps (n,) or (1,), at parameters of faces of elements."""
         raise NotImplementedError
 
     def _motions(self, x: FloatArray) -> FloatArray:
@@ -371,22 +358,7 @@ class Problem:
         return float(x @ product(x))
 
     def _discretization_error(self, product: Product, c: FloatArray, energy: float) -> float:
-        """Estimated part of an energy by which it is off because of the cells.
-
-        Parameters
-        ----------
-        product : callable
-            Product of the matrix of `system` with a vector.
-        c : ndarray, shape (functions, m)
-            A solution, or the shape of a mode.
-        energy : float
-            Twice its energy.
-
-        Returns
-        -------
-        float
-            See `discretization.relative_error`.
-        """
+        """Part of an energy that the cells miss of c (functions, m); see `relative_error`."""
         space, con = self.assembly.space, self.constraints
         levels = self.domain.once(("coarser", space), lambda: discretization.levels(space))
         diagonal = np.ones_like(c)

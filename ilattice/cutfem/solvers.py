@@ -146,7 +146,8 @@ class Solver:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """For `pickle` and `copy`, without factors, which are made again."""
-        return _again, (self._K, self._near_nullspace, self._method, self._places)
+        method = "auto" if self._replaceable else self._method
+        return _again, (self._K, self._near_nullspace, method, self._places)
 
     def precondition(self, r: ArrayLike) -> FloatArray:
         """Approximate solution, shape (n,), of K z = r by one application of the method.
@@ -250,8 +251,8 @@ class Solver:
     def _replace(self) -> None:
         """Take a factor from now on, in place of multigrid that does not converge."""
         start = time.perf_counter()
-        self._method, self._replaceable = "superlu", False
         self._engine, self._bytes = ENGINES["superlu"](self._K, np.zeros((0, 0)), self._places)
+        self._method, self._replaceable = "superlu", False
         self._setup_seconds += time.perf_counter() - start
 
     def _complaint(self, run: Run, tol: float) -> str:
