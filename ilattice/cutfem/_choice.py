@@ -16,7 +16,8 @@ from ilattice.fields.node import Node
 
 CHECKS = 8  # random points per box at which interpolants are compared
 EXACT = 1e-11  # of coefficients: interpolants are called exact below
-NOISE = 2e-14  # of coefficients: below this part of the largest they are zero
+NOISE = 1e-14  # of values of fields: below this part of the largest they are zero
+PLACES = 1e-15  # the same, times the distance from zero in lengths of the box
 BATCH = 1 << 10  # boxes interpolated at once
 STEP = 1e-4  # of a box: for slopes
 #: Part of a box, without bounds, in which solid may be missed though no point that was looked at
@@ -83,13 +84,13 @@ class Chosen:
         self.first = np.append(0, np.cumsum(many))
         self.leaf, self.coefficients = other.leaf[keep], other.coefficients[keep]
 
-    def plain(self) -> AnyArray:
-        """Whether no interpolant of a box vanishes anywhere in it, by its coefficients."""
+    def plain(self, box: FloatArray) -> AnyArray:
+        """Whether no interpolant vanishes anywhere in its box (n, 6), by its coefficients."""
         c = self.coefficients
         low, high = c.min(axis=1, initial=np.inf), c.max(axis=1, initial=-np.inf)
-        slack = 1e-13 * np.maximum(np.abs(low), np.abs(high))
         out = np.ones(len(self.many), bool)
         owner = np.repeat(np.arange(len(out)), self.many)
+        slack = 10.0 * rounding(box)[owner] * np.maximum(np.abs(low), np.abs(high))
         out[owner[(low <= slack) & (high >= -slack)]] = False
         return out
 
@@ -112,6 +113,12 @@ class Chosen:
             np.concatenate([p.tables for p in parts]),
             np.concatenate(some) if some else np.zeros((0, 1)),
         )
+
+
+def rounding(box: FloatArray) -> FloatArray:
+    """Relative error of values of fields on boxes (n, 6): their own, and that of the places."""
+    far = (np.abs(box[:, :3]) / box[:, 3:]).max(axis=1)
+    return np.asarray(NOISE + PLACES * far)
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +161,8 @@ class Splits:
         lo, hi = self._corners(box)
         n = len(box)
         bounds, states = self.splitter.decided(lo, hi)
-        certain = np.where(bounds[:, 1] < 0.0, -1, np.where(bounds[:, 0] >= 0.0, 1, 0))
+        slack = _slack(bounds, box)
+        certain = np.where(bounds[:, 1] < -slack, -1, np.where(bounds[:, 0] >= -slack, 1, 0))
         tables = np.zeros(n, np.int64)
         leaves: list[tuple[int, ...]] = [()] * n
         todo = np.flatnonzero(certain == 0)
@@ -165,7 +173,7 @@ class Splits:
             if formula is None:
                 certain[boxes] = 2
                 continue
-            for rows, found in self._restricted(formula, lo[boxes], hi[boxes]):
+            for rows, found in self._restricted(formula, box[boxes]):
                 if found is None:
                     certain[boxes[rows]] = 2
                     continue
@@ -186,14 +194,14 @@ class Splits:
         return Chosen(certain, np.append(0, np.cumsum(many)), flat, tables, np.zeros((0, 1)))
 
     def _restricted(
-        self, formula: Formula, lo: FloatArray, hi: FloatArray
+        self, formula: Formula, box: FloatArray
     ) -> Iterator[tuple[IntArray, tuple[tuple[int, ...], int] | None]]:
         """Boxes by the signs that bounds give to the fields of a formula, and what is left."""
+        lo, hi = self._corners(box)
         signs = np.zeros((len(lo), len(formula.leaves)), np.int64)
         for k, leaf in enumerate(formula.leaves):
             r = self.splitter.leaves[leaf].ranges(lo, hi)
-            top = np.abs(r).max(axis=1)
-            slack = np.where(np.isfinite(top), 1e-14 * top, 0.0)
+            slack = _slack(r, box)
             signs[:, k] = np.where(r[:, 1] < -slack, -1, np.where(r[:, 0] > slack, 1, 0))
         first, group = signature(signs)
         for g in range(len(first)):
@@ -221,7 +229,7 @@ class Splits:
                 chosen.coefficients[part] = c
                 r = self.splitter.leaves[leaf].ranges(*self._corners(here))
                 bounded[part] = np.isfinite(r).all(axis=1)
-                slack = np.where(bounded[part], 1e-14 * np.abs(r).max(axis=1), 0.0)
+                slack = _slack(r, here)
                 certain[part] = (r[:, 0] >= -slack) | (r[:, 1] <= slack)
         return self._measured(chosen, owner, off, wrong, bounded, crossed | certain, len(box))
 
@@ -238,7 +246,7 @@ class Splits:
         V = self._inverse
         c = np.einsum("ia,jb,kc,nabc->nijk", V, V, V, values, optimize=True).reshape(-1, P**3)
         top = np.abs(c).max(axis=1, keepdims=True)
-        c[np.abs(c) <= NOISE * top] = 0.0
+        c[np.abs(c) <= 2.0 * rounding(box)[:, None] * top] = 0.0
         s = np.random.default_rng(0).random((CHECKS, 3))
         basis = [bernstein(self.degree, s[:, a]) for a in range(3)]
         B = np.einsum("qi,qj,qk->qijk", *basis).reshape(CHECKS, -1)
@@ -298,3 +306,9 @@ class Splits:
         out = np.zeros(len(chosen.many), bool)
         out[np.repeat(np.arange(len(out)), chosen.many)[blind[chosen.leaf]]] = True
         return out
+
+
+def _slack(ranges: FloatArray, box: FloatArray) -> FloatArray:
+    """What counts as zero of values with ranges (n, 2) on boxes (n, 6)."""
+    top = np.abs(ranges).max(axis=1)
+    return np.where(np.isfinite(top), rounding(box) * np.where(np.isfinite(top), top, 0.0), 0.0)

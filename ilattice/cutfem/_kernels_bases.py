@@ -14,7 +14,7 @@ from numba import njit
 
 from ilattice.cutfem._kernels_bernstein import bend, extremes, halve, slopes
 from ilattice.cutfem._kernels_columns import strips
-from ilattice.cutfem._kernels_crossings import crossing, may_cross
+from ilattice.cutfem._kernels_crossings import crossing, least_slope, may_cross, steepest
 from ilattice.cutfem._kernels_scratch import (
     ACTIVE,
     CAP,
@@ -56,16 +56,13 @@ def best_axis(Z: Any, N: Any, axes: int, n: int, which: int, up: int, flat: bool
         for i in range(n):
             low = Z[SPANS + axis * ROW + i * 2]
             high = Z[SPANS + axis * ROW + i * 2 + 1]
-            eps = Z[TOL + N[which + i]]
+            eps = least_slope(Z, i, axes, Z[TOL + N[which + i]])
             if max(-low, high) <= eps:
                 worst = worst if flat else -1.0
             elif low < -eps and high > eps:
                 worst = -1.0
             elif worst >= 0.0:
-                top = 0.0
-                for other in range(axes):
-                    at = SPANS + other * ROW + i * 2
-                    top = max(top, max(-Z[at], Z[at + 1]))
+                top = steepest(Z, i, axes)
                 worst = min(worst, max(max(low, -high), 0.0) / top)
         if worst > score:
             best = axis

@@ -31,6 +31,7 @@ from ilattice.cutfem._kernels_scratch import (
     FACES,
     INNER,
     INVERSE,
+    LEVEL,
     LINE,
     MOST,
     MOST_CROSSINGS,
@@ -140,8 +141,11 @@ def crossing(Z: Any, N: Any, here: int, i: int, j: int, turned: bool, L: Any) ->
     b = here + N[CUT_FACES + j] * P * P
     step, other = (1, P) if turned else (P, 1)
     for k in range(2):
-        low, high = slopes(Z, b if k else a, step, other, 0, 1, L)
-        if max(-low, high) <= Z[TOL + N[OWNERS + (j if k else i)]]:
+        c = b if k else a
+        low, high = slopes(Z, c, step, other, 0, 1, L)
+        least, most = slopes(Z, c, other, step, 0, 1, L)
+        eps = max(Z[TOL + N[OWNERS + (j if k else i)]], LEVEL * max(-least, most))
+        if max(-low, high) <= eps:
             Z[TEMP : TEMP + P] = 1.0  # along the lines: found at their ends
             return True
     top = 0.0
@@ -183,13 +187,29 @@ def add_crossings(Z: Any, N: Any, here: int, n_faces: int, turned: bool, n: int,
 
 
 @njit(**INNER)
+def steepest(Z: Any, i: int, axes: int) -> float:
+    """Largest difference of polynomial i in SPANS."""
+    top = 0.0
+    for axis in range(axes):
+        at = SPANS + axis * ROW + i * 2
+        top = max(top, max(-Z[at], Z[at + 1]))
+    return top
+
+
+@njit(**INNER)
+def least_slope(Z: Any, i: int, axes: int, eps: float) -> float:
+    """Difference along a direction up to which polynomial i does not depend on it."""
+    return max(eps, LEVEL * steepest(Z, i, axes))
+
+
+@njit(**INNER)
 def rising(Z: Any, N: Any, n: int, axis: int) -> int:
     """Bits of the active polynomials that depend on a direction, or 0 if one is not monotone."""
     out = 0
     for i in range(n):
         low = Z[SPANS + axis * ROW + i * 2]
         high = Z[SPANS + axis * ROW + i * 2 + 1]
-        eps = Z[TOL + N[ACTIVE + i]]
+        eps = least_slope(Z, i, 3, Z[TOL + N[ACTIVE + i]])
         if low < -eps and high > eps:
             return 0
         if max(-low, high) > eps:

@@ -90,20 +90,46 @@ def all_rise(Z: Any, N: Any, n: int) -> bool:
 
 
 @njit(**INNER)
+def shares(Z: Any, N: Any, n: int) -> Any:
+    """Bits of the active polynomials whose least slope is largest along each direction.
+
+    Of directions in which all are monotone.
+    """
+    rise0 = rising(Z, N, n, 0)
+    rise1 = rising(Z, N, n, 1)
+    rise2 = rising(Z, N, n, 2)
+    out0, out1, out2 = 0, 0, 0
+    for i in range(n):
+        bit = 1 << N[ACTIVE + i]
+        best = -1
+        top = -1.0
+        for axis in range(3):
+            rise = rise0 if axis == 0 else rise1 if axis == 1 else rise2
+            at = SPANS + axis * ROW + i * 2
+            slope = max(max(Z[at], -Z[at + 1]), 0.0)
+            if rise & bit and slope > top:
+                top = slope
+                best = axis
+        out0 |= bit if best == 0 else 0
+        out1 |= bit if best == 1 else 0
+        out2 |= bit if best == 2 else 0
+    return out0, out1, out2
+
+
+@njit(**INNER)
 def surfaces_by_axes(
     Z: Any, N: Any, volume: Any, surface: Any, here: int, n: int, soft: bool, accept: int, q: int,
     L: Any,
 ) -> None:  # fmt: skip
-    """Feet of polynomials on columns in all directions, each polynomial in the first that will do.
+    """Feet of polynomials on columns in all directions, each polynomial in the one of `shares`.
 
     For those of which some do not depend on a direction, as the sides of boxes along the axes.
     """
-    done = 0
+    mine0, mine1, mine2 = shares(Z, N, n)
     for axis in range(3):
-        height_axis(Z, N, here, n, True, L)
-        mine = rising(Z, N, n, axis) & ~done
+        mine = mine0 if axis == 0 else mine1 if axis == 1 else mine2
         if mine:
-            done |= mine
+            height_axis(Z, N, here, n, True, L)
             N[EMIT] = mine
             project_seams(Z, N, here, n, axis, L)
             base(Z, N, volume, surface, here, n, axis, soft, True, accept, SURFACE, q, L)
@@ -176,12 +202,24 @@ def halve_box(Z: Any, N: Any, level: int, m: int, n: int, directed: bool, L: Any
 
 
 @njit(**INNER)
-def set_tolerances(Z: Any, m: int, L: Any) -> None:
-    """What counts as zero of each of the m tensors at the bottom of the stack."""
+def set_tolerances(Z: Any, m: int, far: float, L: Any) -> None:
+    """What counts as zero of each of the m tensors at the bottom of the stack.
+
+    Tensors that are interpolated are off by the rounding of places `far` lengths of the box away.
+    """
     cube = len(L) * len(L) * len(L)
     for k in range(m):
         least, most = extremes(Z, TENSORS + k * cube, cube)
-        Z[TOL + k] = TINY * max(-least, most)
+        Z[TOL + k] = TINY * far * max(-least, most)
+
+
+@njit(**INNER)
+def distance(Z: Any) -> float:
+    """How far the present box is from zero, in its own lengths, and at least a few of them."""
+    far = 0.0
+    for axis in range(3):
+        far = max(far, abs(Z[LO + axis]) / Z[EXT + axis])
+    return far + 4.0
 
 
 @njit(**INNER)
@@ -245,7 +283,7 @@ def cell_sign(Z: Any, N: Any, m: int, halvings: int, L: Any) -> int:
     """
     P = len(L)
     cube = P * P * P
-    set_tolerances(Z, m, L)
+    set_tolerances(Z, m, 1.0, L)
     if corners_differ(Z, N, m, L):
         return 0
     Z[BOXES + 6] = 0.0
@@ -284,7 +322,7 @@ def cell_rule(
     cube = P * P * P
     whole = N[TABLE]
     N[EMIT] = -1
-    set_tolerances(Z, m, L)
+    set_tolerances(Z, m, distance(Z), L)
     for i in range(6):
         Z[BOXES + i] = Z[LO + i]
     Z[BOXES + 6] = 0.0

@@ -62,7 +62,8 @@ TABLE, SEAMS = 102, 103  # of the present box, and how many pairs of polynomials
 PROJECT, CURVES = 104, 105  # whether crossings are looked for on all bases, and on the present one
 EMIT = 106  # bits of the polynomials whose feet are wanted
 INTEGERS = 107
-TINY = 1e-15  # coefficients below this part of the largest count as zero
+TINY = 1e-15  # coefficients below this part of the largest count as zero; see `set_tolerances`
+LEVEL = 1e-9  # slopes below this part of the largest count as zero: rounding tilts no face
 
 
 @njit(**INNER)

@@ -21,7 +21,7 @@ import numpy as np
 
 from ilattice._memory import need
 from ilattice._typing import AnyArray, FloatArray, IntArray
-from ilattice._validate import read_only
+from ilattice._validate import Frozen, read_only
 from ilattice.cutfem import _kernels_drive as kernels
 from ilattice.cutfem._choice import Chosen, Splits
 from ilattice.cutfem._filling import SURFACE, VOLUME, Content, Listing, filled
@@ -40,7 +40,7 @@ PER_POLYNOMIAL = 150.0  # bytes of memory besides coefficients
 
 
 @dataclass(frozen=True, eq=False)
-class FieldPieces:
+class FieldPieces(Frozen):
     """Boxes with polynomials.
 
     Attributes
@@ -252,7 +252,7 @@ class _Halving:
             doubt[todo] = np.where(measured.unknown & ~may, measured.doubt * volume, 0.0)
             exact[todo] = measured.exact
             again = np.sort(np.concatenate([again, todo[unknown]]))
-            chosen.put(todo, cut, (sign == 1) | ((sign == -1) & cut.plain()))
+            chosen.put(todo, cut, (sign == 1) | ((sign == -1) & cut.plain(box[todo])))
             chosen.certain[todo] = sign
         keep = chosen.certain <= 0
         keep |= doubt > 0.0
