@@ -153,6 +153,25 @@ def test_public_objects_and_their_copies_are_immutable(name, examples):
                 delattr(other, attribute)
 
 
+def oblique(x):
+    """Level set of two phases."""
+    return x @ np.array([0.3, -0.2, 0.9]) - 0.4
+
+
+@pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
+@pytest.mark.parametrize("kind", [il.cutfem.Elasticity, il.cutfem.Heat])
+@pytest.mark.parametrize("solid", ["wall", "tree"])
+def test_solids_of_two_materials_and_their_copies_are_immutable(kind, solid, examples):
+    field = examples[il.Lattice].offset(0.1) if solid == "wall" else il.fields.sphere(0.8)
+    domain = None if solid == "wall" else [[-1.0] * 3, [1.0] * 3]
+    name = "young" if kind is il.cutfem.Elasticity else "conductivity"
+    held = kind(field, 4, domain=domain, phases=oblique, **{name: (1.0, 3.0)})
+    other = pickle.loads(pickle.dumps(held))
+    for thing in (held, other):
+        assert not list(lacks(thing, kind.__name__, {}))
+    assert held.domain.interface.weights.tobytes() == other.domain.interface.weights.tobytes()
+
+
 def arrays(thing, depth=0):
     """Public arrays, in order."""
     if isinstance(thing, np.ndarray):

@@ -7,7 +7,7 @@ Guarantee: what is asked for twice is computed once.
 """
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar
@@ -158,7 +158,7 @@ class Domain(Frozen):
     def _boundary(self, on: str) -> Quadrature:
         rule = self._by_elements(on)
         if on in SURFACES[1:]:
-            rule = one_set(rule, [SURFACES.index(on) - 1])
+            rule = where(rule, np.asarray(rule.sets) == SURFACES.index(on) - 1)
         if not len(rule):
             raise GeometryError(f"on={on!r}: the solid has no area there; choose another place")
         return on_cells(in_space(rule), self.volume.cells)
@@ -307,11 +307,10 @@ def kinks(through: SplineMap, axis: int) -> FloatArray:
     return places[(places > lo) & (places < hi) & (k - times < 2)]
 
 
-def one_set(rule: Quadrature, numbers: Sequence[int]) -> Quadrature:
-    """The points of a surface rule that lie on one of some level sets."""
+def where(rule: Quadrature, keep: AnyArray) -> Quadrature:
+    """Some points of a surface rule."""
     assert rule.sets is not None
     assert rule.normals is not None
-    keep = np.isin(rule.sets, numbers)
     counts = np.bincount(rule.owners[keep], minlength=len(rule.cells))
     some = counts > 0
     return replace(

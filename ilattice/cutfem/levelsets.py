@@ -418,7 +418,18 @@ def _alike(a: BSpline, b: BSpline) -> bool:
 
 def _negative(f: Any) -> Any:
     """A field of which the sign is the other one."""
-    return complement(f) if isinstance(f, Node) else lambda u: -np.asarray(f(u), np.float64)
+    return complement(f) if isinstance(f, Node) else _Negative(f)
+
+
+@dataclass(frozen=True)
+class _Negative:
+    """Minus a function."""
+
+    function: Any
+
+    def __call__(self, u: FloatArray) -> FloatArray:
+        """Values (n,) at points (n, 3)."""
+        return -np.asarray(self.function(u), np.float64)
 
 
 def _intersection(fields: tuple[Any, ...], domain: FloatArray | None) -> FloatArray:

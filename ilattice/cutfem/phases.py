@@ -20,12 +20,12 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
-from ilattice._validate import as_array, read_only
+from ilattice._validate import as_array, asked, read_only
 from ilattice.bspline import BSpline
 from ilattice.cutfem.connectivity import Parts, connected_parts
-from ilattice.cutfem.domain import Domain, as_domain, one_set
+from ilattice.cutfem.domain import Domain, as_domain, where
 from ilattice.cutfem.elements import ElementGrid, elements_of, regrouped
-from ilattice.cutfem.grid import CUT, IN, OUT, CutGrid, DividedGrid, check_resolved
+from ilattice.cutfem.grid import CUT, IN, OUT, CutGrid, DividedGrid, Grid, check_resolved
 from ilattice.cutfem.levelsets import MOST_DEGREE
 from ilattice.cutfem.rules import NAMES, Quadrature, in_space, kept
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
@@ -37,7 +37,10 @@ from ilattice.offsets.thickness import as_equation, of_parameters
 #: Error of the spline of a level set, relative to its largest value: asked, and told.
 FIT, TOLD = 1e-9, 1e-4
 #: How far, in cells, points on the faces of cells are moved to find the cell behind.
-BEHIND = 1e-6
+BEHIND = 1e-8
+#: Part of the surface between phases that may join nothing without a word, and by which its area
+#: may differ from one side to the other.
+LOOSE, AGREE = 1e-3, 1e-2
 ORDINALS = ("first", "second")
 
 
@@ -69,14 +72,14 @@ class PhasedGrid(DividedGrid):
     @cached_property
     def gaps(self) -> FloatArray:
         """See `ElementGrid.gaps`."""
-        return np.concatenate([g.gaps for g in self.grids])
+        return read_only(np.concatenate([g.gaps for g in self.grids]))
 
     @cached_property
     def second(self) -> AnyArray:
         """Whether elements are of the second phase."""
         out = np.zeros(self.count + len(self.parents), bool)
         out[self.numbers[1][self.numbers[1] >= 0]] = True
-        return out
+        return read_only(out)
 
     def element_at(self, u: FloatArray, cells: IntArray) -> IntArray:
         """See `ElementGrid.element_at`."""
@@ -143,7 +146,8 @@ class PhasedDomain(Domain):
     def status(self) -> AnyArray:
         """See `CutGrid.status`; cells that the surface between phases cuts are cut."""
         a, b = (c.status for c in self.phases)
-        return np.where((a == CUT) | (b == CUT), CUT, np.where((a == IN) | (b == IN), IN, OUT))
+        whole = np.where((a == IN) | (b == IN), IN, OUT)
+        return read_only(np.where((a == CUT) | (b == CUT), CUT, whole))
 
     @cached_property
     def _volumes(self) -> tuple[Quadrature, Quadrature]:
@@ -190,30 +194,59 @@ class PhasedDomain(Domain):
     def _by_elements(self, on: str) -> Quadrature:
         if on in NAMES:
             return self._both([c.face(on, self.q) for c in self.phases])
-        skins = self.once("skins", lambda: [c.surface(self.q) for c in self.phases])
-        last = self.cut.sets.count
-        return self._both([one_set(s, range(last)) for s in skins])
+        return self._both([skin for skin, _ in self._skins])
+
+    @cached_property
+    def _skins(self) -> list[tuple[Quadrature, Quadrature]]:
+        """The skin of the solid around each phase, and that between both, by cells."""
+        return [(where(r, ~inner), where(r, inner)) for r, inner, _ in self._shared]
+
+    @cached_property
+    def _shared(self) -> list[tuple[Quadrature, AnyArray, AnyArray]]:
+        """Rule on the skin of each phase, its points in the solid, and others on the level set."""
+        rules = [cut.surface(self.q) for cut in self.phases]
+        return [(r, *self._goes_on(r, phase)) for phase, r in enumerate(rules)]
+
+    def _goes_on(self, rule: Quadrature, phase: int) -> tuple[AnyArray, AnyArray]:
+        """Whether points of the skin of a phase are between both, and on the level set alone.
+
+        Level sets that coincide there take turns as the one on which points lie.
+        """
+        assert rule.normals is not None
+        home = rule.cells[rule.owners]
+        u = rule.points + BEHIND * rule.normals * self.cut.grid.boxes(home)[:, 3:]
+        there, u = _cells_at(self.cut.grid, u)
+        solid = there >= 0
+        solid[solid] = (self.cut.sets(u[solid]) < 0.0).all(axis=1)
+        on = np.asarray(rule.sets) == self.cut.sets.count
+        on[there >= 0] |= self.second(u[there >= 0]) == (phase == 0)
+        return solid & on, ~solid & on
 
     @cached_property
     def _between(self) -> Quadrature:
         """Rule on the surface between phases, normals to the second, in parameters."""
-        skin = self.once("skins", lambda: [c.surface(self.q) for c in self.phases])[0]
-        rule = self.elements.renumbered(one_set(skin, [self.cut.sets.count]), 0)
-        low = rule.cells[rule.owners]
-        high = self._behind(rule, self.elements.home(low))
-        keep = high >= 0
-        return regrouped(_rows(rule, keep), low[keep], high[keep])
+        phase = _better(self._shared)
+        rule = self.elements.renumbered(self._skins[phase][1], phase)
+        mine = rule.cells[rule.owners]
+        other = self._behind(rule, self.elements.home(mine), 1 - phase)
+        keep = other >= 0
+        _check_joined(rule.weights, keep)
+        rule, low, high = _rows(rule, keep), mine[keep], other[keep]
+        if phase:
+            assert rule.normals is not None
+            rule, low, high = replace(rule, normals=-rule.normals), high, low
+        return regrouped(rule, low, high)
 
-    def _behind(self, rule: Quadrature, cells: IntArray) -> IntArray:
-        """Elements of the second phase at points of the surface between, -1 where there is none."""
-        grid, names = self.elements, self.elements.numbers[1]
-        out = names[grid.grids[1].element_at(rule.points, cells)]
+    def _behind(self, rule: Quadrature, cells: IntArray, phase: int) -> IntArray:
+        """Elements of a phase at points of the skin of the other one, -1 where there is none."""
+        grid, names = self.elements, self.elements.numbers[phase]
+        out = names[grid.grids[phase].element_at(rule.points, cells)]
         none = np.flatnonzero(out < 0)  # the surface is a face of the cell
         if len(none):
             assert rule.normals is not None
             u = rule.points[none] + BEHIND * rule.normals[none] * grid.boxes(cells[none])[:, 3:]
             there, u = _cells_at(grid, u)
-            found = names[grid.grids[1].element_at(u, np.maximum(there, 0))]
+            found = names[grid.grids[phase].element_at(u, np.maximum(there, 0))]
             out[none] = np.where(there >= 0, found, -1)
         return out
 
@@ -278,6 +311,36 @@ def _divided(domain: Domain, phases: Any) -> PhasedDomain:
     )  # fmt: skip
 
 
+def _better(shared: list[tuple[Quadrature, AnyArray, AnyArray]]) -> int:
+    """The phase of which the skin tells best what of it both phases share.
+
+    Where the level set coincides with faces of the solid, one side does not see their edges.
+    """
+    areas = [r.weights[inner].sum() for r, inner, _ in shared]
+    off = abs(areas[0] - areas[1]) / max(*areas, 1e-300)
+    if off > AGREE:
+        warnings.warn(
+            f"phases: the level set lies on faces of the solid, so that areas there are off by "
+            f"{100 * off:.2g} % of the surface between the phases; move it off them",
+            PrecisionWarning,
+            stacklevel=6,
+        )
+    alone = [r.weights[rest].sum() for r, _, rest in shared]
+    return int(alone[1] < alone[0])
+
+
+def _check_joined(weights: FloatArray, keep: AnyArray) -> None:
+    """Warn where points between the phases have no element of the other one behind them."""
+    loose = weights[~keep].sum()
+    if loose > LOOSE * weights.sum():
+        warnings.warn(
+            f"phases: {100 * loose / weights.sum():.2g} % of the surface between the phases joins "
+            "nothing, since the phase behind it is too thin to be seen; take finer cells",
+            PrecisionWarning,
+            stacklevel=6,
+        )
+
+
 def _as_level(phases: Any, through: SplineMap | None) -> Any:
     """A level set as a function of parameters."""
     if isinstance(phases, str):
@@ -299,15 +362,25 @@ def _as_level(phases: Any, through: SplineMap | None) -> Any:
             f"field or a function of points (n, 3), got {phases!r:.80}"
         )
 
-    def level(u: FloatArray) -> FloatArray:
-        value = as_array("phases", phases(u if through is None else through.x(u)))
+    return _Level(phases, through)
+
+
+@dataclass(frozen=True)
+class _Level:
+    """A level set that is a function of points in space, as one of parameters."""
+
+    function: Any
+    through: SplineMap | None
+
+    def __call__(self, u: FloatArray) -> FloatArray:
+        """Values (n,) at parameters (n, 3)."""
+        x = u if self.through is None else self.through.x(u)
+        value = as_array("phases", asked("phases", self.function, x))
         if value.shape != (len(u),):
             raise InputError(
                 f"phases must give one value per point, shape ({len(u)},), got {value.shape}"
             )
         return value
-
-    return level
 
 
 def _as_spline(level: Any, domain: FloatArray) -> BSpline:
@@ -363,7 +436,7 @@ def _together(a: Quadrature, b: Quadrature) -> Quadrature:
     return regrouped(whole, low, high)
 
 
-def _cells_at(grid: DividedGrid, u: FloatArray) -> tuple[IntArray, FloatArray]:
+def _cells_at(grid: Grid, u: FloatArray) -> tuple[IntArray, FloatArray]:
     """Cells of points, -1 outside of the grid, and the points, wrapped in closed directions."""
     u, far = u.copy(), np.zeros(len(u), bool)
     at = np.empty((len(u), 3), np.int64)

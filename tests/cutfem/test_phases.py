@@ -308,3 +308,43 @@ def test_volumes_of_slabs_in_and_around_boxes_add_up(seed):
     for k in (0, 1):
         found = domain.volume.weights[second == bool(k)].sum()
         assert found == pytest.approx((solid & (first != bool(k))).mean(), abs=4e-3)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("kind", ["function", "equation"])
+def test_a_level_set_at_a_step_of_the_solid_joins_what_touches(seed, kind):
+    """The phases hung together nowhere: all points were said to lie on the solid's own face."""
+    rng = np.random.default_rng(seed)
+    wide, narrow = rng.uniform(0.5, 0.7, 2), rng.uniform(0.15, 0.4, 2)
+    low, top, z = rng.uniform(-0.9, -0.3), rng.uniform(0.6, 0.9), rng.uniform(-0.1, 0.4)
+    wide_z, narrow_z = ((low, z), (0.5 * (low + z), top))
+    if rng.random() < 0.5:  # the wide one above
+        wide_z, narrow_z = ((z, top), (low, 0.5 * (z + top)))
+
+    def block(half, ends):
+        size, centre = 0.5 * (ends[1] - ends[0]), 0.5 * (ends[0] + ends[1])
+        return il.fields.translate(il.fields.box((*half, size)), (0, 0, centre))
+
+    solid = il.fields.union(block(wide, wide_z), block(narrow, narrow_z))
+    phases = f"z-({z!r})" if kind == "equation" else lambda x: x[:, 2] - z
+    domain = [[-1.0] * 3, [1.0] * 3]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PrecisionWarning)
+        held = Elasticity(
+            solid, tuple(rng.integers(4, 8, 3)), domain=domain, phases=phases, young=(1.0, 2.0)
+        )  # fmt: skip
+        between = held.domain.interface
+    area = 4.0 * narrow.prod()
+    assert between.weights.sum() == pytest.approx(area, rel=1e-9)
+    assert np.allclose(between.normals, (0, 0, 1), atol=1e-9)
+
+
+def test_areas_that_a_step_makes_uncertain_are_told():
+    solid = il.fields.union(
+        il.fields.box((0.6, 0.6, 0.313)),
+        il.fields.translate(il.fields.box((0.2, 0.2, 0.3)), (0, 0, 0.4)),
+    )
+    options = {"domain": [[-1.0] * 3, [1.0] * 3], "young": (1.0, 2.0)}
+    with pytest.warns(PrecisionWarning, match="level set lies on faces of the solid"):
+        held = Elasticity(solid, 6, phases="z - 0.313", **options)
+    assert len(held.domain.interface)
