@@ -370,7 +370,9 @@ def _check_radius(radius: Any) -> None:
     """Refuse what is no radius: of numbers, those that are not positive."""
     if radius is None or callable(radius) or isinstance(radius, BSpline):
         return
-    several = isinstance(radius, (list, tuple, np.ndarray)) and np.ndim(radius) > 0
+    several = isinstance(radius, (list, tuple)) or (
+        isinstance(radius, np.ndarray) and radius.ndim > 0
+    )
     for r in as_array("radius", radius, ndim=1) if several else [radius]:
         as_positive("radius", r)
 
