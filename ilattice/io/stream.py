@@ -160,7 +160,7 @@ def write_stream(
         How many were written.
     """
     told = "blocks must be an iterable of pairs (vertices, faces)"
-    if not isinstance(blocks, Iterable):
+    if not isinstance(blocks, Iterable) or (isinstance(blocks, np.ndarray) and not blocks.ndim):
         raise InputError(f"{told}, got {blocks!r:.80}")
     with StreamedMeshWriter(path, precision=precision) as writer:
         for block in blocks:

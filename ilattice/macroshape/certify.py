@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ilattice._typing import FloatArray, IntArray
-from ilattice._validate import Frozen, as_kind, read_only
+from ilattice._validate import Frozen, as_kind, as_not_negative, as_whole, read_only
 from ilattice.bspline import BSpline
-from ilattice.errors import GeometryError, PrecisionWarning
+from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.macroshape import _bernstein as bern
 
 if TYPE_CHECKING:
@@ -34,6 +34,8 @@ _EPS = float(np.finfo(np.float64).eps)
 _CORNERS = np.array(list(np.ndindex(2, 2, 2)), dtype=np.float64)
 #: Bernstein coefficients handled at once, and kept at most while searching.
 _BATCH, _KEPT = 1 << 18, 1 << 21
+#: Halvings after which elements are as small as rounding.
+DEEPEST = 50
 
 
 class Status(StrEnum):
@@ -110,12 +112,20 @@ def certify(volume: "SplineMap | BSpline", *, depth: int = 16, tol: float = 1e-9
     Certificate
         Status, orientation, worst place, bounds.
 
+    Raises
+    ------
+    InputError
+        If an argument is wrong.
+
     Notes
     -----
     det J of degree (p, q, r) is of degree (3p - 1, 3q - 1, 3r - 1) on an element. Of a rational
     volume, det J = N / w⁴ with N the 4×4 determinant of the homogeneous point and its derivatives;
     with N and w⁴ in one Bernstein basis, the quotients of the coefficients enclose det J.
     """
+    depth, tol = as_whole("depth", depth, 0, DEEPEST), as_not_negative("tol", tol)
+    if tol >= 1.0:
+        raise InputError(f"tol must be below 1, got {tol:g}: it is a part of the largest det J")
     spline = (
         volume if isinstance(volume, BSpline) else as_kind("volume", volume, "SplineMap").spline
     )
