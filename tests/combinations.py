@@ -11,6 +11,7 @@ SciPy), and the other way, random points of the domain against the winding numbe
 
 import argparse
 import csv
+import signal
 import sys
 import time
 import traceback
@@ -46,9 +47,12 @@ REFUSALS = (ConvergenceError, GeometryError)
 #: Columns of the table.
 COLUMNS = (
     "seed", "tile", "map", "repeat", "boundary", "kind", "d", "h", "scale", "cpu", "all", "faces",
-    "parts",
-    "voxel_parts", "closed", "crossing", "volume", "quadrature", "held", "off", "p99", "max",
-    "distance", "wrong_side", "warnings", "error", "faults",
+    "parts", "voxel_parts", "closed", "crossing", "volume", "quadrature", "fallback", "held", "off",
+    "p99", "max", "distance", "wrong_side", "warnings", "error", "faults",
+)  # fmt: skip
+#: Those that are rounded.
+NUMBERS = (
+    "d", "h", "cpu", "volume", "quadrature", "fallback", "held", "off", "p99", "max", "distance",
 )  # fmt: skip
 
 
@@ -461,6 +465,7 @@ def judge(combo, *, count=100, igl_crossings=True, quadrature=True):
             row["faults"] = [] if isinstance(e, REFUSALS) else ["error"]
             return Verdict(row)
     row["cpu"] = round(time.process_time() - start, 2)
+    row["fallback"] = lattice.statistics.fallbacks / max(lattice.statistics.queries, 1)
     told = [str(w.message) for w in caught if issubclass(w.category, PrecisionWarning)]
     row["warnings"] = " | ".join(sorted({m[:70] for m in told}))
     faults += [f"warning {w.category.__name__}" for w in caught
@@ -551,6 +556,15 @@ def _untold(row, mesh, told):
     return [] if any(m.startswith(start) for m in told) else [f"held {row['held']:.2%}, untold"]
 
 
+class OutOfTimeError(Exception):
+    """A combination takes longer than it may."""
+
+
+def stop(*_):
+    """Give up a combination."""
+    raise OutOfTimeError("out of time")
+
+
 def main():
     """Run combinations, a row each."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
@@ -560,6 +574,7 @@ def main():
     parser.add_argument("--table", default="")
     parser.add_argument("--no-kinks", action="store_true")
     parser.add_argument("--trace", action="store_true")
+    parser.add_argument("--limit", type=float, default=0.0, help="seconds of CPU for one")
     arguments = parser.parse_args()
     seeds = arguments.seeds or range(arguments.first, arguments.first + arguments.count)
     out = open(arguments.table, "a", newline="") if arguments.table else sys.stdout  # noqa: SIM115
@@ -568,16 +583,20 @@ def main():
         writer.writeheader()
     for seed in seeds:
         combo = combination(seed, kinked=not arguments.no_kinks)
+        signal.signal(signal.SIGPROF, stop)
+        signal.setitimer(signal.ITIMER_PROF, arguments.limit)
         try:
             row = judge(combo).row
         except Exception as e:
+            signal.setitimer(signal.ITIMER_PROF, 0.0)
             if arguments.trace:
                 traceback.print_exc()
             names = ("tile", "map", "repeat", "boundary", "kind", "d", "h", "scale")
             row = dict.fromkeys(COLUMNS, "") | {k: getattr(combo, k) for k in names}
             row |= {"seed": seed, "error": f"{type(e).__name__}: {str(e)[:160]}"}
             row["faults"] = ["untyped"]
-        for k in ("cpu", "volume", "quadrature", "held", "off", "p99", "max", "distance", "d", "h"):
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        for k in NUMBERS:
             if isinstance(row[k], float):
                 row[k] = f"{row[k]:.4g}"
         row["faults"] = "; ".join(row["faults"])

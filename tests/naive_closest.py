@@ -229,11 +229,33 @@ class Oracle:
         return ((p < self.domain[0] - slack) | (p > self.domain[1] + slack)).any(axis=1)
 
     def _admissible(self, p, jac):
-        """Inside the box, and right side out where the map is continued."""
+        """Inside the box, and not squeezed to a fifth or folded where the map is continued.
+
+        That is looked at in quarters of the way from the domain.
+        """
         beyond = self._beyond(p)
-        upright = volume(jac) * self.lattice.through.orientation > 0
         inside = ((p >= self.box[0] - 1e-9) & (p <= self.box[1] + 1e-9)).all(axis=1)
-        return inside & (upright | ~beyond)
+        at = np.flatnonzero(inside & beyond)
+        left = np.clip(p[at], *self.domain)
+        size = self._turned(self.map.jet(left, 1)[1])
+        least = np.minimum.reduce(
+            [self._turned(self.map.jet(left + s * (p[at] - left), 1)[1]) for s in (0.25, 0.5, 0.75)]
+            + [self._turned(jac[at])]
+        )
+        inside[at] = (size > 0) & (least >= size / 5)
+        return inside
+
+    def _back(self, x, p, y):
+        """On the continuation, and nearer to a point of the domain than a quarter of its way."""
+        out = self._beyond(p)
+        at = np.flatnonzero(out)
+        way = np.linalg.norm(y[at] - self.map.jet(np.clip(p[at], *self.domain), 0)[0], axis=1)
+        out[at] = np.linalg.norm(y[at] - x[at], axis=1) < 0.25 * way
+        return out
+
+    def _turned(self, jac):
+        """det J, positive in the domain."""
+        return volume(jac) * self.lattice.through.orientation
 
     def _reached(self, p, q):
         """A foot on the continuation counts for queries within two tiles of it."""
@@ -322,10 +344,13 @@ class Oracle:
         """Numbers of the nearest samples that count for the queries, and how far they are away."""
         number, away = np.zeros(len(x), int), np.full(len(x), np.inf)
         todo = np.arange(len(x))
+        way = np.linalg.norm(tree.data - self.map.jet(np.clip(p, *self.domain), 0)[0], axis=1)
+        way[~self._beyond(p)] = 0.0
         while len(todo):
             k = min(k, len(p))
             dist, index = (np.reshape(a, (-1, k)) for a in tree.query(x[todo], k=k))
             usable = self._reached(p[index.ravel()], np.repeat(q[todo], k, axis=0)).reshape(-1, k)
+            usable &= dist >= 0.25 * way[index]
             found, pick = usable.any(axis=1), np.argmax(usable, axis=1)
             number[todo[found]] = index[found, pick[found]]
             away[todo[found]] = dist[found, pick[found]]
@@ -374,7 +399,7 @@ class Oracle:
             g = g * free
             p = p - (f / np.maximum((g * g).sum(axis=1), 1e-300))[:, None] * g
         y, jac = self.map.jet(p, 1)
-        bad = ~self._admissible(p, jac) | ~self._reached(p, q)
+        bad = ~self._admissible(p, jac) | ~self._reached(p, q) | self._back(x, p, y)
         bad |= np.abs(tile_jet(self.tile, p)[0]) > 1e-12
         return p, np.where(bad, np.inf, np.linalg.norm(y - x, axis=1))
 

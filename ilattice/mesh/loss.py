@@ -15,11 +15,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ilattice._typing import FloatArray
+from ilattice._typing import AnyArray, FloatArray
 from ilattice.errors import GeometryError, PrecisionWarning
 
 if TYPE_CHECKING:
-    from ilattice.mesh.surface import SurfaceMesh
     from ilattice.offsets.wall import Wall
 
 #: Part of the volume from which on it is told, and from which on it is an error.
@@ -30,10 +29,73 @@ BOXES, NEAR = 1 << 14, 0.02
 #: Length of edges, relative to the least thickness, from which on volumes are compared, and that
 #: which is recommended.
 COMPARED, ENOUGH = 0.6, 0.25
+#: Triangles that are measured at once.
+TOGETHER = 1 << 18
+
+
+class Extent:
+    """Volume and longest edge of a closed mesh that comes in pieces.
+
+    Faces of a piece may name vertices of its own, of the piece before it, and of the first one.
+
+    Attributes
+    ----------
+    volume, longest : float
+        Of the pieces so far.
+    """
+
+    def __init__(self) -> None:
+        self.volume, self.longest = 0.0, 0.0
+        self._blocks: list[tuple[int, FloatArray]] = []
+
+    @classmethod
+    def of(cls, vertices: FloatArray, faces: AnyArray) -> Extent:
+        """That of a whole mesh.
+
+        Parameters
+        ----------
+        vertices, faces : ndarray, shape (V, 3) and (F, 3)
+            The mesh.
+
+        Returns
+        -------
+        Extent
+            Its volume and longest edge.
+        """
+        out = cls()
+        out.add(vertices, faces)
+        return out
+
+    def add(self, vertices: FloatArray, faces: AnyArray) -> None:
+        """Take a piece.
+
+        Parameters
+        ----------
+        vertices : ndarray, shape (n, 3)
+            Its vertices, numbered on from those of the pieces before.
+        faces : ndarray of int, shape (m, 3)
+            Its faces, in the numbers of the whole mesh.
+        """
+        if len(vertices):
+            first = 0 if not self._blocks else self._blocks[-1][0] + len(self._blocks[-1][1])
+            middle = self._blocks[-1:] if len(self._blocks) > 1 else []
+            self._blocks = [*self._blocks[:1], *middle, (first, vertices)]
+        for i in range(0, len(faces), TOGETHER):
+            self._count(faces[i : i + TOGETHER])
+
+    def _count(self, faces: AnyArray) -> None:
+        corners = np.full((*faces.shape, 3), np.nan)
+        for start, block in self._blocks:
+            at = (faces >= start) & (faces < start + len(block))
+            corners[at] = block[faces[at] - start]
+        a, b, c = (corners - self._blocks[0][1][0]).transpose(1, 0, 2)
+        self.volume += float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
+        edges = corners - np.roll(corners, 1, axis=1)
+        self.longest = max(self.longest, float(np.linalg.norm(edges, axis=2).max(initial=0.0)))
 
 
 def check_loss(
-    wall: Wall, h: float, mesh: SurfaceMesh, *, sheets: bool, exactly: bool, allowed: bool
+    wall: Wall, h: float, mesh: Extent, *, sheets: bool, exactly: bool, allowed: bool
 ) -> None:
     """Compare the volume of a mesh with that of its wall, where they may differ.
 
@@ -43,8 +105,8 @@ def check_loss(
         The wall.
     h : float
         Length of the edges.
-    mesh : SurfaceMesh
-        Its mesh, closed.
+    mesh : Extent
+        Volume and longest edge of its mesh.
     sheets : bool
         Whether it was made from the mid-surface, so that it loses by bends only, as h².
     exactly : bool
@@ -66,7 +128,7 @@ def check_loss(
     off = got / whole - 1.0 if whole > 0.0 else 0.0
     if abs(off) <= TOLD:
         return
-    told, h = f"{h:g}", min(h, _longest_edge(mesh))  # a grid has at least some planes per tile
+    told, h = f"{h:g}", min(h, mesh.longest)  # a grid has at least some planes per tile
     enough = min(ENOUGH * least, 0.9 * h * (TOLD / abs(off)) ** 0.5)
     if sheets:
         enough = 0.9 * h * (TOLD / abs(off)) ** 0.5
@@ -80,12 +142,6 @@ def check_loss(
     if abs(off) > REFUSED and not allowed:
         raise GeometryError(f"{message}, or allow_loss=True")
     warnings.warn(message, PrecisionWarning, stacklevel=4)
-
-
-def _longest_edge(mesh: SurfaceMesh) -> float:
-    """Length of the longest edge of a mesh."""
-    corners = mesh.vertices[mesh.faces]
-    return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(initial=0.0))
 
 
 class _Points:

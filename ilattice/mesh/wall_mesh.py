@@ -39,7 +39,7 @@ from ilattice.mesh.contouring import (
     fixed_coordinates,
 )
 from ilattice.mesh.creases import sharpened
-from ilattice.mesh.loss import ENOUGH, check_loss
+from ilattice.mesh.loss import ENOUGH, Extent, check_loss
 from ilattice.mesh.sheets import Sheets
 from ilattice.mesh.surface import SurfaceMesh
 from ilattice.mesh.untangle import Untangled, untangled
@@ -98,8 +98,9 @@ def wall_mesh(
         mesh.__dict__["self_intersections"] = new.left  # known, needs no other search
     if caps and cut is None:
         check_loss(
-            wall, job.h, mesh, sheets=sheets is not None, exactly=job.polish, allowed=allow_loss
-        )
+            wall, job.h, Extent.of(mesh.vertices, mesh.faces), sheets=sheets is not None,
+            exactly=job.polish, allowed=allow_loss,
+        )  # fmt: skip
     return mesh
 
 
@@ -159,6 +160,7 @@ def wall_pieces(
         yield mesh.vertices, mesh.faces
         return
     off, crease = [np.zeros(0, np.bool_)], [np.zeros(0, np.bool_)]
+    extent = Extent()
     for raw in contour_blocks(job.field, job.axes, **job.options):
         side = job.side(raw)
         u, lost = job.settle(raw.vertices, raw.kind, side)
@@ -166,8 +168,11 @@ def wall_pieces(
         _warn(int(of.held.sum()), len(u), 0)
         off.append(of.off)
         crease.append(of.crease)
-        yield wall.lattice.through.x(u), _outward(wall, raw.faces)
+        vertices, faces = wall.lattice.through.x(u), _outward(wall, raw.faces)
+        extent.add(vertices, faces)
+        yield vertices, faces
     _check(np.concatenate(off), np.concatenate(crease), exactly=job.polish)
+    check_loss(wall, job.h, extent, sheets=False, exactly=job.polish, allowed=allow_loss)
 
 
 def wall_contour(wall: Wall, h: float | None, *, progress: Progress) -> SurfaceMesh:

@@ -1,7 +1,9 @@
 """Compiled search for closest points over many starts, and the seeds it starts from.
 
 The arguments are those of `_kernels_jets`; seeds are sp (tile coordinates, (s, 3)), sx (image,
-(s, 3)), sn (unit normal, and the largest curvature times spacing, (s, 4)), and sh (spacing, (s,)).
+(s, 3)), sn (unit normal, the largest curvature times spacing, and how far away queries must be for
+it to count, (s, PLAIN), and where cells are squeezed the matrix that takes space to cells, and how
+far cells bend away from that, (s, SQUEEZED_TOO)), and sh (spacing, (s,)).
 
 Guarantees: the same result for any number of threads, a status for every query.
 Non-guarantee: the foot is the global minimiser only as far as the seeds cover the surface.
@@ -10,15 +12,20 @@ Non-guarantee: the foot is the global minimiser only as far as the seeds cover t
 import numpy as np
 from numba import njit, prange
 
-from ilattice.offsets._kernels_jets import FAST, cofactor_normal, map_jet, metric, scratch, tile_jet
+from ilattice.offsets._kernels_jets import (
+    FAST,
+    cofactor_normal,
+    metric,
+    scratch,
+    tile_jet,
+    upright,
+)
 from ilattice.offsets._kernels_newton import (
     FAILED,
     FALLBACK,
-    MAX_ITERATIONS,
     OK,
     WORSE,
     clamp,
-    curvature,
     newton,
     soft_direction,
 )
@@ -35,6 +42,9 @@ ALIKE = 0.5
 SQUEEZED = 10.0
 #: Seeds with a larger curvature times spacing say nothing about the normals next to them.
 SHARP = 2.0
+#: Columns of normals of seeds where cells are not squeezed, and where they are. A seed stands for
+#: so many cells around it.
+PLAIN, SQUEEZED_TOO, AROUND = 5, 15, 1.25
 #: How far below its upper faces a tile ends whose neighbours meet it in creases.
 BELOW = 1e-12
 
@@ -72,6 +82,14 @@ def reachable(geom, p, q):
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
+def in_reach(geom, sp, sx, sn, s, x, q):
+    """Whether the seed s counts for a query at x, of tile coordinates q."""
+    if s < 0 or not reachable(geom, (sp[s, 0], sp[s, 1], sp[s, 2]), q):
+        return False
+    return seed_distance(sx, s, x) >= sn[s, 4]
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def unlikely(x, sx, sn, i, h, best):
     """Cheap rejection of a further start: its patch cannot hold a foot nearer than `best`.
 
@@ -79,13 +97,28 @@ def unlikely(x, sx, sn, i, h, best):
     x - s is at most h plus what the normal turns over h, times `best`; and the patch is nearer
     than that only if the normal part is. Where the normal turns too much, only distance counts.
     """
-    v0, v1, v2 = x[0] - sx[i, 0], x[1] - sx[i, 1], x[2] - sx[i, 2]
-    a = v0 * sn[i, 0] + v1 * sn[i, 1] + v2 * sn[i, 2]
+    v = (x[0] - sx[i, 0], x[1] - sx[i, 1], x[2] - sx[i, 2])
+    a = v[0] * sn[i, 0] + v[1] * sn[i, 1] + v[2] * sn[i, 2]
+    vv = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
     if sn[i, 3] > SHARP:
-        return np.sqrt(v0 * v0 + v1 * v1 + v2 * v2) > best + h
-    tangential = np.sqrt(max(v0 * v0 + v1 * v1 + v2 * v2 - a * a, 0.0))
+        return np.sqrt(vv) > best + h
+    tangential = np.sqrt(max(vv - a * a, 0.0))
     turn = max(0.5 * abs(a), best * sn[i, 3])
-    return tangential > 0.9 * h + turn or abs(a) > best + 0.3 * h
+    if tangential > 0.9 * h + turn or abs(a) > best + 0.3 * h:
+        return True
+    return sn.shape[1] > PLAIN and beside(v, a, sn, i, turn)
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def beside(v, a, sn, i, turn):
+    """Whether a point at v from the seed i, a of that along its normal, is beside its cell."""
+    t = (v[0] - a * sn[i, 0], v[1] - a * sn[i, 1], v[2] - a * sn[i, 2])
+    for k in range(3):
+        b0, b1, b2 = sn[i, 5 + 3 * k], sn[i, 6 + 3 * k], sn[i, 7 + 3 * k]
+        room = AROUND + (turn + sn[i, 14]) * np.sqrt(b0 * b0 + b1 * b1 + b2 * b2)
+        if abs(b0 * t[0] + b1 * t[1] + b2 * t[2]) > room:
+            return True
+    return False
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
@@ -213,17 +246,22 @@ def slid(geom, orient, m, start, p):
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
-def accept(geom, box, clip, orient, m, p, y, x, q, lam, st, h, feet, seconds, i, empty):
+def accept(
+    d0, d1, d2, k0, k1, k2, c, geom, box, clip, orient, p, y, x, q, lam, st, h, feet, seconds, i,
+    empty, b, m,
+):  # fmt: skip
     """File a converged foot: 2 if it is the best now, 1 if not, 0 if it does not count.
 
     It counts in the box, and, unless the box is a constraint, on its continuation by one layer of
-    tiles where that does not fold.
+    tiles as far as that is `upright`.
     """
     if st >= FAILED or not inside(p, box, 0.0 if clip else 1.0) or not reachable(geom, p, q):
         return 0
-    if outside(geom, p) and cofactor_normal(m, p)[1] * orient <= 0.0:
-        return 0
     dist = np.sqrt((x[0] - y[0]) ** 2 + (x[1] - y[1]) ** 2 + (x[2] - y[2]) ** 2)
+    if outside(geom, p) and not upright(
+        d0, d1, d2, k0, k1, k2, c, geom, orient, p, y, dist, b, m
+    ):  # fmt: skip
+        return 0
     same = row_near(feet, i, 3, y, 0.05 * h) and not empty
     if empty or dist < feet[i, 6]:
         if not empty and not same:
@@ -258,14 +296,14 @@ def multi_start(
     if status == FALLBACK:
         feet[i, 6] = np.inf
         seconds[i, 6] = np.inf
-    first = first_reachable(geom, sp, idx, row, q)
+    first = first_reachable(geom, sp, sx, sn, idx, row, x, q)
     reach = seed_distance(sx, first, x)
     for a in range(idx.shape[1] + 2):
         # first the seeds, then both ways along a direction in which the best foot is loose
         h = sh[first]
         if a < idx.shape[1]:
             s = idx[row, a]
-            if s < 0 or not reachable(geom, (sp[s, 0], sp[s, 1], sp[s, 2]), q):
+            if not in_reach(geom, sp, sx, sn, s, x, q):
                 continue
             h = sh[s]
             if seed_distance(sx, s, x) > reach + 2.0 * h:
@@ -300,8 +338,8 @@ def multi_start(
             starts += 1
             iterations += n
             filed = accept(
-                geom, box, clip, orient, m, p, y, x, q, lam, st, h, feet, seconds, i,
-                status == FALLBACK,
+                d0, d1, d2, k0, k1, k2, c, geom, box, clip, orient, p, y, x, q, lam, st, h, feet,
+                seconds, i, status == FALLBACK, b, m,
             )  # fmt: skip
             if filed == 2:
                 status = st
@@ -319,26 +357,30 @@ def multi_start(
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
-def first_reachable(geom, sp, idx, row, q):
-    """Nearest candidate that counts for the query q, or the nearest one."""
+def first_reachable(geom, sp, sx, sn, idx, row, x, q):
+    """Nearest candidate that counts for the query x, q, or the nearest one."""
     for a in range(idx.shape[1]):
         s = idx[row, a]
-        if s >= 0 and reachable(geom, (sp[s, 0], sp[s, 1], sp[s, 2]), q):
+        if in_reach(geom, sp, sx, sn, s, x, q):
             return s
     return idx[row, 0]
 
 
 @njit(cache=True, parallel=True, fastmath=FAST, error_model="numpy")
-def spread(geom, sp, sx, sn, sh, q, idx, out):
-    """Thin out candidates idx (n, m), nearest first: reachable ones, one per patch; out (n, k).
+def spread(geom, sp, sx, sn, sh, x, q, best, idx, out):
+    """Thin out candidates idx (n, m), nearest first: those that count, one per patch; out (n, k).
 
-    Rows of `out` are filled up with -1; the nearest seed stands where none is reachable.
+    Those that cannot hold a foot nearer than `best` (n,) are left out. Rows of `out` are filled up
+    with -1; the nearest seed stands where none is left.
     """
     for i in prange(len(idx)):
+        xi, qi = (x[i, 0], x[i, 1], x[i, 2]), (q[i, 0], q[i, 1], q[i, 2])
         count = 0
         for a in range(idx.shape[1]):
             s = idx[i, a]
-            if not reachable(geom, (sp[s, 0], sp[s, 1], sp[s, 2]), (q[i, 0], q[i, 1], q[i, 2])):
+            if not in_reach(geom, sp, sx, sn, s, xi, qi) or (
+                best[i] < np.inf and unlikely(xi, sx, sn, s, sh[s], best[i])
+            ):
                 continue
             apart = True
             for c in range(count):
@@ -410,71 +452,3 @@ def closest(
                 seconds[i, 6] = -seconds[i, 6]
             elif t[0] == 0.0:
                 feet[i, 6] = 0.0
-
-
-@njit(cache=True, parallel=True, error_model="numpy")
-def project(
-    d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
-    p, fixed, limit, travel,
-):  # fmt: skip
-    """Move points p (n, 3), in place, onto I = 0 along grad I; the distance moved, or inf."""
-    n = len(p)
-    for chunk in prange((n + CHUNK - 1) // CHUNK):
-        b, m, t, tab = scratch(factor, c, k0, k1, k2, q0, q1, q2)
-        for i in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
-            x0, x1, x2 = p[i, 0], p[i, 1], p[i, 2]
-            travel[i] = np.inf
-            for _ in range(MAX_ITERATIONS):
-                tile_jet(
-                    geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc, (x0, x1, x2), b, t, tab
-                )
-                g0 = t[1] * (1 - fixed[i, 0])
-                g1 = t[2] * (1 - fixed[i, 1])
-                g2 = t[3] * (1 - fixed[i, 2])
-                gg = g0 * g0 + g1 * g1 + g2 * g2
-                if not gg > 0.0:
-                    break
-                s = -t[0] / gg
-                size = abs(s) * np.sqrt(gg)
-                if size > limit:
-                    s *= limit / size
-                x0 += s * g0
-                x1 += s * g1
-                x2 += s * g2
-                if size < 1e-13:
-                    travel[i] = np.sqrt(
-                        (x0 - p[i, 0]) ** 2 + (x1 - p[i, 1]) ** 2 + (x2 - p[i, 2]) ** 2
-                    )
-                    p[i, 0], p[i, 1], p[i, 2] = x0, x1, x2
-                    break
-
-
-@njit(cache=True, parallel=True, fastmath=FAST, error_model="numpy")
-def place_seeds(
-    d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
-    p, cell, x, normal, spacing, det,
-):  # fmt: skip
-    """Image (n, 3), normal (n, 4), size of the image of a cell, and det J at points p (n, 3).
-
-    Normals are those along which I grows, whatever the orientation of the map, followed by the
-    largest curvature times that size.
-    """
-    n = len(p)
-    for chunk in prange((n + CHUNK - 1) // CHUNK):
-        b, m, t, tab = scratch(factor, c, k0, k1, k2, q0, q1, q2)
-        for i in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
-            pi = (p[i, 0], p[i, 1], p[i, 2])
-            map_jet(d0, d1, d2, k0, k1, k2, c, geom, pi, 2, b, m)
-            tile_jet(geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc, pi, b, t, tab)
-            v, det[i] = cofactor_normal(m, (t[1], t[2], t[3]))
-            s = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]) + 1e-300
-            s = s if det[i] > 0.0 else -s
-            v = (v[0] / s, v[1] / s, v[2] / s)
-            big = 0.0
-            for a in range(3):
-                x[i, a] = m[a, 0]
-                normal[i, a] = v[a]
-                size = m[0, a + 1] ** 2 + m[1, a + 1] ** 2 + m[2, a + 1] ** 2
-                big = max(big, size * cell[i, a] ** 2)
-            spacing[i] = np.sqrt(big)
-            normal[i, 3] = spacing[i] * curvature(m, t, v, abs(det[i] / s))

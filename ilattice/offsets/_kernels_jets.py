@@ -25,6 +25,10 @@ from ilattice.bspline._kernels import basis, contract1, contract2, width
 from ilattice.tiles._kernels import trig_jet, trig_tab
 
 FAST = {"contract", "nsz", "arcp", "reassoc"}
+#: The continuation of a map counts as far as det J keeps its sign and this part of the size that it
+#: has where the domain ends, seen in so many steps of equal length; and for points of the domain
+#: that are farther away from it than this part of the way to that end.
+UPRIGHT, STEPS, BESIDE = 0.2, 4, 0.25
 
 
 @njit(cache=True)
@@ -192,6 +196,36 @@ def cofactor_normal(m, g):
     n2 = c[0] * g[0] + c[1] * g[1] + c[2] * g[2]
     det = m[0, 1] * a[0] + m[0, 2] * a[1] + m[0, 3] * a[2]
     return (n0, n1, n2), det
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def upright(d0, d1, d2, k0, k1, k2, c, geom, orient, p, y, away, b, m):
+    """Whether the continuation of the map counts at p, beyond an open end of the domain.
+
+    Its image y is `away` from a point of the domain: if that is much less than the way to the end
+    of the domain, the continuation has come back over the domain. Leaves the jet of order 1 at p
+    in m if it counts.
+    """
+    zero = (0.0, 0.0, 0.0)
+    e0, e1, e2 = at_end(geom, 0, p[0]), at_end(geom, 1, p[1]), at_end(geom, 2, p[2])
+    map_jet(d0, d1, d2, k0, k1, k2, c, geom, (e0, e1, e2), 1, b, m)
+    least = UPRIGHT * orient * cofactor_normal(m, zero)[1]
+    way = np.sqrt((y[0] - m[0, 0]) ** 2 + (y[1] - m[1, 0]) ** 2 + (y[2] - m[2, 0]) ** 2)
+    if not least > 0.0 or away < BESIDE * way:
+        return False
+    for i in range(1, STEPS + 1):
+        s = i / STEPS
+        q = (e0 + s * (p[0] - e0), e1 + s * (p[1] - e1), e2 + s * (p[2] - e2))
+        map_jet(d0, d1, d2, k0, k1, k2, c, geom, q, 1, b, m)
+        if not orient * cofactor_normal(m, zero)[1] >= least:
+            return False
+    return True
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def at_end(geom, axis, p):
+    """Tile coordinate of the domain next to p; p itself in a closed direction."""
+    return p if geom[6 + axis] != 0.0 else min(max(p, 0.0), geom[9 + axis])
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")

@@ -212,13 +212,12 @@ def lowest(m, t, r, lam):
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
-def curvature(m, t, normal, lam):
-    """Largest principal curvature of the image of I = const, up to sign.
+def curvature(m, t, normal, lam, gm):
+    """Largest principal curvature of the image of I = const, up to sign, in the metric gm.
 
     From jets of order 2, the unit normal n and lam = 1 / |J^-T grad I|: along a tangent d it is
     d'(lam Hess(I) - sum_c n_c Hess(T_c))d.
     """
-    gm = metric(m)
     zero = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     z0, z1 = tangents((t[1], t[2], t[3]), (0, 0, 0))
     h = lagrangian(zero, m, t, normal, -lam)

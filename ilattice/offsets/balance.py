@@ -14,8 +14,8 @@ import numpy as np
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.bspline import BSpline
 from ilattice.offsets import _kernels_balance
-from ilattice.offsets.closest import kernel_space
 from ilattice.offsets.excess import Excess
+from ilattice.offsets.space import kernel_space
 from ilattice.offsets.windows import Starts
 
 #: How far points may go from their starts, and the last step of one that may be an end, in tiles.

@@ -3,10 +3,10 @@
 Definition: with ``boundary="clip"`` the distance is that to the mid-surface in the domain D, its
 edges on the faces of D included. With ``boundary="extend"`` it is the lesser of that one and the
 distance to the nearest foot on the continuation: a local minimum over the surface continued by
-one layer of tiles beyond open ends, where det J has the sign that it has in D, and within two
-tiles of the query along each direction, so that the continuation of one end has no say elsewhere.
-So a wall is never thinner than what the mid-surface in D asks for: where the continuation folds
-or ends, the sheet ends at the face of D, not at the fold.
+one layer of tiles beyond open ends, as far as that is upright (`ilattice.offsets.space`), and
+within two tiles of the query along each direction, so that the continuation of one end has no say
+elsewhere. So a wall is never thinner than what the mid-surface in D asks for: where the
+continuation folds, is squeezed, ends or comes back, the sheet ends at the face of D, not there.
 Tiles that share faces without a zone of transition meet in creases: there the surface is the union
 of the pieces in each tile, which end in edges on its faces.
 
@@ -29,13 +29,11 @@ from typing import TYPE_CHECKING, Any
 
 import numba
 import numpy as np
-from scipy.ndimage import maximum_filter
 from scipy.spatial import cKDTree
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import (
     FrozenCopies,
-    as_array,
     as_flag,
     as_items,
     as_kind,
@@ -44,9 +42,12 @@ from ilattice._validate import (
     as_whole,
 )
 from ilattice.errors import ConvergenceError, GeometryError, InputError
-from ilattice.offsets import _kernels, _kernels_newton
+from ilattice.offsets import _kernels, _kernels_newton, _kernels_seeds
+from ilattice.offsets._kernels_jets import UPRIGHT
 from ilattice.offsets.mending import mended
-from ilattice.offsets.seeding import apart, between, crossings, downhill, gaps, regular
+from ilattice.offsets.seeding import apart, between, crossings, downhill, gaps, layered, regular
+from ilattice.offsets.space import TileSpace
+from ilattice.offsets.spacing import Spacing
 from ilattice.tiles.mixture import MixedField
 from ilattice.tiles.trig import TrigField
 
@@ -80,8 +81,6 @@ MOST_REFINED = 4
 #: Where tiles meet in creases, surfaces bend sharply next to faces: so many times the seeds per
 #: direction; those up to so many cells away from a face do not tell the normals next to them.
 MORE, CREASED = 2, 1.5
-#: Spacings of seeds on the continuation count up to so many times those in the domain.
-STRETCHED = 1.5
 #: Planes per direction between which splines are searched for surfaces that seeds have missed, and
 #: trigonometric tiles, per seed.
 FINE, FINER = 65, 4
@@ -178,7 +177,7 @@ class Statistics:
         )
 
 
-class ClosestPointSearch:
+class ClosestPointSearch(TileSpace):
     """Seeds, k-d tree and Newton solver for one lattice.
 
     Parameters
@@ -199,19 +198,13 @@ class ClosestPointSearch:
     """
 
     def __init__(self, lattice: Lattice) -> None:
-        self.lattice = as_kind("lattice", lattice, "Lattice")
-        self.clip = lattice.boundary == "clip"
-        self.space = kernel_space(lattice)
-        geom = self.space[7]
-        self.lo, self.step = geom[0:3], geom[3:6]
-        self.creased = bool(geom[14])
-        self.orient = float(lattice.through.orientation)
-        count, closed = np.array(lattice.repeat), np.array(lattice.through.closed)
-        self.box = np.array([np.where(closed, -np.inf, 0.0), np.where(closed, np.inf, count)])
+        super().__init__(lattice)
         self.looked_at = CANDIDATES
+        self.singular: list[tuple[int, float]] = []
+        count, closed = np.array(lattice.repeat), np.array(lattice.through.closed)
         self.seeds = self._make_seeds(count, closed)
         self.tree = cKDTree(self.seeds[1])
-        self.spacing = self._tile_spacing()
+        self.spacing = Spacing(self, self.seeds[0], self.seeds[3], self.singular)
         self.least_spacing = float(self.seeds[3].min())
         self.cell = 1.0 / self._least_seeds
         self.statistics = Statistics()
@@ -224,9 +217,9 @@ class ClosestPointSearch:
             for n, c in zip(count, closed, strict=True)
         ]
         tiles = np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1).reshape(-1, 3)
-        p, cell = self._tile_seeds(tiles)
+        p, cell = layered(self, *self._tile_seeds(tiles))
         if self.clip:
-            inside = ((p >= self.box[0]) & (p <= self.box[1])).all(axis=1)
+            inside = self.within(p)
             p, cell = p[inside], cell[inside]
         if self.clip or self.creased:
             faces, face_cell = self._face_seeds(count, closed)
@@ -237,15 +230,14 @@ class ClosestPointSearch:
                 "sign on the unit cube; shift its level"
             )
         x, normal, spacing, det = (
-            np.empty((len(p), 3)), np.empty((len(p), 4)), np.empty(len(p)), np.empty(len(p)),
+            np.empty((len(p), 3)), np.empty((len(p), self._columns)), np.empty(len(p)),
+            np.empty(len(p)),
         )  # fmt: skip
-        _kernels.place_seeds(*self.space, p, cell, x, normal, spacing, det)
+        _kernels_seeds.place_seeds(*self.space, p, cell, x, normal, spacing, det)
         if self.creased:
             near = (np.abs(p - np.rint(p)) <= CREASED * cell).any(axis=1)
             normal[near, 3] = np.inf
-        inner = ((p >= 0) & (p <= count)).all(axis=1)
-        size = np.median(np.abs(det[inner])) if inner.any() else 0.0
-        keep = inner | (det * self.orient > 1e-3 * size)
+        keep = self._upright(p, 0.5 * UPRIGHT)  # feet that just count have seeds on all sides
         return tuple(np.ascontiguousarray(a[keep]) for a in (p, x, normal, spacing))
 
     @property
@@ -255,10 +247,7 @@ class ClosestPointSearch:
 
     def _tile_seeds(self, tiles: IntArray) -> tuple[FloatArray, FloatArray]:
         """Seeds of tiles and their cells, more along the directions in which a tile is long."""
-        u = self.from_tile(tiles.astype(np.float64) + 0.5)
-        stretch = np.linalg.norm(
-            self.lattice.through.jacobian(u, extrapolate="extend") * self.step, axis=1
-        )
+        stretch = np.linalg.norm(self._jacobian(tiles.astype(np.float64) + 0.5), axis=1)
         least = np.maximum(stretch.min(axis=1, keepdims=True), 1e-3 * stretch.max())
         factor = np.clip(np.ceil(stretch / (2.0 * least)), 1, MOST_REFINED).astype(np.int64)
         out = [np.empty((0, 3))]
@@ -288,31 +277,6 @@ class ClosestPointSearch:
         if len(more) > CROWDING * len(p):
             self.looked_at = AMONG_ADDED
         return np.concatenate([p, more])
-
-    def _project(self, p: FloatArray, m: AnyArray, fixed: FloatArray | None = None) -> FloatArray:
-        """Points moved onto I = 0; those that move further than 1.2 cells are dropped."""
-        moved = np.empty(len(p))
-        fixed = np.zeros((len(p), 3)) if fixed is None else fixed
-        _kernels.project(*self.space, p, fixed, 0.5 / float(np.min(m)), moved)
-        return p[moved <= 1.2 / float(np.min(m))]
-
-    def on_surface(self, p: FloatArray) -> tuple[FloatArray, AnyArray]:
-        """Points moved onto the mid-surface along the gradient.
-
-        Parameters
-        ----------
-        p : ndarray, shape (n, 3)
-            Tile coordinates.
-
-        Returns
-        -------
-        tuple of ndarray
-            Tile coordinates (n, 3), and which of them got there (n,).
-        """
-        out = as_points("p", p).copy()
-        moved = np.empty(len(out))
-        _kernels.project(*self.space, out, np.zeros((len(out), 3)), 0.1, moved)
-        return out, np.isfinite(moved)
 
     def _face_seeds(self, count: IntArray, closed: AnyArray) -> tuple[FloatArray, FloatArray]:
         """Seeds on curves and points in which the surface meets faces and edges, or has creases."""
@@ -353,62 +317,7 @@ class ClosestPointSearch:
         out = [between(p, f, a) for a in range(3) if a not in held]
         return np.concatenate(out)
 
-    def _tile_of(self, p: FloatArray) -> tuple[IntArray, ...]:
-        """Indices of the tiles of points, into an array over all tiles and a ghost layer."""
-        count = np.array(self.lattice.repeat)
-        at = np.where(self.lattice.through.closed, np.mod(np.floor(p), count), np.floor(p))
-        i, j, k = (np.clip(at, -1, count) + 1).astype(np.int64).T
-        return i, j, k
-
-    def _tile_spacing(self) -> FloatArray:
-        """Largest spacing of the seeds in a tile and its neighbours, over all tiles."""
-        spacing = np.zeros(np.array(self.lattice.repeat) + 2)
-        p, _, _, size = self.seeds
-        inner = ((p >= self.box[0]) & (p <= self.box[1])).all(axis=1)
-        if inner.any():  # the continuation may stretch without end
-            size = np.minimum(size, STRETCHED * size[inner].max())
-        np.maximum.at(spacing, self._tile_of(p), size)
-        for axis in (int(a) for a in np.flatnonzero(self.lattice.through.closed)):
-            spacing = np.take(spacing, self._wrapped(axis), axis)
-        out: FloatArray = maximum_filter(spacing, 3, mode="nearest")
-        return out
-
-    def _wrapped(self, axis: int) -> IntArray:
-        """Numbers of the layers along a closed direction, the last one before the first."""
-        n = self.lattice.repeat[int(axis)]
-        return np.concatenate([[n], np.arange(1, n + 1), [1]])
-
     # ------------------------------------------------------------------ queries
-
-    def to_tile(self, u: FloatArray) -> FloatArray:
-        """Parameters to tile coordinates.
-
-        Parameters
-        ----------
-        u : ndarray, shape (n, 3)
-            Parameters.
-
-        Returns
-        -------
-        ndarray, shape (n, 3)
-            Tile coordinates.
-        """
-        return (_triples("u", u) - self.lo) / self.step
-
-    def from_tile(self, p: FloatArray) -> FloatArray:
-        """Tile coordinates to parameters.
-
-        Parameters
-        ----------
-        p : ndarray, shape (n, 3)
-            Tile coordinates.
-
-        Returns
-        -------
-        ndarray, shape (n, 3)
-            Parameters.
-        """
-        return self.lo + _triples("p", p) * self.step
 
     def candidates(self, x: FloatArray, k: int) -> tuple[FloatArray, IntArray]:
         """Nearest seeds of points, nearest first.
@@ -491,7 +400,7 @@ class ClosestPointSearch:
         self._run(x, p, idx, feet, counts, status)
         behind = (feet[0, :, 6] * feet[0, :, 7] < 0) & (status == _kernels_newton.OK)
         missed = self._missed(distance[:, 0], idx[:, 0], feet[0, :, 6])
-        again = np.flatnonzero(behind | missed | self._doubtful(p, distance, feet, status))
+        again = np.flatnonzero(behind | missed | self._doubtful(p, distance, idx, feet, status))
         retried, m = len(again), RETRY_NEIGHBOURS
         while len(again) and m <= MOST_NEIGHBOURS:
             parts = [again[i : i + RETRIED // m] for i in range(0, len(again), RETRIED // m)]
@@ -511,9 +420,7 @@ class ClosestPointSearch:
 
     def _missed(self, distance: FloatArray, seed: IntArray, found: FloatArray) -> AnyArray:
         """Where the foot is farther than the nearest seed, and that is in the domain."""
-        lo, hi = self.box
-        p = self.seeds[0][seed]
-        out: AnyArray = (np.abs(found) > distance) & ((p >= lo) & (p <= hi)).all(axis=1)
+        out: AnyArray = (np.abs(found) > distance) & self.within(self.seeds[0][seed])
         return out
 
     def _retry(
@@ -523,11 +430,12 @@ class ClosestPointSearch:
         """Improve the queries `at` from more seeds, far apart; which of them remain doubtful."""
         distance, near = self.candidates(x[at], m)
         idx = np.empty((len(at), RETRY_CANDIDATES), np.int64)
-        _kernels.spread(self.space[7], *self.seeds, p[at], near, idx)
+        best = np.where(status[at] < _kernels_newton.FALLBACK, np.abs(feet[0, at, 6]), np.inf)
+        _kernels.spread(self.space[7], *self.seeds, x[at], p[at], best, near, idx)
         f, c, s = feet.take(at, axis=1), counts[at], status[at]
         self._run(x[at], p[at], idx, f, c, s)
         feet[:, at], counts[at], status[at] = f, c, s
-        return at[self._doubtful(p[at], distance, f, s)]
+        return at[self._doubtful(p[at], distance, near, f, s)]
 
     def _run(
         self, x: FloatArray, p: FloatArray, idx: IntArray, feet: FloatArray, counts: IntArray,
@@ -539,13 +447,14 @@ class ClosestPointSearch:
         )  # fmt: skip
 
     def _doubtful(
-        self, p: FloatArray, distance: FloatArray, feet: FloatArray, status: IntArray
-    ) -> AnyArray:
+        self, p: FloatArray, distance: FloatArray, near: IntArray, feet: FloatArray,
+        status: IntArray,
+    ) -> AnyArray:  # fmt: skip
         """Where no start converged, or a further seed may lie next to a foot that is nearer."""
         failed = status >= _kernels_newton.FALLBACK
         if distance.shape[1] == len(self.seeds[0]):
             return failed
-        h = self.spacing[self._tile_of(p)]
+        h = self.spacing.around(p, near)
         first, second = np.abs(feet[:, :, 6])
         several = second < first + RIVAL * h
         reach = first**2 + np.where(several, CROWDED, PILED) * h**2
@@ -570,14 +479,6 @@ class ClosestPointSearch:
             )
 
 
-def _triples(name: str, value: AnyArray) -> FloatArray:
-    """Array of which the last axis is one of three numbers, perhaps infinite."""
-    a = as_array(name, value, finite=False)
-    if a.shape[-1:] != (3,):
-        raise InputError(f"{name} must be points as rows, shape (n, 3), got {a.shape}")
-    return a
-
-
 def _results(n: int) -> tuple[FloatArray, IntArray, IntArray]:
     """Room for first and second feet (2, n, 8), counts (n, 2) and status (n,)."""
     status = np.full(n, _kernels_newton.FALLBACK, np.int64)
@@ -587,35 +488,3 @@ def _results(n: int) -> tuple[FloatArray, IntArray, IntArray]:
 def _cell_centres(m: IntArray) -> FloatArray:
     axes = [(np.arange(n) + 0.5) / n for n in m]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-
-
-def kernel_space(lattice: Lattice, *, generic: bool = False) -> tuple[Any, ...]:
-    """What the kernels need to know of a lattice: flat kernel arguments.
-
-    Generic ones are for kernels that must not be compiled once per degree of the map.
-    """
-    from ilattice.bspline import BSpline
-
-    spline = lattice.through.spline
-    if spline.m > 3:  # extra coordinates play no part in the geometry
-        spline = BSpline(
-            spline.t, spline.c[..., :3], spline.k, periodic=spline.periodic, weights=spline.weights
-        )
-    lo, hi = lattice.through.domain
-    step = (hi - lo) / np.array(lattice.repeat)
-    field = lattice.smooth_tile
-    zero = BSpline(([0.0, 1.0],) * 3, np.zeros((1, 1, 1)), 0)
-    trig = (np.zeros(1), np.zeros((1, 3), np.int64), np.ones(3))
-    if isinstance(field, TrigField):
-        kind, trig, tile = 0, (field.coef, field.factor, 2 * np.pi / field.period), zero
-    elif isinstance(field, MixedField):
-        kind, tile = 2, field.spline
-    else:
-        kind, tile = 1, field
-    creased = isinstance(field, MixedField) and field.creased
-    last = [spline.weights is not None, kind, creased]
-    geom = np.concatenate([lo, step, lattice.through.closed, lattice.repeat, last]).astype(
-        np.float64
-    )
-    args = spline.generic_kernel_args if generic else spline.kernel_args
-    return (*args, geom, *(np.array(a) for a in trig), *tile.generic_kernel_args)

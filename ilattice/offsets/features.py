@@ -44,6 +44,8 @@ REACH = 0.25
 #: direction to the first one outside, and halvings of that step.
 FIRST, DIRECTIONS, CONES = 256, 64, tuple(0.4 * 0.5**i for i in range(8))
 MARCH, HALVINGS = 12, 10
+#: Directions in which a map stretches by less than this part of the most are none.
+FLAT = 1e-9
 
 
 @dataclass(frozen=True)
@@ -150,7 +152,8 @@ def _events(wall: Wall, first: float, last: float) -> Iterator[list[CriticalPoin
 
 def _room(wall: Wall, point: CriticalPoint, most: float) -> float:
     """Distance from a point inside a web to its surface, or `most` if that is nearer."""
-    back = np.linalg.inv(wall.lattice.through.jacobian(point.u[None])[0])
+    jacobian = wall.lattice.through.jacobian(point.u[None])[0]
+    back = np.linalg.pinv(jacobian, rcond=FLAT)  # maps may be singular where faces collapse
     directions, best = _sphere(FIRST), most
     for cone in (*CONES, 0.0):
         away = _first_exits(wall, point, directions @ back.T, 1.2 * most)

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
-from ilattice.offsets import _kernels, _kernels_mending, _kernels_newton
+from ilattice.offsets import _kernels_mending, _kernels_newton, _kernels_seeds
 
 if TYPE_CHECKING:
     from ilattice.offsets.closest import ClosestPointSearch
@@ -70,8 +70,9 @@ def mended(
         if not fits.any():
             break
         at, start = at[fits], start[fits]
-        changed[at] = True
-        if not _restart(search, x, p, at, start, feet, status):
+        better = _restart(search, x, p, at, start, feet, status)
+        changed[at[better]] = True
+        if not better.any():
             break
     return int(changed.sum())
 
@@ -91,8 +92,7 @@ def _replace(
     at = np.flatnonzero(np.linalg.norm(x - y, axis=1) < best - _least(search, best))
     at = at[_reachable(search, q[at], p[at])]
     if len(at):
-        changed[at] = True
-        _restart(search, x, p, at, q[at], feet, status)
+        changed[at[_restart(search, x, p, at, q[at], feet, status)]] = True
 
 
 def _reachable(search: ClosestPointSearch, p: FloatArray, q: FloatArray) -> AnyArray:
@@ -107,16 +107,17 @@ def _reachable(search: ClosestPointSearch, p: FloatArray, q: FloatArray) -> AnyA
 def _restart(
     search: ClosestPointSearch, x: FloatArray, p: FloatArray, at: IntArray, start: FloatArray,
     feet: FloatArray, status: IntArray,
-) -> bool:  # fmt: skip
+) -> AnyArray:  # fmt: skip
     """Feet of the queries `at` from points of the surface nearer than those they have.
 
-    Tells whether any has become nearer.
+    Tells which of them have become nearer.
     """
     n = len(at)
     start = np.ascontiguousarray(start)
-    y, normal, spacing, det = (np.empty((n, 3)), np.empty((n, 4)), np.empty(n), np.empty(n))
+    y, spacing, det = np.empty((n, 3)), np.empty(n), np.empty(n)
+    normal = np.empty((n, search.seeds[2].shape[1]))
     cell = np.full((n, 3), search.cell)
-    place: Any = _kernels.place_seeds
+    place: Any = _kernels_seeds.place_seeds
     place(*search.space, start, cell, y, normal, spacing, det)
     new, counts = np.full((2, n, 8), np.nan), np.zeros((n, 2), np.int64)
     state = np.full(n, _kernels_newton.FALLBACK, np.int64)
@@ -124,14 +125,16 @@ def _restart(
     seeds = (start, y, normal, spacing)
     search._run(x[at], p[at], number, new, counts, state, seeds)
     bound = np.linalg.norm(x[at] - y, axis=1)
-    bad = np.flatnonzero(~(np.abs(new[0, :, 6]) <= bound) | (state >= _kernels_newton.FALLBACK))
+    bad = ~(np.abs(new[0, :, 6]) <= bound) | (state >= _kernels_newton.FALLBACK)
+    bad = np.flatnonzero(bad & search.within(start))  # points of the continuation are no feet
     if len(bad):
         search._descend(x[at[bad]], bad, start[bad], new[0])
         state[bad] = _kernels_newton.OK
     old = feet[0, at].copy()
     sign = np.where(old[:, 6] < 0.0, -1.0, 1.0)
     new[0, :, 6] = sign * np.abs(new[0, :, 6])
-    better = np.abs(new[0, :, 6]) < np.abs(old[:, 6])
+    better: AnyArray = np.abs(new[0, :, 6]) < np.abs(old[:, 6])
+    better &= state < _kernels_newton.FALLBACK
     at, new, state = at[better], new[:, better], state[better]
     feet[0, at], feet[1, at], status[at] = new[0], old[better], state
-    return bool(better.any())
+    return better

@@ -20,12 +20,16 @@ from ilattice.offsets._small import solved
 
 if TYPE_CHECKING:
     from ilattice.offsets.closest import ClosestPointSearch
+    from ilattice.offsets.space import TileSpace
 
 #: Cells within which a seed that faces alike must be, the least cosine between normals that are
 #: alike, and seeds that are looked at.
 NEAR, ALIKE, LOOKED_AT = 0.9, 0.75, 8
 #: Gradients below this part of the median one are none.
 FLAT = 1e-2
+#: Part of det J on faces next to which seeds are placed in layers, so many of them at most, and
+#: places along each direction of a face where it is looked at.
+FALLEN, MOST_LAYERS, ACROSS = 0.1, 12, 64
 #: Steps downhill.
 DOWNHILL = 24
 
@@ -139,6 +143,80 @@ def gaps(field: Any, points: FloatArray, seeds: FloatArray, m: IntArray) -> Floa
     order = np.lexsort([off, *key.T])
     _, first = np.unique(key[order], axis=0, return_index=True)
     return points[order[first]]
+
+
+def layered(
+    search: ClosestPointSearch, p: FloatArray, cell: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Seeds, and more, closer and closer to faces of the domain on which the map is singular.
+
+    Parameters
+    ----------
+    search : ClosestPointSearch
+        Gives the surface and its domain.
+    p, cell : ndarray, shape (n, 3)
+        Seeds, in tile coordinates, and the cells that they stand for.
+
+    Returns
+    -------
+    tuple of ndarray, shape (m, 3)
+        More of them, on both sides of the faces; cells end at faces next to them.
+    """
+    cell = cell.copy()
+    count, closed = search.lattice.repeat, np.array(search.lattice.through.closed)
+    out, cells = [p], [cell]
+    m = search._least_seeds
+    centres = [(np.arange(n * m) + 0.5) / m for n in count]
+    for axis, end in ((int(a), e) for a in np.flatnonzero(~closed) for e in (0, count[a])):
+        fixed = np.arange(3) == axis
+        layers = layers_needed(search, centres, axis, float(end))
+        if layers:
+            search.singular.append((axis, float(end)))
+            least = np.maximum(np.abs(p[:, axis] - end), 0.5**layers / m)
+            cell[:, axis] = np.minimum(cell[:, axis], least)
+        for k in range(layers):
+            size = 0.5**k / m
+            for plane in (end - size, end + size):
+                axes = [np.array([plane]) if b == axis else centres[b] for b in range(3)]
+                sites = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+                held = np.broadcast_to(fixed, sites.shape).astype(np.float64)
+                out.append(search._project(sites, np.full(3, m), held))
+                cells.append(np.where(fixed, size, np.full(out[-1].shape, 1.0 / m)))
+    return np.concatenate(out), np.concatenate(cells)
+
+
+def layers_needed(space: TileSpace, axes: list[FloatArray], axis: int, end: float) -> int:
+    """How many layers of seeds, each half as far away, a face of the domain needs.
+
+    Where det J falls on the way to it, cells shrink, and seeds as far apart as elsewhere tell
+    nothing of the surface next to it.
+
+    Parameters
+    ----------
+    space : TileSpace
+        Gives the map.
+    axes : list of ndarray
+        Coordinates across the face; those along `axis` do not matter.
+    axis : int
+        Direction across the face.
+    end : float
+        Its coordinate.
+
+    Returns
+    -------
+    int
+        None unless det J falls to `FALLEN` of what it is half a tile away.
+    """
+    inner = abs(end - 0.5)
+    places = [a if b == axis else a[:: max(1, len(a) // ACROSS)] for b, a in enumerate(axes)]
+    there, here = (
+        np.abs(space._volume(np.stack(np.meshgrid(*p, indexing="ij"), axis=-1).reshape(-1, 3)))
+        for p in ([*places[:axis], np.array([x]), *places[axis + 1 :]] for x in (inner, end))
+    )
+    rest = float((here / np.maximum(there, np.finfo(np.float64).tiny)).min())
+    if rest > FALLEN:
+        return 0
+    return min(MOST_LAYERS, 1 + int(np.ceil(-np.log2(max(rest, 1e-12)))))
 
 
 def downhill(search: ClosestPointSearch, x: FloatArray, p: FloatArray) -> FloatArray:

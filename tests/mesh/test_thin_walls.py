@@ -9,6 +9,9 @@ from scipy.optimize import brentq
 import ilattice as il
 from ilattice.cutfem.density import wall_volumes
 from ilattice.errors import GeometryError, PrecisionWarning
+from ilattice.mesh import _tracer
+from ilattice.mesh.contouring import contour_blocks
+from ilattice.mesh.loss import Extent
 from ilattice.offsets.local_thickness import depths_of
 
 box = il.macroshape.box
@@ -143,7 +146,7 @@ def test_a_mesh_that_has_lost_much_is_refused_unless_that_is_allowed():
 
 
 @pytest.mark.parametrize(("tile", "d", "h"), [("c_y", 0.113, 0.085), ("q_star", 0.152, 0.13)])
-def test_a_mesh_that_has_gained_much_is_refused_unless_that_is_allowed(tile, d, h):
+def test_a_mesh_that_has_gained_much_is_refused_unless_that_is_allowed(tile, d, h, tmp_path):
     """Chords cut through narrow pores, with edges shorter than half of the wall is thick."""
     lattice = il.Lattice(tile, through=box((0.97, 1.02, 1.01)))
     wall = lattice.offset(lambda u: d * (0.9 + 0.1 * u[:, 0]))
@@ -157,6 +160,33 @@ def test_a_mesh_that_has_gained_much_is_refused_unless_that_is_allowed(tile, d, 
     gained = 100 * (mesh.volume / (inside.mean() * np.prod((0.97, 1.02, 1.01))) - 1)
     number = next(float(m.group(1)) for w in told if (m := re.search(r"([\d.]+) % more", str(w))))
     assert number == pytest.approx(gained, abs=1.0)
+    with pytest.raises(GeometryError, match=r"% more than the wall .* use h <= .* allow_loss=True"):
+        wall.save(tmp_path / "pieces.ply", h)
+    assert list(tmp_path.iterdir()) == []
+    with pytest.warns(PrecisionWarning, match=r"% more than the wall"):
+        wall.save(tmp_path / "pieces.ply", h, allow_loss=True)
+    assert il.mesh.load(tmp_path / "pieces.ply").volume == pytest.approx(mesh.volume, rel=5e-3)
+
+
+@pytest.mark.parametrize("wrap", [False, True])
+def test_pieces_have_the_volume_and_the_longest_edge_of_the_whole(wrap, monkeypatch):
+    monkeypatch.setattr(_tracer, "SLAB", 4)
+    axes = [np.linspace(0.0, 2.0, 90), np.linspace(0.0, 0.9, 30), np.linspace(-0.4, 0.7, 40)]
+
+    def f(u):
+        return np.cos(np.pi * u[:, 0]) + np.sin(7 * u[:, 1]) * np.cos(5 * u[:, 2]) - 0.1
+
+    pieces = list(contour_blocks(f, axes, wrap=(wrap, False, False)))
+    assert len(pieces) > 2
+    extent = Extent()
+    for piece in pieces:
+        extent.add(piece.vertices, piece.faces)
+    vertices = np.concatenate([p.vertices for p in pieces]) - pieces[0].vertices[0]
+    a, b, c = vertices[np.concatenate([p.faces for p in pieces])].transpose(1, 0, 2)
+    volume = (a * np.cross(b, c)).sum() / 6.0
+    edges = np.linalg.norm(np.concatenate([a - b, b - c, c - a]), axis=1)
+    assert extent.longest == pytest.approx(edges.max(), rel=1e-12)
+    assert extent.volume == pytest.approx(volume, rel=1e-9)
 
 
 def test_volumes_are_compared_with_those_of_exact_distances():

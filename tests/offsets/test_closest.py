@@ -143,6 +143,50 @@ def test_surfaces_that_meet_have_seeds_next_to_where_they_do(shape, repeat, boun
     assert (farther <= 1e-8 * tile_sizes(lattice, u)).all()
 
 
+def pyramid():
+    """A block whose upper face is a point."""
+    c = np.stack(np.meshgrid(*[[0.0, 1.0]] * 3, indexing="ij"), axis=-1) * [1.03, 0.97, 1.21]
+    c[:, :, 1] = [0.47, 0.47, 1.21]
+    return il.SplineMap(il.BSpline([[0.0, 0.0, 1.0, 1.0]] * 3, c, 1))
+
+
+@pytest.mark.parametrize("boundary", ["extend", "clip"])
+@pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
+def test_surfaces_reach_into_the_tips_of_cells(boundary):
+    """Seeds as far apart as elsewhere missed a third of the feet there."""
+    lattice = il.Lattice("gyroid", through=pyramid(), boundary=boundary)
+    rng = np.random.default_rng(5)
+    u = rng.random((80, 3))
+    u[:, 2] = 1.0 - 10.0 ** rng.uniform(-3.5, -0.5, 80)
+    distance, _ = nc.Oracle(cb.tile_function(lattice), lattice, m=24).distance(u)
+    farther = np.abs(lattice.search.query(u, strides=()).distance) - distance
+    assert (farther <= 1e-7 * distance + 1e-10).all()
+
+
+SQUEEZED = [("wing", (1, 1, 6), "gyroid"), ("gismo/GshapedVolume.xml", (2, 1, 1), "primitive")]
+
+
+@pytest.mark.parametrize(("shape", "repeat", "tile"), SQUEEZED)
+@pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
+def test_feet_in_squeezed_cells_and_beyond_them(shape, repeat, tile):
+    """Continuations that fold, are squeezed or come back over the domain do not count."""
+    lattice = il.Lattice(tile, through=cb._map(shape), repeat=repeat)
+    lo, hi = lattice.domain
+    u = lo + (hi - lo) * np.random.default_rng(3).random((150, 3))
+    found = lattice.search.query(u, thorough=True)
+    oracle = nc.Oracle(cb.tile_function(lattice), lattice, m=24)
+    p = lattice.tile_coordinates(found.u)
+    beyond = oracle._beyond(p)
+    assert 5 < beyond.sum() < 50
+    y, jac = oracle.map.jet(p[beyond], 1)
+    assert oracle._admissible(p[beyond], jac).all()
+    assert not oracle._back(lattice.through.x(u)[beyond], p[beyond], y).any()
+    np.testing.assert_allclose(y, found.foot[beyond], atol=1e-9)
+    distance, _ = oracle.distance(lattice.tile_coordinates(u))
+    farther = np.abs(found.distance) - distance
+    assert (farther <= 1e-8 * tile_sizes(lattice, u)).all()
+
+
 def test_feet_without_a_seed_come_from_neighbours():
     """Of a search with hardly any seeds most feet are still right, for neighbours have them."""
     shape = il.macroshape.cylinder_shell(angle=2.0)

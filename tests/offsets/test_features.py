@@ -6,7 +6,8 @@ from scipy.optimize import brentq
 
 import ilattice as il
 from ilattice.errors import GeometryError, InputError
-from ilattice.offsets.critical import critical_points
+from ilattice.offsets import features
+from ilattice.offsets.critical import CriticalPoint, critical_points
 
 PINCH = np.sqrt(2.0) / 6.0  # half-thickness at which the pores of the Schwarz P cell close
 
@@ -51,6 +52,24 @@ def test_a_pore_that_has_just_closed_is_a_thin_web(schwarz_p):
         return np.abs(schwarz_p.distance((web.u + t * along)[None])[0]) - d
 
     assert web.size == pytest.approx(2.0 * brentq(beyond, 0.0, 0.2), rel=1e-2)
+
+
+@pytest.mark.filterwarnings("ignore:through. det J comes down to 0")
+def test_webs_where_faces_collapse_have_a_size():
+    """Directions that the map flattens lead nowhere; they used to end in LinAlgError."""
+    c = np.stack(np.meshgrid(*[[0.0, 1.0]] * 3, indexing="ij"), axis=-1) * [1.03, 0.97, 1.21]
+    c[:, :, 1, 0] = 0.47
+    wedge = il.SplineMap(il.BSpline([[0.0, 0.0, 1.0, 1.0]] * 3, c, 1))
+    lattice = il.Lattice("gyroid", through=wedge)
+    u = np.array([0.37, 0.56, 1.0])
+    s = float(lattice.distance(u[None])[0])
+    wall = lattice.offset(abs(s) + 0.05)
+    side = 1 if s > 0 else -1
+    web = CriticalPoint(abs(s), u, wedge.x(u[None])[0], side, feet=2, on=(0, 0, 1))
+    size = features._room(wall, web, 0.3)
+    assert 0.049 < size < 0.3
+    with pytest.raises(np.linalg.LinAlgError):
+        np.linalg.inv(wedge.jacobian(u[None])[0])
 
 
 def test_walls_that_cannot_be_made_are_refused(schwarz_p):

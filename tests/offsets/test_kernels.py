@@ -11,7 +11,7 @@ import ilattice as il
 from ilattice.bspline.fit import fit
 from ilattice.offsets import _kernels_jets as jets
 from ilattice.offsets import _kernels_newton as newton
-from ilattice.offsets.closest import kernel_space
+from ilattice.offsets.space import kernel_space
 
 SIX = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 FREE = (0, 0, 0)
