@@ -18,6 +18,7 @@ Guarantees: effective properties come with an estimate of their errors, bounds, 
 nothing is borne. What stands on cut cells comes from above, as energies of admissible fields do.
 """
 
+from ilattice.homogenize._result import HomogenizationReport
 from ilattice.homogenize.bounds import Bounds, ConductivityBounds
 from ilattice.homogenize.conductive import ConductiveCell, conductive
 from ilattice.homogenize.conductivity import Conductivity
@@ -33,6 +34,7 @@ __all__ = [
     "ConductivityBounds",
     "Effective",
     "ElasticCell",
+    "HomogenizationReport",
     "conductive",
     "conductive_voxels",
     "elastic",

@@ -133,7 +133,7 @@ class Result(Frozen):
         for name, value in self.as_dict().items():
             if isinstance(value, (int, float)):
                 rows.append([name, repr(value)])
-            elif isinstance(value, list):
+            elif isinstance(value, list) and isinstance(value[0], list):
                 rows += _entries(name, value)
         return rows
 

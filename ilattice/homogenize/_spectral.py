@@ -23,6 +23,8 @@ from ilattice.homogenize import _kernels_voxel as kernels
 
 #: Chunks of planes that forces are added up in.
 CHUNKS = 32
+#: Values up to which one thread transforms fastest.
+SMALL = 1 << 16
 #: Part of the first residual below which single precision preconditions no more.
 ROUNDING = 1e-28
 
@@ -101,7 +103,7 @@ class VoxelGrid:
 
     def precondition(self, r: FloatArray) -> FloatArray:
         """Field of which the homogeneous grid has the forces r."""
-        workers = numba.get_num_threads()
+        workers = numba.get_num_threads() if r.size > SMALL else 1
         scale = float(np.abs(r).max()) or 1.0  # single precision has no room for all units
         z = fft.rfftn((r / scale).astype(np.float32), axes=(1, 2, 3), workers=workers)
         kernels.invert(z, *self._symbols, self.reference / self._unit)

@@ -138,6 +138,8 @@ class CellProblem(Problem):
         """
         held, loose = self.parts
         what = self.domain.parts
+        sizes = np.bincount(what.labels, what.solid.integrate_cells())
+        loose = loose[sizes[loose] > FULL * sizes.sum()]  # the others are rounding
         if len(loose) and (not len(held) or self.islands == "refuse"):
             raise GeometryError(f"nothing is borne by islands, {what.describe(loose)}")
         if len(loose):

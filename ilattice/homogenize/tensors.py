@@ -138,8 +138,8 @@ def without(C: FloatArray, normals: FloatArray) -> FloatArray:
     if not len(normals):
         return C
     M = C * np.outer(MANDEL, MANDEL)
-    dyads = 0.5 * (normals[:, :, None, None] * np.eye(3)[:, None])
-    dyads = (dyads + dyads.transpose(0, 2, 1, 3)).transpose(0, 3, 1, 2).reshape(-1, 3, 3)
+    dyads = np.array([np.outer(n, e) for n in normals for e in np.eye(3)])
+    dyads = 0.5 * (dyads + dyads.transpose(0, 2, 1))
     rows = np.stack([dyads[:, i, j] for i, j in PAIRS], axis=1) * MANDEL
     vectors, values, _ = np.linalg.svd(rows.T, full_matrices=False)
     lost = vectors[:, values > 1e-9]

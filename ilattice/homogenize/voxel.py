@@ -45,10 +45,12 @@ from ilattice.homogenize.images import read_voxels
 from ilattice.homogenize.percolation import percolation
 from ilattice.homogenize.phases import SOLID, Labelled, labelled
 
-#: Bytes per voxel and component of a field.
-PER_VALUE = 160
+#: Bytes per voxel and component of a field: solutions and residuals of all loads, and work.
+PER_VALUE = 200
 #: Tolerance of the fields on voxels twice as long; energies are off by its square.
 COARSE = 1e-2
+#: Part of an error that is left on voxels half as long at most.
+MOST = 0.75
 #: Loads below this part of the stresses that make them are rounding.
 ROUNDING = 1e-13
 #: Poisson's ratio from which trilinear voxels lock.
@@ -106,7 +108,7 @@ def voxels(
     Moulinec and Suquet (1998) for Fourier transforms in homogenization; Schneider, Merkert and
     Kabel (2017) for trilinear elements with them.
     """
-    array, size = _as_voxels(array, spacing)
+    array, size = _as_voxels(array, spacing, 3)
     cells = labelled(array, "young", young)
     E = cells.values
     nu = as_array("poisson", poisson).ravel()
@@ -179,7 +181,7 @@ def conductive_voxels(
     >>> il.homogenize.conductive_voxels(layers, conductivity=(1.0, 3.0)).k.diagonal().round(9)
     array([1.5, 2. , 2. ])
     """
-    array, size = _as_voxels(array, spacing)
+    array, size = _as_voxels(array, spacing, 1)
     tensor = _as_tensors(conductivity)
     known = conductivity if tensor is None else np.trace(tensor, axis1=1, axis2=2) / 3.0
     cells = labelled(array, "conductivity", known)
@@ -215,13 +217,22 @@ def _as_tensors(conductivity: Any) -> FloatArray | None:
     return k
 
 
-def _as_voxels(array: Any, spacing: Any) -> tuple[AnyArray, FloatArray]:
-    """The array, and the edges of voxels."""
+def _as_voxels(array: Any, spacing: Any, m: int) -> tuple[AnyArray, FloatArray]:
+    """The array, and the edges of voxels, if fields of m components fit into memory."""
     given: Any = 1.0
     if isinstance(array, (str, PathLike)):
         array, given = read_voxels(array)
     size = as_triple("spacing", given if spacing is None else spacing, positive=True)
-    return np.asarray(array), size
+    try:
+        found = np.asarray(array)
+    except ValueError as e:
+        raise InputError(f"array must hold voxels in three directions, got {array!r:.80}") from e
+    need(
+        PER_VALUE * m * float(found.size),
+        f"a grid of {' x '.join(map(str, found.shape))} voxels",
+        "use fewer voxels",
+    )
+    return found, size
 
 
 class _Run:
@@ -239,12 +250,6 @@ class _Run:
         self.cells, self.stress, self.progress = cells, stress, progress
         reference = cells.fractions @ table
         self.grid = VoxelGrid(cells.phase, np.ascontiguousarray(table), size, reference)
-        shape = cells.phase.shape
-        need(
-            PER_VALUE * self.grid.m * float(np.prod(shape)) * (1.0 + len(stress) / 12.0),
-            f"a grid of {' x '.join(map(str, shape))} voxels",
-            "use fewer voxels",
-        )
 
     def all(
         self, *, estimate: bool
@@ -257,8 +262,7 @@ class _Run:
         shape = np.array(self.cells.phase.shape)
         if estimate and not (shape % 2).any() and shape.min() >= 4:
             coarse = [self._coarse(self._load(a)) for a in range(count)]
-            lost = np.asarray(relaxed - self._energies(coarse))
-            errors = np.abs(lost) / (LEAST - 1.0)
+            errors = _estimated(relaxed, self._energies(coarse))
         solid = _going_on(self.cells, self.grid)
         steps = max(run.iterations for run in runs)
         left = max(run.left for run in runs)
@@ -306,6 +310,18 @@ class _Run:
                 work[a, c], rest[a, c] = flat[c] @ b, flat[c] @ r
         out = work + rest.T
         return np.asarray(0.5 * (out + out.T) / volume)
+
+
+def _estimated(fine: FloatArray, coarse: FloatArray) -> FloatArray:
+    """Errors of what loads relax, by what they relax on voxels twice as long.
+
+    They fall by `LEAST` from those to these, or by less, where these relax but a part of it.
+    """
+    lost = np.asarray(fine - coarse)
+    part = np.diag(lost) / np.maximum(np.diag(fine), 1e-300)
+    fall = np.clip(part, 1.0 / LEAST, MOST)
+    rest = np.sqrt(fall / (1.0 - fall))
+    return np.abs(lost) * np.outer(rest, rest)
 
 
 def _going_on(cells: Labelled, grid: VoxelGrid) -> tuple[bool, bool, bool]:
