@@ -96,8 +96,8 @@ def examples():
 
 def cells():
     """A cell that repeats, and what it amounts to."""
-    ball = il.fields.complement(il.fields.translate(il.fields.sphere(0.3), (0.5, 0.5, 0.5)))
-    elastic, heat = il.homogenize.ElasticCell(ball, 6), il.homogenize.ConductiveCell(ball, 6)
+    wall = il.Lattice("gyroid", through=il.macroshape.cell(), repeat=1).offset(0.1)
+    elastic, heat = il.homogenize.ElasticCell(wall, 6), il.homogenize.ConductiveCell(wall, 6)
     eff, k = elastic.homogenized(), heat.homogenized()
     return [elastic, heat, eff, k, eff.bounds, k.bounds, eff.report, il.macroshape.cell()]
 

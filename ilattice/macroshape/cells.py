@@ -5,6 +5,8 @@ go on over the faces as if copies of the cell were around, to the bit. Non-guara
 opposite faces are two places: meshes of a cell have caps, and its map is not closed.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from ilattice._typing import ArrayLike
@@ -17,6 +19,7 @@ from ilattice.macroshape.primitives import affine
 __all__ = ["CellMap", "cell"]
 
 
+@dataclass(frozen=True, eq=False, repr=False, init=False)
 class CellMap(SplineMap):
     """Affine map of the unit cube to a cell that repeats; made by `cell`.
 

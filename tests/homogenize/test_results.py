@@ -91,7 +91,7 @@ def test_files(eff, tmp_path):
     assert found["report"]["route"] == "voxels"
     assert found["bounds"]["bulk"] == list(eff.bounds.bulk)
     eff.save(tmp_path / "a.csv")
-    rows = dict(csv.reader((tmp_path / "a.csv").open()))
+    rows = dict(csv.reader((tmp_path / "a.csv").read_text().splitlines()))
     assert float(rows["C13"]) == eff.C[0, 2]
     assert float(rows["density"]) == eff.density
     eff.save(tmp_path / "a.vtp")
