@@ -6,7 +6,7 @@ bound nothing; what the geometry is off is not in them.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -60,7 +60,6 @@ class Effective(Result):
     errors: FloatArray
     bounds: Bounds
     quantity: ClassVar[str] = "E"
-    _fields: Any = field(default=None, repr=False, kw_only=True)
 
     def __repr__(self) -> str:
         return (

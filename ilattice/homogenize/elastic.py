@@ -198,10 +198,8 @@ def homogenized(
         spread = np.sqrt(np.maximum(answer.errors, 0.0) / volume)
         errors = np.outer(spread, spread)
     density, bounds = _bounds(problem)
-    eff = Effective(
-        density, problem.percolates, problem.report(answer, time.perf_counter() - start), C,
-        errors, bounds, _fields=None if answer is None else (problem, answer.coefficients),
-    )  # fmt: skip
+    report = problem.report(answer, time.perf_counter() - start)
+    eff = Effective(density, problem.percolates, report, C, errors, bounds)
     if answer is not None:
         discretization.warn(eff.error, "the effective stiffness", problem.assembly.space)
     return eff
