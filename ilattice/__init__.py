@@ -10,6 +10,7 @@ Rooms, from the bottom up:
 `offsets`                 closest points, signed distance splines, walls
 `mesh`                    watertight contouring, surface meshes, measures
 `cutfem`                  background grids, cut cells, quadrature, elasticity, heat
+`homogenize`              effective properties of cells that repeat
 `io`                      one file per format: STL, PLY, OBJ, 3MF, VTK, G+Smo, MFEM, IRIT
 `sdf`                     solids from commands and from meshes, as fields
 ========================  ==================================================================
@@ -48,7 +49,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ilattice import bspline, cutfem, errors, fields, io, macroshape, mesh, offsets, sdf, tiles
+    from ilattice import (
+        bspline,
+        cutfem,
+        errors,
+        fields,
+        homogenize,
+        io,
+        macroshape,
+        mesh,
+        offsets,
+        sdf,
+        tiles,
+    )
     from ilattice.bspline import BSpline
     from ilattice.macroshape import SplineMap
     from ilattice.macroshape.lattice import Lattice
@@ -69,6 +82,7 @@ __all__ = [
     "cutfem",
     "errors",
     "fields",
+    "homogenize",
     "io",
     "macroshape",
     "mesh",

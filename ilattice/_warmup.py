@@ -189,12 +189,23 @@ def analysis() -> None:
     warm.load(temperature=heat.solve()).solve()
     two = il.cutfem.Elasticity(wall, (16, 4, 4), young=(1.0, 2.0), phases="x - 0.3").clamp("w=0")
     two.load(gravity=(0.0, 0.0, -1.0)).solve()
+    cells()
     with tempfile.TemporaryDirectory() as folder:
         solution.save(Path(folder) / "surface.vtu")
         solution.save(Path(folder) / "solid.vtu", on="solid")
         modes.save(Path(folder) / "modes.pvd")
         heat.solve().save(Path(folder) / "heat.vtu")
         heat.evolve(1.0, steps=2).save(Path(folder) / "cooling.pvd")
+
+
+def cells() -> None:
+    """Cells that repeat, on cut cells and as voxels."""
+    cell = il.Lattice(il.tiles.get("gyroid"), through=il.macroshape.cell()).offset(0.1)
+    il.homogenize.elastic(cell, 8, method="multigrid")
+    il.homogenize.conductive(cell, 8, method="multigrid")
+    labels = np.arange(64).reshape(4, 4, 4) % 3
+    il.homogenize.voxels(labels, young=(0.0, 1.0, 2.0))
+    il.homogenize.conductive_voxels(labels, conductivity=(0.0, 1.0, 2.0))
 
 
 def _plane() -> "il.BSpline":

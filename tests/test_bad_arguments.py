@@ -23,6 +23,7 @@ from ilattice.errors import IlatticeError, InputError
 ROUNDS = int(os.environ.get("ILATTICE_ROUNDS", "2"))
 ROOMS = (
     "bspline", "tiles", "macroshape", "fields", "sdf", "mesh", "offsets", "cutfem", "io",
+    "homogenize",
 )  # fmt: skip
 SKIPPED = {"save_grid"}
 MOST_CALLS = 400_000  # of functions, within less than two seconds
@@ -67,7 +68,14 @@ def own(sense):
     box, ball, corners = sense["through"], sense["f"], [[0, 0, 0], [1, 0, 0], [1, 1, 0.0]]
     strut = [[(0, 0.5, 0.5), (1, 0.5, 0.5)]]
     block = (sense["mesh"].vertices, sense["mesh"].faces)
+    closed = il.cutfem.Grid((np.linspace(0.0, 1.0, 5),) * 3, (True,) * 3)
+    cell = il.cutfem.cut(lambda u: np.cos(2 * np.pi * u).sum(axis=1), closed)
+    labels = np.arange(8).reshape(2, 2, 2) % 2
+    kinds = ("elastic", "conductive", "ElasticCell", "ConductiveCell")
     return {
+        **{f"homogenize.{kind}": {"field": cell, "through": None} for kind in kinds},
+        "homogenize.voxels": {"array": labels, "young": (1.0, 2.0), "spacing": 1.0},
+        "homogenize.conductive_voxels": {"array": labels, "spacing": 1.0},
         "tiles.Arc": {"centre": (0.3, 0.5, 0.5), "u": (0.2, 0, 0), "v": (0, 0.2, 0)},
         "tiles.Curve": {"spline": line}, "tiles.Surface": {"spline": sheet},
         "tiles.Group": {"members": [il.tiles.Polyline(corners)]},
@@ -133,6 +141,8 @@ def things(sense):
         il.sdf.Command.read("sphere dilate t"), il.sdf.plan(ball, 0.5), search,
         search.query([[0.2, 0.3, 0.4]]), sense["through"].locate([[0.2, 0.3, 0.4]]),
     ]  # fmt: skip
+    labels = np.arange(8).reshape(2, 2, 2) % 2
+    own += [il.homogenize.voxels(labels), il.homogenize.conductive_voxels(labels)]
     return own + solids()
 
 

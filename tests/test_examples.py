@@ -212,6 +212,15 @@ def test_vibrations_are_below_rayleighs_estimate():
     assert numbers["torsion to bending"] > 2
 
 
+def test_effective_stiffnesses_are_within_bounds():
+    numbers = run("effective_stiffness", cells=6)
+    assert numbers["largest excess over the bound, in errors"] < 1.0
+    for name in ("gyroid", "schwarz_p", "diamond", "iwp"):
+        assert 0.5 < numbers[f"{name}: bulk modulus, part of its bound"] < 1.5
+    stiffer = numbers["gyroid: E along a diagonal"] / numbers["gyroid: E along an axis"]
+    assert 1.0 < stiffer < 1.5
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_every_example_is_tested_and_can_be_run_alone(name):
     source = (FOLDER / f"{name}.py").read_text(encoding="utf-8")

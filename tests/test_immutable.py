@@ -19,7 +19,10 @@ from scipy.sparse import csr_array
 import ilattice as il
 from ilattice.errors import IlatticeError
 
-ROOMS = ("bspline", "tiles", "macroshape", "fields", "sdf", "mesh", "offsets", "cutfem", "io")
+ROOMS = (
+    "bspline", "tiles", "macroshape", "fields", "sdf", "mesh", "offsets", "cutfem", "io",
+    "homogenize",
+)  # fmt: skip
 #: Those that do something, and have no state that users could take for a result.
 TOOLS = {"offsets.ClosestPointSearch", "cutfem.Solver", "io.StreamedMeshWriter"}
 
@@ -86,9 +89,17 @@ def examples():
         il.cutfem.mass_properties(wall, 4), heat.evolve(1.0, steps=2), modes.report,
         solution.recovered(), temperature.recovered(), solution.error_estimate(),
         solution.report, il.cutfem.buckling(solution, 1), solid.assembly.space,
-        solution.at(point, outside="nan"),
+        solution.at(point, outside="nan"), *cells(),
     ]  # fmt: skip
     return {type(thing): thing for thing in found}
+
+
+def cells():
+    """A cell that repeats, and what it amounts to."""
+    wall = il.Lattice("gyroid", through=il.macroshape.cell(), repeat=1).offset(0.1)
+    elastic, heat = il.homogenize.ElasticCell(wall, 6), il.homogenize.ConductiveCell(wall, 6)
+    eff, k = elastic.homogenized(), heat.homogenized()
+    return [elastic, heat, eff, k, eff.bounds, k.bounds, eff.report, il.macroshape.cell()]
 
 
 def mesh_of(wall):

@@ -244,14 +244,14 @@ def _by_cell(at: FloatArray, x: FloatArray, y: FloatArray) -> FloatArray:
 def _per_cell(lattice: Lattice, profile: Thickness, factor: FloatArray) -> Thickness:
     """The profile times a C1 spline with one coefficient per cell, repeated at open ends."""
     c, knots = factor, []
-    for a, closed in enumerate(lattice.through.closed):
+    for a, closed in enumerate(lattice.through.wraps):
         n = lattice.repeat[a]
         lo, hi = lattice.domain[:, a]
         knots.append(uniform_knots(n, 2, (lo, hi), periodic=closed))
         ends = (c.take([-1], a), c.take([0], a))
         c = np.concatenate([ends[0 if closed else 1], c, ends[1 if closed else 0]], axis=a)
     inner, outer = (
-        BSpline(knots, c * float(s.c.item()), 2, periodic=lattice.through.closed)
+        BSpline(knots, c * float(s.c.item()), 2, periodic=lattice.through.wraps)
         for s in (profile.inner, profile.outer)
     )
     return _sides(profile, inner, outer)

@@ -447,7 +447,7 @@ def _as_box(domain: Any) -> FloatArray:
 def _as_grid(cells: Any, sets: LevelSets, through: SplineMap | None) -> Grid:
     lo, hi = sets.domain
     whole = through is not None and np.allclose(through.domain, sets.domain)
-    closed = through.closed if through is not None and whole else (False, False, False)
+    closed = through.wraps if through is not None and whole else (False, False, False)
     if cells is not None:
         counts: Sequence[int] = as_counts("cells", cells)
         need(

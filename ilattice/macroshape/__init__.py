@@ -4,6 +4,7 @@
 maps               `SplineMap`; `load` reads one from a file
 primitives         `identity`, `affine`, `box`, `hexahedron`, `tapered`, `cylinder_shell`,
                    `torus`, `duck`, `wing`
+periodic media     `cell`: edges of a cell that repeats; `CellMap`
 from surfaces      `extrude`, `ruled`, `revolve`, `loft`
 graded cells       `regrade`: the same volume, run through at another pace
 certificate        `certify`, `check_map`, `Certificate`, `Status`
@@ -13,6 +14,7 @@ lattice            `Lattice`: a tile, repeated through a map
 
 from os import PathLike
 
+from ilattice.macroshape.cells import CellMap, cell
 from ilattice.macroshape.certify import Certificate, Status, certify, check_map
 from ilattice.macroshape.grading import regrade
 from ilattice.macroshape.inverse import Located
@@ -31,12 +33,14 @@ from ilattice.macroshape.primitives import (
 from ilattice.macroshape.sweeps import extrude, loft, revolve, ruled
 
 __all__ = [
+    "CellMap",
     "Certificate",
     "Located",
     "SplineMap",
     "Status",
     "affine",
     "box",
+    "cell",
     "certify",
     "check_map",
     "cylinder_shell",

@@ -167,7 +167,7 @@ class Lattice:
     def _make_field(self) -> Any:
         if isinstance(self.tile, Mixture):
             self._check_count()
-            return self.tile.field(self.repeat, self.domain, self.through.closed)
+            return self.tile.field(self.repeat, self.domain, self.through.wraps)
         return self.tile.kernel_field
 
     @property
@@ -291,7 +291,7 @@ class Lattice:
         p = self.tile_coordinates(u)
         if isinstance(self.tile, Tile):
             return _values(name, self.tile, self._in_tile(p))
-        mixture, closed = self.tile, self.through.closed
+        mixture, closed = self.tile, self.through.wraps
         make = partial(mixture.blended, self.repeat, self.domain, closed)
         tiles, blend = self._once("blend", make)
         weights, out = blend.weights(p), np.zeros(len(u))

@@ -256,6 +256,14 @@ class SplineMap(Frozen):
         a, b, c = (self.spline.periodic[k] or self._faces_meet(k) for k in range(3))
         return a, b, c
 
+    @property
+    def wraps(self) -> tuple[bool, bool, bool]:
+        """Per direction, whether what is inside goes on at the other end: where it is closed.
+
+        Cells that repeat (`cell`) do so in all directions, and are closed in none.
+        """
+        return self.closed
+
     def _faces_meet(self, axis: int) -> bool:
         """Compare the end faces at as many sites as determine them; 1e-12 of the size passes."""
         sites = [_face_sites(self.geometry.breaks(k), self.spline.k[k]) for k in range(3)]

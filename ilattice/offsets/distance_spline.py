@@ -95,7 +95,7 @@ def interpolated(
     from ilattice.bspline.fit import fit_interpolate, sites
     from ilattice.bspline.knots import uniform_knots
 
-    closed = lattice.through.closed
+    closed = lattice.through.wraps
     counts = np.broadcast_to(np.asarray(spans, np.int64), 3).tolist()
     need(
         PER_SITE * math.prod(n * r + degree for n, r in zip(counts, lattice.repeat, strict=True)),

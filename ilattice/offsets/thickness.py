@@ -376,7 +376,7 @@ def _repeated(name: str, lattice: Lattice, argument: str) -> _Side:
         c = c.take(np.arange(count * spans + 2) % spans, axis=a)
         domain = tuple(lattice.domain[:, a])
         knots.append(uniform_knots(count * spans, 2, domain, periodic=True))
-    return _Side(BSpline(knots, c, 2, periodic=lattice.through.closed))
+    return _Side(BSpline(knots, c, 2, periodic=lattice.through.wraps))
 
 
 def _fitted(f: Any, lattice: Lattice, name: str) -> _Side:

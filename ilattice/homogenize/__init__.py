@@ -1,0 +1,43 @@
+"""Homogenization: effective properties of cells that repeat.
+
+::
+
+    cell = il.Lattice("gyroid", through=il.macroshape.cell(), repeat=1).offset(relative_density=0.3)
+    eff = il.homogenize.elastic(cell, cells=16, young=1.0, poisson=0.3)
+    print(eff.C, eff.E((1, 1, 0)), eff.error, eff.bounds)
+
+=====================  ============================================================================
+`elastic`              stiffness of any solid on cut cells: the reference, and the default
+`conductive`           conductivity, likewise
+`voxels`               stiffness of an array of voxels: tomograms, labels, fill fractions
+`conductive_voxels`    conductivity, likewise
+`read_voxels`          arrays of voxels from files
+=====================  ============================================================================
+
+Guarantees: effective properties come with an estimate of their errors, bounds, and a warning where
+nothing is borne. What stands on cut cells comes from above, as energies of admissible fields do.
+"""
+
+from ilattice.homogenize._result import HomogenizationReport
+from ilattice.homogenize.bounds import Bounds, ConductivityBounds
+from ilattice.homogenize.conductive import ConductiveCell, conductive
+from ilattice.homogenize.conductivity import Conductivity
+from ilattice.homogenize.effective import Effective
+from ilattice.homogenize.elastic import ElasticCell, elastic
+from ilattice.homogenize.images import read_voxels
+from ilattice.homogenize.voxel import conductive_voxels, voxels
+
+__all__ = [
+    "Bounds",
+    "ConductiveCell",
+    "Conductivity",
+    "ConductivityBounds",
+    "Effective",
+    "ElasticCell",
+    "HomogenizationReport",
+    "conductive",
+    "conductive_voxels",
+    "elastic",
+    "read_voxels",
+    "voxels",
+]

@@ -1,0 +1,373 @@
+"""Effective properties of arrays of voxels: for tomograms, labels, and very many cheap cells.
+
+::
+
+    il.homogenize.voxels(array, young=(1e-6, 1.0), poisson=0.3).C
+
+Every voxel is a trilinear element, the array repeats in all directions. Nothing is assembled; the
+preconditioner is a homogeneous material of the same grid, inverted by Fourier transforms, so that
+the iterations depend neither on the number of voxels nor on how soft voids are. `errors` compares
+with the best field on voxels twice as long in the same material (for even numbers of voxels), by
+the rule of `ilattice.cutfem.discretization`; by how much voxels miss a smooth geometry is not in
+them.
+
+Guarantees: laminates along the axes are exact; what is computed comes from above, for the voxels as
+they are; the same bits for any number of threads. Non-guarantee: thin walls need many voxels;
+solids of which the geometry is known are for `elastic`.
+"""
+
+import time
+import warnings
+from os import PathLike
+from typing import Any
+
+import numpy as np
+
+from ilattice._memory import need
+from ilattice._progress import Progress
+from ilattice._typing import AnyArray, FloatArray, IntArray
+from ilattice._validate import as_array, as_flag, as_positive, as_triple, as_whole
+from ilattice.cutfem.discretization import LEAST
+from ilattice.errors import InputError, PrecisionWarning
+from ilattice.homogenize import tensors
+from ilattice.homogenize._result import HomogenizationReport
+from ilattice.homogenize._spectral import Descent, VoxelGrid, descend, prolonged, restricted
+from ilattice.homogenize.bounds import (
+    Bounds,
+    ConductivityBounds,
+    conductive_bounds,
+    elastic_bounds,
+)
+from ilattice.homogenize.cell import warn_of_axes
+from ilattice.homogenize.conductivity import Conductivity
+from ilattice.homogenize.effective import Effective
+from ilattice.homogenize.images import read_voxels
+from ilattice.homogenize.percolation import percolation
+from ilattice.homogenize.phases import SOLID, Labelled, labelled
+
+#: Bytes per voxel and component of a field: solutions and residuals of all loads, and work.
+PER_VALUE = 200
+#: Tolerance of the fields on voxels twice as long; energies are off by its square.
+COARSE = 1e-2
+#: Part of an error that is left on voxels half as long at most.
+MOST = 0.75
+#: Loads below this part of the stresses that make them are rounding.
+ROUNDING = 1e-13
+#: Poisson's ratio from which trilinear voxels lock.
+LOCKING = 0.45
+
+
+def voxels(
+    array: Any, *, young: Any = 1.0, poisson: Any = 0.3, spacing: Any = None, tol: float = 1e-4,
+    estimate: bool = True, max_iterations: int = 500, progress: Progress = None,
+) -> Effective:  # fmt: skip
+    """Effective stiffness of an array of voxels that repeats.
+
+    Parameters
+    ----------
+    array : array_like, shape (n0, n1, n2), or path-like
+        Flags (solid or not), labels of phases, fill fractions or factors of the stiffness: see
+        `ilattice.homogenize.phases`; or a file of `read_voxels`. The axes are x, y, z.
+    young : float, or sequence of floats
+        Young's modulus of the solid (voids then have 1e-6 of it), or of every phase; may be zero.
+    poisson : float, or sequence of floats
+        Poisson's ratio of all phases, or of each.
+    spacing : float, or sequence of 3 floats, optional
+        Edges of voxels; by default 1, or those of the file.
+    tol : float
+        Of the fields; errors of the stiffness are of the order of its square.
+    estimate : bool
+        Whether to estimate `Effective.errors`, which takes about half as long again. NaN without,
+        and where a direction has an odd number of voxels, or less than 4.
+    max_iterations : int
+        Of conjugate gradients.
+    progress : bool or callable, optional
+        Per cent of the digits asked for, load by load; see `ilattice._progress.track`.
+
+    Returns
+    -------
+    Effective
+        Stiffness and what follows from it.
+
+    Raises
+    ------
+    InputError
+        If an argument is wrong, or the work does not fit into memory.
+    GeometryError
+        If there is no solid.
+    ConvergenceError
+        If the tolerance is not reached.
+
+    Warns
+    -----
+    PrecisionWarning
+        If no solid goes on through the cell along an axis, or voxels lock.
+
+    Notes
+    -----
+    Moulinec and Suquet (1998) for Fourier transforms in homogenization; Schneider, Merkert and
+    Kabel (2017) for trilinear elements with them.
+    """
+    array, size = _as_voxels(array, spacing, 3)
+    cells = labelled(array, "young", young)
+    E = cells.values
+    nu = as_array("poisson", poisson).ravel()
+    if np.ndim(poisson) > 1 or len(nu) not in (1, len(E)):
+        raise InputError(f"poisson must be one number or {len(E)}, got {poisson!r:.80}")
+    if not ((nu > -1.0) & (nu < 0.5)).all():
+        raise InputError(f"poisson must be above -1 and below 0.5, got {poisson!r:.80}")
+    if (nu >= LOCKING).any():
+        warnings.warn(
+            f"poisson={nu.max():g}: trilinear voxels lock from about {LOCKING} on, and are too "
+            "stiff; take cut cells (il.homogenize.elastic)",
+            PrecisionWarning,
+            stacklevel=2,
+        )
+    nu = np.broadcast_to(nu, len(E))
+    lame = np.stack([E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))], axis=1)
+    table = cells.mixed(lame)
+    stress = np.stack(
+        [tensors.isotropic(*table.T) @ e for e in np.eye(6)]
+    )[:, :, [[0, 5, 4], [5, 1, 3], [4, 3, 2]]]  # fmt: skip
+    run = _Run(cells, table, size, stress, tol, max_iterations, progress)
+    mean = tensors.isotropic(*(cells.fractions @ table))
+    relaxed, errors, solid, report = run.all(estimate=as_flag("estimate", estimate))
+    C = mean - relaxed
+    if not table.min():
+        C = tensors.without(C, np.eye(3)[~np.array(solid)])
+    _warn_of(solid, table)
+    return Effective(
+        cells.filled, solid, report, 0.5 * (C + C.T), errors,
+        _elastic_bounds(cells, table, mean),
+    )  # fmt: skip
+
+
+def conductive_voxels(
+    array: Any, *, conductivity: Any = 1.0, spacing: Any = None, tol: float = 1e-4,
+    estimate: bool = True, max_iterations: int = 500, progress: Progress = None,
+) -> Conductivity:  # fmt: skip
+    """Effective conductivity of an array of voxels that repeats.
+
+    Parameters
+    ----------
+    array : array_like, shape (n0, n1, n2), or path-like
+        As in `voxels`.
+    conductivity : float, or sequence of floats, or of matrices, shape (phases, 3, 3)
+        Of the solid (voids then have 1e-6 of it), or of every phase; tensors of labelled phases
+        only.
+    spacing, tol, estimate, max_iterations, progress : optional
+        As in `voxels`.
+
+    Returns
+    -------
+    Conductivity
+        With an estimate of its errors.
+
+    Raises
+    ------
+    InputError
+        If an argument is wrong, or the work does not fit into memory.
+    GeometryError
+        If there is no solid.
+    ConvergenceError
+        If the tolerance is not reached.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import ilattice as il
+    >>> layers = np.zeros((4, 2, 2), bool)
+    >>> layers[2:] = True
+    >>> il.homogenize.conductive_voxels(layers, conductivity=(1.0, 3.0)).k.diagonal().round(9)
+    array([1.5, 2. , 2. ])
+    """
+    array, size = _as_voxels(array, spacing, 1)
+    tensor = _as_tensors(conductivity)
+    known = conductivity if tensor is None else np.trace(tensor, axis1=1, axis2=2) / 3.0
+    cells = labelled(array, "conductivity", known)
+    if tensor is None:
+        unit = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+        table = cells.mixed(cells.values[:, None] * unit)
+    else:
+        table = np.stack([tensor[:, i, j] for i, j in tensors.PAIRS], axis=1)
+    k = table[:, [[0, 5, 4], [5, 1, 3], [4, 3, 2]]]
+    stress = k.transpose(1, 0, 2)[:, :, None]
+    run = _Run(cells, table, size, stress, tol, max_iterations, progress)
+    mean = np.einsum("p,pij->ij", cells.fractions, k)
+    relaxed, errors, solid, report = run.all(estimate=as_flag("estimate", estimate))
+    out = mean - relaxed
+    _warn_of(solid, table)
+    return Conductivity(
+        cells.filled, solid, report, 0.5 * (out + out.T), errors,
+        _conductive_bounds(cells, k, mean, scalar=tensor is None),
+    )  # fmt: skip
+
+
+def _as_tensors(conductivity: Any) -> FloatArray | None:
+    """Symmetric positive matrices (phases, 3, 3), or None where numbers are given."""
+    if np.ndim(conductivity) != 3:
+        return None
+    k = as_array("conductivity", conductivity)
+    if k.shape[1:] != (3, 3) or np.abs(k - k.transpose(0, 2, 1)).max() > 1e-12 * np.abs(k).max():
+        raise InputError(
+            f"conductivity must be symmetric matrices, shape (phases, 3, 3), got shape {k.shape}"
+        )
+    if np.linalg.eigvalsh(k).min() < 0:
+        raise InputError("conductivity must be positive definite, a matrix is not")
+    return k
+
+
+def _as_voxels(array: Any, spacing: Any, m: int) -> tuple[AnyArray, FloatArray]:
+    """The array, and the edges of voxels, if fields of m components fit into memory."""
+    given: Any = 1.0
+    if isinstance(array, (str, PathLike)):
+        array, given = read_voxels(array)
+    size = as_triple("spacing", given if spacing is None else spacing, positive=True)
+    try:
+        found = np.asarray(array)
+    except ValueError as e:
+        raise InputError(f"array must hold voxels in three directions, got {array!r:.80}") from e
+    need(
+        PER_VALUE * m * float(found.size),
+        f"a grid of {' x '.join(map(str, found.shape))} voxels",
+        "use fewer voxels",
+    )
+    return found, size
+
+
+class _Run:
+    """The loads of a grid of voxels, solved one after the other."""
+
+    def __init__(
+        self, cells: Labelled, table: FloatArray, size: FloatArray, stress: FloatArray,
+        tol: float, steps: int, progress: Progress,
+    ) -> None:  # fmt: skip
+        self.tol = as_positive("tol", tol)
+        if not 1e-12 <= self.tol < 1.0:
+            raise InputError(f"tol must be between 1e-12 and 1, got {tol!r:.80}")
+        self.start = time.perf_counter()
+        self.steps = as_whole("max_iterations", steps, 1, 2**31)
+        self.cells, self.stress, self.progress = cells, stress, progress
+        reference = cells.fractions @ table
+        self.grid = VoxelGrid(cells.phase, np.ascontiguousarray(table), size, reference)
+
+    def all(
+        self, *, estimate: bool
+    ) -> tuple[FloatArray, FloatArray, tuple[bool, bool, bool], HomogenizationReport]:
+        """What is relaxed, errors, whether solid goes on, and a report."""
+        grid, count = self.grid, len(self.stress)
+        runs = [self._fine(self._load(a)) for a in range(count)]
+        relaxed = self._energies(runs)
+        errors = np.full((count, count), np.nan)
+        shape = np.array(self.cells.phase.shape)
+        if estimate and not (shape % 2).any() and shape.min() >= 4:
+            coarse = [self._coarse(self._load(a)) for a in range(count)]
+            errors = _estimated(relaxed, self._energies(coarse))
+        solid = _going_on(self.cells, self.grid)
+        steps = max(run.iterations for run in runs)
+        left = max(run.left for run in runs)
+        a, b, c = (int(n) for n in shape)
+        seconds = time.perf_counter() - self.start
+        report = HomogenizationReport(
+            "voxels", (a, b, c), int(np.prod(grid.shape)), steps, left, seconds
+        )
+        return relaxed, errors, solid, report
+
+    def _load(self, a: int) -> FloatArray:
+        """Forces of a unit strain or gradient, zero if they are rounding."""
+        b = self.grid.load(self.stress[a])
+        area = self.grid.spacing.prod() / self.grid.spacing.min()
+        small = np.abs(b).max() <= ROUNDING * area * np.abs(self.stress[a]).max()
+        return np.zeros_like(b) if small else b
+
+    def _fine(self, b: FloatArray) -> Descent:
+        return descend(
+            self.grid.forces, self.grid.precondition, b, self.tol, self.steps, self.progress
+        )
+
+    def _coarse(self, b: FloatArray) -> Descent:
+        """The best field on voxels twice as long, with forces and energies of the fine ones."""
+        fine = self.grid
+        half = fine.phase[::2, ::2, ::2]
+        wide = VoxelGrid(half, fine.table, 2.0 * fine.spacing, fine.reference)
+
+        def forces(c: FloatArray) -> FloatArray:
+            return restricted(fine.forces(prolonged(c)))
+
+        run = descend(forces, wide.precondition, restricted(b), max(COARSE, self.tol), self.steps)
+        run.x = prolonged(run.x)
+        run.residual = b - fine.forces(run.x)
+        return run
+
+    def _energies(self, runs: list[Descent]) -> FloatArray:
+        """What loads relax: off by the squares of errors of the fields only."""
+        count, volume = len(runs), float(self.grid.spacing.prod() * self.cells.phase.size)
+        work, rest = np.empty((count, count)), np.empty((count, count))
+        flat = [run.x.reshape(-1) for run in runs]
+        for a in range(count):
+            b, r = self._load(a).reshape(-1), runs[a].residual.reshape(-1)
+            for c in range(count):
+                work[a, c], rest[a, c] = flat[c] @ b, flat[c] @ r
+        out = work + rest.T
+        return np.asarray(0.5 * (out + out.T) / volume)
+
+
+def _estimated(fine: FloatArray, coarse: FloatArray) -> FloatArray:
+    """Errors of what loads relax, by what they relax on voxels twice as long.
+
+    They fall by `LEAST` from those to these, or by less, where these relax but a part of it.
+    """
+    lost = np.asarray(fine - coarse)
+    part = np.diag(lost) / np.maximum(np.diag(fine), 1e-300)
+    fall = np.clip(part, 1.0 / LEAST, MOST)
+    rest = np.sqrt(fall / (1.0 - fall))
+    return np.abs(lost) * np.outer(rest, rest)
+
+
+def _going_on(cells: Labelled, grid: VoxelGrid) -> tuple[bool, bool, bool]:
+    """Whether solid voxels go on through the cell along the axes, through their faces."""
+    from scipy.ndimage import label
+
+    stiff = np.abs(grid.table).max(axis=1)
+    used = np.bincount(cells.phase.ravel(), minlength=len(stiff)) > 0
+    solid = (stiff > SOLID * stiff[used].max())[cells.phase]
+    piece, count = label(solid)
+    low, high, steps = [], [], []
+    for a in range(3):
+        last, first = piece.take(-1, axis=a).ravel(), piece.take(0, axis=a).ravel()
+        pairs = np.unique(np.stack([last, first], axis=1)[(last > 0) & (first > 0)], axis=0) - 1
+        low.append(pairs[:, 0])
+        high.append(pairs[:, 1])
+        steps.append(np.tile(np.eye(3, dtype=np.int64)[a], (len(pairs), 1)))
+    both: tuple[IntArray, IntArray] = (np.concatenate(low), np.concatenate(high))
+    return percolation(int(count), *both, np.concatenate(steps)).axes
+
+
+def _warn_of(solid: tuple[bool, bool, bool], table: FloatArray) -> None:
+    """Warn of axes along which there is no way through solid voxels."""
+    soft = np.abs(table).max(axis=1).min() > 0
+    warn_of_axes(solid, "xyz", "voids, which are soft here," if soft else "")
+
+
+def _elastic_bounds(cells: Labelled, table: FloatArray, mean: FloatArray) -> Bounds:
+    f = cells.fractions
+    there = f > 0
+    K, G = (table[:, 0] + 2.0 * table[:, 1] / 3.0)[there], table[there, 1]
+    f = f[there]
+    reuss = np.zeros((6, 6))
+    if K.min() > 0 and G.min() > 0:
+        reuss = tensors.of_moduli(1.0 / float(f @ (1.0 / K)), 1.0 / float(f @ (1.0 / G)))
+    return Bounds(mean, reuss, *elastic_bounds(f, K, G))
+
+
+def _conductive_bounds(
+    cells: Labelled, k: FloatArray, mean: FloatArray, *, scalar: bool
+) -> ConductivityBounds:
+    f = cells.fractions
+    there = f > 0
+    f, k = f[there], k[there]
+    least = np.zeros((3, 3))
+    if np.linalg.eigvalsh(k).min() > 0:
+        least = np.linalg.inv(np.einsum("p,pij->ij", f, np.linalg.inv(k)))
+    interval = conductive_bounds(f, k[:, 0, 0]) if scalar else None
+    return ConductivityBounds((least, mean), interval)

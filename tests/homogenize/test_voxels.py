@@ -1,0 +1,293 @@
+"""Voxels: against assembled systems, laminates, symmetries of the array."""
+
+import warnings
+
+import naive_homogenize as naive
+import numba
+import numpy as np
+import pytest
+
+import ilattice as il
+from ilattice.errors import ConvergenceError, GeometryError, InputError, PrecisionWarning
+from ilattice.homogenize import conductive_voxels, voxels
+from ilattice.homogenize._spectral import VoxelGrid, prolonged, restricted
+
+TURN = np.eye(3)[[1, 2, 0]]
+
+
+@pytest.fixture(autouse=True)
+def one_thread():
+    """Grids here are too small for more."""
+    most = numba.get_num_threads()
+    numba.set_num_threads(1)
+    yield
+    numba.set_num_threads(most)
+
+
+@pytest.fixture(scope="module")
+def cell():
+    """Random labels without symmetry, off any grid of powers of two, and what they are made of."""
+    rng = np.random.default_rng(5)
+    labels = rng.integers(0, 3, (5, 4, 6))
+    young, poisson, spacing = (1e-3, 1.0, 7.0), (0.1, 0.3, -0.2), (0.3, 0.5, 0.2)
+    return labels, young, poisson, spacing
+
+
+def test_random_phases_are_those_of_the_assembled_system(cell):
+    labels, young, poisson, spacing = cell
+    table = np.array([naive.isotropic(*p) for p in zip(young, poisson, strict=True)])
+    exact = naive.assembled(table[labels], spacing)
+    eff = voxels(labels, young=young, poisson=poisson, spacing=spacing, tol=1e-6)
+    np.testing.assert_allclose(eff.C, exact, atol=1e-10 * exact.max())
+    np.testing.assert_array_equal(eff.C, eff.C.T)
+    coarse = voxels(labels, young=young, poisson=poisson, spacing=spacing, tol=1e-2)
+    assert 1e-12 < np.abs(coarse.C - exact).max() / exact.max() < 1e-3  # off by squares of tol
+
+
+def test_random_conductors_are_those_of_the_assembled_system(cell):
+    labels, *_, spacing = cell
+    k = np.array([0.1, 1.0, 5.0])
+    exact = naive.assembled((k[:, None, None] * np.eye(3))[labels], spacing)
+    eff = conductive_voxels(labels, conductivity=k, spacing=spacing, tol=1e-6)
+    np.testing.assert_allclose(eff.k, exact, atol=1e-10)
+    rng = np.random.default_rng(6)
+    A = rng.standard_normal((3, 3, 3))
+    tensors = A @ A.transpose(0, 2, 1) + 0.1 * np.eye(3)
+    exact = naive.assembled(tensors[labels], spacing)
+    eff = conductive_voxels(labels, conductivity=tensors, spacing=spacing, tol=1e-6)
+    np.testing.assert_allclose(eff.k, exact, atol=1e-9)
+    assert eff.bounds.hashin_shtrikman is None
+    least, most = eff.bounds.wiener
+    assert np.linalg.eigvalsh(eff.k - least).min() > 0
+    assert np.linalg.eigvalsh(most - eff.k).min() > 0
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("contrast", [10.0, 1e6])
+def test_laminates_are_exact(axis, contrast):
+    labels = np.zeros((8, 8, 8), int)
+    np.moveaxis(labels, axis, 0)[3:5] = 1
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PrecisionWarning)  # soft layers count as void
+        eff = voxels(labels, young=(1.0, contrast), poisson=(0.3, 0.2), spacing=(0.3, 0.1, 0.7))
+    phases = [naive.isotropic(1.0, 0.3), naive.isotropic(contrast, 0.2)]
+    exact = naive.laminate((0.75, 0.25), phases, np.eye(3)[axis])
+    np.testing.assert_allclose(eff.C, exact, atol=1e-10 * exact.max())
+
+
+def test_one_material_is_itself():
+    eff = voxels(np.ones((3, 4, 5), bool), young=2.0, poisson=0.25, spacing=(1.0, 0.2, 3.0))
+    np.testing.assert_allclose(eff.C, naive.isotropic(2.0, 0.25), rtol=1e-12, atol=1e-13)
+    assert eff.report.iterations == 0
+    assert eff.symmetry == "isotropic"
+    assert eff.E((1, 2, 3)) == pytest.approx(2.0, rel=1e-12)
+
+
+def test_the_reference_inverts_a_homogeneous_grid():
+    rng = np.random.default_rng(7)
+    table = np.array([[0.7, 1.3]])
+    grid = VoxelGrid(np.zeros((5, 6, 2), np.int32), table, np.array([0.3, 0.5, 0.2]), table[0])
+    u = rng.standard_normal(grid.shape)
+    u -= u.mean(axis=(1, 2, 3), keepdims=True)
+    np.testing.assert_allclose(grid.precondition(grid.forces(u)), u, atol=3e-6)
+    c, f = rng.standard_normal((3, 2, 3, 1)), rng.standard_normal((3, 4, 6, 2))
+    assert (prolonged(c) * f).sum() == pytest.approx((c * restricted(f)).sum(), rel=1e-12)
+
+
+def test_shifts_tilings_turns_and_mirrors(cell):
+    labels, young, poisson, _ = cell
+    C = voxels(labels, young=young, poisson=poisson, tol=1e-6).C
+    scale = 1e-9 * np.abs(C).max()
+
+    def of(array):
+        return voxels(array, young=young, poisson=poisson, tol=1e-6).C
+
+    np.testing.assert_allclose(of(np.roll(labels, (2, 1, -1), (0, 1, 2))), C, atol=scale)
+    np.testing.assert_allclose(of(np.tile(labels, (2, 2, 2))), C, atol=scale)
+    turned = naive.rotated(C, TURN)  # new x is old y
+    np.testing.assert_allclose(of(labels.transpose(1, 2, 0)), turned, atol=scale)
+    np.testing.assert_allclose(of(labels[::-1]), naive.rotated(C, np.diag([-1, 1, 1])), atol=scale)
+
+
+def test_void_contrast_and_size_change_no_number_of_iterations():
+    steps = []
+    for n in (12, 24):
+        solid = gyroid(n) < 0.5
+        for void in (0.0, 1e-9, 1e-4):
+            eff = voxels(solid, young=(void, 1.0), estimate=False)
+            steps.append(eff.report.iterations)
+    assert max(steps) - min(steps) <= 3
+    assert max(steps) < 22
+
+
+def gyroid(n):
+    x = 2 * np.pi * (np.arange(n) + 0.5) / n
+    x, y, z = x[:, None, None], x[:, None], x
+    return np.abs(np.sin(x) * np.cos(y) + np.sin(y) * np.cos(z) + np.sin(z) * np.cos(x))
+
+
+def test_a_small_spherical_void():
+    """Dilute: to first order K falls by f (1 + 3 K / (4 G)), which is 0.98911 K for f = 0.00415."""
+    n, f = 64, 0.00415
+    x = (np.arange(n) + 0.5) / n - 0.5
+    solid = x[:, None, None] ** 2 + x[:, None] ** 2 + x**2 > (3 * f / (4 * np.pi)) ** (2 / 3)
+    eff = voxels(solid, poisson=0.3, estimate=False)
+    assert pytest.approx(0.98911, abs=5e-4) == eff.K * 3 * 0.4
+    assert eff.bounds.bulk[1] > eff.K
+    assert eff.distances["cubic"] < 1e-9
+
+
+@pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
+@pytest.mark.parametrize("seed", range(8))
+def test_random_cells_keep_their_bounds(seed):
+    """Of Voigt and Reuss always; of Hashin and Shtrikman up to the reported error: 200 cells."""
+    rng = np.random.default_rng(seed)
+    for _ in range(25):
+        n, count = int(rng.choice([4, 6])), int(rng.integers(2, 4))
+        labels = rng.integers(0, count, (n, n, n))
+        if rng.random() < 0.3:
+            labels = labels[:4, :4, :4].repeat(2, 0).repeat(2, 1).repeat(2, 2)
+        young, poisson = 10 ** rng.uniform(-2, 1, count), rng.uniform(-0.3, 0.4, count)
+        eff = voxels(labels, young=young, poisson=poisson)
+        assert eff.margins["voigt"] > -1e-7
+        assert eff.margins["reuss"] > -1e-7
+        low, high = eff.bounds.bulk
+        assert low - 1e-7 * high <= eff.K <= high + eff.errors[:3, :3].sum() / 9
+        low, high = eff.bounds.shear
+        spread = np.sqrt(np.diag(eff.errors))
+        assert low - 1e-7 * high <= eff.G_mean <= high + (spread**2).sum() / 5
+        if rng.random() < 0.8:
+            continue
+        k = conductive_voxels(labels, conductivity=young)
+        low, high = k.bounds.hashin_shtrikman
+        assert low - 1e-7 * high <= k.mean <= high + np.trace(k.errors) / 3
+
+
+def test_errors_cover_what_finer_voxels_change():
+    """The same material on voxels half as long: a Galerkin method falls, by what was estimated."""
+    rng = np.random.default_rng(8)
+    labels = np.repeat(np.repeat(np.repeat(rng.integers(0, 2, (3, 3, 3)), 2, 0), 2, 1), 2, 2)
+    coarse = voxels(labels, young=(0.1, 1.0))
+    fine = voxels(labels.repeat(2, 0).repeat(2, 1).repeat(2, 2), young=(0.1, 1.0))
+    fallen = np.linalg.eigvalsh(coarse.C - fine.C)
+    assert fallen[0] > -1e-8
+    change = np.diag(coarse.C - fine.C)
+    assert (change > 0).all()
+    assert (change < np.diag(coarse.errors)).all()
+    assert (np.diag(coarse.errors) < 9 * change).all()
+    assert np.isnan(voxels(labels[:5], young=(0.1, 1.0)).error)
+    assert np.isnan(voxels(labels, young=(0.1, 1.0), estimate=False).error)
+
+
+def test_meanings_of_arrays():
+    rng = np.random.default_rng(9)
+    solid = rng.random((4, 4, 4)) < 0.7
+    pair = voxels(solid, young=(1e-6, 1.0)).C
+    np.testing.assert_array_equal(voxels(solid).C, pair)
+    np.testing.assert_array_equal(voxels(solid.astype(np.uint8)).C, pair)
+    np.testing.assert_array_equal(voxels(solid.astype(float), young=(1e-6, 1.0)).C, pair)
+    factors = np.where(solid, 1.0, 1e-6)
+    np.testing.assert_allclose(voxels(factors).C, pair, rtol=1e-9, atol=1e-15)
+    fill = rng.random((4, 4, 4))
+    eff = voxels(fill, young=(1.0, 3.0), poisson=0.2)
+    np.testing.assert_allclose(eff.C, voxels(1 + 2 * fill, poisson=0.2).C, rtol=1e-9, atol=1e-12)
+    assert eff.density == pytest.approx(fill.mean(), rel=1e-14)
+    assert voxels(solid).density == solid.mean()
+
+
+@pytest.mark.parametrize("void", [0.0, 1e-6])
+def test_no_way_through_along_an_axis(void):
+    solid = np.zeros((4, 4, 4), bool)
+    solid[:, :, 1:3] = True
+    with pytest.warns(PrecisionWarning, match="along z: ") as told:
+        eff = voxels(solid, young=(void, 1.0), poisson=0.3)
+    assert ("nothing is borne" in str(told[0].message)) == (void == 0.0)
+    assert eff.percolates == (True, True, False)
+    assert eff.E((1, 0, 0)) == pytest.approx(0.5, rel=1e-5)
+    assert eff.C[2, 2] <= 3 * void
+    if void == 0.0:
+        assert not eff.C[2:5].any()
+        assert eff.mechanisms == 3
+
+
+def test_the_same_bits_for_any_number_of_threads():
+    labels = np.random.default_rng(10).integers(0, 2, (9, 7, 8))
+    found = []
+    for count in (1, min(numba.config.NUMBA_NUM_THREADS, 4)):
+        numba.set_num_threads(count)
+        found.append(voxels(labels, young=(0.1, 1.0)).C)
+    np.testing.assert_array_equal(found[0], found[-1])
+
+
+@pytest.mark.parametrize(
+    ("array", "options", "kind", "told"),
+    [
+        (np.zeros((2, 2)), {}, InputError, "three directions"),
+        (np.zeros((2, 2, 0)), {}, InputError, "three directions"),
+        (np.array([[["a"]]]), {}, InputError, "three directions"),
+        (np.full((2, 2, 2), np.nan), {}, InputError, "finite"),
+        (np.zeros((2, 2, 2), bool), {}, GeometryError, "no solid"),
+        (np.zeros((2, 2, 2)), {}, GeometryError, "no solid"),
+        (np.full((2, 2, 2), 2), {}, InputError, "labels from 2 to 2"),
+        (np.full((2, 2, 2), 2), {"young": (1, 2)}, InputError, "labels from 0 to 1"),
+        (np.full((2, 2, 2), -1), {"young": (1, 2)}, InputError, "labels from -1"),
+        (np.full((2, 2, 2), 1.5), {"young": (1, 2)}, InputError, "fill fractions"),
+        (np.full((2, 2, 2), 0.5), {"young": (1, 2, 3)}, InputError, "3 values"),
+        (np.ones((2, 2, 2)), {"young": 0.0}, InputError, "not all zero"),
+        (np.ones((2, 2, 2)), {"young": -1.0}, InputError, "must not be negative"),
+        (np.ones((2, 2, 2)), {"poisson": 0.5}, InputError, "below 0.5"),
+        (np.ones((2, 2, 2), int), {"young": (1, 2), "poisson": (0.1,) * 3}, InputError, "or 2"),
+        (np.ones((2, 2, 2)), {"spacing": (1, 0, 1)}, InputError, "spacing"),
+        (np.ones((2, 2, 2)), {"tol": 0.0}, InputError, "tol"),
+        (np.ones((2, 2, 2)), {"max_iterations": 0}, InputError, "max_iterations"),
+        ("nowhere.npy", {}, InputError, "no file"),
+    ],
+)
+def test_wrong_arguments(array, options, kind, told):
+    with pytest.raises(kind, match=told):
+        voxels(array, **options)
+
+
+def test_size_is_estimated_before_work():
+    huge = np.lib.stride_tricks.as_strided(np.ones(1, bool), (1, 1, 1), (0, 0, 0))
+    many = np.broadcast_to(huge, (3000, 3000, 3000))
+    with pytest.raises(InputError, match=r"3000 x 3000 x 3000 voxels needs about"):
+        voxels(many)
+
+
+def test_too_few_iterations_and_locking():
+    labels = np.random.default_rng(11).integers(0, 2, (6, 6, 6))
+    with pytest.raises(ConvergenceError, match="after 2 iterations"):
+        voxels(labels, young=(1e-6, 1.0), max_iterations=2)
+    with pytest.warns(PrecisionWarning, match="trilinear voxels lock"):
+        voxels(labels, young=(0.1, 1.0), poisson=0.48)
+
+
+def test_files_of_voxels(tmp_path):
+    import pyvista as pv
+    from skimage.io import imsave
+
+    array = np.random.default_rng(12).integers(0, 2, (3, 4, 5)).astype(np.uint8)
+    np.save(tmp_path / "a.npy", array)
+    image = pv.ImageData(dimensions=(4, 5, 6), spacing=(0.1, 0.2, 0.3))
+    image.cell_data["solid"] = array.ravel(order="F")
+    image.save(tmp_path / "a.vti")
+    imsave(tmp_path / "a.tif", array.transpose(), check_contrast=False)
+    for name, spacing in (("a.npy", 1.0), ("a.vti", (0.1, 0.2, 0.3)), ("a.tif", 1.0)):
+        read, edges = il.homogenize.read_voxels(tmp_path / name)
+        np.testing.assert_array_equal(read, array)
+        np.testing.assert_allclose(edges, np.broadcast_to(spacing, 3))
+    from_file = voxels(tmp_path / "a.vti", young=(0.1, 1.0)).C
+    np.testing.assert_array_equal(
+        from_file, voxels(array, young=(0.1, 1.0), spacing=(0.1, 0.2, 0.3)).C
+    )
+    (tmp_path / "b.npy").write_bytes(b"nothing")
+    np.save(tmp_path / "c.npy", np.zeros((2, 2)))
+    (tmp_path / "d.xyz").write_text("")
+    for name, told in (
+        ("b.npy", "cannot be read"),
+        ("c.npy", "three directions"),
+        ("d.xyz", "end"),
+    ):
+        with pytest.raises(il.errors.FormatError, match=told):
+            il.homogenize.read_voxels(tmp_path / name)
