@@ -42,7 +42,13 @@ class ConductiveCell(CellProblem, Heat):
         Heat.__init__(self, as_cell(field, cells, **named), **options)
 
     def load_vectors(self) -> FloatArray:
-        """See `CellProblem.load_vectors`."""
+        """See `CellProblem.load_vectors`.
+
+        Returns
+        -------
+        ndarray, shape (functions, 1, 3)
+            Minus the derivatives of the energy.
+        """
         asm = self.assembly
         rule = self.domain.stiff_rule(asm, constant=self.conductivity.constant)
         out = np.empty((len(asm.space), 1, 3))

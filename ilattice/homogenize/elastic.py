@@ -48,7 +48,13 @@ class ElasticCell(CellProblem, Elasticity):
         Elasticity.__init__(self, as_cell(field, cells, **named), **options)
 
     def load_vectors(self) -> FloatArray:
-        """See `CellProblem.load_vectors`."""
+        """See `CellProblem.load_vectors`.
+
+        Returns
+        -------
+        ndarray, shape (functions, 3, 6)
+            Minus the derivatives of the energy.
+        """
         asm = self.assembly
         rule = self.domain.stiff_rule(asm, constant=self.material.constant)
         out = np.empty((len(asm.space), 3, 6))

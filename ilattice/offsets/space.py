@@ -94,7 +94,7 @@ class TileSpace:
             True there.
         """
         p = _triples("p", p)
-        out: AnyArray = ((p >= self.box[0]) & (p <= self.box[1])).all(axis=1)
+        out: AnyArray = ((p >= self.box[0]) & (p <= self.box[1])).all(axis=-1)
         return out
 
     def _upright(self, p: FloatArray, part: float = UPRIGHT) -> AnyArray:
