@@ -40,6 +40,10 @@ class Bounds(Frozen):
     bulk: Interval | None
     shear: Interval | None
 
+    def __repr__(self) -> str:
+        """Intervals of the moduli."""
+        return f"Bounds(bulk={_told(self.bulk)}, shear={_told(self.shear)})"
+
     @property
     def hashin_shtrikman(self) -> dict[str, Interval] | None:
         """Both intervals by name."""
@@ -129,3 +133,8 @@ def _mean(f: FloatArray, x: FloatArray, y: float) -> float:
     if (x + y <= 0.0).any():
         return 0.0
     return max(float(1.0 / (f / (x + y)).sum() - y), 0.0)
+
+
+def _told(interval: Interval | None) -> str:
+    """An interval in few digits."""
+    return "None" if interval is None else f"({interval[0]:.5g}, {interval[1]:.5g})"
