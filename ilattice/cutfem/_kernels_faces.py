@@ -11,7 +11,7 @@ from numba import njit
 from ilattice.cutfem._kernels_bases import face_axis, first_part, halve_base
 from ilattice.cutfem._kernels_bernstein import basis, extremes, jet, roots
 from ilattice.cutfem._kernels_crossings import add_crossings
-from ilattice.cutfem._kernels_rules import distance, set_tolerances
+from ilattice.cutfem._kernels_rules import lengths_from_zero, set_tolerances
 from ilattice.cutfem._kernels_scratch import (
     ACTIVE,
     ALONG,
@@ -152,7 +152,7 @@ def face_rule(
     square = P * P
     u = 1 if e0 == 0 else 0
     v = 1 if e0 == 2 else 2
-    set_tolerances(Z, m, distance(Z), L)
+    set_tolerances(Z, m, lengths_from_zero(Z), L)
     for k in range(m):
         c = TENSORS + k * P * square + side * (P - 1) * P ** (2 - e0)
         for i in range(P):

@@ -214,7 +214,7 @@ def set_tolerances(Z: Any, m: int, far: float, L: Any) -> None:
 
 
 @njit(**INNER)
-def distance(Z: Any) -> float:
+def lengths_from_zero(Z: Any) -> float:
     """How far the present box is from zero, in its own lengths, and at least a few of them."""
     far = 0.0
     for axis in range(3):
@@ -322,7 +322,7 @@ def cell_rule(
     cube = P * P * P
     whole = N[TABLE]
     N[EMIT] = -1
-    set_tolerances(Z, m, distance(Z), L)
+    set_tolerances(Z, m, lengths_from_zero(Z), L)
     for i in range(6):
         Z[BOXES + i] = Z[LO + i]
     Z[BOXES + 6] = 0.0

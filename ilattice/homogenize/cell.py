@@ -11,8 +11,8 @@ are boxes, or images of boxes under affine maps.
 
 import warnings
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
+from functools import cached_property, partial
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -24,7 +24,9 @@ from ilattice.cutfem.connectivity import links
 from ilattice.cutfem.constraints import Constraints
 from ilattice.cutfem.domain import Domain
 from ilattice.cutfem.grid import CutGrid, Grid, cut
+from ilattice.cutfem.phases import PhasedDomain
 from ilattice.cutfem.problem import Problem
+from ilattice.cutfem.rules import Quadrature
 from ilattice.cutfem.solvers import Solver, SolveReport
 from ilattice.errors import ConvergenceError, GeometryError, InputError, PrecisionWarning
 from ilattice.homogenize._result import HomogenizationReport
@@ -73,6 +75,9 @@ class Answer:
 
 class CellProblem(Problem):
     """What makes a problem one of a periodic cell: to be mixed into `Elasticity` or `Heat`."""
+
+    #: Mean strains (k, 3, 3) or gradients (k, 3) of unit size.
+    loads_of_cells: ClassVar[FloatArray]
 
     @property
     def cell_volume(self) -> float:
@@ -235,15 +240,35 @@ class CellProblem(Problem):
 
     # ---------------------------------------------------------------- loads
 
+    @property
+    def _constant(self) -> bool:
+        """Whether the material is the same everywhere in each phase."""
+        raise NotImplementedError
+
+    def _minus_flux(self, load: FloatArray, rule: Quadrature) -> tuple[None, FloatArray]:
+        """What a mean strain or gradient loads with, (n, m, 3), at points of a rule in space."""
+        raise NotImplementedError
+
+    def _seam_force(self, load: FloatArray) -> FloatArray:
+        """What the mean traction or flux of a load adds where two phases meet (functions, m)."""
+        raise NotImplementedError
+
     def load_vectors(self) -> FloatArray:
-        """Coefficients (functions, m, k) of the forces of unit mean strains or gradients.
+        """Forces of unit mean strains or gradients.
 
         Returns
         -------
         ndarray, shape (functions, m, k)
             Minus the derivatives of the energy.
         """
-        raise NotImplementedError
+        asm = self.assembly
+        rule = self.domain.stiff_rule(asm, constant=self._constant)
+        out = np.empty((len(asm.space), self.m, len(self.loads_of_cells)))
+        for a, load in enumerate(self.loads_of_cells):
+            out[..., a] = asm.vector_by_parts(rule, self.m, partial(self._minus_flux, load))
+            if asm.seam is not None:
+                out[..., a] += self._seam_force(load)
+        return out
 
     def answers(self, method: str, tol: float, max_iterations: int, progress: Any) -> Answer:
         """Solve for all loads with one solver.
@@ -430,25 +455,49 @@ def check_repeats(solid: CutGrid, field: Any) -> None:
     if isinstance(tile, Tile):
         lattice = field.lattice
         sets.append(lambda u: tile(lattice._in_tile(lattice.tile_coordinates(u)))[:, None])
+    _refuse_jumps("field", sets, solid)
+
+
+def check_phases(domain: Domain) -> None:
+    """Refuse phases that meet on faces of the cell, where no level set joins them.
+
+    Parameters
+    ----------
+    domain : Domain
+        Of one phase or two.
+
+    Raises
+    ------
+    InputError
+        With the largest jump of the level set, and its place.
+    """
+    if isinstance(domain, PhasedDomain):
+        level, solid = domain.level, domain.cut
+        _refuse_jumps("phases", [lambda u: level(u)[:, None]], solid)
+
+
+def _refuse_jumps(name: str, sets: list[Any], solid: CutGrid) -> None:
+    """Refuse functions (n, sets) that change their signs from a face of the cell to the other."""
     lo, hi = solid.grid.domain
     s = np.linspace(0.0, 1.0, COMPARED)[:-1] + 0.31 / COMPARED
     flat = np.stack(np.meshgrid(s, s, indexing="ij"), -1).reshape(-1, 2)
-    worst, place, axis = 0.0, lo, 0
+    ends = np.zeros((3, 2, len(flat), 3))
     for a in range(3):
-        u = np.insert(flat, a, 0.0, axis=1) * (hi - lo) + lo
-        v = u.copy()
-        u[:, a], v[:, a] = lo[a], hi[a]
-        for f in sets:
-            first, last = f(u), f(v)
-            scale = np.maximum(np.abs(first).max(axis=0), np.abs(last).max(axis=0))
-            jump = np.abs(first - last) / np.maximum(scale, 1e-300)
-            jump = np.where((first < 0) != (last < 0), jump, 0.0).max(axis=1)
-            if jump.max() > worst:
-                worst, place, axis = float(jump.max()), u[int(jump.argmax())], a
+        ends[a] = np.insert(flat, a, 0.0, axis=1) * (hi - lo) + lo
+        ends[a, 1, :, a] = hi[a]
+    worst, place, axis = 0.0, lo, 0
+    for f in sets:
+        values = f(ends.reshape(-1, 3)).reshape(3, 2, len(flat), -1)
+        scale = np.maximum(np.abs(values).max(axis=(0, 1, 2)), 1e-300)
+        first, last = values[:, 0], values[:, 1]
+        jump = np.where((first < 0) != (last < 0), np.abs(first - last) / scale, 0.0).max(axis=2)
+        if jump.max() > worst:
+            axis, i = (int(k) for k in np.unravel_index(jump.argmax(), jump.shape))
+            worst, place = float(jump.max()), ends[axis, 0, i]
     if worst > JUMP:
         told = ", ".join(f"{c:.4g}" for c in place)
         raise InputError(
-            f"field does not repeat: between the faces {EDGES[axis]}=0 and {EDGES[axis]}=1 it "
-            f"jumps by up to {worst:.2g} of its largest value there, at ({told}); give one that is "
-            "the same on opposite faces"
+            f"{name} does not repeat: between the faces {EDGES[axis]}=0 and {EDGES[axis]}=1 it "
+            f"jumps by up to {worst:.2g} of its largest value on them, at ({told}); give one that "
+            "is the same on opposite faces"
         )

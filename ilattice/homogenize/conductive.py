@@ -11,19 +11,19 @@ holds for heat holds for electricity, diffusion, permittivity and permeability, 
 
 import time
 from dataclasses import dataclass
-from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from ilattice._progress import Progress
 from ilattice._typing import FloatArray
+from ilattice._validate import read_only
 from ilattice.cutfem import coupling, discretization
 from ilattice.cutfem.heat import Heat
 from ilattice.cutfem.material import Property
 from ilattice.cutfem.rules import Quadrature
 from ilattice.homogenize.bounds import ConductivityBounds, conductive_bounds
-from ilattice.homogenize.cell import FULL, CellProblem, as_cell
+from ilattice.homogenize.cell import FULL, CellProblem, as_cell, check_phases
 from ilattice.homogenize.conductivity import Conductivity
 
 
@@ -37,26 +37,16 @@ class ConductiveCell(CellProblem, Heat):
         As in `conductive`.
     """
 
+    loads_of_cells: ClassVar[FloatArray] = read_only(np.eye(3))
+
     def __init__(self, field: Any, cells: Any = 16, **options: Any) -> None:
         named = {k: options.pop(k, None) for k in ("domain", "through")}
         Heat.__init__(self, as_cell(field, cells, **named), **options)
+        check_phases(self.domain)
 
-    def load_vectors(self) -> FloatArray:
-        """See `CellProblem.load_vectors`.
-
-        Returns
-        -------
-        ndarray, shape (functions, 1, 3)
-            Minus the derivatives of the energy.
-        """
-        asm = self.assembly
-        rule = self.domain.stiff_rule(asm, constant=self.conductivity.constant)
-        out = np.empty((len(asm.space), 1, 3))
-        for a, e in enumerate(np.eye(3)):
-            out[..., a] = asm.vector_by_parts(rule, 1, partial(self._minus_flux, e))
-            if asm.seam is not None:
-                out[..., a] += self._seam_force(e)
-        return out
+    @property
+    def _constant(self) -> bool:
+        return self.conductivity.constant
 
     def _minus_flux(self, e: FloatArray, rule: Quadrature) -> tuple[None, FloatArray]:
         """Flux P (n, 1, 3) that a mean gradient loads with at the points of a rule in space."""

@@ -7,8 +7,9 @@
 
 Six mean strains E are put on the cell; its periodic displacement u minimises the energy of E + e(u)
 in the solid, and the mean stresses make up the columns of the stiffness. All loads share the
-matrix and the solver. Errors of order two of the displacement count as four in the stiffness: a
-cell of 16³ splines of degree 2 is as good as one of some 100³ voxels.
+matrix and the solver (Guedes and Kikuchi, Preprocessing and postprocessing for materials based on
+the homogenization method, 1990). Errors of order two of the displacement's gradient count as four
+in the stiffness.
 
 Guarantees and non-guarantees: those of `CellProblem` and of `Effective`; material that jumps needs
 ``phases=``, or a grid with planes where it jumps and ``smoothness=0``.
@@ -16,20 +17,20 @@ Guarantees and non-guarantees: those of `CellProblem` and of `Effective`; materi
 
 import time
 from dataclasses import dataclass
-from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from ilattice._progress import Progress
 from ilattice._typing import FloatArray
+from ilattice._validate import read_only
 from ilattice.cutfem import coupling, discretization
 from ilattice.cutfem.elasticity import Elasticity
 from ilattice.cutfem.material import Property
 from ilattice.cutfem.rules import Quadrature
 from ilattice.homogenize import tensors
 from ilattice.homogenize.bounds import Bounds, elastic_bounds
-from ilattice.homogenize.cell import FULL, CellProblem, as_cell
+from ilattice.homogenize.cell import FULL, CellProblem, as_cell, check_phases
 from ilattice.homogenize.effective import Effective
 
 
@@ -43,28 +44,18 @@ class ElasticCell(CellProblem, Elasticity):
         As in `elastic`.
     """
 
+    loads_of_cells: ClassVar[FloatArray] = read_only(tensors.strain_matrices())
+
     def __init__(self, field: Any, cells: Any = 16, **options: Any) -> None:
         named = {k: options.pop(k, None) for k in ("domain", "through")}
         Elasticity.__init__(self, as_cell(field, cells, **named), **options)
+        check_phases(self.domain)
 
-    def load_vectors(self) -> FloatArray:
-        """See `CellProblem.load_vectors`.
+    @property
+    def _constant(self) -> bool:
+        return self.material.constant
 
-        Returns
-        -------
-        ndarray, shape (functions, 3, 6)
-            Minus the derivatives of the energy.
-        """
-        asm = self.assembly
-        rule = self.domain.stiff_rule(asm, constant=self.material.constant)
-        out = np.empty((len(asm.space), 3, 6))
-        for a, E in enumerate(tensors.strain_matrices()):
-            out[..., a] = asm.vector_by_parts(rule, 3, partial(self._minus_stress, E))
-            if asm.seam is not None:
-                out[..., a] += self._seam_force(E)
-        return out
-
-    def _minus_stress(self, E: FloatArray, rule: Quadrature) -> tuple[None, FloatArray]:
+    def _minus_flux(self, E: FloatArray, rule: Quadrature) -> tuple[None, FloatArray]:
         """Stress P (n, 3, 3) that a mean strain loads with at the points of a rule in space."""
         assert rule.parameters is not None
         lam, mu = self.material.lame(self.assembly, rule.parameters)

@@ -60,6 +60,26 @@ def test_laminates_of_phases_anywhere_are_exact():
     np.testing.assert_allclose(np.diag(k), [1 / (0.38 + 0.062), 6.58, 6.58], rtol=1e-8)
 
 
+@pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
+@pytest.mark.parametrize("degree", [1, 2])
+def test_phases_may_meet_on_a_face_of_the_cell_where_a_level_set_says_so(degree):
+    eff = elastic(
+        full, 5, young=(1.0, 7.0), poisson=(0.3, 0.2), degree=degree,
+        phases=lambda x: -np.sin(2 * np.pi * x[:, 0]),
+    )  # fmt: skip
+    phases = [naive.isotropic(1.0, 0.3), naive.isotropic(7.0, 0.2)]
+    exact = naive.laminate((0.5, 0.5), phases)
+    np.testing.assert_allclose(eff.C, exact, atol=1e-9 * exact.max())
+
+
+@pytest.mark.parametrize("phases", ["x - 0.5", "y + 0.2*z - 0.37"])
+def test_phases_that_meet_on_a_face_without_a_level_set_are_refused(phases):
+    """The full cell was said to bear nothing across the layers."""
+    for solve, name in ((elastic, "young"), (conductive, "conductivity")):
+        with pytest.raises(InputError, match=r"phases does not repeat: between the faces"):
+            solve(full, 5, phases=phases, **{name: (1.0, 10.0)})
+
+
 @pytest.mark.parametrize("options", [{"degree": 1}, {}, {"poisson": 0.49}])
 def test_one_material_is_itself_in_any_cell(options):
     edges = np.array([[1.0, 0.3, 0.1], [0.0, 1.2, -0.2], [0.0, 0.1, 0.7]])
