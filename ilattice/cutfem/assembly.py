@@ -22,7 +22,7 @@ from ilattice.cutfem import _kernels_basis as basis
 from ilattice.cutfem.grid import DividedGrid
 from ilattice.cutfem.rules import Quadrature, in_space, on_cells, some_cells
 from ilattice.cutfem.space import IDENTITY, SplineSpace
-from ilattice.cutfem.stabilise import GhostFaces, Stiffness
+from ilattice.cutfem.stabilise import GhostFaces, LoneCells, Stiffness
 from ilattice.errors import InputError
 from ilattice.macroshape.maps import SplineMap
 
@@ -111,6 +111,8 @@ class Assembly(Frozen):
         Map to space.
     ghost : GhostFaces or None
         Faces on which jumps are penalised.
+    lone : LoneCells or None
+        Cells in which what is beyond linear is penalised.
     seam : Quadrature or None
         Rule in space on the surface between phases, by pairs of elements, which couple there.
     """
@@ -118,6 +120,7 @@ class Assembly(Frozen):
     space: SplineSpace
     through: SplineMap | None = None
     ghost: GhostFaces | None = None
+    lone: LoneCells | None = None
     seam: Quadrature | None = None
 
     @cached_property
@@ -255,7 +258,10 @@ class Assembly(Frozen):
         self.pattern.add(data, kernels.BLOCKS, begin + np.arange(len(A)), A, 1.0, 0.0)
 
     def add_ghost(self, data: FloatArray, stiffness: Stiffness | None) -> None:
-        """Add the penalty on jumps: scaled with a stiffness, or that for masses."""
+        """Add the penalties: scaled with a stiffness, or those for masses."""
+        if self.lone is not None and len(self.lone.cells):
+            rows, A = self.lone.matrices(self.space, self.jacobians, stiffness)
+            self.pattern.add(data, kernels.SCALAR, rows, A, 1.0, 0.0)
         if self.ghost is None:
             return
         first = len(self.space.cells)
@@ -263,11 +269,15 @@ class Assembly(Frozen):
             self.pattern.add(data, kernels.SCALAR, first + at, A, 1.0, 0.0)
 
     def ghost_energy(self, c: FloatArray, stiffness: Stiffness) -> float:
-        """Twice the energy that the penalty on jumps takes of coefficients (functions, m)."""
-        if self.ghost is None:
-            return 0.0
-        dofs = np.concatenate(self.ghost.dofs(self.space))
+        """Twice the energy that the penalties take of coefficients (functions, m)."""
         total = 0.0
+        if self.lone is not None and len(self.lone.cells):
+            rows, A = self.lone.matrices(self.space, self.jacobians, stiffness)
+            near = c[self.space.dofs[rows]]
+            total += float((near * (A @ near)).sum())
+        if self.ghost is None:
+            return total
+        dofs = np.concatenate(self.ghost.dofs(self.space))
         for at, A in self.ghost.matrices(self.space, self.jacobians, stiffness, BATCH_BYTES):
             near = c[dofs[at]]
             total += float((near * (A @ near)).sum())

@@ -23,7 +23,7 @@ from ilattice.cutfem.elements import ElementGrid, elements_of
 from ilattice.cutfem.grid import CUT, CutGrid, cut
 from ilattice.cutfem.rules import NAMES, Quadrature, in_space, kept, on_cells, some_cells
 from ilattice.cutfem.space import SplineSpace, as_degree_and_smoothness
-from ilattice.cutfem.stabilise import ghost_faces, void_rule
+from ilattice.cutfem.stabilise import ghost_faces, lone_cells, void_rule
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.macroshape.maps import SplineMap
 from ilattice.offsets.wall import Wall
@@ -200,7 +200,8 @@ class Domain(Frozen):
             weight = GHOST_NITSCHE[p] if weak else GHOST[p, self.smoothness]
         enough = 1.0 if weak else ENOUGH
         faces = ghost_faces(self.status, self.joints, cells, weight, self.volume, enough)
-        return Assembly(space, self.cut.through, faces, self._seam(cells))
+        lone = lone_cells(self.volume, self.parts.labels, parts) if self.degree > 1 else None
+        return Assembly(space, self.cut.through, faces, lone, self._seam(cells))
 
     def _seam(self, cells: IntArray) -> Quadrature | None:
         """The surface between phases in some cells."""

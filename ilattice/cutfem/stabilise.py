@@ -8,9 +8,11 @@ if these vanish, so the penalty is consistent with smooth solutions to the order
 a face gets is set by its emptier cell: the square of the part that is missing to what holds a cell,
 so that most cells are spared, and `FALL` per cell that it is away from solid. Of equal weights
 everywhere those at a corner of slivers are felt more than the solid that they hang on, and degree 3
-is conditioned worse the more it is stabilised. Sources: Burman, Ghost penalty, 2010; Burman,
-Hansbo, Larson, Massing, Cut finite element methods, 2015; Hong et al. 2025, Remark A.2, for the
-stiffness on the void, which with weight 1 makes thin lattices 2 to 6 times too stiff.
+is conditioned worse the more it is stabilised. A part of few cells, none of them well filled, has
+no full cell to lean on: what is beyond linear in its whole cells is penalised a little. Sources:
+Burman, Ghost penalty, 2010; Burman, Hansbo, Larson, Massing, Cut finite element methods, 2015; Hong
+et al. 2025, Remark A.2, for the stiffness on the void, which with weight 1 makes thin lattices 2 to
+6 times too stiff.
 
 Guarantees: the penalty is that of derivatives in the unit of cells, scaled with the height of the
 cells in space and the stiffness at hand, so it depends on neither unit nor size. Non-guarantee:
@@ -34,6 +36,11 @@ from ilattice.cutfem.space import SplineSpace
 
 #: Factor of penalties per cell away from solid, and number of cells for which it counts.
 FALL, FAR = 0.1, 3
+
+#: Parts of at most so many cells, none of them filled by more than a part, are lone, and get this
+#: factor, times that part, of what is beyond linear: enough to lift the smallest eigenvalues, after
+#: scaling, from 1e-16 to 1e-9, and less than what bends a sheet of a hundredth of a cell.
+LONE_CELLS, LONE_FILL, LONE = 8, 0.4, 1e-6
 
 #: Takes parameters (n, 3) and the elements (n,) that they belong to, returns values (n,) or (1,).
 Stiffness = Callable[[FloatArray, IntArray], FloatArray]
@@ -128,6 +135,87 @@ class GhostFaces(Frozen):
             scale *= stiffness(u, np.repeat(lower, q * q))
         local = np.outer(w, w) * (box[:, 3 + b] * box[:, 3 + c])[:, None, None]
         return self.weights[axis][part][:, None, None] * local * scale.reshape(-1, q, q)
+
+
+@dataclass(frozen=True, eq=False)
+class LoneCells(Frozen):
+    """Cells of parts that no well-filled cell holds.
+
+    Attributes
+    ----------
+    cells : ndarray, shape (n,)
+        Their numbers.
+    weights : ndarray, shape (n,)
+        Factors of the penalty.
+    """
+
+    cells: IntArray
+    weights: FloatArray
+
+    def matrices(
+        self,
+        space: SplineSpace,
+        jacobians: Callable[[FloatArray], FloatArray],
+        stiffness: Stiffness | None,
+    ) -> tuple[IntArray, FloatArray]:
+        """Positions in the space, and matrices (n, nb, nb) of what is beyond linear in cells.
+
+        Without a stiffness they are those for a matrix of masses.
+        """
+        at = np.searchsorted(space.cells, self.cells)
+        box = space.grid.boxes(self.cells)
+        middle = box[:, :3] + 0.5 * box[:, 3:]
+        volume = np.abs(np.linalg.det(jacobians(middle))) * box[:, 3:].prod(axis=1)
+        scale = self.weights * volume
+        if stiffness is not None:
+            scale *= stiffness(middle, self.cells) * volume ** (-2 / 3)
+        return at, scale[:, None, None] * _beyond_linear(space, self.cells)
+
+
+def lone_cells(solid: Quadrature, labels: IntArray, parts: IntArray) -> LoneCells:
+    """Cells of the parts that are small, and that no cell holds well.
+
+    Parameters
+    ----------
+    solid : Quadrature
+        Rule on the solid, in parameters.
+    labels : ndarray, shape (cells,)
+        Part of each of its cells.
+    parts : ndarray
+        Parts to look at.
+
+    Returns
+    -------
+    LoneCells
+        The cells, increasing.
+    """
+    boxes = solid.grid.boxes(solid.cells)
+    full = solid.integrate_cells() / boxes[:, 3:].prod(axis=1)
+    best = np.zeros(int(labels.max()) + 1)
+    np.maximum.at(best, labels, full)
+    lone = (np.bincount(labels) <= LONE_CELLS) & (best < LONE_FILL)
+    mine = lone[labels] & np.isin(labels, parts)
+    return LoneCells(read_only(solid.cells[mine]), read_only(LONE * best[labels[mine]]))
+
+
+def _beyond_linear(space: SplineSpace, cells: IntArray) -> FloatArray:
+    """Products (cells, nb, nb) of functions on unit cells, without their linear parts."""
+    p, n = space.degree, len(cells)
+    powers = np.arange(p + 1)
+    sums = powers[:, None] + powers
+    even = np.where(sums % 2, 0.0, 0.5**sums / (sums + 1))  # integrals of t^i t^j, |t| < 1/2
+    mass, mean, slope = [], [], []
+    for axis, at in enumerate(space.grid.places(cells).T):
+        table = space.tables[axis][at][:, :, : p + 1]
+        mass.append(table @ even @ table.swapaxes(1, 2))
+        mean.append(table @ even[0])
+        slope.append(np.sqrt(12.0) * (table @ even[1]))
+    out = np.einsum("nia,njb,nkc->nijkabc", *mass).reshape(n, (p + 1) ** 3, -1)
+    for sloping in (-1, 0, 1, 2):
+        sides = [slope[a] if a == sloping else mean[a] for a in range(3)]
+        v = np.einsum("ni,nj,nk->nijk", *sides).reshape(n, -1)
+        out -= v[:, :, None] * v[:, None, :]
+    return out
 
 
 def _products(space: SplineSpace, axis: int, lower: IntArray, upper: IntArray) -> FloatArray:

@@ -83,3 +83,44 @@ def test_slivers_cost_few_iterations_of_multigrid(solid, cells, p, r):
         problem = Elasticity(where).clamp("u=0").load(body=(0, 0, 1.0))
         counts.append(problem.solve(method="multigrid").report.iterations)
     assert 10 < counts[1] <= 1.3 * counts[0]
+
+
+# ---------------------------------------------------------------- lone parts
+
+
+def with_a_lone_cap(seed, degree):
+    """A bar, and beside it the tip of a ball on the same support, in a cell or a few."""
+    rng = np.random.default_rng(seed)
+    bar = il.fields.translate(il.fields.box((0.45, 0.83, 1.1)), (0.47, 0.1, 0.0))
+    r = 0.4 * rng.uniform(0.2, 0.8)
+    height = 0.4 * 10 ** rng.uniform(-2, -0.6)
+    at = (rng.uniform(-0.8, -0.6), rng.uniform(-0.5, 0.5), -1 - r + height)
+    body = il.fields.union(bar, il.fields.translate(il.fields.sphere(r), at))
+    problem = Elasticity(body, 5, domain=[[-1] * 3, [1] * 3], degree=degree)
+    assert len(problem.domain.parts) == 2
+    return bar, problem.clamp("w=0").load(body=(0, 0.3, -1.0))
+
+
+@pytest.mark.parametrize("degree", [2, 3])
+@pytest.mark.parametrize("seed", [0, 4, 5])
+def test_parts_of_few_badly_filled_cells_hold_themselves(seed, degree):
+    bar, problem = with_a_lone_cap(seed, degree)
+    alone = Elasticity(bar, 5, domain=[[-1] * 3, [1] * 3], degree=degree)
+    alone = alone.clamp("w=0").load(body=(0, 0.3, -1.0)).solve().compliance
+    with_cap = problem.solve().compliance
+    assert alone < with_cap < alone * (1 + 1e-3)  # the cap carries itself, and next to nothing
+
+
+def test_what_holds_lone_cells_spares_linear_fields():
+    problem = with_a_lone_cap(0, 3)[1]
+    space, lone = problem.assembly.space, problem.assembly.lone
+    rows, A = lone.matrices(space, problem.assembly.jacobians, None)
+    u, h = space.interpolate(lambda u: u).reshape(-1, 3), 0.4
+    linear = (1 + u @ [1.0, -2.0, 0.5])[space.functions][space.dofs[rows]]
+    assert np.abs(np.einsum("nij,nj->ni", A, linear)).max() < 1e-14 * np.abs(A).max()
+    square = space.interpolate(lambda u: u[:, :1] ** 2).ravel()[space.functions][space.dofs[rows]]
+    # t² in a cell of height h, of which 1/12 is linear: its square has the mean 1/180
+    taken = np.einsum("ni,nij,nj->n", square, A, square)
+    np.testing.assert_allclose(
+        taken, lone.weights * h**3 * h**4 / 180, rtol=1e-9
+    )  # of (t² - 1/12)²
