@@ -67,6 +67,8 @@ def check_finite(name: str, a: FloatArray) -> FloatArray:
 def as_points(name: str, value: ArrayLike, dim: int = 3, *, finite: bool = True) -> FloatArray:
     """Points as rows, shape (n, dim)."""
     a = as_array(name, value, finite=finite)
+    if np.asarray(value).dtype.kind == "b":
+        raise InputError(f"{name} must be numbers, not flags, got {value!r:.80}")
     if a.ndim != 2 or a.shape[1] != dim:
         raise InputError(f"{name} must be points as rows, shape (n, {dim}), got {np.shape(value)}")
     return a

@@ -62,6 +62,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _fail(str(e), 2)
     except InputError as e:
         return _fail(str(e), 1 if isinstance(e, FileError) else 2)
+    except FileNotFoundError as e:  # os.getcwd names nothing
+        return _fail(str(e) if e.filename else "the working directory is gone; change to one", 1)
     except (IlatticeError, OSError) as e:
         return _fail(str(e), 1)
     except MemoryError:

@@ -252,7 +252,22 @@ def _parsed(
         raise InputError(f"variables must be three words, got {variables!r:.80}")
     if len(text) > MAX_LENGTH:
         raise InputError(f"an equation may have {MAX_LENGTH} characters, got {len(text)}")
-    return _Equation(text, _Parser(text, names or {}, variables).parse(), tuple(variables))
+    known = _own_names(names or {}, variables)
+    return _Equation(text, _Parser(text, known, variables).parse(), tuple(variables))
+
+
+def _own_names(names: Mapping[str, float], variables: Sequence[str]) -> dict[str, float]:
+    """Names in small letters; those that mean something else already are refused."""
+    known: dict[str, float] = {}
+    for name, value in names.items():
+        small = name.lower()
+        if small in known or small in variables or small in CONSTANTS or small in FUNCTIONS:
+            why = "another name" if small in known else "what has a meaning already"
+            raise InputError(
+                f"names: {name!r:.80} is {why}, capitals being the same as small letters; rename it"
+            )
+        known[small] = value
+    return known
 
 
 def equation(

@@ -1,18 +1,24 @@
 """Arrays of voxels from files.
 
 Guarantee: axes are x, y, z of the file; nothing is scaled. Stacks of images, of which the slowest
-axis is that of the slices, are turned round to that order.
+axis is that of the slices, are turned round to that order. Files need not be trusted: memory is
+bounded by what they say, and what they say by their bytes, 1,100 times those where they are
+compressed.
 """
 
+import math
+from io import BytesIO
 from os import PathLike
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from numpy.lib import format as npy
 
+from ilattice._memory import need
 from ilattice._typing import AnyArray, FloatArray
-from ilattice.errors import FileError, FormatError
-from ilattice.io._common import as_path
+from ilattice.errors import FileError, FormatError, InputError
+from ilattice.homogenize._vti import GROWTH, read_vti
+from ilattice.io._common import as_path, read_bytes
 
 STACKS = (".tif", ".tiff")
 
@@ -37,18 +43,19 @@ def read_voxels(path: str | PathLike[str]) -> tuple[AnyArray, FloatArray]:
         If the file cannot be read as three directions of voxels.
     """
     file = Path(as_path("path", path))
-    if not file.is_file():
-        raise FileError(f"there is no file {str(file)!r:.200}")
     ending = file.suffix.lower()
-    readers = {".npy": _npy, ".vti": _vti, **dict.fromkeys(STACKS, _stack)}
+    readers = {".npy": _npy, ".vti": read_vti, **dict.fromkeys(STACKS, _stack)}
     if ending not in readers:
         raise FormatError(f"{file.name!r:.80} must end in one of {', '.join(sorted(readers))}")
+    if not file.exists():
+        raise FileError(f"there is no file {str(file)!r:.200}")
+    data = read_bytes(file)
     try:
-        array, spacing = readers[ending](file)
-    except FormatError:
+        array, spacing = readers[ending](data)
+    except InputError:  # it needs more memory than there is
         raise
     except Exception as e:
-        raise FormatError(f"{file.name!r:.80} cannot be read as {ending}: {e}") from e
+        raise FormatError(f"{file.name!r:.80} cannot be read as {ending}: {e!s:.200}") from e
     if array.ndim != 3 or array.size == 0 or array.dtype.kind not in "biuf":
         raise FormatError(
             f"{file.name!r:.80} holds no voxels in three directions, but shape {array.shape} of "
@@ -57,28 +64,29 @@ def read_voxels(path: str | PathLike[str]) -> tuple[AnyArray, FloatArray]:
     return array, spacing
 
 
-def _npy(file: Path) -> tuple[AnyArray, FloatArray]:
-    return np.load(file, allow_pickle=False), np.ones(3)
+def _npy(data: bytes) -> tuple[AnyArray, FloatArray]:
+    file = BytesIO(data)
+    version = npy.read_magic(file)
+    read = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
+    shape, fortran, dtype = read(file)
+    if dtype.kind not in "biuf":
+        raise FormatError(f"holds {dtype}, and not numbers or flags")
+    count = math.prod(shape)
+    if count * dtype.itemsize != len(data) - file.tell():
+        raise FormatError(f"shape {shape!s:.80} is not that of the bytes that follow")
+    values = np.frombuffer(data, dtype, count, file.tell())
+    return values.reshape(shape, order="F" if fortran else "C"), np.ones(3)
 
 
-def _vti(file: Path) -> tuple[AnyArray, FloatArray]:
-    import pyvista as pv
-
-    image: Any = pv.read(str(file))
-    shape = np.array(image.dimensions)
-    data = image.cell_data if len(image.cell_data) else image.point_data
-    if not len(data):
-        raise FormatError(f"{file.name!r:.80} holds no values")
-    if len(image.cell_data):
-        shape = np.maximum(shape - 1, 1)
-    name = data.active_scalars_name or data.keys()[0]
-    values = np.asarray(data[name])
-    return values.reshape(shape, order="F"), np.array(image.spacing, np.float64)
-
-
-def _stack(file: Path) -> tuple[AnyArray, FloatArray]:
+def _stack(data: bytes) -> tuple[AnyArray, FloatArray]:
     try:
-        from skimage.io import imread
+        from tifffile import TiffFile
     except ImportError as e:
         raise FormatError('stacks of images need scikit-image: pip install "scikit-image"') from e
-    return np.ascontiguousarray(np.asarray(imread(file)).transpose()), np.ones(3)
+    with TiffFile(BytesIO(data)) as file:
+        found = file.series[0]
+        room = math.prod(found.shape) * found.dtype.itemsize
+        if room > len(data) * GROWTH:
+            raise FormatError(f"says shape {found.shape}, which {len(data)} bytes do not hold")
+        need(2 * room, f"an array of shape {found.shape}", "take fewer slices")
+        return np.ascontiguousarray(np.asarray(found.asarray()).transpose()), np.ones(3)

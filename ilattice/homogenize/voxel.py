@@ -223,6 +223,8 @@ def _as_voxels(array: Any, spacing: Any, m: int) -> tuple[AnyArray, FloatArray]:
     if isinstance(array, (str, PathLike)):
         array, given = read_voxels(array)
     size = as_triple("spacing", given if spacing is None else spacing, positive=True)
+    if np.ma.isMaskedArray(array):
+        raise InputError("array is masked, and masks are not read; fill it: array.filled(0)")
     try:
         found = np.asarray(array)
     except ValueError as e:

@@ -10,12 +10,14 @@ from typing import IO
 import numpy as np
 
 from ilattice._typing import AnyArray
-from ilattice.errors import GeometryError, InputError, PrecisionWarning
+from ilattice.errors import FormatError, GeometryError, InputError, PrecisionWarning
 from ilattice.mesh import SurfaceMesh
 
 BLOCK = 1 << 18
 TEXT_BLOCK = 1 << 14
 _COLOUR = ("r", "g", "b")
+#: Sizes of coordinates that single precision holds with its seven digits.
+_SINGLE = 1e-30, 3e38
 
 
 def blocks(count: int, size: int = BLOCK) -> Iterator[slice]:
@@ -34,6 +36,25 @@ def check_not_empty(mesh: SurfaceMesh) -> None:
     """
     if len(mesh.faces) == 0:
         raise GeometryError("the mesh has no triangles: nothing to write")
+
+
+def check_single(
+    vertices: AnyArray, name: str, least: float = _SINGLE[0], most: float = _SINGLE[1]
+) -> None:
+    """Refuse coordinates that single precision, or the format, does not hold.
+
+    Raises
+    ------
+    FormatError
+        If the largest of them is below `least` or above `most`.
+    """
+    size = float(max(vertices.max(initial=0.0), -vertices.min(initial=0.0)))
+    if least <= size <= most:
+        return
+    raise FormatError(
+        f"{name} holds coordinates from {least:g} to {most:g}, and the largest is "
+        f"{size:.3g}; scale the part, or write .vtp"
+    )
 
 
 def colours(point_data: Mapping[str, AnyArray]) -> AnyArray | None:

@@ -14,7 +14,14 @@ import numpy as np
 from ilattice._typing import AnyArray
 from ilattice.errors import FormatError, InputError
 from ilattice.io._common import atomic_write
-from ilattice.io._mesh import blocks, check_not_empty, colours, without_colours, write_records
+from ilattice.io._mesh import (
+    blocks,
+    check_not_empty,
+    check_single,
+    colours,
+    without_colours,
+    write_records,
+)
 from ilattice.mesh import SurfaceMesh
 
 _TYPES = {
@@ -81,6 +88,8 @@ class VertexRecords:
         self, vertices: AnyArray, point_data: Mapping[str, AnyArray], precision: str | None
     ) -> None:
         kind = _type(vertices.dtype, precision)
+        if kind == "<f4":
+            check_single(vertices, "PLY in single precision", 0.0)
         fields = [(name, kind) for name in "xyz"]
         if colours(_heads(point_data)) is not None:
             fields += [(name, "u1") for name in ("red", "green", "blue")]

@@ -16,7 +16,13 @@ from ilattice._typing import AnyArray, FloatArray
 from ilattice.errors import FormatError
 from ilattice.io._common import atomic_write, read_bytes
 from ilattice.io._kernels_stl import fill_triangles
-from ilattice.io._mesh import blocks, check_not_empty, warn_collapsed, write_records
+from ilattice.io._mesh import (
+    blocks,
+    check_not_empty,
+    check_single,
+    warn_collapsed,
+    write_records,
+)
 from ilattice.io._polygons import checked_mesh, welded
 from ilattice.io._scanner import parse_numbers
 from ilattice.mesh import SurfaceMesh
@@ -43,9 +49,10 @@ def write_stl(mesh: SurfaceMesh, path: str | os.PathLike[str]) -> None:
     GeometryError
         If the mesh is empty.
     FormatError
-        If the file cannot be written.
+        If the file cannot be written, or single precision does not hold the coordinates.
     """
     check_not_empty(mesh)
+    check_single(mesh.vertices, "STL")
     lost = 0
     with atomic_write(path) as file:
         write_header(file, len(mesh.faces))

@@ -20,7 +20,7 @@ from ilattice._typing import AnyArray
 from ilattice.errors import FormatError, GeometryError, InputError
 from ilattice.io import ply, stl
 from ilattice.io._common import as_path, atomic_write
-from ilattice.io._mesh import blocks, warn_collapsed, write_records
+from ilattice.io._mesh import blocks, check_single, warn_collapsed, write_records
 
 _HEADER_SIZE = 4096
 _COPY = 1 << 24
@@ -205,6 +205,7 @@ class _StlSink:
     ) -> None:
         if point_data:
             raise InputError("STL holds no point data; stream to .ply")
+        check_single(vertices, "STL", 0.0)
         narrow = np.array(vertices, dtype=np.float32, order="C")
         write_records(self._spill, narrow)
         self._recent.append(narrow)

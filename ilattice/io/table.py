@@ -4,7 +4,7 @@ The format is CSV in UTF-8 with ``\n`` ends of lines. Its columns are the parame
 the results, and `KEPT`:
 
 ===========  ======================================================================
-``file``     what the run has written, or nothing
+``file``     what the run has written, seen from the folder of the table, or nothing
 ``message``  why there is nothing
 ``command``  what was run, in one line: the words and the options that change results
 ``inputs``   digest of the files that were read, or nothing
@@ -12,13 +12,15 @@ the results, and `KEPT`:
 ``output``   digest of ``file``
 ===========  ======================================================================
 
-Digests are the first 32 hexadecimal digits of SHA-256. Numbers have as many digits as are needed to
-read the same numbers back. Parameters and command are the key of a row: a run that is made anew,
-for it had failed, or because its inputs, the library or its file have changed, is appended; when
-the sweep ends it takes the place of the old row. Until then the last of equal keys holds.
+Digests are the first 32 hexadecimal digits of SHA-256 of a file; several are joined by ``-``.
+Numbers have as many digits as are needed to read the same numbers back. Parameters and command are
+the key of a row: a run that is made anew, for it had failed, or because its inputs, the library or
+its file have changed, is appended; when the sweep ends it takes the place of the old row. Until
+then the last of equal keys holds.
 
 Guarantees: while a sweep runs no line is changed, whenever it is killed; a line that a killed run
-has left unfinished is cut off. Rows of other keys stay for ever. Files that are no such table, or
+has left unfinished is cut off when the next one is appended, and a whole row that has lost its end
+of line gets it back. Rows of other keys stay for ever. Files that are no such table, or
 one with other columns, are refused and left alone. What a run writes has a hidden name until its
 row is on the disk, so that every file that is there has a row; files that are there and have none
 in this table are not written over. A sweep that was killed and is run again ends
@@ -34,6 +36,7 @@ import errno
 import hashlib
 import io
 import os
+import stat
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -55,7 +58,6 @@ __all__ = ["KEPT", "Table", "digest"]
 KEPT = ("file", "message", "command", "inputs", "version", "output")
 _DIGITS = 32
 _MARK = b"\xef\xbb\xbf"
-_BLOCK = 1 << 20
 
 
 class Table:
@@ -82,13 +84,15 @@ class Table:
         self.columns = (*parameters, *results, *KEPT)
         self._rows: dict[tuple[str, ...], dict[str, str]] = {}
         self._owners: dict[str, dict[str, str]] = {}
+        self._folder = os.path.dirname(os.path.realpath(self.path))
         self._replaced = False
+        self._ended = True  # whether the last row has its end of line
         with explained(self.path):
-            self._file = _locked(self.path)
+            self._file, self._made = _locked(self.path)
             try:
-                self._file.truncate(self._checked(read_bytes(self.path)))
+                self._end = self._checked(read_bytes(self.path))
             except BaseException:
-                self._file.close()
+                self._leave()
                 raise
 
     def __enter__(self) -> "Table":
@@ -98,12 +102,13 @@ class Table:
     def __exit__(self, kind: object, *_: object) -> None:
         """Put rows that were made anew in the places of the old ones, and let others write."""
         try:
-            if not self._file.seek(0, os.SEEK_END):
-                self.path.unlink(missing_ok=True)  # nothing has been written
-            elif kind is None:
+            if kind is None and not self._ended:
+                with explained(self.path):
+                    self._write(b"")
+            if kind is None and self._end:
                 self._settle()
         finally:
-            self._file.close()
+            self._leave()
 
     def find(
         self, path: str, values: Mapping[str, str], command: str, inputs: str, version: str
@@ -128,7 +133,7 @@ class Table:
         row = self._rows.get(self._key({**values, "command": _written(command)}))
         if row is None or not row["file"] or (row["inputs"], row["version"]) != (inputs, version):
             return None
-        if _real(row["file"]) != _real(path):
+        if self._place(row["file"]) != _real(path):
             return None
         with suppress(FormatError):
             return row if digest(path) == row["output"] else None
@@ -233,19 +238,55 @@ class Table:
         FormatError
             If it cannot be written.
         """
+        row = {**row, "file": self._seen(row.get("file", ""))}
         line = _line([row.get(name, "") for name in self.columns])
         found = self._parsed(line)
         if self._rows.get(self._key(found)) == found:
             return
+        fresh = not self._end
         with explained(self.path):
-            start = self._file.seek(0, os.SEEK_END)
-            head = b"" if start else _line(self.columns).encode()
-            _write(self._file, start, head + line.encode())
-        if not start:
+            self._write((_line(self.columns) if fresh else "").encode() + line.encode())
+        if fresh:
             _keep_name(self.path)
         self._take(found)
 
     # ------------------------------------------------------------------ inside
+
+    def _leave(self) -> None:
+        """Let others write; a file in which nothing has been written is none."""
+        if self._made and not self._file.seek(0, os.SEEK_END):
+            self.path.unlink(missing_ok=True)
+        self._file.close()
+
+    def _seen(self, path: str) -> str:
+        """How a row names a file: as it is seen from the folder of the table."""
+        if not path or os.path.isabs(path):
+            return path
+        folder, name = os.path.split(path)
+        with suppress(ValueError):  # on another drive
+            seen = os.path.relpath(os.path.realpath(folder), self._folder)
+            return os.path.normpath(os.path.join(seen, name))
+        return os.path.abspath(path)
+
+    def _place(self, file: str) -> str:
+        """Where the file of a row is."""
+        return _real(os.path.join(self._folder, file))
+
+    def _write(self, data: bytes) -> None:
+        """Append whole lines behind the last one and wait until they are on the disk, or none."""
+        data = (b"" if self._ended else b"\n") + data
+        try:
+            self._file.truncate(self._end)
+            self._file.seek(self._end)
+            left = memoryview(data)
+            while left:  # what is written in parts ends in the error of the next part
+                left = left[self._file.write(left) :]
+            os.fsync(self._file.fileno())
+        except BaseException:
+            self._file.truncate(self._end)
+            raise
+        self._end += len(data)
+        self._ended = True
 
     def _key(self, row: Mapping[str, str]) -> tuple[str, ...]:
         return (*(_written(row[name]) for name in self.parameters), row["command"])
@@ -257,10 +298,10 @@ class Table:
         if before:
             self._replaced = True
             if before["file"]:
-                self._owners.pop(_real(before["file"]), None)
+                self._owners.pop(self._place(before["file"]), None)
         self._rows[key] = row
         if row["file"]:
-            self._owners[_real(row["file"])] = row
+            self._owners[self._place(row["file"])] = row
 
     def _parsed(self, line: str) -> dict[str, str]:
         return dict(zip(self.columns, next(csv.reader([line])), strict=True))
@@ -275,14 +316,13 @@ class Table:
                 file.write(_line(list(row.values())).encode())
 
     def _checked(self, data: bytes) -> int:
-        """Take the rows in; the number of bytes that are whole lines."""
+        """Take the rows in; the number of bytes that are whole rows."""
         head = _line(self.columns).encode()
         if not data.startswith(head):
             if head.startswith(data):
                 return 0
             self._refuse(data, head)
-        whole = data.rfind(b"\n") + 1
-        lines = data[len(head) : whole].split(b"\n")[:-1]
+        *lines, tail = data[len(head) :].split(b"\n")
         for number, line in enumerate(lines, 2):
             try:
                 row = self._parsed(line.decode())
@@ -292,7 +332,13 @@ class Table:
                     "columns; mend the line, name another file, or move it away"
                 ) from e
             self._take(row)
-        return whole
+        with suppress(ValueError, csv.Error, StopIteration):
+            row = self._parsed(tail.decode())
+            if not row["file"] or len(row["output"]) == _DIGITS:  # nothing is missing at the end
+                self._take(row)
+                self._ended = False
+                return len(data)
+        return len(data) - len(tail)
 
     def _refuse(self, data: bytes, head: bytes) -> NoReturn:
         """Say why a file is not the table of this sweep."""
@@ -310,15 +356,21 @@ class Table:
         )
 
 
-def _locked(path: Path) -> IO[bytes]:
-    """A file, made if need be, that no other sweep writes to."""
+def _locked(path: Path) -> tuple[IO[bytes], bool]:
+    """A file that no other sweep writes to, and whether it had to be made."""
+    flags = os.O_RDWR | getattr(os, "O_BINARY", 0)
     while True:
-        handle = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o666)
+        try:
+            handle, made = os.open(path, flags), False
+        except FileNotFoundError:
+            handle, made = os.open(path, flags | os.O_CREAT, 0o666), True
         file = open(handle, "r+b", buffering=0)  # noqa: SIM115
         try:
+            if not stat.S_ISREG(os.fstat(handle).st_mode):
+                raise FormatError(f"table {str(path)!r}: is not a regular file; name another one")
             _lock(handle, path)
             if os.path.samestat(os.fstat(handle), os.stat(path)):
-                return file
+                return file, made
         except FileNotFoundError:
             pass  # removed in between
         except BaseException:
@@ -343,37 +395,29 @@ def _lock(handle: int, path: Path) -> None:
             ) from e
 
 
-def digest(*paths: str | os.PathLike[str]) -> str:
-    """Digest of what files hold, in this order; nothing for no files.
+def digest(path: str | os.PathLike[str]) -> str:
+    """Digest of what a file holds.
 
     Parameters
     ----------
-    *paths : path-like
-        Regular files.
+    path : path-like
+        A regular file.
 
     Returns
     -------
     str
-        Hexadecimal digits.
+        The first 32 hexadecimal digits of SHA-256.
 
     Raises
     ------
     FormatError
-        If a file cannot be read.
+        If the file cannot be read.
     """
-    if not paths:
-        return ""
-    total = hashlib.sha256()
-    for path in paths:
-        if not os.path.isfile(path):
-            there = "is not a regular file" if os.path.exists(path) else "there is no such file"
-            raise FormatError(f"{path}: {there}")
-        own = hashlib.sha256()
-        with explained(Path(path), "read"), open(path, "rb") as file:
-            while block := file.read(_BLOCK):
-                own.update(block)
-        total.update(own.digest())
-    return total.hexdigest()[:_DIGITS]
+    if not os.path.isfile(path):
+        there = "is not a regular file" if os.path.exists(path) else "there is no such file"
+        raise FormatError(f"{path}: {there}")
+    with explained(Path(path), "read"), open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()[:_DIGITS]
 
 
 def _real(path: str | os.PathLike[str]) -> str:
@@ -395,18 +439,6 @@ def _line(values: Sequence[Any]) -> str:
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerow([_written(str(v)) for v in values])
     return text.getvalue()
-
-
-def _write(file: IO[bytes], start: int, data: bytes) -> None:
-    """Append whole lines and wait until they are on the disk, or leave the file as it was."""
-    try:
-        left = memoryview(data)
-        while left:  # what is written in parts ends in the error of the next part
-            left = left[file.write(left) :]
-        os.fsync(file.fileno())
-    except BaseException:
-        file.truncate(start)
-        raise
 
 
 def _keep_name(path: Path) -> None:

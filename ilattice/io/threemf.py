@@ -22,6 +22,7 @@ from ilattice.io._common import atomic_write
 from ilattice.io._mesh import (
     blocks,
     check_not_empty,
+    check_single,
     collapsed,
     colours,
     warn_collapsed,
@@ -38,6 +39,8 @@ UNITS = {
 }
 _PALETTE = 1 << 16
 _DIGITS = 8
+_PLACES = 16  # most that lib3mf writes behind the point
+_SIZES = 1e-9, 1e9  # of the first these are seven digits, the second is what lib3mf takes
 
 
 def write_3mf(mesh: SurfaceMesh, path: str | os.PathLike[str], *, unit: str = "millimeter") -> None:
@@ -59,28 +62,39 @@ def write_3mf(mesh: SurfaceMesh, path: str | os.PathLike[str], *, unit: str = "m
     InputError
         Unknown unit.
     FormatError
-        If lib3mf is missing, or the file cannot be written.
+        If lib3mf is missing or refuses the mesh, or the file cannot be written, or holds no
+        coordinates of this size.
     """
     check_not_empty(mesh)
+    check_single(mesh.vertices, "3MF", *_SIZES)
     if unit not in UNITS:
         raise InputError(f"unit {unit!r} is unknown; choose {near_names(str(unit), [*UNITS], 6)}")
     lib3mf = _library()
+    vertices = mesh.vertices.astype(np.float32)
+    try:
+        model = _model(lib3mf, mesh, vertices, unit)
+    except lib3mf.ELib3MFException as e:
+        raise FormatError(f"lib3mf does not take this mesh: {e}; scale the part") from e
+    with atomic_write(path) as file:
+        _write(lib3mf, model, file, _decimals(mesh))
+    warn_collapsed(
+        sum(collapsed(vertices[mesh.faces[rows]]) for rows in blocks(len(mesh.faces))), "3MF"
+    )
+
+
+def _model(lib3mf: Any, mesh: SurfaceMesh, vertices: AnyArray, unit: str) -> Any:
+    """The document of lib3mf that holds a mesh."""
     wrapper = lib3mf.get_wrapper()
     model = wrapper.CreateModel()
     model.SetUnit(lib3mf.ModelUnit[UNITS[unit]])
     part = model.AddMeshObject()
-    vertices = mesh.vertices.astype(np.float32)
     _set_geometry(lib3mf, wrapper, part, vertices, mesh.faces)
     colour = colours(mesh.point_data)
     if colour is not None:
         _set_colours(lib3mf, wrapper, model, part, colour, mesh.faces)
     item = model.AddBuildItem(part, wrapper.GetIdentityTransform())
     _set_names(model, part, item, vertices, mesh.faces)
-    with atomic_write(path) as file:
-        _write(lib3mf, model, file, _decimals(mesh))
-    warn_collapsed(
-        sum(collapsed(vertices[mesh.faces[rows]]) for rows in blocks(len(mesh.faces))), "3MF"
-    )
+    return model
 
 
 def _set_names(model: Any, part: Any, item: Any, vertices: AnyArray, faces: AnyArray) -> None:
@@ -107,7 +121,7 @@ def _library() -> Any:
 def _decimals(mesh: SurfaceMesh) -> int:
     """Places after the point that keep single precision for coordinates of this size."""
     largest = max(float(np.abs(mesh.bounds).max()), 1e-30)
-    return int(np.clip(_DIGITS - np.floor(np.log10(largest)), 1, 16))
+    return int(np.clip(_DIGITS - np.floor(np.log10(largest)), 1, _PLACES))
 
 
 def _write(lib3mf: Any, model: Any, file: IO[bytes], decimals: int) -> None:

@@ -8,6 +8,7 @@ place, `_by_points`. Not done: pieces for parallel readers.
 
 import errno
 import os
+import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -39,6 +40,7 @@ _CELLS: dict[int, int | None] = {
     **dict.fromkeys(range(68, 82)),
 }  # fmt: skip
 #: Stand-ins for the types that VTK does not have.
+_ROOM = 1 << 20  # bytes that a disk lacks if it is full
 _KINDS: dict[str, np.dtype[Any]] = {"b1": np.dtype(np.uint8), "f2": np.dtype(np.float32)}
 
 
@@ -432,7 +434,7 @@ def _write(writer_name: str, data: Any, path: str | os.PathLike[str], compress: 
     with atomic_path(path) as temporary, quiet_vtk():
         writer.SetFileName(str(temporary))
         done = writer.Write()
-        _check(done, writer.GetErrorCode())
+        _check(done, writer.GetErrorCode(), temporary.parent)
 
 
 @contextmanager
@@ -448,12 +450,15 @@ def quiet_vtk() -> Iterator[None]:
         vtkObject.SetGlobalWarningDisplay(before)
 
 
-def _check(done: int, code: int) -> None:
+def _check(done: int, code: int, folder: Path) -> None:
     """`OSError` for VTK's error code: numbers of the system, or beyond them VTK's own."""
     from vtkmodules.vtkCommonMisc import vtkErrorCode
 
     if done and not code:
         return
     message = vtkErrorCode.GetStringFromErrorCode(code)
-    full = message == "OutOfDiskSpaceError"
-    raise OSError(errno.ENOSPC if full else code, "no space left" if full else message)
+    if message != "OutOfDiskSpaceError":
+        raise OSError(code, message)
+    if shutil.disk_usage(folder).free < _ROOM:
+        raise OSError(errno.ENOSPC, "no space left")
+    raise OSError(errno.EFBIG, "file too large")  # VTK does not tell which

@@ -112,6 +112,11 @@ def key(name: str) -> str:
     return name.lower().replace("-", "_")
 
 
+def is_solid(name: str) -> bool:
+    """Whether a name is that of a solid or a tile."""
+    return key(name) in SOLIDS or find(name) is not None
+
+
 def solid(name: str) -> Node | None:
     """The solid of a name, or None."""
     if key(name) in SOLIDS:

@@ -29,6 +29,7 @@ from ilattice.io.registry import WRITERS
 from ilattice.io.table import KEPT, Table, digest
 from ilattice.mesh.topology import islands_of
 from ilattice.sdf._tokens import Token
+from ilattice.sdf._vocabulary import key
 from ilattice.sdf.language import Command, is_free
 from ilattice.sdf.meshing import MEMORY, Plan, mesh, planned
 
@@ -353,6 +354,11 @@ def _sweep(tokens: Sequence[Token]) -> dict[str, tuple[str, ...]]:
             )
         if name in (*MEASURES, *KEPT):
             raise InputError(f"--set at {token}: {name!r} is a column of the table; rename it")
+        if key(name) in map(key, sweep):
+            raise InputError(
+                f"--set at {token}: capitals are the same as small letters, and there is a name "
+                "like this one; rename it"
+            )
         sweep[name] = tuple(v.strip() for v in values.split(","))
         if not all(sweep[name]):
             raise InputError(f"--set at {token}: there is nothing between two commas; give a value")

@@ -14,7 +14,7 @@ gyroid is between -0.05 and 0.05. ``gyroid distance shell 0.1`` has walls 0.1 th
 
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -33,6 +33,7 @@ from ilattice.sdf._vocabulary import (
     OPTIONS,
     Operation,
     Parameter,
+    is_solid,
     key,
     known_names,
     solid,
@@ -282,6 +283,7 @@ class _Machine:
     """The stack."""
 
     def __init__(self, values: Mapping[str, str], strict: bool) -> None:
+        check_names(values)
         self.values = {key(name): text for name, text in values.items()}
         self.numbers: dict[str, float] = {}
         for name, text in self.values.items():
@@ -401,7 +403,21 @@ def _components(text: str) -> list[str]:
 def is_free(name: str) -> bool:
     """Whether a name may stand for a value."""
     taken = {*VARIABLES, *CONSTANTS, *FUNCTIONS, *OPERATIONS}
-    return bool(_WORD.match(name)) and key(name) not in taken
+    return bool(_WORD.match(name)) and key(name) not in taken and not is_solid(name)
+
+
+def check_names(names: Iterable[str]) -> None:
+    """Refuse names that have a meaning already, or that are compared as one."""
+    known: dict[str, str] = {}
+    for name in names:
+        if not is_free(name):
+            raise InputError(f"{name!r:.80} cannot stand for a value: it has a meaning already")
+        if key(name) in known:
+            raise InputError(
+                f"{known[key(name)]!r:.80} and {name!r:.80} are the same name, as are capitals and "
+                "small letters; rename one of them"
+            )
+        known[key(name)] = name
 
 
 def parse(command: str | Sequence[str], *, strict: bool = False, **values: float | str) -> Node:
@@ -435,12 +451,10 @@ def parse(command: str | Sequence[str], *, strict: bool = False, **values: float
     >>> ball([[0.0, 0.0, 0.0], [3.0, 0.0, 0.0]])
     array([-2.,  1.])
     """
+    check_names(values)
     found = Command.read(command)
     if found.options:
         raise InputError(f"a field takes no options, got {', '.join(found.options)}")
-    for name in values:
-        if not is_free(name):
-            raise InputError(f"{name!r} cannot stand for a value: it has a meaning already")
     texts = {name: str(value) for name, value in values.items()}
     found.check_used({name: [text] for name, text in texts.items()})
     return found.solid(texts, strict=strict)

@@ -1,5 +1,6 @@
 """Voxels: against assembled systems, laminates, symmetries of the array."""
 
+import base64
 import warnings
 
 import naive_homogenize as naive
@@ -291,3 +292,95 @@ def test_files_of_voxels(tmp_path):
     ):
         with pytest.raises(il.errors.FormatError, match=told):
             il.homogenize.read_voxels(tmp_path / name)
+
+
+IMAGE = (
+    '<VTKFile type="ImageData" byte_order="LittleEndian"{compressor}><ImageData WholeExtent='
+    '"0 {n} 0 {n} 0 {n}" Spacing="{spacing}"><Piece><CellData><DataArray type="UInt8" Name="a" '
+    'NumberOfComponents="{components}" format="{format}">{values}</DataArray></CellData></Piece>'
+    "</ImageData></VTKFile>"
+)
+USUAL = {
+    "compressor": "", "n": 2, "spacing": "1 1 1", "components": 1, "format": "ascii",
+    "values": "0 1 1 1 0 1 1 1",
+}  # fmt: skip
+
+
+def test_images_that_lie_take_no_memory(tmp_path):
+    import tracemalloc
+
+    file = tmp_path / "a.vti"
+    file.write_text(IMAGE.format(**USUAL))
+    assert il.homogenize.read_voxels(file)[0][0, 0, 1] == 0
+    blocks = base64.b64encode(np.array([1, 1 << 31, 1 << 31, 12], "<u4").tobytes()).decode()
+    packed = {"compressor": ' compressor="vtkZLibDataCompressor"', "format": "binary"}
+    for change, told in (
+        ({"n": 2000}, "do not hold"),
+        ({"n": 2**31 - 1}, "do not hold"),
+        ({"n": 3}, "8 values of 27"),
+        ({"n": "nan"}, "no voxels"),
+        ({"components": 100_000_000}, "several components"),
+        ({"spacing": "0 -1 nan"}, "above zero"),
+        ({"values": "0 1 x"}, "cannot be read"),
+        ({**packed, "values": blocks}, "cannot be read"),
+        ({**packed, "n": 90, "values": blocks}, "do not hold"),
+    ):
+        file.write_text(IMAGE.format(**{**USUAL, **change}))
+        tracemalloc.start()
+        with pytest.raises(il.errors.FormatError, match=told):
+            il.homogenize.read_voxels(file)
+        assert tracemalloc.get_traced_memory()[1] < 5e6
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.int16, np.float32, np.float64])
+@pytest.mark.parametrize("mode", [0, 1, 2])
+@pytest.mark.parametrize("compressor", ["None", "ZLib", "LZMA"])
+def test_images_are_read_as_vtk_writes_them(tmp_path, dtype, mode, compressor):
+    import pyvista as pv
+    from vtkmodules.vtkIOXML import vtkXMLImageDataWriter
+
+    rng = np.random.default_rng(3)
+    array = rng.integers(0, 99, (13, 9, 7)).astype(dtype)
+    image = pv.ImageData(dimensions=array.shape, spacing=(0.1, 0.2, 0.3))
+    image.point_data["a"] = array.ravel(order="F")
+    for encoded in (False, True):
+        writer = vtkXMLImageDataWriter()
+        writer.SetInputData(image)
+        writer.SetFileName(str(tmp_path / "a.vti"))
+        writer.SetDataMode(mode)
+        writer.SetEncodeAppendedData(encoded)
+        writer.SetBlockSize(1 << 10)
+        getattr(writer, f"SetCompressorTypeTo{compressor}")()
+        assert writer.Write()
+        read, edges = il.homogenize.read_voxels(tmp_path / "a.vti")
+        np.testing.assert_array_equal(read, array)
+        np.testing.assert_allclose(edges, (0.1, 0.2, 0.3))
+
+
+def test_damaged_files_of_voxels_end_in_our_errors(tmp_path):
+    rng = np.random.default_rng(4)
+    np.save(tmp_path / "a.npy", rng.integers(0, 2, (5, 4, 3)))
+    (tmp_path / "a.vti").write_text(IMAGE.format(**USUAL))
+    refused = 0
+    for round in range(300):
+        name = "a.npy" if round % 2 else "a.vti"
+        data = bytearray((tmp_path / name).read_bytes())
+        for at in rng.integers(0, min(len(data), 500), rng.integers(1, 5)):
+            data[at] = rng.integers(0, 256)
+        if rng.random() < 0.2:
+            del data[rng.integers(0, len(data)) :]
+        (tmp_path / f"b{name}").write_bytes(bytes(data))
+        try:
+            il.homogenize.read_voxels(tmp_path / f"b{name}")
+        except il.errors.IlatticeError:
+            refused += 1
+    assert refused > 100
+
+
+def test_masks_are_not_read():
+    masked = np.ma.masked_array(np.ones((3, 3, 3), int), mask=True)
+    with pytest.raises(InputError, match="masked"):
+        voxels(masked, young=(1e-6, 1.0))
+    with pytest.raises(InputError, match="masked"):
+        il.homogenize.conductive_voxels(masked, conductivity=(1e-6, 1.0))

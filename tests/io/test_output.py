@@ -491,3 +491,21 @@ def test_killed_saves_leave_the_old_file_or_the_new_one(ending, tmp_path):
     part = il.macroshape.box() if ending == ".json" else il.sdf.mesh(il.fields.sphere(1.0), 0.5)
     part.save(tmp_path / f"a{ending}")
     assert {p.name for p in tmp_path.iterdir()} == {f"{n}{ending}" for n in ("a", "old", "new")}
+
+
+@pytest.mark.parametrize("ending", ["stl", "3mf", "ply"])
+def test_sizes_that_a_format_does_not_hold_are_refused(tmp_path, ending):
+    """Infinite corners, or all of them zero, are no part."""
+    if ending == "3mf":
+        pytest.importorskip("lib3mf")
+    options = {"precision": "single"} if ending == "ply" else {}
+    ball = il.sdf.mesh(il.fields.sphere(1.0), 0.4)
+    path = tmp_path / f"a.{ending}"
+    for scale in (1e39, 1e200, *([1e-11, 1e10] if ending == "3mf" else ())):
+        mesh = il.mesh.SurfaceMesh(ball.vertices * scale, ball.faces)
+        with pytest.raises(FormatError, match="holds coordinates from"):
+            mesh.save(path, **options)
+        assert not list(tmp_path.iterdir())
+    il.mesh.SurfaceMesh(ball.vertices * 1e-7, ball.faces).save(path, **options)
+    if ending != "3mf":
+        assert il.mesh.load(path).volume == pytest.approx(ball.volume * 1e-21, rel=1e-6)

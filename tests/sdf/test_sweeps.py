@@ -53,6 +53,28 @@ def test_tables_of_others_are_left_alone(here, content, option):
     assert everything(here) == before
 
 
+@pytest.mark.parametrize("name", ["F", "gyroid", "S", "Box", "p-surface", "scale", "PI", "x"])
+def test_words_of_the_language_stand_for_nothing_else(here, name):
+    with pytest.raises(InputError, match="no meaning yet"):
+        job.run(f"box {name} -s 0.5 -o a.ply --set {name}=0.1,0.2")
+    if name.isidentifier():
+        with pytest.raises(InputError, match="has a meaning already"):
+            il.sdf.parse(f"box {name}", **{name: "sphere"})
+    assert not list(here.iterdir())
+
+
+def test_capitals_make_no_other_name():
+    with pytest.raises(InputError, match="capitals"):
+        job.run("sphere dilate T -s 0.5 -o a.ply --set T=0.2 --set t=1")
+    with pytest.raises(InputError, match="same name"):
+        il.sdf.parse("sphere dilate T+t", T=0.2, t=0.1)
+    with pytest.raises(InputError, match="capitals"):
+        il.fields.equation("T + t", names={"T": 0.2, "t": 0.1})
+    with pytest.raises(InputError, match="has a meaning already"):
+        il.fields.equation("x + a", names={"a": 0.2, "X": 0.1})
+    assert il.fields.equation("T*x", names={"T": 3.0})([[2.0, 0.0, 0.0]]) == 6.0
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -60,7 +82,7 @@ def test_tables_of_others_are_left_alone(here, content, option):
         ("--set t=0.1,0.2,0.1", "would both write 'a_t=0.1.ply'"),
         ("--set t=0.1,,0.2", "there is nothing between two commas"),
         ("--set t=0.1,", "there is nothing between two commas"),
-        ("--set t=1 --set s=2", "'s' stands for a value"),
+        ("--set t=1 --set rr=2", "'rr' stands for a value"),
         ("--set t=1 --set volume=1,2", "'volume' is a column of the table"),
         ("--set t=1 --set command=1", "'command' is a column of the table"),
         ("--table b.csv", "--table is for the rows of a sweep"),
@@ -481,3 +503,71 @@ def test_a_sweep_of_which_no_run_succeeds_fails(here, capsys):
     )
     assert "none of the 2 runs" in capsys.readouterr().err
     assert len(rows(here / "a.csv")) == 2
+
+
+# --- where a table is ---------------------------------------------------------------------------
+
+
+def test_files_of_rows_are_seen_from_the_table(here, monkeypatch):
+    """A file of the same name in another working directory is not that of the row."""
+    job.run(f"{SWEEP} --set t=0.1")
+    (here / "w").mkdir()
+    (here / "w" / "a_t=0.1.ply").write_text("precious")
+    monkeypatch.chdir(here / "w")
+    with pytest.raises(FormatError, match="is there, and of no row"):
+        job.run(f"{SWEEP} --set t=0.1 --table ../a.csv")
+    assert (here / "w" / "a_t=0.1.ply").read_text() == "precious"
+    before = (here / "a.csv").read_bytes()
+    command = SWEEP.replace("a.ply", "../a.ply")
+    found = job.run(f"{command} --set t=0.1 --table ../a.csv")["rows"]
+    assert found[0]["file"] == os.path.join("..", "a_t=0.1.ply")
+    assert (here / "a.csv").read_bytes() == before
+    job.run(f"{SWEEP.replace('a.ply', 'b.ply')} --set t=0.2 --table ../a.csv")
+    assert rows(here / "a.csv")[1]["file"] == os.path.join("w", "b_t=0.2.ply")
+
+
+def test_a_row_without_its_end_of_line_is_kept(here):
+    job.run(f"{SWEEP} --set t=0.1")
+    job.run("box dilate t -s 0.5 -o b.ply --set t=0.1,0.2 --table a.csv")
+    whole = (here / "a.csv").read_bytes()
+    (here / "a.csv").write_bytes(whole[:-1])
+    job.run(f"{SWEEP} --set t=0.1")
+    assert (here / "a.csv").read_bytes() == whole
+    (here / "a.csv").write_bytes(whole[:-1])
+    job.run(f"{SWEEP} --set t=0.3 --table a.csv")
+    assert (here / "a.csv").read_bytes().startswith(whole)
+    assert len(rows(here / "a.csv")) == 4
+    for cut in (2, 20, 40):  # what is not whole is made again
+        (here / "a.csv").write_bytes(whole[:-cut])
+        (here / "b_t=0.2.ply").unlink()
+        job.run("box dilate t -s 0.5 -o b.ply --set t=0.1,0.2 --table a.csv")
+        assert (here / "a.csv").read_bytes() == whole
+
+
+@pytest.mark.parametrize("content", [b"", b"t", b"t,volume,area"])
+def test_a_refused_sweep_leaves_the_beginning_of_a_table(here, content):
+    (here / "a.csv").write_bytes(content)
+    (here / "a_t=0.1.ply").write_text("precious")
+    before = everything(here)
+    with pytest.raises(FormatError, match="of no row"):
+        job.run(f"{SWEEP} --set t=0.1")
+    assert everything(here) == before
+    (here / "a.csv").unlink()
+    with pytest.raises(FormatError, match="of no row"):
+        job.run(f"{SWEEP} --set t=0.1")
+    assert [p.name for p in here.iterdir()] == ["a_t=0.1.ply"]
+
+
+def test_a_table_is_a_regular_file(here):
+    with pytest.raises(FormatError, match="is not a regular file"):
+        job.run(f"{SWEEP} --set t=0.1 --table /dev/null")
+    assert not list(here.iterdir())
+
+
+def test_digests_can_be_checked_by_others(here):
+    import hashlib
+
+    job.run(f"{SWEEP} --set t=0.1")
+    found = rows(here / "a.csv")[0]
+    data = (here / found["file"]).read_bytes()
+    assert hashlib.sha256(data).hexdigest().startswith(found["output"])
