@@ -14,7 +14,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from ilattice._typing import FloatArray, IntArray
-from ilattice._validate import read_only
+from ilattice._validate import FrozenCopies, read_only
 from ilattice.errors import GeometryError, InputError
 from ilattice.mesh import SurfaceMesh
 from ilattice.minimal.disc import area_vectors, opposite_edges
@@ -30,7 +30,7 @@ _JOINED = 0.2
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PeriodicSurface:
+class PeriodicSurface(FrozenCopies):
     """A surface that repeats with a cell. Made by `MinimalPatch.completed`.
 
     Attributes

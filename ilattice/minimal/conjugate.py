@@ -320,7 +320,9 @@ class _Search:
             gap=gap,
             distortion=distortion,
         )
-        return made(snapped, self.disc, partner, report, group=lambda: region.group, what=told)
+        return made(
+            snapped, self.disc, partner, report, symmetry=(region.mirrors, region.cell), what=told
+        )
 
     def snapped(self, x: FloatArray) -> tuple[FloatArray, float]:
         """Sides moved into their planes, and how far that was."""

@@ -16,7 +16,7 @@ import numpy as np
 from scipy import sparse
 
 from ilattice._typing import FloatArray, IntArray
-from ilattice._validate import as_whole, read_only
+from ilattice._validate import FrozenCopies, as_whole, read_only
 from ilattice.errors import InputError
 
 #: Most vertices of one disc; a factorization takes some 2 kB for each.
@@ -25,7 +25,7 @@ _NEXT, _LAST = (1, 2, 0), (2, 0, 1)
 
 
 @dataclass(frozen=True)
-class Disc:
+class Disc(FrozenCopies):
     """A fan of N sectors, each cut into n² triangles.
 
     Attributes
@@ -116,7 +116,8 @@ class Disc:
         """Vertices over the regular polygon with unit radius, shape (V, 3)."""
         turn = 2.0 * np.pi * np.arange(self.sides) / self.sides
         corners = np.stack([np.cos(turn), np.sin(turn), np.zeros(self.sides)], axis=1)
-        return self.fan(np.zeros(3), corners)
+        vertices: FloatArray = read_only(self.fan(np.zeros(3), corners))
+        return vertices
 
     def fan(self, centre: FloatArray, corners: FloatArray) -> FloatArray:
         """Vertices of the flat sectors between a centre and corners.

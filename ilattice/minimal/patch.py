@@ -1,6 +1,5 @@
 """`MinimalPatch`: one piece of a minimal surface, with its dual and the group that repeats it."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -8,16 +7,19 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import FloatArray
-from ilattice._validate import as_real, read_only
+from ilattice._validate import FrozenCopies, as_real, read_only
 from ilattice.errors import GeometryError, InputError
 from ilattice.mesh import SurfaceMesh
 from ilattice.minimal.completion import PeriodicSurface, completed
 from ilattice.minimal.disc import Disc, cotangents, vertex_areas, vertex_normals
-from ilattice.minimal.symmetry import Group
+from ilattice.minimal.symmetry import Group, Isometry, generated
+
+#: Generators of a group, and edges of the cell.
+Symmetry = tuple[tuple[Isometry, ...], FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
-class Report:
+class Report(FrozenCopies):
     """How a surface was found, and how good it is.
 
     Attributes
@@ -50,7 +52,7 @@ class Report:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class MinimalPatch:
+class MinimalPatch(FrozenCopies):
     """A disc of a minimal surface. Made by `conjugate`, `direct` and `mixed`.
 
     Attributes
@@ -70,7 +72,7 @@ class MinimalPatch:
     disc: Disc
     partner: FloatArray
     report: Report
-    _group: Callable[[], Group] | None = None
+    _symmetry: Symmetry | None = None
 
     def __repr__(self) -> str:
         """Short form."""
@@ -111,7 +113,7 @@ class MinimalPatch:
 
     # ------------------------------------------------------------------ relatives
 
-    @cached_property
+    @property
     def dual(self) -> "MinimalPatch":
         """The dual (adjoint) surface: every tangent plane turned by 90 degrees."""
         return self._relative(self.partner, -self.vertices, "dual")
@@ -137,7 +139,7 @@ class MinimalPatch:
 
     def _relative(self, x: FloatArray, partner: FloatArray, kind: str) -> "MinimalPatch":
         report = Report(kind, self.report.residual, self.report.factorizations)
-        return made(x, self.disc, partner, report, group=None, what=f"the {kind} surface")
+        return made(x, self.disc, partner, report, symmetry=None, what=f"the {kind} surface")
 
     # ------------------------------------------------------------------ the whole
 
@@ -162,12 +164,12 @@ class MinimalPatch:
             If `group` is none.
         """
         if group is None:
-            if self._group is None:
+            if self._symmetry is None:
                 raise GeometryError(
                     f"the {self.report.kind} surface has no symmetries that are known; give the "
                     "group, as il.minimal.generated([il.minimal.half_turn(...), ...], cell)"
                 )
-            group = self._group()
+            group = generated(*self._symmetry)
         if not isinstance(group, Group):
             raise InputError(f"group must be a Group, got {group!r:.80}")
         return completed(self.vertices, self.disc.faces, group)
@@ -179,7 +181,7 @@ def made(
     partner: FloatArray,
     report: Report,
     *,
-    group: Callable[[], Group] | None,
+    symmetry: Symmetry | None,
     what: str,
 ) -> MinimalPatch:
     """A patch of arrays, checked for triangles that have collapsed.
@@ -192,8 +194,8 @@ def made(
         Triangles.
     report : Report
         How it was found.
-    group : callable or None
-        Makes the group that repeats it.
+    symmetry : tuple or None
+        Generators of the group that repeats it, and edges of the cell.
     what : str
         Name, for messages.
 
@@ -210,4 +212,4 @@ def made(
     mesh: Any = SurfaceMesh._adopt(np.ascontiguousarray(x), disc.faces)
     if not mesh.area > 0.0 or not np.isfinite(mesh.area):
         raise GeometryError(f"{what} has collapsed to a curve or a point")
-    return MinimalPatch(mesh, disc, read_only(np.array(partner)), report, group)
+    return MinimalPatch(mesh, disc, read_only(np.array(partner)), report, symmetry)

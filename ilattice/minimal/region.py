@@ -19,9 +19,9 @@ import numpy as np
 from scipy.optimize import linprog
 
 from ilattice._typing import ArrayLike, FloatArray
-from ilattice._validate import as_array, as_triple, read_only
+from ilattice._validate import FrozenCopies, as_array, as_items, as_triple, read_only
 from ilattice.errors import InputError
-from ilattice.minimal.symmetry import Group, generated, reflection
+from ilattice.minimal.symmetry import Group, Isometry, generated, reflection
 
 #: Most faces of a region, and most sides of a surface.
 MOST_FACES = 64
@@ -30,7 +30,7 @@ _TERM = re.compile(r"([+-]?)(\d+(?:\.\d*)?(?:/\d+)?)?\*?([xyz])?")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Region:
+class Region(FrozenCopies):
     """A convex body {normals x <= offsets} whose faces are mirrors of a lattice.
 
     Parameters
@@ -110,8 +110,13 @@ class Region:
         GeometryError
             If they generate no group that repeats with the cell.
         """
-        mirrors = [reflection(n, d) for n, d in zip(self.normals, self.offsets, strict=True)]
-        return generated(mirrors, self.cell)
+        return generated(self.mirrors, self.cell)
+
+    @property
+    def mirrors(self) -> tuple[Isometry, ...]:
+        """Reflections in the faces."""
+        pairs = zip(self.normals, self.offsets, strict=True)
+        return tuple(reflection(normal, offset) for normal, offset in pairs)
 
     def edge(self, first: int, second: int) -> FloatArray:
         """Ends of the edge between two faces.
@@ -209,7 +214,7 @@ class Region:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FaceLoop:
+class FaceLoop(FrozenCopies):
     """A closed way along faces of a region.
 
     Parameters
@@ -232,9 +237,12 @@ class FaceLoop:
         """Check at the door."""
         if not isinstance(self.region, Region):
             raise InputError(f"region must be a Region, got {self.region!r:.80}")
-        count, known = len(self.numbers), len(self.region.normals)
-        numbers = tuple(self.numbers)
-        if not all(isinstance(k, int) and 0 <= k < known for k in numbers):
+        numbers = tuple(as_items("numbers", self.numbers))
+        count, known = len(numbers), len(self.region.normals)
+        object.__setattr__(self, "numbers", numbers)
+        if not all(
+            isinstance(k, int) and not isinstance(k, bool) and 0 <= k < known for k in numbers
+        ):
             raise InputError(f"numbers must be faces 0 to {known - 1}, got {numbers!r:.80}")
         if not 4 <= count <= MOST_FACES:
             raise InputError(
@@ -349,7 +357,7 @@ def tetrahedron(copies: int = 48) -> Region:
     InputError
         For another number.
     """
-    if isinstance(copies, bool) or copies not in (48, 192):
+    if not isinstance(copies, int) or copies not in (48, 192):
         raise InputError(f"copies must be 48 or 192, got {copies!r:.40}")
     last = [1, 0, 0] if copies == 48 else [1, 1, 0]
     normals = np.array([[0, 0, -1], [0, -1, 1], [-1, 1, 0], last], np.float64)

@@ -3,14 +3,14 @@
 Guarantees: as those of `ilattice.minimal.plateau`; what does not converge is refused.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from scipy import sparse
 
 from ilattice._typing import ArrayLike, FloatArray, IntArray
-from ilattice._validate import as_array, as_items, as_not_negative, read_only
+from ilattice._validate import as_array, as_items, as_not_negative, as_triple, read_only
 from ilattice.errors import ConvergenceError, InputError
 from ilattice.minimal.completion import edge_table
 from ilattice.minimal.conjugate import conjugated
@@ -18,7 +18,7 @@ from ilattice.minimal.disc import Disc, cotangents, opposite_edges
 from ilattice.minimal.patch import MinimalPatch, Report, made
 from ilattice.minimal.plateau import TOLERANCE, Motion, fair_step, stationary
 from ilattice.minimal.region import MOST_FACES, Region
-from ilattice.minimal.symmetry import Group, Isometry, generated, half_turn
+from ilattice.minimal.symmetry import Isometry, half_turn
 
 #: Edges per side with which sides begin to slide.
 _COARSE = 4
@@ -78,10 +78,11 @@ def direct(
     if weight > 0.0:
         v, residual = _shell(v, disc, motion, weight)
         count += 1
-    turns = _half_turns(sides) if straight and cell is not None else None
+    if cell is not None and not straight:
+        raise InputError("cell must be left out where sides are bent: these are no axes")
+    group = None if cell is None else (_half_turns(sides), as_triple("cell", cell, positive=True))
     report = Report("direct", residual, count)
-    group = None if turns is None else _group(turns, cell)
-    return made(v, disc, conjugated(v, disc), report, group=group, what="the surface")
+    return made(v, disc, conjugated(v, disc), report, symmetry=group, what="the surface")
 
 
 def mixed(
@@ -131,8 +132,8 @@ def mixed(
     disc = Disc.checked(len(points), n)
     v, residual, count = _slid(region, disc, points, planes)
     report = Report("mixed", residual, count)
-    group = lambda: region.group  # noqa: E731
-    return made(v, disc, conjugated(v, disc), report, group=group, what="the surface")
+    group = (region.mirrors, region.cell)
+    return made(v, disc, conjugated(v, disc), report, symmetry=group, what="the surface")
 
 
 # --- direct ------------------------------------------------------------------------------------
@@ -231,12 +232,8 @@ def _resampled(side: FloatArray, n: int) -> FloatArray:
     return out
 
 
-def _half_turns(sides: list[FloatArray]) -> list[Isometry]:
-    return [half_turn(side[0], side[1] - side[0]) for side in sides]
-
-
-def _group(generators: list[Isometry], cell: Any) -> Callable[[], Group]:
-    return lambda: generated(generators, cell)
+def _half_turns(sides: list[FloatArray]) -> tuple[Isometry, ...]:
+    return tuple(half_turn(side[0], side[1] - side[0]) for side in sides)
 
 
 # --- mixed -------------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ilattice._typing import ArrayLike, FloatArray
-from ilattice._validate import as_array, as_real, as_triple, read_only
+from ilattice._validate import FrozenCopies, as_array, as_items, as_real, as_triple, read_only
 from ilattice.errors import GeometryError, InputError
 
 #: Most elements up to shifts; crystals have at most 192.
@@ -20,7 +20,7 @@ _CLOSE = 1e-7
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Isometry:
+class Isometry(FrozenCopies):
     """A map x -> matrix x + shift that keeps lengths.
 
     Parameters
@@ -122,7 +122,7 @@ def _direction(name: str, value: ArrayLike) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Group:
+class Group(FrozenCopies):
     """A group of isometries that repeats with a cell.
 
     Attributes
@@ -169,7 +169,7 @@ def generated(generators: Sequence[Isometry], cell: ArrayLike = 1.0) -> Group:
         If they do not close: products go on for ever, or the cell does not repeat under them.
     """
     edges = as_triple("cell", cell, positive=True)
-    steps = list(generators)
+    steps = as_items("generators", generators)
     for g in steps:
         if not isinstance(g, Isometry):
             raise InputError(f"generators must be isometries, got {g!r:.80}")

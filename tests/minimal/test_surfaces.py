@@ -195,4 +195,4 @@ def judged(loop, n=8):
 
 
 def test_random_ways_are_solved_or_refused_with_a_reason():
-    assert sum(judged(loop) for loop in random_loops(8, most=7)) >= 5
+    assert sum(judged(loop) for loop in random_loops(6, most=7)) >= 4
