@@ -63,6 +63,7 @@ def conjugate(faces: FaceLoop, n: int = 16) -> MinimalPatch:
 
     Examples
     --------
+    >>> from ilattice.minimal import cuboid
     >>> octant = conjugate(cuboid().faces("x+ z- y+ x- z+ y-"), n=8)
     >>> round(8 * octant.area, 2)
     2.35

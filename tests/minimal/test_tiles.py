@@ -47,7 +47,7 @@ def test_the_tile_tells_both_sides_apart(tile):
 
 def test_a_wall_of_the_tile_through_a_torus_is_watertight(tile):
     torus = il.macroshape.torus(major=4.0, width=2.0)
-    mesh = il.Lattice(tile, through=torus, repeat=(8, 1, 1)).offset(0.15).mesh(0.2)
+    mesh = il.Lattice(tile, through=torus, repeat=(6, 1, 1)).offset(0.2).mesh(0.22)
     assert mesh.is_watertight
     assert mesh.is_oriented
     assert mesh.components == 1
