@@ -10,6 +10,7 @@ Rooms, from the bottom up:
 `offsets`                 closest points, signed distance splines, walls
 `mesh`                    watertight contouring, surface meshes, measures
 `cutfem`                  background grids, cut cells, quadrature, elasticity, heat
+`minimal`                 triangle minimal surfaces, their symmetries, tiles of them
 `homogenize`              effective properties of cells that repeat
 `io`                      one file per format: STL, PLY, OBJ, 3MF, VTK, G+Smo, MFEM, IRIT
 `sdf`                     solids from commands and from meshes, as fields
@@ -58,6 +59,7 @@ if TYPE_CHECKING:
         io,
         macroshape,
         mesh,
+        minimal,
         offsets,
         sdf,
         tiles,
@@ -86,6 +88,7 @@ __all__ = [
     "io",
     "macroshape",
     "mesh",
+    "minimal",
     "offsets",
     "sdf",
     "tiles",

@@ -23,7 +23,7 @@ from ilattice.errors import IlatticeError, InputError
 ROUNDS = int(os.environ.get("ILATTICE_ROUNDS", "2"))
 ROOMS = (
     "bspline", "tiles", "macroshape", "fields", "sdf", "mesh", "offsets", "cutfem", "io",
-    "homogenize",
+    "homogenize", "minimal",
 )  # fmt: skip
 SKIPPED = {"save_grid"}
 MOST_CALLS = 400_000  # of functions, within less than two seconds
@@ -60,6 +60,23 @@ def good():
     }  # fmt: skip
 
 
+def minimal():
+    """Arguments of minimal surfaces."""
+    region = il.minimal.tetrahedron()
+    loop = region.faces("z=0 x=1/2 y=z x=y")
+    around, flat = [[0, 0, 0], [1, 0, 0], [1, 1, 0]], [[0, 0, 0], [0.5, 0, 0], [0.5, 0.5, 0.0]]
+    square = {"region": region, "normals": region.normals, "offsets": region.offsets, "n": 3}
+    mixed = {"corners": flat, "slides": ["z=0", None, None]}
+    return {
+        "minimal.conjugate": {"faces": loop, "n": 3}, "minimal.FaceLoop": {"region": region},
+        "minimal.direct": {"boundary": around, "n": 3}, "minimal.mixed": {**square, **mixed},
+        "minimal.Region": {**square, "cell": 1.0}, "minimal.reflection": {"normal": (0, 0, 1)},
+        "minimal.half_turn": {"point": (0, 0, 0), "direction": (0, 0, 1)},
+        "minimal.generated": {"generators": list(region.mirrors)},
+        "minimal.Isometry": {"matrix": np.eye(3), "shift": np.zeros(3)},
+    }  # fmt: skip
+
+
 def own(sense):
     """Arguments that make sense to one callable only, by its name."""
     line = il.BSpline([[0, 0, 0.4, 1, 1]], [[0, 0, 0], [0.5, 0.1, 0], [1, 0, 0]], 1)
@@ -76,6 +93,7 @@ def own(sense):
         **{f"homogenize.{kind}": {"field": cell, "through": None} for kind in kinds},
         "homogenize.voxels": {"array": labels, "young": (1.0, 2.0), "spacing": 1.0},
         "homogenize.conductive_voxels": {"array": labels, "spacing": 1.0},
+        **minimal(),
         "tiles.Arc": {"centre": (0.3, 0.5, 0.5), "u": (0.2, 0, 0), "v": (0, 0.2, 0)},
         "tiles.Curve": {"spline": line}, "tiles.Surface": {"spline": sheet},
         "tiles.Group": {"members": [il.tiles.Polyline(corners)]},

@@ -212,6 +212,13 @@ def test_vibrations_are_below_rayleighs_estimate():
     assert numbers["torsion to bending"] > 2
 
 
+def test_minimal_surfaces_have_the_areas_that_are_known():
+    numbers = run("minimal_surfaces", n=24)
+    genera = [numbers[f"genus of {name}"] for name in ("P", "I-WP", "Neovius", "F-RD")]
+    assert genera == [3, 7, 9, 21]
+    assert numbers["area of I-WP"] == pytest.approx(3.46416, abs=1e-4)
+
+
 def test_effective_stiffnesses_are_within_bounds():
     numbers = run("effective_stiffness", cells=6)
     assert numbers["largest excess over the bound, in errors"] < 1.0

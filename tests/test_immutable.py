@@ -21,7 +21,7 @@ from ilattice.errors import IlatticeError
 
 ROOMS = (
     "bspline", "tiles", "macroshape", "fields", "sdf", "mesh", "offsets", "cutfem", "io",
-    "homogenize",
+    "homogenize", "minimal",
 )  # fmt: skip
 #: Those that do something, and have no state that users could take for a result.
 TOOLS = {"offsets.ClosestPointSearch", "cutfem.Solver", "io.StreamedMeshWriter"}
@@ -89,7 +89,7 @@ def examples():
         il.cutfem.mass_properties(wall, 4), heat.evolve(1.0, steps=2), modes.report,
         solution.recovered(), temperature.recovered(), solution.error_estimate(),
         solution.report, il.cutfem.buckling(solution, 1), solid.assembly.space,
-        solution.at(point, outside="nan"), *cells(),
+        solution.at(point, outside="nan"), *cells(), *surfaces(),
     ]  # fmt: skip
     return {type(thing): thing for thing in found}
 
@@ -100,6 +100,14 @@ def cells():
     elastic, heat = il.homogenize.ElasticCell(wall, 6), il.homogenize.ConductiveCell(wall, 6)
     eff, k = elastic.homogenized(), heat.homogenized()
     return [elastic, heat, eff, k, eff.bounds, k.bounds, eff.report, il.macroshape.cell()]
+
+
+def surfaces():
+    """A minimal surface, and what it is made of."""
+    loop = il.minimal.tetrahedron().faces("z=0 x=1/2 y=z x=y")
+    patch = il.minimal.conjugate(loop, 2)
+    whole, region = patch.completed(), loop.region
+    return [loop, patch, patch.report, patch.disc, whole, region, region.group, region.mirrors[0]]
 
 
 def mesh_of(wall):
