@@ -50,7 +50,7 @@ class Gap:
 
 
 @dataclass(frozen=True, eq=False)
-class BlochReport:
+class BlochReport(Frozen):
     """How bands were found.
 
     Attributes
