@@ -203,6 +203,7 @@ def cells() -> None:
     cell = il.Lattice(il.tiles.get("gyroid"), through=il.macroshape.cell()).offset(0.1)
     il.homogenize.elastic(cell, 8, method="multigrid")
     il.homogenize.conductive(cell, 8, method="multigrid")
+    il.homogenize.bloch(cell, 4, path="GX", count=2, steps=1)
     labels = np.arange(64).reshape(4, 4, 4) % 3
     il.homogenize.voxels(labels, young=(0.0, 1.0, 2.0))
     il.homogenize.conductive_voxels(labels, conductivity=(0.0, 1.0, 2.0))

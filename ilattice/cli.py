@@ -116,7 +116,8 @@ def _app() -> "App":
         result_action="return_value",
         suppress_keyboard_interrupt=False,
     )
-    for add in (_add_demo, _add_build, _add_slice, _add_sdf, _add_others):
+    files = (_add_demo, _add_build, _add_slice)
+    for add in (*files, _add_homogenize, _add_bands, _add_sdf, _add_others):
         add(app)
     return app
 
@@ -277,6 +278,160 @@ def _add_slice(app: "App") -> None:
         )
         print(f"{report['layers']} layers from {report['from']:.6g} to {report['to']:.6g}")
         print("\n".join(f"wrote  {printable(name)}" for name in report["files"]))
+
+
+def _add_homogenize(app: "App") -> None:
+    from cyclopts import Parameter
+
+    from ilattice.homogenize import job
+
+    Numbers = Annotated[list[float] | None, Parameter(consume_multiple=True)]
+
+    @app.command
+    def homogenize(
+        *,
+        tile: str | None = None,
+        density: float | None = None,
+        thickness: float | None = None,
+        voxels: Path | None = None,
+        cells: int = 16,
+        young: Numbers = None,
+        poisson: float = 0.3,
+        report: Path | None = None,
+        sphere: Path | None = None,
+    ) -> None:
+        """Tell the effective stiffness of a cell that repeats.
+
+        Parameters
+        ----------
+        tile
+            Name of a tile; see ``ilattice tiles``. The solid is where it is negative.
+        density
+            Relative density of sheets around the tile's surface, instead.
+        thickness
+            Half-thickness of the sheets, instead of a density.
+        voxels
+            File of voxels instead of a tile: .npy, .vti or .tif; true and false, fill fractions, or
+            whole numbers of phases.
+        cells
+            Number of cells of the grid per direction; voxels have their own.
+        young
+            Young's modulus, by default 1; of voxels also one per phase.
+        poisson
+            Poisson's ratio.
+        report
+            File for all numbers, as JSON.
+        sphere
+            File for Young's modulus in all directions as a surface, such as .vtp.
+        """
+        _tell_cell(
+            job.homogenize(
+                tile=tile,
+                density=density,
+                thickness=thickness,
+                voxels=voxels,
+                cells=cells,
+                young=young or [1.0],
+                poisson=poisson,
+                report=report,
+                sphere=sphere,
+                progress=True,
+            )
+        )
+
+
+def _tell_cell(report: dict[str, Any]) -> None:
+    """Print the report of `ilattice.homogenize.job.homogenize`."""
+    print(f"{'relative density':>20}  {report['density']:.6g}")
+    for name, keys in (
+        ("Young's moduli", ("E_x", "E_y", "E_z")),
+        ("Poisson's ratios", ("nu_xy", "nu_xz", "nu_yz")),
+        ("shear moduli", ("G_yz", "G_xz", "G_xy")),
+    ):
+        told = (_number(report[k]) for k in keys)
+        print(f"{name:>20}  {', '.join(told)}")
+    for name, key in (("bulk modulus", "K"), ("Zener's ratio", "zener"), ("error", "error")):
+        print(f"{name:>20}  {_number(report[key])}")
+    print(f"{'symmetry':>20}  {report['symmetry']}")
+    for name in report["files"]:
+        print(f"{'wrote':>20}  {printable(str(name))}")
+
+
+def _number(value: float | None) -> str:
+    return "unknown" if value is None else f"{value:.6g}"
+
+
+def _add_bands(app: "App") -> None:
+    from cyclopts import Parameter
+
+    from ilattice.homogenize import job
+
+    Files = Annotated[list[Path], Parameter(name=("--output", "-o"), consume_multiple=True)]
+
+    @app.command
+    def bands(
+        *,
+        tile: str,
+        output: Files,
+        density: float | None = None,
+        thickness: float | None = None,
+        path: str = "GXMRG",
+        count: int = 8,
+        steps: int = 8,
+        cells: int = 12,
+        young: float = 1.0,
+        poisson: float = 0.3,
+        mass: float = 1.0,
+    ) -> None:
+        """Tell the frequencies of waves in a cell that repeats, and the gaps between them.
+
+        Parameters
+        ----------
+        tile
+            Name of a tile; see ``ilattice tiles``. The solid is where it is negative.
+        output
+            Files to write: .csv, .json, or pictures .png, .svg, .pdf.
+        density
+            Relative density of sheets around the tile's surface, instead.
+        thickness
+            Half-thickness of the sheets, instead of a density.
+        path
+            Letters of the points of symmetry that the wave vectors go through.
+        count
+            Number of bands.
+        steps
+            Wave vectors from a point to the next one.
+        cells
+            Number of cells of the grid per direction.
+        young
+            Young's modulus.
+        poisson
+            Poisson's ratio.
+        mass
+            Mass per volume of the solid.
+        """
+        report = job.bands(
+            tile=tile,
+            output=output,
+            density=density,
+            thickness=thickness,
+            path=path,
+            count=count,
+            steps=steps,
+            cells=cells,
+            young=young,
+            poisson=poisson,
+            mass=mass,
+            progress=True,
+        )
+        print(f"{'wave vectors':>20}  {len(report['k'])}")
+        print(f"{'bands':>20}  {len(report['errors'])}")
+        print(f"{'error':>20}  {_number(report['error'])}")
+        for gap in report["gaps"]:
+            ends = f"{gap['lower']:.6g} to {gap['upper']:.6g}"
+            print(f"{'gap':>20}  {ends} above band {gap['below']}")
+        for name in report["files"]:
+            print(f"{'wrote':>20}  {printable(str(name))}")
 
 
 def _add_sdf(app: "App") -> None:

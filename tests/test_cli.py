@@ -287,3 +287,65 @@ def test_a_closed_standard_error_is_no_error(tmp_path, monkeypatch, capfd):
     capfd.readouterr()
     assert cli.main(["sdf", "nonsense"]) == 2
     assert capfd.readouterr().out == ""
+
+
+def test_homogenize_tells_moduli_and_writes_its_files(tmp_path, capfd):
+    report, sphere = tmp_path / "r.json", tmp_path / "s.vtp"
+    part = ["homogenize", "--tile", "gyroid", "--density", "0.8", "--cells", "6"]
+    assert cli.main([*part, "--report", str(report), "--sphere", str(sphere)]) == 0
+    out = capfd.readouterr().out
+    data = json.loads(report.read_text())
+    assert data["symmetry"] == "cubic"
+    assert data["density"] == pytest.approx(0.8, abs=1e-3)
+    assert 0.5 < data["E_x"] < 0.8
+    assert f"bulk modulus  {data['K']:.6g}\n" in out
+    assert "symmetry  cubic\n" in out
+    assert sphere.stat().st_size > 1000
+    assert all(f"wrote  {path}\n" in out for path in (report, sphere))
+
+
+def test_homogenize_takes_voxels(tmp_path, capfd):
+    layers = np.zeros((4, 4, 4), np.uint8)
+    layers[2:] = 1
+    np.save(tmp_path / "f.npy", layers)
+    words = ["homogenize", "--voxels", str(tmp_path / "f.npy"), "--poisson", "0"]
+    assert cli.main([*words, "--young", "1", "3"]) == 0
+    assert "Young's moduli  1.5, 2, 2\n" in capfd.readouterr().out
+
+
+def test_bands_are_tables_and_pictures(tmp_path, capfd):
+    files = [tmp_path / name for name in ("b.csv", "b.json", "b.png")]
+    part = ["bands", "--tile", "gyroid", "--density", "0.9", "--cells", "4", "--path", "GX"]
+    assert cli.main([*part, "--steps", "2", "--count", "3", "-o", *map(str, files)]) == 0
+    out = capfd.readouterr().out
+    assert "wave vectors  3\n" in out
+    assert all(f"wrote  {path}\n" in out for path in files)
+    assert len(files[0].read_text().splitlines()) == 4
+    assert len(json.loads(files[1].read_text())["omega"][0]) == 3
+    assert files[2].read_bytes()[:4] == b"\x89PNG"
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "told"),
+    [
+        (["homogenize"], 2, "either --tile"),
+        (["homogenize", "--tile", "gyroid", "--voxels", "f.npy"], 2, "either --tile"),
+        (["homogenize", "--tile", "gyroit"], 2, "gyroid"),
+        (["homogenize", "--tile", "gyroid", "--density", "2"], 2, "relative_density"),
+        (["homogenize", "--tile", "gyroid", "--density", "0.2", "--thickness", "1"], 2, "either"),
+        (["homogenize", "--tile", "gyroid", "--young", "1", "2"], 2, "young"),
+        (["homogenize", "--voxels", "no.npy"], 1, "no.npy"),
+        (["homogenize", "--voxels", "no.npy", "--density", "0.3"], 2, "are for tiles"),
+        (["homogenize", "--tile", "gyroid", "--sphere", "s.doc"], 1, "endings"),
+        (["homogenize", "--tile", "gyroid", "--report", "no/r.json"], 1, "directory"),
+        (["bands", "--tile", "gyroid"], 2, "--output"),
+        (["bands", "--tile", "gyroid", "-o", "b.doc"], 1, "endings"),
+        (["bands", "--tile", "gyroid", "-o", "b.csv", "b.csv"], 2, "twice"),
+        (["bands", "--tile", "gyroid", "-o", "b.csv", "--path", "GQ"], 2, "'Q'"),
+        (["bands", "--tile", "gyroid", "-o", "b.csv", "--count", "0"], 2, "count"),
+    ],
+)
+def test_wrong_words_of_cells_are_one_line(words, code, told, tmp_path, capfd, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert told in fails(words, code, capfd)
+    assert not list(tmp_path.iterdir())

@@ -228,6 +228,12 @@ def test_effective_stiffnesses_are_within_bounds():
     assert 1.0 < stiffer < 1.5
 
 
+def test_balls_on_struts_stop_waves():
+    numbers = run("bands", cells=6, steps=1)
+    assert numbers["bands below the gap"] == 6
+    assert numbers["width of the gap"] == pytest.approx(0.36, abs=0.03)
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_every_example_is_tested_and_can_be_run_alone(name):
     source = (FOLDER / f"{name}.py").read_text(encoding="utf-8")

@@ -99,7 +99,13 @@ def cells():
     wall = il.Lattice("gyroid", through=il.macroshape.cell(), repeat=1).offset(0.1)
     elastic, heat = il.homogenize.ElasticCell(wall, 6), il.homogenize.ConductiveCell(wall, 6)
     eff, k = elastic.homogenized(), heat.homogenized()
-    return [elastic, heat, eff, k, eff.bounds, k.bounds, eff.report, il.macroshape.cell()]
+    found = [elastic, heat, eff, k, eff.bounds, k.bounds, eff.report, il.macroshape.cell()]
+    h = il.homogenize
+    waves = h.BlochCell(wall, 4)
+    bands = h.bloch(waves.domain, path="GX", count=2, steps=1, modes=True)
+    fit = h.Fit(1.0, 2.0, (0.9, 1.1), (1.9, 2.1), 0.01, 3)
+    more = [waves, bands, bands.mode(1, 0), bands.report, h.Gap(1, 0.5, 0.7), fit]
+    return [*found, *more, h.sweep("gyroid", thickness=0.1, cells=4)]
 
 
 def surfaces():

@@ -61,6 +61,11 @@ def test_the_search_of_a_density_finds_it():
     assert names["density"](names["level"]) == pytest.approx(0.6, abs=1e-3)
 
 
+NUMBERS = ("E_x", "E_y", "E_z", "nu_xy", "nu_xz", "nu_yz", "G_yz", "G_xz", "G_xy", "K", "zener")
+CELL = dict.fromkeys((*NUMBERS, "density", "error"), 1.0)
+CELL |= {"symmetry": "cubic", "k": [], "errors": [], "gaps": [], "files": []}
+
+
 @pytest.mark.parametrize("line", LINES)
 def test_the_command_lines_are_understood(line, monkeypatch):
     called = []
@@ -69,6 +74,9 @@ def test_the_command_lines_are_understood(line, monkeypatch):
     empty = {"layers": 0, "from": 0.0, "to": 0.0, "files": []}
     monkeypatch.setattr("ilattice._job.slices", lambda **k: called.append(k) or empty)
     monkeypatch.setattr("ilattice.sdf.job.run", lambda words, **_: called.append(words) or {})
+    for name in ("homogenize", "bands"):
+        found = f"ilattice.homogenize.job.{name}"
+        monkeypatch.setattr(found, lambda **k: called.append(k) or CELL)
     if line.startswith("ilattice sdf") and "part.stl" not in line:
         assert il.sdf.Command.read(shlex.split(line)[2:]).items
     monkeypatch.setattr("ilattice.cli._summary", lambda _: None)
@@ -78,4 +86,4 @@ def test_the_command_lines_are_understood(line, monkeypatch):
 
 def test_there_are_two_commands_and_the_command_lines():
     assert len(re.findall(r"^python3 -m venv .*", TEXT, re.MULTILINE)) == 2
-    assert len(LINES) == 11
+    assert len(LINES) == 13

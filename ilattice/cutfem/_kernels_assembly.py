@@ -26,8 +26,8 @@ from ilattice.cutfem._kernels_basis import (
     values_of,
 )
 
-MASS, TENSOR, PAIRS = range(3)  # kinds of cell matrices
-SCALAR, ELASTIC, BLOCKS = range(3)  # kinds of blocks
+MASS, TENSOR, PAIRS, JETS = range(4)  # kinds of cell matrices
+SCALAR, ELASTIC, BLOCKS, ENTRIES = range(4)  # kinds of blocks
 ROWS = 48  # rows of a cell that are multiplied at once
 TILE = 2 * LANES  # columns that are
 SHORT = 512  # rows of a sparse matrix that one thread fills at a time
@@ -109,7 +109,8 @@ def cell_matrices(
 
     MASS: d (n, 1) times N N; TENSOR: grad N d grad N with the symmetric tensor d (n, 6) in
     Voigt order; PAIRS: d (n, 1) times the products of all derivatives, that of function a in
-    direction i at i nb + a. J and d may have one row for all points.
+    direction i at i nb + a; JETS: likewise with the values as a fourth direction. J and d may
+    have one row for all points.
     """
     n = t0.shape[1]
     size = out.shape[1]
@@ -142,6 +143,8 @@ def cell_matrices(
                         values_of(B, n, L, rows * wide)
                     else:
                         gradients_of(B, n, G, L, rows * wide)
+                        if kind == 3:
+                            values_of(B, n, L, rows * wide + 3 * n * n * n)
                     rows += 1
                 if rows == ROWS or q + 1 == offsets[e + 1]:
                     if kind != 1:
@@ -220,7 +223,8 @@ def add_block(
     """Add the block of functions a and b of element e to out[to].
 
     SCALAR: p A[e, a, b] on the diagonal; ELASTIC: that of the Lamé constants p and q from the
-    products of derivatives; BLOCKS: p times the block of A itself.
+    products of derivatives; BLOCKS: p times the block of A itself; ENTRIES: that of A by
+    directions, as in PAIRS and JETS.
     """
     m = out.shape[1]
     if kind == 0:
@@ -235,10 +239,15 @@ def add_block(
                 if i == j:
                     v += trace
                 out[to, i, j] += v
-    else:
+    elif kind == 2:
         for i in range(m):
             for j in range(m):
                 out[to, i, j] += p * A[e, m * a + i, m * b + j]
+    else:
+        n = A.shape[1] // m
+        for i in range(m):
+            for j in range(m):
+                out[to, i, j] += p * A[e, i * n + a, j * n + b]
 
 
 @njit(parallel=True, **INNER)

@@ -28,6 +28,13 @@ from ilattice.macroshape.maps import SplineMap
 
 BATCH_BYTES = 1 << 24  # the allocator keeps arrays of this size, so that they are warm
 CHUNKS = 64  # of rows, each with scratch for all columns
+#: Rows per function, and kind of blocks, of each kind of cell matrices.
+KINDS = {
+    kernels.MASS: (1, kernels.SCALAR),
+    kernels.TENSOR: (1, kernels.SCALAR),
+    kernels.PAIRS: (3, kernels.ELASTIC),
+    kernels.JETS: (4, kernels.ENTRIES),
+}
 
 Density = Callable[[Quadrature], tuple[FloatArray | None, FloatArray | None]]
 
@@ -224,7 +231,7 @@ class Assembly(Frozen):
         Parameters
         ----------
         data : ndarray, shape (blocks, m, m)
-            Where to add.
+            Where to add; m is 4 for ``JETS``: products of the three derivatives and the value.
         rule : Quadrature
             Points in parameters, in active cells.
         kind : int
@@ -235,8 +242,8 @@ class Assembly(Frozen):
             Factor, or Lamé constants for pairs of derivatives.
         """
         nb = self.space.dofs.shape[1]
-        size = 3 * nb if kind == kernels.PAIRS else nb
-        blocks = kernels.ELASTIC if kind == kernels.PAIRS else kernels.SCALAR
+        directions, blocks = KINDS[kind]
+        size = directions * nb
         for at, part, rows in self.batches(rule, size * size):
             A = np.empty((len(at), size, size))
             u = rule.points[rows]

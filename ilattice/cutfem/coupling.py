@@ -10,6 +10,7 @@ Guarantees: consistent and symmetric; a jump of the stiffness of any size change
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -33,18 +34,56 @@ Tractions = Callable[[int, slice, FloatArray], FloatArray]
 
 def add_elastic(data: FloatArray, problem: "Elasticity") -> None:
     """Add what couples the phases of an elastic solid to blocks."""
-    asm, rule, u = _surface(problem.assembly)
-    lame = [
-        np.stack([np.broadcast_to(v, len(u)) for v in material.lame(asm, u)])
-        for material in problem.material.phases
-    ]
-    share = shares(*(lam + 2.0 * mu for lam, mu in lame))
+    asm, rule, _ = _surface(problem.assembly)
+    share, lame = _lame(problem)
     n = rule.normals
     assert n is not None
     scale = 2.0 * NITSCHE * asm.space.degree**2 / cell_heights(asm, rule)
     lam, mu = scale * sum(s * s * v for s, v in zip(share, lame, strict=True))
     nn = n[:, :, None] * n[:, None, :]
     Q = 2.0 * mu[:, None, None] * np.eye(3) + lam[:, None, None] * nn
+    _add(data, asm, Q, _tractions(problem))
+
+
+def add_waves(data: FloatArray, problem: "Elasticity") -> None:
+    """Add what waves exp(i k x) v change of that to blocks (3, blocks, 3, 3): i k_j data[j].
+
+    Their gradients grad v + i k v make up mean tractions, too; matrices are skew.
+    """
+    asm, rule, _ = _surface(problem.assembly)
+    of, both, nb = _tractions(problem), (rule, upper(rule)), asm.space.dofs.shape[1]
+    for pairs, rows in _batches(rule, 3 * (6 * nb) ** 2):
+        values = [
+            _functions(asm, both[side], at[rule.owners[rows]], rows)[0]
+            for side, at in enumerate(asm.sides)
+        ]
+        jumps = np.concatenate([values[0], -values[1]], axis=1) * rule.weights[rows, None]
+        ends = rule.offsets[pairs.start : pairs.stop + 1] - rows.start
+        for j in range(3):
+            D = [v[:, :, None] * np.eye(3)[j] for v in values]
+            T = np.concatenate([of(side, rows, d) for side, d in enumerate(D)], axis=2)
+            A = np.empty((len(ends) - 1, 6 * nb, 6 * nb))
+            for e, (a, b) in enumerate(pairwise(ends)):
+                one = np.einsum("qa,qibj->aibj", jumps[a:b], T[a:b]).reshape(A.shape[1:])
+                A[e] = one.T - one
+            asm.add_pairs(data[j], pairs.start, A)
+
+
+def _lame(problem: "Elasticity") -> tuple[tuple[FloatArray, FloatArray], list[FloatArray]]:
+    """Weights of the tractions of both phases, and their Lamé constants (2, n)."""
+    asm, _, u = _surface(problem.assembly)
+    lame = [
+        np.stack([np.broadcast_to(v, len(u)) for v in material.lame(asm, u)])
+        for material in problem.material.phases
+    ]
+    return shares(*(lam + 2.0 * mu for lam, mu in lame)), lame
+
+
+def _tractions(problem: "Elasticity") -> Tractions:
+    """Tractions of elastic phases, weighed."""
+    share, lame = _lame(problem)
+    assert problem.assembly.seam is not None
+    n: FloatArray = problem.assembly.seam.normals  # type: ignore[assignment]
 
     def tractions(side: int, rows: slice, D: FloatArray) -> FloatArray:
         lam, mu = (share[side] * lame[side])[:, rows]
@@ -56,7 +95,7 @@ def add_elastic(data: FloatArray, problem: "Elasticity") -> None:
             T[:, i, :, i] += along
         return T
 
-    _add(data, asm, Q, tractions)
+    return tractions
 
 
 def add_heat(data: FloatArray, problem: "Heat") -> None:

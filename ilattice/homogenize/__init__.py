@@ -7,6 +7,8 @@
     print(eff.C, eff.E((1, 1, 0)), eff.error, eff.bounds)
 
 =====================  ============================================================================
+`bloch`                waves on cut cells: bands of frequencies, gaps, group velocities
+`sweep`                stiffness of many cells: tables that go on where they stopped, fits
 `elastic`              stiffness of any solid on cut cells: the reference, and the default
 `conductive`           conductivity, likewise
 `voxels`               stiffness of an array of voxels: tomograms, labels, fill fractions
@@ -19,25 +21,37 @@ nothing is borne. What stands on cut cells comes from above, as energies of admi
 """
 
 from ilattice.homogenize._result import HomogenizationReport
+from ilattice.homogenize.bands import Bands, BlochMode, BlochReport, Gap
+from ilattice.homogenize.bloch import BlochCell, bloch
 from ilattice.homogenize.bounds import Bounds, ConductivityBounds
 from ilattice.homogenize.conductive import ConductiveCell, conductive
 from ilattice.homogenize.conductivity import Conductivity
 from ilattice.homogenize.effective import Effective
 from ilattice.homogenize.elastic import ElasticCell, elastic
 from ilattice.homogenize.images import read_voxels
+from ilattice.homogenize.sweep import Fit, Rows, sweep
 from ilattice.homogenize.voxel import conductive_voxels, voxels
 
 __all__ = [
+    "Bands",
+    "BlochCell",
+    "BlochMode",
+    "BlochReport",
     "Bounds",
     "ConductiveCell",
     "Conductivity",
     "ConductivityBounds",
     "Effective",
     "ElasticCell",
+    "Fit",
+    "Gap",
     "HomogenizationReport",
+    "Rows",
+    "bloch",
     "conductive",
     "conductive_voxels",
     "elastic",
     "read_voxels",
+    "sweep",
     "voxels",
 ]

@@ -111,14 +111,14 @@ class Table:
             self._leave()
 
     def find(
-        self, path: str, values: Mapping[str, str], command: str, inputs: str, version: str
+        self, path: str | None, values: Mapping[str, str], command: str, inputs: str, version: str
     ) -> dict[str, str] | None:
         """The row of a run that need not be repeated.
 
         Parameters
         ----------
-        path : str
-            The file that the run writes.
+        path : str or None
+            The file that the run writes; None for runs that write none.
         values : mapping of str to str
             The parameters.
         command, inputs, version : str
@@ -127,11 +127,15 @@ class Table:
         Returns
         -------
         dict or None
-            The row, as text; None if there is none, if its file, its inputs or its version are
-            others, or if its file is not the one that was written.
+            The row, as text; None if there is none, if it has failed, if its file, its inputs or
+            its version are others, or if its file is not the one that was written.
         """
         row = self._rows.get(self._key({**values, "command": _written(command)}))
-        if row is None or not row["file"] or (row["inputs"], row["version"]) != (inputs, version):
+        if row is None or (row["inputs"], row["version"]) != (inputs, version):
+            return None
+        if path is None:
+            return None if row["message"] or row["file"] else row
+        if not row["file"]:
             return None
         if self._place(row["file"]) != _real(path):
             return None

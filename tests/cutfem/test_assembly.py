@@ -97,6 +97,10 @@ def test_cell_matrices_are_those_of_the_naive_twin(p):
     expected += mu * trace[:, None, :, None] * np.eye(3)[:, None, :]
     K = matrix(asm, rule, kernels.PAIRS, ONE, lam, mu, m=3).toarray()
     np.testing.assert_allclose(K, expected.reshape(K.shape), atol=1e-12)
+    jets = np.concatenate([g, N[:, :, None]], axis=2)
+    Q = np.einsum("q,qai,qbj->aibj", w * rho[:, 0], jets, jets)
+    J = matrix(asm, rule, kernels.JETS, rho, m=4).toarray()
+    np.testing.assert_allclose(J, Q.reshape(J.shape), atol=1e-12)
 
 
 def naive_need(cut, rule, wet, enough):
