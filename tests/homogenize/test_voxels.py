@@ -291,3 +291,13 @@ def test_files_of_voxels(tmp_path):
     ):
         with pytest.raises(il.errors.FormatError, match=told):
             il.homogenize.read_voxels(tmp_path / name)
+
+
+def test_conductivities_are_zero_where_nothing_is_borne():
+    plate = np.zeros((6, 6, 6), int)
+    plate[:, :, 2:4] = 1
+    plate[2:4, 2:4, 1] = 1
+    with pytest.warns(PrecisionWarning, match="along z"):
+        k = conductive_voxels(plate, conductivity=(0.0, 1.0)).k
+    assert not k[2].any()
+    assert k[0, 0] > 1 / 3
