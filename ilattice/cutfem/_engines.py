@@ -1,8 +1,8 @@
 """What can stand in for the inverse of a stiffness matrix: factors and hierarchies.
 
-An engine is called with a residual and returns an approximate solution. Guarantee: one that is
-singular to working precision raises `ConvergenceError` when it is made. The optional packages are
-imported inside of functions.
+An engine is called with residuals, a vector (n,) or rows (r, n), and returns approximate solutions.
+Guarantee: one that is singular to working precision raises `ConvergenceError` when it is made. The
+optional packages are imported inside of functions.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def superlu(K: bsr_array, *_: Any) -> tuple[Engine, int]:
         raise ConvergenceError(f"K is singular: SuperLU says '{e}'. {REMEDY}") from e
     except MemoryError as e:
         raise ConvergenceError("the factor does not fit into memory; use 'multigrid'") from e
-    return _certain(lambda r: d * lu.solve(d * r), d), 12 * lu.nnz
+    return _certain(lambda r: d * lu.solve((d * r).T).T, d), 12 * lu.nnz
 
 
 def pardiso(K: bsr_array, *_: Any) -> tuple[Engine, int]:
@@ -73,7 +73,7 @@ def pardiso(K: bsr_array, *_: Any) -> tuple[Engine, int]:
         solver.factorize(upper)
     except module.PyPardisoError as e:
         raise ConvergenceError(f"K is singular: PARDISO says '{e}'. {REMEDY}") from e
-    engine = _certain(lambda r: d * np.ravel(solver.solve(upper, d * r)), d)
+    engine = _certain(_each(lambda r: d * np.ravel(solver.solve(upper, d * r))), d)
     return engine, 1024 * int(solver.get_iparm(17))
 
 
@@ -88,7 +88,7 @@ def pyamg(K: bsr_array, modes: FloatArray, *_: Any) -> tuple[Engine, int]:
     )
     operator = ml.aspreconditioner()
     held = sum(12 * level.A.nnz for level in ml.levels)
-    return lambda r: operator @ r, held
+    return _each(lambda r: operator @ r), held
 
 
 ENGINES = {"multigrid": multigrid, "pardiso": pardiso, "pyamg": pyamg, "superlu": superlu}
@@ -148,6 +148,15 @@ def _certain(solve: Engine, d: FloatArray) -> Engine:
                 f"diagonal. {REMEDY}"
             )
     return solve
+
+
+def _each(solve: Engine) -> Engine:
+    """An engine of one that takes vectors only."""
+
+    def engine(r: FloatArray) -> FloatArray:
+        return solve(r) if r.ndim == 1 else np.stack([solve(row) for row in r])
+
+    return engine
 
 
 def _optional(name: str, extra: str) -> Any:

@@ -219,3 +219,10 @@ def solve_cholesky(F: Any, b: Any, x: Any) -> None:
         x[i] = v
         for k in range(i):
             y[k] -= v * F[i, k]
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
+def solve_rows(F: Any, b: Any, x: Any) -> None:
+    """As `solve_cholesky`, for all rows of b (r, n)."""
+    for r in prange(len(b)):
+        solve_cholesky(F, b[r], x[r])

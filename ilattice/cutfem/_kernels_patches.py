@@ -71,12 +71,13 @@ def invert(
 
 @njit(cache=True, error_model="numpy", parallel=True)
 def apply(starts: Any, members: Any, where: Any, inverses: Any, m: int, r: Any, s: Any) -> None:
-    """s = inverse times r on the patches."""
+    """s = inverse times r on the patches, vectors in rows of r (k, n)."""
     for p in prange(len(starts) - 1):
         first = starts[p]
         n = m * (starts[p + 1] - first)
-        for a in range(n):
-            v = 0.0
-            for b in range(n):
-                v += inverses[where[p] + a * n + b] * r[m * members[first + b // m] + b % m]
-            s[m * members[first + a // m] + a % m] = v
+        for c in range(len(r)):
+            for a in range(n):
+                v = 0.0
+                for b in range(n):
+                    v += inverses[where[p] + a * n + b] * r[c, m * members[first + b // m] + b % m]
+                s[c, m * members[first + a // m] + a % m] = v

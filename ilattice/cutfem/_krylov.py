@@ -65,63 +65,99 @@ class _Bar:
 
 def conjugate_gradients(
     K: Operator, M: Operator, b: FloatArray, tol: float, steps: int, progress: Progress
-) -> Run:
-    """Solve K x = b to |b - K x| <= tol |b|, or say why not.
+) -> list[Run]:
+    """Solve K x = b for rows of b (r, n) to |b - K x| <= tol |b|, or say why not.
 
     The flexible variant, which forgives a preconditioner that is only nearly symmetric: the
-    cycle rounds to single precision.
+    cycle rounds to single precision. Rows go together through the matrix and the preconditioner,
+    each with coefficients of its own, until they are solved.
     """
-    run = Run(np.zeros_like(b))
-    length = np.sqrt(_dots(b, b)[0])
-    if length == 0:
-        return run
-    run.residual = 1.0
-    run.history.append(1.0)
+    x = np.zeros_like(b)
+    runs = [Run(row) for row in x]
+    lengths = [float(np.sqrt(_dots(row, row)[0])) for row in b]
+    left = [i for i, length in enumerate(lengths) if length != 0]
+    for i in left:
+        runs[i].residual = 1.0
+        runs[i].history.append(1.0)
     bar = _Bar(tol, progress)
-    for _ in range(RESTARTS):
-        r = b - K(run.x) if len(run.history) > 1 else b.copy()
-        _descend(run, K, M, r, length, tol, steps, bar)
-        run.residual = float(np.sqrt(_dots(*(b - K(run.x),) * 2)[0]) / length)
-        if run.trouble or run.residual <= tol or len(run.history) > steps:
+    for turn in range(RESTARTS):
+        if not left:
             break
-    return run
+        r = b[left] - K(x[left]) if turn else b[left]
+        _descend([_Row(runs[i], lengths[i]) for i in left], K, M, r, tol, steps, bar)
+        r = b[left] - K(x[left])
+        for i, row in zip(left, r, strict=True):
+            runs[i].residual = float(np.sqrt(_dots(row, row)[0]) / lengths[i])
+        left = [
+            i for i in left
+            if not (runs[i].trouble or runs[i].residual <= tol or len(runs[i].history) > steps)
+        ]  # fmt: skip
+    return runs
+
+
+@dataclass
+class _Row:
+    """One right-hand side on its way: its length, and the coefficients of its steps."""
+
+    run: Run
+    length: float
+    rz: float = 0.0
+    alphas: list[float] = field(default_factory=list)
+    betas: list[float] = field(default_factory=list)
+
+    def advance(self, p: FloatArray, q: FloatArray, r: FloatArray) -> bool:
+        """Take a step along p, of which q is the product; False where there is none."""
+        pq = _dots(p, q)[0]
+        if not (pq > 0 and self.rz > 0):
+            self.run.trouble = "the matrix or its preconditioner is not positive definite"
+            return False
+        alpha = self.rz / pq
+        kb.combine(alpha, p, 1.0, self.run.x)
+        kb.combine(-alpha, q, 1.0, r)
+        self.run.history.append(float(np.sqrt(_dots(r, r)[0]) / self.length))
+        self.alphas.append(alpha)
+        if len(self.alphas) % LOOK == 0:
+            self.look()
+            if self.run.condition > HOPELESS:
+                self.run.trouble = "the matrix is singular to working precision"
+                return False
+        return True
+
+    def turn(self, z: FloatArray, r: FloatArray, q: FloatArray, p: FloatArray) -> None:
+        """Make p the next direction."""
+        rz, qz = _dots(z, r, q)
+        self.betas.append(-self.alphas[-1] * qz / self.rz)
+        self.rz = rz
+        kb.combine(1.0, z, self.betas[-1], p)
+
+    def look(self) -> None:
+        """Update the condition number."""
+        self.run.condition = max(self.run.condition, _condition(self.alphas, self.betas))
 
 
 def _descend(
-    run: Run, K: Operator, M: Operator, r: FloatArray, length: float, tol: float, steps: int,
-    bar: _Bar,
-) -> None:  # fmt: skip
-    """Go on from run.x with residual r, which is overwritten."""
-    z = M(r)
-    p = z.copy()
-    rz = _dots(r, z)[0]
-    alphas: list[float] = []
-    betas: list[float] = []
-    while len(run.history) <= steps:
+    rows: list[_Row], K: Operator, M: Operator, r: FloatArray, tol: float, steps: int, bar: _Bar
+) -> None:
+    """Go on from where runs are with residuals r (rows, n), which are overwritten."""
+    p = np.ascontiguousarray(M(r))
+    for row, z, one in zip(rows, p, r, strict=True):
+        row.rz = _dots(one, z)[0]
+    while rows:
         q = K(p)
-        pq = _dots(p, q)[0]
-        if not (pq > 0 and rz > 0):
-            run.trouble = "the matrix or its preconditioner is not positive definite"
-            return
-        alpha = rz / pq
-        kb.combine(alpha, p, 1.0, run.x)
-        kb.combine(-alpha, q, 1.0, r)
-        run.history.append(float(np.sqrt(_dots(r, r)[0]) / length))
-        bar.show(run.history[-1])
-        alphas.append(alpha)
-        if len(alphas) % LOOK == 0:
-            run.condition = max(run.condition, _condition(alphas, betas))
-            if run.condition > HOPELESS:
-                run.trouble = "the matrix is singular to working precision"
-                return
-        if run.history[-1] <= tol:
-            break
-        z = M(r)
-        rz_new, qz = _dots(z, r, q)
-        betas.append(-alpha * qz / rz)
-        rz = rz_new
-        kb.combine(1.0, z, betas[-1], p)
-    run.condition = max(run.condition, _condition(alphas, betas))
+        going = []
+        for i, row in enumerate(rows):
+            history = row.run.history
+            if row.advance(p[i], q[i], r[i]) and history[-1] > tol and len(history) <= steps:
+                going.append(i)
+            else:
+                row.look()
+        bar.show(max(row.run.history[-1] for row in rows))
+        if len(going) < len(rows):
+            rows, p, q, r = [rows[i] for i in going], p[going], q[going], r[going]
+        if rows:
+            z = np.ascontiguousarray(M(r))
+            for i, row in enumerate(rows):
+                row.turn(z[i], r[i], q[i], p[i])
 
 
 def _dots(x: FloatArray, y: FloatArray, z: FloatArray | None = None) -> tuple[float, float]:

@@ -90,9 +90,10 @@ class Blocks:
         return _offsets(counts), rows[order], order
 
     def multiply(self, x: AnyArray, y: AnyArray, sign: float) -> None:
-        """y += sign A x, or y = A x for sign 0."""
+        """y += sign A x, or y = A x for sign 0; vectors (n,), or in rows (r, n)."""
         s = y.dtype.type(sign)
         m, p = self.blocks.shape[1:]
+        x, y = x.reshape(-1, self.shape[1]), y.reshape(-1, self.shape[0])
         if m == p == 3:
             kb.multiply3(self.offsets, self.columns, self.blocks, x, y, s)
         elif m in (3, 6) and p == 6:
@@ -101,7 +102,8 @@ class Blocks:
             kb.multiply(self.offsets, self.columns, self.blocks, x, y, s, self.sizes)
 
     def multiply_transposed(self, x: AnyArray, y: AnyArray) -> None:
-        """y = Aᵀ x."""
+        """y = Aᵀ x; vectors (n,), or in rows (r, n)."""
+        x, y = x.reshape(-1, self.shape[0]), y.reshape(-1, self.shape[1])
         if self.blocks.shape[2] == 6:
             kb.multiply_transposed6(*self.transposed, self.blocks, x, y, self.sizes[0])
         else:
@@ -154,7 +156,7 @@ class Multigrid:
             km.strengths(A.offsets, A.columns, scaled.blocks, A.sizes[0], strength)
             patches = _patches(scaled, strength)
             rho = _largest_eigenvalue(scaled, patches)
-            B = _multiply_blocks(factors, B, True, np.float64)
+            B = _multiply_blocks(factors, B, True, np.empty_like(B))
             home, count = _aggregates(scaled, strength, x, WEAK_COARSE if self.levels else WEAK)
             P, B = _prolongation(scaled, B, rho, home, count)
             x = None if x is None else _means(x, home, count)
@@ -176,26 +178,32 @@ class Multigrid:
         return sum(a.nbytes for a in held)
 
     def __call__(self, r: FloatArray) -> FloatArray:
-        """Approximate solution of K z = r, in double precision."""
-        length = float(np.sqrt(kb.dots(r, r, r)[:, 0].sum())) or 1.0
-        short = _multiply_blocks(self.scaling, (r / length)[:, None], False, np.float32)
-        x = self._cycle(0, short[:, 0])
-        return length * _multiply_blocks(self.scaling, x[:, None], True, np.float64)[:, 0]
+        """Approximate solution of K z = r, in double precision, for vectors (n,) or rows (k, n)."""
+        rows = r.reshape(-1, r.shape[-1])
+        short, out = np.empty(rows.shape, np.float32), np.empty(rows.shape)
+        lengths = [float(np.sqrt(kb.dots(v, v, v)[:, 0].sum())) or 1.0 for v in rows]
+        for v, s, length in zip(rows, short, lengths, strict=True):
+            _multiply_blocks(self.scaling, (v / length)[:, None], False, s[:, None])
+        x = self._cycle(0, short)
+        for v, z, length in zip(x, out, lengths, strict=True):
+            _multiply_blocks(self.scaling, v[:, None], True, z[:, None])
+            z *= length
+        return out.reshape(r.shape)
 
     def _cycle(self, depth: int, r: AnyArray) -> AnyArray:
-        """One V-cycle for the residual r, which is overwritten."""
+        """One V-cycle for residuals in rows of r, which is overwritten."""
         x = np.zeros_like(r)
         if depth == len(self.levels):
-            km.solve_cholesky(self.factor, r, x)
+            km.solve_rows(self.factor, r, x)
             return x
         level = self.levels[depth]
         level.smooth(r, x, last=False)
-        coarse = np.empty(level.P.shape[1], np.float32)
+        coarse = np.empty((len(r), level.P.shape[1]), np.float32)
         level.P.multiply_transposed(r, coarse)
         step = np.empty_like(r)
         level.P.multiply(self._cycle(depth + 1, coarse), step, 0)
         level.A.multiply(step, r, -1)
-        kb.combine(ONE, step, ONE, x)
+        kb.combine(ONE, step.ravel(), ONE, x.ravel())
         level.smooth(r, x, last=True)
         return x
 
@@ -210,7 +218,7 @@ class _Patches:
     inverses: FloatArray
 
     def solve(self, r: AnyArray, m: int) -> AnyArray:
-        """r (rows m), on patches multiplied by their inverses: r itself if there are none."""
+        """r (k, rows m), on patches multiplied by their inverses: r itself if there are none."""
         if len(self.members) == 0:
             return r
         s = r.copy()
@@ -236,7 +244,8 @@ class _Level:
         for i in range(1, DEGREE + 1):
             a = np.float32((2 * i - 3) / (2 * i + 1))
             b = np.float32((8 * i - 4) / (2 * i + 1) / self.rho)
-            kb.smooth(a, z, b, self.patches.solve(r, self.A.blocks.shape[1]), ONE, x)
+            solved = self.patches.solve(r, self.A.blocks.shape[1])
+            kb.smooth(a, z.ravel(), b, solved.ravel(), ONE, x.ravel())
             if not last or i < DEGREE:
                 self.A.multiply(z, r, -1)
 
@@ -253,8 +262,7 @@ def _block_factors(A: Blocks) -> tuple[FloatArray, FloatArray]:
     return factors, inverses
 
 
-def _multiply_blocks(A: FloatArray, x: FloatArray, transposed: bool, dtype: Any) -> Any:
-    y = np.empty(x.shape, dtype)
+def _multiply_blocks(A: FloatArray, x: AnyArray, transposed: bool, y: AnyArray) -> Any:
     kb.multiply_blocks(A, x, transposed, (0,) * A.shape[1], y)
     return y
 
@@ -288,7 +296,7 @@ def _largest_eigenvalue(A: Blocks, patches: _Patches) -> float:
     n, m = A.shape[0], A.blocks.shape[1]
     before, beta = np.zeros(n, np.float32), 0.0
     r = np.sin(1.0 + np.arange(n, dtype=np.float64) ** 2 % 7919).astype(np.float32)
-    z = patches.solve(r, m)
+    z = patches.solve(r[None], m)[0]
     length = np.float32(np.sqrt(kb.dots(r, z, z)[:, 0].sum()))
     alphas: list[float] = []
     betas: list[float] = []
@@ -299,7 +307,7 @@ def _largest_eigenvalue(A: Blocks, patches: _Patches) -> float:
         kb.combine(np.float32(-beta), before, ONE, r)
         alphas.append(float(kb.dots(z, r, r)[:, 0].sum()))
         kb.combine(np.float32(-alphas[-1]), v, ONE, r)
-        z = patches.solve(r, m)
+        z = patches.solve(r[None], m)[0]
         beta = float(np.sqrt(kb.dots(r, z, z)[:, 0].sum()))
         betas.append(beta)
         if beta <= 1e-5 * abs(alphas[0]):

@@ -6,7 +6,8 @@
     u, report = solver.solve(f)
 
 Whatever the method, its approximate inverse preconditions conjugate gradients in double precision:
-a factor then takes one or two steps, which are its iterative refinement.
+a factor then takes one or two steps, which are its iterative refinement. Several right-hand sides
+go through the matrix and the preconditioner together, so that these are read once for all.
 
 Guarantees: a solution comes with a relative residual below `tol`, computed afresh from K, or
 `ConvergenceError` is raised; a matrix that is singular to working precision is refused. Multigrid
@@ -46,6 +47,8 @@ LARGEST = 1e140
 ASYMMETRY = 1e-9
 #: Steps that are allowed from which on a factor takes over where they are not enough.
 MANY = 100
+#: Right-hand sides that are solved together, at most.
+TOGETHER = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,39 +153,39 @@ class Solver:
         return _again, (self._K, self._near_nullspace, method, self._places)
 
     def precondition(self, r: ArrayLike) -> FloatArray:
-        """Approximate solution, shape (n,), of K z = r by one application of the method.
+        """Approximate solution of K z = r by one application of the method.
 
         Parameters
         ----------
-        r : array_like, shape (n,)
-            Right-hand side.
+        r : array_like, shape (n,) or (n, k)
+            One or several right-hand sides.
 
         Returns
         -------
-        ndarray, shape (n,)
+        ndarray, shape of r
             z; a symmetric positive definite function of r.
         """
-        return self._engine(self._as_load(r, "r")[:, 0])
+        rows = np.ascontiguousarray(self._as_load(r, "r").T)
+        return np.ascontiguousarray(self._engine(rows).T).reshape(np.shape(r))
 
     def multiply(self, x: ArrayLike) -> FloatArray:
         """K x by all threads.
 
         Parameters
         ----------
-        x : array_like, shape (n,)
-            A vector.
+        x : array_like, shape (n,) or (n, r)
+            One or several vectors.
 
         Returns
         -------
-        ndarray, shape (n,)
-            The product.
+        ndarray, shape of x
+            The products.
         """
-        a = as_array("x", x, ndim=1)
-        if len(a) != self._K.shape[0]:
-            raise InputError(f"x must have {self._K.shape[0]} rows, got {len(a)}")
-        return self._multiply(a)
+        rows = np.ascontiguousarray(self._as_load(x, "x").T)
+        return np.ascontiguousarray(self._multiply(rows).T).reshape(np.shape(x))
 
     def _multiply(self, x: FloatArray) -> FloatArray:
+        """K x for a vector (n,), or rows (r, n)."""
         y = np.empty_like(x)
         self._blocks.multiply(x, y, 0)
         return y
@@ -196,7 +199,7 @@ class Solver:
         Parameters
         ----------
         b : array_like, shape (n,) or (n, r)
-            One or several right-hand sides.
+            One or several right-hand sides; each stops where it alone would.
         tol : float
             Largest relative residual |b - K x| / |b|.
         max_iterations : int
@@ -224,7 +227,10 @@ class Solver:
             raise InputError(f"tol must be between 1e-15 and 1, got {tol:g}")
         steps = as_whole("max_iterations", max_iterations, 1, 2**31)
         start = time.perf_counter()
-        runs = [self._run(np.ascontiguousarray(c), tol, steps, progress) for c in loads.T]
+        rows = np.ascontiguousarray(loads.T)
+        runs: list[Run] = []
+        for i in range(0, len(rows), TOGETHER):
+            runs += self._run(rows[i : i + TOGETHER], tol, steps, progress)
         longest = max(runs, key=lambda run: len(run.history))
         report = SolveReport(
             self._method,
@@ -239,14 +245,18 @@ class Solver:
         )
         return np.stack([run.x for run in runs], axis=1).reshape(np.shape(b)), report
 
-    def _run(self, b: FloatArray, tol: float, steps: int, progress: Progress) -> Run:
-        run = conjugate_gradients(self._multiply, self._engine, b, tol, steps, progress)
-        if run.trouble or not run.residual <= tol:
-            if self._replaceable and steps >= MANY and factor_size(self._K) <= LIMIT:
-                self._replace()
-                return self._run(b, tol, steps, progress)
-            raise ConvergenceError(self._complaint(run, tol))
-        return run
+    def _run(self, b: FloatArray, tol: float, steps: int, progress: Progress) -> list[Run]:
+        """Solve for rows of b, if need be with another method."""
+        runs = conjugate_gradients(self._multiply, self._engine, b, tol, steps, progress)
+        failed = [i for i, run in enumerate(runs) if run.trouble or not run.residual <= tol]
+        if not failed:
+            return runs
+        if not (self._replaceable and steps >= MANY and factor_size(self._K) <= LIMIT):
+            raise ConvergenceError(self._complaint(runs[failed[0]], tol))
+        self._replace()
+        for i, run in zip(failed, self._run(b[failed], tol, steps, progress), strict=True):
+            runs[i] = run
+        return runs
 
     def _replace(self) -> None:
         """Take a factor from now on, in place of multigrid that does not converge."""

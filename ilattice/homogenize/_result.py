@@ -37,6 +37,11 @@ class HomogenizationReport:
         The largest relative residual.
     seconds : float
         Wall time of all systems.
+    loads : int
+        Number of loads that were solved from nothing, 0 to 6.
+    symmetry : float
+        The largest relative residual of the others as they followed by symmetry, from which they
+        were solved to the tolerance; NaN if there are none.
     """
 
     route: str
@@ -45,6 +50,8 @@ class HomogenizationReport:
     iterations: int
     residual: float
     seconds: float
+    loads: int = 0
+    symmetry: float = float("nan")
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +62,7 @@ class Result(Frozen):
     percolates: tuple[bool, bool, bool]
     report: HomogenizationReport
     quantity: ClassVar[str] = ""
+    title: ClassVar[str] = ""
 
     def surface(self, level: int = 5) -> SurfaceMesh:
         """The property in all directions as a surface: its distance from the origin.
@@ -78,11 +86,13 @@ class Result(Frozen):
     def _of_directions(self, n: FloatArray) -> dict[str, AnyArray]:
         raise NotImplementedError
 
-    def plot(self, **options: Any) -> Any:
+    def plot(self, *, unit: str = "", **options: Any) -> Any:
         """Show `surface` in a window or a notebook.
 
         Parameters
         ----------
+        unit : str, keyword-only
+            Of the property, which is that of what was given, for the title of the colours.
         **options
             Passed to ``pyvista.PolyData.plot``.
 
@@ -91,7 +101,9 @@ class Result(Frozen):
         object
             What pyvista returns.
         """
-        return self.surface().plot(**{"scalars": self.quantity, "show_axes": True, **options})
+        title = f"{self.title} in {unit}" if unit else self.title
+        usual = {"scalars": self.quantity, "show_axes": True, "scalar_bar_args": {"title": title}}
+        return self.surface().plot(**{**usual, **options})
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the surface of directions, or the numbers, as the ending of the file asks.

@@ -10,43 +10,33 @@ are boxes, or images of boxes under affine maps.
 """
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, ClassVar
 
 import numpy as np
 
-from ilattice._typing import FloatArray, IntArray
-from ilattice._validate import as_counts, read_only
+from ilattice._typing import AnyArray, FloatArray, IntArray
+from ilattice._validate import read_only
 from ilattice.cutfem import discretization
 from ilattice.cutfem.assembly import Assembly, constant_jacobian
 from ilattice.cutfem.connectivity import links
 from ilattice.cutfem.constraints import Constraints
-from ilattice.cutfem.domain import Domain
-from ilattice.cutfem.grid import CutGrid, Grid, cut
-from ilattice.cutfem.phases import PhasedDomain
 from ilattice.cutfem.problem import Problem
 from ilattice.cutfem.rules import Quadrature
 from ilattice.cutfem.solvers import Solver, SolveReport
-from ilattice.errors import ConvergenceError, GeometryError, InputError, PrecisionWarning
+from ilattice.errors import ConvergenceError, GeometryError, PrecisionWarning
+from ilattice.homogenize._estimate import EXACT, estimated, outside, warn
 from ilattice.homogenize._result import HomogenizationReport
+from ilattice.homogenize._symmetry import USELESS, Way, ways
+from ilattice.homogenize.arguments import EDGES
 from ilattice.homogenize.percolation import Percolation, percolation
-from ilattice.macroshape.cells import CellMap, cell
-from ilattice.macroshape.lattice import Lattice
 from ilattice.macroshape.maps import SplineMap
-from ilattice.offsets.wall import Wall
-from ilattice.tiles.catalog import get
-from ilattice.tiles.mixture import Mixture
-from ilattice.tiles.tile import Tile
 
-#: Points per direction at which opposite faces of a cell are compared, and by what part of its
-#: largest value there a field may jump between them.
-COMPARED, JUMP = 33, 1e-3
 #: A cell that lacks less than this part is full.
 FULL = 1e-9
 #: Loads below this part of the largest one are rounding.
 ROUNDING = 1e-13
-EDGES = "uvw"
 #: Unknowns up to which a factor is faster than multigrid; steps from which on it takes over.
 SMALL, MANY = 3000, 100
 
@@ -59,18 +49,24 @@ class Answer:
     ----------
     energies : ndarray, shape (k, k)
         What the loads do on the solutions: the part of the mean stiffness that is relaxed.
-    errors : ndarray, shape (k,)
-        Estimated errors of its diagonal.
+    exact : ndarray of bool, shape (k,)
+        Where splines on cells twice as long are as good: laminates, and cells of one material.
     coefficients : ndarray, shape (functions, m, k)
         Solutions.
     report : SolveReport or None
         Of the solver.
+    solved : int
+        Number of loads that were solved from nothing.
+    symmetry : float
+        Largest relative residual of the others as they followed by symmetry; NaN without others.
     """
 
     energies: FloatArray
-    errors: FloatArray
+    exact: AnyArray
     coefficients: FloatArray
     report: SolveReport | None
+    solved: int = 0
+    symmetry: float = float("nan")
 
 
 class CellProblem(Problem):
@@ -151,7 +147,7 @@ class CellProblem(Problem):
             warnings.warn(
                 f"left out, because islands bear nothing: {what.describe(loose)}",
                 PrecisionWarning,
-                stacklevel=5,
+                stacklevel=outside(),
             )
         self.domain.warn_gaps()
         return self.domain.assembly(held, weak=False)
@@ -205,6 +201,8 @@ class CellProblem(Problem):
             "cut cells", self.domain.cut.grid.shape, 0 if solved is None else solved.size,
             0 if solved is None else solved.iterations,
             0.0 if solved is None else float(solved.residual), seconds,
+            0 if answer is None else answer.solved,
+            float("nan") if answer is None else answer.symmetry,
         )  # fmt: skip
 
     @cached_property
@@ -288,31 +286,125 @@ class CellProblem(Problem):
         B = np.stack([system.constraints.restrict(F[..., i]).ravel() for i in range(k)], axis=1)
         length = np.linalg.norm(B, axis=0)
         there = np.flatnonzero(length > ROUNDING * max(length.max(), self._scale()))
-        U, report, solver = np.zeros_like(B), None, None
-        if len(there):
-            solver = self._solver(method)
-            loads = np.ascontiguousarray(B[:, there])
-            try:
-                U[:, there], report = solver.solve(
-                    loads, tol=tol, max_iterations=max_iterations, progress=progress
-                )
-            except ConvergenceError:
-                if method != "auto" or max_iterations < MANY:
-                    raise
-                solver = self._solver("superlu")
-                U[:, there], report = solver.solve(loads, tol=tol)
+        U, report, solver, solved, spared = np.zeros_like(B), None, None, 0, float("nan")
+        found = self._ways(there)
+        first = [a for a in there.tolist() if a not in found]
+        how = (method, tol, max_iterations, progress)
+        if first:
+            U[:, first], report, solver = self._solved(B[:, first], *how)
+            residuals = [self._take(b, found[b], U, B, solver) for b in sorted(found)]
+            left = [b for b, r in zip(sorted(found), residuals, strict=True) if not r <= tol]
+            if left:
+                report = self._finish(left, U, B, solver, report, how)
+            near = [r for r in residuals if r < USELESS]
+            spared, solved = max(near, default=spared), len(there) - len(near)
         coefficients = np.zeros_like(F)
         for i in range(k):
             coefficients[..., i] = system.constraints.expand(U[:, i].reshape(-1, self.m))
-        energies, errors = np.zeros((k, k)), np.zeros(k)
+        energies, exact = np.zeros((k, k)), np.ones(k, bool)
         if solver is not None:
-            KU = np.stack([solver.multiply(np.ascontiguousarray(u)) for u in U.T], axis=1)
-            work = U.T @ B
+            KU, work = solver.multiply(U), U.T @ B
             energies = work + work.T - 0.5 * (U.T @ KU + KU.T @ U)  # off by squares only
             for a in there.tolist():
                 whole = float(U[:, a] @ KU[:, a])
-                errors[a] = whole * self._part_missed(coefficients[..., a], whole)
-        return Answer(energies, errors, coefficients, report)
+                exact[a] = not self._constant and (
+                    self._part_missed(coefficients[..., a], whole) <= EXACT
+                )
+        return Answer(energies, exact, coefficients, report, solved, spared)
+
+    def _solved(
+        self, B: FloatArray, method: str, tol: float, max_iterations: int, progress: Any
+    ) -> tuple[FloatArray, SolveReport, Solver]:
+        """Solutions of right-hand sides (n, k), together."""
+        solver, loads = self._solver(method), np.ascontiguousarray(B)
+        try:
+            U, report = solver.solve(
+                loads, tol=tol, max_iterations=max_iterations, progress=progress
+            )
+        except ConvergenceError:
+            if method != "auto" or max_iterations < MANY:
+                raise
+            solver = self._solver("superlu")
+            U, report = solver.solve(loads, tol=tol)
+        return U, report, solver
+
+    def _ways(self, there: IntArray) -> dict[int, list[Way]]:
+        """How loads may follow from others by symmetry, where one function holds one network."""
+        fixed = self.constraints.fixed
+        if len(self.parts[0]) != 1 or fixed.sum() != self.m or fixed.any(axis=1).sum() != 1:
+            return {}
+        parts = self.domain.parts
+        space = self.assembly.space
+        sizes = parts.solid.integrate_cells()[np.searchsorted(parts.cells, space.cells)]
+        return ways(space, sizes, self._jacobian[0], self.loads_of_cells, there)
+
+    def _take(
+        self, b: int, found: list[Way], U: FloatArray, B: FloatArray, solver: Solver
+    ) -> float:
+        """Put into U the best of some candidates for a load; its relative residual."""
+        con, best = self.constraints, np.inf
+        pin = int(np.flatnonzero(con.fixed.any(axis=1))[0])
+        for way in found:
+            c = way(con.expand(U[:, way.source].reshape(-1, self.m)))
+            x = con.restrict(c - c[pin]).ravel()
+            rest = B[:, b] - solver.multiply(x)
+            off = float(np.linalg.norm(rest) / np.linalg.norm(B[:, b]))
+            if off < min(best, USELESS):
+                best, U[:, b] = off, x
+        return best
+
+    def _finish(
+        self, left: list[int], U: FloatArray, B: FloatArray, solver: Solver, report: SolveReport,
+        how: tuple[Any, ...],
+    ) -> SolveReport:  # fmt: skip
+        """Solve for loads that do not follow, from their candidates on."""
+        rest = B[:, left] - solver.multiply(np.ascontiguousarray(U[:, left]))
+        part = np.linalg.norm(rest, axis=0) / np.linalg.norm(B[:, left], axis=0)
+        tol = float(min(how[1] / part.max(), 0.5))
+        more, again, _ = self._solved(rest, how[0], tol, *how[2:])
+        U[:, left] += more
+        return replace(
+            report, iterations=max(report.iterations, again.iterations),
+            residual=max(report.residual, again.residual * float(part.max())),
+        )  # fmt: skip
+
+    def errors_of(
+        self, values: FloatArray, answer: Answer, solve: Any, tol: float, *, estimate: bool
+    ) -> FloatArray:
+        """Estimated errors of an effective property; see `_estimate`.
+
+        Parameters
+        ----------
+        values : ndarray, shape (k, k)
+            The property.
+        answer : Answer
+            Where it comes from.
+        solve : callable
+            Takes another problem and a tolerance, returns its property.
+        tol : float
+            Tolerance of the solutions.
+        estimate : bool
+            Whether to do it.
+
+        Returns
+        -------
+        ndarray, shape (k, k)
+            Positive semidefinite, as errors of energies are; NaN where there is no estimate.
+        """
+        errors = np.full(len(values), np.nan)
+        if answer.exact.all():
+            errors = np.zeros(len(values))
+        elif estimate:
+            errors = estimated(self, values.diagonal(), lambda *a: solve(*a).diagonal(), tol)
+            errors[answer.exact] = 0.0
+        spread = np.sqrt(errors)
+        return np.outer(spread, spread)
+
+    def warn_of_error(self, error: float, what: str) -> None:
+        """Warn of an effective property that is off."""
+        step = self.domain.degree - self.domain.smoothness
+        least = max(4, 1 - -(self.domain.degree + 1) // step)
+        warn(error, what, self.domain.cut.grid.shape, least)
 
     def _solver(self, method: str) -> Solver:
         """The factor or hierarchy of the cell, made once; periodic ones fill factors more."""
@@ -357,147 +449,5 @@ def warn_of_axes(percolates: tuple[bool, bool, bool], names: str = EDGES, rest: 
             f"the solid does not go on through the cell along {', '.join(missing)}: {borne} "
             f"there{'' if rest else ', and the effective stiffness or conductivity is zero'}",
             PrecisionWarning,
-            stacklevel=4,
-        )
-
-
-# -------------------------------------------------------------------- arguments
-
-
-def as_cell(field: Any, cells: Any, *, domain: Any = None, through: Any = None) -> CutGrid | Domain:
-    """A cell of a periodic solid on a grid that is closed in all directions.
-
-    Parameters
-    ----------
-    field : Wall, Tile, str, BSpline, Node, callable, pair of these, CutGrid or Domain
-        The solid; see `ilattice.homogenize.elastic`.
-    cells : int, sequence of 3 int or Grid
-        Background grid.
-    domain : array_like, shape (2, 3), optional
-        The box that repeats; by default the unit cube.
-    through : CellMap, optional
-        Affine map to space.
-
-    Returns
-    -------
-    CutGrid or Domain
-        The level sets on the grid.
-
-    Raises
-    ------
-    InputError
-        If an argument is wrong, or the field does not repeat.
-    """
-    if isinstance(field, (CutGrid, Domain)):
-        grid = field.grid if isinstance(field, CutGrid) else field.cut.grid
-        if not all(grid.closed):
-            raise InputError(f"field: its grid must be closed in all directions, got {grid.closed}")
-        return field
-    field, through = _as_solid(field, through)
-    if through is not None and not isinstance(through, CellMap):
-        affine = isinstance(through, SplineMap) and constant_jacobian(through) is not None
-        if not affine:
-            raise InputError(
-                f"through must be a cell that repeats, of il.macroshape.cell(), got {through!r:.80}"
-            )
-    if isinstance(cells, Grid):
-        grid = Grid(cells.axes, (True,) * 3)
-    else:
-        box = np.array([[0.0] * 3, [1.0] * 3]) if domain is None else np.asarray(domain, float)
-        if domain is None and through is not None:
-            box = through.domain
-        if box.shape != (2, 3) or not (box[0] < box[1]).all():
-            raise InputError(f"domain must be a lower and an upper corner, got {domain!r:.80}")
-        counts = as_counts("cells", cells)
-        x, y, z = (np.linspace(box[0, a], box[1, a], counts[a] + 1) for a in range(3))
-        grid = Grid((x, y, z), (True,) * 3)
-    out = cut(field, grid, through=through)
-    check_repeats(out, field)
-    return out
-
-
-def _as_solid(field: Any, through: Any) -> tuple[Any, Any]:
-    """What is cut, and its map."""
-    if isinstance(field, str):
-        field = get(field)
-    if isinstance(field, Tile):
-        through = cell(field.cell) if through is None else through
-        field = Lattice(field, through=through).offset((np.inf, 0.0))
-    if isinstance(field, (Lattice, Mixture)):
-        raise InputError(
-            "field must be a solid: give a lattice through il.macroshape.cell() a thickness by "
-            f".offset(...), got {field!r:.80}"
-        )
-    if isinstance(field, Wall):
-        if through is not None and through is not field.lattice.through:
-            raise InputError("through: a wall has its own map; make the lattice through the cell")
-        return field, field.lattice.through
-    return field, through
-
-
-def check_repeats(solid: CutGrid, field: Any) -> None:
-    """Refuse a field whose opposite faces do not fit together.
-
-    Parameters
-    ----------
-    solid : CutGrid
-        Level sets on the grid.
-    field : object
-        What they come from.
-
-    Raises
-    ------
-    InputError
-        With the largest jump, and its place.
-    """
-    tile = getattr(getattr(field, "lattice", None), "tile", None)
-    sets: list[Any] = [solid.sets]
-    if isinstance(tile, Tile):
-        lattice = field.lattice
-        sets.append(lambda u: tile(lattice._in_tile(lattice.tile_coordinates(u)))[:, None])
-    _refuse_jumps("field", sets, solid)
-
-
-def check_phases(domain: Domain) -> None:
-    """Refuse phases that meet on faces of the cell, where no level set joins them.
-
-    Parameters
-    ----------
-    domain : Domain
-        Of one phase or two.
-
-    Raises
-    ------
-    InputError
-        With the largest jump of the level set, and its place.
-    """
-    if isinstance(domain, PhasedDomain):
-        level, solid = domain.level, domain.cut
-        _refuse_jumps("phases", [lambda u: level(u)[:, None]], solid)
-
-
-def _refuse_jumps(name: str, sets: list[Any], solid: CutGrid) -> None:
-    """Refuse functions (n, sets) that change their signs from a face of the cell to the other."""
-    lo, hi = solid.grid.domain
-    s = np.linspace(0.0, 1.0, COMPARED)[:-1] + 0.31 / COMPARED
-    flat = np.stack(np.meshgrid(s, s, indexing="ij"), -1).reshape(-1, 2)
-    ends = np.zeros((3, 2, len(flat), 3))
-    for a in range(3):
-        ends[a] = np.insert(flat, a, 0.0, axis=1) * (hi - lo) + lo
-        ends[a, 1, :, a] = hi[a]
-    worst, place, axis = 0.0, lo, 0
-    for f in sets:
-        values = f(ends.reshape(-1, 3)).reshape(3, 2, len(flat), -1)
-        scale = np.maximum(np.abs(values).max(axis=(0, 1, 2)), 1e-300)
-        first, last = values[:, 0], values[:, 1]
-        jump = np.where((first < 0) != (last < 0), np.abs(first - last) / scale, 0.0).max(axis=2)
-        if jump.max() > worst:
-            axis, i = (int(k) for k in np.unravel_index(jump.argmax(), jump.shape))
-            worst, place = float(jump.max()), ends[axis, 0, i]
-    if worst > JUMP:
-        told = ", ".join(f"{c:.4g}" for c in place)
-        raise InputError(
-            f"{name} does not repeat: between the faces {EDGES[axis]}=0 and {EDGES[axis]}=1 it "
-            f"jumps by up to {worst:.2g} of its largest value on them, at ({told}); give one that "
-            "is the same on opposite faces"
+            stacklevel=outside(),
         )

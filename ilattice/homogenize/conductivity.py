@@ -35,6 +35,7 @@ class Conductivity(Result):
     errors: FloatArray
     bounds: ConductivityBounds
     quantity: ClassVar[str] = "k"
+    title: ClassVar[str] = "conductivity k"
 
     def __repr__(self) -> str:
         a, b, c = np.diag(self.k)

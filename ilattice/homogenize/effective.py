@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray
-from ilattice._validate import FixedMapping, as_choice, read_only
+from ilattice._validate import FixedMapping, as_array, as_choice, read_only
 from ilattice.errors import InputError
 from ilattice.homogenize import tensors
 from ilattice.homogenize._result import SOFT, Result, finite, told
@@ -22,6 +22,8 @@ from ilattice.homogenize.sphere import directions
 
 #: Distance below which a stiffness has a symmetry.
 SAME = 1e-4
+#: Parts of the largest entry of a stiffness that are rounding, in those that are read from files.
+ODD = 1e-6
 SYMMETRIES = ("isotropic", "cubic", "transversely isotropic", "tetragonal", "orthotropic")
 
 
@@ -60,6 +62,26 @@ class Effective(Result):
     errors: FloatArray
     bounds: Bounds
     quantity: ClassVar[str] = "E"
+    title: ClassVar[str] = "Young's modulus E"
+
+    def __post_init__(self) -> None:
+        """Refuse what is no stiffness.
+
+        Raises
+        ------
+        InputError
+            If C is not a symmetric matrix, or has a negative eigenvalue beyond rounding.
+        """
+        C = as_array("C", self.C)
+        if C.shape != (6, 6) or np.abs(C - C.T).max() > ODD * np.abs(C).max():
+            raise InputError(f"C must be a symmetric matrix, shape (6, 6), got {self.C!r:.80}")
+        values = self._spectrum[0]
+        if values[0] < -ODD * np.abs(values).max():
+            raise InputError(
+                f"C must not have negative eigenvalues: in Mandel's notation one is "
+                f"{values[0]:.3g}, the largest {values[-1]:.3g}; nothing elastic gives energy back"
+            )
+        super().__post_init__()
 
     def __repr__(self) -> str:
         return (

@@ -196,6 +196,9 @@ def conductive_voxels(
     mean = np.einsum("p,pij->ij", cells.fractions, k)
     relaxed, errors, solid, report = run.all(estimate=as_flag("estimate", estimate))
     out = mean - relaxed
+    if not table[:, :3].max(axis=1).min() > 0.0:  # where nothing is borne, what is left is noise
+        keep = np.array(solid, float)
+        out = out * np.outer(keep, keep)
     _warn_of(solid, table)
     return Conductivity(
         cells.filled, solid, report, 0.5 * (out + out.T), errors,
@@ -271,8 +274,9 @@ class _Run:
         a, b, c = (int(n) for n in shape)
         seconds = time.perf_counter() - self.start
         report = HomogenizationReport(
-            "voxels", (a, b, c), int(np.prod(grid.shape)), steps, left, seconds
-        )
+            "voxels", (a, b, c), int(np.prod(grid.shape)), steps, left, seconds,
+            sum(run.iterations > 0 for run in runs),
+        )  # fmt: skip
         return relaxed, errors, solid, report
 
     def _load(self, a: int) -> FloatArray:

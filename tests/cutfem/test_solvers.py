@@ -85,12 +85,52 @@ def test_bits_do_not_depend_on_the_number_of_threads(struts):
         for threads in (1, min(2, numba.config.NUMBA_NUM_THREADS)):
             numba.set_num_threads(threads)
             solver = Solver(struts.K, near_nullspace=struts.modes, method="multigrid")
-            results.append(solver.solve(struts.f))
+            results.append((*solver.solve(struts.f), solver.solve(_loads(struts.f, 5))[0]))
     finally:
         numba.set_num_threads(before)
-    (x, a), (y, b) = results
+    (x, a, several), (y, b, again) = results
     assert (x == y).all()
+    assert (several == again).all()
     assert (a.history == b.history).all()
+
+
+def _loads(f, count):
+    """The load, and others that are smoother or less."""
+    others = np.random.default_rng(5).standard_normal((len(f), count - 1))
+    return np.column_stack([f, others * np.abs(f).max()])
+
+
+@pytest.mark.parametrize("name", ["struts", "warm"])
+@pytest.mark.parametrize("method", ["multigrid", "superlu"])
+def test_loads_together_stop_one_by_one(method, name, request):
+    """Sixteen are more than go together; each takes the steps it takes alone."""
+    s = request.getfixturevalue(name)
+    solver = Solver(s.K, near_nullspace=s.modes, method=method)
+    loads = _loads(s.f, 16)
+    loads[:, 3] = 0.0
+    x, report = solver.solve(loads, tol=1e-8)
+    gaps = np.linalg.norm(loads - s.K @ x, axis=0)
+    assert (gaps <= 1e-8 * np.linalg.norm(loads, axis=0)).all()
+    assert not x[:, 3].any()
+    steps = []
+    for i in (0, 1, 15):
+        alone, single = solver.solve(loads[:, i], tol=1e-8)
+        np.testing.assert_allclose(x[:, i], alone, atol=1e-8 * np.abs(alone).max())
+        steps.append(single.iterations)
+    assert report.iterations >= max(steps)
+    assert abs(report.iterations - max(steps)) <= 1
+
+
+def test_products_and_preconditioners_of_several_vectors(struts):
+    solver = Solver(struts.K, near_nullspace=struts.modes, method="multigrid")
+    x = _loads(struts.f, 4)
+    for of in (solver.multiply, solver.precondition):
+        together = of(x)
+        for i in range(4):
+            alone = of(x[:, i])
+            np.testing.assert_allclose(together[:, i], alone, atol=1e-5 * np.abs(alone).max())
+    exact = struts.K @ x
+    np.testing.assert_allclose(solver.multiply(x), exact, atol=1e-12 * np.abs(exact).max())
 
 
 def test_several_loads_share_the_hierarchy(struts):

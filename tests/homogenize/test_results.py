@@ -139,3 +139,16 @@ def test_wrong_arguments(eff):
     with pytest.raises(InputError, match="level"):
         eff.surface(20)
     assert il.homogenize.Effective is Effective
+
+
+def test_stiffnesses_are_positive_and_pictures_have_titles(eff, monkeypatch):
+    C = np.diag([1.0, 1.0, 1.0, 1.0, 1.0, -0.1])
+    with pytest.raises(InputError, match="negative eigenvalues"):
+        with_stiffness(C, eff)
+    C[0, 1] = 0.5
+    with pytest.raises(InputError, match="symmetric matrix"):
+        with_stiffness(C, eff)
+    shown = {}
+    monkeypatch.setattr(il.mesh.SurfaceMesh, "plot", lambda _, **options: shown.update(options))
+    eff.plot(unit="MPa")
+    assert shown["scalar_bar_args"] == {"title": "Young's modulus E in MPa"}

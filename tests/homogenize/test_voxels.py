@@ -384,3 +384,13 @@ def test_masks_are_not_read():
         voxels(masked, young=(1e-6, 1.0))
     with pytest.raises(InputError, match="masked"):
         il.homogenize.conductive_voxels(masked, conductivity=(1e-6, 1.0))
+
+
+def test_conductivities_are_zero_where_nothing_is_borne():
+    plate = np.zeros((6, 6, 6), int)
+    plate[:, :, 2:4] = 1
+    plate[2:4, 2:4, 1] = 1
+    with pytest.warns(PrecisionWarning, match="along z"):
+        k = conductive_voxels(plate, conductivity=(0.0, 1.0)).k
+    assert not k[2].any()
+    assert k[0, 0] > 1 / 3

@@ -1,0 +1,69 @@
+"""Estimates of errors against finer cells, and the lines that warnings point at."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+import ilattice as il
+from ilattice.errors import InputError, PrecisionWarning
+from ilattice.homogenize import conductive, elastic
+
+
+def void(radius, at=(0.5, 0.5, 0.5)):
+    return il.fields.complement(il.fields.translate(il.fields.sphere(radius), at))
+
+
+TWO = il.fields.complement(il.fields.union(
+    il.fields.translate(il.fields.sphere(0.3), (0.4, 0.5, 0.55)),
+    il.fields.translate(il.fields.sphere(0.2), (0.75, 0.3, 0.25)),
+))  # fmt: skip
+
+
+def quietly(solve, *args, **options):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PrecisionWarning)
+        return solve(*args, **options)
+
+
+@pytest.mark.parametrize(
+    ("field", "fine", "runs"),
+    [
+        (void(0.3), 12, [(6, 2), (7, 2), (8, 1), (9, 1)]),
+        (TWO, 12, [(7, 2), (8, 2), (9, 1)]),
+    ],
+)
+def test_estimates_are_above_true_errors_and_of_their_size(field, fine, runs):
+    """Of a solid on cells half as long the error is left out: a tenth of those here."""
+    exact = np.diag(quietly(elastic, field, fine, estimate=False).C)
+    for cells, degree in runs:
+        eff = quietly(elastic, field, cells, degree=degree)
+        true = ((np.diag(eff.C) - exact) / np.diag(eff.C)).max()
+        assert true < eff.error < 12 * true
+        assert np.linalg.eigvalsh(eff.errors)[0] > -1e-12  # as errors of energies are
+
+
+def test_estimates_of_conductivities():
+    exact = np.diag(quietly(conductive, TWO, 12, estimate=False).k)
+    eff = quietly(conductive, TWO, 7)
+    true = ((np.diag(eff.k) - exact) / np.diag(eff.k)).max()
+    assert true < eff.error < 12 * true
+
+
+def test_estimates_may_be_left_out():
+    eff = elastic(void(0.3), 4, estimate=False)
+    assert np.isnan(eff.error)
+    assert np.isnan(eff.errors).all()
+    with pytest.raises(InputError, match="estimate must be"):
+        elastic(void(0.3), 4, estimate="no")
+
+
+def test_warnings_point_at_the_line_of_the_caller():
+    with pytest.warns(PrecisionWarning, match="the effective stiffness is off by about") as told:
+        elastic(void(0.45), 5)
+    with pytest.warns(PrecisionWarning, match="too coarse to tell .* 4 or more") as blind:
+        conductive(void(0.3), 3)
+    with pytest.warns(PrecisionWarning, match="nothing is borne") as borne:
+        conductive(il.fields.translate(il.fields.sphere(0.3), (0.5, 0.5, 0.5)), 4)
+    for warning in (*told, *blind, *borne):
+        assert warning.filename == __file__
