@@ -1,11 +1,11 @@
 """How far off effective properties are because of the cells: the same problem on fewer cells.
 
-A cell is solved again on three quarters and on half as many cells per direction, which takes about
-half as long again. Its discrete energy falls to the true one under refinement, though not evenly,
-for cells are cut elsewhere each time: what is left is taken from the larger of both differences, as
-if errors fell with the orders `ORDERS`, times `SAFETY`. Re-entrant edges and thin walls leave as
-much of twice the degree; half as many cells are often too few to show an order at all, and count
-less.
+A cell is solved again on three quarters and on half as many cells per direction, which takes as
+long again, more or less by a half. Its discrete energy falls to the true one under refinement,
+though not evenly, for cells are cut elsewhere each time: what is left is taken from the larger of
+both differences, as if errors fell with the orders `ORDERS`, times `SAFETY`. Re-entrant edges and
+thin walls leave as much of twice the degree; half as many cells are often too few to show an order
+at all, and count less.
 
 Non-guarantee: an estimate, and no bound. Against finer cells (sheets, solids, struts, voids and
 inclusions, sixteen cells, 5 to 16 per direction, degrees 1 and 2, 170 comparisons) estimates for

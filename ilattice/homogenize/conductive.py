@@ -96,7 +96,7 @@ class ConductiveCell(CellProblem, Heat):
         method, tol, max_iterations, progress : str, float, int, bool or callable
             As in `Heat.solve`.
         estimate : bool
-            Whether to estimate errors, which takes about half as long again.
+            Whether to estimate errors, which takes as long again, more or less by a half.
 
         Returns
         -------

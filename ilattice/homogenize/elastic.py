@@ -109,7 +109,7 @@ class ElasticCell(CellProblem, Elasticity):
         method, tol, max_iterations, progress : str, float, int, bool or callable
             As in `Elasticity.solve`.
         estimate : bool
-            Whether to estimate errors, which takes about half as long again.
+            Whether to estimate errors, which takes as long again, more or less by a half.
 
         Returns
         -------
@@ -146,8 +146,9 @@ def elastic(
     method, tol, max_iterations, progress : str, float, int, bool or callable, keyword-only
         As in `ilattice.cutfem.Elasticity.solve`.
     estimate : bool, keyword-only
-        Whether to estimate `Effective.errors`, by fewer cells, which takes about half as long
-        again; NaN without, and with less than four cells in a direction (five at degree 3).
+        Whether to estimate `Effective.errors`, by fewer cells, which takes as long again, more or
+        less by a half; NaN without, and with less than four cells in a direction, or five at
+        degree 3.
     **options
         ``domain``, the box that repeats, by default the unit cube; ``through``, a map of
         `macroshape.cell`, for fields; and ``degree`` (2 by default), ``smoothness``, ``q``,
