@@ -22,6 +22,9 @@ __all__ = [
     "scale", "shell", "translate", "union",
 ]  # fmt: skip
 
+#: Least factor of `scale`: the inverse of smaller ones overflows.
+_LEAST = 1e-300
+
 
 @dataclass(frozen=True, eq=False)
 class _Extreme(Node):
@@ -386,8 +389,8 @@ def scale(part: Node, factor: Any) -> Node:
         ``min|factor| part(x / factor)``: never steeper than `part`.
     """
     a = as_triple("factor", factor)
-    if (a == 0.0).any():
-        raise InputError(f"factor must not be zero, got {a.tolist()}")
+    if (np.abs(a) < _LEAST).any():
+        raise InputError(f"factor must not be zero, nor below {_LEAST:g}, got {a.tolist()}")
     return _Placed(as_node("part", part), np.diag(1.0 / a), np.zeros(3), float(np.abs(a).min()))
 
 

@@ -309,12 +309,10 @@ class _Search:
         return np.asarray((self.inert @ flat).reshape(len(x), -1).view(np.complex128))
 
     def precondition(self, r: Vectors) -> Vectors:
-        """Apply it to real and imaginary parts."""
-        out = np.empty_like(r)
-        for j in range(r.shape[1]):
-            out[:, j].real = self.solver.precondition(np.ascontiguousarray(r[:, j].real))
-            out[:, j].imag = self.solver.precondition(np.ascontiguousarray(r[:, j].imag))
-        return out
+        """Apply it to real and imaginary parts, all together."""
+        out = self.solver.precondition(np.concatenate([r.real, r.imag], axis=1))
+        count = r.shape[1]
+        return np.asarray(out[:, :count] + 1j * out[:, count:])
 
 
 def bloch(
