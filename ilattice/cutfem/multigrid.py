@@ -93,7 +93,7 @@ class Blocks:
         """y += sign A x, or y = A x for sign 0; vectors (n,), or in rows (r, n)."""
         s = y.dtype.type(sign)
         m, p = self.blocks.shape[1:]
-        x, y = x.reshape(-1, self.shape[1]), y.reshape(-1, self.shape[0])
+        x, y = np.atleast_2d(x), np.atleast_2d(y)
         if m == p == 3:
             kb.multiply3(self.offsets, self.columns, self.blocks, x, y, s)
         elif m in (3, 6) and p == 6:
@@ -103,7 +103,7 @@ class Blocks:
 
     def multiply_transposed(self, x: AnyArray, y: AnyArray) -> None:
         """y = Aᵀ x; vectors (n,), or in rows (r, n)."""
-        x, y = x.reshape(-1, self.shape[0]), y.reshape(-1, self.shape[1])
+        x, y = np.atleast_2d(x), np.atleast_2d(y)
         if self.blocks.shape[2] == 6:
             kb.multiply_transposed6(*self.transposed, self.blocks, x, y, self.sizes[0])
         else:

@@ -189,7 +189,7 @@ def test_patches_are_solved_exactly_and_bound_the_eigenvalues(m):
     ]
     assert found == tied
     r = rng.standard_normal(40 * m)
-    s = patches.solve(r, m)
+    s = patches.solve(r[None], m)[0]
     whole = np.eye(40 * m)
     for nodes in tied:
         rows = (m * np.array(nodes)[:, None] + np.arange(m)).ravel()
