@@ -24,12 +24,17 @@ T = TypeVar("T")
 LARGEST_COUNT = 10_000_000
 
 
-def as_array(name: str, value: Any, ndim: int | None = None, *, finite: bool = True) -> FloatArray:
-    """Writable float64 array, finite unless told otherwise, or `InputError` with the argument."""
+def as_array(
+    name: str, value: Any, ndim: int | None = None, *, finite: bool = True, flags: bool = True
+) -> FloatArray:
+    """Writable float64 array, finite unless told otherwise, or `InputError` with the argument.
+
+    Arrays of True and False are taken if `flags` are.
+    """
     try:
         raw = np.asarray(value)
         # NumPy reads None as NaN and text as numbers, and drops masks and imaginary parts
-        flag = raw.dtype.kind == "b" and raw.ndim == 0
+        flag = raw.dtype.kind == "b" and (raw.ndim == 0 or not flags)
         if value is None or flag or raw.dtype.kind not in "biufO" or np.ma.is_masked(value):
             raise TypeError(value)
         a = np.ascontiguousarray(raw, dtype=np.float64)
@@ -66,9 +71,7 @@ def check_finite(name: str, a: FloatArray) -> FloatArray:
 
 def as_points(name: str, value: ArrayLike, dim: int = 3, *, finite: bool = True) -> FloatArray:
     """Points as rows, shape (n, dim)."""
-    a = as_array(name, value, finite=finite)
-    if np.asarray(value).dtype.kind == "b":
-        raise InputError(f"{name} must be numbers, not flags, got {value!r:.80}")
+    a = as_array(name, value, finite=finite, flags=False)
     if a.ndim != 2 or a.shape[1] != dim:
         raise InputError(f"{name} must be points as rows, shape (n, {dim}), got {np.shape(value)}")
     return a

@@ -126,7 +126,10 @@ class _Reader:
         count = shape[0] * shape[1] * shape[2]
         room = count * dtype.itemsize
         if room > self.size * (GROWTH if self.compressor else 4):
-            raise FormatError(f"says {count:.3g} voxels, which {self.size} bytes do not hold")
+            raise FormatError(
+                f"says {count:.3g} voxels, which {self.size} bytes do not hold; if they are all "
+                "alike, save them without compression"
+            )
         need(2 * room, f"{count} voxels", "take fewer of them")
         if node.get("format") == "ascii":
             return _counted(np.array((node.text or "").split(), dtype), count)

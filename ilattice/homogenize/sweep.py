@@ -30,6 +30,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ilattice import __version__
 from ilattice._progress import Progress, track
 from ilattice._typing import FloatArray
 from ilattice._validate import FixedMapping, Frozen, as_items, near_names, read_only
@@ -287,8 +288,6 @@ def _computed(
     table: Table | None, executor: Executor | None, progress: Progress,
 ) -> Iterator[FixedMapping[str, Any]]:  # fmt: skip
     """Rows, from the table or made, in their order."""
-    from ilattice import __version__
-
     known: list[dict[str, str] | None] = []
     keys = []
     for one, name, values in runs:

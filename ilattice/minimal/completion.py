@@ -6,7 +6,7 @@ and Euler numbers are those of the surface in the cell whose opposite faces are 
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -19,9 +19,8 @@ from ilattice.errors import GeometryError, InputError
 from ilattice.mesh import SurfaceMesh
 from ilattice.minimal.disc import area_vectors, opposite_edges
 from ilattice.minimal.symmetry import Group, wrapped
-
-if TYPE_CHECKING:
-    from ilattice.tiles import Tile
+from ilattice.minimal.tile import signed_tile
+from ilattice.tiles import Tile
 
 #: Most triangles of a completed surface.
 MOST_FACES = 5_000_000
@@ -129,7 +128,7 @@ class PeriodicSurface(FrozenCopies):
             return "it crosses the cell with one side always first; take a cell twice as large"
         return ""
 
-    def tile(self, *, name: str = "minimal", spans: int | None = None) -> "Tile":
+    def tile(self, *, name: str = "minimal", spans: int | None = None) -> Tile:
         """The surface as the zero set of a tile, so that lattices take true offsets of it.
 
         Parameters
@@ -155,8 +154,6 @@ class PeriodicSurface(FrozenCopies):
         PrecisionWarning
             If the zero set is off the surface by more than 1e-4 of the cell.
         """
-        from ilattice.minimal.tile import signed_tile
-
         return signed_tile(self, name, spans)
 
     @cached_property
