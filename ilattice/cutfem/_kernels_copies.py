@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numba import njit, prange
 
-from ilattice.cutfem._kernels_elements import FAST, grown, root
+from ilattice.cutfem._kernels_elements import grown, root
+from ilattice.cutfem._kernels_solid import FAST
 
 
 @njit(parallel=True, **FAST)

@@ -138,24 +138,16 @@ class TensorLayout(Layout):
 
     def insides(self, cells: IntArray) -> Insides:
         """See `Layout.insides`."""
-        spans = zip(self.owners, self._span(cells), strict=True)
-        axes = [np.flatnonzero(np.isin(o, p)) for o, p in spans]
-        chosen = np.zeros(self.grid.count, bool)
-        chosen[cells] = True
-        index = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
-        index = index[chosen[self._cells_of(index)] & (self._signs[tuple(index.T)] != OUT)]
-        owner = self._cells_of(index)
-        order = np.argsort(owner, kind="stable")
-        index, owner = index[order], owner[order]
-        part = self._signs[tuple(index.T)] == 0
+        low, high, owner = self._boxes_of_cells(cells)
+        part = self._signs[tuple(low.T)] == 0
         corners = [
             np.searchsorted(o, i)
             for o, i in zip(self.owners, np.unravel_index(owner, self.grid.shape), strict=True)
         ]
-        start = (index - np.stack(corners, axis=1)) * UNIT
-        content = self.pieces.content(index[part])
+        start = (low - np.stack(corners, axis=1)) * UNIT
+        content = self.pieces.content(low[part])
         which = np.where(part, np.cumsum(part) - 1, -1)
-        return content.tensors, content.tables, which, start, np.full_like(start, UNIT), owner
+        return content.tensors, content.tables, which, start, (high - low) * UNIT, owner
 
     def fine(self, u: FloatArray, cells: IntArray) -> FloatArray:
         """See `Layout.fine`."""
@@ -166,11 +158,6 @@ class TensorLayout(Layout):
             i = np.clip(np.searchsorted(x, u[:, a], side="right") - 1, low, high - 1)
             out[:, a] = UNIT * (i - low + (u[:, a] - x[i]) / (x[i + 1] - x[i]))
         return out
-
-    def _span(self, cells: IntArray) -> list[IntArray]:
-        """Layers of cells, per direction, from the first to the last one of some."""
-        places = np.unravel_index(cells, self.grid.shape)
-        return [np.arange(p.min(), p.max() + 1) for p in places]
 
     def _faces(self, index: IntArray, whole: AnyArray, axis: int, side: int) -> Listing:
         owner = self._cells_of(index)

@@ -24,7 +24,7 @@ from ilattice.cutfem.grid import CUT, CutGrid, DividedGrid
 from ilattice.cutfem.rules import Quadrature
 
 #: Pieces of splines that are worked on at once.
-BATCH = 1 << 13
+BATCH = 1 << 15
 
 
 @dataclass(frozen=True, eq=False)

@@ -337,7 +337,7 @@ def _as_blocks(given: Any) -> bsr_array:
     if len(K.data) >= 2**31:
         raise InputError(f"K has {len(K.data)} blocks, more than 32-bit indices can count")
     data = np.ascontiguousarray(check_finite("K.data", np.asarray(K.data, np.float64)))
-    largest = float(np.abs(data).max(initial=0.0))
+    largest = max(float(data.max(initial=0.0)), -float(data.min(initial=0.0)))
     if largest > LARGEST:
         raise InputError(
             f"K has entries of {largest:.3g}, of which squares overflow; use other units, so that "

@@ -9,6 +9,7 @@ from scipy import ndimage
 
 import ilattice as il
 from ilattice.cutfem import _kernels_elements as kernels
+from ilattice.cutfem import _kernels_solid as boxes
 from ilattice.cutfem.elements import elements_of
 from ilattice.errors import PrecisionWarning
 
@@ -79,17 +80,17 @@ def test_what_bounds_decide_of_a_solid_does_not_depend_on_signs(seed):
     t = np.stack(np.meshgrid(*[np.linspace(0, 1, 4)] * 3, indexing="ij"), -1).reshape(-1, 3)
     c = t @ slope.T
     c = (c - c.mean(axis=0) + 0.1 * rng.standard_normal(2)).T.copy()  # linear: the coefficients
-    tol = kernels.tolerances(c)
+    tol = boxes.tolerances(c)
 
     def sort(c, signs):
         """With solid where polynomial k is negative if bit k is set, positive if not."""
         table = sum(1 << b for b in range(64) if b % 4 == signs)
-        return kernels.sort_of(c, 2, 4, tol, table - (table >> 63 << 64))
+        return boxes.sort_of(c, 2, 4, tol, table - (table >> 63 << 64))
 
     sorts = [sort(c, signs) for signs in range(4)]
     flipped = [sort(c * [[1 - 2 * (1 - i % 2)], [1 - 2 * (1 - i // 2)]], 3) for i in range(4)]
     assert sorts == flipped
-    assert kernels.SINGLE in sorts
+    assert boxes.SINGLE in sorts
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -114,6 +115,38 @@ def test_pieces_of_cells_are_those_that_fine_samples_find(seed):
         for k in np.unique(wide[np.isin(labels, np.flatnonzero(np.bincount(labels.ravel()) > 40))]):
             others = found[inside & (wide > 0) & (wide != k)]  # what is clearly apart is so
             assert k == 0 or not np.isin(found[inside & (wide == k)], others).any()
+
+
+def rough(rng, kind):
+    """Random field on two cells per direction, each of three pieces: a plane, a valley in it."""
+    n, m = rng.standard_normal((2, 3))
+    t = np.concatenate([[0, 0], np.linspace(0, 1, 7), [1, 1]])
+    x = np.stack(np.meshgrid(*[np.linspace(0, 1, 8)] * 3, indexing="ij"), -1) - 0.5
+    valley = -3.0 * (x @ m - 0.2 * rng.standard_normal()) ** 2
+    c = x @ n + (kind == "valley") * valley
+    c += (0.3 if kind == "noise" else 0.01) * rng.standard_normal(c.shape)
+    return il.BSpline((t,) * 3, c - np.quantile(c, rng.uniform(0.3, 0.7)), 2)
+
+
+@pytest.mark.parametrize("kind", ["plane", "valley", "noise"])
+def test_solid_that_stands_on_one_end_of_its_cell_is_one_piece(kind):
+    rng = np.random.default_rng([17, len(kind)])
+    accepted, pieces = [], []
+    for _ in range(60):
+        cut = il.cutfem.cut(rough(rng, kind), 2)
+        cells = cut.cells(il.cutfem.grid.CUT)
+        c, tables, which, start, extent, owner = cut.layout.insides(cells)
+        for cell in cells:
+            mine = owner == cell
+            rest = which[mine], start[mine], extent[mine], cut.pieces.order
+            heap = kernels.is_heap(c, tables, *rest)
+            assert heap == kernels.is_heap(-c, np.full_like(tables, 1), *rest)
+            accepted.append(heap)
+            pieces.append(kernels.pieces_of(c, tables, *rest)[3])
+    accepted, pieces = np.array(accepted), np.array(pieces)
+    assert (pieces[accepted] == 1).all()
+    assert accepted.mean() > {"plane": 0.9, "valley": 0.5, "noise": 0.0}[kind]
+    assert kind == "plane" or (pieces > 1).sum() > 50
 
 
 def test_air_that_is_too_thin_is_told_with_place_and_width():
