@@ -152,6 +152,8 @@ def meshes() -> None:
     mesh = il.mesh.contour(_plane(), [np.linspace(0.0, 1.0, 12)] * 3, level=(-0.2, 0.2))
     mesh.measures()
     _ = mesh.self_intersections
+    # whole numbers as NumPy has them, those of meshes that others make
+    _ = il.SurfaceMesh(mesh.vertices, np.array(mesh.faces, np.int64)).volume
     # as if everything were wrong with it: good meshes need no repair
     remove_slivers(np.array(mesh.vertices), np.array(mesh.faces), quality=1.0)
 

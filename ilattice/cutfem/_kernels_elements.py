@@ -169,7 +169,9 @@ def pieces_of(c: Any, tables: Any, which: Any, start: Any, extent: Any, P: int) 
             axis = face // 2
             side = face % 2
             small = i
-            if length[j].prod() * length[i, axis] < length[i].prod() * length[j, axis]:
+            a = (axis + 1) % 3
+            b = (axis + 2) % 3
+            if length[j, a] * length[j, b] < length[i, a] * length[i, b]:  # volumes may overflow
                 small = j
                 side = 1 - side
             if sort[small] == FULL or is_open(

@@ -117,6 +117,25 @@ def test_pieces_of_cells_are_those_that_fine_samples_find(seed):
             assert k == 0 or not np.isin(found[inside & (wide == k)], others).any()
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_bodies_beside_each_other_are_two_whatever_their_gap_is(seed):
+    """Unions have boxes of many sizes within cells."""
+    rng = np.random.default_rng([19, seed])
+    fields = il.fields
+    for _ in range(8):
+        n = rng.standard_normal(3)
+        n /= np.linalg.norm(n)
+        cells = int(rng.integers(2, 6))
+        g, at = rng.uniform(0.05, 0.9) * 2 / cells, rng.uniform(-0.2, 0.2)
+        sides = [fields.half_space(tuple(s * n), s * at - g / 2) for s in (1.0, -1.0)]
+        kept = [fields.intersection(side, fields.rotate(fields.box(0.7), 0.5, (1, 2, 3.0)))
+                for side in sides]  # fmt: skip
+        for two in (fields.union(*sides), fields.union(*kept)):
+            domain = il.cutfem.Elasticity(two, cells, domain=[[-1] * 3, [1] * 3]).domain
+            measured = np.bincount(domain.parts.labels, domain.volume.integrate_cells())
+            assert (measured > 1e-3).sum() == 2
+
+
 def rough(rng, kind):
     """Random field on two cells per direction, each of three pieces: a plane, a valley in it."""
     n, m = rng.standard_normal((2, 3))
