@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from ilattice._caching import stamp_all
 from ilattice._compiling import watch
 from ilattice._threads import take_turns
 from ilattice._typing import ArrayLike, FloatArray, IntArray
@@ -16,6 +17,7 @@ from ilattice.errors import IlatticeError, InputError
 
 take_turns()  # every way to a kernel leads through here
 watch()
+stamp_all()
 
 K = TypeVar("K")
 V = TypeVar("V")

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from ilattice.cutfem._kernels_bernstein import bend, extremes, halve, slopes
+from ilattice.cutfem._kernels_bernstein import bend, extremes, halve, slopes, straight
 from ilattice.cutfem._kernels_columns import strips
 from ilattice.cutfem._kernels_crossings import crossing, least_slope, may_cross, steepest
 from ilattice.cutfem._kernels_scratch import (
@@ -218,6 +218,10 @@ def base(
         if not empty:
             for i in range(4):
                 Z[FLAT + i] = Z[part + i]
-            strips(Z, N, volume, surface, at, n, here, n_faces, e0, axis == 1, soft or not good,
+            rooted = soft  # where lines end like square roots
+            for j in range(n_faces):
+                if not good and not rooted:
+                    rooted = not straight(Z, here + N[CUT_FACES + j] * square, P, 1, 0, 1, L)
+            strips(Z, N, volume, surface, at, n, here, n_faces, e0, axis == 1, rooted,
                    crowd or not simple, want, q, L)  # fmt: skip
         level -= 1

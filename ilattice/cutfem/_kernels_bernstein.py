@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+#: Part of the largest coefficient by which those of a linear function may be off.
+STRAIGHT = 1e-12
 DEEPEST = 40
 
 
@@ -72,6 +74,24 @@ def bend(c: Any, at: int, step: int, other: int, third: int, n: int, L: Any) -> 
                 most = max(most, abs(c[i] - 2.0 * c[i + step] + c[i + 2 * step]))
                 i += step
     return most
+
+
+@njit(cache=True, error_model="numpy")
+def straight(c: Any, at: int, s: int, t: int, r: int, n: int, L: Any) -> bool:
+    """Whether coefficients c[at + i s + j t + k r], k below n, are those of a linear function."""
+    P = len(L)
+    size = 0.0
+    off = 0.0
+    for i in range(P):
+        for j in range(P):
+            for k in range(n):
+                v = c[at + i * s + j * t + k * r]
+                flat = c[at] + i * (c[at + s] - c[at]) + j * (c[at + t] - c[at])
+                if n > 1:
+                    flat += k * (c[at + r] - c[at])
+                size = max(size, abs(v))
+                off = max(off, abs(v - flat))
+    return off <= STRAIGHT * size
 
 
 @njit(cache=True, error_model="numpy")

@@ -13,7 +13,7 @@ from typing import Any
 from numba import njit
 
 from ilattice.cutfem._kernels_bases import base, best_axis
-from ilattice.cutfem._kernels_bernstein import bend, extremes, halve, slopes
+from ilattice.cutfem._kernels_bernstein import bend, extremes, halve, slopes, straight
 from ilattice.cutfem._kernels_crossings import project_seams, rising
 from ilattice.cutfem._kernels_scratch import (
     ACTIVE,
@@ -134,6 +134,16 @@ def surfaces_by_axes(
             project_seams(Z, N, here, n, axis, L)
             base(Z, N, volume, surface, here, n, axis, soft, True, accept, SURFACE, q, L)
     N[EMIT] = -1
+
+
+@njit(**INNER)
+def bent(Z: Any, N: Any, here: int, n: int, L: Any) -> bool:
+    """Whether an active polynomial is not linear: planes have no square roots at their ends."""
+    P = len(L)
+    for i in range(n):
+        if not straight(Z, here + N[ACTIVE + i] * P * P * P, P * P, P, 1, P, L):
+            return True
+    return False
 
 
 @njit(**INNER)
@@ -357,8 +367,9 @@ def cell_rule(
             if crowd:
                 axis = steepest_axis(Z, n)
             N[TABLE] = table
+            soft = not good and bent(Z, N, here, n, L)
             if flat and want & SURFACE:
-                surfaces_by_axes(Z, N, volume, surface, here, n, not good, accept, q, L)
+                surfaces_by_axes(Z, N, volume, surface, here, n, soft, accept, q, L)
             else:
                 base(
                     Z,
@@ -368,7 +379,7 @@ def cell_rule(
                     here,
                     n,
                     axis,
-                    not good,
+                    soft,
                     crowd or flat,
                     accept,
                     want,

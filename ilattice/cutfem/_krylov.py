@@ -92,6 +92,11 @@ def conjugate_gradients(
             i for i in left
             if not (runs[i].trouble or runs[i].residual <= tol or len(runs[i].history) > steps)
         ]  # fmt: skip
+    for i in left:
+        runs[i].trouble = (
+            "rounding leaves no more digits, as where stiffnesses are many powers of ten apart; "
+            "take a larger tol"
+        )
     return runs
 
 

@@ -10,6 +10,7 @@ one with some, these rows hold their diagonal entry alone. Symmetric to the bit.
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from ilattice._validate import Frozen, read_only
 from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.conditions import AXES, Support, values_at
-from ilattice.cutfem.domain import Domain
+from ilattice.cutfem.domain import SURFACES, Domain
 from ilattice.cutfem.rules import NAMES
 from ilattice.errors import InputError
 
@@ -157,6 +158,37 @@ def constraints(
         owner[at] = number
         values[at] = new
     return Constraints(owner >= 0, values, owner)
+
+
+def check_agreement(domain: Domain, asm: Assembly, supports: tuple[Support, ...], m: int) -> None:
+    """Refuse different values on one place, at least one of them in the mean.
+
+    Parameters
+    ----------
+    domain, asm, supports, m
+        As in `constraints`.
+
+    Raises
+    ------
+    InputError
+        If two supports prescribe different values.
+    """
+    for s, t in combinations(supports, 2):
+        both = s.mask & t.mask
+        narrow = s.on if t.on == "surface" else t.on
+        same = s.on == t.on or ("surface" in (s.on, t.on) and narrow in SURFACES)
+        if not (same and both.any() and (s.weak or t.weak)):
+            continue
+        x = domain.edge(asm, narrow).points
+        a, b = (values_at("value", one.value, x, m)[:, both] for one in (s, t))
+        off = np.abs(a - b)
+        if len(x) and off.max() > SAME * max(np.abs(a).max(), np.abs(b).max()):
+            row, column = np.unravel_index(np.argmax(off), off.shape)
+            raise InputError(
+                f"supports on {s.on!r} and {t.on!r} contradict each other: near the point "
+                f"{np.round(x[row], 6).tolist()} one asks for {a[row, column]:g} and the other "
+                f"for {b[row, column]:g}; prescribe it once, or equal values"
+            )
 
 
 def _refuse(

@@ -96,6 +96,18 @@ class Dilatation:
         parts = np.einsum("eait,est,es->eai", self.products[at], self.inverses[at], moments)
         return -asm.gathered(rule, parts)
 
+    def traces(self, rule: Quadrature, w: FloatArray) -> FloatArray:
+        """Largest ratio (cells,) of the mean squares of polynomials on a surface and in its cells.
+
+        w (n,) are λ times weight at the points of a rule in space.
+        """
+        assert rule.parameters is not None
+        at = np.searchsorted(self.assembly.space.cells, rule.cells)
+        m = self._polynomials(rule.parameters, at[rule.owners])
+        squares = np.zeros((len(at), self.terms, self.terms))
+        np.add.at(squares, rule.owners, w[:, None, None] * m[:, :, None] * m[:, None, :])
+        return np.linalg.eigvals(self.inverses[at] @ squares).real.max(axis=1, initial=0.0)
+
     def _surface(self, rule: Quadrature, f: FloatArray) -> tuple[IntArray, FloatArray]:
         """Cells of a surface rule, and integrals (cells, nb, 3, terms) of N f times polynomials."""
         assert rule.parameters is not None

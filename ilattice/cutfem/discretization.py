@@ -44,8 +44,8 @@ SEEN = 0.3
 #: Steps towards the best approximation, in the energy, and, before, in the mean square of nodes.
 STEPS, FIRST = 8, 40
 DIGITS = 1e-7
-#: Energies below this part of those of nodes that move one by one, relative to their mean, and
-#: absolutely, are what equations that are solved to some eight digits leave.
+#: Energies below this part of those of nodes that move one by one, relative to their mean or to
+#: where they were, and the latter alone, are what equations solved to some eight digits leave.
 ROUNDING, SOLVED = 1e-12, 1e-16
 #: Energies up to this many times more have no digits that count.
 FEW = 1e4
@@ -125,7 +125,8 @@ def relative_error(
         return float("nan")
     lost = [_distance(level, multiply, diagonal, c, fixed) for level in levels]
     free = np.where(fixed, 0.0, diagonal)
-    noise = ROUNDING * (free * (c - c.mean(axis=0)) ** 2).sum() + SOLVED * (free * c * c).sum()
+    moved = np.minimum((c - c.mean(axis=0)) ** 2, c * c)  # nodes of stiff springs stay in place
+    noise = ROUNDING * (free * moved).sum() + SOLVED * (free * c * c).sum()
     if lost[0] + jumps <= noise:
         return 0.0
     factor = LEAST

@@ -34,8 +34,10 @@ from ilattice.cutfem import coupling, weak
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.conditions import Load, Support, values_at
 from ilattice.cutfem.dilatation import FROM, Dilatation, as_terms
+from ilattice.cutfem.discretization import Product
 from ilattice.cutfem.domain import lattice_of
 from ilattice.cutfem.material import Isotropic, Property, Scalar, jump_within_cells, warn_of_jump
+from ilattice.cutfem.multigrid import Blocks
 from ilattice.cutfem.phases import as_phased
 from ilattice.cutfem.problem import ISLANDS, Problem
 from ilattice.cutfem.rules import Quadrature, on_cells
@@ -46,6 +48,8 @@ if TYPE_CHECKING:
 
 
 DILATATIONS = ("auto", "full", "projected")
+#: Poisson's ratio with which errors of solids that keep their volume are measured.
+SOFT = 0.3
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -295,7 +299,27 @@ class Elasticity(Problem):
         from ilattice.cutfem.solution import Solution
 
         rule = self.domain.stiff_rule(self.assembly, constant=self.material.constant)
-        return 2.0 * Solution(self, c, None)._energy(rule, heated=False)
+        return 2.0 * Solution(self, c, None)._energy(rule, heated=True)
+
+    def _discretization_error(self, product: Product, c: FloatArray, energy: float) -> float:
+        """As of all problems; where volumes are kept, in the energy of a solid that gives in.
+
+        Coarse splines cannot keep the volume of every fine cell, so that their distance would grow
+        with the bulk modulus, which the error does not.
+        """
+        if self.projection is None:
+            return super()._discretization_error(product, c, energy)
+        soft = replace(self.material, poisson=replace(self.material.poisson, value=SOFT))
+        like = self._with(material=soft, dilatation="full", _held={})
+        K = like._reduced()
+        blocks = Blocks(K.indptr, K.indices, K.data, len(K.indptr) - 1)
+
+        def times(x: FloatArray) -> FloatArray:
+            y = np.empty_like(x)
+            blocks.multiply(x, y, 0)
+            return y
+
+        return Problem._discretization_error(like, times, c, energy)
 
     # ---------------------------------------------------------------- operators
 

@@ -35,7 +35,7 @@ from ilattice.cutfem.material import Property, Scalar, jump_within_cells, warn_o
 from ilattice.cutfem.phases import as_phased
 from ilattice.cutfem.problem import ISLANDS, Problem
 from ilattice.cutfem.rules import Quadrature, on_cells
-from ilattice.cutfem.solvers import Solver
+from ilattice.cutfem.solvers import LARGEST, Solver
 from ilattice.cutfem.weak import NITSCHE, cell_heights
 from ilattice.errors import InputError
 
@@ -335,6 +335,11 @@ class Heat(Problem):
     def _initial(self, initial: Any) -> FloatArray:
         value, asm = as_value("initial", initial, 1), self.assembly
         c = asm.space.interpolate(lambda u: values_at("initial", value, asm.x(u), 1))
+        if not np.abs(c).max() <= LARGEST:
+            raise InputError(
+                f"initial={initial!r:.80}: squares of such temperatures overflow; use another "
+                f"unit, so that they are below {LARGEST:g}"
+            )
         return c.reshape(-1, 1)[asm.space.functions]
 
     def _surface_terms(

@@ -12,8 +12,10 @@ Both are A x = μ K x with the stiffness K and its `Solver`: frequencies with th
 μ = 1 / ω²), buckling with minus the geometric stiffness (then μ = 1 / load factor). The largest μ
 are found by Lanczos' method where K has a factor, and by LOBPCG preconditioned by multigrid
 (A. Knyazev, "Toward the optimal preconditioned eigensolver", SIAM J. Sci. Comput. 23, 2001) where
-the factor would be too large. A body without supports gets a little of its mass added to K, which
-moves no mode; its six rigid motions come first, with frequencies next to zero.
+the factor would be too large. One start of Lanczos' method sees one vector of every group of equal
+values, so that it is started again beside what is known until nothing more is found. A body that
+is free to move gets a little of its mass added to K, which moves no mode; its rigid motions come
+first, with frequencies next to zero.
 
 Guarantees: residuals are computed afresh and above `tol` raise `ConvergenceError`; modes are
 orthonormal in the mass, or in the stiffness for buckling. Non-guarantee: which vectors come out of
@@ -27,6 +29,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
+from scipy.linalg import eigh, orth
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh, lobpcg
 
 from ilattice._typing import AnyArray, ArrayLike, FloatArray
@@ -43,6 +46,10 @@ if TYPE_CHECKING:
 #: Vectors that LOBPCG works with beyond those asked for, rounds of it, steps in each.
 GUARD = 4
 ROUNDS, STEPS = 12, 25
+#: Vectors that are looked for beside those that are known; values count as larger from this on.
+BESIDE, MORE = 3, 1e-9
+#: Unknowns up to which all pairs are found at once where few cells are asked for many.
+DENSE = 3000
 #: Part of the mass that is added to a free body, in units of the stiffness of simple strains.
 SHIFT = 1e-2
 
@@ -231,7 +238,7 @@ def natural_modes(
     if not M.data.any():
         raise InputError("density: the solid has no mass, and no frequencies; give it a density")
     K, shift = system.K, 0.0
-    if not problem.supports and not problem.springs:
+    if problem.free_motions:
         shift = SHIFT * _scale(K, M, system)
         K = K + shift * M
     solver = _solver(K, system, method)
@@ -328,35 +335,68 @@ def largest(
     """
     count, tol = as_counts("count", count)[0], as_positive("tol", tol)
     n = A.shape[0]
-    if n < 5 * (count + GUARD):
+    most = n if n <= DENSE else n // 5 - GUARD
+    if count > most:
         raise InputError(
-            f"count = {count} is too many for {n} unknowns: at most {max(n // 5 - GUARD, 0)} can "
-            "be found; ask for fewer, or take more cells"
+            f"count = {count} is too many for {n} unknowns: at most {most} can be found; ask for "
+            "fewer, or take more cells"
         )
     find = _by_preconditioner if solver.method in ("multigrid", "pyamg") else _by_factor
-    mu, x = find(A, solver, count, system.near_nullspace, tol)
+    if n < 5 * (count + GUARD):
+        mu, x = eigh(A.toarray(), solver.multiply(np.eye(n)))
+    else:
+        mu, x = find(A, solver, count, system.near_nullspace, tol)
     order = np.argsort(-mu)[:count]
     mu, x = mu[order], x[:, order]
     residual = _residual(A, solver, mu, x)
     if not residual <= tol:
         raise ConvergenceError(
             f"eigenvectors by {solver.method} have a residual of {residual:.1e}, above tol = "
-            f"{tol:.1e}; ask for another number of them, or method='superlu'"
+            f"{tol:.1e}; ask for another number of them, or "
+            + ("finer cells" if solver.method == "superlu" else "method='superlu'")
         )
     return mu, x, residual
 
 
-def _by_factor(A: Any, solver: Solver, count: int, _: FloatArray, tol: float) -> Any:
+def _by_factor(A: Any, solver: Solver, count: int, motions: FloatArray, tol: float) -> Any:
     n = A.shape[0]
     K = LinearOperator((n, n), lambda v: solver.multiply(np.ravel(v)), dtype=float)
     inverse = LinearOperator((n, n), lambda v: solver.precondition(np.ravel(v)), dtype=float)
-    start = np.random.default_rng(0).standard_normal(n)
-    try:
-        return eigsh(A, count, K, which="LA", Minv=inverse, v0=start, tol=1e-2 * tol)
-    except ArpackNoConvergence as e:
-        raise ConvergenceError(
-            f"Lanczos' method found {len(e.eigenvalues)} of {count} modes; ask for fewer"
-        ) from e
+    rng = np.random.default_rng(0)
+    mu, x = _known(A, solver, motions, 1e-2 * tol)
+    wanted = max(count - len(mu), 1)
+    while True:
+        rest = _without(A, solver.multiply(x), mu) if len(mu) else A
+        start = rng.standard_normal(n)
+        try:
+            more, y = eigsh(rest, wanted, K, which="LA", Minv=inverse, v0=start, tol=1e-2 * tol)
+        except ArpackNoConvergence as e:
+            raise ConvergenceError(
+                f"Lanczos' method found {len(e.eigenvalues)} of {wanted} modes; ask for fewer"
+            ) from e
+        least = np.sort(mu)[-count] if len(mu) >= count else None
+        new = np.isfinite(more) if least is None else more > least + MORE * abs(least)
+        if not new.any():
+            return mu, x
+        mu, x = np.append(mu, more[new]), np.concatenate([x, y[:, new]], axis=1)
+        wanted = min(count, BESIDE)
+
+
+def _known(A: Any, solver: Solver, motions: FloatArray, tol: float) -> tuple[FloatArray, Any]:
+    """Those combinations of rigid motions that are eigenvectors, of unit x K x."""
+    x = orth(motions)
+    if not x.shape[1]:
+        return np.zeros(0), x
+    mu, S = eigh(x.T @ (A @ x), x.T @ solver.multiply(x))
+    x = x @ S
+    gap = np.linalg.norm(A @ x - mu * solver.multiply(x), axis=0)
+    good = gap <= tol * np.linalg.norm(A @ x, axis=0)
+    return mu[good], x[:, good]
+
+
+def _without(A: Any, Kx: FloatArray, mu: FloatArray) -> LinearOperator:
+    """A with zero instead of known values: v ↦ A v - K x μ (K x)ᵀ v."""
+    return LinearOperator(A.shape, lambda v: A @ v - Kx @ (mu * (Kx.T @ v)), dtype=float)
 
 
 def _by_preconditioner(A: Any, solver: Solver, count: int, modes: FloatArray, tol: float) -> Any:

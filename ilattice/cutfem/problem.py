@@ -19,12 +19,20 @@ from ilattice._validate import Frozen, among, as_choice, read_only
 from ilattice.cutfem import discretization
 from ilattice.cutfem._engines import ENGINES
 from ilattice.cutfem.assembly import Assembly
-from ilattice.cutfem.conditions import Load, Spring, Support, as_mask, as_place, as_value
-from ilattice.cutfem.constraints import Constraints, constraints
+from ilattice.cutfem.conditions import (
+    Load,
+    Spring,
+    Support,
+    as_mask,
+    as_place,
+    as_value,
+    stiffness_at,
+)
+from ilattice.cutfem.constraints import Constraints, check_agreement, constraints
 from ilattice.cutfem.discretization import Product
 from ilattice.cutfem.domain import Domain
 from ilattice.cutfem.rules import NAMES
-from ilattice.cutfem.solvers import Solver, SolveReport
+from ilattice.cutfem.solvers import LARGEST, Solver, SolveReport
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 
 R = TypeVar("R", bound=Any)
@@ -160,11 +168,14 @@ class Problem:
         Without any support or spring all parts count as held.
         """
         count = len(self.domain.parts)
-        places = {c.on for c in self.supports} | {c.on for c in self.springs}
-        if not places:
+        if not self.supports and not self.springs:
             return read_only(np.arange(count)), read_only(np.zeros(0, np.int64))
-        touching = [self.domain.parts.touching(self.domain.boundary(on).cells) for on in places]
-        held = np.unique(np.concatenate(touching))
+        cells = [self.domain.boundary(on).cells for on in {s.on for s in self.supports}]
+        for s in self.springs:
+            rule = self.domain.boundary(s.on)
+            firm = stiffness_at("stiffness", s.stiffness, rule.points, self.m).any(axis=1)
+            cells.append(np.unique(rule.cells[rule.owners[firm]]))
+        held = np.unique(np.concatenate([self.domain.parts.touching(c) for c in cells]))
         return read_only(held), read_only(np.setdiff1d(np.arange(count), held))
 
     @cached_property
@@ -196,6 +207,7 @@ class Problem:
     @cached_property
     def constraints(self) -> Constraints:
         """Prescribed coefficients."""
+        check_agreement(self.domain, self.assembly, self.supports, self.m)
         return constraints(self.domain, self.assembly, self.supports, self.m)
 
     def _strong_reactions(
@@ -288,15 +300,23 @@ class Problem:
         """
         if not self.supports and not self.springs:
             raise InputError(self.lack)
+        for part, (free, most) in self.free_motions.items():
+            raise InputError(
+                f"{free} of {most} motions of a rigid body are free in "
+                f"{self.domain.parts.describe(np.array([part]))}; hold more components"
+            )
+
+    @cached_property
+    def free_motions(self) -> dict[int, tuple[int, int]]:
+        """Parts of which motions are free: how many, and how many there are."""
+        out = {}
         for part in self.parts[0]:
             gram = self._held_motions(int(part))
             values = np.linalg.eigvalsh(gram / max(np.trace(gram), 1e-300))
             free = int((values < FREE).sum())
             if free:
-                raise InputError(
-                    f"{free} of {len(values)} motions of a rigid body are free in "
-                    f"{self.domain.parts.describe(np.array([part]))}; hold more components"
-                )
+                out[int(part)] = free, len(values)
+        return out
 
     def _held_motions(self, part: int) -> FloatArray:
         """Products (k, k) of the motions of one part in what is held, in units of its size."""
@@ -309,13 +329,14 @@ class Problem:
         centre, size = x[nodes].mean(axis=0), np.ptp(x[nodes], axis=0).max()
         held = self._motions((x[nodes] - centre) / size)[self.constraints.fixed[nodes]]
         gram = held.T @ held
-        weak = [(s.on, s.mask) for s in self.supports if s.weak]
-        weak += [(s.on, np.ones(self.m, bool)) for s in self.springs]
-        for on, mask in weak:
-            rule = self.domain.edge(asm, on)
+        for s in self.in_the_mean:
+            rule = self.domain.edge(asm, s.on)
             inside = np.isin(rule.cells, asm.space.cells[mine])[rule.owners]
-            at = self._motions((rule.points[inside] - centre) / size)[:, mask]
-            at = at.reshape(-1, gram.shape[0])
+            x = rule.points[inside]
+            mask = np.broadcast_to(s.mask, (len(x), self.m)) if isinstance(s, Support) else (
+                stiffness_at("stiffness", s.stiffness, x, self.m) > 0
+            )  # fmt: skip
+            at = self._motions((x - centre) / size)[mask]
             gram += at.T @ at
         return gram
 
@@ -340,6 +361,11 @@ class Problem:
             )  # fmt: skip
         if not system.b.any():
             return system.constraints.values, None
+        if not np.abs(system.b).max() <= LARGEST:
+            raise InputError(
+                "loads: forces or prescribed values are so large that their squares overflow; use "
+                f"other units, so that those of a node are below {LARGEST:g}"
+            )
         solver = self._held[key]
         x, report = solver.solve(
             system.b, tol=tol, max_iterations=max_iterations, progress=progress
@@ -352,7 +378,7 @@ class Problem:
     def _energy_of(self, product: Product, c: FloatArray) -> float:
         """What errors are relative to: twice the energy of a solution."""
         con = self.constraints
-        if con.values.any() or self.in_the_mean:
+        if con.values.any() or self.in_the_mean or any(f.kind == "temperature" for f in self.loads):
             return self._solid_energy(c)
         x = c[con.nodes].ravel()
         return float(x @ product(x))
@@ -362,7 +388,7 @@ class Problem:
         space, con = self.assembly.space, self.constraints
         levels = self.domain.once(("coarser", space), lambda: discretization.levels(space))
         diagonal = np.ones_like(c)
-        diagonal[con.nodes] = self.system.K.diagonal().reshape(-1, self.m)
+        diagonal[con.nodes] = self._reduced().diagonal().reshape(-1, self.m)
 
         def multiply(v: FloatArray) -> FloatArray:
             out = np.zeros_like(v)
@@ -375,5 +401,5 @@ class Problem:
         )
 
     def _solid_energy(self, c: FloatArray) -> float:
-        """Twice the energy of the solid alone, without springs and supports."""
+        """Twice the energy that the solid alone stores, without springs and supports."""
         raise NotImplementedError

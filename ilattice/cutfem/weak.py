@@ -2,7 +2,8 @@
 
 The symmetric method of Nitsche, 1971, with the penalty 10 p² (2 μ u·v + λ (u·n)(v·n)) / h, where h
 is the height in space of the cell along the normal. On surfaces that cut cells it needs the ghost
-penalty, which problems with such supports always have.
+penalty, which problems with such supports always have. Changes of volume that are projected cell by
+cell are not held by that: the penalty of λ is at least twice what their tractions can do there.
 
 Guarantee: consistent, so that the order of the space is kept; symmetric.
 """
@@ -66,10 +67,13 @@ def elastic_terms(problem: "Elasticity", support: Spring | Support) -> Terms:
     mask = support.mask.astype(np.float64)
     nn = n[:, :, None] * n[:, None, :] * (mask[:, None] * mask)
     Q = 2 * lame[:, 1, None, None] * np.diag(mask) + lame[:, 0, None, None] * nn
+    Q *= scale[:, None, None]
     pressure = np.zeros(len(u))
     if problem.projection is not None:
         pressure, lame[:, 0] = lame[:, 0].copy(), 0.0
-    return Terms(rule, scale[:, None, None] * Q, lame, pressure, mask)
+        least = 2.0 * problem.projection.traces(rule, rule.weights * pressure)[rule.owners]
+        Q += (np.maximum(least - scale, 0.0) * pressure)[:, None, None] * nn
+    return Terms(rule, Q, lame, pressure, mask)
 
 
 def add_elastic(data: FloatArray, problem: "Elasticity", terms: Terms) -> None:

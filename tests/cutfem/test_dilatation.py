@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import eigvalsh
 
+import ilattice as il
 from ilattice.cutfem import Elasticity
 from ilattice.errors import InputError, PrecisionWarning
 
@@ -123,3 +125,17 @@ def test_free_expansion_makes_no_stress():
     np.testing.assert_allclose(heated.evaluate(u), free(u), atol=1e-7)
     pressure = 2.0 * 0.01 / (1 - 2 * 0.499)
     assert np.abs(heated.stress(u)).max() < 1e-5 * pressure
+
+
+@pytest.mark.parametrize("poisson", [0.499, 0.49999])
+def test_slivers_at_held_surfaces_stay_positive(poisson):
+    """Their projected pressure pulls at more surface than whole cells have."""
+    rng = np.random.default_rng(4)
+    for n, degree in ((5, 1), (6, 1), (4, 2)):
+        box = il.fields.rotate(il.fields.box((0.5, 0.4, 0.6)), 0.7, tuple(rng.normal(2, 1, 3)))
+        problem = il.cutfem.Elasticity(
+            box, n, domain=[[-0.9] * 3, [0.93] * 3], poisson=poisson, degree=degree
+        ).clamp("surface")
+        least = eigvalsh(problem.system.K.toarray(), subset_by_index=[0, 0])[0]
+        assert least > 0.0
+        assert problem.load(body=(0, 0.3, 1.0)).solve().residual < 1e-7

@@ -293,3 +293,52 @@ def test_frequencies_and_load_factors_have_estimates():
     better = buckling(bar(4, 2).clamp("w=0").load(traction=(0, 0, -1.0), on="w=1").solve(), 1)
     missing = float(factors.factors[0] / better.factors[0] - 1.0)
     assert 0.5 * missing < factors.report.discretization_error < 2.5 * missing
+
+
+@pytest.mark.filterwarnings("ignore:the cells are too coarse")
+@pytest.mark.parametrize("p", [1, 2])
+def test_stiff_springs_hide_no_error(p):
+    bar = il.cutfem.Elasticity(
+        lambda u: -np.ones(len(u)), (3, 2, 4), domain=[[0, 0, 0], [1, 0.8, 2]], degree=p
+    )
+    bar = bar.load(body=(0.3, 0.2, 0.1))
+    errors = [
+        bar.spring("w=0", k).solve().report.discretization_error for k in (1e5, 1e9, 1e12, 1e14)
+    ]
+    np.testing.assert_allclose(errors, errors[0], rtol=0.05)
+    assert errors[0] > 0.02
+
+
+@pytest.mark.filterwarnings("ignore:the cells are too coarse")
+def test_errors_of_thermal_stress_are_parts_of_its_energy():
+    ball = il.cutfem.Elasticity(
+        il.fields.sphere(0.8), 5, domain=[[-0.9] * 3, [0.9] * 3], expansion=1e-3
+    )
+    held = ball.clamp("surface").load(temperature=100.0).solve()
+    assert held.report.discretization_error < 1e-6  # nothing moves
+    cube = il.cutfem.Elasticity(
+        lambda u: -np.ones(len(u)), 3, domain=[[0] * 3, [1] * 3], expansion=1e-3
+    )
+    free = cube
+    for on, c in zip(("u=0", "v=0", "w=0"), "xyz", strict=True):
+        free = free.clamp(on, components=c)
+    free = free.load(temperature=100.0).solve()
+    assert free.report.discretization_error < 1e-6  # a stretch is what coarse splines have
+    coarse = cube.clamp("w=0").load(temperature=100.0).solve()
+    fine = il.cutfem.Elasticity(
+        lambda u: -np.ones(len(u)), 9, domain=[[0] * 3, [1] * 3], expansion=1e-3
+    )
+    fine = fine.clamp("w=0").load(temperature=100.0).solve()
+    missed = coarse.energy / fine.energy - 1.0
+    assert missed < coarse.report.discretization_error < 6.0 * missed
+
+
+@pytest.mark.filterwarnings("ignore:the cells are too coarse")
+def test_the_error_of_solids_that_keep_their_volume_does_not_grow_with_their_bulk_modulus():
+    for poisson in (0.49, 0.4999, 0.499999):
+        beam = il.cutfem.Elasticity(
+            il.fields.box((0.4, 0.45, 3.0)), (4, 4, 4), poisson=poisson,
+            domain=[[-0.5, -0.5, 0], [0.5, 0.5, 2]],
+        )  # fmt: skip
+        beam = beam.clamp("w=0").load(body=(1.0, 0, 0)).solve()
+        assert 0.01 < beam.report.discretization_error < 0.2  # about 0.013

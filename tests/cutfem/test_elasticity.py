@@ -468,3 +468,51 @@ def test_results_do_not_depend_on_the_number_of_threads():
     finally:
         numba.set_num_threads(threads)
     assert all(np.array_equal(a, b) for a, b in zip(*found, strict=True))
+
+
+BAR = {"field": lambda u: -np.ones(len(u)), "cells": 2, "domain": [[0, 0, 0], [1, 1, 2]]}
+
+
+def test_loads_that_overflow_are_refused():
+    bar = il.cutfem.Elasticity(**BAR).clamp("w=0")
+    for load in ({"body": 1e300}, {"gravity": 1e300}, {"traction": (0, 1e308, 0), "on": "w=1"}):
+        with pytest.raises(il.errors.InputError, match="use other units"):
+            bar.load(**load).solve()
+    rod = il.cutfem.Heat(**BAR).fix("w=0", 0.0)
+    with pytest.raises(il.errors.InputError, match="use other units"):
+        rod.source(1e300).solve()
+    with pytest.raises(il.errors.InputError, match="initial=1e.300"):
+        rod.evolve(1.0, steps=2, initial=1e300)
+
+
+def test_springs_hold_what_they_are_stiff_against():
+    with pytest.raises(il.errors.InputError, match="3 of 6 motions"):
+        il.cutfem.Elasticity(**BAR).spring("w=0", (1.0, 1.0, 0)).load(body=(1.0, 0, 0)).solve()
+    two = il.fields.union(*(il.fields.translate(il.fields.box((0.2, 0.25, 0.3)), (s, 0, 0.1))
+                            for s in (-0.5, 0.45)))  # fmt: skip
+    problem = il.cutfem.Elasticity(two, 7, domain=[[-1] * 3, [1] * 3], degree=1)
+    problem = problem.spring("surface", lambda x: np.repeat((x[:, :1] > 0) * 1.0, 3, axis=1))
+    with pytest.warns(il.errors.PrecisionWarning, match=r"left out.*volume 0.12 at .-0.5"):
+        solution = problem.load(body=(1.0, 0, 0)).solve()
+    np.testing.assert_allclose(solution.reactions["surface"], [-0.12, 0, 0], atol=1e-8)
+
+
+def test_supports_in_the_mean_may_not_contradict():
+    bar = il.cutfem.Elasticity(**BAR)
+    for first in ({}, {"method": "nitsche"}):
+        held = bar.clamp("w=0", **first)
+        held.clamp("w=0", method="nitsche").load(body=1.0).solve()
+        with pytest.raises(il.errors.InputError, match="contradict"):
+            held.clamp("w=0", value=1.0, components="y", method="nitsche").load(body=1.0).solve()
+    apart = bar.clamp("w=0", components="xz", method="nitsche")
+    apart.clamp("w=0", value=1.0, components="y", method="nitsche").load(body=1.0).solve()
+
+
+def test_stiffnesses_far_apart_are_said_to_leave_no_digits():
+    box = il.fields.box((0.4, 0.45, 3.0))
+    young = lambda x: np.where(x[:, 2] < 1, 1.0, 1e6)  # noqa: E731
+    problem = il.cutfem.Elasticity(box, 4, domain=[[-0.5, -0.5, 0], [0.5, 0.5, 2]], young=young)
+    problem = problem.clamp("w=0").load(body=(1.0, 0, 0))
+    with pytest.raises(il.errors.ConvergenceError, match=r"no more digits.*larger tol"):
+        problem.solve(tol=1e-12)
+    assert problem.solve(tol=1e-6).residual <= 1e-6

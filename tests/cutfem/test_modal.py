@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import eigh
 
+import ilattice as il
 from ilattice.cutfem import Elasticity, buckling, natural_modes
 from ilattice.errors import ConvergenceError, InputError
 
@@ -112,3 +114,25 @@ def test_bad_input():
         natural_modes(column((1, 1, 4), density=0.0).clamp("w=0"), 2)
     with pytest.raises(InputError, match=r"no stress.* add loads"):
         buckling(problem.solve(), 2)
+
+
+def test_no_copy_of_a_repeated_frequency_is_missed():
+    """One start of Lanczos' method sees one vector of each group; all are found by LAPACK."""
+    cube = lambda u: -np.ones(len(u))  # noqa: E731
+    problem = il.cutfem.Elasticity(cube, 3, domain=[[0, 0, 0], [1.0, 1.0, 1.0]])
+    K, M = problem.system.K.toarray(), problem.mass().toarray()
+    known = np.sqrt(np.maximum(eigh(K, M, eigvals_only=True), 0.0))
+    for count in (2, 7, 8, 14, 22):
+        found = il.cutfem.natural_modes(problem, count)
+        np.testing.assert_allclose(found.omega, known[:count], rtol=1e-6, atol=1e-5)
+        x = found.vectors.reshape(count, -1)
+        np.testing.assert_allclose(x @ M @ x.T, np.eye(count), atol=1e-6)
+    many = il.cutfem.natural_modes(problem, len(known) - 1).omega
+    np.testing.assert_allclose(many, known[:-1], rtol=1e-6, atol=1e-5)
+    held = problem.clamp("w=0", components="z")
+    assert (np.sort(il.cutfem.natural_modes(held, 5).omega)[:5] < 1e-4).sum() == 3
+    two = il.fields.union(*(il.fields.translate(il.fields.box((0.2, 0.25, 0.3)), (s, 0.03, 0))
+                            for s in (-0.5, 0.5)))  # fmt: skip
+    problem = il.cutfem.Elasticity(two, 7, domain=[[-1] * 3, [1] * 3], degree=1)
+    omega = il.cutfem.natural_modes(problem, 14).omega
+    assert (omega < 1e-3 * omega[-1]).sum() == 12
