@@ -32,7 +32,7 @@ def stamp_all() -> None:
             caching.InTreeCacheLocator,
             caching.UserWideCacheLocator,
         )
-        ours = [type(f"Ours{base.__name__}", (_Stamped, base), {}) for base in usual]
+        ours: Any = [type(f"Ours{base.__name__}", (_Stamped, base), {}) for base in usual]
         caching.CacheImpl._locator_classes[:0] = ours
 
 

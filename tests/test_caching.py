@@ -45,8 +45,8 @@ def test_all_kernels_are_stamped_with_what_they_call():
     assert rules._cache._impl.locator.get_source_stamp() == _caching.stamp(file)
     names = {path.name for path in _caching._sources(file)}
     assert {"_kernels_rules.py", "_kernels_bases.py", "_kernels_bernstein.py"} <= names
-    tables = _caching._sources(HOME / "fields" / "_kernels_program.py")
-    assert HOME / "fields" / "_tables.py" in tables
+    tables = _caching._sources(HOME / "mesh" / "_kernels_faces.py")
+    assert HOME / "mesh" / "_tables.py" in tables
 
 
 def test_a_kernel_is_compiled_again_when_one_that_it_calls_has_changed(tmp_path):

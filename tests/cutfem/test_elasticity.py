@@ -481,7 +481,7 @@ def test_loads_that_overflow_are_refused():
     rod = il.cutfem.Heat(**BAR).fix("w=0", 0.0)
     with pytest.raises(il.errors.InputError, match="use other units"):
         rod.source(1e300).solve()
-    with pytest.raises(il.errors.InputError, match="initial=1e.300"):
+    with pytest.raises(il.errors.InputError, match=r"initial=1e.300"):
         rod.evolve(1.0, steps=2, initial=1e300)
 
 
