@@ -22,7 +22,7 @@ nothing is borne. What stands on cut cells comes from above, as energies of admi
 
 from ilattice.homogenize._result import HomogenizationReport
 from ilattice.homogenize.bands import Bands, BlochMode, BlochReport, Gap
-from ilattice.homogenize.bloch import BlochCell, bloch
+from ilattice.homogenize.bloch import bloch
 from ilattice.homogenize.bounds import Bounds, ConductivityBounds
 from ilattice.homogenize.conductive import ConductiveCell, conductive
 from ilattice.homogenize.conductivity import Conductivity
@@ -31,6 +31,7 @@ from ilattice.homogenize.elastic import ElasticCell, elastic
 from ilattice.homogenize.images import read_voxels
 from ilattice.homogenize.sweep import Fit, Rows, sweep
 from ilattice.homogenize.voxel import conductive_voxels, voxels
+from ilattice.homogenize.waves import BlochCell
 
 __all__ = [
     "Bands",

@@ -43,6 +43,14 @@ def strain_matrices() -> FloatArray:
     return out
 
 
+def tensor(C: FloatArray) -> FloatArray:
+    """All components (3, 3, 3, 3) of a stiffness matrix (6, 6)."""
+    place = np.empty((3, 3), np.int64)
+    for a, (i, j) in enumerate(PAIRS):
+        place[i, j] = place[j, i] = a
+    return np.asarray(C[place[:, :, None, None], place])
+
+
 def as_rotation(matrix: Any) -> FloatArray:
     """An orthogonal matrix (3, 3), or `InputError`."""
     Q = as_array("rotation", matrix)
