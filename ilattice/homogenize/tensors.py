@@ -35,6 +35,15 @@ def isotropic(lam: Any, mu: Any) -> FloatArray:
     return out + mu[..., None, None] * np.diag([2.0, 2.0, 2.0, 1.0, 1.0, 1.0])
 
 
+def compliance(C: FloatArray, soft: float) -> FloatArray:
+    """Pseudo-inverse of a stiffness (6, 6), without what is below a part of its largest value."""
+    values, vectors = np.linalg.eigh(C * np.outer(MANDEL, MANDEL))
+    firm = values > max(soft * float(values[-1]), 0.0)
+    inverse = np.where(firm, 1.0 / np.where(firm, values, 1.0), 0.0)
+    S = (vectors * inverse) @ vectors.T * np.outer(MANDEL, MANDEL)
+    return np.asarray(0.5 * (S + S.T))
+
+
 def strain_matrices() -> FloatArray:
     """The six unit strains as symmetric matrices, (6, 3, 3)."""
     out = np.zeros((6, 3, 3))

@@ -154,6 +154,19 @@ def test_few_waves_are_a_basis_for_a_path_and_no_band_is_passed_over():
 
 
 @coarse
+def test_errors_are_told_from_fewer_cells():
+    for n in (6, 7):
+        bands = bloch(full, n, path=[(0.5, 0.5, 0.4)], steps=1, count=16)
+        true = bands.omega[0] / free_waves(bands.k[0], 16) - 1
+        off = true > 1e-4  # waves without a factor exp(2 pi i x) are exact
+        assert 4 < off.sum() < 16
+        ratio = bands.errors[off] / true[off]
+        assert ratio.min() > 0.5
+        assert np.median(ratio) < 15
+        np.testing.assert_array_less(bands.errors[~off], 1e-3)
+
+
+@coarse
 def test_residuals_are_those_of_the_matrix():
     cell = BlochCell(void(), (5, 4, 4))
     bands = bloch(cell.domain, path=[[0.2, 0, 0], [0.5, 0, 0]], count=4, steps=5, modes=True)
