@@ -29,6 +29,7 @@ from ilattice.homogenize.conductivity import Conductivity
 from ilattice.homogenize.effective import Effective
 from ilattice.homogenize.elastic import ElasticCell, elastic
 from ilattice.homogenize.images import read_voxels
+from ilattice.homogenize.local import LocalFields
 from ilattice.homogenize.sweep import Fit, Rows, sweep
 from ilattice.homogenize.voxel import conductive_voxels, voxels
 from ilattice.homogenize.waves import BlochCell
@@ -47,6 +48,7 @@ __all__ = [
     "Fit",
     "Gap",
     "HomogenizationReport",
+    "LocalFields",
     "Rows",
     "bloch",
     "conductive",

@@ -22,18 +22,20 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ilattice._progress import Progress
-from ilattice._typing import FloatArray
+from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import as_flag, read_only
 from ilattice.cutfem import coupling
 from ilattice.cutfem.elasticity import Elasticity
 from ilattice.cutfem.material import Property
 from ilattice.cutfem.rules import Quadrature
+from ilattice.errors import InputError
 from ilattice.homogenize import tensors
 from ilattice.homogenize._result import SOFT
 from ilattice.homogenize.arguments import as_cell, check_phases
 from ilattice.homogenize.bounds import Bounds, elastic_bounds
 from ilattice.homogenize.cell import FULL, Answer, CellProblem, spread
 from ilattice.homogenize.effective import Effective
+from ilattice.homogenize.local import LocalFields, as_stresses, first_yield
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -129,6 +131,62 @@ class ElasticCell(CellProblem, Elasticity):
         done = np.einsum("na,naj->j", self.load(temperature=1.0).forces(), answer.coefficients)
         beta = (hindered * tensors.UNIT + done) / self.cell_volume
         return tensors.compliance(C, SOFT) @ beta
+
+    def under(self, stress: ArrayLike) -> LocalFields:
+        """The cell under a mean stress.
+
+        Parameters
+        ----------
+        stress : array_like, shape (6,)
+            Mean over the cell, voids included: xx, yy, zz, yz, xz, xy.
+
+        Returns
+        -------
+        LocalFields
+            Displacement and stress inside, with ``plot`` and ``save`` as other results have them.
+
+        Raises
+        ------
+        InputError
+            If the stress is wrong, or the cell does not bear it.
+        ConvergenceError
+            If the equations are not solved.
+        """
+        C, c = self._solutions
+        means, strains = as_stresses(stress, C)
+        if np.ndim(stress) != 1:
+            raise InputError(f"stress must be one, shape (6,), got shape {np.shape(stress)}")
+        return LocalFields(self, c @ strains[0], means[0], strains[0])
+
+    def first_yield(self, stress: ArrayLike) -> FloatArray:
+        """Factors of mean stresses at which the first point of the solid yields.
+
+        Parameters
+        ----------
+        stress : array_like, shape (6,) or (m, 6)
+            Mean stresses, as in `under`: of rows (1, 0, ...), (0, 1, ...) it is the strength.
+
+        Returns
+        -------
+        ndarray, shape (m,)
+            The least strength over von Mises stress at the points of quadrature.
+
+        Raises
+        ------
+        InputError
+            If a stress is wrong, the cell does not bear it, or was made without `strength`.
+        """
+        C, c = self._solutions
+        return first_yield(self, c, as_stresses(stress, C)[1])
+
+    @property
+    def _solutions(self) -> tuple[FloatArray, FloatArray]:
+        """Effective stiffness, and solutions (functions, 3, 6) for unit strains, made once."""
+        if "solutions" not in self._held:
+            C, _, answer = _properties(self, "auto", 1e-8, 500, None)
+            self._held["solutions"] = C, answer.coefficients
+        found: tuple[FloatArray, FloatArray] = self._held["solutions"]
+        return found
 
     def homogenized(
         self, *, method: str = "auto", tol: float = 1e-8, max_iterations: int = 500,
