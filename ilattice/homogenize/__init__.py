@@ -10,6 +10,7 @@
 `bloch`                waves on cut cells: bands of frequencies, gaps, group velocities
 `sweep`                stiffness of many cells: tables that go on where they stopped, fits
 `elastic`              stiffness of any solid on cut cells: the reference, and the default
+`ElasticCell`          the same cell under mean stresses: stresses inside, first yield
 `conductive`           conductivity, likewise
 `voxels`               stiffness of an array of voxels: tomograms, labels, fill fractions
 `conductive_voxels`    conductivity, likewise

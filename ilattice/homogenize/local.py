@@ -11,9 +11,9 @@ Everything comes from the solutions for six mean strains, which are kept: a furt
 combination of them.
 
 Guarantees: the mean of the stresses over the cell, voids included, is the mean stress, up to what
-the penalty on jumps at cut cells bears; a mean stress that the cell does not bear is refused. Non-guarantee:
-stresses are an order less accurate than displacements, and at re-entrant edges they grow without
-bound under refinement, so that the first yield there depends on the cells.
+the penalty on jumps at cut cells bears; a mean stress that the cell does not bear is refused.
+Non-guarantee: stresses are an order less accurate than displacements, and at re-entrant edges they
+grow without bound under refinement, so that the first yield there depends on the cells.
 """
 
 from dataclasses import dataclass
