@@ -16,6 +16,7 @@ from ilattice._typing import AnyArray, FloatArray
 from ilattice.homogenize._eigen import Vectors
 
 Map = Callable[[FloatArray], FloatArray]
+Terms = Callable[[FloatArray], Iterable[tuple[FloatArray, int]]]
 #: Vectors that a basis has at most.
 FULL = 600
 #: Vectors that have less than this length are none.
@@ -32,15 +33,13 @@ class Basis:
     mass : callable
         Takes rows (k, n), returns M of them.
     terms : callable
-        Returns an iterable of the terms, as pairs of a map such as `mass`, and 1 or -1 for
+        Takes rows, returns an iterable of the products of the terms with them, with 1 or -1 for
         symmetric and skew ones.
     part : float
         Vectors are left out of which less than this part is new.
     """
 
-    def __init__(
-        self, n: int, mass: Map, terms: Callable[[], Iterable[tuple[Map, int]]], part: float
-    ) -> None:
+    def __init__(self, n: int, mass: Map, terms: Terms, part: float) -> None:
         self.rows, self.mass, self.terms, self.part = np.zeros((0, n)), mass, terms, part
         self.reduced: FloatArray = np.zeros((0, 0, 0))
 
@@ -72,10 +71,10 @@ class Basis:
         """Add rows, and what the terms are on them."""
         old, rows = self.reduced, np.concatenate([self.rows, w])
         n, m, reduced = len(self.rows), len(rows), []
-        for number, (multiply, sign) in enumerate(self.terms()):
+        for number, (product, sign) in enumerate(self.terms(w)):
             A = np.empty((m, m))
             A[:n, :n] = old[number] if n else 0.0
-            side = rows @ multiply(w).T
+            side = rows @ product.T
             A[:, n:] = side
             A[n:, :n] = sign * side[:n].T
             A[n:, n:] = 0.5 * (side[n:] + sign * side[n:].T)

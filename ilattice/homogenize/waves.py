@@ -203,9 +203,12 @@ class BlochCell(ElasticCell):
             x* dK/dk_j x.
         """
         out = np.empty((3, len(x), len(x)), np.complex128)
+        both = np.concatenate([x.real, x.imag])
+        squares = self._squares(both)
         for j, e in enumerate(np.eye(3)):
-            even, odd = self.rows(2.0 * self._square(k, e)), self.rows(self._linear(e))
-            out[j] = x.conj() @ (each_part(even, x) + 1j * each_part(odd, x)).T
+            even, odd = 2.0 * squares(k, e), self._odd[j](both)
+            real, imaginary = (v[: len(x)] + 1j * v[len(x) :] for v in (even, odd))
+            out[j] = x.conj() @ (real + 1j * imaginary).T
         return out
 
     def product(self, k: FloatArray) -> Map:
@@ -251,21 +254,51 @@ class BlochCell(ElasticCell):
 
         return multiply
 
-    def terms(self) -> Iterator[tuple[Callable[[FloatArray], FloatArray], int]]:
-        """Real matrices whose sum, each times its `monomials`, is the stiffness.
+    def terms(self, x: FloatArray) -> Iterator[tuple[FloatArray, int]]:
+        """Products of the real matrices whose sum, each times its `monomials`, is the stiffness.
+
+        Parameters
+        ----------
+        x : ndarray, shape (b, n)
+            Real vectors.
 
         Yields
         ------
-        callable
-            Product with rows (b, n).
+        ndarray, shape (b, n)
+            A x.
         int
-            1 for symmetric ones, -1 for skew ones.
+            1 for symmetric A, -1 for skew ones.
         """
-        yield self.rows(self.matrix.data), 1
-        for e in np.eye(3):
-            yield self.rows(self._linear(e)), -1
+        yield self.rows(self.matrix.data)(x), 1
+        for odd in self._odd:
+            yield odd(x), -1
+        squares, axes = self._squares(x), np.eye(3)
         for i, j in PAIRS:
-            yield self.rows(self._square(np.eye(3)[i], np.eye(3)[j])), 1
+            yield squares(axes[i], axes[j]), 1
+
+    @cached_property
+    def _odd(self) -> list[Callable[[FloatArray], FloatArray]]:
+        """Products of the linear part, for unit wave vectors."""
+        return [self.rows(self._linear(e)) for e in np.eye(3)]
+
+    def _squares(self, x: FloatArray) -> Callable[[FloatArray, FloatArray], FloatArray]:
+        """Products of the quadratic part with rows, as a function of two wave vectors."""
+        K = self.matrix
+        n = K.shape[0] // 3
+        flat = x.reshape(-1, n, 3).transpose(1, 0, 2).reshape(n, -1)
+        parts = [
+            (C, csr_array((c, K.indices, K.indptr), shape=(n, n)) @ flat)
+            for C, _, _, c in self._terms
+        ]
+
+        def at(k: FloatArray, other: FloatArray) -> FloatArray:
+            out = np.zeros((flat.size // 3, 3))
+            for C, y in parts:
+                one = np.einsum("ipjq,p,q->ij", C, k, other)
+                out += y.reshape(-1, 3) @ (0.5 * (one + one.T))
+            return np.asarray(out.reshape(n, -1, 3).transpose(1, 0, 2).reshape(x.shape))
+
+        return at
 
     # ---------------------------------------------------------------- solving
 
