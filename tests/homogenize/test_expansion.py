@@ -68,3 +68,25 @@ def test_laminates_expand_by_their_formula():
     across = part @ (alpha + 2 * nu / (1 - nu) * (alpha - along))
     np.testing.assert_allclose(eff.expansion, [across, along, along, 0, 0, 0], atol=1e-13)
     np.testing.assert_array_less(eff.expansion_errors, 1e-11)
+
+
+def test_two_phases_of_voxels_follow_levin_to_the_tolerance():
+    labels = np.random.default_rng(2).integers(0, 2, (6, 4, 8))
+    labels[:, :2] |= labels[:, 1:3]  # no symmetry
+    eff = il.homogenize.voxels(
+        labels, young=YOUNG, poisson=POISSON, expansion=ALPHA, spacing=(1.0, 0.7, 0.8), tol=1e-7
+    )
+    K = np.array(YOUNG) / (3.0 - 6.0 * np.array(POISSON))
+    part = np.array([1 - labels.mean(), labels.mean()])
+    slope = (ALPHA[0] - ALPHA[1]) / (1 / K[0] - 1 / K[1])
+    unit = np.array([1.0, 1, 1, 0, 0, 0])
+    free = 3 * eff.S @ unit  # of any symmetry: B. Rosen and Z. Hashin, 1970
+    levin = part @ ALPHA * unit + slope * (free - unit * (part @ (1 / K)))
+    np.testing.assert_allclose(eff.expansion, levin, atol=1e-13)
+    assert np.ptp(eff.expansion[:3]) > 1e-7
+    assert (eff.expansion_errors > 0).all()
+    plain = il.homogenize.voxels(labels, young=YOUNG, poisson=POISSON, spacing=(1.0, 0.7, 0.8))
+    assert plain.expansion is None
+    np.testing.assert_allclose(plain.C, eff.C, rtol=1e-6, atol=1e-6)
+    with pytest.raises(il.errors.InputError, match="expansion must be one number or 2"):
+        il.homogenize.voxels(labels, young=YOUNG, expansion=(1.0, 2.0, 3.0))
