@@ -105,6 +105,7 @@ def cells():
     bands = h.bloch(waves.domain, path="GX", count=2, steps=1, modes=True)
     fit = h.Fit(1.0, 2.0, (0.9, 1.1), (1.9, 2.1), 0.01, 3)
     more = [waves, bands, bands.mode(1, 0), bands.report, h.Gap(1, 0.5, 0.7), fit]
+    more.append(elastic.under((1.0, 0, 0, 0, 0, 0)))
     return [*found, *more, h.sweep("gyroid", thickness=0.1, cells=4)]
 
 

@@ -10,6 +10,7 @@
 `bloch`                waves on cut cells: bands of frequencies, gaps, group velocities
 `sweep`                stiffness of many cells: tables that go on where they stopped, fits
 `elastic`              stiffness of any solid on cut cells: the reference, and the default
+`ElasticCell`          the same cell under mean stresses: stresses inside, first yield
 `conductive`           conductivity, likewise
 `voxels`               stiffness of an array of voxels: tomograms, labels, fill fractions
 `conductive_voxels`    conductivity, likewise
@@ -22,15 +23,17 @@ nothing is borne. What stands on cut cells comes from above, as energies of admi
 
 from ilattice.homogenize._result import HomogenizationReport
 from ilattice.homogenize.bands import Bands, BlochMode, BlochReport, Gap
-from ilattice.homogenize.bloch import BlochCell, bloch
+from ilattice.homogenize.bloch import bloch
 from ilattice.homogenize.bounds import Bounds, ConductivityBounds
 from ilattice.homogenize.conductive import ConductiveCell, conductive
 from ilattice.homogenize.conductivity import Conductivity
 from ilattice.homogenize.effective import Effective
 from ilattice.homogenize.elastic import ElasticCell, elastic
 from ilattice.homogenize.images import read_voxels
+from ilattice.homogenize.local import LocalFields
 from ilattice.homogenize.sweep import Fit, Rows, sweep
 from ilattice.homogenize.voxel import conductive_voxels, voxels
+from ilattice.homogenize.waves import BlochCell
 
 __all__ = [
     "Bands",
@@ -46,6 +49,7 @@ __all__ = [
     "Fit",
     "Gap",
     "HomogenizationReport",
+    "LocalFields",
     "Rows",
     "bloch",
     "conductive",

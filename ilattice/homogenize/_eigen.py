@@ -1,12 +1,14 @@
 """Lowest pairs of Hermitian matrices next to each other, by Davidson's method in blocks.
 
-The search space grows by preconditioned residuals, and starts with what is known from other wave
-vectors (E. Davidson, The iterative calculation of a few of the lowest eigenvalues, 1975). The
-preconditioner is real, the same for all wave vectors, and sees every symmetry of the cell, so that
-the start has to hold something of every band: random vectors are among it.
+The search starts in a real basis that holds what is known from other wave vectors (`_reduced`), and
+grows by preconditioned residuals (E. Davidson, The iterative calculation of a few of the lowest
+eigenvalues, 1975). The preconditioner is real, the same for all wave vectors, and sees every
+symmetry of the cell, so that the search has to hold something of every band: where the basis is not
+enough, random vectors come into it.
 
-Guarantee: residuals are computed afresh. Non-guarantee: that no eigenvalue has been passed over; a
-few vectors beyond those asked for have to settle, too, before pairs count as found.
+Guarantee: residuals are computed afresh, from the matrix. Non-guarantee: that no eigenvalue has
+been passed over; a few vectors beyond those asked for have to settle, too, before pairs count as
+found.
 """
 
 from collections.abc import Callable
@@ -15,16 +17,18 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import eigh
 
 from ilattice._typing import FloatArray
 
 Vectors = NDArray[np.complex128]
 Map = Callable[[Vectors], Vectors]
 
-#: Vectors beyond those asked for, random ones in every start, residual of the former that will do.
+#: Vectors beyond those asked for, random ones where a basis is not enough, residual of the former
+#: that will do.
 GUARD, RANDOM, SETTLED = 4, 2, 3e-2
-#: Size of the search space, in blocks, from which on it is cut down to so many.
-MOST, KEPT = 8, 2
+#: Vectors that are found beside a basis, in blocks, from which on they are cut down to so many.
+MOST, KEPT = 16, 3
 #: Directions below this part of the others, squared, are no new ones.
 NEW = 1e-14
 
@@ -37,34 +41,39 @@ class Pairs:
     ----------
     values : ndarray, shape (b,)
         Ascending, with the guards.
-    vectors : ndarray, shape (n, b)
-        Orthonormal in the mass.
+    vectors : ndarray, shape (b, n)
+        Rows, orthonormal in the mass.
     residuals : ndarray, shape (b,)
         |K x - λ M x| / |K x + s M x|.
     steps : int
-        How often the space has grown.
+        How often the search has grown.
+    near : ndarray, shape (c, n)
+        Approximations of as many lowest vectors again, and those.
     """
 
     values: FloatArray
     vectors: Vectors
     residuals: FloatArray
     steps: int
+    near: Vectors
 
 
 def lowest(
-    K: Any, mass: Map, precondition: Map, start: Vectors, count: int, shift: float, tol: float,
-    most: int,
+    K: Map, mass: Map, precondition: Map, basis: FloatArray, reduced: Vectors, noise: Vectors,
+    count: int, shift: float, tol: float, most: int,
 ) -> Pairs:  # fmt: skip
     """The lowest pairs of K x = λ M x; see `Pairs`.
 
     Parameters
     ----------
-    K : sparse array, shape (n, n)
-        Hermitian.
-    mass, precondition : callable
-        Take vectors (n, k), return M, and about (K + s M)^-1, of them.
-    start : ndarray, shape (n, k)
-        At least count + GUARD vectors.
+    K, mass, precondition : callable
+        Take rows (k, n), return K, M, and about (K + s M)^-1, of them.
+    basis : ndarray, shape (d, n)
+        Rows, orthonormal in the mass; there may be none.
+    reduced : ndarray, shape (d, d)
+        K on the basis.
+    noise : ndarray, shape (r, n)
+        What is taken in where the basis is not enough; with it there must be count + GUARD vectors.
     count : int
         How many.
     shift : float
@@ -80,55 +89,88 @@ def lowest(
         Also where `tol` is not reached.
     """
     block = count + GUARD
-    space = _Space(K, mass, start)
+    space = _Space(K, mass, basis, reduced)
+    wanted = np.where(np.arange(block) < count, tol, SETTLED)
+    if len(basis) < block:
+        space.add(noise)
     for step in range(most + 1):
-        values, S = np.linalg.eigh(space.H)
-        x, Kx, Mx = (A @ S[:, :block] for A in (space.V, space.KV, space.MV))
-        values = values[:block]
-        r = Kx - values * Mx
-        size = np.linalg.norm(Kx + shift * Mx, axis=0)
-        residuals = np.linalg.norm(r, axis=0) / size
-        wanted = np.where(np.arange(block) < count, tol, SETTLED)
+        values, S = space.solved(block)
+        x = space.combined(S)
+        Kx, Mx = K(x), mass(x)
+        r = Kx - values[:, None] * Mx
+        residuals = np.linalg.norm(r, axis=1) / np.linalg.norm(Kx + shift * Mx, axis=1)
         open_ = np.flatnonzero(residuals > wanted)
         if not len(open_) or step == most:
             break
-        w = precondition(r[:, open_])
-        if space.V.shape[1] + len(open_) > MOST * block:
-            space.cut(S[:, : KEPT * block])
-        space.add(w)
-    return Pairs(values, x, residuals, step)
+        if len(space.W) + len(open_) > MOST * block:
+            space.cut(KEPT * block)
+        w = precondition(r[open_])
+        space.add(np.concatenate([w, noise]) if step == 0 and len(basis) >= block else w)
+    near = x if step == 0 else space.combined(space.solved(2 * block)[1])
+    return Pairs(values, x, residuals, step, near)
 
 
 class _Space:
-    """A search space with its products: V (n, k) orthonormal in the mass, and H = V* K V."""
+    """A basis, and rows W that are found beside it; orthonormal in the mass. H is K on both."""
 
-    def __init__(self, K: Any, mass: Map, start: Vectors) -> None:
-        self.K, self.mass = K, mass
-        none = np.zeros((start.shape[0], 0), np.complex128)
-        self.V, self.KV, self.MV = none, none, none
-        self.H: Any = np.zeros((0, 0), np.complex128)
-        self.add(start)
+    def __init__(self, K: Map, mass: Map, basis: FloatArray, reduced: Vectors) -> None:
+        self.K, self.mass, self.V, self.H = K, mass, basis, reduced
+        self.W: Vectors = np.zeros((0, basis.shape[1]), np.complex128)
+
+    def solved(self, count: int) -> tuple[FloatArray, Vectors]:
+        """Lowest pairs of H."""
+        last = min(count, len(self.H)) - 1
+        found: Any = eigh(self.H, subset_by_index=[0, last], check_finite=False)
+        return found[0], found[1]
+
+    def combined(self, S: Vectors) -> Vectors:
+        """Combinations of what is there, by the columns of S."""
+        d = len(self.V)
+        return expanded(S[:d], self.V) + S[d:].T @ self.W
 
     def add(self, w: Vectors) -> None:
-        """Take in vectors, as far as they are new."""
-        w = w / np.linalg.norm(w, axis=0)
+        """Take in rows, as far as they are new."""
+        w = w / np.linalg.norm(w, axis=1)[:, None]
         for _ in range(2):
-            w = w - self.V @ (self.MV.conj().T @ w)
-            gram = w.conj().T @ self.mass(w)
+            Mw = self.mass(w)
+            a, b = projected(Mw, self.V), self.W.conj() @ Mw.T
+            gram = w.conj() @ Mw.T
+            least = NEW * float(gram.diagonal().real.max())
+            gram = gram - a.conj().T @ a - b.conj().T @ b
             values, vectors = np.linalg.eigh(0.5 * (gram + gram.conj().T))
-            new = values > NEW * max(float(values[-1]), 1e-300)
-            w = w @ (vectors[:, new] / np.sqrt(values[new]))
-        Kw = self.K @ w
-        side = self.V.conj().T @ Kw
-        corner = w.conj().T @ Kw
+            new = values > max(least, 1e-300)
+            w = w - expanded(a, self.V) - b.T @ self.W
+            w = (vectors[:, new] / np.sqrt(values[new])).T @ w
+        Kw = self.K(w)
+        side = np.concatenate([projected(Kw, self.V), self.W.conj() @ Kw.T])
+        corner = w.conj() @ Kw.T
         corner = 0.5 * (corner + corner.conj().T)
         self.H = np.block([[self.H, side], [side.conj().T, corner]])
-        self.V = np.concatenate([self.V, w], axis=1)
-        self.KV = np.concatenate([self.KV, Kw], axis=1)
-        self.MV = np.concatenate([self.MV, self.mass(w)], axis=1)
+        self.W = np.concatenate([self.W, w])
 
-    def cut(self, S: Vectors) -> None:
-        """Keep combinations of what is there."""
-        self.V, self.KV, self.MV = (A @ S for A in (self.V, self.KV, self.MV))
-        H = self.V.conj().T @ self.KV
-        self.H = 0.5 * (H + H.conj().T)
+    def cut(self, count: int) -> None:
+        """Of W keep what the lowest vectors have in it."""
+        d = len(self.V)
+        Q = np.linalg.qr(self.solved(count)[1][d:])[0]
+        self.W = Q.T @ self.W
+        side, corner = self.H[:d, d:] @ Q, Q.conj().T @ self.H[d:, d:] @ Q
+        corner = 0.5 * (corner + corner.conj().T)
+        self.H = np.block([[self.H[:d, :d], side], [side.conj().T, corner]])
+
+
+def projected(x: Vectors, V: FloatArray) -> Vectors:
+    """Products (d, k) of real rows V (d, n) and rows x (k, n)."""
+    both = V @ np.concatenate([x.real, x.imag]).T
+    return np.asarray(both[:, : len(x)] + 1j * both[:, len(x) :])
+
+
+def expanded(S: Vectors, V: FloatArray) -> Vectors:
+    """Combinations (k, n) of real rows V (d, n) by the columns of S (d, k)."""
+    both = np.concatenate([S.real, S.imag], axis=1).T @ V
+    return np.asarray(both[: S.shape[1]] + 1j * both[S.shape[1] :])
+
+
+def each_part(function: Callable[[Any], Any], x: Any) -> Any:
+    """A real map of complex rows (k, n)."""
+    both = function(np.concatenate([x.real, x.imag]))
+    return both[: len(x)] + 1j * both[len(x) :]

@@ -38,7 +38,7 @@ class HomogenizationReport:
     seconds : float
         Wall time of all systems.
     loads : int
-        Number of loads that were solved from nothing, 0 to 6.
+        Number of loads that were solved from nothing, 0 to 6, or 7 where voxels expand.
     symmetry : float
         The largest relative residual of the others as they followed by symmetry, from which they
         were solved to the tolerance; NaN if there are none.

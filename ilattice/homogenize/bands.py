@@ -24,7 +24,7 @@ from ilattice.io._common import as_path, atomic_write, write_report
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from ilattice.homogenize.bloch import BlochCell
+    from ilattice.homogenize.waves import BlochCell
 
 
 @dataclass(frozen=True)
@@ -168,8 +168,8 @@ class Bands(Frozen):
         ω².
     errors : ndarray, shape (count,)
         Estimated parts by which frequencies are too high because of the cells, at the corner of
-        the path with the shortest waves, see `ilattice.cutfem.discretization`; NaN where there is
-        no estimate.
+        the path with the shortest waves, from half and three quarters as many cells; NaN where
+        these are too few.
     size : float
         Edge a of a cube of the volume of the cell.
     speed : float

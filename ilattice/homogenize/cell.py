@@ -371,16 +371,16 @@ class CellProblem(Problem):
     def errors_of(
         self, values: FloatArray, answer: Answer, solve: Any, tol: float, *, estimate: bool
     ) -> FloatArray:
-        """Estimated errors of an effective property; see `_estimate`.
+        """Estimated errors of effective properties; see `_estimate`.
 
         Parameters
         ----------
-        values : ndarray, shape (k, k)
-            The property.
+        values : ndarray, shape (n,)
+            Properties, first those of the k loads, then others that follow from all of them.
         answer : Answer
             Where it comes from.
         solve : callable
-            Takes another problem and a tolerance, returns its property.
+            Takes another problem and a tolerance, returns its properties.
         tol : float
             Tolerance of the solutions.
         estimate : bool
@@ -388,17 +388,16 @@ class CellProblem(Problem):
 
         Returns
         -------
-        ndarray, shape (k, k)
-            Positive semidefinite, as errors of energies are; NaN where there is no estimate.
+        ndarray, shape (n,)
+            NaN where there is no estimate.
         """
         errors = np.full(len(values), np.nan)
         if answer.exact.all():
             errors = np.zeros(len(values))
         elif estimate:
-            errors = estimated(self, values.diagonal(), lambda *a: solve(*a).diagonal(), tol)
-            errors[answer.exact] = 0.0
-        spread = np.sqrt(errors)
-        return np.outer(spread, spread)
+            errors = estimated(self, values, solve, tol)
+            errors[np.flatnonzero(answer.exact)] = 0.0
+        return errors
 
     def warn_of_error(self, error: float, what: str) -> None:
         """Warn of an effective property that is off."""
@@ -438,6 +437,12 @@ class CellProblem(Problem):
     def warn_of_gaps(self) -> None:
         """Warn of edges of the cell along which nothing is borne, and refuse nothing."""
         warn_of_axes(self.percolates)
+
+
+def spread(errors: FloatArray) -> FloatArray:
+    """Errors (k, k) of a property of those of its diagonal: semidefinite, as those of energies."""
+    root = np.sqrt(errors)
+    return np.outer(root, root)
 
 
 def warn_of_axes(percolates: tuple[bool, bool, bool], names: str = EDGES, rest: str = "") -> None:

@@ -24,7 +24,7 @@ from ilattice.cutfem.material import Property
 from ilattice.cutfem.rules import Quadrature
 from ilattice.homogenize.arguments import as_cell, check_phases
 from ilattice.homogenize.bounds import ConductivityBounds, conductive_bounds
-from ilattice.homogenize.cell import FULL, Answer, CellProblem
+from ilattice.homogenize.cell import FULL, Answer, CellProblem, spread
 from ilattice.homogenize.conductivity import Conductivity
 
 
@@ -109,10 +109,11 @@ class ConductiveCell(CellProblem, Heat):
         k, errors, answer = np.zeros((3, 3)), np.zeros((3, 3)), None
         if len(self.parts[0]):
             k, answer = _conductivity(self, method, tol, max_iterations, progress)
-            errors = self.errors_of(
-                k, answer, lambda p, t: _conductivity(p, method, t, max_iterations, None)[0], tol,
+            errors = spread(self.errors_of(
+                k.diagonal(), answer,
+                lambda p, t: _conductivity(p, method, t, max_iterations, None)[0].diagonal(), tol,
                 estimate=estimate,
-            )  # fmt: skip
+            ))  # fmt: skip
         density, bounds = _bounds(self)
         report = self.report(answer, time.perf_counter() - start)
         eff = Conductivity(density, self.percolates, report, k, errors, bounds)

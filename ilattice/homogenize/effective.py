@@ -42,6 +42,11 @@ class Effective(Result):
         Part of the cell that is filled.
     bounds : Bounds
         Of Voigt, Reuss, Hashin and Shtrikman.
+    expansion : ndarray, shape (6,), or None
+        Thermal expansion per degree: strain xx, yy, zz, yz, xz, xy, with engineering shear, that is
+        free of mean stress; zero for what meets no resistance. None if no `expansion` was given.
+    expansion_errors : ndarray, shape (6,), or None
+        Estimated errors of its entries, as `errors`.
     percolates : tuple of 3 bool
         Whether the solid goes on through the cell along each of its edges.
     report : HomogenizationReport
@@ -61,6 +66,8 @@ class Effective(Result):
     C: FloatArray
     errors: FloatArray
     bounds: Bounds
+    expansion: FloatArray | None = None
+    expansion_errors: FloatArray | None = None
     quantity: ClassVar[str] = "E"
     title: ClassVar[str] = "Young's modulus E"
 
@@ -101,11 +108,7 @@ class Effective(Result):
     @cached_property
     def S(self) -> FloatArray:
         """Compliance (6, 6), the pseudo-inverse of C: zero for stresses that nothing bears."""
-        values, vectors = self._spectrum
-        firm = self._firm
-        inverse = np.where(firm, 1.0 / np.where(firm, values, 1.0), 0.0)
-        S = (vectors * inverse) @ vectors.T * np.outer(tensors.MANDEL, tensors.MANDEL)
-        return read_only(0.5 * (S + S.T))
+        return read_only(tensors.compliance(self.C, SOFT))
 
     @cached_property
     def _spectrum(self) -> tuple[FloatArray, FloatArray]:
@@ -297,6 +300,9 @@ class Effective(Result):
             "percolates": list(self.percolates), "distances": dict(self.distances),
             "bounds": told(self.bounds), "margins": self.margins, "report": vars(self.report),
         }  # fmt: skip
+        if self.expansion is not None and self.expansion_errors is not None:
+            out["expansion"] = self.expansion.tolist()
+            out["expansion_errors"] = self.expansion_errors.tolist()
         for i, a in enumerate("xyz"):
             out[f"E_{a}"] = self.E(axes[i])
         for i, j in ((0, 1), (0, 2), (1, 2)):

@@ -22,17 +22,20 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ilattice._progress import Progress
-from ilattice._typing import FloatArray
+from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import as_flag, read_only
 from ilattice.cutfem import coupling
 from ilattice.cutfem.elasticity import Elasticity
 from ilattice.cutfem.material import Property
 from ilattice.cutfem.rules import Quadrature
+from ilattice.errors import InputError
 from ilattice.homogenize import tensors
+from ilattice.homogenize._result import SOFT
 from ilattice.homogenize.arguments import as_cell, check_phases
 from ilattice.homogenize.bounds import Bounds, elastic_bounds
-from ilattice.homogenize.cell import FULL, Answer, CellProblem
+from ilattice.homogenize.cell import FULL, Answer, CellProblem, spread
 from ilattice.homogenize.effective import Effective
+from ilattice.homogenize.local import LocalFields, as_stresses, first_yield
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -98,6 +101,93 @@ class ElasticCell(CellProblem, Elasticity):
             lam, mu = lam + float(w @ a), mu + float(w @ b)
         return lam, mu
 
+    def expanding(self, C: FloatArray, answer: Answer) -> FloatArray:
+        """Thermal expansion of the cell, from the solutions for mean strains.
+
+        What a mean strain does on hindered expansion is what a degree does on the mean stress (V.
+        Levin, Thermal expansion coefficients of heterogeneous materials, 1967).
+
+        Parameters
+        ----------
+        C : ndarray, shape (6, 6)
+            Effective stiffness.
+        answer : Answer
+            Solutions.
+
+        Returns
+        -------
+        ndarray, shape (6,) or (0,)
+            Strain per degree; nothing if the material does not expand.
+        """
+        if self.material.expansion.value == 0.0:
+            return np.zeros(0)
+        asm, hindered = self.assembly, 0.0
+        rule = self.domain.stiff_rule(asm, constant=self.material.constant)
+        det = abs(float(np.linalg.det(self._jacobian[0])))
+        for m, part in zip(self.material.phases, self.domain.of_phases(rule), strict=False):
+            lam, mu = m.lame(asm, part.points)
+            stress = (3.0 * lam + 2.0 * mu) * m.expansion.at(asm, part.points)
+            hindered += det * float((part.weights * stress).sum())
+        done = np.einsum("na,naj->j", self.load(temperature=1.0).forces(), answer.coefficients)
+        beta = (hindered * tensors.UNIT + done) / self.cell_volume
+        return tensors.compliance(C, SOFT) @ beta
+
+    def under(self, stress: ArrayLike) -> LocalFields:
+        """The cell under a mean stress.
+
+        Parameters
+        ----------
+        stress : array_like, shape (6,)
+            Mean over the cell, voids included: xx, yy, zz, yz, xz, xy.
+
+        Returns
+        -------
+        LocalFields
+            Displacement and stress inside, with ``plot`` and ``save`` as other results have them.
+
+        Raises
+        ------
+        InputError
+            If the stress is wrong, or the cell does not bear it.
+        ConvergenceError
+            If the equations are not solved.
+        """
+        C, c = self._solutions
+        means, strains = as_stresses(stress, C)
+        if np.ndim(stress) != 1:
+            raise InputError(f"stress must be one, shape (6,), got shape {np.shape(stress)}")
+        return LocalFields(self, c @ strains[0], means[0], strains[0])
+
+    def first_yield(self, stress: ArrayLike) -> FloatArray:
+        """Factors of mean stresses at which the first point of the solid yields.
+
+        Parameters
+        ----------
+        stress : array_like, shape (6,) or (m, 6)
+            Mean stresses, as in `under`: of rows (1, 0, ...), (0, 1, ...) it is the strength.
+
+        Returns
+        -------
+        ndarray, shape (m,)
+            The least strength over von Mises stress at the points of quadrature.
+
+        Raises
+        ------
+        InputError
+            If a stress is wrong, the cell does not bear it, or was made without `strength`.
+        """
+        C, c = self._solutions
+        return first_yield(self, c, as_stresses(stress, C)[1])
+
+    @property
+    def _solutions(self) -> tuple[FloatArray, FloatArray]:
+        """Effective stiffness, and solutions (functions, 3, 6) for unit strains, made once."""
+        if "solutions" not in self._held:
+            C, _, answer = _properties(self, "auto", 1e-8, 500, None)
+            self._held["solutions"] = C, answer.coefficients
+        found: tuple[FloatArray, FloatArray] = self._held["solutions"]
+        return found
+
     def homogenized(
         self, *, method: str = "auto", tol: float = 1e-8, max_iterations: int = 500,
         progress: Progress = None, estimate: bool = True,
@@ -128,10 +218,10 @@ def _stress(lam: FloatArray, mu: FloatArray, E: FloatArray) -> FloatArray:
 
 def elastic(
     field: Any, cells: Any = 16, *, young: Property = 1.0, poisson: Property = 0.3,
-    method: str = "auto", tol: float = 1e-8, max_iterations: int = 500,
+    expansion: Property = 0.0, method: str = "auto", tol: float = 1e-8, max_iterations: int = 500,
     progress: Progress = None, estimate: bool = True, **options: Any,
 ) -> Effective:  # fmt: skip
-    """Effective stiffness of a periodic solid.
+    """Effective stiffness of a periodic solid, and its thermal expansion.
 
     Parameters
     ----------
@@ -143,6 +233,8 @@ def elastic(
         Background grid; an int is for every direction.
     young, poisson : float, str or callable, keyword-only
         As in `ilattice.cutfem.Elasticity`, also pairs for two `phases`.
+    expansion : float, str or callable, keyword-only
+        Thermal expansion per degree, likewise, for `Effective.expansion`.
     method, tol, max_iterations, progress : str, float, int, bool or callable, keyword-only
         As in `ilattice.cutfem.Elasticity.solve`.
     estimate : bool, keyword-only
@@ -183,7 +275,9 @@ def elastic(
     >>> eff.symmetry, bool(eff.K < eff.bounds.bulk[1] + eff.error)
     ('cubic', True)
     """
-    problem = ElasticCell(field, cells, young=young, poisson=poisson, **options)
+    problem = ElasticCell(
+        field, cells, young=young, poisson=poisson, expansion=expansion, **options
+    )
     return problem.homogenized(
         method=method, tol=tol, max_iterations=max_iterations, progress=progress,
         estimate=estimate,
@@ -197,28 +291,33 @@ def homogenized(
     """Solve a cell; see `ElasticCell.homogenized`."""
     start = time.perf_counter()
     problem.warn_of_gaps()
-    C, errors, answer = np.zeros((6, 6)), np.zeros((6, 6)), None
+    C, errors, answer, expansion = np.zeros((6, 6)), np.zeros(6), None, np.zeros(0)
     if len(problem.parts[0]):
-        C, answer = _stiffness(problem, method, tol, max_iterations, progress)
-        errors = problem.errors_of(
-            C, answer, lambda p, t: _stiffness(p, method, t, max_iterations, None)[0], tol,
-            estimate=estimate,
-        )  # fmt: skip
+        C, expansion, answer = _properties(problem, method, tol, max_iterations, progress)
+
+        def again(other: ElasticCell, tol: float) -> FloatArray:
+            C, expansion, _ = _properties(other, method, tol, max_iterations, None)
+            return np.append(C.diagonal(), expansion)
+
+        values = np.append(C.diagonal(), expansion)
+        errors = problem.errors_of(values, answer, again, tol, estimate=estimate)
     density, bounds = _bounds(problem)
     report = problem.report(answer, time.perf_counter() - start)
-    eff = Effective(density, problem.percolates, report, C, errors, bounds)
+    thermal = (expansion, errors[6:]) if len(expansion) else (None, None)
+    eff = Effective(density, problem.percolates, report, C, spread(errors[:6]), bounds, *thermal)
     if answer is not None and estimate:
         problem.warn_of_error(eff.error, "the effective stiffness")
     return eff
 
 
-def _stiffness(
+def _properties(
     problem: ElasticCell, method: str, tol: float, max_iterations: int, progress: Progress
-) -> tuple[FloatArray, Answer]:
-    """Effective stiffness (6, 6), and solutions."""
+) -> tuple[FloatArray, FloatArray, Answer]:
+    """Effective stiffness (6, 6) and expansion (6,) or (0,), and solutions."""
     answer = problem.answers(method, tol, max_iterations, progress)
     C = (tensors.isotropic(*problem.moments()) - answer.energies) / problem.cell_volume
-    return tensors.without(0.5 * (C + C.T), problem.free_normals()), answer
+    C = tensors.without(0.5 * (C + C.T), problem.free_normals())
+    return C, problem.expanding(C, answer), answer
 
 
 def _bounds(problem: ElasticCell) -> tuple[float, Bounds]:

@@ -35,12 +35,29 @@ def isotropic(lam: Any, mu: Any) -> FloatArray:
     return out + mu[..., None, None] * np.diag([2.0, 2.0, 2.0, 1.0, 1.0, 1.0])
 
 
+def compliance(C: FloatArray, soft: float) -> FloatArray:
+    """Pseudo-inverse of a stiffness (6, 6), without what is below a part of its largest value."""
+    values, vectors = np.linalg.eigh(C * np.outer(MANDEL, MANDEL))
+    firm = values > max(soft * float(values[-1]), 0.0)
+    inverse = np.where(firm, 1.0 / np.where(firm, values, 1.0), 0.0)
+    S = (vectors * inverse) @ vectors.T * np.outer(MANDEL, MANDEL)
+    return np.asarray(0.5 * (S + S.T))
+
+
 def strain_matrices() -> FloatArray:
     """The six unit strains as symmetric matrices, (6, 3, 3)."""
     out = np.zeros((6, 3, 3))
     for a, (i, j) in enumerate(PAIRS):
         out[a, i, j] = out[a, j, i] = 1.0 if i == j else 0.5
     return out
+
+
+def tensor(C: FloatArray) -> FloatArray:
+    """All components (3, 3, 3, 3) of a stiffness matrix (6, 6)."""
+    place = np.empty((3, 3), np.int64)
+    for a, (i, j) in enumerate(PAIRS):
+        place[i, j] = place[j, i] = a
+    return np.asarray(C[place[:, :, None, None], place])
 
 
 def as_rotation(matrix: Any) -> FloatArray:

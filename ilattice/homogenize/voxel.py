@@ -30,7 +30,7 @@ from ilattice._validate import as_array, as_flag, as_positive, as_triple, as_who
 from ilattice.cutfem.discretization import LEAST
 from ilattice.errors import InputError, PrecisionWarning
 from ilattice.homogenize import tensors
-from ilattice.homogenize._result import HomogenizationReport
+from ilattice.homogenize._result import SOFT, HomogenizationReport
 from ilattice.homogenize._spectral import Descent, VoxelGrid, descend, prolonged, restricted
 from ilattice.homogenize.bounds import (
     Bounds,
@@ -58,8 +58,9 @@ LOCKING = 0.45
 
 
 def voxels(
-    array: Any, *, young: Any = 1.0, poisson: Any = 0.3, spacing: Any = None, tol: float = 1e-4,
-    estimate: bool = True, max_iterations: int = 500, progress: Progress = None,
+    array: Any, *, young: Any = 1.0, poisson: Any = 0.3, expansion: Any = None,
+    spacing: Any = None, tol: float = 1e-4, estimate: bool = True, max_iterations: int = 500,
+    progress: Progress = None,
 ) -> Effective:  # fmt: skip
     """Effective stiffness of an array of voxels that repeats.
 
@@ -72,6 +73,9 @@ def voxels(
         Young's modulus of the solid (voids then have 1e-6 of it), or of every phase; may be zero.
     poisson : float, or sequence of floats
         Poisson's ratio of all phases, or of each.
+    expansion : float, or sequence of floats, optional
+        Thermal expansion per degree of all phases, or of each, for `Effective.expansion`: one more
+        load.
     spacing : float, or sequence of 3 floats, optional
         Edges of voxels; by default 1, or those of the file.
     tol : float
@@ -129,17 +133,38 @@ def voxels(
     stress = np.stack(
         [tensors.isotropic(*table.T) @ e for e in np.eye(6)]
     )[:, :, [[0, 5, 4], [5, 1, 3], [4, 3, 2]]]  # fmt: skip
+    heat = np.zeros((0, len(table)))
+    if expansion is not None:
+        alpha = as_array("expansion", expansion).ravel()
+        if np.ndim(expansion) > 1 or len(alpha) not in (1, len(E)):
+            raise InputError(f"expansion must be one number or {len(E)}, got {expansion!r:.80}")
+        heat = cells.mixed(((3 * lame[:, 0] + 2 * lame[:, 1]) * alpha)[:, None]).T
+        stress = np.concatenate([stress, heat[:, :, None, None] * np.eye(3)])
     run = _Run(cells, table, size, stress, tol, max_iterations, progress)
     mean = tensors.isotropic(*(cells.fractions @ table))
     relaxed, errors, solid, report = run.all(estimate=as_flag("estimate", estimate))
-    C = mean - relaxed
+    C = mean - relaxed[:6, :6]
     if not table.min():
         C = tensors.without(C, np.eye(3)[~np.array(solid)])
     _warn_of(solid, table)
+    C = 0.5 * (C + C.T)
+    thermal: tuple[Any, Any] = (None, None)
+    for a, one in enumerate(heat, 6):
+        hindered = cells.fractions @ one * tensors.UNIT - relaxed[:6, a]
+        thermal = _expansion(C, errors[:6, :6], hindered, errors[:6, a])
     return Effective(
-        cells.filled, solid, report, 0.5 * (C + C.T), errors,
-        _elastic_bounds(cells, table, mean),
+        cells.filled, solid, report, C, errors[:6, :6], _elastic_bounds(cells, table, mean),
+        *thermal,
     )  # fmt: skip
+
+
+def _expansion(
+    C: FloatArray, errors: FloatArray, hindered: FloatArray, off: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Free expansion (6,), and its errors, of a stiffness and hindered stresses with theirs."""
+    S = tensors.compliance(C, SOFT)
+    alpha = S @ hindered
+    return alpha, np.abs(S) @ (off + errors @ np.abs(alpha))
 
 
 def conductive_voxels(

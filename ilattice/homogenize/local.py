@@ -1,0 +1,208 @@
+"""Displacements and stresses inside of a cell under mean stresses, and at which of these it yields.
+
+::
+
+    cell = il.homogenize.ElasticCell(wall, 12, young=70e3, strength=250.0)
+    local = cell.under((100.0, 0, 0, 0, 0, 0))
+    local.save("tension.vtu")
+    cell.first_yield([(1.0, 0, 0, 0, 0, 0), (0, 0, 0, 0, 0, 1.0)])  # stresses that it bears
+
+Everything comes from the solutions for six mean strains, which are kept: a further mean stress is a
+combination of them.
+
+Guarantees: the mean of the stresses over the cell, voids included, is the mean stress, up to what
+the penalty on jumps at cut cells bears; a mean stress that the cell does not bear is refused.
+Non-guarantee: stresses are an order less accurate than displacements, and at re-entrant edges they
+grow without bound under refinement, so that the first yield there depends on the cells.
+"""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
+from ilattice._validate import as_array, as_points
+from ilattice.cutfem.output import Result
+from ilattice.cutfem.solution import elastic_stress, engineering_strain, von_mises
+from ilattice.errors import InputError
+from ilattice.homogenize import tensors
+from ilattice.homogenize._result import SOFT
+
+if TYPE_CHECKING:
+    from ilattice.homogenize.elastic import ElasticCell
+
+#: Part of a mean stress that a cell may miss without bearing none of it.
+BORNE = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class LocalFields(Result):
+    """A cell under a mean stress: made by `ElasticCell.under`.
+
+    Attributes
+    ----------
+    problem : ElasticCell
+        The cell.
+    coefficients : ndarray, shape (functions, 3)
+        Of the displacement without the mean strain.
+    mean_stress, mean_strain : ndarray, shape (6,)
+        xx, yy, zz, yz, xz, xy; strains with engineering shear.
+    """
+
+    problem: "ElasticCell"
+    coefficients: FloatArray
+    mean_stress: FloatArray
+    mean_strain: FloatArray
+    shown: ClassVar[str] = "von_mises"
+    probed: ClassVar[tuple[str, ...]] = ("strain",)
+
+    def evaluate(self, u: ArrayLike) -> FloatArray:
+        """Displacement at parameters, that of the mean strain included.
+
+        Parameters
+        ----------
+        u : array_like, shape (n, 3)
+            Parameters.
+
+        Returns
+        -------
+        ndarray, shape (n, 3)
+            Displacement; NaN more than a cell away from the solid.
+        """
+        u = as_points("u", u)
+        asm = self.problem.assembly
+        return asm.evaluate(self.coefficients, u)[0] + asm.x(u) @ as_matrix(self.mean_strain)
+
+    def strain(self, u: ArrayLike) -> FloatArray:
+        """Strain at parameters.
+
+        Parameters
+        ----------
+        u : array_like, shape (n, 3)
+            Parameters.
+
+        Returns
+        -------
+        ndarray, shape (n, 6)
+            xx, yy, zz, yz, xz, xy with engineering shear.
+        """
+        gradient = self.problem.assembly.evaluate(self.coefficients, as_points("u", u))[1]
+        return engineering_strain(gradient) + self.mean_strain
+
+    def stress(self, u: ArrayLike) -> FloatArray:
+        """Stress at parameters.
+
+        Parameters
+        ----------
+        u : array_like, shape (n, 3)
+            Parameters.
+
+        Returns
+        -------
+        ndarray, shape (n, 6)
+            xx, yy, zz, yz, xz, xy.
+        """
+        u, asm = as_points("u", u), self.problem.assembly
+        gradient = asm.evaluate(self.coefficients, u)[1]
+        owner = asm.space.locate(u)
+        return stress_of(
+            self.problem, self.coefficients, as_matrix(self.mean_strain), gradient, u, owner
+        )
+
+    def von_mises(self, u: ArrayLike) -> FloatArray:
+        """Von Mises stress at parameters.
+
+        Parameters
+        ----------
+        u : array_like, shape (n, 3)
+            Parameters.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            The equivalent stress.
+        """
+        return von_mises(self.stress(u))
+
+    def point_data(self, u: ArrayLike) -> dict[str, AnyArray]:
+        """What files hold, at parameters.
+
+        Parameters
+        ----------
+        u : array_like, shape (n, 3)
+            Parameters.
+
+        Returns
+        -------
+        dict of str to ndarray
+            ``displacement`` (n, 3), ``stress`` (n, 6), ``von_mises`` (n,).
+        """
+        stress = self.stress(u)
+        return {"displacement": self.evaluate(u), "stress": stress, "von_mises": von_mises(stress)}
+
+
+def as_matrix(strain: FloatArray) -> FloatArray:
+    """A strain (6,) with engineering shear as a symmetric matrix (3, 3)."""
+    return np.einsum("a,aij->ij", strain, tensors.strain_matrices())
+
+
+def as_stresses(stress: Any, C: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Mean stresses (n, 6) and their mean strains, or `InputError` where none is borne."""
+    given = as_array("stress", stress)
+    if given.ndim not in (1, 2) or given.shape[-1] != 6 or not given.size:
+        raise InputError(
+            f"stress must be xx, yy, zz, yz, xz, xy, shape (6,), or rows of them, got shape "
+            f"{given.shape}"
+        )
+    rows = given.reshape(-1, 6)
+    strains = rows @ tensors.compliance(C, SOFT)
+    size = np.linalg.norm(rows, axis=1)
+    missed = np.linalg.norm(rows - strains @ C, axis=1)
+    wrong = np.flatnonzero(~((missed <= BORNE * size) & (size > 0)))
+    if len(wrong):
+        raise InputError(
+            f"stress: the cell bears nothing of {rows[wrong[0]].tolist()}, or only a part; give "
+            "stresses that are not zero and that meet resistance, see `Effective.mechanisms`"
+        )
+    return rows, strains
+
+
+def stress_of(
+    problem: "ElasticCell", c: FloatArray, E: FloatArray, gradient: FloatArray, u: FloatArray,
+    owner: IntArray,
+) -> FloatArray:  # fmt: skip
+    """Stresses (n, 6) at parameters, of gradients (n, 3, 3) without the mean strain E."""
+    lam, mu = problem.material.lame(problem.assembly, u)
+    volume = np.trace(gradient, axis1=1, axis2=2)
+    if problem.projection is not None:
+        volume = problem.projection.at(problem.projection.of_field(c), u, owner)
+    return elastic_stress(gradient + E, lam * (volume + np.trace(E)), mu)
+
+
+def first_yield(
+    problem: "ElasticCell", coefficients: FloatArray, strains: FloatArray
+) -> FloatArray:
+    """Factors (m,) by which cases may grow until a point yields.
+
+    Of solutions (functions, 3, 6) for unit strains, and the mean strains (m, 6) of the cases.
+    """
+    strength = problem.material.strength
+    if strength is None:
+        raise InputError("the material has no strength: give ElasticCell(..., strength=...)")
+    asm = problem.assembly
+    rule = problem.domain.solid(asm)
+    assert rule.parameters is not None
+    c = np.ascontiguousarray(coefficients.transpose(0, 2, 1)).reshape(len(coefficients), 18)
+    units, owners, used = tensors.strain_matrices(), asm.owners(rule), np.zeros(len(strains))
+    for rows, _, gradient in asm.on_rule(c, rule):
+        u, owner = rule.parameters[rows], owners[rows]
+        g = gradient.reshape(-1, 6, 3, 3)
+        local = np.stack([
+            stress_of(problem, coefficients[..., a], units[a], g[:, a], u, owner) for a in range(6)
+        ])  # fmt: skip
+        limit = strength.at(asm, u)
+        for i, strain in enumerate(strains):
+            equivalent = von_mises(np.einsum("a,anj->nj", strain, local))
+            used[i] = max(used[i], float((equivalent / limit).max(initial=0.0)))
+    return np.asarray(1.0 / np.maximum(used, 1e-300))
