@@ -233,7 +233,7 @@ class ClosestPointSearch(TileSpace):
             np.empty((len(p), 3)), np.empty((len(p), self._columns)), np.empty(len(p)),
             np.empty(len(p)),
         )  # fmt: skip
-        _kernels_seeds.place_seeds(*self.space, p, cell, x, normal, spacing, det)
+        _kernels_seeds.place_seeds(len(p), *self.space, p, cell, x, normal, spacing, det)
         if self.creased:
             near = (np.abs(p - np.rint(p)) <= CREASED * cell).any(axis=1)
             normal[near, 3] = np.inf
@@ -431,7 +431,7 @@ class ClosestPointSearch(TileSpace):
         distance, near = self.candidates(x[at], m)
         idx = np.empty((len(at), RETRY_CANDIDATES), np.int64)
         best = np.where(status[at] < _kernels_newton.FALLBACK, np.abs(feet[0, at, 6]), np.inf)
-        _kernels.spread(self.space[7], *self.seeds, x[at], p[at], best, near, idx)
+        _kernels.spread(len(at), self.space[7], *self.seeds, x[at], p[at], best, near, idx)
         f, c, s = feet.take(at, axis=1), counts[at], status[at]
         self._run(x[at], p[at], idx, f, c, s)
         feet[:, at], counts[at], status[at] = f, c, s
@@ -442,7 +442,7 @@ class ClosestPointSearch(TileSpace):
         status: IntArray, seeds: tuple[FloatArray, ...] | None = None,
     ) -> None:  # fmt: skip
         _kernels.closest(
-            *self.space, *(seeds or self.seeds), x, p, idx, self.box, self.clip,
+            len(x), *self.space, *(seeds or self.seeds), x, p, idx, self.box, self.clip,
             self.orient, TOLERANCE, feet[0], feet[1], counts, status,
         )  # fmt: skip
 
