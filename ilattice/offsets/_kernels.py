@@ -10,9 +10,9 @@ Non-guarantee: the foot is the global minimiser only as far as the seeds cover t
 """
 
 import numpy as np
-from numba import njit
+from numba import njit, prange
 
-from ilattice._kernels import in_ranges, inner
+from ilattice._kernels import inner
 from ilattice.offsets._kernels_jets import (
     FAST,
     cofactor_normal,
@@ -368,15 +368,14 @@ def first_reachable(geom, sp, sx, sn, idx, row, x, q):
     return idx[row, 0]
 
 
-@in_ranges(CHUNK)
-@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
-def spread(first, last, geom, sp, sx, sn, sh, x, q, best, idx, out):
+@njit(cache=True, parallel=True, fastmath=FAST, error_model="numpy")
+def spread(geom, sp, sx, sn, sh, x, q, best, idx, out):
     """Thin out candidates idx (n, m), nearest first: those that count, one per patch; out (n, k).
 
     Those that cannot hold a foot nearer than `best` (n,) are left out. Rows of `out` are filled up
     with -1; the nearest seed stands where none is left.
     """
-    for i in range(first, last):
+    for i in prange(len(idx)):
         xi, qi = (x[i, 0], x[i, 1], x[i, 2]), (q[i, 0], q[i, 1], q[i, 2])
         count = 0
         for a in range(idx.shape[1]):
@@ -407,10 +406,9 @@ def seed_distance(sx, s, x):
     return np.sqrt((x[0] - sx[s, 0]) ** 2 + (x[1] - sx[s, 1]) ** 2 + (x[2] - sx[s, 2]) ** 2)
 
 
-@in_ranges(CHUNK)
-@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+@njit(cache=True, parallel=True, fastmath=FAST, error_model="numpy")
 def closest(
-    first, last, d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
+    d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
     sp, sx, sn, sh, x, q, idx, box, clip, orient, tol, feet, seconds, counts, status,
 ):  # fmt: skip
     """Foot points of many queries.
@@ -434,23 +432,25 @@ def closest(
     status
         Output (n,). On entry FALLBACK, or the status of known feet, which are then improved on.
     """
-    b, m, t, tab = scratch(factor, c, k0, k1, k2, q0, q1, q2)
-    room = np.empty((2, 3))
-    for i in range(first, last):
-        xi = (x[i, 0], x[i, 1], x[i, 2])
-        qi = (q[i, 0], q[i, 1], q[i, 2])
-        feet[i, 6], seconds[i, 6] = abs(feet[i, 6]), abs(seconds[i, 6])
-        starts, iterations, st = multi_start(
-            d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
-            sp, sx, sn, sh, xi, qi, idx, i, box, clip, orient, tol, feet, seconds, i, status[i],
-            room, b, m, t, tab,
-        )  # fmt: skip
-        counts[i, 0] += starts
-        counts[i, 1] += iterations
-        status[i] = st
-        tile_jet(geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc, qi, b, t, tab)
-        if t[0] < 0.0:
-            feet[i, 6] = -feet[i, 6]
-            seconds[i, 6] = -seconds[i, 6]
-        elif t[0] == 0.0:
-            feet[i, 6] = 0.0
+    n = len(x)
+    for chunk in prange((n + CHUNK - 1) // CHUNK):
+        b, m, t, tab = scratch(factor, c, k0, k1, k2, q0, q1, q2)
+        room = np.empty((2, 3))
+        for i in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
+            xi = (x[i, 0], x[i, 1], x[i, 2])
+            qi = (q[i, 0], q[i, 1], q[i, 2])
+            feet[i, 6], seconds[i, 6] = abs(feet[i, 6]), abs(seconds[i, 6])
+            starts, iterations, st = multi_start(
+                d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
+                sp, sx, sn, sh, xi, qi, idx, i, box, clip, orient, tol, feet, seconds, i, status[i],
+                room, b, m, t, tab,
+            )  # fmt: skip
+            counts[i, 0] += starts
+            counts[i, 1] += iterations
+            status[i] = st
+            tile_jet(geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc, qi, b, t, tab)
+            if t[0] < 0.0:
+                feet[i, 6] = -feet[i, 6]
+                seconds[i, 6] = -seconds[i, 6]
+            elif t[0] == 0.0:
+                feet[i, 6] = 0.0

@@ -431,7 +431,7 @@ class ClosestPointSearch(TileSpace):
         distance, near = self.candidates(x[at], m)
         idx = np.empty((len(at), RETRY_CANDIDATES), np.int64)
         best = np.where(status[at] < _kernels_newton.FALLBACK, np.abs(feet[0, at, 6]), np.inf)
-        _kernels.spread(len(at), self.space[7], *self.seeds, x[at], p[at], best, near, idx)
+        _kernels.spread(self.space[7], *self.seeds, x[at], p[at], best, near, idx)
         f, c, s = feet.take(at, axis=1), counts[at], status[at]
         self._run(x[at], p[at], idx, f, c, s)
         feet[:, at], counts[at], status[at] = f, c, s
@@ -442,7 +442,7 @@ class ClosestPointSearch(TileSpace):
         status: IntArray, seeds: tuple[FloatArray, ...] | None = None,
     ) -> None:  # fmt: skip
         _kernels.closest(
-            len(x), *self.space, *(seeds or self.seeds), x, p, idx, self.box, self.clip,
+            *self.space, *(seeds or self.seeds), x, p, idx, self.box, self.clip,
             self.orient, TOLERANCE, feet[0], feet[1], counts, status,
         )  # fmt: skip
 
