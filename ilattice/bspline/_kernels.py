@@ -18,8 +18,9 @@ Non-guarantees: other arguments are not checked; outside the domain the end poly
 """
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
+from ilattice._kernels import in_ranges, inner
 from ilattice.bspline._kernels_vector import dot, load, multiply_add, scale, spread, store
 
 FAST = {"contract", "nsz", "arcp", "reassoc"}
@@ -55,8 +56,10 @@ def monomial_table(t, k, spans):
                     for e in range(p):
                         b[j, e] += (t[m + p + 1] - mid) * d * a[j, e]
                         b[j, e + 1] -= h * d * a[j, e]
-            a[:] = b
-        out[s] = a[: k + 1]
+            a, b = b, a
+        for j in range(k + 1):
+            for e in range(k + 1):
+                out[s, j, e] = a[j, e]
     return out
 
 
@@ -85,13 +88,13 @@ def pack_direction(t, k, n):
     return np.concatenate([[breaks[0], bins / length, bins - 1.0], places, rows.ravel()])
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy", forceinline=True)
+@inner(fastmath=FAST, error_model="numpy", forceinline=True)
 def whole(x):
     """A whole number >= 0 stored as float; what follows need not count from the end."""
     return np.int64(np.uint32(x))
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy", forceinline=True)
+@inner(fastmath=FAST, error_model="numpy", forceinline=True)
 def find_row(d, size, u):
     """Place of the row of the span that holds u; the outermost one outside the domain."""
     x = (u - d[START]) * d[DENSITY]
@@ -105,13 +108,13 @@ def find_row(d, size, u):
     return row
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy", forceinline=True)
+@inner(fastmath=FAST, error_model="numpy", forceinline=True)
 def width(k0, k1, k2):
     """Length of the last axis of scratch: whole vectors."""
     return (max(len(k0), len(k1), len(k2)) + 3) // 4 * 4
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy", forceinline=True)
+@inner(fastmath=FAST, error_model="numpy", forceinline=True)
 def basis(d, deg, u, order, out, axis):
     """Basis functions and derivatives at u into out[axis] (3, width); index of the first."""
     n = len(deg)
@@ -139,13 +142,13 @@ def basis(d, deg, u, order, out, axis):
     return whole(d[row + FIRST])
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy", forceinline=True)
+@inner(fastmath=FAST, error_model="numpy", forceinline=True)
 def place(c, m, i, j, q):
     """Flat position of a coefficient."""
     return ((m * c.shape[1] + i) * c.shape[2] + j) * c.shape[3] + q
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy", forceinline=True)
+@inner(fastmath=FAST, error_model="numpy", forceinline=True)
 def contract0(c, m, i0, j0, l0, k0, k1, k2, b):
     """Value of one component."""
     first = place(c, m, i0, j0, l0)
@@ -163,7 +166,7 @@ def contract0(c, m, i0, j0, l0, k0, k1, k2, b):
     return value
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy", forceinline=True)
+@inner(fastmath=FAST, error_model="numpy", forceinline=True)
 def contract1(c, m, i0, j0, l0, k0, k1, k2, b):
     """Value and gradient of one component."""
     first = place(c, m, i0, j0, l0)
@@ -194,7 +197,7 @@ def contract1(c, m, i0, j0, l0, k0, k1, k2, b):
     return value, du, dv, dw
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy", forceinline=True)
+@inner(fastmath=FAST, error_model="numpy", forceinline=True)
 def contract2(c, m, i0, j0, l0, k0, k1, k2, b):
     """Value, gradient and Hessian (uu, vv, ww, vw, uw, uv) of one component."""
     first = place(c, m, i0, j0, l0)
@@ -246,7 +249,7 @@ def contract2(c, m, i0, j0, l0, k0, k1, k2, b):
     return value, du, dv, dw, duu, dvv, dww, dvw, duw, duv
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def jet_at(d0, d1, d2, k0, k1, k2, c, u, v, w, order, b, out):
     """Jet of all components at one point: out (M, >= 1, 4 or 10), scratch b (3, 3, width)."""
     i0 = basis(d0, k0, u, order, b, 0)
@@ -275,77 +278,72 @@ def jet_at(d0, d1, d2, k0, k1, k2, c, u, v, w, order, b, out):
             out[m, 9] = fuv
 
 
-@njit(cache=True, parallel=True)
-def inside(u, lo, hi):
-    """Whether all points u (n, nd) lie in the closed box; NaN does not."""
-    n = len(u)
+@in_ranges(CHUNK)
+@njit(cache=True, nogil=True, error_model="numpy")
+def inside(first, last, u, lo, hi, out):
+    """Set out[0] to False unless all points u (n, nd) lie in the closed box; NaN does not."""
     bad = 0
-    for chunk in prange((n + CHUNK - 1) // CHUNK):
-        for p in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
-            for axis in range(u.shape[1]):
-                bad += not lo[axis] <= u[p, axis] <= hi[axis]
-    return bad == 0
+    for p in range(first, last):
+        for axis in range(u.shape[1]):
+            bad += not lo[axis] <= u[p, axis] <= hi[axis]
+    if bad:
+        out[0] = False
 
 
-@njit(cache=True, parallel=True, fastmath=FAST, error_model="numpy")
-def values(d0, d1, d2, k0, k1, k2, c, u, out):
+@in_ranges(CHUNK)
+@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+def values(first, last, d0, d1, d2, k0, k1, k2, c, u, out):
     """Values at points u (n, 3) into out (n, M)."""
-    n = len(u)
-    for chunk in prange((n + CHUNK - 1) // CHUNK):
-        b = np.empty((3, 3, width(k0, k1, k2)))
-        for p in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
-            i0 = basis(d0, k0, u[p, 0], 0, b, 0)
-            j0 = basis(d1, k1, u[p, 1], 0, b, 1)
-            l0 = basis(d2, k2, u[p, 2], 0, b, 2)
-            for m in range(c.shape[0]):
-                out[p, m] = contract0(c, m, i0, j0, l0, k0, k1, k2, b)
+    b = np.empty((3, 3, width(k0, k1, k2)))
+    for p in range(first, last):
+        i0 = basis(d0, k0, u[p, 0], 0, b, 0)
+        j0 = basis(d1, k1, u[p, 1], 0, b, 1)
+        l0 = basis(d2, k2, u[p, 2], 0, b, 2)
+        for m in range(c.shape[0]):
+            out[p, m] = contract0(c, m, i0, j0, l0, k0, k1, k2, b)
 
 
-@njit(cache=True, parallel=True, fastmath=FAST, error_model="numpy")
-def jets1(d0, d1, d2, k0, k1, k2, c, u, f, g):
+@in_ranges(CHUNK)
+@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+def jets1(first, last, d0, d1, d2, k0, k1, k2, c, u, f, g):
     """Values and gradients at points u (n, 3) into f (n, M) and g (n, M, 3)."""
-    n = len(u)
-    for chunk in prange((n + CHUNK - 1) // CHUNK):
-        b = np.empty((3, 3, width(k0, k1, k2)))
-        for p in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
-            i0 = basis(d0, k0, u[p, 0], 1, b, 0)
-            j0 = basis(d1, k1, u[p, 1], 1, b, 1)
-            l0 = basis(d2, k2, u[p, 2], 1, b, 2)
-            for m in range(c.shape[0]):
-                x, xu, xv, xw = contract1(c, m, i0, j0, l0, k0, k1, k2, b)
-                f[p, m] = x
-                g[p, m, 0] = xu
-                g[p, m, 1] = xv
-                g[p, m, 2] = xw
+    b = np.empty((3, 3, width(k0, k1, k2)))
+    for p in range(first, last):
+        i0 = basis(d0, k0, u[p, 0], 1, b, 0)
+        j0 = basis(d1, k1, u[p, 1], 1, b, 1)
+        l0 = basis(d2, k2, u[p, 2], 1, b, 2)
+        for m in range(c.shape[0]):
+            x, xu, xv, xw = contract1(c, m, i0, j0, l0, k0, k1, k2, b)
+            f[p, m] = x
+            g[p, m, 0] = xu
+            g[p, m, 1] = xv
+            g[p, m, 2] = xw
 
 
-@njit(cache=True, parallel=True, fastmath=FAST, error_model="numpy")
-def jets2(d0, d1, d2, k0, k1, k2, c, u, f, g, h):
+@in_ranges(CHUNK)
+@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+def jets2(first, last, d0, d1, d2, k0, k1, k2, c, u, f, g, h):
     """Values, gradients and Hessians into f (n, M), g (n, M, 3) and h (n, M, 3, 3)."""
-    n = len(u)
-    for chunk in prange((n + CHUNK - 1) // CHUNK):
-        b = np.empty((3, 3, width(k0, k1, k2)))
-        for p in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
-            i0 = basis(d0, k0, u[p, 0], 2, b, 0)
-            j0 = basis(d1, k1, u[p, 1], 2, b, 1)
-            l0 = basis(d2, k2, u[p, 2], 2, b, 2)
-            for m in range(c.shape[0]):
-                x, xu, xv, xw, xuu, xvv, xww, xvw, xuw, xuv = contract2(
-                    c, m, i0, j0, l0, k0, k1, k2, b
-                )
-                f[p, m] = x
-                g[p, m, 0] = xu
-                g[p, m, 1] = xv
-                g[p, m, 2] = xw
-                h[p, m, 0, 0] = xuu
-                h[p, m, 1, 1] = xvv
-                h[p, m, 2, 2] = xww
-                h[p, m, 1, 2] = xvw
-                h[p, m, 2, 1] = xvw
-                h[p, m, 0, 2] = xuw
-                h[p, m, 2, 0] = xuw
-                h[p, m, 0, 1] = xuv
-                h[p, m, 1, 0] = xuv
+    b = np.empty((3, 3, width(k0, k1, k2)))
+    for p in range(first, last):
+        i0 = basis(d0, k0, u[p, 0], 2, b, 0)
+        j0 = basis(d1, k1, u[p, 1], 2, b, 1)
+        l0 = basis(d2, k2, u[p, 2], 2, b, 2)
+        for m in range(c.shape[0]):
+            x, xu, xv, xw, xuu, xvv, xww, xvw, xuw, xuv = contract2(c, m, i0, j0, l0, k0, k1, k2, b)
+            f[p, m] = x
+            g[p, m, 0] = xu
+            g[p, m, 1] = xv
+            g[p, m, 2] = xw
+            h[p, m, 0, 0] = xuu
+            h[p, m, 1, 1] = xvv
+            h[p, m, 2, 2] = xww
+            h[p, m, 1, 2] = xvw
+            h[p, m, 2, 1] = xvw
+            h[p, m, 0, 2] = xuw
+            h[p, m, 2, 0] = xuw
+            h[p, m, 0, 1] = xuv
+            h[p, m, 1, 0] = xuv
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
@@ -363,7 +361,7 @@ def axis_basis(d, deg, x, order):
     return out, first
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy", forceinline=True)
+@inner(fastmath=FAST, error_model="numpy", forceinline=True)
 def contract_first(c, b, o, x, i, low, out):
     """Sum of planes i, i+1, ... of c from row `low` on, transposed: out[o] (n2, n1)."""
     for j in range(out.shape[2]):
@@ -374,7 +372,7 @@ def contract_first(c, b, o, x, i, low, out):
             out[o, z, j] = s
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy", forceinline=True)
+@inner(fastmath=FAST, error_model="numpy", forceinline=True)
 def expand_last(plane, p, b, o, first, line, out, r):
     """Rows of samples out[r] (n1, >= nz) from rows of coefficients plane[p] (n2, n1)."""
     n = plane.shape[2]
@@ -389,7 +387,7 @@ def expand_last(plane, p, b, o, first, line, out, r):
             out[r, j, z] = line[j]
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy", forceinline=True)
+@inner(fastmath=FAST, error_model="numpy", forceinline=True)
 def add_rows(rows, r, j, b, o, y, out, x, d):
     """Weighted sum of rows[r, j], rows[r, j+1], ... into out[x, d, y], four at a time."""
     k = b.shape[1]
@@ -410,28 +408,29 @@ def add_rows(rows, r, j, b, o, y, out, x, d):
                 out[x, d, y, z] += s + w2 * rows[r, j2, z] + w3 * rows[r, j3, z]
 
 
-@njit(cache=True, parallel=True, fastmath=FAST, error_model="numpy")
-def grid(c, bx, fx, by, fy, bz, fz, out):
-    """Values on a tensor grid, one component: out (nx, 1, ny, nz); with derivatives (nx, 4, ...).
+@in_ranges(PLANES)
+@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+def grid(first, last, c, bx, fx, by, fy, bz, fz, out):
+    """Planes first ... last of values on a tensor grid, one component: out (nx, 1, ny, nz).
 
-    For each plane of samples, coefficients are contracted in x, which leaves few numbers; those
-    are expanded in z; then each row of samples is a weighted sum of rows that lie in cache.
+    With derivatives it is (nx, 4, ny, nz). For each plane of samples, coefficients are contracted
+    in x, which leaves few numbers; those are expanded in z; then each row of samples is a weighted
+    sum of rows that lie in cache.
     """
     order = bx.shape[0] - 1
-    nx, _, ny, nz = out.shape
+    ny, nz = out.shape[2], out.shape[3]
     low = fy.min() if ny else 0
     n1 = fy.max() + by.shape[1] - low if ny else 0
-    for chunk in prange((nx + PLANES - 1) // PLANES):
-        plane = np.empty((order + 1, c.shape[2], n1))
-        line = np.empty(n1 + 3)
-        stride = (nz // 8 + 1 | 1) * 8  # an odd number of cache lines, for columns to spread
-        rows = np.empty((1 + 2 * order, n1, stride))
-        for x in range(chunk * PLANES, min(nx, (chunk + 1) * PLANES)):
-            for o in range(order + 1):
-                contract_first(c, bx, o, x, fx[x], low, plane)
-            for r in range(1 + 2 * order):  # nothing, x or z differentiated
-                expand_last(plane, int(r == 1), bz, int(r == 2), fz, line, rows, r)
-            for d in range(1 + 3 * order):
-                r = int(d == 1) + 2 * int(d == 3)
-                for y in range(ny):
-                    add_rows(rows, r, fy[y] - low, by, int(d == 2), y, out, x, d)
+    plane = np.empty((order + 1, c.shape[2], n1))
+    line = np.empty(n1 + 3)
+    stride = (nz // 8 + 1 | 1) * 8  # an odd number of cache lines, for columns to spread
+    rows = np.empty((1 + 2 * order, n1, stride))
+    for x in range(first, last):
+        for o in range(order + 1):
+            contract_first(c, bx, o, x, fx[x], low, plane)
+        for r in range(1 + 2 * order):  # nothing, x or z differentiated
+            expand_last(plane, int(r == 1), bz, int(r == 2), fz, line, rows, r)
+        for d in range(1 + 3 * order):
+            r = int(d == 1) + 2 * int(d == 3)
+            for y in range(ny):
+                add_rows(rows, r, fy[y] - low, by, int(d == 2), y, out, x, d)

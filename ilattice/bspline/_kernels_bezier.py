@@ -15,13 +15,15 @@ arguments are not checked; boxes must lie in the domain.
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
+
+from ilattice._kernels import in_ranges, inner
 
 CHUNK = 64
 MAX = 9  # coefficients per direction of the highest degree
 
 
-@njit(cache=True)
+@inner()
 def span_below(t: Any, k: int, x: float, strict: bool) -> int:
     """Largest l in [k, n) with t[l] <= x, or t[l] < x; k if there is none."""
     lo = k
@@ -35,7 +37,7 @@ def span_below(t: Any, k: int, x: float, strict: bool) -> int:
     return lo
 
 
-@njit(cache=True)
+@inner()
 def span_range(t: Any, k: int, lo: float, hi: float) -> Any:
     """First and last span that a closed interval of the domain meets.
 
@@ -66,7 +68,7 @@ def restriction(t: Any, k: int, span: int, lo: float, hi: float, out: Any) -> No
             out[j, r] = carry
 
 
-@njit(cache=True)
+@inner()
 def bernstein(c: Any, first: Any, k: Any, rows: Any, work: Any, out: Any) -> None:
     """Bernstein coefficients of one part of an element, flat, into out.
 
@@ -98,7 +100,7 @@ def bernstein(c: Any, first: Any, k: Any, rows: Any, work: Any, out: Any) -> Non
             out[1, i * size + j] = s
 
 
-@njit(cache=True)
+@inner()
 def window(c: Any, a: Any, b: Any) -> Any:
     """Least and largest coefficient with indices a <= index < b."""
     least = np.inf
@@ -113,7 +115,7 @@ def window(c: Any, a: Any, b: Any) -> Any:
     return least, most
 
 
-@njit(cache=True)
+@inner()
 def element_range(
     c: Any, num: Any, w: Any, rational: bool, first: Any, k: Any, rows: Any, work: Any, out: Any
 ) -> Any:
@@ -137,7 +139,7 @@ def element_range(
     return least, most
 
 
-@njit(cache=True)
+@inner()
 def box_range(
     t0: Any,
     t1: Any,
@@ -187,8 +189,11 @@ def box_range(
     return least, most
 
 
-@njit(cache=True, parallel=True)
+@in_ranges(CHUNK)
+@njit(cache=True, nogil=True, error_model="numpy")
 def ranges(
+    first: int,
+    last: int,
     t0: Any,
     t1: Any,
     t2: Any,
@@ -210,31 +215,29 @@ def ranges(
     First the extremes of all coefficients that matter; these stay if `tight` is false, or if there
     is a level that they exclude. Otherwise the union over Bézier elements, restricted to the box.
     """
-    m = len(lo)
-    for chunk in prange((m + CHUNK - 1) // CHUNK):
-        span = np.empty((3, 2), np.int64)
-        a = np.empty(3, np.int64)
-        b = np.empty(3, np.int64)
-        rows = np.zeros((3, MAX, MAX))
-        work = np.zeros((MAX, MAX))
-        flat = np.zeros((4, (k[0] + 1) * (k[1] + 1) * (k[2] + 1)))
-        for p in range(chunk * CHUNK, min(m, (chunk + 1) * CHUNK)):
-            span[0, 0], span[0, 1] = span_range(t0, k[0], lo[p, 0], hi[p, 0])
-            span[1, 0], span[1, 1] = span_range(t1, k[1], lo[p, 1], hi[p, 1])
-            span[2, 0], span[2, 1] = span_range(t2, k[2], lo[p, 2], hi[p, 2])
-            for d in range(3):
-                a[d] = span[d, 0] - k[d]
-                b[d] = span[d, 1] + 1
-            least, most = window(c, a, b)
-            widen = pad * max(abs(least), abs(most))
-            least -= widen
-            most += widen
-            if tight and not (has_level and (least > level or most < level)):
-                x, y = box_range(
-                    t0, t1, t2, k, c, num, w, rational, lo[p], hi[p], span, a, rows, work, flat,
-                    pad, np.inf, -np.inf,
-                )  # fmt: skip
-                least = max(least, x)
-                most = min(most, y)
-            out[p, 0] = least
-            out[p, 1] = most
+    span = np.empty((3, 2), np.int64)
+    a = np.empty(3, np.int64)
+    b = np.empty(3, np.int64)
+    rows = np.zeros((3, MAX, MAX))
+    work = np.zeros((MAX, MAX))
+    flat = np.zeros((4, (k[0] + 1) * (k[1] + 1) * (k[2] + 1)))
+    for p in range(first, last):
+        span[0, 0], span[0, 1] = span_range(t0, k[0], lo[p, 0], hi[p, 0])
+        span[1, 0], span[1, 1] = span_range(t1, k[1], lo[p, 1], hi[p, 1])
+        span[2, 0], span[2, 1] = span_range(t2, k[2], lo[p, 2], hi[p, 2])
+        for d in range(3):
+            a[d] = span[d, 0] - k[d]
+            b[d] = span[d, 1] + 1
+        least, most = window(c, a, b)
+        widen = pad * max(abs(least), abs(most))
+        least -= widen
+        most += widen
+        if tight and not (has_level and (least > level or most < level)):
+            x, y = box_range(
+                t0, t1, t2, k, c, num, w, rational, lo[p], hi[p], span, a, rows, work, flat,
+                pad, np.inf, -np.inf,
+            )  # fmt: skip
+            least = max(least, x)
+            most = min(most, y)
+        out[p, 0] = least
+        out[p, 1] = most

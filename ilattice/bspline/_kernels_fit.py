@@ -17,7 +17,9 @@ checked; without pivoting a matrix must be totally positive or positive definite
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
+
+from ilattice._kernels import in_ranges, inner
 
 FAST = {"contract", "nsz", "arcp", "reassoc"}
 WIDTH = 32
@@ -58,14 +60,14 @@ def factor(band: Any, rows: Any, cols: Any, lower: int) -> float:
     return least
 
 
-@njit(cache=True, fastmath=FAST)
+@inner(fastmath=FAST)
 def subtract(y: Any, i: int, j: int, f: float) -> None:
     """Row i minus f times row j."""
     for w in range(WIDTH):
         y[i, w] -= f * y[j, w]
 
 
-@njit(cache=True, fastmath=FAST)
+@inner(fastmath=FAST)
 def solve_lines(band: Any, rows: Any, cols: Any, lower: int, y: Any) -> None:
     """Solve in place for WIDTH right-hand sides y (n, WIDTH)."""
     n, q = cols.shape
@@ -90,8 +92,11 @@ def solve_lines(band: Any, rows: Any, cols: Any, lower: int, y: Any) -> None:
             y[i, w] *= d
 
 
-@njit(cache=True, parallel=True, fastmath=FAST)
+@in_ranges(8 * WIDTH)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
 def apply_lines(
+    first: int,
+    last: int,
     x: Any,
     indptr: Any,
     indices: Any,
@@ -104,17 +109,16 @@ def apply_lines(
 ) -> None:
     """Multiply axis 1 of x (outer, N, inner) by a sparse matrix, then solve, into out.
 
-    `out` is (outer, n, inner); the sparse matrix (n, N) comes as CSR; there is no solve where
-    `cols` has no rows.
+    Of the outer * inner lines those from `first` to below `last`, a multiple of WIDTH. `out` is
+    (outer, n, inner); the sparse matrix (n, N) comes as CSR; there is no solve where `cols` has no
+    rows.
     """
-    outer, size, inner = x.shape
+    size, inner = x.shape[1], x.shape[2]
     n = out.shape[1]
-    total = outer * inner
     source = x.reshape(-1)
     target = out.reshape(-1)
-    for chunk in prange((total + WIDTH - 1) // WIDTH):
-        start = chunk * WIDTH
-        count = min(WIDTH, total - start)
+    for start in range(first, last, WIDTH):
+        count = min(WIDTH, last - start)
         f = np.zeros((size, WIDTH))
         y = np.zeros((n, WIDTH))
         offset = np.zeros(WIDTH, np.int64)

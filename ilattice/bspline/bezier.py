@@ -139,7 +139,7 @@ def range_on_boxes(
     k = np.array(spline.k + (0,) * missing, np.int64)
     pad = 16 * (3 + int(k.sum())) * np.finfo(float).eps
     _kernels_bezier.ranges(
-        t0, t1, t2, k, frozen(c), frozen(num), frozen(w), spline.weights is not None, a, b,
+        len(a), t0, t1, t2, k, frozen(c), frozen(num), frozen(w), spline.weights is not None, a, b,
         bool(tight), level is not None, 0.0 if level is None else float(level), pad, out,
     )  # fmt: skip
     if owner is None:

@@ -55,6 +55,7 @@ class LineOperator:
         if out.size:
             lu = self.lu
             _kernels_fit.apply_lines(
+                len(out) * out.shape[2],
                 frozen(x.reshape(len(out), size, -1)),
                 frozen(self.indptr),
                 frozen(self.indices),

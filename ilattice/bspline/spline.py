@@ -228,7 +228,7 @@ class BSpline:
         free = np.array(self.periodic) | (extrapolate != "raise")
         lo = np.where(free, -LARGEST, self.domain[0])
         hi = np.where(free, LARGEST, self.domain[1])
-        if not _kernels.inside(u, lo, hi):
+        if not _all_inside(u, lo, hi):
             check_finite("u", u)
             for axis in range(self.ndim):
                 if not free[axis]:
@@ -251,7 +251,7 @@ class BSpline:
             return True
         low = np.where(self.periodic, self.domain[0], -LARGEST)
         high = np.where(self.periodic, np.nextafter(self.domain[1], -np.inf), LARGEST)
-        return bool(_kernels.inside(u, low, high))
+        return _all_inside(u, low, high)
 
     def _check_inside(self, x: FloatArray, axis: int) -> None:
         lo, hi = self.domain[:, axis]
@@ -320,7 +320,7 @@ class BSpline:
             _fill(self._components, *out)
         else:
             kernel = (_kernels.values, _kernels.jets1, _kernels.jets2)[order]
-            kernel(*self.kernel_args, p, *out)
+            kernel(n, *self.kernel_args, p, *out)
         if self.weights is not None:
             out = _quotient(out)
         return tuple(self._trim(a, i) for i, a in enumerate(out))
@@ -366,7 +366,7 @@ class BSpline:
         out = np.empty((len(comps), nx, 1 + 3 * order, ny, nz))
         flat = [a for pair in tables for a in pair]
         for m in range(len(comps)):
-            _kernels.grid(comps[m], *flat, out[m])
+            _kernels.grid(nx, comps[m], *flat, out[m])
         if self.weights is not None:
             out = _quotient_grid(out)
         return self._grid_result(out, order)
@@ -601,6 +601,13 @@ def _as_weights(weights: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
     if (w <= 0).any():
         raise InputError(f"weights must be positive, the least is {w.min()}")
     return read_only(w)
+
+
+def _all_inside(u: FloatArray, lo: FloatArray, hi: FloatArray) -> bool:
+    """Whether all points u (n, nd) lie in the closed box; NaN does not."""
+    out = np.ones(1, np.bool_)
+    _kernels.inside(len(u), u, lo, hi, out)
+    return bool(out[0])
 
 
 def _fill(c: FloatArray, value: FloatArray, *derivatives: FloatArray) -> None:

@@ -12,19 +12,20 @@ import numpy as np
 from numba import njit, prange
 
 import ilattice.fields._tables as ops
+from ilattice._kernels import inner
 from ilattice.fields._kernels_program import apply, begin, bound, narrow
 
 S = 9  # samples per block and direction
 CHUNK = 16  # blocks per task
 
 
-@njit(cache=True)
+@inner()
 def _size(mask):
     """Values of a register that depends on the axes of a mask."""
     return (S if mask & 1 else 1) * (S if mask & 2 else 1) * (S if mask & 4 else 1)
 
 
-@njit(cache=True)
+@inner()
 def _spread(source, mask, to, out):
     """The values of a register of some axes, repeated along those of a larger mask."""
     ny, nz = (S if to & 2 else 1), (S if to & 4 else 1)
@@ -43,7 +44,7 @@ def _spread(source, mask, to, out):
                     out[row + k] = value
 
 
-@njit(cache=True)
+@inner()
 def _run(op, a, b, imm, m, x, y, z, mask, buf, first, second):
     """All registers of a program on one block."""
     for i in range(m):
@@ -115,7 +116,7 @@ def fill_program(op, a, b, imm, tx, ty, tz, coords, along, middle, samples):
                         row[k] = row[S - 1]
 
 
-@njit(cache=True)
+@inner()
 def _box(tx, ty, tz, coord, box):
     """Box of the samples of a block."""
     x, y, z = 8 * coord[3], 8 * coord[1], 8 * coord[2]
@@ -126,7 +127,7 @@ def _box(tx, ty, tz, coord, box):
 # ------------------------------------------------------------------------ bounds
 
 
-@njit(cache=True)
+@inner()
 def _ends(ex, ey, ez, i, j, k, width, box):
     """Box of some blocks; how many there are along the axes."""
     i1, j1, k1 = min(i + width, len(ex)), min(j + width, len(ey)), min(k + width, len(ez))
@@ -136,7 +137,7 @@ def _ends(ex, ey, ez, i, j, k, width, box):
     return i1, j1, k1
 
 
-@njit(cache=True)
+@inner()
 def _decided(s, t, lower, upper):
     """Whether bounds lie beyond a level, or between the two."""
     return s > upper or t < lower or (lower < s and t < upper)

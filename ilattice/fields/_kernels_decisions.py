@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit, prange
 
 import ilattice.fields._tables as ops
+from ilattice._kernels import inner
 from ilattice.fields._kernels_program import bound
 
 #: States of choices; steps in between numbers have `STEP` + 2 (number + `ORIGIN`), and one more if
@@ -17,7 +18,7 @@ ORIGIN = 1 << 40
 TASK = 64  # boxes
 
 
-@njit(cache=True)
+@inner()
 def _live(op, a, b, m, w, cap, floor, live, states):
     """States of all minima and maxima, and `live` registers, for the sign of the result only."""
     live[:m] = 0
@@ -51,7 +52,7 @@ def _live(op, a, b, m, w, cap, floor, live, states):
                     cap[k], floor[k] = max(cap[k], c), min(floor[k], f)
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def _step(o, low, high, period):
     """State of a function with steps, for bounds of what it is taken of."""
     if o == ops.CEIL:

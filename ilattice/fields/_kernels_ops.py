@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 
 import ilattice.fields._tables as ops
+from ilattice._kernels import inner
 
 INF = np.inf
 PAD = 8.0 * 2.220446049250313e-16
@@ -44,7 +45,7 @@ def value(op, a, b):
     return _rare(op, a, b)
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def _rare(op, a, b):
     if op == ops.SIN:
         return np.sin(a)
@@ -83,7 +84,7 @@ def _rare(op, a, b):
     return a - b * np.floor(a / b + 0.5)
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def partials(op, a, b, v):
     """Derivatives by a and b, then by aa, ab and bb; zero at the tip of a square root."""
     if op == ops.ADD:
@@ -115,7 +116,7 @@ def partials(op, a, b, v):
     return d, 0.0, dd, 0.0, 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def _partials_power(a, b, v):
     da = 0.0 if b == 0.0 else b * a ** (b - 1.0)
     d_aa = 0.0 if b == 0.0 or b == 1.0 else b * (b - 1.0) * a ** (b - 2.0)
@@ -125,7 +126,7 @@ def _partials_power(a, b, v):
     return da, v * log, d_aa, (v + b * v * log) / a, v * log * log
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def _derivatives(op, a, v):
     """First and second derivative of a function of one argument."""
     if op == ops.SQUARE:
@@ -169,34 +170,34 @@ def _derivatives(op, a, v):
 # ------------------------------------------------------------------------ bounds
 
 
-@njit(cache=True)
+@inner()
 def _wide(lo, hi):
     """An interval, widened by the rounding of a few operations; everything instead of NaN."""
     lo, hi = lo - PAD * abs(lo) - TINY, hi + PAD * abs(hi) + TINY
     return (lo if lo == lo else -INF), (hi if hi == hi else INF)
 
 
-@njit(cache=True)
+@inner()
 def _times(a, b):
     """Product of ends of intervals: zero times infinity is zero."""
     return 0.0 if a == 0.0 or b == 0.0 else a * b
 
 
-@njit(cache=True)
+@inner()
 def product(al, ah, bl, bh):
     """Product of two intervals."""
     p, q, r, s = _times(al, bl), _times(al, bh), _times(ah, bl), _times(ah, bh)
     return min(min(p, q), min(r, s)), max(max(p, q), max(r, s))
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def _quotient(al, ah, bl, bh):
     if bl <= 0.0 <= bh:
         return -INF, INF
     return product(al, ah, *_wide(1.0 / bh, 1.0 / bl))
 
 
-@njit(cache=True)
+@inner()
 def _sine(lo, hi):
     """Bounds of the sine."""
     if not (abs(lo) < FAR and abs(hi) < FAR and hi - lo < 2.0 * np.pi):
@@ -213,13 +214,13 @@ def _sine(lo, hi):
     return max(low, -1.0), min(high, 1.0)
 
 
-@njit(cache=True)
+@inner()
 def _cosine(lo, hi):
     slack = PAD * (1.0 + max(abs(lo), abs(hi)))
     return _sine(lo + HALF_PI - slack, hi + HALF_PI + slack)
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def _arc_tangent(al, ah, bl, bh):
     """Bounds of atan2(a, b)."""
     if bl > 0.0 or al > 0.0 or ah < 0.0:  # does not cross the cut
@@ -229,7 +230,7 @@ def _arc_tangent(al, ah, bl, bh):
     return _wide(-np.pi, np.pi)
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def _power(al, ah, bl, bh):
     if bl == bh and bl == np.floor(bl) and abs(bl) < 1e6:
         return _whole_power(al, ah, bl)
@@ -242,7 +243,7 @@ def _power(al, ah, bl, bh):
     return _wide(min(min(p, q), min(r, s)), max(max(p, q), max(r, s)))
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def _whole_power(al, ah, b):
     if b < 0.0:
         lo, hi = _whole_power(al, ah, -b)
@@ -256,7 +257,7 @@ def _whole_power(al, ah, b):
     return _wide(lo, hi)
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def _remainder(op, al, ah, bl, bh):
     """Bounds of mod and wrap, tight for a constant positive divisor and one turn."""
     top = max(abs(bl), abs(bh))
@@ -272,7 +273,7 @@ def _remainder(op, al, ah, bl, bh):
     return (0.0 if bl > 0.0 else -top) - slack, (0.0 if bh < 0.0 else top) + slack
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def bounds(op, al, ah, bl, bh):
     """Bounds of an instruction on intervals of its arguments."""
     if op == ops.ADD:
@@ -302,7 +303,7 @@ def bounds(op, al, ah, bl, bh):
     return _rare_bounds(op, al, ah, bl, bh)
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def _rare_bounds(op, al, ah, bl, bh):
     if op == ops.SIN:
         return _sine(al, ah)
@@ -349,7 +350,7 @@ def _rare_bounds(op, al, ah, bl, bh):
     return _remainder(op, al, ah, bl, bh)
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def slopes(op, al, ah, bl, bh, vl, vh):
     """Bounds of the derivatives by a and by b; those of min and max are joined elsewhere."""
     if op == ops.ADD:
@@ -388,7 +389,7 @@ def slopes(op, al, ah, bl, bh, vl, vh):
     return lo, hi, 0.0, 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def _slopes_of_one(op, al, ah, vl, vh):
     if op == ops.SQUARE:
         return 2.0 * al, 2.0 * ah

@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit, prange
 
 import ilattice.fields._tables as ops
+from ilattice._kernels import inner
 from ilattice.fields._kernels_ops import bounds, partials, product, slopes, value
 
 WIDE = 64  # points evaluated at once
@@ -23,7 +24,7 @@ GROUP = 16  # boxes that share a program
 INF = np.inf
 
 
-@njit(cache=True)
+@inner()
 def begin(op, a, b, imm, levels):
     """Room for a program and shorter ones, with the program at level 0, for `narrow`.
 
@@ -40,7 +41,7 @@ def begin(op, a, b, imm, levels):
     return codes, numbers, lengths, np.empty((4, m + 1)), np.empty((3, m + 1), np.int64)
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def narrow(codes, numbers, lengths, level, box, w, maps):
     """Write the program that suffices on a box (2, 3) to the next level; bounds of its result.
 
@@ -67,7 +68,7 @@ def narrow(codes, numbers, lengths, level, box, w, maps):
     return low, high
 
 
-@njit(cache=True)
+@inner()
 def _choose(op, a, b, m, lo, hi, cap, floor, to, live):
     """Which registers the result needs, and by which of its sides an extreme can be replaced.
 
@@ -101,7 +102,7 @@ def _choose(op, a, b, m, lo, hi, cap, floor, to, live):
             to[i] = i if first and second else p if first else q
 
 
-@njit(cache=True)
+@inner()
 def _need(i, c, f, cap, floor, live):
     """A register is read, and counts between f and c."""
     if live[i] == 0:
@@ -110,7 +111,7 @@ def _need(i, c, f, cap, floor, live):
         cap[i], floor[i] = max(cap[i], c), min(floor[i], f)
 
 
-@njit(cache=True)
+@inner()
 def _compact(op, a, b, imm, m, to, live, new, op2, a2, b2, imm2):
     """Copy the coordinates, and the instructions that are read and not replaced."""
     for i in range(3):
@@ -133,7 +134,7 @@ def _compact(op, a, b, imm, m, to, live, new, op2, a2, b2, imm2):
     return k
 
 
-@njit(cache=True)
+@inner()
 def spread(i):
     """The lowest 21 bits of a number, two zeros apart."""
     i &= 0x1FFFFF
@@ -205,7 +206,7 @@ def follow(n, prune):
     return nodes[:count]
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def apply(op, u, v, w, n):
     """One instruction on n values: ``w = op(u, v)``."""
     if op == ops.ADD:
@@ -242,7 +243,7 @@ def apply(op, u, v, w, n):
             w[k] = value(op, u[k], v[k])
 
 
-@njit(cache=True)
+@inner()
 def _run(op, a, b, imm, m, points, leaves, i0, i1, buf):
     """Registers of all instructions at points i0..i1, the last one repeated to fill the rows."""
     n = buf.shape[1]
@@ -257,7 +258,7 @@ def _run(op, a, b, imm, m, points, leaves, i0, i1, buf):
                 buf[i, k] = points[at, op[i]] if op[i] < ops.CONST else leaves[a[i], at, 0]
 
 
-@njit(cache=True)
+@inner()
 def _box_of(points, i0, i1, box):
     for axis in range(3):
         box[0, axis] = box[1, axis] = points[i0, axis]
@@ -266,13 +267,13 @@ def _box_of(points, i0, i1, box):
             box[1, axis] = max(box[1, axis], points[i, axis])
 
 
-@njit(cache=True)
+@inner()
 def _grown(buf, m):
     """Room for m registers."""
     return buf if m <= len(buf) else np.empty((2 * m, buf.shape[1]))
 
 
-@njit(cache=True)
+@inner()
 def _enter(codes, numbers, lengths, points, node, box, w, maps):
     """Write the program of a node to its level, from that of the node around it; its length."""
     level = node[2]
@@ -305,13 +306,13 @@ def values(op, a, b, imm, points, leaves, nodes, tasks, out):
                     out[i0 + k, 0] = buf[m - 1, k]
 
 
-@njit(cache=True)
+@inner()
 def _place(r, c):
     """Place of the second derivative by r and c in a jet."""
     return 4 + (r + c if r == 0 or c == 0 else r + c + 1)
 
 
-@njit(cache=True)
+@inner()
 def _jet(op, a, b, imm, m, point, leaves, at, jet):
     """Value, gradient and the second derivatives xx xy xz yy yz zz of registers."""
     for i in range(m):
@@ -341,13 +342,13 @@ def _jet(op, a, b, imm, m, point, leaves, at, jet):
                     )
 
 
-@njit(cache=True)
+@inner()
 def _scaled(slope, d):
     """Product in which what does not move has no slope, however steep the function."""
     return 0.0 if d == 0.0 else slope * d
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def _pull(op, u, v, w, z, du, dv, n):
     """Add what the slope z of a result is worth to the slopes of what it was made from."""
     if op == ops.ADD:
@@ -389,7 +390,7 @@ def _pull(op, u, v, w, z, du, dv, n):
                 dv[k] += 0.0 if db == 0.0 or z[k] == 0.0 else db * z[k]
 
 
-@njit(cache=True)
+@inner()
 def _back(op, a, b, m, buf, leaves, i0, i1, slope):
     """Slopes of the result by all registers, from the last one back."""
     n = buf.shape[1]
@@ -450,7 +451,7 @@ def jets(op, a, b, imm, points, leaves, nodes, tasks, out):
 # ------------------------------------------------------------------------ bounds
 
 
-@njit(cache=True)
+@inner()
 def _leaf(bound, w):
     """Bounds of a register that is computed elsewhere; its gradient is known by its length."""
     w[0], w[1], w[2], w[3] = bound[0], bound[1], bound[0], bound[1]
@@ -458,7 +459,7 @@ def _leaf(bound, w):
         w[4 + 2 * k], w[5 + 2 * k] = -bound[2], bound[2]
 
 
-@njit(cache=True)
+@inner()
 def _input(op, imm, box, w):
     w[4:] = 0.0
     if op == ops.CONST:
@@ -471,7 +472,7 @@ def _input(op, imm, box, w):
     w[4 + 2 * op] = w[5 + 2 * op] = 1.0
 
 
-@njit(cache=True)
+@inner()
 def _sum_of_products(da0, da1, p0, p1, db0, db1, q0, q1):
     s, t = product(da0, da1, p0, p1)
     u, v = product(db0, db1, q0, q1)
@@ -481,7 +482,7 @@ def _sum_of_products(da0, da1, p0, p1, db0, db1, q0, q1):
     return (lo if lo == lo else -INF), (hi if hi == hi else INF)
 
 
-@njit(cache=True)
+@inner()
 def _gradients(o, p, q, w):
     """Bounds of the gradient of an instruction, from those of its arguments."""
     da0, da1, db0, db1 = slopes(o, p[0], p[1], q[0], q[1], w[0], w[1])
@@ -502,7 +503,7 @@ def _gradients(o, p, q, w):
             w[k], w[k + 1] = _sum_of_products(da0, da1, p[k], p[k + 1], db0, db1, q[k], q[k + 1])
 
 
-@njit(cache=True)
+@inner()
 def _sharpen(box, w):
     """Cut the bounds with those of the mean-value form about the centre.
 
@@ -523,7 +524,7 @@ def _sharpen(box, w):
         w[1] = high
 
 
-@njit(cache=True)
+@inner()
 def bound(op, a, b, imm, m, box, leaves, w):
     """Bounds of all registers on a box: (low, high, low and high at the centre, gradients)."""
     for i in range(m):
@@ -566,7 +567,7 @@ def ranges(op, a, b, imm, lows, highs, leaves, prune, out):
                 out[i, 0], out[i, 1] = w[m - 1, 0], w[m - 1, 1]
 
 
-@njit(cache=True)
+@inner()
 def _hull(lows, highs, i0, i1, box):
     box[0], box[1] = lows[i0], highs[i0]
     for i in range(i0 + 1, i1):

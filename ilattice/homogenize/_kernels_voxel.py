@@ -12,10 +12,12 @@ from typing import Any
 
 from numba import njit, prange
 
+from ilattice._kernels import inner
+
 FAST = {"nsz", "arcp", "contract", "reassoc"}  # NaN stays alive
 
 
-@njit(cache=True, error_model="numpy", fastmath=FAST)
+@inner(error_model="numpy", fastmath=FAST)
 def _rows(
     m: int, n2: int, h: Any, phase: Any, table: Any, u00: Any, u01: Any, u10: Any, u11: Any,
     f00: Any, f01: Any, f10: Any, f11: Any,

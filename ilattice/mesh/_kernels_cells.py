@@ -17,8 +17,9 @@ Non-guarantees: arguments are not checked.
 """
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
+from ilattice._kernels import in_ranges, inner
 from ilattice.mesh._kernels_bits import lowest, popcount
 from ilattice.mesh._tables import CASES, DOUBLE, FLIPPED, ORDER, PATCHES, START
 
@@ -37,13 +38,13 @@ CAP = 64  # bit of `kind`: inside a cap, not on the level set
 LOWER = 128  # bit of `kind`: on the lower of two levels
 
 
-@njit(cache=True)
+@inner()
 def extent(shape, axis, block):
     """Number of cells of a block along an axis."""
     return min(B, shape[axis] - B * block)
 
 
-@njit(cache=True)
+@inner()
 def real_bits(shape, axis, block):
     """Bits of the samples of a block that are not ghosts."""
     n = extent(shape, axis, block)
@@ -56,7 +57,7 @@ def real_bits(shape, axis, block):
     return bits
 
 
-@njit(cache=True)
+@inner()
 def ghost_side(shape, axis, cell):
     """Offset of the real corners of a ghost cell along an axis; -1 for other cells."""
     if shape[3 + axis] == 1:
@@ -68,7 +69,7 @@ def ghost_side(shape, axis, cell):
     return -1
 
 
-@njit(cache=True)
+@inner()
 def neighbour(lookup, shape, coords, b, ox, oy, oz):
     """Place in the window of a block next to block b, or -1."""
     w = coords[b, 0] + ox
@@ -104,7 +105,7 @@ def pattern(m0, m1, m2, m3, k):
     return ((m0 >> k) & 3) | ((m1 >> k) & 3) << 2 | ((m2 >> k) & 3) << 4 | ((m3 >> k) & 3) << 6
 
 
-@njit(cache=True)
+@inner()
 def pattern_at(rows, b, i, j, k):
     """Pattern of one cell."""
     r = S * i + j
@@ -115,7 +116,7 @@ def pattern_at(rows, b, i, j, k):
     return pattern(m0, m1, m2, m3, k)
 
 
-@njit(cache=True)
+@inner()
 def is_flipped(rows, lookup, shape, coords, b, i, j, k, code):
     """Whether the double face of a pattern is double in the cell across it, too."""
     face = np.int64(CASES[code, DOUBLE])
@@ -144,7 +145,7 @@ def is_flipped(rows, lookup, shape, coords, b, i, j, k, code):
     return CASES[pattern_at(rows, b, i, j, k), DOUBLE] == face ^ 1
 
 
-@njit(cache=True)
+@inner()
 def is_bare(gx, gy, gz, code):
     """Whether all real corners of a ghost cell are inside: its vertex belongs to caps only."""
     if gx < 0 and gy < 0 and gz < 0:
@@ -158,29 +159,26 @@ def is_bare(gx, gy, gz, code):
     return True
 
 
-@njit(cache=True, parallel=True)
-def signs(samples, coords, shape, lower, upper, rows):
-    """Signs of sampled blocks into `rows`; number of crossed edges of each block."""
-    n = len(samples)
-    crossed = np.zeros(n, np.int64)
-    for chunk in prange((n + CHUNK - 1) // CHUNK):
-        for b in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
-            bx = real_bits(shape, 0, coords[b, 3])
-            by = real_bits(shape, 1, coords[b, 1])
-            bz = real_bits(shape, 2, coords[b, 2])
-            for i in range(S):
-                for j in range(S):
-                    m = np.uint32(0)
-                    for k in range(LANES):
-                        v = samples[b, i, j, k]
-                        m |= np.uint32(v < upper and not v <= lower) << np.uint32(k)
-                    keep = ((bx >> i) & 1) * ((by >> j) & 1) * bz
-                    rows[b, S * i + j] = np.int64(m) & keep
-            crossed[b] = _crossed_edges(rows, shape, coords, b)
-    return crossed
+@in_ranges(4 * CHUNK)
+@njit(cache=True, nogil=True, error_model="numpy")
+def signs(first, last, samples, coords, shape, lower, upper, rows, crossed):
+    """Signs of sampled blocks into `rows`; number of crossed edges of each into `crossed`."""
+    for b in range(first, last):
+        bx = real_bits(shape, 0, coords[b, 3])
+        by = real_bits(shape, 1, coords[b, 1])
+        bz = real_bits(shape, 2, coords[b, 2])
+        for i in range(S):
+            for j in range(S):
+                m = np.uint32(0)
+                for k in range(LANES):
+                    v = samples[b, i, j, k]
+                    m |= np.uint32(v < upper and not v <= lower) << np.uint32(k)
+                keep = ((bx >> i) & 1) * ((by >> j) & 1) * bz
+                rows[b, S * i + j] = np.int64(m) & keep
+        crossed[b] = _crossed_edges(rows, shape, coords, b)
 
 
-@njit(cache=True)
+@inner()
 def _crossed_edges(rows, shape, coords, b):
     """Number of crossed edges of a block, those on its upper faces included."""
     ni = extent(shape, 0, coords[b, 3])
@@ -208,46 +206,39 @@ def _fraction(v0, v1, lower, upper):
     return t if out >= upper else t + np.float32(2.0)
 
 
-@njit(cache=True, parallel=True)
-def crossings(samples, coords, shape, lower, upper, rows, first, t):
-    """Fractions of the crossed edges of block b into ``t[first[b] : first[b + 1]]``."""
-    n = len(samples)
-    for chunk in prange((n + CHUNK - 1) // CHUNK):
-        for b in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
-            ni = extent(shape, 0, coords[b, 3])
-            nj = extent(shape, 1, coords[b, 1])
-            bits = (1 << extent(shape, 2, coords[b, 2])) - 1
-            at = first[b]
-            for i in range(ni + 1):
-                for j in range(nj + 1):
-                    m = np.int64(rows[b, S * i + j])
-                    x = (m ^ (m >> 1)) & bits
-                    while x != 0:
-                        k = lowest(x)
-                        x &= x - 1
-                        t[at] = _fraction(
-                            samples[b, i, j, k], samples[b, i, j, k + 1], lower, upper
-                        )
-                        at += 1
-                    x = m ^ np.int64(rows[b, S * i + j + 1]) if j < nj else 0
-                    while x != 0:
-                        k = lowest(x)
-                        x &= x - 1
-                        t[at] = _fraction(
-                            samples[b, i, j, k], samples[b, i, j + 1, k], lower, upper
-                        )
-                        at += 1
-                    x = m ^ np.int64(rows[b, S * i + j + S]) if i < ni else 0
-                    while x != 0:
-                        k = lowest(x)
-                        x &= x - 1
-                        t[at] = _fraction(
-                            samples[b, i, j, k], samples[b, i + 1, j, k], lower, upper
-                        )
-                        at += 1
+@in_ranges(4 * CHUNK)
+@njit(cache=True, nogil=True, error_model="numpy")
+def crossings(first, last, samples, coords, shape, lower, upper, rows, edge, t):
+    """Fractions of the crossed edges of block b into ``t[edge[b] : edge[b + 1]]``."""
+    for b in range(first, last):
+        ni = extent(shape, 0, coords[b, 3])
+        nj = extent(shape, 1, coords[b, 1])
+        bits = (1 << extent(shape, 2, coords[b, 2])) - 1
+        at = edge[b]
+        for i in range(ni + 1):
+            for j in range(nj + 1):
+                m = np.int64(rows[b, S * i + j])
+                x = (m ^ (m >> 1)) & bits
+                while x != 0:
+                    k = lowest(x)
+                    x &= x - 1
+                    t[at] = _fraction(samples[b, i, j, k], samples[b, i, j, k + 1], lower, upper)
+                    at += 1
+                x = m ^ np.int64(rows[b, S * i + j + 1]) if j < nj else 0
+                while x != 0:
+                    k = lowest(x)
+                    x &= x - 1
+                    t[at] = _fraction(samples[b, i, j, k], samples[b, i, j + 1, k], lower, upper)
+                    at += 1
+                x = m ^ np.int64(rows[b, S * i + j + S]) if i < ni else 0
+                while x != 0:
+                    k = lowest(x)
+                    x &= x - 1
+                    t[at] = _fraction(samples[b, i, j, k], samples[b, i + 1, j, k], lower, upper)
+                    at += 1
 
 
-@njit(cache=True)
+@inner()
 def _unpack(rows, ni, nj, bits, b, t, at, dense):
     """Fractions of the crossed edges of a block from the packed list to their places."""
     for i in range(ni + 1):
@@ -271,7 +262,7 @@ def _unpack(rows, ni, nj, bits, b, t, at, dense):
                 x &= x - 1
 
 
-@njit(cache=True)
+@inner()
 def kept_edges(shape, axis, block, caps):
     """Bits of the edges along an axis that carry a face: without caps, not those to ghosts."""
     n = extent(shape, axis, block)
@@ -284,7 +275,7 @@ def kept_edges(shape, axis, block, caps):
     return bits
 
 
-@njit(cache=True)
+@inner()
 def _count_quads(rows, shape, coords, b, caps):
     """Number of faces that a block owns."""
     bx = kept_edges(shape, 0, coords[b, 3], caps)
@@ -304,41 +295,40 @@ def _count_quads(rows, shape, coords, b, caps):
     return total
 
 
-@njit(cache=True, parallel=True)
-def count(rows, lookup, shape, coords, first, last, caps, flips, prefix):
-    """Fill `flips` and `prefix` of the blocks first..last; their numbers of faces."""
-    quads = np.zeros(last - first, np.int64)
-    for chunk in prange((last - first + CHUNK - 1) // CHUNK):
-        for b in range(first + chunk * CHUNK, min(last, first + (chunk + 1) * CHUNK)):
-            quads[b - first] = _count_quads(rows, shape, coords, b, caps)
-            bits = (1 << extent(shape, 2, coords[b, 2])) - 1
-            nj = extent(shape, 1, coords[b, 1])
-            total = np.int64(0)
-            for i in range(B):
-                for j in range(B):
-                    prefix[b, B * i + j] = total
-                    flip = 0
-                    x = 0
-                    m0 = m1 = m2 = m3 = 0
-                    if i < extent(shape, 0, coords[b, 3]) and j < nj:
-                        x, m0, m1, m2, m3 = crossed_cells(rows, b, i, j, bits)
-                    while x != 0:
-                        k = lowest(x)
-                        x &= x - 1
-                        code = pattern(m0, m1, m2, m3, k)
-                        if CASES[code, DOUBLE] >= 0 and is_flipped(
-                            rows, lookup, shape, coords, b, i, j, k, code
-                        ):
-                            flip |= 1 << k
-                            total += 1
-                        if caps or not _bare_at(shape, coords, b, i, j, k, code):
-                            total += int(CASES[code, PATCHES])
-                    flips[b, B * i + j] = flip
-            prefix[b, B * B] = total
-    return quads
+@in_ranges(4 * CHUNK)
+@njit(cache=True, nogil=True, error_model="numpy")
+def count(first, last, offset, rows, lookup, shape, coords, caps, flips, prefix, quads):
+    """Fill `flips` and `prefix` of the blocks from `offset` on; their numbers of faces."""
+    for n in range(first, last):
+        b = offset + n
+        quads[n] = _count_quads(rows, shape, coords, b, caps)
+        bits = (1 << extent(shape, 2, coords[b, 2])) - 1
+        nj = extent(shape, 1, coords[b, 1])
+        total = np.int64(0)
+        for i in range(B):
+            for j in range(B):
+                prefix[b, B * i + j] = total
+                flip = 0
+                x = 0
+                m0 = m1 = m2 = m3 = 0
+                if i < extent(shape, 0, coords[b, 3]) and j < nj:
+                    x, m0, m1, m2, m3 = crossed_cells(rows, b, i, j, bits)
+                while x != 0:
+                    k = lowest(x)
+                    x &= x - 1
+                    code = pattern(m0, m1, m2, m3, k)
+                    if CASES[code, DOUBLE] >= 0 and is_flipped(
+                        rows, lookup, shape, coords, b, i, j, k, code
+                    ):
+                        flip |= 1 << k
+                        total += 1
+                    if caps or not _bare_at(shape, coords, b, i, j, k, code):
+                        total += int(CASES[code, PATCHES])
+                flips[b, B * i + j] = flip
+        prefix[b, B * B] = total
 
 
-@njit(cache=True)
+@inner()
 def _bare_at(shape, coords, b, i, j, k, code):
     """Whether a cell of a block has nothing but a cap."""
     return is_bare(
@@ -349,7 +339,7 @@ def _bare_at(shape, coords, b, i, j, k, code):
     )
 
 
-@njit(cache=True)
+@inner()
 def _is_real_edge(e, gx, gy, gz):
     """Whether an edge of a ghost cell lies on the face of the domain."""
     axis = _OFFSET[e, 3]
@@ -360,7 +350,7 @@ def _is_real_edge(e, gx, gy, gz):
     )
 
 
-@njit(cache=True)
+@inner()
 def _place(row, patch, slot, dense, gx, gy, gz, fraction):
     """Mean of the crossings of a patch, as fractions of the cell; CAP or LOWER for its kind."""
     sx = sy = sz = 0.0
@@ -388,7 +378,7 @@ def _place(row, patch, slot, dense, gx, gy, gz, fraction):
     return LOWER if 2 * lower > n else 0
 
 
-@njit(cache=True)
+@inner()
 def face_bits(gx, gy, gz):
     """Bit 2 a + s for each face of the domain that a cell is a ghost of."""
     bits = 0
@@ -401,54 +391,53 @@ def face_bits(gx, gy, gz):
     return bits
 
 
-@njit(cache=True, parallel=True)
+@in_ranges(4 * CHUNK)
+@njit(cache=True, nogil=True, error_model="numpy")
 def vertices(
-    rows, flips, shape, coords, first, last, caps, t, t_first, start, low, size, least, most,
-    out, kind, place, cell, alone,
+    first, last, offset, rows, flips, shape, coords, caps, t, t_first, start, low, size, least,
+    most, out, kind, place, cell, alone,
 ):  # fmt: skip
-    """Vertices of the blocks first..last into `out`, their codes into `kind` and `place`.
+    """Vertices of the blocks from `offset` on into `out`, their codes into `kind` and `place`.
 
-    The first one has row ``start[first]`` there. Their cells go to `cell`, and whether they are
+    The first one has row ``start[offset]`` there. Their cells go to `cell`, and whether they are
     the only ones in them to `alone`, from row 0 on. Codes in `place` are
     ``k | row << 3 | patch << 12``: their cell in its row, row and patch of `CASES`.
     ``low[a], size[a]`` are the lower end and the width of the padded cells along axis a: ghost
     cells have width 0. Vertices stay between ``least[a]`` and ``most[a]`` of their cell.
     """
-    for chunk in prange((last - first + CHUNK - 1) // CHUNK):
-        dense = np.empty(3 * S * S * S, np.float32)
-        fraction = np.empty(3)
-        for b in range(first + chunk * CHUNK, min(last, first + (chunk + 1) * CHUNK)):
-            ni = extent(shape, 0, coords[b, 3])
-            nj = extent(shape, 1, coords[b, 1])
-            bits = (1 << extent(shape, 2, coords[b, 2])) - 1
-            _unpack(rows, ni, nj, bits, b, t, t_first[b - first], dense)
-            at = start[b]
-            for i in range(ni):
-                cx = B * coords[b, 3] + i
-                gx = ghost_side(shape, 0, cx)
-                for j in range(nj):
-                    cy = B * coords[b, 1] + j
-                    gy = ghost_side(shape, 1, cy)
-                    x, m0, m1, m2, m3 = crossed_cells(rows, b, i, j, bits)
-                    while x != 0:
-                        k = lowest(x)
-                        x &= x - 1
-                        cz = B * coords[b, 2] + k
-                        gz = ghost_side(shape, 2, cz)
-                        code = pattern(m0, m1, m2, m3, k)
-                        if not caps and is_bare(gx, gy, gz, code):
-                            continue
-                        row = code + FLIPPED * ((np.int64(flips[b, B * i + j]) >> k) & 1)
-                        for patch in range(CASES[row, PATCHES]):
-                            level = _place(
-                                row, patch, 81 * i + 9 * j + k, dense, gx, gy, gz, fraction
-                            )
-                            for a in range(3):
-                                c = cx if a == 0 else (cy if a == 1 else cz)
-                                p = low[a, c] + fraction[a] * size[a, c]
-                                out[at, a] = min(max(p, least[a, c]), most[a, c])
-                                cell[at - start[first], a] = c
-                            kind[at] = face_bits(gx, gy, gz) | level
-                            place[at] = k | row << 3 | patch << 12
-                            alone[at - start[first]] = CASES[row, PATCHES] == 1
-                            at += 1
+    dense = np.empty(3 * S * S * S, np.float32)
+    fraction = np.empty(3)
+    for n in range(first, last):
+        b = offset + n
+        ni = extent(shape, 0, coords[b, 3])
+        nj = extent(shape, 1, coords[b, 1])
+        bits = (1 << extent(shape, 2, coords[b, 2])) - 1
+        _unpack(rows, ni, nj, bits, b, t, t_first[n], dense)
+        at = start[b]
+        for i in range(ni):
+            cx = B * coords[b, 3] + i
+            gx = ghost_side(shape, 0, cx)
+            for j in range(nj):
+                cy = B * coords[b, 1] + j
+                gy = ghost_side(shape, 1, cy)
+                x, m0, m1, m2, m3 = crossed_cells(rows, b, i, j, bits)
+                while x != 0:
+                    k = lowest(x)
+                    x &= x - 1
+                    cz = B * coords[b, 2] + k
+                    gz = ghost_side(shape, 2, cz)
+                    code = pattern(m0, m1, m2, m3, k)
+                    if not caps and is_bare(gx, gy, gz, code):
+                        continue
+                    row = code + FLIPPED * ((np.int64(flips[b, B * i + j]) >> k) & 1)
+                    for patch in range(CASES[row, PATCHES]):
+                        level = _place(row, patch, 81 * i + 9 * j + k, dense, gx, gy, gz, fraction)
+                        for a in range(3):
+                            c = cx if a == 0 else (cy if a == 1 else cz)
+                            p = low[a, c] + fraction[a] * size[a, c]
+                            out[at, a] = min(max(p, least[a, c]), most[a, c])
+                            cell[at - start[offset], a] = c
+                        kind[at] = face_bits(gx, gy, gz) | level
+                        place[at] = k | row << 3 | patch << 12
+                        alone[at - start[offset]] = CASES[row, PATCHES] == 1
+                        at += 1

@@ -8,8 +8,10 @@ are not checked.
 import numpy as np
 from numba import njit, prange
 
+from ilattice._kernels import inner
 
-@njit(cache=True)
+
+@inner()
 def _below(planes, p, most):
     """Largest index up to `most` of a plane that is not above p; 0 if there is none."""
     low, high = 0, most + 1
@@ -115,7 +117,7 @@ def cells(x, px, py, pz, low, high):
         low[i, 2], high[i, 2] = pz[c], pz[c + 1]
 
 
-@njit(cache=True)
+@inner()
 def _span(planes, x, quad, a, low, high):
     """Ends along an axis of the grid edge inside four cells; 1 if it runs along that axis."""
     first = last = _below(planes, x[quad[0], a], len(planes) - 2)

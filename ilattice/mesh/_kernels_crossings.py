@@ -10,23 +10,26 @@ triangles from ``LEAF * i``, node n has the children ``2 n`` and ``2 n + 1``, th
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
+from ilattice._kernels import in_ranges, inner
 from ilattice.fields._kernels_program import spread
 
 LEAF = 8
 CHUNK = 64  # leaves that a thread takes at once
+GRAIN = 4096  # triangles, or leaves where there is less to do
 BITS = 21  # of a coordinate in the order along the curve
 ROUNDING = 4e-15  # error of six volumes, relative to the cube of the size
 COPLANAR = 1e-9  # height of triangles over one plane, relative to their size
 DEEPEST = 64
 
 
-@njit(cache=True, parallel=True)
-def places(x: Any, faces: Any, low: Any, size: float, out: Any) -> None:
+@in_ranges(GRAIN)
+@njit(cache=True, nogil=True, error_model="numpy")
+def places(first: int, last: int, x: Any, faces: Any, low: Any, size: float, out: Any) -> None:
     """Places of the triangles along a curve that fills the cube at `low` with edges `size`."""
     scale = (2**BITS - 1) / (3.0 * size)
-    for f in prange(len(faces)):
+    for f in range(first, last):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
         place = 0
         for k in range(3):
@@ -35,7 +38,7 @@ def places(x: Any, faces: Any, low: Any, size: float, out: Any) -> None:
         out[f] = place
 
 
-@njit(cache=True)
+@inner()
 def _box(x: Any, faces: Any, f: int, out: Any) -> None:
     """Least and largest coordinates of a triangle."""
     for k in range(3):
@@ -44,20 +47,21 @@ def _box(x: Any, faces: Any, f: int, out: Any) -> None:
         out[3 + k] = max(a, b, c)
 
 
-@njit(cache=True, parallel=True)
-def fill_leaves(x: Any, faces: Any, order: Any, boxes: Any) -> None:
+@in_ranges(GRAIN)
+@njit(cache=True, nogil=True, error_model="numpy")
+def fill_leaves(first: int, last: int, x: Any, faces: Any, order: Any, boxes: Any) -> None:
     """Boxes of the leaves; those beyond the last triangle hold nothing."""
-    first = len(boxes) // 2
-    for leaf in prange(first):
-        box = np.empty(6)
+    leaves = len(boxes) // 2
+    box = np.empty(6)
+    for leaf in range(first, last):
         for k in range(3):
-            boxes[first + leaf, k] = np.inf
-            boxes[first + leaf, 3 + k] = -np.inf
+            boxes[leaves + leaf, k] = np.inf
+            boxes[leaves + leaf, 3 + k] = -np.inf
         for i in range(LEAF * leaf, min(LEAF * leaf + LEAF, len(order))):
             _box(x, faces, order[i], box)
             for k in range(3):
-                boxes[first + leaf, k] = min(boxes[first + leaf, k], box[k])
-                boxes[first + leaf, 3 + k] = max(boxes[first + leaf, 3 + k], box[3 + k])
+                boxes[leaves + leaf, k] = min(boxes[leaves + leaf, k], box[k])
+                boxes[leaves + leaf, 3 + k] = max(boxes[leaves + leaf, 3 + k], box[3 + k])
 
 
 @njit(cache=True)
@@ -69,7 +73,7 @@ def fill_nodes(boxes: Any) -> None:
             boxes[n, 3 + k] = max(boxes[2 * n, 3 + k], boxes[2 * n + 1, 3 + k])
 
 
-@njit(cache=True)
+@inner()
 def _apart(p: Any, i: int, q: Any, j: int) -> bool:
     """Whether two boxes have no point in common."""
     for k in range(3):
@@ -78,7 +82,7 @@ def _apart(p: Any, i: int, q: Any, j: int) -> bool:
     return False
 
 
-@njit(cache=True)
+@inner()
 def _volume(x: Any, a: int, b: int, c: int, d: int) -> float:
     """Six times the volume of a tetrahedron."""
     ux, uy, uz = x[a, 0] - x[d, 0], x[a, 1] - x[d, 1], x[a, 2] - x[d, 2]
@@ -87,7 +91,7 @@ def _volume(x: Any, a: int, b: int, c: int, d: int) -> float:
     return ux * (vy * wz - vz * wy) + uy * (vz * wx - vx * wz) + uz * (vx * wy - vy * wx)
 
 
-@njit(cache=True)
+@inner()
 def _heights(x: Any, faces: Any, f: int, g: int, out: Any) -> None:
     """Volumes above triangle f of the corners of g, zero for those that are corners of f."""
     a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
@@ -96,7 +100,7 @@ def _heights(x: Any, faces: Any, f: int, g: int, out: Any) -> None:
         out[j] = 0.0 if v == a or v == b or v == c else _volume(x, a, b, c, v)
 
 
-@njit(cache=True)
+@inner()
 def _pierced(x: Any, faces: Any, f: int, g: int, heights: Any, least: float) -> bool:
     """Whether an edge of g passes through the inside of f."""
     a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
@@ -112,13 +116,13 @@ def _pierced(x: Any, faces: Any, f: int, g: int, heights: Any, least: float) -> 
     return False
 
 
-@njit(cache=True)
+@inner()
 def _flat(x: Any, k: int, m: int, a: int, b: int, c: int) -> float:
     """Twice the area of a triangle in the plane of the coordinates k and m."""
     return (x[b, k] - x[a, k]) * (x[c, m] - x[a, m]) - (x[b, m] - x[a, m]) * (x[c, k] - x[a, k])
 
 
-@njit(cache=True)
+@inner()
 def _beside(x: Any, faces: Any, k: int, m: int, f: int, g: int, least: float) -> bool:
     """Whether an edge of f has all of g on its outer side, in the plane."""
     area = _flat(x, k, m, faces[f, 0], faces[f, 1], faces[f, 2])
@@ -135,7 +139,7 @@ def _beside(x: Any, faces: Any, k: int, m: int, f: int, g: int, least: float) ->
     return False
 
 
-@njit(cache=True)
+@inner()
 def _overlap(x: Any, faces: Any, f: int, g: int, size: float) -> bool:
     """Whether two triangles in one plane overlap."""
     k, m, most = 0, 1, -1.0
@@ -149,7 +153,7 @@ def _overlap(x: Any, faces: Any, f: int, g: int, size: float) -> bool:
     return not (_beside(x, faces, k, m, f, g, least) or _beside(x, faces, k, m, g, f, least))
 
 
-@njit(cache=True)
+@inner()
 def _cross(x: Any, faces: Any, f: int, g: int, size: float, heights: Any) -> bool:
     """Whether one of two triangles pierces the other, or both overlap in one plane."""
     least = ROUNDING * size * size * size
@@ -165,7 +169,7 @@ def _cross(x: Any, faces: Any, f: int, g: int, size: float, heights: Any) -> boo
     return _pierced(x, faces, g, f, heights, least)
 
 
-@njit(cache=True)
+@inner()
 def _compare(
     x: Any, faces: Any, order: Any, active: Any, tree: Any, leaf: int, other: int, boxes: Any,
     marked: Any,
@@ -190,7 +194,7 @@ def _compare(
     return found
 
 
-@njit(cache=True)
+@inner()
 def _from(node: int, stack: Any) -> int:
     """Put on the stack the nodes that together hold a leaf and all leaves after it."""
     stack[0], depth = node, 1
@@ -202,12 +206,26 @@ def _from(node: int, stack: Any) -> int:
     return depth
 
 
-@njit(cache=True, parallel=True)
-def mark_crossings(x: Any, faces: Any, order: Any, boxes: Any, active: Any, marked: Any) -> int:
+@in_ranges(CHUNK)
+@njit(cache=True, nogil=True, error_model="numpy")
+def mark_crossings(
+    first: int,
+    last: int,
+    x: Any,
+    faces: Any,
+    order: Any,
+    boxes: Any,
+    active: Any,
+    whole: bool,
+    marked: Any,
+    pairs: Any,
+) -> None:
     """Mark the triangles that pass through others.
 
     Parameters
     ----------
+    first, last : int
+        Leaves.
     x : (V, 3) array
         Vertices.
     faces : (F, 3) integer array
@@ -218,41 +236,34 @@ def mark_crossings(x: Any, faces: Any, order: Any, boxes: Any, active: Any, mark
         The tree; n is a power of two, at least F / `LEAF`.
     active : (F,) array of bool
         Only pairs with one of these are compared.
+    whole : bool
+        Whether all are active: then every pair is met from the first of its leaves.
     marked : (F,) array of bool, all False
         Receives True for triangles that cross another one.
-
-    Returns
-    -------
-    int
-        Number of pairs.
+    pairs : (leaves,) integer array
+        Receives their number.
     """
-    first = len(boxes) // 2
-    leaves = (len(order) + LEAF - 1) // LEAF
-    whole = active.all()  # then every pair is met from the first of its leaves
-    found = 0
-    for chunk in prange((leaves + CHUNK - 1) // CHUNK):
-        scratch = np.empty((LEAF + 2, 6))  # boxes of a leaf and of one more, heights
-        stack = np.empty(DEEPEST, np.int64)
-        for leaf in range(CHUNK * chunk, min(CHUNK * chunk + CHUNK, leaves)):
-            awake = 0
-            for i in range(LEAF * leaf, min(LEAF * leaf + LEAF, len(order))):
-                _box(x, faces, order[i], scratch[i - LEAF * leaf])
-                awake += active[order[i]]
-            stack[0], depth, count = 1, 1 if awake else 0, 0
-            if whole:
-                depth = _from(first + leaf, stack)
-            while depth > 0:
-                depth -= 1
-                n = stack[depth]
-                if _apart(boxes, first + leaf, boxes, n):
-                    continue
-                if n < first:
-                    stack[depth], stack[depth + 1] = 2 * n, 2 * n + 1
-                    depth += 2
-                else:
-                    other = n - first
-                    count += _compare(
-                        x, faces, order, active, boxes, leaf, other, scratch, marked
-                    )  # fmt: skip
-            found += count
-    return found
+    start = len(boxes) // 2
+    scratch = np.empty((LEAF + 2, 6))  # boxes of a leaf and of one more, heights
+    stack = np.empty(DEEPEST, np.int64)
+    for leaf in range(first, last):
+        awake = 0
+        for i in range(LEAF * leaf, min(LEAF * leaf + LEAF, len(order))):
+            _box(x, faces, order[i], scratch[i - LEAF * leaf])
+            awake += active[order[i]]
+        stack[0], depth, count = 1, 1 if awake else 0, 0
+        if whole:
+            depth = _from(start + leaf, stack)
+        while depth > 0:
+            depth -= 1
+            n = stack[depth]
+            if _apart(boxes, start + leaf, boxes, n):
+                continue
+            if n < start:
+                stack[depth], stack[depth + 1] = 2 * n, 2 * n + 1
+                depth += 2
+            else:
+                count += _compare(
+                    x, faces, order, active, boxes, leaf, n - start, scratch, marked
+                )  # fmt: skip
+        pairs[leaf] = count

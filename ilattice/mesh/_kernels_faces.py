@@ -7,8 +7,9 @@ Guarantees: as `_kernels_cells`; ties between the diagonals are decided by the o
 """
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
+from ilattice._kernels import in_ranges, inner
 from ilattice._typing import AnyArray
 from ilattice.mesh._kernels_bits import lowest
 from ilattice.mesh._kernels_cells import (
@@ -25,7 +26,7 @@ T = 9  # cells of a block and the layer below it, per direction
 TIE = 1e-6  # relative difference of shapes that does not count
 
 
-@njit(cache=True)
+@inner()
 def _index_block(prefix, shape, coords, n, ox, oy, oz, start, place, ids, row_of):
     """Vertices and rows of `CASES` of the cells of block n that block n - (ox, oy, oz) needs.
 
@@ -62,7 +63,7 @@ def _shape(square, sides):
     return square / (sides * sides) if sides > 0.0 else 0.0
 
 
-@njit(cache=True)
+@inner()
 def best_diagonal(p, axis):
     """0 to split the quad p (4, 3) along corners 0-2, 1 for 1-3.
 
@@ -110,7 +111,7 @@ def _around_edges() -> tuple[AnyArray, AnyArray, AnyArray]:
 _OFFSET, _STEP, _EDGE = _around_edges()
 
 
-@njit(cache=True)
+@inner()
 def _corners(axis, cell, ids, row_of, points, split, below, above, p, c):
     """Corners of the quad around an edge of a cell: ids to `c`, places to `p`.
 
@@ -126,7 +127,7 @@ def _corners(axis, cell, ids, row_of, points, split, below, above, p, c):
         c[corner] = v + (below if v < split else above)
 
 
-@njit(cache=True)
+@inner()
 def _unwrap(axis, i, j, k, shift, p):
     """Move the corners that lie across the seam of a wrapped direction next to the others."""
     for corner in range(4):
@@ -136,7 +137,7 @@ def _unwrap(axis, i, j, k, shift, p):
                 p[corner, a] -= shift[a]
 
 
-@njit(cache=True)
+@inner()
 def _emit_block(
     rows, shape, coords, b, caps, ids, row_of, points, shift, split, below, above, p, c, faces,
     at,
@@ -174,40 +175,39 @@ def _emit_block(
                     at += 2
 
 
-@njit(cache=True, parallel=True)
+@in_ranges(4 * CHUNK)
+@njit(cache=True, nogil=True, error_model="numpy")
 def faces(
-    rows, prefix, lookup, shape, coords, blocks, start, caps, points, place, period, split, below,
-    above, first, out,
+    first, last, rows, prefix, lookup, shape, coords, blocks, start, caps, points, place, period,
+    split, below, above, quad, out,
 ):  # fmt: skip
-    """Triangles of the listed blocks: block ``blocks[n]`` writes from row ``2 first[n]`` on.
+    """Triangles of the listed blocks: block ``blocks[n]`` writes from row ``2 quad[n]`` on.
 
     ``start[b]`` is the row in `points` and `place` of the first vertex of block b; row v has the id
     ``v + below`` before row `split` and ``v + above`` from there on. `period (3,)` is the length
     of the domain along the wrapped directions.
     """
-    n = len(blocks)
-    for chunk in prange((n + CHUNK - 1) // CHUNK):
-        ids = np.zeros(T * T * T, np.int64)
-        row_of = np.zeros(T * T * T, np.int64)
-        p = np.empty((4, 3))
-        corners = np.empty(4, np.int64)
-        shift = np.empty(3)
-        for q in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
-            b = blocks[q]
-            if first[q + 1] == first[q]:
-                continue
-            for ox in range(-1, 1):
-                for oy in range(-1, 1):
-                    for oz in range(-1, 1):
-                        c = neighbour(lookup, shape, coords, b, ox, oy, oz)
-                        if c >= 0:
-                            _index_block(
-                                prefix, shape, coords, c, ox, oy, oz, start, place, ids, row_of
-                            )
-            shift[0] = period[0] if coords[b, 3] == 0 else 0.0
-            shift[1] = period[1] if coords[b, 1] == 0 else 0.0
-            shift[2] = period[2] if coords[b, 2] == 0 else 0.0
-            _emit_block(
-                rows, shape, coords, b, caps, ids, row_of, points, shift, split, below, above,
-                p, corners, out, 2 * first[q],
-            )  # fmt: skip
+    ids = np.zeros(T * T * T, np.int64)
+    row_of = np.zeros(T * T * T, np.int64)
+    p = np.empty((4, 3))
+    corners = np.empty(4, np.int64)
+    shift = np.empty(3)
+    for q in range(first, last):
+        b = blocks[q]
+        if quad[q + 1] == quad[q]:
+            continue
+        for ox in range(-1, 1):
+            for oy in range(-1, 1):
+                for oz in range(-1, 1):
+                    c = neighbour(lookup, shape, coords, b, ox, oy, oz)
+                    if c >= 0:
+                        _index_block(
+                            prefix, shape, coords, c, ox, oy, oz, start, place, ids, row_of
+                        )
+        shift[0] = period[0] if coords[b, 3] == 0 else 0.0
+        shift[1] = period[1] if coords[b, 1] == 0 else 0.0
+        shift[2] = period[2] if coords[b, 2] == 0 else 0.0
+        _emit_block(
+            rows, shape, coords, b, caps, ids, row_of, points, shift, split, below, above,
+            p, corners, out, 2 * quad[q],
+        )  # fmt: skip

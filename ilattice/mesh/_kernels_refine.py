@@ -5,16 +5,20 @@ threads. Non-guarantees: arguments are not checked.
 """
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
+from ilattice._kernels import in_ranges, inner
+
+GRAIN = 4096  # vertices or quads that a thread takes at once
 LOWER = 128  # bit of `kind`: on the lower of two levels
 REACH = 0.25  # longest part of a step along an axis, as a fraction of the cell
 
 
-@njit(cache=True, parallel=True)
-def pull_to_centre(vertices, at, cell, least, most, part, out):
+@in_ranges(GRAIN)
+@njit(cache=True, nogil=True, error_model="numpy")
+def pull_to_centre(first, last, vertices, at, cell, least, most, part, out):
     """Places of the vertices `at`, moved to the centres of their cells by a part of the way."""
-    for n in prange(len(at)):
+    for n in range(first, last):
         v = at[n]
         for a in range(3):
             c = cell[v, a]
@@ -49,15 +53,17 @@ def _step(points, n, r, gradient, cell, v, least, most):
     return cut
 
 
-@njit(cache=True, parallel=True)
+@in_ranges(GRAIN)
+@njit(cache=True, nogil=True, error_model="numpy")
 def first_step(
-    vertices, at, kind, cell, least, most, lower, upper, value, gradient, points, miss, stopped
-):
+    first, last, vertices, at, kind, cell, least, most, lower, upper, value, gradient, points, miss,
+    stopped,
+):  # fmt: skip
     """Step `points`, the moved vertices `at`, in place; back to the vertices where that is cut.
 
     `value` and `gradient` are those of the field there; `miss` receives how far it was off.
     """
-    for n in prange(len(at)):
+    for n in range(first, last):
         v = at[n]
         r = value[n] - (lower if kind[v] & LOWER else upper)
         miss[n] = abs(r)
@@ -67,12 +73,14 @@ def first_step(
                 points[n, a] = vertices[v, a]
 
 
-@njit(cache=True, parallel=True)
+@in_ranges(GRAIN)
+@njit(cache=True, nogil=True, error_model="numpy")
 def second_step(
-    vertices, at, kind, cell, least, most, lower, upper, value, gradient, points, miss, stopped
-):
+    first, last, vertices, at, kind, cell, least, most, lower, upper, value, gradient, points, miss,
+    stopped,
+):  # fmt: skip
     """Step from `points` and move the vertices `at` there, unless that is cut or diverges."""
-    for n in prange(len(at)):
+    for n in range(first, last):
         v = at[n]
         r = value[n] - (lower if kind[v] & LOWER else upper)
         cut = _step(points, n, r, gradient, cell, v, least, most)
@@ -81,7 +89,7 @@ def second_step(
                 vertices[v, a] = points[n, a]
 
 
-@njit(cache=True)
+@inner()
 def _normal(p, a, b, c, n):
     """Twice the vector area of a triangle into n; (2 area / sum of squared sides) squared."""
     ux, uy, uz = p[b, 0] - p[a, 0], p[b, 1] - p[a, 1], p[b, 2] - p[a, 2]
@@ -94,15 +102,16 @@ def _normal(p, a, b, c, n):
     return (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]) / (s * s) if s > 0.0 else 0.0
 
 
-@njit(cache=True, parallel=True)
-def resplit(points, faces):
+@in_ranges(GRAIN)
+@njit(cache=True, nogil=True, error_model="numpy")
+def resplit(first, last, points, faces):
     """Take the other diagonal of a quad where it gives the better worst triangle.
 
     A diagonal with the normals of its triangles less than a right angle apart comes first.
     """
-    for q in prange(len(faces) // 2):
-        m, n = np.empty(3), np.empty(3)
-        p = np.empty((4, 3))
+    m, n = np.empty(3), np.empty(3)
+    p = np.empty((4, 3))
+    for q in range(first, last):
         a, b, c, d = faces[2 * q, 0], faces[2 * q, 1], faces[2 * q, 2], faces[2 * q + 1, 2]
         for i in range(3):
             p[0, i] = points[a, i]

@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from ilattice._kernels import inner
+
 WALL = 64
 CAPS = 63
 STEEPEST = 0.5  # least cosine between a triangle and what replaces it
@@ -34,7 +36,7 @@ def link_corners(faces: Any, head: Any, after: Any) -> None:
         head[v] = h
 
 
-@njit(cache=True)
+@inner()
 def _shape(x: Any, a: int, b: int, c: int) -> Any:
     """Quality of a triangle, and the cross product of two of its sides."""
     ux, uy, uz = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
@@ -46,31 +48,31 @@ def _shape(x: Any, a: int, b: int, c: int) -> Any:
     return q, (nx, ny, nz)
 
 
-@njit(cache=True)
+@inner()
 def _dot(n: Any, m: Any) -> float:
     return n[0] * m[0] + n[1] * m[1] + n[2] * m[2]
 
 
-@njit(cache=True)
+@inner()
 def _turned(n: Any, m: Any, cosine: float) -> bool:
     """Whether the angle between two vectors is too large, or cannot be told."""
     return not _dot(n, m) > cosine * np.sqrt(_dot(n, n) * _dot(m, m))
 
 
-@njit(cache=True)
+@inner()
 def _others(faces: Any, h: int) -> Any:
     """Vertices after and before corner `h` in its face."""
     f, j = h // 3, h % 3
     return faces[f, (j + 1) % 3], faces[f, (j + 2) % 3]
 
 
-@njit(cache=True)
+@inner()
 def _label(on: Any, a: int, b: int, c: int) -> int:
     """Faces of the domain on which a triangle lies."""
     return on[a] & on[b] & on[c] & CAPS
 
 
-@njit(cache=True)
+@inner()
 def _edge(faces: Any, on: Any, head: Any, after: Any, a: int, b: int, without: int) -> Any:
     """Triangles at the edge from a to b, both ways, and what those without a vertex lie on."""
     forward = backward = surfaces = 0
@@ -87,7 +89,7 @@ def _edge(faces: Any, on: Any, head: Any, after: Any, a: int, b: int, without: i
     return forward, backward, surfaces
 
 
-@njit(cache=True)
+@inner()
 def _is_neighbour(faces: Any, head: Any, after: Any, a: int, b: int) -> bool:
     """Whether there is an edge between two vertices."""
     h = head[a]
@@ -99,7 +101,7 @@ def _is_neighbour(faces: Any, head: Any, after: Any, a: int, b: int) -> bool:
     return False
 
 
-@njit(cache=True)
+@inner()
 def _may_collapse(faces: Any, on: Any, head: Any, after: Any, a: int, b: int) -> bool:
     """Whether vertex a may be merged into b: curves of surfaces, link condition, valence."""
     forward, backward, surfaces = _edge(faces, on, head, after, a, b, -1)
@@ -130,7 +132,7 @@ def _may_collapse(faces: Any, on: Any, head: Any, after: Any, a: int, b: int) ->
     return valence > 6
 
 
-@njit(cache=True)
+@inner()
 def _patch(x: Any, faces: Any, head: Any, after: Any, a: int, b: int) -> Any:
     """Sum of the normals around two vertices: what stands for that of triangles that have none."""
     patch = (0.0, 0.0, 0.0)
@@ -144,7 +146,7 @@ def _patch(x: Any, faces: Any, head: Any, after: Any, a: int, b: int) -> Any:
     return patch
 
 
-@njit(cache=True)
+@inner()
 def _try_collapse(
     x: Any, faces: Any, on: Any, head: Any, after: Any, a: int, b: int, floor: float
 ) -> Any:
@@ -179,7 +181,7 @@ def _try_collapse(
     return most, abs(volume)
 
 
-@njit(cache=True)
+@inner()
 def _across(faces: Any, head: Any, after: Any, a: int, b: int) -> int:
     """Corner at b of the triangle in which a follows b, or -1."""
     h = head[b]
@@ -191,7 +193,7 @@ def _across(faces: Any, head: Any, after: Any, a: int, b: int) -> int:
     return -1
 
 
-@njit(cache=True)
+@inner()
 def _try_flip(x: Any, faces: Any, on: Any, head: Any, after: Any, f: int, j: int) -> Any:
     """Worst quality of the two triangles at edge j of face f with the other diagonal.
 
@@ -223,7 +225,7 @@ def _try_flip(x: Any, faces: Any, on: Any, head: Any, after: Any, f: int, j: int
     return (new, abs(_dot(step, n0))) if new > min(q0, q1) else (REJECTED, 0.0)
 
 
-@njit(cache=True)
+@inner()
 def _unlink(head: Any, after: Any, v: int, h: int) -> None:
     """Take corner `h` out of the list of vertex `v`."""
     if head[v] == h:
@@ -235,7 +237,7 @@ def _unlink(head: Any, after: Any, v: int, h: int) -> None:
     after[g] = after[h]
 
 
-@njit(cache=True)
+@inner()
 def _put(faces: Any, head: Any, after: Any, h: int, v: int) -> None:
     """Give corner `h` to vertex `v`."""
     faces[h // 3, h % 3] = v
@@ -243,7 +245,7 @@ def _put(faces: Any, head: Any, after: Any, h: int, v: int) -> None:
     head[v] = h
 
 
-@njit(cache=True)
+@inner()
 def _collapse(faces: Any, head: Any, after: Any, a: int, b: int) -> None:
     """Merge vertex a into b."""
     h = head[a]
@@ -262,7 +264,7 @@ def _collapse(faces: Any, head: Any, after: Any, a: int, b: int) -> None:
         h = following
 
 
-@njit(cache=True)
+@inner()
 def _flip(faces: Any, head: Any, after: Any, f: int, j: int) -> int:
     """Replace edge j of face f by the other diagonal; returns the face across."""
     h = 3 * f + (j + 1) % 3
@@ -277,7 +279,7 @@ def _flip(faces: Any, head: Any, after: Any, f: int, j: int) -> int:
     return g // 3
 
 
-@njit(cache=True)
+@inner()
 def _repair_face(x: Any, faces: Any, on: Any, head: Any, after: Any, f: int) -> Any:
     """Do the best of nine changes to a bad face: 3 j + 0, 1 collapse edge j, 3 j + FLIP flips it.
 
@@ -306,7 +308,7 @@ def _repair_face(x: Any, faces: Any, on: Any, head: Any, after: Any, f: int) -> 
     return best, v
 
 
-@njit(cache=True)
+@inner()
 def _mark(
     x: Any, faces: Any, head: Any, after: Any, v: int, quality: float, left: Any, changed: Any,
     clock: int,

@@ -11,6 +11,8 @@ checked.
 import numpy as np
 from numba import njit
 
+from ilattice._kernels import inner
+
 _PATHS = np.array(  # the six orders of the axes as corners; then the handedness
     [
         [0, 4, 6, 7, 1],
@@ -72,7 +74,7 @@ def crossed_cells(height, cells, first, limit, out):
     return count
 
 
-@njit(cache=True)
+@inner()
 def _edge(cell, low, high, planes):
     """Name of the edge between two corners of a cell."""
     if low > high:
@@ -130,7 +132,7 @@ def sheet(cells, corner, level, planes, turn, edges, ends):
     return count
 
 
-@njit(cache=True)
+@inner()
 def _crossing(a, b, size, upper):
     """Name of the place where a side of the wall crosses the edge of a sheet."""
     low, high = min(a, b), max(a, b)
@@ -192,7 +194,7 @@ def chain(following, order, start):
     return count
 
 
-@njit(cache=True)
+@inner()
 def _near(points, i, j, least):
     x, y = points[i, 0] - points[j, 0], points[i, 1] - points[j, 1]
     return x * x + y * y < least * least
@@ -290,7 +292,7 @@ def hidden(triangles, u, side, beyond, slope, period, out):
                     out[t, v] |= meet > 0.0
 
 
-@njit(cache=True)
+@inner()
 def _put(out, count, a, b, c):
     out[count, 0], out[count, 1], out[count, 2] = a, b, c
     return count + 1
@@ -325,14 +327,14 @@ def halve(triangles, middle, out):
     return count
 
 
-@njit(cache=True)
+@inner()
 def _left(a, b, c, least):
     """Side of c as seen from a to b: 1, -1, or 0 within rounding."""
     turn = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
     return 0 if abs(turn) <= least else (1 if turn > 0 else -1)
 
 
-@njit(cache=True)
+@inner()
 def _meet(a, b, c, d, least):
     """Whether two edges, whose boxes meet, cross or touch."""
     return (
@@ -341,7 +343,7 @@ def _meet(a, b, c, d, least):
     )
 
 
-@njit(cache=True)
+@inner()
 def _folded(a, b, c, least):
     """Whether an edge runs back along the one before it."""
     ahead = (b[0] - a[0]) * (c[0] - b[0]) + (b[1] - a[1]) * (c[1] - b[1])

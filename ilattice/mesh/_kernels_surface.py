@@ -11,10 +11,12 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from ilattice._kernels import inner
+
 _CHUNK = 1 << 15
 
 
-@njit(cache=True)
+@inner()
 def _double_area_vector(vertices: Any, faces: Any, f: int) -> Any:
     """Cross product of two sides of triangle `f`."""
     a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
@@ -80,31 +82,34 @@ def first_bad_face(faces: Any, n_vertices: int) -> int:
 # Half-edge h = 3 f + j runs from corner j of face f to corner (j + 1) % 3; corner h is its start.
 
 
-@njit(cache=True)
+@inner()
 def _ends(faces: Any, h: int) -> Any:
     """Start and end vertex of half-edge `h`."""
     f, j = h // 3, h % 3
     return faces[f, j], faces[f, (j + 1) % 3]
 
 
-@njit(cache=True)
+@inner()
 def _sort_bucket(order: Any, upper: Any, lo: int, hi: int) -> None:
-    """Sort order[lo:hi] by the scratch keys upper[:hi - lo]; insertion sort while it is short."""
+    """Sort order[lo:hi] by the scratch keys upper[:hi - lo], equal ones by their own numbers.
+
+    Shell's sort, which is insertion sort while it is short.
+    """
     n = hi - lo
-    if n > 48:
-        index = np.argsort(upper[:n])
-        upper[:n] = upper[:n][index]
-        order[lo:hi] = order[lo:hi][index]
-        return
-    for i in range(1, n):
-        key, value = upper[i], order[lo + i]
-        j = i - 1
-        while j >= 0 and upper[j] > key:
-            upper[j + 1] = upper[j]
-            order[lo + j + 1] = order[lo + j]
-            j -= 1
-        upper[j + 1] = key
-        order[lo + j + 1] = value
+    gap = 1
+    while 48 * gap < n:
+        gap = 3 * gap + 1
+    while gap > 0:
+        for i in range(gap, n):
+            key, value = upper[i], order[lo + i]
+            j = i - gap
+            while j >= 0 and (upper[j] > key or (upper[j] == key and order[lo + j] > value)):
+                upper[j + gap] = upper[j]
+                order[lo + j + gap] = order[lo + j]
+                j -= gap
+            upper[j + gap] = key
+            order[lo + j + gap] = value
+        gap //= 3
 
 
 @njit(cache=True)
@@ -143,7 +148,7 @@ def sort_half_edges(faces: Any, start: Any, order: Any) -> None:
         _sort_bucket(order, upper, lo, hi)
 
 
-@njit(cache=True)
+@inner()
 def _same_edge(faces: Any, start: Any, order: Any, v: int, i: int) -> Any:
     """End of the run of half-edges in bucket `v` that lie on the edge of order[i]; runs up."""
     a, b = _ends(faces, order[i])
@@ -158,7 +163,7 @@ def _same_edge(faces: Any, start: Any, order: Any, v: int, i: int) -> Any:
     return i, forward
 
 
-@njit(cache=True)
+@inner()
 def _find(parent: Any, i: int) -> int:
     """Root of `i`; halves the path on the way."""
     while parent[i] != i:
@@ -167,7 +172,7 @@ def _find(parent: Any, i: int) -> int:
     return i
 
 
-@njit(cache=True)
+@inner()
 def _unite(parent: Any, i: int, j: int) -> bool:
     """Join two sets; the smaller root stays. True if they were apart."""
     i, j = _find(parent, i), _find(parent, j)

@@ -179,8 +179,8 @@ class GridSampler(Sampler):
                 self._slab[row] = self._known[int(plane)]
         mark = np.zeros(shape, np.uint8)
         kernels.mark_points(
-            coords, first, self._local, self.grid.planes[1], self.grid.planes[2], mark
-        )
+            len(coords), coords, first, self._local, *self.grid.planes[1:], mark
+        )  # fmt: skip
         self._evaluate(real, mark)
         ends = {int(p): self._slab[np.searchsorted(real, p)].copy() for p in planes[[0, -1]]}
         if self.grid.wrap[0] and not self._known:
@@ -208,7 +208,8 @@ class GridSampler(Sampler):
 
     def fill(self, coords: IntArray, samples: AnyArray) -> None:
         """Samples of blocks of the slab."""
-        kernels.gather(self._slab, coords, self._first, self._local, *self.grid.planes[1:], samples)
+        places = self._local, *self.grid.planes[1:]
+        kernels.gather(len(coords), self._slab, coords, self._first, *places, samples)
 
 
 class ProgramSampler(Sampler):
@@ -267,7 +268,8 @@ class TrigSampler(Sampler):
         intervals = [self._intervals(a, spans[a]) for a in range(3)]
         shape = tuple(len(s) for s in spans)
         low, high = np.empty(shape), np.empty(shape)
-        kernels.ranges_trig(self._coef, self._code, *intervals, low, high)
+        columns = low.shape[0] * low.shape[1]
+        kernels.ranges_trig(columns, self._coef, self._code, *intervals, low, high)
         return self.crossed(low, high, self._near_faces(spans))
 
     def _intervals(self, axis: int, blocks: IntArray) -> FloatArray:
@@ -285,7 +287,7 @@ class TrigSampler(Sampler):
 
     def fill(self, coords: IntArray, samples: AnyArray) -> None:
         """Samples of blocks."""
-        kernels.fill_trig(self._single, self._code, *self._tables, coords, samples)
+        kernels.fill_trig(len(coords), self._single, self._code, *self._tables, coords, samples)
 
 
 class SplineSampler(Sampler):
@@ -311,13 +313,13 @@ class SplineSampler(Sampler):
 
     def fill(self, coords: IntArray, samples: AnyArray) -> None:
         """Samples of blocks."""
-        kernels.fill_spline(*self._tables[0], coords, samples)
+        kernels.fill_spline(len(coords), *self._tables[0], coords, samples)
         if len(self._tables) == 2:
             if len(self._buffer) < len(samples):
                 self._buffer = np.empty_like(samples)
             divisor = self._buffer[: len(samples)]
-            kernels.fill_spline(*self._tables[1], coords, divisor)
-            kernels.divide(samples, divisor)
+            kernels.fill_spline(len(coords), *self._tables[1], coords, divisor)
+            kernels.divide(len(samples), samples, divisor)
         if self.middle != 0.0:
             samples -= np.float32(self.middle)
 

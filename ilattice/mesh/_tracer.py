@@ -175,8 +175,9 @@ class Tracer:
             part = coords[i : i + BATCH]
             samples = self._samples[: len(part)]
             self.sampler.fill(part, samples)
-            args = (samples, part, self.grid.shape, lower, upper, rows[i : i + BATCH])
-            crossed = _kernels_cells.signs(*args)
+            crossed = np.empty(len(part), np.int64)
+            args = (len(part), samples, part, self.grid.shape, lower, upper, rows[i : i + BATCH])
+            _kernels_cells.signs(*args, crossed)
             start = np.concatenate(([0], np.cumsum(crossed)))
             t = np.empty(start[-1], np.float32)
             _kernels_cells.crossings(*args, start, t)
@@ -221,9 +222,10 @@ class Tracer:
         flips = np.zeros((before + n, B * B), np.uint8)
         prefix = np.zeros((before + n, B * B + 1), np.uint16)
         shape = self.grid.shape
-        current.quads = _kernels_cells.count(
-            window.rows, window.lookup, shape, window.coords, before, before + n, self.caps,
-            flips, prefix,
+        current.quads = np.empty(n, np.int64)
+        _kernels_cells.count(
+            n, before, window.rows, window.lookup, shape, window.coords, self.caps, flips, prefix,
+            current.quads,
         )  # fmt: skip
         current.prefix = prefix[before:]
         ends = np.cumsum(current.prefix[:, -1], dtype=np.int64)
@@ -240,7 +242,7 @@ class Tracer:
             cell = np.empty((local[j] - local[i], 3), np.int32)
             alone = np.empty(len(cell), np.bool_)
             _kernels_cells.vertices(
-                window.rows, flips, shape, window.coords, i, j, self.caps, current.t,
+                j - i, i, window.rows, flips, shape, window.coords, self.caps, current.t,
                 current.t_first[i - before :], local, self.grid.low, self.grid.size,
                 self.grid.least, self.grid.most, current.points, kind, current.place,
                 cell, alone,
@@ -265,9 +267,9 @@ class Tracer:
         bounds = float(self.sampler.lower), float(self.sampler.upper)
         p = np.empty((len(at), 3))
         miss, stopped = np.empty(len(at)), np.empty(len(at), np.bool_)
-        _kernels_refine.pull_to_centre(points, at, *box, PULL, p)
+        _kernels_refine.pull_to_centre(len(at), points, at, *box, PULL, p)
         for step in (_kernels_refine.first_step, _kernels_refine.second_step):
-            step(points, at, kind, *box, *bounds, *self.sampler.jet(p), p, miss, stopped)
+            step(len(at), points, at, kind, *box, *bounds, *self.sampler.jet(p), p, miss, stopped)
 
     def _faces(
         self, window: _Window, blocks: IntArray, previous: _Layers | None, current: _Layers
@@ -286,7 +288,7 @@ class Tracer:
         points = np.concatenate([p.points for p in parts])
         shift = [p.first_vertex - o for p, o in zip(parts, offset[:-1], strict=True)]
         _kernels_faces.faces(
-            window.rows[:n], np.concatenate([p.prefix for p in parts]),
+            len(blocks), window.rows[:n], np.concatenate([p.prefix for p in parts]),
             np.where(window.lookup < n, window.lookup, -1), self.grid.shape, window.coords, blocks,
             start, self.caps, points, np.concatenate([p.place for p in parts]), self.grid.period,
             offset[-2], shift[0], shift[-1], first, out,

@@ -224,7 +224,7 @@ def split_quads(vertices: AnyArray, faces: AnyArray) -> None:
     faces : (F, 3) array of int32 or int64
         Faces of a `Contour`, changed in place.
     """
-    _kernels_refine.resplit(vertices, faces)
+    _kernels_refine.resplit(len(faces) // 2, vertices, faces)
 
 
 def fixed_coordinates(kind: IntArray) -> AnyArray:

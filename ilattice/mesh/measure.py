@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
-from ilattice._validate import read_only
+from ilattice._validate import read_only, seen
 from ilattice.mesh import _kernels_crossings as crossings
 from ilattice.mesh import _kernels_surface as kernels
 
@@ -113,21 +113,27 @@ def self_intersections(
     marked : (F,) array of bool
         Which triangles belong to a pair. Memory meanwhile: 30 bytes per triangle.
     """
+    if len(vertices) < 2**31:  # as in meshes, and read-only, so that there is one kernel
+        faces = faces.astype(np.int32, copy=False)
+    vertices, faces = seen(vertices), seen(faces)
     marked = np.zeros(len(faces), np.bool_)
     if len(faces) == 0:
         return 0, marked
     low = vertices.min(axis=0).astype(np.float64)
     size = max(float((vertices.max(axis=0) - low).max()), np.finfo(np.float64).tiny)
     places = np.empty(len(faces), np.int64)
-    crossings.places(vertices, faces, low, size, places)
+    crossings.places(len(faces), vertices, faces, low, size, places)
     order = np.argsort(places, kind="stable").astype(np.int32 if len(faces) < 2**31 else np.int64)
     del places
     leaves = 1 << max(0, (len(faces) - 1) // crossings.LEAF).bit_length()
     boxes = np.empty((2 * leaves, 6))
-    crossings.fill_leaves(vertices, faces, order, boxes)
+    crossings.fill_leaves(leaves, vertices, faces, order, boxes)
     crossings.fill_nodes(boxes)
     active = np.ones(len(faces), np.bool_) if active is None else active
-    return crossings.mark_crossings(vertices, faces, order, boxes, active, marked), marked
+    pairs = np.zeros(-(-len(faces) // crossings.LEAF), np.int64)
+    tree = vertices, faces, order, boxes, active, bool(active.all())
+    crossings.mark_crossings(len(pairs), *tree, marked, pairs)
+    return int(pairs.sum()), marked
 
 
 def topology(faces: AnyArray, n_vertices: int) -> Topology:

@@ -12,6 +12,7 @@ Non-guarantee: the foot is the global minimiser only as far as the seeds cover t
 import numpy as np
 from numba import njit, prange
 
+from ilattice._kernels import inner
 from ilattice.offsets._kernels_jets import (
     FAST,
     cofactor_normal,
@@ -49,7 +50,7 @@ PLAIN, SQUEEZED_TOO, AROUND = 5, 15, 1.25
 BELOW = 1e-12
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def inside(p, box, margin):
     """Whether p lies in the box and a margin about it, up to rounding."""
     for a in range(3):
@@ -58,7 +59,7 @@ def inside(p, box, margin):
     return True
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def outside(geom, p):
     """Whether p lies beyond an open end of the domain, in the continuation."""
     for a in range(3):
@@ -67,7 +68,7 @@ def outside(geom, p):
     return False
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def reachable(geom, p, q):
     """Whether the foot p counts for the query q: continued feet only for queries next to them."""
     if not outside(geom, p):
@@ -81,7 +82,7 @@ def reachable(geom, p, q):
     return True
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def in_reach(geom, sp, sx, sn, s, x, q):
     """Whether the seed s counts for a query at x, of tile coordinates q."""
     if s < 0 or not reachable(geom, (sp[s, 0], sp[s, 1], sp[s, 2]), q):
@@ -89,7 +90,7 @@ def in_reach(geom, sp, sx, sn, s, x, q):
     return seed_distance(sx, s, x) >= sn[s, 4]
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def unlikely(x, sx, sn, i, h, best):
     """Cheap rejection of a further start: its patch cannot hold a foot nearer than `best`.
 
@@ -109,7 +110,7 @@ def unlikely(x, sx, sn, i, h, best):
     return sn.shape[1] > PLAIN and beside(v, a, sn, i, turn)
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def beside(v, a, sn, i, turn):
     """Whether a point at v from the seed i, a of that along its normal, is beside its cell."""
     t = (v[0] - a * sn[i, 0], v[1] - a * sn[i, 1], v[2] - a * sn[i, 2])
@@ -121,14 +122,14 @@ def beside(v, a, sn, i, turn):
     return False
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def row_near(a, i, j, y, h):
     """Whether the point a[i, j:j+3] is within h of y."""
     d0, d1, d2 = a[i, j] - y[0], a[i, j + 1] - y[1], a[i, j + 2] - y[2]
     return d0 * d0 + d1 * d1 + d2 * d2 < h * h
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def tile_index(geom, axis, p):
     """Number of the tile of a coordinate; the upper end of the domain belongs to the last one."""
     if geom[6 + axis] == 0.0 and p == geom[9 + axis]:
@@ -136,7 +137,7 @@ def tile_index(geom, axis, p):
     return np.floor(p)
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def across(geom, p, q):
     """Whether a crease may lie between p and q: they are in different tiles, which have creases."""
     if geom[14] == 0.0:
@@ -147,7 +148,7 @@ def across(geom, p, q):
     return False
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def piece(geom, p, room):
     """Bounds of the tile of p, less the upper ones, which belong to the next tile, into `room`."""
     for a in range(3):
@@ -156,7 +157,7 @@ def piece(geom, p, room):
         room[1, a] = k + 1.0 - BELOW
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def together(geom, a, i, b, j):
     """Whether the tile coordinates in rows i and j are too close for two sheets that face alike."""
     if across(geom, (a[i, 0], a[i, 1], a[i, 2]), (b[j, 0], b[j, 1], b[j, 2])):
@@ -168,7 +169,7 @@ def together(geom, a, i, b, j):
     )
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def alike(geom, sp, sx, sn, a, b, h):
     """Whether the seeds a and b are within h of each other and on the same side of a wall."""
     if not row_near(sx, a, 0, (sx[b, 0], sx[b, 1], sx[b, 2]), h) or not together(
@@ -178,7 +179,7 @@ def alike(geom, sp, sx, sn, a, b, h):
     return sn[a, 0] * sn[b, 0] + sn[a, 1] * sn[b, 1] + sn[a, 2] * sn[b, 2] > ALIKE
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def tried(geom, sp, sx, sn, idx, row, used, s, h):
     """Whether a start like the seed s has been made; `used` has a bit per candidate."""
     for c in range(idx.shape[1]):
@@ -187,7 +188,7 @@ def tried(geom, sp, sx, sn, idx, row, used, s, h):
     return False
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def store(feet, i, p, y, dist, lam):
     """Fill a foot row."""
     feet[i, 0], feet[i, 1], feet[i, 2] = p[0], p[1], p[2]
@@ -196,7 +197,7 @@ def store(feet, i, p, y, dist, lam):
     feet[i, 7] = lam
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def same_patch(geom, sp, sx, sn, s, x, feet, i, h):
     """Whether the patch of seed s is that of the foot in row i: near to it, and facing x alike.
 
@@ -219,7 +220,7 @@ def same_patch(geom, sp, sx, sn, s, x, feet, i, h):
     return (turn if a > 0.0 else -turn) > 0.7 * feet[i, 6]
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def wanted(geom, sp, sx, sn, idx, row, c, x, feet, seconds, i, used, h):
     """Whether candidate c is worth a start, given the feet found so far."""
     s = idx[row, c]
@@ -232,7 +233,7 @@ def wanted(geom, sp, sx, sn, idx, row, c, x, feet, seconds, i, used, h):
     )
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def slid(geom, orient, m, start, p):
     """Whether an iteration left the domain for p where the map, of jet m, squeezes tiles.
 
@@ -245,7 +246,7 @@ def slid(geom, orient, m, start, p):
     return SQUEEZED * orient * cofactor_normal(m, p)[1] < longest * np.sqrt(longest)
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def accept(
     d0, d1, d2, k0, k1, k2, c, geom, box, clip, orient, p, y, x, q, lam, st, h, feet, seconds, i,
     empty, b, m,
@@ -274,7 +275,7 @@ def accept(
     return 1
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def multi_start(
     d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
     sp, sx, sn, sh, x, q, idx, row, box, clip, orient, tol, feet, seconds, i, status, room,
@@ -292,7 +293,8 @@ def multi_start(
     used = 0
     soft = 1.0
     along = (0.0, 0.0, 0.0)
-    room[:] = box
+    for a in range(3):
+        room[0, a], room[1, a] = box[0, a], box[1, a]
     if status == FALLBACK:
         feet[i, 6] = np.inf
         seconds[i, 6] = np.inf
@@ -356,7 +358,7 @@ def multi_start(
     return starts, iterations, status
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def first_reachable(geom, sp, sx, sn, idx, row, x, q):
     """Nearest candidate that counts for the query x, q, or the nearest one."""
     for a in range(idx.shape[1]):
@@ -398,7 +400,7 @@ def spread(geom, sp, sx, sn, sh, x, q, best, idx, out):
             out[i, 0] = idx[i, 0]
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def seed_distance(sx, s, x):
     """Distance of x to seed s."""
     return np.sqrt((x[0] - sx[s, 0]) ** 2 + (x[1] - sx[s, 1]) ** 2 + (x[2] - sx[s, 2]) ** 2)

@@ -14,6 +14,7 @@ arguments are those of `_kernels_jets`; e0 ... ec is the half-thickness, as a sp
 import numpy as np
 from numba import njit, prange
 
+from ilattice._kernels import inner
 from ilattice.offsets._kernels_hull import solve_small
 from ilattice.offsets._kernels_jets import FAST, map_jet, metric, scratch, tile_jet
 from ilattice.offsets._kernels_newton import lagrangian, lowest
@@ -32,7 +33,7 @@ SMALL = 1e-2
 DAMPING = 1e-4
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def second(m, a, i, j):
     """Second derivative i, j of row a of a jet."""
     if i == j:
@@ -40,13 +41,13 @@ def second(m, a, i, j):
     return m[a, 10 - i - j]
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def column(m, i, v):
     """v' times column i of the Jacobian of a jet."""
     return v[0] * m[0, 1 + i] + v[1] * m[1, 1 + i] + v[2] * m[2, 1 + i]
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def look(space, less, p, feet, m, work):
     """Jets of the map and of the half-thickness at a point, and of map and tile at its m feet.
 
@@ -54,24 +55,24 @@ def look(space, less, p, feet, m, work):
     unit of its values means nothing.
     """
     b, x, tab, h, taken, f, t, unit = work
-    map_jet(*space[:8], (p[0], p[1], p[2]), 2, b, x)  # type: ignore[call-arg]
-    map_jet(*less, (p[0], p[1], p[2]), 2, taken, h)  # type: ignore[call-arg]
+    map_jet(*space[:8], (p[0], p[1], p[2]), 2, b, x)
+    map_jet(*less, (p[0], p[1], p[2]), 2, taken, h)
     for i in range(m):
         at = (feet[i, 0], feet[i, 1], feet[i, 2])
-        map_jet(*space[:8], at, 2, b, f[i])  # type: ignore[call-arg]
-        tile_jet(*space[7:], at, b, t[i], tab)  # type: ignore[call-arg]
+        map_jet(*space[:8], at, 2, b, f[i])
+        tile_jet(*space[7:], at, b, t[i], tab)
         if unit[i] == 0.0:
             unit[i] = np.sqrt(t[i, 1] ** 2 + t[i, 2] ** 2 + t[i, 3] ** 2)
         t[i] /= unit[i]
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def away(x, f):
     """From a point to its foot, from their jets."""
     return f[0, 0] - x[0, 0], f[1, 0] - x[1, 0], f[2, 0] - x[2, 0]
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def estimate(m, work, weights, length, mult):
     """First multipliers of feet; the mean of the distances to them, less the half-thickness."""
     _, x, _, h, _, f, t, _ = work
@@ -88,7 +89,7 @@ def estimate(m, work, weights, length, mult):
     return common
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def add_foot(a, y, i, m, x, f, t, h, weight, mult, common, length, held):
     """Add the equations of foot i of m: jets x of the map at the point and f at the foot, t, h."""
     o, q, n = 3 + 4 * i, 3 + 4 * m + i, 3 + 5 * m
@@ -126,7 +127,7 @@ def add_foot(a, y, i, m, x, f, t, h, weight, mult, common, length, held):
                 a[j, k] += weight * inner / length
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def assemble(a, y, m, work, weights, mult, common, length, held):
     """Equations of a point and its m feet."""
     _, x, _, h, _, f, t, _ = work
@@ -142,7 +143,7 @@ def assemble(a, y, m, work, weights, mult, common, length, held):
             a[j, j] = 1.0
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def solved(a, y, m, work, weights, mult, common, length, held):
     """Whether all equations are, those too that a step leaves out as their pivots are none."""
     assemble(a, y, m, work, weights, mult, common, length, held)
@@ -152,7 +153,7 @@ def solved(a, y, m, work, weights, mult, common, length, held):
     return most < LEFT
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def too_long(y, m):
     """Size of a step, in tiles, and by what factor it is longer than is allowed, or 1."""
     point, feet = 0.0, 0.0
@@ -163,7 +164,7 @@ def too_long(y, m):
     return max(point, feet), max(1.0, point / LONGEST, feet / WANDER)
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def solve_damped(a, y, n, square, right):
     """Short solution of the first n equations a x = y, in y: of least residual and x together."""
     for i in range(n):
@@ -179,7 +180,7 @@ def solve_damped(a, y, n, square, right):
     y[:n] = right[:n]
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def move(y, m, p, feet, weights, mult):
     """Subtract a step from all unknowns but the common value."""
     for j in range(3):
@@ -191,7 +192,7 @@ def move(y, m, p, feet, weights, mult):
         weights[i] -= y[3 + 4 * m + i]
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def lowest_of_feet(m, work, mult, square):
     """Least eigenvalue of `lowest` at m feet."""
     _, x, _, _, _, f, t, _ = work
@@ -201,7 +202,7 @@ def lowest_of_feet(m, work, mult, square):
     return low
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def solve(
     space, less, p, feet, weights, m, held, reach, damping, work, a, y, square, right, mult
 ):  # fmt: skip

@@ -6,12 +6,14 @@ Guarantee: nothing is allocated per set of vectors. Non-guarantee: arguments are
 import numpy as np
 from numba import njit, prange
 
+from ilattice._kernels import inner
+
 CHUNK = 64
 #: Most vectors that join a mean, and weights, gains and pivots that are none.
 ROUNDS, NOTHING = 64, 1e-12
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def solve_small(a, y, n, nothing):
     """Solve the first n equations a x = y in place, with pivots; returns the smallest of these.
 
@@ -46,7 +48,7 @@ def solve_small(a, y, n, nothing):
     return smallest
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def settle(vectors, active, share, count, a, y):
     """Weights of least mean over the affine hull of active vectors, less those that would be < 0.
 
@@ -80,7 +82,7 @@ def settle(vectors, active, share, count, a, y):
         count = kept
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def shortest(vectors, first, last, active, share, mean, a, y):
     """Weights >= 0 of sum 1 of rows first to last whose weighted mean is shortest (Wolfe 1976).
 
@@ -120,7 +122,7 @@ def shortest(vectors, first, last, active, share, mean, a, y):
     return count
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def heaviest_first(active, share, count, rows, weights):
     """The rows with the largest of `count` shares into rows (m,), these into weights (m,)."""
     for place in range(min(count, len(rows))):

@@ -19,8 +19,8 @@ Guarantee: nothing is allocated per point. Non-guarantee: arguments are not chec
 """
 
 import numpy as np
-from numba import njit
 
+from ilattice._kernels import inner
 from ilattice.bspline._kernels import basis, contract1, contract2, width
 from ilattice.tiles._kernels import trig_jet, trig_tab
 
@@ -31,20 +31,20 @@ FAST = {"contract", "nsz", "arcp", "reassoc"}
 UPRIGHT, STEPS, BESIDE = 0.2, 4, 0.25
 
 
-@njit(cache=True)
+@inner()
 def scratch(factor, c, k0, k1, k2, q0, q1, q2):
     """Work arrays of one thread: basis functions, map jet, tile jet, trigonometric table."""
     k = max(width(k0, k1, k2), width(q0, q1, q2))
     return np.zeros((3, 3, k)), np.zeros((c.shape[0], 10)), np.zeros(10), trig_tab(factor)
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def wrap(x, lo, length):
     """x moved by whole lengths into [lo, lo + length)."""
     return x - length * np.floor((x - lo) / length)
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy", forceinline=True)
+@inner(fastmath=FAST, error_model="numpy", forceinline=True)
 def parameter(geom, axis, p):
     """Parameter of a tile coordinate, wrapped in a closed direction."""
     if geom[6 + axis] != 0.0:
@@ -52,7 +52,7 @@ def parameter(geom, axis, p):
     return geom[axis] + p * geom[3 + axis]
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy", forceinline=True)
+@inner(fastmath=FAST, error_model="numpy", forceinline=True)
 def map_jet(d0, d1, d2, k0, k1, k2, c, geom, p, order, b, m):
     """Map jet in tile coordinates into m (3, 10): rational maps divided through."""
     i0 = basis(d0, k0, parameter(geom, 0, p[0]), order, b, 0)
@@ -82,7 +82,7 @@ def map_jet(d0, d1, d2, k0, k1, k2, c, geom, p, order, b, m):
         divide(m, order)
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def divide(m, order):
     """Quotient rule on homogeneous jets, the weight in the last row."""
     w = m.shape[0] - 1
@@ -100,7 +100,7 @@ def divide(m, order):
                 ) * inv
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy", forceinline=True)
+@inner(fastmath=FAST, error_model="numpy", forceinline=True)
 def in_tile(geom, axis, p):
     """Coordinate for the spline of the tiles: within one tile, or, of kind 2, within the lattice.
 
@@ -113,7 +113,7 @@ def in_tile(geom, axis, p):
     return p - np.floor(p)
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy", forceinline=True)
+@inner(fastmath=FAST, error_model="numpy", forceinline=True)
 def tile_jet(geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc, p, b, t, tab):
     """Tile jet in tile coordinates into t (10,): f, gradient, xx, yy, zz, yz, xz, xy."""
     if geom[13] == 0.0:
@@ -127,7 +127,7 @@ def tile_jet(geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc, p, b, t, tab
         )
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def sym(h, a, b):
     """a' H b with H as xx, yy, zz, yz, xz, xy and vectors as tuples."""
     return (
@@ -140,7 +140,7 @@ def sym(h, a, b):
     )
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def metric(m):
     """J'J from a map jet, as xx, yy, zz, yz, xz, xy."""
     return (
@@ -153,7 +153,7 @@ def metric(m):
     )
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def solve_sym(h, b):
     """Solution of H x = b for a 3 x 3 symmetric H, and whether H is regular."""
     c00 = h[1] * h[2] - h[3] * h[3]
@@ -173,7 +173,7 @@ def solve_sym(h, b):
     ), True
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def cofactor_normal(m, g):
     """Normal cof(J) g = det(J) J^-T g of the image, from a map jet and a parameter gradient."""
     a = (
@@ -198,7 +198,7 @@ def cofactor_normal(m, g):
     return (n0, n1, n2), det
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def upright(d0, d1, d2, k0, k1, k2, c, geom, orient, p, y, away, b, m):
     """Whether the continuation of the map counts at p, beyond an open end of the domain.
 
@@ -222,13 +222,13 @@ def upright(d0, d1, d2, k0, k1, k2, c, geom, orient, p, y, away, b, m):
     return True
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def at_end(geom, axis, p):
     """Tile coordinate of the domain next to p; p itself in a closed direction."""
     return p if geom[6 + axis] != 0.0 else min(max(p, 0.0), geom[9 + axis])
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def tangents(g, fixed):
     """Two vectors that span the null space of g among the free directions (zero if fewer).
 

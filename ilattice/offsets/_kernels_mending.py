@@ -1,18 +1,21 @@
 """Compiled comparison of feet with those of neighbouring queries."""
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
+
+from ilattice._kernels import in_ranges
 
 
-@njit(cache=True, parallel=True, error_model="numpy")
-def compare(x, foot, least, strides, best, pick):
+@in_ranges(4096)
+@njit(cache=True, nogil=True, error_model="numpy")
+def compare(first, last, x, foot, least, strides, best, pick):
     """Nearest foot (n, 3) of neighbours for the queries x (n, 3), where it is nearer than `best`.
 
     Queries are compared with those `strides` rows before and behind. Where a foot is nearer than
     best[i] less `least`, `best` becomes its distance, and pick[i] its row.
     """
     n = len(x)
-    for i in prange(n):
+    for i in range(first, last):
         b = best[i] - least[i]
         for s in strides:
             j = i + s

@@ -12,8 +12,8 @@ Non-guarantee: which local minimum. The arguments are those of `_kernels_jets`.
 """
 
 import numpy as np
-from numba import njit
 
+from ilattice._kernels import inner
 from ilattice.offsets._kernels_jets import FAST, map_jet, metric, solve_sym, sym, tangents, tile_jet
 
 MAX_ITERATIONS = 30
@@ -27,7 +27,7 @@ FAILED = 3
 WORSE = 4
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def tangent_step(h, gm, z0, z1, b, floor):
     """Minimiser y of 1/2 y'(Z'HZ)y - b'y in the plane (z0, z1).
 
@@ -60,7 +60,7 @@ def tangent_step(h, gm, z0, z1, b, floor):
     return (y0 * z0[0] + y1 * z1[0], y0 * z0[1] + y1 * z1[1], y0 * z0[2] + y1 * z1[2]), low
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def lagrangian(gm, m, t, r, lam):
     """Hessian of the Lagrangian: J'J + sum_c r_c Hess(T_c) + lambda Hess(I)."""
     return (
@@ -73,7 +73,7 @@ def lagrangian(gm, m, t, r, lam):
     )
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def soft_direction(m, t, x, lam, low, fixed):
     """Direction, of unit length in space, in which the distance grows least about a foot.
 
@@ -94,7 +94,7 @@ def soft_direction(m, t, x, lam, low, fixed):
     return (s * d[0], s * d[1], s * d[2])
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def kkt_step(m, t, r, lam, first, fixed, floor):
     """One Newton step: step, new multiplier, |J step|, and the eigenvalue of `tangent_step`."""
     gm = metric(m)
@@ -134,7 +134,7 @@ def kkt_step(m, t, r, lam, first, fixed, floor):
     return d, new, np.sqrt(max(sym(gm, d, d), 0.0)), low
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def active_set(p, box, jr, t, lam, clip):
     """Directions held at a bound that the gradient of the Lagrangian pushes against."""
     if not clip:
@@ -150,7 +150,7 @@ def active_set(p, box, jr, t, lam, clip):
     )
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def held_back(p, box, jr, t, lam, fixed):
     """Whether a direction is held that the new multiplier would let go, into the box."""
     for a in range(3):
@@ -163,7 +163,7 @@ def held_back(p, box, jr, t, lam, fixed):
     return False
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def at_bounds(p, d, box, fixed):
     """Whether a direction is held, or the step d ends outside the box."""
     for a in range(3):
@@ -172,7 +172,7 @@ def at_bounds(p, d, box, fixed):
     return False
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def vertex_foot(p, box, jr, t):
     """Whether p, on an edge or at a corner of the box, is a local minimum, and a multiplier.
 
@@ -203,7 +203,7 @@ def vertex_foot(p, box, jr, t):
     return True, low if low > -np.inf else high if high < np.inf else 0.0
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def lowest(m, t, r, lam):
     """Lowest eigenvalue of the Hessian over the whole tangent plane, bounds or no bounds."""
     gm = metric(m)
@@ -211,7 +211,7 @@ def lowest(m, t, r, lam):
     return tangent_step(lagrangian(gm, m, t, r, lam), gm, z0, z1, (0.0, 0.0, 0.0), 0.0)[1]
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def curvature(m, t, normal, lam, gm):
     """Largest principal curvature of the image of I = const, up to sign, in the metric gm.
 
@@ -227,7 +227,7 @@ def curvature(m, t, normal, lam, gm):
     return max(abs(a), abs(b))
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def clamp(p, box):
     """Point of the box next to p."""
     return (
@@ -237,7 +237,7 @@ def clamp(p, box):
     )
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def leave(m, t, x, lam, low, p, h, fixed, box, clip):
     """Point next to a saddle p, downhill and in the box."""
     d = soft_direction(m, t, x, lam, low, fixed)
@@ -250,14 +250,14 @@ def leave(m, t, x, lam, low, p, h, fixed, box, clip):
     return a if lost <= abs(b[0] - back[0]) + abs(b[1] - back[1]) + abs(b[2] - back[2]) else b
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def near(a, b, h):
     """Whether two points are within h."""
     d0, d1, d2 = a[0] - b[0], a[1] - b[1], a[2] - b[2]
     return d0 * d0 + d1 * d1 + d2 * d2 < h * h
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def abandon(m, r, size, low, best, h):
     """Whether an iteration heads for the known foot, or for one that is farther away.
 
@@ -273,7 +273,7 @@ def abandon(m, r, size, low, best, h):
     return size < 0.3 * h and low >= SADDLE and dist - 2.0 * size > best[3] + 0.1 * h
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def settled(size, last, d, dist, it, h, tol):
     """Whether the step d, of length `size` in space after one of length `last`, is the last one.
 
@@ -293,7 +293,7 @@ def settled(size, last, d, dist, it, h, tol):
     return size * size * size <= tol * sharp * last * last
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def newton(
     d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
     x, start, best, box, clip, h, tol, b, m, t, tab,

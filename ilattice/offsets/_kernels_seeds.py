@@ -4,8 +4,9 @@ Guarantee: the same result for any number of threads.
 """
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
+from ilattice._kernels import in_ranges, inner
 from ilattice.offsets._kernels import AROUND, CHUNK, PLAIN, outside, seed_distance
 from ilattice.offsets._kernels_jets import (
     BESIDE,
@@ -20,44 +21,39 @@ from ilattice.offsets._kernels_jets import (
 from ilattice.offsets._kernels_newton import MAX_ITERATIONS, curvature
 
 
-@njit(cache=True, parallel=True, error_model="numpy")
+@in_ranges(CHUNK)
+@njit(cache=True, nogil=True, error_model="numpy")
 def project(
-    d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
+    first, last, d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
     p, fixed, limit, travel,
 ):  # fmt: skip
     """Move points p (n, 3), in place, onto I = 0 along grad I; the distance moved, or inf."""
-    n = len(p)
-    for chunk in prange((n + CHUNK - 1) // CHUNK):
-        b, m, t, tab = scratch(factor, c, k0, k1, k2, q0, q1, q2)
-        for i in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
-            x0, x1, x2 = p[i, 0], p[i, 1], p[i, 2]
-            travel[i] = np.inf
-            for _ in range(MAX_ITERATIONS):
-                tile_jet(
-                    geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc, (x0, x1, x2), b, t, tab
-                )
-                g0 = t[1] * (1 - fixed[i, 0])
-                g1 = t[2] * (1 - fixed[i, 1])
-                g2 = t[3] * (1 - fixed[i, 2])
-                gg = g0 * g0 + g1 * g1 + g2 * g2
-                if not gg > 0.0:
-                    break
-                s = -t[0] / gg
-                size = abs(s) * np.sqrt(gg)
-                if size > limit:
-                    s *= limit / size
-                x0 += s * g0
-                x1 += s * g1
-                x2 += s * g2
-                if size < 1e-13:
-                    travel[i] = np.sqrt(
-                        (x0 - p[i, 0]) ** 2 + (x1 - p[i, 1]) ** 2 + (x2 - p[i, 2]) ** 2
-                    )
-                    p[i, 0], p[i, 1], p[i, 2] = x0, x1, x2
-                    break
+    b, m, t, tab = scratch(factor, c, k0, k1, k2, q0, q1, q2)
+    for i in range(first, last):
+        x0, x1, x2 = p[i, 0], p[i, 1], p[i, 2]
+        travel[i] = np.inf
+        for _ in range(MAX_ITERATIONS):
+            tile_jet(geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc, (x0, x1, x2), b, t, tab)
+            g0 = t[1] * (1 - fixed[i, 0])
+            g1 = t[2] * (1 - fixed[i, 1])
+            g2 = t[3] * (1 - fixed[i, 2])
+            gg = g0 * g0 + g1 * g1 + g2 * g2
+            if not gg > 0.0:
+                break
+            s = -t[0] / gg
+            size = abs(s) * np.sqrt(gg)
+            if size > limit:
+                s *= limit / size
+            x0 += s * g0
+            x1 += s * g1
+            x2 += s * g2
+            if size < 1e-13:
+                travel[i] = np.sqrt((x0 - p[i, 0]) ** 2 + (x1 - p[i, 1]) ** 2 + (x2 - p[i, 2]) ** 2)
+                p[i, 0], p[i, 1], p[i, 2] = x0, x1, x2
+                break
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def squeezed(m, det, cell, out):
     """Fill in by rows the matrix that takes space to cells, and how far these bend away from that.
 
@@ -82,7 +78,7 @@ def squeezed(m, det, cell, out):
     return False
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def sagitta(m, cell):
     """How far the image of the cells that a seed stands for bends away from a parallelepiped."""
     out = 0.0
@@ -95,9 +91,10 @@ def sagitta(m, cell):
     return 0.5 * AROUND * AROUND * np.sqrt(out)
 
 
-@njit(cache=True, parallel=True, fastmath=FAST, error_model="numpy")
+@in_ranges(CHUNK)
+@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
 def place_seeds(
-    d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
+    first, last, d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
     p, cell, x, normal, spacing, det,
 ):  # fmt: skip
     """Image (n, 3), normal (n, 5), size of the image of a cell, and det J at points p (n, 3).
@@ -105,34 +102,32 @@ def place_seeds(
     Normals are those along which I grows, whatever the orientation of the map, followed by the
     largest curvature times that size, and how far away queries must be, see `upright`.
     """
-    n = len(p)
-    for chunk in prange((n + CHUNK - 1) // CHUNK):
-        b, m, t, tab = scratch(factor, c, k0, k1, k2, q0, q1, q2)
-        for i in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
-            pi = (p[i, 0], p[i, 1], p[i, 2])
-            end = (at_end(geom, 0, pi[0]), at_end(geom, 1, pi[1]), at_end(geom, 2, pi[2]))
-            map_jet(d0, d1, d2, k0, k1, k2, c, geom, end, 1, b, m)
-            x[i, 0], x[i, 1], x[i, 2] = m[0, 0], m[1, 0], m[2, 0]
-            map_jet(d0, d1, d2, k0, k1, k2, c, geom, pi, 2, b, m)
-            tile_jet(geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc, pi, b, t, tab)
-            v, det[i] = cofactor_normal(m, (t[1], t[2], t[3]))
-            s = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]) + 1e-300
-            s = s if det[i] > 0.0 else -s
-            v = (v[0] / s, v[1] / s, v[2] / s)
-            big = 0.0
-            way = seed_distance(x, i, (m[0, 0], m[1, 0], m[2, 0]))
-            normal[i, 4] = BESIDE * way if outside(geom, pi) else 0.0
-            for a in range(3):
-                x[i, a] = m[a, 0]
-                normal[i, a] = v[a]
-                size = m[0, a + 1] ** 2 + m[1, a + 1] ** 2 + m[2, a + 1] ** 2
-                big = max(big, size * cell[i, a] ** 2)
-            spacing[i] = np.sqrt(big)
-            bent = curvature(m, t, v, abs(det[i] / s), metric(m))
-            normal[i, 3] = spacing[i] * bent
-            if normal.shape[1] > PLAIN:
-                of = cell[i]
-                cells = (of[0] ** -2, of[1] ** -2, of[2] ** -2, 0.0, 0.0, 0.0)
-                sag = curvature(m, t, v, abs(det[i] / s), cells)
-                if squeezed(m, det[i], of, normal[i, PLAIN:]):
-                    normal[i, 3] = min(normal[i, 3], np.sqrt(bent * sag))
+    b, m, t, tab = scratch(factor, c, k0, k1, k2, q0, q1, q2)
+    for i in range(first, last):
+        pi = (p[i, 0], p[i, 1], p[i, 2])
+        end = (at_end(geom, 0, pi[0]), at_end(geom, 1, pi[1]), at_end(geom, 2, pi[2]))
+        map_jet(d0, d1, d2, k0, k1, k2, c, geom, end, 1, b, m)
+        x[i, 0], x[i, 1], x[i, 2] = m[0, 0], m[1, 0], m[2, 0]
+        map_jet(d0, d1, d2, k0, k1, k2, c, geom, pi, 2, b, m)
+        tile_jet(geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc, pi, b, t, tab)
+        v, det[i] = cofactor_normal(m, (t[1], t[2], t[3]))
+        s = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]) + 1e-300
+        s = s if det[i] > 0.0 else -s
+        v = (v[0] / s, v[1] / s, v[2] / s)
+        big = 0.0
+        way = seed_distance(x, i, (m[0, 0], m[1, 0], m[2, 0]))
+        normal[i, 4] = BESIDE * way if outside(geom, pi) else 0.0
+        for a in range(3):
+            x[i, a] = m[a, 0]
+            normal[i, a] = v[a]
+            size = m[0, a + 1] ** 2 + m[1, a + 1] ** 2 + m[2, a + 1] ** 2
+            big = max(big, size * cell[i, a] ** 2)
+        spacing[i] = np.sqrt(big)
+        bent = curvature(m, t, v, abs(det[i] / s), metric(m))
+        normal[i, 3] = spacing[i] * bent
+        if normal.shape[1] > PLAIN:
+            of = cell[i]
+            cells = (of[0] ** -2, of[1] ** -2, of[2] ** -2, 0.0, 0.0, 0.0)
+            sag = curvature(m, t, v, abs(det[i] / s), cells)
+            if squeezed(m, det[i], of, normal[i, PLAIN:]):
+                normal[i, 3] = min(normal[i, 3], np.sqrt(bent * sag))

@@ -233,7 +233,7 @@ class ClosestPointSearch(TileSpace):
             np.empty((len(p), 3)), np.empty((len(p), self._columns)), np.empty(len(p)),
             np.empty(len(p)),
         )  # fmt: skip
-        _kernels_seeds.place_seeds(*self.space, p, cell, x, normal, spacing, det)
+        _kernels_seeds.place_seeds(len(p), *self.space, p, cell, x, normal, spacing, det)
         if self.creased:
             near = (np.abs(p - np.rint(p)) <= CREASED * cell).any(axis=1)
             normal[near, 3] = np.inf

@@ -61,9 +61,8 @@ def mended(
     for _ in range(ROUNDS):
         best = np.abs(feet[0, :, 6])
         pick = np.full(len(x), -1)
-        _kernels_mending.compare(
-            x, feet[0, :, 3:6], _least(search, best), both, best, pick
-        )  # fmt: skip
+        mine = feet[0, :, 3:6], _least(search, best)
+        _kernels_mending.compare(len(x), x, *mine, both, best, pick)
         at = np.flatnonzero(pick >= 0)
         start = feet[0, pick[at], :3]
         fits = _reachable(search, start, p[at])
@@ -118,7 +117,7 @@ def _restart(
     normal = np.empty((n, search.seeds[2].shape[1]))
     cell = np.full((n, 3), search.cell)
     place: Any = _kernels_seeds.place_seeds
-    place(*search.space, start, cell, y, normal, spacing, det)
+    place(n, *search.space, start, cell, y, normal, spacing, det)
     new, counts = np.full((2, n, 8), np.nan), np.zeros((n, 2), np.int64)
     state = np.full(n, _kernels_newton.FALLBACK, np.int64)
     number = np.arange(n)[:, None]

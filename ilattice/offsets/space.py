@@ -132,7 +132,7 @@ class TileSpace:
         moved = np.empty(len(p))
         fixed = np.zeros((len(p), 3)) if fixed is None else fixed
         project: Any = _kernels_seeds.project
-        project(*self.space, p, fixed, 0.5 / float(np.min(m)), moved)
+        project(len(p), *self.space, p, fixed, 0.5 / float(np.min(m)), moved)
         return p[moved <= 1.2 / float(np.min(m))]
 
     def on_surface(self, p: FloatArray) -> tuple[FloatArray, AnyArray]:
@@ -151,7 +151,7 @@ class TileSpace:
         out = as_points("p", p).copy()
         moved = np.empty(len(out))
         project: Any = _kernels_seeds.project
-        project(*self.space, out, np.zeros((len(out), 3)), 0.1, moved)
+        project(len(out), *self.space, out, np.zeros((len(out), 3)), 0.1, moved)
         return out, np.isfinite(moved)
 
 

@@ -13,6 +13,8 @@ digits.
 import numpy as np
 from numba import njit, prange
 
+from ilattice._kernels import inner
+
 FAST = {"contract", "nsz"}
 CHUNK = 256
 LEAF = 4
@@ -55,7 +57,7 @@ def build(lo, hi, order, box, link):
     return nodes
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def enclose(lo, hi, order, begin, end, out):
     """Box of the triangles order[begin:end]."""
     out[:3], out[3:] = np.inf, -np.inf
@@ -65,14 +67,14 @@ def enclose(lo, hi, order, begin, end, out):
             out[3 + a] = max(out[3 + a], hi[order[i], a])
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def half_area(b):
     """Half the surface of a box."""
     x, y, z = b[3] - b[0], b[4] - b[1], b[5] - b[2]
     return x * y + y * z + z * x
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def split(lo, hi, order, begin, end, depth, spare):
     """Partition order[begin:end] where the expected cost is least; returns the boundary."""
     axis, first, width = widest(lo, hi, order, begin, end)
@@ -102,7 +104,7 @@ def split(lo, hi, order, begin, end, depth, spare):
     return left
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def widest(lo, hi, order, begin, end):
     """Axis along which doubled centres spread most, their least value and their spread."""
     axis, first, width = 0, 0.0, -1.0
@@ -116,13 +118,13 @@ def widest(lo, hi, order, begin, end):
     return axis, first, width
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def bin_of(centre, first, width):
     """Bin of a doubled centre; the least one is in the first bin, the largest in the last."""
     return min(BINS - 1, int(BINS * ((centre - first) / width)))
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def cheapest(counts, boxes):
     """Number of bins that go to the left; both sides get some."""
     above = np.empty(BINS)
@@ -179,7 +181,7 @@ def dipoles(box, link, tri, area, out):
 # --- nearest triangle -------------------------------------------------------------------------
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def box_square(box, i, x, y, z):
     """Squared distance to a box."""
     u = max(max(box[i, 0] - x, x - box[i, 3]), 0.0)
@@ -188,7 +190,7 @@ def box_square(box, i, x, y, z):
     return u * u + v * v + w * w
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def segment(px, py, pz, ex, ey, ez):
     """Where on the segment from 0 to e the point nearest to p lies, 0 to 1, and how far squared."""
     ee = ex * ex + ey * ey + ez * ez
@@ -201,7 +203,7 @@ def segment(px, py, pz, ex, ey, ez):
     return t, px * px + py * py + pz * pz
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def triangle(tri, k, x, y, z, bound):
     """Squared distance to triangle k, the feature that is nearest, and the place on its edge.
 
@@ -244,20 +246,20 @@ def triangle(tri, k, x, y, z, bound):
     return best, feature, place
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def rounding(x, y, z, scale):
     """How far a computed distance from a point may be off; `scale` is that of the coordinates."""
     return 1e-15 * (scale + abs(x) + abs(y) + abs(z))
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def widened(square, slack):
     """Squared distance up to which boxes must be opened, in spite of rounding."""
     d = np.sqrt(square) + slack
     return d * d * (1.0 + 1e-14)
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def nearest(box, link, tri, number, x, y, z, k, scale, nodes, squares):
     """Nearest triangle (its place in the tree), its squared distance, feature and place.
 
@@ -292,7 +294,7 @@ def nearest(box, link, tri, number, x, y, z, k, scale, nodes, squares):
     return k, best, feature, place
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def foot_of(tri, k, feature, place, x, y, z, out):
     """The nearest point of triangle k, and the signed height above its plane."""
     h = tri[k, 9] * (x - tri[k, 0]) + tri[k, 10] * (y - tri[k, 1]) + tri[k, 11] * (z - tri[k, 2])
@@ -308,7 +310,7 @@ def foot_of(tri, k, feature, place, x, y, z, out):
     return h
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def pseudonormal(tri, k, feature, twin, corners, normals, out):
     """Angle-weighted normal of a feature, any length; zero where a flat triangle spoils it."""
     if feature == FACE:
@@ -365,7 +367,7 @@ def sides_by_normals(
             side[i] = turn if along > clear else (-turn if along < -clear else 0)
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def solid_angle(tri, k, x, y, z):
     """Signed solid angle of a triangle seen from a point, positive from inside."""
     ax, ay, az = tri[k, 0] - x, tri[k, 1] - y, tri[k, 2] - z
@@ -383,7 +385,7 @@ def solid_angle(tri, k, x, y, z):
     return 2.0 * np.arctan2(volume, a * b * c + ab * c + bc * a + ca * b)
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def winding(box, link, tri, moment, x, y, z, far, nodes):
     """Generalised winding number of a point; nodes beyond `far` radii count as dipoles."""
     nodes[0] = 0
@@ -502,7 +504,7 @@ def vertex_normals(vertices, faces, normals, out):
             out[i] = 0.0
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def orientation(a, b, c, d):
     """Sign of the volume of a tetrahedron, 0 where rounding might decide it."""
     u0, u1, u2 = a[0] - d[0], a[1] - d[1], a[2] - d[2]
@@ -521,7 +523,7 @@ def orientation(a, b, c, d):
     return 1 if volume > error else (-1 if volume < -error else 0)
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def pierces(p, q, t):
     """Whether the segment p q goes through the inside of the triangle t (9 numbers), surely."""
     a, b, c = t[0:3], t[3:6], t[6:9]
@@ -554,7 +556,7 @@ def crossings(box, link, tri, corners):
     return out
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def edge_crosses(box, link, tri, corners, i, j, p, q, nodes):
     """Whether the edge from p (vertex i) to q (vertex j) goes through a triangle without i or j."""
     nodes[0] = 0

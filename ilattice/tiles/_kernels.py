@@ -13,7 +13,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
+
+from ilattice._kernels import in_ranges, inner
 
 CHUNK = 1024
 # Without "reassoc": sums over a few terms must not be vectorised, and keep their order.
@@ -28,7 +30,7 @@ _S1, _S2, _S3, _S4, _S5, _S6, _S7 = _S[1:]
 _C1, _C2, _C3, _C4, _C5, _C6, _C7, _C8 = _C[1:]
 
 
-@njit(cache=True, fastmath={"contract", "nsz"})
+@inner(fastmath={"contract", "nsz"})
 def sincos_turns(t: float) -> Any:
     """Sine and cosine of ``2 pi t``, within about one unit in the last place."""
     q = np.rint(4.0 * t)
@@ -50,7 +52,7 @@ def sincos_turns(t: float) -> Any:
     return s, c
 
 
-@njit(cache=True)
+@inner()
 def trig_tab(factor: Any) -> Any:
     """Scratch for `trig_jet`, to be allocated once per chunk: shape (3, 2 H + 1, 3).
 
@@ -83,7 +85,7 @@ def _axis_table(tab: Any, axis: int, w: float, x: float) -> None:
         hw += w
 
 
-@njit(cache=True, fastmath=FAST)
+@inner(fastmath=FAST)
 def trig_jet(
     coef: Any,
     factor: Any,
@@ -141,7 +143,7 @@ def trig_jet(
     out[7], out[8], out[9] = hyz, hxz, hxy
 
 
-@njit(cache=True, fastmath=FAST)
+@inner(fastmath=FAST)
 def trig_value(
     coef: Any, factor: Any, two_pi_over_period: Any, x: float, y: float, z: float, tab: Any
 ) -> float:
@@ -168,35 +170,29 @@ def _axis_values(tab: Any, axis: int, w: float, x: float) -> None:
         s, c = s * c1 + c * s1, c * c1 - s * s1
 
 
-@njit(cache=True)
-def _values(coef: Any, factor: Any, w: Any, p: Any, i0: int, i1: int, out: Any) -> None:
+@in_ranges(CHUNK)
+@njit(cache=True, nogil=True, error_model="numpy")
+def _values(first: int, last: int, coef: Any, factor: Any, w: Any, p: Any, out: Any) -> None:
     tab = trig_tab(factor)
-    for i in range(i0, i1):
+    for i in range(first, last):
         out[i] = trig_value(coef, factor, w, p[i, 0], p[i, 1], p[i, 2], tab)
-
-
-@njit(cache=True, parallel=True)
-def _values_parallel(coef: Any, factor: Any, w: Any, p: Any, out: Any) -> None:
-    n = p.shape[0]
-    for block in prange((n + CHUNK - 1) // CHUNK):
-        _values(coef, factor, w, p, block * CHUNK, min(n, block * CHUNK + CHUNK), out)
 
 
 def values(coef: Any, factor: Any, w: Any, p: Any) -> Any:
     """Values, shape (n,), at points ``p`` (n, 3)."""
     out = np.empty(len(p))
-    if len(p) <= CHUNK:
-        _values(coef, factor, w, p, 0, len(p), out)
-    else:
-        _values_parallel(coef, factor, w, p, out)
+    _values(len(p), coef, factor, w, p, out)
     return out
 
 
-@njit(cache=True)
-def _jets(coef: Any, factor: Any, w: Any, p: Any, i0: int, i1: int, f: Any, g: Any, h: Any) -> None:
+@in_ranges(CHUNK)
+@njit(cache=True, nogil=True, error_model="numpy")
+def _jets(
+    first: int, last: int, coef: Any, factor: Any, w: Any, p: Any, f: Any, g: Any, h: Any
+) -> None:
     tab = trig_tab(factor)
     out = np.empty(10)
-    for i in range(i0, i1):
+    for i in range(first, last):
         trig_jet(coef, factor, w, p[i, 0], p[i, 1], p[i, 2], tab, out)
         f[i] = out[0]
         g[i, 0], g[i, 1], g[i, 2] = out[1], out[2], out[3]
@@ -206,19 +202,9 @@ def _jets(coef: Any, factor: Any, w: Any, p: Any, i0: int, i1: int, f: Any, g: A
         h[i, 0, 1] = h[i, 1, 0] = out[9]
 
 
-@njit(cache=True, parallel=True)
-def _jets_parallel(coef: Any, factor: Any, w: Any, p: Any, f: Any, g: Any, h: Any) -> None:
-    n = p.shape[0]
-    for block in prange((n + CHUNK - 1) // CHUNK):
-        _jets(coef, factor, w, p, block * CHUNK, min(n, block * CHUNK + CHUNK), f, g, h)
-
-
 def jets(coef: Any, factor: Any, w: Any, p: Any) -> Any:
     """Values (n,), gradients (n, 3) and Hessians (n, 3, 3) at points ``p``."""
     n = len(p)
     f, g, h = np.empty(n), np.empty((n, 3)), np.empty((n, 3, 3))
-    if n <= CHUNK:
-        _jets(coef, factor, w, p, 0, n, f, g, h)
-    else:
-        _jets_parallel(coef, factor, w, p, f, g, h)
+    _jets(n, coef, factor, w, p, f, g, h)
     return f, g, h

@@ -16,7 +16,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
+
+from ilattice._kernels import inner
 
 # Without "reassoc": sums over a few terms keep their order.
 FAST = {"contract", "nsz", "arcp"}
@@ -30,7 +31,7 @@ EPS = 8e-15
 SHORTEST = 1e-9
 
 
-@njit(cache=True, fastmath=FAST)
+@inner(fastmath=FAST)
 def _load(data: Any, start: int, step: int, n: int, x: float, y: float, z: float, out: Any) -> None:
     """Bézier points, `step` apart, relative to the query."""
     for i in range(n):
@@ -43,7 +44,7 @@ def _load(data: Any, start: int, step: int, n: int, x: float, y: float, z: float
         out[5 * i + 4] = w
 
 
-@njit(cache=True, fastmath=FAST)
+@inner(fastmath=FAST)
 def _halve(c: Any, first: int, step: int, n: int, left: Any, right: Any) -> None:
     """Split n points, `step` apart, in the middle; `left` and `right` have the same layout.
 
@@ -59,7 +60,7 @@ def _halve(c: Any, first: int, step: int, n: int, left: Any, right: Any) -> None
                 right[a] = 0.5 * (right[a] + right[a + step])
 
 
-@njit(cache=True, fastmath=FAST)
+@inner(fastmath=FAST)
 def _casteljau(c: Any, first: int, step: int, p: int, t: float, work: Any, jet: Any) -> None:
     """Value and two derivatives of p + 1 points `step` apart: ``jet[0:5, 5:10, 10:15]``."""
     s = 1.0 - t
@@ -79,7 +80,7 @@ def _casteljau(c: Any, first: int, step: int, p: int, t: float, work: Any, jet: 
         jet[10 + m] = d2
 
 
-@njit(cache=True, fastmath=FAST)
+@inner(fastmath=FAST)
 def _lorentz(jet: Any, a: int, c: int, b: float) -> float:
     """Product of two derivatives of q, at offsets a and c of the jet."""
     return (
@@ -90,7 +91,7 @@ def _lorentz(jet: Any, a: int, c: int, b: float) -> float:
     )
 
 
-@njit(cache=True, fastmath=FAST)
+@inner(fastmath=FAST)
 def _root(q: Any, p: int, b: float, t: float, work: Any, jet: Any) -> float:
     """Zero of N' between a negative and a positive end, by Newton kept in the bracket."""
     low, high = 0.0, 1.0
@@ -117,7 +118,7 @@ def _root(q: Any, p: int, b: float, t: float, work: Any, jet: Any) -> float:
     return t
 
 
-@njit(cache=True, fastmath=FAST)
+@inner(fastmath=FAST)
 def _accept(jet: Any, t: float, s: float, x: float, y: float, z: float, hit: Any) -> bool:
     """Keep the point in `jet` if it is nearer than ``hit[0]``: F, foot, parameters."""
     w = 1.0 / jet[4]
@@ -134,7 +135,7 @@ def _accept(jet: Any, t: float, s: float, x: float, y: float, z: float, hit: Any
     return True
 
 
-@njit(cache=True, fastmath=FAST)
+@inner(fastmath=FAST)
 def _slopes(q: Any, p: int, b: float, e: Any) -> Any:
     """Bernstein coefficients of N' / 2p; returns (least N, sizes of q and of its differences)."""
     for k in range(2 * p):
@@ -162,7 +163,7 @@ def _slopes(q: Any, p: int, b: float, e: Any) -> Any:
     return least, size, step
 
 
-@njit(cache=True, fastmath=FAST)
+@inner(fastmath=FAST)
 def _thick(q: Any, n: int, b: float) -> int:
     """1 where r + b > 0 at all points, -1 where at none, 0 otherwise."""
     count = 0
@@ -172,7 +173,7 @@ def _thick(q: Any, n: int, b: float) -> int:
     return 1 if count == n else (-1 if count == 0 else 0)
 
 
-@njit(cache=True, fastmath=FAST)
+@inner(fastmath=FAST)
 def _pattern(e: Any, n: int, tol: float) -> Any:
     """Sign changes of the coefficients, the first sign, and where the polygon rises through 0."""
     changes, first, last, start = 0, 0, 0, 0.5
@@ -192,7 +193,7 @@ def _pattern(e: Any, n: int, tol: float) -> Any:
     return changes, first, start
 
 
-@njit(cache=True, fastmath=FAST)
+@inner(fastmath=FAST)
 def closest_on_curve(
     data: Any,
     start: int,
@@ -259,7 +260,7 @@ def closest_on_curve(
         top += 2
 
 
-@njit(cache=True, fastmath=FAST)
+@inner(fastmath=FAST)
 def _push_halves(stack: Any, span: Any, top: int, p: int) -> None:
     """Replace a part of a curve by its halves, the one with the nearer end on top."""
     q = stack[top]
@@ -276,7 +277,7 @@ def _push_halves(stack: Any, span: Any, top: int, p: int) -> None:
     span[top, 1] = span[top + 1, 1] = h
 
 
-@njit(cache=True, fastmath=FAST)
+@inner(fastmath=FAST)
 def _reverse_halve(q: Any, p: int, right: Any) -> None:
     """Split in the middle; the left half stays in `q`."""
     for m in range(5):
@@ -289,7 +290,7 @@ def _reverse_halve(q: Any, p: int, right: Any) -> None:
 # ------------------------------------------------------------------------------ surfaces
 
 
-@njit(cache=True, fastmath=FAST)
+@inner(fastmath=FAST)
 def _square(q: Any, p: int, r: int, b: float, n: Any) -> float:
     """Bernstein coefficients of N of a surface, degrees (2p, 2r); returns the largest square."""
     rows, cols = 2 * p + 1, 2 * r + 1
@@ -315,7 +316,7 @@ def _square(q: Any, p: int, r: int, b: float, n: Any) -> float:
     return size
 
 
-@njit(cache=True, fastmath=FAST)
+@inner(fastmath=FAST)
 def _apart(q: Any, n: int, b: float) -> bool:
     """Whether the points are farther along the direction of their mean than r + b is long.
 
@@ -334,7 +335,7 @@ def _apart(q: Any, n: int, b: float) -> bool:
     return size > 0.0
 
 
-@njit(cache=True, fastmath=FAST)
+@inner(fastmath=FAST)
 def _bounds(n: Any, rows: int, cols: int, tol: float) -> int:
     """What the coefficients prove: 2 no minimum inside, 1 convex, 0 nothing; -1 drop it."""
     least = n[0]
@@ -373,7 +374,7 @@ def _bounds(n: Any, rows: int, cols: int, tol: float) -> int:
     return 1 if uu > tol and vv > tol and uu * vv > uv * uv else 0
 
 
-@njit(cache=True, fastmath=FAST)
+@inner(fastmath=FAST)
 def surface_jet(
     q: Any, first: int, p: int, r: int, u: float, v: float, work: Any, jet: Any
 ) -> None:
@@ -410,7 +411,7 @@ def surface_jet(
         jet[25 + m] = row[m]
 
 
-@njit(cache=True, fastmath=FAST)
+@inner(fastmath=FAST)
 def _newton_in_box(
     q: Any, p: int, r: int, b: float, tol: float, work: Any, jet: Any, at: Any
 ) -> bool:
@@ -458,7 +459,7 @@ def _newton_in_box(
     return False
 
 
-@njit(cache=True, fastmath=FAST)
+@inner(fastmath=FAST)
 def _search_surface(
     data: Any, start: int, p: int, r: int, plain: int, x: float, y: float, z: float, hit: Any,
     stack: Any, span: Any, work: Any,
@@ -499,7 +500,7 @@ def _search_surface(
         top += 2
 
 
-@njit(cache=True, fastmath=FAST)
+@inner(fastmath=FAST)
 def closest_on_surface(
     data: Any,
     start: int,
@@ -554,7 +555,7 @@ def closest_on_surface(
         hit[0] = bound
 
 
-@njit(cache=True, fastmath=FAST)
+@inner(fastmath=FAST)
 def _push_parts(stack: Any, span: Any, top: int, p: int, r: int) -> None:
     """Replace a part of a surface by its halves across the longer side, the nearer one on top."""
     q = stack[top]
@@ -588,7 +589,7 @@ def _push_parts(stack: Any, span: Any, top: int, p: int, r: int) -> None:
             span[top, m], span[top + 1, m] = span[top + 1, m], span[top, m]
 
 
-@njit(cache=True, fastmath=FAST)
+@inner(fastmath=FAST)
 def _middle(q: Any, n: int) -> float:
     """Square of the distance of the mean of the points, times n²."""
     x = y = z = 0.0

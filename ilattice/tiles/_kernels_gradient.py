@@ -9,8 +9,9 @@ Guarantees: those of `_kernels`; a point has the same result in any place of any
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
+from ilattice._kernels import in_ranges, inner
 from ilattice.tiles._kernels import _C, _S, CHUNK, FAST, TURNS, TWO_PI
 
 LANES = 64
@@ -18,7 +19,7 @@ _S1, _S2, _S3, _S4, _S5, _S6, _S7 = _S[1:]
 _C1, _C2, _C3, _C4, _C5, _C6, _C7, _C8 = _C[1:]
 
 
-@njit(cache=True, fastmath=FAST)
+@inner(fastmath=FAST)
 def _sincos(turns: Any, s: Any, c: Any) -> None:
     """`_kernels.sincos_turns` of a group, without branches."""
     for i in range(LANES):
@@ -37,7 +38,7 @@ def _sincos(turns: Any, s: Any, c: Any) -> None:
         c[i] = (-x if k == 1.0 else x) if odd else (-y if k == 2.0 else y)
 
 
-@njit(cache=True, fastmath=FAST)
+@inner(fastmath=FAST)
 def _axis_rows(rows: Any, w: float, turns: Any) -> None:
     """Fill in the factors of an axis: per code LANES values, then LANES derivatives.
 
@@ -59,7 +60,7 @@ def _axis_rows(rows: Any, w: float, turns: Any) -> None:
             now[3 * LANES + i] = (h * w) * now[i]
 
 
-@njit(cache=True, fastmath=FAST)
+@inner(fastmath=FAST)
 def _add_term(coef: float, x: Any, y: Any, z: Any, out: Any) -> None:
     """Add a term to LANES values, then LANES each of the derivatives along x, y and z."""
     for i in range(LANES):
@@ -71,15 +72,16 @@ def _add_term(coef: float, x: Any, y: Any, z: Any, out: Any) -> None:
         out[3 * LANES + i] += kx * y[i] * z[LANES + i]
 
 
-@njit(cache=True)
+@inner()
 def _factor(rows: Any, code: int) -> Any:
     """Values and derivatives of one factor."""
     return rows[2 * LANES * code : 2 * LANES * (code + 1)]
 
 
-@njit(cache=True)
+@in_ranges(CHUNK)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _gradients(
-    coef: Any, factor: Any, w: Any, p: Any, first: int, last: int, f: Any, g: Any
+    first: int, last: int, coef: Any, factor: Any, w: Any, p: Any, f: Any, g: Any
 ) -> None:
     top = 1
     for i in range(len(factor)):
@@ -105,19 +107,9 @@ def _gradients(
                 g[at + i, a] = out[(a + 1) * LANES + i]
 
 
-@njit(cache=True, parallel=True)
-def _gradients_parallel(coef: Any, factor: Any, w: Any, p: Any, f: Any, g: Any) -> None:
-    n = len(p)
-    for block in prange((n + CHUNK - 1) // CHUNK):
-        _gradients(coef, factor, w, p, block * CHUNK, min(n, block * CHUNK + CHUNK), f, g)
-
-
 def gradients(coef: Any, factor: Any, w: Any, p: Any) -> Any:
     """Values (n,) and gradients (n, 3) at points ``p`` (n, 3)."""
     n = len(p)
     f, g = np.empty(n), np.empty((n, 3))
-    if n <= CHUNK:
-        _gradients(coef, factor, w, p, 0, n, f, g)
-    else:
-        _gradients_parallel(coef, factor, w, p, f, g)
+    _gradients(n, coef, factor, w, p, f, g)
     return f, g

@@ -9,12 +9,14 @@ Guarantee: no scratch per row, results do not depend on the number of threads.
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
+
+from ilattice._kernels import in_ranges, inner
 
 FAST = {"contract", "nsz", "arcp", "reassoc"}
 
 
-@njit(cache=True, fastmath=FAST)
+@inner(fastmath=FAST)
 def _row(base: Any, pz: Any, tz: Any, row: Any) -> None:
     """``row = base + pz @ tz``; the number of rows of tz is even."""
     z0, z1 = tz[0], tz[1]
@@ -28,7 +30,7 @@ def _row(base: Any, pz: Any, tz: Any, row: Any) -> None:
             row[k] += p0 * z0[k] + p1 * z1[k]
 
 
-@njit(cache=True, fastmath=FAST)
+@inner(fastmath=FAST)
 def _slab(i: int, coef: Any, slot: Any, tx: Any, ty: Any, tz: Any, out: Any) -> None:
     """All rows of constant x index i."""
     m = coef.shape[0]
@@ -47,12 +49,17 @@ def _slab(i: int, coef: Any, slot: Any, tx: Any, ty: Any, tz: Any, out: Any) -> 
         _row(tz.dtype.type(p[0]), pz, tz, out[i, j])
 
 
-@njit(cache=True, parallel=True)
-def tensor_grid(coef: Any, slot: Any, tx: Any, ty: Any, tz: Any, out: Any) -> None:
+@in_ranges(4)
+@njit(cache=True, nogil=True, error_model="numpy")
+def tensor_grid(
+    first: int, last: int, coef: Any, slot: Any, tx: Any, ty: Any, tz: Any, out: Any
+) -> None:
     """Fill ``out[i, j, k]`` with ``sum_t coef[t] tx[slot[t, 0], i] ty[slot[t, 1], j] z``.
 
     Parameters
     ----------
+    first, last
+        Indices i.
     coef, slot
         Terms: (m,) float64, (m, 3) int64 rows of the tables.
     tx, ty
@@ -63,5 +70,5 @@ def tensor_grid(coef: Any, slot: Any, tx: Any, ty: Any, tz: Any, out: Any) -> No
     out
         Result, (nx, ny, nz) float32 or float64.
     """
-    for i in prange(out.shape[0]):
+    for i in range(first, last):
         _slab(i, coef, slot, tx, ty, tz, out)

@@ -11,15 +11,16 @@ within the bounds, which are widened by a bound of all rounding errors.
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
+from ilattice._kernels import in_ranges, inner
 from ilattice.tiles._kernels import TURNS, sincos_turns, trig_jet, trig_tab
 
 CHUNK = 256
 EPS = 2.220446049250313e-16
 
 
-@njit(cache=True)
+@inner()
 def _cos_bounds(u0: float, u1: float, c0: float, c1: float) -> Any:
     """Exact interval of cos(2 pi u) on [u0, u1], with its values at the ends."""
     low, high = min(c0, c1), max(c0, c1)
@@ -30,7 +31,7 @@ def _cos_bounds(u0: float, u1: float, c0: float, c1: float) -> Any:
     return low, high
 
 
-@njit(cache=True)
+@inner()
 def _axis_bounds(box: Any, top: Any, axis: int, w: float, lo: float, hi: float) -> None:
     """Fill the interval of each factor, and the largest size of its first three derivatives.
 
@@ -60,14 +61,14 @@ def _axis_bounds(box: Any, top: Any, axis: int, w: float, lo: float, hi: float) 
         sb, cb = sb * c1 + cb * s1, cb * c1 - sb * s1
 
 
-@njit(cache=True)
+@inner()
 def _times(a0: float, a1: float, b0: float, b1: float) -> Any:
     """Interval product."""
     p, q, r, s = a0 * b0, a0 * b1, a1 * b0, a1 * b1
     return min(p, q, r, s), max(p, q, r, s)
 
 
-@njit(cache=True)
+@inner()
 def _natural(coef: Any, factor: Any, box: Any) -> Any:
     """Interval extension, nested: terms must be sorted by z code, then y code."""
     low = high = 0.0
@@ -96,7 +97,7 @@ def _natural(coef: Any, factor: Any, box: Any) -> Any:
     return low, high
 
 
-@njit(cache=True)
+@inner()
 def _remainder(coef: Any, factor: Any, top: Any, r: Any) -> float:
     """Bound of the second-order Taylor remainder on a box of half-widths r (3,)."""
     total = 0.0
@@ -112,7 +113,7 @@ def _remainder(coef: Any, factor: Any, top: Any, r: Any) -> float:
     return 0.5 * total
 
 
-@njit(cache=True)
+@inner()
 def _rounding(coef: Any, factor: Any, w: Any, reach: Any) -> float:
     """Bound of the rounding of values, slopes, angles and of the bounds themselves."""
     angle = w[0] * reach[0] + w[1] * reach[1] + w[2] * reach[2]
@@ -126,14 +127,15 @@ def _rounding(coef: Any, factor: Any, w: Any, reach: Any) -> float:
     return EPS * total
 
 
-@njit(cache=True)
+@in_ranges(CHUNK)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _ranges(
-    coef: Any, factor: Any, w: Any, lin: Any, lo: Any, hi: Any, i0: int, i1: int, out: Any
+    first: int, last: int, coef: Any, factor: Any, w: Any, lin: Any, lo: Any, hi: Any, out: Any
 ) -> None:
     tab = trig_tab(factor)
     box, top = np.zeros((3, tab.shape[1], 2)), np.zeros((3, tab.shape[1], 3))
     jet, mid, r, reach = np.empty(10), np.empty(3), np.empty(3), np.empty(3)
-    for i in range(i0, i1):
+    for i in range(first, last):
         for a in range(3):
             c = rad = far = 0.0
             for b in range(3):
@@ -155,19 +157,8 @@ def _ranges(
         out[i, 1] = min(high, jet[0] + spread) + pad
 
 
-@njit(cache=True, parallel=True)
-def _ranges_parallel(coef: Any, factor: Any, w: Any, lin: Any, lo: Any, hi: Any, out: Any) -> None:
-    n = lo.shape[0]
-    for block in prange((n + CHUNK - 1) // CHUNK):
-        i0 = block * CHUNK
-        _ranges(coef, factor, w, lin, lo, hi, i0, min(n, i0 + CHUNK), out)
-
-
 def ranges(coef: Any, factor: Any, w: Any, lin: Any, lo: Any, hi: Any) -> Any:
     """Bounds, shape (n, 2), of ``f(lin @ p)`` on boxes with corners ``lo``, ``hi`` (n, 3)."""
     out = np.empty((len(lo), 2))
-    if len(lo) <= CHUNK:
-        _ranges(coef, factor, w, lin, lo, hi, 0, len(lo), out)
-    else:
-        _ranges_parallel(coef, factor, w, lin, lo, hi, out)
+    _ranges(len(lo), coef, factor, w, lin, lo, hi, out)
     return out

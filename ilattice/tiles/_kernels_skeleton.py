@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numba import njit, prange
 
+from ilattice._kernels import inner
 from ilattice.tiles._kernels_closest import (
     DEPTH,
     FAST,
@@ -39,7 +40,7 @@ def _box_distance(box: Any, i: int, x: float, y: float, z: float) -> float:
     return math.sqrt(dx * dx + dy * dy + dz * dz) - box[i, 6]
 
 
-@njit(cache=True, fastmath=FAST)
+@inner(fastmath=FAST)
 def _farthest(box: Any, x: float, y: float, z: float) -> float:
     """Distance to the farthest corner of all boxes: no point of a piece is farther."""
     dx = max(x - box[0, 0], box[0, 3] - x)
@@ -48,7 +49,7 @@ def _farthest(box: Any, x: float, y: float, z: float) -> float:
     return math.sqrt(dx * dx + dy * dy + dz * dz)
 
 
-@njit(cache=True, fastmath=FAST)
+@inner(fastmath=FAST)
 def _offer(
     hit: Any, x: float, y: float, z: float, fx: float, fy: float, fz: float, r: float, feature: int
 ) -> None:
@@ -59,7 +60,7 @@ def _offer(
         hit[0], hit[1], hit[2], hit[3], hit[7] = f, fx, fy, fz, feature
 
 
-@njit(cache=True, fastmath=FAST)
+@inner(fastmath=FAST)
 def _segment(
     d: Any, s: int, m: int, k: int, x: float, y: float, z: float, hit: Any, feature: int
 ) -> None:
@@ -88,7 +89,7 @@ def _segment(
         _offer(hit, x, y, z, ax + t * tx, ay + t * ty, az + t * tz, r, kind)
 
 
-@njit(cache=True, fastmath=FAST)
+@inner(fastmath=FAST)
 def _arc(d: Any, s: int, x: float, y: float, z: float, hit: Any) -> None:
     """Arc: radius, size, angle, centre (3), unit vectors of angle 0 and pi/2 (3 + 3)."""
     r, size, angle = d[s], d[s + 1], d[s + 2]
@@ -114,7 +115,7 @@ def _arc(d: Any, s: int, x: float, y: float, z: float, hit: Any) -> None:
             _offer(hit, x, y, z, fx, fy, fz, r, 0)
 
 
-@njit(cache=True, fastmath=FAST)
+@inner(fastmath=FAST)
 def _polygon(d: Any, s: int, m: int, x: float, y: float, z: float, hit: Any) -> None:
     """Plane polygon: radius twice, unit normal, first and second axis (3 each), m corners."""
     c = s + 11
@@ -147,7 +148,7 @@ def _along(d: Any, axis: int, a: int, c: int) -> float:
     )
 
 
-@njit(cache=True)
+@inner()
 def _closest_on_piece(
     piece: Any, i: int, d: Any, x: float, y: float, z: float, hit: Any, stack: Any, span: Any,
     work: Any,
@@ -170,7 +171,7 @@ def _closest_on_piece(
         hit[6] = i
 
 
-@njit(cache=True)
+@inner()
 def _nearest(
     x: float, y: float, z: float, bound: float, blend: float, node: Any, box: Any, piece: Any,
     piece_box: Any, d: Any, hits: Any, touched: Any, stack: Any, span: Any, work: Any, path: Any,
@@ -210,7 +211,7 @@ def _nearest(
     return found, least
 
 
-@njit(cache=True)
+@inner()
 def _union(hits: Any, touched: Any, found: int, least: float, blend: float, weight: Any) -> Any:
     """Value, and groups with weights: sorted to the front of `touched`; resets the hits."""
     count = 0
@@ -248,7 +249,7 @@ def _union(hits: Any, touched: Any, found: int, least: float, blend: float, weig
     return least + value + 0.5 * blend * (squares - 1.0), size
 
 
-@njit(cache=True)
+@inner()
 def _curve_derivatives(d: Any, s: int, p: int, t: float, work: Any, out: Any) -> None:
     """First and second derivatives of point and radius of a rational curve: 4 + 4 numbers."""
     jet = work[200:230]
@@ -270,7 +271,7 @@ def _curve_derivatives(d: Any, s: int, p: int, t: float, work: Any, out: Any) ->
         out[4 + m] = (jet[10 + m] - 2.0 * out[m] * w1 - jet[m] / w * w2) / w
 
 
-@njit(cache=True)
+@inner()
 def _add_point(n: Any, dist: float, weight: float, h: Any) -> None:
     """Second derivatives of the distance to a fixed point."""
     for i in range(3):
@@ -278,7 +279,7 @@ def _add_point(n: Any, dist: float, weight: float, h: Any) -> None:
             h[i, j] += weight * ((1.0 if i == j else 0.0) - n[i] * n[j]) / dist
 
 
-@njit(cache=True)
+@inner()
 def _add_curve(n: Any, dist: float, weight: float, c: Any, c1: int, c2: int, h: Any) -> None:
     """Second derivatives of the distance to a curve with derivatives at c[c1:], c[c2:]."""
     speed = along = bend = 0.0
@@ -299,7 +300,7 @@ def _add_curve(n: Any, dist: float, weight: float, c: Any, c1: int, c2: int, h: 
             h[i, j] -= weight * a * (c[c1 + j] - n[j] * along) / dist / tt
 
 
-@njit(cache=True)
+@inner()
 def _add_surface(n: Any, dist: float, weight: float, c: Any, h: Any) -> None:
     """As `_add_curve` for a surface with derivatives u, v, uu, uv, vv of (point, radius) in c."""
     nu = n[0] * c[0] + n[1] * c[1] + n[2] * c[2]
@@ -327,7 +328,7 @@ def _add_surface(n: Any, dist: float, weight: float, c: Any, h: Any) -> None:
             h[i, j] -= weight * (vv * ai * aj - uv * (ai * bj + bi * aj) + uu * bi * bj) / det
 
 
-@njit(cache=True)
+@inner()
 def _add_hessian(
     hit: Any, n: Any, dist: float, weight: float, piece: Any, d: Any, work: Any, h: Any
 ) -> None:
@@ -363,7 +364,7 @@ def _add_hessian(
         _add_curve(n, dist, weight, c, 0, 4, h)
 
 
-@njit(cache=True)
+@inner()
 def _arc_tangent(d: Any, s: int, x: float, y: float, z: float, m: int) -> float:
     """Component m of the tangent where (x, y, z) points to the centre."""
     u = -(x * d[s + 6] + y * d[s + 7] + z * d[s + 8])
@@ -371,7 +372,7 @@ def _arc_tangent(d: Any, s: int, x: float, y: float, z: float, m: int) -> float:
     return u * d[s + 9 + m] - v * d[s + 6 + m]
 
 
-@njit(cache=True)
+@inner()
 def _surface_derivatives(
     d: Any, s: int, p: int, r: int, u: float, v: float, work: Any, out: Any
 ) -> None:
@@ -388,7 +389,7 @@ def _surface_derivatives(
         out[16 + m] = (jet[25 + m] - 2.0 * fv * jet[14] - f * jet[29]) / w
 
 
-@njit(cache=True)
+@inner()
 def _derivatives(
     x: float, y: float, z: float, order: int, blend: float, hits: Any, touched: Any, weight: Any,
     size: int, piece: Any, d: Any, work: Any, g: Any, h: Any,
@@ -421,7 +422,7 @@ def _derivatives(
                 h[i, j] += total[i] * total[j] / (blend * size)
 
 
-@njit(cache=True)
+@inner()
 def _cut(
     x: float, y: float, z: float, plane: Any, order: int, value: float, g: Any, h: Any
 ) -> float:
@@ -437,7 +438,7 @@ def _cut(
     return value
 
 
-@njit(cache=True)
+@inner()
 def _chunk(
     points: Any, start: int, stop: int, order: int, blend: float, limit: float, node: Any,
     box: Any, piece: Any, piece_box: Any, d: Any, groups: int, width: int, plane: Any, f: Any,

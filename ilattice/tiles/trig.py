@@ -237,7 +237,7 @@ class TrigField:
                 out[i] = self(_plane(x, xyz[1], xyz[2])).reshape(shape[1:])
         elif out.size:
             slot, tx, ty, tz = self._tables(xyz, kind)
-            tensor_grid(self.coef, slot, tx, ty, tz, out)
+            tensor_grid(len(out), self.coef, slot, tx, ty, tz, out)
         return out
 
     def range(self, lo: ArrayLike, hi: ArrayLike) -> FloatArray:

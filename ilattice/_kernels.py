@@ -1,0 +1,135 @@
+"""How kernels are compiled, and called from several threads.
+
+Numba compiles a loop that is marked as parallel as a kernel, as a wrapper of it and as the function
+around both, each with all that they call, which takes three to four times as long as once. So most
+kernels here are plain functions of a range of items, and Python's threads take the ranges.
+
+Guarantees: see `in_ranges` and `inner`; results do not depend on the number of threads.
+Non-guarantee: the order of ranges.
+"""
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import cached_property, update_wrapper
+from typing import Any
+
+import numba
+from numba import njit, types
+from numba.core.registry import CPUDispatcher
+
+_config: Any = numba.config
+_pool: list[ThreadPoolExecutor] = []
+_SHORT = (types.int8, types.int16, types.int32)
+
+
+def _threads() -> ThreadPoolExecutor:
+    """The threads, started when first needed."""
+    if not _pool:
+        _pool.append(ThreadPoolExecutor(_config.NUMBA_NUM_THREADS, "ilattice"))
+    return _pool[0]
+
+
+if hasattr(os, "register_at_fork"):  # a child has not got the threads
+    os.register_at_fork(after_in_child=_pool.clear)
+
+
+def in_ranges(grain: int) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Decorator of a kernel f(first, last, *arguments), which is then called as f(n, *arguments).
+
+    The kernel treats the items first, first + 1, ..., last - 1, without the interpreter's lock
+    (``nogil=True``), and must not depend on how they are grouped. As many threads as
+    `numba.set_num_threads` allows, the calling one among them, take ranges in turn, so that slow
+    ones do not hold up the rest. Calls from several threads do not wait for each other.
+
+    Parameters
+    ----------
+    grain : int
+        Items in a range: enough for 50 µs of work at least.
+
+    Returns
+    -------
+    callable
+        The decorator.
+    """
+
+    def decorate(kernel: Callable[..., None]) -> Callable[..., None]:
+        def over(n: int, *arguments: Any) -> None:
+            pieces = -(-n // grain)
+            helpers = min(pieces, numba.get_num_threads()) - 1 if pieces > 1 else 0
+            if helpers < 1:
+                kernel(0, n, *arguments)
+                return
+            tickets = iter(range(0, n, grain))  # of which threads can take the next one safely
+
+            def work() -> None:
+                for first in tickets:
+                    kernel(first, min(n, first + grain), *arguments)
+
+            futures = [_threads().submit(work) for _ in range(helpers)]
+            try:
+                work()
+            finally:
+                for _ in tickets:  # none, unless the kernel was interrupted
+                    pass
+                for future in futures:
+                    if not future.cancel():  # those that have not begun have nothing left to do
+                        future.result()
+
+        return update_wrapper(over, kernel)
+
+    return decorate
+
+
+class _Inner(CPUDispatcher):
+    """A compiled function without a way in from Python."""
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        """Types of a call: whole numbers are not told from each other.
+
+        Unless fast-math flags let constants decide how sums are rounded.
+        """
+        if self.targetoptions.get("fastmath"):
+            return super().get_call_template(args, kws)
+        plain: Any = types.unliteral
+        wide = (types.int64 if a in _SHORT else plain(a) for a in args)
+        return super().get_call_template(tuple(wide), kws)
+
+    @cached_property
+    def _outer(self) -> Any:
+        inner = self
+        return njit(lambda *arguments: inner(*arguments))
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self._outer(*arguments)
+
+
+def inner(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Decorator as `numba.njit`, for kernels that only other kernels call; always with a cache.
+
+    Such a kernel is compiled without the wrappers that take arguments from Python or C, and once
+    for whole numbers of any length, however many constants it is called with, unless it has
+    fast-math flags. A call from Python
+    compiles a small kernel around it, which is not kept: tests do that.
+
+    Parameters
+    ----------
+    **options
+        As of `numba.njit`.
+
+    Returns
+    -------
+    callable
+        The decorator.
+    """
+    options |= {"nopython": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    options.pop("cache", None)
+
+    def decorate(function: Callable[..., Any]) -> Any:
+        if _config.DISABLE_JIT:
+            return function
+        out = _Inner(function, targetoptions=options)
+        out.enable_caching()
+        return out
+
+    return decorate
