@@ -232,7 +232,8 @@ class ClosestPointSearch(TileSpace):
         if self.creased:
             near = (np.abs(p - np.rint(p)) <= CREASED * cell).any(axis=1)
             normal[near, 3] = np.inf
-        keep = self._upright(p, 0.5 * UPRIGHT)  # feet that just count have seeds on all sides
+        keep = np.flatnonzero(self._upright(p, 0.5 * UPRIGHT))  # what just counts has seeds around
+        keep = keep[cKDTree(x[keep]).indices]  # next to each other in memory what is so in space
         return tuple(np.ascontiguousarray(a[keep]) for a in (p, x, normal, spacing))
 
     @property
@@ -405,7 +406,9 @@ class ClosestPointSearch(TileSpace):
         start = self.to_tile(np.concatenate([known.u, other]))
         pairs = np.arange(2 * len(u)).reshape(2, -1).T.copy()
         self._run(x, p, pairs, feet, counts, status, started(self, start))
-        self._account(counts, status, 0, 0, strict=False)
+        self.statistics = self.statistics + Statistics(
+            0, int(counts[:, 1].sum()), int(counts[:, 0].sum())
+        )
         return self._found(feet, counts, status)
 
     def _found(self, feet: FloatArray, counts: IntArray, status: IntArray) -> ClosestPoints:
