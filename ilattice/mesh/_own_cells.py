@@ -21,8 +21,9 @@ if TYPE_CHECKING:
 
 #: Secants, and the distance from the offset, relative to the half-thickness, that is none.
 SECANTS, NONE = 12, 1e-6
-#: Halvings of a way that find a jump, and how large it is at least, relative to the half-thickness.
-HALVINGS, JUMP = 40, 1e-2
+#: Halvings of a way that find a jump, and how large it is at least, relative to the half-thickness;
+#: where the ends differ by less than this part of that, there is none.
+HALVINGS, JUMP, SMOOTH = 40, 1e-2, 0.1
 BITS = np.indices((2, 2, 2)).reshape(3, -1).T
 
 
@@ -98,6 +99,10 @@ def at_jumps(
         same = (f >= 0.0) == (ends[:, 0] >= 0.0)
         a, b = np.where(same[:, None], middle, a), np.where(same[:, None], b, middle)
         ends = np.where(np.stack([same, ~same], axis=1), f[:, None], ends)
+        left = np.abs(ends[:, 1] - ends[:, 0]) > SMOOTH * JUMP * size[at]
+        at, a, b, ends = at[left], a[left], b[left], ends[left]
+        if len(at) == 0:
+            return out
     both = np.stack([a, b], axis=1).reshape(-1, 3)  # as neighbours, which share feet
     ends = _excess(wall, both, np.repeat(side[at], 2)).reshape(-1, 2)
     out[at] = np.abs(ends[:, 1] - ends[:, 0]) > JUMP * size[at]
@@ -111,7 +116,11 @@ def _brackets(
     """Vertices between which and a corner the offset is, that corner, and how far both are off."""
     f = _excess(wall, u, side)
     corners = _corners(axes, u, fixed, around)
-    g = _excess(wall, corners.reshape(-1, 3), np.repeat(side, 8)).reshape(-1, 8)
+    some, row = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    some, row = inside(wall.lattice, some), row.ravel()
+    distance = wall.lattice.search.query(some, strict=False).distance[row]
+    of = np.repeat(side, 8)
+    g = (of * distance - asked(wall, some[row], of)).reshape(-1, 8)
     width = np.ptp(corners, axis=1)
     away = (corners - u[:, None]) / np.where(width > 0.0, width, 1.0)[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):

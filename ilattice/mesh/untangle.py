@@ -33,6 +33,9 @@ if TYPE_CHECKING:
 
 #: Rounds in which vertices slide, by this part of the way to the mean of their neighbours.
 SLIDES, SLIDE = 16, 0.5
+#: Many pairs of triangles that cross are given up sliding once they are more than this part of
+#: those so many slides before.
+MANY, SLOW, STALLED = 100, 0.9, 4
 #: Parts of the way back, one after the other, and most rounds of that.
 BACK = np.array([0.0, 0.125, 0.25, 0.5, 1.0])
 ROUNDS = 16
@@ -168,8 +171,10 @@ def untangled(
         u, lost = recall(start[s.at], s.at)
         s.move(s.at[~lost], u[~lost])
         s.weave()
+    pairs: list[int] = []
     for _ in range(SLIDES):
-        if not s.pairs:
+        pairs.append(s.pairs)
+        if not s.pairs or _stalled(pairs):
             break
         at, u = s.slid()
         u, held[at] = settle(u, at)
@@ -178,6 +183,12 @@ def untangled(
     if s.pairs:
         held |= _held_back(s, start)
     return Untangled(s.u, s.x, s.repair, held, s.pairs)
+
+
+def _stalled(pairs: list[int]) -> bool:
+    """Whether slides do not help, from the numbers of pairs before each of them."""
+    few = len(pairs) <= STALLED or pairs[-1] <= MANY
+    return not few and pairs[-1] > SLOW * pairs[-1 - STALLED]
 
 
 def _held_back(s: _Surface, start: FloatArray) -> AnyArray:

@@ -44,7 +44,8 @@ from ilattice._validate import (
 from ilattice.errors import ConvergenceError, GeometryError, InputError
 from ilattice.offsets import _kernels, _kernels_newton, _kernels_seeds
 from ilattice.offsets._kernels_jets import UPRIGHT
-from ilattice.offsets.mending import mended
+from ilattice.offsets.mending import mended, started
+from ilattice.offsets.retrying import Boxes, doubtful, retried
 from ilattice.offsets.seeding import apart, between, crossings, downhill, gaps, layered, regular
 from ilattice.offsets.space import TileSpace
 from ilattice.offsets.spacing import Spacing
@@ -59,16 +60,6 @@ if TYPE_CHECKING:
 CANDIDATES, AMONG_ADDED = 8, 32
 #: That happens where they are more than this part of the others.
 CROWDING = 0.02
-#: A retry starts from up to that many of the nearest seeds, one per patch. It looks among this
-#: many, then four times as many while they may miss a patch, up to the last number.
-RETRY_CANDIDATES, RETRY_NEIGHBOURS, MOST_NEIGHBOURS = 48, 24, 1536
-#: Seeds that are looked at together.
-RETRIED = 1 << 21
-#: Candidates may miss a patch if the last one is within sqrt(d² + c h²) of the query, h the spacing
-#: of seeds (the seed next to a foot at distance d is hardly ever farther than that): c is CROWDED
-#: if they lie on several patches, so that a second foot is nearer than d + RIVAL h; else it is
-#: PILED, where a map squeezes seeds together.
-CROWDED, PILED, RIVAL = 0.35, 0.15, 0.1
 BATCH = 1 << 17
 MOST_ROWS = 1 << 40
 TOLERANCE = 1e-7
@@ -107,6 +98,8 @@ class ClosestPoints(FrozenCopies):
         Another foot, the nearest of those that were met on the way; NaN where there is none.
     second_distance : ndarray, shape (n,)
         Its signed distance; infinite where there is none.
+    second_u : ndarray, shape (n, 3)
+        That foot in the parameter domain; NaN where there is none.
     """
 
     foot: FloatArray
@@ -117,6 +110,7 @@ class ClosestPoints(FrozenCopies):
     starts: IntArray
     second: FloatArray
     second_distance: FloatArray
+    second_u: FloatArray
 
     def rows(self, at: AnyArray) -> ClosestPoints:
         """Some of the queries.
@@ -204,6 +198,7 @@ class ClosestPointSearch(TileSpace):
         count, closed = np.array(lattice.repeat), np.array(lattice.through.closed)
         self.seeds = self._make_seeds(count, closed)
         self.tree = cKDTree(self.seeds[1])
+        self.boxes = Boxes.of(self.tree)
         self.spacing = Spacing(self, self.seeds[0], self.seeds[3], self.singular)
         self.least_spacing = float(self.seeds[3].min())
         self.cell = 1.0 / self._least_seeds
@@ -237,7 +232,8 @@ class ClosestPointSearch(TileSpace):
         if self.creased:
             near = (np.abs(p - np.rint(p)) <= CREASED * cell).any(axis=1)
             normal[near, 3] = np.inf
-        keep = self._upright(p, 0.5 * UPRIGHT)  # feet that just count have seeds on all sides
+        keep = np.flatnonzero(self._upright(p, 0.5 * UPRIGHT))  # what just counts has seeds around
+        keep = keep[cKDTree(x[keep]).indices]  # next to each other in memory what is so in space
         return tuple(np.ascontiguousarray(a[keep]) for a in (p, x, normal, spacing))
 
     @property
@@ -386,10 +382,41 @@ class ClosestPointSearch(TileSpace):
             near = None if points is None else points[s]
             repaired += mended(self, *part[:3], part[4], strides, near, thorough)
         self._account(counts, status, retried, repaired, strict)
+        return self._found(feet, counts, status)
+
+    def follow(self, u: FloatArray, known: ClosestPoints) -> ClosestPoints:
+        """Feet next to known ones, on the way to closest points of parameters nearby.
+
+        Parameters
+        ----------
+        u : ndarray, shape (n, 3)
+            Parameters.
+        known : ClosestPoints
+            Feet of points near them, one each.
+
+        Returns
+        -------
+        ClosestPoints
+            The nearer one of the feet that starts from the known foot and from the known second
+            one lead to, which need not be the closest point, and the other one.
+        """
+        p, x = self.to_tile(u), self.lattice.through.x(u)
+        feet, counts, status = _results(len(u))
+        other = np.where(np.isfinite(known.second_u), known.second_u, known.u)
+        start = self.to_tile(np.concatenate([known.u, other]))
+        pairs = np.arange(2 * len(u)).reshape(2, -1).T.copy()
+        self._run(x, p, pairs, feet, counts, status, started(self, start))
+        self.statistics = self.statistics + Statistics(
+            0, int(counts[:, 1].sum()), int(counts[:, 0].sum())
+        )
+        return self._found(feet, counts, status)
+
+    def _found(self, feet: FloatArray, counts: IntArray, status: IntArray) -> ClosestPoints:
         first, second = feet
         return ClosestPoints(
             first[:, 3:6].copy(), self.from_tile(first[:, :3]), first[:, 6].copy(), status,
             counts[:, 1].copy(), counts[:, 0].copy(), second[:, 3:6].copy(), second[:, 6].copy(),
+            self.from_tile(second[:, :3]),
         )  # fmt: skip
 
     def _search(
@@ -400,16 +427,12 @@ class ClosestPointSearch(TileSpace):
         self._run(x, p, idx, feet, counts, status)
         behind = (feet[0, :, 6] * feet[0, :, 7] < 0) & (status == _kernels_newton.OK)
         missed = self._missed(distance[:, 0], idx[:, 0], feet[0, :, 6])
-        again = np.flatnonzero(behind | missed | self._doubtful(p, distance, idx, feet, status))
-        retried, m = len(again), RETRY_NEIGHBOURS
-        while len(again) and m <= MOST_NEIGHBOURS:
-            parts = [again[i : i + RETRIED // m] for i in range(0, len(again), RETRIED // m)]
-            left = [self._retry(at, m, x, p, feet, counts, status) for at in parts]
-            again, m = np.concatenate(left), 4 * m
+        again = np.flatnonzero(behind | missed | doubtful(self, p, distance, idx, feet, status))
+        retried(self, again, x, p, feet, counts, status)
         at = np.flatnonzero(self._missed(distance[:, 0], idx[:, 0], feet[0, :, 6]))
         if len(at):
             self._descend(x[at], at, self.seeds[0][idx[at, 0]], feet[0])
-        return retried
+        return len(again)
 
     def _descend(self, x: FloatArray, at: IntArray, start: FloatArray, feet: FloatArray) -> None:
         """Fill in feet that are found downhill from the nearest seeds, where Newton left them."""
@@ -423,20 +446,6 @@ class ClosestPointSearch(TileSpace):
         out: AnyArray = (np.abs(found) > distance) & self.within(self.seeds[0][seed])
         return out
 
-    def _retry(
-        self, at: IntArray, m: int, x: FloatArray, p: FloatArray, feet: FloatArray,
-        counts: IntArray, status: IntArray,
-    ) -> IntArray:  # fmt: skip
-        """Improve the queries `at` from more seeds, far apart; which of them remain doubtful."""
-        distance, near = self.candidates(x[at], m)
-        idx = np.empty((len(at), RETRY_CANDIDATES), np.int64)
-        best = np.where(status[at] < _kernels_newton.FALLBACK, np.abs(feet[0, at, 6]), np.inf)
-        _kernels.spread(self.space[7], *self.seeds, x[at], p[at], best, near, idx)
-        f, c, s = feet.take(at, axis=1), counts[at], status[at]
-        self._run(x[at], p[at], idx, f, c, s)
-        feet[:, at], counts[at], status[at] = f, c, s
-        return at[self._doubtful(p[at], distance, near, f, s)]
-
     def _run(
         self, x: FloatArray, p: FloatArray, idx: IntArray, feet: FloatArray, counts: IntArray,
         status: IntArray, seeds: tuple[FloatArray, ...] | None = None,
@@ -445,21 +454,6 @@ class ClosestPointSearch(TileSpace):
             *self.space, *(seeds or self.seeds), x, p, idx, self.box, self.clip,
             self.orient, TOLERANCE, feet[0], feet[1], counts, status,
         )  # fmt: skip
-
-    def _doubtful(
-        self, p: FloatArray, distance: FloatArray, near: IntArray, feet: FloatArray,
-        status: IntArray,
-    ) -> AnyArray:  # fmt: skip
-        """Where no start converged, or a further seed may lie next to a foot that is nearer."""
-        failed = status >= _kernels_newton.FALLBACK
-        if distance.shape[1] == len(self.seeds[0]):
-            return failed
-        h = self.spacing.around(p, near)
-        first, second = np.abs(feet[:, :, 6])
-        several = second < first + RIVAL * h
-        reach = first**2 + np.where(several, CROWDED, PILED) * h**2
-        out: AnyArray = failed | (distance[:, -1] ** 2 < reach)
-        return out
 
     def _account(
         self, counts: IntArray, status: IntArray, retried: int, repaired: int, strict: bool

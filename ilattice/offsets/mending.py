@@ -76,6 +76,31 @@ def mended(
     return int(changed.sum())
 
 
+def started(search: ClosestPointSearch, start: FloatArray) -> tuple[FloatArray, ...]:
+    """Points of the surface as seeds.
+
+    Parameters
+    ----------
+    search : ClosestPointSearch
+        Map and tiles.
+    start : ndarray, shape (n, 3)
+        Tile coordinates.
+
+    Returns
+    -------
+    tuple of ndarray
+        Seeds, see `_kernels`.
+    """
+    n = len(start)
+    start = np.ascontiguousarray(start)
+    y, spacing, det = np.empty((n, 3)), np.empty(n), np.empty(n)
+    normal = np.empty((n, search.seeds[2].shape[1]))
+    place: Any = _kernels_seeds.place_seeds
+    cell = np.full((n, 3), search.cell)
+    place(n, *search.space, start, cell, y, normal, spacing, det)
+    return start, y, normal, spacing
+
+
 def _least(search: ClosestPointSearch, distance: FloatArray) -> FloatArray:
     """By how much (n,) feet must be nearer."""
     out: FloatArray = np.maximum(NEARER * distance, CLEARLY * search.least_spacing)
@@ -112,16 +137,11 @@ def _restart(
     Tells which of them have become nearer.
     """
     n = len(at)
-    start = np.ascontiguousarray(start)
-    y, spacing, det = np.empty((n, 3)), np.empty(n), np.empty(n)
-    normal = np.empty((n, search.seeds[2].shape[1]))
-    cell = np.full((n, 3), search.cell)
-    place: Any = _kernels_seeds.place_seeds
-    place(n, *search.space, start, cell, y, normal, spacing, det)
+    seeds = started(search, start)
+    start, y = seeds[:2]
     new, counts = np.full((2, n, 8), np.nan), np.zeros((n, 2), np.int64)
     state = np.full(n, _kernels_newton.FALLBACK, np.int64)
     number = np.arange(n)[:, None]
-    seeds = (start, y, normal, spacing)
     search._run(x[at], p[at], number, new, counts, state, seeds)
     bound = np.linalg.norm(x[at] - y, axis=1)
     bad = ~(np.abs(new[0, :, 6]) <= bound) | (state >= _kernels_newton.FALLBACK)

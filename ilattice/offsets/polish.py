@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from ilattice.macroshape.lattice import Lattice
     from ilattice.offsets.closest import ClosestPoints
 
-STEPS = 12
+#: Searches for closest points, and steps after each of them that go by the feet that are known.
+ROUNDS, FOLLOWED = 6, 4
 #: Residual at which a point is left alone, relative to the largest distance.
 LIMIT = 1e-7
 #: Least sine squared of the angle between two feet that are both satisfied.
@@ -66,17 +67,34 @@ def polish(
     limit = LIMIT * max(float(np.abs(d.c).max()), 1e-3 * float(scale))
     at = np.arange(len(u))
     known: ClosestPoints | None = None
-    for _ in range(STEPS):
-        step, error, found = _step(lattice, out[at], fixed[at], side[at], d, distance, known)
+    for _ in range(ROUNDS):
+        step, error, known = _step(lattice, out[at], fixed[at], side[at], d, distance, known)
         residual[at] = error
         out[at[np.isinf(error)]] = u[at[np.isinf(error)]]
         go = np.isfinite(error) & (error > limit)
         at = at[go]
         if len(at) == 0:
             break
-        known = None if found is None else found.rows(go)
         out[at] = inside(lattice, out[at] + step[go])
+        known = None if known is None else known.rows(go)
+        out[at], known = _followed(lattice, out[at], fixed[at], side[at], d, distance, known, limit)
     return out, residual
+
+
+def _followed(
+    lattice: Lattice, u: FloatArray, fixed: AnyArray, side: FloatArray, d: BSpline,
+    distance: BSpline | None, known: ClosestPoints | None, limit: float,
+) -> tuple[FloatArray, ClosestPoints | None]:  # fmt: skip
+    """Points moved on as if no feet were nearer than those that are known, and these feet."""
+    least = np.full(len(u), np.inf)
+    for _ in range(FOLLOWED):
+        step, error, known = _step(lattice, u, fixed, side, d, distance, known, follow=True)
+        go = (error > limit) & (error < least)
+        if not go.any():
+            break
+        least = np.minimum(least, error)
+        u = np.where(go[:, None], inside(lattice, u + step), u)
+    return u, known
 
 
 def distance_jet(
@@ -139,13 +157,15 @@ def _step(
     d: BSpline,
     distance: BSpline | None,
     known: ClosestPoints | None,
+    *,
+    follow: bool = False,
 ) -> tuple[FloatArray, FloatArray, ClosestPoints | None]:
     """Least step in space, within the free coordinates, the residual before it, and feet."""
     x, jacobian = lattice.through.jet(u, 1)
     asked, slope = d.jet(u, 1)
     found, lost = None, np.zeros(len(u), bool)
     if distance is None:
-        values, gradients, found = _by_closest_points(lattice, u, x, jacobian, known)
+        values, gradients, found = _by_closest_points(lattice, u, x, jacobian, known, follow)
         lost = found.status >= FALLBACK
     else:
         value, gradient = distance.jet(u, 1)
@@ -165,10 +185,14 @@ def _step(
 
 def _by_closest_points(
     lattice: Lattice, u: FloatArray, x: FloatArray, jacobian: FloatArray,
-    known: ClosestPoints | None,
+    known: ClosestPoints | None, follow: bool = False,
 ) -> tuple[list[FloatArray], list[FloatArray], ClosestPoints]:  # fmt: skip
     """Signed distances to the two nearest feet, their gradients in u, and these feet."""
-    found = lattice.search.query(u, strict=False, known=known, thorough=known is None)
+    search = lattice.search
+    if known is not None and follow:
+        found = search.follow(u, known)
+    else:
+        found = search.query(u, strict=False, known=known, thorough=known is None)
     apart = np.isfinite(found.second_distance)
     away = np.where(apart[:, None], x - found.second, 0.0)
     away /= np.where(apart, found.second_distance, 1.0)[:, None]

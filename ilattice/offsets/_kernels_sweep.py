@@ -1,0 +1,94 @@
+"""Compiled sweep over the seeds around queries, for those that may lie next to a nearer foot.
+
+Boxes of seeds are levels of a tree: a box of the lowest one holds LEAF seeds that are next to each
+other, one of the others holds FAN boxes of the level below. The arguments `order`, `lo`, `hi` and
+`first` are the seeds by boxes, the corners of all boxes, and where the levels begin among them.
+"""
+
+import numpy as np
+from numba import njit, prange
+
+from ilattice.offsets._kernels import alike, in_reach, seed_distance, unlikely
+from ilattice.offsets._kernels_jets import FAST
+
+LEAF, FAN = 16, 8
+CHUNK = 64
+#: Seeds that a query may gather; of more, the nearer half is kept.
+MOST = 4096
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def beyond(lo, hi, row, x, reach):
+    """Whether a box is farther from x than `reach`."""
+    d = 0.0
+    for a in range(3):
+        gap = max(lo[row, a] - x[a], x[a] - hi[row, a], 0.0)
+        d += gap * gap
+    return d > reach * reach
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def gather(
+    geom, sp, sx, sn, sh, order, lo, hi, first, x, q, best, reach, stack, away, found
+):  # fmt: skip
+    """Fill in seeds and their distances; how many, and the largest spacing of all in reach."""
+    widest, n, depth = 0.0, 0, 1
+    stack[0, 0], stack[0, 1] = len(first) - 2, 0
+    while depth > 0:
+        depth -= 1
+        level, k = stack[depth, 0], stack[depth, 1]
+        if beyond(lo, hi, first[level] + k, x, reach):
+            continue
+        if level > 0:
+            for c in range(FAN * k, min(FAN * k + FAN, first[level] - first[level - 1])):
+                stack[depth, 0], stack[depth, 1] = level - 1, c
+                depth += 1
+            continue
+        for j in range(LEAF * k, min(LEAF * k + LEAF, len(order))):
+            s = order[j]
+            d = seed_distance(sx, s, x)
+            if d > reach:
+                continue
+            widest = max(widest, sh[s])
+            if not in_reach(geom, sp, sx, sn, s, x, q) or unlikely(x, sx, sn, s, sh[s], best):
+                continue
+            if n == len(away):
+                rows = np.argsort(away)[: n // 2]
+                away[: len(rows)], found[: len(rows)] = away[rows], found[rows]
+                n = len(rows)
+                reach = away[n - 1]
+            away[n], found[n] = d, s
+            n += 1
+    return n, widest
+
+
+@njit(cache=True, parallel=True, fastmath=FAST, error_model="numpy")
+def sweep(geom, sp, sx, sn, sh, order, lo, hi, first, x, q, best, reach, out, widest):
+    """Seeds within `reach` (n,) that may have a foot nearer than `best` (n,), one per patch.
+
+    They fill rows of `out` (n, k), nearest first, up to -1; `widest` (n,) is the largest spacing
+    of all seeds in reach.
+    """
+    for chunk in prange((len(x) + CHUNK - 1) // CHUNK):
+        stack = np.empty((FAN * len(first), 2), np.int64)
+        away, found = np.empty(MOST), np.empty(MOST, np.int64)
+        for i in range(chunk * CHUNK, min(len(x), (chunk + 1) * CHUNK)):
+            xi, qi = (x[i, 0], x[i, 1], x[i, 2]), (q[i, 0], q[i, 1], q[i, 2])
+            n, widest[i] = gather(
+                geom, sp, sx, sn, sh, order, lo, hi, first, xi, qi, best[i], reach[i], stack,
+                away, found,
+            )  # fmt: skip
+            count = 0
+            for row in np.argsort(away[:n]):
+                s = found[row]
+                apart = True
+                for c in range(count):
+                    if alike(geom, sp, sx, sn, out[i, c], s, 0.6 * sh[s]):
+                        apart = False
+                        break
+                if apart:
+                    out[i, count] = s
+                    count += 1
+                    if count == out.shape[1]:
+                        break
+            out[i, count:] = -1

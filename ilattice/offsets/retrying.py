@@ -1,0 +1,200 @@
+"""Further starts for queries whose first ones may have missed a nearer foot.
+
+Where a map squeezes tiles, the nearest seeds crowd on one sheet, and seeds that are as near as that
+they may count are thousands. Few of these may have a nearer foot: they are swept for in compiled
+code, once there is a foot to compare with.
+
+Guarantee: in the end no seed within the reach of a query is left out that may have a nearer foot,
+but for patches beyond `RETRY_CANDIDATES`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ilattice._typing import AnyArray, FloatArray, IntArray
+from ilattice.offsets import _kernels, _kernels_newton, _kernels_sweep
+
+if TYPE_CHECKING:
+    from ilattice.offsets.closest import ClosestPointSearch
+
+#: A retry starts from up to that many of the nearest seeds, one per patch. It looks among this
+#: many; while no start leads to a foot, among four times as many, up to the last number.
+RETRY_CANDIDATES, RETRY_NEIGHBOURS, MOST_NEIGHBOURS = 48, 24, 1536
+#: Seeds that are looked at together.
+RETRIED = 1 << 21
+#: Candidates may miss a patch if the last one is within sqrt(d² + c h²) of the query, h the spacing
+#: of seeds (the seed next to a foot at distance d is hardly ever farther than that): c is CROWDED
+#: if they lie on several patches, so that a second foot is nearer than d + RIVAL h; else it is
+#: PILED, where a map squeezes seeds together.
+CROWDED, PILED, RIVAL = 0.35, 0.15, 0.1
+#: Sweeps, each farther than the one before where seeds turn out to be farther apart.
+SWEEPS = 3
+
+
+class Boxes(NamedTuple):
+    """Boxes of seeds, see `_kernels_sweep`.
+
+    Attributes
+    ----------
+    order : ndarray, shape (s,)
+        Numbers of the seeds.
+    lo, hi : ndarray, shape (b, 3)
+        Corners of the boxes.
+    first : ndarray, shape (levels + 1,)
+        Where the levels of boxes begin, lowest first, and end.
+    """
+
+    order: IntArray
+    lo: FloatArray
+    hi: FloatArray
+    first: IntArray
+
+    @classmethod
+    def of(cls, tree: cKDTree) -> Boxes:
+        """Boxes of seeds next to each other.
+
+        Parameters
+        ----------
+        tree : cKDTree
+            Seeds in space.
+
+        Returns
+        -------
+        Boxes
+            The boxes.
+        """
+        order = np.asarray(tree.indices, np.int64)
+        lo = hi = np.asarray(tree.data)[order]
+        ends: list[tuple[FloatArray, FloatArray]] = []
+        first, size = [0], _kernels_sweep.LEAF
+        while not ends or len(lo) > 1:
+            at = np.arange(0, len(lo), size)
+            lo, hi = np.minimum.reduceat(lo, at), np.maximum.reduceat(hi, at)
+            ends.append((lo, hi))
+            first.append(first[-1] + len(lo))
+            size = _kernels_sweep.FAN
+        los, his = (np.concatenate(a) for a in zip(*ends, strict=True))
+        return cls(order, los, his, np.array(first))
+
+
+def retried(
+    search: ClosestPointSearch, at: IntArray, x: FloatArray, p: FloatArray, feet: FloatArray,
+    counts: IntArray, status: IntArray,
+) -> None:  # fmt: skip
+    """Improve queries from more seeds, until no further one may lie next to a nearer foot.
+
+    Parameters
+    ----------
+    search : ClosestPointSearch
+        Seeds, map and tiles.
+    at : ndarray
+        Which queries.
+    x, p : ndarray, shape (n, 3)
+        Queries in space and in tile coordinates.
+    feet, counts, status : ndarray, shape (2, n, 8), (n, 2) and (n,)
+        What `_kernels.closest` has found; changed in place.
+    """
+    m, rest = RETRY_NEIGHBOURS, []
+    while len(at) and m <= MOST_NEIGHBOURS:
+        parts = [at[i : i + RETRIED // m] for i in range(0, len(at), RETRIED // m)]
+        left = np.concatenate([_retry(search, a, m, x, p, feet, counts, status) for a in parts])
+        failed = status[left] >= _kernels_newton.FALLBACK
+        rest.append(left[~failed])
+        at, m = left[failed], 4 * m
+    left = np.sort(np.concatenate([np.zeros(0, np.int64), *rest]))
+    reach = np.zeros(len(left))
+    size = search.spacing.size[search.candidates(x[left], RETRY_NEIGHBOURS)[1]].max(axis=1)
+    for _ in range(SWEEPS):
+        wanted = _reach(search, p[left], size, feet[:, left])
+        more = wanted > reach
+        left, reach = left[more], wanted[more]
+        if len(left) == 0:
+            break
+        size = _sweep(search, left, reach, x, p, feet, counts, status)
+
+
+def _retry(
+    search: ClosestPointSearch, at: IntArray, m: int, x: FloatArray, p: FloatArray,
+    feet: FloatArray, counts: IntArray, status: IntArray,
+) -> IntArray:  # fmt: skip
+    """Improve the queries `at` from more seeds, far apart; which of them remain doubtful."""
+    distance, near = search.candidates(x[at], m)
+    idx = np.empty((len(at), RETRY_CANDIDATES), np.int64)
+    best = np.where(status[at] < _kernels_newton.FALLBACK, np.abs(feet[0, at, 6]), np.inf)
+    _kernels.spread(search.space[7], *search.seeds, x[at], p[at], best, near, idx)
+    _start(search, at, idx, x, p, feet, counts, status)
+    return at[doubtful(search, p[at], distance, near, feet[:, at], status[at])]
+
+
+def _sweep(
+    search: ClosestPointSearch, at: IntArray, reach: FloatArray, x: FloatArray, p: FloatArray,
+    feet: FloatArray, counts: IntArray, status: IntArray,
+) -> FloatArray:  # fmt: skip
+    """Improve the queries `at` from all seeds within reach; the largest spacing of these."""
+    idx, widest = np.empty((len(at), RETRY_CANDIDATES), np.int64), np.empty(len(at))
+    _kernels_sweep.sweep(
+        search.space[7], *search.seeds, *search.boxes, x[at], p[at], np.abs(feet[0, at, 6]),
+        reach, idx, widest,
+    )  # fmt: skip
+    some = np.flatnonzero(idx[:, 0] >= 0)
+    _start(search, at[some], idx[some], x, p, feet, counts, status)
+    return widest
+
+
+def _start(
+    search: ClosestPointSearch, at: IntArray, idx: IntArray, x: FloatArray, p: FloatArray,
+    feet: FloatArray, counts: IntArray, status: IntArray,
+) -> None:  # fmt: skip
+    """Improve the queries `at` from seeds."""
+    f, c, s = feet.take(at, axis=1), counts[at], status[at]
+    search._run(x[at], p[at], idx, f, c, s)
+    feet[:, at], counts[at], status[at] = f, c, s
+
+
+def doubtful(
+    search: ClosestPointSearch, p: FloatArray, distance: FloatArray, near: IntArray,
+    feet: FloatArray, status: IntArray,
+) -> AnyArray:  # fmt: skip
+    """Where no start converged, or a further seed may lie next to a foot that is nearer.
+
+    Parameters
+    ----------
+    search : ClosestPointSearch
+        Seeds and their spacing.
+    p : ndarray, shape (n, 3)
+        Queries in tile coordinates.
+    distance, near : ndarray, shape (n, k)
+        Distances and numbers of the seeds looked at, nearest first.
+    feet, status : ndarray, shape (2, n, 8) and (n,)
+        What `_kernels.closest` has found.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        True for these.
+    """
+    failed = status >= _kernels_newton.FALLBACK
+    if distance.shape[1] == len(search.seeds[0]):
+        return failed
+    h = search.spacing.around(p, near)
+    out: AnyArray = failed | (distance[:, -1] < _within(h, feet))
+    return out
+
+
+def _reach(
+    search: ClosestPointSearch, p: FloatArray, size: FloatArray, feet: FloatArray
+) -> FloatArray:
+    """How near (n,) seeds are that may lie next to a nearer foot, from the largest spacing."""
+    return _within(search.spacing.at_least(p, size), feet)
+
+
+def _within(h: FloatArray, feet: FloatArray) -> FloatArray:
+    """Within which distance (n,) seeds a spacing apart may lie next to a nearer foot."""
+    first, second = np.abs(feet[:, :, 6])
+    several = second < first + RIVAL * h
+    out: FloatArray = np.sqrt(first**2 + np.where(several, CROWDED, PILED) * h**2)
+    return out
