@@ -221,7 +221,8 @@ def base(
             rooted = soft  # where lines end like square roots
             for j in range(n_faces):
                 if not good and not rooted:
-                    rooted = not straight(Z, here + N[CUT_FACES + j] * square, P, 1, 0, 1, L)
+                    c = here + N[CUT_FACES + j] * square
+                    rooted = not straight(Z, c, P, 1, 0, 1, Z[TOL + N[OWNERS + j]], L)
             strips(Z, N, volume, surface, at, n, here, n_faces, e0, axis == 1, rooted,
                    crowd or not simple, want, q, L)  # fmt: skip
         level -= 1

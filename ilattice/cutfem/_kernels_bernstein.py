@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-#: Part of the largest coefficient by which those of a linear function may be off.
-STRAIGHT = 1e-12
+#: Times the noise of coefficients by which those of a linear function may be off.
+STRAIGHT = 1e3
 DEEPEST = 40
 
 
@@ -77,10 +77,12 @@ def bend(c: Any, at: int, step: int, other: int, third: int, n: int, L: Any) -> 
 
 
 @njit(cache=True, error_model="numpy")
-def straight(c: Any, at: int, s: int, t: int, r: int, n: int, L: Any) -> bool:
-    """Whether coefficients c[at + i s + j t + k r], k below n, are those of a linear function."""
+def straight(c: Any, at: int, s: int, t: int, r: int, n: int, noise: float, L: Any) -> bool:
+    """Whether coefficients c[at + i s + j t + k r], k below n, are those of a linear function.
+
+    Up to some times the noise of coefficients.
+    """
     P = len(L)
-    size = 0.0
     off = 0.0
     for i in range(P):
         for j in range(P):
@@ -89,9 +91,8 @@ def straight(c: Any, at: int, s: int, t: int, r: int, n: int, L: Any) -> bool:
                 flat = c[at] + i * (c[at + s] - c[at]) + j * (c[at + t] - c[at])
                 if n > 1:
                     flat += k * (c[at + r] - c[at])
-                size = max(size, abs(v))
                 off = max(off, abs(v - flat))
-    return off <= STRAIGHT * size
+    return off <= STRAIGHT * noise
 
 
 @njit(cache=True, error_model="numpy")

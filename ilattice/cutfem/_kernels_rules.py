@@ -141,7 +141,8 @@ def bent(Z: Any, N: Any, here: int, n: int, L: Any) -> bool:
     """Whether an active polynomial is not linear: planes have no square roots at their ends."""
     P = len(L)
     for i in range(n):
-        if not straight(Z, here + N[ACTIVE + i] * P * P * P, P * P, P, 1, P, L):
+        k = N[ACTIVE + i]
+        if not straight(Z, here + k * P * P * P, P * P, P, 1, P, Z[TOL + k], L):
             return True
     return False
 

@@ -78,6 +78,7 @@ class Heat(Problem):
     """
 
     m: ClassVar[int] = 1
+    spring_name: ClassVar[str] = "transfer"
     energy_name: ClassVar[str] = "the energy of the temperature, and heat that flows by it,"
     lack: ClassVar[str] = "nothing fixes the temperature: add fix or convection before solving"
     conductivity: Scalar

@@ -15,7 +15,7 @@ import numpy as np
 
 from ilattice._progress import Progress
 from ilattice._typing import FloatArray, IntArray
-from ilattice._validate import Frozen, among, as_choice, read_only
+from ilattice._validate import FixedMapping, Frozen, among, as_choice, read_only
 from ilattice.cutfem import discretization
 from ilattice.cutfem._engines import ENGINES
 from ilattice.cutfem.assembly import Assembly
@@ -93,6 +93,7 @@ class Problem:
 
     m: ClassVar[int]
     lack: ClassVar[str] = "nothing holds the solid: add a support before solving"
+    spring_name: ClassVar[str] = "stiffness"
     energy_name: ClassVar[str] = "the strain energy"
 
     def __init__(self, domain: Domain, islands: str) -> None:
@@ -173,7 +174,7 @@ class Problem:
         cells = [self.domain.boundary(on).cells for on in {s.on for s in self.supports}]
         for s in self.springs:
             rule = self.domain.boundary(s.on)
-            firm = stiffness_at("stiffness", s.stiffness, rule.points, self.m).any(axis=1)
+            firm = stiffness_at(self.spring_name, s.stiffness, rule.points, self.m).any(axis=1)
             cells.append(np.unique(rule.cells[rule.owners[firm]]))
         held = np.unique(np.concatenate([self.domain.parts.touching(c) for c in cells]))
         return read_only(held), read_only(np.setdiff1d(np.arange(count), held))
@@ -307,7 +308,7 @@ class Problem:
             )
 
     @cached_property
-    def free_motions(self) -> dict[int, tuple[int, int]]:
+    def free_motions(self) -> FixedMapping[int, tuple[int, int]]:
         """Parts of which motions are free: how many, and how many there are."""
         out = {}
         for part in self.parts[0]:
@@ -316,7 +317,7 @@ class Problem:
             free = int((values < FREE).sum())
             if free:
                 out[int(part)] = free, len(values)
-        return out
+        return FixedMapping(out)
 
     def _held_motions(self, part: int) -> FloatArray:
         """Products (k, k) of the motions of one part in what is held, in units of its size."""
@@ -334,7 +335,7 @@ class Problem:
             inside = np.isin(rule.cells, asm.space.cells[mine])[rule.owners]
             x = rule.points[inside]
             mask = np.broadcast_to(s.mask, (len(x), self.m)) if isinstance(s, Support) else (
-                stiffness_at("stiffness", s.stiffness, x, self.m) > 0
+                stiffness_at(self.spring_name, s.stiffness, x, self.m) > 0
             )  # fmt: skip
             at = self._motions((x - centre) / size)[mask]
             gram += at.T @ at

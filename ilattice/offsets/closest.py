@@ -400,7 +400,10 @@ class ClosestPointSearch(TileSpace):
             The nearer one of the feet that starts from the known foot and from the known second
             one lead to, which need not be the closest point, and the other one.
         """
+        as_kind("known", known, "ClosestPoints")
         p, x = self.to_tile(u), self.lattice.through.x(u)
+        if len(known.u) != len(p):
+            raise InputError(f"known must have a foot for each of {len(p)} u, got {len(known.u)}")
         feet, counts, status = _results(len(u))
         other = np.where(np.isfinite(known.second_u), known.second_u, known.u)
         start = self.to_tile(np.concatenate([known.u, other]))

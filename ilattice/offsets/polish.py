@@ -21,7 +21,9 @@ if TYPE_CHECKING:
     from ilattice.offsets.closest import ClosestPoints
 
 #: Searches for closest points, and steps after each of them that go by the feet that are known.
-ROUNDS, FOLLOWED = 6, 4
+ROUNDS, FOLLOWED = 3, 4
+#: Searches for what is left.
+STEPS = 12
 #: Residual at which a point is left alone, relative to the largest distance.
 LIMIT = 1e-7
 #: Least sine squared of the angle between two feet that are both satisfied.
@@ -65,19 +67,24 @@ def polish(
     residual = np.full(len(u), np.inf)
     scale = lattice.search.seeds[3].min() if distance is None else np.abs(distance.c).max()
     limit = LIMIT * max(float(np.abs(d.c).max()), 1e-3 * float(scale))
-    at = np.arange(len(u))
-    known: ClosestPoints | None = None
-    for _ in range(ROUNDS):
-        step, error, known = _step(lattice, out[at], fixed[at], side[at], d, distance, known)
-        residual[at] = error
-        out[at[np.isinf(error)]] = u[at[np.isinf(error)]]
-        go = np.isfinite(error) & (error > limit)
-        at = at[go]
-        if len(at) == 0:
-            break
-        out[at] = inside(lattice, out[at] + step[go])
-        known = None if known is None else known.rows(go)
-        out[at], known = _followed(lattice, out[at], fixed[at], side[at], d, distance, known, limit)
+    for rounds, followed in ((ROUNDS, FOLLOWED), (STEPS, 0)):  # the rest again, from the start
+        at = np.flatnonzero(~(residual <= limit))
+        out[at] = u[at]
+        known: ClosestPoints | None = None
+        for _ in range(rounds):
+            if len(at) == 0:
+                break
+            step, error, known = _step(lattice, out[at], fixed[at], side[at], d, distance, known)
+            residual[at] = error
+            out[at[np.isinf(error)]] = u[at[np.isinf(error)]]
+            go = np.isfinite(error) & (error > limit)
+            at = at[go]
+            known = None if known is None else known.rows(go)
+            out[at] = inside(lattice, out[at] + step[go])
+            if followed and len(at):
+                out[at], known = _followed(
+                    lattice, out[at], fixed[at], side[at], d, distance, known, limit
+                )
     return out, residual
 
 
