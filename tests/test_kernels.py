@@ -34,7 +34,7 @@ def test_every_item_is_treated_once(n, threads):
 def test_errors_of_ranges_are_raised():
     @in_ranges(2)
     def kernel(first, last):
-        if first >= 6:
+        if last > 6:
             raise ValueError(f"{first} to {last}")
 
     kernel(6)
