@@ -228,7 +228,7 @@ def trend(c: Any, base: int, along: int, s: int, t: int, many: int, P: int, tol:
 
 
 @njit(**FAST)
-def is_heap(c: Any, tables: Any, which: Any, start: Any, extent: Any, P: int) -> bool:
+def is_one_piece(c: Any, tables: Any, which: Any, start: Any, extent: Any, P: int) -> bool:
     """Whether the solid of one polynomial in several boxes of a cell is certainly in one piece.
 
     Where the polynomial is monotone along one direction in all boxes, the solid stands on one end
@@ -261,17 +261,17 @@ def is_heap(c: Any, tables: Any, which: Any, start: Any, extent: Any, P: int) ->
                 found &= trend(c[which[i], 0], 0, along, b, e, P, P, tol)
         if found > 0:
             low = (found & 1 > 0) == (sign > 0.0)
-            if stands(c, which, start, extent, top, a, low, sign, P, tol):
+            if base_is_one_piece(c, which, start, extent, top, a, low, sign, P, tol):
                 return True
     return False
 
 
 @njit(**FAST)
-def stands(
+def base_is_one_piece(
     c: Any, which: Any, start: Any, extent: Any, top: Any, axis: int, low: bool, sign: float,
     P: int, tol: float,
 ) -> bool:  # fmt: skip
-    """Whether what the solid of `is_heap` stands on, one end of its cell, is in one piece."""
+    """Whether what the solid of `is_one_piece` stands on, one end of its cell, is in one piece."""
     base = 0 if low else (P - 1) * P ** (2 - axis)
     for turn in range(1, 3):
         a = (axis + turn) % 3
@@ -326,7 +326,7 @@ def count_pieces(
         ):
             counts[i] = 1
             gaps[i] = 0.0
-        elif c.shape[1] == 1 and is_heap(c, tables, mine, start[part], extent[part], P):
+        elif c.shape[1] == 1 and is_one_piece(c, tables, mine, start[part], extent[part], P):
             counts[i] = 1
             gaps[i] = 0.0
         else:

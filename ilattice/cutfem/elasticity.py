@@ -309,8 +309,10 @@ class Elasticity(Problem):
         """
         if self.projection is None:
             return super()._discretization_error(product, c, energy)
-        soft = replace(self.material, poisson=replace(self.material.poisson, value=SOFT))
-        like = self._with(material=soft, dilatation="full", _held={})
+        if "soft" not in self._held:
+            soft = replace(self.material, poisson=replace(self.material.poisson, value=SOFT))
+            self._held["soft"] = self._with(material=soft, dilatation="full", _held={})
+        like = self._held["soft"]
         K = like._reduced()
         blocks = Blocks(K.indptr, K.indices, K.data, len(K.indptr) - 1)
 

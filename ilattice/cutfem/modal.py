@@ -365,7 +365,7 @@ def _by_factor(A: Any, solver: Solver, count: int, motions: FloatArray, tol: flo
     rng = np.random.default_rng(0)
     mu, x = _known(A, solver, motions, 1e-2 * tol)
     wanted = max(count - len(mu), 1)
-    while True:
+    for _ in range(count + 2):  # each start but the last finds one of those that are missing
         rest = _without(A, solver.multiply(x), mu) if len(mu) else A
         start = rng.standard_normal(n)
         try:
@@ -380,6 +380,9 @@ def _by_factor(A: Any, solver: Solver, count: int, motions: FloatArray, tol: flo
             return mu, x
         mu, x = np.append(mu, more[new]), np.concatenate([x, y[:, new]], axis=1)
         wanted = min(count, BESIDE)
+    raise ConvergenceError(
+        f"Lanczos' method finds ever more than {count} modes in {n} unknowns; give another method"
+    )
 
 
 def _known(A: Any, solver: Solver, motions: FloatArray, tol: float) -> tuple[FloatArray, Any]:

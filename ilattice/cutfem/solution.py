@@ -11,27 +11,24 @@ cell, then NaN.
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
-from ilattice._validate import FixedMapping, as_kind, as_points, read_only
+from ilattice._typing import FloatArray, IntArray
+from ilattice._validate import FixedMapping, as_kind, read_only
 from ilattice.cutfem.elasticity import Elasticity
-from ilattice.cutfem.output import Result
 from ilattice.cutfem.rules import Quadrature
-from ilattice.errors import InputError
+from ilattice.cutfem.stresses import Stresses, elastic_stress, engineering_strain, von_mises
 
 if TYPE_CHECKING:
     from ilattice.cutfem.estimate import ErrorEstimate
     from ilattice.cutfem.recovery import Recovered
     from ilattice.cutfem.solvers import SolveReport
 
-VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
-
 
 @dataclass(frozen=True, eq=False)
-class Solution(Result):
+class Solution(Stresses):
     """Displacement of an elastic solid: made by `Elasticity.solve`.
 
     Attributes
@@ -47,95 +44,9 @@ class Solution(Result):
     problem: Elasticity
     coefficients: FloatArray
     report: "SolveReport | None"
-    shown: ClassVar[str] = "von_mises"
-    probed: ClassVar[tuple[str, ...]] = ("strain", "principal", "utilization")
 
     def __repr__(self) -> str:
         return f"Solution({len(self.coefficients)} functions, energy {self.energy:.6g})"
-
-    # ---------------------------------------------------------------- fields
-
-    def evaluate(self, u: ArrayLike) -> FloatArray:
-        """Displacement at parameters.
-
-        Parameters
-        ----------
-        u : array_like, shape (n, 3)
-            Parameters.
-
-        Returns
-        -------
-        ndarray, shape (n, 3)
-            Displacement; NaN more than a cell away from the solid.
-        """
-        return self._fields(u)[0]
-
-    displacement = evaluate
-
-    def strain(self, u: ArrayLike) -> FloatArray:
-        """Strain at parameters.
-
-        Parameters
-        ----------
-        u : array_like, shape (n, 3)
-            Parameters.
-
-        Returns
-        -------
-        ndarray, shape (n, 6)
-            xx, yy, zz, yz, xz, xy with engineering shear.
-        """
-        return engineering_strain(self._fields(u)[1])
-
-    def stress(self, u: ArrayLike) -> FloatArray:
-        """Stress at parameters.
-
-        Parameters
-        ----------
-        u : array_like, shape (n, 3)
-            Parameters.
-
-        Returns
-        -------
-        ndarray, shape (n, 6)
-            xx, yy, zz, yz, xz, xy.
-        """
-        p = as_points("u", u)
-        return self._stress(self._fields(p)[1], p, self.problem.assembly.space.locate(p))
-
-    def von_mises(self, u: ArrayLike) -> FloatArray:
-        """Von Mises stress at parameters.
-
-        Parameters
-        ----------
-        u : array_like, shape (n, 3)
-            Parameters.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            The equivalent stress.
-        """
-        return von_mises(self.stress(u))
-
-    def principal(self, u: ArrayLike) -> FloatArray:
-        """Principal stresses at parameters.
-
-        Parameters
-        ----------
-        u : array_like, shape (n, 3)
-            Parameters.
-
-        Returns
-        -------
-        ndarray, shape (n, 3)
-            Increasing; NaN where the stress is.
-        """
-        s = self.stress(u)
-        out = np.full((len(s), 3), np.nan)
-        good = np.isfinite(s).all(axis=1)
-        out[good] = np.linalg.eigvalsh(s[good][:, [[0, 5, 4], [5, 1, 3], [4, 3, 2]]])
-        return out
 
     def stress_on(self, rule: Quadrature) -> FloatArray:
         """Stress at the points of a rule in the active cells.
@@ -181,57 +92,6 @@ class Solution(Result):
         from ilattice.cutfem.estimate import stress_error
 
         return stress_error(self)
-
-    def _fields(self, u: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        return self.problem.assembly.evaluate(self.coefficients, as_points("u", u))
-
-    def _stress(self, gradient: FloatArray, u: FloatArray, owner: IntArray) -> FloatArray:
-        problem = self.problem
-        lam, mu = problem.material.lame(problem.assembly, u)
-        out = elastic_stress(gradient, lam * self._dilatation(gradient, u, owner), mu)
-        for load in problem.loads:
-            if load.kind == "temperature":
-                out[:, :3] -= problem._thermal_stress(load, u, owner)[:, None]
-        return out
-
-    def _dilatation(self, gradient: FloatArray, u: FloatArray, owner: IntArray) -> FloatArray:
-        """Change of volume (n,) that makes stress: div u, or its projection."""
-        projection = self.problem.projection
-        if projection is None:
-            return np.trace(gradient, axis1=1, axis2=2)
-        return projection.at(self._projected, u, owner)
-
-    @cached_property
-    def _projected(self) -> FloatArray:
-        """Projection (cells, terms) of div u."""
-        assert self.problem.projection is not None
-        return self.problem.projection.of_field(self.coefficients)
-
-    def utilization(self, u: ArrayLike) -> FloatArray:
-        """Von Mises stress over the strength of the material, at parameters.
-
-        Parameters
-        ----------
-        u : array_like, shape (n, 3)
-            Parameters.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            Above 1 the material yields; the inverse is the factor of safety there.
-
-        Raises
-        ------
-        InputError
-            If the problem was made without `strength`.
-        """
-        return self.von_mises(u) / self._strength(u)
-
-    def _strength(self, u: ArrayLike) -> FloatArray:
-        strength = self.problem.material.strength
-        if strength is None:
-            raise InputError("the material has no strength: give Elasticity(..., strength=...)")
-        return strength.at(self.problem.assembly, as_points("u", u))
 
     # ---------------------------------------------------------------- numbers
 
@@ -329,48 +189,3 @@ class Solution(Result):
     def residual(self) -> float:
         """Relative residual of the equations."""
         return 0.0 if self.report is None else float(self.report.residual)
-
-    # ---------------------------------------------------------------- files and pictures
-
-    def point_data(self, u: ArrayLike) -> dict[str, AnyArray]:
-        """What files hold, at parameters.
-
-        Parameters
-        ----------
-        u : array_like, shape (n, 3)
-            Parameters.
-
-        Returns
-        -------
-        dict of str to ndarray
-            ``displacement`` (n, 3), ``stress`` (n, 6), ``von_mises`` (n,), and, if the material
-            has a strength, ``utilization`` (n,).
-        """
-        stress = self.stress(u)
-        data = {"displacement": self.evaluate(u), "stress": stress, "von_mises": von_mises(stress)}
-        if self.problem.material.strength is not None:
-            data["utilization"] = data["von_mises"] / self._strength(u)
-        return data
-
-
-def engineering_strain(gradient: FloatArray) -> FloatArray:
-    """Strain (n, 6) of displacement gradients (n, 3, 3), with engineering shear."""
-    g = gradient
-    out = np.empty((len(g), 6))
-    for k, (i, j) in enumerate(VOIGT):
-        out[:, k] = g[:, i, i] if i == j else g[:, i, j] + g[:, j, i]
-    return out
-
-
-def elastic_stress(gradient: FloatArray, pressure: FloatArray, mu: FloatArray) -> FloatArray:
-    """Stress (n, 6) of displacement gradients (n, 3, 3), with λ times the change of volume."""
-    e = engineering_strain(gradient)
-    out = mu[:, None] * e
-    out[:, :3] += mu[:, None] * e[:, :3] + pressure[:, None]
-    return out
-
-
-def von_mises(s: FloatArray) -> FloatArray:
-    """Equivalent stress (n,) of stresses (n, 6)."""
-    a, b, c = s[:, 0] - s[:, 1], s[:, 1] - s[:, 2], s[:, 2] - s[:, 0]
-    return np.sqrt(0.5 * (a * a + b * b + c * c) + 3.0 * (s[:, 3:] ** 2).sum(axis=1))

@@ -17,14 +17,13 @@ grow without bound under refinement, so that the first yield there depends on th
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
+from ilattice._typing import ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_array, as_points
-from ilattice.cutfem.output import Result
-from ilattice.cutfem.solution import elastic_stress, engineering_strain, von_mises
+from ilattice.cutfem.stresses import Stresses, von_mises
 from ilattice.errors import InputError
 from ilattice.homogenize import tensors
 from ilattice.homogenize._result import SOFT
@@ -37,7 +36,7 @@ BORNE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class LocalFields(Result):
+class LocalFields(Stresses):
     """A cell under a mean stress: made by `ElasticCell.under`.
 
     Attributes
@@ -54,92 +53,18 @@ class LocalFields(Result):
     coefficients: FloatArray
     mean_stress: FloatArray
     mean_strain: FloatArray
-    shown: ClassVar[str] = "von_mises"
-    probed: ClassVar[tuple[str, ...]] = ("strain",)
 
-    def evaluate(self, u: ArrayLike) -> FloatArray:
-        """Displacement at parameters, that of the mean strain included.
+    def _fields(self, u: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Displacement and its gradient, those of the mean strain included."""
+        value, gradient = super()._fields(u)
+        E = as_matrix(self.mean_strain)
+        return value + self.problem.assembly.x(as_points("u", u)) @ E, gradient + E
 
-        Parameters
-        ----------
-        u : array_like, shape (n, 3)
-            Parameters.
-
-        Returns
-        -------
-        ndarray, shape (n, 3)
-            Displacement; NaN more than a cell away from the solid.
-        """
-        u = as_points("u", u)
-        asm = self.problem.assembly
-        return asm.evaluate(self.coefficients, u)[0] + asm.x(u) @ as_matrix(self.mean_strain)
-
-    def strain(self, u: ArrayLike) -> FloatArray:
-        """Strain at parameters.
-
-        Parameters
-        ----------
-        u : array_like, shape (n, 3)
-            Parameters.
-
-        Returns
-        -------
-        ndarray, shape (n, 6)
-            xx, yy, zz, yz, xz, xy with engineering shear.
-        """
-        gradient = self.problem.assembly.evaluate(self.coefficients, as_points("u", u))[1]
-        return engineering_strain(gradient) + self.mean_strain
-
-    def stress(self, u: ArrayLike) -> FloatArray:
-        """Stress at parameters.
-
-        Parameters
-        ----------
-        u : array_like, shape (n, 3)
-            Parameters.
-
-        Returns
-        -------
-        ndarray, shape (n, 6)
-            xx, yy, zz, yz, xz, xy.
-        """
-        u, asm = as_points("u", u), self.problem.assembly
-        gradient = asm.evaluate(self.coefficients, u)[1]
-        owner = asm.space.locate(u)
-        return stress_of(
-            self.problem, self.coefficients, as_matrix(self.mean_strain), gradient, u, owner
-        )
-
-    def von_mises(self, u: ArrayLike) -> FloatArray:
-        """Von Mises stress at parameters.
-
-        Parameters
-        ----------
-        u : array_like, shape (n, 3)
-            Parameters.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            The equivalent stress.
-        """
-        return von_mises(self.stress(u))
-
-    def point_data(self, u: ArrayLike) -> dict[str, AnyArray]:
-        """What files hold, at parameters.
-
-        Parameters
-        ----------
-        u : array_like, shape (n, 3)
-            Parameters.
-
-        Returns
-        -------
-        dict of str to ndarray
-            ``displacement`` (n, 3), ``stress`` (n, 6), ``von_mises`` (n,).
-        """
-        stress = self.stress(u)
-        return {"displacement": self.evaluate(u), "stress": stress, "von_mises": von_mises(stress)}
+    def _dilatation(self, gradient: FloatArray, u: FloatArray, owner: IntArray) -> FloatArray:
+        """Change of volume (n,): only what is not the mean is projected."""
+        if self.problem.projection is None:
+            return super()._dilatation(gradient, u, owner)
+        return super()._dilatation(gradient, u, owner) + self.mean_strain[:3].sum()
 
 
 def as_matrix(strain: FloatArray) -> FloatArray:
@@ -168,18 +93,6 @@ def as_stresses(stress: Any, C: FloatArray) -> tuple[FloatArray, FloatArray]:
     return rows, strains
 
 
-def stress_of(
-    problem: "ElasticCell", c: FloatArray, E: FloatArray, gradient: FloatArray, u: FloatArray,
-    owner: IntArray,
-) -> FloatArray:  # fmt: skip
-    """Stresses (n, 6) at parameters, of gradients (n, 3, 3) without the mean strain E."""
-    lam, mu = problem.material.lame(problem.assembly, u)
-    volume = np.trace(gradient, axis1=1, axis2=2)
-    if problem.projection is not None:
-        volume = problem.projection.at(problem.projection.of_field(c), u, owner)
-    return elastic_stress(gradient + E, lam * (volume + np.trace(E)), mu)
-
-
 def first_yield(
     problem: "ElasticCell", coefficients: FloatArray, strains: FloatArray
 ) -> FloatArray:
@@ -194,13 +107,14 @@ def first_yield(
     rule = problem.domain.solid(asm)
     assert rule.parameters is not None
     c = np.ascontiguousarray(coefficients.transpose(0, 2, 1)).reshape(len(coefficients), 18)
-    units, owners, used = tensors.strain_matrices(), asm.owners(rule), np.zeros(len(strains))
+    unit = [
+        LocalFields(problem, coefficients[..., a], np.zeros(6), e) for a, e in enumerate(np.eye(6))
+    ]
+    E, owners, used = tensors.strain_matrices(), asm.owners(rule), np.zeros(len(strains))
     for rows, _, gradient in asm.on_rule(c, rule):
         u, owner = rule.parameters[rows], owners[rows]
-        g = gradient.reshape(-1, 6, 3, 3)
-        local = np.stack([
-            stress_of(problem, coefficients[..., a], units[a], g[:, a], u, owner) for a in range(6)
-        ])  # fmt: skip
+        g = gradient.reshape(-1, 6, 3, 3) + E
+        local = np.stack([one._stress(g[:, a], u, owner) for a, one in enumerate(unit)])
         limit = strength.at(asm, u)
         for i, strain in enumerate(strains):
             equivalent = von_mises(np.einsum("a,anj->nj", strain, local))

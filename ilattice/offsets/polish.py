@@ -67,7 +67,8 @@ def polish(
     residual = np.full(len(u), np.inf)
     scale = lattice.search.seeds[3].min() if distance is None else np.abs(distance.c).max()
     limit = LIMIT * max(float(np.abs(d.c).max()), 1e-3 * float(scale))
-    for rounds, followed in ((ROUNDS, FOLLOWED), (STEPS, 0)):  # the rest again, from the start
+    stages = ((ROUNDS, FOLLOWED), (STEPS, 0))  # in the second one the rest again, from the start
+    for rounds, followed in stages if distance is None else stages[1:]:
         at = np.flatnonzero(~(residual <= limit))
         out[at] = u[at]
         known: ClosestPoints | None = None
@@ -82,20 +83,18 @@ def polish(
             known = None if known is None else known.rows(go)
             out[at] = inside(lattice, out[at] + step[go])
             if followed and len(at):
-                out[at], known = _followed(
-                    lattice, out[at], fixed[at], side[at], d, distance, known, limit
-                )
+                out[at], known = _followed(lattice, out[at], fixed[at], side[at], d, known, limit)
     return out, residual
 
 
 def _followed(
     lattice: Lattice, u: FloatArray, fixed: AnyArray, side: FloatArray, d: BSpline,
-    distance: BSpline | None, known: ClosestPoints | None, limit: float,
+    known: ClosestPoints | None, limit: float,
 ) -> tuple[FloatArray, ClosestPoints | None]:  # fmt: skip
     """Points moved on as if no feet were nearer than those that are known, and these feet."""
     least = np.full(len(u), np.inf)
     for _ in range(FOLLOWED):
-        step, error, known = _step(lattice, u, fixed, side, d, distance, known, follow=True)
+        step, error, known = _step(lattice, u, fixed, side, d, None, known, follow=True)
         go = (error > limit) & (error < least)
         if not go.any():
             break

@@ -158,9 +158,9 @@ def test_solid_that_stands_on_one_end_of_its_cell_is_one_piece(kind):
         for cell in cells:
             mine = owner == cell
             rest = which[mine], start[mine], extent[mine], cut.pieces.order
-            heap = kernels.is_heap(c, tables, *rest)
-            assert heap == kernels.is_heap(-c, np.full_like(tables, 1), *rest)
-            accepted.append(heap)
+            single = kernels.is_one_piece(c, tables, *rest)
+            assert single == kernels.is_one_piece(-c, np.full_like(tables, 1), *rest)
+            accepted.append(single)
             pieces.append(kernels.pieces_of(c, tables, *rest)[3])
     accepted, pieces = np.array(accepted), np.array(pieces)
     assert (pieces[accepted] == 1).all()

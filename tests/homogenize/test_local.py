@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ilattice.cutfem.solution import von_mises
+from ilattice.cutfem.stresses import von_mises
 from ilattice.errors import InputError
 from ilattice.homogenize import ElasticCell
 
