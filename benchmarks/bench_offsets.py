@@ -10,10 +10,10 @@ from benchmarks import references
 from benchmarks.measure import Row, wall
 from ilattice._typing import FloatArray
 from ilattice.bspline.fit import sites
-from ilattice.offsets import _kernels_hull
-from ilattice.offsets.critical import critical_points
-from ilattice.offsets.excess import Excess
-from ilattice.offsets.windows import Windows
+from ilattice.topology import _kernels_hull
+from ilattice.topology.critical import critical_points
+from ilattice.topology.excess import Excess
+from ilattice.topology.windows import Windows
 
 PAPER = "paper: 0.41-1.24 s torus, 3.05-8.73 s duck, one M2 Max core"
 

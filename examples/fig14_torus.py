@@ -17,7 +17,7 @@ the thickest. The last pore of the mesh is where the half-thickness is 0.242.
 import numpy as np
 
 import ilattice as il
-from ilattice.offsets.critical import CriticalPoint, critical_points
+from ilattice.topology.critical import CriticalPoint, critical_points
 
 
 def varying() -> il.BSpline:

@@ -4,15 +4,20 @@ Rooms, from the bottom up:
 
 ========================  ==================================================================
 `bspline`                 tensor-product B-splines in one to three parameters, fits
+`io`                      one file per format: STL, PLY, OBJ, 3MF, VTK, G+Smo, MFEM, IRIT
+`linalg`                  sparse direct solvers, multigrid, conjugate gradients
 `fields`                  algebra on implicit fields: primitives, sets, placement, blends
 `tiles`                   implicit fields on the unit cube: the TPMS catalogue, own fields
 `macroshape`              maps of the parameter box to space: primitives, files, certificates
-`offsets`                 closest points, signed distance splines, walls
+`quadrature`              background grids, level sets, cut cells, rules on them
+`offsets`                 closest points, signed distance splines, thickness, densities
+`slicing`                 layers: contours of walls and meshes at given heights
 `mesh`                    watertight contouring, surface meshes, measures
-`cutfem`                  background grids, cut cells, quadrature, elasticity, heat
+`topology`                critical points of distances, sweeps, thinnest parts and gaps
+`cutfem`                  elasticity and heat on cut cells, their solutions
 `minimal`                 triangle minimal surfaces, their symmetries, tiles of them
+`lattice`                 `Lattice` and `Wall` with all that can be done with them
 `homogenize`              effective properties of cells that repeat
-`io`                      one file per format: STL, PLY, OBJ, 3MF, VTK, G+Smo, MFEM, IRIT
 `sdf`                     solids from commands and from meshes, as fields
 ========================  ==================================================================
 
@@ -57,12 +62,16 @@ if TYPE_CHECKING:
         fields,
         homogenize,
         io,
+        linalg,
         macroshape,
         mesh,
         minimal,
         offsets,
+        quadrature,
         sdf,
+        slicing,
         tiles,
+        topology,
     )
     from ilattice.bspline import BSpline
     from ilattice.macroshape import SplineMap
@@ -86,12 +95,16 @@ __all__ = [
     "fields",
     "homogenize",
     "io",
+    "linalg",
     "macroshape",
     "mesh",
     "minimal",
     "offsets",
+    "quadrature",
     "sdf",
+    "slicing",
     "tiles",
+    "topology",
 ]
 
 _HOMES = {

@@ -16,7 +16,7 @@ from benchmarks import (
 )
 from benchmarks.measure import Row, alone, table
 from ilattice.bspline.fit import fit_interpolate
-from ilattice.offsets import _kernels_hull
+from ilattice.topology import _kernels_hull
 
 
 def test_scipy_computes_what_we_compute():

@@ -39,7 +39,7 @@ def twice(x):
 
 
 def test_all_kernels_are_stamped_with_what_they_call():
-    from ilattice.cutfem._kernels_drive import rules
+    from ilattice.quadrature._kernels_drive import rules
 
     file = Path(HOME / "cutfem" / "_kernels_drive.py")
     assert rules._cache._impl.locator.get_source_stamp() == _caching.stamp(file)

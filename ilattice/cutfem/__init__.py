@@ -25,18 +25,18 @@ Guarantee: cells are called in or out by certificates, never by sampling.
 
 from ilattice.cutfem.elasticity import Elasticity
 from ilattice.cutfem.estimate import ErrorEstimate
-from ilattice.cutfem.grid import CutGrid, Grid, cut
 from ilattice.cutfem.heat import Heat
 from ilattice.cutfem.heat_solution import HeatHistory, HeatSolution
-from ilattice.cutfem.measures import MassProperties, mass_properties
 from ilattice.cutfem.modal import Buckling, EigenReport, Mode, Modes, buckling, natural_modes
 from ilattice.cutfem.probe import Probe
 from ilattice.cutfem.recovery import Recovered, RecoveredHeat
 from ilattice.cutfem.refinement import RefinementStudy, refinement_study
-from ilattice.cutfem.rules import Quadrature, quadrature
 from ilattice.cutfem.solution import Solution
-from ilattice.cutfem.solvers import Solver, SolveReport, rigid_modes
 from ilattice.cutfem.space import SplineSpace
+from ilattice.linalg.solvers import Solver, SolveReport, rigid_modes
+from ilattice.quadrature.grid import CutGrid, Grid, cut
+from ilattice.quadrature.measures import MassProperties, mass_properties
+from ilattice.quadrature.rules import Quadrature, quadrature
 
 __all__ = [
     "Buckling",

@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 from numba import njit, prange
 
-from ilattice.bspline._kernels_vector import LANES, load, multiply_add, scale, store
-from ilattice.cutfem._kernels_basis import (
+from ilattice.bspline._kernels_basis import (
     CHUNK,
     INNER,
     gradients_of,
@@ -25,6 +24,7 @@ from ilattice.cutfem._kernels_basis import (
     take_tables,
     values_of,
 )
+from ilattice.bspline._kernels_vector import LANES, load, multiply_add, scale, store
 
 MASS, TENSOR, PAIRS, JETS = range(4)  # kinds of cell matrices
 SCALAR, ELASTIC, BLOCKS, ENTRIES = range(4)  # kinds of blocks

@@ -27,8 +27,8 @@ from ilattice.cutfem._kernels_solid import (
     sort_of,
     tolerances,
 )
+from ilattice.quadrature._kernels_scratch import UNIT
 
-UNIT = 1 << 17  # length of a piece of splines, or of a cell with boxes of its own
 LEAST = UNIT >> 5  # boxes of this length are divided no further
 MOST = 2048  # boxes of a cell, from which on none is divided further
 

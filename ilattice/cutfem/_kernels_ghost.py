@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numba import njit, prange
 
+from ilattice.bspline._kernels_basis import INNER, line, take_table
 from ilattice.bspline._kernels_vector import LANES
-from ilattice.cutfem._kernels_basis import INNER, line, take_table
 
 
 @njit(parallel=True, **INNER)

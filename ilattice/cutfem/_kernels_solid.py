@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from ilattice.cutfem._kernels_bernstein import DEEPEST as ROOTS
-from ilattice.cutfem._kernels_bernstein import jet, roots
+from ilattice.quadrature._kernels_bernstein import DEEPEST as ROOTS
+from ilattice.quadrature._kernels_bernstein import jet, roots
 
 FAST: Any = {"cache": True, "error_model": "numpy"}
 EMPTY, FULL, SINGLE, UNSURE = 0, 1, 2, 3

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numba import njit, prange
 
-from ilattice.bspline._kernels_vector import LANES
-from ilattice.cutfem._kernels_basis import (
+from ilattice.bspline._kernels_basis import (
     INNER,
     gradients_of,
     inverse,
@@ -18,6 +17,7 @@ from ilattice.cutfem._kernels_basis import (
     take_tables,
     values_of,
 )
+from ilattice.bspline._kernels_vector import LANES
 
 
 @njit(**INNER)

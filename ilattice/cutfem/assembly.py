@@ -17,14 +17,14 @@ from scipy.sparse import bsr_array
 from ilattice._memory import need
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import Frozen, read_only
+from ilattice.bspline import _kernels_basis as basis
 from ilattice.cutfem import _kernels_assembly as kernels
-from ilattice.cutfem import _kernels_basis as basis
-from ilattice.cutfem.grid import DividedGrid
-from ilattice.cutfem.rules import Quadrature, in_space, on_cells, some_cells
 from ilattice.cutfem.space import IDENTITY, SplineSpace
 from ilattice.cutfem.stabilise import GhostFaces, LoneCells, Stiffness
 from ilattice.errors import InputError
 from ilattice.macroshape.maps import SplineMap
+from ilattice.quadrature.grid import DividedGrid
+from ilattice.quadrature.rules import Quadrature, in_space, on_cells, some_cells
 
 BATCH_BYTES = 1 << 24  # the allocator keeps arrays of this size, so that they are warm
 CHUNKS = 64  # of rows, each with scratch for all columns

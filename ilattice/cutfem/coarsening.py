@@ -17,8 +17,8 @@ from scipy.sparse.csgraph import connected_components
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import read_only
-from ilattice.cutfem.grid import DividedGrid
 from ilattice.cutfem.space import SplineSpace
+from ilattice.quadrature.grid import DividedGrid
 
 #: Entries of P below this are rounding.
 NONE = 1e-12

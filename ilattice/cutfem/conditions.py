@@ -13,8 +13,8 @@ import numpy as np
 from ilattice._typing import FloatArray
 from ilattice._validate import Frozen, among, as_array, as_items, asked, check_finite
 from ilattice.cutfem.domain import SURFACES
-from ilattice.cutfem.rules import NAMES
 from ilattice.errors import InputError
+from ilattice.quadrature.rules import NAMES
 
 Value = float | Sequence[float] | Callable[[FloatArray], Any]
 AXES = "xyz"

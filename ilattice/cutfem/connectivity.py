@@ -18,7 +18,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import Frozen, read_only
-from ilattice.cutfem.rules import Quadrature, kept, on_cells
+from ilattice.quadrature.rules import Quadrature, kept, on_cells
 
 #: Least wet area of a face, in units of the two thirds power of the smaller volume beside it.
 LEAST_NECK = 1e-6

@@ -22,8 +22,8 @@ from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.conditions import AXES, Support, values_at
 from ilattice.cutfem.domain import SURFACES, Domain
-from ilattice.cutfem.rules import NAMES
 from ilattice.errors import InputError
+from ilattice.quadrature.rules import NAMES
 
 #: Values that two supports prescribe for one node are the same up to this part of the largest.
 SAME = 1e-8

@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ilattice._typing import FloatArray, IntArray
-from ilattice.cutfem import _kernels_basis as basis
+from ilattice.bspline import _kernels_basis as basis
 from ilattice.cutfem._kernels_surface import seam_blocks
 from ilattice.cutfem.assembly import BATCH_BYTES, Assembly
 from ilattice.cutfem.conditions import Load
-from ilattice.cutfem.rules import Quadrature
 from ilattice.cutfem.space import IDENTITY
 from ilattice.cutfem.weak import NITSCHE, cell_heights
+from ilattice.quadrature.rules import Quadrature
 
 if TYPE_CHECKING:
     from ilattice.cutfem.elasticity import Elasticity

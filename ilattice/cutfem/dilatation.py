@@ -21,7 +21,7 @@ import numpy as np
 from ilattice._typing import FloatArray, IntArray
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.material import Isotropic
-from ilattice.cutfem.rules import Quadrature
+from ilattice.quadrature.rules import Quadrature
 
 #: Poisson's ratio from which "auto" projects.
 FROM = 0.45

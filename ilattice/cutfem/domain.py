@@ -16,17 +16,17 @@ import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import Frozen, among, as_choice, as_positive
-from ilattice.cutfem._filling import MOST_POINTS
 from ilattice.cutfem.assembly import Assembly, compressed_where_long
 from ilattice.cutfem.connectivity import Parts, connected_parts, links
 from ilattice.cutfem.elements import ElementGrid, elements_of
-from ilattice.cutfem.grid import CUT, CutGrid, cut
-from ilattice.cutfem.rules import NAMES, Quadrature, in_space, kept, on_cells, some_cells
 from ilattice.cutfem.space import SplineSpace, as_degree_and_smoothness
 from ilattice.cutfem.stabilise import ghost_faces, lone_cells, void_rule
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.macroshape.maps import SplineMap
 from ilattice.offsets.wall import Wall
+from ilattice.quadrature._filling import MOST_POINTS
+from ilattice.quadrature.grid import CUT, CutGrid, cut
+from ilattice.quadrature.rules import NAMES, Quadrature, in_space, kept, on_cells, some_cells
 
 #: Places for conditions: end faces, the level sets that bound the solid, or the outer (first,
 #: of a wall that of the offset to the outside) and the inner (second) of them alone.

@@ -37,11 +37,11 @@ from ilattice.cutfem.dilatation import FROM, Dilatation, as_terms
 from ilattice.cutfem.discretization import Product
 from ilattice.cutfem.domain import lattice_of
 from ilattice.cutfem.material import Isotropic, Property, Scalar, jump_within_cells, warn_of_jump
-from ilattice.cutfem.multigrid import Blocks
 from ilattice.cutfem.phases import as_phased
 from ilattice.cutfem.problem import ISLANDS, Problem
-from ilattice.cutfem.rules import Quadrature, on_cells
 from ilattice.errors import InputError, PrecisionWarning
+from ilattice.linalg.multigrid import Blocks
+from ilattice.quadrature.rules import Quadrature, on_cells
 
 if TYPE_CHECKING:
     from ilattice.cutfem.solution import Solution

@@ -20,8 +20,8 @@ import numpy as np
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import read_only
 from ilattice.cutfem import _kernels_elements as kernels
-from ilattice.cutfem.grid import CUT, CutGrid, DividedGrid
-from ilattice.cutfem.rules import Quadrature
+from ilattice.quadrature.grid import CUT, CutGrid, DividedGrid
+from ilattice.quadrature.rules import Quadrature
 
 #: Pieces of splines that are worked on at once.
 BATCH = 1 << 15

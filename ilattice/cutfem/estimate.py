@@ -27,8 +27,8 @@ from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import Frozen, as_points, read_only
 from ilattice.cutfem.heat_solution import HeatSolution
 from ilattice.cutfem.recovery import smooth_flux, smooth_stress, smoothest, values_on
-from ilattice.cutfem.rules import Quadrature
 from ilattice.cutfem.solution import Solution
+from ilattice.quadrature.rules import Quadrature
 
 if TYPE_CHECKING:
     from os import PathLike

@@ -34,10 +34,10 @@ from ilattice.cutfem.heat_solution import HeatHistory, HeatSolution, Step
 from ilattice.cutfem.material import Property, Scalar, jump_within_cells, warn_of_jump
 from ilattice.cutfem.phases import as_phased
 from ilattice.cutfem.problem import ISLANDS, Problem
-from ilattice.cutfem.rules import Quadrature, on_cells
-from ilattice.cutfem.solvers import LARGEST, Solver
 from ilattice.cutfem.weak import NITSCHE, cell_heights
 from ilattice.errors import InputError
+from ilattice.linalg.solvers import LARGEST, Solver
+from ilattice.quadrature.rules import Quadrature, on_cells
 
 #: Bytes of a solution besides its coefficients, and the largest number of steps in time.
 PER_STEP, MOST_STEPS = 1000, 10**9

@@ -16,13 +16,13 @@ import numpy as np
 from ilattice._typing import AnyArray, ArrayLike, FloatArray
 from ilattice._validate import FixedMapping, as_kind, as_points
 from ilattice.cutfem.output import Result, Series
-from ilattice.cutfem.rules import Quadrature
+from ilattice.quadrature.rules import Quadrature
 
 if TYPE_CHECKING:
     from ilattice.cutfem.estimate import ErrorEstimate
     from ilattice.cutfem.heat import Heat
     from ilattice.cutfem.recovery import RecoveredHeat
-    from ilattice.cutfem.solvers import SolveReport
+    from ilattice.linalg.solvers import SolveReport
 
 
 @dataclass(frozen=True, eq=False)

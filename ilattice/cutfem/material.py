@@ -18,9 +18,9 @@ import numpy as np
 from ilattice._typing import AnyArray, FloatArray
 from ilattice._validate import as_array, asked, check_finite
 from ilattice.cutfem.assembly import Assembly
-from ilattice.cutfem.rules import Quadrature
 from ilattice.errors import InputError, PrecisionWarning
 from ilattice.macroshape.lattice import Lattice
+from ilattice.quadrature.rules import Quadrature
 
 #: Factor by which a stiffness may jump within a cell without a warning; cells that are searched,
 #: steps of the search, and the part of the range that one of them takes where there is a jump.

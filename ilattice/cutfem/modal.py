@@ -36,8 +36,8 @@ from ilattice._typing import AnyArray, ArrayLike, FloatArray
 from ilattice._validate import as_counts, as_kind, as_points, as_positive, read_only
 from ilattice.cutfem.discretization import warn
 from ilattice.cutfem.output import Result, Series
-from ilattice.cutfem.solvers import Solver
 from ilattice.errors import ConvergenceError, InputError
+from ilattice.linalg.solvers import Solver
 
 if TYPE_CHECKING:
     from ilattice.cutfem.elasticity import Elasticity

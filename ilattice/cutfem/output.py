@@ -21,11 +21,11 @@ import numpy as np
 from ilattice._progress import Progress, track
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import FrozenCopies, among, as_array, as_index, as_positive, read_only
-from ilattice.cutfem.clipping import MOST, clipped, lattice
 from ilattice.cutfem.probe import Probe, probe
 from ilattice.errors import FormatError, InputError
 from ilattice.mesh import SurfaceMesh
 from ilattice.offsets.wall import parameters_of
+from ilattice.quadrature.clipping import MOST, clipped, lattice
 
 if TYPE_CHECKING:
     import pyvista

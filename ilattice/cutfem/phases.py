@@ -25,14 +25,14 @@ from ilattice.bspline import BSpline
 from ilattice.cutfem.connectivity import Parts, connected_parts
 from ilattice.cutfem.domain import Domain, as_domain, where
 from ilattice.cutfem.elements import ElementGrid, elements_of, regrouped
-from ilattice.cutfem.grid import CUT, IN, OUT, CutGrid, DividedGrid, Grid, check_resolved
-from ilattice.cutfem.levelsets import MOST_DEGREE
-from ilattice.cutfem.rules import NAMES, Quadrature, in_space, kept
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.fields.node import Node
 from ilattice.macroshape.maps import SplineMap
 from ilattice.offsets.kinks import JumpError, fit_with_kinks
 from ilattice.offsets.thickness import as_equation, of_parameters
+from ilattice.quadrature.grid import CUT, IN, OUT, CutGrid, DividedGrid, Grid, check_resolved
+from ilattice.quadrature.levelsets import MOST_DEGREE
+from ilattice.quadrature.rules import NAMES, Quadrature, in_space, kept
 
 #: Error of the spline of a level set, relative to its largest value: asked, and told.
 FIT, TOLD = 1e-9, 1e-4

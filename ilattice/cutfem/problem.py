@@ -17,7 +17,6 @@ from ilattice._progress import Progress
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import FixedMapping, Frozen, among, as_choice, read_only
 from ilattice.cutfem import discretization
-from ilattice.cutfem._engines import ENGINES
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.conditions import (
     Load,
@@ -31,9 +30,10 @@ from ilattice.cutfem.conditions import (
 from ilattice.cutfem.constraints import Constraints, check_agreement, constraints
 from ilattice.cutfem.discretization import Product
 from ilattice.cutfem.domain import Domain
-from ilattice.cutfem.rules import NAMES
-from ilattice.cutfem.solvers import LARGEST, Solver, SolveReport
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
+from ilattice.linalg._engines import ENGINES
+from ilattice.linalg.solvers import LARGEST, Solver, SolveReport
+from ilattice.quadrature.rules import NAMES
 
 R = TypeVar("R", bound=Any)
 ISLANDS = ("drop", "refuse")

@@ -26,10 +26,10 @@ from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.domain import Domain
 from ilattice.cutfem.heat_solution import HeatSolution
 from ilattice.cutfem.problem import Problem
-from ilattice.cutfem.rules import Quadrature
 from ilattice.cutfem.solution import Solution
-from ilattice.cutfem.solvers import Solver
 from ilattice.cutfem.stabilise import ghost_faces
+from ilattice.linalg.solvers import Solver
+from ilattice.quadrature.rules import Quadrature
 
 #: Weights of the penalty on jumps per degree: the least that keep condition numbers, of diagonally
 #: scaled masses, below 30, 400 and 1e5. Ten times as much triples errors where grids are coarse.

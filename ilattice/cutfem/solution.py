@@ -18,13 +18,13 @@ import numpy as np
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import FixedMapping, as_kind, read_only
 from ilattice.cutfem.elasticity import Elasticity
-from ilattice.cutfem.rules import Quadrature
 from ilattice.cutfem.stresses import Stresses, elastic_stress, engineering_strain, von_mises
+from ilattice.quadrature.rules import Quadrature
 
 if TYPE_CHECKING:
     from ilattice.cutfem.estimate import ErrorEstimate
     from ilattice.cutfem.recovery import Recovered
-    from ilattice.cutfem.solvers import SolveReport
+    from ilattice.linalg.solvers import SolveReport
 
 
 @dataclass(frozen=True, eq=False)

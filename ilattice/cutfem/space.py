@@ -34,12 +34,12 @@ from ilattice._validate import (
     read_only,
     seen,
 )
+from ilattice.bspline import _kernels_basis as kernels
 from ilattice.bspline._kernels import monomial_table
 from ilattice.bspline.knots import design_matrix, greville, wrapped_knots
-from ilattice.cutfem import _kernels_basis as kernels
 from ilattice.cutfem._kernels_copies import components
-from ilattice.cutfem.grid import DividedGrid, Grid
 from ilattice.errors import InputError
+from ilattice.quadrature.grid import DividedGrid, Grid
 
 DEGREES = (1, 2, 3)
 CHUNKS = 16  # of functions, each with scratch for all cells

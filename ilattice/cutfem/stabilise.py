@@ -28,11 +28,11 @@ import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import Frozen, read_only
-from ilattice.cutfem._filling import gauss
 from ilattice.cutfem._kernels_ghost import ghost_matrices
-from ilattice.cutfem.grid import CUT, CutGrid
-from ilattice.cutfem.rules import Quadrature
 from ilattice.cutfem.space import SplineSpace
+from ilattice.quadrature._filling import gauss
+from ilattice.quadrature.grid import CUT, CutGrid
+from ilattice.quadrature.rules import Quadrature
 
 #: Factor of penalties per cell away from solid, and number of cells for which it counts.
 FALL, FAR = 0.1, 3

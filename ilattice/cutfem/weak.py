@@ -17,7 +17,7 @@ from ilattice._typing import FloatArray
 from ilattice.cutfem._kernels_surface import surface_blocks
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.conditions import Spring, Support, stiffness_at, values_at
-from ilattice.cutfem.rules import Quadrature
+from ilattice.quadrature.rules import Quadrature
 
 if TYPE_CHECKING:
     from ilattice.cutfem.elasticity import Elasticity

@@ -27,9 +27,9 @@ import numpy as np
 
 from ilattice._typing import FloatArray
 from ilattice.cutfem.discretization import SURE, WARNED
-from ilattice.cutfem.grid import CutGrid, Grid
 from ilattice.cutfem.phases import PhasedDomain
 from ilattice.errors import IlatticeError, PrecisionWarning
+from ilattice.quadrature.grid import CutGrid, Grid
 
 #: Parts of the cells per direction, with what is added before they are rounded down.
 COARSER = ((0.75, 0.25), (0.5, 0.5))

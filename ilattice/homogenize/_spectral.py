@@ -17,9 +17,9 @@ from scipy import fft
 
 from ilattice._progress import Progress, track
 from ilattice._typing import AnyArray, FloatArray
-from ilattice.cutfem import _kernels_blocks as kb
 from ilattice.errors import ConvergenceError
 from ilattice.homogenize import _kernels_voxel as kernels
+from ilattice.linalg import _kernels_blocks as kb
 
 #: Chunks of planes that forces are added up in.
 CHUNKS = 32

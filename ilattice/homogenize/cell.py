@@ -23,15 +23,15 @@ from ilattice.cutfem.assembly import Assembly, constant_jacobian
 from ilattice.cutfem.connectivity import links
 from ilattice.cutfem.constraints import Constraints
 from ilattice.cutfem.problem import Problem
-from ilattice.cutfem.rules import Quadrature
-from ilattice.cutfem.solvers import Solver, SolveReport
 from ilattice.errors import ConvergenceError, GeometryError, PrecisionWarning
 from ilattice.homogenize._estimate import EXACT, estimated, outside, warn
 from ilattice.homogenize._result import HomogenizationReport
 from ilattice.homogenize._symmetry import USELESS, Way, ways
 from ilattice.homogenize.arguments import EDGES
 from ilattice.homogenize.percolation import Percolation, percolation
+from ilattice.linalg.solvers import Solver, SolveReport
 from ilattice.macroshape.maps import SplineMap
+from ilattice.quadrature.rules import Quadrature
 
 #: A cell that lacks less than this part is full.
 FULL = 1e-9

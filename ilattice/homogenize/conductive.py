@@ -21,11 +21,11 @@ from ilattice._validate import as_flag, read_only
 from ilattice.cutfem import coupling
 from ilattice.cutfem.heat import Heat
 from ilattice.cutfem.material import Property
-from ilattice.cutfem.rules import Quadrature
 from ilattice.homogenize.arguments import as_cell, check_phases
 from ilattice.homogenize.bounds import ConductivityBounds, conductive_bounds
 from ilattice.homogenize.cell import FULL, Answer, CellProblem, spread
 from ilattice.homogenize.conductivity import Conductivity
+from ilattice.quadrature.rules import Quadrature
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)

@@ -27,7 +27,6 @@ from ilattice._validate import as_flag, read_only
 from ilattice.cutfem import coupling
 from ilattice.cutfem.elasticity import Elasticity
 from ilattice.cutfem.material import Property
-from ilattice.cutfem.rules import Quadrature
 from ilattice.errors import InputError
 from ilattice.homogenize import tensors
 from ilattice.homogenize._result import SOFT
@@ -36,6 +35,7 @@ from ilattice.homogenize.bounds import Bounds, elastic_bounds
 from ilattice.homogenize.cell import FULL, Answer, CellProblem, spread
 from ilattice.homogenize.effective import Effective
 from ilattice.homogenize.local import LocalFields, as_stresses, first_yield
+from ilattice.quadrature.rules import Quadrature
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)

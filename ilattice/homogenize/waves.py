@@ -24,12 +24,12 @@ from ilattice._validate import read_only
 from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem import coupling
 from ilattice.cutfem.constraints import Constraints
-from ilattice.cutfem.multigrid import Blocks
-from ilattice.cutfem.solvers import Solver
 from ilattice.errors import InputError
 from ilattice.homogenize import tensors
 from ilattice.homogenize._eigen import Map, Vectors, each_part
 from ilattice.homogenize.elastic import ElasticCell
+from ilattice.linalg.multigrid import Blocks
+from ilattice.linalg.solvers import Solver
 
 #: Unknowns up to which a factor is the better preconditioner.
 SMALL = 4_000

@@ -8,7 +8,7 @@ import numpy as np
 from ilattice._typing import FloatArray
 from ilattice._validate import near_names
 from ilattice.errors import InputError
-from ilattice.mesh.slices import Slice
+from ilattice.slicing.slices import Slice
 
 #: Millimetres per unit, and its short name.
 MILLIMETRES = {

@@ -15,7 +15,7 @@ from ilattice._progress import Progress, track
 from ilattice._typing import FloatArray
 from ilattice.io._common import atomic_write
 from ilattice.io._slices import MILLIMETRES, as_unit, contours, decimals, join
-from ilattice.mesh.slices import Slice, SliceStack
+from ilattice.slicing.slices import Slice, SliceStack
 
 _LAYER = np.dtype([("command", "<u2"), ("z", "<f4")])
 _POLYLINE = np.dtype([("command", "<u2"), ("id", "<i4"), ("dir", "<i4"), ("n", "<i4")])

@@ -12,7 +12,7 @@ from ilattice._progress import Progress, track
 from ilattice._typing import FloatArray
 from ilattice.io._common import atomic_write
 from ilattice.io._slices import MILLIMETRES, as_unit, contours, decimals, join
-from ilattice.mesh.slices import Slice, SliceStack
+from ilattice.slicing.slices import Slice, SliceStack
 
 _NAMES = (
     'xmlns="http://www.w3.org/2000/svg" '

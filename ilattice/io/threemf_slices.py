@@ -20,7 +20,7 @@ from ilattice.io._common import atomic_write
 from ilattice.io._mesh import TEXT_BLOCK, blocks
 from ilattice.io._slices import as_unit, contours, decimals, join
 from ilattice.mesh import SurfaceMesh
-from ilattice.mesh.slices import Slice, SliceStack
+from ilattice.slicing.slices import Slice, SliceStack
 
 _CORE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
 _SLICE = "http://schemas.microsoft.com/3dmanufacturing/slice/2015/07"

@@ -419,7 +419,7 @@ class Lattice:
         Notes
         -----
         Stratified Morse theory of the distance to the mid-surface, see
-        `ilattice.offsets.critical`.
+        `ilattice.topology.critical`.
         """
         from ilattice.mesh.topology import topology_sweep
 

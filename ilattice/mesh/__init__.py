@@ -12,8 +12,8 @@
 
 from ilattice.mesh import measure
 from ilattice.mesh.contouring import contour
-from ilattice.mesh.slices import Slice, SliceStack
 from ilattice.mesh.surface import SurfaceMesh, load
 from ilattice.mesh.venting import vent
+from ilattice.slicing.slices import Slice, SliceStack
 
 __all__ = ["Slice", "SliceStack", "SurfaceMesh", "contour", "load", "measure", "vent"]

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ilattice._geometry import between
 from ilattice._typing import AnyArray, FloatArray
-from ilattice.mesh._roots import between
 from ilattice.offsets._kernels_newton import FALLBACK
 from ilattice.offsets.polish import inside
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     import pyvista
     import trimesh
 
-    from ilattice.mesh.slices import SliceStack
+    from ilattice.slicing.slices import SliceStack
 
 _NO_DATA: Mapping[str, AnyArray] = MappingProxyType({})
 
@@ -186,7 +186,7 @@ class SurfaceMesh:
         GeometryError
             If the mesh is open, or not oriented.
         """
-        from ilattice.mesh.slices import slice_mesh
+        from ilattice.slicing.slices import slice_mesh
 
         return slice_mesh(self, z, thickness=thickness, normal=normal)
 

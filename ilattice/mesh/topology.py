@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ilattice.macroshape.lattice import Lattice
-    from ilattice.offsets.critical import CriticalPoint
     from ilattice.offsets.wall import Wall
+    from ilattice.topology.critical import CriticalPoint
 
 CHUNK = 1 << 20
 #: Parts smaller than this, relative to the largest, are told of as chips.
@@ -232,7 +232,7 @@ def wall_topology(
 ) -> TopologyReport:
     """Topology of a wall; see `ilattice.offsets.Wall.topology`."""
     from ilattice.mesh.wall_mesh import wall_contour
-    from ilattice.offsets.critical import critical_points
+    from ilattice.topology.critical import critical_points
 
     report = topology_of(wall_contour(wall, h, progress=progress))
     reach = 0.1 * wall.least_thickness if necks is None else necks
@@ -248,7 +248,7 @@ def topology_sweep(
 ) -> TopologySweep:
     """Changes of topology with the thickness; see `Lattice.topology_sweep`."""
     from ilattice.mesh.wall_mesh import wall_contour
-    from ilattice.offsets.critical import critical_points
+    from ilattice.topology.critical import critical_points
 
     d = np.array(np.atleast_1d(as_array("d_values", d_values)))
     if d.ndim != 1 or len(d) < 2 or not d[0] > 0 or (np.diff(d) <= 0).any():

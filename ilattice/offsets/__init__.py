@@ -6,9 +6,9 @@
 
 from ilattice.offsets.closest import ClosestPoints, ClosestPointSearch, Statistics
 from ilattice.offsets.distance import distance
-from ilattice.offsets.features import Feature
 from ilattice.offsets.first_order import ParametricWall, parametric_offset
 from ilattice.offsets.wall import ThicknessReport, Wall, offset
+from ilattice.topology.features import Feature
 
 __all__ = [
     "ClosestPointSearch",

@@ -35,10 +35,10 @@ if TYPE_CHECKING:
     from os import PathLike
 
     from ilattice.macroshape.lattice import Lattice
-    from ilattice.mesh.slices import SliceStack
     from ilattice.mesh.surface import SurfaceMesh
     from ilattice.mesh.topology import TopologyReport
-    from ilattice.offsets.features import Feature
+    from ilattice.slicing.slices import SliceStack
+    from ilattice.topology.features import Feature
 
 #: Boxes of up to so many spans per direction are bounded element by element, wider ones by the
 #: extremes of their coefficients: contouring asks for boxes of hundreds of elements.
@@ -314,7 +314,7 @@ class Wall:
             If neither or both of `z` and `thickness` are given, something is not positive,
             finite or increasing, or all of `z` is outside of the part.
         """
-        from ilattice.mesh.slices import slice_wall
+        from ilattice.slicing.slices import slice_wall
 
         return slice_wall(
             self, z, thickness=thickness, h=h, normal=normal, polish=self._polished(polish)
@@ -365,7 +365,7 @@ class Wall:
         InputError
             For solids, parametric walls, and ``boundary="clip"``.
         """
-        from ilattice.offsets.features import minimum_thickness
+        from ilattice.topology.features import minimum_thickness
 
         return minimum_thickness(self._in_space("minimum_thickness"))
 
@@ -382,7 +382,7 @@ class Wall:
         InputError
             For parametric walls, and ``boundary="clip"``.
         """
-        from ilattice.offsets.features import minimum_gap
+        from ilattice.topology.features import minimum_gap
 
         return minimum_gap(self._in_space("minimum_gap"))
 
@@ -400,7 +400,7 @@ class Wall:
             Volume, as the distance spline has it: see `tol` of `offset`. Meshes hold less, those
             of struts that are two cells thick one to three parts in a hundred.
         """
-        from ilattice.cutfem.density import wall_volumes
+        from ilattice.offsets.density import wall_volumes
 
         if "volume" not in self._known:
             self._known["volume"] = float(wall_volumes(self).sum())
@@ -424,7 +424,7 @@ class Wall:
         float, or ndarray of shape (nx, ny, nz)
             Relative density.
         """
-        from ilattice.cutfem.density import relative_density
+        from ilattice.offsets.density import relative_density
 
         return relative_density(self, per_cell=as_flag("per_cell", per_cell))
 
@@ -600,7 +600,7 @@ def offset(
     else:
         wall = Wall(lattice, distance_spline(lattice, progress=progress), sides)
     if relative_density is not None:
-        from ilattice.cutfem.density import wall_of_density
+        from ilattice.offsets.density import wall_of_density
 
         wall = wall_of_density(wall, relative_density)
     if tol is not None:
@@ -608,7 +608,7 @@ def offset(
 
         wall = refined(wall, tol, progress)
     if least_wall is not None or least_gap is not None:
-        from ilattice.offsets.features import check_features
+        from ilattice.topology.features import check_features
 
         check_features(wall, least_wall, least_gap)
     return wall

@@ -12,8 +12,8 @@ import ilattice as il
 from ilattice.cutfem import SplineSpace
 from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem.assembly import Assembly, compressed_where_long
-from ilattice.cutfem.rules import on_cells
 from ilattice.cutfem.stabilise import ghost_faces, void_rule
+from ilattice.quadrature.rules import on_cells
 
 CUBE = [[0.0] * 3, [1.0] * 3]
 ONE = np.ones((1, 1))

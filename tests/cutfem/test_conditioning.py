@@ -7,7 +7,7 @@ import pytest
 
 import ilattice as il
 from ilattice.cutfem import Elasticity
-from ilattice.cutfem.grid import CUT
+from ilattice.quadrature.grid import CUT
 
 #: Numbers on coarse grids are what is tested here.
 pytestmark = pytest.mark.filterwarnings("ignore:the cells are too coarse")

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import ilattice as il
-from ilattice.cutfem import density as density_module
 from ilattice.errors import InputError
+from ilattice.offsets import density as density_module
 
 TORUS = il.macroshape.torus(major=4.0, width=2.0)
 

@@ -153,7 +153,7 @@ def test_solid_that_stands_on_one_end_of_its_cell_is_one_piece(kind):
     accepted, pieces = [], []
     for _ in range(60):
         cut = il.cutfem.cut(rough(rng, kind), 2)
-        cells = cut.cells(il.cutfem.grid.CUT)
+        cells = cut.cells(il.quadrature.grid.CUT)
         c, tables, which, start, extent, owner = cut.layout.insides(cells)
         for cell in cells:
             mine = owner == cell

@@ -6,9 +6,9 @@ import pytest
 import ilattice as il
 from ilattice.bspline import BSpline
 from ilattice.bspline.fit import fit
-from ilattice.cutfem.grid import CUT, IN, OUT
-from ilattice.cutfem.levelsets import Pieces
 from ilattice.errors import GeometryError, InputError
+from ilattice.quadrature.grid import CUT, IN, OUT
+from ilattice.quadrature.levelsets import Pieces
 
 BOX = np.array([[-0.5, -0.5, -0.5], [0.5, 0.5, 0.5]])
 

@@ -9,9 +9,9 @@ from scipy.spatial import ConvexHull, HalfspaceIntersection
 
 import ilattice as il
 from ilattice import fields
-from ilattice.cutfem.grid import CUT, IN, OUT
-from ilattice.cutfem.rules import NAMES
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
+from ilattice.quadrature.grid import CUT, IN, OUT
+from ilattice.quadrature.rules import NAMES
 
 BOX = np.array([[-1.0] * 3, [1.0] * 3])
 UNIT = np.array([[0.0] * 3, [1.0] * 3])

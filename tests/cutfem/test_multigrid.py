@@ -6,10 +6,11 @@ from scipy.sparse import block_diag, bsr_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
 from benchmarks.systems import cross, sheet, system
-from ilattice.cutfem import _kernels_blocks as kb
-from ilattice.cutfem import _kernels_multigrid as km
-from ilattice.cutfem import _kernels_patches as kp
-from ilattice.cutfem.multigrid import (
+from ilattice.errors import ConvergenceError, InputError
+from ilattice.linalg import _kernels_blocks as kb
+from ilattice.linalg import _kernels_multigrid as km
+from ilattice.linalg import _kernels_patches as kp
+from ilattice.linalg.multigrid import (
     Blocks,
     Multigrid,
     _aggregates,
@@ -20,8 +21,7 @@ from ilattice.cutfem.multigrid import (
     _prolongation,
     _scaled,
 )
-from ilattice.cutfem.solvers import rigid_modes
-from ilattice.errors import ConvergenceError, InputError
+from ilattice.linalg.solvers import rigid_modes
 
 
 def blocks_of(K):

@@ -10,10 +10,10 @@ import pytest
 
 import ilattice as il
 from ilattice.bspline import BSpline
-from ilattice.cutfem.grid import CUT, IN
-from ilattice.cutfem.levelsets import as_level_sets
-from ilattice.cutfem.rules import NAMES as ENDS
 from ilattice.errors import InputError
+from ilattice.quadrature.grid import CUT, IN
+from ilattice.quadrature.levelsets import as_level_sets
+from ilattice.quadrature.rules import NAMES as ENDS
 from ilattice.tiles.tpms import ROWS
 
 BOX = np.array([[-0.5, -0.5, -0.5], [0.5, 0.5, 0.5]])

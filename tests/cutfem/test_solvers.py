@@ -8,10 +8,11 @@ from scipy.sparse.linalg import splu, spsolve
 
 import ilattice as il
 from benchmarks.systems import cross, modes, sheet, solid, system
-from ilattice.cutfem import Elasticity, _engines, solvers
-from ilattice.cutfem._engines import factor_size
-from ilattice.cutfem.solvers import Solver, rigid_modes
+from ilattice.cutfem import Elasticity
 from ilattice.errors import ConvergenceError, InputError
+from ilattice.linalg import _engines, solvers
+from ilattice.linalg._engines import factor_size
+from ilattice.linalg.solvers import Solver, rigid_modes
 
 METHODS = ("multigrid", "superlu", "pyamg", "pardiso")
 PACKAGES = {"pyamg": "pyamg", "pardiso": "pypardiso"}

@@ -12,10 +12,10 @@ import shapely
 
 import ilattice as il
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
-from ilattice.mesh import _kernels_slices as kernels
-from ilattice.mesh._loops import _between, crossing
-from ilattice.mesh._sheet import edges_of, halved
-from ilattice.mesh._slicer import extent
+from ilattice.slicing import _kernels_slices as kernels
+from ilattice.slicing._loops import _between, crossing
+from ilattice.slicing._sheet import edges_of, halved
+from ilattice.slicing._slicer import extent
 from ilattice.tiles.trig import TrigField
 
 PLANES = TrigField([1.0], [[1, 0, 0]])  # cos(2 pi x): planes at 1/4 and 3/4

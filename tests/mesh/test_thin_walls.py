@@ -7,11 +7,11 @@ import pytest
 from scipy.optimize import brentq
 
 import ilattice as il
-from ilattice.cutfem.density import wall_volumes
 from ilattice.errors import GeometryError, PrecisionWarning
 from ilattice.mesh import _tracer
 from ilattice.mesh.contouring import contour_blocks
 from ilattice.mesh.loss import Extent
+from ilattice.offsets.density import wall_volumes
 from ilattice.offsets.local_thickness import depths_of
 
 box = il.macroshape.box

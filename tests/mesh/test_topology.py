@@ -12,9 +12,9 @@ import ilattice as il
 from ilattice.errors import GeometryError, InputError
 from ilattice.mesh import SurfaceMesh
 from ilattice.mesh.topology import topology_of
-from ilattice.offsets.critical import critical_points
 from ilattice.offsets.distance_spline import distance_spline
 from ilattice.tiles.tpms import ROWS
+from ilattice.topology.critical import critical_points
 
 NECK, NODE = np.sqrt(2) / 6, np.sqrt(3) / 4  # of Schwarz P in a unit cell, see below
 
@@ -271,7 +271,7 @@ def test_changes_in_a_bent_cell_add_up_to_the_full_cell(name):
 
 
 def test_missing_events_are_admitted(monkeypatch):
-    monkeypatch.setattr("ilattice.offsets.critical.critical_points", lambda *_, **__: [])
+    monkeypatch.setattr("ilattice.topology.critical.critical_points", lambda *_, **__: [])
     sweep = lattice("schwarz_p").topology_sweep([0.1, 0.2, 0.3], h=0.05)
     assert sweep.unexplained == ((0.2, 0.3),)
 

@@ -8,10 +8,10 @@ import pytest
 from meshes import joined, sphere, torus
 
 import ilattice as il
+from ilattice._geometry import between
 from ilattice.errors import PrecisionWarning
 from ilattice.mesh import SurfaceMesh, untangle, wall_mesh
 from ilattice.mesh._own_cells import in_own_cells
-from ilattice.mesh._roots import between
 from ilattice.mesh.contouring import contour_arrays
 from ilattice.mesh.measure import self_intersections
 from ilattice.offsets.polish import shortest

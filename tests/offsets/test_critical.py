@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 from scipy.optimize import nnls
 
 import ilattice as il
-from ilattice.offsets import _kernels_balance, _kernels_hull, critical_sets, windows
-from ilattice.offsets.balance import Balance
-from ilattice.offsets.critical import CriticalSearch, critical_points
-from ilattice.offsets.excess import Excess
-from ilattice.offsets.several_feet import SeveralFeet
-from ilattice.offsets.windows import Starts, Windows
+from ilattice.topology import _kernels_balance, _kernels_hull, critical_sets, windows
+from ilattice.topology.balance import Balance
+from ilattice.topology.critical import CriticalSearch, critical_points
+from ilattice.topology.excess import Excess
+from ilattice.topology.several_feet import SeveralFeet
+from ilattice.topology.windows import Starts, Windows
 
 NODE = np.sqrt(3) / 4  # of Schwarz P in a unit cell: its middle to the flat points
 #: Middles of struts of one labyrinth of the gyroid, where its voids close.

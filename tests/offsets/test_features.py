@@ -6,8 +6,8 @@ from scipy.optimize import brentq
 
 import ilattice as il
 from ilattice.errors import GeometryError, InputError
-from ilattice.offsets import features
-from ilattice.offsets.critical import CriticalPoint, critical_points
+from ilattice.topology import features
+from ilattice.topology.critical import CriticalPoint, critical_points
 
 PINCH = np.sqrt(2.0) / 6.0  # half-thickness at which the pores of the Schwarz P cell close
 

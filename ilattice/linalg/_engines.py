@@ -1,0 +1,169 @@
+"""What can stand in for the inverse of a stiffness matrix: factors and hierarchies.
+
+An engine is called with residuals, a vector (n,) or rows (r, n), and returns approximate solutions.
+Guarantee: one that is singular to working precision raises `ConvergenceError` when it is made. The
+optional packages are imported inside of functions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+from scipy.sparse import bsr_array, csr_array, diags_array, triu
+from scipy.sparse.csgraph import reverse_cuthill_mckee
+from scipy.sparse.linalg import splu
+
+from ilattice._typing import FloatArray
+from ilattice.errors import ConvergenceError, InputError
+from ilattice.linalg.multigrid import Blocks, Multigrid
+
+Engine = Callable[[FloatArray], FloatArray]
+#: Length of K⁻¹ b for unit b and a unit diagonal above which K counts as singular.
+SINGULAR = 1e12
+#: Numbers in a factor up to which it is faster than multigrid: SuperLU's, and PARDISO's.
+SMALL, MEDIUM = 1.5e7, 6e7
+#: Numbers in a factor up to which SuperLU takes over where multigrid that was chosen fails.
+LIMIT = 2e8
+
+
+def multigrid(
+    K: bsr_array, modes: FloatArray, places: FloatArray | None = None
+) -> tuple[Engine, int]:
+    """Our own smoothed aggregation, and the bytes it takes."""
+    # kernels are compiled for arrays that may be written to
+    offsets, columns, data = (
+        np.require(a, requirements="W") for a in (K.indptr, K.indices, K.data)
+    )
+    blocks = Blocks(offsets, columns, data, K.shape[0] // K.blocksize[0])
+    engine = Multigrid(blocks, modes, places)
+    return engine, engine.nbytes
+
+
+def superlu(K: bsr_array, *_: Any) -> tuple[Engine, int]:
+    """SciPy's SuperLU for symmetric matrices, without pivoting."""
+    d = 1 / np.sqrt(_positive_diagonal(K))
+    scaled = (diags_array(d) @ K.tocsr() @ diags_array(d)).tocsc()
+    try:
+        lu = splu(
+            scaled,
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
+    except RuntimeError as e:
+        raise ConvergenceError(f"K is singular: SuperLU says '{e}'. {REMEDY}") from e
+    except MemoryError as e:
+        raise ConvergenceError("the factor does not fit into memory; use 'multigrid'") from e
+    return _certain(lambda r: d * lu.solve((d * r).T).T, d), 12 * lu.nnz
+
+
+def pardiso(K: bsr_array, *_: Any) -> tuple[Engine, int]:
+    """MKL's PARDISO for positive definite matrices, by pypardiso."""
+    module = _optional("pypardiso.pardiso_wrapper", "pardiso")
+    d = 1 / np.sqrt(_positive_diagonal(K))
+    upper = triu(diags_array(d) @ K.tocsr() @ diags_array(d), format="csr")
+    upper = csr_array(upper)
+    upper.sort_indices()
+    solver = module.PyPardisoSolver(mtype=2)
+    try:
+        solver.factorize(upper)
+    except module.PyPardisoError as e:
+        raise ConvergenceError(f"K is singular: PARDISO says '{e}'. {REMEDY}") from e
+    engine = _certain(_each(lambda r: d * np.ravel(solver.solve(upper, d * r))), d)
+    return engine, 1024 * int(solver.get_iparm(17))
+
+
+def pyamg(K: bsr_array, modes: FloatArray, *_: Any) -> tuple[Engine, int]:
+    """Smoothed aggregation with block Gauss-Seidel by pyamg."""
+    module = _optional("pyamg", "fem")
+    _positive_diagonal(K)
+    size = K.blocksize[0]
+    smoother = ("block_gauss_seidel" if size > 1 else "gauss_seidel", {"sweep": "symmetric"})
+    ml = module.smoothed_aggregation_solver(
+        K, B=modes, presmoother=smoother, postsmoother=smoother, max_coarse=500
+    )
+    operator = ml.aspreconditioner()
+    held = sum(12 * level.A.nnz for level in ml.levels)
+    return _each(lambda r: operator @ r), held
+
+
+ENGINES = {"multigrid": multigrid, "pardiso": pardiso, "pyamg": pyamg, "superlu": superlu}
+REMEDY = "Is every part held against translation and rotation, and none by an edge only?"
+
+
+def choose(K: bsr_array) -> str:
+    """The engine that is likely to be the fastest."""
+    size = factor_size(K)
+    if size <= MEDIUM and find_spec("pypardiso"):
+        return "pardiso"
+    return "superlu" if size <= SMALL else "multigrid"
+
+
+def factor_size(K: bsr_array) -> float:
+    """Estimate of the numbers in a Cholesky factor of K.
+
+    The lesser of what an ordering by levels gives (slender parts) and the growth with n^(4/3) of
+    nested dissection in three dimensions (blocks), whose separators are the thicker the farther
+    nodes couple. Beyond LIMIT it is not refined.
+    """
+    n, m = K.shape[0], K.blocksize[0]
+    if 4.0 * n > LIMIT or K.nnz > LIMIT:
+        return float(K.nnz)
+    nodes = n // m
+    graph = csr_array((np.ones(len(K.indices), np.int8), K.indices, K.indptr), shape=(nodes,) * 2)
+    order = reverse_cuthill_mckee(graph, symmetric_mode=True)
+    place = np.empty(nodes, np.int64)
+    place[order] = np.arange(nodes)
+    first = np.minimum.reduceat(place[K.indices], K.indptr[:-1])
+    levels = m * m * float((place - np.minimum(first, place) + 1).sum())
+    layers = max(len(K.indices) / (27 * nodes), 1.0) ** (1 / 3)
+    return min(levels, 20.0 * n ** (4 / 3) * layers**2)
+
+
+def _positive_diagonal(K: bsr_array) -> FloatArray:
+    diagonal = K.diagonal()
+    if not diagonal.min() > 0:
+        i = int(np.argmin(diagonal))
+        raise InputError(
+            f"K must have a positive diagonal, got {diagonal[i]:g} in row {i}; drop nodes "
+            "without stiffness"
+        )
+    return diagonal
+
+
+def _certain(solve: Engine, d: FloatArray) -> Engine:
+    """`solve`, unless inverse iteration finds a motion without stiffness."""
+    v = np.sin(1.0 + np.arange(len(d), dtype=float) ** 2 % 7919)
+    for _ in range(2):
+        v /= np.linalg.norm(v)
+        v = solve(v / d) / d
+        length = float(np.linalg.norm(v))
+        if not length < SINGULAR:
+            raise ConvergenceError(
+                f"K is singular: a unit load moves it by {length:.1e}, after scaling to a unit "
+                f"diagonal. {REMEDY}"
+            )
+    return solve
+
+
+def _each(solve: Engine) -> Engine:
+    """An engine of one that takes vectors only."""
+
+    def engine(r: FloatArray) -> FloatArray:
+        return solve(r) if r.ndim == 1 else np.stack([solve(row) for row in r])
+
+    return engine
+
+
+def _optional(name: str, extra: str) -> Any:
+    try:
+        return import_module(name)
+    except ImportError as e:
+        package = name.partition(".")[0]
+        raise InputError(
+            f'method needs the package {package}: pip install "ilattice[{extra}]", or use another'
+        ) from e

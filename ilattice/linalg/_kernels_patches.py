@@ -1,0 +1,83 @@
+"""Patches: small sets of nodes that hang on each other, and the inverses of their matrices.
+
+Nodes of slivers are held by little else than each other, so that steps which see one node at a time
+leave their common motions alone. Guarantees: patches are disjoint, and no larger than asked; the
+inverses are positive definite; every patch is done by one thread.
+"""
+
+from typing import Any
+
+import numpy as np
+from numba import njit, prange
+
+from ilattice.linalg._kernels_multigrid import cholesky, solve_cholesky
+
+#: Least pivot of a patch whose diagonal is one: below it, the matrix in single precision is noise.
+LEAST = 1e-6
+
+
+@njit(cache=True, error_model="numpy")
+def join(rows: Any, columns: Any, most: int, out: Any) -> None:
+    """out[i] = first node of the patch of node i; couplings are taken in the order given."""
+    size = np.ones(len(out), np.int32)
+    for i in range(len(out)):
+        out[i] = i
+    for k in range(len(rows)):
+        i = root(out, rows[k])
+        j = root(out, columns[k])
+        if i != j and size[i] + size[j] <= most:
+            i, j = min(i, j), max(i, j)
+            out[j] = i
+            size[i] += size[j]
+    for i in range(len(out)):
+        out[i] = out[out[i]]
+
+
+@njit(cache=True, error_model="numpy")
+def root(first: Any, i: int) -> int:
+    """First node of the patch of node i."""
+    while first[i] != i:
+        i = first[i]
+    return i
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
+def invert(
+    offsets: Any, columns: Any, blocks: Any, starts: Any, members: Any, where: Any, out: Any
+) -> None:
+    """Inverses, from out[where[p]] on, of the matrices of the nodes of every patch p."""
+    m = blocks.shape[1]
+    for p in prange(len(starts) - 1):
+        nodes = members[starts[p] : starts[p + 1]]
+        n = m * len(nodes)
+        D = np.zeros((n, n))
+        for i in range(len(nodes)):
+            for k in range(offsets[nodes[i]], offsets[nodes[i] + 1]):
+                for j in range(i + 1):
+                    if columns[k] == nodes[j]:
+                        for a in range(m):
+                            for b in range(m):
+                                D[m * i + a, m * j + b] = blocks[k, a, b]
+        cholesky(D, LEAST)
+        unit = np.zeros(n)
+        x = np.empty(n)
+        for c in range(n):
+            unit[c] = 1.0
+            solve_cholesky(D, unit, x)
+            unit[c] = 0.0
+            for a in range(n):
+                out[where[p] + a * n + c] = x[a]
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
+def apply(starts: Any, members: Any, where: Any, inverses: Any, m: int, r: Any, s: Any) -> None:
+    """s = inverse times r on the patches, vectors in rows of r (k, n)."""
+    for p in prange(len(starts) - 1):
+        first = starts[p]
+        n = m * (starts[p + 1] - first)
+        for c in range(len(r)):
+            for a in range(n):
+                v = 0.0
+                for b in range(n):
+                    v += inverses[where[p] + a * n + b] * r[c, m * members[first + b // m] + b % m]
+                s[c, m * members[first + a // m] + a % m] = v

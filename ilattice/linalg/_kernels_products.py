@@ -1,0 +1,220 @@
+"""Products of block matrices: smoothed prolongations and the matrices of the next level.
+
+Products are done row by row, so they have the same bits for any number of threads; the Galerkin
+product is symmetric to the last bit.
+"""
+
+from typing import Any
+
+import numpy as np
+from numba import njit, prange
+
+from ilattice.linalg._kernels_blocks import FAST
+
+PARTS = 64
+
+
+@njit(inline="always")
+def clear(C: Any, at: int, rows: Any, columns: Any) -> None:
+    """C[at] = 0, blocks len(rows) x len(columns)."""
+    for a in range(len(rows)):
+        for b in range(len(columns)):
+            C[at, a, b] = 0.0
+
+
+@njit(inline="always")
+def add_product(
+    C: Any, at: int, A: Any, k: int, transposed: bool, B: Any, e: int,
+    rows: Any, inner: Any, columns: Any,
+) -> None:  # fmt: skip
+    """C[at] += A[k] B[e], of A[k] the transpose if asked; tuples as long as rows, sums, columns.
+
+    Rows of six, those of rigid modes, stay in registers.
+    """
+    for a in range(len(rows)):
+        if len(columns) == 6:
+            s, t, u = C[at, a, 0], C[at, a, 1], C[at, a, 2]
+            v, w, z = C[at, a, 3], C[at, a, 4], C[at, a, 5]
+            for c in range(len(inner)):
+                f = A[k, c, a] if transposed else A[k, a, c]
+                s += f * B[e, c, 0]
+                t += f * B[e, c, 1]
+                u += f * B[e, c, 2]
+                v += f * B[e, c, 3]
+                w += f * B[e, c, 4]
+                z += f * B[e, c, 5]
+            C[at, a, 0], C[at, a, 1], C[at, a, 2] = s, t, u
+            C[at, a, 3], C[at, a, 4], C[at, a, 5] = v, w, z
+        else:
+            for c in range(len(inner)):
+                f = A[k, c, a] if transposed else A[k, a, c]
+                for b in range(len(columns)):
+                    C[at, a, b] += f * B[e, c, b]
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
+def count_product(
+    a_offsets: Any, a_columns: Any, b_offsets: Any, b_columns: Any, width: int, out: Any
+) -> None:
+    """out[i + 1] = number of blocks in row i of A B, B of `width` columns."""
+    n = len(a_offsets) - 1
+    for part in prange(PARTS):
+        seen = np.full(width, -1, np.int32)
+        for i in range(n * part // PARTS, n * (part + 1) // PARTS):
+            count = 0
+            for k in range(a_offsets[i], a_offsets[i + 1]):
+                j = a_columns[k]
+                for e in range(b_offsets[j], b_offsets[j + 1]):
+                    J = b_columns[e]
+                    if seen[J] != i:
+                        seen[J] = i
+                        count += 1
+            out[i + 1] = count
+
+
+@njit(cache=True, error_model="numpy", parallel=True, fastmath=FAST)
+def product(
+    a_offsets: Any,
+    a_columns: Any,
+    a_blocks: Any,
+    b_offsets: Any,
+    b_columns: Any,
+    b_blocks: Any,
+    width: int,
+    S: Any,
+    offsets: Any,
+    columns: Any,
+    blocks: Any,
+) -> None:
+    """A B, blocks len(S[0]) square times len(S[0]) x len(S[1]); columns of a row as they come."""
+    L, R = S
+    n = len(a_offsets) - 1
+    for part in prange(PARTS):
+        slot = np.full(width, -1, np.int32)
+        for i in range(n * part // PARTS, n * (part + 1) // PARTS):
+            first = offsets[i]
+            to = first
+            for k in range(a_offsets[i], a_offsets[i + 1]):
+                j = a_columns[k]
+                for e in range(b_offsets[j], b_offsets[j + 1]):
+                    J = b_columns[e]
+                    at = slot[J]
+                    if at < first or at >= to or columns[at] != J:
+                        at = to
+                        to += 1
+                        slot[J] = at
+                        columns[at] = J
+                        clear(blocks, at, L, R)
+                    add_product(blocks, at, a_blocks, k, False, b_blocks, e, L, L, R)
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
+def damp(
+    offsets: Any, columns: Any, blocks: Any, b_offsets: Any, b_columns: Any, b_blocks: Any, f: Any
+) -> None:
+    """A = f A + B, where A has all blocks of B."""
+    n = len(offsets) - 1
+    for part in prange(PARTS):
+        for i in range(n * part // PARTS, n * (part + 1) // PARTS):
+            for k in range(offsets[i], offsets[i + 1]):
+                blocks[k] *= f
+                for e in range(b_offsets[i], b_offsets[i + 1]):
+                    if b_columns[e] == columns[k]:
+                        blocks[k] += b_blocks[e]
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
+def count_galerkin(t_offsets: Any, t_rows: Any, b_offsets: Any, b_columns: Any, out: Any) -> None:
+    """out[top + 1] = number of blocks on and right of the diagonal in row I of Tᵀ B."""
+    n = len(t_offsets) - 1
+    for part in prange(PARTS):
+        seen = np.full(n, -1, np.int32)
+        for top in range(n * part // PARTS, n * (part + 1) // PARTS):
+            count = 0
+            for k in range(t_offsets[top], t_offsets[top + 1]):
+                i = t_rows[k]
+                for e in range(b_offsets[i], b_offsets[i + 1]):
+                    J = b_columns[e]
+                    if J >= top and seen[J] != top:
+                        seen[J] = top
+                        count += 1
+            out[top + 1] = count
+
+
+@njit(cache=True, error_model="numpy", parallel=True, fastmath=FAST)
+def galerkin(
+    t_offsets: Any,
+    t_rows: Any,
+    t_where: Any,
+    t_blocks: Any,
+    b_offsets: Any,
+    b_columns: Any,
+    b_blocks: Any,
+    S: Any,
+    offsets: Any,
+    columns: Any,
+    blocks: Any,
+) -> None:
+    """Blocks of Tᵀ B on and right of the diagonal, columns of a row ascending."""
+    L, R = S
+    n = len(t_offsets) - 1
+    for part in prange(PARTS):
+        slot = np.full(n, -1, np.int32)
+        for top in range(n * part // PARTS, n * (part + 1) // PARTS):
+            first = offsets[top]
+            to = first
+            for k in range(t_offsets[top], t_offsets[top + 1]):
+                i = t_rows[k]
+                for e in range(b_offsets[i], b_offsets[i + 1]):
+                    J = b_columns[e]
+                    at = slot[J]
+                    if J >= top and (at < first or at >= to or columns[at] != J):
+                        slot[J] = to
+                        columns[to] = J
+                        to += 1
+            columns[first:to].sort()
+            for at in range(first, to):
+                slot[columns[at]] = at
+                clear(blocks, at, R, R)
+            for k in range(t_offsets[top], t_offsets[top + 1]):
+                i = t_rows[k]
+                q = t_where[k]
+                for e in range(b_offsets[i], b_offsets[i + 1]):
+                    J = b_columns[e]
+                    if J < top:
+                        continue
+                    add_product(blocks, slot[J], t_blocks, q, True, b_blocks, e, R, L, R)
+
+
+@njit(cache=True, error_model="numpy")
+def mirror(
+    u_offsets: Any, u_columns: Any, u_blocks: Any, L: Any, offsets: Any, columns: Any, blocks: Any
+) -> None:
+    """The whole symmetric matrix from its blocks on and right of the diagonal.
+
+    `offsets` (n + 1) are those of the whole. Diagonal entries that are zero become one.
+    """
+    p = len(L)
+    n = len(u_offsets) - 1
+    to = offsets[:-1].copy()
+    for top in range(n):
+        for k in range(u_offsets[top], u_offsets[top + 1]):
+            J = u_columns[k]
+            at = to[top]
+            to[top] += 1
+            columns[at] = J
+            if J == top:
+                for a in range(p):
+                    for b in range(a, p):
+                        blocks[at, a, b] = u_blocks[k, a, b]
+                        blocks[at, b, a] = u_blocks[k, a, b]
+                    if blocks[at, a, a] == 0.0:
+                        blocks[at, a, a] = 1.0
+                continue
+            blocks[at] = u_blocks[k]
+            at = to[J]
+            to[J] += 1
+            columns[at] = top
+            for a in range(p):
+                for b in range(p):
+                    blocks[at, b, a] = u_blocks[k, a, b]

@@ -1,0 +1,182 @@
+"""Conjugate gradients in double precision, for any preconditioner.
+
+Guarantees: the residual at the end is that of the solution, computed afresh, not the one that the
+recursion believes in. Sums are taken in fixed chunks: the same bits for any number of threads.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.linalg import eigvalsh_tridiagonal
+
+from ilattice._progress import Progress, track
+from ilattice._typing import FloatArray
+from ilattice.linalg import _kernels_blocks as kb
+
+Operator = Callable[[FloatArray], FloatArray]
+RESTARTS = 5
+#: The condition of the preconditioned matrix is looked at every so many steps, and taken for
+#: that of a singular matrix above HOPELESS.
+LOOK, HOPELESS = 50, 1e12
+
+
+@dataclass
+class Run:
+    """What came out.
+
+    Attributes
+    ----------
+    x : ndarray, shape (n,)
+        Solution.
+    history : list of float
+        Relative residual before the first and after every step.
+    residual : float
+        Relative residual |b - K x| / |b| of x.
+    condition : float
+        Estimate, from below, of the condition number of the preconditioned matrix.
+    trouble : str
+        Why it stopped early, or nothing.
+    """
+
+    x: FloatArray
+    history: list[float] = field(default_factory=list)
+    residual: float = 0.0
+    condition: float = 1.0
+    trouble: str = ""
+
+
+class _Bar:
+    """Percent of the digits that are asked for."""
+
+    def __init__(self, tol: float, progress: Progress) -> None:
+        self.tol = tol
+        self.done = 0
+        self.bar: Iterator[int] = track(range(100), "solve", progress)
+        next(self.bar)
+
+    def show(self, residual: float) -> None:
+        """Advance to where this residual is."""
+        part = np.log(max(residual, 1e-300)) / np.log(self.tol)
+        while self.done < min(100, int(100 * part)):
+            self.done += 1
+            next(self.bar, None)
+
+
+def conjugate_gradients(
+    K: Operator, M: Operator, b: FloatArray, tol: float, steps: int, progress: Progress
+) -> list[Run]:
+    """Solve K x = b for rows of b (r, n) to |b - K x| <= tol |b|, or say why not.
+
+    The flexible variant, which forgives a preconditioner that is only nearly symmetric: the
+    cycle rounds to single precision. Rows go together through the matrix and the preconditioner,
+    each with coefficients of its own, until they are solved.
+    """
+    x = np.zeros_like(b)
+    runs = [Run(row) for row in x]
+    lengths = [float(np.sqrt(_dots(row, row)[0])) for row in b]
+    left = [i for i, length in enumerate(lengths) if length != 0]
+    for i in left:
+        runs[i].residual = 1.0
+        runs[i].history.append(1.0)
+    bar = _Bar(tol, progress)
+    for turn in range(RESTARTS):
+        if not left:
+            break
+        r = b[left] - K(x[left]) if turn else b[left]
+        _descend([_Row(runs[i], lengths[i]) for i in left], K, M, r, tol, steps, bar)
+        r = b[left] - K(x[left])
+        for i, row in zip(left, r, strict=True):
+            runs[i].residual = float(np.sqrt(_dots(row, row)[0]) / lengths[i])
+        left = [
+            i for i in left
+            if not (runs[i].trouble or runs[i].residual <= tol or len(runs[i].history) > steps)
+        ]  # fmt: skip
+    for i in left:
+        runs[i].trouble = (
+            "rounding leaves no more digits, as where stiffnesses are many powers of ten apart; "
+            "take a larger tol"
+        )
+    return runs
+
+
+@dataclass
+class _Row:
+    """One right-hand side on its way: its length, and the coefficients of its steps."""
+
+    run: Run
+    length: float
+    rz: float = 0.0
+    alphas: list[float] = field(default_factory=list)
+    betas: list[float] = field(default_factory=list)
+
+    def advance(self, p: FloatArray, q: FloatArray, r: FloatArray) -> bool:
+        """Take a step along p, of which q is the product; False where there is none."""
+        pq = _dots(p, q)[0]
+        if not (pq > 0 and self.rz > 0):
+            self.run.trouble = "the matrix or its preconditioner is not positive definite"
+            return False
+        alpha = self.rz / pq
+        kb.combine(alpha, p, 1.0, self.run.x)
+        kb.combine(-alpha, q, 1.0, r)
+        self.run.history.append(float(np.sqrt(_dots(r, r)[0]) / self.length))
+        self.alphas.append(alpha)
+        if len(self.alphas) % LOOK == 0:
+            self.look()
+            if self.run.condition > HOPELESS:
+                self.run.trouble = "the matrix is singular to working precision"
+                return False
+        return True
+
+    def turn(self, z: FloatArray, r: FloatArray, q: FloatArray, p: FloatArray) -> None:
+        """Make p the next direction."""
+        rz, qz = _dots(z, r, q)
+        self.betas.append(-self.alphas[-1] * qz / self.rz)
+        self.rz = rz
+        kb.combine(1.0, z, self.betas[-1], p)
+
+    def look(self) -> None:
+        """Update the condition number."""
+        self.run.condition = max(self.run.condition, _condition(self.alphas, self.betas))
+
+
+def _descend(
+    rows: list[_Row], K: Operator, M: Operator, r: FloatArray, tol: float, steps: int, bar: _Bar
+) -> None:
+    """Go on from where runs are with residuals r (rows, n), which are overwritten."""
+    p = np.ascontiguousarray(M(r))
+    for row, z, one in zip(rows, p, r, strict=True):
+        row.rz = _dots(one, z)[0]
+    while rows:
+        q = K(p)
+        going = []
+        for i, row in enumerate(rows):
+            history = row.run.history
+            if row.advance(p[i], q[i], r[i]) and history[-1] > tol and len(history) <= steps:
+                going.append(i)
+            else:
+                row.look()
+        bar.show(max(row.run.history[-1] for row in rows))
+        if len(going) < len(rows):
+            rows, p, q, r = [rows[i] for i in going], p[going], q[going], r[going]
+        if rows:
+            z = np.ascontiguousarray(M(r))
+            for i, row in enumerate(rows):
+                row.turn(z[i], r[i], q[i], p[i])
+
+
+def _dots(x: FloatArray, y: FloatArray, z: FloatArray | None = None) -> tuple[float, float]:
+    a, b = kb.dots(x, y, y if z is None else z).sum(axis=0)
+    return float(a), float(b)
+
+
+def _condition(alphas: list[float], betas: list[float]) -> float:
+    """Ratio of the extreme Ritz values of Lanczos' matrix, which the coefficients make up."""
+    if not alphas:
+        return 1.0
+    a = np.array(alphas)
+    b = np.maximum(betas[: len(a) - 1], 0.0)
+    diagonal = 1 / a
+    diagonal[1:] += b / a[:-1]
+    ritz = eigvalsh_tridiagonal(diagonal, np.sqrt(b) / a[:-1])
+    return float(ritz[-1] / ritz[0]) if ritz[0] > 0 else np.inf

@@ -1,0 +1,402 @@
+"""Multigrid by smoothed aggregation: a preconditioner for stiffness matrices of small blocks.
+
+Nodes are joined into aggregates with their neighbours; on each of these the near-nullspace (rigid
+motions, or constants) is made orthonormal and becomes the unknowns of the next level, after one
+step of damped smoothing (P. Vaněk, J. Mandel, M. Brezina, "Algebraic multigrid by smoothed
+aggregation for second and fourth order elliptic problems", Computing 56, 1996). On every level the
+matrix is scaled by the Cholesky factors of its diagonal blocks, which have then disappeared from
+all else: the Chebyshev smoother of the fourth kind (J. Lottes, "Optimal polynomial smoothers for
+multigrid V-cycles", Numerical Linear Algebra with Applications 30, 2023) is block smoothing. Its
+blocks are larger where nodes hang on each other, as those of slivers do: few of their common
+motions are among those of the next level.
+
+Guarantees: coarse matrices and the factor of the last one are made in double precision, the cycle
+runs in single precision; it is symmetric and positive definite up to that rounding. Set-up and
+cycle have the same bits for any number of threads. A matrix in which a near-nullspace mode has no
+stiffness is refused.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.linalg import eigvalsh_tridiagonal
+
+from ilattice._typing import AnyArray, FloatArray
+from ilattice.errors import ConvergenceError, InputError
+from ilattice.linalg import _kernels_blocks as kb
+from ilattice.linalg import _kernels_multigrid as km
+from ilattice.linalg import _kernels_patches as kp
+from ilattice.linalg import _kernels_products as kq
+
+#: Unknowns of the last level, at most, and when coarsening no longer helps.
+COARSEST, DENSE = 900, 4000
+#: Degree of the smoother, damping of the prolongation.
+DEGREE, DAMPING = 2, 4 / 3
+#: Neighbours in an aggregate have couplings above this, relative to the diagonal: in the first
+#: level, and in the others, where smoothed modes overlap with many that are far.
+WEAK, WEAK_COARSE = 0.02, 0.05
+#: And above this part of the greatest coupling of either, so that slivers are joined with each
+#: other: they move almost freely, and are not seen in the motions of what they hang on.
+SHARE = 0.1
+#: And they are nearer than this many times the nearest such node: where cells are stretched, those
+#: across the short side are joined first.
+FAR = 2.0
+#: Nodes hang on each other if their coupling, of a matrix with ones in its diagonal, is above this
+#: (Frobenius norm); a patch has as many nodes at most.
+TIED, PATCH = 0.6, 16
+LANCZOS = 16
+#: Largest eigenvalues are taken as this much above their estimate.
+SAFETY = 1.1
+#: A pivot of the last matrix, over its diagonal entry, below which there is a motion for free;
+#: each level leaves some 1e-12 there, for its prolongation is in single precision.
+SINGULAR = 1e-10
+ONE = np.float32(1)
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """Sparse matrix of blocks (k, m, p), rows as in the BSR format."""
+
+    offsets: AnyArray
+    columns: AnyArray
+    blocks: AnyArray
+    width: int
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Numbers of scalar rows and columns."""
+        return self.blocks.shape[1] * self.rows, self.blocks.shape[2] * self.width
+
+    @property
+    def rows(self) -> int:
+        """Number of block rows."""
+        return len(self.offsets) - 1
+
+    @cached_property
+    def sizes(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        """Tuples of the lengths of a block, which tell the compiler its size."""
+        return (0,) * self.blocks.shape[1], (0,) * self.blocks.shape[2]
+
+    @cached_property
+    def transposed(self) -> tuple[AnyArray, AnyArray, AnyArray]:
+        """Offsets of the columns, and the row and the index of each of their blocks."""
+        order = np.argsort(self.columns, kind="stable").astype(np.int32)
+        rows = np.repeat(np.arange(self.rows, dtype=np.int32), np.diff(self.offsets))
+        counts = np.bincount(self.columns, minlength=self.width)
+        return _offsets(counts), rows[order], order
+
+    def multiply(self, x: AnyArray, y: AnyArray, sign: float) -> None:
+        """y += sign A x, or y = A x for sign 0; vectors (n,), or in rows (r, n)."""
+        s = y.dtype.type(sign)
+        m, p = self.blocks.shape[1:]
+        x, y = np.atleast_2d(x), np.atleast_2d(y)
+        if m == p == 3:
+            kb.multiply3(self.offsets, self.columns, self.blocks, x, y, s)
+        elif m in (3, 6) and p == 6:
+            kb.multiply6(self.offsets, self.columns, self.blocks, x, y, s, self.sizes[0])
+        else:
+            kb.multiply(self.offsets, self.columns, self.blocks, x, y, s, self.sizes)
+
+    def multiply_transposed(self, x: AnyArray, y: AnyArray) -> None:
+        """y = Aᵀ x; vectors (n,), or in rows (r, n)."""
+        x, y = np.atleast_2d(x), np.atleast_2d(y)
+        if self.blocks.shape[2] == 6:
+            kb.multiply_transposed6(*self.transposed, self.blocks, x, y, self.sizes[0])
+        else:
+            kb.multiply_transposed(*self.transposed, self.blocks, x, y, self.sizes)
+
+    def times(self, other: Blocks) -> Blocks:
+        """The product, of the type of `other`."""
+        counts = np.zeros(self.rows + 1, np.int64)
+        mine = (self.offsets, self.columns)
+        theirs = (other.offsets, other.columns)
+        kq.count_product(*mine, *theirs, other.width, counts)
+        offsets = np.cumsum(counts).astype(np.int32)
+        columns = np.empty(offsets[-1], np.int32)
+        blocks = np.empty((offsets[-1], *other.blocks.shape[1:]), other.blocks.dtype)
+        kq.product(
+            *mine, self.blocks, *theirs, other.blocks, other.width, other.sizes,
+            offsets, columns, blocks,
+        )  # fmt: skip
+        return Blocks(offsets, columns, blocks, other.width)
+
+
+class Multigrid:
+    """Hierarchy of a stiffness matrix, applied as ``z = multigrid(r)``.
+
+    Parameters
+    ----------
+    K : Blocks
+        Symmetric, square blocks (m, m), double precision.
+    modes : array_like, shape (n, p)
+        Near-nullspace: motions with little energy.
+    places : ndarray, shape (nodes, 3), optional
+        Nodes in space; without them stretched cells are not told from others.
+
+    Raises
+    ------
+    InputError
+        If K has diagonal entries that are not positive.
+    ConvergenceError
+        If a combination of the modes has no stiffness: K is singular.
+    """
+
+    def __init__(self, K: Blocks, modes: FloatArray, places: FloatArray | None = None) -> None:
+        self.levels: list[_Level] = []
+        A, B, x = K, modes, places
+        factors, inverses = _block_factors(A)
+        self.scaling = inverses
+        while A.shape[0] > COARSEST:
+            scaled = _scaled(A, inverses, np.float32)
+            strength = np.empty(len(A.columns), np.float32)
+            km.strengths(A.offsets, A.columns, scaled.blocks, A.sizes[0], strength)
+            patches = _patches(scaled, strength)
+            rho = _largest_eigenvalue(scaled, patches)
+            B = _multiply_blocks(factors, B, True, np.empty_like(B))
+            home, count = _aggregates(scaled, strength, x, WEAK_COARSE if self.levels else WEAK)
+            P, B = _prolongation(scaled, B, rho, home, count)
+            x = None if x is None else _means(x, home, count)
+            if P.width > 0.7 * A.rows:
+                break
+            A = _galerkin(A, inverses, P)
+            factors, inverses = _block_factors(A)
+            kb.scale_columns(P.columns, P.blocks, inverses, P.sizes)
+            self.levels.append(_Level(scaled, P, patches, SAFETY * rho))
+        self.factor = _factor(_scaled(A, inverses, np.float64))
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes that the hierarchy takes, beside K."""
+        held = [self.scaling, self.factor]
+        for level in self.levels:
+            held += [level.A.blocks, level.P.blocks, level.P.columns, *level.P.transposed]
+            held += [level.patches.members, level.patches.inverses]
+        return sum(a.nbytes for a in held)
+
+    def __call__(self, r: FloatArray) -> FloatArray:
+        """Approximate solution of K z = r, in double precision, for vectors (n,) or rows (k, n)."""
+        rows = r.reshape(-1, r.shape[-1])
+        short, out = np.empty(rows.shape, np.float32), np.empty(rows.shape)
+        lengths = [float(np.sqrt(kb.dots(v, v, v)[:, 0].sum())) or 1.0 for v in rows]
+        for v, s, length in zip(rows, short, lengths, strict=True):
+            _multiply_blocks(self.scaling, (v / length)[:, None], False, s[:, None])
+        x = self._cycle(0, short)
+        for v, z, length in zip(x, out, lengths, strict=True):
+            _multiply_blocks(self.scaling, v[:, None], True, z[:, None])
+            z *= length
+        return out.reshape(r.shape)
+
+    def _cycle(self, depth: int, r: AnyArray) -> AnyArray:
+        """One V-cycle for residuals in rows of r, which is overwritten."""
+        x = np.zeros_like(r)
+        if depth == len(self.levels):
+            km.solve_rows(self.factor, r, x)
+            return x
+        level = self.levels[depth]
+        level.smooth(r, x, last=False)
+        coarse = np.empty((len(r), level.P.shape[1]), np.float32)
+        level.P.multiply_transposed(r, coarse)
+        step = np.empty_like(r)
+        level.P.multiply(self._cycle(depth + 1, coarse), step, 0)
+        level.A.multiply(step, r, -1)
+        kb.combine(ONE, step.ravel(), ONE, x.ravel())
+        level.smooth(r, x, last=True)
+        return x
+
+
+@dataclass(frozen=True, eq=False)
+class _Patches:
+    """Sets of nodes, and the inverses of their matrices from `where` on."""
+
+    starts: AnyArray
+    members: AnyArray
+    where: AnyArray
+    inverses: FloatArray
+
+    def solve(self, r: AnyArray, m: int) -> AnyArray:
+        """r (k, rows m), on patches multiplied by their inverses: r itself if there are none."""
+        if len(self.members) == 0:
+            return r
+        s = r.copy()
+        kp.apply(self.starts, self.members, self.where, self.inverses, m, r, s)
+        return s
+
+
+@dataclass(frozen=True, eq=False)
+class _Level:
+    """A matrix with ones in its diagonal, the prolongation to it, and what its smoother needs.
+
+    `rho` is a bound of the eigenvalues after multiplication by the inverses of the patches.
+    """
+
+    A: Blocks
+    P: Blocks
+    patches: _Patches
+    rho: float
+
+    def smooth(self, r: AnyArray, x: AnyArray, *, last: bool) -> None:
+        """Add a polynomial in A times r to x; update r, the residual, unless it is the `last`."""
+        z = np.zeros_like(r)
+        for i in range(1, DEGREE + 1):
+            a = np.float32((2 * i - 3) / (2 * i + 1))
+            b = np.float32((8 * i - 4) / (2 * i + 1) / self.rho)
+            solved = self.patches.solve(r, self.A.blocks.shape[1])
+            kb.smooth(a, z.ravel(), b, solved.ravel(), ONE, x.ravel())
+            if not last or i < DEGREE:
+                self.A.multiply(z, r, -1)
+
+
+def _block_factors(A: Blocks) -> tuple[FloatArray, FloatArray]:
+    factors, inverses = np.empty((2, A.rows, *A.blocks.shape[1:]))
+    state = kb.factors(A.offsets, A.columns, A.blocks, A.sizes[0], factors, inverses)
+    if (state == 2).any():
+        i = int(np.argmax(state == 2))
+        raise InputError(
+            f"K must have a positive diagonal: {int((state == 2).sum())} nodes have not, the "
+            f"first is node {i}; drop nodes without stiffness"
+        )
+    return factors, inverses
+
+
+def _multiply_blocks(A: FloatArray, x: AnyArray, transposed: bool, y: AnyArray) -> Any:
+    kb.multiply_blocks(A, x, transposed, (0,) * A.shape[1], y)
+    return y
+
+
+def _scaled(A: Blocks, inverses: FloatArray, dtype: Any) -> Blocks:
+    out = np.empty(A.blocks.shape, dtype)
+    kb.scaled(A.offsets, A.columns, A.blocks, inverses, A.sizes[0], out)
+    return Blocks(A.offsets, A.columns, out, A.width)
+
+
+def _patches(A: Blocks, strength: AnyArray) -> _Patches:
+    """Nodes that hang on each other, the closest ties first."""
+    tied = np.flatnonzero(strength > TIED**2)
+    rows = (np.searchsorted(A.offsets, tied, side="right") - 1).astype(np.int32)
+    tied, rows = tied[rows < A.columns[tied]], rows[rows < A.columns[tied]]
+    order = np.argsort(-strength[tied], kind="stable")
+    first = np.empty(A.rows, np.int32)
+    kp.join(rows[order], A.columns[tied[order]], PATCH, first)
+    size = np.bincount(first, minlength=A.rows)
+    inside = np.flatnonzero(size[first] > 1).astype(np.int32)
+    members = inside[np.argsort(first[inside], kind="stable")]
+    sizes = size[size > 1]
+    where = np.concatenate([[0], np.cumsum((A.blocks.shape[1] * sizes) ** 2)])
+    out = _Patches(_offsets(sizes), members, where, np.empty(where[-1]))
+    kp.invert(A.offsets, A.columns, A.blocks, out.starts, members, where, out.inverses)
+    return out
+
+
+def _largest_eigenvalue(A: Blocks, patches: _Patches) -> float:
+    """Estimate from below, for M A, M the inverses of the patches, by steps of Lanczos' method."""
+    n, m = A.shape[0], A.blocks.shape[1]
+    before, beta = np.zeros(n, np.float32), 0.0
+    r = np.sin(1.0 + np.arange(n, dtype=np.float64) ** 2 % 7919).astype(np.float32)
+    z = patches.solve(r[None], m)[0]
+    length = np.float32(np.sqrt(kb.dots(r, z, z)[:, 0].sum()))
+    alphas: list[float] = []
+    betas: list[float] = []
+    for _ in range(min(LANCZOS, n)):
+        v, z = r / length, z / length
+        r = np.empty_like(v)
+        A.multiply(z, r, 0)
+        kb.combine(np.float32(-beta), before, ONE, r)
+        alphas.append(float(kb.dots(z, r, r)[:, 0].sum()))
+        kb.combine(np.float32(-alphas[-1]), v, ONE, r)
+        z = patches.solve(r[None], m)[0]
+        beta = float(np.sqrt(kb.dots(r, z, z)[:, 0].sum()))
+        betas.append(beta)
+        if beta <= 1e-5 * abs(alphas[0]):
+            break
+        before, length = v, np.float32(beta)
+    return float(eigvalsh_tridiagonal(alphas, betas[: len(alphas) - 1])[-1])
+
+
+def _aggregates(
+    A: Blocks, strength: AnyArray, places: FloatArray | None, least: float
+) -> tuple[AnyArray, int]:
+    """Aggregate of every node, -1 for nodes without couplings, and their number."""
+    strong = np.empty(len(A.columns), np.bool_)
+    bound = least**2 * A.blocks.shape[1]
+    km.mark_strong(A.offsets, A.columns, strength, bound, SHARE**2, strong)
+    if places is not None:
+        km.unmark_far(A.offsets, A.columns, places, FAR**2, strong)
+    home = np.empty(A.rows, np.int32)
+    return home, km.aggregate(A.offsets, A.columns, strength, strong, home)
+
+
+def _means(places: FloatArray, home: AnyArray, count: int) -> FloatArray:
+    """Mean places (count, 3) of the nodes of aggregates."""
+    inside = home >= 0
+    size = np.bincount(home[inside], minlength=count)
+    sums = [np.bincount(home[inside], x[inside], count) for x in places.T]
+    return np.stack(sums, axis=1) / size[:, None]
+
+
+def _prolongation(
+    A: Blocks, modes: FloatArray, rho: float, home: AnyArray, count: int
+) -> tuple[Blocks, FloatArray]:
+    """Smoothed modes on aggregates, single precision, and the modes of the next level."""
+    p = modes.shape[1]
+    inside = home >= 0
+    members = np.argsort(home, kind="stable")[np.count_nonzero(~inside) :]
+    blocks, coarse = np.zeros((A.rows, A.blocks.shape[1], p)), np.empty((count * p, p))
+    starts = _offsets(np.bincount(home[inside], minlength=count))
+    km.tentative(starts, members, modes, A.sizes[0], blocks, coarse)
+    simple = Blocks(_offsets(inside), home[inside], blocks[inside].astype(np.float32), count)
+    P = A.times(simple)
+    kq.damp(P.offsets, P.columns, P.blocks, simple.offsets, simple.columns, simple.blocks,
+            np.float32(-DAMPING / rho))  # fmt: skip
+    return P, coarse
+
+
+def _galerkin(A: Blocks, inverses: FloatArray, P: Blocks) -> Blocks:
+    """Pᵀ Â P in double precision, Â the scaled matrix."""
+    T = Blocks(P.offsets, P.columns, np.empty(P.blocks.shape), P.width)
+    kb.scale_rows(P.offsets, P.blocks, inverses, P.sizes, T.blocks)
+    B = A.times(T)
+    offsets, rows, where = P.transposed
+    counts = np.zeros(P.width + 1, np.int64)
+    kq.count_galerkin(offsets, rows, B.offsets, B.columns, counts)
+    upper = np.cumsum(counts).astype(np.int32)
+    columns = np.empty(upper[-1], np.int32)
+    p = P.blocks.shape[2]
+    blocks = np.empty((upper[-1], p, p))
+    kq.galerkin(
+        offsets, rows, where, T.blocks, B.offsets, B.columns, B.blocks, P.sizes,
+        upper, columns, blocks,
+    )  # fmt: skip
+    lower = np.bincount(columns, minlength=P.width) - 1
+    whole = _offsets(np.diff(upper) + lower)
+    out = Blocks(whole, np.empty(whole[-1], np.int32), np.empty((whole[-1], p, p)), P.width)
+    kq.mirror(upper, columns, blocks, P.sizes[1], whole, out.columns, out.blocks)
+    return out
+
+
+def _factor(A: Blocks) -> FloatArray:
+    """Dense Cholesky factor."""
+    n = A.shape[0]
+    if n > DENSE:
+        raise ConvergenceError(
+            f"multigrid is left with {n} unknowns that it cannot join: the matrix couples few of "
+            "its nodes; use method='superlu'"
+        )
+    rows, m = np.repeat(np.arange(A.rows), np.diff(A.offsets)), A.blocks.shape[1]
+    dense = np.zeros((A.rows, m, A.rows, m))
+    dense[rows, :, A.columns, :] = A.blocks
+    factor = dense.reshape(n, n)
+    least, _ = km.cholesky(factor, 1e-30)
+    if not least > SINGULAR:
+        raise ConvergenceError(
+            f"K is singular: a motion of the whole has {least:.1e} of the stiffness of others; "
+            "is every part held against translation and rotation?"
+        )
+    return factor
+
+
+def _offsets(counts: AnyArray) -> AnyArray:
+    return np.concatenate([[0], np.cumsum(counts, dtype=np.int64)]).astype(np.int32)

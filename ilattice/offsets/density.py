@@ -1,0 +1,307 @@
+"""Relative densities of walls, and walls of a given relative density.
+
+Guarantees: densities come from cut-cell quadrature of the wall, not from counting; one evaluation
+computes no closest points; what is returned has the asked density within `TOLERANCE` (for cells
+`CELL_TOLERANCE`), or an error is raised. Non-guarantee: the wall is that of the distance spline;
+a polished mesh of it differs where the spline is wrong.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ilattice._typing import FloatArray
+from ilattice._validate import as_array, asked
+from ilattice.bspline import BSpline
+from ilattice.bspline.knots import uniform_knots
+from ilattice.errors import ConvergenceError, GeometryError, InputError
+from ilattice.offsets.thickness import Thickness
+from ilattice.offsets.wall import Wall
+from ilattice.quadrature.grid import cut
+
+if TYPE_CHECKING:
+    from ilattice.macroshape.lattice import Lattice
+
+#: Largest error of a density that is solved for, and how often it may be evaluated.
+TOLERANCE, EVALUATIONS = 2e-4, 9
+#: The same for densities per cell; the step is longer than Newton's, because the spline through the
+#: half-thicknesses of cells smooths them.
+CELL_TOLERANCE, CELL_EVALUATIONS, CELL_STEP = 1e-3, 40, 1.4
+LEVELS = 8
+GAUSS = 6
+
+
+def tile_volumes(lattice: Lattice) -> FloatArray:
+    """Volumes of the tiles in space.
+
+    Parameters
+    ----------
+    lattice : Lattice
+        Tiles and map.
+
+    Returns
+    -------
+    ndarray, shape (nx, ny, nz)
+        Integrals of |det J|.
+    """
+    lo, hi = lattice.domain
+    node, weight = np.polynomial.legendre.leggauss(GAUSS)
+    axes = [
+        lo[a] + (hi[a] - lo[a]) * (np.arange(n)[:, None] + 0.5 + 0.5 * node).ravel() / n
+        for a, n in enumerate(lattice.repeat)
+    ]
+    u = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    det = np.abs(np.linalg.det(lattice.through.jacobian(u)))
+    n0, n1, n2 = lattice.repeat
+    volumes: FloatArray = np.einsum(
+        "iajbkc,a,b,c->ijk", det.reshape(n0, GAUSS, n1, GAUSS, n2, GAUSS), *[0.5 * weight] * 3
+    )
+    return volumes * float(np.prod((hi - lo) / np.array(lattice.repeat)))
+
+
+def wall_volumes(wall: Wall, q: int = 2) -> FloatArray:
+    """Volume of a wall in every tile.
+
+    Parameters
+    ----------
+    wall : Wall
+        The wall.
+    q : int
+        Gauss points per direction and piece of a cell.
+
+    Returns
+    -------
+    ndarray, shape (nx, ny, nz)
+        Volumes in space.
+    """
+    lattice = wall.lattice
+    out = np.zeros(lattice.repeat)
+    try:
+        grid = cut(wall)
+    except GeometryError:
+        return out
+    rule = grid.volume(q).in_space()
+    cells = np.unravel_index(rule.cells, grid.grid.shape)
+    middles = [0.5 * (axis[:-1] + axis[1:]) for axis in grid.grid.axes]
+    u = np.stack([m[c] for m, c in zip(middles, cells, strict=True)], axis=1)
+    tiles = np.floor(lattice.tile_coordinates(u)).astype(np.int64)
+    np.add.at(out, tuple(tiles.T), rule.integrate_cells())
+    return out
+
+
+class _Densities:
+    """Relative densities of walls of one lattice and one distance spline."""
+
+    def __init__(self, lattice: Lattice, distance: BSpline) -> None:
+        self.lattice, self.distance = lattice, distance
+        self.tiles = tile_volumes(lattice)
+
+    def cells(self, thickness: Thickness) -> FloatArray:
+        """Part of every tile that is filled."""
+        return wall_volumes(Wall(self.lattice, self.distance, thickness)) / self.tiles
+
+    def whole(self, thickness: Thickness) -> float:
+        """Part of all that is filled."""
+        filled = wall_volumes(Wall(self.lattice, self.distance, thickness))
+        return float(filled.sum() / self.tiles.sum())
+
+
+def relative_density(wall: Wall, *, per_cell: bool = False) -> float | FloatArray:
+    """Part of the macro-shape that a wall fills.
+
+    Parameters
+    ----------
+    wall : Wall
+        The wall.
+    per_cell : bool
+        Whether to give one number per tile.
+
+    Returns
+    -------
+    float, or ndarray of shape (nx, ny, nz)
+        Relative density.
+    """
+    filled, tiles = wall_volumes(wall), tile_volumes(wall.lattice)
+    return filled / tiles if per_cell else float(filled.sum() / tiles.sum())
+
+
+def wall_of_density(wall: Wall, density: Any) -> Wall:
+    """Wall whose thickness is that of another one, scaled until it has the asked density.
+
+    Parameters
+    ----------
+    wall : Wall
+        Gives the shape of the thickness; constant if densities are asked for every tile.
+    density : float, callable, or array_like of shape (nx, ny, nz)
+        Relative density of the whole, or of every tile; a callable takes the parameters (n, 3)
+        of the centres of tiles. Of a solid only the growth is scaled: a positive one reaches
+        densities above that of the solid itself, a negative one those below, of the whole only.
+
+    Returns
+    -------
+    Wall
+        The wall; it has the same distance spline.
+
+    Raises
+    ------
+    InputError
+        If a density cannot be reached, the message says which can; or the thickness vanishes
+        somewhere, so that it cannot be scaled.
+    ConvergenceError
+        If the densities of tiles are not met, because neighbours ask for too different ones.
+    """
+    lattice, distance, profile = wall.lattice, wall.distance, wall.thickness
+    densities = _Densities(lattice, distance)
+    thickest = 1.01 * float(np.abs(distance.c).max()) / _least(profile)
+    top = profile.scaled(thickest)
+    given = None if callable(density) else as_array("relative_density", density)
+    if given is not None and given.size == 1:
+        target = float(given.ravel()[0])
+        least = densities.whole(profile.scaled(0.0)) if profile.solid else 0.0
+        ends = least, densities.whole(top)
+        _check_reachable(target, *sorted(ends))
+        factor = _solve(densities, profile, target, thickest, ends)
+        return Wall(lattice, distance, profile.scaled(factor))
+    if not profile.constant:
+        raise InputError("densities of tiles need a constant d, or none; this one varies")
+    if profile.solid and profile.outer.c.item() < 0.0:
+        raise InputError("densities of tiles need a positive growth in d=(inf, growth)")
+    targets = _targets(lattice, density)
+    tops = densities.cells(top)
+    bottoms = densities.cells(profile.scaled(0.0)) if profile.solid else np.zeros_like(tops)
+    for place in (np.argmin(targets - bottoms), np.argmax(targets - tops)):
+        _check_reachable(*(float(a.flat[place]) for a in (targets, bottoms, tops)))
+    return Wall(lattice, distance, _solve_cells(densities, profile, targets, thickest, bottoms))
+
+
+def _solve(
+    densities: _Densities,
+    profile: Thickness,
+    target: float,
+    thickest: float,
+    ends: tuple[float, float],
+) -> float:
+    """Factor at which the density is the target: secants that keep a bracket (Illinois).
+
+    `ends` are the densities at the factors 0 and `thickest`.
+    """
+    a, fa = 0.0, ends[0] - target
+    b, fb = thickest, ends[1] - target
+    f = fb
+    for _ in range(EVALUATIONS):
+        x = b - fb * (b - a) / (fb - fa)
+        f = densities.whole(profile.scaled(x)) - target
+        if abs(f) <= TOLERANCE:
+            return x
+        if f * fb < 0:
+            a, fa = b, fb
+        else:
+            fa *= 0.5
+        b, fb = x, f
+    raise ConvergenceError(f"relative_density={target:g} is still missed by {f:.2g}")
+
+
+def _solve_cells(
+    densities: _Densities,
+    profile: Thickness,
+    targets: FloatArray,
+    thickest: float,
+    bottoms: FloatArray,
+) -> Thickness:
+    """Thickness with one coefficient per cell such that every cell has its density.
+
+    `bottoms` are the densities at the factor 0.
+    """
+    levels = thickest * np.linspace(0.0, 1.0, LEVELS) ** 1.5
+    curves = np.stack([bottoms] + [densities.cells(profile.scaled(s)) for s in levels[1:]])
+    factor = _by_cell(targets, curves, levels)
+    slopes = np.gradient(curves, levels, axis=0)
+    slope = np.maximum(_by_cell(factor, levels, slopes), 0.2 * slopes.max(axis=0))
+    error = np.inf
+    for _ in range(CELL_EVALUATIONS):
+        thickness = _per_cell(densities.lattice, profile, factor)
+        miss = targets - densities.cells(thickness)
+        error = float(np.abs(miss).max())
+        if error <= CELL_TOLERANCE:
+            return thickness
+        factor = np.maximum(factor + CELL_STEP * miss / slope, 0.2 * factor)
+    raise ConvergenceError(
+        f"the relative densities of cells are missed by up to {error:.3g}: neighbours ask for too "
+        "different ones; smooth them"
+    )
+
+
+def _by_cell(at: FloatArray, x: FloatArray, y: FloatArray) -> FloatArray:
+    """Curve y over x at one place per cell; curves have a leading axis and may differ by cell."""
+    flat = [np.broadcast_to(a.T if a.ndim > 1 else a, (*at.T.shape, len(a))) for a in (x, y)]
+    rows = [a.reshape(-1, a.shape[-1]) for a in flat]
+    found = [np.interp(t, *pair) for t, *pair in zip(at.T.ravel(), *rows, strict=True)]
+    return np.array(found).reshape(at.T.shape).T
+
+
+def _per_cell(lattice: Lattice, profile: Thickness, factor: FloatArray) -> Thickness:
+    """The profile times a C1 spline with one coefficient per cell, repeated at open ends."""
+    c, knots = factor, []
+    for a, closed in enumerate(lattice.through.wraps):
+        n = lattice.repeat[a]
+        lo, hi = lattice.domain[:, a]
+        knots.append(uniform_knots(n, 2, (lo, hi), periodic=closed))
+        ends = (c.take([-1], a), c.take([0], a))
+        c = np.concatenate([ends[0 if closed else 1], c, ends[1 if closed else 0]], axis=a)
+    inner, outer = (
+        BSpline(knots, c * float(s.c.item()), 2, periodic=lattice.through.wraps)
+        for s in (profile.inner, profile.outer)
+    )
+    return _sides(profile, inner, outer)
+
+
+def _targets(lattice: Lattice, density: Any) -> FloatArray:
+    if callable(density):
+        at = np.indices(lattice.repeat).reshape(3, -1).T + 0.5
+        lo, hi = lattice.domain
+        u = lo + at / np.array(lattice.repeat) * (hi - lo)
+        values = as_array("relative_density", asked("relative_density", density, u))
+        if values.shape != (len(at),):
+            raise InputError(
+                f"relative_density must return one value per tile, shape ({len(at)},), got "
+                f"{values.shape}"
+            )
+        return values.reshape(lattice.repeat)
+    values = as_array("relative_density", density)
+    if values.shape != lattice.repeat:
+        raise InputError(
+            f"relative_density must be one number, or one per cell in an array of shape "
+            f"{lattice.repeat}, got shape {values.shape}"
+        )
+    return values
+
+
+def _check_reachable(target: float, least: float, most: float) -> None:
+    if not least < target < most:
+        raise InputError(
+            f"relative_density={target:g} cannot be reached: with this tile and these sides it "
+            f"lies between {least:.4g} and {most:.4g}"
+        )
+
+
+def _sides(profile: Thickness, inner: BSpline, outer: BSpline) -> Thickness:
+    """Both sides, symmetric or solid as the profile is."""
+    if profile.symmetric:
+        return Thickness(outer, outer)
+    return Thickness(profile.inner if profile.solid else inner, outer)
+
+
+def _least(profile: Thickness) -> float:
+    """Least half-thickness of the thicker side that may vary; of a solid, least growth."""
+    c = profile.outer.c
+    if profile.solid:
+        least = max(float(c.min()), -float(c.max()))
+        remedy = "the growth in d=(inf, growth) must be positive, or negative, everywhere"
+    else:
+        least = max(float(c.min()), float(profile.inner.c.min()))
+        remedy = "one side of d must be positive everywhere"
+    if not least > 0.0:
+        raise InputError(f"relative_density scales d, which vanishes somewhere: {remedy}")
+    return least

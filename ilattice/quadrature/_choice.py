@@ -1,0 +1,314 @@
+"""Which smooth fields matter in which boxes, with their interpolants.
+
+Guarantee: a field of which bounds tell the sign on a box is left out there.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ilattice._typing import AnyArray, FloatArray, IntArray
+from ilattice.errors import InputError
+from ilattice.fields._formula import Formula, Splitter, signature
+from ilattice.fields.node import Node
+from ilattice.quadrature._filling import Content, bernstein, sites
+
+CHECKS = 8  # random points per box at which interpolants are compared
+EXACT = 1e-11  # of coefficients: interpolants are called exact below
+NOISE = 1e-14  # of values of fields: below this part of the largest they are zero
+PLACES = 1e-15  # the same, times the distance from zero in lengths of the box
+BATCH = 1 << 10  # boxes interpolated at once
+STEP = 1e-4  # of a box: for slopes
+#: Part of a box, without bounds, in which solid may be missed though no point that was looked at
+#: tells so: counts only where no solid is found at all.
+LEAST_DOUBT = 1e-9
+
+
+@dataclass(eq=False)
+class Chosen:
+    """Smooth fields per box.
+
+    Attributes
+    ----------
+    certain : ndarray, shape (n,)
+        -1 for boxes in the solid, 1 for those outside, 0 for those with fields, and 2 for those
+        that have too many of them.
+    first : ndarray, shape (n + 1,)
+        The fields of box i are those from first[i] to first[i + 1].
+    leaf : ndarray, shape (k,)
+        Their numbers.
+    tables : ndarray, shape (n,)
+        See `Content`.
+    coefficients : ndarray, shape (k, order³)
+        Bernstein coefficients, once there are some.
+    """
+
+    certain: IntArray
+    first: IntArray
+    leaf: IntArray
+    tables: IntArray
+    coefficients: FloatArray
+
+    @property
+    def many(self) -> IntArray:
+        """Number of fields of each box."""
+        return np.diff(self.first)
+
+    def rows(self, boxes: IntArray) -> IntArray:
+        """Places of the fields of some boxes, one box after the other."""
+        many = self.many[boxes]
+        ends = np.cumsum(many)
+        return np.repeat(self.first[boxes] - (ends - many), many) + np.arange(
+            ends[-1] if len(ends) else 0
+        )
+
+    def take(self, boxes: AnyArray) -> "Chosen":
+        """Some of the boxes."""
+        boxes = np.flatnonzero(boxes) if boxes.dtype == bool else boxes
+        rows = self.rows(boxes)
+        c = self.coefficients
+        return Chosen(
+            self.certain[boxes],
+            np.append(0, np.cumsum(self.many[boxes])),
+            self.leaf[rows],
+            self.tables[boxes],
+            c[rows] if len(c) else c,
+        )
+
+    def put(self, boxes: IntArray, other: "Chosen", drop: AnyArray) -> None:
+        """Coefficients of some boxes, the only ones with fields; `drop` says which lose them."""
+        keep = np.repeat(~drop, other.many)
+        many = self.many
+        many[boxes[drop]] = 0
+        self.first = np.append(0, np.cumsum(many))
+        self.leaf, self.coefficients = other.leaf[keep], other.coefficients[keep]
+
+    def plain(self, box: FloatArray) -> AnyArray:
+        """Whether no interpolant vanishes anywhere in its box (n, 6), by its coefficients."""
+        c = self.coefficients
+        low, high = c.min(axis=1, initial=np.inf), c.max(axis=1, initial=-np.inf)
+        out = np.ones(len(self.many), bool)
+        owner = np.repeat(np.arange(len(out)), self.many)
+        slack = 10.0 * rounding(box)[owner] * np.maximum(np.abs(low), np.abs(high))
+        out[owner[(low <= slack) & (high >= -slack)]] = False
+        return out
+
+    def content(self, order: int) -> Content:
+        """The polynomials of all boxes."""
+        m = max(int(self.many.max(initial=1)), 1)
+        there = np.arange(m) < self.many[:, None]
+        tensors = np.zeros((len(self.many), m, order**3))
+        tensors[there] = self.coefficients
+        return Content(tensors, self.many, self.tables, np.zeros((len(self.many), m), np.int64))
+
+    @staticmethod
+    def joined(parts: "Sequence[Chosen]") -> "Chosen":
+        """One after the other."""
+        some = [p.coefficients for p in parts if len(p.leaf)]
+        return Chosen(
+            np.concatenate([p.certain for p in parts]),
+            np.append(0, np.cumsum(np.concatenate([p.many for p in parts]))),
+            np.concatenate([p.leaf for p in parts]),
+            np.concatenate([p.tables for p in parts]),
+            np.concatenate(some) if some else np.zeros((0, 1)),
+        )
+
+
+def rounding(box: FloatArray) -> FloatArray:
+    """Relative error of values of fields on boxes (n, 6): their own, and that of the places."""
+    far = (np.abs(box[:, :3]) / box[:, 3:]).max(axis=1)
+    return np.asarray(NOISE + PLACES * far)
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """What is known of boxes after interpolation.
+
+    Attributes
+    ----------
+    unknown : ndarray of bool, shape (n,)
+        Whether the sign of a field that the interpolant has is not certain.
+    blind : ndarray of bool, shape (n,)
+        Whether that is one without bounds.
+    exact : ndarray of bool, shape (n,)
+        Whether all interpolants are exact.
+    doubt : ndarray, shape (n,)
+        Part of the box of which the sign is not known, if it is not halved.
+    """
+
+    unknown: AnyArray
+    blind: AnyArray
+    exact: AnyArray
+    doubt: FloatArray
+
+
+class Splits:
+    """Fields, split at their kinks, on boxes."""
+
+    def __init__(self, fields: Sequence[Node], domain: FloatArray, degree: int) -> None:
+        self.splitter = Splitter(fields)
+        self.domain, self.degree = domain, degree
+        self._sites, self._inverse = sites(degree + 1)
+
+    def names(self, leaf: IntArray) -> IntArray:
+        """Number of the field, in a pair, of smooth fields."""
+        owners = np.array([*self.splitter.owners, 0], np.int64)
+        return owners[leaf]
+
+    def choose(self, box: FloatArray, last: AnyArray) -> Chosen:
+        """Fields and tables of boxes (n, 6); in the `last` ones no formula may be too long."""
+        lo, hi = self._corners(box)
+        n = len(box)
+        bounds, states = self.splitter.decided(lo, hi)
+        slack = _slack(bounds, box)
+        certain = np.where(bounds[:, 1] < -slack, -1, np.where(bounds[:, 0] >= -slack, 1, 0))
+        tables = np.zeros(n, np.int64)
+        leaves: list[tuple[int, ...]] = [()] * n
+        todo = np.flatnonzero(certain == 0)
+        first, group = signature(states[todo])
+        for g in range(len(first)):
+            boxes = todo[group == g]
+            formula = self.splitter.formula(states[todo[first[g]]])
+            if formula is None:
+                certain[boxes] = 2
+                continue
+            for rows, found in self._restricted(formula, box[boxes]):
+                if found is None:
+                    certain[boxes[rows]] = 2
+                    continue
+                mine, table = found
+                tables[boxes[rows]] = np.array(table, np.uint64).astype(np.int64)
+                if not mine:
+                    certain[boxes[rows]] = -1 if table else 1
+                for i in boxes[rows]:
+                    leaves[i] = mine
+        whole = self.splitter.whole
+        for i in np.flatnonzero((certain == 2) & last):
+            found = whole.restricted((0,))
+            assert found is not None
+            certain[i], leaves[i] = 0, found[0]
+            tables[i] = np.array(found[1], np.uint64).astype(np.int64)
+        many = np.array([len(x) for x in leaves], np.int64)
+        flat = np.array([leaf for x in leaves for leaf in x], np.int64)
+        return Chosen(certain, np.append(0, np.cumsum(many)), flat, tables, np.zeros((0, 1)))
+
+    def _restricted(
+        self, formula: Formula, box: FloatArray
+    ) -> Iterator[tuple[IntArray, tuple[tuple[int, ...], int] | None]]:
+        """Boxes by the signs that bounds give to the fields of a formula, and what is left."""
+        lo, hi = self._corners(box)
+        signs = np.zeros((len(lo), len(formula.leaves)), np.int64)
+        for k, leaf in enumerate(formula.leaves):
+            r = self.splitter.leaves[leaf].ranges(lo, hi)
+            slack = _slack(r, box)
+            signs[:, k] = np.where(r[:, 1] < -slack, -1, np.where(r[:, 0] > slack, 1, 0))
+        first, group = signature(signs)
+        for g in range(len(first)):
+            yield np.flatnonzero(group == g), formula.restricted(signs[first[g]].tolist())
+
+    def _corners(self, box: FloatArray) -> tuple[FloatArray, FloatArray]:
+        lo, hi = self.domain
+        return np.clip(box[:, :3], lo, hi), np.clip(box[:, :3] + box[:, 3:], lo, hi)
+
+    # ------------------------------------------------------------------ interpolation
+
+    def interpolate(self, chosen: Chosen, box: FloatArray) -> Measured:
+        """Set coefficients of fields on boxes (n, 6), and compare them at random points."""
+        P = self.degree + 1
+        owner = np.repeat(np.arange(len(box)), chosen.many)
+        chosen.coefficients = np.empty((len(owner), P**3))
+        off, wrong = np.empty(len(owner)), np.empty(len(owner))
+        bounded, crossed, certain = (np.empty(len(owner), bool) for _ in range(3))
+        for leaf in np.unique(chosen.leaf).tolist():
+            rows = np.flatnonzero(chosen.leaf == leaf)
+            for i in range(0, len(rows), BATCH):
+                part = rows[i : i + BATCH]
+                here = box[owner[part]]
+                c, off[part], wrong[part], crossed[part] = self._interpolated(leaf, here)
+                chosen.coefficients[part] = c
+                r = self.splitter.leaves[leaf].ranges(*self._corners(here))
+                bounded[part] = np.isfinite(r).all(axis=1)
+                slack = _slack(r, here)
+                certain[part] = (r[:, 0] >= -slack) | (r[:, 1] <= slack)
+        return self._measured(chosen, owner, off, wrong, bounded, crossed | certain, len(box))
+
+    def _interpolated(
+        self, leaf: int, box: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray, AnyArray]:
+        """Coefficients, their error, the part of signs that are wrong, and whether signs differ."""
+        P, f = self.degree + 1, self.splitter.leaves[leaf]
+        t = self._sites
+        u = np.empty((len(box), P, P, P, 3))
+        for a, shape in enumerate(((-1, P, 1, 1), (-1, 1, P, 1), (-1, 1, 1, P))):
+            u[..., a] = (box[:, a, None] + box[:, 3 + a, None] * t).reshape(shape)
+        values = self._values(f.values, u.reshape(-1, 3)).reshape(-1, P, P, P)
+        V = self._inverse
+        c = np.einsum("ia,jb,kc,nabc->nijk", V, V, V, values, optimize=True).reshape(-1, P**3)
+        top = np.abs(c).max(axis=1, keepdims=True)
+        c[np.abs(c) <= 2.0 * rounding(box)[:, None] * top] = 0.0
+        s = np.random.default_rng(0).random((CHECKS, 3))
+        basis = [bernstein(self.degree, s[:, a]) for a in range(3)]
+        B = np.einsum("qi,qj,qk->qijk", *basis).reshape(CHECKS, -1)
+        x = box[:, None, :3] + box[:, None, 3:] * s
+        seen = self._values(f.values, x.reshape(-1, 3)).reshape(-1, CHECKS)
+        off = np.abs(c @ B.T - seen).max(axis=1)
+        every = np.concatenate([values.reshape(-1, P**3), seen], axis=1)
+        wrong = ((c @ B.T < 0.0) != (seen < 0.0)).mean(axis=1)
+        crossed = (every.min(axis=1) < 0.0) & (every.max(axis=1) > 0.0)
+        return c, off, np.maximum(wrong, LEAST_DOUBT), crossed
+
+    def _values(self, f: object, u: FloatArray) -> FloatArray:
+        values: FloatArray = f(np.clip(u, *self.domain))  # type: ignore[operator]
+        if not np.isfinite(values).all():
+            raise InputError("field must be finite on the whole domain; shrink the domain")
+        return values
+
+    def _measured(
+        self, chosen: Chosen, owner: IntArray, off: FloatArray, wrong: FloatArray,
+        bounded: AnyArray, known: AnyArray, n: int,
+    ) -> Measured:  # fmt: skip
+        c = chosen.coefficients
+        low, high = c.min(axis=1, initial=np.inf), c.max(axis=1, initial=-np.inf)
+        top = np.maximum(np.abs(low), np.abs(high))
+        exact = off <= EXACT * top
+        margin = np.maximum(np.maximum(low, -high), 0.0)
+        open_ = ~known & ~exact & (bounded | (margin < 2.0 * off))
+        out = [np.zeros(n, bool) for _ in range(3)]
+        for a, values in zip(out, (open_, open_ & ~bounded, ~exact), strict=True):
+            a[owner[values]] = True
+        doubt = np.zeros(n)
+        np.maximum.at(doubt, owner, np.where(bounded, 1.0, wrong) * open_)
+        return Measured(out[0], out[1], ~out[2], doubt)
+
+    # ------------------------------------------------------------------ errors
+
+    def distances(
+        self, points: FloatArray, normals: FloatArray, leaf: IntArray, reach: FloatArray
+    ) -> FloatArray:
+        """Distances from points near the zero sets of fields to these, to first order."""
+        out = np.zeros(len(points))
+        for k in np.unique(leaf):
+            rows = np.flatnonzero(leaf == k)
+            f = self.splitter.leaves[int(k)].values
+            h = STEP * reach[rows, None]
+            value = np.abs(self._values(f, points[rows]))
+            up, down = (self._values(f, points[rows] + s * h * normals[rows]) for s in (1, -1))
+            slope = np.abs(up - down) / (2.0 * h[:, 0])
+            with np.errstate(divide="ignore", invalid="ignore"):
+                off = np.where(value == 0.0, 0.0, value / slope)
+            out[rows] = np.minimum(off, reach[rows])
+        return out
+
+    def blind_boxes(self, chosen: Chosen) -> AnyArray:
+        """Whether a field of a box has no bounds."""
+        blind = np.array([*(not leaf.bounded for leaf in self.splitter.leaves), False])
+        out = np.zeros(len(chosen.many), bool)
+        out[np.repeat(np.arange(len(out)), chosen.many)[blind[chosen.leaf]]] = True
+        return out
+
+
+def _slack(ranges: FloatArray, box: FloatArray) -> FloatArray:
+    """What counts as zero of values with ranges (n, 2) on boxes (n, 6)."""
+    top = np.abs(ranges).max(axis=1)
+    return np.where(np.isfinite(top), rounding(box) * np.where(np.isfinite(top), top, 0.0), 0.0)

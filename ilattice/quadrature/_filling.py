@@ -1,0 +1,163 @@
+"""Running the kernels that make rules: boxes in, rows of points and weights out.
+
+Guarantee: the same bits for any number of threads.
+"""
+
+from dataclasses import dataclass
+from math import comb
+from typing import Any
+
+import numpy as np
+
+from ilattice._typing import AnyArray, FloatArray, IntArray
+from ilattice.quadrature import _kernels_drive as kernels
+
+MOST_POINTS = 10
+BATCH = 4096  # boxes between two copies
+VOLUME, SURFACE = 1, 2
+SOFT_FROM = {VOLUME: 5, SURFACE: 2}  # points from which substitution at tangents pays
+
+
+@dataclass(frozen=True, eq=False)
+class Content:
+    """Polynomials of some boxes.
+
+    Attributes
+    ----------
+    tensors : ndarray, shape (n, m, (degree + 1)³)
+        Bernstein coefficients.
+    many : ndarray, shape (n,)
+        How many of the m count.
+    tables : ndarray, shape (n,)
+        Bit b tells whether points are in the solid where just the polynomials of the ones in b are
+        negative.
+    names : ndarray, shape (n, m)
+        Numbers of the polynomials, on surfaces.
+    """
+
+    tensors: FloatArray
+    many: IntArray
+    tables: IntArray
+    names: IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class Listing:
+    """Boxes, or faces of boxes, that a rule is made on.
+
+    Attributes
+    ----------
+    rows : ndarray, shape (k,) or (k, 3)
+        Pieces, or boxes, that are cut.
+    which : ndarray, shape (n,)
+        Place in `rows` of each box; -1 for those that are full.
+    boxes : ndarray, shape (n, 6)
+        Lower corners and extents.
+    sides : ndarray, shape (n,)
+        -1 for the box itself, or 2 axis + side for one of its faces.
+    cells : ndarray, shape (n,)
+        Cells, increasing.
+    """
+
+    rows: IntArray
+    which: IntArray
+    boxes: FloatArray
+    sides: IntArray
+    cells: IntArray
+
+
+def gauss(n: int) -> tuple[FloatArray, FloatArray]:
+    """Gauss points and weights on [0, 1]."""
+    x, w = np.polynomial.legendre.leggauss(n)
+    return 0.5 * (x + 1.0), 0.5 * w
+
+
+def sites(order: int) -> tuple[FloatArray, FloatArray]:
+    """Chebyshev-Lobatto sites on [0, 1], and the matrix from values there to coefficients."""
+    p = order - 1
+    x = 0.5 - 0.5 * np.cos(np.pi * np.arange(order) / p)
+    return x, np.asarray(np.linalg.inv(bernstein(p, x)), np.float64)
+
+
+def bernstein(p: int, t: FloatArray) -> FloatArray:
+    """Bernstein polynomials (n, p + 1) at n places."""
+    i = np.arange(p + 1)
+    binomial = np.array([comb(p, k) for k in i])
+    t = np.asarray(t)[:, None]
+    return np.asarray(binomial * t**i * (1 - t) ** (p - i))
+
+
+def table(q: int, want: int, order: int) -> FloatArray:
+    """Nodes and weights on [0, 1], those for integrands with square roots at the ends, sites."""
+    x, w = gauss(q)
+    rows = [x, w, x, w]
+    if q >= SOFT_FROM[want]:
+        rows = [x, w, x * x * (3.0 - 2.0 * x), 6.0 * x * (1.0 - x) * w]
+    out = np.zeros((4, MOST_POINTS))
+    out[:, :q] = rows
+    at, inverse = sites(order)
+    return np.concatenate([out.ravel(), np.pad(at, (0, 5 - order)), inverse.ravel()])
+
+
+class Rows:
+    """Arrays that grow, to about what the part that is done lets expect, at most twofold."""
+
+    def __init__(self, wide: bool) -> None:
+        self.count = 0
+        self.wide = wide
+        self.arrays: list[AnyArray] = [
+            np.empty((0, 3)),
+            np.empty(0),
+            np.empty((0, 3)),
+            np.empty(0, np.int8),
+        ]
+
+    def append(self, arena: FloatArray, room: IntArray, used: IntArray, done: float) -> None:
+        """Add the rows of all chunks; `done` is the part of the boxes that they complete."""
+        starts = self.count + np.cumsum(used) - used
+        self.count += int(used.sum())
+        if self.count > len(self.arrays[1]):
+            self._resize(min(int(1.03 * self.count / done) + 1, 2 * self.count))
+        kernels.gather(arena, room, starts, used, *self.arrays)
+
+    def finish(self) -> None:
+        """Give back what is too much."""
+        self._resize(self.count)
+
+    def _resize(self, rows: int) -> None:
+        """More or less room; large arrays are not copied for that."""
+        for a in self.arrays[: 4 if self.wide else 2]:
+            a.resize((rows, *a.shape[1:]), refcheck=False)
+
+
+def filled(pieces: Any, listing: Listing, want: int, q: int, accept: int) -> tuple[Rows, IntArray]:
+    """Rows of a rule on boxes, sorted by cell, and their number for each box."""
+    boxes, which = listing.boxes, listing.which
+    rows = Rows(want == SURFACE)
+    counts = np.zeros(len(boxes), np.int64)
+    numbers = table(q, want, pieces.order)
+    width = 8 if want == SURFACE else 4
+    usual = np.arange(-(-BATCH // kernels.CHUNK) + 1) * (kernels.CHUNK * 3 * q**3)
+    arena, none = np.empty((usual[-1], width)), np.empty((0, 12 - width))
+    for i in range(0, len(boxes), BATCH):
+        part = slice(i, min(i + BATCH, len(boxes)))
+        local = which[part].copy()
+        content = pieces.content(listing.rows[local[local >= 0]])
+        local[local >= 0] = np.arange(len(content.tensors))
+        used = np.zeros(-(-(part.stop - i) // kernels.CHUNK), np.int64)
+        room = usual
+        while True:
+            volume, surface = (none, arena) if want == SURFACE else (arena, none)
+            kernels.rules(
+                content.tensors, content.many, content.tables, content.names, local, boxes[part],
+                listing.sides[part], numbers, int(pieces.project), accept, want, q, pieces.lengths,
+                volume, surface, room, counts[part], used,
+            )  # fmt: skip
+            if (used <= np.diff(room)[: len(used)]).all():
+                break
+            room = np.append(0, np.cumsum(used))  # no more than there are
+            if room[-1] > len(arena):
+                arena = np.empty((room[-1], width))
+        rows.append(arena, room, used, part.stop / len(boxes))
+    rows.finish()
+    return rows, counts

@@ -1,0 +1,345 @@
+"""Many cells at once: extraction of Bernstein tensors, signs of cells, rules in chunks.
+
+Guarantees: one allocation of scratch per chunk; every row depends on its own cell only, so the
+results have the same bits for any number of threads.
+"""
+
+from typing import Any
+
+import numpy as np
+from numba import njit, prange
+
+from ilattice.quadrature._kernels_faces import face_rule, whole_face
+from ilattice.quadrature._kernels_rules import cell_rule, cell_sign, solid
+from ilattice.quadrature._kernels_scratch import (
+    EXT,
+    INTEGERS,
+    LO,
+    N_SURFACE,
+    N_VOLUME,
+    NAMES,
+    PROJECT,
+    TABLE,
+    TENSORS,
+    numbers,
+)
+
+CHUNK = 32
+FAST = {"contract"}
+ROUNDING = 1e-13  # of sums of coefficients, relative
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST)
+def add_line(row: Any, f: float, c: Any, at: int, n: int, L: Any, out: Any, to: int) -> None:
+    """Add f times the sum of row[t] c[at + t n] to n numbers of out from `to` on."""
+    for t in range(len(L)):
+        w = f * row[t]
+        for r in range(n):
+            out[to + r] += w * c[at + t * n + r]
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST)
+def add_last(line: Any, at: int, step: int, rows: Any, L: Any, out: Any, to: int) -> None:
+    """Transform P² runs of P numbers, `step` apart, by rows (P, P); add them to out."""
+    P = len(L)
+    for i in range(P * P):
+        for r in range(P):
+            v = 0.0
+            for t in range(P):
+                v += rows[r, t] * line[at + i * step + t]
+            out[to + i * P + r] += v
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
+def extract(
+    c: Any, rows0: Any, rows1: Any, rows2: Any, first0: Any, first1: Any, first2: Any,
+    pieces: Any, factor: Any, L: Any, out: Any,
+) -> None:  # fmt: skip
+    """Add factor[k] times the Bernstein tensor of a spline to tensor k of each piece.
+
+    `rows` (pieces, P, P) and `first` (pieces,) say for each direction how coefficients from the
+    first one on make those of the piece; out is (n, m, P³).
+    """
+    P = len(L)
+    for chunk in prange((len(pieces) + CHUNK - 1) // CHUNK):
+        near = np.empty(P * P * P)
+        a = np.empty(P * P * P)
+        b = np.empty(P * P * P)
+        v = np.empty(P * P * P)
+        for n in range(chunk * CHUNK, min(len(pieces), (chunk + 1) * CHUNK)):
+            x = first0[pieces[n, 0]]
+            y = first1[pieces[n, 1]]
+            z = first2[pieces[n, 2]]
+            for i in range(P):
+                for j in range(P):
+                    for t in range(P):
+                        near[(i * P + j) * P + t] = c[x + i, y + j, z + t]
+            a[:] = 0.0
+            b[:] = 0.0
+            v[:] = 0.0
+            for i in range(P):
+                add_line(rows0[pieces[n, 0], i], 1.0, near, 0, P * P, L, a, i * P * P)
+            for i in range(P):
+                for j in range(P):
+                    at = i * P * P
+                    add_line(rows1[pieces[n, 1], j], 1.0, a, at, P, L, b, at + j * P)
+            add_last(b, 0, P, rows2[pieces[n, 2]], L, v, 0)
+            for k in range(len(factor)):
+                for i in range(P * P * P):
+                    out[n, k, i] += factor[k] * v[i]
+
+
+@njit(cache=True, error_model="numpy")
+def window_sign(low: Any, high: Any, at: int, P: int) -> int:
+    """-1 if all sets are negative by bounds of P coefficients each, 1 if one is positive, or 0."""
+    full = True
+    for k in range(len(low)):
+        least = low[k, at]
+        most = high[k, at]
+        for z in range(at + 1, at + P):
+            least = min(least, low[k, z])
+            most = max(most, high[k, z])
+        slack = ROUNDING * max(-least, most)
+        if least > slack:
+            return 1
+        full = full and most < -slack
+    return -1 if full else 0
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
+def signs_of_splines(
+    c: Any, rows0: Any, rows1: Any, rows2: Any, first0: Any, first1: Any, first2: Any,
+    factors: Any, shifts: Any, table: int, halvings: int, L: Any, out: Any,
+) -> None:  # fmt: skip
+    """`cell_sign` of all pieces, out (n0, n1, n2), of sets `factors` @ splines + `shifts`.
+
+    The splines c (splines, ., ., .) have knots in common. Pieces along the last direction share
+    what the first two make of the coefficients.
+    """
+    P = len(L)
+    sets = len(factors)
+    n = c.shape[3]
+    for i in prange(len(first0)):
+        Z = np.empty(numbers(sets, L))
+        N = np.zeros(INTEGERS, np.int64)
+        N[TABLE] = table
+        planes = np.empty((len(c), P * c.shape[2] * n))
+        lines = np.empty(sets * P * P * n)
+        low = np.empty((sets, n))
+        high = np.empty((sets, n))
+        flat = c.ravel()
+        planes[:] = 0.0
+        for s in range(len(c)):
+            at = (s * c.shape[1] + first0[i]) * c.shape[2] * n
+            for a in range(P):
+                add_line(rows0[i, a], 1.0, flat, at, c.shape[2] * n, L, planes[s],
+                         a * c.shape[2] * n)  # fmt: skip
+        for j in range(len(first1)):
+            for k in range(sets):
+                lines[k * P * P * n : (k + 1) * P * P * n] = shifts[k]
+                for s in range(len(c)):
+                    if factors[k, s] != 0.0:
+                        for a in range(P):
+                            for b in range(P):
+                                at = (a * c.shape[2] + first1[j]) * n
+                                add_line(rows1[j, b], factors[k, s], planes[s], at, n, L, lines,
+                                         ((k * P + a) * P + b) * n)  # fmt: skip
+            low[:] = np.inf
+            high[:] = -np.inf
+            for k in range(sets):
+                for a in range(P * P):
+                    for z in range(n):
+                        low[k, z] = min(low[k, z], lines[(k * P * P + a) * n + z])
+                        high[k, z] = max(high[k, z], lines[(k * P * P + a) * n + z])
+            for r in range(len(first2)):
+                out[i, j, r] = window_sign(low, high, first2[r], P)
+                if out[i, j, r] != 0:
+                    continue
+                size = P * P * P
+                Z[TENSORS : TENSORS + sets * size] = 0.0
+                for k in range(sets):
+                    at = k * P * P * n + first2[r]
+                    add_last(lines, at, n, rows2[r], L, Z, TENSORS + k * size)
+                out[i, j, r] = cell_sign(Z, N, sets, halvings, L)
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
+def windows(
+    c: Any, first0: Any, first1: Any, first2: Any, size: Any, factor: Any, out: Any
+) -> None:
+    """Add bounds of factor[k] times a spline on all pieces to out (n0, n1, n2, m, 2).
+
+    They are the extremes of the coefficients that matter there.
+    """
+    for i in prange(len(first0)):
+        for j in range(len(first1)):
+            for r in range(len(first2)):
+                least = np.inf
+                most = -np.inf
+                for x in range(first0[i], first0[i] + size[0]):
+                    for y in range(first1[j], first1[j] + size[1]):
+                        for z in range(first2[r], first2[r] + size[2]):
+                            least = min(least, c[x, y, z])
+                            most = max(most, c[x, y, z])
+                for k in range(len(factor)):
+                    f = factor[k]
+                    out[i, j, r, k, 0] += min(f * least, f * most)
+                    out[i, j, r, k, 1] += max(f * least, f * most)
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
+def signs(tensors: Any, many: Any, tables: Any, halvings: int, L: Any, out: Any) -> None:
+    """`cell_sign` of every row of tensors (n, m, P³), of which the first `many` (n,) count."""
+    size = tensors.shape[2]
+    for chunk in prange((len(tensors) + CHUNK - 1) // CHUNK):
+        Z = np.empty(numbers(tensors.shape[1], L))
+        N = np.zeros(INTEGERS, np.int64)
+        for n in range(chunk * CHUNK, min(len(tensors), (chunk + 1) * CHUNK)):
+            N[TABLE] = tables[n]
+            for k in range(many[n]):
+                for i in range(size):
+                    Z[TENSORS + k * size + i] = tensors[n, k, i]
+            out[n] = cell_sign(Z, N, many[n], halvings, L)
+
+
+@njit(cache=True, error_model="numpy")
+def grow(signs: Any, mark: Any, end: Any, done: int, box: Any) -> None:
+    """Grow box (6,), of one full piece, over full pieces that are not marked `done`; mark it.
+
+    The pieces of its cell stop at `end`; it grows along the last direction first.
+    """
+    for axis in range(2, -1, -1):
+        free = True
+        while free and box[3 + axis] < end[axis]:
+            low = box[:3].copy()
+            high = box[3:].copy()
+            low[axis] = box[3 + axis]
+            high[axis] = low[axis] + 1
+            for i in range(low[0], high[0]):
+                for j in range(low[1], high[1]):
+                    for k in range(low[2], high[2]):
+                        free = free and signs[i, j, k] == -1 and mark[i, j, k] != done
+            if free:
+                box[3 + axis] += 1
+    mark[box[0] : box[3], box[1] : box[4], box[2] : box[5]] = done
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
+def boxes_of_cells(
+    signs: Any, mark: Any, cells: Any, starts0: Any, starts1: Any, starts2: Any, offsets: Any,
+    boxes: Any, counts: Any,
+) -> None:  # fmt: skip
+    """Boxes that make up cells: pieces that are cut, and as few as can be of all full ones.
+
+    Cell n (n, 3) has pieces starts[cells[n]] to starts[cells[n] + 1]. Without `boxes` they are
+    counted; rows of boxes (m, 6) from offsets[n] on get first and last pieces. `mark` is zero at
+    first, and passed on.
+    """
+    done = 2 if len(boxes) else 1
+    for n in prange(len(cells)):
+        begin = np.empty(3, np.int64)
+        end = np.empty(3, np.int64)
+        box = np.empty(6, np.int64)
+        x, y, z = cells[n]
+        begin[0], end[0] = starts0[x], starts0[x + 1]
+        begin[1], end[1] = starts1[y], starts1[y + 1]
+        begin[2], end[2] = starts2[z], starts2[z + 1]
+        count = 0
+        for i in range(begin[0], end[0]):
+            for j in range(begin[1], end[1]):
+                for k in range(begin[2], end[2]):
+                    if signs[i, j, k] == 1 or mark[i, j, k] == done:
+                        continue
+                    box[0], box[1], box[2] = i, j, k
+                    box[3], box[4], box[5] = i + 1, j + 1, k + 1
+                    if signs[i, j, k] == -1:
+                        grow(signs, mark, end, done, box)
+                    if done == 2:
+                        boxes[offsets[n] + count] = box
+                    count += 1
+        counts[n] = count
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
+def rules(
+    tensors: Any,
+    many: Any,
+    tables: Any,
+    names: Any,
+    which: Any,
+    boxes: Any,
+    sides: Any,
+    gauss: Any,
+    project: int,
+    accept: int,
+    want: int,
+    q: int,
+    L: Any,
+    volume: Any,
+    surface: Any,
+    room: Any,
+    counts: Any,
+    used: Any,
+) -> None:
+    """Rules on boxes (n, 6), given by lower corners and extents.
+
+    which[n] is the row of the tensors (., m, P³), or -1 for a full box or face; the first `many` of
+    a row count, `tables` say which of their signs are solid, and names (., m) number them on
+    surfaces. With `project` crossings of curves are looked for on bases of all boxes, which takes
+    some more points than halving them where curves are nearly parallel. sides[n] is -1 for the box
+    itself, or 2 axis + side for one of its faces. Chunk i writes rows room[i] to room[i + 1] of
+    volume (rows, 4) or of surface (rows, 8); used[i] says how many it has, or would have; counts
+    (n,) are those of each box.
+    """
+    size = tensors.shape[2]
+    for chunk in prange((len(boxes) + CHUNK - 1) // CHUNK):
+        Z = np.empty(numbers(tensors.shape[1], L))
+        N = np.zeros(INTEGERS, np.int64)
+        N[PROJECT] = project
+        points = volume[room[chunk] : room[chunk + 1]]
+        feet = surface[room[chunk] : room[chunk + 1]]
+        for i in range(len(gauss)):
+            Z[i] = gauss[i]
+        for n in range(chunk * CHUNK, min(len(boxes), (chunk + 1) * CHUNK)):
+            before = N[N_VOLUME] + N[N_SURFACE]
+            for i in range(3):
+                Z[LO + i] = boxes[n, i]
+                Z[EXT + i] = boxes[n, 3 + i]
+            if which[n] < 0:
+                if sides[n] < 0:
+                    solid(Z, N, points, q)
+                else:
+                    whole_face(Z, N, points, sides[n] // 2, sides[n] % 2, q)
+            else:
+                m = many[which[n]]
+                N[TABLE] = tables[which[n]]
+                for k in range(m):
+                    N[NAMES + k] = names[which[n], k]
+                    for i in range(size):
+                        Z[TENSORS + k * size + i] = tensors[which[n], k, i]
+                if sides[n] < 0:
+                    cell_rule(Z, N, points, feet, m, accept, want, q, L)
+                else:
+                    face_rule(Z, N, points, m, sides[n] // 2, sides[n] % 2, accept, q, L)
+            counts[n] = N[N_VOLUME] + N[N_SURFACE] - before
+        used[chunk] = N[N_VOLUME] + N[N_SURFACE]
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
+def gather(
+    arena: Any, room: Any, starts: Any, used: Any, points: Any, weights: Any, normals: Any,
+    sets: Any,
+) -> None:  # fmt: skip
+    """Copy the rows of all chunks to where they belong; normals and sets of surfaces only."""
+    wide = arena.shape[1] > 4
+    for chunk in prange(len(used)):
+        for i in range(used[chunk]):
+            row = starts[chunk] + i
+            mine = room[chunk] + i
+            for j in range(3):
+                points[row, j] = arena[mine, j]
+            weights[row] = arena[mine, 3]
+            if wide:
+                for j in range(3):
+                    normals[row, j] = arena[mine, 4 + j]
+                sets[row] = int(arena[mine, 7])

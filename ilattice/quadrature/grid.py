@@ -1,0 +1,463 @@
+"""Background grids and the certified signs of their cells.
+
+`cut(wall, cells)` puts a wall, or any one or two level sets, on a grid of boxes over the parameter
+domain. Without `cells` the grid is that of the elements of the splines; a grid that is coarser, or
+does not match, is refined inside by the breaks of the splines, so that cells may be any.
+
+Guarantees: a cell that is called in or out is so everywhere: its sign is decided by Bernstein
+coefficients, never by sampling. A cell that is called cut may be full or empty by less than the
+halving of pieces can tell. Fields of `il.fields` and `il.sdf` are split at `abs`, `min`, `max` and
+steps into smooth ones, and certified by their bounds.
+Non-guarantee: the certificate for functions without `range` is that of their interpolant, and what
+is smaller than a cell may be missed in them; `CutGrid.error` and a warning say what is seen of it.
+"""
+
+import math
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ilattice._memory import need
+from ilattice._typing import AnyArray, FloatArray, IntArray
+from ilattice._validate import (
+    Frozen,
+    as_array,
+    as_choice,
+    as_counts,
+    as_flag,
+    as_items,
+    as_numbers,
+    read_only,
+)
+from ilattice.errors import GeometryError, InputError, PrecisionWarning
+from ilattice.macroshape.maps import SplineMap
+from ilattice.offsets.wall import Wall
+from ilattice.quadrature._layouts import Layout, layout_of
+from ilattice.quadrature.field_pieces import FieldPieces
+from ilattice.quadrature.levelsets import PER_PIECE, LevelSets, Pieces, as_level_sets
+
+if TYPE_CHECKING:
+    from ilattice.quadrature.rules import Quadrature
+
+IN, CUT, OUT = -1, 0, 1
+#: Errors of volumes, as a part of them, that are warned of.
+WORTH_TELLING = 2e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Grid(Frozen):
+    """Tensor grid of boxes.
+
+    Attributes
+    ----------
+    axes : tuple of ndarray, shape (n_i + 1,)
+        Planes in the three directions, increasing.
+    closed : tuple of bool
+        Directions in which the first and the last plane are the same place.
+    """
+
+    axes: tuple[FloatArray, FloatArray, FloatArray]
+    closed: tuple[bool, bool, bool] = (False, False, False)
+
+    def __post_init__(self) -> None:
+        if len(as_items("axes", self.axes)) != 3:
+            raise InputError(f"axes must hold three arrays, got {len(self.axes)}")
+        closed = [as_flag("closed", c) for c in as_items("closed", self.closed)]
+        if len(closed) != 3:
+            raise InputError(f"closed must hold three flags, got {self.closed!r:.80}")
+        planes = []
+        for i, a in enumerate(self.axes):
+            x = as_array(f"axes[{i}]", a, ndim=1)
+            if len(x) < 2 or not (np.diff(x) > 0).all():
+                raise InputError(f"axes[{i}] must hold two or more increasing numbers")
+            planes.append(read_only(x.copy()))
+        object.__setattr__(self, "axes", tuple(planes))
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Number of cells per direction."""
+        a, b, c = (len(x) - 1 for x in self.axes)
+        return a, b, c
+
+    @property
+    def count(self) -> int:
+        """Number of cells."""
+        return int(np.prod(self.shape))
+
+    @property
+    def domain(self) -> FloatArray:
+        """Lower and upper corner, shape (2, 3)."""
+        return np.array([[x[0] for x in self.axes], [x[-1] for x in self.axes]])
+
+    def home(self, elements: IntArray) -> IntArray:
+        """Cells of elements: the same numbers, where every cell is one element.
+
+        Parameters
+        ----------
+        elements : ndarray, shape (n,)
+            Their numbers.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Numbers of cells.
+        """
+        return as_numbers("elements", elements, self.count)
+
+    def places(self, cells: IntArray) -> IntArray:
+        """Index of cells per direction.
+
+        Parameters
+        ----------
+        cells : ndarray, shape (n,)
+            Numbers of cells, or of elements.
+
+        Returns
+        -------
+        ndarray, shape (n, 3)
+            Indices.
+        """
+        return np.stack(np.unravel_index(self.home(cells), self.shape), axis=1)
+
+    def boxes(self, cells: IntArray) -> FloatArray:
+        """Lower corner and extent of cells.
+
+        Parameters
+        ----------
+        cells : ndarray, shape (n,)
+            Numbers of cells, the last direction running fastest, or of elements.
+
+        Returns
+        -------
+        ndarray, shape (n, 6)
+            Lower corners, then extents.
+        """
+        places = self.places(cells)
+        out = np.empty((len(places), 6))
+        for a, i in enumerate(places.T):
+            out[:, a] = self.axes[a][i]
+            out[:, 3 + a] = self.axes[a][i + 1] - self.axes[a][i]
+        return out
+
+
+@dataclass(frozen=True, eq=False)
+class DividedGrid(Grid):
+    """A grid of which some cells have several elements, numbered beyond the cells.
+
+    Attributes
+    ----------
+    parents : ndarray, shape (e,)
+        Cells of the elements beyond the cells.
+    """
+
+    parents: IntArray = field(kw_only=True)
+
+    @property
+    def several(self) -> IntArray:
+        """Cells with more than one element, increasing, where it is known which one is where."""
+        return np.zeros(0, np.int64)
+
+    def element_at(self, u: FloatArray, cells: IntArray) -> IntArray:
+        """Elements in which, or nearest to which, points are.
+
+        Parameters
+        ----------
+        u : ndarray, shape (n, 3)
+            Parameters.
+        cells : ndarray, shape (n,)
+            Cells of the grid in which they are.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Numbers of elements.
+        """
+        del u  # every cell is one element
+        return cells
+
+    def home(self, elements: IntArray) -> IntArray:
+        """Cells of elements.
+
+        Parameters
+        ----------
+        elements : ndarray, shape (n,)
+            Their numbers.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Numbers of cells.
+        """
+        elements = as_numbers("elements", elements, self.count + len(self.parents))
+        if not len(self.parents):
+            return elements
+        beyond = elements - self.count
+        return np.where(beyond < 0, elements, self.parents[np.maximum(beyond, 0)])
+
+
+@dataclass(frozen=True, eq=False)
+class CutGrid(Frozen):
+    """Level sets on a grid: made by `cut`.
+
+    Attributes
+    ----------
+    grid : Grid
+        The cells.
+    sets : LevelSets
+        The solid is where all of them are negative.
+    through : SplineMap or None
+        The map to space, if there is one.
+    """
+
+    grid: Grid
+    sets: LevelSets
+    through: SplineMap | None = None
+
+    @cached_property
+    def pieces(self) -> "Pieces | FieldPieces":
+        """The boxes on which the level sets are polynomials."""
+        return self.sets.pieces(self.grid.axes)
+
+    @cached_property
+    def layout(self) -> Layout:
+        """Which boxes make up the cells."""
+        return layout_of(self.grid, self.pieces)
+
+    @cached_property
+    def status(self) -> AnyArray:
+        """Sign of the solid in each cell: -1 in, 0 cut, 1 out; shape of the grid, int8."""
+        return self.layout.status
+
+    def cells(self, status: int) -> IntArray:
+        """Numbers of the cells with a status.
+
+        Parameters
+        ----------
+        status : {-1, 0, 1}
+            In, cut or out.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            In increasing order, the last direction running fastest.
+        """
+        wanted = as_choice("status", status, (IN, CUT, OUT))
+        return np.flatnonzero(self.status.ravel() == wanted)
+
+    @property
+    def error(self) -> float:
+        """Estimated error of the volume, as a part of it; 0 for splines.
+
+        How far the surface of what is integrated is from that of the fields, times its area, and
+        boxes of which it is not certain whether they are in the solid, over the volume.
+        """
+        return self.pieces.error
+
+    # ------------------------------------------------------------------ rules
+
+    def volume(self, q: int = 3, *, tangent_depth: int = 3, only: str = "") -> "Quadrature":
+        """Rule on the solid.
+
+        Parameters
+        ----------
+        q : int
+            Gauss points per direction and piece of a cell, 1 to 10.
+        tangent_depth : int
+            How often a box is halved that has a direction to integrate along, but is nearly
+            tangent to it.
+        only : {"", "in", "cut"}
+            Which cells; by default both.
+
+        Returns
+        -------
+        Quadrature
+            Points in the parameter domain, by cell.
+        """
+        from ilattice.quadrature.rules import volume_rule
+
+        return volume_rule(self, q, tangent_depth, only)
+
+    def surface(self, q: int = 3, *, tangent_depth: int = 3) -> "Quadrature":
+        """Rule on the zero sets that bound the solid, with outward normals.
+
+        Parameters
+        ----------
+        q : int
+            Gauss points per direction, 1 to 10.
+        tangent_depth : int
+            As in `volume`.
+
+        Returns
+        -------
+        Quadrature
+            Points in the parameter domain; `sets` tells which zero set each is on.
+        """
+        from ilattice.quadrature.rules import surface_rule
+
+        return surface_rule(self, q, tangent_depth)
+
+    def face(self, name: str, q: int = 3, *, tangent_depth: int = 3) -> "Quadrature":
+        """Rule on the part of the solid on one end face of the grid, normals outward.
+
+        Parameters
+        ----------
+        name : {"u=0", "u=1", "v=0", "v=1", "w=0", "w=1"}
+            The face: where that parameter is at its lower (0) or upper (1) end.
+        q : int
+            Gauss points per direction, 1 to 10.
+        tangent_depth : int
+            As in `volume`.
+
+        Returns
+        -------
+        Quadrature
+            Points by cell.
+        """
+        from ilattice.quadrature.rules import end_face_rule
+
+        return end_face_rule(self, name, q, tangent_depth)
+
+    def faces(self, axis: int, q: int = 3, *, tangent_depth: int = 3) -> "Quadrature":
+        """Rule on the part of the solid on the faces between neighbouring cells.
+
+        Parameters
+        ----------
+        axis : {0, 1, 2}
+            Direction across the faces.
+        q : int
+            Gauss points per direction, 1 to 10.
+        tangent_depth : int
+            As in `volume`.
+
+        Returns
+        -------
+        Quadrature
+            Points by face: `cells` are those on the lower side, `neighbours` those on the upper;
+            normals point from lower to upper. In a closed direction the seam counts as such.
+        """
+        from ilattice.quadrature.rules import inner_face_rule
+
+        return inner_face_rule(self, axis, q, tangent_depth)
+
+
+def cut(
+    field: Any,
+    cells: Any = None,
+    *,
+    domain: Any = None,
+    degree: int = 4,
+    through: SplineMap | None = None,
+) -> CutGrid:
+    """A wall, or one or two level sets, on a background grid.
+
+    Parameters
+    ----------
+    field : Wall, BSpline, Node, callable, or pair of fields
+        The solid is where it is negative; of a pair, where both are. Solids with edges or thin
+        parts are best stated by `il.fields` or `il.sdf`: those are found and integrated exactly
+        that a function of points, which tells nothing of its kinks, may hide between samples.
+    cells : int, sequence of 3 int or Grid, optional
+        Number of equal cells per direction, or the grid itself. By default the elements of the
+        splines.
+    domain : array_like, shape (2, 3), optional
+        Box of the grid; by default the bounds of the field.
+    degree : int
+        Degree of the interpolation of fields that are no splines, 1 to 4.
+    through : SplineMap, optional
+        Map to space; by default that of the wall.
+
+    Returns
+    -------
+    CutGrid
+        Signs of cells, and rules.
+
+    Raises
+    ------
+    InputError
+        If an argument is of the wrong kind, or the grid leaves the field.
+    GeometryError
+        If no part of the grid is in the solid.
+
+    Warns
+    -----
+    PrecisionWarning
+        If the estimated error of the volume is more than 0.2 %.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import ilattice as il
+    >>> def ball(u):
+    ...     return (u**2).sum(axis=1) - 0.16
+    >>> grid = il.cutfem.cut(ball, 8, domain=np.array([[-0.5] * 3, [0.5] * 3]), degree=2)
+    >>> round(grid.volume(q=4).integrate(), 6)
+    0.268083
+    """
+    as_choice("degree", degree, (1, 2, 3, 4))
+    if through is not None and not isinstance(through, SplineMap):
+        raise InputError(f"through must be a SplineMap, got {type(through).__name__}")
+    box = None if domain is None else _as_box(domain)
+    if isinstance(cells, Grid):
+        if domain is not None:
+            raise InputError("domain: a Grid has its own; give one of the two")
+        box = cells.domain
+    sets = as_level_sets(field, box, degree)
+    if isinstance(field, Wall) and through is None:
+        through = field.lattice.through
+    grid = cells if isinstance(cells, Grid) else _as_grid(cells, sets, through)
+    out = CutGrid(grid, sets, through)
+    if (out.status == OUT).all():
+        raise GeometryError("the solid is empty: the field is positive in every cell of the grid")
+    check_resolved(out, "field")
+    return out
+
+
+def check_resolved(cut: CutGrid, what: str) -> None:
+    """Warn of a solid, with a name for messages, that the cells do not resolve, or refuse it."""
+    if not cut.error < np.inf:
+        raise GeometryError(
+            f"no solid is found, and the {what} is not resolved: take finer cells, or state it by "
+            "il.fields or il.sdf, which are split at kinks"
+        )
+    if cut.error > WORTH_TELLING:
+        opaque = cut.sets.opaque
+        remedy = "state it by il.fields or il.sdf, which are split at kinks" * opaque
+        warnings.warn(
+            f"the volume of the {what} is known to {100 * cut.error:.2g} % only: it is not "
+            f"resolved by {' x '.join(map(str, cut.grid.shape))} cells; take finer cells"
+            f"{', or ' * opaque}{remedy}",
+            PrecisionWarning,
+            stacklevel=3,
+        )
+
+
+def _as_box(domain: Any) -> FloatArray:
+    box = as_array("domain", domain)
+    if box.shape != (2, 3) or not (box[0] < box[1]).all():
+        raise InputError(
+            f"domain must be a lower and an upper corner, shape (2, 3), got {domain!r:.80}"
+        )
+    return box
+
+
+def _as_grid(cells: Any, sets: LevelSets, through: SplineMap | None) -> Grid:
+    lo, hi = sets.domain
+    whole = through is not None and np.allclose(through.domain, sets.domain)
+    closed = through.wraps if through is not None and whole else (False, False, False)
+    if cells is not None:
+        counts: Sequence[int] = as_counts("cells", cells)
+        need(
+            PER_PIECE * math.prod(map(float, counts)),
+            f"a grid of {' x '.join(map(str, counts))} cells",
+            "use fewer cells per direction",
+        )
+        x, y, z = (np.linspace(lo[a], hi[a], counts[a] + 1) for a in range(3))
+        return Grid((x, y, z), closed)
+    if not sets.exact:
+        raise InputError("cells is needed: only splines have elements of their own")
+    x, y, z = sets.pieces(tuple(np.array([lo[a], hi[a]]) for a in range(3))).axes
+    return Grid((x, y, z), closed)

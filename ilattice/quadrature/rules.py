@@ -1,0 +1,460 @@
+"""Quadrature on cut cells: volumes, the surfaces that bound them, and the faces between cells.
+
+`quadrature(wall)` integrates anything over a wall in space::
+
+    rule = il.cutfem.quadrature(wall, q=3)
+    mass = rule.integrate(density)
+
+Rules are made cell by cell from Bernstein coefficients (see `_kernels_rules`), one pass into room
+that is used again and again, then copied to their place. Sources: Saye, High-order quadrature
+methods for implicitly defined surfaces and volumes in hyperrectangles, 2015, for the recursion;
+Hong et al. 2025, section 4, for what it is used for.
+
+Guarantees: all weights are positive (those of `Quadrature.compressed` excepted); points lie in
+their cells; results have the same bits for any number of threads. Full cells get a Gauss rule, and
+so do boxes of full pieces in cut cells; through a curved map both are as exact as `q` makes them.
+Polyhedra are exact up to rounding.
+Non-guarantee: on a surface that is nearly tangent to all directions of a box of depth
+`tangent_depth`, at cones and where curved edges end, the order drops; finer cells, or a larger
+depth, help.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ilattice._typing import AnyArray, FloatArray, IntArray
+from ilattice._validate import Frozen, among, as_array, as_choice, as_kind, asked, read_only
+from ilattice.bspline._kernels_basis import determinants
+from ilattice.errors import InputError
+from ilattice.macroshape.maps import SplineMap
+from ilattice.quadrature._filling import MOST_POINTS, SURFACE, VOLUME, Listing, filled, gauss
+from ilattice.quadrature._kernels_compress import project
+from ilattice.quadrature.grid import CUT, IN, CutGrid, Grid, cut
+
+AT_ONCE = 1 << 18  # points that are mapped to space
+NAMES = ("u=0", "u=1", "v=0", "v=1", "w=0", "w=1")
+
+Integrand = Callable[[FloatArray], Any] | float | AnyArray
+
+
+@dataclass(frozen=True, eq=False)
+class Quadrature(Frozen):
+    """Points and weights, cell after cell.
+
+    Attributes
+    ----------
+    points : ndarray, shape (n, 3)
+        Where to evaluate.
+    weights : ndarray, shape (n,)
+        What to multiply with.
+    offsets : ndarray, shape (cells + 1,)
+        The points of the i-th listed cell are those from offsets[i] to offsets[i + 1].
+    cells : ndarray, shape (cells,)
+        Numbers of the listed cells in `grid`.
+    exact_to : int
+        Degree per direction of polynomials that are integrated exactly where cells are full or
+        cut by planes along the grid.
+    grid : Grid
+        The cells.
+    through : SplineMap or None
+        The map to space, if there is one.
+    normals : ndarray, shape (n, 3), or None
+        Outward unit normals, on surfaces and faces.
+    sets : ndarray, shape (n,), int8, or None
+        On surfaces, which level set vanishes.
+    neighbours : ndarray, shape (cells,), or None
+        On faces between cells, the cells on the upper side.
+    parameters : ndarray, shape (n, 3), or None
+        For a rule in space, the parameters of its points; None for a rule in parameters.
+    """
+
+    points: FloatArray
+    weights: FloatArray
+    offsets: IntArray
+    cells: IntArray
+    exact_to: int
+    grid: Grid
+    through: SplineMap | None = None
+    normals: FloatArray | None = None
+    sets: AnyArray | None = None
+    neighbours: IntArray | None = None
+    parameters: FloatArray | None = None
+
+    def __len__(self) -> int:
+        return len(self.weights)
+
+    def __repr__(self) -> str:
+        place = "parameters" if self.parameters is None else "space"
+        return f"Quadrature({len(self)} points in {place}, {len(self.cells)} cells)"
+
+    def integrate(self, f: Integrand = 1.0) -> Any:
+        """Integral of a function.
+
+        Parameters
+        ----------
+        f : callable, float, or array_like of shape (n,) or (n, ...)
+            Takes points (n, 3) and returns one value per point, or those values, or a constant.
+
+        Returns
+        -------
+        float or ndarray
+            The integral; of shape (...) for values of shape (n, ...).
+
+        Raises
+        ------
+        InputError
+            If there is not one value per point.
+        """
+        total = self._products(f).sum(axis=0)
+        return float(total) if np.ndim(total) == 0 else total
+
+    def integrate_cells(self, f: Integrand = 1.0) -> FloatArray:
+        """Integral over each listed cell.
+
+        Parameters
+        ----------
+        f : callable, float, or array_like
+            As in `integrate`.
+
+        Returns
+        -------
+        ndarray, shape (cells,) or (cells, ...)
+            One integral per cell.
+        """
+        values = self._products(f)
+        padded = np.concatenate([values, np.zeros((1, *values.shape[1:]))])
+        out = np.add.reduceat(padded, self.offsets[:-1], axis=0) if len(self.cells) else values[:0]
+        out[np.diff(self.offsets) == 0] = 0.0
+        return out
+
+    def flux(self, f: Callable[[FloatArray], Any] | AnyArray) -> float:
+        """Integral of a vector field times the normal.
+
+        Parameters
+        ----------
+        f : callable or array_like, shape (n, 3)
+            Takes points (n, 3) and returns vectors (n, 3), or these vectors.
+
+        Returns
+        -------
+        float
+            The flux.
+
+        Raises
+        ------
+        InputError
+            If the rule has no normals, or there is not one vector per point.
+        """
+        if self.normals is None:
+            raise InputError("flux needs the normals of a surface or face rule")
+        vectors = as_array("f", asked("f", f, self.points) if callable(f) else f, finite=False)
+        if vectors.shape != self.points.shape:
+            raise InputError(
+                f"f must give vectors of shape {self.points.shape}, got {vectors.shape}"
+            )
+        return float(self.weights @ np.einsum("ij,ij->i", vectors, self.normals))
+
+    def in_space(self, through: SplineMap | None = None) -> "Quadrature":
+        """The same rule in space: points mapped, weights times the local volume or area.
+
+        Parameters
+        ----------
+        through : SplineMap, optional
+            The map; by default that of the wall.
+
+        Returns
+        -------
+        Quadrature
+            With `parameters`. Volumes are scaled by |det J|; areas and normals by the cofactors
+            of J (Nanson's formula), so that normals stay outward for left-handed maps too.
+
+        Raises
+        ------
+        InputError
+            If the rule is in space already, or there is no map.
+        """
+        if self.parameters is not None:
+            raise InputError("the rule is in space already")
+        space = as_kind("through", through, "SplineMap") if through is not None else self.through
+        if space is None:
+            raise InputError("through is needed: the rule knows no map")
+        x, scale = np.empty_like(self.points), np.empty_like(self.weights)
+        normals = None if self.normals is None else np.empty_like(self.normals)
+        for i in range(0, len(self), AT_ONCE):
+            part = slice(i, i + AT_ONCE)
+            x[part], J = space.jet(self.points[part], 1)
+            determinants(J, scale[part])
+            if normals is not None:
+                assert self.normals is not None
+                n = _cofactors(J, self.normals[part]) * np.sign(scale[part])[:, None]
+                scale[part] = np.linalg.norm(n, axis=1)
+                normals[part] = n / np.maximum(scale[part], 1e-300)[:, None]
+        return replace(
+            self,
+            points=read_only(x),
+            weights=read_only(self.weights * np.abs(scale)),
+            normals=None if normals is None else read_only(normals),
+            through=space,
+            parameters=self.points,
+        )
+
+    def compressed(self, degree: int = 2) -> "Quadrature":
+        """Rule with (degree + 1)³ Gauss points per cell and the same moments.
+
+        Parameters
+        ----------
+        degree : int
+            Per direction, of the polynomials whose integrals stay the same, 0 to 9.
+
+        Returns
+        -------
+        Quadrature
+            Points are the Gauss points of whole cells, the same in every cell. Weights may be
+            negative, and points outside the solid.
+
+        Raises
+        ------
+        InputError
+            If it is no volume rule in parameters.
+        """
+        if self.normals is not None or self.parameters is not None:
+            raise InputError("only volume rules in parameters can be compressed")
+        if not among(degree, range(MOST_POINTS)):
+            raise InputError(f"degree must be a whole number from 0 to 9, got {degree!r}")
+        n = degree + 1
+        x = gauss(n)[0]
+        boxes = self.grid.boxes(self.cells)
+        weights = np.zeros((len(self.cells), n, n, n))
+        project(self.points, self.weights, self.offsets, boxes, x, weights)
+        points = np.empty((len(self.cells), n, n, n, 3))
+        for a in range(3):
+            shape = [len(self.cells), 1, 1, 1]
+            shape[1 + a] = n
+            points[..., a] = (boxes[:, a, None] + boxes[:, 3 + a, None] * x).reshape(shape)
+        return replace(
+            self,
+            points=read_only(points.reshape(-1, 3)),
+            weights=read_only(weights.ravel()),
+            offsets=read_only(np.arange(len(self.cells) + 1) * n**3),
+            exact_to=degree,
+        )
+
+    @cached_property
+    def owners(self) -> IntArray:
+        """Position in `cells` of the cell of each point, shape (n,)."""
+        return read_only(np.repeat(np.arange(len(self.cells)), np.diff(self.offsets)))
+
+    def _products(self, f: Integrand) -> FloatArray:
+        given = asked("f", f, self.points) if callable(f) else f
+        values = as_array("f", given, finite=False).reshape(np.shape(given))
+        if values.ndim and len(values) != len(self):
+            raise InputError(
+                f"f must give one value for each of {len(self)} points, got {values.shape}"
+            )
+        if values.ndim == 0:
+            return self.weights * values
+        return values * self.weights.reshape(-1, *(1,) * (values.ndim - 1))
+
+
+def quadrature(
+    field: Any,
+    cells: Any = None,
+    *,
+    q: int = 3,
+    kind: str = "volume",
+    domain: Any = None,
+    degree: int = 4,
+    tangent_depth: int = 3,
+) -> Quadrature:
+    """Rule to integrate over a solid, or its surface: in space for a wall.
+
+    Parameters
+    ----------
+    field : Wall, BSpline, callable, or pair of fields
+        The solid is where it is negative, as in `cut`.
+    cells : int, sequence of 3 int or Grid, optional
+        Background grid, as in `cut`.
+    q : int
+        Gauss points per direction and piece of a cell, 1 to 10.
+    kind : {"volume", "surface", "u=0", "u=1", "v=0", "v=1", "w=0", "w=1"}
+        The solid, the level sets that bound it, or its part on an end face of the domain.
+    domain : array_like, shape (2, 3), optional
+        Box of the grid; by default the bounds of the field.
+    degree : int
+        Degree of the interpolation of fields that are no splines, 1 to 4.
+    tangent_depth : int
+        How often a nearly tangent box is halved.
+
+    Returns
+    -------
+    Quadrature
+        In space for a wall, in parameters for any other field.
+
+    Raises
+    ------
+    InputError
+        If an argument is wrong.
+    GeometryError
+        If the solid is empty.
+
+    Examples
+    --------
+    >>> import ilattice as il
+    >>> lattice = il.Lattice("gyroid", through=il.macroshape.box((1, 1, 1)))
+    >>> rule = il.cutfem.quadrature(lattice.offset(0.05), q=2)
+    >>> volume, centroid = rule.integrate(), rule.integrate(lambda x: x) / rule.integrate()
+    """
+    as_choice("kind", kind, ("volume", "surface", *NAMES))
+    grid = cut(field, cells, domain=domain, degree=degree)
+    if kind == "volume":
+        rule = grid.volume(q, tangent_depth=tangent_depth)
+    elif kind == "surface":
+        rule = grid.surface(q, tangent_depth=tangent_depth)
+    else:
+        rule = grid.face(kind, q, tangent_depth=tangent_depth)
+    return rule.in_space() if grid.through is not None else rule
+
+
+def on_cells(rule: Quadrature, cells: IntArray) -> Quadrature:
+    """The part of a rule in some cells, given increasing."""
+    return kept(rule, np.isin(rule.cells, cells))
+
+
+def kept(rule: Quadrature, keep: AnyArray) -> Quadrature:
+    """The part of a rule in the listed cells that are marked."""
+    if keep.all():
+        return rule
+    rows = np.repeat(keep, np.diff(rule.offsets))
+
+    def part(a: Any) -> Any:
+        return None if a is None else read_only(a[rows])
+
+    offsets = np.append(0, np.cumsum(np.diff(rule.offsets)[keep]))
+    return replace(
+        rule,
+        points=part(rule.points),
+        weights=part(rule.weights),
+        normals=part(rule.normals),
+        sets=part(rule.sets),
+        parameters=part(rule.parameters),
+        cells=read_only(rule.cells[keep]),
+        neighbours=None if rule.neighbours is None else read_only(rule.neighbours[keep]),
+        offsets=read_only(offsets),
+    )
+
+
+def some_cells(rule: Quadrature, which: slice) -> Quadrature:
+    """The part of a rule in some cells, given by position: a view, which takes no memory."""
+    begin, end = rule.offsets[which.start], rule.offsets[which.stop]
+
+    def part(a: Any) -> Any:
+        return None if a is None else a[begin:end]
+
+    return replace(
+        rule,
+        points=part(rule.points),
+        weights=part(rule.weights),
+        normals=part(rule.normals),
+        sets=part(rule.sets),
+        parameters=part(rule.parameters),
+        cells=rule.cells[which],
+        neighbours=None if rule.neighbours is None else rule.neighbours[which],
+        offsets=rule.offsets[which.start : which.stop + 1] - begin,
+    )
+
+
+def in_space(rule: Quadrature) -> Quadrature:
+    """A rule in space, with `parameters` also if there is no map; one that is there already."""
+    if rule.parameters is not None:
+        return rule
+    return replace(rule, parameters=rule.points) if rule.through is None else rule.in_space()
+
+
+def _cofactors(J: FloatArray, n: FloatArray) -> FloatArray:
+    """Cofactor matrices of J (n, 3, 3) times vectors (n, 3)."""
+    columns = [np.cross(J[:, :, (k + 1) % 3], J[:, :, (k + 2) % 3]) for k in range(3)]
+    return np.asarray(np.einsum("nck,nk->nc", np.stack(columns, axis=2), n))
+
+
+# ---------------------------------------------------------------------------- making rules
+
+
+def volume_rule(grid: CutGrid, q: int, tangent_depth: int, only: str) -> Quadrature:
+    """See `CutGrid.volume`."""
+    q, accept = _as_order(q, tangent_depth)
+    if not among(only, ("", "in", "cut")):
+        raise InputError(f"only must be '', 'in' or 'cut', got {only!r}")
+    wanted = {"": (IN, CUT), "in": (IN,), "cut": (CUT,)}[only]
+    cells = np.flatnonzero(np.isin(grid.status.ravel(), wanted))
+    return _rule(grid, grid.layout.volume(cells), VOLUME, q, accept)
+
+
+def surface_rule(grid: CutGrid, q: int, tangent_depth: int) -> Quadrature:
+    """See `CutGrid.surface`."""
+    q, accept = _as_order(q, tangent_depth)
+    return _rule(grid, grid.layout.surface(), SURFACE, q, accept)
+
+
+def end_face_rule(grid: CutGrid, name: str, q: int, tangent_depth: int) -> Quadrature:
+    """See `CutGrid.face`."""
+    q, accept = _as_order(q, tangent_depth)
+    if not among(name, NAMES):
+        raise InputError(f"name must be one of {NAMES}, got {name!r}")
+    axis, side = divmod(NAMES.index(name), 2)
+    if grid.grid.closed[axis]:
+        raise InputError(f"name={name!r}: the domain is closed in that direction and has no ends")
+    return _faces(grid, grid.layout.end_faces(axis, side), axis, side, q, accept)
+
+
+def inner_face_rule(grid: CutGrid, axis: int, q: int, tangent_depth: int) -> Quadrature:
+    """See `CutGrid.faces`."""
+    q, accept = _as_order(q, tangent_depth)
+    if not among(axis, (0, 1, 2)):
+        raise InputError(f"axis must be 0, 1 or 2, got {axis!r}")
+    rule = _faces(grid, grid.layout.inner_faces(axis), axis, 1, q, accept)
+    i = list(np.unravel_index(rule.cells, grid.grid.shape))
+    i[axis] = (i[axis] + 1) % grid.grid.shape[axis]
+    return replace(rule, neighbours=read_only(np.ravel_multi_index(tuple(i), grid.grid.shape)))
+
+
+def _faces(
+    grid: CutGrid, listing: Listing, axis: int, side: int, q: int, accept: int
+) -> Quadrature:
+    rule = _rule(grid, listing, VOLUME, q, accept)
+    normals = np.zeros((len(rule), 3))
+    normals[:, axis] = 2.0 * side - 1.0
+    return replace(rule, normals=read_only(normals))
+
+
+def _as_order(q: Any, tangent_depth: Any) -> tuple[int, int]:
+    for name, value, low, high in (
+        ("q", q, 1, MOST_POINTS),
+        ("tangent_depth", tangent_depth, 0, 9),
+    ):
+        if isinstance(value, bool) or not np.isscalar(value) or value not in range(low, high + 1):
+            raise InputError(f"{name} must be a whole number from {low} to {high}, got {value!r}")
+    return int(q), int(tangent_depth)
+
+
+def _rule(grid: CutGrid, listing: Listing, want: int, q: int, accept: int) -> Quadrature:
+    """Rows and their counts per box as a rule by cell; cells without points are left out."""
+    rows, counts = filled(grid.pieces, listing, want, q, accept)
+    keep = counts > 0
+    listed, first = np.unique(listing.cells[keep], return_index=True)
+    ends = np.append(0, np.cumsum(counts[keep]))
+    points, weights, normals, sets = (read_only(a) for a in rows.arrays)
+    return Quadrature(
+        points,
+        weights,
+        read_only(np.append(ends[first], ends[-1])),
+        read_only(listed),
+        2 * q - 1,
+        grid.grid,
+        grid.through,
+        normals if rows.wide else None,
+        sets if rows.wide else None,
+    )

@@ -1,0 +1,300 @@
+"""Compiled Newton iteration for points whose feet pull in opposite directions.
+
+Unknown are the point, its m feet with their multipliers, weights l_i of sum 1, and the common
+value r. Each foot is a stationary point of the distance on the surface, the distances less the
+half-thickness are r, and sum l_i grad (distance_i - half-thickness) = 0 along the free directions.
+The feet are unknowns of their own, not functions of the point: these have no derivative on focal
+curves, where feet become one, and Newton's method goes on across them.
+
+Guarantee: nothing is allocated per start; the same result for any number of threads.
+Non-guarantee: which critical point a start ends in, and whether no other foot is nearer there. The
+arguments are those of `_kernels_jets`; e0 ... ec is the half-thickness, as a spline.
+"""
+
+import numpy as np
+from numba import njit, prange
+
+from ilattice._kernels import inner
+from ilattice.offsets._kernels_jets import FAST, map_jet, metric, scratch, tile_jet
+from ilattice.offsets._kernels_newton import lagrangian, lowest
+from ilattice.topology._kernels_hull import solve_small
+
+CHUNK, MOST = 32, 4
+STEPS, PATIENCE = 25, 9
+#: Longest steps of the point and of feet, and the step that is the last one, in tiles.
+LONGEST, WANDER, STILL = 0.06, 0.15, 1e-11
+#: Pivots up to this are those of critical points that are not isolated: no step is made there.
+SINGULAR = 1e-9
+#: Residuals up to this, in tiles, are none.
+LEFT = 1e-6
+#: First pivots up to this may be those near them, where steps along them are damped.
+SMALL = 1e-2
+#: Weight of the square of a step against that of its residual where a step is too long.
+DAMPING = 1e-4
+
+
+@inner(fastmath=FAST, error_model="numpy")
+def second(m, a, i, j):
+    """Second derivative i, j of row a of a jet."""
+    if i == j:
+        return m[a, 4 + i]
+    return m[a, 10 - i - j]
+
+
+@inner(fastmath=FAST, error_model="numpy")
+def column(m, i, v):
+    """v' times column i of the Jacobian of a jet."""
+    return v[0] * m[0, 1 + i] + v[1] * m[1, 1 + i] + v[2] * m[2, 1 + i]
+
+
+@inner(fastmath=FAST, error_model="numpy")
+def look(space, less, p, feet, m, work):
+    """Jets of the map and of the half-thickness at a point, and of map and tile at its m feet.
+
+    Those of the tile are divided by the length of its gradient at the first place of a foot, as the
+    unit of its values means nothing.
+    """
+    b, x, tab, h, taken, f, t, unit = work
+    map_jet(*space[:8], (p[0], p[1], p[2]), 2, b, x)
+    map_jet(*less, (p[0], p[1], p[2]), 2, taken, h)
+    for i in range(m):
+        at = (feet[i, 0], feet[i, 1], feet[i, 2])
+        map_jet(*space[:8], at, 2, b, f[i])
+        tile_jet(*space[7:], at, b, t[i], tab)
+        if unit[i] == 0.0:
+            unit[i] = np.sqrt(t[i, 1] ** 2 + t[i, 2] ** 2 + t[i, 3] ** 2)
+        t[i] /= unit[i]
+
+
+@inner(fastmath=FAST, error_model="numpy")
+def away(x, f):
+    """From a point to its foot, from their jets."""
+    return f[0, 0] - x[0, 0], f[1, 0] - x[1, 0], f[2, 0] - x[2, 0]
+
+
+@inner(fastmath=FAST, error_model="numpy")
+def estimate(m, work, weights, length, mult):
+    """First multipliers of feet; the mean of the distances to them, less the half-thickness."""
+    _, x, _, h, _, f, t, _ = work
+    common = 0.0
+    for i in range(m):
+        r = away(x, f[i])
+        g = (t[i, 1], t[i, 2], t[i, 3])
+        along = 0.0
+        for j in range(3):
+            along += column(f[i], j, r) * g[j]
+        mult[i] = -along / ((g[0] * g[0] + g[1] * g[1] + g[2] * g[2]) * length * length)
+        d = np.sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
+        common += weights[i] * (d - h[0, 0]) / length
+    return common
+
+
+@inner(fastmath=FAST, error_model="numpy")
+def add_foot(a, y, i, m, x, f, t, h, weight, mult, common, length, held):
+    """Add the equations of foot i of m: jets x of the map at the point and f at the foot, t, h."""
+    o, q, n = 3 + 4 * i, 3 + 4 * m + i, 3 + 5 * m
+    r = away(x, f)
+    d = np.sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
+    v = (-r[0] / d, -r[1] / d, -r[2] / d)
+    square = length * length
+    bend = lagrangian(metric(f), f, t, r, mult * square)
+    full = ((bend[0], bend[5], bend[4]), (bend[5], bend[1], bend[3]), (bend[4], bend[3], bend[2]))
+    for j in range(3):
+        y[o + j] = column(f, j, r) / square + mult * t[1 + j]
+        a[o + j, o + 3] = a[o + 3, o + j] = t[1 + j]
+        for k in range(3):
+            a[o + j, o + k] = full[j][k] / square
+    y[o + 3] = t[0]
+    y[q] = (d - h[0, 0]) / length - common
+    a[q, n], a[n, q] = -1.0, 1.0
+    for j in range(3):
+        a[q, o + j] = -column(f, j, v) / length
+        if held[j]:
+            continue
+        xj = (x[0, 1 + j], x[1, 1 + j], x[2, 1 + j])
+        along = column(x, j, v)
+        slope = (along - h[0, 1 + j]) / length
+        a[q, j] = a[j, q] = slope
+        y[j] += weight * slope
+        for k in range(3):
+            cross = column(f, k, xj) - along * column(f, k, v)
+            a[o + k, j] = -column(f, k, xj) / square
+            a[j, o + k] = -weight * cross / (d * length)
+            if not held[k]:
+                inner = (column(x, k, xj) - along * column(x, k, v)) / d - second(h, 0, j, k)
+                for c in range(3):
+                    inner += v[c] * second(x, c, j, k)
+                a[j, k] += weight * inner / length
+
+
+@inner(fastmath=FAST, error_model="numpy")
+def assemble(a, y, m, work, weights, mult, common, length, held):
+    """Equations of a point and its m feet."""
+    _, x, _, h, _, f, t, _ = work
+    n = 4 + 5 * m
+    a[:n, :n] = 0.0
+    y[:n] = 0.0
+    y[n - 1] = -1.0
+    for i in range(m):
+        add_foot(a, y, i, m, x, f[i], t[i], h, weights[i], mult[i], common, length, held)
+        y[n - 1] += weights[i]
+    for j in range(3):
+        if held[j]:
+            a[j, j] = 1.0
+
+
+@inner(fastmath=FAST, error_model="numpy")
+def solved(a, y, m, work, weights, mult, common, length, held):
+    """Whether all equations are, those too that a step leaves out as their pivots are none."""
+    assemble(a, y, m, work, weights, mult, common, length, held)
+    most = 0.0
+    for i in range(4 + 5 * m):
+        most = max(most, abs(y[i]))
+    return most < LEFT
+
+
+@inner(fastmath=FAST, error_model="numpy")
+def too_long(y, m):
+    """Size of a step, in tiles, and by what factor it is longer than is allowed, or 1."""
+    point, feet = 0.0, 0.0
+    for j in range(3):
+        point = max(point, abs(y[j]))
+        for i in range(m):
+            feet = max(feet, abs(y[3 + 4 * i + j]))
+    return max(point, feet), max(1.0, point / LONGEST, feet / WANDER)
+
+
+@inner(fastmath=FAST, error_model="numpy")
+def solve_damped(a, y, n, square, right):
+    """Short solution of the first n equations a x = y, in y: of least residual and x together."""
+    for i in range(n):
+        right[i] = 0.0
+        for k in range(n):
+            right[i] += a[k, i] * y[k]
+        for j in range(i + 1):
+            total = DAMPING if i == j else 0.0
+            for k in range(n):
+                total += a[k, i] * a[k, j]
+            square[i, j] = square[j, i] = total
+    solve_small(square, right, n, 0.0)
+    y[:n] = right[:n]
+
+
+@inner(fastmath=FAST, error_model="numpy")
+def move(y, m, p, feet, weights, mult):
+    """Subtract a step from all unknowns but the common value."""
+    for j in range(3):
+        p[j] -= y[j]
+        for i in range(m):
+            feet[i, j] -= y[3 + 4 * i + j]
+    for i in range(m):
+        mult[i] -= y[6 + 4 * i]
+        weights[i] -= y[3 + 4 * m + i]
+
+
+@inner(fastmath=FAST, error_model="numpy")
+def lowest_of_feet(m, work, mult, square):
+    """Least eigenvalue of `lowest` at m feet."""
+    _, x, _, _, _, f, t, _ = work
+    low = np.inf
+    for i in range(m):
+        low = min(low, lowest(f[i], t[i], away(x, f[i]), mult[i] * square))
+    return low
+
+
+@inner(fastmath=FAST, error_model="numpy")
+def solve(
+    space, less, p, feet, weights, m, held, reach, damping, work, a, y, square, right, mult
+):  # fmt: skip
+    """Newton's method from one start, in place: the last step, `lowest_of_feet`, least pivot.
+
+    With damping, steps that are too long, because the equations are nearly singular, are replaced.
+    Where the method is lost, the pivot is that of the first step.
+    """
+    s0, s1, s2 = p[0], p[1], p[2]
+    n = 4 + 5 * m
+    work[7][:] = 0.0
+    look(space, less, p, feet, m, work)
+    g = metric(work[1])
+    length = np.sqrt((g[0] + g[1] + g[2]) / 3.0)
+    common, first = estimate(m, work, weights, length, mult), 0.0
+    for step in range(STEPS):
+        assemble(a, y, m, work, weights, mult, common, length, held)
+        pivot = solve_small(a, y, n, SINGULAR)
+        first = pivot if step == 0 else first
+        size, factor = too_long(y, m)
+        if damping and factor > 1.0:  # others are almost as good, and shorter
+            assemble(a, y, m, work, weights, mult, common, length, held)
+            solve_damped(a, y, n, square, right)
+            _, factor = too_long(y, m)
+        if not size < np.inf:
+            break
+        for i in range(n):
+            y[i] /= factor
+        move(y, m, p, feet, weights, mult)
+        common -= y[n - 1]
+        far = max(abs(p[0] - s0), abs(p[1] - s1), abs(p[2] - s2))
+        if far > reach or (step > PATIENCE and size > 0.01):
+            break
+        look(space, less, p, feet, m, work)
+        if size < STILL or step == STEPS - 1:
+            if pivot <= SINGULAR and not solved(a, y, m, work, weights, mult, common, length, held):
+                break
+            return size, lowest_of_feet(m, work, mult, length * length), pivot
+    return np.inf, -np.inf, first
+
+
+@njit(cache=True, parallel=True, fastmath=FAST, error_model="numpy")
+def balance(
+    d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
+    e0, e1, e2, l0, l1, l2, ec, p, feet, weights, count, held, reach, last, low, pivot,
+):  # fmt: skip
+    """Newton's method from many starts, in place.
+
+    Parameters
+    ----------
+    d0 ... tc
+        The lattice, see `_kernels_jets`; all lengths generic.
+    e0 ... ec
+        Half-thickness, a spline over the same domain.
+    p
+        Points (n, 3) in tile coordinates.
+    feet, weights, count
+        Their feet (n, 4, 3) in tile coordinates, weights (n, 4), and numbers of feet (n,).
+    held
+        Which directions of a point are held (3,).
+    reach
+        How far points may go, in tiles.
+    last
+        Output (n,): the last step, in tiles; infinite where the method is lost.
+    low
+        Output (n,): the least eigenvalue of `lowest` at the feet; saddles have negative ones.
+    pivot
+        Output (n,): the smallest pivot of the last step, or of the first one where the method is
+        lost; at most `SINGULAR` where critical points are not isolated.
+    """
+    plain = geom.copy()
+    plain[12] = 0.0
+    for chunk in prange((len(p) + CHUNK - 1) // CHUNK):
+        space = (
+            d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
+        )  # fmt: skip
+        less = (e0, e1, e2, l0, l1, l2, ec, plain)
+        b, x, _, tab = scratch(factor, c, k0, k1, k2, q0, q1, q2)
+        taken, h, _, _ = scratch(factor, ec, l0, l1, l2, l0, l1, l2)
+        f, t, unit = np.zeros((MOST, c.shape[0], 10)), np.zeros((MOST, 10)), np.zeros(MOST)
+        work = (b, x, tab, h, taken, f, t, unit)
+        n = 4 + 5 * MOST
+        a, square, y, right = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), np.zeros(n)
+        mult = np.zeros(MOST)
+        q, more, shares = np.zeros(3), np.zeros((MOST, 3)), np.zeros(MOST)
+        for s in range(chunk * CHUNK, min(len(p), (chunk + 1) * CHUNK)):
+            q[:], more[:], shares[:] = p[s], feet[s], weights[s]
+            for damping in (False, True):
+                last[s], low[s], pivot[s] = solve(
+                    space, less, p[s], feet[s], weights[s], count[s], held, reach, damping, work,
+                    a, y, square, right, mult,
+                )  # fmt: skip
+                if damping or last[s] < np.inf or pivot[s] > SMALL:
+                    break
+                p[s], feet[s], weights[s] = q, more, shares
