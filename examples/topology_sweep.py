@@ -13,7 +13,7 @@ and voids, of the full pipe.
 import numpy as np
 
 import ilattice as il
-from ilattice.mesh.topology import COLOURS
+from ilattice.topology.sweep import COLOURS
 
 
 def main(tiles: int = 2, h: float = 0.05, out: str = "") -> dict[str, float]:

@@ -62,6 +62,7 @@ if TYPE_CHECKING:
         fields,
         homogenize,
         io,
+        lattice,
         linalg,
         macroshape,
         mesh,
@@ -73,14 +74,12 @@ if TYPE_CHECKING:
         tiles,
         topology,
     )
+    from ilattice._version import __version__ as __version__
     from ilattice.bspline import BSpline
+    from ilattice.lattice import Lattice, Wall
     from ilattice.macroshape import SplineMap
-    from ilattice.macroshape.lattice import Lattice
     from ilattice.mesh import SurfaceMesh
-    from ilattice.offsets import Wall
     from ilattice.tiles import Tile
-
-__version__ = "0.1.0"
 
 __all__ = [
     "BSpline",
@@ -95,6 +94,7 @@ __all__ = [
     "fields",
     "homogenize",
     "io",
+    "lattice",
     "linalg",
     "macroshape",
     "mesh",
@@ -109,11 +109,12 @@ __all__ = [
 
 _HOMES = {
     "BSpline": "ilattice.bspline",
-    "Lattice": "ilattice.macroshape.lattice",
+    "Lattice": "ilattice.lattice",
     "SplineMap": "ilattice.macroshape",
     "SurfaceMesh": "ilattice.mesh",
     "Tile": "ilattice.tiles",
-    "Wall": "ilattice.offsets",
+    "Wall": "ilattice.lattice",
+    "__version__": "ilattice._version",
 }
 
 

@@ -1,10 +1,10 @@
-"""Roots of functions along segments, many at once."""
+"""Roots of functions along segments, many at once, and coordinates that faces of a box fix."""
 
 from collections.abc import Callable
 
 import numpy as np
 
-from ilattice._typing import FloatArray
+from ilattice._typing import AnyArray, FloatArray, IntArray
 
 
 def between(
@@ -46,3 +46,20 @@ def between(
         gap = p - q
         t = np.where(gap == 0.0, t, lo + (hi - lo) * p / np.where(gap == 0.0, 1.0, gap))
     return t
+
+
+def fixed_coordinates(kind: IntArray) -> AnyArray:
+    """Which coordinates faces of D fix.
+
+    Parameters
+    ----------
+    kind : ndarray of int, shape (n,)
+        Constraints, as `Contour.kind`.
+
+    Returns
+    -------
+    ndarray of bool, shape (n, 3)
+        True for coordinates normal to a face that the vertex is on.
+    """
+    out: AnyArray = np.stack([(kind >> (2 * a)) & 3 for a in range(3)], axis=1) != 0
+    return out

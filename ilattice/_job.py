@@ -19,7 +19,7 @@ from ilattice.errors import FileError, FormatError, InputError
 from ilattice.io._common import check_distinct, check_outputs, write_report
 from ilattice.io.registry import WRITERS
 from ilattice.io.splines import list_patches
-from ilattice.mesh.topology import islands_of
+from ilattice.mesh.regions import islands_of
 from ilattice.offsets.thickness import as_equation
 from ilattice.tiles.cells import CellRow
 
@@ -325,7 +325,7 @@ def demo(
     return result
 
 
-def _plain(feature: "il.offsets.Feature") -> dict[str, Any]:
+def _plain(feature: "il.topology.Feature") -> dict[str, Any]:
     """A feature as plain data; nothing of infinite size."""
     there = feature.kind != "none"
     return {

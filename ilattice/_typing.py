@@ -1,4 +1,4 @@
-"""Array aliases and the protocols of the few central types.
+"""Array aliases and the protocols of the seams between rooms.
 
 Guarantee: every public function states shapes in terms of these. Points are rows.
 """
@@ -15,31 +15,31 @@ ArrayLike = npt.ArrayLike
 
 
 @runtime_checkable
-class Field(Protocol):
-    """A real function of space, negative inside."""
+class Solid(Protocol):
+    """What can be meshed, sliced, analysed and homogenized: walls, and every other source.
 
-    def __call__(self, p: ArrayLike, /) -> FloatArray:
-        """Value, shape (n,), at points ``p`` of shape (n, 3)."""
+    The seam between sources and what is done with them: level sets over a box of parameters, the
+    map to space, a name.
+    """
 
     @property
-    def bounds(self) -> FloatArray:
-        """Box that holds the zero set, shape (2, 3): rows are the lower and the upper corner."""
+    def name(self) -> str:
+        """Name for messages and reports."""
+
+    @property
+    def through(self) -> Any:
+        """Map from the parameters to space, or None if they are coordinates of space."""
+
+    def level_sets(self) -> Any:
+        """What is negative in the solid: a field, `SumsOfSplines`, or a pair of fields."""
 
 
 @runtime_checkable
-class SmoothField(Field, Protocol):
-    """A field with derivatives."""
+class SumsOfSplines(Protocol):
+    """A field that is the largest of sums of splines, which quadrature takes as they are."""
 
-    def jet(self, p: ArrayLike, order: int = 2) -> tuple[FloatArray, ...]:
-        """Value (n,), gradient (n, 3) and Hessian (n, 3, 3): the first ``order + 1`` of them."""
-
-
-@runtime_checkable
-class BoundedField(Field, Protocol):
-    """A field with rigorous bounds of its values on boxes."""
-
-    def range(self, lo: ArrayLike, hi: ArrayLike) -> FloatArray:
-        """Lower and upper bound, shape (m, 2), on boxes with corners ``lo``, ``hi`` (m, 3)."""
+    def sums(self) -> tuple[tuple[Any, ...], FloatArray]:
+        """Splines, and factors (sets, splines) by which the level sets are sums of them."""
 
 
 class Map(Protocol):

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 
 import ilattice as il
 from ilattice import cli
+from ilattice.lattice import ParametricWall
 from ilattice.mesh import SliceStack
-from ilattice.offsets import ParametricWall
 
 TEXT = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
 PROGRAM, VARIATIONS, SEARCH = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)

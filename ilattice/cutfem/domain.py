@@ -23,7 +23,7 @@ from ilattice.cutfem.space import SplineSpace, as_degree_and_smoothness
 from ilattice.cutfem.stabilise import ghost_faces, lone_cells, void_rule
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.macroshape.maps import SplineMap
-from ilattice.offsets.wall import Wall
+from ilattice.offsets.wall import OffsetSolid
 from ilattice.quadrature._filling import MOST_POINTS
 from ilattice.quadrature.grid import CUT, CutGrid, cut
 from ilattice.quadrature.rules import NAMES, Quadrature, in_space, kept, on_cells, some_cells
@@ -75,7 +75,7 @@ class Domain(Frozen):
     q: int
     stabilization: str
     weight: float | None
-    wall: Wall | None = None
+    wall: OffsetSolid | None = None
     _made: dict[Any, Any] = field(default_factory=dict, repr=False)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -327,8 +327,8 @@ def where(rule: Quadrature, keep: AnyArray) -> Quadrature:
 
 def lattice_of(field: Any) -> Any:
     """The lattice that a solid is made of, or None."""
-    wall = field if isinstance(field, Wall) else getattr(field, "wall", None)
-    return wall.lattice if isinstance(wall, Wall) else None
+    wall = field if isinstance(field, OffsetSolid) else getattr(field, "wall", None)
+    return wall.lattice if isinstance(wall, OffsetSolid) else None
 
 
 def as_domain(
@@ -371,5 +371,5 @@ def as_domain(
         raise InputError(f"weight of the void must not exceed 1, got {weight!r}")
     grid = field if isinstance(field, CutGrid) else cut(field, cells, domain=domain,
                                                         through=through)  # fmt: skip
-    wall = field if isinstance(field, Wall) else None
+    wall = field if isinstance(field, OffsetSolid) else None
     return Domain(grid, degree, smoothness, int(q), stabilization, weight, wall)

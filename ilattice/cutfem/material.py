@@ -19,7 +19,7 @@ from ilattice._typing import AnyArray, FloatArray
 from ilattice._validate import as_array, asked, check_finite
 from ilattice.cutfem.assembly import Assembly
 from ilattice.errors import InputError, PrecisionWarning
-from ilattice.macroshape.lattice import Lattice
+from ilattice.macroshape.tiling import Tiling
 from ilattice.quadrature.rules import Quadrature
 
 #: Factor by which a stiffness may jump within a cell without a warning; cells that are searched,
@@ -53,7 +53,7 @@ class Scalar:
     low: float = 0.0
     high: float = np.inf
     closed: bool = False
-    lattice: Lattice | None = None
+    lattice: Tiling | None = None
     second: Callable[[FloatArray], AnyArray] | None = None
 
     def __post_init__(self) -> None:

@@ -24,7 +24,7 @@ from ilattice._validate import FrozenCopies, among, as_array, as_index, as_posit
 from ilattice.cutfem.probe import Probe, probe
 from ilattice.errors import FormatError, InputError
 from ilattice.mesh import SurfaceMesh
-from ilattice.offsets.wall import parameters_of
+from ilattice.mesh.wall_mesh import parameters_of
 from ilattice.quadrature.clipping import MOST, clipped, lattice
 
 if TYPE_CHECKING:

@@ -13,10 +13,9 @@ from ilattice.cutfem.assembly import constant_jacobian
 from ilattice.cutfem.domain import Domain
 from ilattice.cutfem.phases import PhasedDomain
 from ilattice.errors import InputError
+from ilattice.lattice import Lattice, Wall
 from ilattice.macroshape.cells import CellMap, cell
-from ilattice.macroshape.lattice import Lattice
 from ilattice.macroshape.maps import SplineMap
-from ilattice.offsets.wall import Wall
 from ilattice.quadrature.grid import CutGrid, Grid, cut
 from ilattice.tiles.catalog import get
 from ilattice.tiles.mixture import Mixture

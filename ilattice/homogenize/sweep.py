@@ -30,16 +30,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ilattice import __version__
 from ilattice._progress import Progress, track
 from ilattice._typing import FloatArray
 from ilattice._validate import FixedMapping, Frozen, as_items, near_names, read_only
+from ilattice._version import __version__
 from ilattice.errors import IlatticeError, InputError, printable, shortened
 from ilattice.homogenize.effective import Effective
 from ilattice.homogenize.elastic import elastic
 from ilattice.io.table import KEPT, Table
+from ilattice.lattice import Lattice
 from ilattice.macroshape.cells import cell as unit_cell
-from ilattice.macroshape.lattice import Lattice
 from ilattice.tiles.catalog import get
 from ilattice.tiles.tile import Tile
 

@@ -1,17 +1,18 @@
-"""What the mesh writers share: blocks, colours, the narrow numbers of the file formats.
+"""What the mesh formats share: triangles as arrays, blocks, colours, the narrow numbers of files.
 
 Guarantee: nothing here copies a whole mesh; writers go through it block by block.
 """
 
 import warnings
 from collections.abc import Iterator, Mapping
-from typing import IO
+from dataclasses import dataclass, field
+from typing import IO, Protocol, runtime_checkable
 
 import numpy as np
 
 from ilattice._typing import AnyArray
+from ilattice._validate import Frozen
 from ilattice.errors import FormatError, GeometryError, InputError, PrecisionWarning
-from ilattice.mesh import SurfaceMesh
 
 BLOCK = 1 << 18
 TEXT_BLOCK = 1 << 14
@@ -20,13 +21,54 @@ _COLOUR = ("r", "g", "b")
 _SINGLE = 1e-30, 3e38
 
 
+@runtime_checkable
+class Triangles(Protocol):
+    """Triangles with named data, as writers take them: a `SurfaceMesh`, or `MeshArrays`."""
+
+    @property
+    def vertices(self) -> AnyArray:
+        """Points, shape (V, 3)."""
+
+    @property
+    def faces(self) -> AnyArray:
+        """Corners, shape (F, 3)."""
+
+    @property
+    def point_data(self) -> Mapping[str, AnyArray]:
+        """Named data on the vertices."""
+
+    @property
+    def cell_data(self) -> Mapping[str, AnyArray]:
+        """Named data on the faces."""
+
+
+@dataclass(frozen=True, eq=False)
+class MeshArrays(Frozen):
+    """Triangles as a file has them.
+
+    Attributes
+    ----------
+    vertices : (V, 3) array
+        Points.
+    faces : (F, 3) array of integers
+        Corners.
+    point_data, cell_data : mapping of str to array
+        Named data on vertices and faces.
+    """
+
+    vertices: AnyArray
+    faces: AnyArray
+    point_data: Mapping[str, AnyArray] = field(default_factory=dict)
+    cell_data: Mapping[str, AnyArray] = field(default_factory=dict)
+
+
 def blocks(count: int, size: int = BLOCK) -> Iterator[slice]:
     """Slices that cover ``range(count)`` in order."""
     for lo in range(0, count, size):
         yield slice(lo, min(count, lo + size))
 
 
-def check_not_empty(mesh: SurfaceMesh) -> None:
+def check_not_empty(mesh: Triangles) -> None:
     """Refuse to write a mesh without triangles: no reader takes it.
 
     Raises

@@ -1,4 +1,4 @@
-"""What the mesh readers share: from the numbers of a file to a checked `SurfaceMesh`.
+"""What the mesh readers share: from the numbers of a file to a checked `MeshArrays`.
 
 Guarantees: polygons are cut into fans; faces that name a vertex twice are dropped with a warning;
 whatever a file claims, memory stays in proportion to its size.
@@ -14,8 +14,8 @@ import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.errors import FormatError, PrecisionWarning
+from ilattice.io._mesh import MeshArrays
 from ilattice.io._scanner import parse_numbers, pieces
-from ilattice.mesh import SurfaceMesh
 
 _BLOCK = 1 << 14  # triangles that are checked at a time
 _LINE = re.compile(r"[^\n]+")
@@ -130,7 +130,7 @@ def checked_mesh(
     sizes: AnyArray,
     corners: AnyArray,
     room: int = 0,
-) -> SurfaceMesh:
+) -> MeshArrays:
     """Mesh of what a file holds.
 
     Parameters
@@ -148,7 +148,7 @@ def checked_mesh(
 
     Returns
     -------
-    SurfaceMesh
+    MeshArrays
         Of the fans of all polygons, without the triangles that name a vertex twice.
 
     Raises
@@ -184,4 +184,4 @@ def checked_mesh(
             PrecisionWarning,
             stacklevel=5,
         )
-    return SurfaceMesh._adopt(np.ascontiguousarray(vertices), faces[:kept])
+    return MeshArrays(np.ascontiguousarray(vertices), faces[:kept])

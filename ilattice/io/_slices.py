@@ -1,14 +1,13 @@
 """What the writers of slices share: checks, units, and numbers as text."""
 
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Iterator, Sequence
+from typing import Any, Protocol
 
 import numpy as np
 
 from ilattice._typing import FloatArray
 from ilattice._validate import near_names
 from ilattice.errors import InputError
-from ilattice.slicing.slices import Slice
 
 #: Millimetres per unit, and its short name.
 MILLIMETRES = {
@@ -20,6 +19,42 @@ MILLIMETRES = {
     "meter": (1000.0, "m"),
 }
 _DIGITS = 8
+
+
+class Section(Protocol):
+    """One layer, as writers take it: a `Slice`."""
+
+    @property
+    def top(self) -> float:
+        """Upper end of the layer."""
+
+    @property
+    def polygons(self) -> Sequence[tuple[FloatArray, Sequence[FloatArray]]]:
+        """Outer contour (n, 2) and holes of each part."""
+
+
+class Stack(Protocol):
+    """Layers, as writers take them: a `SliceStack`."""
+
+    @property
+    def part(self) -> Any:
+        """What is cut: `Triangles`, or what has them by its ``mesh``."""
+
+    @property
+    def bounds(self) -> FloatArray:
+        """Box around all layers in the directions of `frame`, shape (2, 3)."""
+
+    @property
+    def frame(self) -> FloatArray:
+        """Two directions in the layers and their normal, shape (3, 3)."""
+
+    @property
+    def bottom(self) -> float:
+        """Lower end of the lowest layer."""
+
+    def __len__(self) -> int: ...
+
+    def __iter__(self) -> Iterator[Any]: ...
 
 
 def as_unit(unit: Any) -> str:
@@ -41,7 +76,7 @@ def join(points: FloatArray, places: int, before: str, between: str, after: str)
     return (f"{before}%.{places}f{between}%.{places}f{after}" * len(points)) % tuple(points.flat)
 
 
-def contours(section: Slice) -> Iterator[tuple[FloatArray, bool]]:
+def contours(section: Section) -> Iterator[tuple[FloatArray, bool]]:
     """Contours of a slice, and whether they are outer ones."""
     for outer, holes in section.polygons:
         yield outer, True

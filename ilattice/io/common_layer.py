@@ -14,8 +14,7 @@ import numpy as np
 from ilattice._progress import Progress, track
 from ilattice._typing import FloatArray
 from ilattice.io._common import atomic_write
-from ilattice.io._slices import MILLIMETRES, as_unit, contours, decimals, join
-from ilattice.slicing.slices import Slice, SliceStack
+from ilattice.io._slices import MILLIMETRES, Section, Stack, as_unit, contours, decimals, join
 
 _LAYER = np.dtype([("command", "<u2"), ("z", "<f4")])
 _POLYLINE = np.dtype([("command", "<u2"), ("id", "<i4"), ("dir", "<i4"), ("n", "<i4")])
@@ -23,7 +22,7 @@ _LONG_LAYER, _LONG_POLYLINE = 127, 130
 
 
 def write_cli(
-    stack: SliceStack,
+    stack: Stack,
     path: str | os.PathLike[str],
     *,
     binary: bool = True,
@@ -63,7 +62,7 @@ def write_cli(
             file.write(b"$$GEOMETRYEND\n")
 
 
-def _header(stack: SliceStack, binary: bool, unit: str, places: int) -> str:
+def _header(stack: Stack, binary: bool, unit: str, places: int) -> str:
     box = ",".join(f"{v:.{places}f}" for v in stack.bounds.ravel())
     lines = [
         "$$HEADERSTART",
@@ -79,7 +78,7 @@ def _header(stack: SliceStack, binary: bool, unit: str, places: int) -> str:
 
 
 def _write_layer(
-    file: IO[Any], top: float, section: Slice | None, binary: bool, places: int
+    file: IO[Any], top: float, section: Section | None, binary: bool, places: int
 ) -> None:
     if binary:
         file.write(np.array((_LONG_LAYER, top), _LAYER).tobytes())

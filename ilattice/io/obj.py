@@ -12,15 +12,14 @@ from collections.abc import Iterator
 from ilattice._typing import AnyArray
 from ilattice.errors import FormatError
 from ilattice.io._common import atomic_write, read_text
-from ilattice.io._mesh import TEXT_BLOCK, blocks, check_not_empty, colours
+from ilattice.io._mesh import TEXT_BLOCK, MeshArrays, Triangles, blocks, check_not_empty, colours
 from ilattice.io._polygons import Points, Polygons, checked_mesh, text_lines, words_of
 from ilattice.io._scanner import blank_comments
-from ilattice.mesh import SurfaceMesh
 
 _CORNER = re.compile(r"-?[0-9]{1,18}")
 
 
-def write_obj(mesh: SurfaceMesh, path: str | os.PathLike[str]) -> None:
+def write_obj(mesh: Triangles, path: str | os.PathLike[str]) -> None:
     """Write a Wavefront OBJ file.
 
     Parameters
@@ -49,7 +48,7 @@ def write_obj(mesh: SurfaceMesh, path: str | os.PathLike[str]) -> None:
             file.writelines(f"f {a} {b} {c}\n" for a, b, c in (mesh.faces[rows] + 1).tolist())
 
 
-def read_obj(path: str | os.PathLike[str]) -> SurfaceMesh:
+def read_obj(path: str | os.PathLike[str]) -> MeshArrays:
     """Read the vertices and faces of a Wavefront OBJ file, of all its objects together.
 
     Parameters
@@ -59,7 +58,7 @@ def read_obj(path: str | os.PathLike[str]) -> SurfaceMesh:
 
     Returns
     -------
-    SurfaceMesh
+    MeshArrays
         Vertices and triangles.
 
     Raises

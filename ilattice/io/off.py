@@ -11,16 +11,15 @@ from typing import NoReturn
 
 from ilattice.errors import FormatError
 from ilattice.io._common import atomic_write, read_text
-from ilattice.io._mesh import TEXT_BLOCK, blocks, check_not_empty
+from ilattice.io._mesh import TEXT_BLOCK, MeshArrays, Triangles, blocks, check_not_empty
 from ilattice.io._polygons import Points, Polygons, checked_mesh, text_lines, words_of
 from ilattice.io._scanner import blank_comments
 from ilattice.io.obj import point_lines
-from ilattice.mesh import SurfaceMesh
 
 _WHOLE = re.compile(r"-?[0-9]{1,18}")
 
 
-def write_off(mesh: SurfaceMesh, path: str | os.PathLike[str]) -> None:
+def write_off(mesh: Triangles, path: str | os.PathLike[str]) -> None:
     """Write an OFF file.
 
     Parameters
@@ -46,7 +45,7 @@ def write_off(mesh: SurfaceMesh, path: str | os.PathLike[str]) -> None:
             file.writelines(f"3 {a} {b} {c}\n" for a, b, c in mesh.faces[rows].tolist())
 
 
-def read_off(path: str | os.PathLike[str]) -> SurfaceMesh:
+def read_off(path: str | os.PathLike[str]) -> MeshArrays:
     """Read an OFF file, also COFF, NOFF and the like, whose further columns are left out.
 
     Parameters
@@ -56,7 +55,7 @@ def read_off(path: str | os.PathLike[str]) -> SurfaceMesh:
 
     Returns
     -------
-    SurfaceMesh
+    MeshArrays
         Vertices and triangles.
 
     Raises

@@ -15,6 +15,7 @@ from ilattice._typing import AnyArray
 from ilattice.errors import FormatError, InputError
 from ilattice.io._common import atomic_write
 from ilattice.io._mesh import (
+    Triangles,
     blocks,
     check_not_empty,
     check_single,
@@ -22,7 +23,6 @@ from ilattice.io._mesh import (
     without_colours,
     write_records,
 )
-from ilattice.mesh import SurfaceMesh
 
 _TYPES = {
     "i1": "char",
@@ -38,7 +38,7 @@ _NARROW = {"b1": "u1", "i8": "f8", "u8": "f8", "f2": "f4"}
 
 
 def write_ply(
-    mesh: SurfaceMesh, path: str | os.PathLike[str], *, precision: str | None = None
+    mesh: Triangles, path: str | os.PathLike[str], *, precision: str | None = None
 ) -> None:
     """Write a binary PLY file.
 

@@ -19,9 +19,9 @@ import numpy as np
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.errors import FormatError
 from ilattice.io._common import read_bytes
+from ilattice.io._mesh import MeshArrays
 from ilattice.io._polygons import checked_mesh
 from ilattice.io._scanner import parse_text
-from ilattice.mesh import SurfaceMesh
 
 _CODES = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4",
@@ -54,7 +54,7 @@ class _Element:
     columns: list[_Property] = field(default_factory=list)
 
 
-def read_ply(path: str | os.PathLike[str]) -> SurfaceMesh:
+def read_ply(path: str | os.PathLike[str]) -> MeshArrays:
     """Read the vertices and faces of a PLY file.
 
     Parameters
@@ -64,7 +64,7 @@ def read_ply(path: str | os.PathLike[str]) -> SurfaceMesh:
 
     Returns
     -------
-    SurfaceMesh
+    MeshArrays
         Vertices and triangles.
 
     Raises

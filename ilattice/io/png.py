@@ -13,9 +13,8 @@ from ilattice._typing import FloatArray
 from ilattice._validate import as_array, as_positive
 from ilattice.errors import InputError
 from ilattice.io._common import atomic_write
-from ilattice.io._mesh import check_not_empty, colours
+from ilattice.io._mesh import Triangles, check_not_empty, colours
 from ilattice.io.vtk import quiet_vtk
-from ilattice.mesh import SurfaceMesh
 
 _SMOOTH_UP_TO = 2_000_000
 _CREASE = 40.0
@@ -35,7 +34,7 @@ VIEWS = {
 
 
 def write_png(
-    mesh: SurfaceMesh,
+    mesh: Triangles,
     path: str | os.PathLike[str],
     *,
     size: tuple[int, int] = (1600, 1200),
@@ -116,7 +115,7 @@ def _as_view(value: Any) -> tuple[float, float]:
     return float(angles[0]), float(angles[1])
 
 
-def _style(mesh: SurfaceMesh, scalars: str | None) -> dict[str, Any]:
+def _style(mesh: Triangles, scalars: str | None) -> dict[str, Any]:
     smooth = len(mesh.faces) <= _SMOOTH_UP_TO
     style = {"smooth_shading": smooth, "split_sharp_edges": smooth, "feature_angle": _CREASE}
     if scalars is not None:

@@ -12,7 +12,7 @@ from typing import Any
 
 from ilattice.errors import FormatError, InputError
 from ilattice.io._common import as_path
-from ilattice.mesh import SurfaceMesh
+from ilattice.io._mesh import MeshArrays
 
 _SPLINE = dict.fromkeys((".xml", ".mesh", ".itd", ".npz", ".json"), "splines:save")
 
@@ -73,7 +73,7 @@ def save(
     writer(obj, path, **options)
 
 
-def load_mesh(path: str | os.PathLike[str], *, format: str | None = None) -> SurfaceMesh:
+def read_mesh(path: str | os.PathLike[str], *, format: str | None = None) -> MeshArrays:
     """Read a triangle mesh from an STL, PLY, OBJ or OFF file.
 
     Parameters
@@ -85,7 +85,7 @@ def load_mesh(path: str | os.PathLike[str], *, format: str | None = None) -> Sur
 
     Returns
     -------
-    SurfaceMesh
+    MeshArrays
         Vertices and triangles; polygons are cut into fans.
 
     Raises

@@ -25,17 +25,16 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
-from ilattice._validate import near_names
+from ilattice._validate import as_kind, near_names
 from ilattice.bspline import BSpline
 from ilattice.errors import FormatError, InputError
 from ilattice.io import gismo, irit, mfem, native
 from ilattice.io._common import as_path
 from ilattice.io._patches import Patch
-from ilattice.macroshape import SplineMap
 
-__all__ = ["FORMATS", "Patch", "SplineFormat", "list_patches", "load", "read_patches", "save"]
+__all__ = ["FORMATS", "Patch", "SplineFormat", "list_patches", "read_patch", "read_patches", "save"]
 
 Reader = Callable[[str | os.PathLike[str]], tuple[list[Patch], list[str]]]
 Writer = Callable[[BSpline, str | os.PathLike[str], tuple[str, ...]], None]
@@ -118,8 +117,8 @@ def read_patches(path: str | os.PathLike[str]) -> list[Patch]:
     return volumes
 
 
-def load(path: str | os.PathLike[str], patch: int | str | None = None) -> SplineMap:
-    """Map of one volume of a file.
+def read_patch(path: str | os.PathLike[str], patch: int | str | None = None) -> Patch:
+    """One volume of a file.
 
     Parameters
     ----------
@@ -130,7 +129,7 @@ def load(path: str | os.PathLike[str], patch: int | str | None = None) -> Spline
 
     Returns
     -------
-    SplineMap
+    Patch
         The volume, with the names of extra coordinates that the file gives.
 
     Raises
@@ -138,17 +137,13 @@ def load(path: str | os.PathLike[str], patch: int | str | None = None) -> Spline
     InputError
         If the file holds several volumes and none, or none that exists, was chosen.
     FormatError
-        If the file cannot be read, holds no volume, or its volume is no map to space.
+        If the file cannot be read, or holds no volume.
     """
     path, patch = _split_choice(path, patch)
-    chosen = _choose(path, read_patches(path), patch)
-    try:
-        return SplineMap(chosen.spline, names=chosen.names)
-    except InputError as e:
-        raise FormatError(f"{path}: {chosen}: cannot be a map to space ({e})") from e
+    return _choose(path, read_patches(path), patch)
 
 
-def save(obj: SplineMap | BSpline, path: str | os.PathLike[str]) -> None:
+def save(obj: Any, path: str | os.PathLike[str]) -> None:
     """Write a map or a spline.
 
     Parameters
@@ -167,10 +162,9 @@ def save(obj: SplineMap | BSpline, path: str | os.PathLike[str]) -> None:
     """
     if isinstance(obj, BSpline):
         _format_of(path).write(obj, path, ())
-    elif isinstance(obj, SplineMap):
-        _format_of(path).write(obj.spline, path, obj.names)
     else:
-        raise InputError(f"obj must be a SplineMap or a BSpline, got {type(obj).__name__}")
+        as_kind("obj", obj, "SplineMap")
+        _format_of(path).write(obj.spline, path, obj.names)
 
 
 def _format_of(path: str | os.PathLike[str]) -> SplineFormat:

@@ -17,6 +17,8 @@ from ilattice.errors import FormatError
 from ilattice.io._common import atomic_write, read_bytes
 from ilattice.io._kernels_stl import fill_triangles
 from ilattice.io._mesh import (
+    MeshArrays,
+    Triangles,
     blocks,
     check_not_empty,
     check_single,
@@ -25,7 +27,6 @@ from ilattice.io._mesh import (
 )
 from ilattice.io._polygons import checked_mesh, welded
 from ilattice.io._scanner import parse_numbers
-from ilattice.mesh import SurfaceMesh
 
 _TRIANGLE = np.dtype([("numbers", "<f4", (12,)), ("attribute", "<u2")])
 _HEADER = b"binary STL by ilattice"  # must not begin with "solid", the mark of the text form
@@ -34,7 +35,7 @@ _LARGEST = 2**32 - 1
 _LONGEST = 4096  # letters from one facet to the next
 
 
-def write_stl(mesh: SurfaceMesh, path: str | os.PathLike[str]) -> None:
+def write_stl(mesh: Triangles, path: str | os.PathLike[str]) -> None:
     """Write a binary STL file, 50 bytes per triangle.
 
     Parameters
@@ -108,7 +109,7 @@ def triangle_records(vertices: AnyArray, faces: AnyArray) -> tuple[AnyArray, int
     return records, collapsed
 
 
-def read_stl(path: str | os.PathLike[str]) -> SurfaceMesh:
+def read_stl(path: str | os.PathLike[str]) -> MeshArrays:
     """Read an STL file, binary or text; equal corners become one vertex.
 
     Parameters
@@ -118,7 +119,7 @@ def read_stl(path: str | os.PathLike[str]) -> SurfaceMesh:
 
     Returns
     -------
-    SurfaceMesh
+    MeshArrays
         Vertices, in double precision, and triangles.
 
     Raises

@@ -11,8 +11,7 @@ import numpy as np
 from ilattice._progress import Progress, track
 from ilattice._typing import FloatArray
 from ilattice.io._common import atomic_write
-from ilattice.io._slices import MILLIMETRES, as_unit, contours, decimals, join
-from ilattice.slicing.slices import Slice, SliceStack
+from ilattice.io._slices import MILLIMETRES, Section, Stack, as_unit, contours, decimals, join
 
 _NAMES = (
     'xmlns="http://www.w3.org/2000/svg" '
@@ -22,7 +21,7 @@ _MARGIN = 0.02
 
 
 def write_svg(
-    stack: SliceStack,
+    stack: Stack,
     path: str | os.PathLike[str],
     *,
     unit: str = "millimeter",
@@ -58,7 +57,7 @@ def write_svg(
         file.write("</svg>\n")
 
 
-def slice_document(section: Slice) -> str:
+def slice_document(section: Section) -> str:
     """One slice as an SVG document.
 
     Parameters
@@ -88,7 +87,7 @@ def _head(bounds: FloatArray, unit: str, places: int) -> str:
     )
 
 
-def _layer(section: Slice, number: int, places: int) -> str:
+def _layer(section: Section, number: int, places: int) -> str:
     parts = []
     for points, _ in contours(section):
         parts.append("M" + join(points, places, "", ",", " ")[:-1] + "Z")

@@ -20,6 +20,7 @@ from ilattice._validate import near_names
 from ilattice.errors import FormatError, InputError
 from ilattice.io._common import atomic_write
 from ilattice.io._mesh import (
+    Triangles,
     blocks,
     check_not_empty,
     check_single,
@@ -27,7 +28,6 @@ from ilattice.io._mesh import (
     colours,
     warn_collapsed,
 )
-from ilattice.mesh import SurfaceMesh
 
 UNITS = {
     "micron": "MicroMeter",
@@ -43,7 +43,7 @@ _PLACES = 16  # most that lib3mf writes behind the point
 _SIZES = 1e-9, 1e9  # of the first these are seven digits, the second is what lib3mf takes
 
 
-def write_3mf(mesh: SurfaceMesh, path: str | os.PathLike[str], *, unit: str = "millimeter") -> None:
+def write_3mf(mesh: Triangles, path: str | os.PathLike[str], *, unit: str = "millimeter") -> None:
     """Write a 3MF file with one object.
 
     Parameters
@@ -82,7 +82,7 @@ def write_3mf(mesh: SurfaceMesh, path: str | os.PathLike[str], *, unit: str = "m
     )
 
 
-def _model(lib3mf: Any, mesh: SurfaceMesh, vertices: AnyArray, unit: str) -> Any:
+def _model(lib3mf: Any, mesh: Triangles, vertices: AnyArray, unit: str) -> Any:
     """The document of lib3mf that holds a mesh."""
     wrapper = lib3mf.get_wrapper()
     model = wrapper.CreateModel()
@@ -118,7 +118,7 @@ def _library() -> Any:
     return lib3mf
 
 
-def _decimals(mesh: SurfaceMesh) -> int:
+def _decimals(mesh: Triangles) -> int:
     """Places after the point that keep single precision for coordinates of this size."""
     largest = max(float(np.abs(mesh.bounds).max()), 1e-30)
     return int(np.clip(_DIGITS - np.floor(np.log10(largest)), 1, _PLACES))

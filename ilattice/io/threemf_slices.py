@@ -17,10 +17,8 @@ from ilattice._progress import Progress, track
 from ilattice._typing import FloatArray
 from ilattice.errors import PrecisionWarning
 from ilattice.io._common import atomic_write
-from ilattice.io._mesh import TEXT_BLOCK, blocks
-from ilattice.io._slices import as_unit, contours, decimals, join
-from ilattice.mesh import SurfaceMesh
-from ilattice.slicing.slices import Slice, SliceStack
+from ilattice.io._mesh import TEXT_BLOCK, Triangles, blocks
+from ilattice.io._slices import Section, Stack, as_unit, contours, decimals, join
 
 _CORE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
 _SLICE = "http://schemas.microsoft.com/3dmanufacturing/slice/2015/07"
@@ -42,7 +40,7 @@ _EPOCH = (1980, 1, 1, 0, 0, 0)
 
 
 def write_3mf_slices(
-    stack: SliceStack,
+    stack: Stack,
     path: str | os.PathLike[str],
     *,
     unit: str = "millimeter",
@@ -87,7 +85,7 @@ def _entry(name: str) -> zipfile.ZipInfo:
     return entry
 
 
-def _model(stack: SliceStack, unit: str, progress: Progress) -> Iterator[str]:
+def _model(stack: Stack, unit: str, progress: Progress) -> Iterator[str]:
     stand_in = _part(stack)
     places = decimals(stack.bounds)
     yield (
@@ -105,7 +103,7 @@ def _model(stack: SliceStack, unit: str, progress: Progress) -> Iterator[str]:
     yield '</object>\n</resources>\n<build><item objectid="2"/></build>\n</model>\n'
 
 
-def _slice(section: Slice, places: int) -> str:
+def _slice(section: Section, places: int) -> str:
     loops = [points for points, _ in contours(section)]
     if not loops:
         return f'<s:slice ztop="{section.top:.{places}f}"/>\n'
@@ -120,17 +118,17 @@ def _slice(section: Slice, places: int) -> str:
     return "".join(parts) + "</s:slice>\n"
 
 
-def _part(stack: SliceStack) -> SurfaceMesh:
+def _part(stack: Stack) -> Triangles:
     """The part as a mesh, for those who do not know of slices."""
     part = stack.part
-    if isinstance(part, SurfaceMesh):
+    if isinstance(part, Triangles):
         return part
     with warnings.catch_warnings():  # it is coarse on purpose
         warnings.simplefilter("ignore", PrecisionWarning)
         return part.mesh(h=_STAND_IN * part.least_thickness, polish=False)
 
 
-def _mesh(mesh: SurfaceMesh, frame: FloatArray, places: int) -> Iterator[str]:
+def _mesh(mesh: Triangles, frame: FloatArray, places: int) -> Iterator[str]:
     """Vertices in the directions of the slices, and triangles."""
     yield "<mesh><vertices>\n"
     row = f'<vertex x="%.{places}f" y="%.{places}f" z="%.{places}f"/>\n'

@@ -12,21 +12,17 @@ import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from ilattice._typing import AnyArray, ArrayLike
+from ilattice._typing import AnyArray, ArrayLike, Map
 from ilattice._validate import as_array, as_choice, as_flag, as_items, as_kind, as_points
 from ilattice.errors import FormatError, InputError
 from ilattice.io._common import as_path, atomic_path
-from ilattice.io._mesh import check_not_empty, colours
+from ilattice.io._mesh import Triangles, check_not_empty, colours
 from ilattice.io.bezier_cells import bezier_nodes
-from ilattice.mesh import SurfaceMesh
-
-if TYPE_CHECKING:
-    from ilattice.macroshape import SplineMap
 
 _BEZIER_HEXAHEDRON = 79
 _SAME_STEP = 1e-9
@@ -47,7 +43,7 @@ _KINDS: dict[str, np.dtype[Any]] = {"b1": np.dtype(np.uint8), "f2": np.dtype(np.
 # --- surfaces ---------------------------------------------------------------------------------
 
 
-def write_vtp(mesh: SurfaceMesh, path: str | os.PathLike[str], *, compress: bool = False) -> None:
+def write_vtp(mesh: Triangles, path: str | os.PathLike[str], *, compress: bool = False) -> None:
     """Write a surface with all its data.
 
     Parameters
@@ -84,9 +80,7 @@ def write_vtp(mesh: SurfaceMesh, path: str | os.PathLike[str], *, compress: bool
 # --- volumes ----------------------------------------------------------------------------------
 
 
-def save_bezier_vtu(
-    volume: "SplineMap", path: str | os.PathLike[str], *, compress: bool = False
-) -> None:
+def save_bezier_vtu(volume: Any, path: str | os.PathLike[str], *, compress: bool = False) -> None:
     """Write a spline volume as exact Bezier hexahedra, one per element.
 
     Parameters
@@ -240,7 +234,7 @@ def save_grid(
     axes: Sequence[ArrayLike],
     point_data: Mapping[str, ArrayLike],
     *,
-    through: "SplineMap | None" = None,
+    through: Map | None = None,
     compress: bool = True,
 ) -> None:
     """Write fields on a grid: ``.vti`` in the parameter domain, ``.vts`` also through a map.

@@ -6,7 +6,8 @@
 `rigid_modes`             rigid-body modes at nodes, which multigrid wants of elasticity
 ========================  ==================================================================
 
-Guarantee: nothing here knows of lattices, grids or physics; the same bits for any number of threads.
+Guarantees: nothing here knows of lattices, grids or physics; the same bits for any number of
+threads.
 """
 
 from ilattice.linalg.solvers import Solver, SolveReport, rigid_modes

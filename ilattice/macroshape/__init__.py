@@ -8,12 +8,14 @@ periodic media     `cell`: edges of a cell that repeats; `CellMap`
 from surfaces      `extrude`, `ruled`, `revolve`, `loft`
 graded cells       `regrade`: the same volume, run through at another pace
 certificate        `certify`, `check_map`, `Certificate`, `Status`
-lattice            `Lattice`: a tile, repeated through a map
+placement          `Tiling`: tiles, repeated through a map
 =================  =========================================================================
 """
 
 from os import PathLike
 
+from ilattice.errors import FormatError, InputError
+from ilattice.io.splines import read_patch
 from ilattice.macroshape.cells import CellMap, cell
 from ilattice.macroshape.certify import Certificate, Status, certify, check_map
 from ilattice.macroshape.grading import regrade
@@ -31,6 +33,7 @@ from ilattice.macroshape.primitives import (
     wing,
 )
 from ilattice.macroshape.sweeps import extrude, loft, revolve, ruled
+from ilattice.macroshape.tiling import Tiling
 
 __all__ = [
     "CellMap",
@@ -38,6 +41,7 @@ __all__ = [
     "Located",
     "SplineMap",
     "Status",
+    "Tiling",
     "affine",
     "box",
     "cell",
@@ -79,8 +83,10 @@ def load(path: str | PathLike[str], patch: int | str | None = None) -> SplineMap
     InputError
         If the file holds several volumes and none, or none that exists, was chosen.
     FormatError
-        If the file cannot be read as a spline volume.
+        If the file cannot be read as a spline volume, or its volume is no map to space.
     """
-    from ilattice.io import splines
-
-    return splines.load(path, patch)
+    chosen = read_patch(path, patch)
+    try:
+        return SplineMap(chosen.spline, names=chosen.names)
+    except InputError as e:
+        raise FormatError(f"{path}: {chosen}: cannot be a map to space ({e})") from e

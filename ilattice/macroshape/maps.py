@@ -28,6 +28,7 @@ from ilattice._validate import (
 )
 from ilattice.bspline import BSpline
 from ilattice.errors import InputError
+from ilattice.io.registry import save
 from ilattice.macroshape._extra import interpolated, warn_missed
 from ilattice.macroshape._seeds import Seeds
 from ilattice.macroshape.certify import Certificate, certify
@@ -483,8 +484,6 @@ class SplineMap(Frozen):
         FormatError
             If the format is unknown, or cannot hold this map.
         """
-        from ilattice.io import save
-
         save(self, path)
 
 

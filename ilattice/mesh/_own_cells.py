@@ -17,7 +17,7 @@ from ilattice.offsets._kernels_newton import FALLBACK
 from ilattice.offsets.polish import inside
 
 if TYPE_CHECKING:
-    from ilattice.offsets.wall import Wall
+    from ilattice.offsets.wall import OffsetSolid
 
 #: Secants, and the distance from the offset, relative to the half-thickness, that is none.
 SECANTS, NONE = 12, 1e-6
@@ -28,7 +28,7 @@ BITS = np.indices((2, 2, 2)).reshape(3, -1).T
 
 
 def in_own_cells(
-    wall: "Wall",
+    wall: "OffsetSolid",
     axes: tuple[FloatArray, ...],
     u: FloatArray,
     fixed: AnyArray,
@@ -74,8 +74,8 @@ def in_own_cells(
 
 
 def at_jumps(
-    wall: "Wall", axes: tuple[FloatArray, ...], u: FloatArray, fixed: AnyArray, side: FloatArray,
-    size: FloatArray,
+    wall: "OffsetSolid", axes: tuple[FloatArray, ...], u: FloatArray, fixed: AnyArray,
+    side: FloatArray, size: FloatArray,
 ) -> AnyArray:  # fmt: skip
     """Where the wall ends in or next to the cells of vertices because the distance jumps.
 
@@ -110,8 +110,8 @@ def at_jumps(
 
 
 def _brackets(
-    wall: "Wall", axes: tuple[FloatArray, ...], u: FloatArray, fixed: AnyArray, side: FloatArray,
-    around: int,
+    wall: "OffsetSolid", axes: tuple[FloatArray, ...], u: FloatArray, fixed: AnyArray,
+    side: FloatArray, around: int,
 ) -> tuple[AnyArray, FloatArray, FloatArray]:  # fmt: skip
     """Vertices between which and a corner the offset is, that corner, and how far both are off."""
     f = _excess(wall, u, side)
@@ -144,14 +144,14 @@ def _corners(
     return out
 
 
-def signed(wall: "Wall", u: FloatArray) -> FloatArray:
+def signed(wall: "OffsetSolid", u: FloatArray) -> FloatArray:
     """Signed distances at parameters (n, 3); NaN where the search fails."""
     found = wall.lattice.search.query(u, strict=False)
     out: FloatArray = np.where(found.status >= FALLBACK, np.nan, found.distance)
     return out
 
 
-def _excess(wall: "Wall", u: FloatArray, side: FloatArray) -> FloatArray:
+def _excess(wall: "OffsetSolid", u: FloatArray, side: FloatArray) -> FloatArray:
     """How far points are beyond an offset surface, by the nearest seed where the search fails."""
     u = inside(wall.lattice, u)
     found = wall.lattice.search.query(u, strict=False)
@@ -159,7 +159,7 @@ def _excess(wall: "Wall", u: FloatArray, side: FloatArray) -> FloatArray:
     return out
 
 
-def asked(wall: "Wall", u: FloatArray, side: FloatArray) -> FloatArray:
+def asked(wall: "OffsetSolid", u: FloatArray, side: FloatArray) -> FloatArray:
     """Half-thickness on the side of each point."""
     outer, inner = wall.thickness.side(1.0), wall.thickness.side(-1.0)
     return np.where(side > 0, outer(u), inner(u))

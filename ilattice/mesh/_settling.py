@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from ilattice._geometry import fixed_coordinates
 from ilattice._typing import AnyArray, FloatArray
 from ilattice.mesh._own_cells import asked, at_jumps, in_own_cells, signed
-from ilattice.mesh.contouring import fixed_coordinates
 from ilattice.offsets._kernels_newton import FALLBACK
 from ilattice.offsets.polish import inside, polish
 
 if TYPE_CHECKING:
-    from ilattice.offsets.wall import Wall
+    from ilattice.offsets.wall import OffsetSolid
 
 #: A vertex that polishing moves by more cells, and by more than a span of the distance spline, has
 #: strayed; one that is still off by more than this part of the half-thickness has missed.
@@ -38,7 +38,7 @@ AROUND = (0, 1)
 
 
 def settled(
-    wall: Wall,
+    wall: OffsetSolid,
     axes: tuple[FloatArray, ...],
     u: FloatArray,
     kind: AnyArray,
@@ -92,7 +92,7 @@ def settled(
     return out, lost
 
 
-def measure(wall: Wall, u: FloatArray, side: FloatArray) -> FloatArray:
+def measure(wall: OffsetSolid, u: FloatArray, side: FloatArray) -> FloatArray:
     """What errors of the half-thickness are compared with at parameters (n, 3): its size (n,)."""
     size, least = np.abs(asked(wall, u, side)), wall.least_thickness
     out: FloatArray = np.where(size < LEAST * least, least, size)
@@ -128,7 +128,7 @@ class Classes(NamedTuple):
 
 
 def classified(
-    wall: Wall,
+    wall: OffsetSolid,
     axes: tuple[FloatArray, ...],
     u: FloatArray,
     kind: AnyArray,
@@ -168,7 +168,7 @@ def classified(
 
 
 def _at_creases(
-    wall: Wall, axes: tuple[FloatArray, ...], u: FloatArray, side: FloatArray
+    wall: OffsetSolid, axes: tuple[FloatArray, ...], u: FloatArray, side: FloatArray
 ) -> AnyArray:
     """Which vertices (n,) are off by a part of their cells, where normals turn within a cell."""
     if len(u) == 0:
@@ -192,7 +192,7 @@ def _at_creases(
 
 
 def unsettled(
-    wall: Wall, u: FloatArray, side: FloatArray, free: AnyArray
+    wall: OffsetSolid, u: FloatArray, side: FloatArray, free: AnyArray
 ) -> tuple[AnyArray, float, float]:
     """Vertices that are off the offset by closest points looked for anew, all of them together.
 
@@ -227,7 +227,7 @@ def unsettled(
     return out, off / looked, mended / looked
 
 
-def _errors(wall: Wall, u: FloatArray, side: FloatArray) -> tuple[FloatArray, int]:
+def _errors(wall: OffsetSolid, u: FloatArray, side: FloatArray) -> tuple[FloatArray, int]:
     """How far vertices are off by closest points of all, and how many only neighbours have found.
 
     Relative to what `measure` says; zero where only a fallback has found closest points.
@@ -240,7 +240,9 @@ def _errors(wall: Wall, u: FloatArray, side: FloatArray) -> tuple[FloatArray, in
     return out, wall.lattice.statistics.mended - before
 
 
-def strayed(wall: Wall, axes: tuple[FloatArray, ...], u: FloatArray, moved: FloatArray) -> AnyArray:
+def strayed(
+    wall: OffsetSolid, axes: tuple[FloatArray, ...], u: FloatArray, moved: FloatArray
+) -> AnyArray:
     """Which vertices moved much further than the distance spline is expected to be wrong.
 
     That happens next to the places where a mid-surface meets itself.

@@ -32,7 +32,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ilattice._progress import Progress
-from ilattice._typing import AnyArray, IntArray
+from ilattice._typing import AnyArray
 from ilattice._validate import among, as_array, as_float_type
 from ilattice.errors import InputError
 from ilattice.mesh import _kernels_refine
@@ -49,7 +49,6 @@ __all__ = [
     "contour",
     "contour_arrays",
     "contour_blocks",
-    "fixed_coordinates",
     "split_quads",
 ]
 
@@ -225,23 +224,6 @@ def split_quads(vertices: AnyArray, faces: AnyArray) -> None:
         Faces of a `Contour`, changed in place.
     """
     _kernels_refine.resplit(len(faces) // 2, vertices, faces)
-
-
-def fixed_coordinates(kind: IntArray) -> AnyArray:
-    """Which coordinates faces of D fix.
-
-    Parameters
-    ----------
-    kind : ndarray of int, shape (n,)
-        Constraints, as `Contour.kind`.
-
-    Returns
-    -------
-    ndarray of bool, shape (n, 3)
-        True for coordinates normal to a face that the vertex is on.
-    """
-    out: AnyArray = np.stack([(kind >> (2 * a)) & 3 for a in range(3)], axis=1) != 0
-    return out
 
 
 def _as_levels(level: Any) -> tuple[float, float]:

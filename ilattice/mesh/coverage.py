@@ -17,7 +17,7 @@ from ilattice.offsets.polish import inside
 
 if TYPE_CHECKING:
     from ilattice.mesh.surface import SurfaceMesh
-    from ilattice.offsets.wall import Wall
+    from ilattice.offsets.wall import OffsetSolid
 
 #: Points of the mid-surface at most, and vertices of the mesh next to each that are looked at.
 POINTS, VERTICES = 4000, 6
@@ -27,7 +27,7 @@ NEAR = 0.25
 OFF = 0.05
 
 
-def missing_part(wall: Wall, mesh: SurfaceMesh) -> float:
+def missing_part(wall: OffsetSolid, mesh: SurfaceMesh) -> float:
     """Part of the offset surfaces of a wall that a mesh lacks.
 
     Parameters

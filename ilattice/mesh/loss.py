@@ -3,7 +3,7 @@
 Guarantee: meshes whose edges are long against the wall are compared, and others where the volume at
 random points is another one. Chords lose material where a wall is convex, and gain it where pores
 are narrow. Non-guarantees: less than 2 % of meshes with short edges is not seen; the volume of the
-wall goes by the distance spline (see `ilattice.offsets.Wall.volume`), and where the mesh has
+wall goes by the distance spline (see `ilattice.lattice.Wall.volume`), and where the mesh has
 another one by what exact distances change of it at random points.
 """
 
@@ -19,7 +19,7 @@ from ilattice._typing import AnyArray, FloatArray
 from ilattice.errors import GeometryError, PrecisionWarning
 
 if TYPE_CHECKING:
-    from ilattice.offsets.wall import Wall
+    from ilattice.offsets.wall import OffsetSolid
 
 #: Part of the volume from which on it is told, and from which on it is an error.
 TOLD, REFUSED = 0.01, 0.05
@@ -95,7 +95,7 @@ class Extent:
 
 
 def check_loss(
-    wall: Wall, h: float, mesh: Extent, *, sheets: bool, exactly: bool, allowed: bool
+    wall: OffsetSolid, h: float, mesh: Extent, *, sheets: bool, exactly: bool, allowed: bool
 ) -> None:
     """Compare the volume of a mesh with that of its wall, where they may differ.
 
@@ -147,7 +147,7 @@ def check_loss(
 class _Points:
     """Random points of the domain, two in each of equal boxes, and the volumes they stand for."""
 
-    def __init__(self, wall: Wall) -> None:
+    def __init__(self, wall: OffsetSolid) -> None:
         self.wall = wall
 
     @cached_property

@@ -18,16 +18,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ilattice._geometry import fixed_coordinates
 from ilattice._progress import Progress
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.bspline import BSpline
-from ilattice.mesh.contouring import contour_arrays, fixed_coordinates
+from ilattice.mesh.contouring import contour_arrays
 from ilattice.mesh.untangle import Settle, Untangled, untangled
 from ilattice.offsets._small import solved
 from ilattice.offsets.polish import LONGEST, inside, polish
 
 if TYPE_CHECKING:
-    from ilattice.offsets.wall import Wall
+    from ilattice.offsets.wall import OffsetSolid
 
 #: Part of the way from the mid-surface to which vertices are held back at most.
 LEAST = 0.1
@@ -51,7 +52,7 @@ class Sheets:
 
     def __init__(
         self,
-        wall: Wall,
+        wall: OffsetSolid,
         axes: tuple[FloatArray, ...],
         exactly: bool,
         caps: bool,
@@ -80,7 +81,7 @@ class Sheets:
             parts.append(np.stack([b, a, a + n, b, a + n, b + n], axis=1).reshape(-1, 3))
         self.faces = np.concatenate(parts, dtype=faces.dtype)
 
-    def moved(self, wall: Wall, settle: Settle) -> tuple[Untangled, AnyArray]:
+    def moved(self, wall: OffsetSolid, settle: Settle) -> tuple[Untangled, AnyArray]:
         """Vertices on both sides of a wall, and which of them are off it.
 
         Parameters
@@ -108,7 +109,7 @@ class Sheets:
         return new, (new.held | lost) & ~cut
 
 
-def beside(wall: Wall, u: FloatArray, fixed: AnyArray, side: FloatArray) -> FloatArray:
+def beside(wall: OffsetSolid, u: FloatArray, fixed: AnyArray, side: FloatArray) -> FloatArray:
     """Ways, of first order, from points of a mid-surface to a side of the wall about it.
 
     Parameters
@@ -143,7 +144,7 @@ def beside(wall: Wall, u: FloatArray, fixed: AnyArray, side: FloatArray) -> Floa
 
 
 def _on_middle(
-    wall: Wall, u: FloatArray, kind: AnyArray, exactly: bool
+    wall: OffsetSolid, u: FloatArray, kind: AnyArray, exactly: bool
 ) -> tuple[FloatArray, AnyArray]:
     """Parameters of vertices moved onto the mid-surface, and which could not be."""
     lattice = wall.lattice
@@ -155,7 +156,7 @@ def _on_middle(
     return out, np.isinf(off)
 
 
-def to_faces(wall: Wall, u: FloatArray, way: FloatArray) -> tuple[FloatArray, AnyArray]:
+def to_faces(wall: OffsetSolid, u: FloatArray, way: FloatArray) -> tuple[FloatArray, AnyArray]:
     """Ways from parameters, as far as the faces of the domain.
 
     Parameters

@@ -17,8 +17,10 @@ import numpy as np
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_array, check_finite, read_only
 from ilattice.errors import GeometryError, InputError
+from ilattice.io.registry import read_mesh, save
 from ilattice.mesh import measure
 from ilattice.mesh._kernels_surface import first_bad_face
+from ilattice.slicing.slices import SliceStack, slice_mesh
 
 if TYPE_CHECKING:
     import os
@@ -26,7 +28,6 @@ if TYPE_CHECKING:
     import pyvista
     import trimesh
 
-    from ilattice.slicing.slices import SliceStack
 
 _NO_DATA: Mapping[str, AnyArray] = MappingProxyType({})
 
@@ -122,9 +123,8 @@ class SurfaceMesh:
         FormatError
             Unknown ending, or the file cannot be read as that format.
         """
-        from ilattice.io import load_mesh
-
-        return load_mesh(path, format=format)
+        data = read_mesh(path, format=format)
+        return cls._adopt(data.vertices, data.faces)
 
     def _set(
         self,
@@ -160,7 +160,7 @@ class SurfaceMesh:
         *,
         thickness: float | None = None,
         normal: ArrayLike = (0.0, 0.0, 1.0),
-    ) -> "SliceStack":
+    ) -> SliceStack:
         """Cross-sections by parallel planes.
 
         Parameters
@@ -186,8 +186,6 @@ class SurfaceMesh:
         GeometryError
             If the mesh is open, or not oriented.
         """
-        from ilattice.slicing.slices import slice_mesh
-
         return slice_mesh(self, z, thickness=thickness, normal=normal)
 
     # --- measures -----------------------------------------------------------------------------
@@ -416,7 +414,7 @@ class SurfaceMesh:
         GeometryError
             If the mesh is not a closed oriented surface.
         """
-        from ilattice.mesh.topology import without_islands
+        from ilattice.mesh.regions import without_islands
 
         return without_islands(self, least)
 
@@ -440,7 +438,7 @@ class SurfaceMesh:
         GeometryError
             If the mesh is not a closed oriented surface.
         """
-        from ilattice.mesh.topology import without_voids
+        from ilattice.mesh.regions import without_voids
 
         return without_voids(self, most)
 
@@ -528,8 +526,6 @@ class SurfaceMesh:
         FormatError
             Unknown ending, or the file cannot be written.
         """
-        from ilattice.io import save
-
         save(self, path, **options)
 
 

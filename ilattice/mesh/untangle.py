@@ -22,14 +22,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from ilattice._geometry import fixed_coordinates
 from ilattice._typing import AnyArray, FloatArray, IntArray
-from ilattice.mesh.contouring import fixed_coordinates, split_quads
+from ilattice.mesh.contouring import split_quads
 from ilattice.mesh.measure import self_intersections
 from ilattice.mesh.repair import Repair, remove_slivers
 from ilattice.offsets.polish import inside, shortest
 
 if TYPE_CHECKING:
-    from ilattice.macroshape.lattice import Lattice
+    from ilattice.offsets.mid_surface import MidSurface
 
 #: Rounds in which vertices slide, by this part of the way to the mean of their neighbours.
 SLIDES, SLIDE = 16, 0.5
@@ -70,7 +71,7 @@ class _Surface:
 
     def __init__(
         self,
-        lattice: "Lattice",
+        lattice: "MidSurface",
         u: FloatArray,
         faces: AnyArray,
         kind: AnyArray,
@@ -130,7 +131,7 @@ class _Surface:
 
 
 def untangled(
-    lattice: "Lattice",
+    lattice: "MidSurface",
     start: FloatArray,
     moved: FloatArray,
     faces: AnyArray,

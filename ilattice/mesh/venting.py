@@ -11,7 +11,7 @@ another one is opened into it; what is thinner than the mesh is not seen.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -21,20 +21,18 @@ from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import as_points, as_positive
 from ilattice.bspline import BSpline
 from ilattice.errors import GeometryError, InputError
+from ilattice.macroshape.maps import SplineMap
+from ilattice.mesh.regions import owners, topology_of
 from ilattice.mesh.surface import SurfaceMesh
-from ilattice.mesh.topology import owners, topology_of
-from ilattice.mesh.wall_mesh import wall_mesh
-
-if TYPE_CHECKING:
-    from ilattice.macroshape.maps import SplineMap
-    from ilattice.offsets.wall import Wall
+from ilattice.mesh.wall_mesh import parameters_of, wall_mesh
+from ilattice.offsets.wall import OffsetSolid
 
 #: Fewest edges of the mesh across a channel.
 ACROSS = 3.0
 
 
 def vent(
-    wall: Wall, diameter: float, *, h: float | None = None, progress: Progress = None
+    wall: OffsetSolid, diameter: float, *, h: float | None = None, progress: Progress = None
 ) -> SurfaceMesh:
     """Mesh of a wall whose closed voids are opened by straight channels.
 
@@ -64,9 +62,7 @@ def vent(
     GeometryError
         If a void is left.
     """
-    from ilattice.offsets.wall import Wall, parameters_of
-
-    if not isinstance(wall, Wall):
+    if not isinstance(wall, OffsetSolid):
         raise InputError(
             f"wall must be a Wall, as lattice.offset(d) makes, got {type(wall).__name__}; "
             "channels are cut before it is meshed"

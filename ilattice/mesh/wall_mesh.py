@@ -25,40 +25,32 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ilattice._geometry import fixed_coordinates
 from ilattice._memory import need
 from ilattice._progress import Progress
 from ilattice._typing import AnyArray, FloatArray
-from ilattice.errors import ConvergenceError, GeometryError, InputError, PrecisionWarning
+from ilattice.errors import ConvergenceError, GeometryError, PrecisionWarning
+from ilattice.macroshape.planes import grid_axes
 from ilattice.mesh._own_cells import in_own_cells
 from ilattice.mesh._settling import Classes, classified, measure, settled, unsettled
-from ilattice.mesh.contouring import (
-    ON_CAP,
-    Contour,
-    contour_arrays,
-    contour_blocks,
-    fixed_coordinates,
-)
+from ilattice.mesh.contouring import ON_CAP, Contour, contour_arrays, contour_blocks
 from ilattice.mesh.creases import sharpened
 from ilattice.mesh.loss import ENOUGH, Extent, check_loss
 from ilattice.mesh.sheets import Sheets
 from ilattice.mesh.surface import SurfaceMesh
 from ilattice.mesh.untangle import Untangled, untangled
 from ilattice.offsets.sharp import SharpDistance
+from ilattice.offsets.wall_field import WallField
 
 if TYPE_CHECKING:
-    from ilattice.offsets.wall import Wall
+    from ilattice.offsets.wall import OffsetSolid
 
-LEAST_CELLS_PER_TILE = 8
-ANISOTROPY = 2.0
-#: How much closer planes are next to where faces collapse into edges or points.
-CLOSEST = 32.0
 #: Part of the vertices that may be held without a warning; part of them that may be off for no
 #: jump or crease of the distance, and at creases, without an error; a number of them that always
 #: may. Last, the part that may have nearer feet than they went by.
 MAX_HELD, MOST_HELD, MOST_CREASED, FEW, MOST_NEARER = 1e-3, 1e-3, 2e-2, 10, 1e-2
-#: Bytes of memory per vertex of a mesh, and per site where the map is sampled.
-PER_VERTEX, PER_SITE = 500, 150
-MOST_PLANES = 10_000_000
+#: Bytes of memory per vertex of a mesh.
+PER_VERTEX = 500
 #: Longest edges, relative to the least thickness, with which contours show a wall.
 SEEN = 1.0 / 1.5
 #: Vertices and triangles; kinds and sides of vertices; which of these may be off their side.
@@ -66,7 +58,7 @@ _Made = tuple[Untangled, AnyArray, FloatArray, AnyArray]
 
 
 def wall_mesh(
-    wall: Wall,
+    wall: OffsetSolid,
     h: float | None,
     *,
     polish: bool,
@@ -76,7 +68,7 @@ def wall_mesh(
     cut: Any = None,
     allow_loss: bool = False,
 ) -> SurfaceMesh:
-    """Mesh of a wall, less where a field `cut` is positive; see `ilattice.offsets.Wall.mesh`."""
+    """Mesh of a wall, less where a field `cut` is positive; see `ilattice.lattice.Wall.mesh`."""
     job = _Job.of(wall, h, polish, progress, cut)
     _check_size(job.axes)
     sheets = _of_sheets(job, caps)
@@ -144,7 +136,12 @@ def _of_sheets(job: _Job, caps: bool) -> _Made | None:
 
 
 def wall_pieces(
-    wall: Wall, h: float | None, *, polish: bool, progress: Progress, allow_loss: bool = False
+    wall: OffsetSolid,
+    h: float | None,
+    *,
+    polish: bool,
+    progress: Progress,
+    allow_loss: bool = False,
 ) -> Iterator[tuple[FloatArray, AnyArray]]:
     """Vertices and faces of a wall, slab by slab; faces count vertices through all slabs.
 
@@ -175,7 +172,7 @@ def wall_pieces(
     check_loss(wall, job.h, extent, sheets=False, exactly=job.polish, allowed=allow_loss)
 
 
-def wall_contour(wall: Wall, h: float | None, *, progress: Progress) -> SurfaceMesh:
+def wall_contour(wall: OffsetSolid, h: float | None, *, progress: Progress) -> SurfaceMesh:
     """Contour of a wall for counting: exact distances at kinks, vertices as contouring leaves them.
 
     Other than the mesh of `wall_mesh`, it has no point data, and may contain slivers.
@@ -200,7 +197,7 @@ def _check_size(axes: tuple[FloatArray, ...]) -> None:
     )
 
 
-def _outward(wall: Wall, faces: AnyArray) -> AnyArray:
+def _outward(wall: OffsetSolid, faces: AnyArray) -> AnyArray:
     """Triangles counter-clockwise seen from outside, also behind a left-handed map."""
     return np.ascontiguousarray(faces[:, ::-1]) if wall.lattice.through.orientation < 0 else faces
 
@@ -209,7 +206,7 @@ def _outward(wall: Wall, faces: AnyArray) -> AnyArray:
 class _Job:
     """What contouring and polishing a wall need."""
 
-    wall: Wall
+    wall: OffsetSolid
     h: float
     field: Any
     axes: tuple[FloatArray, ...]
@@ -219,11 +216,9 @@ class _Job:
 
     @classmethod
     def of(
-        cls, wall: Wall, h: float | None, polish: bool, progress: Progress, cut: Any = None
+        cls, wall: OffsetSolid, h: float | None, polish: bool, progress: Progress, cut: Any = None
     ) -> _Job:
         """What a wall needs for edges of some length, by default as fine as it is thin."""
-        from ilattice.offsets.wall import WallField
-
         least = wall.least_thickness
         if h is None:
             h = 0.25 * least
@@ -243,7 +238,7 @@ class _Job:
         elif t.symmetric:
             field = distance
             options |= {"level": (-1.0, 1.0), "scale": t.outer}
-        return cls(wall, h, field, grid_axes(wall, h), options, polish, cut)
+        return cls(wall, h, field, grid_axes(wall.lattice, h), options, polish, cut)
 
     @property
     def thin(self) -> bool:
@@ -369,59 +364,7 @@ def _warn(held: int, count: int, left: int) -> None:
         )
 
 
-def grid_axes(wall: Wall, h: float) -> tuple[FloatArray, ...]:
-    """Grid planes whose images are about `h` apart, and not much closer along one direction.
-
-    Along each direction the largest stretch of the map over the cross-section sets the density
-    of planes. Where a cross-section shrinks, its cells shrink with it, and the planes across
-    move together too, so that cells keep their shape.
-    """
-    lattice = wall.lattice
-    lo, hi = lattice.domain
-    counts = [max(33, 4 * n + 1) for n in lattice.repeat]
-    need(
-        PER_SITE * float(np.prod(np.array(counts, float))),
-        f"the grid of {' x '.join(map(str, lattice.repeat))} tiles",
-        "use fewer tiles",
-    )
-    sites = [np.linspace(lo[a], hi[a], counts[a]) for a in range(3)]
-    _, g = lattice.through.geometry.grid(sites, 1)
-    stretch = np.linalg.norm(g, axis=-2)  # (n0, n1, n2, parameter)
-    others = [tuple(b for b in range(3) if b != a) for a in range(3)]
-    step = [h / stretch[..., a].max(axis=others[a]) for a in range(3)]  # widths at the sites
-    for a in range(3):
-        planes = float((np.diff(sites[a]) / np.maximum(step[a][1:], 1e-300)).sum())
-        if not planes < MOST_PLANES:
-            raise InputError(
-                f"h = {h:.3g} makes {planes:.3g} planes along {'uvw'[a]}; at most {MOST_PLANES} "
-                "are allowed: use a larger h"
-            )
-    limited = []
-    for a in range(3):
-        b, c = others[a]
-        size = [(stretch[..., o] * _along(step[o], o)).max(axis=others[a]) for o in (b, c)]
-        most = ANISOTROPY * np.maximum(*size) / stretch[..., a].max(axis=others[a])
-        limited.append(np.minimum(step[a], np.maximum(most, step[a] / CLOSEST)))
-    return tuple(_planes(sites[a], limited[a], lattice.repeat[a]) for a in range(3))
-
-
-def _along(a: FloatArray, axis: int) -> FloatArray:
-    shape = [1, 1, 1]
-    shape[axis] = len(a)
-    return a.reshape(shape)
-
-
-def _planes(sites: FloatArray, step: FloatArray, tiles: int) -> FloatArray:
-    """Planes from the first to the last site, with the local width `step` at the sites."""
-    density = 1.0 / np.minimum(step, (sites[-1] - sites[0]) / (tiles * LEAST_CELLS_PER_TILE))
-    cells = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(sites))])
-    n = int(np.ceil(cells[-1]))
-    planes = np.interp(np.linspace(0.0, cells[-1], n + 1), cells, sites)
-    planes[0], planes[-1] = sites[0], sites[-1]
-    return planes
-
-
-def _point_data(wall: Wall, u: FloatArray, side: FloatArray) -> dict[str, AnyArray]:
+def _point_data(wall: OffsetSolid, u: FloatArray, side: FloatArray) -> dict[str, AnyArray]:
     data: dict[str, AnyArray] = {
         "signed_distance": wall.distance(u),
         "half_thickness": wall._asked.at(u, np.where(side < 0, -1.0, 1.0)),
@@ -435,3 +378,10 @@ def _point_data(wall: Wall, u: FloatArray, side: FloatArray) -> dict[str, AnyArr
         data["thickness"] = wall._asked.at(u, -one) + wall._asked.at(u, one)
     lattice = wall.lattice
     return data | {name: lattice.property_at(name, u) for name in lattice.property_names}
+
+
+def parameters_of(mesh: SurfaceMesh) -> tuple[FloatArray, AnyArray]:
+    """Parameters (V, 3) and side (V,) of the vertices of a wall's mesh."""
+    data = mesh.point_data
+    u = np.stack([data[name] for name in ("u", "v", "w")], axis=1).astype(np.float64)
+    return u, data["side"]

@@ -1,24 +1,28 @@
-"""Thickness: closest points in Euclidean space, the distance spline, walls.
+"""Thickness: closest points in Euclidean space, the distance spline, offset solids.
 
-`offset` makes a `Wall` of a lattice, `parametric_offset` one of first order before the map;
-`Lattice.offset` is both as a method. `distance` is the signed distance to any field's surface.
+========================  ==================================================================
+`MidSurface`              the zero set of tiles in space, with closest points on it
+`OffsetSolid`             the part of space within a thickness of it: what a wall is
+`offset_solid`            one of Euclidean half-thickness
+`ClosestPointSearch`      seeds, k-d tree and solver of the closest points
+`distance`                signed distance to any field's surface
+========================  ==================================================================
+
+`ilattice.lattice` has `Lattice` and `Wall`, with all that can be done with them.
 """
 
 from ilattice.offsets.closest import ClosestPoints, ClosestPointSearch, Statistics
 from ilattice.offsets.distance import distance
-from ilattice.offsets.first_order import ParametricWall, parametric_offset
-from ilattice.offsets.wall import ThicknessReport, Wall, offset
-from ilattice.topology.features import Feature
+from ilattice.offsets.mid_surface import MidSurface
+from ilattice.offsets.offsetting import offset_solid
+from ilattice.offsets.wall import OffsetSolid
 
 __all__ = [
     "ClosestPointSearch",
     "ClosestPoints",
-    "Feature",
-    "ParametricWall",
+    "MidSurface",
+    "OffsetSolid",
     "Statistics",
-    "ThicknessReport",
-    "Wall",
     "distance",
-    "offset",
-    "parametric_offset",
+    "offset_solid",
 ]

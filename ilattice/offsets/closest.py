@@ -53,7 +53,7 @@ from ilattice.tiles.mixture import MixedField
 from ilattice.tiles.trig import TrigField
 
 if TYPE_CHECKING:
-    from ilattice.macroshape.lattice import Lattice
+    from ilattice.macroshape.tiling import Tiling
 
 #: Nearest seeds that are looked at first; and where seeds that were missed have been added, which
 #: crowd on one sheet so that the nearest ones may hide another.
@@ -191,7 +191,7 @@ class ClosestPointSearch(TileSpace):
     rules them out.
     """
 
-    def __init__(self, lattice: Lattice) -> None:
+    def __init__(self, lattice: Tiling) -> None:
         super().__init__(lattice)
         self.looked_at = CANDIDATES
         self.singular: list[tuple[int, float]] = []

@@ -8,7 +8,7 @@ a polished mesh of it differs where the spline is wrong.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -17,12 +17,10 @@ from ilattice._validate import as_array, asked
 from ilattice.bspline import BSpline
 from ilattice.bspline.knots import uniform_knots
 from ilattice.errors import ConvergenceError, GeometryError, InputError
+from ilattice.macroshape.tiling import Tiling
 from ilattice.offsets.thickness import Thickness
-from ilattice.offsets.wall import Wall
+from ilattice.offsets.wall_field import WallField
 from ilattice.quadrature.grid import cut
-
-if TYPE_CHECKING:
-    from ilattice.macroshape.lattice import Lattice
 
 #: Largest error of a density that is solved for, and how often it may be evaluated.
 TOLERANCE, EVALUATIONS = 2e-4, 9
@@ -33,12 +31,12 @@ LEVELS = 8
 GAUSS = 6
 
 
-def tile_volumes(lattice: Lattice) -> FloatArray:
+def tile_volumes(lattice: Tiling) -> FloatArray:
     """Volumes of the tiles in space.
 
     Parameters
     ----------
-    lattice : Lattice
+    lattice : Tiling
         Tiles and map.
 
     Returns
@@ -61,13 +59,15 @@ def tile_volumes(lattice: Lattice) -> FloatArray:
     return volumes * float(np.prod((hi - lo) / np.array(lattice.repeat)))
 
 
-def wall_volumes(wall: Wall, q: int = 2) -> FloatArray:
+def volumes(lattice: Tiling, field: WallField, q: int = 2) -> FloatArray:
     """Volume of a wall in every tile.
 
     Parameters
     ----------
-    wall : Wall
-        The wall.
+    lattice : Tiling
+        Tiles and map.
+    field : WallField
+        Negative in the wall.
     q : int
         Gauss points per direction and piece of a cell.
 
@@ -76,10 +76,9 @@ def wall_volumes(wall: Wall, q: int = 2) -> FloatArray:
     ndarray, shape (nx, ny, nz)
         Volumes in space.
     """
-    lattice = wall.lattice
     out = np.zeros(lattice.repeat)
     try:
-        grid = cut(wall)
+        grid = cut(field, through=lattice.through)
     except GeometryError:
         return out
     rule = grid.volume(q).in_space()
@@ -94,46 +93,33 @@ def wall_volumes(wall: Wall, q: int = 2) -> FloatArray:
 class _Densities:
     """Relative densities of walls of one lattice and one distance spline."""
 
-    def __init__(self, lattice: Lattice, distance: BSpline) -> None:
+    def __init__(self, lattice: Tiling, distance: BSpline) -> None:
         self.lattice, self.distance = lattice, distance
         self.tiles = tile_volumes(lattice)
 
     def cells(self, thickness: Thickness) -> FloatArray:
         """Part of every tile that is filled."""
-        return wall_volumes(Wall(self.lattice, self.distance, thickness)) / self.tiles
+        return volumes(self.lattice, WallField(self.distance, thickness)) / self.tiles
 
     def whole(self, thickness: Thickness) -> float:
         """Part of all that is filled."""
-        filled = wall_volumes(Wall(self.lattice, self.distance, thickness))
+        filled = volumes(self.lattice, WallField(self.distance, thickness))
         return float(filled.sum() / self.tiles.sum())
 
 
-def relative_density(wall: Wall, *, per_cell: bool = False) -> float | FloatArray:
-    """Part of the macro-shape that a wall fills.
+def thickness_of_density(
+    lattice: Tiling, distance: BSpline, profile: Thickness, density: Any
+) -> Thickness:
+    """A thickness, scaled until the wall has the asked density.
 
     Parameters
     ----------
-    wall : Wall
-        The wall.
-    per_cell : bool
-        Whether to give one number per tile.
-
-    Returns
-    -------
-    float, or ndarray of shape (nx, ny, nz)
-        Relative density.
-    """
-    filled, tiles = wall_volumes(wall), tile_volumes(wall.lattice)
-    return filled / tiles if per_cell else float(filled.sum() / tiles.sum())
-
-
-def wall_of_density(wall: Wall, density: Any) -> Wall:
-    """Wall whose thickness is that of another one, scaled until it has the asked density.
-
-    Parameters
-    ----------
-    wall : Wall
-        Gives the shape of the thickness; constant if densities are asked for every tile.
+    lattice : Tiling
+        Tiles and map.
+    distance : BSpline
+        Signed distance to the mid-surface.
+    profile : Thickness
+        The shape of the thickness; constant if densities are asked for every tile.
     density : float, callable, or array_like of shape (nx, ny, nz)
         Relative density of the whole, or of every tile; a callable takes the parameters (n, 3)
         of the centres of tiles. Of a solid only the growth is scaled: a positive one reaches
@@ -141,8 +127,8 @@ def wall_of_density(wall: Wall, density: Any) -> Wall:
 
     Returns
     -------
-    Wall
-        The wall; it has the same distance spline.
+    Thickness
+        The scaled one.
 
     Raises
     ------
@@ -152,7 +138,6 @@ def wall_of_density(wall: Wall, density: Any) -> Wall:
     ConvergenceError
         If the densities of tiles are not met, because neighbours ask for too different ones.
     """
-    lattice, distance, profile = wall.lattice, wall.distance, wall.thickness
     densities = _Densities(lattice, distance)
     thickest = 1.01 * float(np.abs(distance.c).max()) / _least(profile)
     top = profile.scaled(thickest)
@@ -163,7 +148,7 @@ def wall_of_density(wall: Wall, density: Any) -> Wall:
         ends = least, densities.whole(top)
         _check_reachable(target, *sorted(ends))
         factor = _solve(densities, profile, target, thickest, ends)
-        return Wall(lattice, distance, profile.scaled(factor))
+        return profile.scaled(factor)
     if not profile.constant:
         raise InputError("densities of tiles need a constant d, or none; this one varies")
     if profile.solid and profile.outer.c.item() < 0.0:
@@ -173,7 +158,7 @@ def wall_of_density(wall: Wall, density: Any) -> Wall:
     bottoms = densities.cells(profile.scaled(0.0)) if profile.solid else np.zeros_like(tops)
     for place in (np.argmin(targets - bottoms), np.argmax(targets - tops)):
         _check_reachable(*(float(a.flat[place]) for a in (targets, bottoms, tops)))
-    return Wall(lattice, distance, _solve_cells(densities, profile, targets, thickest, bottoms))
+    return _solve_cells(densities, profile, targets, thickest, bottoms)
 
 
 def _solve(
@@ -241,7 +226,7 @@ def _by_cell(at: FloatArray, x: FloatArray, y: FloatArray) -> FloatArray:
     return np.array(found).reshape(at.T.shape).T
 
 
-def _per_cell(lattice: Lattice, profile: Thickness, factor: FloatArray) -> Thickness:
+def _per_cell(lattice: Tiling, profile: Thickness, factor: FloatArray) -> Thickness:
     """The profile times a C1 spline with one coefficient per cell, repeated at open ends."""
     c, knots = factor, []
     for a, closed in enumerate(lattice.through.wraps):
@@ -257,7 +242,7 @@ def _per_cell(lattice: Lattice, profile: Thickness, factor: FloatArray) -> Thick
     return _sides(profile, inner, outer)
 
 
-def _targets(lattice: Lattice, density: Any) -> FloatArray:
+def _targets(lattice: Tiling, density: Any) -> FloatArray:
     if callable(density):
         at = np.indices(lattice.repeat).reshape(3, -1).T + 0.5
         lo, hi = lattice.domain

@@ -23,6 +23,9 @@ from ilattice._validate import as_array
 from ilattice.errors import GeometryError, InputError
 from ilattice.fields._program import Builder, Point
 from ilattice.fields.node import Node, as_node, is_empty, nowhere
+from ilattice.macroshape.primitives import box as box_map
+from ilattice.offsets.mid_surface import MidSurface
+from ilattice.tiles.tile import Tile
 
 __all__ = ["bind", "distance"]
 
@@ -44,13 +47,9 @@ class _Periodic:
     """Feet on a trigonometric polynomial: those of a lattice of one tile that goes on."""
 
     def __init__(self, polynomial: Any) -> None:
-        from ilattice.macroshape import box
-        from ilattice.macroshape.lattice import Lattice
-        from ilattice.tiles.tile import Tile
-
         self.period = np.array(polynomial.period)
         tile = Tile(polynomial.stretched(1.0 / self.period), name="polynomial")
-        self.lattice = Lattice(tile, through=box(self.period))
+        self.lattice = MidSurface(tile, through=box_map(self.period))
 
     def feet(self, points: FloatArray) -> FloatArray:
         turns = np.floor(points / self.period)

@@ -19,7 +19,7 @@ from ilattice._typing import ArrayLike, FloatArray
 from ilattice.bspline import BSpline
 
 if TYPE_CHECKING:
-    from ilattice.macroshape.lattice import Lattice
+    from ilattice.offsets.mid_surface import MidSurface
 
 DEGREE = 2
 PER_SITE = 40  # bytes
@@ -27,7 +27,7 @@ SLAB_POINTS = 1 << 17
 
 
 def distance_spline(
-    lattice: Lattice, spans_per_tile: int | None = None, progress: Progress = None
+    lattice: MidSurface, spans_per_tile: int | None = None, progress: Progress = None
 ) -> BSpline:
     """Signed distance to the mid-surface as a function of the parameters.
 
@@ -58,7 +58,7 @@ def distance_spline(
     return spline
 
 
-def _fit(lattice: Lattice, spans: int, progress: Progress) -> BSpline:
+def _fit(lattice: MidSurface, spans: int, progress: Progress) -> BSpline:
     def distance(u: FloatArray, strides: tuple[int, ...]) -> FloatArray:
         return lattice.search.query(u, strides=strides).distance
 
@@ -66,7 +66,7 @@ def _fit(lattice: Lattice, spans: int, progress: Progress) -> BSpline:
 
 
 def interpolated(
-    lattice: Lattice,
+    lattice: MidSurface,
     f: Callable[[FloatArray, tuple[int, ...]], FloatArray],
     spans: int | ArrayLike,
     degree: int,

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -22,12 +22,11 @@ from ilattice._progress import Progress
 from ilattice._typing import FloatArray
 from ilattice._validate import as_kind
 from ilattice.bspline import BSpline
+from ilattice.macroshape.primitives import box
 from ilattice.offsets.distance_spline import interpolated
+from ilattice.offsets.mid_surface import MidSurface
 from ilattice.offsets.thickness import Thickness, as_thickness
-from ilattice.offsets.wall import Wall
-
-if TYPE_CHECKING:
-    from ilattice.macroshape.lattice import Lattice
+from ilattice.offsets.wall import OffsetSolid
 
 DEGREE = 3
 #: Thickness of a solid, in the largest edges of tiles, as far as the width of meshes goes: small
@@ -37,8 +36,8 @@ TINY = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class ParametricWall(Wall):
-    """Wall between first-order offsets: made by ``Lattice.offset(d, space="parametric")``.
+class ParametricOffset(OffsetSolid):
+    """The solid between first-order offsets: what a parametric wall is.
 
     Attributes
     ----------
@@ -72,25 +71,22 @@ class ParametricWall(Wall):
         return float(self.asked.extremes[0] * edges.min())
 
     @cached_property
-    def _flat(self) -> Lattice:
+    def _flat(self) -> MidSurface:
         """The same tiles before the map."""
-        from ilattice.macroshape.lattice import Lattice
-        from ilattice.macroshape.primitives import box
-
         lattice = self.lattice
-        return Lattice(lattice.tile, through=box(lattice.repeat), repeat=lattice.repeat)
+        return MidSurface(lattice.tile, through=box(lattice.repeat), repeat=lattice.repeat)
 
     def _true_distance(self, u: FloatArray) -> FloatArray:
         """Signed distance to the mid-surface before the map, in tiles."""
         return self._flat.distance(self.lattice.tile_coordinates(u) / np.array(self.lattice.repeat))
 
 
-def parametric_offset(lattice: Lattice, d: Any, *, progress: Progress = None) -> ParametricWall:
+def parametric_solid(lattice: MidSurface, d: Any, *, progress: Progress = None) -> ParametricOffset:
     """Wall between the first-order offsets of the mid-surface by `d`, in tiles.
 
     Parameters
     ----------
-    lattice : Lattice
+    lattice : MidSurface
         Tiles and map.
     d : float, callable, BSpline, str, or pair of these
         Half-thickness as in `offset`, but as a fraction of a tile before the map.
@@ -99,8 +95,8 @@ def parametric_offset(lattice: Lattice, d: Any, *, progress: Progress = None) ->
 
     Returns
     -------
-    ParametricWall
-        The wall; `thickness_error` compares it with the true distance before the map.
+    ParametricOffset
+        The solid; `thickness_error` compares it with the true distance before the map.
 
     Raises
     ------
@@ -111,7 +107,7 @@ def parametric_offset(lattice: Lattice, d: Any, *, progress: Progress = None) ->
     -----
     Hong et al. 2025, eq. 2 and 3.
     """
-    as_kind("lattice", lattice, "Lattice")
+    as_kind("lattice", lattice, "MidSurface")
     asked = as_thickness(d, lattice, float(np.linalg.norm(lattice.repeat)))
 
     def fitted(f: Callable[[FloatArray], FloatArray]) -> BSpline:
@@ -133,4 +129,4 @@ def parametric_offset(lattice: Lattice, d: Any, *, progress: Progress = None) ->
     outer = in_units_of_the_field(asked.outer)
     inner = outer if asked.symmetric else in_units_of_the_field(asked.inner)
     field = lattice._once("implicit_spline", lambda: fitted(lattice.implicit))
-    return ParametricWall(lattice, field, Thickness(inner, outer), asked)
+    return ParametricOffset(lattice, field, Thickness(inner, outer), asked)

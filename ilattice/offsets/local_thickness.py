@@ -19,7 +19,7 @@ from ilattice._typing import FloatArray
 from ilattice.offsets.polish import inside
 
 if TYPE_CHECKING:
-    from ilattice.macroshape.lattice import Lattice
+    from ilattice.offsets.mid_surface import MidSurface
 
 #: Points of the surface at most, how often balls shrink, and steps of the way to their centres.
 POINTS, SHRINKS, STEPS = 2000, 12, 6
@@ -29,7 +29,7 @@ SHARE = 0.1
 TOUCH, OFF = 0.01, 0.02
 
 
-def depths_of(lattice: Lattice, deepest: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+def depths_of(lattice: MidSurface, deepest: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Radii of the largest balls inside of the tiles' solid that touch its surface.
 
     Parameters
@@ -52,7 +52,7 @@ def depths_of(lattice: Lattice, deepest: float) -> tuple[FloatArray, FloatArray,
     return found
 
 
-def _depths(lattice: Lattice, deepest: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _depths(lattice: MidSurface, deepest: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """As `depths_of`, anew."""
     u, x, inward, area = points(lattice, POINTS)
     radius = np.full(len(u), 1.2 * deepest)
@@ -97,7 +97,7 @@ def least_of(thickness: FloatArray, area: FloatArray) -> float:
     return float(thickness[order][np.searchsorted(share, SHARE * share[-1])])
 
 
-def points(lattice: Lattice, most: int) -> tuple[FloatArray, ...]:
+def points(lattice: MidSurface, most: int) -> tuple[FloatArray, ...]:
     """Points of the mid-surface in the domain, evenly chosen among seeds.
 
     Parameters
@@ -125,7 +125,7 @@ def points(lattice: Lattice, most: int) -> tuple[FloatArray, ...]:
     return u, x[at], n, spacing[at] ** 2
 
 
-def _parameters(lattice: Lattice, x: FloatArray, u: FloatArray) -> FloatArray:
+def _parameters(lattice: MidSurface, x: FloatArray, u: FloatArray) -> FloatArray:
     """Parameters in the domain whose images are next to points (n, 3), by Newton from others."""
     for _ in range(STEPS):
         y, jacobian = lattice.through.jet(u, 1)

@@ -17,8 +17,8 @@ from ilattice.offsets._kernels_newton import FALLBACK
 from ilattice.offsets._small import solved
 
 if TYPE_CHECKING:
-    from ilattice.macroshape.lattice import Lattice
     from ilattice.offsets.closest import ClosestPoints
+    from ilattice.offsets.mid_surface import MidSurface
 
 #: Searches for closest points, and steps after each of them that go by the feet that are known.
 ROUNDS, FOLLOWED = 3, 4
@@ -33,7 +33,7 @@ LONGEST = 5.0
 
 
 def polish(
-    lattice: Lattice,
+    lattice: MidSurface,
     u: FloatArray,
     fixed: AnyArray,
     side: FloatArray,
@@ -88,7 +88,7 @@ def polish(
 
 
 def _followed(
-    lattice: Lattice, u: FloatArray, fixed: AnyArray, side: FloatArray, d: BSpline,
+    lattice: MidSurface, u: FloatArray, fixed: AnyArray, side: FloatArray, d: BSpline,
     known: ClosestPoints | None, limit: float,
 ) -> tuple[FloatArray, ClosestPoints | None]:  # fmt: skip
     """Points moved on as if no feet were nearer than those that are known, and these feet."""
@@ -104,7 +104,7 @@ def _followed(
 
 
 def distance_jet(
-    lattice: Lattice, u: FloatArray, x: FloatArray, jacobian: FloatArray
+    lattice: MidSurface, u: FloatArray, x: FloatArray, jacobian: FloatArray
 ) -> tuple[FloatArray, FloatArray, AnyArray]:
     """Signed distance by closest points, its gradient in u, and where there is none.
 
@@ -127,7 +127,7 @@ def distance_jet(
     return values[0], gradients[0], lost
 
 
-def inside(lattice: Lattice, u: FloatArray) -> FloatArray:
+def inside(lattice: MidSurface, u: FloatArray) -> FloatArray:
     """Parameters wrapped in closed directions, and clipped in the others.
 
     Parameters
@@ -147,7 +147,7 @@ def inside(lattice: Lattice, u: FloatArray) -> FloatArray:
     return np.where(closed, lo + np.mod(u - lo, hi - lo), np.clip(u, lo, hi))
 
 
-def shortest(lattice: Lattice, way: FloatArray) -> FloatArray:
+def shortest(lattice: MidSurface, way: FloatArray) -> FloatArray:
     """Ways (n, 3) between parameters, across the seam of closed directions where shorter."""
     closed = np.array(lattice.through.closed)
     period = np.ptp(lattice.domain, axis=0)
@@ -156,7 +156,7 @@ def shortest(lattice: Lattice, way: FloatArray) -> FloatArray:
 
 
 def _step(
-    lattice: Lattice,
+    lattice: MidSurface,
     u: FloatArray,
     fixed: AnyArray,
     side: FloatArray,
@@ -190,7 +190,7 @@ def _step(
 
 
 def _by_closest_points(
-    lattice: Lattice, u: FloatArray, x: FloatArray, jacobian: FloatArray,
+    lattice: MidSurface, u: FloatArray, x: FloatArray, jacobian: FloatArray,
     known: ClosestPoints | None, follow: bool = False,
 ) -> tuple[list[FloatArray], list[FloatArray], ClosestPoints]:  # fmt: skip
     """Signed distances to the two nearest feet, their gradients in u, and these feet."""
@@ -208,7 +208,7 @@ def _by_closest_points(
     return [found.distance, second], gradients, found
 
 
-def _gradients(lattice: Lattice, found: ClosestPoints, x: FloatArray) -> FloatArray:
+def _gradients(lattice: MidSurface, found: ClosestPoints, x: FloatArray) -> FloatArray:
     """Gradient of the signed distance in space: along x - foot; on the mid-surface, its normal."""
     tiny = np.abs(found.distance) <= 1e-6 * lattice.search.seeds[3].min()
     out: FloatArray = (x - found.foot) / np.where(tiny, 1.0, found.distance)[:, None]

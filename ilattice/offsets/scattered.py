@@ -26,7 +26,7 @@ from ilattice._validate import as_array, as_points
 from ilattice.errors import InputError, PrecisionWarning
 
 if TYPE_CHECKING:
-    from ilattice.macroshape.lattice import Lattice
+    from ilattice.macroshape.tiling import Tiling
 
 #: Up to so many points all of them act everywhere, of more so many.
 GLOBAL, NEAREST = 1500, 64
@@ -51,7 +51,7 @@ class Scattered:
 
     tolerance = TOLERANCE
 
-    def __init__(self, lattice: Lattice, p: FloatArray, v: FloatArray) -> None:
+    def __init__(self, lattice: Tiling, p: FloatArray, v: FloatArray) -> None:
         from scipy.interpolate import RBFInterpolator
 
         sizes = np.linalg.svd(p - p.mean(axis=0), compute_uv=False)
@@ -69,7 +69,7 @@ class Scattered:
         return np.clip(np.concatenate(parts), *self.ends)
 
 
-def scattered(lattice: Lattice, points: ArrayLike, values: ArrayLike) -> Scattered | float:
+def scattered(lattice: Tiling, points: ArrayLike, values: ArrayLike) -> Scattered | float:
     """Function of the parameters from values at points of space.
 
     Parameters
@@ -122,7 +122,7 @@ def _merged(p: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
     return own, v[first]
 
 
-def _warn_beyond(lattice: Lattice, p: FloatArray) -> None:
+def _warn_beyond(lattice: Tiling, p: FloatArray) -> None:
     """Warn of a part that reaches far beyond the points."""
     if len(p) < 2:
         return

@@ -24,7 +24,7 @@ from ilattice.offsets._small import solved
 if TYPE_CHECKING:
     from ilattice._typing import ArrayLike
     from ilattice.bspline import BSpline
-    from ilattice.macroshape.lattice import Lattice
+    from ilattice.offsets.mid_surface import MidSurface
     from ilattice.offsets.thickness import Thickness
 
 #: Distances from the level of the wall, in the longest spans, at which kinks matter: more than the
@@ -48,7 +48,7 @@ class SharpDistance:
         Half-thickness of the wall.
     """
 
-    def __init__(self, lattice: Lattice, spline: BSpline, thickness: Thickness) -> None:
+    def __init__(self, lattice: MidSurface, spline: BSpline, thickness: Thickness) -> None:
         self.lattice, self.spline, self.thickness = lattice, spline, thickness
         span = [np.diff(spline.breaks(a)).max() for a in range(3)]
         lo, hi = lattice.domain

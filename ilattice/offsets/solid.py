@@ -26,13 +26,13 @@ from ilattice.bspline import BSpline
 from ilattice.errors import ConvergenceError, GeometryError, PrecisionWarning
 from ilattice.offsets.distance_spline import DEGREE, distance_spline, interpolated
 from ilattice.offsets.thickness import Thickness
-from ilattice.offsets.wall import Wall
+from ilattice.offsets.wall import OffsetSolid
 from ilattice.tiles.mixture import Mixture
 from ilattice.tiles.skeleton import FACES, SkeletonField
 from ilattice.tiles.tile import Tile
 
 if TYPE_CHECKING:
-    from ilattice.macroshape.lattice import Lattice
+    from ilattice.offsets.mid_surface import MidSurface
 
 #: Random points that tell the size of a solid and the error of its spline.
 POINTS = 1 << 15
@@ -55,7 +55,7 @@ class TileField:
         Largest error (99th percentile, at the surface) of `spline`, in units of length.
     """
 
-    def __init__(self, lattice: Lattice, tol: float | None = None) -> None:
+    def __init__(self, lattice: MidSurface, tol: float | None = None) -> None:
         self.lattice, self.tol, self.scale, self.tile = lattice, tol, 1.0, _uncut(lattice.tile)
         u = _random(lattice, POINTS, 0)
         f, g = self.jet(u, 1)
@@ -204,7 +204,7 @@ def _uncut(tile: Tile | Mixture) -> Tile | Mixture:
     return replace(tile, field=open_field, check=False)
 
 
-def _affordable(lattice: Lattice, spans: AnyArray) -> IntArray:
+def _affordable(lattice: MidSurface, spans: AnyArray) -> IntArray:
     """Spans per tile, or less where the coefficients would be too many."""
     total = float(np.prod(spans * np.array(lattice.repeat, float)))
     share = min(1.0, (MOST_IN_TOTAL / total) ** (1.0 / 3.0))
@@ -235,8 +235,8 @@ def thinnest(field: TileField) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class SolidWall(Wall):
-    """The solid of the tiles: made by ``Lattice.offset((np.inf, 0))``.
+class TileSolid(OffsetSolid):
+    """The solid of the tiles as it is.
 
     Attributes
     ----------
@@ -273,8 +273,8 @@ class SolidWall(Wall):
         out, _ = onto_zero(self.distance, u[near])
         return out, np.ones(len(out))
 
-    def _in_space(self, _name: str) -> Wall:
-        return Wall(self.lattice, distance_spline(self.lattice), self.thickness)
+    def _in_space(self, _name: str) -> OffsetSolid:
+        return OffsetSolid(self.lattice, distance_spline(self.lattice), self.thickness)
 
     def _errors(self, u: FloatArray, _side: AnyArray) -> tuple[FloatArray, FloatArray]:
         """Distance from the zero set to first order, and 0, which it should be."""
@@ -283,7 +283,7 @@ class SolidWall(Wall):
         return np.abs(f) / np.maximum(slope, 1e-3 * np.median(slope)), np.zeros(len(u))
 
 
-def solid_wall(lattice: Lattice, thickness: Thickness, tol: float | None = None) -> SolidWall:
+def tile_solid(lattice: MidSurface, thickness: Thickness, tol: float | None = None) -> TileSolid:
     """The solid of the tiles of a lattice as it is.
 
     Parameters
@@ -293,17 +293,17 @@ def solid_wall(lattice: Lattice, thickness: Thickness, tol: float | None = None)
     thickness : Thickness
         That of ``(np.inf, 0)``.
     tol : float, optional
-        As in `ilattice.offsets.offset`.
+        As in `ilattice.lattice.offset`.
 
     Returns
     -------
-    SolidWall
+    TileSolid
         The solid.
     """
-    return SolidWall(lattice, TileField(lattice, tol), thickness)
+    return TileSolid(lattice, TileField(lattice, tol), thickness)
 
 
-def _random(lattice: Lattice, n: int, seed: int) -> FloatArray:
+def _random(lattice: MidSurface, n: int, seed: int) -> FloatArray:
     """Random parameters (n, 3)."""
     lo, hi = lattice.domain
     return lo + (hi - lo) * np.random.default_rng(seed).random((n, 3))

@@ -24,7 +24,7 @@ from ilattice.tiles.mixture import MixedField
 from ilattice.tiles.trig import TrigField
 
 if TYPE_CHECKING:
-    from ilattice.macroshape.lattice import Lattice
+    from ilattice.macroshape.tiling import Tiling
 
 #: Tiles with sides of such a ratio are squeezed.
 LONG = 4.0
@@ -39,7 +39,7 @@ class TileSpace:
         The tiles, their map and the boundary rule.
     """
 
-    def __init__(self, lattice: Lattice) -> None:
+    def __init__(self, lattice: Tiling) -> None:
         self.lattice = as_kind("lattice", lattice, "Lattice")
         self.clip = lattice.boundary == "clip"
         self.space = kernel_space(lattice)
@@ -163,7 +163,7 @@ def _triples(name: str, value: AnyArray) -> FloatArray:
     return a
 
 
-def kernel_space(lattice: Lattice, *, generic: bool = False) -> tuple[Any, ...]:
+def kernel_space(lattice: Tiling, *, generic: bool = False) -> tuple[Any, ...]:
     """What the kernels need to know of a lattice: flat kernel arguments.
 
     Generic ones are for kernels that must not be compiled once per degree of the map.

@@ -26,8 +26,8 @@ from ilattice.offsets.kinks import JumpError, fit_evenly, fit_with_kinks
 from ilattice.tiles.mixture import Mixture
 
 if TYPE_CHECKING:
-    from ilattice.macroshape.lattice import Lattice
     from ilattice.macroshape.maps import SplineMap
+    from ilattice.macroshape.tiling import Tiling
 
 #: Largest error of a fitted half-thickness, relative to its largest value.
 FIT_TOLERANCE = 1e-5
@@ -171,7 +171,7 @@ class AskedSide:
         return (self(u), *self.spline.jet(u, order)[1:])
 
 
-def as_thickness(d: Any, lattice: Lattice, size: float | None = None) -> Thickness:
+def as_thickness(d: Any, lattice: Tiling, size: float | None = None) -> Thickness:
     """Thickness from a number, function, equation, spline, name, or a pair (inner, outer) of these.
 
     Parameters
@@ -233,7 +233,7 @@ class _Side:
     deviation: float = 0.0
 
 
-def _solid(outer: _Side, lattice: Lattice, size: float) -> Thickness:
+def _solid(outer: _Side, lattice: Tiling, size: float) -> Thickness:
     """The inner side filled; the outer one may be negative, which makes the solid smaller."""
     _check(outer.spline, size, "d[1]", least=-np.inf)
     knots = [lattice.domain[:, a] for a in range(3)]
@@ -241,7 +241,7 @@ def _solid(outer: _Side, lattice: Lattice, size: float) -> Thickness:
     return Thickness(full, outer.spline, (None, outer.asked), outer.deviation)
 
 
-def _as_side(d: Any, lattice: Lattice, name: str) -> _Side:
+def _as_side(d: Any, lattice: Tiling, name: str) -> _Side:
     domain = lattice.domain
     if isinstance(d, BSpline):
         if d.ndim != 3 or d.m or not np.allclose(d.domain, domain):
@@ -262,12 +262,12 @@ def _as_side(d: Any, lattice: Lattice, name: str) -> _Side:
     return _constant(float(value.item()), lattice)
 
 
-def _constant(value: float, lattice: Lattice) -> _Side:
+def _constant(value: float, lattice: Tiling) -> _Side:
     knots = [lattice.domain[:, a] for a in range(3)]
     return _Side(BSpline(knots, np.full((1, 1, 1), value), 0))
 
 
-def _named(name: str, lattice: Lattice, argument: str) -> _Side:
+def _named(name: str, lattice: Tiling, argument: str) -> _Side:
     """Side that a text asks for: a property, or an equation."""
     through = lattice.through
     if name in lattice.tile.properties:
@@ -357,7 +357,7 @@ def of_parameters(field: Node, through: SplineMap | None, name: str) -> Any:
     )
 
 
-def _repeated(name: str, lattice: Lattice, argument: str) -> _Side:
+def _repeated(name: str, lattice: Tiling, argument: str) -> _Side:
     """Spline of a tile's property over the whole domain, fitted on one tile."""
     from ilattice.bspline.fit import fit
 
@@ -379,7 +379,7 @@ def _repeated(name: str, lattice: Lattice, argument: str) -> _Side:
     return _Side(BSpline(knots, c, 2, periodic=lattice.through.wraps))
 
 
-def _fitted(f: Any, lattice: Lattice, name: str) -> _Side:
+def _fitted(f: Any, lattice: Tiling, name: str) -> _Side:
     def checked(u: FloatArray) -> FloatArray:
         return _evaluate(f, u, name)
 

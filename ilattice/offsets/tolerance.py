@@ -22,10 +22,11 @@ from ilattice._memory import available, readable
 from ilattice._progress import Progress
 from ilattice._typing import AnyArray, FloatArray
 from ilattice.errors import ConvergenceError
+from ilattice.macroshape.planes import grid_axes
 from ilattice.offsets.distance_spline import DEGREE, interpolated
 
 if TYPE_CHECKING:
-    from ilattice.offsets.wall import Wall
+    from ilattice.offsets.wall import OffsetSolid
 
 MAX_SPANS_PER_TILE = 96
 CHECKED = 1 << 15  # points of the offset surfaces at which the error is measured
@@ -44,7 +45,7 @@ SMOOTH = 0.25  # part of the tolerance by which a spline that is taken over may 
 JUMP = 0.05  # error of a spline at a crease, per jump of its second derivative times span squared
 
 
-def refined(wall: Wall, tol: float, progress: Progress = None) -> Wall:
+def refined(wall: OffsetSolid, tol: float, progress: Progress = None) -> OffsetSolid:
     """The wall with a distance spline of which 99 of 100 errors are at most a tolerance.
 
     Parameters
@@ -90,7 +91,7 @@ def refined(wall: Wall, tol: float, progress: Progress = None) -> Wall:
     return wall
 
 
-def _too_fine(wall: Wall, tol: float, reached: float, spans: int, least: float) -> str:
+def _too_fine(wall: OffsetSolid, tol: float, reached: float, spans: int, least: float) -> str:
     """What a tolerance would need, even if the distance were smooth."""
     size = 8.0 * least**3 * float(np.prod(np.array(wall.lattice.repeat, float)))
     best = reached * (spans / MAX_SPANS_PER_TILE) ** ORDER
@@ -101,9 +102,9 @@ def _too_fine(wall: Wall, tol: float, reached: float, spans: int, least: float) 
     )
 
 
-def _probes(wall: Wall) -> FloatArray:
+def _probes(wall: OffsetSolid) -> FloatArray:
     """Random points near the offset surfaces, as dense as the vertices of a mesh."""
-    axes = wall._planes(wall.least_thickness)
+    axes = grid_axes(wall.lattice, wall.least_thickness)
     random = np.random.default_rng(0)
     found = np.empty((0, 3))
     for _ in range(BATCHES):
@@ -118,7 +119,7 @@ def _probes(wall: Wall) -> FloatArray:
     return found
 
 
-def _onto(wall: Wall, u: FloatArray) -> FloatArray:
+def _onto(wall: OffsetSolid, u: FloatArray) -> FloatArray:
     """Points moved along the gradient, in tiles, onto the level sets of a wall."""
     lo, hi = wall.lattice.domain
     tile = _tile(wall)
@@ -131,7 +132,7 @@ def _onto(wall: Wall, u: FloatArray) -> FloatArray:
     return u
 
 
-def _tile(wall: Wall) -> FloatArray:
+def _tile(wall: OffsetSolid) -> FloatArray:
     """Lengths of a tile in the parameters."""
     lo, hi = wall.lattice.domain
     size: FloatArray = (hi - lo) / np.array(wall.lattice.repeat)
@@ -141,7 +142,7 @@ def _tile(wall: Wall) -> FloatArray:
 class _Samples:
     """Distances at the sites of a finer spline, by closest points where these are needed."""
 
-    def __init__(self, wall: Wall, spans: int, finer: int, smooth: float) -> None:
+    def __init__(self, wall: OffsetSolid, spans: int, finer: int, smooth: float) -> None:
         self.wall, self.spans = wall, spans
         self.rough = _rough(wall, smooth)
         self.span = _tile(wall) / finer
@@ -168,7 +169,7 @@ class _Samples:
         return s
 
 
-def _rough(wall: Wall, least: float) -> AnyArray:
+def _rough(wall: OffsetSolid, least: float) -> AnyArray:
     """Spans in or next to which the distance spline may be off by more than `least`."""
     spline, closed = wall.distance, wall.lattice.through.closed
     shape = tuple(len(spline.breaks(a)) - 1 for a in range(3))
@@ -185,7 +186,7 @@ def _rough(wall: Wall, least: float) -> AnyArray:
     return out
 
 
-def _least_edges(wall: Wall) -> FloatArray:
+def _least_edges(wall: OffsetSolid) -> FloatArray:
     """Shortest edges of the tiles in space, at their corners and centres, (nx, ny, nz)."""
     lattice, lo, tile = wall.lattice, wall.lattice.domain[0], _tile(wall)
     corners = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), -1).reshape(-1, 3)

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ilattice._memory import need
-from ilattice._typing import AnyArray, FloatArray, IntArray
+from ilattice._typing import AnyArray, FloatArray, IntArray, Solid
 from ilattice._validate import (
     Frozen,
     as_array,
@@ -35,7 +35,6 @@ from ilattice._validate import (
 )
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.macroshape.maps import SplineMap
-from ilattice.offsets.wall import Wall
 from ilattice.quadrature._layouts import Layout, layout_of
 from ilattice.quadrature.field_pieces import FieldPieces
 from ilattice.quadrature.levelsets import PER_PIECE, LevelSets, Pieces, as_level_sets
@@ -406,8 +405,8 @@ def cut(
             raise InputError("domain: a Grid has its own; give one of the two")
         box = cells.domain
     sets = as_level_sets(field, box, degree)
-    if isinstance(field, Wall) and through is None:
-        through = field.lattice.through
+    if isinstance(field, Solid) and through is None:
+        through = field.through
     grid = cells if isinstance(cells, Grid) else _as_grid(cells, sets, through)
     out = CutGrid(grid, sets, through)
     if (out.status == OUT).all():

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._memory import need
-from ilattice._typing import AnyArray, FloatArray, IntArray
+from ilattice._typing import AnyArray, FloatArray, IntArray, Solid, SumsOfSplines
 from ilattice._validate import Frozen, as_array, asked, read_only
 from ilattice.bspline import BSpline
 from ilattice.bspline._kernels_bezier import restriction
@@ -26,7 +26,6 @@ from ilattice.bspline.knots import find_spans
 from ilattice.errors import InputError
 from ilattice.fields.algebra import complement
 from ilattice.fields.node import Node
-from ilattice.offsets.wall import Wall, WallField
 from ilattice.quadrature import _kernels_drive as kernels
 from ilattice.quadrature._filling import Content
 from ilattice.quadrature._kernels_scratch import LOW
@@ -316,11 +315,11 @@ class SplinePieces(Pieces):
 
 
 def as_level_sets(field: Any, domain: FloatArray | None, degree: int) -> LevelSets:
-    """Level sets of a wall, a scalar spline, a smooth field, or a pair of fields.
+    """Level sets of a solid, a scalar spline, a smooth field, or a pair of fields.
 
     Parameters
     ----------
-    field : Wall, WallField, BSpline, callable, or pair of these
+    field : Solid, SumsOfSplines, BSpline, callable, or pair of fields
         The solid is where it is negative; of a pair, where both are.
     domain : ndarray, shape (2, 3), optional
         Box, for fields that have no bounds.
@@ -337,17 +336,10 @@ def as_level_sets(field: Any, domain: FloatArray | None, degree: int) -> LevelSe
     InputError
         If it is something else, or there is no domain.
     """
-    if isinstance(field, Wall):
-        field = field.field
-    if isinstance(field, WallField):
-        t = field.thickness
-        distance = getattr(field.distance, "spline", field.distance)
-        splines: tuple[BSpline, ...] = (distance, t.outer)
-        factors = [[1.0, -1.0], [-1.0, -1.0]]
-        if not t.symmetric:
-            splines = (distance, t.outer, t.inner)
-            factors = [[1.0, -1.0, 0.0], [-1.0, 0.0, -1.0]]
-        return _of_splines(splines, np.array(factors), (field,), domain, degree)
+    if isinstance(field, Solid):
+        field = field.level_sets()
+    if isinstance(field, SumsOfSplines):
+        return _of_splines(*field.sums(), (field,), domain, degree)
     parts = tuple(field) if isinstance(field, tuple | list) else (field,)
     if not 1 <= len(parts) <= 2:
         raise InputError(f"field must be one field or a pair, got {len(parts)}")

@@ -13,7 +13,7 @@ from ilattice.offsets._small import solved
 from ilattice.offsets.polish import distance_jet, inside, shortest
 
 if TYPE_CHECKING:
-    from ilattice.offsets.wall import Wall
+    from ilattice.offsets.wall import OffsetSolid
 
 #: Most Newton steps onto wall and plane by the distance spline, then by closest points.
 STEPS, POLISHING = 6, 3
@@ -39,7 +39,12 @@ class InPlane:
     """
 
     def __init__(
-        self, wall: "Wall", axes: tuple[FloatArray, ...], frame: FloatArray, h: float, polish: bool
+        self,
+        wall: "OffsetSolid",
+        axes: tuple[FloatArray, ...],
+        frame: FloatArray,
+        h: float,
+        polish: bool,
     ) -> None:
         self.wall, self.axes, self.frame, self.h, self.polish = wall, axes, frame, h, polish
 

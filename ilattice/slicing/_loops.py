@@ -13,9 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ilattice._geometry import between
+from ilattice._geometry import between, fixed_coordinates
 from ilattice._typing import AnyArray, FloatArray, IntArray
-from ilattice.mesh.contouring import fixed_coordinates
 from ilattice.slicing import _kernels_slices as kernels
 from ilattice.slicing._in_plane import InPlane
 from ilattice.slicing._sheet import Sheet

@@ -4,21 +4,38 @@ Guarantee: loops close, whatever the mesh that is closed and oriented, and cross
 crosses itself; corners that lie on a plane count as above it.
 """
 
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
-from ilattice._typing import FloatArray, IntArray
+from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.errors import GeometryError
 from ilattice.slicing import _kernels_slices as kernels
 from ilattice.slicing._loops import EMPTY, MERGE, Outline, apart, crossing, finished
 
-if TYPE_CHECKING:
-    from ilattice.mesh.surface import SurfaceMesh
-
 #: Where contours cross after points have merged, which are nearer to each other than a part of the
 #: edges, so much nearer ones merge, then none.
 LESS = 1e-3
+
+
+class ClosedMesh(Protocol):
+    """A mesh that tells whether it is closed: a `SurfaceMesh`."""
+
+    @property
+    def vertices(self) -> AnyArray:
+        """Points, shape (V, 3)."""
+
+    @property
+    def faces(self) -> AnyArray:
+        """Corners, shape (F, 3)."""
+
+    @property
+    def is_watertight(self) -> bool:
+        """Whether every edge has two faces."""
+
+    @property
+    def is_oriented(self) -> bool:
+        """Whether faces beside each other agree on what is outside."""
 
 
 class MeshSlicer:
@@ -26,7 +43,7 @@ class MeshSlicer:
 
     Parameters
     ----------
-    mesh : SurfaceMesh
+    mesh : ClosedMesh
         Closed and oriented.
     frame : ndarray, shape (3, 3)
         Rows: the two directions in the plane and its normal, right-handed.
@@ -37,7 +54,7 @@ class MeshSlicer:
         If the mesh is open, or not oriented: its loops would not close.
     """
 
-    def __init__(self, mesh: "SurfaceMesh", frame: FloatArray) -> None:
+    def __init__(self, mesh: ClosedMesh, frame: FloatArray) -> None:
         if not (mesh.is_watertight and mesh.is_oriented):
             raise GeometryError("a mesh that is open, or not oriented, has no slices: repair it")
         self.net = np.asarray(mesh.vertices, np.float64)

@@ -18,11 +18,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ilattice._geometry import between
+from ilattice._geometry import between, fixed_coordinates
 from ilattice._typing import FloatArray, IntArray
 from ilattice.bspline import BSpline
 from ilattice.errors import GeometryError, InputError
-from ilattice.mesh.contouring import fixed_coordinates
 from ilattice.slicing import _kernels_slices as kernels
 from ilattice.slicing._in_plane import InPlane
 from ilattice.slicing._loops import EMPTY, Outline, placed

@@ -24,7 +24,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, overload
+from typing import Any, overload
 
 import numpy as np
 
@@ -33,15 +33,15 @@ from ilattice._progress import Progress, track
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import Frozen, as_array, as_index, as_positive, as_triple, read_only
 from ilattice.errors import InputError, PrecisionWarning
+from ilattice.io.registry import save
+from ilattice.io.svg import slice_document
+from ilattice.macroshape.planes import grid_axes
+from ilattice.offsets.wall import OffsetSolid, warn_coarse
 from ilattice.slicing import _kernels_slices as kernels
 from ilattice.slicing._in_plane import InPlane
 from ilattice.slicing._loops import Outline
-from ilattice.slicing._mesh_slicer import MeshSlicer
+from ilattice.slicing._mesh_slicer import ClosedMesh, MeshSlicer
 from ilattice.slicing._slicer import BLOCK, Slicer, as_frame, extent
-
-if TYPE_CHECKING:
-    from ilattice.mesh.surface import SurfaceMesh
-    from ilattice.offsets.wall import Wall
 
 #: A polygon as arrays: its outer contour (n, 2), and its holes.
 Polygon = tuple[FloatArray, tuple[FloatArray, ...]]
@@ -141,8 +141,6 @@ class Slice(Frozen):
         str
             The document.
         """
-        from ilattice.io.svg import slice_document
-
         return slice_document(self)
 
 
@@ -164,7 +162,7 @@ class SliceStack(Frozen):
         What cuts.
     """
 
-    part: "Wall | SurfaceMesh"
+    part: OffsetSolid | ClosedMesh
     heights: FloatArray
     tops: FloatArray
     bottom: float
@@ -243,13 +241,11 @@ class SliceStack(Frozen):
         FormatError
             Unknown ending, or the file cannot be written.
         """
-        from ilattice.io import save
-
         save(self, path, **options)
 
 
 def slice_wall(
-    wall: "Wall",
+    wall: OffsetSolid,
     z: ArrayLike | None = None,
     *,
     thickness: float | None = None,
@@ -257,15 +253,12 @@ def slice_wall(
     normal: ArrayLike = (0.0, 0.0, 1.0),
     polish: bool = True,
 ) -> SliceStack:
-    """Slices of a wall; see `ilattice.offsets.Wall.slices`."""
-    from ilattice.mesh.wall_mesh import grid_axes
-    from ilattice.offsets.wall import warn_coarse
-
+    """Slices of a wall; see `ilattice.lattice.Wall.slices`."""
     least = wall.least_thickness
     h = 0.25 * least if h is None else as_positive("h", h)
     warn_coarse(h, least)
     frame = as_frame(as_triple("normal", normal))
-    axes = grid_axes(wall, h)
+    axes = grid_axes(wall.lattice, h)
     a, b, c = (float(len(planes)) for planes in axes)
     need(
         PER_CELL * max(a * b, b * c, c * a) + PER_BLOCK * a * b * c / BLOCK**3,
@@ -278,7 +271,7 @@ def slice_wall(
 
 
 def slice_mesh(
-    mesh: "SurfaceMesh",
+    mesh: ClosedMesh,
     z: ArrayLike | None = None,
     *,
     thickness: float | None = None,

@@ -12,7 +12,7 @@ enough, because more feet are near than are needed, or it does not bend, by
 
 Guarantees: no foot is nearer than what is reported; the feet balance to 1e-5.
 Non-guarantees: completeness, because feet with shares of the space that are thinner than a cell of
-the grid are seen only where windows get smaller; compare Euler numbers, as `ilattice.mesh.topology`
+the grid are seen only where windows get smaller; compare Euler numbers, as `ilattice.mesh.regions`
 does. Feet on creases, where tiles meet without a zone of transition, are not followed. Where whole
 curves or surfaces are critical (parallel planes), one point stands for each
 (`ilattice.topology.critical_sets`).
@@ -41,7 +41,7 @@ from ilattice.topology.several_feet import Feet, SeveralFeet
 from ilattice.topology.windows import MOST, Windows
 
 if TYPE_CHECKING:
-    from ilattice.macroshape.lattice import Lattice
+    from ilattice.offsets.mid_surface import MidSurface
 
 #: Sizes of the windows about what was found, in those of the grid, one after the other.
 CLOSER = (0.5, 0.25)
@@ -123,7 +123,7 @@ class CriticalPoint:
 
 
 def critical_points(
-    lattice: Lattice,
+    lattice: MidSurface,
     low: float,
     high: float,
     *,
@@ -187,7 +187,7 @@ class CriticalSearch:
         others, about one in each cell of the grid that critical curves and surfaces pass through.
     """
 
-    def __init__(self, lattice: Lattice, inner: BSpline | None, outer: BSpline | None) -> None:
+    def __init__(self, lattice: MidSurface, inner: BSpline | None, outer: BSpline | None) -> None:
         self.lattice = lattice
         self.excess = Excess(lattice, inner, outer)
         self.windows, self.balance = Windows(self.excess), Balance(self.excess)

@@ -15,7 +15,7 @@ from ilattice._typing import FloatArray, IntArray
 from ilattice.bspline import BSpline
 
 if TYPE_CHECKING:
-    from ilattice.macroshape.lattice import Lattice
+    from ilattice.offsets.mid_surface import MidSurface
 
 
 class Excess:
@@ -31,7 +31,7 @@ class Excess:
     """
 
     def __init__(
-        self, lattice: Lattice, inner: BSpline | None = None, outer: BSpline | None = None
+        self, lattice: MidSurface, inner: BSpline | None = None, outer: BSpline | None = None
     ) -> None:
         from ilattice.offsets.distance_spline import distance_spline
 

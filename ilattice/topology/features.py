@@ -32,7 +32,7 @@ from ilattice.offsets.polish import inside
 from ilattice.topology.critical import CriticalPoint, CriticalSearch
 
 if TYPE_CHECKING:
-    from ilattice.offsets.wall import Wall
+    from ilattice.offsets.wall import OffsetSolid
 
 #: Ranges of values that are searched one after the other.
 STAGES = 6
@@ -77,8 +77,8 @@ class Feature(Frozen):
         return f"{self.size:.4g} ({self.kind} at {place})"
 
 
-def minimum_gap(wall: Wall) -> Feature:
-    """Width of the narrowest gap; see `ilattice.offsets.Wall.minimum_gap`."""
+def minimum_gap(wall: OffsetSolid) -> Feature:
+    """Width of the narrowest gap; see `ilattice.lattice.Wall.minimum_gap`."""
     for gaps in _events(wall, 0.0, float(np.abs(wall.distance.c).max())):
         p = min((p for p in gaps if p.kind != "part"), key=lambda p: p.value, default=None)
         if p is not None:
@@ -86,8 +86,8 @@ def minimum_gap(wall: Wall) -> Feature:
     return Feature(np.inf, np.full(3, np.nan), np.full(3, np.nan), "none")
 
 
-def minimum_thickness(wall: Wall) -> Feature:
-    """Width of the thinnest part; see `ilattice.offsets.Wall.minimum_thickness`."""
+def minimum_thickness(wall: OffsetSolid) -> Feature:
+    """Width of the thinnest part; see `ilattice.lattice.Wall.minimum_thickness`."""
     if wall.thickness.solid:
         raise InputError("solids have no prescribed thickness; minimum_thickness is for walls")
     least = whole = _thinnest(wall)
@@ -102,7 +102,7 @@ def minimum_thickness(wall: Wall) -> Feature:
     return least
 
 
-def check_features(wall: Wall, least_wall: float | None, least_gap: float | None) -> None:
+def check_features(wall: OffsetSolid, least_wall: float | None, least_gap: float | None) -> None:
     """Refuse a wall with thinner walls or narrower gaps.
 
     Parameters
@@ -128,7 +128,7 @@ def check_features(wall: Wall, least_wall: float | None, least_gap: float | None
             )
 
 
-def _thinnest(wall: Wall) -> Feature:
+def _thinnest(wall: OffsetSolid) -> Feature:
     """Where the half-thicknesses together are least: at the middle of a grid of the domain."""
     t = wall.thickness
     lo, hi = wall.lattice.domain
@@ -139,7 +139,7 @@ def _thinnest(wall: Wall) -> Feature:
     return Feature(float(total[i]), u[i].copy(), wall.lattice.through.x(u[i : i + 1])[0], "wall")
 
 
-def _events(wall: Wall, first: float, last: float) -> Iterator[list[CriticalPoint]]:
+def _events(wall: OffsetSolid, first: float, last: float) -> Iterator[list[CriticalPoint]]:
     """Changes of topology if a wall grew or shrank, a range of values after the other."""
     search = CriticalSearch(wall.lattice, wall.thickness.inner, wall.thickness.outer)
     box, slack = wall.lattice.domain, np.copysign(search.windows.slack, last - first)
@@ -150,7 +150,7 @@ def _events(wall: Wall, first: float, last: float) -> Iterator[list[CriticalPoin
         yield search.changes(min(a, b), max(a, b), box)
 
 
-def _room(wall: Wall, point: CriticalPoint, most: float) -> float:
+def _room(wall: OffsetSolid, point: CriticalPoint, most: float) -> float:
     """Distance from a point inside a web to its surface, or `most` if that is nearer."""
     jacobian = wall.lattice.through.jacobian(point.u[None])[0]
     back = np.linalg.pinv(jacobian, rcond=FLAT)  # maps may be singular where faces collapse
@@ -165,7 +165,7 @@ def _room(wall: Wall, point: CriticalPoint, most: float) -> float:
 
 
 def _first_exits(
-    wall: Wall, point: CriticalPoint, directions: FloatArray, most: float
+    wall: OffsetSolid, point: CriticalPoint, directions: FloatArray, most: float
 ) -> FloatArray:
     """Distance in space at which straight lines of parameters leave a wall, else infinity."""
     lattice = wall.lattice

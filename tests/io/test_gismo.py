@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ilattice import macroshape
 from ilattice.errors import FormatError
 from ilattice.io import splines
 
@@ -18,7 +19,7 @@ def det(spline, count=9):
 
 
 def test_cylinder_is_round_and_left_handed():
-    shape = splines.load(DATA / "cylinder.xml")
+    shape = macroshape.load(DATA / "cylinder.xml")
     lo, hi = shape.domain
     u = np.random.default_rng(0).uniform(lo, hi, (200, 3))
     for v, radius in ((0.0, 0.5), (1.0, 1.0)):
@@ -32,7 +33,7 @@ def test_cylinder_is_round_and_left_handed():
 
 
 def test_g_shape():
-    shape = splines.load(DATA / "GshapedVolume.xml")
+    shape = macroshape.load(DATA / "GshapedVolume.xml")
     assert shape.spline.shape == (9, 3, 3)
     assert shape.spline.k == (2, 2, 2)
     assert shape.spline.t[0][3] == 0.142857142857
@@ -109,7 +110,7 @@ def test_other_geometries_are_skipped_and_named(tmp_path):
     text = '<xml><Geometry type="TensorTHBSpline3" id="0"/></xml>'
     assert read(tmp_path, text) == []
     with pytest.raises(FormatError, match=r"TensorTHBSpline3 in line 1 \(not supported\)"):
-        splines.load(tmp_path / "a.xml")
+        macroshape.load(tmp_path / "a.xml")
 
 
 BOMB = """<?xml version="1.0"?>

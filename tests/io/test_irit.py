@@ -4,6 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ilattice import macroshape
 from ilattice.errors import FormatError
 from ilattice.io import splines
 from ilattice.macroshape import SplineMap
@@ -27,7 +28,7 @@ def test_everything_in_the_file_is_listed():
 
 
 def test_orders_and_first_direction_fastest():
-    slab = splines.load(PATH, 0)
+    slab = macroshape.load(PATH, 0)
     assert slab.spline.k == (1, 1, 1)
     assert slab.spline.t[0].tolist() == [0, 0, 1, 3, 3]
     u = np.random.default_rng(0).uniform(0, 1, (20, 3)) * [3, 1, 1]
@@ -35,7 +36,7 @@ def test_orders_and_first_direction_fastest():
 
 
 def test_projective_points_are_divided_by_their_weight():
-    quarter = splines.load(PATH, "QUARTER")
+    quarter = macroshape.load(PATH, "QUARTER")
     assert quarter.spline.k == (2, 1, 1)
     assert quarter.spline.weights[1, 0, 0] == 0.7071067811865476
     assert np.array_equal(quarter.spline.c[1, 0, 0], [1, 1, 0])
@@ -45,7 +46,7 @@ def test_projective_points_are_divided_by_their_weight():
 
 
 def test_periodic_knots_and_seven_coordinates():
-    ring = splines.load(PATH, 2)
+    ring = macroshape.load(PATH, 2)
     assert ring.spline.periodic == (True, False, False)
     assert ring.spline.shape == (6, 2, 2)
     assert ring.domain[:, 0].tolist() == [0, 4]
@@ -58,11 +59,11 @@ def test_periodic_knots_and_seven_coordinates():
 
 
 def test_names_survive(tmp_path):
-    ring = splines.load(PATH, 2)
+    ring = macroshape.load(PATH, 2)
     named = SplineMap(ring.spline, names=("r", "g", "b", "d"))
     splines.save(named, tmp_path / "a.itd")
     assert '[COORDINATES "r,g,b,d"]' in (tmp_path / "a.itd").read_text()
-    assert splines.load(tmp_path / "a.itd").names == ("r", "g", "b", "d")
+    assert macroshape.load(tmp_path / "a.itd").names == ("r", "g", "b", "d")
 
 
 def test_a_geometry_needs_no_object(tmp_path):

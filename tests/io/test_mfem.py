@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ilattice import macroshape
 from ilattice.errors import FormatError
 from ilattice.io import splines
 from ilattice.macroshape import SplineMap
@@ -38,7 +39,7 @@ def test_every_patch_of_every_file_is_right_handed():
 
 
 def test_cube_is_the_unit_cube():
-    shape = splines.load(DATA / "cube-nurbs.mesh")
+    shape = macroshape.load(DATA / "cube-nurbs.mesh")
     u = np.random.default_rng(0).uniform(0, 1, (20, 3))
     assert np.abs(shape.x(u) - u).max() < 1e-15
 
@@ -50,7 +51,7 @@ def test_deformed_cube_has_its_corners_and_edges_where_the_file_says():
         for line in path.read_text().split("Ordering: 1")[1].splitlines()
         if line.strip()
     ]
-    c = splines.load(path).spline.c
+    c = macroshape.load(path).spline.c
     for corner, row in zip(CORNERS, rows, strict=False):
         assert c[tuple(5 * i for i in corner)].tolist() == row
     assert c[1:5, 0, 0].tolist() == rows[8:12]  # edge 0 of the file runs from vertex 0 to 1
@@ -240,7 +241,7 @@ def test_surfaces_with_shared_knot_vectors(tmp_path):
 
 
 def test_the_written_topology_is_that_of_the_files_of_the_project(tmp_path):
-    shape = splines.load(DATA / "cube-nurbs.mesh")
+    shape = macroshape.load(DATA / "cube-nurbs.mesh")
     splines.save(shape, tmp_path / "a.mesh")
     section = re.compile(r"edges\n12\n(.*?)\n\nvertices\n8\n", re.DOTALL)
     ours = section.search((tmp_path / "a.mesh").read_text())[1].split("\n")
@@ -254,9 +255,9 @@ def test_the_written_topology_is_that_of_the_files_of_the_project(tmp_path):
 
 
 def test_names_are_kept_in_a_comment(tmp_path):
-    shape = SplineMap(splines.load(DATA / "cube-nurbs.mesh").spline).with_extra(density=0.5)
+    shape = SplineMap(macroshape.load(DATA / "cube-nurbs.mesh").spline).with_extra(density=0.5)
     splines.save(shape, tmp_path / "a.mesh")
-    assert splines.load(tmp_path / "a.mesh").names == ("density",)
+    assert macroshape.load(tmp_path / "a.mesh").names == ("density",)
 
 
 # --- what is refused ------------------------------------------------------------------------------

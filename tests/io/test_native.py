@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from spline_zoo import ZOO, make
 
+from ilattice import macroshape
 from ilattice.errors import FormatError
 from ilattice.io import splines
 from ilattice.macroshape import SplineMap
@@ -88,7 +89,7 @@ def test_what_is_wrong_is_said(tmp_path, content, key, value, message):
     path = tmp_path / "a.json"
     path.write_text(json.dumps(content))
     with pytest.raises(FormatError, match=message) as caught:
-        splines.load(path)
+        macroshape.load(path)
     assert "a.json" in str(caught.value)
 
 
@@ -106,7 +107,7 @@ def test_malformed_json(tmp_path, text, message):
     path = tmp_path / "a.json"
     path.write_text(text)
     with pytest.raises(FormatError, match=message):
-        splines.load(path)
+        macroshape.load(path)
 
 
 def archive(tmp_path, **members: bytes):
@@ -130,9 +131,9 @@ def test_nothing_is_unpickled(tmp_path):
 
     data = npy(np.array([Trap()], dtype=object), allow_pickle=True)
     with pytest.raises(FormatError, match="no array of numbers"):
-        splines.load(archive(tmp_path, control_points=data))
+        macroshape.load(archive(tmp_path, control_points=data))
     with pytest.raises(FormatError, match=r"entry 'control_points\.npy'"):
-        splines.load(archive(tmp_path, control_points=pickle.dumps(Trap())))
+        macroshape.load(archive(tmp_path, control_points=pickle.dumps(Trap())))
     assert not (tmp_path / "trap").exists()
 
 
@@ -142,7 +143,7 @@ def test_claimed_sizes_take_no_memory(tmp_path):
     path = archive(tmp_path, control_points=data)
     tracemalloc.start()
     with pytest.raises(FormatError, match="does not fit"):
-        splines.load(path)
+        macroshape.load(path)
     assert tracemalloc.get_traced_memory()[1] < 5e6
     tracemalloc.stop()
 
@@ -151,7 +152,7 @@ def test_an_archive_that_expands_out_of_proportion(tmp_path):
     path = archive(tmp_path, control_points=npy(np.zeros(10_000_000)))
     tracemalloc.start()
     with pytest.raises(FormatError, match="expands more than 5 times"):
-        splines.load(path)
+        macroshape.load(path)
     assert tracemalloc.get_traced_memory()[1] < 5e6
     tracemalloc.stop()
 

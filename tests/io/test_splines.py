@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from spline_zoo import ZOO, make, sites
 
+from ilattice import macroshape
 from ilattice.bspline import BSpline
 from ilattice.errors import FormatError, InputError
 from ilattice.io import splines
@@ -26,7 +27,7 @@ def test_round_trip(tmp_path, ending, kind):
     spline, names = ZOO[kind]
     path = tmp_path / f"a{ending}"
     splines.save(SplineMap(spline, names=names), path)
-    back = splines.load(path)
+    back = macroshape.load(path)
     u = sites(spline)
     assert back.names == names
     assert np.array_equal(back.spline.domain, spline.domain)
@@ -71,7 +72,7 @@ def test_curves_and_surfaces_round_trip(tmp_path, ending, rational, k, n, m):
     u = sites(spline)
     assert same(patch.spline(u), spline(u))
     with pytest.raises(FormatError, match=f"no spline volume; it holds: {patch.kind}"):
-        splines.load(path)
+        macroshape.load(path)
 
 
 @pytest.mark.parametrize("ending", ENDINGS)
@@ -83,7 +84,7 @@ def test_scalar_splines(tmp_path, ending):
     assert same(patch.spline(u).reshape(-1), spline(u))
     assert patch.spline.m == (0 if ending in (".npz", ".json") else 1)
     with pytest.raises(FormatError, match="cannot be a map to space"):
-        splines.load(tmp_path / f"a{ending}")
+        macroshape.load(tmp_path / f"a{ending}")
 
 
 @pytest.mark.parametrize("ending", [".xml", ".itd", ".npz", ".json"])
@@ -128,20 +129,20 @@ def test_an_interrupted_save_leaves_the_old_file(tmp_path, ending, monkeypatch):
 @pytest.mark.parametrize("ending", ENDINGS)
 def test_reading_what_is_not_there(tmp_path, ending):
     with pytest.raises(FormatError, match="cannot be read"):
-        splines.load(tmp_path / f"nothing{ending}")
+        macroshape.load(tmp_path / f"nothing{ending}")
     (tmp_path / f"empty{ending}").touch()
     with pytest.raises(FormatError, match=f"empty{ending}"):
-        splines.load(tmp_path / f"empty{ending}")
+        macroshape.load(tmp_path / f"empty{ending}")
 
 
 def test_unknown_endings_name_the_known_ones():
     with pytest.raises(FormatError, match=r"\.mesh is MFEM NURBS mesh"):
-        splines.load("volume.step")
+        macroshape.load("volume.step")
 
 
 def test_a_file_of_several_patches_wants_a_choice():
     with pytest.raises(InputError, match=r"7 volumes.*: volume 0 .*(; volume.*){5}; volume 6 "):
-        splines.load(CUBES)
+        macroshape.load(CUBES)
 
 
 def test_patches_are_chosen_by_index_although_ids_repeat():
@@ -150,36 +151,36 @@ def test_patches_are_chosen_by_index_although_ids_repeat():
     assert {p.info["id"] for p in patches} == {"1"}
     for i, patch in enumerate(patches):
         expected = patch.spline.c
-        assert np.array_equal(splines.load(CUBES, i).spline.c, expected)
-        assert np.array_equal(splines.load(f"{CUBES}#{i}").spline.c, expected)
-        assert np.array_equal(splines.load(CUBES, str(i)).spline.c, expected)
+        assert np.array_equal(macroshape.load(CUBES, i).spline.c, expected)
+        assert np.array_equal(macroshape.load(f"{CUBES}#{i}").spline.c, expected)
+        assert np.array_equal(macroshape.load(CUBES, str(i)).spline.c, expected)
     assert not np.array_equal(patches[1].spline.c, patches[2].spline.c)
 
 
 def test_patches_are_chosen_by_name():
     path = DATA / "irit" / "volumes.itd"
-    assert splines.load(path, "SLAB").spline.shape == (3, 2, 2)
-    assert splines.load(f"{path}#BLOCK").spline.shape == (2, 2, 2)
+    assert macroshape.load(path, "SLAB").spline.shape == (3, 2, 2)
+    assert macroshape.load(f"{path}#BLOCK").spline.shape == (2, 2, 2)
     with pytest.raises(InputError, match="near: SLAB"):
-        splines.load(path, "SLUB")
+        macroshape.load(path, "SLUB")
 
 
 @pytest.mark.parametrize("choice", [7, -1, "7", "no such name", 1.5, True])
 def test_choices_that_do_not_exist(choice):
     with pytest.raises(InputError, match="patch"):
-        splines.load(CUBES, choice)
+        macroshape.load(CUBES, choice)
 
 
 def test_a_file_name_with_the_mark_is_taken_whole(tmp_path):
     splines.save(ZOO["trilinear"][0], tmp_path / "a#1.xml")
-    assert splines.load(tmp_path / "a#1.xml").spline.shape == (2, 2, 2)
+    assert macroshape.load(tmp_path / "a#1.xml").spline.shape == (2, 2, 2)
 
 
 def test_names_that_a_text_format_cannot_keep(tmp_path):
     spline = make((1, 1, 1), (2, 2, 2), 4)
     path = tmp_path / "a.json"
     splines.save(SplineMap(spline, names=("größe",)), path)
-    assert splines.load(path).names == ("größe",)
+    assert macroshape.load(path).names == ("größe",)
 
 
 def test_descriptions():

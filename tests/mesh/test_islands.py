@@ -9,7 +9,7 @@ import pytest
 import ilattice as il
 from ilattice import cli
 from ilattice.errors import PrecisionWarning
-from ilattice.mesh.topology import islands_of
+from ilattice.mesh.regions import islands_of
 
 
 def balls(*sizes):

@@ -11,7 +11,7 @@ from scipy.ndimage import generate_binary_structure, label
 import ilattice as il
 from ilattice.errors import GeometryError, InputError
 from ilattice.mesh import SurfaceMesh
-from ilattice.mesh.topology import topology_of
+from ilattice.mesh.regions import topology_of
 from ilattice.offsets.distance_spline import distance_spline
 from ilattice.tiles.tpms import ROWS
 from ilattice.topology.critical import critical_points

@@ -8,7 +8,7 @@ import pytest
 import ilattice as il
 from ilattice.errors import GeometryError, InputError
 from ilattice.mesh import vent, venting
-from ilattice.mesh.topology import topology_of
+from ilattice.mesh.regions import topology_of
 from ilattice.mesh.venting import Channels, channels
 
 

@@ -114,7 +114,7 @@ def test_scaling_to_a_density_keeps_kinks(lattice):
 def test_properties_of_tiles_may_have_kinks():
     tile = il.tiles.schwarz_p().with_properties(t=lambda u: 0.03 + 0.04 * np.abs(u[:, 0] - 0.37))
     lattice = il.Lattice(tile, through=il.macroshape.box((2, 1, 1)), repeat=(2, 1, 1))
-    f = il.offsets.offset  # the property jumps from tile to tile: 0.37 and 0.63 from the kink
+    f = il.lattice.offset  # the property jumps from tile to tile: 0.37 and 0.63 from the kink
     with pytest.raises(InputError, match=r"d jumps from 0\.05"):
         f(lattice, "t")
     tile = tile.with_properties(t=lambda u: 0.03 + 0.04 * np.abs(u[:, 0] - 0.5))

@@ -5,7 +5,7 @@ import pytest
 
 import ilattice as il
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
-from ilattice.offsets.wall import parameters_of
+from ilattice.mesh.wall_mesh import parameters_of
 
 
 def plane(height=0.5):

@@ -1,4 +1,4 @@
-"""The lattice: tiles in the parameter domain of a map, one repeated or several mixed.
+"""Placement of tiles in the parameter domain of a map, one repeated or several mixed.
 
 Guarantees: the map has been certified not to fold (a warning names isolated points with
 det J = 0); everything expensive (seeds, k-d tree, distance spline) is computed once and kept.
@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -21,33 +21,24 @@ from ilattice._validate import (
     as_array,
     as_choice,
     as_counts,
-    as_not_negative,
     as_points,
     as_positive,
     asked,
-    freeze,
 )
 from ilattice.errors import InputError
 from ilattice.macroshape.certify import check_map
 from ilattice.macroshape.maps import SplineMap
+from ilattice.tiles.catalog import get
 from ilattice.tiles.mixture import MixedField, Mixture
 from ilattice.tiles.tile import Tile
 from ilattice.tiles.trig import TrigField
 
-if TYPE_CHECKING:
-    from ilattice.mesh.topology import TopologySweep
-    from ilattice.offsets.closest import ClosestPoints, ClosestPointSearch, Statistics
-    from ilattice.offsets.wall import Wall
-
 BOUNDARIES = ("extend", "clip")
-SPACES = ("euclidean", "parametric")
-#: Options of offsets in space only.
-IN_SPACE = {"points", "values", "tol", "relative_density", "least_wall", "least_gap"}
 PER_TILE = 2000  # bytes of memory
 
 
 @dataclass(frozen=True, eq=False)
-class Lattice:
+class Tiling:
     """Tiles repeated through a map.
 
     Parameters
@@ -77,9 +68,9 @@ class Lattice:
     Examples
     --------
     >>> import ilattice as il
-    >>> lattice = il.Lattice("gyroid", through=il.macroshape.box((2, 1, 1)), repeat=(2, 1, 1))
-    >>> lattice.repeat
-    (2, 1, 1)
+    >>> tiling = il.macroshape.Tiling("gyroid", through=il.macroshape.identity(), repeat=2)
+    >>> tiling.repeat
+    (2, 2, 2)
     """
 
     tile: Tile | Mixture
@@ -107,42 +98,6 @@ class Lattice:
             raise InputError(
                 f"properties {sorted(both)} are given by the tile and by the map; rename one"
             )
-
-    @classmethod
-    def from_struts(
-        cls, nodes: ArrayLike, edges: ArrayLike, radii: ArrayLike, *, blend: float = 0.0
-    ) -> Lattice:
-        """One tile that holds a graph of round struts anywhere in space, in a box around it.
-
-        Parameters
-        ----------
-        nodes, edges, radii, blend : array_like and float
-            As in `ilattice.tiles.struts`, but `nodes` are points of space, in units of length.
-
-        Returns
-        -------
-        Lattice
-            Its ``offset((np.inf, 0))`` is the struts, to be meshed, sliced and analysed.
-
-        Raises
-        ------
-        InputError
-            As in `ilattice.tiles.struts`.
-
-        Examples
-        --------
-        >>> import numpy as np, ilattice as il
-        >>> graph = il.Lattice.from_struts([(5, 0, 0), (9, 0, 0), (9, 3, 0)], [(0, 1), (1, 2)], 0.4)
-        >>> graph.offset((np.inf, 0)).mesh().genus
-        0
-        """
-        from ilattice.macroshape.primitives import box
-        from ilattice.tiles.struts import as_graph, box_around, struts
-
-        points, ends, r = as_graph(nodes, edges, radii)
-        low, high = box_around(points, ends, r, as_not_negative("blend", blend))
-        tile = struts(points - low, ends, r, blend=blend, faces="open", cell=high - low)
-        return cls(tile, through=box(lo=low, hi=high))
 
     def _once(self, name: str, make: Any) -> Any:
         if name not in self._cache:
@@ -300,16 +255,6 @@ class Lattice:
             out[at] += weights[at, number] * _values(name, tile, self._in_tile(p[at]))
         return out
 
-    # ------------------------------------------------------------------ distances
-
-    @property
-    def search(self) -> ClosestPointSearch:
-        """Seeds, k-d tree and solver of the closest-point queries."""
-        from ilattice.offsets.closest import ClosestPointSearch
-
-        self._check_count()
-        return self._once("search", lambda: ClosestPointSearch(self))
-
     def _check_count(self) -> None:
         """Refuse so many tiles that what is kept of each does not fit."""
         need(
@@ -317,113 +262,6 @@ class Lattice:
             f"a lattice of {' x '.join(map(str, self.repeat))} tiles",
             "use fewer tiles",
         )
-
-    def closest(self, u: ArrayLike) -> ClosestPoints:
-        """Closest points on the mid-surface.
-
-        Parameters
-        ----------
-        u : array_like, shape (n, 3)
-            Parameters of the queries; the queries are their images.
-
-        Returns
-        -------
-        ClosestPoints
-            Feet, signed distances and a status per query; their arrays are read-only. Queries are
-            compared with the feet of all others asked for together, so that many at once are the
-            more reliable.
-
-        Raises
-        ------
-        ConvergenceError
-            If more than one query in a hundred does not converge.
-        """
-        return freeze(self.search.query(as_points("u", u), thorough=True))
-
-    def distance(self, u: ArrayLike) -> FloatArray:
-        """Signed Euclidean distance to the mid-surface at images of parameters.
-
-        Parameters
-        ----------
-        u : array_like, shape (n, 3)
-            Parameters.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            Distances, negative where the implicit function is negative (Hong et al., eq. 5).
-        """
-        return self.search.query(as_points("u", u), thorough=True).distance
-
-    @property
-    def statistics(self) -> Statistics:
-        """Counts over all closest-point queries so far."""
-        return self.search.statistics
-
-    def offset(self, d: Any = None, *, space: str = "euclidean", **options: Any) -> Wall:
-        """Wall of half-thickness `d` about the mid-surface.
-
-        Parameters
-        ----------
-        d : float, callable, BSpline, str, or pair of these, optional
-            Half-thickness, as in `ilattice.offsets.offset`.
-        space : {"euclidean", "parametric"}
-            Where `d` is measured: in space, exactly; or in tiles before the map, to first order,
-            as in `ilattice.offsets.parametric_offset`.
-        **options
-            ``points`` and ``values``, ``tol``, ``relative_density``, ``least_wall``, ``least_gap``
-            (in space only) and ``progress``, as in `ilattice.offsets.offset`.
-
-        Returns
-        -------
-        Wall
-            The wall.
-
-        Raises
-        ------
-        InputError
-            If `space` is neither of the two, or `d` is unusable.
-        """
-        from ilattice.offsets.first_order import parametric_offset
-        from ilattice.offsets.wall import offset
-
-        as_choice("space", space, SPACES)
-        if space == "euclidean":
-            return offset(self, d, **options)
-        wrong = options.keys() & IN_SPACE
-        if wrong:
-            raise InputError(f"{sorted(wrong)} are for offsets in space, not for parametric ones")
-        return parametric_offset(self, d, **options)
-
-    def topology_sweep(self, d_values: ArrayLike, **options: Any) -> TopologySweep:
-        """Half-thicknesses at which the topology of the wall changes, and where.
-
-        Parameters
-        ----------
-        d_values : array_like, shape (n,)
-            Increasing half-thicknesses. Changes are looked for from the first to the last; the
-            contours at all of them are counted, and checked against the changes in between.
-        **options
-            ``h``, length of the edges of the contours, and ``progress``.
-
-        Returns
-        -------
-        TopologySweep
-            Critical half-thicknesses with places, and counts.
-
-        Raises
-        ------
-        InputError
-            If there are not two increasing positive values, or ``boundary="clip"``.
-
-        Notes
-        -----
-        Stratified Morse theory of the distance to the mid-surface, see
-        `ilattice.topology.critical`.
-        """
-        from ilattice.mesh.topology import topology_sweep
-
-        return topology_sweep(self, d_values, **options)
 
 
 def _values(name: str, tile: Tile, p: FloatArray) -> FloatArray:
@@ -448,8 +286,6 @@ def _as_tile(tile: Any) -> Tile | Mixture:
     if isinstance(tile, (Tile, Mixture)):
         return tile
     if isinstance(tile, str):
-        from ilattice.tiles.catalog import get
-
         return get(tile)
     if callable(tile):
         return Tile(tile)

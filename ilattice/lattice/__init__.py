@@ -1,0 +1,32 @@
+"""Lattices and walls: data of the rooms below, with verbs of one line.
+
+========================  ==================================================================
+`Lattice`                 a tile, repeated through a map
+`Wall`                    a lattice with a thickness: a solid
+`offset`                  wall of Euclidean half-thickness
+`parametric_offset`       wall of first order, before the map
+`ParametricWall`          what that gives
+`SolidWall`               the solid of the tiles as it is
+`ThicknessReport`         how far a mesh is from the asked thickness
+========================  ==================================================================
+"""
+
+from ilattice.lattice.lattice import Lattice
+from ilattice.lattice.wall import (
+    ParametricWall,
+    SolidWall,
+    ThicknessReport,
+    Wall,
+    offset,
+    parametric_offset,
+)
+
+__all__ = [
+    "Lattice",
+    "ParametricWall",
+    "SolidWall",
+    "ThicknessReport",
+    "Wall",
+    "offset",
+    "parametric_offset",
+]
