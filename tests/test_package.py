@@ -1,10 +1,12 @@
 """The table of contents, what importing costs, and the rules no linter knows."""
 
 import ast
+import graphlib
 import os
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -36,7 +38,7 @@ def test_the_docstring_lists_every_public_name():
 
 
 def test_every_room_lists_its_names():
-    for room in ("bspline", "tiles", "macroshape", "offsets", "mesh", "cutfem", "io"):
+    for room in sorted({p.parent.name for p in MODULES if p.name == "__init__.py"} - {ROOT.name}):
         module = getattr(il, room)
         assert sorted(module.__all__) == list(module.__all__), room
         assert all(hasattr(module, name) for name in module.__all__), room
@@ -134,3 +136,79 @@ def test_the_walk_finds_module_level_imports():
     source = "import rich\nif x:\n    import vtk\ndef f():\n    import trimesh\n"
     nodes = [n for n in _module_level(ast.parse(source)) if isinstance(n, ast.Import)]
     assert {name for n in nodes for name in _imports(n)} == {"rich", "vtk"}
+
+
+# --- who imports whom: at the top, inside functions, for types ------------------------------------
+
+
+def _modules_of(tree, known):
+    """Modules of this package that a module imports anywhere."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (a.name for a in node.names if a.name.split(".")[0] == "ilattice")
+        elif isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "ilattice":
+            for alias in node.names:
+                full = f"{node.module}.{alias.name}"
+                yield full if full in known else node.module
+
+
+@pytest.fixture(scope="module")
+def imports():
+    """Module -> modules of this package that it imports; that of the package as a whole is none."""
+    named = {}
+    for path in MODULES:
+        parts = ("ilattice", *path.relative_to(ROOT).with_suffix("").parts)
+        named[".".join(parts).removesuffix(".__init__")] = path
+    out = {}
+    for name, path in named.items():
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        out[name] = set(_modules_of(tree, named)) - {name} if name != "ilattice" else set()
+    return out
+
+
+def _room(module):
+    return module.split(".")[1] if "." in module else module
+
+
+def _rooms(imports):
+    """Room -> rooms that it imports."""
+    out = {}
+    for module, others in imports.items():
+        out.setdefault(_room(module), set()).update(map(_room, others))
+    return {room: others - {room} for room, others in out.items()}
+
+
+def test_no_circle_between_rooms_counting_imports_inside_functions_and_for_types(imports):
+    order = list(graphlib.TopologicalSorter(_rooms(imports)).static_order())
+    assert order.index("bspline") < order.index("fields") < order.index("lattice")
+
+
+def test_no_import_climbs_wherever_it_stands(imports):
+    contract = tomllib.loads((ROOT.parent / "pyproject.toml").read_text(encoding="utf-8"))
+    (layers,) = contract["tool"]["importlinter"]["contracts"]
+    assert "ignore_imports" not in layers
+    floor = {}
+    for number, layer in enumerate(reversed(layers["layers"])):
+        for room in re.findall(r"\w+", layer):
+            floor[room] = number, ":" in layer  # those that a colon joins may see each other
+    rooms = _rooms(imports)
+    climbs = []
+    for room, others in rooms.items():
+        if room == "ilattice":
+            continue
+        for other in others - {"ilattice"}:
+            (high, open_), (low, _) = floor[room], floor[other]
+            if not (low < high or (low == high and open_)):
+                climbs.append((room, other))
+    assert climbs == []
+    assert set(rooms) - {"ilattice"} == set(floor)
+
+
+def test_only_what_is_above_all_rooms_imports_the_package_as_a_whole(imports):
+    asked = {m for m, others in imports.items() if "ilattice" in others}
+    assert {_room(m) for m in asked} <= {"_job", "_warmup", "cli", "__main__"}
+
+
+def test_the_walk_finds_imports_inside_functions_and_for_types():
+    source = "def f():\n    from ilattice.b import c\nif TYPE_CHECKING:\n    import ilattice.d\n"
+    assert set(_modules_of(ast.parse(source), {"ilattice.b.c"})) == {"ilattice.b.c", "ilattice.d"}

@@ -24,7 +24,7 @@ from ilattice._validate import FrozenCopies, among, as_array, as_index, as_posit
 from ilattice.cutfem.probe import Probe, probe
 from ilattice.errors import FormatError, InputError
 from ilattice.mesh import SurfaceMesh
-from ilattice.mesh.wall_mesh import parameters_of
+from ilattice.mesh.wall_mesh import parameters_of, wall_mesh, warn_full
 from ilattice.quadrature.clipping import MOST, clipped, lattice
 
 if TYPE_CHECKING:
@@ -360,7 +360,9 @@ def surface_of(problem: "Problem", h: float | None) -> SurfaceMesh:
     wall = problem.domain.wall
     if wall is None:
         raise InputError("only walls have a surface mesh; on='solid' and on='cells' are for all")
-    mesh = wall.mesh(None if h is None else as_positive("h", h), polish=False)
+    h = None if h is None else as_positive("h", h)
+    warn_full(wall)
+    mesh = wall_mesh(wall, h, polish=False, caps=True, dtype=np.float64, progress=None)
     near = problem.assembly.space.locate(parameters_of(mesh)[0]) >= 0
     return mesh if near.all() else mesh.select(near[mesh.faces].all(axis=1))
 

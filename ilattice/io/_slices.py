@@ -25,6 +25,14 @@ class Section(Protocol):
     """One layer, as writers take it: a `Slice`."""
 
     @property
+    def height(self) -> float:
+        """Where the plane cuts."""
+
+    @property
+    def bounds(self) -> FloatArray:
+        """Box around the polygons, shape (2, 2)."""
+
+    @property
     def top(self) -> float:
         """Upper end of the layer."""
 

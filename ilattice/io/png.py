@@ -82,7 +82,7 @@ def write_png(
     names = [*mesh.point_data, *mesh.cell_data]
     if scalars is not None and scalars not in names:
         raise InputError(f"scalars {scalars!r} are not in the mesh; it has {names}")
-    surface = mesh.to_pyvista()
+    surface = to_pyvista(mesh)
     style = _style(mesh, scalars)
     if style.get("rgb"):
         surface.point_data["RGB"] = colours(mesh.point_data)
@@ -113,6 +113,18 @@ def _as_view(value: Any) -> tuple[float, float]:
             f"{', '.join(VIEWS)}, got {value!r:.80}"
         )
     return float(angles[0]), float(angles[1])
+
+
+def to_pyvista(mesh: Triangles) -> Any:
+    """A mesh with its data as ``pyvista.PolyData``."""
+    import pyvista as pv
+
+    out = pv.PolyData.from_regular_faces(np.array(mesh.vertices), np.array(mesh.faces))
+    for name, array in mesh.point_data.items():
+        out.point_data[name] = np.array(array)
+    for name, array in mesh.cell_data.items():
+        out.cell_data[name] = np.array(array)
+    return out
 
 
 def _style(mesh: Triangles, scalars: str | None) -> dict[str, Any]:

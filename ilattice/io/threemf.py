@@ -120,7 +120,7 @@ def _library() -> Any:
 
 def _decimals(mesh: Triangles) -> int:
     """Places after the point that keep single precision for coordinates of this size."""
-    largest = max(float(np.abs(mesh.bounds).max()), 1e-30)
+    largest = max(float(mesh.vertices.max()), -float(mesh.vertices.min()), 1e-30)
     return int(np.clip(_DIGITS - np.floor(np.log10(largest)), 1, _PLACES))
 
 

@@ -7,7 +7,6 @@ of it. Here are only names, defaults and checks of arguments.
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass, fields
 from os import PathLike
 from typing import Any
@@ -23,12 +22,12 @@ from ilattice._validate import (
     as_not_negative,
     as_positive,
 )
-from ilattice.errors import InputError, PrecisionWarning
+from ilattice.errors import InputError
 from ilattice.io.stream import StreamedMeshWriter
 from ilattice.mesh.coverage import missing_part
 from ilattice.mesh.regions import TopologyReport
 from ilattice.mesh.surface import SurfaceMesh
-from ilattice.mesh.wall_mesh import parameters_of, wall_mesh, wall_pieces
+from ilattice.mesh.wall_mesh import parameters_of, wall_mesh, wall_pieces, warn_full
 from ilattice.offsets.first_order import ParametricOffset, parametric_solid
 from ilattice.offsets.mid_surface import MidSurface
 from ilattice.offsets.offsetting import offset_solid
@@ -37,10 +36,6 @@ from ilattice.offsets.wall import OffsetSolid
 from ilattice.slicing.slices import SliceStack, slice_wall
 from ilattice.topology.features import Feature, check_features, minimum_gap, minimum_thickness
 from ilattice.topology.sweep import wall_topology
-
-#: Random points, and the corners, at which a wall that fills the part is noticed.
-FILLED = 4096
-CORNERS = np.indices((2, 2, 2)).reshape(3, -1).T
 
 
 @dataclass(frozen=True)
@@ -139,7 +134,7 @@ class Wall(OffsetSolid):
         dtype = as_float_type("dtype", dtype)
         h = None if h is None else as_positive("h", h)
         caps, allow_loss = as_flag("caps", caps), as_flag("allow_loss", allow_loss)
-        _warn_full(self)
+        warn_full(self)
         return wall_mesh(
             self, h, polish=self._polished(polish), caps=caps, dtype=dtype, progress=progress,
             allow_loss=allow_loss,
@@ -170,7 +165,7 @@ class Wall(OffsetSolid):
             If the file cannot be written as that format.
         """
         h = None if h is None else as_positive("h", h)
-        _warn_full(self)
+        warn_full(self)
         with StreamedMeshWriter(path) as writer:
             for vertices, faces in wall_pieces(
                 self, h, polish=self._polished(polish), progress=progress, allow_loss=allow_loss
@@ -464,18 +459,3 @@ def parametric_offset(lattice: MidSurface, d: Any, *, progress: Progress = None)
     as_kind("lattice", lattice, "Lattice")
     wall: ParametricWall = as_wall(parametric_solid(lattice, d, progress=progress))
     return wall
-
-
-def _warn_full(wall: Wall) -> None:
-    """Warn of a wall that fills the part."""
-    lo, hi = wall.lattice.domain
-    u = lo + (hi - lo) * np.random.default_rng(0).random((FILLED, 3))
-    full = wall.field(u).max() < 0.0
-    if full and wall.field(lo + (hi - lo) * CORNERS).max() < 0.0:
-        top = np.abs(wall.distance(u)).max()
-        warnings.warn(
-            "the wall fills the part: its half-thickness is more than the distance from the "
-            f"mid-surface, which is {top:.3g} at most; what is left is the volume as a whole",
-            PrecisionWarning,
-            stacklevel=3,
-        )

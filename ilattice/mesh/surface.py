@@ -17,6 +17,7 @@ import numpy as np
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_array, check_finite, read_only
 from ilattice.errors import GeometryError, InputError
+from ilattice.io.png import to_pyvista
 from ilattice.io.registry import read_mesh, save
 from ilattice.mesh import measure
 from ilattice.mesh._kernels_surface import first_bad_face
@@ -452,14 +453,7 @@ class SurfaceMesh:
         pyvista.PolyData
             Independent of this mesh.
         """
-        import pyvista as pv
-
-        mesh = pv.PolyData.from_regular_faces(np.array(self.vertices), np.array(self.faces))
-        for name, array in self.point_data.items():
-            mesh.point_data[name] = np.array(array)
-        for name, array in self.cell_data.items():
-            mesh.cell_data[name] = np.array(array)
-        return mesh
+        return to_pyvista(self)
 
     def to_trimesh(self) -> "trimesh.Trimesh":
         """Copy as a trimesh mesh, with all data as vertex and face attributes.

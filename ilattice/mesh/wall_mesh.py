@@ -49,6 +49,9 @@ if TYPE_CHECKING:
 #: jump or crease of the distance, and at creases, without an error; a number of them that always
 #: may. Last, the part that may have nearer feet than they went by.
 MAX_HELD, MOST_HELD, MOST_CREASED, FEW, MOST_NEARER = 1e-3, 1e-3, 2e-2, 10, 1e-2
+#: Random points, and the corners, at which a wall that fills the part is noticed.
+FILLED = 4096
+CORNERS = np.indices((2, 2, 2)).reshape(3, -1).T
 #: Bytes of memory per vertex of a mesh.
 PER_VERTEX = 500
 #: Longest edges, relative to the least thickness, with which contours show a wall.
@@ -385,3 +388,18 @@ def parameters_of(mesh: SurfaceMesh) -> tuple[FloatArray, AnyArray]:
     data = mesh.point_data
     u = np.stack([data[name] for name in ("u", "v", "w")], axis=1).astype(np.float64)
     return u, data["side"]
+
+
+def warn_full(wall: OffsetSolid) -> None:
+    """Warn of a wall that fills the part."""
+    lo, hi = wall.lattice.domain
+    u = lo + (hi - lo) * np.random.default_rng(0).random((FILLED, 3))
+    full = wall.field(u).max() < 0.0
+    if full and wall.field(lo + (hi - lo) * CORNERS).max() < 0.0:
+        top = np.abs(wall.distance(u)).max()
+        warnings.warn(
+            "the wall fills the part: its half-thickness is more than the distance from the "
+            f"mid-surface, which is {top:.3g} at most; what is left is the volume as a whole",
+            PrecisionWarning,
+            stacklevel=3,
+        )

@@ -41,10 +41,8 @@ def test_the_density_is_met_without_new_distances(torus, monkeypatch):
     torus.offset(0.1)
     queries = torus.statistics.queries
     calls = []
-    keep = density_module.wall_volumes
-    monkeypatch.setattr(
-        density_module, "wall_volumes", lambda *a, **k: calls.append(1) or keep(*a, **k)
-    )
+    keep = density_module.volumes
+    monkeypatch.setattr(density_module, "volumes", lambda *a, **k: calls.append(1) or keep(*a, **k))
     wall = torus.offset(relative_density=0.3)
     assert 2 <= len(calls) <= 10
     assert wall.relative_density() == pytest.approx(0.3, abs=1e-3)
@@ -56,14 +54,12 @@ def test_the_density_is_met_without_new_distances(torus, monkeypatch):
 def test_tiles_in_the_duck_have_the_asked_density(name, monkeypatch):
     lattice = il.Lattice(name, through=il.macroshape.duck(), repeat=(5, 2, 2), spans_per_tile=8)
     lattice.offset(0.01)
-    queries, calls, keep = lattice.statistics.queries, [], density_module.wall_volumes
-    monkeypatch.setattr(
-        density_module, "wall_volumes", lambda *a, **k: calls.append(1) or keep(*a, **k)
-    )
+    queries, calls, keep = lattice.statistics.queries, [], density_module.volumes
+    monkeypatch.setattr(density_module, "volumes", lambda *a, **k: calls.append(1) or keep(*a, **k))
     wall = lattice.offset(relative_density=0.3)
     assert len(calls) <= 10
     assert lattice.statistics.queries == queries
-    better = keep(wall, 3).sum() / density_module.tile_volumes(lattice).sum()
+    better = keep(lattice, wall.field, 3).sum() / density_module.tile_volumes(lattice).sum()
     assert better == pytest.approx(0.3, abs=1e-3)
 
 
