@@ -42,6 +42,7 @@ class SumsOfSplines(Protocol):
         """Splines, and factors (sets, splines) by which the level sets are sums of them."""
 
 
+@runtime_checkable
 class Map(Protocol):
     """A map from the parameter box D to space, with optional further coordinates."""
 
@@ -57,6 +58,9 @@ class Map(Protocol):
 
     def hessian(self, u: ArrayLike) -> FloatArray:
         """Second derivatives, shape (n, 3, 3, 3), component first."""
+
+    def boxes(self, lo: ArrayLike, hi: ArrayLike) -> FloatArray:
+        """Boxes of space, shape (m, 2, 3), that hold the images of boxes with corners (m, 3)."""
 
     def inverse(self, x: ArrayLike) -> FloatArray:
         """Parameters, shape (n, 3); rows of NaN where ``x`` is outside the image."""

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._field import owns
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import (
     as_array,
@@ -275,7 +276,7 @@ class _Setup:
     def sample(self, axes: list[FloatArray]) -> FloatArray:
         """Values of the field on a tensor grid."""
         shape = tuple(len(x) for x in axes)
-        if hasattr(self.field, "grid"):
+        if owns(self.field, "grid"):
             return self.checked(asked("grid of field", self.field.grid, tuple(axes)), shape)
         points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
         values = self.checked(asked("field", self.field, points), (len(points),))

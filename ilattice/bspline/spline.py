@@ -8,12 +8,13 @@ right end: on its left); between knots of full multiplicity a spline may jump.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ilattice._field import Field
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import (
     among,
@@ -41,7 +42,7 @@ LARGEST = np.finfo(np.float64).max
 SPECIALISED = {(1, 1, 1), (2, 2, 2), (3, 3, 3), (3, 1, 1), (2, 1, 1)}
 
 
-class BSpline:
+class BSpline(Field):
     """Tensor-product B-spline with one to three parameters.
 
     Parameters
@@ -332,7 +333,7 @@ class BSpline:
         return np.ascontiguousarray(a if self.m else a[:, 0])
 
     def grid(
-        self, axes: Sequence[ArrayLike], order: int = 0
+        self, axes: Iterable[ArrayLike], order: int = 0
     ) -> FloatArray | tuple[FloatArray, FloatArray]:
         """Value, and gradient for ``order=1``, on a tensor grid.
 
@@ -356,7 +357,7 @@ class BSpline:
         """
         if not among(order, (0, 1)):
             raise InputError(f"order must be 0 or 1, got {order!r}")
-        sites = self._axes(axes)
+        sites = self._axes(as_items("axes", axes))
         *dirs, k0, k1, k2, comps = self.generic_kernel_args
         tables = [
             _kernels.axis_basis(d, k, x, order)

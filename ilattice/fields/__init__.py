@@ -12,9 +12,13 @@ not evaluated::
 Solids may be equations, ``fields.equation("x^2 + y^2 + z^2 - 1")``, and tiles,
 ``fields.from_callable(il.tiles["gyroid"])``, which repeat through space.
 
+Every field goes with every other one: splines, tiles, walls (``wall.field``), distances to meshes;
+`pull_back` takes a field of space into the parameters of a map.
+
 Guarantees and non-guarantees: see `node`, `algebra`, `deform`, `primitives`, `equation`.
 """
 
+from ilattice._field import Field
 from ilattice.fields.algebra import (
     complement,
     difference,
@@ -34,10 +38,11 @@ from ilattice.fields.equation import constant, equation
 from ilattice.fields.node import Node
 from ilattice.fields.outside import from_callable
 from ilattice.fields.primitives import box, capsule, cone, cylinder, half_space, sphere, torus
+from ilattice.fields.pulled import pull_back
 
 __all__ = [
-    "Node", "bend", "box", "capsule", "complement", "cone", "constant", "cylinder", "cylindrical",
-    "difference", "dilate", "equation", "erode", "from_callable", "half_space", "intersection",
-    "mix", "normalize", "repeat", "rotate", "scale", "shell", "sphere", "torus", "translate",
-    "twist", "union",
+    "Field", "Node", "bend", "box", "capsule", "complement", "cone", "constant", "cylinder",
+    "cylindrical", "difference", "dilate", "equation", "erode", "from_callable", "half_space",
+    "intersection", "mix", "normalize", "pull_back", "repeat", "rotate", "scale", "shell",
+    "sphere", "torus", "translate", "twist", "union",
 ]  # fmt: skip

@@ -185,7 +185,7 @@ class Leaf:
     @property
     def bounded(self) -> bool:
         """Whether its bounds are finite on finite boxes: where all of it has a formula or them."""
-        return all(hasattr(getattr(leaf, "f", None), "range") for leaf, _ in self.program.leaves)
+        return all(leaf.bounded for leaf, _ in self.program.leaves)
 
 
 class Splitter:

@@ -4,13 +4,15 @@ Guarantees: immutable; `range` is rigorous; `bounding_box(c)` holds {f <= c}; va
 bits for any number of threads. Not guaranteed: that a field is a distance; see each constructor.
 """
 
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from ilattice._field import Field, differences, owns
 from ilattice._typing import ArrayLike, FloatArray
-from ilattice._validate import Frozen, among, as_array, as_points, read_only
+from ilattice._validate import Frozen, among, as_array, as_points, asked, read_only
 from ilattice.errors import InputError
 from ilattice.fields._program import Builder, Point, Program
 
@@ -19,7 +21,7 @@ __all__ = ["Node"]
 INF = np.inf
 
 
-class Node(Frozen):
+class Node(Field, Frozen):
     """Base of all fields of this room; made by the functions of `ilattice.fields`."""
 
     def _emit(self, b: Builder, p: Point) -> int:
@@ -50,6 +52,11 @@ class Node(Frozen):
             For a level that is not one finite number.
         """
         return self._box(as_number("level", level))
+
+    @property
+    def bounded(self) -> bool:
+        """Whether a leaf of programs, which tells of no formula, has finite bounds."""
+        return False
 
     @property
     def exact_box(self) -> FloatArray | None:
@@ -144,14 +151,78 @@ class Node(Frozen):
         return self.program.ranges(a, b)
 
 
+@dataclass(frozen=True, eq=False)
+class Leaf(Node):
+    """A field computed elsewhere: values, derivatives and bounds are asked for.
+
+    Attributes
+    ----------
+    f : callable
+        The field.
+    box : ndarray, shape (2, 3)
+        Box that holds where it is not positive.
+    """
+
+    f: Any
+    box: FloatArray
+
+    def _emit(self, b: Builder, p: Point) -> int:
+        return b.leaf(self, p)
+
+    def _box(self, level: float = 0.0) -> FloatArray:
+        if owns(self.f, "bounding_box"):
+            return np.array(asked("bounding_box of the field", self.f.bounding_box, level))
+        return np.array(self.box) if level <= 0.0 else everywhere()
+
+    @property
+    def bounded(self) -> bool:
+        """Whether its bounds are finite on finite boxes."""
+        return owns(self.f, "range")
+
+    def values(self, points: FloatArray) -> FloatArray:
+        """Values, checked for their shape."""
+        out = as_array("values of the field", asked("field", self.f, points), finite=False)
+        if out.shape != (len(points),):
+            raise InputError(
+                f"field must give {len(points)} values for {len(points)} points, "
+                f"got shape {out.shape}"
+            )
+        return out
+
+    def jets(self, points: FloatArray, order: int) -> tuple[FloatArray, ...]:
+        """Value and derivatives, by differences where the field has none."""
+        if owns(self.f, "jet"):
+            return tuple(asked("jet of the field", self.f.jet, points, order))
+        return differences(self.values, points, self.values(points), order)
+
+    def bounds_on(self, lo: FloatArray, hi: FloatArray, moved: bool) -> FloatArray:
+        """Bounds and steepness (n, 3); the latter only where the point is not `moved`."""
+        out = np.tile([-np.inf, np.inf, np.inf], (len(lo), 1))
+        finite = np.isfinite(lo).all(axis=1) & np.isfinite(hi).all(axis=1)
+        if owns(self.f, "range") and finite.any():
+            told = "range of the field"
+            out[finite, :2] = asked(told, self.f.range, lo[finite], hi[finite])
+        if not moved:
+            out[:, 2] = self.f.lipschitz if owns(self.f, "lipschitz") else np.inf
+        return out
+
+
 def as_node(name: str, field: Any) -> Node:
-    """The field itself, or `InputError`."""
+    """The field itself, any other `Field` as a leaf, or `InputError`."""
     if isinstance(field, Node):
         return field
-    raise InputError(
-        f"{name} must be a field of ilattice.fields, got {field!r:.80}; "
-        "fields.from_callable wraps others"
-    )
+    if not isinstance(field, Field):
+        raise InputError(
+            f"{name} must be a field of ilattice.fields, got {field!r:.80}; "
+            "fields.from_callable wraps others"
+        )
+    if field.node is not None:
+        node: Node = field.node
+        return node
+    box = np.array(field.bounds)
+    if box.shape != (2, 3):
+        raise InputError(f"{name} must be a field of three coordinates, got {field!r:.80}")
+    return Leaf(field, box)
 
 
 def as_number(name: str, value: Any, least: float = -INF) -> float:

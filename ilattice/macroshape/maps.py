@@ -169,6 +169,29 @@ class SplineMap(Frozen):
         """
         return self.geometry.jet(u, order, extrapolate=extrapolate)
 
+    @cached_property
+    def _coordinates(self) -> tuple[BSpline, ...]:
+        """The coordinates of space as scalar splines."""
+        g = self.geometry
+        return tuple(
+            BSpline(g.t, g.c[..., c], g.k, periodic=g.periodic, weights=g.weights) for c in range(3)
+        )
+
+    def boxes(self, lo: ArrayLike, hi: ArrayLike) -> FloatArray:
+        """Boxes of space that hold the images of boxes of parameters.
+
+        Parameters
+        ----------
+        lo, hi : array_like, shape (m, 3)
+            Corners; clipped to the domain.
+
+        Returns
+        -------
+        ndarray, shape (m, 2, 3)
+            Lower and upper corners: rigorous, from Bernstein coefficients.
+        """
+        return np.stack([c.range(lo, hi) for c in self._coordinates], axis=2)
+
     def extra(self, u: ArrayLike, *, extrapolate: str = "raise") -> FloatArray:
         """Coordinates beyond x, y, z: colour, material, thickness.
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._field import owns
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import as_array, asked
 from ilattice.bspline import BSpline
@@ -68,7 +69,7 @@ class Sampler:
         return f - self.middle, g
 
     def _jet(self, field: Any, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        if hasattr(field, "jet"):
+        if owns(field, "jet"):
             f, g = asked("jet of the field", field.jet, points, 1)
             return f, g
         f = _call(field, points, "field")
@@ -191,7 +192,7 @@ class GridSampler(Sampler):
         """Values at the marked points of the slab that are not known."""
         mark *= np.isnan(self._slab)
         x, y, z = self.grid.axes
-        if hasattr(self.field, "grid") and self.scale is None:
+        if owns(self.field, "grid") and self.scale is None:
             for row in np.flatnonzero(mark.mean(axis=(1, 2)) > DENSE):
                 at = mark[row] == 1
                 axes = (x[planes[row]][None], y, z)
@@ -326,8 +327,8 @@ class SplineSampler(Sampler):
 
 def sampler_for(field: Any, grid: Grid, level: tuple[float, float], scale: Any) -> Sampler:
     """The fastest sampler that reads `field` and `scale`."""
-    polynomial = getattr(field, "polynomial", None)  # of nodes that are nothing else
-    field = field if polynomial is None else polynomial
+    if isinstance(field, Node) and field.polynomial is not None:
+        field = field.polynomial
     if isinstance(field, TrigField) and field.linear is None and scale is None:
         return TrigSampler(field, grid, level)
     if isinstance(field, Node) and not field.program.leaves and scale is None:
@@ -433,14 +434,13 @@ def _checked(f: FloatArray, name: str, points: FloatArray | None = None) -> Floa
 
 def _field_range(field: Any, lo: FloatArray, hi: FloatArray) -> FloatArray | None:
     """Bounds (n, 2) from `range` or `lipschitz`, or None."""
-    if hasattr(field, "range"):
+    if owns(field, "range"):
         told = "range of the field"
         return as_array(told, asked(told, field.range, lo, hi), finite=False)
-    constant = getattr(field, "lipschitz", None)
-    if constant is None:
+    if not owns(field, "lipschitz"):
         return None
     f = _call(field, 0.5 * (lo + hi), "field")
-    reach = float(constant) * 0.5 * np.linalg.norm(hi - lo, axis=1)
+    reach = float(field.lipschitz) * 0.5 * np.linalg.norm(hi - lo, axis=1)
     return np.stack((f - reach, f + reach), axis=1)
 
 

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ilattice._field import Field
 from ilattice._progress import Progress
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import as_points, as_positive
-from ilattice.bspline import BSpline
 from ilattice.errors import GeometryError, InputError
 from ilattice.macroshape.maps import SplineMap
 from ilattice.mesh.regions import owners, topology_of
@@ -127,7 +127,7 @@ def channels(mesh: SurfaceMesh, beyond: float) -> FloatArray:
     return out
 
 
-class Channels:
+class Channels(Field):
     """Field over the domain of a map: positive in straight channels, negative elsewhere.
 
     Parameters
@@ -142,10 +142,6 @@ class Channels:
 
     def __init__(self, through: SplineMap, ends: FloatArray, radius: float) -> None:
         self.through, self.ends, self.radius = through, ends, radius
-        g = through.geometry
-        self.coordinates = [
-            BSpline(g.t, g.c[..., c], g.k, periodic=g.periodic, weights=g.weights) for c in range(3)
-        ]
 
     def __call__(self, u: ArrayLike, /) -> FloatArray:
         """Radius less distance to the nearest axis, shape (n,), at parameters (n, 3)."""
@@ -163,7 +159,7 @@ class Channels:
 
     def range(self, lo: ArrayLike, hi: ArrayLike) -> FloatArray:
         """Rigorous bounds, shape (m, 2), on boxes."""
-        sides = np.stack([c.range(lo, hi) for c in self.coordinates], axis=1)
+        sides = self.through.boxes(lo, hi).transpose(0, 2, 1)
         distance = np.linalg.norm(self._away(sides.mean(axis=2)), axis=1)
         reach = 0.5 * np.linalg.norm(np.ptp(sides, axis=2), axis=1)
         low = self.radius - distance - reach

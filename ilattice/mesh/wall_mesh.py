@@ -25,10 +25,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ilattice._field import Field
 from ilattice._geometry import fixed_coordinates
 from ilattice._memory import need
 from ilattice._progress import Progress
-from ilattice._typing import AnyArray, FloatArray
+from ilattice._typing import AnyArray, ArrayLike, FloatArray
 from ilattice.errors import ConvergenceError, GeometryError, PrecisionWarning
 from ilattice.macroshape.planes import grid_axes
 from ilattice.mesh._own_cells import in_own_cells
@@ -285,27 +286,27 @@ class _Job:
         return classified(self.wall, self.axes, u, kind, side, suspect)
 
 
-class _Larger:
+class _Larger(Field):
     """The larger one of two fields."""
 
     def __init__(self, f: Any, g: Any) -> None:
         self.f, self.g = f, g
 
-    def __call__(self, u: FloatArray) -> FloatArray:
+    def __call__(self, u: ArrayLike, /) -> FloatArray:
         """Value."""
         return np.maximum(self.f(u), self.g(u))
 
-    def jet(self, u: FloatArray, order: int = 1) -> tuple[FloatArray, ...]:
+    def jet(self, u: ArrayLike, order: int = 1) -> tuple[FloatArray, ...]:
         """Value and gradient."""
         second = self.second(u)
         pairs = zip(self.f.jet(u, order), self.g.jet(u, order), strict=True)
         return tuple(np.where(second.reshape(-1, *(1,) * (a.ndim - 1)), b, a) for a, b in pairs)
 
-    def range(self, lo: FloatArray, hi: FloatArray) -> FloatArray:
+    def range(self, lo: ArrayLike, hi: ArrayLike) -> FloatArray:
         """Rigorous bounds on boxes."""
         return np.maximum(self.f.range(lo, hi), self.g.range(lo, hi))
 
-    def second(self, u: FloatArray) -> AnyArray:
+    def second(self, u: ArrayLike) -> AnyArray:
         """Where it is the second one."""
         return self.f(u) < self.g(u)
 

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ilattice._field import Field
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import as_array, as_points
 from ilattice.errors import InputError, PrecisionWarning
@@ -38,7 +39,7 @@ BATCH = 1 << 14
 TOLERANCE = 2e-3
 
 
-class Scattered:
+class Scattered(Field):
     """Function of the parameters that interpolates values at points of space.
 
     Parameters
@@ -62,7 +63,7 @@ class Scattered:
             kernel="linear" if flat else "thin_plate_spline",
         )  # fmt: skip
 
-    def __call__(self, u: FloatArray) -> FloatArray:
+    def __call__(self, u: ArrayLike, /) -> FloatArray:
         """Values (n,) at parameters (n, 3)."""
         x = self.lattice.through.x(u)
         parts = [self.inside(x[i : i + BATCH]) for i in range(0, len(x), BATCH)]

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ilattice._field import Field
 from ilattice._typing import AnyArray, FloatArray
 from ilattice._validate import as_points
 from ilattice.offsets._small import solved
@@ -35,7 +36,7 @@ BENT = 0.05
 SITES = 9
 
 
-class SharpDistance:
+class SharpDistance(Field):
     """Signed distance to a mid-surface, exact at kinks next to a wall.
 
     Parameters
@@ -55,6 +56,11 @@ class SharpDistance:
         sites = [np.linspace(lo[a], hi[a], SITES) for a in range(3)]
         _, slopes = lattice.through.geometry.grid(sites, 1)
         self.band = BAND * float(np.linalg.norm(slopes * span, axis=-2).max())
+
+    @property
+    def bounds(self) -> FloatArray:
+        """The parameter domain, under the name that fields have."""
+        return self.domain
 
     @property
     def domain(self) -> FloatArray:

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ilattice._field import Field, owns
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_points
 from ilattice.bspline import BSpline
@@ -44,7 +45,7 @@ PER_RADIUS, MOST_IN_TOTAL = 4.0, 1 << 22
 MOST_ERROR = 0.02
 
 
-class TileField:
+class TileField(Field):
     """Field of the tiles of a lattice over the domain, scaled to lengths in space.
 
     Parameters
@@ -76,6 +77,11 @@ class TileField:
         self.c = self.scale * np.array([f.min(), f.max()])
 
     @property
+    def bounds(self) -> FloatArray:
+        """The parameter domain, under the name that fields have."""
+        return self.domain
+
+    @property
     def domain(self) -> FloatArray:
         """The parameter domain, shape (2, 3)."""
         return self.lattice.domain
@@ -103,7 +109,7 @@ class TileField:
             return tuple(self.scale * a for a in self.lattice.implicit_jet(u, order))
         p = self.lattice._in_tile(self.lattice.tile_coordinates(u))
         value, *rest = tile.jet(p, order)
-        if not hasattr(tile.field, "jet"):
+        if not owns(tile.field, "jet"):
             value = tile(p)
         step = np.array(self.lattice.repeat) / (hi - lo)
         factors = (step, step[:, None] * step)
@@ -115,7 +121,7 @@ class TileField:
         lo, hi = as_points("lo", lo), as_points("hi", hi)
         tile = self.tile
         out = np.stack([np.full(len(lo), -np.inf), np.full(len(lo), np.inf)], axis=1)
-        if isinstance(tile, Mixture) or not hasattr(tile.field, "range"):
+        if isinstance(tile, Mixture) or not owns(tile.field, "range"):
             return out
         a, b = self.lattice.tile_coordinates(lo), self.lattice.tile_coordinates(hi)
         first, last = np.floor(a), np.maximum(np.ceil(b) - 1.0, np.floor(a))

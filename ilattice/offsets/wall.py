@@ -63,7 +63,13 @@ class OffsetSolid:
         return str(getattr(self.lattice.tile, "name", "mixture"))
 
     def level_sets(self) -> WallField:
-        """What is negative in the solid, for quadrature."""
+        """What is negative in the solid, for quadrature.
+
+        Returns
+        -------
+        WallField
+            Two level sets of one distance spline.
+        """
         return self.field
 
     @cached_property

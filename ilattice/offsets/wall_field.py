@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._field import Field
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import as_points
 from ilattice.bspline import BSpline
@@ -19,7 +20,7 @@ NARROW = 4
 
 
 @dataclass(frozen=True, eq=False)
-class WallField:
+class WallField(Field):
     """The implicit function of a wall, negative in the wall: max(S - d_outer, -S - d_inner).
 
     Attributes

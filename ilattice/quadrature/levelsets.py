@@ -17,8 +17,9 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._field import Field, owns
 from ilattice._memory import need
-from ilattice._typing import AnyArray, FloatArray, IntArray, Solid, SumsOfSplines
+from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray, Solid, SumsOfSplines
 from ilattice._validate import Frozen, as_array, asked, read_only
 from ilattice.bspline import BSpline
 from ilattice.bspline._kernels_bezier import restriction
@@ -124,7 +125,7 @@ class LevelSets(Frozen):
     @property
     def opaque(self) -> bool:
         """Whether a field has neither a formula nor bounds."""
-        return any(not isinstance(f, Node) and not hasattr(f, "range") for f in self.fields)
+        return any(not isinstance(f, Node) and not owns(f, "range") for f in self.fields)
 
     def pieces(self, axes: Sequence[FloatArray]) -> "Pieces | FieldPieces":
         """The level sets on the cells of a grid, cut at the breaks of the splines.
@@ -414,22 +415,22 @@ def _negative(f: Any) -> Any:
 
 
 @dataclass(frozen=True)
-class _Negative:
+class _Negative(Field):
     """Minus a function."""
 
     function: Any
 
-    def __call__(self, u: FloatArray) -> FloatArray:
+    def __call__(self, u: ArrayLike, /) -> FloatArray:
         """Values (n,) at points (n, 3)."""
         return -np.asarray(self.function(u), np.float64)
 
 
 def _intersection(fields: tuple[Any, ...], domain: FloatArray | None) -> FloatArray:
-    boxes = [np.asarray(f.bounds, np.float64) for f in fields if hasattr(f, "bounds")]
+    boxes = [np.asarray(f.bounds, np.float64) for f in fields if owns(f, "bounds")]
     if domain is not None:
         box = domain
         for f in fields:
-            if isinstance(f, Node) or not hasattr(f, "bounds"):
+            if isinstance(f, Node) or not owns(f, "bounds"):
                 continue  # a formula holds beyond the box of its solid
             b = np.asarray(f.bounds, np.float64)
             slack = 1e-12 * (b[1] - b[0])

@@ -26,6 +26,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ilattice._field import Field
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import Frozen, among, as_array, as_flag, as_points, read_only
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
@@ -121,7 +122,7 @@ class _Search:
         return np.sqrt(self.square) * self.side
 
 
-class MeshDistance(Frozen):
+class MeshDistance(Field, Frozen):
     """Signed distance to a triangle mesh, a field like any other.
 
     Parameters

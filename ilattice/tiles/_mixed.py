@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from ilattice._typing import AnyArray, FloatArray, IntArray
+from ilattice._field import Field
+from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_array, asked
 from ilattice.bspline import BSpline
 from ilattice.errors import InputError, PrecisionWarning
@@ -31,7 +32,7 @@ SAMPLES, FEW = 24, 16
 
 
 @dataclass(frozen=True, eq=False)
-class MixedField:
+class MixedField(Field):
     """The implicit function of a whole lattice in tile coordinates, a spline.
 
     Attributes
@@ -52,6 +53,11 @@ class MixedField:
     spans: tuple[int, int, int]
 
     @property
+    def bounds(self) -> FloatArray:
+        """The tiles, shape (2, 3)."""
+        return self.spline.domain
+
+    @property
     def creased(self) -> bool:
         """Whether the gradient may jump at the faces of tiles: where neighbours share them only."""
         inner = [np.unique(t[k + 1 : -k - 1], return_counts=True)[1] for t, k in self._knots]
@@ -66,11 +72,11 @@ class MixedField:
         """Memory of the coefficients."""
         return int(self.spline.c.nbytes)
 
-    def __call__(self, p: FloatArray) -> FloatArray:
+    def __call__(self, p: ArrayLike, /) -> FloatArray:
         """Values (n,) at tile coordinates (n, 3)."""
         return self.spline(p, extrapolate="extend")
 
-    def jet(self, p: FloatArray, order: int = 2) -> tuple[FloatArray, ...]:
+    def jet(self, p: ArrayLike, order: int = 2) -> tuple[FloatArray, ...]:
         """Value and derivatives in tile coordinates.
 
         Parameters

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._field import owns
 from ilattice._typing import FloatArray, IntArray
 from ilattice.fields import _tables as ops
 from ilattice.fields import from_callable
@@ -64,7 +65,7 @@ class TileNode(Node):
     def _emit(self, b: Builder, p: Point) -> int:
         field = self.tile.field
         level = b.const(self.tile.level)
-        if hasattr(field, "node"):
+        if owns(field, "node"):
             return b.sub(field.node._emit(b, p), level)
         zero, one = b.const(0.0), b.const(1.0)
         within = [b.op(ops.MAX, b.op(ops.MIN, b.op(ops.MOD, r, one), one), zero) for r in p]
@@ -79,6 +80,6 @@ class TileNode(Node):
 
     @property
     def polynomial(self) -> Any:
-        node = getattr(self.tile.field, "node", None)
-        p = None if node is None else node.polynomial
+        field = self.tile.field
+        p = field.node.polynomial if owns(field, "node") else None
         return None if p is None else p - self.tile.level

@@ -27,6 +27,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._field import Field
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import (
     Frozen,
@@ -54,7 +55,7 @@ STAND_IN = 0.01
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SkeletonField(Frozen):
+class SkeletonField(Field, Frozen):
     """Distance to curves and surfaces minus their radii, negative inside.
 
     Parameters
@@ -405,7 +406,7 @@ def _as_faces(value: Any) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True, eq=False)
-class FlattenedField:
+class FlattenedField(Field):
     """A field with the same zero set and slope there, constant away from it.
 
     With s = (f - level) / reach it is ``reach (s - 2 s³/3 + s⁵/5)`` for |s| <= 1, constant beyond.

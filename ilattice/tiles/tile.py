@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._field import Field, owns
 from ilattice._typing import AnyArray, ArrayLike, FloatArray
 from ilattice._validate import (
     as_array,
@@ -43,7 +44,7 @@ _SQRT3 = 3.0**0.5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Tile:
+class Tile(Field):
     """A field on [0, 1]³, negative inside, with a name and what is known about it.
 
     Parameters
@@ -196,7 +197,7 @@ class Tile:
         tuple of ndarray
             Values (n,), gradients (n, 3), Hessians (n, 3, 3): the first ``order + 1``.
         """
-        if not hasattr(self.field, "jet"):
+        if not owns(self.field, "jet"):
             return self.kernel_field.jet(u, order)
         value, *rest = self._asked("jet", as_points("u", u), order)
         return (value - self.level, *rest)
@@ -225,7 +226,7 @@ class Tile:
         xyz = tuple(as_array(f"axes[{i}]", a, ndim=1) for i, a in enumerate(as_items("axes", axes)))
         if len(xyz) != 3:
             raise InputError(f"axes must be three 1-D arrays, got {len(xyz)}")
-        if hasattr(self.field, "grid"):
+        if owns(self.field, "grid"):
             return np.asarray(self._asked("grid", xyz) - self.level, kind)
         out = np.empty(tuple(len(a) for a in xyz), kind)
         for i, x in enumerate(xyz[0]):
@@ -251,7 +252,7 @@ class Tile:
         InputError
             If the field is a plain function: nothing rigorous is known about it.
         """
-        if not hasattr(self.field, "range"):
+        if not owns(self.field, "range"):
             raise InputError(
                 f"the field of tile {self.name!r} is a plain function without bounds; "
                 "tile.fit(tol=...) makes a spline tile that has them"
@@ -309,7 +310,7 @@ class Tile:
         """
         if isinstance(self.field, TrigField) and _repeats(self.field):
             return (True, True, True)
-        if hasattr(self.field, "repeats"):
+        if owns(self.field, "repeats"):
             return self.field.repeats
         x, y, z = (self._matches(axis) for axis in range(3))
         return (x, y, z)
@@ -413,7 +414,7 @@ class Tile:
     @property
     def _fit_target(self) -> Any:
         """What a spline is fitted to: the values minus the level, flat away from a skeleton."""
-        if hasattr(self.field, "flattened"):
+        if owns(self.field, "flattened"):
             return self.field.flattened(self.level)
         return self
 

@@ -12,6 +12,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from ilattice._field import Field
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import (
     among,
@@ -35,7 +36,7 @@ _IDENTITY = read_only(np.eye(3))
 
 
 @dataclass(frozen=True, eq=False)
-class TrigField:
+class TrigField(Field):
     """``f(p) = sum_i coef[i] F[i, 0](X) F[i, 1](Y) F[i, 2](Z)``, with sines and cosines F.
 
     ``(X, Y, Z) = 2 pi (linear p) / period``. Fields of equal period and `linear` can be added,

@@ -1,0 +1,200 @@
+"""`Field`: the base of every class of fields, and what a class that defines less still does.
+
+Guarantee: a combinator that takes one field takes them all. What a class does not define has the
+defaults below; `Field.has` tells which of both it is, so that nobody has to guess from attributes.
+Non-guarantee: default derivatives are differences, default bounds are those that a Lipschitz
+constant gives, or infinite.
+"""
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import numpy as np
+
+from ilattice._typing import ArrayLike, FloatArray
+from ilattice._validate import among, as_array, as_items, as_points
+from ilattice.errors import InputError
+
+#: Step of the differences that stand for derivatives.
+STEP = 1e-4
+#: What a field can define itself.
+ABILITIES = (
+    "jet", "grid", "range", "bounds", "lipschitz", "bounding_box", "node", "repeats", "flattened",
+)  # fmt: skip
+
+
+class Field:
+    """A real function of points, negative inside: the base of every class of fields.
+
+    A class of fields defines `__call__`, and what else it knows better than these defaults:
+
+    ================  ==========================================================================
+    `jet`             value, gradient, Hessian: by central differences
+    `grid`            values on a tensor grid: at its points
+    `range`           bounds on boxes: from `lipschitz`, or infinite
+    `bounds`          box of the zero set: all of space
+    `bounding_box`    box of a level: `bounds` up to level 0, all of space above
+    `lipschitz`       bound of the slope: infinite
+    `node`            the same as a node of `ilattice.fields`: none
+    `repeats`         axes along which it repeats on the unit cube: not known
+    `flattened`       a smoother field for splines: itself
+    ================  ==========================================================================
+    """
+
+    def __call__(self, p: ArrayLike, /) -> FloatArray:
+        """Values, shape (n,), at points ``p`` (n, 3)."""
+        raise NotImplementedError
+
+    def has(self, name: str) -> bool:
+        """Whether the field defines one of `ABILITIES` itself.
+
+        Parameters
+        ----------
+        name : str
+            Which one.
+
+        Returns
+        -------
+        bool
+            False where it has the default.
+        """
+        return getattr(type(self), name) is not getattr(Field, name)
+
+    def jet(self, p: ArrayLike, order: int = 2) -> tuple[FloatArray, ...]:
+        """Value and derivatives.
+
+        Parameters
+        ----------
+        p : array_like, shape (n, 3)
+            Points.
+        order : int
+            Highest derivative: 0, 1 or 2.
+
+        Returns
+        -------
+        tuple of ndarray
+            Values (n,), gradients (n, 3), Hessians (n, 3, 3): the first ``order + 1``.
+
+        Raises
+        ------
+        InputError
+            For another order.
+        """
+        if not among(order, (0, 1, 2)):
+            raise InputError(f"order must be 0, 1 or 2, got {order!r}")
+        points = as_points("p", p)
+        value = self(points)
+        return (value,) if order == 0 else differences(self, points, value, order)
+
+    def grid(self, axes: Iterable[ArrayLike]) -> Any:
+        """Values on a tensor grid.
+
+        Parameters
+        ----------
+        axes : iterable of array_like
+            1-D arrays of coordinates.
+
+        Returns
+        -------
+        ndarray
+            Values, one axis per direction.
+        """
+        ticks = [as_array(f"axes[{i}]", a, ndim=1) for i, a in enumerate(as_items("axes", axes))]
+        points = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, len(ticks))
+        return self(points).reshape(tuple(len(a) for a in ticks))
+
+    def range(self, lo: ArrayLike, hi: ArrayLike) -> FloatArray:
+        """Rigorous bounds of the values on boxes.
+
+        Parameters
+        ----------
+        lo, hi : array_like, shape (n, 3)
+            Corners.
+
+        Returns
+        -------
+        ndarray, shape (n, 2)
+            Lower and upper bounds.
+        """
+        a, b = as_points("lo", lo), as_points("hi", hi)
+        steep = self.lipschitz
+        if not np.isfinite(steep):
+            return np.tile([-np.inf, np.inf], (len(a), 1))
+        value = self(0.5 * (a + b))
+        reach = steep * 0.5 * np.linalg.norm(b - a, axis=1)
+        return np.stack((value - reach, value + reach), axis=1)
+
+    @property
+    def bounds(self) -> FloatArray:
+        """Box (2, 3) that holds the zero set, perhaps infinite."""
+        return np.array([[-np.inf] * 3, [np.inf] * 3])
+
+    @property
+    def lipschitz(self) -> float:
+        """Upper bound of the length of the gradient, perhaps infinite."""
+        return np.inf
+
+    def bounding_box(self, level: float = 0.0) -> FloatArray:
+        """Box that holds where the field is at most `level`.
+
+        Parameters
+        ----------
+        level : float
+            The level.
+
+        Returns
+        -------
+        ndarray, shape (2, 3)
+            Lower and upper corner.
+        """
+        return np.array(self.bounds) if level <= 0.0 else np.array([[-np.inf] * 3, [np.inf] * 3])
+
+    @property
+    def node(self) -> Any:
+        """The same as a node of `ilattice.fields`, or None."""
+        return None
+
+    @property
+    def repeats(self) -> tuple[bool, bool, bool] | None:
+        """Axes along which it repeats on the unit cube, or None if that is not known."""
+        return None
+
+    def flattened(self, level: float = 0.0) -> Any:  # noqa: ARG002
+        """A smoother field of the same zero set {f = level}, for splines, or None.
+
+        Parameters
+        ----------
+        level : float
+            Level of the zero set.
+
+        Returns
+        -------
+        Field or None
+            None where the field is smooth enough itself.
+        """
+        return None
+
+
+def owns(f: Any, name: str) -> bool:
+    """Whether a field, or somebody else's callable, defines one of `ABILITIES` itself."""
+    return f.has(name) if isinstance(f, Field) else hasattr(f, name)
+
+
+def differences(
+    f: Callable[[FloatArray], FloatArray], points: FloatArray, value: FloatArray, order: int
+) -> tuple[FloatArray, ...]:
+    """Value and derivatives up to `order`, 1 or 2, of a function by central differences."""
+    e = STEP * np.eye(3)
+    up = np.stack([f(points + e[k]) for k in range(3)], axis=1)
+    down = np.stack([f(points - e[k]) for k in range(3)], axis=1)
+    first = (up - down) / (2.0 * STEP)
+    if order == 1:
+        return value, first
+    H = np.empty((len(points), 3, 3))
+    for i in range(3):
+        H[:, i, i] = (up[:, i] - 2.0 * value + down[:, i]) / STEP**2
+        for k in range(i):
+            far = f(points + e[i] + e[k]) + f(points - e[i] - e[k])
+            ends = up[:, i] + down[:, i] + up[:, k] + down[:, k]
+            H[:, i, k] = H[:, k, i] = (far - ends + 2.0 * value) / (2.0 * STEP**2)
+    return value, first, H
