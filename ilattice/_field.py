@@ -115,8 +115,13 @@ class Field:
         -------
         ndarray, shape (n, 2)
             Lower and upper bounds.
+
+        Raises
+        ------
+        InputError
+            For corners of different shapes, not finite or in the wrong order.
         """
-        a, b = as_points("lo", lo), as_points("hi", hi)
+        a, b = as_boxes(lo, hi)
         steep = self.lipschitz
         if not np.isfinite(steep):
             return np.tile([-np.inf, np.inf], (len(a), 1))
@@ -173,6 +178,16 @@ class Field:
             None where the field is smooth enough itself.
         """
         return None
+
+
+def as_boxes(lo: ArrayLike, hi: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Corners (n, 3) of boxes, checked."""
+    a, b = as_points("lo", lo), as_points("hi", hi)
+    if a.shape != b.shape or (a > b).any():
+        raise InputError(
+            f"lo and hi must have one shape and lo <= hi, got shapes {a.shape} and {b.shape}"
+        )
+    return a, b
 
 
 def owns(f: Any, name: str) -> bool:

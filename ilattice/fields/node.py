@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ilattice._field import Field, differences, owns
+from ilattice._field import Field, as_boxes, differences, owns
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import Frozen, among, as_array, as_points, asked, read_only
 from ilattice.errors import InputError
@@ -143,12 +143,7 @@ class Node(Field, Frozen):
         InputError
             For corners of different shapes, not finite or in the wrong order.
         """
-        a, b = as_points("lo", lo), as_points("hi", hi)
-        if a.shape != b.shape or (a > b).any():
-            raise InputError(
-                f"lo and hi must have one shape and lo <= hi, got shapes {a.shape} and {b.shape}"
-            )
-        return self.program.ranges(a, b)
+        return self.program.ranges(*as_boxes(lo, hi))
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ilattice._field import Field
+from ilattice._field import Field, as_boxes
 from ilattice._typing import ArrayLike, FloatArray, Map
 from ilattice._validate import Frozen, among, as_points
 from ilattice.errors import InputError
@@ -54,7 +54,7 @@ class PulledBack(Field, Frozen):
 
     def range(self, lo: ArrayLike, hi: ArrayLike) -> FloatArray:
         """See `Field.range`: on the boxes of space that hold the images."""
-        box = self.through.boxes(as_points("lo", lo), as_points("hi", hi))
+        box = self.through.boxes(*as_boxes(lo, hi))
         return self.part.range(box[:, 0], box[:, 1])
 
     @property

@@ -16,11 +16,14 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ilattice._field import Field
 from ilattice._progress import Progress
-from ilattice._typing import ArrayLike, FloatArray
-from ilattice._validate import as_points, as_positive
+from ilattice._typing import FloatArray
+from ilattice._validate import as_positive
 from ilattice.errors import GeometryError, InputError
+from ilattice.fields.algebra import complement, union
+from ilattice.fields.node import Node
+from ilattice.fields.primitives import capsule
+from ilattice.fields.pulled import pull_back
 from ilattice.macroshape.maps import SplineMap
 from ilattice.mesh.regions import owners, topology_of
 from ilattice.mesh.surface import SurfaceMesh
@@ -78,7 +81,7 @@ def vent(
     ends = channels(mesh, 0.5 * diameter)
     if not len(ends):
         return mesh
-    cut = Channels(wall.lattice.through, ends, 0.5 * diameter)
+    cut = channel_field(wall.lattice.through, ends, 0.5 * diameter)
     if (cut(parameters_of(mesh)[0]) > 0.0).all():
         raise InputError(
             f"diameter={diameter:g} is too large for the part: nothing of the wall is left; "
@@ -127,50 +130,21 @@ def channels(mesh: SurfaceMesh, beyond: float) -> FloatArray:
     return out
 
 
-class Channels(Field):
+def channel_field(through: SplineMap, ends: FloatArray, radius: float) -> Node:
     """Field over the domain of a map: positive in straight channels, negative elsewhere.
 
     Parameters
     ----------
-    through : Map
+    through : SplineMap
         The map.
     ends : ndarray, shape (n, 2, 3)
         Ends of the axes of the channels in space.
     radius : float
         Their radius, also of the round ends.
+
+    Returns
+    -------
+    Node
+        Radius less distance to the nearest axis.
     """
-
-    def __init__(self, through: SplineMap, ends: FloatArray, radius: float) -> None:
-        self.through, self.ends, self.radius = through, ends, radius
-
-    def __call__(self, u: ArrayLike, /) -> FloatArray:
-        """Radius less distance to the nearest axis, shape (n,), at parameters (n, 3)."""
-        return self.jet(u, 0)[0]
-
-    def jet(self, u: ArrayLike, order: int = 1) -> tuple[FloatArray, ...]:
-        """Value, and for `order` 1 the gradient (n, 3)."""
-        x, jacobian = self.through.jet(as_points("u", u), 1)
-        away = self._away(x)
-        distance = np.linalg.norm(away, axis=1)
-        if order == 0:
-            return (self.radius - distance,)
-        normal = away / np.where(distance > 0.0, distance, 1.0)[:, None]
-        return self.radius - distance, -np.einsum("nc,nca->na", normal, jacobian)
-
-    def range(self, lo: ArrayLike, hi: ArrayLike) -> FloatArray:
-        """Rigorous bounds, shape (m, 2), on boxes."""
-        sides = self.through.boxes(lo, hi).transpose(0, 2, 1)
-        distance = np.linalg.norm(self._away(sides.mean(axis=2)), axis=1)
-        reach = 0.5 * np.linalg.norm(np.ptp(sides, axis=2), axis=1)
-        low = self.radius - distance - reach
-        return np.stack([low, self.radius - np.maximum(distance - reach, 0.0)], axis=1)
-
-    def _away(self, x: FloatArray) -> FloatArray:
-        """Ways (n, 3) from the nearest point of the axes to points of space."""
-        best = np.full((len(x), 3), np.inf)
-        for a, b in self.ends:
-            t = np.clip((x - a) @ (b - a) / ((b - a) @ (b - a)), 0.0, 1.0)
-            away = x - a - t[:, None] * (b - a)
-            nearer = (away**2).sum(axis=1) < (best**2).sum(axis=1)
-            best = np.where(nearer[:, None], away, best)
-        return best
+    return pull_back(complement(union(*(capsule(a, b, radius) for a, b in ends))), through)

@@ -287,7 +287,7 @@ class _Job:
 
 
 class _Larger(Field):
-    """The larger one of two fields."""
+    """The larger one of two fields, which tells where it is the second one."""
 
     def __init__(self, f: Any, g: Any) -> None:
         self.f, self.g = f, g

@@ -65,7 +65,9 @@ class Scattered(Field):
 
     def __call__(self, u: ArrayLike, /) -> FloatArray:
         """Values (n,) at parameters (n, 3)."""
-        x = self.lattice.through.x(u)
+        x = self.lattice.through.x(as_points("u", u))
+        if not len(x):
+            return np.empty(0)
         parts = [self.inside(x[i : i + BATCH]) for i in range(0, len(x), BATCH)]
         return np.clip(np.concatenate(parts), *self.ends)
 

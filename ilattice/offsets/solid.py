@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ilattice._field import Field, owns
+from ilattice._field import Field, as_boxes, owns
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_points
 from ilattice.bspline import BSpline
@@ -118,7 +118,7 @@ class TileField(Field):
 
     def range(self, lo: ArrayLike, hi: ArrayLike, **_: Any) -> FloatArray:
         """Bounds, shape (m, 2), on boxes; infinite if the field of the tile has none."""
-        lo, hi = as_points("lo", lo), as_points("hi", hi)
+        lo, hi = as_boxes(lo, hi)
         tile = self.tile
         out = np.stack([np.full(len(lo), -np.inf), np.full(len(lo), np.inf)], axis=1)
         if isinstance(tile, Mixture) or not owns(tile.field, "range"):

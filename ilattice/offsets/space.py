@@ -40,7 +40,7 @@ class TileSpace:
     """
 
     def __init__(self, lattice: Tiling) -> None:
-        self.lattice = as_kind("lattice", lattice, "Lattice")
+        self.lattice = as_kind("lattice", lattice, "Tiling")
         self.clip = lattice.boundary == "clip"
         self.space = kernel_space(lattice)
         geom = self.space[7]

@@ -202,7 +202,7 @@ def as_thickness(d: Any, lattice: Tiling, size: float | None = None) -> Thicknes
     PrecisionWarning
         If a spline is off by more than 0.1 %.
     """
-    as_kind("lattice", lattice, "Lattice")
+    as_kind("lattice", lattice, "Tiling")
     if size is None:
         size = float(np.linalg.norm(np.diff(lattice.through.bounds, axis=0)))
     if isinstance(d, tuple | list):

@@ -20,7 +20,7 @@ import numpy as np
 from ilattice._field import Field, owns
 from ilattice._memory import need
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray, Solid, SumsOfSplines
-from ilattice._validate import Frozen, as_array, asked, read_only
+from ilattice._validate import Frozen, as_array, as_points, asked, read_only
 from ilattice.bspline import BSpline
 from ilattice.bspline._kernels_bezier import restriction
 from ilattice.bspline.knots import find_spans
@@ -422,7 +422,7 @@ class _Negative(Field):
 
     def __call__(self, u: ArrayLike, /) -> FloatArray:
         """Values (n,) at points (n, 3)."""
-        return -np.asarray(self.function(u), np.float64)
+        return -np.asarray(self.function(as_points("u", u)), np.float64)
 
 
 def _intersection(fields: tuple[Any, ...], domain: FloatArray | None) -> FloatArray:

@@ -431,6 +431,11 @@ class FlattenedField(Field):
         """Values, shape (n,), at points ``u`` (n, 3)."""
         return self._flat(self.field.up_to(self.level + self.reach, u))
 
+    @property
+    def bounds(self) -> FloatArray:
+        """The unit cube, shape (2, 3)."""
+        return self.field.bounds
+
     def grid(self, axes: Iterable[ArrayLike]) -> FloatArray:
         """Values on a tensor grid.
 

@@ -1,0 +1,235 @@
+"""Every class of fields, found by the base, against itself; and combinations of all of them."""
+
+import importlib
+import pkgutil
+
+import numpy as np
+import pytest
+from conformance import check_derivatives, check_grid, check_range, check_values
+
+import ilattice as il
+from ilattice._field import Field, owns
+from ilattice.errors import InputError
+from ilattice.fields.algebra import _Everywhere
+from ilattice.mesh.wall_mesh import _Larger
+from ilattice.offsets.scattered import Scattered
+from ilattice.offsets.sharp import SharpDistance
+from ilattice.offsets.solid import TileField
+from ilattice.quadrature.levelsets import _Negative
+
+F = il.fields
+BOX = np.array([[-1.1, -1.2, -0.9], [1.0, 1.3, 1.2]])
+BALL = F.translate(F.sphere(0.9), (0.2, -0.1, 0.3))
+RING = F.rotate(F.torus(1.0, 0.3), 0.7, (1, 2, 3))
+BAR = F.translate(F.box((0.9, 0.3, 0.4)), (0.1, 0.05, 0))
+
+
+def smooth(p):
+    """A function that tells nothing of itself."""
+    p = np.asarray(p, np.float64)
+    return np.sin(p[:, 0]) * np.cos(2.0 * p[:, 1]) + 0.3 * p[:, 2] ** 2 - 0.2
+
+
+def bent():
+    return il.macroshape.hexahedron(
+        [[0, 0, 0], [1, 0, 0], [1.1, 1, 0], [0, 1, 0.1], [0, 0, 1.2], [1, 0.2, 1], [1.3, 1.1, 1.2],
+         [0.1, 1, 1]]
+    )  # fmt: skip
+
+
+def lattice(tile="schwarz-p", **options):
+    return il.Lattice(tile, through=il.macroshape.box((1, 1.2, 0.8)), **options)
+
+
+def spline():
+    t = il.bspline.knots.uniform_knots
+    c = np.random.default_rng(3).normal(size=(7, 6, 5))
+    return il.BSpline([t(5, 2, (-1, 1)), t(3, 3, (0, 1)), t(2, 3, (0, 3))], c, (2, 3, 3))
+
+
+def sharp():
+    cell = lattice(spans_per_tile=8)
+    wall = cell.offset(0.1)
+    return SharpDistance(cell, wall.distance, wall.thickness)
+
+
+def scatter():
+    rng = np.random.default_rng(5)
+    return Scattered(lattice(), rng.random((30, 3)) * (1, 1.2, 0.8), 1.0 + rng.random(30))
+
+
+def mesh_distance():
+    axes = [np.linspace(-1, 1, 14)] * 3
+    return il.sdf.MeshDistance(il.mesh.contour(F.sphere(0.8), axes))
+
+
+STRUTS = [[(0, 0.5, 0.5), (1, 0.5, 0.5)], [(0.5, 0, 0.5), (0.5, 1, 0.5)]]
+#: Class -> a field of it; where it is tried, and what it does not promise.
+EXAMPLES = {
+    "BSpline": (spline, {}),
+    "_Complement": (lambda: F.complement(BALL), {"box": BOX}),
+    "_Everywhere": (_Everywhere, {}),
+    "_Extreme": (lambda: F.union(BALL, RING), {"box": BOX, "kinks": True}),
+    "_Mixed": (lambda: F.mix(BALL, RING, F.equation("1/(1 + exp(-3*x))")), {"box": BOX}),
+    "_Normalized": (
+        lambda: F.normalize(F.scale(BALL, (1, 2, 1))), {"box": BOX, "converges": False},
+    ),
+    "_Offset": (lambda: F.dilate(BALL, 0.1), {"box": BOX}),
+    "_Placed": (lambda: F.rotate(BALL, 0.3, (1, 2, 3)), {"box": BOX}),
+    "_Bent": (lambda: F.bend(BAR, 0.8), {"box": BOX, "kinks": True}),
+    "_Cylindrical": (lambda: F.cylindrical(BALL, 1), {"box": BOX, "kinks": True}),
+    "_Repeat": (lambda: F.repeat(F.sphere(0.3), 0.8), {"box": BOX, "kinks": True}),
+    "_Twist": (lambda: F.twist(BALL, 1.3), {"box": BOX, "converges": False}),
+    "_Equation": (lambda: F.equation("sin(x) + y*z - 0.2"), {"box": BOX}),
+    "Leaf": (
+        lambda: F.from_callable(smooth), {"box": BOX, "differences": True, "converges": False},
+    ),
+    "_Box": (lambda: F.box((0.9, 0.7, 0.5)), {"box": BOX, "kinks": True}),
+    "_Capsule": (lambda: F.capsule((0, 0, -0.5), (0.6, 0.4, 0.5), 0.3), {"box": BOX}),
+    "_Cone": (lambda: F.cone(0.9, 1.7), {"box": BOX, "kinks": True}),
+    "_Cylinder": (lambda: F.cylinder(0.6), {"box": BOX}),
+    "_HalfSpace": (lambda: F.half_space((1, 2, -1), 0.3), {"box": BOX}),
+    "_Sphere": (lambda: F.sphere(0.7), {"box": BOX}),
+    "_Torus": (lambda: F.torus(1.0, 0.3), {"box": BOX}),
+    "PulledBack": (lambda: F.pull_back(BALL, bent()).f, {"converges": False}),
+    "_Larger": (lambda: _Larger(BALL, RING), {"box": BOX, "kinks": True}),
+    "_Distance": (lambda: il.offsets.distance(BALL, seeds=24), {"box": BOX, "converges": False}),
+    "Scattered": (scatter, {"box": ((0, 0, 0), (1, 1, 1)), "differences": True}),
+    "SharpDistance": (sharp, {"kinks": True, "converges": False}),
+    "TileField": (lambda: TileField(lattice()), {"converges": False}),
+    "WallField": (lambda: lattice(spans_per_tile=8).offset(0.1).field, {"kinks": True}),
+    "_Negative": (lambda: _Negative(smooth), {"box": BOX, "differences": True}),
+    "MeshDistance": (mesh_distance, {"box": BOX, "kinks": True, "converges": False}),
+    "MixedField": (
+        lambda: lattice(il.tiles.mix("gyroid", "diamond", seed=1), repeat=2).smooth_tile, {},
+    ),
+    "TileNode": (lambda: il.tiles["gyroid"].node, {"box": BOX}),
+    "TrigNode": (lambda: il.tiles["gyroid"].field.node, {"box": BOX}),
+    "FlattenedField": (
+        lambda: il.tiles.skeleton(STRUTS, radius=0.2).field.flattened(), {"kinks": True},
+    ),
+    "SkeletonField": (lambda: il.tiles.skeleton(STRUTS, radius=0.2).field, {"kinks": True}),
+    "Tile": (lambda: il.tiles["gyroid"], {}),
+    "TrigField": (lambda: il.tiles["gyroid"].field, {}),
+}  # fmt: skip
+
+
+def classes():
+    """All classes of fields of the package, by the base."""
+    for module in pkgutil.walk_packages(il.__path__, "ilattice."):
+        if module.name != "ilattice.__main__":
+            importlib.import_module(module.name)
+    found, left = set(), [Field]
+    while left:
+        new = [c for c in left.pop().__subclasses__() if c.__module__.startswith("ilattice")]
+        found.update(new)
+        left += new
+    return {c.__name__ for c in found}
+
+
+def test_no_class_of_fields_is_forgotten():
+    assert classes() == set(EXAMPLES) | {"Node"}  # which is a base, too
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_fields_keep_what_they_promise(name):
+    make, options = EXAMPLES[name]
+    field, rng = make(), np.random.default_rng(8)
+    assert type(field).__name__ == name
+    if name == "_Everywhere":
+        return
+    box = np.asarray(options.get("box", field.bounds), float)
+    p = rng.uniform(box[0] + 1e-3, box[1] - 1e-3, (40, 3))
+    check_values(field, p, exact=False)
+    for bad in (np.zeros(3), np.zeros((2, 2)), np.full((1, 3), np.nan)):
+        with pytest.raises(InputError):
+            field(bad)
+    if "kinks" not in options:
+        check_derivatives(field, p, box, 1e-4 if "differences" in options else 1e-5)
+    check_range(field, rng, box, converges=options.get("converges", owns(field, "range")))
+    check_grid(field, rng, box)
+    assert np.asarray(field.bounds).shape == (2, 3)
+    assert field.lipschitz > 0.0
+
+
+class Plain(Field):
+    """A field of its values alone."""
+
+    def __call__(self, p):
+        return smooth(il._validate.as_points("p", p))
+
+
+def test_a_field_of_its_values_alone_has_the_rest_by_default():
+    field, rng = Plain(), np.random.default_rng(3)
+    assert not any(field.has(name) for name in ("jet", "grid", "range", "bounds", "lipschitz"))
+    p = rng.uniform(*BOX, (50, 3))
+    _, g, h = field.jet(p)
+    x, y, z = p.T
+    slope = np.stack([np.cos(x) * np.cos(2 * y), -2 * np.sin(x) * np.sin(2 * y), 0.6 * z], axis=1)
+    np.testing.assert_allclose(g, slope, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(h[:, 0, 1], -2 * np.cos(x) * np.sin(2 * y), rtol=0, atol=1e-6)
+    check_grid(field, rng, BOX)
+    assert np.isinf(field.range(p - 0.1, p + 0.1)).all()
+    for bad in (-1, 3):
+        with pytest.raises(InputError, match="order must be"):
+            field.jet(p, bad)
+
+
+def test_a_lipschitz_constant_gives_bounds():
+    class Steep(Plain):
+        lipschitz = 3.0
+
+    check_range(Steep(), np.random.default_rng(4), BOX, converges=False)
+
+
+def close(a, b):
+    np.testing.assert_allclose(a, b, rtol=0, atol=1e-13)
+
+
+def test_every_combinator_takes_every_field():
+    """Two of everything, with a ball: the values are those of the parts, point by point."""
+    rng = np.random.default_rng(6)
+    for name in ("BSpline", "WallField", "MeshDistance", "Tile", "SkeletonField", "PulledBack"):
+        make, options = EXAMPLES[name]
+        field = make()
+        box = np.asarray(options.get("box", field.bounds), float)
+        p = rng.uniform(box[0] + 1e-3, box[1] - 1e-3, (60, 3))
+        f, ball = field(p), BALL(p)
+        close(F.intersection(field, BALL)(p), np.maximum(f, ball))
+        close(F.union(BALL, field)(p), np.minimum(f, ball))
+        close(F.shell(field, 0.2)(p), np.abs(f) - 0.1)
+        close(F.complement(field)(p), -f)
+        lower = F.intersection(field, BALL).range(p, p)[:, 0]
+        assert (lower <= np.maximum(f, ball) + 1e-12).all(), name
+
+
+def test_the_shell_of_a_distance_to_a_mesh_is_as_thick_as_asked():
+    """Volume between the spheres of radii 0.7 and 0.9, up to the triangles."""
+    axes = [np.linspace(-1.1, 1.1, 45)] * 3
+    ball = il.mesh.contour(F.sphere(0.8), axes)
+    mesh = il.mesh.contour(F.shell(il.sdf.MeshDistance(ball), 0.2), axes)
+    assert mesh.is_watertight
+    assert mesh.volume == pytest.approx(4 / 3 * np.pi * (0.9**3 - 0.7**3), rel=5e-3)
+
+
+def test_a_wall_is_cut_by_a_sphere_of_space():
+    """Wall inside of a sphere and wall outside of it are the wall."""
+    through = bent()
+    wall = il.Lattice("schwarz-p", through=through, spans_per_tile=8).offset(0.1)
+    ball = F.pull_back(F.translate(F.sphere(0.5), (0.5, 0.5, 0.5)), through)
+    parts = F.intersection(wall.field, ball), F.intersection(wall.field, F.complement(ball))
+    inside, outside = (
+        il.cutfem.cut(part, 10, through=through).volume(3).in_space().integrate() for part in parts
+    )
+    assert inside > 0.1 * wall.volume()
+    assert outside > 0.1 * wall.volume()
+    assert inside + outside == pytest.approx(wall.volume(), rel=3e-3)
+
+
+def test_what_is_no_field_is_refused():
+    with pytest.raises(InputError, match="must be a field"):
+        F.shell(smooth, 0.1)
+    with pytest.raises(InputError, match="three coordinates"):
+        F.complement(il.BSpline([[0.0, 1.0]], [1.0], 0))
+    with pytest.raises(InputError, match="through must be a map"):
+        F.pull_back(BALL, smooth)
