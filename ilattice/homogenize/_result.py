@@ -8,11 +8,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from ilattice._files import as_path, atomic_write, write_report
 from ilattice._typing import AnyArray, FloatArray
 from ilattice._validate import Frozen, as_whole
 from ilattice.errors import FormatError
 from ilattice.homogenize.sphere import sphere
-from ilattice.io._common import as_path, atomic_write, write_report
 from ilattice.mesh import SurfaceMesh
 
 #: Eigenvalues of a stiffness below this part of the largest one are those of mechanisms.

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._files import atomic_write
 from ilattice._typing import FloatArray
 from ilattice._validate import as_array, as_positive
 from ilattice.errors import InputError
-from ilattice.io._common import atomic_write
 from ilattice.io._mesh import Triangles, check_not_empty, colours
 from ilattice.io.vtk import quiet_vtk
 

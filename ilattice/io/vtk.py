@@ -17,10 +17,10 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from ilattice._files import as_path, atomic_path
 from ilattice._typing import AnyArray, ArrayLike, Map
 from ilattice._validate import as_array, as_choice, as_flag, as_items, as_kind, as_points
 from ilattice.errors import FormatError, InputError
-from ilattice.io._common import as_path, atomic_path
 from ilattice.io._mesh import Triangles, check_not_empty, colours
 from ilattice.io.bezier_cells import bezier_nodes
 
