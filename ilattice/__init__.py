@@ -12,6 +12,7 @@ Rooms, from the bottom up:
 `cutfem`                  background grids, cut cells, quadrature, elasticity, heat
 `minimal`                 triangle minimal surfaces, their symmetries, tiles of them
 `homogenize`              effective properties of cells that repeat
+`plot`                    pictures of all of these: scenes, panels, films
 `io`                      one file per format: STL, PLY, OBJ, 3MF, VTK, G+Smo, MFEM, IRIT
 `sdf`                     solids from commands and from meshes, as fields
 ========================  ==================================================================
@@ -61,6 +62,7 @@ if TYPE_CHECKING:
         mesh,
         minimal,
         offsets,
+        plot,
         sdf,
         tiles,
     )
@@ -90,6 +92,7 @@ __all__ = [
     "mesh",
     "minimal",
     "offsets",
+    "plot",
     "sdf",
     "tiles",
 ]

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 
 import ilattice as il
+from ilattice._files import check_distinct, check_outputs, write_report
 from ilattice._progress import Progress
 from ilattice._stages import Stages
 from ilattice._validate import as_positive
 from ilattice._warmup import aside
 from ilattice.errors import FileError, FormatError, InputError
-from ilattice.io._common import check_distinct, check_outputs, write_report
 from ilattice.io.registry import WRITERS
 from ilattice.io.splines import list_patches
 from ilattice.mesh.topology import islands_of

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from ilattice._files import as_path, atomic_write, write_report
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import Frozen, as_points, as_whole, read_only
 from ilattice.cutfem.output import Result
 from ilattice.errors import FormatError, InputError
 from ilattice.homogenize._result import finite
-from ilattice.io._common import as_path, atomic_write, write_report
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 from numpy.lib import format as npy
 
+from ilattice._files import as_path, read_bytes
 from ilattice._memory import need
 from ilattice._typing import AnyArray, FloatArray
 from ilattice.errors import FileError, FormatError, InputError
 from ilattice.homogenize._vti import GROWTH, read_vti
-from ilattice.io._common import as_path, read_bytes
 
 STACKS = (".tif", ".tiff")
 

@@ -9,6 +9,7 @@ from pathlib import PurePath
 from typing import Any
 
 from ilattice import __version__
+from ilattice._files import as_path, check_distinct, check_outputs, write_report
 from ilattice._progress import Progress
 from ilattice._stages import Stages
 from ilattice._validate import as_positive
@@ -16,7 +17,6 @@ from ilattice.errors import FormatError, InputError
 from ilattice.homogenize.bloch import bloch
 from ilattice.homogenize.elastic import elastic
 from ilattice.homogenize.voxel import voxels as of_voxels
-from ilattice.io._common import as_path, check_distinct, check_outputs, write_report
 from ilattice.io.registry import WRITERS
 from ilattice.macroshape.cells import cell
 from ilattice.macroshape.lattice import Lattice

@@ -11,9 +11,9 @@ from typing import IO, Any
 
 import numpy as np
 
+from ilattice._files import atomic_write
 from ilattice._progress import Progress, track
 from ilattice._typing import FloatArray
-from ilattice.io._common import atomic_write
 from ilattice.io._slices import MILLIMETRES, as_unit, contours, decimals, join
 from ilattice.mesh.slices import Slice, SliceStack
 

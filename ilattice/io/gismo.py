@@ -24,10 +24,10 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from ilattice._files import atomic_write, read_text
 from ilattice._typing import FloatArray
 from ilattice.bspline import BSpline
 from ilattice.errors import FormatError
-from ilattice.io._common import atomic_write, read_text
 from ilattice.io._patches import (
     MAX_DEGREE,
     Patch,

@@ -27,10 +27,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ilattice._files import atomic_write, read_text
 from ilattice._typing import FloatArray
 from ilattice.bspline import BSpline
 from ilattice.errors import FormatError, InputError
-from ilattice.io._common import atomic_write, read_text
 from ilattice.io._patches import (
     MAX_DEGREE,
     Patch,

@@ -16,10 +16,10 @@ import re
 
 import numpy as np
 
+from ilattice._files import atomic_write, read_text
 from ilattice._typing import FloatArray
 from ilattice.bspline import BSpline
 from ilattice.errors import FormatError, InputError
-from ilattice.io._common import atomic_write, read_text
 from ilattice.io._mfem_topology import CORNERS, FACES, GEOMETRY, Topology, read_topology
 from ilattice.io._patches import (
     MAX_DEGREE,

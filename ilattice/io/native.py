@@ -26,10 +26,10 @@ from typing import Any, NoReturn
 
 import numpy as np
 
+from ilattice._files import atomic_write, read_bytes, read_text
 from ilattice._typing import AnyArray, FloatArray
 from ilattice.bspline import BSpline
 from ilattice.errors import FormatError
-from ilattice.io._common import atomic_write, read_bytes, read_text
 from ilattice.io._patches import (
     Fail,
     Patch,

@@ -9,9 +9,9 @@ import os
 import re
 from collections.abc import Iterator
 
+from ilattice._files import atomic_write, read_text
 from ilattice._typing import AnyArray
 from ilattice.errors import FormatError
-from ilattice.io._common import atomic_write, read_text
 from ilattice.io._mesh import TEXT_BLOCK, blocks, check_not_empty, colours
 from ilattice.io._polygons import Points, Polygons, checked_mesh, text_lines, words_of
 from ilattice.io._scanner import blank_comments

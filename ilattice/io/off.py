@@ -9,8 +9,8 @@ import os
 import re
 from typing import NoReturn
 
+from ilattice._files import atomic_write, read_text
 from ilattice.errors import FormatError
-from ilattice.io._common import atomic_write, read_text
 from ilattice.io._mesh import TEXT_BLOCK, blocks, check_not_empty
 from ilattice.io._polygons import Points, Polygons, checked_mesh, text_lines, words_of
 from ilattice.io._scanner import blank_comments

@@ -16,9 +16,9 @@ from typing import Any, NoReturn
 
 import numpy as np
 
+from ilattice._files import read_bytes
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.errors import FormatError
-from ilattice.io._common import read_bytes
 from ilattice.io._polygons import checked_mesh
 from ilattice.io._scanner import parse_text
 from ilattice.mesh import SurfaceMesh

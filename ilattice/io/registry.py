@@ -10,8 +10,8 @@ from collections.abc import Callable
 from importlib import import_module
 from typing import Any
 
+from ilattice._files import as_path
 from ilattice.errors import FormatError, InputError
-from ilattice.io._common import as_path
 from ilattice.mesh import SurfaceMesh
 
 _SPLINE = dict.fromkeys((".xml", ".mesh", ".itd", ".npz", ".json"), "splines:save")

@@ -27,11 +27,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
+from ilattice._files import as_path
 from ilattice._validate import near_names
 from ilattice.bspline import BSpline
 from ilattice.errors import FormatError, InputError
 from ilattice.io import gismo, irit, mfem, native
-from ilattice.io._common import as_path
 from ilattice.io._patches import Patch
 from ilattice.macroshape import SplineMap
 

@@ -12,9 +12,9 @@ from typing import IO
 
 import numpy as np
 
+from ilattice._files import atomic_write, read_bytes
 from ilattice._typing import AnyArray, FloatArray
 from ilattice.errors import FormatError
-from ilattice.io._common import atomic_write, read_bytes
 from ilattice.io._kernels_stl import fill_triangles
 from ilattice.io._mesh import (
     blocks,

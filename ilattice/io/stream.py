@@ -16,10 +16,10 @@ from typing import IO, Protocol, Self
 
 import numpy as np
 
+from ilattice._files import as_path, atomic_write
 from ilattice._typing import AnyArray
 from ilattice.errors import FormatError, GeometryError, InputError
 from ilattice.io import ply, stl
-from ilattice.io._common import as_path, atomic_write
 from ilattice.io._mesh import blocks, check_single, warn_collapsed, write_records
 
 _HEADER_SIZE = 4096

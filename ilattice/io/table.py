@@ -42,8 +42,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any, NoReturn
 
-from ilattice.errors import FileError, FormatError, printable
-from ilattice.io._common import (
+from ilattice._files import (
     atomic_write,
     explained,
     held,
@@ -51,6 +50,7 @@ from ilattice.io._common import (
     read_bytes,
     replace,
 )
+from ilattice.errors import FileError, FormatError, printable
 
 __all__ = ["KEPT", "Table", "digest"]
 

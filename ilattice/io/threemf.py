@@ -15,10 +15,10 @@ from typing import IO, Any
 
 import numpy as np
 
+from ilattice._files import atomic_write
 from ilattice._typing import AnyArray
 from ilattice._validate import near_names
 from ilattice.errors import FormatError, InputError
-from ilattice.io._common import atomic_write
 from ilattice.io._mesh import (
     blocks,
     check_not_empty,

@@ -13,10 +13,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ilattice._files import atomic_write
 from ilattice._progress import Progress, track
 from ilattice._typing import FloatArray
 from ilattice.errors import PrecisionWarning
-from ilattice.io._common import atomic_write
 from ilattice.io._mesh import TEXT_BLOCK, blocks
 from ilattice.io._slices import as_unit, contours, decimals, join
 from ilattice.mesh import SurfaceMesh

@@ -9,18 +9,18 @@ place, `_by_points`. Not done: pieces for parallel readers.
 import errno
 import os
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from ilattice._files import as_path, atomic_path
 from ilattice._typing import AnyArray, ArrayLike
 from ilattice._validate import as_array, as_choice, as_flag, as_items, as_kind, as_points
+from ilattice._vtk import quiet_vtk
 from ilattice.errors import FormatError, InputError
-from ilattice.io._common import as_path, atomic_path
 from ilattice.io._mesh import check_not_empty, colours
 from ilattice.io.bezier_cells import bezier_nodes
 from ilattice.mesh import SurfaceMesh
@@ -435,19 +435,6 @@ def _write(writer_name: str, data: Any, path: str | os.PathLike[str], compress: 
         writer.SetFileName(str(temporary))
         done = writer.Write()
         _check(done, writer.GetErrorCode(), temporary.parent)
-
-
-@contextmanager
-def quiet_vtk() -> Iterator[None]:
-    """Keep VTK from printing warnings and errors meanwhile; error codes tell the same."""
-    from vtkmodules.vtkCommonCore import vtkObject
-
-    before = vtkObject.GetGlobalWarningDisplay()
-    vtkObject.GlobalWarningDisplayOff()
-    try:
-        yield
-    finally:
-        vtkObject.SetGlobalWarningDisplay(before)
 
 
 def _check(done: int, code: int, folder: Path) -> None:

@@ -11,7 +11,7 @@ from copy import deepcopy
 from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -29,9 +29,14 @@ from ilattice._validate import (
 from ilattice.bspline import BSpline
 from ilattice.errors import InputError
 from ilattice.macroshape._extra import interpolated, warn_missed
+from ilattice.macroshape._picture import net_of, points_of
 from ilattice.macroshape._seeds import Seeds
 from ilattice.macroshape.certify import Certificate, certify
 from ilattice.macroshape.inverse import Located, locate
+from ilattice.plot.quick import show
+
+if TYPE_CHECKING:
+    import pyvista
 
 __all__ = ["SplineMap"]
 
@@ -469,6 +474,28 @@ class SplineMap(Frozen):
         """
         axis = as_axis("axis", axis)
         return self.flipped(axis) if self.orientation < 0 else self
+
+    def to_pyvista(self, n: int = 13) -> "pyvista.StructuredGrid":
+        """Points of the volume on a grid, `n` along each direction, with further coordinates."""
+        return points_of(self, as_whole("n", n, 2, 500))
+
+    def plot(self, *, n: int = 9, **options: Any) -> Any:
+        """Show the volume, with lines of constant parameters, in a window or a notebook.
+
+        Parameters
+        ----------
+        n : int
+            Lines along each direction.
+        **options
+            Of `ilattice.plot.show`, such as ``view`` or ``screenshot``.
+
+        Returns
+        -------
+        object
+            What pyvista returns.
+        """
+        faces, lines = net_of(self, as_whole("n", n, 2, 100))
+        return show(faces, lines=lines, **options)
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the volume to a file; its ending names the format.

@@ -19,6 +19,7 @@ from ilattice._validate import as_array, check_finite, read_only
 from ilattice.errors import GeometryError, InputError
 from ilattice.mesh import measure
 from ilattice.mesh._kernels_surface import first_bad_face
+from ilattice.plot.quick import show
 
 if TYPE_CHECKING:
     import os
@@ -487,14 +488,15 @@ class SurfaceMesh:
         Parameters
         ----------
         **options
-            Passed to ``pyvista.PolyData.plot``, for example ``scalars="thickness"``.
+            Of `ilattice.plot.show`, for example ``scalars="thickness"``, ``clip="y > 0"`` or
+            ``screenshot="part.png"``.
 
         Returns
         -------
         object
             What pyvista returns.
         """
-        return self.to_pyvista().plot(**options)
+        return show(self, **options)
 
     def screenshot(self, path: "str | os.PathLike[str]", **options: Any) -> None:
         """Render without a window into a PNG file.
@@ -504,7 +506,7 @@ class SurfaceMesh:
         path : path-like
             File to write, whatever its ending.
         **options
-            See `ilattice.io.png.write_png`: ``scalars``, ``size``, ``view``, ``background``, ...
+            See `ilattice.io.png.write_png`: ``scalars``, ``clip``, ``size``, ``view``, ...
 
         Raises
         ------

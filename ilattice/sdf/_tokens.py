@@ -10,8 +10,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from ilattice._files import read_bytes
 from ilattice.errors import FileError, FormatError, InputError
-from ilattice.io._common import read_bytes
 
 MAX_DEPTH = 16
 MAX_WORDS = 100_000

@@ -20,11 +20,11 @@ from typing import Any
 import numpy as np
 
 from ilattice import __version__, fields
+from ilattice._files import as_path, check_distinct, check_outputs, write_report
 from ilattice._progress import Progress, track
 from ilattice._stages import Stages
 from ilattice._typing import FloatArray
 from ilattice.errors import FormatError, IlatticeError, InputError
-from ilattice.io._common import as_path, check_distinct, check_outputs, write_report
 from ilattice.io.registry import WRITERS
 from ilattice.io.table import KEPT, Table, digest
 from ilattice.mesh.topology import islands_of

@@ -7,9 +7,9 @@ import sys
 import numpy as np
 import pytest
 
+from ilattice import _files as _common
+from ilattice._files import atomic_path, atomic_write, read_text
 from ilattice.errors import FormatError, InputError
-from ilattice.io import _common
-from ilattice.io._common import atomic_path, atomic_write, read_text
 from ilattice.io._scanner import Scanner, parse_numbers
 
 
@@ -196,7 +196,7 @@ def test_numbers(tokens, result):
 def test_what_a_stream_was_sent_to_is_continued(tmp_path, stream):
     """The file of ``>> log`` was replaced by the report, and what it held was lost."""
     program = (
-        "from ilattice.io._common import atomic_write\n"
+        "from ilattice._files import atomic_write\n"
         "print('before')\n"
         f"with atomic_write({stream!r}, text=True) as file:\n    file.write('report\\n')\n"
         "print('after')\n"

@@ -346,9 +346,7 @@ def assert_untouched(folder, ending):
 
 @pytest.mark.parametrize("ending", [".stl", ".ply", ".png"])
 def test_a_full_disk_leaves_the_old_file(ring, old, monkeypatch, ending):
-    monkeypatch.setattr(
-        "ilattice.io._common.open", lambda p, *_, **__: FullDisk(p, "w"), raising=False
-    )
+    monkeypatch.setattr("ilattice._files.open", lambda p, *_, **__: FullDisk(p, "w"), raising=False)
     with pytest.raises(FormatError, match="the disk is full"):
         ring.save(old / f"a{ending}")
     assert_untouched(old, ending)
@@ -426,7 +424,7 @@ def test_files_replace_old_ones(ring, old):
 def test_temporary_files_of_killed_processes_are_removed_by_the_next_save(tmp_path):
     """Not those of processes that are still writing, and no other files."""
     program = (
-        "import sys, time; from ilattice.io._common import atomic_path\n"
+        "import sys, time; from ilattice._files import atomic_path\n"
         "with atomic_path(sys.argv[1]) as p: print(p, flush=True); time.sleep(60)"
     )
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}

@@ -1,0 +1,17 @@
+"""Pictures of everything: scenes, panels, films.
+
+========================  ==================================================================
+`Scene`                   what is drawn, how and from where; `save`, `show`, `image`
+`Panels`                  scenes side by side, with letters and one colour bar
+`show`                    one thing, at once
+`animate`                 scenes one after the other, as GIF or MP4
+========================  ==================================================================
+
+The ``plot`` of meshes, walls, solutions and so on is a scene with one thing in it.
+"""
+
+from ilattice.plot.animation import animate
+from ilattice.plot.quick import show
+from ilattice.plot.scene import Panels, Scene
+
+__all__ = ["Panels", "Scene", "animate", "show"]
