@@ -53,7 +53,7 @@ def directions(view: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
 
 def fit(
     camera: Any, points: FloatArray, view: tuple[float, float], *, aspect: float, zoom: float,
-    parallel: bool,
+    parallel: bool, room: tuple[float, float] = (1.0, 1.0),
 ) -> None:  # fmt: skip
     """Point a camera at points so that they fill the picture.
 
@@ -71,7 +71,10 @@ def fit(
         Magnification.
     parallel : bool
         Without perspective.
+    room : (float, float)
+        Part of the width, from the left, and of the height, from below, that there is for them.
     """
+    aspect *= room[0] / room[1]
     toward, up = directions(view)
     axes = np.column_stack([np.cross(up, toward), up, toward])
     local = points @ axes
@@ -83,17 +86,20 @@ def fit(
     depth = _FAR * half / np.tan(np.deg2rad(_ANGLE / 2)) + size[2] / 2
     camera.parallel_projection = parallel
     if parallel:
-        camera.parallel_scale = _MARGIN * half / zoom
+        camera.parallel_scale = _MARGIN * half / (zoom * room[1])
         shift = np.zeros(2)
     else:
         shift = _off_centre(local, depth)
         slope = np.abs(local[:, :2] - shift) / (depth - local[:, 2:])
         steepest = max(float(slope[:, 0].max()) / aspect, float(slope[:, 1].max()), 1e-6)
-        camera.view_angle = float(2.0 * np.rad2deg(np.arctan(_MARGIN * steepest / zoom)))
+        camera.view_angle = float(
+            2.0 * np.rad2deg(np.arctan(_MARGIN * steepest / (zoom * room[1])))
+        )
     focus = axes @ (middle + np.append(shift, 0.0))
     camera.focal_point = focus
     camera.position = focus + depth * toward
     camera.up = up
+    camera.SetWindowCenter(1.0 - room[0], 1.0 - room[1])
     camera.clipping_range = (depth - size[2], depth + size[2] + least)
 
 

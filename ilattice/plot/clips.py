@@ -46,9 +46,7 @@ def as_planes(clip: Any) -> FloatArray:
             raise InputError(f"clip {clip!r:.80} cannot be read; {_FORM}") from None
     box = as_array("clip", clip)
     if box.shape != (2, 3) or not (box[0] < box[1]).all():
-        raise InputError(
-            f"clip must be a condition or a box: two corners, lowest first, got {clip!r:.80}; {_FORM}"
-        )
+        raise InputError(f"clip must be a condition or two corners, got {clip!r:.80}; {_FORM}")
     eye = np.eye(3)
     return np.vstack([np.column_stack([eye, -box[0]]), np.column_stack([-eye, box[1]])])
 
@@ -76,6 +74,8 @@ def _affine(node: ast.expr, clip: str) -> FloatArray:
     """Coefficients of x, y, z and 1."""
     at = np.vstack([np.eye(3), np.zeros(3), np.ones(3), np.full(3, 2.0)])
     value = np.broadcast_to(_value(node, clip, dict(zip("xyz", at.T, strict=True))), 6)
+    if not np.isfinite(value).all():
+        raise InputError(f"clip {clip!r:.80} is not finite; {_FORM}")
     row = np.append(value[:3] - value[3], value[3])
     told = at @ row[:3] + row[3]
     if not np.allclose(told, value, rtol=1e-9, atol=1e-9 * np.abs(value).max(initial=1e-300)):

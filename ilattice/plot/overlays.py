@@ -23,12 +23,12 @@ if TYPE_CHECKING:
     from ilattice.plot.scene import Scene
 
 _BAR_PLACE = {"position_x": 0.875, "position_y": 0.2, "width": 0.045, "height": 0.55}
-_TITLE_WIDTH = 16  # letters
+_TITLE_WIDTH = 12  # letters
 _KEY, _FILL, _HEAD = 0.85, 0.3, 0.38  # intensities of the lights
 
 
 def lights(plotter: Any, view: tuple[float, float]) -> None:
-    """A key light from the upper left of the viewer, a weak one from the other side, and his own."""
+    """A key light from the upper left of the viewer, a weak one from his right, and his own."""
     import pyvista as pv
 
     toward, up = directions(view)
@@ -45,7 +45,11 @@ def lights(plotter: Any, view: tuple[float, float]) -> None:
 
 def colour_bar(plotter: Any, mapper: Any, title: str) -> None:
     """The colour bar of what a mapper draws, at the right."""
-    title = "\n".join(textwrap.wrap(title, _TITLE_WIDTH, break_long_words=False))
+    title = "\n".join(
+        part
+        for line in title.split("\n")
+        for part in textwrap.wrap(line, _TITLE_WIDTH, break_long_words=False)
+    )
     bar = plotter.add_scalar_bar(
         title=title, mapper=mapper, vertical=True, fmt="%.3g", n_labels=5, color="black",
         title_font_size=20, label_font_size=18, **_BAR_PLACE,
@@ -80,8 +84,9 @@ def scale_bar(
     local = points @ axes
     lo, hi = local.min(axis=0), local.max(axis=0)
     length = _round(0.25 * (hi[0] - lo[0]))
-    start = np.array([lo[0], lo[1] - 0.06 * max(hi[1] - lo[1], hi[0] - lo[0]), (lo[2] + hi[2]) / 2])
-    ends = np.array([start, start + (length, 0.0, 0.0)]) @ axes.T
+    gap = 0.06 * max(hi[1] - lo[1], hi[0] - lo[0])
+    start = np.array([lo[0], lo[1] - gap, (lo[2] + hi[2]) / 2])
+    ends = np.array([start, start + np.array([length, 0.0, 0.0])]) @ axes.T
     plotter.add_mesh(pv.Line(*ends), color="black", line_width=4, reset_camera=False)
     plotter.add_point_labels(
         [ends.mean(axis=0)], [f"{length:g} {unit}".strip()], shape=None, text_color="black",

@@ -25,7 +25,7 @@ from ilattice.plot import camera, overlays, styles
 from ilattice.plot.clips import as_planes, clipped
 from ilattice.plot.styles import Layer
 
-_BAR = 0.16  # part of the width for a colour bar
+_BAR, _HEAD = 0.17, 0.07  # parts of the width for a colour bar, and of the height for a title
 _OCCLUSION = 0.04  # reach of the ambient occlusion, in units of the part's size
 _PANEL = (900, 760)
 
@@ -451,38 +451,40 @@ def drawn(panels: Panels, size: tuple[int, int], *, off_screen: bool | None = Tr
         window_size=list(size), shape=(rows, columns), border=False, lighting="none", **options
     )
     limits = overlays.shared_limits([scene.layers for scene in panels.scenes])
+    last = {layer.title: i for i, scene in enumerate(panels.scenes) for layer in scene.layers}
+    aspect = size[0] * rows / (size[1] * columns)
     for i, scene in enumerate(panels.scenes):
         plotter.subplot(i // columns, i % columns)
-        _draw(plotter, scene, limits, size[0] * rows / (size[1] * columns))
-        label = f"({chr(97 + i)}) " if panels.labels else ""
-        if label + scene.title:
-            plotter.add_text(
-                label + scene.title, position="upper_edge", font_size=11, color="black"
-            )
+        title = f"({chr(97 + i)}) {scene.title}" if panels.labels else scene.title
+        bars = {name for name, at in last.items() if name and at == i}
+        _draw(plotter, scene, limits, aspect, bars, room=1.0 - (_HEAD if title else 0.0))
+        if title:
+            plotter.add_text(title, position="upper_edge", font_size=11, color="black")
     plotter.enable_anti_aliasing("ssaa", all_renderers=True)
     return plotter
 
 
-def _draw(plotter: Any, scene: Scene, limits: Mapping[str, Any], aspect: float) -> None:
+def _draw(
+    plotter: Any, scene: Scene, limits: Mapping[str, Any], aspect: float, bars: set[str], *,
+    room: float,
+) -> None:  # fmt: skip
+    """One panel; the colour bars named are drawn in it, `room` is the height below the title."""
     points, bar = scene.corners(), None
     plotter.set_background(scene.background, all_renderers=False)
     for data, style, layer in scene.pieces():
         name = style.get("scalars")
-        wanted = layer.title and name in limits and "clim" not in style
-        actor = plotter.add_mesh(
-            data, reset_camera=False, **{**style, **({"clim": limits[name]} if wanted else {})}
-        )
-        bar = (actor.mapper, layer.title) if layer.title and name else bar
+        limited = {"clim": limits[name]} if layer.title and name in limits else {}
+        actor = plotter.add_mesh(data, reset_camera=False, **{**limited, **style})
+        if name and layer.title in bars:
+            bar = actor.mapper, layer.title
     overlays.lights(plotter, scene.view)
     if scene.scale_bar:
         points = np.vstack([points, overlays.scale_bar(plotter, points, scene.view, scene.unit)])
-    used = 1.0 - (_BAR if bar else 0.0)
     camera.fit(
-        plotter.camera, points, scene.view, aspect=aspect * used, zoom=scene.zoom,
-        parallel=scene.parallel,
+        plotter.camera, points, scene.view, aspect=aspect, zoom=scene.zoom,
+        parallel=scene.parallel, room=(1.0 - (_BAR if bar else 0.0), room),
     )  # fmt: skip
     if bar:
-        plotter.camera.SetWindowCenter(1.0 - used, 0.0)
         overlays.colour_bar(plotter, *bar)
     if scene.axes:
         plotter.add_axes(color="black")

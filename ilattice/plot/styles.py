@@ -23,10 +23,10 @@ FLAT = {"ambient": 0.62, "diffuse": 0.42, "specular": 0.0}
 COLOUR, CAP, GHOST = "#d9b382", "#b5651d", "#8fa3b5"
 #: Titles of colour bars: names of data in the symbols of the field.
 SYMBOLS = {
-    "displacement": "|u|", "von_mises": "von Mises stress", "temperature": "T",
+    "displacement": "displace-\nment u", "von_mises": "von Mises stress", "temperature": "T",
     "half_thickness": "half-thickness d", "thickness": "thickness 2d",
     "signed_distance": "signed distance", "young": "E", "E": "E",
-    "heat_flux": "|q|", "curvature": "mean curvature H",
+    "heat_flux": "heat flux q", "curvature": "mean curvature H",
 }  # fmt: skip
 
 
