@@ -29,7 +29,7 @@ from ilattice._validate import (
 from ilattice.bspline import BSpline
 from ilattice.errors import InputError
 from ilattice.macroshape._extra import interpolated, warn_missed
-from ilattice.macroshape._picture import net_of, points_of
+from ilattice.macroshape._picture import faces_of, net_of
 from ilattice.macroshape._seeds import Seeds
 from ilattice.macroshape.certify import Certificate, certify
 from ilattice.macroshape.inverse import Located, locate
@@ -475,9 +475,9 @@ class SplineMap(Frozen):
         axis = as_axis("axis", axis)
         return self.flipped(axis) if self.orientation < 0 else self
 
-    def to_pyvista(self, n: int = 13) -> "pyvista.StructuredGrid":
-        """Points of the volume on a grid, `n` along each direction, with further coordinates."""
-        return points_of(self, as_whole("n", n, 2, 500))
+    def to_pyvista(self, n: int = 33) -> "pyvista.PolyData":
+        """Its faces, `n` points along each edge, with further coordinates; no seams."""
+        return faces_of(self, as_whole("n", n, 2, 500))
 
     def plot(self, *, n: int = 9, **options: Any) -> Any:
         """Show the volume, with lines of constant parameters, in a window or a notebook.
@@ -494,8 +494,7 @@ class SplineMap(Frozen):
         object
             What pyvista returns.
         """
-        faces, lines = net_of(self, as_whole("n", n, 2, 100))
-        return show(faces, lines=lines, **options)
+        return show(self, lines=net_of(self, as_whole("n", n, 2, 100)), **options)
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the volume to a file; its ending names the format.

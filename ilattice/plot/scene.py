@@ -95,7 +95,7 @@ class Scene:
     def add(
         self, what: Any, *, color: str | None = None, scalars: str | None = None,
         label: str | None = None, unit: str = "", flat: bool | None = None, clip: bool = True,
-        cap: str | None = None, **options: Any,
+        cap: str | None = None, radius: float | None = None, legend: str = "", **options: Any,
     ) -> "Scene":  # fmt: skip
         """Another thing in the picture.
 
@@ -116,8 +116,13 @@ class Scene:
             Whether clips of the scene cut it.
         cap : str, optional
             Colour of faces where it is cut.
+        radius : float, optional
+            Of balls in place of points.
+        legend : str
+            What a legend calls it.
         **options
-            Passed to ``pyvista.Plotter.add_mesh``: ``cmap``, ``clim``, ``opacity``, ...
+            Passed to ``pyvista.Plotter.add_mesh``: ``cmap``, ``clim``, ``opacity``, ...; the map
+            ``"depth"`` is brown in its middle and white at both ends.
 
         Returns
         -------
@@ -131,9 +136,12 @@ class Scene:
         """
         if color is not None:
             _check_colour("color", color)
+        data = styles.as_dataset(what)
+        if radius is not None:
+            data = styles.balls(data, as_positive("radius", radius))
         layer = styles.made(
-            styles.as_dataset(what), color=color, scalars=scalars, label=label, unit=unit,
-            flat=flat, clip=clip, cap=cap, options=options,
+            data, color=color, scalars=scalars, label=label, unit=unit,
+            flat=flat, clip=clip, cap=cap, legend=legend, options=options,
         )  # fmt: skip
         return replace(self, layers=(*self.layers, layer))
 
@@ -333,7 +341,7 @@ class Scene:
         """Points that have to be in the picture, shape (n, 3)."""
         if self.box is not None:
             return overlays.corners(self.box)
-        points = [np.asarray(data.points, float) for data, _, layer in self.pieces() if layer.frame]
+        points = [np.asarray(data.points, float) for data, _, _ in self.pieces()]
         if not points:
             raise InputError("the scene is empty, or all of it is clipped away: nothing to show")
         return np.vstack(points)
@@ -486,6 +494,9 @@ def _draw(
     )  # fmt: skip
     if bar:
         overlays.colour_bar(plotter, *bar)
+    entries = [[a.legend, a.style["color"]] for a in scene.layers if a.legend]
+    if entries:
+        plotter.add_legend(entries, bcolor=None, face="circle", size=(0.18, 0.05 * len(entries)))
     if scene.axes:
         plotter.add_axes(color="black")
     if scene.occlusion:

@@ -90,7 +90,7 @@ def polylines(lines: Sequence[FloatArray], *, closed: bool = False) -> Any:
         numbers = np.append(numbers, start) if closed else numbers
         rows.append(np.concatenate([[len(numbers)], numbers]))
         start += len(line)
-    return pv.PolyData(np.vstack(lines), lines=np.concatenate(rows))
+    return pv.PolyData(np.vstack(lines).astype(float), lines=np.concatenate(rows))
 
 
 def segments(points: ArrayLike, pairs: IntArray) -> Any:

@@ -46,8 +46,8 @@ class Layer:
         Whether clips cut it.
     cap : str
         Colour of the faces where it is cut.
-    frame : bool
-        Whether the camera looks at it.
+    legend : str
+        What a legend calls it; empty without one.
     """
 
     data: Any
@@ -55,7 +55,7 @@ class Layer:
     title: str = ""
     clip: bool = True
     cap: str = CAP
-    frame: bool = True
+    legend: str = ""
 
 
 def as_dataset(what: Any) -> Any:
@@ -87,9 +87,17 @@ def as_dataset(what: Any) -> Any:
     return data
 
 
+def balls(data: Any, radius: float) -> Any:
+    """Spheres about points."""
+    import pyvista as pv
+
+    ball = pv.Sphere(radius=radius, theta_resolution=24, phi_resolution=16)
+    return data.glyph(scale=False, orient=False, geom=ball)
+
+
 def made(
     data: Any, *, color: str | None, scalars: str | None, label: str | None, unit: str,
-    flat: bool | None, clip: bool, cap: str | None, options: Mapping[str, Any],
+    flat: bool | None, clip: bool, cap: str | None, legend: str, options: Mapping[str, Any],
 ) -> Layer:  # fmt: skip
     """A layer of a dataset, with the looks that its data ask for."""
     style = _shading(data)
@@ -104,6 +112,8 @@ def made(
         title = label if label is not None else SYMBOLS.get(scalars, scalars.replace("_", " "))
         title = f"{title} ({unit})" if unit and title else title
         style |= {"scalars": scalars, "show_scalar_bar": False, "cmap": "viridis"}
+        if options.get("cmap") == "depth":
+            options = {**options, "cmap": _depth()}
     elif color is None and (rgb := _own_colours(data)) is not None:
         data.point_data["_rgb"] = rgb
         style |= {"scalars": "_rgb", "rgb": True}
@@ -112,7 +122,14 @@ def made(
     style |= FLAT if (flat if flat is not None else scalars is not None) else MATERIAL
     if scalars is not None:
         cap = cap if cap is not None else "#9a9a9a"
-    return Layer(data, {**style, **options}, title, clip, cap if cap is not None else CAP)
+    return Layer(data, {**style, **options}, title, clip, cap if cap is not None else CAP, legend)
+
+
+def _depth() -> Any:
+    """White, brown, white: of what is deep in a wall."""
+    from matplotlib.colors import LinearSegmentedColormap
+
+    return LinearSegmentedColormap.from_list("depth", ["#fbf7f0", "#6b3a12", "#fbf7f0"])
 
 
 def _shading(data: Any) -> dict[str, Any]:
