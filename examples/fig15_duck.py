@@ -7,7 +7,6 @@ light. The measured thickness is right everywhere: 99 of 100 vertices within 0.1
     python examples/fig15_duck.py
 """
 
-
 import ilattice as il
 
 #: White at both sides of a wall, brown in the middle.

@@ -262,7 +262,13 @@ class CutGrid(Frozen):
         return self.pieces.error
 
     def to_pyvista(self) -> "pyvista.UnstructuredGrid":
-        """The cells in space that are in or cut, with their ``status``: -1 in, 0 cut."""
+        """The cells that are in or cut, for pictures.
+
+        Returns
+        -------
+        pyvista.UnstructuredGrid
+            In space, with cell data ``status``: -1 in, 0 cut.
+        """
         u = np.stack(np.meshgrid(*self.grid.axes, indexing="ij"), axis=-1)
         x = u if self.through is None else self.through.x(u.reshape(-1, 3)).reshape(u.shape)
         cells = hexahedra(x, self.status < OUT)

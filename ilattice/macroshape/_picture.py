@@ -36,7 +36,8 @@ def _faces(through: "SplineMap", n: int) -> Iterator[tuple[FloatArray, FloatArra
     closed = (False,) * 3 if all(through.closed) else through.closed
     for axis in (k for k in range(3) if not closed[k]):
         for end in through.domain[:, axis]:
-            a, b = (np.linspace(*through.domain[:, k], n) for k in range(3) if k != axis)
+            lo, hi = through.domain
+            a, b = (np.linspace(lo[k], hi[k], n) for k in range(3) if k != axis)
             u = np.insert(np.stack(np.meshgrid(a, b, indexing="ij"), axis=-1), axis, end, axis=-1)
             u = u.reshape(-1, 3)
             yield through.x(u).reshape(n, n, 3), u

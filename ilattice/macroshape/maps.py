@@ -476,7 +476,18 @@ class SplineMap(Frozen):
         return self.flipped(axis) if self.orientation < 0 else self
 
     def to_pyvista(self, n: int = 33) -> "pyvista.PolyData":
-        """Its faces, `n` points along each edge, with further coordinates; no seams."""
+        """Its faces, for pictures; not those where a closed map meets itself.
+
+        Parameters
+        ----------
+        n : int
+            Points along each edge.
+
+        Returns
+        -------
+        pyvista.PolyData
+            With further coordinates as point data.
+        """
         return faces_of(self, as_whole("n", n, 2, 500))
 
     def plot(self, *, n: int = 9, **options: Any) -> Any:

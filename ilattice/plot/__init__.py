@@ -12,8 +12,9 @@ The ``plot`` of meshes, walls, solutions and so on is a scene with one thing in 
 """
 
 from ilattice.plot.animation import animate
+from ilattice.plot.panels import Panels
 from ilattice.plot.quick import show
-from ilattice.plot.scene import Panels, Scene
+from ilattice.plot.scene import Scene
 from ilattice.plot.shapes import polylines
 
 __all__ = ["Panels", "Scene", "animate", "polylines", "show"]

@@ -14,7 +14,7 @@ from ilattice._typing import FloatArray
 from ilattice._validate import as_array
 from ilattice.errors import InputError
 
-_LINEAR = {ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul,
+_LINEAR: dict[type, Any] = {ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul,
            ast.Div: operator.truediv, ast.USub: operator.neg, ast.UAdd: operator.pos}  # fmt: skip
 #: Of planes that are in the way, in units of the size of what is cut.
 _SHIFTS = (1.37e-7, 2.11e-6)
@@ -85,7 +85,8 @@ def _affine(node: ast.expr, clip: str) -> FloatArray:
 
 def _value(node: ast.expr, clip: str, names: dict[str, FloatArray]) -> Any:
     if isinstance(node, ast.Constant) and type(node.value) in (int, float):
-        return float(node.value)
+        number: Any = node.value
+        return float(number)
     if isinstance(node, ast.Name) and node.id in names:
         return names[node.id]
     if isinstance(node, ast.BinOp) and type(node.op) in _LINEAR:

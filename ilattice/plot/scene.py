@@ -12,22 +12,16 @@ different machines.
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray
 from ilattice._validate import as_array, as_flag, as_positive
-from ilattice._vtk import quiet_vtk
-from ilattice.errors import FormatError, InputError
-from ilattice.plot import camera, overlays, styles
+from ilattice.errors import InputError
+from ilattice.plot import camera, overlays, render, styles
 from ilattice.plot.clips import as_planes, clipped
 from ilattice.plot.styles import Layer
-
-_BAR, _HEAD = 0.17, 0.07  # parts of the width for a colour bar, and of the height for a title
-_OCCLUSION = 0.04  # reach of the ambient occlusion, in units of the part's size
-_PANEL = (900, 760)
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +45,14 @@ class Scene:
         Darken what is deep inside, by screen-space ambient occlusion.
     title : str
         Text at the top.
+    axes : bool
+        Show the directions x, y and z.
+    scale_bar : bool
+        Show a length, at the depth of the middle of the part.
+    unit : str
+        Of lengths, for the scale bar.
+    layers, planes, box, insets
+        Made by `add`, `clipped`, `framed` and `inset`.
 
     Notes
     -----
@@ -71,16 +73,16 @@ class Scene:
     parallel: bool = False
     occlusion: bool = True
     title: str = ""
+    axes: bool = False
+    scale_bar: bool = False
+    unit: str = ""
     layers: tuple[Layer, ...] = ()
     planes: FloatArray | None = None
     box: FloatArray | None = None
     insets: tuple[tuple["Scene", tuple[float, float, float, float]], ...] = ()
-    axes: bool = False
-    scale_bar: bool = False
-    unit: str = ""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "size", _as_size(self.size))
+        object.__setattr__(self, "size", render.as_size(self.size))
         object.__setattr__(self, "view", camera.as_view(self.view))
         object.__setattr__(self, "zoom", as_positive("zoom", self.zoom))
         _check_colour("background", self.background)
@@ -267,7 +269,8 @@ class Scene:
             raise InputError(
                 f"place must be left, lower side, width and height within 0 to 1, got {place!r:.80}"
             )
-        return replace(self, insets=(*self.insets, (scene, tuple(map(float, at)))))
+        left, low, width, height = map(float, at)
+        return replace(self, insets=(*self.insets, (scene, (left, low, width, height))))
 
     # --- out of it ----------------------------------------------------------------------------
 
@@ -279,7 +282,7 @@ class Scene:
         ndarray of uint8, shape (height, width, 3)
             Its pixels.
         """
-        picture = _rendered(Panels((self,)), self.size)
+        picture = render.image([self], (1, 1), self.size)
         for scene, place in self.insets:
             picture = overlays.pasted(picture, scene, place)
         return picture
@@ -297,7 +300,7 @@ class Scene:
         FormatError
             If the ending is another, or the file cannot be written.
         """
-        _save(self, path)
+        render.save(self, [self], (1, 1), self.size, path)
 
     def show(self, **options: Any) -> Any:
         """Show it in a window or a notebook.
@@ -312,7 +315,7 @@ class Scene:
         object
             What pyvista returns.
         """
-        return Panels((self,)).show(**options)
+        return render.show([self], (1, 1), self.size, options)
 
     def turntable(self, frames: int = 60) -> list["Scene"]:
         """The scene from all sides, for `animate`.
@@ -338,7 +341,13 @@ class Scene:
     # --- for whoever draws it -----------------------------------------------------------------
 
     def corners(self) -> FloatArray:
-        """Points that have to be in the picture, shape (n, 3)."""
+        """Points that have to be in the picture.
+
+        Returns
+        -------
+        ndarray, shape (n, 3)
+            All that are drawn, or the corners of the frame.
+        """
         if self.box is not None:
             return overlays.corners(self.box)
         points = [np.asarray(data.points, float) for data, _, _ in self.pieces()]
@@ -347,7 +356,13 @@ class Scene:
         return np.vstack(points)
 
     def pieces(self) -> list[tuple[Any, Mapping[str, Any], Layer]]:
-        """Datasets after clipping, with their styles, and the layers they come from."""
+        """Datasets after clipping, with their styles, and the layers they come from.
+
+        Returns
+        -------
+        list of (pyvista.DataSet, mapping, Layer)
+            Caps follow what they close.
+        """
         found: list[tuple[Any, Mapping[str, Any], Layer]] = []
         for layer in self.layers:
             if self.planes is None or not layer.clip:
@@ -359,185 +374,6 @@ class Scene:
             if caps is not None:
                 found.append((caps, {"color": layer.cap, **styles.FLAT}, layer))
         return found
-
-
-@dataclass(frozen=True, eq=False)
-class Panels:
-    """Scenes side by side, in one window or picture.
-
-    Parameters
-    ----------
-    scenes : sequence of Scene
-        From the upper left; their sizes do not count.
-    columns : int, optional
-        How many in a row; by default all.
-    labels : bool
-        Letter them (a), (b), ...; their titles are shown, too.
-    linked : bool
-        All from the view of the first.
-    size : (int, int), optional
-        Of the picture in pixels.
-
-    Notes
-    -----
-    Scenes with the same colour bar share one and its limits.
-    """
-
-    scenes: tuple[Scene, ...]
-    columns: int | None = None
-    labels: bool = False
-    linked: bool = False
-    size: tuple[int, int] | None = None
-
-    def __post_init__(self) -> None:
-        scenes = tuple(self.scenes)
-        if not scenes or not all(isinstance(scene, Scene) for scene in scenes):
-            raise InputError("scenes must be scenes, at least one")
-        if self.linked:
-            scenes = tuple(replace(s, view=scenes[0].view, zoom=scenes[0].zoom) for s in scenes)
-        object.__setattr__(self, "scenes", scenes)
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
-        columns = min(self.columns or len(self.scenes), len(self.scenes))
-        return -(-len(self.scenes) // columns), columns
-
-    def image(self) -> AnyArray:
-        """The picture.
-
-        Returns
-        -------
-        ndarray of uint8, shape (height, width, 3)
-            Its pixels.
-        """
-        rows, columns = self.shape
-        return _rendered(self, self.size or (_PANEL[0] * columns, _PANEL[1] * rows))
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the picture, as `Scene.save`.
-
-        Parameters
-        ----------
-        path : path-like
-            Ending in .png or .jpg.
-        """
-        _save(self, path)
-
-    def show(self, **options: Any) -> Any:
-        """Show them in a window or a notebook.
-
-        Parameters
-        ----------
-        **options
-            Passed to ``pyvista.Plotter.show``, and ``off_screen``.
-
-        Returns
-        -------
-        object
-            What pyvista returns.
-        """
-        off_screen = options.pop("off_screen", None)
-        if "screenshot" in options:
-            options["screenshot"] = os.fspath(options["screenshot"])
-        with quiet_vtk():
-            size = options.pop("window_size", None) or self.size or self.scenes[0].size
-            plotter = drawn(self, _as_size(size), off_screen=off_screen)
-            return plotter.show(**options)
-
-    def _repr_png_(self) -> bytes:
-        return overlays.png(self.image())
-
-
-def drawn(panels: Panels, size: tuple[int, int], *, off_screen: bool | None = True) -> Any:
-    """A plotter of pyvista with everything in it."""
-    import pyvista as pv
-
-    rows, columns = panels.shape
-    options: dict[str, Any] = {"off_screen": off_screen} if off_screen is not None else {}
-    plotter = pv.Plotter(
-        window_size=list(size), shape=(rows, columns), border=False, lighting="none", **options
-    )
-    limits = overlays.shared_limits([scene.layers for scene in panels.scenes])
-    last = {layer.title: i for i, scene in enumerate(panels.scenes) for layer in scene.layers}
-    aspect = size[0] * rows / (size[1] * columns)
-    for i, scene in enumerate(panels.scenes):
-        plotter.subplot(i // columns, i % columns)
-        title = f"({chr(97 + i)}) {scene.title}" if panels.labels else scene.title
-        bars = {name for name, at in last.items() if name and at == i}
-        _draw(plotter, scene, limits, aspect, bars, room=1.0 - (_HEAD if title else 0.0))
-        if title:
-            plotter.add_text(title, position="upper_edge", font_size=11, color="black")
-    plotter.enable_anti_aliasing("ssaa", all_renderers=True)
-    return plotter
-
-
-def _draw(
-    plotter: Any, scene: Scene, limits: Mapping[str, Any], aspect: float, bars: set[str], *,
-    room: float,
-) -> None:  # fmt: skip
-    """One panel; the colour bars named are drawn in it, `room` is the height below the title."""
-    points, bar = scene.corners(), None
-    plotter.set_background(scene.background, all_renderers=False)
-    for data, style, layer in scene.pieces():
-        name = style.get("scalars")
-        limited = {"clim": limits[name]} if layer.title and name in limits else {}
-        actor = plotter.add_mesh(data, reset_camera=False, **{**limited, **style})
-        if name and layer.title in bars:
-            bar = actor.mapper, layer.title
-    overlays.lights(plotter, scene.view)
-    if scene.scale_bar:
-        points = np.vstack([points, overlays.scale_bar(plotter, points, scene.view, scene.unit)])
-    camera.fit(
-        plotter.camera, points, scene.view, aspect=aspect, zoom=scene.zoom,
-        parallel=scene.parallel, room=(1.0 - (_BAR if bar else 0.0), room),
-    )  # fmt: skip
-    if bar:
-        overlays.colour_bar(plotter, *bar)
-    entries = [[a.legend, a.style["color"]] for a in scene.layers if a.legend]
-    if entries:
-        plotter.add_legend(entries, bcolor=None, face="circle", size=(0.18, 0.05 * len(entries)))
-    if scene.axes:
-        plotter.add_axes(color="black")
-    if scene.occlusion:
-        reach = max(_OCCLUSION * float(np.ptp(points, axis=0).max()), 1e-30)
-        plotter.enable_ssao(radius=reach, bias=0.08 * reach, kernel_size=32, blur=True)
-
-
-def _rendered(panels: Panels, size: tuple[int, int]) -> AnyArray:
-    """Pixels, shape (height, width, 3)."""
-    with quiet_vtk():  # VTK warns about the missing display before it falls back to EGL
-        plotter = drawn(panels, size)
-        try:
-            return np.asarray(plotter.screenshot(return_img=True))
-        finally:
-            plotter.close()
-
-
-def _save(picture: Scene | Panels, path: str | os.PathLike[str]) -> None:
-    ending = Path(os.fspath(path)).suffix.lower()
-    if ending in (".png", ".jpg", ".jpeg"):
-        overlays.write(picture.image(), path)
-        return
-    if ending not in (".gltf", ".html"):
-        raise FormatError(f"{path!s:.80}: pictures are .png or .jpg, scenes .gltf or .html")
-    panels = picture if isinstance(picture, Panels) else Panels((picture,))
-    with quiet_vtk():
-        plotter = drawn(panels, panels.size or panels.scenes[0].size)
-        try:
-            overlays.export(plotter, path, ending)
-        finally:
-            plotter.close()
-
-
-def _as_size(value: Any) -> tuple[int, int]:
-    size = as_array("size", value)
-    if size.shape != (2,) or (size != np.rint(size)).any() or (size < 1).any():
-        raise InputError(
-            "size must be width and height in pixels, two whole numbers of at least 1, "
-            f"got {value!r:.80}"
-        )
-    return int(size[0]), int(size[1])
 
 
 def _as_box(value: Any) -> FloatArray:

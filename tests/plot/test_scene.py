@@ -178,7 +178,7 @@ def test_files(ball, tmp_path):
         (lambda _: Scene(size=(0, 3)), "size"),
         (lambda _: Scene(background="nonsense"), "background"),
         (lambda b: Scene().add(b, color="nonsense"), "color"),
-        (lambda b: Scene().add(b, scalars="hight"), "scalars"),
+        (lambda b: Scene().add(b, scalars="t"), "scalars"),
         (lambda _: Scene().add(3.0), "cannot be drawn"),
         (lambda _: Scene().add([[1.0, 2.0]]), "shape"),
         (lambda _: Scene().image(), "empty"),
