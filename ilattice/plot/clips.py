@@ -21,13 +21,15 @@ _SHIFTS = (1.37e-7, 2.11e-6)
 _FORM = "write it like 'y > 0', 'x + y < 2' or 'x > 0 and z <= 1', or give a box (lowest, highest)"
 
 
-def as_planes(clip: Any) -> FloatArray:
+def as_planes(clip: Any, name: str = "clip") -> FloatArray:
     """Half-spaces of which what is in all of them is kept.
 
     Parameters
     ----------
     clip : str or (2, 3) array-like
         Linear conditions in x, y, z joined by ``and``, or the lowest and highest corner of a box.
+    name : str
+        What it is called in messages.
 
     Returns
     -------
@@ -41,61 +43,69 @@ def as_planes(clip: Any) -> FloatArray:
     """
     if isinstance(clip, str):
         try:
-            return _parsed(ast.parse(clip.strip(), mode="eval").body, clip)
-        except SyntaxError:
-            raise InputError(f"clip {clip!r:.80} cannot be read; {_FORM}") from None
-    box = as_array("clip", clip)
+            node = ast.parse(clip.strip(), mode="eval").body
+        except (SyntaxError, ValueError):
+            raise InputError(f"{name} {clip!r:.80} cannot be read; {_FORM}") from None
+        try:
+            return _parsed(node)
+        except _UnknownError as error:
+            raise InputError(f"{name} {clip!r:.80} {error}; {_FORM}") from None
+    box = as_array(name, clip)
     if box.shape != (2, 3) or not (box[0] < box[1]).all():
-        raise InputError(f"clip must be a condition or two corners, got {clip!r:.80}; {_FORM}")
+        raise InputError(f"{name} must be a condition or two corners, got {clip!r:.80}; {_FORM}")
     eye = np.eye(3)
     return np.vstack([np.column_stack([eye, -box[0]]), np.column_stack([-eye, box[1]])])
 
 
-def _parsed(node: ast.expr, clip: str) -> FloatArray:
+class _UnknownError(Exception):
+    """What is wrong with a condition."""
+
+
+def _parsed(node: ast.expr) -> FloatArray:
     if isinstance(node, ast.BoolOp) and isinstance(node.op, ast.And):
-        return np.vstack([_parsed(value, clip) for value in node.values])
+        return np.vstack([_parsed(value) for value in node.values])
     if not isinstance(node, ast.Compare):
-        raise InputError(f"clip {clip!r:.80} has no condition; {_FORM}")
+        raise _UnknownError("has no condition")
     rows, left = [], node.left
     for op, right in zip(node.ops, node.comparators, strict=True):
         sign = {ast.Gt: 1.0, ast.GtE: 1.0, ast.Lt: -1.0, ast.LtE: -1.0}.get(type(op))
         if sign is None:
-            raise InputError(f"clip {clip!r:.80} must compare by <, <=, > or >=; {_FORM}")
-        row = sign * (_affine(left, clip) - _affine(right, clip))
+            raise _UnknownError("must compare by <, <=, > or >=")
+        row = sign * (_affine(left) - _affine(right))
         size = np.linalg.norm(row[:3])
         if not size > 0.0 or not np.isfinite(row).all():
-            raise InputError(f"clip {clip!r:.80} has a condition without x, y or z; {_FORM}")
+            raise _UnknownError("has a condition without x, y or z")
         rows.append(row / size)
         left = right
     return np.array(rows)
 
 
-def _affine(node: ast.expr, clip: str) -> FloatArray:
+def _affine(node: ast.expr) -> FloatArray:
     """Coefficients of x, y, z and 1."""
     at = np.vstack([np.eye(3), np.zeros(3), np.ones(3), np.full(3, 2.0)])
-    value = np.broadcast_to(_value(node, clip, dict(zip("xyz", at.T, strict=True))), 6)
+    value = np.broadcast_to(_value(node, dict(zip("xyz", at.T, strict=True))), 6)
     if not np.isfinite(value).all():
-        raise InputError(f"clip {clip!r:.80} is not finite; {_FORM}")
+        raise _UnknownError("is not finite")
     row = np.append(value[:3] - value[3], value[3])
     told = at @ row[:3] + row[3]
     if not np.allclose(told, value, rtol=1e-9, atol=1e-9 * np.abs(value).max(initial=1e-300)):
-        raise InputError(f"clip {clip!r:.80} is not linear in x, y, z; {_FORM}")
+        raise _UnknownError("is not linear in x, y, z")
     return row
 
 
-def _value(node: ast.expr, clip: str, names: dict[str, FloatArray]) -> Any:
+def _value(node: ast.expr, names: dict[str, FloatArray]) -> Any:
     if isinstance(node, ast.Constant) and type(node.value) in (int, float):
         number: Any = node.value
         return float(number)
     if isinstance(node, ast.Name) and node.id in names:
         return names[node.id]
     if isinstance(node, ast.BinOp) and type(node.op) in _LINEAR:
-        left, right = (_value(side, clip, names) for side in (node.left, node.right))
+        left, right = (_value(side, names) for side in (node.left, node.right))
         with np.errstate(all="ignore"):
             return _LINEAR[type(node.op)](np.asarray(left), np.asarray(right))
     if isinstance(node, ast.UnaryOp) and type(node.op) in _LINEAR:
-        return _LINEAR[type(node.op)](_value(node.operand, clip, names))
-    raise InputError(f"clip {clip!r:.80} knows numbers, x, y, z, +, -, * and / only; {_FORM}")
+        return _LINEAR[type(node.op)](_value(node.operand, names))
+    raise _UnknownError("knows numbers, x, y, z, +, -, * and / only")
 
 
 def clipped(data: Any, planes: FloatArray) -> tuple[Any, Any]:
