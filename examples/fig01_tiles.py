@@ -41,21 +41,8 @@ def main(n: int = 64, tol: float = 1e-3, out: str = "") -> dict[str, float]:
 
 
 def _picture(meshes: list["il.SurfaceMesh"], path: str) -> None:
-    import pyvista as pv
-
-    scene = pv.Plotter(off_screen=True, window_size=(1800, 640), shape=(1, 3), border=False)
-    scene.enable_anti_aliasing("ssaa")
-    for i, mesh in enumerate(meshes):
-        scene.subplot(0, i)
-        scene.add_mesh(
-            mesh.to_pyvista(), color="goldenrod", smooth_shading=True, split_sharp_edges=True,
-            ambient=0.2,
-        )  # fmt: skip
-        scene.add_text(f"({'abc'[i]})", position="upper_left", font_size=12, color="black")
-        scene.view_vector((1.0, -0.7, 0.5))
-        scene.camera.zoom(1.05)
-    scene.screenshot(path)
-    scene.close()
+    scenes = [il.plot.Scene(view=(-35.0, 22.0)).add(mesh, color="goldenrod") for mesh in meshes]
+    il.plot.Panels(scenes, labels=True, size=(1800, 640)).save(path)
 
 
 if __name__ == "__main__":

@@ -62,27 +62,15 @@ def without_ends(mesh: "il.SurfaceMesh") -> "il.SurfaceMesh":
 
 def _picture(meshes: list["il.SurfaceMesh"], path: str) -> None:
     """All in one scale of colours."""
-    import pyvista as pv
-
     titles = ("level set", "level set of the graded function", "offset by closest points")
-    bar = {
-        "title": "distance / asked distance\n", "n_labels": 5, "fmt": "%.3g", "width": 0.8,
-        "position_x": 0.1, "position_y": 0.02, "title_font_size": 20, "label_font_size": 18,
-    }  # fmt: skip
-    scene = pv.Plotter(off_screen=True, window_size=(1800, 760), shape=(1, 3), border=False)
-    scene.enable_anti_aliasing("ssaa")
-    for i, (mesh, title) in enumerate(zip(meshes, titles, strict=True)):
-        scene.subplot(0, i)
-        scene.add_mesh(
-            mesh.to_pyvista(), scalars="relative", log_scale=True, clim=(0.25, 4.0),
-            cmap="coolwarm", smooth_shading=True, show_scalar_bar=i == 1, scalar_bar_args=bar,
-            ambient=0.1,
-        )  # fmt: skip
-        scene.add_text(title, position="upper_edge", font_size=12, color="black")
-        scene.view_vector((1.0, -1.6, 0.9))
-        scene.camera.zoom(1.25)
-    scene.screenshot(path)
-    scene.close()
+    scenes = [
+        il.plot.Scene(view=(-58.0, 25.0), title=title).add(
+            mesh, scalars="relative", label="distance / asked distance", log_scale=True,
+            clim=(0.25, 4.0), cmap="coolwarm",
+        )
+        for mesh, title in zip(meshes, titles, strict=True)
+    ]  # fmt: skip
+    il.plot.Panels(scenes, size=(1800, 640)).save(path)
 
 
 if __name__ == "__main__":

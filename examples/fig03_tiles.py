@@ -92,62 +92,37 @@ def main(h: float = 0.025, n: int = 60, out: str = "") -> dict[str, float]:
 
 def _picture_of_maps(mesh: "il.SurfaceMesh", volume: il.SplineMap, path: str) -> None:
     """The lattice in the domain and in space, the box of its third tile in black."""
-    import pyvista as pv
-
-    solid = mesh.to_pyvista()
-    solid["colour"] = np.stack([mesh.point_data[c] for c in "rgb"], axis=1)
-    flat = solid.copy()
-    flat.points = np.stack([mesh.point_data[c] for c in "uvw"], axis=1) * [4, 1, 1]
-    edges = [pv.Box((i, i + 1, 0, 1, 0, 1)).extract_all_edges() for i in range(4)]
-    scene = pv.Plotter(off_screen=True, window_size=(1600, 620), shape=(1, 2), border=False)
-    scene.enable_anti_aliasing("ssaa")
-    for column, surface in enumerate((flat, solid)):
-        scene.subplot(0, column)
-        scene.add_mesh(
-            surface, scalars="colour", rgb=True, smooth_shading=True, split_sharp_edges=True
-        )
-        for i, edge in enumerate(edges):
-            line = edge.extract_all_edges()
-            fine = pv.MultiBlock(
-                [pv.Line(*line.get_cell(c).points, resolution=24) for c in range(line.n_cells)]
-            ).combine()
-            if column:
-                fine.points = volume.x(np.clip(fine.points / [4, 1, 1], 0.0, 1.0))
-            scene.add_mesh(
-                fine, color="black" if i == 2 else "gray", line_width=12 if i == 2 else 3,
-                render_lines_as_tubes=i == 2,
-            )  # fmt: skip
-        scene.view_vector((0.4, -1.0, 0.8) if not column else (0.3, -0.6, 1.0))
-        scene.add_text(
-            "in space" if column else "in the domain", position="upper_edge", font_size=12,
-            color="black",
-        )  # fmt: skip
-        scene.camera.zoom(1.12)
-    scene.screenshot(path)
-    scene.close()
+    u = np.stack([mesh.point_data[c] for c in "uvw"], axis=1)
+    flat = il.SurfaceMesh(u * [4, 1, 1], mesh.faces, {c: mesh.point_data[c] for c in "rgb"})
+    scenes = [
+        il.plot.Scene(view=(-68.0, 37.0), title="in the domain").add(flat),
+        il.plot.Scene(view=(-63.0, 56.0), title="in space").add(mesh),
+    ]
+    t = np.linspace(0.0, 1.0, 25)
+    for i in (0, 1, 3, 2):
+        edges = [
+            np.insert(np.tile(ends, (25, 1)).astype(float), axis, t, axis=1) + np.array([i, 0, 0])
+            for axis in range(3)
+            for ends in np.ndindex(2, 2)
+        ]
+        look = {"color": "black", "width": 8} if i == 2 else {"color": "gray", "width": 2}
+        curves = [volume.x(edge / [4, 1, 1]) for edge in edges]
+        scenes[0] = scenes[0].lines(il.plot.polylines(edges), **look)
+        scenes[1] = scenes[1].lines(il.plot.polylines(curves), **look)
+    il.plot.Panels(scenes, size=(1600, 620)).save(path)
 
 
 def _picture_of_gyroids(surfaces: list["il.SurfaceMesh"], path: str) -> None:
     """The zero sets, coloured by how far off they are, in tile edges."""
-    import pyvista as pv
-
     titles = ("samples as coefficients", "samples at Greville points", "interpolation")
-    bar = {
-        "title": "distance to the gyroid, in tiles\n", "n_labels": 4, "fmt": "%.2f", "width": 0.8,
-        "position_x": 0.1, "position_y": 0.02, "title_font_size": 20, "label_font_size": 18,
-    }  # fmt: skip
-    scene = pv.Plotter(off_screen=True, window_size=(1800, 760), shape=(1, 3), border=False)
-    scene.enable_anti_aliasing("ssaa")
-    for i, (mesh, title) in enumerate(zip(surfaces, titles, strict=True)):
-        scene.subplot(0, i)
-        scene.add_mesh(
-            mesh.to_pyvista(), scalars="off", clim=(0.0, 0.06), cmap="YlOrBr", smooth_shading=True,
-            show_scalar_bar=i == 1, scalar_bar_args=bar, ambient=0.1,
-        )  # fmt: skip
-        scene.add_text(title, position="upper_edge", font_size=12, color="black")
-        scene.view_vector((1.0, -1.6, 0.9))
-    scene.screenshot(path)
-    scene.close()
+    scenes = [
+        il.plot.Scene(view=(-58.0, 25.0), title=title).add(
+            mesh, scalars="off", label="distance to the gyroid, in tiles", clim=(0.0, 0.06),
+            cmap="YlOrBr",
+        )
+        for mesh, title in zip(surfaces, titles, strict=True)
+    ]  # fmt: skip
+    il.plot.Panels(scenes, size=(1800, 640)).save(path)
 
 
 if __name__ == "__main__":

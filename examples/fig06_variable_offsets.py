@@ -52,25 +52,14 @@ def without_ends(mesh: "il.SurfaceMesh") -> "il.SurfaceMesh":
 
 def _picture(base: "il.SurfaceMesh", moved: "il.SurfaceMesh", path: str) -> None:
     """The zero set, its offset, and both."""
-    import pyvista as pv
-
     titles = ("tile", "its offset, of varying distance", "both")
-    scene = pv.Plotter(off_screen=True, window_size=(1800, 640), shape=(1, 3), border=False)
-    scene.enable_anti_aliasing("ssaa")
-    for i, title in enumerate(titles):
-        scene.subplot(0, i)
-        if i != 1:
-            scene.add_mesh(base.to_pyvista(), color="firebrick", smooth_shading=True, ambient=0.2)
-        if i != 0:
-            scene.add_mesh(
-                moved.to_pyvista(), color="gold", smooth_shading=True, ambient=0.2,
-                opacity=1.0 if i == 1 else 0.45,
-            )  # fmt: skip
-        scene.add_text(title, position="upper_edge", font_size=12, color="black")
-        scene.view_vector((1.0, -1.6, 0.9))
-        scene.camera.zoom(1.35)
-    scene.screenshot(path)
-    scene.close()
+    tile, offset, both = (il.plot.Scene(view=(-58.0, 25.0), title=title) for title in titles)
+    scenes = [
+        tile.add(base, color="firebrick"),
+        offset.add(moved, color="gold"),
+        both.add(base, color="firebrick").add(moved, color="gold", opacity=0.45),
+    ]
+    il.plot.Panels(scenes, size=(1800, 640)).save(path)
 
 
 if __name__ == "__main__":

@@ -32,7 +32,7 @@ def main(d: float = 0.08, h: float = 0.03, cells: int = 24, out: str = "") -> di
     if out:
         mesh.save(f"{out}.vtp")
         _panels(lattice, flat, mesh, f"{out}_maps.png")
-        _grid(volume, status, mesh, f"{out}_grid.png")
+        _grid(grid, mesh, f"{out}_grid.png")
     there = il.Lattice(il.tiles.schwarz_p(), through=il.macroshape.box())
     in_domain = np.abs(there.distance(np.clip(flat.vertices[on], 0.0, 1.0)))
     return {
@@ -61,67 +61,33 @@ def cell_volumes(volume: il.SplineMap, n: int) -> np.ndarray:
 
 def _panels(lattice: il.Lattice, flat: "il.SurfaceMesh", mesh: "il.SurfaceMesh", path: str) -> None:
     """Figure 7, (a) to (e)."""
-    import pyvista as pv
-
     axis = np.linspace(0.0, 1.0, 49)
     middle = il.mesh.contour(lattice.tile.kernel_field, [axis] * 3, caps=False)
-    mapped = middle.to_pyvista()
-    mapped.points = lattice.through.x(np.clip(middle.vertices, 0.0, 1.0))
+    mapped = lattice.through.x(np.clip(middle.vertices, 0.0, 1.0))
     p, seeds = lattice.search.seeds[:2]  # those of neighbouring tiles, beyond the part, left out
     seeds = seeds[((p >= 0.0) & (p <= 1.0)).all(axis=1)]
-    panels = [middle.to_pyvista(), mapped, pv.PolyData(seeds),
-              flat.to_pyvista(), mesh.to_pyvista()]  # fmt: skip
-    colours = ["firebrick", "firebrick", "black", "gold", "gold"]
-    frame = pv.Box((0, 1, 0, 1, 0, 1)).extract_all_edges()
-    scene = pv.Plotter(off_screen=True, window_size=(2000, 480), shape=(1, 5), border=False)
-    scene.enable_anti_aliasing("ssaa")
-    for i, (panel, colour) in enumerate(zip(panels, colours, strict=True)):
-        scene.subplot(0, i)
-        scene.add_mesh(
-            panel, color=colour, point_size=8, smooth_shading=i != 2, split_sharp_edges=i > 2,
-            ambient=0.2,
-        )  # fmt: skip
-        box = frame.copy()
-        if i not in (0, 3):
-            box.points = lattice.through.x(frame.points)
-        scene.add_mesh(box, color="gray", line_width=3)
-        scene.add_text(f"({'abcde'[i]})", position="upper_left", font_size=12, color="black")
-        scene.view_vector((1.0, -1.6, 0.9))
-        scene.camera.zoom(1.1)
-    scene.screenshot(path)
-    scene.close()
+    scene = il.plot.Scene(view=(-58.0, 25.0))
+    scenes = [
+        scene.add(middle, color="firebrick"),
+        scene.add(il.SurfaceMesh(mapped, middle.faces), color="firebrick"),
+        scene.add(seeds, color="black", radius=0.012),
+        scene.add(flat, color="gold"),
+        scene.add(mesh, color="gold"),
+    ]
+    box = np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]])
+    ends = list(np.ndindex(2, 2))
+    edges = [np.insert(np.tile(e, (2, 1)), axis, (0, 1), axis=1) for axis in range(3) for e in ends]
+    curves = il.plot.polylines([lattice.through.x(edge) for edge in edges])
+    scenes = [s.lines(box if i in (0, 3) else curves, color="gray") for i, s in enumerate(scenes)]
+    il.plot.Panels(scenes, labels=True, size=(2000, 480)).save(path)
 
 
-def _grid(volume: il.SplineMap, status: np.ndarray, mesh: "il.SurfaceMesh", path: str) -> None:
+def _grid(grid: "il.cutfem.CutGrid", mesh: "il.SurfaceMesh", path: str) -> None:
     """Figure 8: the cells of the farther half of the part, and all of the wall."""
-    import pyvista as pv
-
-    n = len(status)
-    u = np.stack(np.meshgrid(*[np.linspace(0.0, 1.0, n + 1)] * 3, indexing="ij"), axis=-1)
-    x = volume.x(u.reshape(-1, 3)).reshape(u.shape)
-    grid = pv.StructuredGrid(*np.moveaxis(x, -1, 0))
-    grid.cell_data["status"] = status.ravel(order="F")
-    near = np.indices(status.shape)[1].ravel(order="F") < n // 2
-    shown = grid.extract_cells((grid["status"] <= 0) & ~near)
-    frame = grid.extract_surface(algorithm=None).extract_feature_edges(30)
-    scene = pv.Plotter(off_screen=True, window_size=(1600, 700), shape=(1, 2), border=False)
-    scene.enable_anti_aliasing("ssaa")
-    scene.add_mesh(
-        mesh.to_pyvista(), color="gold", smooth_shading=True, split_sharp_edges=True, ambient=0.2
-    )
-    scene.add_mesh(frame, color="gray", line_width=3)
-    scene.view_vector((0.6, -1.6, 0.9))
-    scene.camera.zoom(1.15)
-    scene.subplot(0, 1)
-    scene.add_mesh(
-        shown, scalars="status", cmap=["gold", "darkorange"], show_edges=True,
-        show_scalar_bar=False, ambient=0.2,
-    )  # fmt: skip
-    scene.add_mesh(frame, color="gray", line_width=3)
-    scene.view_vector((0.6, -1.6, 0.9))
-    scene.camera.zoom(1.15)
-    scene.screenshot(path)
-    scene.close()
+    scene = il.plot.Scene(view=(-69.0, 28.0))
+    cells = scene.add(grid, scalars="status", label="", cmap=["gold", "darkorange"], clim=(-1, 0),
+                      show_edges=True)  # fmt: skip
+    il.plot.Panels([scene.add(mesh, color="gold"), cells.clipped("y > 0.55")]).save(path)
 
 
 if __name__ == "__main__":

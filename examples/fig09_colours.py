@@ -9,8 +9,6 @@ with the mesh into the file; the number that is checked is the volume that the l
     python examples/fig09_colours.py
 """
 
-from typing import Any
-
 import numpy as np
 
 import ilattice as il
@@ -70,37 +68,11 @@ def main(
 
 def _picture(meshes: list["il.SurfaceMesh"], volume: il.SplineMap, path: str) -> None:
     """The lattice of constant d in the translucent volume, and the one of varying d."""
-    import pyvista as pv
-
     x, y, z = np.ptp(volume.bounds, axis=0)
     flat, long = z < 0.2 * y, x < 0.75 * y
-    shape = (2, 1) if long else (1, 2)
-    scene = pv.Plotter(off_screen=True, window_size=(1800, 800), shape=shape, border=False)
-    scene.enable_anti_aliasing("ssaa")
-    for i, mesh in enumerate(meshes):
-        scene.subplot(*((i, 0) if long else (0, i)))
-        solid = mesh.to_pyvista()
-        solid["colour"] = np.stack([mesh.point_data[c] for c in "rgb"], axis=1)
-        scene.add_mesh(
-            solid, scalars="colour", rgb=True, smooth_shading=True, split_sharp_edges=True,
-            ambient=0.2,
-        )  # fmt: skip
-        if i == 0:
-            scene.add_mesh(_skin(volume), color="lightblue", opacity=0.25)
-        scene.view_vector((-0.5, -0.3, 1.0) if flat else (0.45, -1.0, 0.7))
-    scene.link_views()
-    scene.camera.zoom(3.3 if long else 1.1 if flat else 1.3)
-    scene.screenshot(path)
-    scene.close()
-
-
-def _skin(volume: il.SplineMap) -> Any:
-    """The surface of the volume."""
-    import pyvista as pv
-
-    u = np.stack(np.meshgrid(*[np.linspace(0.0, 1.0, 65)] * 3, indexing="ij"), axis=-1)
-    x = volume.x(u.reshape(-1, 3)).reshape(u.shape)
-    return pv.StructuredGrid(*np.moveaxis(x, -1, 0)).extract_surface(algorithm=None)
+    scene = il.plot.Scene(view=(-149.0, 60.0) if flat else (-66.0, 33.0))
+    scenes = [scene.add(meshes[0]).ghost(volume), scene.add(meshes[1])]
+    il.plot.Panels(scenes, columns=1 if long else 2, size=(1800, 900)).save(path)
 
 
 if __name__ == "__main__":

@@ -12,6 +12,9 @@ import numpy as np
 
 import ilattice as il
 
+#: White at both sides of a wall, brown in the middle.
+DEPTH = {"scalars": "depth", "label": "distance / d", "cmap": "depth", "clim": (-1, 1)}
+
 
 def main(h: float = 0.05, d: float = 0.15, out: str = "") -> dict[str, float]:
     """Build the wall; write ``OUT.vtp`` and ``OUT.png`` if `out` is given."""
@@ -24,9 +27,8 @@ def main(h: float = 0.05, d: float = 0.15, out: str = "") -> dict[str, float]:
     distance = np.abs(mesh.vertices[:, 2] - 0.5)
     if out:
         mesh.save(f"{out}.vtp")
-        depth = mesh.point_data["half_thickness"] - np.abs(mesh.point_data["signed_distance"])
-        painted = mesh.with_point_data(depth=np.maximum(depth, 0.0))
-        painted.screenshot(f"{out}.png", scalars="depth", cmap="copper_r")
+        depth = mesh.point_data["signed_distance"] / mesh.point_data["half_thickness"]
+        mesh.with_point_data(depth=depth).screenshot(f"{out}.png", **DEPTH)
     return {
         "error": np.abs(distance[~on_a_side] - d).max(),
         "thickness at the sides": 2 * distance[on_a_side].max(),

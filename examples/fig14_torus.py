@@ -19,6 +19,9 @@ import numpy as np
 import ilattice as il
 from ilattice.topology.critical import CriticalPoint, critical_points
 
+#: White at both sides of a wall, brown in the middle.
+DEPTH = {"scalars": "depth", "label": "distance / d", "cmap": "depth", "clim": (-1, 1)}
+
 
 def varying() -> il.BSpline:
     """Half-thickness that goes linearly from 0.1 to 0.28 and back, twice around the torus."""
@@ -40,11 +43,9 @@ def main(
             numbers[f"{name} {kind}"] = mesh.genus
             if out:
                 mesh.save(f"{out}_{name}_{kind}.vtp")
-                depth = mesh.point_data["half_thickness"] - np.abs(
-                    mesh.point_data["signed_distance"]
-                )
-                painted = mesh.with_point_data(depth=np.maximum(depth, 0.0))
-                painted.screenshot(f"{out}_{name}_{kind}.png", scalars="depth", cmap="copper_r")
+                depth = mesh.point_data["signed_distance"] / mesh.point_data["half_thickness"]
+                painted = mesh.with_point_data(depth=depth)
+                painted.screenshot(f"{out}_{name}_{kind}.png", **DEPTH)
             if (name, kind) == ("gyroid", "varying"):
                 numbers["thickest pore"] = thickest_pore(mesh)
     return numbers

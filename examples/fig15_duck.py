@@ -7,9 +7,10 @@ light. The measured thickness is right everywhere: 99 of 100 vertices within 0.1
     python examples/fig15_duck.py
 """
 
-import numpy as np
-
 import ilattice as il
+
+#: White at both sides of a wall, brown in the middle.
+DEPTH = {"scalars": "depth", "label": "distance / d", "cmap": "depth", "clim": (-1, 1)}
 
 
 def main(
@@ -28,11 +29,10 @@ def main(
         error[name] = wall.thickness_error(mesh).p99 / d
         if out:
             mesh.save(f"{out}_{name}.vtp")
-            depth = mesh.point_data["half_thickness"] - np.abs(mesh.point_data["signed_distance"])
-            painted = mesh.with_point_data(depth=np.maximum(depth, 0.0))
-            painted.screenshot(
-                f"{out}_{name}.png", scalars="depth", cmap="copper_r", size=(1600, 900)
-            )
+            depth = mesh.point_data["signed_distance"] / mesh.point_data["half_thickness"]
+            scene = il.plot.Scene().add(mesh.with_point_data(depth=depth), **DEPTH)
+            views = [scene.seen((-60.0, 30.0)), scene.seen("top")]
+            il.plot.Panels(views, labels=True, size=(2000, 800)).save(f"{out}_{name}.png")
     return error
 
 

@@ -39,21 +39,12 @@ def main(n: int = 32, out: str = "") -> dict[str, float]:
 
 
 def _picture(meshes: dict[str, "il.SurfaceMesh"], path: str) -> None:
-    import pyvista as pv
-
-    scene = pv.Plotter(off_screen=True, window_size=(2000, 560), shape=(1, 4), border=False)
-    scene.enable_anti_aliasing("ssaa")
-    for i, (name, mesh) in enumerate(meshes.items()):
-        scene.subplot(0, i)
-        scene.add_mesh(
-            mesh.to_pyvista(), color="goldenrod", smooth_shading=True, specular=0.3,
-            backface_params={"color": "steelblue"},
-        )  # fmt: skip
-        scene.add_text(name, position="upper_left", font_size=12, color="black")
-        scene.view_vector((1.0, -0.6, 0.45))
-        scene.camera.zoom(1.1)
-    scene.screenshot(path)
-    scene.close()
+    other_side = {"backface_params": {"color": "steelblue"}}
+    scenes = [
+        il.plot.Scene(view=(-31.0, 21.0), title=name).add(mesh, color="goldenrod", **other_side)
+        for name, mesh in meshes.items()
+    ]
+    il.plot.Panels(scenes, size=(2000, 560)).save(path)
 
 
 if __name__ == "__main__":

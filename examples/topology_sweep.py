@@ -37,23 +37,12 @@ def main(tiles: int = 2, h: float = 0.05, out: str = "") -> dict[str, float]:
 
 def _picture(mesh: "il.SurfaceMesh", sweep: "il.mesh.TopologySweep", path: str) -> None:
     """The wall, and the places of the changes."""
-    import pyvista as pv
-
-    scene = pv.Plotter(off_screen=True, window_size=(1400, 900))
-    scene.enable_anti_aliasing("ssaa")
-    scene.add_mesh(
-        mesh.to_pyvista(), color="lightgray", opacity=0.35, smooth_shading=True, ambient=0.2
-    )
+    scene = il.plot.Scene(size=(1400, 900), view=(6.0, 48.0)).ghost(mesh, color="gray")
     for kind, colour in COLOURS.items():
         x = np.array([e.x for e in sweep.events if e.kind == kind])
         if len(x):
-            balls = pv.PolyData(x).glyph(scale=False, orient=False, geom=pv.Sphere(radius=0.03))
-            scene.add_mesh(balls, color=colour, label=f"{kind} ({len(x)})")
-    scene.add_legend(bcolor=None, face="circle", size=(0.16, 0.14))
-    scene.view_vector((0.9, 0.1, 1.0))
-    scene.camera.zoom(1.4)
-    scene.screenshot(path)
-    scene.close()
+            scene = scene.add(x, color=colour, radius=0.03, legend=f"{kind} ({len(x)})")
+    scene.save(path)
 
 
 if __name__ == "__main__":

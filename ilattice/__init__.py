@@ -3,8 +3,9 @@
 Rooms, from the bottom up:
 
 ========================  ==================================================================
-`bspline`                 tensor-product B-splines in one to three parameters, fits
 `io`                      one file per format: STL, PLY, OBJ, 3MF, VTK, G+Smo, MFEM, IRIT
+`plot`                    pictures: scenes, panels, films
+`bspline`                 tensor-product B-splines in one to three parameters, fits
 `linalg`                  sparse direct solvers, multigrid, conjugate gradients
 `fields`                  algebra on implicit fields: primitives, sets, placement, blends
 `tiles`                   implicit fields on the unit cube: the TPMS catalogue, own fields
@@ -68,6 +69,7 @@ if TYPE_CHECKING:
         mesh,
         minimal,
         offsets,
+        plot,
         quadrature,
         sdf,
         slicing,
@@ -100,6 +102,7 @@ __all__ = [
     "mesh",
     "minimal",
     "offsets",
+    "plot",
     "quadrature",
     "sdf",
     "slicing",

@@ -21,10 +21,11 @@ from ilattice.errors import IlatticeError
 
 ROOMS = (
     "bspline", "tiles", "macroshape", "fields", "sdf", "mesh", "offsets", "cutfem", "io",
-    "homogenize", "minimal",
+    "homogenize", "minimal", "plot",
 )  # fmt: skip
 #: Those that do something, and have no state that users could take for a result.
-TOOLS = {"offsets.ClosestPointSearch", "cutfem.Solver", "io.StreamedMeshWriter"}
+TOOLS = {"offsets.ClosestPointSearch", "cutfem.Solver", "io.StreamedMeshWriter", "plot.Scene",
+         "plot.Panels"}  # fmt: skip
 
 
 def public_classes():

@@ -12,9 +12,8 @@ import numpy as np
 
 from ilattice._typing import FloatArray
 from ilattice._validate import Frozen, among, as_array, as_items, asked, check_finite
-from ilattice.cutfem.domain import SURFACES
+from ilattice.cutfem.regions import Region
 from ilattice.errors import InputError
-from ilattice.quadrature.rules import NAMES
 
 Value = float | Sequence[float] | Callable[[FloatArray], Any]
 AXES = "xyz"
@@ -26,7 +25,7 @@ class Support(Frozen):
 
     Attributes
     ----------
-    on : str
+    on : str or Region
         Place.
     mask : ndarray of bool, shape (m,)
         Components that are prescribed.
@@ -36,7 +35,7 @@ class Support(Frozen):
         Nitsche's method.
     """
 
-    on: str
+    on: str | Region
     mask: Any
     value: Value
     weak: bool
@@ -48,7 +47,7 @@ class Spring(Frozen):
 
     Attributes
     ----------
-    on : str
+    on : str or Region
         Place.
     stiffness : Value
         One number, or one per component.
@@ -56,7 +55,7 @@ class Spring(Frozen):
         Where the spring is at rest; for convection the temperature around.
     """
 
-    on: str
+    on: str | Region
     stiffness: Value
     value: Value
 
@@ -67,25 +66,19 @@ class Load(Frozen):
 
     Attributes
     ----------
-    kind : {"body", "gravity", "traction", "pressure", "temperature", "flux", "source"}
-        What the value is; the last two are heat.
+    kind : str
+        "body", "gravity", "traction", "force", "moment", "pressure" or "temperature"; of heat
+        "flux" or "source".
     value : Value
-        Force per volume, acceleration, force per area, pressure; temperature above the stress-free
-        one; heat per area and time, heat per volume and time.
-    on : str
+        Force per volume, acceleration, force per area, force, moment, pressure; temperature above
+        the stress-free one; heat per area and time, heat per volume and time.
+    on : str or Region
         Place of tractions, pressures and fluxes.
     """
 
     kind: str
     value: Value
-    on: str = ""
-
-
-def as_place(on: Any) -> str:
-    """A known place, or `InputError`."""
-    if not among(on, (*NAMES, *SURFACES)):
-        raise InputError(f"on must be one of {', '.join((*NAMES, *SURFACES))}, got {on!r}")
-    return str(on)
+    on: str | Region = ""
 
 
 def as_mask(components: Any, m: int) -> Any:

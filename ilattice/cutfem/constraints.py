@@ -21,7 +21,8 @@ from ilattice._validate import Frozen, read_only
 from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.conditions import AXES, Support, values_at
-from ilattice.cutfem.domain import SURFACES, Domain
+from ilattice.cutfem.domain import Domain
+from ilattice.cutfem.regions import SURFACES
 from ilattice.errors import InputError
 from ilattice.quadrature.rules import NAMES
 
@@ -137,8 +138,9 @@ def constraints(
     for number, s in enumerate(supports):
         if s.weak:
             continue
-        axis, side = divmod(NAMES.index(s.on), 2)
-        nodes = layer(domain, asm, s.on)
+        face = str(s.on)  # whole, since it is held exactly
+        axis, side = divmod(NAMES.index(face), 2)
+        nodes = layer(domain, asm, face)
         first = 0 if side == 0 else asm.space.shape[axis] - 1
 
         def f(u: FloatArray, s: Support = s) -> FloatArray:

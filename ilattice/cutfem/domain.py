@@ -8,6 +8,7 @@ Guarantee: what is asked for twice is computed once.
 
 import warnings
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar
@@ -19,6 +20,7 @@ from ilattice._validate import Frozen, among, as_choice, as_positive
 from ilattice.cutfem.assembly import Assembly, compressed_where_long
 from ilattice.cutfem.connectivity import Parts, connected_parts, links
 from ilattice.cutfem.elements import ElementGrid, elements_of
+from ilattice.cutfem.regions import BOUNDARY, PLACES, SURFACES, Region
 from ilattice.cutfem.space import SplineSpace, as_degree_and_smoothness
 from ilattice.cutfem.stabilise import ghost_faces, lone_cells, void_rule
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
@@ -26,11 +28,16 @@ from ilattice.macroshape.maps import SplineMap
 from ilattice.offsets.wall import OffsetSolid
 from ilattice.quadrature._filling import MOST_POINTS
 from ilattice.quadrature.grid import CUT, CutGrid, cut
-from ilattice.quadrature.rules import NAMES, Quadrature, in_space, kept, on_cells, some_cells
+from ilattice.quadrature.rules import (
+    NAMES,
+    Quadrature,
+    in_space,
+    kept,
+    on_cells,
+    some_cells,
+    united,
+)
 
-#: Places for conditions: end faces, the level sets that bound the solid, or the outer (first,
-#: of a wall that of the offset to the outside) and the inner (second) of them alone.
-SURFACES = ("surface", "outer", "inner")
 STABILIZATIONS = ("auto", "ghost", "void", "none")
 GUARD = 4e-9
 #: Weights of ghost penalties per degree and smoothness: as little as bounds the condition number by
@@ -138,12 +145,12 @@ class Domain(Frozen):
         """Connected parts of the solid."""
         return connected_parts(self.volume, self.wet)
 
-    def boundary(self, on: str) -> Quadrature:
-        """Rule in space on an end face or a level set, with normals and `parameters`.
+    def boundary(self, on: str | Region) -> Quadrature:
+        """Rule in space on an end face, a level set or a region, with normals and `parameters`.
 
         Parameters
         ----------
-        on : {"u=0", ..., "w=1", "surface", "outer", "inner"}
+        on : {"u=0", ..., "w=1", "surface", "outer", "inner", "boundary"} or Region
             Where.
 
         Returns
@@ -151,17 +158,34 @@ class Domain(Frozen):
         Quadrature
             In space; also without a map.
         """
-        if not among(on, (*NAMES, *SURFACES)):
-            raise InputError(f"on must be one of {(*NAMES, *SURFACES)}, got {on!r}")
+        if not isinstance(on, Region) and not among(on, PLACES):
+            raise InputError(f"on must be one of {PLACES}, got {on!r}")
         return self.once(("boundary", on), lambda: self._boundary(on))
 
-    def _boundary(self, on: str) -> Quadrature:
+    def _boundary(self, on: str | Region) -> Quadrature:
+        if isinstance(on, Region):
+            whole = self.boundary(on.place)
+            return where(whole, on.of(whole.points))
+        if on == BOUNDARY:
+            return self._whole_boundary()
         rule = self._by_elements(on)
         if on in SURFACES[1:]:
             rule = where(rule, np.asarray(rule.sets) == SURFACES.index(on) - 1)
         if not len(rule):
             raise GeometryError(f"on={on!r}: the solid has no area there; choose another place")
         return on_cells(in_space(rule), self.volume.cells)
+
+    def _whole_boundary(self) -> Quadrature:
+        """All level sets and those end faces that the solid reaches."""
+        found = []
+        for place in (*NAMES, SURFACES[0]):
+            if place in NAMES and self.cut.grid.closed[NAMES.index(place) // 2]:
+                continue
+            with suppress(GeometryError):
+                found.append(self.boundary(place))
+        if not found:
+            raise GeometryError(f"on={BOUNDARY!r}: the solid has no boundary")
+        return united(found)
 
     def _by_elements(self, on: str) -> Quadrature:
         """Rule in parameters on an end face, or on all level sets."""
@@ -275,7 +299,7 @@ class Domain(Frozen):
         """Rule in space on the active cells, with `parameters`."""
         return self.once(("solid", asm), lambda: in_space(on_cells(self.volume, asm.space.cells)))
 
-    def edge(self, asm: Assembly, on: str) -> Quadrature:
+    def edge(self, asm: Assembly, on: str | Region) -> Quadrature:
         """Rule in space on the boundary of the active cells; see `boundary`."""
         return self.once(("edge", asm, on), lambda: on_cells(self.boundary(on), asm.space.cells))
 
@@ -310,7 +334,6 @@ def kinks(through: SplineMap, axis: int) -> FloatArray:
 
 def where(rule: Quadrature, keep: AnyArray) -> Quadrature:
     """Some points of a surface rule."""
-    assert rule.sets is not None
     assert rule.normals is not None
     counts = np.bincount(rule.owners[keep], minlength=len(rule.cells))
     some = counts > 0
@@ -319,7 +342,8 @@ def where(rule: Quadrature, keep: AnyArray) -> Quadrature:
         points=rule.points[keep],
         weights=rule.weights[keep],
         normals=rule.normals[keep],
-        sets=rule.sets[keep],
+        sets=None if rule.sets is None else rule.sets[keep],
+        parameters=None if rule.parameters is None else rule.parameters[keep],
         cells=rule.cells[some],
         offsets=np.append(0, np.cumsum(counts[some])),
     )

@@ -39,6 +39,7 @@ from ilattice.cutfem.domain import lattice_of
 from ilattice.cutfem.material import Isotropic, Property, Scalar, jump_within_cells, warn_of_jump
 from ilattice.cutfem.phases import as_phased
 from ilattice.cutfem.problem import ISLANDS, Problem
+from ilattice.cutfem.regions import spread
 from ilattice.errors import InputError, PrecisionWarning
 from ilattice.linalg.multigrid import Blocks
 from ilattice.quadrature.rules import Quadrature, on_cells
@@ -158,34 +159,41 @@ class Elasticity(Problem):
     # ---------------------------------------------------------------- verbs
 
     def clamp(
-        self, on: str, *, components: Any = None, value: Any = 0.0, method: str = "auto"
-    ) -> Self:
-        """Prescribe the displacement on an end face or a level set.
+        self, on: Any, *, components: Any = None, value: Any = 0.0, method: str = "auto",
+        where: Any = None,
+    ) -> Self:  # fmt: skip
+        """Prescribe the displacement on an end face, a level set or a region.
 
         Parameters
         ----------
-        on : {"u=0", "u=1", "v=0", "v=1", "w=0", "w=1", "surface", "outer", "inner"}
-            An end face of the domain; the level sets that bound the solid; or one of them.
+        on : str, callable or (2, 3) array-like
+            An end face of the domain, ``"u=0"`` to ``"w=1"``; the level sets that bound the solid,
+            ``"surface"``, or one of them, ``"outer"`` or ``"inner"``; or the part of the whole
+            ``"boundary"`` in space where a linear condition holds, such as ``"z > 5 and x < 1"``,
+            where a function of points (n, 3) is true, or which is in a box.
         components : str or sequence of int, optional
-            Such as ``"xz"`` or ``(0, 2)``; by default all.
+            Such as ``"xz"`` or ``(0, 2)``; ``"n"`` for the normal one of a flat place, as on
+            planes of symmetry; by default all.
         value : float, sequence of 3 floats or callable
             The displacement; a callable takes points of space (n, 3), returns vectors (n, 3).
         method : {"auto", "strong", "nitsche"}
             Exactly, for end faces; or in the mean, by Nitsche's method.
+        where : str, callable or (2, 3) array-like, optional
+            The part of a place with a name, as in `on`.
 
         Returns
         -------
         Elasticity
             A new problem.
         """
-        return self._supported(on, components, value, method, "value")
+        return self._supported(on, components, value, method, "value", where)
 
-    def spring(self, on: str, stiffness: Any, *, value: Any = 0.0) -> Self:
-        """Hold an end face or a level set by springs.
+    def spring(self, on: Any, stiffness: Any, *, value: Any = 0.0, where: Any = None) -> Self:
+        """Hold an end face, a level set or a region by springs.
 
         Parameters
         ----------
-        on : str
+        on, where : str, callable or (2, 3) array-like
             As in `clamp`.
         stiffness : float, sequence of 3 floats or callable
             Force per area and displacement, of all components or each.
@@ -197,11 +205,12 @@ class Elasticity(Problem):
         Elasticity
             A new problem.
         """
-        return self._sprung(on, stiffness, value, "stiffness")
+        return self._sprung(on, stiffness, value, "stiffness", where)
 
     def load(
         self, *, body: Any = None, gravity: Any = None, traction: Any = None,
-        pressure: Any = None, on: str = "", temperature: Any = None,
+        pressure: Any = None, force: Any = None, moment: Any = None, on: Any = "",
+        where: Any = None, temperature: Any = None,
     ) -> Self:  # fmt: skip
         """Add loads to those that are there.
 
@@ -215,8 +224,11 @@ class Elasticity(Problem):
             Force per area, at `on`.
         pressure : float or callable, optional
             Pressure against the surface, at `on`.
-        on : str
-            As in `clamp`; for tractions and pressures.
+        force, moment : sequence of 3 floats, optional
+            Resultants at `on`: the force as a uniform traction, the moment (about the middle of
+            the place) as tractions that turn it. Their sums are exact.
+        on, where : str, callable or (2, 3) array-like
+            As in `clamp`; for tractions, pressures, forces and moments.
         temperature : float, callable or HeatSolution, optional
             Temperature above the one without stress.
 
@@ -230,20 +242,20 @@ class Elasticity(Problem):
         InputError
             If there is no load, a place is missing or too much, or heat expands nothing.
         """
-        if not isinstance(on, str):
-            raise InputError(f"on must be the name of a place, got {on!r:.80}")
         new = self
-        given = {"traction": traction, "pressure": pressure}
+        given = {"traction": traction, "pressure": pressure, "force": force, "moment": moment}
         at = {k: v for k, v in given.items() if v is not None}
-        if bool(at) != bool(on):
+        if bool(at) != (not isinstance(on, str) or bool(on)):
             raise InputError(
-                f"on={on!r}: tractions and pressures need a place, such as on='w=1' or "
-                "on='surface', other loads have none"
+                f"on={on!r:.80}: tractions, pressures, forces and moments need a place, such as "
+                "on='w=1' or on='surface', other loads have none"
             )
         if temperature is not None and self.material.expansion.value == 0.0:
             raise InputError("temperature: the material does not expand; give it an expansion")
         for kind, value in at.items():
-            new = new._loaded(kind, value, 3 if kind == "traction" else 1, on)
+            if kind in ("force", "moment") and np.shape(value) != (3,):
+                raise InputError(f"{kind} must be a vector of 3 numbers, got {value!r:.80}")
+            new = new._loaded(kind, value, 1 if kind == "pressure" else 3, on, where)
         for kind, value, m in (
             ("body", body, 3), ("gravity", gravity, 3), ("temperature", temperature, 1)
         ):  # fmt: skip
@@ -466,13 +478,16 @@ class Elasticity(Problem):
         for support in self.in_the_mean:
             terms = weak.elastic_terms(self, support)
             force = weak.elastic_reaction(self, terms, support.value, solution)
-            out[support.on] = out.get(support.on, 0.0) + force
+            out[str(support.on)] = out.get(str(support.on), 0.0) + force
         return out
 
     # ---------------------------------------------------------------- loads
 
     def _force(self, load: Load) -> FloatArray:
         asm = self.assembly
+        if load.kind in ("force", "moment"):
+            tractions = spread(load.kind, np.array(load.value), self.domain.edge(asm, load.on))
+            load = Load("traction", tractions, load.on)
         constant = not (callable(load.value) or hasattr(load.value, "evaluate"))
         constant = constant and self.material.constant and self.material.density.constant
         rule = (

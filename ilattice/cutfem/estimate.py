@@ -19,15 +19,17 @@ the estimate is a fifth too large.
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import Frozen, as_points, read_only
 from ilattice.cutfem.heat_solution import HeatSolution
+from ilattice.cutfem.output import shape_of
 from ilattice.cutfem.recovery import smooth_flux, smooth_stress, smoothest, values_on
 from ilattice.cutfem.solution import Solution
+from ilattice.plot.quick import show
 from ilattice.quadrature.rules import Quadrature
 
 if TYPE_CHECKING:
@@ -100,6 +102,25 @@ class ErrorEstimate(Frozen):
         at = self.solution.problem.assembly.space.locate(as_points("u", u))
         root = np.sqrt(self.squares / self.volumes)
         return np.where(at < 0, np.nan, root[at])
+
+    def plot(self, **options: Any) -> Any:
+        """Show where the error is, on the solid, in a window or a notebook.
+
+        Parameters
+        ----------
+        **options
+            Of `ilattice.plot.show`, such as ``clip``, ``view`` or ``screenshot``.
+
+        Returns
+        -------
+        object
+            What pyvista returns.
+        """
+        grid = self.solution.to_pyvista("solid")
+        shape = shape_of(self.solution.problem, "solid", None)
+        grid.point_data["error_density"] = self.density(shape.u)
+        usual = {"scalars": "error_density", "cmap": "YlOrRd", "title": repr(self)}
+        return show(grid, **{**usual, **options})
 
     def save(self, path: "str | PathLike[str]") -> None:
         """Write the active cells with errors, solution and level sets.

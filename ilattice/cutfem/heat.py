@@ -437,7 +437,7 @@ class Heat(Problem):
                 along = np.einsum("qi,qi->q", slope[:, 0], rule.normals[rows])
                 flow = Q[rows] * (g[rows] - T[:, 0]) + k[rows] * along
                 total += float(rule.weights[rows] @ flow)
-            out[support.on] = out.get(support.on, 0.0) + total
+            out[str(support.on)] = out.get(str(support.on), 0.0) + total
         return out
 
     def _balance(self, solution: HeatSolution) -> tuple[FloatArray, FloatArray | float]:

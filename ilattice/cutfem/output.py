@@ -25,6 +25,8 @@ from ilattice.cutfem.probe import Probe, probe
 from ilattice.errors import FormatError, InputError
 from ilattice.mesh import SurfaceMesh
 from ilattice.mesh.wall_mesh import parameters_of, wall_mesh, warn_full
+from ilattice.plot import Scene, animate, show
+from ilattice.plot.quick import split
 from ilattice.quadrature.clipping import MOST, clipped, lattice
 
 if TYPE_CHECKING:
@@ -215,7 +217,7 @@ class Result(FrozenCopies):
         scale : float or "auto"
             As in `surface`.
         **options
-            Passed to ``pyvista.DataSet.plot``, such as ``scalars`` or ``screenshot``.
+            Of `ilattice.plot.show`, such as ``scalars``, ``unit``, ``clip`` or ``screenshot``.
 
         Returns
         -------
@@ -223,8 +225,11 @@ class Result(FrozenCopies):
             What pyvista returns.
         """
         grid = self.to_pyvista(on, h=h, scale=scale)
-        bar = {"title": f"{options.get('scalars', self.shown)}\n"}  # apart from the numbers
-        return grid.plot(**{"scalars": self.shown, "scalar_bar_args": bar, **options})
+        return show(grid, **{"scalars": self.shown, "title": self._title(), **options})
+
+    def _title(self) -> str:
+        """Text above pictures: the numbers about the whole."""
+        return ", ".join(f"{name} {number:.4g}" for name, number in self.field_data().items())
 
     def save(
         self, path: "str | PathLike[str]", *, on: str = "auto", h: float | None = None,
@@ -296,6 +301,40 @@ class Series(FrozenCopies, Sequence[R]):
         if isinstance(index, slice):
             return tuple(self._result(k) for k in range(len(self))[index])
         return self._result(range(len(self))[as_index("index", index)])
+
+    def animate(
+        self, path: "str | PathLike[str]", *, on: str = "auto", h: float | None = None,
+        scale: float | str = "auto", fps: float = 12.0, progress: Progress = None,
+        **options: Any,
+    ) -> None:  # fmt: skip
+        """Write a film of the results, one picture each, in one scale of colours.
+
+        Parameters
+        ----------
+        path : path-like
+            Ending in .gif, or .mp4; see `ilattice.plot.animate`.
+        on, h, scale : str, float
+            As in `Result.plot`.
+        fps : float
+            Pictures per second.
+        progress : bool or callable, optional
+            See `ilattice._progress.track`.
+        **options
+            Of `ilattice.plot.Scene` and its `add`.
+        """
+        grids = [self[k].to_pyvista(on, h=h, scale=scale) for k in range(len(self))]
+        of_scene, of_layer, _ = split(options)
+        of_layer.setdefault("scalars", self[0].shown)
+        shown = [np.asarray(grid[of_layer["scalars"]], float) for grid in grids]
+        sizes = [np.linalg.norm(a, axis=1) if a.ndim == 2 else a for a in shown]
+        limits = (min(np.nanmin(a) for a in sizes), max(np.nanmax(a) for a in sizes))
+        scenes = [
+            Scene(**{"size": (800, 600), "title": self[k]._title(), **of_scene}).add(
+                grid, **{"clim": limits, **of_layer}
+            )
+            for k, grid in enumerate(grids)
+        ]
+        animate(scenes, path, fps=fps, progress=progress)
 
     def save(
         self, path: "str | PathLike[str]", *, on: str = "auto", h: float | None = None,

@@ -9,6 +9,7 @@ the same, matrices. A solve that does not reach its tolerance raises.
 import warnings
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from itertools import count
 from typing import Any, ClassVar, Self, TypeVar
 
 import numpy as np
@@ -18,18 +19,11 @@ from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import FixedMapping, Frozen, among, as_choice, read_only
 from ilattice.cutfem import discretization
 from ilattice.cutfem.assembly import Assembly
-from ilattice.cutfem.conditions import (
-    Load,
-    Spring,
-    Support,
-    as_mask,
-    as_place,
-    as_value,
-    stiffness_at,
-)
+from ilattice.cutfem.conditions import Load, Spring, Support, as_mask, as_value, stiffness_at
 from ilattice.cutfem.constraints import Constraints, check_agreement, constraints
 from ilattice.cutfem.discretization import Product
 from ilattice.cutfem.domain import Domain
+from ilattice.cutfem.regions import Region, as_place
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.linalg._engines import ENGINES
 from ilattice.linalg.solvers import LARGEST, Solver, SolveReport
@@ -120,30 +114,56 @@ class Problem:
 
     # ---------------------------------------------------------------- verbs
 
-    def _supported(self, on: Any, components: Any, value: Any, method: str, name: str) -> Self:
-        place = as_place(on)
+    def _supported(
+        self, on: Any, components: Any, value: Any, method: str, name: str, where: Any = None
+    ) -> Self:
+        place = self._named(as_place(on, where))
         if not among(method, ("auto", "strong", "nitsche")):
             raise InputError(f"method must be 'auto', 'strong' or 'nitsche', got {method!r}")
         if method == "strong" and place not in NAMES:
-            raise InputError(f"on={on!r}: level sets are held by method='nitsche' only")
+            raise InputError(
+                f"on={on!r}: only whole end faces are held exactly, others by method='nitsche'"
+            )
         weak = method == "nitsche" or place not in NAMES
-        new = Support(place, as_mask(components, self.m), as_value(name, value, self.m), weak)
         self.domain.boundary(place)
+        if isinstance(components, str) and components == "n":
+            components = self._normal(place)
+        new = Support(place, as_mask(components, self.m), as_value(name, value, self.m), weak)
         return self._with(supports=(*self.supports, new), _held={})
 
-    def _sprung(self, on: Any, stiffness: Any, value: Any, name: str) -> Self:
+    def _sprung(self, on: Any, stiffness: Any, value: Any, name: str, where: Any = None) -> Self:
         k = as_value(name, stiffness, self.m)
         if not callable(k) and (np.min(k) < 0 or np.max(k) <= 0):
             raise InputError(f"{name} must not be negative, and not all zero, got {stiffness!r}")
-        new = Spring(as_place(on), k, as_value("value", value, self.m))
+        new = Spring(self._named(as_place(on, where)), k, as_value("value", value, self.m))
         self.domain.boundary(new.on)
         return self._with(springs=(*self.springs, new), _held={})
 
-    def _loaded(self, kind: str, value: Any, m: int, on: str = "") -> Self:
+    def _loaded(self, kind: str, value: Any, m: int, on: Any = "", where: Any = None) -> Self:
         value = value if hasattr(value, "evaluate") else as_value(kind, value, m)
         if not isinstance(on, str) or on:
-            self.domain.boundary(as_place(on))
+            on = as_place(on, where)
+            self.domain.boundary(on)
         return self._with(loads=(*self.loads, Load(kind, value, on)))
+
+    def _named(self, place: str | Region) -> str | Region:
+        """A region with a name that no other of this problem has, so that reactions are told."""
+        if isinstance(place, str):
+            return place
+        known = {str(s.on) for s in self.supports} | {str(s.on) for s in self.springs}
+        names = (place.name if k == 1 else f"{place.name} ({k})" for k in count(1))
+        return replace(place, name=next(name for name in names if name not in known))
+
+    def _normal(self, place: str | Region) -> tuple[int]:
+        """The axis that is normal to a flat place."""
+        normals = self.domain.boundary(place).normals
+        assert normals is not None
+        axis = int(np.argmax(np.abs(normals[0])))
+        if np.abs(np.abs(normals[:, axis]) - 1.0).max() > 1e-9:
+            raise InputError(
+                f"components='n': {place} is not flat and normal to x, y or z; name components"
+            )
+        return (axis,)
 
     @property
     def in_the_mean(self) -> tuple[Spring | Support, ...]:
@@ -224,7 +244,7 @@ class Problem:
         for number, s in enumerate(self.supports):
             if not s.weak:
                 mine = np.where(self.constraints.owner == number, r, 0.0).sum(axis=0)
-                out[s.on] = out.get(s.on, 0.0) + mine
+                out[str(s.on)] = out.get(str(s.on), 0.0) + mine
         return out
 
     # ---------------------------------------------------------------- systems

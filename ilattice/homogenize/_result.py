@@ -94,15 +94,14 @@ class Result(Frozen):
         unit : str, keyword-only
             Of the property, which is that of what was given, for the title of the colours.
         **options
-            Passed to ``pyvista.PolyData.plot``.
+            Of `ilattice.plot.show`, such as ``screenshot`` or ``view``.
 
         Returns
         -------
         object
             What pyvista returns.
         """
-        title = f"{self.title} in {unit}" if unit else self.title
-        usual = {"scalars": self.quantity, "show_axes": True, "scalar_bar_args": {"title": title}}
+        usual = {"scalars": self.quantity, "axes": True, "label": self.title, "unit": unit}
         return self.surface().plot(**{**usual, **options})
 
     def save(self, path: str | PathLike[str]) -> None:

@@ -9,8 +9,7 @@ place, `_by_points`. Not done: pieces for parallel readers.
 import errno
 import os
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
@@ -20,6 +19,7 @@ import numpy as np
 from ilattice._files import as_path, atomic_path
 from ilattice._typing import AnyArray, ArrayLike, Map
 from ilattice._validate import as_array, as_choice, as_flag, as_items, as_kind, as_points
+from ilattice._vtk import quiet_vtk
 from ilattice.errors import FormatError, InputError
 from ilattice.io._mesh import Triangles, check_not_empty, colours
 from ilattice.io.bezier_cells import bezier_nodes
@@ -429,19 +429,6 @@ def _write(writer_name: str, data: Any, path: str | os.PathLike[str], compress: 
         writer.SetFileName(str(temporary))
         done = writer.Write()
         _check(done, writer.GetErrorCode(), temporary.parent)
-
-
-@contextmanager
-def quiet_vtk() -> Iterator[None]:
-    """Keep VTK from printing warnings and errors meanwhile; error codes tell the same."""
-    from vtkmodules.vtkCommonCore import vtkObject
-
-    before = vtkObject.GetGlobalWarningDisplay()
-    vtkObject.GlobalWarningDisplayOff()
-    try:
-        yield
-    finally:
-        vtkObject.SetGlobalWarningDisplay(before)
 
 
 def _check(done: int, code: int, folder: Path) -> None:

@@ -172,6 +172,23 @@ class Wall(OffsetSolid):
             ):
                 writer.append(vertices, faces)
 
+    def plot(self, h: float | None = None, **options: Any) -> Any:
+        """Show the wall in a window or a notebook.
+
+        Parameters
+        ----------
+        h : float, optional
+            Length of edges, as in `mesh`.
+        **options
+            Of `ilattice.plot.show`, such as ``clip``, ``view`` or ``screenshot``.
+
+        Returns
+        -------
+        object
+            What pyvista returns.
+        """
+        return self.mesh(h).plot(**options)
+
     def slices(
         self,
         z: ArrayLike | None = None,

@@ -11,7 +11,7 @@ from copy import deepcopy
 from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -30,9 +30,14 @@ from ilattice.bspline import BSpline
 from ilattice.errors import InputError
 from ilattice.io.registry import save
 from ilattice.macroshape._extra import interpolated, warn_missed
+from ilattice.macroshape._picture import faces_of, net_of
 from ilattice.macroshape._seeds import Seeds
 from ilattice.macroshape.certify import Certificate, certify
 from ilattice.macroshape.inverse import Located, locate
+from ilattice.plot.quick import show
+
+if TYPE_CHECKING:
+    import pyvista
 
 __all__ = ["SplineMap"]
 
@@ -493,6 +498,38 @@ class SplineMap(Frozen):
         """
         axis = as_axis("axis", axis)
         return self.flipped(axis) if self.orientation < 0 else self
+
+    def to_pyvista(self, n: int = 33) -> "pyvista.PolyData":
+        """Its faces, for pictures; not those where a closed map meets itself.
+
+        Parameters
+        ----------
+        n : int
+            Points along each edge.
+
+        Returns
+        -------
+        pyvista.PolyData
+            With further coordinates as point data.
+        """
+        return faces_of(self, as_whole("n", n, 2, 500))
+
+    def plot(self, *, n: int = 9, **options: Any) -> Any:
+        """Show the volume, with lines of constant parameters, in a window or a notebook.
+
+        Parameters
+        ----------
+        n : int
+            Lines along each direction.
+        **options
+            Of `ilattice.plot.show`, such as ``view`` or ``screenshot``.
+
+        Returns
+        -------
+        object
+            What pyvista returns.
+        """
+        return show(self, lines=net_of(self, as_whole("n", n, 2, 100)), **options)
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the volume to a file; its ending names the format.

@@ -35,6 +35,8 @@ from ilattice.tiles.trig import TrigField
 
 BOUNDARIES = ("extend", "clip")
 PER_TILE = 2000  # bytes of memory
+#: Samples of the mid-surface in a picture, at most.
+PLOTTED = 6_000_000
 
 
 @dataclass(frozen=True, eq=False)

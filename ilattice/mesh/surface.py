@@ -21,6 +21,7 @@ from ilattice.io.png import to_pyvista
 from ilattice.io.registry import read_mesh, save
 from ilattice.mesh import measure
 from ilattice.mesh._kernels_surface import first_bad_face
+from ilattice.plot.quick import show
 from ilattice.slicing.slices import SliceStack, slice_mesh
 
 if TYPE_CHECKING:
@@ -479,14 +480,15 @@ class SurfaceMesh:
         Parameters
         ----------
         **options
-            Passed to ``pyvista.PolyData.plot``, for example ``scalars="thickness"``.
+            Of `ilattice.plot.show`, for example ``scalars="thickness"``, ``clip="y > 0"`` or
+            ``screenshot="part.png"``.
 
         Returns
         -------
         object
             What pyvista returns.
         """
-        return self.to_pyvista().plot(**options)
+        return show(self, **options)
 
     def screenshot(self, path: "str | os.PathLike[str]", **options: Any) -> None:
         """Render without a window into a PNG file.
@@ -496,7 +498,7 @@ class SurfaceMesh:
         path : path-like
             File to write, whatever its ending.
         **options
-            See `ilattice.io.png.write_png`: ``scalars``, ``size``, ``view``, ``background``, ...
+            See `ilattice.io.png.write_png`: ``scalars``, ``clip``, ``size``, ``view``, ...
 
         Raises
         ------

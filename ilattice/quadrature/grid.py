@@ -35,11 +35,15 @@ from ilattice._validate import (
 )
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.macroshape.maps import SplineMap
+from ilattice.plot.quick import show
+from ilattice.plot.shapes import hexahedra
 from ilattice.quadrature._layouts import Layout, layout_of
 from ilattice.quadrature.field_pieces import FieldPieces
 from ilattice.quadrature.levelsets import PER_PIECE, LevelSets, Pieces, as_level_sets
 
 if TYPE_CHECKING:
+    import pyvista
+
     from ilattice.quadrature.rules import Quadrature
 
 IN, CUT, OUT = -1, 0, 1
@@ -255,6 +259,38 @@ class CutGrid(Frozen):
         boxes of which it is not certain whether they are in the solid, over the volume.
         """
         return self.pieces.error
+
+    def to_pyvista(self) -> "pyvista.UnstructuredGrid":
+        """The cells that are in or cut, for pictures.
+
+        Returns
+        -------
+        pyvista.UnstructuredGrid
+            In space, with cell data ``status``: -1 in, 0 cut.
+        """
+        u = np.stack(np.meshgrid(*self.grid.axes, indexing="ij"), axis=-1)
+        x = u if self.through is None else self.through.x(u.reshape(-1, 3)).reshape(u.shape)
+        cells = hexahedra(x, self.status < OUT)
+        status = self.status.ravel(order="F")
+        cells.cell_data["status"] = status[status < OUT]
+        return cells
+
+    def plot(self, **options: Any) -> Any:
+        """Show the cells that are in and those that are cut in a window or a notebook.
+
+        Parameters
+        ----------
+        **options
+            Of `ilattice.plot.show`, such as ``clip``, ``view`` or ``screenshot``.
+
+        Returns
+        -------
+        object
+            What pyvista returns.
+        """
+        usual = {"scalars": "status", "cmap": ["#e0a030", "#4a7ba6"], "clim": (-1, 0),
+                 "label": "", "show_edges": True, "title": "in: yellow, cut: blue"}  # fmt: skip
+        return show(self, **{**usual, **options})
 
     # ------------------------------------------------------------------ rules
 

@@ -19,7 +19,7 @@ Non-guarantee: on a surface that is nearly tangent to all directions of a box of
 depth, help.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -317,6 +317,22 @@ def quadrature(
     else:
         rule = grid.face(kind, q, tangent_depth=tangent_depth)
     return rule.in_space() if grid.through is not None else rule
+
+
+def united(rules: Sequence[Quadrature]) -> Quadrature:
+    """Surface rules of one grid as one, with the points of each cell together."""
+    cell = np.concatenate([r.cells[r.owners] for r in rules])
+    order = np.argsort(cell, kind="stable")
+    cells, counts = np.unique(cell, return_counts=True)
+
+    def all_of(name: str) -> Any:
+        return np.concatenate([getattr(r, name) for r in rules])[order]
+
+    return replace(
+        rules[0], points=all_of("points"), weights=all_of("weights"), normals=all_of("normals"),
+        parameters=all_of("parameters"), cells=cells, offsets=np.append(0, np.cumsum(counts)),
+        sets=None, exact_to=min(r.exact_to for r in rules),
+    )  # fmt: skip
 
 
 def on_cells(rule: Quadrature, cells: IntArray) -> Quadrature:

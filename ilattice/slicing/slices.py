@@ -24,24 +24,37 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, overload
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
 from ilattice._memory import need
 from ilattice._progress import Progress, track
 from ilattice._typing import ArrayLike, FloatArray
-from ilattice._validate import Frozen, as_array, as_index, as_positive, as_triple, read_only
-from ilattice.errors import InputError, PrecisionWarning
+from ilattice._validate import (
+    Frozen,
+    as_array,
+    as_index,
+    as_positive,
+    as_triple,
+    as_whole,
+    read_only,
+)
+from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.io.registry import save
 from ilattice.io.svg import slice_document
 from ilattice.macroshape.planes import grid_axes
 from ilattice.offsets.wall import OffsetSolid, warn_coarse
+from ilattice.plot.quick import show
+from ilattice.plot.shapes import polylines
 from ilattice.slicing import _kernels_slices as kernels
 from ilattice.slicing._in_plane import InPlane
 from ilattice.slicing._loops import Outline
 from ilattice.slicing._mesh_slicer import ClosedMesh, MeshSlicer
 from ilattice.slicing._slicer import BLOCK, Slicer, as_frame, extent
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 #: A polygon as arrays: its outer contour (n, 2), and its holes.
 Polygon = tuple[FloatArray, tuple[FloatArray, ...]]
@@ -132,6 +145,28 @@ class Slice(Frozen):
             raise InputError(f"points must have shape (n, 2), got {p.shape}")
         out: FloatArray = p @ self.frame[:2] + self.height * self.frame[2]
         return out
+
+    def plot(self) -> "Figure":
+        """The slice as a picture of matplotlib.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            The material, filled, in the coordinates of the plane.
+        """
+        from matplotlib.figure import Figure
+        from matplotlib.patches import PathPatch
+        from matplotlib.path import Path
+
+        figure = Figure(figsize=(6.0, 6.0), layout="constrained")
+        axes = figure.subplots()
+        for outer, holes in self.polygons:
+            path = Path.make_compound_path(*(Path(loop, closed=False) for loop in (outer, *holes)))
+            axes.add_patch(PathPatch(path, facecolor="#d9b382", edgecolor="black", linewidth=0.5))
+        axes.autoscale_view()
+        axes.set_aspect("equal")
+        axes.set_title(f"height {self.height:g}")
+        return figure
 
     def to_svg(self) -> str:
         """The slice as a picture: an SVG document with one filled path.
@@ -225,6 +260,31 @@ class SliceStack(Frozen):
         """
         layers = track(self, "slices", progress, total=len(self))
         return float(sum(s.area * (s.top - s.bottom) for s in layers))
+
+    def plot(self, *, every: int = 1, **options: Any) -> Any:
+        """Show the contours of the layers in space, in a window or a notebook.
+
+        Parameters
+        ----------
+        every : int
+            Show one of so many layers.
+        **options
+            Of `ilattice.plot.show`, such as ``clip``, ``view`` or ``screenshot``.
+
+        Returns
+        -------
+        object
+            What pyvista returns.
+        """
+        step = as_whole("every", every, 1, max(len(self), 1))
+        layers = [self[i] for i in range(0, len(self), step)]
+        lines = [layer.to_space(loop) for layer in layers for loop in layer.loops]
+        if not lines:
+            raise GeometryError("the slices are empty: nothing to show")
+        heights = [layer.height for layer in layers for _ in layer.loops]
+        shown = polylines(lines, closed=True)
+        shown.cell_data["height"] = np.array(heights)
+        return show(shown, **{"scalars": "height", "line_width": 2, "occlusion": False, **options})
 
     def save(self, path: str | os.PathLike[str], **options: Any) -> None:
         """Write the stack slice by slice: CLI, SVG or 3MF, as the ending names.

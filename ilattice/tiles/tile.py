@@ -25,6 +25,7 @@ from ilattice._validate import (
     as_points,
     as_positive,
     as_real,
+    as_whole,
     asked,
     check_finite,
     read_only,
@@ -32,6 +33,8 @@ from ilattice._validate import (
 from ilattice.bspline import BSpline
 from ilattice.errors import ConvergenceError, GeometryError, InputError, PrecisionWarning
 from ilattice.fields.node import Node
+from ilattice.plot.quick import show
+from ilattice.plot.shapes import frame, isosurface
 from ilattice.tiles._node import TileNode
 from ilattice.tiles.trig import TrigField
 
@@ -320,6 +323,31 @@ class Tile(Field):
         return f"Tile({self.name!r}, {type(self.field).__name__}, level={self.level:g})"
 
     # ------------------------------------------------------------------ verbs
+
+    def plot(self, *, n: int = 60, solid: bool | None = None, **options: Any) -> Any:
+        """Show one cell in a window or a notebook.
+
+        Parameters
+        ----------
+        n : int
+            Samples along each edge; for the picture only.
+        solid : bool, optional
+            Show where the field is negative, closed, instead of the surface alone; by default so
+            for all but trigonometric and spline tiles.
+        **options
+            Of `ilattice.plot.show`, such as ``clip``, ``view`` or ``screenshot``.
+
+        Returns
+        -------
+        object
+            What pyvista returns.
+        """
+        axis = np.linspace(0.0, 1.0, as_whole("n", n, 2, 400))
+        if solid is None:
+            solid = not isinstance(self.field, TrigField | BSpline)
+        shown = isosurface(self.grid([axis] * 3), [axis] * 3, solid=as_flag("solid", solid))
+        shown.points = np.asarray(shown.points, float) @ self.cell.T
+        return show(shown, lines=frame(self.cell), **{"title": self.name, **options})
 
     def with_level(self, level: float) -> "Tile":
         """The tile of another level set of the same field.

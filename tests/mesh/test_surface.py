@@ -424,9 +424,12 @@ def test_plot_passes_its_options_on(monkeypatch):
     import pyvista as pv
 
     seen = {}
-    monkeypatch.setattr(pv.PolyData, "plot", lambda self, **kw: seen.update(kw, n=self.n_cells))
-    SurfaceMesh(*meshes.cube()).plot(color="red")
-    assert seen == {"color": "red", "n": 12}
+    monkeypatch.setattr(pv.Plotter, "show", lambda self, **kw: seen.update(kw, shown=self))
+    SurfaceMesh(*meshes.cube()).plot(color="red", cpos="xy", off_screen=True)
+    (actor,) = seen.pop("shown").actors.values()
+    assert actor.prop.color == "red"
+    assert actor.mapper.dataset.n_cells == 12
+    assert seen == {"cpos": "xy"}
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,179 @@
+"""Where loads and supports are: end faces, level sets, and the parts of them where something holds.
+
+Guarantee: areas of regions are sums over the points of a rule; loads that are given as a resultant
+are distributed over these, so that their sums are exact. Non-guarantee: the edge of a region runs
+through cells without dividing them: its area is known to about a point of the rule in each cell
+that it passes.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ilattice._typing import AnyArray, FloatArray
+from ilattice._validate import Frozen, among, as_array, asked
+from ilattice.errors import GeometryError, InputError
+from ilattice.plot.clips import as_planes
+from ilattice.quadrature.rules import NAMES, Quadrature
+
+#: Places for conditions besides the end faces: the level sets that bound the solid, or the outer
+#: (first, of a wall that of the offset to the outside) and the inner (second) of them alone.
+SURFACES = ("surface", "outer", "inner")
+#: All level sets and end faces together.
+BOUNDARY = "boundary"
+PLACES = (*NAMES, *SURFACES, BOUNDARY)
+
+
+@dataclass(frozen=True, eq=False)
+class Region(Frozen):
+    """The part of a place where a condition holds.
+
+    Attributes
+    ----------
+    place : str
+        An end face, level sets, or all of the boundary.
+    inside : callable
+        Takes points of space (n, 3), returns booleans (n,).
+    name : str
+        In messages and reactions.
+    planes : ndarray, shape (m, 4), or None
+        Half-spaces ``a·x + b >= 0`` that the region is the intersection of, if it is one.
+    """
+
+    place: str
+    inside: Callable[[FloatArray], Any]
+    name: str
+    planes: FloatArray | None = None
+
+    def __str__(self) -> str:
+        return self.name
+
+    def __repr__(self) -> str:
+        return f"{self.name!r}"
+
+    def of(self, points: FloatArray) -> AnyArray:
+        """Which points are in it.
+
+        Parameters
+        ----------
+        points : ndarray, shape (n, 3)
+            Of the place, in space.
+
+        Returns
+        -------
+        ndarray of bool, shape (n,)
+            At least one is true.
+
+        Raises
+        ------
+        InputError
+            If the condition gives something else.
+        GeometryError
+            If there is none.
+        """
+        found = np.asarray(asked("on", self.inside, points))
+        if found.shape != (len(points),) or found.dtype != bool:
+            raise InputError(
+                f"on={self.name}: a condition takes points (n, 3) and returns n booleans, got "
+                f"{found.dtype} of shape {found.shape}"
+            )
+        if not found.any():
+            raise GeometryError(f"on={self.name}: no surface there; {self._nearest(points)}")
+        return found
+
+    def _nearest(self, x: FloatArray) -> str:
+        if self.planes is None or not len(x):
+            span = " to ".join(str(np.round(a, 6).tolist()) for a in (x.min(axis=0), x.max(axis=0)))
+            return f"the surface reaches from {span}" if len(x) else "there is none at all"
+        outside = np.maximum(-(x @ self.planes[:, :3].T + self.planes[:, 3]), 0.0).max(axis=1)
+        k = int(np.argmin(outside))
+        return f"the nearest is {outside[k]:.3g} away, at {np.round(x[k], 6).tolist()}"
+
+
+def as_place(on: Any, where: Any = None) -> str | Region:
+    """A place by its name, or the part of the boundary where a condition holds.
+
+    Parameters
+    ----------
+    on : str, callable or (2, 3) array-like
+        A name; a linear condition such as ``"z > 5"``; a function of points (n, 3) that gives
+        booleans; or a box.
+    where : str, callable or (2, 3) array-like, optional
+        A condition on a place with a name.
+
+    Returns
+    -------
+    str or Region
+        The place.
+
+    Raises
+    ------
+    InputError
+        If it is none.
+    """
+    if among(on, PLACES):
+        return str(on) if where is None else _region(str(on), where)
+    if where is not None:
+        raise InputError(f"where narrows a place with a name, one of {PLACES}, got on={on!r:.80}")
+    if isinstance(on, str) and not any(c in on for c in "<>"):
+        raise InputError(
+            f"on must be one of {', '.join(PLACES)}, a condition such as 'z > 5', a box or a "
+            f"function of points, got {on!r}"
+        )
+    return _region(BOUNDARY, on)
+
+
+def _region(place: str, condition: Any) -> Region:
+    ahead = "" if place == BOUNDARY else f"{place} where "
+    if callable(condition):
+        name = getattr(condition, "__name__", type(condition).__name__).strip("<>")
+        return Region(place, condition, ahead + name)
+    planes = as_planes(condition, "on")
+    name = condition if isinstance(condition, str) else f"box {as_array('on', condition).tolist()}"
+    return Region(place, _Within(planes), ahead + name, planes)
+
+
+@dataclass(frozen=True, eq=False)
+class _Within(Frozen):
+    """Whether points are in all of some half-spaces."""
+
+    planes: FloatArray
+
+    def __call__(self, x: FloatArray) -> AnyArray:
+        """Booleans, shape (n,)."""
+        away = x @ self.planes[:, :3].T + self.planes[:, 3]
+        return (away >= -1e-9 * np.abs(x).max(initial=1e-300)).all(axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Spread(Frozen):
+    """Tractions at points (n, 3) with a given resultant: ``f + c × (x - middle)``.
+
+    Uniform for a force; for a moment those of a rigid turn about the middle of the place, of which
+    the sum vanishes.
+    """
+
+    f: FloatArray
+    c: FloatArray
+    middle: FloatArray
+
+    def __call__(self, x: FloatArray) -> FloatArray:
+        """Tractions, shape (n, 3)."""
+        return self.f + np.cross(self.c, x - self.middle)
+
+
+def spread(kind: str, value: FloatArray, rule: Quadrature) -> Spread:
+    """Tractions with a resultant ``"force"`` or ``"moment"`` (3,) over a surface rule in space."""
+    w, x = rule.weights, rule.points
+    area, nothing = float(w.sum()), np.zeros(3)
+    middle = w @ x / area
+    if kind == "force":
+        return Spread(value / area, nothing, middle)
+    second = np.einsum("n,ni,nj->ij", w, x - middle, x - middle)
+    inertia = np.trace(second) * np.eye(3) - second
+    c = np.linalg.pinv(inertia, rcond=1e-12) @ value
+    if np.abs(inertia @ c - value).max() > 1e-9 * np.abs(value).max():
+        raise GeometryError("moment: its place is a line or a point, which cannot bear it")
+    return Spread(nothing, c, middle)

@@ -1,0 +1,121 @@
+"""Loads and supports on parts of the boundary in space, and resultants."""
+
+import numpy as np
+import pytest
+
+import ilattice as il
+from ilattice.errors import GeometryError, InputError
+
+pytestmark = pytest.mark.filterwarnings("ignore:.*energy:ilattice.errors.PrecisionWarning")
+
+
+@pytest.fixture(scope="module")
+def bar():
+    """A bar of 4 x 1 x 1, cut by no grid plane, on cells that do not fit it."""
+    body = il.fields.translate(il.fields.box((2.0, 0.5, 0.5)), (2.03, 0.48, 0.51))
+    grid = il.cutfem.cut(body, (14, 5, 5), domain=[[-0.2, -0.2, -0.2], [4.3, 1.2, 1.2]])
+    return il.cutfem.Elasticity(grid, young=100.0, poisson=0.0, degree=2)
+
+
+@pytest.fixture(scope="module")
+def wall():
+    through = il.macroshape.torus(major=3.0, width=1.4)
+    return il.Lattice("schwarz_p", through=through, repeat=(8, 1, 1), spans_per_tile=6).offset(0.12)
+
+
+def total(problem, about):
+    """Sum and moment of the forces on the functions, by the reaction of rigid fields."""
+    asm, f = problem.assembly, problem.forces()
+    x = asm.coordinates - about
+    return f.sum(axis=0), np.cross(x, f).sum(axis=0)
+
+
+def test_regions_in_space_are_held_and_loaded_like_faces(bar):
+    """A tension test: the ends are named by where they are."""
+    held = bar.clamp("x < 0.030001", components="n").clamp("y < -0.019999", components="n")
+    solved = (
+        held.clamp("z < 0.010001", components="n")
+        .load(force=(7.0, 0, 0), on=lambda x: x[:, 0] > 4.029999)
+    ).solve()  # fmt: skip
+    at = solved.at([[4.02, 0.3, 0.8], [2.03, 0.7, 0.3]])
+    np.testing.assert_allclose(at.displacement[:, 0], [7 / 100 * 3.99, 7 / 100 * 2.0], rtol=1e-6)
+    np.testing.assert_allclose(at.stress[:, 0], 7.0, rtol=1e-6)
+    held = solved.reactions
+    assert set(held) == {"x < 0.030001", "y < -0.019999", "z < 0.010001"}
+    np.testing.assert_allclose(held["x < 0.030001"], [-7.0, 0, 0], atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_resultants_are_exact_on_any_region(wall, seed):
+    """Random half-spaces through a curved wall: the sums are what was asked for."""
+    rng = np.random.default_rng(seed)
+    a, b = rng.normal(size=3), rng.uniform(0.5, 2.0)
+    force, moment = rng.normal(size=(2, 3))
+    problem = il.cutfem.Elasticity(wall, (24, 4, 4), degree=1).clamp("v=0")
+
+    def region(x):
+        return x @ a > b
+
+    f, _ = total(problem.load(force=force, on=region), np.zeros(3))
+    np.testing.assert_allclose(f, force, rtol=1e-9, atol=1e-12)
+    f, m = total(problem.load(moment=moment, on=region), np.zeros(3))
+    np.testing.assert_allclose(f, 0.0, atol=1e-9)
+    # degree 1 in a curved map reproduces turns to second order in the cells
+    np.testing.assert_allclose(m, moment, rtol=0.05, atol=0.05 * np.abs(moment).max())
+
+
+def test_moments_bend_a_bar(bar):
+    """Euler-Bernoulli is exact at Poisson's ratio 0: curvature M / (E I)."""
+    M = 0.7
+    held = bar.clamp("x < 0.030001")
+    solved = held.load(moment=(0, M, 0), on=[[4.029999, -9, -9], [9, 9, 9]]).solve()
+    tip = solved.at([[4.0, 0.48, 0.51]]).displacement[0, 2]
+    assert tip == pytest.approx(-M * (4.0 - 0.03) ** 2 / (2 * 100 / 12), rel=2e-3)
+    force = held.load(force=(0, 0, -0.2), on="x > 4.029999").load(
+        force=(0, 0, 0.1), on="x > 4.029999"
+    )
+    np.testing.assert_allclose(force.forces().sum(axis=0), [0, 0, -0.1], atol=1e-9)
+
+
+def test_names_are_narrowed_and_areas_known(wall):
+    problem = il.cutfem.Elasticity(wall, (24, 4, 4), degree=1)
+    half = problem.clamp("w=0", where="x > 0")
+    whole = problem.domain.boundary("w=0").weights.sum()
+    part = problem.domain.boundary(half.supports[0].on).weights.sum()
+    assert part == pytest.approx(whole / 2, rel=0.02)
+    assert str(half.supports[0].on) == "w=0 where x > 0"
+    everything = problem.domain.boundary("boundary").weights.sum()
+    names = ["v=0", "v=1", "w=0", "w=1", "surface"]
+    sums = sum(problem.domain.boundary(name).weights.sum() for name in names)
+    assert everything == pytest.approx(sums, rel=1e-12)
+    twice = half.spring("x > 0", 1.0).spring("x > 0", 2.0)
+    assert [str(s.on) for s in twice.springs] == ["x > 0", "x > 0 (2)"]
+
+
+def test_heat_flows_between_regions(bar):
+    heat = il.cutfem.Heat(bar.domain, conductivity=2.0).fix("x < 0.030001", 1.0)
+    solved = heat.fix([[4.029999, -9, -9], [9, 9, 9]], 3.0).solve()
+    assert solved.at([[2.03, 0.5, 0.5]]).temperature[0] == pytest.approx(2.0, rel=1e-6)
+    assert sum(solved.inflow.values()) == pytest.approx(0.0, abs=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("act", "error", "match"),
+    [
+        (lambda p: p.clamp("x > 9"), GeometryError, r"no surface there; the nearest is 4.97 away"),
+        (lambda p: p.clamp(lambda x: x[:, 0] > 9), GeometryError, "the surface reaches from"),
+        (lambda p: p.clamp("x = 9"), InputError, "on must be one of"),
+        (lambda p: p.clamp("x > y*y"), InputError, "not linear"),
+        (lambda p: p.clamp(lambda x: x[:, 0]), InputError, "returns n booleans"),
+        (lambda p: p.clamp(lambda _: True), InputError, "returns n booleans"),
+        (lambda p: p.clamp("x > 1", where="y > 0"), InputError, "where narrows"),
+        (lambda p: p.clamp("x > 1", components="n"), InputError, "not flat"),
+        (lambda p: p.clamp("x > 1", method="strong"), InputError, "only whole end faces.*nitsche"),
+        (lambda p: p.load(force=(1, 0, 0)), InputError, "need a place"),
+        (lambda p: p.load(force=1.0, on="x > 1"), InputError, "force"),
+        (lambda p: p.load(gravity=(1, 0, 0), on=lambda x: x[:, 0] > 1), InputError, "place"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(bar, act, error, match):
+    with pytest.raises(error, match=match):
+        act(bar)

@@ -1,0 +1,246 @@
+"""Pictures by what must be seen in them: never by stored pixels."""
+
+from pathlib import Path
+
+import meshes
+import numpy as np
+import pytest
+
+import ilattice as il
+from ilattice.errors import FormatError, InputError
+from ilattice.mesh import SurfaceMesh
+from ilattice.plot import Panels, Scene, animate
+from ilattice.plot.clips import as_planes, clipped
+
+SIZE = (260, 200)
+
+
+@pytest.fixture(scope="module")
+def ball():
+    axis = np.linspace(-1.2, 1.2, 25)
+    return il.mesh.contour(lambda x: (x**2).sum(axis=1) - 1.0, [axis] * 3)
+
+
+def shown(picture):
+    """Rows and columns from the first to the last pixel that is not white, and their share."""
+    inside = (picture.astype(int).sum(axis=2) < 3 * 250).nonzero()
+    return [(int(a.min()), int(a.max())) for a in inside]
+
+
+def near(picture, colour, by=40):
+    return (np.abs(picture.astype(int) - np.array(colour)).max(axis=2) < by).mean()
+
+
+@pytest.mark.parametrize("parallel", [False, True])
+@pytest.mark.parametrize("view", ["front", "top", (-60.0, 30.0), (17.0, -41.0), (200.0, 80.0)])
+def test_parts_fill_the_picture_and_are_in_the_middle(view, parallel):
+    """A slender body far from the origin, in perspective off its axes."""
+    vertices, faces = meshes.cube()
+    body = SurfaceMesh(vertices * [3.0, 0.4, 0.7] + [50.0, -20.0, 7.0], faces)
+    picture = Scene(size=SIZE, view=view, parallel=parallel).add(body).image()
+    (top, bottom), (left, right) = shown(picture)
+    margins = np.array([top, 199 - bottom, left, 259 - right])
+    assert margins.min() >= 2
+    fill = max((bottom - top) / 200, (right - left) / 260)
+    assert fill > 0.88
+    assert abs(margins[0] - margins[1]) <= 4
+    assert abs(margins[2] - margins[3]) <= 4
+
+
+def test_clips_show_the_inside_in_another_colour(ball):
+    scene = Scene(size=SIZE, view="front", occlusion=False).add(ball, color="white", cap="red")
+    whole, half = scene.image(), scene.clipped("y > 0.2").image()
+    red = [
+        ((p[..., 0] > 1.7 * p[..., 1]) & (p[..., 0] > 90)).mean() for p in map(wide, (whole, half))
+    ]
+    assert red[0] == 0.0
+    (top, bottom), (left, right) = shown(half)
+    disc = np.pi / 4 * (bottom - top) * (right - left) / (200 * 260)
+    assert red[1] == pytest.approx(disc, rel=0.1)
+
+
+def wide(picture):
+    return picture.astype(float)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_what_is_clipped_is_closed_and_has_its_volume(ball, seed):
+    """Caps of a ball of triangles in half-spaces, against volumes of the same by random points."""
+    rng = np.random.default_rng(seed)
+    normal, at = rng.normal(size=3), rng.uniform(-0.6, 0.6)
+    a, b, c = normal
+    words = f"{a:.17g}*x + {b:.17g}*y + ({c:.17g})*z > {at:.17g}"
+    kept, caps = clipped(ball.to_pyvista(), as_planes(words))
+    assert kept.merge(caps).clean(tolerance=1e-9).n_open_edges == 0
+    height = at / np.linalg.norm(normal)
+    exact = np.pi * (1 - height) ** 2 * (2 + height) / 3
+    both = kept.merge(caps).extract_surface(algorithm=None)
+    assert both.volume == pytest.approx(exact, rel=0.02)
+    assert caps.area == pytest.approx(np.pi * (1 - height**2), rel=0.02)
+    x = np.asarray(kept.points) @ normal
+    assert x.min() >= at - 1e-5
+
+
+def test_boxes_and_joined_conditions_keep_the_same(ball):
+    box = clipped(ball.to_pyvista(), as_planes([[0, -0.3, -5], [5, 0.4, 0.2]]))
+    words = "0 < x < 5 and y > -0.3 and 0.4 >= y and -5 <= z and z <= 1/5"
+    told = clipped(ball.to_pyvista(), as_planes(words))
+    for a, b in zip(box, told, strict=True):
+        assert a.area == pytest.approx(b.area, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    "clip",
+    ["y", "y >", "y == 1", "1 > 0", "x*x > 1", "x*y > 0", "w > 0", "x > 0 or y > 0", "abs(x) > 1",
+     "__import__('os') > 0", "x/0 > 1", [[0, 0, 0], [1, 0, 1]], [1, 2, 3], None, 3.0, "x > 'a'"],
+)  # fmt: skip
+def test_clips_that_cannot_be_read_are_refused(clip):
+    with pytest.raises(InputError, match="clip"):
+        as_planes(clip)
+
+
+def test_parts_have_their_own_colours(ball):
+    half = (ball.vertices[:, 0] > 0).astype(float)
+    mesh = SurfaceMesh(ball.vertices, ball.faces, {"r": half, "g": 0 * half, "b": 1 - half})
+    picture = Scene(size=SIZE, view="front").add(mesh).image().astype(int)
+    red, blue = (picture[..., a] > 3 * picture[..., b] + 60 for a, b in ((0, 2), (2, 0)))
+    assert red.mean() > 0.05
+    assert blue.mean() > 0.05
+    assert np.nonzero(red)[1].mean() > np.nonzero(blue)[1].mean()  # x points to the right
+
+
+def test_panels_share_a_colour_bar_and_its_limits(ball):
+    """The same number has the same colour in both, though one has larger numbers."""
+    scenes = []
+    for most in (1.0, 2.0):
+        data = {"t": np.where(ball.vertices[:, 2] > 0.9, most, 1.0 if most == 1.0 else 0.0)}
+        mesh = SurfaceMesh(ball.vertices, ball.faces, data)
+        scenes.append(Scene(view="front", occlusion=False).add(mesh, scalars="t", cmap="gray"))
+    picture = Panels(tuple(scenes), size=(520, 200)).image().astype(int)
+    left, right = picture[100, 110], picture[100, 340]
+    assert 80 < left.mean() < 200  # 1 of 0 to 2
+    assert right.mean() < 60  # 0
+    bars = [
+        (picture[:, a:b].std(axis=1).max(axis=1) > 0).sum() for a, b in ((225, 258), (480, 518))
+    ]
+    assert bars[0] == 0 or bars[0] < bars[1]
+
+
+def test_ghosts_lines_and_insets_are_seen(ball):
+    plain = Scene(size=SIZE, view="front", occlusion=False).add(ball, color="white")
+    boxed = plain.lines([[-2, -2, -2], [2, 2, 2]], color="red")
+    assert near(boxed.image(), (255, 0, 0), 90) > 0.001
+    assert near(plain.image(), (255, 0, 0), 90) == 0.0
+    ghost = Scene(size=SIZE, view="front").ghost(ball).image()
+    assert (ghost.sum(axis=2) < 3 * 250).mean() > 0.1
+    assert ghost.min() > 90
+    with_inset = plain.inset(Scene().add(ball, color="blue"), (0.7, 0.7, 0.28, 0.28)).image()
+    assert near(with_inset[:60, 182:], (0, 0, 255), 120) > 0.1
+    framed = plain.framed([[-4, -4, -4], [4, 4, 4]])
+    assert (framed.image().sum(axis=2) < 700).mean() < 0.3 * (
+        plain.image().sum(axis=2) < 700
+    ).mean()
+
+
+def test_scale_bars_and_titles_do_not_cover_the_part(ball):
+    plain = Scene(size=(400, 400), view="front", parallel=True).add(ball)
+    scene = Scene(size=(400, 400), view="front", parallel=True, scale_bar=True, title="a ball",
+                  unit="mm").add(ball)  # fmt: skip
+    (top, _), _ = shown(scene.image())
+    assert top < 25  # the title
+    brass = [near(s.image(), (240, 200, 150), 60) for s in (plain, scene)]
+    assert 0.4 * brass[0] < brass[1] < 0.95 * brass[0]
+
+
+def test_files(ball, tmp_path):
+    scene = Scene(size=(80, 60)).add(ball)
+    for name in ("a.png", "a.jpg", "a.gltf"):
+        scene.save(tmp_path / name)
+        assert (tmp_path / name).stat().st_size > 100
+    animate(scene.turntable(3), tmp_path / "a.gif")
+    from PIL import Image
+
+    with Image.open(tmp_path / "a.gif") as film:
+        assert film.n_frames == 3
+    for name in ("a.bmp", "a"):
+        with pytest.raises(FormatError):
+            scene.save(tmp_path / name)
+    with pytest.raises(FormatError, match="gif"):
+        animate([scene], tmp_path / "a.avi")
+    with pytest.raises(InputError, match="empty"):
+        animate([], tmp_path / "b.gif")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.gif", "a.gltf", "a.jpg", "a.png"]
+
+
+@pytest.mark.parametrize(
+    ("make", "match"),
+    [
+        (lambda _: Scene(size=(0, 3)), "size"),
+        (lambda _: Scene(background="nonsense"), "background"),
+        (lambda b: Scene().add(b, color="nonsense"), "color"),
+        (lambda b: Scene().add(b, scalars="t"), "scalars"),
+        (lambda _: Scene().add(3.0), "cannot be drawn"),
+        (lambda _: Scene().add([[1.0, 2.0]]), "shape"),
+        (lambda _: Scene().image(), "empty"),
+        (lambda b: Scene().add(b).clipped("x > 5").image(), "clipped away"),
+        (lambda _: Scene().framed([[1, 1, 1], [0, 0, 0]]), "box"),
+        (lambda b: Scene().add(b).inset(Scene(), (0.9, 0, 0.3, 0.3)), "place"),
+        (lambda _: Panels(()), "scenes"),
+        (lambda b: Panels((b,)), "scenes"),
+    ],
+)
+def test_what_cannot_be_shown_is_refused(ball, make, match):
+    with pytest.raises(InputError, match=match):
+        make(ball)
+
+
+# ------------------------------------------------------------------------------ plot() of classes
+
+
+def things():
+    """One of each class that can be plotted, cheap ones."""
+    box = il.macroshape.box((2.0, 1.0, 1.0))
+    lattice = il.Lattice("schwarz_p", through=box, repeat=(2, 1, 1), spans_per_tile=6)
+    wall = lattice.offset(0.15)
+    problem = il.cutfem.Elasticity(wall, (8, 4, 4), density=1.0, degree=1).clamp("u=0")
+    solution = problem.load(gravity=(0, 0, -1)).solve()
+    return {
+        "tile": il.tiles.gyroid(),
+        "cell": il.tiles.octet(radius=0.1),
+        "map": il.macroshape.torus(),
+        "lattice": lattice,
+        "slices": wall.slices(z=[0.2, 0.5, 0.8]),
+        "cut": solution.problem.domain.cut,
+        "solution": solution,
+        "estimate": solution.error_estimate(),
+        "mode": il.cutfem.natural_modes(problem, 1)[0],
+    }
+
+
+@pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
+def test_everything_can_be_plotted(tmp_path):
+    from PIL import Image
+
+    for name, thing in things().items():
+        path = tmp_path / f"{name}.png"
+        thing.plot(screenshot=path, size=SIZE, off_screen=True)
+        picture = np.asarray(Image.open(path))
+        (top, bottom), (left, right) = shown(picture)
+        assert max((bottom - top) / 200, (right - left) / 260) >= 0.6, name
+
+
+@pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
+def test_series_are_films(tmp_path):
+    wall = il.Lattice("schwarz_p", through=il.macroshape.box(), spans_per_tile=6).offset(0.15)
+    problem = il.cutfem.Elasticity(wall, 4, density=1.0, degree=1).clamp("u=0")
+    il.cutfem.natural_modes(problem, 2).animate(tmp_path / "modes.gif", size=(80, 60))
+    assert Path(tmp_path / "modes.gif").stat().st_size > 500
+
+
+def test_slices_are_drawn_filled(tmp_path):
+    wall = il.Lattice("schwarz_p", through=il.macroshape.box(), spans_per_tile=6).offset(0.15)
+    layer = wall.slices(z=[0.45])[0]
+    figure = layer.plot()
+    (patch, *_) = figure.axes[0].patches
+    assert len(patch.get_path().vertices) >= len(layer.loops[0])
+    figure.savefig(tmp_path / "a.png")
