@@ -40,6 +40,7 @@ BEYOND = 0.5  # widths of its cell that a vertex may be outside, where no triang
 TURNS = 30  # between planes and cells
 BOX = 3  # cells per side of the boxes in which triangles are compared
 TRIES = 12  # at most, to find places without crossing triangles
+BACK = -0.9  # cosine between normals of triangles that lie on each other
 RANK = 0.1  # smaller eigenvalues, as parts of the largest, are directions without a plane
 
 
@@ -100,7 +101,10 @@ def _suspects(
     off[at] = np.abs(value) > OFF * h * np.linalg.norm(gradient, axis=1)
     some = quads[bent[quads].any(axis=1)]
     normal = _normals(field, x[some].mean(axis=1))
-    return off, off | (bent & (_bends(len(x), some, normal) < BENT))
+    near = off | (bent & (_bends(len(x), some, normal) < BENT))
+    # of two vertices that cut a crease off, one may be on the surface, with quads of one side only
+    near[quads[near[quads].any(axis=1)]] = True
+    return off, near
 
 
 def _folded(
@@ -284,12 +288,23 @@ def _fold(
 ) -> None:  # fmt: skip
     """Split quads with two moved vertices along the diagonal whose middle is nearer to the surface.
 
-    Others keep their old diagonals.
+    Not along one beside the quad, where it is not convex, as beside curved creases: its triangles
+    would lie on each other. Other quads keep their old diagonals.
     """
     faces[2 * rows], faces[2 * rows + 1] = old[2 * rows], old[2 * rows + 1]
     two = moved[quads].sum(axis=1) >= 2
     quads, rows = quads[two], rows[two]
     a, b, c, d = quads.T
     turn = np.abs(field(0.5 * (x[b] + x[d]))) < np.abs(field(0.5 * (x[a] + x[c])))
+    straight, turned = _back_to_back(x, a, b, c, d), _back_to_back(x, b, c, d, a)
+    turn = np.where(straight != turned, straight, turn)
     faces[2 * rows] = np.where(turn[:, None], quads[:, [1, 2, 3]], quads[:, [0, 1, 2]])
     faces[2 * rows + 1] = np.where(turn[:, None], quads[:, [1, 3, 0]], quads[:, [0, 2, 3]])
+
+
+def _back_to_back(x: FloatArray, a: IntArray, b: IntArray, c: IntArray, d: IntArray) -> AnyArray:
+    """Whether the triangles a b c and a c d of quads lie on each other."""
+    one, two = np.cross(x[b] - x[a], x[c] - x[a]), np.cross(x[c] - x[a], x[d] - x[a])
+    size = np.linalg.norm(one, axis=1) * np.linalg.norm(two, axis=1)
+    out: AnyArray = np.einsum("ni,ni->n", one, two) < BACK * size
+    return out

@@ -23,10 +23,12 @@ from ilattice._validate import Frozen, as_kind, as_positive, as_triple
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.fields.algebra import clipped
 from ilattice.fields.node import Node, is_empty
+from ilattice.macroshape.maps import SplineMap
 from ilattice.mesh import SurfaceMesh
 from ilattice.mesh.contouring import contour, contour_arrays
 from ilattice.mesh.creases import sharpened
 from ilattice.mesh.repair import remove_slivers
+from ilattice.sdf._through import mesh_through
 from ilattice.sdf.mesh_distance import MeshDistance
 
 __all__ = ["Plan", "mesh", "plan"]
@@ -255,10 +257,11 @@ def _planes(ends: FloatArray, walls: FloatArray | None, h: float) -> FloatArray:
 
 
 def mesh(
-    solid: Node,
+    solid: Any,
     spacing: Any = None,
     *,
     tol: float | None = None,
+    through: SplineMap | None = None,
     memory: float = MEMORY,
     progress: Progress = None,
 ) -> SurfaceMesh:
@@ -267,7 +270,8 @@ def mesh(
     Parameters
     ----------
     solid : Node
-        Field with a finite box.
+        Field with a finite box; with `through` any field of the parameters of that map, such as
+        ``fields.intersection(wall.field, fields.pull_back(part, wall.through))``.
     spacing : float or (3,) array, optional
         Largest distance of the planes of the grid; default a hundredth of the longest side, or
         what the tolerance needs.
@@ -275,6 +279,9 @@ def mesh(
         Chord error: the spacing is halved until the middles of 90 % of the triangles (all but
         those along edges) are that close to the surface, to first order, and the mesh has the same
         number of handles as the one before.
+    through : SplineMap, optional
+        Map from the parameters in which the solid is given to space, where the mesh will be, with
+        edges of about `spacing`.
     memory : float
         Gigabytes that may be used.
     progress : bool or callable, optional
@@ -293,6 +300,10 @@ def mesh(
     GeometryError
         If there is no surface.
     """
+    if through is not None:
+        if tol is not None or spacing is None:
+            raise InputError("through needs a spacing, the length of edges in space, and no tol")
+        return mesh_through(solid, through, spacing, progress)
     if tol is None:
         return plan(solid, spacing, memory=memory).mesh(progress=progress)
     if spacing is not None:

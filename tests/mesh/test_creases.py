@@ -128,3 +128,23 @@ def test_the_side_is_right_next_to_slivers():
     true = TILTED(p)
     clear = np.abs(true) > 0.01
     assert ((il.sdf.MeshDistance(first)(p) < 0) == (true < 0))[clear].all()
+
+
+@pytest.mark.parametrize("on_grid", [True, False])
+@pytest.mark.parametrize("seed", range(4))
+def test_straight_and_curved_edges_are_sharp_wherever_the_grid_is(seed, on_grid):
+    """Of two vertices that cut an edge off one is on the surface; beside holes quads are hollow."""
+    rng = np.random.default_rng(seed)
+    shift = np.zeros(3) if on_grid else rng.uniform(-0.3, 0.3, 3)
+    half = np.array([3.0, 2.5, 1.0]) if on_grid else rng.uniform((2.5, 2, 0.9), (3.5, 2.5, 1.3))
+    base = il.fields.union(
+        il.fields.box(half), il.fields.translate(il.fields.box((0.6, 1.0, 2.0)), (-2.0, 0.0, 1.5))
+    )
+    hole = il.fields.translate(il.fields.cylinder(rng.uniform(0.7, 1.2)), (1.0, 0.2, 0.0))
+    solid = il.fields.translate(il.fields.difference(base, hole), shift)
+    h = 0.25 if on_grid else rng.uniform(0.2, 0.3)
+    mesh = il.sdf.mesh(solid, h)
+    assert mesh.is_watertight
+    assert np.abs(solid(mesh.vertices)).max() < 0.05 * h
+    off = np.abs(solid(mesh.vertices[mesh.faces].mean(axis=1))) > 0.05 * h
+    assert off.sum() <= 40  # at corners where three planes meet in one cell
