@@ -456,7 +456,7 @@ def _add_sdf(app: "App") -> None:
 
 def _sdf(words: Sequence[str]) -> None:
     """Carry out ``ilattice sdf``."""
-    from ilattice import __version__
+    from ilattice._version import __version__
     from ilattice.sdf.job import run
     from ilattice.sdf.manual import manual
 

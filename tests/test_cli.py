@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import ilattice as il
-from ilattice import __version__, _job, cli
+from ilattice._version import __version__
+from ilattice import _job, cli
 
 BUILD = {
     "--tile": ["schwarz_p"],

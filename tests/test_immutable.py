@@ -95,11 +95,10 @@ def examples():
 
 
 def below():
-    """What lattices and walls are made of, and the solid of a tile."""
+    """What lattices and walls are made of."""
     tiling = il.macroshape.Tiling("gyroid", through=il.macroshape.box(), repeat=1)
     middle = il.offsets.MidSurface("gyroid", through=tiling.through, repeat=1)
-    solid = il.Lattice("octet", through=tiling.through).offset((np.inf, 0.0))
-    return [il.fields.Field(), tiling, middle, il.offsets.offset_solid(middle, 0.1), solid]
+    return [il.fields.Field(), tiling, middle, il.offsets.offset_solid(middle, 0.1)]
 
 
 def cells():
