@@ -74,7 +74,7 @@ if TYPE_CHECKING:
         tiles,
         topology,
     )
-    from ilattice._version import __version__
+    from ilattice._version import __version__ as __version__
     from ilattice.bspline import BSpline
     from ilattice.lattice import Lattice, Wall
     from ilattice.macroshape import SplineMap

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 import ilattice as il
-from ilattice._version import __version__
-from ilattice import _job, cli
+from ilattice import __version__, _job, cli
 
 BUILD = {
     "--tile": ["schwarz_p"],
