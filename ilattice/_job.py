@@ -215,7 +215,7 @@ def build(
         **islands_of(mesh),
         "wall_volume": wall.known_volume,
         "self_intersections": mesh.self_intersections,
-        "held": int(mesh.point_data["held"].sum()),
+        "unconverged": int(mesh.point_data["unconverged"].sum()),
         "thickness_error": {
             k: getattr(error, k) for k in ("max", "p99", "rms", "relative", "missing")
         },

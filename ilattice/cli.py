@@ -528,7 +528,7 @@ def _summary(report: dict[str, Any]) -> None:
         print(f"{key.replace('_', ' '):>18}  {_text(report[key])}")
     if report.get("wall_volume") is not None:
         print(f"{'of the wall':>18}  {_text(report['wall_volume'])}")
-    for key in ("vertices", "faces", "held"):
+    for key in ("vertices", "faces", "unconverged"):
         print(f"{key:>18}  {_text(report[key])}")
     for key in ("thickness_error", "closest_points"):
         parts = (f"{name.replace('_', ' ')} {_text(value)}" for name, value in report[key].items())
