@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import ArrayLike, FloatArray
-from ilattice._validate import among, as_array, as_items, as_points
+from ilattice._validate import among, as_array, as_items, as_points, as_real
 from ilattice.errors import InputError
 
 #: Step of the differences that stand for derivatives.
@@ -41,6 +41,8 @@ class Field:
     ================  ==========================================================================
     """
 
+    __slots__ = ()
+
     def __call__(self, p: ArrayLike, /) -> FloatArray:
         """Values, shape (n,), at points ``p`` (n, 3)."""
         raise NotImplementedError
@@ -57,7 +59,14 @@ class Field:
         -------
         bool
             False where it has the default.
+
+        Raises
+        ------
+        InputError
+            For another name.
         """
+        if not among(name, ABILITIES):
+            raise InputError(f"name must be one of {', '.join(ABILITIES)}, got {name!r:.80}")
         return getattr(type(self), name) is not getattr(Field, name)
 
     def jet(self, p: ArrayLike, order: int = 2) -> tuple[FloatArray, ...]:
@@ -100,6 +109,8 @@ class Field:
             Values, one axis per direction.
         """
         ticks = [as_array(f"axes[{i}]", a, ndim=1) for i, a in enumerate(as_items("axes", axes))]
+        if not ticks:
+            raise InputError("axes must be 1-D arrays of coordinates, got none")
         points = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, len(ticks))
         return self(points).reshape(tuple(len(a) for a in ticks))
 
@@ -152,7 +163,9 @@ class Field:
         ndarray, shape (2, 3)
             Lower and upper corner.
         """
-        return np.array(self.bounds) if level <= 0.0 else np.array([[-np.inf] * 3, [np.inf] * 3])
+        if as_real("level", level) <= 0.0:
+            return np.array(self.bounds)
+        return np.array([[-np.inf] * 3, [np.inf] * 3])
 
     @property
     def node(self) -> Any:

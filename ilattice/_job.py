@@ -172,7 +172,7 @@ def build(
     """
     reports = [report] if report else []
     check_outputs([*output, *reports])
-    check_distinct({"--map": _files(through), "-o": output, "--report": reports})
+    check_distinct({"--through": _files(through), "-o": output, "--report": reports})
     check_endings(output, "SurfaceMesh")
     d = half_thickness(thickness)
     h = None if h is None else as_positive("h", h)
@@ -200,7 +200,8 @@ def build(
             mesh.save(path)
     inputs = {
         "tile": tile,
-        "map": through,
+        "through": through,
+        "map": through,  # its name until the next release
         "repeat": list(repeat),
         "thickness": thickness,
         "tol": tol,
@@ -214,7 +215,7 @@ def build(
         **islands_of(mesh),
         "wall_volume": wall.known_volume,
         "self_intersections": mesh.self_intersections,
-        "held": int(mesh.point_data["held"].sum()),
+        "unconverged": int(mesh.point_data["unconverged"].sum()),
         "thickness_error": {
             k: getattr(error, k) for k in ("max", "p99", "rms", "relative", "missing")
         },
@@ -260,7 +261,7 @@ def slices(
         Number of layers, their lower and upper end, and the files.
     """
     check_outputs(output)
-    check_distinct({"--map": _files(through), "-o": output})
+    check_distinct({"--through": _files(through), "-o": output})
     check_endings(output, "SliceStack")
     d = half_thickness(thickness)
     layer, h = as_positive("layer", layer), None if h is None else as_positive("h", h)

@@ -7,6 +7,7 @@ Warnings are lines on standard error too.
 """
 
 import os
+import re
 import sys
 import time
 import warnings
@@ -53,7 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if words[:1] == ["sdf"]:
                 _sdf(words[1:])  # of which Cyclopts would drop empty ones
             else:
-                _app()(words, exit_on_error=False, print_error=False)
+                _app()(_renamed(words), exit_on_error=False, print_error=False)
             if sys.stdout is not None:  # as it is where it was closed
                 sys.stdout.flush()
     except BrokenPipeError:
@@ -89,6 +90,15 @@ def _stop_writing() -> None:
 def _fail(message: str, code: int) -> int:
     _tell("error", message)
     return code
+
+
+def _renamed(words: Sequence[str]) -> list[str]:
+    """The words with today's names of options, for one release, and a warning of old ones."""
+    out = [re.sub(r"^--map(?==|$)", "--through", word) for word in words]
+    if out != list(words) and words[0] in ("build", "slice"):
+        _tell("warning", "--map is called --through now, and will be unknown in the next release")
+        return out
+    return list(words)
 
 
 def _warn(message: Warning | str, *_: Any, **__: Any) -> None:
@@ -156,7 +166,7 @@ def _add_build(app: "App") -> None:
     def build(
         *,
         tile: str,
-        map: str,
+        through: str,
         repeat: tuple[int, int, int],
         thickness: Thickness,
         output: Files,
@@ -175,7 +185,7 @@ def _add_build(app: "App") -> None:
         tile
             Name of a tile; see ``ilattice tiles``. Several, with commas in between, follow each
             other along the first direction that is not closed, with smooth transitions.
-        map
+        through
             Name of a built-in volume, or FILE, or FILE#patch.
         repeat
             Number of tiles along u, v and w.
@@ -202,7 +212,7 @@ def _add_build(app: "App") -> None:
         _summary(
             _job.build(
                 tile=tile,
-                through=map,
+                through=through,
                 repeat=repeat,
                 thickness=thickness,
                 tol=tol,
@@ -231,7 +241,7 @@ def _add_slice(app: "App") -> None:
     def slice_(
         *,
         tile: str,
-        map: str,
+        through: str,
         repeat: tuple[int, int, int],
         thickness: Thickness,
         layer: float,
@@ -247,7 +257,7 @@ def _add_slice(app: "App") -> None:
         tile
             Name of a tile; see ``ilattice tiles``. Several, with commas in between, follow each
             other along the first direction that is not closed, with smooth transitions.
-        map
+        through
             Name of a built-in volume, or FILE, or FILE#patch.
         repeat
             Number of tiles along u, v and w.
@@ -266,7 +276,7 @@ def _add_slice(app: "App") -> None:
         """
         report = _job.slices(
             tile=tile,
-            through=map,
+            through=through,
             repeat=repeat,
             thickness=thickness,
             layer=layer,
@@ -456,7 +466,7 @@ def _add_sdf(app: "App") -> None:
 
 def _sdf(words: Sequence[str]) -> None:
     """Carry out ``ilattice sdf``."""
-    from ilattice import __version__
+    from ilattice._version import __version__
     from ilattice.sdf.job import run
     from ilattice.sdf.manual import manual
 
@@ -518,7 +528,7 @@ def _summary(report: dict[str, Any]) -> None:
         print(f"{key.replace('_', ' '):>18}  {_text(report[key])}")
     if report.get("wall_volume") is not None:
         print(f"{'of the wall':>18}  {_text(report['wall_volume'])}")
-    for key in ("vertices", "faces", "held"):
+    for key in ("vertices", "faces", "unconverged"):
         print(f"{key:>18}  {_text(report[key])}")
     for key in ("thickness_error", "closest_points"):
         parts = (f"{name.replace('_', ' ')} {_text(value)}" for name, value in report[key].items())

@@ -347,7 +347,7 @@ class Judge:
     def vertices(self):
         """Vertices that are measured: random ones, half of them on edges of the domain."""
         data = self.mesh.point_data
-        on = np.flatnonzero((data["side"] != 0) & (data["held"] == 0))
+        on = np.flatnonzero((data["side"] != 0) & (data["unconverged"] == 0))
         if len(on) == 0:
             return on
         p = self.tile_coordinates(np.stack([data[k] for k in ("u", "v", "w")], axis=1)[on])
@@ -518,11 +518,11 @@ def _thickness(row, combo, lattice, wall, mesh, count):
     size = combo.d
     data = mesh.point_data
     on = data["side"] != 0
-    row["held"] = float((data["held"] != 0)[on].mean()) if on.any() else 0.0
+    row["held"] = float((data["unconverged"] != 0)[on].mean()) if on.any() else 0.0
     u = np.stack([data[k] for k in ("u", "v", "w")], axis=1)[on].astype(float)
     side = data["side"][on]
     error = wall._errors(u, side)[0] / size
-    free = data["held"][on] == 0
+    free = data["unconverged"][on] == 0
     row["off"] = float((error > 1e-3)[free].mean()) if free.any() else 0.0
     judge_ = Judge(combo, lattice, wall, mesh, count=count)
     at = judge_.vertices()
@@ -549,7 +549,7 @@ def _thickness(row, combo, lattice, wall, mesh, count):
 
 def _untold(row, mesh, told):
     """Vertices that are off without a warning that gives their number."""
-    held = int((mesh.point_data["held"] != 0).sum())
+    held = int((mesh.point_data["unconverged"] != 0).sum())
     if held <= max(1e-3 * len(mesh.vertices), 10):
         return []
     start = f"{held} of {len(mesh.vertices)} vertices could not be moved"

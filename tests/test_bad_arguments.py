@@ -23,7 +23,7 @@ from ilattice.errors import IlatticeError, InputError
 ROUNDS = int(os.environ.get("ILATTICE_ROUNDS", "2"))
 ROOMS = (
     "bspline", "tiles", "macroshape", "fields", "sdf", "mesh", "offsets", "cutfem", "io",
-    "homogenize", "minimal",
+    "homogenize", "minimal", "lattice", "linalg", "quadrature", "slicing", "topology",
 )  # fmt: skip
 SKIPPED = {"save_grid"}
 MOST_CALLS = 400_000  # of functions, within less than two seconds

@@ -41,7 +41,7 @@ def twice(x):
 def test_all_kernels_are_stamped_with_what_they_call():
     from ilattice.quadrature._kernels_drive import rules
 
-    file = Path(HOME / "cutfem" / "_kernels_drive.py")
+    file = Path(HOME / "quadrature" / "_kernels_drive.py")
     assert rules._cache._impl.locator.get_source_stamp() == _caching.stamp(file)
     names = {path.name for path in _caching._sources(file)}
     assert {"_kernels_rules.py", "_kernels_bases.py", "_kernels_bernstein.py"} <= names
@@ -67,7 +67,9 @@ def test_a_kernel_is_compiled_again_when_one_that_it_calls_has_changed(tmp_path)
     assert seen == [["6.0", "0"], ["6.0", "1"], ["15.0", "0"]]
 
 
-@pytest.mark.parametrize("first", ["bspline._kernels", "cutfem._kernels_drive", "fields", "sdf"])
+@pytest.mark.parametrize(
+    "first", ["bspline._kernels", "quadrature._kernels_drive", "fields", "sdf"]
+)
 def test_no_kernel_is_left_out_whatever_is_imported_first(first):
     command = [sys.executable, "-c", ALL, f"ilattice.{first}"]
     done = subprocess.run(command, capture_output=True, text=True, check=True)

@@ -14,7 +14,7 @@ from ilattice import __version__, _job, cli
 
 BUILD = {
     "--tile": ["schwarz_p"],
-    "--map": ["box"],
+    "--through": ["box"],
     "--repeat": ["1", "1", "1"],
     "--thickness": ["0.1 + 0.02*cos(2*pi*u)"],
     "--h": ["0.07"],
@@ -93,7 +93,7 @@ def test_features_of_the_wall_are_reported(tmp_path, capfd):
         ({"tile": ["gyroit"]}, "gyroid"),
         ({"tile": ["gyroid,iwq"]}, "iwp"),
         ({"seed": ["-1"]}, "seed"),
-        ({"map": ["tours"]}, "torus"),
+        ({"through": ["tours"]}, "torus"),
         ({"repeat": ["1", "0", "1"]}, "repeat"),
         ({"repeat": ["1", "x", "1"]}, "repeat"),
         ({"thickness": ["0.1+"]}, "0.1+"),
@@ -175,6 +175,20 @@ def test_warnings_are_lines_too(tmp_path, capfd):
     err = capfd.readouterr().err
     assert err.startswith("ilattice: warning: h=0.12 is coarse")
     assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize("joined", [False, True])
+def test_the_old_name_of_through_works_with_a_warning(joined, tmp_path, capfd):
+    arguments = ["slice", *words(h=["0.1"], thickness=["0.2"])[1:], "--layer", "0.3", "--rough"]
+    at = arguments.index("--through")
+    old = list(arguments)
+    old[at : at + 2] = [f"--map={arguments[at + 1]}"] if joined else ["--map", arguments[at + 1]]
+    files = tmp_path / "new.cli", tmp_path / "old.cli"
+    for command, file in zip((arguments, old), files, strict=True):
+        capfd.readouterr()
+        assert cli.main([*command, "-o", str(file)]) == 0
+    assert "--map is called --through now" in capfd.readouterr().err
+    assert files[0].read_bytes() == files[1].read_bytes()
 
 
 def test_a_missing_directory_is_noticed_before_the_work(tmp_path, capfd, monkeypatch):
@@ -262,7 +276,7 @@ def test_the_package_runs_as_a_module():
 def test_lengths_are_refused_before_any_work(h, tmp_path, monkeypatch, capsys):
     """It took as long as all distances, and left a folder."""
     monkeypatch.chdir(tmp_path)
-    part = ["--tile", "gyroid", "--map", "box", "--repeat", "1", "1", "1", "--thickness", "0.1"]
+    part = ["--tile", "gyroid", "--through", "box", "--repeat", "1", "1", "1", "--thickness", "0.1"]
     started = []
     monkeypatch.setattr(il.Lattice, "offset", lambda *_, **__: started.append(1))
     for words in (

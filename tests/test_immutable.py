@@ -21,11 +21,11 @@ from ilattice.errors import IlatticeError
 
 ROOMS = (
     "bspline", "tiles", "macroshape", "fields", "sdf", "mesh", "offsets", "cutfem", "io",
-    "homogenize", "minimal", "plot",
+    "homogenize", "minimal", "lattice", "linalg", "quadrature", "slicing", "topology", "plot",
 )  # fmt: skip
 #: Those that do something, and have no state that users could take for a result.
-TOOLS = {"offsets.ClosestPointSearch", "cutfem.Solver", "io.StreamedMeshWriter", "plot.Scene",
-         "plot.Panels"}  # fmt: skip
+TOOLS = {"offsets.ClosestPointSearch", "cutfem.Solver", "linalg.Solver", "io.StreamedMeshWriter",
+         "plot.Scene", "plot.Panels"}  # fmt: skip
 
 
 def public_classes():
@@ -90,9 +90,16 @@ def examples():
         il.cutfem.mass_properties(wall, 4), heat.evolve(1.0, steps=2), modes.report,
         solution.recovered(), temperature.recovered(), solution.error_estimate(),
         solution.report, il.cutfem.buckling(solution, 1), solid.assembly.space,
-        solution.at(point, outside="nan"), *cells(), *surfaces(),
+        solution.at(point, outside="nan"), *cells(), *surfaces(), *below(),
     ]  # fmt: skip
     return {type(thing): thing for thing in found}
+
+
+def below():
+    """What lattices and walls are made of."""
+    tiling = il.macroshape.Tiling("gyroid", through=il.macroshape.box(), repeat=1)
+    middle = il.offsets.MidSurface("gyroid", through=tiling.through, repeat=1)
+    return [il.fields.Field(), tiling, middle, il.offsets.offset_solid(middle, 0.1)]
 
 
 def cells():
@@ -253,7 +260,8 @@ def test_analysis_compiles_no_kernel_once_more_for_read_only_arrays(examples):
         thing = pickle.loads(pickle.dumps(examples[kind]))
         thing.solve().at(thing.assembly.coordinates[:0], outside="nan").data  # noqa: B018
     twice = []
-    for module in [m for name, m in sys.modules.items() if name.startswith("ilattice.cutfem._k")]:
+    compiled = tuple(f"ilattice.{room}._k" for room in ("cutfem", "quadrature", "linalg"))
+    for module in [m for name, m in sys.modules.items() if name.startswith(compiled)]:
         for name, kernel in vars(module).items():
             known = [str(s) for s in getattr(kernel, "signatures", ())]
             plain = [s.replace("readonly ", "").replace(", readonly", "") for s in known]

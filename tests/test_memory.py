@@ -149,7 +149,7 @@ def test_too_many_tiles_on_the_command_line_are_one_line(tmp_path, capfd):
         "build",
         "--tile",
         "gyroid",
-        "--map",
+        "--through",
         "box",
         "--repeat",
         "99999",

@@ -27,7 +27,7 @@ from ilattice.quadrature.rules import Quadrature
 BATCH = 1 << 15
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ElementGrid(DividedGrid):
     """A grid of which some cells have several elements.
 

@@ -44,7 +44,7 @@ LOOSE, AGREE = 1e-3, 1e-2
 ORDINALS = ("first", "second")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PhasedGrid(DividedGrid):
     """A grid with the elements of two phases.
 

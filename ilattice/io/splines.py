@@ -28,7 +28,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from ilattice._files import as_path
-from ilattice._validate import as_kind, near_names
+from ilattice._validate import near_names
 from ilattice.bspline import BSpline
 from ilattice.errors import FormatError, InputError
 from ilattice.io import gismo, irit, mfem, native
@@ -162,9 +162,10 @@ def save(obj: Any, path: str | os.PathLike[str]) -> None:
     """
     if isinstance(obj, BSpline):
         _format_of(path).write(obj, path, ())
-    else:
-        as_kind("obj", obj, "SplineMap")
+    elif any(kind.__name__ == "SplineMap" for kind in type(obj).__mro__):
         _format_of(path).write(obj.spline, path, obj.names)
+    else:
+        raise InputError(f"obj must be a SplineMap or a BSpline, got {type(obj).__name__}")
 
 
 def _format_of(path: str | os.PathLike[str]) -> SplineFormat:

@@ -6,7 +6,6 @@
 `offset`                  wall of Euclidean half-thickness
 `parametric_offset`       wall of first order, before the map
 `ParametricWall`          what that gives
-`SolidWall`               the solid of the tiles as it is
 `ThicknessReport`         how far a mesh is from the asked thickness
 ========================  ==================================================================
 """
@@ -14,7 +13,6 @@
 from ilattice.lattice.lattice import Lattice
 from ilattice.lattice.wall import (
     ParametricWall,
-    SolidWall,
     ThicknessReport,
     Wall,
     offset,
@@ -24,7 +22,6 @@ from ilattice.lattice.wall import (
 __all__ = [
     "Lattice",
     "ParametricWall",
-    "SolidWall",
     "ThicknessReport",
     "Wall",
     "offset",

@@ -116,8 +116,8 @@ class Wall(OffsetSolid):
         SurfaceMesh
             Outward oriented, with point data: signed_distance, half_thickness (on the side of the
             vertex), thickness (of both sides together; solids have none), parameters u, v, w, side
-            (0 on caps), held (1 where a vertex is off the offset, to keep triangles from
-            crossing), and the properties of the lattice.
+            (0 on caps), unconverged (1 where a vertex is off the offset, also to keep triangles
+            from crossing), and the properties of the lattice.
 
         Raises
         ------

@@ -8,12 +8,12 @@ when they should. The triangles of `wall_mesh` do not pass through each other
 may, for their neighbours may be gone. Walls thinner than one and a half edges are meshed from
 their mid-surface (`ilattice.mesh.sheets`), with slivers along their rims; meshes with long edges
 are compared with the volume of the wall (`ilattice.mesh.loss`). Vertices that are off the offset,
-because polishing fails or to keep triangles from crossing, are marked as ``held`` in the point data
-and, where they are more than one in a thousand, counted in a `PrecisionWarning`, above one in a
-hundred in a `ConvergenceError`; those next to jumps of the distance, in corners of the domain
-beyond which the map folds (`ilattice.offsets.closest`), are warned of only. All others are on it to
-a ten-thousandth of the half-thickness. Non-guarantee: where two offset surfaces meet in a crease,
-triangles do not follow the crease.
+because polishing fails or to keep triangles from crossing, are marked as ``unconverged`` in the
+point data and, where they are more than one in a thousand, counted in a `PrecisionWarning`, above
+one in a hundred in a `ConvergenceError`; those next to jumps of the distance, in corners of the
+domain beyond which the map folds (`ilattice.offsets.closest`), are warned of only. All others are
+on it to a ten-thousandth of the half-thickness. Non-guarantee: where two offset surfaces meet in a
+crease, triangles do not follow the crease.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ def wall_mesh(
     _check(off, of.crease[kept], exactly=job.polish)
     _warn(int(held.sum()), len(kept), new.left)
     faces = _outward(wall, new.repair.faces)
-    data = _point_data(wall, new.u[kept], side[kept]) | {"held": held.astype(np.int8)}
+    data = _point_data(wall, new.u[kept], side[kept]) | {"unconverged": held.astype(np.int8)}
     mesh = SurfaceMesh._adopt(new.x[kept].astype(dtype, copy=False), faces, data)
     if mesh.vertices.dtype == np.float64:
         mesh.__dict__["self_intersections"] = new.left  # known, needs no other search

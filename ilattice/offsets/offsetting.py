@@ -11,7 +11,7 @@ import numpy as np
 
 from ilattice._progress import Progress
 from ilattice._typing import ArrayLike
-from ilattice._validate import as_positive
+from ilattice._validate import as_kind, as_positive
 from ilattice.errors import InputError
 from ilattice.offsets.density import thickness_of_density
 from ilattice.offsets.distance_spline import distance_spline
@@ -46,7 +46,13 @@ def offset_solid(
     -------
     OffsetSolid
         The solid.
+
+    Raises
+    ------
+    InputError
+        If `lattice` is none, or as in `ilattice.lattice.offset`.
     """
+    as_kind("lattice", lattice, "MidSurface")
     if points is not None or values is not None:
         if d is not None or points is None or values is None:
             raise InputError("give points and values together, in place of d")

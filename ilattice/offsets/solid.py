@@ -22,7 +22,7 @@ import numpy as np
 
 from ilattice._field import Field, as_boxes, owns
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
-from ilattice._validate import as_points
+from ilattice._validate import as_points, read_only
 from ilattice.bspline import BSpline
 from ilattice.errors import ConvergenceError, GeometryError, PrecisionWarning
 from ilattice.offsets.distance_spline import DEGREE, distance_spline, interpolated
@@ -74,7 +74,7 @@ class TileField(Field):
             )
         #: Twice the volume by the area: the thickness of a plate, the radius of a rod.
         self.width = 2.0 * filled / area if area > 0.0 else np.inf
-        self.c = self.scale * np.array([f.min(), f.max()])
+        self.c = read_only(self.scale * np.array([f.min(), f.max()]))
 
     @property
     def bounds(self) -> FloatArray:

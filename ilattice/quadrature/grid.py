@@ -51,7 +51,7 @@ IN, CUT, OUT = -1, 0, 1
 WORTH_TELLING = 2e-3
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Grid(Frozen):
     """Tensor grid of boxes.
 
@@ -79,6 +79,10 @@ class Grid(Frozen):
                 raise InputError(f"axes[{i}] must hold two or more increasing numbers")
             planes.append(read_only(x.copy()))
         object.__setattr__(self, "axes", tuple(planes))
+
+    def __repr__(self) -> str:
+        closed = f", closed={self.closed}" if any(self.closed) else ""
+        return f"Grid({' x '.join(map(str, self.shape))} cells{closed})"
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -147,7 +151,7 @@ class Grid(Frozen):
         return out
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class DividedGrid(Grid):
     """A grid of which some cells have several elements, numbered beyond the cells.
 
@@ -202,7 +206,7 @@ class DividedGrid(Grid):
         return np.where(beyond < 0, elements, self.parents[np.maximum(beyond, 0)])
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class CutGrid(Frozen):
     """Level sets on a grid: made by `cut`.
 
@@ -219,6 +223,11 @@ class CutGrid(Frozen):
     grid: Grid
     sets: LevelSets
     through: SplineMap | None = None
+
+    def __repr__(self) -> str:
+        inside, cut, _ = (int((self.status == sign).sum()) for sign in (IN, CUT, OUT))
+        size = " x ".join(map(str, self.grid.shape))
+        return f"CutGrid({size} cells: {inside} in, {cut} cut, of {self.sets!r})"
 
     @cached_property
     def pieces(self) -> "Pieces | FieldPieces":

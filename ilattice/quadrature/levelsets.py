@@ -39,7 +39,7 @@ BATCH = 1 << 14
 PER_PIECE = 24  # bytes of memory
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class LevelSets(Frozen):
     """One or two level sets, or fields, over a box.
 
@@ -68,6 +68,10 @@ class LevelSets(Frozen):
     domain: FloatArray
     degree: int
     crossing: bool = False
+
+    def __repr__(self) -> str:
+        made = "splines" if self.exact else "fields, interpolated"
+        return f"LevelSets({self.count} of {made}, degree={self.degree})"
 
     @property
     def count(self) -> int:

@@ -48,7 +48,7 @@ def test_the_command_sdf_counts_and_removes_islands(tmp_path, monkeypatch, capsy
 
 def test_the_command_build_counts_and_removes_islands(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    words = ["build", "--tile", "gyroid", "--map", "box", "--repeat", "1", "1", "1",
+    words = ["build", "--tile", "gyroid", "--through", "box", "--repeat", "1", "1", "1",
              "--thickness", "0.06", "-o", "a.stl", "--h", "0.05", "--report", "a.json"]  # fmt: skip
     reports = []
     for extra in ([], ["--remove-islands"]):

@@ -54,7 +54,7 @@ def test_walls_of_schwarz_p_far_thinner_than_the_mesh_are_whole(seed):
     distance = np.abs(wall.lattice.distance(np.stack([mesh.point_data[k] for k in "uvw"], axis=1)))
     off = np.abs(distance / d - 1.0)[mesh.point_data["side"] != 0]
     assert np.percentile(off, 99) < 1e-3
-    assert mesh.point_data["held"].mean() < 1e-3
+    assert mesh.point_data["unconverged"].mean() < 1e-3
     assert off_faces(mesh, volume) < 1e-9 * scale
     assert wall.thickness_error(mesh).missing == 0.0
 
@@ -109,7 +109,7 @@ def test_thin_walls_in_other_shapes(tile, through, repeat, d, h):
     mesh = wall.mesh(h)
     sound(mesh)
     assert mesh.volume == pytest.approx(wall.volume(), rel=0.05)
-    assert mesh.point_data["held"].mean() <= 1e-3
+    assert mesh.point_data["unconverged"].mean() <= 1e-3
     report = wall.thickness_error(mesh)
     assert report.relative < 1e-3
     assert report.missing < 5e-3  # tips in corners of the domain

@@ -112,7 +112,7 @@ def test_vertices_move_along_the_offset_until_nothing_crosses(monkeypatch):
     assert mesh.is_watertight
     assert mesh.is_oriented
     assert np.percentile(mesh.quality, 1) >= 0.3
-    assert mesh.point_data["held"].sum() == 0
+    assert mesh.point_data["unconverged"].sum() == 0
     assert wall.thickness_error(mesh).relative_max <= 1e-5
     monkeypatch.setattr(wall_mesh, "untangled", as_polished)
     with pytest.warns(PrecisionWarning, match="pairs of triangles pass through each other"):
@@ -126,7 +126,7 @@ def test_vertices_move_along_the_offset_until_nothing_crosses(monkeypatch):
 def is_exact(name, h):
     """All vertices on the offset of 0.05, no triangles that cross, closed, of good shape."""
     mesh = wall_of(name).mesh(h)
-    assert mesh.point_data["held"].sum() == 0
+    assert mesh.point_data["unconverged"].sum() == 0
     assert wall_of(name).thickness_error(mesh).relative_max < 1e-6
     assert len(by_libigl(mesh.vertices, mesh.faces)) == 0
     assert mesh.is_watertight
@@ -154,7 +154,7 @@ def test_a_wall_whose_pores_close_along_a_torus_is_on_the_offset():
     with pytest.warns(PrecisionWarning, match="vertices could not be moved onto the offset"):
         mesh = wall.mesh(0.12)
     assert wall.thickness_error(mesh).relative < 1e-6
-    assert mesh.point_data["held"].mean() < 5e-3
+    assert mesh.point_data["unconverged"].mean() < 5e-3
     assert len(by_libigl(mesh.vertices, mesh.faces)) == 0
     assert mesh.is_watertight
 
@@ -193,7 +193,7 @@ def test_vertices_are_held_back_where_nothing_else_helps(monkeypatch):
     with pytest.warns(PrecisionWarning, match="vertices could not be moved onto the offset"):
         mesh = wall.mesh(0.03)
     assert len(by_libigl(mesh.vertices, mesh.faces)) == 0
-    held = mesh.point_data["held"] != 0
+    held = mesh.point_data["unconverged"] != 0
     assert 0 < held.sum() < 0.03 * len(held)
     u, side = (np.stack([mesh.point_data[k] for k in "uvw"], axis=1), mesh.point_data["side"])
     assert (side[held] != 0).all()

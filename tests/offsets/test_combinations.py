@@ -36,9 +36,9 @@ def test_vertices_on_edges_of_the_domain_are_on_the_offset():
         mesh = wall.mesh(0.08)
     data = mesh.point_data
     u = np.stack([data[k] for k in "uvw"], axis=1)
-    on = (data["side"] != 0) & (data["held"] == 0)
+    on = (data["side"] != 0) & (data["unconverged"] == 0)
     assert np.abs(lattice.distance(u[on]) + 0.05).max() < 1e-4 * 0.05
-    assert (data["held"] != 0).sum() < 3e-3 * len(u)
+    assert (data["unconverged"] != 0).sum() < 3e-3 * len(u)
     lo, hi = lattice.domain
     edge = ((u == lo) | (u == hi)).sum(axis=1) == 2
     assert (edge & on).sum() > 5

@@ -83,7 +83,7 @@ def test_meshes_and_slices_go_by_what_was_asked_where_the_fit_is_off(lattice, na
         wall = lattice.offset(f)
         mesh = wall.mesh(h=0.06)
     data = mesh.point_data
-    on = (data["side"] != 0) & (data["held"] == 0)
+    on = (data["side"] != 0) & (data["unconverged"] == 0)
     u = np.stack([data[k] for k in "uvw"], axis=1)[on]
     error = np.abs(np.abs(lattice.distance(u)) - f(u)) / f(u)
     assert np.percentile(error, 99) < 1e-5

@@ -201,9 +201,10 @@ def test_gradient_bounds(name):
     waves, amplitude = field.modes()
     apart = (np.abs(amplitude.real) + np.abs(amplitude.imag)) @ np.linalg.norm(waves, axis=1)
     assert 2 * np.pi * apart == pytest.approx(split, rel=1e-3)
-    mixed = name in ("c_y", "y", "q_star")
-    assert field.lipschitz == pytest.approx(split, rel=1e-3) or mixed
-    assert field.lipschitz < split * (0.95 if mixed else 1.001)
+    if name in ("c_y", "y", "q_star"):  # sines and cosines of one wave, whose modes add up
+        assert field.lipschitz < 0.95 * split
+    else:
+        assert field.lipschitz == pytest.approx(split, rel=1e-3)
     a = naive.samples(36)
     p = np.stack(np.meshgrid(a, a, a, indexing="ij"), axis=-1).reshape(-1, 3)
     size = np.linalg.norm(field.jet(p, 1)[1], axis=1).max()
