@@ -12,6 +12,7 @@ Rooms, from the bottom up:
 `cutfem`                  background grids, cut cells, quadrature, elasticity, heat
 `minimal`                 triangle minimal surfaces, their symmetries, tiles of them
 `homogenize`              effective properties of cells that repeat
+`cost`                    corner-sharing tetrahedra: rigid micro-structures, loads, beams
 `io`                      one file per format: STL, PLY, OBJ, 3MF, VTK, G+Smo, MFEM, IRIT
 `sdf`                     solids from commands and from meshes, as fields
 ========================  ==================================================================
@@ -52,6 +53,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from ilattice import (
         bspline,
+        cost,
         cutfem,
         errors,
         fields,
@@ -81,6 +83,7 @@ __all__ = [
     "Tile",
     "Wall",
     "bspline",
+    "cost",
     "cutfem",
     "errors",
     "fields",

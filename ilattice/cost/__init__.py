@@ -1,0 +1,1 @@
+"""Corner-sharing tetrahedra."""
