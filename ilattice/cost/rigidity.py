@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.linalg import qr
+from scipy.linalg import eigh, qr
 from scipy.sparse import csc_array, csr_array
 from scipy.sparse.linalg import splu
 
@@ -37,6 +37,12 @@ DENSE = 6000
 #: Part of the largest pivot below which one is zero; what is within `UNSURE` of it is warned of.
 TOLERANCE = 1e-9
 UNSURE = 1e3
+#: Edges from which on the sparse LU of structures of the right count is tried first; it proves full
+#: rank if no pivot is below this part of the largest.
+SPARSE, CLEAR = 400, 1e-7
+#: Part of the largest eigenvalue of the squared matrix below which one is zero, and the largest
+#: change of a length, over lengths of edges, by a motion that then counts as one.
+SINGULAR, ACCURATE = 1e-12, 1e-9
 #: Perturbation for generic ranks, in mean lengths of edges.
 PERTURBATION = 0.05
 
@@ -181,9 +187,11 @@ def analysed(
 ) -> Rigidity:  # fmt: skip
     """Rank of the rigidity matrix.
 
-    Up to 6000 edges or freedoms by a dense QR factorisation with column pivots. Above that by
-    sparse LU, which can prove full rank only: of structures with as many edges as minimal rigidity
-    has, or fewer.
+    By a sparse LU factorisation where there are as many edges as minimal rigidity needs and its
+    pivots prove full rank, else with all vertices that have two simplices eliminated, if the
+    motions that are found keep all lengths to 1e-9, else, up to 6000 edges or freedoms, by a dense
+    QR factorisation with column pivots. Above that full rank can be proved only, of structures with
+    no more edges.
 
     Parameters
     ----------
@@ -242,6 +250,16 @@ def analysed(
 def _pivots(k: CornerSharing) -> FloatArray:
     """Absolute pivots of the matrix, scaled by the mean length of edges."""
     R = matrix(k) / float(k.lengths.mean())
+    if k.deficit == 0 and len(k.edges) > SPARSE:
+        pivots = _sparse_pivots(R, k)
+        if pivots.min() > CLEAR * pivots.max():
+            return pivots
+    if len(k.edges) > SPARSE:
+        at = np.flatnonzero(k.incidence[:, 1] < 0)
+        columns = (k.dim * at[:, None] + np.arange(k.dim)).ravel()
+        found = _by_elimination(R, columns) if 0 < len(columns) <= DENSE // 2 else None
+        if found is not None:
+            return found[1]
     if min(R.shape) <= DENSE:
         need(24.0 * R.shape[0] * R.shape[1], "a dense factorisation", "analyse a smaller part")
         tall = R.T if R.shape[0] < R.shape[1] else R
@@ -289,6 +307,69 @@ def free_columns(k: CornerSharing) -> IntArray:
 
 
 # ------------------------------------------------------------------------------ null spaces
+
+
+def motions(k: CornerSharing, ends: IntArray) -> tuple[FloatArray, int]:
+    """Motions that change no length, at some vertices, and the rank of the matrix.
+
+    All other vertices are eliminated by sparse LU of the square of the matrix; if that does not
+    keep the lengths to 1e-9, by dense QR.
+    """
+    R = matrix(k) / float(k.lengths.mean())
+    columns = (k.dim * ends[:, None] + np.arange(k.dim)).ravel()
+    if len(columns) <= DENSE:
+        found = _by_elimination(R, columns)
+        if found is not None:
+            return found[0], R.shape[1] - found[0].shape[1]
+    if max(R.shape) > DENSE:
+        raise GeometryError(
+            f"motions of {len(k.positions)} vertices, {len(ends)} of which lack edges, are too "
+            "many to be found, or edges depend on each other; stiffen smaller parts, by 'pattern', "
+            "or use generic=True"
+        )
+    Q, upper, _ = qr(R.T.toarray(), pivoting=True, overwrite_a=True, check_finite=False)
+    p = np.abs(np.diag(upper))
+    rank = int((p > TOLERANCE * p.max(initial=0.0)).sum())
+    return _orthonormal(Q[columns, rank:]), rank
+
+
+def _by_elimination(R: csr_array, columns: IntArray) -> tuple[FloatArray, FloatArray] | None:
+    """Motions (c, z) at some coordinates, and all pivots, by the Schur complement of Rᵀ R.
+
+    None if they are not accurate, or there must be motions that leave these coordinates alone.
+    """
+    rest = np.setdiff1d(np.arange(R.shape[1]), columns)
+    A, B = csc_array(R[:, rest]), csc_array(R[:, columns])
+    S = (B.T @ B).toarray()
+    X = np.zeros((len(rest), len(columns)))
+    if len(rest):
+        try:
+            inner = splu(csc_array(A.T @ A), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0)
+        except RuntimeError:
+            return None
+        u = np.abs(inner.U.diagonal())
+        if u.min() <= SINGULAR * u.max():
+            return None
+        C = csc_array(A.T @ B).toarray()
+        X = inner.solve(C)
+        S -= C.T @ X
+    values, Z = eigh(S, overwrite_a=True, check_finite=False)
+    count = int((values < SINGULAR * values[-1]).sum())
+    Z = Z[:, :count]
+    off = np.abs(B @ Z - A @ (X @ Z)).max(initial=0.0)
+    if off > ACCURATE or count < R.shape[1] - R.shape[0]:
+        return None
+    pivots = np.full(min(R.shape), values[-1])
+    pivots[: len(values) - count] = values[count:]
+    pivots[R.shape[1] - count :] = 0.0
+    return Z, np.sqrt(pivots)
+
+
+def _orthonormal(Z: FloatArray) -> FloatArray:
+    """Orthonormal basis of the columns, fewer than these if they depend on each other."""
+    Q, upper, _ = qr(Z, mode="economic", pivoting=True, check_finite=False)
+    p = np.abs(np.diag(upper))
+    return np.asarray(Q[:, : int((p > TOLERANCE * p.max(initial=0.0)).sum())])
 
 
 def rigid_motions(k: CornerSharing) -> FloatArray:
