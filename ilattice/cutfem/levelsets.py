@@ -433,7 +433,10 @@ class _Negative:
 
 
 def _intersection(fields: tuple[Any, ...], domain: FloatArray | None) -> FloatArray:
-    boxes = [np.asarray(f.bounds, np.float64) for f in fields if hasattr(f, "bounds")]
+    boxes = [
+        np.asarray(f.analysis_box if hasattr(f, "analysis_box") else f.bounds, np.float64)
+        for f in fields if hasattr(f, "bounds")
+    ]  # fmt: skip
     if domain is not None:
         box = domain
         for f in fields:

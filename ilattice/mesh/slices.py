@@ -40,6 +40,8 @@ from ilattice.mesh._mesh_slicer import MeshSlicer
 from ilattice.mesh._slicer import BLOCK, Slicer, as_frame, extent
 
 if TYPE_CHECKING:
+    from ilattice.fields.node import Node
+    from ilattice.mesh.field_slices import FieldSlicer
     from ilattice.mesh.surface import SurfaceMesh
     from ilattice.offsets.wall import Wall
 
@@ -150,9 +152,11 @@ class Slice(Frozen):
 class SliceStack(Frozen):
     """Slices of a part, each computed when asked for; made by `Wall.slices`, `SurfaceMesh.slices`.
 
+    Those of any field are made by `ilattice.mesh.slice_field`.
+
     Attributes
     ----------
-    part : Wall or SurfaceMesh
+    part : Wall, SurfaceMesh or Node
         What is cut.
     heights, tops : ndarray, shape (n,)
         Where the planes cut, and up to where each slice stands for the wall.
@@ -160,16 +164,16 @@ class SliceStack(Frozen):
         From where the lowest one stands for it.
     frame : ndarray, shape (3, 3)
         Rows: the two directions in the planes, and their normal.
-    slicer : Slicer or MeshSlicer
+    slicer : Slicer, MeshSlicer or FieldSlicer
         What cuts.
     """
 
-    part: "Wall | SurfaceMesh"
+    part: "Wall | SurfaceMesh | Node"
     heights: FloatArray
     tops: FloatArray
     bottom: float
     frame: FloatArray
-    slicer: Slicer | MeshSlicer
+    slicer: "Slicer | MeshSlicer | FieldSlicer"
 
     def __repr__(self) -> str:
         return f"SliceStack({len(self)} slices from {self.bottom:g} to {self.tops[-1]:g})"
@@ -273,7 +277,7 @@ def slice_wall(
         "use a larger h or fewer tiles",
     )
     slicer = Slicer(InPlane(wall, axes, frame, h, polish))
-    heights, tops, bottom = _layers(z, thickness, extent(slicer.height))
+    heights, tops, bottom = layers(z, thickness, extent(slicer.height))
     return SliceStack(wall, read_only(heights), read_only(tops), bottom, read_only(frame), slicer)
 
 
@@ -287,11 +291,11 @@ def slice_mesh(
     """Slices of a closed mesh; see `ilattice.mesh.SurfaceMesh.slices`."""
     frame = as_frame(as_triple("normal", normal))
     slicer = MeshSlicer(mesh, frame)
-    heights, tops, bottom = _layers(z, thickness, slicer.ends)
+    heights, tops, bottom = layers(z, thickness, slicer.ends)
     return SliceStack(mesh, read_only(heights), read_only(tops), bottom, read_only(frame), slicer)
 
 
-def _layers(
+def layers(
     z: ArrayLike | None, thickness: float | None, ends: tuple[float, float]
 ) -> tuple[FloatArray, FloatArray, float]:
     """Heights of the cuts, upper ends of the layers, lower end of the first."""

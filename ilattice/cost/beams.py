@@ -1,0 +1,408 @@
+"""Edges as round cones: a solid that is a field, meshed, sliced, intersected, analysed, printed.
+
+A beam is the union of the balls along an edge whose radii go linearly from one end to the other.
+The field is the least of the distances to all beams, less their radii: outside it is the exact
+distance to the solid.
+
+Guarantees: values are exact up to rounding, for any number of beams, in logarithmic time by a tree
+of boxes; `range` is rigorous (the field is 1-Lipschitz); the same bits for any number of threads.
+Analyses (`cutfem`) get the pieces of the beams, which are quadrics: creases between beams are not
+smeared.
+Not guaranteed: between vertices a radius that is a function of position is linear; how far that is
+off is warned of.
+"""
+
+import os
+import warnings
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ilattice._memory import need
+from ilattice._progress import Progress
+from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
+from ilattice._validate import as_array, as_kind, as_points, asked
+from ilattice.cost import _kernels_beams as kernels
+from ilattice.cost.structure import CornerSharing, _numbers
+from ilattice.errors import GeometryError, InputError, PrecisionWarning
+from ilattice.fields._program import Builder, Point
+from ilattice.fields.node import Node
+from ilattice.mesh.field_slices import slice_field
+from ilattice.mesh.slices import SliceStack
+from ilattice.mesh.surface import SurfaceMesh
+from ilattice.sdf import _kernels_bvh as tree
+
+#: Most beams of one box of an analysis; where there are more it is halved.
+MOST_PIECES = 16
+#: Part of the radius that a linear radius may be off in the middle of a beam before a warning.
+UNEVEN = 0.05
+PER_BEAM = 400.0  # bytes
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Beams(Node):
+    """A solid of round beams between vertices.
+
+    Attributes
+    ----------
+    vertices : ndarray, shape (n, 3)
+        Ends of the beams.
+    pairs : ndarray of int, shape (e, 2)
+        Their numbers.
+    radii : ndarray, shape (e, 2)
+        Radii at the ends of each.
+    """
+
+    vertices: FloatArray
+    pairs: IntArray
+    radii: FloatArray
+
+    def __post_init__(self) -> None:
+        """Check the arrays."""
+        x = as_points("vertices", self.vertices)
+        pairs = _numbers("pairs", self.pairs, 2, len(x))
+        if not len(pairs):
+            raise InputError("pairs must not be empty: there is no beam")
+        r = as_array("radii", self.radii)
+        if r.shape != (len(pairs), 2):
+            raise InputError(f"radii must have shape ({len(pairs)}, 2), got {r.shape}")
+        if not (r > 0.0).all():
+            i = int(np.argmax((r <= 0.0).any(axis=1)))
+            raise InputError(f"radii must be positive, but radii[{i}] is {r[i].tolist()}")
+        flat = (x[pairs[:, 0]] == x[pairs[:, 1]]).all(axis=1)
+        if flat.any():
+            i = int(np.argmax(flat))
+            raise InputError(f"pairs[{i}] {pairs[i].tolist()} has both ends at one place; drop it")
+        need(PER_BEAM * len(pairs), f"{len(pairs)} beams", "use fewer, or Blocks")
+        put = object.__setattr__
+        for name, value in (("vertices", x), ("pairs", pairs), ("radii", r)):
+            put(self, name, np.array(value))
+        super().__post_init__()
+
+    def __repr__(self) -> str:
+        low, high = self.radii.min(), self.radii.max()
+        return f"Beams({len(self.pairs)} beams, radii from {low:.3g} to {high:.3g})"
+
+    # ------------------------------------------------------------------ tree
+
+    @cached_property
+    def _tree(self) -> tuple[AnyArray, ...]:
+        """Boxes, largest radii, links and beams of the tree, and the numbers of its beams."""
+        a, b = self.vertices[self.pairs[:, 0]], self.vertices[self.pairs[:, 1]]
+        lo, hi = np.minimum(a, b), np.maximum(a, b)
+        m = len(lo)
+        order = np.arange(m)
+        box, link = np.empty((2 * m, 6)), np.empty((2 * m, 3), np.int64)
+        count = tree.build(lo, hi, order, box, link)
+        beam = np.hstack([self.radii, a, b])[order]
+        box, link = box[:count].copy(), link[:count].copy()
+        wide = np.empty(count)
+        kernels.widest(link, beam, wide)
+        return box, wide, link, beam, order
+
+    # ------------------------------------------------------------------ field
+
+    def _emit(self, b: Builder, p: Point) -> int:
+        return b.leaf(self, p)
+
+    def _box(self, level: float = 0.0) -> FloatArray:
+        r = np.maximum(self.radii + level, 0.0)
+        x = self.vertices[self.pairs]
+        kept = (self.radii + level >= 0.0)[..., None]
+        low = np.where(kept, x - r[..., None], np.inf)
+        high = np.where(kept, x + r[..., None], -np.inf)
+        return np.stack([low.min(axis=(0, 1)), high.max(axis=(0, 1))])
+
+    @property
+    def analysis_box(self) -> FloatArray:
+        """The box of the vertices, in which an analysis takes place unless told otherwise.
+
+        Beams that end on its faces are cut through their middle, so that they can be held there.
+        """
+        used = self.vertices[self.pairs.ravel()]
+        low, high = used.min(axis=0), used.max(axis=0)
+        flat = high - low <= 1e-9 * float((high - low).max())
+        box = self._box()
+        return np.stack([np.where(flat, box[0], low), np.where(flat, box[1], high)])
+
+    def values(self, points: FloatArray) -> FloatArray:
+        """Values (n,) at checked points (n, 3)."""
+        out = np.empty(len(points))
+        box, wide, link, beam, _ = self._tree
+        kernels.values(len(points), np.array(points), box, wide, link, beam, out)
+        return out
+
+    def __call__(self, p: ArrayLike, /) -> FloatArray:
+        """Values, shape (n,), at points ``p`` (n, 3)."""
+        return self.values(as_points("p", p))
+
+    def jets(self, points: FloatArray, order: int) -> tuple[FloatArray, ...]:
+        """Values, gradients and Hessians at checked points."""
+        n = len(points)
+        f, g, h = np.empty(n), np.empty((n, 3)), np.empty((n if order == 2 else 0, 3, 3))
+        box, wide, link, beam, _ = self._tree
+        kernels.jets(n, np.array(points), box, wide, link, beam, order, f, g, h)
+        return (f, g, h)[: order + 1]
+
+    def bounds_on(self, lo: FloatArray, hi: FloatArray, moved: bool) -> FloatArray:
+        """Bounds and steepness (n, 3) on boxes."""
+        out = np.tile([-np.inf, np.inf, np.inf], (len(lo), 1))
+        finite = np.isfinite(lo).all(axis=1) & np.isfinite(hi).all(axis=1)
+        if finite.any():
+            a, b = lo[finite], hi[finite]
+            reach = 0.5 * np.linalg.norm(b - a, axis=1)
+            f = self.values(0.5 * (a + b))
+            slack = 1e-13 * (np.abs(f) + np.abs(a).max(axis=1) + np.abs(b).max(axis=1))
+            out[finite, 0], out[finite, 1] = f - reach - slack, f + reach + slack
+        if not moved:
+            out[:, 2] = 1.0
+        return out
+
+    # ------------------------------------------------------------------ pieces for analyses
+
+    def parts_on(self, lo: FloatArray, hi: FloatArray) -> list[tuple[int, ...] | None]:
+        """Beams that may be nearest somewhere in boxes (n, 3); None for more than can be taken."""
+        reach = np.linalg.norm(hi - lo, axis=1) * (1.0 + 1e-9)
+        rows = np.empty((len(lo), MOST_PIECES), np.int64)
+        count = np.empty(len(lo), np.int64)
+        box, wide, link, beam, _ = self._tree
+        kernels.among(len(lo), 0.5 * (lo + hi), reach, box, wide, link, beam, rows, count)
+        return [
+            tuple(row[:c]) if c <= MOST_PIECES else None
+            for row, c in zip(rows.tolist(), count.tolist(), strict=True)
+        ]
+
+    def sets_of(self, part: int, level: float) -> tuple[tuple[Node, ...], ...]:
+        """Where the value of one beam is below a level: a union of intersections {f < 0}."""
+        beam = self._tree[3][part]
+        ra, rb = float(beam[0] + level), float(beam[1] + level)
+        a, b = beam[2:5], beam[5:8]
+        length = float(np.linalg.norm(b - a))
+        s = (ra - rb) / length
+        balls = [_Quadric(np.eye(3), x, -r * r) for x, r in ((a, ra), (b, rb)) if r > 0.0]
+        if abs(s) >= 1.0 or max(ra, rb) <= 0.0:
+            return tuple((q,) for q in (balls[:1] if s > 0.0 else balls[-1:]))
+        if min(ra, rb) <= 0.0:  # the cone ends in a tip between the ends
+            tip = a + (b - a) * (ra / (ra - rb))
+            a, b, ra, rb = (a, tip, ra, 0.0) if ra > rb else (tip, b, 0.0, rb)
+        e = (b - a) / np.linalg.norm(b - a)
+        return (*((q,) for q in balls), _cone(a, b, e, ra, rb, s))
+
+    # ------------------------------------------------------------------ what to do with it
+
+    def mesh(
+        self, h: float | None = None, *, tol: float | None = None, progress: Progress = None
+    ) -> SurfaceMesh:
+        """Closed surface of the solid, with sharp creases between beams.
+
+        Parameters
+        ----------
+        h : float, optional
+            Spacing of the grid: a third of the least radius or less.
+        tol : float, optional
+            Chord error instead; see `ilattice.sdf.mesh`.
+        progress : bool or callable, optional
+            See `ilattice._progress.track`.
+
+        Returns
+        -------
+        SurfaceMesh
+            The surface.
+        """
+        from ilattice.sdf.meshing import mesh
+
+        spacing = float(self.radii.min()) / 3.0 if h is None and tol is None else h
+        return mesh(self, spacing, tol=tol, progress=progress)
+
+    def slices(self, z: ArrayLike | None = None, **options: Any) -> SliceStack:
+        """Contours at heights; see `ilattice.mesh.slice_field`.
+
+        Parameters
+        ----------
+        z : array_like, optional
+            Heights; or give ``thickness``, that of layers.
+        **options
+            See there; `h` is half the least radius by default.
+
+        Returns
+        -------
+        SliceStack
+            Slices, each computed when asked for.
+        """
+        options.setdefault("h", 0.5 * float(self.radii.min()))
+        return slice_field(self, z, **options)
+
+    def save(self, path: str | os.PathLike[str], **options: Any) -> None:
+        """Write the beams: 3MF (beam lattice), VTP or VTU (lines with radii).
+
+        Parameters
+        ----------
+        path : path-like
+            File to write; its ending names the format.
+        **options
+            See the writer of the format in `ilattice.io`.
+        """
+        from ilattice.io import save
+
+        save(self, path, **options)
+
+
+@dataclass(frozen=True, eq=False)
+class _Quadric(Node):
+    """(x - c)ᵀ A (x - c) + constant."""
+
+    matrix: FloatArray
+    centre: FloatArray
+    constant: float
+
+    def _emit(self, b: Builder, p: Point) -> int:
+        d = [b.sub(p[a], b.const(float(self.centre[a]))) for a in range(3)]
+        terms = [
+            b.scaled(float(self.matrix[i, j]) * (1.0 if i == j else 2.0), b.mul(d[i], d[j]))
+            for i in range(3) for j in range(i, 3) if self.matrix[i, j] != 0.0
+        ]  # fmt: skip
+        return b.add(*terms, b.const(self.constant))
+
+
+@dataclass(frozen=True, eq=False)
+class _Plane(Node):
+    """n x - offset."""
+
+    normal: FloatArray
+    offset: float
+
+    def _emit(self, b: Builder, p: Point) -> int:
+        terms = [b.scaled(float(n), p[a]) for a, n in enumerate(self.normal) if n != 0.0]
+        return b.sub(b.add(*terms), b.const(self.offset))
+
+
+def _cone(
+    a: FloatArray, b: FloatArray, e: FloatArray, ra: float, rb: float, s: float
+) -> tuple[Node, ...]:
+    """The part of a round cone between the circles where its balls touch it.
+
+    It is ρ² (1 - s²) < (ra - s z)² for the distance ρ from the axis and the height z above a.
+    """
+    eet = np.outer(e, e)
+    if s == 0.0:
+        side: Node = _Quadric(np.eye(3) - eet, a, -ra * ra)
+    else:
+        apex = a + e * (ra / s)
+        side = _Quadric((1.0 - s * s) * np.eye(3) - eet, apex, 0.0)
+    low, high = float(e @ a) + ra * s, float(e @ b) + rb * s
+    return side, _Plane(-e, -low), _Plane(e, high)
+
+
+def beams(k: CornerSharing, radius: Any, *, check: bool = True) -> Beams:
+    """Edges of a structure as round cones.
+
+    Parameters
+    ----------
+    k : CornerSharing
+        The structure; one in the plane lies at z = 0.
+    radius : float, array_like or callable
+        One for all, one per vertex (n,), one per edge (e,), both ends of each edge (e, 2), or a
+        function of points (n, 3) that gives radii (n,); it is taken at the vertices.
+    check : bool
+        Refuse radii that fill a simplex, or that swallow a whole beam.
+
+    Returns
+    -------
+    Beams
+        The solid.
+
+    Raises
+    ------
+    InputError
+        For radii that are not positive or of another shape.
+    GeometryError
+        If beams fill a simplex or close all its faces, or the ball at an end of an edge holds the
+        other one; the message names the first.
+
+    Warns
+    -----
+    PrecisionWarning
+        If a function is off by more than 5 % from linear in the middle of an edge.
+    """
+    as_kind("k", k, "CornerSharing")
+    x = np.pad(k.positions, ((0, 0), (0, 3 - k.dim)))
+    r = _radii(k, x, radius)
+    out = Beams(x, k.edges, r)
+    if check:
+        _check_swallowed(k, r)
+    return out
+
+
+def _radii(k: CornerSharing, x: FloatArray, radius: Any) -> FloatArray:
+    """Radii (e, 2) at the ends of edges."""
+    n, e = len(x), k.edges
+    if callable(radius):
+        at = as_array("radius", asked("radius", radius, x.copy()))
+        middle = x[e].mean(axis=1)
+        there = as_array("radius", asked("radius", radius, middle.copy()))
+        if at.shape != (n,) or there.shape != (len(e),):
+            raise InputError(f"radius must give one value per point, ({n},), got {at.shape}")
+        off = np.abs(there - at[e].mean(axis=1)) / np.maximum(np.abs(there), 1e-300)
+        if off.max(initial=0.0) > UNEVEN:
+            warnings.warn(
+                f"the radius in the middle of edges is off by up to {100 * off.max():.2g} % from "
+                "the linear one between their ends: refine, or use a smoother radius",
+                PrecisionWarning,
+                stacklevel=4,
+            )
+        return np.asarray(at[e])
+    r = as_array("radius", radius)
+    if np.ndim(radius) == 0:
+        return np.full((len(e), 2), float(r.ravel()[0]))
+    if r.shape == (len(e), 2):
+        return r
+    if r.shape == (len(e),) and n != len(e):
+        return np.stack([r, r], axis=1)
+    if r.shape == (n,) and n != len(e):
+        return np.asarray(r[e])
+    raise InputError(
+        f"radius must be one number, one per vertex ({n},), one per edge ({len(e)},), both ends of "
+        f"edges ({len(e)}, 2), or a function, got shape {r.shape}"
+    )
+
+
+def _check_swallowed(k: CornerSharing, r: FloatArray) -> None:
+    """Refuse beams that lie in a ball at their end, and simplices that are filled or sealed."""
+    inside = np.flatnonzero(np.abs(r[:, 1] - r[:, 0]) >= k.lengths)
+    if len(inside):
+        i = int(inside[0])
+        raise GeometryError(
+            f"the ball at one end of edge {i} {k.edges[i].tolist()} holds the other one: radii "
+            f"{r[i].tolist()}, length {k.lengths[i]:.3g} ({len(inside)} edges are so)"
+        )
+    d, m = k.dim, len(k.simplices)
+    own = len(k.edges[: m * d * (d + 1) // 2]) // max(m, 1)
+    ends, radii = k.positions[k.edges[: m * own]].reshape(m, own, 2, d), r[: m * own]
+    radii = radii.reshape(m, own, 2).min(axis=2)
+    corners = k.positions[k.simplices]
+    spots = [corners.mean(axis=1)]
+    if d == 3:
+        spots += [np.delete(corners, j, axis=1).mean(axis=1) for j in range(4)]
+    held = [(_distances(p, ends) <= radii).any(axis=1) for p in spots]
+    full = held[0] | (np.all(held[1:], axis=0) if d == 3 else False)
+    if full.any():
+        i = int(np.argmax(full))
+        raise GeometryError(
+            f"beams fill simplex {i} {k.simplices[i].tolist()}, or close all its faces, with radii "
+            f"up to {radii[i].max():.3g} and edges from {_shortest(ends[i]):.3g} "
+            f"({int(full.sum())} of {m} are so): use smaller radii"
+        )
+
+
+def _distances(p: FloatArray, ends: FloatArray) -> FloatArray:
+    """Distances (m, e) of points (m, d) from segments (m, e, 2, d)."""
+    a, way = ends[:, :, 0], ends[:, :, 1] - ends[:, :, 0]
+    t = ((p[:, None] - a) * way).sum(axis=2) / np.maximum((way**2).sum(axis=2), 1e-300)
+    foot = a + np.clip(t, 0.0, 1.0)[..., None] * way
+    return np.asarray(np.linalg.norm(p[:, None] - foot, axis=2))
+
+
+def _shortest(ends: FloatArray) -> float:
+    return float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).min())
