@@ -6,8 +6,7 @@ distance to the solid.
 
 Guarantees: values are exact up to rounding, for any number of beams, in logarithmic time by a tree
 of boxes; `range` is rigorous (the field is 1-Lipschitz); the same bits for any number of threads.
-Analyses (`cutfem`) get the pieces of the beams, which are quadrics: creases between beams are not
-smeared.
+Analyses (`cutfem`) get the beams one by one: creases between them are not smeared.
 Not guaranteed: between vertices a radius that is a function of position is linear; how far that is
 off is warned of.
 """
@@ -148,47 +147,71 @@ class Beams(Node):
 
     def bounds_on(self, lo: FloatArray, hi: FloatArray, moved: bool) -> FloatArray:
         """Bounds and steepness (n, 3) on boxes."""
-        out = np.tile([-np.inf, np.inf, np.inf], (len(lo), 1))
-        finite = np.isfinite(lo).all(axis=1) & np.isfinite(hi).all(axis=1)
-        if finite.any():
-            a, b = lo[finite], hi[finite]
-            reach = 0.5 * np.linalg.norm(b - a, axis=1)
-            f = self.values(0.5 * (a + b))
-            slack = 1e-13 * (np.abs(f) + np.abs(a).max(axis=1) + np.abs(b).max(axis=1))
-            out[finite, 0], out[finite, 1] = f - reach - slack, f + reach + slack
-        if not moved:
-            out[:, 2] = 1.0
-        return out
+        return _bounds(self.values, lo, hi, moved)
 
     # ------------------------------------------------------------------ pieces for analyses
 
-    def parts_on(self, lo: FloatArray, hi: FloatArray) -> list[tuple[int, ...] | None]:
-        """Beams that may be nearest somewhere in boxes (n, 3); None for more than can be taken."""
-        reach = np.linalg.norm(hi - lo, axis=1) * (1.0 + 1e-9)
-        rows = np.empty((len(lo), MOST_PIECES), np.int64)
-        count = np.empty(len(lo), np.int64)
-        box, wide, link, beam, _ = self._tree
-        kernels.among(len(lo), 0.5 * (lo + hi), reach, box, wide, link, beam, rows, count)
-        return [
-            tuple(row[:c]) if c <= MOST_PIECES else None
-            for row, c in zip(rows.tolist(), count.tolist(), strict=True)
-        ]
+    @cached_property
+    def _round(self) -> AnyArray:
+        """Vertices (n,) at which all beams have one radius: a ball that several of them share."""
+        low = np.full(len(self.vertices), np.inf)
+        high = np.full(len(self.vertices), -np.inf)
+        np.minimum.at(low, self.pairs, self.radii)
+        np.maximum.at(high, self.pairs, self.radii)
+        return np.asarray(low == high)
 
-    def sets_of(self, part: int, level: float) -> tuple[tuple[Node, ...], ...]:
-        """Where the value of one beam is below a level: a union of intersections {f < 0}."""
-        beam = self._tree[3][part]
-        ra, rb = float(beam[0] + level), float(beam[1] + level)
-        a, b = beam[2:5], beam[5:8]
-        length = float(np.linalg.norm(b - a))
-        s = (ra - rb) / length
-        balls = [_Quadric(np.eye(3), x, -r * r) for x, r in ((a, ra), (b, rb)) if r > 0.0]
-        if abs(s) >= 1.0 or max(ra, rb) <= 0.0:
-            return tuple((q,) for q in (balls[:1] if s > 0.0 else balls[-1:]))
-        if min(ra, rb) <= 0.0:  # the cone ends in a tip between the ends
-            tip = a + (b - a) * (ra / (ra - rb))
-            a, b, ra, rb = (a, tip, ra, 0.0) if ra > rb else (tip, b, 0.0, rb)
-        e = (b - a) / np.linalg.norm(b - a)
-        return (*((q,) for q in balls), _cone(a, b, e, ra, rb, s))
+    def parts_on(self, lo: FloatArray, hi: FloatArray) -> list[tuple[int, ...] | None]:
+        """Pieces that may be nearest somewhere in boxes (n, 3); None for more than can be taken.
+
+        Numbers of beams, and, from their count on, balls at vertices, where a box lies so that its
+        points are nearest to the end of all beams there.
+        """
+        reach = np.linalg.norm(hi - lo, axis=1) * (1.0 + 1e-9)
+        rows = np.full((len(lo), MOST_PIECES), -1, np.int64)
+        count = np.empty(len(lo), np.int64)
+        middle = 0.5 * (lo + hi)
+        box, wide, link, beam, order = self._tree
+        kernels.among(len(lo), middle, reach, box, wide, link, beam, rows, count)
+        end = self._ends(rows, middle, 0.5 * reach)
+        out: list[tuple[int, ...] | None] = []
+        for row, which, c in zip(rows.tolist(), end.tolist(), count.tolist(), strict=True):
+            out.append(None if c > MOST_PIECES else self._pieces(row[:c], which, order))
+        return out
+
+    def _ends(self, rows: IntArray, middle: FloatArray, reach: FloatArray) -> IntArray:
+        """The end, 0 or 1, of beams that all of a box is nearest to; 2 where that is not so."""
+        beam = self._tree[3][rows]
+        way = beam[..., 5:8] - beam[..., 2:5]
+        length = np.linalg.norm(way, axis=2)
+        s = np.clip((beam[..., 1] - beam[..., 0]) / length, -1.0, 1.0)
+        steep = s / np.sqrt(np.maximum(1.0 - s * s, 1e-12))
+        p = middle[:, None] - beam[..., 2:5]
+        z = (p * way).sum(axis=2) / length
+        off = np.sqrt(np.maximum((p * p).sum(axis=2) - z * z, 0.0))
+        t, slack = z + steep * off, reach[:, None] * (1.0 + np.abs(steep))
+        return np.asarray(np.where(t + slack <= 0.0, 0, np.where(t - slack >= length, 1, 2)))
+
+    def _pieces(self, row: list[int], which: list[int], order: IntArray) -> tuple[int, ...]:
+        """Beams, and balls that are part of none of these."""
+        whole, balls = set(), set()
+        for i, end in zip(row, which, strict=False):
+            vertex = int(self.pairs[order[i], end]) if end < 2 else -1
+            if vertex >= 0 and self._round[vertex]:
+                balls.add(vertex)
+            else:
+                whole.add(i)
+        covered = {int(v) for i in whole for v in self.pairs[order[i]]}
+        return tuple(sorted(whole) + sorted(len(order) + v for v in balls - covered))
+
+    def part(self, number: int) -> Node:
+        """One of the pieces of `parts_on`: the distance to a beam, or to a ball."""
+        beam, order = self._tree[3], self._tree[4]
+        if number < len(order):
+            return _Beam(beam[number])
+        v = number - len(order)
+        at = np.argwhere(self.pairs == v)[0]
+        x, r = self.vertices[v], self.radii[tuple(at)]
+        return _Beam(np.concatenate([[r, r], x, x]))
 
     # ------------------------------------------------------------------ what to do with it
 
@@ -250,49 +273,42 @@ class Beams(Node):
 
 
 @dataclass(frozen=True, eq=False)
-class _Quadric(Node):
-    """(x - c)ᵀ A (x - c) + constant."""
+class _Beam(Node):
+    """Distance to one beam, or to a ball if both ends are one point; smooth away from its axis."""
 
-    matrix: FloatArray
-    centre: FloatArray
-    constant: float
+    row: FloatArray
 
     def _emit(self, b: Builder, p: Point) -> int:
-        d = [b.sub(p[a], b.const(float(self.centre[a]))) for a in range(3)]
-        terms = [
-            b.scaled(float(self.matrix[i, j]) * (1.0 if i == j else 2.0), b.mul(d[i], d[j]))
-            for i in range(3) for j in range(i, 3) if self.matrix[i, j] != 0.0
-        ]  # fmt: skip
-        return b.add(*terms, b.const(self.constant))
+        return b.leaf(self, p)
+
+    def values(self, points: FloatArray) -> FloatArray:
+        """Values (n,) at points (n, 3)."""
+        out = np.empty(len(points))
+        kernels.single(len(points), np.array(points), np.array(self.row), out)
+        return out
+
+    def range(self, lo: ArrayLike, hi: ArrayLike) -> FloatArray:
+        """Bounds (n, 2) on boxes."""
+        return self.bounds_on(np.asarray(lo), np.asarray(hi), True)[:, :2]
+
+    def bounds_on(self, lo: FloatArray, hi: FloatArray, moved: bool) -> FloatArray:
+        """Bounds and steepness (n, 3) on finite boxes."""
+        return _bounds(self.values, lo, hi, moved)
 
 
-@dataclass(frozen=True, eq=False)
-class _Plane(Node):
-    """n x - offset."""
-
-    normal: FloatArray
-    offset: float
-
-    def _emit(self, b: Builder, p: Point) -> int:
-        terms = [b.scaled(float(n), p[a]) for a, n in enumerate(self.normal) if n != 0.0]
-        return b.sub(b.add(*terms), b.const(self.offset))
-
-
-def _cone(
-    a: FloatArray, b: FloatArray, e: FloatArray, ra: float, rb: float, s: float
-) -> tuple[Node, ...]:
-    """The part of a round cone between the circles where its balls touch it.
-
-    It is ρ² (1 - s²) < (ra - s z)² for the distance ρ from the axis and the height z above a.
-    """
-    eet = np.outer(e, e)
-    if s == 0.0:
-        side: Node = _Quadric(np.eye(3) - eet, a, -ra * ra)
-    else:
-        apex = a + e * (ra / s)
-        side = _Quadric((1.0 - s * s) * np.eye(3) - eet, apex, 0.0)
-    low, high = float(e @ a) + ra * s, float(e @ b) + rb * s
-    return side, _Plane(-e, -low), _Plane(e, high)
+def _bounds(f: Any, lo: FloatArray, hi: FloatArray, moved: bool) -> FloatArray:
+    """Bounds and steepness (n, 3) on boxes of a field that changes no faster than distances."""
+    out = np.tile([-np.inf, np.inf, np.inf], (len(lo), 1))
+    finite = np.isfinite(lo).all(axis=1) & np.isfinite(hi).all(axis=1)
+    if finite.any():
+        a, b = lo[finite], hi[finite]
+        reach = 0.5 * np.linalg.norm(b - a, axis=1)
+        v = f(0.5 * (a + b))
+        slack = 1e-13 * (np.abs(v) + np.abs(a).max(axis=1) + np.abs(b).max(axis=1))
+        out[finite, 0], out[finite, 1] = v - reach - slack, v + reach + slack
+    if not moved:
+        out[:, 2] = 1.0
+    return out
 
 
 def beams(k: CornerSharing, radius: Any, *, check: bool = True) -> Beams:

@@ -126,7 +126,7 @@ def stacked(
     Returns
     -------
     CornerSharing
-        Vertices layer by layer, then apices.
+        Vertices layer by layer, then apices; those that no tetrahedron has are left out.
 
     Raises
     ------
@@ -153,7 +153,8 @@ def stacked(
         rows += [np.hstack([t + i * n, at]), np.hstack([t + (i + 1) * n, at])]
         places.append(top)
         first += len(t)
-    return CornerSharing(np.concatenate(places), np.concatenate(rows)).check()
+    used, name = np.unique(np.concatenate(rows), return_inverse=True)
+    return CornerSharing(np.concatenate(places)[used], name.reshape(-1, 4)).check()
 
 
 def two_coloured(layer: CornerSharing) -> IntArray:

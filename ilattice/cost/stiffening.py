@@ -21,12 +21,12 @@ from scipy.optimize import Bounds, LinearConstraint, milp
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
-from ilattice._typing import FloatArray, IntArray
+from ilattice._typing import ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_choice, as_flag, as_kind, as_positive, as_whole
 from ilattice.cost.joining import boundary_faces
 from ilattice.cost.refinement import area, facets
 from ilattice.cost.rigidity import DENSE, TOLERANCE, motions
-from ilattice.cost.structure import CornerSharing
+from ilattice.cost.structure import CornerSharing, _numbers
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 
 #: Lengths of bars that are tried in turn, in mean lengths of edges.
@@ -108,6 +108,39 @@ def _tell_rank(k: CornerSharing) -> None:
 # ------------------------------------------------------------------------------ matroid
 
 
+def completed(k: CornerSharing, bars: ArrayLike) -> CornerSharing:
+    """The structure with independent ones of given bars, which must make it rigid.
+
+    Parameters
+    ----------
+    k : CornerSharing
+        The structure.
+    bars : array_like of int, shape (b, 2)
+        Bars to choose from.
+
+    Returns
+    -------
+    CornerSharing
+        Rigid.
+
+    Raises
+    ------
+    GeometryError
+        If they do not suffice at these positions: the message tells the rank that they reach.
+    """
+    found = _numbers("bars", bars, 2, len(k.positions))
+    ends = np.unique(np.concatenate([_deficient(k), found.ravel()]))
+    Z, rank = motions(k, ends)
+    wanted = k.positions.size - k.trivial - rank
+    picked = _pivots(_rows(k, found, ends, Z), wanted)
+    if len(picked) < wanted:
+        raise GeometryError(
+            f"these {len(found)} bars reach a rank of {rank + len(picked)} of {rank + wanted}, "
+            f"{wanted - len(picked)} short: offer more"
+        )
+    return k.with_bars(found[np.sort(picked)])
+
+
 def _deficient(k: CornerSharing) -> IntArray:
     """Vertices with fewer edges than two simplices give."""
     return np.flatnonzero(k.valence < 2 * k.dim)
@@ -181,12 +214,12 @@ def _rows(k: CornerSharing, bars: IntArray, ends: IntArray, Z: FloatArray) -> Fl
 
 
 def _pivots(rows: FloatArray, most: int) -> IntArray:
-    """Rows that are independent, best-conditioned first, at most so many."""
+    """Rows of size about 1 that are independent, best-conditioned first, at most so many."""
     if not len(rows) or most == 0:
         return np.zeros(0, np.int64)
     upper, order = qr(rows.T, mode="r", pivoting=True, check_finite=False)
     p = np.abs(np.diag(upper))
-    return np.asarray(order[: min(int((p > TOLERANCE * p.max(initial=0.0)).sum()), most)])
+    return np.asarray(order[: min(int((p > TOLERANCE).sum()), most)])
 
 
 def _without(Z: FloatArray, rows: FloatArray) -> FloatArray:

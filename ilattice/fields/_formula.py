@@ -186,7 +186,7 @@ class Leaf:
     @property
     def bounded(self) -> bool:
         """Whether its bounds are finite on finite boxes: where all of it has a formula or them."""
-        return all(hasattr(getattr(leaf, "f", None), "range") for leaf, _ in self.program.leaves)
+        return all(hasattr(getattr(leaf, "f", leaf), "range") for leaf, _ in self.program.leaves)
 
 
 class Splitter:
@@ -214,6 +214,7 @@ class Splitter:
         ]  # fmt: skip
         self._parts: dict[tuple[int, ...], int] = {}
         self.parts: list[tuple[int, ...]] = []
+        self.pieces: dict[tuple[int, int, float, bool], Expression] = {}  # of single ones
 
     @cached_property
     def whole(self) -> Formula:
@@ -346,11 +347,14 @@ class _Case:
         leaf, point = self.b.leaves[self.b.a[i]]
         out: Expression = False
         for part in self.splitter.parts[self.states[i]]:
-            for sets in leaf.sets_of(part, level):
-                inside: Expression = True
-                for field in sets:
-                    inside = both(inside, self.solid(field._emit(self.b, point), 0.0, closed))
-                out = either(out, inside)
+            key = (i, part, level, closed)
+            if key not in self.splitter.pieces:
+                piece = self.solid(leaf.part(part)._emit(self.b, point), level, closed)
+                self.splitter.pieces[key] = piece
+            out = either(out, self.splitter.pieces[key])
+            self.found.update(leaves_of(self.splitter.pieces[key]))
+            if len(self.found) > MOST_LEAVES:
+                raise _TooManyError
         return out
 
     def _moved(self, code: int, p: int, q: int, level: float, closed: bool) -> Expression | None:
