@@ -9,6 +9,8 @@
 `stress`                  forces under loads, by levels too
 `flips`, `refinement`     local changes of the graph
 `shaping`, `mapping`      changes of position
+`boxspline`, `drawing`    box splines on the lattices of structures; pictures
+`fracture`, `slicing`     how structures break; slices of those that are never stored
 `Beams`                   edges as round cones: a field, meshes, slices, 3MF, lines
 `Blocks`                  a Kagome structure of any size, part by part
 ========================  ==================================================================
@@ -26,12 +28,16 @@ counts; forces are told with the residual of their balance; fields are negative 
 """
 
 from ilattice.cost import (
+    boxspline,
+    drawing,
     embedding,
     flips,
+    fracture,
     mapping,
     refinement,
     rigidity,
     shaping,
+    slicing,
     stiffening,
     stress,
 )
@@ -46,10 +52,13 @@ __all__ = [
     "BernsteinSimplex",
     "Blocks",
     "CornerSharing",
+    "boxspline",
     "divided_box",
+    "drawing",
     "embedding",
     "fill",
     "flips",
+    "fracture",
     "kagome",
     "load",
     "mapping",
@@ -57,6 +66,7 @@ __all__ = [
     "refinement",
     "rigidity",
     "shaping",
+    "slicing",
     "stacked",
     "stiffening",
     "stress",

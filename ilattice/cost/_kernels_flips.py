@@ -141,10 +141,32 @@ def overlaps(x: Any, s: Any, pairs: Any, eps: Any, out: Any) -> None:
         out[i] = overlap(x, s[pairs[i, 0]], s[pairs[i, 1]], eps)
 
 
+@inner()
+def _flat(x: Any, p: Any, eps: float) -> bool:
+    """Whether a simplex has no volume to speak of."""
+    d = x.shape[1]
+    m = np.zeros((d, d))
+    size = 0.0
+    for i in range(d):
+        for k in range(d):
+            m[i, k] = x[p[i + 1], k] - x[p[0], k]
+            size = max(size, abs(m[i, k]))
+    if d == 2:
+        return abs(m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]) <= eps * size * size
+    v = (
+        m[0, 0] * (m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1])
+        - m[0, 1] * (m[1, 0] * m[2, 2] - m[1, 2] * m[2, 0])
+        + m[0, 2] * (m[1, 0] * m[2, 1] - m[1, 1] * m[2, 0])
+    )
+    return abs(v) <= eps * size * size * size
+
+
 @njit(cache=True)
 def overlaps_any(x: Any, s: Any, one: Any, eps: Any) -> bool:
-    """Whether a simplex overlaps any other one; boxes are compared first."""
+    """Whether a simplex is flat or overlaps any other one; boxes are compared first."""
     d = x.shape[1]
+    if _flat(x, s[one], eps):
+        return True
     for t in range(len(s)):
         if t == one:
             continue

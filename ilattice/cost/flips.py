@@ -115,7 +115,8 @@ def is_balanced(k: CornerSharing, vertex: int) -> bool:
         gaps = np.diff(np.append(angle, angle[0] + 2.0 * np.pi))
         return bool(gaps.max() < np.pi - 1e-12)
     i, j = np.triu_indices(len(way), 1)
-    side = np.cross(way[i], way[j]) @ way.T
+    normals = np.cross(way[i], way[j])
+    side = normals[np.linalg.norm(normals, axis=1) > 1e-9] @ way.T
     one = (side >= -1e-12).all(axis=1) | (side <= 1e-12).all(axis=1)
     return not bool(one.any())
 
@@ -145,7 +146,7 @@ def flipped(
     Raises
     ------
     GeometryError
-        If simplices would share two vertices, or, but for "graph", would overlap.
+        If simplices would share two vertices, or, but for "graph", be flat or overlap.
     """
     v = _vertex(k, vertex)
     as_choice("kind", kind, KINDS)
@@ -170,8 +171,8 @@ def flipped(
         for t in vt[v]:
             if kernels.overlaps_any(x, s, t, EPS):
                 raise GeometryError(
-                    f"after the flip at vertex {v} that swaps {a} and {b} simplex {int(t)} "
-                    "overlaps another one; see `is_balanced`, or kind='graph'"
+                    f"after the flip at vertex {v} that swaps {a} and {b} simplex {int(t)} is flat "
+                    "or overlaps another one; see `is_balanced`, or kind='graph'"
                 )
     return CornerSharing(x, s, k.bars)
 

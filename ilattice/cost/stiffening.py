@@ -30,7 +30,7 @@ from ilattice.cost.structure import CornerSharing, _numbers
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 
 #: Lengths of bars that are tried in turn, in mean lengths of edges.
-REACHES = (2.3, 2.7, 3.2, 4.0, 6.0)
+REACHES = (2.3, 2.7, 3.2, 4.0, 6.0, 12.0)
 
 
 
@@ -49,7 +49,7 @@ def stiffened(
         1 or 2, `cycle` for the plane.
     reach : float, optional
         Longest bar of `matroid`, in mean lengths of edges; by default it grows until the rank is
-        full: 2.3, 2.7, 3.2, 4, 6.
+        full: 2.3, 2.7, 3.2, 4, 6, 12.
     generic : bool
         Pick bars at positions that are perturbed at random, by 0.05 mean lengths of edges. The rank
         at the true positions may then be lower.

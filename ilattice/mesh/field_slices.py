@@ -32,7 +32,7 @@ BLOCK = 16
 #: Times that a grid is halved where something was missed, and steps of the search on edges.
 HALVINGS, STEPS = 3, 60
 #: How often contours get points between others, and the turn, in radians, above which they do.
-DENSER, BEND = 3, 0.2
+DENSER, BEND = 5, 0.08
 PER_SQUARE = 60.0  # bytes
 
 
@@ -128,7 +128,11 @@ class FieldSlicer:
         if not len(blocks):
             return EMPTY, False, 0.0
         cells, f, hidden = self._cells(blocks, corner, count, h, level)
-        missed, doubt = self._hidden(hidden, corner, h, level, look)
+        width = int(count.max()) + 2 * BLOCK
+        steps = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)])
+        around = (cells[:, None] + steps + 1).reshape(-1, 2) @ np.array([width, 1])
+        beside = np.isin((hidden + 1) @ np.array([width, 1]), around)
+        missed, doubt = self._hidden(hidden, beside, corner, h, level, look)
         if missed and look:
             return EMPTY, True, doubt
         outline = self._loops(cells, f, corner, count, h, level)
@@ -179,18 +183,24 @@ class FieldSlicer:
         return np.concatenate(rows), np.concatenate(values), rest
 
     def _hidden(
-        self, cells: IntArray, corner: FloatArray, h: float, level: float, look: bool
-    ) -> tuple[bool, float]:
-        """Whether points in squares without crossings are of another sign; the area of doubt."""
+        self, cells: IntArray, beside: AnyArray, corner: FloatArray, h: float, level: float,
+        look: bool,
+    ) -> tuple[bool, float]:  # fmt: skip
+        """Whether points in squares without crossings are of another sign; the area of doubt.
+
+        Of squares `beside` crossed ones, into which contours bulge, only the middle is looked at.
+        """
         lo, size = corner + h * cells, h
         if not len(lo):
             return False, 0.0
         sign = self._values(lo, level) < 0.0
-        for _ in range(HALVINGS):
+        for k in range(HALVINGS):
             middle = lo + 0.5 * size
             other = (self._values(middle, level) < 0.0) != sign
             if look and other.any():
                 return True, 0.0
+            if k == 0:
+                lo, sign = lo[~beside], sign[~beside]
             size *= 0.5
             steps = size * np.array([(0, 0), (0, 1), (1, 0), (1, 1)])
             lo = (lo[:, None] + steps).reshape(-1, 2)

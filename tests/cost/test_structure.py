@@ -146,7 +146,7 @@ def test_bad_structures_are_refused_by_number():
     with pytest.raises(GeometryError, match=r"face \[0, 1, 2\] is shared by 3 simplices, \[0, 1, 2"):
         il.cost.midpoint(x[:6], flat)
     with pytest.raises(GeometryError, match=r"simplices\[1\] .* is inverted"):
-        il.cost.fill(OCTAHEDRON, [EIGHT[0], EIGHT[1][::-1]], resolution=3)
+        il.cost.fill(OCTAHEDRON, [EIGHT[0], (*EIGHT[1][:2], *EIGHT[1][:1:-1])], resolution=3)
     with pytest.raises(InputError, match="resolution must be a whole number from 2"):
         il.cost.kagome(1)
     levels = [3, 4] + [3] * 6
