@@ -5,7 +5,7 @@
 `midpoint`, `stacked`     structures of the faces of any mesh; layers with apices between them
 `CornerSharing`           vertices, simplices and bars: checks, ranks, refinement, maps
 `stiffening`              bars that make a structure minimally rigid
-`rigidity`                ranks, self-stresses, motions, the pebble game, resistances
+`rigidity`, `counting`    ranks, self-stresses, motions; the pebble game, resistances
 `stress`                  forces under loads, by levels too
 `flips`, `refinement`     local changes of the graph
 `shaping`, `mapping`      changes of position
@@ -29,6 +29,7 @@ counts; forces are told with the residual of their balance; fields are negative 
 
 from ilattice.cost import (
     boxspline,
+    counting,
     drawing,
     embedding,
     flips,
@@ -53,6 +54,7 @@ __all__ = [
     "Blocks",
     "CornerSharing",
     "boxspline",
+    "counting",
     "divided_box",
     "drawing",
     "embedding",

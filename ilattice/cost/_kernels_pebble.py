@@ -17,7 +17,7 @@ from ilattice._kernels import inner
 
 @inner()
 def _fetch(root: int, keep: int, out: Any, seen: Any, before: Any, slot: Any, stack: Any) -> bool:
-    """Bring a free pebble to `root` along held edges, none of those of `keep`; whether there was one.
+    """Bring a free pebble to `root`, none of `keep`, along held edges; whether there was one.
 
     `out` (n, 2) tells to where the edges go that hold the pebbles of each vertex; -1 is free.
     """

@@ -65,8 +65,8 @@ def plot(
                     clim=(-most, most),
                 )  # fmt: skip
     if as_flag("filled", filled):
-        corners = np.stack([np.delete(k.simplices, j, axis=1) for j in range(4)], 1).reshape(-1, 3) \
-            if k.dim == 3 else k.simplices  # fmt: skip
+        sides = [np.delete(k.simplices, j, axis=1) for j in range(4)] if k.dim == 3 else []
+        corners = np.concatenate(sides) if sides else k.simplices
         faces = pyvista.PolyData(x, np.insert(corners, 0, 3, axis=1).ravel())
         show.add_mesh(faces, color="#ddaa33", opacity=1.0 if k.dim == 3 else 0.6)
     if k.dim == 2:

@@ -66,9 +66,7 @@ def _corners(corners: ArrayLike | None, dim: int) -> FloatArray:
     return c
 
 
-def kagome(
-    resolution: int, *, dim: int = 3, corners: ArrayLike | None = None
-) -> CornerSharing:
+def kagome(resolution: int, *, dim: int = 3, corners: ArrayLike | None = None) -> CornerSharing:
     """Kagome structure in a triangle or a tetrahedron.
 
     Parameters

@@ -110,9 +110,7 @@ def exponents(degree: int, dim: int) -> IntArray:
     ndarray of int, shape (C(n + d, d), d + 1)
         Rows that sum to n, in falling lexicographic order.
     """
-    rows = [
-        (*a, degree - sum(a)) for a in np.ndindex(*[degree + 1] * dim) if sum(a) <= degree
-    ]
+    rows = [(*a, degree - sum(a)) for a in np.ndindex(*[degree + 1] * dim) if sum(a) <= degree]
     return np.asarray(read_only(np.array(rows[::-1], np.int64)))
 
 
@@ -121,7 +119,8 @@ def mapped(k: CornerSharing, through: Any) -> CornerSharing:
     new = _images(k, through)
     if new.ndim != 2 or len(new) != len(k.positions) or new.shape[1] not in (2, 3):
         raise InputError(
-            f"through must give one point per vertex, shape ({len(k.positions)}, d), got {new.shape}"
+            f"through must give one point per vertex, shape ({len(k.positions)}, d), "
+            f"got {new.shape}"
         )
     out = CornerSharing(new, k.simplices, k.bars, k.origin) if new.shape[1] == k.dim else None
     if out is None:

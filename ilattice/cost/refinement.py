@@ -68,7 +68,7 @@ def _mask(k: CornerSharing, where: Any) -> Any:
 
 
 def children(d: int) -> tuple[IntArray, IntArray]:
-    """Corners (d + 1, d + 1) of the children of a simplex: its own corners, then midpoints; pairs."""
+    """Children (d + 1, d + 1) of a simplex, by its own corners, then midpoints; pairs."""
     pairs = PAIRS2 if d == 2 else PAIRS3
     number = {tuple(p): d + 1 + i for i, p in enumerate(pairs.tolist())}
     rows = [
@@ -107,7 +107,7 @@ def voids(k: CornerSharing) -> list[IntArray]:
     list of ndarray of int
         Vertices around each, counter-clockwise.
     """
-    return [f for f in facets(k) if len(f) > 3 and area(k, f) > 0.0 or _is_void(k, f)]
+    return [f for f in facets(k) if (len(f) > 3 and area(k, f) > 0.0) or _is_void(k, f)]
 
 
 def _is_void(k: CornerSharing, f: IntArray) -> bool:
@@ -243,7 +243,12 @@ def substituted(k: CornerSharing, rows: Any, resolution: int, *, seed: int = 0) 
     pins = np.array([int(np.argmax(ints[:, j])) for j in range(4)])
     inner = np.setdiff1d(np.arange(len(ints)), pins)
     weights = _to_corners(ints / ints[0].sum(), pins)
-    x, s, bars, n = [k.positions], [np.delete(k.simplices, where, axis=0)], [k.bars], len(k.positions)
+    x, s, bars, n = (
+        [k.positions],
+        [np.delete(k.simplices, where, axis=0)],
+        [k.bars],
+        len(k.positions),
+    )
     for i in where:
         name = np.empty(len(ints), np.int64)
         name[pins], name[inner] = k.simplices[i], n + np.arange(len(inner))

@@ -13,7 +13,6 @@ cross.
 
 import warnings
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from scipy.linalg import qr
@@ -31,7 +30,6 @@ from ilattice.errors import GeometryError, InputError, PrecisionWarning
 
 #: Lengths of bars that are tried in turn, in mean lengths of edges.
 REACHES = (2.3, 2.7, 3.2, 4.0, 6.0, 12.0)
-
 
 
 def stiffened(

@@ -250,7 +250,7 @@ def _on_coarse(up: Coarse, f: FloatArray) -> FloatArray:
 def _on_fine(k: CornerSharing, up: Coarse, f: FloatArray, s: FloatArray) -> FloatArray:
     """Force densities in refined simplices from those in the coarser structure."""
     c, d = up.structure, k.dim
-    table, pairs = children(d)
+    _, pairs = children(d)
     inner = s[: len(pairs) * len(c.simplices)].reshape(-1, len(pairs))
     corners = c.positions[c.simplices[up.rows]]  # (r, d + 1, d)
     mids = f[len(c.positions) :].reshape(len(up.rows), len(pairs), d)

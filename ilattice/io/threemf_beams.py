@@ -83,6 +83,6 @@ def _model(beams: "Beams", unit: str) -> Iterator[str]:
         values = [x for e, r in zip(ends, radii, strict=True) for x in (*e, *r)]
         yield (row * len(ends)) % tuple(values)
     yield (
-        '</b:beams></b:beamlattice></mesh></object>\n</resources>\n'
+        "</b:beams></b:beamlattice></mesh></object>\n</resources>\n"
         '<build><item objectid="1"/></build>\n</model>\n'
     )

@@ -18,4 +18,13 @@ from ilattice.mesh.slices import Slice, SliceStack
 from ilattice.mesh.surface import SurfaceMesh, load
 from ilattice.mesh.venting import vent
 
-__all__ = ["Slice", "SliceStack", "SurfaceMesh", "contour", "load", "measure", "slice_field", "vent"]
+__all__ = [
+    "Slice",
+    "SliceStack",
+    "SurfaceMesh",
+    "contour",
+    "load",
+    "measure",
+    "slice_field",
+    "vent",
+]

@@ -127,7 +127,7 @@ class FieldSlicer:
         blocks = self._crossed(corner, count, h, level)
         if not len(blocks):
             return EMPTY, False, 0.0
-        cells, f, hidden = self._cells(blocks, corner, count, h, level)
+        cells, f, hidden = self._cells(blocks, corner, h, level)
         width = int(count.max()) + 2 * BLOCK
         steps = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)])
         around = (cells[:, None] + steps + 1).reshape(-1, 2) @ np.array([width, 1])
@@ -157,7 +157,7 @@ class FieldSlicer:
         return at
 
     def _cells(
-        self, blocks: IntArray, corner: FloatArray, count: IntArray, h: float, level: float
+        self, blocks: IntArray, corner: FloatArray, h: float, level: float
     ) -> tuple[IntArray, FloatArray, IntArray]:
         """Crossed squares (n, 2), values at their corners (n, 4), and others that may be."""
         grid = np.stack(np.meshgrid(*[np.arange(BLOCK + 1)] * 2, indexing="ij"), -1).reshape(-1, 2)
@@ -329,9 +329,7 @@ class FieldSlicer:
             points = np.insert(points, at + 1, new, axis=0)
         return points, start
 
-    def _across(
-        self, p: FloatArray, way: FloatArray, level: float
-    ) -> tuple[FloatArray, AnyArray]:
+    def _across(self, p: FloatArray, way: FloatArray, level: float) -> tuple[FloatArray, AnyArray]:
         """Zeros on the normals through the middles of chords, and which there are near them."""
         middle = p + 0.5 * way
         normal = np.stack([way[:, 1], -way[:, 0]], axis=1)  # out of the solid

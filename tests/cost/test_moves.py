@@ -98,9 +98,7 @@ def lattice(n):
     at = [(i, j) for i in range(n + 1) for j in range(n + 1 - i)]
     name = {p: i for i, p in enumerate(at)}
     up = [(name[i, j], name[i + 1, j], name[i, j + 1]) for i, j in at if i + j < n]
-    down = [
-        (name[i + 1, j], name[i + 1, j + 1], name[i, j + 1]) for i, j in at if i + j < n - 1
-    ]
+    down = [(name[i + 1, j], name[i + 1, j + 1], name[i, j + 1]) for i, j in at if i + j < n - 1]
     return np.array(at, float), [*up, *down]
 
 
@@ -130,7 +128,7 @@ def test_midpoints_of_flipped_triangulations_are_flipped_midpoints():
         tried += 1
         assert flips.is_balanced(k, v) == convex
         if not convex:
-            with pytest.raises(GeometryError, match="flat or overlaps another one|is none, or"):
+            with pytest.raises(GeometryError, match=r"flat or overlaps another one|is none, or"):
                 flips.flipped(k, v)
             continue
         made += 1
@@ -219,7 +217,9 @@ def test_relaxation_ends_where_sweeps_lead():
 
 def test_lengths_that_are_asked_for_are_reached_or_refused():
     k = il.cost.kagome(4, dim=2)
-    there = k.moved(k.positions + 0.02 * np.random.default_rng(0).standard_normal(k.positions.shape))
+    there = k.moved(
+        k.positions + 0.02 * np.random.default_rng(0).standard_normal(k.positions.shape)
+    )
     held = k.incidence[:, 1] < 0
     there = k.moved(np.where(held[:, None], k.positions, there.positions))
     found = shaping.with_lengths(k, there.lengths)

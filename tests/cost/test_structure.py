@@ -5,12 +5,13 @@ from math import comb
 
 import numpy as np
 import pytest
+from cost_zoo import EIGHT, OCTAHEDRON, octahedron
 from scipy.spatial import Delaunay
 
 import ilattice as il
-from cost_zoo import EIGHT, OCTAHEDRON, octahedron
 from ilattice.cost import CornerSharing
 from ilattice.errors import GeometryError, InputError
+
 
 def by_force(level, dim):
     """Simplices of the untrimmed structure as sets of integer tuples, by trying all tuples."""
@@ -143,7 +144,9 @@ def test_bad_structures_are_refused_by_number():
     with pytest.raises(InputError, match=r"simplices\[0\] .* from 0 to 8"):
         CornerSharing(x, [(0, 1, 2, 9)])
     flat = [(0, 1, 2, 3), (0, 1, 2, 4), (0, 1, 2, 5)]
-    with pytest.raises(GeometryError, match=r"face \[0, 1, 2\] is shared by 3 simplices, \[0, 1, 2"):
+    with pytest.raises(
+        GeometryError, match=r"face \[0, 1, 2\] is shared by 3 simplices, \[0, 1, 2"
+    ):
         il.cost.midpoint(x[:6], flat)
     with pytest.raises(GeometryError, match=r"simplices\[1\] .* is inverted"):
         il.cost.fill(OCTAHEDRON, [EIGHT[0], (*EIGHT[1][:2], *EIGHT[1][:1:-1])], resolution=3)
@@ -177,7 +180,9 @@ def test_maps_that_fold_or_end_are_refused():
         k.moved(k.positions + 0.5).mapped(il.macroshape.box())
     duck = il.macroshape.duck()
     fitted = k.moved(3.0 * k.positions - 1.0).fitted(duck.domain).mapped(duck)
-    np.testing.assert_allclose(fitted.positions, duck.x(k.fitted(duck.domain).positions), atol=1e-12)
+    np.testing.assert_allclose(
+        fitted.positions, duck.x(k.fitted(duck.domain).positions), atol=1e-12
+    )
 
 
 def test_quadratic_maps_have_the_multinomial_factor():
