@@ -19,7 +19,7 @@ def main(resolution: int = 3, h: float = 0.05, out: str = "") -> dict[str, float
     k = il.cost.fill(vertices, tets, resolution=resolution).joined().mapped(duck)
     k = k.stiffened()
     found = k.rigidity()
-    beams = k.beams(0.1 * k.lengths.mean())
+    beams = k.beams(0.1 * k.shortest)
     mesh = beams.mesh(h)
     if out:
         beams.save(f"{out}.3mf")

@@ -16,9 +16,9 @@ def main(resolution: int = 24, height: float = 0.4, out: str = "") -> dict[str, 
     """Blocks, edges and area of one slice; with `out`, the slice as a picture."""
     blocks = il.cost.Blocks(resolution, size=4)
     duck = il.macroshape.duck()
-    found = list(slicing.crossings(blocks, height, through=duck, margin=0.005))
+    found = list(slicing.crossings(blocks, height, through=duck, margin=0.01))
     used = len(found) / sum(1 for _ in blocks)
-    section = slicing.section(blocks, height, 0.005, through=duck)
+    section = slicing.section(blocks, height, 0.01, through=duck)
     if out:
         with open(f"{out}.svg", "w", encoding="utf-8") as file:
             file.write(section.to_svg())

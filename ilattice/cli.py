@@ -469,7 +469,7 @@ def _add_cost(app: "App") -> None:
         cells
             Cells of the volume per direction, of five tetrahedra each; 0 for one tetrahedron.
         radius
-            Of the beams; by default a tenth of their mean length.
+            Of the beams; by default a tenth of the shortest one at each vertex.
         h
             Spacing of the grid of meshes; by default a third of the radius.
         thickness

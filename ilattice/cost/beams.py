@@ -127,7 +127,18 @@ class Beams(Node):
         return np.stack([np.where(flat, box[0], low), np.where(flat, box[1], high)])
 
     def values(self, points: FloatArray) -> FloatArray:
-        """Values (n,) at checked points (n, 3)."""
+        """Values at checked points, without a copy of the program.
+
+        Parameters
+        ----------
+        points : ndarray, shape (n, 3)
+            Points.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Values.
+        """
         out = np.empty(len(points))
         box, wide, link, beam, _ = self._tree
         kernels.values(len(points), np.array(points), box, wide, link, beam, out)
@@ -138,7 +149,20 @@ class Beams(Node):
         return self.values(as_points("p", p))
 
     def jets(self, points: FloatArray, order: int) -> tuple[FloatArray, ...]:
-        """Values, gradients and Hessians at checked points."""
+        """Derivatives at checked points; those of the nearest beam.
+
+        Parameters
+        ----------
+        points : ndarray, shape (n, 3)
+            Points.
+        order : {1, 2}
+            Highest derivative.
+
+        Returns
+        -------
+        tuple of ndarray
+            Values (n,), gradients (n, 3) and, for order 2, Hessians (n, 3, 3).
+        """
         n = len(points)
         f, g, h = np.empty(n), np.empty((n, 3)), np.empty((n if order == 2 else 0, 3, 3))
         box, wide, link, beam, _ = self._tree
@@ -146,7 +170,20 @@ class Beams(Node):
         return (f, g, h)[: order + 1]
 
     def bounds_on(self, lo: FloatArray, hi: FloatArray, moved: bool) -> FloatArray:
-        """Bounds and steepness (n, 3) on boxes."""
+        """Bounds on boxes.
+
+        Parameters
+        ----------
+        lo, hi : ndarray, shape (n, 3)
+            Corners.
+        moved : bool
+            Whether points are moved before, so that no steepness is known.
+
+        Returns
+        -------
+        ndarray, shape (n, 3)
+            Lower and upper bounds, and the largest slope.
+        """
         return _bounds(self.values, lo, hi, moved)
 
     # ------------------------------------------------------------------ pieces for analyses
@@ -161,10 +198,18 @@ class Beams(Node):
         return np.asarray(low == high)
 
     def parts_on(self, lo: FloatArray, hi: FloatArray) -> list[tuple[int, ...] | None]:
-        """Pieces that may be nearest somewhere in boxes (n, 3); None for more than can be taken.
+        """Pieces that may be nearest somewhere in boxes.
 
-        Numbers of beams, and, from their count on, balls at vertices, where a box lies so that its
-        points are nearest to the end of all beams there.
+        Parameters
+        ----------
+        lo, hi : ndarray, shape (n, 3)
+            Corners.
+
+        Returns
+        -------
+        list of tuple of int or None
+            Numbers of beams, and, from their count on, balls at vertices, where a box lies so that
+            its points are nearest to the end of all beams there. None for more than can be taken.
         """
         reach = np.linalg.norm(hi - lo, axis=1) * (1.0 + 1e-9)
         rows = np.full((len(lo), MOST_PIECES), -1, np.int64)
@@ -204,7 +249,18 @@ class Beams(Node):
         return tuple(sorted(whole) + sorted(len(order) + v for v in balls - covered))
 
     def part(self, number: int) -> Node:
-        """One of the pieces of `parts_on`: the distance to a beam, or to a ball."""
+        """One of the pieces of `parts_on`.
+
+        Parameters
+        ----------
+        number : int
+            Its number.
+
+        Returns
+        -------
+        Node
+            The distance to a beam, or to a ball.
+        """
         beam, order = self._tree[3], self._tree[4]
         if number < len(order):
             return _Beam(beam[number])

@@ -44,7 +44,7 @@ def run(
     cells : int
         Cells of the domain per direction, of five tetrahedra each; 0 for one regular tetrahedron.
     radius : float, optional
-        Of the beams; default a tenth of the mean length of edges.
+        Of the beams; default a tenth of the shortest edge at each vertex.
     h : float, optional
         Spacing of the grid of meshes.
     thickness : float, optional
@@ -77,13 +77,13 @@ def run(
             k = k.stiffened(generic=True) if cells else k.stiffened()
         if through is not None:
             k = k.mapped(through)
-        r = 0.1 * float(k.lengths.mean()) if radius is None else as_positive("radius", radius)
+        r = 0.1 * k.shortest if radius is None else as_positive("radius", radius)
         beams = k.beams(r)
     with stages("write"):
         for file in output:
             _write(beams, file, h, thickness, progress)
     result = {
-        "ilattice": __version__, "resolution": resolution, "cells": cells, "radius": r,
+        "ilattice": __version__, "resolution": resolution, "cells": cells, "radius": float(beams.radii.mean()),
         "vertices": len(k.positions), "tetrahedra": len(k.simplices), "bars": len(k.bars),
         "beams": len(k.edges), "length of beams": float(k.lengths.sum()), "deficit": k.deficit,
         "stages": stages.records, "files": [str(file) for file in output],

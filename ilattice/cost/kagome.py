@@ -252,7 +252,18 @@ class Blocks(Frozen):
         return 4 * comb(self.resolution + 2, 3) - 12
 
     def hull(self, lo: IntArray) -> FloatArray:
-        """Barycentric integers (8, 4) of the corners of a box that holds a block."""
+        """Corners of a box that holds a block.
+
+        Parameters
+        ----------
+        lo : ndarray of int, shape (3,)
+            Lower corner of the block, as iteration gives it.
+
+        Returns
+        -------
+        ndarray, shape (8, 4)
+            Barycentric integers.
+        """
         n = self.resolution - 1
         hi = np.minimum(lo + self.size, n + 1)
         ends = np.stack([2 * lo, 2 * hi]).astype(np.float64)
@@ -269,7 +280,18 @@ class Blocks(Frozen):
                     yield np.array([a, b, c])
 
     def edges(self, lo: IntArray) -> IntArray:
-        """Barycentric integers (e, 2, 4) of the ends of the edges of a block."""
+        """Edges of a block.
+
+        Parameters
+        ----------
+        lo : ndarray of int, shape (3,)
+            Lower corner of the block, as iteration gives it.
+
+        Returns
+        -------
+        ndarray of int, shape (e, 2, 4)
+            Barycentric integers of their ends.
+        """
         n = self.resolution - 1
         hi = np.minimum(lo + self.size, n + 1)
         out = np.empty((2 * int(np.prod(hi - lo)), 5), np.int64)
@@ -278,5 +300,16 @@ class Blocks(Frozen):
         return np.asarray(ends[:, kernels.PAIRS3].reshape(-1, 2, 4))
 
     def places(self, integers: FloatArray | IntArray) -> FloatArray:
-        """Positions (..., 3) of barycentric integers (..., 4)."""
+        """Positions of barycentric integers.
+
+        Parameters
+        ----------
+        integers : ndarray, shape (..., 4)
+            Integers that sum to `total`.
+
+        Returns
+        -------
+        ndarray, shape (..., 3)
+            Positions.
+        """
         return np.asarray((integers / self.total) @ self.corners)

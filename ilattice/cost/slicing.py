@@ -79,7 +79,7 @@ def _may_meet(
     if spline is None:
         low, high = (hull @ n).min(), (hull @ n).max()
     else:
-        low, high = spline.range(hull.min(axis=0)[None], hull.max(axis=0)[None], tight=False)[0]
+        low, high = spline.range(hull.min(axis=0)[None], hull.max(axis=0)[None])[0]
     return bool(low <= level + near and high >= level - near)
 
 

@@ -129,6 +129,13 @@ class CornerSharing(Frozen):
         return np.asarray(read_only(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)))
 
     @cached_property
+    def shortest(self) -> FloatArray:
+        """Length (n,) of the shortest edge at each vertex: a measure for radii of beams."""
+        out = np.full(len(self.positions), np.inf)
+        np.minimum.at(out, self.edges, self.lengths[:, None])
+        return np.asarray(read_only(out))
+
+    @cached_property
     def incidence(self) -> IntArray:
         """The one or two simplices (n, 2) of each vertex, in rising order; -1 where there is none.
 

@@ -286,3 +286,42 @@ def test_the_program_of_the_first_page(tmp_path):
     assert beams.mesh(0.02).is_watertight
     beams.save(tmp_path / "duck.3mf")
     assert counting.necessary(k)
+
+
+def test_a_hanging_beam_stretches_as_it_must():
+    """Held at one end, which the face of the box cuts: the other end moves by rho g L² / 2E."""
+    b = Beams([(0.0, 0, 0), (0.0, 0, 1.0)], [(0, 1)], [(0.1, 0.1)])
+    np.testing.assert_allclose(b.analysis_box, [(-0.1, -0.1, 0.0), (0.1, 0.1, 1.0)])
+    with pytest.warns(PrecisionWarning):  # that the cells are coarse
+        problem = il.cutfem.Elasticity(b, (3, 3, 6), young=10.0, poisson=0.0, density=2.0, degree=2)
+        solution = problem.clamp("w=0").load(gravity=(0, 0, 3.0)).solve()
+    assert solution.compliance == pytest.approx(np.pi * 0.01 * 36.0 / 30.0, rel=2e-3)
+
+
+def test_the_command_makes_files_and_says_what_is_wrong(tmp_path, capfd):
+    from ilattice.cli import main
+
+    words = ["cost", "kagome", "--resolution", "3", "--map", "duck", "--stiffen"]
+    files = [str(tmp_path / name) for name in ("a.3mf", "a.vtp")]
+    report = str(tmp_path / "r.json")
+    assert main([*words, "-o", *files, "--report", report]) == 0
+    told = capfd.readouterr().out
+    assert "78" in told
+    assert all((tmp_path / name).stat().st_size > 500 for name in ("a.3mf", "a.vtp", "r.json"))
+    assert main(["cost", "kagome", "--resolution", "1", "-o", files[0]]) == 2
+    assert "resolution must be a whole number from 2" in capfd.readouterr().err
+    assert main(["cost", "kagome", "--resolution", "3", "-o", str(tmp_path / "a.doc")]) == 1
+    assert "has none of the endings" in capfd.readouterr().err
+
+
+def test_mesh_files_need_meshio(tmp_path):
+    try:
+        import meshio
+    except ImportError:
+        with pytest.raises(il.errors.FormatError, match="pip install meshio"):
+            il.cost.load(tmp_path / "a.msh")
+        return
+    x, tets = il.cost.divided_box(1)
+    meshio.write_points_cells(tmp_path / "a.vtu", x, [("tetra", tets[:, [1, 0, 2, 3]])])
+    points, cells = il.cost.load(tmp_path / "a.vtu")
+    assert il.cost.CornerSharing(points, cells).volumes.sum() == pytest.approx(1.0)
