@@ -235,7 +235,7 @@ def test_balls_on_struts_stop_waves():
 
 
 def test_structures_in_the_duck_are_minimally_rigid():
-    numbers = run("corner_sharing_duck", h=0.06)
+    numbers = run("corner_sharing_duck")
     assert numbers["rank less three vertices and six"] == 0
     assert numbers["self-stresses"] == 0
     assert numbers["watertight"]

@@ -22,7 +22,7 @@ import numpy as np
 from ilattice._memory import need
 from ilattice._progress import Progress
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
-from ilattice._validate import as_array, as_kind, as_points, asked
+from ilattice._validate import as_array, as_kind, as_points, as_positive, asked
 from ilattice.cost import _kernels_beams as kernels
 from ilattice.cost.structure import CornerSharing, _numbers
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
@@ -37,6 +37,8 @@ from ilattice.sdf import _kernels_bvh as tree
 MOST_PIECES = 16
 #: Part of the radius that a linear radius may be off in the middle of a beam before a warning.
 UNEVEN = 0.05
+#: Spacing of the grid of a mesh, in least radii, above which beams may be cut, and are lost.
+COARSE, LOST = 1.001, 2.0
 PER_BEAM = 400.0  # bytes
 
 
@@ -289,10 +291,30 @@ class Beams(Node):
         -------
         SurfaceMesh
             The surface.
+
+        Raises
+        ------
+        GeometryError
+            If `h` exceeds twice the least radius: beams would be lost.
+
+        Warns
+        -----
+        PrecisionWarning
+            If it exceeds the least radius.
         """
         from ilattice.sdf.meshing import mesh
 
-        spacing = float(self.radii.min()) / 3.0 if h is None and tol is None else h
+        least = float(self.radii.min())
+        spacing = least / 3.0 if h is None and tol is None else h
+        if spacing is not None and as_positive("h", spacing) > COARSE * least:
+            told = f"h={spacing:g} is too coarse for beams of radius {least:.3g}"
+            if spacing > LOST * least:
+                raise GeometryError(f"{told}: they would be lost; use h={0.5 * least:.2g} or less")
+            warnings.warn(
+                f"{told}: some may be cut through; use h={0.5 * least:.2g} or less",
+                PrecisionWarning,
+                stacklevel=2,
+            )
         return mesh(self, spacing, tol=tol, progress=progress)
 
     def slices(self, z: ArrayLike | None = None, **options: Any) -> SliceStack:

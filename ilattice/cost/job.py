@@ -67,9 +67,8 @@ def run(
     check_distinct({"-o": output, "--report": [] if report is None else [report]})
     for file in output:
         if PurePath(as_path("output", file)).suffix.lower() not in known:
-            raise FormatError(
-                f"-o {str(file)!r} has none of the endings {', '.join(sorted(known))}"
-            )
+            told = ", ".join(sorted(known))
+            raise FormatError(f"-o {str(file)!r:.200} has none of the endings {told}")
     stages = Stages()
     with stages("structure"):
         k = _structure(resolution, cells, through)
