@@ -82,7 +82,8 @@ def run(
         for file in output:
             _write(beams, file, h, thickness, progress)
     result = {
-        "ilattice": __version__, "resolution": resolution, "cells": cells, "radius": float(beams.radii.mean()),
+        "ilattice": __version__, "resolution": resolution, "cells": cells,
+        "radius": float(beams.radii.mean()),
         "vertices": len(k.positions), "tetrahedra": len(k.simplices), "bars": len(k.bars),
         "beams": len(k.edges), "length of beams": float(k.lengths.sum()), "deficit": k.deficit,
         "stages": stages.records, "files": [str(file) for file in output],
