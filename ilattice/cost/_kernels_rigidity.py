@@ -49,10 +49,15 @@ def stretch(x: Any, edges: Any, u: Any, out: Any) -> None:
 @njit(cache=True, fastmath=FAST)
 def gather(x: Any, edges: Any, s: Any, out: Any) -> None:
     """Product of the transposed matrix with force densities s (e,): forces (n, d), added."""
-    d = x.shape[1]
+    three = x.shape[1] == 3
     for e in range(len(edges)):
-        i, j = edges[e, 0], edges[e, 1]
-        for a in range(d):
-            f = s[e] * (x[i, a] - x[j, a])
-            out[i, a] += f
-            out[j, a] -= f
+        i, j, w = edges[e, 0], edges[e, 1], s[e]
+        f, g = w * (x[i, 0] - x[j, 0]), w * (x[i, 1] - x[j, 1])
+        out[i, 0] += f
+        out[i, 1] += g
+        out[j, 0] -= f
+        out[j, 1] -= g
+        if three:
+            h = w * (x[i, 2] - x[j, 2])
+            out[i, 2] += h
+            out[j, 2] -= h
