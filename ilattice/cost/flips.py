@@ -16,7 +16,15 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import FloatArray, IntArray
-from ilattice._validate import as_array, as_choice, as_not_negative, as_numbers, as_whole, asked
+from ilattice._validate import (
+    as_array,
+    as_choice,
+    as_kind,
+    as_not_negative,
+    as_numbers,
+    as_whole,
+    asked,
+)
 from ilattice.cost import _kernels_flips as kernels
 from ilattice.cost.embedding import EPS
 from ilattice.cost.structure import CornerSharing
@@ -49,6 +57,7 @@ def options(k: CornerSharing, vertex: int) -> IntArray:
 
 
 def _vertex(k: CornerSharing, vertex: Any) -> int:
+    as_kind("k", k, "CornerSharing")
     return int(as_numbers("vertex", [vertex], len(k.positions))[0])
 
 
@@ -237,6 +246,7 @@ def randomised(
     CornerSharing
         The structure.
     """
+    as_kind("k", k, "CornerSharing")
     as_choice("kind", kind, KINDS[:2])
     count, heat = as_whole("steps", steps, 0, 10**9), as_not_negative("temperature", temperature)
     rng = np.random.default_rng(as_whole("seed", seed, 0, 2**63 - 1))

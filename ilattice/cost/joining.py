@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ilattice._typing import IntArray
+from ilattice._validate import as_kind
 from ilattice.cost.structure import CornerSharing
 from ilattice.errors import GeometryError, InputError
 
@@ -35,7 +36,7 @@ def joined(k: CornerSharing) -> CornerSharing:
     GeometryError
         If cells that share a face have different resolutions, or three share one.
     """
-    o = k.origin
+    o = as_kind("k", k, "CornerSharing").origin
     if o is None:
         raise InputError("joined is for structures made by fill: this one has no origin")
     _check_faces(o.cells, o.resolution)

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ilattice._typing import ArrayLike, FloatArray, IntArray
-from ilattice._validate import as_array, as_items
+from ilattice._validate import as_array, as_items, as_kind
 from ilattice.cost.structure import CornerSharing
 from ilattice.errors import FormatError, GeometryError, InputError
 
@@ -133,6 +133,7 @@ def stacked(
     GeometryError
         If the triangles cannot be coloured so.
     """
+    as_kind("layer", layer, "CornerSharing")
     x = as_array("layers", layers, ndim=3)
     n = len(layer.positions)
     if layer.dim != 2 or x.shape[1:] != (n, 3) or len(x) < 2:

@@ -15,7 +15,7 @@ import numpy as np
 
 from ilattice._memory import need
 from ilattice._typing import IntArray
-from ilattice._validate import as_array, as_choice, asked
+from ilattice._validate import as_array, as_choice, as_kind, asked
 from ilattice.cost._kernels_kagome import PAIRS2, PAIRS3
 from ilattice.cost.structure import Coarse, CornerSharing
 from ilattice.errors import InputError
@@ -45,6 +45,7 @@ def refined(k: CornerSharing, rule: str = "R0", *, where: Any = None) -> CornerS
     InputError
         For another rule, R1 in space, or a mask of another shape.
     """
+    as_kind("k", k, "CornerSharing")
     as_choice("rule", rule, ("R0", "R1"))
     mask = _mask(k, where)
     if rule == "R1":

@@ -11,7 +11,7 @@ from scipy.sparse import csc_array, csr_array, eye_array
 from scipy.sparse.linalg import splu
 
 from ilattice._typing import ArrayLike, IntArray
-from ilattice._validate import as_array, as_points, as_positive, as_rows, as_whole
+from ilattice._validate import as_array, as_kind, as_points, as_positive, as_rows, as_whole
 from ilattice.cost.flips import flipped
 from ilattice.cost.refinement import area, voids
 from ilattice.cost.rigidity import matrix
@@ -23,6 +23,7 @@ RIGHT, STEPS = 1e-10, 60
 
 
 def _held(k: CornerSharing, fixed: Any) -> IntArray:
+    as_kind("k", k, "CornerSharing")
     if fixed is None:
         return np.flatnonzero(k.incidence[:, 1] < 0)
     return as_rows("fixed", np.asarray(fixed, np.int64) if np.size(fixed) == 0 else fixed,

@@ -24,9 +24,9 @@ from ilattice._typing import ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_choice, as_flag, as_kind, as_positive, as_whole
 from ilattice.cost.joining import boundary_faces
 from ilattice.cost.refinement import area, facets
-from ilattice.cost.rigidity import DENSE, TOLERANCE, motions
+from ilattice.cost.rigidity import TOLERANCE, motions
 from ilattice.cost.structure import CornerSharing, _numbers
-from ilattice.errors import GeometryError, InputError, PrecisionWarning
+from ilattice.errors import GeometryError, IlatticeError, InputError, PrecisionWarning
 
 #: Lengths of bars that are tried in turn, in mean lengths of edges.
 REACHES = (2.3, 2.7, 3.2, 4.0, 6.0, 12.0)
@@ -89,10 +89,12 @@ def stiffened(
 
 
 def _tell_rank(k: CornerSharing) -> None:
-    """Warn where the rank at these positions is short."""
-    if min(len(k.edges), k.positions.size) > DENSE:
+    """Warn where the rank at these positions is short, or not known."""
+    try:
+        r = k.rigidity()
+    except IlatticeError as e:
+        warnings.warn(f"the rank is not known: {e}", PrecisionWarning, stacklevel=4)
         return
-    r = k.rigidity()
     if not r.rigid:
         warnings.warn(
             f"the rank at these positions is {r.rank}, {r.flexes} short of rigidity, with "
