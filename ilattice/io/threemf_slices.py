@@ -16,10 +16,12 @@ import numpy as np
 from ilattice._progress import Progress, track
 from ilattice._typing import FloatArray
 from ilattice.errors import PrecisionWarning
+from ilattice.fields.node import Node
 from ilattice.io._common import atomic_write
 from ilattice.io._mesh import TEXT_BLOCK, blocks
 from ilattice.io._slices import as_unit, contours, decimals, join
 from ilattice.mesh import SurfaceMesh
+from ilattice.mesh.field_slices import FieldSlicer
 from ilattice.mesh.slices import Slice, SliceStack
 
 CORE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
@@ -126,8 +128,9 @@ def _part(stack: SliceStack) -> SurfaceMesh:
     part = stack.part
     if isinstance(part, SurfaceMesh):
         return part
-    if hasattr(stack.slicer, "stand_in"):  # of a field
+    if isinstance(stack.slicer, FieldSlicer):
         return stack.slicer.stand_in()
+    assert not isinstance(part, Node)
     with warnings.catch_warnings():  # it is coarse on purpose
         warnings.simplefilter("ignore", PrecisionWarning)
         return part.mesh(h=_STAND_IN * part.least_thickness, polish=False)
