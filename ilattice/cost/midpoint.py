@@ -80,7 +80,7 @@ def load(path: str | os.PathLike[str]) -> tuple[FloatArray, IntArray]:
 
     file = as_path("path", path)
     try:
-        import meshio
+        import meshio  # type: ignore[import-not-found, unused-ignore]
     except ImportError as e:
         raise FormatError("reading meshes needs meshio: pip install meshio") from e
     try:
@@ -98,9 +98,9 @@ def load(path: str | os.PathLike[str]) -> tuple[FloatArray, IntArray]:
     else:
         raise FormatError(f"{str(path)!r} has neither tetrahedra nor triangles in the plane z = 0")
     used, place = np.unique(cells, return_inverse=True)
-    x, cells = x[used], place.reshape(cells.shape)
+    x, cells = x[used], np.asarray(place, np.int64).reshape(-1, cells.shape[1])
     down = CornerSharing(x, cells).volumes < 0
-    cells[down] = cells[down][:, [1, 0, *range(2, cells.shape[1])]]
+    cells[down, :2] = cells[down, 1::-1]
     return x, cells
 
 

@@ -176,7 +176,8 @@ def _r1(k: CornerSharing, mask: Any) -> CornerSharing:
     x = [k.positions]
     chosen = []
     for f in voids(k):
-        around = [tuple(sorted((int(a), int(b)))) for a, b in zip(f, np.roll(f, -1), strict=True)]
+        pairs = zip(f.tolist(), np.roll(f, -1).tolist(), strict=True)
+        around = [(min(a, b), max(a, b)) for a, b in pairs]
         sides = [_triangle_of(k, a, b) for a, b in around]
         if all(mask[t] for t in sides):
             chosen.append((f, around))

@@ -245,7 +245,7 @@ def analysed(
 
 def _pivots(k: CornerSharing) -> FloatArray:
     """Absolute pivots of the matrix, scaled by the mean length of edges."""
-    R = matrix(k) / float(k.lengths.mean())
+    R = csr_array(matrix(k) / float(k.lengths.mean()))
     if k.deficit == 0 and len(k.edges) > SPARSE:
         pivots = _sparse_pivots(R, k)
         if pivots.min() > CLEAR * pivots.max():
@@ -311,7 +311,7 @@ def motions(k: CornerSharing, ends: IntArray) -> tuple[FloatArray, int]:
     All other vertices are eliminated by sparse LU of the square of the matrix; if that does not
     keep the lengths to 1e-9, by dense QR.
     """
-    R = matrix(k) / float(k.lengths.mean())
+    R = csr_array(matrix(k) / float(k.lengths.mean()))
     columns = (k.dim * ends[:, None] + np.arange(k.dim)).ravel()
     if len(columns) <= DENSE:
         found = _by_elimination(R, columns)
@@ -326,7 +326,7 @@ def motions(k: CornerSharing, ends: IntArray) -> tuple[FloatArray, int]:
     Q, upper, _ = qr(R.T.toarray(), pivoting=True, overwrite_a=True, check_finite=False)
     p = np.abs(np.diag(upper))
     rank = int((p > TOLERANCE * p.max(initial=0.0)).sum())
-    return _orthonormal(Q[columns, rank:]), rank
+    return _orthonormal(np.asarray(Q[columns, rank:], np.float64)), rank
 
 
 def _by_elimination(R: csr_array, columns: IntArray) -> tuple[FloatArray, FloatArray] | None:
@@ -441,7 +441,8 @@ def flexes(k: CornerSharing, *, tolerance: float = TOLERANCE) -> FloatArray:
     Z = Z - T @ (T.T @ Z)
     Q, upper, _ = qr(Z, mode="economic", pivoting=True)
     some = np.abs(np.diag(upper)) > 1e-6
-    return np.ascontiguousarray(Q[:, : int(some.sum())].T).reshape(-1, *k.positions.shape)
+    own = np.ascontiguousarray(np.asarray(Q, np.float64)[:, : int(some.sum())].T)
+    return own.reshape(-1, *k.positions.shape)
 
 
 def swung(

@@ -11,7 +11,7 @@ from scipy.sparse import csc_array, csr_array, eye_array
 from scipy.sparse.linalg import splu
 
 from ilattice._typing import ArrayLike, IntArray
-from ilattice._validate import as_array, as_kind, as_points, as_positive, as_rows, as_whole
+from ilattice._validate import as_array, as_kind, as_positive, as_rows, as_whole
 from ilattice.cost.flips import flipped
 from ilattice.cost.refinement import area, voids
 from ilattice.cost.rigidity import matrix
@@ -149,7 +149,9 @@ def opened(
     """
     if k.dim != 2:
         raise InputError("opened is for structures in the plane")
-    p = as_points("near", [near], 2)[0]
+    p = as_array("near", near, ndim=1)
+    if p.shape != (2,):
+        raise InputError(f"near must be one point of the plane, got shape {p.shape}")
     found = [f for f in voids(k) if _holds(k, f, p)]
     if not found:
         raise GeometryError(f"the point {p.tolist()} is in no void")

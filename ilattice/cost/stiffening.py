@@ -295,7 +295,7 @@ def three_regular(level: int, seed: int) -> tuple[tuple[tuple[int, int], tuple[i
     )
     cost = np.random.default_rng(seed).random(len(at))
     found = milp(
-        cost, constraints=LinearConstraint(A, 3, 3), integrality=np.ones(len(at)),
+        cost, constraints=LinearConstraint(A, 3, 3), integrality=np.ones(len(at), np.int64),
         bounds=Bounds(0, 1), options={"mip_rel_gap": 1.0},
     )  # fmt: skip
     if found.x is None:

@@ -308,7 +308,7 @@ def _supported(
         return _finished(k, f, s + solved.solve(b - A @ s), None, fixed)
     soft = k.lengths**3 / EA
     A = csc_array(block_array([[diags_array(-soft), R], [R.T, None]], format="csc"))
-    scale = 1.0 / np.sqrt(np.maximum(np.abs(A).max(axis=1).toarray().ravel(), 1e-300))
+    scale = 1.0 / np.sqrt(np.maximum(abs(A).max(axis=1).toarray().ravel(), 1e-300))
     S = diags_array(scale)
     solved = factorised(csc_array(S @ A @ S), k)
     b = np.concatenate([np.zeros(e), f.ravel()[free]])

@@ -300,7 +300,8 @@ class FieldSlicer:
             lo, hi = np.where(same, t, lo), np.where(same, hi, t)
             side = np.where(same, 1, -1)
             left = (np.abs(f) > 1e-12 * self.h) & (hi - lo > 1e-12)
-            todo, lo, hi, fa, fb, side = (v[left] for v in (todo, lo, hi, fa, fb, side))
+            todo, side = todo[left], side[left]
+            lo, hi, fa, fb = lo[left], hi[left], fa[left], fb[left]
             if not len(todo):
                 break
         return x
