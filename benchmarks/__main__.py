@@ -12,7 +12,7 @@ from benchmarks.measure import table
 
 MODULES = (
     "bspline", "offsets", "contouring", "fields", "quadrature", "mesh_distance", "figures",
-    "solvers", "analyses", "homogenize",
+    "solvers", "analyses", "homogenize", "cost",
 )  # fmt: skip
 
 

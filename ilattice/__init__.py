@@ -19,6 +19,7 @@ Rooms, from the bottom up:
 `minimal`                 triangle minimal surfaces, their symmetries, tiles of them
 `lattice`                 `Lattice` and `Wall` with all that can be done with them
 `homogenize`              effective properties of cells that repeat
+`cost`                    corner-sharing tetrahedra: rigid micro-structures, loads, beams
 `sdf`                     solids from commands and from meshes, as fields
 ========================  ==================================================================
 
@@ -58,6 +59,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from ilattice import (
         bspline,
+        cost,
         cutfem,
         errors,
         fields,
@@ -91,6 +93,7 @@ __all__ = [
     "Tile",
     "Wall",
     "bspline",
+    "cost",
     "cutfem",
     "errors",
     "fields",

@@ -43,6 +43,7 @@ def warmup(progress: Progress = None) -> None:
         for through in track(volumes, "compile", progress):
             walls(through)
         solids()
+        structures()
         words()
 
 
@@ -126,6 +127,18 @@ def solids() -> None:
     wall.minimum_thickness()
     mixed = il.tiles.mix("gyroid", "diamond", seed=1)
     il.Lattice(mixed, through=box, repeat=(2, 1, 1)).offset(0.1).mesh(0.2, allow_loss=True)
+
+
+def structures() -> None:
+    """Corner-sharing structures, in the plane and in space: forces, flips, beams."""
+    for dim in (2, 3):
+        k = il.cost.kagome(3, dim=dim).stiffened()
+        k.stress(np.zeros_like(k.positions))
+        il.cost.flips.randomised(k, 10)
+        il.cost.counting.pebble_rank(len(k.positions), k.edges)
+        solid = k.beams(0.02)
+        solid.jet(k.beams(0.01).vertices, 2)
+    solid.slices([0.5], h=0.02)[0]
 
 
 def words() -> None:

@@ -127,7 +127,7 @@ def _app() -> "App":
         suppress_keyboard_interrupt=False,
     )
     files = (_add_demo, _add_build, _add_slice)
-    for add in (*files, _add_homogenize, _add_bands, _add_sdf, _add_others):
+    for add in (*files, _add_homogenize, _add_bands, _add_cost, _add_sdf, _add_others):
         add(app)
     return app
 
@@ -442,6 +442,73 @@ def _add_bands(app: "App") -> None:
             print(f"{'gap':>20}  {ends} above band {gap['below']}")
         for name in report["files"]:
             print(f"{'wrote':>20}  {printable(str(name))}")
+
+
+def _add_cost(app: "App") -> None:
+    from cyclopts import App, Parameter
+
+    from ilattice.cost import job
+
+    Files = Annotated[list[Path], Parameter(name=("--output", "-o"), consume_multiple=True)]
+    Length = Annotated[float | None, Parameter(name="--h")]
+    command = App(name="cost", help="Structures of tetrahedra that share corners.")
+
+    @command.command
+    def kagome(
+        *,
+        resolution: int,
+        output: Files,
+        map: str | None = None,
+        cells: int = 0,
+        radius: float | None = None,
+        h: Length = None,
+        thickness: float | None = None,
+        stiffen: bool = False,
+        report: Path | None = None,
+    ) -> None:
+        """Fill a tetrahedron, or a volume, with a Kagome structure of round beams.
+
+        Parameters
+        ----------
+        resolution
+            Tetrahedra along an edge: 2 or more.
+        output
+            Files to write: beams .3mf, .vtp, .vtu; meshes .stl, .ply, ...; slices .cli, .svg.
+        map
+            File of a volume, FILE#patch, or the name of a built-in one; see ``ilattice info``.
+        cells
+            Cells of the volume per direction, of five tetrahedra each; 0 for one tetrahedron.
+        radius
+            Of the beams; by default a tenth of the shortest one at each vertex.
+        h
+            Spacing of the grid of meshes; by default a third of the radius.
+        thickness
+            Of layers; by default a fiftieth of the height.
+        stiffen
+            Add bars that make the structure minimally rigid.
+        report
+            File for all numbers, as JSON.
+        """
+        from ilattice import _job
+
+        found = job.run(
+            resolution=resolution,
+            output=output,
+            through=None if map is None else _job.volume(map),
+            cells=cells,
+            radius=radius,
+            h=h,
+            thickness=thickness,
+            stiffen=stiffen,
+            report=report,
+            progress=True,
+        )
+        for key in ("vertices", "tetrahedra", "bars", "beams", "radius", "length of beams"):
+            print(f"{key:>18}  {_text(found[key])}")
+        for name in found["files"]:
+            print(f"{'wrote':>18}  {printable(str(name))}")
+
+    app.command(command)
 
 
 def _add_sdf(app: "App") -> None:

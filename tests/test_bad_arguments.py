@@ -23,7 +23,7 @@ from ilattice.errors import IlatticeError, InputError
 ROUNDS = int(os.environ.get("ILATTICE_ROUNDS", "2"))
 ROOMS = (
     "bspline", "tiles", "macroshape", "fields", "sdf", "mesh", "offsets", "cutfem", "io",
-    "homogenize", "minimal", "lattice", "linalg", "quadrature", "slicing", "topology",
+    "homogenize", "minimal", "lattice", "linalg", "quadrature", "slicing", "topology", "cost",
 )  # fmt: skip
 SKIPPED = {"save_grid"}
 MOST_CALLS = 400_000  # of functions, within less than two seconds
@@ -77,6 +77,23 @@ def minimal():
     }  # fmt: skip
 
 
+def structures():
+    """Arguments of corner-sharing structures."""
+    x, tets = il.cost.divided_box(1)
+    layer = il.cost.kagome(2, dim=2)
+    layers = [np.column_stack([layer.positions, np.full(9, z)]) for z in (0.0, 0.4)]
+    corners = np.vstack([np.zeros(3), np.eye(3)])
+    mesh = {"vertices": x, "simplices": tets}
+    return {
+        "cost.fill": {**mesh, "resolution": 2}, "cost.midpoint": mesh,
+        "cost.kagome": {"resolution": 3}, "cost.Blocks": {"resolution": 5},
+        "cost.stacked": {"layer": layer, "layers": layers},
+        "cost.CornerSharing": {"positions": x[:4], "simplices": [[0, 1, 2, 3]]},
+        "cost.Beams": {"vertices": corners, "pairs": [[0, 1]], "radii": [[0.1, 0.1]]},
+        "cost.BernsteinSimplex": {"degree": 1, "points": corners, "corners": corners},
+    }  # fmt: skip
+
+
 def own(sense):
     """Arguments that make sense to one callable only, by its name."""
     line = il.BSpline([[0, 0, 0.4, 1, 1]], [[0, 0, 0], [0.5, 0.1, 0], [1, 0, 0]], 1)
@@ -93,7 +110,7 @@ def own(sense):
         **{f"homogenize.{kind}": {"field": cell, "through": None} for kind in kinds},
         "homogenize.voxels": {"array": labels, "young": (1.0, 2.0), "spacing": 1.0},
         "homogenize.conductive_voxels": {"array": labels, "spacing": 1.0},
-        **minimal(),
+        **minimal(), **structures(),
         "tiles.Arc": {"centre": (0.3, 0.5, 0.5), "u": (0.2, 0, 0), "v": (0, 0.2, 0)},
         "tiles.Curve": {"spline": line}, "tiles.Surface": {"spline": sheet},
         "tiles.Group": {"members": [il.tiles.Polyline(corners)]},
@@ -161,6 +178,9 @@ def things(sense):
     ]  # fmt: skip
     labels = np.arange(8).reshape(2, 2, 2) % 2
     own += [il.homogenize.voxels(labels), il.homogenize.conductive_voxels(labels)]
+    k = il.cost.kagome(2).refined()
+    straight = il.cost.BernsteinSimplex.straight(np.vstack([np.zeros(3), np.eye(3)]), 2)
+    own += [k, k.beams(0.01), il.cost.Blocks(3), straight]
     return own + solids()
 
 

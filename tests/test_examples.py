@@ -257,6 +257,32 @@ def test_balls_on_struts_stop_waves():
     assert numbers["width of the gap"] == pytest.approx(0.36, abs=0.03)
 
 
+def test_structures_in_the_duck_are_minimally_rigid():
+    numbers = run("corner_sharing_duck")
+    assert numbers["rank less three vertices and six"] == 0
+    assert numbers["self-stresses"] == 0
+    assert numbers["watertight"]
+
+
+def test_forces_by_levels_are_those_of_the_whole():
+    numbers = run("corner_sharing_stress", levels=1)
+    assert numbers["difference of the levels"] < 1e-9
+    assert numbers["edges"] == 4 * 306 + 72
+
+
+def test_flips_make_a_hole_that_is_nearly_round():
+    numbers = run("corner_sharing_flips")
+    assert numbers["largest radius over the least"] == pytest.approx(1.02, abs=0.03)
+    assert numbers["corners of the hole"] == 12
+    assert numbers["overlaps"] == 0
+
+
+def test_slices_make_few_blocks_of_a_structure():
+    numbers = run("corner_sharing_slices", resolution=16)
+    assert numbers["part of the blocks"] < 0.7
+    assert numbers["polygons"] > 10
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_every_example_is_tested_and_can_be_run_alone(name):
     source = (FOLDER / f"{name}.py").read_text(encoding="utf-8")

@@ -22,6 +22,7 @@ from ilattice.errors import IlatticeError
 ROOMS = (
     "bspline", "tiles", "macroshape", "fields", "sdf", "mesh", "offsets", "cutfem", "io",
     "homogenize", "minimal", "lattice", "linalg", "quadrature", "slicing", "topology", "plot",
+    "cost",
 )  # fmt: skip
 #: Those that do something, and have no state that users could take for a result.
 TOOLS = {"offsets.ClosestPointSearch", "cutfem.Solver", "linalg.Solver", "io.StreamedMeshWriter",
@@ -90,7 +91,7 @@ def examples():
         il.cutfem.mass_properties(wall, 4), heat.evolve(1.0, steps=2), modes.report,
         solution.recovered(), temperature.recovered(), solution.error_estimate(),
         solution.report, il.cutfem.buckling(solution, 1), solid.assembly.space,
-        solution.at(point, outside="nan"), *cells(), *surfaces(), *below(),
+        solution.at(point, outside="nan"), *cells(), *surfaces(), *below(), *structures(),
     ]  # fmt: skip
     return {type(thing): thing for thing in found}
 
@@ -123,6 +124,13 @@ def surfaces():
     patch = il.minimal.conjugate(loop, 2)
     whole, region = patch.completed(), loop.region
     return [loop, patch, patch.report, patch.disc, whole, region, region.group, region.mirrors[0]]
+
+
+def structures():
+    """A structure of tetrahedra, refined, its beams, blocks and a map."""
+    k = il.cost.kagome(2).refined()
+    straight = il.cost.BernsteinSimplex.straight(np.vstack([np.zeros(3), np.eye(3)]), 2)
+    return [k, k.beams(0.01), il.cost.Blocks(4), straight]
 
 
 def mesh_of(wall):

@@ -7,6 +7,7 @@ a box is decided by bounds; what is left open there is split exactly:
   {f <= -c}. Monotone functions of one number move to the other side: {sqrt(f) < c} is {f < c²}.
 - What rises with a minimum or maximum below other operations is a minimum or maximum itself:
   min(f, g) + h = min(f + h, g + h).
+- Fields without a formula that are unions of many pieces are asked for those of a box.
 - Anything else is taken apart by a switch: where f < g with f in place of min(f, g), else with g.
 
 Guarantees: a formula has the sign of the field in its box, but for sets without volume.
@@ -205,6 +206,15 @@ class Splitter:
         self._choices = [
             (i, r) for i, r in enumerate(registers) if int(self.program.code[i]) in CHOICES
         ]
+        leaves = [(r, *self.builder.leaves[self.builder.a[r]]) for r in registers
+                  if self.builder.code[r] == ops.LEAF]  # fmt: skip
+        self._unions = [
+            (r, leaf, tuple(self.builder.program(x) for x in point))
+            for r, leaf, point in leaves if hasattr(leaf, "parts_on")
+        ]  # fmt: skip
+        self._parts: dict[tuple[int, ...], int] = {}
+        self.parts: list[tuple[int, ...]] = []
+        self.pieces: dict[tuple[int, int, float, bool], Expression] = {}  # of single ones
 
     @cached_property
     def whole(self) -> Formula:
@@ -232,13 +242,29 @@ class Splitter:
         """Bounds (n, 2) of the field on boxes (n, 3), and the states (n, k) of its choices."""
         choices = np.array([i for i, _ in self._choices], np.int64)
         states = np.empty((len(lo), len(choices)), np.int64)
-        return self.program.decided(lo, hi, choices, states), states
+        bounds = self.program.decided(lo, hi, choices, states)
+        more = [self._asked(leaf, point, lo, hi) for _, leaf, point in self._unions]
+        return bounds, np.column_stack([states, *more]) if more else states
+
+    def _asked(
+        self, leaf: Any, point: tuple[Program, ...], lo: FloatArray, hi: FloatArray
+    ) -> IntArray:
+        """Which pieces of a union matter in boxes: numbers in `parts`; -1 where there are many."""
+        at = np.stack([p.ranges(lo, hi) for p in point])
+        out = np.empty(len(lo), np.int64)
+        for i, found in enumerate(leaf.parts_on(at[:, :, 0].T, at[:, :, 1].T)):
+            if found is not None and found not in self._parts:
+                self._parts[found] = len(self.parts)
+                self.parts.append(found)
+            out[i] = -1 if found is None else self._parts[found]
+        return out
 
     def formula(self, states: IntArray) -> Formula | None:
         """The formula of boxes with these states, or None if these are to be halved."""
         key = states.tobytes()
         if key not in self._formulas:
-            known = {r: int(s) for (_, r), s in zip(self._choices, states, strict=True)}
+            names = [r for _, r in self._choices] + [r for r, _, _ in self._unions]
+            known = {r: int(s) for r, s in zip(names, states, strict=True)}
             try:
                 e = _Case(self, known).whole()
                 self._formulas[key] = Formula(e, leaves_of(e))
@@ -288,6 +314,8 @@ class _Case:
             return self.solid(b.insides[i], level, closed)
         if code == ops.CONST:
             return bool(b.imm[i] <= level if closed else b.imm[i] < level)
+        if code == ops.LEAF and i in self.states:
+            return self._union(i, level, closed)
         if code in (ops.MIN, ops.MAX):
             return self._extreme(i, level, closed)
         if code == ops.NEG:
@@ -311,6 +339,23 @@ class _Case:
             return self.solid(first if state == FIRST else second, level, closed)
         e, f = self.solid(first, level, closed), self.solid(second, level, closed)
         return either(e, f) if self.b.code[i] == ops.MIN else both(e, f)
+
+    def _union(self, i: int, level: float, closed: bool) -> Expression:
+        """Where one of the pieces of a union is below a level, of those that matter here."""
+        if self.states[i] < 0:
+            raise _TooManyError
+        leaf, point = self.b.leaves[self.b.a[i]]
+        out: Expression = False
+        for part in self.splitter.parts[self.states[i]]:
+            key = (i, part, level, closed)
+            if key not in self.splitter.pieces:
+                piece = self.solid(leaf.part(part)._emit(self.b, point), level, closed)
+                self.splitter.pieces[key] = piece
+            out = either(out, self.splitter.pieces[key])
+            self.found.update(leaves_of(self.splitter.pieces[key]))
+            if len(self.found) > MOST_LEAVES:
+                raise _TooManyError
+        return out
 
     def _moved(self, code: int, p: int, q: int, level: float, closed: bool) -> Expression | None:
         """Sums and products with a number, which goes to the other side; else None."""

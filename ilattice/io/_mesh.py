@@ -42,6 +42,22 @@ class Triangles(Protocol):
         """Named data on the faces."""
 
 
+class BeamArrays(Protocol):
+    """Beams between points, as writers take them."""
+
+    @property
+    def vertices(self) -> AnyArray:
+        """Points, shape (V, 3)."""
+
+    @property
+    def pairs(self) -> AnyArray:
+        """Ends of the beams, shape (e, 2)."""
+
+    @property
+    def radii(self) -> AnyArray:
+        """Radii at the ends, shape (e, 2)."""
+
+
 @dataclass(frozen=True, eq=False)
 class MeshArrays(Frozen):
     """Triangles as a file has them.

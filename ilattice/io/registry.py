@@ -29,6 +29,11 @@ WRITERS: dict[str, dict[str, str]] = {
     },
     "SplineMap": {".vtu": "vtk:save_bezier_vtu", **_SPLINE},
     "BSpline": _SPLINE,
+    "Beams": {
+        ".3mf": "threemf_beams:write_3mf_beams",
+        ".vtp": "vtk_lines:write_vtp_lines",
+        ".vtu": "vtk_lines:write_vtu_lines",
+    },
     "SliceStack": {
         ".cli": "common_layer:write_cli",
         ".svg": "svg:write_svg",
@@ -52,7 +57,7 @@ def save(
 
     Parameters
     ----------
-    obj : SurfaceMesh, SplineMap, BSpline or SliceStack
+    obj : SurfaceMesh, SplineMap, BSpline, Beams or SliceStack
         What to write.
     path : path-like
         File to create; an old one is replaced as a whole or left alone.

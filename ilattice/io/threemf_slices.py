@@ -20,18 +20,18 @@ from ilattice.errors import PrecisionWarning
 from ilattice.io._mesh import TEXT_BLOCK, Triangles, blocks
 from ilattice.io._slices import Section, Stack, as_unit, contours, decimals, join
 
-_CORE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
+CORE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
 _SLICE = "http://schemas.microsoft.com/3dmanufacturing/slice/2015/07"
-_XML = '<?xml version="1.0" encoding="UTF-8"?>\n'
-_TYPES = (
-    f'{_XML}<Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types">'
+XML = '<?xml version="1.0" encoding="UTF-8"?>\n'
+TYPES = (
+    f'{XML}<Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types">'
     '<Default Extension="rels" '
     'ContentType="application/vnd.openxmlformats-package.relationships+xml"/>'
     '<Default Extension="model" '
     'ContentType="application/vnd.ms-package.3dmanufacturing-3dmodel+xml"/></Types>'
 )
-_RELATIONS = (
-    f'{_XML}<Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships">'
+RELATIONS = (
+    f'{XML}<Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships">'
     '<Relationship Target="/3D/3dmodel.model" Id="rel0" '
     'Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"/></Relationships>'
 )
@@ -71,15 +71,16 @@ def write_3mf_slices(
         atomic_write(path) as file,
         zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=4) as package,
     ):
-        for name, text in (("[Content_Types].xml", _TYPES), ("_rels/.rels", _RELATIONS)):
-            with package.open(_entry(name), "w") as part:
+        for name, text in (("[Content_Types].xml", TYPES), ("_rels/.rels", RELATIONS)):
+            with package.open(entry(name), "w") as part:
                 part.write(text.encode("utf-8"))
-        with package.open(_entry("3D/3dmodel.model"), "w", force_zip64=True) as part:
+        with package.open(entry("3D/3dmodel.model"), "w", force_zip64=True) as part:
             for text in _model(stack, unit, progress):
                 part.write(text.encode("utf-8"))
 
 
-def _entry(name: str) -> zipfile.ZipInfo:
+def entry(name: str) -> zipfile.ZipInfo:
+    """A file of a package, without the time."""
     entry = zipfile.ZipInfo(name, _EPOCH)
     entry.compress_type = zipfile.ZIP_DEFLATED
     return entry
@@ -89,7 +90,7 @@ def _model(stack: Stack, unit: str, progress: Progress) -> Iterator[str]:
     stand_in = _part(stack)
     places = decimals(stack.bounds)
     yield (
-        f'{_XML}<model unit="{unit}" xml:lang="en-US" xmlns="{_CORE}" xmlns:s="{_SLICE}" '
+        f'{XML}<model unit="{unit}" xml:lang="en-US" xmlns="{CORE}" xmlns:s="{_SLICE}" '
         'requiredextensions="s">\n<resources>\n'
         f'<s:slicestack id="1" zbottom="{stack.bottom:.{places}f}">\n'
     )
@@ -123,6 +124,8 @@ def _part(stack: Stack) -> Triangles:
     part = stack.part
     if isinstance(part, Triangles):
         return part
+    if hasattr(stack.slicer, "stand_in"):  # of fields
+        return stack.slicer.stand_in()
     with warnings.catch_warnings():  # it is coarse on purpose
         warnings.simplefilter("ignore", PrecisionWarning)
         return part.mesh(h=_STAND_IN * part.least_thickness, polish=False)

@@ -182,6 +182,53 @@ def write_vtu(
     _write("vtkXMLUnstructuredGridWriter", grid, path, compress)
 
 
+def write_lines(
+    path: str | os.PathLike[str],
+    points: ArrayLike,
+    lines: ArrayLike,
+    *,
+    point_data: Mapping[str, ArrayLike] | None = None,
+    cell_data: Mapping[str, ArrayLike] | None = None,
+    compress: bool = False,
+) -> None:
+    """Write straight lines with named data as .vtp.
+
+    Parameters
+    ----------
+    path : path-like
+        File to create or to replace.
+    points : (n, 3) array
+        Points.
+    lines : (e, 2) array of integers
+        Ends of the lines.
+    point_data, cell_data : mapping of str to array, optional
+        Data on the points and on the lines.
+    compress : bool
+        Compress with zlib.
+
+    Raises
+    ------
+    InputError
+        Wrong shapes, or lines that name points that do not exist.
+    FormatError
+        If the file cannot be written.
+    """
+    from vtkmodules.vtkCommonDataModel import vtkPolyData
+
+    x = as_points("points", points)
+    ends = np.asarray(lines)
+    if ends.ndim != 2 or ends.shape[1] != 2 or ends.dtype.kind not in "iu":
+        raise InputError(f"lines must be integers of shape (e, 2), got shape {ends.shape}")
+    if ends.size and not 0 <= ends.min() <= ends.max() < len(x):
+        raise InputError(f"lines must name points below {len(x)}, got up to {ends.max()}")
+    drawing = vtkPolyData()
+    drawing.SetPoints(_points(x))
+    drawing.SetLines(_cells(ends, len(x)))
+    _attach(drawing.GetPointData(), _named("point_data", point_data, (len(x),)))
+    _attach(drawing.GetCellData(), _named("cell_data", cell_data, (len(ends),)))
+    _write("vtkXMLPolyDataWriter", drawing, path, compress)
+
+
 def write_pvd(
     path: str | os.PathLike[str], files: Sequence[str | os.PathLike[str]], times: ArrayLike
 ) -> None:

@@ -5,6 +5,7 @@
 `load`                    a `SurfaceMesh` from an STL, PLY, OBJ or OFF file
 `contour`                 from an implicit field on a box to a `SurfaceMesh`
 `Slice`, `SliceStack`     contours of a wall at given heights, without a mesh
+`slice_field`             such contours of any field
 `vent`                    mesh of a wall whose closed voids are opened by channels
 `measure`                 volume, area, quality, edge census as functions of plain arrays
 ========================  ==================================================================
@@ -12,8 +13,18 @@
 
 from ilattice.mesh import measure
 from ilattice.mesh.contouring import contour
+from ilattice.mesh.field_slices import slice_field
 from ilattice.mesh.surface import SurfaceMesh, load
 from ilattice.mesh.venting import vent
 from ilattice.slicing.slices import Slice, SliceStack
 
-__all__ = ["Slice", "SliceStack", "SurfaceMesh", "contour", "load", "measure", "vent"]
+__all__ = [
+    "Slice",
+    "SliceStack",
+    "SurfaceMesh",
+    "contour",
+    "load",
+    "measure",
+    "slice_field",
+    "vent",
+]

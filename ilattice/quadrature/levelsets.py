@@ -430,7 +430,11 @@ class _Negative(Field):
 
 
 def _intersection(fields: tuple[Any, ...], domain: FloatArray | None) -> FloatArray:
-    boxes = [np.asarray(f.bounds, np.float64) for f in fields if owns(f, "bounds")]
+    boxes = [
+        np.asarray(f.analysis_box if hasattr(f, "analysis_box") else f.bounds, np.float64)
+        for f in fields
+        if owns(f, "bounds")
+    ]
     if domain is not None:
         box = domain
         for f in fields:

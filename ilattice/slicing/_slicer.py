@@ -54,7 +54,7 @@ class Slicer:
         self.wall, self.axes = wall, axes
         self.closed = np.array(wall.lattice.through.closed)
         self.period = np.where(self.closed, np.ptp(wall.lattice.domain, axis=0), 0.0)
-        self.height = _component(wall.lattice.through.geometry, plane.frame[2])
+        self.height = component(wall.lattice.through.geometry, plane.frame[2])
         cells = np.array([len(a) - 1 for a in axes])
         self.cells = cells
         self.planes = np.where(self.closed, cells, cells + 1)
@@ -188,7 +188,7 @@ class Slicer:
         return 0.5 * float(np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum())
 
 
-def _component(spline: BSpline, direction: FloatArray) -> BSpline:
+def component(spline: BSpline, direction: FloatArray) -> BSpline:
     """Scalar product of a spline with a direction."""
     return BSpline(
         spline.t, spline.c @ direction, spline.k, periodic=spline.periodic, weights=spline.weights

@@ -24,7 +24,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any, Protocol, overload
 
 import numpy as np
 
@@ -41,6 +41,7 @@ from ilattice._validate import (
     read_only,
 )
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
+from ilattice.fields.node import Node
 from ilattice.io.registry import save
 from ilattice.io.svg import slice_document
 from ilattice.macroshape.planes import grid_axes
@@ -55,6 +56,7 @@ from ilattice.slicing._slicer import BLOCK, Slicer, as_frame, extent
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
 
 #: A polygon as arrays: its outer contour (n, 2), and its holes.
 Polygon = tuple[FloatArray, tuple[FloatArray, ...]]
@@ -179,13 +181,26 @@ class Slice(Frozen):
         return slice_document(self)
 
 
+class Cutter(Protocol):
+    """What cuts a part: `Slicer` for walls, `MeshSlicer`, or that of fields in `ilattice.mesh`."""
+
+    @property
+    def net(self) -> FloatArray:
+        """Points (n, 3) about the part."""
+
+    def outline(self, height: float) -> Outline:
+        """Contours at a height."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class SliceStack(Frozen):
     """Slices of a part, each computed when asked for; made by `Wall.slices`, `SurfaceMesh.slices`.
 
+    Those of any field are made by `ilattice.mesh.slice_field`.
+
     Attributes
     ----------
-    part : Wall or SurfaceMesh
+    part : Wall, SurfaceMesh or Node
         What is cut.
     heights, tops : ndarray, shape (n,)
         Where the planes cut, and up to where each slice stands for the wall.
@@ -193,16 +208,16 @@ class SliceStack(Frozen):
         From where the lowest one stands for it.
     frame : ndarray, shape (3, 3)
         Rows: the two directions in the planes, and their normal.
-    slicer : Slicer or MeshSlicer
+    slicer : Cutter
         What cuts.
     """
 
-    part: OffsetSolid | ClosedMesh
+    part: OffsetSolid | ClosedMesh | Node
     heights: FloatArray
     tops: FloatArray
     bottom: float
     frame: FloatArray
-    slicer: Slicer | MeshSlicer
+    slicer: Cutter
 
     def __repr__(self) -> str:
         return f"SliceStack({len(self)} slices from {self.bottom:g} to {self.tops[-1]:g})"
@@ -326,7 +341,7 @@ def slice_wall(
         "use a larger h or fewer tiles",
     )
     slicer = Slicer(InPlane(wall, axes, frame, h, polish))
-    heights, tops, bottom = _layers(z, thickness, extent(slicer.height))
+    heights, tops, bottom = layers(z, thickness, extent(slicer.height))
     return SliceStack(wall, read_only(heights), read_only(tops), bottom, read_only(frame), slicer)
 
 
@@ -340,11 +355,11 @@ def slice_mesh(
     """Slices of a closed mesh; see `ilattice.mesh.SurfaceMesh.slices`."""
     frame = as_frame(as_triple("normal", normal))
     slicer = MeshSlicer(mesh, frame)
-    heights, tops, bottom = _layers(z, thickness, slicer.ends)
+    heights, tops, bottom = layers(z, thickness, slicer.ends)
     return SliceStack(mesh, read_only(heights), read_only(tops), bottom, read_only(frame), slicer)
 
 
-def _layers(
+def layers(
     z: ArrayLike | None, thickness: float | None, ends: tuple[float, float]
 ) -> tuple[FloatArray, FloatArray, float]:
     """Heights of the cuts, upper ends of the layers, lower end of the first."""

@@ -1,0 +1,502 @@
+"""Edges as round cones: a solid that is a field, meshed, sliced, intersected, analysed, printed.
+
+A beam is the union of the balls along an edge whose radii go linearly from one end to the other.
+The field is the least of the distances to all beams, less their radii: outside it is the exact
+distance to the solid.
+
+Guarantees: values are exact up to rounding, for any number of beams, in logarithmic time by a tree
+of boxes; `range` is rigorous (the field is 1-Lipschitz); the same bits for any number of threads.
+Analyses (`cutfem`) get the beams one by one: creases between them are not smeared.
+Not guaranteed: between vertices a radius that is a function of position is linear; how far that is
+off is warned of.
+"""
+
+import os
+import warnings
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ilattice._memory import need
+from ilattice._progress import Progress
+from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
+from ilattice._validate import as_array, as_kind, as_points, as_positive, asked
+from ilattice.cost import _kernels_beams as kernels
+from ilattice.cost.structure import CornerSharing, _numbers
+from ilattice.errors import GeometryError, InputError, PrecisionWarning
+from ilattice.fields._program import Builder, Point
+from ilattice.fields.node import Node
+from ilattice.mesh.field_slices import slice_field
+from ilattice.mesh.surface import SurfaceMesh
+from ilattice.sdf import _kernels_bvh as tree
+from ilattice.slicing.slices import SliceStack
+
+#: Most beams of one box of an analysis; where there are more it is halved.
+MOST_PIECES = 16
+#: Part of the radius that a linear radius may be off in the middle of a beam before a warning.
+UNEVEN = 0.05
+#: Spacing of the grid of a mesh, in least radii, above which beams may be cut, and are lost.
+COARSE, LOST = 1.001, 2.0
+PER_BEAM = 400.0  # bytes
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Beams(Node):
+    """A solid of round beams between vertices.
+
+    Attributes
+    ----------
+    vertices : ndarray, shape (n, 3)
+        Ends of the beams.
+    pairs : ndarray of int, shape (e, 2)
+        Their numbers.
+    radii : ndarray, shape (e, 2)
+        Radii at the ends of each.
+    """
+
+    vertices: FloatArray
+    pairs: IntArray
+    radii: FloatArray
+
+    def __post_init__(self) -> None:
+        """Check the arrays."""
+        x = as_points("vertices", self.vertices)
+        pairs = _numbers("pairs", self.pairs, 2, len(x))
+        if not len(pairs):
+            raise InputError("pairs must not be empty: there is no beam")
+        r = as_array("radii", self.radii)
+        if r.shape != (len(pairs), 2):
+            raise InputError(f"radii must have shape ({len(pairs)}, 2), got {r.shape}")
+        if not (r > 0.0).all():
+            i = int(np.argmax((r <= 0.0).any(axis=1)))
+            raise InputError(f"radii must be positive, but radii[{i}] is {r[i].tolist()}")
+        flat = (x[pairs[:, 0]] == x[pairs[:, 1]]).all(axis=1)
+        if flat.any():
+            i = int(np.argmax(flat))
+            raise InputError(f"pairs[{i}] {pairs[i].tolist()} has both ends at one place; drop it")
+        need(PER_BEAM * len(pairs), f"{len(pairs)} beams", "use fewer, or Blocks")
+        put = object.__setattr__
+        for name, value in (("vertices", x), ("pairs", pairs), ("radii", r)):
+            put(self, name, np.array(value))
+        super().__post_init__()
+
+    def __repr__(self) -> str:
+        low, high = self.radii.min(), self.radii.max()
+        return f"Beams({len(self.pairs)} beams, radii from {low:.3g} to {high:.3g})"
+
+    # ------------------------------------------------------------------ tree
+
+    @cached_property
+    def _tree(self) -> tuple[AnyArray, ...]:
+        """Boxes, largest radii, links and beams of the tree, and the numbers of its beams."""
+        a, b = self.vertices[self.pairs[:, 0]], self.vertices[self.pairs[:, 1]]
+        lo, hi = np.minimum(a, b), np.maximum(a, b)
+        m = len(lo)
+        order = np.arange(m)
+        box, link = np.empty((2 * m, 6)), np.empty((2 * m, 3), np.int64)
+        count = tree.build(lo, hi, order, box, link)
+        beam = np.hstack([self.radii, a, b])[order]
+        box, link = box[:count].copy(), link[:count].copy()
+        wide = np.empty(count)
+        kernels.widest(link, beam, wide)
+        return box, wide, link, beam, order
+
+    # ------------------------------------------------------------------ field
+
+    def _emit(self, b: Builder, p: Point) -> int:
+        return b.leaf(self, p)
+
+    def _box(self, level: float = 0.0) -> FloatArray:
+        r = np.maximum(self.radii + level, 0.0)
+        x = self.vertices[self.pairs]
+        kept = (self.radii + level >= 0.0)[..., None]
+        low = np.where(kept, x - r[..., None], np.inf)
+        high = np.where(kept, x + r[..., None], -np.inf)
+        return np.stack([low.min(axis=(0, 1)), high.max(axis=(0, 1))])
+
+    @property
+    def analysis_box(self) -> FloatArray:
+        """The box of the vertices, in which an analysis takes place unless told otherwise.
+
+        Beams that end on its faces are cut through their middle, so that they can be held there.
+        """
+        used = self.vertices[self.pairs.ravel()]
+        low, high = used.min(axis=0), used.max(axis=0)
+        flat = high - low <= 1e-9 * float((high - low).max())
+        box = self._box()
+        return np.stack([np.where(flat, box[0], low), np.where(flat, box[1], high)])
+
+    def values(self, points: FloatArray) -> FloatArray:
+        """Values at checked points, without a copy of the program.
+
+        Parameters
+        ----------
+        points : ndarray, shape (n, 3)
+            Points.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Values.
+        """
+        out = np.empty(len(points))
+        box, wide, link, beam, _ = self._tree
+        kernels.values(len(points), np.array(points), box, wide, link, beam, out)
+        return out
+
+    def __call__(self, p: ArrayLike, /) -> FloatArray:
+        """Values, shape (n,), at points ``p`` (n, 3)."""
+        return self.values(as_points("p", p))
+
+    def jets(self, points: FloatArray, order: int) -> tuple[FloatArray, ...]:
+        """Derivatives at checked points; those of the nearest beam.
+
+        Parameters
+        ----------
+        points : ndarray, shape (n, 3)
+            Points.
+        order : {1, 2}
+            Highest derivative.
+
+        Returns
+        -------
+        tuple of ndarray
+            Values (n,), gradients (n, 3) and, for order 2, Hessians (n, 3, 3).
+        """
+        n = len(points)
+        f, g, h = np.empty(n), np.empty((n, 3)), np.empty((n if order == 2 else 0, 3, 3))
+        box, wide, link, beam, _ = self._tree
+        kernels.jets(n, np.array(points), box, wide, link, beam, order, f, g, h)
+        return (f, g, h)[: order + 1]
+
+    def bounds_on(self, lo: FloatArray, hi: FloatArray, moved: bool) -> FloatArray:
+        """Bounds on boxes.
+
+        Parameters
+        ----------
+        lo, hi : ndarray, shape (n, 3)
+            Corners.
+        moved : bool
+            Whether points are moved before, so that no steepness is known.
+
+        Returns
+        -------
+        ndarray, shape (n, 3)
+            Lower and upper bounds, and the largest slope.
+        """
+        return _bounds(self.values, lo, hi, moved)
+
+    # ------------------------------------------------------------------ pieces for analyses
+
+    @cached_property
+    def _round(self) -> AnyArray:
+        """Vertices (n,) at which all beams have one radius: a ball that several of them share."""
+        low = np.full(len(self.vertices), np.inf)
+        high = np.full(len(self.vertices), -np.inf)
+        np.minimum.at(low, self.pairs, self.radii)
+        np.maximum.at(high, self.pairs, self.radii)
+        return np.asarray(low == high)
+
+    def parts_on(self, lo: FloatArray, hi: FloatArray) -> list[tuple[int, ...] | None]:
+        """Pieces that may be nearest somewhere in boxes.
+
+        Parameters
+        ----------
+        lo, hi : ndarray, shape (n, 3)
+            Corners.
+
+        Returns
+        -------
+        list of tuple of int or None
+            Numbers of beams, and, from their count on, balls at vertices, where a box lies so that
+            its points are nearest to the end of all beams there. None for more than can be taken.
+        """
+        reach = np.linalg.norm(hi - lo, axis=1) * (1.0 + 1e-9)
+        rows = np.full((len(lo), MOST_PIECES), -1, np.int64)
+        count = np.empty(len(lo), np.int64)
+        middle = 0.5 * (lo + hi)
+        box, wide, link, beam, order = self._tree
+        kernels.among(len(lo), middle, reach, box, wide, link, beam, rows, count)
+        end = self._ends(rows, middle, 0.5 * reach)
+        out: list[tuple[int, ...] | None] = []
+        for row, which, c in zip(rows.tolist(), end.tolist(), count.tolist(), strict=True):
+            out.append(None if c > MOST_PIECES else self._pieces(row[:c], which, order))
+        return out
+
+    def _ends(self, rows: IntArray, middle: FloatArray, reach: FloatArray) -> IntArray:
+        """The end, 0 or 1, of beams that all of a box is nearest to; 2 where that is not so."""
+        beam = self._tree[3][rows]
+        way = beam[..., 5:8] - beam[..., 2:5]
+        length = np.linalg.norm(way, axis=2)
+        s = np.clip((beam[..., 1] - beam[..., 0]) / length, -1.0, 1.0)
+        steep = s / np.sqrt(np.maximum(1.0 - s * s, 1e-12))
+        p = middle[:, None] - beam[..., 2:5]
+        z = (p * way).sum(axis=2) / length
+        off = np.sqrt(np.maximum((p * p).sum(axis=2) - z * z, 0.0))
+        t, slack = z + steep * off, reach[:, None] * (1.0 + np.abs(steep))
+        return np.asarray(np.where(t + slack <= 0.0, 0, np.where(t - slack >= length, 1, 2)))
+
+    def _pieces(self, row: list[int], which: list[int], order: IntArray) -> tuple[int, ...]:
+        """Beams, and balls that are part of none of these."""
+        whole, balls = set(), set()
+        for i, end in zip(row, which, strict=False):
+            vertex = int(self.pairs[order[i], end]) if end < 2 else -1
+            if vertex >= 0 and self._round[vertex]:
+                balls.add(vertex)
+            else:
+                whole.add(i)
+        covered = {int(v) for i in whole for v in self.pairs[order[i]]}
+        return tuple(sorted(whole) + sorted(len(order) + v for v in balls - covered))
+
+    def part(self, number: int) -> Node:
+        """One of the pieces of `parts_on`.
+
+        Parameters
+        ----------
+        number : int
+            Its number.
+
+        Returns
+        -------
+        Node
+            The distance to a beam, or to a ball.
+        """
+        beam, order = self._tree[3], self._tree[4]
+        if number < len(order):
+            return _Beam(beam[number])
+        v = number - len(order)
+        at = np.argwhere(self.pairs == v)[0]
+        x, r = self.vertices[v], self.radii[tuple(at)]
+        return _Beam(np.concatenate([[r, r], x, x]))
+
+    # ------------------------------------------------------------------ what to do with it
+
+    def mesh(
+        self, h: float | None = None, *, tol: float | None = None, progress: Progress = None
+    ) -> SurfaceMesh:
+        """Closed surface of the solid, with sharp creases between beams.
+
+        Parameters
+        ----------
+        h : float, optional
+            Spacing of the grid: a third of the least radius or less.
+        tol : float, optional
+            Chord error instead; see `ilattice.sdf.mesh`.
+        progress : bool or callable, optional
+            See `ilattice._progress.track`.
+
+        Returns
+        -------
+        SurfaceMesh
+            The surface.
+
+        Raises
+        ------
+        GeometryError
+            If `h` exceeds twice the least radius: beams would be lost.
+
+        Warns
+        -----
+        PrecisionWarning
+            If it exceeds the least radius.
+        """
+        from ilattice.sdf.meshing import mesh
+
+        least = float(self.radii.min())
+        spacing = least / 3.0 if h is None and tol is None else h
+        if spacing is not None and as_positive("h", spacing) > COARSE * least:
+            told = f"h={spacing:g} is too coarse for beams of radius {least:.3g}"
+            if spacing > LOST * least:
+                raise GeometryError(f"{told}: they would be lost; use h={0.5 * least:.2g} or less")
+            warnings.warn(
+                f"{told}: some may be cut through; use h={0.5 * least:.2g} or less",
+                PrecisionWarning,
+                stacklevel=2,
+            )
+        return mesh(self, spacing, tol=tol, progress=progress)
+
+    def slices(self, z: ArrayLike | None = None, **options: Any) -> SliceStack:
+        """Contours at heights; see `ilattice.mesh.slice_field`.
+
+        Parameters
+        ----------
+        z : array_like, optional
+            Heights; or give ``thickness``, that of layers.
+        **options
+            See there; `h` is half the least radius by default.
+
+        Returns
+        -------
+        SliceStack
+            Slices, each computed when asked for.
+        """
+        options.setdefault("h", 0.5 * float(self.radii.min()))
+        return slice_field(self, z, **options)
+
+    def save(self, path: str | os.PathLike[str], **options: Any) -> None:
+        """Write the beams: 3MF (beam lattice), VTP or VTU (lines with radii).
+
+        Parameters
+        ----------
+        path : path-like
+            File to write; its ending names the format.
+        **options
+            See the writer of the format in `ilattice.io`.
+        """
+        from ilattice.io import save
+
+        save(self, path, **options)
+
+
+@dataclass(frozen=True, eq=False)
+class _Beam(Node):
+    """Distance to one beam, or to a ball if both ends are one point; smooth away from its axis."""
+
+    row: FloatArray
+
+    def _emit(self, b: Builder, p: Point) -> int:
+        return b.leaf(self, p)
+
+    def values(self, points: FloatArray) -> FloatArray:
+        """Values (n,) at points (n, 3)."""
+        out = np.empty(len(points))
+        kernels.single(len(points), np.array(points), np.array(self.row), out)
+        return out
+
+    def range(self, lo: ArrayLike, hi: ArrayLike) -> FloatArray:
+        """Bounds (n, 2) on boxes."""
+        return self.bounds_on(np.asarray(lo), np.asarray(hi), True)[:, :2]
+
+    def bounds_on(self, lo: FloatArray, hi: FloatArray, moved: bool) -> FloatArray:
+        """Bounds and steepness (n, 3) on finite boxes."""
+        return _bounds(self.values, lo, hi, moved)
+
+
+def _bounds(f: Any, lo: FloatArray, hi: FloatArray, moved: bool) -> FloatArray:
+    """Bounds and steepness (n, 3) on boxes of a field that changes no faster than distances."""
+    out = np.tile([-np.inf, np.inf, np.inf], (len(lo), 1))
+    finite = np.isfinite(lo).all(axis=1) & np.isfinite(hi).all(axis=1)
+    if finite.any():
+        a, b = lo[finite], hi[finite]
+        reach = 0.5 * np.linalg.norm(b - a, axis=1)
+        v = f(0.5 * (a + b))
+        slack = 1e-13 * (np.abs(v) + np.abs(a).max(axis=1) + np.abs(b).max(axis=1))
+        out[finite, 0], out[finite, 1] = v - reach - slack, v + reach + slack
+    if not moved:
+        out[:, 2] = 1.0
+    return out
+
+
+def beams(k: CornerSharing, radius: Any, *, check: bool = True) -> Beams:
+    """Edges of a structure as round cones.
+
+    Parameters
+    ----------
+    k : CornerSharing
+        The structure; one in the plane lies at z = 0.
+    radius : float, array_like or callable
+        One for all, one per vertex (n,), one per edge (e,), both ends of each edge (e, 2), or a
+        function of points (n, 3) that gives radii (n,); it is taken at the vertices.
+    check : bool
+        Refuse radii that fill a simplex, or that swallow a whole beam.
+
+    Returns
+    -------
+    Beams
+        The solid.
+
+    Raises
+    ------
+    InputError
+        For radii that are not positive or of another shape.
+    GeometryError
+        If beams fill a simplex or close all its faces, or the ball at an end of an edge holds the
+        other one; the message names the first.
+
+    Warns
+    -----
+    PrecisionWarning
+        If a function is off by more than 5 % from linear in the middle of an edge.
+    """
+    as_kind("k", k, "CornerSharing")
+    x = np.pad(k.positions, ((0, 0), (0, 3 - k.dim)))
+    r = _radii(k, x, radius)
+    out = Beams(x, k.edges, r)
+    if check:
+        _check_swallowed(k, r)
+    return out
+
+
+def _radii(k: CornerSharing, x: FloatArray, radius: Any) -> FloatArray:
+    """Radii (e, 2) at the ends of edges."""
+    n, e = len(x), k.edges
+    if callable(radius):
+        at = as_array("radius", asked("radius", radius, x.copy()))
+        middle = x[e].mean(axis=1)
+        there = as_array("radius", asked("radius", radius, middle.copy()))
+        if at.shape != (n,) or there.shape != (len(e),):
+            raise InputError(f"radius must give one value per point, ({n},), got {at.shape}")
+        off = np.abs(there - at[e].mean(axis=1)) / np.maximum(np.abs(there), 1e-300)
+        if off.max(initial=0.0) > UNEVEN:
+            warnings.warn(
+                f"the radius in the middle of edges is off by up to {100 * off.max():.2g} % from "
+                "the linear one between their ends: refine, or use a smoother radius",
+                PrecisionWarning,
+                stacklevel=4,
+            )
+        return np.asarray(at[e])
+    r = as_array("radius", radius)
+    if np.ndim(radius) == 0:
+        return np.full((len(e), 2), float(r.ravel()[0]))
+    if r.shape == (len(e), 2):
+        return r
+    if r.shape == (len(e),) and n != len(e):
+        return np.stack([r, r], axis=1)
+    if r.shape == (n,) and n != len(e):
+        return np.asarray(r[e])
+    raise InputError(
+        f"radius must be one number, one per vertex ({n},), one per edge ({len(e)},), both ends of "
+        f"edges ({len(e)}, 2), or a function, got shape {r.shape}"
+    )
+
+
+def _check_swallowed(k: CornerSharing, r: FloatArray) -> None:
+    """Refuse beams that lie in a ball at their end, and simplices that are filled or sealed."""
+    inside = np.flatnonzero(np.abs(r[:, 1] - r[:, 0]) >= k.lengths)
+    if len(inside):
+        i = int(inside[0])
+        raise GeometryError(
+            f"the ball at one end of edge {i} {k.edges[i].tolist()} holds the other one: radii "
+            f"{r[i].tolist()}, length {k.lengths[i]:.3g} ({len(inside)} edges are so)"
+        )
+    d, m = k.dim, len(k.simplices)
+    own = len(k.edges[: m * d * (d + 1) // 2]) // max(m, 1)
+    ends, radii = k.positions[k.edges[: m * own]].reshape(m, own, 2, d), r[: m * own]
+    radii = radii.reshape(m, own, 2).min(axis=2)
+    corners = k.positions[k.simplices]
+    spots = [corners.mean(axis=1)]
+    if d == 3:
+        spots += [np.delete(corners, j, axis=1).mean(axis=1) for j in range(4)]
+    held = [(_distances(p, ends) <= radii).any(axis=1) for p in spots]
+    full = held[0] | (np.all(held[1:], axis=0) if d == 3 else False)
+    if full.any():
+        i = int(np.argmax(full))
+        raise GeometryError(
+            f"beams fill simplex {i} {k.simplices[i].tolist()}, or close all its faces, with radii "
+            f"up to {radii[i].max():.3g} and edges from {_shortest(ends[i]):.3g} "
+            f"({int(full.sum())} of {m} are so): use smaller radii"
+        )
+
+
+def _distances(p: FloatArray, ends: FloatArray) -> FloatArray:
+    """Distances (m, e) of points (m, d) from segments (m, e, 2, d)."""
+    a, way = ends[:, :, 0], ends[:, :, 1] - ends[:, :, 0]
+    t = ((p[:, None] - a) * way).sum(axis=2) / np.maximum((way**2).sum(axis=2), 1e-300)
+    foot = a + np.clip(t, 0.0, 1.0)[..., None] * way
+    return np.asarray(np.linalg.norm(p[:, None] - foot, axis=2))
+
+
+def _shortest(ends: FloatArray) -> float:
+    return float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).min())

@@ -1,0 +1,300 @@
+"""Refinement of simplices by the rules R0 and R1, and by Kagome structures.
+
+R0 puts a vertex on the middle of every edge of a simplex and keeps its d + 1 corners; since
+simplices share no edges, any subset can be refined. R0 keeps minimal rigidity: the refined simplex
+is isostatic and has the same pins. R1, in the plane, puts vertices on the edges around a void.
+
+Guarantees: R0 keeps positions, bars and the deficit; it multiplies the area by 3/4 in the plane,
+the volume by 1/2 in space, where all is refined.
+"""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ilattice._memory import need
+from ilattice._typing import IntArray
+from ilattice._validate import as_array, as_choice, as_kind, asked
+from ilattice.cost._kernels_kagome import PAIRS2, PAIRS3
+from ilattice.cost.structure import Coarse, CornerSharing
+from ilattice.errors import InputError
+
+
+def refined(k: CornerSharing, rule: str = "R0", *, where: Any = None) -> CornerSharing:
+    """Finer simplices.
+
+    Parameters
+    ----------
+    k : CornerSharing
+        The structure.
+    rule : {"R0", "R1"}
+        R0 keeps the corners of simplices. R1, in the plane, takes triangles in the corners of voids
+        in place of the triangles around them; vertices that none is left at go.
+    where : callable or array_like of bool, shape (m,), optional
+        Which simplices: a mask, or a function that takes their centres (m, d) and returns one. With
+        R1 a void is refined if all triangles around it are chosen.
+
+    Returns
+    -------
+    CornerSharing
+        With R0 its `coarse` is this one, so that stresses are found by levels.
+
+    Raises
+    ------
+    InputError
+        For another rule, R1 in space, or a mask of another shape.
+    """
+    as_kind("k", k, "CornerSharing")
+    as_choice("rule", rule, ("R0", "R1"))
+    mask = _mask(k, where)
+    if rule == "R1":
+        return _r1(k, mask)
+    return _r0(k, np.flatnonzero(mask))
+
+
+def _mask(k: CornerSharing, where: Any) -> Any:
+    m = len(k.simplices)
+    if where is None:
+        return np.ones(m, np.bool_)
+    if callable(where):
+        where = asked("where", where, k.positions[k.simplices].mean(axis=1))
+    mask = np.asarray(where)
+    if mask.shape != (m,) or mask.dtype.kind != "b":
+        raise InputError(
+            f"where must give True or False for each of {m} simplices, got {mask.dtype} of shape "
+            f"{mask.shape}"
+        )
+    return mask
+
+
+def children(d: int) -> tuple[IntArray, IntArray]:
+    """Children (d + 1, d + 1) of a simplex, by its own corners, then midpoints; pairs."""
+    pairs = PAIRS2 if d == 2 else PAIRS3
+    number = {tuple(p): d + 1 + i for i, p in enumerate(pairs.tolist())}
+    rows = [
+        [i if i == j else number[min(i, j), max(i, j)] for j in range(d + 1)] for i in range(d + 1)
+    ]
+    return np.array(rows, np.int64), pairs
+
+
+def _r0(k: CornerSharing, rows: IntArray) -> CornerSharing:
+    d, n = k.dim, len(k.positions)
+    table, pairs = children(d)
+    need(400.0 * len(rows) * (d + 1), f"{len(rows)} refined simplices", "refine fewer")
+    s = k.simplices[rows]
+    middle = k.positions[s[:, pairs]].mean(axis=2).reshape(-1, d)
+    own = n + np.arange(len(middle)).reshape(-1, len(pairs))
+    local = np.concatenate([s, own], axis=1)
+    rest = np.delete(k.simplices, rows, axis=0)
+    fine = np.concatenate([rest, local[:, table].reshape(-1, d + 1)])
+    x = np.concatenate([k.positions, middle])
+    return CornerSharing(x, fine, k.bars, coarse=Coarse(k, np.array(rows)))
+
+
+# ------------------------------------------------------------------------------ R1
+
+
+def voids(k: CornerSharing) -> list[IntArray]:
+    """Inner facets of a structure of triangles in the plane that are no triangles of it.
+
+    Parameters
+    ----------
+    k : CornerSharing
+        In the plane, embedded.
+
+    Returns
+    -------
+    list of ndarray of int
+        Vertices around each, counter-clockwise.
+    """
+    return [f for f in facets(k) if (len(f) > 3 and area(k, f) > 0.0) or _is_void(k, f)]
+
+
+def _is_void(k: CornerSharing, f: IntArray) -> bool:
+    """Whether a facet of three vertices is a gap between triangles."""
+    if len(f) != 3 or area(k, f) <= 0.0:
+        return False
+    first = set(k.incidence[f[0]].tolist()) - {-1}
+    return not any(set(f.tolist()) == set(k.simplices[i].tolist()) for i in first)
+
+
+def area(k: CornerSharing, loop: IntArray) -> float:
+    """Signed area of a loop of vertices in the plane."""
+    p = k.positions[loop]
+    q = np.roll(p, -1, axis=0)
+    return 0.5 * float((p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]).sum())
+
+
+def facets(k: CornerSharing) -> list[IntArray]:
+    """Facets of the planar drawing: vertices with the facet on their left, the outer one too.
+
+    Parameters
+    ----------
+    k : CornerSharing
+        In the plane; bars do not count.
+
+    Returns
+    -------
+    list of ndarray of int
+        The loops; triangles of the structure are among them.
+    """
+    if k.dim != 2:
+        raise InputError("facets are those of structures in the plane")
+    e = k.edges[: 3 * len(k.simplices)]
+    tail, head = np.concatenate([e[:, 0], e[:, 1]]), np.concatenate([e[:, 1], e[:, 0]])
+    way = k.positions[head] - k.positions[tail]
+    order = np.lexsort((np.arctan2(way[:, 1], way[:, 0]), tail))
+    rank = np.empty(len(order), np.int64)
+    rank[order] = np.arange(len(order))
+    start = np.searchsorted(tail[order], np.arange(len(k.positions) + 1))
+    twin = (np.arange(len(tail)) + len(e)) % len(tail)
+    place = rank[twin]  # after an edge comes the one clockwise of its twin
+    v = head
+    back = np.where(place > start[v], place - 1, start[v + 1] - 1)
+    after = order[back]
+    out, seen = [], np.zeros(len(tail), np.bool_)
+    for h in range(len(tail)):
+        if seen[h]:
+            continue
+        loop, at = [], h
+        while not seen[at]:
+            seen[at] = True
+            loop.append(int(tail[at]))
+            at = int(after[at])
+        out.append(np.array(loop, np.int64))
+    return out
+
+
+def _r1(k: CornerSharing, mask: Any) -> CornerSharing:
+    """Rule R1: split the edges around voids, join the new vertices; corners become triangles."""
+    if k.dim != 2:
+        raise InputError("rule R1 is for triangles in the plane; use R0 in space")
+    if len(k.bars):
+        raise InputError("rule R1 takes edges apart, and bars with them: refine, then stiffen")
+    table: dict[tuple[int, int], int] = {}
+    x = [k.positions]
+    chosen = []
+    for f in voids(k):
+        pairs = zip(f.tolist(), np.roll(f, -1).tolist(), strict=True)
+        around = [(min(a, b), max(a, b)) for a, b in pairs]
+        sides = [_triangle_of(k, a, b) for a, b in around]
+        if all(mask[t] for t in sides):
+            chosen.append((f, around))
+    for _, around in chosen:
+        for key in around:
+            if key not in table:
+                table[key] = len(k.positions) + len(table)
+                x.append(k.positions[list(key)].mean(axis=0)[None])
+    return _with_corners(k, table, np.concatenate(x), chosen)
+
+
+def _triangle_of(k: CornerSharing, a: int, b: int) -> int:
+    """The triangle that an edge belongs to."""
+    both = set(k.incidence[a].tolist()) & set(k.incidence[b].tolist()) - {-1}
+    return int(next(iter(both)))
+
+
+def _with_corners(k: CornerSharing, table: Any, x: Any, chosen: Any) -> CornerSharing:
+    """Triangles in the corners of refined voids, in place of those around them."""
+    gone = sorted({_triangle_of(k, *key) for key in table})
+    rows = []
+    for f, around in chosen:
+        mids = [table[key] for key in around]
+        rows += [[int(v), mids[i], mids[i - 1]] for i, v in enumerate(f)]
+    keep = np.delete(k.simplices, gone, axis=0)
+    s = np.concatenate([keep, np.array(rows, np.int64).reshape(-1, 3)])
+    used, name = np.unique(s, return_inverse=True)
+    return CornerSharing(x[used], name.reshape(-1, 3))
+
+
+# ------------------------------------------------------------------------------ substitution
+
+
+def substituted(k: CornerSharing, rows: Any, resolution: int, *, seed: int = 0) -> CornerSharing:
+    """Stiffened Kagome structures in place of some tetrahedra.
+
+    The four corners of valence 3 of each take the places of those of the tetrahedron, which is what
+    keeps minimal rigidity.
+
+    Parameters
+    ----------
+    k : CornerSharing
+        The structure, in space.
+    rows : array_like of int
+        Tetrahedra.
+    resolution : int
+        Of the Kagome structures.
+    seed : int
+        Of the perturbation where bars are chosen.
+
+    Returns
+    -------
+    CornerSharing
+        The structure; its bars are those of this one, then those that stiffen.
+    """
+    from ilattice._validate import as_numbers
+    from ilattice.cost.kagome import kagome
+
+    if k.dim != 3:
+        raise InputError("substituted is for tetrahedra")
+    where = np.unique(as_numbers("rows", rows, len(k.simplices)))
+    unit = kagome(resolution).stiffened(seed=seed)
+    assert unit.origin is not None
+    ints = unit.origin.integers
+    pins = np.array([int(np.argmax(ints[:, j])) for j in range(4)])
+    inner = np.setdiff1d(np.arange(len(ints)), pins)
+    weights = _to_corners(ints / ints[0].sum(), pins)
+    x, s, bars, n = (
+        [k.positions],
+        [np.delete(k.simplices, where, axis=0)],
+        [k.bars],
+        len(k.positions),
+    )
+    for i in where:
+        name = np.empty(len(ints), np.int64)
+        name[pins], name[inner] = k.simplices[i], n + np.arange(len(inner))
+        x.append(weights[inner] @ k.positions[k.simplices[i]])
+        s.append(name[unit.simplices])
+        bars.append(name[unit.bars])
+        n += len(inner)
+    return CornerSharing(np.concatenate(x), np.concatenate(s), np.concatenate(bars))
+
+
+def _to_corners(bary: Any, pins: IntArray) -> Any:
+    """Barycentric coordinates with respect to the tetrahedron of four of the points."""
+    return np.linalg.solve(bary[pins].T, as_array("bary", bary).T).T
+
+
+def coarsest(k: CornerSharing) -> CornerSharing:
+    """The structure that one was refined from, by all its levels.
+
+    Parameters
+    ----------
+    k : CornerSharing
+        The structure.
+
+    Returns
+    -------
+    CornerSharing
+        Itself if it was not refined.
+    """
+    while k.coarse is not None:
+        k = k.coarse.structure
+    return k
+
+
+def forgotten(k: CornerSharing) -> CornerSharing:
+    """The structure without memory of what it was refined from.
+
+    Parameters
+    ----------
+    k : CornerSharing
+        The structure.
+
+    Returns
+    -------
+    CornerSharing
+        Same arrays.
+    """
+    return replace(k, coarse=None)

@@ -1,0 +1,488 @@
+"""Rigidity: the matrix, its rank with the tolerance that decided, self-stresses, motions.
+
+Guarantees: ranks are numerical ones of the positions given, or of a random perturbation that is
+named; the gap between what counts and what does not is told. Not guaranteed: a rank where there is
+no gap.
+"""
+
+import warnings
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.linalg import eigh, qr
+from scipy.sparse import csc_array, csr_array
+from scipy.sparse.linalg import splu
+
+from ilattice._memory import need
+from ilattice._typing import ArrayLike, FloatArray, IntArray
+from ilattice._validate import (
+    as_array,
+    as_flag,
+    as_kind,
+    as_not_negative,
+    as_positive,
+    as_whole,
+)
+from ilattice.cost import _kernels_rigidity as kernels
+from ilattice.cost.structure import CornerSharing
+from ilattice.errors import GeometryError, InputError, PrecisionWarning
+
+#: Rows or columns up to which ranks are taken from a dense factorisation.
+DENSE = 6000
+#: Part of the largest pivot below which one is zero; what is within `UNSURE` of it is warned of.
+TOLERANCE = 1e-9
+UNSURE = 1e3
+#: Edges from which on the sparse LU of structures of the right count is tried first; it proves full
+#: rank if no pivot is below this part of the largest.
+SPARSE, CLEAR = 400, 1e-7
+#: Part of the largest eigenvalue of the squared matrix below which one is zero, and the largest
+#: change of a length, over lengths of edges, by a motion that then counts as one.
+SINGULAR, ACCURATE = 1e-12, 1e-9
+#: Perturbation for generic ranks, in mean lengths of edges.
+PERTURBATION = 0.05
+
+
+@dataclass(frozen=True)
+class Rigidity:
+    """Rank of a rigidity matrix.
+
+    Attributes
+    ----------
+    rank : int
+        The rank.
+    edges, freedoms : int
+        Rows and columns of the matrix.
+    trivial : int
+        Rigid motions: 3 in the plane, 6 in space.
+    tolerance : float
+        Part of the largest pivot below which one counted as zero.
+    least : float
+        Least pivot that counted, as such a part.
+    dropped : float
+        Largest that did not; 0 if all did.
+    perturbation : float
+        How far vertices were moved at random before, in mean lengths of edges; 0 for not at all.
+    """
+
+    rank: int
+    edges: int
+    freedoms: int
+    trivial: int
+    tolerance: float
+    least: float
+    dropped: float
+    perturbation: float
+
+    @property
+    def flexes(self) -> int:
+        """Independent infinitesimal motions that are not rigid ones."""
+        return self.freedoms - self.trivial - self.rank
+
+    @property
+    def self_stresses(self) -> int:
+        """Independent self-stresses."""
+        return self.edges - self.rank
+
+    @property
+    def rigid(self) -> bool:
+        """Whether there are no motions but rigid ones."""
+        return self.flexes == 0
+
+    @property
+    def minimal(self) -> bool:
+        """Whether it is rigid without self-stress."""
+        return self.rigid and self.self_stresses == 0
+
+
+def matrix(k: CornerSharing) -> csr_array:
+    """Rigidity matrix: half the derivatives of the squared lengths of edges.
+
+    Parameters
+    ----------
+    k : CornerSharing
+        The structure.
+
+    Returns
+    -------
+    csr_array, shape (e, d n)
+        The row of the edge (i, j) has x_i - x_j at i and x_j - x_i at j.
+    """
+    as_kind("k", k, "CornerSharing")
+    e, d, n = len(k.edges), k.dim, len(k.positions)
+    indptr, indices = np.empty(e + 1, np.int32), np.empty(2 * d * e, np.int32)
+    if 2 * d * e >= 2**31:
+        raise InputError(f"{e} edges are too many for one matrix: use products instead")
+    data = np.empty(2 * d * e)
+    kernels.fill(*_arrays(k), indptr, indices, data)
+    return csr_array((data, indices, indptr), shape=(e, d * n))
+
+
+def stretched(k: CornerSharing, motion: ArrayLike) -> FloatArray:
+    """The matrix times a motion (n, d), without the matrix: shape (e,).
+
+    Parameters
+    ----------
+    k : CornerSharing
+        The structure.
+    motion : array_like, shape (n, d)
+        Velocities of the vertices.
+
+    Returns
+    -------
+    ndarray, shape (e,)
+        Half the rates of the squared lengths.
+    """
+    u = _motion(k, "motion", motion)
+    out = np.empty(len(k.edges))
+    kernels.stretch(*_arrays(k), u, out)
+    return out
+
+
+def gathered(k: CornerSharing, density: ArrayLike) -> FloatArray:
+    """The transposed matrix times force densities (e,), without the matrix: shape (n, d).
+
+    Parameters
+    ----------
+    k : CornerSharing
+        The structure.
+    density : array_like, shape (e,)
+        Forces over lengths, tension positive.
+
+    Returns
+    -------
+    ndarray, shape (n, d)
+        The loads that they hold in balance.
+    """
+    s = as_array("density", density, ndim=1)
+    if len(s) != len(k.edges):
+        raise InputError(f"density must have shape ({len(k.edges)},), got {s.shape}")
+    out = np.zeros_like(k.positions)
+    kernels.gather(*_arrays(k), s, out)
+    return out
+
+
+def _arrays(k: CornerSharing) -> tuple[Any, Any]:
+    """Positions and edges as compiled code knows them: views that could be written to."""
+    return np.array(k.positions), np.array(k.edges)
+
+
+def _motion(k: CornerSharing, name: str, value: ArrayLike) -> FloatArray:
+    u = as_array(name, value, ndim=2)
+    if u.shape != k.positions.shape:
+        raise InputError(f"{name} must have shape {k.positions.shape}, got {u.shape}")
+    return u
+
+
+# ------------------------------------------------------------------------------ rank
+
+
+def analysed(
+    k: CornerSharing, *, generic: bool = False, tolerance: float = TOLERANCE, seed: int = 0,
+    perturbation: float = PERTURBATION,
+) -> Rigidity:  # fmt: skip
+    """Rank of the rigidity matrix.
+
+    By a sparse LU factorisation where there are as many edges as minimal rigidity needs and its
+    pivots prove full rank, else with all vertices that have two simplices eliminated, if the
+    motions that are found keep all lengths to 1e-9, else, up to 6000 edges or freedoms, by a dense
+    QR factorisation with column pivots. Above that full rank can be proved only, of structures with
+    no more edges.
+
+    Parameters
+    ----------
+    k : CornerSharing
+        The structure.
+    generic : bool
+        At a random perturbation of the positions; regular ones may have a lower rank.
+    tolerance : float
+        Part of the largest pivot below which one is zero.
+    seed : int
+        Of the perturbation.
+    perturbation : float
+        Its size, in mean lengths of edges.
+
+    Returns
+    -------
+    Rigidity
+        The rank, and how clear it is.
+
+    Raises
+    ------
+    InputError
+        If the structure is too large for a dense factorisation and has more edges than that.
+    GeometryError
+        If it is that large and its rank is not full: the rank stays unknown.
+
+    Warns
+    -----
+    PrecisionWarning
+        If pivots lie within a factor 1000 of the tolerance.
+    """
+    as_kind("k", k, "CornerSharing")
+    tol, amount = as_positive("tolerance", tolerance), as_not_negative("perturbation", perturbation)
+    moved = as_flag("generic", generic) and amount > 0.0
+    at = k.perturbed(amount, seed=as_whole("seed", seed, 0, 2**63 - 1)) if moved else k
+    pivots = _pivots(at)
+    top = float(pivots.max(initial=0.0))
+    part = pivots / top if top > 0.0 else pivots
+    counts = part > tol
+    out = Rigidity(
+        int(counts.sum()), len(k.edges), k.positions.size, k.trivial, tol,
+        float(part[counts].min(initial=1.0)), float(part[~counts].max(initial=0.0)),
+        amount if moved else 0.0,
+    )  # fmt: skip
+    if out.least < UNSURE * tol or out.dropped > tol / UNSURE:
+        warnings.warn(
+            f"the rank {out.rank} is not clear: pivots lie at {out.least:.1e} and "
+            f"{out.dropped:.1e} of the largest, and the tolerance is {tol:.1e}; move the "
+            "vertices a little, or set another tolerance",
+            PrecisionWarning,
+            stacklevel=3,
+        )
+    return out
+
+
+def _pivots(k: CornerSharing) -> FloatArray:
+    """Absolute pivots of the matrix, scaled by the mean length of edges."""
+    R = csr_array(matrix(k) / float(k.lengths.mean()))
+    if k.deficit == 0 and len(k.edges) > SPARSE:
+        pivots = _sparse_pivots(R, k)
+        if pivots.min() > CLEAR * pivots.max():
+            return pivots
+    if len(k.edges) > SPARSE:
+        at = np.flatnonzero(k.incidence[:, 1] < 0)
+        columns = (k.dim * at[:, None] + np.arange(k.dim)).ravel()
+        found = _by_elimination(R, columns) if 0 < len(columns) <= DENSE // 2 else None
+        if found is not None:
+            return found[1]
+    if min(R.shape) <= DENSE:
+        need(24.0 * R.shape[0] * R.shape[1], "a dense factorisation", "analyse a smaller part")
+        tall = R.T if R.shape[0] < R.shape[1] else R
+        upper = qr(tall.toarray(), mode="r", pivoting=True, overwrite_a=True, check_finite=False)[0]
+        return np.abs(np.diag(upper))
+    if k.deficit < 0:
+        raise InputError(
+            f"the structure has {len(k.edges)} edges, {-k.deficit} more than minimal rigidity: "
+            f"above {DENSE} rows and columns only ranks of structures without are found"
+        )
+    pivots = _sparse_pivots(R, k)
+    if pivots.min() <= TOLERANCE * pivots.max():
+        raise GeometryError(
+            f"the {len(k.edges)} edges are not independent at these positions, and the matrix is "
+            "too large to count how many are; analyse a smaller part, or `perturbed` positions"
+        )
+    return pivots
+
+
+def _sparse_pivots(R: csr_array, k: CornerSharing) -> FloatArray:
+    """Pivots of a matrix of full row rank, by LU: of a square part, or of R Rᵀ."""
+    try:
+        if k.deficit == 0:
+            return np.abs(splu(csc_array(R[:, free_columns(k)].T)).U.diagonal())
+        return np.sqrt(np.abs(splu(csc_array(R @ R.T)).U.diagonal()))
+    except RuntimeError:  # exactly singular
+        return np.zeros(1)
+
+
+def free_columns(k: CornerSharing) -> IntArray:
+    """Columns that are left when the rigid motions are held at two or three far vertices."""
+    x, d = k.positions, k.dim
+    first = int(np.argmin(x @ np.arange(1.0, d + 1.0)))
+    way = x - x[first]
+    second = int(np.argmax((way**2).sum(axis=1)))
+    a = way[second]
+    held = [d * first + i for i in range(d)]
+    if d == 2:
+        return np.delete(np.arange(2 * len(x)), [*held, 2 * second + int(np.argmin(np.abs(a)))])
+    held += [3 * second + i for i in range(3) if i != int(np.argmax(np.abs(a)))]
+    normals = np.cross(way, a)
+    third = int(np.argmax((normals**2).sum(axis=1)))
+    held.append(3 * third + int(np.argmax(np.abs(normals[third]))))
+    return np.delete(np.arange(3 * len(x)), held)
+
+
+# ------------------------------------------------------------------------------ null spaces
+
+
+def motions(k: CornerSharing, ends: IntArray) -> tuple[FloatArray, int]:
+    """Motions that change no length, at some vertices, and the rank of the matrix.
+
+    All other vertices are eliminated by sparse LU of the square of the matrix; if that does not
+    keep the lengths to 1e-9, by dense QR.
+    """
+    R = csr_array(matrix(k) / float(k.lengths.mean()))
+    columns = (k.dim * ends[:, None] + np.arange(k.dim)).ravel()
+    if len(columns) <= DENSE:
+        found = _by_elimination(R, columns)
+        if found is not None:
+            return found[0], R.shape[1] - found[0].shape[1]
+    if max(R.shape) > DENSE:
+        raise GeometryError(
+            f"motions of {len(k.positions)} vertices, {len(ends)} of which lack edges, are too "
+            "many to be found, or edges depend on each other; stiffen smaller parts, by 'pattern', "
+            "or use generic=True"
+        )
+    Q, upper, _ = qr(R.T.toarray(), pivoting=True, overwrite_a=True, check_finite=False)
+    p = np.abs(np.diag(upper))
+    rank = int((p > TOLERANCE * p.max(initial=0.0)).sum())
+    return _orthonormal(np.asarray(Q[columns, rank:], np.float64)), rank
+
+
+def _by_elimination(R: csr_array, columns: IntArray) -> tuple[FloatArray, FloatArray] | None:
+    """Motions (c, z) at some coordinates, and all pivots, by the Schur complement of Rᵀ R.
+
+    None if they are not accurate, or there must be motions that leave these coordinates alone.
+    """
+    rest = np.setdiff1d(np.arange(R.shape[1]), columns)
+    A, B = csc_array(R[:, rest]), csc_array(R[:, columns])
+    S = (B.T @ B).toarray()
+    X = np.zeros((len(rest), len(columns)))
+    if len(rest):
+        try:
+            inner = splu(csc_array(A.T @ A), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0)
+        except RuntimeError:
+            return None
+        u = np.abs(inner.U.diagonal())
+        if u.min() <= SINGULAR * u.max():
+            return None
+        C = csc_array(A.T @ B).toarray()
+        X = inner.solve(C)
+        S -= C.T @ X
+    values, Z = eigh(S, overwrite_a=True, check_finite=False)
+    count = int((values < SINGULAR * values[-1]).sum())
+    Z = Z[:, :count]
+    off = np.abs(B @ Z - A @ (X @ Z)).max(initial=0.0)
+    if off > ACCURATE or count < R.shape[1] - R.shape[0]:
+        return None
+    pivots = np.full(min(R.shape), values[-1])
+    pivots[: len(values) - count] = values[count:]
+    pivots[R.shape[1] - count :] = 0.0
+    return Z, np.sqrt(pivots)
+
+
+def _orthonormal(Z: FloatArray) -> FloatArray:
+    """Orthonormal basis of the columns, fewer than these if they depend on each other."""
+    Q, upper, _ = qr(Z, mode="economic", pivoting=True, check_finite=False)
+    p = np.abs(np.diag(upper))
+    return np.asarray(Q[:, : int((p > TOLERANCE * p.max(initial=0.0)).sum())])
+
+
+def rigid_motions(k: CornerSharing) -> FloatArray:
+    """Orthonormal basis of the rigid motions.
+
+    Parameters
+    ----------
+    k : CornerSharing
+        The structure.
+
+    Returns
+    -------
+    ndarray, shape (d n, t)
+        Its t = 3 or 6 columns.
+    """
+    x, n, d = k.positions - k.positions.mean(axis=0), len(k.positions), k.dim
+    out = np.zeros((n, d, k.trivial))
+    for a in range(d):
+        out[:, a, a] = 1.0
+    planes = [(0, 1)] if d == 2 else [(0, 1), (1, 2), (2, 0)]
+    for c, (a, b) in enumerate(planes):
+        out[:, a, d + c], out[:, b, d + c] = -x[:, b], x[:, a]
+    return np.asarray(np.linalg.qr(out.reshape(n * d, -1))[0])
+
+
+def _kernel_of(A: Any, tolerance: float) -> FloatArray:
+    """Orthonormal basis of the vectors that are normal to the columns of a matrix."""
+    if max(A.shape) > DENSE:
+        raise InputError(
+            f"null spaces are found up to {DENSE} edges or freedoms, and there are {max(A.shape)}: "
+            "take a smaller part of the structure"
+        )
+    Q, upper, _ = qr(A.toarray(), pivoting=True, overwrite_a=True, check_finite=False)
+    d = np.abs(np.diag(upper))
+    return np.asarray(Q[:, int((d > tolerance * d.max(initial=0.0)).sum()) :])
+
+
+def self_stresses(k: CornerSharing, *, tolerance: float = TOLERANCE) -> FloatArray:
+    """Force densities that are in balance by themselves.
+
+    Parameters
+    ----------
+    k : CornerSharing
+        The structure, up to 6000 edges and freedoms.
+    tolerance : float
+        As in `analysed`.
+
+    Returns
+    -------
+    ndarray, shape (e, s)
+        Orthonormal columns.
+    """
+    return _kernel_of(matrix(k), as_positive("tolerance", tolerance))
+
+
+def flexes(k: CornerSharing, *, tolerance: float = TOLERANCE) -> FloatArray:
+    """Infinitesimal motions that change no length, without the rigid ones.
+
+    Parameters
+    ----------
+    k : CornerSharing
+        The structure, up to 6000 edges and freedoms.
+    tolerance : float
+        As in `analysed`.
+
+    Returns
+    -------
+    ndarray, shape (f, n, d)
+        Orthonormal motions, normal to the rigid ones.
+    """
+    Z = _kernel_of(csr_array(matrix(k).T), as_positive("tolerance", tolerance))
+    T = rigid_motions(k)
+    Z = Z - T @ (T.T @ Z)
+    Q, upper, _ = qr(Z, mode="economic", pivoting=True)
+    some = np.abs(np.diag(upper)) > 1e-6
+    own = np.ascontiguousarray(np.asarray(Q, np.float64)[:, : int(some.sum())].T)
+    return own.reshape(-1, *k.positions.shape)
+
+
+def swung(
+    k: CornerSharing, motion: ArrayLike, amplitude: float, *, frames: int = 16
+) -> list[CornerSharing]:
+    """Structures along a finite motion that begins as an infinitesimal one.
+
+    Each frame is a step along the motion, then Gauss-Newton steps back to the lengths of the edges.
+
+    Parameters
+    ----------
+    k : CornerSharing
+        The structure.
+    motion : array_like, shape (n, d)
+        One of `flexes`.
+    amplitude : float
+        Largest displacement of a vertex in the last frame, about.
+    frames : int
+        How many.
+
+    Returns
+    -------
+    list of CornerSharing
+        The frames, for `ilattice.io.write_pvd` or pictures.
+
+    Raises
+    ------
+    GeometryError
+        If the lengths cannot be kept: the motion is infinitesimal only.
+    """
+    from ilattice.cost.shaping import with_lengths
+
+    u = _motion(k, "motion", motion)
+    count = as_whole("frames", frames, 1, 10_000)
+    step = as_positive("amplitude", amplitude) / float(np.linalg.norm(u, axis=1).max()) / count
+    out, now, target = [], k, k.lengths
+    for _ in range(count):
+        before = now.positions
+        now = with_lengths(now.moved(before + step * u), target, fixed=())
+        v = now.positions - before
+        u = v * (np.linalg.norm(u) / np.linalg.norm(v))
+        out.append(now)
+    return out

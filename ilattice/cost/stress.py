@@ -1,0 +1,336 @@
+"""Forces in pin-jointed structures under loads.
+
+Of a minimally rigid structure they follow from balance alone: the transposed rigidity matrix times
+force densities is the loads. It is factorised as it is (its square would be far too
+ill-conditioned), or, if the structure was refined, only the coarsest one is: every refined simplex
+is isostatic, so its forces follow from those at its pins, by one small matrix for all.
+
+Guarantees: tension is positive; the residual of the balance is computed on the whole structure
+and told. Loads that are not in balance by themselves are refused unless vertices are supported.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.sparse import block_array, csc_array, diags_array
+from scipy.sparse.linalg import splu
+
+from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
+from ilattice._validate import Frozen, as_array, as_kind, as_rows
+from ilattice.cost.refinement import children
+from ilattice.cost.rigidity import free_columns, gathered, matrix, rigid_motions
+from ilattice.cost.structure import Coarse, CornerSharing
+from ilattice.errors import ConvergenceError, GeometryError, InputError
+
+#: How far loads may be off balance, as a part of their size.
+BALANCED = 1e-9
+#: Part of the largest pivot below which a structure counts as not rigid.
+SINGULAR = 1e-11
+#: Residual above which forces are refused.
+USELESS = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Stress(Frozen):
+    """Forces in the edges of a structure under loads.
+
+    Attributes
+    ----------
+    structure : CornerSharing
+        The structure.
+    density : ndarray, shape (e,)
+        Forces over lengths, tension positive: rigidity matrix, transposed, times density = loads.
+    loads : ndarray, shape (n, d)
+        The loads.
+    residual : float
+        Norm of what is out of balance at the free vertices, over that of the loads.
+    motion : ndarray, shape (n, d), or None
+        Displacements, if a stiffness was given.
+    reactions : ndarray, shape (n, d)
+        Forces of the supports.
+    """
+
+    structure: CornerSharing
+    density: FloatArray
+    loads: FloatArray
+    residual: float
+    motion: FloatArray | None
+    reactions: FloatArray
+
+    @property
+    def bars(self) -> FloatArray:
+        """Forces (e,) in all edges, tension positive."""
+        return np.asarray(self.density * self.structure.lengths)
+
+    @property
+    def compliance(self) -> float:
+        """Work of the loads on the displacements: loads times motion."""
+        if self.motion is None:
+            raise InputError("compliance needs displacements: give a stiffness to stress")
+        return float((self.loads * self.motion).sum())
+
+    def plot(self, **options: Any) -> Any:
+        """Edges coloured by their forces; see `ilattice.cost.drawing.plot`.
+
+        Parameters
+        ----------
+        **options
+            See there.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+            The picture.
+        """
+        from ilattice.cost.drawing import plot
+
+        return plot(self.structure, values=self.bars, **options)
+
+
+def stress(
+    k: CornerSharing, loads: ArrayLike, *, supports: Any = None, stiffness: ArrayLike | None = None
+) -> Stress:
+    """Forces in the edges under loads.
+
+    Parameters
+    ----------
+    k : CornerSharing
+        The structure. Without supports and stiffness it is to be minimally rigid, in these
+        positions; if it was refined (rule R0), all levels but the coarsest take linear time.
+    loads : array_like, shape (n, d)
+        Forces on the vertices, in balance by themselves unless there are supports.
+    supports : array_like, shape (n,) of bool or (s,) of int, optional
+        Vertices that are held.
+    stiffness : array_like, shape () or (e,), optional
+        Young's modulus times cross-section of the edges, for displacements, and for forces where
+        balance does not determine them.
+
+    Returns
+    -------
+    Stress
+        Forces, with the residual of their balance.
+
+    Raises
+    ------
+    InputError
+        For wrong shapes, loads that are not in balance (the message tells their sum and moment),
+        or a structure with more edges than balance determines, without stiffness.
+    GeometryError
+        If the structure is not rigid.
+    ConvergenceError
+        If the residual exceeds 1e-6.
+    """
+    as_kind("k", k, "CornerSharing")
+    f = as_array("loads", loads, ndim=2)
+    if f.shape != k.positions.shape:
+        raise InputError(f"loads must have shape {k.positions.shape}, got {f.shape}")
+    EA = None if stiffness is None else _stiffness(k, stiffness)
+    held = None if supports is None else as_rows("supports", supports, len(f))
+    if held is None:
+        _check_balance(k, f)
+    if held is None and EA is None:
+        if k.deficit:
+            _refuse_count(k)
+        return _finished(k, f, _densities(k, f), None, None)
+    return _supported(k, f, held, EA)
+
+
+def _stiffness(k: CornerSharing, value: ArrayLike) -> FloatArray:
+    EA = as_array("stiffness", value)
+    if EA.shape not in ((), (1,), (len(k.edges),)) or (EA <= 0.0).any():
+        raise InputError(
+            f"stiffness must be one positive number or one per edge ({len(k.edges)},), got "
+            f"{value!r:.80}"
+        )
+    return np.array(np.broadcast_to(EA, (len(k.edges),)))
+
+
+def _check_balance(k: CornerSharing, f: FloatArray) -> None:
+    """Refuse loads that would move the structure as a whole."""
+    size = float(np.linalg.norm(f))
+    off = float(np.linalg.norm(rigid_motions(k).T @ f.ravel()))
+    if off > BALANCED * size:
+        x = k.positions - k.positions.mean(axis=0)
+        moment = np.cross(x, f).sum(axis=0)
+        raise InputError(
+            f"loads must be in balance: their sum is {f.sum(axis=0).tolist()} and their moment "
+            f"about the centre {np.round(moment, 12).tolist()}; see `balanced`, or give supports"
+        )
+
+
+def balanced(k: CornerSharing, loads: ArrayLike) -> FloatArray:
+    """Loads less the part that moves the structure as a whole, spread over all vertices.
+
+    Parameters
+    ----------
+    k : CornerSharing
+        The structure.
+    loads : array_like, shape (n, d)
+        Forces.
+
+    Returns
+    -------
+    ndarray, shape (n, d)
+        Loads in balance: inertia relief of vertices of equal mass.
+    """
+    f = as_array("loads", loads, ndim=2)
+    if f.shape != k.positions.shape:
+        raise InputError(f"loads must have shape {k.positions.shape}, got {f.shape}")
+    T = rigid_motions(k)
+    g = f.ravel()
+    for _ in range(2):
+        g = g - T @ (T.T @ g)
+    return np.asarray(g.reshape(f.shape))
+
+
+def _refuse_count(k: CornerSharing) -> None:
+    if k.deficit > 0:
+        raise GeometryError(
+            f"the structure is not rigid: {k.deficit} of the "
+            f"{len(k.edges) + k.deficit} edges that it needs are missing; see `stiffened`"
+        )
+    raise InputError(
+        f"the structure has {-k.deficit} edges more than balance determines: give their stiffness"
+    )
+
+
+# ------------------------------------------------------------------------------ levels
+
+
+def _densities(k: CornerSharing, f: FloatArray) -> FloatArray:
+    """Force densities of a minimally rigid structure."""
+    if k.coarse is None:
+        return _flat(k, f)
+    up: Coarse = k.coarse
+    loads = _on_coarse(up, f)
+    return _on_fine(k, up, f, _densities(up.structure, loads))
+
+
+def _flat(k: CornerSharing, f: FloatArray) -> FloatArray:
+    """By one sparse factorisation, with one step of refinement."""
+    free = free_columns(k)
+    A = csc_array(matrix(k)[:, free].T)
+    solved = factorised(A, k)
+    b = f.ravel()[free]
+    s = solved.solve(b)
+    return np.asarray(s + solved.solve(b - A @ s))
+
+
+def factorised(A: csc_array, k: CornerSharing) -> Any:
+    """Sparse LU, or the error that says that the structure is not rigid."""
+    try:
+        out = splu(A)
+    except RuntimeError as e:
+        raise GeometryError(_slack(k)) from e
+    pivots = np.abs(out.U.diagonal())
+    if pivots.min() <= SINGULAR * pivots.max():
+        raise GeometryError(_slack(k))
+    return out
+
+
+def _slack(k: CornerSharing) -> str:
+    told = "the structure is not rigid at these positions, though it has enough edges"
+    return f"{told} ({len(k.edges)}): see `rigidity()`, or stiffen it in the mode 'matroid'"
+
+
+def _on_coarse(up: Coarse, f: FloatArray) -> FloatArray:
+    """Loads on the coarser structure: those on midpoints go to both ends, half and half."""
+    c = up.structure
+    n = len(c.positions)
+    _, pairs = children(c.dim)
+    out = f[:n].copy()
+    half = 0.5 * f[n:].reshape(len(up.rows), len(pairs), c.dim)
+    ends = c.simplices[up.rows][:, pairs]
+    for side in range(2):
+        np.add.at(out, ends[:, :, side], half)
+    return out
+
+
+def _on_fine(k: CornerSharing, up: Coarse, f: FloatArray, s: FloatArray) -> FloatArray:
+    """Force densities in refined simplices from those in the coarser structure."""
+    c, d = up.structure, k.dim
+    _, pairs = children(d)
+    inner = s[: len(pairs) * len(c.simplices)].reshape(-1, len(pairs))
+    corners = c.positions[c.simplices[up.rows]]  # (r, d + 1, d)
+    mids = f[len(c.positions) :].reshape(len(up.rows), len(pairs), d)
+    q = np.zeros((len(up.rows), d + 1 + len(pairs), d))
+    way = corners[:, pairs[:, 0]] - corners[:, pairs[:, 1]]
+    force = inner[up.rows][:, :, None] * way
+    for e, (i, j) in enumerate(pairs.tolist()):
+        q[:, i] += force[:, e] - 0.5 * mids[:, e]
+        q[:, j] += -force[:, e] - 0.5 * mids[:, e]
+    q[:, d + 1 :] = mids
+    local = _local(d)
+    shape = corners[:, 1:] - corners[:, :1]  # rows are images of the unit vectors
+    back = np.linalg.solve(np.swapaxes(shape, 1, 2), np.swapaxes(q, 1, 2))
+    fine = np.swapaxes(back, 1, 2).reshape(len(q), -1) @ local.T
+    rest = np.delete(inner, up.rows, axis=0)
+    bars = s[len(pairs) * len(c.simplices) :]
+    return np.concatenate([rest.ravel(), fine.ravel(), bars])
+
+
+def _local(d: int) -> FloatArray:
+    """Force densities of the refined unit simplex from forces on its vertices, in balance."""
+    unit = CornerSharing(np.vstack([np.zeros(d), np.eye(d)]), np.arange(d + 1)[None])
+    return np.asarray(np.linalg.pinv(matrix(unit.refined()).toarray().T))
+
+
+# ------------------------------------------------------------------------------ supports
+
+
+def _supported(
+    k: CornerSharing, f: FloatArray, held: IntArray | None, EA: FloatArray | None
+) -> Stress:
+    """Forces and displacements together: the compliance of edges, and balance."""
+    fixed = np.zeros(f.shape, np.bool_)
+    if held is None:
+        fixed.ravel()[np.setdiff1d(np.arange(f.size), free_columns(k))] = True
+    else:
+        fixed[held] = True
+    free = np.flatnonzero(~fixed.ravel())
+    R = csc_array(matrix(k)[:, free])
+    e = len(k.edges)
+    if len(free) > e:
+        raise GeometryError(
+            f"the structure is not rigid: {len(free)} free coordinates, {e} edges; support more "
+            "vertices, or stiffen it"
+        )
+    if EA is None and len(free) < e:
+        raise InputError(
+            f"balance does not determine the {e} forces, {e - len(free)} too many: give stiffness"
+        )
+    if EA is None:
+        A = csc_array(R.T)
+        solved = factorised(A, k)
+        b = f.ravel()[free]
+        s = solved.solve(b)
+        return _finished(k, f, s + solved.solve(b - A @ s), None, fixed)
+    soft = k.lengths**3 / EA
+    A = csc_array(block_array([[diags_array(-soft), R], [R.T, None]], format="csc"))
+    scale = 1.0 / np.sqrt(np.maximum(abs(A).max(axis=1).toarray().ravel(), 1e-300))
+    S = diags_array(scale)
+    solved = factorised(csc_array(S @ A @ S), k)
+    b = np.concatenate([np.zeros(e), f.ravel()[free]])
+    x = scale * solved.solve(scale * b)
+    x += scale * solved.solve(scale * (b - A @ x))
+    motion = np.zeros(f.size)
+    motion[free] = x[e:]
+    return _finished(k, f, x[:e], motion.reshape(f.shape), fixed)
+
+
+def _finished(
+    k: CornerSharing, f: FloatArray, s: FloatArray, motion: FloatArray | None,
+    fixed: AnyArray | None,
+) -> Stress:  # fmt: skip
+    """The result, with its residual."""
+    off = gathered(k, s) - f
+    reactions = np.zeros_like(f) if fixed is None else np.where(fixed, off, 0.0)
+    size = float(np.linalg.norm(f))
+    left = float(np.linalg.norm(off - reactions)) / (size if size > 0.0 else 1.0)
+    if not left <= USELESS:
+        raise ConvergenceError(
+            f"the forces balance the loads to {left:.1e} only: the structure is close to one that "
+            "is not rigid; see `rigidity()`"
+        )
+    return Stress(k, s, f, left, motion, reactions)
