@@ -14,6 +14,7 @@ Rooms, from the bottom up:
 `homogenize`              effective properties of cells that repeat
 `io`                      one file per format: STL, PLY, OBJ, 3MF, VTK, G+Smo, MFEM, IRIT
 `sdf`                     solids from commands and from meshes, as fields
+`shells`                  shells like minimal surfaces, from curves on faces; inverse design
 ========================  ==================================================================
 
 Central types:
@@ -62,6 +63,7 @@ if TYPE_CHECKING:
         minimal,
         offsets,
         sdf,
+        shells,
         tiles,
     )
     from ilattice.bspline import BSpline
@@ -91,6 +93,7 @@ __all__ = [
     "minimal",
     "offsets",
     "sdf",
+    "shells",
     "tiles",
 ]
 
