@@ -1,11 +1,11 @@
 """Surfaces over fixed boundaries that go on smoothly where they are repeated.
 
-A surface of least area over a curve in a mirror meets it at any angle, so that it and its image have
-a crease. Here it is made to meet it at right angles (or to go on into its shifted copy) by a
-resistance against bending, ``area + layer² / 2 ∫ (2 H)² dA`` of the surface with its images: mean
-curvatures H are solutions of a screened equation, and die out from the boundary like
-``exp(-distance / layer)``. Where the least surface is smooth across the boundary, H vanishes and
-the layer does nothing.
+A surface of least area over a curve in a mirror meets it at any angle, so that there is a crease
+between it and its image. Here it is made to meet the mirror at right angles (or to go on into its
+shifted copy) by a resistance against bending, ``area + layer² / 2 ∫ (2 H)² dA`` of the surface with
+its images: mean curvatures H are solutions of a screened equation, and die out from the boundary
+like ``exp(-distance / layer)``. Where the least surface is smooth across the boundary, H vanishes
+and the layer does nothing.
 
 Guarantees: the result is stationary to the stated residual, with normals and areas of vertices as
 they are there, else a `ConvergenceError` says what was reached. Non-guarantee: derivatives of the
@@ -133,8 +133,8 @@ def clamped(
     if not problem.residual <= TOLERANCE:
         raise ConvergenceError(
             f"{what} does not become stationary: after {count} steps forces per area times its "
-            f"size are {problem.residual:.3g}, not {TOLERANCE:g}; with such a boundary it may tear: "
-            "take a larger layer, which stiffens it, or move the boundary"
+            f"size are {problem.residual:.3g}, not {TOLERANCE:g}; it may tear: take a larger "
+            "layer, which stiffens it, or move the boundary"
         )
     return Solved(read_only(problem.v), problem.residual, count), problem.curvature
 
@@ -166,7 +166,7 @@ class _Problem:
         self.residual = 0.5 * self.size * float(np.abs(self.forces / self.areas[self.free]).max())
 
     def solve(self) -> int:
-        """Go on until forces vanish, or nothing gets better; return the number of factorizations."""
+        """Go on until forces vanish, or nothing gets better; returns the factorizations."""
         count = 0
         for _ in range(MOST_STEPS):
             if self.residual <= TOLERANCE or not np.isfinite(self.residual):

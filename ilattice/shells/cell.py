@@ -136,11 +136,8 @@ def repeated(values: FloatArray, octant: OctantSurface) -> FloatArray:
     """
     m = len(values) - 1
     for axis, kind in enumerate(octant.symmetry):
-        own = values.take(np.arange(m), axis)
-        if kind == "r":
-            other = values.take(np.arange(m, 0, -1), axis)
-        else:
-            other = octant.signs[axis] * own
+        own, mirrored = values.take(np.arange(m), axis), values.take(np.arange(m, 0, -1), axis)
+        other = mirrored if kind == "r" else octant.signs[axis] * own
         values = np.concatenate([other, own], axis)
     return values
 

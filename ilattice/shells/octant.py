@@ -27,8 +27,9 @@ from ilattice.shells.topologies import FACES, Segment, edge_place, others
 #: Points per arc for distances, and cells over which colours change at the curves.
 POINTS = 513
 SOFT = 1.5
-#: Least absolute value of colours: so that curves through nodes of the grid have a side, too.
-LEAST = 0.1
+#: Least absolute value of colours: so that nodes on curves have a side, and a part of a cell inside
+#: of the faces, where the surface is looked for, it is that of the face.
+LEAST = 0.2
 #: Steps of the method of Chambolle and Pock.
 STEPS = 400
 
