@@ -7,6 +7,7 @@
 
 =======================  ==========================================================================
 `cell`, `Shell`          a unit cell: its surface, and a tile of it
+`family`, `Family`       shells of one outer boundary, and lattices of them that vary
 `boundary`, `Boundary`   closed curves on the octant, with positions and derivatives at nodes
 `surface`                surface over a boundary in the octant, smooth where octants meet
 `OctantSurface`          what it returns: area, mean curvature, slopes at mirrors, pieces
@@ -25,12 +26,14 @@ shell lattices, Additive Manufacturing 2023.
 
 from ilattice.shells.boundary import Boundary, boundary
 from ilattice.shells.cell import Shell, cell
+from ilattice.shells.family import Family, family
 from ilattice.shells.surface import OctantSurface, surface
 from ilattice.shells.topologies import Segment, Topology, names, topology
 from ilattice.shells.topologies import enumerated as enumerate
 
 __all__ = [
     "Boundary",
+    "Family",
     "OctantSurface",
     "Segment",
     "Shell",
@@ -38,6 +41,7 @@ __all__ = [
     "boundary",
     "cell",
     "enumerate",
+    "family",
     "names",
     "surface",
     "topology",

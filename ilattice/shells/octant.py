@@ -27,6 +27,7 @@ from ilattice.shells.topologies import FACES, Segment, edge_place, others
 #: Points per arc for distances, and cells over which colours change at the curves.
 POINTS = 513
 SOFT = 1.5
+_EVERY = 4  # of the points, for what is on which side
 #: Least absolute value of colours: so that nodes on curves have a side, and a part of a cell inside
 #: of the faces, where the surface is looked for, it is that of the face.
 LEAST = 0.2
@@ -80,7 +81,8 @@ def face_values(curves: Boundary, face: int, x: FloatArray, width: float) -> Flo
     distance = cKDTree(lines.reshape(-1, 2)).query(q)[0]
     inside = np.zeros(len(q), bool)
     for k, line in zip(mine, lines, strict=True):
-        inside |= _within(_outline(curves.topology.segments[k], line), (1.0 - 1e-9) * q)
+        outline = _outline(curves.topology.segments[k], line[::_EVERY])
+        inside |= _within(outline, (1.0 - 1e-9) * q)
     colours = np.take(curves.topology.colours, side, axis)
     colour = colours[curves.topology.segments[mine[0]].corners[0]]
     values: FloatArray = np.clip(distance / width, LEAST, 1.0) * np.where(inside, colour, -colour)
