@@ -4,6 +4,8 @@
 
     shell = il.shells.cell("topo_19_rrr", position=0.1, derivative=1.5)
     wall = il.Lattice(shell.tile, through=part, repeat=(9, 3, 2)).offset(relative_density=0.3)
+    model = il.shells.surrogate("topo_19_rrr", samples=200, table="t19.csv")
+    model.invert(young=0.06, poisson=0.31, density=0.3)  # parameters, each homogenized
 
 =======================  ==========================================================================
 `cell`, `Shell`          a unit cell: its surface, and a tile of it
@@ -11,6 +13,11 @@
 `boundary`, `Boundary`   closed curves on the octant, with positions and derivatives at nodes
 `surface`                surface over a boundary in the octant, smooth where octants meet
 `OctantSurface`          what it returns: area, mean curvature, slopes at mirrors, pieces
+`cloud`, `Cloud`         stiffness of many shells, over ranges of their parameters
+`space`, `Space`         such ranges
+`surrogate`, `Surrogate` stiffness as a function of parameters, and its inverse
+`Solution`               parameters for wanted moduli
+`hull_area`              of points in the plane of Young's modulus and Poisson's ratio
 `enumerate`, `names`     the 20 classes of boundaries, found and named
 `topology`, `Topology`   one of them
 `Segment`                a piece of a boundary on a face
@@ -27,22 +34,32 @@ shell lattices, Additive Manufacturing 2023.
 from ilattice.shells.boundary import Boundary, boundary
 from ilattice.shells.cell import Shell, cell
 from ilattice.shells.family import Family, family
+from ilattice.shells.inverse import Solution, Surrogate, surrogate
+from ilattice.shells.study import Cloud, Space, cloud, hull_area, space
 from ilattice.shells.surface import OctantSurface, surface
 from ilattice.shells.topologies import Segment, Topology, names, topology
 from ilattice.shells.topologies import enumerated as enumerate
 
 __all__ = [
     "Boundary",
+    "Cloud",
     "Family",
     "OctantSurface",
     "Segment",
     "Shell",
+    "Solution",
+    "Space",
+    "Surrogate",
     "Topology",
     "boundary",
     "cell",
+    "cloud",
     "enumerate",
     "family",
+    "hull_area",
     "names",
+    "space",
     "surface",
+    "surrogate",
     "topology",
 ]
