@@ -21,7 +21,7 @@ from ilattice.errors import IlatticeError
 
 ROOMS = (
     "bspline", "tiles", "macroshape", "fields", "sdf", "mesh", "offsets", "cutfem", "io",
-    "homogenize", "minimal",
+    "homogenize", "minimal", "shells",
 )  # fmt: skip
 #: Those that do something, and have no state that users could take for a result.
 TOOLS = {"offsets.ClosestPointSearch", "cutfem.Solver", "io.StreamedMeshWriter"}
@@ -89,7 +89,7 @@ def examples():
         il.cutfem.mass_properties(wall, 4), heat.evolve(1.0, steps=2), modes.report,
         solution.recovered(), temperature.recovered(), solution.error_estimate(),
         solution.report, il.cutfem.buckling(solution, 1), solid.assembly.space,
-        solution.at(point, outside="nan"), *cells(), *surfaces(),
+        solution.at(point, outside="nan"), *cells(), *surfaces(), *shells(),
     ]  # fmt: skip
     return {type(thing): thing for thing in found}
 
@@ -115,6 +115,19 @@ def surfaces():
     patch = il.minimal.conjugate(loop, 2)
     whole, region = patch.completed(), loop.region
     return [loop, patch, patch.report, patch.disc, whole, region, region.group, region.mirrors[0]]
+
+
+def shells():
+    """A shell, what it is made of, and how stiff many are."""
+    s = il.shells
+    shell = s.cell("topo_19_rrr", n=8, spans=8)
+    of, moduli = s.space("topo_19_rrr"), np.linspace(0.1, 0.2, 32)
+    rows = il.homogenize.sweep("gyroid", thickness=0.3, cells=4)
+    cloud = s.Cloud(of, of.points(32), *(moduli.copy() for _ in range(4)), rows)
+    model = s.Surrogate(cloud, 8, 0.03, 4)
+    found = model.invert(young=0.15, poisson=0.15, density=0.3, verify=False)
+    made = [shell.topology, shell.topology.segments[0], shell.surface.boundary, shell.surface]
+    return [shell, *made, s.family("topo_19_rrr", n=8, spans=8), of, cloud, model, found[0]]
 
 
 def mesh_of(wall):

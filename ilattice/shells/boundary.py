@@ -50,7 +50,19 @@ class Boundary(Frozen):
     derivatives: FloatArray
 
     def __post_init__(self) -> None:
-        """Refuse curves that cross."""
+        """Check at the door: refuse curves that cross."""
+        if not isinstance(self.topology, Topology):
+            raise InputError(f"topology must be a Topology, got {self.topology!r:.80}")
+        count = len(self.topology.nodes)
+        for name, shape in (("positions", (count,)), ("derivatives", (count, 2))):
+            a = as_array(name, getattr(self, name))
+            if a.shape != shape:
+                raise InputError(f"{name} must have shape {shape}, got {a.shape}")
+            object.__setattr__(self, name, read_only(np.array(a)))
+        if not (np.abs(self.positions) <= MOST_POSITION).all():
+            raise InputError(f"positions must be within edges, got {self.positions.tolist()!r:.80}")
+        if not ((self.derivatives > 0.0) & (self.derivatives <= MOST_DERIVATIVE)).all():
+            raise InputError(f"derivatives must be positive, and at most {MOST_DERIVATIVE:g}")
         self._check_crossings()
 
     def __repr__(self) -> str:

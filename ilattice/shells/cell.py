@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import ArrayLike, FloatArray
-from ilattice._validate import FixedMapping, Frozen, as_flag, as_whole
+from ilattice._validate import FixedMapping, Frozen, as_flag, as_whole, read_only
 from ilattice.bspline import BSpline
 from ilattice.bspline.fit import fit_interpolate
 from ilattice.bspline.knots import uniform_knots
@@ -93,7 +93,7 @@ class Shell(Frozen):
                 sign = self.surface.signs[axis]
                 ends[0] = 0.5 * (ends[0] + sign * ends[-1])
                 ends[-1] = sign * ends[0]
-        return values
+        return read_only(values)
 
     @cached_property
     def tile(self) -> Tile:

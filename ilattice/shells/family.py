@@ -23,7 +23,15 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import AnyArray, ArrayLike, FloatArray
-from ilattice._validate import Frozen, as_array, as_positive, as_real, as_whole, asked
+from ilattice._validate import (
+    Frozen,
+    as_array,
+    as_not_negative,
+    as_positive,
+    as_real,
+    as_whole,
+    asked,
+)
 from ilattice.bspline import BSpline
 from ilattice.errors import InputError
 from ilattice.minimal.tile import SignedDistance, warn_off, zero_set_error
@@ -318,9 +326,8 @@ def family(
     if pair.shape != (2,):
         raise InputError(f"outer must be a position and a derivative, got {outer!r:.80}")
     inner = float(pair[1]) if derivative is None else as_positive("derivative", derivative)
+    layer = as_not_negative("layer", layer)
     boundary(topology, float(pair[0]), float(pair[1]))
     count = as_whole("spans", spans, LEAST_SPANS, MOST_SPANS)
     n = as_whole("n", n, LEAST_N, MOST_N)
-    return Family(
-        topology, (float(pair[0]), float(pair[1])), inner, n, float(layer), count + count % 2
-    )
+    return Family(topology, (float(pair[0]), float(pair[1])), inner, n, layer, count + count % 2)

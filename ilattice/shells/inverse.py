@@ -1,9 +1,9 @@
 """Shells of wanted stiffness: a surrogate of many homogenized cells, and its inversion.
 
 Young's modulus (its logarithm), Poisson's ratio and Zener's ratio are interpolated between the
-shells of a `Cloud` by cubic radial functions. Parameters of wanted moduli are least squares from many starts;
-there may be several. Each is homogenized as the shells of the surrogate were, and corrected once by
-what it was off.
+shells of a `Cloud` by cubic radial functions. Parameters of wanted moduli are least squares from
+many starts; there may be several. Each is homogenized as the shells of the surrogate were, and
+corrected once by what it was off.
 
 Guarantees: verified solutions have the moduli that they tell, with the cells and triangles of the
 surrogate. Non-guarantee: errors of these cells are not part of any number here; a target that no
@@ -107,6 +107,8 @@ class Surrogate(Frozen):
 
     def __post_init__(self) -> None:
         """Fit the interpolants."""
+        if not isinstance(self.cloud, Cloud):
+            raise InputError(f"cloud must be a Cloud, got {self.cloud!r:.80}")
         super().__post_init__()
         c = self.cloud
         outputs = np.column_stack([np.log(c.young), c.poisson, np.log(c.zener)])
@@ -352,7 +354,7 @@ def surrogate(
 
 
 def _interpolant(x: FloatArray, y: FloatArray) -> RBFInterpolator:
-    """Cubic radial functions through values; directions in which points do not differ are left out."""
+    """Cubic radial functions; directions in which points do not differ are left out."""
     free = np.ptp(x, axis=0) > 0.0
     fit = RBFInterpolator(x[:, free], y, kernel="cubic", degree=2)
     return fit if free.all() else _Part(fit, free)

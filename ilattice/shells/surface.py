@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import Frozen, as_choice, as_not_negative, as_whole, read_only
-from ilattice.errors import GeometryError
+from ilattice.errors import GeometryError, InputError
 from ilattice.mesh import SurfaceMesh
 from ilattice.minimal.clamped import Rim, clamped
 from ilattice.minimal.completion import PeriodicSurface, completed
@@ -103,9 +103,9 @@ class OctantSurface(Frozen):
                 ends = self.vertices[self.faces[rows][held[rows]].reshape(-1, 2)]
                 slopes.append(np.abs(n[rows, axis]))
                 lengths.append(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1))
-        if not slopes:
-            return np.zeros(0), np.zeros(0)
-        return np.concatenate(slopes), np.concatenate(lengths)
+        both = (np.concatenate([np.zeros(0), *parts]) for parts in (slopes, lengths))
+        found, edges = (read_only(a) for a in both)
+        return found, edges
 
     @property
     def slope(self) -> float:
@@ -118,7 +118,9 @@ class OctantSurface(Frozen):
         """Number of the piece of each vertex, from 0, in the octant."""
         rows = np.concatenate([self.faces[:, :2], self.faces[:, 1:]]).T
         links = sparse.coo_array((np.ones(rows.shape[1], bool), rows), shape=(len(self.on),) * 2)
-        pieces: IntArray = connected_components(links, directed=False)[1].astype(np.int64)
+        pieces: IntArray = read_only(
+            connected_components(links, directed=False)[1].astype(np.int64)
+        )
         return pieces
 
     @cached_property
@@ -219,6 +221,10 @@ def surface(
     ConvergenceError
         If no stationary surface is found.
     """
+    if not isinstance(curves, Boundary):
+        raise InputError(f"curves must be a Boundary, got {curves!r:.80}")
+    if not isinstance(symmetry, str) or len(symmetry) != 3 or set(symmetry) - {"r", "t"}:
+        raise InputError(f"symmetry must be r or t for each axis, as 'rrt', got {symmetry!r:.40}")
     n = as_whole("n", n, LEAST_N, MOST_N)
     as_choice("method", method, METHODS)
     layer = as_not_negative("layer", layer)

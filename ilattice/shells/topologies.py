@@ -145,6 +145,7 @@ class Segment(FrozenCopies):
     corners: tuple[tuple[int, int], ...]
 
 
+@cache
 def segments(face: int, pattern: str) -> tuple[Segment, ...]:
     """Segments of a pattern.
 
@@ -386,18 +387,16 @@ def enumerated() -> list[Topology]:
     """
     closed = closed_patterns()
     by_key = {_key(_segments_of(p)): p for p in closed}
-    classes: list[tuple[str, ...]] = []
+    named = {_key(t.segments): t for t in table()}
+    found = []
     left = dict(by_key)
     while left:
         first = left[min(left)]
-        classes.append(first)
-        for image in images(_segments_of(first)):
+        orbit = images(_segments_of(first))
+        row = next(t for key, t in named.items() if key in orbit)
+        found.append(Topology(row.name, row.paper, row.family, first))
+        for image in orbit:
             left.pop(image, None)
-    named = {min(images(t.segments)): t for t in table()}
-    found = []
-    for chosen in classes:
-        row = named[min(images(_segments_of(chosen)))]
-        found.append(Topology(row.name, row.paper, row.family, chosen))
     return sorted(found, key=lambda t: int(t.name[1:]))
 
 
@@ -461,15 +460,19 @@ def _key(parts: tuple[Segment, ...]) -> Key:
 
 def _moved(parts: tuple[Segment, ...], g: Symmetry) -> tuple[Segment, ...]:
     """Images of segments, without their corners."""
-    out = []
-    for s in parts:
-        axis, side = divmod(s.face, 2)
-        to = g[0].index(axis)
-        a, b = (_edge_image(e, g) for e in s.edges)
-        out.append(Segment(2 * to + (side ^ g[1][to]), _sorted(a, b), ()))
-    return tuple(out)
+    return tuple(_segment_image(s, g) for s in parts)
 
 
+@cache
+def _segment_image(s: Segment, g: Symmetry) -> Segment:
+    """Where a symmetry takes a segment."""
+    axis, side = divmod(s.face, 2)
+    to = g[0].index(axis)
+    a, b = (_edge_image(e, g) for e in s.edges)
+    return Segment(2 * to + (side ^ g[1][to]), _sorted(a, b), ())
+
+
+@cache
 def _edge_image(number: int, g: Symmetry) -> int:
     """Where a symmetry takes an edge."""
     axis, ends = edge_place(number)
