@@ -165,8 +165,8 @@ class Boundary(Frozen):
             if s.face == face:
                 ends = [(arc[0], arc[1]), (arc.sum(axis=0), -(arc[1] + 2 * arc[2] + 3 * arc[3]))]
                 rows = [np.concatenate([p[plane], d[plane]]) for p, d in ends]
-                found.append(np.concatenate(sorted(rows, key=lambda r: tuple(np.round(r, 9)))))
-        return np.array(sorted(found, key=lambda r: tuple(np.round(r, 9))))
+                found.append(np.concatenate(sorted(rows, key=_rounded)))
+        return np.array(sorted(found, key=_rounded))
 
     def _end(self, s: Segment, edge: int) -> tuple[FloatArray, FloatArray]:
         """Point of a node, and derivative with which an arc leaves it."""
@@ -269,6 +269,12 @@ def _per_node(name: str, value: Any, topology: Topology) -> FloatArray:
             f"shape ({count},){more}; got shape {a.shape}"
         )
     return a
+
+
+def _rounded(row: FloatArray) -> list[float]:
+    """What rows are sorted by."""
+    rounded: list[float] = np.round(row, 9).tolist()
+    return rounded
 
 
 def _crosses(p: FloatArray, q: FloatArray, *, own: bool) -> bool:

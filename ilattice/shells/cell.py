@@ -25,7 +25,14 @@ from ilattice.bspline.fit import fit_interpolate
 from ilattice.bspline.knots import uniform_knots
 from ilattice.errors import GeometryError
 from ilattice.minimal.completion import PeriodicSurface
-from ilattice.minimal.tile import signed_distance, spans_for, warn_off, zero_set_error
+from ilattice.minimal.tile import (
+    Samples,
+    SignedDistance,
+    signed_distance,
+    spans_for,
+    warn_off,
+    zero_set_error,
+)
 from ilattice.shells.boundary import boundary
 from ilattice.shells.surface import LAYER, N, OctantSurface, surface
 from ilattice.shells.topologies import Topology, parsed
@@ -35,6 +42,7 @@ LEAST_SPANS, MOST_SPANS = 8, 128
 #: Distance of the zero set from the triangles, in cells, that is told.
 TOLERANCE = 1e-3
 _REACH = 2.5  # spans
+_SLACK = 0.02
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -116,7 +124,15 @@ class Shell(Frozen):
 
     @cached_property
     def _distance(self) -> Any:
-        return signed_distance(self.periodic, _REACH / self.spans)[0]
+        """Signed distance in the octant, of samples that may be nearest there."""
+        found = signed_distance(self.periodic, _REACH / self.spans)[0]
+        mirrored = np.array([kind == "r" for kind in self.surface.symmetry])
+        points = np.mod(found.samples.points, 1.0)
+        inside = ((points > 0.5 - _SLACK) | (points < _SLACK) | ~mirrored).all(axis=1)
+        rows = np.flatnonzero(inside)
+        s = found.samples
+        own = Samples(s.points[rows], s.normals[rows], s.shapes[rows])
+        return SignedDistance(own, found.cell, found.reach)
 
 
 def repeated(values: FloatArray, octant: OctantSurface) -> FloatArray:

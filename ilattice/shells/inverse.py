@@ -258,7 +258,7 @@ class Surrogate(Frozen):
             return misfit
 
         inside = np.clip(start[:-1], 1e-6, 1.0 - 1e-6)
-        return least_squares(off, inside, bounds=(0.0, 1.0), xtol=1e-8, diff_step=1e-4)
+        return least_squares(off, inside, bounds=(0.0, 1.0), xtol=1e-8, diff_step=[1e-4])
 
     def _searched(self, goal: FloatArray, last: float) -> list[FloatArray]:
         """Different solutions of the surrogate, the best first."""
@@ -296,7 +296,9 @@ class Surrogate(Frozen):
         space = self.cloud.space
         values = space.named(space.placed(x))
         eff = elastic(
-            wall_of(space.topology, values, self.n, self.layer), self.cells, **dict(OPTIONS)
+            wall_of(space.topology, values, self.n, self.layer),
+            self.cells,
+            estimate=OPTIONS["estimate"],
         )
         young = eff.E((1.0, 0.0, 0.0))
         return np.array([young, 0.5 - young / (6.0 * eff.K), eff.zener])
@@ -322,10 +324,12 @@ def surrogate(
 
     Parameters
     ----------
-    name, ranges, density, seed, n, layer, cells, table, executor, progress : optional
-        See `cloud`.
+    name : str
+        As ``topo_19_rrr``.
     samples : int
         Number of shells.
+    ranges, density, seed, n, layer, cells, table, executor, progress : optional
+        See `cloud`.
 
     Returns
     -------
@@ -353,7 +357,7 @@ def surrogate(
     return Surrogate(found, n, layer, cells)
 
 
-def _interpolant(x: FloatArray, y: FloatArray) -> RBFInterpolator:
+def _interpolant(x: FloatArray, y: FloatArray) -> Any:
     """Cubic radial functions; directions in which points do not differ are left out."""
     free = np.ptp(x, axis=0) > 0.0
     fit = RBFInterpolator(x[:, free], y, kernel="cubic", degree=2)

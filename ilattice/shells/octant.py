@@ -305,7 +305,7 @@ def _match(v: FloatArray, on: IntArray, axis: int, h: float) -> None:
     """Make vertices on the high face those of the low one, shifted, in place."""
     low, high = (np.flatnonzero(on[:, axis] == side) for side in (-1, 1))
     flat = list(others(axis))
-    gap, near = cKDTree(v[low][:, flat]).query(v[high][:, flat])
+    gap, near = map(np.asarray, cKDTree(v[low][:, flat]).query(v[high][:, flat]))
     if len(low) != len(high) or len(np.unique(near)) != len(low) or gap.max(initial=0.0) > h:
         raise ConvergenceError(
             f"triangles on {FACES[2 * axis]} and {FACES[2 * axis + 1]} do not agree, though the "

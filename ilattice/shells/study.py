@@ -216,7 +216,9 @@ def wall_of(name: str, values: Mapping[str, float], n: int = N, layer: float = L
         For `ilattice.homogenize.elastic`.
     """
     tile = shell_of(name, values, n, layer).tile
-    return Lattice(tile, through=unit_cell(), repeat=1).offset(relative_density=values["density"])
+    return Lattice(tile, through=unit_cell(), repeat=(1, 1, 1)).offset(
+        relative_density=values["density"]
+    )
 
 
 def sampled(*, space: Space, seed: int, n: int, layer: float, sample: int) -> Wall:
@@ -287,10 +289,12 @@ def cloud(
 
     Parameters
     ----------
-    name, ranges, density : optional
-        See `space`.
+    name : str
+        As ``topo_19_rrr``.
     count : int
         Number of shells; each takes some seconds.
+    ranges, density : optional
+        See `space`.
     seed : int
         Of the Sobol sequence.
     n, layer : optional

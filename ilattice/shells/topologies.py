@@ -302,8 +302,8 @@ def table() -> tuple[Topology, ...]:
     """
     rows = [line.split() for line in _TABLE.strip().splitlines()]
     return tuple(
-        Topology(name, *("" if w == "-" else w for w in words[:2]), tuple(words[2:]))
-        for name, *words in rows
+        Topology(name, paper.strip("-"), like.strip("-"), tuple(rest))
+        for name, paper, like, *rest in rows
     )
 
 
@@ -339,12 +339,12 @@ def topology(name: str) -> Topology:
     return parsed(name)[0]
 
 
-def parsed(name: str) -> tuple[Topology, str]:
+def parsed(name: str | Topology) -> tuple[Topology, str]:
     """A class, and how its octants make up a cell.
 
     Parameters
     ----------
-    name : str
+    name : str or Topology
         As ``topo_19_rrr`` or ``c19``.
 
     Returns
