@@ -26,7 +26,7 @@ def main(cells: int = 8, n: int = 24, h: float = 0.04, out: str = "") -> dict[st
         sides = [field.jet(p[near], 1)[1] for p in (before, u)]
         normals = [g / np.linalg.norm(g, axis=1, keepdims=True) for g in sides]
         jump = max(jump, float(np.abs(normals[0] - normals[1]).max()))
-    wall = lattice.offset(0.04)
+    wall = lattice.offset(0.05)
     mesh = wall.mesh(h=h)
     if out:
         mesh.save(f"{out}.stl")

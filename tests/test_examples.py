@@ -257,7 +257,7 @@ def test_shells_have_the_topology_of_what_they_are_like():
 
 
 def test_graded_shells_fit_each_other():
-    numbers = run("shells_graded", cells=3, n=20, h=0.06)
+    numbers = run("shells_graded", cells=2, n=20, h=0.05)
     assert numbers["jump of normals between cells"] < 1e-6
     assert numbers["open edges"] == 0
 
@@ -267,6 +267,13 @@ def test_mean_curvatures_of_shells_are_small():
     for name in ("P-like", "IWP-like", "N-like"):
         assert numbers[f"{name}: median of |H|"] < 0.05
     assert numbers["P-like: area"] == pytest.approx(2.345, rel=0.01)
+
+
+def test_a_shell_like_schwarz_p_is_isotropic():
+    numbers = run("shells_isotropic", n=20, cells=6)
+    assert numbers["Zener's ratio"] == pytest.approx(1.0, abs=0.02)
+    assert numbers["Zener's ratio of Schwarz P"] > 1.5
+    assert 1.5 < numbers["derivative"] < 3.0
 
 
 @pytest.mark.parametrize("name", NAMES)
