@@ -43,7 +43,7 @@ from ilattice.tiles import Tile
 from ilattice.tiles.mixture import TOL, Mixture
 
 #: Spans of the spline of a tile, distance where fields level off, and error that is told.
-SPANS, REACH, TOLERANCE = 40, 0.08, 2e-3
+SPANS, REACH, TOLERANCE = 36, 0.08, 2e-3
 #: Different cells of one lattice; each takes about a second.
 MOST_CELLS = 500
 

@@ -9,10 +9,12 @@ other tiles it is the mean of both. Non-guarantee: the gradient of those jumps t
 zero set has creases.
 """
 
+import math
 import warnings
 
 import numpy as np
 
+from ilattice._memory import need
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.bspline import BSpline
 from ilattice.bspline.knots import wrapped_knots
@@ -115,12 +117,21 @@ def _assembled(parts: list[FloatArray], blend: Blend, spans: int, *, smooth: boo
     cells = np.pad(blend.cells, [(0, 0) if c else (1, 1) for c in closed], mode="edge")
     step = spans + DEGREE - 1
     shape = [n * step + (0 if c else 1) for n, c in zip(cells.shape, closed, strict=True)]
-    total, count = np.zeros(shape), np.zeros(shape)
+    need(
+        16 * math.prod(map(float, shape)),
+        f"the spline of {' x '.join(map(str, cells.shape))} tiles with {spans} spans each",
+        "use fewer tiles, or tiles with fewer spans",
+    )
+    c = np.zeros(shape)
+    count = np.ones(1) if smooth else np.zeros(shape)
     for at in np.ndindex(*cells.shape):
         place = np.ix_(*(_places(a, step, n) for a, n in zip(at, shape, strict=True)))
-        np.add.at(total, place, parts[cells[at]])
-        np.add.at(count, place, 1.0)
-    c = total / count
+        if smooth:  # neighbours have the same
+            c[place] = parts[cells[at]]
+        else:
+            np.add.at(c, place, parts[cells[at]])
+            np.add.at(count, place, 1.0)
+    c = c if smooth else c / count
     knots = []
     for axis, (n, wraps) in enumerate(zip(cells.shape, closed, strict=True)):
         knots.append(_knots(n, spans, wraps, DEGREE - smooth))
