@@ -21,6 +21,7 @@ Rooms, from the bottom up:
 `homogenize`              effective properties of cells that repeat
 `cost`                    corner-sharing tetrahedra: rigid micro-structures, loads, beams
 `sdf`                     solids from commands and from meshes, as fields
+`shells`                  shells like minimal surfaces, from curves on faces; inverse design
 ========================  ==================================================================
 
 Central types:
@@ -74,6 +75,7 @@ if TYPE_CHECKING:
         plot,
         quadrature,
         sdf,
+        shells,
         slicing,
         tiles,
         topology,
@@ -108,6 +110,7 @@ __all__ = [
     "plot",
     "quadrature",
     "sdf",
+    "shells",
     "slicing",
     "tiles",
     "topology",

@@ -127,7 +127,7 @@ def _app() -> "App":
         suppress_keyboard_interrupt=False,
     )
     files = (_add_demo, _add_build, _add_slice)
-    for add in (*files, _add_homogenize, _add_bands, _add_cost, _add_sdf, _add_others):
+    for add in (*files, _add_homogenize, _add_bands, _add_cost, _add_shell, _add_sdf, _add_others):
         add(app)
     return app
 
@@ -509,6 +509,85 @@ def _add_cost(app: "App") -> None:
             print(f"{'wrote':>18}  {printable(str(name))}")
 
     app.command(command)
+
+
+def _add_shell(app: "App") -> None:
+    from cyclopts import Parameter
+
+    from ilattice.shells import job
+
+    Files = Annotated[list[Path] | None, Parameter(name=("--output", "-o"), consume_multiple=True)]
+    Many = Annotated[list[float] | None, Parameter(consume_multiple=True)]
+    Counts = Annotated[list[int] | None, Parameter(consume_multiple=True)]
+
+    @app.command
+    def shell(
+        *,
+        topology: str = "",
+        output: Files = None,
+        position: Many = None,
+        derivative: Many = None,
+        density: float | None = None,
+        thickness: float | None = None,
+        repeat: Counts = None,
+        n: int = 24,
+        layer: float = 0.02,
+        method: str = "harmonic",
+        h: float = 0.05,
+        report: Path | None = None,
+    ) -> None:
+        """Make a shell like a minimal surface over curves on the faces of an octant of its cell.
+
+        Parameters
+        ----------
+        topology
+            Class of the curves, and r or t per axis, as topo_19_rrr; without it they are listed.
+        output
+            Files for the mesh.
+        position
+            Of the nodes on the edges of the octant, from -1 to 1: one, or one per orbit or node.
+        derivative
+            Of the curves at the nodes: one, or one per orbit or node.
+        density
+            Relative density of walls around the shell.
+        thickness
+            Their half-thickness, instead.
+        repeat
+            Number of cells of edge 1, one or three.
+        n
+            Cells of the grid of the surface per edge of the octant.
+        layer
+            Length over which curvatures die out that smooth transitions between octants need.
+        method
+            harmonic or currents.
+        h
+            Length of the edges of the mesh of walls.
+        report
+            File for all numbers, as JSON.
+        """
+        if not topology:
+            print("\n".join(job.listed()))
+            return
+        found = job.shell(
+            topology=topology,
+            output=output or (),
+            position=position or (0.0,),
+            derivative=derivative or (1.5,),
+            density=density,
+            thickness=thickness,
+            repeat=1 if repeat is None else repeat[0] if len(repeat) == 1 else repeat,
+            n=n,
+            layer=layer,
+            method=method,
+            h=h,
+            report=report,
+            progress=True,
+        )
+        for key in ("area", "genus", "pieces", "mean_curvature", "slope", "tile_error", "density"):
+            if found[key] is not None:
+                print(f"{key.replace('_', ' '):>18}  {_text(found[key])}")
+        for name in found["files"]:
+            print(f"{'wrote':>18}  {printable(str(name))}")
 
 
 def _add_sdf(app: "App") -> None:

@@ -24,6 +24,7 @@ ROUNDS = int(os.environ.get("ILATTICE_ROUNDS", "2"))
 ROOMS = (
     "bspline", "tiles", "macroshape", "fields", "sdf", "mesh", "offsets", "cutfem", "io",
     "homogenize", "minimal", "lattice", "linalg", "quadrature", "slicing", "topology", "cost",
+    "shells",
 )  # fmt: skip
 SKIPPED = {"save_grid"}
 MOST_CALLS = 400_000  # of functions, within less than two seconds
@@ -94,6 +95,16 @@ def structures():
     }  # fmt: skip
 
 
+def shells():
+    """Arguments of shells."""
+    name, curves = {"name": "topo_19_rrr", "n": 8}, il.shells.boundary("topo_19")
+    return {
+        "shells.cell": name, "shells.boundary": name, "shells.topology": name,
+        "shells.space": name, "shells.surface": {"curves": curves, "n": 8},
+        "shells.family": {**name, "spans": 8}, "shells.Boundary": {"topology": curves.topology},
+    }  # fmt: skip
+
+
 def own(sense):
     """Arguments that make sense to one callable only, by its name."""
     line = il.BSpline([[0, 0, 0.4, 1, 1]], [[0, 0, 0], [0.5, 0.1, 0], [1, 0, 0]], 1)
@@ -110,7 +121,7 @@ def own(sense):
         **{f"homogenize.{kind}": {"field": cell, "through": None} for kind in kinds},
         "homogenize.voxels": {"array": labels, "young": (1.0, 2.0), "spacing": 1.0},
         "homogenize.conductive_voxels": {"array": labels, "spacing": 1.0},
-        **minimal(), **structures(),
+        **minimal(), **structures(), **shells(),
         "tiles.Arc": {"centre": (0.3, 0.5, 0.5), "u": (0.2, 0, 0), "v": (0, 0.2, 0)},
         "tiles.Curve": {"spline": line}, "tiles.Surface": {"spline": sheet},
         "tiles.Group": {"members": [il.tiles.Polyline(corners)]},

@@ -283,6 +283,48 @@ def test_slices_make_few_blocks_of_a_structure():
     assert numbers["polygons"] > 10
 
 
+def test_boundaries_of_shells_are_twenty():
+    numbers = run("shells_boundaries")
+    assert numbers == {"classes": 20, "closed choices": 256, "that repeat by shifts": 3}
+
+
+def test_shells_meet_their_mirrors_at_right_angles():
+    numbers = run("shells_variations", n=16)
+    slopes = [numbers[name] for name in numbers if "slope" in name]
+    assert len(slopes) == 4
+    assert max(slopes) < 0.2
+    assert numbers["P-like, symmetric: area"] == pytest.approx(2.345, rel=0.01)
+
+
+def test_shells_have_the_topology_of_what_they_are_like():
+    numbers = run("shells_gallery", n=16)
+    euler = {name.split(", ")[1].split(":")[0]: number for name, number in numbers.items()}
+    assert euler["topo_1_ttt"] == euler["topo_1_rrr"] == -16
+    assert euler["topo_8_rrr"] == -40
+    assert euler["topo_18_rrr"] == -12
+    assert euler["topo_19_rrr"] == -4
+
+
+def test_graded_shells_fit_each_other():
+    numbers = run("shells_graded", cells=2, n=20, h=0.05)
+    assert numbers["jump of normals between cells"] < 1e-6
+    assert numbers["open edges"] == 0
+
+
+def test_mean_curvatures_of_shells_are_small():
+    numbers = run("shells_curvature", n=24)
+    for name in ("P-like", "IWP-like", "N-like"):
+        assert numbers[f"{name}: median of |H|"] < 0.05
+    assert numbers["P-like: area"] == pytest.approx(2.345, rel=0.01)
+
+
+def test_a_shell_like_schwarz_p_is_isotropic():
+    numbers = run("shells_isotropic", n=20, cells=6)
+    assert numbers["Zener's ratio"] == pytest.approx(1.0, abs=0.02)
+    assert numbers["Zener's ratio of Schwarz P"] > 1.5
+    assert 1.5 < numbers["derivative"] < 3.0
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_every_example_is_tested_and_can_be_run_alone(name):
     source = (FOLDER / f"{name}.py").read_text(encoding="utf-8")

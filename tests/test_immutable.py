@@ -22,7 +22,7 @@ from ilattice.errors import IlatticeError
 ROOMS = (
     "bspline", "tiles", "macroshape", "fields", "sdf", "mesh", "offsets", "cutfem", "io",
     "homogenize", "minimal", "lattice", "linalg", "quadrature", "slicing", "topology", "plot",
-    "cost",
+    "cost", "shells",
 )  # fmt: skip
 #: Those that do something, and have no state that users could take for a result.
 TOOLS = {"offsets.ClosestPointSearch", "cutfem.Solver", "linalg.Solver", "io.StreamedMeshWriter",
@@ -92,6 +92,7 @@ def examples():
         solution.recovered(), temperature.recovered(), solution.error_estimate(),
         solution.report, il.cutfem.buckling(solution, 1), solid.assembly.space,
         solution.at(point, outside="nan"), *cells(), *surfaces(), *below(), *structures(),
+        *shells(),
     ]  # fmt: skip
     return {type(thing): thing for thing in found}
 
@@ -131,6 +132,19 @@ def structures():
     k = il.cost.kagome(2).refined()
     straight = il.cost.BernsteinSimplex.straight(np.vstack([np.zeros(3), np.eye(3)]), 2)
     return [k, k.beams(0.01), il.cost.Blocks(4), straight]
+
+
+def shells():
+    """A shell, what it is made of, and how stiff many are."""
+    s = il.shells
+    shell = s.cell("topo_19_rrr", n=8, spans=8)
+    of, moduli = s.space("topo_19_rrr"), np.linspace(0.1, 0.2, 32)
+    rows = il.homogenize.sweep("gyroid", thickness=0.3, cells=4)
+    cloud = s.Cloud(of, of.points(32), *(moduli.copy() for _ in range(4)), rows)
+    model = s.Surrogate(cloud, 8, 0.03, 4)
+    found = model.invert(young=0.15, poisson=0.15, density=0.3, verify=False)
+    made = [shell.topology, shell.topology.segments[0], shell.surface.boundary, shell.surface]
+    return [shell, *made, s.family("topo_19_rrr", n=8, spans=8), of, cloud, model, found[0]]
 
 
 def mesh_of(wall):

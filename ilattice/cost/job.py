@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._files import as_path, check_distinct, check_outputs, write_report
 from ilattice._progress import Progress
 from ilattice._stages import Stages
 from ilattice._validate import as_positive
@@ -18,7 +19,6 @@ from ilattice._version import __version__
 from ilattice.cost.kagome import divided_box, fill, kagome
 from ilattice.cost.structure import CornerSharing
 from ilattice.errors import FormatError, InputError, PrecisionWarning
-from ilattice.io._common import as_path, check_distinct, check_outputs, write_report
 from ilattice.io.registry import WRITERS
 
 #: Layers of sliced files, if no thickness is given.

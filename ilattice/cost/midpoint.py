@@ -76,7 +76,7 @@ def load(path: str | os.PathLike[str]) -> tuple[FloatArray, IntArray]:
         If meshio is missing (``pip install meshio``), or cannot read the file, or there are neither
         tetrahedra nor triangles in a plane.
     """
-    from ilattice.io._common import as_path
+    from ilattice._files import as_path
 
     file = as_path("path", path)
     try:

@@ -40,11 +40,14 @@ class PeriodicSurface(FrozenCopies):
         Numbers of the vertices up to shifts by whole cells.
     cell : (3,) array
         Edges of the cell.
+    two_coloured : bool
+        Whether the two sides of all parts are those of one inside and outside.
     """
 
     mesh: SurfaceMesh
     labels: IntArray
     cell: FloatArray
+    two_coloured: bool = False
 
     def __repr__(self) -> str:
         """Short form."""
@@ -122,7 +125,7 @@ class PeriodicSurface(FrozenCopies):
             )
         if not self.is_orientable:
             return "its sides swap from cell to cell; take a cell twice as large"
-        if self.components > 1:
+        if self.components > 1 and not self.two_coloured:
             return f"it falls into {self.components} parts, whose sides are not ordered"
         if np.abs(self.flux).max() > 1e-6 * self.area:
             return "it crosses the cell with one side always first; take a cell twice as large"
@@ -160,10 +163,15 @@ class PeriodicSurface(FrozenCopies):
     def _sides(self) -> tuple[IntArray, bool]:
         """Part of every triangle, and whether all have two sides."""
         parts, flipped, orientable = _oriented(self.faces)
+        if self.two_coloured:  # a part may be turned as a whole
+            sums = np.bincount(parts, flipped) * (np.bincount(parts) - np.bincount(parts, flipped))
+            return parts, orientable and not sums.any()
         return parts, orientable and not flipped.any()
 
 
-def completed(v: FloatArray, faces: IntArray, group: Group) -> PeriodicSurface:
+def completed(
+    v: FloatArray, faces: IntArray, group: Group, sides: IntArray | None = None
+) -> PeriodicSurface:
     """All images of a mesh, joined and oriented.
 
     Parameters
@@ -174,6 +182,9 @@ def completed(v: FloatArray, faces: IntArray, group: Group) -> PeriodicSurface:
         Triangles.
     group : Group
         The isometries, up to shifts by whole cells.
+    sides : (G,) array, optional
+        1 for isometries that keep the sides of the mesh, which is oriented, -1 for those that swap
+        them; without it, neighbours are oriented alike, part by part.
 
     Returns
     -------
@@ -195,16 +206,21 @@ def completed(v: FloatArray, faces: IntArray, group: Group) -> PeriodicSurface:
     middle = x.mean(axis=1)
     x += (wrapped(middle, cell) - middle)[:, None, :]
     x = x.reshape(-1, 3)
-    every = (faces[None] + len(v) * np.arange(len(group))[:, None, None]).reshape(-1, 3)
+    every = np.repeat(faces[None], len(group), axis=0)
+    if sides is not None:
+        turned = np.linalg.det(group.matrices) * sides < 0.0
+        every[turned] = every[turned][:, :, ::-1]
+    every = (every + len(v) * np.arange(len(group))[:, None, None]).reshape(-1, 3)
     tol = _JOINED * float(np.linalg.norm(opposite_edges(v, faces), axis=2).min())
     labels = _labels(x, cell, tol)
     _, first = np.unique(np.sort(labels[every], axis=1), axis=0, return_index=True)
     every = every[np.sort(first)]
     x, every, labels = _joined(x, every, labels, cell)
-    _, flipped, _ = _oriented(labels[every])
-    every[flipped] = every[flipped][:, ::-1]
+    if sides is None:
+        _, flipped, _ = _oriented(labels[every])
+        every[flipped] = every[flipped][:, ::-1]
     mesh = SurfaceMesh._adopt(x, np.ascontiguousarray(every))
-    return PeriodicSurface(mesh, read_only(labels), cell)
+    return PeriodicSurface(mesh, read_only(labels), cell, sides is not None)
 
 
 def _labels(x: FloatArray, cell: FloatArray, tol: float) -> IntArray:

@@ -137,20 +137,52 @@ def signed_tile(surface: "PeriodicSurface", name: str, spans: int | None) -> Til
         raise GeometryError(
             f"the surface is no boundary between an inside and an outside: {surface.objection}"
         )
-    samples, edge, bend = sampled(surface)
+    distance, edge = signed_distance(surface)
     longest = float(surface.cell.max())
-    reach = min(REACH / max(bend, 1e-9), MOST_REACH * float(surface.cell.min()))
-    count = _spans(edge / longest) if spans is None else as_whole("spans", spans, 4, MOST_SPANS)
-    distance = SignedDistance(samples, surface.cell, reach)
+    count = spans_for(edge / longest) if spans is None else as_whole("spans", spans, 4, MOST_SPANS)
     spline = fit(distance, degree=3, spans=count, method="interpolate", periodic=True)
     spline = BSpline(spline.t, spline.c / longest, spline.k, periodic=spline.periodic)
-    _check(spline, samples, surface.cell, name)
+    warn_off(zero_set_error(spline, distance), name)
     edges = None if np.ptp(surface.cell) == 0.0 else np.diag(surface.cell / longest)
     return Tile(spline, name=name, source="minimal surface of triangles", edges=edges)
 
 
-def _spans(edge: float) -> int:
-    """Spans that resolve what edges of that length resolve."""
+def signed_distance(surface: "PeriodicSurface", least: float = 0.0) -> tuple[SignedDistance, float]:
+    """Signed distance to a surface that separates its cell.
+
+    Parameters
+    ----------
+    surface : PeriodicSurface
+        An oriented surface.
+    least : float
+        Least distance at which the field is levelled off: more than a span of what it is fitted
+        with, even if it has kinks there.
+
+    Returns
+    -------
+    distance : SignedDistance
+        Levelled off within the least radius of curvature.
+    edge : float
+        Mean length of the edges of its triangles.
+    """
+    samples, edge, bend = sampled(surface)
+    reach = min(REACH / max(bend, 1e-9), MOST_REACH * float(surface.cell.min()))
+    return SignedDistance(samples, surface.cell, max(reach, least)), edge
+
+
+def spans_for(edge: float) -> int:
+    """Spans per cell that resolve what edges of that length resolve.
+
+    Parameters
+    ----------
+    edge : float
+        Mean length, in parts of the cell.
+
+    Returns
+    -------
+    int
+        A multiple of 4, from 24 to 64.
+    """
     return int(np.clip(np.ceil(1.0 / edge / 4.0) * 4, 24, 64))
 
 
@@ -270,16 +302,44 @@ def _inside(x: FloatArray, cell: FloatArray) -> FloatArray:
     return np.where(y >= cell, 0.0, y)
 
 
-def _check(spline: Any, samples: Samples, cell: FloatArray, name: str) -> None:
-    """Warn where the zero set of the spline is off the samples."""
+def zero_set_error(spline: Any, distance: SignedDistance) -> float:
+    """How far the zero set of a spline is off a sampled surface.
+
+    Parameters
+    ----------
+    spline : BSpline
+        On the unit cube.
+    distance : SignedDistance
+        To the surface.
+
+    Returns
+    -------
+    float
+        Largest distance at 20 000 samples, in parts of the cell.
+    """
+    samples, cell = distance.samples, distance.cell
     some = np.random.default_rng(0).integers(0, len(samples.points), 20_000)
     value, gradient = spline.jet(_inside(samples.points[some], cell) / cell, order=1)
     slope = np.linalg.norm(gradient / cell * float(cell.max()), axis=1)
-    off = float(np.abs(value / np.maximum(slope, 0.1)).max())
-    if off > TOLERANCE:
+    return float(np.abs(value / np.maximum(slope, 0.1)).max())
+
+
+def warn_off(off: float, name: str, wanted: float = TOLERANCE) -> None:
+    """Warn where the zero set of a tile is off its surface.
+
+    Parameters
+    ----------
+    off : float
+        How far, in parts of the cell.
+    name : str
+        Name of the tile.
+    wanted : float
+        Up to which nothing is said.
+    """
+    if off > wanted:
         warnings.warn(
             f"the zero set of tile {name!r} is off the surface by up to {off:.2g} of the cell "
-            f"(wanted {TOLERANCE:g}): take more spans, or more edges per side",
+            f"(wanted {wanted:g}): take more spans, or more edges per side",
             PrecisionWarning,
             stacklevel=4,
         )

@@ -347,3 +347,42 @@ def test_bad_weights_are_refused(weight, closed, message):
     mixture = il.tiles.hybrid("gyroid", "iwp", weight=weight)
     with pytest.raises(InputError, match=message):
         mixture.field((2, 1, 1), UNIT, closed)
+
+
+@pytest.mark.parametrize("closed", [OPEN, CLOSED, (True, False, True)])
+def test_splines_that_agree_on_faces_in_values_and_slopes_are_joined_smoothly(closed):
+    rng = np.random.default_rng(5)
+    shared, n = rng.normal(size=(9, 9, 9)), 6
+    for axis in range(3):  # it repeats: equal values, and no slope, on all faces
+        c = np.moveaxis(shared, axis, 0)
+        c[1], c[-2], c[-1] = c[0], c[0], c[0]
+    knots = np.concatenate([[0.0] * 3, np.arange(n + 1) / n, [1.0] * 3])
+    tiles = []
+    for _ in range(2):
+        c = shared.copy()
+        c[2:-2, 2:-2, 2:-2] = rng.normal(size=(5, 5, 5))
+        tiles.append(il.Tile(il.BSpline([knots] * 3, c, 3)))
+    cells = [[[0, 1]], [[1, 1]], [[0, 0]]]
+    field = il.tiles.mix(*tiles, cells=cells, blend=0).field((3, 1, 2), UNIT, closed)
+    assert not field.creased
+    q = points(200)
+    ratio = field(q[:1] * 0.5 + 0.2) / tiles[0](q[:1] * 0.5 + 0.2)
+    for at in np.ndindex(3, 1, 2):
+        mine = tiles[cells[at[0]][at[1]][at[2]]]
+        np.testing.assert_allclose(field(q + at), ratio * mine(q), atol=1e-12)
+    for axis, x in ((0, 1.0), (0, 2.0), (2, 1.0)):
+        face = q * [3.0, 1.0, 2.0]
+        face[:, axis] = x
+        before = face.copy()
+        before[:, axis] = np.nextafter(x, 0.0)
+        assert np.abs(field.jet(before, 1)[1] - field.jet(face, 1)[1]).max() < 1e-10
+    for axis, end in enumerate((3.0, 1.0, 2.0)):
+        ends = [np.where(np.arange(3) == axis, x, q) for x in (0.0, end)]
+        a, b = (np.column_stack(field.jet(x, 1)) for x in ends)
+        assert np.abs(a - b).max() < 1e-10
+    other = il.BSpline([knots] * 3, rng.normal(size=(9, 9, 9)), 3)  # of other values there
+    assert (
+        il.tiles.mix(tiles[0], il.Tile(other), cells=cells, blend=0, tol=100.0)
+        .field((3, 1, 2), UNIT, OPEN)
+        .creased
+    )

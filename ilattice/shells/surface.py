@@ -1,0 +1,307 @@
+"""Shells in one octant: surfaces of least area over a boundary, smooth where octants meet.
+
+Guarantees: surfaces are stationary to the residual that they report, in as many pieces as the
+harmonic function has; boundaries are the given curves. Non-guarantees: mean curvature vanishes away
+from the boundary only (see `ilattice.minimal.clamped`), by how much is reported; no surface is the
+least one.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+
+from ilattice._typing import FloatArray, IntArray
+from ilattice._validate import Frozen, as_choice, as_not_negative, as_whole, read_only
+from ilattice.errors import GeometryError, InputError
+from ilattice.mesh import SurfaceMesh
+from ilattice.minimal.clamped import Rim, clamped
+from ilattice.minimal.completion import PeriodicSurface, completed
+from ilattice.minimal.disc import area_vectors, vertex_areas
+from ilattice.minimal.symmetry import Group
+from ilattice.shells.boundary import Boundary
+from ilattice.shells.octant import Triangles, harmonic, least_gradient, zero_set
+from ilattice.shells.topologies import FACES
+
+METHODS = ("harmonic", "currents")
+#: Cells per edge of the octant, and length over which mean curvatures die out, in cells.
+N, LAYER = 24, 0.02
+LEAST_N, MOST_N = 8, 96
+#: The harmonic function is found on a grid at least so fine.
+_FINE = 48
+_SCALE = 0.25  # from the octant [-1, 1]³ to the cell
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class OctantSurface(Frozen):
+    """A surface in the octant [1/2, 1]³ of the unit cell. Made by `surface`.
+
+    Attributes
+    ----------
+    boundary : Boundary
+        Its boundary, in the cube [-1, 1]³.
+    symmetry : str
+        How octants make up the cell: r or t for each axis.
+    vertices : (V, 3) array
+        In the cell.
+    faces : (F, 3) array
+        Corners; normals point to the side of positive colour.
+    on : (V, 3) array of int
+        -1 or 1 where a vertex lies on the lower or upper face of the octant, else 0.
+    mean_curvature : (V,) array
+        Absolute mean of the principal curvatures, of the surface with its images.
+    residual : float
+        Largest force per area, times the size.
+    factorizations : int
+        Sparse factorizations.
+    """
+
+    boundary: Boundary
+    symmetry: str
+    vertices: FloatArray
+    faces: IntArray
+    on: IntArray
+    mean_curvature: FloatArray
+    residual: float
+    factorizations: int
+
+    def __repr__(self) -> str:
+        """Short form."""
+        name = self.boundary.topology.paper or self.boundary.topology.name
+        return f"OctantSurface({name}_{self.symmetry}, {len(self.faces)} triangles)"
+
+    @cached_property
+    def mesh(self) -> SurfaceMesh:
+        """The triangles."""
+        return SurfaceMesh._adopt(np.array(self.vertices), np.array(self.faces))
+
+    @property
+    def area(self) -> float:
+        """Area per cell: of eight octants."""
+        return 8.0 * self.mesh.area
+
+    @cached_property
+    def slopes(self) -> tuple[FloatArray, FloatArray]:
+        """Sines of the angles by which triangles at mirrors miss the right one, and their edges.
+
+        Returns
+        -------
+        slopes, lengths : (n,) arrays
+            Of all edges on the boundary, at axes of reflection.
+        """
+        w = area_vectors(self.vertices, self.faces)
+        n = w / np.linalg.norm(w, axis=1)[:, None]
+        slopes, lengths = [], []
+        for axis in range(3):
+            for side in (-1, 1):
+                held = self.on[self.faces, axis] == side
+                rows = np.flatnonzero(held.sum(axis=1) == 2)
+                if self.symmetry[axis] == "t" or not len(rows):
+                    continue
+                ends = self.vertices[self.faces[rows][held[rows]].reshape(-1, 2)]
+                slopes.append(np.abs(n[rows, axis]))
+                lengths.append(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1))
+        both = (np.concatenate([np.zeros(0), *parts]) for parts in (slopes, lengths))
+        found, edges = (read_only(a) for a in both)
+        return found, edges
+
+    @property
+    def slope(self) -> float:
+        """Mean of `slopes` along the boundary; 0 without reflections."""
+        slopes, lengths = self.slopes
+        return float(np.average(slopes, weights=lengths)) if len(slopes) else 0.0
+
+    @cached_property
+    def pieces(self) -> IntArray:
+        """Number of the piece of each vertex, from 0, in the octant."""
+        rows = np.concatenate([self.faces[:, :2], self.faces[:, 1:]]).T
+        links = sparse.coo_array((np.ones(rows.shape[1], bool), rows), shape=(len(self.on),) * 2)
+        pieces: IntArray = read_only(
+            connected_components(links, directed=False)[1].astype(np.int64)
+        )
+        return pieces
+
+    @cached_property
+    def bubbles(self) -> int:
+        """Pieces that reflections close to bubbles, which no other part of the shell touches.
+
+        They end on one face at most of each axis, by which they are reflected.
+        """
+        found = 0
+        for k in range(int(self.pieces.max()) + 1):
+            on = self.on[self.pieces == k]
+            both = (on == -1).any(axis=0) & (on == 1).any(axis=0)
+            moved = np.array([letter == "t" for letter in self.symmetry]) & on.any(axis=0)
+            found += not (both | moved).any()
+        return found
+
+    def curvature_quantile(self, q: float = 0.5) -> float:
+        """Quantile of the mean curvature over the area.
+
+        Parameters
+        ----------
+        q : float
+            0.5 for the median.
+
+        Returns
+        -------
+        float
+            In one over edges of the cell.
+        """
+        order = np.argsort(self.mean_curvature)
+        part = np.cumsum(vertex_areas(self.vertices, self.faces)[order])
+        row = int(np.searchsorted(part, q * part[-1]))
+        return float(self.mean_curvature[order[min(row, len(order) - 1)]])
+
+    @cached_property
+    def signs(self) -> tuple[int, ...]:
+        """For each axis -1 if sides swap from one octant to the next, else 1."""
+        return tuple(
+            1 if kind == "r" else self.boundary.congruent(axis)
+            for axis, kind in enumerate(self.symmetry)
+        )
+
+    def completed(self) -> PeriodicSurface:
+        """The surface in the whole cell, which repeats.
+
+        Returns
+        -------
+        PeriodicSurface
+            Eight octants, joined; its sides are those of the colours.
+        """
+        matrices, shifts, sides = [np.eye(3)], [np.zeros(3)], [1]
+        for axis, kind in enumerate(self.symmetry):
+            unit = np.eye(3)[axis]
+            turn = np.eye(3) - 2.0 * np.outer(unit, unit) if kind == "r" else np.eye(3)
+            shift = unit if kind == "r" else 0.5 * unit
+            matrices += [turn @ m for m in matrices]
+            shifts += [turn @ s + shift for s in shifts]
+            sides += [self.signs[axis] * s for s in sides]
+        group = Group(
+            read_only(np.array(matrices)), read_only(np.array(shifts)), read_only(np.ones(3))
+        )
+        return completed(self.vertices, self.faces, group, np.array(sides))
+
+
+def surface(
+    curves: Boundary, symmetry: str = "rrr", *, n: int = N, method: str = "harmonic",
+    layer: float = LAYER,
+) -> OctantSurface:  # fmt: skip
+    """Surface over a boundary, smooth where octants meet.
+
+    Parameters
+    ----------
+    curves : Boundary
+        The boundary.
+    symmetry : str
+        r or t for each axis: whether octants are reflected or translated.
+    n : int
+        Cells per edge of the octant from which triangles are made, 8 to 96; edges are about 1.3 of
+        them.
+    method : {"harmonic", "currents"}
+        Where the search starts: at the zero set of the harmonic function, or at the surface of
+        least area of all.
+    layer : float
+        Length, in cells, over which mean curvatures die out that a smooth transition needs; 0 for
+        surfaces of least area with creases where octants meet.
+
+    Returns
+    -------
+    OctantSurface
+        The surface.
+
+    Raises
+    ------
+    InputError
+        If an argument is wrong.
+    GeometryError
+        If octants cannot be translated, or the surface of least area is in other pieces.
+    ConvergenceError
+        If no stationary surface is found.
+    """
+    if not isinstance(curves, Boundary):
+        raise InputError(f"curves must be a Boundary, got {curves!r:.80}")
+    if not isinstance(symmetry, str) or len(symmetry) != 3 or set(symmetry) - {"r", "t"}:
+        raise InputError(f"symmetry must be r or t for each axis, as 'rrt', got {symmetry!r:.40}")
+    n = as_whole("n", n, LEAST_N, MOST_N)
+    as_choice("method", method, METHODS)
+    layer = as_not_negative("layer", layer)
+    glued = tuple(letter == "t" for letter in symmetry)
+    check_translations(curves, symmetry)
+    step = max(1, -(-_FINE // n))
+    start = zero_set(harmonic(curves, step * n), curves, n, glued)
+    if method == "currents":
+        start = _least(curves, n, glued, start)
+    v, on = start.vertices, start.on
+    projectors = np.tile(np.eye(3), (len(v), 1, 1))
+    for axis, letter in enumerate(symmetry):
+        if letter == "r":
+            projectors[on[:, axis] != 0, axis, axis] = 0.0
+    rim = Rim(on.any(axis=1), projectors, _labels(start, glued))
+    name = curves.topology.paper or curves.topology.name
+    what = f"the shell {name}_{symmetry}"
+    solved, h = clamped(v, start.faces, rim, layer / _SCALE, what=what)
+    x = 0.5 + _SCALE * (solved.vertices + 1.0)
+    return OctantSurface(
+        curves, symmetry, read_only(x), read_only(start.faces), read_only(on),
+        read_only(np.abs(h) / _SCALE), solved.residual, solved.factorizations,
+    )  # fmt: skip
+
+
+def check_translations(curves: Boundary, symmetry: str) -> None:
+    """Refuse translations along axes on whose two faces curves differ.
+
+    Parameters
+    ----------
+    curves : Boundary
+        The boundary.
+    symmetry : str
+        r or t for each axis.
+
+    Raises
+    ------
+    GeometryError
+        Naming the axis.
+    """
+    for axis, letter in enumerate(symmetry):
+        if letter == "t" and not curves.congruent(axis):
+            low, high = FACES[2 * axis], FACES[2 * axis + 1]
+            patterns = curves.topology.patterns[2 * axis : 2 * axis + 2]
+            why = (
+                f"they are coloured differently ({patterns[0]} and {patterns[1]})"
+                if patterns[0] != patterns[1]
+                else "their curves have other positions or derivatives"
+            )
+            raise GeometryError(
+                f"t along {'xyz'[axis]}: faces {low} and {high} do not fit each other, {why}; "
+                f"reflect along {'xyz'[axis]} (r), or make the curves equal"
+            )
+
+
+def _least(curves: Boundary, n: int, glued: tuple[bool, ...], start: Triangles) -> Triangles:
+    """Start from the surface of least area, if it hangs together as the harmonic one does."""
+    found = zero_set(least_gradient(curves, n), curves, n, glued)
+    counts = []
+    for t in (start, found):
+        mesh = SurfaceMesh._adopt(np.array(t.vertices), np.array(t.faces))
+        counts.append((mesh.components, mesh.euler, mesh.area * _SCALE**2))
+    (parts, euler, area), (others, other_euler, less) = counts
+    if (parts, euler) != (others, other_euler):
+        raise GeometryError(
+            f"the surface of least area over this boundary collapses: it has {others} pieces "
+            f"(Euler number {other_euler}, area {less:.4g} of an octant of edge 1/2) where the "
+            f"harmonic one has {parts} ({euler}, {area:.4g}); method='harmonic' keeps that"
+        )
+    return found
+
+
+def _labels(t: Triangles, glued: tuple[bool, ...]) -> IntArray:
+    """Equal numbers for vertices that are one when octants are shifted."""
+    v = t.vertices.copy()
+    for axis in np.flatnonzero(glued):
+        v[t.on[:, axis] == 1, axis] = -1.0
+    _, labels = np.unique(np.round(v, 9), axis=0, return_inverse=True)
+    out: IntArray = labels.ravel().astype(np.int64)
+    return out

@@ -1,0 +1,213 @@
+"""Surfaces in the octant and cells of them, against exact surfaces and identities."""
+
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+import ilattice as il
+from ilattice.errors import ConvergenceError, GeometryError, InputError
+from ilattice.shells.boundary import Boundary
+from ilattice.shells.octant import coloured, harmonic
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+import exact_schwarz
+
+
+class ExactP(Boundary):
+    """The boundary of Schwarz P in the octant, from conjugation, which is exact to 1e-5."""
+
+    def points(self, count=65):
+        patch = PATCH
+        out = []
+        for s in self.topology.segments:
+            row = patch.disc.side_rows[SIDES.index("xyz"[s.face // 2] + "-+"[s.face % 2])]
+            line = 4.0 * patch.vertices[row] - 1.0
+            steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
+            at = np.concatenate([[0.0], np.cumsum(steps)]) / steps.sum()
+            line = CubicSpline(at, line)(np.linspace(0.0, 1.0, count))
+            node = self.nodes[self.topology.nodes.index(s.edges[0])]
+            out.append(line if np.linalg.norm(line[0] - node) < 0.5 else line[::-1])
+        return np.array(out)
+
+
+SIDES = ["x+", "z-", "y+", "x-", "z+", "y-"]
+PATCH = il.minimal.conjugate(il.minimal.cuboid().faces(" ".join(SIDES)), n=32)
+
+
+def schwarz_p():
+    t = il.shells.topology("topo_19")
+    return ExactP(t, np.zeros(6), np.ones((6, 2)))
+
+
+def test_over_the_curves_of_schwarz_p_there_is_schwarz_p_and_the_layer_does_nothing():
+    curves = schwarz_p()
+    free = il.shells.surface(curves, n=26, layer=0.0)
+    smooth = il.shells.surface(curves, n=26)
+    assert 1400 < len(free.vertices) < 1600
+    for s in (free, smooth):
+        assert exact_schwarz.distances(s.vertices - 0.5).max() < 1e-3
+        assert abs(s.area - 2.34511) < 2e-3 * 2.34511
+        assert s.curvature_quantile() < 0.05
+    assert np.abs(free.vertices - smooth.vertices).max() < 1e-3
+    assert smooth.curvature_quantile(0.99) < 0.5  # of curvatures up to 7
+
+
+def test_harmonic_functions_are_solutions_and_maxima_are_on_the_boundary():
+    for name in ("topo_1", "c13"):
+        curves = il.shells.boundary(name, 0.05, 1.1)
+        u, faces = harmonic(curves, 16), coloured(curves, 16)
+        inner = u[1:-1, 1:-1, 1:-1]
+        star = sum(np.roll(u, k, a)[1:-1, 1:-1, 1:-1] for a in range(3) for k in (-1, 1))
+        assert np.abs(star - 6.0 * inner).max() < 1e-12
+        u[1:-1, 1:-1, 1:-1] = 0.0
+        assert (u == faces).all()
+        corners = faces[::16, ::16, ::16]
+        assert (np.sign(corners) == curves.topology.colours).all()
+
+
+def test_the_annulus_is_kept_and_the_least_surface_collapses():
+    curves = il.shells.boundary("topo_18", 0.45, 3.0)
+    shell = il.shells.surface(curves, n=20)
+    assert shell.mesh.euler == 0
+    assert shell.completed().genus == 7  # Euler number -12, as Schoen's I-WP
+    with pytest.raises(GeometryError, match=r"collapses: it has 2 pieces .* has 1 .*harmonic"):
+        il.shells.surface(curves, n=20, method="currents")
+
+
+def test_least_gradient_finds_the_same_surface_where_there_is_one():
+    curves = il.shells.boundary("topo_19", 0.1, 1.5)
+    a, b = (il.shells.surface(curves, n=12, method=m) for m in ("harmonic", "currents"))
+    assert a.area == pytest.approx(b.area, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("name", "position", "derivative"), [("topo_19", 0.1, 1.5), ("topo_18", 0.6, 3.0)]
+)
+def test_layers_make_surfaces_meet_mirrors_at_right_angles(name, position, derivative):
+    curves = il.shells.boundary(name, position, derivative)
+    free, smooth = (il.shells.surface(curves, n=32, layer=layer) for layer in (0.0, 0.02))
+    assert smooth.slope < free.slope / (2.5 if name == "topo_19" else 5.0)
+    assert free.area < smooth.area < 1.02 * free.area
+    assert smooth.residual < 1e-6
+
+
+def test_mean_curvatures_die_out_like_the_layer():
+    curves = il.shells.boundary("topo_18", 0.6, 3.0)
+    s = il.shells.surface(curves, n=24, layer=0.03)
+    depth = np.abs(s.vertices - np.where(s.vertices > 0.75, 1.0, 0.5)).min(axis=1)
+    inner = np.flatnonzero((depth > 0.02) & (depth < 0.1))
+    rate = np.polyfit(depth[inner], np.log(s.mean_curvature[inner] + 1e-12), 1)[0]
+    assert -1.6 / 0.03 < rate < -0.3 / 0.03  # faces are not the boundary: a rate within factors
+
+
+@pytest.mark.parametrize(
+    ("name", "genus"), [("topo_19_rrr", 3), ("topo_1_rrr", 9), ("topo_1_ttt", 9), ("topo_1_rtr", 9)]
+)
+def test_cells_are_closed_and_have_the_genus_of_what_they_are_like(name, genus):
+    s = il.shells.surface(il.shells.boundary(name, 0.0, 1.2), name[-3:], n=16)
+    whole = s.completed()
+    assert whole.is_closed
+    assert whole.is_orientable
+    assert whole.separates
+    assert whole.genus == genus
+    assert whole.area == pytest.approx(s.area, rel=1e-9)
+
+
+def test_translations_need_faces_that_fit():
+    with pytest.raises(GeometryError, match=r"t along x: .* coloured differently"):
+        il.shells.cell("topo_19_trr")
+    with pytest.raises(GeometryError, match=r"t along y: .* other positions or derivatives"):
+        il.shells.cell("topo_1_rtr", position=0.1)
+
+
+def test_bubbles_are_told():
+    with pytest.raises(GeometryError, match=r"3 of 3 pieces .* are bubbles"):
+        il.shells.cell("topo_14_rrr", n=12)
+    assert il.shells.cell("topo_14_rrr", n=12, bubbles=True).surface.bubbles == 3
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [{"n": 3}, {"n": 2.5}, {"method": "neural"}, {"layer": -1.0}, {"spans": 7}, {"bubbles": 2}],
+)
+def test_bad_options(bad):
+    with pytest.raises(InputError, match=next(iter(bad))):
+        il.shells.cell("topo_19_rrr", **bad)
+
+
+def test_loops_too_fine_for_the_grid_are_refused():
+    with pytest.raises(ConvergenceError, match=r"with 8 cells per edge .* larger n"):
+        il.shells.cell("topo_1_rrr", derivative=3.9, n=8)  # the arcs touch at 4
+
+
+@pytest.fixture(scope="module")
+def shells():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = [
+            il.shells.cell(name, position=p, derivative=d, n=20)
+            for name, p, d in (
+                ("topo_19_rrr", 0.1, 1.5),
+                ("topo_18_rrr", 0.6, 3.0),
+                ("topo_1_rtt", 0.0, 1.2),
+            )
+        ]
+        for shell in found:
+            assert shell.tile_error < 1e-3
+    return found
+
+
+def test_tiles_have_the_symmetry_of_the_cell(shells):
+    u = np.random.default_rng(1).random((500, 3))
+    for shell in shells:
+        for axis, kind in enumerate(shell.surface.symmetry):
+            other = u.copy()
+            other[:, axis] = 1.0 - u[:, axis] if kind == "r" else (u[:, axis] + 0.5) % 1.0
+            sign = shell.surface.signs[axis]
+            assert np.abs(shell.tile(u) - sign * shell.tile(other)).max() < 1e-14
+
+
+def test_tiles_are_smooth_across_faces(shells):
+    u = np.random.default_rng(2).random((500, 3))
+    for shell in shells:
+        for axis in range(3):
+            ends = []
+            for face in (0.0, 1.0, 0.5 - 1e-15, 0.5):
+                u[:, axis] = face
+                ends.append(np.column_stack(shell.tile.jet(u, order=1)))
+            assert np.abs(ends[0] - ends[1]).max() < 1e-6  # gradients are about 1
+            assert np.abs(ends[2] - ends[3]).max() < 1e-6
+            if shell.surface.symmetry[axis] == "r":
+                assert np.abs(ends[0][:, 1 + axis]).max() < 1e-12
+
+
+def test_tiles_are_signed_distances_with_the_sides_of_the_colours(shells):
+    for shell in shells:
+        v, n = shell.periodic.mesh.vertices, shell.surface.completed().mesh
+        rows = np.random.default_rng(3).integers(0, len(v), 400)
+        value, gradient = shell.tile.jet(np.mod(v[rows], 1.0), order=1)
+        assert np.abs(value).max() < 1e-3
+        assert np.abs(np.linalg.norm(gradient, axis=1) - 1.0).max() < 0.1
+        corners = 0.5 + 0.5 * np.indices((2, 2, 2)).reshape(3, -1).T
+        inside = np.clip(corners, 0.51, 0.99)
+        assert (np.sign(shell.tile(inside)) == shell.topology.colours.ravel()).all()
+        assert n.is_oriented
+
+
+def test_relative_densities_are_met(shells):
+    for shell in shells:
+        wall = il.Lattice(shell.tile, through=il.macroshape.cell(), repeat=1).offset(
+            relative_density=0.3
+        )
+        rule = il.cutfem.quadrature(wall)
+        assert float(rule.integrate(lambda x: np.ones(len(x)))) == pytest.approx(0.3, abs=1e-3)
+
+
+def test_topologies_of_the_paper_repeat():
+    shell = il.shells.cell("topo_6_ttt", derivative=1.2, n=12)
+    assert shell.periodic.is_closed
+    assert shell.surface.signs == (1, -1, -1)
