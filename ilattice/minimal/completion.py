@@ -196,8 +196,28 @@ def completed(v: FloatArray, faces: IntArray, group: Group) -> PeriodicSurface:
     x += (wrapped(middle, cell) - middle)[:, None, :]
     x = x.reshape(-1, 3)
     every = (faces[None] + len(v) * np.arange(len(group))[:, None, None]).reshape(-1, 3)
-    tol = _JOINED * float(np.linalg.norm(opposite_edges(v, faces), axis=2).min())
-    labels = _labels(x, cell, tol)
+    return glued(x, every, cell)
+
+
+def glued(x: FloatArray, every: IntArray, cell: FloatArray) -> PeriodicSurface:
+    """The periodic surface of triangles some of which agree, or share edges, up to whole cells.
+
+    Parameters
+    ----------
+    x : (V, 3) array
+        Vertices.
+    every : (F, 3) array
+        Triangles; of those that coincide one is kept.
+    cell : (3,) array
+        Edges of the cell.
+
+    Returns
+    -------
+    PeriodicSurface
+        Vertices closer than a fifth of the shortest edge become one.
+    """
+    shortest = float(np.linalg.norm(opposite_edges(x, every), axis=2).min())
+    labels = _labels(x, cell, _JOINED * shortest)
     _, first = np.unique(np.sort(labels[every], axis=1), axis=0, return_index=True)
     every = every[np.sort(first)]
     x, every, labels = _joined(x, every, labels, cell)
