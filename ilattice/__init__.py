@@ -12,6 +12,7 @@ Rooms, from the bottom up:
 `cutfem`                  background grids, cut cells, quadrature, elasticity, heat
 `minimal`                 triangle minimal surfaces, their symmetries, tiles of them
 `homogenize`              effective properties of cells that repeat
+`graph`                   the procedural graph: cells from vertices, ways, mirrors, thickness
 `io`                      one file per format: STL, PLY, OBJ, 3MF, VTK, G+Smo, MFEM, IRIT
 `sdf`                     solids from commands and from meshes, as fields
 ========================  ==================================================================
@@ -55,6 +56,7 @@ if TYPE_CHECKING:
         cutfem,
         errors,
         fields,
+        graph,
         homogenize,
         io,
         macroshape,
@@ -84,6 +86,7 @@ __all__ = [
     "cutfem",
     "errors",
     "fields",
+    "graph",
     "homogenize",
     "io",
     "macroshape",
