@@ -117,7 +117,7 @@ def _app() -> "App":
         suppress_keyboard_interrupt=False,
     )
     files = (_add_demo, _add_build, _add_slice)
-    for add in (*files, _add_homogenize, _add_bands, _add_sdf, _add_others):
+    for add in (*files, _add_homogenize, _add_bands, _add_graph, _add_sdf, _add_others):
         add(app)
     return app
 
@@ -432,6 +432,49 @@ def _add_bands(app: "App") -> None:
             print(f"{'gap':>20}  {ends} above band {gap['below']}")
         for name in report["files"]:
             print(f"{'wrote':>20}  {printable(str(name))}")
+
+
+def _add_graph(app: "App") -> None:
+    from cyclopts import Parameter
+
+    from ilattice.graph import job
+
+    Files = Annotated[list[Path] | None, Parameter(name=("--output", "-o"), consume_multiple=True)]
+
+    @app.command
+    def graph(
+        action: str, file: str, *, output: Files = None, h: float = 0.02, cells: int | None = None,
+        seeds: int = 10, thickness: float = 0.05,
+    ) -> None:  # fmt: skip
+        """Evaluate, draw or check a procedural graph, or explore random ones.
+
+        Parameters
+        ----------
+        action
+            run, plot, validate or explore.
+        file
+            A graph (.json), or a name of the library; for explore: truss, direct, conjugate or
+            asymmetric.
+        output
+            Files to write. run: meshes, .vti of voxels, .json with the stiffness; plot: .png, .svg,
+            .pdf; explore: .csv, which an interrupted exploration goes on with.
+        h
+            Spacing of meshes.
+        cells
+            Voxels per direction.
+        seeds
+            Number of random graphs.
+        thickness
+            Thickness of random graphs.
+        """
+        report = job.run(
+            action, file, output=output or [], h=h, cells=cells, seeds=seeds,
+            thickness=thickness, progress=True,
+        )  # fmt: skip
+        for name, value in report.items():
+            if name != "files":
+                print(f"{name:>20}  {printable(str(value))}")
+        print("\n".join(f"wrote  {printable(name)}" for name in report["files"]))
 
 
 def _add_sdf(app: "App") -> None:

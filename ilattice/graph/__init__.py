@@ -26,8 +26,8 @@ transforms fill the unit cube; the solid repeats over its faces.
 `load`, `parse`        graphs from files and texts
 `library`              known structures, by name
 `ways`                 all closed ways along the faces of a bounding volume
-`trusses`              topologies of beams in the tetrahedron
-`explore`              random graphs, and a table of their properties
+`contact_sheet`        pictures of many graphs
+`random_graph`         graphs by kind and seed; `explore` makes a table of their properties
 `computed`, `forget`   how many results were computed; drop those that are kept
 =====================  ============================================================================
 
@@ -54,9 +54,12 @@ from ilattice.graph.build import (
     voxel,
 )
 from ilattice.graph.evaluate import computed, forget
+from ilattice.graph.explore import explore, random_graph
 from ilattice.graph.files import load, parse
 from ilattice.graph.graph import Graph
+from ilattice.graph.library import Library, library
 from ilattice.graph.nodes import EdgeChain, Node, Vertex
+from ilattice.graph.plot import contact_sheet
 from ilattice.graph.skeletons import (
     AssociateFamily,
     DualSurface,
@@ -76,6 +79,7 @@ from ilattice.graph.solids import (
     Voxel,
 )
 from ilattice.graph.volumes import halfspaces
+from ilattice.graph.ways import ways
 from ilattice.minimal import cuboid, prism, tetrahedron
 
 __all__ = [
@@ -85,6 +89,7 @@ __all__ = [
     "EdgeChain",
     "Graph",
     "Group",
+    "Library",
     "Line",
     "MaterialMatrix",
     "Mirror",
@@ -101,22 +106,27 @@ __all__ = [
     "bandgap",
     "chain",
     "computed",
+    "contact_sheet",
     "cuboid",
     "difference",
     "dual",
+    "explore",
     "forget",
     "group",
     "halfspaces",
     "intersection",
+    "library",
     "line",
     "load",
     "object",
     "parse",
     "prism",
+    "random_graph",
     "stiffness",
     "surface",
     "tetrahedron",
     "union",
     "vertex",
     "voxel",
+    "ways",
 ]
