@@ -4,7 +4,7 @@ Guarantees: a graph that exists keeps all rules of its nodes; evaluating it agai
 """
 
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from hashlib import blake2b
 from typing import TYPE_CHECKING, Any
@@ -13,7 +13,7 @@ import numpy as np
 
 from ilattice._progress import Progress
 from ilattice._typing import AnyArray
-from ilattice._validate import FixedMapping, Frozen, as_items, as_texts, as_whole
+from ilattice._validate import FixedMapping, Frozen, as_items, as_positive, as_texts, as_whole
 from ilattice.errors import GraphError, IlatticeError, InputError
 from ilattice.fields import box, from_callable, intersection, translate
 from ilattice.graph.body import Body
@@ -21,7 +21,7 @@ from ilattice.graph.evaluate import Evaluation, kept, ordered
 from ilattice.graph.nodes import Node
 from ilattice.graph.patches import check
 from ilattice.graph.shapes import Shape
-from ilattice.graph.skeletons import Skeleton, Surface
+from ilattice.graph.skeletons import Line, Skeleton, Surface
 from ilattice.graph.solids import (
     MaterialMatrix,
     Object,
@@ -192,6 +192,41 @@ class Graph(Frozen):
         """Short form."""
         return f"Graph({self.name!r}, {self.count} nodes, {self.solid_node.word})"
 
+    def thickened(self, thickness: float | None = None, *, factor: float = 1.0) -> "Graph":
+        """The graph with another thickness of its lines and surfaces.
+
+        Parameters
+        ----------
+        thickness : float, optional
+            Of all; without it each keeps its own, times the factor.
+        factor : float
+            What all are multiplied by.
+
+        Returns
+        -------
+        Graph
+            A new graph.
+        """
+        factor = as_positive("factor", factor)
+        one = None if thickness is None else as_positive("thickness", thickness)
+        new: dict[int, Node] = {}
+        for node in self.nodes:
+            changes: dict[str, Any] = {}
+            for name in node.takes:
+                old = getattr(node, name)
+                several = isinstance(old, tuple)
+                changes[name] = tuple(new[id(n)] for n in old) if several else new[id(old)]
+            if isinstance(node, (Line, Surface)):
+                own = node.thickness if one is None else one
+                scaled = (
+                    own * factor if isinstance(own, float) else [(p, factor * d) for p, d in own]
+                )
+                changes["thickness"] = scaled
+            new[id(node)] = replace(node, **changes) if changes else node
+        names = {name: new[id(node)] for name, node in self.names.items()}
+        roots = [new[id(root)] for root in self.roots]
+        return Graph(roots, self.within, self.name, about=self.about, names=names)
+
     # ------------------------------------------------------------------ evaluation
 
     def evaluate(self, node: Any = None) -> Shape | Body:
@@ -298,7 +333,7 @@ class Graph(Frozen):
         """
         from ilattice.sdf import mesh
 
-        cube = translate(box(1.0), (0.5, 0.5, 0.5))
+        cube = translate(box(0.5), (0.5, 0.5, 0.5))
         node = getattr(self.body.field, "node", self.body.field)
         return mesh(intersection(cube, from_callable(node)), h)
 

@@ -63,7 +63,7 @@ def figure(graph: "Graph", *, stages: bool) -> "Figure":
     for i, (title, nodes) in enumerate(panels):
         axes = _space(fig.add_subplot(grid[1 + i], projection="3d"), title)
         for node in nodes:
-            draw_shape(axes, graph.evaluate(node))  # type: ignore[arg-type]
+            draw_shape(axes, graph.evaluate(node).distinct)  # type: ignore[union-attr]
     axes = _space(fig.add_subplot(grid[3], projection="3d"), "solid")
     draw_solid(axes, graph)
     return fig

@@ -456,8 +456,11 @@ def _check_radius(radius: Any) -> None:
     several = isinstance(radius, (list, tuple)) or (
         isinstance(radius, np.ndarray) and radius.ndim > 0
     )
-    for r in as_array("radius", radius, ndim=1) if several else [radius]:
-        as_positive("radius", r)
+    if not several:
+        as_positive("radius", radius)
+    elif not (values := as_array("radius", radius, ndim=1)).size or not values.min() > 0.0:
+        least = values.min() if values.size else "none"
+        raise InputError(f"radius must be positive, got {least}")
 
 
 def _check_spline(s: Any, nd: int, what: str) -> None:
