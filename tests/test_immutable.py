@@ -21,7 +21,7 @@ from ilattice.errors import IlatticeError
 
 ROOMS = (
     "bspline", "tiles", "macroshape", "fields", "sdf", "mesh", "offsets", "cutfem", "io",
-    "homogenize", "minimal",
+    "homogenize", "minimal", "graph",
 )  # fmt: skip
 #: Those that do something, and have no state that users could take for a result.
 TOOLS = {"offsets.ClosestPointSearch", "cutfem.Solver", "io.StreamedMeshWriter"}
@@ -44,7 +44,7 @@ CLASSES = public_classes()
 
 def entities():
     """One of each kind of what tiles are made of."""
-    from ilattice.tiles import Arc, Curve, Group, Patch, Polyline, Surface
+    from ilattice.tiles import Arc, Ball, Curve, Group, Patch, Polyline, Surface, Triangles
 
     rng = np.random.default_rng(1)
     line = Polyline(rng.random((3, 3)))
@@ -53,7 +53,8 @@ def entities():
     sheet = il.BSpline(knots * 2, rng.random((3, 3, 3)), 1)
     patch = Patch(rng.random((3, 3)))
     arc = Arc((0.3, 0.5, 0.5), (0.2, 0, 0), (0, 0.2, 0))
-    return [line, arc, curve, patch, Surface(sheet), Group([line])]
+    ball, triangles = Ball((0.5, 0.5, 0.5)), Triangles(np.eye(3), [[0, 1, 2]], [0.1, 0.2, 0.3])
+    return [line, arc, curve, patch, Surface(sheet), Group([line]), ball, triangles]
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +90,7 @@ def examples():
         il.cutfem.mass_properties(wall, 4), heat.evolve(1.0, steps=2), modes.report,
         solution.recovered(), temperature.recovered(), solution.error_estimate(),
         solution.report, il.cutfem.buckling(solution, 1), solid.assembly.space,
-        solution.at(point, outside="nan"), *cells(), *surfaces(),
+        solution.at(point, outside="nan"), *cells(), *surfaces(), *graphs(),
     ]  # fmt: skip
     return {type(thing): thing for thing in found}
 
@@ -115,6 +116,14 @@ def surfaces():
     patch = il.minimal.conjugate(loop, 2)
     whole, region = patch.completed(), loop.region
     return [loop, patch, patch.report, patch.disc, whole, region, region.group, region.mirrors[0]]
+
+
+def graphs():
+    """A procedural graph, and each of its nodes."""
+    from graphs import every_type
+
+    graph = every_type()
+    return [graph, il.graph.library, *graph.nodes]
 
 
 def mesh_of(wall):

@@ -271,7 +271,7 @@ def isometry(node: Any) -> tuple[FloatArray, FloatArray]:
         mirror = reflection(direction, float(direction @ origin))
         return mirror.matrix, mirror.shift
     axis = np.array(node.axis) / np.linalg.norm(node.axis)
-    K = np.cross(np.eye(3), -axis)
+    K = np.cross(np.eye(3), axis)
     c, s = np.cos(node.angle), np.sin(node.angle)
     turn = np.eye(3) + s * K + (1.0 - c) * (K @ K)
     whole = np.rint(turn)

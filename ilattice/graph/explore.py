@@ -207,19 +207,20 @@ def _asymmetric(rng: Any, thickness: float, name: str) -> Graph:
     return Graph(build.object(build.group(patches)), None, name)
 
 
-@lru_cache(maxsize=8)
-def _ways(sides: int) -> tuple[FaceLoop, ...]:
-    return ways(cuboid(), sides)
+@lru_cache(maxsize=64)
+def _ways(size: tuple[float, float, float], sides: int) -> tuple[FaceLoop, ...]:
+    return ways(cuboid(size), sides)
 
 
 def _conjugate(rng: Any, thickness: float, name: str) -> Graph:
     """A random way of faces of a random box of mirrors, or of the tetrahedron."""
     if rng.random() < 0.1:
-        region, sides = tetrahedron(), 4
+        region = tetrahedron()
         loops = ways(region, 4)
     else:
-        region, sides = cuboid(), int(rng.integers(6, 9))
-        loops = _ways(sides)
+        a, b, c = (0.5 / int(rng.integers(1, 4)) for _ in range(3))
+        region = cuboid((a, b, c))
+        loops = _ways((a, b, c), int(rng.integers(6, 9)))
     loop = loops[int(rng.integers(len(loops)))]
     vertices = [build.vertex(p) for p in _between(loop, rng)]
     chain = build.chain(vertices, closed=True)

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
 
+import numpy as np
+
 from ilattice._validate import (
     as_choice,
     as_flag,
@@ -95,8 +97,8 @@ class Skeleton(Node):
         Parameters
         ----------
         within : Region
-            A cuboid of mirrors that is an eighth of the cell, the prism, or the tetrahedron with 48
-            copies.
+            A cuboid of mirrors, the prism, or the tetrahedron with 48 copies, of which whole
+            numbers fill the cell.
 
         Returns
         -------
@@ -108,16 +110,26 @@ class Skeleton(Node):
         GraphError
             For other volumes: mirrors are to be given one by one.
         """
-        kinds = {"cuboid": "xyz", "prism": ((1, -1, 0), *"xyz")}
-        kinds["tetrahedron"] = ((0, 1, -1), (1, -1, 0), (0, 1, -1), *"xyz")
         data = region_data(within)
-        if data.get("size", [0.5] * 3) != [0.5] * 3 or data.get("copies", 48) != 48:
-            data = {}
-        if data.get("kind") not in kinds:
-            raise GraphError(self.word, "completed needs a cuboid, prism or tetrahedron of mirrors")
+        size = np.array(data.get("size", [0.5] * 3))
+        counts = np.rint(0.5 / size)
+        ways: dict[str, tuple[Any, ...]] = {"cuboid": (), "prism": ((1, -1, 0),)}
+        ways["tetrahedron"] = ((0, 1, -1), (1, -1, 0), (0, 1, -1))
+        even = bool(np.abs(counts * size - 0.5).max() < 1e-9)
+        if data["kind"] not in ways or data.get("copies", 48) != 48 or not even:
+            raise GraphError(
+                self.word,
+                "completed needs a cuboid, prism or tetrahedron of mirrors of which whole numbers "
+                f"fill the cell, got {within!r}",
+            )
         out: Skeleton = self
-        for direction in kinds[data["kind"]]:
+        for direction in ways[data["kind"]]:
             out = out.mirrored(direction)
+        for axis in range(3):
+            out = out.mirrored("xyz"[axis], tuple(float(s) for s in size))
+            step = 2.0 * float(size[axis]) * np.eye(3)[axis]
+            for _ in range(int(counts[axis]) - 1):
+                out = out.moved(tuple(step.tolist()), copy=True)
         return out
 
 

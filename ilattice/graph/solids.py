@@ -184,7 +184,7 @@ class PhononicBandgap(Property):
     voxel: Any
     curves: int = 8
     samples: int = 8
-    tol: float = 1e-6
+    tol: float = 1e-4
 
     def _check(self) -> None:
         node_of("voxel", self.voxel, Voxel, "a voxel node")

@@ -460,7 +460,7 @@ def _check_radius(radius: Any) -> None:
         as_positive("radius", radius)
     elif not (values := as_array("radius", radius, ndim=1)).size or not values.min() > 0.0:
         least = values.min() if values.size else "none"
-        raise InputError(f"radius must be positive, got {least}")
+        raise InputError(f"radius must be one number above zero each, got {least}")
 
 
 def _check_spline(s: Any, nd: int, what: str) -> None:

@@ -6,10 +6,10 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
-from graphs import HEXAGON, loop, schwarz_p, strut
+from graphs import HEXAGON, every_type, loop, schwarz_p, strut
 
 import ilattice as il
-from ilattice.errors import ConvergenceError, GeometryError, GraphError, IlatticeError
+from ilattice.errors import GeometryError, GraphError, IlatticeError
 from ilattice.graph.solids import TYPES
 
 g = il.graph
@@ -17,20 +17,7 @@ g = il.graph
 
 @pytest.fixture(scope="module")
 def all_types():
-    """A graph with every type of node."""
-    v = [g.vertex(p) for p in HEXAGON]
-    ring = g.surface(g.chain(v, closed=True), kind="conjugate", thickness=0.1, edges=4)
-    family = g.associate(g.dual(ring), ring, angle=0.7)
-    arc = g.line(
-        [g.chain(v[:3], smooth=True), g.chain([v[2], v[4]])], thickness=[(0, 0.05), (1, 0.2)]
-    )
-    film = g.surface(loop(HEXAGON[:4]), thickness=[((0, 0), 0.1), ((1, 0), 0.2)], edges=4)
-    moved = g.group([film, family]).moved((0.1, 0, 0), angle=0.3, scale=(1, 0.5, 1), copy=True)
-    one, two = g.object(arc.mirrored((1, 1, 0))), g.object(moved)
-    voxel = g.voxel(g.difference(one, two), young=2.0)
-    words = {"source": "tests"}
-    roots = [g.stiffness(voxel), g.bandgap(voxel, curves=3)]
-    return g.Graph(roots, g.cuboid(), "all", about=words)
+    return every_type()
 
 
 def test_files_give_equal_graphs(all_types, tmp_path):
@@ -275,9 +262,9 @@ def test_mutated_files_end_in_graph_errors(all_types):
     assert 0 < fuzz(texts, 400, 1) < 200
 
 
-def test_failures_of_solvers_name_the_node():
-    graph = g.random_graph("conjugate", REFUSED)
-    with pytest.raises(GraphError) as e:
-        _ = graph.body
-    assert e.value.node == "surface 's1'"
-    assert isinstance(e.value.__cause__, (ConvergenceError, GeometryError))
+def test_failures_name_the_node():
+    graph = g.Graph(g.object(strut(thickness=3.0)))
+    with pytest.raises(GraphError, match="fills the cell") as e:
+        graph.tile()
+    assert e.value.node == "object 'obj1'"
+    assert isinstance(e.value.__cause__, GeometryError)

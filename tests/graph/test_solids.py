@@ -73,10 +73,9 @@ def test_lines_have_a_linear_radius_along_their_length():
     v = [g.vertex(p) for p in ((0.1, 0.5, 0.5), (0.4, 0.5, 0.5), (0.4, 0.9, 0.5))]
     line = g.line(g.chain(v), thickness=[(0, 0.05), (0.5, 0.1), (1, 0.05)])
     struts = g.Graph(g.object(line)).shape.struts
-    got = {tuple(np.round(end, 12)) for s in struts for end in s}
-    middle = (0.4, 0.55, 0.5, 0.05)  # half of 0.7
-    assert got == {(0.1, 0.5, 0.5, 0.025), (*v[1].position, pytest.approx(0.025 + 0.025 * 6 / 7)),
-                   middle, (0.4, 0.9, 0.5, 0.025)} or middle in got  # fmt: skip
+    ends = struts[:, :, [0, 1, 3]].reshape(-1, 3)
+    assert np.abs(ends - (0.4, 0.55, 0.05)).max(axis=1).min() < 1e-12  # half of the way
+    assert ends[:, 2].max() == pytest.approx(0.05)
     third = [end for s in struts for end in s if np.allclose(end[:3], v[1].position)]
     assert np.allclose([t[3] for t in third], 0.025 * (1 + 0.3 / 0.35))
 
@@ -158,8 +157,8 @@ def test_voxels_repeat_and_are_written(tmp_path):
         low[:, axis], high[:, axis] = 0.0, 1.0
         assert np.abs(graph.body.field(low) - graph.body.field(high)).max() < 1e-15
     graph.save_voxels(tmp_path / "v.vti", 16)
-    read = il.homogenize.read_voxels(tmp_path / "v.vti", name="solid")
-    assert (np.asarray(read[0] if isinstance(read, tuple) else read).astype(bool) == solid).all()
+    want = il.homogenize.voxels(solid, young=1.0, estimate=False)
+    assert il.homogenize.voxels(tmp_path / "v.vti", estimate=False).density == want.density
 
 
 def test_copies_turn_as_they_should():
