@@ -90,7 +90,8 @@ def graphs():
     thing = g.object(line, resolution=4)
     voxel = g.voxel(thing)
     takes = {
-        "chain": {"vertices": corners[:2]}, "line": {"chains": around}, "group": {"skeletons": [line]},
+        "chain": {"vertices": corners[:2]}, "line": {"chains": around},
+        "group": {"skeletons": [line]},
         "surface": {"chains": around, "kind": "conjugate", "edges": 2}, "dual": {"surface": film},
         "associate": {"first": g.dual(film), "second": film, "angle": 0.3},
         "object": {"skeleton": line}, "voxel": {"solid": thing}, "stiffness": {"voxel": voxel},
@@ -102,7 +103,8 @@ def graphs():
     both = {**{f"graph.{word}": v for word, v in takes.items()}}
     both |= {f"graph.{name}": takes[word] for name, word in kinds.items()}
     return {
-        **both, "graph.Graph": {"roots": thing}, "graph.ways": {"within": hexagon.region, "sides": 4},
+        **both, "graph.Graph": {"roots": thing},
+        "graph.ways": {"within": hexagon.region, "sides": 4},
         "graph.random_graph": {"kind": "truss", "seed": 1},
         "graph.explore": {"kind": "truss", "seeds": 1, "cells": 4, "thickness": 0.5},
         "graph.parse": {"text": "{}"}, "graph.load": {"path": "nowhere.json"},

@@ -58,7 +58,7 @@ from ilattice.graph.explore import explore, random_graph
 from ilattice.graph.files import load, parse
 from ilattice.graph.graph import Graph
 from ilattice.graph.library import Library, library
-from ilattice.graph.nodes import EdgeChain, Node, Vertex
+from ilattice.graph.nodes import EdgeChain, Vertex
 from ilattice.graph.plot import contact_sheet
 from ilattice.graph.skeletons import (
     AssociateFamily,
@@ -66,7 +66,6 @@ from ilattice.graph.skeletons import (
     Group,
     Line,
     Mirror,
-    Skeleton,
     Surface,
     Transform,
 )
@@ -75,7 +74,6 @@ from ilattice.graph.solids import (
     MaterialMatrix,
     Object,
     PhononicBandgap,
-    Solid,
     Voxel,
 )
 from ilattice.graph.volumes import halfspaces
@@ -93,11 +91,8 @@ __all__ = [
     "Line",
     "MaterialMatrix",
     "Mirror",
-    "Node",
     "Object",
     "PhononicBandgap",
-    "Skeleton",
-    "Solid",
     "Surface",
     "Transform",
     "Vertex",

@@ -11,7 +11,7 @@ guarantees.
 import os
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from functools import lru_cache, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -39,8 +39,8 @@ def random_graph(kind: str, seed: int, *, thickness: float = THICKNESS) -> Graph
     ----------
     kind : {"truss", "direct", "conjugate", "asymmetric"}
         Beams in a tetrahedron with 48 images; a shell over a random polygon in an octant; a minimal
-        surface along a random way of faces; shells over random polygons in the cell, without any
-        symmetry.
+        surface along a way of faces of a random box, on which there is one in a cube; shells over
+        random polygons in the cell, without any symmetry.
     seed : int
         Equal seeds are equal graphs.
     thickness : float
@@ -207,21 +207,26 @@ def _asymmetric(rng: Any, thickness: float, name: str) -> Graph:
     return Graph(build.object(build.group(patches)), None, name)
 
 
-@lru_cache(maxsize=64)
-def _ways(size: tuple[float, float, float], sides: int) -> tuple[FaceLoop, ...]:
-    return ways(cuboid(size), sides)
+#: Ways along the faces of a box, up to its symmetries, on which a surface is found in a cube: of
+#: all with at most eight sides. Of the others it is not known whether there is one.
+SOLVED = (
+    "x- y- z- x+ y+ z+", "x- y- z- x+ z+ y+", "x- y- x- z- x+ y+ z+", "x- y- x- y- z- y+ x+ z+",
+    "x- y- x- z- x+ y+ x+ z+", "x- y- x- z- y+ x+ y+ z+", "x- y- z- x- y+ z- x+ z+",
+)  # fmt: skip
 
 
 def _conjugate(rng: Any, thickness: float, name: str) -> Graph:
-    """A random way of faces of a random box of mirrors, or of the tetrahedron."""
+    """A way of faces of a random box of mirrors, or of a tetrahedron."""
     if rng.random() < 0.1:
         region = tetrahedron()
         loops = ways(region, 4)
+        loop = loops[int(rng.integers(len(loops)))]
     else:
-        a, b, c = (0.5 / int(rng.integers(1, 4)) for _ in range(3))
-        region = cuboid((a, b, c))
-        loops = _ways((a, b, c), int(rng.integers(6, 9)))
-    loop = loops[int(rng.integers(len(loops)))]
+        region = cuboid([0.5 / int(rng.integers(1, 4)) for _ in range(3)])
+        axes, turned = rng.permutation(3), rng.integers(0, 2, 3)
+        words = SOLVED[int(rng.integers(len(SOLVED)))].split()
+        numbers = [("xyz".index(w[0]), w[1] == "+") for w in words]
+        loop = region.faces(["xyz"[axes[a]] + "-+"[int(up) ^ int(turned[a])] for a, up in numbers])
     vertices = [build.vertex(p) for p in _between(loop, rng)]
     chain = build.chain(vertices, closed=True)
     patch = build.surface(chain, kind="conjugate", thickness=thickness, edges=8)

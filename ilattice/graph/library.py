@@ -10,6 +10,7 @@ Guarantee: files are read when asked for, and checked as any other.
 """
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from importlib.resources import files
 from typing import Any
 
@@ -21,6 +22,7 @@ from ilattice.graph.graph import Graph
 _FOLDER = "structures"
 
 
+@dataclass(frozen=True, eq=False, repr=False)
 class Library(Mapping[str, Graph]):
     """Graphs by their names; `missing` tells of structures that cannot be reconstructed."""
 
