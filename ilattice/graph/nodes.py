@@ -277,7 +277,7 @@ def as_profile(value: Any, dim: int) -> Any:
     """A thickness: one positive number, or places with numbers, as tuples."""
     if not isinstance(value, (list, tuple, np.ndarray)):
         return as_positive("thickness", value)
-    rows = []
+    rows: list[tuple[Any, float]] = []
     for row in as_items("thickness", value):
         pair = as_items("thickness", row)
         if len(pair) != 2:

@@ -53,7 +53,7 @@ class Object(Solid):
     takes: ClassVar[tuple[str, ...]] = ("skeleton",)
 
     skeleton: Any
-    resolution: int = RESOLUTION  # type: ignore[assignment]
+    resolution: int = RESOLUTION
     extrusion: str = "spherical"
 
     def _check(self) -> None:

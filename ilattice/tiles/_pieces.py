@@ -106,8 +106,8 @@ class Pieces:
         parts = [p if isinstance(p, Pieces) else cls._one(p) for p in pieces]
         counts = np.cumsum([0] + [len(p.data) for p in parts])
         rows = [p.rows + n * (np.arange(6) == 2) for p, n in zip(parts, counts, strict=False)]
-        joined = [np.concatenate([getattr(p, k) for p in parts]) for k in FLAT]
-        return cls(np.concatenate(rows), *joined, min(p.least for p in parts))
+        boxes, data, lift, axis = (np.concatenate([getattr(p, k) for p in parts]) for k in FLAT)
+        return cls(np.concatenate(rows), boxes, data, lift, axis, min(p.least for p in parts))
 
     @classmethod
     def _one(cls, p: Piece) -> "Pieces":
