@@ -61,9 +61,7 @@ def _picture(found: dict[str, "il.homogenize.Rows"], path: str) -> None:
     most = np.concatenate([rows["E_most"] for rows in found.values()])
     order = np.argsort(density)
     axes.loglog(density[order], most[order], "k--", lw=1, label="Hashin-Shtrikman")
-    axes.set(
-        xlabel="relative density", ylabel="Young's modulus / that of the solid", ylim=(1e-4, 1)
-    )
+    axes.set(xlabel="relative density", ylabel="relative Young's modulus", ylim=(1e-4, 1))
     axes.legend(frameon=False, fontsize="small")
     figure.savefig(path, dpi=120)
 

@@ -1,8 +1,8 @@
-"""Structures of one graph language: trusses, shells, solids and minimal surfaces (paper figure 1).
+"""Structures of one graph language: trusses, shells, solids, minimal surfaces (paper figure 1).
 
-Graphs of the library are evaluated and drawn, one of them with all its stages. The octet truss, from
-a way over three vertices, two turns and three mirrors, is the cell of the catalogue: the largest
-difference of their distance fields is 0.
+Graphs of the library are evaluated and drawn, one of them with all its stages. The octet truss,
+from a way over three vertices, two turns and three mirrors, is the cell of the catalogue: the
+largest difference of their distance fields is 0.
 
     python examples/graph_structures.py
 """

@@ -1,8 +1,8 @@
 """Three surfaces over one annotated boundary: direct, mixed and conjugate (paper figure 5).
 
-A hexagon in the octant of the unit cell is kept as it is, may slide along one of its sides, or along
-all of them: the more it may, the smaller is the surface. What slides everywhere is Schwarz P, of
-area 2.3451 per cell.
+A hexagon in the octant of the unit cell is kept as it is, may slide along one of its sides, or
+along all of them: the more it may, the smaller is the surface. What slides everywhere is Schwarz P,
+of area 2.3451 per cell.
 
     python examples/graph_surfaces.py
 """

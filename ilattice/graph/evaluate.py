@@ -9,7 +9,7 @@ be made raises a `GraphError` that names the node and says why.
 """
 
 from collections import OrderedDict
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from hashlib import blake2b
 from threading import RLock
 from typing import Any
@@ -230,7 +230,7 @@ class Evaluation:
         except IlatticeError as e:
             raise GraphError(self.told(node), str(e)) from e
 
-    def _check_sizes(self, nodes: list[Node]) -> None:
+    def _check_sizes(self, nodes: Sequence[Node]) -> None:
         """Refuse skeletons of too many pieces."""
         sizes: dict[int, int] = {}
         for node in nodes:

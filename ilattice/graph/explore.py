@@ -222,7 +222,7 @@ def _conjugate(rng: Any, thickness: float, name: str) -> Graph:
         loops = ways(region, 4)
         loop = loops[int(rng.integers(len(loops)))]
     else:
-        region = cuboid([0.5 / int(rng.integers(1, 4)) for _ in range(3)])
+        region = cuboid([0.5 / int(rng.integers(1, 3)) for _ in range(3)])
         axes, turned = rng.permutation(3), rng.integers(0, 2, 3)
         words = SOLVED[int(rng.integers(len(SOLVED)))].split()
         numbers = [("xyz".index(w[0]), w[1] == "+") for w in words]

@@ -270,7 +270,7 @@ def _node(name: str, row: dict[str, Any], made: dict[str, Node]) -> Node:
     try:
         if given.get("within") is not None:
             given["within"] = region_from(given["within"])
-        return kind(**_taken(kind, inputs), **given)  # type: ignore[call-arg]
+        return kind(**_taken(kind, inputs), **given)
     except GraphError as e:
         raise GraphError(told, e.rule or str(e)) from e
     except InputError as e:

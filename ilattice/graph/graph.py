@@ -369,7 +369,11 @@ class Graph(Frozen):
             (1.0, 0.3, 1.0) if node is None else (node.young, node.poisson, node.density)
         )
         axis = (np.arange(len(solid)) + 0.5) / len(solid)
-        data = {"solid": solid.astype(np.uint8), "E": young * solid, "nu": poisson * solid}
+        data: dict[str, AnyArray] = {
+            "solid": solid.astype(np.uint8),
+            "E": young * solid,
+            "nu": poisson * solid,
+        }
         save_grid(path, [axis] * 3, {**data, "rho": density * solid})
 
     # ------------------------------------------------------------------ properties

@@ -68,7 +68,7 @@ def _beside(region: Region) -> list[list[int]]:
 def _closed(beside: list[list[int]], count: int) -> Iterator[tuple[int, ...]]:
     """Ways of which the first face is the least."""
     for first in range(len(beside)):
-        stack = [(first,)]
+        stack: list[tuple[int, ...]] = [(first,)]
         while stack:
             way = stack.pop()
             if len(way) == count:
