@@ -105,7 +105,7 @@ def graphs():
     return {
         **both, "graph.Graph": {"roots": thing},
         "graph.ways": {"within": hexagon.region, "sides": 4},
-        "graph.random_graph": {"kind": "truss", "seed": 1},
+        "graph.truss": {"number": 7}, "graph.random_graph": {"kind": "truss", "seed": 1},
         "graph.explore": {"kind": "truss", "seeds": 1, "cells": 4, "thickness": 0.5},
         "graph.parse": {"text": "{}"}, "graph.load": {"path": "nowhere.json"},
         "graph.halfspaces": {"normals": [[-1, 0, 0], [0, -1, 0], [0, 0, -1], [1, 1, 1]],

@@ -27,6 +27,7 @@ transforms fill the unit cube; the solid repeats over its faces.
 `library`              known structures, by name
 `ways`                 all closed ways along the faces of a bounding volume
 `contact_sheet`        pictures of many graphs
+`truss`, `topologies`  the 1205 topologies of beams with cubic symmetry of Panetta et al.
 `random_graph`         graphs by kind and seed; `explore` makes a table of their properties
 `computed`, `forget`   how many results were computed; drop those that are kept
 =====================  ============================================================================
@@ -76,6 +77,7 @@ from ilattice.graph.solids import (
     PhononicBandgap,
     Voxel,
 )
+from ilattice.graph.trusses import topologies, truss
 from ilattice.graph.volumes import halfspaces
 from ilattice.graph.ways import ways
 from ilattice.minimal import cuboid, prism, tetrahedron
@@ -120,6 +122,8 @@ __all__ = [
     "stiffness",
     "surface",
     "tetrahedron",
+    "topologies",
+    "truss",
     "union",
     "vertex",
     "voxel",

@@ -250,6 +250,24 @@ def test_ways_and_random_graphs():
     assert surfaces[0].digest != surfaces[1].digest
 
 
+def test_there_are_1205_topologies_and_their_images_keep_the_rules():
+    many = g.topologies()
+    assert len(many) == len(set(many)) == 1205  # as counted by Panetta et al.
+    for number in RNG.integers(0, 1205, 12):
+        ends = g.truss(int(number)).shape.struts[:, :, :3]
+        keys = np.rint(np.mod(ends + 1e-9, 1.0) * 240).astype(int) % 240
+        nodes, row = np.unique(keys.reshape(-1, 3), axis=0, return_inverse=True)
+        valence = np.bincount(row.ravel())
+        assert 2 <= valence.min() <= valence.max() <= 7
+        links = row.reshape(-1, 2)
+        label = np.arange(len(nodes))
+        for _ in range(len(nodes)):
+            low = np.minimum(label[links[:, 0]], label[links[:, 1]])
+            np.minimum.at(label, links[:, 0], low)
+            np.minimum.at(label, links[:, 1], low)
+        assert len(np.unique(label)) == 1
+
+
 @pytest.mark.filterwarnings("ignore:the solid does not go on")
 def test_exploration_goes_on_where_it_was(tmp_path):
     file = tmp_path / "t.csv"
