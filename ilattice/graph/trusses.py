@@ -1,7 +1,7 @@
 """Topologies of beams with cubic symmetry: graphs on the nodes of a tetrahedron with 48 images.
 
-Nodes are the vertices of the tetrahedron, the middles of its edges and faces, and its own middle: 15
-in all. A topology is a set of at most three of the 105 edges between them that
+Nodes are the vertices of the tetrahedron, the middles of its edges and faces, and its own middle,
+15 in all. A topology is a set of at most three of the 105 edges between them that
 
 1. hangs together, with all its images: one piece, which meets all four faces of the tetrahedron;
 2. has no two edges that meet elsewhere than at a common node;
