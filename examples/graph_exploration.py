@@ -16,7 +16,7 @@ import ilattice as il
 KINDS = ("truss", "direct", "conjugate")
 
 
-def main(seeds: int = 40, cells: int = 40, out: str = "") -> dict[str, float]:
+def main(seeds: int | tuple[int, ...] = 40, cells: int = 40, out: str = "") -> dict[str, float]:
     """Parts of the bound that are reached; with `out`, tables and pictures."""
     numbers = {}
     found = {}

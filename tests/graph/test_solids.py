@@ -198,6 +198,14 @@ def test_tiles_have_two_sides_or_are_solids():
     assert ((solid(u) < 0).mean() > 0.01) & ((solid(u) > 0).mean() > 0.5)
 
 
+def test_the_tile_of_schwarz_p_is_that_of_its_region():
+    faces = il.minimal.cuboid().faces("x+ z- y+ x- z+ y-")
+    want = il.minimal.conjugate(faces, 8).completed().tile()
+    tile = schwarz_p().tile()
+    assert np.abs(np.abs(tile(POINTS)) - np.abs(want(POINTS))).max() < 1e-4
+    assert schwarz_p().body.surface.euler == -4
+
+
 def test_thickness_over_a_surface_is_met_at_its_places():
     places = [((0.0, 0.0), 0.3), ((1.0, 0.0), 0.1), ((-0.5, 0.0), 0.2)]
     film = g.surface(loop(HEXAGON), kind="conjugate", thickness=places, edges=8)
