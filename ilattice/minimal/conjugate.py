@@ -30,7 +30,7 @@ MOST_STARTS = 4
 #: Most Plateau problems of one search.
 MOST_EVALUATIONS = 250
 #: Mean curvature times size that all but a twentieth of the vertices keep below.
-MOST_CURVATURE = 1.0
+MOST_CURVATURE = 3.0
 _MOST_STEPS = 20
 _CLOSED = 1e-9
 _STEP = 1e-4
