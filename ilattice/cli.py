@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from ilattice.errors import (
     FileError,
     GeometryError,
+    GraphError,
     IlatticeError,
     InputError,
     PrecisionWarning,
@@ -61,7 +62,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except CycloptsError as e:
         return _fail(str(e), 2)
     except InputError as e:
-        return _fail(str(e), 1 if isinstance(e, FileError) else 2)
+        return _fail(str(e), 1 if isinstance(e, (FileError, GraphError)) else 2)
     except FileNotFoundError as e:  # os.getcwd names nothing
         return _fail(str(e) if e.filename else "the working directory is gone; change to one", 1)
     except (IlatticeError, OSError) as e:

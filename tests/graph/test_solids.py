@@ -300,3 +300,27 @@ def test_meshes_are_closed():
     mesh = g.Graph(g.object(strut(b=(1, 1, 1), thickness=0.3))).mesh(0.05)
     assert mesh.is_watertight
     assert np.ptp(mesh.vertices, axis=0).max() <= 1.0 + 1e-9
+
+
+def test_commands(tmp_path, capsys):
+    from ilattice.cli import main
+    from ilattice.graph.job import run
+
+    graph = g.Graph(g.object(strut(b=(1, 1, 1), thickness=0.4)), name="bar")
+    graph.save(tmp_path / "bar.json")
+    told = run("validate", str(tmp_path / "bar.json"))
+    assert told["digest"] == graph.digest
+    told = run("run", str(tmp_path / "bar.json"), output=[tmp_path / "bar.vti"], cells=8)
+    assert (tmp_path / "bar.vti").exists()
+    assert run("run", str(tmp_path / "bar.json"), cells=8)["density"] == graph.voxels(8).mean()
+    for action, file, output in (
+        ("fly", "octet", []), ("validate", "octet", ["a.stl"]), ("plot", "octet", []),
+        ("explore", "octet", []), ("run", "nothing.json", []), ("run", "octet", ["a.xyz"]),
+    ):  # fmt: skip
+        with pytest.raises(il.errors.IlatticeError):
+            run(action, file, output=output)
+    assert main(["graph", "validate", "octet"]) == 0
+    assert "12" in capsys.readouterr().out
+    (tmp_path / "bad.json").write_text("{}")
+    assert main(["graph", "validate", str(tmp_path / "bad.json")]) == 1
+    assert "schema" in capsys.readouterr().err
