@@ -20,6 +20,7 @@ Rooms, from the bottom up:
 `lattice`                 `Lattice` and `Wall` with all that can be done with them
 `homogenize`              effective properties of cells that repeat
 `cost`                    corner-sharing tetrahedra: rigid micro-structures, loads, beams
+`graph`                   the procedural graph: cells from vertices, ways, mirrors, thickness
 `sdf`                     solids from commands and from meshes, as fields
 `shells`                  shells like minimal surfaces, from curves on faces; inverse design
 ========================  ==================================================================
@@ -64,6 +65,7 @@ if TYPE_CHECKING:
         cutfem,
         errors,
         fields,
+        graph,
         homogenize,
         io,
         lattice,
@@ -99,6 +101,7 @@ __all__ = [
     "cutfem",
     "errors",
     "fields",
+    "graph",
     "homogenize",
     "io",
     "lattice",

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from ilattice.errors import (
     FileError,
     GeometryError,
+    GraphError,
     IlatticeError,
     InputError,
     PrecisionWarning,
@@ -62,7 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except CycloptsError as e:
         return _fail(str(e), 2)
     except InputError as e:
-        return _fail(str(e), 1 if isinstance(e, FileError) else 2)
+        return _fail(str(e), 1 if isinstance(e, (FileError, GraphError)) else 2)
     except FileNotFoundError as e:  # os.getcwd names nothing
         return _fail(str(e) if e.filename else "the working directory is gone; change to one", 1)
     except (IlatticeError, OSError) as e:
@@ -127,7 +128,8 @@ def _app() -> "App":
         suppress_keyboard_interrupt=False,
     )
     files = (_add_demo, _add_build, _add_slice)
-    for add in (*files, _add_homogenize, _add_bands, _add_cost, _add_shell, _add_sdf, _add_others):
+    rooms = (_add_homogenize, _add_bands, _add_graph, _add_shell, _add_cost)
+    for add in (*files, *rooms, _add_sdf, _add_others):
         add(app)
     return app
 
@@ -588,6 +590,49 @@ def _add_shell(app: "App") -> None:
                 print(f"{key.replace('_', ' '):>18}  {_text(found[key])}")
         for name in found["files"]:
             print(f"{'wrote':>18}  {printable(str(name))}")
+
+
+def _add_graph(app: "App") -> None:
+    from cyclopts import Parameter
+
+    from ilattice.graph import job
+
+    Files = Annotated[list[Path] | None, Parameter(name=("--output", "-o"), consume_multiple=True)]
+
+    @app.command
+    def graph(
+        action: str, file: str, *, output: Files = None, h: float = 0.02, cells: int | None = None,
+        seeds: int = 10, thickness: float = 0.05,
+    ) -> None:  # fmt: skip
+        """Evaluate, draw or check a procedural graph, or explore random ones.
+
+        Parameters
+        ----------
+        action
+            run, plot, validate or explore.
+        file
+            A graph (.json), or a name of the library; for explore: truss, direct, conjugate or
+            asymmetric.
+        output
+            Files to write. run: meshes, .vti of voxels, .json with the stiffness; plot: .png, .svg,
+            .pdf; explore: .csv, which an interrupted exploration goes on with.
+        h
+            Spacing of meshes.
+        cells
+            Voxels per direction.
+        seeds
+            Number of random graphs.
+        thickness
+            Thickness of random graphs.
+        """
+        report = job.run(
+            action, file, output=output or [], h=h, cells=cells, seeds=seeds,
+            thickness=thickness, progress=True,
+        )  # fmt: skip
+        for name, value in report.items():
+            if name != "files":
+                print(f"{name:>20}  {printable(str(value))}")
+        print("\n".join(f"wrote  {printable(name)}" for name in report["files"]))
 
 
 def _add_sdf(app: "App") -> None:

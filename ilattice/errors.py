@@ -4,6 +4,7 @@
 
     IlatticeError
     ├── InputError (ValueError)   an argument is wrong: which one, its value, the remedy
+    │   └── GraphError            a node of a procedural graph breaks a rule: which node, which rule
     ├── GeometryError             the input is well-formed, but its geometry cannot be used
     ├── ConvergenceError          a numerical method failed on more than the stated fraction
     └── FormatError               a file cannot be read or written as the named format
@@ -30,6 +31,25 @@ class IlatticeError(Exception):
 
 class InputError(IlatticeError, ValueError):
     """An argument is wrong; the message names it, its value and the remedy."""
+
+
+class GraphError(InputError):
+    """A node of a procedural graph breaks a rule; the message names both.
+
+    Attributes
+    ----------
+    node : str
+        Type of the node, and its name where it has one.
+    rule : str
+        What is required, what there is, and the remedy.
+    """
+
+    def __init__(self, node: str, rule: str = "") -> None:
+        self.node, self.rule = shortened(str(node)), shortened(str(rule))
+        super().__init__(f"{node}: {rule}" if rule else node)
+
+    def __reduce__(self) -> tuple[type, tuple[str, str]]:
+        return type(self), (self.node, self.rule)
 
 
 class GeometryError(IlatticeError):

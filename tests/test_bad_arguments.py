@@ -19,14 +19,15 @@ from numba.core import event
 
 import ilattice as il
 from ilattice.errors import IlatticeError, InputError
+from ilattice.graph.solids import TYPES
 
 ROUNDS = int(os.environ.get("ILATTICE_ROUNDS", "2"))
 ROOMS = (
     "bspline", "tiles", "macroshape", "fields", "sdf", "mesh", "offsets", "cutfem", "io",
     "homogenize", "minimal", "lattice", "linalg", "quadrature", "slicing", "topology", "cost",
-    "shells",
+    "shells", "graph",
 )  # fmt: skip
-SKIPPED = {"save_grid"}
+SKIPPED = {"save_grid", "contact_sheet"}
 MOST_CALLS = 400_000  # of functions, within less than two seconds
 MOST_MEMORY = 500e6
 NAN, INF = float("nan"), float("inf")
@@ -105,6 +106,41 @@ def shells():
     }  # fmt: skip
 
 
+def graphs():
+    """Arguments of nodes of procedural graphs."""
+    g = il.graph
+    hexagon = il.minimal.cuboid().faces("x+ z- y+ x- z+ y-")
+    edges = [hexagon.region.edge(hexagon.numbers[i - 1], k) for i, k in enumerate(hexagon.numbers)]
+    corners = [g.vertex(edge.mean(axis=0)) for edge in edges]
+    around = g.chain(corners, closed=True)
+    film = g.surface(around, kind="conjugate", edges=2)
+    line = g.line(g.chain(corners[:2]))
+    thing = g.object(line, resolution=4)
+    voxel = g.voxel(thing)
+    takes = {
+        "chain": {"vertices": corners[:2]}, "line": {"chains": around},
+        "group": {"skeletons": [line]},
+        "surface": {"chains": around, "kind": "conjugate", "edges": 2}, "dual": {"surface": film},
+        "associate": {"first": g.dual(film), "second": film, "angle": 0.3},
+        "object": {"skeleton": line}, "voxel": {"solid": thing}, "stiffness": {"voxel": voxel},
+        "bandgap": {"voxel": voxel}, "mirror": {"skeleton": line, "direction": "x"},
+        "transform": {"skeleton": line}, "boolean": {"objects": [thing, thing]},
+        "vertex": {"position": (0, 0, 0)},
+    }  # fmt: skip
+    kinds = {cls.__name__: word for word, cls in TYPES.items()}
+    both = {**{f"graph.{word}": v for word, v in takes.items()}}
+    both |= {f"graph.{name}": takes[word] for name, word in kinds.items()}
+    return {
+        **both, "graph.Graph": {"roots": thing},
+        "graph.ways": {"within": hexagon.region, "sides": 4},
+        "graph.truss": {"number": 7}, "graph.random_graph": {"kind": "truss", "seed": 1},
+        "graph.explore": {"kind": "truss", "seeds": 1, "cells": 4, "thickness": 0.5},
+        "graph.parse": {"text": "{}"}, "graph.load": {"path": "nowhere.json"},
+        "graph.halfspaces": {"normals": [[-1, 0, 0], [0, -1, 0], [0, 0, -1], [1, 1, 1]],
+                             "offsets": [0, 0, 0, 0.5]},
+    }  # fmt: skip
+
+
 def own(sense):
     """Arguments that make sense to one callable only, by its name."""
     line = il.BSpline([[0, 0, 0.4, 1, 1]], [[0, 0, 0], [0.5, 0.1, 0], [1, 0, 0]], 1)
@@ -121,7 +157,8 @@ def own(sense):
         **{f"homogenize.{kind}": {"field": cell, "through": None} for kind in kinds},
         "homogenize.voxels": {"array": labels, "young": (1.0, 2.0), "spacing": 1.0},
         "homogenize.conductive_voxels": {"array": labels, "spacing": 1.0},
-        **minimal(), **structures(), **shells(),
+        **minimal(), **structures(), **shells(), **graphs(),
+        "tiles.Ball": {"centre": (0.5, 0.5, 0.5)},
         "tiles.Arc": {"centre": (0.3, 0.5, 0.5), "u": (0.2, 0, 0), "v": (0, 0.2, 0)},
         "tiles.Curve": {"spline": line}, "tiles.Surface": {"spline": sheet},
         "tiles.Group": {"members": [il.tiles.Polyline(corners)]},

@@ -331,3 +331,25 @@ def test_every_example_is_tested_and_can_be_run_alone(name):
     assert f'run("{name}"' in Path(__file__).read_text(encoding="utf-8")
     assert 'if __name__ == "__main__":' in source
     assert f"python examples/{name}.py" in source
+
+
+def test_a_graph_of_three_vertices_is_the_octet_of_the_catalogue():
+    numbers = run("graph_structures", points=2000)
+    assert numbers["largest difference of the octets"] < 1e-12
+    assert numbers["nodes of octet"] == 12
+
+
+def test_the_more_a_boundary_may_slide_the_smaller_is_the_surface():
+    areas = run("graph_surfaces", edges=8)
+    assert areas["area of the direct surface"] == pytest.approx(np.sqrt(27) / 2, rel=1e-9)
+    assert areas["area of the conjugate surface"] == pytest.approx(2.34511, abs=2e-4)
+
+
+def test_random_graphs_stay_below_the_bound():
+    parts = run("graph_exploration", seeds=(0, 2), cells=12)
+    assert 0.0 < max(parts.values()) < 1.0
+
+
+def test_heavy_balls_on_rods_leave_a_gap():
+    numbers = run("graph_bandgap", cells=4, steps=1, path="GX")
+    assert numbers["relative width of the gap"] > 0.5

@@ -22,7 +22,7 @@ from ilattice.errors import IlatticeError
 ROOMS = (
     "bspline", "tiles", "macroshape", "fields", "sdf", "mesh", "offsets", "cutfem", "io",
     "homogenize", "minimal", "lattice", "linalg", "quadrature", "slicing", "topology", "plot",
-    "cost", "shells",
+    "cost", "shells", "graph",
 )  # fmt: skip
 #: Those that do something, and have no state that users could take for a result.
 TOOLS = {"offsets.ClosestPointSearch", "cutfem.Solver", "linalg.Solver", "io.StreamedMeshWriter",
@@ -46,7 +46,7 @@ CLASSES = public_classes()
 
 def entities():
     """One of each kind of what tiles are made of."""
-    from ilattice.tiles import Arc, Curve, Group, Patch, Polyline, Surface
+    from ilattice.tiles import Arc, Ball, Curve, Group, Patch, Polyline, Surface, Triangles
 
     rng = np.random.default_rng(1)
     line = Polyline(rng.random((3, 3)))
@@ -55,7 +55,8 @@ def entities():
     sheet = il.BSpline(knots * 2, rng.random((3, 3, 3)), 1)
     patch = Patch(rng.random((3, 3)))
     arc = Arc((0.3, 0.5, 0.5), (0.2, 0, 0), (0, 0.2, 0))
-    return [line, arc, curve, patch, Surface(sheet), Group([line])]
+    ball, triangles = Ball((0.5, 0.5, 0.5)), Triangles(np.eye(3), [[0, 1, 2]], [0.1, 0.2, 0.3])
+    return [line, arc, curve, patch, Surface(sheet), Group([line]), ball, triangles]
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +93,7 @@ def examples():
         solution.recovered(), temperature.recovered(), solution.error_estimate(),
         solution.report, il.cutfem.buckling(solution, 1), solid.assembly.space,
         solution.at(point, outside="nan"), *cells(), *surfaces(), *below(), *structures(),
-        *shells(),
+        *shells(), *graphs(),
     ]  # fmt: skip
     return {type(thing): thing for thing in found}
 
@@ -145,6 +146,14 @@ def shells():
     found = model.invert(young=0.15, poisson=0.15, density=0.3, verify=False)
     made = [shell.topology, shell.topology.segments[0], shell.surface.boundary, shell.surface]
     return [shell, *made, s.family("topo_19_rrr", n=8, spans=8), of, cloud, model, found[0]]
+
+
+def graphs():
+    """A procedural graph, and each of its nodes."""
+    from graphs import every_type
+
+    graph = every_type()
+    return [graph, il.graph.library, *graph.nodes]
 
 
 def mesh_of(wall):

@@ -37,6 +37,7 @@ from ilattice._version import __version__
 from ilattice.errors import IlatticeError, InputError, printable, shortened
 from ilattice.homogenize.effective import Effective
 from ilattice.homogenize.elastic import elastic
+from ilattice.homogenize.voxel import voxels
 from ilattice.io.table import KEPT, Table
 from ilattice.lattice import Lattice
 from ilattice.macroshape.cells import cell as unit_cell
@@ -219,7 +220,7 @@ def sweep(
     cells_or_makers : str, Tile, callable, or sequence of these
         Tiles, or names of the catalogue, which take ``relative_density`` or ``thickness``, the
         half-thickness of their sheets; or functions that take all parameters by name and return
-        what `elastic` takes.
+        what `elastic` takes, or an array for `voxels`, which has cells of its own.
     table : path-like, optional, keyword-only
         CSV file for the rows; if it is there, what it has is not computed again.
     cells, young, poisson : optional, keyword-only
@@ -321,7 +322,11 @@ def _computed(
 def _run(one: Any, values: dict[str, Any], given: dict[str, Any]) -> dict[str, Any]:
     """One row: results, or why there are none."""
     try:
-        eff = elastic(_solid(one, values), **given)
+        solid = _solid(one, values)
+        if isinstance(solid, np.ndarray):
+            eff = voxels(solid, **{k: v for k, v in given.items() if k != "cells"})
+        else:
+            eff = elastic(solid, **given)
     except IlatticeError as e:
         return {**dict.fromkeys(RESULTS, ""), "message": shortened(printable(str(e)))}
     ways = "".join(a for a, on in zip("uvw", eff.percolates, strict=True) if on)

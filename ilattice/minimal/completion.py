@@ -211,16 +211,40 @@ def completed(
         turned = np.linalg.det(group.matrices) * sides < 0.0
         every[turned] = every[turned][:, :, ::-1]
     every = (every + len(v) * np.arange(len(group))[:, None, None]).reshape(-1, 3)
-    tol = _JOINED * float(np.linalg.norm(opposite_edges(v, faces), axis=2).min())
-    labels = _labels(x, cell, tol)
+    return glued(x, every, cell, oriented=sides is not None)
+
+
+def glued(
+    x: FloatArray, every: IntArray, cell: FloatArray, *, oriented: bool = False
+) -> PeriodicSurface:
+    """The periodic surface of triangles some of which agree, or share edges, up to whole cells.
+
+    Parameters
+    ----------
+    x : (V, 3) array
+        Vertices.
+    every : (F, 3) array
+        Triangles; of those that coincide one is kept.
+    cell : (3,) array
+        Edges of the cell.
+    oriented : bool
+        Whether the triangles are oriented as they are wanted; else neighbours are oriented alike.
+
+    Returns
+    -------
+    PeriodicSurface
+        Vertices closer than a fifth of the shortest edge become one.
+    """
+    shortest = float(np.linalg.norm(opposite_edges(x, every), axis=2).min())
+    labels = _labels(x, cell, _JOINED * shortest)
     _, first = np.unique(np.sort(labels[every], axis=1), axis=0, return_index=True)
     every = every[np.sort(first)]
     x, every, labels = _joined(x, every, labels, cell)
-    if sides is None:
+    if not oriented:
         _, flipped, _ = _oriented(labels[every])
         every[flipped] = every[flipped][:, ::-1]
     mesh = SurfaceMesh._adopt(x, np.ascontiguousarray(every))
-    return PeriodicSurface(mesh, read_only(labels), cell, sides is not None)
+    return PeriodicSurface(mesh, read_only(labels), cell, oriented)
 
 
 def _labels(x: FloatArray, cell: FloatArray, tol: float) -> IntArray:

@@ -29,6 +29,8 @@ COARSE = 6
 MOST_STARTS = 4
 #: Most Plateau problems of one search.
 MOST_EVALUATIONS = 250
+#: Mean curvature times size that all but a twentieth of the vertices keep below.
+MOST_CURVATURE = 3.0
 _MOST_STEPS = 20
 _CLOSED = 1e-9
 _STEP = 1e-4
@@ -321,9 +323,15 @@ class _Search:
             gap=gap,
             distortion=distortion,
         )
-        return made(
-            snapped, self.disc, partner, report, symmetry=(region.mirrors, region.cell), what=told
-        )
+        symmetry = (region.mirrors, region.cell)
+        patch = made(snapped, self.disc, partner, report, symmetry=symmetry, what=told)
+        bent = float(np.quantile(np.abs(patch.mean_curvature[: self.disc.boundary]), 0.95))
+        if bent * self.size > MOST_CURVATURE:
+            raise ConvergenceError(
+                f"{told} is not minimal: its mean curvature times size is {bent * self.size:.3g}; "
+                f"take more edges per side than n={self.disc.n}"
+            )
+        return patch
 
     def snapped(self, x: FloatArray) -> tuple[FloatArray, float]:
         """Sides moved into their planes, and how far that was."""

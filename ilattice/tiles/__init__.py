@@ -20,7 +20,16 @@ from types import ModuleType
 
 from ilattice.errors import InputError
 from ilattice.tiles.catalog import get, identifiers, maker, names, row
-from ilattice.tiles.entities import Arc, Curve, Group, Patch, Polyline, Surface
+from ilattice.tiles.entities import (
+    Arc,
+    Ball,
+    Curve,
+    Group,
+    Patch,
+    Polyline,
+    Surface,
+    Triangles,
+)
 from ilattice.tiles.mixture import Mixture, hybrid, mix, sigmoid
 from ilattice.tiles.skeleton import SkeletonField, skeleton
 from ilattice.tiles.struts import struts
@@ -29,6 +38,7 @@ from ilattice.tiles.trig import TrigField
 
 __all__ = [
     "Arc",
+    "Ball",
     "Curve",
     "Group",
     "Mixture",
@@ -37,6 +47,7 @@ __all__ = [
     "SkeletonField",
     "Surface",
     "Tile",
+    "Triangles",
     "TrigField",
     "get",
     "hybrid",

@@ -23,7 +23,7 @@ from ilattice.tiles._kernels_closest import (
 )
 
 CHUNK = 256
-SEGMENT, ARC, POLYGON, CURVE, SURFACE = 0, 1, 2, 3, 4
+SEGMENT, ARC, POLYGON, CURVE, SURFACE, TRIANGLE, BALL = 0, 1, 2, 3, 4, 5, 6
 #: Columns of `piece`: kind, group, start, degree or count, second degree, plain.
 #: Columns of a hit: F, foot (3), parameters (2), piece, feature (0 a point, 1 inside, 2 + edge).
 HIT = 8
@@ -138,6 +138,46 @@ def _polygon(d: Any, s: int, m: int, x: float, y: float, z: float, hit: Any) -> 
         _segment(d, s, c + 3 * i, c + 3 * ((i + 1) % m), x, y, z, hit, 2 + i)
 
 
+@inner(fastmath=FAST)
+def _triangle(d: Any, s: int, x: float, y: float, z: float, hit: Any) -> None:
+    """Triangle: radii of its corners and the first again, normal, slope of the radius, corners.
+
+    Where |x - p| - r(p) is least in the plane, the radius grows away from the foot of the
+    perpendicular as fast as the distance does; the function is convex, so that a least point of
+    the plane that is outside the triangle leaves the edges only.
+    """
+    c = s + 10
+    h = (x - d[c]) * d[s + 4] + (y - d[c + 1]) * d[s + 5] + (z - d[c + 2]) * d[s + 6]
+    if abs(h) - max(d[s], d[s + 1], d[s + 2]) >= hit[0]:
+        return
+    g2 = d[s + 7] * d[s + 7] + d[s + 8] * d[s + 8] + d[s + 9] * d[s + 9]
+    if g2 < 1.0:
+        lift = abs(h) / math.sqrt(1.0 - g2)
+        fx = x - h * d[s + 4] + lift * d[s + 7]
+        fy = y - h * d[s + 5] + lift * d[s + 8]
+        fz = z - h * d[s + 6] + lift * d[s + 9]
+        inside = True
+        for i in range(3):
+            a, b = c + 3 * i, c + 3 * ((i + 1) % 3)
+            ex, ey, ez = d[b] - d[a], d[b + 1] - d[a + 1], d[b + 2] - d[a + 2]
+            qx, qy, qz = fx - d[a], fy - d[a + 1], fz - d[a + 2]
+            side = (
+                d[s + 4] * (ey * qz - ez * qy)
+                + d[s + 5] * (ez * qx - ex * qz)
+                + d[s + 6] * (ex * qy - ey * qx)
+            )
+            if side <= 0.0:
+                inside = False
+        if inside:
+            r = d[s] + (
+                d[s + 7] * (fx - d[c]) + d[s + 8] * (fy - d[c + 1]) + d[s + 9] * (fz - d[c + 2])
+            )
+            _offer(hit, x, y, z, fx, fy, fz, r, 1)
+            return
+    for i in range(3):
+        _segment(d, s + i, c + 3 * i, c + 3 * ((i + 1) % 3), x, y, z, hit, 2 + i)
+
+
 @njit(cache=True, fastmath=FAST, inline="always")
 def _along(d: Any, axis: int, a: int, c: int) -> float:
     """Coordinate of corner a relative to corner c along an axis."""
@@ -164,6 +204,10 @@ def _closest_on_piece(
         _polygon(d, s, piece[i, 3], x, y, z, hit)
     elif kind == CURVE:
         closest_on_curve(d, s, 5, piece[i, 3], piece[i, 5], x, y, z, hit, stack, span, work)
+    elif kind == TRIANGLE:
+        _triangle(d, s, x, y, z, hit)
+    elif kind == BALL:
+        _offer(hit, x, y, z, d[s + 1], d[s + 2], d[s + 3], d[s], 0)
     else:
         p, r = piece[i, 3], piece[i, 4]
         closest_on_surface(d, s, p, r, piece[i, 5], x, y, z, hit, stack, span, work)
@@ -354,13 +398,16 @@ def _add_hessian(
         c[2] = _arc_tangent(d, s, c[4], c[5], c[6], 2)
         _add_curve(n, dist, weight, c, 0, 4, h)
     elif kind == SEGMENT or feature >= 2:
-        a, b = s + 2, s + 5
+        a, b, r = s + 2, s + 5, s
         if kind == POLYGON:
             m = piece[i, 3]
             a, b = s + 11 + 3 * (feature - 2), s + 11 + 3 * ((feature - 1) % m)
+        elif kind == TRIANGLE:
+            r = s + feature - 2
+            a, b = s + 10 + 3 * (feature - 2), s + 10 + 3 * ((feature - 1) % 3)
         for m in range(3):
             c[m] = d[b + m] - d[a + m]
-        c[3] = d[s + 1] - d[s]
+        c[3] = d[r + 1] - d[r]
         _add_curve(n, dist, weight, c, 0, 4, h)
 
 

@@ -5,7 +5,7 @@ a continuation past an open face is straight and starts with the tangent at the 
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 from math import comb
 from typing import Any
@@ -16,16 +16,26 @@ from ilattice._typing import FloatArray, IntArray
 from ilattice.bspline import BSpline
 from ilattice.errors import InputError
 from ilattice.tiles._kernels_closest import MAX_DEGREE
-from ilattice.tiles._kernels_skeleton import ARC, CURVE, POLYGON, SEGMENT, SURFACE
+from ilattice.tiles._kernels_skeleton import (
+    ARC,
+    BALL,
+    CURVE,
+    POLYGON,
+    SEGMENT,
+    SURFACE,
+    TRIANGLE,
+)
 from ilattice.tiles.entities import (
     TINY,
     Arc,
+    Ball,
     Curve,
     Entity,
     Group,
     Patch,
     Polyline,
     Surface,
+    Triangles,
     as_radius,
 )
 
@@ -47,17 +57,84 @@ class Piece:
     degree: tuple[int, int] = (0, 0)
     plain: bool = True
 
-    def moved(self, by: FloatArray) -> "Piece":
-        """The piece translated."""
-        data = self.data.copy()
+    @property
+    def box(self) -> FloatArray:
+        """Lower corner, upper corner, largest radius: 7 numbers."""
+        return np.concatenate([self.points.min(axis=0), self.points.max(axis=0), self.radii[1:]])
+
+    @property
+    def lift(self) -> FloatArray:
+        """By how much each number changes where the piece is moved by one."""
+        out = np.zeros_like(self.data)
         if self.kind in (CURVE, SURFACE):
-            rows = data.reshape(-1, 5)
-            rows[:, :3] += rows[:, 4:] * by
+            rows = self.data.reshape(-1, 5)
+            out.reshape(-1, 5)[:, :3] = rows[:, 4:]
         else:
-            first = {SEGMENT: 2, ARC: 3, POLYGON: 11}[self.kind]
-            last = 6 if self.kind == ARC else len(data)
-            data[first:last].reshape(-1, 3)[:] += by
-        return replace(self, data=data, points=self.points + by)
+            first = FIRST[self.kind]
+            out[first : 6 if self.kind == ARC else len(out)] = 1.0
+        return out
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """Many pieces as arrays.
+
+    Attributes
+    ----------
+    rows : (n, 6) array
+        Kind, group, first of its numbers, degrees, plain: as the kernels take them.
+    boxes : (n, 7) array
+        See `Piece.box`.
+    data, lift : (m,) arrays
+        Numbers of all pieces, and by how much they change where these are moved by one.
+    axis : (m,) array
+        Axis along which that is.
+    least : float
+        A lower bound of all radii.
+    """
+
+    rows: IntArray
+    boxes: FloatArray
+    data: FloatArray
+    lift: FloatArray
+    axis: IntArray
+    least: float
+
+    @classmethod
+    def of(cls, pieces: "Sequence[Piece | Pieces]") -> "Pieces":
+        """Join pieces in their order."""
+        parts = [p if isinstance(p, Pieces) else cls._one(p) for p in pieces]
+        counts = np.cumsum([0] + [len(p.data) for p in parts])
+        rows = [p.rows + n * (np.arange(6) == 2) for p, n in zip(parts, counts, strict=False)]
+        boxes, data, lift, axis = (np.concatenate([getattr(p, k) for p in parts]) for k in FLAT)
+        return cls(np.concatenate(rows), boxes, data, lift, axis, min(p.least for p in parts))
+
+    @classmethod
+    def _one(cls, p: Piece) -> "Pieces":
+        row = [p.kind, p.group, 0, *p.degree, int(p.plain)]
+        turn = np.arange(len(p.data)) - FIRST.get(p.kind, 0)
+        axis = turn % 5 if p.kind in (CURVE, SURFACE) else turn % 3
+        return cls(
+            np.array([row], np.int64), p.box[None], p.data, p.lift, np.minimum(axis, 2), p.radii[0]
+        )
+
+    def moved(self, chosen: IntArray, by: FloatArray) -> "Pieces":
+        """Some of the pieces, each translated by a row of `by`."""
+        sizes = np.diff(np.append(self.rows[:, 2], len(self.data)))[chosen]
+        starts = np.cumsum(sizes) - sizes
+        at = np.arange(int(sizes.sum())) - np.repeat(starts - self.rows[chosen, 2], sizes)
+        rows, boxes = self.rows[chosen], self.boxes[chosen]
+        rows[:, 2] = starts
+        boxes[:, :3] += by
+        boxes[:, 3:6] += by
+        axis, lift = self.axis[at], self.lift[at]
+        data = self.data[at] + lift * by[np.repeat(np.arange(len(chosen)), sizes), axis]
+        return Pieces(rows, boxes, data, lift, axis, self.least)
+
+
+#: Where coordinates begin among the numbers of a piece.
+FIRST = {SEGMENT: 2, ARC: 3, POLYGON: 11, TRIANGLE: 10, BALL: 1}
+FLAT = ("boxes", "data", "lift", "axis")
 
 
 # ------------------------------------------------------------------------------ Bernstein form
@@ -181,7 +258,7 @@ def _surface(group: int, h: FloatArray) -> Piece:
 
 def pieces_of(
     entity: Entity, group: int, default: Any, outward: Outward, far: float
-) -> list[Piece]:
+) -> "list[Piece | Pieces]":
     """Pieces of one entity and of its continuations past open faces.
 
     Parameters
@@ -199,7 +276,7 @@ def pieces_of(
 
     Returns
     -------
-    list of Piece
+    list of Piece or Pieces
         The pieces.
     """
     if isinstance(entity, Group):
@@ -210,9 +287,9 @@ def pieces_of(
         raise InputError("radius must be given: for all entities, or for each")
     maker: Any = {
         Polyline: _of_polyline, Arc: _of_arc, Patch: _of_patch, Curve: _of_curve,
-        Surface: _of_surface,
+        Surface: _of_surface, Triangles: _of_triangles, Ball: _of_ball,
     }[type(entity)]  # fmt: skip
-    out: list[Piece] = maker(entity, radius, group, outward, far)
+    out: list[Piece | Pieces] = maker(entity, radius, group, outward, far)
     return out
 
 
@@ -358,6 +435,32 @@ def _strip(h: FloatArray, outward: Outward, far: float) -> list[FloatArray]:
     return [np.stack([h[0], new])]
 
 
+def _of_ball(e: Ball, radius: Any, group: int, *_: Any) -> list[Piece]:
+    r = float(as_radius("radius", radius, np.array([[0.0], [1.0]])))  # type: ignore[arg-type]
+    return [Piece(BALL, group, np.concatenate([[r], e.centre]), e.centre[None], (r, r))]
+
+
+def _of_triangles(e: Triangles, radius: Any, group: int, *_: Any) -> list[Pieces]:
+    p = e.vertices[e.faces]
+    r = np.broadcast_to(np.asarray(radius, np.float64), len(e.vertices))[e.faces]
+    first, second = p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]
+    normal = np.cross(first, second)
+    # The slope of the radius is in the plane: products with two edges say which it is.
+    a, b, c = ((u * v).sum(1) for u, v in ((first, first), (first, second), (second, second)))
+    x, y = r[:, 1] - r[:, 0], r[:, 2] - r[:, 0]
+    det = a * c - b * b
+    slope = ((c * x - b * y) / det)[:, None] * first + ((a * y - b * x) / det)[:, None] * second
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    data = np.concatenate([r, r[:, :1], normal, slope, p.reshape(-1, 9)], axis=1)
+    m, width = data.shape
+    rows = np.zeros((m, 6), np.int64)
+    rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 5] = TRIANGLE, group, width * np.arange(m), 1
+    boxes = np.concatenate([p.min(axis=1), p.max(axis=1), r.max(axis=1, keepdims=True)], axis=1)
+    turn = np.arange(width) - FIRST[TRIANGLE]
+    lift, axis = np.tile(turn >= 0, m).astype(np.float64), np.tile(turn % 3, m)
+    return [Pieces(rows, boxes, data.ravel(), lift, axis, float(r.min()))]
+
+
 # ------------------------------------------------------------------------------ tree
 
 
@@ -381,27 +484,54 @@ class Tree:
         )  # fmt: skip
 
 
-def images(pieces: Sequence[Piece], steps: Sequence[FloatArray]) -> list[Piece]:
-    """The pieces and their copies, moved by -1, 0 and 1 times each step."""
-    out = list(pieces)
-    for factors in product((-1.0, 0.0, 1.0), repeat=len(steps)):
-        if any(factors):
-            by = np.sum([f * s for f, s in zip(factors, steps, strict=True)], axis=0)
-            out += [p.moved(by) for p in pieces]
-    return out
+def images(own: Pieces, cell: FloatArray, repeats: Sequence[bool], top: float) -> Pieces:
+    """The pieces and their copies in other cells that are within a distance of this one.
+
+    Parameters
+    ----------
+    own : Pieces
+        Pieces of one cell, which may leave it.
+    cell : (3, 3) array
+        Edges of the cell as columns.
+    repeats : sequence of bool
+        Edges along which they repeat.
+    top : float
+        Pieces that are farther from the cell, less their radius, are left out.
+
+    Returns
+    -------
+    Pieces
+        All of `own` that are needed, then copies.
+    """
+    unit = np.array(list(product((0.0, 1.0), repeat=3)))
+    corners = unit @ cell.T
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    ends = own.boxes[:, None, :3] + unit * (own.boxes[:, None, 3:6] - own.boxes[:, None, :3])
+    u = ends.reshape(-1, 3) @ np.linalg.inv(cell).T
+    beyond = np.ceil(np.maximum(u.max(axis=0) - 1.0, -u.min(axis=0)) - 1e-6)
+    reach = np.where(repeats, 1 + np.maximum(beyond, 0.0), 0).astype(int)
+    chosen, by = [], []
+    for factors in sorted(product(*(range(-n, n + 1) for n in reach)), key=_size):
+        shift = cell @ np.array(factors, np.float64)
+        gap = np.maximum(own.boxes[:, :3] + shift - high, low - shift - own.boxes[:, 3:6])
+        far = np.linalg.norm(np.maximum(gap, 0.0), axis=1) - own.boxes[:, 6]
+        rows = np.flatnonzero(far <= top)
+        chosen.append(rows)
+        by.append(np.broadcast_to(shift, (len(rows), 3)))
+    return own.moved(np.concatenate(chosen), np.concatenate(by))
 
 
-def box_of(piece: Piece) -> FloatArray:
-    """Lower corner, upper corner, largest radius: 7 numbers."""
-    return np.concatenate([piece.points.min(axis=0), piece.points.max(axis=0), piece.radii[1:]])
+def _size(factors: tuple[int, ...]) -> bool:
+    """Whether something is moved: what is not comes first."""
+    return any(factors)
 
 
-def tree_of(pieces: Sequence[Piece]) -> Tree:
+def tree_of(pieces: Pieces) -> Tree:
     """Tree over pieces, halved at the median along the longest side.
 
     Parameters
     ----------
-    pieces : sequence of Piece
+    pieces : Pieces
         At least one.
 
     Returns
@@ -409,37 +539,39 @@ def tree_of(pieces: Sequence[Piece]) -> Tree:
     Tree
         The arrays.
     """
-    boxes = np.array([box_of(p) for p in pieces])
-    order: list[int] = []
-    nodes: list[tuple[int, int]] = []
-    bounds: list[FloatArray] = []
+    order, node, box = _halved(pieces.boxes)
+    chosen = pieces.moved(order, np.zeros((len(order), 3)))
+    rows = chosen.rows
+    bezier = rows[(rows[:, 0] == CURVE) | (rows[:, 0] == SURFACE), 3:5] + 1
+    width = int(bezier.prod(axis=1).max(initial=1))
+    return Tree(node, box, rows, chosen.boxes, chosen.data, 1 + int(rows[:, 1].max()), width)
 
-    def build(members: IntArray) -> int:
-        me = len(nodes)
-        part = boxes[members]
-        nodes.append((0, 0))
-        top = [part[:, :3].min(axis=0), part[:, 3:6].max(axis=0), part[:, 6:].max(axis=0)]
-        bounds.append(np.concatenate(top))
-        if len(members) <= LEAF:
-            nodes[me] = (-1 - len(order), len(members))
-            order.extend(members.tolist())
-            return me
-        middle = part[:, :3] + part[:, 3:6]
-        axis = int(np.argmax(np.ptp(middle, axis=0)))
-        rank = members[np.argsort(middle[:, axis], kind="stable")]
-        half = len(rank) // 2
-        nodes[me] = (build(rank[:half]), build(rank[half:]))
-        return me
 
-    build(np.arange(len(pieces)))
-    chosen = [pieces[i] for i in order]
-    starts = np.concatenate([[0], np.cumsum([len(p.data) for p in chosen])[:-1]])
-    rows = [
-        (p.kind, p.group, s, *p.degree, int(p.plain)) for p, s in zip(chosen, starts, strict=True)
-    ]
-    bezier = [p.degree for p in chosen if p.kind in (CURVE, SURFACE)]
-    width = max([(a + 1) * (b + 1) for a, b in bezier], default=1)
-    return Tree(
-        np.array(nodes, np.int64), np.array(bounds), np.array(rows, np.int64), boxes[order],
-        np.concatenate([p.data for p in chosen]), 1 + max(p.group for p in chosen), width,
-    )  # fmt: skip
+def _halved(boxes: FloatArray) -> tuple[IntArray, IntArray, FloatArray]:
+    """Order of the boxes, nodes and their boxes; all nodes of a level are made at once."""
+    middle = boxes[:, :3] + boxes[:, 3:6]
+    order = np.arange(len(boxes))
+    starts, sizes = np.zeros(1, np.int64), np.array([len(boxes)])
+    nodes, bounds, count = [], [], 0
+    while len(starts):
+        first = np.cumsum(sizes) - sizes
+        at = np.arange(int(sizes.sum())) - np.repeat(first - starts, sizes)
+        part = boxes[order[at]]
+        lows = np.minimum.reduceat(part[:, :3], first)
+        tops = np.maximum.reduceat(part[:, 3:], first)
+        bounds.append(np.concatenate([lows, tops], axis=1))
+        count += len(starts)
+        big = sizes > LEAF
+        node = np.stack([-1 - starts, sizes], axis=1)
+        node[big, 0] = count + 2 * np.arange(int(big.sum()))
+        node[big, 1] = node[big, 0] + 1
+        nodes.append(node)
+        owner = np.repeat(np.arange(len(starts)), sizes)
+        centre = middle[order[at]]
+        spread = np.maximum.reduceat(centre, first) - np.minimum.reduceat(centre, first)
+        key = centre[np.arange(len(at)), spread.argmax(axis=1)[owner]]
+        order[at] = order[at][np.lexsort((key, owner))]
+        half = sizes[big] // 2
+        starts = np.stack([starts[big], starts[big] + half], axis=1).ravel()
+        sizes = np.stack([half, sizes[big] - half], axis=1).ravel()
+    return order, np.concatenate(nodes), np.concatenate(bounds)

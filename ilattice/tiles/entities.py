@@ -12,12 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from ilattice._typing import ArrayLike, FloatArray
+from ilattice._typing import ArrayLike, FloatArray, IntArray
 from ilattice._validate import (
     Frozen,
     as_array,
     as_flag,
     as_items,
+    as_numbers,
     as_points,
     as_positive,
     asked,
@@ -217,7 +218,88 @@ class Surface(Frozen):
         _check_spline(self.spline, 2, "a surface: two parameters")
 
 
-Single = Polyline | Arc | Patch | Curve | Surface
+@dataclass(frozen=True, eq=False)
+class Triangles(Frozen):
+    """Surface of triangles, of any topology; each corner may have a radius of its own.
+
+    It may leave the cell through periodic faces, and is not continued past open ones.
+
+    Parameters
+    ----------
+    vertices : array_like, shape (V, 3)
+        Corners.
+    faces : array_like, shape (F, 3)
+        Rows of `vertices`; triangles without an area are left out.
+    radius : float or array_like of shape (V,), optional
+        Half the thickness, constant or per vertex and linear in triangles. By default that of the
+        skeleton.
+
+    Raises
+    ------
+    InputError
+        If there is no triangle with an area, or a number is no row.
+    """
+
+    vertices: FloatArray
+    faces: IntArray
+    radius: Any = None
+
+    def __post_init__(self) -> None:
+        _check_radius(self.radius)
+        v = as_points("vertices", self.vertices)
+        faces = np.asarray(self.faces)
+        if faces.ndim != 2 or faces.shape[1] != 3 or not len(faces):
+            raise InputError(f"faces must have shape (F, 3), got {faces.shape}")
+        rows = as_numbers("faces", faces.ravel(), len(v)).reshape(-1, 3)
+        p = v[rows]
+        twice = np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1)
+        longest = np.linalg.norm(p - np.roll(p, 1, axis=1), axis=2).max(axis=1)
+        rows = rows[twice > TINY * longest * np.maximum(longest, TINY)]
+        if not len(rows):
+            raise InputError("faces must hold a triangle with an area, but all are flat")
+        object.__setattr__(self, "vertices", read_only(np.array(v)))
+        object.__setattr__(self, "faces", read_only(np.array(rows, np.int64)))
+        if self.radius is not None and np.ndim(self.radius):
+            radius = as_array("radius", self.radius, ndim=1)
+            if radius.shape != (len(v),):
+                raise InputError(
+                    f"radius must be one number or one per vertex ({len(v)}), got {radius.shape}"
+                )
+            object.__setattr__(self, "radius", read_only(np.array(radius)))
+        elif callable(self.radius):
+            raise InputError("radius of Triangles must be numbers, one or one per vertex")
+
+
+@dataclass(frozen=True, eq=False)
+class Ball(Frozen):
+    """A point with a radius: a node of a lattice.
+
+    Parameters
+    ----------
+    centre : array_like, shape (3,)
+        Where it is.
+    radius : float, optional
+        By default that of the skeleton.
+
+    Raises
+    ------
+    InputError
+        If the radius is not positive.
+    """
+
+    centre: FloatArray
+    radius: Any = None
+
+    def __post_init__(self) -> None:
+        if self.radius is not None:
+            object.__setattr__(self, "radius", as_positive("radius", self.radius))
+        centre = as_array("centre", self.centre, ndim=1)
+        if centre.shape != (3,):
+            raise InputError(f"centre must be three numbers, got {centre.tolist()}")
+        object.__setattr__(self, "centre", read_only(np.array(centre)))
+
+
+Single = Polyline | Arc | Patch | Curve | Surface | Triangles | Ball
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,7 +310,7 @@ class Group(Frozen):
 
     Parameters
     ----------
-    members : sequence of Polyline, Arc, Patch, Curve, Surface, BSpline or array_like
+    members : sequence of entities, BSpline or array_like
         At least one; each may have a radius of its own.
 
     Raises
@@ -281,7 +363,7 @@ def as_single(name: str, value: Any) -> Single:
     ----------
     name : str
         Name for messages.
-    value : Polyline, Arc, Patch, Curve, Surface, BSpline or array_like of shape (n, 3)
+    value : Single, BSpline or array_like of shape (n, 3)
         What is given.
 
     Returns
@@ -294,7 +376,7 @@ def as_single(name: str, value: Any) -> Single:
     InputError
         If it is none of these.
     """
-    if isinstance(value, Polyline | Arc | Patch | Curve | Surface):
+    if isinstance(value, Single):
         return value
     if isinstance(value, BSpline):
         return Curve(value) if value.ndim == 1 else Surface(value)
@@ -305,7 +387,8 @@ def as_single(name: str, value: Any) -> Single:
         return Polyline(as_points(name, value))
     except InputError as e:
         raise InputError(
-            f"{name} must be a Polyline, Arc, Patch, Curve, Surface, BSpline or points (n, 3): {e}"
+            f"{name} must be a Polyline, Arc, Patch, Curve, Surface, Triangles, Ball, BSpline or "
+            f"points (n, 3): {e}"
         ) from e
 
 
@@ -373,8 +456,11 @@ def _check_radius(radius: Any) -> None:
     several = isinstance(radius, (list, tuple)) or (
         isinstance(radius, np.ndarray) and radius.ndim > 0
     )
-    for r in as_array("radius", radius, ndim=1) if several else [radius]:
-        as_positive("radius", r)
+    if not several:
+        as_positive("radius", radius)
+    elif not (values := as_array("radius", radius, ndim=1)).size or not values.min() > 0.0:
+        least = values.min() if values.size else "none"
+        raise InputError(f"radius must be one number above zero each, got {least}")
 
 
 def _check_spline(s: Any, nd: int, what: str) -> None:

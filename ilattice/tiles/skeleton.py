@@ -42,8 +42,17 @@ from ilattice._validate import (
 )
 from ilattice.errors import GeometryError, InputError
 from ilattice.tiles._kernels_skeleton import skeleton_jets
-from ilattice.tiles._pieces import Piece, Tree, box_of, images, pieces_of, tree_of
-from ilattice.tiles.entities import Arc, Entity, Group, Patch, Polyline, as_entity
+from ilattice.tiles._pieces import Piece, Pieces, Tree, images, pieces_of, tree_of
+from ilattice.tiles.entities import (
+    Arc,
+    Ball,
+    Entity,
+    Group,
+    Patch,
+    Polyline,
+    Triangles,
+    as_entity,
+)
 from ilattice.tiles.tile import Tile
 
 FACES = ("x-", "x+", "y-", "y+", "z-", "z+")
@@ -69,9 +78,10 @@ class SkeletonField(Field, Frozen):
     faces : str or mapping
         "open", "closed" or "periodic" for all faces, or per axis ("x") or face ("x-", "x+").
         Ends on an open face are continued straight through it; a closed face cuts the solid
-        there; across periodic faces the entities repeat. In a lattice, open ends must meet others
-        of the same radius on the opposite face, or tiles do not fit together; the rim of a closed
-        face is an edge, which the spline that stands in for the tile rounds off.
+        there; across periodic faces the entities repeat, and may leave the cell. In a lattice,
+        open ends must meet others of the same radius on the opposite face, or tiles do not fit
+        together; the rim of a closed face is an edge, which the spline that stands in for the tile
+        rounds off.
     cell : array_like of shape () or (3,) or (3, 3)
         Edges of the cell: lengths, or vectors as columns. Points of the unit cube stand for
         ``cell @ u``.
@@ -79,8 +89,8 @@ class SkeletonField(Field, Frozen):
     Raises
     ------
     InputError
-        If there is no entity, one leaves the cell, a radius is missing or not positive, or
-        `faces` contradicts itself.
+        If there is no entity, one leaves the cell through a face that is not periodic, a radius is
+        missing or not positive, or `faces` contradicts itself.
     """
 
     entities: Sequence[Any]
@@ -225,7 +235,7 @@ class SkeletonField(Field, Frozen):
     @cached_property
     def thinnest(self) -> float:
         """A lower bound of all radii."""
-        return min(p.radii[0] for p in self._own_pieces)
+        return self._own_pieces.least
 
     @cached_property
     def stretched(self) -> bool:
@@ -274,21 +284,20 @@ class SkeletonField(Field, Frozen):
         return u[:, :1] * a + u[:, 1:2] * b + u[:, 2:] * c
 
     @cached_property
-    def _own_pieces(self) -> list[Piece]:
+    def _own_pieces(self) -> Pieces:
         far = 2.0 * float(np.linalg.norm(self.cell, axis=0).max())
-        out: list[Piece] = []
+        out: list[Piece | Pieces] = []
         for i, e in enumerate(self.entities):
             try:
                 out += pieces_of(e, i if self.blend > 0.0 else 0, self.radius, self._outward, far)
             except InputError as error:
                 raise InputError(f"entities[{i}]: {error}") from error
-        return out
+        return Pieces.of(out)
 
     @cached_property
     def _tree(self) -> Tree:
         own = self._own_pieces
-        steps = [self.cell[:, a] for a in range(3) if self.repeats[a]]
-        if not steps:
+        if not any(self.repeats):
             return tree_of(own)
         # An image that is farther from the cell than its own pieces ever are is never nearest.
         a = (np.arange(8) + 0.5) / 8
@@ -296,14 +305,7 @@ class SkeletonField(Field, Frozen):
         top = self._evaluate(u @ self.cell.T, tree_of(own), 0)[0].max()
         corners = np.array(list(product((0.0, 1.0), repeat=3))) @ self.cell.T
         top += np.linalg.norm(np.ptp(corners, axis=0)) / 16 + 1.5 * self.blend
-        low, high = corners.min(axis=0), corners.max(axis=0)
-
-        def needed(piece: Piece) -> bool:
-            box = box_of(piece)
-            gap = np.maximum(np.maximum(box[:3] - high, low - box[3:6]), 0.0)
-            return bool(np.linalg.norm(gap) - box[6] <= top)
-
-        return tree_of([p for p in images(own, steps) if needed(p)])
+        return tree_of(images(own, self.cell, self.repeats, float(top)))
 
     @cached_property
     def _planes(self) -> FloatArray:
@@ -330,7 +332,7 @@ class SkeletonField(Field, Frozen):
 
     def _check_inside(self, i: int, e: Entity) -> None:
         u = _samples(e) @ np.linalg.inv(self.cell).T
-        outside = np.maximum(-u, u - 1.0).max(axis=1)
+        outside = np.where(self.repeats, -np.inf, np.maximum(-u, u - 1.0)).max(axis=1)
         worst = int(np.argmax(outside))
         if outside[worst] > ON_FACE:
             raise InputError(
@@ -356,6 +358,10 @@ def _samples(e: Entity) -> FloatArray:
         return e.points
     if isinstance(e, Patch):
         return e.corners
+    if isinstance(e, Triangles):
+        return e.vertices
+    if isinstance(e, Ball):
+        return e.centre[None]
     if isinstance(e, Arc):
         return e.at(np.linspace(0.0, e.angle, 181))
     s = e.spline

@@ -196,3 +196,10 @@ def judged(loop, n=8):
 
 def test_random_ways_are_solved_or_refused_with_a_reason():
     assert sum(judged(loop) for loop in random_loops(6, most=7)) >= 4
+
+
+@pytest.mark.parametrize("n", [8, 16])
+def test_what_is_not_minimal_is_refused(n):
+    loop = M.cuboid().faces("x- y- z- y+ z+ y- x+ y+")  # with few edges a surface seems to exist
+    with pytest.raises(ConvergenceError):
+        M.conjugate(loop, n)

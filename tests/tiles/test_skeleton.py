@@ -8,7 +8,18 @@ from naive_skeleton import curve_minimum, surface_minimum
 import ilattice as il
 from ilattice.bspline import BSpline
 from ilattice.errors import GeometryError, InputError
-from ilattice.tiles import Arc, Curve, Group, Patch, Polyline, SkeletonField, Surface, skeleton
+from ilattice.tiles import (
+    Arc,
+    Ball,
+    Curve,
+    Group,
+    Patch,
+    Polyline,
+    SkeletonField,
+    Surface,
+    Triangles,
+    skeleton,
+)
 from ilattice.tiles.entities import as_radius
 
 POINTS = np.random.default_rng(5).random((120, 3))
@@ -163,6 +174,73 @@ def test_linear_radius_along_a_segment_is_a_cone():
     swallowed = Polyline([(0.4, 0.5, 0.5), (0.5, 0.5, 0.5)], radius=[0.05, 0.2])
     ball = np.linalg.norm(POINTS - [0.5, 0.5, 0.5], axis=1) - 0.2
     np.testing.assert_allclose(SkeletonField([swallowed])(POINTS), ball, atol=1e-15)
+
+
+def triangle_minimum(points, corners, radii):
+    """Least |x - p| - r(p) over a triangle: convex, so that thirds of thirds find it."""
+
+    def value(s, t):
+        w = np.stack([1 - s, s * (1 - t), s * t], axis=1)
+        return np.linalg.norm(points - w @ corners, axis=1) - w @ radii
+
+    def inner(s):
+        low, high = np.zeros(len(points)), np.ones(len(points))
+        for _ in range(60):
+            a, b = low + (high - low) / 3, high - (high - low) / 3
+            left = value(s, a) < value(s, b)
+            low, high = np.where(left, low, a), np.where(left, b, high)
+        return value(s, low)
+
+    low, high = np.zeros(len(points)), np.ones(len(points))
+    for _ in range(60):
+        a, b = low + (high - low) / 3, high - (high - low) / 3
+        left = inner(a) < inner(b)
+        low, high = np.where(left, low, a), np.where(left, b, high)
+    return np.min([inner(s) for s in (low, np.zeros(len(points)), np.ones(len(points)))], axis=0)
+
+
+def test_triangles_are_the_envelope_of_their_balls():
+    rng = np.random.default_rng(8)
+    v, x = rng.random((9, 3)), POINTS[:60]
+    r = rng.uniform(0.02, 0.3, 9)
+    r[6:] = (0.05, 0.9, 0.05)  # the ball of one corner swallows the others
+    faces = np.arange(9).reshape(3, 3)
+    want = np.min([triangle_minimum(x, v[f], r[f]) for f in faces], axis=0)
+    np.testing.assert_allclose(SkeletonField([Triangles(v, faces, r)])(x), want, atol=1e-7)
+    patches = [Patch(v[f], radius=0.1) for f in faces]
+    flat = SkeletonField([Triangles(v, faces)], radius=0.1)(POINTS)
+    np.testing.assert_allclose(flat, SkeletonField(patches)(POINTS), atol=1e-14)
+
+
+def test_what_leaves_through_periodic_faces_comes_in_again():
+    rng = np.random.default_rng(9)
+    v, faces = rng.uniform(-1.3, 2.6, (5, 3)), np.array([[0, 1, 2], [2, 3, 4]])
+    balls = [Ball(p, 0.1) for p in v]
+    shifts = np.stack(np.meshgrid(*[np.arange(-4, 5)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    off = POINTS[:, None, None] - v - shifts[:, None]
+    want = np.linalg.norm(off, axis=3).min(axis=(1, 2)) - 0.1
+    np.testing.assert_allclose(SkeletonField(balls, faces="periodic")(POINTS), want, atol=1e-14)
+    field = SkeletonField([Triangles(v, faces)], 0.05, faces="periodic")
+    copies = np.concatenate([v + s for s in shifts])
+    every = np.concatenate([faces + 5 * i for i in range(len(shifts))])
+    near = np.abs(copies[every].mean(axis=1) - 0.5).max(axis=1) < 4.5
+    all_in = SkeletonField([Triangles((copies + 6) / 13, every[near], 0.05 / 13)], cell=1.0)
+    u = (POINTS[:300] + 6) / 13
+    np.testing.assert_allclose(field(POINTS[:300]), 13 * all_in(u), atol=1e-12)
+    with pytest.raises(InputError, match="leaves the tile"):
+        SkeletonField(balls, faces={"x": "periodic"})
+
+
+def test_many_entities_are_repeated_without_an_object_each():
+    rng = np.random.default_rng(10)
+    v = rng.random((4000, 3))
+    v = np.concatenate([v, v + 0.01 * rng.random((4000, 3)), v + 0.01 * rng.random((4000, 3))])
+    faces = np.arange(4000)[:, None] + 4000 * np.arange(3)
+    field = SkeletonField([Triangles(v, faces)], 0.01, faces="periodic")
+    tree = field._tree
+    assert len(tree.piece) >= 4000
+    near = field(v[:4000])
+    assert np.abs(near + 0.01).max() < 1e-15
 
 
 # ------------------------------------------------------------------------------ fields
@@ -392,6 +470,13 @@ def test_bad_input_is_refused(arguments, message):
         (lambda: Curve(random_surface(2)), "a curve"),
         (lambda: Surface(random_curve(2, "smooth")), "a surface"),
         (lambda: Group([]), "at least one"),
+        (lambda: Ball((0, 0)), "three numbers"),
+        (lambda: Ball((0, 0, 0), -1.0), "radius"),
+        (lambda: Triangles(np.eye(3), [[0, 1, 3]]), "faces must be whole numbers"),
+        (lambda: Triangles(np.eye(3), [[0, 1, 1]]), "triangle with an area"),
+        (lambda: Triangles(np.eye(3), [[0, 1, 2]], [1.0, 1.0]), "one per vertex"),
+        (lambda: Triangles(np.eye(3), [[0, 1, 2]], [1.0, 0.0, 1.0]), "above zero"),
+        (lambda: Triangles(np.eye(3), [0, 1, 2]), "shape"),
         (lambda: SkeletonField([X_BAR], 0.1).jet([[0, 0, 0]], 3), "order"),
     ],
 )

@@ -1,0 +1,181 @@
+"""Topologies of beams with cubic symmetry: graphs on the nodes of a tetrahedron with 48 images.
+
+Nodes are the vertices of the tetrahedron, the middles of its edges and faces, and its own middle,
+15 in all. A topology is a set of at most three of the 105 edges between them that
+
+1. hangs together, with all its images: one piece, which meets all four faces of the tetrahedron;
+2. has no two edges that meet elsewhere than at a common node;
+3. does not hold an edge of the tetrahedron and a half of it;
+4. has no free ends: no node with one beam, images counted;
+5. has at most seven beams at a node, images counted.
+
+Source of the nodes: Panetta et al., Elastic textures for additive fabrication, 2015, section 4; the
+rules are those of the program with which its authors count them.
+"""
+
+from collections.abc import Iterator
+from functools import lru_cache
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from ilattice._typing import FloatArray
+from ilattice._validate import as_positive, as_whole
+from ilattice.graph import build
+from ilattice.graph.graph import Graph
+from ilattice.graph.skeletons import THICKNESS
+from ilattice.minimal import tetrahedron
+
+MOST_EDGES, MOST_VALENCE = 3, 7
+Edge = tuple[int, int]
+
+
+@lru_cache(maxsize=1)
+def nodes() -> FloatArray:
+    """The 15 nodes.
+
+    Returns
+    -------
+    ndarray, shape (15, 3)
+        Vertices, middles of edges, of faces, and the middle.
+    """
+    corners = tetrahedron().corners
+    rows = [c for k in range(1, 5) for c in combinations(range(4), k)]
+    out: FloatArray = np.array([corners[list(row)].mean(axis=0) for row in rows])
+    out.flags.writeable = False
+    return out
+
+
+@lru_cache(maxsize=1)
+def topologies() -> tuple[tuple[Edge, ...], ...]:
+    """All topologies, as edges between nodes.
+
+    Returns
+    -------
+    tuple of tuple of (int, int)
+        In order of their numbers of edges.
+    """
+    return tuple(edges for edges in _connected() if _valid(edges))
+
+
+def truss(number: int, *, thickness: float = THICKNESS) -> Graph:
+    """The graph of a topology.
+
+    Parameters
+    ----------
+    number : int
+        Which one, from 0.
+    thickness : float
+        Diameter of its beams.
+
+    Returns
+    -------
+    Graph
+        With all its images in the unit cell.
+    """
+    many = topologies()
+    edges = many[as_whole("number", number, 0, len(many) - 1)]
+    p = nodes()
+    made = {k: build.vertex(p[k]) for k in sorted({k for edge in edges for k in edge})}
+    d = as_positive("thickness", thickness)
+    lines = [build.line(build.chain([made[a], made[b]]), thickness=d) for a, b in edges]
+    region = tetrahedron()
+    skeleton = build.group(lines) if len(lines) > 1 else lines[0]
+    return Graph(build.object(skeleton.completed(region)), region, f"truss_{number}")
+
+
+def _connected() -> Iterator[tuple[Edge, ...]]:
+    """Sets of edges that hang together."""
+    every = list(combinations(range(len(nodes())), 2))
+    found: set[frozenset[Edge]] = {frozenset([e]) for e in every}
+    for count in range(1, MOST_EDGES + 1):
+        yield from sorted(tuple(sorted(edges)) for edges in found)
+        if count == MOST_EDGES:
+            return
+        more: set[frozenset[Edge]] = set()
+        for edges in found:
+            ends = {k for e in edges for k in e}
+            more |= {
+                edges | {e} for e in every if e not in edges and (e[0] in ends or e[1] in ends)
+            }
+        found = more
+
+
+def _valid(edges: tuple[Edge, ...]) -> bool:
+    ends = {k for e in edges for k in e}
+    on = _planes()
+    if not on[list(ends)].any(axis=0).all():
+        return False
+    if any(_cross(a, b) for a, b in combinations(edges, 2)):
+        return False
+    for a, b in combinations(edges, 2):
+        if _halves(a, b) or _halves(b, a):
+            return False
+    for k in ends:
+        valence = sum(_images(k, a + b - k) for a, b in edges if k in (a, b))
+        if valence < 2 or valence > MOST_VALENCE:
+            return False
+    return True
+
+
+@lru_cache(maxsize=1)
+def _planes() -> Any:
+    """Which nodes lie on which faces, (15, 4)."""
+    region = tetrahedron()
+    return np.abs(nodes() @ region.normals.T - region.offsets) < 1e-12
+
+
+@lru_cache(maxsize=64)
+def _order(faces: tuple[int, ...]) -> int:
+    """Number of isometries that reflections in faces through one point generate."""
+    normals = tetrahedron().normals[list(faces)]
+    turns = [np.eye(3) - 2.0 * np.outer(n, n) for n in normals]
+    found = {_key(np.eye(3)): np.eye(3)}
+    fresh = list(found.values())
+    while fresh:
+        new = {_key(t @ m): t @ m for t in turns for m in fresh}
+        fresh = [m for key, m in new.items() if key not in found]
+        found |= new
+    return len(found)
+
+
+def _key(m: FloatArray) -> tuple[int, ...]:
+    return tuple(np.rint(m.ravel() * 1e6).astype(int).tolist())
+
+
+@lru_cache(maxsize=512)
+def _images(k: int, other: int) -> int:
+    """Number of beams at node k that are images of the one to another node."""
+    on = _planes()
+    here = tuple(np.flatnonzero(on[k]).tolist())
+    both = tuple(np.flatnonzero(on[k] & on[other]).tolist())
+    return _order(here) // _order(both)
+
+
+@lru_cache(maxsize=8192)
+def _cross(a: Edge, b: Edge) -> bool:
+    """Whether two edges without a common node meet."""
+    if set(a) & set(b):
+        return False
+    p = nodes()
+    (p0, p1), (q0, q1) = p[list(a)], p[list(b)]
+    d, e, w = p1 - p0, q1 - q0, q0 - p0
+    n = np.cross(d, e)
+    if n @ n < 1e-18:  # parallel: they meet where they are in one line and overlap
+        if np.linalg.norm(np.cross(d, w)) > 1e-9:
+            return False
+        t = np.sort([w @ d, (q1 - p0) @ d]) / (d @ d)
+        return bool(t[0] < 1.0 + 1e-9 and t[1] > -1e-9)
+    if abs(w @ n) > 1e-9:
+        return False
+    s, t = np.cross(w, e) @ n / (n @ n), np.cross(w, d) @ n / (n @ n)
+    return bool(-1e-9 < s < 1.0 + 1e-9 and -1e-9 < t < 1.0 + 1e-9)
+
+
+def _halves(whole: Edge, half: Edge) -> bool:
+    """Whether an edge joins two vertices, and another one of these with the middle."""
+    if max(whole) > 3 or min(half) not in whole or not 4 <= max(half) < 10:
+        return False
+    middle = 0.5 * nodes()[list(whole)].sum(axis=0)
+    return bool(np.abs(nodes()[max(half)] - middle).max() < 1e-12)
