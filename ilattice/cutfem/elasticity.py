@@ -31,16 +31,25 @@ from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import FixedMapping, among, as_choice, as_kind, as_points, read_only
 from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem import coupling, weak
+from ilattice.cutfem.anisotropic import AT_ONCE, Anisotropic, Stiffness, hindered
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.conditions import Load, Support, values_at
 from ilattice.cutfem.dilatation import FROM, Dilatation, as_terms
 from ilattice.cutfem.discretization import Product
 from ilattice.cutfem.domain import lattice_of
-from ilattice.cutfem.material import Isotropic, Property, Scalar, jump_within_cells, warn_of_jump
+from ilattice.cutfem.material import (
+    Isotropic,
+    MapProperties,
+    Property,
+    Scalar,
+    jump_within_cells,
+    warn_of_jump,
+)
 from ilattice.cutfem.multigrid import Blocks
 from ilattice.cutfem.phases import as_phased
 from ilattice.cutfem.problem import ISLANDS, Problem
-from ilattice.cutfem.rules import Quadrature, on_cells
+from ilattice.cutfem.rules import Quadrature, on_cells, some_cells
+from ilattice.cutfem.voigt import PLACES, UNIT
 from ilattice.errors import InputError, PrecisionWarning
 
 if TYPE_CHECKING:
@@ -64,8 +73,16 @@ class Elasticity(Problem):
         Background grid, as in `cut`.
     young, poisson, density, expansion : float, str or callable, keyword-only
         Young's modulus; Poisson's ratio, above -1 and below 1/2; mass per volume; thermal
-        expansion per degree. A callable takes points of space (n, 3); a name is that of a property
-        of the lattice; with `phases`, a pair of these is one of each.
+        expansion per degree; by default 1, 0.3, 1 and 0. A callable takes points of space (n, 3);
+        a name is that of a property of the lattice, or of an extra coordinate of the map; with
+        `phases`, a pair of these is one of each.
+    stiffness : array_like, shape (6, 6), Graded or callable, optional, keyword-only
+        Of any symmetry, instead of `young` and `poisson`: symmetric and positive definite, in
+        Voigt order xx, yy, zz, yz, xz, xy with engineering shear. A callable takes points of space
+        (n, 3) and returns (n, 6, 6); with `phases`, a tuple of two is one of each.
+    axes : {"space", "map"}, keyword-only
+        Whether the axes of `stiffness` are x, y, z, or turn with the map; see
+        `ilattice.cutfem.anisotropic`.
     strength : float, str or callable, optional, keyword-only
         Von Mises stress at which the material yields; solutions then tell how much of it is used.
     degree : {1, 2, 3}, keyword-only
@@ -109,7 +126,7 @@ class Elasticity(Problem):
     Warns
     -----
     PrecisionWarning
-        If the solid is nearly incompressible and locks.
+        If the solid is nearly incompressible and locks, or its stiffness jumps within a cell.
 
     Examples
     --------
@@ -125,12 +142,13 @@ class Elasticity(Problem):
     """
 
     m: ClassVar[int] = 3
-    material: Isotropic
+    material: Isotropic | Anisotropic
     dilatation: str
 
     def __init__(
-        self, field: Any, cells: Any = None, *, young: Property = 1.0, poisson: Property = 0.3,
-        density: Property = 1.0, expansion: Property = 0.0, strength: Property | None = None,
+        self, field: Any, cells: Any = None, *, young: Property | None = None,
+        poisson: Property | None = None, density: Property = 1.0, expansion: Property = 0.0,
+        strength: Property | None = None, stiffness: Any = None, axes: str = "space",
         degree: int = 2, smoothness: int | None = None, q: int | None = None,
         stabilization: str = "auto", weight: float | None = None, dilatation: str = "auto",
         islands: str = "drop", domain: Any = None, through: Any = None, phases: Any = None,
@@ -142,14 +160,35 @@ class Elasticity(Problem):
             field, cells, degree=degree, smoothness=smoothness, q=q, stabilization=stabilization,
             weight=weight, domain=domain, through=through, phases=phases,
         )  # fmt: skip
-        known = {"lattice": lattice_of(field), "second": where.second}
-        material = Isotropic(
-            Scalar("young", young, **known),
-            Scalar("poisson", poisson, -1.0, 0.5, **known),
+        through, lattice = where.cut.through, lattice_of(field)
+        if lattice is None and through is not None and through.names:
+            lattice = MapProperties(through)
+        known = {"lattice": lattice, "second": where.second}
+        others = (
             Scalar("density", density, closed=True, **known),
             Scalar("expansion", expansion, -np.inf, **known),
             None if strength is None else Scalar("strength", strength, **known),
         )
+        material: Isotropic | Anisotropic
+        if stiffness is None:
+            if axes != "space":
+                raise InputError(f"axes={axes!r:.80} are those of a stiffness=, which is not given")
+            material = Isotropic(
+                Scalar("young", 1.0 if young is None else young, **known),
+                Scalar("poisson", 0.3 if poisson is None else poisson, -1.0, 0.5, **known),
+                *others,
+            )
+        else:
+            given = "young" if young is not None else "poisson" if poisson is not None else ""
+            if given:
+                raise InputError(
+                    f"stiffness and {given} are both given: leave out one of them; "
+                    "il.cutfem.orthotropic makes a stiffness of moduli"
+                )
+            if dilatation == "projected":
+                raise InputError("dilatation='projected' is not there for a stiffness; take 'auto'")
+            of = Stiffness.of(stiffness, axes, through, **known)
+            material = Anisotropic(of, *others)
         if where.interface is not None and dilatation == "projected":
             raise InputError("dilatation='projected' is not there for two phases; take 'auto'")
         super().__init__(where, islands)
@@ -329,11 +368,12 @@ class Elasticity(Problem):
     def projection(self) -> Dilatation | None:
         """What projects the change of volume, or None where it is taken at every point."""
         near = self._largest_nu >= FROM
-        phased = self.domain.interface is not None
+        phased = self.domain.interface is not None or self.material.full
         if (self.dilatation == "full" or phased) and near:
+            what = "a stiffness=" if self.material.full else "two phases"
             warnings.warn(
                 f"Poisson's ratio is up to {self._largest_nu:g}, and with "
-                f"{'two phases' if phased else 'dilatation=full'} the solid locks: it is too stiff "
+                f"{what if phased else 'dilatation=full'} the solid locks: it is too stiff "
                 f"by a tenth and more; take {'finer cells' if phased else 'dilatation=auto'}",
                 PrecisionWarning,
                 stacklevel=3,
@@ -344,6 +384,7 @@ class Elasticity(Problem):
 
         def make() -> Dilatation:
             rules = self.domain.stiff_rules(asm, constant=self.material.constant)
+            assert isinstance(self.material, Isotropic)  # no other is projected
             terms = as_terms(space.degree, space.smoothness)
             return Dilatation.of(asm, self.material, rules, terms)
 
@@ -354,7 +395,13 @@ class Elasticity(Problem):
 
     @cached_property
     def _largest_nu(self) -> float:
-        """Largest Poisson's ratio at the points of quadrature."""
+        """Largest Poisson's ratio, that of the nearest isotropic stiffness, at points of rules."""
+        if isinstance(self.material, Anisotropic):
+            parts = zip(
+                self.material.phases, self.domain.of_phases(self.domain.volume), strict=False
+            )
+            lame = [m.lame(self.assembly, part.points) for m, part in parts]
+            return float(max((0.5 * lam / (lam + mu)).max(initial=-1.0) for lam, mu in lame))
         if self.material.poisson.constant:
             return float(self.material.poisson.at(self.assembly, np.zeros((1, 3)))[0])
         return float(self.material.poisson.at(self.assembly, self.domain.volume.points).max())
@@ -369,6 +416,9 @@ class Elasticity(Problem):
         uniform = all(m.constant for m in phases)
         for rule in self.domain.stiff_rules(asm, constant=uniform):
             for m, part in zip(phases, self.domain.of_phases(rule), strict=False):
+                if isinstance(m, Anisotropic):
+                    jump = max(jump, self._add_matrices(data, m, part))
+                    continue
                 lame = m.lame(asm, part.points)
                 if uniform:
                     lam, mu = (float(v[0]) for v in lame)
@@ -379,7 +429,7 @@ class Elasticity(Problem):
                     if p or q:
                         d = np.broadcast_to(v, len(part))[:, None].copy()
                         asm.add_cells(data, part, kernels.PAIRS, d, p, q)
-        warn_of_jump("young", jump)
+        warn_of_jump("stiffness" if self.material.full else "young", jump)
         if projection is not None:
             projection.add(data)
         asm.add_ghost(data, self._ghost_stiffness)
@@ -388,6 +438,20 @@ class Elasticity(Problem):
         if asm.seam is not None:
             coupling.add_elastic(data, self)
         return asm.pattern.matrix(data)
+
+    def _add_matrices(self, data: FloatArray, m: Anisotropic, part: Quadrature) -> float:
+        """Add the stiffness of a phase that is given by matrices; by how much it jumps."""
+        asm = self.assembly
+        if m.constant:
+            C = m.matrices(asm, part.points[:1]).reshape(1, 36)
+            asm.add_cells(data, part, kernels.STIFFNESS, C)
+            return 1.0
+        per_cell = max(len(part) // max(len(part.cells), 1), 1)
+        for i in range(0, len(part.cells), max(AT_ONCE // per_cell, 1)):
+            some = some_cells(part, slice(i, i + max(AT_ONCE // per_cell, 1)))
+            C = m.matrices(asm, some.points).reshape(-1, 36)
+            asm.add_cells(data, some, kernels.STIFFNESS, np.ascontiguousarray(C))
+        return jump_within_cells(part, m.lame(asm, part.points)[1], partial(_shear, m, asm))
 
     def mass(self, density: Property | None = None) -> Any:
         """Consistent mass matrix on the nodes of `system`.
@@ -490,7 +554,7 @@ class Elasticity(Problem):
         assert rule.parameters is not None
         if load.kind == "temperature":
             s = self._thermal_stress(load, rule.parameters, self.assembly.owners(rule))
-            return None, s[:, None, None] * np.eye(3)
+            return None, s[:, PLACES]
         if load.kind == "pressure":
             assert rule.normals is not None
             return -values_at(load.kind, load.value, rule.points, 1) * rule.normals, None
@@ -519,7 +583,7 @@ class Elasticity(Problem):
         )
 
     def _thermal_stress(self, load: Load, u: FloatArray, owner: IntArray) -> FloatArray:
-        """Pressure that would keep a heated solid from expanding.
+        """Stress that would keep a heated solid from expanding, with the other sign.
 
         Parameters
         ----------
@@ -532,15 +596,19 @@ class Elasticity(Problem):
 
         Returns
         -------
-        ndarray, shape (n,)
-            (3 λ + 2 μ) α ΔT, the change of volume 3 α ΔT projected if that of the solid is.
+        ndarray, shape (n, 6)
+            (3 λ + 2 μ) α ΔT on the diagonal, the change of volume 3 α ΔT projected if that of the
+            solid is; xx, yy, zz, yz, xz, xy.
         """
-        lam, mu = self.material.lame(self.assembly, u)
-        strain = self._expansion_of(self.material, load, u)
-        if self.projection is None:
-            return (3 * lam + 2 * mu) * strain
-        projected = self.projection.at(self.projected_expansion[load], u, owner)
-        return 3 * lam * projected + 2 * mu * strain
+        m = self.material
+        strain = self._expansion_of(m, load, u)
+        if isinstance(m, Anisotropic):
+            return hindered(m, self.assembly, u) * strain[:, None]
+        lam, mu = m.lame(self.assembly, u)
+        volume = 3 * strain
+        if self.projection is not None:
+            volume = 3 * self.projection.at(self.projected_expansion[load], u, owner)
+        return np.multiply.outer(lam * volume + 2 * mu * strain, UNIT)
 
     @cached_property
     def projected_expansion(self) -> FixedMapping[Load, FloatArray]:
@@ -549,12 +617,15 @@ class Elasticity(Problem):
             return FixedMapping()
         rule = on_cells(self.domain.volume, self.assembly.space.cells)
         found, of_values, m = {}, self.projection.of_values, self.material
+        assert isinstance(m, Isotropic)
         for load in self.loads:
             if load.kind == "temperature":
                 found[load] = of_values(m, rule, self._expansion_of(m, load, rule.points))
         return FixedMapping({load: read_only(values) for load, values in found.items()})
 
-    def _expansion_of(self, material: Isotropic, load: Load, u: FloatArray) -> FloatArray:
+    def _expansion_of(
+        self, material: Isotropic | Anisotropic, load: Load, u: FloatArray
+    ) -> FloatArray:
         """Free expansion α ΔT (n,) of a phase under one temperature at parameters (n, 3)."""
         asm = self.assembly
         if hasattr(load.value, "evaluate"):
@@ -573,6 +644,6 @@ class Elasticity(Problem):
         return out
 
 
-def _shear(material: Isotropic, asm: Assembly, u: FloatArray) -> FloatArray:
+def _shear(material: Isotropic | Anisotropic, asm: Assembly, u: FloatArray) -> FloatArray:
     """Shear modulus (n,) at parameters."""
     return np.broadcast_to(material.lame(asm, u)[1], len(u))

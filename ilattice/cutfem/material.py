@@ -11,7 +11,7 @@ or not finite ends in an error that tells where.
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.rules import Quadrature
 from ilattice.errors import InputError, PrecisionWarning
 from ilattice.macroshape.lattice import Lattice
+from ilattice.macroshape.maps import SplineMap
 
 #: Factor by which a stiffness may jump within a cell without a warning; cells that are searched,
 #: steps of the search, and the part of the range that one of them takes where there is a jump.
@@ -28,6 +29,31 @@ STEEP, SEARCHED, STEPS, ABRUPT = 1.2, 20, 16, 0.4
 
 Single = float | str | Callable[[FloatArray], Any]
 Property = Single | tuple[Single, Single]
+
+
+@dataclass(frozen=True, eq=False)
+class MapProperties:
+    """Extra coordinates of a map as properties of a solid that is no wall.
+
+    Attributes
+    ----------
+    through : SplineMap
+        The map.
+    """
+
+    through: SplineMap
+
+    @property
+    def domain(self) -> FloatArray:
+        """Of the map."""
+        return self.through.domain
+
+    def property_at(self, name: str, u: FloatArray) -> FloatArray:
+        """Value (n,) of an extra coordinate at parameters (n, 3), as `Lattice.property_at`."""
+        if name not in self.through.names:
+            known = ", ".join(self.through.names)
+            raise InputError(f"the map has no extra coordinate {name!r}; it has: {known}")
+        return self.through.extra(u)[:, self.through.names.index(name)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +68,7 @@ class Scalar:
         The property; of both phases.
     low, high : float
         Values must lie strictly between; with `closed`, low itself is allowed.
-    lattice : Lattice or None
+    lattice : Lattice, MapProperties or None
         Where named properties come from.
     second : callable or None
         Tells of parameters (n, 3) whether they are in the second phase, if there are two.
@@ -53,7 +79,7 @@ class Scalar:
     low: float = 0.0
     high: float = np.inf
     closed: bool = False
-    lattice: Lattice | None = None
+    lattice: "Lattice | MapProperties | None" = None
     second: Callable[[FloatArray], AnyArray] | None = None
 
     def __post_init__(self) -> None:
@@ -66,7 +92,10 @@ class Scalar:
             _ = self.phases
         elif isinstance(self.value, str):
             if self.lattice is None:
-                raise InputError(f"{self.name}={self.value!r}: only walls have named properties")
+                raise InputError(
+                    f"{self.name}={self.value!r}: only walls, and maps with extra "
+                    "coordinates, have named properties"
+                )
             middle = self.lattice.domain.mean(axis=0, keepdims=True)
             self.lattice.property_at(self.value, middle)
         elif not callable(self.value):
@@ -198,6 +227,7 @@ class Isotropic:
         Von Mises stress at which the material yields.
     """
 
+    full: ClassVar[bool] = False
     young: Scalar
     poisson: Scalar
     density: Scalar

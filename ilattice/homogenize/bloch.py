@@ -44,7 +44,7 @@ SAME = 1e-5
 
 def bloch(
     field: Any, cells: Any = 12, *, path: Any = "GXMRG", count: int = 8, steps: int = 8,
-    system: str | None = None, young: Property = 1.0, poisson: Property = 0.3,
+    system: str | None = None, young: Property | None = None, poisson: Property | None = None,
     density: Property = 1.0, method: str = "auto", tol: float = 1e-4, max_iterations: int = 200,
     modes: bool = False, progress: Progress = None, **options: Any,
 ) -> Bands:  # fmt: skip
@@ -65,7 +65,8 @@ def bloch(
     system : {"cubic", "tetragonal", "orthorhombic", "hexagonal", "triclinic"}, optional
         Whose letters `path` has; by default by the edges of the cell.
     young, poisson, density : float, str or callable, keyword-only
-        As in `ilattice.cutfem.Elasticity`, also pairs for two `phases`.
+        As in `ilattice.cutfem.Elasticity`, also pairs for two `phases`; or ``stiffness`` and
+        ``axes`` instead, likewise.
     method : str, keyword-only
         Of the preconditioner, as in `ilattice.cutfem.Solver`.
     tol : float, keyword-only
