@@ -446,9 +446,10 @@ class Elasticity(Problem):
             C = m.matrices(asm, part.points[:1]).reshape(1, 36)
             asm.add_cells(data, part, kernels.STIFFNESS, C)
             return 1.0
-        per_cell = max(len(part) // max(len(part.cells), 1), 1)
-        for i in range(0, len(part.cells), max(AT_ONCE // per_cell, 1)):
-            some = some_cells(part, slice(i, i + max(AT_ONCE // per_cell, 1)))
+        count = len(part.cells)
+        step = max(AT_ONCE * count // max(len(part), 1), 1)
+        for i in range(0, count, step):
+            some = some_cells(part, slice(i, min(i + step, count)))
             C = m.matrices(asm, some.points).reshape(-1, 36)
             asm.add_cells(data, some, kernels.STIFFNESS, np.ascontiguousarray(C))
         return jump_within_cells(part, m.lame(asm, part.points)[1], partial(_shear, m, asm))

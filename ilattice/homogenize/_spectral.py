@@ -37,12 +37,12 @@ class VoxelGrid:
     ----------
     phase : ndarray of int32, shape (n0, n1, n2)
         Row of `table` of every voxel.
-    table : ndarray, shape (phases, 2 or 6)
-        Lamé constants, or conductivities xx, yy, zz, yz, xz, xy.
+    table : ndarray, shape (phases, 2, 6 or 36)
+        Lamé constants, conductivities xx, yy, zz, yz, xz, xy, or stiffnesses, row by row.
     spacing : ndarray, shape (3,)
         Edges of voxels.
     reference : ndarray, shape (2 or 6,)
-        The row of the material that preconditions.
+        Lamé constants, or conductivities, of the material that preconditions.
     """
 
     phase: AnyArray
@@ -53,7 +53,7 @@ class VoxelGrid:
     @property
     def m(self) -> int:
         """Components of the field."""
-        return 3 if self.table.shape[1] == 2 else 1
+        return 1 if self.table.shape[1] == 6 else 3
 
     @property
     def shape(self) -> tuple[int, int, int, int]:
