@@ -32,6 +32,23 @@ Property = Single | tuple[Single, Single]
 
 
 @dataclass(frozen=True, eq=False)
+class OfParameters:
+    """A property as a function of parameters (n, 3), not of points of space.
+
+    Attributes
+    ----------
+    function : callable
+        Returns values (n,).
+    """
+
+    function: Callable[[FloatArray], FloatArray]
+
+    def __call__(self, u: FloatArray, /) -> FloatArray:
+        """Values (n,) at parameters (n, 3)."""
+        return self.function(u)
+
+
+@dataclass(frozen=True, eq=False)
 class MapProperties:
     """Extra coordinates of a map as properties of a solid that is no wall.
 
@@ -154,7 +171,8 @@ class Scalar:
             return self._check(self.lattice.property_at(self.value, u))
         if not callable(self.value):
             return np.array([float(np.ravel(self.value)[0])])  # type: ignore[arg-type]
-        value = as_array(self.name, asked(self.name, self.value, asm.x(u)), finite=False)
+        places = u if isinstance(self.value, OfParameters) else asm.x(u)
+        value = as_array(self.name, asked(self.name, self.value, places), finite=False)
         if value.shape != (len(u),):
             raise InputError(
                 f"{self.name} must give one value per point, shape ({len(u)},), got {value.shape}"

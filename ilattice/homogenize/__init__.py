@@ -12,6 +12,7 @@
 `elastic`              stiffness of any solid on cut cells: the reference, and the default
 `ElasticCell`          the same cell under mean stresses: stresses inside, first yield
 `conductive`           conductivity, likewise
+`macro`                the macro-shape of a lattice as a solid with the stiffness of its tiles
 `voxels`               stiffness of an array of voxels: tomograms, labels, fill fractions
 `conductive_voxels`    conductivity, likewise
 `read_voxels`          arrays of voxels from files
@@ -31,6 +32,7 @@ from ilattice.homogenize.effective import Effective
 from ilattice.homogenize.elastic import ElasticCell, elastic
 from ilattice.homogenize.images import read_voxels
 from ilattice.homogenize.local import LocalFields
+from ilattice.homogenize.macro import macro
 from ilattice.homogenize.sweep import Fit, Rows, sweep
 from ilattice.homogenize.voxel import conductive_voxels, voxels
 from ilattice.homogenize.waves import BlochCell
@@ -55,6 +57,7 @@ __all__ = [
     "conductive",
     "conductive_voxels",
     "elastic",
+    "macro",
     "read_voxels",
     "sweep",
     "voxels",
