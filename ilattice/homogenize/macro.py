@@ -26,6 +26,7 @@ import numpy as np
 
 from ilattice._typing import FloatArray
 from ilattice._validate import as_flag, as_kind, as_positive, as_whole
+from ilattice.bspline import BSpline
 from ilattice.cutfem.anisotropic import Graded, turns
 from ilattice.cutfem.elasticity import Elasticity
 from ilattice.cutfem.material import OfParameters
@@ -34,6 +35,9 @@ from ilattice.homogenize.effective import Effective
 from ilattice.homogenize.elastic import elastic
 from ilattice.macroshape.cells import cell
 from ilattice.macroshape.lattice import Lattice
+from ilattice.macroshape.maps import SplineMap
+from ilattice.offsets.first_order import ParametricWall
+from ilattice.offsets.thickness import Thickness
 from ilattice.offsets.wall import Wall
 from ilattice.tiles.tile import Tile
 
@@ -50,31 +54,40 @@ class Tiles:
 
     Attributes
     ----------
-    wall : Wall
-        Of one tile.
+    through : SplineMap
+        The map.
+    periods : ndarray, shape (3,)
+        Of tiles, in parameters.
+    outer : BSpline
+        Half-thickness of the outer side.
+    relative : bool
+        Whether that is in units of tiles already.
     """
 
-    wall: Wall
+    through: SplineMap
+    periods: FloatArray
+    outer: BSpline
+    relative: bool
+
+    @classmethod
+    def of(cls, wall: Wall) -> "Tiles":
+        """Those of a wall."""
+        lattice = wall.lattice
+        periods = np.ptp(lattice.domain, axis=0) / lattice.repeat
+        relative = isinstance(wall, ParametricWall)
+        return cls(lattice.through, periods, wall._asked.outer, relative)
 
     def edges(self, u: FloatArray) -> FloatArray:
         """Edges (n, 3, 3) of tiles at parameters (n, 3) as columns, along axes of the map."""
-        lattice = self.wall.lattice
-        J = lattice.through.jacobian(u)
-        periods = np.ptp(lattice.domain, axis=0) / lattice.repeat
-        return np.asarray(np.swapaxes(turns(J), 1, 2) @ J * periods)
+        J = self.through.jacobian(u)
+        return np.asarray(np.swapaxes(turns(J), 1, 2) @ J * self.periods)
 
     def thickness(self, u: FloatArray) -> FloatArray:
         """Half-thickness (n,), of the outer side, over the cube root of the volume of the tile."""
-        d = self.wall._asked.at(u, np.ones(len(u)))
-        if self.wall._exact:
+        d = self.outer(u)
+        if not self.relative:
             d = d / np.abs(np.linalg.det(self.edges(u))) ** (1 / 3)
         return np.asarray(d)
-
-    def inner(self, u: FloatArray) -> FloatArray:
-        """The other side over the outer one (n,)."""
-        both = (self.wall._asked.at(u, s * np.ones(len(u))) for s in (-1.0, 1.0))
-        inner, outer = both
-        return np.asarray(inner / outer)
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,20 +178,15 @@ def macro(
         raise InputError(f"{sorted(wrong)} are not there for macro: the wall has its own")
     density = as_positive("density", density)
     count, flag = as_whole("samples", samples, 2, 100), as_flag("estimate", estimate)
-    tiles = Tiles(wall)
+    tiles = Tiles.of(wall)
     u = _looked_at(lattice)
-    edges, proportion = _mean_edges(tiles.edges(u)), _proportion(tiles, u)
+    edges, proportion = _mean_edges(tiles.edges(u)), _proportion(wall._asked, u)
     t = tiles.thickness(u)
     low, high = float(t.min()), float(t.max())
     alike = high - low <= ALIKE * max(abs(high), abs(low))
     at = np.array([0.5 * (low + high)]) if alike else np.linspace(low, high, count)
-    found = [
-        elastic(
-            _one(lattice, edges, proportion, float(d), exact=wall._exact), tile_cells,
-            young=young, poisson=poisson, estimate=flag,
-        )
-        for d in at
-    ]  # fmt: skip
+    alone = [_one(wall, edges, proportion, float(d)) for d in at]
+    found = [elastic(one, tile_cells, young=young, poisson=poisson, estimate=flag) for one in alone]
     _check_bearing(found)
     local = _Clipped(tiles, low, high)
     filled = np.array([eff.density for eff in found])
@@ -218,17 +226,16 @@ def _mean_edges(edges: FloatArray) -> FloatArray:
     return np.asarray(mean)
 
 
-def _proportion(tiles: Tiles, u: FloatArray) -> float:
+def _proportion(thickness: Thickness, u: FloatArray) -> float:
     """The inner side over the outer one, which is infinite for solids."""
-    wall = tiles.wall
-    if wall._asked.symmetric:
+    if thickness.symmetric:
         return 1.0
-    if wall._asked.solid:
+    if thickness.solid:
         return np.inf
-    outer = wall._asked.at(u, np.ones(len(u)))
+    outer = thickness.outer(u)
     if not np.abs(outer).min() > 0.0:
         raise InputError("wall: its outer side must be thicker than zero for macro")
-    parts = tiles.inner(u)
+    parts = thickness.inner(u) / outer
     if np.ptp(parts) > 1e-6 * np.abs(parts).max():
         raise InputError(
             "wall: its sides change differently, from one place to another in proportion "
@@ -237,12 +244,13 @@ def _proportion(tiles: Tiles, u: FloatArray) -> float:
     return float(parts.mean())
 
 
-def _one(lattice: Lattice, edges: FloatArray, proportion: float, d: float, *, exact: bool) -> Wall:
+def _one(wall: Wall, edges: FloatArray, proportion: float, d: float) -> Wall:
     """One tile of volume 1 with its wall."""
+    lattice = wall.lattice
     alone = Lattice(
         lattice.tile, through=cell(edges), repeat=1, spans_per_tile=lattice.spans_per_tile
     )
-    space = "euclidean" if exact else "parametric"
+    space = "parametric" if isinstance(wall, ParametricWall) else "euclidean"
     inner = proportion if np.isinf(proportion) else proportion * d
     return alone.offset(d if proportion == 1.0 else (inner, d), space=space)
 

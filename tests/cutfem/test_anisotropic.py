@@ -1,17 +1,12 @@
 """Stiffness of any symmetry: patch tests, turned axes, a tube of Lekhnitskii, identities."""
 
-import sys
-from pathlib import Path
-
+import naive_homogenize as naive
 import numpy as np
 import pytest
 
 import ilattice as il
 from ilattice.cutfem import Elasticity, Graded, orthotropic
 from ilattice.errors import InputError, PrecisionWarning
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-import naive_homogenize as naive  # noqa: E402
 
 rng = np.random.default_rng(7)
 C = naive.random_stiffness(rng)
@@ -110,7 +105,8 @@ def test_a_tube_whose_axes_turn_with_it_is_that_of_lekhnitskii():
         solution = problem.solve()
         u = np.random.default_rng(1).uniform(0.05, 0.95, (200, 3))
         off.append(np.abs(solution.evaluate(u) - tube(quarter.x(u), k)).max())
-    assert off[1] < 2e-3 and np.log2(off[0] / off[1]) > 2.3
+    assert off[1] < 2e-3
+    assert np.log2(off[0] / off[1]) > 2.3
     wrong = Elasticity(full, (6, 6, 2), stiffness=stiff, through=quarter,
                        domain=[[0.0] * 3, [1.0] * 3])  # fmt: skip
     for place in ("u=0", "u=1", "v=0", "v=1", "w=0", "w=1"):
@@ -168,8 +164,9 @@ def test_graded_is_between_and_monotone():
     graded = Graded(lambda x: x[:, 0], [0.0, 1.0, 4.0], [C, 2 * C, 9 * C])
     t = np.linspace(0, 4, 50)
     factor = graded.between(t)[:, 0, 0] / C[0, 0]
-    assert (np.diff(factor) > 0).all() and factor[0] == 1 and factor[-1] == pytest.approx(9)
-    with pytest.raises(InputError, match="given from 0 to 4, but its property is 4.5"):
+    assert (np.diff(factor) > 0).all()
+    assert factor[[0, -1]] == pytest.approx([1, 9])
+    with pytest.raises(InputError, match="from 0 to 4, but its property is 4"):
         graded.between([4.5])
     with pytest.raises(ValueError, match="read-only"):
         graded.C[0, 0, 0] = 1.0
