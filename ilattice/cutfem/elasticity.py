@@ -601,15 +601,18 @@ class Elasticity(Problem):
             (3 λ + 2 μ) α ΔT on the diagonal, the change of volume 3 α ΔT projected if that of the
             solid is; xx, yy, zz, yz, xz, xy.
         """
-        m = self.material
-        strain = self._expansion_of(m, load, u)
-        if isinstance(m, Anisotropic):
-            return hindered(m, self.assembly, u) * strain[:, None]
-        lam, mu = m.lame(self.assembly, u)
-        volume = 3 * strain
-        if self.projection is not None:
-            volume = 3 * self.projection.at(self.projected_expansion[load], u, owner)
-        return np.multiply.outer(lam * volume + 2 * mu * strain, UNIT)
+        asm, m = self.assembly, self.material
+        if self.projection is None:
+            # of the phase of the element: points of rules may seem to be on the other side
+            stresses = [
+                hindered(one, asm, u) * self._expansion_of(one, load, u)[:, None]
+                for one in m.phases
+            ]
+            return self.domain.by_phase(stresses, asm.space.cells[owner])
+        lam, mu = m.lame(asm, u)
+        projected = self.projection.at(self.projected_expansion[load], u, owner)
+        strain = 3 * lam * projected + 2 * mu * self._expansion_of(m, load, u)
+        return np.multiply.outer(strain, UNIT)
 
     @cached_property
     def projected_expansion(self) -> FixedMapping[Load, FloatArray]:

@@ -137,7 +137,8 @@ class PhasedDomain(Domain):
 
     def by_phase(self, values: list[FloatArray], elements: IntArray) -> FloatArray:
         """See `Domain.by_phase`."""
-        return np.where(self.elements.second[elements], values[1], values[0])
+        second = self.elements.second[elements]
+        return np.where(second.reshape(-1, *(1,) * (values[0].ndim - 1)), values[1], values[0])
 
     def of_phases(self, rule: Quadrature) -> tuple[Quadrature, ...]:
         """See `Domain.of_phases`."""

@@ -65,7 +65,10 @@ class ElasticCell(CellProblem, Elasticity):
     def _minus_flux(self, E: FloatArray, rule: Quadrature) -> tuple[None, FloatArray]:
         """Stress P (n, 3, 3) that a mean strain loads with at the points of a rule in space."""
         assert rule.parameters is not None
-        stress = _stress(self.material, self.assembly, rule.parameters, E)
+        # of the phase of the element: points of rules may seem to be on the other side
+        asm, u = self.assembly, rule.parameters
+        both = [_stress(m, asm, u, E) for m in self.material.phases]
+        stress = self.domain.by_phase(both, rule.cells[rule.owners])
         return None, np.broadcast_to(-stress, (len(rule), 3, 3))
 
     def _seam_force(self, E: FloatArray) -> FloatArray:
@@ -88,6 +91,10 @@ class ElasticCell(CellProblem, Elasticity):
         """See `CellProblem._scale`."""
         K, G = tensors.bulk_and_shear(self.moments())
         return float((K + 4.0 * G / 3.0) * max(self.cell_volume, 1e-300) ** (-1 / 3))
+
+    def _whole(self) -> FloatArray:
+        """See `CellProblem._whole`."""
+        return self.moments().diagonal()
 
     def moments(self) -> FloatArray:
         """Integral of the stiffness over the active solid.
