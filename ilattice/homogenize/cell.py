@@ -39,9 +39,6 @@ FULL = 1e-9
 ROUNDING = 1e-13
 #: Unknowns up to which a factor is faster than multigrid; steps from which on it takes over.
 SMALL, MANY = 3000, 100
-#: Part of a stiffness that is left from which on nothing is lost by subtraction; part of it by
-#: which energies may be off, and are said to be off; most steps to get there.
-NEAR, CLOSE, BEYOND, SETTLED = 0.05, 1e-9, 1e-3, 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -301,8 +298,6 @@ class CellProblem(Problem):
                 report = self._finish(left, U, B, solver, report, how)
             near = [r for r in residuals if r < USELESS]
             spared, solved = max(near, default=spared), len(there) - len(near)
-        if solver is not None:
-            self._settle(there, U, B, solver)
         coefficients = np.zeros_like(F)
         for i in range(k):
             coefficients[..., i] = system.constraints.expand(U[:, i].reshape(-1, self.m))
@@ -316,40 +311,6 @@ class CellProblem(Problem):
                     self._part_missed(coefficients[..., a], whole) <= EXACT
                 )
         return Answer(energies, exact, coefficients, report, solved, spared)
-
-    def _settle(self, there: IntArray, U: FloatArray, B: FloatArray, solver: Solver) -> None:
-        """Go on, in U, where loads relax nearly all: what is left is a difference of large numbers.
-
-        Of a hard inclusion a small part of the load is a large one for what is around it. The
-        energy of the residual tells; a step of it is made at least once.
-        """
-        whole = self._whole()
-        left, off = np.zeros(len(whole)), np.zeros(len(whole))
-        for _ in range(SETTLED):
-            KU = solver.multiply(U)
-            left[there] = (whole - (U * (2.0 * B - KU)).sum(axis=0))[there]
-            near = there[np.abs(left[there]) < NEAR * whole[there]]
-            rest = np.ascontiguousarray((B - KU)[:, near])
-            if not rest.any():
-                return
-            more = solver.solve(rest, tol=0.1)[0]
-            U[:, near] += more
-            off[near] = (rest * more).sum(axis=0)
-            if (np.abs(off[near]) <= CLOSE * np.abs(left[near])).all():
-                break
-        noise = np.maximum(np.abs(off), 1e-15 * whole)[near] / np.abs(left[near])
-        if noise.max() > BEYOND:
-            warnings.warn(
-                f"the phases differ so much that what they bear together is off by about "
-                f"{100 * min(float(noise.max()), 1.0):.2g} % by rounding; make the hard one "
-                "softer, which hardly changes it",
-                PrecisionWarning,
-                stacklevel=outside(),
-            )
-
-    def _whole(self) -> FloatArray:
-        """Twice the energies (k,) of the loads, as if nothing were relaxed."""
-        raise NotImplementedError
 
     def _solved(
         self, B: FloatArray, method: str, tol: float, max_iterations: int, progress: Any

@@ -72,10 +72,6 @@ class ConductiveCell(CellProblem, Heat):
         """See `CellProblem._scale`."""
         return self.moment() * self.cell_volume ** (-1 / 3)
 
-    def _whole(self) -> FloatArray:
-        """See `CellProblem._whole`."""
-        return np.full(3, self.moment())
-
     def moment(self) -> float:
         """Integral of the conductivity over the active solid.
 

@@ -92,10 +92,6 @@ class ElasticCell(CellProblem, Elasticity):
         K, G = tensors.bulk_and_shear(self.moments())
         return float((K + 4.0 * G / 3.0) * max(self.cell_volume, 1e-300) ** (-1 / 3))
 
-    def _whole(self) -> FloatArray:
-        """See `CellProblem._whole`."""
-        return self.moments().diagonal()
-
     def moments(self) -> FloatArray:
         """Integral of the stiffness over the active solid.
 
