@@ -24,9 +24,9 @@ import numpy as np
 
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import Frozen, among, as_array, asked, check_finite, read_only
+from ilattice.cutfem._voigt import MANDEL, UNIT, bulk_and_shear, rotated
 from ilattice.cutfem.assembly import Assembly, constant_jacobian
 from ilattice.cutfem.material import Isotropic, Property, Scalar
-from ilattice.cutfem.voigt import MANDEL, UNIT, bulk_and_shear, rotated
 from ilattice.errors import InputError
 from ilattice.macroshape.maps import SplineMap
 
@@ -72,8 +72,8 @@ class Graded(Frozen):
     """
 
     by: Property
-    at: FloatArray
-    C: FloatArray
+    at: ArrayLike
+    C: ArrayLike
 
     def __post_init__(self) -> None:
         at = as_array("at", self.at)
@@ -108,8 +108,8 @@ class Graded(Frozen):
         """
         from scipy.interpolate import PchipInterpolator
 
-        t = as_array("values", values)
-        lo, hi = self.at[0], self.at[-1]
+        t, at = as_array("values", values), np.asarray(self.at)
+        lo, hi = at[0], at[-1]
         slack = 1e-9 * (hi - lo)
         out = (t < lo - slack) | (t > hi + slack)
         if out.any():
@@ -117,7 +117,7 @@ class Graded(Frozen):
                 f"stiffness is given from {lo:g} to {hi:g}, but its property is {t[out][0]:g}; "
                 "give matrices for that, too"
             )
-        return np.asarray(PchipInterpolator(self.at, self.C)(np.clip(t, lo, hi)))
+        return np.asarray(PchipInterpolator(at, np.asarray(self.C))(np.clip(t, lo, hi)))
 
 
 def as_matrices(name: str, value: Any) -> FloatArray:
@@ -337,7 +337,7 @@ class Anisotropic:
     strength: Scalar | None = None
 
     @property
-    def phases(self) -> "tuple[Anisotropic, Anisotropic]":
+    def phases(self) -> "tuple[Material, Material]":
         """The material of the first and of the second phase."""
         parts = [getattr(self, f.name) for f in fields(self)]
         first, second = ([s and s.phases[k] for s in parts] for k in (0, 1))
@@ -363,7 +363,10 @@ class Anisotropic:
         return K - 2.0 * G / 3.0, G
 
 
-def hindered(material: Isotropic | Anisotropic, asm: Assembly, u: FloatArray) -> FloatArray:
+Material = Isotropic | Anisotropic
+
+
+def hindered(material: Material, asm: Assembly, u: FloatArray) -> FloatArray:
     """Stress (n, 6) or (1, 6) of a unit strain in all directions, at parameters (n, 3)."""
     if isinstance(material, Anisotropic):
         return material.matrices(asm, u) @ UNIT

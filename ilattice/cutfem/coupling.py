@@ -17,11 +17,11 @@ import numpy as np
 
 from ilattice._typing import FloatArray
 from ilattice.cutfem._kernels_surface import seam_blocks
+from ilattice.cutfem._voigt import PLACES
 from ilattice.cutfem.anisotropic import Anisotropic, hindered
 from ilattice.cutfem.assembly import BATCH_BYTES, Assembly
 from ilattice.cutfem.conditions import Load
 from ilattice.cutfem.rules import Quadrature
-from ilattice.cutfem.voigt import PLACES
 from ilattice.cutfem.weak import NITSCHE, cell_heights, functions_at, normal_stiffness, tractions_of
 
 if TYPE_CHECKING:
@@ -90,10 +90,8 @@ def _lame(problem: "Elasticity") -> tuple[tuple[FloatArray, FloatArray], list[Fl
 def _matrices(problem: "Elasticity") -> list[FloatArray] | None:
     """Stiffnesses (n, 6, 6) of both phases at the seam, of materials that are given by them."""
     asm, _, u = _surface(problem.assembly)
-    phases = problem.material.phases
-    if not (isinstance(phases[0], Anisotropic) and isinstance(phases[1], Anisotropic)):
-        return None
-    return [np.broadcast_to(m.matrices(asm, u), (len(u), 6, 6)) for m in phases]  # type: ignore[union-attr]
+    found = [m for m in problem.material.phases if isinstance(m, Anisotropic)]
+    return [np.broadcast_to(m.matrices(asm, u), (len(u), 6, 6)) for m in found] or None
 
 
 def _tractions(problem: "Elasticity") -> Tractions:

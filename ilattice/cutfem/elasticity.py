@@ -31,7 +31,8 @@ from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import FixedMapping, among, as_choice, as_kind, as_points, read_only
 from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem import coupling, weak
-from ilattice.cutfem.anisotropic import AT_ONCE, Anisotropic, Stiffness, hindered
+from ilattice.cutfem._voigt import PLACES, UNIT
+from ilattice.cutfem.anisotropic import AT_ONCE, Anisotropic, Material, Stiffness, hindered
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.conditions import Load, Support, values_at
 from ilattice.cutfem.dilatation import FROM, Dilatation, as_terms
@@ -49,7 +50,6 @@ from ilattice.cutfem.multigrid import Blocks
 from ilattice.cutfem.phases import as_phased
 from ilattice.cutfem.problem import ISLANDS, Problem
 from ilattice.cutfem.rules import Quadrature, on_cells, some_cells
-from ilattice.cutfem.voigt import PLACES, UNIT
 from ilattice.errors import InputError, PrecisionWarning
 
 if TYPE_CHECKING:
@@ -76,6 +76,8 @@ class Elasticity(Problem):
         expansion per degree; by default 1, 0.3, 1 and 0. A callable takes points of space (n, 3);
         a name is that of a property of the lattice, or of an extra coordinate of the map; with
         `phases`, a pair of these is one of each.
+    strength : float, str or callable, optional, keyword-only
+        Von Mises stress at which the material yields; solutions then tell how much of it is used.
     stiffness : array_like, shape (6, 6), Graded or callable, optional, keyword-only
         Of any symmetry, instead of `young` and `poisson`: symmetric and positive definite, in
         Voigt order xx, yy, zz, yz, xz, xy with engineering shear. A callable takes points of space
@@ -83,8 +85,6 @@ class Elasticity(Problem):
     axes : {"space", "map"}, keyword-only
         Whether the axes of `stiffness` are x, y, z, or turn with the map; see
         `ilattice.cutfem.anisotropic`.
-    strength : float, str or callable, optional, keyword-only
-        Von Mises stress at which the material yields; solutions then tell how much of it is used.
     degree : {1, 2, 3}, keyword-only
         Of the splines.
     smoothness : int, optional, keyword-only
@@ -142,7 +142,7 @@ class Elasticity(Problem):
     """
 
     m: ClassVar[int] = 3
-    material: Isotropic | Anisotropic
+    material: Material
     dilatation: str
 
     def __init__(
@@ -169,9 +169,9 @@ class Elasticity(Problem):
             Scalar("expansion", expansion, -np.inf, **known),
             None if strength is None else Scalar("strength", strength, **known),
         )
-        material: Isotropic | Anisotropic
+        material: Material
         if stiffness is None:
-            if axes != "space":
+            if not among(axes, ("space",)):
                 raise InputError(f"axes={axes!r:.80} are those of a stiffness=, which is not given")
             material = Isotropic(
                 Scalar("young", 1.0 if young is None else young, **known),
@@ -349,6 +349,7 @@ class Elasticity(Problem):
         if self.projection is None:
             return super()._discretization_error(product, c, energy)
         if "soft" not in self._held:
+            assert isinstance(self.material, Isotropic)
             soft = replace(self.material, poisson=replace(self.material.poisson, value=SOFT))
             self._held["soft"] = self._with(material=soft, dilatation="full", _held={})
         like = self._held["soft"]
@@ -627,9 +628,7 @@ class Elasticity(Problem):
                 found[load] = of_values(m, rule, self._expansion_of(m, load, rule.points))
         return FixedMapping({load: read_only(values) for load, values in found.items()})
 
-    def _expansion_of(
-        self, material: Isotropic | Anisotropic, load: Load, u: FloatArray
-    ) -> FloatArray:
+    def _expansion_of(self, material: Material, load: Load, u: FloatArray) -> FloatArray:
         """Free expansion α ΔT (n,) of a phase under one temperature at parameters (n, 3)."""
         asm = self.assembly
         if hasattr(load.value, "evaluate"):
@@ -648,6 +647,6 @@ class Elasticity(Problem):
         return out
 
 
-def _shear(material: Isotropic | Anisotropic, asm: Assembly, u: FloatArray) -> FloatArray:
+def _shear(material: Material, asm: Assembly, u: FloatArray) -> FloatArray:
     """Shear modulus (n,) at parameters."""
     return np.broadcast_to(material.lame(asm, u)[1], len(u))

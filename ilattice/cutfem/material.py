@@ -11,7 +11,7 @@ or not finite ends in an error that tells where.
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -22,6 +22,9 @@ from ilattice.cutfem.rules import Quadrature
 from ilattice.errors import InputError, PrecisionWarning
 from ilattice.macroshape.lattice import Lattice
 from ilattice.macroshape.maps import SplineMap
+
+if TYPE_CHECKING:
+    from ilattice.cutfem.anisotropic import Material
 
 #: Factor by which a stiffness may jump within a cell without a warning; cells that are searched,
 #: steps of the search, and the part of the range that one of them takes where there is a jump.
@@ -253,7 +256,7 @@ class Isotropic:
     strength: Scalar | None = None
 
     @property
-    def phases(self) -> "tuple[Isotropic, Isotropic]":
+    def phases(self) -> "tuple[Material, Material]":
         """The material of the first and of the second phase."""
         scalars = [getattr(self, f.name) for f in fields(self)]
         first, second = ([s and s.phases[k] for s in scalars] for k in (0, 1))

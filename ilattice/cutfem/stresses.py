@@ -12,9 +12,9 @@ import numpy as np
 
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_points
+from ilattice.cutfem._voigt import VOIGT
 from ilattice.cutfem.anisotropic import Anisotropic
 from ilattice.cutfem.output import Result
-from ilattice.cutfem.voigt import VOIGT
 from ilattice.errors import InputError
 
 if TYPE_CHECKING:

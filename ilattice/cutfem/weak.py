@@ -16,12 +16,12 @@ import numpy as np
 from ilattice._typing import FloatArray, IntArray
 from ilattice.cutfem import _kernels_basis as basis
 from ilattice.cutfem._kernels_surface import seam_blocks, surface_blocks
+from ilattice.cutfem._voigt import PLACES, tensor
 from ilattice.cutfem.anisotropic import Anisotropic
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.conditions import Spring, Support, stiffness_at, values_at
 from ilattice.cutfem.rules import Quadrature
 from ilattice.cutfem.space import IDENTITY
-from ilattice.cutfem.voigt import PLACES, tensor
 
 if TYPE_CHECKING:
     from ilattice.cutfem.elasticity import Elasticity

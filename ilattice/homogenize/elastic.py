@@ -25,12 +25,12 @@ from ilattice._progress import Progress
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import as_flag, read_only
 from ilattice.cutfem import coupling
-from ilattice.cutfem.anisotropic import AT_ONCE, Anisotropic, hindered
+from ilattice.cutfem._voigt import PLACES
+from ilattice.cutfem.anisotropic import AT_ONCE, Anisotropic, Material, hindered
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.elasticity import Elasticity
-from ilattice.cutfem.material import Isotropic, Property
+from ilattice.cutfem.material import Property
 from ilattice.cutfem.rules import Quadrature
-from ilattice.cutfem.voigt import PLACES
 from ilattice.errors import InputError
 from ilattice.homogenize import tensors
 from ilattice.homogenize._result import SOFT
@@ -219,9 +219,6 @@ class ElasticCell(CellProblem, Elasticity):
         return homogenized(self, *how, estimate=as_flag("estimate", estimate))
 
 
-Material = Isotropic | Anisotropic
-
-
 def _stress(m: Material, asm: Assembly, u: FloatArray, E: FloatArray) -> FloatArray:
     """Stresses (n, 3, 3) or (1, 3, 3) of one strain at parameters (n, 3)."""
     if isinstance(m, Anisotropic):
@@ -240,11 +237,11 @@ def _integral(
         if not soft:
             return tensors.isotropic(float(w @ lam), float(w @ mu))
         K, G = (1.0 / float(w @ (1.0 / v)) for v in (lam + 2.0 * mu / 3.0, mu))
-        return np.linalg.inv(tensors.of_moduli(K, G))
+        return np.asarray(np.linalg.inv(tensors.of_moduli(K, G)), np.float64)
     total = np.zeros((6, 6))
     for i in range(0, len(w), AT_ONCE):
         C, part = m.matrices(asm, u[i : i + AT_ONCE]), w[i : i + AT_ONCE]
-        C = np.linalg.inv(C) if soft else C
+        C = np.asarray(np.linalg.inv(C), np.float64) if soft else C
         total += part.sum() * C[0] if len(C) == 1 else np.einsum("n,nij->ij", part, C)
     return total
 
@@ -371,7 +368,7 @@ def _bounds(problem: ElasticCell) -> tuple[float, Bounds]:
         moduli.append(tuple(map(float, tensors.bulk_and_shear(mean))) if known else None)
     density = float(fractions.sum())
     full = density > 1.0 - FULL
-    reuss = np.linalg.inv(soft) if full else np.zeros((6, 6))
+    reuss = np.asarray(np.linalg.inv(soft), np.float64) if full else np.zeros((6, 6))
     intervals: Any = (None, None)
     if None not in moduli:
         K, G = np.array([*moduli, (0.0, 0.0)]).T

@@ -248,7 +248,7 @@ def _one(wall: Wall, edges: FloatArray, proportion: float, d: float) -> Wall:
     """One tile of volume 1 with its wall."""
     lattice = wall.lattice
     alone = Lattice(
-        lattice.tile, through=cell(edges), repeat=1, spans_per_tile=lattice.spans_per_tile
+        lattice.tile, through=cell(edges), repeat=(1, 1, 1), spans_per_tile=lattice.spans_per_tile
     )
     space = "parametric" if isinstance(wall, ParametricWall) else "euclidean"
     inner = proportion if np.isinf(proportion) else proportion * d

@@ -15,23 +15,19 @@ import numpy as np
 
 from ilattice._typing import FloatArray
 from ilattice._validate import as_array
-from ilattice.cutfem.voigt import (
-    MANDEL,
-    SHAPE,
-    UNIT,
-    VOLUME,
-    bulk_and_shear,
-    isotropic,
-    rotated,
-    tensor,
-)
-from ilattice.cutfem.voigt import VOIGT as PAIRS
+from ilattice.cutfem._voigt import MANDEL as MANDEL
+from ilattice.cutfem._voigt import SHAPE as SHAPE
+from ilattice.cutfem._voigt import UNIT as UNIT
+from ilattice.cutfem._voigt import VOIGT
+from ilattice.cutfem._voigt import VOLUME as VOLUME
+from ilattice.cutfem._voigt import bulk_and_shear as bulk_and_shear
+from ilattice.cutfem._voigt import isotropic as isotropic
+from ilattice.cutfem._voigt import rotated as rotated
+from ilattice.cutfem._voigt import tensor as tensor
 from ilattice.errors import InputError
 
-__all__ = [
-    "MANDEL", "PAIRS", "SHAPE", "UNIT", "VOLUME", "bulk_and_shear", "isotropic", "rotated",
-    "tensor",
-]  # fmt: skip
+#: Pairs of axes in Voigt order.
+PAIRS = VOIGT
 
 
 def compliance(C: FloatArray, soft: float) -> FloatArray:

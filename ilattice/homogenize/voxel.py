@@ -27,9 +27,9 @@ from ilattice._memory import need
 from ilattice._progress import Progress
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import as_array, as_flag, as_positive, as_triple, as_whole
+from ilattice.cutfem._voigt import PLACES
 from ilattice.cutfem.anisotropic import as_matrices
 from ilattice.cutfem.discretization import LEAST
-from ilattice.cutfem.voigt import PLACES
 from ilattice.errors import InputError, PrecisionWarning
 from ilattice.homogenize import tensors
 from ilattice.homogenize._result import SOFT, HomogenizationReport

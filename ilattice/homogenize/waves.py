@@ -23,10 +23,9 @@ from ilattice._typing import FloatArray
 from ilattice._validate import read_only
 from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem import coupling
-from ilattice.cutfem.anisotropic import Anisotropic
+from ilattice.cutfem.anisotropic import Anisotropic, Material
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.constraints import Constraints
-from ilattice.cutfem.material import Isotropic
 from ilattice.cutfem.multigrid import Blocks
 from ilattice.cutfem.solvers import Solver
 from ilattice.errors import InputError
@@ -324,7 +323,7 @@ class BlochCell(ElasticCell):
 
 
 def _factors(
-    m: Isotropic | Anisotropic, asm: Assembly, u: FloatArray, *, uniform: bool
+    m: Material, asm: Assembly, u: FloatArray, *, uniform: bool
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Stiffnesses (6, 6), and factors (n, 1) or (1, 1) of them at parameters, to be summed up."""
     n = len(u)
@@ -343,5 +342,5 @@ def _factors(
     if uniform:
         yield tensors.isotropic(float(lam[0]), float(mu[0])), np.ones((1, 1))
         return
-    for unit, v in zip(((1.0, 0.0), (0.0, 1.0)), (lam, mu), strict=True):
-        yield tensors.isotropic(*unit), np.broadcast_to(v, n)[:, None].copy()
+    for ones, v in zip(((1.0, 0.0), (0.0, 1.0)), (lam, mu), strict=True):
+        yield tensors.isotropic(*ones), np.broadcast_to(v, n)[:, None].copy()

@@ -51,7 +51,7 @@ def rotated(C: FloatArray, Q: FloatArray) -> FloatArray:
     return np.asarray(R @ (C * scale) @ np.swapaxes(R, -1, -2) / scale)
 
 
-def bulk_and_shear(C: FloatArray) -> tuple[FloatArray, FloatArray]:
+def bulk_and_shear(C: FloatArray) -> tuple[Any, Any]:
     """Moduli (...) of the nearest isotropic tensors: of mean strains, as Voigt has them."""
     M = C * np.outer(MANDEL, MANDEL)
     return (M * VOLUME).sum(axis=(-2, -1)) / 3.0, (M * SHAPE).sum(axis=(-2, -1)) / 10.0
