@@ -8,6 +8,7 @@
 
 =====================  ============================================================================
 `bloch`                waves on cut cells: bands of frequencies, gaps, group velocities
+`bloch_voxels`         waves in arrays of voxels
 `sweep`                stiffness of many cells: tables that go on where they stopped, fits
 `elastic`              stiffness of any solid on cut cells: the reference, and the default
 `ElasticCell`          the same cell under mean stresses: stresses inside, first yield
@@ -25,6 +26,7 @@ nothing is borne. What stands on cut cells comes from above, as energies of admi
 from ilattice.homogenize._result import HomogenizationReport
 from ilattice.homogenize.bands import Bands, BlochMode, BlochReport, Gap
 from ilattice.homogenize.bloch import bloch
+from ilattice.homogenize.bloch_voxel import bloch_voxels
 from ilattice.homogenize.bounds import Bounds, ConductivityBounds
 from ilattice.homogenize.conductive import ConductiveCell, conductive
 from ilattice.homogenize.conductivity import Conductivity
@@ -54,6 +56,7 @@ __all__ = [
     "LocalFields",
     "Rows",
     "bloch",
+    "bloch_voxels",
     "conductive",
     "conductive_voxels",
     "elastic",

@@ -16,7 +16,7 @@ import numpy as np
 from scipy import fft
 
 from ilattice._progress import Progress, track
-from ilattice._typing import AnyArray, FloatArray
+from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.cutfem import _kernels_blocks as kb
 from ilattice.errors import ConvergenceError
 from ilattice.homogenize import _kernels_voxel as kernels
@@ -92,14 +92,7 @@ class VoxelGrid:
     @cached_property
     def _symbols(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Symbols of masses, slopes and both along the three directions, each (3, n)."""
-        n = max(self.phase.shape)
-        mass, slope, wave = np.zeros((3, 3, n))
-        for a, (count, h) in enumerate(zip(self.phase.shape, self.spacing, strict=True)):
-            angle = 2.0 * np.pi * np.arange(count) / count
-            mass[a, :count] = h * (2.0 + np.cos(angle)) / 3.0
-            slope[a, :count] = 2.0 * (1.0 - np.cos(angle)) / h
-            wave[a, :count] = np.sin(angle)
-        return mass, slope, wave
+        return symbols(np.array(self.phase.shape), self.spacing, np.zeros(3))
 
     def precondition(self, r: FloatArray) -> FloatArray:
         """Field of which the homogeneous grid has the forces r."""
@@ -114,6 +107,19 @@ class VoxelGrid:
     def _unit(self) -> float:
         """Size of the entries of the reference in these units."""
         return float(np.abs(self.reference).max())
+
+
+def symbols(
+    shape: IntArray, spacing: FloatArray, shift: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Symbols of masses, slopes and both, each (3, n), of fields with a phase per voxel."""
+    mass, slope, wave = np.zeros((3, 3, int(shape.max())))
+    for a, (count, h, more) in enumerate(zip(shape.tolist(), spacing, shift, strict=True)):
+        angle = 2.0 * np.pi * np.arange(count) / count + more
+        mass[a, :count] = h * (2.0 + np.cos(angle)) / 3.0
+        slope[a, :count] = 2.0 * (1.0 - np.cos(angle)) / h
+        wave[a, :count] = np.sin(angle)
+    return mass, slope, wave
 
 
 Operator = Callable[[FloatArray], FloatArray]

@@ -45,7 +45,7 @@ from ilattice.homogenize.conductivity import Conductivity
 from ilattice.homogenize.effective import Effective
 from ilattice.homogenize.images import read_voxels
 from ilattice.homogenize.percolation import percolation
-from ilattice.homogenize.phases import SOLID, Labelled, labelled
+from ilattice.homogenize.phases import SOLID, VOID, Labelled, labelled
 
 #: Bytes per voxel and component of a field: solutions and residuals of all loads, and work.
 PER_VALUE = 200
@@ -118,8 +118,8 @@ def voxels(
     Moulinec and Suquet (1998) for Fourier transforms in homogenization; Schneider, Merkert and
     Kabel (2017) for trilinear elements with them.
     """
-    array, size = _as_voxels(array, spacing, 3)
-    cells, given, table = _elastic_phases(array, young, poisson, stiffness)
+    array, size = as_voxels(array, spacing, 3)
+    cells, given, table = elastic_phases(array, young, poisson, stiffness)
     stiff = cells.mixed(given.reshape(-1, 36)).reshape(-1, 6, 6)
     stress = stiff[:, PLACES].transpose(3, 0, 1, 2)
     heat = np.zeros((0, len(stiff), 6))
@@ -147,8 +147,8 @@ def voxels(
     )  # fmt: skip
 
 
-def _elastic_phases(
-    array: Any, young: Any, poisson: Any, stiffness: Any
+def elastic_phases(
+    array: Any, young: Any, poisson: Any, stiffness: Any, *, void: float = VOID
 ) -> tuple[Labelled, FloatArray, FloatArray]:
     """Voxels by phases, the given stiffnesses (k, 6, 6), and the table of a grid."""
     if stiffness is not None:
@@ -156,11 +156,11 @@ def _elastic_phases(
             raise InputError("stiffness is given, and young or poisson, too: leave out one of them")
         C = _as_stiffnesses(stiffness)
         known = C[:, range(6), range(6)].sum(axis=1)
-        cells = labelled(array, "stiffness", known if len(C) > 1 else known[0])
+        cells = labelled(array, "stiffness", known if len(C) > 1 else known[0], void=void)
         factors = cells.values / known if len(C) == 1 else np.ones(len(C))
         given = factors[:, None, None] * C
         return cells, given, cells.mixed(given.reshape(-1, 36))
-    cells = labelled(array, "young", 1.0 if young is None else young)
+    cells = labelled(array, "young", 1.0 if young is None else young, void=void)
     E, told = cells.values, 0.3 if poisson is None else poisson
     nu = as_array("poisson", told).ravel()
     if np.ndim(told) > 1 or len(nu) not in (1, len(E)):
@@ -240,7 +240,7 @@ def conductive_voxels(
     >>> il.homogenize.conductive_voxels(layers, conductivity=(1.0, 3.0)).k.diagonal().round(9)
     array([1.5, 2. , 2. ])
     """
-    array, size = _as_voxels(array, spacing, 1)
+    array, size = as_voxels(array, spacing, 1)
     tensor = _as_tensors(conductivity)
     known = conductivity if tensor is None else np.trace(tensor, axis1=1, axis2=2) / 3.0
     cells = labelled(array, "conductivity", known)
@@ -279,7 +279,7 @@ def _as_tensors(conductivity: Any) -> FloatArray | None:
     return k
 
 
-def _as_voxels(array: Any, spacing: Any, m: int) -> tuple[AnyArray, FloatArray]:
+def as_voxels(array: Any, spacing: Any, m: int) -> tuple[AnyArray, FloatArray]:
     """The array, and the edges of voxels, if fields of m components fit into memory."""
     given: Any = 1.0
     if isinstance(array, (str, PathLike)):

@@ -350,7 +350,7 @@ def test_phases_that_are_the_same_are_one():
 
 
 def test_size_is_estimated_before_work():
-    with pytest.raises(InputError, match="GB|memory"):
+    with pytest.raises(InputError, match=r"GB|memory"):
         elastic("gyroid", 3000)
 
 
