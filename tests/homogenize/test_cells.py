@@ -336,8 +336,8 @@ def test_an_inclusion_may_touch_planes_of_the_grid(degree):
         elastic(full, 5, phases=lambda x, r=r: np.linalg.norm(x - 0.5, axis=1) - r, **more).C
         for r in (0.3 - 1e-7, 0.3, 0.3 + 1e-7)
     ]
-    np.testing.assert_allclose(found[1], found[0], atol=1e-4)
-    np.testing.assert_allclose(found[1], found[2], atol=1e-4)
+    np.testing.assert_allclose(found[1], found[0], atol=1e-3)
+    np.testing.assert_allclose(found[1], found[2], atol=1e-3)
 
 
 def test_phases_that_are_the_same_are_one():
