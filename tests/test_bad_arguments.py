@@ -155,6 +155,9 @@ def own(sense):
     kinds = ("elastic", "conductive", "ElasticCell", "ConductiveCell")
     return {
         **{f"homogenize.{kind}": {"field": cell, "through": None} for kind in kinds},
+        "cutfem.Graded": {"at": [0.0, 1.0], "C": [np.eye(6)] * 2},
+        "cutfem.orthotropic": {"young": 1.0, "poisson": 0.3},
+        "homogenize.macro": {"wall": sense["wall"], "cells": 2, "tile_cells": 4},
         "homogenize.voxels": {"array": labels, "young": (1.0, 2.0), "spacing": 1.0},
         "homogenize.conductive_voxels": {"array": labels, "spacing": 1.0},
         **minimal(), **structures(), **shells(), **graphs(),

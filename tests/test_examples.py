@@ -325,6 +325,12 @@ def test_a_shell_like_schwarz_p_is_isotropic():
     assert 1.5 < numbers["derivative"] < 3.0
 
 
+def test_homogeneous_arches_come_near_to_those_of_tiles():
+    one, two = (abs(e) for e in run("homogenized_beam", most=2, per_tile=4).values())
+    assert two < 0.7 * one
+    assert two < 0.2
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_every_example_is_tested_and_can_be_run_alone(name):
     source = (FOLDER / f"{name}.py").read_text(encoding="utf-8")

@@ -117,6 +117,8 @@ def cells():
     fit = h.Fit(1.0, 2.0, (0.9, 1.1), (1.9, 2.1), 0.01, 3)
     more = [waves, bands, bands.mode(1, 0), bands.report, h.Gap(1, 0.5, 0.7), fit]
     more.append(elastic.under((1.0, 0, 0, 0, 0, 0)))
+    C = il.cutfem.orthotropic(young=1.0, poisson=0.3)
+    more.append(il.cutfem.Graded("rho", [0.0, 1.0], [C, 2 * C]))
     return [*found, *more, h.sweep("gyroid", thickness=0.1, cells=4)]
 
 

@@ -23,6 +23,7 @@ fraction of the time. Degree 1 is for large lattices on fine grids, and for a fi
 Guarantee: cells are called in or out by certificates, never by sampling.
 """
 
+from ilattice.cutfem.anisotropic import Graded, orthotropic
 from ilattice.cutfem.elasticity import Elasticity
 from ilattice.cutfem.estimate import ErrorEstimate
 from ilattice.cutfem.heat import Heat
@@ -44,6 +45,7 @@ __all__ = [
     "EigenReport",
     "Elasticity",
     "ErrorEstimate",
+    "Graded",
     "Grid",
     "Heat",
     "HeatHistory",
@@ -64,6 +66,7 @@ __all__ = [
     "cut",
     "mass_properties",
     "natural_modes",
+    "orthotropic",
     "quadrature",
     "refinement_study",
     "rigid_modes",

@@ -26,7 +26,7 @@ from ilattice.bspline._kernels_basis import (
 )
 from ilattice.bspline._kernels_vector import LANES, load, multiply_add, scale, store
 
-MASS, TENSOR, PAIRS, JETS = range(4)  # kinds of cell matrices
+MASS, TENSOR, PAIRS, JETS, STIFFNESS = range(5)  # kinds of cell matrices
 SCALAR, ELASTIC, BLOCKS, ENTRIES = range(4)  # kinds of blocks
 ROWS = 48  # rows of a cell that are multiplied at once
 TILE = 2 * LANES  # columns that are
@@ -92,6 +92,34 @@ def tensor_rows(D: Any, w: float, d: Any, i: int, L: Any, R: Any, row: int) -> N
 
 
 @njit(**INNER)
+def strain_rows(D: Any, w: float, d: Any, i: int, L: Any, R: Any, row: int) -> None:
+    """The six rows of one point from `row` on: strains of functions along x, then y, then z.
+
+    R is w times the stresses that a stiffness d[i], (36,), makes of them. Rows of L are zero where
+    no component has a part in a strain, before and after.
+    """
+    n = D.shape[1]
+    for a in range(n):
+        x = D[0, a]
+        y = D[1, a]
+        z = D[2, a]
+        L[row, a] = x
+        L[row + 1, n + a] = y
+        L[row + 2, 2 * n + a] = z
+        L[row + 3, n + a] = z
+        L[row + 3, 2 * n + a] = y
+        L[row + 4, a] = z
+        L[row + 4, 2 * n + a] = x
+        L[row + 5, a] = y
+        L[row + 5, n + a] = x
+        for r in range(6):
+            c = 6 * r
+            R[row + r, a] = w * (d[i, c] * x + d[i, c + 4] * z + d[i, c + 5] * y)
+            R[row + r, n + a] = w * (d[i, c + 1] * y + d[i, c + 3] * z + d[i, c + 5] * x)
+            R[row + r, 2 * n + a] = w * (d[i, c + 2] * z + d[i, c + 3] * y + d[i, c + 4] * x)
+
+
+@njit(**INNER)
 def weigh(L: Any, W: Any, rows: int, R: Any) -> None:
     """R[r] = W[r] L[r]."""
     for r in range(rows):
@@ -109,8 +137,9 @@ def cell_matrices(
 
     MASS: d (n, 1) times N N; TENSOR: grad N d grad N with the symmetric tensor d (n, 6) in
     Voigt order; PAIRS: d (n, 1) times the products of all derivatives, that of function a in
-    direction i at i nb + a; JETS: likewise with the values as a fourth direction. J and d may
-    have one row for all points.
+    direction i at i nb + a; JETS: likewise with the values as a fourth direction; STIFFNESS:
+    strains times the stiffness d (n, 36) times strains, function a along i at i nb + a. J and d
+    may have one row for all points.
     """
     n = t0.shape[1]
     size = out.shape[1]
@@ -137,6 +166,10 @@ def cell_matrices(
                     gradients_of(B, n, G, D, 0)
                     tensor_rows(D, weight, d, q * d_step, L, R, rows)
                     rows += 3
+                elif kind == 4:
+                    gradients_of(B, n, G, D, 0)
+                    strain_rows(D, weight, d, q * d_step, L, R, rows)
+                    rows += 6
                 else:
                     W[rows] = weight * d[q * d_step, 0]
                     if kind == 0:
@@ -147,7 +180,7 @@ def cell_matrices(
                             values_of(B, n, L, rows * wide + 3 * n * n * n)
                     rows += 1
                 if rows == ROWS or q + 1 == offsets[e + 1]:
-                    if kind != 1:
+                    if kind != 1 and kind != 4:
                         weigh(L, W, rows, R)
                     add_products(L, R, rows, A)
                     rows = 0

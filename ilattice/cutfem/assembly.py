@@ -34,6 +34,7 @@ KINDS = {
     kernels.TENSOR: (1, kernels.SCALAR),
     kernels.PAIRS: (3, kernels.ELASTIC),
     kernels.JETS: (4, kernels.ENTRIES),
+    kernels.STIFFNESS: (3, kernels.ENTRIES),
 }
 
 Density = Callable[[Quadrature], tuple[FloatArray | None, FloatArray | None]]
@@ -236,7 +237,7 @@ class Assembly(Frozen):
             Points in parameters, in active cells.
         kind : int
             See `_kernels_assembly.cell_matrices`.
-        d : ndarray, shape (n, 1), (n, 6), or one row for all
+        d : ndarray, shape (n, 1), (n, 6), (n, 36), or one row for all
             Coefficients at the points.
         p, q : float
             Factor, or Lamé constants for pairs of derivatives.

@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ilattice._typing import FloatArray, IntArray
-from ilattice.bspline import _kernels_basis as basis
+from ilattice._typing import FloatArray
 from ilattice.cutfem._kernels_surface import seam_blocks
+from ilattice.cutfem._voigt import PLACES
+from ilattice.cutfem.anisotropic import Anisotropic, hindered
 from ilattice.cutfem.assembly import BATCH_BYTES, Assembly
 from ilattice.cutfem.conditions import Load
-from ilattice.cutfem.space import IDENTITY
-from ilattice.cutfem.weak import NITSCHE, cell_heights
+from ilattice.cutfem.weak import NITSCHE, cell_heights, functions_at, normal_stiffness, tractions_of
 from ilattice.quadrature.rules import Quadrature
 
 if TYPE_CHECKING:
@@ -39,6 +39,14 @@ def add_elastic(data: FloatArray, problem: "Elasticity") -> None:
     n = rule.normals
     assert n is not None
     scale = 2.0 * NITSCHE * asm.space.degree**2 / cell_heights(asm, rule)
+    matrices = _matrices(problem)
+    if matrices is not None:
+        Q = sum(
+            np.einsum("q,qijl,ql->qij", 2.0 * scale * s * s, normal_stiffness(C, n), n)
+            for s, C in zip(share, matrices, strict=True)
+        )
+        _add(data, asm, np.asarray(Q), _tractions(problem))
+        return
     lam, mu = scale * sum(s * s * v for s, v in zip(share, lame, strict=True))
     nn = n[:, :, None] * n[:, None, :]
     Q = 2.0 * mu[:, None, None] * np.eye(3) + lam[:, None, None] * nn
@@ -54,7 +62,7 @@ def add_waves(data: FloatArray, problem: "Elasticity") -> None:
     of, both, nb = _tractions(problem), (rule, upper(rule)), asm.space.dofs.shape[1]
     for pairs, rows in _batches(rule, 3 * (6 * nb) ** 2):
         values = [
-            _functions(asm, both[side], at[rule.owners[rows]], rows)[0]
+            functions_at(asm, both[side], at[rule.owners[rows]], rows)[0]
             for side, at in enumerate(asm.sides)
         ]
         jumps = np.concatenate([values[0], -values[1]], axis=1) * rule.weights[rows, None]
@@ -79,11 +87,25 @@ def _lame(problem: "Elasticity") -> tuple[tuple[FloatArray, FloatArray], list[Fl
     return shares(*(lam + 2.0 * mu for lam, mu in lame)), lame
 
 
+def _matrices(problem: "Elasticity") -> list[FloatArray] | None:
+    """Stiffnesses (n, 6, 6) of both phases at the seam, of materials that are given by them."""
+    asm, _, u = _surface(problem.assembly)
+    found = [m for m in problem.material.phases if isinstance(m, Anisotropic)]
+    return [np.broadcast_to(m.matrices(asm, u), (len(u), 6, 6)) for m in found] or None
+
+
 def _tractions(problem: "Elasticity") -> Tractions:
     """Tractions of elastic phases, weighed."""
     share, lame = _lame(problem)
     assert problem.assembly.seam is not None
     n: FloatArray = problem.assembly.seam.normals  # type: ignore[assignment]
+    matrices = _matrices(problem)
+    if matrices is not None:
+        both = [
+            s[:, None, None, None] * normal_stiffness(C, n)
+            for s, C in zip(share, matrices, strict=True)
+        ]
+        return lambda side, rows, D: tractions_of(both[side][rows], D)
 
     def tractions(side: int, rows: slice, D: FloatArray) -> FloatArray:
         lam, mu = (share[side] * lame[side])[:, rows]
@@ -120,11 +142,11 @@ def thermal_force(problem: "Elasticity", load: Load) -> FloatArray:
     assert rule.normals is not None
     materials = problem.material.phases
     share = shares(*(lam + 2.0 * mu for lam, mu in (m.lame(asm, u) for m in materials)))
-    stress = np.zeros(len(u))
+    stress = np.zeros((len(u), 6))
     for part, m in zip(share, materials, strict=True):
-        lam, mu = m.lame(asm, u)
-        stress = stress + part * (3 * lam + 2 * mu) * problem._expansion_of(m, load, u)
-    f = (rule.weights * stress)[:, None] * rule.normals
+        one = hindered(m, asm, u) * problem._expansion_of(m, load, u)[:, None]
+        stress += part[:, None] * one
+    f = rule.weights[:, None] * np.einsum("qij,qj->qi", stress[:, PLACES], rule.normals)
     return asm.vector(upper(rule), f) - asm.vector(rule, f)
 
 
@@ -162,7 +184,7 @@ def _add(data: FloatArray, asm: Assembly, Q: FloatArray, tractions: Tractions) -
     for pairs, rows in _batches(rule, (2 * m * nb) ** 2):
         N, T = [], []
         for side, at in enumerate(asm.sides):
-            values, D = _functions(asm, both[side], at[rule.owners[rows]], rows)
+            values, D = functions_at(asm, both[side], at[rule.owners[rows]], rows)
             N.append(values if side == 0 else -values)
             T.append(tractions(side, rows, D))
         A = np.empty((pairs.stop - pairs.start, 2 * m * nb, 2 * m * nb))
@@ -179,18 +201,3 @@ def _batches(rule: Quadrature, entries: int) -> Iterator[tuple[slice, slice]]:
     for i in range(0, len(rule.cells), size):
         stop = min(i + size, len(rule.cells))
         yield slice(i, stop), slice(int(rule.offsets[i]), int(rule.offsets[stop]))
-
-
-def _functions(
-    asm: Assembly, rule: Quadrature, at: IntArray, rows: slice
-) -> tuple[FloatArray, FloatArray]:
-    """Values (n, nb) and gradients in space (n, nb, 3) of the functions of the element of each."""
-    assert rule.parameters is not None
-    space, u = asm.space, rule.parameters[rows]
-    n, nb = len(u), asm.space.dofs.shape[1]
-    N, D = np.empty((n, nb, 1)), np.empty((n, nb, 3))
-    where = (*space._tables, space.places[at], space.boxes[at], np.arange(n + 1), u)
-    basis.vectors(*where, IDENTITY, np.ones((n, 1)), np.zeros((0, 1, 3)), N)
-    unit = np.ascontiguousarray(np.broadcast_to(np.eye(3), (n, 3, 3)))
-    basis.vectors(*where, asm.jacobians(u), np.zeros((0, 3)), unit, D)
-    return N[:, :, 0], D

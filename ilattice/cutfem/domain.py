@@ -101,7 +101,7 @@ class Domain(Frozen):
     second: ClassVar[Any] = None
 
     def by_phase(self, values: list[FloatArray], elements: IntArray) -> FloatArray:
-        """Of the values (n,) or (1,) of the phases those of some elements (n,)."""
+        """Of the values (n, ...) or (1, ...) of the phases those of some elements (n,)."""
         del elements  # there is one phase
         return values[0]
 

@@ -31,18 +31,27 @@ from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import FixedMapping, among, as_choice, as_kind, as_points, read_only
 from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem import coupling, weak
+from ilattice.cutfem._voigt import PLACES, UNIT
+from ilattice.cutfem.anisotropic import AT_ONCE, Anisotropic, Material, Stiffness, hindered
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.conditions import Load, Support, values_at
 from ilattice.cutfem.dilatation import FROM, Dilatation, as_terms
 from ilattice.cutfem.discretization import Product
 from ilattice.cutfem.domain import lattice_of
-from ilattice.cutfem.material import Isotropic, Property, Scalar, jump_within_cells, warn_of_jump
+from ilattice.cutfem.material import (
+    Isotropic,
+    MapProperties,
+    Property,
+    Scalar,
+    jump_within_cells,
+    warn_of_jump,
+)
 from ilattice.cutfem.phases import as_phased
 from ilattice.cutfem.problem import ISLANDS, Problem
 from ilattice.cutfem.regions import spread
 from ilattice.errors import InputError, PrecisionWarning
 from ilattice.linalg.multigrid import Blocks
-from ilattice.quadrature.rules import Quadrature, on_cells
+from ilattice.quadrature.rules import Quadrature, on_cells, some_cells
 
 if TYPE_CHECKING:
     from ilattice.cutfem.solution import Solution
@@ -65,10 +74,18 @@ class Elasticity(Problem):
         Background grid, as in `cut`.
     young, poisson, density, expansion : float, str or callable, keyword-only
         Young's modulus; Poisson's ratio, above -1 and below 1/2; mass per volume; thermal
-        expansion per degree. A callable takes points of space (n, 3); a name is that of a property
-        of the lattice; with `phases`, a pair of these is one of each.
+        expansion per degree; by default 1, 0.3, 1 and 0. A callable takes points of space (n, 3);
+        a name is that of a property of the lattice, or of an extra coordinate of the map; with
+        `phases`, a pair of these is one of each.
     strength : float, str or callable, optional, keyword-only
         Von Mises stress at which the material yields; solutions then tell how much of it is used.
+    stiffness : array_like, shape (6, 6), Graded or callable, optional, keyword-only
+        Of any symmetry, instead of `young` and `poisson`: symmetric and positive definite, in
+        Voigt order xx, yy, zz, yz, xz, xy with engineering shear. A callable takes points of space
+        (n, 3) and returns (n, 6, 6); with `phases`, a tuple of two is one of each.
+    axes : {"space", "map"}, keyword-only
+        Whether the axes of `stiffness` are x, y, z, or turn with the map; see
+        `ilattice.cutfem.anisotropic`.
     degree : {1, 2, 3}, keyword-only
         Of the splines.
     smoothness : int, optional, keyword-only
@@ -110,7 +127,7 @@ class Elasticity(Problem):
     Warns
     -----
     PrecisionWarning
-        If the solid is nearly incompressible and locks.
+        If the solid is nearly incompressible and locks, or its stiffness jumps within a cell.
 
     Examples
     --------
@@ -126,12 +143,13 @@ class Elasticity(Problem):
     """
 
     m: ClassVar[int] = 3
-    material: Isotropic
+    material: Material
     dilatation: str
 
     def __init__(
-        self, field: Any, cells: Any = None, *, young: Property = 1.0, poisson: Property = 0.3,
-        density: Property = 1.0, expansion: Property = 0.0, strength: Property | None = None,
+        self, field: Any, cells: Any = None, *, young: Property | None = None,
+        poisson: Property | None = None, density: Property = 1.0, expansion: Property = 0.0,
+        strength: Property | None = None, stiffness: Any = None, axes: str = "space",
         degree: int = 2, smoothness: int | None = None, q: int | None = None,
         stabilization: str = "auto", weight: float | None = None, dilatation: str = "auto",
         islands: str = "drop", domain: Any = None, through: Any = None, phases: Any = None,
@@ -143,14 +161,35 @@ class Elasticity(Problem):
             field, cells, degree=degree, smoothness=smoothness, q=q, stabilization=stabilization,
             weight=weight, domain=domain, through=through, phases=phases,
         )  # fmt: skip
-        known = {"lattice": lattice_of(field), "second": where.second}
-        material = Isotropic(
-            Scalar("young", young, **known),
-            Scalar("poisson", poisson, -1.0, 0.5, **known),
+        through, lattice = where.cut.through, lattice_of(field)
+        if lattice is None and through is not None and through.names:
+            lattice = MapProperties(through)
+        known = {"lattice": lattice, "second": where.second}
+        others = (
             Scalar("density", density, closed=True, **known),
             Scalar("expansion", expansion, -np.inf, **known),
             None if strength is None else Scalar("strength", strength, **known),
         )
+        material: Material
+        if stiffness is None:
+            if not among(axes, ("space",)):
+                raise InputError(f"axes={axes!r:.80} are those of a stiffness=, which is not given")
+            material = Isotropic(
+                Scalar("young", 1.0 if young is None else young, **known),
+                Scalar("poisson", 0.3 if poisson is None else poisson, -1.0, 0.5, **known),
+                *others,
+            )
+        else:
+            given = "young" if young is not None else "poisson" if poisson is not None else ""
+            if given:
+                raise InputError(
+                    f"stiffness and {given} are both given: leave out one of them; "
+                    "il.cutfem.orthotropic makes a stiffness of moduli"
+                )
+            if dilatation == "projected":
+                raise InputError("dilatation='projected' is not there for a stiffness; take 'auto'")
+            of = Stiffness.of(stiffness, axes, through, **known)
+            material = Anisotropic(of, *others)
         if where.interface is not None and dilatation == "projected":
             raise InputError("dilatation='projected' is not there for two phases; take 'auto'")
         super().__init__(where, islands)
@@ -322,6 +361,7 @@ class Elasticity(Problem):
         if self.projection is None:
             return super()._discretization_error(product, c, energy)
         if "soft" not in self._held:
+            assert isinstance(self.material, Isotropic)
             soft = replace(self.material, poisson=replace(self.material.poisson, value=SOFT))
             self._held["soft"] = self._with(material=soft, dilatation="full", _held={})
         like = self._held["soft"]
@@ -341,11 +381,12 @@ class Elasticity(Problem):
     def projection(self) -> Dilatation | None:
         """What projects the change of volume, or None where it is taken at every point."""
         near = self._largest_nu >= FROM
-        phased = self.domain.interface is not None
+        phased = self.domain.interface is not None or self.material.full
         if (self.dilatation == "full" or phased) and near:
+            what = "a stiffness=" if self.material.full else "two phases"
             warnings.warn(
                 f"Poisson's ratio is up to {self._largest_nu:g}, and with "
-                f"{'two phases' if phased else 'dilatation=full'} the solid locks: it is too stiff "
+                f"{what if phased else 'dilatation=full'} the solid locks: it is too stiff "
                 f"by a tenth and more; take {'finer cells' if phased else 'dilatation=auto'}",
                 PrecisionWarning,
                 stacklevel=3,
@@ -356,6 +397,7 @@ class Elasticity(Problem):
 
         def make() -> Dilatation:
             rules = self.domain.stiff_rules(asm, constant=self.material.constant)
+            assert isinstance(self.material, Isotropic)  # no other is projected
             terms = as_terms(space.degree, space.smoothness)
             return Dilatation.of(asm, self.material, rules, terms)
 
@@ -366,7 +408,13 @@ class Elasticity(Problem):
 
     @cached_property
     def _largest_nu(self) -> float:
-        """Largest Poisson's ratio at the points of quadrature."""
+        """Largest Poisson's ratio, that of the nearest isotropic stiffness, at points of rules."""
+        if isinstance(self.material, Anisotropic):
+            parts = zip(
+                self.material.phases, self.domain.of_phases(self.domain.volume), strict=False
+            )
+            lame = [m.lame(self.assembly, part.points) for m, part in parts]
+            return float(max((0.5 * lam / (lam + mu)).max(initial=-1.0) for lam, mu in lame))
         if self.material.poisson.constant:
             return float(self.material.poisson.at(self.assembly, np.zeros((1, 3)))[0])
         return float(self.material.poisson.at(self.assembly, self.domain.volume.points).max())
@@ -381,6 +429,9 @@ class Elasticity(Problem):
         uniform = all(m.constant for m in phases)
         for rule in self.domain.stiff_rules(asm, constant=uniform):
             for m, part in zip(phases, self.domain.of_phases(rule), strict=False):
+                if isinstance(m, Anisotropic):
+                    jump = max(jump, self._add_matrices(data, m, part))
+                    continue
                 lame = m.lame(asm, part.points)
                 if uniform:
                     lam, mu = (float(v[0]) for v in lame)
@@ -391,7 +442,7 @@ class Elasticity(Problem):
                     if p or q:
                         d = np.broadcast_to(v, len(part))[:, None].copy()
                         asm.add_cells(data, part, kernels.PAIRS, d, p, q)
-        warn_of_jump("young", jump)
+        warn_of_jump("stiffness" if self.material.full else "young", jump)
         if projection is not None:
             projection.add(data)
         asm.add_ghost(data, self._ghost_stiffness)
@@ -400,6 +451,21 @@ class Elasticity(Problem):
         if asm.seam is not None:
             coupling.add_elastic(data, self)
         return asm.pattern.matrix(data)
+
+    def _add_matrices(self, data: FloatArray, m: Anisotropic, part: Quadrature) -> float:
+        """Add the stiffness of a phase that is given by matrices; by how much it jumps."""
+        asm = self.assembly
+        if m.constant:
+            C = m.matrices(asm, part.points[:1]).reshape(1, 36)
+            asm.add_cells(data, part, kernels.STIFFNESS, C)
+            return 1.0
+        count = len(part.cells)
+        step = max(AT_ONCE * count // max(len(part), 1), 1)
+        for i in range(0, count, step):
+            some = some_cells(part, slice(i, min(i + step, count)))
+            C = m.matrices(asm, some.points).reshape(-1, 36)
+            asm.add_cells(data, some, kernels.STIFFNESS, np.ascontiguousarray(C))
+        return jump_within_cells(part, m.lame(asm, part.points)[1], partial(_shear, m, asm))
 
     def mass(self, density: Property | None = None) -> Any:
         """Consistent mass matrix on the nodes of `system`.
@@ -505,7 +571,7 @@ class Elasticity(Problem):
         assert rule.parameters is not None
         if load.kind == "temperature":
             s = self._thermal_stress(load, rule.parameters, self.assembly.owners(rule))
-            return None, s[:, None, None] * np.eye(3)
+            return None, s[:, PLACES]
         if load.kind == "pressure":
             assert rule.normals is not None
             return -values_at(load.kind, load.value, rule.points, 1) * rule.normals, None
@@ -534,7 +600,7 @@ class Elasticity(Problem):
         )
 
     def _thermal_stress(self, load: Load, u: FloatArray, owner: IntArray) -> FloatArray:
-        """Pressure that would keep a heated solid from expanding.
+        """Stress that would keep a heated solid from expanding, with the other sign.
 
         Parameters
         ----------
@@ -547,15 +613,22 @@ class Elasticity(Problem):
 
         Returns
         -------
-        ndarray, shape (n,)
-            (3 λ + 2 μ) α ΔT, the change of volume 3 α ΔT projected if that of the solid is.
+        ndarray, shape (n, 6)
+            (3 λ + 2 μ) α ΔT on the diagonal, the change of volume 3 α ΔT projected if that of the
+            solid is; xx, yy, zz, yz, xz, xy.
         """
-        lam, mu = self.material.lame(self.assembly, u)
-        strain = self._expansion_of(self.material, load, u)
+        asm, m = self.assembly, self.material
         if self.projection is None:
-            return (3 * lam + 2 * mu) * strain
+            # of the phase of the element: points of rules may seem to be on the other side
+            stresses = [
+                hindered(one, asm, u) * self._expansion_of(one, load, u)[:, None]
+                for one in m.phases
+            ]
+            return self.domain.by_phase(stresses, asm.space.cells[owner])
+        lam, mu = m.lame(asm, u)
         projected = self.projection.at(self.projected_expansion[load], u, owner)
-        return 3 * lam * projected + 2 * mu * strain
+        strain = 3 * lam * projected + 2 * mu * self._expansion_of(m, load, u)
+        return np.multiply.outer(strain, UNIT)
 
     @cached_property
     def projected_expansion(self) -> FixedMapping[Load, FloatArray]:
@@ -564,12 +637,13 @@ class Elasticity(Problem):
             return FixedMapping()
         rule = on_cells(self.domain.volume, self.assembly.space.cells)
         found, of_values, m = {}, self.projection.of_values, self.material
+        assert isinstance(m, Isotropic)
         for load in self.loads:
             if load.kind == "temperature":
                 found[load] = of_values(m, rule, self._expansion_of(m, load, rule.points))
         return FixedMapping({load: read_only(values) for load, values in found.items()})
 
-    def _expansion_of(self, material: Isotropic, load: Load, u: FloatArray) -> FloatArray:
+    def _expansion_of(self, material: Material, load: Load, u: FloatArray) -> FloatArray:
         """Free expansion α ΔT (n,) of a phase under one temperature at parameters (n, 3)."""
         asm = self.assembly
         if hasattr(load.value, "evaluate"):
@@ -588,6 +662,6 @@ class Elasticity(Problem):
         return out
 
 
-def _shear(material: Isotropic, asm: Assembly, u: FloatArray) -> FloatArray:
+def _shear(material: Material, asm: Assembly, u: FloatArray) -> FloatArray:
     """Shear modulus (n,) at parameters."""
     return np.broadcast_to(material.lame(asm, u)[1], len(u))

@@ -25,6 +25,7 @@ import numpy as np
 
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import Frozen, as_points, read_only
+from ilattice.cutfem.anisotropic import AT_ONCE, Anisotropic
 from ilattice.cutfem.heat_solution import HeatSolution
 from ilattice.cutfem.output import shape_of
 from ilattice.cutfem.recovery import smooth_flux, smooth_stress, smoothest, values_on
@@ -151,8 +152,16 @@ def stress_error(solution: Solution) -> ErrorEstimate:
     assert rule.parameters is not None
     smooth = values_on(smoothest(problem), smooth_stress(solution, WEIGHTS), rule)
     gap = smooth - Solution.stress_on(solution, rule)
-    lam, mu = problem.material.lame(asm, rule.parameters)
-    return _estimate(solution, rule, complementary(gap, lam, mu), np.sqrt(2.0 * solution.energy))
+    m, u = problem.material, rule.parameters
+    if isinstance(m, Anisotropic):
+        density = np.empty(len(rule))
+        for i in range(0, len(rule), AT_ONCE):
+            part = slice(i, i + AT_ONCE)
+            strain = np.linalg.solve(m.matrices(asm, u[part]), gap[part, :, None])[..., 0]
+            density[part] = (gap[part] * strain).sum(axis=1)
+    else:
+        density = complementary(gap, *m.lame(asm, u))
+    return _estimate(solution, rule, density, np.sqrt(2.0 * solution.energy))
 
 
 def flux_error(solution: HeatSolution) -> ErrorEstimate:

@@ -11,7 +11,7 @@ or not finite ends in an error that tells where.
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -19,8 +19,12 @@ from ilattice._typing import AnyArray, FloatArray
 from ilattice._validate import as_array, asked, check_finite
 from ilattice.cutfem.assembly import Assembly
 from ilattice.errors import InputError, PrecisionWarning
+from ilattice.macroshape.maps import SplineMap
 from ilattice.macroshape.tiling import Tiling
 from ilattice.quadrature.rules import Quadrature
+
+if TYPE_CHECKING:
+    from ilattice.cutfem.anisotropic import Material
 
 #: Factor by which a stiffness may jump within a cell without a warning; cells that are searched,
 #: steps of the search, and the part of the range that one of them takes where there is a jump.
@@ -28,6 +32,48 @@ STEEP, SEARCHED, STEPS, ABRUPT = 1.2, 20, 16, 0.4
 
 Single = float | str | Callable[[FloatArray], Any]
 Property = Single | tuple[Single, Single]
+
+
+@dataclass(frozen=True, eq=False)
+class OfParameters:
+    """A property as a function of parameters (n, 3), not of points of space.
+
+    Attributes
+    ----------
+    function : callable
+        Returns values (n,).
+    """
+
+    function: Callable[[FloatArray], FloatArray]
+
+    def __call__(self, u: FloatArray, /) -> FloatArray:
+        """Values (n,) at parameters (n, 3)."""
+        return self.function(u)
+
+
+@dataclass(frozen=True, eq=False)
+class MapProperties:
+    """Extra coordinates of a map as properties of a solid that is no wall.
+
+    Attributes
+    ----------
+    through : SplineMap
+        The map.
+    """
+
+    through: SplineMap
+
+    @property
+    def domain(self) -> FloatArray:
+        """Of the map."""
+        return self.through.domain
+
+    def property_at(self, name: str, u: FloatArray) -> FloatArray:
+        """Value (n,) of an extra coordinate at parameters (n, 3), as `Lattice.property_at`."""
+        if name not in self.through.names:
+            known = ", ".join(self.through.names)
+            raise InputError(f"the map has no extra coordinate {name!r}; it has: {known}")
+        return self.through.extra(u)[:, self.through.names.index(name)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +88,7 @@ class Scalar:
         The property; of both phases.
     low, high : float
         Values must lie strictly between; with `closed`, low itself is allowed.
-    lattice : Lattice or None
+    lattice : Lattice, MapProperties or None
         Where named properties come from.
     second : callable or None
         Tells of parameters (n, 3) whether they are in the second phase, if there are two.
@@ -53,7 +99,7 @@ class Scalar:
     low: float = 0.0
     high: float = np.inf
     closed: bool = False
-    lattice: Tiling | None = None
+    lattice: "Tiling | MapProperties | None" = None
     second: Callable[[FloatArray], AnyArray] | None = None
 
     def __post_init__(self) -> None:
@@ -66,7 +112,10 @@ class Scalar:
             _ = self.phases
         elif isinstance(self.value, str):
             if self.lattice is None:
-                raise InputError(f"{self.name}={self.value!r}: only walls have named properties")
+                raise InputError(
+                    f"{self.name}={self.value!r}: only walls, and maps with extra "
+                    "coordinates, have named properties"
+                )
             middle = self.lattice.domain.mean(axis=0, keepdims=True)
             self.lattice.property_at(self.value, middle)
         elif not callable(self.value):
@@ -125,7 +174,8 @@ class Scalar:
             return self._check(self.lattice.property_at(self.value, u))
         if not callable(self.value):
             return np.array([float(np.ravel(self.value)[0])])  # type: ignore[arg-type]
-        value = as_array(self.name, asked(self.name, self.value, asm.x(u)), finite=False)
+        places = u if isinstance(self.value, OfParameters) else asm.x(u)
+        value = as_array(self.name, asked(self.name, self.value, places), finite=False)
         if value.shape != (len(u),):
             raise InputError(
                 f"{self.name} must give one value per point, shape ({len(u)},), got {value.shape}"
@@ -198,6 +248,7 @@ class Isotropic:
         Von Mises stress at which the material yields.
     """
 
+    full: ClassVar[bool] = False
     young: Scalar
     poisson: Scalar
     density: Scalar
@@ -205,7 +256,7 @@ class Isotropic:
     strength: Scalar | None = None
 
     @property
-    def phases(self) -> "tuple[Isotropic, Isotropic]":
+    def phases(self) -> "tuple[Material, Material]":
         """The material of the first and of the second phase."""
         scalars = [getattr(self, f.name) for f in fields(self)]
         first, second = ([s and s.phases[k] for s in scalars] for k in (0, 1))

@@ -36,6 +36,8 @@ from ilattice.quadrature.rules import NAMES, Quadrature, in_space, kept
 
 #: Error of the spline of a level set, relative to its largest value: asked, and told.
 FIT, TOLD = 1e-9, 1e-4
+#: Part of a cell up to which a phase only touches it, as a sphere does a plane of the grid.
+TOUCHED = 1e-18
 #: How far, in cells, points on the faces of cells are moved to find the cell behind.
 BEHIND = 1e-8
 #: Part of the surface between phases that may join nothing without a word, and by which its area
@@ -135,7 +137,8 @@ class PhasedDomain(Domain):
 
     def by_phase(self, values: list[FloatArray], elements: IntArray) -> FloatArray:
         """See `Domain.by_phase`."""
-        return np.where(self.elements.second[elements], values[1], values[0])
+        second = self.elements.second[elements]
+        return np.where(second.reshape(-1, *(1,) * (values[0].ndim - 1)), values[1], values[0])
 
     def of_phases(self, rule: Quadrature) -> tuple[Quadrature, ...]:
         """See `Domain.of_phases`."""
@@ -151,7 +154,7 @@ class PhasedDomain(Domain):
 
     @cached_property
     def _volumes(self) -> tuple[Quadrature, Quadrature]:
-        a, b = (c.volume(self.q) for c in self.phases)
+        a, b = (_more_than_touching(c.volume(self.q)) for c in self.phases)
         return a, b
 
     @cached_property
@@ -309,6 +312,12 @@ def _divided(domain: Domain, phases: Any) -> PhasedDomain:
         domain.cut, domain.degree, domain.smoothness, domain.q, domain.stabilization,
         domain.weight, domain.wall, phases=(cuts[0], cuts[1]), level=level,
     )  # fmt: skip
+
+
+def _more_than_touching(rule: Quadrature) -> Quadrature:
+    """A rule on a phase without the cells that it only touches, which have no stiffness to sum."""
+    whole = rule.grid.boxes(rule.cells)[:, 3:].prod(axis=1)
+    return kept(rule, rule.integrate_cells() > TOUCHED * whole)
 
 
 def _better(shared: list[tuple[Quadrature, AnyArray, AnyArray]]) -> int:

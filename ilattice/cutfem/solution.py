@@ -17,8 +17,9 @@ import numpy as np
 
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import FixedMapping, as_kind, read_only
+from ilattice.cutfem.anisotropic import Anisotropic
 from ilattice.cutfem.elasticity import Elasticity
-from ilattice.cutfem.stresses import Stresses, elastic_stress, engineering_strain, von_mises
+from ilattice.cutfem.stresses import Stresses, elastic_stress, engineering_strain, times, von_mises
 from ilattice.quadrature.rules import Quadrature
 
 if TYPE_CHECKING:
@@ -127,7 +128,14 @@ class Solution(Stresses):
         for rows, _, gradient in asm.on_rule(self.coefficients, rule):
             u = rule.points[rows]
             weights = rule.weights[rows] * np.abs(np.linalg.det(asm.jacobians(u)))
-            lam, mu = problem.material.lame(asm, u)
+            m = problem.material
+            if isinstance(m, Anisotropic):
+                if heated:
+                    gradient -= problem.thermal_strain(u)[:, None, None] * np.eye(3)
+                e = engineering_strain(gradient)
+                total += 0.5 * float(weights @ (times(m.matrices(asm, u), e) * e).sum(axis=1))
+                continue
+            lam, mu = m.lame(asm, u)
             volume = self._dilatation(gradient, u, owner[rows])
             if heated:
                 gradient -= problem.thermal_strain(u)[:, None, None] * np.eye(3)

@@ -12,13 +12,13 @@ import numpy as np
 
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_points
+from ilattice.cutfem._voigt import VOIGT
+from ilattice.cutfem.anisotropic import Anisotropic
 from ilattice.cutfem.output import Result
 from ilattice.errors import InputError
 
 if TYPE_CHECKING:
     from ilattice.cutfem.elasticity import Elasticity
-
-VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 
 
 class Stresses(Result):
@@ -161,11 +161,15 @@ class Stresses(Result):
 
     def _stress(self, gradient: FloatArray, u: FloatArray, owner: IntArray) -> FloatArray:
         problem = self.problem
-        lam, mu = problem.material.lame(problem.assembly, u)
-        out = elastic_stress(gradient, lam * self._dilatation(gradient, u, owner), mu)
+        m = problem.material
+        if isinstance(m, Anisotropic):
+            out = times(m.matrices(problem.assembly, u), engineering_strain(gradient))
+        else:
+            lam, mu = m.lame(problem.assembly, u)
+            out = elastic_stress(gradient, lam * self._dilatation(gradient, u, owner), mu)
         for load in problem.loads:
             if load.kind == "temperature":
-                out[:, :3] -= problem._thermal_stress(load, u, owner)[:, None]
+                out -= problem._thermal_stress(load, u, owner)
         return out
 
     def _dilatation(self, gradient: FloatArray, u: FloatArray, owner: IntArray) -> FloatArray:
@@ -189,6 +193,11 @@ def engineering_strain(gradient: FloatArray) -> FloatArray:
     for k, (i, j) in enumerate(VOIGT):
         out[:, k] = g[:, i, i] if i == j else g[:, i, j] + g[:, j, i]
     return out
+
+
+def times(C: FloatArray, strain: FloatArray) -> FloatArray:
+    """Stress (n, 6) of strains (n, 6) by stiffnesses (n, 6, 6) or (1, 6, 6)."""
+    return strain @ C[0] if len(C) == 1 else np.einsum("nij,nj->ni", C, strain)
 
 
 def elastic_stress(gradient: FloatArray, pressure: FloatArray, mu: FloatArray) -> FloatArray:

@@ -13,10 +13,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ilattice._typing import FloatArray
-from ilattice.cutfem._kernels_surface import surface_blocks
+from ilattice._typing import FloatArray, IntArray
+from ilattice.bspline import _kernels_basis as basis
+from ilattice.cutfem._kernels_surface import seam_blocks, surface_blocks
+from ilattice.cutfem._voigt import PLACES, tensor
+from ilattice.cutfem.anisotropic import Anisotropic
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.conditions import Spring, Support, stiffness_at, values_at
+from ilattice.cutfem.space import IDENTITY
 from ilattice.quadrature.rules import Quadrature
 
 if TYPE_CHECKING:
@@ -42,6 +46,9 @@ class Terms:
         λ of tractions by a projected change of volume, which is not in `lame` then; else zero.
     mask : ndarray, shape (3,)
         1 in components that are held.
+    along : ndarray, shape (n, 3, 3, 3), or None
+        What makes tractions of a solid of any symmetry, see `normal_stiffness`; `lame` is not used
+        then.
     """
 
     rule: Quadrature
@@ -49,6 +56,7 @@ class Terms:
     lame: FloatArray
     pressure: FloatArray
     mask: FloatArray
+    along: FloatArray | None = None
 
 
 def elastic_terms(problem: "Elasticity", support: Spring | Support) -> Terms:
@@ -62,9 +70,16 @@ def elastic_terms(problem: "Elasticity", support: Spring | Support) -> Terms:
         k = stiffness_at("stiffness", support.stiffness, rule.points, 3)
         none = np.zeros((len(u), 3))
         return Terms(rule, k[:, :, None] * np.eye(3), none[:, :2], none[:, 2], np.zeros(3))
-    lame = np.stack([np.broadcast_to(v, len(u)) for v in problem.material.lame(asm, u)], axis=1)
     scale = NITSCHE * asm.space.degree**2 / cell_heights(asm, rule)
     mask = support.mask.astype(np.float64)
+    if isinstance(problem.material, Anisotropic):
+        along = normal_stiffness(problem.material.matrices(asm, u), n)
+        # of tractions that a strain makes no more than this can be had from its energy
+        Q = 2.0 * scale[:, None, None] * np.einsum("qijl,ql->qij", along, n)
+        none = np.zeros((len(u), 3))
+        Q *= mask[:, None] * mask
+        return Terms(rule, Q, none[:, :2], none[:, 2], mask, along)
+    lame = np.stack([np.broadcast_to(v, len(u)) for v in problem.material.lame(asm, u)], axis=1)
     nn = n[:, :, None] * n[:, None, :] * (mask[:, None] * mask)
     Q = 2 * lame[:, 1, None, None] * np.diag(mask) + lame[:, 0, None, None] * nn
     Q *= scale[:, None, None]
@@ -84,10 +99,16 @@ def add_elastic(data: FloatArray, problem: "Elasticity", terms: Terms) -> None:
     size = 3 * asm.space.dofs.shape[1]
     for at, part, rows in asm.batches(rule, size * size):
         A = np.empty((len(at), size, size))
-        u = rule.parameters[rows]
+        u, offsets = rule.parameters[rows], rule.offsets[part.start : part.stop + 1] - rows.start
+        if terms.along is not None:
+            N, D = functions_at(asm, rule, at[rule.owners[rows] - part.start], rows)
+            T = tractions_of(terms.along[rows], D) * terms.mask[:, None, None]
+            seam_blocks(offsets, rule.weights[rows], N, T, terms.Q[rows], A)
+            asm.add_blocks(data, at, A)
+            continue
         surface_blocks(
             *asm.space._tables, asm.space.places[at], asm.space.boxes[at],
-            rule.offsets[part.start : part.stop + 1] - rows.start, u, rule.weights[rows],
+            offsets, u, rule.weights[rows],
             asm.jacobians(u), rule.normals[rows], terms.Q[rows], terms.lame[rows], terms.mask, A,
         )  # fmt: skip
         asm.add_blocks(data, at, A)
@@ -104,6 +125,10 @@ def elastic_force(problem: "Elasticity", terms: Terms, value: Any) -> FloatArray
         return np.zeros((len(asm.space), 3))
     n, held = rule.normals, g * terms.mask
     assert n is not None
+    if terms.along is not None:
+        P = np.einsum("qi,qijl->qjl", held, terms.along)
+        f = np.einsum("q,qij,qj->qi", rule.weights, terms.Q, g)
+        return asm.vector(rule, f, -rule.weights[:, None, None] * P)
     P = held[:, :, None] * n[:, None, :]
     P = terms.lame[:, 1, None, None] * (P + P.transpose(0, 2, 1))
     P += (terms.lame[:, 0] * np.einsum("qi,qi->q", held, n))[:, None, None] * np.eye(3)
@@ -125,7 +150,8 @@ def thermal_force(problem: "Elasticity", terms: Terms) -> FloatArray:
             assert rule.parameters is not None
             assert rule.normals is not None
             s = problem._thermal_stress(load, rule.parameters, asm.owners(rule))
-            f += asm.vector(rule, (rule.weights * s)[:, None] * terms.mask * rule.normals)
+            t = np.einsum("qij,qj->qi", s[:, PLACES], rule.normals)
+            f += asm.vector(rule, rule.weights[:, None] * terms.mask * t)
     return f
 
 
@@ -140,7 +166,7 @@ def elastic_reaction(
     for rows, u, _ in problem.assembly.on_rule(solution.coefficients, rule):
         total -= rule.weights[rows] @ np.einsum("qij,qj->qi", terms.Q[rows], u - g[rows])
     if terms.mask.any():
-        s = solution.stress_on(rule)[:, [[0, 5, 4], [5, 1, 3], [4, 3, 2]]]
+        s = solution.stress_on(rule)[:, PLACES]
         t = np.einsum("qij,qj->qi", s, rule.normals)
         total += terms.mask * (rule.weights @ t)
     return total
@@ -158,3 +184,34 @@ def cell_heights(asm: Assembly, rule: Quadrature) -> FloatArray:
     along = np.einsum("qki,qi->qk", np.broadcast_to(np.linalg.inv(J), (len(rule), 3, 3)),
                       rule.normals) / extent  # fmt: skip
     return 1.0 / np.linalg.norm(along, axis=1)
+
+
+def normal_stiffness(C: FloatArray, n: FloatArray) -> FloatArray:
+    """What makes tractions of gradients: n_k C_ikjl as (q, i, j, l), of C (q, 6, 6) or (1, 6, 6).
+
+    Its product with n over l is Christoffel's matrix; the square of a traction in its inverse is at
+    most the energy of the strain, by Cauchy and Schwarz.
+    """
+    if len(C) == 1:
+        return np.einsum("ikjl,qk->qijl", tensor(C[0]), n)
+    return np.einsum("qikjl,qk->qijl", tensor(C), n)
+
+
+def tractions_of(along: FloatArray, D: FloatArray) -> FloatArray:
+    """Tractions (n, 3, nb, 3) of functions with gradients D (n, nb, 3) along unit vectors."""
+    return np.einsum("qijl,qbl->qibj", along, D)
+
+
+def functions_at(
+    asm: Assembly, rule: Quadrature, at: IntArray, rows: slice
+) -> tuple[FloatArray, FloatArray]:
+    """Values (n, nb) and gradients in space (n, nb, 3) of the functions of the element of each."""
+    assert rule.parameters is not None
+    space, u = asm.space, rule.parameters[rows]
+    n, nb = len(u), asm.space.dofs.shape[1]
+    N, D = np.empty((n, nb, 1)), np.empty((n, nb, 3))
+    where = (*space._tables, space.places[at], space.boxes[at], np.arange(n + 1), u)
+    basis.vectors(*where, IDENTITY, np.ones((n, 1)), np.zeros((0, 1, 3)), N)
+    unit = np.ascontiguousarray(np.broadcast_to(np.eye(3), (n, 3, 3)))
+    basis.vectors(*where, asm.jacobians(u), np.zeros((0, 3)), unit, D)
+    return N[:, :, 0], D

@@ -8,10 +8,12 @@
 
 =====================  ============================================================================
 `bloch`                waves on cut cells: bands of frequencies, gaps, group velocities
+`bloch_voxels`         waves in arrays of voxels
 `sweep`                stiffness of many cells: tables that go on where they stopped, fits
 `elastic`              stiffness of any solid on cut cells: the reference, and the default
 `ElasticCell`          the same cell under mean stresses: stresses inside, first yield
 `conductive`           conductivity, likewise
+`macro`                the macro-shape of a lattice as a solid with the stiffness of its tiles
 `voxels`               stiffness of an array of voxels: tomograms, labels, fill fractions
 `conductive_voxels`    conductivity, likewise
 `read_voxels`          arrays of voxels from files
@@ -24,6 +26,7 @@ nothing is borne. What stands on cut cells comes from above, as energies of admi
 from ilattice.homogenize._result import HomogenizationReport
 from ilattice.homogenize.bands import Bands, BlochMode, BlochReport, Gap
 from ilattice.homogenize.bloch import bloch
+from ilattice.homogenize.bloch_voxel import bloch_voxels
 from ilattice.homogenize.bounds import Bounds, ConductivityBounds
 from ilattice.homogenize.conductive import ConductiveCell, conductive
 from ilattice.homogenize.conductivity import Conductivity
@@ -31,6 +34,7 @@ from ilattice.homogenize.effective import Effective
 from ilattice.homogenize.elastic import ElasticCell, elastic
 from ilattice.homogenize.images import read_voxels
 from ilattice.homogenize.local import LocalFields
+from ilattice.homogenize.macro import macro
 from ilattice.homogenize.sweep import Fit, Rows, sweep
 from ilattice.homogenize.voxel import conductive_voxels, voxels
 from ilattice.homogenize.waves import BlochCell
@@ -52,9 +56,11 @@ __all__ = [
     "LocalFields",
     "Rows",
     "bloch",
+    "bloch_voxels",
     "conductive",
     "conductive_voxels",
     "elastic",
+    "macro",
     "read_voxels",
     "sweep",
     "voxels",

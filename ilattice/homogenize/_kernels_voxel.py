@@ -10,6 +10,7 @@ to the first plane of the next one waits in a buffer: the same bits for any numb
 
 from typing import Any
 
+import numpy as np
 from numba import njit, prange
 
 from ilattice._kernels import inner
@@ -18,32 +19,68 @@ FAST = {"nsz", "arcp", "contract", "reassoc"}  # NaN stays alive
 
 
 @inner(error_model="numpy", fastmath=FAST)
+def _modes(
+    c: int, k: int, e: int, gx: float, gy: float, gz: float, u00: Any, u01: Any, u10: Any,
+    u11: Any,
+) -> Any:  # fmt: skip
+    """Slopes along x, y, z of component c in voxel k, and its parts xy, xz, yz and xyz."""
+    # means and slopes along z, then along y and x
+    s00, d00 = 0.5 * (u00[c, k] + u00[c, e]), u00[c, e] - u00[c, k]
+    s01, d01 = 0.5 * (u01[c, k] + u01[c, e]), u01[c, e] - u01[c, k]
+    s10, d10 = 0.5 * (u10[c, k] + u10[c, e]), u10[c, e] - u10[c, k]
+    s11, d11 = 0.5 * (u11[c, k] + u11[c, e]), u11[c, e] - u11[c, k]
+    x = 0.5 * ((s10 + s11) - (s00 + s01)) * gx
+    y = 0.5 * ((s01 - s00) + (s11 - s10)) * gy
+    z = 0.25 * ((d00 + d01) + (d10 + d11)) * gz
+    xy = (s11 - s10) - (s01 - s00)
+    xz = 0.5 * ((d10 + d11) - (d00 + d01))
+    yz = 0.5 * ((d01 - d00) + (d11 - d10))
+    xyz = (d11 - d10) - (d01 - d00)
+    return x, y, z, xy, xz, yz, xyz
+
+
+@inner(error_model="numpy", fastmath=FAST)
+def _spread(
+    c: int, k: int, e: int, h: Any, fx: float, fy: float, fz: float, fxy: float, fxz: float,
+    fyz: float, fxyz: float, f00: Any, f01: Any, f10: Any, f11: Any,
+) -> None:  # fmt: skip
+    """Add what belongs to the parts of `_modes` to the nodes of voxel k."""
+    hx, hy, hz = h
+    V = hx * hy * hz
+    fx, fy, fz = V / hx * fx, V / hy * fy, V / hz * fz
+    fxy, fxz, fyz = V / 12.0 * fxy, V / 12.0 * fxz, V / 12.0 * fyz
+    fxyz = V / 144.0 * fxyz
+    # back to nodes: slopes are differences, means are halves
+    X0, X1 = -0.5 * fx, 0.5 * fx
+    s00, s01 = 0.5 * (X0 - 0.5 * fy + fxy), 0.5 * (X0 + 0.5 * fy - fxy)
+    s10, s11 = 0.5 * (X1 - 0.5 * fy - fxy), 0.5 * (X1 + 0.5 * fy + fxy)
+    Z0, Z1 = 0.5 * fz - fxz, 0.5 * fz + fxz
+    d00, d01 = 0.5 * (Z0 - fyz) + fxyz, 0.5 * (Z0 + fyz) - fxyz
+    d10, d11 = 0.5 * (Z1 - fyz) - fxyz, 0.5 * (Z1 + fyz) + fxyz
+    f00[c, k] += s00 - d00
+    f00[c, e] += s00 + d00
+    f01[c, k] += s01 - d01
+    f01[c, e] += s01 + d01
+    f10[c, k] += s10 - d10
+    f10[c, e] += s10 + d10
+    f11[c, k] += s11 - d11
+    f11[c, e] += s11 + d11
+
+
+@inner(error_model="numpy", fastmath=FAST)
 def _rows(
     m: int, n2: int, h: Any, phase: Any, table: Any, u00: Any, u01: Any, u10: Any, u11: Any,
     f00: Any, f01: Any, f10: Any, f11: Any,
 ) -> None:  # fmt: skip
     """Add the forces of one row of voxels; u and f are the rows (m, n2) of nodes at its edges."""
-    hx, hy, hz = h
-    V = hx * hy * hz
-    gx, gy, gz = 1.0 / hx, 1.0 / hy, 1.0 / hz
+    gx, gy, gz = 1.0 / h[0], 1.0 / h[1], 1.0 / h[2]
     a0 = a1 = a2 = b0 = b1 = b2 = c0 = c1 = c2 = 0.0
     p0 = p1 = p2 = q0 = q1 = q2 = r0 = r1 = r2 = 0.0
     t0 = t1 = t2 = 0.0
     for k in range(n2):
         e = k + 1 if k + 1 < n2 else 0
         for c in range(m):
-            # means and slopes along z, then along y and x
-            s00, d00 = 0.5 * (u00[c, k] + u00[c, e]), u00[c, e] - u00[c, k]
-            s01, d01 = 0.5 * (u01[c, k] + u01[c, e]), u01[c, e] - u01[c, k]
-            s10, d10 = 0.5 * (u10[c, k] + u10[c, e]), u10[c, e] - u10[c, k]
-            s11, d11 = 0.5 * (u11[c, k] + u11[c, e]), u11[c, e] - u11[c, k]
-            x = 0.5 * ((s10 + s11) - (s00 + s01)) * gx
-            y = 0.5 * ((s01 - s00) + (s11 - s10)) * gy
-            z = 0.25 * ((d00 + d01) + (d10 + d11)) * gz
-            xy = (s11 - s10) - (s01 - s00)
-            xz = 0.5 * ((d10 + d11) - (d00 + d01))
-            yz = 0.5 * ((d01 - d00) + (d11 - d10))
-            xyz = (d11 - d10) - (d01 - d00)
+            x, y, z, xy, xz, yz, xyz = _modes(c, k, e, gx, gy, gz, u00, u01, u10, u11)
             if c == 0:
                 a0, b0, c0, p0, q0, r0, t0 = x, y, z, xy, xz, yz, xyz
             elif c == 1:
@@ -95,24 +132,54 @@ def _rows(
                     fyz += (lam * (r2 * gz + p0 * gx) + 2.0 * mu * r2 * gz) * gz
                     fxy = mu * (p2 * gy + q1 * gz) * gy + mu * (p2 * gx + r0 * gz) * gx
                     fxyz = ((lam + 2.0 * mu) * gz * gz + mu * (gx * gx + gy * gy)) * t2
-            fx, fy, fz = V * gx * fx, V * gy * fy, V * gz * fz
-            fxy, fxz, fyz = V / 12.0 * fxy, V / 12.0 * fxz, V / 12.0 * fyz
-            fxyz = V / 144.0 * fxyz
-            # back to nodes: slopes are differences, means are halves
-            X0, X1 = -0.5 * fx, 0.5 * fx
-            s00, s01 = 0.5 * (X0 - 0.5 * fy + fxy), 0.5 * (X0 + 0.5 * fy - fxy)
-            s10, s11 = 0.5 * (X1 - 0.5 * fy - fxy), 0.5 * (X1 + 0.5 * fy + fxy)
-            Z0, Z1 = 0.5 * fz - fxz, 0.5 * fz + fxz
-            d00, d01 = 0.5 * (Z0 - fyz) + fxyz, 0.5 * (Z0 + fyz) - fxyz
-            d10, d11 = 0.5 * (Z1 - fyz) - fxyz, 0.5 * (Z1 + fyz) + fxyz
-            f00[c, k] += s00 - d00
-            f00[c, e] += s00 + d00
-            f01[c, k] += s01 - d01
-            f01[c, e] += s01 + d01
-            f10[c, k] += s10 - d10
-            f10[c, e] += s10 + d10
-            f11[c, k] += s11 - d11
-            f11[c, e] += s11 + d11
+            _spread(c, k, e, h, fx, fy, fz, fxy, fxz, fyz, fxyz, f00, f01, f10, f11)
+
+
+@inner(error_model="numpy", fastmath=FAST)
+def _rows_of_matrices(
+    n2: int, h: Any, phase: Any, table: Any, u00: Any, u01: Any, u10: Any, u11: Any,
+    f00: Any, f01: Any, f10: Any, f11: Any,
+) -> None:  # fmt: skip
+    """`_rows` of displacements in voxels with stiffnesses table (phases, 36)."""
+    gx, gy, gz = 1.0 / h[0], 1.0 / h[1], 1.0 / h[2]
+    E = np.zeros((7, 6))  # strains that are multiples of 1, x, y, z, yz, xz, xy
+    S = np.empty((7, 6))
+    for k in range(n2):
+        e = k + 1 if k + 1 < n2 else 0
+        x0, y0, z0, p0, q0, r0, t0 = _modes(0, k, e, gx, gy, gz, u00, u01, u10, u11)
+        x1, y1, z1, p1, q1, r1, t1 = _modes(1, k, e, gx, gy, gz, u00, u01, u10, u11)
+        x2, y2, z2, p2, q2, r2, t2 = _modes(2, k, e, gx, gy, gz, u00, u01, u10, u11)
+        E[0, 0], E[0, 1], E[0, 2] = x0, y1, z2
+        E[0, 3], E[0, 4], E[0, 5] = z1 + y2, z0 + x2, y0 + x1
+        E[1, 1], E[1, 2], E[1, 3] = p1 * gy, q2 * gz, q1 * gz + p2 * gy
+        E[1, 4], E[1, 5] = q0 * gz, p0 * gy
+        E[2, 0], E[2, 2], E[2, 3] = p0 * gx, r2 * gz, r1 * gz
+        E[2, 4], E[2, 5] = r0 * gz + p2 * gx, p1 * gx
+        E[3, 0], E[3, 1], E[3, 3] = q0 * gx, r1 * gy, r2 * gy
+        E[3, 4], E[3, 5] = q2 * gx, r0 * gy + q1 * gx
+        E[4, 0], E[4, 4], E[4, 5] = t0 * gx, t2 * gx, t1 * gx
+        E[5, 1], E[5, 3], E[5, 5] = t1 * gy, t2 * gy, t0 * gy
+        E[6, 2], E[6, 3], E[6, 4] = t2 * gz, t1 * gz, t0 * gz
+        w = phase[k]
+        for i in range(7):
+            for r in range(6):
+                s = 0.0
+                for j in range(6):
+                    s += table[w, 6 * r + j] * E[i, j]
+                S[i, r] = s
+        for c in range(3):
+            x, y, z = c, 1, 2  # places of stresses c x, c y, c z
+            if c == 0:
+                y, z = 5, 4
+            elif c == 1:
+                x, z = 5, 3
+            else:
+                x, y = 4, 3
+            _spread(
+                c, k, e, h, S[0, x], S[0, y], S[0, z], S[1, y] * gy + S[2, x] * gx,
+                S[1, z] * gz + S[3, x] * gx, S[2, z] * gz + S[3, y] * gy,
+                S[4, x] * gx + S[5, y] * gy + S[6, z] * gz, f00, f01, f10, f11,
+            )  # fmt: skip
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
@@ -127,8 +194,8 @@ def forces(
         Field at the nodes; m = 3 for displacements, 1 for temperatures.
     phase : ndarray of int32, shape (n0, n1, n2)
         Row of `table` of every voxel.
-    table : ndarray, shape (phases, 2 or 6)
-        Lamé constants; conductivities xx, yy, zz, yz, xz, xy.
+    table : ndarray, shape (phases, 2, 6 or 36)
+        Lamé constants; conductivities xx, yy, zz, yz, xz, xy; stiffnesses, row by row.
     h : tuple of 3 floats
         Edges of voxels.
     chunk : int
@@ -150,10 +217,16 @@ def forces(
             upper = buffer[b] if i + 1 == last else out[:, i + 1]
             for j in range(n1):
                 g = j + 1 if j + 1 < n1 else 0
-                _rows(
-                    m, n2, h, phase[i, j], table, u[:, i, j], u[:, i, g], u[:, e, j], u[:, e, g],
-                    lower[:, j], lower[:, g], upper[:, j], upper[:, g],
-                )  # fmt: skip
+                if table.shape[1] == 36:
+                    _rows_of_matrices(
+                        n2, h, phase[i, j], table, u[:, i, j], u[:, i, g], u[:, e, j], u[:, e, g],
+                        lower[:, j], lower[:, g], upper[:, j], upper[:, g],
+                    )  # fmt: skip
+                else:
+                    _rows(
+                        m, n2, h, phase[i, j], table, u[:, i, j], u[:, i, g], u[:, e, j],
+                        u[:, e, g], lower[:, j], lower[:, g], upper[:, j], upper[:, g],
+                    )  # fmt: skip
     for b in prange(chunks):
         to = b * chunk
         out[:, to] += buffer[b - 1 if b > 0 else chunks - 1]

@@ -58,6 +58,10 @@ class Search:
         self._adapt(float(pairs.values[self.count - 1]))
         return pairs
 
+    def slopes(self, k: FloatArray, x: Vectors) -> Vectors:
+        """See `BlochCell.slopes`."""
+        return self.cell.slopes(k, x)
+
     def along(self, way: Path, progress: Progress) -> list[Pairs]:
         """Pairs at all wave vectors of a path: corners first, then what halves their ways."""
         k = way.fractions @ reciprocal(self.cell.edges).T

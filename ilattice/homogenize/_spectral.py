@@ -16,7 +16,7 @@ import numpy as np
 from scipy import fft
 
 from ilattice._progress import Progress, track
-from ilattice._typing import AnyArray, FloatArray
+from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.errors import ConvergenceError
 from ilattice.homogenize import _kernels_voxel as kernels
 from ilattice.linalg import _kernels_blocks as kb
@@ -37,12 +37,12 @@ class VoxelGrid:
     ----------
     phase : ndarray of int32, shape (n0, n1, n2)
         Row of `table` of every voxel.
-    table : ndarray, shape (phases, 2 or 6)
-        Lamé constants, or conductivities xx, yy, zz, yz, xz, xy.
+    table : ndarray, shape (phases, 2, 6 or 36)
+        Lamé constants, conductivities xx, yy, zz, yz, xz, xy, or stiffnesses, row by row.
     spacing : ndarray, shape (3,)
         Edges of voxels.
     reference : ndarray, shape (2 or 6,)
-        The row of the material that preconditions.
+        Lamé constants, or conductivities, of the material that preconditions.
     """
 
     phase: AnyArray
@@ -53,7 +53,7 @@ class VoxelGrid:
     @property
     def m(self) -> int:
         """Components of the field."""
-        return 3 if self.table.shape[1] == 2 else 1
+        return 1 if self.table.shape[1] == 6 else 3
 
     @property
     def shape(self) -> tuple[int, int, int, int]:
@@ -92,14 +92,7 @@ class VoxelGrid:
     @cached_property
     def _symbols(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Symbols of masses, slopes and both along the three directions, each (3, n)."""
-        n = max(self.phase.shape)
-        mass, slope, wave = np.zeros((3, 3, n))
-        for a, (count, h) in enumerate(zip(self.phase.shape, self.spacing, strict=True)):
-            angle = 2.0 * np.pi * np.arange(count) / count
-            mass[a, :count] = h * (2.0 + np.cos(angle)) / 3.0
-            slope[a, :count] = 2.0 * (1.0 - np.cos(angle)) / h
-            wave[a, :count] = np.sin(angle)
-        return mass, slope, wave
+        return symbols(np.array(self.phase.shape), self.spacing, np.zeros(3))
 
     def precondition(self, r: FloatArray) -> FloatArray:
         """Field of which the homogeneous grid has the forces r."""
@@ -114,6 +107,19 @@ class VoxelGrid:
     def _unit(self) -> float:
         """Size of the entries of the reference in these units."""
         return float(np.abs(self.reference).max())
+
+
+def symbols(
+    shape: IntArray, spacing: FloatArray, shift: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Symbols of masses, slopes and both, each (3, n), of fields with a phase per voxel."""
+    mass, slope, wave = np.zeros((3, 3, int(shape.max())))
+    for a, (count, h, more) in enumerate(zip(shape.tolist(), spacing, shift, strict=True)):
+        angle = 2.0 * np.pi * np.arange(count) / count + more
+        mass[a, :count] = h * (2.0 + np.cos(angle)) / 3.0
+        slope[a, :count] = 2.0 * (1.0 - np.cos(angle)) / h
+        wave[a, :count] = np.sin(angle)
+    return mass, slope, wave
 
 
 Operator = Callable[[FloatArray], FloatArray]

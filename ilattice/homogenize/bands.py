@@ -264,7 +264,7 @@ class Bands(Frozen):
         n, count = self.omega.shape
         point, band = as_whole("point", point, 0, n - 1), as_whole("band", band, 0, count - 1)
         if self._vectors is None:
-            raise InputError("waves were not kept: give bloch(..., modes=True)")
+            raise InputError("waves were not kept: give bloch(..., modes=True); voxels keep none")
         v = self._vectors[point][:, band].reshape(-1, 3)
         both = np.concatenate([v.real, v.imag], axis=1)
         return BlochMode(

@@ -44,7 +44,7 @@ SAME = 1e-5
 
 def bloch(
     field: Any, cells: Any = 12, *, path: Any = "GXMRG", count: int = 8, steps: int = 8,
-    system: str | None = None, young: Property = 1.0, poisson: Property = 0.3,
+    system: str | None = None, young: Property | None = None, poisson: Property | None = None,
     density: Property = 1.0, method: str = "auto", tol: float = 1e-4, max_iterations: int = 200,
     modes: bool = False, progress: Progress = None, **options: Any,
 ) -> Bands:  # fmt: skip
@@ -65,7 +65,8 @@ def bloch(
     system : {"cubic", "tetragonal", "orthorhombic", "hexagonal", "triclinic"}, optional
         Whose letters `path` has; by default by the edges of the cell.
     young, poisson, density : float, str or callable, keyword-only
-        As in `ilattice.cutfem.Elasticity`, also pairs for two `phases`.
+        As in `ilattice.cutfem.Elasticity`, also pairs for two `phases`; or ``stiffness`` and
+        ``axes`` instead, likewise.
     method : str, keyword-only
         Of the preconditioner, as in `ilattice.cutfem.Solver`.
     tol : float, keyword-only
@@ -139,7 +140,7 @@ def _bands(search: Search, way: Path, found: list[Pairs], modes: bool, begin: fl
     for i, pairs in enumerate(found):
         key = id(pairs)
         if key not in made:
-            made[key] = _velocities(search, k[i], tangents[i], pairs)
+            made[key] = velocities_of(search, k[i], tangents[i], pairs)
         velocities.append(made[key][0])
         vectors.append(made[key][1])
     far = max(way.corners.tolist(), key=lambda c: float(np.linalg.norm(k[c])))
@@ -171,8 +172,8 @@ def _errors(search: Search, k: FloatArray, pairs: Pairs) -> FloatArray:
     return np.where(moving, 0.5 * off / np.where(moving, values, 1.0), 0.0)
 
 
-def _velocities(
-    search: Search, k: FloatArray, along: FloatArray, pairs: Pairs
+def velocities_of(
+    search: Any, k: FloatArray, along: FloatArray, pairs: Pairs
 ) -> tuple[FloatArray, Vectors]:
     """Group velocities (count, 3), and waves that keep apart along a direction."""
     count, values = search.count, pairs.values
@@ -181,7 +182,7 @@ def _velocities(
     while last < len(values) and omega[last] - omega[count - 1] <= SAME * omega[last]:
         last += 1  # all of a group that the count cuts
     x = pairs.vectors[:last]
-    slopes = search.cell.slopes(k, x)
+    slopes = search.slopes(k, x)
     starts = np.flatnonzero(np.append(True, np.diff(omega[:last]) > SAME * omega[1:last]))
     turned = np.eye(last, dtype=np.complex128)
     for a, b in zip(starts, np.append(starts[1:], last), strict=True):

@@ -52,7 +52,8 @@ class ConductiveCell(CellProblem, Heat):
     def _minus_flux(self, e: FloatArray, rule: Quadrature) -> tuple[None, FloatArray]:
         """Flux P (n, 1, 3) that a mean gradient loads with at the points of a rule in space."""
         assert rule.parameters is not None
-        k = np.broadcast_to(self.conductivity.at(self.assembly, rule.parameters), len(rule))
+        both = [s.at(self.assembly, rule.parameters) for s in self.conductivity.phases]
+        k = np.broadcast_to(self.domain.by_phase(both, rule.cells[rule.owners]), len(rule))
         return None, -k[:, None, None] * e
 
     def _seam_force(self, e: FloatArray) -> FloatArray:

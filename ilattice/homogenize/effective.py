@@ -190,12 +190,12 @@ class Effective(Result):
     @property
     def K(self) -> float:
         """Bulk modulus: mean stress under a unit of volume change in every direction alike."""
-        return tensors.bulk_and_shear(self.C)[0]
+        return float(tensors.bulk_and_shear(self.C)[0])
 
     @property
     def G_mean(self) -> float:
         """Shear modulus of the nearest isotropic tensor."""
-        return tensors.bulk_and_shear(self.C)[1]
+        return float(tensors.bulk_and_shear(self.C)[1])
 
     @property
     def zener(self) -> float:

@@ -25,6 +25,9 @@ from ilattice._progress import Progress
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import as_flag, read_only
 from ilattice.cutfem import coupling
+from ilattice.cutfem._voigt import PLACES
+from ilattice.cutfem.anisotropic import AT_ONCE, Anisotropic, Material, hindered
+from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.elasticity import Elasticity
 from ilattice.cutfem.material import Property
 from ilattice.errors import InputError
@@ -62,8 +65,11 @@ class ElasticCell(CellProblem, Elasticity):
     def _minus_flux(self, E: FloatArray, rule: Quadrature) -> tuple[None, FloatArray]:
         """Stress P (n, 3, 3) that a mean strain loads with at the points of a rule in space."""
         assert rule.parameters is not None
-        lam, mu = self.material.lame(self.assembly, rule.parameters)
-        return None, np.broadcast_to(-_stress(lam, mu, E), (len(rule), 3, 3))
+        # of the phase of the element: points of rules may seem to be on the other side
+        asm, u = self.assembly, rule.parameters
+        both = [_stress(m, asm, u, E) for m in self.material.phases]
+        stress = self.domain.by_phase(both, rule.cells[rule.owners])
+        return None, np.broadcast_to(-stress, (len(rule), 3, 3))
 
     def _seam_force(self, E: FloatArray) -> FloatArray:
         """What the mean traction of a mean strain adds where two phases meet."""
@@ -74,32 +80,34 @@ class ElasticCell(CellProblem, Elasticity):
         assert rule.parameters is not None
         lame = [m.lame(asm, rule.parameters) for m in self.material.phases]
         share = coupling.shares(*(lam + 2.0 * mu for lam, mu in lame))
-        stress = sum(s[:, None, None] * _stress(*v, E) for s, v in zip(share, lame, strict=True))
+        stress = sum(
+            s[:, None, None] * _stress(m, asm, rule.parameters, E)
+            for s, m in zip(share, self.material.phases, strict=True)
+        )
         f = rule.weights[:, None] * np.einsum("nij,nj->ni", stress, rule.normals)
         return asm.vector(rule, f) - asm.vector(coupling.upper(rule), f)
 
     def _scale(self) -> float:
         """See `CellProblem._scale`."""
-        lam, mu = self.moments()
-        return float((lam + 2.0 * mu) * max(self.cell_volume, 1e-300) ** (-1 / 3))
+        K, G = tensors.bulk_and_shear(self.moments())
+        return float((K + 4.0 * G / 3.0) * max(self.cell_volume, 1e-300) ** (-1 / 3))
 
-    def moments(self) -> tuple[float, float]:
-        """Integrals of λ and μ over the active solid.
+    def moments(self) -> FloatArray:
+        """Integral of the stiffness over the active solid.
 
         Returns
         -------
-        tuple of 2 floats
+        ndarray, shape (6, 6)
             In space.
         """
         asm = self.assembly
-        lam = mu = 0.0
+        total = np.zeros((6, 6))
         rule = self.domain.stiff_rule(asm, constant=self.material.constant)
         det = abs(float(np.linalg.det(self._jacobian[0])))
         for m, part in zip(self.material.phases, self.domain.of_phases(rule), strict=False):
             w = det * part.weights
-            a, b = (np.broadcast_to(v, len(w)) for v in m.lame(asm, part.points))
-            lam, mu = lam + float(w @ a), mu + float(w @ b)
-        return lam, mu
+            total += _integral(m, asm, part.points, w)
+        return total
 
     def expanding(self, C: FloatArray, answer: Answer) -> FloatArray:
         """Thermal expansion of the cell, from the solutions for mean strains.
@@ -121,15 +129,16 @@ class ElasticCell(CellProblem, Elasticity):
         """
         if self.material.expansion.value == 0.0:
             return np.zeros(0)
-        asm, hindered = self.assembly, 0.0
+        asm, stress = self.assembly, np.zeros(6)
         rule = self.domain.stiff_rule(asm, constant=self.material.constant)
         det = abs(float(np.linalg.det(self._jacobian[0])))
         for m, part in zip(self.material.phases, self.domain.of_phases(rule), strict=False):
-            lam, mu = m.lame(asm, part.points)
-            stress = (3.0 * lam + 2.0 * mu) * m.expansion.at(asm, part.points)
-            hindered += det * float((part.weights * stress).sum())
+            for i in range(0, len(part), AT_ONCE):
+                u, w = part.points[i : i + AT_ONCE], part.weights[i : i + AT_ONCE]
+                one = hindered(m, asm, u) * m.expansion.at(asm, u)[:, None]
+                stress += det * (w[:, None] * one).sum(axis=0)
         done = np.einsum("na,naj->j", self.load(temperature=1.0).forces(), answer.coefficients)
-        beta = (hindered * tensors.UNIT + done) / self.cell_volume
+        beta = (stress + done) / self.cell_volume
         return tensors.compliance(C, SOFT) @ beta
 
     def under(self, stress: ArrayLike) -> LocalFields:
@@ -210,14 +219,36 @@ class ElasticCell(CellProblem, Elasticity):
         return homogenized(self, *how, estimate=as_flag("estimate", estimate))
 
 
-def _stress(lam: FloatArray, mu: FloatArray, E: FloatArray) -> FloatArray:
-    """Stresses (n, 3, 3) of one strain."""
-    lam, mu = lam[:, None, None], mu[:, None, None]
-    return lam * np.trace(E) * np.eye(3) + 2.0 * mu * E
+def _stress(m: Material, asm: Assembly, u: FloatArray, E: FloatArray) -> FloatArray:
+    """Stresses (n, 3, 3) or (1, 3, 3) of one strain at parameters (n, 3)."""
+    if isinstance(m, Anisotropic):
+        strain = E[tuple(np.array(tensors.PAIRS).T)] * [1.0, 1.0, 1.0, 2.0, 2.0, 2.0]
+        return (m.matrices(asm, u) @ strain)[:, PLACES]
+    lam, mu = (v[:, None, None] for v in m.lame(asm, u))
+    return np.asarray(lam * np.trace(E) * np.eye(3) + 2.0 * mu * E)
+
+
+def _integral(
+    m: Material, asm: Assembly, u: FloatArray, w: FloatArray, *, soft: bool = False
+) -> FloatArray:
+    """Sum (6, 6) of stiffnesses, or of their inverses, at parameters (n, 3) with weights."""
+    if not isinstance(m, Anisotropic):
+        lam, mu = (np.broadcast_to(v, len(w)) for v in m.lame(asm, u))
+        if not soft:
+            return tensors.isotropic(float(w @ lam), float(w @ mu))
+        K, G = (1.0 / float(w @ (1.0 / v)) for v in (lam + 2.0 * mu / 3.0, mu))
+        return np.asarray(np.linalg.inv(tensors.of_moduli(K, G)), np.float64)
+    total = np.zeros((6, 6))
+    for i in range(0, len(w), AT_ONCE):
+        C, part = m.matrices(asm, u[i : i + AT_ONCE]), w[i : i + AT_ONCE]
+        C = np.asarray(np.linalg.inv(C), np.float64) if soft else C
+        total += part.sum() * C[0] if len(C) == 1 else np.einsum("n,nij->ij", part, C)
+    return total
 
 
 def elastic(
-    field: Any, cells: Any = 16, *, young: Property = 1.0, poisson: Property = 0.3,
+    field: Any, cells: Any = 16, *, young: Property | None = None,
+    poisson: Property | None = None, stiffness: Any = None, axes: str = "space",
     expansion: Property = 0.0, method: str = "auto", tol: float = 1e-8, max_iterations: int = 500,
     progress: Progress = None, estimate: bool = True, **options: Any,
 ) -> Effective:  # fmt: skip
@@ -232,7 +263,9 @@ def elastic(
     cells : int, sequence of 3 int or Grid
         Background grid; an int is for every direction.
     young, poisson : float, str or callable, keyword-only
-        As in `ilattice.cutfem.Elasticity`, also pairs for two `phases`.
+        As in `ilattice.cutfem.Elasticity`, also pairs for two `phases`; by default 1 and 0.3.
+    stiffness, axes : array_like, shape (6, 6), Graded or callable; str, optional, keyword-only
+        Material of any symmetry instead, likewise.
     expansion : float, str or callable, keyword-only
         Thermal expansion per degree, likewise, for `Effective.expansion`.
     method, tol, max_iterations, progress : str, float, int, bool or callable, keyword-only
@@ -276,8 +309,9 @@ def elastic(
     ('cubic', True)
     """
     problem = ElasticCell(
-        field, cells, young=young, poisson=poisson, expansion=expansion, **options
-    )
+        field, cells, young=young, poisson=poisson, stiffness=stiffness, axes=axes,
+        expansion=expansion, **options,
+    )  # fmt: skip
     return problem.homogenized(
         method=method, tol=tol, max_iterations=max_iterations, progress=progress,
         estimate=estimate,
@@ -315,7 +349,7 @@ def _properties(
 ) -> tuple[FloatArray, FloatArray, Answer]:
     """Effective stiffness (6, 6) and expansion (6,) or (0,), and solutions."""
     answer = problem.answers(method, tol, max_iterations, progress)
-    C = (tensors.isotropic(*problem.moments()) - answer.energies) / problem.cell_volume
+    C = (problem.moments() - answer.energies) / problem.cell_volume
     C = tensors.without(0.5 * (C + C.T), problem.free_normals())
     return C, problem.expanding(C, answer), answer
 
@@ -323,22 +357,21 @@ def _properties(
 def _bounds(problem: ElasticCell) -> tuple[float, Bounds]:
     """Part of the cell that is filled, and bounds by what fills it."""
     fractions, materials = problem.fractions(), problem.material.phases
-    bulk, shear, soft_bulk, soft_shear, moduli = 0.0, 0.0, 0.0, 0.0, []
+    stiff, soft, moduli = np.zeros((6, 6)), np.zeros((6, 6)), []
     asm = problem.assembly_of_all
-    for m, part in zip(materials, problem.domain.of_phases(problem.domain.volume), strict=False):
-        lam, mu = (np.broadcast_to(v, len(part)) for v in m.lame(asm, part.points))
-        K, w = lam + 2.0 * mu / 3.0, part.weights / part.weights.sum()
-        moduli.append((float(w @ K), float(w @ mu)) if m.constant else None)
-        f = fractions[len(moduli) - 1]
-        bulk, shear = bulk + f * float(w @ K), shear + f * float(w @ mu)
-        soft_bulk += f * float(w @ (1.0 / K))
-        soft_shear += f * float(w @ (1.0 / mu))
+    parts = problem.domain.of_phases(problem.domain.volume)
+    for f, m, part in zip(fractions, materials, parts, strict=False):
+        w = part.weights / part.weights.sum()
+        mean = _integral(m, asm, part.points, w)
+        stiff, soft = stiff + f * mean, soft + f * _integral(m, asm, part.points, w, soft=True)
+        known = m.constant and not m.full
+        moduli.append(tuple(map(float, tensors.bulk_and_shear(mean))) if known else None)
     density = float(fractions.sum())
     full = density > 1.0 - FULL
-    reuss = tensors.of_moduli(1.0 / soft_bulk, 1.0 / soft_shear) if full else np.zeros((6, 6))
+    reuss = np.asarray(np.linalg.inv(soft), np.float64) if full else np.zeros((6, 6))
     intervals: Any = (None, None)
     if None not in moduli:
         K, G = np.array([*moduli, (0.0, 0.0)]).T
         f = np.append(fractions, 0.0 if full else 1.0 - density)
         intervals = elastic_bounds(f / f.sum(), K, G)
-    return density, Bounds(tensors.of_moduli(bulk, shear), reuss, *intervals)
+    return density, Bounds(stiff, reuss, *intervals)

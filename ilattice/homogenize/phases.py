@@ -62,7 +62,9 @@ class Labelled:
         return self.weights @ properties
 
 
-def labelled(array: Any, name: str, value: Any, *, zero: bool = True) -> Labelled:
+def labelled(
+    array: Any, name: str, value: Any, *, zero: bool = True, void: float = VOID
+) -> Labelled:
     """An array of voxels by phases.
 
     Parameters
@@ -75,6 +77,8 @@ def labelled(array: Any, name: str, value: Any, *, zero: bool = True) -> Labelle
         The property, of phases.
     zero : bool
         Whether it may be zero.
+    void : float
+        What voids have of the property of the solid, where one number is given.
 
     Returns
     -------
@@ -105,10 +109,10 @@ def labelled(array: Any, name: str, value: Any, *, zero: bool = True) -> Labelle
             a = a.astype(np.int64)
     if a.dtype.kind == "f":
         return _of_numbers(a, name, values)
-    return _of_labels(a, name, values)
+    return _of_labels(a, name, values, void)
 
 
-def _of_labels(a: AnyArray, name: str, values: FloatArray) -> Labelled:
+def _of_labels(a: AnyArray, name: str, values: FloatArray, void: float) -> Labelled:
     least, most = int(a.min()), int(a.max())
     if len(values) == 1:
         if least < 0 or most > 1:
@@ -118,7 +122,7 @@ def _of_labels(a: AnyArray, name: str, values: FloatArray) -> Labelled:
             )
         if most == 0:
             raise GeometryError("array has no solid: all voxels are void")
-        values = np.array([VOID, 1.0]) * values
+        values = np.array([void, 1.0]) * values
     if least < 0 or most >= min(len(values), MOST):
         raise InputError(
             f"array has labels from {least} to {most}, but {name} has {len(values)} values, of "

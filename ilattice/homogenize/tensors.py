@@ -14,25 +14,20 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import FloatArray
-from ilattice._validate import as_array, read_only
+from ilattice._validate import as_array
+from ilattice.cutfem._voigt import MANDEL as MANDEL
+from ilattice.cutfem._voigt import SHAPE as SHAPE
+from ilattice.cutfem._voigt import UNIT as UNIT
+from ilattice.cutfem._voigt import VOIGT
+from ilattice.cutfem._voigt import VOLUME as VOLUME
+from ilattice.cutfem._voigt import bulk_and_shear as bulk_and_shear
+from ilattice.cutfem._voigt import isotropic as isotropic
+from ilattice.cutfem._voigt import rotated as rotated
+from ilattice.cutfem._voigt import tensor as tensor
 from ilattice.errors import InputError
 
 #: Pairs of axes in Voigt order.
-PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
-#: Factors of stress or half of those of strain between Voigt's and Mandel's notation.
-MANDEL = read_only(np.array([1.0, 1.0, 1.0, 2.0**0.5, 2.0**0.5, 2.0**0.5]))
-#: The unit tensor of rank two.
-UNIT = read_only(np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]))
-#: Projections on volume and on shape, in Mandel's notation.
-VOLUME = read_only(np.outer(UNIT, UNIT) / 3.0)
-SHAPE = read_only(np.eye(6) - VOLUME)
-
-
-def isotropic(lam: Any, mu: Any) -> FloatArray:
-    """Stiffness matrices (..., 6, 6) of Lamé constants."""
-    lam, mu = np.asarray(lam, np.float64), np.asarray(mu, np.float64)
-    out = lam[..., None, None] * np.outer(UNIT, UNIT)
-    return out + mu[..., None, None] * np.diag([2.0, 2.0, 2.0, 1.0, 1.0, 1.0])
+PAIRS = VOIGT
 
 
 def compliance(C: FloatArray, soft: float) -> FloatArray:
@@ -50,14 +45,6 @@ def strain_matrices() -> FloatArray:
     for a, (i, j) in enumerate(PAIRS):
         out[a, i, j] = out[a, j, i] = 1.0 if i == j else 0.5
     return out
-
-
-def tensor(C: FloatArray) -> FloatArray:
-    """All components (3, 3, 3, 3) of a stiffness matrix (6, 6)."""
-    place = np.empty((3, 3), np.int64)
-    for a, (i, j) in enumerate(PAIRS):
-        place[i, j] = place[j, i] = a
-    return np.asarray(C[place[:, :, None, None], place])
 
 
 def as_rotation(matrix: Any) -> FloatArray:
@@ -81,31 +68,9 @@ def as_direction(name: str, value: Any) -> FloatArray:
     return np.asarray(a / np.linalg.norm(a, axis=1, keepdims=True))
 
 
-def stress_rotation(Q: FloatArray) -> FloatArray:
-    """Matrix (6, 6) that takes stresses in Mandel's notation to those of a turned solid."""
-    out = np.empty((6, 6))
-    for a, (i, j) in enumerate(PAIRS):
-        for b, (k, m) in enumerate(PAIRS):
-            both = 0.5 * (Q[i, k] * Q[j, m] + Q[i, m] * Q[j, k])
-            out[a, b] = both * MANDEL[a] * MANDEL[b]
-    return out
-
-
-def rotated(C: FloatArray, Q: FloatArray) -> FloatArray:
-    """Stiffness of a solid that is turned by an orthogonal matrix."""
-    R = stress_rotation(Q)
-    return R @ (C * np.outer(MANDEL, MANDEL)) @ R.T / np.outer(MANDEL, MANDEL)
-
-
 def size(C: FloatArray) -> float:
     """Square root of the sum of squares of all 81 components."""
     return float(np.linalg.norm(C * np.outer(MANDEL, MANDEL)))
-
-
-def bulk_and_shear(C: FloatArray) -> tuple[float, float]:
-    """Moduli of the nearest isotropic tensor: of mean strains, as Voigt has them."""
-    M = C * np.outer(MANDEL, MANDEL)
-    return float((M * VOLUME).sum() / 3.0), float((M * SHAPE).sum() / 10.0)
 
 
 def of_moduli(bulk: float, shear: float) -> FloatArray:

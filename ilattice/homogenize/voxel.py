@@ -27,6 +27,8 @@ from ilattice._memory import need
 from ilattice._progress import Progress
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import as_array, as_flag, as_positive, as_triple, as_whole
+from ilattice.cutfem._voigt import PLACES
+from ilattice.cutfem.anisotropic import as_matrices
 from ilattice.cutfem.discretization import LEAST
 from ilattice.errors import InputError, PrecisionWarning
 from ilattice.homogenize import tensors
@@ -43,7 +45,7 @@ from ilattice.homogenize.conductivity import Conductivity
 from ilattice.homogenize.effective import Effective
 from ilattice.homogenize.images import read_voxels
 from ilattice.homogenize.percolation import percolation
-from ilattice.homogenize.phases import SOLID, Labelled, labelled
+from ilattice.homogenize.phases import SOLID, VOID, Labelled, labelled
 
 #: Bytes per voxel and component of a field: solutions and residuals of all loads, and work.
 PER_VALUE = 200
@@ -58,9 +60,9 @@ LOCKING = 0.45
 
 
 def voxels(
-    array: Any, *, young: Any = 1.0, poisson: Any = 0.3, expansion: Any = None,
-    spacing: Any = None, tol: float = 1e-4, estimate: bool = True, max_iterations: int = 500,
-    progress: Progress = None,
+    array: Any, *, young: Any = None, poisson: Any = None, stiffness: Any = None,
+    expansion: Any = None, spacing: Any = None, tol: float = 1e-4, estimate: bool = True,
+    max_iterations: int = 500, progress: Progress = None,
 ) -> Effective:  # fmt: skip
     """Effective stiffness of an array of voxels that repeats.
 
@@ -70,9 +72,13 @@ def voxels(
         Flags (solid or not), labels of phases, fill fractions or factors of the stiffness: see
         `ilattice.homogenize.phases`; or a file of `read_voxels`. The axes are x, y, z.
     young : float, or sequence of floats
-        Young's modulus of the solid (voids then have 1e-6 of it), or of every phase; may be zero.
+        Young's modulus of the solid (voids then have 1e-6 of it), or of every phase; may be zero;
+        by default 1.
     poisson : float, or sequence of floats
-        Poisson's ratio of all phases, or of each.
+        Poisson's ratio of all phases, or of each; by default 0.3.
+    stiffness : array_like, shape (6, 6) or (phases, 6, 6), optional
+        Instead of both, of any symmetry: of the solid, or of every phase, such as the grains of a
+        polycrystal; in Voigt order xx, yy, zz, yz, xz, xy with engineering shear.
     expansion : float, or sequence of floats, optional
         Thermal expansion per degree of all phases, or of each, for `Effective.expansion`: one more
         load.
@@ -112,50 +118,78 @@ def voxels(
     Moulinec and Suquet (1998) for Fourier transforms in homogenization; Schneider, Merkert and
     Kabel (2017) for trilinear elements with them.
     """
-    array, size = _as_voxels(array, spacing, 3)
-    cells = labelled(array, "young", young)
-    E = cells.values
-    nu = as_array("poisson", poisson).ravel()
-    if np.ndim(poisson) > 1 or len(nu) not in (1, len(E)):
-        raise InputError(f"poisson must be one number or {len(E)}, got {poisson!r:.80}")
-    if not ((nu > -1.0) & (nu < 0.5)).all():
-        raise InputError(f"poisson must be above -1 and below 0.5, got {poisson!r:.80}")
-    if (nu >= LOCKING).any():
-        warnings.warn(
-            f"poisson={nu.max():g}: trilinear voxels lock from about {LOCKING} on, and are too "
-            "stiff; take cut cells (il.homogenize.elastic)",
-            PrecisionWarning,
-            stacklevel=2,
-        )
-    nu = np.broadcast_to(nu, len(E))
-    lame = np.stack([E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))], axis=1)
-    table = cells.mixed(lame)
-    stress = np.stack(
-        [tensors.isotropic(*table.T) @ e for e in np.eye(6)]
-    )[:, :, [[0, 5, 4], [5, 1, 3], [4, 3, 2]]]  # fmt: skip
-    heat = np.zeros((0, len(table)))
+    array, size = as_voxels(array, spacing, 3)
+    cells, given, table = elastic_phases(array, young, poisson, stiffness)
+    stiff = cells.mixed(given.reshape(-1, 36)).reshape(-1, 6, 6)
+    stress = stiff[:, PLACES].transpose(3, 0, 1, 2)
+    heat = np.zeros((0, len(stiff), 6))
     if expansion is not None:
         alpha = as_array("expansion", expansion).ravel()
-        if np.ndim(expansion) > 1 or len(alpha) not in (1, len(E)):
-            raise InputError(f"expansion must be one number or {len(E)}, got {expansion!r:.80}")
-        heat = cells.mixed(((3 * lame[:, 0] + 2 * lame[:, 1]) * alpha)[:, None]).T
-        stress = np.concatenate([stress, heat[:, :, None, None] * np.eye(3)])
+        if np.ndim(expansion) > 1 or len(alpha) not in (1, len(given)):
+            raise InputError(f"expansion must be one number or {len(given)}, got {expansion!r:.80}")
+        heat = cells.mixed(alpha[:, None] * (given @ tensors.UNIT))[None]
+        stress = np.concatenate([stress, heat[:, :, PLACES]])
     run = _Run(cells, table, size, stress, tol, max_iterations, progress)
-    mean = tensors.isotropic(*(cells.fractions @ table))
+    mean = np.einsum("p,pij->ij", cells.fractions, stiff)
     relaxed, errors, solid, report = run.all(estimate=as_flag("estimate", estimate))
     C = mean - relaxed[:6, :6]
-    if not table.min():
+    if not np.abs(stiff).max(axis=(1, 2)).min() > 0.0:
         C = tensors.without(C, np.eye(3)[~np.array(solid)])
     _warn_of(solid, table)
     C = 0.5 * (C + C.T)
     thermal: tuple[Any, Any] = (None, None)
     for a, one in enumerate(heat, 6):
-        hindered = cells.fractions @ one * tensors.UNIT - relaxed[:6, a]
+        hindered = cells.fractions @ one - relaxed[:6, a]
         thermal = _expansion(C, errors[:6, :6], hindered, errors[:6, a])
     return Effective(
-        cells.filled, solid, report, C, errors[:6, :6], _elastic_bounds(cells, table, mean),
-        *thermal,
+        cells.filled, solid, report, C, errors[:6, :6],
+        _elastic_bounds(cells, stiff, mean, isotropic=table.shape[1] == 2), *thermal,
     )  # fmt: skip
+
+
+def elastic_phases(
+    array: Any, young: Any, poisson: Any, stiffness: Any, *, void: float = VOID
+) -> tuple[Labelled, FloatArray, FloatArray]:
+    """Voxels by phases, the given stiffnesses (k, 6, 6), and the table of a grid."""
+    if stiffness is not None:
+        if young is not None or poisson is not None:
+            raise InputError("stiffness is given, and young or poisson, too: leave out one of them")
+        C = _as_stiffnesses(stiffness)
+        known = C[:, range(6), range(6)].sum(axis=1)
+        cells = labelled(array, "stiffness", known if len(C) > 1 else known[0], void=void)
+        factors = cells.values / known if len(C) == 1 else np.ones(len(C))
+        given = factors[:, None, None] * C
+        return cells, given, cells.mixed(given.reshape(-1, 36))
+    cells = labelled(array, "young", 1.0 if young is None else young, void=void)
+    E, told = cells.values, 0.3 if poisson is None else poisson
+    nu = as_array("poisson", told).ravel()
+    if np.ndim(told) > 1 or len(nu) not in (1, len(E)):
+        raise InputError(f"poisson must be one number or {len(E)}, got {told!r:.80}")
+    if not ((nu > -1.0) & (nu < 0.5)).all():
+        raise InputError(f"poisson must be above -1 and below 0.5, got {told!r:.80}")
+    if (nu >= LOCKING).any():
+        warnings.warn(
+            f"poisson={nu.max():g}: trilinear voxels lock from about {LOCKING} on, and are too "
+            "stiff; take cut cells (il.homogenize.elastic)",
+            PrecisionWarning,
+            stacklevel=3,
+        )
+    nu = np.broadcast_to(nu, len(E))
+    lame = np.stack([E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))], axis=1)
+    return cells, tensors.isotropic(*lame.T), cells.mixed(lame)
+
+
+def _as_stiffnesses(stiffness: Any) -> FloatArray:
+    """Matrices (k, 6, 6) of phases; of voids they may be zero."""
+    C = as_array("stiffness", stiffness)
+    if C.ndim not in (2, 3) or C.shape[-2:] != (6, 6) or not len(C):
+        raise InputError(
+            f"stiffness must be a matrix, shape (6, 6), or one per phase, got shape {C.shape}"
+        )
+    C = np.array(C.reshape(-1, 6, 6))
+    there = C.any(axis=(1, 2))
+    C[there] = as_matrices("stiffness", C[there])
+    return C
 
 
 def _expansion(
@@ -206,7 +240,7 @@ def conductive_voxels(
     >>> il.homogenize.conductive_voxels(layers, conductivity=(1.0, 3.0)).k.diagonal().round(9)
     array([1.5, 2. , 2. ])
     """
-    array, size = _as_voxels(array, spacing, 1)
+    array, size = as_voxels(array, spacing, 1)
     tensor = _as_tensors(conductivity)
     known = conductivity if tensor is None else np.trace(tensor, axis1=1, axis2=2) / 3.0
     cells = labelled(array, "conductivity", known)
@@ -245,7 +279,7 @@ def _as_tensors(conductivity: Any) -> FloatArray | None:
     return k
 
 
-def _as_voxels(array: Any, spacing: Any, m: int) -> tuple[AnyArray, FloatArray]:
+def as_voxels(array: Any, spacing: Any, m: int) -> tuple[AnyArray, FloatArray]:
     """The array, and the edges of voxels, if fields of m components fit into memory."""
     given: Any = 1.0
     if isinstance(array, (str, PathLike)):
@@ -279,6 +313,9 @@ class _Run:
         self.steps = as_whole("max_iterations", steps, 1, 2**31)
         self.cells, self.stress, self.progress = cells, stress, progress
         reference = cells.fractions @ table
+        if table.shape[1] == 36:
+            K, G = tensors.bulk_and_shear(reference.reshape(6, 6))
+            reference = np.array([K - 2.0 * G / 3.0, G])
         self.grid = VoxelGrid(cells.phase, np.ascontiguousarray(table), size, reference)
 
     def all(
@@ -380,15 +417,17 @@ def _warn_of(solid: tuple[bool, bool, bool], table: FloatArray) -> None:
     warn_of_axes(solid, "xyz", "voids, which are soft here," if soft else "")
 
 
-def _elastic_bounds(cells: Labelled, table: FloatArray, mean: FloatArray) -> Bounds:
+def _elastic_bounds(
+    cells: Labelled, stiff: FloatArray, mean: FloatArray, *, isotropic: bool
+) -> Bounds:
     f = cells.fractions
     there = f > 0
-    K, G = (table[:, 0] + 2.0 * table[:, 1] / 3.0)[there], table[there, 1]
-    f = f[there]
+    f, C = f[there], stiff[there]
     reuss = np.zeros((6, 6))
-    if K.min() > 0 and G.min() > 0:
-        reuss = tensors.of_moduli(1.0 / float(f @ (1.0 / K)), 1.0 / float(f @ (1.0 / G)))
-    return Bounds(mean, reuss, *elastic_bounds(f, K, G))
+    if np.abs(C).max(axis=(1, 2)).min() > 0:
+        reuss = np.linalg.inv(np.einsum("p,pij->ij", f, np.linalg.inv(C)))
+    K, G = tensors.bulk_and_shear(C)
+    return Bounds(mean, reuss, *(elastic_bounds(f, K, G) if isotropic else (None, None)))
 
 
 def _conductive_bounds(

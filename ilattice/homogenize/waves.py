@@ -23,6 +23,8 @@ from ilattice._typing import FloatArray
 from ilattice._validate import read_only
 from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem import coupling
+from ilattice.cutfem.anisotropic import Anisotropic, Material
+from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.constraints import Constraints
 from ilattice.errors import InputError
 from ilattice.homogenize import tensors
@@ -106,7 +108,7 @@ class BlochCell(ElasticCell):
     def inertia(self) -> tuple[float, float]:
         """Integrals of the shear modulus and of the density over the active solid."""
         one = np.tile([1.0, 0.0, 0.0], len(self.assembly.space))
-        return self.moments()[1], float(one @ (self.masses @ one))
+        return float(tensors.bulk_and_shear(self.moments())[1]), float(one @ (self.masses @ one))
 
     # ---------------------------------------------------------------- matrices
 
@@ -115,28 +117,23 @@ class BlochCell(ElasticCell):
         """Stiffnesses (3, 3, 3, 3), and integrals of grad N N, N grad N (blocks, 3), N N (blocks,).
 
         Where the material varies, its values are in the integrals, and the stiffnesses are those of
-        a unit of λ and of μ.
+        units: of λ and of μ, or of the 21 entries of a matrix.
         """
-        asm, phases, out = self.assembly, self.material.phases, []
+        asm, phases = self.assembly, self.material.phases
+        out: list[tuple[FloatArray, FloatArray, FloatArray, FloatArray]] = []
         uniform = all(m.constant for m in phases)
-        one, only = np.ones((1, 1)), 1 if self.domain.interface is None else 2
+        only = 1 if self.domain.interface is None else 2
         for m, number in zip(phases[:only], range(only), strict=True):
-            jets: dict[tuple[float, float], FloatArray] = {}
+            jets: dict[bytes, tuple[FloatArray, FloatArray]] = {}
             for rule in self.domain.stiff_rules(asm, constant=uniform):
                 part = self.domain.of_phases(rule)[number]
-                lam, mu = m.lame(asm, part.points)
-                if uniform:
-                    factors = [((float(lam[0]), float(mu[0])), one)]
-                else:
-                    lam, mu = (np.broadcast_to(v, len(part))[:, None].copy() for v in (lam, mu))
-                    factors = [((1.0, 0.0), lam), ((0.0, 1.0), mu)]
-                for name, d in factors:
-                    if name not in jets:
-                        jets[name] = asm.zeros(4)
-                    asm.add_cells(jets[name], part, kernels.JETS, d)
-            for name, J in jets.items():
+                for C, d in _factors(m, asm, part.points, uniform=uniform):
+                    if C.tobytes() not in jets:
+                        jets[C.tobytes()] = C, asm.zeros(4)
+                    asm.add_cells(jets[C.tobytes()][1], part, kernels.JETS, d)
+            for C, J in jets.values():
                 parts = J[:, :3, 3].copy(), J[:, 3, :3].copy(), J[:, 3, 3].copy()
-                out.append((tensors.tensor(tensors.isotropic(*name)), *parts))
+                out.append((tensors.tensor(C), *parts))
         return out
 
     @cached_property
@@ -323,3 +320,27 @@ class BlochCell(ElasticCell):
         A = bsr_array((K.data + shift * self.masses.data, K.indices, K.indptr), shape=K.shape)
         system = self.system
         return Solver(A, near_nullspace=system.near_nullspace, method=method, places=system.places)
+
+
+def _factors(
+    m: Material, asm: Assembly, u: FloatArray, *, uniform: bool
+) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Stiffnesses (6, 6), and factors (n, 1) or (1, 1) of them at parameters, to be summed up."""
+    n = len(u)
+    if isinstance(m, Anisotropic):
+        if uniform:
+            yield m.matrices(asm, u[:1])[0], np.ones((1, 1))
+            return
+        C = np.broadcast_to(m.matrices(asm, u), (n, 6, 6))
+        for i in range(6):
+            for j in range(i, 6):
+                unit = np.zeros((6, 6))
+                unit[i, j] = unit[j, i] = 1.0
+                yield unit, C[:, i, j, None].copy()
+        return
+    lam, mu = m.lame(asm, u)
+    if uniform:
+        yield tensors.isotropic(float(lam[0]), float(mu[0])), np.ones((1, 1))
+        return
+    for ones, v in zip(((1.0, 0.0), (0.0, 1.0)), (lam, mu), strict=True):
+        yield tensors.isotropic(*ones), np.broadcast_to(v, n)[:, None].copy()

@@ -267,7 +267,7 @@ def test_galerkin_from_above_and_bounds():
 def test_struts_come_near_to_pin_jointed_ones_from_above():
     """E ρ <nnnn> of simple cubic struts, as radii fall: C11 = ρ / 3, C12 = C44 = 0."""
     over = []
-    for radius in (0.16, 0.12):
+    for radius in (0.16, 0.12, 0.09):
         bar = il.tiles.skeleton(
             [[(0, 0.5, 0.5), (1, 0.5, 0.5)], [(0.5, 0, 0.5), (0.5, 1, 0.5)],
              [(0.5, 0.5, 0), (0.5, 0.5, 1)]],
@@ -277,7 +277,7 @@ def test_struts_come_near_to_pin_jointed_ones_from_above():
             warnings.simplefilter("ignore", PrecisionWarning)
             eff = elastic(bar, 12)
         over.append(eff.C[0, 0] / (eff.density / 3))
-    assert over[0] > over[1] > 1.0
+    assert over[0] > over[1] > over[2] > 1.0
 
 
 @pytest.mark.parametrize(
@@ -310,6 +310,48 @@ def test_empty_cells_and_grids_that_are_not_closed():
     axes = (np.linspace(0, 1, 5),) * 3
     eff = elastic(il.cutfem.cut(full, Grid(axes, (True,) * 3)), degree=1, young=3.0, poisson=0.0)
     assert eff.E((0, 1, 1)) == pytest.approx(3.0, rel=1e-12)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_hard_inclusions_tend_to_rigid_ones(degree):
+    """What is left of 1e9 is a difference of large numbers, and must not be lost."""
+    ball = {"phases": lambda x: np.linalg.norm(x - (0.5, 0.48, 0.51), axis=1) - 0.15}
+    more = {"degree": degree, "estimate": False, **ball}
+    heat = [conductive(full, 6, conductivity=(c, 1.0), **more).k for c in (1e3, 1e6, 1e9)]
+    solid = [elastic(full, 6, young=(c, 1.0), **more).C for c in (1e3, 1e6, 1e9)]
+    for low, middle, high in (heat, solid):
+        np.testing.assert_allclose(middle, low, atol=5e-3 * low.max())
+        np.testing.assert_allclose(high, middle, atol=1e-5 * low.max())
+        assert np.linalg.eigvalsh(middle - low).min() > 0  # harder ones are stiffer
+        assert np.linalg.eigvalsh(high - middle).min() > -1e-7
+    again = elastic(full, 6, young=(2e20, 2e11), through=il.macroshape.cell(1e-3), degree=degree,
+                    phases=lambda x: ball["phases"](1e3 * x), estimate=False)  # fmt: skip
+    np.testing.assert_allclose(again.C, 2e11 * solid[2], rtol=1e-3, atol=1e-5 * again.C.max())
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_an_inclusion_may_touch_planes_of_the_grid(degree):
+    more = {"degree": degree, "young": (1.0, 10.0), "estimate": False}
+    found = [
+        elastic(full, 5, phases=lambda x, r=r: np.linalg.norm(x - 0.5, axis=1) - r, **more).C
+        for r in (0.3 - 1e-7, 0.3, 0.3 + 1e-7)
+    ]
+    np.testing.assert_allclose(found[1], found[0], atol=1e-3)
+    np.testing.assert_allclose(found[1], found[2], atol=1e-3)
+
+
+def test_phases_that_are_the_same_are_one():
+    labels = np.random.default_rng(0).integers(0, 2, (4, 5, 3))
+    one = il.homogenize.voxels(labels, young=(2.0, 2.0), poisson=(0.1, 0.1), estimate=False).C
+    np.testing.assert_allclose(one, naive.isotropic(2.0, 0.1), atol=1e-12)
+    twin = elastic(full, 4, phases="abs(u - 0.5) - 0.2", young=(2.0, 2.0), poisson=0.1,
+                   estimate=False).C  # fmt: skip
+    np.testing.assert_allclose(twin, naive.isotropic(2.0, 0.1), atol=1e-12)
+
+
+def test_size_is_estimated_before_work():
+    with pytest.raises(InputError, match=r"GB|memory"):
+        elastic("gyroid", 3000)
 
 
 def test_problems_share_their_matrix_and_can_be_copied():

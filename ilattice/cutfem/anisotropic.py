@@ -1,0 +1,374 @@
+"""Elastic material of any symmetry: a stiffness of 21 constants, constant or varying.
+
+::
+
+    C = il.cutfem.orthotropic(young=(3.0, 2.0, 1.0), poisson=(0.3, 0.2, 0.4), shear=(1.0, 0.8, 0.6))
+    il.cutfem.Elasticity(solid, 16, stiffness=C)  # along x, y, z
+    il.cutfem.Elasticity(solid, 16, through=torus, stiffness=C, axes="map")  # turned with the map
+    graded = il.cutfem.Graded("rho", [0.1, 0.2, 0.4], [C1, C2, C3])  # by a coordinate of the map
+    il.cutfem.Elasticity(solid, 16, through=torus, stiffness=graded, axes="map")
+
+Matrices are 6×6 in Voigt order xx, yy, zz, yz, xz, xy with engineering shear. Axes that follow a
+map are those of its rotation, the orthogonal matrix nearest to its Jacobian (polar decomposition).
+
+Guarantees: every matrix is checked to be symmetric and positive definite where it is used, at the
+points of quadrature too. Non-guarantees: what the map stretches changes the axes only, not the
+matrix; volume is not kept by projection: what hardly changes its volume locks, with a warning.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ilattice._typing import ArrayLike, FloatArray
+from ilattice._validate import Frozen, among, as_array, asked, check_finite, read_only
+from ilattice.cutfem._voigt import MANDEL, UNIT, bulk_and_shear, rotated
+from ilattice.cutfem.assembly import Assembly, constant_jacobian
+from ilattice.cutfem.material import Isotropic, Property, Scalar
+from ilattice.errors import InputError
+from ilattice.macroshape.maps import SplineMap
+
+AXES = ("space", "map")
+#: Part of its largest entry by which a stiffness may fail to be symmetric, and part of its largest
+#: eigenvalue that the least must have.
+ODD, LEAST = 1e-9, 1e-12
+#: Points at which full matrices are held at a time.
+AT_ONCE = 8192
+
+
+@dataclass(frozen=True, eq=False)
+class Graded(Frozen):
+    """A stiffness that depends on one property: interpolated, entry by entry.
+
+    Attributes
+    ----------
+    by : float, str or callable
+        The property, such as the relative density: a function of points of space (n, 3), or the
+        name of an extra coordinate of the map or of a property of the lattice.
+    at : array_like, shape (m,)
+        Increasing values of it.
+    C : array_like, shape (m, 6, 6)
+        Stiffnesses there, such as `Effective.C`.
+
+    Raises
+    ------
+    InputError
+        If values do not increase, or a matrix is no stiffness.
+
+    Notes
+    -----
+    Cubic Hermite splines that keep monotony (Fritsch and Butland, 1984).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import ilattice as il
+    >>> C = il.cutfem.orthotropic(young=1.0, poisson=0.3)
+    >>> graded = il.cutfem.Graded(lambda x: x[:, 2], [0.0, 1.0], [C, 2 * C])
+    >>> bool(np.allclose(graded.between(np.array([0.5])), 1.5 * C))
+    True
+    """
+
+    by: Property
+    at: ArrayLike
+    C: ArrayLike
+
+    def __post_init__(self) -> None:
+        at = as_array("at", self.at)
+        if at.ndim != 1 or len(at) < 2 or not (np.diff(at) > 0).all():
+            raise InputError(f"at must be two increasing values or more, got {self.at!r:.80}")
+        C = as_matrices("C", self.C)
+        if C.shape != (len(at), 6, 6):
+            raise InputError(
+                f"C must be one matrix per value of at, shape ({len(at)}, 6, 6), got {C.shape}"
+            )
+        object.__setattr__(self, "at", at)
+        object.__setattr__(self, "C", C)
+        super().__post_init__()
+
+    def between(self, values: ArrayLike) -> FloatArray:
+        """Stiffness at values of the property.
+
+        Parameters
+        ----------
+        values : array_like, shape (n,)
+            From the first to the last of `at`.
+
+        Returns
+        -------
+        ndarray, shape (n, 6, 6)
+            Interpolated.
+
+        Raises
+        ------
+        InputError
+            If a value is beyond.
+        """
+        from scipy.interpolate import PchipInterpolator
+
+        t, at = as_array("values", values), np.asarray(self.at)
+        lo, hi = at[0], at[-1]
+        slack = 1e-9 * (hi - lo)
+        out = (t < lo - slack) | (t > hi + slack)
+        if out.any():
+            raise InputError(
+                f"stiffness is given from {lo:g} to {hi:g}, but its property is {t[out][0]:g}; "
+                "give matrices for that, too"
+            )
+        return np.asarray(PchipInterpolator(at, np.asarray(self.C))(np.clip(t, lo, hi)))
+
+
+def as_matrices(name: str, value: Any) -> FloatArray:
+    """Symmetric positive definite matrices (..., 6, 6), or `InputError`."""
+    C = as_array(name, value)
+    if C.shape[-2:] != (6, 6):
+        raise InputError(f"{name} must be a matrix, shape (6, 6), got shape {C.shape}")
+    wrong = refused(C)
+    if wrong is not None:
+        raise InputError(f"{name} {wrong[1]}")
+    return 0.5 * (C + np.swapaxes(C, -1, -2))
+
+
+def refused(C: FloatArray) -> tuple[int, str] | None:
+    """The first matrix of (..., 6, 6) that is no stiffness, and why; None if all are."""
+    flat = C.reshape(-1, 6, 6)
+    top = np.abs(flat).max(axis=(1, 2))
+    odd = np.abs(flat - flat.transpose(0, 2, 1)).max(axis=(1, 2)) > ODD * top
+    if odd.any():
+        i = int(odd.argmax())
+        return i, f"must be symmetric, entries differ by {_odd(flat[i]):.3g} of the largest"
+    values = np.linalg.eigvalsh(flat * np.outer(MANDEL, MANDEL))
+    bad = ~(values[:, 0] > LEAST * np.maximum(values[:, -1], 0.0))
+    if bad.any():
+        i = int(bad.argmax())
+        return i, (
+            "must be positive definite: its eigenvalues in Mandel's notation are from "
+            f"{values[i, 0]:.4g} to {values[i, -1]:.4g}"
+        )
+    return None
+
+
+def _odd(C: FloatArray) -> float:
+    return float(np.abs(C - C.T).max() / np.abs(C).max())
+
+
+def orthotropic(*, young: Any, poisson: Any, shear: Any = None) -> FloatArray:
+    """Stiffness of an orthotropic material with axes x, y, z.
+
+    Parameters
+    ----------
+    young : float or sequence of 3 floats
+        Young's moduli along x, y, z.
+    poisson : float or sequence of 3 floats
+        Poisson's ratios xy, xz, yz: contraction along the second under tension along the first.
+    shear : float or sequence of 3 floats, optional
+        Shear moduli yz, xz, xy; by default, of one Young's modulus and Poisson's ratio, isotropic.
+
+    Returns
+    -------
+    ndarray, shape (6, 6)
+        Read-only.
+
+    Raises
+    ------
+    InputError
+        If the moduli are not those of a material that takes energy to deform.
+
+    Examples
+    --------
+    >>> import ilattice as il
+    >>> il.cutfem.orthotropic(young=1.0, poisson=0.25)[0].round(6)
+    array([1.2, 0.4, 0.4, 0. , 0. , 0. ])
+    """
+    E, nu = _three("young", young), _three("poisson", poisson, sign=True)
+    if shear is None:
+        if np.ptp(E) or np.ptp(nu):
+            raise InputError("shear must be given where young or poisson are three different ones")
+        shear = E / (2.0 * (1.0 + nu)) if nu[0] > -1.0 else np.nan
+    S = np.zeros((6, 6))
+    S[range(3), range(3)] = 1.0 / E
+    for (i, j), ratio in zip(((0, 1), (0, 2), (1, 2)), nu, strict=True):
+        S[i, j] = S[j, i] = -ratio / E[i]
+    S[range(3, 6), range(3, 6)] = 1.0 / _three("shear", shear)
+    wrong = refused(S)
+    if wrong is not None:
+        raise InputError(
+            f"poisson={poisson!r:.60} is not that of a solid with young={young!r:.60}: the "
+            "compliance must be positive definite"
+        )
+    return read_only(as_matrices("young, poisson and shear: the stiffness", np.linalg.inv(S)))
+
+
+def _three(name: str, value: Any, *, sign: bool = False) -> FloatArray:
+    """Three numbers, positive unless they may have any sign."""
+    a = as_array(name, value)
+    if a.size not in (1, 3) or a.ndim > 1 or not (sign or (a > 0).all()):
+        what = "numbers" if sign else "positive numbers"
+        raise InputError(f"{name} must be one or three {what}, got {value!r:.80}")
+    return np.array(np.broadcast_to(a.ravel(), 3))
+
+
+@dataclass(frozen=True, eq=False)
+class Stiffness:
+    """A stiffness as it was given.
+
+    Attributes
+    ----------
+    value : ndarray, Graded, callable, or pair of these
+        A matrix, or one of each phase.
+    axes : {"space", "map"}
+        Which axes matrices have.
+    lattice : object or None
+        Where named properties come from.
+    second : callable or None
+        See `Scalar`.
+    """
+
+    value: Any
+    axes: str = "space"
+    lattice: Any = None
+    second: Callable[[FloatArray], Any] | None = None
+
+    @classmethod
+    def of(cls, value: Any, axes: str, through: SplineMap | None, lattice: Any, second: Any) -> Any:
+        """What a user gave, checked, with axes of space wherever the map turns all alike."""
+        if not among(axes, AXES):
+            raise InputError(f"axes must be one of {AXES}, got {axes!r:.80}")
+        pair = isinstance(value, tuple | list) and len(value) == 2 and second is not None
+        J = np.eye(3)[None] if through is None else constant_jacobian(through)
+        turn = None if axes == "space" or J is None else turns(J)[0]
+        parts = [_checked(v, lattice, turn) for v in (value if pair else (value,))]
+        if J is not None and not any(callable(p) or isinstance(p, Graded) for p in parts):
+            axes = "space"
+        return cls(tuple(parts) if pair else parts[0], axes, lattice, second)
+
+    @property
+    def paired(self) -> bool:
+        """Whether each phase has its own."""
+        return isinstance(self.value, tuple)
+
+    @property
+    def phases(self) -> "tuple[Stiffness, Stiffness]":
+        """The stiffness of the first and of the second phase."""
+        if not self.paired:
+            return self, self
+        first, second = self.value
+        return replace(self, value=first, second=None), replace(self, value=second, second=None)
+
+    @property
+    def constant(self) -> bool:
+        """Whether it is one matrix."""
+        return isinstance(self.value, np.ndarray) and self.axes == "space"
+
+    def at(self, asm: Assembly, u: FloatArray) -> FloatArray:
+        """Matrices (n, 6, 6) at parameters (n, 3), or (1, 6, 6) of a constant."""
+        if self.paired:
+            assert self.second is not None
+            first, second = (s.at(asm, u) for s in self.phases)
+            return np.where(self.second(u)[:, None, None], second, first)
+        C = self._matrices(asm, u)
+        return C if self.axes == "space" else rotated(C, turns(asm.jacobians(u)))
+
+    def _matrices(self, asm: Assembly, u: FloatArray) -> FloatArray:
+        """As they were given, along their own axes."""
+        value = self.value
+        if isinstance(value, np.ndarray):
+            return value[None]
+        if isinstance(value, Graded):
+            scalar = Scalar("by", value.by, -np.inf, lattice=self.lattice)
+            C = value.between(scalar.at(asm, u))
+        else:
+            C = as_array("stiffness", asked("stiffness", value, asm.x(u)), finite=False)
+            if C.shape != (len(u), 6, 6):
+                raise InputError(
+                    f"stiffness must give one matrix per point, shape ({len(u)}, 6, 6), got "
+                    f"{C.shape}"
+                )
+            check_finite("stiffness", C)
+        wrong = refused(C)
+        if wrong is not None:
+            at = ", ".join(f"{c:.4g}" for c in asm.x(u)[wrong[0] if len(C) > 1 else 0])
+            raise InputError(f"stiffness at ({at}) {wrong[1]}")
+        return C
+
+
+def _checked(value: Any, lattice: Any, turn: FloatArray | None) -> Any:
+    """One stiffness as it is kept."""
+    if isinstance(value, Graded):
+        Scalar("by", value.by, -np.inf, lattice=lattice)
+        return value
+    if callable(value):
+        return value
+    C = as_matrices("stiffness", value)
+    if C.ndim != 2:
+        raise InputError(
+            f"stiffness must be a matrix (6, 6), a function of points, a Graded, or a pair of "
+            f"these with phases=, got shape {C.shape}"
+        )
+    return read_only(C if turn is None else rotated(C, turn))
+
+
+def turns(J: FloatArray) -> FloatArray:
+    """Rotations (n, 3, 3) of Jacobians: the nearest orthogonal matrices."""
+    U, _, V = np.linalg.svd(J)
+    return np.asarray(U @ V)
+
+
+@dataclass(frozen=True, eq=False)
+class Anisotropic:
+    """Linear elastic material of any symmetry: as `Isotropic` is used.
+
+    Attributes
+    ----------
+    stiffness : Stiffness
+        Matrices.
+    density, expansion : Scalar
+        Mass per volume; thermal expansion per degree, the same in all directions.
+    strength : Scalar or None
+        Von Mises stress at which the material yields.
+    """
+
+    full: ClassVar[bool] = True
+    stiffness: Stiffness
+    density: Scalar
+    expansion: Scalar
+    strength: Scalar | None = None
+
+    @property
+    def phases(self) -> "tuple[Material, Material]":
+        """The material of the first and of the second phase."""
+        parts = [getattr(self, f.name) for f in fields(self)]
+        first, second = ([s and s.phases[k] for s in parts] for k in (0, 1))
+        return Anisotropic(*first), Anisotropic(*second)
+
+    @property
+    def constant(self) -> bool:
+        """Whether the stiffness is the same everywhere."""
+        return self.stiffness.constant
+
+    def matrices(self, asm: Assembly, u: FloatArray) -> FloatArray:
+        """Stiffness (n, 6, 6) or (1, 6, 6) at parameters (n, 3)."""
+        return self.stiffness.at(asm, u)
+
+    def lame(self, asm: Assembly, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Lamé constants (n,) or (1,) of the nearest isotropic stiffness: scales of penalties."""
+        if self.constant:
+            K, G = bulk_and_shear(self.matrices(asm, u))
+        else:
+            parts = [u[i : i + AT_ONCE] for i in range(0, max(len(u), 1), AT_ONCE)]
+            moduli = [np.stack(bulk_and_shear(self.matrices(asm, p))) for p in parts]
+            K, G = np.concatenate(moduli, axis=1)
+        return K - 2.0 * G / 3.0, G
+
+
+Material = Isotropic | Anisotropic
+
+
+def hindered(material: Material, asm: Assembly, u: FloatArray) -> FloatArray:
+    """Stress (n, 6) or (1, 6) of a unit strain in all directions, at parameters (n, 3)."""
+    if isinstance(material, Anisotropic):
+        return material.matrices(asm, u) @ UNIT
+    lam, mu = material.lame(asm, u)
+    return np.multiply.outer(3 * lam + 2 * mu, UNIT)
