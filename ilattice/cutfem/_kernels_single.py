@@ -3,8 +3,8 @@
 Splines with knots in common are written along whole cells: per direction the Bernstein
 coefficients of all pieces one after the other, of which neighbours share one. Where level sets
 are monotone along a direction, the solid of a cell is as connected as its projection along it, and
-this again as its projection to an edge, where signs are counted (see `_kernels_solid`). No boxes
-are made for that.
+this again as its projection to an edge, where signs are counted (see `_kernels_solid`). Else its
+pieces are asked in the same way, one by one, and whether they hang together. No boxes are made.
 
 Guarantees: what is called single is so; the same answers for any number of threads.
 """
@@ -216,6 +216,77 @@ def is_single_face(
     return False
 
 
+@inner(**FAST)
+def corners_are_solid(c: Any, m: int, at: int, s: int, t: int, tol: Any) -> bool:
+    """Whether at one of the four corners at, at + s, at + t, at + s + t all are negative."""
+    for corner in range(4):
+        i = at + corner // 2 * s + corner % 2 * t
+        good = True
+        for k in range(m):
+            good = good and c[k, i] < -tol[k]
+        if good:
+            return True
+    return False
+
+
+@inner(**FAST)
+def hangs_together(
+    c: Any, m: int, n0: int, n1: int, n2: int, signs: Any, P: int, tol: Any, one: Any, none: Any,
+    face: Any, sides: Any, edge: Any, parent: Any,
+) -> bool:  # fmt: skip
+    """Whether the solid is single in each piece, and pieces hang together at solid corners.
+
+    `one` (m, P³) and `parent` are scratch, none[0] is 0. As in `is_single` otherwise.
+    """
+    p = P - 1
+    s1 = n2 * p + 1
+    s0 = (n1 * p + 1) * s1
+    which = np.empty(m, np.int64)
+    parts = 0
+    for x in range(n0):
+        for y in range(n1):
+            for z in range(n2):
+                q = (x * n1 + y) * n2 + z
+                at = p * (x * s0 + y * s1 + z)
+                parent[q] = -1
+                if signs[q] > 0:
+                    continue
+                if signs[q] == 0:
+                    for k in range(m):
+                        for i in range(P):
+                            for j in range(P):
+                                for r in range(P):
+                                    one[k, (i * P + j) * P + r] = c[k, at + i * s0 + j * s1 + r]
+                    n = mattering(one, m, P * P * P, tol, which)
+                    if n < 0:
+                        continue
+                    if n and not is_single(one, m, 1, 1, 1, none, P, tol, face, sides, edge):
+                        return False
+                parent[q] = q
+                parts += 1
+                for axis in range(3):
+                    before = x if axis == 0 else (y if axis == 1 else z)
+                    step = n1 * n2 if axis == 0 else (n2 if axis == 1 else 1)
+                    if before == 0 or parent[q - step] < 0:
+                        continue
+                    s = p * (s1 if axis == 0 else s0)
+                    t = p * (s1 if axis == 2 else 1)
+                    if corners_are_solid(c, m, at, s, t, tol):
+                        parts -= joined(parent, q, q - step)
+    return parts == 1
+
+
+@inner(**FAST)
+def joined(parent: Any, i: int, j: int) -> int:
+    """Make one set of two; 1 if they were not one yet."""
+    while parent[i] != i:
+        i = parent[i]
+    while parent[j] != j:
+        j = parent[j]
+    parent[max(i, j)] = min(i, j)
+    return 1 if i != j else 0
+
+
 @in_ranges(CHUNK)
 @njit(cache=True, nogil=True, **FAST)
 def single_cells(
@@ -242,6 +313,9 @@ def single_cells(
     tol = np.empty(m)
     inside = np.zeros(most[0] * most[1] * most[2], np.int8)
     sides = np.zeros(most.max() ** 2, np.int8)
+    none = np.zeros(1, np.int8)
+    one = np.empty((m, (p + 1) ** 3))
+    parent = np.empty(len(inside), np.int64)
     for n in range(begin, end):
         x, y, z = starts0[places[n, 0]], starts1[places[n, 1]], starts2[places[n, 2]]
         n0 = starts0[places[n, 0] + 1] - x
@@ -272,4 +346,8 @@ def single_cells(
             for i in range(size):
                 top = max(top, abs(F[k, i]))
             tol[k] = TINY * top
-        out[n] = is_single(F, m, n0, n1, n2, inside, p + 1, tol, face, sides, edge)
+        out[n] = is_single(
+            F, m, n0, n1, n2, inside, p + 1, tol, face, sides, edge
+        ) or hangs_together(
+            F, m, n0, n1, n2, inside, p + 1, tol, one, none, face, sides, edge, parent
+        )
