@@ -172,12 +172,12 @@ def cell_matrices(
                     rows += 6
                 else:
                     W[rows] = weight * d[q * d_step, 0]
-                    if kind == 0:
-                        values_of(B, n, L, rows * wide)
-                    else:
-                        gradients_of(B, n, G, L, rows * wide)
-                        if kind == 3:
-                            values_of(B, n, L, rows * wide + 3 * n * n * n)
+                    at = rows * wide
+                    if kind != 0:
+                        gradients_of(B, n, G, L, at)
+                        at += 3 * n * n * n
+                    if kind != 2:
+                        values_of(B, n, L, at)
                     rows += 1
                 if rows == ROWS or q + 1 == offsets[e + 1]:
                     if kind != 1 and kind != 4:

@@ -18,7 +18,6 @@ from ilattice.cutfem._kernels_solid import (
     EMPTY,
     FAST,
     FULL,
-    TINY,
     UNSURE,
     air_between,
     divide,
@@ -206,111 +205,6 @@ def pieces_of(c: Any, tables: Any, which: Any, start: Any, extent: Any, P: int) 
     return corner, length, label, count, thin / UNIT
 
 
-@njit(**FAST)
-def trend(c: Any, base: int, along: int, s: int, t: int, many: int, P: int, tol: float) -> int:
-    """1 if a polynomial never falls along a stride, 2 if it never rises, 3 for both, 0 for neither.
-
-    Its coefficients are c[base + i s + j t + k along], i and k below P, and j below `many`.
-    """
-    found = 3
-    for i in range(P):
-        for j in range(many):
-            at = base + i * s + j * t
-            for k in range(P - 1):
-                d = c[at + (k + 1) * along] - c[at + k * along]
-                if d < -tol:
-                    found &= 2
-                if d > tol:
-                    found &= 1
-        if found == 0:
-            return 0
-    return found
-
-
-@njit(**FAST)
-def is_one_piece(c: Any, tables: Any, which: Any, start: Any, extent: Any, P: int) -> bool:
-    """Whether the solid of one polynomial in several boxes of a cell is certainly in one piece.
-
-    Where the polynomial is monotone along one direction in all boxes, the solid stands on one end
-    of the cell and is as connected as what it stands on; this again, if it is monotone along
-    another direction, as its edge, where signs are counted. Other boxes than those given are empty.
-    """
-    n = len(which)
-    tol = 0.0
-    table = -1
-    top = np.zeros(3, np.int64)
-    for i in range(n):
-        for a in range(3):
-            top[a] = max(top[a], start[i, a] + extent[i, a])
-            if start[i, a] % UNIT or extent[i, a] % UNIT:
-                return False
-        if which[i] >= 0:
-            if table >= 0 and tables[which[i]] & 3 != table:
-                return False
-            table = tables[which[i]] & 3
-            tol = max(tol, TINY * np.abs(c[which[i]]).max())
-    if table == 0 or table == 3:
-        return False
-    sign = -1.0 if table == 1 else 1.0  # of the polynomial that is negative in the solid
-    for a in range(3):
-        along = P ** (2 - a)
-        found = 3
-        for i in range(n):
-            if which[i] >= 0 and found > 0:
-                b, e = P ** (2 - (a + 1) % 3), P ** (2 - (a + 2) % 3)
-                found &= trend(c[which[i], 0], 0, along, b, e, P, P, tol)
-        if found > 0:
-            low = (found & 1 > 0) == (sign > 0.0)
-            if base_is_one_piece(c, which, start, extent, top, a, low, sign, P, tol):
-                return True
-    return False
-
-
-@njit(**FAST)
-def base_is_one_piece(
-    c: Any, which: Any, start: Any, extent: Any, top: Any, axis: int, low: bool, sign: float,
-    P: int, tol: float,
-) -> bool:  # fmt: skip
-    """Whether what the solid of `is_one_piece` stands on, one end of its cell, is in one piece."""
-    base = 0 if low else (P - 1) * P ** (2 - axis)
-    for turn in range(1, 3):
-        a = (axis + turn) % 3
-        e = (axis + 3 - turn) % 3
-        found = 3
-        for i in range(len(which)):
-            at = start[i, axis] == 0 if low else start[i, axis] + extent[i, axis] == top[axis]
-            if which[i] >= 0 and at and found > 0:
-                found &= trend(c[which[i], 0], base, P ** (2 - a), P ** (2 - e), 0, 1, P, tol)
-        if found == 0:
-            continue
-        below = (found & 1 > 0) == (sign > 0.0)
-        edge = base + (0 if below else (P - 1) * P ** (2 - a))
-        changes, first, last = 0, 0, 0
-        for place in range(0, top[e], UNIT):
-            box = -1  # the one on the edge here
-            for i in range(len(which)):
-                at = start[i, axis] == 0 if low else start[i, axis] + extent[i, axis] == top[axis]
-                on = start[i, a] == 0 if below else start[i, a] + extent[i, a] == top[a]
-                if at and on and start[i, e] <= place < start[i, e] + extent[i, e]:
-                    box = i
-            for j in range(P):
-                value = 1.0
-                if box >= 0:
-                    value = -1.0
-                    if which[box] >= 0:
-                        value = sign * c[which[box], 0, edge + j * P ** (2 - e)]
-                s = 1 if value > tol else (-1 if value < -tol else 0)
-                if s != 0:
-                    if first == 0:
-                        first = s
-                    elif s != last:
-                        changes += 1
-                    last = s
-        if changes <= 1 or (changes == 2 and first > 0):
-            return True
-    return False
-
-
 @njit(parallel=True, **FAST)
 def count_pieces(
     c: Any, tables: Any, which: Any, start: Any, extent: Any, offsets: Any, P: int, counts: Any,
@@ -324,9 +218,6 @@ def count_pieces(
         if len(mine) == 1 and (
             k < 0 or sort_of(c[k], c.shape[1], P, tolerances(c[k]), tables[k]) < UNSURE
         ):
-            counts[i] = 1
-            gaps[i] = 0.0
-        elif c.shape[1] == 1 and is_one_piece(c, tables, mine, start[part], extent[part], P):
             counts[i] = 1
             gaps[i] = 0.0
         else:

@@ -43,6 +43,8 @@ LEAST = 2.5
 SEEN = 0.3
 #: Steps towards the best approximation, in the energy, and, before, in the mean square of nodes.
 STEPS, FIRST = 8, 40
+#: Part of the distance by which a step must have come nearer for another one to be taken.
+WORTH = 5e-3
 DIGITS = 1e-7
 #: Energies below this part of those of nodes that move one by one, relative to their mean or to
 #: where they were, and the latter alone, are what equations solved to some eight digits leave.
@@ -87,10 +89,14 @@ def levels(space: SplineSpace) -> list[Level]:
         if not out and not all(coarse < fine for fine, coarse in pairs):
             break
         space, P = found
-        P = P.tocsr() if not out else (out[0].P @ P).tocsr()
-        T = P.T.tocsr()
-        out.append(Level(P, T, T.multiply(T).tocsr()))
+        out.append(_of_rows(P.tocsr() if not out else (out[0].P @ P).tocsr()))
     return out
+
+
+def _of_rows(P: Any) -> Level:
+    """A level, or some rows of it."""
+    T = P.T.tocsr()
+    return Level(P, T, T.multiply(T).tocsr())
 
 
 def relative_error(
@@ -123,7 +129,9 @@ def relative_error(
     """
     if not levels:
         return float("nan")
-    lost = [_distance(level, multiply, diagonal, c, fixed) for level in levels]
+    lost = [_distance(levels[0], multiply, diagonal, c, fixed)]
+    if len(levels) == 2 and lost[0] < SEEN * energy:  # else more is lost there, and not believed
+        lost.append(_distance(levels[1], multiply, diagonal, c, fixed))
     free = np.where(fixed, 0.0, diagonal)
     moved = np.minimum((c - c.mean(axis=0)) ** 2, c * c)  # nodes of stiff springs stay in place
     noise = ROUNDING * (free * moved).sum() + SOLVED * (free * c * c).sum()
@@ -169,7 +177,9 @@ def _distance(
     held = (abs(level.T) @ fixed.astype(np.float64)) > 0
     weights = np.repeat(diagonal.mean(axis=1, keepdims=True), c.shape[1], axis=1)
     b = np.tile(c.mean(axis=0), (level.P.shape[1], 1))
-    b = _fitted(level, weights * fixed, held, c, b)
+    rows = np.flatnonzero(fixed.any(axis=1))
+    if len(rows):
+        b = _fitted(_of_rows(level.P[rows]), (weights * fixed)[rows], held, c[rows], b)
     b = _fitted(level, weights, ~held, c, b)
     gap = np.where(fixed, 0.0, c - level.P @ b)
     inverse = np.where(held, 0.0, 1.0 / (level.squares @ weights))
@@ -181,6 +191,7 @@ def _descend(
 ) -> float:
     """Least square of gap - P b in the energy after some steps."""
     force = multiply(gap)
+    energy = float((gap * force).sum())
     r = level.T @ force
     p = z = inverse * r
     rz = float((r * z).sum())
@@ -195,7 +206,10 @@ def _descend(
         z = inverse * r
         old, rz = rz, float((r * z).sum())
         p = z + rz / old * p
-    return max(float((gap * force).sum()), 0.0)
+        energy = float((gap * force).sum())
+        if old * old / stiff < WORTH * energy:
+            break
+    return max(energy, 0.0)
 
 
 def _fitted(

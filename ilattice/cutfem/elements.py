@@ -139,17 +139,19 @@ def elements_of(cut: CutGrid, solid: Quadrature) -> ElementGrid:
 def _counted(cut: CutGrid) -> tuple[IntArray, IntArray, FloatArray]:
     """Cut cells, their numbers of pieces, and widths of gaps that are not resolved, in cells."""
     cells = cut.cells(CUT)
-    counts, widths = np.zeros(len(cells), np.int64), np.zeros(len(cells))
+    counts, widths = np.ones(len(cells), np.int64), np.zeros(len(cells))
+    rest = np.flatnonzero(~cut.layout.single(cells))
     per_cell = cut.layout.per_cell
     size = max(int(BATCH / per_cell), 1)
-    for i in range(0, len(cells), size):
-        part = slice(i, min(i + size, len(cells)))
+    for i in range(0, len(rest), size):
+        part = rest[i : i + size]
         tensors, tables, which, start, extent, owner = cut.layout.insides(cells[part])
         offsets = np.append(np.searchsorted(owner, cells[part]), len(owner))
+        found, gaps = np.zeros(len(part), np.int64), np.zeros(len(part))
         kernels.count_pieces(
-            tensors, tables, which, start, extent, offsets, cut.pieces.order, counts[part],
-            widths[part],
-        )  # fmt: skip
+            tensors, tables, which, start, extent, offsets, cut.pieces.order, found, gaps
+        )
+        counts[part], widths[part] = found, gaps
     return cells, counts, widths / np.cbrt(per_cell)
 
 

@@ -61,6 +61,10 @@ class Layout(FrozenCopies):
         """What `_kernels_elements.boxes_of` needs of some cells, and the cell of each box."""
         raise NotImplementedError
 
+    def single(self, cells: IntArray) -> AnyArray:
+        """Cells in which the solid is certainly in one piece, as far as that is cheap to tell."""
+        return np.zeros(len(cells), bool)
+
     def fine(self, u: FloatArray, cells: IntArray) -> FloatArray:
         """Places (n, 3) of points from the corners of cells, in the parts of `insides`."""
         raise NotImplementedError
@@ -99,6 +103,17 @@ class TensorLayout(Layout):
             low = np.minimum.reduceat(low, starts, axis=a)
             high = np.maximum.reduceat(high, starts, axis=a)
         return read_only(np.where(low == high, low, CUT).astype(np.int8))
+
+    @cached_property
+    def _starts(self) -> list[IntArray]:
+        """Per direction, the first layer of pieces of each cell, and the number of layers."""
+        pairs = zip(self.owners, self.grid.shape, strict=True)
+        return [np.searchsorted(owner, np.arange(n + 1)) for owner, n in pairs]
+
+    def single(self, cells: IntArray) -> AnyArray:
+        """See `Layout.single`."""
+        places = np.stack(np.unravel_index(cells, self.grid.shape), axis=1)
+        return self.pieces.single(self._signs, self._starts, places)
 
     def volume(self, cells: IntArray) -> Listing:
         """See `Layout.volume`."""
@@ -174,19 +189,13 @@ class TensorLayout(Layout):
     def _boxes_of_cells(self, cells: IntArray) -> tuple[IntArray, IntArray, IntArray]:
         """First and last planes (n, 3) of boxes that are not out, and the cell of each."""
         places = np.stack(np.unravel_index(cells, self.grid.shape), axis=1)
-        starts0, starts1, starts2 = (
-            np.searchsorted(owner, np.arange(n + 1))
-            for owner, n in zip(self.owners, self.grid.shape, strict=True)
-        )
         mark = np.zeros(self.pieces.shape, np.int8)
         counts = np.zeros(len(cells), np.int64)
         boxes = np.empty((0, 6), np.int64)
         for _ in range(2):  # count, then list
             offsets = np.append(0, np.cumsum(counts))
             boxes = np.empty((offsets[-1], 6), np.int64)
-            kernels.boxes_of_cells(
-                self._signs, mark, places, starts0, starts1, starts2, offsets, boxes, counts
-            )
+            kernels.boxes_of_cells(self._signs, mark, places, *self._starts, offsets, boxes, counts)
         return boxes[:, :3], boxes[:, 3:], np.repeat(cells, counts)
 
     def _boxes(self, low: IntArray, high: IntArray) -> FloatArray:

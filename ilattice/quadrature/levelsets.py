@@ -24,6 +24,7 @@ from ilattice._validate import Frozen, as_array, as_points, asked, read_only
 from ilattice.bspline import BSpline
 from ilattice.bspline._kernels_bezier import restriction
 from ilattice.bspline.knots import find_spans
+from ilattice.cutfem import _kernels_single as singles
 from ilattice.errors import InputError
 from ilattice.fields.algebra import complement
 from ilattice.fields.node import Node
@@ -37,6 +38,8 @@ UNROLLED = (3, 4)
 #: Pieces that are worked on at once.
 BATCH = 1 << 14
 PER_PIECE = 24  # bytes of memory
+#: Coefficients along whole cells, up to which these are looked at before their pieces are.
+LONG = 1 << 15
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -235,6 +238,26 @@ class Pieces(Frozen):
         names = np.tile(np.arange(m), (n, 1))
         return Content(self.tensors(index), np.full(n, m), np.full(n, self.table), names)
 
+    def single(self, signs: AnyArray, starts: list[IntArray], places: IntArray) -> AnyArray:
+        """Cells in which the solid is certainly in one piece, as far as that is cheap to tell.
+
+        Parameters
+        ----------
+        signs : ndarray, shape (n0, n1, n2)
+            Those of `signs`.
+        starts : list of ndarray
+            Per direction, the first layer of pieces of each cell, and the number of layers.
+        places : ndarray, shape (n, 3)
+            Cells.
+
+        Returns
+        -------
+        ndarray of bool, shape (n,)
+            Whether it is.
+        """
+        del signs, starts
+        return np.zeros(len(places), bool)
+
     @property
     def table(self) -> int:
         """The table of signs of which all are negative."""
@@ -304,6 +327,20 @@ class SplinePieces(Pieces):
             np.stack(self._arrays), *rows, *first, self.sets.factors.copy(),
             self.sets.shifts.copy(), self.table, halvings, self.lengths, out,
         )  # fmt: skip
+        return out
+
+    def single(self, signs: AnyArray, starts: list[IntArray], places: IntArray) -> AnyArray:
+        """See `Pieces.single`: for continuous splines that have their knots in common."""
+        out = np.zeros(len(places), bool)
+        rows, first = zip(*self._operators[0], strict=True)
+        most = np.array([np.diff(s).max() for s in starts])
+        joined = all((np.diff(f) < self.order).all() for f in first)
+        alike = all(_alike(s, self.sets.splines[0]) for s in self.sets.splines)
+        if joined and alike and np.prod(most * self.order) <= LONG:
+            singles.single_cells(
+                len(places), np.stack(self._arrays), *rows, *first, self.sets.factors.copy(),
+                self.sets.shifts.copy(), signs, *starts, np.ascontiguousarray(places), most, out,
+            )  # fmt: skip
         return out
 
     def bounds(self) -> FloatArray | None:

@@ -8,7 +8,6 @@ import pytest
 from scipy import ndimage
 
 import ilattice as il
-from ilattice.cutfem import _kernels_elements as kernels
 from ilattice.cutfem import _kernels_solid as boxes
 from ilattice.cutfem.elements import elements_of
 from ilattice.errors import PrecisionWarning
@@ -147,25 +146,41 @@ def rough(rng, kind):
     return il.BSpline((t,) * 3, c - np.quantile(c, rng.uniform(0.3, 0.7)), 2)
 
 
-@pytest.mark.parametrize("kind", ["plane", "valley", "noise"])
-def test_solid_that_stands_on_one_end_of_its_cell_is_one_piece(kind):
+def bounded_by(rng, kind):
+    """Random solids that splines with the same knots bound: one, a band, or two of them."""
+    f = rough(rng, {"bands": "valley", "two": "valley"}.get(kind, kind))
+    if kind.startswith("band"):
+        d = rng.uniform(0.1, 0.6)
+        return tuple(il.BSpline(f.t, s * f.c - d, f.k) for s in (1.0, -1.0))
+    if kind == "facing":  # nearly the same zero set, seen from both sides
+        g = 0.03 * rng.standard_normal(f.c.shape) - rng.uniform(0, 0.05) - f.c
+        return f, il.BSpline(f.t, g, f.k)
+    return (f, il.BSpline(f.t, rough(rng, "plane").c - 0.8, f.k)) if kind == "two" else f
+
+
+#: Part of the cells in which the short way must do.
+KINDS = {"plane": 0.9, "valley": 0.5, "noise": 0, "band": 0.9, "bands": 0.3, "two": 0.3}
+KINDS |= {"facing": 0}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_solid_that_stands_on_one_end_of_its_cell_is_one_piece(kind, monkeypatch):
     rng = np.random.default_rng([17, len(kind)])
-    accepted, pieces = [], []
-    for _ in range(60):
-        cut = il.cutfem.cut(rough(rng, kind), 2)
-        cells = cut.cells(il.quadrature.grid.CUT)
-        c, tables, which, start, extent, owner = cut.layout.insides(cells)
-        for cell in cells:
-            mine = owner == cell
-            rest = which[mine], start[mine], extent[mine], cut.pieces.order
-            single = kernels.is_one_piece(c, tables, *rest)
-            assert single == kernels.is_one_piece(-c, np.full_like(tables, 1), *rest)
-            accepted.append(single)
-            pieces.append(kernels.pieces_of(c, tables, *rest)[3])
-    accepted, pieces = np.array(accepted), np.array(pieces)
-    assert (pieces[accepted] == 1).all()
-    assert accepted.mean() > {"plane": 0.9, "valley": 0.5, "noise": 0.0}[kind]
-    assert kind == "plane" or (pieces > 1).sum() > 50
+    accepted, several = [], 0
+    for _ in range(12):
+        cut = il.cutfem.cut(bounded_by(rng, kind), 2)
+        cells, rule = cut.cells(il.quadrature.grid.CUT), cut.volume(2)
+        single, short = cut.layout.single(cells), elements_of(cut, rule)
+        with monkeypatch.context() as m:
+            m.setattr(type(cut.layout), "single", lambda _, cells: np.zeros(len(cells), bool))
+            plain = elements_of(cut, rule)
+        np.testing.assert_array_equal(short.several, plain.several)
+        np.testing.assert_array_equal(short.parents, plain.parents)
+        assert not np.isin(plain.several, cells[single]).any()
+        accepted.append(single)
+        several += len(plain.several)
+    assert np.concatenate(accepted).mean() >= KINDS[kind]
+    assert kind in ("plane", "band") or several > 2
 
 
 def test_air_that_is_too_thin_is_told_with_place_and_width():
