@@ -266,12 +266,12 @@ def abandon(m, r, lam, size, low, best, h):
     """
     if not best[3] < np.inf:
         return False
-    if size < 0.1 * h and lam * best[5] >= 0.0 and near(
-        (m[0, 0], m[1, 0], m[2, 0]), best, best[4] * min(0.1 * h, 0.5 * best[3])
-    ):
+    close = best[4] * min(0.1 * h, 0.5 * best[3])
+    behind = lam * best[5] < 0.0
+    if size < 0.1 * h and not behind and near((m[0, 0], m[1, 0], m[2, 0]), best, close):
         return True
     dist = np.sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
-    return size < 0.3 * h and low >= SADDLE and dist - 2.0 * size > best[3] + 0.1 * h
+    return size < 0.3 * h and low >= SADDLE and dist - 2.0 * size > best[3] + 0.1 * min(h, best[3])
 
 
 @inner(fastmath=FAST, error_model="numpy")

@@ -148,9 +148,7 @@ def _sweep(
     """
     idx = np.empty((len(at), RETRY_CANDIDATES), np.int64)
     best = np.abs(feet[0, at, 6])
-    _kernels_sweep.sweep(
-        search.space[7], *search.seeds, *search.boxes, x[at], p[at], best, idx
-    )
+    _kernels_sweep.sweep(search.space[7], *search.seeds, *search.boxes, x[at], p[at], best, idx)
     some = np.flatnonzero(idx[:, 0] >= 0)
     _start(search, at[some], idx[some], x, p, feet, counts, status)
     more: IntArray = at[(idx[:, -1] >= 0) & (np.abs(feet[0, at, 6]) < best)]

@@ -1,7 +1,4 @@
-"""Meshes with the default length of edges, of the solids and walls of the catalogue.
-
-By hand, all of them: `PYTHONPATH=tests python tests/mesh/test_default_meshes.py`.
-"""
+"""Meshes with the default length of edges, of the solids and walls of the catalogue."""
 
 import warnings
 
@@ -89,14 +86,3 @@ def test_default_meshes_of_solids_are_whole(name):
 @pytest.mark.parametrize("name", NAMES[5::16])
 def test_default_meshes_of_walls_are_whole(name):
     assert faults(name, "box" if NAMES.index(name) % 32 > 16 else "shell", 0.12) == []
-
-
-if __name__ == "__main__":
-    for tile in NAMES:
-        for where in MAPS:
-            for thickness in (None, 0.12):
-                try:
-                    wrong = faults(tile, where, thickness)
-                except il.errors.IlatticeError as e:
-                    wrong = [f"{type(e).__name__}: {e}"]
-                print(tile, where, thickness, wrong, flush=True)

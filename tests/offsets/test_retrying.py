@@ -152,3 +152,23 @@ def test_polished_points_are_at_the_asked_distance_from_all_of_the_surface(flat)
     good = residual < 1e-6 * d
     assert good.mean() > 0.8
     assert np.abs(side * flat.distance(out) - d)[good].max() < 1e-5 * d
+
+
+@pytest.mark.parametrize("tile", ["gyroid", "re_entrant_honeycomb"])
+def test_no_seed_leads_to_a_nearer_foot(tile):
+    """Every seed around is started from, alone: feet of thin plates have others behind them."""
+    lattice = il.Lattice(tile, through=il.macroshape.wing(), repeat=(1, 1, 3))
+    search, n = lattice.search, 250
+    u, q, x = queries(lattice, n, 8)
+    best = np.abs(lattice.closest(u).distance)
+    near = search.tree.query_ball_point(x, best + 0.3 * search.spacing.size.mean())
+    owner = np.repeat(np.arange(n), [len(s) for s in near])
+    seed = np.concatenate([np.array(s, np.int64) for s in near])[:, None]
+    feet, counts = np.full((2, len(seed), 8), np.nan), np.zeros((len(seed), 2), np.int64)
+    status = np.full(len(seed), newton.FALLBACK)
+    search._run(x[owner], q[owner], seed, feet, counts, status)
+    found = np.where(status < newton.FALLBACK, np.abs(feet[0, :, 6]), np.inf)
+    nearest = np.minimum.reduceat(found, np.searchsorted(owner, np.unique(owner)))
+    best = best[np.unique(owner)]
+    assert len(best) > 0.9 * n
+    assert (nearest > best - 1e-6 * best.max()).all()
