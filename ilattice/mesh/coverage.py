@@ -23,8 +23,9 @@ if TYPE_CHECKING:
 POINTS, VERTICES = 4000, 6
 #: Distance from a triangle, relative to its longest edge, within which it covers a point.
 NEAR = 0.25
-#: Part of the half-thickness that points of the offset may be off.
-OFF = 0.05
+#: Part of the half-thickness that points of the offset may be off, and that by which they are where
+#: walls have merged: other parts of the mid-surface are nearer. Points that are looked at for that.
+OFF, MERGED, SOME = 0.05, 0.5, 1000
 
 
 def missing_part(wall: OffsetSolid, mesh: SurfaceMesh) -> float:
@@ -42,20 +43,49 @@ def missing_part(wall: OffsetSolid, mesh: SurfaceMesh) -> float:
     float
         From 0 to 1, by area of the mid-surface.
     """
-    u, area = wall._middle(POINTS)
     total = lacking = 0.0
     for side in (1.0,) if wall.thickness.solid else (1.0, -1.0):
-        sides = np.full(len(u), side)
-        way, cut = to_faces(wall, u, beside(wall, u, np.zeros((len(u), 3), np.bool_), sides))
-        at = np.flatnonzero(~cut)
-        there = inside(wall.lattice, u[at] + way[at])
-        error, asked = wall._errors(there, sides[at])
+        there, area, error, asked = _beside(wall, side, POINTS)
         fine = error <= OFF * np.maximum(np.abs(asked), wall.least_thickness)
-        at = at[fine]
         far = ~covered(mesh, wall.lattice.through.x(there[fine]))
-        total += float(area[at].sum())
-        lacking += float(area[at][far].sum())
+        total += float(area[fine].sum())
+        lacking += float(area[fine][far].sum())
     return lacking / total if total > 0.0 else 0.0
+
+
+def merged_part(wall: Wall) -> float:
+    """Part of the sides of a wall that are within it, for walls have grown into each other.
+
+    Parameters
+    ----------
+    wall : Wall
+        The wall, not a solid.
+
+    Returns
+    -------
+    float
+        From 0 to 1, by area of the mid-surface.
+    """
+    total = lost = 0.0
+    for side in (1.0, -1.0):
+        _, area, error, asked = _beside(wall, side, SOME)
+        total += float(area.sum())
+        lost += float(area[(error > MERGED * np.abs(asked)) & (asked != 0.0)].sum())
+    return lost / total if total > 0.0 else 0.0
+
+
+def _beside(wall: Wall, side: float, most: int) -> tuple[FloatArray, ...]:
+    """Points next to the mid-surface, to first order on a side of a wall and in the domain.
+
+    Their parameters (n, 3), the areas (n,) they stand for, by how much their distance is off (n,),
+    and what it should be (n,).
+    """
+    u, area = wall._middle(most)
+    sides = np.full(len(u), side)
+    way, cut = to_faces(wall, u, beside(wall, u, np.zeros((len(u), 3), np.bool_), sides))
+    at = np.flatnonzero(~cut)
+    there = inside(wall.lattice, u[at] + way[at])
+    return there, area[at], *wall._errors(there, sides[at])
 
 
 def covered(mesh: SurfaceMesh, x: FloatArray) -> AnyArray:

@@ -35,6 +35,7 @@ from ilattice.macroshape.planes import grid_axes
 from ilattice.mesh._own_cells import in_own_cells
 from ilattice.mesh._settling import Classes, classified, measure, settled, unsettled
 from ilattice.mesh.contouring import ON_CAP, Contour, contour_arrays, contour_blocks
+from ilattice.mesh.coverage import merged_part
 from ilattice.mesh.creases import sharpened
 from ilattice.mesh.loss import ENOUGH, Extent, check_loss
 from ilattice.mesh.sheets import Sheets
@@ -53,10 +54,12 @@ MAX_HELD, MOST_HELD, MOST_CREASED, FEW, MOST_NEARER = 1e-3, 1e-3, 2e-2, 10, 1e-2
 #: Random points, and the corners, at which a wall that fills the part is noticed.
 FILLED = 4096
 CORNERS = np.indices((2, 2, 2)).reshape(3, -1).T
-#: Bytes of memory per vertex of a mesh.
-PER_VERTEX = 500
-#: Longest edges, relative to the least thickness, with which contours show a wall.
-SEEN = 1.0 / 1.5
+#: Bytes of memory per vertex of a mesh, and per site where the map is sampled.
+PER_VERTEX, PER_SITE = 500, 150
+MOST_PLANES = 10_000_000
+#: Longest edges, relative to the least thickness, with which contours show a wall; and the part of
+#: its sides that may be within it where it is meshed from its mid-surface.
+SEEN, MERGED = 1.0 / 1.5, 0.02
 #: Vertices and triangles; kinds and sides of vertices; which of these may be off their side.
 _Made = tuple[Untangled, AnyArray, FloatArray, AnyArray]
 
@@ -119,6 +122,9 @@ def _of_sheets(job: _Job, caps: bool) -> _Made | None:
     """A thin wall by its mid-surface, likewise; None for others, and where that fails."""
     if not job.thin:
         return None
+    least = job.wall.least_thickness
+    if job.h <= least and merged_part(job.wall) > MERGED:  # sheets would fail, slowly
+        return None
     sheets = Sheets(
         job.wall, job.axes, exactly=job.polish, caps=caps, progress=job.options["progress"]
     )
@@ -127,7 +133,6 @@ def _of_sheets(job: _Job, caps: bool) -> _Made | None:
     )
     off = int(job.classify(new.u, sheets.kind, sheets.side, suspect).off.sum())
     if new.left or off > max(MOST_HELD * len(suspect), FEW):
-        least = job.wall.least_thickness
         if job.h <= least:
             return None
         raise GeometryError(

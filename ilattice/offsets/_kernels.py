@@ -2,8 +2,9 @@
 
 The arguments are those of `_kernels_jets`; seeds are sp (tile coordinates, (s, 3)), sx (image,
 (s, 3)), sn (unit normal, the largest curvature times spacing, and how far away queries must be for
-it to count, (s, PLAIN), and where cells are squeezed the matrix that takes space to cells, and how
-far cells bend away from that, (s, SQUEEZED_TOO)), and sh (spacing, (s,)).
+it to count, (s, PLAIN), and where cells are squeezed the matrix that takes space to cells, how far
+cells bend away from that, and how far the surface in them bends away from its tangent plane, (s,
+SQUEEZED_TOO)), and sh (spacing, (s,)).
 
 Guarantees: the same result for any number of threads, a status for every query.
 Non-guarantee: the foot is the global minimiser only as far as the seeds cover the surface.
@@ -37,15 +38,18 @@ LOOSE = 0.4
 #: Points on sheets that face alike are at least this far apart in tile coordinates. It tells sheets
 #: from each other where a map squeezes tiles to less than the spacing of seeds.
 APART = 0.4
-#: Least cosine between the normals of seeds of one patch: surfaces may meet at right angles.
-ALIKE = 0.5
+#: Least cosine between the normals of seeds of one patch: surfaces may meet at right angles. Where
+#: normals turn by more than TURN over the spacing of seeds, patches are less wide, to a part.
+ALIKE, TURN, LEAST_ALIKE = 0.5, 1.5, 0.2
 #: Tiles whose longest side, cubed, is this many times their volume are squeezed.
 SQUEEZED = 10.0
 #: Seeds with a larger curvature times spacing say nothing about the normals next to them.
 SHARP = 2.0
 #: Columns of normals of seeds where cells are not squeezed, and where they are. A seed stands for
 #: so many cells around it.
-PLAIN, SQUEEZED_TOO, AROUND = 5, 15, 1.25
+PLAIN, SQUEEZED_TOO, AROUND = 5, 16, 1.25
+#: Part of a cell, along the normal, by which surfaces bend away from their tangent plane.
+BULGE = 0.3
 #: How far below its upper faces a tile ends whose neighbours meet it in creases.
 BELOW = 1e-12
 
@@ -96,18 +100,36 @@ def unlikely(x, sx, sn, i, h, best):
 
     A foot within h of the seed s has its normal along x - foot, so the tangential part of
     x - s is at most h plus what the normal turns over h, times `best`; and the patch is nearer
-    than that only if the normal part is. Where the normal turns too much, only distance counts.
+    than that only if the normal part is. Where the normal turns too much, only distance counts,
+    where cells are squeezed that from the cells around the seed.
     """
     v = (x[0] - sx[i, 0], x[1] - sx[i, 1], x[2] - sx[i, 2])
+    if sn.shape[1] > PLAIN and off_cells(v, sn, i, best):
+        return True
     a = v[0] * sn[i, 0] + v[1] * sn[i, 1] + v[2] * sn[i, 2]
     vv = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
     if sn[i, 3] > SHARP:
         return np.sqrt(vv) > best + h
     tangential = np.sqrt(max(vv - a * a, 0.0))
     turn = max(0.5 * abs(a), best * sn[i, 3])
-    if tangential > 0.9 * h + turn or abs(a) > best + 0.3 * h:
+    bulge = BULGE * h
+    if sn.shape[1] > PLAIN:
+        bulge = min(bulge, sn[i, 15])
+    if tangential > 0.9 * h + turn or abs(a) > best + bulge:
         return True
     return sn.shape[1] > PLAIN and beside(v, a, sn, i, turn)
+
+
+@inner(fastmath=FAST, error_model="numpy")
+def off_cells(v, sn, i, best):
+    """Whether a point at v from the seed i is farther than `best` from the cells around that."""
+    reach = best + sn[i, 14]
+    for k in range(3):
+        b0, b1, b2 = sn[i, 5 + 3 * k], sn[i, 6 + 3 * k], sn[i, 7 + 3 * k]
+        out = abs(b0 * v[0] + b1 * v[1] + b2 * v[2]) - AROUND
+        if out > 0.0 and out * out > reach * reach * (b0 * b0 + b1 * b1 + b2 * b2):
+            return True
+    return False
 
 
 @inner(fastmath=FAST, error_model="numpy")
@@ -159,8 +181,12 @@ def piece(geom, p, room):
 
 @inner(fastmath=FAST, error_model="numpy")
 def together(geom, a, i, b, j):
-    """Whether the tile coordinates in rows i and j are too close for two sheets that face alike."""
-    if across(geom, (a[i, 0], a[i, 1], a[i, 2]), (b[j, 0], b[j, 1], b[j, 2])):
+    """Whether the tile coordinates in rows i and j are too close for two sheets that face alike.
+
+    A foot on a face of the domain does not stand for those beyond it.
+    """
+    p, q = (a[i, 0], a[i, 1], a[i, 2]), (b[j, 0], b[j, 1], b[j, 2])
+    if across(geom, p, q) or outside(geom, p) != outside(geom, q):
         return False
     return (
         abs(a[i, 0] - b[j, 0]) < APART
@@ -170,8 +196,18 @@ def together(geom, a, i, b, j):
 
 
 @inner(fastmath=FAST, error_model="numpy")
+def width(sn, s):
+    """How wide the patch of the seed s is, for its spacing: less where its normal turns much."""
+    return min(1.0, max(LEAST_ALIKE, TURN / (sn[s, 3] + 1e-300)))
+
+
+@inner(fastmath=FAST, error_model="numpy")
 def alike(geom, sp, sx, sn, a, b, h):
-    """Whether the seeds a and b are within h of each other and on the same side of a wall."""
+    """Whether the seeds a and b are within h of each other and on the same side of a wall.
+
+    Where the normal turns much over the spacing of b they must be nearer.
+    """
+    h *= width(sn, b)
     if not row_near(sx, a, 0, (sx[b, 0], sx[b, 1], sx[b, 2]), h) or not together(
         geom, sp, a, sp, b
     ):
@@ -206,6 +242,7 @@ def same_patch(geom, sp, sx, sn, s, x, feet, i, h):
     """
     if not together(geom, sp, s, feet, i):
         return False
+    h *= width(sn, s)
     y = (sx[s, 0], sx[s, 1], sx[s, 2])
     a = (x[0] - y[0]) * sn[s, 0] + (x[1] - y[1]) * sn[s, 1] + (x[2] - y[2]) * sn[s, 2]
     if a * feet[i, 7] < 0.0:
@@ -332,7 +369,7 @@ def multi_start(
             firm = 1.0 if soft > LOOSE and status == OK else 0.05
             if status != FALLBACK and across(geom, start, (feet[i, 0], feet[i, 1], feet[i, 2])):
                 firm = 0.0
-            best = (feet[i, 3], feet[i, 4], feet[i, 5], feet[i, 6], firm)
+            best = (feet[i, 3], feet[i, 4], feet[i, 5], feet[i, 6], firm, feet[i, 7])
             p, y, lam, low, n, st = newton(
                 d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
                 x, start, best, room, held, h, tol, b, m, t, tab,

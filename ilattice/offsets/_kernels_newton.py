@@ -258,19 +258,20 @@ def near(a, b, h):
 
 
 @inner(fastmath=FAST, error_model="numpy")
-def abandon(m, r, size, low, best, h):
+def abandon(m, r, lam, size, low, best, h):
     """Whether an iteration heads for the known foot, or for one that is farther away.
 
-    Not so for a saddle, from which it goes on downhill.
+    Not so for a saddle, from which it goes on downhill. What is seen from the other side is another
+    foot, however near, as on the other face of a thin plate.
     """
     if not best[3] < np.inf:
         return False
-    if size < 0.1 * h and near(
-        (m[0, 0], m[1, 0], m[2, 0]), best, best[4] * min(0.1 * h, 0.5 * best[3])
-    ):
+    close = best[4] * min(0.1 * h, 0.5 * best[3])
+    behind = lam * best[5] < 0.0
+    if size < 0.1 * h and not behind and near((m[0, 0], m[1, 0], m[2, 0]), best, close):
         return True
     dist = np.sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
-    return size < 0.3 * h and low >= SADDLE and dist - 2.0 * size > best[3] + 0.1 * h
+    return size < 0.3 * h and low >= SADDLE and dist - 2.0 * size > best[3] + 0.1 * min(h, best[3])
 
 
 @inner(fastmath=FAST, error_model="numpy")
@@ -300,7 +301,8 @@ def newton(
 ):  # fmt: skip
     """Foot point of x from one start; given up when it cannot beat `best`.
 
-    That is a foot in space, its distance, and how far it reaches: 1, or less if it is loose.
+    That is a foot in space, its distance, how far it reaches: 1, or less if it is loose, and its
+    multiplier.
 
     Returns
     -------
@@ -344,7 +346,7 @@ def newton(
             small = size <= max(1e-4 * dist, 1e-12 * h)
             small = small and not held_back(p, box, jr, t, lam, fixed)
         last = size
-        if it > 0 and not small and abandon(m, r, size, low, best, h):
+        if it > 0 and not small and abandon(m, r, lam, size, low, best, h):
             return p, y, lam, low, it + 1, WORSE
         saddle = low < SADDLE and (small or (size <= 0.01 * h and low < CLEAR_SADDLE))
         if saddle and it < MAX_ITERATIONS - 1:

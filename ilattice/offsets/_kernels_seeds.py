@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 
 from ilattice._kernels import in_ranges, inner
-from ilattice.offsets._kernels import AROUND, CHUNK, PLAIN, outside, seed_distance
+from ilattice.offsets._kernels import AROUND, BULGE, CHUNK, PLAIN, outside, seed_distance
 from ilattice.offsets._kernels_jets import (
     BESIDE,
     FAST,
@@ -19,6 +19,9 @@ from ilattice.offsets._kernels_jets import (
     tile_jet,
 )
 from ilattice.offsets._kernels_newton import MAX_ITERATIONS, curvature
+
+#: Cells that bend by more than they are wide may bend so many times farther than it seems.
+DOUBT = 2.0
 
 
 @in_ranges(CHUNK)
@@ -57,25 +60,41 @@ def project(
 def squeezed(m, det, cell, out):
     """Fill in by rows the matrix that takes space to cells, and how far these bend away from that.
 
-    Where they bend by more than a cell it tells nothing: all zero, and False.
+    Where they bend by more than a cell is wide it tells less, and False; by more than it is long,
+    nothing: all zero.
     """
     bend = sagitta(m, cell)
-    most = 0.0
+    most, least = 0.0, np.inf
+    if det == 0.0:
+        out[:] = 0.0
+        return False
     for k in range(3):
         a, b = 1 + (k + 1) % 3, 1 + (k + 2) % 3
-        s = 1.0 / (det * cell[k]) if det != 0.0 else np.inf
+        s = 1.0 / (det * cell[k])
         length = 0.0
         for c in range(3):
             d, e = (c + 1) % 3, (c + 2) % 3
             row = s * (m[d, a] * m[e, b] - m[e, a] * m[d, b])
             out[3 * k + c] = row
             length += row * row
-        most = max(most, np.sqrt(length))
+        most, least = max(most, np.sqrt(length)), min(least, np.sqrt(length))
     out[9] = bend
     if bend * most <= 1.0:
         return True
-    out[:] = 0.0
+    out[9] = DOUBT * bend
+    if not DOUBT * bend * least <= 1.0:
+        out[:] = 0.0
     return False
+
+
+@inner(fastmath=FAST, error_model="numpy")
+def across(m, v, cell):
+    """Size of the image of a cell along the unit normal v, from jets of the map."""
+    out = 0.0
+    for a in range(3):
+        side = v[0] * m[0, a + 1] + v[1] * m[1, a + 1] + v[2] * m[2, a + 1]
+        out += (side * cell[a]) ** 2
+    return np.sqrt(out)
 
 
 @inner(fastmath=FAST, error_model="numpy")
@@ -129,5 +148,7 @@ def place_seeds(
             of = cell[i]
             cells = (of[0] ** -2, of[1] ** -2, of[2] ** -2, 0.0, 0.0, 0.0)
             sag = curvature(m, t, v, abs(det[i] / s), cells)
+            normal[i, 15] = np.inf
             if squeezed(m, det[i], of, normal[i, PLAIN:]):
                 normal[i, 3] = min(normal[i, 3], np.sqrt(bent * sag))
+                normal[i, 15] = max(AROUND * AROUND * sag, BULGE * across(m, v, of))

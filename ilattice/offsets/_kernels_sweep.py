@@ -1,20 +1,23 @@
 """Compiled sweep over the seeds around queries, for those that may lie next to a nearer foot.
 
-Boxes of seeds are levels of a tree: a box of the lowest one holds LEAF seeds that are next to each
-other, one of the others holds FAN boxes of the level below. The arguments `order`, `lo`, `hi` and
-`first` are the seeds by boxes, the corners of all boxes, and where the levels begin among them.
+Boxes are levels of a tree: a box of the lowest one holds what LEAF seeds that are next to each
+other stand for, one of the others holds FAN boxes of the level below. The arguments `order`, `lo`,
+`hi` and `first` are the seeds by boxes, the corners of all boxes, and where the levels begin among
+them.
 """
 
 import numpy as np
 from numba import njit, prange
 
-from ilattice.offsets._kernels import alike, in_reach, seed_distance, unlikely
+from ilattice.offsets._kernels import PLAIN, alike, in_reach, seed_distance, unlikely
 from ilattice.offsets._kernels_jets import FAST
 
-LEAF, FAN = 16, 8
+LEAF, FAN = 4, 4
 CHUNK = 64
 #: Seeds that a query may gather; of more, the nearer half is kept.
 MOST = 4096
+#: A foot next to a seed whose cell is no guide is within this part of its spacing from it, across.
+ACROSS = 0.6
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
@@ -28,16 +31,23 @@ def beyond(lo, hi, row, x, reach):
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
-def gather(
-    geom, sp, sx, sn, sh, order, lo, hi, first, x, q, best, reach, stack, away, found
-):  # fmt: skip
-    """Fill in seeds and their distances; how many, and the largest spacing of all in reach."""
-    widest, n, depth = 0.0, 0, 1
+def away_from(sn, sh, s, d, best):
+    """Whether a seed at the distance d, whose cell is no guide, is too far for a nearer foot."""
+    told = sn.shape[1] > PLAIN
+    if told and abs(sn[s, 5]) + abs(sn[s, 6]) + abs(sn[s, 7]) > 0.0:
+        return False
+    return d * d > best * best + (ACROSS * sh[s]) ** 2
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
+def gather(geom, sp, sx, sn, sh, order, lo, hi, first, x, q, best, stack, away, found):
+    """Fill in seeds that may have a foot nearer than `best`, and their distances; how many."""
+    n, depth, reach = 0, 1, np.finfo(np.float64).max
     stack[0, 0], stack[0, 1] = len(first) - 2, 0
     while depth > 0:
         depth -= 1
         level, k = stack[depth, 0], stack[depth, 1]
-        if beyond(lo, hi, first[level] + k, x, reach):
+        if beyond(lo, hi, first[level] + k, x, best):
             continue
         if level > 0:
             for c in range(FAN * k, min(FAN * k + FAN, first[level] - first[level - 1])):
@@ -47,10 +57,9 @@ def gather(
         for j in range(LEAF * k, min(LEAF * k + LEAF, len(order))):
             s = order[j]
             d = seed_distance(sx, s, x)
-            if d > reach:
+            if d > reach or away_from(sn, sh, s, d, best) or unlikely(x, sx, sn, s, sh[s], best):
                 continue
-            widest = max(widest, sh[s])
-            if not in_reach(geom, sp, sx, sn, s, x, q) or unlikely(x, sx, sn, s, sh[s], best):
+            if not in_reach(geom, sp, sx, sn, s, x, q):
                 continue
             if n == len(away):
                 rows = np.argsort(away)[: n // 2]
@@ -59,24 +68,22 @@ def gather(
                 reach = away[n - 1]
             away[n], found[n] = d, s
             n += 1
-    return n, widest
+    return n
 
 
 @njit(cache=True, parallel=True, fastmath=FAST, error_model="numpy")
-def sweep(geom, sp, sx, sn, sh, order, lo, hi, first, x, q, best, reach, out, widest):
-    """Seeds within `reach` (n,) that may have a foot nearer than `best` (n,), one per patch.
+def sweep(geom, sp, sx, sn, sh, order, lo, hi, first, x, q, best, out):
+    """Seeds that may have a foot nearer than `best` (n,) from the queries, one per patch.
 
-    They fill rows of `out` (n, k), nearest first, up to -1; `widest` (n,) is the largest spacing
-    of all seeds in reach.
+    They fill rows of `out` (n, k), nearest first, up to -1.
     """
     for chunk in prange((len(x) + CHUNK - 1) // CHUNK):
         stack = np.empty((FAN * len(first), 2), np.int64)
         away, found = np.empty(MOST), np.empty(MOST, np.int64)
         for i in range(chunk * CHUNK, min(len(x), (chunk + 1) * CHUNK)):
             xi, qi = (x[i, 0], x[i, 1], x[i, 2]), (q[i, 0], q[i, 1], q[i, 2])
-            n, widest[i] = gather(
-                geom, sp, sx, sn, sh, order, lo, hi, first, xi, qi, best[i], reach[i], stack,
-                away, found,
+            n = gather(
+                geom, sp, sx, sn, sh, order, lo, hi, first, xi, qi, best[i], stack, away, found,
             )  # fmt: skip
             count = 0
             for row in np.argsort(away[:n]):

@@ -198,7 +198,7 @@ class ClosestPointSearch(TileSpace):
         count, closed = np.array(lattice.repeat), np.array(lattice.through.closed)
         self.seeds = self._make_seeds(count, closed)
         self.tree = cKDTree(self.seeds[1])
-        self.boxes = Boxes.of(self.tree)
+        self.boxes = Boxes.of(self.tree, self.seeds[2], self.seeds[3])
         self.spacing = Spacing(self, self.seeds[0], self.seeds[3], self.singular)
         self.least_spacing = float(self.seeds[3].min())
         self.cell = 1.0 / self._least_seeds

@@ -1,11 +1,11 @@
 """Further starts for queries whose first ones may have missed a nearer foot.
 
 Where a map squeezes tiles, the nearest seeds crowd on one sheet, and seeds that are as near as that
-they may count are thousands. Few of these may have a nearer foot: they are swept for in compiled
-code, once there is a foot to compare with.
+they may count are thousands. Few of these may have a nearer foot: once there is a foot to compare
+with, they are swept for in compiled code, through a tree of boxes around what seeds stand for.
 
-Guarantee: in the end no seed within the reach of a query is left out that may have a nearer foot,
-but for patches beyond `RETRY_CANDIDATES`.
+Guarantee: in the end no seed is left out that may have a nearer foot, but for patches beyond
+`SWEEPS` times `RETRY_CANDIDATES`.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from ilattice.offsets import _kernels, _kernels_newton, _kernels_sweep
 if TYPE_CHECKING:
     from ilattice.offsets.closest import ClosestPointSearch
 
-#: A retry starts from up to that many of the nearest seeds, one per patch. It looks among this
-#: many; while no start leads to a foot, among four times as many, up to the last number.
+#: A retry starts from up to that many of the nearest seeds, one per patch. Where no start has led
+#: to a foot, it looks among this many, and four times as many, up to the last number.
 RETRY_CANDIDATES, RETRY_NEIGHBOURS, MOST_NEIGHBOURS = 48, 24, 1536
 #: Seeds that are looked at together.
 RETRIED = 1 << 21
@@ -31,12 +31,12 @@ RETRIED = 1 << 21
 #: if they lie on several patches, so that a second foot is nearer than d + RIVAL h; else it is
 #: PILED, where a map squeezes seeds together.
 CROWDED, PILED, RIVAL = 0.35, 0.15, 0.1
-#: Sweeps, each farther than the one before where seeds turn out to be farther apart.
+#: Sweeps, one more where more patches were in reach than a sweep starts from.
 SWEEPS = 3
 
 
 class Boxes(NamedTuple):
-    """Boxes of seeds, see `_kernels_sweep`.
+    """Boxes around what seeds stand for, see `_kernels_sweep`.
 
     Attributes
     ----------
@@ -54,13 +54,15 @@ class Boxes(NamedTuple):
     first: IntArray
 
     @classmethod
-    def of(cls, tree: cKDTree) -> Boxes:
-        """Boxes of seeds next to each other.
+    def of(cls, tree: cKDTree, normal: FloatArray, spacing: FloatArray) -> Boxes:
+        """Boxes around what seeds next to each other stand for.
 
         Parameters
         ----------
         tree : cKDTree
             Seeds in space.
+        normal, spacing : ndarray, shape (s, k) and (s,)
+            Their normals and cells, and their spacings, see `_kernels`.
 
         Returns
         -------
@@ -68,7 +70,8 @@ class Boxes(NamedTuple):
             The boxes.
         """
         order = np.asarray(tree.indices, np.int64)
-        lo = hi = np.asarray(tree.data)[order]
+        x, half = np.asarray(tree.data)[order], _halves(normal[order], spacing[order])
+        lo, hi = x - half, x + half
         ends: list[tuple[FloatArray, FloatArray]] = []
         first, size = [0], _kernels_sweep.LEAF
         while not ends or len(lo) > 1:
@@ -79,6 +82,17 @@ class Boxes(NamedTuple):
             size = _kernels_sweep.FAN
         los, his = (np.concatenate(a) for a in zip(*ends, strict=True))
         return cls(order, los, his, np.array(first))
+
+
+def _halves(normal: FloatArray, spacing: FloatArray) -> FloatArray:
+    """Half the sides (s, 3) of boxes around what seeds stand for."""
+    out = np.repeat(_kernels_sweep.ACROSS * spacing[:, None], 3, axis=1)
+    if normal.shape[1] > _kernels.PLAIN:
+        cells, bend = normal[:, _kernels.PLAIN :][:, :9], normal[:, _kernels.PLAIN + 9]
+        told = np.flatnonzero(cells.any(axis=1))
+        sides = np.abs(np.linalg.inv(cells[told].reshape(-1, 3, 3))).sum(axis=2)
+        out[told] = _kernels.AROUND * sides + bend[told, None]
+    return out
 
 
 def retried(
@@ -98,51 +112,47 @@ def retried(
     feet, counts, status : ndarray, shape (2, n, 8), (n, 2) and (n,)
         What `_kernels.closest` has found; changed in place.
     """
-    m, rest = RETRY_NEIGHBOURS, []
+    failed = status[at] >= _kernels_newton.FALLBACK
+    rest, at, m = [at[~failed]], at[failed], RETRY_NEIGHBOURS
     while len(at) and m <= MOST_NEIGHBOURS:
-        parts = [at[i : i + RETRIED // m] for i in range(0, len(at), RETRIED // m)]
-        left = np.concatenate([_retry(search, a, m, x, p, feet, counts, status) for a in parts])
-        failed = status[left] >= _kernels_newton.FALLBACK
-        rest.append(left[~failed])
-        at, m = left[failed], 4 * m
-    left = np.sort(np.concatenate([np.zeros(0, np.int64), *rest]))
-    reach = np.zeros(len(left))
-    size = search.spacing.size[search.candidates(x[left], RETRY_NEIGHBOURS)[1]].max(axis=1)
+        for i in range(0, len(at), RETRIED // m):
+            _retry(search, at[i : i + RETRIED // m], m, x, p, feet, counts, status)
+        failed = status[at] >= _kernels_newton.FALLBACK
+        rest.append(at[~failed])
+        at, m = at[failed], 4 * m
+    left = np.sort(np.concatenate(rest))
     for _ in range(SWEEPS):
-        wanted = _reach(search, p[left], size, feet[:, left])
-        more = wanted > reach
-        left, reach = left[more], wanted[more]
         if len(left) == 0:
             break
-        size = _sweep(search, left, reach, x, p, feet, counts, status)
+        left = _sweep(search, left, x, p, feet, counts, status)
 
 
 def _retry(
     search: ClosestPointSearch, at: IntArray, m: int, x: FloatArray, p: FloatArray,
     feet: FloatArray, counts: IntArray, status: IntArray,
-) -> IntArray:  # fmt: skip
-    """Improve the queries `at` from more seeds, far apart; which of them remain doubtful."""
-    distance, near = search.candidates(x[at], m)
-    idx = np.empty((len(at), RETRY_CANDIDATES), np.int64)
-    best = np.where(status[at] < _kernels_newton.FALLBACK, np.abs(feet[0, at, 6]), np.inf)
-    _kernels.spread(search.space[7], *search.seeds, x[at], p[at], best, near, idx)
+) -> None:  # fmt: skip
+    """Find feet of the queries `at` from more seeds, far apart."""
+    _, near = search.candidates(x[at], m)
+    idx, none = np.empty((len(at), RETRY_CANDIDATES), np.int64), np.full(len(at), np.inf)
+    _kernels.spread(search.space[7], *search.seeds, x[at], p[at], none, near, idx)
     _start(search, at, idx, x, p, feet, counts, status)
-    return at[doubtful(search, p[at], distance, near, feet[:, at], status[at])]
 
 
 def _sweep(
-    search: ClosestPointSearch, at: IntArray, reach: FloatArray, x: FloatArray, p: FloatArray,
-    feet: FloatArray, counts: IntArray, status: IntArray,
-) -> FloatArray:  # fmt: skip
-    """Improve the queries `at` from all seeds within reach; the largest spacing of these."""
-    idx, widest = np.empty((len(at), RETRY_CANDIDATES), np.int64), np.empty(len(at))
-    _kernels_sweep.sweep(
-        search.space[7], *search.seeds, *search.boxes, x[at], p[at], np.abs(feet[0, at, 6]),
-        reach, idx, widest,
-    )  # fmt: skip
+    search: ClosestPointSearch, at: IntArray, x: FloatArray, p: FloatArray, feet: FloatArray,
+    counts: IntArray, status: IntArray,
+) -> IntArray:  # fmt: skip
+    """Improve the queries `at` from all seeds that may help; those that took only some of them.
+
+    Of these there are none where nothing nearer was found.
+    """
+    idx = np.empty((len(at), RETRY_CANDIDATES), np.int64)
+    best = np.abs(feet[0, at, 6])
+    _kernels_sweep.sweep(search.space[7], *search.seeds, *search.boxes, x[at], p[at], best, idx)
     some = np.flatnonzero(idx[:, 0] >= 0)
     _start(search, at[some], idx[some], x, p, feet, counts, status)
-    return widest
+    more: IntArray = at[(idx[:, -1] >= 0) & (np.abs(feet[0, at, 6]) < best)]
+    return more
 
 
 def _start(
@@ -183,13 +193,6 @@ def doubtful(
     h = search.spacing.around(p, near)
     out: AnyArray = failed | (distance[:, -1] < _within(h, feet))
     return out
-
-
-def _reach(
-    search: ClosestPointSearch, p: FloatArray, size: FloatArray, feet: FloatArray
-) -> FloatArray:
-    """How near (n,) seeds are that may lie next to a nearer foot, from the largest spacing."""
-    return _within(search.spacing.at_least(p, size), feet)
 
 
 def _within(h: FloatArray, feet: FloatArray) -> FloatArray:

@@ -8,8 +8,9 @@ from scipy.optimize import brentq
 
 import ilattice as il
 from ilattice.errors import GeometryError, PrecisionWarning
-from ilattice.mesh import _tracer
+from ilattice.mesh import _tracer, wall_mesh
 from ilattice.mesh.contouring import contour_blocks
+from ilattice.mesh.coverage import merged_part
 from ilattice.mesh.loss import Extent
 from ilattice.offsets.local_thickness import depths_of
 
@@ -122,6 +123,25 @@ def test_thickness_may_vary_and_the_domain_may_end_the_surface():
     sound(mesh)
     assert mesh.volume == pytest.approx(wall.volume(), rel=0.03)
     assert wall.thickness_error(mesh).relative < 1e-3
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_walls_that_have_merged_are_not_meshed_from_their_mid_surface(seed, monkeypatch):
+    """Two planes a gap apart: the sides of the wall that face each other are half of all."""
+    rng = np.random.default_rng(20 + seed)
+    a = np.eye(3) + rng.uniform(-0.2, 0.2, (3, 3))
+    half = rng.uniform(0.05, 0.1)
+    tile = il.Tile(lambda u: (u[:, 0] - 0.5) ** 2 - half**2, name="planes")
+    lattice = il.Lattice(tile, through=affine(a), spans_per_tile=8)
+    gap = 2.0 * half / np.linalg.norm(np.linalg.inv(a)[0])
+    assert merged_part(lattice.offset(0.6 * gap)) == 0.0
+    wall = lattice.offset(rng.uniform(0.7, 1.4) * gap)
+    assert merged_part(wall) == pytest.approx(0.5, abs=0.1)  # but for rims
+    monkeypatch.setattr(wall_mesh, "Sheets", lambda *_, **__: pytest.fail("began"))
+    for h in (0.7, 1.0):
+        job = wall_mesh._Job.of(wall, h * wall.least_thickness, True, None)
+        assert job.thin
+        assert wall_mesh._of_sheets(job, True) is None
 
 
 def test_open_sheets_and_streams(tmp_path):

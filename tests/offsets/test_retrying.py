@@ -10,6 +10,7 @@ from ilattice.offsets import _kernels_newton as newton
 from ilattice.offsets import _kernels_sweep
 from ilattice.offsets.mending import mended
 from ilattice.offsets.polish import polish
+from ilattice.offsets.retrying import _halves
 
 OUT = 6
 
@@ -27,52 +28,77 @@ def queries(lattice, count, seed):
     return u, lattice.search.to_tile(u), lattice.through.x(u)
 
 
-def swept(search, x, q, best, reach):
-    """What a sweep of one query should find, by looking at all seeds."""
+def likely(search, x, q, best):
+    """Seeds that may have a foot nearer than `best`, nearest first, by looking at all of them."""
     sp, sx, sn, sh = search.seeds
     geom = search.space[7]
     away = np.linalg.norm(sx - x, axis=1)
-    near = np.flatnonzero(away <= reach)
-    out = []
-    for s in near[np.argsort(away[near])]:
-        if not kernels.in_reach(geom, sp, sx, sn, s, tuple(x), tuple(q)):
-            continue
-        if kernels.unlikely(tuple(x), sx, sn, s, sh[s], best):
-            continue
-        if not any(kernels.alike(geom, sp, sx, sn, c, s, 0.6 * sh[s]) for c in out):
-            out.append(s)
-    return out, sh[near].max(initial=0.0)
+    return [
+        s
+        for s in np.argsort(away, kind="stable")
+        if not kernels.unlikely(tuple(x), sx, sn, s, sh[s], best)
+        and kernels.in_reach(geom, sp, sx, sn, s, tuple(x), tuple(q))
+        and not _kernels_sweep.away_from(sn, sh, s, away[s], best)
+    ]
 
 
 def test_a_sweep_finds_what_looking_at_all_seeds_does(flat):
-    search, n = flat.search, 60
+    """Those whose own boxes are in reach, one per patch, and none but likely ones."""
+    search, n = flat.search, 40
+    sp, sx, sn, sh = search.seeds
     _, q, x = queries(flat, n, 1)
     rng = np.random.default_rng(2)
-    away = search.candidates(x, 1)[0][:, 0]
-    best = away * rng.uniform(0.3, 2.0, n)
-    reach = np.maximum(best, away) * rng.uniform(0.5, 8.0, n)
-    out, widest = np.empty((n, OUT), np.int64), np.empty(n)
-    _kernels_sweep.sweep(
-        search.space[7], *search.seeds, *search.boxes, x, q, best, reach, out, widest
-    )
-    full = 0
+    best = search.candidates(x, 1)[0][:, 0] * rng.uniform(0.3, 4.0, n)
+    out = np.empty((n, OUT), np.int64)
+    _kernels_sweep.sweep(search.space[7], *search.seeds, *search.boxes, x, q, best, out)
+    half, full, held_back = _halves(sn, sh), 0, 0
     for i in range(n):
-        found, largest = swept(search, x[i], q[i], best[i], reach[i])
-        assert out[i].tolist() == (found + [-1] * OUT)[:OUT]
-        assert widest[i] == largest
-        full += len(found) > OUT
+
+        def alike(a, b):
+            return kernels.alike(search.space[7], sp, sx, sn, a, b, 0.6 * sh[b])
+
+        found = [int(s) for s in out[i] if s >= 0]
+        seeds = likely(search, x[i], q[i], best[i])
+        assert set(found) <= set(seeds)
+        assert sorted(found, key=seeds.index) == found
+        assert not any(alike(a, b) for b in found for a in found[: found.index(b)])
+        full += len(found) == OUT
+        gap = np.maximum(np.abs(sx[seeds] - x[i]) - half[seeds], 0.0)
+        for s in np.array(seeds, int)[(gap**2).sum(axis=1) <= best[i] ** 2]:
+            if s not in found and not any(alike(a, s) for a in found):
+                assert len(found) == OUT
+                held_back += 1
     assert 0 < full < n
+    assert held_back > 0
 
 
-def test_boxes_hold_all_seeds_once(flat):
+def test_boxes_hold_what_all_seeds_stand_for(flat):
     boxes, x = flat.search.boxes, flat.search.seeds[1]
+    half = _halves(*flat.search.seeds[2:])
     assert sorted(boxes.order) == list(range(len(x)))
     assert boxes.first[-1] - boxes.first[-2] == 1
     for level in range(len(boxes.first) - 1):
         at = np.arange(len(x)) // (_kernels_sweep.LEAF * _kernels_sweep.FAN**level)
         row = boxes.first[level] + at
-        inside = (boxes.lo[row] <= x[boxes.order]) & (x[boxes.order] <= boxes.hi[row])
+        inside = (boxes.lo[row] <= (x - half)[boxes.order]) & (
+            (x + half)[boxes.order] <= boxes.hi[row]
+        )
         assert inside.all()
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_what_seeds_stand_for_has_the_cells_around_them(flat, axis):
+    """Images of random places a cell and a quarter away are in the boxes, as far as maps bend."""
+    search, rng = flat.search, np.random.default_rng(axis)
+    sp, sx, sn, sh = search.seeds
+    far = np.minimum(sp, np.array(flat.repeat) - sp).min(axis=1) > 0.3  # from layers in tips
+    at = rng.choice(np.flatnonzero(far), 500, replace=False)
+    cell = 1.0 / np.array([search._least_seeds] * 3)
+    way = rng.uniform(-1.0, 1.0, (500, 3))
+    way[:, axis] = rng.choice([-1.0, 1.0], 500)
+    x = flat.through.x(search.from_tile(sp[at] + 0.25 * way * cell), extrapolate="extend")
+    gap = np.abs(x - sx[at]) - _halves(sn[at], sh[at])
+    assert gap.max() <= 1e-12
 
 
 def test_feet_that_are_too_far_are_replaced_by_those_of_neighbours(flat):
@@ -126,3 +152,23 @@ def test_polished_points_are_at_the_asked_distance_from_all_of_the_surface(flat)
     good = residual < 1e-6 * d
     assert good.mean() > 0.8
     assert np.abs(side * flat.distance(out) - d)[good].max() < 1e-5 * d
+
+
+@pytest.mark.parametrize("tile", ["gyroid", "re_entrant_honeycomb"])
+def test_no_seed_leads_to_a_nearer_foot(tile):
+    """Every seed around is started from, alone: feet of thin plates have others behind them."""
+    lattice = il.Lattice(tile, through=il.macroshape.wing(), repeat=(1, 1, 3))
+    search, n = lattice.search, 250
+    u, q, x = queries(lattice, n, 8)
+    best = np.abs(lattice.closest(u).distance)
+    near = search.tree.query_ball_point(x, best + 0.3 * search.spacing.size.mean())
+    owner = np.repeat(np.arange(n), [len(s) for s in near])
+    seed = np.concatenate([np.array(s, np.int64) for s in near])[:, None]
+    feet, counts = np.full((2, len(seed), 8), np.nan), np.zeros((len(seed), 2), np.int64)
+    status = np.full(len(seed), newton.FALLBACK)
+    search._run(x[owner], q[owner], seed, feet, counts, status)
+    found = np.where(status < newton.FALLBACK, np.abs(feet[0, :, 6]), np.inf)
+    nearest = np.minimum.reduceat(found, np.searchsorted(owner, np.unique(owner)))
+    best = best[np.unique(owner)]
+    assert len(best) > 0.9 * n
+    assert (nearest > best - 1e-6 * best.max()).all()
