@@ -1,0 +1,176 @@
+"""Pages of the documentation that follow from the package: reference, commands, formats, gallery.
+
+`write` makes them anew before every build of the documentation; the result is not kept in git.
+"""
+
+import contextlib
+import importlib
+import inspect
+import io
+import re
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import build_gallery
+
+import ilattice as il
+from ilattice import cli
+from ilattice.io import registry
+
+HERE = Path(__file__).parent
+#: Rooms of the package, in the order of its docstring.
+ROOMS = tuple(re.findall(r"^`([a-z]+)` ", str(il.__doc__), re.MULTILINE)[:-1])
+#: What formats are for, by their endings.
+MEANINGS = {
+    ".stl": "triangles for slicers, binary or text when read; written in single precision",
+    ".ply": "triangles with data at the vertices, binary",
+    ".obj": "triangles as text",
+    ".off": "triangles as text",
+    ".3mf": 'what slicers read best; needs `pip install "ilattice[print]"`',
+    ".vtp": "triangles with all data, for ParaView",
+    ".vtu": "for ParaView: volumes as Bézier cells, analyses as surfaces or solids",
+    ".png": "a picture",
+    ".xml": "volumes of G+Smo",
+    ".mesh": "volumes of MFEM",
+    ".itd": "volumes of IRIT",
+    ".npz": "arrays of NumPy: knots, coefficients, weights",
+    ".json": "the same as text",
+    ".cli": "layers in the Common Layer Interface",
+    ".svg": "layers as a drawing",
+}
+
+
+def write(folder: Path) -> None:
+    """Write all pages into a folder, from which older ones vanish."""
+    shutil.rmtree(folder, ignore_errors=True)
+    for name, text in pages():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+
+
+def pages() -> Iterator[tuple[str, str]]:
+    """Names of files and their text."""
+    yield "parts/formats.md", formats()
+    yield "parts/commands.md", commands()
+    yield "gallery.md", build_gallery.markdown()
+    for name in build_gallery.names():
+        yield f"examples/{name}.md", build_gallery.example(name)
+    yield "api/index.md", contents()
+    for room in ROOMS:
+        yield f"api/{room}.rst", reference(room)
+
+
+# --- file formats and commands ------------------------------------------------------------------
+
+
+def formats() -> str:
+    """Tables of what is written and read, from the registry of formats."""
+    lines = ["## Written", "", "| what | ending | for |", "|---|---|---|"]
+    for kind, writers in sorted(registry.WRITERS.items()):
+        for ending in sorted(writers):
+            meaning = "layers of a print" if (kind, ending) == ("SliceStack", ".3mf") else ""
+            lines.append(f"| `{kind}` | `{ending}` | {meaning or MEANINGS[ending]} |")
+    lines += ["", "## Read as meshes", "", "| ending | for |", "|---|---|"]
+    lines += [f"| `{ending}` | {MEANINGS[ending]} |" for ending in sorted(registry.READERS)]
+    return "\n".join([*lines, ""])
+
+
+def commands() -> str:
+    """Help of all commands, as they print it themselves."""
+    names = [name for name in cli._app() if not name.startswith("-")]
+    parts = ["## `ilattice`\n\n```text\n" + said("--help") + "\n```\n"]
+    for name in names:
+        parts.append(f"## `ilattice {name}`\n\n```text\n{said(name, '--help')}\n```\n")
+    parts.append(f"## The catalogue of tiles\n\n```text\n{said('tiles')}\n```\n")
+    return "\n".join(parts)
+
+
+def said(*words: str) -> str:
+    """What a command prints."""
+    with contextlib.redirect_stdout(io.StringIO()) as out:
+        cli.main(words)
+    return "\n".join(line.rstrip() for line in out.getvalue().strip("\n").splitlines())
+
+
+# --- reference ----------------------------------------------------------------------------------
+
+
+def homes() -> dict[str, str]:
+    """Name of what is public -> the module in which it is documented."""
+    found: dict[str, str] = {}
+    for room in ROOMS:
+        for name, home in members(room):
+            if home == f"ilattice.{room}":
+                found.setdefault(name, home)
+    errors = importlib.import_module("ilattice.errors")
+    found |= dict.fromkeys((k for k, v in vars(errors).items() if inspect.isclass(v)), "ilattice.errors")
+    return found
+
+
+def members(room: str) -> Iterator[tuple[str, str]]:
+    """What a room exports, and the module in which each is documented."""
+    module = importlib.import_module(f"ilattice.{room}")
+    for name in sorted(module.__all__, key=str.lower):
+        origin = str(getattr(getattr(module, name), "__module__", "")).split(".")
+        home = origin[1] if len(origin) > 1 and origin[1] in ROOMS else room
+        exported = importlib.import_module(f"ilattice.{home}").__all__
+        yield name, f"ilattice.{home if name in exported else room}"
+
+
+def contents() -> str:
+    """The first page of the reference."""
+    names = "\n".join([*ROOMS, "errors"])
+    return (
+        "# Reference\n\nEverything public, by rooms from the bottom up. `import ilattice as il` "
+        "loads none of them: each is loaded when it is first used.\n\n"
+        f"```{{toctree}}\n:maxdepth: 1\n\n{names}\n```\n"
+    )
+
+
+def reference(room: str) -> str:
+    """All that a room exports, in reStructuredText."""
+    title = f"ilattice.{room}"
+    own = [name for name, home in members(room) if home == title]
+    others = [(name, home) for name, home in members(room) if home != title]
+    module = importlib.import_module(title)
+    lines = [title, "=" * len(title), "", f".. automodule:: {title}", "   :no-members:", ""]
+    if own:
+        lines += ["Overview", "--------", "", ".. autosummary::", ""]
+        lines += [f"   {name}" for name in own] + [""]
+    if others:
+        links = ", ".join(f":py:obj:`{name} <{home}.{name}>`" for name, home in others)
+        lines += [f"Also here: {links}.", ""]
+    for title, kind in (("Classes", "class"), ("Functions", "function"), ("Others", "data")):
+        chosen = [name for name in own if kind_of(getattr(module, name)) == kind]
+        lines += [title, "-" * len(title), ""] if chosen else []
+        for name in chosen:
+            lines.append(f".. auto{kind}:: {name}")
+            lines += ["   :members:", ""] if kind == "class" else [""]
+    return "\n".join(lines)
+
+
+def kind_of(item: Any) -> str:
+    """The directive of autodoc that documents it, without ``auto``."""
+    if inspect.isclass(item):
+        return "class"
+    return "function" if callable(item) else "data"
+
+
+def escaped(lines: list[str]) -> list[str]:
+    """A docstring whose ``|d|`` are absolute values, but for blocks that are literal."""
+    result, literal = [], None
+    for line in lines:
+        indent = len(line) - len(line.lstrip())
+        if literal is not None and line.strip() and indent <= literal:
+            literal = None
+        if literal is None and not line.lstrip().startswith((">>>", "...")):
+            parts = line.split("``")
+            parts[::2] = [part.replace("|", "\\|") for part in parts[::2]]
+            line = "``".join(parts)
+            if line.rstrip().endswith("::"):
+                literal = indent
+        result.append(line)
+    return result
