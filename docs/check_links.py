@@ -41,7 +41,8 @@ class Page(HTMLParser):
 
 def complaints(folder: Path) -> list[str]:
     """What is wrong, one line each."""
-    pages = {p.resolve(): Page(p.read_text(encoding="utf-8")) for p in sorted(folder.rglob("*.html"))}
+    paths = [p for p in sorted(folder.rglob("*.html")) if "_static" not in p.parts]
+    pages = {p.resolve(): Page(p.read_text(encoding="utf-8")) for p in paths}
     wrong = [] if pages else [f"{folder} has no pages"]
     for path, page in pages.items():
         name = path.relative_to(folder.resolve())

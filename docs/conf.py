@@ -1,4 +1,4 @@
-"""Settings of Sphinx: ``python -m sphinx -W -b html docs build/docs``.
+"""Settings of Sphinx: ``python -m sphinx -q -W -b html docs build/docs``.
 
 Pages that follow from the package (reference, commands, formats, gallery) are written to
 ``docs/generated`` by `make_pages` first. Nothing is fetched from anywhere while building, and

@@ -22,6 +22,8 @@ from ilattice.io import registry
 HERE = Path(__file__).parent
 #: Rooms of the package, in the order of its docstring.
 ROOMS = tuple(re.findall(r"^`([a-z]+)` ", str(il.__doc__), re.MULTILINE)[:-1])
+#: Pages behind the others, of those that there are.
+BACKGROUND = ("theory", "equations", "words", "architecture", "how_to")
 #: What formats are for, by their endings.
 MEANINGS = {
     ".stl": "triangles for slicers, binary or text when read; written in single precision",
@@ -53,14 +55,23 @@ def write(folder: Path) -> None:
 
 def pages() -> Iterator[tuple[str, str]]:
     """Names of files and their text."""
+    yield "parts/background.md", background()
     yield "parts/formats.md", formats()
     yield "parts/commands.md", commands()
     yield "gallery.md", build_gallery.markdown()
     for name in build_gallery.names():
         yield f"examples/{name}.md", build_gallery.example(name)
     yield "api/index.md", contents()
-    for room in ROOMS:
+    for room in [*ROOMS, "errors"]:
         yield f"api/{room}.rst", reference(room)
+
+
+def background() -> str:
+    """Table of contents of the pages behind the others."""
+    there = [name for name in BACKGROUND if (HERE / f"{name}.md").is_file()]
+    return "\n".join(
+        ["```{toctree}", ":maxdepth: 1", ":caption: Background", "", *there, "```", ""]
+    )
 
 
 # --- file formats and commands ------------------------------------------------------------------
@@ -105,19 +116,23 @@ def homes() -> dict[str, str]:
         for name, home in members(room):
             if home == f"ilattice.{room}":
                 found.setdefault(name, home)
-    errors = importlib.import_module("ilattice.errors")
-    found |= dict.fromkeys((k for k, v in vars(errors).items() if inspect.isclass(v)), "ilattice.errors")
-    return found
+    return found | dict.fromkeys(exported("errors"), "ilattice.errors")
+
+
+def exported(room: str) -> list[str]:
+    """Names that a room exports; of errors all classes."""
+    module = importlib.import_module(f"ilattice.{room}")
+    classes = (name for name, item in vars(module).items() if inspect.isclass(item))
+    return sorted(getattr(module, "__all__", classes), key=str.lower)
 
 
 def members(room: str) -> Iterator[tuple[str, str]]:
     """What a room exports, and the module in which each is documented."""
     module = importlib.import_module(f"ilattice.{room}")
-    for name in sorted(module.__all__, key=str.lower):
+    for name in exported(room):
         origin = str(getattr(getattr(module, name), "__module__", "")).split(".")
         home = origin[1] if len(origin) > 1 and origin[1] in ROOMS else room
-        exported = importlib.import_module(f"ilattice.{home}").__all__
-        yield name, f"ilattice.{home if name in exported else room}"
+        yield name, f"ilattice.{home if name in exported(home) else room}"
 
 
 def contents() -> str:
