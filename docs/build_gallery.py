@@ -156,14 +156,15 @@ def markdown() -> str:
         "# Gallery\n\nEvery file of `examples/` is one figure or one recipe, and prints a number "
         "that a test checks. Pictures are small here; `python docs/build_gallery.py` runs all "
         "examples and makes a page with large ones.\n\n"
-        "```{contents}\n:local:\n:depth: 1\n```\n\n```{toctree}\n:hidden:\n:glob:\n\nexamples/*\n```\n"
+        "```{contents}\n:local:\n:depth: 1\n:backlinks: none\n```\n\n"
+        "```{toctree}\n:hidden:\n:glob:\n\nexamples/*\n```\n"
     ]
     for title, group in grouped(map(described, names())).items():
-        parts.append(f"## {title}\n\n::::{{container}} cards\n")
+        parts.append(f"## {title}\n\n::::{{container}} pictures\n")
         for e in group:
             picture = f"[{thumbnail(e, '..')}](examples/{e.name}.md)\n\n"
             link = f"[{e.title.rstrip('.')}](examples/{e.name}.md)"
-            parts.append(f":::{{container}} card\n{picture}{link}\n:::\n")
+            parts.append(f":::{{container}} picture\n{picture}{link}\n:::\n")
         parts.append("::::\n")
     return "\n".join(parts)
 

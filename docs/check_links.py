@@ -46,19 +46,18 @@ def complaints(folder: Path) -> list[str]:
     wrong = [] if pages else [f"{folder} has no pages"]
     for path, page in pages.items():
         name = path.relative_to(folder.resolve())
-        for link in page.loads:
-            if urlsplit(link).netloc:
-                wrong.append(f"{name}: loads {link} from elsewhere")
+        elsewhere = (link for link in page.loads if urlsplit(link).netloc)
+        wrong += [f"{name}: loads {link} from elsewhere" for link in elsewhere]
         for link in [*page.links, *page.loads]:
             parts = urlsplit(link)
             if parts.scheme or parts.netloc:
                 continue
             target = (path.parent / unquote(parts.path)).resolve() if parts.path else path
+            place = unquote(parts.fragment)
             if not target.is_file():
                 wrong.append(f"{name}: {link} leads nowhere")
-            elif parts.fragment and target in pages:
-                if unquote(parts.fragment) not in pages[target].places:
-                    wrong.append(f"{name}: {link} leads to no place on that page")
+            elif place and target in pages and place not in pages[target].places:
+                wrong.append(f"{name}: {link} leads to no place on that page")
     return wrong
 
 

@@ -5,6 +5,7 @@ Pages that follow from the package (reference, commands, formats, gallery) are w
 nothing by the pages that are built.
 """
 
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,8 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 
 import make_pages  # noqa: E402
+from docutils import nodes  # noqa: E402
+from sphinx import addnodes  # noqa: E402
 
 import ilattice  # noqa: E402
 
@@ -41,6 +44,9 @@ html_theme = "pydata_sphinx_theme"
 html_title = "ilattice"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
+html_favicon = "_static/icon.png"
+html_sidebars = {"*": []}  # pages that are in no section
+html_context = {"default_mode": "light"}
 html_copy_source = False
 html_show_sourcelink = False
 html_theme_options = {
@@ -54,6 +60,7 @@ html_theme_options = {
 }
 
 HOMES = make_pages.homes()
+NAME = re.compile(r"il(\.\w+)+|[A-Z]\w*(\.\w+)*")
 
 
 def _escape(_app: Any, _kind: str, _name: str, _item: Any, _options: Any, lines: list[str]) -> None:
@@ -72,13 +79,25 @@ def _find(app: Any, env: Any, node: Any, contnode: Any) -> Any:
         return None
     target = ".".join([HOMES[first], first, *rest])
     domain = env.get_domain("py")
-    return domain.resolve_xref(
-        env, node["refdoc"], app.builder, "obj", target, node, contnode
-    )  # fmt: skip
+    return domain.resolve_xref(env, node["refdoc"], app.builder, "obj", target, node, contnode)
+
+
+def _link(app: Any, doctree: Any) -> None:
+    """Let names in the text, such as `il.tiles.mix` and `Wall.mesh`, lead to the reference."""
+    for code in list(doctree.findall(nodes.literal)):
+        text = code.astext().removesuffix("()")
+        if isinstance(code.parent, nodes.reference | nodes.title) or not NAME.fullmatch(text):
+            continue
+        link = addnodes.pending_xref(
+            "", refdomain="py", reftype="obj", reftarget=text, refdoc=app.env.docname
+        )
+        code.replace_self(link)
+        link += code
 
 
 def setup(app: Any) -> None:
     """Write the generated pages before Sphinx looks for pages."""
     make_pages.write(HERE / "generated")
+    app.connect("doctree-read", _link)
     app.connect("autodoc-process-docstring", _escape, priority=900)
     app.connect("missing-reference", _find)

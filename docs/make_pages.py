@@ -92,11 +92,10 @@ def formats() -> str:
 def commands() -> str:
     """Help of all commands, as they print it themselves."""
     names = [name for name in cli._app() if not name.startswith("-")]
-    parts = ["## `ilattice`\n\n```text\n" + said("--help") + "\n```\n"]
-    for name in names:
-        parts.append(f"## `ilattice {name}`\n\n```text\n{said(name, '--help')}\n```\n")
-    parts.append(f"## The catalogue of tiles\n\n```text\n{said('tiles')}\n```\n")
-    return "\n".join(parts)
+    told = {"`ilattice`": said("--help")}
+    told |= {f"`ilattice {name}`": said(name, "--help") for name in names}
+    told["The catalogue of tiles"] = said("tiles")
+    return "\n".join(f"## {title}\n\n```text\n{text}\n```\n" for title, text in told.items())
 
 
 def said(*words: str) -> str:
