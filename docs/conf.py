@@ -86,7 +86,8 @@ def _link(app: Any, doctree: Any) -> None:
     """Let names in the text, such as `il.tiles.mix` and `Wall.mesh`, lead to the reference."""
     for code in list(doctree.findall(nodes.literal)):
         text = code.astext().removesuffix("()")
-        if isinstance(code.parent, nodes.reference | nodes.title) or not NAME.fullmatch(text):
+        inside = nodes.reference | nodes.title | addnodes.pending_xref
+        if isinstance(code.parent, inside) or not NAME.fullmatch(text):
             continue
         link = addnodes.pending_xref(
             "", refdomain="py", reftype="obj", reftarget=text, refdoc=app.env.docname
