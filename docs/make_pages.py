@@ -3,6 +3,7 @@
 `write` makes them anew before every build of the documentation; the result is not kept in git.
 """
 
+import ast
 import contextlib
 import importlib
 import inspect
@@ -56,6 +57,7 @@ def write(folder: Path) -> None:
 def pages() -> Iterator[tuple[str, str]]:
     """Names of files and their text."""
     yield "parts/background.md", background()
+    yield "parts/benchmarks.md", benchmarks()
     yield "parts/formats.md", formats()
     yield "parts/commands.md", commands()
     yield "gallery.md", build_gallery.markdown()
@@ -72,6 +74,15 @@ def background() -> str:
     return "\n".join(
         ["```{toctree}", ":maxdepth: 1", ":caption: Background", "", *there, "```", ""]
     )
+
+
+def benchmarks() -> str:
+    """Table of the benchmarks, by the first lines of their docstrings."""
+    lines = ["| module | what is measured |", "|---|---|"]
+    for path in sorted((HERE.parent / "benchmarks").glob("bench_*.py")):
+        said = str(ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))))
+        lines.append(f"| `{path.stem.removeprefix('bench_')}` | {said.splitlines()[0]} |")
+    return "\n".join([*lines, ""])
 
 
 # --- file formats and commands ------------------------------------------------------------------

@@ -93,6 +93,22 @@ def test_every_error_is_explained():
             assert f"`{name}`" in text, name
 
 
+def test_messages_are_those_of_the_package():
+    sources = "".join(p.read_text(encoding="utf-8") for p in Path(il.__file__).parent.rglob("*.py"))
+    joined = re.sub(r"\"\s*\n\s*f?\"", "", sources)
+    told = re.findall(r"^\| `([^`]+)` \|", PAGES["errors.md"], re.MULTILINE)
+    assert len(told) > 10
+    for message in told:
+        for part in re.split(r"\.\.\.|\bon=|\bh=|\btol=|\bu\b|\bh\b|\d+ [GM]B", message):
+            words = part.strip(" ,;:.")
+            assert words in joined, message
+
+
+def test_the_table_of_benchmarks_has_all_of_them(pages):
+    files = list((DOCS.parent / "benchmarks").glob("bench_*.py"))
+    assert pages.benchmarks().count("\n| `") == len(files) > 5
+
+
 def test_the_table_of_formats_has_all_of_them(pages):
     table = pages.formats()
     assert table.count("\n| `SurfaceMesh` |") == len(registry.WRITERS["SurfaceMesh"])
