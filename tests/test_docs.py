@@ -2,6 +2,7 @@
 
 import contextlib
 import importlib.util
+import inspect
 import io
 import re
 import sys
@@ -58,16 +59,30 @@ def test_programs_of_a_page_run_and_print_what_it_says(name, tmp_path, monkeypat
     pyplot.close("all")
 
 
+def resolved(path):
+    """What a dotted name of the package stands for; modules are imported, fields are None."""
+    item = il
+    for part in path[1:].split("."):
+        if inspect.ismodule(item) and not hasattr(item, part):
+            item = importlib.import_module(f"{item.__name__}.{part}")
+        elif part in getattr(item, "__dataclass_fields__", {}):
+            item = None
+        else:
+            item = getattr(item, part)
+    return item
+
+
 @pytest.mark.parametrize("name", PAGES)
 def test_what_a_page_names_is_there(name):
     for path in NAMED.findall(PAGES[name]):
-        item = il
-        for part in path[1:].split("."):
-            if item is il and part == "errors":
-                item = errors
-            else:
-                assert hasattr(item, part) or part in getattr(item, "__annotations__", {}), path
-                item = getattr(item, part, None)
+        resolved(path)
+
+
+def test_names_that_are_not_there_are_found():
+    assert resolved(".mesh.surface.SurfaceMesh") is il.SurfaceMesh
+    for path in (".tiles.nothing", ".Nothing", ".SurfaceMesh.nothing"):
+        with pytest.raises((ImportError, AttributeError)):
+            resolved(path)
 
 
 def test_blocks_are_found_and_some_are_skipped():
