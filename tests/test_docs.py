@@ -1,57 +1,177 @@
-"""The pages for those who change the package: examples run, names exist, rooms are all there."""
+"""The documentation does what it says: its programs run, and what it names is there."""
 
+import contextlib
+import importlib.util
+import inspect
+import io
 import re
-from importlib import import_module
+import sys
 from pathlib import Path
 
 import pytest
+from matplotlib import pyplot
 
 import ilattice as il
+from ilattice import errors
+from ilattice.io import registry
 
-DOCS = Path(__file__).parent.parent / "docs"
-HOME = Path(il.__file__).parent
+DOCS = Path(__file__).parents[1] / "docs"
+PAGES = {
+    str(path.relative_to(DOCS)): path.read_text(encoding="utf-8")
+    for path in sorted([*DOCS.glob("*.md"), *DOCS.glob("guide/*.md")])
+}
+#: A block of Python, with the line before it if that says that it is not to be run.
+BLOCK = re.compile(r"(<!-- not run: .+ -->\n)?^```python\n(.*?)^```", re.DOTALL | re.MULTILINE)
+NAMED = re.compile(r"`(?:ilattice|il)((?:\.[A-Za-z_]\w*)+)(?:\(|`)")
+PRINTED = re.compile(r"^ *print\(.*\)  # (.*)$", re.MULTILINE)
 
 
-def page(name):
-    return (DOCS / name).read_text(encoding="utf-8")
+def blocks(text):
+    """Programs of a page that are to be run."""
+    return [code for skipped, code in BLOCK.findall(text) if not skipped]
 
 
-@pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
-def test_examples_of_how_to_add_things_run(tmp_path, monkeypatch):
+def load(name):
+    spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture
+def pages(monkeypatch):
+    """The module that writes the generated pages."""
+    monkeypatch.syspath_prepend(str(DOCS))
+    yield load("make_pages")
+    for name in ("make_pages", "build_gallery"):
+        sys.modules.pop(name, None)
+
+
+@pytest.mark.parametrize("name", [name for name, text in PAGES.items() if blocks(text)])
+def test_programs_of_a_page_run_and_print_what_it_says(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    parts = re.findall(r"```python\n(.*?)```", page("how_to.md"), re.DOTALL)
-    assert len(parts) >= 4
-    names = {}
-    for number, part in enumerate(parts):
-        exec(compile(part, f"part {number} of how_to.md", "exec"), names)
+    namespace = {}
+    for code in blocks(PAGES[name]):
+        with contextlib.redirect_stdout(io.StringIO()) as out:
+            exec(compile(code, name, "exec"), namespace)
+        assert out.getvalue().splitlines() == PRINTED.findall(code), code
+    pyplot.close("all")
 
 
-def test_functions_of_formulas_exist():
-    found = re.findall(r"`(ilattice(?:\.\w+)+)`", page("equations.md"))
-    assert len(found) >= 10
-    for name in found:
-        parts = name.split(".")
-        module = next(
-            ".".join(parts[:n])
-            for n in range(len(parts), 0, -1)
-            if HOME.joinpath(*parts[1:n]).with_suffix(".py").is_file()
-        )
-        thing = import_module(module)
-        for part in name[len(module) + 1 :].split("."):
-            thing = getattr(thing, part)
+def resolved(path):
+    """What a dotted name of the package stands for; modules are imported, fields are None."""
+    item = il
+    for part in path[1:].split("."):
+        if inspect.ismodule(item) and not hasattr(item, part):
+            item = importlib.import_module(f"{item.__name__}.{part}")
+        elif part in getattr(item, "__dataclass_fields__", {}):
+            item = None
+        else:
+            item = getattr(item, part)
+    return item
 
 
-def test_every_room_is_in_the_plan_from_top_to_bottom():
-    rows = re.findall(r"^\| (`.*?) \|", page("architecture.md"), re.MULTILINE)
-    named = [room for row in rows for room in re.findall(r"`(\w+)`", row)]
-    rooms = {p.parent.name for p in HOME.glob("*/__init__.py")}
-    assert rooms <= set(named)
-    order = [room for room in named if room in rooms]
-    for upper, lower in (("lattice", "mesh"), ("mesh", "offsets"), ("fields", "bspline")):
-        assert order.index(upper) < order.index(lower)
+@pytest.mark.parametrize("name", PAGES)
+def test_what_a_page_names_is_there(name):
+    for path in NAMED.findall(PAGES[name]):
+        resolved(path)
 
 
-@pytest.mark.parametrize("name", ["architecture.md", "how_to.md", "equations.md", "words.md"])
-def test_links_lead_to_files(name):
-    for target in re.findall(r"\]\((\w+\.md)\)", page(name)):
-        assert (DOCS / target).is_file()
+def test_names_that_are_not_there_are_found():
+    assert resolved(".mesh.surface.SurfaceMesh") is il.SurfaceMesh
+    for path in (".tiles.nothing", ".Nothing", ".SurfaceMesh.nothing"):
+        with pytest.raises((ImportError, AttributeError)):
+            resolved(path)
+
+
+def test_blocks_are_found_and_some_are_skipped():
+    text = "```python\na\n```\n\n<!-- not run: slow -->\n```python\nb\n```\n"
+    assert blocks(text) == ["a\n"]
+    assert NAMED.findall("`il.tiles.get` and `il.tiles.get(1)`, `il`") == [".tiles.get"] * 2
+    assert PRINTED.findall("print(1)  # 1\nx  # 2\n") == ["1"]
+    assert sum(len(blocks(text)) for text in PAGES.values()) > 30
+
+
+def test_every_page_is_in_a_table_of_contents(pages):
+    found = set()
+    for name, text in [*PAGES.items(), ("index.md", pages.background())]:
+        for block in re.findall(r"```\{toctree\}\n(.*?)```", text, re.DOTALL):
+            found |= {str(Path(name).parent / f"{line}.md") for line in block.split()}
+    assert PAGES.keys() - found == {"index.md"}
+
+
+def test_every_error_is_explained():
+    text = PAGES["errors.md"]
+    for name, item in vars(errors).items():
+        if isinstance(item, type) and issubclass(item, Exception | Warning):
+            assert f"`{name}`" in text, name
+
+
+def test_messages_are_those_of_the_package():
+    sources = "".join(p.read_text(encoding="utf-8") for p in Path(il.__file__).parent.rglob("*.py"))
+    joined = re.sub(r"\"\s*\n\s*f?\"", "", sources)
+    told = re.findall(r"^\| `([^`]+)` \|", PAGES["errors.md"], re.MULTILINE)
+    assert len(told) > 10
+    for message in told:
+        for part in re.split(r"\.\.\.|\bon=|\bh=|\btol=|\bu\b|\bh\b|\d+ [GM]B", message):
+            words = part.strip(" ,;:.")
+            assert words in joined, message
+
+
+def test_the_table_of_benchmarks_has_all_of_them(pages):
+    files = list((DOCS.parent / "benchmarks").glob("bench_*.py"))
+    assert pages.benchmarks().count("\n| `") == len(files) > 5
+
+
+def test_the_table_of_formats_has_all_of_them(pages):
+    table = pages.formats()
+    assert table.count("\n| `SurfaceMesh` |") == len(registry.WRITERS["SurfaceMesh"])
+    for endings in [*registry.WRITERS.values(), registry.READERS]:
+        for ending in endings:
+            assert f"| `{ending}` |" in table
+
+
+def test_all_commands_tell_their_help(pages):
+    text = pages.commands()
+    for name in ("build", "slice", "homogenize", "bands", "sdf", "demo", "info", "tiles", "warmup"):
+        assert f"## `ilattice {name}`" in text
+    assert "--thickness" in text
+    assert "gyroid" in text
+
+
+def test_everything_public_is_in_the_reference_once(pages):
+    text = {room: pages.reference(room) for room in pages.ROOMS}
+    assert {*text, "errors"} == {n for n in il.__all__ if not n[0].isupper()}
+    documented = re.findall(
+        r"^\.\. auto(?:class|function|data):: (\w+)", "\n".join(text.values()), re.M
+    )
+    for room in pages.ROOMS:
+        for name in getattr(il, room).__all__:
+            assert documented.count(name) >= 1, (room, name)
+            assert f":: {name}\n" in text[room] or f"`{name} <" in text[room]
+    assert "Also here" in text["cutfem"]
+    assert pages.homes()["SurfaceMesh"] == "ilattice.mesh"
+
+
+def test_absolute_values_in_docstrings_are_no_substitutions(pages):
+    lines = ["The |d| of ``|x|``::", "", "    |f|", "", "and |g|", ">>> a | b"]
+    told = ["The \\|d\\| of ``|x|``::", "", "    |f|", "", "and \\|g\\|", ">>> a | b"]
+    assert pages.escaped(lines) == told
+
+
+def test_broken_links_are_found(tmp_path):
+    check = load("check_links")
+    (tmp_path / "a.html").write_text("<a href='b.html#here'>b</a><img src='c.png'>")
+    (tmp_path / "b.html").write_text("<p id='here'>b</p><a href='https://example.org'>x</a>")
+    (tmp_path / "c.png").write_text("")
+    assert check.complaints(tmp_path) == []
+    (tmp_path / "b.html").write_text(
+        "<a href='d.html'></a><script src='https://e.org/x.js'></script>"
+    )
+    wrong = "\n".join(check.complaints(tmp_path))
+    assert "a.html: b.html#here leads to no place" in wrong
+    assert "b.html: d.html leads nowhere" in wrong
+    assert "loads https://e.org/x.js from elsewhere" in wrong
+    assert check.main([str(tmp_path)]) == 1
+    assert check.complaints(tmp_path / "nothing")

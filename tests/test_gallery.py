@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 SOURCE = Path(__file__).parents[1] / "docs" / "build_gallery.py"
 
@@ -45,8 +46,48 @@ def test_pictures_and_numbers_of_a_run_are_shown(gallery, tmp_path, monkeypatch,
     assert capsys.readouterr().out.startswith("small")
 
 
-def test_an_example_that_fails_is_named(gallery, tmp_path, monkeypatch):
-    (tmp_path / "broken.py").write_text('"""Broken."""\nraise ValueError("no")\n')
+def test_an_example_that_fails_is_named_and_the_others_run(gallery, tmp_path, monkeypatch, capsys):
+    (tmp_path / "a_broken.py").write_text('"""Broken."""\nprint(7)\nraise ValueError("no <b>")\n')
+    (tmp_path / "b_silent.py").write_text('"""Silent."""\nraise SystemExit(3)\n')
+    (tmp_path / "c_whole.py").write_text('"""Whole."""\nopen("c.png", "w").close()\n')
     monkeypatch.setattr(gallery, "EXAMPLES", tmp_path)
-    with pytest.raises(RuntimeError, match="broken failed"):
-        gallery.run("broken", tmp_path / "out")
+    assert gallery.main([str(tmp_path / "out")]) == 1
+    page = (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
+    assert "<pre>7</pre>" in page
+    assert "ValueError: no &lt;b&gt;</pre>" in page
+    assert "exit code 3" in page
+    assert "<img src='c_whole/c.png'" in page
+    assert page.count("class='failed'") == 2
+    assert "a_broken failed" in capsys.readouterr().err
+    assert gallery.main([str(tmp_path / "out"), "c_whole"]) == 0
+
+
+def test_examples_are_in_groups_with_contents(gallery):
+    groups = gallery.grouped(map(gallery.described, gallery.names()))
+    assert list(groups) == [gallery.FIGURES, gallery.OTHERS, gallery.RECIPES]
+    assert all(e.name.startswith("fig") for e in groups[gallery.FIGURES])
+    assert "hierarchical" in [e.name for e in groups[gallery.OTHERS]]
+    page = gallery.page(map(gallery.described, gallery.names()))
+    for group in groups.values():
+        for e in group:
+            assert page.count(f"<li><a href='#{e.name}'>") == 1
+
+
+def test_the_page_of_the_documentation_leads_to_every_example(gallery):
+    text = gallery.markdown()
+    for name in gallery.names():
+        assert f"](examples/{name}.md)" in text
+        page = gallery.example(name)
+        assert page.startswith(f"# {gallery.described(name).title.rstrip('.')}\n")
+        assert f"literalinclude}} ../../../examples/{name}.py" in page
+
+
+def test_thumbnails_are_small_and_of_examples(gallery):
+    files = list(gallery.THUMBNAILS.glob("*.jpg"))
+    assert sum(f.stat().st_size for f in files) <= 1_000_000
+    shown = [f for f in files if f.stem in gallery.names()]
+    assert len(shown) > 15
+    for f in shown:
+        assert f.stat().st_size <= 25_000
+        with Image.open(f) as picture:
+            assert picture.width <= 480

@@ -55,6 +55,13 @@ def test_the_variations_are_one_line_each(tmp_path):
     assert [type(result) for result in results] == kinds
 
 
+def test_pictures_are_there():
+    pictures = re.findall(r"!\[.*?\]\((.*?)\)", TEXT)
+    assert pictures
+    for name in pictures:
+        assert (Path(__file__).parents[1] / name).is_file()
+
+
 def test_the_search_of_a_density_finds_it():
     names = {"il": il}
     exec(SEARCH, names)
@@ -84,6 +91,9 @@ def test_the_command_lines_are_understood(line, monkeypatch):
     assert len(called) == 1
 
 
-def test_there_are_two_commands_and_the_command_lines():
-    assert len(re.findall(r"^python3 -m venv .*", TEXT, re.MULTILINE)) == 2
+def test_there_are_three_commands_and_the_command_lines():
+    commands = re.findall(r"^python3 -m venv .*", TEXT, re.MULTILINE)
+    assert ["demo" in c for c in commands] == [True, False, False]
+    assert ["pytest" in c for c in commands] == [False, True, False]
+    assert ["sphinx" in c for c in commands] == [False, False, True]
     assert len(LINES) == 13

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit, prange
 
 from ilattice.cutfem._kernels_elements import grown, root
-from ilattice.cutfem._kernels_solid import FAST
+from ilattice.quadrature._kernels_solid import FAST
 
 
 @njit(parallel=True, **FAST)

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from numba import njit, prange
 
-from ilattice.cutfem._kernels_solid import (
+from ilattice.quadrature._kernels_scratch import UNIT
+from ilattice.quadrature._kernels_solid import (
     DEPTH,
     EMPTY,
     FAST,
@@ -26,7 +27,6 @@ from ilattice.cutfem._kernels_solid import (
     sort_of,
     tolerances,
 )
-from ilattice.quadrature._kernels_scratch import UNIT
 
 LEAST = UNIT >> 5  # boxes of this length are divided no further
 MOST = 2048  # boxes of a cell, from which on none is divided further

@@ -197,7 +197,7 @@ def cylinder(radius: float = 1.0) -> Node:
 
 
 def half_space(normal: Any = (0.0, 0.0, 1.0), offset: float = 0.0) -> Node:
-    """Points below a plane: ``normal . x < offset`` for the normal of length one.
+    """Points below a plane: ``normal·x < offset`` for the normal of length one.
 
     Parameters
     ----------

@@ -423,7 +423,7 @@ def offset(
 
     Notes
     -----
-    Hong et al. 2025, eq. 4 and 5: I_+e and I_-e are S - d and S + d.
+    Hong et al. 2025, eq. 4 and 5: ``I_+e`` and ``I_-e`` are S - d and S + d.
 
     Without `tol` S has 16 spans per tile. In the walls of their Figures 14 and 15, which come
     within a third of a span of the creases and focal curves of the distance, 1 % of the surface

@@ -33,7 +33,7 @@ def missing_part(wall: OffsetSolid, mesh: SurfaceMesh) -> float:
 
     Parameters
     ----------
-    wall : Wall
+    wall : OffsetSolid
         The wall.
     mesh : SurfaceMesh
         A mesh of it.
@@ -53,12 +53,12 @@ def missing_part(wall: OffsetSolid, mesh: SurfaceMesh) -> float:
     return lacking / total if total > 0.0 else 0.0
 
 
-def merged_part(wall: Wall) -> float:
+def merged_part(wall: OffsetSolid) -> float:
     """Part of the sides of a wall that are within it, for walls have grown into each other.
 
     Parameters
     ----------
-    wall : Wall
+    wall : OffsetSolid
         The wall, not a solid.
 
     Returns
@@ -74,7 +74,7 @@ def merged_part(wall: Wall) -> float:
     return lost / total if total > 0.0 else 0.0
 
 
-def _beside(wall: Wall, side: float, most: int) -> tuple[FloatArray, ...]:
+def _beside(wall: OffsetSolid, side: float, most: int) -> tuple[FloatArray, ...]:
     """Points next to the mid-surface, to first order on a side of a wall and in the domain.
 
     Their parameters (n, 3), the areas (n,) they stand for, by how much their distance is off (n,),

@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 
 from ilattice._kernels import in_ranges, inner
-from ilattice.cutfem._kernels_solid import TINY, one_interval
+from ilattice.quadrature._kernels_solid import TINY, one_interval
 
 CHUNK = 64
 FAST: Any = {"error_model": "numpy", "fastmath": {"contract", "nnan", "nsz"}}  # for vectors

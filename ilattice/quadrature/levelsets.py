@@ -24,11 +24,11 @@ from ilattice._validate import Frozen, as_array, as_points, asked, read_only
 from ilattice.bspline import BSpline
 from ilattice.bspline._kernels_bezier import restriction
 from ilattice.bspline.knots import find_spans
-from ilattice.cutfem import _kernels_single as singles
 from ilattice.errors import InputError
 from ilattice.fields.algebra import complement
 from ilattice.fields.node import Node
 from ilattice.quadrature import _kernels_drive as kernels
+from ilattice.quadrature import _kernels_single as singles
 from ilattice.quadrature._filling import Content
 from ilattice.quadrature._kernels_scratch import LOW
 from ilattice.quadrature.field_pieces import FieldPieces, field_pieces

@@ -8,9 +8,9 @@ import pytest
 from scipy import ndimage
 
 import ilattice as il
-from ilattice.cutfem import _kernels_solid as boxes
 from ilattice.cutfem.elements import elements_of
 from ilattice.errors import PrecisionWarning
+from ilattice.quadrature import _kernels_solid as boxes
 
 #: Numbers on coarse grids are what is tested here.
 pytestmark = pytest.mark.filterwarnings("ignore:the cells are too coarse")

@@ -1,0 +1,57 @@
+"""The pages for those who change the package: examples run, names exist, rooms are all there."""
+
+import re
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+import ilattice as il
+
+DOCS = Path(__file__).parent.parent / "docs"
+HOME = Path(il.__file__).parent
+
+
+def page(name):
+    return (DOCS / name).read_text(encoding="utf-8")
+
+
+@pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
+def test_examples_of_how_to_add_things_run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    parts = re.findall(r"```python\n(.*?)```", page("how_to.md"), re.DOTALL)
+    assert len(parts) >= 4
+    names = {}
+    for number, part in enumerate(parts):
+        exec(compile(part, f"part {number} of how_to.md", "exec"), names)
+
+
+def test_functions_of_formulas_exist():
+    found = re.findall(r"`(ilattice(?:\.\w+)+)`", page("equations.md"))
+    assert len(found) >= 10
+    for name in found:
+        parts = name.split(".")
+        module = next(
+            ".".join(parts[:n])
+            for n in range(len(parts), 0, -1)
+            if HOME.joinpath(*parts[1:n]).with_suffix(".py").is_file()
+        )
+        thing = import_module(module)
+        for part in name[len(module) + 1 :].split("."):
+            thing = getattr(thing, part)
+
+
+def test_every_room_is_in_the_plan_from_top_to_bottom():
+    rows = re.findall(r"^\| (`.*?) \|", page("architecture.md"), re.MULTILINE)
+    named = [room for row in rows for room in re.findall(r"`(\w+)`", row)]
+    rooms = {p.parent.name for p in HOME.glob("*/__init__.py")}
+    assert rooms <= set(named)
+    order = [room for room in named if room in rooms]
+    for upper, lower in (("lattice", "mesh"), ("mesh", "offsets"), ("fields", "bspline")):
+        assert order.index(upper) < order.index(lower)
+
+
+@pytest.mark.parametrize("name", ["architecture.md", "how_to.md", "equations.md", "words.md"])
+def test_links_lead_to_files(name):
+    for target in re.findall(r"\]\((\w+\.md)\)", page(name)):
+        assert (DOCS / target).is_file()
