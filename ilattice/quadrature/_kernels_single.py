@@ -18,7 +18,8 @@ from ilattice._kernels import in_ranges, inner
 from ilattice.quadrature._kernels_solid import TINY, one_interval
 
 CHUNK = 64
-FAST: Any = {"error_model": "numpy", "fastmath": {"contract", "nnan", "nsz"}}  # for vectors
+MATH = {"contract", "nnan", "nsz"}  # for vectors
+FAST: Any = {"error_model": "numpy", "fastmath": MATH}
 
 
 @inner(**FAST)
@@ -288,7 +289,7 @@ def joined(parent: Any, i: int, j: int) -> int:
 
 
 @in_ranges(CHUNK)
-@njit(cache=True, nogil=True, **FAST)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=MATH)
 def single_cells(
     begin: int, end: int, c: Any, rows0: Any, rows1: Any, rows2: Any, first0: Any, first1: Any,
     first2: Any, factors: Any, shifts: Any, signs: Any, starts0: Any, starts1: Any, starts2: Any,

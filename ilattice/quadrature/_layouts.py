@@ -192,10 +192,13 @@ class TensorLayout(Layout):
         mark = np.zeros(self.pieces.shape, np.int8)
         counts = np.zeros(len(cells), np.int64)
         boxes = np.empty((0, 6), np.int64)
+        starts0, starts1, starts2 = self._starts
         for _ in range(2):  # count, then list
             offsets = np.append(0, np.cumsum(counts))
             boxes = np.empty((offsets[-1], 6), np.int64)
-            kernels.boxes_of_cells(self._signs, mark, places, *self._starts, offsets, boxes, counts)
+            kernels.boxes_of_cells(
+                self._signs, mark, places, starts0, starts1, starts2, offsets, boxes, counts
+            )
         return boxes[:, :3], boxes[:, 3:], np.repeat(cells, counts)
 
     def _boxes(self, low: IntArray, high: IntArray) -> FloatArray:
