@@ -456,7 +456,7 @@ class Elasticity(Problem):
         """Add the stiffness of a phase that is given by matrices; by how much it jumps."""
         asm = self.assembly
         if m.constant:
-            C = m.matrices(asm, part.points[:1]).reshape(1, 36)
+            C = np.array(m.matrices(asm, part.points[:1]).reshape(1, 36))  # of the writable type
             asm.add_cells(data, part, kernels.STIFFNESS, C)
             return 1.0
         count = len(part.cells)

@@ -31,9 +31,10 @@ from ilattice.cutfem import _voigt
 from ilattice.errors import ConvergenceError, InputError
 from ilattice.homogenize import _kernels_voxel as kernels
 from ilattice.homogenize._eigen import GUARD, MOST, Pairs, Vectors, lowest
+from ilattice.homogenize._search import ZERO
 from ilattice.homogenize._spectral import VoxelGrid, symbols
 from ilattice.homogenize.bands import Bands, BlochReport
-from ilattice.homogenize.bloch import ZERO, velocities_of
+from ilattice.homogenize.bloch import velocities_of
 from ilattice.homogenize.paths import path_of, reciprocal
 from ilattice.homogenize.voxel import as_voxels, elastic_phases
 
