@@ -56,7 +56,14 @@ def topologies() -> tuple[tuple[Edge, ...], ...]:
     tuple of tuple of (int, int)
         In order of their numbers of edges.
     """
-    return tuple(edges for edges in _connected() if _valid(edges))
+    on, count = _planes(), len(nodes())
+    faces = [sum(1 << int(f) for f in np.flatnonzero(row)) for row in on]
+    every = list(combinations(range(count), 2))
+    bad = {
+        (a, b) for a, b in combinations(every, 2) if _cross(a, b) or _halves(a, b) or _halves(b, a)
+    }
+    beams = [[_images(k, n) if n != k else 0 for n in range(count)] for k in range(count)]
+    return tuple(edges for edges in _connected() if _valid(edges, faces, bad, beams))
 
 
 def truss(number: int, *, thickness: float = THICKNESS) -> Graph:
@@ -90,7 +97,7 @@ def _connected() -> Iterator[tuple[Edge, ...]]:
     every = list(combinations(range(len(nodes())), 2))
     found: set[frozenset[Edge]] = {frozenset([e]) for e in every}
     for count in range(1, MOST_EDGES + 1):
-        yield from sorted(tuple(sorted(edges)) for edges in found)
+        yield from sorted([tuple(sorted(edges)) for edges in found])
         if count == MOST_EDGES:
             return
         more: set[frozenset[Edge]] = set()
@@ -102,21 +109,22 @@ def _connected() -> Iterator[tuple[Edge, ...]]:
         found = more
 
 
-def _valid(edges: tuple[Edge, ...]) -> bool:
-    ends = {k for e in edges for k in e}
-    on = _planes()
-    if not on[list(ends)].any(axis=0).all():
+def _valid(
+    edges: tuple[Edge, ...], faces: list[int], bad: set[tuple[Edge, Edge]], beams: list[list[int]]
+) -> bool:
+    """Whether a set of edges that hangs together keeps the other rules."""
+    met = 0
+    valence: dict[int, int] = {}
+    for i, (a, b) in enumerate(edges):
+        met |= faces[a] | faces[b]
+        valence[a] = beams[a][b] + valence.get(a, 0)
+        valence[b] = beams[b][a] + valence.get(b, 0)
+        for other in edges[:i]:
+            if (other, (a, b)) in bad:
+                return False
+    if met != 15:
         return False
-    if any(_cross(a, b) for a, b in combinations(edges, 2)):
-        return False
-    for a, b in combinations(edges, 2):
-        if _halves(a, b) or _halves(b, a):
-            return False
-    for k in ends:
-        valence = sum(_images(k, a + b - k) for a, b in edges if k in (a, b))
-        if valence < 2 or valence > MOST_VALENCE:
-            return False
-    return True
+    return min(valence.values()) >= 2 and max(valence.values()) <= MOST_VALENCE
 
 
 @lru_cache(maxsize=1)
@@ -144,7 +152,6 @@ def _key(m: FloatArray) -> tuple[int, ...]:
     return tuple(np.rint(m.ravel() * 1e6).astype(int).tolist())
 
 
-@lru_cache(maxsize=512)
 def _images(k: int, other: int) -> int:
     """Number of beams at node k that are images of the one to another node."""
     on = _planes()
@@ -153,7 +160,6 @@ def _images(k: int, other: int) -> int:
     return _order(here) // _order(both)
 
 
-@lru_cache(maxsize=8192)
 def _cross(a: Edge, b: Edge) -> bool:
     """Whether two edges without a common node meet."""
     if set(a) & set(b):
