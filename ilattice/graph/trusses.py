@@ -63,7 +63,9 @@ def topologies() -> tuple[tuple[Edge, ...], ...]:
         (a, b) for a, b in combinations(every, 2) if _cross(a, b) or _halves(a, b) or _halves(b, a)
     }
     beams = [[_images(k, n) if n != k else 0 for n in range(count)] for k in range(count)]
-    return tuple(edges for edges in _connected() if _valid(edges, faces, bad, beams))
+    bad |= {(b, a) for a, b in bad}
+    kept = [sorted(edges) for edges in _connected() if _valid(edges, faces, bad, beams)]
+    return tuple(tuple(edges) for edges in sorted(kept, key=lambda edges: (len(edges), edges)))
 
 
 def truss(number: int, *, thickness: float = THICKNESS) -> Graph:
@@ -92,12 +94,12 @@ def truss(number: int, *, thickness: float = THICKNESS) -> Graph:
     return Graph(build.object(skeleton.completed(region)), region, f"truss_{number}")
 
 
-def _connected() -> Iterator[tuple[Edge, ...]]:
+def _connected() -> Iterator[frozenset[Edge]]:
     """Sets of edges that hang together."""
     every = list(combinations(range(len(nodes())), 2))
     found: set[frozenset[Edge]] = {frozenset([e]) for e in every}
     for count in range(1, MOST_EDGES + 1):
-        yield from sorted([tuple(sorted(edges)) for edges in found])
+        yield from found
         if count == MOST_EDGES:
             return
         more: set[frozenset[Edge]] = set()
@@ -110,21 +112,21 @@ def _connected() -> Iterator[tuple[Edge, ...]]:
 
 
 def _valid(
-    edges: tuple[Edge, ...], faces: list[int], bad: set[tuple[Edge, Edge]], beams: list[list[int]]
+    edges: frozenset[Edge], faces: list[int], bad: set[tuple[Edge, Edge]], beams: list[list[int]]
 ) -> bool:
     """Whether a set of edges that hangs together keeps the other rules."""
-    met = 0
-    valence: dict[int, int] = {}
-    for i, (a, b) in enumerate(edges):
+    met, valence = 0, [0] * 15
+    for a, b in edges:
         met |= faces[a] | faces[b]
-        valence[a] = beams[a][b] + valence.get(a, 0)
-        valence[b] = beams[b][a] + valence.get(b, 0)
-        for other in edges[:i]:
-            if (other, (a, b)) in bad:
-                return False
-    if met != 15:
+        valence[a] += beams[a][b]
+        valence[b] += beams[b][a]
+    if met != 15 or 1 in valence or max(valence) > MOST_VALENCE:
         return False
-    return min(valence.values()) >= 2 and max(valence.values()) <= MOST_VALENCE
+    fine = True
+    for one in edges:
+        for other in edges:
+            fine &= (one, other) not in bad
+    return fine
 
 
 @lru_cache(maxsize=1)
