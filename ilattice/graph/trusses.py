@@ -59,9 +59,8 @@ def topologies() -> tuple[tuple[Edge, ...], ...]:
     on, count = _planes(), len(nodes())
     faces = [sum(1 << int(f) for f in np.flatnonzero(row)) for row in on]
     every = list(combinations(range(count), 2))
-    bad = {
-        (a, b) for a, b in combinations(every, 2) if _cross(a, b) or _halves(a, b) or _halves(b, a)
-    }
+    vertices = [e for e in every if e[1] < 4]
+    bad = _crossing(every) | {(a, b) for a in vertices for b in every if _halves(a, b)}
     beams = [[_images(k, n) if n != k else 0 for n in range(count)] for k in range(count)]
     bad |= {(b, a) for a, b in bad}
     kept = [sorted(edges) for edges in _connected() if _valid(edges, faces, bad, beams)]
@@ -162,23 +161,27 @@ def _images(k: int, other: int) -> int:
     return _order(here) // _order(both)
 
 
-def _cross(a: Edge, b: Edge) -> bool:
-    """Whether two edges without a common node meet."""
-    if set(a) & set(b):
-        return False
-    p = nodes()
-    (p0, p1), (q0, q1) = p[list(a)], p[list(b)]
-    d, e, w = p1 - p0, q1 - q0, q0 - p0
-    n = np.cross(d, e)
-    if n @ n < 1e-18:  # parallel: they meet where they are in one line and overlap
-        if np.linalg.norm(np.cross(d, w)) > 1e-9:
-            return False
-        t = np.sort([w @ d, (q1 - p0) @ d]) / (d @ d)
-        return bool(t[0] < 1.0 + 1e-9 and t[1] > -1e-9)
-    if abs(w @ n) > 1e-9:
-        return False
-    s, t = np.cross(w, e) @ n / (n @ n), np.cross(w, d) @ n / (n @ n)
-    return bool(-1e-9 < s < 1.0 + 1e-9 and -1e-9 < t < 1.0 + 1e-9)
+def _crossing(every: list[Edge]) -> set[tuple[Edge, Edge]]:
+    """Pairs of edges without a common node that meet."""
+    i, j = np.triu_indices(len(every), 1)
+    E, p = np.array(every), nodes()
+    apart = ~(E[i][:, :, None] == E[j][:, None, :]).any(axis=(1, 2))
+    i, j = i[apart], j[apart]
+    p0, q0 = p[E[i, 0]], p[E[j, 0]]
+    d, e, w = p[E[i, 1]] - p0, p[E[j, 1]] - q0, q0 - p0
+    n, dd = np.cross(d, e), (d * d).sum(axis=1)
+    nn = (n * n).sum(axis=1)
+    parallel = nn < 1e-18
+    size = np.where(parallel, 1.0, nn)
+    s = (np.cross(w, e) * n).sum(axis=1) / size
+    t = (np.cross(w, d) * n).sum(axis=1) / size
+    low, top = -1e-9, 1.0 + 1e-9
+    plane = np.abs((w * n).sum(axis=1)) <= 1e-9
+    meet = ~parallel & plane & (low < s) & (s < top) & (low < t) & (t < top)
+    ends = np.stack([(w * d).sum(axis=1), ((w + e) * d).sum(axis=1)]) / dd
+    line = np.linalg.norm(np.cross(d, w), axis=1) <= 1e-9
+    meet |= parallel & line & (ends.min(axis=0) < top) & (ends.max(axis=0) > low)
+    return {(every[a], every[b]) for a, b in zip(i[meet].tolist(), j[meet].tolist(), strict=True)}
 
 
 def _halves(whole: Edge, half: Edge) -> bool:
