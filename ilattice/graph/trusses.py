@@ -56,7 +56,15 @@ def topologies() -> tuple[tuple[Edge, ...], ...]:
     tuple of tuple of (int, int)
         In order of their numbers of edges.
     """
-    return tuple(edges for edges in _connected() if _valid(edges))
+    on, count = _planes(), len(nodes())
+    faces = [sum(1 << int(f) for f in np.flatnonzero(row)) for row in on]
+    every = list(combinations(range(count), 2))
+    vertices = [e for e in every if e[1] < 4]
+    bad = _crossing(every) | {(a, b) for a in vertices for b in every if _halves(a, b)}
+    beams = [[_images(k, n) if n != k else 0 for n in range(count)] for k in range(count)]
+    bad |= {(b, a) for a, b in bad}
+    kept = [sorted(edges) for edges in _connected() if _valid(edges, faces, bad, beams)]
+    return tuple(tuple(edges) for edges in sorted(kept, key=lambda edges: (len(edges), edges)))
 
 
 def truss(number: int, *, thickness: float = THICKNESS) -> Graph:
@@ -85,12 +93,12 @@ def truss(number: int, *, thickness: float = THICKNESS) -> Graph:
     return Graph(build.object(skeleton.completed(region)), region, f"truss_{number}")
 
 
-def _connected() -> Iterator[tuple[Edge, ...]]:
+def _connected() -> Iterator[frozenset[Edge]]:
     """Sets of edges that hang together."""
     every = list(combinations(range(len(nodes())), 2))
     found: set[frozenset[Edge]] = {frozenset([e]) for e in every}
     for count in range(1, MOST_EDGES + 1):
-        yield from sorted(tuple(sorted(edges)) for edges in found)
+        yield from found
         if count == MOST_EDGES:
             return
         more: set[frozenset[Edge]] = set()
@@ -102,21 +110,22 @@ def _connected() -> Iterator[tuple[Edge, ...]]:
         found = more
 
 
-def _valid(edges: tuple[Edge, ...]) -> bool:
-    ends = {k for e in edges for k in e}
-    on = _planes()
-    if not on[list(ends)].any(axis=0).all():
+def _valid(
+    edges: frozenset[Edge], faces: list[int], bad: set[tuple[Edge, Edge]], beams: list[list[int]]
+) -> bool:
+    """Whether a set of edges that hangs together keeps the other rules."""
+    met, valence = 0, [0] * 15
+    for a, b in edges:
+        met |= faces[a] | faces[b]
+        valence[a] += beams[a][b]
+        valence[b] += beams[b][a]
+    if met != 15 or 1 in valence or max(valence) > MOST_VALENCE:
         return False
-    if any(_cross(a, b) for a, b in combinations(edges, 2)):
-        return False
-    for a, b in combinations(edges, 2):
-        if _halves(a, b) or _halves(b, a):
-            return False
-    for k in ends:
-        valence = sum(_images(k, a + b - k) for a, b in edges if k in (a, b))
-        if valence < 2 or valence > MOST_VALENCE:
-            return False
-    return True
+    fine = True
+    for one in edges:
+        for other in edges:
+            fine &= (one, other) not in bad
+    return fine
 
 
 @lru_cache(maxsize=1)
@@ -144,7 +153,6 @@ def _key(m: FloatArray) -> tuple[int, ...]:
     return tuple(np.rint(m.ravel() * 1e6).astype(int).tolist())
 
 
-@lru_cache(maxsize=512)
 def _images(k: int, other: int) -> int:
     """Number of beams at node k that are images of the one to another node."""
     on = _planes()
@@ -153,24 +161,27 @@ def _images(k: int, other: int) -> int:
     return _order(here) // _order(both)
 
 
-@lru_cache(maxsize=8192)
-def _cross(a: Edge, b: Edge) -> bool:
-    """Whether two edges without a common node meet."""
-    if set(a) & set(b):
-        return False
-    p = nodes()
-    (p0, p1), (q0, q1) = p[list(a)], p[list(b)]
-    d, e, w = p1 - p0, q1 - q0, q0 - p0
-    n = np.cross(d, e)
-    if n @ n < 1e-18:  # parallel: they meet where they are in one line and overlap
-        if np.linalg.norm(np.cross(d, w)) > 1e-9:
-            return False
-        t = np.sort([w @ d, (q1 - p0) @ d]) / (d @ d)
-        return bool(t[0] < 1.0 + 1e-9 and t[1] > -1e-9)
-    if abs(w @ n) > 1e-9:
-        return False
-    s, t = np.cross(w, e) @ n / (n @ n), np.cross(w, d) @ n / (n @ n)
-    return bool(-1e-9 < s < 1.0 + 1e-9 and -1e-9 < t < 1.0 + 1e-9)
+def _crossing(every: list[Edge]) -> set[tuple[Edge, Edge]]:
+    """Pairs of edges without a common node that meet."""
+    i, j = np.triu_indices(len(every), 1)
+    E, p = np.array(every), nodes()
+    apart = ~(E[i][:, :, None] == E[j][:, None, :]).any(axis=(1, 2))
+    i, j = i[apart], j[apart]
+    p0, q0 = p[E[i, 0]], p[E[j, 0]]
+    d, e, w = p[E[i, 1]] - p0, p[E[j, 1]] - q0, q0 - p0
+    n, dd = np.cross(d, e), (d * d).sum(axis=1)
+    nn = (n * n).sum(axis=1)
+    parallel = nn < 1e-18
+    size = np.where(parallel, 1.0, nn)
+    s = (np.cross(w, e) * n).sum(axis=1) / size
+    t = (np.cross(w, d) * n).sum(axis=1) / size
+    low, top = -1e-9, 1.0 + 1e-9
+    plane = np.abs((w * n).sum(axis=1)) <= 1e-9
+    meet = ~parallel & plane & (low < s) & (s < top) & (low < t) & (t < top)
+    ends = np.stack([(w * d).sum(axis=1), ((w + e) * d).sum(axis=1)]) / dd
+    line = np.linalg.norm(np.cross(d, w), axis=1) <= 1e-9
+    meet |= parallel & line & (ends.min(axis=0) < top) & (ends.max(axis=0) > low)
+    return {(every[a], every[b]) for a, b in zip(i[meet].tolist(), j[meet].tolist(), strict=True)}
 
 
 def _halves(whole: Edge, half: Edge) -> bool:
