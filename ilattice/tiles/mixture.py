@@ -224,9 +224,10 @@ def mix(
     an edge on the face, where that of its neighbour goes on. Distances are those to the union of
     these pieces, edges included, so that a wall is round about a crease on its outer side and has a
     crease on its inner one. Where the fields of two tiles differ in sign on a face, the surface
-    follows that face, within a span of the spline. Tiles that are cubic splines with equal knots, full
-    at the ends, and agree on all faces that they share in values and slopes, are joined as they are,
-    but for one factor, and C1.
+    follows that face, within a span of the spline.
+
+    Tiles that are cubic splines with equal knots, full at the ends, and agree on all faces that
+    they share in values and slopes, are joined as they are, but for one factor, and C1.
 
     Examples
     --------
