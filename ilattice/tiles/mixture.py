@@ -226,6 +226,9 @@ def mix(
     crease on its inner one. Where the fields of two tiles differ in sign on a face, the surface
     follows that face, within a span of the spline.
 
+    Tiles that are cubic splines with equal knots, full at the ends, and agree on all faces that
+    they share in values and slopes, are joined as they are, but for one factor, and C1.
+
     Examples
     --------
     >>> import ilattice as il
