@@ -12,9 +12,9 @@ import ilattice as il
 from ilattice.cost import slicing
 
 
-def main(resolution: int = 24, height: float = 0.4, out: str = "") -> dict[str, float]:
+def main(resolution: int = 24, height: float = 0.9, out: str = "") -> dict[str, float]:
     """Blocks, edges and area of one slice; with `out`, the slice as a picture."""
-    blocks = il.cost.Blocks(resolution, size=4)
+    blocks = il.cost.Blocks(resolution, size=2)
     duck = il.macroshape.duck()
     found = list(slicing.crossings(blocks, height, through=duck, margin=0.01))
     used = len(found) / sum(1 for _ in blocks)
