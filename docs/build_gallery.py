@@ -154,8 +154,8 @@ def markdown() -> str:
     """The page of the documentation that leads to all examples, in MyST."""
     parts = [
         "# Gallery\n\nEvery file of `examples/` is one figure or one recipe, and prints a number "
-        "that a test checks. Pictures are small here; `python docs/build_gallery.py` runs all "
-        "examples and makes a page with large ones.\n\n"
+        "that a test checks. Pictures are small here, and some of smaller parts than the program "
+        "makes; `python docs/build_gallery.py` makes all of them, large, on a page.\n\n"
         "```{contents}\n:local:\n:depth: 1\n:backlinks: none\n```\n\n"
         "```{toctree}\n:hidden:\n:glob:\n\nexamples/*\n```\n"
     ]
