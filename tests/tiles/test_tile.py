@@ -6,6 +6,7 @@ import pytest
 from conformance import check_field
 
 import ilattice as il
+from ilattice._field import ABILITIES
 from ilattice.bspline import BSpline
 from ilattice.errors import ConvergenceError, GeometryError, InputError, PrecisionWarning
 from ilattice.tiles import Tile, TrigField
@@ -60,6 +61,8 @@ class _WithBreaks:
         return self._tile(u)
 
     def __getattr__(self, name):
+        if name in ABILITIES and not self._tile.has(name):
+            raise AttributeError(name)
         return getattr(self._tile, name)
 
 
