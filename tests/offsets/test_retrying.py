@@ -161,7 +161,7 @@ def test_no_seed_leads_to_a_nearer_foot(tile):
     search, n = lattice.search, 250
     u, q, x = queries(lattice, n, 8)
     best = np.abs(lattice.closest(u).distance)
-    near = search.tree.query_ball_point(x, best + 0.3 * search.spacing.size.mean())
+    near = search.tree.query_ball_point(x, best + 0.8 * search.spacing.size.mean())
     owner = np.repeat(np.arange(n), [len(s) for s in near])
     seed = np.concatenate([np.array(s, np.int64) for s in near])[:, None]
     feet, counts = np.full((2, len(seed), 8), np.nan), np.zeros((len(seed), 2), np.int64)
