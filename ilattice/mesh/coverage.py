@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 POINTS, VERTICES = 4000, 6
 #: Distance from a triangle, relative to its longest edge, within which it covers a point.
 NEAR = 0.25
-#: Part of the half-thickness that points of the offset may be off, and that which is left of it at
-#: most where walls have merged: other parts of the mid-surface are nearer. Points looked at for that.
+#: Part of the half-thickness that points of the offset may be off, and that which is left of it
+#: where walls have merged: other parts of the mid-surface are nearer. Points looked at for that.
 OFF, MERGED, SOME = 0.05, 0.5, 1000
 
 
