@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 POINTS, VERTICES = 4000, 6
 #: Distance from a triangle, relative to its longest edge, within which it covers a point.
 NEAR = 0.25
-#: Part of the half-thickness that points of the offset may be off, and that by which they are where
-#: walls have merged: other parts of the mid-surface are nearer. Points that are looked at for that.
+#: Part of the half-thickness that points of the offset may be off, and that which is left of it
+#: where walls have merged: other parts of the mid-surface are nearer. Points looked at for that.
 OFF, MERGED, SOME = 0.05, 0.5, 1000
 
 
@@ -45,7 +45,8 @@ def missing_part(wall: OffsetSolid, mesh: SurfaceMesh) -> float:
     """
     total = lacking = 0.0
     for side in (1.0,) if wall.thickness.solid else (1.0, -1.0):
-        there, area, error, asked = _beside(wall, side, POINTS)
+        there, area, sides = _beside(wall, side, POINTS)
+        error, asked = wall._errors(there, sides)
         fine = error <= OFF * np.maximum(np.abs(asked), wall.least_thickness)
         far = ~covered(mesh, wall.lattice.through.x(there[fine]))
         total += float(area[fine].sum())
@@ -68,24 +69,24 @@ def merged_part(wall: OffsetSolid) -> float:
     """
     total = lost = 0.0
     for side in (1.0, -1.0):
-        _, area, error, asked = _beside(wall, side, SOME)
-        total += float(area.sum())
-        lost += float(area[(error > MERGED * np.abs(asked)) & (asked != 0.0)].sum())
+        there, area, sides = _beside(wall, side, SOME)
+        asked = wall._asked.at(there, sides)
+        near = (side * wall._true_distance(there) < MERGED * asked) & (asked > 0.0)
+        total += float(area[asked > 0.0].sum())
+        lost += float(area[near].sum())
     return lost / total if total > 0.0 else 0.0
 
 
 def _beside(wall: OffsetSolid, side: float, most: int) -> tuple[FloatArray, ...]:
     """Points next to the mid-surface, to first order on a side of a wall and in the domain.
 
-    Their parameters (n, 3), the areas (n,) they stand for, by how much their distance is off (n,),
-    and what it should be (n,).
+    Their parameters (n, 3), the areas (n,) they stand for, and the side (n,).
     """
     u, area = wall._middle(most)
     sides = np.full(len(u), side)
     way, cut = to_faces(wall, u, beside(wall, u, np.zeros((len(u), 3), np.bool_), sides))
     at = np.flatnonzero(~cut)
-    there = inside(wall.lattice, u[at] + way[at])
-    return there, area[at], *wall._errors(there, sides[at])
+    return inside(wall.lattice, u[at] + way[at]), area[at], sides[at]
 
 
 def covered(mesh: SurfaceMesh, x: FloatArray) -> AnyArray:

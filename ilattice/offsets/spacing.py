@@ -68,23 +68,7 @@ class Spacing:
             Lengths in space.
         """
         some = near[:, :: max(1, near.shape[1] // LOOKED_AT)]
-        return self.at_least(p, self.size[some].max(axis=1))
-
-    def at_least(self, p: FloatArray, size: FloatArray) -> FloatArray:
-        """Likewise, from the largest spacing (n,) of the seeds that are nearest in space.
-
-        Parameters
-        ----------
-        p : ndarray, shape (n, 3)
-            Tile coordinates of the queries.
-        size : ndarray, shape (n,)
-            That spacing.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            Lengths in space.
-        """
+        size = self.size[some].max(axis=1)
         beside = self.parts[self._at(p, PARTS)]
         for axis, end in self.singular:
             beside = beside * np.minimum(1.0, PARTS * np.abs(p[:, axis] - end))

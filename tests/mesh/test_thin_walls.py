@@ -132,10 +132,12 @@ def test_walls_that_have_merged_are_not_meshed_from_their_mid_surface(seed, monk
     a = np.eye(3) + rng.uniform(-0.2, 0.2, (3, 3))
     half = rng.uniform(0.05, 0.1)
     tile = il.Tile(lambda u: (u[:, 0] - 0.5) ** 2 - half**2, name="planes")
-    lattice = il.Lattice(tile, through=affine(a), spans_per_tile=8)
+    lattice = il.Lattice(tile, through=affine(a), spans_per_tile=24)
     gap = 2.0 * half / np.linalg.norm(np.linalg.inv(a)[0])
-    assert merged_part(lattice.offset(0.6 * gap)) == 0.0
-    wall = lattice.offset(rng.uniform(0.7, 1.4) * gap)
+    assert merged_part(lattice.offset(0.5 * gap)) == 0.0
+    inner = lattice.offset((0.0, 3.0 * gap)), lattice.offset((1.2 * gap, 0.0))
+    assert [merged_part(w) for w in inner] == [0.0, pytest.approx(1.0, abs=0.1)]
+    wall = lattice.offset(rng.uniform(0.8, 1.4) * gap)
     assert merged_part(wall) == pytest.approx(0.5, abs=0.1)  # but for rims
     monkeypatch.setattr(wall_mesh, "Sheets", lambda *_, **__: pytest.fail("began"))
     for h in (0.7, 1.0):
