@@ -26,11 +26,11 @@ from ilattice._validate import as_array, as_kind, as_points, as_positive, asked
 from ilattice.cost import _kernels_beams as kernels
 from ilattice.cost.structure import CornerSharing, _numbers
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
+from ilattice.fields import _kernels_boxes as tree
 from ilattice.fields._program import Builder, Point
 from ilattice.fields.node import Node
 from ilattice.mesh.field_slices import slice_field
 from ilattice.mesh.surface import SurfaceMesh
-from ilattice.sdf import _kernels_bvh as tree
 from ilattice.slicing.slices import SliceStack
 
 #: Most beams of one box of an analysis; where there are more it is halved.

@@ -232,12 +232,14 @@ class Elasticity(Problem):
 
         Parameters
         ----------
-        on, where : str, callable or (2, 3) array-like
+        on : str, callable or (2, 3) array-like
             As in `clamp`.
         stiffness : float, sequence of 3 floats or callable
             Force per area and displacement, of all components or each.
         value : float, sequence of 3 floats or callable
             Displacement at which the springs are at rest.
+        where : str, callable or (2, 3) array-like, optional
+            As in `clamp`.
 
         Returns
         -------

@@ -49,6 +49,10 @@ class Stack(Protocol):
         """What is cut: `Triangles`, or what has them by its ``mesh``."""
 
     @property
+    def slicer(self) -> Any:
+        """What cuts it; that of fields has a `stand_in`."""
+
+    @property
     def bounds(self) -> FloatArray:
         """Box around all layers in the directions of `frame`, shape (2, 3)."""
 

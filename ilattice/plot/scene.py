@@ -51,7 +51,7 @@ class Scene:
         Show a length, at the depth of the middle of the part.
     unit : str
         Of lengths, for the scale bar.
-    layers, planes, box, insets
+    layers, planes, box, insets : optional
         Made by `add`, `clipped`, `framed` and `inset`.
 
     Notes
