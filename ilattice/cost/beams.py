@@ -19,10 +19,20 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._field import as_boxes
 from ilattice._memory import need
 from ilattice._progress import Progress
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
-from ilattice._validate import as_array, as_kind, as_points, as_positive, asked
+from ilattice._validate import (
+    as_array,
+    as_choice,
+    as_flag,
+    as_kind,
+    as_points,
+    as_positive,
+    as_whole,
+    asked,
+)
 from ilattice.cost import _kernels_beams as kernels
 from ilattice.cost.structure import CornerSharing, _numbers
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
@@ -141,6 +151,7 @@ class Beams(Node):
         ndarray, shape (n,)
             Values.
         """
+        points = as_points("points", points)
         out = np.empty(len(points))
         box, wide, link, beam, _ = self._tree
         kernels.values(len(points), np.array(points), box, wide, link, beam, out)
@@ -165,6 +176,7 @@ class Beams(Node):
         tuple of ndarray
             Values (n,), gradients (n, 3) and, for order 2, Hessians (n, 3, 3).
         """
+        points, order = as_points("points", points), as_choice("order", order, (1, 2))
         n = len(points)
         f, g, h = np.empty(n), np.empty((n, 3)), np.empty((n if order == 2 else 0, 3, 3))
         box, wide, link, beam, _ = self._tree
@@ -186,7 +198,8 @@ class Beams(Node):
         ndarray, shape (n, 3)
             Lower and upper bounds, and the largest slope.
         """
-        return _bounds(self.values, lo, hi, moved)
+        lo, hi = _corners(lo, hi)
+        return _bounds(self.values, lo, hi, as_flag("moved", moved))
 
     # ------------------------------------------------------------------ pieces for analyses
 
@@ -213,6 +226,7 @@ class Beams(Node):
             Numbers of beams, and, from their count on, balls at vertices, where a box lies so that
             its points are nearest to the end of all beams there. None for more than can be taken.
         """
+        lo, hi = _corners(lo, hi)
         reach = np.linalg.norm(hi - lo, axis=1) * (1.0 + 1e-9)
         rows = np.full((len(lo), MOST_PIECES), -1, np.int64)
         count = np.empty(len(lo), np.int64)
@@ -264,6 +278,7 @@ class Beams(Node):
             The distance to a beam, or to a ball.
         """
         beam, order = self._tree[3], self._tree[4]
+        number = as_whole("number", number, 0, len(order) + len(self.vertices) - 1)
         if number < len(order):
             return _Beam(beam[number])
         v = number - len(order)
@@ -367,11 +382,25 @@ class _Beam(Node):
 
     def range(self, lo: ArrayLike, hi: ArrayLike) -> FloatArray:
         """Bounds (n, 2) on boxes."""
-        return self.bounds_on(np.asarray(lo), np.asarray(hi), True)[:, :2]
+        return self.bounds_on(*as_boxes(lo, hi), True)[:, :2]
+
+    def _box(self, level: float = 0.0) -> FloatArray:
+        """Box about both balls."""
+        reach = self.row[:2, None] + max(level, 0.0)
+        ends = self.row[2:].reshape(2, 3)
+        return np.stack([(ends - reach).min(axis=0), (ends + reach).max(axis=0)])
 
     def bounds_on(self, lo: FloatArray, hi: FloatArray, moved: bool) -> FloatArray:
         """Bounds and steepness (n, 3) on finite boxes."""
         return _bounds(self.values, lo, hi, moved)
+
+
+def _corners(lo: ArrayLike, hi: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Corners (n, 3) of boxes, which may be infinite, checked."""
+    a, b = as_points("lo", lo, finite=False), as_points("hi", hi, finite=False)
+    if a.shape != b.shape:
+        raise InputError(f"lo and hi must have one shape, got {a.shape} and {b.shape}")
+    return a, b
 
 
 def _bounds(f: Any, lo: FloatArray, hi: FloatArray, moved: bool) -> FloatArray:

@@ -265,6 +265,7 @@ class Blocks(Frozen):
             Barycentric integers.
         """
         n = self.resolution - 1
+        lo = self._block(lo)
         hi = np.minimum(lo + self.size, n + 1)
         ends = np.stack([2 * lo, 2 * hi]).astype(np.float64)
         where = np.stack(np.meshgrid(*[[0, 1]] * 3, indexing="ij"), -1).reshape(-1, 3)
@@ -293,6 +294,7 @@ class Blocks(Frozen):
             Barycentric integers of their ends.
         """
         n = self.resolution - 1
+        lo = self._block(lo)
         hi = np.minimum(lo + self.size, n + 1)
         out = np.empty((2 * int(np.prod(hi - lo)), 5), np.int64)
         found = out[: kernels.block3(n, lo, hi, 1, out)]
@@ -312,4 +314,21 @@ class Blocks(Frozen):
         ndarray, shape (..., 3)
             Positions.
         """
-        return np.asarray((integers / self.total) @ self.corners)
+        whole = as_array("integers", integers)
+        if whole.ndim == 0 or whole.shape[-1] != 4:
+            raise InputError(f"integers must have shape (..., 4), got {whole.shape}")
+        return np.asarray((whole / self.total) @ self.corners)
+
+    def _block(self, lo: IntArray) -> IntArray:
+        """The lower corner of a block, checked."""
+        corner = as_array("lo", lo)
+        if (
+            corner.shape != (3,)
+            or (corner != np.rint(corner)).any()
+            or ((corner < 0) | (corner >= self.resolution)).any()
+        ):
+            raise InputError(
+                f"lo must be three whole numbers from 0 to {self.resolution - 1}, as iteration "
+                f"gives them, got {lo!r:.80}"
+            )
+        return corner.astype(np.int64)

@@ -334,8 +334,7 @@ class Graph(Frozen):
         from ilattice.sdf import mesh
 
         cube = translate(box(0.5), (0.5, 0.5, 0.5))
-        node = getattr(self.body.field, "node", self.body.field)
-        return mesh(intersection(cube, from_callable(node)), h)
+        return mesh(intersection(cube, from_callable(self.body.field)), h)
 
     def voxels(self, count: int | None = None) -> AnyArray:
         """The solid as voxels.

@@ -113,7 +113,11 @@ def retried(
         What `_kernels.closest` has found; changed in place.
     """
     failed = status[at] >= _kernels_newton.FALLBACK
-    rest, at, m = [at[~failed]], at[failed], RETRY_NEIGHBOURS
+    rest, m = [at[~failed]], RETRY_NEIGHBOURS
+    if search.seeds[2].shape[1] == _kernels.PLAIN:  # sweeps look for first feet, not for second
+        for i in range(0, len(rest[0]), RETRIED // m):
+            _retry(search, rest[0][i : i + RETRIED // m], m, x, p, feet, counts, status)
+    at = at[failed]
     while len(at) and m <= MOST_NEIGHBOURS:
         for i in range(0, len(at), RETRIED // m):
             _retry(search, at[i : i + RETRIED // m], m, x, p, feet, counts, status)
@@ -133,8 +137,9 @@ def _retry(
 ) -> None:  # fmt: skip
     """Find feet of the queries `at` from more seeds, far apart."""
     _, near = search.candidates(x[at], m)
-    idx, none = np.empty((len(at), RETRY_CANDIDATES), np.int64), np.full(len(at), np.inf)
-    _kernels.spread(search.space[7], *search.seeds, x[at], p[at], none, near, idx)
+    idx = np.empty((len(at), RETRY_CANDIDATES), np.int64)
+    best = np.where(status[at] < _kernels_newton.FALLBACK, np.abs(feet[0, at, 6]), np.inf)
+    _kernels.spread(search.space[7], *search.seeds, x[at], p[at], best, near, idx)
     _start(search, at, idx, x, p, feet, counts, status)
 
 

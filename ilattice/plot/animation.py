@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ilattice._files import atomic_path
+from ilattice._files import as_path, atomic_path
 from ilattice._progress import Progress, track
 from ilattice._validate import as_positive
 from ilattice.errors import FormatError, InputError
@@ -43,7 +43,7 @@ def animate(
         If the ending is another, the encoder is missing, or the file cannot be written.
     """
     fps = as_positive("fps", fps)
-    ending = Path(os.fspath(path)).suffix.lower()
+    ending = as_path("path", path).suffix.lower()
     if ending not in (".gif", ".mp4"):
         raise FormatError(f"{path!s:.80}: films are .gif or .mp4")
     shown = list(scenes)

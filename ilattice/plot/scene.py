@@ -60,6 +60,8 @@ class Scene:
 
     Examples
     --------
+    >>> import numpy as np
+    >>> import ilattice as il
     >>> mesh = il.mesh.contour(lambda x: (x**2).sum(axis=1) - 1, [np.linspace(-1.2, 1.2, 9)] * 3)
     >>> scene = il.plot.Scene(size=(320, 240)).add(mesh, color="gold").clipped("y > 0")
     >>> scene.image().shape

@@ -18,7 +18,7 @@ from ilattice._kernels import in_ranges, inner
 from ilattice.quadrature._kernels_solid import TINY, one_interval
 
 CHUNK = 64
-MATH = {"contract", "nnan", "nsz"}  # for vectors
+MATH = {"contract", "nsz"}  # for vectors
 FAST: Any = {"error_model": "numpy", "fastmath": MATH}
 
 

@@ -108,6 +108,13 @@ EXAMPLES = {
     "FlattenedField": (
         lambda: il.tiles.skeleton(STRUTS, radius=0.2).field.flattened(), {"kinks": True},
     ),
+    "Beams": (
+        lambda: il.cost.kagome(2).beams(0.05), {"box": BOX, "kinks": True, "converges": False},
+    ),
+    "_Beam": (
+        lambda: il.cost.kagome(2).beams(0.05).part(0),
+        {"box": BOX, "kinks": True, "converges": False},
+    ),
     "SkeletonField": (lambda: il.tiles.skeleton(STRUTS, radius=0.2).field, {"kinks": True}),
     "Tile": (lambda: il.tiles["gyroid"], {}),
     "TrigField": (lambda: il.tiles["gyroid"].field, {}),

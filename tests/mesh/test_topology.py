@@ -271,7 +271,7 @@ def test_changes_in_a_bent_cell_add_up_to_the_full_cell(name):
 
 
 def test_missing_events_are_admitted(monkeypatch):
-    monkeypatch.setattr("ilattice.topology.critical.critical_points", lambda *_, **__: [])
+    monkeypatch.setattr("ilattice.topology.sweep.critical_points", lambda *_, **__: [])
     sweep = lattice("schwarz_p").topology_sweep([0.1, 0.2, 0.3], h=0.05)
     assert sweep.unexplained == ((0.2, 0.3),)
 
