@@ -7,21 +7,21 @@
     model = il.shells.surrogate("topo_19_rrr", samples=200, table="t19.csv")
     model.invert(young=0.06, poisson=0.31, density=0.3)  # parameters, each homogenized
 
-=======================  ==========================================================================
-`cell`, `Shell`          a unit cell: its surface, and a tile of it
-`family`, `Family`       shells of one outer boundary, and lattices of them that vary
-`boundary`, `Boundary`   closed curves on the octant, with positions and derivatives at nodes
-`surface`                surface over a boundary in the octant, smooth where octants meet
-`OctantSurface`          what it returns: area, mean curvature, slopes at mirrors, pieces
-`cloud`, `Cloud`         stiffness of many shells, over ranges of their parameters
-`space`, `Space`         such ranges
-`surrogate`, `Surrogate` stiffness as a function of parameters, and its inverse
-`Solution`               parameters for wanted moduli
-`hull_area`              of points in the plane of Young's modulus and Poisson's ratio
-`enumerate`, `names`     the 20 classes of boundaries, found and named
-`topology`, `Topology`   one of them
-`Segment`                a piece of a boundary on a face
-=======================  ==========================================================================
+========================  ========================================================================
+`cell`, `Shell`           a unit cell: its surface, and a tile of it
+`family`, `Family`        shells of one outer boundary, and lattices of them that vary
+`boundary`, `Boundary`    closed curves on the octant, with positions and derivatives at nodes
+`surface`                 surface over a boundary in the octant, smooth where octants meet
+`OctantSurface`           what it returns: area, mean curvature, slopes at mirrors, pieces
+`cloud`, `Cloud`          stiffness of many shells, over ranges of their parameters
+`space`, `Space`          such ranges
+`surrogate`, `Surrogate`  stiffness as a function of parameters, and its inverse
+`Solution`                parameters for wanted moduli
+`hull_area`               of points in the plane of Young's modulus and Poisson's ratio
+`enumerate`, `names`      the 20 classes of boundaries, found and named
+`topology`, `Topology`    one of them
+`Segment`                 a piece of a boundary on a face
+========================  ========================================================================
 
 Guarantees: boundaries do not cross; surfaces are stationary, as smooth across octants as they
 report, and have two sides. Non-guarantee: that there is a surface for each boundary, or that it
