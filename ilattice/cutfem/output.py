@@ -26,6 +26,7 @@ from ilattice.errors import FormatError, InputError
 from ilattice.mesh import SurfaceMesh
 from ilattice.mesh.wall_mesh import parameters_of, wall_mesh, warn_full
 from ilattice.plot import Scene, animate, show
+from ilattice.plot.animation import film_of
 from ilattice.plot.quick import split
 from ilattice.quadrature.clipping import MOST, clipped, lattice
 
@@ -322,6 +323,7 @@ class Series(FrozenCopies, Sequence[R]):
         **options
             Of `ilattice.plot.Scene` and its `add`.
         """
+        film_of(path)
         grids = [self[k].to_pyvista(on, h=h, scale=scale) for k in range(len(self))]
         of_scene, of_layer, _ = split(options)
         of_layer.setdefault("scalars", self[0].shown)

@@ -43,9 +43,7 @@ def animate(
         If the ending is another, the encoder is missing, or the file cannot be written.
     """
     fps = as_positive("fps", fps)
-    ending = as_path("path", path).suffix.lower()
-    if ending not in (".gif", ".mp4"):
-        raise FormatError(f"{path!s:.80}: films are .gif or .mp4")
+    ending = film_of(path)
     shown = list(scenes)
     if not shown:
         raise InputError("scenes are empty: nothing to show")
@@ -59,6 +57,14 @@ def animate(
             _gif(pictures, temporary, fps)
         else:
             _mp4(pictures, temporary, fps)
+
+
+def film_of(path: str | os.PathLike[str]) -> str:
+    """Ending of the file of a film, .gif or .mp4, or the error that says so."""
+    ending = as_path("path", path).suffix.lower()
+    if ending not in (".gif", ".mp4"):
+        raise FormatError(f"{path!s:.80}: films are .gif or .mp4")
+    return ending
 
 
 def _extent(scene: Scene) -> np.ndarray:
