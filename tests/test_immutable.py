@@ -134,7 +134,8 @@ def structures():
     """A structure of tetrahedra, refined, its beams, blocks and a map."""
     k = il.cost.kagome(2).refined()
     straight = il.cost.BernsteinSimplex.straight(np.vstack([np.zeros(3), np.eye(3)]), 2)
-    return [k, k.beams(0.01), il.cost.Blocks(4), straight]
+    spline = il.cost.boxspline.field(il.cost.kagome(2))
+    return [k, k.beams(0.01), il.cost.Blocks(4), straight, spline]
 
 
 def shells():

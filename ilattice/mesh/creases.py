@@ -40,6 +40,8 @@ BEYOND = 0.5  # widths of its cell that a vertex may be outside, where no triang
 TURNS = 30  # between planes and cells
 BOX = 3  # cells per side of the boxes in which triangles are compared
 TRIES = 12  # at most, to find places without crossing triangles
+SETTLING = 6  # steps at most from where planes meet to the surface
+SETTLED = 1e-3  # spacings off it that are near enough
 BACK = -0.9  # cosine between normals of triangles that lie on each other
 RANK = 0.1  # smaller eigenvalues, as parts of the largest, are directions without a plane
 
@@ -74,9 +76,14 @@ def sharpened(raw: Contour, field: Any, axes: Any, corners: FloatArray | None = 
     normal = _normals(field, foot)
     at = np.flatnonzero(off | (_bends(len(x), around, normal) < BENT))
     A, b = _equations(x, at, raw.kind, around, foot, normal)
+    held = _held(raw.kind[at])
     wide, tight = (
-        _kept(field, x[at], _nearest(x[at], A, b, axes, beyond)) for beyond in (BEYOND, 0.0)
-    )
+        _settled(
+            field, _kept(field, x[at], _nearest(x[at], A, b, axes, beyond)), x[at], held, axes,
+            beyond,
+        )
+        for beyond in (BEYOND, 0.0)
+    )  # fmt: skip
     wide = _nearer(field, wide, tight, axes)
     if corners is not None:
         at, wide, tight = _snapped(x, at, wide, tight, raw.kind, corners, field, axes)
@@ -168,9 +175,7 @@ def _snapped(
     order = order[np.argsort(distance[order], kind="stable")]
     more = order[np.unique(own[order], return_index=True)[1]]  # each corner for one vertex
     target = corners[own[more]]
-    for a in range(3):
-        held = (kind[more] >> (2 * a)) & 3 != 0
-        target[held, a] = x[more[held], a]
+    target = np.where(_held(kind[more]), x[more], target)
     low, high = _cells(new[more], axes)
     inside = ((low <= target) & (target <= high)).all(axis=1)
     new[more[inside]] = target[inside]
@@ -232,10 +237,16 @@ def _equations(
     place[at] = np.arange(len(at))
     A, b = np.zeros((len(at), 3, 3)), np.zeros((len(at), 3))
     kernels.gather(quads, foot, normal, x, place, A, b)
+    fixed = _held(kind[at])
     for a in range(3):
-        held = (kind[at] >> (2 * a)) & 3 != 0
-        A[held, a, :] = A[held, :, a] = b[held, a] = 0.0
+        A[fixed[:, a], a, :] = A[fixed[:, a], :, a] = b[fixed[:, a], a] = 0.0
     return A, b
+
+
+def _held(kind: AnyArray) -> AnyArray:
+    """Axes (n, 3) along which vertices stay where they are, in a face of the domain."""
+    out: AnyArray = (kind[:, None] >> (2 * np.arange(3))) & 3 != 0
+    return out
 
 
 def _nearest(x: FloatArray, A: FloatArray, b: FloatArray, axes: Any, beyond: float) -> FloatArray:
@@ -246,13 +257,18 @@ def _nearest(x: FloatArray, A: FloatArray, b: FloatArray, axes: Any, beyond: flo
     size, way = np.linalg.eigh(A)
     used = size > RANK * size[:, 2:]
     inverse = np.einsum("nij,nj,nkj->nik", way, used / np.where(used, size, 1.0), way)
-    low, high = _cells(x, axes)
-    least, most = (np.array([a[i] for a in axes]) for i in (0, -1))
-    wider = beyond * (high - low)
-    low, high = np.maximum(low - wider, least), np.minimum(high + wider, most)
+    low, high = _room(x, axes, beyond)
     new = np.empty_like(x)
     kernels.approach(x, A, b, inverse, low, high, TURNS, new)
     return new
+
+
+def _room(x: FloatArray, axes: Any, beyond: float) -> tuple[FloatArray, FloatArray]:
+    """Corners of the cells of points, wider by `beyond` but in the grid."""
+    low, high = _cells(x, axes)
+    least, most = (np.array([a[i] for a in axes]) for i in (0, -1))
+    wider = beyond * (high - low)
+    return np.maximum(low - wider, least), np.minimum(high + wider, most)
 
 
 def _cells(x: FloatArray, axes: Any) -> tuple[FloatArray, FloatArray]:
@@ -270,6 +286,38 @@ def _kept(field: Any, old: FloatArray, new: FloatArray) -> FloatArray:
     fine = np.abs(value) <= np.maximum(before, 0.25 * reach)
     out: FloatArray = np.where(fine[:, None], new, old)
     return out
+
+
+def _settled(
+    field: Any, new: FloatArray, old: FloatArray, held: AnyArray, axes: Any, beyond: float
+) -> FloatArray:
+    """`new`, moved onto the surface by Newton's steps; `old` where that is no nearer to it.
+
+    Tangent planes of curved surfaces meet beside them: where the surface bends within a cell
+    without a crease, by as much as the cell is wide.
+    """
+    h = min(float(np.diff(planes).min()) for planes in axes)
+    low, high = _room(old, axes, beyond)
+    out, at = new.copy(), np.arange(len(new))
+    for _ in range(SETTLING):
+        value, gradient = field.jet(out[at], 1)
+        gradient = np.where(held[at], 0.0, gradient)
+        square = np.einsum("ni,ni->n", gradient, gradient)
+        off = np.abs(value) > SETTLED * h * np.sqrt(square)
+        at, value, gradient, square = at[off], value[off], gradient[off], square[off]
+        if not len(at):
+            return out
+        step = gradient * (value / np.maximum(square, 1e-300))[:, None]
+        out[at] = np.clip(out[at] - step, low[at], high[at])
+    value, gradient = field.jet(out[at], 1)
+    worse = np.abs(value) > np.maximum(np.abs(field(old[at])), OFF * h * _lengths(gradient))
+    out[at[worse]] = old[at[worse]]
+    return out
+
+
+def _lengths(v: FloatArray) -> FloatArray:
+    """Lengths (n,) of vectors (n, 3)."""
+    return np.asarray(np.linalg.norm(v, axis=1))
 
 
 def _nearer(field: Any, wide: FloatArray, tight: FloatArray, axes: Any) -> FloatArray:

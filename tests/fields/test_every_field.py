@@ -111,6 +111,9 @@ EXAMPLES = {
     "Beams": (
         lambda: il.cost.kagome(2).beams(0.05), {"box": BOX, "kinks": True, "converges": False},
     ),
+    "BoxSpline": (
+        lambda: il.cost.boxspline.field(il.cost.kagome(2)), {"box": BOX, "converges": False},
+    ),
     "_Beam": (
         lambda: il.cost.kagome(2).beams(0.05).part(0),
         {"box": BOX, "kinks": True, "converges": False},

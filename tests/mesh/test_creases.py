@@ -102,6 +102,20 @@ def test_smooth_surfaces_stay_as_they_are():
     np.testing.assert_array_equal(found.faces, raw.faces)
 
 
+def test_tight_surfaces_beside_creases_are_met():  # their tangent planes meet beside them
+    h = 0.05
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        ring = fields.rotate(fields.torus(0.5, 0.07), rng.uniform(0, 3), rng.standard_normal(3))
+        ball = fields.translate(fields.sphere(0.12), rng.uniform(-0.5, 0.5, 3))
+        bar = fields.capsule(rng.uniform(-0.6, 0.6, 3), rng.uniform(-0.6, 0.6, 3), 0.06)
+        solid = fields.union(ring, ball, bar)
+        mesh = il.sdf.mesh(solid, h)
+        assert mesh.is_watertight
+        assert mesh.self_intersections == 0
+        assert np.abs(solid(mesh.vertices)).max() < 0.05 * h
+
+
 @pytest.mark.parametrize("field", [fields.sphere(1.0), TILTED])
 def test_a_mesh_becomes_itself_on_the_same_grid(field):
     axes = planes(20)
