@@ -92,6 +92,7 @@ def structures():
         "cost.stacked": {"layer": layer, "layers": layers},
         "cost.CornerSharing": {"positions": x[:4], "simplices": [[0, 1, 2, 3]]},
         "cost.Beams": {"vertices": corners, "pairs": [[0, 1]], "radii": [[0.1, 0.1]]},
+        "cost.Pipes": {"quads": np.zeros((1, 3, 3, 3)), "triangles": np.zeros((1, 6, 3))},
         "cost.BernsteinSimplex": {"degree": 1, "points": corners, "corners": corners},
     }  # fmt: skip
 

@@ -135,7 +135,7 @@ def structures():
     k = il.cost.kagome(2).refined()
     straight = il.cost.BernsteinSimplex.straight(np.vstack([np.zeros(3), np.eye(3)]), 2)
     spline = il.cost.boxspline.field(il.cost.kagome(2))
-    return [k, k.beams(0.01), il.cost.Blocks(4), straight, spline]
+    return [k, k.beams(0.01), il.cost.Blocks(4), straight, spline, k.pipes(0.01)]
 
 
 def shells():

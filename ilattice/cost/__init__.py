@@ -12,6 +12,7 @@
 `boxspline`, `drawing`    box splines on the lattices of structures; pictures
 `fracture`, `slicing`     how structures break; slices of those that are never stored
 `Beams`                   edges as round cones: a field, meshes, slices, 3MF, lines
+`Pipes`                   edges as smooth Bezier patches: VTU, IRIT, meshes
 `Blocks`                  a Kagome structure of any size, part by part
 ========================  ==================================================================
 
@@ -46,6 +47,7 @@ from ilattice.cost.beams import Beams
 from ilattice.cost.kagome import Blocks, divided_box, fill, kagome
 from ilattice.cost.mapping import BernsteinSimplex
 from ilattice.cost.midpoint import load, midpoint, stacked
+from ilattice.cost.pipes import Pipes
 from ilattice.cost.structure import CornerSharing
 
 __all__ = [
@@ -53,6 +55,7 @@ __all__ = [
     "BernsteinSimplex",
     "Blocks",
     "CornerSharing",
+    "Pipes",
     "boxspline",
     "counting",
     "divided_box",

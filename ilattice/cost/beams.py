@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._field import as_boxes
+from ilattice._files import as_path
 from ilattice._memory import need
 from ilattice._progress import Progress
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
@@ -29,7 +30,6 @@ from ilattice._validate import (
     as_flag,
     as_kind,
     as_points,
-    as_positive,
     as_whole,
     asked,
 )
@@ -47,8 +47,6 @@ from ilattice.slicing.slices import SliceStack
 MOST_PIECES = 16
 #: Part of the radius that a linear radius may be off in the middle of a beam before a warning.
 UNEVEN = 0.05
-#: Spacing of the grid of a mesh, in least radii, above which beams may be cut, and are lost.
-COARSE, LOST = 1.001, 2.0
 PER_BEAM = 400.0  # bytes
 
 
@@ -317,20 +315,9 @@ class Beams(Node):
         PrecisionWarning
             If it exceeds the least radius.
         """
-        from ilattice.sdf.meshing import mesh
+        from ilattice.cost._surfaces import meshed
 
-        least = float(self.radii.min())
-        spacing = least / 3.0 if h is None and tol is None else h
-        if spacing is not None and as_positive("h", spacing) > COARSE * least:
-            told = f"h={spacing:g} is too coarse for beams of radius {least:.3g}"
-            if spacing > LOST * least:
-                raise GeometryError(f"{told}: they would be lost; use h={0.5 * least:.2g} or less")
-            warnings.warn(
-                f"{told}: some may be cut through; use h={0.5 * least:.2g} or less",
-                PrecisionWarning,
-                stacklevel=2,
-            )
-        return mesh(self, spacing, tol=tol, progress=progress)
+        return meshed(self, h, tol, progress)
 
     def slices(self, z: ArrayLike | None = None, **options: Any) -> SliceStack:
         """Contours at heights; see `ilattice.mesh.slice_field`.
@@ -351,18 +338,25 @@ class Beams(Node):
         return slice_field(self, z, **options)
 
     def save(self, path: str | os.PathLike[str], **options: Any) -> None:
-        """Write the beams: 3MF (beam lattice), VTP or VTU (lines with radii).
+        """Write the beams: 3MF (beam lattice), VTP, VTU (lines with radii), STL, PLY (surface).
 
         Parameters
         ----------
         path : path-like
             File to write; its ending names the format.
         **options
-            See the writer of the format in `ilattice.io`.
+            See the writer of the format in `ilattice.io`. For STL and PLY: ``h``, the spacing of
+            the grid, by default a third of the least radius, and ``progress``. The surface goes
+            into the file slab by slab, so that it may be larger than memory; its creases are
+            chamfered within a cell (`mesh` makes sharp ones).
         """
+        from ilattice.cost._surfaces import streamed
         from ilattice.io import save
 
-        save(self, path, **options)
+        if as_path("path", path).suffix.lower() in (".stl", ".ply"):
+            streamed(self, path, **options)
+        else:
+            save(self, path, **options)
 
 
 @dataclass(frozen=True, eq=False)
@@ -451,14 +445,14 @@ def beams(k: CornerSharing, radius: Any, *, check: bool = True) -> Beams:
     """
     as_kind("k", k, "CornerSharing")
     x = np.pad(k.positions, ((0, 0), (0, 3 - k.dim)))
-    r = _radii(k, x, radius)
+    r = radii_of(k, x, radius)
     out = Beams(x, k.edges, r)
     if check:
         _check_swallowed(k, r)
     return out
 
 
-def _radii(k: CornerSharing, x: FloatArray, radius: Any) -> FloatArray:
+def radii_of(k: CornerSharing, x: FloatArray, radius: Any) -> FloatArray:
     """Radii (e, 2) at the ends of edges."""
     n, e = len(x), k.edges
     if callable(radius):

@@ -18,6 +18,7 @@ from ilattice.errors import GeometryError, InputError
 
 if TYPE_CHECKING:
     from ilattice.cost.beams import Beams
+    from ilattice.cost.pipes import Pipes
     from ilattice.cost.rigidity import Rigidity
     from ilattice.cost.stress import Stress
 
@@ -481,6 +482,23 @@ class CornerSharing(Frozen):
         from ilattice.cost.beams import beams
 
         return beams(self, radius, **options)
+
+    def pipes(self, radius: Any) -> "Pipes":
+        """Edges as smooth pipes of Bezier patches; see `ilattice.cost.pipes.pipes`.
+
+        Parameters
+        ----------
+        radius : float, array_like or callable
+            As of `beams`.
+
+        Returns
+        -------
+        Pipes
+            The surface.
+        """
+        from ilattice.cost.pipes import pipes
+
+        return pipes(self, radius)
 
     def is_embedded(self) -> bool:
         """Whether no two simplices overlap; see `ilattice.cost.embedding.overlaps`.

@@ -58,6 +58,18 @@ class BeamArrays(Protocol):
         """Radii at the ends, shape (e, 2)."""
 
 
+class PatchArrays(Protocol):
+    """Bezier patches of degree 2, as writers take them."""
+
+    @property
+    def quads(self) -> AnyArray:
+        """Controls, shape (q, 3, 3, 3)."""
+
+    @property
+    def triangles(self) -> AnyArray:
+        """Controls, shape (t, 6, 3): corners, then sides 01, 12, 20."""
+
+
 @dataclass(frozen=True, eq=False)
 class MeshArrays(Frozen):
     """Triangles as a file has them.

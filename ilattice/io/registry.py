@@ -34,6 +34,10 @@ WRITERS: dict[str, dict[str, str]] = {
         ".vtp": "vtk_lines:write_vtp_lines",
         ".vtu": "vtk_lines:write_vtu_lines",
     },
+    "Pipes": {
+        ".vtu": "patches_out:write_vtu_patches",
+        ".itd": "patches_out:write_irit_patches",
+    },
     "SliceStack": {
         ".cli": "common_layer:write_cli",
         ".svg": "svg:write_svg",
@@ -57,7 +61,7 @@ def save(
 
     Parameters
     ----------
-    obj : SurfaceMesh, SplineMap, BSpline, Beams or SliceStack
+    obj : SurfaceMesh, SplineMap, BSpline, Beams, Pipes or SliceStack
         What to write.
     path : path-like
         File to create; an old one is replaced as a whole or left alone.

@@ -182,6 +182,52 @@ def write_vtu(
     _write("vtkXMLUnstructuredGridWriter", grid, path, compress)
 
 
+def write_mixed_vtu(
+    path: str | os.PathLike[str],
+    parts: Sequence[tuple[int, AnyArray]],
+    *,
+    degree: int,
+    compress: bool = False,
+) -> None:
+    """Write cells of several kinds, each with points of its own.
+
+    Parameters
+    ----------
+    path : path-like
+        File to create or to replace.
+    parts : sequence of (int, (e, c, 3) array)
+        VTK's number of a kind, and the points of its cells in VTK's order.
+    degree : int
+        Of Lagrange and Bezier cells, in all directions.
+    compress : bool
+        Compress with zlib.
+
+    Raises
+    ------
+    FormatError
+        If the file cannot be written.
+    """
+    from vtkmodules.vtkCommonCore import vtkIdList
+    from vtkmodules.vtkCommonDataModel import vtkUnstructuredGrid
+
+    grid = vtkUnstructuredGrid()
+    points = np.concatenate([np.reshape(x, (-1, 3)) for _, x in parts])
+    grid.SetPoints(_points(points))
+    grid.Allocate(sum(len(x) for _, x in parts))
+    first = 0
+    for kind, x in parts:
+        ids = vtkIdList()
+        ids.SetNumberOfIds(x.shape[1])
+        for _ in range(len(x)):
+            for j in range(x.shape[1]):
+                ids.SetId(j, first + j)
+            grid.InsertNextCell(kind, ids)
+            first += x.shape[1]
+    degrees = np.full((grid.GetNumberOfCells(), 3), float(degree))
+    grid.GetCellData().SetHigherOrderDegrees(_array("HigherOrderDegrees", degrees))
+    _write("vtkXMLUnstructuredGridWriter", grid, path, compress)
+
+
 def write_lines(
     path: str | os.PathLike[str],
     points: ArrayLike,
