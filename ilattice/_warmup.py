@@ -151,10 +151,10 @@ def words() -> None:
     ]
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "part.stl"
-        il.sdf.mesh(il.fields.sphere(1.0), 0.25).save(path)
+        il.sdf.mesh(il.fields.sphere(1.0), 0.2).save(path)
         commands.append([str(path), "gyroid", "scale", "2", "distance", "shell", "0.4"])
         for command in commands:
-            found = il.sdf.mesh(il.sdf.parse(command), 0.2)
+            found = il.sdf.mesh(il.sdf.parse(command), 0.2, allow_loss=True)
             found.measures()
             for ending in ("ply", "stl"):
                 found.save(path.with_suffix(f".{ending}"))

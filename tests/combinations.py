@@ -238,30 +238,22 @@ def combination(seed, *, kinked=True, most=MOST):
         d *= 0.4
     total = d if kind in ("one-sided", "solid", "eroded") else 2.0 * d
     total = max(total, 0.03 * size)
-    h = None if rng.random() < 0.25 and kind not in ("solid", "eroded") else (
-        total * float(rng.uniform(0.2, 0.5))
-    )  # fmt: skip
+    default = rng.random() < 0.25
+    h = total * float(rng.uniform(0.2, 0.5))
     cell = abs(float(np.prod(repeat)))
     area = max(waves, 3.0) * cell * _tile_area(through, repeat)
     sides = 1.0 if kind in ("solid", "eroded") else 2.0
-    used = 0.25 * total if h is None else h
-    if 2.3 * sides * area / used**2 > most:
-        h = float(np.sqrt(2.3 * sides * area / most))
-        total_needed = h / 0.55
-        if total < total_needed:
-            d *= total_needed / total
+    if default:  # thick enough that edges of a quarter of it are not too many
+        h, most = 0.25 * total, 2 * most
+    shortest = float(np.sqrt(2.3 * sides * area / most))
+    if h < shortest:
+        h = shortest
+        d *= 1.0 if kind == "eroded" else max(1.0, h / ((0.25 if default else 0.55) * total))
+    scale = float(rng.choice(SCALES))
     scale = float(rng.choice(SCALES))
     return Combination(
-        seed,
-        tile,
-        shape,
-        repeat,
-        boundary,
-        kind,
-        d * scale,
-        None if h is None else h * scale,
-        scale,
-    )
+        seed, tile, shape, repeat, boundary, kind, d * scale, None if default else h * scale, scale
+    )  # fmt: skip
 
 
 def _tile_area(through, repeat):

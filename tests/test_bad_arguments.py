@@ -49,7 +49,7 @@ def good():
     lattice = il.Lattice("gyroid", through=box, repeat=1)
     wall = lattice.offset(0.1)
     ball = il.fields.sphere(1.0)
-    mesh = il.sdf.mesh(ball, 0.5)
+    mesh = il.sdf.mesh(ball, 0.2)
     axes = [np.linspace(-1.2, 1.2, 7)] * 3
     return {
         "lattice": lattice, "wall": wall, "mesh": mesh, "field": ball, "f": ball, "g": ball,

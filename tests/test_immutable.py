@@ -64,7 +64,7 @@ def examples():
     """One object of each public class."""
     lattice = il.Lattice("gyroid", through=il.macroshape.box(), repeat=1)
     wall, ball = lattice.offset(0.1), il.fields.sphere(1.0)
-    mesh = il.sdf.mesh(ball, 0.5)
+    mesh = il.sdf.mesh(ball, 0.2)
     distance = il.sdf.MeshDistance(mesh)
     slices = mesh.slices(thickness=0.4)
     solid = il.cutfem.Elasticity(wall, 4).clamp("w=0").load(gravity=(0.1, 0.2, -1))

@@ -130,7 +130,7 @@ def public_arrays(thing, depth=0):
 @pytest.fixture(scope="module")
 def things():
     lattice = il.Lattice("gyroid", through=il.macroshape.torus(major=1.0, width=0.7), repeat=1)
-    mesh = il.sdf.mesh(il.fields.sphere(1.0), 0.5)
+    mesh = il.sdf.mesh(il.fields.sphere(1.0), 0.2)
     found = [*(spline for spline, _ in ZOO.values()), lattice.through, lattice, mesh]
     found += [il.tiles.get("cross"), il.tiles.get("gyroid"), il.tiles.mix("cross", "f", seed=1)]
     found += [il.cutfem.Grid((np.linspace(0, 1, 3),) * 3), mesh.slices(thickness=0.4)]
@@ -151,7 +151,7 @@ def results(things):
     """One object of many public classes, also those that are results."""
     lattice = il.Lattice("gyroid", through=il.macroshape.box(), repeat=1)
     wall, ball = lattice.offset(0.1), il.fields.sphere(1.0)
-    mesh = il.sdf.mesh(ball, 0.5)
+    mesh = il.sdf.mesh(ball, 0.2)
     found = [*things, wall, ball, il.sdf.MeshDistance(mesh)]
     found += [lattice.through.locate([[0.2, 0.3, 0.4]])]
     found += [lattice.offset(0.1, space="parametric"), il.cutfem.quadrature(wall, 4)]
@@ -189,7 +189,7 @@ def test_what_maps_and_meshes_tell_is_a_copy_or_read_only():
     space.info["shape"].clear()
     assert space.info["volume"] == pytest.approx(1.0)
     assert space.info["shape"] == [2, 2, 2]
-    field = il.sdf.MeshDistance(il.sdf.mesh(il.fields.sphere(1.0), 0.5))
+    field = il.sdf.MeshDistance(il.sdf.mesh(il.fields.sphere(1.0), 0.2))
     for other in (field, pickle.loads(pickle.dumps(field)), copy.deepcopy(field)):
         assert not other.bounds.flags.writeable
         with pytest.raises(AttributeError, match="immutable"):
@@ -263,7 +263,7 @@ def test_3mf_meshes_are_reproducible(tmp_path):
     pytest.importorskip("lib3mf")
     contents = []
     for radius in (1.0, 1.0, 1.1):
-        mesh = il.sdf.mesh(il.fields.sphere(radius), 0.3)
+        mesh = il.sdf.mesh(il.fields.sphere(radius), 0.2)
         mesh.save(tmp_path / "a.3mf")
         contents.append((tmp_path / "a.3mf").read_bytes())
     assert contents[0] == contents[1]

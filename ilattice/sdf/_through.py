@@ -1,8 +1,9 @@
 """Meshes of solids that are given in the parameters of a map: walls, trimmed and joined.
 
-Guarantees: closed, oriented surfaces; closed directions of the map have no seam. Not guaranteed:
-features thinner than an edge, and walls to more than the distance spline knows them: a wall alone
-is meshed better by `Wall.mesh`, which moves vertices onto the exact offset.
+Guarantees: closed, oriented surfaces; closed directions of the map have no seam; volumes are
+compared (`ilattice.sdf._loss`). Not guaranteed: features thinner than an edge, and walls to more
+than the distance spline knows them: a wall alone is meshed better by `Wall.mesh`, which moves
+vertices onto the exact offset.
 """
 
 import numpy as np
@@ -19,13 +20,16 @@ from ilattice.mesh import SurfaceMesh
 from ilattice.mesh.contouring import contour_arrays
 from ilattice.mesh.creases import sharpened
 from ilattice.mesh.repair import remove_slivers
+from ilattice.sdf._loss import check_loss
 
 SAMPLES = 9  # per direction, of the lengths of parameter lines
 PER_POINT = 60.0  # bytes of memory per point of the grid
 SLIVER = 0.005
 
 
-def mesh_through(solid: Field, through: SplineMap, h: float, progress: Progress) -> SurfaceMesh:
+def mesh_through(
+    solid: Field, through: SplineMap, h: float, progress: Progress, *, allow_loss: bool = False
+) -> SurfaceMesh:
     """Mesh in space of a field of the parameters of a map, with edges of about `h`."""
     node = as_node("solid", solid)
     lengths = _lengths(through)
@@ -42,7 +46,12 @@ def mesh_through(solid: Field, through: SplineMap, h: float, progress: Progress)
         repair = remove_slivers(sharp.vertices, sharp.faces, sharp.kind, quality=SLIVER)
         vertices, faces = sharp.vertices[repair.vertices], repair.faces
     x = through.x(np.clip(vertices, domain[0], domain[1]))
-    return SurfaceMesh(x, faces if through.orientation > 0 else faces[:, ::-1])
+    mesh = SurfaceMesh(x, faces if through.orientation > 0 else faces[:, ::-1])
+    check_loss(
+        node, domain, lengths, h, mesh.volume, allowed=allow_loss,
+        det=lambda u: np.linalg.det(through.jacobian(u)),
+    )  # fmt: skip
+    return mesh
 
 
 def _lengths(through: SplineMap) -> FloatArray:

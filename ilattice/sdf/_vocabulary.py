@@ -102,7 +102,7 @@ OPERATIONS: Mapping[str, Operation] = {
 OPTIONS: Mapping[str, str] = {
     "-s": "spacing", "-o": "path", "--tol": "number", "--report": "path", "--slices": "number",
     "--table": "path", "--set": "text", "--memory": "number", "--dry-run": "", "--strict": "",
-    "--remove-islands": "",
+    "--remove-islands": "", "--allow-loss": "",
     "-h": "", "--help": "", "--version": "",
 }  # fmt: skip
 

@@ -58,6 +58,7 @@ class Settings:
     strict: bool
     dry_run: bool
     remove_islands: bool
+    allow_loss: bool
     sweep: Mapping[str, tuple[str, ...]]
 
     @classmethod
@@ -76,6 +77,7 @@ class Settings:
             "--strict" in options,
             "--dry-run" in options,
             "--remove-islands" in options,
+            "--allow-loss" in options,
             _sweep(options.get("--set", ())),
         )
         if "--table" in options and not found.sweep:
@@ -106,7 +108,7 @@ def run(command: str | Sequence[str], *, progress: Progress = None) -> dict[str,
         chord error in place of a spacing; ``--report`` file; ``--slices`` thickness of layers,
         written in place of a mesh; ``--set name=a,b,..`` values that a name stands for, several
         times for all combinations; ``--table`` file for their results; ``--memory`` gigabytes;
-        ``--remove-islands``; ``--strict``; ``--dry-run``.
+        ``--remove-islands``; ``--allow-loss``; ``--strict``; ``--dry-run``.
     progress : bool or callable, optional
         See `ilattice._progress.track`.
 
@@ -152,8 +154,9 @@ def _meshed(
         solid = command.solid(values, strict=settings.strict)
     with stages("mesh"):
         found = mesh(
-            solid, settings.spacing, tol=settings.tol, memory=settings.memory, progress=progress
-        )
+            solid, settings.spacing, tol=settings.tol, memory=settings.memory,
+            allow_loss=settings.allow_loss, progress=progress,
+        )  # fmt: skip
         if settings.remove_islands:
             found = found.remove_islands()
     full = bool(settings.report or settings.sweep or settings.remove_islands)
@@ -308,6 +311,7 @@ def _how(settings: Settings) -> list[str]:
     if settings.slices is not None:
         parts.append(f"--slices {settings.slices!r}")
     parts += ["--remove-islands"] * settings.remove_islands
+    parts += ["--allow-loss"] * settings.allow_loss
     return parts + ["--strict"] * settings.strict
 
 

@@ -43,6 +43,7 @@ Options
   --memory GB       that may be used; default 8
   --dry-run         tell the tree, the box and the cost, and stop
   --remove-islands  keep only the largest part
+  --allow-loss      write meshes that have lost more than 5 % of the volume, with a warning
   --strict          refuse meshes that bound no solid
   --                what follows are no options
   @FILE             stands for the words of a file

@@ -3,7 +3,8 @@
 Guarantees: the surface is closed, whatever the field. Faces of boxes that a solid is intersected
 with are exact: planes of the grid lie on them, and their edges are sharp. A mesh that is meshed
 again with the spacing it was made with changes little, however often. Grids that would need more
-memory than allowed are refused before any work, with the numbers.
+memory than allowed are refused before any work, with the numbers. Volumes of meshes are compared
+with those of their solids (`ilattice.sdf._loss`).
 
 Not guaranteed: other sharp edges (`ilattice.mesh.creases`), where they bend by less than 35 degrees
 or end in wedges thinner than a cell, and on grids of more than 1e8 points; features thinner than a
@@ -19,7 +20,7 @@ import numpy as np
 from ilattice._memory import available, need
 from ilattice._progress import Progress
 from ilattice._typing import FloatArray
-from ilattice._validate import Frozen, as_kind, as_positive, as_triple
+from ilattice._validate import Frozen, as_flag, as_kind, as_positive, as_triple
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.fields.algebra import clipped
 from ilattice.fields.node import Node, is_empty
@@ -28,6 +29,7 @@ from ilattice.mesh import SurfaceMesh
 from ilattice.mesh.contouring import contour, contour_arrays
 from ilattice.mesh.creases import sharpened
 from ilattice.mesh.repair import remove_slivers
+from ilattice.sdf._loss import check_loss
 from ilattice.sdf._through import mesh_through
 from ilattice.sdf.mesh_distance import MeshDistance
 
@@ -123,7 +125,7 @@ class Plan(Frozen):
         """
         return float(BASE + MOST_PER_CELL * np.prod(np.array(self.shape, float))) / 1e9
 
-    def mesh(self, *, progress: Progress = None) -> SurfaceMesh:
+    def mesh(self, *, allow_loss: bool = False, progress: Progress = None) -> SurfaceMesh:
         """Contour the solid.
 
         Beyond 1e8 grid points vertices are in single precision and lie at linear crossings, which
@@ -131,6 +133,8 @@ class Plan(Frozen):
 
         Parameters
         ----------
+        allow_loss : bool
+            Accept a mesh whose volume differs by more than 5 % from that of the solid.
         progress : bool or callable, optional
             See `ilattice._progress.track`.
 
@@ -142,8 +146,23 @@ class Plan(Frozen):
         Raises
         ------
         GeometryError
-            Where there is no surface, or the field is NaN.
+            Where there is no surface, the field is NaN, or the mesh is too coarse.
         """
+        allow_loss = as_flag("allow_loss", allow_loss)
+        found = self._contoured(progress)
+        self._check(found, allow_loss)
+        return found
+
+    def _check(self, found: SurfaceMesh, allow_loss: bool) -> None:
+        """Compare the volume of a mesh."""
+        ends = np.array([(a[0], a[-1]) for a in self.axes]).T
+        check_loss(
+            self.inner, ends, ends[1] - ends[0], float(self.spacing.max()), found.volume,
+            allowed=allow_loss,
+        )  # fmt: skip
+
+    def _contoured(self, progress: Progress) -> SurfaceMesh:
+        """The mesh, whatever its volume."""
         axes = [a.copy() for a in self.axes]  # to kernels, read-only ones are of another type
         if np.prod(np.array(self.shape, float)) > LARGE:
             return contour(self.inner, axes, progress=progress, dtype=np.float32, place="linear")
@@ -263,6 +282,7 @@ def mesh(
     tol: float | None = None,
     through: SplineMap | None = None,
     memory: float = MEMORY,
+    allow_loss: bool = False,
     progress: Progress = None,
 ) -> SurfaceMesh:
     """Mesh of a solid.
@@ -284,6 +304,9 @@ def mesh(
         edges of about `spacing`.
     memory : float
         Gigabytes that may be used.
+    allow_loss : bool
+        Accept a mesh whose volume differs by more than 5 % from that of the solid, either way, as
+        where parts are thinner than the spacing. A `PrecisionWarning` names more than 2 %.
     progress : bool or callable, optional
         See `ilattice._progress.track`.
 
@@ -298,20 +321,23 @@ def mesh(
         As `plan`; if both spacing and tolerance are given; if the tolerance needs a finer grid
         than the memory allows.
     GeometryError
-        If there is no surface.
+        If there is no surface, or the mesh is too coarse for it.
     """
+    allow_loss = as_flag("allow_loss", allow_loss)
     if through is not None:
         if tol is not None or spacing is None:
             raise InputError("through needs a spacing, the length of edges in space, and no tol")
-        return mesh_through(solid, through, spacing, progress)
+        return mesh_through(solid, through, spacing, progress, allow_loss=allow_loss)
     if tol is None:
-        return plan(solid, spacing, memory=memory).mesh(progress=progress)
+        return plan(solid, spacing, memory=memory).mesh(allow_loss=allow_loss, progress=progress)
     if spacing is not None:
         raise InputError("give either a spacing or a tolerance")
-    return _converged(solid, as_positive("tol", tol), memory, progress)
+    return _converged(solid, as_positive("tol", tol), memory, allow_loss, progress)
 
 
-def _converged(solid: Node, tol: float, memory: float, progress: Progress) -> SurfaceMesh:
+def _converged(
+    solid: Node, tol: float, memory: float, allow_loss: bool, progress: Progress
+) -> SurfaceMesh:
     box = _checked_box(solid)
     h = float((box[1] - box[0]).max()) / FIRST
     before: int | None = None
@@ -319,7 +345,7 @@ def _converged(solid: Node, tol: float, memory: float, progress: Progress) -> Su
     while True:
         part = _allowed(solid, h, tol, memory)
         try:
-            found = part.mesh(progress=progress)
+            found = part._contoured(progress)
         except GeometryError:  # nothing seen yet
             if h < 1e-3 * float((box[1] - box[0]).max()):
                 raise
@@ -327,6 +353,7 @@ def _converged(solid: Node, tol: float, memory: float, progress: Progress) -> Su
             continue
         handles, error = found.genus, _chord_error(part, found)
         if handles == before and error <= tol:
+            part._check(found, allow_loss)
             return found
         if error > tol and last < np.inf:
             _allowed(solid, h * 0.5 ** _halvings(last, error, tol), tol, memory)

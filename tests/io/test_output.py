@@ -444,21 +444,21 @@ def test_temporary_files_of_killed_processes_are_removed_by_the_next_save(tmp_pa
         child.kill()
         child.wait()
     assert all(name.exists() for name in names)
-    il.sdf.mesh(il.fields.sphere(1.0), 0.5).save(tmp_path / "a.ply")
+    il.sdf.mesh(il.fields.sphere(1.0), 0.2).save(tmp_path / "a.ply")
     assert [name.exists() for name in names] == [True, False, False]
     assert {p.name for p in tmp_path.iterdir()} == {"a.ply", other.name, names[0].name}
     children[0].kill()
     children[0].wait()
     for child in children:
         child.stdout.close()
-    il.sdf.mesh(il.fields.sphere(1.0), 0.5).save(tmp_path / "a.ply")
+    il.sdf.mesh(il.fields.sphere(1.0), 0.2).save(tmp_path / "a.ply")
     assert {p.name for p in tmp_path.iterdir()} == {"a.ply", ".a.tmp.ply"}
 
 
 KILLED = """
 import itertools, sys
 import numpy as np, ilattice as il
-a, b = (il.sdf.mesh(il.fields.sphere(r), 0.25 * r) for r in (1.0, 1.5))
+a, b = (il.sdf.mesh(il.fields.sphere(r), 0.2 * r) for r in (1.0, 1.5))
 if sys.argv[1] in (".json", ".xml"):
     a, b = il.macroshape.torus(1.0, 0.7), il.macroshape.torus(2.0, 0.9)
 ending = sys.argv[1]
@@ -486,7 +486,7 @@ def test_killed_saves_leave_the_old_file_or_the_new_one(ending, tmp_path):
         old, new = ((tmp_path / f"{name}{ending}").read_bytes() for name in ("old", "new"))
         assert old != new
         assert (tmp_path / f"a{ending}").read_bytes() in (old, new)
-    part = il.macroshape.box() if ending == ".json" else il.sdf.mesh(il.fields.sphere(1.0), 0.5)
+    part = il.macroshape.box() if ending == ".json" else il.sdf.mesh(il.fields.sphere(1.0), 0.2)
     part.save(tmp_path / f"a{ending}")
     assert {p.name for p in tmp_path.iterdir()} == {f"{n}{ending}" for n in ("a", "old", "new")}
 
@@ -497,7 +497,7 @@ def test_sizes_that_a_format_does_not_hold_are_refused(tmp_path, ending):
     if ending == "3mf":
         pytest.importorskip("lib3mf")
     options = {"precision": "single"} if ending == "ply" else {}
-    ball = il.sdf.mesh(il.fields.sphere(1.0), 0.4)
+    ball = il.sdf.mesh(il.fields.sphere(1.0), 0.2)
     path = tmp_path / f"a.{ending}"
     for scale in (1e39, 1e200, *([1e-11, 1e10] if ending == "3mf" else ())):
         mesh = il.mesh.SurfaceMesh(ball.vertices * scale, ball.faces)

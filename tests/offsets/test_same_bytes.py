@@ -18,7 +18,7 @@ wall = lattice.offset((0.0, 0.083))
 mesh = wall.mesh(0.041)
 cuts = wall.slices([0.23, 0.61], h=0.053)
 slices = [loop for s in cuts for outer, holes in s.polygons for loop in (outer, *holes)]
-solid = il.sdf.mesh(il.sdf.parse("box gyroid shell 0.2"), 0.13)
+solid = il.sdf.mesh(il.sdf.parse("box gyroid dilate 0.2"), 0.13)
 arrays = [mesh.vertices, mesh.faces, *slices, solid.vertices, solid.faces]
 arrays += [mesh.point_data[name] for name in sorted(mesh.point_data)]
 for a in arrays:

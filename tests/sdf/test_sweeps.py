@@ -19,7 +19,7 @@ from ilattice.io.table import Table, digest
 from ilattice.sdf import job
 
 KILLS = int(os.environ.get("ILATTICE_KILLS", "6"))
-SWEEP = "sphere dilate t -s 0.5 -o a.ply"
+SWEEP = "sphere dilate t -s 0.2 -o a.ply"
 
 
 @pytest.fixture(autouse=True)
@@ -56,7 +56,7 @@ def test_tables_of_others_are_left_alone(here, content, option):
 @pytest.mark.parametrize("name", ["F", "gyroid", "S", "Box", "p-surface", "scale", "PI", "x"])
 def test_words_of_the_language_stand_for_nothing_else(here, name):
     with pytest.raises(InputError, match="no meaning yet"):
-        job.run(f"box {name} -s 0.5 -o a.ply --set {name}=0.1,0.2")
+        job.run(f"box {name} -s 0.2 -o a.ply --set {name}=0.1,0.2")
     if name.isidentifier():
         with pytest.raises(InputError, match="has a meaning already"):
             il.sdf.parse(f"box {name}", **{name: "sphere"})
@@ -65,7 +65,7 @@ def test_words_of_the_language_stand_for_nothing_else(here, name):
 
 def test_capitals_make_no_other_name():
     with pytest.raises(InputError, match="capitals"):
-        job.run("sphere dilate T -s 0.5 -o a.ply --set T=0.2 --set t=1")
+        job.run("sphere dilate T -s 0.2 -o a.ply --set T=0.2 --set t=1")
     with pytest.raises(InputError, match="same name"):
         il.sdf.parse("sphere dilate T+t", T=0.2, t=0.1)
     with pytest.raises(InputError, match="capitals"):
@@ -97,16 +97,16 @@ def test_capitals_make_no_other_name():
 def test_what_would_be_lost_is_refused_before_any_work(here, words, message):
     (here / "b").mkdir()
     with pytest.raises(InputError, match=message):
-        job.run(f"sphere dilate {'t' if 't=' in words else '1'} -s 0.5 -o a.ply {words}")
+        job.run(f"sphere dilate {'t' if 't=' in words else '1'} -s 0.2 -o a.ply {words}")
     assert [p.name for p in here.iterdir()] == ["b"]
 
 
 @pytest.mark.parametrize(
     ("first", "second"),
     [
-        ("sphere dilate t -s 0.5 --set t=0,0.1", "box dilate t -s 0.5 --set t=0.1"),
-        ("sphere dilate t -s 0.5 --set t=0,0.1", "sphere dilate t -s 0.4 --set t=0.2,0.1"),
-        ("sphere dilate t -s 0.5 --set t=1/4", "sphere dilate t -s 0.5 --set t=1*4"),
+        ("sphere dilate t -s 0.2 --set t=0,0.1", "box dilate t -s 0.2 --set t=0.1"),
+        ("sphere dilate t -s 0.2 --set t=0,0.1", "sphere dilate t -s 0.15 --set t=0.2,0.1"),
+        ("sphere dilate t -s 0.2 --set t=1/4", "sphere dilate t -s 0.2 --set t=1*4"),
     ],
 )
 @pytest.mark.parametrize("way", ["", "./b/../"])
@@ -123,7 +123,7 @@ def test_meshes_of_other_rows_are_not_overwritten(here, first, second, way):
     job.run(f"{second} -o a.ply --table t.csv")  # nothing to lose any more
 
 
-@pytest.mark.parametrize("other", ["sphere dilate t -s 0.5", "box dilate t -s 0.5"])
+@pytest.mark.parametrize("other", ["sphere dilate t -s 0.2", "box dilate t -s 0.2"])
 def test_files_of_another_table_are_not_overwritten(here, other):
     """They used to be, as no table knows of the rows of another one."""
     job.run(f"{SWEEP} --set t=0,0.1 --table one.csv")
@@ -149,7 +149,7 @@ def test_another_output_is_written_too(here):
     """Rows were taken for done whatever -o said."""
     job.run(f"{SWEEP} --set t=0,0.1 --table t.csv")
     before = everything(here)
-    found = job.run("sphere dilate t -s 0.5 -o b.ply --set t=0,0.1 --table t.csv")
+    found = job.run("sphere dilate t -s 0.2 -o b.ply --set t=0,0.1 --table t.csv")
     assert [r["file"] for r in found["rows"]] == ["b_t=0.ply", "b_t=0.1.ply"]
     assert [r["file"] for r in rows(here / "t.csv")] == ["b_t=0.ply", "b_t=0.1.ply"]
     for t in ("0", "0.1"):
@@ -193,7 +193,7 @@ def test_a_table_that_outgrows_a_limit_says_so_and_stays_whole(here):
 
 
 @pytest.mark.parametrize(
-    "words", ["p.stl -s 0.5", "@p.stl", "part --set part=p.stl", "p.stl t --set t=box"]
+    "words", ["p.stl -s 0.2", "@p.stl", "part --set part=p.stl", "p.stl t --set t=box"]
 )
 def test_pipes_are_no_input_and_are_called_so(here, words, capsys):
     os.mkfifo(here / "p.stl")
@@ -209,15 +209,15 @@ def test_empty_words_are_an_error(words, capsys):
 
 @pytest.mark.parametrize("words", ["-o a.ply --report part.stl", "-o part_t=1.stl --report a.json"])
 def test_reports_and_runs_do_not_overwrite_what_is_read(here, words):
-    il.sdf.mesh(il.fields.sphere(1.0), 0.5).save("part.stl")
-    il.sdf.mesh(il.fields.sphere(1.0), 0.5).save("part_t=1.stl")
+    il.sdf.mesh(il.fields.sphere(1.0), 0.2).save("part.stl")
+    il.sdf.mesh(il.fields.sphere(1.0), 0.2).save("part_t=1.stl")
     if "t=1" in words:
         words, name = "-o part.stl --set t=1", "part_t=1.stl"
     else:
         words, name = f"{words} --set t=1", "part.stl"
     before = everything(here)
     with pytest.raises(InputError, match="name the same file"):
-        job.run(f"{name} dilate t -s 0.5 {words}")
+        job.run(f"{name} dilate t -s 0.2 {words}")
     assert everything(here) == before
 
 
@@ -227,8 +227,8 @@ def test_reports_and_runs_do_not_overwrite_what_is_read(here, words):
 def test_rows_of_other_commands_are_kept(here):
     job.run(f"{SWEEP} --set t=0,0.1")
     before = (here / "a.csv").read_bytes()
-    job.run("box dilate t -s 0.5 -o b.ply --table a.csv --set t=0,0.2")
-    job.run("sphere dilate t -s 0.4 -o c.ply --table a.csv --set t=0")
+    job.run("box dilate t -s 0.2 -o b.ply --table a.csv --set t=0,0.2")
+    job.run("sphere dilate t -s 0.15 -o c.ply --table a.csv --set t=0")
     after = (here / "a.csv").read_bytes()
     assert after.startswith(before)
     assert [r["t"] for r in rows(here / "a.csv")] == ["0", "0.1", "0", "0.2", "0"]
@@ -258,7 +258,7 @@ def test_changed_inputs_are_computed_anew(here):
         axes = [np.linspace(-2.2, 2.2, 23)] * 3
         il.mesh.contour(il.fields.sphere(radius), axes).save("part.stl")
         volumes.append(
-            [r["volume"] for r in job.run("part.stl dilate t -s 0.4 --set t=0,0.1")["rows"]]
+            [r["volume"] for r in job.run("part.stl dilate t -s 0.2 --set t=0,0.1")["rows"]]
         )
     assert volumes[1][0] == pytest.approx(8 * volumes[0][0], rel=0.1)
     assert volumes[2] == volumes[1]
@@ -357,7 +357,7 @@ def test_tables_from_spreadsheets_are_refused_with_the_reason(here, mend):
 
 
 def test_loose_parts_are_in_the_table(here):
-    job.run("sphere sphere translate 3,0,0 union dilate t -s 0.5 -o a.ply --set t=0,2")
+    job.run("sphere sphere translate 3,0,0 union dilate t -s 0.2 -o a.ply --set t=0,2")
     assert [r["islands"] for r in rows(here / "a.csv")] == ["1", "0"]
 
 
@@ -372,8 +372,8 @@ def test_the_output_of_a_row_is_what_was_written(here):
 
 def test_values_may_be_files():
     for name, radius in (("p.stl", 1.0), ("q.stl", 0.5)):
-        il.sdf.mesh(il.fields.sphere(radius), 0.25).save(name)
-    found = job.run("part -s 0.2 --set part=p.stl,q.stl")["rows"]
+        il.sdf.mesh(il.fields.sphere(radius), 0.1).save(name)
+    found = job.run("part -s 0.1 --set part=p.stl,q.stl")["rows"]
     assert found[0]["inputs"] == digest("p.stl")
     assert found[1]["inputs"] == digest("q.stl")
     assert found[0]["volume"] > 6 * found[1]["volume"]
@@ -458,14 +458,14 @@ def test_a_resumed_sweep_has_the_report_of_one_that_was_not(here):
 
 def test_names_of_files_need_not_be_text(here):
     name = os.fsdecode(b"o_\xff.stl")
-    found = job.run(["sphere", "dilate", "t", "-s", "0.5", "--set", "t=0", "-o", name])
+    found = job.run(["sphere", "dilate", "t", "-s", "0.2", "--set", "t=0", "-o", name])
     assert all((here / row["file"]).stat().st_size for row in found["rows"])
 
 
 def test_tables_are_the_same_in_every_locale(here):
     """Names in UTF-8 are bytes to a process that runs in the locale C."""
     program = "import sys; from ilattice import cli; sys.exit(cli.main(sys.argv[1:]))"
-    words = ["sdf", "sphere", "dilate", "t", "-s", "0.5", "--set", "t=0", "-o", "ö.ply"]
+    words = ["sdf", "sphere", "dilate", "t", "-s", "0.2", "--set", "t=0", "-o", "ö.ply"]
     path = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     plain = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
     tables = []
@@ -479,27 +479,27 @@ def test_tables_are_the_same_in_every_locale(here):
 
 
 def test_a_run_does_not_write_over_its_input(here):
-    job.run("sphere -s 0.5 -o in.stl")
+    job.run("sphere -s 0.2 -o in.stl")
     (here / "same.stl").symlink_to("in.stl")
     before = (here / "in.stl").read_bytes()
     for output in ("in.stl", "same.stl"):
         with pytest.raises(InputError, match="name the same file"):
-            job.run(f"in.stl dilate 0.1 -s 0.5 -o {output}")
+            job.run(f"in.stl dilate 0.1 -s 0.2 -o {output}")
     assert (here / "in.stl").read_bytes() == before
 
 
 def test_nothing_is_written_over_the_words(here):
-    (here / "w.txt").write_text("sphere -s 0.5")
+    (here / "w.txt").write_text("sphere -s 0.2")
     for words in ("--report w.txt", "--report ./w.txt", "dilate t --set t=1 --table w.txt"):
         with pytest.raises((InputError, FormatError), match="name the same file"):
             job.run(f"@w.txt {words} -o a.ply")
-    assert (here / "w.txt").read_text() == "sphere -s 0.5"
+    assert (here / "w.txt").read_text() == "sphere -s 0.2"
     assert job.run("@w.txt -o a.ply")["files"] == ["a.ply"]
 
 
 def test_a_sweep_of_which_no_run_succeeds_fails(here, capsys):
     assert (
-        cli.main(["sdf", "sphere", "erode", "t", "-s", "0.5", "-o", "a.ply", "--set", "t=3,4"]) == 1
+        cli.main(["sdf", "sphere", "erode", "t", "-s", "0.2", "-o", "a.ply", "--set", "t=3,4"]) == 1
     )
     assert "none of the 2 runs" in capsys.readouterr().err
     assert len(rows(here / "a.csv")) == 2
@@ -528,7 +528,7 @@ def test_files_of_rows_are_seen_from_the_table(here, monkeypatch):
 
 def test_a_row_without_its_end_of_line_is_kept(here):
     job.run(f"{SWEEP} --set t=0.1")
-    job.run("box dilate t -s 0.5 -o b.ply --set t=0.1,0.2 --table a.csv")
+    job.run("box dilate t -s 0.2 -o b.ply --set t=0.1,0.2 --table a.csv")
     whole = (here / "a.csv").read_bytes()
     (here / "a.csv").write_bytes(whole[:-1])
     job.run(f"{SWEEP} --set t=0.1")
@@ -540,7 +540,7 @@ def test_a_row_without_its_end_of_line_is_kept(here):
     for cut in (2, 20, 40):  # what is not whole is made again
         (here / "a.csv").write_bytes(whole[:-cut])
         (here / "b_t=0.2.ply").unlink()
-        job.run("box dilate t -s 0.5 -o b.ply --set t=0.1,0.2 --table a.csv")
+        job.run("box dilate t -s 0.2 -o b.ply --set t=0.1,0.2 --table a.csv")
         assert (here / "a.csv").read_bytes() == whole
 
 

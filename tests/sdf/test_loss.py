@@ -1,0 +1,101 @@
+"""Meshes of fields that have lost, or gained, a part of the volume: told or refused."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+import ilattice as il
+from ilattice import cli
+from ilattice.errors import GeometryError, PrecisionWarning
+from ilattice.mesh.sampled import volumes
+from ilattice.sdf.meshing import mesh, plan
+
+F = il.fields
+
+
+def shells(rng, n=3):
+    """Spherical shells far enough apart, as a field, and their volume."""
+    parts, volume = [], 0.0
+    for k in range(n):
+        radius, t = rng.uniform(0.5, 0.9), rng.uniform(0.02, 0.06)
+        centre = (2.3 * k + rng.uniform(-0.1, 0.1), *rng.uniform(-0.5, 0.5, 2))
+        parts.append(F.translate(F.shell(F.sphere(radius), t), centre))
+        volume += 4 / 3 * np.pi * ((radius + t / 2) ** 3 - (radius - t / 2) ** 3)
+    return F.union(*parts), volume
+
+
+def strangers(field):
+    """The same as a callable that tells nothing of itself."""
+    return F.from_callable(lambda p: field(p), bounds=field.bounds)
+
+
+def test_volumes_at_random_points_are_within_their_errors():
+    rng = np.random.default_rng(0)
+    z = []
+    for k in range(20):
+        field, exact = shells(rng, 1)
+        field = strangers(field) if k % 2 else field
+        found = list(volumes(field, field.bounds, np.ptp(field.bounds, axis=0), None))
+        assert (np.diff([v.error for v in found]) < 0.0).all()
+        assert found[-1].error < 0.02 * exact
+        z += [(v.volume - exact) / v.error for v in found]
+    assert np.abs(z).max() < 4.0
+    assert np.sqrt(np.mean(np.square(z))) < 1.2
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("known", [True, False])
+def test_shells_as_thin_as_the_spacing_are_refused(seed, known):
+    """Most of them used to be lost without a word."""
+    rng = np.random.default_rng(seed)
+    field, exact = shells(rng)
+    field = field if known else strangers(field)
+    h = rng.uniform(0.08, 0.15)
+    with pytest.raises(GeometryError, match=r"% less than the solid .* try a spacing of"):
+        mesh(field, h)
+    with pytest.warns(PrecisionWarning, match=r"% less than the solid"):
+        found = mesh(field, h, allow_loss=True)
+    assert found.volume < 0.95 * exact
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_slits_thinner_than_the_spacing_are_refused(seed):
+    rng = np.random.default_rng(seed)
+    walls = F.shell(F.translate(F.sphere(5.0), (5.0, *rng.uniform(-0.5, 0.5, 2))), 0.05)
+    slit = [F.translate(walls, (x + rng.uniform(0, 0.1), 0.0, 0.0)) for x in (-0.4, 0.0, 0.4)]
+    solid = F.difference(F.box(0.5), F.union(*slit))
+    with pytest.raises(GeometryError, match=r"% more than the solid"):
+        mesh(solid, rng.uniform(0.15, 0.2))
+
+
+@pytest.mark.parametrize("shape", ["torus", "mirrored", "perturbed"])
+def test_walls_through_maps_are_compared(shape):
+    box = il.macroshape.box((2.0, 1.3, 0.9))
+    through = il.macroshape.torus() if shape == "torus" else box
+    if shape != "torus":
+        s = box.spline
+        c = s.c * (np.array([-1.0, 1.0, 1.0]) if shape == "mirrored" else 1.0)
+        c = c + 0.02 * np.random.default_rng(1).standard_normal(c.shape)
+        through = il.macroshape.SplineMap(il.BSpline(s.t, c, s.k))
+    lattice = il.Lattice("gyroid", through=through, repeat=(5, 2, 1))
+    wall = lattice.offset(0.016)
+    with pytest.raises(GeometryError, match=r"% less than the solid"):
+        il.sdf.mesh(wall.field, 0.04, through=through)
+    thick = lattice.offset(0.06)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = il.sdf.mesh(thick.field, 0.025, through=through)
+    assert found.volume == pytest.approx(thick.volume(), rel=0.02)
+
+
+def test_tolerances_plans_and_commands_compare_too(tmp_path, capsys):
+    field = F.shell(F.sphere(1.0), 0.05)
+    with pytest.raises(GeometryError, match="less than the solid"):
+        plan(field, 0.2).mesh()
+    words = ["sdf", "sphere", "shell", "0.05", "-s", "0.2", "-o", str(tmp_path / "a.ply")]
+    assert cli.main(words) == 1
+    assert "less than the solid" in capsys.readouterr().err
+    assert cli.main([*words, "--allow-loss"]) == 0
+    assert "less than the solid" in capsys.readouterr().err
+    assert (tmp_path / "a.ply").exists()
