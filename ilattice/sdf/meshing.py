@@ -7,8 +7,8 @@ memory than allowed are refused before any work, with the numbers. Volumes of me
 with those of their solids (`ilattice.sdf._loss`).
 
 Not guaranteed: other sharp edges (`ilattice.mesh.creases`), where they bend by less than 35 degrees
-or end in wedges thinner than a cell, and on grids of more than 1e8 points; features thinner than a
-cell. The estimate of the cost is that of a coarse sampling.
+or end in wedges thinner than a cell, and in meshes of more than 5e6 vertices, which is warned of;
+features thinner than a cell. The estimate of the cost is that of a coarse sampling.
 """
 
 import warnings
@@ -26,7 +26,7 @@ from ilattice.fields.algebra import clipped
 from ilattice.fields.node import Node, is_empty
 from ilattice.macroshape.maps import SplineMap
 from ilattice.mesh import SurfaceMesh
-from ilattice.mesh.contouring import contour, contour_arrays
+from ilattice.mesh.contouring import contour_arrays
 from ilattice.mesh.creases import sharpened
 from ilattice.mesh.repair import remove_slivers
 from ilattice.sdf._loss import check_loss
@@ -43,7 +43,7 @@ PER_BLOCK = 100
 MOST_PER_CELL = 320
 COARSE_GRID = 2.5  # spacings along the longest side below which a grid is called coarse
 BASE = 3e8
-LARGE = 1e8  # grid points from which on vertices are in single precision, at linear crossings
+LARGE = 5e6  # vertices above which edges stay chamfered
 MARGIN = 0.25  # spacings between the solid and the outermost planes, at least
 SLIVER = 0.005  # quality below which triangles are removed
 COARSE = 40  # samples per side of the estimate
@@ -128,9 +128,6 @@ class Plan(Frozen):
     def mesh(self, *, allow_loss: bool = False, progress: Progress = None) -> SurfaceMesh:
         """Contour the solid.
 
-        Beyond 1e8 grid points vertices are in single precision and lie at linear crossings, which
-        are off the surface by about an eighth of the squared spacing times the curvature.
-
         Parameters
         ----------
         allow_loss : bool
@@ -147,6 +144,11 @@ class Plan(Frozen):
         ------
         GeometryError
             Where there is no surface, the field is NaN, or the mesh is too coarse.
+
+        Warns
+        -----
+        PrecisionWarning
+            If there are more than 5e6 vertices, so that edges stay chamfered.
         """
         allow_loss = as_flag("allow_loss", allow_loss)
         found = self._contoured(progress)
@@ -164,10 +166,16 @@ class Plan(Frozen):
     def _contoured(self, progress: Progress) -> SurfaceMesh:
         """The mesh, whatever its volume."""
         axes = [a.copy() for a in self.axes]  # to kernels, read-only ones are of another type
-        if np.prod(np.array(self.shape, float)) > LARGE:
-            return contour(self.inner, axes, progress=progress, dtype=np.float32, place="linear")
         raw = contour_arrays(self.inner, axes, progress=progress)
         if not self.inner.program.kinked:
+            return SurfaceMesh._adopt(raw.vertices, raw.faces)
+        if len(raw.vertices) > LARGE:
+            warnings.warn(
+                f"edges stay chamfered by up to {self.spacing.max():.3g}: sharp ones would need "
+                f"too much memory with {len(raw.vertices)} vertices; use a larger spacing",
+                PrecisionWarning,
+                stacklevel=4,
+            )
             return SurfaceMesh._adopt(raw.vertices, raw.faces)
         sharp = sharpened(raw, self.inner, axes, _corners(self.inner))
         repair = remove_slivers(sharp.vertices, sharp.faces, sharp.kind, quality=SLIVER)
