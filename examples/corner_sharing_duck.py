@@ -12,7 +12,7 @@ import numpy as np
 import ilattice as il
 
 
-def main(resolution: int = 3, h: float = 0.03, out: str = "") -> dict[str, float]:
+def main(resolution: int = 3, h: float = 0.014, out: str = "") -> dict[str, float]:
     """Rank and size; with `out`, beams, mesh, slices and pictures."""
     vertices, tets = il.cost.divided_box(1)
     duck = il.macroshape.duck()
@@ -37,5 +37,5 @@ def main(resolution: int = 3, h: float = 0.03, out: str = "") -> dict[str, float
 
 
 if __name__ == "__main__":
-    for name, number in main(resolution=3, h=0.015, out="corner_sharing_duck").items():
+    for name, number in main(out="corner_sharing_duck").items():
         print(f"{name}: {number:.5g}")

@@ -27,12 +27,14 @@ PER_POINT = 80.0  # bytes of memory per point of a slab of the grid
 SLABS = 40  # layers of points at once
 
 
-def meshed(beams: "Beams", h: float | None, tol: float | None, progress: Progress) -> SurfaceMesh:
+def meshed(
+    beams: "Beams", h: float | None, tol: float | None, allow_loss: bool, progress: Progress
+) -> SurfaceMesh:
     """See `Beams.mesh`."""
     from ilattice.sdf.meshing import mesh
 
     spacing = None if h is None and tol is not None else _spacing(beams, h)
-    return mesh(beams, spacing, tol=tol, progress=progress)
+    return mesh(beams, spacing, tol=tol, allow_loss=allow_loss, progress=progress)
 
 
 def streamed(

@@ -287,8 +287,9 @@ class Beams(Node):
     # ------------------------------------------------------------------ what to do with it
 
     def mesh(
-        self, h: float | None = None, *, tol: float | None = None, progress: Progress = None
-    ) -> SurfaceMesh:
+        self, h: float | None = None, *, tol: float | None = None, allow_loss: bool = False,
+        progress: Progress = None,
+    ) -> SurfaceMesh:  # fmt: skip
         """Closed surface of the solid, with sharp creases between beams.
 
         Parameters
@@ -297,6 +298,8 @@ class Beams(Node):
             Spacing of the grid: a third of the least radius or less.
         tol : float, optional
             Chord error instead; see `ilattice.sdf.mesh`.
+        allow_loss : bool
+            Accept a mesh whose volume differs by more than 5 % from that of the solid.
         progress : bool or callable, optional
             See `ilattice._progress.track`.
 
@@ -308,7 +311,7 @@ class Beams(Node):
         Raises
         ------
         GeometryError
-            If `h` exceeds twice the least radius: beams would be lost.
+            If `h` exceeds twice the least radius, so that beams would be lost, or for the volume.
 
         Warns
         -----
@@ -317,7 +320,7 @@ class Beams(Node):
         """
         from ilattice.cost._surfaces import meshed
 
-        return meshed(self, h, tol, progress)
+        return meshed(self, h, tol, allow_loss, progress)
 
     def slices(self, z: ArrayLike | None = None, **options: Any) -> SliceStack:
         """Contours at heights; see `ilattice.mesh.slice_field`.

@@ -34,6 +34,10 @@ ROUND = 0.7286
 #: Corners of a cube as signs; the slots (axis, sign) of its faces; corners of each face in a cycle.
 CORNERS = np.array([(i, j, k) for i in (1, -1) for j in (1, -1) for k in (1, -1)])
 SLOTS = [(axis, sign) for sign in (1, -1) for axis in range(3)]
+#: Least sines between corners of a face, seen along its beam: for the first way, for any.
+SOUND, FLAT = 0.3, 0.05
+#: Shortest sums of three directions that point to a corner, and parts of them across a beam.
+SHORT = 0.15
 #: Weld of points of neighbouring patches, in sizes of the whole.
 WELD = 1e-9
 
@@ -152,6 +156,8 @@ def pipes(k: CornerSharing, radius: Any) -> Pipes:
     ------
     InputError
         For a structure in the plane, or a vertex with more than six edges.
+    GeometryError
+        If edges at a vertex lie too much on one side (vertices that are far from balanced).
     """
     as_kind("k", k, "CornerSharing")
     if k.dim != 3:
@@ -169,24 +175,22 @@ def pipes(k: CornerSharing, radius: Any) -> Pipes:
     way = x[edges[:, 1]] - x[edges[:, 0]]
     way /= np.linalg.norm(way, axis=1)[:, None]
     slot = np.full((len(edges), 2), -1)
-    cube = np.empty((len(x), 8, 3))
-    hand = np.ones(len(x))
-    closing = []
+    cube, hand = np.empty((len(x), 8, 3)), np.ones(len(x))
+    closing, bad = [], []
     for v, own in zip(used, _incident(k, used), strict=True):
         directions = np.where((edges[own, 0] == v)[:, None], way[own], -way[own])
-        where, six = _assigned(directions)
-        for e, s in zip(own, where, strict=True):
-            slot[e, 0 if edges[e, 0] == v else 1] = s
-        signed = np.stack([six[axis + (0 if sign > 0 else 3)] for axis, sign in SLOTS])
-        sums = np.stack(
-            [sum(signed[a + (0 if c[a] > 0 else 3)] for a in range(3)) for c in CORNERS]
-        )
-        length = np.linalg.norm(sums, axis=1)
-        sums = np.where((length > 1e-6)[:, None], sums, CORNERS @ six[:3])
-        reach = size[v] / ROUND / np.sqrt(2.0 / 3.0)
-        cube[v] = x[v] + reach * sums / np.linalg.norm(sums, axis=1)[:, None]
+        where, six, sine = _assigned(directions)
+        bad += [v] if sine < FLAT else []
+        slot[own, np.where(edges[own, 0] == v, 0, 1)] = where
+        cube[v] = x[v] + size[v] / ROUND / np.sqrt(2.0 / 3.0) * _corners_at(six)
         hand[v] = 1.0 if np.linalg.det(six[:3]) > 0.0 else -1.0
-        closing += [(v, s) for s in range(6) if s not in set(where)]
+        closing += [(v, s) for s in range(6) if s not in where]
+    if bad:
+        raise GeometryError(
+            f"at vertex {bad[0]} ({len(bad)} of {len(used)} are so) the edges lie so much on one "
+            "side that they cannot leave a cube by its faces, as those of balanced structures do: "
+            "use beams"
+        )
     quads = [_half_beams(k, x, r, way, slot, cube, hand), _caps(closing, cube, hand)]
     return Pipes(np.concatenate(quads), _triangles(used, cube, hand))
 
@@ -200,33 +204,56 @@ def _incident(k: CornerSharing, used: IntArray) -> list[IntArray]:
     return [order[a:b] // 2 for a, b in zip(first, last, strict=True)]
 
 
-def _assigned(directions: FloatArray) -> tuple[list[int], FloatArray]:
-    """Slots of the beams at a vertex, and directions (6, 3) of the slots +x +y +z -x -y -z.
+def _assigned(directions: FloatArray) -> tuple[IntArray, FloatArray, float]:
+    """Slots (n,) of the beams at a vertex, directions (6, 3) of the slots, and the least sine.
 
-    The first three, edges of one simplex, take the positive ones; the others face them as well as
-    they can. Slots without a beam point away from what is on the other side.
+    The first three, edges of one simplex, take +x +y +z, the others what faces them best; where a
+    ring of corners does not run round its beam then, the best of all ways is taken.
     """
-    n = len(directions)
-    front, back = directions[:3], directions[3:]
-    six = np.zeros((6, 3))
-    six[: len(front)] = front
-    if len(front) < 3:
-        six[:3] = _completed(front)
-    best, score = (), np.inf
-    for p in permutations(range(3), len(back)):
-        value = sum(float(six[j] @ back[i]) for i, j in enumerate(p))
-        if value < score:
-            best, score = p, value
-    six[3:] = -six[:3]
-    for i, j in enumerate(best):
-        six[3 + j] = back[i]
-    return [*range(min(n, 3)), *(3 + j for j in best)], six
+    n, padded = len(directions), _padded(directions)
+    first = np.array([(0, 1, 2, *(3 + np.array(p))) for p in permutations(range(3))])
+    facing = np.einsum("pix,ix->p", padded[first[:, 3:]], padded[:3])
+    order = first[facing.argmin()]
+    sine = float(_sines(padded, order[None], n)[0])
+    if sine < SOUND:
+        ways = np.array(list(permutations(range(6))))
+        sines = _sines(padded, ways, n)
+        order, sine = ways[sines.argmax()], float(sines.max())
+    return np.argsort(order)[:n], padded[order], sine
 
 
-def _completed(front: FloatArray) -> FloatArray:
-    """Three directions of which the first one or two are given."""
-    q = np.linalg.svd(front)[2][len(front) :]
-    return np.concatenate([front, q])[:3]
+def _padded(directions: FloatArray) -> FloatArray:
+    """Six directions: those given, then opposites of those that have none."""
+    out = directions
+    if len(out) < 3:
+        out = np.concatenate([out, np.linalg.svd(out)[2][len(out) :]])
+    while len(out) < 6:
+        own = out[:3] if len(out) == 3 else out
+        alone = (own @ out.T).min(axis=1)
+        out = np.concatenate([out, -own[[int(alone.argmax())]]])
+    return np.asarray(out)
+
+
+def _corners_at(six: FloatArray) -> FloatArray:
+    """Directions (..., 8, 3) of the corners of cubes whose faces look along `six` (..., 6, 3)."""
+    rows = np.where(CORNERS > 0, 0, 3) + np.arange(3)
+    sums = six[..., rows, :].sum(axis=-2)
+    length = np.linalg.norm(sums, axis=-1, keepdims=True)
+    return np.asarray(np.where(length > SHORT, sums / np.maximum(length, SHORT), 0.0))
+
+
+def _sines(padded: FloatArray, ways: IntArray, n: int) -> FloatArray:
+    """Least sines (p,) between neighbouring corners of faces, seen along their beams."""
+    six = padded[ways]
+    hand = np.sign(np.linalg.det(six[:, :3]))
+    ring = _corners_at(six)[:, FACES]
+    along = six[:, :, None]
+    ring = ring - (ring * along).sum(axis=-1, keepdims=True) * along
+    wide = np.linalg.norm(ring, axis=-1, keepdims=True)
+    ring = np.where(wide > SHORT, ring / np.maximum(wide, SHORT), 0.0)
+    turn = np.cross(ring, np.roll(ring, -1, axis=2))
+    sine = ((turn * along).sum(axis=-1) * hand[:, None, None]).min(axis=-1)
+    return np.asarray(np.where(ways < n, sine, 1.0).min(axis=1))
 
 
 def _half_beams(

@@ -283,10 +283,10 @@ def test_the_program_of_the_first_page(tmp_path):
     loads = il.cost.stress.balanced(k, np.random.default_rng(0).standard_normal(k.positions.shape))
     assert k.stress(loads).bars.shape == (len(k.edges),)
     beams = k.beams(lambda p: 0.025 + 0.005 * p[:, 2])
-    h = 0.99 * beams.radii.min()
+    h = 0.7 * beams.radii.min()
     assert beams.mesh(h).is_watertight
     with pytest.raises(GeometryError, match="too coarse for beams of radius"):
-        beams.mesh(3.0 * h)
+        beams.mesh(4.0 * h)
     beams.save(tmp_path / "duck.3mf")
     assert counting.necessary(k)
 
