@@ -283,6 +283,14 @@ def test_slices_make_few_blocks_of_a_structure():
     assert numbers["polygons"] > 10
 
 
+def test_smooth_solids_of_structures_are_closed():
+    numbers = run("corner_sharing_smooth", resolution=3, h=0.03)
+    # vertices and what is between them are alike, turned inside out
+    assert numbers["solid part of space"] == pytest.approx(0.5, abs=1e-5)
+    assert numbers["watertight"]
+    assert numbers["crossing triangles"] == 0
+
+
 def test_boundaries_of_shells_are_twenty():
     numbers = run("shells_boundaries")
     assert numbers == {"classes": 20, "closed choices": 256, "that repeat by shifts": 3}
