@@ -15,7 +15,7 @@ import numpy as np
 
 from ilattice._typing import AnyArray, ArrayLike, FloatArray
 from ilattice._validate import FixedMapping, as_kind, as_points
-from ilattice.cutfem.output import Result, Series
+from ilattice.cutfem.output import Reported, Result, Series
 from ilattice.quadrature.rules import Quadrature
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ class Step:
 
 
 @dataclass(frozen=True, eq=False)
-class HeatSolution(Result):
+class HeatSolution(Reported, Result):
     """Temperature of a solid: made by `Heat.solve` and `Heat.evolve`.
 
     Attributes
@@ -54,7 +54,7 @@ class HeatSolution(Result):
         What was solved.
     coefficients : ndarray, shape (functions, 1)
         Of the splines.
-    report : SolveReport or None
+    solved : SolveReport or None
         What the solver says; None if nothing was free.
     time : float or None
         Since the start of `Heat.evolve`; None if steady.
@@ -64,7 +64,7 @@ class HeatSolution(Result):
 
     problem: "Heat"
     coefficients: FloatArray
-    report: "SolveReport | None"
+    solved: "SolveReport | None"
     time: float | None = field(default=None, kw_only=True)
     step: Step | None = field(default=None, kw_only=True)
     shown: ClassVar[str] = "temperature"

@@ -33,7 +33,9 @@ from ilattice.quadrature.clipping import MOST, clipped, lattice
 if TYPE_CHECKING:
     import pyvista
 
+    from ilattice.cutfem.page import Report
     from ilattice.cutfem.problem import Problem
+    from ilattice.linalg.solvers import SolveReport
 
 #: VTK's numbers.
 TRIANGLE, TETRAHEDRON, HEXAHEDRON, LAGRANGE_HEXAHEDRON = 5, 10, 12, 72
@@ -281,6 +283,22 @@ class Result(FrozenCopies):
 
 
 R = TypeVar("R", bound=Result)
+
+
+class Reported:
+    """What is known of how a result was found."""
+
+    solved: "SolveReport | None"
+
+    @property
+    def report(self) -> "Report | None":
+        """How the system was solved, with an estimate of the error; None if nothing was free.
+
+        It is a function, too: ``solution.report("part.html")`` writes a page about the analysis.
+        """
+        from ilattice.cutfem.page import report_of
+
+        return report_of(self, self.solved)
 
 
 class Series(FrozenCopies, Sequence[R]):

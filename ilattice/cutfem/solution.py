@@ -19,6 +19,7 @@ from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import FixedMapping, as_kind, read_only
 from ilattice.cutfem.anisotropic import Anisotropic
 from ilattice.cutfem.elasticity import Elasticity
+from ilattice.cutfem.output import Reported
 from ilattice.cutfem.stresses import Stresses, elastic_stress, engineering_strain, times, von_mises
 from ilattice.quadrature.rules import Quadrature
 
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Solution(Stresses):
+class Solution(Reported, Stresses):
     """Displacement of an elastic solid: made by `Elasticity.solve`.
 
     Attributes
@@ -38,13 +39,13 @@ class Solution(Stresses):
         What was solved.
     coefficients : ndarray, shape (functions, 3)
         Of the splines.
-    report : SolveReport or None
+    solved : SolveReport or None
         What the solver says; None if nothing was free.
     """
 
     problem: Elasticity
     coefficients: FloatArray
-    report: "SolveReport | None"
+    solved: "SolveReport | None"
 
     def __repr__(self) -> str:
         return f"Solution({len(self.coefficients)} functions, energy {self.energy:.6g})"

@@ -1,0 +1,235 @@
+"""One page about an analysis: set-up, checks, results and pictures, as an HTML file by itself.
+
+Guarantees: nothing is loaded from elsewhere, pictures are in the file; what makes a result doubtful
+stands first; the file is written as a whole or not at all.
+"""
+
+import base64
+import html
+import io
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from os import PathLike
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ilattice._files import as_path, atomic_write
+from ilattice._validate import as_flag
+from ilattice.cutfem.conditions import AXES
+from ilattice.errors import FormatError, InputError
+from ilattice.linalg.solvers import SolveReport
+
+if TYPE_CHECKING:
+    from ilattice.cutfem.output import Result
+
+#: Part of the energy that the cells may be off, and part of what acts that may be out of balance,
+#: before the page says so at its top.
+DOUBTFUL, UNBALANCED = 0.02, 1e-6
+SIZE = (1200, 900)
+STYLE = """body{font:15px/1.5 system-ui,sans-serif;max-width:62rem;margin:2rem auto;padding:0 1rem;
+color:#222}h1{font-size:1.5rem}h2{font-size:1.15rem;margin-top:1.6rem}table{border-collapse:collapse}
+td,th{padding:.15rem .9rem .15rem 0;text-align:left;vertical-align:top;border-bottom:1px solid #ddd}
+img{max-width:49%}.doubt{background:#fff0d0;padding:.5rem .8rem;border-left:4px solid #d08000}"""
+
+
+@dataclass(frozen=True, eq=False)
+class Report(SolveReport):
+    """How a system was solved; called with a path, it writes a page about the whole analysis."""
+
+    _result: Any = field(default=None, repr=False)
+
+    def __call__(self, path: str | PathLike[str], *, pictures: bool = True) -> None:
+        """Write a page about the analysis: set-up, checks, results, pictures.
+
+        Parameters
+        ----------
+        path : path-like
+            File ending in ``.html``.
+        pictures : bool
+            Whether there are pictures.
+
+        Raises
+        ------
+        FormatError
+            Another ending, or the file cannot be written.
+        """
+        file = as_path("path", path)
+        if file.suffix.lower() not in (".html", ".htm"):
+            raise FormatError(f"reports are pages: {str(path)!r} must end in .html")
+        text = page(self._result, self, file.stem, pictures=as_flag("pictures", pictures))
+        with atomic_write(file, text=True) as out:
+            out.write(text)
+
+
+def report_of(result: "Result", solved: SolveReport | None) -> Report | None:
+    """What the solver told, able to write about a result."""
+    if solved is None:
+        return None
+    told = {name: value for name, value in vars(solved).items() if not name.startswith("_")}
+    return Report(**told, _result=result)
+
+
+def page(result: "Result", report: SolveReport, title: str, *, pictures: bool) -> str:
+    """The text of the page."""
+    kind = type(result.problem).__name__
+    parts = [
+        f"<!doctype html><html lang='en'><head><meta charset='utf-8'><title>{_text(title)}</title>",
+        f"<style>{STYLE}</style></head><body><h1>{_text(title)}: {_text(kind)}</h1>",
+        *(f"<p class='doubt'>{_text(doubt)}</p>" for doubt in _doubts(result, report)),
+        "<h2>Results</h2>", _table(_results(result)),
+    ]  # fmt: skip
+    if pictures:
+        parts += [f"<p>{''.join(_pictures(result))}</p>"]
+    parts += [
+        "<h2>Set-up</h2>", _table(_set_up(result.problem)),
+        "<h2>Checks</h2>", _table(_checks(result, report)),
+    ]  # fmt: skip
+    for name in ("reactions", "inflow"):
+        rows = _asked(result, name)
+        if rows:
+            table = {str(k): _number(v) for k, v in rows.items()}
+            parts += [f"<h2>{name.capitalize()}</h2>", _table(table)]
+    return "\n".join([*parts, "</body></html>\n"])
+
+
+def _doubts(result: "Result", report: SolveReport) -> list[str]:
+    """What a reader has to know before believing the numbers."""
+    out, error = [], report.discretization_error
+    if not error <= DOUBTFUL:
+        out.append(
+            "The energy may be off because of the size of the cells; estimate: "
+            f"{_per_cent(error)}. Use more cells, or another degree, and compare."
+        )
+    balance = float(getattr(result, "equilibrium", 0.0))
+    if not balance <= UNBALANCED:
+        out.append(f"Loads and reactions are out of balance by {balance:.1e} of what acts.")
+    factor = _asked(result, "safety_factor")
+    if factor is not None and factor < 1.0:
+        out.append(f"The material yields: the safety factor is {factor:.3g}.")
+    return out
+
+
+def _results(result: "Result") -> dict[str, str]:
+    """Numbers about the whole."""
+    out = {name: _number(value) for name, value in result.field_data().items()}
+    for name in ("energy", "compliance"):
+        value = _asked(result, name)
+        if value is not None:
+            out[name] = _number(value)
+    rule = result.problem.domain.solid(result.problem.assembly)
+    data = result.point_data(rule.parameters)
+    for name, values in data.items():
+        if values.ndim == 1:
+            out[name] = f"{_number(values.min())} to {_number(values.max())}"
+        elif values.shape[1] == 3:
+            out[f"largest {name}"] = _number(np.linalg.norm(values, axis=1).max())
+    factor = _asked(result, "safety_factor")
+    if factor is not None:
+        out["safety factor"] = _number(factor)
+    return out
+
+
+def _set_up(problem: Any) -> dict[str, str]:
+    """Solid, grid, material, supports and loads."""
+    domain = problem.domain
+    rule = domain.solid(problem.assembly)
+    low, high = rule.points.min(axis=0), rule.points.max(axis=0)
+    out = {
+        "volume": _number(rule.weights.sum()),
+        "points of quadrature": f"{len(rule)}, from {_number(low)} to {_number(high)}",
+        "cells": "x".join(map(str, domain.cut.grid.shape)),
+        "splines": f"degree {domain.degree}, smoothness {domain.smoothness}",
+    }
+    material = getattr(problem, "material", problem)
+    for told in vars(material).values():
+        if hasattr(told, "name") and hasattr(told, "value"):
+            out[told.name] = _said(told.value)
+    if getattr(material, "full", False):
+        out["stiffness"] = "6 x 6, of any symmetry"
+    for i, s in enumerate(problem.supports, 1):
+        axes = "".join(a for a, held in zip(AXES, s.mask, strict=False) if held)
+        what = axes if problem.m > 1 else "value"
+        out[f"support {i}"] = (
+            f"{s.on}: {what} = {_said(s.value)}, {'weakly' if s.weak else 'exactly'}"
+        )
+    for i, spring in enumerate(problem.springs, 1):
+        out[f"spring {i}"] = f"{spring.on}: stiffness {_said(spring.stiffness)} per area"
+    for i, load in enumerate(problem.loads, 1):
+        out[f"load {i}"] = f"{load.kind} {_said(load.value)}" + (
+            f" at {load.on}" if load.on else ""
+        )
+    return out
+
+
+def _checks(result: "Result", report: SolveReport) -> dict[str, str]:
+    """How far the numbers can be believed."""
+    error = report.discretization_error
+    out = {
+        "error of the energy by the cells": _per_cent(error),
+        "error of the volume": _per_cent(result.problem.domain.cut.error),
+        "solver": f"{report.method}, {report.size} unknowns, {report.iterations} iterations, "
+        f"{report.setup_seconds + report.solve_seconds:.2g} s",
+        "relative residual": f"{report.residual:.1e}",
+    }
+    balance = getattr(result, "equilibrium", None)
+    if balance is not None:
+        out["loads and reactions out of balance"] = f"{balance:.1e} of what acts"
+    return out
+
+
+def _pictures(result: "Result") -> Iterable[str]:
+    """Two views of the solid, in the file itself."""
+    from PIL import Image
+
+    from ilattice.plot import Scene
+
+    grid = result.to_pyvista(scale="auto")
+    for view in ((-60.0, 30.0), (120.0, 20.0)):
+        image = Scene(size=SIZE, view=view).add(grid, scalars=result.shown).image()
+        buffer = io.BytesIO()
+        Image.fromarray(image).save(buffer, "PNG", optimize=True)
+        data = base64.b64encode(buffer.getvalue()).decode("ascii")
+        yield f"<img alt='{_text(result.shown)}' src='data:image/png;base64,{data}'>"
+
+
+def _per_cent(part: float) -> str:
+    """A part in per cent, if it is known."""
+    return "none" if math.isnan(part) else f"{100 * part:.2g} %"
+
+
+def _asked(result: Any, name: str) -> Any:
+    """What not every result has, or None."""
+    try:
+        return getattr(result, name, None)
+    except InputError:  # no strength was given; nothing has flown yet
+        return None
+
+
+def _said(value: Any) -> str:
+    """A value as its user gave it."""
+    if callable(value):
+        return str(getattr(value, "__name__", type(value).__name__)) + "(x)"
+    return _number(value)
+
+
+def _number(value: Any) -> str:
+    """Numbers with five digits."""
+    try:
+        a = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        return str(value)
+    if a.ndim == 0:
+        return f"{float(a):.5g}"
+    return "(" + ", ".join(f"{v:.5g}" for v in a.ravel().tolist()) + ")"
+
+
+def _table(rows: Mapping[str, str]) -> str:
+    """Two columns."""
+    cells = (f"<tr><th>{_text(k)}</th><td>{_text(v)}</td></tr>" for k, v in rows.items())
+    return f"<table>{''.join(cells)}</table>"
+
+
+def _text(value: Any) -> str:
+    return html.escape(str(value))
