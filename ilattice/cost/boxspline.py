@@ -3,7 +3,7 @@
 In the plane the three directions (1, 0), (0, 1), (1, 1), in space the four directions of the unit
 vectors and (-1, -1, -1), each twice: C² of degree 4, and of degree 5. The control array is indexed
 by the first d barycentric integers: 1 at vertices, -1 elsewhere; the solid is where the spline is
-positive, its field the negative (paper, Section 3.7).
+positive, its field the negative (paper, Section 3.8).
 
 `BoxSpline` is that field, exactly, with derivatives and bounds; `field` makes it for a Kagome
 structure, `tile` for the endless one.
@@ -175,7 +175,7 @@ def tile() -> Tile:
     return Tile(
         spline,
         name="kagome_box_spline",
-        source="Sitharam et al., Section 3.7",
+        source="Sitharam et al., Section 3.8",
         edges=edges / np.linalg.norm(edges[:, 0]),
         symmetric=True,
         tol=1e-4,
@@ -288,7 +288,7 @@ class BoxSpline(Node):
 
     Notes
     -----
-    C² (Section 3.7 of the paper), of degree 4 in the plane and 5 in space. Not a distance.
+    C² (Section 3.8 of the paper), of degree 4 in the plane and 5 in space. Not a distance.
     """
 
     control: Any

@@ -4,7 +4,7 @@ At each vertex stands a deformed cube, one face per beam: its corners lie along 
 directions. Around a half-beam the four corners of its face are the controls of a closed quadratic
 spline, along it those of the face, of a square ring at a quarter of the beam, and of the middle:
 four patches. Eight triangles close what the faces leave, and a face without a beam is one patch
-(paper, Section 3.7 and Figure 16a).
+(paper, Section 3.8 and Figure 16a).
 
 Guarantees: patches meet exactly, so that the surface is closed; it is C1 around and along beams.
 Not guaranteed: smoothness at vertices, where patches meet at an angle; radii, which are those of
