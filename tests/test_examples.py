@@ -291,6 +291,21 @@ def test_smooth_solids_of_structures_are_closed():
     assert numbers["crossing triangles"] == 0
 
 
+@pytest.mark.filterwarnings("ignore:the spline that stands for d")
+def test_walls_are_as_thick_as_data_say():
+    numbers = run("thickness_from_data")
+    assert numbers["largest part by which walls differ from the table"] < 1e-3
+    assert numbers["volume by table"] == pytest.approx(numbers["volume by image"], rel=0.02)
+
+
+def test_struts_of_a_graph_have_the_radii_of_their_nodes():
+    numbers = run("strut_graph")
+    assert numbers["watertight"]
+    assert numbers["pieces"] == 1
+    assert numbers["largest part by which radii are off"] < 2e-3
+    assert numbers["handles"] == 52 - 20 + 1
+
+
 def test_boundaries_of_shells_are_twenty():
     numbers = run("shells_boundaries")
     assert numbers == {"classes": 20, "closed choices": 256, "that repeat by shifts": 3}
