@@ -26,7 +26,7 @@ def pylon(levels: int = 4) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return np.array(nodes), np.array(edges), np.array(radii)
 
 
-def main(h: float = 0.5, out: str = "") -> dict[str, float]:
+def main(h: float = 0.4, out: str = "") -> dict[str, float]:
     """Errors of radii, and volume; with `out`, a mesh, slices and a picture."""
     nodes, edges, radii = pylon()
     solid = il.Lattice.from_struts(nodes, edges, radii).offset((np.inf, 0.0))
