@@ -306,6 +306,14 @@ def test_struts_of_a_graph_have_the_radii_of_their_nodes():
     assert numbers["handles"] == 52 - 20 + 1
 
 
+@pytest.mark.filterwarnings("ignore:the mesh with h=")  # coarse
+def test_a_core_between_two_faces_has_walls_of_one_thickness():
+    numbers = run("conformal_layer", h=0.9)
+    assert numbers["watertight"]
+    assert numbers["99th percentile of errors of the thickness"] < 1e-3
+    assert numbers["least height"] >= 0.0
+
+
 def test_boundaries_of_shells_are_twenty():
     numbers = run("shells_boundaries")
     assert numbers == {"classes": 20, "closed choices": 256, "that repeat by shifts": 3}
