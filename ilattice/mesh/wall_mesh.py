@@ -4,8 +4,9 @@ Guarantees: those of `ilattice.mesh.contouring`; polished vertices lie on the ex
 mid-surface, those on the faces of the domain stay there. Where polished, the contour is that of
 the distance spline with exact values at its kinks (`ilattice.offsets.sharp`), so that pores close
 when they should. The triangles of `wall_mesh` do not pass through each other
-(`ilattice.mesh.untangle`) and have no slivers (`ilattice.mesh.repair`); those of `wall_pieces`
-may, for their neighbours may be gone. Walls thinner than one and a half edges are meshed from
+(`ilattice.mesh.untangle`), have no slivers (`ilattice.mesh.repair`) and no closed surfaces of less
+than a fiftieth of a cell (`ilattice.mesh.specks`); those of `wall_pieces` may, for their neighbours
+may be gone. Walls thinner than one and a half edges are meshed from
 their mid-surface (`ilattice.mesh.sheets`), with slivers along their rims; meshes with long edges
 are compared with the volume of the wall (`ilattice.mesh.loss`). Vertices that are off the offset,
 because polishing fails or to keep triangles from crossing, are marked as ``unconverged`` in the
@@ -33,12 +34,13 @@ from ilattice._typing import AnyArray, ArrayLike, FloatArray
 from ilattice.errors import ConvergenceError, GeometryError, PrecisionWarning
 from ilattice.macroshape.planes import grid_axes
 from ilattice.mesh._own_cells import in_own_cells
-from ilattice.mesh._settling import Classes, classified, measure, settled, unsettled
+from ilattice.mesh._settling import Classes, cells_of, classified, measure, settled, unsettled
 from ilattice.mesh.contouring import ON_CAP, Contour, contour_arrays, contour_blocks
 from ilattice.mesh.coverage import merged_part
 from ilattice.mesh.creases import sharpened
 from ilattice.mesh.loss import ENOUGH, Extent, check_loss
 from ilattice.mesh.sheets import Sheets
+from ilattice.mesh.specks import without_specks
 from ilattice.mesh.surface import SurfaceMesh
 from ilattice.mesh.untangle import Untangled, untangled
 from ilattice.offsets.sharp import SharpDistance
@@ -115,6 +117,10 @@ def _of_contour(job: _Job, caps: bool) -> _Made:
         lambda u, at: job.settle(u, raw.kind[at], side[at]),
         lambda u, at: job.recall(u, raw.kind[at], side[at]),
     )  # fmt: skip
+    if caps:
+        new = new._replace(
+            repair=without_specks(new.x, new.repair, lambda at: job.cell_volumes(new.u[at]))
+        )
     return new, raw.kind, side, new.held | lost
 
 
@@ -255,6 +261,12 @@ class _Job:
         plain = self.cut is None and not self.wall.thickness.solid
         return plain and self.h > SEEN * self.wall.least_thickness
 
+    def cell_volumes(self, u: FloatArray) -> FloatArray:
+        """Volumes in space of the cells that points are in."""
+        det = np.linalg.det(self.wall.lattice.through.jacobian(u))
+        out: FloatArray = np.abs(det) * cells_of(self.axes, u).prod(axis=1)
+        return out
+
     def side(self, raw: Contour) -> FloatArray:
         """Which offset surface the vertices of a contour belong to, 0 for none."""
         off = raw.kind & ON_CAP != 0
@@ -320,7 +332,10 @@ def _check(off: AnyArray, crease: AnyArray, *, exactly: bool) -> None:
     """Refuse a mesh of which too many vertices are off the offset, or off its creases."""
     count = len(off)
     held, cut = int(off.sum()), int(crease.sum())
-    remedy = "use a smaller h, or polish=False for a mesh of the distance spline"
+    remedy = (
+        "use a smaller h, more spans_per_tile where the distance spline has a wall and exact "
+        "distances have none, or polish=False for a mesh of the spline"
+    )
     if exactly and held > max(MOST_HELD * count, FEW):
         raise ConvergenceError(
             f"{held} of {count} vertices are off the offset (more than {MOST_HELD:.1%}): there is "
