@@ -51,6 +51,8 @@ def without_specks(x: FloatArray, repair: Repair, cell: Callable[[IntArray], Flo
     number = np.bincount(of, minlength=count)
     few = (number > 0) & (number <= FEW)
     rows = np.flatnonzero(few[of])
+    if len(rows) == 0:
+        return repair
     p = x[repair.vertices[faces[rows]]]
     p = p - p[:, :1].mean(axis=0)
     six = np.einsum("ij,ij->i", p[:, 0], np.cross(p[:, 1], p[:, 2]))

@@ -8,7 +8,8 @@ when they should. The triangles of `wall_mesh` do not pass through each other
 than a fiftieth of a cell (`ilattice.mesh.specks`); those of `wall_pieces` may, for their neighbours
 may be gone. Walls thinner than one and a half edges are meshed from
 their mid-surface (`ilattice.mesh.sheets`), with slivers along their rims; meshes with long edges
-are compared with the volume of the wall (`ilattice.mesh.loss`). Vertices that are off the offset,
+are compared with the volume of the wall (`ilattice.mesh.loss`), those of solids of surfaces as they
+are with the parts of their field (`ilattice.mesh.parts`). Vertices that are off the offset,
 because polishing fails or to keep triangles from crossing, are marked as ``unconverged`` in the
 point data and, where they are more than one in a thousand, counted in a `PrecisionWarning`, above
 one in a hundred in a `ConvergenceError`; those next to jumps of the distance, in corners of the
@@ -39,6 +40,7 @@ from ilattice.mesh.contouring import ON_CAP, Contour, contour_arrays, contour_bl
 from ilattice.mesh.coverage import merged_part
 from ilattice.mesh.creases import sharpened
 from ilattice.mesh.loss import ENOUGH, Extent, check_loss
+from ilattice.mesh.parts import check_parts
 from ilattice.mesh.sheets import Sheets
 from ilattice.mesh.specks import without_specks
 from ilattice.mesh.surface import SurfaceMesh
@@ -102,6 +104,8 @@ def wall_mesh(
             wall, job.h, Extent.of(mesh.vertices, mesh.faces), sheets=sheets is not None,
             exactly=job.polish, allowed=allow_loss,
         )  # fmt: skip
+        if wall._countable:
+            check_parts(wall.field, job.axes, wall.lattice.through.closed, mesh, job.h)
     return mesh
 
 
