@@ -28,14 +28,13 @@ def spent():
 def test_a_random_combination_is_right_or_refused(place, spent):
     """Closed, of the right volume and thickness, both ways; see `combinations`.
 
-    Every day has its own: ``ILATTICE_COMBINATIONS=first`` repeats those of another one, and
-    ``python tests/combinations.py --seeds n --most 2500 --points 16`` a single one. As many are looked at as
-    there is time for.
+    Every day has its own: ``ILATTICE_COMBINATIONS=first`` repeats those of another one,
+    ``tests/combinations.py --most 2500 --points 16 --quick --seeds n`` a single one. As many are
+    looked at as there is time for.
     """
     seed = FIRST + place
     if spent[0] > TOGETHER:
         pytest.skip(f"seed {seed}: {TOGETHER:g} s of CPU are spent")
-    print(f"seed {seed}, of a run with ILATTICE_COMBINATIONS={FIRST}")
     start = time.process_time()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", PrecisionWarning)
@@ -46,7 +45,7 @@ def test_a_random_combination_is_right_or_refused(place, spent):
             pytest.skip(f"seed {seed} takes more than {EACH:g} s of CPU")
         finally:
             spent[0] += time.process_time() - start
-    assert found.faults == [], found.row
+    assert found.faults == [], f"ILATTICE_COMBINATIONS={FIRST}: {found.row}"
 
 
 def test_vertices_on_edges_of_the_domain_are_on_the_offset():
