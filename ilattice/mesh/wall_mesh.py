@@ -45,6 +45,7 @@ from ilattice.mesh.sheets import Sheets
 from ilattice.mesh.specks import without_specks
 from ilattice.mesh.surface import SurfaceMesh
 from ilattice.mesh.untangle import Untangled, untangled
+from ilattice.offsets.law import warn_between
 from ilattice.offsets.sharp import SharpDistance
 from ilattice.offsets.wall_field import WallField
 
@@ -148,10 +149,18 @@ def _of_sheets(job: _Job, caps: bool) -> _Made | None:
         raise GeometryError(
             f"h={job.h:g} is too long for a wall that is {least:g} thick at its thinnest: it is "
             f"meshed from its mid-surface, of which {off} of {len(suspect)} vertices cannot be "
-            f"moved to its sides, and {new.left} pairs of triangles cross; use "
-            f"h <= {ENOUGH * least:g}"
+            f"moved to its sides, and {new.left} pairs of triangles cross; {_remedy(job)}"
         )
     return new, sheets.kind, sheets.side, suspect
+
+
+def _remedy(job: _Job) -> str:
+    """What to do about a wall that is too thin."""
+    enough = ENOUGH * job.wall.least_thickness
+    size = float(np.ptp(job.wall.lattice.through.bounds, axis=0).max())
+    if size > MOST_PLANES * enough:
+        return "make the wall thicker: no grid is fine enough for it"
+    return f"use h <= {enough:g}"
 
 
 def wall_pieces(
@@ -257,7 +266,9 @@ class _Job:
         elif t.symmetric:
             field = distance
             options |= {"level": (-1.0, 1.0), "scale": t.outer}
-        return cls(wall, h, field, grid_axes(wall.lattice, h), options, polish, cut)
+        axes = grid_axes(wall.lattice, h)
+        warn_between(wall, axes, h)
+        return cls(wall, h, field, axes, options, polish, cut)
 
     @property
     def thin(self) -> bool:
