@@ -7,6 +7,7 @@ by faces at least. Non-guarantee: larger grids than `MOST` points are not looked
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ FINER, MOST, TOGETHER = 2, 1 << 22, 1 << 18
 
 
 def check_parts(
-    field: Any, axes: tuple[FloatArray, ...], closed: AnyArray, mesh: SurfaceMesh, h: float
+    field: Any, axes: tuple[FloatArray, ...], closed: Sequence[bool], mesh: SurfaceMesh, h: float
 ) -> None:
     """Warn where a mesh has more or fewer parts than its solid.
 
@@ -33,7 +34,7 @@ def check_parts(
         Values, negative inside, at parameters (n, 3).
     axes : three 1-D arrays
         The grid planes of the mesh.
-    closed : (3,) array of bool
+    closed : three bools
         Directions in which the domain is closed.
     mesh : SurfaceMesh
         The closed mesh.
@@ -80,14 +81,14 @@ def solid_parts(mesh: SurfaceMesh) -> int:
     return int((np.bincount(mesh.component_labels, six) > 0.0).sum())
 
 
-def joined(inside: AnyArray, closed: AnyArray, *, corners: bool) -> int:
+def joined(inside: AnyArray, closed: Sequence[bool], *, corners: bool) -> int:
     """Number of parts of voxels, joined across the seams of closed directions.
 
     Parameters
     ----------
     inside : ndarray of bool, three axes
         The voxels.
-    closed : (3,) array of bool
+    closed : three bools
         Directions that are closed.
     corners : bool
         Whether voxels that share only a corner hang together, or only those that share a face.
