@@ -16,6 +16,7 @@ import sys
 import time
 import traceback
 import warnings
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -561,9 +562,20 @@ class OutOfTimeError(Exception):
     """A combination takes longer than it may."""
 
 
-def stop(*_):
-    """Give up a combination."""
-    raise OutOfTimeError("out of time")
+@contextmanager
+def limited(seconds):
+    """Give up after so many seconds of CPU, none for 0."""
+
+    def stop(*_):
+        raise OutOfTimeError("out of time")
+
+    before = signal.signal(signal.SIGPROF, stop)
+    signal.setitimer(signal.ITIMER_PROF, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        signal.signal(signal.SIGPROF, before)
 
 
 def main():
@@ -575,6 +587,9 @@ def main():
     parser.add_argument("--table", default="")
     parser.add_argument("--no-kinks", action="store_true")
     parser.add_argument("--trace", action="store_true")
+    parser.add_argument("--most", type=int, default=MOST, help="triangles, about")
+    parser.add_argument("--points", type=int, default=100, help="vertices that are measured")
+    parser.add_argument("--quick", action="store_true", help="leave crossings to the package")
     parser.add_argument("--limit", type=float, default=0.0, help="seconds of CPU for one")
     arguments = parser.parse_args()
     seeds = arguments.seeds or range(arguments.first, arguments.first + arguments.count)
@@ -583,20 +598,17 @@ def main():
     if not arguments.table or out.tell() == 0:
         writer.writeheader()
     for seed in seeds:
-        combo = combination(seed, kinked=not arguments.no_kinks)
-        signal.signal(signal.SIGPROF, stop)
-        signal.setitimer(signal.ITIMER_PROF, arguments.limit)
+        combo = combination(seed, kinked=not arguments.no_kinks, most=arguments.most)
         try:
-            row = judge(combo).row
+            with limited(arguments.limit):
+                row = judge(combo, count=arguments.points, igl_crossings=not arguments.quick).row
         except Exception as e:
-            signal.setitimer(signal.ITIMER_PROF, 0.0)
             if arguments.trace:
                 traceback.print_exc()
             names = ("tile", "map", "repeat", "boundary", "kind", "d", "h", "scale")
             row = dict.fromkeys(COLUMNS, "") | {k: getattr(combo, k) for k in names}
             row |= {"seed": seed, "error": f"{type(e).__name__}: {str(e)[:160]}"}
             row["faults"] = ["untyped"]
-        signal.setitimer(signal.ITIMER_PROF, 0.0)
         for k in NUMBERS:
             if isinstance(row[k], float):
                 row[k] = f"{row[k]:.4g}"

@@ -223,3 +223,23 @@ def test_large_input_is_copied_once(writeable, kind):
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 1.2 * (spline.c.nbytes + 2 * spline.t[0].nbytes)
+
+
+def test_loading_takes_less_than_six_times_the_file(tmp_path):
+    """So that ten million triangles, half a gigabyte, take less than three."""
+    n = 300
+    a = np.arange(n) * 2 * np.pi / n
+    p, q = (v.ravel() for v in np.meshgrid(a, a, indexing="ij"))
+    x = np.stack([(3 + np.cos(q)) * np.cos(p), (3 + np.cos(q)) * np.sin(p), np.sin(q)], axis=1)
+    i, j = (v.ravel() for v in np.meshgrid(range(n), range(n), indexing="ij"))
+    at = [((i + di) % n) * n + (j + dj) % n for di, dj in ((0, 0), (1, 0), (1, 1), (0, 1))]
+    faces = np.concatenate([np.stack([at[0], at[1], at[2]], 1), np.stack([at[0], at[2], at[3]], 1)])
+    path = tmp_path / "a.stl"
+    il.SurfaceMesh(x, faces).save(path)
+    il.mesh.load(path)  # compiled
+    tracemalloc.start()
+    found = il.mesh.load(path)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert len(found.vertices) == n * n
+    assert peak < 5.6 * path.stat().st_size

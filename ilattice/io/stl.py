@@ -133,6 +133,7 @@ def read_stl(path: str | os.PathLike[str]) -> MeshArrays:
     if len(data) == size:
         records = np.frombuffer(data, _TRIANGLE, count, _COUNT_AT + 4)
         corners = records["numbers"][:, 3:].reshape(-1, 3).astype(np.float64)
+        del records
     elif data[:512].lstrip()[:5].lower() == b"solid":
         corners = _text_corners(path, data.decode("latin-1"))
     else:
@@ -144,8 +145,10 @@ def read_stl(path: str | os.PathLike[str]) -> MeshArrays:
     if bad.any():
         i = int(np.argmax(bad))
         raise FormatError(f"{path}: triangle {i // 3} has the corner {corners[i].tolist()}")
+    length = len(data)
+    del data, bad  # a third of the memory, which welding needs
     vertices, number = welded(corners)
-    return checked_mesh(path, vertices, np.full(len(number) // 3, 3), number, len(data))
+    return checked_mesh(path, vertices, np.full(len(number) // 3, 3), number, length)
 
 
 def _text_corners(path: str | os.PathLike[str], text: str) -> FloatArray:

@@ -167,17 +167,35 @@ def classified(
     return out
 
 
+def cells_of(axes: tuple[FloatArray, ...], u: FloatArray) -> FloatArray:
+    """Sizes (n, 3) of the cells of a grid that points are in, in parameters.
+
+    Parameters
+    ----------
+    axes : three 1-D arrays
+        The grid planes.
+    u : ndarray, shape (n, 3)
+        The points.
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+        The sizes.
+    """
+    cells = [
+        np.diff(a)[np.clip(np.searchsorted(a, u[:, k], side="right") - 1, 0, len(a) - 2)]
+        for k, a in enumerate(axes)
+    ]
+    return np.stack(cells, axis=1)
+
+
 def _at_creases(
     wall: OffsetSolid, axes: tuple[FloatArray, ...], u: FloatArray, side: FloatArray
 ) -> AnyArray:
     """Which vertices (n,) are off by a part of their cells, where normals turn within a cell."""
     if len(u) == 0:
         return np.zeros(0, np.bool_)
-    cells = [
-        np.diff(a)[np.clip(np.searchsorted(a, u[:, k], side="right") - 1, 0, len(a) - 2)]
-        for k, a in enumerate(axes)
-    ]
-    cell = np.stack(cells, axis=1)
+    cell = cells_of(axes, u)
     edges = np.linalg.norm(wall.lattice.through.jacobian(u), axis=1) * cell
     ways = np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
     around = inside(wall.lattice, (u[:, None] + ways * cell[:, None]).reshape(-1, 3))

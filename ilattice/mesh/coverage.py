@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 POINTS, VERTICES = 4000, 6
 #: Distance from a triangle, relative to its longest edge, within which it covers a point.
 NEAR = 0.25
+#: Farther away than points are off the offset they may be where it has an edge.
+SLACK = 2.0
 #: Part of the half-thickness that points of the offset may be off, and that which is left of it
 #: where walls have merged: other parts of the mid-surface are nearer. Points looked at for that.
 OFF, MERGED, SOME = 0.05, 0.5, 1000
@@ -48,7 +50,7 @@ def missing_part(wall: OffsetSolid, mesh: SurfaceMesh) -> float:
         there, area, sides = _beside(wall, side, POINTS)
         error, asked = wall._errors(there, sides)
         fine = error <= OFF * np.maximum(np.abs(asked), wall.least_thickness)
-        far = ~covered(mesh, wall.lattice.through.x(there[fine]))
+        far = ~covered(mesh, wall.lattice.through.x(there[fine]), SLACK * error[fine])
         total += float(area[fine].sum())
         lacking += float(area[fine][far].sum())
     return lacking / total if total > 0.0 else 0.0
@@ -89,7 +91,7 @@ def _beside(wall: OffsetSolid, side: float, most: int) -> tuple[FloatArray, ...]
     return inside(wall.lattice, u[at] + way[at]), area[at], sides[at]
 
 
-def covered(mesh: SurfaceMesh, x: FloatArray) -> AnyArray:
+def covered(mesh: SurfaceMesh, x: FloatArray, slack: FloatArray) -> AnyArray:
     """Which points (n, 3) are next to a triangle, as far as its size goes.
 
     Parameters
@@ -98,11 +100,13 @@ def covered(mesh: SurfaceMesh, x: FloatArray) -> AnyArray:
         The triangles.
     x : ndarray, shape (n, 3)
         Points of space.
+    slack : ndarray, shape (n,)
+        Lengths by which they may be farther away.
 
     Returns
     -------
     ndarray of bool, shape (n,)
-        True where one is within `NEAR` of its longest edge.
+        True where one is within `NEAR` of its longest edge, and the slack.
     """
     if len(x) == 0:
         return np.zeros(0, np.bool_)
@@ -118,7 +122,7 @@ def covered(mesh: SurfaceMesh, x: FloatArray) -> AnyArray:
     corners = mesh.vertices[mesh.faces[triangle]].astype(np.float64)
     edge = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     out = np.zeros(len(x), np.bool_)
-    out[point[_distance(x[point], corners) <= NEAR * edge]] = True
+    out[point[_distance(x[point], corners) <= NEAR * edge + slack[point]]] = True
     return out
 
 

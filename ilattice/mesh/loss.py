@@ -17,15 +17,18 @@ import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray
 from ilattice.errors import GeometryError, PrecisionWarning
+from ilattice.mesh.sampled import pairs
 
 if TYPE_CHECKING:
     from ilattice.offsets.wall import OffsetSolid
 
 #: Part of the volume from which on it is told, and from which on it is an error.
 TOLD, REFUSED = 0.01, 0.05
-#: Boxes with two random points each, and the part of the volume by which they may be off beyond
-#: three standard errors.
-BOXES, NEAR = 1 << 14, 0.02
+#: Boxes with two random points each, and the part of the volume by which meshes may be off there,
+#: less three standard errors, and half of it at least.
+BOXES, NEAR = 1 << 16, 0.02
+#: Boxes with points at which exact distances are asked for.
+FEWER = 1 << 14
 #: Length of edges, relative to the least thickness, from which on volumes are compared, and that
 #: which is recommended.
 COMPARED, ENOUGH = 0.6, 0.25
@@ -119,11 +122,11 @@ def check_loss(
     GeometryError
         If more than `REFUSED` of the volume is lost or gained, unless that is allowed.
     """
-    least, got, points = wall.least_thickness, mesh.volume, _Points(wall)
-    if h <= COMPARED * least and not points.doubt(got):
+    least, got = wall.least_thickness, mesh.volume
+    if h <= COMPARED * least and not _Points(wall, BOXES).doubt(got):
         return
     whole = wall.volume()
-    rounded = points.rounded if exactly and abs(got - whole) > TOLD * whole else 0.0
+    rounded = _Points(wall, FEWER).rounded if exactly and abs(got - whole) > TOLD * whole else 0.0
     whole += rounded
     off = got / whole - 1.0 if whole > 0.0 else 0.0
     if abs(off) <= TOLD:
@@ -147,19 +150,18 @@ def check_loss(
 class _Points:
     """Random points of the domain, two in each of equal boxes, and the volumes they stand for."""
 
-    def __init__(self, wall: OffsetSolid) -> None:
-        self.wall = wall
+    def __init__(self, wall: OffsetSolid, boxes: int) -> None:
+        self.wall, self.boxes = wall, boxes
 
     @cached_property
     def u(self) -> FloatArray:
         """Parameters (2 n, 3), those of the same box one after the other."""
         lo, hi = self.wall.lattice.domain
         tiles = np.array(self.wall.lattice.repeat, float)
-        count = np.maximum(1, np.rint(tiles * (BOXES / tiles.prod()) ** (1 / 3))).astype(int)
+        count = np.maximum(1, np.rint(tiles * (self.boxes / tiles.prod()) ** (1 / 3))).astype(int)
         corner = np.indices(tuple(count)).reshape(3, -1).T
-        inner = np.random.default_rng(0).random((2 * len(corner), 3))
-        out: FloatArray = lo + (hi - lo) * (np.repeat(corner, 2, axis=0) + inner) / count
-        return out
+        rng = np.random.default_rng(0)
+        return pairs(lo + (hi - lo) * corner / count, lo + (hi - lo) * (corner + 1) / count, rng)
 
     @cached_property
     def weight(self) -> FloatArray:
@@ -171,10 +173,10 @@ class _Points:
         return out
 
     def doubt(self, volume: float) -> bool:
-        """Whether the wall has another volume at these points."""
+        """Whether the wall may have another volume, as far as these points tell."""
         part = (self.weight * (self.wall.field(self.u) < 0.0)).reshape(-1, 2)
         mean, error = float(part.sum()), float(np.linalg.norm(part[:, 0] - part[:, 1]))
-        return abs(mean - volume) > 3.0 * error + NEAR * mean
+        return abs(mean - volume) > max(NEAR * mean - 3.0 * error, 0.5 * NEAR * mean)
 
     @property
     def rounded(self) -> float:

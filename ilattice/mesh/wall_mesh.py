@@ -4,10 +4,12 @@ Guarantees: those of `ilattice.mesh.contouring`; polished vertices lie on the ex
 mid-surface, those on the faces of the domain stay there. Where polished, the contour is that of
 the distance spline with exact values at its kinks (`ilattice.offsets.sharp`), so that pores close
 when they should. The triangles of `wall_mesh` do not pass through each other
-(`ilattice.mesh.untangle`) and have no slivers (`ilattice.mesh.repair`); those of `wall_pieces`
-may, for their neighbours may be gone. Walls thinner than one and a half edges are meshed from
+(`ilattice.mesh.untangle`), have no slivers (`ilattice.mesh.repair`) and no closed surfaces of less
+than a fiftieth of a cell (`ilattice.mesh.specks`); those of `wall_pieces` may, for their neighbours
+may be gone. Walls thinner than one and a half edges are meshed from
 their mid-surface (`ilattice.mesh.sheets`), with slivers along their rims; meshes with long edges
-are compared with the volume of the wall (`ilattice.mesh.loss`). Vertices that are off the offset,
+are compared with the volume of the wall (`ilattice.mesh.loss`), those of solids of surfaces as they
+are with the parts of their field (`ilattice.mesh.parts`). Vertices that are off the offset,
 because polishing fails or to keep triangles from crossing, are marked as ``unconverged`` in the
 point data and, where they are more than one in a thousand, counted in a `PrecisionWarning`, above
 one in a hundred in a `ConvergenceError`; those next to jumps of the distance, in corners of the
@@ -33,14 +35,17 @@ from ilattice._typing import AnyArray, ArrayLike, FloatArray
 from ilattice.errors import ConvergenceError, GeometryError, PrecisionWarning
 from ilattice.macroshape.planes import grid_axes
 from ilattice.mesh._own_cells import in_own_cells
-from ilattice.mesh._settling import Classes, classified, measure, settled, unsettled
+from ilattice.mesh._settling import Classes, cells_of, classified, measure, settled, unsettled
 from ilattice.mesh.contouring import ON_CAP, Contour, contour_arrays, contour_blocks
 from ilattice.mesh.coverage import merged_part
 from ilattice.mesh.creases import sharpened
 from ilattice.mesh.loss import ENOUGH, Extent, check_loss
+from ilattice.mesh.parts import check_parts
 from ilattice.mesh.sheets import Sheets
+from ilattice.mesh.specks import without_specks
 from ilattice.mesh.surface import SurfaceMesh
 from ilattice.mesh.untangle import Untangled, untangled
+from ilattice.offsets.law import warn_between
 from ilattice.offsets.sharp import SharpDistance
 from ilattice.offsets.wall_field import WallField
 
@@ -100,6 +105,8 @@ def wall_mesh(
             wall, job.h, Extent.of(mesh.vertices, mesh.faces), sheets=sheets is not None,
             exactly=job.polish, allowed=allow_loss,
         )  # fmt: skip
+        if wall._countable:
+            check_parts(wall.field, job.axes, wall.lattice.through.closed, mesh, job.h)
     return mesh
 
 
@@ -115,6 +122,10 @@ def _of_contour(job: _Job, caps: bool) -> _Made:
         lambda u, at: job.settle(u, raw.kind[at], side[at]),
         lambda u, at: job.recall(u, raw.kind[at], side[at]),
     )  # fmt: skip
+    if caps:
+        new = new._replace(
+            repair=without_specks(new.x, new.repair, lambda at: job.cell_volumes(new.u[at]))
+        )
     return new, raw.kind, side, new.held | lost
 
 
@@ -138,10 +149,18 @@ def _of_sheets(job: _Job, caps: bool) -> _Made | None:
         raise GeometryError(
             f"h={job.h:g} is too long for a wall that is {least:g} thick at its thinnest: it is "
             f"meshed from its mid-surface, of which {off} of {len(suspect)} vertices cannot be "
-            f"moved to its sides, and {new.left} pairs of triangles cross; use "
-            f"h <= {ENOUGH * least:g}"
+            f"moved to its sides, and {new.left} pairs of triangles cross; {_remedy(job)}"
         )
     return new, sheets.kind, sheets.side, suspect
+
+
+def _remedy(job: _Job) -> str:
+    """What to do about a wall that is too thin."""
+    enough = ENOUGH * job.wall.least_thickness
+    size = float(np.ptp(job.wall.lattice.through.bounds, axis=0).max())
+    if size > MOST_PLANES * enough:
+        return "make the wall thicker: no grid is fine enough for it"
+    return f"use h <= {enough:g}"
 
 
 def wall_pieces(
@@ -247,13 +266,21 @@ class _Job:
         elif t.symmetric:
             field = distance
             options |= {"level": (-1.0, 1.0), "scale": t.outer}
-        return cls(wall, h, field, grid_axes(wall.lattice, h), options, polish, cut)
+        axes = grid_axes(wall.lattice, h)
+        warn_between(wall, axes, h)
+        return cls(wall, h, field, axes, options, polish, cut)
 
     @property
     def thin(self) -> bool:
         """Whether the wall is thinner than the grid sees."""
         plain = self.cut is None and not self.wall.thickness.solid
         return plain and self.h > SEEN * self.wall.least_thickness
+
+    def cell_volumes(self, u: FloatArray) -> FloatArray:
+        """Volumes in space of the cells that points are in."""
+        det = np.linalg.det(self.wall.lattice.through.jacobian(u))
+        out: FloatArray = np.abs(det) * cells_of(self.axes, u).prod(axis=1)
+        return out
 
     def side(self, raw: Contour) -> FloatArray:
         """Which offset surface the vertices of a contour belong to, 0 for none."""
@@ -320,7 +347,10 @@ def _check(off: AnyArray, crease: AnyArray, *, exactly: bool) -> None:
     """Refuse a mesh of which too many vertices are off the offset, or off its creases."""
     count = len(off)
     held, cut = int(off.sum()), int(crease.sum())
-    remedy = "use a smaller h, or polish=False for a mesh of the distance spline"
+    remedy = (
+        "use a smaller h, more spans_per_tile where the distance spline has a wall and exact "
+        "distances have none, or polish=False for a mesh of the spline"
+    )
     if exactly and held > max(MOST_HELD * count, FEW):
         raise ConvergenceError(
             f"{held} of {count} vertices are off the offset (more than {MOST_HELD:.1%}): there is "

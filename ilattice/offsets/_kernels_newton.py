@@ -19,6 +19,9 @@ from ilattice.offsets._kernels_jets import FAST, map_jet, metric, solve_sym, sym
 MAX_ITERATIONS = 30
 #: Where the lowest eigenvalue is less, a stationary point is a saddle, and left; clear ones early.
 SADDLE, CLEAR_SADDLE = -1e-3, -0.1
+#: Part of the gradient below which its other parts are rounding, as where a face of the domain is
+#: tangent to the surface, and below which it is tangent to an edge.
+ROUNDING, TANGENT = 1e-12, 1e-5
 
 OK = 0
 BOUNDARY = 1
@@ -100,6 +103,9 @@ def kkt_step(m, t, r, lam, first, fixed, floor):
     gm = metric(m)
     g = (t[1] * (1 - fixed[0]), t[2] * (1 - fixed[1]), t[3] * (1 - fixed[2]))
     gg = g[0] * g[0] + g[1] * g[1] + g[2] * g[2]
+    if fixed[0] + fixed[1] + fixed[2] == 2:  # tangent to the edge
+        whole = t[1] * t[1] + t[2] * t[2] + t[3] * t[3]
+        gg = gg if gg > TANGENT * TANGENT * whole else 0.0
     if not gg > 0.0:  # no way back to the surface
         return (0.0, 0.0, 0.0), lam, np.inf, 1.0
     jr = (
@@ -178,26 +184,30 @@ def vertex_foot(p, box, jr, t):
 
     It is one if it is on the surface and a multiplier makes the gradient of the Lagrangian vanish
     along the edge, and push against all bounds. Without this test, bounds are held or let go by
-    the multiplier of the last step, and there is none yet where the start is such a point.
+    the multiplier of the last step, and there is none yet where the start is such a point. Edges
+    that are tangent to the surface have no such points: curves of the surface may cross there.
     """
     low, high = -np.inf, np.inf
     free = 0
+    total = abs(t[1]) + abs(t[2]) + abs(t[3])
+    on = t[0] * t[0] <= 1e-18 * total * total
     for a in range(3):
+        g = t[1 + a] if abs(t[1 + a]) > ROUNDING * total else 0.0
         if p[a] > box[0, a] and p[a] < box[1, a]:
             free += 1
-            if free > 1 or t[1 + a] == 0.0:
+            if free > 1 or abs(g) <= TANGENT * total:
                 return False, 0.0
-            low = max(low, -jr[a] / t[1 + a])
-            high = min(high, -jr[a] / t[1 + a])
+            on = t[0] * t[0] <= 1e-18 * g * g
+            low = max(low, -jr[a] / g)
+            high = min(high, -jr[a] / g)
             continue
         s = 1.0 if p[a] <= box[0, a] else -1.0
-        if s * t[1 + a] > 0.0:
-            low = max(low, -jr[a] / t[1 + a])
-        elif s * t[1 + a] < 0.0:
-            high = min(high, -jr[a] / t[1 + a])
+        if s * g > 0.0:
+            low = max(low, -jr[a] / g)
+        elif s * g < 0.0:
+            high = min(high, -jr[a] / g)
         elif s * jr[a] < 0.0:
             return False, 0.0
-    on = t[0] * t[0] <= 1e-18 * (t[1] * t[1] + t[2] * t[2] + t[3] * t[3])
     if low > high or not on:
         return False, 0.0
     return True, low if low > -np.inf else high if high < np.inf else 0.0

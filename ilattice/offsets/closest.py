@@ -472,7 +472,7 @@ class ClosestPointSearch(TileSpace):
                 f"(more than {MAX_FALLBACK:.0%}), the first are {failed[:5].tolist()}; the "
                 "tile may be singular at level zero, as at the rims of closed faces; its "
                 "opposite faces may differ, so that tiles do not fit together (periodic ones "
-                "do); or the map may fold"
+                "do, and boundary='clip' needs none beyond the domain); or the map may fold"
             )
 
 

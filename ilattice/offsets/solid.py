@@ -264,6 +264,10 @@ class TileSolid(OffsetSolid):
         return isinstance(getattr(self.lattice.tile, "field", None), SkeletonField)
 
     @property
+    def _countable(self) -> bool:  # type: ignore[override]
+        return not self._of_skeleton
+
+    @property
     def _has_necks(self) -> bool:  # type: ignore[override]
         return not self._of_skeleton
 

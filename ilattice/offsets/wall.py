@@ -144,6 +144,7 @@ class OffsetSolid:
     _exact = True
     #: Whether necks can be found: where the distance has critical points.
     _has_necks = True
+    _countable = False  # whether its parts can be counted by many values of its field
     #: Whether edges of meshes are made sharp where the gradient of the field jumps.
     creased = False
 

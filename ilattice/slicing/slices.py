@@ -45,6 +45,7 @@ from ilattice.fields.node import Node
 from ilattice.io.registry import save
 from ilattice.io.svg import slice_document
 from ilattice.macroshape.planes import grid_axes
+from ilattice.offsets.law import warn_between
 from ilattice.offsets.wall import OffsetSolid, warn_coarse
 from ilattice.plot.quick import show
 from ilattice.plot.shapes import polylines
@@ -334,6 +335,7 @@ def slice_wall(
     warn_coarse(h, least)
     frame = as_frame(as_triple("normal", normal))
     axes = grid_axes(wall.lattice, h)
+    warn_between(wall, axes, h)
     a, b, c = (float(len(planes)) for planes in axes)
     need(
         PER_CELL * max(a * b, b * c, c * a) + PER_BLOCK * a * b * c / BLOCK**3,

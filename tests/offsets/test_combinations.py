@@ -1,5 +1,7 @@
 """Walls of random tiles, maps, thicknesses, lengths of edges and scales, against naive oracles."""
 
+import os
+import time
 import warnings
 
 import combinations as cb
@@ -10,21 +12,40 @@ import ilattice as il
 from ilattice.errors import ConvergenceError, PrecisionWarning
 from ilattice.mesh import _settling
 
-#: Of those that a run of `combinations` found right, the ones that take about a second.
-SEEDS = [
-    2000, 2002, 2003, 2004, 2005, 2006, 2008, 2010, 2011, 2013, 2016, 2022, 2023, 2024, 2025,
-    2027, 2033, 2034, 2037, 2040, 2041, 3003, 3006, 3013, 3014, 3015, 3016, 3020, 3022, 3025,
-    3026, 3027, 3029, 3032, 3038, 3039, 3040, 3049, 3051, 3061, 3064, 3067, 3069, 3070, 3072,
-]  # fmt: skip
+#: Combinations per run, and seconds of CPU that they may take together, and one of them.
+COUNT, TOGETHER, EACH = 60, 150.0, 20.0
+#: The first one of today; that of another run, to repeat it, by the environment.
+FIRST = int(os.environ.get("ILATTICE_COMBINATIONS", int(time.time()) // 86_400 * COUNT))
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_a_random_combination_is_right_or_refused(seed):
-    """Closed, of the right volume and thickness, both ways; see `combinations`."""
-    combo = cb.combination(seed, kinked=False, most=4000)
+@pytest.fixture(scope="module")
+def spent():
+    """Seconds of CPU that combinations have taken."""
+    return [0.0]
+
+
+@pytest.mark.parametrize("place", range(COUNT))
+def test_a_random_combination_is_right_or_refused(place, spent):
+    """Closed, of the right volume and thickness, both ways; see `combinations`.
+
+    Every day has its own: ``ILATTICE_COMBINATIONS=first`` repeats those of another one,
+    ``tests/combinations.py --most 2500 --points 16 --quick --seeds n`` a single one. As many are
+    looked at as there is time for.
+    """
+    seed = FIRST + place
+    if spent[0] > TOGETHER:
+        pytest.skip(f"seed {seed}: {TOGETHER:g} s of CPU are spent")
+    start = time.process_time()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", PrecisionWarning)
-        assert cb.judge(combo, count=24, igl_crossings=False).faults == []
+        try:
+            with cb.limited(EACH):
+                found = cb.judge(cb.combination(seed, most=2500), count=16, igl_crossings=False)
+        except cb.OutOfTimeError:
+            pytest.skip(f"seed {seed} takes more than {EACH:g} s of CPU")
+        finally:
+            spent[0] += time.process_time() - start
+    assert found.faults == [], f"ILATTICE_COMBINATIONS={FIRST}: {found.row}"
 
 
 def test_vertices_on_edges_of_the_domain_are_on_the_offset():
