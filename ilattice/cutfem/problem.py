@@ -23,6 +23,7 @@ from ilattice.cutfem.conditions import Load, Spring, Support, as_mask, as_value,
 from ilattice.cutfem.constraints import Constraints, check_agreement, constraints
 from ilattice.cutfem.discretization import Product
 from ilattice.cutfem.domain import Domain
+from ilattice.cutfem.material import Scalar
 from ilattice.cutfem.regions import Region, as_place
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.linalg._engines import ENGINES
@@ -164,6 +165,12 @@ class Problem:
                 f"components='n': {place} is not flat and normal to x, y or z; name components"
             )
         return (axis,)
+
+    def _scalar_at(self, scalar: Scalar, u: FloatArray, owner: IntArray) -> FloatArray:
+        """A property (n,) or (1,) at parameters in active cells, that of the phase of the cell."""
+        asm, phases = self.assembly, scalar.phases
+        cells = asm.space.cells[owner]
+        return self.domain.by_phase(lambda k, at: phases[k].at(asm, u[at]), cells)
 
     @property
     def in_the_mean(self) -> tuple[Spring | Support, ...]:

@@ -73,13 +73,14 @@ def elastic_terms(problem: "Elasticity", support: Spring | Support) -> Terms:
     scale = NITSCHE * asm.space.degree**2 / cell_heights(asm, rule)
     mask = support.mask.astype(np.float64)
     if isinstance(problem.material, Anisotropic):
-        along = normal_stiffness(problem.material.matrices(asm, u), n)
+        along = normal_stiffness(problem._matrices(u, asm.owners(rule)), n)
         # of tractions that a strain makes no more than this can be had from its energy
         Q = 2.0 * scale[:, None, None] * np.einsum("qijl,ql->qij", along, n)
         none = np.zeros((len(u), 3))
         Q *= mask[:, None] * mask
         return Terms(rule, Q, none[:, :2], none[:, 2], mask, along)
-    lame = np.stack([np.broadcast_to(v, len(u)) for v in problem.material.lame(asm, u)], axis=1)
+    both = problem._lame(u, asm.owners(rule))
+    lame = np.stack([np.broadcast_to(v, len(u)) for v in both], axis=1)
     nn = n[:, :, None] * n[:, None, :] * (mask[:, None] * mask)
     Q = 2 * lame[:, 1, None, None] * np.diag(mask) + lame[:, 0, None, None] * nn
     Q *= scale[:, None, None]

@@ -65,10 +65,10 @@ class ElasticCell(CellProblem, Elasticity):
     def _minus_flux(self, E: FloatArray, rule: Quadrature) -> tuple[None, FloatArray]:
         """Stress P (n, 3, 3) that a mean strain loads with at the points of a rule in space."""
         assert rule.parameters is not None
-        # of the phase of the element: points of rules may seem to be on the other side
-        asm, u = self.assembly, rule.parameters
-        both = [_stress(m, asm, u, E) for m in self.material.phases]
-        stress = self.domain.by_phase(both, rule.cells[rule.owners])
+        asm, u, phases = self.assembly, rule.parameters, self.material.phases
+        stress = self.domain.by_phase(
+            lambda k, at: _stress(phases[k], asm, u[at], E), rule.cells[rule.owners]
+        )
         return None, np.broadcast_to(-stress, (len(rule), 3, 3))
 
     def _seam_force(self, E: FloatArray) -> FloatArray:
