@@ -190,6 +190,10 @@ class Domain(Frozen):
             raise GeometryError(f"on={on!r}: the solid has no area there; choose another place")
         return on_cells(in_space(rule), self.volume.cells)
 
+    def area_error(self, region: Region) -> float:
+        """See `Region.error`."""
+        return self.once(("area", region), lambda: region.error(self.boundary(region.place)))
+
     def _whole_boundary(self) -> Quadrature:
         """All level sets and those end faces that the solid reaches."""
         found = []

@@ -24,7 +24,7 @@ from ilattice.cutfem.constraints import Constraints, check_agreement, constraint
 from ilattice.cutfem.discretization import Product
 from ilattice.cutfem.domain import Domain
 from ilattice.cutfem.material import Scalar
-from ilattice.cutfem.regions import Region, as_place
+from ilattice.cutfem.regions import ROUGH, Region, as_place
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.linalg._engines import ENGINES
 from ilattice.linalg.solvers import LARGEST, Solver, SolveReport
@@ -127,6 +127,7 @@ class Problem:
             )
         weak = method == "nitsche" or place not in NAMES
         self.domain.boundary(place)
+        self._warn_rough(place)
         if isinstance(components, str) and components == "n":
             components = self._normal(place)
         new = Support(place, as_mask(components, self.m), as_value(name, value, self.m), weak)
@@ -138,6 +139,7 @@ class Problem:
             raise InputError(f"{name} must not be negative, and not all zero, got {stiffness!r}")
         new = Spring(self._named(as_place(on, where)), k, as_value("value", value, self.m))
         self.domain.boundary(new.on)
+        self._warn_rough(new.on)
         return self._with(springs=(*self.springs, new), _held={})
 
     def _loaded(self, kind: str, value: Any, m: int, on: Any = "", where: Any = None) -> Self:
@@ -145,6 +147,8 @@ class Problem:
         if not isinstance(on, str) or on:
             on = as_place(on, where)
             self.domain.boundary(on)
+            if kind not in ("force", "moment"):
+                self._warn_rough(on)
         return self._with(loads=(*self.loads, Load(kind, value, on)))
 
     def _named(self, place: str | Region) -> str | Region:
@@ -154,6 +158,20 @@ class Problem:
         known = {str(s.on) for s in self.supports} | {str(s.on) for s in self.springs}
         names = (place.name if k == 1 else f"{place.name} ({k})" for k in count(1))
         return replace(place, name=next(name for name in names if name not in known))
+
+    def _warn_rough(self, place: str | Region) -> None:
+        """Warn of a region of which the area is not known well."""
+        if isinstance(place, str):
+            return
+        error = self.domain.area_error(place)
+        if error > ROUGH:
+            warnings.warn(
+                f"on={place}: its area is off by about {100 * error:.2g} %, since its edge passes "
+                "through cells, and so are tractions and supports; take finer cells, or an edge "
+                "along them, or loads by force= and moment=, whose sums are exact",
+                PrecisionWarning,
+                stacklevel=4,
+            )
 
     def _normal(self, place: str | Region) -> tuple[int]:
         """The axis that is normal to a flat place."""
