@@ -34,7 +34,7 @@ from ilattice.cutfem.heat_solution import HeatHistory, HeatSolution, Step
 from ilattice.cutfem.material import Property, Scalar, jump_within_cells, warn_of_jump
 from ilattice.cutfem.phases import as_phased
 from ilattice.cutfem.problem import ISLANDS, Problem
-from ilattice.cutfem.weak import NITSCHE, cell_heights
+from ilattice.cutfem.weak import NITSCHE, cell_heights, depths
 from ilattice.errors import InputError
 from ilattice.linalg.solvers import LARGEST, Solver
 from ilattice.quadrature.rules import Quadrature, on_cells
@@ -368,7 +368,8 @@ class Heat(Problem):
             return rule, Q, np.zeros(len(rule))
         found = self._scalar_at(self.conductivity, rule.parameters, asm.owners(rule))
         k = np.array(np.broadcast_to(found, len(rule)))
-        return rule, NITSCHE * asm.space.degree**2 * k / cell_heights(asm, rule), k
+        height = cell_heights(asm, rule) * depths(self.domain, asm, rule)
+        return rule, NITSCHE * asm.space.degree**2 * k / height, k
 
     def _add_surface(self, data: FloatArray, support: Spring | Support) -> None:
         asm = self.assembly

@@ -64,7 +64,7 @@ class ConductiveCell(CellProblem, Heat):
         assert rule.normals is not None
         assert rule.parameters is not None
         k = [s.at(asm, rule.parameters) for s in self.conductivity.phases]
-        flux = sum(s * v for s, v in zip(coupling.shares(*k), k, strict=True))
+        flux = sum(s * v for s, v in zip(coupling.shares(self, *k), k, strict=True))
         f = (rule.weights * flux * (rule.normals @ e))[:, None]
         return asm.vector(rule, f) - asm.vector(coupling.upper(rule), f)
 

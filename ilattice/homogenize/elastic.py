@@ -79,7 +79,7 @@ class ElasticCell(CellProblem, Elasticity):
         assert rule.normals is not None
         assert rule.parameters is not None
         lame = [m.lame(asm, rule.parameters) for m in self.material.phases]
-        share = coupling.shares(*(lam + 2.0 * mu for lam, mu in lame))
+        share = coupling.shares(self, *(lam + 2.0 * mu for lam, mu in lame))
         stress = sum(
             s[:, None, None] * _stress(m, asm, rule.parameters, E)
             for s, m in zip(share, self.material.phases, strict=True)

@@ -441,3 +441,29 @@ def test_heat_of_what_conducts_little_beside_what_conducts_well(seed, contrast):
     assert solution.error_estimate().relative < 1e-6
     one = il.cutfem.HeatSolution(problem, of_the_first(problem, np.ones((len(c), 1))), None)
     assert one.stored == pytest.approx(0.7 * V, rel=1e-9)
+
+
+@pytest.mark.parametrize("p", [1, 2])
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("soft", ["first", "second"])
+def test_thin_coats_leave_what_they_cover_as_it_is(p, seed, soft):
+    """Tractions of a thin layer were weighed as if it were a cell deep: K was not positive."""
+    rng = np.random.default_rng([seed, p])
+    d, contrast = 10.0 ** rng.uniform(-4.5, -2.7), 10.0 ** rng.uniform(1, 2)
+    n = (6, 2, int(rng.integers(2, 4)))
+    box = [[0, 0, 0], [4, 1, 1]]
+    young = (1.0, contrast) if soft == "first" else (contrast, 1.0)
+    at = f"{1 - d!r} - z" if soft == "first" else f"z - {1 - d!r}"
+    coated = Elasticity(whole, n, domain=box, degree=p, young=young, phases=at)
+    bare = Elasticity(whole, n, domain=box, degree=p, young=contrast, stabilization="ghost")
+    coated, bare = (
+        q.clamp("u=0").load(body=(0.1, 0.2, -1.0)).solve() for q in (coated, bare)
+    )  # fmt: skip
+    assert coated.compliance == pytest.approx(bare.compliance, rel=8 * d + 0.01 * (p == 1))
+    K = coated.problem.matrix.toarray()
+    scale = 1.0 / np.sqrt(K.diagonal())
+    assert np.linalg.eigvalsh(K * scale * scale[:, None])[0] > -1e-12
+    k = (1.0, contrast) if soft == "first" else (contrast, 1.0)
+    warm = Heat(whole, n, domain=box, degree=p, conductivity=k, phases=at)
+    flow = warm.fix("u=0", 0.0).fix("u=1", 1.0).solve().inflow["u=1"]
+    assert flow == pytest.approx(contrast / 4 * (1 - d) + d / 4, rel=1e-6)
