@@ -4,11 +4,12 @@ What finer cells would add is judged by what the cells at hand have added: the e
 difference between the solution and the best one on cells twice as long, and on those four times as
 long. Where the two fall by a constant factor, as they do under refinement, the rest is a geometric
 series (Richardson, 1911): of the whole, where it falls slowly, and of each part of the body, since
-what a smooth part lets fall fast hides edges and joints, where it does not. The coarse spaces are parts of the fine one (see `coarsening`), so that
-nothing is integrated again: the best approximation there takes some products with the matrix that
-has been solved, a few hundredths of the time of the solution. The energy of the penalty on jumps at
-cut cells counts in full: by Galerkin's orthogonality the compliance that is missed is the energy of
-the error, penalty included, and the exact solution jumps nowhere (Burman, Ghost penalty, 2010).
+what a smooth part lets fall fast hides edges and joints, where it does not. The coarse spaces are
+parts of the fine one (see `coarsening`), so that nothing is integrated again: the best
+approximation there takes some products with the matrix that has been solved, a few hundredths of
+the time of the solution. The energy of the penalty on jumps at cut cells counts in full: by
+Galerkin's orthogonality the compliance that is missed is the energy of the error, penalty included,
+and the exact solution jumps nowhere (Burman, Ghost penalty, 2010).
 
 Guarantees: zero, up to rounding, for solutions that the coarse splines have, such as those of patch
 tests; no smoothness and no recovery is supposed, so it is large where walls are a cell thick, and

@@ -187,7 +187,14 @@ class Domain(Frozen):
         if on in SURFACES[1:]:
             rule = where(rule, np.asarray(rule.sets) == SURFACES.index(on) - 1)
         if not len(rule):
-            raise GeometryError(f"on={on!r}: the solid has no area there; choose another place")
+            hint = ""
+            if on in NAMES:
+                hint = (
+                    ": it may end there, or before, as a field does at the ends of its own bounds; "
+                    "make the domain smaller, take a condition such as 'x < 0.1', or"
+                )
+            raise GeometryError(f"on={on!r}: the solid has no area there{hint or ';'} choose "
+                                "another place")  # fmt: skip
         return on_cells(in_space(rule), self.volume.cells)
 
     def area_error(self, region: Region) -> float:

@@ -16,7 +16,9 @@ from degree 2 on, and of degree 1 with ``q=3, stabilization="ghost"``.
 Non-guarantees: the defaults of degree 1 are chosen for speed: stresses of an affine displacement
 are off by up to 0.2 % in the mean square, and by up to a tenth in slivers of cells; small
 displacements; stresses at re-entrant edges grow without bound under refinement; walls of a cell or
-two are too stiff, by a part that every solution estimates, and warns of (see `discretization`).
+two are too stiff, by a part that every solution estimates, and warns of (see `discretization`);
+functions that give loads or materials are asked at the points of the rules, `q` or more per
+direction and cell, and what they do in between is not seen.
 """
 
 import warnings
@@ -588,6 +590,13 @@ class Elasticity(Problem):
         assert rule.parameters is not None
         if load.kind == "temperature":
             s = self._thermal_stress(load, rule.parameters, self.assembly.owners(rule))
+            nowhere = np.flatnonzero(~np.isfinite(s).all(axis=1))
+            if len(nowhere):
+                at = ", ".join(f"{c:.4g}" for c in rule.points[nowhere[0]])
+                raise InputError(
+                    f"temperature: the solution of heat has none at ({at}); solve it on all of the "
+                    "solid"
+                )
             return None, s[:, PLACES]
         if load.kind == "pressure":
             assert rule.normals is not None

@@ -163,3 +163,15 @@ def test_conditions_that_hold_on_the_surface_alone_are_not_blamed():
     )
     problem = il.cutfem.Elasticity(grid).clamp("w=0")
     problem.load(pressure=1.0, on=lambda x: np.abs(np.hypot(x[:, 0], x[:, 1]) - 0.4) < 1e-6)
+
+
+def test_places_without_area_and_temperatures_that_are_not_there_are_told():
+    bare = il.cutfem.Elasticity(il.fields.box(1.0), 3)
+    with pytest.raises(GeometryError, match="ends of its own bounds"):
+        bare.clamp("u=0")
+    whole = lambda u: -np.ones(len(u))  # noqa: E731
+    heat = il.cutfem.Heat(whole, (2, 2, 2), domain=[[0, 0, 0], [2, 1, 1]])
+    warm = heat.fix("u=0", 0.0).fix("u=1", 4.0).solve()
+    bar = il.cutfem.Elasticity(whole, (5, 2, 2), domain=[[0, 0, 0], [4, 1, 1]], expansion=1e-3)
+    with pytest.raises(InputError, match="temperature: the solution of heat has none at"):
+        bar.clamp("u=0").load(temperature=warm).solve()
