@@ -175,3 +175,15 @@ def test_places_without_area_and_temperatures_that_are_not_there_are_told():
     bar = il.cutfem.Elasticity(whole, (5, 2, 2), domain=[[0, 0, 0], [4, 1, 1]], expansion=1e-3)
     with pytest.raises(InputError, match="temperature: the solution of heat has none at"):
         bar.clamp("u=0").load(temperature=warm).solve()
+
+
+def test_supports_that_contradict_where_regions_overlap_are_refused():
+    """They were averaged without a word."""
+    whole = lambda u: -np.ones(len(u))  # noqa: E731
+    bar = il.cutfem.Elasticity(whole, (4, 2, 2), domain=[[0, 0, 0], [4, 1, 1]])
+    for first in ("x < 0.001", "u=0"):
+        held = bar.clamp(first).load(force=(0, 0, 1), on="u=1")
+        with pytest.raises(InputError, match="contradict each other"):
+            held.clamp("x < 0.002", value=(1, 0, 0)).solve()
+        held.clamp("x < 0.002").clamp("y < 0.001", value=(0, 0, 0)).solve()
+        held.clamp("u=1", value=(1, 0, 0), where="z > 0.5").solve()
