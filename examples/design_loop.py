@@ -4,7 +4,9 @@ An arch of Schwarz-P tiles, held at both feet, bears a load on its back. The hal
 as one number and becomes a spline: after every analysis it grows, box by box, with the root of the
 recovered stress, so far that the energies of all boxes predict the compliance that is asked for.
 The number that is checked: within three rounds it is met to 1 %. Distances to the mid-surface are
-computed once, for the first wall: the count of closest-point queries stays as it is.
+computed once, for the first wall: the count of closest-point queries stays as it is. Four cells
+per tile keep the loop short, and are coarse: ``compliance too low by about`` says by how much, by
+estimate; take twice as many for the last round of a design.
 
     python examples/design_loop.py
 """
@@ -92,6 +94,7 @@ def main(
         "compliance before": first.compliance,
         "compliance asked for": target,
         "compliance": solution.compliance,
+        "compliance too low by about": solution.report.discretization_error,
         "rounds": rounds,
         "material added": after / before - 1.0,
         "thickest": float(c.max()),

@@ -16,7 +16,6 @@ points of quadrature too. Non-guarantees: what the map stretches changes the axe
 matrix; volume is not kept by projection: what hardly changes its volume locks, with a warning.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar
 
@@ -222,27 +221,27 @@ class Stiffness:
         Which axes matrices have.
     lattice : object or None
         Where named properties come from.
-    second : callable or None
+    phased : bool
         See `Scalar`.
     """
 
     value: Any
     axes: str = "space"
     lattice: Any = None
-    second: Callable[[FloatArray], Any] | None = None
+    phased: bool = False
 
     @classmethod
-    def of(cls, value: Any, axes: str, through: SplineMap | None, lattice: Any, second: Any) -> Any:
+    def of(cls, value: Any, axes: str, through: SplineMap | None, lattice: Any, phased: Any) -> Any:
         """What a user gave, checked, with axes of space wherever the map turns all alike."""
         if not among(axes, AXES):
             raise InputError(f"axes must be one of {AXES}, got {axes!r:.80}")
-        pair = isinstance(value, tuple | list) and len(value) == 2 and second is not None
+        pair = isinstance(value, tuple | list) and len(value) == 2 and phased
         J = np.eye(3)[None] if through is None else constant_jacobian(through)
         turn = None if axes == "space" or J is None else turns(J)[0]
         parts = [_checked(v, lattice, turn) for v in (value if pair else (value,))]
         if J is not None and not any(callable(p) or isinstance(p, Graded) for p in parts):
             axes = "space"
-        return cls(tuple(parts) if pair else parts[0], axes, lattice, second)
+        return cls(tuple(parts) if pair else parts[0], axes, lattice, phased)
 
     @property
     def paired(self) -> bool:
@@ -255,7 +254,7 @@ class Stiffness:
         if not self.paired:
             return self, self
         first, second = self.value
-        return replace(self, value=first, second=None), replace(self, value=second, second=None)
+        return replace(self, value=first, phased=False), replace(self, value=second, phased=False)
 
     @property
     def constant(self) -> bool:
@@ -263,11 +262,8 @@ class Stiffness:
         return isinstance(self.value, np.ndarray) and self.axes == "space"
 
     def at(self, asm: Assembly, u: FloatArray) -> FloatArray:
-        """Matrices (n, 6, 6) at parameters (n, 3), or (1, 6, 6) of a constant."""
-        if self.paired:
-            assert self.second is not None
-            first, second = (s.at(asm, u) for s in self.phases)
-            return np.where(self.second(u)[:, None, None], second, first)
+        """Matrices (n, 6, 6) at parameters (n, 3), or (1, 6, 6) of a constant; see `Scalar.at`."""
+        assert not self.paired
         C = self._matrices(asm, u)
         return C if self.axes == "space" else rotated(C, turns(asm.jacobians(u)))
 

@@ -22,7 +22,6 @@ from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.conditions import AXES, Support, values_at
 from ilattice.cutfem.domain import Domain
-from ilattice.cutfem.regions import SURFACES
 from ilattice.errors import InputError
 from ilattice.quadrature.rules import NAMES
 
@@ -163,7 +162,7 @@ def constraints(
 
 
 def check_agreement(domain: Domain, asm: Assembly, supports: tuple[Support, ...], m: int) -> None:
-    """Refuse different values on one place, at least one of them in the mean.
+    """Refuse different values at one point, at least one of them in the mean.
 
     Parameters
     ----------
@@ -177,11 +176,9 @@ def check_agreement(domain: Domain, asm: Assembly, supports: tuple[Support, ...]
     """
     for s, t in combinations(supports, 2):
         both = s.mask & t.mask
-        narrow = s.on if t.on == "surface" else t.on
-        same = s.on == t.on or ("surface" in (s.on, t.on) and narrow in SURFACES)
-        if not (same and both.any() and (s.weak or t.weak)):
+        if not (both.any() and (s.weak or t.weak)):
             continue
-        x = domain.edge(asm, narrow).points
+        x = _shared(domain.edge(asm, s.on).points, domain.edge(asm, t.on).points)
         a, b = (values_at("value", one.value, x, m)[:, both] for one in (s, t))
         off = np.abs(a - b)
         if len(x) and off.max() > SAME * max(np.abs(a).max(), np.abs(b).max()):
@@ -191,6 +188,14 @@ def check_agreement(domain: Domain, asm: Assembly, supports: tuple[Support, ...]
                 f"{np.round(x[row], 6).tolist()} one asks for {a[row, column]:g} and the other "
                 f"for {b[row, column]:g}; prescribe it once, or equal values"
             )
+
+
+def _shared(x: FloatArray, y: FloatArray) -> FloatArray:
+    """Points (n, 3) that are in both of two places, of which the rules are parts of the same."""
+    if x is y:
+        return x
+    rows = [np.ascontiguousarray(p).view([("", np.float64)] * 3).ravel() for p in (x, y)]
+    return x[np.isin(*rows)]
 
 
 def _refuse(

@@ -1,7 +1,8 @@
 """Two phases held together where they meet, by Nitsche's method.
 
 Symmetric, with tractions that are weighed by the stiffness of the other phase, so that neither
-a hard nor a soft inclusion spoils the condition of the matrix (Burman and Zunino, 2006), and the
+a hard nor a soft inclusion spoils the condition of the matrix (Burman and Zunino, 2006), and by how
+deep the phases are, so that thin coats do not (Annavarapu, Hautefeuille and Dolbow, 2012), and the
 penalty 10 p² / h of `weak`, of what these weights leave of the stiffness. Slivers need the ghost
 penalty, which phased problems always have.
 
@@ -21,12 +22,20 @@ from ilattice.cutfem._voigt import PLACES
 from ilattice.cutfem.anisotropic import Anisotropic, hindered
 from ilattice.cutfem.assembly import BATCH_BYTES, Assembly
 from ilattice.cutfem.conditions import Load
-from ilattice.cutfem.weak import NITSCHE, cell_heights, functions_at, normal_stiffness, tractions_of
+from ilattice.cutfem.weak import (
+    NITSCHE,
+    cell_heights,
+    depths,
+    functions_at,
+    normal_stiffness,
+    tractions_of,
+)
 from ilattice.quadrature.rules import Quadrature
 
 if TYPE_CHECKING:
     from ilattice.cutfem.elasticity import Elasticity
     from ilattice.cutfem.heat import Heat
+    from ilattice.cutfem.problem import Problem
 
 #: Takes the number of a side, its rows and gradients (n, nb, 3); returns tractions (n, m, nb, m).
 Tractions = Callable[[int, slice, FloatArray], FloatArray]
@@ -42,12 +51,13 @@ def add_elastic(data: FloatArray, problem: "Elasticity") -> None:
     matrices = _matrices(problem)
     if matrices is not None:
         Q = sum(
-            np.einsum("q,qijl,ql->qij", 2.0 * scale * s * s, normal_stiffness(C, n), n)
-            for s, C in zip(share, matrices, strict=True)
+            np.einsum("q,qijl,ql->qij", 2.0 * scale * s * s / f, normal_stiffness(C, n), n)
+            for s, f, C in zip(share, both_depths(problem), matrices, strict=True)
         )
         _add(data, asm, np.asarray(Q), _tractions(problem))
         return
-    lam, mu = scale * sum(s * s * v for s, v in zip(share, lame, strict=True))
+    deep = both_depths(problem)
+    lam, mu = scale * sum(s * s / f * v for s, f, v in zip(share, deep, lame, strict=True))
     nn = n[:, :, None] * n[:, None, :]
     Q = 2.0 * mu[:, None, None] * np.eye(3) + lam[:, None, None] * nn
     _add(data, asm, Q, _tractions(problem))
@@ -84,7 +94,7 @@ def _lame(problem: "Elasticity") -> tuple[tuple[FloatArray, FloatArray], list[Fl
         np.stack([np.broadcast_to(v, len(u)) for v in material.lame(asm, u)])
         for material in problem.material.phases
     ]
-    return shares(*(lam + 2.0 * mu for lam, mu in lame)), lame
+    return shares(problem, *(lam + 2.0 * mu for lam, mu in lame)), lame
 
 
 def _matrices(problem: "Elasticity") -> list[FloatArray] | None:
@@ -124,10 +134,11 @@ def add_heat(data: FloatArray, problem: "Heat") -> None:
     """Add what couples the phases of a conductor to blocks."""
     asm, rule, u = _surface(problem.assembly)
     k = [np.broadcast_to(s.at(asm, u), len(u)) for s in problem.conductivity.phases]
-    share, n = shares(*k), rule.normals
+    share, n = shares(problem, *k), rule.normals
     assert n is not None
     scale = 2.0 * NITSCHE * asm.space.degree**2 / cell_heights(asm, rule)
-    Q = scale * sum(s * s * v for s, v in zip(share, k, strict=True))
+    deep = both_depths(problem)
+    Q = scale * sum(s * s / f * v for s, f, v in zip(share, deep, k, strict=True))
 
     def fluxes(side: int, rows: slice, D: FloatArray) -> FloatArray:
         weighed = (share[side] * k[side])[rows, None] * n[rows]
@@ -141,7 +152,7 @@ def thermal_force(problem: "Elasticity", load: Load) -> FloatArray:
     asm, rule, u = _surface(problem.assembly)
     assert rule.normals is not None
     materials = problem.material.phases
-    share = shares(*(lam + 2.0 * mu for lam, mu in (m.lame(asm, u) for m in materials)))
+    share = shares(problem, *(lam + 2.0 * mu for lam, mu in (m.lame(asm, u) for m in materials)))
     stress = np.zeros((len(u), 6))
     for part, m in zip(share, materials, strict=True):
         one = hindered(m, asm, u) * problem._expansion_of(m, load, u)[:, None]
@@ -150,9 +161,24 @@ def thermal_force(problem: "Elasticity", load: Load) -> FloatArray:
     return asm.vector(upper(rule), f) - asm.vector(rule, f)
 
 
-def shares(first: FloatArray, second: FloatArray) -> tuple[FloatArray, FloatArray]:
+def shares(
+    problem: "Problem", first: FloatArray, second: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Weights of the tractions of two phases of some stiffness."""
-    return second / (first + second), first / (first + second)
+    one, other = both_depths(problem)
+    a, b = one * second, other * first
+    return a / (a + b), b / (a + b)
+
+
+def both_depths(problem: "Problem") -> tuple[FloatArray, FloatArray]:
+    """How deep both phases are at the seam; see `weak.depths`."""
+    asm, rule, _ = _surface(problem.assembly)
+
+    def make() -> tuple[FloatArray, FloatArray]:
+        return depths(problem.domain, asm, rule), depths(problem.domain, asm, upper(rule))
+
+    found: tuple[FloatArray, FloatArray] = problem.domain.once(("depths", asm), make)
+    return found
 
 
 def upper(rule: Quadrature) -> Quadrature:

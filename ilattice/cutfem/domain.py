@@ -7,7 +7,7 @@ Guarantee: what is asked for twice is computed once.
 """
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -38,6 +38,8 @@ from ilattice.quadrature.rules import (
     united,
 )
 
+#: Takes the number of a phase and an index of points; returns values (n, ...) or (1, ...) there.
+OfPhase = Callable[[int, Any], FloatArray]
 STABILIZATIONS = ("auto", "ghost", "void", "none")
 GUARD = 4e-9
 #: Weights of ghost penalties per degree and smoothness: as little as bounds the condition number by
@@ -97,13 +99,26 @@ class Domain(Frozen):
 
     #: The surface between two phases; see `PhasedDomain`.
     interface: ClassVar[Any] = None
-    #: Whether points are in the second of two phases; likewise.
-    second: ClassVar[Any] = None
+    #: Whether there are two phases.
+    phased: ClassVar[bool] = False
 
-    def by_phase(self, values: list[FloatArray], elements: IntArray) -> FloatArray:
-        """Of the values (n, ...) or (1, ...) of the phases those of some elements (n,)."""
+    def by_phase(self, values: OfPhase, elements: IntArray) -> FloatArray:
+        """Values (n, ...) at points, those of the phase of the element of each.
+
+        Parameters
+        ----------
+        values : callable
+            See `OfPhase`.
+        elements : ndarray, shape (n,)
+            Of the points.
+
+        Returns
+        -------
+        ndarray, shape (n, ...), or (1, ...) where the phases do not differ
+            Values.
+        """
         del elements  # there is one phase
-        return values[0]
+        return values(0, slice(None))
 
     def of_phases(self, rule: Quadrature) -> tuple[Quadrature, ...]:
         """The parts of a rule by elements in each phase."""
@@ -172,8 +187,19 @@ class Domain(Frozen):
         if on in SURFACES[1:]:
             rule = where(rule, np.asarray(rule.sets) == SURFACES.index(on) - 1)
         if not len(rule):
-            raise GeometryError(f"on={on!r}: the solid has no area there; choose another place")
+            hint = ""
+            if on in NAMES:
+                hint = (
+                    ": it may end there, or before, as a field does at the ends of its own bounds; "
+                    "make the domain smaller, take a condition such as 'x < 0.1', or"
+                )
+            raise GeometryError(f"on={on!r}: the solid has no area there{hint or ';'} choose "
+                                "another place")  # fmt: skip
         return on_cells(in_space(rule), self.volume.cells)
+
+    def area_error(self, region: Region) -> float:
+        """See `Region.error`."""
+        return self.once(("area", region), lambda: region.error(self.boundary(region.place)))
 
     def _whole_boundary(self) -> Quadrature:
         """All level sets and those end faces that the solid reaches."""

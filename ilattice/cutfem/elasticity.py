@@ -16,7 +16,9 @@ from degree 2 on, and of degree 1 with ``q=3, stabilization="ghost"``.
 Non-guarantees: the defaults of degree 1 are chosen for speed: stresses of an affine displacement
 are off by up to 0.2 % in the mean square, and by up to a tenth in slivers of cells; small
 displacements; stresses at re-entrant edges grow without bound under refinement; walls of a cell or
-two are too stiff, by a part that every solution estimates, and warns of (see `discretization`).
+two are too stiff, by a part that every solution estimates, and warns of (see `discretization`);
+functions that give loads or materials are asked at the points of the rules, `q` or more per
+direction and cell, and what they do in between is not seen.
 """
 
 import warnings
@@ -164,7 +166,7 @@ class Elasticity(Problem):
         through, lattice = where.cut.through, lattice_of(field)
         if lattice is None and through is not None and through.names:
             lattice = MapProperties(through)
-        known = {"lattice": lattice, "second": where.second}
+        known = {"lattice": lattice, "phased": where.phased}
         others = (
             Scalar("density", density, closed=True, **known),
             Scalar("expansion", expansion, -np.inf, **known),
@@ -411,15 +413,15 @@ class Elasticity(Problem):
     @cached_property
     def _largest_nu(self) -> float:
         """Largest Poisson's ratio, that of the nearest isotropic stiffness, at points of rules."""
-        if isinstance(self.material, Anisotropic):
-            parts = zip(
-                self.material.phases, self.domain.of_phases(self.domain.volume), strict=False
-            )
-            lame = [m.lame(self.assembly, part.points) for m, part in parts]
-            return float(max((0.5 * lam / (lam + mu)).max(initial=-1.0) for lam, mu in lame))
-        if self.material.poisson.constant:
-            return float(self.material.poisson.at(self.assembly, np.zeros((1, 3)))[0])
-        return float(self.material.poisson.at(self.assembly, self.domain.volume.points).max())
+        parts = self.domain.of_phases(self.domain.volume)
+        found = [-1.0]
+        for m, part in zip(self.material.phases, parts, strict=False):
+            if isinstance(m, Anisotropic):
+                lam, mu = m.lame(self.assembly, part.points)
+                found.append((0.5 * lam / (lam + mu)).max(initial=-1.0))
+            else:
+                found.append(m.poisson.at(self.assembly, part.points).max(initial=-1.0))
+        return float(max(found))
 
     def _matrix(self) -> Any:
         asm = self.assembly
@@ -487,7 +489,7 @@ class Elasticity(Problem):
         rho = rho if density is None else replace(rho, value=density)
         rule = on_cells(self.domain.volume, asm.space.cells)
         data = asm.zeros(3)
-        d = rho.at(asm, rule.points)[:, None]
+        d = self._scalar_at(rho, rule.points, asm.owners(rule))[:, None]
         asm.add_cells(data, rule, kernels.MASS, d)
         return self.constraints.reduce(asm.pattern.matrix(data), diagonal=False)
 
@@ -524,8 +526,23 @@ class Elasticity(Problem):
 
     def _ghost_stiffness(self, u: FloatArray, elements: IntArray) -> FloatArray:
         """2 μ."""
-        return 2.0 * self.domain.by_phase(
-            [m.lame(self.assembly, u)[1] for m in self.material.phases], elements
+        asm, phases = self.assembly, self.material.phases
+        return 2.0 * self.domain.by_phase(lambda k, at: phases[k].lame(asm, u[at])[1], elements)
+
+    def _lame(self, u: FloatArray, owner: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Lamé constants (n,) or (1,) at parameters in active cells, by the phases of these."""
+        asm, phases = self.assembly, self.material.phases
+        lam, mu = self.domain.by_phase(
+            lambda k, at: np.stack(phases[k].lame(asm, u[at]), axis=1), asm.space.cells[owner]
+        ).T
+        return lam, mu
+
+    def _matrices(self, u: FloatArray, owner: IntArray) -> FloatArray:
+        """Stiffness (n, 6, 6) or (1, 6, 6), likewise, of a material that is given by them."""
+        asm, phases = self.assembly, self.material.phases
+        return self.domain.by_phase(
+            lambda k, at: phases[k].matrices(asm, u[at]),  # type: ignore[union-attr]
+            asm.space.cells[owner],
         )
 
     def reactions(self, solution: "Solution") -> dict[str, FloatArray]:
@@ -573,13 +590,21 @@ class Elasticity(Problem):
         assert rule.parameters is not None
         if load.kind == "temperature":
             s = self._thermal_stress(load, rule.parameters, self.assembly.owners(rule))
+            nowhere = np.flatnonzero(~np.isfinite(s).all(axis=1))
+            if len(nowhere):
+                at = ", ".join(f"{c:.4g}" for c in rule.points[nowhere[0]])
+                raise InputError(
+                    f"temperature: the solution of heat has none at ({at}); solve it on all of the "
+                    "solid"
+                )
             return None, s[:, PLACES]
         if load.kind == "pressure":
             assert rule.normals is not None
             return -values_at(load.kind, load.value, rule.points, 1) * rule.normals, None
         value = values_at(load.kind, load.value, rule.points, 3)
         if load.kind == "gravity":
-            value *= self.material.density.at(self.assembly, rule.parameters)[:, None]
+            owner = self.assembly.owners(rule)
+            value *= self._scalar_at(self.material.density, rule.parameters, owner)[:, None]
         return value, None
 
     def thermal_strain(self, u: FloatArray) -> FloatArray:
@@ -596,9 +621,19 @@ class Elasticity(Problem):
             α ΔT.
         """
         u = as_points("u", u)
+        return self._thermal_strain(u, self.assembly.space.locate(u))
+
+    def _thermal_strain(self, u: FloatArray, owner: IntArray) -> FloatArray:
+        """`thermal_strain` at parameters in active cells."""
         heated = (load for load in self.loads if load.kind == "temperature")
-        return sum(
-            (self._expansion_of(self.material, load, u) for load in heated), np.zeros(len(u))
+        return sum((self._expansion(load, u, owner) for load in heated), np.zeros(len(u)))
+
+    def _expansion(self, load: Load, u: FloatArray, owner: IntArray) -> FloatArray:
+        """Free expansion (n,) under one temperature at parameters in active cells."""
+        phases = self.material.phases
+        return self.domain.by_phase(
+            lambda k, at: self._expansion_of(phases[k], load, u[at]),
+            self.assembly.space.cells[owner],
         )
 
     def _thermal_stress(self, load: Load, u: FloatArray, owner: IntArray) -> FloatArray:
@@ -619,17 +654,19 @@ class Elasticity(Problem):
             (3 λ + 2 μ) α ΔT on the diagonal, the change of volume 3 α ΔT projected if that of the
             solid is; xx, yy, zz, yz, xz, xy.
         """
-        asm, m = self.assembly, self.material
+        asm = self.assembly
         if self.projection is None:
-            # of the phase of the element: points of rules may seem to be on the other side
-            stresses = [
-                hindered(one, asm, u) * self._expansion_of(one, load, u)[:, None]
-                for one in m.phases
-            ]
-            return self.domain.by_phase(stresses, asm.space.cells[owner])
-        lam, mu = m.lame(asm, u)
+            phases = self.material.phases
+            return self.domain.by_phase(
+                lambda k, at: (
+                    hindered(phases[k], asm, u[at])
+                    * self._expansion_of(phases[k], load, u[at])[:, None]
+                ),
+                asm.space.cells[owner],
+            )
+        lam, mu = self._lame(u, owner)
         projected = self.projection.at(self.projected_expansion[load], u, owner)
-        strain = 3 * lam * projected + 2 * mu * self._expansion_of(m, load, u)
+        strain = 3 * lam * projected + 2 * mu * self._expansion(load, u, owner)
         return np.multiply.outer(strain, UNIT)
 
     @cached_property

@@ -152,15 +152,16 @@ def stress_error(solution: Solution) -> ErrorEstimate:
     assert rule.parameters is not None
     smooth = values_on(smoothest(problem), smooth_stress(solution, WEIGHTS), rule)
     gap = smooth - Solution.stress_on(solution, rule)
-    m, u = problem.material, rule.parameters
-    if isinstance(m, Anisotropic):
+    u, owner = rule.parameters, asm.owners(rule)
+    if isinstance(problem.material, Anisotropic):
         density = np.empty(len(rule))
         for i in range(0, len(rule), AT_ONCE):
             part = slice(i, i + AT_ONCE)
-            strain = np.linalg.solve(m.matrices(asm, u[part]), gap[part, :, None])[..., 0]
+            C = problem._matrices(u[part], owner[part])
+            strain = np.linalg.solve(C, gap[part, :, None])[..., 0]
             density[part] = (gap[part] * strain).sum(axis=1)
     else:
-        density = complementary(gap, *m.lame(asm, u))
+        density = complementary(gap, *problem._lame(u, owner))
     return _estimate(solution, rule, density, np.sqrt(2.0 * solution.energy))
 
 
@@ -172,7 +173,7 @@ def flux_error(solution: HeatSolution) -> ErrorEstimate:
     assert rule.parameters is not None
     raw = HeatSolution.heat_flux_on(solution, rule)
     gap = values_on(smoothest(problem), smooth_flux(solution, WEIGHTS), rule) - raw
-    k = problem.conductivity.at(asm, rule.parameters)
+    k = problem._scalar_at(problem.conductivity, rule.parameters, asm.owners(rule))
     norm = np.sqrt(rule.integrate((raw * raw).sum(axis=1) / k))
     return _estimate(solution, rule, (gap * gap).sum(axis=1) / k, norm)
 

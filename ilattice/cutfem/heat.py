@@ -34,7 +34,7 @@ from ilattice.cutfem.heat_solution import HeatHistory, HeatSolution, Step
 from ilattice.cutfem.material import Property, Scalar, jump_within_cells, warn_of_jump
 from ilattice.cutfem.phases import as_phased
 from ilattice.cutfem.problem import ISLANDS, Problem
-from ilattice.cutfem.weak import NITSCHE, cell_heights
+from ilattice.cutfem.weak import NITSCHE, cell_heights, depths
 from ilattice.errors import InputError
 from ilattice.linalg.solvers import LARGEST, Solver
 from ilattice.quadrature.rules import Quadrature, on_cells
@@ -95,7 +95,7 @@ class Heat(Problem):
             field, cells, degree=degree, smoothness=smoothness, q=q, stabilization=stabilization,
             weight=weight, domain=domain, through=through, phases=phases,
         )  # fmt: skip
-        known = {"lattice": lattice_of(field), "second": where.second}
+        known = {"lattice": lattice_of(field), "phased": where.phased}
         properties = {
             "conductivity": Scalar("conductivity", conductivity, **known),
             "capacity": Scalar("capacity", capacity, **known),
@@ -210,9 +210,10 @@ class Heat(Problem):
     def _solid_energy(self, c: FloatArray) -> float:
         asm, total = self.assembly, 0.0
         rule = self.domain.stiff_rule(asm, constant=self.conductivity.constant)
+        owner = asm.owners(rule)
         for rows, _, slope in asm.on_rule(c, rule):
             u = rule.points[rows]
-            k = self.conductivity.at(asm, u)
+            k = self._scalar_at(self.conductivity, u, owner[rows])
             weights = rule.weights[rows] * np.abs(np.linalg.det(asm.jacobians(u)))
             total += float((weights * k) @ (slope[:, 0] ** 2).sum(axis=1))
         return total
@@ -322,15 +323,16 @@ class Heat(Problem):
 
     def _ghost_stiffness(self, u: FloatArray, elements: IntArray) -> FloatArray:
         """Conductivity."""
-        k = [s.at(self.assembly, u) for s in self.conductivity.phases]
-        return self.domain.by_phase(k, elements)
+        asm, phases = self.assembly, self.conductivity.phases
+        return self.domain.by_phase(lambda k, at: phases[k].at(asm, u[at]), elements)
 
     @cached_property
     def _capacity(self) -> Any:
         asm = self.assembly
         data = asm.zeros(1)
         rule = on_cells(self.domain.volume, asm.space.cells)
-        asm.add_cells(data, rule, kernels.MASS, self.capacity.at(asm, rule.points)[:, None])
+        capacity = self._scalar_at(self.capacity, rule.points, asm.owners(rule))
+        asm.add_cells(data, rule, kernels.MASS, capacity[:, None])
         return asm.pattern.matrix(data)
 
     def _initial(self, initial: Any) -> FloatArray:
@@ -364,8 +366,10 @@ class Heat(Problem):
         if isinstance(support, Spring):
             Q = stiffness_at("transfer", support.stiffness, rule.points, 1)[:, 0]
             return rule, Q, np.zeros(len(rule))
-        k = np.array(np.broadcast_to(self.conductivity.at(asm, rule.parameters), len(rule)))
-        return rule, NITSCHE * asm.space.degree**2 * k / cell_heights(asm, rule), k
+        found = self._scalar_at(self.conductivity, rule.parameters, asm.owners(rule))
+        k = np.array(np.broadcast_to(found, len(rule)))
+        height = cell_heights(asm, rule) * depths(self.domain, asm, rule)
+        return rule, NITSCHE * asm.space.degree**2 * k / height, k
 
     def _add_surface(self, data: FloatArray, support: Spring | Support) -> None:
         asm = self.assembly

@@ -99,7 +99,7 @@ class HeatSolution(Reported, Result):
         """
         p = as_points("u", u)
         asm = self.problem.assembly
-        k = self.problem.conductivity.at(asm, p)
+        k = self.problem._scalar_at(self.problem.conductivity, p, asm.space.locate(p))
         return -k[:, None] * asm.evaluate(self.coefficients, p)[1][:, 0]
 
     def heat_flux_on(self, rule: Quadrature) -> FloatArray:
@@ -118,7 +118,8 @@ class HeatSolution(Reported, Result):
         as_kind("rule", rule, "Quadrature")
         asm, out = self.problem.assembly, np.empty((len(rule), 3))
         u = rule.points if rule.parameters is None else rule.parameters
-        k = np.broadcast_to(self.problem.conductivity.at(asm, u), len(rule))
+        k = self.problem._scalar_at(self.problem.conductivity, u, asm.owners(rule))
+        k = np.broadcast_to(k, len(rule))
         for rows, _, slope in asm.on_rule(self.coefficients, rule):
             out[rows] = -k[rows, None] * slope[:, 0]
         return out
@@ -187,8 +188,9 @@ class HeatSolution(Reported, Result):
         problem = self.problem
         rule = problem.domain.solid(problem.assembly)
         assert rule.parameters is not None
-        c, total = problem.capacity.at(problem.assembly, rule.parameters), 0.0
-        for rows, T, _ in problem.assembly.on_rule(self.coefficients, rule):
+        asm, total = problem.assembly, 0.0
+        c = problem._scalar_at(problem.capacity, rule.parameters, asm.owners(rule))
+        for rows, T, _ in asm.on_rule(self.coefficients, rule):
             total += float((rule.weights[rows] * (c if len(c) == 1 else c[rows])) @ T[:, 0])
         return total
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from ilattice._typing import AnyArray, FloatArray
+from ilattice._typing import FloatArray
 from ilattice._validate import as_array, asked, check_finite
 from ilattice.cutfem.assembly import Assembly
 from ilattice.errors import InputError, PrecisionWarning
@@ -90,8 +90,8 @@ class Scalar:
         Values must lie strictly between; with `closed`, low itself is allowed.
     lattice : Lattice, MapProperties or None
         Where named properties come from.
-    second : callable or None
-        Tells of parameters (n, 3) whether they are in the second phase, if there are two.
+    phased : bool
+        Whether there are two phases, so that the value may be a pair.
     """
 
     name: str
@@ -100,11 +100,11 @@ class Scalar:
     high: float = np.inf
     closed: bool = False
     lattice: "Tiling | MapProperties | None" = None
-    second: Callable[[FloatArray], AnyArray] | None = None
+    phased: bool = False
 
     def __post_init__(self) -> None:
         if self.paired:
-            if self.second is None or len(self.value) != 2:  # type: ignore[arg-type]
+            if not self.phased or len(self.value) != 2:  # type: ignore[arg-type]
                 raise InputError(
                     f"{self.name} must be one property, or a pair of them with phases=, got "
                     f"{self.value!r:.80}"
@@ -138,7 +138,7 @@ class Scalar:
         if not self.paired:
             return self, self
         first, second = self.value  # type: ignore[misc,str-unpack]
-        return replace(self, value=first, second=None), replace(self, value=second, second=None)
+        return replace(self, value=first, phased=False), replace(self, value=second, phased=False)
 
     @property
     def constant(self) -> bool:
@@ -146,7 +146,10 @@ class Scalar:
         return not (isinstance(self.value, str) or callable(self.value) or self.paired)
 
     def at(self, asm: Assembly, u: FloatArray) -> FloatArray:
-        """Values at parameters.
+        """Values at parameters, of what is no pair.
+
+        Of a pair those of the phase of the element count, see `Domain.by_phase`: a point of a rule
+        may seem to be on the other side of the surface between phases, by rounding.
 
         Parameters
         ----------
@@ -165,10 +168,7 @@ class Scalar:
         InputError
             If a value is out of range, or there is not one per point.
         """
-        if self.paired:
-            assert self.second is not None
-            first, second = (np.broadcast_to(s.at(asm, u), len(u)) for s in self.phases)
-            return np.where(self.second(u), second, first)
+        assert not self.paired
         if isinstance(self.value, str):
             assert self.lattice is not None
             return self._check(self.lattice.property_at(self.value, u))

@@ -15,7 +15,7 @@ may not be seen; nothing slides and nothing comes loose.
 import warnings
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import as_array, asked, read_only
 from ilattice.bspline import BSpline
 from ilattice.cutfem.connectivity import Parts, connected_parts
-from ilattice.cutfem.domain import Domain, as_domain, where
+from ilattice.cutfem.domain import Domain, OfPhase, as_domain, where
 from ilattice.cutfem.elements import ElementGrid, elements_of, regrouped
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.fields.node import Node
@@ -128,6 +128,7 @@ class PhasedDomain(Domain):
         See `PhasedGrid`.
     """
 
+    phased: ClassVar[bool] = True
     phases: tuple[CutGrid, CutGrid] = field(kw_only=True)
     level: Any = field(kw_only=True)
 
@@ -135,10 +136,17 @@ class PhasedDomain(Domain):
         """Whether points (n, 3) of parameters are in the second phase."""
         return np.asarray(self.level(u) >= 0.0)
 
-    def by_phase(self, values: list[FloatArray], elements: IntArray) -> FloatArray:
+    def by_phase(self, values: OfPhase, elements: IntArray) -> FloatArray:
         """See `Domain.by_phase`."""
         second = self.elements.second[elements]
-        return np.where(second.reshape(-1, *(1,) * (values[0].ndim - 1)), values[1], values[0])
+        if second.all() or not second.any():
+            return values(int(second.any()), slice(None))
+        rows = np.flatnonzero(~second), np.flatnonzero(second)
+        both = [values(k, at) for k, at in enumerate(rows)]
+        out = np.empty((len(elements), *both[0].shape[1:]))
+        for at, found in zip(rows, both, strict=True):
+            out[at] = found
+        return out
 
     def of_phases(self, rule: Quadrature) -> tuple[Quadrature, ...]:
         """See `Domain.of_phases`."""

@@ -23,7 +23,8 @@ from ilattice.cutfem.conditions import Load, Spring, Support, as_mask, as_value,
 from ilattice.cutfem.constraints import Constraints, check_agreement, constraints
 from ilattice.cutfem.discretization import Product
 from ilattice.cutfem.domain import Domain
-from ilattice.cutfem.regions import Region, as_place
+from ilattice.cutfem.material import Scalar
+from ilattice.cutfem.regions import ROUGH, Region, as_place
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.linalg._engines import ENGINES
 from ilattice.linalg.solvers import LARGEST, Solver, SolveReport
@@ -126,6 +127,7 @@ class Problem:
             )
         weak = method == "nitsche" or place not in NAMES
         self.domain.boundary(place)
+        self._warn_rough(place)
         if isinstance(components, str) and components == "n":
             components = self._normal(place)
         new = Support(place, as_mask(components, self.m), as_value(name, value, self.m), weak)
@@ -137,6 +139,7 @@ class Problem:
             raise InputError(f"{name} must not be negative, and not all zero, got {stiffness!r}")
         new = Spring(self._named(as_place(on, where)), k, as_value("value", value, self.m))
         self.domain.boundary(new.on)
+        self._warn_rough(new.on)
         return self._with(springs=(*self.springs, new), _held={})
 
     def _loaded(self, kind: str, value: Any, m: int, on: Any = "", where: Any = None) -> Self:
@@ -144,6 +147,8 @@ class Problem:
         if not isinstance(on, str) or on:
             on = as_place(on, where)
             self.domain.boundary(on)
+            if kind not in ("force", "moment"):
+                self._warn_rough(on)
         return self._with(loads=(*self.loads, Load(kind, value, on)))
 
     def _named(self, place: str | Region) -> str | Region:
@@ -153,6 +158,20 @@ class Problem:
         known = {str(s.on) for s in self.supports} | {str(s.on) for s in self.springs}
         names = (place.name if k == 1 else f"{place.name} ({k})" for k in count(1))
         return replace(place, name=next(name for name in names if name not in known))
+
+    def _warn_rough(self, place: str | Region) -> None:
+        """Warn of a region of which the area is not known well."""
+        if isinstance(place, str):
+            return
+        error = self.domain.area_error(place)
+        if error > ROUGH:
+            warnings.warn(
+                f"on={place}: its area is off by about {100 * error:.2g} %, since its edge passes "
+                "through cells, and so are tractions and supports; take finer cells, or an edge "
+                "along them, or loads by force= and moment=, whose sums are exact",
+                PrecisionWarning,
+                stacklevel=4,
+            )
 
     def _normal(self, place: str | Region) -> tuple[int]:
         """The axis that is normal to a flat place."""
@@ -164,6 +183,12 @@ class Problem:
                 f"components='n': {place} is not flat and normal to x, y or z; name components"
             )
         return (axis,)
+
+    def _scalar_at(self, scalar: Scalar, u: FloatArray, owner: IntArray) -> FloatArray:
+        """A property (n,) or (1,) at parameters in active cells, that of the phase of the cell."""
+        asm, phases = self.assembly, scalar.phases
+        cells = asm.space.cells[owner]
+        return self.domain.by_phase(lambda k, at: phases[k].at(asm, u[at]), cells)
 
     @property
     def in_the_mean(self) -> tuple[Spring | Support, ...]:

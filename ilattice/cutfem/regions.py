@@ -3,7 +3,8 @@
 Guarantee: areas of regions are sums over the points of a rule; loads that are given as a resultant
 are distributed over these, so that their sums are exact. Non-guarantee: the edge of a region runs
 through cells without dividing them: its area is known to about a point of the rule in each cell
-that it passes.
+that it passes. By how much it is off is estimated from what each point stands for, and told above
+`ROUGH`; edges that have all points near by on one side are not seen.
 """
 
 from collections.abc import Callable
@@ -11,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import binary_dilation
 
 from ilattice._typing import AnyArray, FloatArray
 from ilattice._validate import Frozen, among, as_array, asked
@@ -24,6 +26,13 @@ SURFACES = ("surface", "outer", "inner")
 #: All level sets and end faces together.
 BOUNDARY = "boundary"
 PLACES = (*NAMES, *SURFACES, BOUNDARY)
+#: Error of the area of a region, as a part of it, above which it is warned of.
+ROUGH = 0.02
+#: Places per direction in what a point stands for, and the parts of these that must be inside and
+#: outside for an edge to pass there; of points far from edges this part must agree.
+SUBDIVIDED, SEEN, AGREE = 5, 0.15, 0.9
+#: Part of what a point stands for that is not known, since that is no square.
+ROUND = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +92,44 @@ class Region(Frozen):
             raise GeometryError(f"on={self.name}: no surface there; {self._nearest(points)}")
         return found
 
+    def error(self, rule: Quadrature) -> float:
+        """Estimated error of the area of the region, as a part of it.
+
+        Each point stands for a square in the tangent plane: what of it is on the other side of the
+        edge than the point is wrong. NaN for conditions that do not hold beside the surface.
+
+        Parameters
+        ----------
+        rule : Quadrature
+            On the place, in space.
+
+        Returns
+        -------
+        float
+            Positive.
+        """
+        assert rule.normals is not None
+        found = np.asarray(asked("on", self.inside, rule.points))
+        axis = np.eye(3)[np.abs(rule.normals).argmin(axis=1)]
+        first = np.cross(rule.normals, axis)
+        first /= np.linalg.norm(first, axis=1, keepdims=True)
+        length = np.sqrt(rule.weights)[:, None]
+        steps = (np.arange(SUBDIVIDED) + 0.5) / SUBDIVIDED - 0.5
+        share = np.zeros(len(rule))
+        for s in steps:
+            for t in steps:
+                away = length * (s * first + t * np.cross(rule.normals, first))
+                share += np.asarray(asked("on", self.inside, rule.points + away))
+        share /= SUBDIVIDED**2
+        some_in, some_out = _around(rule, found), _around(rule, ~found)
+        inner = found & ~some_out
+        if inner.any() and share[inner].mean() < AGREE:
+            return float("nan")
+        passes = some_in & some_out & (share > SEEN) & (share < 1.0 - SEEN)
+        off = abs(float((rule.weights * np.where(passes, share - found, 0.0)).sum()))
+        off += ROUND * float(rule.weights[passes].sum())
+        return off / float(rule.weights[found].sum())
+
     def _nearest(self, x: FloatArray) -> str:
         if self.planes is None or not len(x):
             span = " to ".join(str(np.round(a, 6).tolist()) for a in (x.min(axis=0), x.max(axis=0)))
@@ -90,6 +137,19 @@ class Region(Frozen):
         outside = np.maximum(-(x @ self.planes[:, :3].T + self.planes[:, 3]), 0.0).max(axis=1)
         k = int(np.argmin(outside))
         return f"the nearest is {outside[k]:.3g} away, at {np.round(x[k], 6).tolist()}"
+
+
+def _around(rule: Quadrature, what: AnyArray) -> AnyArray:
+    """Whether something holds at points of the same side of the solid in cells next to each."""
+    assert rule.normals is not None
+    grid = rule.grid
+    main = np.abs(rule.normals).argmax(axis=1)
+    side = 2 * main + (rule.normals[np.arange(len(rule)), main] > 0)
+    at = (side, *grid.places(rule.cells)[rule.owners].T)
+    found = np.zeros((6, *grid.shape), bool)
+    np.logical_or.at(found, at, what)
+    near = np.ones((1, 3, 3, 3), bool)
+    return np.asarray(binary_dilation(found, near)[at])
 
 
 def as_place(on: Any, where: Any = None) -> str | Region:

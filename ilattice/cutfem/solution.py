@@ -107,7 +107,8 @@ class Solution(Reported, Stresses):
         problem = self.problem
         rule = problem.domain.solid(problem.assembly)
         assert rule.parameters is not None
-        used = von_mises(self.stress_on(rule)) / self._strength(rule.parameters)
+        owner = problem.assembly.owners(rule)
+        used = von_mises(self.stress_on(rule)) / self._strength(rule.parameters, owner)
         return float(1.0 / max(used.max(), 1e-300))
 
     @cached_property
@@ -129,18 +130,18 @@ class Solution(Reported, Stresses):
         for rows, _, gradient in asm.on_rule(self.coefficients, rule):
             u = rule.points[rows]
             weights = rule.weights[rows] * np.abs(np.linalg.det(asm.jacobians(u)))
-            m = problem.material
-            if isinstance(m, Anisotropic):
+            mine = owner[rows]
+            if isinstance(problem.material, Anisotropic):
                 if heated:
-                    gradient -= problem.thermal_strain(u)[:, None, None] * np.eye(3)
-                e = engineering_strain(gradient)
-                total += 0.5 * float(weights @ (times(m.matrices(asm, u), e) * e).sum(axis=1))
+                    gradient -= problem._thermal_strain(u, mine)[:, None, None] * np.eye(3)
+                e, C = engineering_strain(gradient), problem._matrices(u, mine)
+                total += 0.5 * float(weights @ (times(C, e) * e).sum(axis=1))
                 continue
-            lam, mu = m.lame(asm, u)
-            volume = self._dilatation(gradient, u, owner[rows])
+            lam, mu = problem._lame(u, mine)
+            volume = self._dilatation(gradient, u, mine)
             if heated:
-                gradient -= problem.thermal_strain(u)[:, None, None] * np.eye(3)
-                volume -= self._thermal_dilatation(u, owner[rows])
+                gradient -= problem._thermal_strain(u, mine)[:, None, None] * np.eye(3)
+                volume -= self._thermal_dilatation(u, mine)
             shape = elastic_stress(gradient, np.zeros(1), mu) * engineering_strain(gradient)
             total += 0.5 * float(weights @ (shape.sum(axis=1) + lam * volume**2))
         return total
@@ -149,7 +150,7 @@ class Solution(Reported, Stresses):
         """Change of volume (n,) of free expansion, projected as `_dilatation` is."""
         problem = self.problem
         if problem.projection is None:
-            return 3.0 * problem.thermal_strain(u)
+            return 3.0 * problem._thermal_strain(u, owner)
         heat = problem.projected_expansion.values()
         return 3.0 * sum((problem.projection.at(c, u, owner) for c in heat), np.zeros(len(u)))
 

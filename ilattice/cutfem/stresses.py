@@ -128,13 +128,15 @@ class Stresses(Result):
         InputError
             If the problem was made without `strength`.
         """
-        return self.von_mises(u) / self._strength(u)
+        p = as_points("u", u)
+        return self.von_mises(p) / self._strength(p, self.problem.assembly.space.locate(p))
 
-    def _strength(self, u: ArrayLike) -> FloatArray:
+    def _strength(self, u: FloatArray, owner: IntArray) -> FloatArray:
+        """Strength (n,) or (1,) at parameters in active cells."""
         strength = self.problem.material.strength
         if strength is None:
             raise InputError("the material has no strength: give Elasticity(..., strength=...)")
-        return strength.at(self.problem.assembly, as_points("u", u))
+        return self.problem._scalar_at(strength, u, owner)
 
     def point_data(self, u: ArrayLike) -> dict[str, AnyArray]:
         """What files hold, at parameters.
@@ -153,7 +155,9 @@ class Stresses(Result):
         stress = self.stress(u)
         data = {"displacement": self.evaluate(u), "stress": stress, "von_mises": von_mises(stress)}
         if self.problem.material.strength is not None:
-            data["utilization"] = data["von_mises"] / self._strength(u)
+            p = as_points("u", u)
+            strength = self._strength(p, self.problem.assembly.space.locate(p))
+            data["utilization"] = data["von_mises"] / strength
         return data
 
     def _fields(self, u: ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -161,11 +165,10 @@ class Stresses(Result):
 
     def _stress(self, gradient: FloatArray, u: FloatArray, owner: IntArray) -> FloatArray:
         problem = self.problem
-        m = problem.material
-        if isinstance(m, Anisotropic):
-            out = times(m.matrices(problem.assembly, u), engineering_strain(gradient))
+        if isinstance(problem.material, Anisotropic):
+            out = times(problem._matrices(u, owner), engineering_strain(gradient))
         else:
-            lam, mu = m.lame(problem.assembly, u)
+            lam, mu = problem._lame(u, owner)
             out = elastic_stress(gradient, lam * self._dilatation(gradient, u, owner), mu)
         for load in problem.loads:
             if load.kind == "temperature":

@@ -1,9 +1,10 @@
 """Conditions on surfaces that are met in the mean: springs, and supports by Nitsche's method.
 
 The symmetric method of Nitsche, 1971, with the penalty 10 p² (2 μ u·v + λ (u·n)(v·n)) / h, where h
-is the height in space of the cell along the normal. On surfaces that cut cells it needs the ghost
-penalty, which problems with such supports always have. Changes of volume that are projected cell by
-cell are not held by that: the penalty of λ is at least twice what their tractions can do there.
+is the height in space of the cell along the normal, or less where the solid is a thin layer there.
+On surfaces that cut cells it needs the ghost penalty, which problems with such supports always
+have. Changes of volume that are projected cell by cell are not held by that: the penalty of λ is at
+least twice what their tractions can do there.
 
 Guarantee: consistent, so that the order of the space is kept; symmetric.
 """
@@ -21,13 +22,18 @@ from ilattice.cutfem.anisotropic import Anisotropic
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.conditions import Spring, Support, stiffness_at, values_at
 from ilattice.cutfem.space import IDENTITY
-from ilattice.quadrature.rules import Quadrature
+from ilattice.quadrature.rules import Quadrature, on_cells
 
 if TYPE_CHECKING:
+    from ilattice.cutfem.domain import Domain
     from ilattice.cutfem.elasticity import Elasticity
     from ilattice.cutfem.solution import Solution
 
 NITSCHE = 10.0
+#: Volume over area of a surface in a cell, in heights of it, below which the penalty grows as that
+#: falls: so do the tractions that thin layers and slivers with no solid beside them can have. And
+#: how thin they may seem.
+THIN, LEAST = 0.2, 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,15 +77,17 @@ def elastic_terms(problem: "Elasticity", support: Spring | Support) -> Terms:
         none = np.zeros((len(u), 3))
         return Terms(rule, k[:, :, None] * np.eye(3), none[:, :2], none[:, 2], np.zeros(3))
     scale = NITSCHE * asm.space.degree**2 / cell_heights(asm, rule)
+    scale /= depths(problem.domain, asm, rule)
     mask = support.mask.astype(np.float64)
     if isinstance(problem.material, Anisotropic):
-        along = normal_stiffness(problem.material.matrices(asm, u), n)
+        along = normal_stiffness(problem._matrices(u, asm.owners(rule)), n)
         # of tractions that a strain makes no more than this can be had from its energy
         Q = 2.0 * scale[:, None, None] * np.einsum("qijl,ql->qij", along, n)
         none = np.zeros((len(u), 3))
         Q *= mask[:, None] * mask
         return Terms(rule, Q, none[:, :2], none[:, 2], mask, along)
-    lame = np.stack([np.broadcast_to(v, len(u)) for v in problem.material.lame(asm, u)], axis=1)
+    both = problem._lame(u, asm.owners(rule))
+    lame = np.stack([np.broadcast_to(v, len(u)) for v in both], axis=1)
     nn = n[:, :, None] * n[:, None, :] * (mask[:, None] * mask)
     Q = 2 * lame[:, 1, None, None] * np.diag(mask) + lame[:, 0, None, None] * nn
     Q *= scale[:, None, None]
@@ -184,6 +192,19 @@ def cell_heights(asm: Assembly, rule: Quadrature) -> FloatArray:
     along = np.einsum("qki,qi->qk", np.broadcast_to(np.linalg.inv(J), (len(rule), 3, 3)),
                       rule.normals) / extent  # fmt: skip
     return 1.0 / np.linalg.norm(along, axis=1)
+
+
+def depths(domain: "Domain", asm: Assembly, rule: Quadrature) -> FloatArray:
+    """How deep (n,) the solid behind the points of a surface rule is, at most 1; see `THIN`."""
+    assert rule.parameters is not None
+    cells = asm.space.cells
+    at = np.searchsorted(cells, rule.cells)[rule.owners]
+    volume = on_cells(domain.volume, cells)
+    there = np.bincount(np.searchsorted(cells, volume.cells), volume.integrate_cells(), len(cells))
+    area = np.bincount(at, rule.weights, len(cells))
+    size = np.abs(np.linalg.det(asm.jacobians(rule.parameters)))
+    depth = there[at] * size / (THIN * cell_heights(asm, rule) * area[at])
+    return np.clip(depth, LEAST, 1.0)
 
 
 def normal_stiffness(C: FloatArray, n: FloatArray) -> FloatArray:

@@ -52,8 +52,8 @@ class ConductiveCell(CellProblem, Heat):
     def _minus_flux(self, e: FloatArray, rule: Quadrature) -> tuple[None, FloatArray]:
         """Flux P (n, 1, 3) that a mean gradient loads with at the points of a rule in space."""
         assert rule.parameters is not None
-        both = [s.at(self.assembly, rule.parameters) for s in self.conductivity.phases]
-        k = np.broadcast_to(self.domain.by_phase(both, rule.cells[rule.owners]), len(rule))
+        found = self._scalar_at(self.conductivity, rule.parameters, self.assembly.owners(rule))
+        k = np.broadcast_to(found, len(rule))
         return None, -k[:, None, None] * e
 
     def _seam_force(self, e: FloatArray) -> FloatArray:
@@ -64,7 +64,7 @@ class ConductiveCell(CellProblem, Heat):
         assert rule.normals is not None
         assert rule.parameters is not None
         k = [s.at(asm, rule.parameters) for s in self.conductivity.phases]
-        flux = sum(s * v for s, v in zip(coupling.shares(*k), k, strict=True))
+        flux = sum(s * v for s, v in zip(coupling.shares(self, *k), k, strict=True))
         f = (rule.weights * flux * (rule.normals @ e))[:, None]
         return asm.vector(rule, f) - asm.vector(coupling.upper(rule), f)
 

@@ -65,10 +65,10 @@ class ElasticCell(CellProblem, Elasticity):
     def _minus_flux(self, E: FloatArray, rule: Quadrature) -> tuple[None, FloatArray]:
         """Stress P (n, 3, 3) that a mean strain loads with at the points of a rule in space."""
         assert rule.parameters is not None
-        # of the phase of the element: points of rules may seem to be on the other side
-        asm, u = self.assembly, rule.parameters
-        both = [_stress(m, asm, u, E) for m in self.material.phases]
-        stress = self.domain.by_phase(both, rule.cells[rule.owners])
+        asm, u, phases = self.assembly, rule.parameters, self.material.phases
+        stress = self.domain.by_phase(
+            lambda k, at: _stress(phases[k], asm, u[at], E), rule.cells[rule.owners]
+        )
         return None, np.broadcast_to(-stress, (len(rule), 3, 3))
 
     def _seam_force(self, E: FloatArray) -> FloatArray:
@@ -79,7 +79,7 @@ class ElasticCell(CellProblem, Elasticity):
         assert rule.normals is not None
         assert rule.parameters is not None
         lame = [m.lame(asm, rule.parameters) for m in self.material.phases]
-        share = coupling.shares(*(lam + 2.0 * mu for lam, mu in lame))
+        share = coupling.shares(self, *(lam + 2.0 * mu for lam, mu in lame))
         stress = sum(
             s[:, None, None] * _stress(m, asm, rule.parameters, E)
             for s, m in zip(share, self.material.phases, strict=True)

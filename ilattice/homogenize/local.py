@@ -115,7 +115,7 @@ def first_yield(
         u, owner = rule.parameters[rows], owners[rows]
         g = gradient.reshape(-1, 6, 3, 3) + E
         local = np.stack([one._stress(g[:, a], u, owner) for a, one in enumerate(unit)])
-        limit = strength.at(asm, u)
+        limit = problem._scalar_at(strength, u, owner)
         for i, strain in enumerate(strains):
             equivalent = von_mises(np.einsum("a,anj->nj", strain, local))
             used[i] = max(used[i], float((equivalent / limit).max(initial=0.0)))

@@ -15,6 +15,7 @@ from numba import njit
 from ilattice.quadrature._kernels_bernstein import bend, extremes, halve, slopes, straight
 from ilattice.quadrature._kernels_columns import strips
 from ilattice.quadrature._kernels_crossings import crossing, least_slope, may_cross, steepest
+from ilattice.quadrature._kernels_pairs import has_pairs
 from ilattice.quadrature._kernels_scratch import (
     ACTIVE,
     CAP,
@@ -99,8 +100,30 @@ def first_faces(Z: Any, N: Any, at: int, n: int, e0: int, L: Any) -> None:
 
 
 @njit(**INNER)
+def face_pairs(Z: Any, N: Any, here: int, n_faces: int, L: Any) -> int:
+    """Direction along which all cut faces are steep, or have two well parted roots; or -1.
+
+    Least and largest differences are in SPANS.
+    """
+    square = len(L) * len(L)
+    for axis in range(2):
+        good = True
+        for j in range(n_faces):
+            low = Z[SPANS + axis * ROW + j * 2]
+            high = Z[SPANS + axis * ROW + j * 2 + 1]
+            c, eps = here + N[CUT_FACES + j] * square, Z[TOL + N[OWNERS + j]]
+            steep = max(low, -high) >= SHARE * steepest(Z, j, 2)
+            good = good and (steep or has_pairs(Z, c, axis, eps, L))
+        if good:
+            return axis
+    return -1
+
+
+@njit(**INNER)
 def face_axis(Z: Any, N: Any, here: int, n_faces: int, L: Any) -> Any:
     """Direction in which all cut faces are monotone, or -1, and whether they are steep there.
+
+    Or along which they have two well parted roots.
 
     Where faces of different polynomials vanish together their crossing must be well known.
     """
@@ -117,6 +140,9 @@ def face_axis(Z: Any, N: Any, here: int, n_faces: int, L: Any) -> Any:
     if axis < 0 and N[PROJECT]:
         axis, score = best_axis(Z, N, 2, n_faces, OWNERS, SENSE, True)
     good = score >= SHARE
+    if axis < 0:
+        axis = face_pairs(Z, N, here, n_faces, L)
+        good = axis >= 0
     for i in range(n_faces):
         for j in range(i):
             if good and may_cross(Z, N, here, i, j, L):

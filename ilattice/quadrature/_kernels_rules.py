@@ -15,6 +15,7 @@ from numba import njit
 from ilattice.quadrature._kernels_bases import base, best_axis
 from ilattice.quadrature._kernels_bernstein import bend, extremes, halve, slopes, straight
 from ilattice.quadrature._kernels_crossings import project_seams, rising
+from ilattice.quadrature._kernels_pairs import pair_axis
 from ilattice.quadrature._kernels_scratch import (
     ACTIVE,
     BOXES,
@@ -356,19 +357,23 @@ def cell_rule(
                 flat = axis >= 0
             good = score >= SHARE and axis >= 0
             N[SEAMS] = 0
+            pair = -1
+            if axis < 0 and n == 1:
+                pair = pair_axis(Z, here + N[ACTIVE] * cube, Z[TOL + N[ACTIVE]], L)
             if n > 1 and axis >= 0:
                 good = project_seams(Z, N, here, n, axis, L) and good
             box = BOXES + 8 * level
-            if not good and (axis < 0 or Z[box + 7] < accept) and Z[box + 6] < CAP:
+            small = Z[box + 6] >= CAP or (axis >= 0 and Z[box + 7] >= accept)
+            if not good and pair < 0 and not small:
                 halve_box(Z, N, level, m, n, axis >= 0, L)
                 level += 1
                 continue
             N[UNSURE] = 1
             crowd = axis < 0
             if crowd:
-                axis = steepest_axis(Z, n)
+                axis = pair if pair >= 0 else steepest_axis(Z, n)
             N[TABLE] = table
-            soft = not good and bent(Z, N, here, n, L)
+            soft = not good and pair < 0 and bent(Z, N, here, n, L)
             if flat and want & SURFACE:
                 surfaces_by_axes(Z, N, volume, surface, here, n, soft, accept, q, L)
             else:

@@ -1,5 +1,6 @@
 """Slivers: condition numbers and iterations do not depend on how cells are cut."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -124,3 +125,21 @@ def test_what_holds_lone_cells_spares_linear_fields():
     np.testing.assert_allclose(
         taken, lone.weights * h**3 * h**4 / 180, rtol=1e-9
     )  # of (t² - 1/12)²
+
+
+@pytest.mark.parametrize("k", [8, 14, 56])
+def test_crumbs_of_opaque_solids_are_held(k):
+    """A part of 1e-9 of a cell, held in the mean: K had a negative diagonal."""
+    rng = np.random.default_rng(k)
+    f = il.fields.rotate(
+        il.fields.box(rng.uniform(0.2, 0.6, 3)), rng.uniform(0, 3), rng.normal(size=3)
+    )
+    f = il.fields.union(
+        f, il.fields.translate(il.fields.sphere(rng.uniform(0.2, 0.4)), rng.uniform(-0.4, 0.4, 3))
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        problem = il.cutfem.Elasticity(lambda x: f(x), 6, domain=[[-1.0] * 3, [1.0] * 3])
+        problem = problem.clamp("surface").load(body=(0.1, 0.2, 0.3))
+        assert problem.matrix.diagonal().min() > 0.0
+        assert 0.0 < problem.solve().energy < 1.0

@@ -215,7 +215,8 @@ def test_what_the_penalty_on_jumps_takes_is_in_the_estimate(p, r):
 
     coarse = levels(problem.assembly.space)
     rest = relative_error(coarse, multiply, full.diagonal().reshape(c.shape), c, con.fixed, energy)
-    np.testing.assert_allclose(report.discretization_error, rest + jumps / energy, rtol=1e-4)
+    # parts of nodes cancel, so that they have fewer digits than the solution
+    np.testing.assert_allclose(report.discretization_error, rest + jumps / energy, rtol=1e-3)
 
 
 def place(body):
@@ -236,9 +237,36 @@ def test_the_estimate_of_a_beam_is_near_what_is_missing(n, p):
         return bar(cells, degree).clamp("w=0").load(traction=(1.0, 0, 0), on="w=1")
 
     found, error = value(loaded(n, p))
-    exact, _ = value(loaded(8, 2))
+    exact, _ = value(loaded(5, 3))
     missing = exact / found - 1.0
     assert 0.5 * missing < error < 2.0 * missing
+
+
+CSG = il.fields.difference(
+    il.fields.box((0.55, 0.6, 1.2)),
+    il.fields.union(
+        il.fields.translate(il.fields.sphere(0.4), (0.3, -0.35, 0.1)),
+        il.fields.capsule((-1.5, 0.2, -0.4), (1.6, -0.1, 0.3), 0.2),
+    ),
+)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_estimate_sees_edges_beside_what_is_smooth(seed):
+    """Bodies with edges: a smooth part let the estimate of the whole fall three times too low."""
+    rng = np.random.default_rng(seed)
+    n, load = rng.integers(5, 8, 3), rng.standard_normal(3)
+    box = np.array([-1.1 + 0.2 * rng.random(3), 1.0 + 0.2 * rng.random(3)])
+
+    def solve(cells):
+        held = Elasticity(CSG, tuple(cells), domain=box).clamp("w=0")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", PrecisionWarning)
+            return held.load(body=lambda x: load + 0.3 * np.sin(2 * x)).solve()
+
+    coarse, fine = solve(n), solve(2 * n)
+    off = fine.compliance / coarse.compliance - 1.0
+    assert off < 2.0 * coarse.report.discretization_error
 
 
 # ------------------------------------------------------------------------------ warnings

@@ -96,3 +96,34 @@ def test_tilted_boxes_are_closed_by_their_faces(seed):
         )  # fmt: skip
         closed = rule.points.T @ (rule.weights[:, None] * rule.normals)
         np.testing.assert_allclose(closed, 8 * half.prod() * np.eye(3), atol=2e-11)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_two_planes_as_one_polynomial_take_no_more_than_a_shell(seed, sign):
+    """Boxes had to be as small as what is between the planes: 6 million points at 0.06 cells."""
+    rng = np.random.default_rng(seed)
+    n = rng.standard_normal(3)
+    n /= np.linalg.norm(n)
+    cells = rng.integers(4, 9, 3)
+    low = float(rng.uniform(-0.2, 0.2))
+    high = low + 10.0 ** rng.uniform(-2.5, -0.3) * 2.0 / cells.max()
+    domain = [[-1.0] * 3, [1.0] * 3]
+    pair = (lambda x: low - x @ n, lambda x: x @ n - high)
+    shell = il.cutfem.cut(pair, tuple(cells), domain=domain)
+    one = il.cutfem.cut(
+        lambda x: sign * (x @ n - low) * (x @ n - high), tuple(cells), domain=domain
+    )  # fmt: skip
+    volume = shell.volume(3).weights.sum()
+    found = one.volume(3)
+    expected = volume if sign > 0 else 8.0 - volume
+    assert found.weights.sum() == pytest.approx(expected, rel=1e-10)
+    assert len(found) < (3 * len(shell.volume(3)) if sign > 0 else 6 * 27 * cells.prod())
+    assert one.surface(3).weights.sum() == pytest.approx(shell.surface(3).weights.sum(), rel=1e-9)
+    normals = one.surface(3).normals
+    away = np.where(one.surface(3).points @ n > 0.5 * (low + high), sign, -sign)
+    np.testing.assert_allclose(normals, away[:, None] * n, atol=1e-6)
+    for name in ("u=0", "v=1", "w=1"):
+        area = shell.face(name, 3).weights.sum()
+        expected = area if sign > 0 else 4.0 - area
+        assert one.face(name, 3).weights.sum() == pytest.approx(expected, rel=1e-9)

@@ -348,3 +348,122 @@ def test_areas_that_a_step_makes_uncertain_are_told():
     with pytest.warns(PrecisionWarning, match="level set lies on faces of the solid"):
         held = Elasticity(solid, 6, phases="z - 0.313", **options)
     assert len(held.domain.interface)
+
+
+# ------------------------------------------------------------------------------ hard and soft
+
+
+def composite(kind, seed, contrast, **options):
+    """A cube in which a wavy surface between a soft and a hard phase cuts the cells anyhow."""
+    rng = np.random.default_rng(seed)
+    s, k = rng.uniform(0, 6, 3), rng.uniform(5.0, 7.0)
+    x, y, z = (f"({k:.4f}*{v}+{t:.4f})" for v, t in zip("xyz", s, strict=True))
+    wavy = f"sin{x}*cos{y} + sin{y}*cos{z} + sin{z}*cos{x} - 0.2"
+    axes = [np.append(0.0, np.cumsum(rng.uniform(0.5, 1.5, n))) for n in (3, 4, 3)]
+    grid = Grid([a / a[-1] for a in axes])
+    pair = {name: (v, v * contrast) for name, v in options.pop("soft").items()}
+    return kind(whole, grid, phases=wavy, **pair, **options), rng
+
+
+def of_the_first(problem, values):
+    """Coefficients of a field that is there in the first phase, and zero in the second."""
+    space = problem.assembly.space
+    second = problem.domain.elements.second[space.cells]
+    c = np.array(values, np.float64)
+    c[np.unique(space.dofs[second])] = 0.0
+    assert c.any()
+    return c
+
+
+def volumes_of(problem):
+    return [float(r.weights.sum()) for r in problem.domain.of_phases(problem.domain.volume)]
+
+
+@pytest.mark.parametrize(("seed", "contrast"), [(0, 1e6), (1, 1e9), (2, 1e9)])
+@pytest.mark.parametrize("full", [False, True])
+def test_what_is_soft_stays_soft_beside_what_is_hard(seed, contrast, full):
+    """Points of rules may be on the other side by rounding: an element has one material."""
+    soft = {"density": 2.0, "strength": 3.0, "expansion": 1e-2}
+    C = il.cutfem.orthotropic(young=1.3, poisson=0.3)
+    if full:
+        problem, rng = composite(Elasticity, seed, contrast, soft=soft, stiffness=(C, contrast * C))
+    else:
+        problem, rng = composite(
+            Elasticity, seed, contrast, soft={**soft, "young": 1.3}, poisson=0.3
+        )
+    problem = problem.clamp("w=0", method="nitsche")
+    heated = problem.load(temperature=2.0)
+    G, V = rng.standard_normal((3, 3)), volumes_of(problem)[0]
+    c = of_the_first(problem, problem.assembly.coordinates @ G.T)
+    solution = il.cutfem.Solution(problem, c, None)
+    e = 0.5 * (G + G.T)[[0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1]] * [1, 1, 1, 2, 2, 2]
+    stress = C @ e
+    assert solution.energy == pytest.approx(0.5 * V * e @ stress, rel=1e-9)
+    rule = problem.domain.solid(problem.assembly)
+    first = ~problem.domain.elements.second[rule.cells][rule.owners]
+    expected = np.where(first[:, None], stress, 0.0)
+    np.testing.assert_allclose(solution.stress_on(rule), expected, atol=1e-9)
+    yields = il.cutfem.stresses.von_mises(stress[None])[0]
+    assert solution.safety_factor == pytest.approx(3.0 / yields, rel=1e-9)
+    assert solution.error_estimate().relative < 1e-6
+    free = il.cutfem.Solution(heated, c, None)
+    strain = e - 2.0 * 1e-2 * np.array([1, 1, 1, 0, 0, 0])
+    # what is held and heated in the hard phase has energy of its own
+    hard = il.cutfem.Solution(heated, 0.0 * c, None)
+    held = 0.5 * 0.02**2 * C[:3, :3].sum() * V
+    assert free.energy - hard.energy == pytest.approx(
+        0.5 * V * strain @ C @ strain - held, rel=1e-6, abs=1e-9 * abs(hard.energy)
+    )
+    one = of_the_first(problem, np.ones((len(c), 3)))
+    assert (one.ravel() @ (problem.mass() @ one.ravel())) == pytest.approx(6.0 * V, rel=1e-9)
+    weight = (problem.load(gravity=(1.0, 2.0, -3.0)).forces() * one).sum(axis=0)
+    np.testing.assert_allclose(weight, 2.0 * V * np.array([1.0, 2.0, -3.0]), rtol=1e-9)
+    # a support in the mean pulls the soft part of it with soft springs
+    pulled = problem.matrix @ one.ravel()
+    far = np.abs(pulled).max()
+    assert far < 1e3 * 1.3
+
+
+@pytest.mark.parametrize(("seed", "contrast"), [(0, 1e6), (3, 1e9)])
+def test_heat_of_what_conducts_little_beside_what_conducts_well(seed, contrast):
+    problem, rng = composite(
+        Heat, seed, contrast, soft={"conductivity": 1.3, "capacity": 0.7}, degree=2
+    )
+    problem = problem.fix("w=0", 0.0, method="nitsche")
+    g, V = rng.standard_normal(3), volumes_of(problem)[0]
+    c = of_the_first(problem, (problem.assembly.coordinates @ g)[:, None])
+    solution = il.cutfem.HeatSolution(problem, c, None)
+    rule = problem.domain.solid(problem.assembly)
+    first = ~problem.domain.elements.second[rule.cells][rule.owners]
+    expected = np.where(first[:, None], -1.3 * g, 0.0)
+    np.testing.assert_allclose(solution.heat_flux_on(rule), expected, atol=1e-9)
+    assert problem._solid_energy(c) == pytest.approx(1.3 * V * g @ g, rel=1e-9)
+    assert solution.error_estimate().relative < 1e-6
+    one = il.cutfem.HeatSolution(problem, of_the_first(problem, np.ones((len(c), 1))), None)
+    assert one.stored == pytest.approx(0.7 * V, rel=1e-9)
+
+
+@pytest.mark.parametrize("p", [1, 2])
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("soft", ["first", "second"])
+def test_thin_coats_leave_what_they_cover_as_it_is(p, seed, soft):
+    """Tractions of a thin layer were weighed as if it were a cell deep: K was not positive."""
+    rng = np.random.default_rng([seed, p])
+    d, contrast = 10.0 ** rng.uniform(-4.5, -2.7), 10.0 ** rng.uniform(1, 2)
+    n = (6, 2, int(rng.integers(2, 4)))
+    box = [[0, 0, 0], [4, 1, 1]]
+    young = (1.0, contrast) if soft == "first" else (contrast, 1.0)
+    at = f"{1 - d!r} - z" if soft == "first" else f"z - {1 - d!r}"
+    coated = Elasticity(whole, n, domain=box, degree=p, young=young, phases=at)
+    bare = Elasticity(whole, n, domain=box, degree=p, young=contrast, stabilization="ghost")
+    coated, bare = (
+        q.clamp("u=0").load(body=(0.1, 0.2, -1.0)).solve() for q in (coated, bare)
+    )  # fmt: skip
+    assert coated.compliance == pytest.approx(bare.compliance, rel=8 * d + 0.01 * (p == 1))
+    K = coated.problem.matrix.toarray()
+    scale = 1.0 / np.sqrt(K.diagonal())
+    assert np.linalg.eigvalsh(K * scale * scale[:, None])[0] > -1e-12
+    k = (1.0, contrast) if soft == "first" else (contrast, 1.0)
+    warm = Heat(whole, n, domain=box, degree=p, conductivity=k, phases=at)
+    flow = warm.fix("u=0", 0.0).fix("u=1", 1.0).solve().inflow["u=1"]
+    assert flow == pytest.approx(contrast / 4 * (1 - d) + d / 4, rel=1e-6)

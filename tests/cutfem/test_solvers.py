@@ -1,5 +1,12 @@
 """Solvers: agreement, residuals, refusal of what cannot be solved."""
 
+import gc
+import os
+import subprocess
+import sys
+import tracemalloc
+import warnings
+
 import numba
 import numpy as np
 import pytest
@@ -320,3 +327,49 @@ def test_the_size_of_a_factor_is_predicted_for_all_functions(p, r, cells):
     factor = splu(K.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
                   options={"SymmetricMode": True})  # fmt: skip
     assert 0.9 < factor_size(K) / factor.L.nnz < 1.6
+
+
+# ------------------------------------------------------------------------------ many, anywhere
+
+PROGRAM = """
+import hashlib, warnings
+import ilattice as il
+warnings.simplefilter("ignore")
+wall = il.Lattice("gyroid", through=il.macroshape.box((1, 1, 1.2))).offset(0.15)
+held = il.cutfem.Elasticity(wall, 6, degree=2).clamp("w=0").load(body=(0.3, 0.2, -1.0))
+for method in ("superlu", "multigrid"):
+    print(hashlib.sha256(held.solve(method=method).coefficients.tobytes()).hexdigest())
+"""
+
+
+def test_solutions_are_the_same_in_all_processes():
+    found = [
+        subprocess.run(
+            [sys.executable, "-c", PROGRAM], env={**os.environ, "NUMBA_NUM_THREADS": threads},
+            capture_output=True, text=True, check=True,
+        ).stdout
+        for threads in ("1", "2")
+    ]  # fmt: skip
+    assert found[0].count("\n") == 2
+    assert found[0] == found[1]
+
+
+def test_memory_stays_flat_over_many_solves():
+    held = il.cutfem.Elasticity(lambda u: -np.ones(len(u)), 2, domain=[[0.0] * 3, [1.0] * 3])
+    held = held.clamp("w=0")
+    rng = np.random.default_rng(0)
+
+    def solve(times):
+        for body in rng.standard_normal((times, 3)):
+            held.load(body=body).solve()
+        gc.collect()
+        return tracemalloc.get_traced_memory()[0]
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        tracemalloc.start()
+        try:
+            first = solve(20)
+            assert (solve(60) - first) / 60 < 500
+        finally:
+            tracemalloc.stop()
