@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ilattice._typing import AnyArray, FloatArray, IntArray
+from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import read_only
 from ilattice.cutfem import discretization
 from ilattice.cutfem.assembly import Assembly, constant_jacobian
@@ -342,7 +342,7 @@ class CellProblem(Problem):
 
     def _explain(self, error: ConvergenceError) -> None:
         """Raise what it is due to, where it is due to phases that are too different."""
-        least, most = np.array([part for part in self._stiffnesses()]).T
+        least, most = np.array(self._stiffnesses()).T
         contrast = float(most.max() / least.min())
         if contrast > CONTRAST:
             raise ConvergenceError(

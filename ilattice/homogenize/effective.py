@@ -252,7 +252,7 @@ class Effective(Result):
         Where the solid itself was found to have one, cells that have not may hide it: then
         `distances` is below `error`, or 5 % without an estimate.
         """
-        may = {s: SAME for s in SYMMETRIES}
+        may = dict.fromkeys(SYMMETRIES, SAME)
         if self.of_solid in may:
             may[self.of_solid] = max(SAME, HIDDEN if np.isnan(self.error) else self.error)
         return next((s for s in SYMMETRIES if self.distances[s] <= may[s]), "anisotropic")
