@@ -92,7 +92,8 @@ class Heat(Problem):
         self, field: Any, cells: Any = None, *, conductivity: Conducting = 1.0,
         capacity: Property = 1.0, axes: str = "space", degree: int = 2,
         smoothness: int | None = None, q: int | None = None, stabilization: str = "auto",
-        weight: float | None = None, islands: str = "drop", domain: Any = None, through: Any = None, phases: Any = None,
+        weight: float | None = None, islands: str = "drop", domain: Any = None,
+        through: Any = None, phases: Any = None,
     ) -> None:  # fmt: skip
         as_choice("islands", islands, ISLANDS)
         where = as_phased(
