@@ -174,7 +174,7 @@ def flux_error(solution: HeatSolution) -> ErrorEstimate:
     raw = HeatSolution.heat_flux_on(solution, rule)
     gap = values_on(smoothest(problem), smooth_flux(solution, WEIGHTS), rule) - raw
     k = problem.conductivity.at(asm, rule.parameters)
-    resistance = 1.0 / k if k.ndim == 1 else np.linalg.inv(k)
+    resistance = np.asarray(1.0 / k if k.ndim == 1 else np.linalg.inv(k), np.float64)
     norm = np.sqrt(rule.integrate((raw * flux(resistance, raw)).sum(axis=1)))
     return _estimate(solution, rule, (gap * flux(resistance, gap)).sum(axis=1), norm)
 

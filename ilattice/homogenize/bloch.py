@@ -143,8 +143,7 @@ def _bands(search: Search, way: Path, found: list[Pairs], modes: bool, begin: fl
             made[key] = velocities_of(search, k[i], tangents[i], pairs)
         velocities.append(made[key][0])
         vectors.append(made[key][1])
-    far = max(way.corners.tolist(), key=lambda c: float(np.linalg.norm(k[c])))
-    errors = _errors(search, k[far], found[far])
+    errors = _errors(search, [(k[c], found[c]) for c in distinct(way)])
     cell.warn_of_error(2.0 * float(errors.max()), "the square of a frequency")
     mu, mass = cell.inertia
     values = np.stack([p.values[:count] for p in found])
@@ -160,16 +159,27 @@ def _bands(search: Search, way: Path, found: list[Pairs], modes: bool, begin: fl
     )  # fmt: skip
 
 
-def _errors(search: Search, k: FloatArray, pairs: Pairs) -> FloatArray:
-    """Estimated parts (count,) by which frequencies are too high because of the cells."""
+def distinct(way: Path) -> list[int]:
+    """Corners of a path, each wave vector once."""
+    names = {tuple(np.round(way.fractions[c], 12).tolist()): c for c in way.corners.tolist()}
+    return list(names.values())
+
+
+def _errors(search: Search, corners: list[tuple[FloatArray, Pairs]]) -> FloatArray:
+    """Estimated parts (count,) by which frequencies are too high because of the cells.
+
+    The largest of some wave vectors and their pairs.
+    """
+    count = search.count
 
     def squares(cell: BlochCell, tol: float) -> FloatArray:
-        other = Search(cell, search.count, search.method, tol, search.most)
-        return other.at(k).values[: search.count]
+        other = Search(cell, count, search.method, tol, search.most)
+        return np.concatenate([other.at(k).values[:count] for k, _ in corners])
 
-    values = pairs.values[: search.count]
+    values = np.concatenate([pairs.values[:count] for _, pairs in corners])
     off, moving = estimated(search.cell, values, squares, search.tol), values > ZERO * search.shift
-    return np.where(moving, 0.5 * off / np.where(moving, values, 1.0), 0.0)
+    part = np.where(moving, 0.5 * off / np.where(moving, values, 1.0), 0.0)
+    return np.asarray(part.reshape(-1, count).max(axis=0))
 
 
 def velocities_of(

@@ -34,7 +34,7 @@ from ilattice.homogenize._eigen import GUARD, MOST, Pairs, Vectors, lowest
 from ilattice.homogenize._search import ZERO
 from ilattice.homogenize._spectral import VoxelGrid, symbols
 from ilattice.homogenize.bands import Bands, BlochReport
-from ilattice.homogenize.bloch import velocities_of
+from ilattice.homogenize.bloch import distinct, velocities_of
 from ilattice.homogenize.paths import path_of, reciprocal
 from ilattice.homogenize.voxel import as_voxels, elastic_phases
 
@@ -327,8 +327,7 @@ def bloch_voxels(
         near = step < 2.0 * np.linalg.norm(k[i] - k[i - 1])
         found.append(search.at(zone[i], found[-1].vectors if near else None))
         velocities.append(velocities_of(search, zone[i], tangents[i], found[-1])[0])
-    far = max(way.corners.tolist(), key=lambda c: float(np.linalg.norm(zone[c])))
-    errors = search.errors(zone[far], found[far])
+    errors = np.max([search.errors(zone[c], found[c]) for c in distinct(way)], axis=0)
     values = np.stack([p.values[:count] for p in found])
     a, b, c = (int(n) for n in waves.shape)
     report = BlochReport(

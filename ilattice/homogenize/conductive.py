@@ -209,7 +209,7 @@ def _bounds(problem: ConductiveCell) -> tuple[float, ConductivityBounds]:
         k = s.at(problem.assembly_of_all, part.points)
         known.append(float(k[0]) if s.constant and k.ndim == 1 else np.nan)
         k, w = as_matrices(k), f * part.weights / part.weights.sum()
-        mean, resistance = mean + _integral(k, w), resistance + _integral(np.linalg.inv(k), w)
+        mean, resistance = mean + _integral(k, w), resistance + _integral(_inverse(k), w)
     density = float(fractions.sum())
     full = density > 1.0 - FULL
     interval = None
@@ -218,6 +218,10 @@ def _bounds(problem: ConductiveCell) -> tuple[float, ConductivityBounds]:
         interval = conductive_bounds(f / f.sum(), np.append(known, 0.0))
     least = np.asarray(np.linalg.inv(resistance)) if full else np.zeros((3, 3))
     return density, ConductivityBounds((least, mean), interval)
+
+
+def _inverse(k: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.inv(k), np.float64)
 
 
 def _integral(k: FloatArray, w: FloatArray) -> FloatArray:

@@ -347,12 +347,11 @@ def homogenized(
         errors = problem.errors_of(values, answer, again, tol, estimate=estimate)
     density, bounds = _bounds(problem)
     report = problem.report(answer, time.perf_counter() - start)
-    thermal = (expansion, errors[6:]) if len(expansion) else (None, None)
+    alpha, off = (expansion, errors[6:]) if len(expansion) else (None, None)
     plain = all(m.constant and not m.full for m in problem.material.phases)
     known = symmetry_of(group(problem.domain, problem._jacobian[0])) if plain else None
     eff = Effective(
-        density, problem.percolates, report, C, spread(errors[:6]), bounds, *thermal,
-        of_solid=known,
+        density, problem.percolates, report, C, spread(errors[:6]), bounds, alpha, off, known
     )  # fmt: skip
     if answer is not None and estimate:
         rounding = float(problem.rounding(C.diagonal(), answer).max())
