@@ -7,6 +7,8 @@ Stiffnesses come from above: thin sheets that the grid does not resolve seem to 
 and are drawn hollow. The number that is checked: the part of the bound that the bulk modulus of the
 gyroid takes.
 
+About two minutes on two cores, for all of them.
+
     python examples/young_poisson_map.py
 """
 
