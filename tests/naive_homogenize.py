@@ -118,3 +118,16 @@ def assembled(materials, spacing):
     u[m:] = spsolve(matrix[m:, m:], -f[m:]).reshape(n - m, k)
     whole = volume * np.prod(shape)
     return (volume * D.sum(axis=0) + f.T @ u) / whole
+
+
+def conducting_laminate(parts, conductivities, normal):
+    """Exact conductivity of layers: fluxes along the normal, and gradients across it, are equal."""
+    n = np.asarray(normal, float)
+    along = [n @ k @ n for k in conductivities]
+    soft = sum(f / a for f, a in zip(parts, along, strict=True))
+    mixed = sum(f * (k @ n) / a for f, k, a in zip(parts, conductivities, along, strict=True))
+    rest = sum(
+        f * (k - np.outer(k @ n, k @ n) / a)
+        for f, k, a in zip(parts, conductivities, along, strict=True)
+    )
+    return rest + np.outer(mixed, mixed) / soft

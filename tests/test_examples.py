@@ -228,6 +228,13 @@ def test_effective_stiffnesses_are_within_bounds():
     assert 1.0 < stiffer < 1.5
 
 
+def test_a_map_of_moduli_is_below_its_bounds():
+    numbers = run("young_poisson_map", names=("gyroid", "primitive", "sc_plates"), cells=8)
+    assert numbers["cells that bear in all directions"] == 3
+    assert 0.8 < numbers["bulk modulus of the first, part of its bound"] < 1.0
+    assert 0.05 < numbers["largest Young's modulus"] < 0.2
+
+
 def test_infill_of_an_stl_part_has_walls_as_thick_as_asked():
     numbers = run("infill_stl", h=0.4)
     assert numbers["closed"] == 1.0

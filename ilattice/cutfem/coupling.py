@@ -22,6 +22,7 @@ from ilattice.cutfem._voigt import PLACES
 from ilattice.cutfem.anisotropic import Anisotropic, hindered
 from ilattice.cutfem.assembly import BATCH_BYTES, Assembly
 from ilattice.cutfem.conditions import Load
+from ilattice.cutfem.conduction import flux
 from ilattice.cutfem.weak import (
     NITSCHE,
     cell_heights,
@@ -133,18 +134,25 @@ def _tractions(problem: "Elasticity") -> Tractions:
 def add_heat(data: FloatArray, problem: "Heat") -> None:
     """Add what couples the phases of a conductor to blocks."""
     asm, rule, u = _surface(problem.assembly)
-    k = [np.broadcast_to(s.at(asm, u), len(u)) for s in problem.conductivity.phases]
-    share, n = shares(problem, *k), rule.normals
+    n = rule.normals
     assert n is not None
+    out_of = conducted(problem, u, n)
+    k = [np.einsum("qi,qi->q", v, n) for v in out_of]
+    share = shares(problem, *k)
     scale = 2.0 * NITSCHE * asm.space.degree**2 / cell_heights(asm, rule)
     deep = both_depths(problem)
     Q = scale * sum(s * s / f * v for s, f, v in zip(share, deep, k, strict=True))
 
     def fluxes(side: int, rows: slice, D: FloatArray) -> FloatArray:
-        weighed = (share[side] * k[side])[rows, None] * n[rows]
+        weighed = share[side][rows, None] * out_of[side][rows]
         return np.einsum("qbk,qk->qb", D, weighed)[:, None, :, None]
 
     _add(data, asm, Q[:, None, None], fluxes)
+
+
+def conducted(problem: "Heat", u: FloatArray, n: FloatArray) -> list[FloatArray]:
+    """Conductivities of both phases times normals, (n, 3) each."""
+    return [flux(s.at(problem.assembly, u), n) for s in problem.conductivity.phases]
 
 
 def thermal_force(problem: "Elasticity", load: Load) -> FloatArray:

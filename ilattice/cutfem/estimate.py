@@ -26,6 +26,7 @@ import numpy as np
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import Frozen, as_points, read_only
 from ilattice.cutfem.anisotropic import AT_ONCE, Anisotropic
+from ilattice.cutfem.conduction import flux
 from ilattice.cutfem.heat_solution import HeatSolution
 from ilattice.cutfem.output import shape_of
 from ilattice.cutfem.recovery import smooth_flux, smooth_stress, smoothest, values_on
@@ -173,9 +174,10 @@ def flux_error(solution: HeatSolution) -> ErrorEstimate:
     assert rule.parameters is not None
     raw = HeatSolution.heat_flux_on(solution, rule)
     gap = values_on(smoothest(problem), smooth_flux(solution, WEIGHTS), rule) - raw
-    k = problem._scalar_at(problem.conductivity, rule.parameters, asm.owners(rule))
-    norm = np.sqrt(rule.integrate((raw * raw).sum(axis=1) / k))
-    return _estimate(solution, rule, (gap * gap).sum(axis=1) / k, norm)
+    k = problem._conductivity_at(rule.parameters, asm.owners(rule))
+    resistance = np.asarray(1.0 / k if k.ndim == 1 else np.linalg.inv(k), np.float64)
+    norm = np.sqrt(rule.integrate((raw * flux(resistance, raw)).sum(axis=1)))
+    return _estimate(solution, rule, (gap * flux(resistance, gap)).sum(axis=1), norm)
 
 
 def _estimate(

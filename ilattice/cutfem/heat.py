@@ -16,7 +16,7 @@ consistent masses may undershoot by a fraction of the step.
 """
 
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -26,15 +26,16 @@ from ilattice._progress import Progress, track
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import as_choice, as_kind, as_positive, as_whole
 from ilattice.cutfem import _kernels_assembly as kernels
-from ilattice.cutfem import coupling, discretization
-from ilattice.cutfem._kernels_surface import surface_scalars
+from ilattice.cutfem import conduction, coupling, discretization
+from ilattice.cutfem._kernels_surface import seam_blocks, surface_scalars
 from ilattice.cutfem.conditions import Load, Spring, Support, as_value, stiffness_at, values_at
+from ilattice.cutfem.conduction import Conducting, Conduction
 from ilattice.cutfem.domain import lattice_of
 from ilattice.cutfem.heat_solution import HeatHistory, HeatSolution, Step
 from ilattice.cutfem.material import Property, Scalar, jump_within_cells, warn_of_jump
 from ilattice.cutfem.phases import as_phased
 from ilattice.cutfem.problem import ISLANDS, Problem
-from ilattice.cutfem.weak import NITSCHE, cell_heights, depths
+from ilattice.cutfem.weak import NITSCHE, cell_heights, depths, functions_at
 from ilattice.errors import InputError
 from ilattice.linalg.solvers import LARGEST, Solver
 from ilattice.quadrature.rules import Quadrature, on_cells
@@ -55,7 +56,10 @@ class Heat(Problem):
         Background grid, as in `cut`.
     conductivity, capacity : float, str or callable, keyword-only
         Heat per length, time and degree; heat per volume and degree. A callable takes points of
-        space (n, 3); a name is that of a property of the lattice.
+        space (n, 3); a name is that of a property of the lattice. Where directions differ, the
+        conductivity is a symmetric matrix, shape (3, 3), or a callable that returns (n, 3, 3).
+    axes : {"space", "map"}, keyword-only
+        Which axes matrices have, as in `Elasticity`.
     degree, smoothness, q, stabilization, weight, islands, domain, through, phases : keyword-only
         As in `Elasticity`; properties are pairs likewise.
 
@@ -81,14 +85,15 @@ class Heat(Problem):
     spring_name: ClassVar[str] = "transfer"
     energy_name: ClassVar[str] = "the energy of the temperature, and heat that flows by it,"
     lack: ClassVar[str] = "nothing fixes the temperature: add fix or convection before solving"
-    conductivity: Scalar
+    conductivity: Conduction
     capacity: Scalar
 
     def __init__(
-        self, field: Any, cells: Any = None, *, conductivity: Property = 1.0,
-        capacity: Property = 1.0, degree: int = 2, smoothness: int | None = None,
-        q: int | None = None, stabilization: str = "auto", weight: float | None = None,
-        islands: str = "drop", domain: Any = None, through: Any = None, phases: Any = None,
+        self, field: Any, cells: Any = None, *, conductivity: Conducting = 1.0,
+        capacity: Property = 1.0, axes: str = "space", degree: int = 2,
+        smoothness: int | None = None, q: int | None = None, stabilization: str = "auto",
+        weight: float | None = None, islands: str = "drop", domain: Any = None,
+        through: Any = None, phases: Any = None,
     ) -> None:  # fmt: skip
         as_choice("islands", islands, ISLANDS)
         where = as_phased(
@@ -97,7 +102,7 @@ class Heat(Problem):
         )  # fmt: skip
         known = {"lattice": lattice_of(field), "phased": where.phased}
         properties = {
-            "conductivity": Scalar("conductivity", conductivity, **known),
+            "conductivity": Conduction.of(conductivity, axes, where.cut.through, **known),
             "capacity": Scalar("capacity", capacity, **known),
         }
         super().__init__(where, islands)
@@ -213,9 +218,9 @@ class Heat(Problem):
         owner = asm.owners(rule)
         for rows, _, slope in asm.on_rule(c, rule):
             u = rule.points[rows]
-            k = self._scalar_at(self.conductivity, u, owner[rows])
+            k = self._conductivity_at(u, owner[rows])
             weights = rule.weights[rows] * np.abs(np.linalg.det(asm.jacobians(u)))
-            total += float((weights * k) @ (slope[:, 0] ** 2).sum(axis=1))
+            total += float(weights @ (conduction.flux(k, slope[:, 0]) * slope[:, 0]).sum(axis=1))
         return total
 
     def evolve(
@@ -310,9 +315,12 @@ class Heat(Problem):
         for rule in self.domain.stiff_rules(asm, constant=uniform):
             for s, part in zip(phases, self.domain.of_phases(rule), strict=False):
                 k = s.at(asm, part.points)
-                jump = max(jump, jump_within_cells(part, k, partial(s.at, asm)))
-                d = k[:, None] * np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
-                asm.add_cells(data, part, kernels.TENSOR, d)
+
+                def mean(u: FloatArray, s: Conduction = s) -> FloatArray:
+                    return conduction.mean(s.at(asm, u))
+
+                jump = max(jump, jump_within_cells(part, conduction.mean(k), mean))
+                asm.add_cells(data, part, kernels.TENSOR, conduction.rows(k))
         warn_of_jump("conductivity", jump)
         asm.add_ghost(data, self._ghost_stiffness)
         for support in self.in_the_mean:
@@ -322,9 +330,25 @@ class Heat(Problem):
         return asm.pattern.matrix(data)
 
     def _ghost_stiffness(self, u: FloatArray, elements: IntArray) -> FloatArray:
-        """Conductivity."""
+        """Mean conductivity."""
+        return conduction.mean(self._conductivity_in(u, elements))
+
+    def _conductivity_at(self, u: FloatArray, owner: IntArray) -> FloatArray:
+        """Conductivity (n,) or (n, 3, 3) at parameters in active cells, by the phases of these."""
+        return self._conductivity_in(u, self.assembly.space.cells[owner])
+
+    def _conductivity_in(self, u: FloatArray, elements: IntArray) -> FloatArray:
+        """Likewise, of elements; one value where it is constant."""
         asm, phases = self.assembly, self.conductivity.phases
-        return self.domain.by_phase(lambda k, at: phases[k].at(asm, u[at]), elements)
+        if not self.conductivity.paired:
+            return phases[0].at(asm, u)
+        full = any(s.at(asm, u[:1]).ndim == 3 for s in phases)
+
+        def of_phase(k: int, at: Any) -> FloatArray:
+            found = phases[k].at(asm, u[at])
+            return conduction.as_matrices(found) if full else found
+
+        return self.domain.by_phase(of_phase, elements)
 
     @cached_property
     def _capacity(self) -> Any:
@@ -348,7 +372,7 @@ class Heat(Problem):
     def _surface_terms(
         self, support: Spring | Support
     ) -> tuple[Quadrature, FloatArray, FloatArray]:
-        """Rule in space, transfer Q (n,) and conductivity of fluxes (n,) of a weak condition.
+        """Rule in space, transfer Q (n,) and conductivity of fluxes of a weak condition.
 
         Parameters
         ----------
@@ -358,7 +382,7 @@ class Heat(Problem):
         Returns
         -------
         tuple
-            Rule, Q and conductivity; that is zero for convection.
+            Rule, Q and conductivity (n,) or (n, 3, 3); that is zero for convection.
         """
         asm = self.assembly
         rule = self.domain.edge(asm, support.on)
@@ -366,10 +390,12 @@ class Heat(Problem):
         if isinstance(support, Spring):
             Q = stiffness_at("transfer", support.stiffness, rule.points, 1)[:, 0]
             return rule, Q, np.zeros(len(rule))
-        found = self._scalar_at(self.conductivity, rule.parameters, asm.owners(rule))
-        k = np.array(np.broadcast_to(found, len(rule)))
+        assert rule.normals is not None
+        k = self._conductivity_at(rule.parameters, asm.owners(rule))
+        k = np.array(np.broadcast_to(k, (len(rule), *k.shape[1:])))
         height = cell_heights(asm, rule) * depths(self.domain, asm, rule)
-        return rule, NITSCHE * asm.space.degree**2 * k / height, k
+        Q = conduction.along(k, rule.normals) / height
+        return rule, NITSCHE * asm.space.degree**2 * Q, k
 
     def _add_surface(self, data: FloatArray, support: Spring | Support) -> None:
         asm = self.assembly
@@ -380,6 +406,14 @@ class Heat(Problem):
         for at, part, rows in asm.batches(rule, size * size):
             A = np.empty((len(at), size, size))
             u = rule.parameters[rows]
+            if k.ndim == 3:
+                N, D = functions_at(asm, rule, at[rule.owners[rows] - part.start], rows)
+                T = np.einsum("qbi,qi->qb", D, conduction.flux(k[rows], rule.normals[rows]))
+                ends = rule.offsets[part.start : part.stop + 1] - rows.start
+                T, penalty = T[:, None, :, None], Q[rows, None, None]
+                seam_blocks(ends, rule.weights[rows], N, T, penalty, A)
+                asm.add_blocks(data, at, A)
+                continue
             surface_scalars(
                 *asm.space._tables, asm.space.places[at], asm.space.boxes[at],
                 rule.offsets[part.start : part.stop + 1] - rows.start, u, rule.weights[rows],
@@ -394,7 +428,7 @@ class Heat(Problem):
             g = values_at("value", support.value, rule.points, 1)[:, 0]
             w = rule.weights * g
             assert rule.normals is not None
-            P = (-w * k)[:, None, None] * rule.normals[:, None, :]
+            P = -w[:, None, None] * conduction.flux(k, rule.normals)[:, None, :]
             f += self.assembly.vector(rule, (w * Q)[:, None], P)
         return f
 
@@ -438,8 +472,8 @@ class Heat(Problem):
             g = values_at("value", support.value, rule.points, 1)[:, 0]
             total = 0.0
             for rows, T, slope in self.assembly.on_rule(c, rule):
-                along = np.einsum("qi,qi->q", slope[:, 0], rule.normals[rows])
-                flow = Q[rows] * (g[rows] - T[:, 0]) + k[rows] * along
+                out_of = conduction.flux(k[rows], rule.normals[rows])
+                flow = Q[rows] * (g[rows] - T[:, 0]) + (slope[:, 0] * out_of).sum(axis=1)
                 total += float(rule.weights[rows] @ flow)
             out[str(support.on)] = out.get(str(support.on), 0.0) + total
         return out

@@ -15,6 +15,7 @@ import numpy as np
 
 from ilattice._typing import AnyArray, ArrayLike, FloatArray
 from ilattice._validate import FixedMapping, as_kind, as_points
+from ilattice.cutfem.conduction import flux
 from ilattice.cutfem.output import Reported, Result, Series
 from ilattice.quadrature.rules import Quadrature
 
@@ -99,8 +100,8 @@ class HeatSolution(Reported, Result):
         """
         p = as_points("u", u)
         asm = self.problem.assembly
-        k = self.problem._scalar_at(self.problem.conductivity, p, asm.space.locate(p))
-        return -k[:, None] * asm.evaluate(self.coefficients, p)[1][:, 0]
+        k = self.problem._conductivity_at(p, asm.space.locate(p))
+        return -flux(k, asm.evaluate(self.coefficients, p)[1][:, 0])
 
     def heat_flux_on(self, rule: Quadrature) -> FloatArray:
         """Heat flux at the points of a rule in the active cells.
@@ -118,10 +119,10 @@ class HeatSolution(Reported, Result):
         as_kind("rule", rule, "Quadrature")
         asm, out = self.problem.assembly, np.empty((len(rule), 3))
         u = rule.points if rule.parameters is None else rule.parameters
-        k = self.problem._scalar_at(self.problem.conductivity, u, asm.owners(rule))
-        k = np.broadcast_to(k, len(rule))
+        k = self.problem._conductivity_at(u, asm.owners(rule))
+        k = np.broadcast_to(k, (len(rule), *k.shape[1:]))
         for rows, _, slope in asm.on_rule(self.coefficients, rule):
-            out[rows] = -k[rows, None] * slope[:, 0]
+            out[rows] = -flux(k[rows], slope[:, 0])
         return out
 
     def recovered(self) -> "RecoveredHeat":

@@ -83,11 +83,15 @@ def _coarser(domain: Any) -> Iterator[tuple[float, tuple[int, ...]]]:
     shape = domain.cut.grid.shape
     least = -(-(domain.degree + 1) // (domain.degree - domain.smoothness))
     done = {tuple(shape)}
-    for order, (part, more) in zip(ORDERS[domain.degree], COARSER, strict=True):
-        counts = tuple(max(int(part * n + more), least) for n in shape)
-        if counts not in done and all(m < n for m, n in zip(counts, shape, strict=True)):
-            done.add(counts)
-            yield order, counts
+    # with one more, functions do not meet themselves behind the cell, where phases may end
+    for enough in (least + 1,) if isinstance(domain, PhasedDomain) else (least + 1, least):
+        for order, (part, more) in zip(ORDERS[domain.degree], COARSER, strict=True):
+            counts = tuple(max(int(part * n + more), enough) for n in shape)
+            if counts not in done and all(m < n for m, n in zip(counts, shape, strict=True)):
+                done.add(counts)
+                yield order, counts
+        if len(done) > 1:
+            return
 
 
 def _cut(domain: D, counts: tuple[int, ...]) -> D:

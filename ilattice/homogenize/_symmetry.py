@@ -4,6 +4,8 @@ The 48 symmetries of a cube, about the middle of the cell or a place half a cell
 the functions of a grid that has them. Where the solid seems to be the same, cell by cell, the
 solution of one load is turned into a candidate for another.
 
+Independently of the grid, `group` finds the symmetries of the solid itself on points.
+
 Guarantee: nothing is believed. A candidate is put into the equations of its own load, with the true
 matrix, and counts as their solution only where the residual is below the tolerance that solutions
 must meet; otherwise it is where solving starts. So a cell that is nearly symmetric costs some steps
@@ -18,7 +20,9 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
+from ilattice.cutfem.domain import Domain
 from ilattice.cutfem.space import SplineSpace
+from ilattice.homogenize import tensors
 
 #: Part of a cell of the grid by which the solid in it may differ from that in its image: rules on
 #: cut cells are good to some 1e-6 in any position.
@@ -27,6 +31,9 @@ ALIKE = 1e-3
 USELESS = 0.1
 #: Symmetries that are tried per load.
 TRIED = 2
+#: Points per direction on which a solid is compared with its images, shifted by any number of them,
+#: and the part of all that may differ.
+POINTS, DIFFER = 24, 2e-4
 #: How far a rotation in space may be from axes to axes.
 SQUARE = 1e-12
 
@@ -122,6 +129,50 @@ def in_space(motion: Motion, J: FloatArray) -> FloatArray | None:
     rounded = np.rint(Q)
     good = np.abs(Q - rounded).max() < SQUARE and (rounded @ rounded.T == np.eye(3)).all()
     return rounded if good else None
+
+
+def group(domain: Domain, J: FloatArray) -> list[FloatArray]:
+    """Symmetries of a solid in space, as orthogonal matrices from axes to axes.
+
+    Parameters
+    ----------
+    domain : Domain
+        The solid, of one phase or two.
+    J : ndarray, shape (3, 3)
+        Jacobian of its map.
+
+    Returns
+    -------
+    list of ndarray, shape (3, 3)
+        With the unit matrix; those about places that are no 24ths of the cell are not seen.
+    """
+    lo, hi = domain.cut.grid.domain
+    t = (np.arange(POINTS) + 0.5) / POINTS
+    u = lo + np.stack(np.meshgrid(t, t, t, indexing="ij"), -1).reshape(-1, 3) * (hi - lo)
+    what = (domain.cut.sets(u) < 0.0).all(axis=1).astype(float)
+    if domain.second is not None:
+        what += what * domain.second(u)
+    what = what.reshape(POINTS, POINTS, POINTS)
+    spectrum, square, found = np.fft.fftn(what), float((what**2).sum()), []
+    for axes in itertools.permutations(range(3)):
+        for signs in itertools.product((1, -1), repeat=3):
+            motion = Motion(axes, signs, (0, 0, 0))  # type: ignore[arg-type]
+            Q = in_space(motion, J @ np.diag(hi - lo))
+            if Q is None:
+                continue
+            image = np.transpose(what, axes)[tuple(slice(None, None, s) for s in signs)]
+            product = np.fft.ifftn(spectrum * np.fft.fftn(image).conj()).real
+            if 2.0 * (square - float(product.max())) <= DIFFER * what.size:
+                found.append(Q)
+    return found
+
+
+def symmetry_of(turns: list[FloatArray]) -> str:
+    """The highest symmetry that stiffnesses of solids with these have, or "anisotropic"."""
+    any_one = np.random.default_rng(0).standard_normal((6, 6))
+    C = np.mean([tensors.rotated(any_one @ any_one.T, Q) for Q in turns], axis=0)
+    off = {s: tensors.size(C - tensors.nearest(C, s)) for s in tensors.SYMMETRIES}
+    return next((s for s, d in off.items() if d < SQUARE * tensors.size(C)), "anisotropic")
 
 
 def permutation(space: SplineSpace, motion: Motion) -> IntArray | None:

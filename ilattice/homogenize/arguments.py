@@ -56,6 +56,11 @@ def as_cell(field: Any, cells: Any, *, domain: Any = None, through: Any = None) 
         if not all(grid.closed):
             raise InputError(f"field: its grid must be closed in all directions, got {grid.closed}")
         return field
+    if isinstance(field, np.ndarray):
+        raise InputError(
+            f"field is an array, shape {field.shape}: voxels are for il.homogenize.voxels, or "
+            "conductive_voxels"
+        )
     field, through = _as_solid(field, through)
     if through is not None and not isinstance(through, CellMap):
         affine = isinstance(through, SplineMap) and constant_jacobian(through) is not None

@@ -168,7 +168,7 @@ class Bands(Frozen):
         ω².
     errors : ndarray, shape (count,)
         Estimated parts by which frequencies are too high because of the cells, at the corner of
-        the path with the shortest waves, from half and three quarters as many cells; NaN where
+        the path where they are worst, from half and three quarters as many cells; NaN where
         these are too few.
     size : float
         Edge a of a cube of the volume of the cell.

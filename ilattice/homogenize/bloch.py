@@ -40,6 +40,8 @@ from ilattice.homogenize.waves import BlochCell
 
 #: Relative distances of frequencies that are the same.
 SAME = 1e-5
+#: Squares of frequencies below this part of the largest one are zero in waves of no length.
+RESTING = 1e-4
 
 
 def bloch(
@@ -143,8 +145,7 @@ def _bands(search: Search, way: Path, found: list[Pairs], modes: bool, begin: fl
             made[key] = velocities_of(search, k[i], tangents[i], pairs)
         velocities.append(made[key][0])
         vectors.append(made[key][1])
-    far = max(way.corners.tolist(), key=lambda c: float(np.linalg.norm(k[c])))
-    errors = _errors(search, k[far], found[far])
+    errors = _errors(search, [(k[c], found[c], rest) for c, rest in distinct(way)])
     cell.warn_of_error(2.0 * float(errors.max()), "the square of a frequency")
     mu, mass = cell.inertia
     values = np.stack([p.values[:count] for p in found])
@@ -160,16 +161,36 @@ def _bands(search: Search, way: Path, found: list[Pairs], modes: bool, begin: fl
     )  # fmt: skip
 
 
-def _errors(search: Search, k: FloatArray, pairs: Pairs) -> FloatArray:
-    """Estimated parts (count,) by which frequencies are too high because of the cells."""
+def distinct(way: Path) -> list[tuple[int, bool]]:
+    """Corners of a path, each wave vector once, and whether it is that of rest."""
+    names = {tuple(np.round(way.fractions[c], 12).tolist()): c for c in way.corners.tolist()}
+    return [(c, all(f == round(f) for f in name)) for name, c in names.items()]
+
+
+def moving(values: FloatArray, shift: float, rest: bool) -> FloatArray:
+    """Which squares of frequencies are not zero, those of whole pieces at rest being noise."""
+    return values > (RESTING * values.max() if rest else ZERO * shift)
+
+
+def _errors(search: Search, corners: list[tuple[FloatArray, Pairs, bool]]) -> FloatArray:
+    """Estimated parts (count,) by which frequencies are too high because of the cells.
+
+    The largest of some wave vectors and their pairs.
+    """
+    count = search.count
 
     def squares(cell: BlochCell, tol: float) -> FloatArray:
-        other = Search(cell, search.count, search.method, tol, search.most)
-        return other.at(k).values[: search.count]
+        other = Search(cell, count, search.method, tol, search.most)
+        return np.concatenate([other.at(k).values[:count] for k, _, _ in corners])
 
-    values = pairs.values[: search.count]
-    off, moving = estimated(search.cell, values, squares, search.tol), values > ZERO * search.shift
-    return np.where(moving, 0.5 * off / np.where(moving, values, 1.0), 0.0)
+    each = [pairs.values[:count] for _, pairs, _ in corners]
+    there = np.concatenate(
+        [moving(v, search.shift, c[2]) for v, c in zip(each, corners, strict=True)]
+    )
+    values = np.concatenate(each)
+    off = estimated(search.cell, values, squares, search.tol)
+    part = np.where(there, 0.5 * off / np.where(there, values, 1.0), 0.0)
+    return np.asarray(part.reshape(-1, count).max(axis=0))
 
 
 def velocities_of(

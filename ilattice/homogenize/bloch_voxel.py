@@ -31,10 +31,9 @@ from ilattice.cutfem import _voigt
 from ilattice.errors import ConvergenceError, InputError
 from ilattice.homogenize import _kernels_voxel as kernels
 from ilattice.homogenize._eigen import GUARD, MOST, Pairs, Vectors, lowest
-from ilattice.homogenize._search import ZERO
 from ilattice.homogenize._spectral import VoxelGrid, symbols
 from ilattice.homogenize.bands import Bands, BlochReport
-from ilattice.homogenize.bloch import velocities_of
+from ilattice.homogenize.bloch import distinct, moving, velocities_of
 from ilattice.homogenize.paths import path_of, reciprocal
 from ilattice.homogenize.voxel import as_voxels, elastic_phases
 
@@ -231,14 +230,14 @@ class _Search:
         """See `VoxelOperator.slopes`."""
         return self.waves.at(k).slopes(x)
 
-    def errors(self, k: FloatArray, pairs: Pairs) -> FloatArray:
+    def errors(self, k: FloatArray, pairs: Pairs, rest: bool) -> FloatArray:
         """Estimated parts (count,) by which frequencies are off, by voxels twice as long."""
         values = pairs.values[: self.count]
         if (self.waves.shape % 2).any() or self.waves.shape.min() < 4:
             return np.full(self.count, np.nan)
         other = _Search(self.waves.coarser(), self.count, max(self.tol, COARSE), self.most)
-        coarse, moving = other.at(k).values[: self.count], values > ZERO * self.shift
-        return np.where(moving, 0.5 * np.abs(coarse - values) / np.where(moving, values, 1.0), 0.0)
+        coarse, there = other.at(k).values[: self.count], moving(values, self.shift, rest)
+        return np.where(there, 0.5 * np.abs(coarse - values) / np.where(there, values, 1.0), 0.0)
 
 
 def bloch_voxels(
@@ -327,8 +326,7 @@ def bloch_voxels(
         near = step < 2.0 * np.linalg.norm(k[i] - k[i - 1])
         found.append(search.at(zone[i], found[-1].vectors if near else None))
         velocities.append(velocities_of(search, zone[i], tangents[i], found[-1])[0])
-    far = max(way.corners.tolist(), key=lambda c: float(np.linalg.norm(zone[c])))
-    errors = search.errors(zone[far], found[far])
+    errors = np.max([search.errors(zone[c], found[c], rest) for c, rest in distinct(way)], axis=0)
     values = np.stack([p.values[:count] for p in found])
     a, b, c = (int(n) for n in waves.shape)
     report = BlochReport(

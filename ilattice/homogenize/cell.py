@@ -16,16 +16,17 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ilattice._typing import AnyArray, FloatArray, IntArray
+from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import read_only
 from ilattice.cutfem import discretization
 from ilattice.cutfem.assembly import Assembly, constant_jacobian
 from ilattice.cutfem.connectivity import links
 from ilattice.cutfem.constraints import Constraints
+from ilattice.cutfem.discretization import WARNED
 from ilattice.cutfem.problem import Problem
 from ilattice.errors import ConvergenceError, GeometryError, PrecisionWarning
 from ilattice.homogenize._estimate import EXACT, estimated, outside, warn
-from ilattice.homogenize._result import HomogenizationReport
+from ilattice.homogenize._result import SOFT, HomogenizationReport
 from ilattice.homogenize._symmetry import USELESS, Way, ways
 from ilattice.homogenize.arguments import EDGES
 from ilattice.homogenize.percolation import Percolation, percolation
@@ -37,6 +38,11 @@ from ilattice.quadrature.rules import Quadrature
 FULL = 1e-9
 #: Loads below this part of the largest one are rounding.
 ROUNDING = 1e-13
+#: Parts of a relaxed energy that coarser cells seem to miss and are rounding, and that solutions of
+#: the usual tolerance leave in a property.
+UNSEEN, ROUNDED = 1e-11, 1e-12
+#: Factor between materials up to which cells are solved for in double precision.
+CONTRAST = 1e9
 #: Unknowns up to which a factor is faster than multigrid; steps from which on it takes over.
 SMALL, MANY = 3000, 100
 
@@ -49,8 +55,9 @@ class Answer:
     ----------
     energies : ndarray, shape (k, k)
         What the loads do on the solutions: the part of the mean stiffness that is relaxed.
-    exact : ndarray of bool, shape (k,)
-        Where splines on cells twice as long are as good: laminates, and cells of one material.
+    missed : ndarray, shape (k,)
+        Part of these that splines on cells twice as long do not have: little in laminates and in
+        cells of one material.
     coefficients : ndarray, shape (functions, m, k)
         Solutions.
     report : SolveReport or None
@@ -62,7 +69,7 @@ class Answer:
     """
 
     energies: FloatArray
-    exact: AnyArray
+    missed: FloatArray
     coefficients: FloatArray
     report: SolveReport | None
     solved: int = 0
@@ -301,32 +308,52 @@ class CellProblem(Problem):
         coefficients = np.zeros_like(F)
         for i in range(k):
             coefficients[..., i] = system.constraints.expand(U[:, i].reshape(-1, self.m))
-        energies, exact = np.zeros((k, k)), np.ones(k, bool)
+        energies, missed = np.zeros((k, k)), np.zeros(k)
         if solver is not None:
             KU, work = solver.multiply(U), U.T @ B
             energies = work + work.T - 0.5 * (U.T @ KU + KU.T @ U)  # off by squares only
             for a in there.tolist():
-                whole = float(U[:, a] @ KU[:, a])
-                exact[a] = not self._constant and (
-                    self._part_missed(coefficients[..., a], whole) <= EXACT
-                )
-        return Answer(energies, exact, coefficients, report, solved, spared)
+                part = 1.0
+                if not self._constant:
+                    part = self._part_missed(coefficients[..., a], float(U[:, a] @ KU[:, a]))
+                missed[a] = max(part, UNSEEN)
+        return Answer(energies, missed, coefficients, report, solved, spared)
 
     def _solved(
         self, B: FloatArray, method: str, tol: float, max_iterations: int, progress: Any
     ) -> tuple[FloatArray, SolveReport, Solver]:
         """Solutions of right-hand sides (n, k), together."""
-        solver, loads = self._solver(method), np.ascontiguousarray(B)
+        loads = np.ascontiguousarray(B)
         try:
-            U, report = solver.solve(
-                loads, tol=tol, max_iterations=max_iterations, progress=progress
-            )
-        except ConvergenceError:
-            if method != "auto" or max_iterations < MANY:
-                raise
-            solver = self._solver("superlu")
-            U, report = solver.solve(loads, tol=tol)
+            try:
+                solver = self._solver(method)
+                U, report = solver.solve(
+                    loads, tol=tol, max_iterations=max_iterations, progress=progress
+                )
+            except ConvergenceError:
+                if method != "auto" or max_iterations < MANY:
+                    raise
+                solver = self._solver("superlu")
+                U, report = solver.solve(loads, tol=tol)
+        except ConvergenceError as e:
+            self._explain(e)
+            raise
         return U, report, solver
+
+    def _explain(self, error: ConvergenceError) -> None:
+        """Raise what it is due to, where it is due to phases that are too different."""
+        least, most = np.array(self._stiffnesses()).T
+        contrast = float(most.max() / least.min())
+        if contrast > CONTRAST:
+            raise ConvergenceError(
+                f"the equations are too ill-conditioned for double precision: the material's "
+                f"stiffness or conductivity differs by a factor of {contrast:.2g} in the cell; "
+                f"take {CONTRAST:g} or less, or a void instead of the soft phase"
+            ) from error
+
+    def _stiffnesses(self) -> list[tuple[float, float]]:
+        """The least and the largest stiffness or conductivity of each phase."""
+        raise NotImplementedError
 
     def _ways(self, there: IntArray) -> dict[int, list[Way]]:
         """How loads may follow from others by symmetry, where one function holds one network."""
@@ -391,18 +418,50 @@ class CellProblem(Problem):
         ndarray, shape (n,)
             NaN where there is no estimate.
         """
+        k = len(answer.energies)
+        stored = values[:k] * self.cell_volume
+        exact = answer.missed * answer.energies.diagonal() <= EXACT * stored
         errors = np.full(len(values), np.nan)
-        if answer.exact.all():
+        if exact.all():
             errors = np.zeros(len(values))
         elif estimate:
             errors = estimated(self, values, solve, tol)
-            errors[np.flatnonzero(answer.exact)] = 0.0
+            errors[np.flatnonzero(exact)] = 0.0
+        lost = self.rounding(values[:k], answer) * values[:k]
+        errors[:k] = np.where(lost > 0.0, np.fmax(errors[:k], lost), errors[:k])
         return errors
 
-    def warn_of_error(self, error: float, what: str) -> None:
-        """Warn of an effective property that is off."""
+    def rounding(self, values: FloatArray, answer: Answer) -> FloatArray:
+        """Relative errors that differences of energies leave.
+
+        Parameters
+        ----------
+        values : ndarray, shape (k,)
+            Properties of the k loads.
+        answer : Answer
+            Where they come from.
+
+        Returns
+        -------
+        ndarray, shape (k,)
+            Zero where they do not count.
+        """
+        lost = ROUNDED * answer.energies.diagonal() / self.cell_volume
+        there = (lost > EXACT * values) & (values > SOFT * values.max(initial=0.0))
+        return np.where(there, lost / np.where(there, values, 1.0), 0.0)
+
+    def warn_of_error(self, error: float, what: str, rounding: float = 0.0) -> None:
+        """Warn of a property that is off, and by how much of rounding, both relative."""
+        if rounding > WARNED and not error > rounding:
+            warnings.warn(
+                f"phases are too different: what is left of rounding is about {100 * rounding:.2g} "
+                f"% of the least entry of {what}; let them differ by {CONTRAST:g} or less",
+                PrecisionWarning,
+                stacklevel=outside(),
+            )
+            return
         step = self.domain.degree - self.domain.smoothness
-        least = max(4, 1 - -(self.domain.degree + 1) // step)
+        least = max(4, 1 + (self.domain.interface is not None) - -(self.domain.degree + 1) // step)
         warn(error, what, self.domain.cut.grid.shape, least)
 
     def _solver(self, method: str) -> Solver:

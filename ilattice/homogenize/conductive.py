@@ -19,8 +19,8 @@ from ilattice._progress import Progress
 from ilattice._typing import FloatArray
 from ilattice._validate import as_flag, read_only
 from ilattice.cutfem import coupling
+from ilattice.cutfem.conduction import Conducting, as_matrices, flux
 from ilattice.cutfem.heat import Heat
-from ilattice.cutfem.material import Property
 from ilattice.homogenize.arguments import as_cell, check_phases
 from ilattice.homogenize.bounds import ConductivityBounds, conductive_bounds
 from ilattice.homogenize.cell import FULL, Answer, CellProblem, spread
@@ -52,9 +52,9 @@ class ConductiveCell(CellProblem, Heat):
     def _minus_flux(self, e: FloatArray, rule: Quadrature) -> tuple[None, FloatArray]:
         """Flux P (n, 1, 3) that a mean gradient loads with at the points of a rule in space."""
         assert rule.parameters is not None
-        found = self._scalar_at(self.conductivity, rule.parameters, self.assembly.owners(rule))
-        k = np.broadcast_to(found, len(rule))
-        return None, -k[:, None, None] * e
+        found = self._conductivity_at(rule.parameters, self.assembly.owners(rule))
+        found = flux(np.broadcast_to(found, (len(rule), *found.shape[1:])), e[None])
+        return None, -found[:, None, :]
 
     def _seam_force(self, e: FloatArray) -> FloatArray:
         """What the mean flux of a mean gradient adds where two phases meet."""
@@ -63,27 +63,37 @@ class ConductiveCell(CellProblem, Heat):
         assert rule is not None
         assert rule.normals is not None
         assert rule.parameters is not None
-        k = [s.at(asm, rule.parameters) for s in self.conductivity.phases]
-        flux = sum(s * v for s, v in zip(coupling.shares(self, *k), k, strict=True))
-        f = (rule.weights * flux * (rule.normals @ e))[:, None]
+        out_of = coupling.conducted(self, rule.parameters, rule.normals)
+        share = coupling.shares(self, *(np.einsum("qi,qi->q", v, rule.normals) for v in out_of))
+        through = sum(s * (v @ e) for s, v in zip(share, out_of, strict=True))
+        f = (rule.weights * through)[:, None]
         return asm.vector(rule, f) - asm.vector(coupling.upper(rule), f)
 
     def _scale(self) -> float:
         """See `CellProblem._scale`."""
-        return self.moment() * self.cell_volume ** (-1 / 3)
+        return float(np.trace(self.moment()) / 3.0 * self.cell_volume ** (-1 / 3))
 
-    def moment(self) -> float:
+    def _stiffnesses(self) -> list[tuple[float, float]]:
+        """See `CellProblem._stiffnesses`."""
+        asm, out = self.assembly, []
+        rule = self.domain.stiff_rule(asm, constant=self.conductivity.constant)
+        for s, part in zip(self.conductivity.phases, self.domain.of_phases(rule), strict=False):
+            k = np.linalg.eigvalsh(as_matrices(s.at(asm, part.points)))
+            out.append((float(k.min()), float(k.max())))
+        return out
+
+    def moment(self) -> FloatArray:
         """Integral of the conductivity over the active solid.
 
         Returns
         -------
-        float
+        ndarray, shape (3, 3)
             In space.
         """
-        asm, total = self.assembly, 0.0
+        asm, total = self.assembly, np.zeros((3, 3))
         rule = self.domain.stiff_rule(asm, constant=self.conductivity.constant)
         for s, part in zip(self.conductivity.phases, self.domain.of_phases(rule), strict=False):
-            total += float((part.weights * s.at(asm, part.points)).sum())
+            total += _integral(as_matrices(s.at(asm, part.points)), part.weights)
         return abs(float(np.linalg.det(self._jacobian[0]))) * total
 
     def homogenized(
@@ -119,7 +129,8 @@ class ConductiveCell(CellProblem, Heat):
         report = self.report(answer, time.perf_counter() - start)
         eff = Conductivity(density, self.percolates, report, k, errors, bounds)
         if answer is not None and estimate:
-            self.warn_of_error(eff.error, "the effective conductivity")
+            rounding = float(self.rounding(k.diagonal(), answer).max())
+            self.warn_of_error(eff.error, "the effective conductivity", rounding)
         return eff
 
 
@@ -128,7 +139,7 @@ def _conductivity(
 ) -> tuple[FloatArray, Answer]:
     """Effective conductivity (3, 3), and solutions."""
     answer = problem.answers(method, tol, max_iterations, progress)
-    k = (problem.moment() * np.eye(3) - answer.energies) / problem.cell_volume
+    k = (problem.moment() - answer.energies) / problem.cell_volume
     n = problem.free_normals()
     keep = np.eye(3) - np.linalg.pinv(n) @ n
     k = keep @ (0.5 * (k + k.T)) @ keep
@@ -137,7 +148,7 @@ def _conductivity(
 
 
 def conductive(
-    field: Any, cells: Any = 16, *, conductivity: Property = 1.0, method: str = "auto",
+    field: Any, cells: Any = 16, *, conductivity: Conducting = 1.0, method: str = "auto",
     tol: float = 1e-8, max_iterations: int = 500, progress: Progress = None,
     estimate: bool = True, **options: Any,
 ) -> Conductivity:  # fmt: skip
@@ -147,8 +158,8 @@ def conductive(
     ----------
     field, cells : optional
         As in `elastic`.
-    conductivity : float, str, callable, or pair of these, keyword-only
-        As in `ilattice.cutfem.Heat`.
+    conductivity : float, str, callable, matrix, or pair of these, keyword-only
+        As in `ilattice.cutfem.Heat`: matrices, shape (3, 3), where directions differ.
     method, tol, max_iterations, progress : str, float, int, bool or callable, keyword-only
         As in `ilattice.cutfem.Heat.solve`.
     estimate : bool, keyword-only
@@ -187,21 +198,31 @@ def conductive(
 
 def _bounds(problem: ConductiveCell) -> tuple[float, ConductivityBounds]:
     """Part of the cell that is filled, and bounds by what fills it."""
-    fractions, mean, resistance, known = problem.fractions(), 0.0, 0.0, []
+    fractions, known = problem.fractions(), []
+    mean, resistance = np.zeros((3, 3)), np.zeros((3, 3))
     phases = zip(
         fractions, problem.conductivity.phases, problem.domain.of_phases(problem.domain.volume),
         strict=False,
     )  # fmt: skip
     for f, s, part in phases:
-        k = np.broadcast_to(s.at(problem.assembly_of_all, part.points), len(part))
-        w = f * part.weights / part.weights.sum()
-        mean, resistance = mean + float(w @ k), resistance + float(w @ (1.0 / k))
-        known.append(float(k[0]) if s.constant else np.nan)
+        k = s.at(problem.assembly_of_all, part.points)
+        known.append(float(k[0]) if s.constant and k.ndim == 1 else np.nan)
+        k, w = as_matrices(k), f * part.weights / part.weights.sum()
+        mean, resistance = mean + _integral(k, w), resistance + _integral(_inverse(k), w)
     density = float(fractions.sum())
     full = density > 1.0 - FULL
     interval = None
     if np.isfinite(known).all():
         f = np.append(fractions, 0.0 if full else 1.0 - density)
         interval = conductive_bounds(f / f.sum(), np.append(known, 0.0))
-    least = np.eye(3) / resistance if full else np.zeros((3, 3))
-    return density, ConductivityBounds((least, mean * np.eye(3)), interval)
+    least = np.asarray(np.linalg.inv(resistance)) if full else np.zeros((3, 3))
+    return density, ConductivityBounds((least, mean), interval)
+
+
+def _inverse(k: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.inv(k), np.float64)
+
+
+def _integral(k: FloatArray, w: FloatArray) -> FloatArray:
+    """Sum of matrices (n, 3, 3), or of one for all, times weights (n,)."""
+    return w.sum() * k[0] if len(k) == 1 else np.einsum("q,qij->ij", w, k)

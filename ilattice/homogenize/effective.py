@@ -19,12 +19,14 @@ from ilattice.homogenize import tensors
 from ilattice.homogenize._result import SOFT, Result, finite, told
 from ilattice.homogenize.bounds import Bounds
 from ilattice.homogenize.sphere import directions
+from ilattice.homogenize.tensors import SYMMETRIES
 
 #: Distance below which a stiffness has a symmetry.
 SAME = 1e-4
+#: Distance that cells may hide without an estimate.
+HIDDEN = 0.05
 #: Parts of the largest entry of a stiffness that are rounding, in those that are read from files.
 ODD = 1e-6
-SYMMETRIES = ("isotropic", "cubic", "transversely isotropic", "tetragonal", "orthotropic")
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +49,9 @@ class Effective(Result):
         free of mean stress; zero for what meets no resistance. None if no `expansion` was given.
     expansion_errors : ndarray, shape (6,), or None
         Estimated errors of its entries, as `errors`.
+    of_solid : str or None
+        Symmetry that was found in the solid itself, whatever the cells make of it; None if it was
+        not looked for: in voxels, and in material that varies or is given by matrices.
     percolates : tuple of 3 bool
         Whether the solid goes on through the cell along each of its edges.
     report : HomogenizationReport
@@ -68,6 +73,7 @@ class Effective(Result):
     bounds: Bounds
     expansion: FloatArray | None = None
     expansion_errors: FloatArray | None = None
+    of_solid: str | None = None
     quantity: ClassVar[str] = "E"
     title: ClassVar[str] = "Young's modulus E"
 
@@ -241,8 +247,15 @@ class Effective(Result):
 
     @property
     def symmetry(self) -> str:
-        """The highest symmetry of which `distances` is below 1e-4, or "anisotropic"."""
-        return next((s for s in SYMMETRIES if self.distances[s] <= SAME), "anisotropic")
+        """The highest symmetry of which `distances` is below 1e-4, or "anisotropic".
+
+        Where the solid itself was found to have one, cells that have not may hide it: then
+        `distances` is below `error`, or 5 % without an estimate.
+        """
+        may = dict.fromkeys(SYMMETRIES, SAME)
+        if self.of_solid in may:
+            may[self.of_solid] = max(SAME, HIDDEN if np.isnan(self.error) else self.error)
+        return next((s for s in SYMMETRIES if self.distances[s] <= may[s]), "anisotropic")
 
     def rotated(self, rotation: Any) -> FloatArray:
         """Stiffness of the turned cell.

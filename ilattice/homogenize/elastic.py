@@ -33,6 +33,7 @@ from ilattice.cutfem.material import Property
 from ilattice.errors import InputError
 from ilattice.homogenize import tensors
 from ilattice.homogenize._result import SOFT
+from ilattice.homogenize._symmetry import group, symmetry_of
 from ilattice.homogenize.arguments import as_cell, check_phases
 from ilattice.homogenize.bounds import Bounds, elastic_bounds
 from ilattice.homogenize.cell import FULL, Answer, CellProblem, spread
@@ -91,6 +92,15 @@ class ElasticCell(CellProblem, Elasticity):
         """See `CellProblem._scale`."""
         K, G = tensors.bulk_and_shear(self.moments())
         return float((K + 4.0 * G / 3.0) * max(self.cell_volume, 1e-300) ** (-1 / 3))
+
+    def _stiffnesses(self) -> list[tuple[float, float]]:
+        """See `CellProblem._stiffnesses`: P-wave moduli."""
+        asm, out = self.assembly, []
+        rule = self.domain.stiff_rule(asm, constant=self.material.constant)
+        for m, part in zip(self.material.phases, self.domain.of_phases(rule), strict=False):
+            lam, mu = m.lame(asm, part.points)
+            out.append((float((lam + 2.0 * mu).min()), float((lam + 2.0 * mu).max())))
+        return out
 
     def moments(self) -> FloatArray:
         """Integral of the stiffness over the active solid.
@@ -337,10 +347,15 @@ def homogenized(
         errors = problem.errors_of(values, answer, again, tol, estimate=estimate)
     density, bounds = _bounds(problem)
     report = problem.report(answer, time.perf_counter() - start)
-    thermal = (expansion, errors[6:]) if len(expansion) else (None, None)
-    eff = Effective(density, problem.percolates, report, C, spread(errors[:6]), bounds, *thermal)
+    alpha, off = (expansion, errors[6:]) if len(expansion) else (None, None)
+    plain = all(m.constant and not m.full for m in problem.material.phases)
+    known = symmetry_of(group(problem.domain, problem._jacobian[0])) if plain else None
+    eff = Effective(
+        density, problem.percolates, report, C, spread(errors[:6]), bounds, alpha, off, known
+    )  # fmt: skip
     if answer is not None and estimate:
-        problem.warn_of_error(eff.error, "the effective stiffness")
+        rounding = float(problem.rounding(C.diagonal(), answer).max())
+        problem.warn_of_error(eff.error, "the effective stiffness", rounding)
     return eff
 
 

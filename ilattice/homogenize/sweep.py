@@ -15,6 +15,7 @@ and the library are the same. Non-guarantee: of a function only its own source c
 what it calls.
 """
 
+import csv
 import inspect
 import pickle
 import sys
@@ -26,15 +27,17 @@ from functools import partial
 from hashlib import sha256
 from itertools import product
 from os import PathLike
+from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ilattice._files import as_path, atomic_write
 from ilattice._progress import Progress, track
 from ilattice._typing import FloatArray
 from ilattice._validate import FixedMapping, Frozen, as_items, near_names, read_only
 from ilattice._version import __version__
-from ilattice.errors import IlatticeError, InputError, printable, shortened
+from ilattice.errors import FormatError, IlatticeError, InputError, printable, shortened
 from ilattice.homogenize.effective import Effective
 from ilattice.homogenize.elastic import elastic
 from ilattice.homogenize.voxel import voxels
@@ -176,6 +179,30 @@ class Rows(Frozen, Sequence[FixedMapping[str, Any]]):
             (float(n - wide[1]), float(n + wide[1])), float(np.sqrt(np.mean(off**2))), len(y),
         )  # fmt: skip
 
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write all columns, parameters as they were given.
+
+        Parameters
+        ----------
+        path : path-like
+            Ending in ``.csv``, or in ``.parquet``, which needs pyarrow.
+
+        Raises
+        ------
+        FormatError
+            If the ending is another one, pyarrow is missing, or the file cannot be written.
+        """
+        ending = PurePath(as_path("path", path)).suffix.lower()
+        if ending not in (".csv", ".parquet"):
+            raise FormatError(f"{path!s:.80} must end in .csv or .parquet")
+        names = list(self.rows[0]) if self.rows else []
+        with atomic_write(path, text=ending == ".csv") as file:
+            if ending == ".csv":
+                lines = csv.writer(file, lineterminator="\n")
+                lines.writerows([names, *([row[n] for n in names] for row in self.rows)])
+            else:
+                _parquet({n: self[n] for n in names}, file)
+
     def plot(self, quantity: str = "E") -> "Figure":
         """Draw a quantity over the relative density, with the bounds of Hashin and Shtrikman.
 
@@ -206,6 +233,17 @@ class Rows(Frozen, Sequence[FixedMapping[str, Any]]):
         if len(dict.fromkeys(self["cell"])) < 20:
             axes.legend(frameon=False, fontsize="small")
         return figure
+
+
+def _parquet(columns: dict[str, Any], file: Any) -> None:
+    """Columns as a Parquet file; what is missing is null."""
+    try:
+        import pyarrow
+        from pyarrow.parquet import write_table
+    except ImportError as e:
+        raise FormatError("Parquet needs pyarrow: pip install pyarrow; or save a .csv") from e
+    arrays = {k: pyarrow.array(v, from_pandas=True) for k, v in columns.items()}
+    write_table(pyarrow.table(arrays), file)
 
 
 def sweep(

@@ -28,6 +28,8 @@ from ilattice.errors import InputError
 
 #: Pairs of axes in Voigt order.
 PAIRS = VOIGT
+#: Names of symmetries, the highest first.
+SYMMETRIES = ("isotropic", "cubic", "transversely isotropic", "tetragonal", "orthotropic")
 
 
 def compliance(C: FloatArray, soft: float) -> FloatArray:

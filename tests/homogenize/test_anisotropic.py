@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import ilattice as il
-from ilattice.errors import InputError, PrecisionWarning
-from ilattice.homogenize import bloch, elastic, voxels
+from ilattice.errors import ConvergenceError, InputError, PrecisionWarning
+from ilattice.homogenize import bloch, conductive, conductive_voxels, elastic, voxels
 
 coarse = pytest.mark.filterwarnings("ignore:the cells are too coarse")
 HEXAGONAL = np.array([[1.0, 0.5, 0.0], [0.0, 0.75**0.5, 0.0], [0.0, 0.0, 1.3]])
@@ -255,3 +255,125 @@ def test_wrong_matrices_of_voxels(stiffness, more, told):
     labels[0, 0, 0] = len(stiffness) - 1 if np.ndim(stiffness) == 3 and len(stiffness) == 2 else 5
     with pytest.raises(InputError, match=told):
         voxels(labels, stiffness=stiffness, **more)
+
+
+# ---------------------------------------------------------------------------- conductivity
+
+
+def spd(rng, size=1.0):
+    a = rng.standard_normal((3, 3))
+    return size * (a @ a.T + 0.3 * np.eye(3))
+
+
+@pytest.mark.parametrize(
+    ("edges", "scale", "degree"),
+    [(np.eye(3), 1.0, 1), (HEXAGONAL * 1e-3, 2e11, 2), (SHEARED * 1e3, 1e-4, 2)],
+)
+def test_one_conducting_crystal_is_itself_in_any_cell(rng, edges, scale, degree):
+    k = spd(rng, scale)
+    eff = conductive(full, 3, through=il.macroshape.cell(edges), conductivity=k, degree=degree)
+    np.testing.assert_allclose(eff.k, k, atol=1e-12 * k.max())
+    for bound in eff.bounds.wiener:
+        np.testing.assert_allclose(bound, k, atol=1e-12 * k.max())
+    assert eff.bounds.hashin_shtrikman is None
+    assert eff.error == 0.0
+
+
+@pytest.mark.parametrize("contrast", [3.0, 1e6])
+@pytest.mark.parametrize(("axis", "degree"), [(0, 1), (1, 2), (2, 1)])
+def test_laminates_of_conducting_crystals_are_exact_on_both_routes(rng, axis, degree, contrast):
+    pair = (spd(rng), spd(rng, contrast))
+    level = f"abs({'uvw'[axis]} - 0.5) - 0.2371"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        eff = conductive(
+            full, 5, conductivity=pair, phases=level, degree=degree, estimate=degree == 1
+        )
+    part = 2 * 0.2371
+    exact = naive.conducting_laminate((part, 1 - part), pair, np.eye(3)[axis])
+    np.testing.assert_allclose(eff.k, exact, atol=1e-12 * exact.max())
+    np.testing.assert_array_equal(eff.k, eff.k.T)
+    low, high = eff.bounds.wiener
+    for better, worse in ((high, eff.k), (eff.k, low)):
+        assert np.linalg.eigvalsh(better - worse).min() > -1e-12 * exact.max()
+    assert not eff.error > 1e-6
+    labels = np.zeros((5, 4, 3), int).swapaxes(0, axis)
+    np.moveaxis(labels, axis, 0)[:2] = 1
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PrecisionWarning)  # soft layers count as void
+        found = conductive_voxels(labels, conductivity=np.stack(pair), estimate=False, tol=1e-9)
+    part = 2 / labels.shape[axis]
+    exact = naive.conducting_laminate((1 - part, part), pair, np.eye(3)[axis])
+    np.testing.assert_allclose(found.k, exact, atol=1e-10 * exact.max())
+
+
+def test_sheared_laminates_conduct_as_they_must(rng):
+    """A crystal and a scalar phase; the layers are parallel to two edges of the cell."""
+    pair = (spd(rng), 2.0)
+    cell = il.macroshape.cell(SHEARED)
+    eff = conductive(
+        full, 5, conductivity=pair, phases="abs(u - 0.5) - 0.2371", through=cell, estimate=False
+    )
+    n = np.linalg.inv(SHEARED)[0]
+    exact = naive.conducting_laminate(
+        (2 * 0.2371, 1 - 2 * 0.2371), (pair[0], 2.0 * np.eye(3)), n / np.linalg.norm(n)
+    )
+    np.testing.assert_allclose(eff.k, exact, atol=1e-12 * exact.max())
+
+
+@coarse
+def test_turning_a_conducting_cell_turns_its_conductivity(rng):
+    k = spd(rng)
+    one = conductive(void, 5, conductivity=k, estimate=False).k
+    P = np.eye(3)[[1, 2, 0]] * [[1.0], [-1.0], [1.0]]
+    other = conductive(
+        lambda u: void(u @ P), 5, domain=np.sort([P @ np.zeros(3), P @ np.ones(3)], axis=0),
+        conductivity=P @ k @ P.T, estimate=False,
+    ).k  # fmt: skip
+    np.testing.assert_allclose(other, P @ one @ P.T, atol=2e-5 * one.max())
+    assert np.linalg.eigvalsh(k - one).min() > 0
+    scalar = conductive(void, 5, conductivity=2.0, estimate=False).k
+    matrix = conductive(void, 5, conductivity=2.0 * np.eye(3), estimate=False).k
+    np.testing.assert_allclose(matrix, scalar, atol=1e-12)
+    turned = conductive(
+        full, 3, through=il.macroshape.cell(P @ np.diag([1.0, 2.0, 0.5])), conductivity=k,
+        axes="map",
+    ).k  # fmt: skip
+    np.testing.assert_allclose(turned, P @ k @ P.T, atol=1e-12 * k.max())
+
+
+@pytest.mark.parametrize(
+    ("conductivity", "told"),
+    [
+        (np.diag([1.0, 1.0, -0.1]), "must be positive definite"),
+        (np.array([[1.0, 0.5, 0], [0, 1, 0], [0, 0, 1]]), "must be symmetric"),
+        (np.eye(2), r"a matrix, shape \(3, 3\), got shape \(2, 2\)"),
+        (np.full((3, 3), np.nan), "finite"),
+        (lambda x: np.tile(-np.eye(3), (len(x), 1, 1)), r"at \(.* must be positive definite"),
+        (lambda x: np.ones((len(x), 3, 2)), "one per point"),
+        (lambda x: np.ones((len(x), 2)), "one value per point"),
+        (np.ones(3), "a number"),
+    ],
+)
+def test_wrong_matrices_of_conductivity(conductivity, told):
+    with pytest.raises(InputError, match=told):
+        conductive(full, 3, conductivity=conductivity)
+
+
+# ---------------------------------------------------------------------------- contrast
+
+
+@coarse
+@pytest.mark.parametrize("hard_outside", [True, False])
+def test_too_different_phases_are_told(hard_outside):
+    """Nobody holds a cell: the reason is the contrast, and no rounding comes without a word."""
+    E = (1e12, 1.0)[:: 1 if hard_outside else -1]
+    names = {"phases": lambda x: np.linalg.norm(x - 0.5, axis=1) - 0.31, "degree": 1}
+    with pytest.raises(ConvergenceError, match=r"differs by a factor of 1e\+12 .* take 1e\+09"):
+        elastic(full, 6 if hard_outside else 10, young=E, **names)
+    with pytest.warns(PrecisionWarning, match="rounding is about .* let them differ by"):
+        eff = elastic(full, 10, young=(1e12, 1.0), **names)
+    fair = elastic(full, 10, young=(1e6, 1.0), **names)
+    assert abs(eff.C[0, 0] / fair.C[0, 0] - 1) < eff.error
+    finer = elastic(full, 16, young=(1e6, 1.0), estimate=False, **names)
+    assert 0.0 < fair.C[0, 0] / finer.C[0, 0] - 1 < fair.error < 0.1

@@ -167,6 +167,17 @@ def test_errors_are_told_from_fewer_cells():
 
 
 @coarse
+@pytest.mark.parametrize("n", [6, 8])
+def test_errors_are_those_of_the_worst_corner(n):
+    """Of a full cube it is M, not R, where waves are shorter."""
+    bands = bloch(full, n, path="GXMRG", count=8, steps=1, degree=1)
+    for c in bands.corners:
+        exact = free_waves(bands.k[c], 8)
+        off = np.where(exact > 1e-6, bands.omega[c] / np.maximum(exact, 1e-6) - 1, 0.0)
+        np.testing.assert_array_less(off, 1.05 * bands.errors + 1e-9)
+
+
+@coarse
 def test_residuals_are_those_of_the_matrix():
     cell = BlochCell(void(), (5, 4, 4))
     bands = bloch(cell.domain, path=[[0.2, 0, 0], [0.5, 0, 0]], count=4, steps=5, modes=True)

@@ -280,6 +280,71 @@ def test_struts_come_near_to_pin_jointed_ones_from_above():
     assert over[0] > over[1] > over[2] > 1.0
 
 
+def distance_to_bars(u, bars):
+    """Of points (n, 3) of the unit cell to bars between points of cells, and their copies."""
+    out = np.full(len(u), np.inf)
+    for bar in bars:
+        for shift in np.ndindex(3, 3, 3):
+            a, b = np.array(bar) + shift - 1.0
+            if min(a.min(), b.min()) > -0.6 and max(a.max(), b.max()) < 1.6:
+                t = np.clip((u - a) @ (b - a) / ((b - a) @ (b - a)), 0.0, 1.0)
+                out = np.minimum(out, np.linalg.norm(u - a - t[:, None] * (b - a), axis=1))
+    return out
+
+
+DIAGONALS = [((0.5, 0.5, 0.5), (x, y, z)) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
+MIDDLES = [(0, 0, 0), (0.5, 0.5, 0), (0.5, 0, 0.5), (0, 0.5, 0.5)]
+OCTET = [
+    (a, tuple(np.add(a, s)))
+    for a in MIDDLES
+    for s in np.stack(np.meshgrid(*[(-0.5, 0, 0.5)] * 3), -1).reshape(-1, 3)
+    if np.abs(s).sum() == 1
+]
+
+
+@pytest.mark.parametrize(
+    ("bars", "limits"),
+    [(DIAGONALS, (1 / 9, 1 / 9, 1 / 9)), (OCTET, (1 / 6, 1 / 12, 1 / 12))],
+)
+def test_struts_of_voxels_come_near_to_pin_jointed_ones(bars, limits):
+    """C_ijkl = E ρ <n_i n_j n_k n_l> from above: C11, C12, C44 of bcc and octet struts."""
+    over, n = [], 32
+    x = (np.arange(n) + 0.5) / n
+    away = distance_to_bars(np.stack(np.meshgrid(x, x, x, indexing="ij"), -1).reshape(-1, 3), bars)
+    for radius in (0.13, 0.1, 0.075):
+        fill = np.rint(64 * np.clip(0.5 - n * (away - radius), 0.0, 1.0)).reshape(n, n, n) / 64
+        eff = il.homogenize.voxels(fill, young=(1e-6, 1.0), estimate=False)
+        over.append(np.array([eff.C[0, 0], eff.C[0, 1], eff.C[3, 3]]) / eff.density / limits)
+    assert (np.diff(over, axis=0) < 0).all()
+    assert (np.array(over) > 1.0).all()
+    assert (over[2] < 2.0).all()
+
+
+@pytest.mark.filterwarnings("ignore:the cells are too coarse")
+def test_orders_of_the_stiffness_in_smooth_cells():
+    """At least two and three, of degree 1 and 2, in C11 of a sheet and around a void."""
+
+    def schwarz_p(x):
+        return np.abs(np.cos(2 * np.pi * x).sum(axis=1)) - 0.8
+
+    def stiff(solid, n, degree):
+        return elastic(solid, n, degree=degree, estimate=False, tol=1e-6).C[0, 0]
+
+    for solid, low, high, fine in (
+        (schwarz_p, 6, 12, 16),
+        (void(0.35, (0.47, 0.53, 0.5)), 6, 9, 12),
+    ):
+        first, second, last = (stiff(solid, n, 2) for n in (low, high, fine))
+        limit = last - (second - last) / ((fine / high) ** 3 - 1)
+        order = np.log((first - limit) / (second - limit)) / np.log(high / low)
+        assert first > second > limit
+        assert order > 3.0
+        if solid is schwarz_p:
+            first, second = (stiff(solid, n, 1) for n in (low, high))
+            assert first > second > limit
+            assert np.log((first - limit) / (second - limit)) / np.log(high / low) > 2.0
+
+
 @pytest.mark.parametrize(
     ("field", "cells", "options", "told"),
     [
@@ -294,6 +359,7 @@ def test_struts_come_near_to_pin_jointed_ones_from_above():
         ("no tile", 6, {}, "no tile"),
         (il.Lattice("gyroid", through=il.macroshape.cell(), repeat=1), 6, {}, "a thickness by"),
         (3.0, 6, {}, "field"),
+        (np.ones((4, 4, 4)), 6, {}, r"voxels are for il.homogenize.voxels"),
     ],
 )
 def test_wrong_arguments(field, cells, options, told):

@@ -137,6 +137,34 @@ def test_fits_are_least_squares_of_logarithms():
     assert len(made(density, density).plot().axes[0].lines) == 2
 
 
+def test_columns_go_to_files(tmp_path):
+    rows = sweep(ball, radius=[0.3, 0.9], cells=4, options={"estimate": False})
+    rows.save(tmp_path / "t.csv")
+    with open(tmp_path / "t.csv", newline="") as file:
+        written = list(csv.DictReader(file))
+    assert [float(r["radius"]) for r in written] == [0.3, 0.9]
+    assert float(written[0]["E"]) == rows["E"][0]
+    assert written[1]["E"] == ""
+    assert written[1]["message"] == rows[1]["message"] != ""
+    for name in ("t.txt", "t"):
+        with pytest.raises(FormatError, match=r"must end in \.csv or \.parquet"):
+            rows.save(tmp_path / name)
+    parquet = pytest.importorskip("pyarrow.parquet", reason="pip install pyarrow")
+    rows.save(tmp_path / "t.parquet")
+    table = parquet.read_table(tmp_path / "t.parquet").to_pydict()
+    assert table["E"] == [rows["E"][0], None]
+    assert table["radius"] == [0.3, 0.9]
+    assert table["percolates"] == ["uvw", ""]
+
+
+def test_without_pyarrow_there_is_a_remedy(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    rows = made(np.array([0.1, 0.2]), np.array([0.1, 0.2]))
+    with pytest.raises(FormatError, match=r"pip install pyarrow; or save a \.csv"):
+        rows.save(tmp_path / "t.parquet")
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize(
     ("cells", "options", "told"),
     [

@@ -1,13 +1,15 @@
 """Loads that follow from others by symmetry: as many as there are, and never a wrong one."""
 
 import warnings
+from dataclasses import replace
 
+import naive_homogenize as naive
 import numpy as np
 import pytest
 
 import ilattice as il
 from ilattice.errors import PrecisionWarning
-from ilattice.homogenize import ConductiveCell, ElasticCell, cell
+from ilattice.homogenize import ConductiveCell, ElasticCell, cell, elastic
 
 pytestmark = pytest.mark.filterwarnings("ignore:the cells are too coarse")
 GYROID = "sin(2*pi*x)*cos(2*pi*y) + sin(2*pi*y)*cos(2*pi*z) + {}*sin(2*pi*z)*cos(2*pi*x) - 0.2"
@@ -89,3 +91,23 @@ def test_conduction_and_two_phases(monkeypatch):
         C, report = solved(lambda u: -np.ones(len(u)), 5, **options)
     assert np.ptp(np.diag(C)[:3]) < 1e-4 * C.max()
     assert report.loads in (2, 6)  # cells of two phases have two elements
+
+
+@pytest.mark.parametrize(
+    ("field", "symmetry"),
+    [("diamond", "cubic"), ("gyroid", "cubic"), (lambda x: 0.2 + np.sin(2 * np.pi * x) @ [1, 2, 3],
+     "orthotropic"), (lambda x: np.cos(2 * np.pi * x) @ [1, 1, 2] - 0.4, "tetragonal"),
+     (lambda x: 0.3 - np.sin(2 * np.pi * x) @ [1, 1, 1] - 0.5 * np.sin(
+         2 * np.pi * (x[:, 0] + x[:, 1] - 2 * x[:, 2])), "anisotropic")],
+)  # fmt: skip
+def test_cells_do_not_hide_the_symmetry_of_the_solid(field, symmetry):
+    """Five and six cells have no planes where screw axes of the diamond's are."""
+    if isinstance(field, str):
+        field = il.Lattice(field, through=il.macroshape.cell(), repeat=1)
+        field = field.offset(relative_density=0.3)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PrecisionWarning)
+        eff = elastic(field, 6)
+    assert eff.of_solid == eff.symmetry == symmetry
+    turned = replace(eff, C=eff.rotated(naive.random_rotation(np.random.default_rng(3))))
+    assert turned.symmetry == "anisotropic" or eff.error > min(turned.distances.values())

@@ -1,0 +1,164 @@
+"""Conductivity of a solid: a number, or a symmetric matrix where directions differ.
+
+::
+
+    il.cutfem.Heat(solid, 16, conductivity=np.diag([3.0, 1.0, 1.0]))  # along x, y, z
+    il.cutfem.Heat(solid, 16, through=torus, conductivity=np.diag([9, 1, 1]), axes="map")
+
+Axes that follow a map are those of its rotation, as in `anisotropic`.
+
+Guarantee: every matrix is checked to be symmetric and positive definite where it is used.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ilattice._typing import FloatArray
+from ilattice._validate import among, as_array, asked, check_finite, read_only
+from ilattice.cutfem._voigt import VOIGT
+from ilattice.cutfem.anisotropic import AXES, LEAST, ODD, turns
+from ilattice.cutfem.assembly import Assembly, constant_jacobian
+from ilattice.cutfem.material import OfParameters, Scalar, Single
+from ilattice.errors import InputError
+from ilattice.macroshape.maps import SplineMap
+
+NAME = "conductivity"
+One = Single | FloatArray
+#: A number, name, function of points with numbers or matrices, or matrix; or a pair of these.
+Conducting = One | tuple[One, One]
+
+
+@dataclass(frozen=True, eq=False)
+class Conduction:
+    """A conductivity as it was given.
+
+    Attributes
+    ----------
+    value : float, str, callable, ndarray of shape (3, 3), or pair of these
+        The property; of both phases.
+    axes : {"space", "map"}
+        Which axes matrices have.
+    lattice : object or None
+        Where named properties come from.
+    phased : bool
+        Whether there are two phases, see `Scalar`.
+    """
+
+    value: Any
+    axes: str = "space"
+    lattice: Any = None
+    phased: bool = False
+
+    @classmethod
+    def of(
+        cls, value: Any, axes: str, through: SplineMap | None, lattice: Any, phased: bool
+    ) -> "Conduction":
+        """What a user gave, checked, with axes of space wherever the map turns all alike."""
+        if not among(axes, AXES):
+            raise InputError(f"axes must be one of {AXES}, got {axes!r:.80}")
+        J = np.eye(3)[None] if through is None else constant_jacobian(through)
+        turn = None if axes == "space" or J is None else turns(J)[0]
+        pair = isinstance(value, tuple | list) and len(value) == 2 and phased
+        parts = [_checked(v, lattice, turn) for v in (value if pair else (value,))]
+        if J is not None and not any(callable(p) for p in parts):
+            axes = "space"
+        return cls(tuple(parts) if pair else parts[0], axes, lattice, phased)
+
+    @property
+    def paired(self) -> bool:
+        """Whether each phase has its own."""
+        return isinstance(self.value, tuple)
+
+    @property
+    def phases(self) -> "tuple[Conduction, Conduction]":
+        """The conductivity of the first and of the second phase."""
+        if not self.paired:
+            return self, self
+        first, second = self.value
+        return replace(self, value=first, phased=False), replace(self, value=second, phased=False)
+
+    @property
+    def constant(self) -> bool:
+        """Whether it is one number or matrix."""
+        fixed = not (self.paired or isinstance(self.value, str) or callable(self.value))
+        return fixed and (self.axes == "space" or not isinstance(self.value, np.ndarray))
+
+    def at(self, asm: Assembly, u: FloatArray) -> FloatArray:
+        """Numbers (n,) or matrices (n, 3, 3) of what is no pair; one of a constant."""
+        assert not self.paired
+        value = self.value
+        if callable(value):
+            places = u if isinstance(value, OfParameters) else asm.x(u)
+            found = asked(NAME, value, places)
+            if np.ndim(found) == 3:
+                return self._turned(asm, u, _matrices(found, asm.x(u)))
+            value = OfParameters(lambda _: found)
+        if isinstance(value, np.ndarray):
+            return self._turned(asm, u, value[None])
+        return Scalar(NAME, value, lattice=self.lattice).at(asm, u)
+
+    def _turned(self, asm: Assembly, u: FloatArray, k: FloatArray) -> FloatArray:
+        """Matrices along axes of space."""
+        if self.axes == "space":
+            return k
+        Q = turns(asm.jacobians(u))
+        return np.asarray(Q @ k @ Q.transpose(0, 2, 1))
+
+
+def _checked(value: Any, lattice: Any, turn: FloatArray | None) -> Any:
+    """One conductivity as it is kept."""
+    if callable(value):
+        return value
+    if isinstance(value, str) or np.ndim(value) != 2:
+        Scalar(NAME, value, lattice=lattice)
+        return value if isinstance(value, str) else float(np.ravel(value)[0])
+    k = _matrices(as_array(NAME, value)[None], None)[0]
+    return read_only(k if turn is None else turn @ k @ turn.T)
+
+
+def _matrices(value: Any, x: FloatArray | None) -> FloatArray:
+    """Symmetric positive definite matrices (n, 3, 3), at points x (n, 3), or `InputError`."""
+    k = as_array(NAME, value, finite=False)
+    if k.shape[1:] != (3, 3) or (x is not None and len(k) != len(x)):
+        what = "a matrix, shape (3, 3)" if x is None else f"one per point, shape ({len(x)}, 3, 3)"
+        got = k.shape[1:] if x is None else k.shape
+        raise InputError(f"{NAME} must be a number or {what}, got shape {got}")
+    check_finite(NAME, k)
+    top = np.abs(k).max(axis=(1, 2))
+    odd = np.abs(k - k.transpose(0, 2, 1)).max(axis=(1, 2)) > ODD * top
+    values = np.linalg.eigvalsh(k)
+    bad = odd | ~(values[:, 0] > LEAST * np.maximum(values[:, 2], 0.0))
+    if bad.any():
+        i = int(bad.argmax())
+        at = "" if x is None else f" at ({', '.join(f'{c:.4g}' for c in x[i])})"
+        why = "symmetric" if odd[i] else "positive definite"
+        raise InputError(f"{NAME}{at} must be {why}, got {k[i].tolist()}")
+    return 0.5 * (k + k.transpose(0, 2, 1))
+
+
+def as_matrices(k: FloatArray) -> FloatArray:
+    """Matrices (n, 3, 3) of numbers (n,) or matrices."""
+    return k if k.ndim == 3 else k[:, None, None] * np.eye(3)
+
+
+def flux(k: FloatArray, g: FloatArray) -> FloatArray:
+    """What gradients (n, 3) make flow, backwards, by numbers (n,) or matrices (n, 3, 3)."""
+    return np.einsum("qij,qj->qi", k, g) if k.ndim == 3 else k[:, None] * g
+
+
+def along(k: FloatArray, n: FloatArray) -> FloatArray:
+    """Conductivity (n,) along unit vectors (n, 3)."""
+    return np.einsum("qi,qi->q", flux(k, n), n)
+
+
+def mean(k: FloatArray) -> FloatArray:
+    """Mean over directions (n,)."""
+    return np.trace(k, axis1=1, axis2=2) / 3.0 if k.ndim == 3 else k
+
+
+def rows(k: FloatArray) -> FloatArray:
+    """Entries (n, 6) in Voigt order."""
+    i, j = np.array(VOIGT).T
+    return np.ascontiguousarray(as_matrices(k)[:, i, j])
