@@ -21,6 +21,7 @@ import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.cutfem.domain import Domain
+from ilattice.cutfem.phases import PhasedDomain
 from ilattice.cutfem.space import SplineSpace
 from ilattice.homogenize import tensors
 
@@ -150,7 +151,7 @@ def group(domain: Domain, J: FloatArray) -> list[FloatArray]:
     t = (np.arange(POINTS) + 0.5) / POINTS
     u = lo + np.stack(np.meshgrid(t, t, t, indexing="ij"), -1).reshape(-1, 3) * (hi - lo)
     what = (domain.cut.sets(u) < 0.0).all(axis=1).astype(float)
-    if domain.second is not None:
+    if isinstance(domain, PhasedDomain):
         what += what * domain.second(u)
     what = what.reshape(POINTS, POINTS, POINTS)
     spectrum, square, found = np.fft.fftn(what), float((what**2).sum()), []

@@ -20,6 +20,7 @@ from ilattice._validate import Frozen, as_points, as_whole, read_only
 from ilattice.cutfem.output import Result
 from ilattice.errors import FormatError, InputError
 from ilattice.homogenize._result import finite
+from ilattice.homogenize.paths import reciprocal
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -267,8 +268,10 @@ class Bands(Frozen):
             raise InputError("waves were not kept: give bloch(..., modes=True); voxels keep none")
         v = self._vectors[point][:, band].reshape(-1, 3)
         both = np.concatenate([v.real, v.imag], axis=1)
+        f = self.fractions[point]  # waves are those of the first zone, see `Path.reduced`
+        zone = (f - np.rint(f)) @ reciprocal(self._problem.edges).T
         return BlochMode(
-            self._problem, both, self.k[point], float(self.omega[point, band]), float(phase)
+            self._problem, both, zone, float(self.omega[point, band]), float(phase)
         )
 
     # ---------------------------------------------------------------- files

@@ -129,23 +129,24 @@ def bloch(
     kept += 5 * 72.0 * len(cell.assembly.pattern.indices)  # blocks of one wave vector and by axes
     need(kept, f"{count} waves of {unknowns} unknowns", "use fewer cells, or a smaller count")
     search = Search(cell, count, method, tol, most)
-    return _bands(search, way, search.along(way, progress), modes, begin)
+    return _bands(search, way, search.along(way.reduced(), progress), modes, begin)
 
 
 def _bands(search: Search, way: Path, found: list[Pairs], modes: bool, begin: float) -> Bands:
     """What is told of all pairs."""
     cell, count = search.cell, search.count
-    k = way.fractions @ reciprocal(cell.edges).T
+    inner = way.reduced()
+    k, zone = (p.fractions @ reciprocal(cell.edges).T for p in (way, inner))
     tangents = np.diff(k, axis=0, append=k[-1:] + (k[-1:] - k[-2:-1] if len(k) > 1 else 1.0))
     made: dict[int, tuple[FloatArray, Vectors]] = {}
     velocities, vectors = [], []
     for i, pairs in enumerate(found):
         key = id(pairs)
         if key not in made:
-            made[key] = velocities_of(search, k[i], tangents[i], pairs)
+            made[key] = velocities_of(search, zone[i], tangents[i], pairs)
         velocities.append(made[key][0])
         vectors.append(made[key][1])
-    errors = _errors(search, [(k[c], found[c], rest) for c, rest in distinct(way)])
+    errors = _errors(search, [(zone[c], found[c], rest) for c, rest in distinct(inner)])
     cell.warn_of_error(2.0 * float(errors.max()), "the square of a frequency")
     mu, mass = cell.inertia
     values = np.stack([p.values[:count] for p in found])

@@ -317,7 +317,7 @@ def bloch_voxels(
     way = path_of(path, waves.edges, steps, system)
     search = _Search(waves, count, tol, most)
     k = way.fractions @ reciprocal(waves.edges).T
-    zone = (way.fractions - np.rint(way.fractions)) @ reciprocal(waves.edges).T
+    zone = way.reduced().fractions @ reciprocal(waves.edges).T
     tangents = np.diff(k, axis=0, append=k[-1:] + (k[-1:] - k[-2:-1] if len(k) > 1 else 1.0))
     found: list[Pairs] = []
     velocities = []

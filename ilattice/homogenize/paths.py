@@ -10,7 +10,7 @@ miss some directions.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -62,6 +62,13 @@ class Path(Frozen):
     fractions: FloatArray
     corners: IntArray
     labels: tuple[str, ...]
+
+    def reduced(self) -> "Path":
+        """The same waves by vectors near 0.
+
+        A wave does not change by edges of the reciprocal lattice; grids know only slow ones.
+        """
+        return replace(self, fractions=self.fractions - np.rint(self.fractions))
 
 
 def reciprocal(edges: FloatArray) -> FloatArray:
