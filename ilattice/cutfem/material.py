@@ -29,6 +29,9 @@ if TYPE_CHECKING:
 #: Factor by which a stiffness may jump within a cell without a warning; cells that are searched,
 #: steps of the search, and the part of the range that one of them takes where there is a jump.
 STEEP, SEARCHED, STEPS, ABRUPT = 1.2, 20, 16, 0.4
+#: Cells that are looked at for waves, points in each, part of a cell that counts as all of it, and
+#: root mean square of what is left of a linear course, over the mean, that splines do not follow.
+WATCHED, DRAWN, FULL, WAVY = 64, 24, 0.999, 0.15
 
 Single = float | str | Callable[[FloatArray], Any]
 Property = Single | tuple[Single, Single]
@@ -197,13 +200,42 @@ class Scalar:
 def jump_within_cells(
     rule: Quadrature, values: FloatArray, at: Callable[[FloatArray], FloatArray]
 ) -> float:
-    """Largest factor by which positive values jump within a cell, 1 where none is seen.
+    """Largest factor by which positive values jump or wave within a cell, 1 where none is seen.
 
     `values` (n,) are those at the points of the rule, `at` gives them at any parameters: the cells
     in which they vary most are searched between the points of the least and the largest one.
     """
     if len(values) < len(rule) or not len(rule):
         return 1.0
+    return max(_jump(rule, values, at), _wave(rule, at))
+
+
+def _wave(rule: Quadrature, at: Callable[[FloatArray], FloatArray]) -> float:
+    """Largest factor within full cells in which values are far from linear.
+
+    Points of rules may all lie where a wave is high; these lie at random.
+    """
+    volume = rule.grid.boxes(rule.cells)[:, 3:].prod(axis=1)
+    starts, count = rule.offsets[:-1], np.diff(rule.offsets)
+    held = np.zeros(len(count))
+    held[count > 0] = np.add.reduceat(rule.weights, starts[count > 0])
+    full = np.flatnonzero(held > FULL * volume)
+    if not len(full):
+        return 1.0
+    some = full[np.unique(np.linspace(0, len(full) - 1, WATCHED).astype(int))]
+    box = rule.grid.boxes(rule.cells[some])
+    t = np.random.default_rng(0).random((DRAWN, 3))
+    u = box[:, None, :3] + t * box[:, None, 3:]
+    found = np.broadcast_to(at(u.reshape(-1, 3)), len(some) * DRAWN).reshape(len(some), DRAWN)
+    linear = np.column_stack([np.ones(DRAWN), t])
+    left = found - found @ np.linalg.pinv(linear).T @ linear.T
+    off = np.sqrt((left**2).mean(axis=1)) / found.mean(axis=1)
+    factor = found.max(axis=1) / found.min(axis=1)
+    return float(factor[off > WAVY].max(initial=1.0))
+
+
+def _jump(rule: Quadrature, values: FloatArray, at: Callable[[FloatArray], FloatArray]) -> float:
+    """See `jump_within_cells`."""
     starts = rule.offsets[:-1][np.diff(rule.offsets) > 0]
     ratio = np.maximum.reduceat(values, starts) / np.minimum.reduceat(values, starts)
     worst = np.argsort(-ratio, kind="stable")[:SEARCHED]
@@ -228,9 +260,9 @@ def warn_of_jump(name: str, factor: float) -> None:
     """Warn of a material that jumps within cells."""
     if factor > STEEP:
         warnings.warn(
-            f"{name} jumps by a factor of {factor:.3g} within a cell, where splines cannot bend; "
-            "divide the solid by phases= where it jumps, and give a pair, or let it change over a "
-            "cell or more",
+            f"{name} jumps or waves by a factor of {factor:.3g} within a cell, where splines "
+            "cannot bend; divide the solid by phases= where it jumps, and give a pair, or let it "
+            "change over several cells",
             PrecisionWarning,
             stacklevel=5,
         )

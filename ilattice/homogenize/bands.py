@@ -270,9 +270,7 @@ class Bands(Frozen):
         both = np.concatenate([v.real, v.imag], axis=1)
         f = self.fractions[point]  # waves are those of the first zone, see `Path.reduced`
         zone = (f - np.rint(f)) @ reciprocal(self._problem.edges).T
-        return BlochMode(
-            self._problem, both, zone, float(self.omega[point, band]), float(phase)
-        )
+        return BlochMode(self._problem, both, zone, float(self.omega[point, band]), float(phase))
 
     # ---------------------------------------------------------------- files
 

@@ -329,7 +329,9 @@ class _Run:
         shape = np.array(self.cells.phase.shape)
         if estimate and not (shape % 2).any() and shape.min() >= 4:
             coarse = [self._coarse(self._load(a)) for a in range(count)]
-            errors = _estimated(relaxed, self._energies(coarse))
+            found = _estimated(relaxed, self._energies(coarse))
+            root = np.sqrt(np.abs(np.diag(found)))  # energies: no entry is farther off than that
+            errors = np.maximum(found, np.outer(root, root))
         solid = _going_on(self.cells, self.grid)
         steps = max(run.iterations for run in runs)
         left = max(run.left for run in runs)

@@ -184,7 +184,7 @@ def test_a_jump_of_the_stiffness_within_a_cell_is_told():
         return np.where((x[:, 0] > 0.3)[:, None, None], 9.0 * C, C)
 
     problem = Elasticity(full, 2, stiffness=jumping, domain=[[0.0] * 3, [1.0] * 3])
-    with pytest.warns(PrecisionWarning, match="stiffness jumps by a factor of 9"):
+    with pytest.warns(PrecisionWarning, match="by a factor of 9"):
         assert problem.clamp("u=0").matrix.shape
 
 

@@ -276,6 +276,20 @@ def test_empty_phases_are_refused(at, which):
         Elasticity(whole, 3, domain=CUBE, phases=f"x - ({at})")
 
 
+@pytest.mark.parametrize("waves", [0.7, 0.9, 1.0, 2.0, 3.5])
+def test_materials_that_wave_inside_of_cells_are_told(waves):
+    def property_of(x):
+        return 1.2 + np.sin(2 * np.pi * 5 * waves * x[:, 0] + 0.3)
+
+    for degree in (1, 2):
+        problem = Elasticity(whole, (5, 2, 2), domain=CUBE, young=property_of, degree=degree)
+        with pytest.warns(PrecisionWarning, match=r"young jumps or waves .* within a cell"):
+            assert problem.clamp("u=0").matrix.shape
+        heat = Heat(whole, (5, 2, 2), domain=CUBE, conductivity=property_of, degree=degree)
+        with pytest.warns(PrecisionWarning, match="conductivity jumps or waves"):
+            assert heat.fix("u=0", 0.0).matrix.shape
+
+
 def test_jumps_inside_of_cells_are_warned_of():
     jumping = Elasticity(
         whole, 5, domain=CUBE, young=lambda x: np.where(x[:, 2] < 0.43, 1.0, 100.0)
