@@ -177,7 +177,7 @@ def pipes(k: CornerSharing, radius: Any) -> Pipes:
     slot = np.full((len(edges), 2), -1)
     cube, hand = np.empty((len(x), 8, 3)), np.ones(len(x))
     closing, bad = [], []
-    for v, own in zip(used, _incident(k, used), strict=True):
+    for v, own in zip(used.tolist(), _incident(k, used), strict=True):
         directions = np.where((edges[own, 0] == v)[:, None], way[own], -way[own])
         where, six, sine = _assigned(directions)
         bad += [v] if sine < FLAT else []

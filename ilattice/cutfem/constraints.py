@@ -194,8 +194,8 @@ def _shared(x: FloatArray, y: FloatArray) -> FloatArray:
     """Points (n, 3) that are in both of two places, of which the rules are parts of the same."""
     if x is y:
         return x
-    rows = [np.ascontiguousarray(p).view([("", np.float64)] * 3).ravel() for p in (x, y)]
-    return x[np.isin(*rows)]
+    one, other = (np.ascontiguousarray(p).view([("", np.float64)] * 3).ravel() for p in (x, y))
+    return x[np.isin(one, other)]
 
 
 def _refuse(

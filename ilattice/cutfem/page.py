@@ -63,7 +63,7 @@ class Report(SolveReport):
             out.write(text)
 
 
-def report_of(result: "Result", solved: SolveReport | None) -> Report | None:
+def report_of(result: Any, solved: SolveReport | None) -> Report | None:
     """What the solver told, able to write about a result."""
     if solved is None:
         return None

@@ -26,7 +26,7 @@ import numpy as np
 
 from ilattice._memory import need
 from ilattice._progress import Progress
-from ilattice._typing import FloatArray
+from ilattice._typing import AnyArray, FloatArray
 from ilattice._validate import as_flag, as_positive, as_whole, read_only
 from ilattice.cutfem.material import Property
 from ilattice.errors import InputError
@@ -168,7 +168,7 @@ def distinct(way: Path) -> list[tuple[int, bool]]:
     return [(c, all(f == round(f) for f in name)) for name, c in names.items()]
 
 
-def moving(values: FloatArray, shift: float, rest: bool) -> FloatArray:
+def moving(values: FloatArray, shift: float, rest: bool) -> AnyArray:
     """Which squares of frequencies are not zero, those of whole pieces at rest being noise."""
     return values > (RESTING * values.max() if rest else ZERO * shift)
 
