@@ -7,13 +7,16 @@ ends the whole process when two threads come at the same time. Here they take tu
 Guarantee: with any layer kernels may be called from any thread, with the same results. Not
 guaranteed: that threads gain anything on the layer where they take turns; that kernels of other
 libraries, which have started that layer before this package was imported, take turns with ours;
-processes forked after the first kernel on OpenMP (TBB and workqueue take that).
+processes forked after the first kernel on OpenMP (TBB and workqueue take that). Children do not
+wait for attributes that another thread was making when they were forked.
 """
 
 import ctypes
 import os
+import sys
 import threading
 from contextlib import suppress
+from functools import cached_property
 from importlib import import_module
 from typing import Any
 
@@ -29,6 +32,25 @@ _LAUNCH = ctypes.CFUNCTYPE(
     ctypes.c_ssize_t,  # threads
 )
 _kept: list[Any] = []
+
+
+def _free_attributes() -> None:
+    """Give attributes that are made once locks that no thread of another process holds.
+
+    Until Python 3.12 a lock is held while such an attribute is made; a child that is forked then
+    would wait for ever for a thread that it has not got.
+    """
+    for name, module in list(sys.modules.items()):
+        if not name.startswith("ilattice"):
+            continue
+        for kind in list(vars(module).values()):
+            for made in list(vars(kind).values()) if isinstance(kind, type) else ():
+                if isinstance(made, cached_property) and hasattr(made, "lock"):
+                    made.lock = threading.RLock()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_free_attributes)
 
 
 def take_turns() -> None:

@@ -295,7 +295,7 @@ def test_a_closed_standard_error_is_no_error(tmp_path, monkeypatch, capfd):
     """It ended in an error of the progress bar, and messages went to the output."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "stderr", None)
-    words = ["sphere", "dilate", "t", "-s", "0.5", "-o", "a.ply", "--set", "t=0,0.1"]
+    words = ["sphere", "dilate", "t", "-s", "0.2", "-o", "a.ply", "--set", "t=0,0.1"]
     assert cli.main(["sdf", *words]) == 0
     assert len(list(tmp_path.glob("a_*.ply"))) == 2
     capfd.readouterr()

@@ -89,6 +89,7 @@ def test_fig01_arms_pass_through_opposite_faces_alike():
     assert numbers["volume of b"] == pytest.approx(0.215, rel=0.01)
 
 
+@pytest.mark.filterwarnings("ignore:the mesh with h=")  # coarse
 def test_fig03_boxes_of_the_domain_hold_tiles():
     numbers = run("fig03_tiles", h=0.05)
     assert numbers["difference"] <= 1e-14
@@ -114,6 +115,7 @@ def test_fig07_walls_are_as_thick_as_asked_in_space_not_in_the_domain():
     assert numbers["volume"] == pytest.approx(numbers["volume of the mesh"], rel=3e-3)
 
 
+@pytest.mark.filterwarnings("ignore:the mesh with h=")  # coarse
 def test_fig09_thicker_arms_fill_more():
     gained = run("fig09_colours", figures=("fig09",), coarser=1.5)
     assert gained["fig09"] == pytest.approx(1.71, abs=0.03)
@@ -156,6 +158,7 @@ def test_fig16_struts_are_stiffer_than_a_wall_of_their_weight():
     assert numbers["fig16d: equilibrium"] < 1e-8
 
 
+@pytest.mark.filterwarnings("ignore:the mesh with h=")  # coarse
 def test_gismo_volume_is_filled_and_closed():
     numbers = run("gismo_iwp", d=0.05, h=0.06, repeat=(4, 1, 4))
     assert numbers["open edges"] == 0
@@ -305,6 +308,7 @@ def test_walls_are_as_thick_as_data_say():
     assert numbers["volume by table"] == pytest.approx(numbers["volume by image"], rel=0.02)
 
 
+@pytest.mark.filterwarnings("ignore:the spline that quadrature")
 def test_struts_of_a_graph_have_the_radii_of_their_nodes():
     numbers = run("strut_graph")
     assert numbers["watertight"]

@@ -91,7 +91,7 @@ def examples():
         il.cutfem.cut(wall, 4), solid.domain.cut.grid, il.cutfem.quadrature(wall, 4),
         il.cutfem.mass_properties(wall, 4), heat.evolve(1.0, steps=2), modes.report,
         solution.recovered(), temperature.recovered(), solution.error_estimate(),
-        solution.report, il.cutfem.buckling(solution, 1), solid.assembly.space,
+        solution.report, solution.solved, il.cutfem.buckling(solution, 1), solid.assembly.space,
         solution.at(point, outside="nan"), *cells(), *surfaces(), *below(), *structures(),
         *shells(), *graphs(),
     ]  # fmt: skip
@@ -135,7 +135,7 @@ def structures():
     k = il.cost.kagome(2).refined()
     straight = il.cost.BernsteinSimplex.straight(np.vstack([np.zeros(3), np.eye(3)]), 2)
     spline = il.cost.boxspline.field(il.cost.kagome(2))
-    return [k, k.beams(0.01), il.cost.Blocks(4), straight, spline, k.pipes(0.01)]
+    return [k, k.beams(0.01), il.cost.Blocks(4), straight, spline, il.cost.kagome(3).pipes(0.01)]
 
 
 def shells():

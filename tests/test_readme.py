@@ -26,6 +26,7 @@ def test_the_shortest_program_runs(tmp_path, monkeypatch, capsys):
     assert "257 ThicknessReport" in capsys.readouterr().out
 
 
+@pytest.mark.filterwarnings("ignore:the mesh with h=")  # coarse
 def test_the_variations_are_one_line_each(tmp_path):
     file = tmp_path / "part.xml"
     il.macroshape.box().save(file)

@@ -300,7 +300,7 @@ def test_slices_in_3mf_stand_in_for_the_part_itself(tmp_path, normal, kind):
 
 THREADS = """
 import threading, numba, ilattice as il
-field, found = il.sdf.parse("box gyroid shell 0.3"), []
+field, found = il.sdf.parse("box gyroid"), []
 def work():
     found.append(len(il.sdf.mesh(field, 0.1).faces))
 threads = [threading.Thread(target=work) for _ in range(4)]
@@ -310,7 +310,7 @@ print(numba.threading_layer(), len(found), len(set(found)), flush=True)
 """
 FORKS = """
 import multiprocessing, threading, time, ilattice as il
-field, stop = il.sdf.parse("box gyroid shell 0.3"), []
+field, stop = il.sdf.parse("box gyroid"), []
 def work():
     il.sdf.mesh(field, 0.1)
 def loop():

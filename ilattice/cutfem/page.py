@@ -143,9 +143,9 @@ def _set_up(problem: Any) -> dict[str, str]:
         "splines": f"degree {domain.degree}, smoothness {domain.smoothness}",
     }
     material = getattr(problem, "material", problem)
-    for told in vars(material).values():
-        if hasattr(told, "name") and hasattr(told, "value"):
-            out[told.name] = _said(told.value)
+    for name, told in vars(material).items():
+        if hasattr(told, "value"):
+            out[name] = _said(told.value)
     if getattr(material, "full", False):
         out["stiffness"] = "6 x 6, of any symmetry"
     for i, s in enumerate(problem.supports, 1):

@@ -41,7 +41,7 @@ from ilattice.homogenize.waves import BlochCell
 #: Relative distances of frequencies that are the same.
 SAME = 1e-5
 #: Squares of frequencies below this part of the largest one are zero in waves of no length.
-RESTING = 1e-4
+RESTING, RESTED = 1e-4, 1e-6
 
 
 def bloch(
@@ -170,7 +170,7 @@ def distinct(way: Path) -> list[tuple[int, bool]]:
 
 def moving(values: FloatArray, shift: float, rest: bool) -> AnyArray:
     """Which squares of frequencies are not zero, those of whole pieces at rest being noise."""
-    return values > (RESTING * values.max() if rest else ZERO * shift)
+    return values > (max(RESTING * values.max(), RESTED * shift) if rest else ZERO * shift)
 
 
 def _errors(search: Search, corners: list[tuple[FloatArray, Pairs, bool]]) -> FloatArray:

@@ -123,13 +123,14 @@ def check_loss(
         If more than `REFUSED` of the volume is lost or gained, unless that is allowed.
     """
     least, got = wall.least_thickness, mesh.volume
-    if h <= COMPARED * least and not _Points(wall, BOXES).doubt(got):
+    short = h <= COMPARED * least
+    if short and not _Points(wall, BOXES).doubt(got):
         return
     whole = wall.volume()
     rounded = _Points(wall, FEWER).rounded if exactly and abs(got - whole) > TOLD * whole else 0.0
     whole += rounded
     off = got / whole - 1.0 if whole > 0.0 else 0.0
-    if abs(off) <= TOLD:
+    if abs(off) <= (NEAR if short else TOLD):
         return
     told, h = f"{h:g}", min(h, mesh.longest)  # a grid has at least some planes per tile
     enough = min(ENOUGH * least, 0.9 * h * (TOLD / abs(off)) ** 0.5)

@@ -51,6 +51,7 @@ def test_stresses_have_named_components(tmp_path, ball):
             assert values.argmax() == column
 
 
+@pytest.mark.filterwarnings("ignore:the mesh with h=")  # coarse
 def test_the_surface_of_a_wall_is_a_surface_file(tmp_path):
     wall = il.Lattice("primitive", through=il.macroshape.box((1.0, 1.2, 0.9))).offset(0.17)
     solution = stretched(Elasticity(wall, 9, degree=1, young=2.0))

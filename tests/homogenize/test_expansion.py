@@ -58,7 +58,7 @@ def test_two_phases_follow_levin(young, tmp_path):
 @coarse
 def test_laminates_expand_by_their_formula():
     eff = elastic(
-        full, (8, 4, 4), domain=[[0, 0, 0], [1, 0.5, 0.5]], phases="abs(u - 0.503) - 0.21",
+        full, (12, 8, 8), domain=[[0, 0, 0], [1, 0.5, 0.5]], phases="abs(u - 0.503) - 0.21",
         young=YOUNG, poisson=POISSON, expansion=ALPHA,
     )  # fmt: skip
     part, E, nu = np.array([0.42, 0.58]), np.array(YOUNG), np.array(POISSON)

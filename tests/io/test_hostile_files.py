@@ -316,7 +316,7 @@ def test_wide_letters_do_not_add_to_many_numbers(tmp_path):
 def good_files(ending, tmp_path):
     path = tmp_path / f"good{ending}"
     if ending in registry.READERS:
-        for field, h in (("box", 1.0), ("sphere", 0.6)):
+        for field, h in (("box", 1.0), ("sphere", 0.2)):
             il.sdf.mesh(il.sdf.parse(field), h).save(path)
             yield path.read_bytes()
         return

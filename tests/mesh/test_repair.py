@@ -14,7 +14,7 @@ from ilattice.errors import ConvergenceError, PrecisionWarning
 from ilattice.mesh import SurfaceMesh, _settling, untangle, wall_mesh
 from ilattice.mesh import _kernels_repair as kernels
 from ilattice.mesh.contouring import ON_CAP, contour_arrays, split_quads
-from ilattice.mesh.repair import QUALITY, remove_slivers
+from ilattice.mesh.repair import QUALITY, Repair, remove_slivers
 
 SIX = (0, 1, 2, 3, 4, 5)
 
@@ -422,7 +422,7 @@ def none_cross(*arrays):
 
 def untouched(x, faces, _, *, spared):
     assert not spared.any()
-    return SimpleNamespace(vertices=np.arange(len(x)), faces=faces, rows=np.arange(len(faces)))
+    return Repair(np.arange(len(x)), faces, np.arange(len(faces)), 0, 0, 0)
 
 
 @pytest.mark.parametrize(

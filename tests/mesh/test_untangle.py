@@ -104,6 +104,7 @@ def as_polished(lattice, start, moved, faces, kind, *_):
     return untangle.Untangled(s.u, s.x, s.repair, np.zeros(len(start), bool), s.pairs)
 
 
+@pytest.mark.filterwarnings("ignore:the mesh with h=")  # coarse
 def test_vertices_move_along_the_offset_until_nothing_crosses(monkeypatch):
     wall = wall_of("c_s")
     mesh = wall.mesh(0.03)
@@ -182,6 +183,7 @@ def test_points_in_own_cells_are_on_the_offset_and_do_not_leave_fixed_coordinate
     assert (u[~found] == raw.vertices[at][~found]).all()
 
 
+@pytest.mark.filterwarnings("ignore:the mesh with h=")  # coarse
 def test_vertices_are_held_back_where_nothing_else_helps(monkeypatch):
     """And marked, with their error; all others are exact."""
     wall = wall_of("c_s")
@@ -202,6 +204,7 @@ def test_vertices_are_held_back_where_nothing_else_helps(monkeypatch):
     assert error[~held & (side != 0)].max() < 5e-6
 
 
+@pytest.mark.filterwarnings("ignore:the mesh with h=")  # coarse
 @pytest.mark.threads
 def test_meshes_do_not_depend_on_the_number_of_threads():
     wall = wall_of("c_s")

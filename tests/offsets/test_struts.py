@@ -58,6 +58,7 @@ def test_struts_between_nodes_on_faces_edges_and_corners_are_meshed(faces):
     assert wall.thickness_error(mesh).relative < 1e-6
 
 
+@pytest.mark.filterwarnings("ignore:the mesh with h=")  # coarse
 def test_varying_radii_and_blends_of_repeated_cells_through_a_bent_map():
     rng = np.random.default_rng(8)
     radii = rng.uniform(0.04, 0.08, (9, 2))
