@@ -153,11 +153,13 @@ def words() -> None:
         path = Path(folder) / "part.stl"
         il.sdf.mesh(il.fields.sphere(1.0), 0.2).save(path)
         commands.append([str(path), "gyroid", "scale", "2", "distance", "shell", "0.4"])
-        for command in commands:
-            found = il.sdf.mesh(il.sdf.parse(command), 0.2, allow_loss=True)
-            found.measures()
-            for ending in ("ply", "stl"):
-                found.save(path.with_suffix(f".{ending}"))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", PrecisionWarning)  # these meshes are for nobody
+            for command in commands:
+                found = il.sdf.mesh(il.sdf.parse(command), 0.2, allow_loss=True)
+                found.measures()
+                for ending in ("ply", "stl"):
+                    found.save(path.with_suffix(f".{ending}"))
 
 
 def meshes() -> None:
