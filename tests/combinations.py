@@ -507,7 +507,7 @@ def _volumes(row, combo, wall, mesh):
     row["voxel_parts"], row["voxel_most"] = voxel_parts(wall)
     lost = row["volume"] / row["quadrature"] - 1.0
     out = []
-    if abs(lost) > 0.055:  # the mesh is refused from 5 % of what exact distances give
+    if abs(lost) > 0.05:
         out.append(f"volume {lost:+.1%}")
     if row["parts"] > max(4, 2 * row["voxel_parts"], row["voxel_most"]):
         out.append("crumbs")

@@ -215,8 +215,7 @@ def test_what_the_penalty_on_jumps_takes_is_in_the_estimate(p, r):
 
     coarse = levels(problem.assembly.space)
     rest = relative_error(coarse, multiply, full.diagonal().reshape(c.shape), c, con.fixed, energy)
-    # parts of nodes cancel, so that they have fewer digits than the solution
-    np.testing.assert_allclose(report.discretization_error, rest + jumps / energy, rtol=1e-3)
+    np.testing.assert_allclose(report.discretization_error, rest + jumps / energy, rtol=1e-4)
 
 
 def place(body):
@@ -237,7 +236,7 @@ def test_the_estimate_of_a_beam_is_near_what_is_missing(n, p):
         return bar(cells, degree).clamp("w=0").load(traction=(1.0, 0, 0), on="w=1")
 
     found, error = value(loaded(n, p))
-    exact, _ = value(loaded(5, 3))
+    exact, _ = value(loaded(8, 2))
     missing = exact / found - 1.0
     assert 0.5 * missing < error < 2.0 * missing
 
