@@ -354,7 +354,8 @@ def test_solutions_are_the_same_in_all_processes():
     assert found[0] == found[1]
 
 
-def test_memory_stays_flat_over_many_solves():
+def test_memory_stays_flat_over_300_solves():
+    # the interpreter's free lists fill at first: 400 bytes a solve, then 180, 80, 40 per sixty
     held = il.cutfem.Elasticity(lambda u: -np.ones(len(u)), 2, domain=[[0.0] * 3, [1.0] * 3])
     held = held.clamp("w=0")
     rng = np.random.default_rng(0)
@@ -369,7 +370,7 @@ def test_memory_stays_flat_over_many_solves():
         warnings.simplefilter("ignore")
         tracemalloc.start()
         try:
-            first = solve(20)
-            assert (solve(60) - first) / 60 < 500
+            first = solve(80)
+            assert (solve(220) - first) / 220 < 500
         finally:
             tracemalloc.stop()
