@@ -19,7 +19,6 @@ from typing import Any
 
 import numpy as np
 
-from ilattice._field import as_boxes
 from ilattice._files import as_path
 from ilattice._memory import need
 from ilattice._progress import Progress
@@ -30,10 +29,10 @@ from ilattice._validate import (
     as_flag,
     as_kind,
     as_points,
-    as_whole,
     asked,
 )
 from ilattice.cost import _kernels_beams as kernels
+from ilattice.cost import _pieces as pieces
 from ilattice.cost.structure import CornerSharing, _numbers
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.fields import _kernels_boxes as tree
@@ -43,8 +42,6 @@ from ilattice.mesh.field_slices import slice_field
 from ilattice.mesh.surface import SurfaceMesh
 from ilattice.slicing.slices import SliceStack
 
-#: Most beams of one box of an analysis; where there are more it is halved.
-MOST_PIECES = 16
 #: Part of the radius that a linear radius may be off in the middle of a beam before a warning.
 UNEVEN = 0.05
 PER_BEAM = 400.0  # bytes
@@ -196,21 +193,12 @@ class Beams(Node):
         ndarray, shape (n, 3)
             Lower and upper bounds, and the largest slope.
         """
-        lo, hi = _corners(lo, hi)
-        return _bounds(self.values, lo, hi, as_flag("moved", moved))
+        lo, hi = pieces.corners(lo, hi)
+        return pieces.bounds(self.values, lo, hi, as_flag("moved", moved))
 
     # ------------------------------------------------------------------ pieces for analyses
 
-    @cached_property
-    def _round(self) -> AnyArray:
-        """Vertices (n,) at which all beams have one radius: a ball that several of them share."""
-        low = np.full(len(self.vertices), np.inf)
-        high = np.full(len(self.vertices), -np.inf)
-        np.minimum.at(low, self.pairs, self.radii)
-        np.maximum.at(high, self.pairs, self.radii)
-        return np.asarray(low == high)
-
-    def parts_on(self, lo: FloatArray, hi: FloatArray) -> list[tuple[int, ...] | None]:
+    def parts_on(self, lo: FloatArray, hi: FloatArray) -> list[tuple[tuple[int, ...], ...] | None]:
         """Pieces that may be nearest somewhere in boxes.
 
         Parameters
@@ -220,69 +208,28 @@ class Beams(Node):
 
         Returns
         -------
-        list of tuple of int or None
-            Numbers of beams, and, from their count on, balls at vertices, where a box lies so that
-            its points are nearest to the end of all beams there. None for more than can be taken.
+        list of tuple of tuple of int or None
+            Pieces, each of them the numbers of its beams, and, from their count on, of balls at
+            vertices, where a box lies so that its points are nearest to the end of all beams
+            there. Beams that share a ball within a box are one piece: their distances are equal
+            there. None for boxes that are to be halved before.
         """
-        lo, hi = _corners(lo, hi)
-        reach = np.linalg.norm(hi - lo, axis=1) * (1.0 + 1e-9)
-        rows = np.full((len(lo), MOST_PIECES), -1, np.int64)
-        count = np.empty(len(lo), np.int64)
-        middle = 0.5 * (lo + hi)
-        box, wide, link, beam, order = self._tree
-        kernels.among(len(lo), middle, reach, box, wide, link, beam, rows, count)
-        end = self._ends(rows, middle, 0.5 * reach)
-        out: list[tuple[int, ...] | None] = []
-        for row, which, c in zip(rows.tolist(), end.tolist(), count.tolist(), strict=True):
-            out.append(None if c > MOST_PIECES else self._pieces(row[:c], which, order))
-        return out
+        return pieces.parts_on(self._tree, self.pairs, self.radii, *pieces.corners(lo, hi))
 
-    def _ends(self, rows: IntArray, middle: FloatArray, reach: FloatArray) -> IntArray:
-        """The end, 0 or 1, of beams that all of a box is nearest to; 2 where that is not so."""
-        beam = self._tree[3][rows]
-        way = beam[..., 5:8] - beam[..., 2:5]
-        length = np.linalg.norm(way, axis=2)
-        s = np.clip((beam[..., 1] - beam[..., 0]) / length, -1.0, 1.0)
-        steep = s / np.sqrt(np.maximum(1.0 - s * s, 1e-12))
-        p = middle[:, None] - beam[..., 2:5]
-        z = (p * way).sum(axis=2) / length
-        off = np.sqrt(np.maximum((p * p).sum(axis=2) - z * z, 0.0))
-        t, slack = z + steep * off, reach[:, None] * (1.0 + np.abs(steep))
-        return np.asarray(np.where(t + slack <= 0.0, 0, np.where(t - slack >= length, 1, 2)))
-
-    def _pieces(self, row: list[int], which: list[int], order: IntArray) -> tuple[int, ...]:
-        """Beams, and balls that are part of none of these."""
-        whole, balls = set(), set()
-        for i, end in zip(row, which, strict=False):
-            vertex = int(self.pairs[order[i], end]) if end < 2 else -1
-            if vertex >= 0 and self._round[vertex]:
-                balls.add(vertex)
-            else:
-                whole.add(i)
-        covered = {int(v) for i in whole for v in self.pairs[order[i]]}
-        return tuple(sorted(whole) + sorted(len(order) + v for v in balls - covered))
-
-    def part(self, number: int) -> Node:
+    def part(self, numbers: tuple[int, ...]) -> Node:
         """One of the pieces of `parts_on`.
 
         Parameters
         ----------
-        number : int
-            Its number.
+        numbers : tuple of int
+            Its beams and balls.
 
         Returns
         -------
         Node
-            The distance to a beam, or to a ball.
+            The distance to them.
         """
-        beam, order = self._tree[3], self._tree[4]
-        number = as_whole("number", number, 0, len(order) + len(self.vertices) - 1)
-        if number < len(order):
-            return _Beam(beam[number])
-        v = number - len(order)
-        at = np.argwhere(self.pairs == v)[0]
-        x, r = self.vertices[v], self.radii[tuple(at)]
-        return _Beam(np.concatenate([[r, r], x, x]))
+        return pieces.part(self._tree, self.vertices, self.pairs, self.radii, numbers)
 
     # ------------------------------------------------------------------ what to do with it
 
@@ -360,59 +307,6 @@ class Beams(Node):
             streamed(self, path, **options)
         else:
             save(self, path, **options)
-
-
-@dataclass(frozen=True, eq=False)
-class _Beam(Node):
-    """Distance to one beam, or to a ball if both ends are one point; smooth away from its axis."""
-
-    row: FloatArray
-
-    def _emit(self, b: Builder, p: Point) -> int:
-        return b.leaf(self, p)
-
-    def values(self, points: FloatArray) -> FloatArray:
-        """Values (n,) at points (n, 3)."""
-        out = np.empty(len(points))
-        kernels.single(len(points), np.array(points), np.array(self.row), out)
-        return out
-
-    def range(self, lo: ArrayLike, hi: ArrayLike) -> FloatArray:
-        """Bounds (n, 2) on boxes."""
-        return self.bounds_on(*as_boxes(lo, hi), True)[:, :2]
-
-    def _box(self, level: float = 0.0) -> FloatArray:
-        """Box about both balls."""
-        reach = self.row[:2, None] + max(level, 0.0)
-        ends = self.row[2:].reshape(2, 3)
-        return np.stack([(ends - reach).min(axis=0), (ends + reach).max(axis=0)])
-
-    def bounds_on(self, lo: FloatArray, hi: FloatArray, moved: bool) -> FloatArray:
-        """Bounds and steepness (n, 3) on finite boxes."""
-        return _bounds(self.values, lo, hi, moved)
-
-
-def _corners(lo: ArrayLike, hi: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Corners (n, 3) of boxes, which may be infinite, checked."""
-    a, b = as_points("lo", lo, finite=False), as_points("hi", hi, finite=False)
-    if a.shape != b.shape:
-        raise InputError(f"lo and hi must have one shape, got {a.shape} and {b.shape}")
-    return a, b
-
-
-def _bounds(f: Any, lo: FloatArray, hi: FloatArray, moved: bool) -> FloatArray:
-    """Bounds and steepness (n, 3) on boxes of a field that changes no faster than distances."""
-    out = np.tile([-np.inf, np.inf, np.inf], (len(lo), 1))
-    finite = np.isfinite(lo).all(axis=1) & np.isfinite(hi).all(axis=1)
-    if finite.any():
-        a, b = lo[finite], hi[finite]
-        reach = 0.5 * np.linalg.norm(b - a, axis=1)
-        v = f(0.5 * (a + b))
-        slack = 1e-13 * (np.abs(v) + np.abs(a).max(axis=1) + np.abs(b).max(axis=1))
-        out[finite, 0], out[finite, 1] = v - reach - slack, v + reach + slack
-    if not moved:
-        out[:, 2] = 1.0
-    return out
 
 
 def beams(k: CornerSharing, radius: Any, *, check: bool = True) -> Beams:

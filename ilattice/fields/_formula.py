@@ -243,8 +243,11 @@ class Splitter:
         choices = np.array([i for i, _ in self._choices], np.int64)
         states = np.empty((len(lo), len(choices)), np.int64)
         bounds = self.program.decided(lo, hi, choices, states)
-        more = [self._asked(leaf, point, lo, hi) for _, leaf, point in self._unions]
-        return bounds, np.column_stack([states, *more]) if more else states
+        open_ = np.flatnonzero(~((bounds[:, 0] > 0.0) | (bounds[:, 1] < 0.0)))
+        more = np.full((len(lo), len(self._unions)), -1, np.int64)
+        for k, (_, leaf, point) in enumerate(self._unions):
+            more[open_, k] = self._asked(leaf, point, lo[open_], hi[open_])
+        return bounds, np.column_stack([states, more])
 
     def _asked(
         self, leaf: Any, point: tuple[Program, ...], lo: FloatArray, hi: FloatArray

@@ -5,6 +5,7 @@ Guarantee: constants are folded with the same arithmetic as at run time.
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -253,16 +254,18 @@ class Builder:
         keep = self.kept(root)
         new = {old: k for k, old in enumerate(keep)}
         reads = [code[i] >= ops.INPUTS for i in keep]
+        used = sorted({a[i] for i in keep if code[i] == ops.LEAF})
+        place = {k: j for j, k in enumerate(used)}
         arrays: tuple[AnyArray, ...] = (
             np.array([code[i] for i in keep], np.int64),
-            np.array([new[a[i]] if r else a[i] for i, r in zip(keep, reads, strict=True)]),
+            np.array(
+                [new[a[i]] if r else place.get(a[i], 0) for i, r in zip(keep, reads, strict=True)]
+            ),
             np.array([new[b[i]] if r else 0 for i, r in zip(keep, reads, strict=True)]),
             np.array([imm[i] for i in keep]),
         )
-        used = [i for i in keep if code[i] == ops.LEAF]
-        last = max((a[i] for i in used), default=-1)
         leaves = tuple(
-            (leaf, tuple(self.program(r) for r in point)) for leaf, point in self.leaves[: last + 1]
+            (self.leaves[k][0], tuple(self.program(r) for r in self.leaves[k][1])) for k in used
         )
         c, first, second, numbers = (read_only(np.ascontiguousarray(v)) for v in arrays)
         return Program(c, first, second, numbers, leaves)
@@ -283,7 +286,7 @@ class Program(Frozen):
         """Whether the gradient may jump."""
         return bool(self.leaves) or any(int(c) in ops.KINKED for c in self.code)
 
-    @property
+    @cached_property
     def prune(self) -> bool:
         """Whether shorter programs for parts of space may pay."""
         choices = np.isin(self.code, (ops.MIN, ops.MAX)).sum()
