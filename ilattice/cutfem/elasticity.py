@@ -568,6 +568,12 @@ class Elasticity(Problem):
 
     # ---------------------------------------------------------------- loads
 
+    @property
+    def _factors(self) -> tuple[Scalar, ...]:
+        kinds, m = {load.kind for load in self.loads}, self.material
+        of = {"gravity": m.density, "temperature": m.expansion}
+        return tuple(scalar for kind, scalar in of.items() if kind in kinds)
+
     def _force(self, load: Load) -> FloatArray:
         asm = self.assembly
         if load.kind in ("force", "moment"):
