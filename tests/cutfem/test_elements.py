@@ -13,6 +13,7 @@ import ilattice as il
 from ilattice.cutfem.elements import elements_of
 from ilattice.cutfem.space import SplineSpace
 from ilattice.errors import PrecisionWarning
+from ilattice.linalg.solvers import Solver
 from ilattice.quadrature import _kernels_solid as boxes
 
 #: Numbers on coarse grids are what is tested here.
@@ -261,48 +262,42 @@ def test_rules_beside_what_is_held_are_refused():
         solution.stress_on(problem.domain.cut.volume(2))
 
 
+@pytest.fixture(scope="module")
 def lattices():
     """A wall and struts in a torus, and struts in a duck, at four cells per tile."""
     torus, duck = il.macroshape.torus(major=4.0, width=2.0), il.macroshape.duck()
-    wall = il.Lattice("schwarz_p", through=torus, repeat=(12, 2, 2)).offset(0.0492)
-    struts = il.Lattice("cross", through=torus, repeat=(12, 2, 2), spans_per_tile=8)
+    wall = il.Lattice("schwarz_p", through=torus, repeat=(8, 2, 2), spans_per_tile=8)
+    struts = il.Lattice("cross", through=torus, repeat=(8, 2, 2), spans_per_tile=8)
     beak = il.Lattice("cross", through=duck, repeat=(5, 2, 2), spans_per_tile=8)
     return {
-        "wall": (wall, (48, 8, 8)),
-        "struts": (struts.offset((np.inf, 0.064), space="parametric"), (48, 8, 8)),
+        "wall": (wall.offset(0.0492), (32, 8, 8)),
+        "struts": (struts.offset((np.inf, 0.064), space="parametric"), (32, 8, 8)),
         "duck": (beak.offset((np.inf, 0.0), space="parametric"), (20, 8, 8)),
     }
 
 
 @pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
-def test_two_sides_of_one_wall_get_few_more_unknowns_by_being_apart():
+def test_two_sides_of_one_wall_get_few_more_unknowns_by_being_apart(lattices):
     """It was 16 % at degree 2 in the wall, and 12 % at degree 3 in the struts."""
-    for name, (wall, cells) in lattices().items():
+    for name, (wall, cells) in lattices.items():
         domain = il.cutfem.Elasticity(wall, cells).domain
-        for degree, smoothness in (*SPACES, (3, 0)):
-            one = replace(
-                domain,
-                degree=degree,
-                smoothness=degree - 1 if smoothness is None else smoothness,
-                _made={},
-            )
+        for degree, smoothness in ((1, 0), (2, 1), (2, 0), (3, 2), (3, 0)):
+            one = replace(domain, degree=degree, smoothness=smoothness, _made={})
             space = one.assembly(np.arange(len(one.parts)), weak=False).space
             known = len(np.unique(space.functions))
             assert len(space) <= 1.05 * known, (name, degree, smoothness, len(space), known)
 
 
 @pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
-def test_copies_cost_few_iterations_of_multigrid(monkeypatch):
-    wall, cells = lattices()["wall"]
-    took = {}
-    for copied in (True, False):
-        if not copied:
-            monkeypatch.setattr(
-                "ilattice.cutfem.domain.SplineSpace", lambda *a: SplineSpace(*a[:4])
-            )
-        for degree in (1, 2):
-            problem = il.cutfem.Elasticity(wall, cells, degree=degree).clamp("v=0")
-            found = problem.load(body=(0, 0, 1e-3)).solve(method="multigrid")
-            took[degree, copied] = found.report.iterations
-    for degree in (1, 2):
-        assert took[degree, True] <= 1.2 * took[degree, False] + 1, took
+def test_copies_cost_few_iterations_of_multigrid(lattices, monkeypatch):
+    wall, cells = lattices["wall"]
+
+    def iterations():
+        problem = il.cutfem.Elasticity(wall, cells).clamp("v=0")
+        system = problem.load(body=(0, 0, 1e-3)).system
+        how = {"near_nullspace": system.near_nullspace, "places": system.places}
+        return Solver(system.K, method="multigrid", **how).solve(system.b)[1].iterations
+
+    apart = iterations()
+    monkeypatch.setattr("ilattice.cutfem.domain.SplineSpace", lambda *a: SplineSpace(*a[:4]))
+    assert apart <= 1.2 * iterations()
