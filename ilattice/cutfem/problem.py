@@ -8,7 +8,7 @@ the same, matrices. A solve that does not reach its tolerance raises.
 
 import warnings
 from dataclasses import dataclass, fields, replace
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import count
 from typing import Any, ClassVar, Self, TypeVar
 
@@ -17,7 +17,7 @@ import numpy as np
 from ilattice._progress import Progress
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import FixedMapping, Frozen, among, as_choice, read_only
-from ilattice.cutfem import discretization, sampling
+from ilattice.cutfem import discretization, watching
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.conditions import (
     Load,
@@ -26,22 +26,19 @@ from ilattice.cutfem.conditions import (
     as_mask,
     as_value,
     stiffness_at,
-    values_at,
 )
 from ilattice.cutfem.constraints import Constraints, check_agreement, constraints
 from ilattice.cutfem.discretization import Product
 from ilattice.cutfem.domain import Domain
-from ilattice.cutfem.material import OfParameters, Scalar
+from ilattice.cutfem.material import Scalar
 from ilattice.cutfem.regions import ROUGH, Region, as_place
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.linalg._engines import ENGINES
 from ilattice.linalg.solvers import LARGEST, Solver, SolveReport
-from ilattice.quadrature.rules import NAMES, Quadrature, on_cells
+from ilattice.quadrature.rules import NAMES
 
 R = TypeVar("R", bound=Any)
 ISLANDS = ("drop", "refuse")
-#: Loads that are numbers, also where displacements are vectors.
-SINGLE = ("pressure", "temperature")
 #: A motion is free if its share in what is held is below this.
 FREE = 1e-10
 
@@ -329,7 +326,7 @@ class Problem:
     @cached_property
     def system(self) -> System:
         """The equations, prescribed coefficients eliminated."""
-        self._check_functions()
+        watching.check_functions(self)
         con, x = self.constraints, self.assembly.coordinates
         f = self.forces() + self._from_supports()
         if con.values.any():
@@ -342,61 +339,10 @@ class Problem:
             x[con.nodes], con,
         )  # fmt: skip
 
-    def _check_functions(self) -> None:
-        """Warn of loads and supports that are functions which cells do not see, or refuse them."""
-        for load in self.loads:
-            if not hasattr(load.value, "evaluate"):
-                m = 1 if load.kind in SINGLE else self.m
-                self._check_function(load.kind, load.value, load.on, m)
-        for scalar in self._factors:
-            self._check_scalar(scalar)
-        for s in self.in_the_mean:
-            self._check_function("value", s.value, s.on, self.m)
-            if isinstance(s, Spring):
-                self._check_function(self.spring_name, s.stiffness, s.on, self.m)
-        for s in self.supports:
-            if not s.weak and callable(s.value):
-                part = self._lost(self.domain.edge(self.assembly, s.on), self.constraints.values, s)
-                sampling.check(f"value on {s.on}", part)
-
-    def _check_function(self, name: str, value: Any, on: str | Region, m: int) -> None:
-        """The same of a value on a place, or in the solid."""
-        if callable(value):
-            asm, domain = self.assembly, self.domain
-            rule = domain.edge(asm, on) if on else self._solid
-            ask = partial(values_at, name, value, m=m)
-            part = sampling.unseen(asm, rule, partial(domain.denser, on), ask)
-            sampling.check(f"{name} on {on}" if on else name, part)
-
-    def _check_scalar(self, scalar: Scalar) -> None:
-        """The same of a property."""
-        parts = self.domain.of_phases(self._solid)
-        for s, part, cut in zip(scalar.phases, parts, self.domain.solids, strict=False):
-            if callable(s.value) and not isinstance(s.value, OfParameters):
-                ask = partial(values_at, s.name, s.value, m=1)
-                denser = partial(self.domain.denser, "", cut=cut)
-                sampling.check(s.name, sampling.unseen(self.assembly, part, denser, ask))
-
-    def _lost(self, rule: Quadrature, c: FloatArray, given: Support) -> float:
-        """Part of given values, in the mean square over a rule, that splines do not follow."""
-        wanted = values_at("value", given.value, rule.points, self.m)
-        off = np.zeros_like(wanted)
-        for rows, value, _ in self.assembly.on_rule(c, rule):
-            off[rows] = value - wanted[rows]
-        gap, size = (
-            float(rule.weights @ (v[:, given.mask] ** 2).sum(axis=1)) for v in (off, wanted)
-        )
-        return float(np.sqrt(gap / size)) if size > 0.0 else 0.0
-
     @property
-    def _factors(self) -> tuple[Scalar, ...]:
+    def factors(self) -> tuple[Scalar, ...]:
         """Properties that are factors of the loads."""
         return ()
-
-    @property
-    def _solid(self) -> Quadrature:
-        """Rule on the active cells, in parameters."""
-        return on_cells(self.domain.volume, self.assembly.space.cells)
 
     def _reduced(self) -> Any:
         if "reduced" not in self._held:

@@ -52,8 +52,8 @@ def run(folder, *command):
         pytest.fail(f"{' '.join(command)}: {done.returncode}\n{done.stdout}\n{done.stderr}")
 
 
-def calculix(wall, h, folder):
-    """Elastic energy under a body load of 1 along x, held at z = 0; second-order tetrahedra."""
+def calculix(wall, h, folder, axis=2):
+    """Elastic energy under a body load of 1 along x, held where one coordinate is 0; C3D10."""
     wall.mesh(h).save(folder / "skin.stl")
     (folder / "solid.geo").write_text(GEOMETRY)
     run(folder, "gmsh", "-3", "-order", "2", "-format", "inp", "solid.geo", "-o", "all.inp")
@@ -63,7 +63,7 @@ def calculix(wall, h, folder):
     (folder / "solid.inp").write_text(nodes + solid)
     table = np.array([row.split(",") for row in nodes.splitlines()[1:]], float)
     rows = np.array(re.findall(r"\d+", solid.split("\n", 1)[1]), int).reshape(-1, 11)
-    bottom = np.intersect1d(table[np.abs(table[:, 3]) < 1e-6, 0].astype(int), rows[:, 1:])
+    bottom = np.intersect1d(table[np.abs(table[:, 1 + axis]) < 1e-6, 0].astype(int), rows[:, 1:])
     sets = {"bottom": bottom, "solid": rows[:, 0]}
     text = {name: ",\n".join(map(str, numbers)) for name, numbers in sets.items()}
     (folder / "job.inp").write_text(DECK.format(**text))
