@@ -35,10 +35,12 @@ from ilattice.cutfem.discretization import Product
 from ilattice.cutfem.domain import lattice_of
 from ilattice.cutfem.material import Isotropic, MapProperties, Property, Scalar
 from ilattice.cutfem.operators import ElasticOperators
+from ilattice.cutfem.output import Series
 from ilattice.cutfem.phases import as_phased
 from ilattice.cutfem.problem import ISLANDS, Problem
 from ilattice.errors import InputError
 from ilattice.linalg.multigrid import Blocks
+from ilattice.quadrature.rules import Quadrature
 
 if TYPE_CHECKING:
     from ilattice.cutfem.solution import Solution
@@ -194,8 +196,8 @@ class Elasticity(ElasticOperators):
             ``"boundary"`` in space where a linear condition holds, such as ``"z > 5 and x < 1"``,
             where a function of points (n, 3) is true, or which is in a box.
         components : str or sequence of int, optional
-            Such as ``"xz"`` or ``(0, 2)``; ``"n"`` for the normal one of a flat place, as on
-            planes of symmetry; by default all.
+            Such as ``"xz"`` or ``(0, 2)``; ``"n"`` for the normal one of a flat place that is
+            normal to x, y or z, as on planes of symmetry; by default all.
         value : float, sequence of 3 floats or callable
             The displacement; a callable takes points of space (n, 3), returns vectors (n, 3).
         method : {"auto", "strong", "nitsche"}
@@ -274,6 +276,11 @@ class Elasticity(ElasticOperators):
                 f"on={on!r:.80}: tractions, pressures, forces and moments need a place, such as "
                 "on='w=1' or on='surface', other loads have none"
             )
+        if isinstance(temperature, Series):
+            raise InputError(
+                f"temperature is one of {len(temperature)} solutions, got all of them; take one, "
+                "such as history[-1]"
+            )
         if temperature is not None and self.material.expansion.value == 0.0:
             raise InputError("temperature: the material does not expand; give it an expansion")
         for kind, value in at.items():
@@ -337,6 +344,11 @@ class Elasticity(ElasticOperators):
 
         rule = self.domain.stiff_rule(self.assembly, constant=self.material.constant)
         return 2.0 * Solution(self, c, None)._energy(rule, heated=True)
+
+    def _energy_on(self, c: FloatArray, rule: Quadrature) -> float:
+        from ilattice.cutfem.solution import Solution
+
+        return 2.0 * Solution(self, c, None)._energy(rule, heated=False)
 
     def _discretization_error(self, product: Product, c: FloatArray, energy: float) -> float:
         """As of all problems; where volumes are kept, in the energy of a solid that gives in.

@@ -106,7 +106,10 @@ def pyamg(K: bsr_array, modes: FloatArray, *_: Any) -> tuple[Engine, int]:
 
 
 ENGINES = {"multigrid": multigrid, "pardiso": pardiso, "pyamg": pyamg, "superlu": superlu}
-REMEDY = "Is every part held against translation and rotation, and none by an edge only?"
+REMEDY = (
+    "Is every part held against translation and rotation, none by an edge only, by springs far "
+    "softer than it, or at the end of a length of hundreds of its width?"
+)
 
 
 def choose(K: bsr_array) -> str:
