@@ -2,7 +2,8 @@
 
 Guarantee: loads, springs and supports that are functions of points, and densities and expansions by
 which loads are multiplied. Non-guarantee: properties by name, and temperatures from solutions of
-heat, are splines, and taken as they are; stiffness is looked at where matrices are made.
+heat, are splines, and taken as they are; stiffness is looked at where matrices are made; functions
+that cannot be asked at other points than those of rules are not looked at.
 """
 
 from functools import partial
@@ -15,6 +16,7 @@ from ilattice.cutfem import sampling
 from ilattice.cutfem.conditions import Spring, Support, values_at
 from ilattice.cutfem.material import OfParameters, Scalar
 from ilattice.cutfem.regions import Region
+from ilattice.errors import InputError
 from ilattice.quadrature.rules import Quadrature, on_cells
 
 if TYPE_CHECKING:
@@ -64,7 +66,12 @@ def _check(problem: "Problem", name: str, value: Any, on: str | Region, m: int) 
         asm, domain = problem.assembly, problem.domain
         rule = domain.edge(asm, on) if on else _solid(problem)
         ask = partial(values_at, name, value, m=m)
-        part = sampling.unseen(asm, rule, partial(domain.denser, on), ask)
+        try:
+            part = sampling.unseen(asm, rule, partial(domain.denser, on), ask)
+        except (
+            InputError
+        ):  # it knows the points of the rule alone, or fails there, too, and is told
+            return
         sampling.check(f"{name} on {on}" if on else name, part)
 
 

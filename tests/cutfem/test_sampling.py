@@ -173,3 +173,12 @@ def test_a_thin_soft_layer_in_a_cell_is_told():
     )
     with pytest.warns(PrecisionWarning, match="young jumps or waves"):
         assert soft.clamp("u=0").matrix.shape
+
+
+def test_functions_of_the_points_of_a_rule_alone_are_taken():
+    """Such as tractions by normals that are known there."""
+    rule = BALL.domain.edge(BALL.assembly, "surface")
+    pushed = BALL.load(traction=lambda x: -rule.normals + 0 * x, on="surface")
+    wanted = BALL.load(pressure=1.0, on="surface")
+    np.testing.assert_allclose(pushed.forces(), wanted.forces(), atol=1e-12)
+    assert pushed.solve().energy == pytest.approx(wanted.solve().energy, rel=1e-6)
