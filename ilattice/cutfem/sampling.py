@@ -113,7 +113,7 @@ def unseen(asm: Assembly, rule: Quadrature, denser: Denser, f: Function) -> floa
     if not whole.all():
         others = _by_denser(rule, values, ~whole, denser, f)
         off[~whole], size[~whole] = others[0], np.maximum(size[~whole], others[1])
-    return float(stands @ off / max(stands @ size, 1e-300))
+    return float(stands @ off) / max(float(stands @ size), 1e-300)
 
 
 def _norms(values: FloatArray) -> FloatArray:
@@ -184,7 +184,11 @@ def _in_layers(
         key = (len(here), np.round(here, 9).tobytes())
         if key not in known:
             A = _monomials(here, _degree(len(here), flat is not None))
-            known[key] = A, np.linalg.pinv(A), _monomials(t, _degree(len(here), flat is not None))
+            known[key] = (
+                A,
+                np.asarray(np.linalg.pinv(A), np.float64),
+                _monomials(t, _degree(len(here), flat is not None)),
+            )
         A, inverse, B = known[key]
         fit = inverse @ values[at]
         left, new = values[at] - A @ fit, found[k] - B @ fit
