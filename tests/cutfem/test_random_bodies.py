@@ -1,7 +1,7 @@
 """Random bodies at random places of the grid: what is off is in the estimate, or warned of.
 
-Sheets, combined solids with holes, and two parts close together; of 198 bodies drawn like these and
-of struts, with all degrees, loads and heat, 196 changed on twice finer cells by less than twice the
+Sheets, combined solids with holes, and two parts close together; of 199 bodies drawn like these and
+of struts, with all degrees, loads and heat, 197 changed on twice finer cells by less than twice the
 estimate, and the other two came with a warning.
 """
 
