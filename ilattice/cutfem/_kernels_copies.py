@@ -1,5 +1,8 @@
 """Connected components of the supports of functions, which get a copy of the function each.
 
+What hangs together within a support, or within a cell around it, is one: two sides of a wall that
+meet just outside would only get more unknowns by being apart.
+
 Guarantee: a function is worked on by one thread, in the order of its elements, so that results are
 the same for any number of threads.
 """
@@ -9,8 +12,58 @@ from typing import Any
 import numpy as np
 from numba import njit, prange
 
+from ilattice._kernels import inner
 from ilattice.cutfem._kernels_elements import grown, root
 from ilattice.quadrature._kernels_solid import FAST
+
+
+@inner()
+def _gather(
+    shape: Any, closed: Any, low: Any, high: Any, far: int, first: Any, after: Any, members: Any,
+    cells: Any, where: Any, size: int,
+) -> Any:  # fmt: skip
+    """Members, with the cells they are in, of a box of cells, or of the layer `far` around it.
+
+    Those of which `where` knows the place are there; new ones follow the first `size`.
+    """
+    for a in range(high[0] + far, low[0] - far - 1, -1):
+        for b in range(high[1] + far, low[1] - far - 1, -1):
+            for c in range(high[2] + far, low[2] - far - 1, -1):
+                i = a % shape[0] if closed[0] else a
+                j = b % shape[1] if closed[1] else b
+                k = c % shape[2] if closed[2] else c
+                if min(i, j, k) < 0 or i >= shape[0] or j >= shape[1] or k >= shape[2]:
+                    continue
+                e = first[(i * shape[1] + j) * shape[2] + k]
+                while e >= 0:
+                    if where[e] < 0:
+                        if size == len(members):
+                            members = grown(members, 2 * size)
+                            cells = grown(cells, 2 * size)
+                        members[size] = e
+                        cells[size] = ((high[0] - a) * 8 + high[1] - b) * 8 + high[2] - c
+                        where[e] = size
+                        size += 1
+                    e = after[e]
+    return members, cells, size
+
+
+@inner()
+def _unite(begin: Any, upper: Any, members: Any, size: int, where: Any, parent: Any) -> int:
+    """Join members that are linked; the root of a set is its first one. Returns how many sets."""
+    for k in range(size):
+        parent[k] = k
+    sets = size
+    for k in range(size):
+        for j in range(begin[members[k]], begin[members[k] + 1]):
+            other = where[upper[j]]
+            if other >= 0:
+                low = root(parent, k)
+                high = root(parent, other)
+                if low != high:
+                    parent[max(low, high)] = min(low, high)
+                    sets -= 1
+    return sets
 
 
 @njit(parallel=True, **FAST)
@@ -28,59 +81,45 @@ def components(
     n = p + 1
     for chunk in prange(chunks):
         where = np.full(len(begin) - 1, -1, np.int64)
-        room = 256
-        members = np.empty(room, np.int64)
-        local = np.empty(room, np.int64)
-        parent = np.empty(room, np.int64)
+        members = np.empty(256, np.int64)
+        cells = np.empty(256, np.int64)
+        parent = np.empty(256, np.int64)
         f = np.empty(3, np.int64)
+        low = np.empty(3, np.int64)
+        high = np.empty(3, np.int64)
         for r in range(len(numbers) * chunk // chunks, len(numbers) * (chunk + 1) // chunks):
             f[0] = numbers[r] // (count[1] * count[2])
             f[1] = numbers[r] // count[2] % count[1]
             f[2] = numbers[r] % count[2]
-            size = 0
-            for i in range(n * n * n):
-                a = f[0] - i // (n * n)
-                b = f[1] - i // n % n
-                c = f[2] - i % n
-                if a % step or b % step or c % step:
-                    continue
-                a //= step
-                b //= step
-                c //= step
-                a = a % shape[0] if closed[0] else a
-                b = b % shape[1] if closed[1] else b
-                c = c % shape[2] if closed[2] else c
-                if min(a, b, c) < 0 or a >= shape[0] or b >= shape[1] or c >= shape[2]:
-                    continue
-                e = first[(a * shape[1] + b) * shape[2] + c]
-                while e >= 0:
-                    if size == room:
-                        room *= 2
-                        members = grown(members, room)
-                        local = grown(local, room)
-                        parent = grown(parent, room)
-                    members[size] = e
-                    local[size] = i
-                    parent[size] = size
-                    where[e] = size
-                    size += 1
-                    e = after[e]
-            for k in range(size):
-                for j in range(begin[members[k]], begin[members[k] + 1]):
-                    other = where[upper[j]]
-                    if other >= 0:
-                        low = root(parent, k)
-                        high = root(parent, other)
-                        parent[max(low, high)] = min(low, high)
+            for d in range(3):
+                low[d] = -((p - f[d]) // step)
+                high[d] = f[d] // step
+            members, cells, size = _gather(
+                shape, closed, low, high, 0, first, after, members, cells, where, 0
+            )
+            if len(parent) < len(members):
+                parent = np.empty(len(members), np.int64)
+            mine = size
+            if _unite(begin, upper, members, size, where, parent) > 1:
+                members, cells, size = _gather(
+                    shape, closed, low, high, 1, first, after, members, cells, where, size
+                )
+                if len(parent) < len(members):
+                    parent = np.empty(len(members), np.int64)
+                _unite(begin, upper, members, size, where, parent)
             number = 0
-            for k in range(size):  # the root of a set is its first member
+            for k in range(mine):
                 e = members[k]
-                if root(parent, k) == k:
-                    out[e, local[k]] = number
+                i = f[0] - step * (high[0] - cells[k] // 64)
+                j = f[1] - step * (high[1] - cells[k] // 8 % 8)
+                local = (i * n + j) * n + f[2] - step * (high[2] - cells[k] % 8)
+                up = root(parent, k)
+                if up == k:
+                    out[e, local] = number
+                    where[e] = number
                     number += 1
                 else:
-                    up = root(parent, k)
-                    out[e, local[k]] = out[members[up], local[up]]
+                    out[e, local] = where[members[up]]
             copies[r] = number
             for k in range(size):
                 where[members[k]] = -1

@@ -34,15 +34,15 @@ from ilattice.cutfem.weak import (
 from ilattice.quadrature.rules import Quadrature
 
 if TYPE_CHECKING:
-    from ilattice.cutfem.elasticity import Elasticity
     from ilattice.cutfem.heat import Heat
+    from ilattice.cutfem.operators import ElasticOperators
     from ilattice.cutfem.problem import Problem
 
 #: Takes the number of a side, its rows and gradients (n, nb, 3); returns tractions (n, m, nb, m).
 Tractions = Callable[[int, slice, FloatArray], FloatArray]
 
 
-def add_elastic(data: FloatArray, problem: "Elasticity") -> None:
+def add_elastic(data: FloatArray, problem: "ElasticOperators") -> None:
     """Add what couples the phases of an elastic solid to blocks."""
     asm, rule, _ = _surface(problem.assembly)
     share, lame = _lame(problem)
@@ -64,7 +64,7 @@ def add_elastic(data: FloatArray, problem: "Elasticity") -> None:
     _add(data, asm, Q, _tractions(problem))
 
 
-def add_waves(data: FloatArray, problem: "Elasticity") -> None:
+def add_waves(data: FloatArray, problem: "ElasticOperators") -> None:
     """Add what waves exp(i k x) v change of that to blocks (3, blocks, 3, 3): i k_j data[j].
 
     Their gradients grad v + i k v make up mean tractions, too; matrices are skew.
@@ -88,7 +88,7 @@ def add_waves(data: FloatArray, problem: "Elasticity") -> None:
             asm.add_pairs(data[j], pairs.start, A)
 
 
-def _lame(problem: "Elasticity") -> tuple[tuple[FloatArray, FloatArray], list[FloatArray]]:
+def _lame(problem: "ElasticOperators") -> tuple[tuple[FloatArray, FloatArray], list[FloatArray]]:
     """Weights of the tractions of both phases, and their Lamé constants (2, n)."""
     asm, _, u = _surface(problem.assembly)
     lame = [
@@ -98,14 +98,14 @@ def _lame(problem: "Elasticity") -> tuple[tuple[FloatArray, FloatArray], list[Fl
     return shares(problem, *(lam + 2.0 * mu for lam, mu in lame)), lame
 
 
-def _matrices(problem: "Elasticity") -> list[FloatArray] | None:
+def _matrices(problem: "ElasticOperators") -> list[FloatArray] | None:
     """Stiffnesses (n, 6, 6) of both phases at the seam, of materials that are given by them."""
     asm, _, u = _surface(problem.assembly)
     found = [m for m in problem.material.phases if isinstance(m, Anisotropic)]
     return [np.broadcast_to(m.matrices(asm, u), (len(u), 6, 6)) for m in found] or None
 
 
-def _tractions(problem: "Elasticity") -> Tractions:
+def _tractions(problem: "ElasticOperators") -> Tractions:
     """Tractions of elastic phases, weighed."""
     share, lame = _lame(problem)
     assert problem.assembly.seam is not None
@@ -155,7 +155,7 @@ def conducted(problem: "Heat", u: FloatArray, n: FloatArray) -> list[FloatArray]
     return [flux(s.at(problem.assembly, u), n) for s in problem.conductivity.phases]
 
 
-def thermal_force(problem: "Elasticity", load: Load) -> FloatArray:
+def thermal_force(problem: "ElasticOperators", load: Load) -> FloatArray:
     """Coefficients (functions, 3) of what the mean traction of hindered expansion adds."""
     asm, rule, u = _surface(problem.assembly)
     assert rule.normals is not None

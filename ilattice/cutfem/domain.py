@@ -34,6 +34,7 @@ from ilattice.quadrature.rules import (
     in_space,
     kept,
     on_cells,
+    rule_on,
     some_cells,
     united,
 )
@@ -51,6 +52,8 @@ GHOST_NITSCHE = {1: 0.1, 2: 1e-2, 3: 1e-2}
 #: Cells of which more than this part is filled have none, except with Nitsche's method: their
 #: functions hold themselves, and couplings across all faces are two thirds of a matrix.
 ENOUGH = 0.4
+#: Points per direction that rules have more which check others.
+MORE = 3
 #: Part of a cell that must be filled for its integrals to be taken from moments through a curved
 #: map: in less, what the moments of the whole cell are off by may exceed the integral.
 SLIVER = 0.05
@@ -196,6 +199,40 @@ class Domain(Frozen):
             raise GeometryError(f"on={on!r}: the solid has no area there{hint or ';'} choose "
                                 "another place")  # fmt: skip
         return on_cells(in_space(rule), self.volume.cells)
+
+    @property
+    def solids(self) -> tuple[CutGrid, ...]:
+        """The level sets of each phase."""
+        return (self.cut,)
+
+    def denser(self, on: str | Region, cells: IntArray, cut: CutGrid | None = None) -> Quadrature:
+        """Rule in space on some cells of the grid with more points than `volume`, or `boundary`.
+
+        Parameters
+        ----------
+        on : str or Region
+            As in `boundary`, or ``""`` for the solid.
+        cells : ndarray, shape (n,)
+            Cells, increasing, that hold solid.
+        cut : CutGrid, optional
+            The level sets, those of a phase if that is wanted alone.
+
+        Returns
+        -------
+        Quadrature
+            By cells, of all parts.
+        """
+        if isinstance(on, Region):
+            rule = self.denser(on.place, cells)
+            return where(rule, np.asarray(on.inside(rule.points))) if len(rule) else rule
+        if on == BOUNDARY:
+            ends = [n for i, n in enumerate(NAMES) if not self.cut.grid.closed[i // 2]]
+            return united([self.denser(name, cells) for name in (*ends, SURFACES[0])])
+        kind = on if on in NAMES else SURFACES[0] if on else "volume"
+        rule = in_space(rule_on(cut or self.cut, kind, cells, min(self.q + MORE, MOST_POINTS)))
+        if on in SURFACES[1:]:
+            rule = where(rule, np.asarray(rule.sets) == SURFACES.index(on) - 1)
+        return rule
 
     def area_error(self, region: Region) -> float:
         """See `Region.error`."""

@@ -213,8 +213,11 @@ class Heat(Problem):
         return HeatSolution(self, c, report)
 
     def _solid_energy(self, c: FloatArray) -> float:
+        constant = self.conductivity.constant
+        return self._energy_on(c, self.domain.stiff_rule(self.assembly, constant=constant))
+
+    def _energy_on(self, c: FloatArray, rule: Quadrature) -> float:
         asm, total = self.assembly, 0.0
-        rule = self.domain.stiff_rule(asm, constant=self.conductivity.constant)
         owner = asm.owners(rule)
         for rows, _, slope in asm.on_rule(c, rule):
             u = rule.points[rows]

@@ -18,6 +18,7 @@ import numpy as np
 from ilattice._typing import FloatArray
 from ilattice._validate import as_array, asked, check_finite
 from ilattice.cutfem.assembly import Assembly
+from ilattice.cutfem.sampling import DRAWN, WATCHED, full, layers
 from ilattice.errors import InputError, PrecisionWarning
 from ilattice.macroshape.maps import SplineMap
 from ilattice.macroshape.tiling import Tiling
@@ -29,9 +30,8 @@ if TYPE_CHECKING:
 #: Factor by which a stiffness may jump within a cell without a warning; cells that are searched,
 #: steps of the search, and the part of the range that one of them takes where there is a jump.
 STEEP, SEARCHED, STEPS, ABRUPT = 1.2, 20, 16, 0.4
-#: Cells that are looked at for waves, points in each, part of a cell that counts as all of it, and
-#: root mean square of what is left of a linear course, over the mean, that splines do not follow.
-WATCHED, DRAWN, FULL, WAVY = 64, 24, 0.999, 0.15
+#: Root mean square of what is left of a linear course, over the mean, that splines do not follow.
+WAVY = 0.15
 
 Single = float | str | Callable[[FloatArray], Any]
 Property = Single | tuple[Single, Single]
@@ -211,25 +211,23 @@ def jump_within_cells(
 
 
 def _wave(rule: Quadrature, at: Callable[[FloatArray], FloatArray]) -> float:
-    """Largest factor within full cells in which values are far from linear.
+    """Largest factor within full cells in which values, or their inverses, are far from linear.
 
-    Points of rules may all lie where a wave is high; these lie at random.
+    Points of rules may all lie where a wave is high, or beside a thin soft layer; these do not.
     """
-    volume = rule.grid.boxes(rule.cells)[:, 3:].prod(axis=1)
-    starts, count = rule.offsets[:-1], np.diff(rule.offsets)
-    held = np.zeros(len(count))
-    held[count > 0] = np.add.reduceat(rule.weights, starts[count > 0])
-    full = np.flatnonzero(held > FULL * volume)
-    if not len(full):
+    whole = full(rule)
+    if not len(whole):
         return 1.0
-    some = full[np.unique(np.linspace(0, len(full) - 1, WATCHED).astype(int))]
+    some = whole[np.unique(np.linspace(0, len(whole) - 1, WATCHED // 4).astype(int))]
     box = rule.grid.boxes(rule.cells[some])
-    t = np.random.default_rng(0).random((DRAWN, 3))
+    t = layers(DRAWN)
     u = box[:, None, :3] + t * box[:, None, 3:]
     found = np.broadcast_to(at(u.reshape(-1, 3)), len(some) * DRAWN).reshape(len(some), DRAWN)
     linear = np.column_stack([np.ones(DRAWN), t])
-    left = found - found @ np.linalg.pinv(linear).T @ linear.T
-    off = np.sqrt((left**2).mean(axis=1)) / found.mean(axis=1)
+    off = np.zeros(len(some))
+    for values in (found, 1.0 / found):  # stiffness counts across layers, compliance along
+        left = values - values @ np.linalg.pinv(linear).T @ linear.T
+        off = np.maximum(off, np.sqrt((left**2).mean(axis=1)) / values.mean(axis=1))
     factor = found.max(axis=1) / found.min(axis=1)
     return float(factor[off > WAVY].max(initial=1.0))
 

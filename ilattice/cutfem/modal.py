@@ -37,6 +37,7 @@ from ilattice._validate import as_counts, as_kind, as_points, as_positive, read_
 from ilattice.cutfem.discretization import warn
 from ilattice.cutfem.output import Result, Series
 from ilattice.errors import ConvergenceError, InputError
+from ilattice.linalg._engines import definite
 from ilattice.linalg.solvers import Solver
 
 if TYPE_CHECKING:
@@ -50,6 +51,8 @@ ROUNDS, STEPS = 12, 25
 BESIDE, MORE = 3, 1e-9
 #: Unknowns up to which all pairs are found at once where few cells are asked for many.
 DENSE = 3000
+#: Unknowns up to which it is made sure that loads press somewhere.
+CERTAIN = 100_000
 #: Part of the mass that is added to a free body, in units of the stiffness of simple strains.
 SHIFT = 1e-2
 
@@ -276,7 +279,8 @@ def buckling(
     InputError
         If an argument is wrong, or the solution has no stress.
     ConvergenceError
-        If residuals stay above `tol`, or fewer than `count` factors are positive.
+        If residuals stay above `tol`, or fewer than `count` factors are positive: at once where
+        loads only pull.
     """
     problem: Any = as_kind("solution", solution, "Solution").problem
     geometric = problem.geometric_stiffness(solution)
@@ -287,6 +291,7 @@ def buckling(
         )
     system = problem.system
     solver = _solver(system.K, system, method)
+    _refuse_pulls(geometric, system.K)
     mu, x, residual = largest(-geometric, solver, count, system, tol)
     if not mu.min() > 0:
         raise ConvergenceError(
@@ -297,6 +302,19 @@ def buckling(
     error = _discretization_error(problem, solver, shapes, "a load factor")
     report = EigenReport(solver.method, residual, 0.0, error)
     return Buckling(problem, read_only(1 / mu), read_only(shapes), report)
+
+
+def _refuse_pulls(geometric: Any, K: Any) -> None:
+    """Refuse loads under which no factor is positive that leaves stress below stiffness."""
+    own, stiff = geometric.diagonal(), K.diagonal()
+    if own.min() < 0.0 or K.shape[0] > CERTAIN:  # such a node gives way, or a factor is too large
+        return
+    far = 1.0 / (own / stiff).max()
+    if definite(K + far * geometric):
+        raise ConvergenceError(
+            f"no load factor is positive up to {far:.2g}, where stress is as large as stiffness: "
+            "these loads pull, and nothing buckles; turn them"
+        )
 
 
 def largest(

@@ -153,6 +153,11 @@ class PhasedDomain(Domain):
         second = self.elements.second[rule.cells]
         return kept(rule, ~second), kept(rule, second)
 
+    @property
+    def solids(self) -> tuple[CutGrid, ...]:
+        """See `Domain.solids`."""
+        return self.phases
+
     @cached_property
     def status(self) -> AnyArray:
         """See `CutGrid.status`; cells that the surface between phases cuts are cut."""

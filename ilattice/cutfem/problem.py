@@ -17,9 +17,16 @@ import numpy as np
 from ilattice._progress import Progress
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import FixedMapping, Frozen, among, as_choice, read_only
-from ilattice.cutfem import discretization
+from ilattice.cutfem import discretization, watching
 from ilattice.cutfem.assembly import Assembly
-from ilattice.cutfem.conditions import Load, Spring, Support, as_mask, as_value, stiffness_at
+from ilattice.cutfem.conditions import (
+    Load,
+    Spring,
+    Support,
+    as_mask,
+    as_value,
+    stiffness_at,
+)
 from ilattice.cutfem.constraints import Constraints, check_agreement, constraints
 from ilattice.cutfem.discretization import Product
 from ilattice.cutfem.domain import Domain
@@ -28,10 +35,12 @@ from ilattice.cutfem.regions import ROUGH, Region, as_place
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.linalg._engines import ENGINES
 from ilattice.linalg.solvers import LARGEST, Solver, SolveReport
-from ilattice.quadrature.rules import NAMES
+from ilattice.quadrature.rules import NAMES, Quadrature
 
 R = TypeVar("R", bound=Any)
 ISLANDS = ("drop", "refuse")
+#: Weight of void above which what it takes of the energy is estimated.
+HEAVY = 1e-6
 #: A motion is free if its share in what is held is below this.
 FREE = 1e-10
 
@@ -319,6 +328,7 @@ class Problem:
     @cached_property
     def system(self) -> System:
         """The equations, prescribed coefficients eliminated."""
+        watching.check_functions(self)
         con, x = self.constraints, self.assembly.coordinates
         f = self.forces() + self._from_supports()
         if con.values.any():
@@ -330,6 +340,11 @@ class Problem:
             self._reduced(), con.restrict(f).ravel(), motions.reshape(-1, motions.shape[2]),
             x[con.nodes], con,
         )  # fmt: skip
+
+    @property
+    def factors(self) -> tuple[Scalar, ...]:
+        """Properties that are factors of the loads."""
+        return ()
 
     def _reduced(self) -> Any:
         if "reduced" not in self._held:
@@ -348,8 +363,9 @@ class Problem:
             raise InputError(self.lack)
         for part, (free, most) in self.free_motions.items():
             raise InputError(
-                f"{free} of {most} motions of a rigid body are free in "
-                f"{self.domain.parts.describe(np.array([part]))}; hold more components"
+                f"{free} of {most} motions of a rigid body are free, or nearly so, in "
+                f"{self.domain.parts.describe(np.array([part]))}; hold more components, or a place "
+                "that is not 1e4 times smaller than the part"
             )
 
     @cached_property
@@ -442,9 +458,17 @@ class Problem:
             return np.where(con.fixed, 0.0, out)
 
         jumps = self.assembly.ghost_energy(c, self._ghost_stiffness)
+        domain = self.domain
+        if domain.stabilization == "void" and (domain.weight or 0.0) > HEAVY:
+            void = (self._energy_on(c, rule) for rule in domain.void_rules(self.assembly))
+            jumps += 2.0 * sum(void)  # it is missing in the solid, and makes it too stiff
         return discretization.relative_error(
             levels, multiply, diagonal, c, con.fixed, energy, jumps
         )
+
+    def _energy_on(self, c: FloatArray, rule: Quadrature) -> float:
+        """Twice the energy of coefficients over a rule in parameters, nothing heated."""
+        raise NotImplementedError
 
     def _solid_energy(self, c: FloatArray) -> float:
         """Twice the energy that the solid alone stores, without springs and supports."""

@@ -190,7 +190,7 @@ def _region(place: str, condition: Any) -> Region:
     if callable(condition):
         name = getattr(condition, "__name__", type(condition).__name__).strip("<>")
         return Region(place, condition, ahead + name)
-    planes = as_planes(condition, "on")
+    planes = as_planes(condition, "where" if ahead else "on")
     name = condition if isinstance(condition, str) else f"box {as_array('on', condition).tolist()}"
     return Region(place, _Within(planes), ahead + name, planes)
 

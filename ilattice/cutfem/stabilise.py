@@ -42,8 +42,8 @@ FALL, FAR = 0.1, 3
 #: scaling, of tips of balls 0.02 to 0.2 cells high go from what is left of rounding to 3e-11 and
 #: more; a sheet of a hundredth of a cell that is clamped at a side bends less by 6e-4 of it.
 LONE_CELLS, LONE_FILL, LONE = 8, 0.4, 1e-6
-#: Fill below which the penalty falls with the size of what is there only: crumbs of opaque solids,
-#: of which every function of the cell is nearly the same.
+#: Fill below which the factor is taken of the whole cell: crumbs of opaque solids, on which every
+#: function of the cell is nearly the same.
 CRUMB = 1e-4
 
 #: Takes parameters (n, 3) and the elements (n,) that they belong to, returns values (n,) or (1,).
@@ -200,7 +200,7 @@ def lone_cells(solid: Quadrature, labels: IntArray, parts: IntArray) -> LoneCell
     lone = (np.bincount(labels) <= LONE_CELLS) & (best < LONE_FILL)
     mine = lone[labels] & np.isin(labels, parts)
     fill = np.maximum(best[labels[mine]], 0.0)
-    weights = LONE * np.where(fill < CRUMB, np.cbrt(fill), fill)
+    weights = LONE * np.where(fill < CRUMB, 1.0, fill)
     return LoneCells(read_only(solid.cells[mine]), read_only(weights))
 
 

@@ -26,7 +26,7 @@ from ilattice.quadrature.rules import Quadrature, on_cells
 
 if TYPE_CHECKING:
     from ilattice.cutfem.domain import Domain
-    from ilattice.cutfem.elasticity import Elasticity
+    from ilattice.cutfem.operators import ElasticOperators
     from ilattice.cutfem.solution import Solution
 
 NITSCHE = 10.0
@@ -65,7 +65,7 @@ class Terms:
     along: FloatArray | None = None
 
 
-def elastic_terms(problem: "Elasticity", support: Spring | Support) -> Terms:
+def elastic_terms(problem: "ElasticOperators", support: Spring | Support) -> Terms:
     """Terms of a spring or a weak support."""
     asm = problem.assembly
     rule = problem.domain.edge(asm, support.on)
@@ -99,7 +99,7 @@ def elastic_terms(problem: "Elasticity", support: Spring | Support) -> Terms:
     return Terms(rule, Q, lame, pressure, mask)
 
 
-def add_elastic(data: FloatArray, problem: "Elasticity", terms: Terms) -> None:
+def add_elastic(data: FloatArray, problem: "ElasticOperators", terms: Terms) -> None:
     """Add the matrix of terms to blocks."""
     asm, rule = problem.assembly, terms.rule
     assert rule.parameters is not None
@@ -125,7 +125,7 @@ def add_elastic(data: FloatArray, problem: "Elasticity", terms: Terms) -> None:
         problem.projection.add_tractions(data, rule, f)
 
 
-def elastic_force(problem: "Elasticity", terms: Terms, value: Any) -> FloatArray:
+def elastic_force(problem: "ElasticOperators", terms: Terms, value: Any) -> FloatArray:
     """Coefficients (functions, 3) of the integral of g·Q v - mask g·t(v)."""
     asm, rule = problem.assembly, terms.rule
     g = values_at("value", value, rule.points, 3)
@@ -149,7 +149,7 @@ def elastic_force(problem: "Elasticity", terms: Terms, value: Any) -> FloatArray
     return out
 
 
-def thermal_force(problem: "Elasticity", terms: Terms) -> FloatArray:
+def thermal_force(problem: "ElasticOperators", terms: Terms) -> FloatArray:
     """Coefficients of what the tractions of hindered expansion add to weak supports."""
     asm, rule = problem.assembly, terms.rule
     f = np.zeros((len(asm.space), 3))
@@ -164,7 +164,7 @@ def thermal_force(problem: "Elasticity", terms: Terms) -> FloatArray:
 
 
 def elastic_reaction(
-    problem: "Elasticity", terms: Terms, value: Any, solution: "Solution"
+    problem: "ElasticOperators", terms: Terms, value: Any, solution: "Solution"
 ) -> FloatArray:
     """Force (3,) on the solid: the integral of the tractions minus Q (u - g)."""
     rule = terms.rule

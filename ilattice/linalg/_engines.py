@@ -46,19 +46,33 @@ def multigrid(
 def superlu(K: bsr_array, *_: Any) -> tuple[Engine, int]:
     """SciPy's SuperLU for symmetric matrices, without pivoting."""
     d = 1 / np.sqrt(_positive_diagonal(K))
-    scaled = (diags_array(d) @ K.tocsr() @ diags_array(d)).tocsc()
     try:
-        lu = splu(
-            scaled,
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
-        )
+        lu = _factor(K, d)
     except RuntimeError as e:
         raise ConvergenceError(f"K is singular: SuperLU says '{e}'. {REMEDY}") from e
     except MemoryError as e:
         raise ConvergenceError("the factor does not fit into memory; use 'multigrid'") from e
     return _certain(lambda r: d * lu.solve((d * r).T).T, d), 12 * lu.nnz
+
+
+def _factor(K: Any, d: FloatArray) -> Any:
+    """SuperLU of a symmetric matrix whose rows and columns are scaled by d, without pivoting."""
+    scaled = (diags_array(d) @ K.tocsr() @ diags_array(d)).tocsc()
+    return splu(
+        scaled, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+    )  # fmt: skip
+
+
+def definite(A: Any) -> bool:
+    """Whether a symmetric matrix is positive definite: all pivots are (Sylvester's inertia)."""
+    diagonal = A.diagonal()
+    if not diagonal.min() > 0:
+        return False
+    try:
+        lu = _factor(A, 1 / np.sqrt(diagonal))
+    except RuntimeError:
+        return False
+    return bool((lu.U.diagonal() > 0).all())
 
 
 def pardiso(K: bsr_array, *_: Any) -> tuple[Engine, int]:
@@ -92,7 +106,10 @@ def pyamg(K: bsr_array, modes: FloatArray, *_: Any) -> tuple[Engine, int]:
 
 
 ENGINES = {"multigrid": multigrid, "pardiso": pardiso, "pyamg": pyamg, "superlu": superlu}
-REMEDY = "Is every part held against translation and rotation, and none by an edge only?"
+REMEDY = (
+    "Is every part held against translation and rotation, none by an edge only, by springs far "
+    "softer than it, or at the end of a length of hundreds of its width?"
+)
 
 
 def choose(K: bsr_array) -> str:

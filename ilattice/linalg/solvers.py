@@ -273,7 +273,8 @@ class Solver:
             f"residual of {run.residual:.1e}, above tol = {tol:.1e}: "
             f"{run.trouble or 'it needs more iterations'}. The preconditioned condition number is "
             f"about {run.condition:.1e}; the largest value is that of node {node}{where}: is the "
-            "part there held by more than an edge or a corner?"
+            "part there held by more than an edge or a corner, and not hundreds of times as long "
+            "as what holds it is wide?"
         )
 
     def _as_load(self, b: ArrayLike, name: str) -> FloatArray:

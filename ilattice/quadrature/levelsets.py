@@ -409,6 +409,11 @@ def _of_splines(
 
 def _of_fields(fields: tuple[Any, ...], domain: FloatArray | None, degree: int) -> LevelSets:
     box = _intersection(fields, domain)
+    for f in fields:
+        if np.asarray(asked("field", f, box.mean(axis=0, keepdims=True))).dtype == bool:
+            raise InputError(
+                "field gives booleans, and must give numbers that are negative in the solid"
+            )
     return LevelSets((), np.zeros((0, 0)), np.zeros(0), fields, box, degree)
 
 

@@ -36,6 +36,7 @@ from ilattice.quadrature._kernels_compress import project
 from ilattice.quadrature.grid import CUT, IN, CutGrid, Grid, cut
 
 AT_ONCE = 1 << 18  # points that are mapped to space
+TANGENT_DEPTH = 3  # how often nearly tangent boxes are halved
 NAMES = ("u=0", "u=1", "v=0", "v=1", "w=0", "w=1")
 
 Integrand = Callable[[FloatArray], Any] | float | AnyArray
@@ -435,6 +436,29 @@ def inner_face_rule(grid: CutGrid, axis: int, q: int, tangent_depth: int) -> Qua
     i = list(np.unravel_index(rule.cells, grid.grid.shape))
     i[axis] = (i[axis] + 1) % grid.grid.shape[axis]
     return replace(rule, neighbours=read_only(np.ravel_multi_index(tuple(i), grid.grid.shape)))
+
+
+def rule_on(grid: CutGrid, place: str, cells: IntArray, q: int) -> Quadrature:
+    """Rule with q points per direction on some cells, given increasing, that are in or cut.
+
+    Of the ``"volume"``, of the ``"surface"``, or of an end face by name.
+    """
+    q, accept = _as_order(q, TANGENT_DEPTH)
+    if place == "volume":
+        return _rule(grid, grid.layout.volume(cells), VOLUME, q, accept)
+    if place == "surface":
+        return _rule(grid, _only(grid.layout.surface(), cells), SURFACE, q, accept)
+    axis, side = divmod(NAMES.index(place), 2)
+    return _faces(grid, _only(grid.layout.end_faces(axis, side), cells), axis, side, q, accept)
+
+
+def _only(listing: Listing, cells: IntArray) -> Listing:
+    """Boxes of some cells."""
+    keep = np.isin(listing.cells, cells)
+    return replace(
+        listing, which=listing.which[keep], boxes=listing.boxes[keep],
+        sides=listing.sides[keep], cells=listing.cells[keep],
+    )  # fmt: skip
 
 
 def _faces(

@@ -127,7 +127,7 @@ def test_what_holds_lone_cells_spares_linear_fields():
     )  # of (t² - 1/12)²
 
 
-@pytest.mark.parametrize("k", [8, 14, 56])
+@pytest.mark.parametrize("k", [8, 14, 40, 56])
 def test_crumbs_of_opaque_solids_are_held(k):
     """A part of 1e-9 of a cell, held in the mean: K had a negative diagonal."""
     rng = np.random.default_rng(k)

@@ -516,3 +516,51 @@ def test_stiffnesses_far_apart_are_said_to_leave_no_digits():
     with pytest.raises(il.errors.ConvergenceError, match=r"no more digits.*larger tol"):
         problem.solve(tol=1e-12)
     assert problem.solve(tol=1e-6).residual <= 1e-6
+
+
+def bar(u):
+    return -np.ones(len(u))
+
+
+@pytest.mark.parametrize(("length", "says"), [
+    (300.0, "hundreds of times as long as what holds it is wide"),
+    (1e3, "at the end of a length of hundreds of its width"),
+    (1e5, "free, or nearly so, .* a place that is not 1e4 times smaller"),
+])  # fmt: skip
+def test_solids_too_slender_for_the_digits_are_told_so(length, says):
+    rod = il.cutfem.Elasticity(bar, (6, 2, 2), domain=[[0, 0, 0], [length, 1, 1]], poisson=0.0)
+    with pytest.raises((InputError, ConvergenceError), match=says):
+        rod.clamp("u=0").load(force=(0, 0, 1.0), on="u=1").solve()
+
+
+def test_what_is_wrong_with_arguments_is_said_of_the_right_one():
+    with pytest.raises(InputError, match=r"field gives booleans"):
+        il.cutfem.Elasticity(lambda u: u[:, 0] > 0, 4, domain=[[0] * 3, [1] * 3])
+    block = {"domain": [[0] * 3, [1] * 3], "degree": 1}
+    warm = il.cutfem.Heat(bar, 2, **block).fix("u=0", 1.0).evolve(1.0, steps=2)
+    solid = il.cutfem.Elasticity(bar, 2, **block, expansion=1e-3).clamp("u=0")
+    with pytest.raises(InputError, match=r"temperature is one of 3 solutions.*history\[-1\]"):
+        solid.load(temperature=warm)
+    assert solid.load(temperature=warm[-1]).loads
+    with pytest.raises(InputError, match=r"^where 'x >' cannot be read"):
+        solid.load(traction=(1, 0, 0), on="u=1", where="x >")
+
+
+@pytest.mark.filterwarnings("ignore:the cells are too coarse")
+@pytest.mark.parametrize("kind", [il.cutfem.Elasticity, il.cutfem.Heat])
+def test_what_a_heavy_void_takes_is_in_the_estimate(kind):
+    """The energy was 12 % too small, and said to be off by 2."""
+    ball = il.fields.box((0.81, 0.83, 3.0))
+    options = {"domain": [[-1, -1, -1], [1, 1, 1]], "degree": 2}
+
+    def solved(**stabilization):
+        problem = kind(ball, 6, **options, **stabilization)
+        if kind is il.cutfem.Heat:
+            return problem.fix("w=0", 0.0).flux("w=1", 1.0).solve()
+        return problem.clamp("w=0").load(traction=(0, 0, 1.0), on="w=1").solve()
+
+    void, ghost = solved(stabilization="void", weight=0.1), solved()
+    c = [s.problem._solid_energy(s.coefficients) for s in (void, ghost)]
+    off = abs(c[0] / c[1] - 1)
+    assert off > 0.05
+    assert void.report.discretization_error == pytest.approx(off, rel=0.5)

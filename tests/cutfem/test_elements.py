@@ -3,13 +3,17 @@
 The reference is the same body alone on the same grid, or a rigid motion that is known.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import ndimage
 
 import ilattice as il
 from ilattice.cutfem.elements import elements_of
+from ilattice.cutfem.space import SplineSpace
 from ilattice.errors import PrecisionWarning
+from ilattice.linalg.solvers import Solver
 from ilattice.quadrature import _kernels_solid as boxes
 
 #: Numbers on coarse grids are what is tested here.
@@ -256,3 +260,44 @@ def test_rules_beside_what_is_held_are_refused():
         solution = problem.load(gravity=(0, 0, -1.0)).solve()
     with pytest.raises(il.errors.InputError, match="cells without functions"):
         solution.stress_on(problem.domain.cut.volume(2))
+
+
+@pytest.fixture(scope="module")
+def lattices():
+    """A wall and struts in a torus, and struts in a duck, at four cells per tile."""
+    torus, duck = il.macroshape.torus(major=4.0, width=2.0), il.macroshape.duck()
+    wall = il.Lattice("schwarz_p", through=torus, repeat=(8, 2, 2), spans_per_tile=8)
+    struts = il.Lattice("cross", through=torus, repeat=(8, 2, 2), spans_per_tile=8)
+    beak = il.Lattice("cross", through=duck, repeat=(5, 2, 2), spans_per_tile=8)
+    return {
+        "wall": (wall.offset(0.0492), (32, 8, 8)),
+        "struts": (struts.offset((np.inf, 0.064), space="parametric"), (32, 8, 8)),
+        "duck": (beak.offset((np.inf, 0.0), space="parametric"), (20, 8, 8)),
+    }
+
+
+@pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
+def test_two_sides_of_one_wall_get_few_more_unknowns_by_being_apart(lattices):
+    """It was 16 % at degree 2 in the wall, and 12 % at degree 3 in the struts."""
+    for name, (wall, cells) in lattices.items():
+        domain = il.cutfem.Elasticity(wall, cells).domain
+        for degree, smoothness in ((1, 0), (2, 1), (2, 0), (3, 2), (3, 0)):
+            one = replace(domain, degree=degree, smoothness=smoothness, _made={})
+            space = one.assembly(np.arange(len(one.parts)), weak=False).space
+            known = len(np.unique(space.functions))
+            assert len(space) <= 1.05 * known, (name, degree, smoothness, len(space), known)
+
+
+@pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
+def test_copies_cost_few_iterations_of_multigrid(lattices, monkeypatch):
+    wall, cells = lattices["wall"]
+
+    def iterations():
+        problem = il.cutfem.Elasticity(wall, cells).clamp("v=0")
+        system = problem.load(body=(0, 0, 1e-3)).system
+        how = {"near_nullspace": system.near_nullspace, "places": system.places}
+        return Solver(system.K, method="multigrid", **how).solve(system.b)[1].iterations
+
+    apart = iterations()
+    monkeypatch.setattr("ilattice.cutfem.domain.SplineSpace", lambda *a: SplineSpace(*a[:4]))
+    assert apart <= 1.2 * iterations()
