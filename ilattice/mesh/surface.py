@@ -21,6 +21,8 @@ from ilattice.io.png import to_pyvista
 from ilattice.io.registry import read_mesh, save
 from ilattice.mesh import measure
 from ilattice.mesh._kernels_surface import first_bad_face
+from ilattice.mesh.solid_mesh import SolidMesh
+from ilattice.mesh.solid_meshing import tetrahedra
 from ilattice.plot.quick import show
 from ilattice.slicing.slices import SliceStack, slice_mesh
 
@@ -443,6 +445,36 @@ class SurfaceMesh:
         from ilattice.mesh.regions import without_voids
 
         return without_voids(self, most)
+
+    def tetrahedra(self, *, order: int = 2) -> SolidMesh:
+        """Fill the solid with tetrahedra, for CalculiX, Abaqus and others.
+
+        Parameters
+        ----------
+        order : {1, 2}
+            With nodes at the corners (C3D4), or in the middle of edges too (C3D10). Use 2: linear
+            tetrahedra are far too stiff.
+
+        Returns
+        -------
+        SolidMesh
+            Its surface are exactly these triangles; closed voids stay empty.
+
+        Raises
+        ------
+        InputError
+            If TetGen is not installed: ``pip install "ilattice[tetrahedra]"``.
+        GeometryError
+            If the surface is open, or crosses itself.
+        ConvergenceError
+            If the tetrahedra do not have the volume of this mesh.
+
+        Warns
+        -----
+        PrecisionWarning
+            If there are several parts, each of which has to be held.
+        """
+        return tetrahedra(self, order)
 
     # --- exits --------------------------------------------------------------------------------
 
