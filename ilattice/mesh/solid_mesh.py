@@ -173,7 +173,7 @@ class SolidMesh(Frozen):
         else:
             planes = as_planes(condition, name)
             away = x @ planes[:, :3].T + planes[:, 3]
-            inside = (away >= -_NEAR * float(np.abs(x).max())).all(axis=1)
+            inside = np.all(away >= -_NEAR * float(np.abs(x).max()), axis=1)
         if not inside.any():
             span = " to ".join(str(a.round(6).tolist()) for a in (x.min(axis=0), x.max(axis=0)))
             raise GeometryError(f"{name}: no node there; the mesh reaches from {span}")
