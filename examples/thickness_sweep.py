@@ -3,9 +3,10 @@
 Cells of gyroid and Schwarz P walls are homogenized at several half-thicknesses. Stiffness is shown
 over the thickness, which is what one chooses, and over the density, which is what one pays, with
 the bound of Hashin and Shtrikman that no isotropic cell exceeds. Bars are the estimated errors of
-so few cells. The table is kept in a file: run again, it is read. The numbers that are checked: the density of thin walls is twice the
-half-thickness times the area of the surface, and the exponent of the power law E ~ density^n, which
-is 1 for walls that are stretched only and 3 for walls that are bent only.
+so few cells. The table is kept in a file: run again, it is read. The numbers that are checked: the
+density of thin walls is twice the half-thickness times the area of the surface, and the exponent of
+the power law E ~ density^n, which is 1 for walls that are stretched only and 3 for walls that are
+bent only.
 
     python examples/thickness_sweep.py
 """
@@ -40,8 +41,8 @@ def main(thickness: Any = HALF, cells: int = 10, out: str = "") -> dict[str, flo
     found = {}
     for name, area in AREAS.items():
         thinnest = next(row for row in rows if row["cell"] == name)
-        found[f"{name}: density over 2 d area"] = (
-            thinnest["density"] / (2.0 * float(thinnest["thickness"]) * area)
+        found[f"{name}: density over 2 d area"] = thinnest["density"] / (
+            2.0 * float(thinnest["thickness"]) * area
         )
         found[f"{name}: exponent of E"] = rows.fit("E", cell=name).exponent
     found["largest part of the upper bound"] = float((rows["E"] / rows["E_most"]).max())

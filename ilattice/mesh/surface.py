@@ -23,6 +23,7 @@ from ilattice.mesh import measure
 from ilattice.mesh._kernels_surface import first_bad_face
 from ilattice.mesh.solid_mesh import SolidMesh
 from ilattice.mesh.solid_meshing import tetrahedra
+from ilattice.plot.cards import card
 from ilattice.plot.quick import show
 from ilattice.slicing.slices import SliceStack, slice_mesh
 
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     import trimesh
 
 
+_MOST_DRAWN = 1_000_000  # faces, in notebooks
 _NO_DATA: Mapping[str, AnyArray] = MappingProxyType({})
 
 
@@ -157,6 +159,13 @@ class SurfaceMesh:
             + (f", data: {names}" if names else "")
             + ")"
         )
+
+    def _repr_html_(self) -> str:
+        numbers = {**self.sizes(), "size": tuple(map(float, np.ptp(self.bounds, axis=0)))}
+        if len(self.faces) > _MOST_DRAWN:
+            return card(self, numbers, of=False)
+        closed = {"volume": self.volume} if self.is_watertight else {"open edges": self.open_edges}
+        return card(self, {**numbers, "area": self.area, **closed})
 
     def slices(
         self,

@@ -1,10 +1,13 @@
 """Pictures by what must be seen in them: never by stored pixels."""
 
+import base64
+import io
 from pathlib import Path
 
 import meshes
 import numpy as np
 import pytest
+from PIL import Image
 
 import ilattice as il
 from ilattice.errors import FormatError, InputError
@@ -309,3 +312,36 @@ def test_heat_maps_take_splines_tiles_walls_and_callables():
 def test_heat_maps_that_make_no_sense_are_refused(field, plane, options, said):
     with pytest.raises(InputError, match=said):
         il.plot.heat_map(field, plane, **options)
+
+
+# --- notebooks --------------------------------------------------------------------------------
+
+
+def test_notebooks_show_numbers_and_a_picture(ball):
+    wall = il.Lattice("gyroid", through=il.macroshape.box((2.0, 1.0, 1.0))).offset(0.1)
+    problem = il.cutfem.Elasticity(
+        il.fields.box(1.0), 4, domain=[[-1.1, -1.1, -0.5], [1.1] * 3], young=1.0
+    )
+    solution = problem.clamp("w=0").load(gravity=(0, 0, -1e-3)).solve()
+    things = {
+        il.tiles.get("gyroid"): ("gyroid", "TrigField"), wall.lattice: ("1 x 1 x 1", "2 x 1 x 1"),
+        wall: ("total thickness", "0.2"), ball: ("volume", f"{ball.volume:.5g}"),
+        solution: ("functions", "estimated error of the energy"),
+    }  # fmt: skip
+    for thing, words in things.items():
+        text = thing._repr_html_()
+        assert f"<b>{type(thing).__name__}</b>" in text
+        assert all(word in text for word in words), text[-400:]
+        png = base64.b64decode(text.split("base64,")[1].split("'")[0])
+        picture = np.asarray(Image.open(io.BytesIO(png)))
+        assert picture.shape[:2] == (270, 360)
+        assert (picture[..., :3].sum(axis=2) < 700).mean() > 0.1
+
+
+def test_what_cannot_be_drawn_is_shown_without_a_picture(monkeypatch):
+    mesh = SurfaceMesh(*meshes.cube())
+    monkeypatch.setattr(SurfaceMesh, "plot", lambda *_, **__: 1 / 0)
+    assert "<img" not in mesh._repr_html_()
+    assert "volume" in mesh._repr_html_()
+    odd = il.Tile(lambda u: u[:, 0] - 0.5, name="<script>")
+    assert "<script>" not in odd._repr_html_()
