@@ -236,7 +236,7 @@ class Result(FrozenCopies):
         numbers = {"functions": len(self.coefficients), **self.field_data()}
         if report is not None:
             numbers["estimated error of the energy"] = f"{100 * report.discretization_error:.2g} %"
-        return card(self, numbers, on="cells")
+        return card(self, numbers, on="solid", label="")
 
     def _title(self) -> str:
         """Text above pictures: the numbers about the whole."""
@@ -465,7 +465,7 @@ def moved(x: FloatArray, data: Mapping[str, AnyArray], scale: float | str) -> Fl
     """Points with a factor of the displacement, if there is one, added."""
     if "displacement" not in data:
         return x
-    d = data["displacement"]
+    d = np.where(np.isfinite(data["displacement"]), data["displacement"], 0.0)
     if isinstance(scale, str) and scale == "auto":
         far = np.linalg.norm(d, axis=1).max(initial=0.0)
         scale = float(AUTO * np.ptp(x, axis=0).max() / far) if far > 0 else 0.0

@@ -89,7 +89,8 @@ class Wall(OffsetSolid):
 
     def _repr_html_(self) -> str:
         least, most = self.thickness.extremes
-        numbers = {**described(self.lattice), "total thickness from": least, "to": most}
+        numbers = {**described(self.lattice), "total thickness from": least, "to": most,
+                   "picture": "the mid-surface"}  # fmt: skip
         return card(self, numbers, of=self.lattice, n=12)
 
     def mesh(

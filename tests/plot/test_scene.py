@@ -7,6 +7,7 @@ from pathlib import Path
 import meshes
 import numpy as np
 import pytest
+import pyvista as pv
 from PIL import Image
 
 import ilattice as il
@@ -336,6 +337,22 @@ def test_notebooks_show_numbers_and_a_picture(ball):
         picture = np.asarray(Image.open(io.BytesIO(png)))
         assert picture.shape[:2] == (270, 360)
         assert (picture[..., :3].sum(axis=2) < 700).mean() > 0.1
+
+
+@pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
+@pytest.mark.parametrize("on", ["cells", "solid", "surface"])
+def test_solutions_whose_islands_are_left_out_are_seen(on):
+    """A corner of the solid that hangs on nothing shares cells with what is solved."""
+    block = il.macroshape.box((3.0, 1.0, 1.0))
+    wall = il.Lattice("gyroid", through=block, repeat=(3, 1, 1)).offset(0.1)
+    problem = il.cutfem.Elasticity(wall, (18, 6, 6), young=1.0).clamp("u=0")
+    solution = problem.load(force=(0, 0, 1e-4), on="u=1").solve()
+    assert np.isfinite(solution.to_pyvista(on, scale="auto").points).all()
+
+
+def test_points_that_are_not_finite_are_refused():
+    with pytest.raises(InputError, match="1 of 2 points"):
+        Scene().add(pv.PolyData(np.array([[0.0, 0.0, np.nan], [1.0, 1.0, 1.0]])))
 
 
 def test_what_cannot_be_drawn_is_shown_without_a_picture(monkeypatch):
