@@ -233,7 +233,7 @@ class Result(FrozenCopies):
 
     def _repr_html_(self) -> str:
         report = getattr(self, "report", None)  # steps in time have none
-        numbers = {"functions": len(self.coefficients), **self.field_data()}
+        numbers: dict[str, Any] = {"functions": len(self.coefficients), **self.field_data()}
         if report is not None:
             numbers["estimated error of the energy"] = f"{100 * report.discretization_error:.2g} %"
         return card(self, numbers, on="solid", label="")
