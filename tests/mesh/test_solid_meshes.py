@@ -211,7 +211,7 @@ def test_regions_that_make_no_sense_are_refused():
     with pytest.raises(InputError, match="booleans"):
         solid.with_regions(a=lambda x: x[:, 0])
     with pytest.raises(InputError, match="known: held"):
-        solid.area("hel")
+        solid.area("heldd")
     with pytest.raises(FormatError, match="below 1e"):
         il.mesh.SolidMesh(1e100 * solid.points, solid.cells).save("never.inp")
 
