@@ -34,6 +34,7 @@ MEANINGS = {
     ".3mf": 'what slicers read best; needs `pip install "ilattice[print]"`',
     ".vtp": "triangles with all data, for ParaView",
     ".vtu": "for ParaView: volumes as Bézier cells, analyses as surfaces or solids",
+    ".inp": "decks for CalculiX and Abaqus: elements, sets, and a static analysis of them",
     ".png": "a picture",
     ".xml": "volumes of G+Smo",
     ".mesh": "volumes of MFEM",

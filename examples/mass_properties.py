@@ -11,12 +11,18 @@ import numpy as np
 import ilattice as il
 
 
-def main(h: float = 0.03, repeat: tuple[int, int, int] = (8, 2, 2)) -> dict[str, float]:
-    """Weigh a Schwarz-P lattice in a torus, denser on one side."""
+def main(
+    h: float = 0.03, repeat: tuple[int, int, int] = (8, 2, 2), out: str = ""
+) -> dict[str, float]:
+    """Weigh a Schwarz-P lattice in a torus, denser on one side; draw it if `out` is given."""
     torus = il.macroshape.torus(major=4.0, width=2.0)
     wall = il.Lattice(il.tiles.schwarz_p(), through=torus, repeat=repeat).offset(0.1)
     body = il.cutfem.mass_properties(wall, density=lambda x: 1.0 + 0.1 * x[:, 0], q=3)
     mesh = wall.mesh(h, polish=False)
+    if out:
+        heavy = mesh.with_point_data(density=1.0 + 0.1 * mesh.vertices[:, 0])
+        scene = il.plot.Scene(size=(1600, 900)).add(heavy, scalars="density", label="density")
+        scene.add(body.centroid[None], color="red", radius=0.2).save(f"{out}.png")
     rule = il.cutfem.quadrature(wall, q=3, kind="surface")
     faces = [il.cutfem.quadrature(wall, q=3, kind=name) for name in ("v=0", "v=1", "w=0", "w=1")]
     flux = sum(r.flux(lambda x: x / 3.0) for r in (rule, *faces))
@@ -33,5 +39,5 @@ def main(h: float = 0.03, repeat: tuple[int, int, int] = (8, 2, 2)) -> dict[str,
 
 
 if __name__ == "__main__":
-    for name, number in main().items():
+    for name, number in main(out="mass_properties").items():
         print(f"{name}: {number:.6g}")

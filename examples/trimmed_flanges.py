@@ -28,7 +28,7 @@ def main(h: float = 0.6, d: float = 0.4, cells: int = 26, out: str = "") -> dict
     if out:
         mesh.save(f"{out}.stl")
         scene = il.plot.Scene(view=(-50.0, 25.0)).add(mesh)
-        il.plot.Panels([scene, scene.clipped("x + y > -2")], labels=True).save(f"{out}.png")
+        il.plot.Panels([scene, scene.clipped("y > 0")], labels=True).save(f"{out}.png")
     return {
         "closed": float(mesh.is_watertight),
         "volume": rule.integrate(),

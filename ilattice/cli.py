@@ -45,6 +45,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     int
         Exit code.
     """
+    try:
+        return _main(arguments)
+    except KeyboardInterrupt:
+        return _fail("interrupted", 130)
+
+
+def _main(arguments: Sequence[str] | None) -> int:
+    """See `main`; interruptions are passed on."""
     from cyclopts import CycloptsError
 
     words = sys.argv[1:] if arguments is None else list(arguments)
@@ -71,8 +79,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _fail(str(e), 1)
     except MemoryError:
         return _fail("not enough memory; try a larger h or fewer tiles", 1)
-    except KeyboardInterrupt:
-        return _fail("interrupted", 130)
     return 0
 
 

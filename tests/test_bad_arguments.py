@@ -446,6 +446,7 @@ def warm(cells=4):
 LINE = il.BSpline([[0, 0, 1, 1]], CORNERS[:2], 1)
 GRID = il.cutfem.Grid([np.linspace(0, 1, 4)] * 3)
 ODD_CALLS = [
+    lambda _: il.cost.kagome(2).beams(0.01).mesh(tol=1e-320),
     lambda _: il.io.write_vtu("s.vtu", CORNERS, [[1, 2], [3]], 5),
     lambda _: il.io.write_pvd("s.pvd", 3, [1.0]),
     lambda _: il.io.write_pvd("s.pvd", ["a.vtu"], 0.0),

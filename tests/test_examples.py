@@ -401,3 +401,22 @@ def test_random_graphs_stay_below_the_bound():
 def test_heavy_balls_on_rods_leave_a_gap():
     numbers = run("graph_bandgap", cells=4, steps=1, path="GX")
     assert numbers["relative width of the gap"] > 0.5
+
+
+def test_decks_have_the_volume_of_the_wall_and_the_force(tmp_path):
+    numbers = run("calculix_export", h=0.8, cells=20, out=str(tmp_path / "bar"))
+    for name in ("hexahedra", "tetrahedra")[: len(numbers) // 2]:
+        assert numbers[f"volume of {name} over that of the wall"] == pytest.approx(1.0, abs=0.04)
+        assert numbers[f"resultant of {name}, off by"] < 1e-11
+        assert (tmp_path / f"bar_{name}.inp").stat().st_size > 1e5
+
+
+@pytest.mark.filterwarnings("ignore:the cells are too coarse")  # which bars show
+def test_thicker_walls_are_stiffer_and_heavier(tmp_path):
+    out = str(tmp_path / "sweep")
+    numbers = run("thickness_sweep", thickness=(0.04, 0.08), cells=7, out=out)
+    for name, most in (("gyroid", 1.6), ("primitive", 1.6)):
+        assert numbers[f"{name}: density over 2 d area"] == pytest.approx(1.0, abs=0.02)
+        assert 1.0 < numbers[f"{name}: exponent of E"] < most
+    assert 0.3 < numbers["largest part of the upper bound"] < 1.0
+    assert Path(f"{out}.png").stat().st_size > 1e4

@@ -92,8 +92,9 @@ def examples():
         il.cutfem.mass_properties(wall, 4), heat.evolve(1.0, steps=2), modes.report,
         solution.recovered(), temperature.recovered(), solution.error_estimate(),
         solution.report, solution.solved, il.cutfem.buckling(solution, 1), solid.assembly.space,
-        solution.at(point, outside="nan"), *cells(), *surfaces(), *below(), *structures(),
-        *shells(), *graphs(),
+        solution.at(point, outside="nan"),
+        il.mesh.hexahedra(wall, 8).with_regions(left="x < 0"), *cells(), *surfaces(), *below(),
+        *structures(), *shells(), *graphs(),
     ]  # fmt: skip
     return {type(thing): thing for thing in found}
 

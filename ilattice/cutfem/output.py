@@ -27,6 +27,7 @@ from ilattice.mesh import SurfaceMesh
 from ilattice.mesh.wall_mesh import parameters_of, wall_mesh, warn_full
 from ilattice.plot import Scene, animate, show
 from ilattice.plot.animation import film_of
+from ilattice.plot.cards import card
 from ilattice.plot.quick import split
 from ilattice.quadrature.clipping import MOST, clipped, lattice
 
@@ -229,6 +230,13 @@ class Result(FrozenCopies):
         """
         grid = self.to_pyvista(on, h=h, scale=scale)
         return show(grid, **{"scalars": self.shown, "title": self._title(), **options})
+
+    def _repr_html_(self) -> str:
+        report = getattr(self, "report", None)  # steps in time have none
+        numbers: dict[str, Any] = {"functions": len(self.coefficients), **self.field_data()}
+        if report is not None:
+            numbers["estimated error of the energy"] = f"{100 * report.discretization_error:.2g} %"
+        return card(self, numbers, on="solid", label="")
 
     def _title(self) -> str:
         """Text above pictures: the numbers about the whole."""
@@ -457,7 +465,7 @@ def moved(x: FloatArray, data: Mapping[str, AnyArray], scale: float | str) -> Fl
     """Points with a factor of the displacement, if there is one, added."""
     if "displacement" not in data:
         return x
-    d = data["displacement"]
+    d = np.where(np.isfinite(data["displacement"]), data["displacement"], 0.0)
     if isinstance(scale, str) and scale == "auto":
         far = np.linalg.norm(d, axis=1).max(initial=0.0)
         scale = float(AUTO * np.ptp(x, axis=0).max() / far) if far > 0 else 0.0

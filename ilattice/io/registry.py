@@ -34,6 +34,7 @@ WRITERS: dict[str, dict[str, str]] = {
         ".vtp": "vtk_lines:write_vtp_lines",
         ".vtu": "vtk_lines:write_vtu_lines",
     },
+    "SolidMesh": {".inp": "solids:write_inp", ".vtu": "solids:write_vtu_solid"},
     "Pipes": {
         ".vtu": "patches_out:write_vtu_patches",
         ".itd": "patches_out:write_irit_patches",
@@ -61,7 +62,7 @@ def save(
 
     Parameters
     ----------
-    obj : SurfaceMesh, SplineMap, BSpline, Beams, Pipes or SliceStack
+    obj : SurfaceMesh, SolidMesh, SplineMap, BSpline, Beams, Pipes or SliceStack
         What to write.
     path : path-like
         File to create; an old one is replaced as a whole or left alone.

@@ -16,9 +16,10 @@ import numpy as np
 from ilattice._typing import ArrayLike
 from ilattice._validate import as_choice, as_not_negative, as_whole
 from ilattice.errors import GeometryError, InputError
-from ilattice.lattice.wall import Wall, offset, parametric_offset
+from ilattice.lattice.wall import Wall, described, offset, parametric_offset
 from ilattice.macroshape.primitives import box
 from ilattice.offsets.mid_surface import MidSurface
+from ilattice.plot.cards import card
 from ilattice.plot.quick import show
 from ilattice.plot.shapes import isosurface
 from ilattice.tiles.struts import as_graph, box_around, struts
@@ -131,6 +132,9 @@ class Lattice(MidSurface):
         if wrong:
             raise InputError(f"{sorted(wrong)} are for offsets in space, not for parametric ones")
         return parametric_offset(self, d, **options)
+
+    def _repr_html_(self) -> str:
+        return card(self, {**described(self), "boundary": self.boundary}, n=12)
 
     def plot(self, *, n: int = 20, **options: Any) -> Any:
         """Show the mid-surface in space, without thickness, in a window or a notebook.

@@ -33,6 +33,7 @@ from ilattice.offsets.mid_surface import MidSurface
 from ilattice.offsets.offsetting import offset_solid
 from ilattice.offsets.solid import TileSolid
 from ilattice.offsets.wall import OffsetSolid
+from ilattice.plot.cards import card
 from ilattice.slicing.slices import SliceStack, slice_wall
 from ilattice.topology.features import Feature, check_features, minimum_gap, minimum_thickness
 from ilattice.topology.sweep import wall_topology
@@ -78,6 +79,19 @@ class Wall(OffsetSolid):
     thickness : Thickness
         Half-thickness on both sides.
     """
+
+    def __repr__(self) -> str:
+        """One line: tiles, and the least and greatest thickness."""
+        least, most = (f"{d:.6g}" for d in self.thickness.extremes)
+        tiles = " x ".join(map(str, self.lattice.repeat))
+        thick = least if least == most else f"{least} to {most}"
+        return f"{type(self).__name__}({self.name!r}, {tiles} tiles, total thickness {thick})"
+
+    def _repr_html_(self) -> str:
+        least, most = self.thickness.extremes
+        numbers = {**described(self.lattice), "total thickness from": least, "to": most,
+                   "picture": "the mid-surface"}  # fmt: skip
+        return card(self, numbers, of=self.lattice, n=12)
 
     def mesh(
         self,
@@ -323,7 +337,7 @@ class Wall(OffsetSolid):
         return as_flag("polish", polish) and self._exact
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ParametricWall(Wall, ParametricOffset):
     """Wall between first-order offsets: made by ``Lattice.offset(d, space="parametric")``.
 
@@ -354,6 +368,13 @@ _WALLS: dict[type[OffsetSolid], type[Wall]] = {
     ParametricOffset: ParametricWall,
     TileSolid: SolidWall,
 }
+
+
+def described(lattice: Any) -> dict[str, Any]:
+    """What notebooks tell of a lattice."""
+    size = np.ptp(lattice.through.bounds, axis=0)
+    name = str(getattr(lattice.tile, "name", "mixture"))
+    return {"tile": name, "tiles": tuple(lattice.repeat), "size": tuple(map(float, size))}
 
 
 def as_wall(solid: OffsetSolid) -> Any:

@@ -21,6 +21,9 @@ from ilattice.io.png import to_pyvista
 from ilattice.io.registry import read_mesh, save
 from ilattice.mesh import measure
 from ilattice.mesh._kernels_surface import first_bad_face
+from ilattice.mesh.solid_mesh import SolidMesh
+from ilattice.mesh.solid_meshing import tetrahedra
+from ilattice.plot.cards import card
 from ilattice.plot.quick import show
 from ilattice.slicing.slices import SliceStack, slice_mesh
 
@@ -31,6 +34,7 @@ if TYPE_CHECKING:
     import trimesh
 
 
+_MOST_DRAWN = 1_000_000  # faces, in notebooks
 _NO_DATA: Mapping[str, AnyArray] = MappingProxyType({})
 
 
@@ -155,6 +159,13 @@ class SurfaceMesh:
             + (f", data: {names}" if names else "")
             + ")"
         )
+
+    def _repr_html_(self) -> str:
+        numbers = {**self.sizes(), "size": tuple(map(float, np.ptp(self.bounds, axis=0)))}
+        if len(self.faces) > _MOST_DRAWN:
+            return card(self, numbers, of=False)
+        closed = {"volume": self.volume} if self.is_watertight else {"open edges": self.open_edges}
+        return card(self, {**numbers, "area": self.area, **closed})
 
     def slices(
         self,
@@ -443,6 +454,36 @@ class SurfaceMesh:
         from ilattice.mesh.regions import without_voids
 
         return without_voids(self, most)
+
+    def tetrahedra(self, *, order: int = 2) -> SolidMesh:
+        """Fill the solid with tetrahedra, for CalculiX, Abaqus and others.
+
+        Parameters
+        ----------
+        order : {1, 2}
+            With nodes at the corners (C3D4), or in the middle of edges too (C3D10). Use 2: linear
+            tetrahedra are far too stiff.
+
+        Returns
+        -------
+        SolidMesh
+            Its surface are exactly these triangles; closed voids stay empty.
+
+        Raises
+        ------
+        InputError
+            If TetGen is not installed: ``pip install "ilattice[tetrahedra]"``.
+        GeometryError
+            If the surface is open, or crosses itself.
+        ConvergenceError
+            If the tetrahedra do not have the volume of this mesh.
+
+        Warns
+        -----
+        PrecisionWarning
+            If there are several parts, each of which has to be held.
+        """
+        return tetrahedra(self, order)
 
     # --- exits --------------------------------------------------------------------------------
 

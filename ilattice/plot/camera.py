@@ -100,7 +100,8 @@ def fit(
     camera.position = focus + depth * toward
     camera.up = up
     camera.SetWindowCenter(1.0 - room[0], 1.0 - room[1])
-    camera.clipping_range = (depth - size[2], depth + size[2] + least)
+    reach = size[2] + 0.01 * half  # of flat parts, too, both planes are away from them
+    camera.clipping_range = (depth - reach, depth + reach)
 
 
 def _off_centre(local: FloatArray, depth: float) -> FloatArray:

@@ -80,6 +80,32 @@ def _parsed(node: ast.expr) -> FloatArray:
     return np.array(rows)
 
 
+def as_affine(node: ast.expr, what: str, form: str) -> FloatArray:
+    """Coefficients of x, y, z and 1 of a linear expression.
+
+    Parameters
+    ----------
+    node : ast.expr
+        The expression.
+    what, form : str
+        What it is called in messages, and how it should be written.
+
+    Returns
+    -------
+    ndarray, shape (4,)
+        Finite.
+
+    Raises
+    ------
+    InputError
+        If it is not linear.
+    """
+    try:
+        return _affine(node)
+    except _UnknownError as error:
+        raise InputError(f"{what} {error}; {form}") from None
+
+
 def _affine(node: ast.expr) -> FloatArray:
     """Coefficients of x, y, z and 1."""
     at = np.vstack([np.eye(3), np.zeros(3), np.ones(3), np.full(3, 2.0)])

@@ -82,6 +82,12 @@ def as_dataset(what: Any) -> Any:
             f"{type(what).__name__} cannot be drawn: give a mesh, a solution or anything with "
             "to_pyvista(), a dataset of pyvista, or points (n, 3)"
         )
+    lost = int((~np.isfinite(data.points).all(axis=1)).sum())
+    if lost:
+        raise InputError(
+            f"{lost} of {data.n_points} points of {type(what).__name__} are not finite: "
+            "nothing could be seen"
+        )
     if data.n_points == 0:
         raise InputError(f"{type(what).__name__} is empty: nothing to draw")
     return data

@@ -383,7 +383,7 @@ def _halvings(last: float, error: float, tol: float) -> int:
     trusted between a half and an eighth, and one halving is given.
     """
     order = float(np.clip(np.log2(last / max(error, 1e-300)), 1.0, 3.0))
-    return max(1, int(np.log2(error / tol) / order))
+    return max(1, int((np.log2(error) - np.log2(tol)) / order))  # the quotient may be too large
 
 
 def _chord_error(part: Plan, found: SurfaceMesh) -> float:

@@ -33,6 +33,7 @@ from ilattice._validate import (
 from ilattice.bspline import BSpline
 from ilattice.errors import ConvergenceError, GeometryError, InputError, PrecisionWarning
 from ilattice.fields.node import Node
+from ilattice.plot.cards import card
 from ilattice.plot.quick import show
 from ilattice.plot.shapes import frame, isosurface
 from ilattice.tiles._node import TileNode
@@ -321,6 +322,10 @@ class Tile(Field):
     def __repr__(self) -> str:
         """Short form."""
         return f"Tile({self.name!r}, {type(self.field).__name__}, level={self.level:g})"
+
+    def _repr_html_(self) -> str:
+        numbers = {"name": self.name, "field": type(self.field).__name__, "level": self.level}
+        return card(self, numbers, n=40)
 
     # ------------------------------------------------------------------ verbs
 

@@ -1,10 +1,14 @@
 """Pictures by what must be seen in them: never by stored pixels."""
 
+import base64
+import io
 from pathlib import Path
 
 import meshes
 import numpy as np
 import pytest
+import pyvista as pv
+from PIL import Image
 
 import ilattice as il
 from ilattice.errors import FormatError, InputError
@@ -244,3 +248,117 @@ def test_slices_are_drawn_filled(tmp_path):
     (patch, *_) = figure.axes[0].patches
     assert len(patch.get_path().vertices) >= len(layer.loops[0])
     figure.savefig(tmp_path / "a.png")
+
+
+# --- heat maps --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("plane", "side"),
+    [("z = 0.25", 2), ("x = 0.25", 0), ("0.5 == 2*y", 1), ("x + 2*y - z = 0.3", -1)],
+)
+def test_heat_maps_show_signs_and_the_line_between_them(plane, side):
+    """A ball at a plane is a blue disc of known area, of a known part of what is shown."""
+    field, box = il.fields.sphere(0.9), np.array([[-1.2] * 3, [1.2] * 3])
+    scene = il.plot.heat_map(field, plane, box=box, size=(500, 400), label="", title="",
+                             clim=(-1e-9, 1e-9))  # fmt: skip
+    picture = scene.image().astype(int)
+    blue = (picture[..., 2] - picture[..., 0] > 12).sum()
+    red = (picture[..., 0] - picture[..., 2] > 12).sum()
+    black = (picture.max(axis=2) < 90).sum()
+    away = 0.25 if side >= 0 else 0.3 / np.sqrt(6)
+    disc = np.pi * (0.81 - away**2)
+    assert black > 300
+    if side >= 0:
+        (top, bottom), (left, right) = shown(picture)
+        share = (blue + black / 2) / ((bottom - top + 1) * (right - left + 1))
+        assert share == pytest.approx(disc / 2.4**2, rel=0.08)
+    else:
+        assert 1.0 < red / blue < 3.0
+    data, line = (layer.data for layer in scene.layers)
+    radius = np.linalg.norm(line.points, axis=1)
+    assert radius == pytest.approx(0.9, abs=5e-3)
+    x = np.asarray(data.points, float)
+    assert data["value"] == pytest.approx(field(x), abs=1e-6)
+    assert x.min() == pytest.approx(-1.2, abs=1e-6)
+
+
+def test_heat_maps_take_splines_tiles_walls_and_callables():
+    wall = il.Lattice("gyroid", through=il.macroshape.box((2.0, 1.0, 1.0))).offset(0.1)
+    for field in (wall.field, wall.distance, il.tiles.get("gyroid").field):
+        scene = il.plot.heat_map(field, "y = 0.4", n=30)
+        assert len(scene.layers) == 2
+    part = il.plot.heat_map(lambda x: np.where(x[:, 0] > 0.5, np.nan, x[:, 1]), "z = 0",
+                            box=[[0, -1, -1], [1, 1, 1]], n=30, size=SIZE)  # fmt: skip
+    assert near(part.image(), (215, 215, 215), 12) > 0.1  # where there is no value
+
+
+@pytest.mark.parametrize(
+    ("field", "plane", "options", "said"),
+    [
+        (il.fields.sphere(1.0), "z", {}, "is no equation; write it like"),
+        (il.fields.sphere(1.0), 3, {}, "is no equation"),
+        (il.fields.sphere(1.0), "z = x*y", {}, "is not linear"),
+        (il.fields.sphere(1.0), "1 = 2", {}, "without x, y or z"),
+        (il.fields.sphere(1.0), "z =", {}, "cannot be read"),
+        (il.fields.sphere(1.0), "z = 5", {}, "misses the box"),
+        (il.fields.sphere(1.0), "z = 0", {"box": [1, 2]}, "box must be"),
+        (il.fields.sphere(1.0), "z = 0", {"n": 1}, "n must be"),
+        (il.fields.half_space((0, 0, 1), 0.0), "z = 0", {}, "does not say where it is"),
+        (lambda x: x, "z = 0", {"box": [[-1] * 3, [1] * 3]}, "one number per point"),
+        (lambda x: np.nan * x[:, 0], "z = 0", {"box": [[-1] * 3, [1] * 3]}, "no finite value"),
+        (3, "z = 0", {}, "field must take points"),
+    ],
+)
+def test_heat_maps_that_make_no_sense_are_refused(field, plane, options, said):
+    with pytest.raises(InputError, match=said):
+        il.plot.heat_map(field, plane, **options)
+
+
+# --- notebooks --------------------------------------------------------------------------------
+
+
+def test_notebooks_show_numbers_and_a_picture(ball):
+    wall = il.Lattice("gyroid", through=il.macroshape.box((2.0, 1.0, 1.0))).offset(0.1)
+    problem = il.cutfem.Elasticity(
+        il.fields.box(1.0), 4, domain=[[-1.1, -1.1, -0.5], [1.1] * 3], young=1.0
+    )
+    solution = problem.clamp("w=0").load(gravity=(0, 0, -1e-3)).solve()
+    things = {
+        il.tiles.get("gyroid"): ("gyroid", "TrigField"), wall.lattice: ("1 x 1 x 1", "2 x 1 x 1"),
+        wall: ("total thickness", "0.2"), ball: ("volume", f"{ball.volume:.5g}"),
+        solution: ("functions", "estimated error of the energy"),
+    }  # fmt: skip
+    for thing, words in things.items():
+        text = thing._repr_html_()
+        assert f"<b>{type(thing).__name__}</b>" in text
+        assert all(word in text for word in words), text[-400:]
+        png = base64.b64decode(text.split("base64,")[1].split("'")[0])
+        picture = np.asarray(Image.open(io.BytesIO(png)))
+        assert picture.shape[:2] == (270, 360)
+        assert (picture[..., :3].sum(axis=2) < 700).mean() > 0.1
+
+
+@pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
+@pytest.mark.parametrize("on", ["cells", "solid", "surface"])
+def test_solutions_whose_islands_are_left_out_are_seen(on):
+    """A corner of the solid that hangs on nothing shares cells with what is solved."""
+    block = il.macroshape.box((3.0, 1.0, 1.0))
+    wall = il.Lattice("gyroid", through=block, repeat=(3, 1, 1)).offset(0.1)
+    problem = il.cutfem.Elasticity(wall, (18, 6, 6), young=1.0).clamp("u=0")
+    solution = problem.load(force=(0, 0, 1e-4), on="u=1").solve()
+    assert np.isfinite(solution.to_pyvista(on, scale="auto").points).all()
+
+
+def test_points_that_are_not_finite_are_refused():
+    with pytest.raises(InputError, match="1 of 2 points"):
+        Scene().add(pv.PolyData(np.array([[0.0, 0.0, np.nan], [1.0, 1.0, 1.0]])))
+
+
+def test_what_cannot_be_drawn_is_shown_without_a_picture(monkeypatch):
+    mesh = SurfaceMesh(*meshes.cube())
+    monkeypatch.setattr(SurfaceMesh, "plot", lambda *_, **__: 1 / 0)
+    assert "<img" not in mesh._repr_html_()
+    assert "volume" in mesh._repr_html_()
+    odd = il.Tile(lambda u: u[:, 0] - 0.5, name="<script>")
+    assert "<script>" not in odd._repr_html_()
