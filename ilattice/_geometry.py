@@ -1,4 +1,4 @@
-"""Roots of functions along segments, random points in boxes, coordinates that faces of a box fix."""
+"""Roots along segments, random points in boxes, and coordinates that faces of a box fix."""
 
 from collections.abc import Callable
 

@@ -45,7 +45,7 @@ from ilattice.errors import ConvergenceError, GeometryError, InputError
 from ilattice.offsets import _kernels, _kernels_newton, _kernels_seeds
 from ilattice.offsets._kernels_jets import UPRIGHT
 from ilattice.offsets.mending import mended, started
-from ilattice.offsets.retrying import Boxes, doubtful, retried
+from ilattice.offsets.retrying import Boxes, doubtful, in_order, retried
 from ilattice.offsets.seeding import apart, between, crossings, downhill, gaps, layered, regular
 from ilattice.offsets.space import TileSpace
 from ilattice.offsets.spacing import Spacing
@@ -198,7 +198,7 @@ class ClosestPointSearch(TileSpace):
         count, closed = np.array(lattice.repeat), np.array(lattice.through.closed)
         self.seeds = self._make_seeds(count, closed)
         self.tree = cKDTree(self.seeds[1])
-        self.boxes = Boxes.of(self.tree, self.seeds[2], self.seeds[3])
+        self.boxes = Boxes.of(*self.seeds[1:])
         self.spacing = Spacing(self, self.seeds[0], self.seeds[3], self.singular)
         self.least_spacing = float(self.seeds[3].min())
         self.cell = 1.0 / self._least_seeds
@@ -233,7 +233,7 @@ class ClosestPointSearch(TileSpace):
             near = (np.abs(p - np.rint(p)) <= CREASED * cell).any(axis=1)
             normal[near, 3] = np.inf
         keep = np.flatnonzero(self._upright(p, 0.5 * UPRIGHT))  # what just counts has seeds around
-        keep = keep[cKDTree(x[keep]).indices]  # next to each other in memory what is so in space
+        keep = keep[in_order(p[keep], x[keep], normal[keep])]
         return tuple(np.ascontiguousarray(a[keep]) for a in (p, x, normal, spacing))
 
     @property

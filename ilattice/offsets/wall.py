@@ -33,6 +33,7 @@ from ilattice.offsets.wall_field import WallField
 #: which on it is told that they give another one.
 BOXES, TOLD = 1 << 14, 0.01
 
+
 @dataclass(frozen=True, eq=False)
 class OffsetSolid:
     """The part of a lattice within a thickness of its mid-surface: what a wall is.

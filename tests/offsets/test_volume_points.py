@@ -33,7 +33,7 @@ def test_volumes_are_off_by_what_is_told(slit):
 
 def test_the_remedy_helps():
     d = SIDES[2] * 0.24
-    with pytest.warns(PrecisionWarning, match=r"exact distances give .* less: .* spans_per_tile > "):
+    with pytest.warns(PrecisionWarning, match=r"exact distances give .* less: .* spans_per_tile"):
         planes(d).volume()
     fine = planes(d, spans_per_tile=96)
     assert fine.volume() == pytest.approx(SIDES.prod() * 0.96, rel=2e-3)
@@ -51,7 +51,7 @@ def test_exact_distances_are_asked_for_near_the_surfaces_only(monkeypatch):
     s = exact(wall, points.u)
     change = points.weight * ((np.abs(s) < 0.11) * 1.0 - (wall.field(points.u) < 0.0))
     assert few.volume == pytest.approx(change.sum(), rel=1e-12)
-    assert sum(asked) < 0.5 * len(points.u)
+    assert 0 < sum(asked) < 0.7 * len(points.u)
 
 
 def test_volumes_near_a_mean_are_told_from_others():
