@@ -23,6 +23,7 @@ from ilattice.offsets._kernels_jets import (
     upright,
 )
 from ilattice.offsets._kernels_newton import (
+    BOUNDARY,
     FAILED,
     FALLBACK,
     OK,
@@ -363,6 +364,7 @@ def multi_start(
             if clip:
                 start = clamp(start, box)
         held = clip or geom[14] != 0.0
+        freed = held
         if geom[14] != 0.0:
             piece(geom, start, room)
         while True:
@@ -385,6 +387,9 @@ def multi_start(
                 soft = low
                 if low <= LOOSE:
                     along = soft_direction(m, t, x, lam, low, (0, 0, 0))
+            if held and not freed and filed == 2 and st == BOUNDARY:
+                freed, held, start = True, False, p  # the sheet may go on behind the face
+                continue
             if held or ((filed > 0 or st == WORSE) and not slid(geom, orient, m, start, p)):
                 break
             held = True  # where the continuation folds or ends, the sheet ends at the face
