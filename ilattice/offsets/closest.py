@@ -46,7 +46,16 @@ from ilattice.offsets import _kernels, _kernels_newton, _kernels_seeds
 from ilattice.offsets._kernels_jets import UPRIGHT
 from ilattice.offsets.mending import mended, started
 from ilattice.offsets.retrying import Boxes, doubtful, in_order, retried
-from ilattice.offsets.seeding import apart, between, crossings, downhill, gaps, layered, regular
+from ilattice.offsets.seeding import (
+    apart,
+    between,
+    crossings,
+    downhill,
+    gaps,
+    layered,
+    regular,
+    sharpest,
+)
 from ilattice.offsets.space import TileSpace
 from ilattice.offsets.spacing import Spacing
 from ilattice.tiles.mixture import MixedField
@@ -234,6 +243,8 @@ class ClosestPointSearch(TileSpace):
             normal[near, 3] = np.inf
         keep = np.flatnonzero(self._upright(p, 0.5 * UPRIGHT))  # what just counts has seeds around
         keep = keep[in_order(p[keep], x[keep], normal[keep])]
+        if normal.shape[1] == _kernels.PLAIN:
+            normal[keep, 3] = sharpest(x[keep], normal[keep, 3], spacing[keep])
         return tuple(np.ascontiguousarray(a[keep]) for a in (p, x, normal, spacing))
 
     @property

@@ -238,6 +238,40 @@ def _start(
     feet[:, at], counts[at], status[at] = f, c, s
 
 
+def singly(search: ClosestPointSearch, u: FloatArray, count: int) -> FloatArray:
+    """Distances from the nearest of the feet that single starts lead to, as if there were no others.
+
+    Slow, but no start is left out because of what another one has found.
+
+    Parameters
+    ----------
+    search : ClosestPointSearch
+        Seeds, map and tiles.
+    u : ndarray, shape (n, 3)
+        Parameters.
+    count : int
+        From how many of the nearest seeds to start.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Signed distances, infinite where no start leads to a foot.
+    """
+    out = np.full(len(u), np.inf)
+    for i in range(0, len(u), RETRIED // count):
+        part = u[i : i + RETRIED // count]
+        _, near = search.candidates(search.lattice.through.x(part), count)
+        k = near.shape[1]
+        x = np.repeat(search.lattice.through.x(part), k, axis=0)
+        p = np.repeat(search.to_tile(part), k, axis=0)
+        feet = np.full((2, len(x), 8), np.nan)
+        status = np.full(len(x), _kernels_newton.FALLBACK, np.int64)
+        search._run(x, p, near.reshape(-1, 1), feet, np.zeros((len(x), 2), np.int64), status)
+        s = np.where(status < _kernels_newton.FALLBACK, feet[0, :, 6], np.inf).reshape(-1, k)
+        out[i : i + len(part)] = s[np.arange(len(s)), np.abs(s).argmin(axis=1)]
+    return out
+
+
 def doubtful(
     search: ClosestPointSearch, p: FloatArray, distance: FloatArray, near: IntArray,
     feet: FloatArray, status: IntArray,

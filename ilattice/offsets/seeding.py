@@ -16,6 +16,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
+from ilattice.offsets._kernels import SHARP
 from ilattice.offsets._small import solved
 
 if TYPE_CHECKING:
@@ -31,6 +32,8 @@ FLAT, LEAST, MEETING = 1e-2, 1e-4, 2e-3
 #: Part of det J on faces next to which seeds are placed in layers, so many of them at most, and
 #: places along each direction of a face where it is looked at.
 FALLEN, MOST_LAYERS, ACROSS = 0.1, 12, 64
+#: Sharp seeds that are looked at next to a seed.
+BESIDE = 6
 #: Steps downhill.
 DOWNHILL = 24
 
@@ -218,6 +221,33 @@ def layers_needed(space: TileSpace, axes: list[FloatArray], axis: int, end: floa
     if rest > FALLEN:
         return 0
     return min(MOST_LAYERS, 1 + int(np.ceil(-np.log2(max(rest, 1e-12)))))
+
+
+def sharpest(x: FloatArray, turn: FloatArray, spacing: FloatArray) -> FloatArray:
+    """How much the normals of seeds turn, at most, over their spacing or that of seeds next to them.
+
+    A seed on a plate may be the only one from which the foot on its rim, next to it, is found.
+
+    Parameters
+    ----------
+    x : ndarray, shape (s, 3)
+        Seeds in space.
+    turn, spacing : ndarray, shape (s,)
+        How much their normals turn, and their spacings.
+
+    Returns
+    -------
+    ndarray, shape (s,)
+        At least `turn`; more next to seeds that turn by more than `SHARP`.
+    """
+    out = turn.copy()
+    sharp = np.flatnonzero(turn > SHARP)
+    if 0 < len(sharp) < len(x):
+        near: Any = cKDTree(x[sharp]).query(x, k=BESIDE, distance_upper_bound=spacing.max())
+        other = np.append(turn[sharp], 0.0)[near[1]]
+        other[near[0] > spacing[:, None]] = 0.0
+        out = np.maximum(out, other.max(axis=1))
+    return out
 
 
 def downhill(search: ClosestPointSearch, x: FloatArray, p: FloatArray) -> FloatArray:
