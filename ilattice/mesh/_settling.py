@@ -261,7 +261,8 @@ def _errors(wall: OffsetSolid, u: FloatArray, side: FloatArray) -> tuple[FloatAr
     error[found.status >= FALLBACK] = 0.0
     # polishing goes by feet of points on the way, too, which starts at their ends may miss
     far = np.flatnonzero((error > MISSED) & (np.abs(found.distance) > np.abs(of)))[:AGAIN]
-    s = singly(wall.lattice.search, u[far], STARTS)
+    search = wall.lattice.search
+    s = singly(search, wall.lattice.through.x(u[far]), search.to_tile(u[far]), STARTS)[:, 6]
     nearer = np.abs(s) < np.abs(found.distance[far])
     error[far[nearer]] = np.abs(side[far] * s - of[far])[nearer] / size[far[nearer]]
     out: FloatArray = error

@@ -45,7 +45,7 @@ from ilattice.errors import ConvergenceError, GeometryError, InputError
 from ilattice.offsets import _kernels, _kernels_newton, _kernels_seeds
 from ilattice.offsets._kernels_jets import UPRIGHT
 from ilattice.offsets.mending import mended, started
-from ilattice.offsets.retrying import Boxes, doubtful, in_order, retried
+from ilattice.offsets.retrying import Boxes, doubtful, in_order, retried, singly
 from ilattice.offsets.seeding import (
     apart,
     between,
@@ -69,6 +69,8 @@ if TYPE_CHECKING:
 CANDIDATES, AMONG_ADDED = 8, 32
 #: That happens where they are more than this part of the others.
 CROWDING = 0.02
+#: Single starts where the nearest seed tells that a foot is missed.
+ALONE = 200
 BATCH = 1 << 17
 MOST_ROWS = 1 << 40
 TOLERANCE = 1e-7
@@ -443,6 +445,11 @@ class ClosestPointSearch(TileSpace):
         missed = self._missed(distance[:, 0], idx[:, 0], feet[0, :, 6])
         again = np.flatnonzero(behind | missed | doubtful(self, p, distance, idx, feet, status))
         retried(self, again, x, p, feet, counts, status)
+        at = np.flatnonzero(self._missed(distance[:, 0], idx[:, 0], feet[0, :, 6]))
+        if len(at):  # what led there may have kept other starts away
+            alone = singly(self, x[at], p[at], ALONE)
+            nearer = np.abs(alone[:, 6]) < np.abs(feet[0, at, 6])
+            feet[0, at[nearer]] = alone[nearer]
         at = np.flatnonzero(self._missed(distance[:, 0], idx[:, 0], feet[0, :, 6]))
         if len(at):
             self._descend(x[at], at, self.seeds[0][idx[at, 0]], feet[0])

@@ -238,8 +238,10 @@ def _start(
     feet[:, at], counts[at], status[at] = f, c, s
 
 
-def singly(search: ClosestPointSearch, u: FloatArray, count: int) -> FloatArray:
-    """Distances from the nearest of the feet that single starts lead to, as if there were no others.
+def singly(
+    search: ClosestPointSearch, x: FloatArray, p: FloatArray, count: int
+) -> FloatArray:
+    """Nearest of the feet that single starts lead to, as if there were no others.
 
     Slow, but no start is left out because of what another one has found.
 
@@ -247,28 +249,29 @@ def singly(search: ClosestPointSearch, u: FloatArray, count: int) -> FloatArray:
     ----------
     search : ClosestPointSearch
         Seeds, map and tiles.
-    u : ndarray, shape (n, 3)
-        Parameters.
+    x, p : ndarray, shape (n, 3)
+        Queries in space and in tile coordinates.
     count : int
         From how many of the nearest seeds to start.
 
     Returns
     -------
-    ndarray, shape (n,)
-        Signed distances, infinite where no start leads to a foot.
+    ndarray, shape (n, 8)
+        Feet as in `_kernels.closest`; their distances are infinite where no start leads to any.
     """
-    out = np.full(len(u), np.inf)
-    for i in range(0, len(u), RETRIED // count):
-        part = u[i : i + RETRIED // count]
-        _, near = search.candidates(search.lattice.through.x(part), count)
+    out = np.full((len(x), 8), np.inf)
+    for i in range(0, len(x), RETRIED // count):
+        part = slice(i, i + RETRIED // count)
+        _, near = search.candidates(x[part], count)
         k = near.shape[1]
-        x = np.repeat(search.lattice.through.x(part), k, axis=0)
-        p = np.repeat(search.to_tile(part), k, axis=0)
-        feet = np.full((2, len(x), 8), np.nan)
-        status = np.full(len(x), _kernels_newton.FALLBACK, np.int64)
-        search._run(x, p, near.reshape(-1, 1), feet, np.zeros((len(x), 2), np.int64), status)
-        s = np.where(status < _kernels_newton.FALLBACK, feet[0, :, 6], np.inf).reshape(-1, k)
-        out[i : i + len(part)] = s[np.arange(len(s)), np.abs(s).argmin(axis=1)]
+        feet = np.full((2, near.size, 8), np.nan)
+        status = np.full(near.size, _kernels_newton.FALLBACK, np.int64)
+        many = np.repeat(x[part], k, axis=0), np.repeat(p[part], k, axis=0)
+        counts = np.zeros((near.size, 2), np.int64)
+        search._run(*many, near.reshape(-1, 1), feet, counts, status)
+        feet[0, status >= _kernels_newton.FALLBACK, 6] = np.inf
+        found = feet[0].reshape(-1, k, 8)
+        out[part] = found[np.arange(len(found)), np.abs(found[:, :, 6]).argmin(axis=1)]
     return out
 
 
