@@ -11,9 +11,9 @@ their mid-surface (`ilattice.mesh.sheets`), with slivers along their rims; meshe
 are compared with the volume of the wall (`ilattice.mesh.loss`), those of solids of surfaces as they
 are with the parts of their field (`ilattice.mesh.parts`). Vertices that are off the offset,
 because polishing fails or to keep triangles from crossing, are marked as ``unconverged`` in the
-point data and, where they are more than one in a thousand, counted in a `PrecisionWarning`, above
-that in a `ConvergenceError`; those next to jumps of the distance, in corners of the
-domain beyond which the map folds (`ilattice.offsets.closest`), are warned of only. All others are
+point data and, where they are more than one in a thousand, counted in a `PrecisionWarning`; those
+that are next to no jump or crease of the distance are then a `ConvergenceError`. Jumps are in
+corners of the domain beyond which the map folds (`ilattice.offsets.closest`). All others are
 on it to a ten-thousandth of the half-thickness. Non-guarantee: where two offset surfaces meet in a
 crease, triangles do not follow the crease.
 """

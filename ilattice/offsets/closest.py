@@ -69,8 +69,9 @@ if TYPE_CHECKING:
 CANDIDATES, AMONG_ADDED = 8, 32
 #: That happens where they are more than this part of the others.
 CROWDING = 0.02
-#: Single starts where the nearest seed tells that a foot is missed.
-ALONE = 200
+#: Single starts where the nearest seed tells that a foot is missed, or none has led to any, and
+#: the most queries for which these are made at once.
+ALONE, MOST_ALONE = 200, 2000
 BATCH = 1 << 17
 MOST_ROWS = 1 << 40
 TOLERANCE = 1e-7
@@ -445,11 +446,12 @@ class ClosestPointSearch(TileSpace):
         missed = self._missed(distance[:, 0], idx[:, 0], feet[0, :, 6])
         again = np.flatnonzero(behind | missed | doubtful(self, p, distance, idx, feet, status))
         retried(self, again, x, p, feet, counts, status)
-        at = np.flatnonzero(self._missed(distance[:, 0], idx[:, 0], feet[0, :, 6]))
-        if len(at):  # what led there may have kept other starts away
+        missed = self._missed(distance[:, 0], idx[:, 0], feet[0, :, 6])
+        at = np.flatnonzero(missed | (status >= _kernels_newton.FALLBACK))[:MOST_ALONE]
+        if len(at):  # what led there, or to seeds without a normal, may have kept other starts away
             alone = singly(self, x[at], p[at], ALONE)
             nearer = np.abs(alone[:, 6]) < np.abs(feet[0, at, 6])
-            feet[0, at[nearer]] = alone[nearer]
+            feet[0, at[nearer]], status[at[nearer]] = alone[nearer], _kernels_newton.OK
         at = np.flatnonzero(self._missed(distance[:, 0], idx[:, 0], feet[0, :, 6]))
         if len(at):
             self._descend(x[at], at, self.seeds[0][idx[at, 0]], feet[0])

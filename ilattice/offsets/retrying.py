@@ -238,9 +238,7 @@ def _start(
     feet[:, at], counts[at], status[at] = f, c, s
 
 
-def singly(
-    search: ClosestPointSearch, x: FloatArray, p: FloatArray, count: int
-) -> FloatArray:
+def singly(search: ClosestPointSearch, x: FloatArray, p: FloatArray, count: int) -> FloatArray:
     """Nearest of the feet that single starts lead to, as if there were no others.
 
     Slow, but no start is left out because of what another one has found.
