@@ -224,7 +224,7 @@ def layers_needed(space: TileSpace, axes: list[FloatArray], axis: int, end: floa
 
 
 def sharpest(x: FloatArray, turn: FloatArray, spacing: FloatArray) -> FloatArray:
-    """How much the normals of seeds turn, at most, over their spacing or that of seeds next to them.
+    """How much normals of seeds turn, at most, over their spacing or that of seeds beside them.
 
     A seed on a plate may be the only one from which the foot on its rim, next to it, is found.
 

@@ -277,7 +277,7 @@ class TileSolid(OffsetSolid):
         return self._of_skeleton and not any(self.lattice.through.closed)
 
     @cached_property
-    def volume_error(self) -> float:  # type: ignore[override]
+    def volume_error(self) -> float:
         """How far `volume` may be off: the area times the error of the spline."""
         volume, field = self.volume(), self.distance  # which makes the spline and its error
         return float(2.0 * volume / field.width * field.error)
