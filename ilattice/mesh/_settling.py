@@ -19,7 +19,6 @@ from ilattice._typing import AnyArray, FloatArray
 from ilattice.mesh._own_cells import asked, at_jumps, in_own_cells, signed
 from ilattice.offsets._kernels_newton import FALLBACK
 from ilattice.offsets.polish import inside, polish
-from ilattice.offsets.retrying import singly
 
 if TYPE_CHECKING:
     from ilattice.offsets.wall import OffsetSolid
@@ -34,8 +33,6 @@ LEAST = 1e-2
 CUT, TURNED = 0.1, 0.866
 #: Vertices that are looked at again together in the end, and the error from which on they are off.
 CHECKED, OFF = 20_000, 1e-3
-#: Of these, those that are looked at once more, from so many starts each.
-AGAIN, STARTS = 2000, 200
 #: How many cells around a vertex are searched for the offset, one after the other.
 AROUND = (0, 1)
 
@@ -255,17 +252,9 @@ def _errors(wall: OffsetSolid, u: FloatArray, side: FloatArray) -> tuple[FloatAr
     """
     before = wall.lattice.statistics.mended
     found = wall.lattice.search.query(u, strict=False, thorough=True)
-    of, size = asked(wall, u, side), measure(wall, u, side)
-    error = np.abs(side * found.distance - of) / size
+    error = np.abs(side * found.distance - asked(wall, u, side)) / measure(wall, u, side)
     error = np.where(np.isnan(error), np.inf, error)
-    error[found.status >= FALLBACK] = 0.0
-    # polishing goes by feet of points on the way, too, which starts at their ends may miss
-    far = np.flatnonzero((error > MISSED) & (np.abs(found.distance) > np.abs(of)))[:AGAIN]
-    search = wall.lattice.search
-    s = singly(search, wall.lattice.through.x(u[far]), search.to_tile(u[far]), STARTS)[:, 6]
-    nearer = np.abs(s) < np.abs(found.distance[far])
-    error[far[nearer]] = np.abs(side[far] * s - of[far])[nearer] / size[far[nearer]]
-    out: FloatArray = error
+    out: FloatArray = np.where(found.status < FALLBACK, error, 0.0)
     return out, wall.lattice.statistics.mended - before
 
 

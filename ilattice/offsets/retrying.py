@@ -130,7 +130,7 @@ def _slabs(x: FloatArray, normal: FloatArray, first: list[int]) -> FloatArray:
         normal[:, _kernels.PLAIN :][:, :9].reshape(-1, 3, 3),
         normal[:, _kernels.PLAIN + 9],
     )
-    told: AnyArray = cells.any(axis=(1, 2))
+    told = np.asarray(cells.any(axis=(1, 2)))
     cells = np.where(told[:, None, None], cells, np.eye(3))
     sides = np.linalg.inv(cells)
     size = np.linalg.norm(cells, axis=2)
