@@ -1,4 +1,4 @@
-"""Roots of functions along segments, many at once, and coordinates that faces of a box fix."""
+"""Roots along segments, random points in boxes, and coordinates that faces of a box fix."""
 
 from collections.abc import Callable
 
@@ -63,3 +63,22 @@ def fixed_coordinates(kind: IntArray) -> AnyArray:
     """
     out: AnyArray = np.stack([(kind >> (2 * a)) & 3 for a in range(3)], axis=1) != 0
     return out
+
+
+def pairs(lo: FloatArray, hi: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Two random points in each of n boxes.
+
+    Parameters
+    ----------
+    lo, hi : ndarray, shape (n, 3)
+        Corners of the boxes.
+    rng : Generator
+        Where they come from.
+
+    Returns
+    -------
+    ndarray, shape (2 n, 3)
+        Those of the same box one after the other.
+    """
+    out: FloatArray = np.repeat(lo, 2, axis=0)
+    return out + np.repeat(hi - lo, 2, axis=0) * rng.random((2 * len(lo), 3))

@@ -10,14 +10,13 @@ another one by what exact distances change of it at random points.
 from __future__ import annotations
 
 import warnings
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray
 from ilattice.errors import GeometryError, PrecisionWarning
-from ilattice.mesh.sampled import pairs
+from ilattice.offsets.volume_points import VolumePoints
 
 if TYPE_CHECKING:
     from ilattice.offsets.wall import OffsetSolid
@@ -27,8 +26,6 @@ TOLD, REFUSED = 0.01, 0.05
 #: Boxes with two random points each, and the part of the volume by which meshes may be off there,
 #: less three standard errors, and half of it at least.
 BOXES, NEAR = 1 << 16, 0.02
-#: Boxes with points at which exact distances are asked for.
-FEWER = 1 << 14
 #: Length of edges, relative to the least thickness, from which on volumes are compared, and that
 #: which is recommended.
 COMPARED, ENOUGH = 0.6, 0.25
@@ -124,10 +121,10 @@ def check_loss(
     """
     least, got = wall.least_thickness, mesh.volume
     short = h <= COMPARED * least
-    if short and not _Points(wall, BOXES).doubt(got):
+    if short and VolumePoints(wall, BOXES).near(got, NEAR):
         return
     whole = wall.volume()
-    rounded = _Points(wall, FEWER).rounded if exactly and abs(got - whole) > TOLD * whole else 0.0
+    rounded = wall._rounded.volume if exactly and abs(got - whole) > TOLD * whole else 0.0
     whole += rounded
     off = got / whole - 1.0 if whole > 0.0 else 0.0
     if abs(off) <= (NEAR if short else TOLD):
@@ -146,43 +143,3 @@ def check_loss(
     if abs(off) > REFUSED and not allowed:
         raise GeometryError(f"{message}, or allow_loss=True")
     warnings.warn(message, PrecisionWarning, stacklevel=4)
-
-
-class _Points:
-    """Random points of the domain, two in each of equal boxes, and the volumes they stand for."""
-
-    def __init__(self, wall: OffsetSolid, boxes: int) -> None:
-        self.wall, self.boxes = wall, boxes
-
-    @cached_property
-    def u(self) -> FloatArray:
-        """Parameters (2 n, 3), those of the same box one after the other."""
-        lo, hi = self.wall.lattice.domain
-        tiles = np.array(self.wall.lattice.repeat, float)
-        count = np.maximum(1, np.rint(tiles * (self.boxes / tiles.prod()) ** (1 / 3))).astype(int)
-        corner = np.indices(tuple(count)).reshape(3, -1).T
-        rng = np.random.default_rng(0)
-        return pairs(lo + (hi - lo) * corner / count, lo + (hi - lo) * (corner + 1) / count, rng)
-
-    @cached_property
-    def weight(self) -> FloatArray:
-        """Volume (2 n,) that each of them stands for."""
-        det = np.abs(np.linalg.det(self.wall.lattice.through.jacobian(self.u)))
-        out: FloatArray = det * (
-            float(np.prod(np.ptp(self.wall.lattice.domain, axis=0))) / len(det)
-        )
-        return out
-
-    def doubt(self, volume: float) -> bool:
-        """Whether the wall may have another volume, as far as these points tell."""
-        part = (self.weight * (self.wall.field(self.u) < 0.0)).reshape(-1, 2)
-        mean, error = float(part.sum()), float(np.linalg.norm(part[:, 0] - part[:, 1]))
-        return abs(mean - volume) > max(NEAR * mean - 3.0 * error, 0.5 * NEAR * mean)
-
-    @property
-    def rounded(self) -> float:
-        """What exact distances add to the volume by the distance spline."""
-        wall, one = self.wall, np.ones(len(self.u))
-        s = wall._true_distance(self.u)
-        exact = (s < wall._asked.at(self.u, one)) & (-s < wall._asked.at(self.u, -one))
-        return float((self.weight * (exact * 1.0 - (wall.field(self.u) < 0.0))).sum())

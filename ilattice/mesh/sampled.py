@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ilattice._geometry import pairs
 from ilattice._typing import FloatArray
 
 #: Boxes to begin with, the most along an axis then, and the most that are looked into.
@@ -34,25 +35,6 @@ class Sampled(NamedTuple):
 
     volume: float
     error: float
-
-
-def pairs(lo: FloatArray, hi: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Two random points in each of n boxes.
-
-    Parameters
-    ----------
-    lo, hi : ndarray, shape (n, 3)
-        Corners of the boxes.
-    rng : Generator
-        Where they come from.
-
-    Returns
-    -------
-    ndarray, shape (2 n, 3)
-        Those of the same box one after the other.
-    """
-    out: FloatArray = np.repeat(lo, 2, axis=0)
-    return out + np.repeat(hi - lo, 2, axis=0) * rng.random((2 * len(lo), 3))
 
 
 def volumes(

@@ -11,9 +11,9 @@ their mid-surface (`ilattice.mesh.sheets`), with slivers along their rims; meshe
 are compared with the volume of the wall (`ilattice.mesh.loss`), those of solids of surfaces as they
 are with the parts of their field (`ilattice.mesh.parts`). Vertices that are off the offset,
 because polishing fails or to keep triangles from crossing, are marked as ``unconverged`` in the
-point data and, where they are more than one in a thousand, counted in a `PrecisionWarning`, above
-one in a hundred in a `ConvergenceError`; those next to jumps of the distance, in corners of the
-domain beyond which the map folds (`ilattice.offsets.closest`), are warned of only. All others are
+point data and, where they are more than one in a thousand, counted in a `PrecisionWarning`; those
+that are next to no jump or crease of the distance are then a `ConvergenceError`. Jumps are in
+corners of the domain beyond which the map folds (`ilattice.offsets.closest`). All others are
 on it to a ten-thousandth of the half-thickness. Non-guarantee: where two offset surfaces meet in a
 crease, triangles do not follow the crease.
 """
@@ -55,7 +55,7 @@ if TYPE_CHECKING:
 #: Part of the vertices that may be held without a warning; part of them that may be off for no
 #: jump or crease of the distance, and at creases, without an error; a number of them that always
 #: may. Last, the part that may have nearer feet than they went by.
-MAX_HELD, MOST_HELD, MOST_CREASED, FEW, MOST_NEARER = 1e-3, 1e-3, 2e-2, 10, 1e-2
+MAX_HELD, MOST_HELD, MOST_CREASED, FEW, MOST_NEARER = 1e-3, 1e-3, 2e-2, 10, 1e-3
 #: Random points, and the corners, at which a wall that fills the part is noticed.
 FILLED = 4096
 CORNERS = np.indices((2, 2, 2)).reshape(3, -1).T
@@ -90,9 +90,10 @@ def wall_mesh(
     side = np.where(of.cap, 0.0, side)
     held, off = of.held[kept], of.off[kept]
     if job.polish:
-        wrong, part, mended = unsettled(wall, new.u[kept], side[kept], (side[kept] != 0) & ~held)
+        free = (side[kept] != 0) & ~held
+        wrong, part, mended = unsettled(wall, new.u[kept], side[kept], free)
         held = held | wrong
-        _check_again(part, mended)
+        _check_again(part, mended, int(free.sum()))
     _check(off, of.crease[kept], exactly=job.polish)
     _warn(int(held.sum()), len(kept), new.left)
     faces = _outward(wall, new.repair.faces)
@@ -364,15 +365,15 @@ def _check(off: AnyArray, crease: AnyArray, *, exactly: bool) -> None:
         )
 
 
-def _check_again(part: float, mended: float) -> None:
+def _check_again(part: float, mended: float, count: int) -> None:
     """Tell of vertices that have nearer feet than those they went by, and refuse too many."""
     where = (
         "as where the map folds beyond its ends or squeezes tiles; use boundary='clip', more and "
         "smaller tiles"
     )
-    if part > MOST_NEARER:
+    if part * count > max(MOST_NEARER * count, FEW):
         raise ConvergenceError(
-            f"{part:.2%} of the vertices are off the offset (more than {MOST_NEARER:.0%}): parts "
+            f"{part:.2%} of the vertices are off the offset (more than {MOST_NEARER:.1%}): parts "
             f"of the mid-surface are nearer than their closest points, {where}, or polish=False "
             "for a mesh of the distance spline"
         )

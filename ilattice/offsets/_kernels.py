@@ -23,6 +23,7 @@ from ilattice.offsets._kernels_jets import (
     upright,
 )
 from ilattice.offsets._kernels_newton import (
+    BOUNDARY,
     FAILED,
     FALLBACK,
     OK,
@@ -50,6 +51,8 @@ SHARP = 2.0
 PLAIN, SQUEEZED_TOO, AROUND = 5, 16, 1.25
 #: Part of a cell, along the normal, by which surfaces bend away from their tangent plane.
 BULGE = 0.3
+#: Where the surface is so much nearer by the field at a query than the foot, that is a start, too.
+PASSED = 0.5
 #: How far below its upper faces a tile ends whose neighbours meet it in creases.
 BELOW = 1e-12
 
@@ -363,6 +366,7 @@ def multi_start(
             if clip:
                 start = clamp(start, box)
         held = clip or geom[14] != 0.0
+        freed = held
         if geom[14] != 0.0:
             piece(geom, start, room)
         while True:
@@ -385,6 +389,9 @@ def multi_start(
                 soft = low
                 if low <= LOOSE:
                     along = soft_direction(m, t, x, lam, low, (0, 0, 0))
+            if held and not freed and filed == 2 and st == BOUNDARY:
+                freed, held, start = True, False, p  # the sheet may go on behind the face
+                continue
             if held or ((filed > 0 or st == WORSE) and not slid(geom, orient, m, start, p)):
                 break
             held = True  # where the continuation folds or ends, the sheet ends at the face
@@ -443,6 +450,14 @@ def seed_distance(sx, s, x):
     return np.sqrt((x[0] - sx[s, 0]) ** 2 + (x[1] - sx[s, 1]) ** 2 + (x[2] - sx[s, 2]) ** 2)
 
 
+@inner(fastmath=FAST, error_model="numpy")
+def passed(t, q, feet, i):
+    """Whether the field, of jet t at the query q, tells of a surface much nearer than the foot."""
+    slope = t[1] * t[1] + t[2] * t[2] + t[3] * t[3]
+    d0, d1, d2 = feet[i, 0] - q[0], feet[i, 1] - q[1], feet[i, 2] - q[2]
+    return t[0] * t[0] < PASSED * PASSED * slope * (d0 * d0 + d1 * d1 + d2 * d2)
+
+
 @njit(cache=True, parallel=True, fastmath=FAST, error_model="numpy")
 def closest(
     d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
@@ -482,12 +497,31 @@ def closest(
                 sp, sx, sn, sh, xi, qi, idx, i, box, clip, orient, tol, feet, seconds, i, status[i],
                 room, b, m, t, tab,
             )  # fmt: skip
+            tile_jet(geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc, qi, b, t, tab)
+            value = t[0]
+            if st != FALLBACK and passed(t, qi, feet, i):
+                held = clip or geom[14] != 0.0
+                if geom[14] != 0.0:
+                    piece(geom, qi, room)
+                h = sh[idx[i, 0]]
+                best = (feet[i, 3], feet[i, 4], feet[i, 5], feet[i, 6], 0.05, feet[i, 7])
+                p, y, lam, _, n_own, own = newton(
+                    d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2,
+                    tc, xi, qi, best, room, held, h, tol, b, m, t, tab,
+                )  # fmt: skip
+                starts += 1
+                iterations += n_own
+                filed = accept(
+                    d0, d1, d2, k0, k1, k2, c, geom, box, clip, orient, p, y, xi, qi, lam, own, h,
+                    feet, seconds, i, False, b, m,
+                )  # fmt: skip
+                if filed == 2:
+                    st = own
             counts[i, 0] += starts
             counts[i, 1] += iterations
             status[i] = st
-            tile_jet(geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc, qi, b, t, tab)
-            if t[0] < 0.0:
+            if value < 0.0:
                 feet[i, 6] = -feet[i, 6]
                 seconds[i, 6] = -seconds[i, 6]
-            elif t[0] == 0.0:
+            elif value == 0.0:
                 feet[i, 6] = 0.0

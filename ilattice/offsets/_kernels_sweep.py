@@ -1,9 +1,9 @@
 """Compiled sweep over the seeds around queries, for those that may lie next to a nearer foot.
 
-Boxes are levels of a tree: a box of the lowest one holds what LEAF seeds that are next to each
-other stand for, one of the others holds FAN boxes of the level below. The arguments `order`, `lo`,
-`hi` and `first` are the seeds by boxes, the corners of all boxes, and where the levels begin among
-them.
+Boxes are levels of a tree: a box of the lowest one holds what LEAF seeds that follow each other
+stand for, one of the others holds FAN boxes of the level below. The arguments `lo`, `hi`, `slab`
+and `first` are the corners of all boxes, the slabs that hold the same, and where the levels begin
+among them.
 """
 
 import numpy as np
@@ -31,6 +31,13 @@ def beyond(lo, hi, row, x, reach):
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
+def off_slab(slab, row, x, reach):
+    """Whether a slab is farther from x than `reach`."""
+    s = slab[row, 0] * x[0] + slab[row, 1] * x[1] + slab[row, 2] * x[2]
+    return s < slab[row, 3] - reach or s > slab[row, 4] + reach
+
+
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def away_from(sn, sh, s, d, best):
     """Whether a seed at the distance d, whose cell is no guide, is too far for a nearer foot."""
     told = sn.shape[1] > PLAIN
@@ -40,39 +47,39 @@ def away_from(sn, sh, s, d, best):
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
-def gather(geom, sp, sx, sn, sh, order, lo, hi, first, x, q, best, stack, away, found):
+def gather(geom, sp, sx, sn, sh, lo, hi, slab, first, x, q, best, stack, away, found):
     """Fill in seeds that may have a foot nearer than `best`, and their distances; how many."""
     n, depth, reach = 0, 1, np.finfo(np.float64).max
     stack[0, 0], stack[0, 1] = len(first) - 2, 0
     while depth > 0:
         depth -= 1
         level, k = stack[depth, 0], stack[depth, 1]
-        if beyond(lo, hi, first[level] + k, x, best):
+        row = first[level] + k
+        if beyond(lo, hi, row, x, best) or off_slab(slab, row, x, best):
             continue
         if level > 0:
             for c in range(FAN * k, min(FAN * k + FAN, first[level] - first[level - 1])):
                 stack[depth, 0], stack[depth, 1] = level - 1, c
                 depth += 1
             continue
-        for j in range(LEAF * k, min(LEAF * k + LEAF, len(order))):
-            s = order[j]
-            d = seed_distance(sx, s, x)
-            if d > reach or away_from(sn, sh, s, d, best) or unlikely(x, sx, sn, s, sh[s], best):
+        for j in range(LEAF * k, min(LEAF * k + LEAF, len(sx))):
+            d = seed_distance(sx, j, x)
+            if d > reach or away_from(sn, sh, j, d, best) or unlikely(x, sx, sn, j, sh[j], best):
                 continue
-            if not in_reach(geom, sp, sx, sn, s, x, q):
+            if not in_reach(geom, sp, sx, sn, j, x, q):
                 continue
             if n == len(away):
                 rows = np.argsort(away)[: n // 2]
                 away[: len(rows)], found[: len(rows)] = away[rows], found[rows]
                 n = len(rows)
                 reach = away[n - 1]
-            away[n], found[n] = d, s
+            away[n], found[n] = d, j
             n += 1
     return n
 
 
 @njit(cache=True, parallel=True, fastmath=FAST, error_model="numpy")
-def sweep(geom, sp, sx, sn, sh, order, lo, hi, first, x, q, best, out):
+def sweep(geom, sp, sx, sn, sh, lo, hi, slab, first, x, q, best, out):
     """Seeds that may have a foot nearer than `best` (n,) from the queries, one per patch.
 
     They fill rows of `out` (n, k), nearest first, up to -1.
@@ -83,7 +90,7 @@ def sweep(geom, sp, sx, sn, sh, order, lo, hi, first, x, q, best, out):
         for i in range(chunk * CHUNK, min(len(x), (chunk + 1) * CHUNK)):
             xi, qi = (x[i, 0], x[i, 1], x[i, 2]), (q[i, 0], q[i, 1], q[i, 2])
             n = gather(
-                geom, sp, sx, sn, sh, order, lo, hi, first, xi, qi, best[i], stack, away, found,
+                geom, sp, sx, sn, sh, lo, hi, slab, first, xi, qi, best[i], stack, away, found,
             )  # fmt: skip
             count = 0
             for row in np.argsort(away[:n]):

@@ -45,8 +45,17 @@ from ilattice.errors import ConvergenceError, GeometryError, InputError
 from ilattice.offsets import _kernels, _kernels_newton, _kernels_seeds
 from ilattice.offsets._kernels_jets import UPRIGHT
 from ilattice.offsets.mending import mended, started
-from ilattice.offsets.retrying import Boxes, doubtful, retried
-from ilattice.offsets.seeding import apart, between, crossings, downhill, gaps, layered, regular
+from ilattice.offsets.retrying import Boxes, doubtful, in_order, retried, singly
+from ilattice.offsets.seeding import (
+    apart,
+    between,
+    crossings,
+    downhill,
+    gaps,
+    layered,
+    regular,
+    sharpest,
+)
 from ilattice.offsets.space import TileSpace
 from ilattice.offsets.spacing import Spacing
 from ilattice.tiles.mixture import MixedField
@@ -60,6 +69,9 @@ if TYPE_CHECKING:
 CANDIDATES, AMONG_ADDED = 8, 32
 #: That happens where they are more than this part of the others.
 CROWDING = 0.02
+#: Single starts where the nearest seed tells that a foot is missed, or none has led to any, and
+#: the most queries for which these are made at once.
+ALONE, MOST_ALONE = 200, 2000
 BATCH = 1 << 17
 MOST_ROWS = 1 << 40
 TOLERANCE = 1e-7
@@ -198,7 +210,7 @@ class ClosestPointSearch(TileSpace):
         count, closed = np.array(lattice.repeat), np.array(lattice.through.closed)
         self.seeds = self._make_seeds(count, closed)
         self.tree = cKDTree(self.seeds[1])
-        self.boxes = Boxes.of(self.tree, self.seeds[2], self.seeds[3])
+        self.boxes = Boxes.of(*self.seeds[1:])
         self.spacing = Spacing(self, self.seeds[0], self.seeds[3], self.singular)
         self.least_spacing = float(self.seeds[3].min())
         self.cell = 1.0 / self._least_seeds
@@ -233,7 +245,9 @@ class ClosestPointSearch(TileSpace):
             near = (np.abs(p - np.rint(p)) <= CREASED * cell).any(axis=1)
             normal[near, 3] = np.inf
         keep = np.flatnonzero(self._upright(p, 0.5 * UPRIGHT))  # what just counts has seeds around
-        keep = keep[cKDTree(x[keep]).indices]  # next to each other in memory what is so in space
+        keep = keep[in_order(p[keep], x[keep], normal[keep])]
+        if normal.shape[1] == _kernels.PLAIN:
+            normal[keep, 3] = sharpest(x[keep], normal[keep, 3], spacing[keep])
         return tuple(np.ascontiguousarray(a[keep]) for a in (p, x, normal, spacing))
 
     @property
@@ -432,6 +446,12 @@ class ClosestPointSearch(TileSpace):
         missed = self._missed(distance[:, 0], idx[:, 0], feet[0, :, 6])
         again = np.flatnonzero(behind | missed | doubtful(self, p, distance, idx, feet, status))
         retried(self, again, x, p, feet, counts, status)
+        missed = self._missed(distance[:, 0], idx[:, 0], feet[0, :, 6])
+        at = np.flatnonzero(missed | (status >= _kernels_newton.FALLBACK))[:MOST_ALONE]
+        if len(at):  # what led there, or to seeds without a normal, may have kept other starts away
+            alone = singly(self, x[at], p[at], ALONE)
+            nearer = np.abs(alone[:, 6]) < np.abs(feet[0, at, 6])
+            feet[0, at[nearer]], status[at[nearer]] = alone[nearer], _kernels_newton.OK
         at = np.flatnonzero(self._missed(distance[:, 0], idx[:, 0], feet[0, :, 6]))
         if len(at):
             self._descend(x[at], at, self.seeds[0][idx[at, 0]], feet[0])

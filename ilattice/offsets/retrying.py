@@ -10,6 +10,7 @@ Guarantee: in the end no seed is left out that may have a nearer foot, but for p
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -31,6 +32,10 @@ RETRIED = 1 << 21
 #: if they lie on several patches, so that a second foot is nearer than d + RIVAL h; else it is
 #: PILED, where a map squeezes seeds together.
 CROWDED, PILED, RIVAL = 0.35, 0.15, 0.1
+#: Most places along an axis by which seeds are put in order.
+BITS = (1 << 14) - 1
+#: Levels of boxes, from the lowest one, that have slabs.
+SLABS = 5
 #: Sweeps, one more where more patches were in reach than a sweep starts from.
 SWEEPS = 3
 
@@ -40,27 +45,28 @@ class Boxes(NamedTuple):
 
     Attributes
     ----------
-    order : ndarray, shape (s,)
-        Numbers of the seeds.
     lo, hi : ndarray, shape (b, 3)
         Corners of the boxes.
+    slab : ndarray, shape (b, 5)
+        Directions in which what they hold is thin where cells are squeezed, and its ends along
+        these; zero and infinite where it is not, and far up.
     first : ndarray, shape (levels + 1,)
         Where the levels of boxes begin, lowest first, and end.
     """
 
-    order: IntArray
     lo: FloatArray
     hi: FloatArray
+    slab: FloatArray
     first: IntArray
 
     @classmethod
-    def of(cls, tree: cKDTree, normal: FloatArray, spacing: FloatArray) -> Boxes:
-        """Boxes around what seeds next to each other stand for.
+    def of(cls, x: FloatArray, normal: FloatArray, spacing: FloatArray) -> Boxes:
+        """Boxes around what seeds next to each other in memory stand for.
 
         Parameters
         ----------
-        tree : cKDTree
-            Seeds in space.
+        x : ndarray, shape (s, 3)
+            Seeds in space, see `in_order`.
         normal, spacing : ndarray, shape (s, k) and (s,)
             Their normals and cells, and their spacings, see `_kernels`.
 
@@ -69,8 +75,7 @@ class Boxes(NamedTuple):
         Boxes
             The boxes.
         """
-        order = np.asarray(tree.indices, np.int64)
-        x, half = np.asarray(tree.data)[order], _halves(normal[order], spacing[order])
+        half = _halves(normal, spacing)
         lo, hi = x - half, x + half
         ends: list[tuple[FloatArray, FloatArray]] = []
         first, size = [0], _kernels_sweep.LEAF
@@ -81,7 +86,70 @@ class Boxes(NamedTuple):
             first.append(first[-1] + len(lo))
             size = _kernels_sweep.FAN
         los, his = (np.concatenate(a) for a in zip(*ends, strict=True))
-        return cls(order, los, his, np.array(first))
+        return cls(los, his, _slabs(x, normal, first), np.array(first))
+
+
+def in_order(p: FloatArray, x: FloatArray, normal: FloatArray) -> IntArray:
+    """Order in which seeds that are next to each other in space are so in memory.
+
+    Parameters
+    ----------
+    p, x : ndarray, shape (s, 3)
+        Seeds in tile coordinates and in space.
+    normal : ndarray, shape (s, k)
+        Their normals and cells, see `_kernels`: where cells are squeezed, seeds next to each other
+        in tiles follow each other, for in space there are others between them.
+
+    Returns
+    -------
+    ndarray, shape (s,)
+        Their numbers.
+    """
+    if normal.shape[1] == _kernels.PLAIN:
+        return np.asarray(cKDTree(x).indices, np.int64)
+    return np.argsort(_morton(p), kind="stable")
+
+
+def _morton(p: FloatArray) -> IntArray:
+    """Numbers of points (n, 3) along a curve that stays near: the bits of their coordinates."""
+    lo, hi = p.min(axis=0), p.max(axis=0)
+    q = ((p - lo) * (BITS / max(float((hi - lo).max()), 1e-300))).astype(np.uint64)
+    out = np.zeros(len(p), np.uint64)
+    for k in range(BITS.bit_length()):
+        for a in range(3):
+            out |= ((q[:, a] >> np.uint64(k)) & np.uint64(1)) << np.uint64(3 * k + a)
+    return out.astype(np.int64)
+
+
+def _slabs(x: FloatArray, normal: FloatArray, first: list[int]) -> FloatArray:
+    """Slabs (b, 5) around what the seeds of boxes stand for, see `Boxes`."""
+    out = np.tile([0.0, 0.0, 0.0, -np.inf, np.inf], (first[-1], 1))
+    if normal.shape[1] == _kernels.PLAIN:
+        return out
+    cells, bend = (
+        normal[:, _kernels.PLAIN :][:, :9].reshape(-1, 3, 3),
+        normal[:, _kernels.PLAIN + 9],
+    )
+    told = np.asarray(cells.any(axis=(1, 2)))
+    cells = np.where(told[:, None, None], cells, np.eye(3))
+    sides = np.linalg.inv(cells)
+    size = np.linalg.norm(cells, axis=2)
+    thin = np.take_along_axis(cells, size.argmax(axis=1)[:, None, None], axis=1)[:, 0]
+    thin /= size.max(axis=1)[:, None]
+    width = _kernels_sweep.LEAF
+    for i, j in pairwise(first[: SLABS + 1]):
+        at = np.arange(0, len(x), width)
+        way = np.add.reduceat(thin, at)
+        way /= np.maximum(np.linalg.norm(way, axis=1), 1e-300)[:, None]
+        each = np.repeat(way, width, axis=0)[: len(x)]
+        middle = np.einsum("sa,sa->s", x, each)
+        half = _kernels.AROUND * np.abs(np.einsum("sa,sak->sk", each, sides)).sum(axis=1) + bend
+        half = np.where(told, half, np.inf)
+        out[i:j, :3] = way
+        out[i:j, 3] = np.minimum.reduceat(middle - half, at)
+        out[i:j, 4] = np.maximum.reduceat(middle + half, at)
+        width *= _kernels_sweep.FAN
+    return out
 
 
 def _halves(normal: FloatArray, spacing: FloatArray) -> FloatArray:
@@ -168,6 +236,41 @@ def _start(
     f, c, s = feet.take(at, axis=1), counts[at], status[at]
     search._run(x[at], p[at], idx, f, c, s)
     feet[:, at], counts[at], status[at] = f, c, s
+
+
+def singly(search: ClosestPointSearch, x: FloatArray, p: FloatArray, count: int) -> FloatArray:
+    """Nearest of the feet that single starts lead to, as if there were no others.
+
+    Slow, but no start is left out because of what another one has found.
+
+    Parameters
+    ----------
+    search : ClosestPointSearch
+        Seeds, map and tiles.
+    x, p : ndarray, shape (n, 3)
+        Queries in space and in tile coordinates.
+    count : int
+        From how many of the nearest seeds to start.
+
+    Returns
+    -------
+    ndarray, shape (n, 8)
+        Feet as in `_kernels.closest`; their distances are infinite where no start leads to any.
+    """
+    out = np.full((len(x), 8), np.inf)
+    for i in range(0, len(x), RETRIED // count):
+        part = slice(i, i + RETRIED // count)
+        _, near = search.candidates(x[part], count)
+        k = near.shape[1]
+        feet = np.full((2, near.size, 8), np.nan)
+        status = np.full(near.size, _kernels_newton.FALLBACK, np.int64)
+        many = np.repeat(x[part], k, axis=0), np.repeat(p[part], k, axis=0)
+        counts = np.zeros((near.size, 2), np.int64)
+        search._run(*many, near.reshape(-1, 1), feet, counts, status)
+        feet[0, status >= _kernels_newton.FALLBACK, 6] = np.inf
+        found = feet[0].reshape(-1, k, 8)
+        out[part] = found[np.arange(len(found)), np.abs(found[:, :, 6]).argmin(axis=1)]
+    return out
 
 
 def doubtful(

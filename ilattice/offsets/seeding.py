@@ -16,6 +16,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
+from ilattice.offsets._kernels import SHARP
 from ilattice.offsets._small import solved
 
 if TYPE_CHECKING:
@@ -25,11 +26,14 @@ if TYPE_CHECKING:
 #: Cells within which a seed that faces alike must be, the least cosine between normals that are
 #: alike, and seeds that are looked at.
 NEAR, ALIKE, LOOKED_AT = 0.9, 0.75, 8
-#: Gradients below this part of the median one are none.
-FLAT = 1e-2
+#: Gradients below this part of the median one are none, unless they are more than LEAST of it and
+#: surfaces that meet, with gradients falling towards there, would do so farther away than this.
+FLAT, LEAST, MEETING = 1e-2, 1e-4, 2e-3
 #: Part of det J on faces next to which seeds are placed in layers, so many of them at most, and
 #: places along each direction of a face where it is looked at.
 FALLEN, MOST_LAYERS, ACROSS = 0.1, 12, 64
+#: Sharp seeds that are looked at next to a seed.
+BESIDE = 6
 #: Steps downhill.
 DOWNHILL = 24
 
@@ -219,6 +223,33 @@ def layers_needed(space: TileSpace, axes: list[FloatArray], axis: int, end: floa
     return min(MOST_LAYERS, 1 + int(np.ceil(-np.log2(max(rest, 1e-12)))))
 
 
+def sharpest(x: FloatArray, turn: FloatArray, spacing: FloatArray) -> FloatArray:
+    """How much normals of seeds turn, at most, over their spacing or that of seeds beside them.
+
+    A seed on a plate may be the only one from which the foot on its rim, next to it, is found.
+
+    Parameters
+    ----------
+    x : ndarray, shape (s, 3)
+        Seeds in space.
+    turn, spacing : ndarray, shape (s,)
+        How much their normals turn, and their spacings.
+
+    Returns
+    -------
+    ndarray, shape (s,)
+        At least `turn`; more next to seeds that turn by more than `SHARP`.
+    """
+    out = turn.copy()
+    sharp = np.flatnonzero(turn > SHARP)
+    if 0 < len(sharp) < len(x):
+        near: Any = cKDTree(x[sharp]).query(x, k=BESIDE, distance_upper_bound=spacing.max())
+        other = np.append(turn[sharp], 0.0)[near[1]]
+        other[near[0] > spacing[:, None]] = 0.0
+        out = np.maximum(out, other.max(axis=1))
+    return out
+
+
 def downhill(search: ClosestPointSearch, x: FloatArray, p: FloatArray) -> FloatArray:
     """Points of the surface nearer and nearer to some points of space, by tangential steps.
 
@@ -271,13 +302,19 @@ def regular(field: Any, points: FloatArray) -> AnyArray:
     Returns
     -------
     ndarray of bool, shape (n,)
-        True where the gradient is not much less than the median one; True everywhere if that is
-        zero.
+        True where the gradient is not much less than the median one, or not so for the Hessian;
+        True everywhere if the median is zero.
     """
     if len(points) == 0:
         return np.ones(0, np.bool_)
-    slope = np.linalg.norm(field.jet(np.clip(points, 0.0, 1.0), 1)[1], axis=1)
-    out: AnyArray = slope >= FLAT * np.median(slope)
+    points = np.clip(points, 0.0, 1.0)
+    slope = np.linalg.norm(field.jet(points, 1)[1], axis=1)
+    usual = np.median(slope)
+    out: AnyArray = slope >= FLAT * usual
+    low = np.flatnonzero(~out & (slope > LEAST * usual))
+    if len(low):  # as far from where surfaces meet as the gradient by the Hessian, up to a factor
+        bend = np.linalg.norm(field.jet(points[low], 2)[2], axis=(1, 2))
+        out[low] = slope[low] > MEETING * bend
     return out
 
 

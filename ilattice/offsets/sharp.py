@@ -51,11 +51,7 @@ class SharpDistance(Field):
 
     def __init__(self, lattice: MidSurface, spline: BSpline, thickness: Thickness) -> None:
         self.lattice, self.spline, self.thickness = lattice, spline, thickness
-        span = [np.diff(spline.breaks(a)).max() for a in range(3)]
-        lo, hi = lattice.domain
-        sites = [np.linspace(lo[a], hi[a], SITES) for a in range(3)]
-        _, slopes = lattice.through.geometry.grid(sites, 1)
-        self.band = BAND * float(np.linalg.norm(slopes * span, axis=-2).max())
+        self.band = reach(lattice, spline)
 
     @property
     def bounds(self) -> FloatArray:
@@ -101,3 +97,25 @@ class SharpDistance(Field):
         normal = solved(jacobian.transpose(0, 2, 1), gradient[:, :, None])[:, :, 0]
         straight: AnyArray = np.abs(np.linalg.norm(normal, axis=1) - 1.0) <= BENT
         return ~straight
+
+
+def reach(lattice: MidSurface, spline: BSpline) -> float:
+    """How far a distance spline may be off.
+
+    Parameters
+    ----------
+    lattice : MidSurface
+        Domain and map.
+    spline : BSpline
+        Signed distance as a spline.
+
+    Returns
+    -------
+    float
+        `BAND` of its longest span in space.
+    """
+    span = [np.diff(spline.breaks(a)).max() for a in range(3)]
+    lo, hi = lattice.domain
+    sites = [np.linspace(lo[a], hi[a], SITES) for a in range(3)]
+    _, slopes = lattice.through.geometry.grid(sites, 1)
+    return BAND * float(np.linalg.norm(slopes * span, axis=-2).max())

@@ -276,6 +276,12 @@ class TileSolid(OffsetSolid):
         """Whether it is a skeleton, in a map that is open in all directions."""
         return self._of_skeleton and not any(self.lattice.through.closed)
 
+    @cached_property
+    def volume_error(self) -> float:
+        """How far `volume` may be off: the area times the error of the spline."""
+        volume, field = self.volume(), self.distance  # which makes the spline and its error
+        return float(2.0 * volume / field.width * field.error)
+
     def _middle(self, most: int) -> tuple[FloatArray, FloatArray]:
         """Points next to the surface, moved onto it; they stand for equal areas."""
         u = _random(self.lattice, POINTS, 3)

@@ -26,7 +26,12 @@ from ilattice.offsets.density import tile_volumes, volumes
 from ilattice.offsets.local_thickness import depths_of, least_of, points
 from ilattice.offsets.mid_surface import MidSurface
 from ilattice.offsets.thickness import Thickness
+from ilattice.offsets.volume_points import Rounded, VolumePoints
 from ilattice.offsets.wall_field import WallField
+
+#: Boxes with random points at which exact distances are asked for, and the part of the volume from
+#: which on it is told that they give another one.
+BOXES, TOLD = 1 << 14, 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,12 +106,47 @@ class OffsetSolid:
         Returns
         -------
         float
-            Volume, as the distance spline has it: see `tol` of `offset`. Meshes hold less, those
-            of struts that are two cells thick one to three parts in a hundred.
+            Volume, as the distance spline has it, which `volume_error` is about: see `tol` of
+            `offset`. Meshes hold less, those of struts that are two cells thick one to three
+            parts in a hundred.
+
+        Warns
+        -----
+        PrecisionWarning
+            If exact distances give another volume by more than 1 %.
         """
         if "volume" not in self._known:
             self._known["volume"] = float(volumes(self.lattice, self.field).sum())
+            self._tell_rounded()
         return self._known["volume"]
+
+    @cached_property
+    def volume_error(self) -> float:
+        """How far `volume` may be off, because splines stand in for distances or fields of tiles.
+
+        Of walls: the volume that exact distances change at random points, and two standard errors.
+        Of solids of tiles as they are: their area times the error of the spline.
+        """
+        return abs(self._rounded.volume) + 2.0 * self._rounded.error
+
+    @cached_property
+    def _rounded(self) -> Rounded:
+        """What exact distances add to the volume."""
+        return VolumePoints(self, BOXES).rounded
+
+    def _tell_rounded(self) -> None:
+        """Warn of a volume that is off."""
+        if not self._exact:
+            return
+        whole, (change, error) = self._known["volume"], self._rounded
+        if abs(change) - 2.0 * error > TOLD * whole:
+            warnings.warn(
+                f"the volume {whole:.6g} is that of the distance spline; exact distances give "
+                f"{100 * abs(change) / whole:.2g} % {'more' if change > 0.0 else 'less'}: use tol, "
+                f"or spans_per_tile > {self.lattice.spans}",
+                PrecisionWarning,
+                stacklevel=3,
+            )
 
     @property
     def known_volume(self) -> float | None:

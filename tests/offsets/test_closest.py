@@ -8,6 +8,7 @@ import pytest
 import ilattice as il
 from ilattice.errors import ConvergenceError
 from ilattice.offsets import closest
+from ilattice.offsets.retrying import singly
 
 
 def tile_sizes(lattice, u):
@@ -211,3 +212,33 @@ def test_feet_without_a_seed_come_from_neighbours():
     assert poor.statistics.mended > 0
     assert wrong(thorough=True) < 0.2 * alone
     assert wrong(strides=(), known=whole.search.query(u)) == 0.0
+
+
+def test_crossings_on_edges_of_the_domain_are_no_feet_where_a_curve_goes_on():
+    """On the face w = 1 a surface has the line u = 1/4; a curve crosses it on the edge v = 0."""
+    through = il.macroshape.load(cb.DATA / "mfem/cube-nurbs-deformed.mesh")
+    lattice = il.Lattice("tubular_gyroid", through=through, boundary="clip")
+    v = np.linspace(0.0, 0.1, 4001)
+    line = np.stack([np.full_like(v, 0.25), v, np.ones_like(v)], axis=1)
+    assert np.abs(lattice.implicit(line)).max() < 1e-12
+    rng = np.random.default_rng(3)
+    u = np.array([0.267, 0.0, 0.953]) + rng.uniform(-1.0, 1.0, (300, 3)) * [0.015, 0.0, 0.012]
+    away = np.linalg.norm(through.x(u)[:, None] - through.x(line), axis=2)
+    assert (away.argmin(axis=1) > 0).sum() > 30  # not the crossing itself
+    found = np.abs(lattice.distance(u))
+    assert (found <= away.min(axis=1) * (1.0 + 1e-6)).all()
+
+
+@pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
+def test_points_next_to_the_surface_start_from_themselves():
+    """Beside sharp edges all seeds led to other sheets, up to 21 times as far."""
+    lattice = il.Lattice("re_entrant_honeycomb", through=cb._map("swept"))
+    lo, hi = lattice.domain
+    u = lo + np.random.default_rng(1).random((2500, 3)) * (hi - lo)
+    u = u[np.abs(lattice.implicit(u)) < 0.2]
+    found = np.abs(lattice.distance(u))
+    alone = singly(lattice.search, lattice.through.x(u), lattice.search.to_tile(u), 200)[:, 6]
+    farther = found / np.abs(alone)
+    assert len(u) > 1000
+    assert farther.max() < 1.5
+    assert (farther > 1.0 + 1e-6).mean() < 2e-3

@@ -10,7 +10,7 @@ from ilattice.offsets import _kernels_newton as newton
 from ilattice.offsets import _kernels_sweep
 from ilattice.offsets.mending import mended
 from ilattice.offsets.polish import polish
-from ilattice.offsets.retrying import _halves
+from ilattice.offsets.retrying import SLABS, _halves
 
 OUT = 6
 
@@ -75,15 +75,34 @@ def test_a_sweep_finds_what_looking_at_all_seeds_does(flat):
 def test_boxes_hold_what_all_seeds_stand_for(flat):
     boxes, x = flat.search.boxes, flat.search.seeds[1]
     half = _halves(*flat.search.seeds[2:])
-    assert sorted(boxes.order) == list(range(len(x)))
     assert boxes.first[-1] - boxes.first[-2] == 1
     for level in range(len(boxes.first) - 1):
         at = np.arange(len(x)) // (_kernels_sweep.LEAF * _kernels_sweep.FAN**level)
         row = boxes.first[level] + at
-        inside = (boxes.lo[row] <= (x - half)[boxes.order]) & (
-            (x + half)[boxes.order] <= boxes.hi[row]
-        )
+        inside = (boxes.lo[row] <= x - half) & (x + half <= boxes.hi[row])
         assert inside.all()
+
+
+def test_slabs_hold_the_cells_of_all_seeds(flat):
+    """Their corners, and what bends away from them; and they are thinner than boxes."""
+    boxes, (_, x, normal, _) = flat.search.boxes, flat.search.seeds
+    assert normal.shape[1] == kernels.SQUEEZED_TOO
+    cells, bend = normal[:, 5:14].reshape(-1, 3, 3), normal[:, 14]
+    told = np.flatnonzero(cells.any(axis=(1, 2)))
+    thinner = []
+    for level in range(SLABS):
+        row = boxes.first[level] + told // (_kernels_sweep.LEAF * _kernels_sweep.FAN**level)
+        way, lo, hi = boxes.slab[row, :3], boxes.slab[row, 3], boxes.slab[row, 4]
+        np.testing.assert_allclose(np.linalg.norm(way, axis=1), 1.0)
+        for corner in np.stack(np.meshgrid(*[[-1.0, 1.0]] * 3), axis=-1).reshape(-1, 3):
+            away = np.linalg.solve(cells[told], kernels.AROUND * corner[:, None])[..., 0]
+            s = ((x[told] + away) * way).sum(axis=1)
+            room = 1e-9 * np.ptp(x)
+            assert (s - bend[told] >= lo - room).all()
+            assert (s + bend[told] <= hi + room).all()
+        across = (np.abs(way) * (boxes.hi - boxes.lo)[row]).sum(axis=1)
+        thinner.append(np.median((hi - lo) / across))
+    assert max(thinner[:2]) < 0.7
 
 
 @pytest.mark.parametrize("axis", range(3))

@@ -1,0 +1,67 @@
+"""How far volumes of walls are off, against volumes that are known exactly."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+import ilattice as il
+from ilattice.errors import PrecisionWarning
+from ilattice.mesh import loss
+from ilattice.offsets.volume_points import VolumePoints
+
+SIDES = np.array([1.1, 0.9, 1.3])
+
+
+def planes(d, **options):
+    """Two planes per tile, a quarter and three quarters up; their walls leave slits."""
+    tile = il.Tile(lambda u: np.cos(2.0 * np.pi * u[:, 2]))
+    return il.Lattice(tile, through=il.macroshape.box(SIDES), **options).offset(d)
+
+
+@pytest.mark.parametrize("slit", [0.02, 0.033, 0.05, 0.12])
+def test_volumes_are_off_by_what_is_told(slit):
+    d = SIDES[2] * (0.25 - 0.5 * slit)
+    wall = planes(d)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        volume = wall.volume()
+    off = abs(volume - SIDES.prod() * (1.0 - 2.0 * slit))
+    assert off <= wall.volume_error <= 1.6 * off + 3e-3 * volume
+    assert [w.category for w in told] == ([PrecisionWarning] if off > 0.013 * volume else [])
+
+
+def test_the_remedy_helps():
+    d = SIDES[2] * 0.24
+    with pytest.warns(PrecisionWarning, match=r"exact distances give .* less: .* spans_per_tile"):
+        planes(d).volume()
+    fine = planes(d, spans_per_tile=96)
+    assert fine.volume() == pytest.approx(SIDES.prod() * 0.96, rel=2e-3)
+
+
+def test_exact_distances_are_asked_for_near_the_surfaces_only(monkeypatch):
+    """And give what they give everywhere."""
+    wall = il.Lattice("c_y", through=il.macroshape.duck(), repeat=(2, 1, 1)).offset(0.11)
+    points, asked = VolumePoints(wall, 1 << 11), []
+    exact = type(wall)._true_distance
+    monkeypatch.setattr(
+        type(wall), "_true_distance", lambda w, u: (asked.append(len(u)), exact(w, u))[1]
+    )
+    few = points.rounded
+    s = exact(wall, points.u)
+    change = points.weight * ((np.abs(s) < 0.11) * 1.0 - (wall.field(points.u) < 0.0))
+    assert few.volume == pytest.approx(change.sum(), rel=1e-12)
+    assert 0 < sum(asked) < 0.7 * len(points.u)
+
+
+def test_volumes_near_a_mean_are_told_from_others():
+    wall = il.Lattice("gyroid", through=il.macroshape.box((1, 1, 1))).offset(0.1)
+    points, volume = VolumePoints(wall, loss.BOXES), wall.volume()
+    assert points.near(volume, loss.NEAR)
+    assert not points.near(1.03 * volume, loss.NEAR)
+    assert not points.near(0.97 * volume, loss.NEAR)
+
+
+def test_solids_as_they_are_are_off_by_their_splines():
+    wall = il.Lattice("schwarz_p", through=il.macroshape.box(SIDES)).offset((np.inf, 0.0))
+    assert abs(wall.volume() - 0.5 * SIDES.prod()) <= wall.volume_error < 5e-3
