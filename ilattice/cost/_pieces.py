@@ -157,17 +157,17 @@ def part(
     if piece[0] == BALL:
         v = piece[1]
         r = radii[tuple(np.argwhere(pairs == v)[0])]
-        return _Quadric(np.concatenate([[r, r], vertices[v], vertices[v]]))
+        return _BeamQuadric(np.concatenate([[r, r], vertices[v], vertices[v]]))
     if piece[0] == SIDE:
-        return _Quadric(np.array(beam[piece[1]]))
-    return _Distance(np.array(beam[list(piece[1:])]))
+        return _BeamQuadric(np.array(beam[piece[1]]))
+    return _BeamDistance(np.array(beam[list(piece[1:])]))
 
 
 # ------------------------------------------------------------------ their fields
 
 
 @dataclass(frozen=True, eq=False)
-class _Distance(Node):
+class _BeamDistance(Node):
     """Distance to the union of beams (k, 8)."""
 
     rows: FloatArray
@@ -228,7 +228,7 @@ def _axis(row: FloatArray) -> tuple[FloatArray, float, float]:
 
 
 @dataclass(frozen=True, eq=False)
-class _Quadric(Node):
+class _BeamQuadric(Node):
     """A polynomial that is negative just in a ball, or in the cone beside a beam.
 
     That is (1 - s²) (|d|² - z²) - (r + s z)² over 2 r, with d from the first end, z its part along
@@ -252,6 +252,12 @@ class _Quadric(Node):
         A, b, c = self._form()
         d = points - self.row[2:5]
         return np.asarray(0.5 * ((d @ A) * d).sum(axis=1) + d @ b + c)
+
+    def jets(self, points: FloatArray, order: int) -> tuple[FloatArray, ...]:
+        """Values (n,), gradients (n, 3) and, for order 2, Hessians (n, 3, 3)."""
+        A, b, _ = self._form()
+        d = points - self.row[2:5]
+        return (self.values(points), d @ A + b, np.tile(A, (len(points), 1, 1)))[: order + 1]
 
     def range(self, lo: ArrayLike, hi: ArrayLike) -> FloatArray:
         """Bounds (n, 2) on boxes."""

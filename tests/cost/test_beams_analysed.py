@@ -52,7 +52,7 @@ def test_bounds_of_pieces_hold_and_are_tight():
         hi = lo + 10.0 ** rng.uniform(-4, 0, (30, 1)) * rng.random((30, 3))
         t = np.concatenate([0.5 + 0.5 * _pieces.CORNERS, rng.random((100, 3))])
         x = lo[:, None] + (hi - lo)[:, None] * t
-        for piece in (_pieces._Distance(rows), _pieces._Quadric(rows[0])):
+        for piece in (_pieces._BeamDistance(rows), _pieces._BeamQuadric(rows[0])):
             low, high = piece.range(lo, hi).T
             v = piece.values(x.reshape(-1, 3)).reshape(30, -1)
             assert (v.min(axis=1) >= low).all()

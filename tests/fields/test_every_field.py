@@ -114,11 +114,11 @@ EXAMPLES = {
     "BoxSpline": (
         lambda: il.cost.boxspline.field(il.cost.kagome(2)), {"box": BOX, "converges": False},
     ),
-    "_Distance": (
+    "_BeamDistance": (
         lambda: il.cost.kagome(2).beams(0.05).part((0, 0, 2)),
         {"box": BOX, "kinks": True, "converges": False},
     ),
-    "_Quadric": (lambda: il.cost.kagome(2).beams(0.05).part((1, 0)), {}),
+    "_BeamQuadric": (lambda: il.cost.kagome(2).beams(0.05).part((1, 0)), {"box": BOX}),
     "SkeletonField": (lambda: il.tiles.skeleton(STRUTS, radius=0.2).field, {"kinks": True}),
     "Tile": (lambda: il.tiles["gyroid"], {}),
     "TrigField": (lambda: il.tiles["gyroid"].field, {}),
