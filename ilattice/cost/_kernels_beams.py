@@ -95,23 +95,6 @@ def values(
         px, py, pz = x, y, z
 
 
-@in_ranges(4096)
-@njit(cache=True, nogil=True, fastmath=FAST)
-def single(first: int, last: int, points: Any, row: Any, out: Any) -> None:
-    """Values at points (n, 3) of one beam, or of a ball where both ends are one point."""
-    hit = np.zeros(8)
-    point = row[2] == row[5] and row[3] == row[6] and row[4] == row[7]
-    for i in range(first, last):
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        if point:
-            u, v, w = x - row[2], y - row[3], z - row[4]
-            out[i] = math.sqrt(u * u + v * v + w * w) - row[0]
-        else:
-            hit[0] = np.inf
-            _segment(row, 0, 2, 5, x, y, z, hit, 1)
-            out[i] = hit[0]
-
-
 @in_ranges(512)
 @njit(cache=True, nogil=True, fastmath=FAST)
 def jets(

@@ -8,7 +8,9 @@ Guarantee: within a box the union of its pieces is the solid. Non-guarantee: cre
 of several beams are those of an interpolant; boxes are halved until the volume is right.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -177,10 +179,7 @@ class _BeamDistance(Node):
 
     def values(self, points: FloatArray) -> FloatArray:
         """Values (n,) at points (n, 3)."""
-        out = np.empty((len(self.rows), len(points)))
-        for row, values in zip(self.rows, out, strict=True):
-            kernels.single(len(points), np.array(points), np.array(row), values)
-        return np.asarray(out.min(axis=0))
+        return _Distances(self.rows[:, None]).values(np.zeros(1, np.int64), points[None])[0]
 
     def range(self, lo: ArrayLike, hi: ArrayLike) -> FloatArray:
         """Bounds (n, 2) on boxes."""
@@ -193,38 +192,61 @@ class _BeamDistance(Node):
         return np.stack([(ends - reach).min(axis=(0, 1)), (ends + reach).max(axis=(0, 1))])
 
     def bounds_on(self, lo: FloatArray, hi: FloatArray, moved: bool) -> FloatArray:
-        """Bounds and steepness (n, 3) on finite boxes; distances to beams are convex."""
+        """Bounds and steepness (n, 3) on finite boxes."""
+        both = _Distances(self.rows[:, None]).bounds(np.zeros(len(lo), np.int64), lo, hi)
+        return np.column_stack([both, np.full(len(lo), np.inf if moved else 1.0)])
+
+    @staticmethod
+    def stacked(pieces: "Sequence[_BeamDistance]") -> "_Distances":
+        """Several, evaluated together: those with fewer beams count their last one again."""
+        most = max(len(p.rows) for p in pieces)
+        rows = [p.rows[np.minimum(np.arange(most), len(p.rows) - 1)] for p in pieces]
+        return _Distances(np.stack(rows, axis=1))
+
+
+class _Distances:
+    """Distances to m unions of k beams each, with rows (k, m, 8)."""
+
+    def __init__(self, rows: FloatArray) -> None:
+        self.rows = rows
+
+    def values(self, which: IntArray, x: FloatArray) -> FloatArray:
+        """Values (n, q) of unions (n,) at points (n, q, 3)."""
+        return np.asarray(np.min([_tangent(row[which], x)[0] for row in self.rows], axis=0))
+
+    def bounds(self, which: IntArray, lo: FloatArray, hi: FloatArray) -> FloatArray:
+        """Bounds (n, 2) of unions (n,) on finite boxes: distances to beams are convex."""
         m, half = 0.5 * (lo + hi), 0.5 * (hi - lo)
-        ends = (m[:, None] + half[:, None] * CORNERS).reshape(-1, 3)
+        ends = m[:, None] + half[:, None] * CORNERS
         low, high = np.full(len(m), np.inf), np.full(len(m), np.inf)
-        for row in self.rows:
-            f, slope = _tangent(row, m)
-            low = np.minimum(low, f - (np.abs(slope) * half).sum(axis=1))
-            high = np.minimum(high, _tangent(row, ends)[0].reshape(-1, 8).max(axis=1))
+        for row in self.rows[:, which]:
+            f, slope = _tangent(row, m[:, None])
+            low = np.minimum(low, f[:, 0] - (np.abs(slope[:, 0]) * half).sum(axis=1))
+            high = np.minimum(high, _tangent(row, ends)[0].max(axis=1))
         slack = 1e-15 * (np.abs(high) + np.abs(lo).max(axis=1) + np.abs(hi).max(axis=1))
-        steep = np.full(len(m), np.inf if moved else 1.0)
-        return np.column_stack([low - slack, high + slack, steep])
+        return np.column_stack([low - slack, high + slack])
 
 
 def _tangent(row: FloatArray, p: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Distances (n,) of points (n, 3) from one beam, and subgradients (n, 3)."""
-    w, length, s = _axis(row)
-    d = p - row[2:5]
-    z = d @ w
-    off = np.sqrt(np.maximum((d * d).sum(axis=1) - z * z, 0.0))
-    t = np.clip(z + s / np.sqrt(max(1.0 - s * s, 1e-12)) * off, 0.0, length)
-    d = d - t[:, None] * w
-    reach = np.linalg.norm(d, axis=1)
-    return reach - (row[0] + s * t), d / np.maximum(reach, 1e-300)[:, None]
+    """Distances (n, q) of points (n, q, 3) from beams (n, 8), and subgradients (n, q, 3)."""
+    w, length, s = _axes(row)
+    d = p - row[:, None, 2:5]
+    z = (d @ w[..., None])[..., 0]
+    off = np.sqrt(np.maximum((d * d).sum(axis=2) - z * z, 0.0))
+    steep = s / np.sqrt(np.maximum(1.0 - s * s, 1e-12))
+    t = np.clip(z + steep[:, None] * off, 0.0, length[:, None])
+    d = d - t[..., None] * w[:, None]
+    reach = np.linalg.norm(d, axis=2)
+    slope = d / np.maximum(reach, 1e-300)[..., None]
+    return reach - (row[:, :1] + s[:, None] * t), slope
 
 
-def _axis(row: FloatArray) -> tuple[FloatArray, float, float]:
-    """Direction, length, and growth of the radius of a beam."""
-    way = row[5:8] - row[2:5]
-    length = float(np.linalg.norm(way))
-    if length == 0.0:
-        return way, 0.0, 0.0
-    return way / length, length, float(np.clip((row[1] - row[0]) / length, -1.0, 1.0))
+def _axes(row: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Directions (n, 3), lengths, and growths of the radius of beams (n, 8)."""
+    way = row[:, 5:8] - row[:, 2:5]
+    length = np.linalg.norm(way, axis=1)
+    long = np.where(length > 0.0, length, 1.0)
+    return way / long[:, None], length, np.clip((row[:, 1] - row[:, 0]) / long, -1.0, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,22 +262,17 @@ class _BeamQuadric(Node):
     def _emit(self, b: Builder, p: Point) -> int:
         return b.leaf(self, p)
 
-    def _form(self) -> tuple[FloatArray, FloatArray, float]:
-        """Matrix, vector and number: d A d / 2 + b d + c."""
-        w, _, s = _axis(self.row)
-        r = self.row[0]
-        matrix = (2.0 * (1.0 - s * s)) * (np.eye(3) - np.outer(w, w)) - 2.0 * s * s * np.outer(w, w)
-        return matrix / (2.0 * r), -s * w, -0.5 * r
+    @cached_property
+    def _one(self) -> "_Quadrics":
+        return _Quadrics(self.row[None])
 
     def values(self, points: FloatArray) -> FloatArray:
         """Values (n,) at points (n, 3)."""
-        A, b, c = self._form()
-        d = points - self.row[2:5]
-        return np.asarray(0.5 * ((d @ A) * d).sum(axis=1) + d @ b + c)
+        return self._one.values(np.zeros(1, np.int64), points[None])[0]
 
     def jets(self, points: FloatArray, order: int) -> tuple[FloatArray, ...]:
         """Values (n,), gradients (n, 3) and, for order 2, Hessians (n, 3, 3)."""
-        A, b, _ = self._form()
+        A, b = self._one.matrix[0], self._one.vector[0]
         d = points - self.row[2:5]
         return (self.values(points), d @ A + b, np.tile(A, (len(points), 1, 1)))[: order + 1]
 
@@ -266,16 +283,46 @@ class _BeamQuadric(Node):
     def bounds_on(self, lo: FloatArray, hi: FloatArray, moved: bool) -> FloatArray:
         """Bounds and steepness (n, 3) on finite boxes."""
         del moved  # a polynomial has no largest slope
-        A, b, c = self._form()
-        m, half = 0.5 * (lo + hi) - self.row[2:5], 0.5 * (hi - lo)
-        slope = m @ A + b
-        f = 0.5 * ((m @ A) * m).sum(axis=1) + m @ b + c
-        reach = (np.abs(slope) * half).sum(axis=1)
-        reach += 0.5 * ((half @ np.abs(A)) * half).sum(axis=1)
-        slack = 1e-15 * (np.abs(f) + reach + abs(c))
-        return np.column_stack([f - reach - slack, f + reach + slack, np.full(len(f), np.inf)])
+        both = self._one.bounds(np.zeros(len(lo), np.int64), lo, hi)
+        return np.column_stack([both, np.full(len(lo), np.inf)])
 
     def _box(self, level: float = 0.0) -> FloatArray:
         """All of space: a cone goes on beyond the ends of its beam."""
         del level
         return np.array([[-np.inf] * 3, [np.inf] * 3])
+
+    @staticmethod
+    def stacked(pieces: "Sequence[_BeamQuadric]") -> "_Quadrics":
+        """Several, evaluated together."""
+        return _Quadrics(np.stack([p.row for p in pieces]))
+
+
+class _Quadrics:
+    """Polynomials d A d / 2 + b d + c of m beams (m, 8), with d from their first ends."""
+
+    def __init__(self, row: FloatArray) -> None:
+        w, _, s = _axes(row)
+        r = row[:, 0]
+        along = w[:, :, None] * w[:, None]
+        s2 = (s * s)[:, None, None]
+        self.matrix = ((1.0 - s2) * (np.eye(3) - along) - s2 * along) / r[:, None, None]
+        self.vector, self.number, self.origin = -s[:, None] * w, -0.5 * r, row[:, 2:5]
+
+    def _jets(self, which: IntArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        d = x - self.origin[which][:, None]
+        half = 0.5 * (d @ self.matrix[which])
+        slope = half + self.vector[which][:, None]
+        return (slope * d).sum(axis=2) + self.number[which][:, None], slope + half
+
+    def values(self, which: IntArray, x: FloatArray) -> FloatArray:
+        """Values (n, q) of polynomials (n,) at points (n, q, 3)."""
+        return self._jets(which, x)[0]
+
+    def bounds(self, which: IntArray, lo: FloatArray, hi: FloatArray) -> FloatArray:
+        """Bounds (n, 2) of polynomials (n,) on finite boxes: those of a Taylor series."""
+        half = 0.5 * (hi - lo)
+        f, slope = (v[:, 0] for v in self._jets(which, 0.5 * (lo + hi)[:, None]))
+        bend = (half[:, None] @ np.abs(self.matrix[which]) @ half[..., None])[:, 0, 0]
+        reach = (np.abs(slope) * half).sum(axis=1) + 0.5 * bend
+        slack = 1e-15 * (np.abs(f) + reach + np.abs(self.number[which]))
+        return np.column_stack([f - reach - slack, f + reach + slack])

@@ -13,7 +13,7 @@ import numpy as np
 from ilattice._memory import need
 from ilattice._progress import Progress
 from ilattice._validate import as_positive
-from ilattice.errors import GeometryError, PrecisionWarning
+from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.io.stream import StreamedMeshWriter
 from ilattice.mesh.contouring import contour_blocks
 from ilattice.mesh.surface import SurfaceMesh
@@ -33,7 +33,7 @@ def meshed(
     """See `Beams.mesh`."""
     from ilattice.sdf.meshing import mesh
 
-    spacing = None if h is None and tol is not None else _spacing(beams, h)
+    spacing = spacing_of(beams, float(beams.radii.min()) if h is None and tol is not None else h)
     return mesh(beams, spacing, tol=tol, allow_loss=allow_loss, progress=progress)
 
 
@@ -43,9 +43,12 @@ def streamed(
     *,
     h: float | None = None,
     progress: Progress = None,
+    **others: Any,
 ) -> None:
     """Write the surface to STL or PLY slab by slab: memory for one slab only."""
-    spacing = _spacing(beams, h)
+    if others:
+        raise InputError(f"surfaces of beams have no option {min(others)!r}: h and progress only")
+    spacing = spacing_of(beams, h)
     low, high = beams.bounds
     counts = np.ceil((high - low) / spacing).astype(np.int64) + 4
     order = np.argsort(-counts)  # slabs go along the longest side
@@ -75,7 +78,7 @@ def _even(order: Any) -> bool:
     return bool(np.linalg.det(np.eye(3)[order]) > 0.0)
 
 
-def _spacing(beams: "Beams", h: float | None) -> float:
+def spacing_of(beams: "Beams", h: float | None) -> float:
     """A spacing that finds the thinnest beams: a third of their radius by default."""
     least = float(beams.radii.min())
     spacing = least / 3.0 if h is None else as_positive("h", h)

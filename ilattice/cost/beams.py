@@ -279,13 +279,21 @@ class Beams(Node):
         **options
             See there; `h` is half the least radius by default.
 
+        Raises
+        ------
+        GeometryError
+            If `h` exceeds twice the least radius, so that beams would be lost.
+
         Returns
         -------
         SliceStack
             Slices, each computed when asked for.
         """
-        options.setdefault("h", 0.5 * float(self.radii.min()))
-        return slice_field(self, z, **options)
+        from ilattice.cost._surfaces import spacing_of
+
+        h = options.pop("h", None)
+        h = 0.5 * float(self.radii.min()) if h is None else spacing_of(self, h)
+        return slice_field(self, z, h=h, **options)
 
     def save(self, path: str | os.PathLike[str], **options: Any) -> None:
         """Write the beams: 3MF (beam lattice), VTP, VTU (lines with radii), STL, PLY (surface).
@@ -345,7 +353,7 @@ def beams(k: CornerSharing, radius: Any, *, check: bool = True) -> Beams:
     r = radii_of(k, x, radius)
     out = Beams(x, k.edges, r)
     if check:
-        _check_swallowed(k, r)
+        check_swallowed(k, r)
     return out
 
 
@@ -382,8 +390,8 @@ def radii_of(k: CornerSharing, x: FloatArray, radius: Any) -> FloatArray:
     )
 
 
-def _check_swallowed(k: CornerSharing, r: FloatArray) -> None:
-    """Refuse beams that lie in a ball at their end, and simplices that are filled or sealed."""
+def check_swallowed(k: CornerSharing, r: FloatArray) -> None:
+    """Refuse beams that lie in a ball at their end, and simplices all of whose faces are closed."""
     inside = np.flatnonzero(np.abs(r[:, 1] - r[:, 0]) >= k.lengths)
     if len(inside):
         i = int(inside[0])
@@ -396,18 +404,27 @@ def _check_swallowed(k: CornerSharing, r: FloatArray) -> None:
     ends, radii = k.positions[k.edges[: m * own]].reshape(m, own, 2, d), r[: m * own]
     radii = radii.reshape(m, own, 2).min(axis=2)
     corners = k.positions[k.simplices]
-    spots = [corners.mean(axis=1)]
-    if d == 3:
-        spots += [np.delete(corners, j, axis=1).mean(axis=1) for j in range(4)]
-    held = [(_distances(p, ends) <= radii).any(axis=1) for p in spots]
-    full = held[0] | (np.all(held[1:], axis=0) if d == 3 else False)
-    if full.any():
-        i = int(np.argmax(full))
+    faces = [np.delete(np.arange(4), j) for j in range(4)] if d == 3 else [np.arange(3)]
+    full = np.arange(m)
+    for lattice in (np.full((1, 3), 1.0 / 3.0), LATTICE):  # the middle first: it is mostly free
+        for face in faces:
+            p = np.einsum("qj,mjd->mqd", lattice, corners[full][:, face])
+            held = [
+                (_distances(p[:, q], ends[full]) <= radii[full]).any(axis=1)
+                for q in range(len(lattice))
+            ]
+            full = full[np.all(held, axis=0)]
+    if len(full):
+        i = int(full[0])
         raise GeometryError(
-            f"beams fill simplex {i} {k.simplices[i].tolist()}, or close all its faces, with radii "
+            f"beams close all faces of simplex {i} {k.simplices[i].tolist()}, with radii "
             f"up to {radii[i].max():.3g} and edges from {_shortest(ends[i]):.3g} "
-            f"({int(full.sum())} of {m} are so): use smaller radii"
+            f"({len(full)} of {m} are so): use smaller radii"
         )
+
+
+#: Barycentric coordinates of points on a face at which it is looked whether beams close it.
+LATTICE = np.array([(i, j, 12 - i - j) for i in range(13) for j in range(13 - i)]) / 12.0
 
 
 def _distances(p: FloatArray, ends: FloatArray) -> FloatArray:

@@ -133,10 +133,15 @@ def samples(k: CornerSharing, steps: int = 2) -> FloatArray:
     ndarray of d axes
         The value at 2^steps i belongs to the barycentric integers i.
     """
-    out = control(k)
-    for _ in range(as_whole("steps", steps, 0, 8)):
+    count, c = as_whole("steps", steps, 0, 8), control(k)
+    room = 3  # old places by which what is outside reaches into the array, over all steps
+    out = np.pad(c, room, constant_values=-1.0)
+    for _ in range(count):
         out = subdivided(out)
-    return out
+    first = room << count
+    return np.ascontiguousarray(
+        out[tuple(slice(first, first + ((n - 1) << count) + 1) for n in c.shape)]
+    )
 
 
 def field(k: CornerSharing) -> "BoxSpline":

@@ -165,7 +165,10 @@ def resistance(
         If the structure is not connected.
     """
     n, e = len(k.positions), k.edges
-    w = np.broadcast_to(as_array("conductance", conductance), (len(e),))
+    given = as_array("conductance", conductance)
+    if given.shape not in ((), (1,), (len(e),)):
+        raise InputError(f"conductance must be one number or ({len(e)},), got shape {given.shape}")
+    w = np.broadcast_to(given, (len(e),))
     if (w <= 0.0).any():
         raise InputError(f"conductance must be positive, got {w.min():g}")
     at = e if pairs is None else _numbers("pairs", pairs, 2, n)

@@ -22,6 +22,7 @@ from ilattice._validate import (
     as_kind,
     as_not_negative,
     as_numbers,
+    as_rows,
     as_whole,
     asked,
 )
@@ -163,7 +164,10 @@ def flipped(
         if k.dim == 3:
             raise InputError("swap must be given in space: one of `options`")
         swap = planar_pair(k, v)
-    a, b = (int(i) for i in as_numbers("swap", list(swap), len(k.positions)))
+    found = as_numbers("swap", list(swap), len(k.positions)).tolist()
+    if len(found) != 2:
+        raise InputError(f"swap must be two vertices, got {swap!r:.80}")
+    a, b = found
     s, vt = np.array(k.simplices), np.array(k.incidence)
     x = np.array(k.positions)
     if kind == "modified":
@@ -175,6 +179,11 @@ def flipped(
         raise GeometryError(
             f"the flip at vertex {v} that swaps {a} and {b} is none, or simplices would then share "
             "two vertices"
+        )
+    if _doubles(s[vt[v]], _barred(k)):
+        raise GeometryError(
+            f"the flip at vertex {v} that swaps {a} and {b} makes an edge where a bar is: flip "
+            "first, and stiffen then"
         )
     if kind != "graph":
         for t in vt[v]:
@@ -238,7 +247,7 @@ def randomised(
         it all flips that are possible are made.
     temperature : float
         Of the rule; 0 takes only flips that do not raise the energy.
-    fixed : array_like of int
+    fixed : array_like of int, or mask
         Vertices where nothing is flipped.
 
     Returns
@@ -252,7 +261,9 @@ def randomised(
     rng = np.random.default_rng(as_whole("seed", seed, 0, 2**63 - 1))
     x, s, vt = np.array(k.positions), np.array(k.simplices), np.array(k.incidence)
     inner = np.flatnonzero(vt[:, 1] >= 0)
-    inner = np.setdiff1d(inner, as_numbers("fixed", list(fixed), len(x)))
+    fixed = fixed if isinstance(fixed, np.ndarray) else list(fixed)
+    inner = np.setdiff1d(inner, as_rows("fixed", fixed, len(x)))
+    barred = _barred(k)
     if not len(inner) or count == 0:
         return k
     mean = float(k.lengths.mean())
@@ -265,7 +276,8 @@ def randomised(
         before = _energy(x, s[vt[v]], target, mean)
         if not kernels.swap(s, vt, v, a, b):
             continue
-        bad = kind == "cost" and any(kernels.overlaps_any(x, s, t, EPS) for t in vt[v])
+        bad = _doubles(s[vt[v]], barred)
+        bad = bad or (kind == "cost" and any(kernels.overlaps_any(x, s, t, EPS) for t in vt[v]))
         rise = 0.0 if bad else _energy(x, s[vt[v]], target, mean) - before
         lucky = heat > 0.0 and chance < np.exp(-rise / heat)
         if bad or (rise > 0.0 and not lucky):
@@ -273,6 +285,20 @@ def randomised(
             now_a, now_b = (a, b) if a in s[A] else (b, a)
             kernels.swap(s, vt, v, now_a, now_b)
     return replace(k, simplices=s, origin=None, coarse=None)
+
+
+def _barred(k: CornerSharing) -> frozenset[tuple[int, int]]:
+    """Ends of the bars, lower ones first."""
+    return frozenset((min(a, b), max(a, b)) for a, b in k.bars.tolist())
+
+
+def _doubles(simplices: IntArray, barred: frozenset[tuple[int, int]]) -> bool:
+    """Whether an edge of some simplices is a bar, too."""
+    if not barred:
+        return False
+    i, j = np.triu_indices(simplices.shape[1], 1)
+    ends = np.sort(np.stack([simplices[:, i], simplices[:, j]], -1).reshape(-1, 2), axis=1)
+    return any((a, b) in barred for a, b in ends.tolist())
 
 
 def _energy(x: FloatArray, simplices: IntArray, target: Any, mean: float) -> float:

@@ -12,6 +12,9 @@ from ilattice._validate import as_kind
 from ilattice.cost.structure import CornerSharing
 from ilattice.errors import GeometryError, InputError
 
+#: Lengths of edges by which vertices that are one may lie apart.
+SAME = 1e-6
+
 
 def joined(k: CornerSharing) -> CornerSharing:
     """One structure of those in the cells of a mesh: vertices that are the same become one.
@@ -34,7 +37,8 @@ def joined(k: CornerSharing) -> CornerSharing:
     InputError
         If the structure was not made by `fill`.
     GeometryError
-        If cells that share a face have different resolutions, or three share one.
+        If cells that share a face have different resolutions, or three share one, if a cell is
+        there twice, or cells were moved apart.
     """
     o = as_kind("k", k, "CornerSharing").origin
     if o is None:
@@ -51,8 +55,15 @@ def joined(k: CornerSharing) -> CornerSharing:
     rank = np.empty(len(first), np.int64)
     rank[np.argsort(first, kind="stable")] = np.arange(len(first))
     name, keep = rank[place.ravel()], np.sort(first)
+    off = np.abs(k.positions - k.positions[keep[name]]).max(initial=0.0)
+    if off > SAME * float(k.lengths.mean()):
+        raise GeometryError(
+            f"vertices that are one lie up to {off:.3g} apart: join cells first, and move then"
+        )
     origin = replace(o, integers=o.integers[keep], cell=o.cell[keep])
-    return CornerSharing(k.positions[keep], name[k.simplices], name[k.bars], origin=origin)
+    out = CornerSharing(k.positions[keep], name[k.simplices], name[k.bars], origin=origin)
+    assert len(out.incidence) == len(keep)  # refuses vertices of more than two simplices
+    return out
 
 
 def _check_faces(cells: IntArray, resolution: IntArray) -> None:

@@ -194,6 +194,7 @@ def divided_box(
     from ilattice._validate import as_counts, as_triple
 
     counts = as_counts("cells", cells)
+    need(1e3 * float(np.prod(counts)), f"{counts} cells", "use fewer")
     a, b = as_triple("lo", lo), as_triple("hi", hi)
     if not (a < b).all():
         raise InputError(f"hi must be above lo, got {a.tolist()} and {b.tolist()}")
@@ -237,7 +238,11 @@ class Blocks(Frozen):
         """Check the arguments."""
         put = object.__setattr__
         put(self, "resolution", as_resolution("resolution", self.resolution))
-        put(self, "corners", np.array(_corners(self.corners, 3)))
+        corners = _corners(self.corners, 3)
+        sides = corners[1:] - corners[0]
+        if np.linalg.svd(sides)[1][-1] <= 1e-12 * np.abs(sides).max():
+            raise InputError(f"corners must not be flat, got {corners.tolist()!r:.120}")
+        put(self, "corners", np.array(corners))
         put(self, "size", as_whole("size", self.size, 1, 256))
         super().__post_init__()
 

@@ -45,6 +45,9 @@ class BernsteinSimplex(Frozen):
         d = corners.shape[1]
         if d not in (2, 3) or len(corners) != d + 1:
             raise InputError(f"corners must have shape (3, 2) or (4, 3), got {corners.shape}")
+        sides = corners[1:] - corners[0]
+        if np.linalg.svd(sides)[1][-1] <= 1e-12 * np.abs(sides).max():
+            raise InputError(f"corners must not be flat, got {corners.tolist()!r:.120}")
         points = as_array("points", self.points, ndim=2)
         count = len(exponents(n, d))
         if len(points) != count:

@@ -142,6 +142,8 @@ def stacked(
     places: list[FloatArray] = [x.reshape(-1, 3)]
     rows, first = [], len(x) * n
     given = [None] * (len(x) - 1) if apices is None else as_items("apices", apices)
+    if len(given) != len(x) - 1:
+        raise InputError(f"apices must be {len(x) - 1} arrays, one per gap, got {len(given)}")
     for i in range(len(x) - 1):
         t = layer.simplices[colour == i % 2]
         top = 0.5 * (x[i][t].mean(axis=1) + x[i + 1][t].mean(axis=1))

@@ -24,7 +24,7 @@ from scipy.spatial import cKDTree
 
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import Frozen, as_array, as_kind, as_whole
-from ilattice.cost.beams import radii_of
+from ilattice.cost.beams import check_swallowed, radii_of
 from ilattice.cost.structure import CornerSharing
 from ilattice.errors import GeometryError, InputError
 from ilattice.mesh.surface import SurfaceMesh
@@ -157,7 +157,8 @@ def pipes(k: CornerSharing, radius: Any) -> Pipes:
     InputError
         For a structure in the plane, or a vertex with more than six edges.
     GeometryError
-        If edges at a vertex lie too much on one side (vertices that are far from balanced).
+        If edges at a vertex lie too much on one side (vertices that are far from balanced), or
+        beams of these radii close all faces of a simplex.
     """
     as_kind("k", k, "CornerSharing")
     if k.dim != 3:
@@ -172,6 +173,7 @@ def pipes(k: CornerSharing, radius: Any) -> Pipes:
     size = np.bincount(edges.ravel(), weights=r.ravel(), minlength=len(x)) / np.maximum(count, 1)
     if (r <= 0.0).any():
         raise InputError(f"radii must be positive, got {r.min():g}")
+    check_swallowed(k, r)
     way = x[edges[:, 1]] - x[edges[:, 0]]
     way /= np.linalg.norm(way, axis=1)[:, None]
     slot = np.full((len(edges), 2), -1)

@@ -233,12 +233,12 @@ def substituted(k: CornerSharing, rows: Any, resolution: int, *, seed: int = 0) 
     CornerSharing
         The structure; its bars are those of this one, then those that stiffen.
     """
-    from ilattice._validate import as_numbers
+    from ilattice._validate import as_rows
     from ilattice.cost.kagome import kagome
 
     if k.dim != 3:
         raise InputError("substituted is for tetrahedra")
-    where = np.unique(as_numbers("rows", rows, len(k.simplices)))
+    where = np.unique(as_rows("rows", rows, len(k.simplices)))
     unit = kagome(resolution).stiffened(seed=seed)
     assert unit.origin is not None
     ints = unit.origin.integers

@@ -243,9 +243,19 @@ def analysed(
     return out
 
 
+def _size(k: CornerSharing) -> float:
+    """Mean length of the edges, none of which is zero."""
+    if not len(k.edges):
+        raise GeometryError("the structure has no edges")
+    if not k.lengths.min() > 0.0:
+        i = int(np.argmin(k.lengths))
+        raise GeometryError(f"edge {i} {k.edges[i].tolist()} has both ends at one place")
+    return float(k.lengths.mean())
+
+
 def _pivots(k: CornerSharing) -> FloatArray:
     """Absolute pivots of the matrix, scaled by the mean length of edges."""
-    R = csr_array(matrix(k) / float(k.lengths.mean()))
+    R = csr_array(matrix(k) / _size(k))
     if k.deficit == 0 and len(k.edges) > SPARSE:
         pivots = _sparse_pivots(R, k)
         if pivots.min() > CLEAR * pivots.max():
@@ -311,7 +321,7 @@ def motions(k: CornerSharing, ends: IntArray) -> tuple[FloatArray, int]:
     All other vertices are eliminated by sparse LU of the square of the matrix; if that does not
     keep the lengths to 1e-9, by dense QR.
     """
-    R = csr_array(matrix(k) / float(k.lengths.mean()))
+    R = csr_array(matrix(k) / _size(k))
     columns = (k.dim * ends[:, None] + np.arange(k.dim)).ravel()
     if len(columns) <= DENSE:
         found = _by_elimination(R, columns)
@@ -477,7 +487,10 @@ def swung(
 
     u = _motion(k, "motion", motion)
     count = as_whole("frames", frames, 1, 10_000)
-    step = as_positive("amplitude", amplitude) / float(np.linalg.norm(u, axis=1).max()) / count
+    most = float(np.linalg.norm(u, axis=1).max())
+    if most == 0.0:
+        raise InputError("motion must not be zero everywhere")
+    step = as_positive("amplitude", amplitude) / most / count
     out, now, target = [], k, k.lengths
     for _ in range(count):
         before = now.positions

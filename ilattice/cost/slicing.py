@@ -121,4 +121,4 @@ def section(
         raise GeometryError(f"no beam comes to height {height:g}")
     pairs = np.arange(2 * len(ends)).reshape(-1, 2)
     near = Beams(ends.reshape(-1, 3), pairs, np.full((len(ends), 2), r))
-    return near.slices([height], normal=normal, h=0.5 * r if h is None else h)[0]
+    return near.slices([height], normal=normal, h=h)[0]

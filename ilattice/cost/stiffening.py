@@ -84,11 +84,11 @@ def stiffened(
     else:
         bars = _pattern(k, seed) if mode == "pattern" else _cycle(k)
         out = k.with_bars(_matroid(at, bars, reach) if repair else bars)
-    _tell_rank(out)
+    _tell_rank(out, mode)
     return out
 
 
-def _tell_rank(k: CornerSharing) -> None:
+def _tell_rank(k: CornerSharing, mode: str) -> None:
     """Warn where the rank at these positions is short, or not known."""
     try:
         r = k.rigidity()
@@ -99,7 +99,8 @@ def _tell_rank(k: CornerSharing) -> None:
         warnings.warn(
             f"the rank at these positions is {r.rank}, {r.flexes} short of rigidity, with "
             f"{r.self_stresses} self-stresses: the bars are right for generic positions only; move "
-            "the vertices (`perturbed`, `mapped`), or use the mode 'matroid'",
+            "the vertices (`perturbed`, `mapped`)"
+            + ("" if mode == "matroid" else ", or use the mode 'matroid'"),
             PrecisionWarning,
             stacklevel=4,
         )

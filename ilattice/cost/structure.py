@@ -351,6 +351,10 @@ class CornerSharing(Frozen):
         if b.shape != (2, self.dim) or not (b[0] < b[1]).all():
             raise InputError(f"box must be two corners (2, {self.dim}), lower one first, got {b}")
         low, high = self.positions.min(axis=0), self.positions.max(axis=0)
+        if not (high > low).all():
+            raise GeometryError(
+                f"the structure is flat along axis {int(np.argmin(high - low))}: it fills no box"
+            )
         t = (self.positions - low) / (high - low)
         return self.moved(b[0] + t * (b[1] - b[0]))
 

@@ -15,7 +15,7 @@ Non-guarantees: square roots count as smooth where they vanish, and so do powers
 without a formula; blends stay what they are between their seams.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, TypeAlias
@@ -26,7 +26,7 @@ from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import read_only
 from ilattice.fields import _tables as ops
 from ilattice.fields._kernels_decisions import FIRST, OPEN, ORIGIN, SECOND, STEP
-from ilattice.fields._program import Builder, Program
+from ilattice.fields._program import Builder, Program, is_axis
 from ilattice.fields.node import Node
 
 #: Fields with signs of their own in one box.
@@ -188,6 +188,16 @@ class Leaf:
         """Whether its bounds are finite on finite boxes: where all of it has a formula or them."""
         return all(leaf.bounded for leaf, _ in self.program.leaves)
 
+    @cached_property
+    def piece(self) -> Any:
+        """The piece of a union that it is, if its kind takes many together; else None."""
+        p = self.program
+        if len(p.code) != 4 or int(p.code[3]) != ops.LEAF:
+            return None
+        piece, point = p.leaves[0]
+        bare = all(is_axis(q, axis) for axis, q in enumerate(point))
+        return piece if bare and hasattr(piece, "stacked") else None
+
 
 class Splitter:
     """The formulas of a solid where all of some fields are negative."""
@@ -215,6 +225,49 @@ class Splitter:
         self._parts: dict[tuple[int, ...], int] = {}
         self.parts: list[tuple[int, ...]] = []
         self.pieces: dict[tuple[int, int, float, bool], Expression] = {}  # of single ones
+
+    def values(self, leaf: IntArray, points: FloatArray) -> FloatArray:
+        """Values (n, q) of smooth fields (n,), each at points (n, q, 3) of its own."""
+        out = np.empty(points.shape[:2])
+        for rows, one, stack, which in self._kinds(leaf):
+            x = points[rows]
+            if stack is None:
+                out[rows] = one.values(x.reshape(-1, 3)).reshape(x.shape[:2])
+            else:
+                out[rows] = (
+                    stack.values(which, x)
+                    - np.array([self.leaves[k].level for k in leaf[rows].tolist()])[:, None]
+                )
+        return out
+
+    def ranges(self, leaf: IntArray, lo: FloatArray, hi: FloatArray) -> FloatArray:
+        """Bounds (n, 2) of smooth fields (n,), each on a box of its own."""
+        out = np.empty((len(leaf), 2))
+        for rows, one, stack, which in self._kinds(leaf):
+            if stack is None:
+                out[rows] = one.ranges(lo[rows], hi[rows])
+            else:
+                level = np.array([self.leaves[k].level for k in leaf[rows].tolist()])
+                out[rows] = stack.bounds(which, lo[rows], hi[rows]) - level[:, None]
+        return out
+
+    def _kinds(self, leaf: IntArray) -> Iterator[tuple[IntArray, Leaf, Any, IntArray]]:
+        """Rows of smooth fields (n,) that are one, or pieces of one kind, stacked."""
+        found, place = np.unique(leaf, return_inverse=True)
+        order = np.argsort(place, kind="stable")
+        ends = np.searchsorted(place[order], np.arange(len(found) + 1))
+        stacks: dict[type, list[int]] = {}
+        for j, k in enumerate(found.tolist()):
+            piece = self.leaves[k].piece
+            if piece is None:
+                yield order[ends[j] : ends[j + 1]], self.leaves[k], None, place[:0]
+            else:
+                stacks.setdefault(type(piece), []).append(j)
+        for kind, members in stacks.items():
+            pieces = [self.leaves[int(found[j])].piece for j in members]
+            rows = np.concatenate([order[ends[j] : ends[j + 1]] for j in members])
+            which = np.searchsorted(members, place[rows])
+            yield rows, self.leaves[int(found[members[0]])], kind.stacked(pieces), which
 
     @cached_property
     def whole(self) -> Formula:

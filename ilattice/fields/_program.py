@@ -361,7 +361,7 @@ class Program(Frozen):
         leaves = np.zeros((len(lo), max(1, len(self.leaves)), 3))
         for k, (leaf, point) in enumerate(self.leaves):
             at = np.stack([p.ranges(lo, hi) for p in point])
-            moved = not all(_is_axis(p, axis) for axis, p in enumerate(point))
+            moved = not all(is_axis(p, axis) for axis, p in enumerate(point))
             leaves[:, k] = leaf.bounds_on(at[:, :, 0].T, at[:, :, 1].T, moved)
         return leaves
 
@@ -399,7 +399,8 @@ def _own(a: AnyArray) -> AnyArray:
     return a if a.flags.writeable else a.copy()
 
 
-def _is_axis(p: Program, axis: int) -> bool:
+def is_axis(p: Program, axis: int) -> bool:
+    """Whether a program is a coordinate."""
     return len(p.code) == 4 and int(p.code[3]) == axis
 
 

@@ -6,17 +6,21 @@ bytes. Caps are spheres, so that the solid is that of the beams.
 """
 
 import os
+import warnings
 import zipfile
 from collections.abc import Iterator
 
 import numpy as np
 
 from ilattice._files import atomic_write
+from ilattice.errors import PrecisionWarning
 from ilattice.io._mesh import TEXT_BLOCK, BeamArrays, blocks, check_single
 from ilattice.io._slices import as_unit
 from ilattice.io.threemf_slices import CORE, RELATIONS, TYPES, XML, entry
 
 _BEAMS = "http://schemas.microsoft.com/3dmanufacturing/beamlattice/2017/02"
+#: Part of the least radius that single precision may lose without a word.
+FAR = 1e-3
 _DIGITS = 8
 _SIZES = 1e-9, 1e9
 
@@ -44,6 +48,7 @@ def write_3mf_beams(
     """
     unit = as_unit(unit)
     check_single(beams.vertices, "3MF", *_SIZES)
+    _tell_far(beams)
     with (
         atomic_write(path) as file,
         zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=4) as package,
@@ -56,9 +61,22 @@ def write_3mf_beams(
                 part.write(text.encode("utf-8"))
 
 
+def _tell_far(beams: BeamArrays) -> None:
+    """Warn where readers in single precision lose a part of radii."""
+    lost = 2.0**-24 * float(np.abs(beams.vertices).max()) / float(beams.radii.min())
+    if lost > FAR:
+        warnings.warn(
+            f"the beams are so far from the origin that readers in single precision move their "
+            f"ends by {100.0 * lost:.2g} % of the least radius: move the part to the origin",
+            PrecisionWarning,
+            stacklevel=4,
+        )
+
+
 def _model(beams: BeamArrays, unit: str) -> Iterator[str]:
     size = float(np.abs(beams.vertices).max())
-    places = int(np.clip(_DIGITS - np.floor(np.log10(max(size, 1e-30))), 1, 16))
+    fine = min(size, 1e2 * float(beams.radii.min()))  # digits of radii, too
+    places = int(np.clip(_DIGITS - np.floor(np.log10(max(fine, 1e-30))), 1, 16))
     least = float(np.linalg.norm(np.diff(beams.vertices[beams.pairs], axis=1), axis=2).min())
     number = f"%.{places}f"
     yield (
@@ -70,10 +88,10 @@ def _model(beams: BeamArrays, unit: str) -> Iterator[str]:
         points = beams.vertices[rows]
         yield (row * len(points)) % tuple(points.flat)
     yield (
-        f'</vertices><triangles/>\n<b:beamlattice minlength="{number % (0.5 * least)}" '
-        f'radius="{number % float(beams.radii.mean())}" cap="sphere"><b:beams>\n'
+        f'</vertices><triangles/>\n<b:beamlattice minlength="{0.5 * least:.9g}" '
+        f'radius="{float(beams.radii.mean()):.9g}" cap="sphere"><b:beams>\n'
     )
-    row = f'<b:beam v1="%d" v2="%d" r1="{number}" r2="{number}"/>\n'
+    row = '<b:beam v1="%d" v2="%d" r1="%.9g" r2="%.9g"/>\n'
     for rows in blocks(len(beams.pairs), TEXT_BLOCK):
         ends, radii = beams.pairs[rows].tolist(), beams.radii[rows].tolist()
         values = [x for e, r in zip(ends, radii, strict=True) for x in (*e, *r)]

@@ -167,22 +167,24 @@ class Splits:
         leaves: list[tuple[int, ...]] = [()] * n
         todo = np.flatnonzero(certain == 0)
         first, group = signature(states[todo])
+        known = []
         for g in range(len(first)):
             boxes = todo[group == g]
             formula = self.splitter.formula(states[todo[first[g]]])
             if formula is None:
                 certain[boxes] = 2
+            else:
+                known.append((boxes, formula))
+        for boxes, found in self._restricted(known, box):
+            if found is None:
+                certain[boxes] = 2
                 continue
-            for rows, found in self._restricted(formula, box[boxes]):
-                if found is None:
-                    certain[boxes[rows]] = 2
-                    continue
-                mine, table = found
-                tables[boxes[rows]] = np.array(table, np.uint64).astype(np.int64)
-                if not mine:
-                    certain[boxes[rows]] = -1 if table else 1
-                for i in boxes[rows]:
-                    leaves[i] = mine
+            mine, table = found
+            tables[boxes] = np.array(table, np.uint64).astype(np.int64)
+            if not mine:
+                certain[boxes] = -1 if table else 1
+            for i in boxes:
+                leaves[i] = mine
         whole = self.splitter.whole
         for i in np.flatnonzero((certain == 2) & last):
             found = whole.restricted((0,))
@@ -194,18 +196,23 @@ class Splits:
         return Chosen(certain, np.append(0, np.cumsum(many)), flat, tables, np.zeros((0, 1)))
 
     def _restricted(
-        self, formula: Formula, box: FloatArray
+        self, known: Sequence[tuple[IntArray, Formula]], box: FloatArray
     ) -> Iterator[tuple[IntArray, tuple[tuple[int, ...], int] | None]]:
-        """Boxes by the signs that bounds give to the fields of a formula, and what is left."""
-        lo, hi = self._corners(box)
-        signs = np.zeros((len(lo), len(formula.leaves)), np.int64)
-        for k, leaf in enumerate(formula.leaves):
-            r = self.splitter.leaves[leaf].ranges(lo, hi)
-            slack = _slack(r, box)
-            signs[:, k] = np.where(r[:, 1] < -slack, -1, np.where(r[:, 0] > slack, 1, 0))
-        first, group = signature(signs)
-        for g in range(len(first)):
-            yield np.flatnonzero(group == g), formula.restricted(signs[first[g]].tolist())
+        """Boxes by the signs that bounds give to the fields of their formulas, and what is left."""
+        if not known:
+            return
+        leaf = np.concatenate([np.repeat(f.leaves, len(b)) for b, f in known]).astype(np.int64)
+        here = np.concatenate([np.tile(b, len(f.leaves)) for b, f in known])
+        r = self.splitter.ranges(leaf, *self._corners(box[here]))
+        slack = _slack(r, box[here])
+        signs = np.where(r[:, 1] < -slack, -1, np.where(r[:, 0] > slack, 1, 0))
+        end = 0
+        for boxes, formula in known:
+            start, end = end, end + len(boxes) * len(formula.leaves)
+            mine = signs[start:end].reshape(len(formula.leaves), len(boxes)).T
+            first, group = signature(np.ascontiguousarray(mine))
+            for g in range(len(first)):
+                yield boxes[group == g], formula.restricted(mine[first[g]].tolist())
 
     def _corners(self, box: FloatArray) -> tuple[FloatArray, FloatArray]:
         lo, hi = self.domain
@@ -220,29 +227,28 @@ class Splits:
         chosen.coefficients = np.empty((len(owner), P**3))
         off, wrong = np.empty(len(owner)), np.empty(len(owner))
         bounded, crossed, certain = (np.empty(len(owner), bool) for _ in range(3))
-        for leaf in np.unique(chosen.leaf).tolist():
-            rows = np.flatnonzero(chosen.leaf == leaf)
-            for i in range(0, len(rows), BATCH):
-                part = rows[i : i + BATCH]
-                here = box[owner[part]]
-                c, off[part], wrong[part], crossed[part] = self._interpolated(leaf, here)
-                chosen.coefficients[part] = c
-                r = self.splitter.leaves[leaf].ranges(*self._corners(here))
-                bounded[part] = np.isfinite(r).all(axis=1)
-                slack = _slack(r, here)
-                certain[part] = (r[:, 0] >= -slack) | (r[:, 1] <= slack)
+        rows = np.argsort(chosen.leaf, kind="stable")
+        for i in range(0, len(rows), BATCH):
+            part = rows[i : i + BATCH]
+            leaf, here = chosen.leaf[part], box[owner[part]]
+            c, off[part], wrong[part], crossed[part] = self._interpolated(leaf, here)
+            chosen.coefficients[part] = c
+            r = self.splitter.ranges(leaf, *self._corners(here))
+            bounded[part] = np.isfinite(r).all(axis=1)
+            slack = _slack(r, here)
+            certain[part] = (r[:, 0] >= -slack) | (r[:, 1] <= slack)
         return self._measured(chosen, owner, off, wrong, bounded, crossed | certain, len(box))
 
     def _interpolated(
-        self, leaf: int, box: FloatArray
+        self, leaf: IntArray, box: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray, AnyArray]:
         """Coefficients, their error, the part of signs that are wrong, and whether signs differ."""
-        P, f = self.degree + 1, self.splitter.leaves[leaf]
+        P = self.degree + 1
         t = self._sites
         u = np.empty((len(box), P, P, P, 3))
         for a, shape in enumerate(((-1, P, 1, 1), (-1, 1, P, 1), (-1, 1, 1, P))):
             u[..., a] = (box[:, a, None] + box[:, 3 + a, None] * t).reshape(shape)
-        values = self._values(f.values, u.reshape(-1, 3)).reshape(-1, P, P, P)
+        values = self._values(leaf, u.reshape(-1, P**3, 3)).reshape(-1, P, P, P)
         V = self._inverse
         c = np.einsum("ia,jb,kc,nabc->nijk", V, V, V, values, optimize=True).reshape(-1, P**3)
         top = np.abs(c).max(axis=1, keepdims=True)
@@ -251,15 +257,16 @@ class Splits:
         basis = [bernstein(self.degree, s[:, a]) for a in range(3)]
         B = np.einsum("qi,qj,qk->qijk", *basis).reshape(CHECKS, -1)
         x = box[:, None, :3] + box[:, None, 3:] * s
-        seen = self._values(f.values, x.reshape(-1, 3)).reshape(-1, CHECKS)
+        seen = self._values(leaf, x)
         off = np.abs(c @ B.T - seen).max(axis=1)
         every = np.concatenate([values.reshape(-1, P**3), seen], axis=1)
         wrong = ((c @ B.T < 0.0) != (seen < 0.0)).mean(axis=1)
         crossed = (every.min(axis=1) < 0.0) & (every.max(axis=1) > 0.0)
         return c, off, np.maximum(wrong, LEAST_DOUBT), crossed
 
-    def _values(self, f: object, u: FloatArray) -> FloatArray:
-        values: FloatArray = f(np.clip(u, *self.domain))  # type: ignore[operator]
+    def _values(self, leaf: IntArray, u: FloatArray) -> FloatArray:
+        """Values (n, q) of fields (n,) at points (n, q, 3)."""
+        values = self.splitter.values(leaf, np.clip(u, *self.domain))
         if not np.isfinite(values).all():
             raise InputError("field must be finite on the whole domain; shrink the domain")
         return values
@@ -287,18 +294,13 @@ class Splits:
         self, points: FloatArray, normals: FloatArray, leaf: IntArray, reach: FloatArray
     ) -> FloatArray:
         """Distances from points near the zero sets of fields to these, to first order."""
-        out = np.zeros(len(points))
-        for k in np.unique(leaf):
-            rows = np.flatnonzero(leaf == k)
-            f = self.splitter.leaves[int(k)].values
-            h = STEP * reach[rows, None]
-            value = np.abs(self._values(f, points[rows]))
-            up, down = (self._values(f, points[rows] + s * h * normals[rows]) for s in (1, -1))
-            slope = np.abs(up - down) / (2.0 * h[:, 0])
-            with np.errstate(divide="ignore", invalid="ignore"):
-                off = np.where(value == 0.0, 0.0, value / slope)
-            out[rows] = np.minimum(off, reach[rows])
-        return out
+        h = STEP * reach[:, None]
+        x = np.stack([points, points + h * normals, points - h * normals], axis=1)
+        value, up, down = self._values(leaf, x).T
+        slope = np.abs(up - down) / (2.0 * h[:, 0])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            off = np.where(value == 0.0, 0.0, np.abs(value) / slope)
+        return np.asarray(np.minimum(off, reach))
 
     def blind_boxes(self, chosen: Chosen) -> AnyArray:
         """Whether a field of a box has no bounds."""

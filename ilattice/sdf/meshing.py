@@ -304,9 +304,9 @@ def mesh(
         Largest distance of the planes of the grid; default a hundredth of the longest side, or
         what the tolerance needs.
     tol : float, optional
-        Chord error: the spacing is halved until the middles of 90 % of the triangles (all but
-        those along edges) are that close to the surface, to first order, and the mesh has the same
-        number of handles as the one before.
+        Chord error: the spacing, a 24th of the longest side or the one given, is halved until the
+        middles of 90 % of the triangles (all but those along edges) are that close to the surface,
+        to first order, and the mesh has the same number of handles as the one before.
     through : SplineMap, optional
         Map from the parameters in which the solid is given to space, where the mesh will be, with
         edges of about `spacing`.
@@ -326,8 +326,7 @@ def mesh(
     Raises
     ------
     InputError
-        As `plan`; if both spacing and tolerance are given; if the tolerance needs a finer grid
-        than the memory allows.
+        As `plan`; if the tolerance needs a finer grid than the memory allows.
     GeometryError
         If there is no surface, or the mesh is too coarse for it.
     """
@@ -338,16 +337,15 @@ def mesh(
         return mesh_through(solid, through, spacing, progress, allow_loss=allow_loss)
     if tol is None:
         return plan(solid, spacing, memory=memory).mesh(allow_loss=allow_loss, progress=progress)
-    if spacing is not None:
-        raise InputError("give either a spacing or a tolerance")
-    return _converged(solid, as_positive("tol", tol), memory, allow_loss, progress)
+    largest = np.inf if spacing is None else as_positive("spacing", spacing)
+    return _converged(solid, as_positive("tol", tol), largest, memory, allow_loss, progress)
 
 
 def _converged(
-    solid: Node, tol: float, memory: float, allow_loss: bool, progress: Progress
+    solid: Node, tol: float, largest: float, memory: float, allow_loss: bool, progress: Progress
 ) -> SurfaceMesh:
     box = _checked_box(solid)
-    h = float((box[1] - box[0]).max()) / FIRST
+    h = min(largest, float((box[1] - box[0]).max()) / FIRST)
     before: int | None = None
     last = np.inf
     while True:

@@ -154,7 +154,7 @@ def test_radii_of_all_kinds():
     assert np.array_equal(by_edge.radii[:, 0], by_edge.radii[:, 1])
     with pytest.warns(PrecisionWarning, match="in the middle of edges is off by up to"):
         k.beams(lambda x: 0.02 + 0.01 * np.sin(60 * x[:, 0]))
-    with pytest.raises(GeometryError, match=r"beams fill simplex 0 \[.*\], or close all its faces"):
+    with pytest.raises(GeometryError, match=r"beams close all faces of simplex 0 \[.*\]"):
         k.beams(0.07)
     radii = np.full(len(k.positions), 0.01)
     radii[5] = 0.3
