@@ -17,7 +17,7 @@ import numpy as np
 
 from ilattice._field import as_boxes
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
-from ilattice._validate import as_points
+from ilattice._validate import as_numbers, as_points
 from ilattice.cost import _kernels_beams as kernels
 from ilattice.errors import InputError
 from ilattice.fields._program import Builder, Point
@@ -155,6 +155,10 @@ def part(
     piece: Piece,
 ) -> Node:  # fmt: skip
     """The field of a piece."""
+    sort, *rest = as_numbers("numbers", piece, max(len(vertices), len(pairs))).tolist() or [BALL]
+    most = len(vertices) if sort == BALL else len(pairs)
+    if sort > BALL or not rest or max(rest) >= most or (sort != DISTANCE and len(rest) > 1):
+        raise InputError(f"numbers must be a piece of parts_on, got {piece!r:.80}")
     beam = tree[3]
     if piece[0] == BALL:
         v = piece[1]

@@ -209,10 +209,10 @@ class Beams(Node):
         Returns
         -------
         list of tuple of tuple of int or None
-            Pieces, each of them the numbers of its beams, and, from their count on, of balls at
-            vertices, where a box lies so that its points are nearest to the end of all beams
-            there. Beams that share a ball within a box are one piece: their distances are equal
-            there. None for boxes that are to be halved before.
+            Pieces: a 0 and the numbers (in the order of the tree) of beams that share a ball
+            within the box, so that their distances are equal in a part of it; a 1 and that of a
+            beam beside which the box lies; a 2 and the vertex of a ball that is nearest. None for
+            boxes that are to be halved before.
         """
         return pieces.parts_on(self._tree, self.pairs, self.radii, *pieces.corners(lo, hi))
 
@@ -222,12 +222,17 @@ class Beams(Node):
         Parameters
         ----------
         numbers : tuple of int
-            Its beams and balls.
+            Its sort and beams, or vertex.
 
         Returns
         -------
         Node
-            The distance to them.
+            A field of its sign in such boxes: the distance for sort 0, or else a polynomial.
+
+        Raises
+        ------
+        InputError
+            If there is no such piece.
         """
         return pieces.part(self._tree, self.vertices, self.pairs, self.radii, numbers)
 

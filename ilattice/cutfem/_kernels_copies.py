@@ -1,7 +1,8 @@
 """Connected components of the supports of functions, which get a copy of the function each.
 
 What hangs together within a support, or within a cell around it, is one: two sides of a wall that
-meet just outside would only get more unknowns by being apart.
+meet just outside would only get more unknowns by being apart. In periodic cells only the support
+counts.
 
 Guarantee: a function is worked on by one thread, in the order of its elements, so that results are
 the same for any number of threads.
@@ -100,7 +101,12 @@ def components(
             if len(parent) < len(members):
                 parent = np.empty(len(members), np.int64)
             mine = size
-            if _unite(begin, upper, members, size, where, parent) > 1:
+            # a periodic cell is the same in any tiling, which specks that are joined would not be;
+            # and around a short closed axis all would meet again, behind what parts them
+            wraps = closed[0] and closed[1] and closed[2]
+            for d in range(3):
+                wraps = wraps or (closed[d] and high[d] - low[d] + 3 >= shape[d])
+            if _unite(begin, upper, members, size, where, parent) > 1 and not wraps:
                 members, cells, size = _gather(
                     shape, closed, low, high, 1, first, after, members, cells, where, size
                 )

@@ -123,7 +123,7 @@ def check_loss(
     short = h <= COMPARED * least
     if short and VolumePoints(wall, BOXES).near(got, NEAR):
         return
-    whole = wall.volume()
+    whole = wall._volume
     rounded = wall._rounded.volume if exactly and abs(got - whole) > TOLD * whole else 0.0
     whole += rounded
     off = got / whole - 1.0 if whole > 0.0 else 0.0

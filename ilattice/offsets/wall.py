@@ -115,9 +115,16 @@ class OffsetSolid:
         PrecisionWarning
             If exact distances give another volume by more than 1 %.
         """
+        if "told" not in self._known:
+            self._tell_rounded()
+            self._known["told"] = 1.0
+        return self._volume
+
+    @property
+    def _volume(self) -> float:
+        """The volume, without a word on how good the spline is."""
         if "volume" not in self._known:
             self._known["volume"] = float(volumes(self.lattice, self.field).sum())
-            self._tell_rounded()
         return self._known["volume"]
 
     @cached_property
@@ -138,7 +145,7 @@ class OffsetSolid:
         """Warn of a volume that is off."""
         if not self._exact:
             return
-        whole, (change, error) = self._known["volume"], self._rounded
+        whole, (change, error) = self._volume, self._rounded
         if abs(change) - 2.0 * error > TOLD * whole:
             warnings.warn(
                 f"the volume {whole:.6g} is that of the distance spline; exact distances give "
