@@ -256,7 +256,7 @@ class Splitter:
         found, place = np.unique(leaf, return_inverse=True)
         order = np.argsort(place, kind="stable")
         ends = np.searchsorted(place[order], np.arange(len(found) + 1))
-        stacks: dict[type, list[int]] = {}
+        stacks: dict[Any, list[int]] = {}
         for j, k in enumerate(found.tolist()):
             piece = self.leaves[k].piece
             if piece is None:

@@ -18,8 +18,6 @@ from ilattice.offsets.sharp import reach
 if TYPE_CHECKING:
     from ilattice.offsets.wall import OffsetSolid
 
-#: Times `reach` within which distances are asked for: splines of four spans per tile are off by 1.8.
-BANDS = 2.0
 #: Points whose weight the standard error is at least: of rare parts none may be seen.
 FEW = 3.0
 
@@ -95,10 +93,13 @@ class VolumePoints:
         wall, one = self.wall, np.ones(len(self.u))
         inner, outer = wall._asked.at(self.u, -one), wall._asked.at(self.u, one)
         s = wall.distance(self.u)
-        band = BANDS * reach(wall.lattice, wall.distance)
-        near = np.minimum(np.abs(s - outer), np.abs(s + inner)) < band
-        at = np.flatnonzero(near | ~np.array(wall._exact))
-        exact = wall._true_distance(self.u[at])
+        near, band = np.minimum(np.abs(s - outer), np.abs(s + inner)), 0.0
+        wider = reach(wall.lattice, wall.distance)
+        while wider > band:  # splines of few spans are off by more than is usual
+            band = wider
+            at = np.flatnonzero((near < band) | ~np.array(wall._exact))
+            exact = wall._true_distance(self.u[at])
+            wider = 2.0 * float(np.abs(s[at] - exact).max(initial=0.0))
         inside = (exact < outer[at]) & (-exact < inner[at])
         change = np.zeros(len(self.u))
         change[at] = self.weight[at] * (inside * 1.0 - (wall.field(self.u[at]) < 0.0))
