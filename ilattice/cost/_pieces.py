@@ -65,9 +65,9 @@ def bounds(f: Any, lo: FloatArray, hi: FloatArray, moved: bool) -> FloatArray:
 
 
 def parts_on(
-    tree: tuple[AnyArray, ...], pairs: IntArray, radii: FloatArray, lo: FloatArray, hi: FloatArray
+    tree: tuple[AnyArray, ...], pairs: IntArray, even: AnyArray, lo: FloatArray, hi: FloatArray
 ) -> list[tuple[Piece, ...] | None]:
-    """Pieces that matter in boxes; None for those that are to be halved before."""
+    """Pieces that matter in boxes, given `balls_of`; None where boxes are to be halved before."""
     reach = np.linalg.norm(hi - lo, axis=1) * (1.0 + 1e-9)
     rows = np.full((len(lo), MOST_PIECES), -1, np.int64)
     count = np.empty(len(lo), np.int64)
@@ -76,7 +76,6 @@ def parts_on(
     kernels.among(len(lo), middle, reach, box, wide, link, beam, rows, count)
     first, last = _ends(beam[rows], middle, 0.5 * (hi - lo))
     least = np.where(rows >= 0, beam[rows, :2].min(axis=2), np.inf).min(axis=1)
-    round_ = _round(pairs, radii)
     out: list[tuple[Piece, ...] | None] = []
     for k, c in enumerate(count.tolist()):
         if c > MOST_PIECES:
@@ -84,11 +83,11 @@ def parts_on(
             continue
         part = zip(rows[k, :c].tolist(), first[k].tolist(), last[k].tolist(), strict=False)
         rows_of = [(i, *pairs[order[i]].tolist(), a, b) for i, a, b in part]
-        out.append(_pieces(rows_of, round_, reach[k] <= SMALL * least[k]))
+        out.append(_pieces(rows_of, even, reach[k] <= SMALL * least[k]))
     return out
 
 
-def _round(pairs: IntArray, radii: FloatArray) -> AnyArray:
+def balls_of(pairs: IntArray, radii: FloatArray) -> AnyArray:
     """Whether all beams at a vertex have one radius there: a ball that several of them share."""
     n = int(pairs.max()) + 1
     low, high = np.full(n, np.inf), np.full(n, -np.inf)
@@ -115,7 +114,7 @@ def _ends(beam: FloatArray, middle: FloatArray, half: FloatArray) -> tuple[IntAr
 
 
 def _pieces(
-    rows: list[tuple[int, int, int, int, int]], round_: AnyArray, small: bool
+    rows: list[tuple[int, int, int, int, int]], even: AnyArray, small: bool
 ) -> tuple[Piece, ...] | None:
     """Sides, balls that are part of no other piece, and beams, together where they meet in one."""
     balls, sides = set(), []
@@ -123,7 +122,7 @@ def _pieces(
     held: set[int] = set()
     for i, a, b, first, last in rows:
         vertex = (a if last == 0 else b) if first == last != 1 else -1
-        if vertex >= 0 and round_[vertex]:
+        if vertex >= 0 and even[vertex]:
             balls.add(vertex)
         elif first == last == 1:
             sides.append((SIDE, i))
@@ -236,13 +235,16 @@ def _tangent(row: FloatArray, p: FloatArray) -> tuple[FloatArray, FloatArray]:
     w, length, s = _axes(row)
     d = p - row[:, None, 2:5]
     z = (d @ w[..., None])[..., 0]
-    off = np.sqrt(np.maximum((d * d).sum(axis=2) - z * z, 0.0))
+    off = np.linalg.norm(d - z[..., None] * w[:, None], axis=2)
     steep = s / np.sqrt(np.maximum(1.0 - s * s, 1e-12))
     t = np.clip(z + steep[:, None] * off, 0.0, length[:, None])
+    # where one ball holds the other, it is nearest to all points, those on the axis too
+    t = np.where(np.abs(s[:, None]) < 1.0, t, np.where(s[:, None] > 0.0, length[:, None], 0.0))
     d = d - t[..., None] * w[:, None]
     reach = np.linalg.norm(d, axis=2)
     slope = d / np.maximum(reach, 1e-300)[..., None]
-    return reach - (row[:, :1] + s[:, None] * t), slope
+    part = t / np.where(length > 0.0, length, 1.0)[:, None]
+    return reach - (row[:, :1] + (row[:, 1:2] - row[:, :1]) * part), slope
 
 
 def _axes(row: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

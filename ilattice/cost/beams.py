@@ -214,7 +214,12 @@ class Beams(Node):
             beam beside which the box lies; a 2 and the vertex of a ball that is nearest. None for
             boxes that are to be halved before.
         """
-        return pieces.parts_on(self._tree, self.pairs, self.radii, *pieces.corners(lo, hi))
+        return pieces.parts_on(self._tree, self.pairs, self._even, *pieces.corners(lo, hi))
+
+    @cached_property
+    def _even(self) -> AnyArray:
+        """Whether all beams at a vertex have one radius there."""
+        return pieces.balls_of(self.pairs, self.radii)
 
     def part(self, numbers: tuple[int, ...]) -> Node:
         """One of the pieces of `parts_on`.

@@ -95,3 +95,16 @@ def test_frames_of_thin_beams_tend_to_pin_jointed_trusses():
         ratios.append(frame.compliance / truss.compliance)
     assert abs(ratios[2] - 1.0) < 0.01
     assert abs(ratios[2] - 1.0) < abs(ratios[0] - 1.0)
+
+
+def test_distances_of_pieces_are_those_of_beams_also_where_one_ball_holds_the_other():
+    rng = np.random.default_rng(2)
+    held = 0
+    for _ in range(30):
+        x, r = rng.random((2, 3)), rng.uniform(0.01, 1.5, 2)
+        held += abs(r[1] - r[0]) > np.linalg.norm(x[1] - x[0])
+        b = Beams(x, [[0, 1]], [r])
+        p = rng.uniform(-1, 2, (500, 3))
+        p[:100] = x[0] + rng.uniform(-1, 2, (100, 1)) * (x[1] - x[0])
+        np.testing.assert_allclose(b.part((0, 0)).values(p), b.values(p), atol=1e-12)
+    assert held > 3
