@@ -18,7 +18,7 @@ import numpy as np
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import FixedMapping, as_kind, as_points, read_only
 from ilattice.cutfem import _kernels_assembly as kernels
-from ilattice.cutfem import coupling, weak
+from ilattice.cutfem import coupling, watching, weak
 from ilattice.cutfem._voigt import PLACES, UNIT
 from ilattice.cutfem.anisotropic import AT_ONCE, Anisotropic, Material, hindered
 from ilattice.cutfem.assembly import Assembly
@@ -156,6 +156,7 @@ class ElasticOperators(Problem):
         asm = self.assembly
         rho = self.material.density
         rho = rho if density is None else replace(rho, value=density)
+        watching.check_property(self, rho)
         rule = on_cells(self.domain.volume, asm.space.cells)
         data = asm.zeros(3)
         d = self._scalar_at(rho, rule.points, asm.owners(rule))[:, None]
