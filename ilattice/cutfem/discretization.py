@@ -17,10 +17,9 @@ estimates by recovered stresses are blind. What cannot be estimated, where a dir
 cell, is said and not passed over. Non-guarantees: an estimate, and no bound. It is right to a fifth
 for beams and bodies of many cells; for walls of one or two cells at degree 2 it is three to ten
 times too large. Above `SURE` it may be several times too small, where bodies hang on a patch of a
-cell or two: all cells at hand are then too coarse to see it.
-Errors of the geometry and of the map are not in it. Splines that are too stiff by k make the work of
-loads 1 / (1 + k) of what it should be, and what is seen of it on coarse cells falls behind where k
-is large: see `of_work`.
+cell or two: all cells at hand are then too coarse to see it. Errors of the geometry and of the map
+are not in it. Splines that are too stiff by k make the work of loads 1 / (1 + k) of what it should
+be, and what is seen of it on coarse cells falls behind where k is large: see `of_work`.
 """
 
 import warnings

@@ -146,7 +146,7 @@ MASSES = {
         Elasticity(whole, (8, 2, 2), domain=BOX, density=f).clamp("u=0"), 2
     ),
     "capacity": lambda f: (
-        Heat(ball, (8, 2, 2), domain=BOX, capacity=f).fix("x<1.5", 0.0).evolve(0.1, steps=2)
+        Heat(whole, (8, 2, 2), domain=BOX, capacity=f).fix("u=0", 0.0).evolve(0.1, steps=2)
     ),
     "initial": lambda f: WARM.evolve(0.1, steps=2, initial=f),
 }
