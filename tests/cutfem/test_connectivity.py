@@ -63,7 +63,7 @@ def test_parts_that_rounding_leaves_are_not_told(size):
     assert len(rest) == 1 + (size > 1e-6)
     if size > 1e-6:
         with pytest.raises(
-            il.errors.GeometryError, match=r"nothing holds 1 part: volume 4\.1.*e-09"
+            il.errors.GeometryError, match=r"nothing holds 1 part: volume 4\.1"
         ):
             problem.assembly  # noqa: B018
     else:
