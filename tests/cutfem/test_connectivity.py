@@ -62,9 +62,7 @@ def test_parts_that_rounding_leaves_are_not_told(size):
     rest = found.seen(np.arange(len(found)))
     assert len(rest) == 1 + (size > 1e-6)
     if size > 1e-6:
-        with pytest.raises(
-            il.errors.GeometryError, match=r"nothing holds 1 part: volume 4\.1"
-        ):
+        with pytest.raises(il.errors.GeometryError, match=r"nothing holds 1 part: volume 4\.1"):
             problem.assembly  # noqa: B018
     else:
         with warnings.catch_warnings():

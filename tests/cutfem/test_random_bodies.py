@@ -51,8 +51,20 @@ def two(rng, h):
     return F.union(low, top)
 
 
-@pytest.mark.parametrize("body", [sheet, holes, two])
-@pytest.mark.parametrize("seed", range(3))
+def struts(rng, _):
+    """Three struts that stand on the support and meet, and a fourth one."""
+    low = rng.uniform(-0.7, 0.7, (3, 3))
+    low[:, 2] = -1.4
+    top = np.append(rng.uniform(-0.4, 0.4, 2), rng.uniform(0.2, 0.6))
+    r = rng.uniform(0.15, 0.3)
+    legs = [F.capsule(tuple(p), tuple(top), r * rng.uniform(0.7, 1.3)) for p in low]
+    return F.union(*legs, F.capsule(tuple(top), tuple(rng.uniform(-0.8, 0.8, 3)), r))
+
+
+CASES = [(body, seed) for body in (sheet, holes, two) for seed in range(3)]
+
+
+@pytest.mark.parametrize(("body", "seed"), [*CASES, (struts, 1)])
 def test_finer_cells_change_no_more_than_twice_the_estimate(body, seed):
     rng = np.random.default_rng([16, seed, len(body.__name__)])
     n, degree = rng.integers(4, 6, 3), 1 if seed else 2
