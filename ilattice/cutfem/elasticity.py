@@ -175,8 +175,6 @@ class Elasticity(ElasticOperators):
                 raise InputError("dilatation='projected' is not there for a stiffness; take 'auto'")
             of = Stiffness.of(stiffness, axes, through, **known)
             material = Anisotropic(of, *others)
-        if where.interface is not None and dilatation == "projected":
-            raise InputError("dilatation='projected' is not there for two phases; take 'auto'")
         super().__init__(where, islands)
         self._set(material=material, dilatation=dilatation)
 

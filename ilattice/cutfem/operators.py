@@ -54,25 +54,27 @@ class ElasticOperators(Problem):
     def projection(self) -> Dilatation | None:
         """What projects the change of volume, or None where it is taken at every point."""
         near = self._largest_nu >= FROM
-        phased = self.domain.interface is not None or self.material.full
-        if (self.dilatation == "full" or phased) and near:
-            what = "a stiffness=" if self.material.full else "two phases"
+        full = self.material.full
+        if (self.dilatation == "full" or full) and near:
             warnings.warn(
                 f"Poisson's ratio is up to {self._largest_nu:g}, and with "
-                f"{what if phased else 'dilatation=full'} the solid locks: it is too stiff "
-                f"by a tenth and more; take {'finer cells' if phased else 'dilatation=auto'}",
+                f"{'a stiffness=' if full else 'dilatation=full'} the solid locks: it is too stiff "
+                f"by a tenth and more; take {'finer cells' if full else 'dilatation=auto'}",
                 PrecisionWarning,
                 stacklevel=3,
             )
-        if self.dilatation == "full" or phased or (self.dilatation == "auto" and not near):
+        if self.dilatation == "full" or full or (self.dilatation == "auto" and not near):
             return None
         asm, space = self.assembly, self.assembly.space
 
         def make() -> Dilatation:
             rules = self.domain.stiff_rules(asm, constant=self.material.constant)
-            assert isinstance(self.material, Isotropic)  # no other is projected
-            terms = as_terms(space.degree, space.smoothness)
-            return Dilatation.of(asm, self.material, rules, terms)
+            parts = (
+                pair
+                for rule in rules
+                for pair in zip(self.material.phases, self.domain.of_phases(rule), strict=False)
+            )
+            return Dilatation.of(asm, parts, as_terms(space.degree, space.smoothness))
 
         if "projection" not in self._held:
             self._held["projection"] = make()
@@ -352,11 +354,13 @@ class ElasticOperators(Problem):
         if self.projection is None:
             return FixedMapping()
         rule = on_cells(self.domain.volume, self.assembly.space.cells)
-        found, of_values, m = {}, self.projection.of_values, self.material
-        assert isinstance(m, Isotropic)
-        for load in self.loads:
-            if load.kind == "temperature":
-                found[load] = of_values(m, rule, self._expansion_of(m, load, rule.points))
+        parts = zip(self.material.phases, self.domain.of_phases(rule), strict=False)
+        heated, found = [load for load in self.loads if load.kind == "temperature"], {}
+        for m, part in parts:
+            assert isinstance(m, Isotropic)  # no other is projected
+            for load in heated if len(part) else ():
+                rise = self._expansion_of(m, load, part.points)
+                found[load] = found.get(load, 0.0) + self.projection.of_values(m, part, rise)
         return FixedMapping({load: read_only(values) for load, values in found.items()})
 
     def _expansion_of(self, material: Material, load: Load, u: FloatArray) -> FloatArray:
