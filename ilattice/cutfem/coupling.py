@@ -60,25 +60,10 @@ def add_elastic(data: FloatArray, problem: "ElasticOperators") -> None:
     deep = both_depths(problem)
     lam, mu = scale * sum(s * s / f * v for s, f, v in zip(share, deep, lame, strict=True))
     if problem.projection is not None:
-        lam += _more(problem, share, [scale / f for f in deep], [v[0] for v in lame])
         _add_projected(data, problem, [s * v[0] for s, v in zip(share, lame, strict=True)])
     nn = n[:, :, None] * n[:, None, :]
     Q = 2.0 * mu[:, None, None] * np.eye(3) + lam[:, None, None] * nn
     _add(data, asm, Q, _tractions(problem))
-
-
-def _more(
-    problem: "ElasticOperators", share: tuple[FloatArray, FloatArray], scale: list[FloatArray],
-    lam: list[FloatArray],
-) -> FloatArray:  # fmt: skip
-    """What penalties (n,) lack of bounds of projected pressures on the seam by their energies."""
-    _, rule, _ = _surface(problem.assembly)
-    assert problem.projection is not None
-    out = np.zeros(len(rule))
-    for one, s, known, value in zip((rule, upper(rule)), share, scale, lam, strict=True):
-        least = 4.0 * problem.projection.traces(one, one.weights * value)[one.owners]
-        out += s * s * value * np.maximum(least - known, 0.0)
-    return out
 
 
 def _add_projected(
