@@ -175,6 +175,7 @@ class Elasticity(ElasticOperators):
                 raise InputError("dilatation='projected' is not there for a stiffness; take 'auto'")
             of = Stiffness.of(stiffness, axes, through, **known)
             material = Anisotropic(of, *others)
+        _ = where.interface  # areas between phases that are not known are told here
         super().__init__(where, islands)
         self._set(material=material, dilatation=dilatation)
 

@@ -355,12 +355,14 @@ class ElasticOperators(Problem):
             return FixedMapping()
         rule = on_cells(self.domain.volume, self.assembly.space.cells)
         parts = zip(self.material.phases, self.domain.of_phases(rule), strict=False)
-        heated, found = [load for load in self.loads if load.kind == "temperature"], {}
+        heated = [load for load in self.loads if load.kind == "temperature"]
+        found: dict[Load, FloatArray] = {}
         for m, part in parts:
             assert isinstance(m, Isotropic)  # no other is projected
             for load in heated if len(part) else ():
                 rise = self._expansion_of(m, load, part.points)
-                found[load] = found.get(load, 0.0) + self.projection.of_values(m, part, rise)
+                mine = self.projection.of_values(m, part, rise)
+                found[load] = found[load] + mine if load in found else mine
         return FixedMapping({load: read_only(values) for load, values in found.items()})
 
     def _expansion_of(self, material: Material, load: Load, u: FloatArray) -> FloatArray:
