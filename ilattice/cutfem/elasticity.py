@@ -360,7 +360,9 @@ class Elasticity(ElasticOperators):
         if "soft" not in self._held:
             assert isinstance(self.material, Isotropic)
             soft = replace(self.material, poisson=replace(self.material.poisson, value=SOFT))
-            self._held["soft"] = self._with(material=soft, dilatation="full", _held={})
+            like = self._with(material=soft, dilatation="full", _held={})
+            like._set(assembly=self.assembly)  # which tells what is left out when it is made
+            self._held["soft"] = like
         like = self._held["soft"]
         K = like._reduced()
         blocks = Blocks(K.indptr, K.indices, K.data, len(K.indptr) - 1)

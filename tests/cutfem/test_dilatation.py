@@ -62,6 +62,15 @@ def test_locking_is_told():
         tip(0.3, dilatation="half")
 
 
+def test_what_is_left_out_is_told_once():
+    two = il.fields.union(il.fields.box((0.3, 0.3, 1.5)), il.fields.half_space((-1, 0, 0), -0.9))
+    problem = Elasticity(two, 4, domain=[[-1] * 3, [1] * 3], poisson=0.499)
+    problem = problem.clamp("w=0", where="x < 0.5").load(body=(0, 0.1, 1.0))
+    with pytest.warns(PrecisionWarning) as told:
+        problem.solve()
+    assert sum("left out" in str(w.message) for w in told) == 1
+
+
 @pytest.mark.parametrize(("degree", "smoothness"), SPACES)
 @pytest.mark.parametrize("method", ["strong", "nitsche"])
 def test_affine_displacements_are_exact(degree, smoothness, method):
