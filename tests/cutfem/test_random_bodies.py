@@ -1,8 +1,9 @@
 """Random bodies at random places of the grid: what is off is in the estimate, or warned of.
 
-Sheets, combined solids with holes, and two parts close together; of 199 bodies drawn like these and
-of struts, with all degrees, loads and heat, 197 changed on twice finer cells by less than twice the
-estimate, and the other two came with a warning.
+Sheets, combined solids with holes, two parts close together, and struts; of 501 bodies drawn like
+these, with all degrees, loads and heat, 496 changed on twice finer cells by less than twice the
+estimate. Four of the others came with a warning; the fifth, a block with a bore and a ball taken
+away on 5 x 6 x 6 cells, was 6.5 % off where 1.3 % were told.
 """
 
 import warnings
