@@ -22,6 +22,8 @@ from ilattice.quadrature.rules import Quadrature, kept, on_cells
 
 #: Least wet area of a face, in units of the two thirds power of the smaller volume beside it.
 LEAST_NECK = 1e-6
+#: Part of its cells below which the volume of a part is what rounding leaves.
+DUST = 1e-14
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +66,25 @@ class Parts(Frozen):
         there = rule if rule.through is None else rule.in_space()
         volume = there.integrate()
         return volume, there.integrate(there.points) / volume
+
+    def seen(self, parts: IntArray) -> IntArray:
+        """Those of some parts that are more than what rounding leaves.
+
+        Parameters
+        ----------
+        parts : ndarray
+            Numbers of parts.
+
+        Returns
+        -------
+        ndarray
+            Some of them, in the same order.
+        """
+        boxes = self.solid.grid.boxes(self.cells)[:, 3:].prod(axis=1)
+        volumes, cells = (
+            np.bincount(self.labels, w, len(self)) for w in (self.solid.integrate_cells(), boxes)
+        )
+        return parts[volumes[parts] > DUST * cells[parts]]
 
     def touching(self, cells: IntArray) -> IntArray:
         """Numbers of the parts that have one or more of some cells.

@@ -19,7 +19,7 @@ import numpy as np
 from ilattice._typing import FloatArray
 from ilattice.cutfem._kernels_surface import seam_blocks
 from ilattice.cutfem._voigt import PLACES
-from ilattice.cutfem.anisotropic import Anisotropic, hindered
+from ilattice.cutfem.anisotropic import Anisotropic
 from ilattice.cutfem.assembly import BATCH_BYTES, Assembly
 from ilattice.cutfem.conditions import Load
 from ilattice.cutfem.conduction import flux
@@ -59,9 +59,39 @@ def add_elastic(data: FloatArray, problem: "ElasticOperators") -> None:
         return
     deep = both_depths(problem)
     lam, mu = scale * sum(s * s / f * v for s, f, v in zip(share, deep, lame, strict=True))
+    if problem.projection is not None:
+        _add_projected(data, problem, [s * v[0] for s, v in zip(share, lame, strict=True)])
     nn = n[:, :, None] * n[:, None, :]
     Q = 2.0 * mu[:, None, None] * np.eye(3) + lam[:, None, None] * nn
     _add(data, asm, Q, _tractions(problem))
+
+
+def _add_projected(
+    data: FloatArray, problem: "ElasticOperators", weighed: list[FloatArray]
+) -> None:
+    """Add what projected pressures, λ of both sides weighed, do: - [N]·n λ π(div N), transposed."""
+    asm, rule, _ = _surface(problem.assembly)
+    projection, n = problem.projection, rule.normals
+    assert projection is not None
+    assert n is not None
+    both, nb, terms = (rule, upper(rule)), asm.space.dofs.shape[1], projection.terms
+    for pairs, rows in _batches(rule, (6 * nb) ** 2):
+        owner, begin = rule.owners[rows], rule.offsets[:-1][pairs] - rows.start
+        N = [functions_at(asm, both[side], at[owner], rows)[0] for side, at in enumerate(asm.sides)]
+        jump = np.concatenate([N[0], -N[1]], axis=1)[:, :, None] * n[rows, None, :]
+        A = np.zeros((len(begin), 6 * nb, 6 * nb))
+        for side, at in enumerate(asm.sides):
+            u = both[side].parameters
+            assert u is not None
+            m = projection.polynomials(u[rows], at[owner])
+            m *= (rule.weights * weighed[side])[rows, None]
+            H = np.add.reduceat(jump.reshape(len(m), -1, 1) * m[:, None, :], begin)
+            G = projection.products[at[pairs]].reshape(len(begin), 3 * nb, terms)
+            block = H @ (G @ projection.inverses[at[pairs]]).transpose(0, 2, 1)
+            mine = slice(3 * nb * side, 3 * nb * (side + 1))
+            A[:, :, mine] -= block
+            A[:, mine, :] -= block.transpose(0, 2, 1)
+        asm.add_pairs(data, pairs.start, A)
 
 
 def add_waves(data: FloatArray, problem: "ElasticOperators") -> None:
@@ -118,8 +148,10 @@ def _tractions(problem: "ElasticOperators") -> Tractions:
         ]
         return lambda side, rows, D: tractions_of(both[side][rows], D)
 
+    point = float(problem.projection is None)  # else pressures are added apart
+
     def tractions(side: int, rows: slice, D: FloatArray) -> FloatArray:
-        lam, mu = (share[side] * lame[side])[:, rows]
+        lam, mu = (share[side] * lame[side])[:, rows] * [[point], [1.0]]
         normal = n[rows]
         T = lam[:, None, None, None] * normal[:, :, None, None] * D[:, None]
         T += mu[:, None, None, None] * np.einsum("qbi,qj->qibj", D, normal)
@@ -162,9 +194,10 @@ def thermal_force(problem: "ElasticOperators", load: Load) -> FloatArray:
     materials = problem.material.phases
     share = shares(problem, *(lam + 2.0 * mu for lam, mu in (m.lame(asm, u) for m in materials)))
     stress = np.zeros((len(u), 6))
-    for part, m in zip(share, materials, strict=True):
-        one = hindered(m, asm, u) * problem._expansion_of(m, load, u)[:, None]
-        stress += part[:, None] * one
+    for part, one, at in zip(share, (rule, upper(rule)), asm.sides, strict=True):
+        assert one.parameters is not None
+        there = problem._thermal_stress(load, one.parameters, at[rule.owners])
+        stress += part[:, None] * there
     f = rule.weights[:, None] * np.einsum("qij,qj->qi", stress[:, PLACES], rule.normals)
     return asm.vector(upper(rule), f) - asm.vector(rule, f)
 

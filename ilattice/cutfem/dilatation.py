@@ -5,7 +5,9 @@ without bound, and splines that cannot keep their volume at every point of quadr
 With the mean of div u over the part of the solid in a cell, or its projection on few polynomials,
 they can: the method of Hughes, 1980 (B-bar), for λ alone, so that the rest of the energy still sees
 all of the strain. The projection is orthogonal in the mean with the weight λ; stresses, energies
-and loads by temperature use the same one, so that work and energy agree.
+and loads by temperature use the same one, so that work and energy agree. Of two phases each has
+its own elements and its own λ; tractions where they meet have the projected change of volume, too
+(see `coupling`).
 
 Guarantees: exact where div u is constant in every cell (patch tests); the matrix stays symmetric
 and positive, and no functions are coupled that were not before. Non-guarantees: the pressure is an
@@ -51,12 +53,12 @@ class Dilatation:
     inverses: FloatArray
 
     @classmethod
-    def of(cls, asm: Assembly, material: Isotropic, rules: Any, terms: int) -> "Dilatation":
-        """The projection with integrals over some rules in parameters."""
+    def of(cls, asm: Assembly, parts: Any, terms: int) -> "Dilatation":
+        """The projection with integrals over pairs of a material and a rule in parameters."""
         cells, nb = asm.space.dofs.shape
         products = np.zeros((cells, nb, 3, terms))
         masses = np.zeros((cells, terms, terms))
-        for rule in rules:
+        for material, rule in parts:
             _add(asm, material, rule, products, masses)
         return cls(asm, terms, products, _inverses(masses))
 
@@ -91,7 +93,7 @@ class Dilatation:
         asm = self.assembly
         at = np.searchsorted(asm.space.cells, rule.cells)
         moments = np.zeros((len(at), self.terms))
-        m = self._polynomials(rule.parameters, at[rule.owners])
+        m = self.polynomials(rule.parameters, at[rule.owners])
         np.add.at(moments, rule.owners, g[:, None] * m)
         parts = np.einsum("eait,est,es->eai", self.products[at], self.inverses[at], moments)
         return -asm.gathered(rule, parts)
@@ -103,16 +105,16 @@ class Dilatation:
         """
         assert rule.parameters is not None
         at = np.searchsorted(self.assembly.space.cells, rule.cells)
-        m = self._polynomials(rule.parameters, at[rule.owners])
-        squares = np.zeros((len(at), self.terms, self.terms))
-        np.add.at(squares, rule.owners, w[:, None, None] * m[:, :, None] * m[:, None, :])
-        return np.linalg.eigvals(self.inverses[at] @ squares).real.max(axis=1, initial=0.0)
+        m = self.polynomials(rule.parameters, at[rule.owners])
+        squares = np.zeros_like(self.inverses)
+        np.add.at(squares, at[rule.owners], w[:, None, None] * m[:, :, None] * m[:, None, :])
+        return np.linalg.eigvals(self.inverses[at] @ squares[at]).real.max(axis=1, initial=0.0)
 
     def _surface(self, rule: Quadrature, f: FloatArray) -> tuple[IntArray, FloatArray]:
         """Cells of a surface rule, and integrals (cells, nb, 3, terms) of N f times polynomials."""
         assert rule.parameters is not None
         at = np.searchsorted(self.assembly.space.cells, rule.cells)
-        m = self._polynomials(rule.parameters, at[rule.owners])
+        m = self.polynomials(rule.parameters, at[rule.owners])
         parts = [self.assembly.per_cell(rule, m[:, t, None] * f) for t in range(self.terms)]
         return at, np.stack(parts, axis=3)
 
@@ -127,17 +129,18 @@ class Dilatation:
         at = np.searchsorted(self.assembly.space.cells, rule.cells)
         right = np.zeros(self.inverses.shape[:2])
         w = _weights(self.assembly, material, rule)
-        values = (w * f)[:, None] * self._polynomials(rule.points, at[rule.owners])
+        values = (w * f)[:, None] * self.polynomials(rule.points, at[rule.owners])
         np.add.at(right, at[rule.owners], values)
         return np.einsum("est,et->es", self.inverses, right)
 
     def at(self, coefficients: FloatArray, u: FloatArray, owner: IntArray) -> FloatArray:
         """Values (n,) at parameters in the cells `owner`; NaN where that is -1."""
         at = np.maximum(owner, 0)
-        value = (coefficients[at] * self._polynomials(u, at)).sum(axis=1)
+        value = (coefficients[at] * self.polynomials(u, at)).sum(axis=1)
         return np.where(owner < 0, np.nan, value)
 
-    def _polynomials(self, u: FloatArray, at: IntArray) -> FloatArray:
+    def polynomials(self, u: FloatArray, at: IntArray) -> FloatArray:
+        """Those (n, terms) that are projected on, at parameters in the cells at some positions."""
         return polynomials(self.assembly, u, at, self.terms)
 
 
@@ -176,6 +179,8 @@ def _add(
     asm: Assembly, material: Isotropic, rule: Quadrature, products: FloatArray, masses: FloatArray
 ) -> None:
     """Add the integrals over a rule."""
+    if not len(rule):
+        return
     terms = masses.shape[1]
     at = np.searchsorted(asm.space.cells, rule.cells)
     m = polynomials(asm, rule.points, at[rule.owners], terms)

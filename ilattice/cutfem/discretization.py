@@ -17,8 +17,9 @@ estimates by recovered stresses are blind. What cannot be estimated, where a dir
 cell, is said and not passed over. Non-guarantees: an estimate, and no bound. It is right to a fifth
 for beams and bodies of many cells; for walls of one or two cells at degree 2 it is three to ten
 times too large. Above `SURE` it may be several times too small, where bodies hang on a patch of a
-cell or two: all cells at hand are then too coarse to see it.
-Errors of the geometry and of the map are not in it.
+cell or two: all cells at hand are then too coarse to see it. Errors of the geometry and of the map
+are not in it. Splines that are too stiff by k make the work of loads 1 / (1 + k) of what it should
+be, and what is seen of it on coarse cells falls behind where k is large: see `of_work`.
 """
 
 import warnings
@@ -55,6 +56,10 @@ DIGITS = 1e-7
 ROUNDING, SOLVED = 1e-12, 1e-16
 #: Energies up to this many times more have no digits that count.
 FEW = 1e4
+
+#: Part of the energy that is missed up to which the rest grows with it: splines that are too stiff
+#: by k = C h², of an energy 1 / (1 + k), add less and less on coarse cells the stiffer they are.
+STIFF = 0.5
 
 Product = Callable[[FloatArray], FloatArray]
 
@@ -145,6 +150,22 @@ def relative_error(
     if lost + jumps <= noise:
         return 0.0
     return float((rest + jumps) / max(energy, FEW * noise))
+
+
+def of_work(error: float) -> float:
+    """An estimate for the work of loads, which too stiff splines make small on all cells.
+
+    Parameters
+    ----------
+    error : float
+        That of `relative_error`.
+
+    Returns
+    -------
+    float
+        What is missed, as a part of the work at hand; next to the same where it is small.
+    """
+    return error / (1.0 - min(error, STIFF))
 
 
 def _rest(level: Level, first: FloatArray, second: FloatArray) -> float:

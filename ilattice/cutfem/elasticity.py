@@ -175,8 +175,7 @@ class Elasticity(ElasticOperators):
                 raise InputError("dilatation='projected' is not there for a stiffness; take 'auto'")
             of = Stiffness.of(stiffness, axes, through, **known)
             material = Anisotropic(of, *others)
-        if where.interface is not None and dilatation == "projected":
-            raise InputError("dilatation='projected' is not there for two phases; take 'auto'")
+        _ = where.interface  # areas between phases that are not known are told here
         super().__init__(where, islands)
         self._set(material=material, dilatation=dilatation)
 
@@ -361,7 +360,9 @@ class Elasticity(ElasticOperators):
         if "soft" not in self._held:
             assert isinstance(self.material, Isotropic)
             soft = replace(self.material, poisson=replace(self.material.poisson, value=SOFT))
-            self._held["soft"] = self._with(material=soft, dilatation="full", _held={})
+            like = self._with(material=soft, dilatation="full", _held={})
+            like._set(assembly=self.assembly)  # which tells what is left out when it is made
+            self._held["soft"] = like
         like = self._held["soft"]
         K = like._reduced()
         blocks = Blocks(K.indptr, K.indices, K.data, len(K.indptr) - 1)

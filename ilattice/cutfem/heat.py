@@ -16,7 +16,7 @@ consistent masses may undershoot by a fraction of the step.
 """
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -26,7 +26,7 @@ from ilattice._progress import Progress, track
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import as_choice, as_kind, as_positive, as_whole
 from ilattice.cutfem import _kernels_assembly as kernels
-from ilattice.cutfem import conduction, coupling, discretization
+from ilattice.cutfem import conduction, coupling, discretization, watching
 from ilattice.cutfem._kernels_surface import seam_blocks, surface_scalars
 from ilattice.cutfem.conditions import Load, Spring, Support, as_value, stiffness_at, values_at
 from ilattice.cutfem.conduction import Conducting, Conduction
@@ -357,6 +357,7 @@ class Heat(Problem):
     def _capacity(self) -> Any:
         asm = self.assembly
         data = asm.zeros(1)
+        watching.check_property(self, self.capacity)
         rule = on_cells(self.domain.volume, asm.space.cells)
         capacity = self._scalar_at(self.capacity, rule.points, asm.owners(rule))
         asm.add_cells(data, rule, kernels.MASS, capacity[:, None])
@@ -370,7 +371,9 @@ class Heat(Problem):
                 f"initial={initial!r:.80}: squares of such temperatures overflow; use another "
                 f"unit, so that they are below {LARGEST:g}"
             )
-        return c.reshape(-1, 1)[asm.space.functions]
+        c = c.reshape(-1, 1)[asm.space.functions]
+        watching.check_followed(self, c, "initial", value)
+        return c
 
     def _surface_terms(
         self, support: Spring | Support
@@ -437,11 +440,8 @@ class Heat(Problem):
 
     def _force(self, load: Load) -> FloatArray:
         asm = self.assembly
-        rule = (
-            self.domain.edge(asm, load.on)
-            if load.on
-            else self.domain.stiff_rule(asm, constant=not callable(load.value))
-        )
+        solid = partial(self.domain.stiff_rule, asm, constant=not callable(load.value))
+        rule = self.domain.edge(asm, load.on) if load.on else solid()
         return asm.vector_by_parts(
             rule, 1, lambda part: (values_at(load.kind, load.value, part.points, 1), None)
         )

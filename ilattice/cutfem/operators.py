@@ -18,7 +18,7 @@ import numpy as np
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import FixedMapping, as_kind, as_points, read_only
 from ilattice.cutfem import _kernels_assembly as kernels
-from ilattice.cutfem import coupling, weak
+from ilattice.cutfem import coupling, watching, weak
 from ilattice.cutfem._voigt import PLACES, UNIT
 from ilattice.cutfem.anisotropic import AT_ONCE, Anisotropic, Material, hindered
 from ilattice.cutfem.assembly import Assembly
@@ -54,25 +54,27 @@ class ElasticOperators(Problem):
     def projection(self) -> Dilatation | None:
         """What projects the change of volume, or None where it is taken at every point."""
         near = self._largest_nu >= FROM
-        phased = self.domain.interface is not None or self.material.full
-        if (self.dilatation == "full" or phased) and near:
-            what = "a stiffness=" if self.material.full else "two phases"
+        full = self.material.full
+        if (self.dilatation == "full" or full) and near:
             warnings.warn(
                 f"Poisson's ratio is up to {self._largest_nu:g}, and with "
-                f"{what if phased else 'dilatation=full'} the solid locks: it is too stiff "
-                f"by a tenth and more; take {'finer cells' if phased else 'dilatation=auto'}",
+                f"{'a stiffness=' if full else 'dilatation=full'} the solid locks: it is too stiff "
+                f"by a tenth and more; take {'finer cells' if full else 'dilatation=auto'}",
                 PrecisionWarning,
                 stacklevel=3,
             )
-        if self.dilatation == "full" or phased or (self.dilatation == "auto" and not near):
+        if self.dilatation == "full" or full or (self.dilatation == "auto" and not near):
             return None
         asm, space = self.assembly, self.assembly.space
 
         def make() -> Dilatation:
             rules = self.domain.stiff_rules(asm, constant=self.material.constant)
-            assert isinstance(self.material, Isotropic)  # no other is projected
-            terms = as_terms(space.degree, space.smoothness)
-            return Dilatation.of(asm, self.material, rules, terms)
+            parts = (
+                pair
+                for rule in rules
+                for pair in zip(self.material.phases, self.domain.of_phases(rule), strict=False)
+            )
+            return Dilatation.of(asm, parts, as_terms(space.degree, space.smoothness))
 
         if "projection" not in self._held:
             self._held["projection"] = make()
@@ -156,6 +158,7 @@ class ElasticOperators(Problem):
         asm = self.assembly
         rho = self.material.density
         rho = rho if density is None else replace(rho, value=density)
+        watching.check_property(self, rho)
         rule = on_cells(self.domain.volume, asm.space.cells)
         data = asm.zeros(3)
         d = self._scalar_at(rho, rule.points, asm.owners(rule))[:, None]
@@ -351,11 +354,15 @@ class ElasticOperators(Problem):
         if self.projection is None:
             return FixedMapping()
         rule = on_cells(self.domain.volume, self.assembly.space.cells)
-        found, of_values, m = {}, self.projection.of_values, self.material
-        assert isinstance(m, Isotropic)
-        for load in self.loads:
-            if load.kind == "temperature":
-                found[load] = of_values(m, rule, self._expansion_of(m, load, rule.points))
+        parts = zip(self.material.phases, self.domain.of_phases(rule), strict=False)
+        heated = [load for load in self.loads if load.kind == "temperature"]
+        found: dict[Load, FloatArray] = {}
+        for m, part in parts:
+            assert isinstance(m, Isotropic)  # no other is projected
+            for load in heated if len(part) else ():
+                rise = self._expansion_of(m, load, part.points)
+                mine = self.projection.of_values(m, part, rise)
+                found[load] = found[load] + mine if load in found else mine
         return FixedMapping({load: read_only(values) for load, values in found.items()})
 
     def _expansion_of(self, material: Material, load: Load, u: FloatArray) -> FloatArray:

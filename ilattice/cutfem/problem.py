@@ -246,6 +246,7 @@ class Problem:
         what = self.domain.parts
         if not len(held):
             raise GeometryError("no part of the solid touches a support; move the supports")
+        loose = what.seen(loose)
         if len(loose) and self.islands == "refuse":
             raise GeometryError(
                 f"nothing holds {what.describe(loose)}; islands='drop' leaves them out"
@@ -433,7 +434,8 @@ class Problem:
             system.b, tol=tol, max_iterations=max_iterations, progress=progress
         )
         c = system.constraints.expand(x.reshape(-1, self.m))
-        error = self._discretization_error(solver.multiply, c, self._energy_of(solver.multiply, c))
+        energy = self._energy_of(solver.multiply, c)
+        error = discretization.of_work(self._discretization_error(solver.multiply, c, energy))
         discretization.warn(error, self.energy_name, self.assembly.space)
         return c, replace(report, discretization_error=error)
 

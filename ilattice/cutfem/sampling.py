@@ -116,6 +116,44 @@ def unseen(asm: Assembly, rule: Quadrature, denser: Denser, f: Function) -> floa
     return float(stands @ off) / max(float(stands @ size), 1e-300)
 
 
+def between(
+    asm: Assembly, rule: Quadrature, denser: Denser, f: Function
+) -> tuple[FloatArray, FloatArray]:
+    """Points between those of a rule, where `unseen` looks, for what is no integral.
+
+    Parameters
+    ----------
+    asm, rule, denser, f : Assembly, Quadrature, callable, callable
+        As in `unseen`.
+
+    Returns
+    -------
+    u : ndarray, shape (n, 3)
+        Parameters.
+    weights : ndarray, shape (n,)
+        Volume, or area, in space that they stand for.
+    """
+    rule = kept(rule, np.diff(rule.offsets) > 0)
+    if not len(rule):
+        return np.zeros((0, 3)), np.zeros(0)
+    mark, stands = _watched(asm, rule, f)
+    rule, stands = in_space(kept(rule, mark)), stands[mark]
+    whole = _sizes(asm, rule) > FULL
+    u, weights = np.zeros((0, 3)), np.zeros(0)
+    if whole.any():
+        u = _layered(rule, np.flatnonzero(whole))[1].reshape(-1, 3)
+        weights = np.repeat((stands * rule.integrate_cells())[whole] / DRAWN, DRAWN)
+    if not whole.all():
+        homes, first = np.unique(rule.grid.home(rule.cells[~whole]), return_index=True)
+        fine = denser(homes)
+        if len(fine):
+            there = np.searchsorted(homes, fine.cells)[fine.owners]
+            assert fine.parameters is not None
+            u = np.concatenate([u, fine.parameters])
+            weights = np.append(weights, fine.weights * stands[~whole][first][there])
+    return u, weights
+
+
 def _norms(values: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(values, axis=1))
 
@@ -162,16 +200,24 @@ def _flat(rule: Quadrature) -> int | None:
     return int(np.argmax(same)) if same.any() and rule.normals is not None else None
 
 
+def _layered(rule: Quadrature, cells: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Points (DRAWN, 3) of the unit cube, and (cells, DRAWN, 3) in full cells or on their faces."""
+    assert rule.parameters is not None
+    box, flat = rule.grid.boxes(rule.cells[cells]), _flat(rule)
+    t = layers(DRAWN)
+    u = box[:, None, :3] + t * box[:, None, 3:]
+    if flat is not None:
+        t[:, flat], u[:, :, flat] = 0.5, rule.parameters[0, flat]
+    return t, u
+
+
 def _in_layers(
     asm: Assembly, rule: Quadrature, values: FloatArray, cells: IntArray, f: Function
 ) -> tuple[FloatArray, FloatArray]:
     """By how much integrals over full cells, by position, are off; and of the size."""
     assert rule.parameters is not None
-    box = rule.grid.boxes(rule.cells[cells])
-    t = layers(DRAWN)
-    u, flat = box[:, None, :3] + t * box[:, None, 3:], _flat(rule)
-    if flat is not None:
-        t[:, flat], u[:, :, flat] = 0.5, rule.parameters[0, flat]
+    t, u = _layered(rule, cells)
+    box, flat = rule.grid.boxes(rule.cells[cells]), _flat(rule)
     found = f(asm.x(u.reshape(-1, 3))).reshape(len(cells), DRAWN, -1)
     total = rule.integrate_cells()[cells]
     off = np.empty(len(cells))

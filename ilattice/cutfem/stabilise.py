@@ -43,8 +43,15 @@ FALL, FAR = 0.1, 3
 #: more; a sheet of a hundredth of a cell that is clamped at a side bends less by 6e-4 of it.
 LONE_CELLS, LONE_FILL, LONE = 8, 0.4, 1e-6
 #: Fill below which the factor is taken of the whole cell: crumbs of opaque solids, on which every
-#: function of the cell is nearly the same.
-CRUMB = 1e-4
+#: function of the cell is nearly the same. Of what is beyond this degree it always is, since specks
+#: of a thousandth of a cell have next to none of it.
+CRUMB, HIGH = 1e-4, 3
+
+#: Legendre's polynomials, of unit size for |t| < 1/2: column k has the coefficients of degree k.
+LEGENDRE = read_only(
+    np.array([[1, 0, -0.5, 0], [0, 1, 0, -3], [0, 0, 6, 0], [0, 0, 0, 20]])
+    * np.sqrt([1.0, 12.0, 5.0, 7.0])
+)
 
 #: Takes parameters (n, 3) and the elements (n,) that they belong to, returns values (n,) or (1,).
 Stiffness = Callable[[FloatArray, IntArray], FloatArray]
@@ -164,16 +171,17 @@ class LoneCells(Frozen):
     ) -> tuple[IntArray, FloatArray]:
         """Positions in the space, and matrices (n, nb, nb) of what is beyond linear in cells.
 
-        Without a stiffness they are those for a matrix of masses.
+        What is beyond degree `HIGH` counts with the factor of whole cells. Without a stiffness they
+        are those for a matrix of masses.
         """
         at = np.searchsorted(space.cells, self.cells)
         box = space.grid.boxes(self.cells)
         middle = box[:, :3] + 0.5 * box[:, 3:]
         volume = np.abs(np.linalg.det(jacobians(middle))) * box[:, 3:].prod(axis=1)
-        scale = self.weights * volume
-        if stiffness is not None:
-            scale *= stiffness(middle, self.cells) * volume ** (-2 / 3)
-        return at, scale[:, None, None] * _beyond_linear(space, self.cells)
+        scale = volume if stiffness is None else volume ** (1 / 3) * stiffness(middle, self.cells)
+        low, high = scale * self.weights, scale * (LONE - self.weights)
+        A = low[:, None, None] * _beyond(1, space, self.cells)
+        return at, A + high[:, None, None] * _beyond(HIGH, space, self.cells)
 
 
 def lone_cells(solid: Quadrature, labels: IntArray, parts: IntArray) -> LoneCells:
@@ -204,24 +212,20 @@ def lone_cells(solid: Quadrature, labels: IntArray, parts: IntArray) -> LoneCell
     return LoneCells(read_only(solid.cells[mine]), read_only(weights))
 
 
-def _beyond_linear(space: SplineSpace, cells: IntArray) -> FloatArray:
-    """Products (cells, nb, nb) of functions on unit cells, without their linear parts."""
+def _beyond(degree: int, space: SplineSpace, cells: IntArray) -> FloatArray:
+    """Products (cells, nb, nb) of functions on unit cells, without their parts up to a degree."""
     p, n = space.degree, len(cells)
     powers = np.arange(p + 1)
     sums = powers[:, None] + powers
     even = np.where(sums % 2, 0.0, 0.5**sums / (sums + 1))  # integrals of t^i t^j, |t| < 1/2
-    mass, mean, slope = [], [], []
-    for axis, at in enumerate(space.grid.places(cells).T):
-        table = space.tables[axis][at][:, :, : p + 1]
-        mass.append(table @ even @ table.swapaxes(1, 2))
-        mean.append(table @ even[0])
-        slope.append(np.sqrt(12.0) * (table @ even[1]))
-    out = np.einsum("nia,njb,nkc->nijkabc", *mass).reshape(n, (p + 1) ** 3, -1)
-    for sloping in (-1, 0, 1, 2):
-        sides = [slope[a] if a == sloping else mean[a] for a in range(3)]
-        v = np.einsum("ni,nj,nk->nijk", *sides).reshape(n, -1)
-        out -= v[:, :, None] * v[:, None, :]
-    return out
+    along = even @ LEGENDRE[: p + 1, : p + 1]
+    parts = [
+        space.tables[axis][at][:, :, : p + 1] @ along
+        for axis, at in enumerate(space.grid.places(cells).T)
+    ]
+    whole = np.einsum("nia,njb,nkc->nijkabc", *parts).reshape(n, (p + 1) ** 3, -1)
+    high = whole[:, :, (sums[:, :, None] + powers).ravel() > degree]
+    return np.asarray(high @ high.swapaxes(1, 2))
 
 
 def _products(space: SplineSpace, axis: int, lower: IntArray, upper: IntArray) -> FloatArray:

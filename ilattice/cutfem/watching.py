@@ -1,7 +1,8 @@
 """Which functions of a problem are looked at between the points of rules; see `sampling`.
 
-Guarantee: loads, springs and supports that are functions of points, and densities and expansions by
-which loads are multiplied. Non-guarantee: properties by name, and temperatures from solutions of
+Guarantee: loads, springs and supports that are functions of points, densities and expansions by
+which loads are multiplied, densities and capacities in masses, and temperatures at the start of a
+transient. Non-guarantee: properties by name, and temperatures from solutions of
 heat, are splines, and taken as they are; stiffness is looked at where matrices are made; functions
 that cannot be asked at other points than those of rules are not looked at.
 """
@@ -11,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ilattice._typing import FloatArray
+from ilattice._typing import AnyArray, FloatArray
 from ilattice.cutfem import sampling
-from ilattice.cutfem.conditions import Spring, Support, values_at
+from ilattice.cutfem.conditions import Spring, values_at
 from ilattice.cutfem.material import OfParameters, Scalar
 from ilattice.cutfem.regions import Region
 from ilattice.errors import InputError
@@ -49,15 +50,15 @@ def check_functions(problem: "Problem") -> None:
             m = 1 if load.kind in SINGLE else problem.m
             _check(problem, load.kind, load.value, load.on, m)
     for scalar in problem.factors:
-        _check_property(problem, scalar)
+        check_property(problem, scalar)
     for s in problem.in_the_mean:
         _check(problem, "value", s.value, s.on, problem.m)
         if isinstance(s, Spring):
             _check(problem, problem.spring_name, s.stiffness, s.on, problem.m)
     for s in problem.supports:
-        if not s.weak and callable(s.value):
-            part = _lost(problem, problem.constraints.values, s)
-            sampling.check(f"value on {s.on}", part)
+        if not s.weak:
+            name = f"value on {s.on}"
+            check_followed(problem, problem.constraints.values, name, s.value, s.on, s.mask)
 
 
 def _check(problem: "Problem", name: str, value: Any, on: str | Region, m: int) -> None:
@@ -75,8 +76,26 @@ def _check(problem: "Problem", name: str, value: Any, on: str | Region, m: int) 
         sampling.check(f"{name} on {on}" if on else name, part)
 
 
-def _check_property(problem: "Problem", scalar: Scalar) -> None:
-    """The same of a property, phase by phase."""
+def check_property(problem: "Problem", scalar: Scalar) -> None:
+    """The same of a property that is integrated, phase by phase.
+
+    Parameters
+    ----------
+    problem : Problem
+        With supports.
+    scalar : Scalar
+        A factor of loads or of masses.
+
+    Raises
+    ------
+    InputError
+        If half of it, or more, is lost or made up.
+
+    Warns
+    -----
+    PrecisionWarning
+        From 2 % on.
+    """
     domain = problem.domain
     parts = domain.of_phases(_solid(problem))
     for s, part, cut in zip(scalar.phases, parts, domain.solids, strict=False):
@@ -86,17 +105,53 @@ def _check_property(problem: "Problem", scalar: Scalar) -> None:
             sampling.check(s.name, sampling.unseen(problem.assembly, part, denser, ask))
 
 
+def check_followed(
+    problem: "Problem", c: FloatArray, name: str, value: Any, on: str | Region = "",
+    mask: AnyArray | slice = slice(None),
+) -> None:  # fmt: skip
+    """The same of values that are interpolated: the part, in the mean square, that is not followed.
+
+    Parameters
+    ----------
+    problem : Problem
+        With supports.
+    c : ndarray, shape (functions, m)
+        Coefficients that should follow the values.
+    name : str
+        What they are in messages.
+    value : float, sequence or callable
+        The values.
+    on : str or Region
+        Where, or ``""`` for the solid.
+    mask : ndarray, shape (m,), or slice
+        Which components count.
+
+    Raises
+    ------
+    InputError
+        If half of them, or more, is lost or made up.
+
+    Warns
+    -----
+    PrecisionWarning
+        From 2 % on.
+    """
+    if not callable(value):
+        return
+    asm, domain = problem.assembly, problem.domain
+    rule = domain.edge(asm, on) if on else _solid(problem)
+    ask = partial(values_at, "value", value, m=problem.m)
+    try:
+        u, weights = sampling.between(asm, rule, partial(domain.denser, on), ask)
+        wanted = ask(asm.x(u))[:, mask]
+    except InputError:  # as in `_check`
+        return
+    off = asm.evaluate(c, u)[0][:, mask] - wanted
+    there = np.isfinite(off).all(axis=1)  # not on parts that are left out
+    gap, size = (weights[there] @ (v[there] ** 2).sum(axis=1) for v in (off, wanted))
+    sampling.check(name, float(np.sqrt(gap / size)) if size > 0.0 else 0.0)
+
+
 def _solid(problem: "Problem") -> Quadrature:
     """Rule on the active cells, in parameters."""
     return on_cells(problem.domain.volume, problem.assembly.space.cells)
-
-
-def _lost(problem: "Problem", c: FloatArray, given: Support) -> float:
-    """Part of prescribed values, in the mean square, that coefficients c do not follow."""
-    rule = problem.domain.edge(problem.assembly, given.on)
-    wanted = values_at("value", given.value, rule.points, problem.m)
-    off = np.zeros_like(wanted)
-    for rows, value, _ in problem.assembly.on_rule(c, rule):
-        off[rows] = value - wanted[rows]
-    gap, size = (float(rule.weights @ (v[:, given.mask] ** 2).sum(axis=1)) for v in (off, wanted))
-    return float(np.sqrt(gap / size)) if size > 0.0 else 0.0

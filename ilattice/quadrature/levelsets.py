@@ -480,8 +480,8 @@ def _intersection(fields: tuple[Any, ...], domain: FloatArray | None) -> FloatAr
     if domain is not None:
         box = domain
         for f in fields:
-            if isinstance(f, Node) or not owns(f, "bounds"):
-                continue  # a formula holds beyond the box of its solid
+            if owns(f, "bounding_box") or not owns(f, "bounds"):
+                continue  # formulas and distances hold beyond the box of their solid
             b = np.asarray(f.bounds, np.float64)
             slack = 1e-12 * (b[1] - b[0])
             if (box[0] < b[0] - slack).any() or (box[1] > b[1] + slack).any():

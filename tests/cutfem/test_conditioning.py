@@ -143,3 +143,30 @@ def test_crumbs_of_opaque_solids_are_held(k):
         problem = problem.clamp("surface").load(body=(0.1, 0.2, 0.3))
         assert problem.matrix.diagonal().min() > 0.0
         assert 0.0 < problem.solve().energy < 1.0
+
+
+@pytest.mark.parametrize(("degree", "smoothness"), [(1, None), (2, None), (2, 0), (3, None)])
+@pytest.mark.parametrize("seed", range(3))
+def test_specks_beside_a_body_change_nothing(degree, smoothness, seed):
+    """Of a thousandth of a cell and less, 0.2 to 1.5 cells away, held by springs as the body is.
+
+    K was singular at degree 3.
+    """
+    rng = np.random.default_rng([23, seed])
+    h = 2.0 / 5
+    n = rng.standard_normal(3) * [1, 1, 0.2]
+    n /= np.linalg.norm(n)
+    body = il.fields.half_space(tuple(n), rng.uniform(-0.2, 0.1))
+    away = rng.uniform(0.2, 1.5) * h
+    radius = h * (10 ** rng.uniform(-5, -3) * 0.75 / np.pi) ** (1 / 3)
+    foot = n * float(-body([[0.0, 0.0, 0.0]])[0]) + np.cross(n, rng.uniform(-0.5, 0.5, 3))
+    speck = il.fields.translate(il.fields.sphere(radius), tuple(foot + (away + radius) * n))
+    sunk = []
+    for solid in (body, il.fields.union(body, speck)):
+        problem = Elasticity(
+            solid, 5, domain=[[-1] * 3, [1] * 3], degree=degree, smoothness=smoothness
+        )
+        problem = problem.clamp("w=0").spring("surface", 1e-2)
+        sunk.append(problem.load(traction=(0.3, 0.2, 1.0), on="w=1").solve().compliance)
+    assert len(problem.domain.parts) == 2
+    assert sunk[1] == pytest.approx(sunk[0], rel=1e-5)

@@ -1,5 +1,7 @@
 """Parts of a solid: pieces that share an edge or a node only are not held by each other."""
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -48,6 +50,24 @@ def test_slivers_belong_to_what_they_grow_on():
         found = parts(corner)
         assert len(found) == 1
         assert len(found.cells) == 512
+
+
+@pytest.mark.parametrize("size", [1e-13, 1e-3])
+def test_parts_that_rounding_leaves_are_not_told(size):
+    """A ball of next to no volume was left out with a warning, and islands='refuse' refused it."""
+    speck = il.fields.translate(il.fields.sphere(size), (0.71, 0.83, 0.77))
+    body = il.fields.union(il.fields.half_space((0.1, 0.2, 1.0), 0.4), speck)
+    problem = il.cutfem.Elasticity(body, 4, domain=CUBE, islands="refuse").clamp("w=0")
+    found = problem.domain.parts
+    rest = found.seen(np.arange(len(found)))
+    assert len(rest) == 1 + (size > 1e-6)
+    if size > 1e-6:
+        with pytest.raises(il.errors.GeometryError, match=r"nothing holds 1 part: volume 4\.1"):
+            problem.assembly  # noqa: B018
+    else:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            assert len(problem.assembly.space)
 
 
 def test_a_closed_direction_joins_its_ends():

@@ -212,6 +212,16 @@ def test_bad_fields_are_refused():
         il.cutfem.cut(s, il.cutfem.Grid((np.arange(2),) * 3), domain=BOX)
 
 
+def test_distances_to_meshes_hold_beyond_the_box_of_the_mesh():
+    """As formulas do: the box is that of the solid, and not of what is known."""
+    box = [[-0.93, -1.1, -0.87], [0.95, 0.9, 1.2]]
+    body = il.fields.rotate(il.fields.box((0.5, 0.4, 0.6)), 0.4, (1, 2, 3.0))
+    mesh = il.sdf.MeshDistance(il.sdf.mesh(body, 0.07))
+    cut = il.cutfem.cut(mesh, 8, domain=box)
+    assert cut.volume(3).integrate() == pytest.approx(8 * 0.5 * 0.4 * 0.6, rel=0.01)
+    assert (cut.volume(3).cells == il.cutfem.cut(body, 8, domain=box).volume(3).cells).mean() > 0.9
+
+
 def test_grids_are_checked():
     for axes in ([[0, 1]] * 2, [[0, 1], [0, 1], [0]], [[0, 1], [1, 0], [0, 1]]):
         with pytest.raises(InputError, match="axes"):

@@ -262,7 +262,6 @@ def test_modes_of_a_composite_rod_are_those_of_its_parts():
         ({"phases": lambda x: x}, "one value per point"),
         ({"phases": lambda x: np.full(len(x), np.nan)}, "phases"),
         ({"phases": "x-0.5", "stabilization": "void"}, "'auto' or 'ghost'"),
-        ({"phases": "x-0.5", "dilatation": "projected"}, "two phases"),
     ],
 )
 def test_wrong_phases_are_refused(options, words):

@@ -1,8 +1,9 @@
 """Random bodies at random places of the grid: what is off is in the estimate, or warned of.
 
-Sheets, combined solids with holes, and two parts close together; of 199 bodies drawn like these and
-of struts, with all degrees, loads and heat, 197 changed on twice finer cells by less than twice the
-estimate, and the other two came with a warning.
+Sheets, combined solids with holes, two parts close together, and struts; of 501 bodies drawn like
+these, with all degrees, loads and heat, 496 changed on twice finer cells by less than twice the
+estimate. Four of the others came with a warning; the fifth, a block with a bore and a ball taken
+away on 5 x 6 x 6 cells, was 6.5 % off where 1.3 % were told.
 """
 
 import warnings
@@ -51,8 +52,20 @@ def two(rng, h):
     return F.union(low, top)
 
 
-@pytest.mark.parametrize("body", [sheet, holes, two])
-@pytest.mark.parametrize("seed", range(3))
+def struts(rng, _):
+    """Three struts that stand on the support and meet, and a fourth one."""
+    low = rng.uniform(-0.7, 0.7, (3, 3))
+    low[:, 2] = -1.4
+    top = np.append(rng.uniform(-0.4, 0.4, 2), rng.uniform(0.2, 0.6))
+    r = rng.uniform(0.15, 0.3)
+    legs = [F.capsule(tuple(p), tuple(top), r * rng.uniform(0.7, 1.3)) for p in low]
+    return F.union(*legs, F.capsule(tuple(top), tuple(rng.uniform(-0.8, 0.8, 3)), r))
+
+
+CASES = [(body, seed) for body in (sheet, holes, two) for seed in range(3)]
+
+
+@pytest.mark.parametrize(("body", "seed"), [*CASES, (struts, 1)])
 def test_finer_cells_change_no_more_than_twice_the_estimate(body, seed):
     rng = np.random.default_rng([16, seed, len(body.__name__)])
     n, degree = rng.integers(4, 6, 3), 1 if seed else 2

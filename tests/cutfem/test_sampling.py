@@ -141,6 +141,30 @@ def test_what_is_half_lost_is_refused_with_the_number():
         one.solve()
 
 
+MASSES = {
+    "density": lambda f: il.cutfem.natural_modes(
+        Elasticity(whole, (8, 2, 2), domain=BOX, density=f).clamp("u=0"), 2
+    ),
+    "capacity": lambda f: (
+        Heat(whole, (8, 2, 2), domain=BOX, capacity=f).fix("u=0", 0.0).evolve(0.1, steps=2)
+    ),
+    "initial": lambda f: WARM.evolve(0.1, steps=2, initial=f),
+}
+
+
+@pytest.mark.parametrize("name", MASSES)
+def test_masses_and_starts_that_cells_do_not_see_are_told_or_refused(name):
+    with pytest.raises(InputError, match=f"{name} jumps or waves .*would be lost"):
+        MASSES[name](lambda x: 1e-3 + 1e2 * (np.abs(x[:, 0] - 2.25) < 0.005))
+    with pytest.warns(PrecisionWarning, match=f"{name} jumps or waves .* about"):
+        MASSES[name](lambda x: 1.0 + 0.3 * np.sin(2 * np.pi * 9.3 * (x[:, 0] + x[:, 1])))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", "the cells are too coarse")
+        MASSES[name](lambda x: 2.0 + np.sin(x[:, 0]) + x[:, 2])
+        MASSES[name](1.0)
+
+
 def test_functions_that_cells_see_are_not_told():
     def smooth(x):
         return 1.0 + 0.5 * np.sin(2.0 * x[:, 0] + x[:, 1]) + x[:, 2] ** 3
