@@ -6,7 +6,7 @@ from graphs import HEXAGON, loop, schwarz_p, strut
 from scipy.interpolate import CubicSpline
 
 import ilattice as il
-from ilattice.errors import GraphError, InputError
+from ilattice.errors import GraphError, InputError, PrecisionWarning
 from ilattice.graph.curves import curve_of
 from ilattice.tiles.cells import CELLS, make
 
@@ -238,7 +238,9 @@ def test_homogenized_by_voxels_and_cells():
     )
     with pytest.warns(PrecisionWarning, match="the voxels are too coarse"):
         again = solid.homogenize(12, method="voxels")
-    assert np.abs(solid.stiffness().C - again.C).max() < 1e-12
+    with pytest.warns(PrecisionWarning, match="the voxels are too coarse"):
+        own = solid.stiffness()
+    assert np.abs(own.C - again.C).max() < 1e-12
     with pytest.raises(GraphError, match="needs a material matrix"):
         graph.stiffness()
     with pytest.raises(GraphError, match="needs a phononic"):
