@@ -280,6 +280,7 @@ def test_there_are_1205_topologies_and_their_images_keep_the_rules():
 
 
 @pytest.mark.filterwarnings("ignore:the solid does not go on")
+@pytest.mark.filterwarnings("ignore:the voxels are too coarse")
 def test_exploration_goes_on_where_it_was(tmp_path):
     file = tmp_path / "t.csv"
     first = g.explore("truss", [1, 2], thickness=0.2, cells=8, table=file)
