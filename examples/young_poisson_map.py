@@ -31,7 +31,10 @@ def filled(name: str, part: float) -> Callable[[np.ndarray], np.ndarray]:
     if any(word in name for word in SOLIDS):
         c = np.quantile(values, part)
         return lambda u: tile(u % 1.0) - c
-    return il.fields.shell(tile.node, 2.0 * float(np.quantile(np.abs(values), part)))
+    c = float(np.quantile(np.abs(values), part))
+    if tile.node.polynomial is not None:  # a formula, whose kinks are known
+        return il.fields.shell(tile.node, 2.0 * c)
+    return lambda u: np.abs(tile(u % 1.0)) - c
 
 
 def most(density: float, nu: np.ndarray) -> np.ndarray:
