@@ -27,14 +27,14 @@ SOLIDS = ("struts", "plates", "honeycomb", "octet", "kelvin", "cuboctahedron", "
 def filled(name: str, part: float) -> Callable[[np.ndarray], np.ndarray]:
     """The sheet or the solid of a tile that fills a part of the cell."""
     tile = il.tiles[name]
-    solid = any(word in name for word in SOLIDS)
-
-    def level(u: np.ndarray) -> np.ndarray:
-        value = tile(u % 1.0)
-        return value if solid else np.abs(value)
-
-    c = np.quantile(level(np.random.default_rng(0).random((200_000, 3))), part)
-    return lambda u: level(u) - c
+    values = tile(np.random.default_rng(0).random((200_000, 3)))
+    if any(word in name for word in SOLIDS):
+        c = np.quantile(values, part)
+        return lambda u: tile(u % 1.0) - c
+    c = float(np.quantile(np.abs(values), part))
+    if tile.node.polynomial is not None:  # a formula, whose kinks are known
+        return il.fields.shell(tile.node, 2.0 * c)
+    return lambda u: np.abs(tile(u % 1.0)) - c
 
 
 def most(density: float, nu: np.ndarray) -> np.ndarray:

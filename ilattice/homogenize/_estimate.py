@@ -111,26 +111,44 @@ def _cut(domain: D, counts: tuple[int, ...]) -> D:
     return replace(domain, **new)
 
 
-def warn(error: float, what: str, shape: tuple[int, ...], least: int) -> None:
-    """Warn of a property that is off, or of which it is not known by how much."""
+def warn(error: float, what: str, *, unknown: str, how: str, unit: str = "cells") -> None:
+    """Warn of a property that is off, or of which it is not known by how much.
+
+    Parameters
+    ----------
+    error : float
+        Relative, or NaN.
+    what : str
+        The property.
+    unknown : str, keyword-only
+        What is told where the error is NaN.
+    how : str, keyword-only
+        Where the estimate comes from, and the remedy.
+    unit : str, keyword-only
+        What the grid is made of.
+    """
     if np.isnan(error):
-        told = (
-            f"the cells are too coarse to tell by how much {what} is off: "
-            f"{' x '.join(map(str, shape))} cells; take {least} or more in every direction"
-        )
+        told = unknown
     elif error > WARNED:
         much = f"about {100 * error:.2g} % or less"
         if error > SURE:
             much = f"about {100 * error:.2g} %"
         if error >= 1.0:
             much = "more than its own size"
-        told = (
-            f"the cells are too coarse: {what} is off by {much}, estimated from half and three "
-            "quarters as many cells per direction; take more cells, or a higher degree"
-        )
+        told = f"the {unit} are too coarse: {what} is off by {much}, estimated from {how}"
     else:
         return
     warnings.warn(told, PrecisionWarning, stacklevel=outside())
+
+
+def warn_of_voxels(error: float, what: str, shape: tuple[int, ...], remedy: str) -> None:
+    """`warn` of arrays of voxels, whose estimates are from voxels twice as long."""
+    grid = " x ".join(map(str, shape))
+    warn(
+        error, what, unit="voxels", how=f"voxels twice as long; {remedy}",
+        unknown=f"it is not known by how much {what} is off: {grid} voxels are not taken together "
+        "by twos; give an even number, 4 or more, in every direction, such as the array twice",
+    )  # fmt: skip
 
 
 def outside() -> int:

@@ -4,11 +4,14 @@ Guarantee: fields that change their signs from a face of the cell to the opposit
 that meet there without a level set, are refused, with the largest jump and its place.
 """
 
+import inspect
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
-from ilattice._validate import as_counts
+from ilattice._typing import FloatArray
+from ilattice._validate import as_counts, near_names
 from ilattice.cutfem.assembly import constant_jacobian
 from ilattice.cutfem.domain import Domain
 from ilattice.cutfem.phases import PhasedDomain
@@ -25,6 +28,35 @@ from ilattice.tiles.tile import Tile
 #: largest value there a field may jump between them.
 COMPARED, JUMP = 33, 1e-3
 EDGES = "uvw"
+
+
+def check_options(name: str, options: Iterable[str], *takers: Any) -> None:
+    """Refuse options that none of some functions has.
+
+    Parameters
+    ----------
+    name : str
+        What was called, for the message.
+    options : iterable of str
+        Names that were given.
+    *takers : callable
+        Functions that take them by name.
+
+    Raises
+    ------
+    InputError
+        With the names that are like it.
+    """
+    known = [
+        p.name
+        for f in takers
+        for p in inspect.signature(f).parameters.values()
+        if p.kind is p.KEYWORD_ONLY
+    ]
+    wrong = sorted(set(options) - set(known))
+    if wrong:
+        near = near_names(wrong[0], list(dict.fromkeys(known)))
+        raise InputError(f"{name} has no option {wrong[0]!r:.60}; names like it: {near}")
 
 
 def as_cell(field: Any, cells: Any, *, domain: Any = None, through: Any = None) -> CutGrid | Domain:
@@ -76,6 +108,11 @@ def as_cell(field: Any, cells: Any, *, domain: Any = None, through: Any = None) 
             box = through.domain
         if box.shape != (2, 3) or not (box[0] < box[1]).all():
             raise InputError(f"domain must be a lower and an upper corner, got {domain!r:.80}")
+        if through is not None and _leaves(box, through.domain):
+            raise InputError(
+                f"domain leaves that of through, {through.domain.tolist()}, got {domain!r:.80}; "
+                "leave it out: lengths are those of the edges of through"
+            )
         counts = as_counts("cells", cells)
         x, y, z = (np.linspace(box[0, a], box[1, a], counts[a] + 1) for a in range(3))
         grid = Grid((x, y, z), (True,) * 3)
@@ -84,10 +121,22 @@ def as_cell(field: Any, cells: Any, *, domain: Any = None, through: Any = None) 
     return out
 
 
+def _leaves(box: FloatArray, other: FloatArray) -> bool:
+    """Whether a box (2, 3) reaches beyond another one."""
+    slack = 1e-9 * np.ptp(other, axis=0)
+    return bool((box[0] < other[0] - slack).any() or (box[1] > other[1] + slack).any())
+
+
 def _as_solid(field: Any, through: Any) -> tuple[Any, Any]:
     """What is cut, and its map."""
     if isinstance(field, str):
-        field = get(field)
+        try:
+            field = get(field)
+        except InputError as e:
+            raise InputError(
+                f"field: {e}; a field is the name of a tile, or made of an equation by "
+                "il.fields.equation"
+            ) from e
     if isinstance(field, Tile):
         through = cell(field.cell) if through is None else through
         field = Lattice(field, through=through).offset((np.inf, 0.0))

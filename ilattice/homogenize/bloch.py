@@ -28,12 +28,14 @@ from ilattice._memory import need
 from ilattice._progress import Progress
 from ilattice._typing import AnyArray, FloatArray
 from ilattice._validate import as_flag, as_positive, as_whole, read_only
+from ilattice.cutfem.elasticity import Elasticity
 from ilattice.cutfem.material import Property
 from ilattice.errors import InputError
 from ilattice.homogenize._eigen import GUARD, MOST, Pairs, Vectors
 from ilattice.homogenize._estimate import estimated
 from ilattice.homogenize._reduced import FULL
 from ilattice.homogenize._search import ZERO, Search
+from ilattice.homogenize.arguments import check_options
 from ilattice.homogenize.bands import Bands, BlochReport
 from ilattice.homogenize.paths import Path, path_of, reciprocal
 from ilattice.homogenize.waves import BlochCell
@@ -42,6 +44,8 @@ from ilattice.homogenize.waves import BlochCell
 SAME = 1e-5
 #: Squares of frequencies below this part of the largest one are zero in waves of no length.
 RESTING, RESTED = 1e-4, 1e-6
+#: Between which `tol` must be: frequencies are right to about its square.
+LEAST, LOOSEST = 1e-12, 0.1
 
 
 def bloch(
@@ -115,8 +119,9 @@ def bloch(
     begin = time.perf_counter()
     count = as_whole("count", count, 1, 500)
     steps = as_whole("steps", steps, 1, 10_000)
-    most, tol = as_whole("max_iterations", max_iterations, 1, 10**6), as_positive("tol", tol)
+    most, tol = as_whole("max_iterations", max_iterations, 1, 10**6), as_residual(tol)
     modes = as_flag("modes", modes)
+    check_options("bloch", options, Elasticity.__init__)
     cell = BlochCell(field, cells, young=young, poisson=poisson, density=density, **options)
     way = path_of(path, cell.edges, steps, system)
     unknowns = 3 * len(cell.assembly.space)
@@ -130,6 +135,14 @@ def bloch(
     need(kept, f"{count} waves of {unknowns} unknowns", "use fewer cells, or a smaller count")
     search = Search(cell, count, method, tol, most)
     return _bands(search, way, search.along(way.reduced(), progress), modes, begin)
+
+
+def as_residual(tol: Any) -> float:
+    """Largest residual of a pair, of which frequencies still are right to a per cent."""
+    out = as_positive("tol", tol)
+    if not LEAST <= out <= LOOSEST:
+        raise InputError(f"tol must be between {LEAST:g} and {LOOSEST:g}, got {tol!r:.80}")
+    return out
 
 
 def _bands(search: Search, way: Path, found: list[Pairs], modes: bool, begin: float) -> Bands:

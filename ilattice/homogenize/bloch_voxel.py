@@ -26,16 +26,17 @@ from scipy import fft
 from ilattice._memory import need
 from ilattice._progress import Progress, track
 from ilattice._typing import AnyArray, FloatArray
-from ilattice._validate import as_array, as_positive, as_whole, read_only
+from ilattice._validate import as_array, as_whole, read_only
 from ilattice.cutfem import _voigt
 from ilattice.errors import ConvergenceError, InputError
 from ilattice.homogenize import _kernels_voxel as kernels
 from ilattice.homogenize._eigen import GUARD, MOST, Pairs, Vectors, lowest
+from ilattice.homogenize._estimate import warn_of_voxels
 from ilattice.homogenize._spectral import VoxelGrid, symbols
 from ilattice.homogenize.bands import Bands, BlochReport
-from ilattice.homogenize.bloch import distinct, moving, velocities_of
+from ilattice.homogenize.bloch import as_residual, distinct, moving, velocities_of
 from ilattice.homogenize.paths import path_of, reciprocal
-from ilattice.homogenize.voxel import as_voxels, elastic_phases
+from ilattice.homogenize.voxel import REMEDY, as_voxels, elastic_phases
 
 #: Residual of waves on voxels twice as long.
 COARSE = 1e-2
@@ -281,6 +282,12 @@ def bloch_voxels(
     ConvergenceError
         If the tolerance is not reached.
 
+    Warns
+    -----
+    PrecisionWarning
+        If the square of a frequency is off by more than 2 %, by estimate, or it is not known by how
+        much.
+
     Notes
     -----
     Davidson's method, as `bloch` has it; the shifted symbol is that of M. Hussein, M. Leamy and M.
@@ -290,7 +297,7 @@ def bloch_voxels(
     --------
     >>> import numpy as np
     >>> import ilattice as il
-    >>> solid = np.ones((4, 4, 4), bool)  # waves of one speed
+    >>> solid = np.ones((8, 4, 4), bool)  # waves of one speed
     >>> way = [[0, 0, 0], [0.25, 0, 0]]
     >>> bands = il.homogenize.bloch_voxels(solid, path=way, count=3, steps=1, poisson=0.25)
     >>> (bands.omega[1] / bands.omega[1, 0]).round(4)
@@ -299,7 +306,7 @@ def bloch_voxels(
     begin = time.perf_counter()
     count = as_whole("count", count, 1, 500)
     steps = as_whole("steps", steps, 1, 10_000)
-    most, tol = as_whole("max_iterations", max_iterations, 1, 10**6), as_positive("tol", tol)
+    most, tol = as_whole("max_iterations", max_iterations, 1, 10**6), as_residual(tol)
     voxels, size = as_voxels(array, spacing, 3)
     cells, given, table = elastic_phases(voxels, young, poisson, stiffness, void=0.0)
     rho = cells.mixed(_densities(density, given)[:, None])[:, 0]
@@ -329,6 +336,8 @@ def bloch_voxels(
     errors = np.max([search.errors(zone[c], found[c], rest) for c, rest in distinct(way)], axis=0)
     values = np.stack([p.values[:count] for p in found])
     a, b, c = (int(n) for n in waves.shape)
+    off = 2.0 * float(errors.max())
+    warn_of_voxels(off, "the square of a frequency", (a, b, c), REMEDY.replace("elastic", "bloch"))
     report = BlochReport(
         (a, b, c), unknowns, "fourier", read_only(np.array([p.steps for p in found])),
         time.perf_counter() - begin,

@@ -110,7 +110,9 @@ def elastic_bounds(
     """
     there = fractions > 0.0
     f, K, G = fractions[there], bulk[there], shear[there]
-    zeta = [g / 6.0 * (9.0 * k + 8.0 * g) / (k + 2.0 * g) if g > 0 else 0.0 for k, g in _ends(K, G)]
+    zeta = [
+        g / 6.0 * ((9.0 * k + 8.0 * g) / (k + 2.0 * g)) if g > 0 else 0.0 for k, g in _ends(K, G)
+    ]
     low, high = (_mean(f, K, 4.0 / 3.0 * g) for _, g in _ends(K, G))
     least, most = (_mean(f, G, z) for z in zeta)
     return (low, high), (least, most)

@@ -462,7 +462,14 @@ class CellProblem(Problem):
             return
         step = self.domain.degree - self.domain.smoothness
         least = max(4, 1 + (self.domain.interface is not None) - -(self.domain.degree + 1) // step)
-        warn(error, what, self.domain.cut.grid.shape, least)
+        shape = " x ".join(map(str, self.domain.cut.grid.shape))
+        warn(
+            error, what,
+            how="half and three quarters as many cells per direction; take more cells, or a higher "
+            "degree",
+            unknown=f"the cells are too coarse to tell by how much {what} is off: {shape} cells; "
+            f"take {least} or more in every direction",
+        )  # fmt: skip
 
     def _solver(self, method: str) -> Solver:
         """The factor or hierarchy of the cell, made once; periodic ones fill factors more."""

@@ -21,7 +21,7 @@ from ilattice._validate import as_flag, read_only
 from ilattice.cutfem import coupling
 from ilattice.cutfem.conduction import Conducting, as_matrices, flux
 from ilattice.cutfem.heat import Heat
-from ilattice.homogenize.arguments import as_cell, check_phases
+from ilattice.homogenize.arguments import as_cell, check_options, check_phases
 from ilattice.homogenize.bounds import ConductivityBounds, conductive_bounds
 from ilattice.homogenize.cell import FULL, Answer, CellProblem, spread
 from ilattice.homogenize.conductivity import Conductivity
@@ -41,6 +41,7 @@ class ConductiveCell(CellProblem, Heat):
     loads_of_cells: ClassVar[FloatArray] = read_only(np.eye(3))
 
     def __init__(self, field: Any, cells: Any = 16, **options: Any) -> None:
+        check_options(type(self).__name__, options, Heat.__init__)
         named = {k: options.pop(k, None) for k in ("domain", "through")}
         Heat.__init__(self, as_cell(field, cells, **named), **options)
         check_phases(self.domain)
@@ -189,6 +190,7 @@ def conductive(
     >>> bool(eff.mean < eff.bounds.hashin_shtrikman[1] + eff.error)
     True
     """
+    check_options("conductive", options, Heat.__init__)
     problem = ConductiveCell(field, cells, conductivity=conductivity, **options)
     return problem.homogenized(
         method=method, tol=tol, max_iterations=max_iterations, progress=progress,

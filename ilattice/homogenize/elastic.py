@@ -34,7 +34,7 @@ from ilattice.errors import InputError
 from ilattice.homogenize import tensors
 from ilattice.homogenize._result import SOFT
 from ilattice.homogenize._symmetry import group, symmetry_of
-from ilattice.homogenize.arguments import as_cell, check_phases
+from ilattice.homogenize.arguments import as_cell, check_options, check_phases
 from ilattice.homogenize.bounds import Bounds, elastic_bounds
 from ilattice.homogenize.cell import FULL, Answer, CellProblem, spread
 from ilattice.homogenize.effective import Effective
@@ -55,6 +55,7 @@ class ElasticCell(CellProblem, Elasticity):
     loads_of_cells: ClassVar[FloatArray] = read_only(tensors.strain_matrices())
 
     def __init__(self, field: Any, cells: Any = 16, **options: Any) -> None:
+        check_options(type(self).__name__, options, Elasticity.__init__)
         named = {k: options.pop(k, None) for k in ("domain", "through")}
         Elasticity.__init__(self, as_cell(field, cells, **named), **options)
         check_phases(self.domain)
@@ -318,6 +319,7 @@ def elastic(
     >>> eff.symmetry, bool(eff.K < eff.bounds.bulk[1] + eff.error)
     ('cubic', True)
     """
+    check_options("elastic", options, Elasticity.__init__)
     problem = ElasticCell(
         field, cells, young=young, poisson=poisson, stiffness=stiffness, axes=axes,
         expansion=expansion, **options,

@@ -31,6 +31,7 @@ from ilattice.cutfem.anisotropic import Graded, turns
 from ilattice.cutfem.elasticity import Elasticity
 from ilattice.cutfem.material import OfParameters
 from ilattice.errors import InputError, PrecisionWarning
+from ilattice.homogenize.arguments import check_options
 from ilattice.homogenize.effective import Effective
 from ilattice.homogenize.elastic import elastic
 from ilattice.lattice import Lattice, ParametricWall, Wall
@@ -171,6 +172,7 @@ def macro(
     lattice = as_kind("wall", wall, "Wall").lattice
     if not isinstance(lattice.tile, Tile):
         raise InputError("wall must be of one tile; mixtures have no effective stiffness of theirs")
+    check_options("macro", options, Elasticity.__init__)
     wrong = {"stiffness", "axes", "through", "domain", "phases", "strength"} & options.keys()
     if wrong:
         raise InputError(f"{sorted(wrong)} are not there for macro: the wall has its own")

@@ -19,6 +19,7 @@ import csv
 import inspect
 import pickle
 import sys
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from contextlib import nullcontext
@@ -37,7 +38,17 @@ from ilattice._progress import Progress, track
 from ilattice._typing import FloatArray
 from ilattice._validate import FixedMapping, Frozen, as_items, near_names, read_only
 from ilattice._version import __version__
-from ilattice.errors import FormatError, IlatticeError, InputError, printable, shortened
+from ilattice.cutfem.elasticity import Elasticity
+from ilattice.errors import (
+    FormatError,
+    IlatticeError,
+    InputError,
+    PrecisionWarning,
+    printable,
+    shortened,
+)
+from ilattice.homogenize._estimate import outside
+from ilattice.homogenize.arguments import check_options
 from ilattice.homogenize.effective import Effective
 from ilattice.homogenize.elastic import elastic
 from ilattice.homogenize.voxel import voxels
@@ -288,7 +299,7 @@ def sweep(
     Warns
     -----
     PrecisionWarning
-        As `elastic` does, where rows are computed.
+        If rows have no results; and as `elastic` does, where rows are computed.
 
     Examples
     --------
@@ -305,6 +316,7 @@ def sweep(
     if same or not names:
         raise InputError(f"cells: {same[0]!r:.60} is there twice" if same else "cells: none")
     values = {name: _values(name, v) for name, v in parameters.items()}
+    check_options("sweep: options", options or {}, elastic, voxels, Elasticity.__init__)
     given = {"cells": cells, "young": young, "poisson": poisson, **(options or {})}
     told = "homogenize.sweep " + " ".join(f"{k}={_told(k, v)}" for k, v in given.items())
     count = len(many) * int(np.prod([len(v) for v in values.values()], dtype=np.int64))
@@ -319,7 +331,17 @@ def sweep(
     columns = ("cell", *values)
     where: Any = nullcontext() if table is None else Table(table, columns, RESULTS)
     with where as open_table:
-        return Rows(tuple(_computed(runs, given, told, open_table, executor, progress)))
+        out = Rows(tuple(_computed(runs, given, told, open_table, executor, progress)))
+    if out.failed:
+        first = out.failed[0]
+        named = ", ".join(f"{k}={first[k]}" for k in columns)
+        warnings.warn(
+            f"{len(out.failed)} of {len(out)} rows have no results (see Rows.failed); the first is "
+            f"{named}: {first['message']}",
+            PrecisionWarning,
+            stacklevel=outside(),
+        )
+    return out
 
 
 def _computed(

@@ -32,6 +32,7 @@ from ilattice.cutfem.anisotropic import as_matrices
 from ilattice.cutfem.discretization import LEAST
 from ilattice.errors import InputError, PrecisionWarning
 from ilattice.homogenize import tensors
+from ilattice.homogenize._estimate import outside, warn_of_voxels
 from ilattice.homogenize._result import SOFT, HomogenizationReport
 from ilattice.homogenize._spectral import Descent, VoxelGrid, descend, prolonged, restricted
 from ilattice.homogenize.bounds import (
@@ -55,6 +56,8 @@ COARSE = 1e-2
 MOST = 0.75
 #: Loads below this part of the stresses that make them are rounding.
 ROUNDING = 1e-13
+#: What helps against too coarse voxels.
+REMEDY = "divide them, or take cut cells (il.homogenize.elastic) where the geometry is known"
 #: Poisson's ratio from which trilinear voxels lock.
 LOCKING = 0.45
 
@@ -88,7 +91,7 @@ def voxels(
         Of the fields; errors of the stiffness are of the order of its square.
     estimate : bool
         Whether to estimate `Effective.errors`, which takes about half as long again. NaN without,
-        and where a direction has an odd number of voxels, or less than 4.
+        and where a direction has an odd number of voxels, or less than 4 (unless all are alike).
     max_iterations : int
         Of conjugate gradients.
     progress : bool or callable, optional
@@ -111,7 +114,8 @@ def voxels(
     Warns
     -----
     PrecisionWarning
-        If no solid goes on through the cell along an axis, or voxels lock.
+        If no solid goes on through the cell along an axis, voxels lock, or the stiffness is off by
+        more than 2 %, by estimate, or it is not known by how much.
 
     Notes
     -----
@@ -141,10 +145,13 @@ def voxels(
     for a, one in enumerate(heat, 6):
         hindered = cells.fractions @ one - relaxed[:6, a]
         thermal = _expansion(C, errors[:6, :6], hindered, errors[:6, a])
-    return Effective(
+    eff = Effective(
         cells.filled, solid, report, C, errors[:6, :6],
         _elastic_bounds(cells, stiff, mean, isotropic=table.shape[1] == 2), *thermal,
     )  # fmt: skip
+    if estimate:
+        warn_of_voxels(eff.error, "the effective stiffness", report.cells, REMEDY)
+    return eff
 
 
 def elastic_phases(
@@ -172,7 +179,7 @@ def elastic_phases(
             f"poisson={nu.max():g}: trilinear voxels lock from about {LOCKING} on, and are too "
             "stiff; take cut cells (il.homogenize.elastic)",
             PrecisionWarning,
-            stacklevel=3,
+            stacklevel=outside(),
         )
     nu = np.broadcast_to(nu, len(E))
     lame = np.stack([E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))], axis=1)
@@ -231,11 +238,16 @@ def conductive_voxels(
     ConvergenceError
         If the tolerance is not reached.
 
+    Warns
+    -----
+    PrecisionWarning
+        As `voxels` does.
+
     Examples
     --------
     >>> import numpy as np
     >>> import ilattice as il
-    >>> layers = np.zeros((4, 2, 2), bool)
+    >>> layers = np.zeros((4, 4, 4), bool)
     >>> layers[2:] = True
     >>> il.homogenize.conductive_voxels(layers, conductivity=(1.0, 3.0)).k.diagonal().round(9)
     array([1.5, 2. , 2. ])
@@ -259,10 +271,13 @@ def conductive_voxels(
         keep = np.array(solid, float)
         out = out * np.outer(keep, keep)
     _warn_of(solid, table)
-    return Conductivity(
+    found = Conductivity(
         cells.filled, solid, report, 0.5 * (out + out.T), errors,
         _conductive_bounds(cells, k, mean, scalar=tensor is None),
     )  # fmt: skip
+    if estimate:
+        warn_of_voxels(found.error, "the effective conductivity", report.cells, REMEDY)
+    return found
 
 
 def _as_tensors(conductivity: Any) -> FloatArray | None:
@@ -325,9 +340,10 @@ class _Run:
         grid, count = self.grid, len(self.stress)
         runs = [self._fine(self._load(a)) for a in range(count)]
         relaxed = self._energies(runs)
-        errors = np.full((count, count), np.nan)
+        alike = not any(run.iterations for run in runs)
+        errors = np.full((count, count), 0.0 if alike else np.nan)
         shape = np.array(self.cells.phase.shape)
-        if estimate and not (shape % 2).any() and shape.min() >= 4:
+        if estimate and not alike and not (shape % 2).any() and shape.min() >= 4:
             coarse = [self._coarse(self._load(a)) for a in range(count)]
             found = _estimated(relaxed, self._energies(coarse))
             root = np.sqrt(np.abs(np.diag(found)))  # energies: no entry is farther off than that

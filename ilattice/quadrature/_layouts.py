@@ -168,8 +168,8 @@ class TensorLayout(Layout):
         """See `Layout.fine`."""
         places = np.unravel_index(cells, self.grid.shape)
         out = np.empty(u.shape)
-        for a, (x, owner) in enumerate(zip(self.pieces.axes, self.owners, strict=True)):
-            low, high = (np.searchsorted(owner, places[a], side=s) for s in ("left", "right"))
+        for a, (x, starts) in enumerate(zip(self.pieces.axes, self._starts, strict=True)):
+            low, high = starts[places[a]], starts[places[a] + 1]
             i = np.clip(np.searchsorted(x, u[:, a], side="right") - 1, low, high - 1)
             out[:, a] = UNIT * (i - low + (u[:, a] - x[i]) / (x[i + 1] - x[i]))
         return out

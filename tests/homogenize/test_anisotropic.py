@@ -11,6 +11,10 @@ from ilattice.errors import ConvergenceError, InputError, PrecisionWarning
 from ilattice.homogenize import bloch, conductive, conductive_voxels, elastic, voxels
 
 coarse = pytest.mark.filterwarnings("ignore:the cells are too coarse")
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:the voxels are too coarse"),
+    pytest.mark.filterwarnings("ignore:it is not known by how much"),
+]
 HEXAGONAL = np.array([[1.0, 0.5, 0.0], [0.0, 0.75**0.5, 0.0], [0.0, 0.0, 1.3]])
 SHEARED = np.array([[1.0, 0.3, 0.0], [0.1, 0.8, -0.2], [0.0, 0.2, 1.3]])
 #: Copper, in GPa and 1000 kg/m³, so that speeds are in km/s.

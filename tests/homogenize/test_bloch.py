@@ -311,6 +311,8 @@ def test_points_of_lattices():
         (full, {"count": 300}, "count = 300 is too many for 81 unknowns"),
         (full, {"steps": 0}, "steps must be"),
         (full, {"tol": 0.0}, "tol must be"),
+        (full, {"tol": 1.0}, "tol must be between 1e-12 and 0.1, got 1.0"),
+        (full, {"pathh": "GX"}, "bloch has no option 'pathh'"),
         (full, {"modes": "yes"}, "modes must be"),
         (full, {"density": 0.0}, "density: the solid has no mass"),
         (full, {"density": np.nan}, "density must be"),

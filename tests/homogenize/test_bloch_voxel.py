@@ -6,11 +6,16 @@ import pytest
 from scipy.linalg import eigh
 
 import ilattice as il
-from ilattice.errors import ConvergenceError, GeometryError, InputError
+from ilattice.errors import ConvergenceError, GeometryError, InputError, PrecisionWarning
 from ilattice.homogenize import bloch_voxels, voxels
 from ilattice.homogenize._spectral import VoxelGrid
 from ilattice.homogenize.bloch_voxel import VoxelWaves
 
+#: Of small grids, which is what tests take; one looks at the warnings.
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:the voxels are too coarse"),
+    pytest.mark.filterwarnings("ignore:it is not known by how much"),
+]
 MU, LAM = 0.5 / 1.3, 0.3 / 1.3 / 0.4
 
 
@@ -139,12 +144,24 @@ def test_steps_do_not_grow_with_the_number_of_voxels():
         (np.ones((4, 4, 4), bool), {"density": (1, 2, 3)}, InputError, "density"),
         (np.ones((4, 4, 4), bool), {"path": "GQ"}, InputError, "Q"),
         (np.ones((4, 4, 4), bool), {"tol": -1}, InputError, "tol"),
+        (np.ones((4, 4, 4), bool), {"tol": 1.0}, InputError, "tol must be between 1e-12 and 0.1"),
         (np.ones((4, 4), bool), {}, InputError, "array"),
     ],
 )
 def test_wrong_arguments(array, options, kind, told):
     with pytest.raises(kind, match=told):
         bloch_voxels(array, **{"count": 3, "steps": 1, **options})
+
+
+def test_errors_are_told():
+    solid = np.ones((4, 4, 4), bool)
+    with pytest.warns(
+        PrecisionWarning, match=r"square of a frequency .* \(il.homogenize.bloch\)"
+    ) as w:
+        bands = bloch_voxels(solid, path=[(0.5, 0, 0)], steps=1, count=3)
+    assert f"about {200 * bands.error:.2g} %" in str(w[0].message)
+    with pytest.warns(PrecisionWarning, match="not known by how much the square of a frequency"):
+        bloch_voxels(solid[:3], path=[(0.5, 0, 0)], steps=1, count=3)
 
 
 def test_what_cannot_be_found_is_said_and_modes_are_not_kept():

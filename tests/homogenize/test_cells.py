@@ -355,16 +355,35 @@ def test_orders_of_the_stiffness_in_smooth_cells():
         (full, 6, {"poisson": 0.5}, "poisson must be"),
         (full, 6, {"young": 0.0}, "young must be above 0"),
         (full, 6, {"through": il.macroshape.torus()}, "through must be a cell"),
-        (full, 6, {"nothing": 1}, "nothing"),
+        (full, 6, {"degre": 1}, "elastic has no option 'degre'; names like it: degree"),
         ("no tile", 6, {}, "no tile"),
+        ("abs(w - 0.5) - 0.15", 6, {}, "made of an equation by il.fields.equation"),
+        (
+            full,
+            6,
+            {"through": il.macroshape.cell(2.0), "domain": [[0] * 3, [2] * 3]},
+            "domain leaves that of through, .* leave it out",
+        ),
         (il.Lattice("gyroid", through=il.macroshape.cell(), repeat=1), 6, {}, "a thickness by"),
         (3.0, 6, {}, "field"),
         (np.ones((4, 4, 4)), 6, {}, r"voxels are for il.homogenize.voxels"),
     ],
 )
 def test_wrong_arguments(field, cells, options, told):
-    with pytest.raises((InputError, TypeError), match=told):
+    with pytest.raises(InputError, match=told):
         elastic(field, cells, **options)
+
+
+def test_options_that_do_not_exist():
+    """Names tell of what was called, and nothing is computed before."""
+    with pytest.raises(InputError, match=r"conductive has no option 'young'"):
+        il.homogenize.conductive(full, 4, young=1.0)
+    with pytest.raises(InputError, match=r"ElasticCell has no option 'estimate'"):
+        ElasticCell(full, 4, estimate=False)
+    with pytest.raises(
+        InputError, match=r"sweep: options has no option 'smoothnes'; .* smoothness"
+    ):
+        il.homogenize.sweep("gyroid", options={"smoothnes": 1})
 
 
 def test_empty_cells_and_grids_that_are_not_closed():

@@ -9,6 +9,10 @@ import ilattice as il
 from ilattice.homogenize import elastic
 
 coarse = pytest.mark.filterwarnings("ignore:the cells are too coarse")
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:the voxels are too coarse"),
+    pytest.mark.filterwarnings("ignore:it is not known by how much"),
+]
 YOUNG, POISSON, ALPHA = (1.0, 10.0), (0.3, 0.2), (1e-5, 4e-5)
 
 

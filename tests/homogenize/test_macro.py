@@ -111,6 +111,7 @@ def test_wrong_arguments():
     for given, told in (
         ({"stiffness": np.eye(6)}, "stiffness"),
         ({"samples": 1}, "samples"),
+        ({"smothness": 1}, "macro has no option 'smothness'; names like it: smoothness"),
         ({"density": -1.0}, "density"),
         ({"estimate": 3}, "estimate"),
         ({"young": -1.0}, "young"),

@@ -14,6 +14,11 @@ from ilattice.homogenize import conductive_voxels, voxels
 from ilattice.homogenize._spectral import VoxelGrid, prolonged, restricted
 
 TURN = np.eye(3)[[1, 2, 0]]
+#: Of small grids, which is what most tests take; two look at the warnings.
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:the voxels are too coarse"),
+    pytest.mark.filterwarnings("ignore:it is not known by how much"),
+]
 
 
 @pytest.fixture(autouse=True)
@@ -178,6 +183,43 @@ def test_errors_cover_what_finer_voxels_change():
     assert (np.diag(coarse.errors) < 9 * change).all()
     assert np.isnan(voxels(labels[:5], young=(0.1, 1.0)).error)
     assert np.isnan(voxels(labels, young=(0.1, 1.0), estimate=False).error)
+
+
+@pytest.mark.parametrize(
+    ("of", "name"),
+    [
+        (lambda a, **o: voxels(a, young=(0.3, 1.0), **o), "the effective stiffness"),
+        (lambda a, **o: conductive_voxels(a, conductivity=(0.3, 1.0), **o), "the .* conductivity"),
+    ],
+)
+def test_errors_are_told(of, name):
+    """As those of cut cells are: with the number, or why there is none; not of what is exact."""
+    random = np.random.default_rng(8).integers(0, 2, (4, 4, 4))
+    with pytest.warns(PrecisionWarning, match=f"{name} is off by about .* take cut cells") as told:
+        eff = of(random)
+    assert told[0].filename == __file__
+    assert 0.02 < eff.error < 1.0
+    assert f"about {100 * eff.error:.2g} %" in str(told[0].message)
+    with pytest.warns(PrecisionWarning, match=f"not known by how much {name} .* 4 x 4 x 3 voxels"):
+        of(random[:, :, :3])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        of(random, estimate=False)
+        layers = np.ones((6, 5, 4), int)
+        assert of(layers).error == 0.0  # nothing to relax: exact for odd numbers, too
+        layers = layers[:, :4]
+        layers[:2] = 0
+        assert of(layers).error < 1e-8
+
+
+def test_stiffnesses_of_any_size_have_bounds():
+    labels = np.zeros((4, 4, 4), int)
+    labels[:2] = 1
+    with pytest.warns(PrecisionWarning, match="along x: only voids") as told:
+        eff = voxels(labels, young=(1.0, 1e300))
+    assert len(told) == 1
+    assert np.isfinite([*eff.bounds.bulk, *eff.bounds.shear, *eff.margins.values()]).all()
+    assert eff.bounds.shear[1] > 1e299
 
 
 def test_meanings_of_arrays():
