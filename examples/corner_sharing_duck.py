@@ -26,7 +26,7 @@ def main(resolution: int = 3, h: float = 0.014, out: str = "") -> dict[str, floa
         mesh.save(f"{out}.stl")
         mesh.screenshot(f"{out}.png")
         beams.slices(np.linspace(*beams.bounds[:, 2], 12)[1:-1]).save(f"{out}.cli")
-        il.cost.drawing.plot(k, filled=True, screenshot=f"{out}_graph.png")
+        k.plot(filled=True, screenshot=f"{out}_graph.png")
     return {
         "rank less three vertices and six": found.rank - 3 * len(k.positions) + 6,
         "self-stresses": found.self_stresses,

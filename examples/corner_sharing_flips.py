@@ -26,7 +26,7 @@ def main(resolution: int = 12, out: str = "") -> dict[str, float]:
     tame = flips.randomised(wild, 80 * len(k.simplices), seed=2, target=lambda e: e**2)
     if out:
         for name, what in (("hole", hole), ("random", wild), ("short", tame)):
-            il.cost.drawing.plot(what, filled=True, screenshot=f"{out}_{name}.png")
+            what.plot(filled=True, screenshot=f"{out}_{name}.png")
     return {
         "largest radius over the least": r.max() / r.min(),
         "corners of the hole": len(ring),

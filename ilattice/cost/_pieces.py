@@ -154,7 +154,8 @@ def part(
     piece: Piece,
 ) -> Node:  # fmt: skip
     """The field of a piece."""
-    sort, *rest = as_numbers("numbers", piece, max(len(vertices), len(pairs))).tolist() or [BALL]
+    most = max(len(vertices), len(pairs), BALL + 1)
+    sort, *rest = as_numbers("numbers", piece, most).tolist() or [BALL]
     most = len(vertices) if sort == BALL else len(pairs)
     if sort > BALL or not rest or max(rest) >= most or (sort != DISTANCE and len(rest) > 1):
         raise InputError(f"numbers must be a piece of parts_on, got {piece!r:.80}")

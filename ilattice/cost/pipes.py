@@ -164,6 +164,8 @@ def pipes(k: CornerSharing, radius: Any) -> Pipes:
     if k.dim != 3:
         raise InputError("pipes are for structures in space")
     edges, x = k.edges, np.array(k.positions)
+    if not len(edges):
+        raise GeometryError("the structure has no edges, so no pipes")
     r = radii_of(k, x, radius)
     count = np.bincount(edges.ravel(), minlength=len(x))
     if count.max() > 6:

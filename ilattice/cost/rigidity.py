@@ -371,6 +371,21 @@ def _by_elimination(R: csr_array, columns: IntArray) -> tuple[FloatArray, FloatA
     return Z, np.sqrt(pivots)
 
 
+def extended(k: CornerSharing, ends: IntArray, Z: FloatArray) -> FloatArray:
+    """Motions (d n, z) of all vertices from those of some, which keep all lengths."""
+    R = csr_array(matrix(k) / _size(k))
+    columns = (k.dim * ends[:, None] + np.arange(k.dim)).ravel()
+    rest = np.setdiff1d(np.arange(R.shape[1]), columns)
+    out = np.zeros((R.shape[1], Z.shape[1]))
+    out[columns] = Z
+    if len(rest):
+        A = csc_array(R[:, rest])
+        right = np.asarray(A.T @ (R[:, columns] @ Z))
+        inner = splu(csc_array(A.T @ A), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0)
+        out[rest] = -inner.solve(right)
+    return out
+
+
 def _orthonormal(Z: FloatArray) -> FloatArray:
     """Orthonormal basis of the columns, fewer than these if they depend on each other."""
     Q, upper, _ = qr(Z, mode="economic", pivoting=True, check_finite=False)

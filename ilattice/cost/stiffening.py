@@ -20,11 +20,12 @@ from scipy.optimize import Bounds, LinearConstraint, milp
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
+from ilattice._memory import need
 from ilattice._typing import ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_choice, as_flag, as_kind, as_positive, as_whole
 from ilattice.cost.joining import boundary_faces
 from ilattice.cost.refinement import area, facets
-from ilattice.cost.rigidity import TOLERANCE, motions
+from ilattice.cost.rigidity import TOLERANCE, extended, motions
 from ilattice.cost.structure import CornerSharing, _numbers
 from ilattice.errors import GeometryError, IlatticeError, InputError, PrecisionWarning
 
@@ -175,18 +176,33 @@ def _matroid(k: CornerSharing, first: IntArray | None, reach: float | None) -> I
     if missing == 0:
         return kept
     reaches = REACHES if reach is None else (as_positive("reach", reach),)
-    found = 0
+    bars, Z = _reached(k, ends, Z, kept, missing, reaches)
+    if len(bars) < missing and len(ends) < len(k.positions):  # inner vertices take part, too
+        kept, everywhere = np.concatenate([kept, bars]), np.arange(len(k.positions))
+        missing -= len(bars)
+        bars, Z = _reached(k, everywhere, extended(k, ends, Z), kept, missing, reaches)
+    if len(bars) < missing:
+        raise GeometryError(
+            f"bars up to {reaches[-1]:g} mean lengths of edges reach a rank of "
+            f"{rank + wanted - missing + len(bars)} of {rank + wanted}: give a larger reach, or "
+            "use generic=True if the positions are regular"
+        )
+    return np.concatenate([kept, bars])
+
+
+def _reached(
+    k: CornerSharing, ends: IntArray, Z: FloatArray, kept: IntArray, missing: int,
+    reaches: tuple[float, ...],
+) -> tuple[IntArray, FloatArray]:  # fmt: skip
+    """As many independent bars as are missing, or as the last reach has, and motions left."""
     for r in reaches:
         new = candidates(k, ends, r * float(k.lengths.mean()), kept)
-        picked = _pivots(_rows(k, new, ends, Z), missing)
-        found = len(picked)
-        if found == missing:
-            return np.concatenate([kept, new[np.sort(picked)]])
-    raise GeometryError(
-        f"bars up to {reaches[-1]:g} mean lengths of edges reach a rank of "
-        f"{rank + len(kept) + found} of {rank + wanted}: give a larger reach, or use generic=True "
-        "if the positions are regular"
-    )
+        need(24.0 * len(new) * Z.shape[1], f"a choice from {len(new)} bars", "give a smaller reach")
+        rows = _rows(k, new, ends, Z)
+        picked = np.sort(_pivots(rows, missing))
+        if len(picked) == missing:
+            break
+    return new[picked], _without(Z, rows[picked])
 
 
 def candidates(k: CornerSharing, ends: IntArray, reach: float, known: IntArray) -> IntArray:

@@ -29,6 +29,8 @@ BALANCED = 1e-9
 SINGULAR = 1e-11
 #: Residual above which forces are refused.
 USELESS = 1e-6
+#: Squares of loads above this, or below its inverse, are no numbers.
+MOST = 1e140
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,8 +82,8 @@ class Stress(Frozen):
 
         Returns
         -------
-        matplotlib.axes.Axes
-            The picture.
+        object
+            What pyvista returns, None for a file.
         """
         from ilattice.cost.drawing import plot
 
@@ -125,6 +127,11 @@ def stress(
     f = as_array("loads", loads, ndim=2)
     if f.shape != k.positions.shape:
         raise InputError(f"loads must have shape {k.positions.shape}, got {f.shape}")
+    top = float(np.abs(f).max())
+    if not 1.0 / MOST <= (top or 1.0) <= MOST:
+        raise InputError(
+            f"loads must be from {1 / MOST:g} to {MOST:g}, got {top:.3g}: change units"
+        )
     EA = None if stiffness is None else _stiffness(k, stiffness)
     held = None if supports is None else as_rows("supports", supports, len(f))
     if held is None:
@@ -231,7 +238,15 @@ def factorised(A: csc_array, k: CornerSharing) -> Any:
 
 def _slack(k: CornerSharing) -> str:
     told = "the structure is not rigid at these positions, though it has enough edges"
-    return f"{told} ({len(k.edges)}): see `rigidity()`, or stiffen it in the mode 'matroid'"
+    remedy = (
+        ", or stiffen it in the mode 'matroid'"
+        if len(k.bars) == 0
+        else (
+            "; bars of the mode 'matroid' may be lost in rounding "
+            "where lengths differ by many decades"
+        )
+    )
+    return f"{told} ({len(k.edges)}): see `rigidity()`{remedy}"
 
 
 def _on_coarse(up: Coarse, f: FloatArray) -> FloatArray:

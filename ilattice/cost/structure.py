@@ -94,6 +94,8 @@ class CornerSharing(Frozen):
         x = as_array("positions", self.positions, ndim=2, flags=False)
         if x.shape[1] not in (2, 3):
             raise InputError(f"positions must have shape (n, 2) or (n, 3), got {x.shape}")
+        if not len(x):
+            raise InputError("positions must have one row or more: an empty structure is none")
         put = object.__setattr__
         put(self, "positions", np.array(x))
         put(self, "simplices", _numbers("simplices", self.simplices, x.shape[1] + 1, len(x)))
@@ -284,6 +286,8 @@ class CornerSharing(Frozen):
 
         a = as_not_negative("amount", amount)
         rng = np.random.default_rng(as_whole("seed", seed, 0, 2**63 - 1))
+        if not len(self.edges):
+            raise GeometryError("the structure has no edges, so no length that moves are parts of")
         step = a * float(self.lengths.mean())
         return self.moved(self.positions + rng.uniform(-step, step, self.positions.shape))
 
@@ -503,6 +507,23 @@ class CornerSharing(Frozen):
         from ilattice.cost.pipes import pipes
 
         return pipes(self, radius)
+
+    def plot(self, **options: Any) -> Any:
+        """Edges as tubes; see `ilattice.cost.drawing.plot`.
+
+        Parameters
+        ----------
+        **options
+            See there.
+
+        Returns
+        -------
+        object
+            What pyvista returns, None for a file.
+        """
+        from ilattice.cost.drawing import plot
+
+        return plot(self, **options)
 
     def is_embedded(self) -> bool:
         """Whether no two simplices overlap; see `ilattice.cost.embedding.overlaps`.

@@ -20,8 +20,10 @@ from ilattice._validate import read_only
 from ilattice.cutfem.space import SplineSpace
 from ilattice.quadrature.grid import DividedGrid
 
-#: Entries of P below this are rounding.
-NONE = 1e-12
+#: Entries of P below this are rounding, and so are those below as many roundings of coordinates, in
+#: lengths of cells: far from the origin they would tie nodes to each other that have nothing in
+#: common.
+NONE, ROUNDINGS = 1e-12, 64.0
 
 
 def coarser(space: SplineSpace) -> tuple[SplineSpace, Any] | None:
@@ -114,7 +116,9 @@ def _combinations(
         for a in range(3)
     ]
     entries = np.einsum("ni,nj,nk->nijk", *rows).ravel()
-    entries[np.abs(entries) < NONE] = 0.0
+    coordinates = [np.abs(x).max() / np.diff(x).min() for x in space.grid.axes]
+    noise = ROUNDINGS * np.finfo(np.float64).eps * max(coordinates)
+    entries[np.abs(entries) < max(NONE, noise)] = 0.0
     columns = coarse.dofs[owner[element]].ravel()
     P = csr_array((entries, columns, m * np.arange(n + 1)), shape=(n, len(coarse)))
     P.eliminate_zeros()

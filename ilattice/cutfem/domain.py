@@ -135,18 +135,21 @@ class Domain(Frozen):
     # ---------------------------------------------------------------- rules
 
     @cached_property
-    def _volume(self) -> Quadrature:
-        return self.cut.volume(self.q)
+    def _divided(self) -> tuple[ElementGrid, Quadrature]:
+        """Elements, and the rule by elements; that by cells, which may be large, is not kept."""
+        rule = self.cut.volume(self.q)
+        elements = elements_of(self.cut, rule)
+        return elements, elements.divided(rule)
 
-    @cached_property
+    @property
     def elements(self) -> ElementGrid:
         """The cells, and further elements where the solid in a cell is in several pieces."""
-        return elements_of(self.cut, self._volume)
+        return self._divided[0]
 
-    @cached_property
+    @property
     def volume(self) -> Quadrature:
         """Rule on the solid, in parameters, by elements."""
-        return self.elements.divided(self._volume)
+        return self._divided[1]
 
     @cached_property
     def wet(self) -> tuple[Quadrature, ...]:

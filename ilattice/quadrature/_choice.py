@@ -18,6 +18,7 @@ CHECKS = 8  # random points per box at which interpolants are compared
 EXACT = 1e-11  # of coefficients: interpolants are called exact below
 NOISE = 1e-14  # of values of fields: below this part of the largest they are zero
 PLACES = 1e-15  # the same, times the distance from zero in lengths of the box
+RESOLVED = 1e-4  # interpolants may be off by this part of what fields change by, however thin these
 BATCH = 1 << 10  # boxes interpolated at once
 STEP = 1e-4  # of a box: for slopes
 #: Part of a box, without bounds, in which solid may be missed though no point that was looked at
@@ -242,7 +243,11 @@ class Splits:
     def _interpolated(
         self, leaf: IntArray, box: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray, AnyArray]:
-        """Coefficients, their error, the part of signs that are wrong, and whether signs differ."""
+        """Coefficients, their error, the part of signs that are wrong, and whether they differ.
+
+        Signs differ where the interpolant follows the field on both sides of zero: one that is off
+        by more than the field is deep may miss a solid that is thin, or hold one that is not there.
+        """
         P = self.degree + 1
         t = self._sites
         u = np.empty((len(box), P, P, P, 3))
@@ -261,7 +266,9 @@ class Splits:
         off = np.abs(c @ B.T - seen).max(axis=1)
         every = np.concatenate([values.reshape(-1, P**3), seen], axis=1)
         wrong = ((c @ B.T < 0.0) != (seen < 0.0)).mean(axis=1)
-        crossed = (every.min(axis=1) < 0.0) & (every.max(axis=1) > 0.0)
+        low, high = every.min(axis=1), every.max(axis=1)
+        seen_there = np.maximum(0.5 * np.minimum(-low, high), RESOLVED * (high - low))
+        crossed = (low < 0.0) & (high > 0.0) & (off <= seen_there)
         return c, off, np.maximum(wrong, LEAST_DOUBT), crossed
 
     def _values(self, leaf: IntArray, u: FloatArray) -> FloatArray:

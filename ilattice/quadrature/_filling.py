@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._memory import need
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.quadrature import _kernels_drive as kernels
 
@@ -117,6 +118,13 @@ class Rows:
         starts = self.count + np.cumsum(used) - used
         self.count += int(used.sum())
         if self.count > len(self.arrays[1]):
+            expected = self.count / done
+            need(
+                (57.0 if self.wide else 32.0) * (2.0 * expected - self.count),
+                f"a rule of about {expected:.1g} points, and one sorted",
+                "use fewer cells, a smaller q or a part of the solid: a thin beam takes points in "
+                "proportion to its length over its radius",
+            )
             self._resize(min(int(1.03 * self.count / done) + 1, 2 * self.count))
         kernels.gather(arena, room, starts, used, *self.arrays)
 

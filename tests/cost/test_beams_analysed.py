@@ -108,3 +108,16 @@ def test_distances_of_pieces_are_those_of_beams_also_where_one_ball_holds_the_ot
         p[:100] = x[0] + rng.uniform(-1, 2, (100, 1)) * (x[1] - x[0])
         np.testing.assert_allclose(b.part((0, 0)).values(p), b.values(p), atol=1e-12)
     assert held > 3
+
+
+@pytest.mark.parametrize("r", [0.15, 0.07, 0.03, 0.012])
+def test_thin_beams_in_large_cells_keep_their_volume(r):
+    rng = np.random.default_rng(int(1e4 * r))
+    a, b = rng.uniform(0.2, 0.9, 3), rng.uniform(2.1, 2.8, 3)  # no other beam is near
+    beam = il.cost.Beams([a, b], [[0, 1]], [[r, r]])
+    cut = il.cutfem.cut(beam, 3, domain=[[0, 0, 0], [3, 3, 3]])
+    rule = cut.volume()
+    exact = np.pi * r * r * (np.linalg.norm(b - a) + 4.0 / 3.0 * r)
+    off = abs(rule.weights.sum() / exact - 1.0)
+    assert off <= max(2.0 * cut.pieces.error, 1e-4)
+    assert off < 0.02

@@ -9,7 +9,8 @@ import trimesh
 
 import ilattice as il
 from ilattice.cost import boxspline, counting, flips, mapping, refinement, rigidity, slicing
-from ilattice.errors import GeometryError, InputError, PrecisionWarning
+from ilattice.cost.drawing import drawn
+from ilattice.errors import GeometryError, IlatticeError, InputError, PrecisionWarning
 
 CORNERS = np.array([(0, 0, 0), (1, 0.1, 0), (0.3, 0.9, 0.1), (0.2, 0.3, 0.8)])
 
@@ -152,3 +153,57 @@ def test_a_tolerance_does_not_lose_thin_beams():
     exact = [np.pi * r * r * (n + 4.0 / 3.0 * r) for r, n in zip((0.03, 0.3), lengths, strict=True)]
     assert len(parts) == 2
     assert (np.abs(np.array(parts) / exact - 1.0) < (0.2, 0.02)).all()
+
+
+@pytest.mark.parametrize("resolution", [15, 20])
+def test_bars_from_inside_where_those_between_outer_vertices_do_not_reach(resolution):
+    k = il.cost.kagome(resolution, dim=2).stiffened()
+    reach = np.linalg.norm(np.diff(k.positions[k.bars], axis=1)[:, 0], axis=1) / k.lengths.mean()
+    assert reach.max() < 12.5
+    assert np.linalg.matrix_rank(il.cost.rigidity.matrix(k).toarray()) == k.positions.size - 3
+    assert k.deficit == 0
+
+
+def test_structures_of_nothing_are_refused():
+    with pytest.raises(InputError, match="one row or more"):
+        il.cost.CornerSharing(np.zeros((0, 3)), np.zeros((0, 4)))
+    points = il.cost.CornerSharing(np.random.default_rng(0).random((5, 3)), np.zeros((0, 4), int))
+    for ask in (
+        lambda: points.rank,
+        points.perturbed,
+        points.stiffened,
+        lambda: points.pipes(0.1),
+        lambda: points.beams(0.1),
+        points.plot,
+    ):
+        with pytest.raises(IlatticeError, match=r"no edges|no beam"):
+            ask()
+
+
+@pytest.mark.parametrize("size", [1e200, 1e-200])
+def test_loads_without_squares_are_refused(size):
+    k = il.cost.kagome(3).stiffened()
+    f = il.cost.stress.balanced(k, np.random.default_rng(0).normal(size=k.positions.shape))
+    with pytest.raises(InputError, match="change units"):
+        k.stress(size * f)
+    assert np.allclose(k.stress(1e120 * f).bars, 1e120 * k.stress(f).bars, rtol=1e-9)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_pictures_tell_tension_from_compression(dim):
+    k = il.cost.kagome(3, dim=dim).stiffened()
+    f = il.cost.stress.balanced(k, np.random.default_rng(1).normal(size=k.positions.shape))
+    scene = drawn(k, values=k.stress(f).bars)
+    values = np.concatenate([x.data.cell_data["force"] for x in scene.layers])
+    assert len(np.unique(values)) == len(k.edges)
+    limits = {tuple(x.style["clim"]) for x in scene.layers}
+    assert limits == {(-np.abs(values).max(), np.abs(values).max())}
+    picture = scene.image().astype(int)
+    red = (picture[..., 0] > picture[..., 2] + 40).mean()
+    blue = (picture[..., 2] > picture[..., 0] + 40).mean()
+    assert red > 0.005
+    assert blue > 0.005
+    with pytest.raises(InputError, match="bogus"):
+        k.plot(bogus=1)
+    with pytest.raises(InputError, match="radius"):
+        k.plot(radius=-1.0)

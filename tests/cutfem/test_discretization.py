@@ -338,6 +338,18 @@ def test_stiff_springs_hide_no_error(p):
 
 
 @pytest.mark.filterwarnings("ignore:the cells are too coarse")
+@pytest.mark.parametrize("p", [1, 2])
+@pytest.mark.parametrize("far", [(3e3, -7e4, 2e4), (1e6, 2e6, -3e6)])
+def test_far_from_the_origin_the_estimate_is_the_same(far, p):
+    def error(move):
+        box = np.add([[0.0, 0.0, 0.0], [0.7, 1.1, 1.9]], move)
+        bar = il.cutfem.Elasticity(lambda u: -np.ones(len(u)), (5, 6, 7), domain=box, degree=p)
+        return bar.clamp("w=0").load(body=(0.1, 0.3, -1.0)).solve().report.discretization_error
+
+    assert error(far) == pytest.approx(error((0.0, 0.0, 0.0)), rel=0.01)
+
+
+@pytest.mark.filterwarnings("ignore:the cells are too coarse")
 def test_errors_of_thermal_stress_are_parts_of_its_energy():
     ball = il.cutfem.Elasticity(
         il.fields.sphere(0.8), 5, domain=[[-0.9] * 3, [0.9] * 3], expansion=1e-3
