@@ -45,7 +45,7 @@ from ilattice.errors import ConvergenceError, GeometryError, InputError
 from ilattice.offsets import _kernels, _kernels_newton, _kernels_seeds
 from ilattice.offsets._kernels_jets import UPRIGHT
 from ilattice.offsets._kernels_patches import PLAIN
-from ilattice.offsets.covering import FINER, REFINED, Covering
+from ilattice.offsets.covering import FINER, Covering
 from ilattice.offsets.mending import mended, started
 from ilattice.offsets.retrying import Boxes, doubtful, in_order, retried, singly
 from ilattice.offsets.seeding import apart, between, downhill, layered, sharpest
@@ -260,7 +260,7 @@ class ClosestPointSearch(TileSpace):
             covering = Covering.of(self, self._project(centres, m), m)
             if covering.crowded:
                 self.looked_at = AMONG_ADDED
-            for p, part in ((covering.plain, 1), (covering.sharp, REFINED)):
+            for part, p in ((1, covering.plain), *covering.sharp.items()):
                 out.append((p + shift).reshape(-1, 3))
                 cells.append(np.broadcast_to(1.0 / (part * m), out[-1].shape))
         return np.concatenate(out), np.concatenate(cells)

@@ -1,9 +1,8 @@
 """Seeds that cover the surface of one tile, closer together where it bends sharply.
 
-Guarantees: those of `seeding`; along edges, where normals turn by more than `EDGED` over a cell,
-points of a grid of `EDGES` planes per direction have a seed that faces alike within about a cell of
-a `REFINED` th of the size. Non-guarantee: edges rounder than a space of that grid may have normals
-between those of their seeds.
+Guarantees: those of `seeding`; along edges, where normals of splines turn much over a cell, points
+of a grid of `EDGES` planes per direction have a seed that faces alike within about a smaller cell.
+Non-guarantee: edges sharper than that grid may have normals between those of their seeds.
 """
 
 from __future__ import annotations
@@ -13,20 +12,22 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ilattice._typing import FloatArray, IntArray
+from ilattice.bspline import BSpline
 from ilattice.offsets.seeding import bends, crossings, gaps, regular
 from ilattice.tiles.trig import TrigField
 
 if TYPE_CHECKING:
     from ilattice.offsets.space import TileSpace
 
-#: Seeds that were missed crowd where they are more than this part of the others.
+#: Seeds that were added crowd where they are more than this part of the others.
 CROWDING = 0.02
 #: Planes per direction between which splines are searched for surfaces that seeds have missed, and
 #: trigonometric tiles, per seed.
 FINE, FINER = 65, 4
-#: Normals that turn by more than this over a cell make an edge; there, cells are parts of that
-#: size, and planes per direction between which edges are searched.
-EDGED, REFINED, EDGES = 4.0, 4, 129
+#: Normals of splines that turn by more than this over a cell make an edge, where cells are smaller
+#: by these factors; planes per direction between which edges are sought. Trigonometric fields bend
+#: evenly, and lead to edges from farther away.
+EDGED, EDGES = {4: 4.0, 2: 2.0}, 129
 
 
 class Covering(NamedTuple):
@@ -36,14 +37,14 @@ class Covering(NamedTuple):
     ----------
     plain : ndarray, shape (n, 3)
         One in each cell about, and more where they leave gaps.
-    sharp : ndarray, shape (s, 3)
-        More along edges.
+    sharp : dict
+        More along edges, (s, 3), for each part of a cell that they stand for.
     crowded : bool
         Whether many of them crowd on one sheet.
     """
 
     plain: FloatArray
-    sharp: FloatArray
+    sharp: dict[int, FloatArray]
     crowded: bool
 
     @classmethod
@@ -74,13 +75,17 @@ class Covering(NamedTuple):
         more = space._project(gaps(field, points, p, m), m)
         more = more[regular(field, more)]
         plain = np.concatenate([p, more])
-        sharp = np.empty((0, 3))
-        if (_turns(space, points, m) > EDGED).any():
+        sharp: dict[int, FloatArray] = {}
+        turns = _turns(space, points, m)
+        if isinstance(field, BSpline) and (turns > min(EDGED.values())).any():
             points = crossings(field, EDGES)
-            points = points[_turns(space, points, m) > EDGED]
-            sharp = space._project(gaps(field, points, plain, REFINED * m), REFINED * m)
-            sharp = sharp[regular(field, sharp)]
-        return cls(plain, sharp, len(more) > CROWDING * len(p))
+            turns = _turns(space, points, m)
+            for n, least in EDGED.items():
+                there = np.concatenate([plain, *sharp.values()])
+                new = space._project(gaps(field, points[turns > least], there, n * m), n * m)
+                sharp[n] = new[regular(field, new)]
+        added = len(more) + sum(len(s) for s in sharp.values())
+        return cls(plain, sharp, added > CROWDING * len(p))
 
 
 def _turns(space: TileSpace, points: FloatArray, m: IntArray) -> FloatArray:

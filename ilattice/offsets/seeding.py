@@ -135,7 +135,7 @@ def gaps(field: Any, points: FloatArray, seeds: FloatArray, m: IntArray) -> Floa
     points = points[regular(field, points)]
     normal = _normals(field, points)
     far = np.ones(len(points), np.bool_)
-    if len(seeds):
+    if len(seeds) and len(points):
         tree = cKDTree(seeds * m)
         found: Any = tree.query(points * m, k=min(LOOKED_AT, len(seeds)), distance_upper_bound=NEAR)
         number = found[1].reshape(len(points), -1)
