@@ -184,6 +184,15 @@ def at_bounds(p, d, box, fixed):
 
 
 @inner(fastmath=FAST, error_model="numpy")
+def on_bounds(p, box):
+    """Whether p is on a face of the box."""
+    for a in range(3):
+        if p[a] <= box[0, a] or p[a] >= box[1, a]:
+            return True
+    return False
+
+
+@inner(fastmath=FAST, error_model="numpy")
 def vertex_foot(p, box, jr, t):
     """Whether p, on an edge or at a corner of the box, is a local minimum, and a multiplier.
 
@@ -393,6 +402,8 @@ def newton(
             p = clamp(p, box)
             d = (p[0] - old[0], p[1] - old[1], p[2] - old[2])
         moved = d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
+        if clip and on_bounds(p, box):
+            moved = 0.0  # along faces the surface is another one
         if small:
             y = (
                 m[0, 0] + m[0, 1] * d[0] + m[0, 2] * d[1] + m[0, 3] * d[2],
