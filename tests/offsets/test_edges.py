@@ -42,4 +42,4 @@ def test_no_sample_of_a_surface_with_sharp_edges_is_nearer(tile, count):
     near = cKDTree(samples(lattice.smooth_tile) * sides).query(u * sides)[0]
     too_far = np.abs(found.distance) / near - 1.0
     assert too_far.max() <= 1e-5
-    assert np.median(too_far) > -1e-2  # samples are as close together as they should be
+    assert np.median(too_far) > -5e-2  # samples are as close together as they should be
