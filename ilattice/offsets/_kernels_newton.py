@@ -5,7 +5,9 @@ with the full Hessian J'J + sum_c r_c Hess(T_c) + lambda Hess(I) (Hong et al., e
 printed eq. 12 lacks the last term and has x instead of T - x in the middle one), solved in
 the null space of grad I, where it is made positive definite if it is not. There is no line
 search: a merit function rejects good steps on curved constraints (the Maratos effect), which
-cost more starts than it saved.
+cost more starts than it saved. But a step that ends so far from the surface, by the field there,
+that the surface must bend away within it, as beside sharp edges, where fields level off behind
+them, is taken back by half.
 
 Guarantee: a status for every start; a converged foot is a local minimum, not a saddle.
 Non-guarantee: which local minimum. The arguments are those of `_kernels_jets`.
@@ -17,6 +19,9 @@ from ilattice._kernels import inner
 from ilattice.offsets._kernels_jets import FAST, map_jet, metric, solve_sym, sym, tangents, tile_jet
 
 MAX_ITERATIONS = 30
+#: Steps after which the surface is farther away, by the field, than this part of them are taken
+#: back by half, down to this length in tile coordinates.
+ASTRAY, LEAST_STEP = 0.5, 1e-3
 #: Where the lowest eigenvalue is less, a stationary point is a saddle, and left; clear ones early.
 SADDLE, CLEAR_SADDLE = -1e-3, -0.1
 #: Part of the gradient below which its other parts are rounding, as where a face of the domain is
@@ -179,6 +184,15 @@ def at_bounds(p, d, box, fixed):
 
 
 @inner(fastmath=FAST, error_model="numpy")
+def on_bounds(p, box):
+    """Whether p is on a face of the box."""
+    for a in range(3):
+        if p[a] <= box[0, a] or p[a] >= box[1, a]:
+            return True
+    return False
+
+
+@inner(fastmath=FAST, error_model="numpy")
 def vertex_foot(p, box, jr, t):
     """Whether p, on an edge or at a corner of the box, is a local minimum, and a multiplier.
 
@@ -305,6 +319,13 @@ def settled(size, last, d, dist, it, h, tol):
 
 
 @inner(fastmath=FAST, error_model="numpy")
+def astray(t, moved):
+    """Whether the field, of jet t, tells that a step of squared length `moved` was too long."""
+    slope = t[1] * t[1] + t[2] * t[2] + t[3] * t[3]
+    return moved > LEAST_STEP * LEAST_STEP and t[0] * t[0] > ASTRAY * ASTRAY * slope * moved
+
+
+@inner(fastmath=FAST, error_model="numpy")
 def newton(
     d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
     x, start, best, box, clip, h, tol, b, m, t, tab,
@@ -326,10 +347,17 @@ def newton(
     low = 1.0
     last = 0.0
     left = 0
+    longest = 2.0 * h
+    moved = 0.0
     y = (0.0, 0.0, 0.0)
     for it in range(MAX_ITERATIONS):
         map_jet(d0, d1, d2, k0, k1, k2, c, geom, p, 2, b, m)
         tile_jet(geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc, p, b, t, tab)
+        if astray(t, moved):
+            longest = last = 0.5 * min(longest, last)
+            moved *= 0.25
+            p = (0.5 * (old[0] + p[0]), 0.5 * (old[1] + p[1]), 0.5 * (old[2] + p[2]))
+            continue
         r = (m[0, 0] - x[0], m[1, 0] - x[1], m[2, 0] - x[2])
         fixed = (0, 0, 0)
         jr = r
@@ -358,19 +386,24 @@ def newton(
         last = size
         if it > 0 and not small and abandon(m, r, lam, size, low, best, h):
             return p, y, lam, low, it + 1, WORSE
-        saddle = low < SADDLE and (small or (size <= 0.01 * h and low < CLEAR_SADDLE))
-        if saddle and it < MAX_ITERATIONS - 1:
+        if low < SADDLE and (small or (size <= 0.01 * h and low < CLEAR_SADDLE)):
+            if it == MAX_ITERATIONS - 1:
+                break
             left = it + 1
             p = leave(m, t, x, lam, low, p, 0.3 * h, fixed, box, clip)
+            moved = 0.0
             continue
-        if size > 2.0 * h:
-            s = 2.0 * h / size
+        if size > longest:
+            s = longest / size
             d = (s * d[0], s * d[1], s * d[2])
         old = p
         p = (p[0] + d[0], p[1] + d[1], p[2] + d[2])
         if clip:
             p = clamp(p, box)
             d = (p[0] - old[0], p[1] - old[1], p[2] - old[2])
+        moved = d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
+        if clip and on_bounds(p, box):
+            moved = 0.0  # along faces the surface is another one
         if small:
             y = (
                 m[0, 0] + m[0, 1] * d[0] + m[0, 2] * d[1] + m[0, 3] * d[2],

@@ -1,4 +1,4 @@
-"""Compiled placing of the seeds from which closest points are searched: see `_kernels`.
+"""Compiled placing of the seeds from which closest points are searched: see `_kernels_patches`.
 
 Guarantee: the same result for any number of threads.
 """
@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 
 from ilattice._kernels import in_ranges, inner
-from ilattice.offsets._kernels import AROUND, BULGE, CHUNK, PLAIN, outside, seed_distance
+from ilattice.offsets._kernels import CHUNK
 from ilattice.offsets._kernels_jets import (
     BESIDE,
     FAST,
@@ -19,6 +19,7 @@ from ilattice.offsets._kernels_jets import (
     tile_jet,
 )
 from ilattice.offsets._kernels_newton import MAX_ITERATIONS, curvature
+from ilattice.offsets._kernels_patches import AROUND, BULGE, PLAIN, outside, seed_distance
 
 #: Cells that bend by more than they are wide may bend so many times farther than it seems.
 DOUBT = 2.0

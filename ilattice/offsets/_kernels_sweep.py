@@ -9,8 +9,8 @@ among them.
 import numpy as np
 from numba import njit, prange
 
-from ilattice.offsets._kernels import PLAIN, alike, in_reach, seed_distance, unlikely
 from ilattice.offsets._kernels_jets import FAST
+from ilattice.offsets._kernels_patches import PLAIN, alike, in_reach, seed_distance, unlikely
 
 LEAF, FAN = 4, 4
 CHUNK = 64

@@ -44,22 +44,14 @@ from ilattice._validate import (
 from ilattice.errors import ConvergenceError, GeometryError, InputError
 from ilattice.offsets import _kernels, _kernels_newton, _kernels_seeds
 from ilattice.offsets._kernels_jets import UPRIGHT
+from ilattice.offsets._kernels_patches import PLAIN
+from ilattice.offsets.covering import FINER, Covering
 from ilattice.offsets.mending import mended, started
 from ilattice.offsets.retrying import Boxes, doubtful, in_order, retried, singly
-from ilattice.offsets.seeding import (
-    apart,
-    between,
-    crossings,
-    downhill,
-    gaps,
-    layered,
-    regular,
-    sharpest,
-)
+from ilattice.offsets.seeding import apart, between, downhill, layered, sharpest
 from ilattice.offsets.space import TileSpace
 from ilattice.offsets.spacing import Spacing
 from ilattice.tiles.mixture import MixedField
-from ilattice.tiles.trig import TrigField
 
 if TYPE_CHECKING:
     from ilattice.macroshape.tiling import Tiling
@@ -67,8 +59,6 @@ if TYPE_CHECKING:
 #: Nearest seeds that are looked at first; and where seeds that were missed have been added, which
 #: crowd on one sheet so that the nearest ones may hide another.
 CANDIDATES, AMONG_ADDED = 8, 32
-#: That happens where they are more than this part of the others.
-CROWDING = 0.02
 #: Single starts where the nearest seed tells that a foot is missed, or none has led to any, and
 #: the most queries for which these are made at once.
 ALONE, MOST_ALONE = 200, 2000
@@ -84,9 +74,6 @@ MOST_REFINED = 4
 #: Where tiles meet in creases, surfaces bend sharply next to faces: so many times the seeds per
 #: direction; those up to so many cells away from a face do not tell the normals next to them.
 MORE, CREASED = 2, 1.5
-#: Planes per direction between which splines are searched for surfaces that seeds have missed, and
-#: trigonometric tiles, per seed.
-FINE, FINER = 65, 4
 
 
 @dataclass(frozen=True)
@@ -246,7 +233,7 @@ class ClosestPointSearch(TileSpace):
             normal[near, 3] = np.inf
         keep = np.flatnonzero(self._upright(p, 0.5 * UPRIGHT))  # what just counts has seeds around
         keep = keep[in_order(p[keep], x[keep], normal[keep])]
-        if normal.shape[1] == _kernels.PLAIN:
+        if normal.shape[1] == PLAIN:
             normal[keep, 3] = sharpest(x[keep], normal[keep, 3], spacing[keep])
         return tuple(np.ascontiguousarray(a[keep]) for a in (p, x, normal, spacing))
 
@@ -268,25 +255,15 @@ class ClosestPointSearch(TileSpace):
             centres = _cell_centres(m)
             if isinstance(self.lattice.smooth_tile, MixedField):
                 out.append(self._project((centres + shift).reshape(-1, 3), m))
-            else:
-                out.append((self._covering(self._project(centres, m), m) + shift).reshape(-1, 3))
-            cells.append(np.broadcast_to(1.0 / m, out[-1].shape))
+                cells.append(np.broadcast_to(1.0 / m, out[-1].shape))
+                continue
+            covering = Covering.of(self, self._project(centres, m), m)
+            if covering.crowded:
+                self.looked_at = AMONG_ADDED
+            for part, p in ((1, covering.plain), *covering.sharp.items()):
+                out.append((p + shift).reshape(-1, 3))
+                cells.append(np.broadcast_to(1.0 / (part * m), out[-1].shape))
         return np.concatenate(out), np.concatenate(cells)
-
-    def _covering(self, p: FloatArray, m: IntArray) -> FloatArray:
-        """Seeds of one tile, and more where they leave gaps.
-
-        Fields that level off, as those of skeletons, lead back to the surface from next to it only;
-        where surfaces meet, Newton's method leads to where they do, and that has no normal.
-        """
-        field = self.lattice.smooth_tile
-        p = p[regular(field, p)]
-        fine = FINER * int(self._least_seeds) + 1 if isinstance(field, TrigField) else FINE
-        more = self._project(gaps(field, crossings(field, fine), p, m), m)
-        more = more[regular(field, more)]
-        if len(more) > CROWDING * len(p):
-            self.looked_at = AMONG_ADDED
-        return np.concatenate([p, more])
 
     def _face_seeds(self, count: IntArray, closed: AnyArray) -> tuple[FloatArray, FloatArray]:
         """Seeds on curves and points in which the surface meets faces and edges, or has creases."""

@@ -89,7 +89,7 @@ def started(search: ClosestPointSearch, start: FloatArray) -> tuple[FloatArray, 
     Returns
     -------
     tuple of ndarray
-        Seeds, see `_kernels`.
+        Seeds, see `_kernels_patches`.
     """
     n = len(start)
     start = np.ascontiguousarray(start)
@@ -120,7 +120,7 @@ def _replace(
 
 
 def _reachable(search: ClosestPointSearch, p: FloatArray, q: FloatArray) -> AnyArray:
-    """Which feet p (n, 3) count for the queries q (n, 3), see `_kernels.reachable`."""
+    """Which feet p (n, 3) count for the queries q (n, 3), see `_kernels_patches.reachable`."""
     count, closed = np.array(search.lattice.repeat), np.array(search.lattice.through.closed)
     outside = (((p < 0.0) | (p > count)) & ~closed).any(axis=1)
     d = np.where(closed, p - q - count * np.rint((p - q) / count), p - q)

@@ -18,6 +18,7 @@ from scipy.spatial import cKDTree
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.offsets import _kernels, _kernels_newton, _kernels_sweep
+from ilattice.offsets._kernels_patches import AROUND, PLAIN
 
 if TYPE_CHECKING:
     from ilattice.offsets.closest import ClosestPointSearch
@@ -68,7 +69,7 @@ class Boxes(NamedTuple):
         x : ndarray, shape (s, 3)
             Seeds in space, see `in_order`.
         normal, spacing : ndarray, shape (s, k) and (s,)
-            Their normals and cells, and their spacings, see `_kernels`.
+            Their normals and cells, and their spacings, see `_kernels_patches`.
 
         Returns
         -------
@@ -97,15 +98,15 @@ def in_order(p: FloatArray, x: FloatArray, normal: FloatArray) -> IntArray:
     p, x : ndarray, shape (s, 3)
         Seeds in tile coordinates and in space.
     normal : ndarray, shape (s, k)
-        Their normals and cells, see `_kernels`: where cells are squeezed, seeds next to each other
-        in tiles follow each other, for in space there are others between them.
+        Their normals and cells, see `_kernels_patches`: where cells are squeezed, seeds next to
+        each other in tiles follow each other, for in space there are others between them.
 
     Returns
     -------
     ndarray, shape (s,)
         Their numbers.
     """
-    if normal.shape[1] == _kernels.PLAIN:
+    if normal.shape[1] == PLAIN:
         return np.asarray(cKDTree(x).indices, np.int64)
     return np.argsort(_morton(p), kind="stable")
 
@@ -124,11 +125,11 @@ def _morton(p: FloatArray) -> IntArray:
 def _slabs(x: FloatArray, normal: FloatArray, first: list[int]) -> FloatArray:
     """Slabs (b, 5) around what the seeds of boxes stand for, see `Boxes`."""
     out = np.tile([0.0, 0.0, 0.0, -np.inf, np.inf], (first[-1], 1))
-    if normal.shape[1] == _kernels.PLAIN:
+    if normal.shape[1] == PLAIN:
         return out
     cells, bend = (
-        normal[:, _kernels.PLAIN :][:, :9].reshape(-1, 3, 3),
-        normal[:, _kernels.PLAIN + 9],
+        normal[:, PLAIN:][:, :9].reshape(-1, 3, 3),
+        normal[:, PLAIN + 9],
     )
     told = np.asarray(cells.any(axis=(1, 2)))
     cells = np.where(told[:, None, None], cells, np.eye(3))
@@ -143,7 +144,7 @@ def _slabs(x: FloatArray, normal: FloatArray, first: list[int]) -> FloatArray:
         way /= np.maximum(np.linalg.norm(way, axis=1), 1e-300)[:, None]
         each = np.repeat(way, width, axis=0)[: len(x)]
         middle = np.einsum("sa,sa->s", x, each)
-        half = _kernels.AROUND * np.abs(np.einsum("sa,sak->sk", each, sides)).sum(axis=1) + bend
+        half = AROUND * np.abs(np.einsum("sa,sak->sk", each, sides)).sum(axis=1) + bend
         half = np.where(told, half, np.inf)
         out[i:j, :3] = way
         out[i:j, 3] = np.minimum.reduceat(middle - half, at)
@@ -155,11 +156,14 @@ def _slabs(x: FloatArray, normal: FloatArray, first: list[int]) -> FloatArray:
 def _halves(normal: FloatArray, spacing: FloatArray) -> FloatArray:
     """Half the sides (s, 3) of boxes around what seeds stand for."""
     out = np.repeat(_kernels_sweep.ACROSS * spacing[:, None], 3, axis=1)
-    if normal.shape[1] > _kernels.PLAIN:
-        cells, bend = normal[:, _kernels.PLAIN :][:, :9], normal[:, _kernels.PLAIN + 9]
+    if normal.shape[1] > PLAIN:
+        cells, bend = (
+            normal[:, PLAIN:][:, :9],
+            normal[:, PLAIN + 9],
+        )
         told = np.flatnonzero(cells.any(axis=1))
         sides = np.abs(np.linalg.inv(cells[told].reshape(-1, 3, 3))).sum(axis=2)
-        out[told] = _kernels.AROUND * sides + bend[told, None]
+        out[told] = AROUND * sides + bend[told, None]
     return out
 
 
@@ -182,7 +186,7 @@ def retried(
     """
     failed = status[at] >= _kernels_newton.FALLBACK
     rest, m = [at[~failed]], RETRY_NEIGHBOURS
-    if search.seeds[2].shape[1] == _kernels.PLAIN:  # sweeps look for first feet, not for second
+    if search.seeds[2].shape[1] == PLAIN:  # sweeps look for first feet, not for second
         for i in range(0, len(rest[0]), RETRIED // m):
             _retry(search, rest[0][i : i + RETRIED // m], m, x, p, feet, counts, status)
     at = at[failed]

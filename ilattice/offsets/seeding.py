@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
-from ilattice.offsets._kernels import SHARP
+from ilattice.offsets._kernels_patches import SHARP
 from ilattice.offsets._small import solved
 
 if TYPE_CHECKING:
@@ -36,6 +36,8 @@ FALLEN, MOST_LAYERS, ACROSS = 0.1, 12, 64
 BESIDE = 6
 #: Steps downhill.
 DOWNHILL = 24
+#: Points of which Hessians are held at a time.
+TOGETHER = 1 << 15
 
 
 def crossings(field: Any, n: int) -> FloatArray:
@@ -133,7 +135,7 @@ def gaps(field: Any, points: FloatArray, seeds: FloatArray, m: IntArray) -> Floa
     points = points[regular(field, points)]
     normal = _normals(field, points)
     far = np.ones(len(points), np.bool_)
-    if len(seeds):
+    if len(seeds) and len(points):
         tree = cKDTree(seeds * m)
         found: Any = tree.query(points * m, k=min(LOOKED_AT, len(seeds)), distance_upper_bound=NEAR)
         number = found[1].reshape(len(points), -1)
@@ -315,6 +317,34 @@ def regular(field: Any, points: FloatArray) -> AnyArray:
     if len(low):  # as far from where surfaces meet as the gradient by the Hessian, up to a factor
         bend = np.linalg.norm(field.jet(points[low], 2)[2], axis=(1, 2))
         out[low] = slope[low] > MEETING * bend
+    return out
+
+
+def bends(field: Any, points: FloatArray) -> FloatArray:
+    """How much normals of a surface turn per unit of length, at most, up to the root of two.
+
+    Parameters
+    ----------
+    field : object
+        With `jet(points, order)`.
+    points : ndarray, shape (n, 3)
+        Points of its zero set, in the unit cube.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Norms of their curvatures, in tile coordinates; infinite where there is no normal.
+    """
+    out = np.empty(len(points))
+    for i in range(0, len(points), TOGETHER):
+        _, gradient, hessian = field.jet(points[i : i + TOGETHER], 2)
+        length = np.linalg.norm(gradient, axis=1)
+        normal = gradient / np.where(length > 0.0, length, 1.0)[:, None]
+        along = np.eye(3) - normal[:, :, None] * normal[:, None, :]
+        bend = np.linalg.norm(along @ hessian @ along, axis=(1, 2))
+        out[i : i + TOGETHER] = np.divide(
+            bend, length, out=np.full(len(length), np.inf), where=length > 0.0
+        )
     return out
 
 

@@ -18,8 +18,8 @@ from ilattice._typing import AnyArray, FloatArray
 from ilattice._validate import as_array, as_kind, as_points
 from ilattice.errors import InputError
 from ilattice.offsets import _kernels_seeds
-from ilattice.offsets._kernels import PLAIN, SQUEEZED_TOO
 from ilattice.offsets._kernels_jets import STEPS, UPRIGHT
+from ilattice.offsets._kernels_patches import PLAIN, SQUEEZED_TOO
 from ilattice.tiles.mixture import MixedField
 from ilattice.tiles.trig import TrigField
 
@@ -121,7 +121,7 @@ class TileSpace:
 
     @property
     def _columns(self) -> int:
-        """Of the normals of seeds: more where cells are squeezed, see `_kernels`."""
+        """Of the normals of seeds: more where cells are squeezed, see `_kernels_patches`."""
         middle: Any = np.indices(self.lattice.repeat).reshape(3, -1).T + 0.5
         size = np.linalg.svd(self._jacobian(middle), compute_uv=False)
         squeezed = bool((size[:, 0] > LONG * size[:, 2]).any())

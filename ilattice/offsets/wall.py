@@ -79,7 +79,7 @@ class OffsetSolid:
 
     @cached_property
     def least_thickness(self) -> float:
-        """Least total thickness; of a solid, but for the thinnest tenth of its surface."""
+        """Least total thickness; of a solid, but for the thinnest tenth of what is left of it."""
         least = self.thickness.extremes[0]
         if not self.thickness.solid:
             return least
@@ -87,8 +87,9 @@ class OffsetSolid:
         u, depths, area = depths_of(self.lattice, depth)
         local = depths + self.thickness.outer(u)
         left = local > 0.0
-        if left.any():
-            return 2.0 * least_of(local[left], area[left])
+        if left.any():  # of eroded ones, surfaces hold less the less is left behind them
+            rest = np.minimum(1.0, local[left] / depths[left])
+            return 2.0 * least_of(local[left], area[left] * rest)
         if least + depth > 0.0:
             return 2.0 * (least + depth)
         raise GeometryError(

@@ -5,8 +5,8 @@ import pytest
 
 import ilattice as il
 from ilattice.bspline import BSpline
-from ilattice.offsets import _kernels as kernels
 from ilattice.offsets import _kernels_newton as newton
+from ilattice.offsets import _kernels_patches as kernels
 from ilattice.offsets import _kernels_sweep
 from ilattice.offsets.mending import mended
 from ilattice.offsets.polish import polish

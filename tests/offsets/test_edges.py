@@ -1,0 +1,45 @@
+"""Closest points of surfaces with sharp edges, against samples of them that are close together."""
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+import ilattice as il
+
+#: Planes per direction of the grid on whose edges the surface is sampled.
+PLANES = 97
+
+
+def samples(field):
+    """Points of the zero set of a field on the unit cube: where edges of a grid cross it."""
+    axis = np.linspace(0.0, 1.0, PLANES)
+    values = field.grid([axis] * 3)
+    out = []
+    for a in range(3):
+        f = np.moveaxis(values, a, 0)
+        at = np.nonzero((f[:-1] < 0.0) != (f[1:] < 0.0))
+        low = np.empty((len(at[0]), 3))
+        low[:, [a, *(b for b in range(3) if b != a)]] = axis[np.column_stack(at)]
+        high, negative = low + np.eye(3)[a] / (PLANES - 1), f[at] < 0.0
+        for _ in range(20):
+            middle = 0.5 * (low + high)
+            below = ((field(middle) < 0.0) == negative)[:, None]
+            low, high = np.where(below, middle, low), np.where(below, high, middle)
+        out.append(0.5 * (low + high))
+    return np.concatenate(out)
+
+
+@pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
+@pytest.mark.parametrize(
+    ("tile", "count"), [("re_entrant_honeycomb", 8000), ("fcc_plates", 10_000)]
+)
+def test_no_sample_of_a_surface_with_sharp_edges_is_nearer(tile, count):
+    sides = np.array([0.8, 1.7, 0.65])
+    lattice = il.Lattice(tile, through=il.macroshape.box(sides))
+    u = np.random.default_rng(7).random((count, 3))
+    found = lattice.closest(u)
+    assert (found.status < 2).all()
+    near = cKDTree(samples(lattice.smooth_tile) * sides).query(u * sides)[0]
+    too_far = np.abs(found.distance) / near - 1.0
+    assert too_far.max() <= 1e-5
+    assert np.median(too_far) > -5e-2  # samples are as close together as they should be
