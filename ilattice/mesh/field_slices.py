@@ -27,13 +27,15 @@ from ilattice.slicing._loops import EMPTY, MERGE, Outline, apart, crossing, fini
 from ilattice.slicing._slicer import as_frame
 from ilattice.slicing.slices import SliceStack, layers
 
-#: Squares along the side of a block that bounds are taken of.
-BLOCK = 16
+#: Squares along the side of a block that bounds are taken of before its corners are looked at, and
+#: blocks that are worked on at once.
+BLOCK, BATCH = 2, 16384
 #: Times that a grid is halved where something was missed, and steps of the search on edges.
 HALVINGS, STEPS = 3, 60
 #: How often contours get points between others, and the turn, in radians, above which they do.
 DENSER, BEND = 5, 0.08
-PER_SQUARE = 60.0  # bytes
+#: Bytes for each square of a plane, few of which are looked at, and for each along its side.
+PER_SQUARE, PER_SIDE = 0.4, 1e3
 
 
 class FieldSlicer:
@@ -61,9 +63,10 @@ class FieldSlicer:
         flat = self.net @ frame.T
         self.low, self.high = flat.min(axis=0), flat.max(axis=0)
         squares = float(np.prod((self.high - self.low)[:2] / h + 2.0))
-        blocks = squares / BLOCK**2
-        need(PER_SQUARE * BLOCK * np.sqrt(squares) + 100.0 * blocks, f"{squares:.3g} squares of a "
-             "slice", "use a larger h")  # fmt: skip
+        need(
+            PER_SQUARE * squares + PER_SIDE * np.sqrt(squares),
+            f"{squares:.3g} squares of a slice", "use a larger h",
+        )  # fmt: skip
 
     @property
     def ends(self) -> tuple[float, float]:
@@ -163,8 +166,8 @@ class FieldSlicer:
         grid = np.stack(np.meshgrid(*[np.arange(BLOCK + 1)] * 2, indexing="ij"), -1).reshape(-1, 2)
         inner = np.stack(np.meshgrid(*[np.arange(BLOCK)] * 2, indexing="ij"), -1).reshape(-1, 2)
         rows, values, others = [], [], []
-        for i in range(0, len(blocks), 256):
-            at = blocks[i : i + 256]
+        for i in range(0, len(blocks), BATCH):
+            at = blocks[i : i + BATCH]
             nodes = (at[:, None] + grid).reshape(-1, 2)
             f = self._values(corner + h * nodes, level).reshape(len(at), BLOCK + 1, BLOCK + 1)
             four = np.stack([f[:, :-1, :-1], f[:, 1:, :-1], f[:, 1:, 1:], f[:, :-1, 1:]], axis=-1)
