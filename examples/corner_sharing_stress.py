@@ -35,7 +35,7 @@ def main(resolution: int = 5, levels: int = 2, out: str = "") -> dict[str, float
         by_levels.plot(screenshot=f"{out}.png")
         values = np.zeros(len(plane.edges))
         values[broken.broken] = 1.0
-        plane.plot(values=values, screenshot=f"{out}_fracture.png")
+        plane.plot(values=values, label="broken", screenshot=f"{out}_fracture.png")
     return {
         "difference of the levels": off,
         "residual": by_levels.residual,
