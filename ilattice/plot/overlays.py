@@ -43,6 +43,22 @@ def lights(plotter: Any, view: tuple[float, float]) -> None:
         plotter.renderer.add_light(light)
 
 
+def shown(text: str) -> str:
+    """A text as it can be drawn: VTK takes a bar for the end of a column, and drops it.
+
+    Parameters
+    ----------
+    text : str
+        The text.
+
+    Returns
+    -------
+    str
+        With broken bars.
+    """
+    return text.replace("|", "\u00a6")
+
+
 def colour_bar(plotter: Any, mapper: Any, title: str) -> None:
     """The colour bar of what a mapper draws, at the right."""
     title = "\n".join(
@@ -51,7 +67,7 @@ def colour_bar(plotter: Any, mapper: Any, title: str) -> None:
         for part in textwrap.wrap(line, _TITLE_WIDTH, break_long_words=False)
     )
     bar = plotter.add_scalar_bar(
-        title=title, mapper=mapper, vertical=True, fmt="%.3g", n_labels=5, color="black",
+        title=shown(title), mapper=mapper, vertical=True, fmt="%.3g", n_labels=5, color="black",
         title_font_size=20, label_font_size=18, **_BAR_PLACE,
     )  # fmt: skip
     bar.SetVerticalTitleSeparation(12)

@@ -42,7 +42,9 @@ def drawn(
         bars = {name for name, at in last.items() if name and at == i}
         _draw(plotter, scene, limits, aspect, bars, room=1.0 - (_HEAD if title else 0.0))
         if title:
-            plotter.add_text(title, position="upper_edge", font_size=11, color="black")
+            plotter.add_text(
+                overlays.shown(title), position="upper_edge", font_size=11, color="black"
+            )
     plotter.enable_anti_aliasing("ssaa", all_renderers=True)
     return plotter
 

@@ -362,3 +362,11 @@ def test_what_cannot_be_drawn_is_shown_without_a_picture(monkeypatch):
     assert "volume" in mesh._repr_html_()
     odd = il.Tile(lambda u: u[:, 0] - 0.5, name="<script>")
     assert "<script>" not in odd._repr_html_()
+
+
+def test_bars_about_names_are_drawn():
+    ball = pv.Sphere()
+    ball["|H|"], ball["H"] = ball.points[:, 0], ball.points[:, 0]
+    pictures = [il.plot.Scene(size=(300, 240)).add(ball, scalars=s).image() for s in ("|H|", "H")]
+    beside = [(p[:, 240:].min(axis=2) < 100).sum() for p in pictures]  # the title and its numbers
+    assert beside[0] > beside[1]
