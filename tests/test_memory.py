@@ -243,3 +243,18 @@ def test_loading_takes_less_than_six_times_the_file(tmp_path):
     tracemalloc.stop()
     assert len(found.vertices) == n * n
     assert peak < 5.6 * path.stat().st_size
+
+
+@pytest.mark.filterwarnings("ignore:the volume of the field is known")
+def test_rules_of_thin_parts_are_estimated_while_they_are_made(monkeypatch):
+    rng = np.random.default_rng(4)
+    x = rng.uniform(0.2, 3.8, (12, 3))
+    thin = il.cost.Beams(x, [(i, i + 1) for i in range(11)], np.full((11, 2), 0.05))
+    cut = il.cutfem.cut(thin, 4, domain=[[0, 0, 0], [4, 4, 4]])
+    points = len(cut.volume())
+    monkeypatch.setattr(_memory, "SMALL", 0)
+    monkeypatch.setattr(_memory, "available", lambda: 20 * points)
+    with pytest.raises(InputError, match=r"a rule of about \de\+0\d points.*fewer cells") as told:
+        cut.volume()
+    said = float(re.search(r"about (\S+) points", str(told.value))[1])
+    assert 0.3 * points < said < 3.0 * points
