@@ -61,7 +61,7 @@ class Effective(Result):
     --------
     >>> import numpy as np
     >>> import ilattice as il
-    >>> layers = np.zeros((4, 2, 2), int)
+    >>> layers = np.zeros((4, 4, 4), int)
     >>> layers[2:] = 1
     >>> eff = il.homogenize.voxels(layers, young=(1.0, 3.0), poisson=0.0)
     >>> round(eff.E((1, 0, 0)), 9), round(eff.E((0, 1, 0)), 9)

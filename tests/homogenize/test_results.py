@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import ilattice as il
-from ilattice.errors import FormatError, InputError
+from ilattice.errors import FormatError, InputError, PrecisionWarning
 from ilattice.homogenize import Effective, conductive_voxels, voxels
 
 
@@ -17,7 +17,8 @@ def eff():
     """Three phases without any symmetry."""
     labels = np.random.default_rng(1).integers(0, 3, (4, 4, 4))
     labels[:2, :, 2:] = 2
-    return voxels(labels, young=(0.01, 1.0, 5.0), poisson=(0.1, 0.3, 0.4))
+    with pytest.warns(PrecisionWarning, match="voxels are too coarse"):
+        return voxels(labels, young=(0.01, 1.0, 5.0), poisson=(0.1, 0.3, 0.4))
 
 
 def with_stiffness(C, eff):
@@ -118,7 +119,8 @@ def test_pictures(eff, monkeypatch):
 
 def test_conductivities():
     labels = np.random.default_rng(3).integers(0, 2, (4, 4, 4))
-    k = conductive_voxels(labels, conductivity=(0.1, 2.0))
+    with pytest.warns(PrecisionWarning, match="voxels are too coarse"):
+        k = conductive_voxels(labels, conductivity=(0.1, 2.0))
     Q = frames(1)[0]
     np.testing.assert_allclose(k.rotated(Q), Q @ k.k @ Q.T, atol=1e-14)
     mesh = k.surface(2)
