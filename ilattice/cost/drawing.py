@@ -82,7 +82,9 @@ def drawn(
     if not len(e):
         raise InputError("the structure has no edges: there is nothing to draw")
     thick = 0.05 * float(k.lengths.mean()) if radius is None else as_positive("radius", radius)
-    flat = {"view": "top", "parallel": True, "occlusion": False} if k.dim == 2 else {}
+    flat: dict[str, Any] = (
+        {"view": "top", "parallel": True, "occlusion": False} if k.dim == 2 else {}
+    )
     scene = Scene(**(flat | options))
     if values is None:
         scene = scene.add(segments(x, e).tube(radius=thick), color=EDGES)
