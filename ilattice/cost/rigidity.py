@@ -349,9 +349,8 @@ def _by_elimination(R: csr_array, columns: IntArray) -> tuple[FloatArray, FloatA
     S = (B.T @ B).toarray()
     X = np.zeros((len(rest), len(columns)))
     if len(rest):
-        try:
-            inner = splu(csc_array(A.T @ A), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0)
-        except RuntimeError:
+        inner = _factorised(A)
+        if inner is None:
             return None
         u = np.abs(inner.U.diagonal())
         if u.min() <= SINGULAR * u.max():
@@ -380,10 +379,23 @@ def extended(k: CornerSharing, ends: IntArray, Z: FloatArray) -> FloatArray:
     out[columns] = Z
     if len(rest):
         A = csc_array(R[:, rest])
-        right = np.asarray(A.T @ (R[:, columns] @ Z))
-        inner = splu(csc_array(A.T @ A), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0)
-        out[rest] = -inner.solve(right)
+        inner = _factorised(A)
+        if inner is not None:
+            out[rest] = -inner.solve(np.asarray(A.T @ (R[:, columns] @ Z)))
+        if inner is None or np.abs(R @ out).max(initial=0.0) > ACCURATE:
+            raise GeometryError(
+                "bars between outer vertices do not suffice, and motions inside are not found to "
+                f"{ACCURATE:g}: move the vertices (`perturbed`), or use generic=True"
+            )
     return out
+
+
+def _factorised(A: Any) -> Any:
+    """Sparse LU of Aᵀ A; None if it is singular."""
+    try:
+        return splu(csc_array(A.T @ A), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0)
+    except RuntimeError:
+        return None
 
 
 def _orthonormal(Z: FloatArray) -> FloatArray:

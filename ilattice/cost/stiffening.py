@@ -48,7 +48,8 @@ def stiffened(
         1 or 2, `cycle` for the plane.
     reach : float, optional
         Longest bar of `matroid`, in mean lengths of edges; by default it grows until the rank is
-        full: 2.3, 2.7, 3.2, 4, 6, 12.
+        full: 2.3, 2.7, 3.2, 4, 6, 12. Where bars between vertices that lack edges do not suffice,
+        those between all vertices are tried.
     generic : bool
         Pick bars at positions that are perturbed at random, by 0.05 mean lengths of edges. The rank
         at the true positions may then be lower.
