@@ -12,10 +12,16 @@ import numpy as np
 from ilattice._memory import need
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.quadrature import _kernels_drive as kernels
+from ilattice.quadrature._kernels_thinning import moments_of
 
 MOST_POINTS = 10
 BATCH = 4096  # boxes between two copies
 VOLUME, SURFACE = 1, 2
+MOST_ROWS = 1 << 22  # of all boxes of a batch, that room is kept for
+#: Points of a small box, over those of a full one, above which they are thinned; and the degree to
+#: which polynomials keep their integrals, up to how many points per direction. In a part of a cell
+#: that is as good as these are in the whole of it; who asks for more wants them.
+LONG, THINNED = 4, {0: 1, 3: 4, 5: 5}
 SOFT_FROM = {VOLUME: 5, SURFACE: 2}  # points from which substitution at tangents pays
 
 
@@ -58,6 +64,8 @@ class Listing:
         -1 for the box itself, or 2 axis + side for one of its faces.
     cells : ndarray, shape (n,)
         Cells, increasing.
+    small : ndarray of bool, shape (n,), or None
+        Boxes that are much smaller than their cells, in which points may be thinned.
     """
 
     rows: IntArray
@@ -65,6 +73,7 @@ class Listing:
     boxes: FloatArray
     sides: IntArray
     cells: IntArray
+    small: AnyArray | None = None
 
 
 def gauss(n: int) -> tuple[FloatArray, FloatArray]:
@@ -144,6 +153,10 @@ def filled(pieces: Any, listing: Listing, want: int, q: int, accept: int) -> tup
     rows = Rows(want == SURFACE)
     counts = np.zeros(len(boxes), np.int64)
     numbers = table(q, want, pieces.order)
+    small = np.zeros(len(boxes), bool) if listing.small is None else listing.small
+    degree = next((d for d, up_to in THINNED.items() if q <= up_to), 0)
+    thin = np.where(small, degree, 0)
+    most = max(LONG * q**3, 2 * moments_of(degree)) if thin.any() else 0
     width = 8 if want == SURFACE else 4
     usual = np.arange(-(-BATCH // kernels.CHUNK) + 1) * (kernels.CHUNK * 3 * q**3)
     arena, none = np.empty((usual[-1], width)), np.empty((0, 12 - width))
@@ -158,14 +171,18 @@ def filled(pieces: Any, listing: Listing, want: int, q: int, accept: int) -> tup
             volume, surface = (none, arena) if want == SURFACE else (arena, none)
             kernels.rules(
                 content.tensors, content.many, content.tables, content.names, local, boxes[part],
-                listing.sides[part], numbers, int(pieces.project), accept, want, q, pieces.lengths,
-                volume, surface, room, counts[part], used,
+                listing.sides[part], thin[part], most, numbers, int(pieces.project), accept, want,
+                q, pieces.lengths, volume, surface, room, counts[part], used,
             )  # fmt: skip
             if (used <= np.diff(room)[: len(used)]).all():
                 break
-            room = np.append(0, np.cumsum(used))  # no more than there are
-            if room[-1] > len(arena):
-                arena = np.empty((room[-1], width))
+            fits = used <= np.diff(room)[: len(used)]  # thinned points took more room before
+            room = np.append(0, np.cumsum(np.where(fits, np.diff(room)[: len(used)], used)))
+            usual = np.arange(len(usual)) * max(
+                int(usual[1]), min(int(used.max()), MOST_ROWS // len(usual))
+            )  # the next ones may be as long
+            if max(room[-1], usual[-1]) > len(arena):
+                arena = np.empty((max(room[-1], usual[-1]), width))
         rows.append(arena, room, used, part.stop / len(boxes))
     rows.finish()
     return rows, counts

@@ -23,6 +23,7 @@ from ilattice.quadrature._kernels_scratch import (
     TENSORS,
     numbers,
 )
+from ilattice.quadrature._kernels_thinning import ROOM, thinned
 
 CHUNK = 32
 FAST = {"contract"}
@@ -269,6 +270,8 @@ def rules(
     which: Any,
     boxes: Any,
     sides: Any,
+    thin: Any,
+    most: int,
     gauss: Any,
     project: int,
     accept: int,
@@ -287,7 +290,9 @@ def rules(
     a row count, `tables` say which of their signs are solid, and names (., m) number them on
     surfaces. With `project` crossings of curves are looked for on bases of all boxes, which takes
     some more points than halving them where curves are nearly parallel. sides[n] is -1 for the box
-    itself, or 2 axis + side for one of its faces. Chunk i writes rows room[i] to room[i + 1] of
+    itself, or 2 axis + side for one of its faces. In a box with more than `most` points of a volume
+    these are thinned so that polynomials of degree thin[n], if that is positive, keep their
+    integrals. Chunk i writes rows room[i] to room[i + 1] of
     volume (rows, 4) or of surface (rows, 8); used[i] says how many it has, or would have; counts
     (n,) are those of each box.
     """
@@ -295,13 +300,15 @@ def rules(
     for chunk in prange((len(boxes) + CHUNK - 1) // CHUNK):
         Z = np.empty(numbers(tensors.shape[1], L))
         N = np.zeros(INTEGERS, np.int64)
+        S = np.empty(ROOM if most > 0 else 0)
         N[PROJECT] = project
         points = volume[room[chunk] : room[chunk + 1]]
         feet = surface[room[chunk] : room[chunk + 1]]
         for i in range(len(gauss)):
             Z[i] = gauss[i]
         for n in range(chunk * CHUNK, min(len(boxes), (chunk + 1) * CHUNK)):
-            before = N[N_VOLUME] + N[N_SURFACE]
+            first = N[N_VOLUME]
+            before = first + N[N_SURFACE]
             for i in range(3):
                 Z[LO + i] = boxes[n, i]
                 Z[EXT + i] = boxes[n, 3 + i]
@@ -321,6 +328,9 @@ def rules(
                     cell_rule(Z, N, points, feet, m, accept, want, q, L)
                 else:
                     face_rule(Z, N, points, m, sides[n] // 2, sides[n] % 2, accept, q, L)
+            end = N[N_VOLUME]
+            if most > 0 and thin[n] > 0 and end - first > most and end <= len(points):
+                N[N_VOLUME] = thinned(points, first, end, thin[n], S)
             counts[n] = N[N_VOLUME] + N[N_SURFACE] - before
         used[chunk] = N[N_VOLUME] + N[N_SURFACE]
 

@@ -16,6 +16,7 @@ from ilattice.quadrature._kernels_bases import base, best_axis
 from ilattice.quadrature._kernels_bernstein import bend, extremes, halve, slopes, straight
 from ilattice.quadrature._kernels_crossings import project_seams, rising
 from ilattice.quadrature._kernels_pairs import pair_axis
+from ilattice.quadrature._kernels_quadrics import column_axes, is_quadric, quadric_rule
 from ilattice.quadrature._kernels_scratch import (
     ACTIVE,
     BOXES,
@@ -357,6 +358,17 @@ def cell_rule(
                 flat = axis >= 0
             good = score >= SHARE and axis >= 0
             N[SEAMS] = 0
+            if n == 1 and not good:
+                k = N[ACTIVE]
+                e0, e1 = -1, -1
+                if is_quadric(Z, here + k * cube, Z[TOL + k], L):
+                    e0, e1 = column_axes(Z)
+                if e0 >= 0:
+                    N[UNSURE] = 1
+                    negative = with_sign(table, k, True) != 0
+                    quadric_rule(Z, N, volume, surface, e0, e1, negative, want, q)
+                    level -= 1
+                    continue
             pair = -1
             if axis < 0 and n == 1:
                 pair = pair_axis(Z, here + N[ACTIVE] * cube, Z[TOL + N[ACTIVE]], L)

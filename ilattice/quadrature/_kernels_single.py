@@ -3,8 +3,9 @@
 Splines with knots in common are written along whole cells: per direction the Bernstein
 coefficients of all pieces one after the other, of which neighbours share one. Where level sets
 are monotone along a direction, the solid of a cell is as connected as its projection along it, and
-this again as its projection to an edge, where signs are counted (see `_kernels_solid`). Else its
-pieces are asked in the same way, one by one, and whether they hang together. No boxes are made.
+this again as its projection to an edge, where signs are counted (see `_kernels_solid`). Where they
+rise along all rays from one point, the solid is a star around it. Else its pieces are asked in the
+same way, one by one, and whether they hang together. No boxes are made.
 
 Guarantees: what is called single is so; the same answers for any number of threads.
 """
@@ -218,6 +219,114 @@ def is_single_face(
 
 
 @inner(**FAST)
+def is_star(
+    c: Any, m: int, n0: int, n1: int, n2: int, signs: Any, P: int, tol: Any, one: Any, star: Any
+) -> bool:  # fmt: skip
+    """Whether the solid of m polynomials c is certainly a star around a point that is likely.
+
+    That is the middle of negative coefficients, weighted by their squares, and then one half-way
+    from there to the nearest corner, where struts meet. Otherwise as in `is_single`.
+    """
+    p = P - 1
+    s1 = n2 * p + 1
+    s0 = (n1 * p + 1) * s1
+    x, y, z, total = 0.0, 0.0, 0.0, 0.0  # in parts of a piece, p to each
+    for i in range((n0 * p + 1) * s0):
+        deep = np.inf
+        for k in range(m):
+            deep = min(deep, -c[k, i])
+        if deep > 0.0:
+            weight = deep * deep
+            x += weight * (i // s0)
+            y += weight * (i // s1 % (n1 * p + 1))
+            z += weight * (i % s1)
+            total += weight
+    if total == 0.0:
+        return False
+    x, y, z = x / total, y / total, z / total
+    if is_star_around(c, m, n0, n1, n2, signs, P, tol, x, y, z, one, star):
+        return True
+    x = 0.5 * (x + (0.0 if 2.0 * x < n0 * p else n0 * p))
+    y = 0.5 * (y + (0.0 if 2.0 * y < n1 * p else n1 * p))
+    z = 0.5 * (z + (0.0 if 2.0 * z < n2 * p else n2 * p))
+    return is_star_around(c, m, n0, n1, n2, signs, P, tol, x, y, z, one, star)
+
+
+@inner(**FAST)
+def is_star_around(
+    c: Any, m: int, n0: int, n1: int, n2: int, signs: Any, P: int, tol: Any, x0: float, y0: float,
+    z0: float, one: Any, star: Any,
+) -> bool:  # fmt: skip
+    """Whether all points of the solid are certainly seen from one, in parts of a piece.
+
+    Times the way from there, the derivative along rays is a polynomial of the same degree. If, in
+    each piece of sign 0, it is no less than some number times the polynomial itself, it is not
+    negative at the surface, so that a ray that has left the solid never enters it again. Convex
+    level sets pass, with 1 for the number. `one` and `star` (P³,) are scratch.
+    """
+    p = P - 1
+    s1 = n2 * p + 1
+    s0 = (n1 * p + 1) * s1
+    for x in range(n0):
+        for y in range(n1):
+            for z in range(n2):
+                if signs[(x * n1 + y) * n2 + z] != 0:
+                    continue
+                begin = p * (x * s0 + y * s1 + z)
+                a, b, d = p * x - x0, p * y - y0, p * z - z0
+                for k in range(m):
+                    _along_rays(c[k], begin, s0, s1, P, a, b, d, one, star)
+                    least = -np.inf
+                    most = np.inf
+                    for i in range(P * P * P):
+                        f = one[i]
+                        if f > tol[k]:
+                            most = min(most, star[i] / f)
+                        elif f < -tol[k]:
+                            least = max(least, star[i] / f)
+                        elif star[i] < -tol[k]:
+                            return False
+                    if least > most:
+                        return False
+    return True
+
+
+@inner(**FAST)
+def _along_rays(
+    c: Any, at: int, s0: int, s1: int, P: int, a: float, b: float, d: float, one: Any, out: Any
+) -> None:  # fmt: skip
+    """Derivatives out (P³,) of a piece along rays, times the way from where they start and P - 1.
+
+    That way is (a, b, d), in parts of which a piece has P - 1, to the piece's first corner. The
+    coefficients of the piece, c[at + i s0 + j s1 + k], are written to `one` (P³,).
+    """
+    p = P - 1
+    for i in range(P):
+        for j in range(P):
+            for k in range(P):
+                one[(i * P + j) * P + k] = c[at + i * s0 + j * s1 + k]
+    for i in range(P):
+        for j in range(P):
+            for k in range(P):
+                q = (i * P + j) * P + k
+                f = one[q]
+                total = 0.0
+                if i > 0:
+                    total += i * (a + p) * (f - one[q - P * P])
+                if i < p:
+                    total += (p - i) * a * (one[q + P * P] - f)
+                if j > 0:
+                    total += j * (b + p) * (f - one[q - P])
+                if j < p:
+                    total += (p - j) * b * (one[q + P] - f)
+                if k > 0:
+                    total += k * (d + p) * (f - one[q - 1])
+                if k < p:
+                    total += (p - k) * d * (one[q + 1] - f)
+                out[q] = total
+
+
+@inner(**FAST)
 def corners_are_solid(c: Any, m: int, at: int, s: int, t: int, tol: Any) -> bool:
     """Whether at one of the four corners at, at + s, at + t, at + s + t all are negative."""
     for corner in range(4):
@@ -316,6 +425,7 @@ def single_cells(
     sides = np.zeros(most.max() ** 2, np.int8)
     none = np.zeros(1, np.int8)
     one = np.empty((m, (p + 1) ** 3))
+    star = np.empty((p + 1) ** 3)
     parent = np.empty(len(inside), np.int64)
     for n in range(begin, end):
         x, y, z = starts0[places[n, 0]], starts1[places[n, 1]], starts2[places[n, 2]]
@@ -347,8 +457,10 @@ def single_cells(
             for i in range(size):
                 top = max(top, abs(F[k, i]))
             tol[k] = TINY * top
-        out[n] = is_single(
-            F, m, n0, n1, n2, inside, p + 1, tol, face, sides, edge
-        ) or hangs_together(
-            F, m, n0, n1, n2, inside, p + 1, tol, one, none, face, sides, edge, parent
+        out[n] = (
+            is_single(F, m, n0, n1, n2, inside, p + 1, tol, face, sides, edge)
+            or is_star(F, m, n0, n1, n2, inside, p + 1, tol, one[0], star)
+            or hangs_together(
+                F, m, n0, n1, n2, inside, p + 1, tol, one, none, face, sides, edge, parent
+            )
         )

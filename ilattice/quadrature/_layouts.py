@@ -3,6 +3,7 @@
 Guarantees: boxes are sorted by cell; what is not listed is outside of the solid.
 """
 
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from ilattice.quadrature.grid import Grid
 
 IN, CUT, OUT = -1, 0, 1
+SMALL = 4  # times that small boxes, of which points may be thinned, go into the length of a cell
 #: Polynomials and tables of boxes that are cut, their row for each box or -1 for full ones, corners
 #: and lengths of boxes in parts of the cell, and their cells.
 Insides = tuple[FloatArray, IntArray, IntArray, IntArray, IntArray, IntArray]
@@ -228,7 +230,8 @@ class BoxLayout(Layout):
         """See `Layout.volume`."""
         chosen = np.zeros(self.grid.count, bool)
         chosen[cells] = True
-        return self._listing(np.flatnonzero(chosen[self.pieces.cell]), -1)
+        rows = np.flatnonzero(chosen[self.pieces.cell])
+        return replace(self._listing(rows, -1), small=self.pieces.length[rows] * SMALL <= UNIT)
 
     def surface(self) -> Listing:
         """See `Layout.surface`."""

@@ -9,7 +9,8 @@ coefficients, never by sampling. A cell that is called cut may be full or empty 
 halving of pieces can tell. Fields of `il.fields` and `il.sdf` are split at `abs`, `min`, `max` and
 steps into smooth ones, and certified by their bounds.
 Non-guarantee: the certificate for functions without `range` is that of their interpolant, and what
-is smaller than a cell may be missed in them; `CutGrid.error` and a warning say what is seen of it.
+is smaller than a cell may be missed in them; `CutGrid.error` and a warning say what is seen of it,
+`CutGrid.unseen` how large is what may not be.
 """
 
 import math
@@ -37,6 +38,7 @@ from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.macroshape.maps import SplineMap
 from ilattice.plot.quick import show
 from ilattice.plot.shapes import hexahedra
+from ilattice.quadrature._filling import sites
 from ilattice.quadrature._layouts import Layout, layout_of
 from ilattice.quadrature.field_pieces import FieldPieces
 from ilattice.quadrature.levelsets import PER_PIECE, LevelSets, Pieces, as_level_sets
@@ -269,6 +271,19 @@ class CutGrid(Frozen):
         """
         return self.pieces.error
 
+    @property
+    def unseen(self) -> float:
+        """Diameter of the largest speck or void that may pass unseen, in lengths of a cell.
+
+        It is 0 where all is certified: for splines, and for fields that have a formula or bounds. A
+        function of points is known at the sites of its interpolant only, `degree` + 1 per
+        direction and cell, and at a few more: what fits between them is not in `error`. Its volume
+        is at most that of such a ball, times the number of cells that have one.
+        """
+        if not self.sets.opaque:
+            return 0.0
+        return float(np.sqrt(3.0) * np.diff(sites(self.sets.degree + 1)[0]).max())
+
     def to_pyvista(self) -> "pyvista.UnstructuredGrid":
         """The cells that are in or cut, for pictures.
 
@@ -403,7 +418,8 @@ def cut(
     field : Wall, BSpline, Node, callable, or pair of fields
         The solid is where it is negative; of a pair, where both are. Solids with edges or thin
         parts are best stated by `il.fields` or `il.sdf`: those are found and integrated exactly
-        that a function of points, which tells nothing of its kinks, may hide between samples.
+        that a function of points, which tells nothing of its kinks, may hide between samples; see
+        `CutGrid.unseen`.
     cells : int, sequence of 3 int or Grid, optional
         Number of equal cells per direction, or the grid itself. By default the elements of the
         splines.

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import ndimage
+from scipy import linalg, ndimage
 
 import ilattice as il
 from ilattice.cutfem.elements import elements_of
@@ -32,49 +32,135 @@ def gap(rng, cells, oblique):
     return lambda u: (u @ n - c) * (c + cells * H - u @ n)
 
 
+class Turned:
+    """The same anywhere in space, along x, y or z, and from below or from above."""
+
+    def __init__(self, rng, oblique):
+        self.axis, self.turned = (int(k) for k in rng.integers((3, 2)))
+        across = [k for k in range(3) if k != self.axis]
+        shape = np.full(3, 8)
+        shape[across] = rng.integers(2, 5, 2)
+        self.size = shape * H * rng.uniform(0.8, 1.25, 3)
+        self.low = rng.uniform(-2, 2, 3)
+        self.grid = il.cutfem.Grid(
+            tuple(self.low[k] + np.linspace(0, self.size[k], shape[k] + 1) for k in range(3))
+        )
+        self.n = np.eye(3)[self.axis]
+        if oblique:
+            self.n[across] = rng.uniform(-0.6, 0.6, 2)
+        self.n /= np.linalg.norm(self.n)
+        h = self.size[self.axis] / 8
+        self.width = rng.uniform(1.0 if oblique else 0.5, 2.2) * h
+        middle = self.low + np.where(self.n == self.n.max(), 0.4, 0.5) * self.size
+        self.at = middle @ self.n + rng.uniform(-0.5, 0.5) * h
+        ends = tuple(f"{'uvw'[self.axis]}={k}" for k in (0, 1))
+        self.held, self.free = ends[::-1] if self.turned else ends
+        self.push = np.eye(3)[self.axis] * (1.0 if self.turned else -1.0)
+
+    def __call__(self, u):
+        return (u @ self.n - self.at) * (self.at + self.width - u @ self.n)
+
+    def points(self, rng, at):
+        """Random points at a height, 0 where it is held, 1 where it is free."""
+        x = rng.uniform(0.1, 0.9, (4, 3))
+        x[:, self.axis] = 1.0 - at if self.turned else at
+        return self.low + x * self.size
+
+    def swings(self, k):
+        """Frequencies of the free block as a rigid one, on springs of k per area of its end."""
+        x, w = np.polynomial.legendre.leggauss(6)
+        t = np.stack(np.meshgrid(x, x, x, indexing="ij"), axis=-1).reshape(-1, 3) / 2 + 0.5
+        area = np.delete(self.size, self.axis).prod()
+        weights = (w[:, None, None] * w[:, None] * w).ravel() / 8 * area
+        p, end = self.low + t * self.size, self.low.copy()
+        end[self.axis] += 0.0 if self.turned else self.size[self.axis]
+        side = self.at + (0.0 if self.turned else self.width)
+        rest = np.where(np.arange(3) == self.axis, 0.0, p)
+        start = (side - rest @ self.n) / self.n[self.axis]
+        inner, outer = p.copy(), p.copy()
+        outer[:, self.axis] = end[self.axis]
+        inner[:, self.axis] = start + t[:, self.axis] * (end[self.axis] - start)
+        mass, spring = (
+            np.einsum("p,pij,pik->jk", f * weights, m, m)
+            for f, m in (
+                (np.abs(end[self.axis] - start), rigid(inner - end)), (k, rigid(outer - end))
+            )
+        )  # fmt: skip
+        return np.sqrt(linalg.eigh(spring, mass, eigvals_only=True))
+
+
+def rigid(x):
+    """Displacements (n, 3, 6) of points by motions of a rigid body."""
+    turns = [np.cross(e, x) for e in np.eye(3)]
+    moves = [np.broadcast_to(e, x.shape) for e in np.eye(3)]
+    return np.stack([*moves, *turns], axis=-1)
+
+
 @pytest.mark.parametrize(("degree", "smoothness"), SPACES)
 @pytest.mark.parametrize("seed", range(10))
 def test_a_body_across_a_gap_hangs_on_its_springs_alone(degree, smoothness, seed):
     """At twenty random offsets and directions for every space."""
     rng = np.random.default_rng([7, seed])
     for oblique in (0, 1):
-        field = gap(rng, rng.uniform(1.0 if oblique else 0.5, 2.2), oblique)
-        problem = il.cutfem.Elasticity(field, GRID, degree=degree, smoothness=smoothness)
-        load = problem.clamp("w=0").spring("w=1", 1e-3).load(traction=(0, 0, -1), on="w=1")
-        sunk = load.solve().evaluate(np.append(rng.uniform(0.05, 0.3, (3, 2)), [[0.999]] * 3, 1))
-        np.testing.assert_allclose(sunk[:, 2], -1000.0, rtol=1e-2)
+        field = Turned(rng, oblique)
+        problem = il.cutfem.Elasticity(field, field.grid, degree=degree, smoothness=smoothness)
+        load = problem.clamp(field.held).spring(field.free, 1e-3)
+        solution = load.load(traction=tuple(field.push), on=field.free).solve()
+        sunk = solution.evaluate(field.points(rng, 0.999)) @ field.push
+        np.testing.assert_allclose(sunk, 1000.0, rtol=1e-2)
         assert len(problem.domain.parts) == 2
-        warm = il.cutfem.Heat(field, GRID, degree=degree, smoothness=smoothness)
-        warm = warm.fix("w=0", 1.0).convection("w=1", 1e-3, around=5.0).solve()
-        below = warm.evaluate([[0.2, 0.2, 0.01], [0.2, 0.2, 0.99]])
-        np.testing.assert_allclose(below, [1.0, 5.0], rtol=1e-9)
+        warm = il.cutfem.Heat(field, field.grid, degree=degree, smoothness=smoothness)
+        warm = warm.fix(field.held, 1.0).convection(field.free, 1e-3, around=5.0).solve()
+        for at, known in ((0.01, 1.0), (0.99, 5.0)):
+            np.testing.assert_allclose(warm.evaluate(field.points(rng, at)), known, rtol=1e-9)
 
 
-def columns(only):
+@pytest.mark.parametrize(("degree", "smoothness"), SPACES)
+def test_a_body_across_a_gap_swings_on_its_springs_alone(degree, smoothness):
+    for oblique in (0, 1):
+        field = Turned(np.random.default_rng([8, degree, oblique]), oblique)
+        problem = il.cutfem.Elasticity(field, field.grid, degree=degree, smoothness=smoothness)
+        problem = problem.clamp(field.held).spring(field.free, 1e-3)
+        found = il.cutfem.natural_modes(problem, 6).omega
+        np.testing.assert_allclose(found, field.swings(1e-3), rtol=1e-2)
+
+
+def columns(only, degree, smoothness, along):
     """Two columns whose gap of 0.55 cells is not parallel to the grid; or one of them."""
+    order = [(k - along + 2) % 3 for k in range(3)]  # the last of three stands up
 
     def field(u):
-        x = u[:, 0] - 0.03 * u[:, 2]
-        low, high = x - 0.262, 0.331 - x
+        v = np.empty_like(u)
+        v[:, order] = u
+        x = v[:, 0] - 0.03 * v[:, 2] + 0.1 * v[:, 1]
+        low, high = x - 0.272, 0.341 - x
         return {"low": low, "high": high, "both": low * high}[only]
 
-    grid = il.cutfem.Grid((np.linspace(0, 0.625, 6), np.linspace(0, 0.25, 3), np.linspace(0, 1, 5)))
-    return il.cutfem.Elasticity(field, grid, density=2.0).clamp("w=0")
+    axes = np.linspace(0, 0.625, 6), np.linspace(0, 0.25, 3), np.linspace(0, 1, 5)
+    problem = il.cutfem.Elasticity(
+        field, il.cutfem.Grid(tuple(axes[k] for k in order)), density=2.0, degree=degree,
+        smoothness=smoothness,
+    )  # fmt: skip
+    return problem.clamp(f"{'uvw'[along]}=0"), order
 
 
-def test_a_second_column_beside_it_changes_neither_modes_nor_buckling():
+@pytest.mark.parametrize(("degree", "smoothness"), SPACES)
+def test_a_second_column_beside_it_changes_neither_modes_nor_buckling(degree, smoothness):
     modes, factors, c = {}, {}, {}
     points = np.array([[0.1, 0.1, 0.9], [0.24, 0.2, 0.5]])
+    along = degree - 1
     for only in ("low", "high", "both"):
-        problem = columns(only)
+        problem, order = columns(only, degree, smoothness, along)
         modes[only] = il.cutfem.natural_modes(problem, 3).omega
-        solution = problem.load(traction=(0, 0, -1), on="w=1").solve(tol=1e-11)
+        load = problem.load(traction=tuple(-np.eye(3)[along]), on=f"{'uvw'[along]}=1")
+        solution = load.solve(tol=1e-11)
         factors[only] = il.cutfem.buckling(solution, 2).factors
-        c[only] = solution.evaluate(points)
-    np.testing.assert_allclose(c["both"], c["low"], rtol=1e-7, atol=1e-9)
+        c[only] = solution.evaluate(points[:, order])
+    close = 1e-5 if degree == 1 else 1e-7  # the void has a weight of 4e-9
+    np.testing.assert_allclose(c["both"], c["low"], rtol=close, atol=1e-2 * close)
     for found in (modes, factors):
         known = np.sort(np.concatenate([found["low"], found["high"]]))[: len(found["both"])]
-        np.testing.assert_allclose(found["both"], known, rtol=1e-6)
+        np.testing.assert_allclose(found["both"], known, rtol=10 * close)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -147,6 +233,9 @@ def rough(rng, kind):
     x = np.stack(np.meshgrid(*[np.linspace(0, 1, 8)] * 3, indexing="ij"), -1) - 0.5
     valley = -3.0 * (x @ m - 0.2 * rng.standard_normal()) ** 2
     c = x @ n + (kind == "valley") * valley
+    if kind == "joint":  # round struts along the axes, which meet
+        far = np.stack([np.delete((x + 0.05 * m) ** 2, a, axis=-1).sum(axis=-1) for a in range(3)])
+        c = -np.log(np.exp(-20.0 * far).sum(axis=0)) / 20.0
     c += (0.3 if kind == "noise" else 0.01) * rng.standard_normal(c.shape)
     return il.BSpline((t,) * 3, c - np.quantile(c, rng.uniform(0.3, 0.7)), 2)
 
@@ -165,7 +254,7 @@ def bounded_by(rng, kind):
 
 #: Part of the cells in which the short way must do.
 KINDS = {"plane": 0.9, "valley": 0.5, "noise": 0, "band": 0.9, "bands": 0.3, "two": 0.3}
-KINDS |= {"facing": 0}
+KINDS |= {"facing": 0, "joint": 0.9}
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -185,7 +274,7 @@ def test_solid_that_stands_on_one_end_of_its_cell_is_one_piece(kind, monkeypatch
         accepted.append(single)
         several += len(plain.several)
     assert np.concatenate(accepted).mean() >= KINDS[kind]
-    assert kind in ("plane", "band") or several > 2
+    assert kind in ("plane", "band", "joint") or several > 2
 
 
 def test_air_that_is_too_thin_is_told_with_place_and_width():

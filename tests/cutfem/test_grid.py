@@ -1,5 +1,7 @@
 """Signs of cells are certain, for any grid, spline or field; bad input ends at the door."""
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -149,6 +151,37 @@ def test_fields_are_interpolated_with_a_stated_error():
         assert 0 < abs(cut.volume(5).integrate() / exact - 1) < 3 * cut.error + 1e-7
         assert cut.error < 2e-3
     assert il.cutfem.cut(spline(), 4).error == 0.0
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("degree", [2, 4])
+def test_specks_and_voids_are_seen_down_to_the_size_that_is_stated(degree, sign):
+    """Balls in functions that tell nothing of themselves, by the volume, or with a warning."""
+    rng = np.random.default_rng([5, degree])
+    known = il.cutfem.cut(il.fields.sphere(0.8), 4, domain=[[-1] * 3, [1] * 3])
+    assert known.unseen == 0.0
+    for _ in range(12):
+        c, n = rng.uniform(-0.4, 0.4, 3), rng.standard_normal(3)
+        n /= np.linalg.norm(n)
+        side = -1.0 if sign > 0 else 1.0  # a void in a half space, or a speck beside it
+
+        def field(u, c=c, n=n, r=0.0, side=side):
+            ball = np.linalg.norm(u - c, axis=1) - r
+            plane = (u - c) @ n + 0.55 * side
+            return np.maximum(plane, -ball) if side < 0 else np.minimum(plane, ball)
+
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            grid = il.cutfem.cut(field, 4, domain=[[-1] * 3, [1] * 3], degree=degree)
+            r = 0.525 * grid.unseen * 0.5  # cells are half a unit long
+            without = grid.volume().integrate()
+            told.clear()
+            found = il.cutfem.cut(
+                lambda u, r=r: field(u, r=r), 4, domain=[[-1] * 3, [1] * 3], degree=degree
+            )
+            volume = found.volume().integrate()
+        exact = without + side * 4 / 3 * np.pi * r**3
+        assert abs(volume - exact) < 2e-3 * exact or told
 
 
 def test_fields_with_bounds_are_certified_by_them():

@@ -96,7 +96,7 @@ BAR = Elasticity(whole, (8, 2, 2), domain=BOX, expansion=1e-3, density=lambda x:
 HELD = BAR.clamp("u=0")
 WARM = Heat(whole, (8, 2, 2), domain=BOX).fix("u=0", 0.0)
 FORCED = HELD.load(body=(0, 0, 1.0))
-BALL = Elasticity(ball, (8, 2, 2), domain=BOX).clamp("x<1.5", method="nitsche")
+BALL = Elasticity(ball, (8, 2, 2), domain=BOX).clamp("x<1", method="nitsche")
 UNSEEN = {
     "body": HELD.load(body=along(wave)),
     "gravity": HELD.load(gravity=along(wave)),
