@@ -6,7 +6,7 @@ and is passed on as it is.
 """
 
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import TypeVar
 
 from ilattice.errors import InputError
@@ -48,6 +48,21 @@ def track(
         yield from _bar(items, label, count)
     else:
         yield from items
+
+
+def staged(work: Mapping[str, Callable[[], object]], progress: Progress = None) -> None:
+    """Do one thing after the other, each under its name.
+
+    Parameters
+    ----------
+    work : mapping of str to callable
+        What is done, by what it is called, in order.
+    progress : bool or callable, optional
+        As for `track`: bars have the name while it is done, a callable is told after it.
+    """
+    for label, do in work.items():
+        for _ in track((None,), label, progress):
+            do()
 
 
 def _length(items: Iterable[T]) -> int:

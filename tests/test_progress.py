@@ -4,7 +4,9 @@ import sys
 
 import pytest
 
-from ilattice._progress import track
+import ilattice as il
+from ilattice._progress import staged, track
+from ilattice.errors import InputError
 
 
 @pytest.mark.parametrize("progress", [None, False, True, lambda *_: None])
@@ -34,3 +36,36 @@ def test_a_terminal_gets_a_bar(monkeypatch, capsys):
     assert out == ""
     assert "walls" in err
     assert "100%" in err
+
+
+def test_stages_are_told_by_name_in_order():
+    seen = []
+    work = {"cells": lambda: seen.append("a"), "rules": lambda: seen.append("b")}
+    staged(work, lambda *told: seen.append(told))
+    assert seen == ["a", ("cells", 1, 1), "b", ("rules", 1, 1)]
+    staged(work)
+    assert seen[-2:] == ["a", "b"]
+
+
+@pytest.mark.filterwarnings("ignore:the cells are too coarse")
+def test_an_analysis_tells_its_stages():
+    labels = []
+
+    def told(label, *_):
+        if label not in labels:
+            labels.append(label)
+
+    ball = il.fields.sphere(1.0)
+    problem = il.cutfem.Elasticity(ball, 6, domain=[[-1.1, -1.2, -0.4], [1.1, 1.1, 1.3]], young=1.0)
+    problem.clamp("w=0").load(gravity=(0, 0, -1e-3)).solve(progress=told)
+    assert labels == ["cells", "rules", "supports", "matrix", "solve"]
+    with pytest.raises(InputError, match="support"):  # before anything is made
+        problem.solve(progress=lambda label, *_: pytest.fail(label))
+    labels.clear()
+    hole = il.fields.complement(il.fields.translate(il.fields.sphere(0.3), (0.5, 0.5, 0.5)))
+    il.homogenize.elastic(hole, cells=4, degree=1, estimate=False, progress=told)
+    assert labels[:3] == ["cells", "rules", "matrix"]
+    assert labels[-1] == "solve"
+    labels.clear()
+    il.cutfem.natural_modes(problem, 7, progress=told)
+    assert labels == ["cells", "rules", "matrix"]

@@ -349,6 +349,10 @@ class Elasticity(ElasticOperators):
 
         return 2.0 * Solution(self, c, None)._energy(rule, heated=False)
 
+    @property
+    def _keeps_volume(self) -> bool:
+        return self.projection is not None
+
     def _discretization_error(self, product: Product, c: FloatArray, energy: float) -> float:
         """As of all problems; where volumes are kept, in the energy of a solid that gives in.
 

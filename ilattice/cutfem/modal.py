@@ -32,6 +32,7 @@ import numpy as np
 from scipy.linalg import eigh, orth
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh, lobpcg
 
+from ilattice._progress import Progress
 from ilattice._typing import AnyArray, ArrayLike, FloatArray
 from ilattice._validate import as_counts, as_kind, as_points, as_positive, read_only
 from ilattice.cutfem.discretization import warn
@@ -209,8 +210,9 @@ class Buckling(Series[Mode]):
 
 
 def natural_modes(
-    problem: Elasticity, count: int = 6, *, method: str = "auto", tol: float = 1e-6
-) -> Modes:
+    problem: Elasticity, count: int = 6, *, method: str = "auto", tol: float = 1e-6,
+    progress: Progress = None,
+) -> Modes:  # fmt: skip
     """Lowest natural frequencies of a problem, and the shapes they have.
 
     Parameters
@@ -223,6 +225,8 @@ def natural_modes(
         Of the solver, as in `Solver`.
     tol : float
         Largest residual |M x - μ K x| / |M x|.
+    progress : bool or callable, optional
+        Stages up to the matrix; see `ilattice._progress.track`.
 
     Returns
     -------
@@ -236,7 +240,8 @@ def natural_modes(
     ConvergenceError
         If residuals stay above `tol`.
     """
-    system = as_kind("problem", problem, "Elasticity").system
+    as_kind("problem", problem, "Elasticity").prepare(progress)
+    system = problem.system
     M = problem.mass()
     if not M.data.any():
         raise InputError("density: the solid has no mass, and no frequencies; give it a density")

@@ -20,12 +20,20 @@ import numpy as np
 
 from ilattice._progress import Progress, track
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
-from ilattice._validate import FrozenCopies, among, as_array, as_index, as_positive, read_only
+from ilattice._validate import (
+    FrozenCopies,
+    among,
+    as_array,
+    as_index,
+    as_positive,
+    as_whole,
+    read_only,
+)
 from ilattice.cutfem.probe import Probe, probe
 from ilattice.errors import FormatError, InputError
 from ilattice.mesh import SurfaceMesh
 from ilattice.mesh.wall_mesh import parameters_of, wall_mesh, warn_full
-from ilattice.plot import Scene, animate, show
+from ilattice.plot import Panels, Scene, animate, show
 from ilattice.plot.animation import film_of
 from ilattice.plot.cards import card
 from ilattice.plot.quick import split
@@ -329,6 +337,37 @@ class Series(FrozenCopies, Sequence[R]):
             return tuple(self._result(k) for k in range(len(self))[index])
         return self._result(range(len(self))[as_index("index", index)])
 
+    def plot(
+        self, *, most: int = 6, on: str = "auto", h: float | None = None,
+        scale: float | str = "auto", screenshot: "str | PathLike[str] | None" = None,
+        **options: Any,
+    ) -> Any:  # fmt: skip
+        """Show several results side by side, in one scale of colours.
+
+        Parameters
+        ----------
+        most : int
+            How many, evenly from the first to the last.
+        on, h, scale : str, float
+            As in `Result.plot`.
+        screenshot : path-like, optional
+            File for the picture, which is not shown then.
+        **options
+            Of `ilattice.plot.Scene` and its `add`, and ``size``, that of the whole picture.
+
+        Returns
+        -------
+        object
+            What pyvista returns, None for a file.
+        """
+        count = min(as_whole("most", most, 1, 99), len(self))
+        which = np.unique(np.linspace(0, len(self) - 1, count).round().astype(int)).tolist()
+        of_scene, of_layer, of_show = split(options)
+        size = of_scene.pop("size", None)
+        scenes = self._scenes(which, of_scene, of_layer, on=on, h=h, scale=scale)
+        panels = Panels(tuple(scenes), columns=min(3, len(scenes)), size=size)
+        return panels.show(**of_show) if screenshot is None else panels.save(screenshot)
+
     def animate(
         self, path: "str | PathLike[str]", *, on: str = "auto", h: float | None = None,
         scale: float | str = "auto", fps: float = 12.0, progress: Progress = None,
@@ -350,19 +389,28 @@ class Series(FrozenCopies, Sequence[R]):
             Of `ilattice.plot.Scene` and its `add`.
         """
         film_of(path)
-        grids = [self[k].to_pyvista(on, h=h, scale=scale) for k in range(len(self))]
         of_scene, of_layer, _ = split(options)
-        of_layer.setdefault("scalars", self[0].shown)
+        of_scene = {"size": (800, 600), **of_scene}
+        which = list(range(len(self)))
+        scenes = self._scenes(which, of_scene, of_layer, on=on, h=h, scale=scale)
+        animate(scenes, path, fps=fps, progress=progress)
+
+    def _scenes(
+        self, which: Sequence[int], of_scene: Mapping[str, Any], of_layer: Mapping[str, Any],
+        **how: Any,
+    ) -> list[Scene]:  # fmt: skip
+        """Some of the results, in one scale of colours."""
+        grids = [self[k].to_pyvista(how["on"], h=how["h"], scale=how["scale"]) for k in which]
+        of_layer = {"scalars": self[0].shown, **of_layer}
         shown = [np.asarray(grid[of_layer["scalars"]], float) for grid in grids]
         sizes = [np.linalg.norm(a, axis=1) if a.ndim == 2 else a for a in shown]
         limits = (min(np.nanmin(a) for a in sizes), max(np.nanmax(a) for a in sizes))
-        scenes = [
-            Scene(**{"size": (800, 600), "title": self[k]._title(), **of_scene}).add(
+        return [
+            Scene(**{"title": self[k]._title(), **of_scene}).add(
                 grid, **{"clim": limits, **of_layer}
             )
-            for k, grid in enumerate(grids)
+            for k, grid in zip(which, grids, strict=True)
         ]
-        animate(scenes, path, fps=fps, progress=progress)
 
     def save(
         self, path: "str | PathLike[str]", *, on: str = "auto", h: float | None = None,

@@ -40,6 +40,14 @@ class Report(SolveReport):
 
     _result: Any = field(default=None, repr=False)
 
+    @property
+    def unseen(self) -> float:
+        """Diameter of the largest speck or void that may pass unseen, in lengths of a cell.
+
+        0 for splines, and for fields that tell bounds of themselves; see `CutGrid.unseen`.
+        """
+        return float(max(cut.unseen for cut in self._result.problem.domain.solids))
+
     def __call__(self, path: str | PathLike[str], *, pictures: bool = True) -> None:
         """Write a page about the analysis: set-up, checks, results, pictures.
 
@@ -173,6 +181,9 @@ def _checks(result: "Result", report: SolveReport) -> dict[str, str]:
         f"{report.setup_seconds + report.solve_seconds:.2g} s",
         "relative residual": f"{report.residual:.1e}",
     }
+    unseen = max(cut.unseen for cut in result.problem.domain.solids)
+    if unseen > 0.0:
+        out["specks and voids that a function of points may hide"] = f"up to {unseen:.2g} cells"
     balance = getattr(result, "equilibrium", None)
     if balance is not None:
         out["loads and reactions out of balance"] = f"{balance:.1e} of what acts"

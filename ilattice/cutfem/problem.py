@@ -14,9 +14,9 @@ from typing import Any, ClassVar, Self, TypeVar
 
 import numpy as np
 
-from ilattice._progress import Progress
+from ilattice._progress import Progress, staged
 from ilattice._typing import FloatArray, IntArray
-from ilattice._validate import FixedMapping, Frozen, among, as_choice, read_only
+from ilattice._validate import FixedMapping, Frozen, among, as_choice, as_flag, read_only
 from ilattice.cutfem import discretization, watching
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.conditions import (
@@ -352,6 +352,26 @@ class Problem:
             self._held["reduced"] = self.constraints.reduce(self.matrix)
         return self._held["reduced"]
 
+    def prepare(self, progress: Progress = None, *, held: bool = False) -> None:
+        """What solving begins with, in stages that have names.
+
+        Parameters
+        ----------
+        progress : bool or callable, optional
+            "cells", "rules", "supports" and "matrix"; see `ilattice._progress.track`.
+        held : bool
+            Refuse a body that is free to move, before its matrix is made.
+        """
+        domain = self.domain
+        work: dict[str, Any] = {"cells": lambda: domain.cut.status, "rules": lambda: domain.volume}
+        if as_flag("held", held):
+            work["supports"] = self.check_held
+        staged(work | {"matrix": lambda: self.matrix}, progress)
+
+    def _check_supports(self) -> None:
+        if not self.supports and not self.springs:
+            raise InputError(self.lack)
+
     def check_held(self) -> None:
         """Refuse a body that is free to move.
 
@@ -360,8 +380,7 @@ class Problem:
         InputError
             If there is no support, or a motion of a part without energy is free.
         """
-        if not self.supports and not self.springs:
-            raise InputError(self.lack)
+        self._check_supports()
         for part, (free, most) in self.free_motions.items():
             raise InputError(
                 f"{free} of {most} motions of a rigid body are free, or nearly so, in "
@@ -412,7 +431,8 @@ class Problem:
     ) -> tuple[FloatArray, SolveReport | None]:
         """All coefficients, and what the solver reports."""
         as_choice("method", method, ("auto", *ENGINES))
-        self.check_held()
+        self._check_supports()
+        self.prepare(progress, held=True)
         system = self.system
         if not len(system.b):
             return system.constraints.values, None
@@ -436,7 +456,7 @@ class Problem:
         c = system.constraints.expand(x.reshape(-1, self.m))
         energy = self._energy_of(solver.multiply, c)
         error = discretization.of_work(self._discretization_error(solver.multiply, c, energy))
-        discretization.warn(error, self.energy_name, self.assembly.space)
+        discretization.warn(error, self.energy_name, self.assembly.space, kept=self._keeps_volume)
         return c, replace(report, discretization_error=error)
 
     def _energy_of(self, product: Product, c: FloatArray) -> float:
@@ -467,6 +487,11 @@ class Problem:
         return discretization.relative_error(
             levels, multiply, diagonal, c, con.fixed, energy, jumps
         )
+
+    @property
+    def _keeps_volume(self) -> bool:
+        """Whether estimates are those of a solid that gives in, since the material does not."""
+        return False
 
     def _energy_on(self, c: FloatArray, rule: Quadrature) -> float:
         """Twice the energy of coefficients over a rule in parameters, nothing heated."""

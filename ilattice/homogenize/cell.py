@@ -288,6 +288,7 @@ class CellProblem(Problem):
         Answer
             Solutions, and what they relax.
         """
+        self.prepare(progress)
         F = self.load_vectors()
         k, system = F.shape[2], self.system
         B = np.stack([system.constraints.restrict(F[..., i]).ravel() for i in range(k)], axis=1)

@@ -226,3 +226,22 @@ def test_thin_coats_that_keep_their_volume_stay_positive(degree, depth):
         K = problem.system.K.toarray()
         size = np.sqrt(K.diagonal())
         assert eigvalsh(K / size / size[:, None], subset_by_index=[0, 0])[0] > 0.0
+
+
+def test_estimates_say_that_they_are_large_where_volumes_are_kept():
+    hole = il.fields.translate(il.fields.sphere(0.35), (0.1, 0.2, 0.3))
+    body = il.fields.difference(il.fields.cylinder(0.6), hole)
+    domain = [[-0.7, -0.7, -1.0], [0.7, 0.7, 1.0]]
+
+    def solved(n, degree, poisson=0.48):
+        problem = Elasticity(body, n, domain=domain, degree=degree, poisson=poisson)
+        return problem.clamp("w=0").load(gravity=(0.3, 1.0, 0.0)).solve()
+
+    with pytest.warns(PrecisionWarning, match="up to .* often by a tenth of that"):
+        coarse = solved((6, 6, 8), 2)
+    with pytest.warns(PrecisionWarning, match="often"):
+        fine = solved((12, 12, 16), 2)
+    off = abs(fine.compliance / coarse.compliance - 1.0)
+    assert 0.02 * coarse.report.discretization_error <= off <= coarse.report.discretization_error
+    with pytest.warns(PrecisionWarning, match="off by about"):
+        solved((6, 6, 8), 1)

@@ -53,6 +53,21 @@ def test_pages_hold_the_numbers_and_nothing_from_elsewhere(tmp_path):
     assert min(np.ptp(image) for image in images) > 100
 
 
+def test_pages_say_what_a_function_of_points_may_hide(tmp_path):
+    told = {}
+    ball = il.fields.sphere(0.7)
+    for name, field in (("tree", ball), ("points", lambda u: ball(u))):
+        body = il.cutfem.Elasticity(field, 4, domain=[[-1] * 3, [1] * 3], degree=1)
+        with pytest.warns(il.errors.PrecisionWarning, match="too coarse"):
+            solution = body.spring("surface", 1.0).load(gravity=(0, 0, -1)).solve()
+        solution.report(tmp_path / f"{name}.html", pictures=False)
+        text = (tmp_path / f"{name}.html").read_text(encoding="utf-8")
+        told[name] = rows(text).get("specks and voids that a function of points may hide", "")
+        assert (solution.report.unseen > 0.0) == (name == "points")
+    assert told["tree"] == ""
+    assert re.fullmatch(r"up to 0\.\d+ cells", told["points"])
+
+
 def test_doubts_stand_first(tmp_path):
     weak = rod(strength=0.5).clamp("w=0").load(traction=(1.0, 0, 0), on="w=1")
     with pytest.warns(il.errors.PrecisionWarning):
