@@ -61,7 +61,10 @@ NUMBERS = (
 
 
 def tile_function(lattice):
-    """Values, gradients and Hessians of the tile of a lattice, by NumPy and SciPy alone."""
+    """Values, gradients and Hessians of the tile of a lattice, by NumPy and SciPy alone.
+
+    Its second argument is the order, 0 for values alone.
+    """
     field = lattice.smooth_tile
     if isinstance(field, BSpline):
         return _spline_tile(field)
@@ -72,8 +75,10 @@ def _spline_tile(spline):
     f = NdBSpline(spline.t, spline.c, spline.k, extrapolate=True)
     e = np.eye(3, dtype=int)
 
-    def jet(p):
+    def jet(p, order=2):
         q = p - np.floor(p)
+        if order == 0:
+            return (f(q),)
         g = np.stack([f(q, nu=tuple(e[i])) for i in range(3)], axis=1)
         h = np.empty((len(p), 3, 3))
         for i, j in nc.PAIRS:
@@ -90,9 +95,12 @@ def _trig_tile(field):
     shift = np.where((field.factor > 0) & (field.factor % 2 == 0), -0.5 * np.pi, 0.0)
     w = wave * turns
 
-    def jet(p):
+    def jet(p, order):
         angle = p[:, None, :] * w + shift
-        zero, one = np.cos(angle), -np.sin(angle) * w
+        zero = np.cos(angle)
+        if order == 0:
+            return (zero.prod(axis=2) @ field.coef,)
+        one = -np.sin(angle) * w
         two = -zero * w * w
         parts = (zero, one, two)
 
@@ -107,9 +115,9 @@ def _trig_tile(field):
             h[:, i, j] = h[:, j, i] = term(e[i] + e[j])
         return term(np.zeros(3, int)), g, h
 
-    def in_parts(p):
+    def in_parts(p, order=2):
         """In pieces, for terms times points need room."""
-        pieces = [jet(a) for a in np.array_split(p, len(p) // 20_000 + 1)]
+        pieces = [jet(a, order) for a in np.array_split(p, len(p) // 20_000 + 1)]
         return tuple(np.concatenate(a) for a in zip(*pieces, strict=True))
 
     return in_parts
@@ -330,7 +338,7 @@ class Judge:
         return np.where(on & (away < distance), away, distance), np.abs(found.distance)
 
     def _sign(self, p):
-        return self.oracle.tile(self._in_domain(p))[0]
+        return self.oracle.tile(self._in_domain(p), 0)[0]
 
     def _in_domain(self, p):
         """Moved off the upper faces, where a tile that is not periodic would begin again."""
@@ -426,7 +434,7 @@ def voxel_parts(wall, side=0, per_tile=40):
     inside, closed = wall.field(lo + t * (hi - lo)) < 0.0, wall.lattice.through.closed
     fewest, most = (_joined(inside.reshape(count), closed, n) for n in (np.ones((3, 3, 3)), None))
     if side:
-        f = side * tile_function(wall.lattice)(t * np.array(wall.lattice.repeat))[0]
+        f = side * tile_function(wall.lattice)(t * np.array(wall.lattice.repeat), 0)[0]
         off = inside & (f > PINCHED * np.median(np.abs(f[inside])))
         most = max(most, _joined(off.reshape(count), closed, None))
     return fewest, most

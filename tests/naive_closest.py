@@ -44,13 +44,13 @@ def _wave(code, x):
     return (c, -w * s, -w * w * c) if code[0] == "c" else (s, w * c, -w * w * s)
 
 
-def tile_jet(name, p):
+def tile_jet(name, p, order=2):
     """Value (n,), gradient (n, 3), Hessian (n, 3, 3) of a tile at tile coordinates.
 
-    The tile is a key of `TERMS`, or a function that returns them.
+    The tile is a key of `TERMS`, or a function that returns them, only values for order 0.
     """
     if callable(name):
-        return name(p)
+        return name(p, order)
     f, g, h = np.zeros(len(p)), np.zeros((len(p), 3)), np.zeros((len(p), 3, 3))
     for a, codes in TERMS[name]:
         w = [_wave(code, p[:, i]) for i, code in enumerate(codes)]
@@ -142,7 +142,7 @@ def tile_samples(name, m):
     """Nodes and crossings of edges of an m³ grid of the closed unit cell on the surface, (n, 3)."""
     axis = np.linspace(0.0, 1.0, m + 1)
     grid = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1)
-    f = tile_jet(name, grid.reshape(-1, 3))[0].reshape(grid.shape[:3])
+    f = tile_jet(name, grid.reshape(-1, 3), 0)[0].reshape(grid.shape[:3])
     out = [grid[np.abs(f) < 1e-13]]
     f = np.where(np.abs(f) < 1e-13, 1e-13, f)
     for a in range(3):
@@ -153,7 +153,7 @@ def tile_samples(name, m):
         lo, hi = np.zeros(len(low)), np.full(len(low), 1.0 / m)
         for _ in range(52):
             middle = 0.5 * (lo + hi)
-            same = tile_jet(name, low + middle[:, None] * e)[0] * left > 0
+            same = tile_jet(name, low + middle[:, None] * e, 0)[0] * left > 0
             lo, hi = np.where(same, middle, lo), np.where(same, hi, middle)
         out.append(low + (0.5 * (lo + hi))[:, None] * e)
     return np.concatenate(out)

@@ -1,19 +1,20 @@
-"""Seeds that cover the surface of one tile, closer together where it bends sharply.
+"""Seeds that cover the surface of one tile, closer together where it bends sharply or meets itself.
 
 Guarantees: those of `seeding`; along edges, where normals of splines turn much over a cell, points
-of a grid of `EDGES` planes per direction have a seed that faces alike within about a smaller cell.
+of a grid of `EDGES` planes per direction have a seed that faces alike within about a smaller cell;
+likewise next to curves in which a surface meets itself.
 Non-guarantee: edges sharper than that grid may have normals between those of their seeds.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ilattice._typing import FloatArray, IntArray
 from ilattice.bspline import BSpline
-from ilattice.offsets.seeding import bends, crossings, gaps, regular
+from ilattice.offsets.seeding import bends, crossings, falls, gaps, regular
 from ilattice.tiles.trig import TrigField
 
 if TYPE_CHECKING:
@@ -24,9 +25,10 @@ CROWDING = 0.02
 #: Planes per direction between which splines are searched for surfaces that seeds have missed, and
 #: trigonometric tiles, per seed.
 FINE, FINER = 65, 4
-#: Normals of splines that turn by more than this over a cell make an edge, where cells are smaller
-#: by these factors; planes per direction between which edges are sought. Trigonometric fields bend
-#: evenly, and lead to edges from farther away.
+#: Normals of splines that turn by more than this over a cell make an edge, and slopes that fall by
+#: more than that tell of surfaces that meet: cells are smaller there by these factors. Planes per
+#: direction between which both are sought. Trigonometric fields bend evenly, and lead to edges from
+#: farther away.
 EDGED, EDGES = {4: 4.0, 2: 2.0}, 129
 
 
@@ -38,7 +40,8 @@ class Covering(NamedTuple):
     plain : ndarray, shape (n, 3)
         One in each cell about, and more where they leave gaps.
     sharp : dict
-        More along edges, (s, 3), for each part of a cell that they stand for.
+        More along edges and where surfaces meet, (s, 3), for each part of a cell that they stand
+        for.
     crowded : bool
         Whether many of them crowd on one sheet.
     """
@@ -76,10 +79,13 @@ class Covering(NamedTuple):
         more = more[regular(field, more)]
         plain = np.concatenate([p, more])
         sharp: dict[int, FloatArray] = {}
-        turns = _turns(space, points, m)
+        if isinstance(field, TrigField) and fine < EDGES and _meets(field, points, fine):
+            points = crossings(field, EDGES)
+        turns = _turns(field, points, m)
         if isinstance(field, BSpline) and (turns > min(EDGED.values())).any():
             points = crossings(field, EDGES)
-            turns = _turns(space, points, m)
+            turns = _turns(field, points, m)
+        if (turns > min(EDGED.values())).any():
             for n, least in EDGED.items():
                 there = np.concatenate([plain, *sharp.values()])
                 new = space._project(gaps(field, points[turns > least], there, n * m), n * m)
@@ -88,10 +94,17 @@ class Covering(NamedTuple):
         return cls(plain, sharp, added > CROWDING * len(p))
 
 
-def _turns(space: TileSpace, points: FloatArray, m: IntArray) -> FloatArray:
-    """How much normals (n,) turn over a cell next to points of a surface."""
-    field = space.lattice.smooth_tile
+def _meets(field: Any, points: FloatArray, planes: int) -> bool:
+    """Whether a surface meets itself next to some of its points on the edges of a grid."""
+    return bool((falls(field, points, np.full(3, planes - 1)) > 1.0).any())
+
+
+def _turns(field: Any, points: FloatArray, m: IntArray) -> FloatArray:
+    """How much normals (n,) turn, or slopes fall, over a cell next to points of a surface."""
     out = np.zeros(len(points))
     at = np.flatnonzero(regular(field, points))
-    out[at] = bends(field, points[at]) / float(m.min())
+    near = points[at]
+    out[at] = falls(field, near, m)
+    if isinstance(field, BSpline):  # trigonometric fields bend evenly
+        out[at] = np.maximum(out[at], bends(field, near) / float(m.min()))
     return out

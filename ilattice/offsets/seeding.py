@@ -348,6 +348,40 @@ def bends(field: Any, points: FloatArray) -> FloatArray:
     return out
 
 
+def falls(field: Any, points: FloatArray, m: IntArray) -> FloatArray:
+    """How fast fields lose their slope along their surface, as where that meets itself.
+
+    There it is one by the distance in cells.
+
+    Parameters
+    ----------
+    field : object
+        With `jet(points, order)`.
+    points : ndarray, shape (n, 3)
+        Points of its zero set, in the unit cube.
+    m : ndarray of int, shape (3,)
+        Cells per direction.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Relative to the slope there; infinite where that is zero.
+    """
+    out = np.empty(len(points))
+    for i in range(0, len(points), TOGETHER):
+        _, gradient, hessian = field.jet(np.clip(points[i : i + TOGETHER], 0.0, 1.0), 2)
+        gradient, hessian = gradient / m, hessian / np.outer(m, m)
+        length = np.linalg.norm(gradient, axis=1)
+        normal = gradient / np.where(length > 0.0, length, 1.0)[:, None]
+        change = np.einsum("nab,nb->na", hessian, normal)
+        change -= (change * normal).sum(axis=1)[:, None] * normal
+        lost = np.linalg.norm(change, axis=1)
+        out[i : i + TOGETHER] = np.divide(
+            lost, length, out=np.full(len(length), np.inf), where=length > 0.0
+        )
+    return out
+
+
 def _normals(field: Any, points: FloatArray) -> FloatArray:
     gradient = field.jet(points, 1)[1]
     length = np.linalg.norm(gradient, axis=1, keepdims=True)

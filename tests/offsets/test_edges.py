@@ -43,3 +43,21 @@ def test_no_sample_of_a_surface_with_sharp_edges_is_nearer(tile, count):
     too_far = np.abs(found.distance) / near - 1.0
     assert too_far.max() <= 1e-5
     assert np.median(too_far) > -5e-2  # samples are as close together as they should be
+
+
+@pytest.mark.parametrize(
+    ("tile", "sides"),
+    [
+        ("f", (1.07, 0.94, 0.16)),
+        ("f", (0.8, 1.7, 0.65)),
+        ("honeycomb_diamond", (0.16, 1.07, 0.94)),
+        ("honeycomb_gyroid", (0.14, 1.07, 0.94)),
+    ],
+)
+def test_no_sample_of_a_surface_that_meets_itself_is_nearer(tile, sides):
+    """Where fields have no slope, seeds used to be far away, and other sheets took their place."""
+    lattice = il.Lattice(tile, through=il.macroshape.box(sides))
+    u = np.random.default_rng(7).random((8000, 3))
+    near = cKDTree(samples(lattice.smooth_tile) * sides).query(u * sides)[0]
+    too_far = np.abs(lattice.closest(u).distance) / near - 1.0
+    assert too_far.max() <= 1e-5
