@@ -1,13 +1,14 @@
 """Pictures of structures: edges as tubes, coloured by what is told of them.
 
-Guarantee: compression is blue and tension red, on a scale that is symmetric about zero.
+Guarantee: compression is blue and tension red, on a scale that is symmetric about zero,
+or begins there if nothing is negative.
 """
 
 from typing import Any
 
 import numpy as np
 
-from ilattice._typing import ArrayLike
+from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import as_array, as_flag, as_kind, as_positive
 from ilattice.cost.structure import CornerSharing
 from ilattice.errors import InputError
@@ -98,13 +99,22 @@ def drawn(
             if some.any():
                 piece = segments(x, e[some])
                 piece.cell_data[label] = v[some]
-                scene = scene.add(
-                    piece.tube(radius=part * thick), scalars=label, cmap="coolwarm",
-                    clim=(-most, most),
-                )  # fmt: skip
+                scene = scene.add(piece.tube(radius=part * thick), scalars=label, **_colours(v))
     if as_flag("filled", filled):
         scene = scene.add(_simplices(k, x), color=SIMPLICES, opacity=1.0 if k.dim == 3 else 0.6)
     return scene
+
+
+def _colours(values: FloatArray) -> dict[str, Any]:
+    """Blue below 0 and red above; the bar begins at 0, at the same grey, if nothing is below."""
+    most = float(np.abs(values).max()) or 1.0
+    if values.min() < 0.0:
+        return {"cmap": "coolwarm", "clim": (-most, most)}
+    from matplotlib import colormaps
+    from matplotlib.colors import ListedColormap
+
+    half = colormaps["coolwarm"](np.linspace(0.5, 1.0, 256))
+    return {"cmap": ListedColormap(half, name="grey to red"), "clim": (0.0, most)}
 
 
 def _simplices(k: CornerSharing, x: Any) -> Any:

@@ -196,9 +196,13 @@ def flipped(
 
 
 def layer_flipped(
-    layer: CornerSharing, layers: Any, vertex: int, apices: Any = None
+    layer: CornerSharing, layers: Any, vertices: Any, apices: Any = None
 ) -> CornerSharing:
-    """A stack after the same planar flip in all its layers.
+    """A stack after the same planar flips in all its layers (layer-induced flips of the paper).
+
+    Triangles keep the colours that they have before the flips, so that the same ones get apices:
+    a vertex that is moved to a triangle of its other colour has both of its tetrahedra on one side
+    of its layer then, or none at the first or the last one, where it is left out.
 
     Parameters
     ----------
@@ -206,17 +210,37 @@ def layer_flipped(
         The structure of a layer, in the plane.
     layers, apices : array_like
         As in `ilattice.cost.stacked`.
-    vertex : int
-        Vertex of the layer.
+    vertices : int or sequence of int
+        Vertices of the layer, flipped one after the other.
 
     Returns
     -------
     CornerSharing
         The stack.
-    """
-    from ilattice.cost.midpoint import stacked
 
-    return stacked(flipped(layer, vertex), layers, apices)
+    Raises
+    ------
+    GeometryError
+        If the triangles cannot be coloured, or a flip is not possible; see `flipped`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import ilattice as il
+    >>> layer = il.cost.kagome(5, dim=2)
+    >>> flat = np.pad(layer.positions, ((0, 0), (0, 1)))
+    >>> layers = [flat, flat + [0, 0, 0.16], flat + [0, 0, 0.32]]
+    >>> inner = np.flatnonzero(layer.valence == 4)[0]
+    >>> il.cost.flips.layer_flipped(layer, layers, int(inner))
+    CornerSharing(50 tetrahedra, 144 vertices, 0 bars)
+    """
+    from ilattice.cost.midpoint import coloured_stack, two_coloured
+
+    as_kind("layer", layer, "CornerSharing")
+    colour = two_coloured(layer)
+    for vertex in np.atleast_1d(vertices).tolist():
+        layer = flipped(layer, vertex)
+    return coloured_stack(layer, layers, apices, colour)
 
 
 # ------------------------------------------------------------------------------ at random

@@ -5,6 +5,7 @@ Guarantee: the volume of each simplex is exactly d^-d of that of its cell (paper
 
 import os
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -134,11 +135,17 @@ def stacked(
         If the triangles cannot be coloured so.
     """
     as_kind("layer", layer, "CornerSharing")
+    return coloured_stack(layer, layers, apices, two_coloured(layer))
+
+
+def coloured_stack(
+    layer: CornerSharing, layers: Any, apices: Any, colour: IntArray
+) -> CornerSharing:
+    """`stacked`, with the colours (t,) of the triangles."""
     x = as_array("layers", layers, ndim=3)
     n = len(layer.positions)
     if layer.dim != 2 or x.shape[1:] != (n, 3) or len(x) < 2:
         raise InputError(f"layers must have shape (k, {n}, 3) with k of 2 or more, got {x.shape}")
-    colour = two_coloured(layer)
     places: list[FloatArray] = [x.reshape(-1, 3)]
     rows, first = [], len(x) * n
     given = [None] * (len(x) - 1) if apices is None else as_items("apices", apices)

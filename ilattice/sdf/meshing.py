@@ -17,13 +17,14 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._field import Field
 from ilattice._memory import available, need
 from ilattice._progress import Progress
 from ilattice._typing import FloatArray
-from ilattice._validate import Frozen, as_flag, as_kind, as_positive, as_triple
+from ilattice._validate import Frozen, as_flag, as_positive, as_triple
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.fields.algebra import clipped
-from ilattice.fields.node import Node, is_empty
+from ilattice.fields.node import Node, as_node, is_empty
 from ilattice.macroshape.maps import SplineMap
 from ilattice.mesh import SurfaceMesh
 from ilattice.mesh.contouring import contour_arrays
@@ -182,13 +183,13 @@ class Plan(Frozen):
         return SurfaceMesh._adopt(sharp.vertices[repair.vertices], repair.faces)
 
 
-def plan(solid: Node, spacing: Any = None, *, memory: float = MEMORY) -> Plan:
+def plan(solid: Field, spacing: Any = None, *, memory: float = MEMORY) -> Plan:
     """Box and grid of a solid.
 
     Parameters
     ----------
-    solid : Node
-        Field with a finite box.
+    solid : Field
+        With a finite box.
     spacing : float or (3,) array, optional
         Largest distance of the planes of the grid; default a hundredth of the longest side.
     memory : float
@@ -219,8 +220,9 @@ def plan(solid: Node, spacing: Any = None, *, memory: float = MEMORY) -> Plan:
     return found
 
 
-def planned(solid: Node, spacing: Any = None) -> Plan:
+def planned(solid: Field, spacing: Any = None) -> Plan:
     """Box and grid of a solid, however much memory meshing takes; see `plan`."""
+    solid = as_node("solid", solid)
     box = _checked_box(solid)
     inner, walls = clipped(solid)
     sides = box[1] - box[0]
@@ -254,7 +256,7 @@ def _corners(solid: Node) -> FloatArray | None:
 
 
 def _checked_box(solid: Node) -> FloatArray:
-    box = np.array(as_kind("solid", solid, "Node").bounds)
+    box = np.array(solid.bounds)
     if is_empty(box) or (box[0] == box[1]).any():
         where = f": its box is {box.tolist()}" if np.isfinite(box).all() else ""
         raise GeometryError(f"the solid is empty{where}")
@@ -297,8 +299,9 @@ def mesh(
 
     Parameters
     ----------
-    solid : Node
-        Field with a finite box; with `through` any field of the parameters of that map, such as
+    solid : Field
+        With a finite box, such as a word of the language or a `MeshDistance`; with `through` any
+        field of the parameters of that map, such as
         ``fields.intersection(wall.field, fields.pull_back(part, wall.through))``.
     spacing : float or (3,) array, optional
         Largest distance of the planes of the grid; default a hundredth of the longest side, or
@@ -338,7 +341,9 @@ def mesh(
     if tol is None:
         return plan(solid, spacing, memory=memory).mesh(allow_loss=allow_loss, progress=progress)
     largest = np.inf if spacing is None else as_positive("spacing", spacing)
-    return _converged(solid, as_positive("tol", tol), largest, memory, allow_loss, progress)
+    return _converged(
+        as_node("solid", solid), as_positive("tol", tol), largest, memory, allow_loss, progress
+    )
 
 
 def _converged(

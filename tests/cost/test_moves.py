@@ -304,3 +304,31 @@ def test_edges_break_at_their_strength_one_after_the_other():
     compliance = found.displacement / found.load
     assert (np.diff(compliance) > -1e-12).all()
     assert found.path.shape == (len(found.broken), 2)
+
+
+def test_planar_flips_of_layers_are_flips_of_the_stack():
+    """Every vertex keeps to two tetrahedra, or has none, wherever the layers are flipped."""
+    rng = np.random.default_rng(1)
+    layer = il.cost.kagome(6, dim=2)
+    n = len(layer.positions)
+    shifts = rng.uniform(-0.02, 0.02, (4, 2))
+    layers = np.stack([
+        np.column_stack([layer.positions + shift, np.full(n, z)])
+        for shift, z in zip(shifts, (0.0, 0.2, 0.45, 0.6), strict=True)
+    ])  # fmt: skip
+    stack = il.cost.stacked(layer, layers)
+    inner = np.flatnonzero(layer.valence == 4)
+    assert len(inner) == 45
+    for v in rng.choice(inner, 8, replace=False).tolist():
+        k = il.cost.flips.layer_flipped(layer, layers, v).check()
+        assert len(k.simplices) == len(stack.simplices)
+        assert set(np.unique(k.valence)) == {3, 6}
+        assert k.is_embedded()
+        flat = il.cost.flips.flipped(layer, v)
+        apex = np.sort(k.simplices, axis=1)[:, :3]
+        found = {tuple(np.round(t, 9)) for t in k.positions[apex][:, :, :2].mean(axis=1)}
+        triangles = flat.positions[flat.simplices].mean(axis=1)
+        wanted = {tuple(np.round(t + s, 9)) for s in shifts for t in triangles}
+        assert found <= wanted  # the bases of tetrahedra are triangles of the flipped layer
+    with pytest.raises(il.errors.GeometryError, match="one triangle only"):
+        il.cost.flips.layer_flipped(layer, layers, 0)

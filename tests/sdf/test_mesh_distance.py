@@ -11,6 +11,7 @@ import numba
 import numpy as np
 import pytest
 
+import ilattice as il
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.mesh import SurfaceMesh, contour
 from ilattice.sdf import MeshDistance
@@ -437,3 +438,13 @@ def test_twins_share_the_side():
     for j, beyond in enumerate(twins(f, f.max() + 1).T):
         for a, b, other in zip(f[:, j], f[:, (j + 1) % 3], f[beyond].tolist(), strict=True):
             assert (b, a) in zip(other, other[1:] + other[:1], strict=True)
+
+
+@pytest.mark.parametrize("tol", [None, 0.02])
+def test_distances_to_meshes_are_meshed_as_they_are(tol):
+    ball = il.sdf.mesh(il.fields.translate(il.fields.sphere(0.9), (0.3, -0.2, 0.1)), 0.15)
+    again = il.sdf.mesh(MeshDistance(ball), 0.11, tol=tol)
+    assert again.is_watertight
+    assert again.volume == pytest.approx(ball.volume, rel=0.02)
+    with pytest.raises(InputError, match="solid must be a field"):
+        il.sdf.mesh(lambda x: x[:, 0], 0.1)
