@@ -6,8 +6,13 @@ of the first is, so a level cannot be a thickness. Measured about the surface of
 for a half-thickness of 0.05: the level set of the best constant is between 0.77 and 1.37 times as
 far away as asked, that of the graded function between 0.38 and 3.9 times; the parametric offset,
 of first order, between 0.92 and 1.05, and 0.82 and 1.21 times. The offset by closest points is
-exact. In the picture: both level sets and, at the right, that offset. White is right, blue walls
-are too thin, red ones too thick.
+exact. In the first picture: both level sets and, at the right, that offset. White is right, blue
+walls are too thin, red ones too thick.
+
+The second picture is that of the paper: the four lines of (b) are the middle of two solids that are
+the same at level 0 (red). At level 0.05 (green), arms of the distance (a) have grown by 0.05
+everywhere, those of the graded field (c) by 0.05 at the left end and by a third of it at the right
+one. Thick ovals mark that pair of arms, thin ones arms that have grown alike.
 
     python examples/fig02_level_sets.py
 """
@@ -43,9 +48,54 @@ def main(d: float = 0.05, h: float = 0.04, out: str = "") -> dict[str, Any]:
             on = mesh.point_data["side"] != 0
             result[f"{tile.name}: {space}"] = spread(lattice, mesh.vertices[on], d)
         shown.append(coloured(lattice, level, d))
+    result |= arms(d, h, out)
     if out:
         _picture([*shown, coloured(lattice, without_ends(mesh), d)], f"{out}.png")
     return result
+
+
+def arms(d: float, h: float, out: str) -> dict[str, tuple[float, float]]:
+    """By how much arms grow at the left and the right end, relative to d, of both fields."""
+    lines = il.tiles.four_lines(radius=0.08)
+    axes = [np.linspace(0.0, 1.0, 2 * int(np.ceil(1.0 / h)) + 1)] * 3
+    fields = {
+        "lines": lines,
+        "graded lines": lambda u: lines(u) * (1.0 + 2.0 * u[:, 0] ** 2),
+    }
+    result, solids = {}, []
+    for name, field in fields.items():
+        pair = [il.mesh.contour(field, axes, level=level) for level in (0.0, d)]
+        x = pair[1].vertices
+        ends = (x[np.abs(x[:, 0] - at) < 1e-9] for at in (0.0, 1.0))
+        rims = (end[lines(end) > 0.2 * d] for end in ends)  # without what is inside of the rim
+        result[name] = tuple(float(lines(rim).max() / d) for rim in rims)
+        solids.append(pair)
+    if out:
+        _picture_of_arms(solids, f"{out}_four_lines.png")
+    return result
+
+
+def _picture_of_arms(solids: list[list["il.SurfaceMesh"]], path: str) -> None:
+    """The levels of both fields, the outer one as glass, and the curves between them."""
+    cube = [[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]]
+    ends = [[(0, 0.25, 0.5), (1, 0.25, 0.5)], [(0, 0.75, 0.5), (1, 0.75, 0.5)],
+            [(0.5, 0, 0.5), (0.5, 1, 0.5)], [(0.5, 0.5, 0), (0.5, 0.5, 1)]]  # fmt: skip
+    curves = il.plot.polylines([np.array(line, float) for line in ends])
+    scene = il.plot.Scene(view=(-40.0, 25.0), occlusion=False).lines(cube, color="gray")
+    scenes = []
+    for inner, outer in solids:
+        both = scene.add(inner, color="firebrick").add(outer, color="seagreen", opacity=0.4)
+        both = both.lines(ovals((1.0, 0.25, 0.5), (1.0, 0.75, 0.5)), color="black", width=5)
+        scenes.append(both.lines(ovals((0.5, 0.0, 0.5), axis=1), color="black", width=2))
+    scenes.insert(1, scene.lines(curves, color="black", width=6))
+    il.plot.Panels(scenes, labels=True, size=(2000, 720)).save(path)
+
+
+def ovals(*middles: tuple[float, float, float], axis: int = 0) -> Any:
+    """Circles about the ends of arms along an axis, of radius 0.22."""
+    angles = np.linspace(0.0, 2 * np.pi, 60, endpoint=False)
+    circle = np.insert(0.22 * np.column_stack([np.cos(angles), np.sin(angles)]), axis, 0.0, axis=1)
+    return il.plot.polylines([circle + middle for middle in middles], closed=True)
 
 
 def coloured(lattice: il.Lattice, mesh: "il.SurfaceMesh", d: float) -> "il.SurfaceMesh":

@@ -3,7 +3,8 @@
 The volumes have seven coordinates: x, y, z, red, green, blue and d, by which the arms of a tile
 grow, to first order and as a fraction of a tile. Once d and the colour are the same everywhere,
 once they change through the part, each in its own way. The tile is a 3D cross in Figures 9, 10
-and 12, the joint of ten arms of Figure 1 in Figure 11. Arms stay connected, and the colours go
+and 12, the joint of ten arms of Figure 1 in Figure 11. The wing is seen from its root, so that its
+aerofoil shows, whose outline is drawn at five places. Arms stay connected, and the colours go
 with the mesh into the file; the number that is checked is the volume that the larger d gains.
 
     python examples/fig09_colours.py
@@ -20,6 +21,9 @@ FIGURES = {
     "fig11": ("duck", "ten_arms", (10, 5, 4), 0, 0.05, 0.036),
     "fig12": ("wing", "cross", (4, 2, 10), 2, 0.12, 0.015),
 }
+
+#: Azimuth and elevation from which a wing shows its aerofoil.
+WING = (82.0, 7.0)
 
 
 def coloured(name: str, along: int, most: float) -> il.SplineMap:
@@ -70,9 +74,20 @@ def _picture(meshes: list["il.SurfaceMesh"], volume: il.SplineMap, path: str) ->
     """The lattice of constant d in the translucent volume, and the one of varying d."""
     x, y, z = np.ptp(volume.bounds, axis=0)
     flat, long = z < 0.2 * y, x < 0.75 * y
-    scene = il.plot.Scene(view=(-149.0, 60.0) if flat else (-66.0, 33.0))
+    scene = il.plot.Scene(view=WING if flat else (-66.0, 33.0))
+    if flat:
+        scene = scene.lines(sections(volume), color="black", width=1.5)
     scenes = [scene.add(meshes[0]).ghost(volume), scene.add(meshes[1])]
     il.plot.Panels(scenes, columns=1 if long else 2, size=(1800, 900)).save(path)
+
+
+def sections(volume: il.SplineMap) -> object:
+    """The outline of a wing at its root, its tip, and between them."""
+    t, at = np.linspace(0.0, 1.0, 60), np.zeros(60)
+    sides = [(t, at), (at + 1.0, t), (t[::-1], at + 1.0), (at, t[::-1])]
+    rim = np.vstack([np.column_stack(side) for side in sides])
+    outlines = [volume.x(np.insert(rim, 2, w, axis=1)) for w in np.linspace(0.0, 1.0, 5)]
+    return il.plot.polylines(outlines, closed=True)
 
 
 if __name__ == "__main__":

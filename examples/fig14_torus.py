@@ -9,7 +9,10 @@ distance to the mid-surface. An eighth of a tile of the gyroid has these: at 0.1
 the faces of the torus; at 0.228 the first throats of the pores close, and at 0.234 the last, which
 cuts them into cells; the deepest of these is filled at 0.244. In (b) each happens where the
 half-thickness passes that value: the throats close at 71 % of the way from the thinnest place to
-the thickest. The last pore of the mesh is where the half-thickness is 0.242.
+the thickest. The last pore of the mesh is where the half-thickness is 0.242. Pores that have become
+cells are voids, which would trap powder: they are counted, with their volume, and so are the loose
+specks that lie on the faces of the torus, of which the saved meshes are free. Boxes in the pictures
+mark where the topology changes, at thin and at thick places.
 
     python examples/fig14_torus.py
 """
@@ -21,6 +24,12 @@ from ilattice.topology.critical import CriticalPoint, critical_points
 
 #: White at both sides of a wall, brown in the middle.
 DEPTH = {"scalars": "depth", "label": "distance / d", "cmap": "depth", "clim": (-1, 1)}
+
+#: Boxes about places where the varying wall is thinnest and thickest.
+MARKED = (
+    np.array([[3.0, -1.0, -1.05], [5.05, 1.0, 1.05]]),
+    np.array([[-1.0, -5.05, -1.05], [1.0, -3.0, 1.05]]),
+)
 
 
 def varying() -> il.BSpline:
@@ -39,13 +48,19 @@ def main(
     for name in ("gyroid", "diamond"):
         lattice = il.Lattice(il.tiles[name], through=torus, repeat=repeat)
         for kind, d in (("constant", 0.1), ("varying", varying())):
-            mesh = lattice.offset(d).mesh(h=h)
-            numbers[f"{name} {kind}"] = mesh.genus
+            raw = lattice.offset(d).mesh(h=h)
+            mesh = raw.remove_islands()
+            numbers[f"{name} {kind}"] = raw.genus
+            if kind == "varying":
+                numbers |= {f"{name}: {what}": n for what, n in left(raw, mesh).items()}
             if out:
                 mesh.save(f"{out}_{name}_{kind}.vtp")
                 depth = mesh.point_data["signed_distance"] / mesh.point_data["half_thickness"]
                 painted = mesh.with_point_data(depth=depth)
-                painted.screenshot(f"{out}_{name}_{kind}.png", **DEPTH)
+                scene = il.plot.Scene().add(painted, **DEPTH)
+                for box in MARKED if kind == "varying" else ():
+                    scene = scene.lines(box, color="black", width=3)
+                scene.save(f"{out}_{name}_{kind}.png")
             if (name, kind) == ("gyroid", "varying"):
                 numbers["thickest pore"] = thickest_pore(mesh)
     return numbers
@@ -57,6 +72,16 @@ def changes(repeat: tuple[int, int, int] = (16, 2, 2)) -> list[CriticalPoint]:
     lattice = il.Lattice(il.tiles["gyroid"], through=torus, repeat=repeat)
     within = np.array([[3.5, 0.0, 0.0], [4.0, 0.5, 0.5]]) / np.array(repeat)
     return critical_points(lattice, 0.1, 0.28, within=within)
+
+
+def left(raw: "il.SurfaceMesh", mesh: "il.SurfaceMesh") -> dict[str, float]:
+    """Specks of a mesh, and the closed voids that stay in its solid."""
+    whole = mesh.fill_voids()
+    return {
+        "specks": raw.components - mesh.components,
+        "closed voids": mesh.components - whole.components,
+        "volume of the voids": whole.volume - mesh.volume,
+    }
 
 
 def thickest_pore(mesh: "il.SurfaceMesh") -> float:

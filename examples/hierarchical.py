@@ -1,8 +1,9 @@
 """Figure 5 of Patience, Audet and Blais (Cesogen, 2024): a lattice within a lattice within one.
 
 A truncated sphere, a P surface, a finer D surface and an even finer gyroid, intersected one after
-the other; the command of the paper is understood as it is printed. Every mesh is watertight and
-has the volume that counting points of a grid gives.
+the other; the command of the paper is understood as it is printed. At the left are the single
+solids, at the right what is left of them together. Every mesh is watertight and has the volume that
+counting points of a grid gives.
 
     python examples/hierarchical.py
 """
@@ -29,8 +30,9 @@ def counted(field: Any, n: int) -> float:
 
 
 def main(h: float = 4 / 60, steps: int = 4, out: str = "") -> dict[str, Any]:
-    """Mesh the first steps; write ``OUT_*.png`` if `out` is given."""
+    """Mesh the first steps; write ``OUT.png`` if `out` is given."""
     result: dict[str, Any] = {}
+    scenes = []
     for step in range(1, steps + 1):
         field = il.sdf.parse(" ".join(STEPS[:step]))
         mesh = il.sdf.mesh(field, h)
@@ -42,7 +44,11 @@ def main(h: float = 4 / 60, steps: int = 4, out: str = "") -> dict[str, Any]:
             "watertight": mesh.is_watertight,
         }
         if out:
-            mesh.screenshot(f"{out}_{step}.png")
+            single = STEPS[step - 1] if step == 1 else f"box scale 4 {STEPS[step - 1]}"
+            model = mesh if step == 1 else il.sdf.mesh(il.sdf.parse(single), h)
+            scenes += [il.plot.Scene().add(m) for m in (model, mesh)]
+    if out:
+        il.plot.Panels(scenes, columns=2, labels=False, size=(1400, 650 * steps)).save(f"{out}.png")
     return result
 
 

@@ -181,3 +181,22 @@ def test_broken_links_are_found(tmp_path):
     assert "loads https://e.org/x.js from elsewhere" in wrong
     assert check.main([str(tmp_path)]) == 1
     assert check.complaints(tmp_path / "nothing")
+
+
+def test_every_public_object_has_an_example(pages):
+    """In its docstring, or in a program of the documentation or of the gallery."""
+    programs = [p.read_text(encoding="utf-8") for p in (DOCS.parent / "examples").glob("*.py")]
+    texts = [*PAGES.values(), (DOCS.parent / "README.md").read_text(encoding="utf-8")]
+    programs += [code for text in texts for _, code in BLOCK.findall(text)]
+    words = set(re.findall(r"\w+", "\n".join(programs)))
+    without = []
+    for room in pages.ROOMS:
+        module = importlib.import_module(f"ilattice.{room}")
+        for name, _ in pages.members(room):
+            item = getattr(module, name)
+            shown = (
+                ">>>" in f"{inspect.getdoc(item)}{inspect.getdoc(getattr(item, '__init__', None))}"
+            )
+            if callable(item) and not shown and name not in words:
+                without.append(f"{room}.{name}")
+    assert without == []

@@ -198,39 +198,7 @@ def test_what_cannot_be_shown_is_refused(ball, make, match):
         make(ball)
 
 
-# ------------------------------------------------------------------------------ plot() of classes
-
-
-def things():
-    """One of each class that can be plotted, cheap ones."""
-    box = il.macroshape.box((2.0, 1.0, 1.0))
-    lattice = il.Lattice("schwarz_p", through=box, repeat=(2, 1, 1), spans_per_tile=6)
-    wall = lattice.offset(0.15)
-    problem = il.cutfem.Elasticity(wall, (8, 4, 4), density=1.0, degree=1).clamp("u=0")
-    solution = problem.load(gravity=(0, 0, -1)).solve()
-    return {
-        "tile": il.tiles.gyroid(),
-        "cell": il.tiles.octet(radius=0.1),
-        "map": il.macroshape.torus(),
-        "lattice": lattice,
-        "slices": wall.slices(z=[0.2, 0.5, 0.8]),
-        "cut": solution.problem.domain.cut,
-        "solution": solution,
-        "estimate": solution.error_estimate(),
-        "mode": il.cutfem.natural_modes(problem, 1)[0],
-    }
-
-
-@pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
-def test_everything_can_be_plotted(tmp_path):
-    from PIL import Image
-
-    for name, thing in things().items():
-        path = tmp_path / f"{name}.png"
-        thing.plot(screenshot=path, size=SIZE, off_screen=True)
-        picture = np.asarray(Image.open(path))
-        (top, bottom), (left, right) = shown(picture)
-        assert max((bottom - top) / 200, (right - left) / 260) >= 0.6, name
+# --- films ------------------------------------------------------------------------------------
 
 
 @pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
@@ -239,15 +207,6 @@ def test_series_are_films(tmp_path):
     problem = il.cutfem.Elasticity(wall, 4, density=1.0, degree=1).clamp("u=0")
     il.cutfem.natural_modes(problem, 2).animate(tmp_path / "modes.gif", size=(80, 60))
     assert Path(tmp_path / "modes.gif").stat().st_size > 500
-
-
-def test_slices_are_drawn_filled(tmp_path):
-    wall = il.Lattice("schwarz_p", through=il.macroshape.box(), spans_per_tile=6).offset(0.15)
-    layer = wall.slices(z=[0.45])[0]
-    figure = layer.plot()
-    (patch, *_) = figure.axes[0].patches
-    assert len(patch.get_path().vertices) >= len(layer.loops[0])
-    figure.savefig(tmp_path / "a.png")
 
 
 # --- heat maps --------------------------------------------------------------------------------
