@@ -35,7 +35,7 @@ class Torus:
     def setup(self) -> None:
         self.space = self.through()
         lattice = self.lattice()
-        self.cloud = il.offsets.ClosestPointSearch(lattice).seeds[1]
+        self.cloud = il.offsets.ClosestPointSearch(lattice).seeds.images
         self.queries = self.space.x(sites_of(lattice.offset(self.d).distance))
 
     def lattice(self) -> Any:
@@ -71,7 +71,7 @@ class Events:
             np.linspace(*side, n) for side, n in zip(space.domain.T, windows.shape, strict=True)
         ]
         self.nodes = space.x(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3))
-        self.cloud = self.lattice.search.seeds[1]
+        self.cloud = self.lattice.search.seeds.images
 
     def time_events(self) -> None:
         critical_points(self.lattice, 0.05, 0.5)

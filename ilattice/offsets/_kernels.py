@@ -11,6 +11,7 @@ from numba import njit, prange
 
 from ilattice._kernels import inner
 from ilattice.offsets._kernels_jets import (
+    CREASED,
     FAST,
     cofactor_normal,
     metric,
@@ -29,6 +30,9 @@ from ilattice.offsets._kernels_newton import (
     soft_direction,
 )
 from ilattice.offsets._kernels_patches import (
+    DISTANCE,
+    IMAGE,
+    MULTIPLIER,
     across,
     alike,
     in_reach,
@@ -72,9 +76,9 @@ def tried(geom, sp, sx, sn, idx, row, used, s, h):
 def store(feet, i, p, y, dist, lam):
     """Fill a foot row."""
     feet[i, 0], feet[i, 1], feet[i, 2] = p[0], p[1], p[2]
-    feet[i, 3], feet[i, 4], feet[i, 5] = y[0], y[1], y[2]
-    feet[i, 6] = dist
-    feet[i, 7] = lam
+    feet[i, IMAGE], feet[i, IMAGE + 1], feet[i, IMAGE + 2] = y[0], y[1], y[2]
+    feet[i, DISTANCE] = dist
+    feet[i, MULTIPLIER] = lam
 
 
 @inner(fastmath=FAST, error_model="numpy")
@@ -83,9 +87,9 @@ def wanted(geom, sp, sx, sn, idx, row, c, x, feet, seconds, i, used, h):
     s = idx[row, c]
     if same_patch(geom, sp, sx, sn, s, x, feet, i, h):
         return False
-    if seconds[i, 6] < np.inf and same_patch(geom, sp, sx, sn, s, x, seconds, i, h):
+    if seconds[i, DISTANCE] < np.inf and same_patch(geom, sp, sx, sn, s, x, seconds, i, h):
         return False
-    return not unlikely(x, sx, sn, s, h, feet[i, 6]) and not tried(
+    return not unlikely(x, sx, sn, s, h, feet[i, DISTANCE]) and not tried(
         geom, sp, sx, sn, idx, row, used, s, 0.5 * h
     )
 
@@ -120,14 +124,14 @@ def accept(
         d0, d1, d2, k0, k1, k2, c, geom, orient, p, y, dist, b, m
     ):  # fmt: skip
         return 0
-    same = row_near(feet, i, 3, y, 0.05 * h) and not empty
-    if empty or dist < feet[i, 6]:
+    same = row_near(feet, i, IMAGE, y, 0.05 * h) and not empty
+    if empty or dist < feet[i, DISTANCE]:
         if not empty and not same:
             for j in range(8):
                 seconds[i, j] = feet[i, j]
         store(feet, i, p, y, dist, lam)
         return 2
-    if dist < seconds[i, 6] and not same:
+    if dist < seconds[i, DISTANCE] and not same:
         store(seconds, i, p, y, dist, lam)
     return 1
 
@@ -153,8 +157,8 @@ def multi_start(
     for a in range(3):
         room[0, a], room[1, a] = box[0, a], box[1, a]
     if status == FALLBACK:
-        feet[i, 6] = np.inf
-        seconds[i, 6] = np.inf
+        feet[i, DISTANCE] = np.inf
+        seconds[i, DISTANCE] = np.inf
     first = first_reachable(geom, sp, sx, sn, idx, row, x, q)
     reach = seed_distance(sx, first, x)
     for a in range(idx.shape[1] + 2):
@@ -176,21 +180,28 @@ def multi_start(
         else:
             if status == FALLBACK or soft > LOOSE:
                 break
-            s = min(h, 0.5 * feet[i, 6]) * (1.0 if a == idx.shape[1] else -1.0)
+            s = min(h, 0.5 * feet[i, DISTANCE]) * (1.0 if a == idx.shape[1] else -1.0)
             start = (
                 feet[i, 0] + s * along[0], feet[i, 1] + s * along[1], feet[i, 2] + s * along[2],
             )  # fmt: skip
             if clip:
                 start = clamp(start, box)
-        held = clip or geom[14] != 0.0
+        held = clip or geom[CREASED] != 0.0
         freed = held
-        if geom[14] != 0.0:
+        if geom[CREASED] != 0.0:
             piece(geom, start, room)
         while True:
             firm = 1.0 if soft > LOOSE and status == OK else 0.05
             if status != FALLBACK and across(geom, start, (feet[i, 0], feet[i, 1], feet[i, 2])):
                 firm = 0.0
-            best = (feet[i, 3], feet[i, 4], feet[i, 5], feet[i, 6], firm, feet[i, 7])
+            best = (
+                feet[i, IMAGE],
+                feet[i, IMAGE + 1],
+                feet[i, IMAGE + 2],
+                feet[i, DISTANCE],
+                firm,
+                feet[i, MULTIPLIER],
+            )
             p, y, lam, low, n, st = newton(
                 d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
                 x, start, best, room, held, h, tol, b, m, t, tab,
@@ -302,7 +313,10 @@ def closest(
         for i in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
             xi = (x[i, 0], x[i, 1], x[i, 2])
             qi = (q[i, 0], q[i, 1], q[i, 2])
-            feet[i, 6], seconds[i, 6] = abs(feet[i, 6]), abs(seconds[i, 6])
+            feet[i, DISTANCE], seconds[i, DISTANCE] = (
+                abs(feet[i, DISTANCE]),
+                abs(seconds[i, DISTANCE]),
+            )
             starts, iterations, st = multi_start(
                 d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
                 sp, sx, sn, sh, xi, qi, idx, i, box, clip, orient, tol, feet, seconds, i, status[i],
@@ -311,11 +325,18 @@ def closest(
             tile_jet(geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc, qi, b, t, tab)
             value = t[0]
             if st != FALLBACK and passed(t, qi, feet, i):
-                held = clip or geom[14] != 0.0
-                if geom[14] != 0.0:
+                held = clip or geom[CREASED] != 0.0
+                if geom[CREASED] != 0.0:
                     piece(geom, qi, room)
                 h = sh[idx[i, 0]]
-                best = (feet[i, 3], feet[i, 4], feet[i, 5], feet[i, 6], 0.05, feet[i, 7])
+                best = (
+                    feet[i, IMAGE],
+                    feet[i, IMAGE + 1],
+                    feet[i, IMAGE + 2],
+                    feet[i, DISTANCE],
+                    0.05,
+                    feet[i, MULTIPLIER],
+                )
                 p, y, lam, _, n_own, own = newton(
                     d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2,
                     tc, xi, qi, best, room, held, h, tol, b, m, t, tab,
@@ -332,7 +353,7 @@ def closest(
             counts[i, 1] += iterations
             status[i] = st
             if value < 0.0:
-                feet[i, 6] = -feet[i, 6]
-                seconds[i, 6] = -seconds[i, 6]
+                feet[i, DISTANCE] = -feet[i, DISTANCE]
+                seconds[i, DISTANCE] = -seconds[i, DISTANCE]
             elif value == 0.0:
-                feet[i, 6] = 0.0
+                feet[i, DISTANCE] = 0.0

@@ -6,11 +6,9 @@ take the flat argument list
 
     d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc
 
-the map T as arguments of the B-spline kernels; `geom` (15,) with lo, step (u = lo + p * step),
-closed directions, numbers of tiles, whether T is rational, the kind of tile, and whether the
-gradient of its field jumps at the faces of tiles, so that they meet in creases; the tile as a
-trigonometric polynomial (kind 0), as a spline on the unit cube (kind 1), or all tiles together as
-a spline in tile coordinates, with period in closed directions (kind 2). It is flat because
+the map T as arguments of the B-spline kernels; `geom` (15,) with numbers whose places `ORIGIN` and
+what follows name; the tile as a trigonometric polynomial, as a spline on the unit cube, or all
+tiles together as a spline in tile coordinates, with period in closed directions. It is flat as
 every array taken out of a tuple costs a counted reference; `b, m, t, tab` is the scratch of one
 thread: basis functions, map jet, tile jet, trigonometric table. Symmetric matrices are tuples
 xx, yy, zz, yz, xz, xy.
@@ -25,6 +23,14 @@ from ilattice.bspline._kernels import basis, contract1, contract2, width
 from ilattice.tiles._kernels import trig_jet, trig_tab
 
 FAST = {"contract", "nsz", "arcp", "reassoc"}
+#: Where `geom` is among the arguments.
+GEOM = 7
+#: Places in `geom`: u = origin + p * step, closed directions and numbers of tiles, three each;
+#: whether the map is rational, the kind of tile, and whether the gradient of its field jumps at the
+#: faces of tiles, so that they meet in creases.
+ORIGIN, STEP, CLOSED, TILES, RATIONAL, KIND, CREASED = 0, 3, 6, 9, 12, 13, 14
+#: Kinds of tiles.
+TRIGONOMETRIC, TILE_SPLINE, LATTICE_SPLINE = 0.0, 1.0, 2.0
 #: The continuation of a map counts as far as det J keeps its sign and this part of the size that it
 #: has where the domain ends, seen in so many steps of equal length; and for points of the domain
 #: that are farther away from it than this part of the way to that end.
@@ -47,9 +53,9 @@ def wrap(x, lo, length):
 @inner(fastmath=FAST, error_model="numpy", forceinline=True)
 def parameter(geom, axis, p):
     """Parameter of a tile coordinate, wrapped in a closed direction."""
-    if geom[6 + axis] != 0.0:
-        p = wrap(p, 0.0, geom[9 + axis])
-    return geom[axis] + p * geom[3 + axis]
+    if geom[CLOSED + axis] != 0.0:
+        p = wrap(p, 0.0, geom[TILES + axis])
+    return geom[ORIGIN + axis] + p * geom[STEP + axis]
 
 
 @inner(fastmath=FAST, error_model="numpy", forceinline=True)
@@ -59,7 +65,7 @@ def map_jet(d0, d1, d2, k0, k1, k2, c, geom, p, order, b, m):
     j0 = basis(d1, k1, parameter(geom, 1, p[1]), order, b, 1)
     l0 = basis(d2, k2, parameter(geom, 2, p[2]), order, b, 2)
     for axis in range(3):  # derivatives with respect to p
-        s = geom[3 + axis]
+        s = geom[STEP + axis]
         for j in range(b.shape[2]):
             b[axis, 1, j] *= s
             b[axis, 2, j] *= s * s
@@ -78,7 +84,7 @@ def map_jet(d0, d1, d2, k0, k1, k2, c, geom, p, order, b, m):
         m[a, 1] = fu
         m[a, 2] = fv
         m[a, 3] = fw
-    if geom[12] != 0.0:
+    if geom[RATIONAL] != 0.0:
         divide(m, order)
 
 
@@ -106,17 +112,17 @@ def in_tile(geom, axis, p):
 
     The upper end of the domain belongs to the last tile.
     """
-    if geom[13] == 2.0:
-        return p if geom[6 + axis] == 0.0 else wrap(p, 0.0, geom[9 + axis])
-    if geom[6 + axis] == 0.0 and abs(p - geom[9 + axis]) < 1e-9:
-        return p - geom[9 + axis] + 1.0
+    if geom[KIND] == LATTICE_SPLINE:
+        return p if geom[CLOSED + axis] == 0.0 else wrap(p, 0.0, geom[TILES + axis])
+    if geom[CLOSED + axis] == 0.0 and abs(p - geom[TILES + axis]) < 1e-9:
+        return p - geom[TILES + axis] + 1.0
     return p - np.floor(p)
 
 
 @inner(fastmath=FAST, error_model="numpy", forceinline=True)
 def tile_jet(geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc, p, b, t, tab):
     """Tile jet in tile coordinates into t (10,): f, gradient, xx, yy, zz, yz, xz, xy."""
-    if geom[13] == 0.0:
+    if geom[KIND] == TRIGONOMETRIC:
         trig_jet(coef, factor, omega, p[0], p[1], p[2], tab, t)
     else:
         i0 = basis(t0, q0, in_tile(geom, 0, p[0]), 2, b, 0)
@@ -225,7 +231,7 @@ def upright(d0, d1, d2, k0, k1, k2, c, geom, orient, p, y, away, b, m):
 @inner(fastmath=FAST, error_model="numpy")
 def at_end(geom, axis, p):
     """Tile coordinate of the domain next to p; p itself in a closed direction."""
-    return p if geom[6 + axis] != 0.0 else min(max(p, 0.0), geom[9 + axis])
+    return p if geom[CLOSED + axis] != 0.0 else min(max(p, 0.0), geom[TILES + axis])
 
 
 @inner(fastmath=FAST, error_model="numpy")

@@ -1,10 +1,9 @@
 """Compiled questions about seeds and feet: which count, which may be near a nearer foot.
 
 A seed stands for the patch of the surface around it. The arguments are those of `_kernels_jets`;
-seeds are sp (tile coordinates, (s, 3)), sx (image, (s, 3)), sn (unit normal, the largest curvature
-times spacing, and how far away queries must be for it to count, (s, PLAIN), and where cells are
-squeezed the matrix that takes space to cells, how far cells bend away from that, and how far the
-surface in them bends away from its tangent plane, (s, SQUEEZED_TOO)), and sh (spacing, (s,)).
+seeds are sp (tile coordinates, (s, 3)), sx (image, (s, 3)), sn (unit normal and more, (s, PLAIN),
+or (s, SQUEEZED_TOO) where cells are squeezed, see `BENT`), and sh (spacing, (s,)). Rows of feet
+have eight numbers, see `IMAGE`.
 
 Guarantee: the same answers for any number of threads. Non-guarantee: a patch that bends more within
 a cell than its seed tells may be ruled out.
@@ -13,7 +12,7 @@ a cell than its seed tells may be ruled out.
 import numpy as np
 
 from ilattice._kernels import inner
-from ilattice.offsets._kernels_jets import FAST
+from ilattice.offsets._kernels_jets import CLOSED, CREASED, FAST, TILES
 
 #: Points on sheets that face alike are at least this far apart in tile coordinates. It tells sheets
 #: from each other where a map squeezes tiles to less than the spacing of seeds.
@@ -23,6 +22,12 @@ APART = 0.4
 ALIKE, TURN, LEAST_ALIKE = 0.5, 1.5, 0.2
 #: Seeds with a larger curvature times spacing say nothing about the normals next to them.
 SHARP = 2.0
+#: Columns of feet behind their tile coordinates: place in space, distance, multiplier.
+IMAGE, DISTANCE, MULTIPLIER = 3, 6, 7
+#: Columns of normals of seeds: the largest curvature times spacing, and how far away queries must
+#: be for the seed to count; where cells are squeezed, behind PLAIN, the matrix that takes space to
+#: cells, how far cells bend away from that, and how far the surface does from its tangent plane.
+BENT, CLEAR, SAGITTA, BULGED = 3, 4, 14, 15
 #: Columns of normals of seeds where cells are not squeezed, and where they are. A seed stands for
 #: so many cells around it.
 PLAIN, SQUEEZED_TOO, AROUND = 5, 16, 1.25
@@ -36,7 +41,7 @@ BELOW = 1e-12
 def outside(geom, p):
     """Whether p lies beyond an open end of the domain, in the continuation."""
     for a in range(3):
-        if geom[6 + a] == 0.0 and (p[a] < 0.0 or p[a] > geom[9 + a]):
+        if geom[CLOSED + a] == 0.0 and (p[a] < 0.0 or p[a] > geom[TILES + a]):
             return True
     return False
 
@@ -48,8 +53,8 @@ def reachable(geom, p, q):
         return True
     for a in range(3):
         d = p[a] - q[a]
-        if geom[6 + a] != 0.0:
-            d -= geom[9 + a] * np.rint(d / geom[9 + a])
+        if geom[CLOSED + a] != 0.0:
+            d -= geom[TILES + a] * np.rint(d / geom[TILES + a])
         if abs(d) > 2.0:
             return False
     return True
@@ -60,7 +65,7 @@ def in_reach(geom, sp, sx, sn, s, x, q):
     """Whether the seed s counts for a query at x, of tile coordinates q."""
     if s < 0 or not reachable(geom, (sp[s, 0], sp[s, 1], sp[s, 2]), q):
         return False
-    return seed_distance(sx, s, x) >= sn[s, 4]
+    return seed_distance(sx, s, x) >= sn[s, CLEAR]
 
 
 @inner(fastmath=FAST, error_model="numpy")
@@ -77,13 +82,13 @@ def unlikely(x, sx, sn, i, h, best):
         return True
     a = v[0] * sn[i, 0] + v[1] * sn[i, 1] + v[2] * sn[i, 2]
     vv = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
-    if sn[i, 3] > SHARP:
+    if sn[i, BENT] > SHARP:
         return np.sqrt(vv) > best + h
     tangential = np.sqrt(max(vv - a * a, 0.0))
-    turn = max(0.5 * abs(a), best * sn[i, 3])
+    turn = max(0.5 * abs(a), best * sn[i, BENT])
     bulge = BULGE * h
     if sn.shape[1] > PLAIN:
-        bulge = min(bulge, sn[i, 15])
+        bulge = min(bulge, sn[i, BULGED])
     if tangential > 0.9 * h + turn or abs(a) > best + bulge:
         return True
     return sn.shape[1] > PLAIN and beside(v, a, sn, i, turn)
@@ -92,9 +97,9 @@ def unlikely(x, sx, sn, i, h, best):
 @inner(fastmath=FAST, error_model="numpy")
 def off_cells(v, sn, i, best):
     """Whether a point at v from the seed i is farther than `best` from the cells around that."""
-    reach = best + sn[i, 14]
+    reach = best + sn[i, SAGITTA]
     for k in range(3):
-        b0, b1, b2 = sn[i, 5 + 3 * k], sn[i, 6 + 3 * k], sn[i, 7 + 3 * k]
+        b0, b1, b2 = sn[i, PLAIN + 3 * k], sn[i, PLAIN + 3 * k + 1], sn[i, PLAIN + 3 * k + 2]
         out = abs(b0 * v[0] + b1 * v[1] + b2 * v[2]) - AROUND
         if out > 0.0 and out * out > reach * reach * (b0 * b0 + b1 * b1 + b2 * b2):
             return True
@@ -106,8 +111,8 @@ def beside(v, a, sn, i, turn):
     """Whether a point at v from the seed i, a of that along its normal, is beside its cell."""
     t = (v[0] - a * sn[i, 0], v[1] - a * sn[i, 1], v[2] - a * sn[i, 2])
     for k in range(3):
-        b0, b1, b2 = sn[i, 5 + 3 * k], sn[i, 6 + 3 * k], sn[i, 7 + 3 * k]
-        room = AROUND + (turn + sn[i, 14]) * np.sqrt(b0 * b0 + b1 * b1 + b2 * b2)
+        b0, b1, b2 = sn[i, PLAIN + 3 * k], sn[i, PLAIN + 3 * k + 1], sn[i, PLAIN + 3 * k + 2]
+        room = AROUND + (turn + sn[i, SAGITTA]) * np.sqrt(b0 * b0 + b1 * b1 + b2 * b2)
         if abs(b0 * t[0] + b1 * t[1] + b2 * t[2]) > room:
             return True
     return False
@@ -123,7 +128,7 @@ def row_near(a, i, j, y, h):
 @inner(fastmath=FAST, error_model="numpy")
 def tile_index(geom, axis, p):
     """Number of the tile of a coordinate; the upper end of the domain belongs to the last one."""
-    if geom[6 + axis] == 0.0 and p == geom[9 + axis]:
+    if geom[CLOSED + axis] == 0.0 and p == geom[TILES + axis]:
         return p - 1.0
     return np.floor(p)
 
@@ -131,7 +136,7 @@ def tile_index(geom, axis, p):
 @inner(fastmath=FAST, error_model="numpy")
 def across(geom, p, q):
     """Whether a crease may lie between p and q: they are in different tiles, which have creases."""
-    if geom[14] == 0.0:
+    if geom[CREASED] == 0.0:
         return False
     for a in range(3):
         if tile_index(geom, a, p[a]) != tile_index(geom, a, q[a]):
@@ -167,7 +172,7 @@ def together(geom, a, i, b, j):
 @inner(fastmath=FAST, error_model="numpy")
 def width(sn, s):
     """How wide the patch of the seed s is, for its spacing: less where its normal turns much."""
-    return min(1.0, max(LEAST_ALIKE, TURN / (sn[s, 3] + 1e-300)))
+    return min(1.0, max(LEAST_ALIKE, TURN / (sn[s, BENT] + 1e-300)))
 
 
 @inner(fastmath=FAST, error_model="numpy")
@@ -196,16 +201,16 @@ def same_patch(geom, sp, sx, sn, s, x, feet, i, h):
     h *= width(sn, s)
     y = (sx[s, 0], sx[s, 1], sx[s, 2])
     a = (x[0] - y[0]) * sn[s, 0] + (x[1] - y[1]) * sn[s, 1] + (x[2] - y[2]) * sn[s, 2]
-    if a * feet[i, 7] < 0.0:
+    if a * feet[i, MULTIPLIER] < 0.0:
         return False
-    if row_near(feet, i, 3, y, min(0.2 * h, 0.5 * feet[i, 6])):
+    if row_near(feet, i, IMAGE, y, min(0.2 * h, 0.5 * feet[i, DISTANCE])):
         return True
     foot = (x[0] - a * sn[s, 0], x[1] - a * sn[s, 1], x[2] - a * sn[s, 2])
-    if not row_near(feet, i, 3, y, 1.2 * h) and not row_near(feet, i, 3, foot, 0.5 * h):
+    if not row_near(feet, i, IMAGE, y, 1.2 * h) and not row_near(feet, i, IMAGE, foot, 0.5 * h):
         return False
-    v = (x[0] - feet[i, 3], x[1] - feet[i, 4], x[2] - feet[i, 5])
+    v = (x[0] - feet[i, IMAGE], x[1] - feet[i, IMAGE + 1], x[2] - feet[i, IMAGE + 2])
     turn = v[0] * sn[s, 0] + v[1] * sn[s, 1] + v[2] * sn[s, 2]
-    return (turn if a > 0.0 else -turn) > 0.7 * feet[i, 6]
+    return (turn if a > 0.0 else -turn) > 0.7 * feet[i, DISTANCE]
 
 
 @inner(fastmath=FAST, error_model="numpy")

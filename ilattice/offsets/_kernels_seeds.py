@@ -19,7 +19,16 @@ from ilattice.offsets._kernels_jets import (
     tile_jet,
 )
 from ilattice.offsets._kernels_newton import MAX_ITERATIONS, curvature
-from ilattice.offsets._kernels_patches import AROUND, BULGE, PLAIN, outside, seed_distance
+from ilattice.offsets._kernels_patches import (
+    AROUND,
+    BENT,
+    BULGE,
+    BULGED,
+    CLEAR,
+    PLAIN,
+    outside,
+    seed_distance,
+)
 
 #: Cells that bend by more than they are wide may bend so many times farther than it seems.
 DOUBT = 2.0
@@ -136,7 +145,7 @@ def place_seeds(
         v = (v[0] / s, v[1] / s, v[2] / s)
         big = 0.0
         way = seed_distance(x, i, (m[0, 0], m[1, 0], m[2, 0]))
-        normal[i, 4] = BESIDE * way if outside(geom, pi) else 0.0
+        normal[i, CLEAR] = BESIDE * way if outside(geom, pi) else 0.0
         for a in range(3):
             x[i, a] = m[a, 0]
             normal[i, a] = v[a]
@@ -144,12 +153,12 @@ def place_seeds(
             big = max(big, size * cell[i, a] ** 2)
         spacing[i] = np.sqrt(big)
         bent = curvature(m, t, v, abs(det[i] / s), metric(m))
-        normal[i, 3] = spacing[i] * bent
+        normal[i, BENT] = spacing[i] * bent
         if normal.shape[1] > PLAIN:
             of = cell[i]
             cells = (of[0] ** -2, of[1] ** -2, of[2] ** -2, 0.0, 0.0, 0.0)
             sag = curvature(m, t, v, abs(det[i] / s), cells)
-            normal[i, 15] = np.inf
+            normal[i, BULGED] = np.inf
             if squeezed(m, det[i], of, normal[i, PLAIN:]):
-                normal[i, 3] = min(normal[i, 3], np.sqrt(bent * sag))
-                normal[i, 15] = max(AROUND * AROUND * sag, BULGE * across(m, v, of))
+                normal[i, BENT] = min(normal[i, BENT], np.sqrt(bent * sag))
+                normal[i, BULGED] = max(AROUND * AROUND * sag, BULGE * across(m, v, of))

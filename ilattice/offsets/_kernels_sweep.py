@@ -41,7 +41,7 @@ def off_slab(slab, row, x, reach):
 def away_from(sn, sh, s, d, best):
     """Whether a seed at the distance d, whose cell is no guide, is too far for a nearer foot."""
     told = sn.shape[1] > PLAIN
-    if told and abs(sn[s, 5]) + abs(sn[s, 6]) + abs(sn[s, 7]) > 0.0:
+    if told and abs(sn[s, PLAIN]) + abs(sn[s, PLAIN + 1]) + abs(sn[s, PLAIN + 2]) > 0.0:
         return False
     return d * d > best * best + (ACROSS * sh[s]) ** 2
 

@@ -44,11 +44,11 @@ from ilattice._validate import (
 from ilattice.errors import ConvergenceError, GeometryError, InputError
 from ilattice.offsets import _kernels, _kernels_newton, _kernels_seeds
 from ilattice.offsets._kernels_jets import UPRIGHT
-from ilattice.offsets._kernels_patches import PLAIN
+from ilattice.offsets._kernels_patches import BENT, DISTANCE, MULTIPLIER, PLAIN
 from ilattice.offsets.covering import FINER, Covering
 from ilattice.offsets.mending import mended, started
 from ilattice.offsets.retrying import Boxes, doubtful, in_order, retried, singly
-from ilattice.offsets.seeding import apart, between, downhill, layered, sharpest
+from ilattice.offsets.seeding import Seeds, apart, between, downhill, layered, sharpest
 from ilattice.offsets.space import TileSpace
 from ilattice.offsets.spacing import Spacing
 from ilattice.tiles.mixture import MixedField
@@ -196,16 +196,16 @@ class ClosestPointSearch(TileSpace):
         self.singular: list[tuple[int, float]] = []
         count, closed = np.array(lattice.repeat), np.array(lattice.through.closed)
         self.seeds = self._make_seeds(count, closed)
-        self.tree = cKDTree(self.seeds[1])
+        self.tree = cKDTree(self.seeds.images)
         self.boxes = Boxes.of(*self.seeds[1:])
-        self.spacing = Spacing(self, self.seeds[0], self.seeds[3], self.singular)
-        self.least_spacing = float(self.seeds[3].min())
+        self.spacing = Spacing(self, self.seeds.points, self.seeds.spacing, self.singular)
+        self.least_spacing = float(self.seeds.spacing.min())
         self.cell = 1.0 / self._least_seeds
         self.statistics = Statistics()
 
     # ------------------------------------------------------------------ seeds
 
-    def _make_seeds(self, count: IntArray, closed: AnyArray) -> tuple[FloatArray, ...]:
+    def _make_seeds(self, count: IntArray, closed: AnyArray) -> Seeds:
         ranges = [
             np.arange(0 if c or self.clip else -1, n if c or self.clip else n + 1)
             for n, c in zip(count, closed, strict=True)
@@ -230,12 +230,12 @@ class ClosestPointSearch(TileSpace):
         _kernels_seeds.place_seeds(len(p), *self.space, p, cell, x, normal, spacing, det)
         if self.creased:
             near = (np.abs(p - np.rint(p)) <= CREASED * cell).any(axis=1)
-            normal[near, 3] = np.inf
+            normal[near, BENT] = np.inf
         keep = np.flatnonzero(self._upright(p, 0.5 * UPRIGHT))  # what just counts has seeds around
         keep = keep[in_order(p[keep], x[keep], normal[keep])]
         if normal.shape[1] == PLAIN:
-            normal[keep, 3] = sharpest(x[keep], normal[keep, 3], spacing[keep])
-        return tuple(np.ascontiguousarray(a[keep]) for a in (p, x, normal, spacing))
+            normal[keep, BENT] = sharpest(x[keep], normal[keep, BENT], spacing[keep])
+        return Seeds(*(np.ascontiguousarray(a[keep]) for a in (p, x, normal, spacing)))
 
     @property
     def _least_seeds(self) -> int:
@@ -322,7 +322,7 @@ class ClosestPointSearch(TileSpace):
             Distances and numbers of the seeds.
         """
         x = as_points("x", x)
-        k = min(as_whole("k", k, 1, MOST_ROWS), len(self.seeds[0]))
+        k = min(as_whole("k", k, 1, MOST_ROWS), len(self.seeds.points))
         found: Any = self.tree.query(x, k=np.arange(1, k + 1), workers=numba.get_num_threads())
         distance, idx = found
         return distance, np.ascontiguousarray(idx, dtype=np.int64)
@@ -419,31 +419,33 @@ class ClosestPointSearch(TileSpace):
         """Fill in the results of queries; how many needed more candidates than the first ones."""
         distance, idx = self.candidates(x, self.looked_at)
         self._run(x, p, idx, feet, counts, status)
-        behind = (feet[0, :, 6] * feet[0, :, 7] < 0) & (status == _kernels_newton.OK)
-        missed = self._missed(distance[:, 0], idx[:, 0], feet[0, :, 6])
+        behind = (feet[0, :, DISTANCE] * feet[0, :, MULTIPLIER] < 0) & (
+            status == _kernels_newton.OK
+        )
+        missed = self._missed(distance[:, 0], idx[:, 0], feet[0, :, DISTANCE])
         again = np.flatnonzero(behind | missed | doubtful(self, p, distance, idx, feet, status))
         retried(self, again, x, p, feet, counts, status)
-        missed = self._missed(distance[:, 0], idx[:, 0], feet[0, :, 6])
+        missed = self._missed(distance[:, 0], idx[:, 0], feet[0, :, DISTANCE])
         at = np.flatnonzero(missed | (status >= _kernels_newton.FALLBACK))[:MOST_ALONE]
         if len(at):  # what led there, or to seeds without a normal, may have kept other starts away
             alone = singly(self, x[at], p[at], ALONE)
-            nearer = np.abs(alone[:, 6]) < np.abs(feet[0, at, 6])
+            nearer = np.abs(alone[:, DISTANCE]) < np.abs(feet[0, at, DISTANCE])
             feet[0, at[nearer]], status[at[nearer]] = alone[nearer], _kernels_newton.OK
-        at = np.flatnonzero(self._missed(distance[:, 0], idx[:, 0], feet[0, :, 6]))
+        at = np.flatnonzero(self._missed(distance[:, 0], idx[:, 0], feet[0, :, DISTANCE]))
         if len(at):
-            self._descend(x[at], at, self.seeds[0][idx[at, 0]], feet[0])
+            self._descend(x[at], at, self.seeds.points[idx[at, 0]], feet[0])
         return len(again)
 
     def _descend(self, x: FloatArray, at: IntArray, start: FloatArray, feet: FloatArray) -> None:
         """Fill in feet that are found downhill from the nearest seeds, where Newton left them."""
         p = downhill(self, x, start)
         y = self.lattice.through.x(self.from_tile(p), extrapolate="extend")
-        sign = np.where(feet[at, 6] < 0.0, -1.0, 1.0)
+        sign = np.where(feet[at, DISTANCE] < 0.0, -1.0, 1.0)
         feet[at] = np.column_stack([p, y, sign * np.linalg.norm(x - y, axis=1), sign])
 
     def _missed(self, distance: FloatArray, seed: IntArray, found: FloatArray) -> AnyArray:
         """Where the foot is farther than the nearest seed, and that is in the domain."""
-        out: AnyArray = (np.abs(found) > distance) & self.within(self.seeds[0][seed])
+        out: AnyArray = (np.abs(found) > distance) & self.within(self.seeds.points[seed])
         return out
 
     def _run(

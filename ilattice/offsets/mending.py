@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.offsets import _kernels_mending, _kernels_newton, _kernels_seeds
+from ilattice.offsets._kernels_patches import DISTANCE, IMAGE
 
 if TYPE_CHECKING:
     from ilattice.offsets.closest import ClosestPointSearch
@@ -56,15 +57,24 @@ def mended(
     if known is not None:
         _replace(search, x, p, known[:, :3], known[:, 3:], feet, status, changed)
     if thorough and len(x) > 1:
-        near = cKDTree(feet[0, :, 3:6], balanced_tree=False).query(x)[1]
-        _replace(search, x, p, feet[0, near, :3], feet[0, near, 3:6], feet, status, changed)
+        near = cKDTree(feet[0, :, IMAGE:DISTANCE], balanced_tree=False).query(x)[1]
+        _replace(
+            search,
+            x,
+            p,
+            feet[0, near, :IMAGE],
+            feet[0, near, IMAGE:DISTANCE],
+            feet,
+            status,
+            changed,
+        )
     for _ in range(ROUNDS):
-        best = np.abs(feet[0, :, 6])
+        best = np.abs(feet[0, :, DISTANCE])
         pick = np.full(len(x), -1)
-        mine = feet[0, :, 3:6], _least(search, best)
+        mine = feet[0, :, IMAGE:DISTANCE], _least(search, best)
         _kernels_mending.compare(len(x), x, *mine, both, best, pick)
         at = np.flatnonzero(pick >= 0)
-        start = feet[0, pick[at], :3]
+        start = feet[0, pick[at], :IMAGE]
         fits = _reachable(search, start, p[at])
         if not fits.any():
             break
@@ -94,7 +104,7 @@ def started(search: ClosestPointSearch, start: FloatArray) -> tuple[FloatArray, 
     n = len(start)
     start = np.ascontiguousarray(start)
     y, spacing, det = np.empty((n, 3)), np.empty(n), np.empty(n)
-    normal = np.empty((n, search.seeds[2].shape[1]))
+    normal = np.empty((n, search.seeds.normals.shape[1]))
     place: Any = _kernels_seeds.place_seeds
     cell = np.full((n, 3), search.cell)
     place(n, *search.space, start, cell, y, normal, spacing, det)
@@ -112,7 +122,7 @@ def _replace(
     feet: FloatArray, status: IntArray, changed: AnyArray,
 ) -> None:  # fmt: skip
     """Feet where points of the surface are nearer: one for each query, and its image."""
-    best = np.abs(feet[0, :, 6])
+    best = np.abs(feet[0, :, DISTANCE])
     at = np.flatnonzero(np.linalg.norm(x - y, axis=1) < best - _least(search, best))
     at = at[_reachable(search, q[at], p[at])]
     if len(at):

@@ -65,7 +65,7 @@ def polish(
     """
     out = u.copy()
     residual = np.full(len(u), np.inf)
-    scale = lattice.search.seeds[3].min() if distance is None else np.abs(distance.c).max()
+    scale = lattice.search.seeds.spacing.min() if distance is None else np.abs(distance.c).max()
     limit = LIMIT * max(float(np.abs(d.c).max()), 1e-3 * float(scale))
     stages = ((ROUNDS, FOLLOWED), (STEPS, 0))  # in the second one the rest again, from the start
     for rounds, followed in stages if distance is None else stages[1:]:
@@ -210,7 +210,7 @@ def _by_closest_points(
 
 def _gradients(lattice: MidSurface, found: ClosestPoints, x: FloatArray) -> FloatArray:
     """Gradient of the signed distance in space: along x - foot; on the mid-surface, its normal."""
-    tiny = np.abs(found.distance) <= 1e-6 * lattice.search.seeds[3].min()
+    tiny = np.abs(found.distance) <= 1e-6 * lattice.search.seeds.spacing.min()
     out: FloatArray = (x - found.foot) / np.where(tiny, 1.0, found.distance)[:, None]
     if tiny.any():
         u = found.u[tiny]

@@ -18,7 +18,8 @@ from scipy.spatial import cKDTree
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.offsets import _kernels, _kernels_newton, _kernels_sweep
-from ilattice.offsets._kernels_patches import AROUND, PLAIN
+from ilattice.offsets._kernels_jets import GEOM
+from ilattice.offsets._kernels_patches import AROUND, DISTANCE, PLAIN, SAGITTA
 
 if TYPE_CHECKING:
     from ilattice.offsets.closest import ClosestPointSearch
@@ -127,10 +128,7 @@ def _slabs(x: FloatArray, normal: FloatArray, first: list[int]) -> FloatArray:
     out = np.tile([0.0, 0.0, 0.0, -np.inf, np.inf], (first[-1], 1))
     if normal.shape[1] == PLAIN:
         return out
-    cells, bend = (
-        normal[:, PLAIN:][:, :9].reshape(-1, 3, 3),
-        normal[:, PLAIN + 9],
-    )
+    cells, bend = normal[:, PLAIN:SAGITTA].reshape(-1, 3, 3), normal[:, SAGITTA]
     told = np.asarray(cells.any(axis=(1, 2)))
     cells = np.where(told[:, None, None], cells, np.eye(3))
     sides = np.linalg.inv(cells)
@@ -157,10 +155,7 @@ def _halves(normal: FloatArray, spacing: FloatArray) -> FloatArray:
     """Half the sides (s, 3) of boxes around what seeds stand for."""
     out = np.repeat(_kernels_sweep.ACROSS * spacing[:, None], 3, axis=1)
     if normal.shape[1] > PLAIN:
-        cells, bend = (
-            normal[:, PLAIN:][:, :9],
-            normal[:, PLAIN + 9],
-        )
+        cells, bend = normal[:, PLAIN:SAGITTA], normal[:, SAGITTA]
         told = np.flatnonzero(cells.any(axis=1))
         sides = np.abs(np.linalg.inv(cells[told].reshape(-1, 3, 3))).sum(axis=2)
         out[told] = AROUND * sides + bend[told, None]
@@ -186,7 +181,7 @@ def retried(
     """
     failed = status[at] >= _kernels_newton.FALLBACK
     rest, m = [at[~failed]], RETRY_NEIGHBOURS
-    if search.seeds[2].shape[1] == PLAIN:  # sweeps look for first feet, not for second
+    if search.seeds.normals.shape[1] == PLAIN:  # sweeps look for first feet, not for second
         for i in range(0, len(rest[0]), RETRIED // m):
             _retry(search, rest[0][i : i + RETRIED // m], m, x, p, feet, counts, status)
     at = at[failed]
@@ -210,8 +205,8 @@ def _retry(
     """Find feet of the queries `at` from more seeds, far apart."""
     _, near = search.candidates(x[at], m)
     idx = np.empty((len(at), RETRY_CANDIDATES), np.int64)
-    best = np.where(status[at] < _kernels_newton.FALLBACK, np.abs(feet[0, at, 6]), np.inf)
-    _kernels.spread(search.space[7], *search.seeds, x[at], p[at], best, near, idx)
+    best = np.where(status[at] < _kernels_newton.FALLBACK, np.abs(feet[0, at, DISTANCE]), np.inf)
+    _kernels.spread(search.space[GEOM], *search.seeds, x[at], p[at], best, near, idx)
     _start(search, at, idx, x, p, feet, counts, status)
 
 
@@ -224,11 +219,11 @@ def _sweep(
     Of these there are none where nothing nearer was found.
     """
     idx = np.empty((len(at), RETRY_CANDIDATES), np.int64)
-    best = np.abs(feet[0, at, 6])
-    _kernels_sweep.sweep(search.space[7], *search.seeds, *search.boxes, x[at], p[at], best, idx)
+    best = np.abs(feet[0, at, DISTANCE])
+    _kernels_sweep.sweep(search.space[GEOM], *search.seeds, *search.boxes, x[at], p[at], best, idx)
     some = np.flatnonzero(idx[:, 0] >= 0)
     _start(search, at[some], idx[some], x, p, feet, counts, status)
-    more: IntArray = at[(idx[:, -1] >= 0) & (np.abs(feet[0, at, 6]) < best)]
+    more: IntArray = at[(idx[:, -1] >= 0) & (np.abs(feet[0, at, DISTANCE]) < best)]
     return more
 
 
@@ -271,7 +266,7 @@ def singly(search: ClosestPointSearch, x: FloatArray, p: FloatArray, count: int)
         many = np.repeat(x[part], k, axis=0), np.repeat(p[part], k, axis=0)
         counts = np.zeros((near.size, 2), np.int64)
         search._run(*many, near.reshape(-1, 1), feet, counts, status)
-        feet[0, status >= _kernels_newton.FALLBACK, 6] = np.inf
+        feet[0, status >= _kernels_newton.FALLBACK, DISTANCE] = np.inf
         found = feet[0].reshape(-1, k, 8)
         out[part] = found[np.arange(len(found)), np.abs(found[:, :, 6]).argmin(axis=1)]
     return out
@@ -300,7 +295,7 @@ def doubtful(
         True for these.
     """
     failed = status >= _kernels_newton.FALLBACK
-    if distance.shape[1] == len(search.seeds[0]):
+    if distance.shape[1] == len(search.seeds.points):
         return failed
     h = search.spacing.around(p, near)
     out: AnyArray = failed | (distance[:, -1] < _within(h, feet))
@@ -309,7 +304,7 @@ def doubtful(
 
 def _within(h: FloatArray, feet: FloatArray) -> FloatArray:
     """Within which distance (n,) seeds a spacing apart may lie next to a nearer foot."""
-    first, second = np.abs(feet[:, :, 6])
+    first, second = np.abs(feet[:, :, DISTANCE])
     several = second < first + RIVAL * h
     out: FloatArray = np.sqrt(first**2 + np.where(several, CROWDED, PILED) * h**2)
     return out

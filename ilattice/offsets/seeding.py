@@ -10,7 +10,7 @@ side of the solid within about a cell. Non-guarantee: parts between those points
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -38,6 +38,25 @@ BESIDE = 6
 DOWNHILL = 24
 #: Points of which Hessians are held at a time.
 TOGETHER = 1 << 15
+
+
+class Seeds(NamedTuple):
+    """Points of the mid-surface from which closest points are searched, as kernels take them.
+
+    Attributes
+    ----------
+    points, images : ndarray, shape (s, 3)
+        In tile coordinates and in space.
+    normals : ndarray, shape (s, 5) or (s, 16)
+        Unit normals, and what bounds the surface around: see `_kernels_patches.BENT`.
+    spacing : ndarray, shape (s,)
+        Size in space of the cells that they stand for.
+    """
+
+    points: FloatArray
+    images: FloatArray
+    normals: FloatArray
+    spacing: FloatArray
 
 
 def crossings(field: Any, n: int) -> FloatArray:

@@ -18,7 +18,18 @@ from ilattice._typing import AnyArray, FloatArray
 from ilattice._validate import as_array, as_kind, as_points
 from ilattice.errors import InputError
 from ilattice.offsets import _kernels_seeds
-from ilattice.offsets._kernels_jets import STEPS, UPRIGHT
+from ilattice.offsets._kernels_jets import (
+    CLOSED,
+    CREASED,
+    GEOM,
+    LATTICE_SPLINE,
+    ORIGIN,
+    STEP,
+    STEPS,
+    TILE_SPLINE,
+    TRIGONOMETRIC,
+    UPRIGHT,
+)
 from ilattice.offsets._kernels_patches import PLAIN, SQUEEZED_TOO
 from ilattice.tiles.mixture import MixedField
 from ilattice.tiles.trig import TrigField
@@ -43,9 +54,9 @@ class TileSpace:
         self.lattice = as_kind("lattice", lattice, "Tiling")
         self.clip = lattice.boundary == "clip"
         self.space = kernel_space(lattice)
-        geom = self.space[7]
-        self.lo, self.step = geom[0:3], geom[3:6]
-        self.creased = bool(geom[14])
+        geom = self.space[GEOM]
+        self.lo, self.step = geom[ORIGIN:STEP], geom[STEP:CLOSED]
+        self.creased = bool(geom[CREASED])
         self.orient = float(lattice.through.orientation)
         count, closed = np.array(lattice.repeat), np.array(lattice.through.closed)
         self.box = np.array([np.where(closed, -np.inf, 0.0), np.where(closed, np.inf, count)])
@@ -181,11 +192,11 @@ def kernel_space(lattice: Tiling, *, generic: bool = False) -> tuple[Any, ...]:
     zero = BSpline(([0.0, 1.0],) * 3, np.zeros((1, 1, 1)), 0)
     trig = (np.zeros(1), np.zeros((1, 3), np.int64), np.ones(3))
     if isinstance(field, TrigField):
-        kind, trig, tile = 0, (field.coef, field.factor, 2 * np.pi / field.period), zero
+        kind, trig, tile = TRIGONOMETRIC, (field.coef, field.factor, 2 * np.pi / field.period), zero
     elif isinstance(field, MixedField):
-        kind, tile = 2, field.spline
+        kind, tile = LATTICE_SPLINE, field.spline
     else:
-        kind, tile = 1, field
+        kind, tile = TILE_SPLINE, field
     creased = isinstance(field, MixedField) and field.creased
     last = [spline.weights is not None, kind, creased]
     geom = np.concatenate([lo, step, lattice.through.closed, lattice.repeat, last]).astype(

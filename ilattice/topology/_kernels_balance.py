@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit, prange
 
 from ilattice._kernels import inner
-from ilattice.offsets._kernels_jets import FAST, map_jet, metric, scratch, tile_jet
+from ilattice.offsets._kernels_jets import FAST, RATIONAL, map_jet, metric, scratch, tile_jet
 from ilattice.offsets._kernels_newton import lagrangian, lowest
 from ilattice.topology._kernels_hull import solve_small
 
@@ -274,7 +274,7 @@ def balance(
         lost; at most `SINGULAR` where critical points are not isolated.
     """
     plain = geom.copy()
-    plain[12] = 0.0
+    plain[RATIONAL] = 0.0
     for chunk in prange((len(p) + CHUNK - 1) // CHUNK):
         space = (
             d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,

@@ -14,6 +14,7 @@ import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.offsets import _kernels_newton
+from ilattice.offsets._kernels_patches import DISTANCE, IMAGE
 from ilattice.topology.excess import Excess
 
 #: Feet are looked for that are farther than the nearest by up to so many diagonals of a span.
@@ -105,12 +106,12 @@ class SeveralFeet:
         status = np.full(n, _kernels_newton.FALLBACK, np.int64)
         q = self.search.to_tile(u)[owner]
         self.search._run(x[owner], q, seed[:, None].copy(), feet, counts, status)
-        good = (status == _kernels_newton.OK)[None] & np.isfinite(feet[:, :, 6])
-        return np.tile(owner, 2)[good.ravel()], feet[good][:, :3]
+        good = (status == _kernels_newton.OK)[None] & np.isfinite(feet[:, :, DISTANCE])
+        return np.tile(owner, 2)[good.ravel()], feet[good][:, :IMAGE]
 
     def _seeds(self, x: FloatArray, reach: FloatArray) -> list[IntArray]:
         """For each point seeds not further than the nearest one and `reach` and two spacings."""
-        sx, spacing = self.search.seeds[1], self.search.seeds[3]
+        sx, spacing = self.search.seeds.images, self.search.seeds.spacing
         nearest, first = self.search.tree.query(x)
         size = spacing[first]
         near = self.search.tree.query_ball_point(x, nearest + reach + 2.0 * size)

@@ -9,6 +9,7 @@ import ilattice as il
 from ilattice.errors import ConvergenceError
 from ilattice.offsets import closest
 from ilattice.offsets.retrying import singly
+from ilattice.offsets.seeding import Seeds
 
 
 def tile_sizes(lattice, u):
@@ -111,7 +112,7 @@ def test_queries_that_fail_are_told_and_counted(box):
     search = box.search
     u = np.random.default_rng(6).random((closest.FEW, 3)) * [0.1, 1, 1]
     whole = box.closest(u)
-    search.seeds[0][:] = np.nan
+    search.seeds.points[:] = np.nan
     found = box.closest(u)
     assert (whole.status == 0).all()
     assert (found.status == 2).all()
@@ -193,9 +194,9 @@ def test_feet_without_a_seed_come_from_neighbours():
     shape = il.macroshape.cylinder_shell(angle=2.0)
     whole = il.Lattice("gyroid", through=shape, repeat=(2, 2, 1))
     poor = il.Lattice("gyroid", through=shape, repeat=(2, 2, 1))
-    keep = np.random.default_rng(3).random(len(poor.search.seeds[0])) < 0.02
-    poor.search.seeds = tuple(np.ascontiguousarray(a[keep]) for a in poor.search.seeds)
-    poor.search.tree = closest.cKDTree(poor.search.seeds[1])
+    keep = np.random.default_rng(3).random(len(poor.search.seeds.points)) < 0.02
+    poor.search.seeds = Seeds(*(np.ascontiguousarray(a[keep]) for a in poor.search.seeds))
+    poor.search.tree = closest.cKDTree(poor.search.seeds.images)
     n = 25
     axes = [np.linspace(*whole.domain[:, a], n) for a in range(3)]
     u = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)

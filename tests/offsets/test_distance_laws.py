@@ -158,8 +158,12 @@ def test_both_feet_are_known_across_the_medial_axis(lattice):
         for c in (a, b)
     )
     np.testing.assert_allclose(a["second_distance"], a["distance"], rtol=1e-5)
-    np.testing.assert_allclose(a["second"], b["foot"], atol=1e-4 * lattice.search.seeds[3].max())
-    np.testing.assert_allclose(b["second"], a["foot"], atol=1e-4 * lattice.search.seeds[3].max())
+    np.testing.assert_allclose(
+        a["second"], b["foot"], atol=1e-4 * lattice.search.seeds.spacing.max()
+    )
+    np.testing.assert_allclose(
+        b["second"], a["foot"], atol=1e-4 * lattice.search.seeds.spacing.max()
+    )
 
 
 def test_second_feet_of_a_stack_of_planes():

@@ -63,7 +63,7 @@ def test_feet_on_creases_are_found(side_by_side):
     on_face = np.abs(found.u[:, :2] - 0.5).min(axis=1) < 1e-9
     assert (found.status[on_face] == 1).mean() > 0.9
     assert on_face.sum() > 20
-    tree = cKDTree(lattice.search.seeds[1])
+    tree = cKDTree(lattice.search.seeds.images)
     beyond = np.abs(found.distance) - tree.query(lattice.through.x(u))[0]
     assert beyond.max() <= 1e-7  # no seed is nearer than the foot
 
