@@ -253,6 +253,7 @@ class Elasticity(ElasticOperators):
         `solve` takes eight solutions of one matrix, and six more for each further connection.
         """
         place = self._named(as_place(on, where))
+        self.domain.boundary(place)
         middle = self._middle(place) if about is None else as_vector("about", about)
         new = Connection(place, as_vector("force", force), as_vector("moment", moment), middle)
         self._warn_rough(place)
