@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 #: Part of the energy that the cells may be off, and part of what acts that may be out of balance,
 #: before the page says so at its top.
 DOUBTFUL, UNBALANCED = 0.02, 1e-6
-SIZE = (1200, 900)
+SIZE = (1000, 750)
 STYLE = """body{font:15px/1.5 system-ui,sans-serif;max-width:62rem;margin:2rem auto;padding:0 1rem;
 color:#222}h1{font-size:1.5rem}h2{font-size:1.15rem;margin-top:1.6rem}table{border-collapse:collapse}
 td,th{padding:.15rem .9rem .15rem 0;text-align:left;vertical-align:top;border-bottom:1px solid #ddd}
@@ -204,7 +204,7 @@ def _pictures(result: "Result") -> Iterable[str]:
     shown = {"scalars": result.shown}
     drawn = [((-60.0, 30.0), shown), ((120.0, 20.0), shown)]
     if "utilization" in grid.point_data:
-        drawn += [(view, margins(grid)) for view, _ in drawn]
+        drawn.append((drawn[0][0], margins(grid)))
     for view, style in drawn:
         image = Scene(size=SIZE, view=view).add(grid, **style).image()
         buffer = io.BytesIO()

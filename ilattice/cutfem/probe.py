@@ -148,8 +148,8 @@ def probe(result: Any, x: ArrayLike, outside: str) -> Probe:
     if outer.any() and outside == "raise":
         first = np.round(points[outer][:SHOWN], 6).tolist()
         raise InputError(
-            f"x: {int(outer.sum())} of {len(points)} points are outside of the solid, the first are "
-            f"{first}; outside='nan' leaves them out"
+            f"x: {int(outer.sum())} of {len(points)} points are outside of the solid, the first "
+            f"are {first}; outside='nan' leaves them out"
         )
     return Probe(result, points, u)
 

@@ -184,7 +184,7 @@ def test_results_along_lines_and_margins(rod, tmp_path):
 
     torque = 2 * 3.0 / np.sqrt(3) * np.pi * 0.5**3 / 2  # twice what makes the rim yield
     solved = rod.rigid("w=1", moment=(0, 0, torque)).solve()
-    line = solved.along(AXIS + [0.0, 0.0, 1.4], AXIS + [0.9, 0.0, 1.4], n=91)
+    line = solved.along(np.array([0, 0, 1.4]) + AXIS, np.array([0.9, 0, 1.4]) + AXIS, n=91)
     r = np.linspace(0.0, 0.9, 91)
     np.testing.assert_allclose(line.distance, r, atol=1e-12)
     assert (np.flatnonzero(line.inside) == np.arange(line.inside.sum())).all()
