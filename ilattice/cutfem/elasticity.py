@@ -265,7 +265,7 @@ class Elasticity(ElasticOperators):
             raise InputError("value is a function: add the rotation to what it returns")
         place = as_place(on, where)
         middle = self._middle(place) if about is None else as_vector("about", about)
-        move = np.array(np.broadcast_to(as_value("value", value, 3), 3))
+        move = np.array(as_value("value", value, 3), np.float64)
         return Motion(move, as_vector("rotation", rotation), middle)
 
     def _middle(self, place: str | Region) -> FloatArray:

@@ -201,7 +201,7 @@ def _pictures(result: "Result") -> Iterable[str]:
     from ilattice.plot import Scene
 
     grid = result.to_pyvista(scale="auto")
-    shown = {"scalars": result.shown}
+    shown: dict[str, Any] = {"scalars": result.shown}
     drawn = [((-60.0, 30.0), shown), ((120.0, 20.0), shown)]
     if "utilization" in grid.point_data:
         drawn.append((drawn[0][0], margins(grid)))

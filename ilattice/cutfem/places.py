@@ -86,7 +86,10 @@ def _away(data: Any, x: FloatArray) -> FloatArray:
     locator = vtkStaticCellLocator()
     locator.SetDataSet(data)
     locator.BuildLocator()
-    foot, cell, part, square = [0.0] * 3, reference(0), reference(0), reference(0.0)
+    foot: Any = [0.0] * 3
+    cell: Any = reference(0)
+    part: Any = reference(0)
+    square: Any = reference(0.0)
     out = np.empty(len(x))
     for i, p in enumerate(x.tolist()):
         locator.FindClosestPoint(p, foot, cell, part, square)

@@ -10,7 +10,7 @@ of such solids are refused, not found.
 """
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -155,7 +155,7 @@ def _resultants(
     if support.weak:
         terms = weak.elastic_terms(problem, support)
         force = weak.elastic_reaction(problem, terms, support.value, Solution(problem, c, None))
-        motions = [u.supports[number].value for u in units]
+        motions: list[Any] = [u.supports[number].value for u in units]
         return np.array([(force * m(terms.rule.points)).sum() for m in motions])
     r = (problem.matrix @ c.ravel()).reshape(c.shape) - problem.forces()
     r -= problem._from_supports()
@@ -172,4 +172,4 @@ def _motion_of(problem: "Elasticity", A: FloatArray, b: FloatArray) -> FloatArra
             f"the rigid connections on {names} are free to move: nothing else holds the parts that "
             "they are on; add a support"
         )
-    return np.linalg.solve(A, b)
+    return np.asarray(np.linalg.solve(A, b), np.float64)

@@ -170,7 +170,8 @@ class Stresses(Result):
             What pyvista returns.
         """
         if scalars != "margin":
-            return super().plot(**options, **({} if scalars is None else {"scalars": scalars}))
+            options |= {} if scalars is None else {"scalars": scalars}
+            return super().plot(**options)
         how = {name: options.pop(name) for name in ("on", "h") if name in options}
         grid = self.to_pyvista(**how, scale=options.pop("scale", "auto"))
         if "utilization" not in grid.point_data:
