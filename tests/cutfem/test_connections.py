@@ -1,4 +1,4 @@
-"""Patches, fields, points, rigid connections and turns, by statics, Saint-Venant and beams."""
+"""Patches, fields, points, rigid connections and turns, by equilibrium, Saint-Venant and beams."""
 
 import numpy as np
 import pytest

@@ -209,7 +209,7 @@ def test_series_are_films(tmp_path):
     assert Path(tmp_path / "modes.gif").stat().st_size > 500
 
 
-def test_slices_are_drawn_and_become_films(ball, tmp_path):
+def test_slices_are_drawn_and_become_films(tmp_path):
     """The contour of a ball at a height is a circle; empty layers are refused."""
     stack = il.mesh.slice_field(il.fields.sphere(0.93), [-0.37, 0.41, 2.0], h=0.05)
     data = stack[1].to_pyvista()
