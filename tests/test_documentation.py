@@ -61,6 +61,21 @@ def test_programs_of_a_page_run_and_print_what_it_says(name, tmp_path, monkeypat
     pyplot.close("all")
 
 
+def test_everyday_jobs_are_short_and_shown():
+    """At most twenty lines each, imports and all; a picture, and an example that is checked."""
+    text = PAGES["guide/jobs.md"]
+    programs = blocks(text)
+    assert len(programs) == 8
+    for code in programs:
+        assert sum(bool(line.strip()) for line in code.splitlines()) <= 20
+        assert "screenshot=" in code or ".save(" in code or "savefig" in code
+    parts = re.split(r"^## ", text, flags=re.MULTILINE)[1:]
+    for part in parts:
+        assert re.search(r"!\[.+\]\(\.\./images/\w+\.jpg\)", part), part[:40]
+        name = re.search(r"^In full: `(\w+)`", part, re.MULTILINE)[1]
+        assert (DOCS.parent / "examples" / f"{name}.py").is_file()
+
+
 def resolved(path):
     """What a dotted name of the package stands for; modules are imported, fields are None."""
     item = il

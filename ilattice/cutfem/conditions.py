@@ -12,6 +12,7 @@ import numpy as np
 
 from ilattice._typing import FloatArray
 from ilattice._validate import Frozen, among, as_array, as_items, asked, check_finite
+from ilattice.cutfem.places import Spot
 from ilattice.cutfem.regions import Region
 from ilattice.errors import InputError
 
@@ -72,13 +73,13 @@ class Load(Frozen):
     value : Value
         Force per volume, acceleration, force per area, force, moment, pressure; temperature above
         the stress-free one; heat per area and time, heat per volume and time.
-    on : str or Region
-        Place of tractions, pressures and fluxes.
+    on : str, Region or Spot
+        Place of tractions, pressures and fluxes, or point of a force.
     """
 
     kind: str
     value: Value
-    on: str | Region = ""
+    on: str | Region | Spot = ""
 
 
 def as_mask(components: Any, m: int) -> Any:

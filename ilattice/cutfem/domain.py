@@ -20,6 +20,7 @@ from ilattice._validate import Frozen, among, as_choice, as_positive
 from ilattice.cutfem.assembly import Assembly, compressed_where_long
 from ilattice.cutfem.connectivity import Parts, connected_parts, links
 from ilattice.cutfem.elements import ElementGrid, elements_of
+from ilattice.cutfem.places import Spot
 from ilattice.cutfem.regions import BOUNDARY, PLACES, SURFACES, Region
 from ilattice.cutfem.space import SplineSpace, as_degree_and_smoothness
 from ilattice.cutfem.stabilise import ghost_faces, lone_cells, void_rule
@@ -365,8 +366,10 @@ class Domain(Frozen):
         """Rule in space on the active cells, with `parameters`."""
         return self.once(("solid", asm), lambda: in_space(on_cells(self.volume, asm.space.cells)))
 
-    def edge(self, asm: Assembly, on: str | Region) -> Quadrature:
-        """Rule in space on the boundary of the active cells; see `boundary`."""
+    def edge(self, asm: Assembly, on: str | Region | Spot) -> Quadrature:
+        """Rule in space on the boundary of the active cells, or at a point; see `boundary`."""
+        if isinstance(on, Spot):
+            return on.rule(asm)
         return self.once(("edge", asm, on), lambda: on_cells(self.boundary(on), asm.space.cells))
 
     # ---------------------------------------------------------------- resolution

@@ -30,14 +30,19 @@ import numpy as np
 from ilattice._progress import Progress
 from ilattice._typing import FloatArray
 from ilattice._validate import among, as_choice
+from ilattice.cutfem import rigid
 from ilattice.cutfem.anisotropic import Anisotropic, Material, Stiffness
+from ilattice.cutfem.conditions import as_value
 from ilattice.cutfem.discretization import Product
 from ilattice.cutfem.domain import lattice_of
 from ilattice.cutfem.material import Isotropic, MapProperties, Property, Scalar
 from ilattice.cutfem.operators import ElasticOperators
 from ilattice.cutfem.output import Series
 from ilattice.cutfem.phases import as_phased
+from ilattice.cutfem.places import Motion, as_vector
 from ilattice.cutfem.problem import ISLANDS, Problem
+from ilattice.cutfem.regions import Region, as_place
+from ilattice.cutfem.rigid import Connection
 from ilattice.errors import InputError
 from ilattice.linalg.multigrid import Blocks
 from ilattice.quadrature.rules import Quadrature
@@ -177,23 +182,25 @@ class Elasticity(ElasticOperators):
             material = Anisotropic(of, *others)
         _ = where.interface  # areas between phases that are not known are told here
         super().__init__(where, islands)
-        self._set(material=material, dilatation=dilatation)
+        self._set(material=material, dilatation=dilatation, connections=())
 
     # ---------------------------------------------------------------- verbs
 
     def clamp(
         self, on: Any, *, components: Any = None, value: Any = 0.0, method: str = "auto",
-        where: Any = None,
+        where: Any = None, rotation: Any = None, about: Any = None,
     ) -> Self:  # fmt: skip
         """Prescribe the displacement on an end face, a level set or a region.
 
         Parameters
         ----------
-        on : str, callable or (2, 3) array-like
+        on : str, callable, (2, 3) array-like, Field or SurfaceMesh
             An end face of the domain, ``"u=0"`` to ``"w=1"``; the level sets that bound the solid,
             ``"surface"``, or one of them, ``"outer"`` or ``"inner"``; or the part of the whole
             ``"boundary"`` in space where a linear condition holds, such as ``"z > 5 and x < 1"``,
-            where a function of points (n, 3) is true, or which is in a box.
+            where a function of points (n, 3) is true, which is in a box, where a field of space
+            is not positive, or which is on the triangles of a mesh (`SurfaceMesh.select` takes
+            some of one).
         components : str or sequence of int, optional
             Such as ``"xz"`` or ``(0, 2)``; ``"n"`` for the normal one of a flat place that is
             normal to x, y or z, as on planes of symmetry; by default all.
@@ -201,15 +208,70 @@ class Elasticity(ElasticOperators):
             The displacement; a callable takes points of space (n, 3), returns vectors (n, 3).
         method : {"auto", "strong", "nitsche"}
             Exactly, for end faces; or in the mean, by Nitsche's method.
-        where : str, callable or (2, 3) array-like, optional
+        where : str, callable, (2, 3) array-like, Field or SurfaceMesh, optional
             The part of a place with a name, as in `on`.
+        rotation : sequence of 3 floats, optional
+            A small turn that is added to the displacement: its axis times its angle in radians.
+        about : sequence of 3 floats, optional
+            Point on the axis of the turn; by default the middle of the place.
 
         Returns
         -------
         Elasticity
             A new problem.
         """
+        if rotation is not None:
+            value = self._turned(on, where, value, rotation, about)
+        elif about is not None:
+            raise InputError("about is the point of a rotation=, which is not given")
         return self._supported(on, components, value, method, "value", where)
+
+    def rigid(
+        self, on: Any, *, force: Any = (0.0, 0.0, 0.0), moment: Any = (0.0, 0.0, 0.0),
+        about: Any = None, where: Any = None,
+    ) -> Self:  # fmt: skip
+        """Let a place move as a rigid body: a plate, a bolt or a hub that is much stiffer.
+
+        Parameters
+        ----------
+        on : str, callable, (2, 3) array-like, Field or SurfaceMesh
+            As in `clamp`. Two parts of the boundary are joined by one place that has both.
+        force, moment : sequence of 3 floats
+            What acts on the rigid body.
+        about : sequence of 3 floats, optional
+            Where the force acts; by default the middle of the place.
+        where : str, callable, (2, 3) array-like, Field or SurfaceMesh, optional
+            As in `clamp`.
+
+        Returns
+        -------
+        Elasticity
+            A new problem, of which the `Solution.motions` are found.
+
+        Notes
+        -----
+        `solve` takes eight solutions of one matrix, and six more for each further connection.
+        """
+        place = self._named(as_place(on, where))
+        self.domain.boundary(place)
+        middle = self._middle(place) if about is None else as_vector("about", about)
+        new = Connection(place, as_vector("force", force), as_vector("moment", moment), middle)
+        self._warn_rough(place)
+        return self._with(connections=(*self.connections, new))
+
+    def _turned(self, on: Any, where: Any, value: Any, rotation: Any, about: Any) -> Motion:
+        """A displacement with a turn."""
+        if callable(value):
+            raise InputError("value is a function: add the rotation to what it returns")
+        place = as_place(on, where)
+        middle = self._middle(place) if about is None else as_vector("about", about)
+        move = np.array(as_value("value", value, 3), np.float64)
+        return Motion(move, as_vector("rotation", rotation), middle)
+
+    def _middle(self, place: str | Region) -> FloatArray:
+        """The centroid (3,) of a place."""
+        rule = self.domain.boundary(place)
+        return rule.weights @ rule.points / rule.weights.sum()
 
     def spring(self, on: Any, stiffness: Any, *, value: Any = 0.0, where: Any = None) -> Self:
         """Hold an end face, a level set or a region by springs.
@@ -235,7 +297,7 @@ class Elasticity(ElasticOperators):
     def load(
         self, *, body: Any = None, gravity: Any = None, traction: Any = None,
         pressure: Any = None, force: Any = None, moment: Any = None, on: Any = "",
-        where: Any = None, temperature: Any = None,
+        where: Any = None, at: Any = None, temperature: Any = None,
     ) -> Self:  # fmt: skip
         """Add loads to those that are there.
 
@@ -252,8 +314,12 @@ class Elasticity(ElasticOperators):
         force, moment : sequence of 3 floats, optional
             Resultants at `on`: the force as a uniform traction, the moment (about the middle of
             the place) as tractions that turn it. Their sums are exact.
-        on, where : str, callable or (2, 3) array-like
+        on, where : str, callable, (2, 3) array-like, Field or SurfaceMesh
             As in `clamp`; for tractions, pressures, forces and moments.
+        at : sequence of 3 floats, optional
+            The point of space, in the solid, at which a force acts, instead of `on`. Displacement
+            and stress there grow without bound on finer cells, as they do in the solid; elsewhere
+            they do not.
         temperature : float, callable or HeatSolution, optional
             Temperature above the one without stress.
 
@@ -269,8 +335,11 @@ class Elasticity(ElasticOperators):
         """
         new = self
         given = {"traction": traction, "pressure": pressure, "force": force, "moment": moment}
-        at = {k: v for k, v in given.items() if v is not None}
-        if bool(at) != (not isinstance(on, str) or bool(on)):
+        placed = {k: v for k, v in given.items() if v is not None}
+        if at is not None:
+            if set(placed) != {"force"} or not (isinstance(on, str) and not on):
+                raise InputError("at is the point of a force=: give that, and neither on nor more")
+        elif bool(placed) != (not isinstance(on, str) or bool(on)):
             raise InputError(
                 f"on={on!r:.80}: tractions, pressures, forces and moments need a place, such as "
                 "on='w=1' or on='surface', other loads have none"
@@ -282,17 +351,19 @@ class Elasticity(ElasticOperators):
             )
         if temperature is not None and self.material.expansion.value == 0.0:
             raise InputError("temperature: the material does not expand; give it an expansion")
-        for kind, value in at.items():
+        for kind, value in placed.items():
             if kind in ("force", "moment") and np.shape(value) != (3,):
                 raise InputError(f"{kind} must be a vector of 3 numbers, got {value!r:.80}")
-            new = new._loaded(kind, value, 1 if kind == "pressure" else 3, on, where)
+            new = new._loaded(kind, value, 1 if kind == "pressure" else 3, on, where, at)
         for kind, value, m in (
             ("body", body, 3), ("gravity", gravity, 3), ("temperature", temperature, 1)
         ):  # fmt: skip
             if value is not None:
                 new = new._loaded(kind, value, m)
         if new is self:
-            raise InputError("load needs one of body, gravity, traction, pressure, temperature")
+            raise InputError(
+                "load needs one of body, gravity, traction, pressure, force, moment, temperature"
+            )
         return new
 
     def solve(
@@ -335,6 +406,8 @@ class Elasticity(ElasticOperators):
         """
         from ilattice.cutfem.solution import Solution
 
+        if self.connections:
+            return rigid.solved(self, method, tol, max_iterations, progress)
         c, report = self._solve(method, tol, max_iterations, progress)
         return Solution(self, c, report)
 

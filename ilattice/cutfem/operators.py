@@ -27,6 +27,7 @@ from ilattice.cutfem.dilatation import FROM, Dilatation, as_terms
 from ilattice.cutfem.material import Isotropic, Property, Scalar, jump_within_cells, warn_of_jump
 from ilattice.cutfem.problem import Problem
 from ilattice.cutfem.regions import spread
+from ilattice.cutfem.rigid import Connection
 from ilattice.errors import InputError, PrecisionWarning
 from ilattice.quadrature.rules import Quadrature, on_cells, some_cells
 
@@ -44,11 +45,26 @@ class ElasticOperators(Problem):
         Stiffness, density and thermal expansion.
     dilatation : {"auto", "full", "projected"}
         See `Elasticity`.
+    connections : tuple of Connection
+        Places that move as rigid bodies.
     """
 
     m: ClassVar[int] = 3
     material: Material
     dilatation: str
+    connections: tuple[Connection, ...]
+
+    def _check_solvable(self) -> None:
+        if any(c.motion is None for c in self.connections):
+            self._refuse_connections()
+
+    def _refuse_connections(self) -> None:
+        """Refuse what knows of no rigid connections."""
+        if self.connections:
+            raise InputError(
+                "rigid connections are for static solutions only: clamp "
+                f"{self.connections[0].on} instead, or leave the connection out"
+            )
 
     @cached_property
     def projection(self) -> Dilatation | None:
@@ -155,6 +171,7 @@ class ElasticOperators(Problem):
         bsr_array
             Rows of prescribed components are zero.
         """
+        self._refuse_connections()
         asm = self.assembly
         rho = self.material.density
         rho = rho if density is None else replace(rho, value=density)
@@ -178,6 +195,7 @@ class ElasticOperators(Problem):
         bsr_array
             The integral of grad v . stress . grad u; rows of prescribed components are zero.
         """
+        self._refuse_connections()
         asm = self.assembly
         self._own(as_kind("solution", solution, "Solution"))
         rule = on_cells(self.domain.volume, asm.space.cells)
@@ -234,7 +252,7 @@ class ElasticOperators(Problem):
         out = self._strong_reactions(solution.coefficients)
         for support in self.in_the_mean:
             terms = weak.elastic_terms(self, support)
-            force = weak.elastic_reaction(self, terms, support.value, solution)
+            force = weak.elastic_reaction(self, terms, support.value, solution).sum(axis=0)
             out[str(support.on)] = out.get(str(support.on), 0.0) + force
         return out
 

@@ -29,7 +29,7 @@ from ilattice._validate import (
     as_whole,
     read_only,
 )
-from ilattice.cutfem.probe import Probe, probe
+from ilattice.cutfem.probe import Probe, along, probe
 from ilattice.errors import FormatError, InputError
 from ilattice.mesh import SurfaceMesh
 from ilattice.mesh.wall_mesh import parameters_of, wall_mesh, warn_full
@@ -146,6 +146,28 @@ class Result(FrozenCopies):
         (1, 3)
         """
         return probe(self, x, outside)
+
+    def along(self, start: ArrayLike, end: ArrayLike, n: int = 200) -> Probe:
+        """The result along a straight line, NaN where it is out of the solid.
+
+        Parameters
+        ----------
+        start, end : array_like, shape (3,)
+            Points of space.
+        n : int
+            How many points there are on the line.
+
+        Returns
+        -------
+        Probe
+            As `at`; ``.plot("stress")`` draws it over its ``.distance``.
+
+        Raises
+        ------
+        InputError
+            If the points are equal, or no point is in the solid.
+        """
+        return along(self, start, end, n)
 
     def surface(self, h: float | None = None, *, scale: float | str = 0.0) -> SurfaceMesh:
         """The mesh of the wall with the fields of the result.

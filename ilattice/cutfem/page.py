@@ -18,6 +18,8 @@ import numpy as np
 from ilattice._files import as_path, atomic_write
 from ilattice._validate import as_flag
 from ilattice.cutfem.conditions import AXES
+from ilattice.cutfem.places import Motion
+from ilattice.cutfem.stresses import margins
 from ilattice.errors import FormatError, InputError
 from ilattice.linalg.solvers import SolveReport
 
@@ -27,7 +29,7 @@ if TYPE_CHECKING:
 #: Part of the energy that the cells may be off, and part of what acts that may be out of balance,
 #: before the page says so at its top.
 DOUBTFUL, UNBALANCED = 0.02, 1e-6
-SIZE = (1200, 900)
+SIZE = (1000, 750)
 STYLE = """body{font:15px/1.5 system-ui,sans-serif;max-width:62rem;margin:2rem auto;padding:0 1rem;
 color:#222}h1{font-size:1.5rem}h2{font-size:1.15rem;margin-top:1.6rem}table{border-collapse:collapse}
 td,th{padding:.15rem .9rem .15rem 0;text-align:left;vertical-align:top;border-bottom:1px solid #ddd}
@@ -162,6 +164,8 @@ def _set_up(problem: Any) -> dict[str, str]:
         out[f"support {i}"] = (
             f"{s.on}: {what} = {_said(s.value)}, {'weakly' if s.weak else 'exactly'}"
         )
+    for c in getattr(problem, "connections", ()):
+        out[f"rigid at {c.on}"] = f"force {_said(c.force)}, moment {_said(c.moment)}"
     for i, spring in enumerate(problem.springs, 1):
         out[f"spring {i}"] = f"{spring.on}: stiffness {_said(spring.stiffness)} per area"
     for i, load in enumerate(problem.loads, 1):
@@ -197,12 +201,16 @@ def _pictures(result: "Result") -> Iterable[str]:
     from ilattice.plot import Scene
 
     grid = result.to_pyvista(scale="auto")
-    for view in ((-60.0, 30.0), (120.0, 20.0)):
-        image = Scene(size=SIZE, view=view).add(grid, scalars=result.shown).image()
+    shown: dict[str, Any] = {"scalars": result.shown}
+    drawn = [((-60.0, 30.0), shown), ((120.0, 20.0), shown)]
+    if "utilization" in grid.point_data:
+        drawn.append((drawn[0][0], margins(grid)))
+    for view, style in drawn:
+        image = Scene(size=SIZE, view=view).add(grid, **style).image()
         buffer = io.BytesIO()
         Image.fromarray(image).save(buffer, "PNG", optimize=True)
         data = base64.b64encode(buffer.getvalue()).decode("ascii")
-        yield f"<img alt='{_text(result.shown)}' src='data:image/png;base64,{data}'>"
+        yield f"<img alt='{_text(style['scalars'])}' src='data:image/png;base64,{data}'>"
 
 
 def _per_cent(part: float) -> str:
@@ -220,6 +228,8 @@ def _asked(result: Any, name: str) -> Any:
 
 def _said(value: Any) -> str:
     """A value as its user gave it."""
+    if isinstance(value, Motion):
+        return str(value)
     if callable(value):
         return str(getattr(value, "__name__", type(value).__name__)) + "(x)"
     return _number(value)

@@ -13,14 +13,25 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import AnyArray, ArrayLike, FloatArray
-from ilattice._validate import FixedMapping, Frozen, among, as_points, read_only
+from ilattice._validate import (
+    FixedMapping,
+    Frozen,
+    among,
+    as_array,
+    as_points,
+    as_whole,
+    read_only,
+)
 from ilattice.errors import InputError
+from ilattice.quadrature.grid import CutGrid
 
 #: How far off the solid points may be, in cells.
 NEAR = 0.1
 #: Step of differences of level sets, in cells.
 STEP = 1e-3
 SHOWN = 3
+#: Names of the columns of vectors and of symmetric matrices.
+COMPONENTS = {1: [""], 3: ["x", "y", "z"], 6: ["xx", "yy", "zz", "yz", "xz", "xy"]}
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +86,51 @@ class Probe(Frozen):
             )
         return self._spread(field(self.result, self.u[self.inside]))
 
+    @cached_property
+    def distance(self) -> FloatArray:
+        """Way (n,) along the points from the first one."""
+        steps = np.linalg.norm(np.diff(self.x, axis=0), axis=1)
+        return read_only(np.append(0.0, np.cumsum(steps))[: len(self.x)])
+
+    def plot(self, name: str = "", *, label: str = "") -> Any:
+        """Draw a field along the points; gaps are where there is no solid.
+
+        Parameters
+        ----------
+        name : str
+            Which one, by default the main one of the result; of vectors and stresses all
+            components.
+        label : str
+            Of the axis, such as ``"von Mises stress (MPa)"``; by default the name.
+
+        Returns
+        -------
+        Figure
+            Of matplotlib; ``savefig`` writes it.
+
+        Raises
+        ------
+        InputError
+            If there is no such field.
+        """
+        from matplotlib import pyplot
+
+        name = name or self.result.shown
+        try:
+            values = np.asarray(getattr(self, name))
+        except AttributeError as error:
+            raise InputError(f"name: {error}") from None
+        figure, axes = pyplot.subplots(figsize=(6.4, 3.6), layout="constrained")
+        columns = values.reshape(len(self), -1)
+        names = COMPONENTS.get(columns.shape[1], [str(i) for i in range(columns.shape[1])])
+        for column, part in zip(columns.T, names, strict=True):
+            axes.plot(self.distance, column, label=part)
+        if columns.shape[1] > 1:
+            axes.legend()
+        axes.set(xlabel="distance along the line", ylabel=label or name.replace("_", " "))
+        axes.grid(alpha=0.3)
+        return figure
+
     def _spread(self, values: AnyArray) -> AnyArray:
         """Values at all points from those inside."""
         out = np.full((len(self.x), *values.shape[1:]), np.nan)
@@ -87,32 +143,51 @@ def probe(result: Any, x: ArrayLike, outside: str) -> Probe:
     if not among(outside, ("raise", "nan")):
         raise InputError(f"outside must be 'raise' or 'nan', got {outside!r}")
     points = as_points("x", x)
-    u = _parameters(result.problem, points)
-    off = np.isnan(u[:, 0])
-    if off.any() and outside == "raise":
-        first = np.round(points[off][:SHOWN], 6).tolist()
+    u = _inside(result.problem, points)
+    outer = np.isnan(u[:, 0])
+    if outer.any() and outside == "raise":
+        first = np.round(points[outer][:SHOWN], 6).tolist()
         raise InputError(
-            f"x: {int(off.sum())} of {len(points)} points are outside of the solid, the first are "
-            f"{first}; outside='nan' leaves them out"
+            f"x: {int(outer.sum())} of {len(points)} points are outside of the solid, the first "
+            f"are {first}; outside='nan' leaves them out"
         )
     return Probe(result, points, u)
 
 
-def _parameters(problem: Any, x: FloatArray) -> FloatArray:
+def along(result: Any, start: ArrayLike, end: ArrayLike, n: int) -> Probe:
+    """A result on a line; see `Result.along`."""
+    a, b = (as_array(name, x) for name, x in (("start", start), ("end", end)))
+    if a.shape != (3,) or b.shape != (3,) or not (a != b).any():
+        raise InputError(f"start and end must be two points, got {start!r:.80} and {end!r:.80}")
+    steps = np.linspace(0.0, 1.0, as_whole("n", n, 2, 10**7))
+    found = probe(result, a + steps[:, None] * (b - a), "nan")
+    if not found.inside.any():
+        raise InputError(
+            f"the line from {a.tolist()} to {b.tolist()} passes no solid at {n} points"
+        )
+    return found
+
+
+def _inside(problem: Any, x: FloatArray) -> FloatArray:
     """Parameters of points in the solid, NaN for others."""
     asm = problem.assembly
-    u = x.copy() if asm.through is None else asm.through.inverse(x)
+    u = parameters(problem.domain.cut, x)
     inside = np.isfinite(u[:, 0])
     rows = np.flatnonzero(inside)
     inside[rows] = asm.space.locate(u[rows]) >= 0
     rows = np.flatnonzero(inside)
-    inside[rows] = _off(problem, u[rows]) <= NEAR
+    inside[rows] = off(problem.domain.cut, u[rows]) <= NEAR
     return np.where(inside[:, None], u, np.nan)
 
 
-def _off(problem: Any, u: FloatArray) -> FloatArray:
-    """How far points are outside of the solid or the grid, in cells, to first order."""
-    grid, sets = problem.domain.cut.grid, problem.domain.cut.sets
+def parameters(cut: CutGrid, x: FloatArray) -> FloatArray:
+    """Parameters (n, 3) of points of space (n, 3), NaN outside of the image of the map."""
+    return x.copy() if cut.through is None else cut.through.inverse(x)
+
+
+def off(cut: CutGrid, u: FloatArray) -> FloatArray:
+    """How far points (n, 3) are outside of the solid or the grid, in cells, to first order."""
+    grid, sets = cut.grid, cut.sets
     lo, hi = grid.domain
     sizes = np.stack(
         [np.diff(a)[np.clip(np.searchsorted(a, u[:, k]) - 1, 0, len(a) - 2)]

@@ -31,6 +31,7 @@ from ilattice.cutfem.constraints import Constraints, check_agreement, constraint
 from ilattice.cutfem.discretization import Product
 from ilattice.cutfem.domain import Domain
 from ilattice.cutfem.material import Scalar
+from ilattice.cutfem.places import spot
 from ilattice.cutfem.regions import ROUGH, Region, as_place
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.linalg._engines import ENGINES
@@ -151,9 +152,13 @@ class Problem:
         self._warn_rough(new.on)
         return self._with(springs=(*self.springs, new), _held={})
 
-    def _loaded(self, kind: str, value: Any, m: int, on: Any = "", where: Any = None) -> Self:
+    def _loaded(
+        self, kind: str, value: Any, m: int, on: Any = "", where: Any = None, at: Any = None
+    ) -> Self:
         value = value if hasattr(value, "evaluate") else as_value(kind, value, m)
-        if not isinstance(on, str) or on:
+        if at is not None:
+            on = spot(self.domain, at)
+        elif not isinstance(on, str) or on:
             on = as_place(on, where)
             self.domain.boundary(on)
             if kind not in ("force", "moment"):
@@ -329,6 +334,7 @@ class Problem:
     @cached_property
     def system(self) -> System:
         """The equations, prescribed coefficients eliminated."""
+        self._check_solvable()
         watching.check_functions(self)
         con, x = self.constraints, self.assembly.coordinates
         f = self.forces() + self._from_supports()
@@ -341,6 +347,9 @@ class Problem:
             self._reduced(), con.restrict(f).ravel(), motions.reshape(-1, motions.shape[2]),
             x[con.nodes], con,
         )  # fmt: skip
+
+    def _check_solvable(self) -> None:
+        """Refuse equations that are not all of the problem."""
 
     @property
     def factors(self) -> tuple[Scalar, ...]:

@@ -14,9 +14,12 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import binary_dilation
 
+from ilattice._field import Field
 from ilattice._typing import AnyArray, FloatArray
 from ilattice._validate import Frozen, among, as_array, asked
+from ilattice.cutfem.places import Inside, Patch
 from ilattice.errors import GeometryError, InputError
+from ilattice.mesh import SurfaceMesh
 from ilattice.plot.clips import as_planes
 from ilattice.quadrature.rules import NAMES, Quadrature
 
@@ -86,7 +89,7 @@ class Region(Frozen):
         if found.shape != (len(points),) or found.dtype != bool:
             raise InputError(
                 f"on={self.name}: a condition takes points (n, 3) and returns n booleans, got "
-                f"{found.dtype} of shape {found.shape}"
+                f"{found.dtype} of shape {found.shape}; fields of il.fields do as they are"
             )
         if not found.any():
             raise GeometryError(f"on={self.name}: no surface there; {self._nearest(points)}")
@@ -113,15 +116,16 @@ class Region(Frozen):
         axis = np.eye(3)[np.abs(rule.normals).argmin(axis=1)]
         first = np.cross(rule.normals, axis)
         first /= np.linalg.norm(first, axis=1, keepdims=True)
-        length = np.sqrt(rule.weights)[:, None]
+        second, length = np.cross(rule.normals, first), np.sqrt(rule.weights)[:, None]
         steps = (np.arange(SUBDIVIDED) + 0.5) / SUBDIVIDED - 0.5
+        some_in, some_out = _around(rule, found), _around(rule, ~found)
+        rows = np.flatnonzero(found | (some_in & some_out))
         share = np.zeros(len(rule))
         for s in steps:
             for t in steps:
-                away = length * (s * first + t * np.cross(rule.normals, first))
-                share += np.asarray(asked("on", self.inside, rule.points + away))
+                away = (length * (s * first + t * second))[rows]
+                share[rows] += np.asarray(asked("on", self.inside, rule.points[rows] + away))
         share /= SUBDIVIDED**2
-        some_in, some_out = _around(rule, found), _around(rule, ~found)
         inner = found & ~some_out
         if inner.any() and share[inner].mean() < AGREE:
             return float("nan")
@@ -131,6 +135,10 @@ class Region(Frozen):
         return off / float(rule.weights[found].sum())
 
     def _nearest(self, x: FloatArray) -> str:
+        if hasattr(self.inside, "away") and len(x):
+            away = self.inside.away(x)
+            k = int(np.nanargmin(away))
+            return f"the nearest is {away[k]:.3g} away, at {np.round(x[k], 6).tolist()}"
         if self.planes is None or not len(x):
             span = " to ".join(str(np.round(a, 6).tolist()) for a in (x.min(axis=0), x.max(axis=0)))
             return f"the surface reaches from {span}" if len(x) else "there is none at all"
@@ -157,10 +165,11 @@ def as_place(on: Any, where: Any = None) -> str | Region:
 
     Parameters
     ----------
-    on : str, callable or (2, 3) array-like
+    on : str, callable, (2, 3) array-like, Field or SurfaceMesh
         A name; a linear condition such as ``"z > 5"``; a function of points (n, 3) that gives
-        booleans; or a box.
-    where : str, callable or (2, 3) array-like, optional
+        booleans; a box; a field of space, where it is not positive; or triangles, those points
+        that are on them.
+    where : str, callable, (2, 3) array-like, Field or SurfaceMesh, optional
         A condition on a place with a name.
 
     Returns
@@ -187,12 +196,22 @@ def as_place(on: Any, where: Any = None) -> str | Region:
 
 def _region(place: str, condition: Any) -> Region:
     ahead = "" if place == BOUNDARY else f"{place} where "
+    if isinstance(condition, SurfaceMesh):
+        if not len(condition.faces):
+            raise InputError("on is a mesh without triangles: no place")
+        return Region(place, Patch(condition), f"{ahead}patch of {len(condition.faces)} triangles")
+    if isinstance(condition, Field):
+        return Region(place, Inside(condition), f"{ahead}{_name(condition)} <= 0")
     if callable(condition):
-        name = getattr(condition, "__name__", type(condition).__name__).strip("<>")
-        return Region(place, condition, ahead + name)
+        return Region(place, condition, ahead + _name(condition))
     planes = as_planes(condition, "where" if ahead else "on")
     name = condition if isinstance(condition, str) else f"box {as_array('on', condition).tolist()}"
     return Region(place, _Within(planes), ahead + name, planes)
+
+
+def _name(condition: Any) -> str:
+    """What a function or a field is called."""
+    return str(getattr(condition, "__name__", type(condition).__name__)).strip("<>_")
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,6 +20,7 @@ from ilattice._validate import FixedMapping, as_kind, read_only
 from ilattice.cutfem.anisotropic import Anisotropic
 from ilattice.cutfem.elasticity import Elasticity
 from ilattice.cutfem.output import Reported
+from ilattice.cutfem.places import Motion
 from ilattice.cutfem.stresses import Stresses, elastic_stress, engineering_strain, times, von_mises
 from ilattice.quadrature.rules import Quadrature
 
@@ -161,7 +162,8 @@ class Solution(Reported, Stresses):
         Twice the energy where supports are at rest and nothing is heated. Of a temperature that is
         the work of the pressure that would keep the solid from expanding.
         """
-        return float((self.problem.forces() * self.coefficients).sum())
+        moved = sum(connection.work for connection in self.problem.connections)
+        return float((self.problem.forces() * self.coefficients).sum()) + moved
 
     @cached_property
     def stabilization_energy(self) -> float:
@@ -194,6 +196,11 @@ class Solution(Reported, Stresses):
         total = problem.forces().sum(axis=0) + sum(self.reactions.values())
         inner = (problem.matrix @ self.coefficients.ravel()).reshape(-1, 3)
         return float(np.abs(total).max() / max(np.abs(inner).sum(), 1e-300))
+
+    @property
+    def motions(self) -> tuple[Motion, ...]:
+        """How the places of rigid connections move, in the order of `Elasticity.rigid`."""
+        return tuple(c.motion for c in self.problem.connections if c.motion is not None)
 
     @property
     def residual(self) -> float:

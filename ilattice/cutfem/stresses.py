@@ -6,7 +6,7 @@ averaged; outside the solid fields are continued by one cell, then NaN.
 """
 
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from ilattice.cutfem._voigt import VOIGT
 from ilattice.cutfem.anisotropic import Anisotropic
 from ilattice.cutfem.output import Result
 from ilattice.errors import InputError
+from ilattice.plot import show
 
 if TYPE_CHECKING:
     from ilattice.cutfem.elasticity import Elasticity
@@ -26,7 +27,7 @@ class Stresses(Result):
 
     problem: "Elasticity"
     shown: ClassVar[str] = "von_mises"
-    probed: ClassVar[tuple[str, ...]] = ("strain", "principal", "utilization")
+    probed: ClassVar[tuple[str, ...]] = ("strain", "principal", "utilization", "margin")
 
     def evaluate(self, u: ArrayLike) -> FloatArray:
         """Displacement at parameters.
@@ -131,6 +132,52 @@ class Stresses(Result):
         p = as_points("u", u)
         return self.von_mises(p) / self._strength(p, self.problem.assembly.space.locate(p))
 
+    def margin(self, u: ArrayLike) -> FloatArray:
+        """Margin of safety at parameters: strength over von Mises stress, less one.
+
+        Parameters
+        ----------
+        u : array_like, shape (n, 3)
+            Parameters.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Negative where the material yields; infinite without stress.
+
+        Raises
+        ------
+        InputError
+            If the problem was made without `strength`.
+        """
+        with np.errstate(divide="ignore"):
+            return 1.0 / self.utilization(u) - 1.0
+
+    def plot(self, *, scalars: str | None = None, **options: Any) -> Any:
+        """Show the deformed solid, with colours by its main field.
+
+        Parameters
+        ----------
+        scalars : str, optional
+            Data by which it is coloured. ``"margin"`` is the margin of safety, red where it is
+            negative and blue where it is positive, full blue from 1 on; it needs a `strength`.
+        **options
+            Of `Result.plot`: ``on``, ``h``, ``scale``, and of `ilattice.plot.show`.
+
+        Returns
+        -------
+        object
+            What pyvista returns.
+        """
+        if scalars != "margin":
+            options |= {} if scalars is None else {"scalars": scalars}
+            return super().plot(**options)
+        how = {name: options.pop(name) for name in ("on", "h") if name in options}
+        grid = self.to_pyvista(**how, scale=options.pop("scale", "auto"))
+        if "utilization" not in grid.point_data:
+            self._strength(np.zeros((0, 3)), np.zeros(0, np.int64))
+        return show(grid, **margins(grid), **{"title": self._title(), **options})
+
     def _strength(self, u: FloatArray, owner: IntArray) -> FloatArray:
         """Strength (n,) or (1,) at parameters in active cells."""
         strength = self.problem.material.strength
@@ -215,3 +262,22 @@ def von_mises(s: FloatArray) -> FloatArray:
     """Equivalent stress (n,) of stresses (n, 6)."""
     a, b, c = s[:, 0] - s[:, 1], s[:, 1] - s[:, 2], s[:, 2] - s[:, 0]
     return np.sqrt(0.5 * (a * a + b * b + c * c) + 3.0 * (s[:, 3:] ** 2).sum(axis=1))
+
+
+def margins(grid: Any) -> dict[str, Any]:
+    """Put margins of safety on a dataset that has utilizations; the style in which they are drawn.
+
+    Parameters
+    ----------
+    grid : pyvista.DataSet
+        Gets the point data ``margin``, at most 1.
+
+    Returns
+    -------
+    dict
+        For `ilattice.plot.Scene.add`: red below zero, white at zero, blue above.
+    """
+    used = np.asarray(grid.point_data["utilization"])
+    with np.errstate(divide="ignore"):
+        grid.point_data["margin"] = np.minimum(1.0 / used - 1.0, 1.0)
+    return {"scalars": "margin", "label": "margin of safety", "clim": (-1.0, 1.0), "cmap": "RdBu"}

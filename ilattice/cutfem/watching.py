@@ -61,7 +61,7 @@ def check_functions(problem: "Problem") -> None:
             check_followed(problem, problem.constraints.values, name, s.value, s.on, s.mask)
 
 
-def _check(problem: "Problem", name: str, value: Any, on: str | Region, m: int) -> None:
+def _check(problem: "Problem", name: str, value: Any, on: Any, m: int) -> None:
     """The same of a value (n, m) on a place, or in the solid."""
     if callable(value):
         asm, domain = problem.assembly, problem.domain

@@ -166,18 +166,17 @@ def thermal_force(problem: "ElasticOperators", terms: Terms) -> FloatArray:
 def elastic_reaction(
     problem: "ElasticOperators", terms: Terms, value: Any, solution: "Solution"
 ) -> FloatArray:
-    """Force (3,) on the solid: the integral of the tractions minus Q (u - g)."""
+    """Forces (n, 3) on the solid at points: weights times tractions minus Q (u - g)."""
     rule = terms.rule
     assert rule.normals is not None
     g = values_at("value", value, rule.points, 3)
-    total = np.zeros(3)
+    out = np.zeros((len(rule), 3))
     for rows, u, _ in problem.assembly.on_rule(solution.coefficients, rule):
-        total -= rule.weights[rows] @ np.einsum("qij,qj->qi", terms.Q[rows], u - g[rows])
+        out[rows] = -np.einsum("qij,qj->qi", terms.Q[rows], u - g[rows])
     if terms.mask.any():
         s = solution.stress_on(rule)[:, PLACES]
-        t = np.einsum("qij,qj->qi", s, rule.normals)
-        total += terms.mask * (rule.weights @ t)
-    return total
+        out += terms.mask * np.einsum("qij,qj->qi", s, rule.normals)
+    return rule.weights[:, None] * out
 
 
 def cell_heights(asm: Assembly, rule: Quadrature) -> FloatArray:

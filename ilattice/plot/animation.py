@@ -87,7 +87,7 @@ def _mp4(pictures: list[np.ndarray], path: Path, fps: float) -> None:
     except ImportError:
         raise FormatError("films in .mp4 need pip install imageio-ffmpeg; .gif does not") from None
     height, width = (2 * (n // 2) for n in pictures[0].shape[:2])  # as the encoder wants it
-    writer = imageio_ffmpeg.write_frames(str(path), (width, height), fps=fps)
+    writer = imageio_ffmpeg.write_frames(str(path), (width, height), fps=fps, macro_block_size=2)
     writer.send(None)
     for picture in pictures:
         writer.send(np.ascontiguousarray(picture[:height, :width]))

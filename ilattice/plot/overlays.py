@@ -166,5 +166,6 @@ def export(plotter: Any, path: str | os.PathLike[str], ending: str) -> None:
             plotter.export_html(str(temporary))
         except ImportError as error:
             raise FormatError(
-                f"{path!s:.80}: pages need trame, pip install 'pyvista[jupyter]' ({error})"
+                f"{path!s:.80}: pages need trame, pip install 'pyvista[jupyter]' trame-pyvista "
+                f"({error})"
             ) from error

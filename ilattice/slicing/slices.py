@@ -149,6 +149,21 @@ class Slice(Frozen):
         out: FloatArray = p @ self.frame[:2] + self.height * self.frame[2]
         return out
 
+    def to_pyvista(self) -> Any:
+        """The contours in space, for pictures and films.
+
+        Returns
+        -------
+        pyvista.PolyData
+            A closed line for each loop, with its ``height``.
+
+        Raises
+        ------
+        GeometryError
+            If there is none.
+        """
+        return _contours([self])
+
     def plot(self) -> "Figure":
         """The slice as a picture of matplotlib.
 
@@ -277,6 +292,21 @@ class SliceStack(Frozen):
         layers = track(self, "slices", progress, total=len(self))
         return float(sum(s.area * (s.top - s.bottom) for s in layers))
 
+    def to_pyvista(self) -> Any:
+        """The contours of all layers in space, for pictures and films.
+
+        Returns
+        -------
+        pyvista.PolyData
+            A closed line for each loop, with its ``height``.
+
+        Raises
+        ------
+        GeometryError
+            If there is none.
+        """
+        return _contours(list(self))
+
     def plot(self, *, every: int = 1, **options: Any) -> Any:
         """Show the contours of the layers in space, in a window or a notebook.
 
@@ -293,13 +323,7 @@ class SliceStack(Frozen):
             What pyvista returns.
         """
         step = as_whole("every", every, 1, max(len(self), 1))
-        layers = [self[i] for i in range(0, len(self), step)]
-        lines = [layer.to_space(loop) for layer in layers for loop in layer.loops]
-        if not lines:
-            raise GeometryError("the slices are empty: nothing to show")
-        heights = [layer.height for layer in layers for _ in layer.loops]
-        shown = polylines(lines, closed=True)
-        shown.cell_data["height"] = np.array(heights)
+        shown = _contours([self[i] for i in range(0, len(self), step)])
         return show(shown, **{"scalars": "height", "line_width": 2, "occlusion": False, **options})
 
     def save(self, path: str | os.PathLike[str], **options: Any) -> None:
@@ -422,3 +446,13 @@ def _area(loop: FloatArray) -> float:
     out = np.empty(1)
     kernels.areas(loop, np.array([0, len(loop)]), out)
     return float(out[0])
+
+
+def _contours(layers: list[Slice]) -> Any:
+    """The loops of layers as closed lines in space."""
+    lines = [layer.to_space(loop) for layer in layers for loop in layer.loops]
+    if not lines:
+        raise GeometryError("the slices are empty: nothing to show")
+    shown = polylines(lines, closed=True)
+    shown.cell_data["height"] = np.array([layer.height for layer in layers for _ in layer.loops])
+    return shown

@@ -209,6 +209,20 @@ def test_series_are_films(tmp_path):
     assert Path(tmp_path / "modes.gif").stat().st_size > 500
 
 
+def test_slices_are_drawn_and_become_films(tmp_path):
+    """The contour of a ball at a height is a circle; empty layers are refused."""
+    stack = il.mesh.slice_field(il.fields.sphere(0.93), [-0.37, 0.41, 2.0], h=0.05)
+    data = stack[1].to_pyvista()
+    radius = np.linalg.norm(data.points[:, :2], axis=1)
+    assert radius == pytest.approx(np.sqrt(0.93**2 - 0.41**2), abs=2e-3)
+    assert sorted(set(stack.to_pyvista()["height"])) == pytest.approx([-0.37, 0.41])
+    scenes = [Scene(size=(80, 60)).add(layer, color="black") for layer in (stack[0], stack[1])]
+    animate(scenes, tmp_path / "a.gif")
+    assert (tmp_path / "a.gif").stat().st_size > 200
+    with pytest.raises(il.errors.GeometryError, match="empty"):
+        Scene().add(stack[2])
+
+
 # --- heat maps --------------------------------------------------------------------------------
 
 
