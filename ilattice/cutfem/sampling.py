@@ -27,6 +27,9 @@ from ilattice.quadrature.rules import Quadrature, in_space, kept
 TOLD, USELESS = 0.02, 0.5
 #: Cells that are looked at, points in each, and part of a cell that counts as all of it.
 WATCHED, DRAWN, FULL = 256, 256, 0.999
+#: Part of the largest singular value below which points do not determine a part of a polynomial:
+#: many points may have two heights only, but for rounding.
+KNOWN = 1e-2
 #: Part of the solid in a cell by which two rules may differ.
 ALIKE = 0.1
 
@@ -232,7 +235,7 @@ def _in_layers(
             A = _monomials(here, _degree(len(here), flat is not None))
             known[key] = (
                 A,
-                np.asarray(np.linalg.pinv(A), np.float64),
+                np.asarray(np.linalg.pinv(A, KNOWN), np.float64),
                 _monomials(t, _degree(len(here), flat is not None)),
             )
         A, inverse, B = known[key]

@@ -24,6 +24,9 @@ STEP = 1e-4  # of a box: for slopes
 #: Part of a box, without bounds, in which solid may be missed though no point that was looked at
 #: tells so: counts only where no solid is found at all.
 LEAST_DOUBT = 1e-9
+#: Steps of the search for a sign that no point has that was looked at, and how much longer each is
+#: than one to where a straight field vanishes: distances vanish there, and change sign just behind.
+DIVES, BEYOND = 12, 1.2
 
 
 @dataclass(eq=False)
@@ -134,6 +137,8 @@ class Measured:
         Whether that is one without bounds.
     exact : ndarray of bool, shape (n,)
         Whether all interpolants are exact.
+    hidden : ndarray of bool, shape (n,)
+        Whether a field without bounds has a sign that it has nowhere where it was interpolated.
     doubt : ndarray, shape (n,)
         Part of the box of which the sign is not known, if it is not halved.
     """
@@ -141,6 +146,7 @@ class Measured:
     unknown: AnyArray
     blind: AnyArray
     exact: AnyArray
+    hidden: AnyArray
     doubt: FloatArray
 
 
@@ -226,24 +232,31 @@ class Splits:
         P = self.degree + 1
         owner = np.repeat(np.arange(len(box)), chosen.many)
         chosen.coefficients = np.empty((len(owner), P**3))
-        off, wrong = np.empty(len(owner)), np.empty(len(owner))
+        off, wrong, lowest = np.empty(len(owner)), np.empty(len(owner)), np.empty((len(owner), 3))
         bounded, crossed, certain = (np.empty(len(owner), bool) for _ in range(3))
         rows = np.argsort(chosen.leaf, kind="stable")
         for i in range(0, len(rows), BATCH):
             part = rows[i : i + BATCH]
             leaf, here = chosen.leaf[part], box[owner[part]]
-            c, off[part], wrong[part], crossed[part] = self._interpolated(leaf, here)
+            c, off[part], wrong[part], crossed[part], lowest[part] = self._interpolated(leaf, here)
             chosen.coefficients[part] = c
             r = self.splitter.ranges(leaf, *self._corners(here))
             bounded[part] = np.isfinite(r).all(axis=1)
             slack = _slack(r, here)
             certain[part] = (r[:, 0] >= -slack) | (r[:, 1] <= slack)
-        return self._measured(chosen, owner, off, wrong, bounded, crossed | certain, len(box))
+        open_ = _open(chosen, off, bounded, crossed | certain)
+        hidden = np.zeros(len(owner), bool)
+        todo = np.flatnonzero(open_ & ~bounded & (wrong <= LEAST_DOUBT))
+        hidden[todo] = self._hidden(chosen.leaf[todo], box[owner[todo]], lowest[todo])
+        wrong[hidden] = 1.0 / self.degree  # a slab between sites
+        return _measured(
+            chosen, owner, off, np.where(bounded, 1.0, wrong), (open_, bounded, hidden)
+        )
 
     def _interpolated(
         self, leaf: IntArray, box: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray, AnyArray]:
-        """Coefficients, their error, the part of signs that are wrong, and whether they differ.
+    ) -> tuple[FloatArray, FloatArray, FloatArray, AnyArray, FloatArray]:
+        """Coefficients, their error, the part of wrong signs, whether they differ, least places.
 
         Signs differ where the interpolant follows the field on both sides of zero: one that is off
         by more than the field is deep may miss a solid that is thin, or hold one that is not there.
@@ -269,7 +282,46 @@ class Splits:
         low, high = every.min(axis=1), every.max(axis=1)
         seen_there = np.maximum(0.5 * np.minimum(-low, high), RESOLVED * (high - low))
         crossed = (low < 0.0) & (high > 0.0) & (off <= seen_there)
-        return c, off, np.maximum(wrong, LEAST_DOUBT), crossed
+        least = np.abs(every).argmin(axis=1)
+        places = np.concatenate([u.reshape(len(box), -1, 3), x], axis=1)[np.arange(len(box)), least]
+        return c, off, np.maximum(wrong, LEAST_DOUBT), crossed, places
+
+    def _hidden(self, leaf: IntArray, box: FloatArray, x: FloatArray) -> AnyArray:
+        """Whether fields (n,), of one sign where they were looked at, have another one in boxes.
+
+        By steps from the least values, at x (n, 3), to where a straight field would change sign.
+        """
+        found = np.zeros(len(leaf), bool)
+        rows = np.arange(len(leaf))
+        value = self._values(leaf, x[:, None])[:, 0]
+        sign, long = np.where(value < 0.0, -1.0, 1.0), np.full(len(leaf), BEYOND)
+        best = value * sign
+        for _ in range(DIVES):
+            here = box[rows]
+            slope = self._slopes(leaf[rows], here, x[rows])
+            square = (slope**2).sum(axis=1)
+            step = (value[rows] / np.where(square > 0.0, square, np.inf))[:, None] * slope
+            y = np.clip(x[rows] - long[rows, None] * step, here[:, :3], here[:, :3] + here[:, 3:])
+            new = self._values(leaf[rows], y[:, None])[:, 0]
+            found[rows] = new * sign[rows] < 0.0
+            nearer = new * sign[rows] < best[rows]
+            better = rows[nearer]
+            x[better], value[better] = y[nearer], new[nearer]
+            best[better] = new[nearer] * sign[better]
+            long[rows[~nearer]] *= 0.5
+            rows = rows[~found[rows] & (long[rows] > 0.1)]
+            if not len(rows):
+                break
+        return found
+
+    def _slopes(self, leaf: IntArray, box: FloatArray, x: FloatArray) -> FloatArray:
+        """Gradients (n, 3) of fields (n,) at points (n, 3) by differences."""
+        h = STEP * box[:, None, 3:] * np.eye(3)
+        near = np.concatenate([x[:, None] + h, x[:, None] - h], axis=1)
+        near = np.clip(near, *self.domain)
+        values = self._values(leaf, near)
+        apart = np.diagonal(near[:, :3] - near[:, 3:], axis1=1, axis2=2)
+        return np.asarray((values[:, :3] - values[:, 3:]) / apart)
 
     def _values(self, leaf: IntArray, u: FloatArray) -> FloatArray:
         """Values (n, q) of fields (n,) at points (n, q, 3)."""
@@ -277,23 +329,6 @@ class Splits:
         if not np.isfinite(values).all():
             raise InputError("field must be finite on the whole domain; shrink the domain")
         return values
-
-    def _measured(
-        self, chosen: Chosen, owner: IntArray, off: FloatArray, wrong: FloatArray,
-        bounded: AnyArray, known: AnyArray, n: int,
-    ) -> Measured:  # fmt: skip
-        c = chosen.coefficients
-        low, high = c.min(axis=1, initial=np.inf), c.max(axis=1, initial=-np.inf)
-        top = np.maximum(np.abs(low), np.abs(high))
-        exact = off <= EXACT * top
-        margin = np.maximum(np.maximum(low, -high), 0.0)
-        open_ = ~known & ~exact & (bounded | (margin < 2.0 * off))
-        out = [np.zeros(n, bool) for _ in range(3)]
-        for a, values in zip(out, (open_, open_ & ~bounded, ~exact), strict=True):
-            a[owner[values]] = True
-        doubt = np.zeros(n)
-        np.maximum.at(doubt, owner, np.where(bounded, 1.0, wrong) * open_)
-        return Measured(out[0], out[1], ~out[2], doubt)
 
     # ------------------------------------------------------------------ errors
 
@@ -321,3 +356,32 @@ def _slack(ranges: FloatArray, box: FloatArray) -> FloatArray:
     """What counts as zero of values with ranges (n, 2) on boxes (n, 6)."""
     top = np.abs(ranges).max(axis=1)
     return np.where(np.isfinite(top), rounding(box) * np.where(np.isfinite(top), top, 0.0), 0.0)
+
+
+def _open(chosen: Chosen, off: FloatArray, bounded: AnyArray, known: AnyArray) -> AnyArray:
+    """Whether the sign of each field, which its interpolant has, is not certain on its box."""
+    c = chosen.coefficients
+    low, high = c.min(axis=1, initial=np.inf), c.max(axis=1, initial=-np.inf)
+    margin = np.maximum(np.maximum(low, -high), 0.0)
+    return np.asarray(~known & ~_exact(c, off) & (bounded | (margin < 2.0 * off)))
+
+
+def _exact(c: FloatArray, off: FloatArray) -> AnyArray:
+    """Whether interpolants are their fields, up to rounding."""
+    return np.asarray(off <= EXACT * np.abs(c).max(axis=1, initial=0.0))
+
+
+def _measured(
+    chosen: Chosen, owner: IntArray, off: FloatArray, wrong: FloatArray,
+    known: tuple[AnyArray, AnyArray, AnyArray],
+) -> Measured:  # fmt: skip
+    """What is known of boxes by that of their fields: if open, bounded, hidden."""
+    open_, bounded, hidden = known
+    n = len(chosen.many)
+    out = [np.zeros(n, bool) for _ in range(4)]
+    rough = ~_exact(chosen.coefficients, off)
+    for a, values in zip(out, (open_, open_ & ~bounded, rough, hidden), strict=True):
+        a[owner[values]] = True
+    doubt = np.zeros(n)
+    np.maximum.at(doubt, owner, wrong * open_)
+    return Measured(out[0], out[1], ~out[2], out[3], doubt)

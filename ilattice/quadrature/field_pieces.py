@@ -10,7 +10,8 @@ exactly, and so are solids of them. A box that is called in or out is so by rigo
 fields have them, or by interpolants that were exact wherever they were looked at. Boxes of which
 neither is known at the last halving count as errors.
 Non-guarantees: the error of other fields is what is seen on the surface, and at random points: not
-a bound. What is smaller than a box, in a field without bounds, may be missed.
+a bound. What is smaller than a box, in a field without bounds, may be missed, unless the field
+leads there, as distances do: its slopes are followed to where it would change sign.
 """
 
 from collections.abc import Sequence
@@ -31,6 +32,9 @@ from ilattice.quadrature._kernels_scratch import UNIT
 
 #: Halvings of a cell: of fields with bounds, and of those without.
 MOST_HALVINGS, BLIND_HALVINGS = 7, 2
+#: Boxes in `BATCH`, of fields without bounds, that are halved for a sign which is found, but not at
+#: the sites of interpolants: specks have a few, thin sheets have many.
+FEW = 64
 #: Estimated error of the volume, as a part of it, below which no box is halved for it.
 TARGET = 1e-4
 #: Times that boxes are halved for that, and boxes, per cell of the surface, above which none is.
@@ -240,7 +244,9 @@ class _Halving:
         if len(todo):
             cut = chosen.take(todo)
             measured = self.splits.interpolate(cut, box[todo])
-            may = length[todo] * np.where(measured.blind, BLIND_LEAST, MOST_LEAST) >= 2 * UNIT
+            hidden = measured.hidden & (measured.hidden.sum() <= FEW)
+            least = np.where(measured.blind & ~hidden, BLIND_LEAST, MOST_LEAST)
+            may = length[todo] * least >= 2 * UNIT
             unknown = measured.unknown & may
             content = cut.content(self.order)
             sign = np.empty(len(todo), np.int64)

@@ -276,9 +276,10 @@ class CutGrid(Frozen):
         """Diameter of the largest speck or void that may pass unseen, in lengths of a cell.
 
         It is 0 where all is certified: for splines, and for fields that have a formula or bounds. A
-        function of points is known at the sites of its interpolant only, `degree` + 1 per
-        direction and cell, and at a few more: what fits between them is not in `error`. Its volume
-        is at most that of such a ball, times the number of cells that have one.
+        function of points is known at the sites of its interpolant, `degree` + 1 per direction and
+        cell, at a few more, and where slopes lead from there: so balls of a hundredth of a cell are
+        found in distances. What fits between is not in `error`; its volume is at most that of such
+        a ball, times the number of cells that have one.
         """
         if not self.sets.opaque:
             return 0.0

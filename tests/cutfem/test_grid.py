@@ -264,3 +264,23 @@ def test_grids_are_checked():
     np.testing.assert_array_equal(grid.boxes(np.array([3])), [[1, 0, 2, 2, 2, 2]])
     uneven = il.cutfem.cut(lambda u: u[:, 0] - 2, grid, degree=1)
     assert uneven.volume(1).integrate() == pytest.approx(2 * 2 * 3, rel=1e-14)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_balls_far_smaller_than_cells_are_found_by_where_their_distance_leads(seed):
+    """Distances as functions of points: specks and voids of a hundredth of a cell vanished."""
+    rng = np.random.default_rng([6, seed])
+    for _ in range(4):
+        c, n = rng.uniform(-0.6, 0.6, 3), int(rng.integers(4, 9))
+        r, sign = 10 ** rng.uniform(-2.3, -1.0) * 2 / n, rng.choice([-1.0, 1.0])
+
+        def field(u, c=c, r=r, sign=sign):
+            return sign * (np.linalg.norm(u - c, axis=1) - r)
+
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            grid = il.cutfem.cut(field, n, domain=[[-1] * 3, [1] * 3])
+        on = grid.surface(2).points
+        assert len(on)
+        assert (np.linalg.norm(on - c, axis=1) < 3 * r).all()
+        assert sign < 0 or told or grid.error < 2e-3

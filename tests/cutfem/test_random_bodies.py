@@ -112,3 +112,25 @@ def test_a_fall_that_is_seen_from_one_cell_is_not_believed():
     (coarse, told), (fine, _) = solved(1), solved(2)
     assert told > 0.02
     assert 0.04 < fine / coarse - 1.0 <= 2.0 * told
+
+
+@pytest.mark.parametrize("seed", [46, 66])
+def test_a_fast_fall_from_a_tenth_of_the_energy_is_not_believed(seed):
+    """Two columns that air cools were three times as far off as was told."""
+    rng = np.random.default_rng([1611, seed])
+    n = rng.integers(4, 8, 3)
+    rng.choice(5), rng.random(2)
+    box = np.array([-1 - rng.uniform(0, 0.2, 3), 1 + rng.uniform(0, 0.2, 3)])
+    solid, pull = two(rng, float((np.ptp(box, axis=0) / n).max())), rng.standard_normal(3)
+    cooling = 0.1 * 10 ** rng.uniform(-3, 1)
+
+    def solved(cells):
+        p = il.cutfem.Heat(solid, tuple(cells), domain=box, degree=2)
+        p = p.fix("w=0", 0.0).convection("surface", cooling, around=0.0)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            s = p.source(lambda x: pull[0] + 0.3 * np.sin(2 * x[:, 0])).solve()
+        return float((s.problem.forces() * s.coefficients).sum()), s.report.discretization_error
+
+    (coarse, told), (fine, _) = solved(n), solved(2 * n)
+    assert abs(fine / coarse - 1) <= 2 * told

@@ -5,6 +5,7 @@ The reference is the same function under a rule of ten points per direction, cel
 
 import re
 import warnings
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -206,3 +207,27 @@ def test_functions_of_the_points_of_a_rule_alone_are_taken():
     wanted = BALL.load(pressure=1.0, on="surface")
     np.testing.assert_allclose(pushed.forces(), wanted.forces(), atol=1e-12)
     assert pushed.solve().energy == pytest.approx(wanted.solve().energy, rel=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_many_points_of_two_heights_do_not_tell_of_higher_powers(seed):
+    """Rounding told them apart in cells of hundreds of points, and smooth sources were refused."""
+    rng = np.random.default_rng([21, seed])
+    axis, many, low = rng.integers(3), 200, rng.uniform(-100, 100, 3)
+    box = np.array([low, low + rng.uniform(0.5, 2.0, 3)])
+    problem = Heat(whole, (3, 2, 2), domain=box)
+    rule = problem.domain.cut.volume(1)
+    t = rng.random((many, 3))
+    t[:, axis] = np.where(np.arange(many) % 2, 0.21132486540518713, 0.7886751345948129)
+    t[:, axis] += 1e-13 * rng.standard_normal(many)
+    boxes = rule.grid.boxes(rule.cells)
+    rule = replace(
+        rule,
+        points=(boxes[:, None, :3] + t * boxes[:, None, 3:]).reshape(-1, 3),
+        weights=np.repeat(rule.weights / many, many),
+        offsets=np.arange(len(boxes) + 1) * many,
+    )
+    k = rng.standard_normal(3)
+    f = along(lambda x: 1.0 + 0.3 * np.sin((x - low) @ k))
+    asm, denser = problem.assembly, partial(problem.domain.denser, "")
+    assert sampling.unseen(asm, in_space(rule), denser, f) < 0.3
