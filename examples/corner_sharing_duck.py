@@ -1,4 +1,4 @@
-"""Corner-sharing tetrahedra in a curved volume: printed, sliced, and rigid (Figures 1, 7 and 10).
+"""Corner-sharing tetrahedra in a curved volume: printed, sliced, and rigid.
 
 The unit cube is cut into tetrahedra, each filled with a Kagome structure, joined by exact keys, and
 moved through the map of the duck. The number that is checked: the structure is minimally rigid,

@@ -1,4 +1,4 @@
-"""Flips: random micro-structure, holes, layers (Figures 8, 16, 17 and 19).
+"""Figure 8 of Sitharam, Youngquist, Nolan and Peters: flips, random ones and those of a hole.
 
 Vertices stay where they are while random flips change which triangles share them; a hole is made
 by six flips and relaxation. The number that is checked: the largest radius of the hole over the

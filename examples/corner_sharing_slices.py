@@ -1,10 +1,12 @@
-"""Slices of a structure that is never stored (Figure 22).
+"""Figure 22 of Sitharam, Youngquist, Nolan and Peters: slices of a structure that is never stored.
 
 The vertices of a Kagome structure follow from closed formulas, so that only the blocks that a
 plane may meet are made. The number that is checked: the part of the blocks that a slice makes.
 
     python examples/corner_sharing_slices.py
 """
+
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +24,7 @@ def main(resolution: int = 24, height: float = 0.9, out: str = "") -> dict[str, 
     if out:
         with open(f"{out}.svg", "w", encoding="utf-8") as file:
             file.write(section.to_svg())
+        picture(f"{out}.png")
     return {
         "part of the blocks": used,
         "vertices of the whole": blocks.vertices,
@@ -29,6 +32,33 @@ def main(resolution: int = 24, height: float = 0.9, out: str = "") -> dict[str, 
         "polygons": len(section.polygons),
         "area": section.area,
     }
+
+
+def contours(section: il.slicing.Slice) -> Any:
+    """The contours of a slice, in space."""
+    return il.plot.shapes.polylines([section.to_space(p) for p in section.loops], closed=True)
+
+
+def picture(path: str, resolution: int = 9, part: float = 0.12) -> None:
+    """A plane through a straight and a mapped structure, and what it cuts."""
+    blocks, duck = il.cost.Blocks(resolution), il.macroshape.duck()
+    scenes = []
+    for title, through, height, way, view in (
+        ("across (1, 1, 1)", None, 1.0, (1.0, 1.0, 1.0), (20.0, 8.0)),
+        ("z = 0.45 in the duck", duck, 0.45, (0.0, 0.0, 1.0), (-60.0, 30.0)),
+    ):
+        k = il.cost.kagome(resolution)
+        k = k if through is None else k.mapped(through)
+        radius = part * float(np.median(k.lengths))
+        found = slicing.section(blocks, height, radius, normal=way, through=through)
+        cut = contours(found)
+        whole = il.plot.shapes.segments(k.positions, k.edges)
+        scenes.append(il.plot.Scene(title=title, view=view).add(whole, color="gray", line_width=2.0)
+                      .add(cut, color="firebrick", line_width=5.0))  # fmt: skip
+        scenes.append(il.plot.Scene(title="its slice", view="top" if through else (45.0, 35.264),
+                                    parallel=True, occlusion=False)
+                      .add(cut, color="firebrick", line_width=4.0))  # fmt: skip
+    il.plot.Panels(scenes, columns=2, size=(1600, 1400)).save(path)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Smooth solids of corner-sharing structures: pipes and box splines (Figures 16 and 18).
+"""Figures 16 and 18 of Sitharam, Youngquist, Nolan and Peters: pipes and box splines.
 
 The edges of a Kagome structure become pipes of biquadratic patches, whose radii grow from one side
 to the other; and two box splines, of three directions in the plane and of four in space, have their

@@ -1,4 +1,4 @@
-"""Forces in a minimally rigid structure, by levels, and how it breaks (Figures 12 and 21).
+"""Figure 21 of Sitharam, Youngquist, Nolan and Peters: forces in a minimally rigid structure.
 
 A stiffened Kagome structure is refined; its forces under a load on one corner are found by one
 small factorisation and a local rule per level. The number that is checked: how far they are from
@@ -13,15 +13,22 @@ import numpy as np
 import ilattice as il
 from ilattice.cost.fracture import fracture
 
+VIEW = (-60.0, 18.0)
+
+
+def pushed(k: il.cost.CornerSharing, force: tuple[float, float, float]) -> np.ndarray:
+    """A force on the vertex that is farthest against it, balanced by others on all vertices."""
+    load = np.zeros_like(k.positions)
+    load[np.argmin(k.positions @ np.array(force))] = force
+    return il.cost.stress.balanced(k, load)
+
 
 def main(resolution: int = 5, levels: int = 2, out: str = "") -> dict[str, float]:
     """Differences of forces and events of the fracture; with `out`, pictures."""
-    k = il.cost.kagome(resolution).stiffened()
+    first = k = il.cost.kagome(resolution).stiffened()
     for _ in range(levels):
         k = k.refined()
-    load = np.zeros_like(k.positions)
-    load[np.argmax(k.positions.sum(axis=1))] = (-1.0, -1.0, -1.0)
-    load = il.cost.stress.balanced(k, load)
+    load = pushed(k, (-1.0, -1.0, -1.0))
     by_levels, flat = k.stress(load), il.cost.refinement.forgotten(k).stress(load)
     off = np.abs(by_levels.bars - flat.bars).max() / np.abs(flat.bars).max()
     plane = il.cost.kagome(8, dim=2).stiffened()
@@ -32,7 +39,15 @@ def main(resolution: int = 5, levels: int = 2, out: str = "") -> dict[str, float
     pull[np.argmax(plane.positions[:, 1])] = (0.2, 1.0)
     broken = fracture(plane, pull, supports=plane.positions[:, 1] < 1e-9, steps=40)
     if out:
-        by_levels.plot(screenshot=f"{out}.png")
+        panels = [("a force along (-1, -1, -1)", first, (-1.0, -1.0, -1.0)),
+                  ("a force along -z", first, (0.0, 0.0, -1.0)),
+                  (f"the first one, {levels} levels finer", k, (-1.0, -1.0, -1.0))]  # fmt: skip
+        scenes = [il.cost.drawing.drawn(first, title="structure and stiffening", view=VIEW)]
+        scenes += [
+            il.cost.drawing.drawn(s, values=s.stress(pushed(s, f)).bars, title=title, view=VIEW)
+            for title, s, f in panels
+        ]
+        il.plot.Panels(scenes, columns=2, size=(1600, 1400), labels=True).save(f"{out}.png")
         values = np.zeros(len(plane.edges))
         values[broken.broken] = 1.0
         plane.plot(values=values, label="broken", screenshot=f"{out}_fracture.png")

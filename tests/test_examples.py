@@ -322,6 +322,40 @@ def test_flips_make_a_hole_that_is_nearly_round():
     assert numbers["overlaps"] == 0
 
 
+def test_mapped_kagome_structures_make_a_ball():
+    numbers = run("corner_sharing_sphere", resolution=4)
+    assert numbers["farthest from the sphere"] < 0.001
+    assert numbers["vertices"] == 8 * 68 - 12 * 7  # faces of neighbours share 7
+    assert numbers["overlaps"] == 0
+    coarse = run("corner_sharing_sphere", resolution=4, degree=2)
+    assert coarse["farthest from the sphere"] > 0.05
+
+
+def test_flips_in_all_layers_make_a_cylindrical_hole():
+    numbers = run("corner_sharing_holes", resolution=7, layers=4)
+    assert numbers["largest radius over the least"] == pytest.approx(1.0, abs=0.05)
+    assert numbers["corners of the hole"] == 12
+    assert numbers["overlaps"] == 0
+    assert numbers["contours of the slice in a layer"] == 1
+
+
+def test_refinement_halves_the_volume_and_keeps_the_deficit():
+    numbers = run("corner_sharing_refined")
+    assert numbers["volume per level, over that before"] == pytest.approx(0.5, rel=1e-12)
+    assert numbers["deficit at first"] == 6 * 3 * 1
+    for name in ("deficit at the end", "deficit where only one side is refined"):
+        assert numbers[name] == numbers["deficit at first"]
+    assert numbers["spread of lengths"] < 1e-12
+
+
+def test_flips_of_triangulations_are_flips_of_structures():
+    numbers = run("corner_sharing_bijection")
+    assert numbers["vertices that differ"] == 0
+    assert numbers["flips"] > 20
+    assert numbers["spread of areas"] < 1e-12
+    assert numbers["spread of lengths"] > 0.2
+
+
 def test_slices_make_few_blocks_of_a_structure():
     numbers = run("corner_sharing_slices", resolution=16)
     assert numbers["part of the blocks"] < 0.7

@@ -74,8 +74,8 @@ def load(path: str | os.PathLike[str]) -> tuple[FloatArray, IntArray]:
     Raises
     ------
     FormatError
-        If meshio is missing (``pip install meshio``), or cannot read the file, or there are neither
-        tetrahedra nor triangles in a plane.
+        If meshio is missing (``pip install "ilattice[files]"``), or cannot read the file, or there
+        are neither tetrahedra nor triangles in a plane.
     """
     from ilattice._files import as_path
 
@@ -83,7 +83,7 @@ def load(path: str | os.PathLike[str]) -> tuple[FloatArray, IntArray]:
     try:
         import meshio  # type: ignore[import-not-found, unused-ignore]
     except ImportError as e:
-        raise FormatError("reading meshes needs meshio: pip install meshio") from e
+        raise FormatError('reading meshes needs meshio: pip install "ilattice[files]"') from e
     try:
         mesh = meshio.read(file)
     except (Exception, SystemExit) as e:  # meshio ends the process where it finds no file

@@ -18,10 +18,12 @@ MOST_POINTS = 10
 BATCH = 4096  # boxes between two copies
 VOLUME, SURFACE = 1, 2
 MOST_ROWS = 1 << 22  # of all boxes of a batch, that room is kept for
-#: Points of a small box, over those of a full one, above which they are thinned; and the degree to
-#: which polynomials keep their integrals, up to how many points per direction. In a part of a cell
-#: that is as good as these are in the whole of it; who asks for more wants them.
-LONG, THINNED = 4, {0: 1, 3: 4, 5: 5}
+#: Points of a box, over polynomials that keep their integrals, above which they are thinned.
+LONG = 2
+#: The degree of these by the length of boxes, over that of cells: what they leave falls with the
+#: power degree + 1 of it. Larger boxes are thinned in parts of the first length.
+THINNED = {0.25: 4, 0.125: 3}
+MOST_THINNED = 5  # points per direction up to which they are thinned; who asks for more wants them
 SOFT_FROM = {VOLUME: 5, SURFACE: 2}  # points from which substitution at tangents pays
 
 
@@ -64,8 +66,8 @@ class Listing:
         -1 for the box itself, or 2 axis + side for one of its faces.
     cells : ndarray, shape (n,)
         Cells, increasing.
-    small : ndarray of bool, shape (n,), or None
-        Boxes that are much smaller than their cells, in which points may be thinned.
+    part : ndarray, shape (n,), or None
+        Lengths of boxes over those of their cells, where points may be thinned.
     """
 
     rows: IntArray
@@ -73,7 +75,7 @@ class Listing:
     boxes: FloatArray
     sides: IntArray
     cells: IntArray
-    small: AnyArray | None = None
+    part: FloatArray | None = None
 
 
 def gauss(n: int) -> tuple[FloatArray, FloatArray]:
@@ -147,16 +149,27 @@ class Rows:
             a.resize((rows, *a.shape[1:]), refcheck=False)
 
 
+def thinning(listing: Listing, q: int) -> IntArray:
+    """Points above which boxes are thinned, to which degree and in how many parts (n, 3)."""
+    out = np.zeros((len(listing.boxes), 3), np.int64)
+    if listing.part is None or not 1 < q <= MOST_THINNED:
+        return out
+    lengths = sorted(THINNED, reverse=True)
+    for length in lengths:
+        here = slice(None) if length == lengths[0] else listing.part <= length
+        out[here, 1] = THINNED[length]
+        out[here, 0] = LONG * moments_of(THINNED[length])
+    out[:, 2] = np.ceil(listing.part / lengths[0])
+    return out
+
+
 def filled(pieces: Any, listing: Listing, want: int, q: int, accept: int) -> tuple[Rows, IntArray]:
     """Rows of a rule on boxes, sorted by cell, and their number for each box."""
     boxes, which = listing.boxes, listing.which
     rows = Rows(want == SURFACE)
     counts = np.zeros(len(boxes), np.int64)
     numbers = table(q, want, pieces.order)
-    small = np.zeros(len(boxes), bool) if listing.small is None else listing.small
-    degree = next((d for d, up_to in THINNED.items() if q <= up_to), 0)
-    thin = np.where(small, degree, 0)
-    most = max(LONG * q**3, 2 * moments_of(degree)) if thin.any() else 0
+    thin = thinning(listing, q)
     width = 8 if want == SURFACE else 4
     usual = np.arange(-(-BATCH // kernels.CHUNK) + 1) * (kernels.CHUNK * 3 * q**3)
     arena, none = np.empty((usual[-1], width)), np.empty((0, 12 - width))
@@ -171,7 +184,7 @@ def filled(pieces: Any, listing: Listing, want: int, q: int, accept: int) -> tup
             volume, surface = (none, arena) if want == SURFACE else (arena, none)
             kernels.rules(
                 content.tensors, content.many, content.tables, content.names, local, boxes[part],
-                listing.sides[part], thin[part], most, numbers, int(pieces.project), accept, want,
+                listing.sides[part], thin[part], numbers, int(pieces.project), accept, want,
                 q, pieces.lengths, volume, surface, room, counts[part], used,
             )  # fmt: skip
             if (used <= np.diff(room)[: len(used)]).all():

@@ -23,7 +23,7 @@ from ilattice.quadrature._kernels_scratch import (
     TENSORS,
     numbers,
 )
-from ilattice.quadrature._kernels_thinning import ROOM, thinned
+from ilattice.quadrature._kernels_thinning import ROOM, thinned_parts
 
 CHUNK = 32
 FAST = {"contract"}
@@ -271,7 +271,6 @@ def rules(
     boxes: Any,
     sides: Any,
     thin: Any,
-    most: int,
     gauss: Any,
     project: int,
     accept: int,
@@ -290,17 +289,17 @@ def rules(
     a row count, `tables` say which of their signs are solid, and names (., m) number them on
     surfaces. With `project` crossings of curves are looked for on bases of all boxes, which takes
     some more points than halving them where curves are nearly parallel. sides[n] is -1 for the box
-    itself, or 2 axis + side for one of its faces. In a box with more than `most` points of a volume
-    these are thinned so that polynomials of degree thin[n], if that is positive, keep their
-    integrals. Chunk i writes rows room[i] to room[i + 1] of
-    volume (rows, 4) or of surface (rows, 8); used[i] says how many it has, or would have; counts
-    (n,) are those of each box.
+    itself, or 2 axis + side for one of its faces. In a box with more than thin[n, 0] points of a
+    volume these are thinned so that polynomials of degree thin[n, 1], if that is positive, keep
+    their integrals over each of thin[n, 2] parts of the box per direction. Chunk i writes rows
+    room[i] to room[i + 1] of volume (rows, 4) or of surface (rows, 8); used[i] says how many it
+    has, or would have; counts (n,) are those of each box.
     """
     size = tensors.shape[2]
     for chunk in prange((len(boxes) + CHUNK - 1) // CHUNK):
         Z = np.empty(numbers(tensors.shape[1], L))
         N = np.zeros(INTEGERS, np.int64)
-        S = np.empty(ROOM if most > 0 else 0)
+        S = np.empty(ROOM if thin[:, 1].any() else 0)
         N[PROJECT] = project
         points = volume[room[chunk] : room[chunk + 1]]
         feet = surface[room[chunk] : room[chunk + 1]]
@@ -329,8 +328,10 @@ def rules(
                 else:
                     face_rule(Z, N, points, m, sides[n] // 2, sides[n] % 2, accept, q, L)
             end = N[N_VOLUME]
-            if most > 0 and thin[n] > 0 and end - first > most and end <= len(points):
-                N[N_VOLUME] = thinned(points, first, end, thin[n], S)
+            if thin[n, 1] > 0 and end - first > thin[n, 0] and end <= len(points):
+                N[N_VOLUME] = thinned_parts(
+                    points, first, end, boxes[n], thin[n, 1], thin[n, 0], thin[n, 2], S
+                )
             counts[n] = N[N_VOLUME] + N[N_SURFACE] - before
         used[chunk] = N[N_VOLUME] + N[N_SURFACE]
 

@@ -191,3 +191,37 @@ def thinned(points: Any, first: int, end: int, degree: int, S: Any) -> int:
             points[first:end] = saved
             return end
     return stop
+
+
+@njit(**INNER)
+def thinned_parts(
+    points: Any, first: int, end: int, box: Any, degree: int, most: int, parts: int, S: Any
+) -> int:
+    """Those in each of so many parts of a box per direction thinned, if more than `most` are."""
+    if parts == 1:
+        return thinned(points, first, end, degree, S)
+    count = np.zeros(parts * parts * parts + 1, np.int64)
+    home = np.empty(end - first, np.int64)
+    for row in range(first, end):
+        at = 0
+        for i in range(3):
+            k = int(parts * (points[row, i] - box[i]) / box[3 + i])
+            at = at * parts + min(max(k, 0), parts - 1)
+        home[row - first] = at
+        count[at + 1] += 1
+    start = np.cumsum(count)
+    place = start.copy()
+    saved = points[first:end].copy()
+    for n in range(end - first):
+        points[first + place[home[n]]] = saved[n]
+        place[home[n]] += 1
+    to = first
+    for k in range(parts * parts * parts):
+        a = first + start[k]
+        b = first + start[k + 1]
+        if b - a > most:
+            b = thinned(points, a, b, degree, S)
+        for row in range(a, b):
+            points[to] = points[row]
+            to += 1
+    return to

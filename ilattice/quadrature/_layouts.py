@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from ilattice.quadrature.grid import Grid
 
 IN, CUT, OUT = -1, 0, 1
-SMALL = 4  # times that small boxes, of which points may be thinned, go into the length of a cell
 #: Polynomials and tables of boxes that are cut, their row for each box or -1 for full ones, corners
 #: and lengths of boxes in parts of the cell, and their cells.
 Insides = tuple[FloatArray, IntArray, IntArray, IntArray, IntArray, IntArray]
@@ -231,7 +230,7 @@ class BoxLayout(Layout):
         chosen = np.zeros(self.grid.count, bool)
         chosen[cells] = True
         rows = np.flatnonzero(chosen[self.pieces.cell])
-        return replace(self._listing(rows, -1), small=self.pieces.length[rows] * SMALL <= UNIT)
+        return replace(self._listing(rows, -1), part=self.pieces.length[rows] / UNIT)
 
     def surface(self) -> Listing:
         """See `Layout.surface`."""

@@ -316,14 +316,24 @@ def test_the_command_makes_files_and_says_what_is_wrong(tmp_path, capfd):
     assert "has none of the endings" in capfd.readouterr().err
 
 
-def test_mesh_files_need_meshio(tmp_path):
-    try:
-        import meshio
-    except ImportError:
-        with pytest.raises(il.errors.FormatError, match="pip install meshio"):
-            il.cost.load(tmp_path / "a.msh")
-        return
-    x, tets = il.cost.divided_box(1)
-    meshio.write_points_cells(tmp_path / "a.vtu", x, [("tetra", tets[:, [1, 0, 2, 3]])])
-    points, cells = il.cost.load(tmp_path / "a.vtu")
-    assert il.cost.CornerSharing(points, cells).volumes.sum() == pytest.approx(1.0)
+def test_mesh_files_need_meshio(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "meshio", None)
+    with pytest.raises(il.errors.FormatError, match=r"pip install .ilattice\[files\]"):
+        il.cost.load(tmp_path / "a.msh")
+
+
+@pytest.mark.parametrize("ending", ["vtu", "msh"])
+def test_mesh_files_are_read_as_they_were_written(tmp_path, ending):
+    meshio = pytest.importorskip("meshio")
+    x, tets = il.cost.divided_box((2, 1, 1))
+    x = x @ np.array([[1.3, 0.2, 0.1], [-0.1, 0.7, 0.3], [0.2, 0.1, 0.9]])
+    turned = tets.copy()
+    turned[::3] = turned[::3][:, [1, 0, 2, 3]]
+    unused = np.vstack([[[9.0, 9.0, 9.0]], x])
+    meshio.write_points_cells(tmp_path / f"a.{ending}", unused, [("tetra", turned + 1)])
+    points, cells = il.cost.load(tmp_path / f"a.{ending}")
+    np.testing.assert_array_equal(points, x)
+    np.testing.assert_array_equal(np.sort(cells, axis=1), np.sort(tets, axis=1))
+    ours, theirs = (il.cost.fill(*m, resolution=3).joined() for m in ((points, cells), (x, tets)))
+    assert ours.mass == pytest.approx(theirs.mass, rel=1e-12)
+    assert len(ours.positions) == len(theirs.positions)

@@ -174,3 +174,26 @@ def test_who_asks_for_many_points_gets_them(monkeypatch):
     many = len(grid.volume(6))
     monkeypatch.setattr(_filling, "LONG", 10**9)
     assert many == len(grid.volume(6))
+
+
+@pytest.mark.filterwarnings("ignore:the volume of the field")  # of cells this large
+def test_thin_beams_in_large_cells_take_few_points_that_keep_the_moments(monkeypatch):
+    """Their boxes are as large as cells, and are thinned in parts."""
+    rng = np.random.default_rng(11)
+    beams = il.cost.Beams(rng.uniform(-0.9, 0.9, (2, 3)), [[0, 1]], [[0.12, 0.1]])
+    grid = il.cutfem.cut(beams, 2, domain=[[-1.0] * 3, [1.0] * 3])
+    thinned = grid.volume(4)
+    monkeypatch.setattr(_filling, "LONG", 10**9)
+    whole = grid.volume(4)
+    assert len(thinned) <= 0.1 * len(whole)
+    assert (thinned.weights > 0.0).all()
+    low, size = grid.grid.boxes(thinned.cells)[0, :3], grid.grid.boxes(thinned.cells)[0, 3:]
+    for total, most in ((3, 1e-9), (4, 1e-4), (5, 1e-3)):
+        for e in np.ndindex(*[total + 1] * 3):
+            if sum(e) == total:
+                a, b = (
+                    r.integrate_cells(np.prod(np.polynomial.legendre.legval(
+                        2.0 * ((r.points - low) / size % 1.0) - 1.0, np.eye(total + 1)
+                    )[list(e), :, range(3)], 0)) for r in (thinned, whole)
+                )  # fmt: skip
+                assert np.abs(a - b).max() <= most * whole.weights.sum()
