@@ -30,6 +30,7 @@ from ilattice.quadrature._kernels_solid import (
 
 LEAST = UNIT >> 5  # boxes of this length are divided no further
 MOST = 2048  # boxes of a cell, from which on none is divided further
+AT_ONCE = 4096  # points that are looked for one after the other
 
 
 @njit(**FAST)
@@ -226,18 +227,47 @@ def count_pieces(
             gaps[i] = found[4]
 
 
+@njit(**FAST)
+def distance_from(x: Any, corner: Any, length: Any) -> float:
+    """Squared distance of a point from a box, 0 within."""
+    far = 0.0
+    for a in range(3):
+        d = max(max(corner[a] - x[a], x[a] - corner[a] - length[a]), 0.0)
+        far += d * d
+    return far
+
+
+@njit(**FAST)
+def is_inside(x: Any, corner: Any, length: Any) -> bool:
+    """Whether a point is inside a box, and not on its faces."""
+    for a in range(3):
+        if not corner[a] < x[a] < corner[a] + length[a]:
+            return False
+    return True
+
+
 @njit(parallel=True, **FAST)
 def labels_at(
     x: Any, cell: Any, offsets: Any, corner: Any, length: Any, label: Any, out: Any
 ) -> None:
-    """Label of the box that holds, or is nearest to, every point x (n, 3) of a cell."""
-    for q in prange(len(x)):
-        best = np.inf
-        for i in range(offsets[cell[q]], offsets[cell[q] + 1]):
-            far = 0.0
-            for a in range(3):
-                d = max(max(corner[i, a] - x[q, a], x[q, a] - corner[i, a] - length[i, a]), 0.0)
-                far += d * d
-            if far < best:
-                best = far
-                out[q] = label[i]
+    """Label of the box that holds, or is nearest to, every point x (n, 3) of a cell.
+
+    Points of rules come box by box: that of the one before is looked at first.
+    """
+    for chunk in prange(-(-len(x) // AT_ONCE)):
+        last = -1
+        for q in range(chunk * AT_ONCE, min((chunk + 1) * AT_ONCE, len(x))):
+            first = offsets[cell[q]]
+            end = offsets[cell[q] + 1]
+            if first <= last < end and is_inside(x[q], corner[last], length[last]):
+                out[q] = label[last]
+                continue
+            best = np.inf
+            for i in range(first, end):
+                far = distance_from(x[q], corner[i], length[i])
+                if far < best:
+                    best = far
+                    last = i
+                    if far == 0.0:
+                        break
+            out[q] = label[last]

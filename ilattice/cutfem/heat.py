@@ -32,7 +32,7 @@ from ilattice.cutfem.conditions import Load, Spring, Support, as_value, stiffnes
 from ilattice.cutfem.conduction import Conducting, Conduction
 from ilattice.cutfem.domain import lattice_of
 from ilattice.cutfem.heat_solution import HeatHistory, HeatSolution, Step
-from ilattice.cutfem.material import Property, Scalar, jump_within_cells, warn_of_jump
+from ilattice.cutfem.material import CALM, Property, Scalar, jump_within_cells, warn_of_jump
 from ilattice.cutfem.phases import as_phased
 from ilattice.cutfem.problem import ISLANDS, Problem
 from ilattice.cutfem.weak import NITSCHE, cell_heights, depths, functions_at
@@ -313,7 +313,7 @@ class Heat(Problem):
     def _matrix(self) -> Any:
         asm = self.assembly
         data = asm.zeros(1)
-        jump, phases = 1.0, self.conductivity.phases
+        jump, phases = CALM, self.conductivity.phases
         uniform = all(s.constant for s in phases)
         for rule in self.domain.stiff_rules(asm, constant=uniform):
             for s, part in zip(phases, self.domain.of_phases(rule), strict=False):
@@ -322,9 +322,10 @@ class Heat(Problem):
                 def mean(u: FloatArray, s: Conduction = s) -> FloatArray:
                     return conduction.mean(s.at(asm, u))
 
-                jump = max(jump, jump_within_cells(part, conduction.mean(k), mean))
+                jump = np.maximum(jump, jump_within_cells(part, conduction.mean(k), mean))
                 asm.add_cells(data, part, kernels.TENSOR, conduction.rows(k))
         warn_of_jump("conductivity", jump)
+        self._held["unfollowed"] = float(jump[1])
         asm.add_ghost(data, self._ghost_stiffness)
         for support in self.in_the_mean:
             self._add_surface(data, support)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from ilattice._typing import FloatArray
-from ilattice._validate import as_array, asked, check_finite
+from ilattice._validate import as_array, asked, check_finite, read_only
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.sampling import DRAWN, WATCHED, full, layers
 from ilattice.errors import InputError, PrecisionWarning
@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 STEEP, SEARCHED, STEPS, ABRUPT = 1.2, 20, 16, 0.4
 #: Root mean square of what is left of a linear course, over the mean, that splines do not follow.
 WAVY = 0.15
+#: Factor and part lost of a stiffness that neither jumps nor waves within cells.
+CALM = read_only(np.array([1.0, 0.0]))
 
 Single = float | str | Callable[[FloatArray], Any]
 Property = Single | tuple[Single, Single]
@@ -199,25 +201,29 @@ class Scalar:
 
 def jump_within_cells(
     rule: Quadrature, values: FloatArray, at: Callable[[FloatArray], FloatArray]
-) -> float:
-    """Largest factor by which positive values jump or wave within a cell, 1 where none is seen.
+) -> FloatArray:
+    """By how much positive values jump or wave within a cell: a factor, and a part that is lost.
 
     `values` (n,) are those at the points of the rule, `at` gives them at any parameters: the cells
-    in which they vary most are searched between the points of the least and the largest one.
+    in which they vary most are searched between the points of the least and the largest one. The
+    part is that by which the harmonic mean in a cell is below the one that the rule sees, and so do
+    splines that cannot bend there: about what an energy may be off by. `CALM` where none is seen.
     """
     if len(values) < len(rule) or not len(rule):
-        return 1.0
-    return max(_jump(rule, values, at), _wave(rule, at))
+        return CALM
+    return np.maximum(_jump(rule, values, at), _wave(rule, values, at))
 
 
-def _wave(rule: Quadrature, at: Callable[[FloatArray], FloatArray]) -> float:
-    """Largest factor within full cells in which values, or their inverses, are far from linear.
+def _wave(
+    rule: Quadrature, values: FloatArray, at: Callable[[FloatArray], FloatArray]
+) -> FloatArray:
+    """Largest of both in full cells in which values, or their inverses, are far from linear.
 
     Points of rules may all lie where a wave is high, or beside a thin soft layer; these do not.
     """
     whole = full(rule)
     if not len(whole):
-        return 1.0
+        return CALM
     some = whole[np.unique(np.linspace(0, len(whole) - 1, WATCHED // 4).astype(int))]
     box = rule.grid.boxes(rule.cells[some])
     t = layers(DRAWN)
@@ -225,21 +231,34 @@ def _wave(rule: Quadrature, at: Callable[[FloatArray], FloatArray]) -> float:
     found = np.broadcast_to(at(u.reshape(-1, 3)), len(some) * DRAWN).reshape(len(some), DRAWN)
     linear = np.column_stack([np.ones(DRAWN), t])
     off = np.zeros(len(some))
-    for values in (found, 1.0 / found):  # stiffness counts across layers, compliance along
-        left = values - values @ np.linalg.pinv(linear).T @ linear.T
-        off = np.maximum(off, np.sqrt((left**2).mean(axis=1)) / values.mean(axis=1))
+    for v in (found, 1.0 / found):  # stiffness counts across layers, compliance along
+        left = v - v @ np.linalg.pinv(linear).T @ linear.T
+        off = np.maximum(off, np.sqrt((left**2).mean(axis=1)) / v.mean(axis=1))
     factor = found.max(axis=1) / found.min(axis=1)
-    return float(factor[off > WAVY].max(initial=1.0))
+    wavy = off > WAVY
+    if not wavy.any():
+        return CALM
+    seen = (rule.integrate_cells(values) / rule.integrate_cells())[some[wavy]]
+    one, all_of_them = _lost(found[wavy], seen), _lost(found[wavy].reshape(1, -1), seen.mean())
+    return np.array([factor[wavy].max(), max(one, all_of_them)])  # cells may take turns
 
 
-def _jump(rule: Quadrature, values: FloatArray, at: Callable[[FloatArray], FloatArray]) -> float:
+def _lost(values: FloatArray, seen: Any) -> float:
+    """Largest relative distance of the means that rules see from those of rows of values."""
+    arithmetic, harmonic = values.mean(axis=1), 1.0 / (1.0 / values).mean(axis=1)
+    return float(np.maximum(arithmetic / seen - 1.0, 1.0 - harmonic / seen).max())
+
+
+def _jump(
+    rule: Quadrature, values: FloatArray, at: Callable[[FloatArray], FloatArray]
+) -> FloatArray:
     """See `jump_within_cells`."""
     starts = rule.offsets[:-1][np.diff(rule.offsets) > 0]
     ratio = np.maximum.reduceat(values, starts) / np.minimum.reduceat(values, starts)
     worst = np.argsort(-ratio, kind="stable")[:SEARCHED]
     worst = worst[ratio[worst] > STEEP]
     if not len(worst):
-        return 1.0
+        return CALM
     u, ends = rule.points, np.append(starts, len(rule))
     pairs = [
         (b + values[b:e].argmin(), b + values[b:e].argmax())
@@ -251,11 +270,15 @@ def _jump(rule: Quadrature, values: FloatArray, at: Callable[[FloatArray], Float
     found = at(line.reshape(-1, 3)).reshape(len(worst), STEPS + 1)
     steps = np.abs(np.diff(found, axis=1)).max(axis=1)
     jumps = steps > ABRUPT * np.ptp(found, axis=1)
-    return float(ratio[worst][jumps].max(initial=1.0))
+    w, starts = rule.weights, starts.astype(np.int64)
+    means = [np.add.reduceat(w * v, starts) for v in (values, 1.0 / values)]
+    lost = 1.0 - np.add.reduceat(w, starts) ** 2 / (means[0] * means[1])
+    return np.array([ratio[worst][jumps].max(initial=1.0), lost[worst][jumps].max(initial=0.0)])
 
 
-def warn_of_jump(name: str, factor: float) -> None:
-    """Warn of a material that jumps within cells."""
+def warn_of_jump(name: str, jump: FloatArray) -> None:
+    """Warn of a material that jumps within cells, see `jump_within_cells`."""
+    factor = float(jump[0])
     if factor > STEEP:
         warnings.warn(
             f"{name} jumps or waves by a factor of {factor:.3g} within a cell, where splines "

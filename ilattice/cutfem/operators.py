@@ -24,7 +24,14 @@ from ilattice.cutfem.anisotropic import AT_ONCE, Anisotropic, Material, hindered
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.conditions import Load, Support, values_at
 from ilattice.cutfem.dilatation import FROM, Dilatation, as_terms
-from ilattice.cutfem.material import Isotropic, Property, Scalar, jump_within_cells, warn_of_jump
+from ilattice.cutfem.material import (
+    CALM,
+    Isotropic,
+    Property,
+    Scalar,
+    jump_within_cells,
+    warn_of_jump,
+)
 from ilattice.cutfem.problem import Problem
 from ilattice.cutfem.regions import spread
 from ilattice.cutfem.rigid import Connection
@@ -115,25 +122,26 @@ class ElasticOperators(Problem):
         data = asm.zeros(3)
         projection = self.projection
         whole = 0.0 if projection is not None else 1.0
-        jump = 1.0
+        jump = CALM
         phases = self.material.phases
         uniform = all(m.constant for m in phases)
         for rule in self.domain.stiff_rules(asm, constant=uniform):
             for m, part in zip(phases, self.domain.of_phases(rule), strict=False):
                 if isinstance(m, Anisotropic):
-                    jump = max(jump, self._add_matrices(data, m, part))
+                    jump = np.maximum(jump, self._add_matrices(data, m, part))
                     continue
                 lame = m.lame(asm, part.points)
                 if uniform:
                     lam, mu = (float(v[0]) for v in lame)
                     asm.add_cells(data, part, kernels.PAIRS, np.ones((1, 1)), whole * lam, mu)
                     continue
-                jump = max(jump, jump_within_cells(part, lame[1], partial(_shear, m, asm)))
+                jump = np.maximum(jump, jump_within_cells(part, lame[1], partial(_shear, m, asm)))
                 for v, p, q in zip(lame, (whole, 0.0), (0.0, 1.0), strict=True):
                     if p or q:
                         d = np.broadcast_to(v, len(part))[:, None].copy()
                         asm.add_cells(data, part, kernels.PAIRS, d, p, q)
         warn_of_jump("stiffness" if self.material.full else "young", jump)
+        self._held["unfollowed"] = float(jump[1])
         if projection is not None:
             projection.add(data)
         asm.add_ghost(data, self._ghost_stiffness)
@@ -143,13 +151,13 @@ class ElasticOperators(Problem):
             coupling.add_elastic(data, self)
         return asm.pattern.matrix(data)
 
-    def _add_matrices(self, data: FloatArray, m: Anisotropic, part: Quadrature) -> float:
+    def _add_matrices(self, data: FloatArray, m: Anisotropic, part: Quadrature) -> FloatArray:
         """Add the stiffness of a phase that is given by matrices; by how much it jumps."""
         asm = self.assembly
         if m.constant:
             C = np.array(m.matrices(asm, part.points[:1]).reshape(1, 36))  # of the writable type
             asm.add_cells(data, part, kernels.STIFFNESS, C)
-            return 1.0
+            return CALM
         count = len(part.cells)
         step = max(AT_ONCE * count // max(len(part), 1), 1)
         for i in range(0, count, step):

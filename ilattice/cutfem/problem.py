@@ -299,6 +299,12 @@ class Problem:
     def _matrix(self) -> Any:
         raise NotImplementedError
 
+    @property
+    def unfollowed(self) -> float:
+        """Part of an energy that a material which jumps or waves within cells may take."""
+        _ = self.matrix
+        return float(self._held.get("unfollowed", 0.0))
+
     def forces(self) -> FloatArray:
         """Loads as coefficients, without what comes from supports and springs.
 

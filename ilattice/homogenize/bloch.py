@@ -204,7 +204,7 @@ def _errors(search: Search, corners: list[tuple[FloatArray, Pairs, bool]]) -> Fl
     values = np.concatenate(each)
     off = estimated(search.cell, values, squares, search.tol)
     part = np.where(there, 0.5 * off / np.where(there, values, 1.0), 0.0)
-    return np.asarray(part.reshape(-1, count).max(axis=0))
+    return np.asarray(part.reshape(-1, count).max(axis=0) + 0.5 * search.cell.unfollowed)
 
 
 def velocities_of(

@@ -401,6 +401,9 @@ class CellProblem(Problem):
     ) -> FloatArray:
         """Estimated errors of effective properties; see `_estimate`.
 
+        What a material may take that jumps or waves within cells, which fewer cells do not tell,
+        is added.
+
         Parameters
         ----------
         values : ndarray, shape (n,)
@@ -428,6 +431,7 @@ class CellProblem(Problem):
         elif estimate:
             errors = estimated(self, values, solve, tol)
             errors[np.flatnonzero(exact)] = 0.0
+        errors += self.unfollowed * np.abs(values)
         lost = self.rounding(values[:k], answer) * values[:k]
         errors[:k] = np.where(lost > 0.0, np.fmax(errors[:k], lost), errors[:k])
         return errors

@@ -121,7 +121,9 @@ class TensorLayout(Layout):
         low, high, owner = self._boxes_of_cells(cells)
         part = self._signs[tuple(low.T)] == 0
         which = np.where(part, np.cumsum(part) - 1, -1)
-        return Listing(low[part], which, self._boxes(low, high), np.full(len(low), -1), owner)
+        boxes = self._boxes(low, high)
+        small = (SMALL * boxes[:, 3:] <= (1.0 + 1e-9) * self.grid.boxes(owner)[:, 3:]).all(axis=1)
+        return Listing(low[part], which, boxes, np.full(len(low), -1), owner, small)
 
     def surface(self) -> Listing:
         """See `Layout.surface`."""

@@ -169,6 +169,23 @@ def test_thinned_points_keep_the_moments(monkeypatch):
     assert abs(a / b - 1.0) <= 1e-5
 
 
+def test_points_in_splines_finer_than_cells_are_thinned(monkeypatch):
+    """Struts along diagonals: many spans per cell, of which some boxes have many points."""
+    nodes = [(0.0, 0.0, 0.0), (1.0, 1.0, 0.0), (1.0, 0.0, 1.0), (0.0, 1.0, 1.0)]
+    tile = il.tiles.struts(nodes, [(0, 1), (0, 2), (0, 3)], 0.05)
+    lattice = il.Lattice(tile, through=il.macroshape.cell(), repeat=1)
+    wall = lattice.offset((np.inf, 0.0))
+    grid = il.cutfem.cut(wall, (2, 4, 4))
+    thinned = grid.volume(2)
+    monkeypatch.setattr(_filling, "LONG", 10**9)
+    whole = grid.volume(2)
+    assert len(thinned) <= 0.35 * len(whole)
+    assert (thinned.weights > 0.0).all()
+    p = np.random.default_rng(0).normal(size=3)
+    a, b = (r.integrate_cells((r.points @ p - 0.2) ** 3) for r in (thinned, whole))
+    assert np.abs(a - b).max() <= 1e-9 * whole.weights.sum()
+
+
 def test_who_asks_for_many_points_gets_them(monkeypatch):
     grid = il.cutfem.cut(node_of_beams(5, 4), 2, domain=[[-1.0] * 3, [1.0] * 3], degree=2)
     many = len(grid.volume(6))

@@ -67,3 +67,39 @@ def test_warnings_point_at_the_line_of_the_caller():
         conductive(il.fields.translate(il.fields.sphere(0.3), (0.5, 0.5, 0.5)), 4)
     for warning in (*told, *blind, *borne):
         assert warning.filename == __file__
+
+
+@pytest.mark.parametrize("waves", [1, 4, 8, 12, 16])
+def test_errors_hold_materials_that_wave_within_cells(waves):
+    """Layers across x have a harmonic mean, whatever splines on eight cells see of them."""
+    phase = np.random.default_rng(waves).random()
+
+    def young(x):
+        return 1.0 + 0.9 * np.sin(2 * np.pi * (waves * x[:, 0] + phase))
+
+    def full(u):
+        return -np.ones(len(u))
+
+    exact = np.sqrt(1.0 - 0.9**2)
+    eff = quietly(elastic, full, (8, 4, 4), young=young, poisson=0.0)
+    assert abs(eff.C[0, 0] - exact) < 1.05 * eff.errors[0, 0]
+    heat = quietly(conductive, full, (8, 4, 4), conductivity=young)
+    assert abs(heat.k[0, 0] - exact) < 1.05 * heat.errors[0, 0]
+
+
+def test_errors_hold_materials_that_jump_within_cells():
+    """Random layers that end in the midst of cells."""
+
+    def full(u):
+        return -np.ones(len(u))
+
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        start, part, soft = rng.random(), rng.uniform(0.2, 0.7), 10.0 ** rng.uniform(-2, -0.5)
+
+        def young(x, start=start, part=part, soft=soft):
+            return np.where((x[:, 0] - start) % 1.0 < part, soft, 1.0)
+
+        exact = 1.0 / (part / soft + 1.0 - part)
+        eff = quietly(elastic, full, (9, 4, 4), young=young, poisson=0.0)
+        assert abs(eff.C[0, 0] - exact) < 1.05 * eff.errors[0, 0]
