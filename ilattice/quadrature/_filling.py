@@ -67,7 +67,7 @@ class Listing:
     cells : ndarray, shape (n,)
         Cells, increasing.
     part : ndarray, shape (n,), or None
-        Lengths of boxes over those of their cells, where points may be thinned.
+        Lengths of boxes over those of their cells, where points may be thinned, or infinite.
     """
 
     rows: IntArray
@@ -155,11 +155,12 @@ def thinning(listing: Listing, q: int) -> IntArray:
     if listing.part is None or not 1 < q <= MOST_THINNED:
         return out
     lengths = sorted(THINNED, reverse=True)
+    may = np.isfinite(listing.part)
     for length in lengths:
-        here = slice(None) if length == lengths[0] else listing.part <= length
-        out[here, 1] = THINNED[length]
+        here = may if length == lengths[0] else listing.part <= length
         out[here, 0] = LONG * moments_of(THINNED[length])
-    out[:, 2] = np.ceil(listing.part / lengths[0])
+        out[here, 1] = THINNED[length]
+    out[may, 2] = np.ceil(listing.part[may] / lengths[0])
     return out
 
 

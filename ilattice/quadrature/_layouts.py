@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from ilattice.quadrature.grid import Grid
 
 IN, CUT, OUT = -1, 0, 1
+#: Length of pieces of splines, over that of cells, up to which their points may be thinned.
+SMALL = 0.25
 #: Polynomials and tables of boxes that are cut, their row for each box or -1 for full ones, corners
 #: and lengths of boxes in parts of the cell, and their cells.
 Insides = tuple[FloatArray, IntArray, IntArray, IntArray, IntArray, IntArray]
@@ -122,8 +124,9 @@ class TensorLayout(Layout):
         part = self._signs[tuple(low.T)] == 0
         which = np.where(part, np.cumsum(part) - 1, -1)
         boxes = self._boxes(low, high)
-        small = (SMALL * boxes[:, 3:] <= (1.0 + 1e-9) * self.grid.boxes(owner)[:, 3:]).all(axis=1)
-        return Listing(low[part], which, boxes, np.full(len(low), -1), owner, small)
+        length = (boxes[:, 3:] / self.grid.boxes(owner)[:, 3:]).max(axis=1) - 1e-9
+        length[length > SMALL] = np.inf  # pieces of smooth fields keep what they have
+        return Listing(low[part], which, boxes, np.full(len(low), -1), owner, length)
 
     def surface(self) -> Listing:
         """See `Layout.surface`."""
