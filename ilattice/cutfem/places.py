@@ -22,9 +22,12 @@ if TYPE_CHECKING:
     from ilattice.cutfem.assembly import Assembly
     from ilattice.cutfem.domain import Domain
 
-#: How far from a patch points of it may be: in its size if it is flat, else in its usual edge.
-FLAT, CURVED = 1e-5, 0.25
-#: Directions of normals of flat patches, and distances, that count as equal.
+#: How far from a patch points of it may be, in its size; where it is curved, in its usual edge, per
+#: angle between neighbouring triangles (chords are an eighth of that away from arcs) and at most.
+FLAT, BENT, CURVED = 1e-5, 0.5, 0.25
+#: Part of the angles that may be larger, as those at sharp edges are.
+SHARP = 0.1
+#: Distances, in the tolerance, that count as equal.
 ALIKE = 1e-6
 
 
@@ -46,12 +49,10 @@ class Patch(Frozen):
         """How far from the triangles points may be."""
         x = np.asarray(self.mesh.vertices, np.float64)[self.mesh.faces]
         size = float(np.linalg.norm(np.ptp(x.reshape(-1, 3), axis=0)))
-        normals = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
-        normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
-        mean = normals.mean(axis=0)
-        flat = np.abs(normals - mean).max() < ALIKE
         edge = float(np.median(np.linalg.norm(x - np.roll(x, 1, axis=1), axis=2)))
-        return FLAT * size if flat else max(CURVED * edge, FLAT * size)
+        turns = _turns(x, np.asarray(self.mesh.faces))
+        bent = float(np.quantile(turns, 1.0 - SHARP)) if len(turns) else 0.0
+        return max(min(BENT * bent, CURVED) * edge, FLAT * size)
 
     def __call__(self, x: FloatArray) -> AnyArray:
         """Booleans, shape (n,)."""
@@ -74,6 +75,18 @@ class Patch(Frozen):
             non_manifold_edges=False,
         )  # fmt: skip
         return _away(surface, x), _away(rim, x)
+
+
+def _turns(x: FloatArray, faces: AnyArray) -> FloatArray:
+    """Angles (e,) between triangles, corners x (n, 3, 3), at the edges that two of them share."""
+    normals = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
+    edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    order = np.lexsort(edges.T)
+    pairs = np.flatnonzero((edges[order[1:]] == edges[order[:-1]]).all(axis=1))
+    a, b = normals[order[pairs] // 3], normals[order[pairs + 1] // 3]
+    across = np.linalg.norm(np.cross(a, b), axis=1)
+    return np.asarray(np.arctan2(across, (a * b).sum(axis=1)))
 
 
 def _away(data: Any, x: FloatArray) -> FloatArray:

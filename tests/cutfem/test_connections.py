@@ -155,6 +155,19 @@ def test_patches_of_meshes_are_places(seed):
     np.testing.assert_allclose(sums(loaded.clamp("z < -0.5"))[0], [0, 0, 1.0], atol=1e-9)
 
 
+def test_thin_walls_behind_patches_do_not_belong_to_them():
+    """A shell of 0.015 whose outer side is given by triangles with edges of 0.1."""
+    centre = (0.03, -0.02, 0.05)
+    outer, inner = (il.fields.translate(il.fields.sphere(r), centre) for r in (0.9, 0.885))
+    shell = il.fields.intersection(outer, il.fields.complement(inner))
+    problem = il.cutfem.Elasticity(shell, 7, domain=[[-1.0] * 3, [1.1] * 3], degree=1)
+    mesh = il.sdf.mesh(outer, 0.1)
+    middle = mesh.vertices[mesh.faces].mean(axis=1) - centre
+    patch = mesh.select(middle @ (0.48, -0.6, 0.64) > 0.31)
+    place = problem.load(pressure=1.0, on=patch).loads[0].on
+    assert problem.domain.boundary(place).weights.sum() == pytest.approx(patch.area, rel=0.05)
+
+
 def test_flat_patches_end_at_their_rim(bar):
     """Of sides that stand on the patch nothing belongs to it."""
     rng = np.random.default_rng(3)
