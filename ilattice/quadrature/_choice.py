@@ -27,6 +27,8 @@ LEAST_DOUBT = 1e-9
 #: Steps of the search for a sign that no point has that was looked at, and how much longer each is
 #: than one to where a straight field vanishes: distances vanish there, and change sign just behind.
 DIVES, BEYOND = 12, 1.2
+#: What such a sign has of the slab between two sites: from nothing to half, to the nearer one.
+SLAB = 0.25
 
 
 @dataclass(eq=False)
@@ -248,7 +250,7 @@ class Splits:
         hidden = np.zeros(len(owner), bool)
         todo = np.flatnonzero(open_ & ~bounded & (wrong <= LEAST_DOUBT))
         hidden[todo] = self._hidden(chosen.leaf[todo], box[owner[todo]], lowest[todo])
-        wrong[hidden] = 1.0 / self.degree  # a slab between sites
+        wrong[hidden] = SLAB / self.degree
         return _measured(
             chosen, owner, off, np.where(bounded, 1.0, wrong), (open_, bounded, hidden)
         )

@@ -50,10 +50,12 @@ SAME = 1e-10
 FORM, CURVE = FACES, FACES + 16
 #: Flags of the ends of strips, and of intervals in them: behind the ends.
 TAGS = 64
+VANISHING = -1.0  # of the end where a section vanishes: areas go linearly, whatever else ends there
 PLAIN, LOW_END, HIGH_END, CHORD, ARC, ANGLE = 0, 1, 2, 3, 4, 5  # sorts of nodes
 #: Middle of the two roots of the discriminant on a line, and half of what is between them.
 ROUND = CURVE + 18
-#: Angles of more than this are halved.
+#: Angles of more than this are halved; half as large ones where columns outside of the roots count,
+#: over which polynomials of places, which are none of the angle, are all of the integrand.
 RIGHT = 0.55 * np.pi
 #: Lengths of an interval that these roots may be apart for places to be taken by their angle.
 WIDE = 1e3
@@ -162,14 +164,15 @@ def quadratic_roots(c: float, b: float, a: float) -> Any:
 def add(Z: Any, to: int, n: int, t: float, tag: float) -> int:
     """Put an end t with its flag into the sorted list of n at `to`, if it lies in [0, 1].
 
-    Ends that are alike but for rounding are one, flagged if one of them is: which comes first would
-    be by chance, and so would the flag of the interval beside them.
+    Ends that are alike but for rounding are one: which comes first would be by chance, and so would
+    the flag of the interval beside them. It is flagged if one of them is, unless one has VANISHING.
     """
     if not -SAME <= t <= 1.0 + SAME:
         return n
     for i in range(to, to + n):
         if abs(Z[i] - t) <= SAME:
-            Z[i + TAGS] = max(Z[i + TAGS], tag)
+            vanishes = min(Z[i + TAGS], tag) == VANISHING
+            Z[i + TAGS] = VANISHING if vanishes else max(Z[i + TAGS], tag)
             return n
     i = to + n
     while i > to and Z[i - 1] > t:
@@ -232,7 +235,7 @@ def across(Z: Any, e0: int, e1: int, e2: int) -> int:
             y2 = low if k == 0 else high
             y1 = -0.5 * (Z[C + 1] + Z[C + 4] * y2) / Z[C + 3]
             if is_within(y1) and (j > 0 or is_within(middle(Z, e0, e1, e2, y1, y2))):
-                n = add(Z, CROSS, n, y2, 0.0 if j == 0 else 1.0)
+                n = add(Z, CROSS, n, y2, VANISHING if j == 0 else 1.0)
     return n
 
 
@@ -299,7 +302,7 @@ def part_of(Z: Any, to: int, i: int, half: int) -> Any:
 
 
 @njit(**INNER)
-def part_of_line(Z: Any, i: int, half: int, whole: bool, want: int) -> Any:
+def part_of_line(Z: Any, i: int, half: int, whole: bool, inner: bool, want: int) -> Any:
     """`part_of` interval i over which there are columns with two ends, the `whole` of them or not.
 
     Between the roots of the discriminant, inside the box or not, its square root is the sine of an
@@ -317,7 +320,7 @@ def part_of_line(Z: Any, i: int, half: int, whole: bool, want: int) -> Any:
         return a, 0.0 if half else b - a, ARC if want & SURFACE else CHORD
     low = 0.0 if first else np.arccos(min(max((m - a) / h, -1.0), 1.0))
     high = np.pi if second else np.arccos(min(max((m - b) / h, -1.0), 1.0))
-    if high - low > RIGHT:
+    if high - low > (RIGHT if inner or not want & VOLUME else 0.5 * RIGHT):
         size = 0.5 * (high - low)
         return low + half * size, size, ANGLE
     return low, 0.0 if half else high - low, ANGLE
@@ -399,7 +402,7 @@ def line_of_columns(
         for half in range(2):
             start, size, sort = Z[ALONG + i], Z[ALONG + i + 1] - Z[ALONG + i], PLAIN
             if seen:
-                start, size, sort = part_of_line(Z, i, half, whole, want)
+                start, size, sort = part_of_line(Z, i, half, whole, inner, want)
             elif half:
                 continue
             if size <= 0.0:

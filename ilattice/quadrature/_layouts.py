@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 IN, CUT, OUT = -1, 0, 1
 #: Length of pieces of splines, over that of cells, up to which their points may be thinned.
-SMALL = 0.25
+SMALL = 0.125
 #: Polynomials and tables of boxes that are cut, their row for each box or -1 for full ones, corners
 #: and lengths of boxes in parts of the cell, and their cells.
 Insides = tuple[FloatArray, IntArray, IntArray, IntArray, IntArray, IntArray]
