@@ -6,7 +6,7 @@ import pytest
 
 import ilattice as il
 from ilattice.errors import ConvergenceError, GeometryError, InputError
-from ilattice.minimal.conjugate import conjugated
+from ilattice.minimal.closing import conjugated
 from ilattice.minimal.disc import Disc, area, area_hessian, cotangents, vertex_areas
 
 M = il.minimal
