@@ -27,8 +27,10 @@ from ilattice.minimal.region import FaceLoop
 
 #: Edges per side with which lengths are searched, before they are polished with those asked for.
 COARSE = 6
-#: Polygons that are looked at for each unknown, and how many of them are followed.
-SURVEY, MOST_STARTS = 20, 4
+#: Polygons that are looked at for each unknown, from how many Newton starts, how many are followed.
+SURVEY, MOST_NEWTON, MOST_FOLLOWED = 20, 4, 4
+#: Most Plateau problems of one search, but for those of the last start.
+MOST_EVALUATIONS = 400
 #: Angle between directions of offsets from which on Newton's method takes over.
 _NEAR = 0.005
 _MOST_STEPS, _MOST_MOVES = 20, 60
@@ -171,6 +173,7 @@ class Closing:
         ConvergenceError
             If there is no minimal surface over the polygon, or it is not found.
         """
+        self.evaluations += 1
         return self._fitted(self._dual(lengths, self.base))
 
     def rebased(self, lengths: FloatArray, start: bool = True) -> Placed:
@@ -201,7 +204,6 @@ class Closing:
     def _fitted(self, dual: Solved) -> Placed:
         """The conjugate of a dual surface, scaled and moved."""
         disc, m, d = self.disc, self.faces.normals, self.faces.offsets
-        self.evaluations += 1
         x = conjugated(dual.vertices, disc)
         self.factorizations += dual.factorizations + 1
         heights = np.einsum("snc,sc->sn", x[disc.side_rows], m)
@@ -345,9 +347,13 @@ class Closing:
             yield ConvergenceError(
                 f"no polygon was found whose dual surface lies within {self.faces!r} at all corners"
             )
-        for _, lengths in found[:MOST_STARTS]:
+        for _, lengths in found[:MOST_NEWTON]:
+            if self.evaluations > MOST_EVALUATIONS // 2:
+                break
             yield lengths
-        for _, lengths in found[:MOST_STARTS]:
+        for _, lengths in found[:MOST_FOLLOWED]:
+            if self.evaluations > MOST_EVALUATIONS:
+                return
             self.level(Disc(len(self.faces), COARSE))
             try:
                 yield self._follow(lengths)
