@@ -12,8 +12,8 @@ from scipy import sparse
 from ilattice._typing import ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_array, as_items, as_not_negative, as_triple, read_only
 from ilattice.errors import ConvergenceError, InputError
+from ilattice.minimal.closing import conjugated
 from ilattice.minimal.completion import edge_table
-from ilattice.minimal.conjugate import conjugated
 from ilattice.minimal.disc import Disc, cotangents, opposite_edges
 from ilattice.minimal.patch import MinimalPatch, Report, made
 from ilattice.minimal.plateau import TOLERANCE, Motion, fair_step, stationary

@@ -6,7 +6,7 @@ import pytest
 
 import ilattice as il
 from ilattice.errors import ConvergenceError, GeometryError, InputError
-from ilattice.minimal.conjugate import conjugated
+from ilattice.minimal.closing import conjugated
 from ilattice.minimal.disc import Disc, area, area_hessian, cotangents, vertex_areas
 
 M = il.minimal
@@ -196,6 +196,27 @@ def judged(loop, n=8):
 
 def test_random_ways_are_solved_or_refused_with_a_reason():
     assert sum(judged(loop) for loop in random_loops(6, most=7)) >= 4
+
+
+@pytest.mark.parametrize(
+    ("copies", "text"),
+    [
+        (48, "z=0 x=y y=z x=1/2 z=0 x=1/2"),
+        (48, "z=0 x=y y=z x=y y=z x=1/2"),
+        (192, "z=0 y=z z=0 y=z x=y x+y=1/2"),
+    ],
+)
+def test_surfaces_are_followed_where_balanced_lengths_do_not_lead_to_them(copies, text):
+    loop = M.tetrahedron(copies).faces(text)
+    assert judged(loop, 12)
+    areas = [M.conjugate(loop, n).area for n in (8, 16)]
+    assert areas[0] == pytest.approx(areas[1], rel=0.03)
+
+
+def test_refusals_tell_how_far_a_surface_was_followed():
+    loop = M.prism().faces("y=0 x=y z=0 x=1/2 z=1/2")  # of five sides, so that one number is sought
+    with pytest.raises(ConvergenceError, match=r"7\.1 degrees before them, the surface turns back"):
+        M.conjugate(loop, 8)
 
 
 @pytest.mark.parametrize("n", [8, 16])
