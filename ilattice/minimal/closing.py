@@ -30,7 +30,7 @@ COARSE = 6
 #: Polygons that are looked at for each unknown, from how many Newton starts, how many are followed.
 SURVEY, MOST_NEWTON, MOST_FOLLOWED = 20, 4, 4
 #: Most Plateau problems of one search, but for those of the last start.
-MOST_EVALUATIONS = 400
+MOST_EVALUATIONS = 800
 #: Angle between directions of offsets from which on Newton's method takes over.
 _NEAR = 0.005
 _MOST_STEPS, _MOST_MOVES = 20, 60
