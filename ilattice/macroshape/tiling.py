@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._memory import need
-from ilattice._typing import ArrayLike, FloatArray
+from ilattice._typing import AnyArray, ArrayLike, FloatArray
 from ilattice._validate import (
     as_array,
     as_choice,
@@ -34,6 +34,11 @@ from ilattice.tiles.tile import Tile
 from ilattice.tiles.trig import TrigField
 
 BOUNDARIES = ("extend", "clip")
+#: Surfaces that are so far apart on a face, in tile edges, do not fit together; and places along
+#: each direction of a face where they are looked at.
+APART, ON_FACES = 1e-3, 129
+#: Angle between surfaces of neighbours, about, from which on they meet in a crease.
+BENT = 0.02
 PER_TILE = 2000  # bytes of memory
 #: Samples of the mid-surface in a picture, at most.
 PLOTTED = 6_000_000
@@ -55,7 +60,8 @@ class Tiling:
     boundary : {"extend", "clip"}
         What distances near the ends of the domain refer to: the mid-surface continued by one
         layer of tiles, so that a wall runs into the end face at full thickness, or only its
-        part inside the domain. Closed directions always wrap.
+        part inside the domain. Closed directions always wrap. Along directions in which tiles do
+        not fit together (see `fits`) there is nothing to go on with, and "extend" is like "clip".
     spans_per_tile : int, optional
         Spans of the fitted distance spline per tile and direction; by default 16, and 12 per
         period of the finest wave of a trigonometric tile.
@@ -126,6 +132,49 @@ class Tiling:
             self._check_count()
             return self.tile.field(self.repeat, self.domain, self.through.wraps)
         return self.tile.kernel_field
+
+    @property
+    def fits(self) -> AnyArray:
+        """Along which directions tiles fit together, shape (3,): where surfaces of neighbours meet.
+
+        Surfaces in two neighbours may be so far apart on the face that they share: `APART`.
+        """
+        out: AnyArray = self._once("faces", self._look_at_faces)[0]
+        return out
+
+    @property
+    def ends(self) -> AnyArray:
+        """Along which open directions the mid-surface ends with the domain, shape (3,)."""
+        return ~np.array(self.through.closed) & ((self.boundary == "clip") | ~self.fits)
+
+    @property
+    def torn(self) -> AnyArray:
+        """Along which directions there are neighbours that do not fit together, shape (3,)."""
+        return ~self.fits & (np.array(self.through.closed) | (np.array(self.repeat) > 1))
+
+    @property
+    def creased(self) -> bool:
+        """Whether surfaces of neighbours meet in creases on faces, or not at all."""
+        if isinstance(self.smooth_tile, MixedField):
+            return self.smooth_tile.creased
+        meet = np.array(self.through.closed) | (np.array(self.repeat) > 1) | ~self.ends
+        bent = self._once("faces", self._look_at_faces)[1]
+        return bool(self.torn.any() or (meet & bent).any())
+
+    def _look_at_faces(self) -> tuple[AnyArray, AnyArray]:
+        """Along which directions tiles fit together, and their surfaces meet at an angle."""
+        field, fits, bent = self.smooth_tile, np.ones(3, np.bool_), np.zeros(3, np.bool_)
+        if isinstance(field, (MixedField, TrigField)):
+            return fits, bent
+        axis = np.linspace(0.0, 1.0, ON_FACES)
+        plane = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+        for a in range(3):
+            (f, df), (g, dg) = (_on_face(field, plane, a, end) for end in (0.0, 1.0))
+            near = np.minimum(np.abs(f), np.abs(g)) <= 1.0 / ON_FACES
+            fits[a] = not (np.minimum(np.abs(f - g), np.abs(f + g))[near] > APART).any()
+            turn = np.minimum(*(np.linalg.norm(df + s * dg, axis=1)[near] for s in (-1.0, 1.0)))
+            bent[a] = (turn > BENT).any()
+        return fits, bent
 
     @property
     def finest_wave(self) -> int:
@@ -294,3 +343,11 @@ def _as_tile(tile: Any) -> Tile | Mixture:
     raise InputError(
         f"tile must be a Tile, a Mixture, a name of the catalogue or a callable, got {tile!r:.80}"
     )
+
+
+def _on_face(field: Any, plane: FloatArray, axis: int, end: float) -> tuple[FloatArray, FloatArray]:
+    """How far points (n, 2) of a face are from the surface in it, about, and unit normals there."""
+    f, g = field.jet(np.insert(plane, axis, end, axis=1), 1)
+    inside = np.linalg.norm(np.delete(g, axis, axis=1), axis=1)
+    away = np.divide(f, inside, out=np.full(len(f), np.inf), where=inside > 0.0)
+    return away, g / np.maximum(np.linalg.norm(g, axis=1), np.finfo(np.float64).tiny)[:, None]

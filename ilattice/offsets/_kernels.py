@@ -11,7 +11,9 @@ from numba import njit, prange
 
 from ilattice._kernels import inner
 from ilattice.offsets._kernels_jets import (
+    CLOSED,
     CREASED,
+    ENDS,
     FAST,
     cofactor_normal,
     metric,
@@ -55,12 +57,39 @@ PASSED = 0.5
 
 
 @inner(fastmath=FAST, error_model="numpy")
-def inside(p, box, margin):
-    """Whether p lies in the box and a margin about it, up to rounding."""
+def counted(geom, p, box):
+    """Whether p lies in the box or, where the surface goes on, in a layer about it."""
     for a in range(3):
-        if p[a] < box[0, a] - margin - 1e-9 or p[a] > box[1, a] + margin + 1e-9:
+        margin = 1e-9 if geom[ENDS + a] != 0.0 else 1.0 + 1e-9
+        if p[a] < box[0, a] - margin or p[a] > box[1, a] + margin:
             return False
     return True
+
+
+@inner(fastmath=FAST, error_model="numpy")
+def bounded(geom, box, whole, room):
+    """Fill in bounds of an iteration: of the whole box, or where the surface ends with it.
+
+    Returns whether there are any bounds.
+    """
+    out = False
+    for a in range(3):
+        held = whole or geom[ENDS + a] != 0.0
+        room[0, a] = box[0, a] if held else -np.inf
+        room[1, a] = box[1, a] if held else np.inf
+        out = out or held
+    return out
+
+
+@inner(fastmath=FAST, error_model="numpy")
+def ends_everywhere(geom):
+    """Whether there are open directions, and the surface ends with the domain along all of them."""
+    some = False
+    for a in range(3):
+        if geom[CLOSED + a] == 0.0 and geom[ENDS + a] == 0.0:
+            return False
+        some = some or geom[ENDS + a] != 0.0
+    return some
 
 
 @inner(fastmath=FAST, error_model="numpy")
@@ -109,15 +138,15 @@ def slid(geom, orient, m, start, p):
 
 @inner(fastmath=FAST, error_model="numpy")
 def accept(
-    d0, d1, d2, k0, k1, k2, c, geom, box, clip, orient, p, y, x, q, lam, st, h, feet, seconds, i,
+    d0, d1, d2, k0, k1, k2, c, geom, box, orient, p, y, x, q, lam, st, h, feet, seconds, i,
     empty, b, m,
 ):  # fmt: skip
     """File a converged foot: 2 if it is the best now, 1 if not, 0 if it does not count.
 
-    It counts in the box, and, unless the box is a constraint, on its continuation by one layer of
-    tiles as far as that is `upright`.
+    It counts in the box, and, where the surface goes on, on its continuation by one layer of tiles
+    as far as that is `upright`.
     """
-    if st >= FAILED or not inside(p, box, 0.0 if clip else 1.0) or not reachable(geom, p, q):
+    if st >= FAILED or not counted(geom, p, box) or not reachable(geom, p, q):
         return 0
     dist = np.sqrt((x[0] - y[0]) ** 2 + (x[1] - y[1]) ** 2 + (x[2] - y[2]) ** 2)
     if outside(geom, p) and not upright(
@@ -139,7 +168,7 @@ def accept(
 @inner(fastmath=FAST, error_model="numpy")
 def multi_start(
     d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
-    sp, sx, sn, sh, x, q, idx, row, box, clip, orient, tol, feet, seconds, i, status, room,
+    sp, sx, sn, sh, x, q, idx, row, box, orient, tol, feet, seconds, i, status, room,
     b, m, t, tab,
 ):  # fmt: skip
     """Best and second-best distinct foot of x over the candidate seeds idx[row].
@@ -154,8 +183,8 @@ def multi_start(
     used = 0
     soft = 1.0
     along = (0.0, 0.0, 0.0)
-    for a in range(3):
-        room[0, a], room[1, a] = box[0, a], box[1, a]
+    creased = geom[CREASED] != 0.0
+    ends = ends_everywhere(geom)
     if status == FALLBACK:
         feet[i, DISTANCE] = np.inf
         seconds[i, DISTANCE] = np.inf
@@ -184,11 +213,12 @@ def multi_start(
             start = (
                 feet[i, 0] + s * along[0], feet[i, 1] + s * along[1], feet[i, 2] + s * along[2],
             )  # fmt: skip
-            if clip:
-                start = clamp(start, box)
-        held = clip or geom[CREASED] != 0.0
-        freed = held
-        if geom[CREASED] != 0.0:
+            bounded(geom, box, False, room)
+            start = clamp(start, room)
+        whole = ends or creased
+        freed = whole
+        held = bounded(geom, box, whole, room)
+        if creased:
             piece(geom, start, room)
         while True:
             firm = 1.0 if soft > LOOSE and status == OK else 0.05
@@ -209,7 +239,7 @@ def multi_start(
             starts += 1
             iterations += n
             filed = accept(
-                d0, d1, d2, k0, k1, k2, c, geom, box, clip, orient, p, y, x, q, lam, st, h, feet,
+                d0, d1, d2, k0, k1, k2, c, geom, box, orient, p, y, x, q, lam, st, h, feet,
                 seconds, i, status == FALLBACK, b, m,
             )  # fmt: skip
             if filed == 2:
@@ -217,12 +247,14 @@ def multi_start(
                 soft = low
                 if low <= LOOSE:
                     along = soft_direction(m, t, x, lam, low, (0, 0, 0))
-            if held and not freed and filed == 2 and st == BOUNDARY:
-                freed, held, start = True, False, p  # the sheet may go on behind the face
+            if whole and not freed and filed == 2 and st == BOUNDARY:
+                freed, whole, start = True, False, p  # the sheet may go on behind the face
+                held = bounded(geom, box, False, room)
                 continue
-            if held or ((filed > 0 or st == WORSE) and not slid(geom, orient, m, start, p)):
+            if whole or ((filed > 0 or st == WORSE) and not slid(geom, orient, m, start, p)):
                 break
-            held = True  # where the continuation folds or ends, the sheet ends at the face
+            # where the continuation folds or ends, the sheet ends at the face
+            whole = held = bounded(geom, box, True, room)
             start = clamp(start, box)
     if status == FALLBACK:
         p = (sp[first, 0], sp[first, 1], sp[first, 2])
@@ -283,7 +315,7 @@ def passed(t, q, feet, i):
 @njit(cache=True, parallel=True, fastmath=FAST, error_model="numpy")
 def closest(
     d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
-    sp, sx, sn, sh, x, q, idx, box, clip, orient, tol, feet, seconds, counts, status,
+    sp, sx, sn, sh, x, q, idx, box, orient, tol, feet, seconds, counts, status,
 ):  # fmt: skip
     """Foot points of many queries.
 
@@ -297,8 +329,8 @@ def closest(
         Queries in space and in tile coordinates, (n, 3).
     idx
         Candidate seeds, nearest first, (n, K), K <= 60; -1 ends a row.
-    box, clip, orient, tol
-        The domain (2, 3), whether feet must lie in it, sign of det J, tolerance.
+    box, orient, tol
+        The domain (2, 3), sign of det J, tolerance.
     feet, seconds
         Output (n, 8): foot p, foot in space, distance with the sign of I(q), multiplier.
     counts
@@ -319,13 +351,13 @@ def closest(
             )
             starts, iterations, st = multi_start(
                 d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
-                sp, sx, sn, sh, xi, qi, idx, i, box, clip, orient, tol, feet, seconds, i, status[i],
+                sp, sx, sn, sh, xi, qi, idx, i, box, orient, tol, feet, seconds, i, status[i],
                 room, b, m, t, tab,
             )  # fmt: skip
             tile_jet(geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc, qi, b, t, tab)
             value = t[0]
             if st != FALLBACK and passed(t, qi, feet, i):
-                held = clip or geom[CREASED] != 0.0
+                held = bounded(geom, box, geom[CREASED] != 0.0, room)
                 if geom[CREASED] != 0.0:
                     piece(geom, qi, room)
                 h = sh[idx[i, 0]]
@@ -344,7 +376,7 @@ def closest(
                 starts += 1
                 iterations += n_own
                 filed = accept(
-                    d0, d1, d2, k0, k1, k2, c, geom, box, clip, orient, p, y, xi, qi, lam, own, h,
+                    d0, d1, d2, k0, k1, k2, c, geom, box, orient, p, y, xi, qi, lam, own, h,
                     feet, seconds, i, False, b, m,
                 )  # fmt: skip
                 if filed == 2:

@@ -6,7 +6,7 @@ take the flat argument list
 
     d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc
 
-the map T as arguments of the B-spline kernels; `geom` (15,) with numbers whose places `ORIGIN` and
+the map T as arguments of the B-spline kernels; `geom` (18,) with numbers whose places `ORIGIN` and
 what follows name; the tile as a trigonometric polynomial, as a spline on the unit cube, or all
 tiles together as a spline in tile coordinates, with period in closed directions. It is flat as
 every array taken out of a tuple costs a counted reference; `b, m, t, tab` is the scratch of one
@@ -27,8 +27,9 @@ FAST = {"contract", "nsz", "arcp", "reassoc"}
 GEOM = 7
 #: Places in `geom`: u = origin + p * step, closed directions and numbers of tiles, three each;
 #: whether the map is rational, the kind of tile, and whether the gradient of its field jumps at the
-#: faces of tiles, so that they meet in creases.
-ORIGIN, STEP, CLOSED, TILES, RATIONAL, KIND, CREASED = 0, 3, 6, 9, 12, 13, 14
+#: faces of tiles, so that they meet in creases; and the directions in which the surface ends with
+#: the domain, three.
+ORIGIN, STEP, CLOSED, TILES, RATIONAL, KIND, CREASED, ENDS = 0, 3, 6, 9, 12, 13, 14, 15
 #: Kinds of tiles.
 TRIGONOMETRIC, TILE_SPLINE, LATTICE_SPLINE = 0.0, 1.0, 2.0
 #: The continuation of a map counts as far as det J keeps its sign and this part of the size that it

@@ -44,7 +44,7 @@ from ilattice._validate import (
 from ilattice.errors import ConvergenceError, GeometryError, InputError
 from ilattice.offsets import _kernels, _kernels_newton, _kernels_seeds
 from ilattice.offsets._kernels_jets import UPRIGHT
-from ilattice.offsets._kernels_patches import BENT, DISTANCE, MULTIPLIER, PLAIN
+from ilattice.offsets._kernels_patches import BELOW, BENT, DISTANCE, MULTIPLIER, PLAIN
 from ilattice.offsets.covering import FINER, Covering
 from ilattice.offsets.mending import mended, started
 from ilattice.offsets.retrying import Boxes, doubtful, in_order, retried, singly
@@ -207,15 +207,15 @@ class ClosestPointSearch(TileSpace):
 
     def _make_seeds(self, count: IntArray, closed: AnyArray) -> Seeds:
         ranges = [
-            np.arange(0 if c or self.clip else -1, n if c or self.clip else n + 1)
-            for n, c in zip(count, closed, strict=True)
+            np.arange(0 if c or e else -1, n if c or e else n + 1)
+            for n, c, e in zip(count, closed, self.ends, strict=True)
         ]
         tiles = np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1).reshape(-1, 3)
         p, cell = layered(self, *self._tile_seeds(tiles))
-        if self.clip:
-            inside = self.within(p)
+        if self.ends.any():
+            inside = ((p >= self.box[0]) & (p <= self.box[1]))[:, self.ends].all(axis=1)
             p, cell = p[inside], cell[inside]
-        if self.clip or self.creased:
+        if self.ends.any() or self.creased:
             faces, face_cell = self._face_seeds(count, closed)
             p, cell = np.concatenate([p, faces]), np.concatenate([cell, face_cell])
         if len(p) == 0:
@@ -269,12 +269,15 @@ class ClosestPointSearch(TileSpace):
         """Seeds on curves and points in which the surface meets faces and edges, or has creases."""
         out = [np.empty((0, 3))]
         m = 2 * self._least_seeds
-        ends = [a for a in range(3) if self.creased or not closed[a]]
+        ends = [a for a in range(3) if self.creased or self.ends[a]]
         for held in (h for n in (1, 2) for h in combinations(ends, n)):
             axes = [(np.arange(n * m) + 0.5) / m for n in count]
             for a in held:
                 planes = np.arange(count[a] + (0.0 if closed[a] else 1.0))
                 axes[a] = planes if self.creased else planes[[0, -1]]
+                if self.lattice.torn[a]:  # the upper faces of tiles are others than the lower ones
+                    upper = planes[1:-1] if not closed[a] else planes + 1.0
+                    axes[a] = np.concatenate([planes, upper - BELOW])
             p = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
             out.append(self._onto_faces(p, held, m))
             more = self._onto_faces(self._face_crossings(axes, held, m), held, m)
@@ -453,7 +456,7 @@ class ClosestPointSearch(TileSpace):
         status: IntArray, seeds: tuple[FloatArray, ...] | None = None,
     ) -> None:  # fmt: skip
         _kernels.closest(
-            *self.space, *(seeds or self.seeds), x, p, idx, self.box, self.clip,
+            *self.space, *(seeds or self.seeds), x, p, idx, self.box,
             self.orient, TOLERANCE, feet[0], feet[1], counts, status,
         )  # fmt: skip
 

@@ -21,6 +21,7 @@ from ilattice.offsets import _kernels_seeds
 from ilattice.offsets._kernels_jets import (
     CLOSED,
     CREASED,
+    ENDS,
     GEOM,
     LATTICE_SPLINE,
     ORIGIN,
@@ -52,11 +53,10 @@ class TileSpace:
 
     def __init__(self, lattice: Tiling) -> None:
         self.lattice = as_kind("lattice", lattice, "Tiling")
-        self.clip = lattice.boundary == "clip"
         self.space = kernel_space(lattice)
         geom = self.space[GEOM]
         self.lo, self.step = geom[ORIGIN:STEP], geom[STEP:CLOSED]
-        self.creased = bool(geom[CREASED])
+        self.creased, self.ends = bool(geom[CREASED]), geom[ENDS:] != 0.0
         self.orient = float(lattice.through.orientation)
         count, closed = np.array(lattice.repeat), np.array(lattice.through.closed)
         self.box = np.array([np.where(closed, -np.inf, 0.0), np.where(closed, np.inf, count)])
@@ -197,8 +197,7 @@ def kernel_space(lattice: Tiling, *, generic: bool = False) -> tuple[Any, ...]:
         kind, tile = LATTICE_SPLINE, field.spline
     else:
         kind, tile = TILE_SPLINE, field
-    creased = isinstance(field, MixedField) and field.creased
-    last = [spline.weights is not None, kind, creased]
+    last = [spline.weights is not None, kind, lattice.creased, *lattice.ends]
     geom = np.concatenate([lo, step, lattice.through.closed, lattice.repeat, last]).astype(
         np.float64
     )

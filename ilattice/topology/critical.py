@@ -156,11 +156,12 @@ def critical_points(
     Raises
     ------
     InputError
-        For a lattice with ``boundary="clip"``, or a box upside down.
+        For a mid-surface that ends with the domain, or a box upside down.
     """
-    if lattice.boundary == "clip":
+    if lattice.ends.any():
         raise InputError(
-            'critical points need a mid-surface that goes on outside the part: boundary="extend"'
+            "critical points need a mid-surface that goes on outside the part: "
+            'boundary="extend", and tiles whose opposite faces are alike'
         )
     box = lattice.domain if within is None else as_array("within", within)
     if box.shape != (2, 3) or not (box[0] < box[1]).all():

@@ -124,7 +124,7 @@ def wall_topology(
     """Topology of a wall; see `ilattice.lattice.Wall.topology`."""
     report = topology_of(wall_contour(wall, h, progress=progress))
     reach = 0.1 * wall.least_thickness if necks is None else necks
-    if not wall._has_necks or wall.lattice.boundary == "clip" or reach <= 0.0:
+    if not wall._has_necks or wall.lattice.ends.any() or reach <= 0.0:
         return report
     t = wall.thickness
     found = critical_points(wall.lattice, -reach, reach, inner=t.inner, outer=t.outer)

@@ -61,3 +61,52 @@ def test_no_sample_of_a_surface_that_meets_itself_is_nearer(tile, sides):
     near = cKDTree(samples(lattice.smooth_tile) * sides).query(u * sides)[0]
     too_far = np.abs(lattice.closest(u).distance) / near - 1.0
     assert too_far.max() <= 1e-5
+
+
+def _ball(centre, radius):
+    return lambda u: np.linalg.norm((u - centre) * [1.0, 1.2, 0.8], axis=1) - radius
+
+
+def _waves(normal, phase):
+    return lambda u: (
+        (u - 0.5) @ normal + 0.1 * np.sin(7 * u[:, 0] + phase) * np.cos(5 * u[:, 1] - phase)
+    )
+
+
+def _octahedron(_centre, radius):
+    return lambda u: np.abs(u - 0.5).sum(axis=1) - 0.45 - 0.5 * radius
+
+
+@pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
+@pytest.mark.parametrize("boundary", ["extend", "clip"])
+@pytest.mark.parametrize("make", [_ball, _waves, _octahedron])
+def test_no_sample_of_tiles_that_do_not_fit_is_nearer(make, boundary):
+    """Where surfaces of neighbours do not meet, or at an angle; there is no continuation then."""
+    rng = np.random.default_rng([1, len(make.__name__), len(boundary)])
+    repeat, sides = rng.permutation([1, 2, 3]), rng.uniform(0.5, 2.0, 3)
+    tile = il.Tile(make(rng.uniform(0.2, 0.8, 3), rng.uniform(0.3, 0.6)))
+    size = repeat * sides
+    lattice = il.Lattice(
+        tile, through=il.macroshape.box(size), repeat=tuple(repeat.tolist()), boundary=boundary
+    )
+    lower, upper = np.where(lattice.ends, 0, -1), repeat + np.where(lattice.ends, 0, 1)
+    axes = [np.arange(a, b) for a, b in zip(lower, upper, strict=True)]
+    tiles = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 1, 3)
+    surface = (samples(lattice.smooth_tile) + tiles).reshape(-1, 3) * sides
+    u = rng.random((3000, 3))
+    found = lattice.closest(u)
+    assert (found.status < 2).all()
+    near = cKDTree(surface).query(u * size)[0]
+    distance = np.abs(found.distance)
+    assert (distance <= near * (1 + 1e-5) + 1e-7).all()
+    assert (near - distance).max() < 0.02 * sides.max()  # samples are as close as they should be
+
+
+def test_surfaces_of_one_layer_end_with_it():
+    lattice = il.Lattice("pyramidal", through=il.macroshape.box((1, 1.3, 0.8)))
+    assert lattice.ends.tolist() == [False, False, True]
+    assert lattice.fits.tolist() != [True] * 3
+    found = lattice.closest(np.random.default_rng(5).random((4000, 3)))
+    assert (found.status < 2).all()
+    assert (found.u[:, 2] >= 0.0).all()
+    assert (found.u[:, 2] <= 1.0).all()
