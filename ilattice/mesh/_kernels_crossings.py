@@ -1,7 +1,9 @@
 """Compiled search for triangles that pass through each other, over a tree of boxes.
 
 Guarantees: triangles are marked if and only if one of two pierces the other by more than rounding,
-or both lie in one plane and overlap there. The marks do not depend on the number of threads.
+or both lie in one plane and overlap there, or a corner of one is inside the other or an edge of it,
+as where vertices on an edge of the domain have changed places, or tips touch its faces. The marks
+do not depend on the number of threads.
 
 The triangles are sorted along a curve that fills space. Leaf i of the tree holds the `LEAF`
 triangles from ``LEAF * i``, node n has the children ``2 n`` and ``2 n + 1``, the root is 1.
@@ -21,6 +23,8 @@ GRAIN = 4096  # triangles, or leaves where there is less to do
 BITS = 21  # of a coordinate in the order along the curve
 ROUNDING = 4e-15  # error of six volumes, relative to the cube of the size
 COPLANAR = 1e-9  # height of triangles over one plane, relative to their size
+ON_EDGE = 1e-10  # how far corners on an edge are away from it, relative to the size
+TOUCHING = 1e-13  # height of corners that touch a triangle, relative to the size
 DEEPEST = 64
 
 
@@ -154,6 +158,65 @@ def _overlap(x: Any, faces: Any, f: int, g: int, size: float) -> bool:
 
 
 @inner()
+def _aside(faces: Any, f: int, g: int, heights: Any, least: float) -> bool:
+    """Whether g is on one side of f, but for the corners that it shares with it."""
+    low, high = np.inf, -np.inf
+    for j in range(3):
+        v = faces[g, j]
+        if v != faces[f, 0] and v != faces[f, 1] and v != faces[f, 2]:
+            low, high = min(low, heights[j]), max(high, heights[j])
+    return low > least or high < -least
+
+
+@inner()
+def _within(x: Any, faces: Any, f: int, v: int, size: float) -> bool:
+    """Whether the vertex v is inside the triangle f, unless that is a sliver."""
+    a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+    s0, s1, s2 = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
+    t0, t1, t2 = x[c, 0] - x[a, 0], x[c, 1] - x[a, 1], x[c, 2] - x[a, 2]
+    n0, n1, n2 = s1 * t2 - s2 * t1, s2 * t0 - s0 * t2, s0 * t1 - s1 * t0
+    r0, r1, r2 = x[v, 0] - x[a, 0], x[v, 1] - x[a, 1], x[v, 2] - x[a, 2]
+    square = n0 * n0 + n1 * n1 + n2 * n2
+    if square <= (COPLANAR * size * size) ** 2:
+        return False
+    if abs(n0 * r0 + n1 * r1 + n2 * r2) > TOUCHING * size * np.sqrt(square):
+        return False
+    second = n0 * (s1 * r2 - s2 * r1) + n1 * (s2 * r0 - s0 * r2) + n2 * (s0 * r1 - s1 * r0)
+    first = n0 * (r1 * t2 - r2 * t1) + n1 * (r2 * t0 - r0 * t2) + n2 * (r0 * t1 - r1 * t0)
+    least = COPLANAR * square
+    return first > least and second > least and first + second < square - least
+
+
+@inner()
+def _touched(x: Any, faces: Any, f: int, g: int, heights: Any, size: float) -> bool:
+    """Whether a corner of g, of such a height over f, is inside f or an edge of it."""
+    for j in range(3):
+        v = faces[g, j]
+        if (
+            abs(heights[j]) > COPLANAR * size * size * size
+            or v == faces[f, 0]
+            or v == faces[f, 1]
+            or v == faces[f, 2]
+        ):
+            continue
+        if _within(x, faces, f, v, size):
+            return True
+        for i in range(3):
+            p, q = faces[f, i], faces[f, (i + 1) % 3]
+            along, square, area = 0.0, 0.0, 0.0
+            for k in range(3):
+                m = (k + 1) % 3
+                d, e = x[q, k] - x[p, k], x[v, k] - x[p, k]
+                along += d * e
+                square += d * d
+                area += (d * (x[v, m] - x[p, m]) - e * (x[q, m] - x[p, m])) ** 2
+            room = ON_EDGE * size * size
+            if along > room and along < square - room and area <= (ON_EDGE * size) ** 2 * square:
+                return True
+    return False
+
+
+@inner()
 def _cross(x: Any, faces: Any, f: int, g: int, size: float, heights: Any) -> bool:
     """Whether one of two triangles pierces the other, or both overlap in one plane."""
     least = ROUNDING * size * size * size
@@ -161,12 +224,17 @@ def _cross(x: Any, faces: Any, f: int, g: int, size: float, heights: Any) -> boo
     low, high = min(heights[0], heights[1], heights[2]), max(heights[0], heights[1], heights[2])
     if max(high, -low) <= COPLANAR * size * size * size:
         return _overlap(x, faces, f, g, size)
-    if low >= -least or high <= least:
+    if _aside(faces, f, g, heights, COPLANAR * size * size * size):
         return False
-    if _pierced(x, faces, f, g, heights, least):
+    if _touched(x, faces, f, g, heights, size):
+        return True
+    pierces = low < -least and high > least
+    if pierces and _pierced(x, faces, f, g, heights, least):
         return True
     _heights(x, faces, g, f, heights)
-    return _pierced(x, faces, g, f, heights, least)
+    if _touched(x, faces, g, f, heights, size):
+        return True
+    return pierces and _pierced(x, faces, g, f, heights, least)
 
 
 @inner()

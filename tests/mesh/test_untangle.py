@@ -68,6 +68,22 @@ def test_overlaps_in_one_plane_and_touching_neighbours():
     assert found(x, [[0, 1, 2], [0, 3, 4]])[0] == 1  # libigl does not look at these
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_corners_that_touch_triangles_are_found(seed):
+    """Vertices that changed places on an edge of a body, and tips that end on a face."""
+    rng = np.random.default_rng(seed)
+    first, last = np.sort(rng.uniform(0.1, 0.9, 2))
+    base = np.array([[0, 0, 0], [1, 0, 0], [rng.uniform(), 1, 0]])
+    tip = rng.dirichlet([2, 2, 2]) @ base + [[0, 0, 0], rng.uniform(0.1, 1, 3), [0.2, 0.1, 0.9]]
+    along = [[first, 0, 0], [last, 0, 0], [0.5, 0.3, 1.0]]
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0] * 10.0 ** rng.uniform(-6, 6)
+    apart = tip + np.array([0.0, 0.0, 1e-6])
+    for other, pairs in ((tip, 1), (along, 1), (apart, 0)):
+        x = np.concatenate([base, other]) @ turn
+        for faces in ([[0, 1, 2], [3, 4, 5]], [[5, 3, 4], [2, 1, 0]]):
+            assert found(x, faces)[0] == pairs
+
+
 def test_good_and_empty_meshes_have_none():
     assert SurfaceMesh(*sphere(3)).self_intersections == 0
     assert SurfaceMesh(*torus(12, 8)).self_intersections == 0
