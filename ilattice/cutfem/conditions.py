@@ -34,12 +34,15 @@ class Support(Frozen):
         What they are.
     weak : bool
         Nitsche's method.
+    normal : bool
+        Only the part along the normal is prescribed, wherever that points.
     """
 
     on: str | Region
     mask: Any
     value: Value
     weak: bool
+    normal: bool = False
 
 
 @dataclass(frozen=True, eq=False)

@@ -202,8 +202,9 @@ class Elasticity(ElasticOperators):
             is not positive, or which is on the triangles of a mesh (`SurfaceMesh.select` takes
             some of one).
         components : str or sequence of int, optional
-            Such as ``"xz"`` or ``(0, 2)``; ``"n"`` for the normal one of a flat place that is
-            normal to x, y or z, as on planes of symmetry; by default all.
+            Such as ``"xz"`` or ``(0, 2)``; ``"n"`` for the one along the normal, as on planes of
+            symmetry and frictionless guides, flat or curved: exactly where it is one of x, y and z,
+            else by Nitsche's method; by default all.
         value : float, sequence of 3 floats or callable
             The displacement; a callable takes points of space (n, 3), returns vectors (n, 3).
         method : {"auto", "strong", "nitsche"}

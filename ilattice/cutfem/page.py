@@ -160,7 +160,7 @@ def _set_up(problem: Any) -> dict[str, str]:
         out["stiffness"] = "6 x 6, of any symmetry"
     for i, s in enumerate(problem.supports, 1):
         axes = "".join(a for a, held in zip(AXES, s.mask, strict=False) if held)
-        what = axes if problem.m > 1 else "value"
+        what = "along the normal" if s.normal else axes if problem.m > 1 else "value"
         out[f"support {i}"] = (
             f"{s.on}: {what} = {_said(s.value)}, {'weakly' if s.weak else 'exactly'}"
         )

@@ -138,9 +138,22 @@ class Problem:
         weak = method == "nitsche" or place not in NAMES
         self.domain.boundary(place)
         self._warn_rough(place)
+        normal = False
         if isinstance(components, str) and components == "n":
             components = self._normal(place)
-        new = Support(place, as_mask(components, self.m), as_value(name, value, self.m), weak)
+            normal = components is None
+            if normal and method == "strong":
+                raise InputError(
+                    f"components='n': {place} is not flat and normal to x, y or z, and cannot be "
+                    "held exactly; method='nitsche' does it weakly"
+                )
+            if normal and not callable(value) and np.ndim(value) == 0 and value != 0:
+                raise InputError(
+                    f"{name}={value!r:.40}: {place} is not normal to x, y or z; give a vector, of "
+                    "which the part along the normal is prescribed"
+                )
+        value = as_value(name, value, self.m)
+        new = Support(place, as_mask(components, self.m), value, weak or normal, normal)
         return self._with(supports=(*self.supports, new), _held={})
 
     def _sprung(self, on: Any, stiffness: Any, value: Any, name: str, where: Any = None) -> Self:
@@ -187,16 +200,12 @@ class Problem:
                 stacklevel=4,
             )
 
-    def _normal(self, place: str | Region) -> tuple[int]:
-        """The axis that is normal to a flat place."""
+    def _normal(self, place: str | Region) -> tuple[int] | None:
+        """The axis that is normal to a flat place; none where there is no such axis."""
         normals = self.domain.boundary(place).normals
         assert normals is not None
         axis = int(np.argmax(np.abs(normals[0])))
-        if np.abs(np.abs(normals[:, axis]) - 1.0).max() > 1e-9:
-            raise InputError(
-                f"components='n': {place} is not flat and normal to x, y or z; name components"
-            )
-        return (axis,)
+        return None if np.abs(np.abs(normals[:, axis]) - 1.0).max() > 1e-9 else (axis,)
 
     def _scalar_at(self, scalar: Scalar, u: FloatArray, owner: IntArray) -> FloatArray:
         """A property (n,) or (1,) at parameters in active cells, that of the phase of the cell."""
@@ -433,7 +442,12 @@ class Problem:
             mask = np.broadcast_to(s.mask, (len(x), self.m)) if isinstance(s, Support) else (
                 stiffness_at(self.spring_name, s.stiffness, x, self.m) > 0
             )  # fmt: skip
-            at = self._motions((x - centre) / size)[mask]
+            at = self._motions((x - centre) / size)
+            if isinstance(s, Support) and s.normal:
+                assert rule.normals is not None
+                at = np.einsum("qi,qik->qk", rule.normals[inside], at)
+            else:
+                at = at[mask]
             gram += at.T @ at
         return gram
 

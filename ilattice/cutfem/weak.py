@@ -9,7 +9,7 @@ least twice what their tractions can do there.
 Guarantee: consistent, so that the order of the space is kept; symmetric.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -52,6 +52,8 @@ class Terms:
         λ of tractions by a projected change of volume, which is not in `lame` then; else zero.
     mask : ndarray, shape (3,)
         1 in components that are held.
+    normal : bool
+        Whether only parts along the normals are held; `along` is given then.
     along : ndarray, shape (n, 3, 3, 3), or None
         What makes tractions of a solid of any symmetry, see `normal_stiffness`; `lame` is not used
         then.
@@ -63,6 +65,15 @@ class Terms:
     pressure: FloatArray
     mask: FloatArray
     along: FloatArray | None = None
+    normal: bool = False
+
+    def held(self, vectors: FloatArray, rows: slice = slice(None)) -> FloatArray:
+        """The parts that are held of vectors (n, 3, ...) at points."""
+        if not self.normal:
+            return vectors * self.mask.reshape(3, *[1] * (vectors.ndim - 2))
+        n = self.rule.normals[rows]  # type: ignore[index]
+        part = np.einsum("qi,qi...->q...", n, vectors)
+        return n.reshape(*n.shape, *[1] * (vectors.ndim - 2)) * part[:, None]
 
 
 def elastic_terms(problem: "ElasticOperators", support: Spring | Support) -> Terms:
@@ -84,8 +95,8 @@ def elastic_terms(problem: "ElasticOperators", support: Spring | Support) -> Ter
         # of tractions that a strain makes no more than this can be had from its energy
         Q = 2.0 * scale[:, None, None] * np.einsum("qijl,ql->qij", along, n)
         none = np.zeros((len(u), 3))
-        Q *= mask[:, None] * mask
-        return Terms(rule, Q, none[:, :2], none[:, 2], mask, along)
+        out = Terms(rule, Q, none[:, :2], none[:, 2], mask, along, support.normal)
+        return replace(out, Q=out.held(out.held(Q).transpose(0, 2, 1)))
     both = problem._lame(u, asm.owners(rule))
     lame = np.stack([np.broadcast_to(v, len(u)) for v in both], axis=1)
     nn = n[:, :, None] * n[:, None, :] * (mask[:, None] * mask)
@@ -96,7 +107,10 @@ def elastic_terms(problem: "ElasticOperators", support: Spring | Support) -> Ter
         pressure, lame[:, 0] = lame[:, 0].copy(), 0.0
         least = 2.0 * problem.projection.traces(rule, rule.weights * pressure)[rule.owners]
         Q += (np.maximum(least - scale, 0.0) * pressure)[:, None, None] * nn
-    return Terms(rule, Q, lame, pressure, mask)
+    if not support.normal:
+        return Terms(rule, Q, lame, pressure, mask)
+    out = Terms(rule, Q, lame, pressure, mask, isotropic_stiffness(lame, n), normal=True)
+    return replace(out, Q=out.held(out.held(Q).transpose(0, 2, 1)))
 
 
 def add_elastic(data: FloatArray, problem: "ElasticOperators", terms: Terms) -> None:
@@ -110,7 +124,7 @@ def add_elastic(data: FloatArray, problem: "ElasticOperators", terms: Terms) -> 
         u, offsets = rule.parameters[rows], rule.offsets[part.start : part.stop + 1] - rows.start
         if terms.along is not None:
             N, D = functions_at(asm, rule, at[rule.owners[rows] - part.start], rows)
-            T = tractions_of(terms.along[rows], D) * terms.mask[:, None, None]
+            T = terms.held(tractions_of(terms.along[rows], D), rows)
             seam_blocks(offsets, rule.weights[rows], N, T, terms.Q[rows], A)
             asm.add_blocks(data, at, A)
             continue
@@ -121,7 +135,7 @@ def add_elastic(data: FloatArray, problem: "ElasticOperators", terms: Terms) -> 
         )  # fmt: skip
         asm.add_blocks(data, at, A)
     if problem.projection is not None and terms.pressure.any():
-        f = (rule.weights * terms.pressure)[:, None] * terms.mask * rule.normals
+        f = (rule.weights * terms.pressure)[:, None] * terms.held(rule.normals)
         problem.projection.add_tractions(data, rule, f)
 
 
@@ -131,15 +145,14 @@ def elastic_force(problem: "ElasticOperators", terms: Terms, value: Any) -> Floa
     g = values_at("value", value, rule.points, 3)
     if not g.any():
         return np.zeros((len(asm.space), 3))
-    n, held = rule.normals, g * terms.mask
+    n, held = rule.normals, terms.held(g)
     assert n is not None
     if terms.along is not None:
         P = np.einsum("qi,qijl->qjl", held, terms.along)
-        f = np.einsum("q,qij,qj->qi", rule.weights, terms.Q, g)
-        return asm.vector(rule, f, -rule.weights[:, None, None] * P)
-    P = held[:, :, None] * n[:, None, :]
-    P = terms.lame[:, 1, None, None] * (P + P.transpose(0, 2, 1))
-    P += (terms.lame[:, 0] * np.einsum("qi,qi->q", held, n))[:, None, None] * np.eye(3)
+    else:
+        P = held[:, :, None] * n[:, None, :]
+        P = terms.lame[:, 1, None, None] * (P + P.transpose(0, 2, 1))
+        P += (terms.lame[:, 0] * np.einsum("qi,qi->q", held, n))[:, None, None] * np.eye(3)
     w = rule.weights
     f = w[:, None] * np.einsum("qij,qj->qi", terms.Q, g)
     out = asm.vector(rule, f, -w[:, None, None] * P)
@@ -159,7 +172,7 @@ def thermal_force(problem: "ElasticOperators", terms: Terms) -> FloatArray:
             assert rule.normals is not None
             s = problem._thermal_stress(load, rule.parameters, asm.owners(rule))
             t = np.einsum("qij,qj->qi", s[:, PLACES], rule.normals)
-            f += asm.vector(rule, rule.weights[:, None] * terms.mask * t)
+            f += asm.vector(rule, rule.weights[:, None] * terms.held(t))
     return f
 
 
@@ -175,7 +188,7 @@ def elastic_reaction(
         out[rows] = -np.einsum("qij,qj->qi", terms.Q[rows], u - g[rows])
     if terms.mask.any():
         s = solution.stress_on(rule)[:, PLACES]
-        out += terms.mask * np.einsum("qij,qj->qi", s, rule.normals)
+        out += terms.held(np.einsum("qij,qj->qi", s, rule.normals))
     return rule.weights[:, None] * out
 
 
@@ -215,6 +228,15 @@ def normal_stiffness(C: FloatArray, n: FloatArray) -> FloatArray:
     if len(C) == 1:
         return np.einsum("ikjl,qk->qijl", tensor(C[0]), n)
     return np.einsum("qikjl,qk->qijl", tensor(C), n)
+
+
+def isotropic_stiffness(lame: FloatArray, n: FloatArray) -> FloatArray:
+    """The same of isotropic materials with Lamé constants (n, 2): λ and μ."""
+    one = np.eye(3)
+    lam, mu = lame[:, 0, None, None, None], lame[:, 1, None, None, None]
+    out = lam * np.einsum("qi,jl->qijl", n, one)
+    out += mu * (np.einsum("ql,ij->qijl", n, one) + np.einsum("qj,il->qijl", n, one))
+    return out
 
 
 def tractions_of(along: FloatArray, D: FloatArray) -> FloatArray:

@@ -110,7 +110,6 @@ def test_heat_flows_between_regions(bar):
         (lambda p: p.clamp(lambda x: x[:, 0]), InputError, "returns n booleans"),
         (lambda p: p.clamp(lambda _: True), InputError, "returns n booleans"),
         (lambda p: p.clamp("x > 1", where="y > 0"), InputError, "where narrows"),
-        (lambda p: p.clamp("x > 1", components="n"), InputError, "not flat"),
         (lambda p: p.clamp("x > 1", method="strong"), InputError, "only whole end faces.*nitsche"),
         (lambda p: p.load(force=(1, 0, 0)), InputError, "need a place"),
         (lambda p: p.load(force=1.0, on="x > 1"), InputError, "force"),
