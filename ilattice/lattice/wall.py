@@ -108,9 +108,10 @@ class Wall(OffsetSolid):
         Parameters
         ----------
         h : float, optional
-            Length of edges; by default a quarter of the least total thickness. Where it is more
-            than two thirds of that, the mesh is made from the mid-surface, moved to both sides:
-            edges may be longer than the wall is thick by any factor.
+            Length of edges; by default a quarter of the least total thickness, and where vertices
+            are off then, a fifth or a sixth of it. Where it is more than two thirds of that, the
+            mesh is made from the mid-surface, moved to both sides: edges may be longer than the
+            wall is thick by any factor.
         polish : bool
             Move the vertices of the offset surfaces onto the exact offset by closest points.
             Parametric walls have none; theirs are moved onto the first-order one.

@@ -32,7 +32,7 @@ from ilattice._geometry import fixed_coordinates
 from ilattice._memory import need
 from ilattice._progress import Progress
 from ilattice._typing import AnyArray, ArrayLike, FloatArray
-from ilattice.errors import ConvergenceError, GeometryError, PrecisionWarning
+from ilattice.errors import ConvergenceError, GeometryError, InputError, PrecisionWarning
 from ilattice.macroshape.planes import grid_axes
 from ilattice.mesh._own_cells import in_own_cells
 from ilattice.mesh._settling import Classes, cells_of, classified, measure, settled, unsettled
@@ -62,11 +62,17 @@ CORNERS = np.indices((2, 2, 2)).reshape(3, -1).T
 #: Bytes of memory per vertex of a mesh, and per site where the map is sampled.
 PER_VERTEX, PER_SITE = 500, 150
 MOST_PLANES = 10_000_000
+#: Length of edges, relative to the least thickness: by default, and where vertices are off then.
+DEFAULTS = (0.25, 0.2, 0.16)
 #: Longest edges, relative to the least thickness, with which contours show a wall; and the part of
 #: its sides that may be within it where it is meshed from its mid-surface.
 SEEN, MERGED = 1.0 / 1.5, 0.02
 #: Vertices and triangles; kinds and sides of vertices; which of these may be off their side.
 _Made = tuple[Untangled, AnyArray, FloatArray, AnyArray]
+
+
+class TooCoarseError(ConvergenceError):
+    """Vertices that are off for the length of edges; see `wall_mesh`."""
 
 
 def wall_mesh(
@@ -80,8 +86,29 @@ def wall_mesh(
     cut: Any = None,
     allow_loss: bool = False,
 ) -> SurfaceMesh:
-    """Mesh of a wall, less where a field `cut` is positive; see `ilattice.lattice.Wall.mesh`."""
-    job = _Job.of(wall, h, polish, progress, cut)
+    """Mesh of a wall, less where a field `cut` is positive; see `ilattice.lattice.Wall.mesh`.
+
+    Where vertices are off with edges of the default length, shorter ones are tried.
+    """
+    first: TooCoarseError | None = None
+    lengths = [h] if h is not None else [part * wall.least_thickness for part in DEFAULTS]
+    for length in lengths:
+        job = _Job.of(wall, length, polish, progress, cut)
+        try:
+            return _meshed(job, caps, dtype, allow_loss)
+        except TooCoarseError as e:
+            first = first or e
+        except InputError:  # finer grids do not fit the memory
+            if first is None:
+                raise
+            break
+    assert first is not None
+    raise first
+
+
+def _meshed(job: _Job, caps: bool, dtype: Any, allow_loss: bool) -> SurfaceMesh:
+    """Mesh of a wall with edges of one length."""
+    wall, cut = job.wall, job.cut
     _check_size(job.axes)
     sheets = _of_sheets(job, caps)
     new, kind, side, suspect = sheets or _of_contour(job, caps)
@@ -250,7 +277,7 @@ class _Job:
         """What a wall needs for edges of some length, by default as fine as it is thin."""
         least = wall.least_thickness
         if h is None:
-            h = 0.25 * least
+            h = DEFAULTS[0] * least
         options: dict[str, Any] = {"wrap": wall.lattice.through.closed, "progress": progress}
         t = wall.thickness
         distance: Any = SharpDistance(wall.lattice, wall.distance, t) if polish else wall.distance
@@ -353,7 +380,7 @@ def _check(off: AnyArray, crease: AnyArray, *, exactly: bool) -> None:
         "distances have none, or polish=False for a mesh of the spline"
     )
     if exactly and held > max(MOST_HELD * count, FEW):
-        raise ConvergenceError(
+        raise TooCoarseError(
             f"{held} of {count} vertices are off the offset (more than {MOST_HELD:.1%}): there is "
             "none in their cells, as in slits thinner than a part of a cell, or triangles would "
             f"cross; {remedy}"

@@ -8,7 +8,7 @@ import pytest
 from scipy.ndimage import label
 
 import ilattice as il
-from ilattice.errors import PrecisionWarning
+from ilattice.errors import ConvergenceError, PrecisionWarning
 
 NAMES = il.tiles.names()
 MAPS = {
@@ -88,3 +88,19 @@ def test_default_meshes_of_solids_are_whole(name):
 @pytest.mark.parametrize("name", ["c_i2y", "k", "sc_plates"])
 def test_default_meshes_of_walls_are_whole(name):
     assert faults(name, "box" if NAMES.index(name) % 32 > 16 else "shell", 0.12) == []
+
+
+@pytest.mark.filterwarnings("ignore:the mesh with h=:ilattice.errors.PrecisionWarning")
+def test_shorter_edges_are_taken_where_vertices_are_off():
+    through = il.macroshape.load(cb.DATA / "gismo/fichera.xml", 0)
+    wall = il.Lattice("split_p", through=through).offset(0.10908063207556288)
+    length = 0.25 * wall.least_thickness
+    with pytest.raises(ConvergenceError, match="vertices are off"):
+        wall.mesh(length)
+    mesh = wall.mesh()
+    assert mesh.is_watertight
+    assert mesh.self_intersections == 0
+    assert (
+        np.median(np.linalg.norm(np.diff(mesh.vertices[mesh.faces[:, :2]], axis=1), axis=2))
+        < length
+    )
