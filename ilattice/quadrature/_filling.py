@@ -24,7 +24,7 @@ LONG = 2
 #: power degree + 1 of it. Larger boxes are thinned in parts of the first length.
 THINNED = {0.25: 4, 0.125: 3}
 #: Points of a box, or of such a part of it, above which they are thinned in any case, and to which
-#: degree: boxes that are halved along a line where a zero set crosses itself have tens of thousands.
+#: degree: boxes halved along a line where a zero set crosses itself have tens of thousands.
 CROWDED, CAREFUL = 512, 5
 MOST_THINNED = 5  # points per direction up to which they are thinned; who asks for more wants them
 SOFT_FROM = {VOLUME: 5, SURFACE: 2}  # points from which substitution at tangents pays
