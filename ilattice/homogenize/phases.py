@@ -107,9 +107,13 @@ def labelled(
         check_finite("array", a)
         if len(values) > 2 and (a == np.rint(a)).all():
             a = a.astype(np.int64)
-    if a.dtype.kind == "f":
-        return _of_numbers(a, name, values)
-    return _of_labels(a, name, values, void)
+    number = a.dtype.kind == "f"
+    out = _of_numbers(a, name, values) if number else _of_labels(a, name, values, void)
+    if not (out.fractions @ out.mixed(out.values) > 0.0):
+        raise GeometryError(
+            f"array has no solid: {name} is zero in all voxels, of {name}={value!r:.80}"
+        )
+    return out
 
 
 def _of_labels(a: AnyArray, name: str, values: FloatArray, void: float) -> Labelled:

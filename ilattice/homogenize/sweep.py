@@ -72,6 +72,7 @@ NUMBERS = RESULTS[:-1]
 MOST_RUNS = 1_000_000
 #: Part of the cases in which the true numbers are within the intervals of a fit.
 SURE = 0.95
+MARKS = "osD^v<>p*"
 REMEDY = "give a function with a name at the top of a module, or functools.partial of one"
 
 
@@ -141,7 +142,8 @@ class Rows(Frozen, Sequence[FixedMapping[str, Any]]):
             raise InputError(f"quantity must be one of {', '.join(NUMBERS)}, got {name!r:.40}")
         mine = np.ones(len(self), bool)
         if cell is not None:
-            mine = np.array([row["cell"] == cell for row in self.rows])
+            names = cell, _full_name(cell)
+            mine = np.array([row["cell"] in names for row in self.rows])
             if not mine.any():
                 known = dict.fromkeys(row["cell"] for row in self.rows)
                 raise InputError(f"cell: no row has {cell!r:.60}; there are {', '.join(known)}")
@@ -232,9 +234,10 @@ class Rows(Frozen, Sequence[FixedMapping[str, Any]]):
         self._numbers(quantity, None)
         figure = Figure(figsize=(5.2, 4.2), layout="constrained")
         axes = figure.subplots()
-        for name in dict.fromkeys(self["cell"]):
+        for number, name in enumerate(dict.fromkeys(self["cell"])):
             density, y = self._numbers(quantity, name)
-            axes.plot(density, y, "o", ms=4, label=name)
+            mark = MARKS[number % len(MARKS)]  # hollow: cells may be alike
+            axes.plot(density, y, mark, ms=5, mfc="none", label=name)
         if f"{quantity}_most" in NUMBERS:
             density, y = self._numbers(f"{quantity}_most", None)
             order = np.argsort(density)
@@ -452,6 +455,14 @@ def _name_of(one: Any) -> str:
     if not name or "<" in name:
         raise InputError(f"cells: {one!r:.80} has no name that a row could have; {REMEDY}")
     return f"{one.__module__}.{name}" if one.__module__ != "__main__" else name
+
+
+def _full_name(name: str) -> str:
+    """The name of a tile that has several, others as they are."""
+    try:
+        return get(name).name
+    except InputError:
+        return name
 
 
 def _digest(one: Any) -> str:

@@ -23,6 +23,9 @@ LONG = 2
 #: The degree of these by the length of boxes, over that of cells: what they leave falls with the
 #: power degree + 1 of it. Larger boxes are thinned in parts of the first length.
 THINNED = {0.25: 4, 0.125: 3}
+#: Points of a box, or of such a part of it, above which they are thinned in any case, and to which
+#: degree: boxes halved along a line where a zero set crosses itself have tens of thousands.
+CROWDED, CAREFUL = 512, 5
 MOST_THINNED = 5  # points per direction up to which they are thinned; who asks for more wants them
 SOFT_FROM = {VOLUME: 5, SURFACE: 2}  # points from which substitution at tangents pays
 
@@ -67,7 +70,9 @@ class Listing:
     cells : ndarray, shape (n,)
         Cells, increasing.
     part : ndarray, shape (n,), or None
-        Lengths of boxes over those of their cells, where points may be thinned, or infinite.
+        Lengths of boxes over those of their cells, where points may be thinned.
+    small : float
+        Lengths above which boxes keep what they have, unless they are crowded.
     """
 
     rows: IntArray
@@ -76,6 +81,7 @@ class Listing:
     sides: IntArray
     cells: IntArray
     part: FloatArray | None = None
+    small: float = np.inf
 
 
 def gauss(n: int) -> tuple[FloatArray, FloatArray]:
@@ -155,12 +161,13 @@ def thinning(listing: Listing, q: int) -> IntArray:
     if listing.part is None or not 1 < q <= MOST_THINNED:
         return out
     lengths = sorted(THINNED, reverse=True)
-    may = np.isfinite(listing.part)
+    may = listing.part <= listing.small
     for length in lengths:
-        here = may if length == lengths[0] else listing.part <= length
+        here = may if length == lengths[0] else may & (listing.part <= length)
         out[here, 0] = LONG * moments_of(THINNED[length])
         out[here, 1] = THINNED[length]
-    out[may, 2] = np.ceil(listing.part[may] / lengths[0])
+    out[~may, :2] = CROWDED, CAREFUL
+    out[:, 2] = np.ceil(listing.part / lengths[0])
     return out
 
 

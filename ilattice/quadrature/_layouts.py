@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from ilattice.quadrature.grid import Grid
 
 IN, CUT, OUT = -1, 0, 1
-#: Length of pieces of splines, over that of cells, up to which their points may be thinned.
+#: Length of pieces of splines, over that of cells, up to which their points are thinned even where
+#: they are not crowded.
 SMALL = 0.125
 #: Polynomials and tables of boxes that are cut, their row for each box or -1 for full ones, corners
 #: and lengths of boxes in parts of the cell, and their cells.
@@ -125,8 +126,8 @@ class TensorLayout(Layout):
         which = np.where(part, np.cumsum(part) - 1, -1)
         boxes = self._boxes(low, high)
         length = (boxes[:, 3:] / self.grid.boxes(owner)[:, 3:]).max(axis=1) - 1e-9
-        length[length > SMALL] = np.inf  # pieces of smooth fields keep what they have
-        return Listing(low[part], which, boxes, np.full(len(low), -1), owner, length)
+        # larger pieces, of smooth fields, keep what they have
+        return Listing(low[part], which, boxes, np.full(len(low), -1), owner, length, SMALL)
 
     def surface(self) -> Listing:
         """See `Layout.surface`."""

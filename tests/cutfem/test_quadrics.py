@@ -186,6 +186,26 @@ def test_points_in_splines_finer_than_cells_are_thinned(monkeypatch):
     assert np.abs(a - b).max() <= 1e-9 * whole.weights.sum()
 
 
+def test_crowded_pieces_of_splines_are_thinned_in_cells_of_any_size(monkeypatch):
+    """Along diagonals zero sets of pieces cross themselves, and boxes are halved many times."""
+    nodes = [(0.0, 0.0, 0.0), (1.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.5, 0.0, 0.5)]
+    tile = il.tiles.struts(nodes, [(0, 1), (2, 3), (0, 4)], 0.05)
+    wall = il.Lattice(tile, through=il.macroshape.cell(), repeat=1).offset((np.inf, 0.0))
+    grid = il.cutfem.cut(wall, (12, 18, 14))
+    thinned = grid.volume(2)
+    monkeypatch.setattr(_filling, "CROWDED", 10**9)
+    whole = grid.volume(2)
+    assert len(thinned) <= 0.2 * len(whole)
+    assert (thinned.weights > 0.0).all()
+    lower, size = np.split(grid.grid.boxes(thinned.cells), 2, axis=1)
+    p = np.random.default_rng(0).normal(size=3)
+    sums = []
+    for r in (thinned, whole):
+        t = (r.points - lower[r.owners]) / size[r.owners]
+        sums.append(r.integrate_cells((t @ p - 0.2) ** 5))
+    assert np.abs(sums[0] - sums[1]).max() <= 1e-9 * np.prod(size, axis=1).max()
+
+
 def test_who_asks_for_many_points_gets_them(monkeypatch):
     grid = il.cutfem.cut(node_of_beams(5, 4), 2, domain=[[-1.0] * 3, [1.0] * 3], degree=2)
     many = len(grid.volume(6))

@@ -138,6 +138,13 @@ def test_fits_are_least_squares_of_logarithms():
     assert len(made(density, density).plot().axes[0].lines) == 2
 
 
+def test_rows_of_tiles_are_found_by_all_their_names():
+    density = np.array([0.1, 0.2, 0.4])
+    rows = made(density, 0.3 * density**1.7, il.tiles.get("P").name)
+    for name in ("P", "schwarz_p"):
+        assert rows.fit(cell=name).exponent == pytest.approx(1.7)
+
+
 def test_columns_go_to_files(tmp_path):
     with pytest.warns(PrecisionWarning, match="1 of 2 rows have no results"):
         rows = sweep(ball, radius=[0.3, 0.9], cells=4, options={"estimate": False})
