@@ -23,7 +23,9 @@ LONG = 2
 #: The degree of these by the length of boxes, over that of cells: what they leave falls with the
 #: power degree + 1 of it. Larger boxes are thinned in parts of the first length.
 THINNED = {0.25: 4, 0.125: 3}
-MOST_THINNED = 5  # points per direction up to which they are thinned; who asks for more wants them
+#: The same for as many points per direction as degree 3 takes: the squares of its functions have
+#: degree 6 at least, of which shorter parts leave less than 1e-7. Who asks for more wants them all.
+FINELY, MOST_THINNED = {0.125: 5}, 5
 SOFT_FROM = {VOLUME: 5, SURFACE: 2}  # points from which substitution at tangents pays
 
 
@@ -154,12 +156,13 @@ def thinning(listing: Listing, q: int) -> IntArray:
     out = np.zeros((len(listing.boxes), 3), np.int64)
     if listing.part is None or not 1 < q <= MOST_THINNED:
         return out
-    lengths = sorted(THINNED, reverse=True)
+    degrees = FINELY if q == MOST_THINNED else THINNED
+    lengths = sorted(degrees, reverse=True)
     may = np.isfinite(listing.part)
     for length in lengths:
         here = may if length == lengths[0] else listing.part <= length
-        out[here, 0] = LONG * moments_of(THINNED[length])
-        out[here, 1] = THINNED[length]
+        out[here, 0] = LONG * moments_of(degrees[length])
+        out[here, 1] = degrees[length]
     out[may, 2] = np.ceil(listing.part[may] / lengths[0])
     return out
 
