@@ -126,6 +126,8 @@ class Beams(Node):
         """The box of the vertices, in which an analysis takes place unless told otherwise.
 
         Beams that end on its faces are cut through their middle, so that they can be held there.
+        Of those that lie in a face half of the cross-section is outside: for all of it give an
+        analysis a larger ``domain``, but for the face that is held.
         """
         used = self.vertices[self.pairs.ravel()]
         low, high = used.min(axis=0), used.max(axis=0)

@@ -37,7 +37,7 @@ from ilattice.plot import Panels, Scene, animate, show
 from ilattice.plot.animation import film_of
 from ilattice.plot.cards import card
 from ilattice.plot.quick import split
-from ilattice.quadrature.clipping import MOST, clipped, lattice
+from ilattice.quadrature.clipping import MOST, clipped, lattice, smooth
 
 if TYPE_CHECKING:
     import pyvista
@@ -208,7 +208,8 @@ class Result(FrozenCopies):
             level sets. By default the surface if there is a wall, else the solid.
         h : float, optional
             Length of edges: of the surface as in `Wall.mesh`, of the solid before it is cut. By
-            default cells are divided by their degree.
+            default cells are divided by their degree, and further where parts are so thin that
+            the volume of the picture would be off by more than half a per cent.
         scale : float or "auto"
             As in `surface`.
 
@@ -507,14 +508,17 @@ def surface_of(problem: "Problem", h: float | None) -> SurfaceMesh:
 def _solid(problem: "Problem", h: float | None) -> Shape:
     asm, cut = problem.assembly, problem.domain.cut
     n = (asm.space.degree,) * 3
-    if h is not None:
+    if h is None:
+        rule = problem.domain.volume
+        own = rule.integrate_cells()[np.isin(rule.cells, asm.space.cells)].sum()
+        u, cells = smooth(cut.grid, asm.space.homes[0], n, cut.sets, float(own))
+    else:
         middle = asm.space.boxes[:, :3] + 0.5 * asm.space.boxes[:, 3:]
         edges = np.linalg.norm(asm.jacobians(middle), axis=1) * asm.space.boxes[:, 3:]
         least = as_positive("h", h)
         longest = np.minimum(edges.max(axis=0), MOST * least)  # so that more of them are refused
         i, j, k = (max(math.ceil(e / least), 1) for e in longest)
-        n = (i, j, k)
-    u, cells = clipped(cut.grid, asm.space.homes[0], n, cut.sets)
+        u, cells = clipped(cut.grid, asm.space.homes[0], (i, j, k), cut.sets)
     return Shape(u, asm.x(u), cells, TETRAHEDRON, {})
 
 

@@ -1,7 +1,9 @@
 """Conjugate gradients in double precision, for any preconditioner.
 
 Guarantees: the residual at the end is that of the solution, computed afresh, not the one that the
-recursion believes in. Sums are taken in fixed chunks: the same bits for any number of threads.
+recursion believes in. Where rounding keeps it up, which it does by |K| |x| however good x is, the
+steps from there on tell how far x is off in the energy norm (Hestenes and Stiefel, Methods of
+conjugate gradients, 1952). Sums are taken in fixed chunks: the same bits for any number of threads.
 """
 
 from collections.abc import Callable, Iterator
@@ -19,6 +21,12 @@ RESTARTS = 5
 #: The condition of the preconditioned matrix is looked at every so many steps, and taken for
 #: that of a singular matrix above HOPELESS.
 LOOK, HOPELESS = 50, 1e12
+#: Rounding keeps a residual up that is above this part of the one before, though the recursion,
+#: which began from that, ended below the tolerance.
+STALLED = 0.5
+#: What the last steps changed in the energy norm, over the tolerance, at most: rounding leaves an
+#: error of about this size, not just this one.
+SURE = 0.5
 
 
 @dataclass
@@ -37,6 +45,9 @@ class Run:
         Estimate, from below, of the condition number of the preconditioned matrix.
     trouble : str
         Why it stopped early, or nothing.
+    rounded : bool
+        Whether the residual is above the tolerance only because of rounding: the error of x in the
+        energy norm, relative to x, is not.
     """
 
     x: FloatArray
@@ -44,6 +55,7 @@ class Run:
     residual: float = 0.0
     condition: float = 1.0
     trouble: str = ""
+    rounded: bool = False
 
 
 class _Bar:
@@ -84,14 +96,15 @@ def conjugate_gradients(
         if not left:
             break
         r = b[left] - K(x[left]) if turn else b[left]
-        _descend([_Row(runs[i], lengths[i]) for i in left], K, M, r, tol, steps, bar)
+        rows = [_Row(runs[i], lengths[i]) for i in left]
+        _descend(rows, K, M, r, tol, steps, bar)
         r = b[left] - K(x[left])
-        for i, row in zip(left, r, strict=True):
-            runs[i].residual = float(np.sqrt(_dots(row, row)[0]) / lengths[i])
-        left = [
-            i for i in left
-            if not (runs[i].trouble or runs[i].residual <= tol or len(runs[i].history) > steps)
-        ]  # fmt: skip
+        for i, row, new in zip(left, rows, r, strict=True):
+            before, run = runs[i].residual, runs[i]
+            run.residual = float(np.sqrt(_dots(new, new)[0]) / lengths[i])
+            if run.residual > max(tol, STALLED * before) and run.history[-1] <= tol:
+                run.rounded = row.gain <= (SURE * tol) ** 2 * _dots(x[i], b[i])[0]
+        left = [i for i in left if not _is_done(runs[i], tol, steps)]
     for i in left:
         runs[i].trouble = (
             "rounding leaves no more digits, as where stiffnesses are many powers of ten apart; "
@@ -100,13 +113,23 @@ def conjugate_gradients(
     return runs
 
 
+def _is_done(run: Run, tol: float, steps: int) -> bool:
+    """Whether there is nothing more to do, or to hope for."""
+    return bool(run.trouble) or run.residual <= tol or run.rounded or len(run.history) > steps
+
+
 @dataclass
 class _Row:
-    """One right-hand side on its way: its length, and the coefficients of its steps."""
+    """One right-hand side on its way: its length, and the coefficients of its steps.
+
+    `gain` is the square of the energy norm of what they have changed, which that of the error was
+    before, but for what is left of it.
+    """
 
     run: Run
     length: float
     rz: float = 0.0
+    gain: float = 0.0
     alphas: list[float] = field(default_factory=list)
     betas: list[float] = field(default_factory=list)
 
@@ -117,6 +140,7 @@ class _Row:
             self.run.trouble = "the matrix or its preconditioner is not positive definite"
             return False
         alpha = self.rz / pq
+        self.gain += alpha * self.rz
         kb.combine(alpha, p, 1.0, self.run.x)
         kb.combine(-alpha, q, 1.0, r)
         self.run.history.append(float(np.sqrt(_dots(r, r)[0]) / self.length))

@@ -23,10 +23,12 @@ LONG = 2
 #: The degree of these by the length of boxes, over that of cells: what they leave falls with the
 #: power degree + 1 of it. Larger boxes are thinned in parts of the first length.
 THINNED = {0.25: 4, 0.125: 3}
+#: The same for as many points per direction as degree 3 takes: the squares of its functions have
+#: degree 6 at least, of which shorter parts leave less than 1e-7. Who asks for more wants them all.
+FINELY, MOST_THINNED = {0.125: 5}, 5
 #: Points of a box, or of such a part of it, above which they are thinned in any case, and to which
 #: degree: boxes halved along a line where a zero set crosses itself have tens of thousands.
 CROWDED, CAREFUL = 512, 5
-MOST_THINNED = 5  # points per direction up to which they are thinned; who asks for more wants them
 SOFT_FROM = {VOLUME: 5, SURFACE: 2}  # points from which substitution at tangents pays
 
 
@@ -160,12 +162,13 @@ def thinning(listing: Listing, q: int) -> IntArray:
     out = np.zeros((len(listing.boxes), 3), np.int64)
     if listing.part is None or not 1 < q <= MOST_THINNED:
         return out
-    lengths = sorted(THINNED, reverse=True)
+    degrees = FINELY if q == MOST_THINNED else THINNED
+    lengths = sorted(degrees, reverse=True)
     may = listing.part <= listing.small
     for length in lengths:
         here = may if length == lengths[0] else may & (listing.part <= length)
-        out[here, 0] = LONG * moments_of(THINNED[length])
-        out[here, 1] = THINNED[length]
+        out[here, 0] = LONG * moments_of(degrees[length])
+        out[here, 1] = degrees[length]
     out[~may, :2] = CROWDED, CAREFUL
     out[:, 2] = np.ceil(listing.part / lengths[0])
     return out

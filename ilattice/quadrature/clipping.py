@@ -23,6 +23,10 @@ from ilattice.quadrature.grid import Grid
 #: Number of tetrahedra, before clipping, above which a picture is refused.
 MOST = 50_000_000
 PER_PIECE = 400  # bytes of memory per tetrahedron
+#: Part of a volume by which pictures may be off before boxes are halved, unless there would be more
+#: than ENOUGH tetrahedra before clipping: chords across beams that are about as thick as boxes look
+#: like pits.
+DENTED, ENOUGH = 0.005, 1_500_000
 STEPS = 8  # of the search for zeros on edges
 FLAT = 1e-9  # volumes below this, in units of a tetrahedron, are left out
 #: Steps along the axes from the first corner of a box to those of its tetrahedra.
@@ -80,6 +84,44 @@ def clipped(
     box = np.prod([np.diff(x).min() / n for x, n in zip(grid.axes, pieces, strict=True)])
     used, cells = np.unique(cells[np.abs(volume) > FLAT * box], return_inverse=True)
     return u[used], cells.reshape(-1, 4)
+
+
+def smooth(
+    grid: Grid, places: IntArray, pieces: tuple[int, int, int],
+    sets: Callable[[FloatArray], FloatArray], volume: float,
+) -> tuple[FloatArray, IntArray]:  # fmt: skip
+    """`clipped`, with boxes halved until the volume is nearly right.
+
+    Parameters
+    ----------
+    grid, places, pieces, sets : Grid, ndarray, tuple, callable
+        As for `clipped`.
+    volume : float
+        That of the solid in these cells, in parameters.
+
+    Returns
+    -------
+    tuple of ndarray
+        As of `clipped`; with as few boxes as asked for where more do not help, or are too many.
+    """
+    u, cells = clipped(grid, places, pieces, sets)
+    off = _off(u, cells, volume)
+    while off > DENTED:
+        i, j, k = pieces = (2 * pieces[0], 2 * pieces[1], 2 * pieces[2])
+        if len(PATHS) * len(places) * i * j * k > ENOUGH:
+            break
+        finer = clipped(grid, places, pieces, sets)
+        before, off = off, _off(*finer, volume)
+        if off > 0.9 * before:
+            break
+        u, cells = finer
+    return u, cells
+
+
+def _off(u: FloatArray, cells: IntArray, volume: float) -> float:
+    """Relative error of the volume of tetrahedra."""
+    edges = u[cells[:, 1:]] - u[cells[:, :1]]
+    return abs(float(np.abs(np.linalg.det(edges)).sum()) / 6.0 / volume - 1.0)
 
 
 def lattice(

@@ -117,7 +117,8 @@ def test_fields_are_those_of_the_splines_on_a_stretched_solid(ball):
         u = np.array(grid.points) - scale * np.array(grid["displacement"])
         np.testing.assert_allclose(grid["displacement"], ball.evaluate(u), atol=1e-9)
         np.testing.assert_allclose(grid["von_mises"], ball.von_mises(u), rtol=1e-6)
-    assert ball.to_pyvista("solid", h=0.1).n_points > 2 * ball.to_pyvista("solid").n_points
+    fine, coarse = (ball.to_pyvista("solid", h=h).n_points for h in (0.1, 0.2))
+    assert fine > 2 * coarse
 
 
 def test_pictures_move_by_a_tenth_of_the_size(ball):
@@ -235,3 +236,17 @@ def test_bad_output_is_refused(tmp_path, ball):
         with pytest.raises(kind, match=match):
             call()
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.filterwarnings("ignore:the cells are too coarse")
+@pytest.mark.parametrize("degree", [1, 2])
+def test_beams_as_thick_as_cells_are_drawn_without_pits(degree):
+    rng = np.random.default_rng(5)
+    x = np.array([[0, 0, 0], [1, 0.1, 0.05], [0.4, 0.9, 0.1], [0.45, 0.3, 0.8]])
+    x[1:] += rng.uniform(-0.05, 0.05, (3, 3))
+    beams = il.cost.Beams(
+        x, [[0, 1], [0, 2], [1, 2], [0, 3], [1, 3], [2, 3]], np.full((6, 2), 0.06)
+    )
+    problem = Elasticity(beams, (8, 7, 9), degree=degree)
+    drawn = problem.clamp("w=0").load(gravity=(0, 0, -1)).solve().to_pyvista(scale=0.0)
+    assert drawn.volume == pytest.approx(problem.domain.volume.integrate(), rel=0.01)

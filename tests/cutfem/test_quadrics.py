@@ -213,19 +213,26 @@ def test_who_asks_for_many_points_gets_them(monkeypatch):
     assert many == len(grid.volume(6))
 
 
+THREES = ((3, 1e-9), (4, 1e-4), (5, 1e-3))  # what analyses of degree 1 and 2 need
+SIXES = ((5, 1e-9), (6, 1e-7), (7, 1e-6))  # and of degree 3
+
+
 @pytest.mark.filterwarnings("ignore:the volume of the field")  # of cells this large
-def test_thin_beams_in_large_cells_take_few_points_that_keep_the_moments(monkeypatch):
+@pytest.mark.parametrize(("q", "moments", "part"), [(4, THREES, 0.1), (5, SIXES, 0.25)])
+def test_thin_beams_in_large_cells_take_few_points_that_keep_the_moments(
+    q, moments, part, monkeypatch
+):
     """Their boxes are as large as cells, and are thinned in parts."""
     rng = np.random.default_rng(11)
     beams = il.cost.Beams(rng.uniform(-0.9, 0.9, (2, 3)), [[0, 1]], [[0.12, 0.1]])
     grid = il.cutfem.cut(beams, 2, domain=[[-1.0] * 3, [1.0] * 3])
-    thinned = grid.volume(4)
+    thinned = grid.volume(q)
     monkeypatch.setattr(_filling, "LONG", 10**9)
-    whole = grid.volume(4)
-    assert len(thinned) <= 0.1 * len(whole)
+    whole = grid.volume(q)
+    assert len(thinned) <= part * len(whole)
     assert (thinned.weights > 0.0).all()
     low, size = grid.grid.boxes(thinned.cells)[0, :3], grid.grid.boxes(thinned.cells)[0, 3:]
-    for total, most in ((3, 1e-9), (4, 1e-4), (5, 1e-3)):
+    for total, most in moments:
         for e in np.ndindex(*[total + 1] * 3):
             if sum(e) == total:
                 a, b = (

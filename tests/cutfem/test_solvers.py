@@ -10,7 +10,7 @@ import warnings
 import numba
 import numpy as np
 import pytest
-from scipy.sparse import bsr_array, csr_array, eye_array
+from scipy.sparse import bsr_array, csr_array, diags_array, eye_array
 from scipy.sparse.linalg import splu, spsolve
 
 import ilattice as il
@@ -265,6 +265,31 @@ def test_a_factor_takes_over_where_multigrid_does_not_converge(struts, monkeypat
     for method, steps in (("multigrid", 200), ("auto", solvers.MANY - 1)):
         with pytest.raises(ConvergenceError, match="multigrid stopped"):
             Solver(K, method=method).solve(b, max_iterations=steps)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_slender_bodies_are_solved_as_far_as_rounding_lets(seed):
+    rng = np.random.default_rng(seed)
+    n, tol = int(rng.integers(95, 110)), 2e-9
+    ones = np.ones(n)
+    D = csr_array(diags_array([ones, -2 * ones, ones], offsets=[0, -1, -2], shape=(n, n)))
+    w = 2.0 ** rng.integers(0, 3, n)  # bending stiffness of a cantilever; entries of K are exact
+    K = csr_array(D.T @ diags_array(w) @ D)
+    f = np.abs(rng.standard_normal(n))
+    moment = np.cumsum(np.cumsum(f[::-1].astype(np.longdouble)))[::-1]
+    exact = np.cumsum(np.cumsum(moment / w))
+    rounded = np.linalg.norm(f - K @ exact.astype(float))
+    assert rounded > tol * np.linalg.norm(f)  # no solution in double precision is better
+    solver = Solver(K)
+    x, report = solver.solve(f, tol=tol)
+    left = np.linalg.norm(f - solver.multiply(x)) / np.linalg.norm(f)
+    assert report.rounded
+    assert report.residual == pytest.approx(left, rel=1e-6)
+    assert left > tol
+    off = (D @ (x - exact)).astype(float)
+    assert off @ (w * off) <= tol**2 * float(exact @ f)
+    with pytest.raises(ConvergenceError, match="rounding leaves no more digits"):
+        Solver(K).solve(f, tol=1e-12)
 
 
 def test_too_few_iterations_are_an_error_with_a_place(struts):
