@@ -13,6 +13,7 @@ normals and areas in the bending term are left out (they are of higher order in 
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -76,18 +77,23 @@ class Rim:
             Equal, up to their sign, for equal labels.
         """
         n = np.einsum("vij,vj->vi", self.projectors, vertex_normals(v, faces))
-        _, first, rows = np.unique(self.labels, return_index=True, return_inverse=True)
+        first, rows = self._rows
         sign = np.where(np.einsum("vc,vc->v", n, n[first][rows]) < 0.0, -1.0, 1.0)
-        sums = np.zeros((len(first), 3))
-        np.add.at(sums, rows, sign[:, None] * n)
+        sums = np.stack([np.bincount(rows, c) for c in (sign[:, None] * n).T], axis=1)
         return unit_rows(sums)[rows]
 
-    @property
+    @cached_property
     def sums(self) -> Any:
         """Sparse (n, V) array that adds up what has one label."""
-        _, rows = np.unique(self.labels, return_inverse=True)
+        rows = self._rows[1]
         at = (rows, np.arange(len(rows)))
         return sparse.coo_array((np.ones(len(rows)), at)).tocsr()
+
+    @cached_property
+    def _rows(self) -> tuple[IntArray, IntArray]:
+        """First vertex of every label, and the number of the label of every vertex."""
+        _, first, rows = np.unique(self.labels, return_index=True, return_inverse=True)
+        return first, rows
 
 
 def clamped(

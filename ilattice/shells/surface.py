@@ -19,18 +19,22 @@ from ilattice.errors import GeometryError, InputError
 from ilattice.mesh import SurfaceMesh
 from ilattice.minimal.clamped import Rim, clamped
 from ilattice.minimal.completion import PeriodicSurface, completed
-from ilattice.minimal.disc import area_vectors, vertex_areas
+from ilattice.minimal.disc import area_vectors, unit_rows, vertex_areas
 from ilattice.minimal.symmetry import Group
+from ilattice.minimal.tile import normal_sums
 from ilattice.shells.boundary import Boundary
-from ilattice.shells.octant import Triangles, harmonic, least_gradient, zero_set
+from ilattice.shells.octant import Triangles, graded, harmonic, least_gradient, zero_set
 from ilattice.shells.topologies import FACES
 
 METHODS = ("harmonic", "currents")
 #: Cells per edge of the octant, and length over which mean curvatures die out, in cells.
-N, LAYER = 24, 0.02
+N, LAYER = 24, 0.01
 LEAST_N, MOST_N = 8, 96
 #: The harmonic function is found on a grid at least so fine.
 _FINE = 48
+#: Edges of triangles times n, in cells; parts of the layer that edges at the boundary may have, and
+#: most rounds of division.
+EDGE, _RESOLVED, _MOST_ROUNDS = 0.65, 0.5, 4
 _SCALE = 0.25  # from the octant [-1, 1]³ to the cell
 
 
@@ -76,6 +80,20 @@ class OctantSurface(Frozen):
     def mesh(self) -> SurfaceMesh:
         """The triangles."""
         return SurfaceMesh._adopt(np.array(self.vertices), np.array(self.faces))
+
+    @cached_property
+    def normals(self) -> FloatArray:
+        """Unit normals (V, 3) of the surface with its images, to the side of positive colour."""
+        sums = normal_sums(self.vertices, self.faces)
+        turned = np.ones(len(sums))
+        for axis, letter in enumerate(self.symmetry):
+            if letter == "r":
+                sums[self.on[:, axis] != 0, axis] = 0.0
+            else:
+                turned[self.on[:, axis] == 1] *= self.signs[axis]
+        labels = _labels(self.vertices, self.on, self.symmetry)
+        total = np.stack([np.bincount(labels, turned * c) for c in sums.T], axis=1)
+        return read_only(turned[:, None] * unit_rows(total)[labels])
 
     @property
     def area(self) -> float:
@@ -234,12 +252,13 @@ def surface(
     start = zero_set(harmonic(curves, step * n), curves, n, glued)
     if method == "currents":
         start = _least(curves, n, glued, start)
+    start = graded(start, curves, glued, _rounds(n, layer))
     v, on = start.vertices, start.on
     projectors = np.tile(np.eye(3), (len(v), 1, 1))
     for axis, letter in enumerate(symmetry):
         if letter == "r":
             projectors[on[:, axis] != 0, axis, axis] = 0.0
-    rim = Rim(on.any(axis=1), projectors, _labels(start, glued))
+    rim = Rim(on.any(axis=1), projectors, _labels(v, on, symmetry))
     name = curves.topology.paper or curves.topology.name
     what = f"the shell {name}_{symmetry}"
     solved, h = clamped(v, start.faces, rim, layer / _SCALE, what=what)
@@ -248,6 +267,13 @@ def surface(
         curves, symmetry, read_only(x), read_only(start.faces), read_only(on),
         read_only(np.abs(h) / _SCALE), solved.residual, solved.factorizations,
     )  # fmt: skip
+
+
+def _rounds(n: int, layer: float) -> int:
+    """How often triangles at the boundary are divided, so that they resolve a layer."""
+    if layer == 0.0:
+        return 0
+    return int(np.clip(np.ceil(np.log2(EDGE / n / (_RESOLVED * layer))), 0, _MOST_ROUNDS))
 
 
 def check_translations(curves: Boundary, symmetry: str) -> None:
@@ -297,11 +323,15 @@ def _least(curves: Boundary, n: int, glued: tuple[bool, ...], start: Triangles) 
     return found
 
 
-def _labels(t: Triangles, glued: tuple[bool, ...]) -> IntArray:
+def _labels(v: FloatArray, on: IntArray, symmetry: str) -> IntArray:
     """Equal numbers for vertices that are one when octants are shifted."""
-    v = t.vertices.copy()
-    for axis in np.flatnonzero(glued):
-        v[t.on[:, axis] == 1, axis] = -1.0
-    _, labels = np.unique(np.round(v, 9), axis=0, return_inverse=True)
-    out: IntArray = labels.ravel().astype(np.int64)
-    return out
+    labels = np.arange(len(v))
+    low, high = v.min(axis=0), v.max(axis=0)
+    shifted = np.array([letter == "t" for letter in symmetry])
+    rows = np.flatnonzero((on[:, shifted] != 0).any(axis=1))
+    q = v[rows] - np.where((on[rows] == 1) & shifted, high - low, 0.0)
+    _, first, back = np.unique(
+        np.round(q / (high - low), 9), axis=0, return_index=True, return_inverse=True
+    )
+    labels[rows] = rows[first][back.ravel()]
+    return labels
