@@ -97,7 +97,7 @@ class Rim:
 
 
 def clamped(
-    v: FloatArray, faces: IntArray, rim: Rim, layer: float, *, what: str
+    v: FloatArray, faces: IntArray, rim: Rim, layer: float, *, what: str, near: bool = False
 ) -> tuple[Solved, FloatArray]:
     """Surface near a given one that is stationary, and smooth across its boundary.
 
@@ -113,6 +113,8 @@ def clamped(
         Length over which mean curvatures die out; 0 for a surface of least area, with creases.
     what : str
         Name of the surface, for messages.
+    near : bool
+        Whether the given one is that of coarser triangles: it is not made fair first.
 
     Returns
     -------
@@ -128,9 +130,10 @@ def clamped(
     """
     problem = _Problem(v, faces, rim, layer)
     inside = Motion(np.where(rim.fixed[:, None, None], 0.0, np.eye(3)))
-    for _ in range(_FAIR_STEPS):
+    steps = 0 if near else _FAIR_STEPS
+    for _ in range(steps):
         problem.take(fair_step(problem.v, inside, cotangents(problem.v, faces)))
-    start, count = problem.v, _FAIR_STEPS + problem.solve()
+    start, count = problem.v, steps + problem.solve()
     if not problem.residual <= TOLERANCE and 0.0 < layer < _STIFF * problem.size:
         stiff = _Problem(start, faces, rim, _STIFF * problem.size)
         count += stiff.solve()

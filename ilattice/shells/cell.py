@@ -34,7 +34,7 @@ from ilattice.minimal.tile import (
     zero_set_error,
 )
 from ilattice.shells.boundary import boundary
-from ilattice.shells.surface import EDGE, LAYER, N, OctantSurface, surface
+from ilattice.shells.surface import EDGE, N, OctantSurface, surface
 from ilattice.shells.topologies import Topology, parsed
 from ilattice.tiles import Tile
 
@@ -184,7 +184,7 @@ def periodic_spline(values: FloatArray) -> BSpline:
 
 def cell(
     name: str | Topology, *, position: ArrayLike = 0.0, derivative: ArrayLike = 1.5, n: int = N,
-    method: str = "harmonic", layer: float = LAYER, spans: int | None = None,
+    method: str = "harmonic", layer: float | None = None, spans: int | None = None,
     bubbles: bool = False,
 ) -> Shell:  # fmt: skip
     """Unit cell of a shell over a boundary.
@@ -237,7 +237,7 @@ def cell(
             "ask for bubbles=True"
         )
     if count is None:
-        count = spans_for(min(EDGE / n, 2.0 * layer or 1.0))
+        count = spans_for(min(EDGE / n, 2.0 * octant.layer or 1.0))
     given = FixedMapping({"position": _plain(position), "derivative": _plain(derivative)})
     return Shell(octant, given, count + count % 2)
 

@@ -6,7 +6,8 @@ from the boundary only (see `ilattice.minimal.clamped`), by how much is reported
 least one.
 """
 
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,7 +16,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import Frozen, as_choice, as_not_negative, as_whole, read_only
-from ilattice.errors import GeometryError, InputError
+from ilattice.errors import ConvergenceError, GeometryError, InputError
 from ilattice.mesh import SurfaceMesh
 from ilattice.minimal.clamped import Rim, clamped
 from ilattice.minimal.completion import PeriodicSurface, completed
@@ -27,8 +28,9 @@ from ilattice.shells.octant import Triangles, graded, harmonic, least_gradient, 
 from ilattice.shells.topologies import FACES
 
 METHODS = ("harmonic", "currents")
-#: Cells per edge of the octant, and length over which mean curvatures die out, in cells.
-N, LAYER = 24, 0.01
+#: Cells per edge of the octant, and lengths over which mean curvatures die out, in cells, in the
+#: order in which they are tried.
+N, LAYERS = 24, (0.01, 0.02, 0.04)
 LEAST_N, MOST_N = 8, 96
 #: The harmonic function is found on a grid at least so fine.
 _FINE = 48
@@ -60,6 +62,8 @@ class OctantSurface(Frozen):
         Largest force per area, times the size.
     factorizations : int
         Sparse factorizations.
+    layer : float
+        Length over which mean curvatures die out, in cells.
     """
 
     boundary: Boundary
@@ -70,6 +74,7 @@ class OctantSurface(Frozen):
     mean_curvature: FloatArray
     residual: float
     factorizations: int
+    layer: float
 
     def __repr__(self) -> str:
         """Short form."""
@@ -205,7 +210,7 @@ class OctantSurface(Frozen):
 
 def surface(
     curves: Boundary, symmetry: str = "rrr", *, n: int = N, method: str = "harmonic",
-    layer: float = LAYER,
+    layer: float | None = None,
 ) -> OctantSurface:  # fmt: skip
     """Surface over a boundary, smooth where octants meet.
 
@@ -221,9 +226,10 @@ def surface(
     method : {"harmonic", "currents"}
         Where the search starts: at the zero set of the harmonic function, or at the surface of
         least area of all.
-    layer : float
+    layer : float, optional
         Length, in cells, over which mean curvatures die out that a smooth transition needs; 0 for
-        surfaces of least area with creases where octants meet.
+        surfaces of least area with creases where octants meet. By default 0.01, or where that
+        surface tears, 0.02 or 0.04: see `OctantSurface.layer`.
 
     Returns
     -------
@@ -245,14 +251,40 @@ def surface(
         raise InputError(f"symmetry must be r or t for each axis, as 'rrt', got {symmetry!r:.40}")
     n = as_whole("n", n, LEAST_N, MOST_N)
     as_choice("method", method, METHODS)
-    layer = as_not_negative("layer", layer)
+    layers = LAYERS if layer is None else (as_not_negative("layer", layer),)
     glued = tuple(letter == "t" for letter in symmetry)
     check_translations(curves, symmetry)
     step = max(1, -(-_FINE // n))
     start = zero_set(harmonic(curves, step * n), curves, n, glued)
     if method == "currents":
         start = _least(curves, n, glued, start)
-    start = graded(start, curves, glued, _rounds(n, layer))
+    for one in layers[:-1]:
+        with suppress(ConvergenceError):
+            return _refined(start, curves, symmetry, one, _rounds(n, one))
+    return _refined(start, curves, symmetry, layers[-1], _rounds(n, layers[-1]))
+
+
+def _refined(
+    start: Triangles, curves: Boundary, symmetry: str, layer: float, rounds: int
+) -> OctantSurface:
+    """The stationary surface near triangles, with smaller ones at the boundary in the end."""
+    count, near = 0, False
+    if rounds:
+        with suppress(ConvergenceError):  # smaller triangles may not need it
+            coarse = _solved(start, curves, symmetry, layer)
+            count, near = coarse.factorizations, True
+            v = (coarse.vertices - 0.5) / _SCALE - 1.0
+            v[start.on != 0] = start.vertices[start.on != 0]
+            start = Triangles(v, start.faces, start.on)
+    glued = tuple(letter == "t" for letter in symmetry)
+    found = _solved(graded(start, curves, glued, rounds), curves, symmetry, layer, near)
+    return replace(found, factorizations=count + found.factorizations)
+
+
+def _solved(
+    start: Triangles, curves: Boundary, symmetry: str, layer: float, near: bool = False
+) -> OctantSurface:
+    """The stationary surface near triangles."""
     v, on = start.vertices, start.on
     projectors = np.tile(np.eye(3), (len(v), 1, 1))
     for axis, letter in enumerate(symmetry):
@@ -261,11 +293,11 @@ def surface(
     rim = Rim(on.any(axis=1), projectors, _labels(v, on, symmetry))
     name = curves.topology.paper or curves.topology.name
     what = f"the shell {name}_{symmetry}"
-    solved, h = clamped(v, start.faces, rim, layer / _SCALE, what=what)
+    solved, h = clamped(v, start.faces, rim, layer / _SCALE, what=what, near=near)
     x = 0.5 + _SCALE * (solved.vertices + 1.0)
     return OctantSurface(
         curves, symmetry, read_only(x), read_only(start.faces), read_only(on),
-        read_only(np.abs(h) / _SCALE), solved.residual, solved.factorizations,
+        read_only(np.abs(h) / _SCALE), solved.residual, solved.factorizations, layer,
     )  # fmt: skip
 
 
