@@ -59,7 +59,9 @@ def _terms(x: np.ndarray) -> np.ndarray:
     return (p[:, :, None] * q[:, None, :]).reshape(len(x), 9)
 
 
-def chosen(options: Menu, repeat: tuple[int, int, int], density: float, rounds: int) -> np.ndarray:
+def chosen(
+    options: Menu, repeat: tuple[int, int, int], density: float, rounds: int, halved: bool
+) -> np.ndarray:
     """The option of each cell, for the least compliance at a mean density."""
     cells = np.indices(repeat).reshape(3, -1).T
     inside = 0.5 + 0.2887 * (2.0 * np.indices((2, 2, 2)).reshape(3, -1).T - 1.0)  # Gauss points
@@ -74,7 +76,8 @@ def chosen(options: Menu, repeat: tuple[int, int, int], density: float, rounds: 
             il.cutfem.Elasticity(
                 lambda u: -np.ones(len(u)), repeat, stiffness=place, degree=2,
                 domain=[(0, 0, 0), repeat],
-            )
+            ),
+            halved,
         )  # fmt: skip
         stress = solution.stress(points.reshape(-1, 3)).reshape(len(cells), 8, 6)
         moments = np.einsum("cgi,cgj->cij", stress, stress) / 8.0
@@ -94,9 +97,22 @@ def smooth(values: np.ndarray) -> il.BSpline:
     return il.BSpline([uniform_knots(n - 2, 2) for n in c.shape], c, 2)
 
 
-def loaded(problem: il.cutfem.Elasticity) -> il.cutfem.Solution:
-    """Held at one end, with a force of 1 on the other."""
-    return problem.clamp("u=0").load(force=(0.0, -1.0, 0.0), on="u=1").solve(tol=1e-6)
+def loaded(problem: il.cutfem.Elasticity, halved: bool) -> il.cutfem.Solution:
+    """Held at one end, with a force of 1 on the other; of a half of the beam, the lower one in z."""
+    if halved:
+        problem = problem.clamp("w=1", components="n")
+    force = (0.0, -0.5 if halved else -1.0, 0.0)
+    return problem.clamp("u=0").load(force=force, on="u=1").solve(tol=1e-6)
+
+
+def built(
+    family: "il.shells.Family", options: Menu, pick: np.ndarray, repeat: tuple[int, int, int]
+) -> il.Wall:
+    """The wall of the chosen cells."""
+    graded = family.graded(options.positions[pick].reshape(repeat))
+    beam = il.macroshape.box(repeat)
+    lattice = il.Lattice(graded, through=beam, repeat=repeat, spans_per_tile=8)
+    return lattice.offset(smooth(options.thickness[pick].reshape(repeat)))
 
 
 def main(
@@ -105,27 +121,30 @@ def main(
 ) -> dict[str, float]:  # fmt: skip
     """Design, build and analyse; write ``OUT.stl`` and ``OUT.png`` if `out` is given."""
     family = il.shells.family("topo_1_rrr", outer=(0.2, 1.5), n=n, layer=0.03, spans=28)
-    beam = il.macroshape.box(repeat)
+    halved = repeat[2] % 2 == 0  # cells are symmetric: z is a plane of symmetry between them
+    part = (*repeat[:2], repeat[2] // 2) if halved else repeat
+    size = float(np.prod(part))
     with warnings.catch_warnings():  # both beams are cut with as many cells per tile
         warnings.simplefilter("ignore", il.errors.PrecisionWarning)
         options = menu(family, cells)
-        pick = chosen(options, repeat, density, rounds)
-        graded = family.graded(options.positions[pick].reshape(repeat))
-        lattice = il.Lattice(graded, through=beam, repeat=repeat, spans_per_tile=10)
-        wall = lattice.offset(smooth(options.thickness[pick].reshape(repeat)))
+        pick = chosen(options, part, density, rounds, halved)
+        wall = built(family, options, pick, part)
         volume = wall.volume()
-        equal = il.Lattice(family(0.0), through=beam, repeat=repeat, spans_per_tile=10).offset(
-            relative_density=volume / float(np.prod(repeat))
-        )
-        grid = tuple(per_tile * k for k in repeat)
-        works = [loaded(il.cutfem.Elasticity(w, grid)).compliance for w in (wall, equal)]
+        equal = il.Lattice(
+            family(0.0), through=il.macroshape.box(part), repeat=part, spans_per_tile=8
+        ).offset(relative_density=volume / size)
+        grid = tuple(per_tile * k for k in part)
+        works = [loaded(il.cutfem.Elasticity(w, grid), halved).compliance for w in (wall, equal)]
+        if halved:
+            both = np.concatenate([pick.reshape(part), pick.reshape(part)[:, :, ::-1]], axis=2)
+            wall = built(family, options, both.ravel(), repeat)
         mesh = wall.mesh(h=h)
     if out:
         mesh.save(f"{out}.stl")
-        _picture(options, pick, repeat, mesh, f"{out}.png")
+        _picture(options, pick, part, mesh, f"{out}.png")
     return {
         "compliance over that of equal cells": works[0] / works[1],
-        "relative density": volume / float(np.prod(repeat)),
+        "relative density": volume / size,
         "least density of a cell": options.densities[pick].min(),
         "largest": options.densities[pick].max(),
         "different positions": float(len(np.unique(options.positions[pick]))),

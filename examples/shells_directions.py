@@ -35,7 +35,7 @@ def turned(direction: tuple[int, int, int], edge: float, middle: float) -> "il.f
 
 
 def main(
-    tiles: int = 5, density: float = 0.3, cells: int = 10, n: int = 16, h: float = 0.06,
+    tiles: int = 5, density: float = 0.3, cells: int = 10, n: int = 16, h: float = 0.042,
     out: str = "",
 ) -> dict[str, float]:  # fmt: skip
     """Cut the specimens; write ``OUT_100.stl`` ... and ``OUT.png`` if `out` is given."""

@@ -3,8 +3,7 @@
 Walls of relative density 0.3 in a unit cell: of the formulas of Schwarz P, Schoen's F-RD and
 I-WP, and Neovius, and of shells of their topologies, of each the one with the most surface of some
 boundaries. Cuts with the faces of the cell are not counted. The numbers that are checked: surface
-per volume of both; P- and Neovius-like shells have more of it than the formulas. Of the F-RD-like
-shells that we tried none has, unlike in the paper.
+per volume of both; P-, F-RD- and Neovius-like shells have more of it than the formulas.
 
     python examples/shells_surface.py
 """

@@ -28,8 +28,9 @@ def shell(
     *, topology: str, output: Sequence[str | os.PathLike[str]] = (),
     position: Sequence[float] = (0.0,), derivative: Sequence[float] = (1.5,),
     density: float | None = None, thickness: float | None = None,
-    repeat: int | Sequence[int] = 1, n: int = N, layer: float | None = None, method: str = "harmonic",
-    h: float = 0.05, report: str | os.PathLike[str] | None = None, progress: Progress = None,
+    repeat: int | Sequence[int] = 1, n: int = N, layer: float | None = None,
+    method: str = "harmonic", h: float = 0.05, report: str | os.PathLike[str] | None = None,
+    progress: Progress = None,
 ) -> dict[str, Any]:  # fmt: skip
     """Make a shell, with a wall and its mesh if files are asked for.
 
