@@ -98,7 +98,7 @@ def smooth(values: np.ndarray) -> il.BSpline:
 
 
 def loaded(problem: il.cutfem.Elasticity, halved: bool) -> il.cutfem.Solution:
-    """Held at one end, with a force of 1 on the other; of a half of the beam, the lower one in z."""
+    """Held at one end, with a force of 1 on the other; of the lower half of the beam."""
     if halved:
         problem = problem.clamp("w=1", components="n")
     force = (0.0, -0.5 if halved else -1.0, 0.0)
