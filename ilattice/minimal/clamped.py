@@ -79,7 +79,8 @@ class Rim:
         n = np.einsum("vij,vj->vi", self.projectors, vertex_normals(v, faces))
         first, rows = self._rows
         sign = np.where(np.einsum("vc,vc->v", n, n[first][rows]) < 0.0, -1.0, 1.0)
-        sums = np.stack([np.bincount(rows, c) for c in (sign[:, None] * n).T], axis=1)
+        parts = [np.bincount(rows, c) for c in (sign[:, None] * n).T]
+        sums = np.stack(parts, axis=1, dtype=float)
         return unit_rows(sums)[rows]
 
     @cached_property

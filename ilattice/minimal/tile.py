@@ -273,7 +273,7 @@ def smooth_normals(surface: "PeriodicSurface") -> FloatArray:
     """
     sums = normal_sums(surface.mesh.vertices, surface.mesh.faces)
     labels = surface.labels
-    whole = np.stack([np.bincount(labels, c) for c in sums.T], axis=1)
+    whole: FloatArray = np.stack([np.bincount(labels, c) for c in sums.T], axis=1, dtype=float)
     return unit_rows(whole)[labels]
 
 

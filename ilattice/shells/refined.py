@@ -7,6 +7,8 @@ the boundary, so that what dies out from there is resolved at the price of a few
 Guarantee: neighbours keep whole edges in common, and triangles keep their sides.
 """
 
+from typing import Any
+
 import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
@@ -36,7 +38,7 @@ def refined(v: FloatArray, faces: IntArray, on: IntArray) -> tuple[FloatArray, I
         As it was given.
     """
     edges, counts, (which, _) = edge_table(faces)
-    rim = on.any(axis=1)
+    rim: Any = on.any(axis=1)
     cut = np.flatnonzero(rim[edges].any(axis=1))
     number = np.full(len(edges), -1)
     number[cut] = len(v) + np.arange(len(cut))

@@ -97,8 +97,10 @@ class OctantSurface(Frozen):
             else:
                 turned[self.on[:, axis] == 1] *= self.signs[axis]
         labels = _labels(self.vertices, self.on, self.symmetry)
-        total = np.stack([np.bincount(labels, turned * c) for c in sums.T], axis=1)
-        return read_only(turned[:, None] * unit_rows(total)[labels])
+        parts = [np.bincount(labels, turned * c) for c in sums.T]
+        unit = unit_rows(np.stack(parts, axis=1, dtype=float))
+        normals: FloatArray = read_only(turned[:, None] * unit[labels])
+        return normals
 
     @property
     def area(self) -> float:
