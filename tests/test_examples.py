@@ -457,7 +457,7 @@ def test_specimens_of_an_isotropic_shell_are_solids_in_all_directions():
 
 
 def test_shells_vary_more_than_level_sets():
-    numbers = run("shells_shapes", n=12, h=0.06)
+    numbers = run("shells_shapes", n=12, h=0.05)
     spread = [number - 1.0 for number in numbers.values()]
     assert spread[1] > 1.5 * spread[0] > 0.0
 
