@@ -27,7 +27,7 @@ def main(n: int = 24, out: str = "") -> dict[str, float]:
     """Euler numbers; with `out`, walls of density 0.2 as ``OUT_a.stl`` ... and a picture."""
     numbers, meshes = {}, {}
     for letter, (name, position, derivative) in CELLS.items():
-        shell = il.shells.cell(name, position=position, derivative=derivative, n=n)
+        shell = il.shells.cell(name, position=position, derivative=derivative, n=n, layer=0.02)
         numbers[f"{letter}, {name}: Euler number"] = shell.periodic.euler
         if out:
             lattice = il.Lattice(shell.tile, through=il.macroshape.box(), repeat=1)

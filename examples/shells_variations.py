@@ -2,7 +2,7 @@
 
 Two boundaries of the class of Neovius' surface, and two of that of Schwarz P, with the surfaces
 over them in an octant. The triangles at the mirrors meet them at right angles, but for about the
-turn of half a triangle: the mean sine of the angle by which they miss it is below 0.15.
+turn of half a triangle: the mean sine of the angle by which they miss it is below 0.03.
 
     python examples/shells_variations.py
 """

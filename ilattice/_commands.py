@@ -257,7 +257,7 @@ def add_shell(app: "App") -> None:
         thickness: float | None = None,
         repeat: Counts = None,
         n: int = 24,
-        layer: float = 0.02,
+        layer: float | None = None,
         method: str = "harmonic",
         h: float = 0.05,
         report: Path | None = None,
@@ -283,7 +283,8 @@ def add_shell(app: "App") -> None:
         n
             Cells of the grid of the surface per edge of the octant.
         layer
-            Length over which curvatures die out that smooth transitions between octants need.
+            Length over which curvatures die out that smooth transitions between octants need; by
+            default 0.01, or 2 or 4 times that where the shell tears.
         method
             harmonic or currents.
         h

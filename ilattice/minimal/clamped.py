@@ -13,6 +13,7 @@ normals and areas in the bending term are left out (they are of higher order in 
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -76,22 +77,28 @@ class Rim:
             Equal, up to their sign, for equal labels.
         """
         n = np.einsum("vij,vj->vi", self.projectors, vertex_normals(v, faces))
-        _, first, rows = np.unique(self.labels, return_index=True, return_inverse=True)
+        first, rows = self._rows
         sign = np.where(np.einsum("vc,vc->v", n, n[first][rows]) < 0.0, -1.0, 1.0)
-        sums = np.zeros((len(first), 3))
-        np.add.at(sums, rows, sign[:, None] * n)
+        parts = [np.bincount(rows, c) for c in (sign[:, None] * n).T]
+        sums = np.stack(parts, axis=1, dtype=float)
         return unit_rows(sums)[rows]
 
-    @property
+    @cached_property
     def sums(self) -> Any:
         """Sparse (n, V) array that adds up what has one label."""
-        _, rows = np.unique(self.labels, return_inverse=True)
+        rows = self._rows[1]
         at = (rows, np.arange(len(rows)))
         return sparse.coo_array((np.ones(len(rows)), at)).tocsr()
 
+    @cached_property
+    def _rows(self) -> tuple[IntArray, IntArray]:
+        """First vertex of every label, and the number of the label of every vertex."""
+        _, first, rows = np.unique(self.labels, return_index=True, return_inverse=True)
+        return first, rows
+
 
 def clamped(
-    v: FloatArray, faces: IntArray, rim: Rim, layer: float, *, what: str
+    v: FloatArray, faces: IntArray, rim: Rim, layer: float, *, what: str, near: bool = False
 ) -> tuple[Solved, FloatArray]:
     """Surface near a given one that is stationary, and smooth across its boundary.
 
@@ -107,6 +114,8 @@ def clamped(
         Length over which mean curvatures die out; 0 for a surface of least area, with creases.
     what : str
         Name of the surface, for messages.
+    near : bool
+        Whether the given one is that of coarser triangles: it is not made fair first.
 
     Returns
     -------
@@ -122,9 +131,10 @@ def clamped(
     """
     problem = _Problem(v, faces, rim, layer)
     inside = Motion(np.where(rim.fixed[:, None, None], 0.0, np.eye(3)))
-    for _ in range(_FAIR_STEPS):
+    steps = 0 if near else _FAIR_STEPS
+    for _ in range(steps):
         problem.take(fair_step(problem.v, inside, cotangents(problem.v, faces)))
-    start, count = problem.v, _FAIR_STEPS + problem.solve()
+    start, count = problem.v, steps + problem.solve()
     if not problem.residual <= TOLERANCE and 0.0 < layer < _STIFF * problem.size:
         stiff = _Problem(start, faces, rim, _STIFF * problem.size)
         count += stiff.solve()

@@ -22,7 +22,7 @@ from ilattice._validate import as_points, as_whole
 from ilattice.bspline import BSpline
 from ilattice.bspline.fit import fit
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
-from ilattice.minimal.disc import area_vectors, opposite_edges, unit_rows
+from ilattice.minimal.disc import area_vectors, gathered, opposite_edges, unit_rows
 from ilattice.tiles import Tile
 
 if TYPE_CHECKING:
@@ -147,16 +147,13 @@ def signed_tile(surface: "PeriodicSurface", name: str, spans: int | None) -> Til
     return Tile(spline, name=name, source="minimal surface of triangles", edges=edges)
 
 
-def signed_distance(surface: "PeriodicSurface", least: float = 0.0) -> tuple[SignedDistance, float]:
+def signed_distance(surface: "PeriodicSurface") -> tuple[SignedDistance, float]:
     """Signed distance to a surface that separates its cell.
 
     Parameters
     ----------
     surface : PeriodicSurface
         An oriented surface.
-    least : float
-        Least distance at which the field is levelled off: more than a span of what it is fitted
-        with, even if it has kinks there.
 
     Returns
     -------
@@ -165,9 +162,11 @@ def signed_distance(surface: "PeriodicSurface", least: float = 0.0) -> tuple[Sig
     edge : float
         Mean length of the edges of its triangles.
     """
-    samples, edge, bend = sampled(surface)
+    v, faces = surface.mesh.vertices, surface.mesh.faces
+    samples, bend = sampled(v, faces, smooth_normals(surface), _SAMPLES)
     reach = min(REACH / max(bend, 1e-9), MOST_REACH * float(surface.cell.min()))
-    return SignedDistance(samples, surface.cell, max(reach, least)), edge
+    edge = float(np.linalg.norm(opposite_edges(v, faces), axis=2).mean())
+    return SignedDistance(samples, surface.cell, reach), edge
 
 
 def spans_for(edge: float) -> int:
@@ -186,38 +185,50 @@ def spans_for(edge: float) -> int:
     return int(np.clip(np.ceil(1.0 / edge / 4.0) * 4, 24, 64))
 
 
-def sampled(surface: "PeriodicSurface") -> tuple[Samples, float, float]:
-    """Points of the curved triangles of a surface.
+def sampled(
+    v: FloatArray, faces: IntArray, normals: FloatArray, count: int
+) -> tuple[Samples, float]:
+    """Points of curved triangles, about as many per area everywhere.
 
     Parameters
     ----------
-    surface : PeriodicSurface
-        The surface.
+    v : (V, 3) array
+        Vertices.
+    faces : (F, 3) array
+        Corners.
+    normals : (V, 3) array
+        Unit normals of the surface at the vertices.
+    count : int
+        About how many points; a triangle has one at least.
 
     Returns
     -------
     samples : Samples
         Points with normals and curvatures.
-    edge : float
-        Mean length of the edges.
     bend : float
         Largest principal curvature, but for one in a thousand triangles.
     """
-    v, faces = surface.mesh.vertices, surface.mesh.faces
-    normals = smooth_normals(surface)
     shapes = _shapes(v, faces, normals[faces])
-    edge = float(np.linalg.norm(opposite_edges(v, faces), axis=2).mean())
     bend = np.abs(np.linalg.eigvalsh(shapes)).max(axis=1)
-    cuts = max(1, round(float(np.sqrt(_SAMPLES / len(faces)))))
+    areas = np.linalg.norm(area_vectors(v, faces), axis=1)
+    cuts = np.maximum(1, np.rint(np.sqrt(count * areas / areas.sum()))).astype(np.int64)
+    parts = []
+    for k in np.unique(cuts):
+        rows, w = np.flatnonzero(cuts == k), _middles(int(k))
+        points, n = curved(v[faces[rows]], normals[faces[rows]], w)
+        parts.append((points, n, np.repeat(shapes[rows], len(w), axis=0)))
+    points, n, every = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return Samples(points, n, every), float(np.quantile(bend, 0.999))
+
+
+def _middles(cuts: int) -> FloatArray:
+    """Middles of the parts of a triangle with divided edges, in barycentric coordinates."""
     i, j = np.divmod(np.arange(cuts * cuts), cuts)
     turned = i + j >= cuts
     i, j = np.where(turned, cuts - 1 - i, i), np.where(turned, cuts - 1 - j, j)
     third = np.where(turned, 2.0, 1.0) / 3.0
     w = np.stack([(i + third) / cuts, (j + third) / cuts], axis=1)
-    w = np.column_stack([1.0 - w.sum(axis=1), w])
-    points, n = curved(v[faces], normals[faces], w)
-    every = np.repeat(shapes, len(w), axis=0)
-    return Samples(points, n, every), edge, float(np.quantile(bend, 0.999))
+    return np.column_stack([1.0 - w.sum(axis=1), w])
 
 
 def curved(p: FloatArray, normals: FloatArray, w: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -260,15 +271,35 @@ def smooth_normals(surface: "PeriodicSurface") -> FloatArray:
     (V, 3) array
         Unit normals; those of a vertex take all triangles about it, over the faces of the cell.
     """
-    v, faces = surface.mesh.vertices, surface.mesh.faces
+    sums = normal_sums(surface.mesh.vertices, surface.mesh.faces)
+    labels = surface.labels
+    whole: FloatArray = np.stack([np.bincount(labels, c) for c in sums.T], axis=1, dtype=float)
+    return unit_rows(whole)[labels]
+
+
+def normal_sums(v: FloatArray, faces: IntArray) -> FloatArray:
+    """Sums of weighted normals of the triangles about vertices.
+
+    Parameters
+    ----------
+    v : (V, 3) array
+        Vertices.
+    faces : (F, 3) array
+        Corners.
+
+    Returns
+    -------
+    (V, 3) array
+        Their directions are those of normals at the vertices, exact on spheres.
+
+    Notes
+    -----
+    N. Max, Journal of Graphics Tools 4 (1999).
+    """
     e, w = opposite_edges(v, faces), area_vectors(v, faces)
     squares = np.einsum("fac,fac->fa", e, e)
     weight = 1.0 / (np.roll(squares, 1, axis=1) * np.roll(squares, -1, axis=1))
-    parts = (weight[:, :, None] * w[:, None, :]).reshape(-1, 3)
-    rows = surface.faces.ravel()
-    count = int(rows.max()) + 1
-    sums: FloatArray = np.stack([np.bincount(rows, c, count) for c in parts.T], axis=1)
-    return unit_rows(sums)[surface.labels]
+    return gathered(weight[:, :, None] * w[:, None, :], faces, len(v))
 
 
 def _shapes(v: FloatArray, faces: IntArray, normals: FloatArray) -> FloatArray:

@@ -28,13 +28,13 @@ from ilattice.minimal.completion import PeriodicSurface
 from ilattice.minimal.tile import (
     Samples,
     SignedDistance,
-    signed_distance,
+    sampled,
     spans_for,
     warn_off,
     zero_set_error,
 )
 from ilattice.shells.boundary import boundary
-from ilattice.shells.surface import LAYER, N, OctantSurface, surface
+from ilattice.shells.surface import EDGE, N, OctantSurface, surface
 from ilattice.shells.topologies import Topology, parsed
 from ilattice.tiles import Tile
 
@@ -42,7 +42,7 @@ LEAST_SPANS, MOST_SPANS = 8, 128
 #: Distance of the zero set from the triangles, in cells, that is told.
 TOLERANCE = 1e-3
 _REACH = 2.5  # spans
-_SLACK = 0.02
+_SAMPLES = 20_000  # in the octant
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -123,16 +123,22 @@ class Shell(Frozen):
         return zero_set_error(field, self._distance)
 
     @cached_property
-    def _distance(self) -> Any:
-        """Signed distance in the octant, of samples that may be nearest there."""
-        found = signed_distance(self.periodic, _REACH / self.spans)[0]
-        mirrored = np.array([kind == "r" for kind in self.surface.symmetry])
-        points = np.mod(found.samples.points, 1.0)
-        inside = ((points > 0.5 - _SLACK) | (points < _SLACK) | ~mirrored).all(axis=1)
-        rows = np.flatnonzero(inside)
-        s = found.samples
-        own = Samples(s.points[rows], s.normals[rows], s.shapes[rows])
-        return SignedDistance(own, found.cell, found.reach)
+    def _distance(self) -> SignedDistance:
+        """Signed distance in the octant: to what lies in it, and to shifted images next to it."""
+        octant, reach = self.surface, _REACH / self.spans
+        own = sampled(octant.vertices, octant.faces, octant.normals, _SAMPLES)[0]
+        points, normals, shapes = own.points, own.normals, own.shapes
+        for axis, kind in enumerate(octant.symmetry):
+            if kind == "r":  # what is reflected is not nearer than what it is the image of
+                continue
+            for shift in (-0.5, 0.5):
+                x = points[:, axis] + shift
+                near = np.flatnonzero((x > 0.5 - 2.0 * reach) & (x < 1.0 + 2.0 * reach))
+                moved = points[near] + shift * (np.arange(3) == axis)
+                points = np.concatenate([points, moved])
+                normals = np.concatenate([normals, octant.signs[axis] * normals[near]])
+                shapes = np.concatenate([shapes, octant.signs[axis] * shapes[near]])
+        return SignedDistance(Samples(points, normals, shapes), np.ones(3), reach)
 
 
 def repeated(values: FloatArray, octant: OctantSurface) -> FloatArray:
@@ -178,7 +184,7 @@ def periodic_spline(values: FloatArray) -> BSpline:
 
 def cell(
     name: str | Topology, *, position: ArrayLike = 0.0, derivative: ArrayLike = 1.5, n: int = N,
-    method: str = "harmonic", layer: float = LAYER, spans: int | None = None,
+    method: str = "harmonic", layer: float | None = None, spans: int | None = None,
     bubbles: bool = False,
 ) -> Shell:  # fmt: skip
     """Unit cell of a shell over a boundary.
@@ -193,8 +199,8 @@ def cell(
     n, method, layer : optional
         See `surface`.
     spans : int, optional
-        Spans of the tile's spline per edge of the cell, even; by default as many as the triangles
-        resolve.
+        Spans of the tile's spline per edge of the cell, even; by default as many as triangles and
+        layer ask for.
     bubbles : bool
         Whether pieces are allowed that nothing holds.
 
@@ -231,8 +237,7 @@ def cell(
             "ask for bubbles=True"
         )
     if count is None:
-        edge = float(np.sqrt(octant.area / 8.0 / len(octant.faces) * 4.0 / np.sqrt(3.0)))
-        count = spans_for(edge)
+        count = spans_for(min(EDGE / n, 2.0 * octant.layer or 1.0))
     given = FixedMapping({"position": _plain(position), "derivative": _plain(derivative)})
     return Shell(octant, given, count + count % 2)
 

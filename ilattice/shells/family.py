@@ -37,11 +37,13 @@ from ilattice.errors import InputError
 from ilattice.minimal.tile import SignedDistance, warn_off, zero_set_error
 from ilattice.shells.boundary import boundary
 from ilattice.shells.cell import LEAST_SPANS, MOST_SPANS, Shell, cell, periodic_spline, repeated
-from ilattice.shells.surface import LAYER, LEAST_N, MOST_N, N
+from ilattice.shells.surface import LEAST_N, MOST_N, N
 from ilattice.shells.topologies import Topology, edge_place, home, parsed
 from ilattice.tiles import Tile
 from ilattice.tiles.mixture import TOL, Mixture
 
+#: Length over which mean curvatures die out, which spans resolve; see `surface`.
+LAYER = 0.03
 #: Spans of the spline of a tile, distance where fields level off, and error that is told.
 SPANS, REACH, TOLERANCE = 36, 0.08, 2e-3
 #: Different cells of one lattice; each takes about a second.
@@ -294,7 +296,7 @@ def family(
     derivative : float, optional
         Inner derivative of cells for which none is given; by default the outer one.
     n, layer : optional
-        See `surface`.
+        See `surface`; by default the layer is 0.03, which the spans resolve.
     spans : int
         Spans of the tiles' splines per edge of the cell, even.
 

@@ -20,7 +20,7 @@ from ilattice.io.registry import WRITERS
 from ilattice.lattice import Lattice
 from ilattice.macroshape import box
 from ilattice.shells.cell import Shell, cell
-from ilattice.shells.surface import LAYER, N
+from ilattice.shells.surface import N
 from ilattice.shells.topologies import table
 
 
@@ -28,8 +28,9 @@ def shell(
     *, topology: str, output: Sequence[str | os.PathLike[str]] = (),
     position: Sequence[float] = (0.0,), derivative: Sequence[float] = (1.5,),
     density: float | None = None, thickness: float | None = None,
-    repeat: int | Sequence[int] = 1, n: int = N, layer: float = LAYER, method: str = "harmonic",
-    h: float = 0.05, report: str | os.PathLike[str] | None = None, progress: Progress = None,
+    repeat: int | Sequence[int] = 1, n: int = N, layer: float | None = None,
+    method: str = "harmonic", h: float = 0.05, report: str | os.PathLike[str] | None = None,
+    progress: Progress = None,
 ) -> dict[str, Any]:  # fmt: skip
     """Make a shell, with a wall and its mesh if files are asked for.
 
@@ -124,6 +125,7 @@ def told(made: Shell) -> dict[str, Any]:
         "shell": made.name, "parameters": dict(made.parameters), "area": made.area,
         "euler": whole.euler, "genus": whole.genus, "pieces": whole.components,
         "mean_curvature": made.surface.curvature_quantile(), "slope": made.surface.slope,
+        "layer": made.surface.layer,
         "tile_error": made.tile_error,
     }  # fmt: skip
 

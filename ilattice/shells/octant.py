@@ -23,6 +23,7 @@ from ilattice.bspline import BSpline
 from ilattice.errors import ConvergenceError
 from ilattice.mesh.contouring import contour_arrays
 from ilattice.shells.boundary import Boundary
+from ilattice.shells.refined import refined
 from ilattice.shells.topologies import FACES, Segment, edge_place, others
 
 #: Points per arc for distances, and cells over which colours change at the curves.
@@ -275,6 +276,37 @@ def zero_set(u: FloatArray, curves: Boundary, n: int, glued: tuple[bool, ...]) -
     triangles = Triangles(v, np.array(found.faces, np.int64), on)
     _check_boundary(triangles, curves, n)
     return triangles
+
+
+def graded(t: Triangles, curves: Boundary, glued: tuple[bool, ...], rounds: int) -> Triangles:
+    """Triangles that get smaller towards the curves.
+
+    Parameters
+    ----------
+    t : Triangles
+        Triangles with their boundary on the curves.
+    curves : Boundary
+        The curves.
+    glued : tuple of 3 bool
+        Axes along which the low face is the high one, shifted.
+    rounds : int
+        How often edges at the curves are cut in half.
+
+    Returns
+    -------
+    Triangles
+        With their boundary on the curves.
+    """
+    for _ in range(rounds):
+        v, faces, on = refined(t.vertices, t.faces, t.on)
+        new = np.arange(len(v)) >= len(t.vertices)
+        middles = v[new]
+        _snap(middles, on[new], curves)
+        v[new] = middles
+        for axis in np.flatnonzero(glued):
+            _match(v, on, int(axis), 1e-6)
+        t = Triangles(v, faces, on)
+    return t
 
 
 def _snap(v: FloatArray, on: IntArray, curves: Boundary) -> None:

@@ -6,7 +6,8 @@ from the boundary only (see `ilattice.minimal.clamped`), by how much is reported
 least one.
 """
 
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,22 +16,27 @@ from scipy.sparse.csgraph import connected_components
 
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import Frozen, as_choice, as_not_negative, as_whole, read_only
-from ilattice.errors import GeometryError, InputError
+from ilattice.errors import ConvergenceError, GeometryError, InputError
 from ilattice.mesh import SurfaceMesh
 from ilattice.minimal.clamped import Rim, clamped
 from ilattice.minimal.completion import PeriodicSurface, completed
-from ilattice.minimal.disc import area_vectors, vertex_areas
+from ilattice.minimal.disc import area_vectors, unit_rows, vertex_areas
 from ilattice.minimal.symmetry import Group
+from ilattice.minimal.tile import normal_sums
 from ilattice.shells.boundary import Boundary
-from ilattice.shells.octant import Triangles, harmonic, least_gradient, zero_set
+from ilattice.shells.octant import Triangles, graded, harmonic, least_gradient, zero_set
 from ilattice.shells.topologies import FACES
 
 METHODS = ("harmonic", "currents")
-#: Cells per edge of the octant, and length over which mean curvatures die out, in cells.
-N, LAYER = 24, 0.02
+#: Cells per edge of the octant, and lengths over which mean curvatures die out, in cells, in the
+#: order in which they are tried.
+N, LAYERS = 24, (0.01, 0.02, 0.04)
 LEAST_N, MOST_N = 8, 96
 #: The harmonic function is found on a grid at least so fine.
 _FINE = 48
+#: Edges of triangles times n, in cells; parts of the layer that edges at the boundary may have, and
+#: most rounds of division.
+EDGE, _RESOLVED, _MOST_ROUNDS = 0.65, 0.5, 4
 _SCALE = 0.25  # from the octant [-1, 1]³ to the cell
 
 
@@ -56,6 +62,8 @@ class OctantSurface(Frozen):
         Largest force per area, times the size.
     factorizations : int
         Sparse factorizations.
+    layer : float
+        Length over which mean curvatures die out, in cells.
     """
 
     boundary: Boundary
@@ -66,6 +74,7 @@ class OctantSurface(Frozen):
     mean_curvature: FloatArray
     residual: float
     factorizations: int
+    layer: float
 
     def __repr__(self) -> str:
         """Short form."""
@@ -76,6 +85,22 @@ class OctantSurface(Frozen):
     def mesh(self) -> SurfaceMesh:
         """The triangles."""
         return SurfaceMesh._adopt(np.array(self.vertices), np.array(self.faces))
+
+    @cached_property
+    def normals(self) -> FloatArray:
+        """Unit normals (V, 3) of the surface with its images, to the side of positive colour."""
+        sums = normal_sums(self.vertices, self.faces)
+        turned = np.ones(len(sums))
+        for axis, letter in enumerate(self.symmetry):
+            if letter == "r":
+                sums[self.on[:, axis] != 0, axis] = 0.0
+            else:
+                turned[self.on[:, axis] == 1] *= self.signs[axis]
+        labels = _labels(self.vertices, self.on, self.symmetry)
+        parts = [np.bincount(labels, turned * c) for c in sums.T]
+        unit = unit_rows(np.stack(parts, axis=1, dtype=float))
+        normals: FloatArray = read_only(turned[:, None] * unit[labels])
+        return normals
 
     @property
     def area(self) -> float:
@@ -187,7 +212,7 @@ class OctantSurface(Frozen):
 
 def surface(
     curves: Boundary, symmetry: str = "rrr", *, n: int = N, method: str = "harmonic",
-    layer: float = LAYER,
+    layer: float | None = None,
 ) -> OctantSurface:  # fmt: skip
     """Surface over a boundary, smooth where octants meet.
 
@@ -203,9 +228,10 @@ def surface(
     method : {"harmonic", "currents"}
         Where the search starts: at the zero set of the harmonic function, or at the surface of
         least area of all.
-    layer : float
+    layer : float, optional
         Length, in cells, over which mean curvatures die out that a smooth transition needs; 0 for
-        surfaces of least area with creases where octants meet.
+        surfaces of least area with creases where octants meet. By default 0.01, or where that
+        surface tears, 0.02 or 0.04: see `OctantSurface.layer`.
 
     Returns
     -------
@@ -227,27 +253,61 @@ def surface(
         raise InputError(f"symmetry must be r or t for each axis, as 'rrt', got {symmetry!r:.40}")
     n = as_whole("n", n, LEAST_N, MOST_N)
     as_choice("method", method, METHODS)
-    layer = as_not_negative("layer", layer)
+    layers = LAYERS if layer is None else (as_not_negative("layer", layer),)
     glued = tuple(letter == "t" for letter in symmetry)
     check_translations(curves, symmetry)
     step = max(1, -(-_FINE // n))
     start = zero_set(harmonic(curves, step * n), curves, n, glued)
     if method == "currents":
         start = _least(curves, n, glued, start)
+    for one in layers[:-1]:
+        with suppress(ConvergenceError):
+            return _refined(start, curves, symmetry, one, _rounds(n, one))
+    return _refined(start, curves, symmetry, layers[-1], _rounds(n, layers[-1]))
+
+
+def _refined(
+    start: Triangles, curves: Boundary, symmetry: str, layer: float, rounds: int
+) -> OctantSurface:
+    """The stationary surface near triangles, with smaller ones at the boundary in the end."""
+    count, near = 0, False
+    if rounds:
+        with suppress(ConvergenceError):  # smaller triangles may not need it
+            coarse = _solved(start, curves, symmetry, layer)
+            count, near = coarse.factorizations, True
+            v = (coarse.vertices - 0.5) / _SCALE - 1.0
+            v[start.on != 0] = start.vertices[start.on != 0]
+            start = Triangles(v, start.faces, start.on)
+    glued = tuple(letter == "t" for letter in symmetry)
+    found = _solved(graded(start, curves, glued, rounds), curves, symmetry, layer, near)
+    return replace(found, factorizations=count + found.factorizations)
+
+
+def _solved(
+    start: Triangles, curves: Boundary, symmetry: str, layer: float, near: bool = False
+) -> OctantSurface:
+    """The stationary surface near triangles."""
     v, on = start.vertices, start.on
     projectors = np.tile(np.eye(3), (len(v), 1, 1))
     for axis, letter in enumerate(symmetry):
         if letter == "r":
             projectors[on[:, axis] != 0, axis, axis] = 0.0
-    rim = Rim(on.any(axis=1), projectors, _labels(start, glued))
+    rim = Rim(on.any(axis=1), projectors, _labels(v, on, symmetry))
     name = curves.topology.paper or curves.topology.name
     what = f"the shell {name}_{symmetry}"
-    solved, h = clamped(v, start.faces, rim, layer / _SCALE, what=what)
+    solved, h = clamped(v, start.faces, rim, layer / _SCALE, what=what, near=near)
     x = 0.5 + _SCALE * (solved.vertices + 1.0)
     return OctantSurface(
         curves, symmetry, read_only(x), read_only(start.faces), read_only(on),
-        read_only(np.abs(h) / _SCALE), solved.residual, solved.factorizations,
+        read_only(np.abs(h) / _SCALE), solved.residual, solved.factorizations, layer,
     )  # fmt: skip
+
+
+def _rounds(n: int, layer: float) -> int:
+    """How often triangles at the boundary are divided, so that they resolve a layer."""
+    if layer == 0.0:
+        return 0
+    return int(np.clip(np.ceil(np.log2(EDGE / n / (_RESOLVED * layer))), 0, _MOST_ROUNDS))
 
 
 def check_translations(curves: Boundary, symmetry: str) -> None:
@@ -297,11 +357,15 @@ def _least(curves: Boundary, n: int, glued: tuple[bool, ...], start: Triangles) 
     return found
 
 
-def _labels(t: Triangles, glued: tuple[bool, ...]) -> IntArray:
+def _labels(v: FloatArray, on: IntArray, symmetry: str) -> IntArray:
     """Equal numbers for vertices that are one when octants are shifted."""
-    v = t.vertices.copy()
-    for axis in np.flatnonzero(glued):
-        v[t.on[:, axis] == 1, axis] = -1.0
-    _, labels = np.unique(np.round(v, 9), axis=0, return_inverse=True)
-    out: IntArray = labels.ravel().astype(np.int64)
-    return out
+    labels = np.arange(len(v))
+    low, high = v.min(axis=0), v.max(axis=0)
+    shifted = np.array([letter == "t" for letter in symmetry])
+    rows = np.flatnonzero((on[:, shifted] != 0).any(axis=1))
+    q = v[rows] - np.where((on[rows] == 1) & shifted, high - low, 0.0)
+    _, first, back = np.unique(
+        np.round(q / (high - low), 9), axis=0, return_index=True, return_inverse=True
+    )
+    labels[rows] = rows[first][back.ravel()]
+    return labels
