@@ -23,10 +23,13 @@ from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.conditions import AXES, Support, values_at
 from ilattice.cutfem.domain import Domain
 from ilattice.errors import InputError
-from ilattice.quadrature.rules import NAMES
+from ilattice.quadrature.rules import NAMES, Quadrature
 
 #: Values that two supports prescribe for one node are the same up to this part of the largest.
 SAME = 1e-8
+
+#: A normal is along axes if its part along the others is no longer than this.
+FLAT = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,27 +178,46 @@ def check_agreement(domain: Domain, asm: Assembly, supports: tuple[Support, ...]
         If two supports prescribe different values.
     """
     for s, t in combinations(supports, 2):
-        both = s.mask & t.mask
-        if not (both.any() and (s.weak or t.weak)):
+        if not (s.weak or t.weak):
             continue
-        x = _shared(domain.edge(asm, s.on).points, domain.edge(asm, t.on).points)
-        a, b = (values_at("value", one.value, x, m)[:, both] for one in (s, t))
-        off = np.abs(a - b)
-        if len(x) and off.max() > SAME * max(np.abs(a).max(), np.abs(b).max()):
+        x, n = _shared(domain.edge(asm, s.on), domain.edge(asm, t.on))
+        held = _held_by_both(s, t, n)
+        a, b = (values_at("value", one.value, x, m) for one in (s, t))
+        off = np.abs(np.einsum("nij,nj->ni", held, a - b))
+        if len(x) and off.max() > SAME * max(_largest(s, a), _largest(t, b)):
             row, column = np.unravel_index(np.argmax(off), off.shape)
+            a, b = (np.einsum("ij,j->i", held[row], values[row]) for values in (a, b))
             raise InputError(
                 f"supports on {s.on!r} and {t.on!r} contradict each other: near the point "
-                f"{np.round(x[row], 6).tolist()} one asks for {a[row, column]:g} and the other "
-                f"for {b[row, column]:g}; prescribe it once, or equal values"
+                f"{np.round(x[row], 6).tolist()} one asks for {a[column]:g} and the other "
+                f"for {b[column]:g}; prescribe it once, or equal values"
             )
 
 
-def _shared(x: FloatArray, y: FloatArray) -> FloatArray:
-    """Points (n, 3) that are in both of two places, of which the rules are parts of the same."""
-    if x is y:
-        return x
-    one, other = (np.ascontiguousarray(p).view([("", np.float64)] * 3).ravel() for p in (x, y))
-    return x[np.isin(one, other)]
+def _held_by_both(s: Support, t: Support, n: FloatArray) -> FloatArray:
+    """Projections (n, m, m) on what two supports both prescribe, at points with normals."""
+    both = np.diag((s.mask & t.mask).astype(float))
+    if not (s.normal or t.normal):
+        return np.broadcast_to(both, (len(n), *both.shape))
+    within = np.abs(np.where(s.mask & t.mask, 0.0, n)).max(axis=1, initial=0.0) < FLAT
+    return n[:, :, None] * n[:, None, :] * within[:, None, None]
+
+
+def _largest(s: Support, values: FloatArray) -> float:
+    """Largest value of a support; along normals they are rounded as whole vectors are."""
+    return float(np.abs(values if s.normal else values[:, s.mask]).max())
+
+
+def _shared(one: Quadrature, other: Quadrature) -> tuple[FloatArray, FloatArray]:
+    """Points (n, 3) in both of two places, parts of one rule, and normals there."""
+    assert one.normals is not None
+    if one is other:
+        return one.points, one.normals
+    x, y = (
+        np.ascontiguousarray(r.points).view([("", np.float64)] * 3).ravel() for r in (one, other)
+    )
+    same = np.isin(x, y)
+    return one.points[same], one.normals[same]
 
 
 def _refuse(

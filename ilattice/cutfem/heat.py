@@ -33,6 +33,7 @@ from ilattice.cutfem.conduction import Conducting, Conduction
 from ilattice.cutfem.domain import lattice_of
 from ilattice.cutfem.heat_solution import HeatHistory, HeatSolution, Step
 from ilattice.cutfem.material import CALM, Property, Scalar, jump_within_cells, warn_of_jump
+from ilattice.cutfem.overlaps import held_before, loads_at
 from ilattice.cutfem.phases import as_phased
 from ilattice.cutfem.problem import ISLANDS, Problem
 from ilattice.cutfem.weak import NITSCHE, cell_heights, depths, functions_at
@@ -396,10 +397,16 @@ class Heat(Problem):
         assert rule.parameters is not None
         if isinstance(support, Spring):
             Q = stiffness_at("transfer", support.stiffness, rule.points, 1)[:, 0]
+            held = held_before(self, rule)
+            if held is not None:
+                Q = Q * (1.0 - held[:, 0, 0])
             return rule, Q, np.zeros(len(rule))
         assert rule.normals is not None
         k = self._conductivity_at(rule.parameters, asm.owners(rule))
         k = np.array(np.broadcast_to(k, (len(rule), *k.shape[1:])))
+        before = held_before(self, rule, support)
+        if before is not None:
+            k[before[:, 0, 0] > 0.5] = 0.0
         height = cell_heights(asm, rule) * depths(self.domain, asm, rule)
         Q = conduction.along(k, rule.normals) / height
         return rule, NITSCHE * asm.space.degree**2 * Q, k
@@ -437,15 +444,23 @@ class Heat(Problem):
             assert rule.normals is not None
             P = -w[:, None, None] * conduction.flux(k, rule.normals)[:, None, :]
             f += self.assembly.vector(rule, (w * Q)[:, None], P)
+            f -= self.assembly.vector(rule, rule.weights[:, None] * self._taken(rule, k))
         return f
+
+    def _taken(self, rule: Quadrature, k: FloatArray) -> FloatArray:
+        """Heat (n, 1) that loads bring to places of a weak condition that holds the temperature."""
+        holds = k.reshape(len(k), -1).any(axis=1)
+        return loads_at(self, rule) * holds[:, None] if holds.any() else np.zeros((len(k), 1))
 
     def _force(self, load: Load) -> FloatArray:
         asm = self.assembly
         solid = partial(self.domain.stiff_rule, asm, constant=not callable(load.value))
         rule = self.domain.edge(asm, load.on) if load.on else solid()
-        return asm.vector_by_parts(
-            rule, 1, lambda part: (values_at(load.kind, load.value, part.points, 1), None)
-        )
+        return asm.vector_by_parts(rule, 1, partial(self._density, load))
+
+    def _density(self, load: Load, rule: Quadrature) -> tuple[FloatArray, None]:
+        """Heat per area or volume (n, 1) at the points of a rule in space."""
+        return values_at(load.kind, load.value, rule.points, 1), None
 
     def _motions(self, x: FloatArray) -> FloatArray:
         return np.ones((len(x), 1, 1))
@@ -479,6 +494,7 @@ class Heat(Problem):
                 out_of = conduction.flux(k[rows], rule.normals[rows])
                 flow = Q[rows] * (g[rows] - T[:, 0]) + (slope[:, 0] * out_of).sum(axis=1)
                 total += float(rule.weights[rows] @ flow)
+            total -= float(rule.weights @ self._taken(rule, k)[:, 0])
             out[str(support.on)] = out.get(str(support.on), 0.0) + total
         return out
 

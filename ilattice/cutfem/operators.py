@@ -32,6 +32,7 @@ from ilattice.cutfem.material import (
     jump_within_cells,
     warn_of_jump,
 )
+from ilattice.cutfem.overlaps import loads_at
 from ilattice.cutfem.problem import Problem
 from ilattice.cutfem.regions import spread
 from ilattice.cutfem.rigid import Connection
@@ -220,6 +221,8 @@ class ElasticOperators(Problem):
             f += weak.elastic_force(self, terms, support.value)
             if isinstance(support, Support):
                 f -= weak.thermal_force(self, terms)
+                w = terms.rule.weights[:, None]
+                f -= self.assembly.vector(terms.rule, w * terms.held(loads_at(self, terms.rule)))
         return f
 
     def _ghost_stiffness(self, u: FloatArray, elements: IntArray) -> FloatArray:
@@ -274,10 +277,7 @@ class ElasticOperators(Problem):
         return tuple(scalar for kind, scalar in of.items() if kind in kinds)
 
     def _force(self, load: Load) -> FloatArray:
-        asm = self.assembly
-        if load.kind in ("force", "moment"):
-            tractions = spread(load.kind, np.array(load.value), self.domain.edge(asm, load.on))
-            load = Load("traction", tractions, load.on)
+        asm, load = self.assembly, self._spread(load)
         constant = not (callable(load.value) or hasattr(load.value, "evaluate"))
         constant = constant and self.material.constant and self.material.density.constant
         rule = (
@@ -289,6 +289,13 @@ class ElasticOperators(Problem):
         if load.kind == "temperature" and asm.seam is not None:
             f += coupling.thermal_force(self, load)
         return f
+
+    def _spread(self, load: Load) -> Load:
+        """A load, as tractions if it is a resultant."""
+        if load.kind not in ("force", "moment"):
+            return load
+        rule = self.domain.edge(self.assembly, load.on)
+        return Load("traction", spread(load.kind, np.array(load.value), rule), load.on)
 
     def _density(self, load: Load, rule: Quadrature) -> tuple[FloatArray | None, FloatArray | None]:
         """Force f (n, 3) and stress P (n, 3, 3) of a load at the points of a rule in space."""

@@ -31,6 +31,7 @@ from ilattice.cutfem.constraints import Constraints, check_agreement, constraint
 from ilattice.cutfem.discretization import Product
 from ilattice.cutfem.domain import Domain
 from ilattice.cutfem.material import Scalar
+from ilattice.cutfem.overlaps import beside_plane
 from ilattice.cutfem.places import spot
 from ilattice.cutfem.regions import ROUGH, Region, as_place
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
@@ -44,6 +45,8 @@ ISLANDS = ("drop", "refuse")
 HEAVY = 1e-6
 #: A motion is free if its share in what is held is below this.
 FREE = 1e-10
+#: Part of the area of a plane, held along its normal, that may be elsewhere without a word.
+RIM = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,6 +145,8 @@ class Problem:
         if isinstance(components, str) and components == "n":
             components = self._normal(place)
             normal = components is None
+            if normal:
+                self._warn_rim(place)
             if normal and method == "strong":
                 raise InputError(
                     f"components='n': {place} is not flat and normal to x, y or z, and cannot be "
@@ -196,6 +201,18 @@ class Problem:
                 f"on={place}: its area is off by about {100 * error:.2g} %, since its edge passes "
                 "through cells, and so are tractions and supports; take finer cells, or an edge "
                 "along them, or loads by force= and moment=, whose sums are exact",
+                PrecisionWarning,
+                stacklevel=4,
+            )
+
+    def _warn_rim(self, place: str | Region) -> None:
+        """Warn of a plane, held along its normal, that comes with a part of other surfaces."""
+        part = beside_plane(self.domain.boundary(place))
+        if part > RIM:
+            warnings.warn(
+                f"components='n': {100 * part:.2g} % of the area of {place} is not in the plane of "
+                "the rest, and is held along its own normals, which may stiffen the body by much "
+                "more than that; name the place more narrowly",
                 PrecisionWarning,
                 stacklevel=4,
             )
@@ -333,6 +350,14 @@ class Problem:
 
     def _force(self, load: Load) -> FloatArray:
         """One load as coefficients (functions, m)."""
+        raise NotImplementedError
+
+    def _spread(self, load: Load) -> Load:
+        """A load, as one per area if it is a resultant."""
+        return load
+
+    def _density(self, load: Load, rule: Quadrature) -> tuple[FloatArray | None, Any]:
+        """A load (n, m), per area or volume, at the points of a rule; and a stress, or None."""
         raise NotImplementedError
 
     def _from_supports(self) -> FloatArray:

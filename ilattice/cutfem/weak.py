@@ -21,6 +21,7 @@ from ilattice.cutfem._voigt import PLACES, tensor
 from ilattice.cutfem.anisotropic import Anisotropic
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.conditions import Spring, Support, stiffness_at, values_at
+from ilattice.cutfem.overlaps import held_before, held_by, joined, loads_at
 from ilattice.cutfem.space import IDENTITY
 from ilattice.quadrature.rules import Quadrature, on_cells
 
@@ -52,11 +53,11 @@ class Terms:
         λ of tractions by a projected change of volume, which is not in `lame` then; else zero.
     mask : ndarray, shape (3,)
         1 in components that are held.
-    normal : bool
-        Whether only parts along the normals are held; `along` is given then.
     along : ndarray, shape (n, 3, 3, 3), or None
         What makes tractions of a solid of any symmetry, see `normal_stiffness`; `lame` is not used
         then.
+    onto : ndarray, shape (n, 3, 3), or None
+        Projections onto what is held, in place of `mask`; `along` is given then.
     """
 
     rule: Quadrature
@@ -65,15 +66,13 @@ class Terms:
     pressure: FloatArray
     mask: FloatArray
     along: FloatArray | None = None
-    normal: bool = False
+    onto: FloatArray | None = None
 
     def held(self, vectors: FloatArray, rows: slice = slice(None)) -> FloatArray:
         """The parts that are held of vectors (n, 3, ...) at points."""
-        if not self.normal:
+        if self.onto is None:
             return vectors * self.mask.reshape(3, *[1] * (vectors.ndim - 2))
-        n = self.rule.normals[rows]  # type: ignore[index]
-        part = np.einsum("qi,qi...->q...", n, vectors)
-        return n.reshape(*n.shape, *[1] * (vectors.ndim - 2)) * part[:, None]
+        return np.einsum("qij,qj...->qi...", self.onto[rows], vectors)
 
 
 def elastic_terms(problem: "ElasticOperators", support: Spring | Support) -> Terms:
@@ -84,33 +83,47 @@ def elastic_terms(problem: "ElasticOperators", support: Spring | Support) -> Ter
     assert u is not None
     assert n is not None
     if isinstance(support, Spring):
-        k = stiffness_at("stiffness", support.stiffness, rule.points, 3)
+        Q = stiffness_at("stiffness", support.stiffness, rule.points, 3)[:, :, None] * np.eye(3)
+        held = held_before(problem, rule)
+        if held is not None:
+            free = np.eye(3) - held
+            Q = free @ Q @ free
         none = np.zeros((len(u), 3))
-        return Terms(rule, k[:, :, None] * np.eye(3), none[:, :2], none[:, 2], np.zeros(3))
+        return Terms(rule, Q, none[:, :2], none[:, 2], np.zeros(3))
     scale = NITSCHE * asm.space.degree**2 / cell_heights(asm, rule)
     scale /= depths(problem.domain, asm, rule)
-    mask = support.mask.astype(np.float64)
+    mask, onto = support.mask.astype(np.float64), _onto(problem, support, rule)
     if isinstance(problem.material, Anisotropic):
         along = normal_stiffness(problem._matrices(u, asm.owners(rule)), n)
         # of tractions that a strain makes no more than this can be had from its energy
         Q = 2.0 * scale[:, None, None] * np.einsum("qijl,ql->qij", along, n)
         none = np.zeros((len(u), 3))
-        out = Terms(rule, Q, none[:, :2], none[:, 2], mask, along, support.normal)
-        return replace(out, Q=out.held(out.held(Q).transpose(0, 2, 1)))
+        return _projected(Terms(rule, Q, none[:, :2], none[:, 2], mask, along, onto))
     both = problem._lame(u, asm.owners(rule))
     lame = np.stack([np.broadcast_to(v, len(u)) for v in both], axis=1)
-    nn = n[:, :, None] * n[:, None, :] * (mask[:, None] * mask)
-    Q = 2 * lame[:, 1, None, None] * np.diag(mask) + lame[:, 0, None, None] * nn
+    nn = n[:, :, None] * n[:, None, :]
+    Q = 2 * lame[:, 1, None, None] * np.eye(3) + lame[:, 0, None, None] * nn
     Q *= scale[:, None, None]
     pressure = np.zeros(len(u))
     if problem.projection is not None:
         pressure, lame[:, 0] = lame[:, 0].copy(), 0.0
         least = 2.0 * problem.projection.traces(rule, rule.weights * pressure)[rule.owners]
         Q += (np.maximum(least - scale, 0.0) * pressure)[:, None, None] * nn
-    if not support.normal:
-        return Terms(rule, Q, lame, pressure, mask)
-    out = Terms(rule, Q, lame, pressure, mask, isotropic_stiffness(lame, n), normal=True)
-    return replace(out, Q=out.held(out.held(Q).transpose(0, 2, 1)))
+    along = None if onto is None else isotropic_stiffness(lame, n)
+    return _projected(Terms(rule, Q, lame, pressure, mask, along, onto))
+
+
+def _onto(problem: "ElasticOperators", support: Support, rule: Quadrature) -> FloatArray | None:
+    """Projections onto what a support holds and none before it; None for some components."""
+    before = held_before(problem, rule, support)
+    if before is None:
+        return held_by(support, rule) if support.normal else None
+    return joined(before, held_by(support, rule)) - before
+
+
+def _projected(terms: Terms) -> Terms:
+    """Terms with a stiffness in what is held only."""
+    return replace(terms, Q=terms.held(terms.held(terms.Q).transpose(0, 2, 1)))
 
 
 def add_elastic(data: FloatArray, problem: "ElasticOperators", terms: Terms) -> None:
@@ -189,6 +202,7 @@ def elastic_reaction(
     if terms.mask.any():
         s = solution.stress_on(rule)[:, PLACES]
         out += terms.held(np.einsum("qij,qj->qi", s, rule.normals))
+        out -= terms.held(loads_at(problem, rule))
     return rule.weights[:, None] * out
 
 

@@ -6,7 +6,7 @@ import pytest
 import ilattice as il
 from ilattice.bspline import BSpline
 from ilattice.cutfem import Elasticity
-from ilattice.errors import InputError
+from ilattice.errors import InputError, PrecisionWarning
 from ilattice.macroshape import SplineMap
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*energy:ilattice.errors.PrecisionWarning")
@@ -103,3 +103,40 @@ def test_what_guides_leave_free_is_told():
         problem.clamp("w=1", components="n", method="strong")
     with pytest.raises(InputError, match="give a vector"):
         problem.clamp("w=1", components="n", value=0.1)
+
+
+@pytest.mark.parametrize("seed", [3, 8])
+def test_guides_that_overlap_contradict_along_the_normal_only(seed):
+    """Values along the surface, which guides leave free, and rounded zeros were refused."""
+    through, q = placed(il.macroshape.box((3.0, 1.0, 0.8)), seed)
+    n, along = q[:, 0], q[:, 1] - 0.7 * q[:, 2]
+    problem = Elasticity(everywhere, (3, 2, 2), domain=CUBE, through=through, degree=1)
+    held = guided(problem).load(traction=n, on="u=1")
+    half = lambda x: (x - through.x([[0.0, 0.5, 0.0]])) @ q[:, 1] < 0.0  # noqa: E731
+    part = {"components": "n", "where": half}
+    u = np.random.default_rng(seed).random((20, 3))
+    expected = held.solve(tol=1e-12).evaluate(u)
+    twice = held.clamp("u=0", value=0.3 * along, **part).solve(tol=1e-12)
+    np.testing.assert_allclose(twice.evaluate(u), expected, atol=1e-6 * np.abs(expected).max())
+    with pytest.raises(InputError, match="contradict each other"):
+        held.clamp("u=0", value=0.3 * along + 1e-3 * n, **part).solve()
+    held.clamp("u=0", components="x", value=0.1, where=half).solve()
+    with pytest.raises(InputError, match="contradict each other"):
+        held.clamp("u=0", value=1e-3 * n, where=half).solve()
+
+
+def test_strips_beside_a_plane_are_told():
+    """They are held along their own normals: planes picked by a tolerance stiffen the body."""
+    through, q = placed(il.macroshape.box((3.0, 1.0, 0.8)), 4)
+    problem = Elasticity(everywhere, (16, 6, 5), domain=CUBE, through=through, degree=1)
+    size = np.linalg.norm(through.x([[1.0, 0.0, 0.0]]) - through.x([[0.0, 0.0, 0.0]]))
+
+    def near(x, width):
+        return (x - through.x([[0.0, 0.0, 0.0]])) @ q[:, 0] < width * size
+
+    problem.clamp(lambda x: near(x, 1e-9), components="n")
+    with (
+        pytest.warns(PrecisionWarning, match="its area"),
+        pytest.warns(PrecisionWarning, match="not in the plane of the rest"),
+    ):
+        problem.clamp(lambda x: near(x, 0.02), components="n")

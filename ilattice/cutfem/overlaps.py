@@ -1,0 +1,153 @@
+"""What supports hold where they overlap: each direction once.
+
+Nitsche's method adds the tractions of what a support holds. Where two supports hold the same, they
+would count twice, and the solution would be that of a body with tractions of its own there. So a
+support holds what no weak one before it does. Tractions and springs that act on what is held go
+into the support, not into the solid, as they do where functions are fixed.
+
+Guarantee: points of places are the same to the last bit wherever these overlap, as their rules are
+parts of one. Non-guarantee: places that touch in curves only share nothing.
+"""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ilattice._typing import FloatArray, IntArray
+from ilattice.cutfem.conditions import Support
+from ilattice.cutfem.places import Spot
+from ilattice.quadrature.rules import Quadrature
+
+if TYPE_CHECKING:
+    from ilattice.cutfem.problem import Problem
+
+#: Part of a direction that is left of it without another one, below which it is that one.
+LEAST = 1e-6
+#: How far points and normals of a plane may be off it, relative to its size.
+FLAT = 1e-3
+
+
+def held_by(support: Support, rule: Quadrature) -> FloatArray:
+    """Projections onto what a support holds.
+
+    Parameters
+    ----------
+    support : Support
+        With components, or along normals.
+    rule : Quadrature
+        Points of its place.
+
+    Returns
+    -------
+    ndarray, shape (n, m, m)
+        Symmetric.
+    """
+    if support.normal:
+        assert rule.normals is not None
+        return rule.normals[:, :, None] * rule.normals[:, None, :]
+    one = np.diag(support.mask.astype(np.float64))
+    return np.broadcast_to(one, (len(rule), *one.shape)).copy()
+
+
+def held_before(
+    problem: "Problem", rule: Quadrature, support: Support | None = None
+) -> FloatArray | None:
+    """Projections onto what weak supports hold at points of a surface.
+
+    Parameters
+    ----------
+    problem : Problem
+        Gives the supports.
+    rule : Quadrature
+        Points in space, of active cells.
+    support : Support, optional
+        The one up to which they count; by default all do.
+
+    Returns
+    -------
+    ndarray, shape (n, m, m), or None
+        Nothing where none of them holds anything.
+    """
+    out = None
+    for one in problem.supports:
+        if one is support:
+            break
+        if not one.weak:
+            continue
+        rows = _shared(rule, problem.domain.edge(problem.assembly, one.on))
+        if len(rows):
+            out = np.zeros((len(rule), problem.m, problem.m)) if out is None else out
+            out[rows] = joined(out[rows], held_by(one, rule)[rows])
+    return out
+
+
+def loads_at(problem: "Problem", rule: Quadrature) -> FloatArray:
+    """Loads on surfaces.
+
+    Parameters
+    ----------
+    problem : Problem
+        Gives the loads.
+    rule : Quadrature
+        Points in space, of active cells, with normals.
+
+    Returns
+    -------
+    ndarray, shape (n, m)
+        Per area; nothing but at points of the places of loads.
+    """
+    out = np.zeros((len(rule), problem.m))
+    for load in problem.loads:
+        if not load.on or isinstance(load.on, Spot):
+            continue
+        rows = _shared(rule, problem.domain.edge(problem.assembly, load.on))
+        if len(rows):
+            density = problem._density(problem._spread(load), rule)[0]
+            assert density is not None
+            out[rows] += density[rows]
+    return out
+
+
+def beside_plane(rule: Quadrature) -> float:
+    """Part of the area of a place that is not in the plane in which most of it is.
+
+    Parameters
+    ----------
+    rule : Quadrature
+        In space, with normals.
+
+    Returns
+    -------
+    float
+        Nothing where less than half of the area is in one plane, as on curved places.
+    """
+    n, w = rule.normals, rule.weights
+    assert n is not None
+    size = float(np.ptp(rule.points, axis=0).max())
+    height = np.einsum("qi,qi->q", rule.points - rule.points[0], n) / size
+    key = np.rint(np.column_stack([n, height]) / (0.1 * FLAT))
+    _, first, rows = np.unique(key, axis=0, return_index=True, return_inverse=True)
+    most = first[np.argmax(np.bincount(rows.ravel(), w))]
+    flat = (np.linalg.norm(n - n[most], axis=1) <= FLAT) & (
+        np.abs((rule.points - rule.points[most]) @ n[most]) <= FLAT * size
+    )
+    part = float(w[~flat].sum() / w.sum())
+    return part if part < 0.5 else 0.0
+
+
+def joined(one: FloatArray, other: FloatArray) -> FloatArray:
+    """Projections (n, m, m) onto what one or another of two projections leaves whole."""
+    values, vectors = np.linalg.eigh(one + other)
+    kept = vectors * (values > LEAST)[:, None, :]
+    out: FloatArray = kept @ vectors.transpose(0, 2, 1)
+    return out
+
+
+def _shared(rule: Quadrature, other: Quadrature) -> IntArray:
+    """Numbers of the points of a rule that another one has, too."""
+    if rule is other:
+        return np.arange(len(rule))
+    x, y = (
+        np.ascontiguousarray(r.points).view([("", np.float64)] * 3).ravel() for r in (rule, other)
+    )
+    return np.flatnonzero(np.isin(x, y))
