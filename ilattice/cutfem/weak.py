@@ -109,8 +109,8 @@ def elastic_terms(problem: "ElasticOperators", support: Spring | Support) -> Ter
         pressure, lame[:, 0] = lame[:, 0].copy(), 0.0
         least = 2.0 * problem.projection.traces(rule, rule.weights * pressure)[rule.owners]
         Q += (np.maximum(least - scale, 0.0) * pressure)[:, None, None] * nn
-    along = None if onto is None else isotropic_stiffness(lame, n)
-    return _projected(Terms(rule, Q, lame, pressure, mask, along, onto))
+    full = None if onto is None else isotropic_stiffness(lame, n)
+    return _projected(Terms(rule, Q, lame, pressure, mask, full, onto))
 
 
 def _onto(problem: "ElasticOperators", support: Support, rule: Quadrature) -> FloatArray | None:

@@ -171,8 +171,9 @@ class Tiling:
         for a in range(3):
             (f, df), (g, dg) = (_on_face(field, plane, a, end) for end in (0.0, 1.0))
             near = np.minimum(np.abs(f), np.abs(g)) <= 1.0 / ON_FACES
-            fits[a] = not (np.minimum(np.abs(f - g), np.abs(f + g))[near] > APART).any()
-            turn = np.minimum(*(np.linalg.norm(df + s * dg, axis=1)[near] for s in (-1.0, 1.0)))
+            f, g, df, dg = f[near], g[near], df[near], dg[near]
+            fits[a] = not (np.minimum(np.abs(f - g), np.abs(f + g)) > APART).any()
+            turn = np.minimum(*(np.linalg.norm(df + s * dg, axis=1) for s in (-1.0, 1.0)))
             bent[a] = (turn > BENT).any()
         return fits, bent
 

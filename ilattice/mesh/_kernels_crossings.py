@@ -1,9 +1,9 @@
 """Compiled search for triangles that pass through each other, over a tree of boxes.
 
 Guarantees: triangles are marked if and only if one of two pierces the other by more than rounding,
-or both lie in one plane and overlap there, or a corner of one is inside the other or an edge of it,
-as where vertices on an edge of the domain have changed places, or tips touch its faces. The marks
-do not depend on the number of threads.
+or both lie in one plane and overlap there; if asked for, also where a corner of one is inside the
+other or an edge of it, as where vertices on an edge of the domain changed places, or tips touch
+its faces. The marks do not depend on the number of threads.
 
 The triangles are sorted along a curve that fills space. Leaf i of the tree holds the `LEAF`
 triangles from ``LEAF * i``, node n has the children ``2 n`` and ``2 n + 1``, the root is 1.
@@ -217,7 +217,7 @@ def _touched(x: Any, faces: Any, f: int, g: int, heights: Any, size: float) -> b
 
 
 @inner()
-def _cross(x: Any, faces: Any, f: int, g: int, size: float, heights: Any) -> bool:
+def _cross(x: Any, faces: Any, f: int, g: int, size: float, touching: bool, heights: Any) -> bool:
     """Whether one of two triangles pierces the other, or both overlap in one plane."""
     least = ROUNDING * size * size * size
     _heights(x, faces, f, g, heights)
@@ -226,21 +226,21 @@ def _cross(x: Any, faces: Any, f: int, g: int, size: float, heights: Any) -> boo
         return _overlap(x, faces, f, g, size)
     if _aside(faces, f, g, heights, COPLANAR * size * size * size):
         return False
-    if _touched(x, faces, f, g, heights, size):
+    if touching and _touched(x, faces, f, g, heights, size):
         return True
     pierces = low < -least and high > least
     if pierces and _pierced(x, faces, f, g, heights, least):
         return True
     _heights(x, faces, g, f, heights)
-    if _touched(x, faces, g, f, heights, size):
+    if touching and _touched(x, faces, g, f, heights, size):
         return True
     return pierces and _pierced(x, faces, g, f, heights, least)
 
 
 @inner()
 def _compare(
-    x: Any, faces: Any, order: Any, active: Any, tree: Any, leaf: int, other: int, boxes: Any,
-    marked: Any,
+    x: Any, faces: Any, order: Any, active: Any, tree: Any, leaf: int, other: int, touching: bool,
+    boxes: Any, marked: Any,
 ) -> int:  # fmt: skip
     """Mark the triangles of two leaves that cross; how many pairs do."""
     found = 0
@@ -256,7 +256,7 @@ def _compare(
             size = 0.0
             for k in range(3):
                 size = max(size, boxes[n, 3 + k] - boxes[n, k], boxes[LEAF, 3 + k] - boxes[LEAF, k])
-            if _cross(x, faces, f, g, size, boxes[LEAF + 1]):
+            if _cross(x, faces, f, g, size, touching, boxes[LEAF + 1]):
                 marked[f] = marked[g] = True
                 found += 1
     return found
@@ -285,6 +285,7 @@ def mark_crossings(
     boxes: Any,
     active: Any,
     whole: bool,
+    touching: bool,
     marked: Any,
     pairs: Any,
 ) -> None:
@@ -306,6 +307,8 @@ def mark_crossings(
         Only pairs with one of these are compared.
     whole : bool
         Whether all are active: then every pair is met from the first of its leaves.
+    touching : bool
+        Whether triangles that a corner of another one touches are marked, too.
     marked : (F,) array of bool, all False
         Receives True for triangles that cross another one.
     pairs : (leaves,) integer array
@@ -332,6 +335,6 @@ def mark_crossings(
                 depth += 2
             else:
                 count += _compare(
-                    x, faces, order, active, boxes, leaf, n - start, scratch, marked
+                    x, faces, order, active, boxes, leaf, n - start, touching, scratch, marked
                 )  # fmt: skip
         pairs[leaf] = count

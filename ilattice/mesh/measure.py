@@ -93,7 +93,7 @@ def triangle_quality(vertices: AnyArray, faces: AnyArray) -> FloatArray:
 
 
 def self_intersections(
-    vertices: AnyArray, faces: AnyArray, active: AnyArray | None = None
+    vertices: AnyArray, faces: AnyArray, active: AnyArray | None = None, *, touching: bool = False
 ) -> tuple[int, AnyArray]:
     """Triangles that pass through each other, or overlap in one plane.
 
@@ -105,6 +105,8 @@ def self_intersections(
         Corners.
     active : (F,) array of bool, optional
         Only pairs with one of these triangles are compared; by default all are.
+    touching : bool
+        Whether those count, too, of which a corner of one is inside the other or an edge of it.
 
     Returns
     -------
@@ -131,7 +133,7 @@ def self_intersections(
     crossings.fill_nodes(boxes)
     active = np.ones(len(faces), np.bool_) if active is None else active
     pairs = np.zeros(-(-len(faces) // crossings.LEAF), np.int64)
-    tree = vertices, faces, order, boxes, active, bool(active.all())
+    tree = vertices, faces, order, boxes, active, bool(active.all()), touching
     crossings.mark_crossings(len(pairs), *tree, marked, pairs)
     return int(pairs.sum()), marked
 

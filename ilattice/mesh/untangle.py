@@ -102,7 +102,7 @@ class _Surface:
         before, self.before = self.before, np.full_like(quads, -1)
         self.before[self.repair.rows] = faces
         active = (faces != before[self.repair.rows]).any(axis=1) | self.moved[faces].any(axis=1)
-        self.pairs, crossing = self_intersections(self.x, faces, active)
+        self.pairs, crossing = self_intersections(self.x, faces, active, touching=True)
         self.at = np.unique(faces[crossing])
         self.faces, self.moved = faces, np.zeros(len(self.x), np.bool_)
         self.moved[self.at] = True  # what crosses now is to be looked at again

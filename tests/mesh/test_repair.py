@@ -416,7 +416,7 @@ def wall_of(name, d):
     return il.Lattice(il.tiles[name], through=il.macroshape.box(), repeat=(1, 1, 1)).offset(d)
 
 
-def none_cross(*arrays):
+def none_cross(*arrays, **_):
     return 0, np.zeros(len(arrays[1]), bool)
 
 

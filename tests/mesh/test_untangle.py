@@ -26,8 +26,8 @@ def by_libigl(x, faces):
     return np.unique(cgal.remesh_self_intersections(x, faces, detect_only=True)[2])
 
 
-def found(x, faces, active=None):
-    pairs, marked = self_intersections(np.asarray(x), np.asarray(faces), active)
+def found(x, faces, active=None, *, touching=False):
+    pairs, marked = self_intersections(np.asarray(x), np.asarray(faces), active, touching=touching)
     return pairs, np.flatnonzero(marked)
 
 
@@ -81,7 +81,8 @@ def test_corners_that_touch_triangles_are_found(seed):
     for other, pairs in ((tip, 1), (along, 1), (apart, 0)):
         x = np.concatenate([base, other]) @ turn
         for faces in ([[0, 1, 2], [3, 4, 5]], [[5, 3, 4], [2, 1, 0]]):
-            assert found(x, faces)[0] == pairs
+            assert found(x, faces, touching=True)[0] == pairs
+            assert found(x, faces)[0] == 0
 
 
 def test_good_and_empty_meshes_have_none():
