@@ -23,7 +23,7 @@ import numpy as np
 
 from ilattice._memory import need
 from ilattice._progress import Progress, track
-from ilattice._typing import AnyArray, FloatArray, IntArray
+from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import as_choice, as_kind, as_positive, as_whole
 from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem import conduction, coupling, discretization, watching
@@ -449,7 +449,7 @@ class Heat(Problem):
 
     def _taken(self, rule: Quadrature, k: FloatArray) -> FloatArray:
         """Heat (n, 1) that loads bring to places of a weak condition that holds the temperature."""
-        holds: AnyArray = k.reshape(len(k), -1).any(axis=1)
+        holds = np.asarray(k.reshape(len(k), -1).any(axis=1))
         return loads_at(self, rule) * holds[:, None] if holds.any() else np.zeros((len(k), 1))
 
     def _force(self, load: Load) -> FloatArray:

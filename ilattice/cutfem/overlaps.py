@@ -74,7 +74,7 @@ def held_before(
             break
         if not one.weak:
             continue
-        rows = _shared(rule, problem.domain.edge(problem.assembly, one.on))
+        rows, _ = _shared(rule, problem.domain.edge(problem.assembly, one.on))
         if len(rows):
             out = np.zeros((len(rule), problem.m, problem.m)) if out is None else out
             out[rows] = joined(out[rows], held_by(one, rule)[rows])
@@ -100,11 +100,12 @@ def loads_at(problem: "Problem", rule: Quadrature) -> FloatArray:
     for load in problem.loads:
         if not load.on or isinstance(load.on, Spot):
             continue
-        rows = _shared(rule, problem.domain.edge(problem.assembly, load.on))
+        own = problem.domain.edge(problem.assembly, load.on)
+        rows, there = _shared(rule, own)
         if len(rows):
-            density = problem._density(problem._spread(load), rule)[0]
+            density = problem._density(problem._spread(load), own)[0]
             assert density is not None
-            out[rows] += density[rows]
+            out[rows] += density[there]
     return out
 
 
@@ -143,11 +144,12 @@ def joined(one: FloatArray, other: FloatArray) -> FloatArray:
     return out
 
 
-def _shared(rule: Quadrature, other: Quadrature) -> IntArray:
-    """Numbers of the points of a rule that another one has, too."""
+def _shared(rule: Quadrature, other: Quadrature) -> tuple[IntArray, IntArray]:
+    """Numbers of the points of a rule that another one has, too, and their numbers there."""
     if rule is other:
-        return np.arange(len(rule))
+        return np.arange(len(rule)), np.arange(len(rule))
     x, y = (
         np.ascontiguousarray(r.points).view([("", np.float64)] * 3).ravel() for r in (rule, other)
     )
-    return np.flatnonzero(np.isin(x, y))
+    _, rows, there = np.intersect1d(x, y, return_indices=True)
+    return rows, there
