@@ -208,7 +208,8 @@ class Elasticity(ElasticOperators):
         value : float, sequence of 3 floats or callable
             The displacement; a callable takes points of space (n, 3), returns vectors (n, 3).
         method : {"auto", "strong", "nitsche"}
-            Exactly, for end faces; or in the mean, by Nitsche's method.
+            Exactly, for end faces; or in the mean, by Nitsche's method. Loads and springs on
+            the place go into the support; of supports that overlap, the first one holds.
         where : str, callable, (2, 3) array-like, Field or SurfaceMesh, optional
             The part of a place with a name, as in `on`.
         rotation : sequence of 3 floats, optional
