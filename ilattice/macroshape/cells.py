@@ -64,7 +64,8 @@ def cell(edges: ArrayLike = 1.0) -> CellMap:
     Returns
     -------
     CellMap
-        Trilinear, 2×2×2. Walls of lattices through it repeat over its faces.
+        Trilinear, 2×2×2. Walls of lattices through it repeat over its faces,
+        unless they have ``boundary="clip"``.
 
     Raises
     ------
