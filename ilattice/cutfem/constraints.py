@@ -10,7 +10,6 @@ one with some, these rows hold their diagonal entry alone. Symmetric to the bit.
 
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -23,13 +22,10 @@ from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.conditions import AXES, Support, values_at
 from ilattice.cutfem.domain import Domain
 from ilattice.errors import InputError
-from ilattice.quadrature.rules import NAMES, Quadrature
+from ilattice.quadrature.rules import NAMES
 
 #: Values that two supports prescribe for one node are the same up to this part of the largest.
 SAME = 1e-8
-
-#: A normal is along axes if its part along the others is no longer than this.
-FLAT = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,62 +158,6 @@ def constraints(
         owner[at] = number
         values[at] = new
     return Constraints(owner >= 0, values, owner)
-
-
-def check_agreement(domain: Domain, asm: Assembly, supports: tuple[Support, ...], m: int) -> None:
-    """Refuse different values at one point, at least one of them in the mean.
-
-    Parameters
-    ----------
-    domain, asm, supports, m
-        As in `constraints`.
-
-    Raises
-    ------
-    InputError
-        If two supports prescribe different values.
-    """
-    for s, t in combinations(supports, 2):
-        if not (s.weak or t.weak):
-            continue
-        x, n = _shared(domain.edge(asm, s.on), domain.edge(asm, t.on))
-        held = _held_by_both(s, t, n)
-        a, b = (values_at("value", one.value, x, m) for one in (s, t))
-        off = np.abs(np.einsum("nij,nj->ni", held, a - b))
-        if len(x) and off.max() > SAME * max(_largest(s, a), _largest(t, b)):
-            row, column = np.unravel_index(np.argmax(off), off.shape)
-            a, b = (np.einsum("ij,j->i", held[row], values[row]) for values in (a, b))
-            raise InputError(
-                f"supports on {s.on!r} and {t.on!r} contradict each other: near the point "
-                f"{np.round(x[row], 6).tolist()} one asks for {a[column]:g} and the other "
-                f"for {b[column]:g}; prescribe it once, or equal values"
-            )
-
-
-def _held_by_both(s: Support, t: Support, n: FloatArray) -> FloatArray:
-    """Projections (n, m, m) on what two supports both prescribe, at points with normals."""
-    both = np.diag((s.mask & t.mask).astype(float))
-    if not (s.normal or t.normal):
-        return np.broadcast_to(both, (len(n), *both.shape))
-    within = np.abs(np.where(s.mask & t.mask, 0.0, n)).max(axis=1, initial=0.0) < FLAT
-    return n[:, :, None] * n[:, None, :] * within[:, None, None]
-
-
-def _largest(s: Support, values: FloatArray) -> float:
-    """Largest value of a support; along normals they are rounded as whole vectors are."""
-    return float(np.abs(values if s.normal else values[:, s.mask]).max())
-
-
-def _shared(one: Quadrature, other: Quadrature) -> tuple[FloatArray, FloatArray]:
-    """Points (n, 3) in both of two places, parts of one rule, and normals there."""
-    assert one.normals is not None
-    if one is other:
-        return one.points, one.normals
-    x, y = (
-        np.ascontiguousarray(r.points).view([("", np.float64)] * 3).ravel() for r in (one, other)
-    )
-    same = np.isin(x, y)
-    return one.points[same], one.normals[same]
 
 
 def _refuse(

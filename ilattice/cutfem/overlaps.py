@@ -9,20 +9,27 @@ Guarantee: points of places are the same to the last bit wherever these overlap,
 parts of one. Non-guarantee: places that touch in curves only share nothing.
 """
 
+from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ilattice._typing import FloatArray, IntArray
-from ilattice.cutfem.conditions import Support
+from ilattice.cutfem.conditions import Support, values_at
+from ilattice.cutfem.constraints import SAME
 from ilattice.cutfem.places import Spot
+from ilattice.errors import InputError
 from ilattice.quadrature.rules import Quadrature
 
 if TYPE_CHECKING:
+    from ilattice.cutfem.assembly import Assembly
+    from ilattice.cutfem.domain import Domain
     from ilattice.cutfem.problem import Problem
 
 #: Part of a direction that is left of it without another one, below which it is that one.
 LEAST = 1e-6
+#: A normal is along axes if its part along the others is no longer than this.
+ALONG = 1e-9
 #: How far points and normals of a plane may be off it, relative to its size.
 FLAT = 1e-3
 
@@ -79,6 +86,56 @@ def held_before(
             out = np.zeros((len(rule), problem.m, problem.m)) if out is None else out
             out[rows] = joined(out[rows], held_by(one, rule)[rows])
     return out
+
+
+def check_agreement(
+    domain: "Domain", asm: "Assembly", supports: tuple[Support, ...], m: int
+) -> None:
+    """Refuse different values at one point, at least one of them in the mean.
+
+    Parameters
+    ----------
+    domain, asm, supports, m
+        As in `ilattice.cutfem.constraints.constraints`.
+
+    Raises
+    ------
+    InputError
+        If two supports prescribe different values.
+    """
+    for s, t in combinations(supports, 2):
+        if not (s.weak or t.weak):
+            continue
+        rule = domain.edge(asm, s.on)
+        rows, _ = _shared(rule, domain.edge(asm, t.on))
+        if not len(rows):
+            continue
+        assert rule.normals is not None
+        x, held = rule.points[rows], _held_by_both(s, t, rule.normals[rows])
+        a, b = (values_at("value", one.value, x, m) for one in (s, t))
+        off = np.abs(np.einsum("nij,nj->ni", held, a - b))
+        if off.max() > SAME * max(_largest(s, a), _largest(t, b)):
+            row, column = np.unravel_index(np.argmax(off), off.shape)
+            a, b = (np.einsum("ij,j->i", held[row], values[row]) for values in (a, b))
+            raise InputError(
+                f"supports on {s.on!r} and {t.on!r} contradict each other: near the point "
+                f"{np.round(x[row], 6).tolist()} one asks for {a[column]:g} and the other "
+                f"for {b[column]:g}; prescribe it once, or equal values"
+            )
+
+
+def _held_by_both(s: Support, t: Support, n: FloatArray) -> FloatArray:
+    """Projections (n, m, m) on what two supports both prescribe, at points with normals."""
+    both = np.diag((s.mask & t.mask).astype(float))
+    if not (s.normal or t.normal):
+        return np.broadcast_to(both, (len(n), *both.shape))
+    within = np.abs(np.where(s.mask & t.mask, 0.0, n)).max(axis=1, initial=0.0) < ALONG
+    return n[:, :, None] * n[:, None, :] * within[:, None, None]
+
+
+def _largest(s: Support, values: FloatArray) -> float:
+    """Largest value of a support; along normals they are rounded as whole vectors are."""
+    return float(np.abs(values if s.normal else values[:, s.mask]).max())
 
 
 def loads_at(problem: "Problem", rule: Quadrature) -> FloatArray:
@@ -148,6 +205,12 @@ def _shared(rule: Quadrature, other: Quadrature) -> tuple[IntArray, IntArray]:
     """Numbers of the points of a rule that another one has, too, and their numbers there."""
     if rule is other:
         return np.arange(len(rule)), np.arange(len(rule))
+    nothing = np.zeros(0, np.int64), np.zeros(0, np.int64)
+    if not (len(rule) and len(other)):
+        return nothing
+    low = np.maximum(rule.points.min(axis=0), other.points.min(axis=0))
+    if (low > np.minimum(rule.points.max(axis=0), other.points.max(axis=0))).any():
+        return nothing
     x, y = (
         np.ascontiguousarray(r.points).view([("", np.float64)] * 3).ravel() for r in (rule, other)
     )

@@ -27,11 +27,11 @@ from ilattice.cutfem.conditions import (
     as_value,
     stiffness_at,
 )
-from ilattice.cutfem.constraints import Constraints, check_agreement, constraints
+from ilattice.cutfem.constraints import Constraints, constraints
 from ilattice.cutfem.discretization import Product
 from ilattice.cutfem.domain import Domain
 from ilattice.cutfem.material import Scalar
-from ilattice.cutfem.overlaps import beside_plane
+from ilattice.cutfem.overlaps import beside_plane, check_agreement
 from ilattice.cutfem.places import spot
 from ilattice.cutfem.regions import ROUGH, Region, as_place
 from ilattice.errors import GeometryError, InputError, PrecisionWarning

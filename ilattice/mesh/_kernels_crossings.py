@@ -229,6 +229,8 @@ def _cross(x: Any, faces: Any, f: int, g: int, size: float, touching: bool, heig
     if touching and _touched(x, faces, f, g, heights, size):
         return True
     pierces = low < -least and high > least
+    if not (touching or pierces):
+        return False
     if pierces and _pierced(x, faces, f, g, heights, least):
         return True
     _heights(x, faces, g, f, heights)
