@@ -8,8 +8,10 @@ import contextlib
 import importlib
 import inspect
 import io
+import json
 import re
 import shutil
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -21,6 +23,10 @@ from ilattice import cli
 from ilattice.io import registry
 
 HERE = Path(__file__).parent
+sys.path.append(str(HERE.parent))
+
+from benchmarks.measure import Row  # noqa: E402
+
 #: Rooms of the package, in the order of its docstring.
 ROOMS = tuple(re.findall(r"^`([a-z]+)` ", str(il.__doc__), re.MULTILINE)[:-1])
 #: Pages behind the others, of those that there are.
@@ -78,12 +84,29 @@ def background() -> str:
 
 
 def benchmarks() -> str:
-    """Table of the benchmarks, by the first lines of their docstrings."""
-    lines = ["| module | what is measured |", "|---|---|"]
+    """Tables of what was measured, module by module, under the first lines of their docstrings."""
+    known = json.loads((HERE / "benchmarks.json").read_text(encoding="utf-8"))
+    lines = []
     for path in sorted((HERE.parent / "benchmarks").glob("bench_*.py")):
         said = str(ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))))
-        lines.append(f"| `{path.stem.removeprefix('bench_')}` | {said.splitlines()[0]} |")
-    return "\n".join([*lines, ""])
+        name = path.stem.removeprefix("bench_")
+        lines += [f"### `{name}`", "", said.splitlines()[0], ""]
+        if name not in known:
+            lines += ["Not measured yet.", ""]
+            continue
+        found = known[name]
+        sizes = "small sizes (`--quick`)" if found["quick"] else "full sizes"
+        where = ", ".join(found[k] for k in ("machine", "cores", "threads", "version", "load"))
+        lines += [
+            "| benchmark | ours | reference | ratio | goal | met |",
+            "|---|---|---|---|---|---|",
+        ]
+        for row in found["rows"]:
+            made = Row(**row)
+            cells = (made.name, made.ours, made.reference, f"{made.value:.3g}", made.goal, made.met)
+            lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+        lines += ["", f"With {sizes}, on {where}.", ""]
+    return "\n".join(lines)
 
 
 # --- file formats and commands ------------------------------------------------------------------

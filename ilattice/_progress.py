@@ -50,7 +50,7 @@ def track(
         yield from items
 
 
-def staged(work: Mapping[str, Callable[[], object]], progress: Progress = None) -> None:
+def staged(work: Mapping[str, Callable[[], T]], progress: Progress = None) -> list[T]:
     """Do one thing after the other, each under its name.
 
     Parameters
@@ -59,10 +59,13 @@ def staged(work: Mapping[str, Callable[[], object]], progress: Progress = None) 
         What is done, by what it is called, in order.
     progress : bool or callable, optional
         As for `track`: bars have the name while it is done, a callable is told after it.
+
+    Returns
+    -------
+    list
+        What they return.
     """
-    for label, do in work.items():
-        for _ in track((None,), label, progress):
-            do()
+    return [do() for label, do in work.items() for _ in track((None,), label, progress)]
 
 
 def _length(items: Iterable[T]) -> int:

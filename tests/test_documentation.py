@@ -4,6 +4,7 @@ import contextlib
 import importlib.util
 import inspect
 import io
+import json
 import re
 import sys
 from pathlib import Path
@@ -138,7 +139,14 @@ def test_messages_are_those_of_the_package():
 
 def test_the_table_of_benchmarks_has_all_of_them(pages):
     files = list((DOCS.parent / "benchmarks").glob("bench_*.py"))
-    assert pages.benchmarks().count("\n| `") == len(files) > 5
+    text = pages.benchmarks()
+    assert len(re.findall(r"^### `\w+`$", text, re.MULTILINE)) == len(files) > 5
+    assert "Not measured" not in text
+    known = json.loads((DOCS / "benchmarks.json").read_text(encoding="utf-8"))
+    assert text.count("\n| ") == sum(len(found["rows"]) + 1 for found in known.values())
+    for found in known.values():
+        for row in found["rows"]:
+            assert f"| {row['ours']} | {row['reference']} | {row['value']:.3g} |" in text
 
 
 def test_the_table_of_formats_has_all_of_them(pages):

@@ -45,6 +45,7 @@ def test_stages_are_told_by_name_in_order():
     assert seen == ["a", ("cells", 1, 1), "b", ("rules", 1, 1)]
     staged(work)
     assert seen[-2:] == ["a", "b"]
+    assert staged({"one": lambda: 1, "two": lambda: 2}) == [1, 2]
 
 
 @pytest.mark.filterwarnings("ignore:the cells are too coarse")
@@ -68,4 +69,4 @@ def test_an_analysis_tells_its_stages():
     assert labels[-1] == "solve"
     labels.clear()
     il.cutfem.natural_modes(problem, 7, progress=told)
-    assert labels == ["cells", "rules", "matrix"]
+    assert labels == ["cells", "rules", "matrix", "factor", "modes"]

@@ -94,7 +94,8 @@ def as_mask(components: Any, m: int) -> Any:
     listed = [AXES.find(c) if isinstance(c, str) else c for c in given]
     if not listed or not all(among(c, range(m)) for c in listed):
         raise InputError(
-            f"components must name some of {AXES[:m]!r}, or numbers below {m}, got {components!r}"
+            f"components must name some of {AXES[:m]!r}, be 'n' for the one along the normal, or "
+            f"numbers below {m}, got {components!r}"
         )
     if len(set(listed)) < len(listed):
         raise InputError(f"components must name each component once, got {components!r}")

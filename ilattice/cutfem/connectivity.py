@@ -18,6 +18,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import Frozen, read_only
+from ilattice.quadrature.grid import DividedGrid
 from ilattice.quadrature.rules import Quadrature, kept, on_cells
 
 #: Least wet area of a face, in units of the two thirds power of the smaller volume beside it.
@@ -119,6 +120,32 @@ class Parts(Frozen):
         assert faces.neighbours is not None
         low = part[faces.cells]
         return kept(faces, (low >= 0) & (low == part[faces.neighbours]))
+
+    def at(self, u: FloatArray) -> IntArray:
+        """Parts in whose cells, or pieces of cells, points are.
+
+        Parameters
+        ----------
+        u : ndarray, shape (n, 3)
+            Parameters.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Their numbers; -1 in cells without solid, and outside of the grid.
+        """
+        grid, at, inside = self.solid.grid, np.empty((3, len(u)), np.int64), np.ones(len(u), bool)
+        for a, x in enumerate(grid.axes):
+            p = u[:, a]
+            if grid.closed[a]:
+                p = x[0] + np.mod(p - x[0], x[-1] - x[0])
+            inside &= (p >= x[0]) & (p <= x[-1])
+            at[a] = np.clip(np.searchsorted(x, p, side="right") - 1, 0, len(x) - 2)
+        element = np.asarray(np.ravel_multi_index(tuple(at), grid.shape), np.int64)
+        if isinstance(grid, DividedGrid):
+            element = grid.element_at(u, element)
+        row = np.minimum(np.searchsorted(self.cells, element), len(self.cells) - 1)
+        return np.where(inside & (self.cells[row] == element), self.labels[row], -1)
 
     def describe(self, parts: IntArray, most: int = 3) -> str:
         """Number, volumes and places of some parts, in words.

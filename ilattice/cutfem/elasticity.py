@@ -37,12 +37,12 @@ from ilattice.cutfem.discretization import Product
 from ilattice.cutfem.domain import lattice_of
 from ilattice.cutfem.material import Isotropic, MapProperties, Property, Scalar
 from ilattice.cutfem.operators import ElasticOperators
-from ilattice.cutfem.output import Series
 from ilattice.cutfem.phases import as_phased
 from ilattice.cutfem.places import Motion, as_vector
 from ilattice.cutfem.problem import ISLANDS, Problem
 from ilattice.cutfem.regions import Region, as_place
 from ilattice.cutfem.rigid import Connection
+from ilattice.cutfem.series import Series
 from ilattice.errors import InputError
 from ilattice.linalg.multigrid import Blocks
 from ilattice.quadrature.rules import Quadrature

@@ -28,8 +28,8 @@ from ilattice._validate import Frozen, as_points, read_only
 from ilattice.cutfem.anisotropic import AT_ONCE, Anisotropic
 from ilattice.cutfem.conduction import flux
 from ilattice.cutfem.heat_solution import HeatSolution
-from ilattice.cutfem.output import shape_of
 from ilattice.cutfem.recovery import smooth_flux, smooth_stress, smoothest, values_on
+from ilattice.cutfem.shapes import shape_of
 from ilattice.cutfem.solution import Solution
 from ilattice.plot.quick import show
 from ilattice.quadrature.rules import Quadrature

@@ -111,16 +111,18 @@ class Heat(Problem):
 
     # ---------------------------------------------------------------- verbs
 
-    def fix(self, on: str, value: Any, *, method: str = "auto") -> Self:
-        """Prescribe the temperature on an end face or a level set.
+    def fix(self, on: Any, value: Any, *, method: str = "auto", where: Any = None) -> Self:
+        """Prescribe the temperature on an end face, a level set or a region.
 
         Parameters
         ----------
-        on : {"u=0", "u=1", "v=0", "v=1", "w=0", "w=1", "surface", "outer", "inner"}
+        on : str, callable, (2, 3) array-like, Field or SurfaceMesh
             As in `Elasticity.clamp`.
         value : float or callable
             Temperature; a callable takes points of space (n, 3).
         method : {"auto", "strong", "nitsche"}
+            As in `Elasticity.clamp`.
+        where : str, callable, (2, 3) array-like, Field or SurfaceMesh, optional
             As in `Elasticity.clamp`.
 
         Returns
@@ -128,14 +130,14 @@ class Heat(Problem):
         Heat
             A new problem.
         """
-        return self._supported(on, None, value, method, "value")
+        return self._supported(on, None, value, method, "value", where)
 
-    def convection(self, on: str, transfer: Any, *, around: Any) -> Self:
+    def convection(self, on: Any, transfer: Any, *, around: Any, where: Any = None) -> Self:
         """Exchange heat with what is around.
 
         Parameters
         ----------
-        on : str
+        on, where : str, callable, (2, 3) array-like, Field or SurfaceMesh
             As in `fix`.
         transfer : float or callable
             Heat per area, time and degree.
@@ -147,14 +149,14 @@ class Heat(Problem):
         Heat
             A new problem.
         """
-        return self._sprung(on, transfer, around, "transfer")
+        return self._sprung(on, transfer, around, "transfer", where)
 
-    def flux(self, on: str, value: Any) -> Self:
-        """Let heat flow in through an end face or a level set.
+    def flux(self, on: Any, value: Any, *, where: Any = None) -> Self:
+        """Let heat flow in through an end face, a level set or a region.
 
         Parameters
         ----------
-        on : str
+        on, where : str, callable, (2, 3) array-like, Field or SurfaceMesh
             As in `fix`.
         value : float or callable
             Heat per area and time into the solid.
@@ -164,7 +166,7 @@ class Heat(Problem):
         Heat
             A new problem.
         """
-        return self._loaded("flux", value, 1, on)
+        return self._loaded("flux", value, 1, on, where)
 
     def source(self, value: Any) -> Self:
         """Generate heat in the solid.

@@ -16,7 +16,8 @@ import numpy as np
 from ilattice._typing import AnyArray, ArrayLike, FloatArray
 from ilattice._validate import FixedMapping, as_kind, as_points
 from ilattice.cutfem.conduction import flux
-from ilattice.cutfem.output import Reported, Result, Series
+from ilattice.cutfem.output import Reported, Result
+from ilattice.cutfem.series import Series
 from ilattice.quadrature.rules import Quadrature
 
 if TYPE_CHECKING:
@@ -69,6 +70,10 @@ class HeatSolution(Reported, Result):
     time: float | None = field(default=None, kw_only=True)
     step: Step | None = field(default=None, kw_only=True)
     shown: ClassVar[str] = "temperature"
+
+    def __repr__(self) -> str:
+        when = "steady" if self.time is None else f"time {self.time:.6g}"
+        return f"HeatSolution({len(self.coefficients)} functions, {when})"
 
     def evaluate(self, u: ArrayLike) -> FloatArray:
         """Temperature at parameters.
@@ -196,7 +201,7 @@ class HeatSolution(Reported, Result):
         return total
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class HeatHistory(Series[HeatSolution]):
     """Temperatures in time: made by `Heat.evolve`, a sequence from the start to the end.
 

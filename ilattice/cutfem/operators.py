@@ -67,11 +67,11 @@ class ElasticOperators(Problem):
             self._refuse_connections()
 
     def _refuse_connections(self) -> None:
-        """Refuse what knows of no rigid connections."""
+        """Refuse matrices on nodes alone, which leave out motions of connections."""
         if self.connections:
             raise InputError(
-                "rigid connections are for static solutions only: clamp "
-                f"{self.connections[0].on} instead, or leave the connection out"
+                f"the rigid connection on {self.connections[0].on} has motions of its own, which "
+                "are not in matrices on nodes: take solve, natural_modes or buckling, or clamp it"
             )
 
     @cached_property
@@ -181,6 +181,10 @@ class ElasticOperators(Problem):
             Rows of prescribed components are zero.
         """
         self._refuse_connections()
+        return self.constraints.reduce(self._mass(density), diagonal=False)
+
+    def _mass(self, density: Property | None = None) -> Any:
+        """The mass matrix on all functions."""
         asm = self.assembly
         rho = self.material.density
         rho = rho if density is None else replace(rho, value=density)
@@ -189,7 +193,7 @@ class ElasticOperators(Problem):
         data = asm.zeros(3)
         d = self._scalar_at(rho, rule.points, asm.owners(rule))[:, None]
         asm.add_cells(data, rule, kernels.MASS, d)
-        return self.constraints.reduce(asm.pattern.matrix(data), diagonal=False)
+        return asm.pattern.matrix(data)
 
     def geometric_stiffness(self, solution: "Solution") -> Any:
         """Stiffness by the stress of a solution, for buckling, on the nodes of `system`.
@@ -205,12 +209,16 @@ class ElasticOperators(Problem):
             The integral of grad v . stress . grad u; rows of prescribed components are zero.
         """
         self._refuse_connections()
+        return self.constraints.reduce(self._geometric_stiffness(solution), diagonal=False)
+
+    def _geometric_stiffness(self, solution: "Solution") -> Any:
+        """The stiffness by stress on all functions."""
         asm = self.assembly
         self._own(as_kind("solution", solution, "Solution"))
         rule = on_cells(self.domain.volume, asm.space.cells)
         data = asm.zeros(3)
         asm.add_cells(data, rule, kernels.TENSOR, solution.stress_on(rule))
-        return self.constraints.reduce(asm.pattern.matrix(data), diagonal=False)
+        return asm.pattern.matrix(data)
 
     # ---------------------------------------------------------------- supports
 

@@ -1,43 +1,26 @@
-"""Results as meshes, pictures and files; series of them as one file for ParaView.
-
-What is shown of a solid: the surface mesh of its wall; the solid itself, cut out of the cells as
-tetrahedra; or the active cells whole, as Lagrange hexahedra of the degree of the splines, in which
-fields and level sets are polynomials like those of the splines.
+"""Results as meshes, pictures and files.
 
 Guarantees: fields are evaluated at every vertex, not interpolated; displacements and temperatures
-in Lagrange cells are those of the splines everywhere; files are written as a whole or not at all,
-the one of a series last. Non-guarantee: on the surface of a mesh, which lies off the level sets of
-the splines by the error of both, fields are continued from the nearest cell.
+in Lagrange cells are those of the splines everywhere; files are written as a whole or not at all.
+Non-guarantee: on the surface of a mesh, which lies off the level sets of the splines by the error
+of both, fields are continued from the nearest cell.
 """
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from os import PathLike
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeVar, overload
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from ilattice._progress import Progress, track
-from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
-from ilattice._validate import (
-    FrozenCopies,
-    among,
-    as_array,
-    as_index,
-    as_positive,
-    as_whole,
-    read_only,
-)
+from ilattice._typing import AnyArray, ArrayLike, FloatArray
+from ilattice._validate import FrozenCopies, read_only
 from ilattice.cutfem.probe import Probe, along, probe
-from ilattice.errors import FormatError, InputError
+from ilattice.cutfem.shapes import Shape, cells_of, moved, shape_of, surface_of
+from ilattice.errors import FormatError
 from ilattice.mesh import SurfaceMesh
-from ilattice.mesh.wall_mesh import parameters_of, wall_mesh, warn_full
-from ilattice.plot import Panels, Scene, animate, show
-from ilattice.plot.animation import film_of
+from ilattice.mesh.wall_mesh import parameters_of
+from ilattice.plot import show
 from ilattice.plot.cards import card
-from ilattice.plot.quick import split
-from ilattice.quadrature.clipping import MOST, clipped, lattice, smooth
 
 if TYPE_CHECKING:
     import pyvista
@@ -45,35 +28,6 @@ if TYPE_CHECKING:
     from ilattice.cutfem.page import Report
     from ilattice.cutfem.problem import Problem
     from ilattice.linalg.solvers import SolveReport
-
-#: VTK's numbers.
-TRIANGLE, TETRAHEDRON, HEXAHEDRON, LAGRANGE_HEXAHEDRON = 5, 10, 12, 72
-CORNERS = ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1))
-WAYS = ("auto", "surface", "solid", "cells")
-#: Largest displacement of pictures with scale="auto", in lengths of the solid.
-AUTO = 0.1
-
-
-class Shape(NamedTuple):
-    """What is shown of a solid, before fields are on it.
-
-    Attributes
-    ----------
-    u, x : ndarray, shape (n, 3)
-        Vertices, in parameters and in space.
-    cells : ndarray, shape (e, c)
-        Vertices of cells.
-    kind : int
-        VTK's number of the kind of cells.
-    data : dict of str to ndarray
-        What is known at the vertices without a result.
-    """
-
-    u: FloatArray
-    x: FloatArray
-    cells: IntArray
-    kind: int
-    data: dict[str, AnyArray]
 
 
 class Result(FrozenCopies):
@@ -321,9 +275,6 @@ class Result(FrozenCopies):
         )  # fmt: skip
 
 
-R = TypeVar("R", bound=Result)
-
-
 class Reported:
     """What is known of how a result was found."""
 
@@ -340,214 +291,6 @@ class Reported:
         return report_of(self, self.solved)
 
 
-class Series(FrozenCopies, Sequence[R]):
-    """Results one after the other: a sequence that is one file for ParaView."""
-
-    @property
-    def times(self) -> FloatArray:
-        """Where the results are on the time line of a viewer, shape (len,)."""
-        return np.arange(len(self), dtype=np.float64)
-
-    def _result(self, number: int) -> R:
-        raise NotImplementedError
-
-    @overload
-    def __getitem__(self, index: int) -> R: ...
-    @overload
-    def __getitem__(self, index: slice) -> tuple[R, ...]: ...
-    def __getitem__(self, index: int | slice) -> R | tuple[R, ...]:
-        if isinstance(index, slice):
-            return tuple(self._result(k) for k in range(len(self))[index])
-        return self._result(range(len(self))[as_index("index", index)])
-
-    def plot(
-        self, *, most: int = 6, on: str = "auto", h: float | None = None,
-        scale: float | str = "auto", screenshot: "str | PathLike[str] | None" = None,
-        **options: Any,
-    ) -> Any:  # fmt: skip
-        """Show several results side by side, in one scale of colours.
-
-        Parameters
-        ----------
-        most : int
-            How many, evenly from the first to the last.
-        on, h, scale : str, float
-            As in `Result.plot`.
-        screenshot : path-like, optional
-            File for the picture, which is not shown then.
-        **options
-            Of `ilattice.plot.Scene` and its `add`, and ``size``, that of the whole picture.
-
-        Returns
-        -------
-        object
-            What pyvista returns, None for a file.
-        """
-        count = min(as_whole("most", most, 1, 99), len(self))
-        which = np.unique(np.linspace(0, len(self) - 1, count).round().astype(int)).tolist()
-        of_scene, of_layer, of_show = split(options)
-        size = of_scene.pop("size", None)
-        scenes = self._scenes(which, of_scene, of_layer, on=on, h=h, scale=scale)
-        panels = Panels(tuple(scenes), columns=min(3, len(scenes)), size=size)
-        return panels.show(**of_show) if screenshot is None else panels.save(screenshot)
-
-    def animate(
-        self, path: "str | PathLike[str]", *, on: str = "auto", h: float | None = None,
-        scale: float | str = "auto", fps: float = 12.0, progress: Progress = None,
-        **options: Any,
-    ) -> None:  # fmt: skip
-        """Write a film of the results, one picture each, in one scale of colours.
-
-        Parameters
-        ----------
-        path : path-like
-            Ending in .gif, or .mp4; see `ilattice.plot.animate`.
-        on, h, scale : str, float
-            As in `Result.plot`.
-        fps : float
-            Pictures per second.
-        progress : bool or callable, optional
-            See `ilattice._progress.track`.
-        **options
-            Of `ilattice.plot.Scene` and its `add`.
-        """
-        film_of(path)
-        of_scene, of_layer, _ = split(options)
-        of_scene = {"size": (800, 600), **of_scene}
-        which = list(range(len(self)))
-        scenes = self._scenes(which, of_scene, of_layer, on=on, h=h, scale=scale)
-        animate(scenes, path, fps=fps, progress=progress)
-
-    def _scenes(
-        self, which: Sequence[int], of_scene: Mapping[str, Any], of_layer: Mapping[str, Any],
-        **how: Any,
-    ) -> list[Scene]:  # fmt: skip
-        """Some of the results, in one scale of colours."""
-        grids = [self[k].to_pyvista(how["on"], h=how["h"], scale=how["scale"]) for k in which]
-        of_layer = {"scalars": self[0].shown, **of_layer}
-        shown = [np.asarray(grid[of_layer["scalars"]], float) for grid in grids]
-        sizes = [np.linalg.norm(a, axis=1) if a.ndim == 2 else a for a in shown]
-        limits = (min(np.nanmin(a) for a in sizes), max(np.nanmax(a) for a in sizes))
-        return [
-            Scene(**{"title": self[k]._title(), **of_scene}).add(
-                grid, **{"clim": limits, **of_layer}
-            )
-            for k, grid in zip(which, grids, strict=True)
-        ]
-
-    def save(
-        self, path: "str | PathLike[str]", *, on: str = "auto", h: float | None = None,
-        scale: float | str = 0.0, progress: Progress = None,
-    ) -> None:  # fmt: skip
-        """Write a PVD file for ParaView, and a VTU file per result in a folder beside it.
-
-        Parameters
-        ----------
-        path : path-like
-            File ending in ``.pvd``; those of ``modes.pvd`` are ``modes/modes_0000.vtu``, ...
-        on, h : str, float
-            As in `Solution.to_pyvista`; the mesh is made once.
-        scale : float or "auto"
-            As in `Solution.surface`.
-        progress : bool or callable, optional
-            See `ilattice._progress.track`.
-
-        Raises
-        ------
-        InputError
-            If an argument is wrong.
-        FormatError
-            Another ending, or a file cannot be written.
-        """
-        from ilattice.io.vtk import write_pvd
-
-        if not isinstance(path, (str, PathLike)):
-            raise InputError(f"path must be a file name, got {path!r:.80}")
-        target = Path(path)
-        if target.suffix != ".pvd":
-            raise FormatError(f"{str(path)!r}: series are written as .pvd")
-        shape, folder = shape_of(self[0].problem, on, h), target.with_suffix("")
-        files = [folder / f"{target.stem}_{k:04d}.vtu" for k in range(len(self))]
-        try:
-            folder.mkdir(exist_ok=True)
-        except OSError as e:
-            raise FormatError(f"{str(folder)!r}: cannot be made: {e.strerror}") from e
-        for k, file in track(enumerate(files), "save", progress, total=len(files)):
-            self[k]._write(file, shape, scale)
-        write_pvd(path, files, self.times)
-
-
-# --- shapes -----------------------------------------------------------------------------------
-
-
-def shape_of(problem: "Problem", on: str, h: float | None) -> Shape:
-    """What is shown of a solid; see `Result.to_pyvista`."""
-    if not among(on, WAYS):
-        raise InputError(f"on must be one of {', '.join(map(repr, WAYS))}, got {on!r}")
-    if on == "auto":
-        on = "solid" if problem.domain.wall is None else "surface"
-    if on == "surface":
-        mesh = surface_of(problem, h)
-        u = parameters_of(mesh)[0]
-        return Shape(u, mesh.vertices, mesh.faces, TRIANGLE, dict(mesh.point_data))
-    return _solid(problem, h) if on == "solid" else _cells(problem)
-
-
-def surface_of(problem: "Problem", h: float | None) -> SurfaceMesh:
-    """The mesh of the wall of a problem, without the parts that were left out."""
-    wall = problem.domain.wall
-    if wall is None:
-        raise InputError("only walls have a surface mesh; on='solid' and on='cells' are for all")
-    h = None if h is None else as_positive("h", h)
-    warn_full(wall)
-    mesh = wall_mesh(wall, h, polish=False, caps=True, dtype=np.float64, progress=None)
-    near = problem.assembly.space.locate(parameters_of(mesh)[0]) >= 0
-    return mesh if near.all() else mesh.select(near[mesh.faces].all(axis=1))
-
-
-def _solid(problem: "Problem", h: float | None) -> Shape:
-    asm, cut = problem.assembly, problem.domain.cut
-    n = (asm.space.degree,) * 3
-    if h is None:
-        rule = problem.domain.volume
-        own = rule.integrate_cells()[np.isin(rule.cells, asm.space.cells)].sum()
-        u, cells = smooth(cut.grid, asm.space.homes[0], n, cut.sets, float(own))
-    else:
-        middle = asm.space.boxes[:, :3] + 0.5 * asm.space.boxes[:, 3:]
-        edges = np.linalg.norm(asm.jacobians(middle), axis=1) * asm.space.boxes[:, 3:]
-        least = as_positive("h", h)
-        longest = np.minimum(edges.max(axis=0), MOST * least)  # so that more of them are refused
-        i, j, k = (max(math.ceil(e / least), 1) for e in longest)
-        u, cells = clipped(cut.grid, asm.space.homes[0], (i, j, k), cut.sets)
-    return Shape(u, asm.x(u), cells, TETRAHEDRON, {})
-
-
-def _cells(problem: "Problem") -> Shape:
-    from ilattice.io.bezier_cells import vtk_order
-
-    asm, cut = problem.assembly, problem.domain.cut
-    p = asm.space.degree
-    steps = np.array(CORNERS)
-    if p > 1:
-        steps = np.stack(np.unravel_index(np.argsort(vtk_order(p, p, p).ravel()), (p + 1,) * 3), 1)
-    u, cells = lattice(cut.grid, asm.space.homes[0], (p, p, p), steps)
-    kind = HEXAHEDRON if p == 1 else LAGRANGE_HEXAHEDRON
-    return Shape(u, asm.x(u), cells, kind, {"level_set": cut.sets(u).max(axis=1)})
-
-
-def moved(x: FloatArray, data: Mapping[str, AnyArray], scale: float | str) -> FloatArray:
-    """Points with a factor of the displacement, if there is one, added."""
-    if "displacement" not in data:
-        return x
-    d = np.where(np.isfinite(data["displacement"]), data["displacement"], 0.0)
-    if isinstance(scale, str) and scale == "auto":
-        far = np.linalg.norm(d, axis=1).max(initial=0.0)
-        scale = float(AUTO * np.ptp(x, axis=0).max() / far) if far > 0 else 0.0
-    if isinstance(scale, str) or as_array("scale", scale).size != 1:
-        raise InputError(f"scale must be a number or 'auto', got {scale!r}")
-    return x + float(scale) * d
-
-
 # --- files ------------------------------------------------------------------------------------
 
 
@@ -556,7 +299,7 @@ def save_cells(
     cell_data: Mapping[str, AnyArray] | None = None,
 ) -> None:  # fmt: skip
     """Write the active cells with fields and level sets at their nodes, and data of cells."""
-    result._write(as_vtu(path), _cells(result.problem), scale, cell_data)
+    result._write(as_vtu(path), cells_of(result.problem), scale, cell_data)
 
 
 def as_vtu(path: "str | PathLike[str]") -> "str | PathLike[str]":

@@ -199,14 +199,23 @@ def spot(domain: "Domain", at: Any) -> Spot:
         raise InputError(f"at must be a point, 3 numbers, got {at!r:.80}")
     u = parameters(domain.cut, x[None])
     if not np.isfinite(u).all() or off(domain.cut, u)[0] > NEAR:
-        surface = domain.boundary("boundary").points
-        gap = np.linalg.norm(surface - x, axis=1)
-        k = int(np.argmin(gap))
+        away, foot = _nearest(domain.boundary("boundary"), x)
         raise GeometryError(
-            f"at={x.tolist()}: no solid there; the nearest surface is {gap[k]:.3g} away, at "
-            f"{np.round(surface[k], 6).tolist()}"
+            f"at={x.tolist()}: no solid there; the nearest surface is {away:.3g} away, at "
+            f"{np.round(foot, 6).tolist()}"
         )
     return Spot(read_only(x.copy()), read_only(u[0]))
+
+
+def _nearest(rule: Quadrature, x: FloatArray) -> tuple[float, FloatArray]:
+    """Distance of a point from a surface, and its foot, to the distance of points of the rule."""
+    assert rule.normals is not None
+    gap = np.linalg.norm(rule.points - x, axis=1)
+    k = int(np.argmin(gap))
+    along = float((x - rule.points[k]) @ rule.normals[k])
+    if gap[k] ** 2 - along**2 > rule.weights[k]:  # not beside what the point stands for
+        return float(gap[k]), rule.points[k]
+    return abs(along), x - along * rule.normals[k]
 
 
 @dataclass(frozen=True, eq=False)

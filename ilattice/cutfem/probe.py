@@ -3,6 +3,7 @@
 Guarantees: a point has values if it is in the image of the map and in an active cell, and the level
 sets are negative there, or zero within a tenth of a cell; no other point has any. Non-guarantee:
 that tenth is measured to first order.
+Parts that a problem leaves out have no values.
 """
 
 from collections.abc import Mapping
@@ -175,6 +176,8 @@ def _inside(problem: Any, x: FloatArray) -> FloatArray:
     inside = np.isfinite(u[:, 0])
     rows = np.flatnonzero(inside)
     inside[rows] = asm.space.locate(u[rows]) >= 0
+    rows = np.flatnonzero(inside)
+    inside[rows] = ~np.isin(problem.domain.parts.at(u[rows]), problem.parts[1])
     rows = np.flatnonzero(inside)
     inside[rows] = off(problem.domain.cut, u[rows]) <= NEAR
     return np.where(inside[:, None], u, np.nan)

@@ -34,6 +34,8 @@ ROUGH = 0.02
 #: Places per direction in what a point stands for, and the parts of these that must be inside and
 #: outside for an edge to pass there; of points far from edges this part must agree.
 SUBDIVIDED, SEEN, AGREE = 5, 0.15, 0.9
+#: How far outside of conditions points count as inside, in the size of the place.
+NEAR = 1e-9
 #: Part of what a point stands for that is not known, since that is no square.
 ROUND = 0.05
 
@@ -204,7 +206,7 @@ def _region(place: str, condition: Any) -> Region:
         return Region(place, Inside(condition), f"{ahead}{_name(condition)} <= 0")
     if callable(condition):
         return Region(place, condition, ahead + _name(condition))
-    planes = as_planes(condition, "where" if ahead else "on")
+    planes = as_planes(condition, "where" if ahead else "on", flat=True)
     name = condition if isinstance(condition, str) else f"box {as_array('on', condition).tolist()}"
     return Region(place, _Within(planes), ahead + name, planes)
 
@@ -222,8 +224,11 @@ class _Within(Frozen):
 
     def __call__(self, x: FloatArray) -> AnyArray:
         """Booleans, shape (n,)."""
+        if not len(x):
+            return np.zeros(0, bool)
         away = x @ self.planes[:, :3].T + self.planes[:, 3]
-        return (away >= -1e-9 * np.abs(x).max(initial=1e-300)).all(axis=1)
+        rounding = 8.0 * np.finfo(float).eps * np.abs(x).max()
+        return np.asarray((away >= -(NEAR * np.ptp(x, axis=0).max() + rounding)).all(axis=1))
 
 
 @dataclass(frozen=True, eq=False)

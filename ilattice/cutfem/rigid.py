@@ -4,11 +4,12 @@ The motion of a place has six unknowns. For each of them the solid is solved onc
 prescribed, and once more for the loads; of these the motions follow by which the forces and moments
 that each place exerts on the solid are those asked for. All of these solutions share one matrix.
 
-Guarantees: resultants are those asked for, to the tolerance of the solver; with Nitsche's method
-and with exact supports alike, since both are symmetric. Non-guarantee: natural modes and buckling
-of such solids are refused, not found.
+Guarantee: resultants are those asked for, to the tolerance of the solver; with Nitsche's method and
+with exact supports alike, since both are symmetric. Natural modes and buckling: see
+`ilattice.cutfem.pencil`.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -19,11 +20,13 @@ from ilattice._typing import FloatArray
 from ilattice._validate import Frozen, read_only
 from ilattice.cutfem import weak
 from ilattice.cutfem.conditions import Support
+from ilattice.cutfem.constraints import constraints
+from ilattice.cutfem.overlaps import check_agreement
 from ilattice.cutfem.places import Motion
 from ilattice.cutfem.regions import Region
 from ilattice.errors import InputError
 from ilattice.linalg.solvers import Solver
-from ilattice.quadrature.rules import NAMES
+from ilattice.quadrature.rules import NAMES, Quadrature
 
 if TYPE_CHECKING:
     from ilattice.cutfem.elasticity import Elasticity
@@ -70,15 +73,16 @@ def solved(
     """The solution of a problem with connections."""
     from ilattice.cutfem.solution import Solution
 
-    base = _held(problem)
+    base = held(problem)
+    check_apart(base)
     base.prepare(progress, held=True)
-    first = len(problem.supports)
+    first = len(base.supports) - len(base.connections)
     size = float(np.ptp(base.assembly.coordinates, axis=0).max())
     how = method, min(tol, TIGHT), max_iterations
     units = [
-        _unit(base, first + j, motion)
+        unit(base, first + j, motion)
         for j, c in enumerate(problem.connections)
-        for motion in _motions(c.about, size)
+        for motion in unit_motions(c.about, size)
     ]
     found = [_solve(p, *how) for p in track([base, *units], "connections", progress)]
     # forces of all connections by their six motions, by the loads and by each unit motion
@@ -95,7 +99,7 @@ def solved(
         replace(c, motion=Motion(read_only(v[:3].copy()), read_only(v[3:] / size), c.about))
         for c, v in zip(problem.connections, q, strict=True)
     )
-    supports = (*problem.supports, *(_support(c) for c in moved))
+    supports = (*base.supports[:first], *(_support(c) for c in moved))
     last = base._with(supports=supports, connections=moved)
     last._set(assembly=base.assembly)  # which tells what is left out when it is made
     c, report = last._solve(method, tol, max_iterations, progress)
@@ -103,29 +107,66 @@ def solved(
 
 
 def _support(connection: Connection) -> Support:
-    """The connection as a support that prescribes its motion, or none."""
+    """The connection as a support that prescribes its motion."""
+    assert connection.motion is not None
+    weakly = connection.on not in NAMES
+    return Support(connection.on, np.ones(3, bool), connection.motion, weakly)
+
+
+def held(problem: "Elasticity") -> "Elasticity":
+    """The problem, also one of a solution, with all connections at rest, as its last supports."""
+    found = [c.motion for c in problem.connections if c.motion is not None]
+    own = (s for s in problem.supports if not any(s.value is motion for motion in found))
     zero = np.zeros(3)
-    motion = connection.motion or Motion(zero, zero, connection.about)
-    return Support(connection.on, np.ones(3, bool), motion, connection.on not in NAMES)
+    rest = tuple(replace(c, motion=Motion(zero, zero, c.about)) for c in problem.connections)
+    supports = (*own, *(_support(c) for c in rest))
+    if [s.on for s in supports] != [s.on for s in problem.supports]:
+        return problem._with(supports=supports, connections=rest, _held={})
+    new = problem._with(supports=supports, connections=rest)  # with the same matrix
+    new._set(assembly=problem.assembly)
+    return new
 
 
-def _held(problem: "Elasticity") -> "Elasticity":
-    """The problem with all connections at rest."""
-    supports = (*problem.supports, *(_support(c) for c in problem.connections))
-    return problem._with(supports=supports, connections=(), _held={})
+def check_apart(base: "Elasticity") -> None:
+    """Refuse connections that share points with supports or with each other.
+
+    Parameters
+    ----------
+    base : Elasticity
+        With connections at rest, as its last supports.
+
+    Raises
+    ------
+    InputError
+        If one cannot move, since a part of it is held.
+    """
+    first = len(base.supports) - len(base.connections)
+    for number in range(first, len(base.supports)):
+        mine = replace(base.supports[number], value=(1.0, 1.0, 1.0))
+        for other in (*base.supports[:first], *base.supports[number + 1 :]):
+            pair = (mine, replace(other, value=(0.0,) * 3))
+            try:
+                check_agreement(base.domain, base.assembly, pair, 3)
+                constraints(base.domain, base.assembly, pair, 3)
+            except InputError:
+                raise InputError(
+                    f"the rigid connection on {mine.on} cannot move: it shares points, such as an "
+                    f"edge, with the {'support' if other in base.supports[:first] else 'one'} on "
+                    f"{other.on}; leave a part out by where=, or make one place of both"
+                ) from None
 
 
-def _unit(base: "Elasticity", number: int, motion: Motion) -> "Elasticity":
+def unit(base: "Elasticity", number: int, value: Any) -> "Elasticity":
     """Without loads, everything at rest but for one support."""
     rest = [replace(s, value=(0.0,) * 3) for s in base.supports]
-    rest[number] = replace(rest[number], value=motion)
+    rest[number] = replace(rest[number], value=value)
     springs = tuple(replace(s, value=(0.0,) * 3) for s in base.springs)
-    unit = base._with(supports=tuple(rest), springs=springs, loads=())
-    unit._set(assembly=base.assembly)
-    return unit
+    new = base._with(supports=tuple(rest), springs=springs, loads=())
+    new._set(assembly=base.assembly)
+    return new
 
 
-def _motions(about: FloatArray, size: float) -> list[Motion]:
+def unit_motions(about: FloatArray, size: float) -> list[Motion]:
     """Six unit motions, turns by one over the size of the solid."""
     eye, zero = np.eye(3), np.zeros(3)
     return [Motion(e, zero, about) for e in eye] + [Motion(zero, e / size, about) for e in eye]
@@ -149,17 +190,73 @@ def _resultants(
     problem: "Elasticity", c: FloatArray, number: int, units: list["Elasticity"]
 ) -> FloatArray:
     """What a support does to the solid on each of its unit motions, shape (6,)."""
+    if problem.supports[number].weak:
+        force, rule = _forces_at(problem, c, number)
+        motions: list[Any] = [u.supports[number].value for u in units]
+        return np.array([(force * m(rule.points)).sum() for m in motions])
+    r = _missing(problem, c)
+    return np.array([(r * u.constraints.values).sum() for u in units])
+
+
+def virial(problem: "Elasticity", c: FloatArray, number: int, about: FloatArray) -> FloatArray:
+    """Sum of the forces of a support on the solid times their places, shape (3, 3).
+
+    Parameters
+    ----------
+    problem : Elasticity
+        Of a solution.
+    c : ndarray, shape (functions, 3)
+        Coefficients of it.
+    number : int
+        Which support.
+    about : ndarray, shape (3,)
+        Where places are counted from.
+
+    Returns
+    -------
+    ndarray, shape (3, 3)
+        Force by place.
+    """
+    if problem.supports[number].weak:
+        force, rule = _forces_at(problem, c, number)
+        return force.T @ (rule.points - about)
+    r, out = _missing(problem, c), np.empty((3, 3))
+    for a, b in np.ndindex(3, 3):
+
+        def pulled(x: FloatArray, a: int = a, b: int = b) -> FloatArray:
+            return np.outer(x[:, b] - about[b], np.eye(3)[a])
+
+        out[a, b] = (r * unit(problem, number, pulled).constraints.values).sum()
+    return out
+
+
+def held_stiffness(
+    problem: "Elasticity", number: int, units: Sequence["Elasticity"]
+) -> FloatArray | float:
+    """What is constant in the energy of unit motions (k, k) of a support that holds in the mean."""
+    support = problem.supports[number]
+    if not support.weak:
+        return 0.0
+    terms = weak.elastic_terms(problem, support)
+    moves: list[Any] = [u.supports[number].value for u in units]
+    g = np.stack([move(terms.rule.points) for move in moves])
+    return np.einsum("q,jqa,qab,kqb->jk", terms.rule.weights, g, terms.Q, g, optimize=True)
+
+
+def _forces_at(problem: "Elasticity", c: FloatArray, number: int) -> tuple[FloatArray, Quadrature]:
+    """Forces (n, 3) of a weak support on the solid, and the points at which they act."""
     from ilattice.cutfem.solution import Solution
 
     support = problem.supports[number]
-    if support.weak:
-        terms = weak.elastic_terms(problem, support)
-        force = weak.elastic_reaction(problem, terms, support.value, Solution(problem, c, None))
-        motions: list[Any] = [u.supports[number].value for u in units]
-        return np.array([(force * m(terms.rule.points)).sum() for m in motions])
+    terms = weak.elastic_terms(problem, support)
+    solution = Solution(problem, c, None)
+    return weak.elastic_reaction(problem, terms, support.value, solution), terms.rule
+
+
+def _missing(problem: "Elasticity", c: FloatArray) -> FloatArray:
+    """What exact supports do to the solid, as coefficients (functions, 3)."""
     r = (problem.matrix @ c.ravel()).reshape(c.shape) - problem.forces()
-    r -= problem._from_supports()
-    return np.array([(r * u.constraints.values).sum() for u in units])
+    return np.asarray(r - problem._from_supports())
 
 
 def _motion_of(problem: "Elasticity", A: FloatArray, b: FloatArray) -> FloatArray:

@@ -21,7 +21,7 @@ _SHIFTS = (1.37e-7, 2.11e-6)
 _FORM = "write it like 'y > 0', 'x + y < 2' or 'x > 0 and z <= 1', or give a box (lowest, highest)"
 
 
-def as_planes(clip: Any, name: str = "clip") -> FloatArray:
+def as_planes(clip: Any, name: str = "clip", *, flat: bool = False) -> FloatArray:
     """Half-spaces of which what is in all of them is kept.
 
     Parameters
@@ -30,6 +30,8 @@ def as_planes(clip: Any, name: str = "clip") -> FloatArray:
         Linear conditions in x, y, z joined by ``and``, or the lowest and highest corner of a box.
     name : str
         What it is called in messages.
+    flat : bool
+        Whether boxes may be flat.
 
     Returns
     -------
@@ -51,8 +53,13 @@ def as_planes(clip: Any, name: str = "clip") -> FloatArray:
         except _UnknownError as error:
             raise InputError(f"{name} {clip!r:.80} {error}; {_FORM}") from None
     box = as_array(name, clip)
-    if box.shape != (2, 3) or not (box[0] < box[1]).all():
+    if box.shape != (2, 3):
         raise InputError(f"{name} must be a condition or two corners, got {clip!r:.80}; {_FORM}")
+    if not ((box[0] <= box[1]).all() if flat else (box[0] < box[1]).all()):
+        raise InputError(
+            f"{name}: the first corner of a box must be below the second in all of x, y and z, got "
+            f"{clip!r:.80}"
+        )
     eye = np.eye(3)
     return np.vstack([np.column_stack([eye, -box[0]]), np.column_stack([-eye, box[1]])])
 
@@ -162,11 +169,17 @@ def clipped(data: Any, planes: FloatArray) -> tuple[Any, Any]:
 
 
 def _closed(surface: Any, planes: FloatArray) -> tuple[Any, Any]:
-    """A closed surface, cut by one plane after the other, so that all cuts are closed."""
-    size = max(surface.length, 1e-300)
+    """A closed surface, cut by one plane after the other, so that all cuts are closed.
+
+    In units of its size and from its middle, since what VTK takes for equal is an absolute length.
+    """
+    size, middle = max(surface.length, 1e-300), np.array(surface.center)
+    surface = surface.copy()
+    surface.points = (np.asarray(surface.points, float) - middle) / size
+    planes = np.column_stack([planes[:, :3], (planes[:, :3] @ middle + planes[:, 3]) / size])
     for plane in planes:
         for shift in (0.0, *_SHIFTS):  # a plane through many vertices can leave loops open
-            cut = _cut(surface, plane[:3], plane[3] + shift * size)
+            cut = _cut(surface, plane[:3], plane[3] + shift)
             if cut.n_open_edges == 0:
                 break
         surface = cut
@@ -176,7 +189,8 @@ def _closed(surface: Any, planes: FloatArray) -> tuple[Any, Any]:
     corners = surface.points[surface.regular_faces]
     for plane in planes:
         away = np.abs(corners @ plane[:3] + plane[3])
-        cap |= (away <= 2.0 * max(_SHIFTS) * size).all(axis=1)
+        cap |= (away <= 2.0 * max(_SHIFTS)).all(axis=1)
+    surface.points = middle + size * np.asarray(surface.points, float)
     kept = surface.extract_cells(~cap).extract_surface(algorithm=None)
     return kept, surface.extract_cells(cap).extract_surface(algorithm=None) if cap.any() else None
 

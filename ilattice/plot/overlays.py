@@ -6,6 +6,7 @@ Guarantee: files are whole or not there.
 import io
 import os
 import textwrap
+import warnings
 from collections.abc import Iterable, Sequence
 from itertools import product
 from pathlib import Path
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
 _BAR_PLACE = {"position_x": 0.875, "position_y": 0.2, "width": 0.045, "height": 0.55}
 _TITLE_WIDTH = 12  # letters
+_WIDE = 800  # pixels from which on fonts have their full size
 _KEY, _FILL, _HEAD = 0.85, 0.3, 0.38  # intensities of the lights
 
 
@@ -59,8 +61,13 @@ def shown(text: str) -> str:
     return text.replace("|", "\u00a6")
 
 
-def colour_bar(plotter: Any, mapper: Any, title: str) -> None:
-    """The colour bar of what a mapper draws, at the right."""
+def font(points: float, width: float) -> int:
+    """Size of a font for a picture or a panel of some width in pixels: smaller in small ones."""
+    return max(round(points * min(1.0, width / _WIDE)), 6)
+
+
+def colour_bar(plotter: Any, mapper: Any, title: str, width: float) -> None:
+    """The colour bar of what a mapper draws, at the right of a picture of some width."""
     title = "\n".join(
         part
         for line in title.split("\n")
@@ -68,9 +75,9 @@ def colour_bar(plotter: Any, mapper: Any, title: str) -> None:
     )
     bar = plotter.add_scalar_bar(
         title=shown(title), mapper=mapper, vertical=True, fmt="%.3g", n_labels=5, color="black",
-        title_font_size=20, label_font_size=18, **_BAR_PLACE,
+        title_font_size=font(20, width), label_font_size=font(18, width), **_BAR_PLACE,
     )  # fmt: skip
-    bar.SetVerticalTitleSeparation(12)
+    bar.SetVerticalTitleSeparation(font(12, width))
     bar.SetUnconstrainedFontSize(True)
 
 
@@ -163,7 +170,9 @@ def export(plotter: Any, path: str | os.PathLike[str], ending: str) -> None:
             plotter.export_gltf(str(temporary))
             return
         try:
-            plotter.export_html(str(temporary))
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # pyvista warns of the error that it raises
+                plotter.export_html(str(temporary))
         except ImportError as error:
             raise FormatError(
                 f"{path!s:.80}: pages need trame, pip install 'pyvista[jupyter]' trame-pyvista "

@@ -43,7 +43,10 @@ def drawn(
         _draw(plotter, scene, limits, aspect, bars, room=1.0 - (_HEAD if title else 0.0))
         if title:
             plotter.add_text(
-                overlays.shown(title), position="upper_edge", font_size=11, color="black"
+                overlays.shown(title),
+                position="upper_edge",
+                color="black",
+                font_size=overlays.font(11, size[0] / columns),
             )
     plotter.enable_anti_aliasing("ssaa", all_renderers=True)
     return plotter
@@ -70,7 +73,7 @@ def _draw(
         parallel=scene.parallel, room=(1.0 - (_BAR if bar else 0.0), room),
     )  # fmt: skip
     if bar:
-        overlays.colour_bar(plotter, *bar)
+        overlays.colour_bar(plotter, *bar, plotter.renderer.GetSize()[0])
     entries = [[a.legend, a.style["color"]] for a in scene.layers if a.legend]
     if entries:
         plotter.add_legend(entries, bcolor=None, face="circle", size=(0.18, 0.05 * len(entries)))

@@ -111,9 +111,10 @@ def made(
     if scalars is not None:
         names = [*data.point_data.keys(), *data.cell_data.keys()]
         if scalars not in names:
+            near = near_names(str(scalars), names)
             raise InputError(
-                f"scalars {scalars!r} are not in the data"
-                f"{near_names(str(scalars), names) or f'; it has {names}'}"
+                f"scalars {scalars!r:.80} are not in the data; "
+                f"{f'there is {near}' if near else 'there are none'}"
             )
         title = label if label is not None else SYMBOLS.get(scalars, scalars.replace("_", " "))
         title = f"{title} ({unit})" if unit and title else title
@@ -126,9 +127,36 @@ def made(
     else:
         style |= {"color": color if color is not None else COLOUR}
     style |= FLAT if (flat if flat is not None else scalars is not None) else MATERIAL
+    _check_options(options)
     if scalars is not None:
         cap = cap if cap is not None else "#9a9a9a"
     return Layer(data, {**style, **options}, title, clip, cap if cap is not None else CAP, legend)
+
+
+def _check_options(options: Mapping[str, Any]) -> None:
+    """Refuse options that pyvista does not have, and maps of colours that nobody knows."""
+    import inspect
+
+    import pyvista as pv
+    from pyvista.plotting.colors import get_cmap_safe
+
+    known = [*inspect.signature(pv.Plotter.add_mesh).parameters][2:]
+    for name in options:
+        if name not in known:
+            raise InputError(
+                f"{name} is no option of pictures: near it are {near_names(name, known)}"
+            )
+    opacity = options.get("opacity", 1.0)
+    if isinstance(opacity, int | float) and not 0.0 <= opacity <= 1.0:
+        raise InputError(f"opacity must be from 0, invisible, to 1, solid, got {opacity!r}")
+    if isinstance(options.get("cmap"), str):
+        try:
+            get_cmap_safe(options["cmap"])
+        except (ValueError, TypeError, ImportError):
+            raise InputError(
+                f"cmap {options['cmap']!r:.80} is no map of colours: take one of matplotlib, such "
+                "as 'viridis', 'coolwarm' or 'gray', or 'depth'"
+            ) from None
 
 
 def _depth() -> Any:
