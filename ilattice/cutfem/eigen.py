@@ -5,12 +5,15 @@ By Lanczos' method where K has a factor, and by LOBPCG preconditioned by multigr
 would be too large. One start of Lanczos' method sees one vector of every group of equal values, so
 that it is started again beside what is known until nothing more is found.
 
-Guarantee: residuals are computed afresh, and above `tol` raise `ConvergenceError`.
+Guarantee: residuals are computed afresh, and above `tol` raise `ConvergenceError`, unless they are
+what rounding K leaves: of bodies on very soft springs that is more than of others, as they move far
+by little. Values do not depend on units.
 """
 
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,6 +28,8 @@ if TYPE_CHECKING:
     from ilattice.cutfem.pencil import Joined
     from ilattice.linalg.solvers import Solver
 
+_Map = Callable[[FloatArray], FloatArray]
+
 #: Vectors that LOBPCG works with beyond those asked for, rounds of it, steps in each.
 GUARD = 4
 ROUNDS, STEPS = 12, 25
@@ -32,6 +37,11 @@ ROUNDS, STEPS = 12, 25
 BESIDE, MORE = 3, 1e-9
 #: Unknowns up to which all pairs are found at once where few cells are asked for many.
 DENSE = 3000
+#: Steps of power iterations that tell sizes of operators; residuals by rounding, in units of that
+#: of one product, and the largest of them that still tell something.
+POWERS, ROUNDED, MOST_ROUNDED = 4, 8.0, 1e-2
+#: Steps of inverse iteration in the end: the first one leaves rounding of its own.
+TWICE = 2
 
 
 def largest(
@@ -66,7 +76,7 @@ def largest(
     InputError
         If `count` or `tol` is wrong.
     ConvergenceError
-        If the residual is above `tol`.
+        If the residual is above `tol`, and not by rounding alone.
     """
     count, tol = as_counts("count", count)[0], as_positive("tol", tol)
     n = A.shape[0]
@@ -83,12 +93,18 @@ def largest(
         mu, x = find(A, solver, count, starts, tol)
     order = np.argsort(-mu)[:count]
     mu, x = mu[order], x[:, order]
-    residual = _residual(A, solver, mu, x)
-    if not residual <= tol:
+    residuals = _residuals(A, solver, mu, x)
+    residual = float(residuals.max())
+    if residual <= tol:
+        return mu, x, residual
+    rounding = _rounding(A, solver, mu, x)
+    if not (residuals <= np.maximum(tol, rounding)).all():
+        remedy = "finer cells" if solver.method == "superlu" else "method='superlu'"
+        if rounding.max() > tol:
+            remedy = "springs that are not so much softer than the solid"
         raise ConvergenceError(
             f"eigenvectors by {solver.method} have a residual of {residual:.1e}, above tol = "
-            f"{tol:.1e}; ask for another number of them, or "
-            + ("finer cells" if solver.method == "superlu" else "method='superlu'")
+            f"{tol:.1e}; ask for another number of them, or {remedy}"
         )
     return mu, x, residual
 
@@ -101,18 +117,21 @@ def _by_factor(A: Any, solver: Any, count: int, motions: FloatArray, tol: float)
     mu, x = _known(A, solver, motions, 1e-2 * tol)
     wanted = max(count - len(mu), 1)
     for _ in range(count + 2):  # each start but the last finds one of those that are missing
-        rest = _without(A, solver.multiply(x), mu) if len(mu) else A
+        rest = _without(A, solver.multiply(x) if len(mu) else x, mu)
         start = rng.standard_normal(n)
+        size = _size(rest, inverse, start)  # ARPACK takes values below 1e-11 for zero
+        scaled = LinearOperator(A.shape, lambda v, f=rest, s=size: f(v) / s, dtype=float)
         try:
-            more, y = eigsh(rest, wanted, K, which="LA", Minv=inverse, v0=start, tol=1e-2 * tol)
+            more, y = eigsh(scaled, wanted, K, which="LA", Minv=inverse, v0=start, tol=1e-2 * tol)
         except ArpackNoConvergence as e:
             raise ConvergenceError(
                 f"Lanczos' method found {len(e.eigenvalues)} of {wanted} modes; ask for fewer"
             ) from e
+        more = size * more
         least = np.sort(mu)[-count] if len(mu) >= count else None
         new = np.isfinite(more) if least is None else more > least + MORE * abs(least)
         if not new.any():
-            return mu, x
+            return _polished(A, solver, *_combined(A, solver, x))
         mu, x = np.append(mu, more[new]), np.concatenate([x, y[:, new]], axis=1)
         wanted = min(count, BESIDE)
     raise ConvergenceError(
@@ -125,16 +144,50 @@ def _known(A: Any, solver: Any, motions: FloatArray, tol: float) -> tuple[FloatA
     x = orth(motions)
     if not x.shape[1]:
         return np.zeros(0), x
-    mu, S = eigh(x.T @ (A @ x), x.T @ solver.multiply(x))
-    x = x @ S
+    mu, x = _combined(A, solver, x)
     gap = np.linalg.norm(A @ x - mu * solver.multiply(x), axis=0)
     good = gap <= tol * np.linalg.norm(A @ x, axis=0)
     return mu[good], x[:, good]
 
 
-def _without(A: Any, Kx: FloatArray, mu: FloatArray) -> LinearOperator:
+def _combined(A: Any, solver: Any, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The best pairs in the span of x (n, k)."""
+    mu, S = eigh(x.T @ (A @ x), x.T @ solver.multiply(x))
+    return mu, x @ S
+
+
+def _polished(A: Any, solver: Any, mu: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Pairs after inverse iteration, without what rounding leaves of softer ones.
+
+    That is taken out by A, in which these are large: in K they are nearly nothing.
+    """
+    order = np.argsort(-np.abs(mu))
+    mu, x = mu[order], np.array(x[:, order])
+    for k in range(len(mu)):
+        y, softer = x[:, k] / np.linalg.norm(x[:, k]), x[:, :k]
+        for _ in range(TWICE):
+            y = solver.precondition(A @ y) / abs(mu[k])
+            y = y - softer @ (softer.T @ (A @ y) / mu[:k])
+        y /= np.sqrt(abs(y @ solver.multiply(y)))
+        mu[k], x[:, k] = y @ (A @ y), y
+    return mu, x
+
+
+def _without(A: Any, Kx: FloatArray, mu: FloatArray) -> _Map:
     """A with zero instead of known values: v ↦ A v - K x μ (K x)ᵀ v."""
-    return LinearOperator(A.shape, lambda v: A @ v - Kx @ (mu * (Kx.T @ v)), dtype=float)
+    return lambda v: A @ v - Kx @ (mu * (Kx.T @ v))
+
+
+def _size(A: _Map, inverse: Any, start: FloatArray) -> float:
+    """About the largest |μ| of A x = μ K x; 1 where A is zero."""
+    v, size = start, 0.0
+    for _ in range(POWERS):
+        w = inverse @ A(v)
+        size = float(np.linalg.norm(w) / np.linalg.norm(v))
+        if not 0.0 < size < np.inf:
+            return 1.0
+        v = w / np.linalg.norm(w)
+    return size
 
 
 def _by_preconditioner(A: Any, solver: Any, count: int, modes: FloatArray, tol: float) -> Any:
@@ -158,13 +211,24 @@ def _by_preconditioner(A: Any, solver: Any, count: int, modes: FloatArray, tol: 
             warnings.simplefilter("ignore")  # the residuals are computed below
             found: Any = lobpcg(A, x, K, M, tol=0.3 * tol * least, maxiter=STEPS, largest=True)
         mu, x = found
-        if _residual(A, solver, mu[:count], x[:, :count]) <= tol:
+        if _residuals(A, solver, mu[:count], x[:, :count]).max() <= tol:
             break
     return mu, x
 
 
-def _residual(A: Any, solver: Any, mu: FloatArray, x: FloatArray) -> float:
-    """Largest |A x - μ K x| / |A x|."""
+def _residuals(A: Any, solver: Any, mu: FloatArray, x: FloatArray) -> FloatArray:
+    """|A x - μ K x| / |A x| of each pair (count,)."""
     Kx = np.stack([solver.multiply(np.ascontiguousarray(v)) for v in x.T], axis=1)
     Ax = A @ x
-    return float((np.linalg.norm(Ax - mu * Kx, axis=0) / np.linalg.norm(Ax, axis=0)).max())
+    out: FloatArray = np.linalg.norm(Ax - mu * Kx, axis=0) / np.linalg.norm(Ax, axis=0)
+    return out
+
+
+def _rounding(A: Any, solver: Any, mu: FloatArray, x: FloatArray) -> FloatArray:
+    """Residuals (count,) that rounding the product K x leaves; zero where they tell nothing."""
+    v = np.random.default_rng(0).standard_normal(len(x))
+    for _ in range(POWERS):
+        v = solver.multiply(v / np.linalg.norm(v))
+    noise = ROUNDED * np.finfo(float).eps * np.linalg.norm(v) * np.linalg.norm(x, axis=0)
+    out = np.abs(mu) * noise / np.linalg.norm(A @ x, axis=0)
+    return np.where(out <= MOST_ROUNDED, out, 0.0)

@@ -323,7 +323,9 @@ class Elasticity(ElasticOperators):
             and stress there grow without bound on finer cells, as they do in the solid; elsewhere
             they do not.
         temperature : float, callable or HeatSolution, optional
-            Temperature above the one without stress.
+            Temperature above the one without stress. A solution of heat is taken at the same
+            points of space, also where it was found on other cells or through another map, and
+            must be known on all of the solid.
 
         Returns
         -------

@@ -37,6 +37,7 @@ from ilattice.cutfem.problem import Problem
 from ilattice.cutfem.regions import spread
 from ilattice.cutfem.rigid import Connection
 from ilattice.errors import InputError, PrecisionWarning
+from ilattice.macroshape.maps import SplineMap
 from ilattice.quadrature.rules import Quadrature, on_cells, some_cells
 
 if TYPE_CHECKING:
@@ -409,10 +410,12 @@ class ElasticOperators(Problem):
     def _expansion_of(self, material: Material, load: Load, u: FloatArray) -> FloatArray:
         """Free expansion α ΔT (n,) of a phase under one temperature at parameters (n, 3)."""
         asm = self.assembly
-        if hasattr(load.value, "evaluate"):
+        if not hasattr(load.value, "evaluate"):
+            rise = values_at("temperature", load.value, asm.x(u), 1)[:, 0]
+        elif _same(load.value.problem.assembly.through, asm.through):
             rise = load.value.evaluate(u)
         else:
-            rise = values_at("temperature", load.value, asm.x(u), 1)[:, 0]
+            rise = load.value.at(asm.x(u), outside="nan").temperature
         return material.expansion.at(asm, u) * rise
 
     def _motions(self, x: FloatArray) -> FloatArray:
@@ -428,3 +431,16 @@ class ElasticOperators(Problem):
 def _shear(material: Material, asm: Assembly, u: FloatArray) -> FloatArray:
     """Shear modulus (n,) at parameters."""
     return np.broadcast_to(material.lame(asm, u)[1], len(u))
+
+
+def _same(a: SplineMap | None, b: SplineMap | None) -> bool:
+    """Whether maps are sure to take equal parameters to equal points."""
+    if a is b or a is None or b is None:
+        return a is b
+    s, t = a.spline, b.spline
+    return (
+        (s.k, s.periodic) == (t.k, t.periodic)
+        and all(map(np.array_equal, s.t, t.t))
+        and np.array_equal(s.c[..., :3], t.c[..., :3])
+        and np.array_equal(*(np.ones(1) if one.weights is None else one.weights for one in (s, t)))
+    )

@@ -189,6 +189,7 @@ class Problem(Posed):
     def _forces(self) -> FloatArray:
         f = np.zeros((len(self.assembly.space), self.m))
         for load in self.loads:
+            watching.check_reached(self, load)
             f += self._force(load)
         return read_only(f)
 

@@ -1,12 +1,15 @@
-"""Which functions of a problem are looked at between the points of rules; see `sampling`.
+"""What problems look at before they are solved: functions between the points of rules, lost loads.
 
-Guarantee: loads, springs and supports that are functions of points, densities and expansions by
-which loads are multiplied, densities and capacities in masses, and temperatures at the start of a
-transient. Non-guarantee: properties by name, and temperatures from solutions of
+Guarantees: a load on parts that nothing holds, which is lost, is refused, or told of from 2 % of
+its area on where it also acts on others. Functions that are looked at, see `sampling`, are loads,
+springs and supports that are functions of points, densities and expansions by which loads are
+multiplied, densities and capacities in masses, and temperatures at the start of a transient.
+Non-guarantee: properties by name, and temperatures from solutions of
 heat, are splines, and taken as they are; stiffness is looked at where matrices are made; functions
 that cannot be asked at other points than those of rules are not looked at.
 """
 
+import warnings
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -14,10 +17,11 @@ import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray
 from ilattice.cutfem import sampling
-from ilattice.cutfem.conditions import Spring, values_at
+from ilattice.cutfem.conditions import Load, Spring, values_at
 from ilattice.cutfem.material import OfParameters, Scalar
+from ilattice.cutfem.places import Spot
 from ilattice.cutfem.regions import Region
-from ilattice.errors import InputError
+from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.quadrature.rules import Quadrature, on_cells
 
 if TYPE_CHECKING:
@@ -25,6 +29,8 @@ if TYPE_CHECKING:
 
 #: Loads that are numbers, also where displacements are vectors.
 SINGLE = ("pressure", "temperature")
+#: Loads of which the sum is given.
+RESULTANTS = ("force", "moment")
 
 
 def check_functions(problem: "Problem") -> None:
@@ -74,6 +80,50 @@ def _check(problem: "Problem", name: str, value: Any, on: Any, m: int) -> None:
         ):  # it knows the points of the rule alone, or fails there, too, and is told
             return
         sampling.check(f"{name} on {on}" if on else name, part)
+
+
+def check_reached(problem: "Problem", load: Load) -> None:
+    """Refuse a load that acts on nothing but parts that were left out; warn if it does so partly.
+
+    Parameters
+    ----------
+    problem : Problem
+        With supports.
+    load : Load
+        One of its loads.
+
+    Raises
+    ------
+    GeometryError
+        If nothing is held where it acts.
+
+    Warns
+    -----
+    PrecisionWarning
+        If that is 2 % of the area or more.
+    """
+    if not load.on or isinstance(load.on, Spot) or not len(problem.parts[1]):
+        return
+    whole, mine = problem.domain.boundary(load.on), problem.domain.edge(problem.assembly, load.on)
+    total = whole.integrate()
+    lost = 1.0 - mine.integrate() / total if len(mine) else 1.0
+    if lost < sampling.TOLD:
+        return
+    cells = np.setdiff1d(whole.cells, mine.cells)
+    loose = problem.domain.parts.describe(problem.domain.parts.touching(cells))
+    if not len(mine):
+        raise GeometryError(
+            f"{load.kind} on {load.on}: that part of the solid is held by nothing ({loose}), and "
+            "the load would be lost; hold it, or load another place"
+        )
+    fate = "the rest takes all of it" if load.kind in RESULTANTS else "what acts there is lost"
+    warnings.warn(
+        f"{load.kind} on {load.on}: {100 * lost:.2g} % of its area is on parts that were left out, "
+        f"because nothing holds them ({loose}), and {fate}; hold them, or name the place more "
+        "narrowly",
+        PrecisionWarning,
+        stacklevel=4,
+    )
 
 
 def check_property(problem: "Problem", scalar: Scalar) -> None:

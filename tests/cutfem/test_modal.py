@@ -146,3 +146,47 @@ def test_no_copy_of_a_repeated_frequency_is_missed():
     problem = il.cutfem.Elasticity(two, 7, domain=[[-1] * 3, [1] * 3], degree=1)
     omega = il.cutfem.natural_modes(problem, 14).omega
     assert (omega < 1e-3 * omega[-1]).sum() == 12
+
+
+def bar(length, young, density, cells=(12, 2, 2)):
+    """A slender bar that fills its box."""
+    edges = np.array([10.0, 0.6, 0.4]) * length
+    return Elasticity(
+        lambda u: -np.ones(len(u)), cells, domain=[[0.0] * 3, [1.0] * 3],
+        through=il.macroshape.box(tuple(edges)), young=young, density=density,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("unit", [(1.0, 2.1e5, 7.85e-9), (1e-5, 2.1e11, 7850.0), (1e3, 1e-6, 1.0)])
+def test_frequencies_do_not_depend_on_units(unit):
+    length, young, density = unit
+    plain = natural_modes(bar(1.0, 1.0, 1.0), 9).omega
+    omega = natural_modes(bar(*unit), 9).omega * length * np.sqrt(density / young)
+    np.testing.assert_allclose(omega[6:], plain[6:], rtol=1e-8)
+    assert np.abs(omega[:6]).max() < 1e-4 * plain[6]  # squares are zero to rounding
+
+
+def test_bodies_on_soft_springs_move_as_rigid_ones():
+    """Against the frequencies of a rigid block on an elastic foundation under one end."""
+    size, k, rho = np.array([10.0, 0.6, 0.4]), 1e-2, 2.0
+    modes = natural_modes(bar(1.0, 1000.0, rho).spring("u=0", k), 8)
+
+    def gram(x, weights):  # of the six rigid motions about the middle of the end
+        rows = []
+        for i in range(3):
+            rows.append(np.tile(np.eye(3)[i], (len(x), 1)))
+        for i in range(3):
+            rows.append(np.cross(np.eye(3)[i], x))
+        return np.einsum("anc,bnc,n->ab", np.stack(rows), np.stack(rows), weights)
+
+    nodes, w = np.polynomial.legendre.leggauss(2)  # exact for squares of linear functions
+    t = np.stack(np.meshgrid(nodes, nodes, nodes, indexing="ij"), axis=-1).reshape(-1, 3) / 2
+    w3 = np.prod(np.stack(np.meshgrid(w, w, w, indexing="ij")), axis=0).ravel() / 8
+    solid = t * size + [size[0] / 2, 0.0, 0.0]
+    face = t * size * [0.0, 1.0, 1.0]
+    stiff, mass = gram(face, k * w3 * size[1] * size[2]), gram(solid, rho * w3 * size.prod())
+    rigid = np.sqrt(eigh(stiff, mass, eigvals_only=True))
+    np.testing.assert_allclose(modes.omega[:6], rigid, rtol=5e-3)  # the block gives in, too
+    assert (modes.omega[:6] <= rigid * (1.0 + 1e-4)).all()
+    assert modes.omega[6] > 10 * modes.omega[5]
+    assert modes.report.residual < 1e-3  # by rounding: one motion costs 1e-9 of a stretch

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import ilattice as il
+from ilattice.cutfem import Elasticity, Heat
 from ilattice.cutfem.regions import as_place
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 
@@ -186,3 +187,55 @@ def test_supports_that_contradict_where_regions_overlap_are_refused():
             held.clamp("x < 0.002", value=(1, 0, 0)).solve()
         held.clamp("x < 0.002").clamp("y < 0.001", value=(0, 0, 0)).solve()
         held.clamp("u=1", value=(1, 0, 0), where="z > 0.5").solve()
+
+
+def two_bars():
+    """Two bars beside each other, of which a support at x = -2 that ends at y = 0 holds one."""
+    f = il.fields
+    solid = f.difference(f.box((2.0, 1.0, 0.5)), f.box((3.0, 0.2, 1.0)))
+    box = [[-2.0, -1.0, -0.5], [2.0, 1.0, 0.5]]
+    both = Elasticity(solid, (8, 10, 4), domain=box, young=10.0, degree=1)
+    return both.clamp(lambda x: (x[:, 0] < -2 + 1e-9) & (x[:, 1] < 0.0))
+
+
+@pytest.mark.filterwarnings("ignore:left out", "ignore:the cells are too coarse")
+@pytest.mark.parametrize("load", [{"force": (0, 0, -1.0)}, {"pressure": 1.0}])
+def test_loads_on_parts_that_nothing_holds_are_not_lost_without_a_word(load):
+    end = lambda x: (x[:, 0] > 2 - 1e-9) & (x[:, 1] > 0.0)  # noqa: E731
+    with pytest.raises(GeometryError, match=f"{next(iter(load))} on .*held by nothing .1 part"):
+        two_bars().load(**load, on=end).solve()
+    both = two_bars().load(**load, on="x > 1.999999")
+    with pytest.warns(PrecisionWarning, match="50 % of its area is on parts that were left out"):
+        got = sum(both.solve().reactions.values())
+    whole = [1.0 * 0.8 / 2 * 2, 0.0, 0.0] if "pressure" in load else [0.0, 0.0, 1.0]
+    np.testing.assert_allclose(got, whole, atol=1e-6)
+
+
+@pytest.mark.filterwarnings("ignore:left out", "ignore:the cells are too coarse")
+def test_heat_into_parts_that_nothing_holds_is_not_lost_without_a_word():
+    warm = Heat(two_bars().domain.cut, None).fix("x < -1.999999 and y < 0", 0.0)
+    with pytest.raises(GeometryError, match=r"flux on .*held by nothing"):
+        warm.flux(lambda x: (x[:, 0] > 2 - 1e-9) & (x[:, 1] > 0.0), 1.0).solve()
+
+
+def test_temperatures_are_those_at_the_same_points_of_space():
+    """From a solution in another box, where it is x + 1, against that function."""
+    full, unit = (lambda u: -np.ones(len(u))), [[0.0] * 3, [1.0] * 3]
+
+    def warm(lo, hi):
+        room = il.macroshape.box(lo=lo, hi=hi)
+        heat = Heat(full, (5, 3, 3), domain=unit, through=room)
+        return heat.fix("u=0", lo[0] + 1.0).fix("u=1", hi[0] + 1.0).solve()
+
+    solid = Elasticity(
+        full, (6, 2, 2), domain=unit, through=il.macroshape.box((4.0, 1.0, 1.0)), young=10.0,
+        poisson=0.0, expansion=1e-3,
+    )  # fmt: skip
+    for name in ("u=0", "v=0", "w=0"):
+        solid = solid.clamp(name, components="n")
+    hot = solid.load(temperature=warm((-1.0, -1.3, -1.1), (9.0, 2.0, 2.7))).solve()
+    x = np.array([[0.7, 0.2, 0.4], [2.3, 0.6, 0.1], [3.9, 0.5, 0.5]])
+    wanted = solid.load(temperature=lambda x: x[:, 0] + 1.0).solve().at(x).displacement
+    np.testing.assert_allclose(hot.at(x).displacement, wanted, rtol=1e-6, atol=1e-12)
+    with pytest.raises(InputError, match="the solution of heat has none at"):
+        solid.load(temperature=warm((-1.0, -1.3, -1.1), (2.2, 2.0, 2.7))).solve()
