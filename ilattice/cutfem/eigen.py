@@ -120,7 +120,7 @@ def _by_factor(A: Any, solver: Any, count: int, motions: FloatArray, tol: float)
         rest = _without(A, solver.multiply(x) if len(mu) else x, mu)
         start = rng.standard_normal(n)
         size = _size(rest, inverse, start)  # ARPACK takes values below 1e-11 for zero
-        scaled = LinearOperator(A.shape, lambda v, f=rest, s=size: f(v) / s, dtype=float)
+        scaled = _scaled(rest, n, size)
         try:
             more, y = eigsh(scaled, wanted, K, which="LA", Minv=inverse, v0=start, tol=1e-2 * tol)
         except ArpackNoConvergence as e:
@@ -176,6 +176,11 @@ def _polished(A: Any, solver: Any, mu: FloatArray, x: FloatArray) -> tuple[Float
 def _without(A: Any, Kx: FloatArray, mu: FloatArray) -> _Map:
     """A with zero instead of known values: v ↦ A v - K x μ (K x)ᵀ v."""
     return lambda v: A @ v - Kx @ (mu * (Kx.T @ v))
+
+
+def _scaled(A: _Map, n: int, size: float) -> LinearOperator:
+    """A divided by a number."""
+    return LinearOperator((n, n), lambda v: A(v) / size, dtype=float)
 
 
 def _size(A: _Map, inverse: Any, start: FloatArray) -> float:

@@ -11,7 +11,7 @@ being held here.
 import warnings
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
 
@@ -409,14 +409,15 @@ class ElasticOperators(Problem):
 
     def _expansion_of(self, material: Material, load: Load, u: FloatArray) -> FloatArray:
         """Free expansion α ΔT (n,) of a phase under one temperature at parameters (n, 3)."""
-        asm = self.assembly
-        if not hasattr(load.value, "evaluate"):
+        asm, known = self.assembly, cast(Any, load.value)
+        if not hasattr(known, "evaluate"):
             rise = values_at("temperature", load.value, asm.x(u), 1)[:, 0]
-        elif _same(load.value.problem.assembly.through, asm.through):
-            rise = load.value.evaluate(u)
+        elif _same(known.problem.assembly.through, asm.through):
+            rise = known.evaluate(u)
         else:
-            rise = load.value.at(asm.x(u), outside="nan").temperature
-        return material.expansion.at(asm, u) * rise
+            rise = known.at(asm.x(u), outside="nan").temperature
+        out: FloatArray = material.expansion.at(asm, u) * rise
+        return out
 
     def _motions(self, x: FloatArray) -> FloatArray:
         out = np.zeros((len(x), 3, 6))
@@ -438,9 +439,10 @@ def _same(a: SplineMap | None, b: SplineMap | None) -> bool:
     if a is b or a is None or b is None:
         return a is b
     s, t = a.spline, b.spline
+    weights = [np.ones(1) if one.weights is None else one.weights for one in (s, t)]
     return (
         (s.k, s.periodic) == (t.k, t.periodic)
         and all(map(np.array_equal, s.t, t.t))
         and np.array_equal(s.c[..., :3], t.c[..., :3])
-        and np.array_equal(*(np.ones(1) if one.weights is None else one.weights for one in (s, t)))
+        and np.array_equal(weights[0], weights[1])
     )
