@@ -71,6 +71,8 @@ MAX_FALLBACK, FEW = 1e-2, 10
 LEAST_SEEDS, SEEDS_PER_WAVE = 8, 6
 #: Tiles that are longer along one direction get up to this many times the seeds along it.
 MOST_REFINED = 4
+#: Half the factor by which a continuation may stretch tiles until they get more seeds.
+STRETCHED = 0.75
 #: Where tiles meet in creases, surfaces bend sharply next to faces: so many times the seeds per
 #: direction; those up to so many cells away from a face do not tell the normals next to them.
 MORE, CREASED = 2, 1.5
@@ -243,9 +245,17 @@ class ClosestPointSearch(TileSpace):
         return MORE * least if self.creased else least
 
     def _tile_seeds(self, tiles: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Seeds of tiles and their cells, more along the directions in which a tile is long."""
+        """Seeds of tiles and their cells, more along the directions in which a tile is long.
+
+        A continuation that stretches tiles has as many seeds per length as the domain has: others
+        would be so far apart that a sheet which bends back is behind nearer seeds of another one.
+        """
         stretch = np.linalg.norm(self._jacobian(tiles.astype(np.float64) + 0.5), axis=1)
         least = np.maximum(stretch.min(axis=1, keepdims=True), 1e-3 * stretch.max())
+        count = np.array(self.lattice.repeat)
+        beyond = ((tiles < 0) | (tiles >= count)).any(axis=1)
+        usual = STRETCHED * np.median(stretch[~beyond], axis=0)
+        least = np.where(beyond[:, None], np.minimum(least, usual), least)
         factor = np.clip(np.ceil(stretch / (2.0 * least)), 1, MOST_REFINED).astype(np.int64)
         out = [np.empty((0, 3))]
         cells = [np.empty((0, 3))]

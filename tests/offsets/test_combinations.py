@@ -93,3 +93,15 @@ def test_all_vertices_are_looked_at_again_where_some_are_off(monkeypatch):
     seen.clear()
     assert not _settling.unsettled(None, u, np.ones(1030), free)[0].any()
     assert seen == [100]
+
+
+def test_sheets_on_stretched_continuations_are_found():
+    """A map whose continuation grows and bends back: feet are there, far from all other seeds."""
+    combo = cb.combination(700184)
+    lattice = combo.lattice()
+    rng = np.random.default_rng(3)
+    u = rng.random((300, 3))
+    u[:150, 2], u[150:, 1] = 1.0 - 0.05 * rng.random((2, 150))
+    judge_ = cb.Judge(combo, lattice, None, None)
+    distance, found = judge_._distances(lattice.tile_coordinates(u), u)
+    assert (found <= distance * (1.0 + 1e-6)).all()
