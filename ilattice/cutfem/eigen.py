@@ -76,6 +76,8 @@ def largest(
             f"count = {count} is too many for {n} unknowns: at most {most} can be found; ask for "
             "fewer, or take more cells"
         )
+    unit = _size(A, solver, starts)
+    A = A * (1.0 / unit)  # what ARPACK takes for zero is an absolute number
     find = _by_preconditioner if solver.method in ("multigrid", "pyamg") else _by_factor
     if n < 5 * (count + GUARD):
         mu, x = eigh(A.toarray(), solver.multiply(np.eye(n)))
@@ -84,6 +86,7 @@ def largest(
     order = np.argsort(-mu)[:count]
     mu, x = mu[order], x[:, order]
     residual = _residual(A, solver, mu, x)
+    mu = unit * mu
     if not residual <= tol:
         raise ConvergenceError(
             f"eigenvectors by {solver.method} have a residual of {residual:.1e}, above tol = "
@@ -91,6 +94,18 @@ def largest(
             + ("finer cells" if solver.method == "superlu" else "method='superlu'")
         )
     return mu, x, residual
+
+
+def _size(A: Any, solver: Any, starts: FloatArray) -> float:
+    """About the largest eigenvalue: that of motions with little energy, one by one."""
+    x = starts[:, np.abs(starts).max(axis=0) > 0]
+    if x.shape[1]:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            found = np.abs((x * (A @ x)).sum(axis=0)) / (x * solver.multiply(x)).sum(axis=0)
+        found = found[np.isfinite(found) & (found > 0.0)]
+        if len(found):
+            return float(found.max())
+    return 1.0
 
 
 def _by_factor(A: Any, solver: Any, count: int, motions: FloatArray, tol: float) -> Any:

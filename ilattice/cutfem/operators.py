@@ -410,7 +410,7 @@ class ElasticOperators(Problem):
         """Free expansion α ΔT (n,) of a phase under one temperature at parameters (n, 3)."""
         asm = self.assembly
         if hasattr(load.value, "evaluate"):
-            rise = load.value.evaluate(u)
+            rise = _temperature(load.value, asm, u)
         else:
             rise = values_at("temperature", load.value, asm.x(u), 1)[:, 0]
         return material.expansion.at(asm, u) * rise
@@ -423,6 +423,16 @@ class ElasticOperators(Problem):
             out[:, j, 3 + i] = -x[:, k]
             out[:, k, 3 + i] = x[:, j]
         return out
+
+
+def _temperature(heat: Any, asm: Assembly, u: FloatArray) -> FloatArray:
+    """Temperature (n,) at parameters, by those of its solution or, through another map, by space.
+
+    NaN where the solution has none.
+    """
+    if heat.problem.domain.cut.through is asm.through:
+        return np.asarray(heat.evaluate(u))
+    return np.asarray(heat.at(asm.x(u), outside="nan").temperature)
 
 
 def _shear(material: Material, asm: Assembly, u: FloatArray) -> FloatArray:

@@ -23,6 +23,7 @@ from ilattice.cutfem.constraints import Constraints, constraints
 from ilattice.cutfem.discretization import Product
 from ilattice.cutfem.material import Scalar
 from ilattice.cutfem.overlaps import check_agreement
+from ilattice.cutfem.places import Spot
 from ilattice.cutfem.posed import Posed
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.linalg._engines import ENGINES
@@ -35,6 +36,8 @@ ISLANDS = ("drop", "refuse")
 HEAVY = 1e-6
 #: A motion is free if its share in what is held is below this.
 FREE = 1e-10
+#: Part of the area of a load that may be on parts that are left out without a word.
+LOST = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,12 +192,33 @@ class Problem(Posed):
     def _forces(self) -> FloatArray:
         f = np.zeros((len(self.assembly.space), self.m))
         for load in self.loads:
+            self._check_lost(load)
             f += self._force(load)
         return read_only(f)
 
     def _force(self, load: Load) -> FloatArray:
         """One load as coefficients (functions, m)."""
         raise NotImplementedError
+
+    def _check_lost(self, load: Load) -> None:
+        """Refuse loads on parts that are left out; warn of those that are there in part."""
+        if not load.on or isinstance(load.on, Spot) or not len(self.parts[1]):
+            return
+        whole = self.domain.boundary(load.on).weights.sum()
+        left = float(self.domain.edge(self.assembly, load.on).weights.sum() / whole)
+        if left <= LOST:
+            raise GeometryError(
+                f"{load.kind} on {load.on}: that part of the solid is held by nothing, and is left "
+                "out; add a support there"
+            )
+        if left < 1.0 - LOST:
+            what = "acts on the rest" if load.kind in ("force", "moment") else "is not there"
+            warnings.warn(
+                f"{load.kind} on {load.on}: {100 * (1.0 - left):.2g} % of the area is on parts "
+                f"that nothing holds, and what is asked for there {what}",
+                PrecisionWarning,
+                stacklevel=6,
+            )
 
     def _spread(self, load: Load) -> Load:
         """A load, as one per area if it is a resultant."""
@@ -337,7 +361,7 @@ class Problem(Posed):
                 places=system.places,
             )  # fmt: skip
         if not system.b.any():
-            return system.constraints.values, None
+            return system.constraints.values, _at_rest(self._held[key].method, len(system.b))
         if not np.abs(system.b).max() <= LARGEST:
             raise InputError(
                 "loads: forces or prescribed values are so large that their squares overflow; use "
@@ -394,3 +418,9 @@ class Problem(Posed):
     def _solid_energy(self, c: FloatArray) -> float:
         """Twice the energy that the solid alone stores, without springs and supports."""
         raise NotImplementedError
+
+
+def _at_rest(method: str, size: int) -> SolveReport:
+    """How a system without any load was solved."""
+    none = read_only(np.zeros(1))
+    return SolveReport(method, 0, 0.0, none, 1.0, 0.0, 0.0, size, 0.0, discretization_error=0.0)

@@ -23,6 +23,7 @@ from ilattice.io._mesh import (
     check_not_empty,
     check_single,
     warn_collapsed,
+    warn_rounded,
     write_records,
 )
 from ilattice.io._polygons import checked_mesh, welded
@@ -54,6 +55,7 @@ def write_stl(mesh: Triangles, path: str | os.PathLike[str]) -> None:
     """
     check_not_empty(mesh)
     check_single(mesh.vertices, "STL")
+    warn_rounded(mesh, "STL")
     lost = 0
     with atomic_write(path) as file:
         write_header(file, len(mesh.faces))

@@ -27,6 +27,7 @@ from ilattice.io._mesh import (
     collapsed,
     colours,
     warn_collapsed,
+    warn_rounded,
 )
 
 UNITS = {
@@ -67,6 +68,7 @@ def write_3mf(mesh: Triangles, path: str | os.PathLike[str], *, unit: str = "mil
     """
     check_not_empty(mesh)
     check_single(mesh.vertices, "3MF", *_SIZES)
+    warn_rounded(mesh, "3MF")
     if unit not in UNITS:
         raise InputError(f"unit {unit!r} is unknown; choose {near_names(str(unit), [*UNITS], 6)}")
     lib3mf = _library()
