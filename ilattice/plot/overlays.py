@@ -85,8 +85,10 @@ def colour_bar(plotter: Any, mapper: Any, title: str, width: float) -> None:
 def shared_limits(pictures: Iterable[Sequence[Layer]]) -> dict[str, tuple[float, float]]:
     """Least and largest number of each quantity that is drawn, over all panels."""
     limits: dict[str, tuple[float, float]] = {}
-    for layer in (layer for picture in pictures for layer in picture if layer.title):
-        name = layer.style["scalars"]
+    for layer in (layer for picture in pictures for layer in picture):
+        name = layer.style.get("scalars")
+        if name is None or layer.style.get("rgb"):
+            continue
         values = np.asarray(layer.data[name], float)
         if values.ndim == 2:
             values = np.linalg.norm(values, axis=1)

@@ -21,6 +21,7 @@ _CREASE = 40.0  # degrees between normals from which an edge is drawn sharp
 #: Of parts in a colour of their own, and of colours that are data.
 MATERIAL = {"ambient": 0.22, "diffuse": 0.78, "specular": 0.18, "specular_power": 25.0}
 FLAT = {"ambient": 0.86, "diffuse": 0.18, "specular": 0.0}
+UNLIT = {"lighting": False, "ambient": 0.0, "diffuse": 1.0, "specular": 0.0}
 COLOUR, CAP, GHOST = "#d9b382", "#b5651d", "#8fa3b5"
 #: Titles of colour bars: names of data in the symbols of the field.
 SYMBOLS = {
@@ -109,8 +110,6 @@ def made(
     """A layer of a dataset, with the looks that its data ask for."""
     style = _shading(data)
     title = ""
-    if flat is True:
-        options = {"lighting": False, **options}
     if scalars is not None:
         names = [*data.point_data.keys(), *data.cell_data.keys()]
         _add_component(data, scalars)
@@ -130,7 +129,7 @@ def made(
         style |= {"scalars": "_rgb", "rgb": True}
     else:
         style |= {"color": color if color is not None else COLOUR}
-    style |= FLAT if (flat if flat is not None else scalars is not None) else MATERIAL
+    style |= UNLIT if flat else MATERIAL if flat is False or scalars is None else FLAT
     _check_options(options)
     if scalars is not None:
         cap = cap if cap is not None else "#9a9a9a"
