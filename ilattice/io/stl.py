@@ -55,7 +55,6 @@ def write_stl(mesh: Triangles, path: str | os.PathLike[str]) -> None:
     """
     check_not_empty(mesh)
     check_single(mesh.vertices, "STL")
-    warn_rounded(mesh, "STL")
     lost = 0
     with atomic_write(path) as file:
         write_header(file, len(mesh.faces))
@@ -64,6 +63,8 @@ def write_stl(mesh: Triangles, path: str | os.PathLike[str]) -> None:
             write_records(file, records)
             lost += flat
     warn_collapsed(lost, "STL")
+    if not lost:
+        warn_rounded(mesh, "STL")
 
 
 def write_header(file: IO[bytes], count: int) -> None:

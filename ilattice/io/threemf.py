@@ -68,7 +68,6 @@ def write_3mf(mesh: Triangles, path: str | os.PathLike[str], *, unit: str = "mil
     """
     check_not_empty(mesh)
     check_single(mesh.vertices, "3MF", *_SIZES)
-    warn_rounded(mesh, "3MF")
     if unit not in UNITS:
         raise InputError(f"unit {unit!r} is unknown; choose {near_names(str(unit), [*UNITS], 6)}")
     lib3mf = _library()
@@ -79,9 +78,10 @@ def write_3mf(mesh: Triangles, path: str | os.PathLike[str], *, unit: str = "mil
         raise FormatError(f"lib3mf does not take this mesh: {e}; scale the part") from e
     with atomic_write(path) as file:
         _write(lib3mf, model, file, _decimals(mesh))
-    warn_collapsed(
-        sum(collapsed(vertices[mesh.faces[rows]]) for rows in blocks(len(mesh.faces))), "3MF"
-    )
+    lost = sum(collapsed(vertices[mesh.faces[rows]]) for rows in blocks(len(mesh.faces)))
+    warn_collapsed(lost, "3MF")
+    if not lost:
+        warn_rounded(mesh, "3MF")
 
 
 def _model(lib3mf: Any, mesh: Triangles, vertices: AnyArray, unit: str) -> Any:

@@ -10,11 +10,12 @@ curvature that vanishes; else a `ConvergenceError` or `GeometryError` says why. 
 where several surfaces meet the same faces, which one is found; that there is none where none is.
 """
 
+from functools import partial
 from itertools import chain
 
 import numpy as np
 
-from ilattice._progress import Progress, track
+from ilattice._progress import Progress, staged
 from ilattice._typing import FloatArray
 from ilattice._validate import read_only
 from ilattice.errors import ConvergenceError, GeometryError, InputError
@@ -69,12 +70,13 @@ def conjugate(faces: FaceLoop, n: int = 16, *, progress: Progress = None) -> Min
     closing = Closing(faces)
     reasons: list[Exception] = []
     more = closing.starts() if closing.free.shape[1] else ()
-    for start in track(chain([faces.balance], more), "lengths of sides", progress, total=0):
+    for start in chain([faces.balance], more):
         if isinstance(start, ConvergenceError):
             reasons.append(start)
             continue
+        search = partial(_polished, closing, start, disc)
         try:
-            return _polished(closing, start, disc)
+            return staged({"lengths of sides": search}, progress)[0]
         except (ConvergenceError, GeometryError) as e:
             reasons.append(e)
     raise _refusal(reasons)
