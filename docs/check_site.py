@@ -95,10 +95,11 @@ def complaints(folder: Path, program: str, pages: list[str]) -> list[str]:
             text, said = shown(program, f"{home}/search.html?q={words.replace(' ', '+')}")
             wrong += [f"search: the console says {line}" for line in said]
             results = text.partition('id="search-results"')[2]
-            if not re.search(rf'href="[^"]*{target}', results):
+            if not re.search(rf'href="?[^">]*{target}', results):
                 wrong.append(f"search: {words!r} does not find {target}")
     finally:
         server.shutdown()
+        server.server_close()
     return wrong
 
 
