@@ -1,8 +1,8 @@
 """Look at the built site in a real browser: ``python docs/check_site.py [folder] [-b chromium]``.
 
 Pages are shown by headless Chromium from a server on this machine: nothing may be said on the
-console, every picture of a page must be loaded, and a search must find what it is asked for. Needs
-Chromium or Chrome; without one it says so and ends with 3, as skipped.
+console but notices of the theme, every picture of a page must be loaded, and a search must find
+what it is asked for. Needs Chromium or Chrome; without one it says so and ends with 3, as skipped.
 """
 
 import argparse
@@ -22,6 +22,8 @@ from typing import Any
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 #: What is looked for, and a page that must be among what is found.
 SEARCHED = {"relative_density": "thickness", "heat exchanger": "jobs"}
+#: How notices of the theme begin, that it tells of the colours it has taken and so on.
+NOTICE = '"[PST]: '
 #: How long a page may take, in milliseconds of its own clock.
 TIME = 30_000
 #: A page that shows another one in a frame, and tells which of its pictures are there.
@@ -74,7 +76,8 @@ def shown(program: str, address: str) -> tuple[str, list[str]]:
             capture_output=True, text=True, check=True, timeout=300,
         )  # fmt: skip
     said = [line for line in done.stderr.splitlines() if "CONSOLE" in line]
-    return done.stdout, [re.sub(r"^.*?CONSOLE[^\]]*\]\s*", "", line) for line in said]
+    lines = (re.sub(r"^.*?CONSOLE[^\]]*\]\s*", "", line) for line in said)
+    return done.stdout, [line for line in lines if not line.startswith(NOTICE)]
 
 
 def complaints(folder: Path, program: str, pages: list[str]) -> list[str]:

@@ -68,6 +68,9 @@ def _draw(
         known = limits if layer.title else overlays.shared_limits([[layer]])
         limited = {"clim": known[name]} if name in known else {}
         actor = plotter.add_mesh(data, reset_camera=False, **{**limited, **style})
+        opacity = style.get("opacity", 1.0)
+        if isinstance(opacity, int | float) and opacity < 1.0:
+            _behind(actor.mapper)
         if name and layer.title in bars:
             bar = actor.mapper, layer.title
     overlays.lights(plotter, scene.view)
@@ -87,6 +90,12 @@ def _draw(
     if scene.occlusion:
         reach = max(_OCCLUSION * float(np.ptp(points, axis=0).max()), 1e-30)
         plotter.enable_ssao(radius=reach, bias=0.08 * reach, kernel_size=32, blur=True)
+
+
+def _behind(mapper: Any) -> None:
+    """Let what is drawn at the same depth be in front of what is translucent."""
+    mapper.SetResolveCoincidentTopologyToPolygonOffset()
+    mapper.SetRelativeCoincidentTopologyPolygonOffsetParameters(2.0, 2.0)
 
 
 def image(
