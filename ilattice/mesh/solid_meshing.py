@@ -220,7 +220,8 @@ def hexahedra(
         grid = field
     else:
         grid = cut(field, cells, domain=domain, through=through)
-    staged({"cells": lambda: grid.status, "rules": grid.volume}, progress)
+    staged({"cells": lambda: grid.status}, progress)
+    staged({"rules": lambda: grid.volume()}, progress)
     wanted = _solid_enough(grid, part)
     if not wanted.any():
         raise GeometryError(f"no cell has a part of {part:g} in the solid; take finer cells")

@@ -71,10 +71,9 @@ def mass_properties(
         If an argument is wrong, or the density is negative, or zero everywhere.
     """
     grid = cut(field, cells, domain=domain)
-    _, solid, skin = staged(
-        {"cells": lambda: grid.status, "rules": lambda: grid.volume(q),
-         "surface": lambda: grid.surface(q)}, progress,
-    )  # fmt: skip
+    staged({"cells": lambda: grid.status}, progress)
+    work = {"rules": lambda: grid.volume(q), "surface": lambda: grid.surface(q)}
+    solid, skin = staged(work, progress)
     if grid.through is not None:
         solid, skin = solid.in_space(), skin.in_space()
     rho = _as_density(density, solid.points)
