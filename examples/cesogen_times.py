@@ -50,6 +50,8 @@ def _draw(points: Sequence[int], seconds: list[float], triangles: list[int]) -> 
     for i, s, n in zip(points, seconds, triangles, strict=True):
         axes.annotate(f"{n:,}", (i, s), (-4, 6), textcoords="offset points", ha="right", fontsize=8)
     axes.set_xlim(left=0.5 * points[0])
+    axes.set_xticks(points, [str(i) for i in points])
+    axes.tick_params(axis="x", which="minor", bottom=False, labelbottom=False)
     axes.set_xlabel("points i of the grid, in each of three directions")
     axes.set_ylabel("seconds, numbers are triangles")
     axes.legend(frameon=False)

@@ -113,7 +113,7 @@ def main(
 
 
 def _in_grid(mesh: "il.SurfaceMesh", figure: str, path: str) -> None:
-    """Figures 16 and 17 (a, b): a solid in the half of its grid that is behind it."""
+    """Figures 16 and 17 (a, b): a solid inside its grid."""
     wall, cells, _ = design(figure)
     corners = np.stack(
         np.meshgrid(*(np.linspace(0.0, 1.0, n + 1) for n in cells), indexing="ij"), axis=-1

@@ -141,7 +141,6 @@ def test_the_table_of_benchmarks_has_all_of_them(pages):
     files = list((DOCS.parent / "benchmarks").glob("bench_*.py"))
     text = pages.benchmarks()
     assert len(re.findall(r"^### `\w+`$", text, re.MULTILINE)) == len(files) > 5
-    assert "Not measured" not in text
     known = json.loads((DOCS / "benchmarks.json").read_text(encoding="utf-8"))
     assert text.count("\n| ") == sum(len(found["rows"]) + 1 for found in known.values())
     for found in known.values():
@@ -204,6 +203,34 @@ def test_broken_links_are_found(tmp_path):
     assert "loads https://e.org/x.js from elsewhere" in wrong
     assert check.main([str(tmp_path)]) == 1
     assert check.complaints(tmp_path / "nothing")
+
+
+@pytest.mark.client
+def test_pages_are_looked_at_in_a_browser(tmp_path):
+    check = load("check_site")
+    program = check.browser()
+    if not program:
+        pytest.skip("there is no Chromium or Chrome")
+    (tmp_path / "a.html").write_text("<img src='icon.png'>")
+    (tmp_path / "b.html").write_text("<img src='no.png'><script>throw Error('bad')</script>")
+    (tmp_path / "icon.png").write_bytes((DOCS / "_static" / "icon.png").read_bytes())
+    (tmp_path / "search.html").write_text(
+        "<p id='search-results'></p><script>document.querySelector('p').innerHTML ="
+        "location.search.includes('density') ? '<a href=guide/thickness.html>d</a>' : ''</script>"
+    )
+    wrong = "\n".join(check.complaints(tmp_path, program, ["a.html", "b.html"]))
+    assert "a.html" not in wrong
+    assert "b.html: picture no.png is not there" in wrong
+    assert "b.html: the console says" in wrong
+    assert "search: 'heat exchanger' does not find jobs" in wrong
+    assert "relative_density" not in wrong
+
+
+def test_without_a_browser_it_is_said(monkeypatch, capsys):
+    check = load("check_site")
+    monkeypatch.setattr(check, "BROWSERS", ())
+    assert check.main([]) == 3
+    assert "skipped" in capsys.readouterr().out
 
 
 def test_every_public_object_has_an_example(pages):

@@ -70,3 +70,46 @@ def test_an_analysis_tells_its_stages():
     labels.clear()
     il.cutfem.natural_modes(problem, 7, progress=told)
     assert labels == ["cells", "rules", "matrix", "factor", "modes"]
+
+
+@pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
+def test_other_long_work_tells_its_stages():
+    ball, box = il.fields.sphere(1.0), [[-1.1] * 3, [1.1] * 3]
+    bar = il.macroshape.box((2.0, 1.0, 1.0))
+    wall = il.Lattice("schwarz_p", through=bar, repeat=(2, 1, 1), spans_per_tile=6).offset(0.12)
+    corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0.3), (0, 1, 0)]
+    work = {
+        ("cells", "rules"): [
+            lambda told: il.cutfem.quadrature(ball, 6, domain=box, progress=told),
+            lambda told: il.mesh.hexahedra(ball, 6, domain=box, progress=told),
+        ],
+        ("cells", "rules", "surface"): [
+            lambda told: il.cutfem.mass_properties(ball, 6, domain=box, progress=told),
+        ],
+        ("lengths of sides",): [
+            lambda told: il.minimal.conjugate(
+                il.minimal.cuboid().faces("x+ z- y+ x- z+ y-"), n=4, progress=told
+            ),
+        ],
+        ("surface", "shell", "conjugate"): [
+            lambda told: il.minimal.direct(corners, n=4, alpha=0.01, progress=told),
+        ],
+        ("tiles",): [
+            lambda told: il.homogenize.macro(wall, (2, 1, 1), tile_cells=4, estimate=False,
+                                             progress=told),
+        ],
+        ("start", "surface"): [
+            lambda told: il.shells.cell("topo_19_rrr", n=8, progress=told),
+        ],
+    }  # fmt: skip
+    for labels, calls in work.items():
+        for call in calls:
+            seen = []
+
+            def told(label, *_, seen=seen):
+                seen.append(label)
+
+            call(told)
+            assert tuple(seen) == labels
+            with pytest.raises(InputError, match="progress"):
+                call(3)

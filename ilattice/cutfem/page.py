@@ -19,6 +19,7 @@ from ilattice._files import as_path, atomic_write
 from ilattice._validate import as_flag
 from ilattice.cutfem.conditions import AXES
 from ilattice.cutfem.places import Motion
+from ilattice.cutfem.regions import Region
 from ilattice.cutfem.stresses import margins
 from ilattice.errors import FormatError, InputError
 from ilattice.linalg.solvers import SolveReport
@@ -112,6 +113,10 @@ def _doubts(result: "Result", report: SolveReport) -> list[str]:
             "The energy may be off because of the size of the cells; estimate: "
             f"{_per_cent(error)}. Use more cells, or another degree, and compare."
         )
+    parts = result.problem.domain.parts
+    loose = parts.seen(result.problem.parts[1])
+    if len(loose):
+        out.append(f"Left out, because nothing holds them: {parts.describe(loose)}.")
     balance = float(getattr(result, "equilibrium", 0.0))
     if not balance <= UNBALANCED:
         out.append(f"Loads and reactions are out of balance by {balance:.1e} of what acts.")
@@ -158,21 +163,35 @@ def _set_up(problem: Any) -> dict[str, str]:
             out[name] = _said(told.value)
     if getattr(material, "full", False):
         out["stiffness"] = "6 x 6, of any symmetry"
+    where = _Where(domain)
     for i, s in enumerate(problem.supports, 1):
         axes = "".join(a for a, held in zip(AXES, s.mask, strict=False) if held)
         what = "along the normal" if s.normal else axes if problem.m > 1 else "value"
         out[f"support {i}"] = (
-            f"{s.on}: {what} = {_said(s.value)}, {'weakly' if s.weak else 'exactly'}"
+            f"{where(s.on)}: {what} = {_said(s.value)}, {'weakly' if s.weak else 'exactly'}"
         )
     for c in getattr(problem, "connections", ()):
-        out[f"rigid at {c.on}"] = f"force {_said(c.force)}, moment {_said(c.moment)}"
+        out[f"rigid at {where(c.on)}"] = f"force {_said(c.force)}, moment {_said(c.moment)}"
     for i, spring in enumerate(problem.springs, 1):
-        out[f"spring {i}"] = f"{spring.on}: stiffness {_said(spring.stiffness)} per area"
+        out[f"spring {i}"] = f"{where(spring.on)}: stiffness {_said(spring.stiffness)} per area"
     for i, load in enumerate(problem.loads, 1):
         out[f"load {i}"] = f"{load.kind} {_said(load.value)}" + (
-            f" at {load.on}" if load.on else ""
+            f" at {where(load.on)}" if load.on else ""
         )
     return out
+
+
+@dataclass(frozen=True)
+class _Where:
+    """What places are called, those that a function picks with the box they are in."""
+
+    domain: Any
+
+    def __call__(self, on: Any) -> str:
+        if not isinstance(on, Region) or on.planes is not None:
+            return str(on)
+        x = self.domain.boundary(on).points
+        return f"{on} (from {_number(x.min(axis=0))} to {_number(x.max(axis=0))})"
 
 
 def _checks(result: "Result", report: SolveReport) -> dict[str, str]:

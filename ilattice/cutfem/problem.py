@@ -338,7 +338,7 @@ class Problem(Posed):
                 places=system.places,
             )  # fmt: skip
         if not system.b.any():
-            return system.constraints.values, None
+            return system.constraints.values, _at_rest(self._held[key].method, len(system.b))
         if not np.abs(system.b).max() <= LARGEST:
             raise InputError(
                 "loads: forces or prescribed values are so large that their squares overflow; use "
@@ -395,3 +395,9 @@ class Problem(Posed):
     def _solid_energy(self, c: FloatArray) -> float:
         """Twice the energy that the solid alone stores, without springs and supports."""
         raise NotImplementedError
+
+
+def _at_rest(method: str, size: int) -> SolveReport:
+    """How a system without any load was solved."""
+    none = read_only(np.zeros(1))
+    return SolveReport(method, 0, 0.0, none, 1.0, 0.0, 0.0, size, 0.0, discretization_error=0.0)

@@ -110,7 +110,7 @@ class Solution(Reported, Stresses):
         assert rule.parameters is not None
         owner = problem.assembly.owners(rule)
         used = von_mises(self.stress_on(rule)) / self._strength(rule.parameters, owner)
-        return float(1.0 / max(used.max(), 1e-300))
+        return float(1.0 / used.max()) if used.max() > 0.0 else float("inf")
 
     @cached_property
     def energy(self) -> float:

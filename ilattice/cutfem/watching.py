@@ -1,6 +1,6 @@
 """What problems look at before they are solved: functions between the points of rules, lost loads.
 
-Guarantees: a load on parts that nothing holds, which is lost, is refused, or told of from 2 % of
+Guarantees: a load on parts that nothing holds, which is lost, is refused, or told of from 1 % of
 its area on where it also acts on others. Functions that are looked at, see `sampling`, are loads,
 springs and supports that are functions of points, densities and expansions by which loads are
 multiplied, densities and capacities in masses, and temperatures at the start of a transient.
@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 SINGLE = ("pressure", "temperature")
 #: Loads of which the sum is given.
 RESULTANTS = ("force", "moment")
+#: Part of the area of a load that may be on parts that are left out without a word.
+LOST = 0.01
 
 
 def check_functions(problem: "Problem") -> None:
@@ -100,27 +102,27 @@ def check_reached(problem: "Problem", load: Load) -> None:
     Warns
     -----
     PrecisionWarning
-        If that is 2 % of the area or more.
+        If that is 1 % of the area or more.
     """
     if not load.on or isinstance(load.on, Spot) or not len(problem.parts[1]):
         return
     whole, mine = problem.domain.boundary(load.on), problem.domain.edge(problem.assembly, load.on)
     total = whole.integrate()
     lost = 1.0 - mine.integrate() / total if len(mine) else 1.0
-    if lost < sampling.TOLD:
+    if lost < LOST:
         return
     cells = np.setdiff1d(whole.cells, mine.cells)
     loose = problem.domain.parts.describe(problem.domain.parts.touching(cells))
     if not len(mine):
         raise GeometryError(
-            f"{load.kind} on {load.on}: that part of the solid is held by nothing ({loose}), and "
-            "the load would be lost; hold it, or load another place"
+            f"{load.kind} on {load.on}: that part of the solid is held by nothing, and is left out "
+            f"({loose}), so that the load would be lost; hold it, or load another place"
         )
-    fate = "the rest takes all of it" if load.kind in RESULTANTS else "what acts there is lost"
+    fate = "acts on the rest" if load.kind in RESULTANTS else "is not there"
     warnings.warn(
-        f"{load.kind} on {load.on}: {100 * lost:.2g} % of its area is on parts that were left out, "
-        f"because nothing holds them ({loose}), and {fate}; hold them, or name the place more "
-        "narrowly",
+        f"{load.kind} on {load.on}: {100 * lost:.2g} % of the area is on parts that were left out, "
+        f"because nothing holds them ({loose}), and what is asked for there {fate}; hold them, or "
+        "name the place more narrowly",
         PrecisionWarning,
         stacklevel=4,
     )

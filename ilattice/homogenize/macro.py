@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._progress import Progress, track
 from ilattice._typing import FloatArray
 from ilattice._validate import as_flag, as_kind, as_positive, as_whole
 from ilattice.bspline import BSpline
@@ -121,7 +122,8 @@ def everywhere(u: FloatArray) -> FloatArray:
 
 def macro(
     wall: Wall, cells: Any, *, young: float = 1.0, poisson: float = 0.3, density: float = 1.0,
-    samples: int = 5, tile_cells: int = 12, estimate: bool = True, **options: Any,
+    samples: int = 5, tile_cells: int = 12, estimate: bool = True, progress: Progress = None,
+    **options: Any,
 ) -> Elasticity:  # fmt: skip
     """The macro-shape of a wall as a solid with the effective stiffness of its tiles.
 
@@ -140,6 +142,8 @@ def macro(
         Grid of each, as in `ilattice.homogenize.elastic`.
     estimate : bool, keyword-only
         Whether to estimate the errors of these, which warns where they are large.
+    progress : bool or callable, optional, keyword-only
+        "tiles", one by one; see `ilattice._progress.track`.
     **options
         As in `ilattice.cutfem.Elasticity`: ``degree``, ``smoothness``, ``q``.
 
@@ -186,7 +190,10 @@ def macro(
     alike = high - low <= ALIKE * max(abs(high), abs(low))
     at = np.array([0.5 * (low + high)]) if alike else np.linspace(low, high, count)
     alone = [_one(wall, edges, proportion, float(d)) for d in at]
-    found = [elastic(one, tile_cells, young=young, poisson=poisson, estimate=flag) for one in alone]
+    found = [
+        elastic(one, tile_cells, young=young, poisson=poisson, estimate=flag)
+        for one in track(alone, "tiles", progress)
+    ]
     _check_bearing(found)
     local = _Clipped(tiles, low, high)
     filled = np.array([eff.density for eff in found])

@@ -90,6 +90,10 @@ class MeshArrays(Frozen):
     cell_data: Mapping[str, AnyArray] = field(default_factory=dict)
 
 
+#: Triangles that are looked at for rounding, and the part of an edge from which it is told.
+SAMPLED, ROUNDED = 20_000, 0.01
+
+
 def blocks(count: int, size: int = BLOCK) -> Iterator[slice]:
     """Slices that cover ``range(count)`` in order."""
     for lo in range(0, count, size):
@@ -162,6 +166,21 @@ def collapsed(corners: AnyArray) -> int:
     """Number of triangles (n, 3, 3) with two equal corners."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     return int(((a == b).all(1) | (b == c).all(1) | (c == a).all(1)).sum())
+
+
+def warn_rounded(mesh: Triangles, name: str) -> None:
+    """Tell that single precision moves vertices by a part of the length of edges that counts."""
+    some = mesh.faces[:: max(len(mesh.faces) // SAMPLED, 1)]
+    x = np.asarray(mesh.vertices, np.float64)[some]
+    off = float(np.abs(x - x.astype(np.float32)).max())
+    edge = float(np.median(np.linalg.norm(x[:, 0] - x[:, 1], axis=1)))
+    if off > ROUNDED * edge:
+        warnings.warn(
+            f"{name} holds single precision: vertices move by up to {off:.2g}, "
+            f"{100 * off / edge:.2g} % of the length of an edge; move the part to the origin",
+            PrecisionWarning,
+            stacklevel=5,
+        )
 
 
 def warn_collapsed(count: int, name: str) -> None:

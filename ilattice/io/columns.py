@@ -74,7 +74,7 @@ def read_columns(
     except csv.Error as e:
         raise FormatError(f"{printable(str(path))} is no CSV: {e}") from e
     places = _places([n.strip().lower() for n in rows[0]], wanted, path)
-    return _numbers(rows[1:], [i for i, _ in numbered[1:]], places, wanted, path)
+    return _numbers(rows[1:], [i for i, _ in numbered[1:]], places, wanted, len(rows[0]), path)
 
 
 def _places(head: list[str], wanted: list[str], path: object) -> list[int]:
@@ -93,15 +93,19 @@ def _places(head: list[str], wanted: list[str], path: object) -> list[int]:
 
 
 def _numbers(
-    rows: list[list[str]], lines: list[int], places: list[int], wanted: list[str], path: object
-) -> FloatArray:
+    rows: list[list[str]], lines: list[int], places: list[int], wanted: list[str], columns: int,
+    path: object,
+) -> FloatArray:  # fmt: skip
     """The numbers of the rows, or the lines in which there are none."""
     out, bad = np.full((len(rows), len(places)), np.nan), []
     for i, (row, line) in enumerate(zip(rows, lines, strict=True)):
+        if any(field.strip() for field in row[columns:]):
+            bad.append(f"line {line}: {len(row)} fields for {columns} names")
+            continue
         for j, (at, name) in enumerate(zip(places, wanted, strict=True)):
             said = row[at].strip() if at < len(row) else ""
             try:
-                out[i, j] = float(said)
+                out[i, j] = float(said.replace("_", "?"))
             except ValueError:
                 out[i, j] = np.nan
             if not np.isfinite(out[i, j]):

@@ -23,6 +23,7 @@ from ilattice.io._mesh import (
     check_not_empty,
     check_single,
     warn_collapsed,
+    warn_rounded,
     write_records,
 )
 from ilattice.io._polygons import checked_mesh, welded
@@ -62,6 +63,8 @@ def write_stl(mesh: Triangles, path: str | os.PathLike[str]) -> None:
             write_records(file, records)
             lost += flat
     warn_collapsed(lost, "STL")
+    if not lost:
+        warn_rounded(mesh, "STL")
 
 
 def write_header(file: IO[bytes], count: int) -> None:

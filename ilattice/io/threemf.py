@@ -27,6 +27,7 @@ from ilattice.io._mesh import (
     collapsed,
     colours,
     warn_collapsed,
+    warn_rounded,
 )
 
 UNITS = {
@@ -77,9 +78,10 @@ def write_3mf(mesh: Triangles, path: str | os.PathLike[str], *, unit: str = "mil
         raise FormatError(f"lib3mf does not take this mesh: {e}; scale the part") from e
     with atomic_write(path) as file:
         _write(lib3mf, model, file, _decimals(mesh))
-    warn_collapsed(
-        sum(collapsed(vertices[mesh.faces[rows]]) for rows in blocks(len(mesh.faces))), "3MF"
-    )
+    lost = sum(collapsed(vertices[mesh.faces[rows]]) for rows in blocks(len(mesh.faces)))
+    warn_collapsed(lost, "3MF")
+    if not lost:
+        warn_rounded(mesh, "3MF")
 
 
 def _model(lib3mf: Any, mesh: Triangles, vertices: AnyArray, unit: str) -> Any:

@@ -21,6 +21,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ilattice._memory import need
+from ilattice._progress import Progress, staged
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import as_choice, as_real
 from ilattice.errors import ConvergenceError, GeometryError, InputError, PrecisionWarning
@@ -158,8 +159,9 @@ def _with_middles(points: FloatArray, cells: IntArray) -> tuple[FloatArray, IntA
 
 
 def hexahedra(
-    field: Any, cells: Any = None, *, least: float = 0.5, domain: Any = None, through: Any = None
-) -> SolidMesh:
+    field: Any, cells: Any = None, *, least: float = 0.5, domain: Any = None, through: Any = None,
+    progress: Progress = None,
+) -> SolidMesh:  # fmt: skip
     """Cells of a background grid of which enough is solid, as hexahedra for other programs.
 
     Needs no mesher and takes any solid, but is approximate: the surface has steps, and what is
@@ -177,6 +179,8 @@ def hexahedra(
         Part of a cell that must be solid for it to be taken, above 0 up to 1.
     domain, through : optional
         As for `ilattice.cutfem.cut`.
+    progress : bool or callable, optional
+        "cells" and "rules"; see `ilattice._progress.track`.
 
     Returns
     -------
@@ -216,6 +220,8 @@ def hexahedra(
         grid = field
     else:
         grid = cut(field, cells, domain=domain, through=through)
+    staged({"cells": lambda: grid.status}, progress)
+    staged({"rules": lambda: grid.volume()}, progress)
     wanted = _solid_enough(grid, part)
     if not wanted.any():
         raise GeometryError(f"no cell has a part of {part:g} in the solid; take finer cells")

@@ -10,8 +10,12 @@ curvature that vanishes; else a `ConvergenceError` or `GeometryError` says why. 
 where several surfaces meet the same faces, which one is found; that there is none where none is.
 """
 
+from functools import partial
+from itertools import chain
+
 import numpy as np
 
+from ilattice._progress import Progress, staged
 from ilattice._typing import FloatArray
 from ilattice._validate import read_only
 from ilattice.errors import ConvergenceError, GeometryError, InputError
@@ -24,7 +28,7 @@ from ilattice.minimal.region import FaceLoop
 MOST_CURVATURE = 3.0
 
 
-def conjugate(faces: FaceLoop, n: int = 16) -> MinimalPatch:
+def conjugate(faces: FaceLoop, n: int = 16, *, progress: Progress = None) -> MinimalPatch:
     """Minimal surface that meets faces of a region at right angles, in a given order.
 
     Parameters
@@ -34,6 +38,8 @@ def conjugate(faces: FaceLoop, n: int = 16) -> MinimalPatch:
         come several times.
     n : int
         Edges per side, at least 2. Vertices are off by some 0.01 / n² of the cell.
+    progress : bool or callable, optional
+        "lengths of sides", once for each start of the search; see `ilattice._progress.track`.
 
     Returns
     -------
@@ -63,16 +69,14 @@ def conjugate(faces: FaceLoop, n: int = 16) -> MinimalPatch:
     disc = Disc.checked(len(faces), n)
     closing = Closing(faces)
     reasons: list[Exception] = []
-    try:
-        return _polished(closing, faces.balance, disc)
-    except (ConvergenceError, GeometryError) as e:
-        reasons.append(e)
-    for start in closing.starts() if closing.free.shape[1] else ():
+    more = closing.starts() if closing.free.shape[1] else ()
+    for start in chain([faces.balance], more):
         if isinstance(start, ConvergenceError):
             reasons.append(start)
             continue
+        search = partial(_polished, closing, start, disc)
         try:
-            return _polished(closing, start, disc)
+            return staged({"lengths of sides": search}, progress)[0]
         except (ConvergenceError, GeometryError) as e:
             reasons.append(e)
     raise _refusal(reasons)

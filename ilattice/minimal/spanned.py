@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
+from ilattice._progress import Progress, staged
 from ilattice._typing import ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_array, as_items, as_not_negative, as_triple, read_only
 from ilattice.errors import ConvergenceError, InputError
@@ -30,6 +31,7 @@ def direct(
     *,
     alpha: float = 0.0,
     cell: ArrayLike | None = None,
+    progress: Progress = None,
 ) -> MinimalPatch:
     """Surface over a closed curve: of least area, or the shape of a thin shell.
 
@@ -45,6 +47,8 @@ def direct(
     cell : array_like, optional
         Edges of the cell in which half turns about straight sides repeat the surface, one number
         or three; without it `MinimalPatch.completed` asks for a group.
+    progress : bool or callable, optional
+        "surface", "shell" and "conjugate"; see `ilattice._progress.track`.
 
     Returns
     -------
@@ -73,21 +77,27 @@ def direct(
     v = disc.fan(loop.mean(axis=0), loop[:: disc.n])
     v[disc.boundary :] = loop
     v = fair_step(v, motion, cotangents(disc.flat, disc.faces))
-    found = stationary(v, disc.faces, motion, what="the surface")
+    start = v
+    (found,) = staged(
+        {"surface": lambda: stationary(start, disc.faces, motion, what="the surface")}, progress
+    )
     v, residual, count = found.vertices, found.residual, found.factorizations + 1
     if weight > 0.0:
-        v, residual = _shell(v, disc, motion, weight)
+        film = v
+        ((v, residual),) = staged({"shell": lambda: _shell(film, disc, motion, weight)}, progress)
         count += 1
     if cell is not None and not straight:
         raise InputError("cell must be left out where sides are bent: these are no axes")
     group = None if cell is None else (_half_turns(sides), as_triple("cell", cell, positive=True))
     report = Report("direct", residual, count)
-    return made(v, disc, conjugated(v, disc), report, symmetry=group, what="the surface")
+    (other,) = staged({"conjugate": lambda: conjugated(v, disc)}, progress)
+    return made(v, disc, other, report, symmetry=group, what="the surface")
 
 
 def mixed(
-    region: Region, corners: ArrayLike, slides: Sequence[str | None], n: int = 16
-) -> MinimalPatch:
+    region: Region, corners: ArrayLike, slides: Sequence[str | None], n: int = 16, *,
+    progress: Progress = None,
+) -> MinimalPatch:  # fmt: skip
     """Minimal surface some sides of which are straight, while others slide on faces.
 
     Where a side slides, the surface meets the face at right angles.
@@ -104,6 +114,8 @@ def mixed(
         None for a straight side.
     n : int
         Edges per side, at least 2.
+    progress : bool or callable, optional
+        "surface" and "conjugate"; see `ilattice._progress.track`.
 
     Returns
     -------
@@ -130,7 +142,9 @@ def mixed(
         raise InputError("slides must name a face for one side at least; direct() fixes all sides")
     _check_on_planes(region, points, planes)
     disc = Disc.checked(len(points), n)
-    v, residual, count = _slid(region, disc, points, planes)
+    ((v, residual, count),) = staged(
+        {"surface": lambda: _slid(region, disc, points, planes)}, progress
+    )
     report = Report("mixed", residual, count)
     group = (region.mirrors, region.cell)
     return made(v, disc, conjugated(v, disc), report, symmetry=group, what="the surface")

@@ -6,6 +6,7 @@ open or not manifold are cut without caps, since their inside is not known.
 
 import ast
 import operator
+import re
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,8 @@ _LINEAR: dict[type, Any] = {ast.Add: operator.add, ast.Sub: operator.sub, ast.Mu
            ast.Div: operator.truediv, ast.USub: operator.neg, ast.UAdd: operator.pos}  # fmt: skip
 #: Of planes that are in the way, in units of the size of what is cut.
 _SHIFTS = (1.37e-7, 2.11e-6)
+#: How numbers of NumPy write themselves into texts.
+_NUMPY = re.compile(r"\bnp\.float\d+\(([-+.\w]*)\)")
 _FORM = "write it like 'y > 0', 'x + y < 2' or 'x > 0 and z <= 1', or give a box (lowest, highest)"
 
 
@@ -45,7 +48,7 @@ def as_planes(clip: Any, name: str = "clip", *, flat: bool = False) -> FloatArra
     """
     if isinstance(clip, str):
         try:
-            node = ast.parse(clip.strip(), mode="eval").body
+            node = ast.parse(_NUMPY.sub(r"(\1)", clip.strip()), mode="eval").body
         except (SyntaxError, ValueError):
             raise InputError(f"{name} {clip!r:.80} cannot be read; {_FORM}") from None
         try:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 _BAR_PLACE = {"position_x": 0.875, "position_y": 0.2, "width": 0.045, "height": 0.55}
 _TITLE_WIDTH = 12  # letters
+_ROUNDING = 1e-9  # part of numbers by which they may differ without a colour of their own
 _WIDE = 800  # pixels from which on fonts have their full size
 _KEY, _FILL, _HEAD = 0.85, 0.3, 0.38  # intensities of the lights
 
@@ -84,8 +85,10 @@ def colour_bar(plotter: Any, mapper: Any, title: str, width: float) -> None:
 def shared_limits(pictures: Iterable[Sequence[Layer]]) -> dict[str, tuple[float, float]]:
     """Least and largest number of each quantity that is drawn, over all panels."""
     limits: dict[str, tuple[float, float]] = {}
-    for layer in (layer for picture in pictures for layer in picture if layer.title):
-        name = layer.style["scalars"]
+    for layer in (layer for picture in pictures for layer in picture):
+        name = layer.style.get("scalars")
+        if name is None or layer.style.get("rgb"):
+            continue
         values = np.asarray(layer.data[name], float)
         if values.ndim == 2:
             values = np.linalg.norm(values, axis=1)
@@ -93,7 +96,15 @@ def shared_limits(pictures: Iterable[Sequence[Layer]]) -> dict[str, tuple[float,
         if len(values):
             lo, hi = limits.get(name, (np.inf, -np.inf))
             limits[name] = (min(lo, float(values.min())), max(hi, float(values.max())))
-    return limits
+    return {name: _apart(*ends) for name, ends in limits.items()}
+
+
+def _apart(lo: float, hi: float) -> tuple[float, float]:
+    """Limits of colours, a per mille apart at least, so that rounding is no pattern."""
+    size = max(abs(lo), abs(hi))
+    if hi - lo > _ROUNDING * size:
+        return lo, hi
+    return lo - 5e-4 * size, hi + 5e-4 * size
 
 
 def scale_bar(

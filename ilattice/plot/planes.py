@@ -90,7 +90,7 @@ def heat_map(
     if low < 0.0 < high:
         most = max(-low, high)
         colours |= {"cmap": "RdBu_r", "clim": (-most, most)}
-    full = {**colours, "lighting": False, **of_layer}
+    full = {**colours, "flat": True, **of_layer}
     scene = scene.add(data, scalars="value", label=label, unit=unit, **full)
     line = known.contour([0.0], scalars="value") if low < 0.0 < high else None
     if line is None or not line.n_points:

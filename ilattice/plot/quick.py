@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+from ilattice._progress import Progress, staged
 from ilattice.plot.scene import Scene
 
 #: Options of `Scene`; "window_size" is pyvista's word for "size".
@@ -24,7 +25,7 @@ def split(options: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any], d
 
 def show(
     what: Any, *, clip: Any = None, lines: Any = None, ghost: Any = None, screenshot: Any = None,
-    **options: Any,
+    progress: Progress = None, **options: Any,
 ) -> Any:  # fmt: skip
     """Show one thing in a window or a notebook, or write its picture.
 
@@ -38,6 +39,8 @@ def show(
         As for `Scene.lines` and `Scene.ghost`.
     screenshot : path-like, optional
         File for the picture, which is not shown then.
+    progress : bool or callable, optional
+        "scene" and "picture"; see `ilattice._progress.track`.
     **options
         Of `Scene` (``size``, ``view``, ``title``, ...), of `Scene.add` (``scalars``, ``color``,
         ``cmap``, ...) and of ``pyvista.Plotter.show``.
@@ -48,13 +51,15 @@ def show(
         What pyvista returns, None for a file.
     """
     of_scene, of_layer, of_show = split(options)
-    scene = what if isinstance(what, Scene) else Scene(**of_scene).add(what, **of_layer)
-    if lines is not None:
-        scene = scene.lines(lines, color="dimgray")
-    if ghost is not None:
-        scene = scene.ghost(ghost)
-    if clip is not None:
-        scene = scene.clipped(clip)
+
+    def made() -> Scene:
+        scene = what if isinstance(what, Scene) else Scene(**of_scene).add(what, **of_layer)
+        scene = scene if lines is None else scene.lines(lines, color="dimgray")
+        scene = scene if ghost is None else scene.ghost(ghost)
+        return scene if clip is None else scene.clipped(clip)
+
+    (scene,) = staged({"scene": made}, progress)
     if screenshot is not None:
-        return scene.save(screenshot)
-    return scene.show(**of_show)
+        staged({"picture": lambda: scene.save(screenshot)}, progress)
+        return None
+    return staged({"picture": lambda: scene.show(**of_show)}, progress)[0]

@@ -33,14 +33,18 @@ def drawn(
     plotter = pv.Plotter(
         window_size=list(size), shape=(rows, columns), border=False, lighting="none", **options
     )
-    limits = overlays.shared_limits([scene.layers for scene in scenes])
+    shown = [[layer for layer in scene.layers if layer.title] for scene in scenes]
+    limits = overlays.shared_limits(shown)
     last = {layer.title: i for i, scene in enumerate(scenes) for layer in scene.layers}
     aspect = size[0] * rows / (size[1] * columns)
     for i, scene in enumerate(scenes):
         plotter.subplot(i // columns, i % columns)
         title = f"({chr(97 + i)}) {scene.title}" if labels else scene.title
         bars = {name for name, at in last.items() if name and at == i}
-        _draw(plotter, scene, limits, aspect, bars, room=1.0 - (_HEAD if title else 0.0))
+        _draw(
+            plotter, scene, limits, aspect, bars, room=1.0 - (_HEAD if title else 0.0),
+            width=size[0] / columns,
+        )  # fmt: skip
         if title:
             plotter.add_text(
                 overlays.shown(title),
@@ -54,15 +58,19 @@ def drawn(
 
 def _draw(
     plotter: Any, scene: Any, limits: Mapping[str, Any], aspect: float, bars: set[str], *,
-    room: float,
+    room: float, width: float,
 ) -> None:  # fmt: skip
-    """One panel; the colour bars named are drawn in it, `room` is the height below the title."""
+    """One panel of some width; the colour bars named are drawn in it, `room` is below the title."""
     points, bar = scene.corners(), None
     plotter.set_background(scene.background, all_renderers=False)
     for data, style, layer in scene.pieces():
         name = str(style.get("scalars", ""))
-        limited = {"clim": limits[name]} if layer.title and name in limits else {}
+        known = limits if layer.title else overlays.shared_limits([[layer]])
+        limited = {"clim": known[name]} if name in known else {}
         actor = plotter.add_mesh(data, reset_camera=False, **{**limited, **style})
+        opacity = style.get("opacity", 1.0)
+        if isinstance(opacity, int | float) and opacity < 1.0:
+            _behind(actor.mapper)
         if name and layer.title in bars:
             bar = actor.mapper, layer.title
     overlays.lights(plotter, scene.view)
@@ -73,7 +81,7 @@ def _draw(
         parallel=scene.parallel, room=(1.0 - (_BAR if bar else 0.0), room),
     )  # fmt: skip
     if bar:
-        overlays.colour_bar(plotter, *bar, plotter.renderer.GetSize()[0])
+        overlays.colour_bar(plotter, *bar, width)
     entries = [[a.legend, a.style["color"]] for a in scene.layers if a.legend]
     if entries:
         plotter.add_legend(entries, bcolor=None, face="circle", size=(0.18, 0.05 * len(entries)))
@@ -82,6 +90,12 @@ def _draw(
     if scene.occlusion:
         reach = max(_OCCLUSION * float(np.ptp(points, axis=0).max()), 1e-30)
         plotter.enable_ssao(radius=reach, bias=0.08 * reach, kernel_size=32, blur=True)
+
+
+def _behind(mapper: Any) -> None:
+    """Let what is drawn at the same depth be in front of what is translucent."""
+    mapper.SetResolveCoincidentTopologyToPolygonOffset()
+    mapper.SetRelativeCoincidentTopologyPolygonOffsetParameters(2.0, 2.0)
 
 
 def image(

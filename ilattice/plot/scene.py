@@ -111,11 +111,13 @@ class Scene:
         color : str, optional
             Colour; by default the part's own (point data ``r``, ``g``, ``b``), or that of brass.
         scalars : str, optional
-            Name of the point or cell data by which it is coloured.
+            Name of the point or cell data by which it is coloured; of vectors their length, or an
+            entry such as ``"displacement_z"`` or ``"stress_xx"``.
         label, unit : str
             Title of the colour bar (by default the quantity's symbol), empty for none, and unit.
         flat : bool, optional
-            Whether light is flat; by default where colours are data.
+            True for no shade at all, False for that of a material; by default a seventh of shade
+            where colours are data.
         clip : bool
             Whether clips of the scene cut it.
         cap : str, optional

@@ -1,8 +1,9 @@
 """Single parts of a picture: what is drawn, and how it looks.
 
-Guarantees: what is given is copied or left alone; colours that are data are drawn in flat light,
-so that a colour of the bar is that colour on the part. Anything with a method ``to_pyvista`` can be
-drawn, datasets of pyvista, and points.
+Guarantees: what is given is copied or left alone; colours that are data are drawn in light that is
+nearly flat, so that a colour of the bar is that colour on the part, up to a seventh darker on the
+far side; ``flat=True`` and a scene without occlusion leave no shade at all. Anything with a method
+``to_pyvista`` can be drawn, datasets of pyvista, and points.
 """
 
 from collections.abc import Mapping
@@ -19,7 +20,8 @@ _SMOOTH_UP_TO = 2_000_000
 _CREASE = 40.0  # degrees between normals from which an edge is drawn sharp
 #: Of parts in a colour of their own, and of colours that are data.
 MATERIAL = {"ambient": 0.22, "diffuse": 0.78, "specular": 0.18, "specular_power": 25.0}
-FLAT = {"ambient": 0.62, "diffuse": 0.42, "specular": 0.0}
+FLAT = {"ambient": 0.86, "diffuse": 0.18, "specular": 0.0}
+UNLIT = {"lighting": False, "ambient": 0.0, "diffuse": 1.0, "specular": 0.0}
 COLOUR, CAP, GHOST = "#d9b382", "#b5651d", "#8fa3b5"
 #: Titles of colour bars: names of data in the symbols of the field.
 SYMBOLS = {
@@ -110,7 +112,8 @@ def made(
     title = ""
     if scalars is not None:
         names = [*data.point_data.keys(), *data.cell_data.keys()]
-        if scalars not in names:
+        _add_component(data, scalars)
+        if scalars not in names and scalars not in data.point_data:
             near = near_names(str(scalars), names)
             raise InputError(
                 f"scalars {scalars!r:.80} are not in the data; "
@@ -126,11 +129,30 @@ def made(
         style |= {"scalars": "_rgb", "rgb": True}
     else:
         style |= {"color": color if color is not None else COLOUR}
-    style |= FLAT if (flat if flat is not None else scalars is not None) else MATERIAL
+    style |= UNLIT if flat else MATERIAL if flat is False or scalars is None else FLAT
     _check_options(options)
     if scalars is not None:
         cap = cap if cap is not None else "#9a9a9a"
     return Layer(data, {**style, **options}, title, clip, cap if cap is not None else CAP, legend)
+
+
+#: Names of the entries of symmetric matrices and of vectors.
+_ENTRIES = {6: ("xx", "yy", "zz", "yz", "xz", "xy"), 3: ("x", "y", "z")}
+
+
+def _add_component(data: Any, scalars: str) -> None:
+    """An entry such as ``stress_xx`` of data with several, as data of its own."""
+    known = data.point_data
+    if scalars in known and np.ndim(known[scalars]) == 2 and known[scalars].shape[1] == 6:
+        names = ", ".join(f"{scalars}_{end}" for end in _ENTRIES[6])
+        more = " or von_mises" if "von_mises" in known else ""
+        raise InputError(f"scalars {scalars!r} has six entries: take one of {names}{more}")
+    name, _, end = scalars.rpartition("_")
+    if scalars in known or name not in known or np.ndim(known[name]) != 2:
+        return
+    ends = _ENTRIES.get(known[name].shape[1], ())
+    if end in ends:
+        known[scalars] = np.ascontiguousarray(known[name][:, ends.index(end)])
 
 
 def _check_options(options: Mapping[str, Any]) -> None:

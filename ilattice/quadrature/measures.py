@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._progress import Progress, staged
 from ilattice._typing import FloatArray
 from ilattice._validate import Frozen, as_array, asked, check_finite
 from ilattice.errors import InputError
@@ -39,8 +40,9 @@ class MassProperties(Frozen):
 
 
 def mass_properties(
-    field: Any, cells: Any = None, *, density: Density = 1.0, q: int = 3, domain: Any = None
-) -> MassProperties:
+    field: Any, cells: Any = None, *, density: Density = 1.0, q: int = 3, domain: Any = None,
+    progress: Progress = None,
+) -> MassProperties:  # fmt: skip
     """Volume, area, mass, centroid and inertia: in space for a wall.
 
     Parameters
@@ -55,6 +57,8 @@ def mass_properties(
         Gauss points per direction and piece of a cell, 1 to 10.
     domain : array_like, shape (2, 3), optional
         Box of the grid; by default the bounds of the field.
+    progress : bool or callable, optional
+        "cells", "rules" and "surface"; see `ilattice._progress.track`.
 
     Returns
     -------
@@ -67,7 +71,9 @@ def mass_properties(
         If an argument is wrong, or the density is negative, or zero everywhere.
     """
     grid = cut(field, cells, domain=domain)
-    solid, skin = grid.volume(q), grid.surface(q)
+    staged({"cells": lambda: grid.status}, progress)
+    work = {"rules": lambda: grid.volume(q), "surface": lambda: grid.surface(q)}
+    solid, skin = staged(work, progress)
     if grid.through is not None:
         solid, skin = solid.in_space(), skin.in_space()
     rho = _as_density(density, solid.points)

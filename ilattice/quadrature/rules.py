@@ -26,6 +26,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._progress import Progress, staged
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import Frozen, among, as_array, as_choice, as_kind, asked, read_only
 from ilattice.bspline._kernels_basis import determinants
@@ -270,6 +271,7 @@ def quadrature(
     domain: Any = None,
     degree: int = 4,
     tangent_depth: int = 3,
+    progress: Progress = None,
 ) -> Quadrature:
     """Rule to integrate over a solid, or its surface: in space for a wall.
 
@@ -289,6 +291,8 @@ def quadrature(
         Degree of the interpolation of fields that are no splines, 1 to 4.
     tangent_depth : int
         How often a nearly tangent box is halved.
+    progress : bool or callable, optional
+        "cells" and "rules"; see `ilattice._progress.track`.
 
     Returns
     -------
@@ -311,12 +315,13 @@ def quadrature(
     """
     as_choice("kind", kind, ("volume", "surface", *NAMES))
     grid = cut(field, cells, domain=domain, degree=degree)
-    if kind == "volume":
-        rule = grid.volume(q, tangent_depth=tangent_depth)
-    elif kind == "surface":
-        rule = grid.surface(q, tangent_depth=tangent_depth)
-    else:
-        rule = grid.face(kind, q, tangent_depth=tangent_depth)
+    depth = tangent_depth
+    made = {
+        "volume": lambda: grid.volume(q, tangent_depth=depth),
+        "surface": lambda: grid.surface(q, tangent_depth=depth),
+    }.get(kind, lambda: grid.face(kind, q, tangent_depth=depth))
+    work: dict[str, Callable[[], Any]] = {"cells": lambda: grid.status, "rules": made}
+    rule: Quadrature = staged(work, progress)[1]
     return rule.in_space() if grid.through is not None else rule
 
 

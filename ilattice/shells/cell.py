@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._progress import Progress
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import FixedMapping, Frozen, as_flag, as_whole, read_only
 from ilattice.bspline import BSpline
@@ -185,7 +186,7 @@ def periodic_spline(values: FloatArray) -> BSpline:
 def cell(
     name: str | Topology, *, position: ArrayLike = 0.0, derivative: ArrayLike = 1.5, n: int = N,
     method: str = "harmonic", layer: float | None = None, spans: int | None = None,
-    bubbles: bool = False,
+    bubbles: bool = False, progress: Progress = None,
 ) -> Shell:  # fmt: skip
     """Unit cell of a shell over a boundary.
 
@@ -203,6 +204,8 @@ def cell(
         layer ask for.
     bubbles : bool
         Whether pieces are allowed that nothing holds.
+    progress : bool or callable, optional
+        As in `surface`.
 
     Returns
     -------
@@ -229,7 +232,7 @@ def cell(
     curves = boundary(topology, position, derivative)
     allowed = as_flag("bubbles", bubbles)
     count = None if spans is None else as_whole("spans", spans, LEAST_SPANS, MOST_SPANS)
-    octant = surface(curves, symmetry, n=n, method=method, layer=layer)
+    octant = surface(curves, symmetry, n=n, method=method, layer=layer, progress=progress)
     if octant.bubbles and not allowed:
         raise GeometryError(
             f"{octant.bubbles} of {int(octant.pieces.max()) + 1} pieces of the shell {name} are "

@@ -14,6 +14,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
+from ilattice._progress import Progress, staged
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import Frozen, as_choice, as_not_negative, as_whole, read_only
 from ilattice.errors import ConvergenceError, GeometryError, InputError
@@ -212,7 +213,7 @@ class OctantSurface(Frozen):
 
 def surface(
     curves: Boundary, symmetry: str = "rrr", *, n: int = N, method: str = "harmonic",
-    layer: float | None = None,
+    layer: float | None = None, progress: Progress = None,
 ) -> OctantSurface:  # fmt: skip
     """Surface over a boundary, smooth where octants meet.
 
@@ -232,6 +233,8 @@ def surface(
         Length, in cells, over which mean curvatures die out that a smooth transition needs; 0 for
         surfaces of least area with creases where octants meet. By default 0.01, or where that
         surface tears, 0.02 or 0.04: see `OctantSurface.layer`.
+    progress : bool or callable, optional
+        "start" and "surface"; see `ilattice._progress.track`.
 
     Returns
     -------
@@ -257,9 +260,20 @@ def surface(
     glued = tuple(letter == "t" for letter in symmetry)
     check_translations(curves, symmetry)
     step = max(1, -(-_FINE // n))
-    start = zero_set(harmonic(curves, step * n), curves, n, glued)
-    if method == "currents":
-        start = _least(curves, n, glued, start)
+
+    def triangles() -> Triangles:
+        found = zero_set(harmonic(curves, step * n), curves, n, glued)
+        return _least(curves, n, glued, found) if method == "currents" else found
+
+    (start,) = staged({"start": triangles}, progress)
+    work = {"surface": lambda: _in_some_layer(start, curves, symmetry, n, layers)}
+    return staged(work, progress)[0]
+
+
+def _in_some_layer(
+    start: Triangles, curves: Boundary, symmetry: str, n: int, layers: tuple[float, ...]
+) -> OctantSurface:
+    """The surface with the first layer in which it does not tear."""
     for one in layers[:-1]:
         with suppress(ConvergenceError):
             return _refined(start, curves, symmetry, one, _rounds(n, one))

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import ilattice as il
-from ilattice.cutfem import Elasticity, Heat
 from ilattice.cutfem.regions import as_place
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 
@@ -189,53 +188,86 @@ def test_supports_that_contradict_where_regions_overlap_are_refused():
         held.clamp("u=1", value=(1, 0, 0), where="z > 0.5").solve()
 
 
-def two_bars():
-    """Two bars beside each other, of which a support at x = -2 that ends at y = 0 holds one."""
-    f = il.fields
-    solid = f.difference(f.box((2.0, 1.0, 0.5)), f.box((3.0, 0.2, 1.0)))
-    box = [[-2.0, -1.0, -0.5], [2.0, 1.0, 0.5]]
-    both = Elasticity(solid, (8, 10, 4), domain=box, young=10.0, degree=1)
-    return both.clamp(lambda x: (x[:, 0] < -2 + 1e-9) & (x[:, 1] < 0.0))
+@pytest.mark.parametrize("size", [0.1, 0.01])
+def test_conditions_far_from_the_origin_pick_what_they_say(size):
+    """The end of a bar at a million: its area, by a condition, a box and a flat box."""
+    at = 1e6
+    box = il.macroshape.box(lo=(at, 0, 0), hi=(at + size, 0.1 * size, 0.1 * size))
+    full = lambda u: -np.ones(len(u))  # noqa: E731
+    problem = il.cutfem.Elasticity(full, (10, 2, 2), domain=[[0, 0, 0], [1, 1, 1]], through=box)
+    end = at + size
+    places = (f"x > {at + 0.9995 * size!r}", [[at + 0.9995 * size, -1, -1], [end + 1, 1, 1]],
+              [[end, 0, 0], [end, 0.1 * size, 0.1 * size]],
+              f"x > np.float64({at + 0.9995 * size!r})")  # fmt: skip
+    for place in places:
+        on = problem.load(traction=(1.0, 0, 0), on=place).loads[0].on
+        assert problem.domain.boundary(on).weights.sum() == pytest.approx(0.01 * size**2, rel=1e-6)
 
 
-@pytest.mark.filterwarnings("ignore:left out", "ignore:the cells are too coarse")
-@pytest.mark.parametrize("load", [{"force": (0, 0, -1.0)}, {"pressure": 1.0}])
-def test_loads_on_parts_that_nothing_holds_are_not_lost_without_a_word(load):
-    end = lambda x: (x[:, 0] > 2 - 1e-9) & (x[:, 1] > 0.0)  # noqa: E731
-    with pytest.raises(GeometryError, match=f"{next(iter(load))} on .*held by nothing .1 part"):
-        two_bars().load(**load, on=end).solve()
-    both = two_bars().load(**load, on="x > 1.999999")
-    with pytest.warns(PrecisionWarning, match="50 % of its area is on parts that were left out"):
-        got = sum(both.solve().reactions.values())
-    whole = [1.0 * 0.8 / 2 * 2, 0.0, 0.0] if "pressure" in load else [0.0, 0.0, 1.0]
-    np.testing.assert_allclose(got, whole, atol=1e-6)
+def test_boxes_whose_corners_are_swapped_are_told_of():
+    problem = il.cutfem.Elasticity(il.fields.box(1.0), 4, domain=[[-1.0] * 3, [1.0] * 3], degree=1)
+    with pytest.raises(InputError, match="first corner of a box must be below"):
+        problem.clamp([[1, 0, 0], [0.5, 1, 1]])
 
 
-@pytest.mark.filterwarnings("ignore:left out", "ignore:the cells are too coarse")
-def test_heat_into_parts_that_nothing_holds_is_not_lost_without_a_word():
-    warm = Heat(two_bars().domain.cut, None).fix("x < -1.999999 and y < 0", 0.0)
-    with pytest.raises(GeometryError, match=r"flux on .*held by nothing"):
-        warm.flux(lambda x: (x[:, 0] > 2 - 1e-9) & (x[:, 1] > 0.0), 1.0).solve()
+def test_rigid_places_that_share_points_with_supports_are_told_of():
+    full = lambda u: -np.ones(len(u))  # noqa: E731
+    problem = il.cutfem.Elasticity(full, 4, domain=[[0, 0, 0], [1, 1, 1]], degree=1).clamp("u=0")
+    for place in ("v=0", "x < 1e-9"):
+        with pytest.raises(InputError, match="cannot move: it shares points"):
+            problem.rigid(place, force=(1, 0, 0)).solve()
+    with pytest.raises(InputError, match="rigid connection on u=1 cannot move"):
+        problem.rigid("u=1").rigid("v=1", force=(1, 0, 0)).solve()
 
 
-def test_temperatures_are_those_at_the_same_points_of_space():
-    """From a solution in another box, where it is x + 1, against that function."""
-    full, unit = (lambda u: -np.ones(len(u))), [[0.0] * 3, [1.0] * 3]
+@pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
+def test_heat_takes_parts_of_places():
+    full = lambda u: -np.ones(len(u))  # noqa: E731
+    heat = il.cutfem.Heat(full, 4, domain=[[0, 0, 0], [1, 1, 1]], degree=1)
+    solved = heat.fix("u=0", 0.0, where="y < 0.5").flux("u=1", 2.0, where="z > 0.5").solve()
+    assert sum(solved.inflow.values()) == pytest.approx(-1.0, rel=1e-6)
+    mixed = heat.convection("u=0", 3.0, around=1.0, where="y < 0.5").solve()
+    assert mixed.at([[0.5, 0.5, 0.5]]).temperature[0] == pytest.approx(1.0)
+    for result in (solved, heat.fix("u=0", 1.0).evolve(1.0, steps=3)):
+        assert len(repr(result)) < 150
 
-    def warm(lo, hi):
-        room = il.macroshape.box(lo=lo, hi=hi)
-        heat = Heat(full, (5, 3, 3), domain=unit, through=room)
-        return heat.fix("u=0", lo[0] + 1.0).fix("u=1", hi[0] + 1.0).solve()
 
-    solid = Elasticity(
-        full, (6, 2, 2), domain=unit, through=il.macroshape.box((4.0, 1.0, 1.0)), young=10.0,
-        poisson=0.0, expansion=1e-3,
-    )  # fmt: skip
-    for name in ("u=0", "v=0", "w=0"):
-        solid = solid.clamp(name, components="n")
-    hot = solid.load(temperature=warm((-1.0, -1.3, -1.1), (9.0, 2.0, 2.7))).solve()
-    x = np.array([[0.7, 0.2, 0.4], [2.3, 0.6, 0.1], [3.9, 0.5, 0.5]])
-    wanted = solid.load(temperature=lambda x: x[:, 0] + 1.0).solve().at(x).displacement
-    np.testing.assert_allclose(hot.at(x).displacement, wanted, rtol=1e-6, atol=1e-12)
-    with pytest.raises(InputError, match="the solution of heat has none at"):
-        solid.load(temperature=warm((-1.0, -1.3, -1.1), (2.2, 2.0, 2.7))).solve()
+@pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
+def test_temperatures_of_other_maps_go_by_places_in_space():
+    """Heat in a larger box: x + 1; a bar in it grows by the integral, or is refused beyond."""
+    full, unit = lambda u: -np.ones(len(u)), [[0, 0, 0], [1, 1, 1]]
+    bar = il.macroshape.box((4.0, 1.0, 1.0))
+    solid = il.cutfem.Elasticity(full, (6, 2, 2), domain=unit, through=bar, young=10.0,
+                                 poisson=0.0, expansion=1e-3)  # fmt: skip
+    for face in ("u=0", "v=0", "w=0"):
+        solid = solid.clamp(face, components="n")
+    for end, there in ((9.0, True), (2.0, False)):
+        box = il.macroshape.box(lo=(-1.0, -1.0, -1.0), hi=(end, 2.0, 2.0))
+        heat = il.cutfem.Heat(full, (5, 3, 3), domain=unit, through=box)
+        hot = heat.fix("u=0", 0.0).fix("u=1", end + 1.0).solve()
+        if not there:
+            with pytest.raises(InputError, match="solution of heat has none at"):
+                solid.load(temperature=hot).solve()
+            continue
+        found = [
+            solid.load(temperature=t).solve().at([[4, 0.5, 0.5]]).displacement[0]
+            for t in (hot, lambda x: x[:, 0] + 1.0)
+        ]
+        np.testing.assert_allclose(found[0], found[1], rtol=1e-7)
+        assert found[0][0] == pytest.approx(1e-3 * (4 + 8), rel=0.02)
+
+
+@pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
+@pytest.mark.parametrize("by", [1e-5, 1.0])
+def test_frequencies_of_free_bars_go_with_their_size(by):
+    """As small in its units as a bar of 100 micrometres in metres is."""
+    full = lambda u: -np.ones(len(u))  # noqa: E731
+    bar = il.macroshape.box((10 * by, 0.6 * by, 0.4 * by))
+    problem = il.cutfem.Elasticity(full, (12, 2, 2), domain=[[0, 0, 0], [1, 1, 1]], through=bar,
+                                   young=2.1e11, density=7850.0)  # fmt: skip
+    modes = il.cutfem.natural_modes(problem, 8)
+    euler = (
+        4.7300407**2 / (2 * np.pi * (10 * by) ** 2) * np.sqrt(2.1e11 * (0.4 * by) ** 2 / 12 / 7850)
+    )
+    assert modes.frequencies[6] == pytest.approx(euler, rel=0.01)
+    assert len(repr(modes)) < 150

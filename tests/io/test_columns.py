@@ -63,3 +63,21 @@ def test_odd_files_and_names(tmp_path):
         (tmp_path / "e.csv").write_bytes(bytes(data))
         with contextlib.suppress(FormatError):
             assert np.isfinite(read_columns(tmp_path / "e.csv")).all()
+
+
+@pytest.mark.parametrize("row", ["1,5,2,0,0,6", "1,2,3,4,5", "1,2,3,4,,x"])
+def test_rows_with_more_fields_than_names_are_refused(row, tmp_path):
+    """Decimal commas between commas: nothing may be read one column off."""
+    path = tmp_path / "a.csv"
+    path.write_text(f"x,y,z,d\n0,0,0,1\n{row}\n", encoding="utf-8")
+    with pytest.raises(FormatError, match=r"line 3: [56] fields for 4 names"):
+        read_columns(path, ("x", "y", "z", "d"))
+
+
+def test_empty_fields_at_the_end_and_odd_numbers(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("x,d\n0,1,\n2,3\n", encoding="utf-8")
+    assert read_columns(path, ("x", "d")).tolist() == [[0, 1], [2, 3]]
+    path.write_text("x,d\n0,4_0\n", encoding="utf-8")
+    with pytest.raises(FormatError, match="line 2: d is 4_0"):
+        read_columns(path, ("x", "d"))

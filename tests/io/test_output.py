@@ -507,3 +507,17 @@ def test_sizes_that_a_format_does_not_hold_are_refused(tmp_path, ending):
     il.mesh.SurfaceMesh(ball.vertices * 1e-7, ball.faces).save(path, **options)
     if ending != "3mf":
         assert il.mesh.load(path).volume == pytest.approx(ball.volume * 1e-21, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", ["a.stl", "a.3mf"])
+def test_rounding_of_parts_far_away_is_told(name, tmp_path):
+    """Single precision at a million: six hundredths, a large part of an edge of a tenth."""
+    import ilattice as il
+
+    if name.endswith("3mf"):
+        pytest.importorskip("lib3mf")
+    ball = il.mesh.contour(lambda x: (x**2).sum(axis=1) - 1, [np.linspace(-1.2, 1.2, 17)] * 3)
+    ball.save(tmp_path / name)
+    far = il.SurfaceMesh(ball.vertices + np.array([1e6, 0, 0]), ball.faces)
+    with pytest.warns(il.errors.PrecisionWarning, match=r"vertices move by up to 0\.0[23]"):
+        far.save(tmp_path / name)

@@ -340,6 +340,93 @@ def test_what_cannot_be_drawn_is_shown_without_a_picture(monkeypatch):
 def test_bars_about_names_are_drawn():
     ball = pv.Sphere()
     ball["|H|"], ball["H"] = ball.points[:, 0], ball.points[:, 0]
-    pictures = [il.plot.Scene(size=(300, 240)).add(ball, scalars=s).image() for s in ("|H|", "H")]
-    beside = [(p[:, 240:].min(axis=2) < 100).sum() for p in pictures]  # the title and its numbers
+    pictures = [il.plot.Scene(size=(900, 720)).add(ball, scalars=s).image() for s in ("|H|", "H")]
+    beside = [(p[:, 720:].min(axis=2) < 160).sum() for p in pictures]  # the title and its numbers
     assert beside[0] > beside[1]
+
+
+# --- what a stranger found ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("by", [1e-3, 1e-6, 1e3])
+def test_clips_of_parts_of_any_size_are_the_same(ball, by):
+    """Parts in metres: what VTK takes for equal is an absolute length."""
+    far = np.array([0.3, -2.0, 1.1])
+    areas = []
+    for scale, shift in ((1.0, 0.0), (by, 0.0), (by, 7.0 * by)):
+        mesh = SurfaceMesh(ball.vertices * scale + shift * far, ball.faces)
+        y, both = 0.2 * scale + shift * far[1], scale + shift * far[[0, 2]].sum()
+        words = f"y > {y!r} and x + z < {both!r}"
+        kept, caps = clipped(mesh.to_pyvista(), as_planes(words))
+        areas.append((kept.area / scale**2, caps.area / scale**2))
+    assert areas[1] == pytest.approx(areas[0], rel=1e-5)
+    assert areas[2] == pytest.approx(areas[0], rel=1e-5)
+
+
+def test_entries_of_vectors_and_matrices_have_names(ball):
+    stress = np.tile([-2.0, 0, 0, 0, 0, 1.5], (len(ball.vertices), 1))
+    stress[:, 2] = ball.vertices[:, 2]
+    data = ball.to_pyvista()
+    data["stress"], data["displacement"] = stress, ball.vertices * [1, 2, 3]
+    for name, values in (("stress_zz", stress[:, 2]), ("displacement_y", 2 * ball.vertices[:, 1])):
+        layer = Scene().add(data, scalars=name).layers[0]
+        np.testing.assert_allclose(layer.data[name], values)
+    with pytest.raises(InputError, match="six entries: take one of stress_xx, stress_yy"):
+        Scene().add(data, scalars="stress")
+    with pytest.raises(InputError, match="'nope' are not in the data; there is"):
+        Scene().add(data, scalars="nope")
+    with pytest.raises(InputError, match="stress_ww"):
+        Scene().add(data, scalars="stress_ww")
+
+
+def test_rounding_is_no_pattern(ball):
+    """One to fifteen digits is one colour, as in the bar's middle."""
+    rng = np.random.default_rng(0)
+    data = ball.to_pyvista()
+    data["t"] = 1.0 + 1e-15 * rng.normal(size=data.n_points)
+    picture = Scene(size=SIZE, occlusion=False).add(data, scalars="t", flat=True, label="").image()
+    part = picture[80:120, 110:150].reshape(-1, 3).astype(int)
+    assert np.ptp(part, axis=0).max() <= 4
+
+
+def test_colours_of_data_are_those_of_the_bar():
+    """Nearly everywhere; and exactly without shade."""
+    from matplotlib import colormaps
+
+    box = pv.Box().triangulate().subdivide(3)
+    box["t"] = np.asarray(box.points[:, 0] > 0.999, float)
+    right = np.array(colormaps["viridis"](1.0)[:3]) * 255
+    for flat, by in ((True, 3.0), (None, 0.16 * 255)):
+        picture = Scene(size=SIZE, view=(0.0, 0.0), occlusion=False)
+        picture = picture.add(box, scalars="t", flat=flat, label="").image()
+        assert np.abs(picture[100, 130] - right).max() <= by
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [({"cmap": "nope", "scalars": "t"}, "cmap 'nope' is no map of colours"),
+     ({"opacity": 3}, "opacity must be from 0"), ({"colour": "red"}, "near it are color"),
+     ({"foo": 1}, "foo is no option")],
+)  # fmt: skip
+def test_options_that_nobody_knows_are_refused(options, said):
+    data = pv.Sphere()
+    data["t"] = data.points[:, 0]
+    with pytest.raises(InputError, match=said):
+        Scene().add(data, **options)
+
+
+@pytest.mark.parametrize("size", [(400, 300), (320, 240)])
+def test_bars_of_small_pictures_are_whole(size):
+    """Nothing of titles or numbers touches the right side of the picture."""
+    data = pv.Sphere()
+    data["von_mises"] = -4.93e-7 * data.points[:, 0]
+    picture = Scene(size=size).add(data, scalars="von_mises", unit="MPa").image()
+    assert picture[:, -1:].min() > 245
+    beside = picture[:, int(0.93 * size[0]) :].min(axis=2) < 160
+    assert beside.sum() > 10
+
+
+def test_stages_of_pictures_are_told(ball, tmp_path):
+    seen = []
+    ball.plot(screenshot=tmp_path / "a.png", size=SIZE, progress=lambda name, *_: seen.append(name))
+    assert seen == ["scene", "picture"]
