@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import uniform_filter
 
 from ilattice._memory import need
 from ilattice._typing import AnyArray, FloatArray, IntArray
@@ -37,6 +38,13 @@ MOST_HALVINGS, BLIND_HALVINGS = 7, 2
 FEW = 64
 #: Estimated error of the volume, as a part of it, below which no box is halved for it.
 TARGET = 1e-4
+#: The same of the side that has less, solid or air, in a cell and those around it, by which specks,
+#: voids and slits are halved; and the error, in volumes of a cell, below which nothing is.
+LOCAL, LEAST_SHARE = 0.02, 1e-7
+#: Error of the whole volume above which that is told, and specks are left as they are.
+TOLD = 2e-3
+#: Part of the share of a cell from which on a box counts when cells are halved for that.
+NOTABLE = 0.01
 #: Times that boxes are halved for that, and boxes, per cell of the surface, above which none is.
 ROUNDS, MOST_BOXES = 4, 16
 BATCH = 1 << 12  # boxes at once
@@ -72,6 +80,10 @@ class FieldPieces(Frozen):
         See `Content`.
     error : float
         Estimated error of the volume, as a part of it.
+    local : float
+        The same around one cell, as a part of the solid or the air there, whichever is less.
+    place : int
+        The cell.
     """
 
     axes: tuple[FloatArray, ...]
@@ -85,6 +97,8 @@ class FieldPieces(Frozen):
     names: IntArray
     tables: IntArray
     error: float = 0.0
+    local: float = 0.0
+    place: int = 0
     #: See `Pieces.project`.
     project = True
 
@@ -195,22 +209,28 @@ class _Halving:
         self._halve_until_known(cells, np.zeros((n, 3), np.int64), np.full(n, UNIT))
         first = self._joined()
         most = MOST_BOXES * max(len(first.cell), 64)
-        error = 0.0
         for k in range(ROUNDS + 1):
             whole = self._joined()
             self._measure(whole)
             off, volume = float(whole.share.sum()), float(whole.volume.sum())
             error = off / volume if volume > 0.0 else (np.inf if off > 0.0 else 0.0)
-            worst = self._worst(whole, volume)
-            if error <= TARGET or k == ROUNDS or not len(worst):
+            local = self._local(whole)
+            if k == ROUNDS:
                 break
-            if len(whole.cell) + 7 * len(worst) > most:
+            room = (most - len(whole.cell)) // 7
+            worst = self._worst(whole, volume) if error > TARGET else np.zeros(0, np.int64)
+            worst = worst if len(worst) <= room else worst[:0]
+            if error <= TOLD:
+                small = np.union1d(worst, self._smallest(whole, local))
+                worst = small if len(small) <= room else worst
+            if not len(worst):
                 break
             keep = np.ones(len(whole.cell), bool)
             keep[worst] = False
             self.parts = [whole.take(keep)]
             self._halve_until_known(*_halves(whole.take(worst)))
-        return self._finished(self._joined(), error)
+        out, place = self._finished(self._joined(), error), int(local.argmax())
+        return replace(out, local=float(local[place]), place=place)
 
     # ------------------------------------------------------------------ halving
 
@@ -306,6 +326,31 @@ class _Halving:
         left = share.sum() - np.cumsum(share[order])
         n = int(np.searchsorted(-left, -0.5 * TARGET * volume)) + 1
         return np.sort(order[:n][may[order[:n]] & (share[order[:n]] > 0.0)])
+
+    def _local(self, p: _Part) -> FloatArray:
+        """Error (cells,) around each cell of the surface, as a part of the thinner side there."""
+        shape = tuple(len(x) - 1 for x in self.axes)
+        n = int(np.prod(shape))
+        off = np.bincount(p.cell, p.share, n)
+        if not off.any():
+            return off
+        x, y, z = (np.diff(a) for a in self.axes)
+        whole = (x[:, None, None] * y[:, None] * z).ravel()
+        solid = np.minimum(np.bincount(p.cell, p.volume, n), whole)
+        around = (
+            27.0 * uniform_filter(a.reshape(shape), 3, mode="constant").ravel()
+            for a in (off, solid, whole - solid)
+        )
+        near, *sides = (np.maximum(a, 0.0) for a in around)
+        there = (off > LEAST_SHARE * whole) & (near > LEAST_SHARE * whole)
+        least = np.maximum(np.minimum(*sides), LEAST_SHARE * whole)
+        return np.where(there, near / least, 0.0)
+
+    def _smallest(self, p: _Part, local: FloatArray) -> IntArray:
+        """Boxes to be halved so that specks and voids are known well."""
+        mark = (local[p.cell] > LOCAL) & (p.length >= 2 * UNIT // MOST_LEAST)
+        share = np.bincount(p.cell, p.share, len(local))
+        return np.flatnonzero(mark & (p.share > NOTABLE * share[p.cell]))
 
     # ------------------------------------------------------------------ the end
 

@@ -40,7 +40,7 @@ from ilattice.plot.quick import show
 from ilattice.plot.shapes import hexahedra
 from ilattice.quadrature._filling import sites
 from ilattice.quadrature._layouts import Layout, layout_of
-from ilattice.quadrature.field_pieces import FieldPieces
+from ilattice.quadrature.field_pieces import TOLD, FieldPieces
 from ilattice.quadrature.levelsets import PER_PIECE, LevelSets, Pieces, as_level_sets
 
 if TYPE_CHECKING:
@@ -49,8 +49,9 @@ if TYPE_CHECKING:
     from ilattice.quadrature.rules import Quadrature
 
 IN, CUT, OUT = -1, 0, 1
-#: Errors of volumes, as a part of them, that are warned of.
-WORTH_TELLING = 2e-3
+#: Error of the volume of a speck, a void or a thin part around one cell, as a part of it, above
+#: which that is told.
+LOCALLY = 0.1
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -446,7 +447,8 @@ def cut(
     Warns
     -----
     PrecisionWarning
-        If the estimated error of the volume is more than 0.2 %.
+        If the estimated error of the volume is more than 0.2 %, or, around one cell, a tenth of the
+        solid or of the air there.
 
     Examples
     --------
@@ -484,13 +486,24 @@ def check_resolved(cut: CutGrid, what: str) -> None:
             f"no solid is found, and the {what} is not resolved: take finer cells, or state it by "
             "il.fields or il.sdf, which are split at kinks"
         )
-    if cut.error > WORTH_TELLING:
+    if cut.error > TOLD:
         opaque = cut.sets.opaque
         remedy = "state it by il.fields or il.sdf, which are split at kinks" * opaque
         warnings.warn(
             f"the volume of the {what} is known to {100 * cut.error:.2g} % only: it is not "
             f"resolved by {' x '.join(map(str, cut.grid.shape))} cells; take finer cells"
             f"{', or ' * opaque}{remedy}",
+            PrecisionWarning,
+            stacklevel=3,
+        )
+    elif cut.pieces.local > LOCALLY:
+        box = cut.grid.boxes(np.array([cut.pieces.place]))
+        middle = box[:, :3] + 0.5 * box[:, 3:]
+        x = middle if cut.through is None else cut.through.x(middle)
+        place = ", ".join(f"{c:.4g}" for c in np.round(x[0], 12) + 0.0)
+        warnings.warn(
+            f"near ({place}) the volume of a small part of the {what}, or of a void in it, is "
+            f"known to {100 * min(cut.pieces.local, 1.0):.2g} % of its own only; take finer cells",
             PrecisionWarning,
             stacklevel=3,
         )

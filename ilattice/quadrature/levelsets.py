@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import comb
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -231,6 +231,10 @@ class Pieces(Frozen):
     def error(self) -> float:
         """Error of the volume, as a part of it."""
         return 0.0
+
+    #: See `FieldPieces`.
+    local: ClassVar[float] = 0.0
+    place: ClassVar[int] = 0
 
     def content(self, index: IntArray) -> Content:
         """Tensors of pieces (n, 3) for rules: the solid is where all are negative."""

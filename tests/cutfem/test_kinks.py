@@ -208,6 +208,36 @@ def test_functions_with_kinks_are_right_or_warned_of(name, size):
     assert off < 5 * error + 1e-3
 
 
+@pytest.mark.parametrize("kind", ["void", "speck"])
+@pytest.mark.parametrize("cells", [0.1, 0.2, 0.3])
+def test_voids_and_specks_in_functions_are_known_by_their_own_volume(kind, cells):
+    """Next to nothing of the body: a void of 0.2 cells was a fifth too small or too large."""
+    rng = np.random.default_rng([9, int(100 * cells), len(kind)])
+    for _ in range(6):
+        place, axes = rng.uniform(-0.6, 0.6, 3), rng.uniform(0.7, 1.4, 3)
+        axes *= cells / 4 / np.cbrt(axes.prod())
+        grow = axes.min()
+
+        def field(u, place=place, axes=axes, grow=grow):
+            d = grow * (np.linalg.norm((u - place) / axes, axis=1) - 1.0)
+            return -d if kind == "void" else np.minimum(d, u[:, 2] + 0.95)
+
+        rule = il.cutfem.cut(field, 8, domain=BOX).volume(3)
+        near = (np.abs(rule.points - place) < 2 * axes).all(axis=1)
+        held = rule.weights[near].sum() if kind == "speck" else 8.0 - rule.weights.sum()
+        assert held == pytest.approx(4 / 3 * np.pi * axes.prod(), rel=0.05)
+
+
+def test_slits_that_are_nothing_of_the_body_are_told_where_they_are_not_resolved():
+    """The volume of the body is known to 0.2 %, that of the slit is not."""
+
+    def slit(u):
+        return 2e-3 - np.abs(u @ TILT - 0.0371)
+
+    with pytest.warns(PrecisionWarning, match="of a void in it, is known to .* % of its own only"):
+        il.cutfem.cut(slit, 3, domain=BOX, degree=1)
+
+
 def test_a_function_without_kinks_is_not_warned_of():
     volume, _, error = measures(lambda u: np.sin(2 * u).sum(axis=1) - 0.3, 8)
     again, *_ = measures(lambda u: np.sin(2 * u).sum(axis=1) - 0.3, 24)

@@ -1,9 +1,9 @@
 """Random bodies at random places of the grid: what is off is in the estimate, or warned of.
 
-Sheets, combined solids with holes, two parts close together, and struts; of 501 bodies drawn like
-these, with all degrees, loads and heat, 496 changed on twice finer cells by less than twice the
-estimate. Four of the others came with a warning; the fifth, a block with a bore and a ball taken
-away on 5 x 6 x 6 cells, was 6.5 % off where 1.3 % were told.
+Sheets, combined solids with holes, two parts close together, and struts. Of 176 bodies drawn like
+these on four to six cells, with all degrees, loads and heat, all changed on twice finer cells by
+less than twice the estimate; of 501 on four to ten cells, before what is said of few cells, 496 did,
+and four of the others came with a warning.
 """
 
 import warnings
@@ -134,3 +134,23 @@ def test_a_fast_fall_from_a_tenth_of_the_energy_is_not_believed(seed):
 
     (coarse, told), (fine, _) = solved(n), solved(2 * n)
     assert abs(fine / coarse - 1) <= 2 * told
+
+
+def test_a_fall_between_cells_that_see_nothing_of_a_hole_is_not_believed():
+    """A block with a bore and a hollow of a cell: 0.9 % off, where 0.2 % were told."""
+    rng = np.random.default_rng([2513, 16, 40])
+    n = rng.integers(4, 7, 3)
+    rng.choice(3, p=[0.45, 0.42, 0.13])
+    box = np.array([-1 - rng.uniform(0, 0.2, 3), 1 + rng.uniform(0, 0.2, 3)])
+    solid, pull = holes(rng, 0.0), rng.standard_normal(3)
+
+    def solved(cells):
+        p = il.cutfem.Heat(solid, tuple(cells), domain=box, degree=2).fix("w=0", 0.0)
+        p = p.source(lambda x: pull[0] + 0.3 * np.sin(2 * x[:, 0] + pull[1]))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            s = p.solve()
+        return float((s.problem.forces() * s.coefficients).sum()), s.report.discretization_error
+
+    (coarse, told), (fine, _) = solved(n), solved(2 * n)
+    assert 8e-3 < abs(fine / coarse - 1) <= 2 * told
