@@ -315,6 +315,14 @@ def test_forces_by_levels_are_those_of_the_whole():
     assert numbers["edges"] == 4 * 306 + 72
 
 
+def test_structures_with_defects_break_sooner():
+    numbers = run("corner_sharing_fracture", n=6)
+    assert numbers["collapsed"]
+    assert numbers["stiffness in the end, over that at first"] < 0.02
+    assert numbers["largest load"] < numbers["largest load without defects"]
+    assert numbers["edges that break"] > 5
+
+
 def test_flips_make_a_hole_that_is_nearly_round():
     numbers = run("corner_sharing_flips")
     assert numbers["largest radius over the least"] == pytest.approx(1.02, abs=0.03)

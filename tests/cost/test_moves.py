@@ -306,6 +306,38 @@ def test_edges_break_at_their_strength_one_after_the_other():
     assert found.path.shape == (len(found.broken), 2)
 
 
+def test_fractures_are_those_of_a_dense_oracle():
+    """Edges taken away one by one, each state by a dense stiffness matrix."""
+    rng = np.random.default_rng(7)
+    k = il.cost.kagome(4, dim=2).perturbed(0.2, seed=3).stiffened()
+    near = il.cost.stiffening.candidates(
+        k, np.arange(len(k.positions)), 2.1 * k.lengths.mean(), k.bars
+    )
+    k = k.with_bars(near[::2])
+    e, x = k.edges, k.positions
+    EA, strength = rng.uniform(0.5, 2.0, len(e)), rng.uniform(0.2, 1.0, len(e))
+    held = x[:, 1] < 0.2
+    f = rng.standard_normal(x.shape)
+    found = fracture(k, f, supports=held, stiffness=EA, strength=strength, steps=10)
+    assert len(found.broken) > 3
+    free = np.flatnonzero(np.repeat(~held, 2))
+    way = x[e[:, 0]] - x[e[:, 1]]
+    R = np.zeros((len(e), *x.shape))
+    R[np.arange(len(e)), e[:, 0]], R[np.arange(len(e)), e[:, 1]] = way, -way
+    R = R.reshape(len(e), -1) / k.lengths[:, None]
+    there = EA / k.lengths
+    for i, b in enumerate(found.broken):
+        K = R.T @ (there[:, None] * R)
+        u = np.zeros(f.size)
+        u[free] = np.linalg.solve(K[np.ix_(free, free)], f.ravel()[free])
+        part = np.abs(there * (R @ u)) / strength
+        assert np.argmax(part) == b
+        assert found.load[i] == pytest.approx(1.0 / part.max(), rel=1e-3)
+        work = found.load[i] * (f.ravel() @ u) / np.linalg.norm(f)
+        assert found.displacement[i] == pytest.approx(work, rel=1e-3)
+        there[b] = 0.0
+
+
 def test_planar_flips_of_layers_are_flips_of_the_stack():
     """Every vertex keeps to two tetrahedra, or has none, wherever the layers are flipped."""
     rng = np.random.default_rng(1)
