@@ -323,6 +323,16 @@ def test_structures_with_defects_break_sooner():
     assert numbers["edges that break"] > 5
 
 
+def test_motions_keep_lengths_and_exchanges_rigidity():
+    numbers = run("corner_sharing_motions", frames=4)
+    assert numbers["largest change of a length"] < 1e-9
+    assert numbers["largest displacement"] > 0.1
+    assert numbers["self-stresses after the exchange"] == 0
+    assert numbers["motions after the exchange"] == 0
+    assert numbers["deficit by R1"] == 3 * 7 - 3
+    assert abs(numbers["resistances less vertices but one"]) < 1e-8
+
+
 def test_flips_make_a_hole_that_is_nearly_round():
     numbers = run("corner_sharing_flips")
     assert numbers["largest radius over the least"] == pytest.approx(1.02, abs=0.03)

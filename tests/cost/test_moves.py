@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 from scipy.signal import convolve
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 
 import ilattice as il
 from ilattice.cost import CornerSharing, boxspline, flips, refinement, shaping
@@ -55,8 +57,36 @@ def test_r1_takes_corners_of_voids():
                                    for a, b in zip(f, np.roll(f, 1), strict=True)})  # fmt: skip
     assert fine.mass == pytest.approx(60 * corner + kept * 4 * corner, rel=1e-12)
     assert fine.is_embedded()
+    assert fine.deficit == k.deficit
     with pytest.raises(InputError, match="use R0 in space"):
         il.cost.kagome(3).refined("R1")
+
+
+def parts_of(k):
+    """Number of parts that hang together."""
+    n = len(k.positions)
+    graph = csr_array((np.ones(len(k.edges)), k.edges.T), shape=(n, n))
+    return connected_components(graph, directed=False)[0]
+
+
+def test_r1_keeps_the_deficit_and_the_whole_together_wherever_it_is():
+    rng = np.random.default_rng(4)
+    k = il.cost.kagome(7, dim=2)
+    bars = finer = 0
+    for _ in range(40):
+        p, r = rng.uniform(0.1, 0.9, 2), rng.uniform(0.2, 0.6)
+        fine = k.refined("R1", where=lambda c: np.linalg.norm(c - p, axis=1) < r)  # noqa: B023
+        assert fine.check().deficit == k.deficit
+        assert parts_of(fine) == 1
+        assert fine.is_embedded()
+        bars += len(fine.bars) > 0
+        finer += len(fine.simplices) > len(k.simplices)
+    assert min(bars, finer) > 10
+    whole = k.refined("R1")
+    assert whole.perturbed(0.05).rank == len(whole.edges)
+    again = whole.refined("R1").check()
+    assert (again.deficit, parts_of(again)) == (k.deficit, 1)
+    assert len(again.simplices) > 1.5 * len(whole.simplices)
 
 
 def test_kagome_structures_in_place_of_tetrahedra_keep_minimal_rigidity():
