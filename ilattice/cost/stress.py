@@ -5,6 +5,8 @@ force densities is the loads. It is factorised as it is (its square would be far
 ill-conditioned), or, if the structure was refined, only the coarsest one is: every refined simplex
 is isostatic, so its forces follow from those at its pins, by one small matrix for all.
 
+Joints of printed structures are no hinges: `ilattice.cost.frames` tells how far that matters.
+
 Guarantees: tension is positive; the residual of the balance is computed on the whole structure
 and told. Loads that are not in balance by themselves are refused unless vertices are supported.
 """
