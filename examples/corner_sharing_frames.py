@@ -1,11 +1,11 @@
 """Trusses, frames, solids: from which radius on a corner-sharing structure is its truss.
 
 A stiffened Kagome structure stands on a face and carries a load on its top: as a pin-jointed truss,
-as a frame of beams that are joined rigidly, and as the solid that is printed. All three tend to each
-other for thin beams, the frame to the truss with the square of radius over length, the solid to the
-frame with the first power, since joints have a size. But structures that are just rigid have
-motions that stretch little, and bending holds them long before: here the truss is 10 % off at 1/80
-of the length. The number that is checked: the order at which the frame tends to the truss.
+as a frame of beams that are joined rigidly, and as the solid that is printed. They tend to each
+other for thin beams: frames to trusses with the square of radius over length, solids to frames with
+the first power, since joints have a size. But structures that are just rigid have motions that
+stretch little, and bending holds them long before: here the truss is 8 % off at 1/80 of the length.
+The number that is checked: the order at which the frame tends to the truss.
 
     python examples/corner_sharing_frames.py
 """
@@ -75,7 +75,8 @@ def picture(
     right.semilogx(RADII, ratio, "o-", label="frame")
     right.semilogx(list(solids), list(solids.values()), "s--", label="solid")
     right.axhline(1.0, c="gray", ls=":", label="truss")
-    right.set(xlabel="radius over length", ylabel="compliance over that of the truss", ylim=(0, 1.1))
+    right.set(xlabel="radius over length", ylabel="compliance over that of the truss")
+    right.set_ylim(0, 1.1)
     right.legend()
     figure.savefig(path, dpi=120)
 

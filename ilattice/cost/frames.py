@@ -143,16 +143,17 @@ def _solved(
     b = np.zeros((n, 6))
     b[:, : k.dim] = f
     b = b.ravel()[free]
-    scale = diags_array(1.0 / np.sqrt(np.maximum(K.diagonal(), 1e-300)))
-    S = csc_array(scale @ K @ scale)
+    scale = 1.0 / np.sqrt(np.maximum(K.diagonal(), 1e-300))
+    D = diags_array(scale)
+    S = csc_array(D @ K @ D)
     try:
         lu = splu(S, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0)
     except RuntimeError as error:
         raise GeometryError(_LOOSE) from error
     if np.abs(lu.U.diagonal()).min(initial=1.0) < FREE:
         raise GeometryError(_LOOSE)
-    x = scale @ lu.solve(scale @ b)
-    x += scale @ lu.solve(scale @ (b - K @ x))
+    x = scale * lu.solve(scale * b)
+    x += scale * lu.solve(scale * (b - K @ x))
     off = float(np.linalg.norm(K @ x - b)) / (float(np.linalg.norm(b)) or 1.0)
     if not off <= USELESS:
         raise ConvergenceError(f"displacements balance the loads to {off:.1e} only: thicker beams")
@@ -181,9 +182,7 @@ def _axes(k: CornerSharing) -> tuple[FloatArray, FloatArray]:
     return way / length[:, None], length
 
 
-def _stiffness(
-    k: CornerSharing, r: FloatArray, E: float, nu: float
-) -> tuple[csc_array, csc_array]:
+def _stiffness(k: CornerSharing, r: FloatArray, E: float, nu: float) -> tuple[csc_array, csc_array]:
     """Stiffness (6 n, 6 n) of stretching, and of bending and twist.
 
     Of a beam with direction w, displacements u and turns t of its ends: the difference of u along w

@@ -88,9 +88,9 @@ def test_odd_arguments_of_frames():
             frame(k, **({"loads": loads, "supports": held, "radius": 0.01} | bad))
     with pytest.raises(GeometryError, match="free to move"):
         frame(k, loads, supports=[], radius=0.01)
+    two = il.cost.CornerSharing(
+        np.concatenate([k.positions, k.positions + 5.0]),
+        np.concatenate([k.simplices, k.simplices + len(k.positions)]),
+    )
     with pytest.raises(GeometryError, match="free to move"):
-        two = il.cost.CornerSharing(
-            np.concatenate([k.positions, k.positions + 5.0]),
-            np.concatenate([k.simplices, k.simplices + len(k.positions)]),
-        )
         frame(two, np.concatenate([loads, loads]), supports=np.flatnonzero(held), radius=0.01)
