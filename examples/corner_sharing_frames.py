@@ -32,7 +32,7 @@ def solid(k: il.cost.CornerSharing, r: float, load: np.ndarray, fineness: float)
 
 
 def main(
-    resolution: int = 3, solids: Sequence[float] = RADII[:3], fineness: float = 1.2, out: str = ""
+    resolution: int = 3, solids: Sequence[float] = RADII[:3], fineness: float = 1.0, out: str = ""
 ) -> dict[str, float]:
     """Compliances over that of the truss; with `out`, a picture of them."""
     k = il.cost.kagome(resolution, corners=CORNERS).stiffened()
