@@ -323,7 +323,7 @@ def motions(k: CornerSharing, ends: IntArray) -> tuple[FloatArray, int]:
     """
     R = csr_array(matrix(k) / _size(k))
     columns = (k.dim * ends[:, None] + np.arange(k.dim)).ravel()
-    if SPARSE < len(k.edges) and len(columns) <= DENSE:
+    if len(k.edges) > SPARSE and len(columns) <= DENSE:
         found = _by_elimination(R, columns)
         if found is not None:
             return found[0], R.shape[1] - found[0].shape[1]
