@@ -1,11 +1,12 @@
 """Corner-sharing tetrahedra: generation, matrices, stresses by levels, slices, beams."""
 
+import time
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
-from benchmarks.measure import Row, alone, cpu
+from benchmarks.measure import Row, alone, cpu, in_turns
 from ilattice.cost import Beams, counting, kagome, rigidity, stress
 from ilattice.cost.kagome import integers_of, simplices_of
 from ilattice.cost.structure import CornerSharing
@@ -29,8 +30,10 @@ def by_numpy(level: int) -> Any:
 def matrices(level: int) -> Iterator[Row]:
     """P1 to P3: generation, assembly, products."""
     out = integers_of(level, 3), simplices_of(level, 3)
-    ours = cpu(lambda: (integers_of(level, 3), simplices_of(level, 3)), 3)
-    copy = cpu(lambda: [a.copy() for a in out], 3)
+    ours, copy = in_turns(
+        lambda: (integers_of(level, 3), simplices_of(level, 3)), lambda: [a.copy() for a in out],
+        15, time.process_time,
+    )  # fmt: skip
     theirs = cpu(lambda: by_numpy(level), 1)
     name = f"Kagome of resolution {level}"
     yield Row(f"{name}, made", f"{ours:.3g} s", f"{copy:.3g} s a copy", ours / copy, "<= 10x")
@@ -39,8 +42,10 @@ def matrices(level: int) -> Iterator[Row]:
     R = rigidity.matrix(k)
     x, e = np.array(k.positions), np.array(k.edges)
     arrays = np.empty(len(e) + 1, np.int32), np.empty_like(R.indices), np.empty_like(R.data)
-    ours = cpu(lambda: rigidity.kernels.fill(x, e, *arrays), 3)
-    copy = cpu(lambda: (R.data.copy(), R.indices.copy()), 3)
+    ours, copy = in_turns(
+        lambda: rigidity.kernels.fill(x, e, *arrays), lambda: (R.data.copy(), R.indices.copy()),
+        15, time.process_time,
+    )  # fmt: skip
     yield Row("rigidity matrix", f"{ours:.3g} s", f"{copy:.3g} s a copy", ours / copy, "<= 15x")
     u, s = np.random.default_rng(0).random(x.shape), np.random.default_rng(1).random(len(e))
     out1, out2, T = np.empty(len(e)), np.zeros_like(x), R.T.tocsr()
@@ -48,7 +53,7 @@ def matrices(level: int) -> Iterator[Row]:
         ("R u", lambda: rigidity.kernels.stretch(x, e, u, out1), lambda: R @ u.ravel()),
         ("R^T s", lambda: rigidity.kernels.gather(x, e, s, out2), lambda: T @ s),
     ):
-        ours, theirs = cpu(work, 40), cpu(other, 40)  # milliseconds: the load of a machine shows
+        ours, theirs = in_turns(work, other, 60, time.process_time)  # milliseconds
         yield Row(f"{told} without matrix", f"{ours:.3g} s", f"{theirs:.3g} s scipy csr",
                   theirs / ours, ">= 1x")  # fmt: skip
 
@@ -142,7 +147,6 @@ def _slice(level: int) -> None:
     """One slice in a process of its own: its peak memory in MB."""
     import json
     import resource
-    import time
 
     from ilattice.cost import Blocks, slicing
 

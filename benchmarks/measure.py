@@ -40,14 +40,17 @@ def wall(work: Callable[[], Any], repeats: int = 5) -> float:
     return _least(work, time.perf_counter, repeats)
 
 
-def in_turns(a: Callable[[], Any], b: Callable[[], Any], repeats: int = 15) -> tuple[float, float]:
-    """Median wall times of two works that take turns, so that a change of clock meets both."""
+def in_turns(
+    a: Callable[[], Any], b: Callable[[], Any], repeats: int = 15,
+    clock: Callable[[], float] = time.perf_counter,
+) -> tuple[float, float]:  # fmt: skip
+    """Median times of two works that take turns, so that a change of clock meets both."""
     times: tuple[list[float], list[float]] = ([], [])
     for _ in range(repeats + 1):
         for work, taken in zip((a, b), times, strict=True):
-            start = time.perf_counter()
+            start = clock()
             work()
-            taken.append(time.perf_counter() - start)
+            taken.append(clock() - start)
     return median(times[0][1:]), median(times[1][1:])
 
 

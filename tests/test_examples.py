@@ -315,6 +315,41 @@ def test_forces_by_levels_are_those_of_the_whole():
     assert numbers["edges"] == 4 * 306 + 72
 
 
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:the cells are too coarse", "ignore:a gap of")
+def test_solids_tend_to_frames_and_frames_to_trusses():
+    numbers = run("corner_sharing_frames", solids=(0.1, 0.05), fineness=1.3)
+    assert numbers["order of the frame"] == pytest.approx(2.0, abs=0.05)
+    share = numbers["energy in bending of the thinnest, over what it lacks"]
+    assert share == pytest.approx(1.0, abs=0.02)
+    assert numbers["frame over truss, r = 0.0015625 L"] > 0.99
+    thick, thin = (
+        [numbers[f"{what} over truss, r = {r:g} L"] for what in ("frame", "solid")]
+        for r in (0.1, 0.05)
+    )
+    assert thick[1] < thick[0] < thin[0] < 1.0
+    assert thick[1] < thin[1] < thin[0]
+    assert 0.5 < numbers["order of the solid"] < 1.5
+
+
+def test_structures_with_defects_break_sooner():
+    numbers = run("corner_sharing_fracture", n=6)
+    assert numbers["collapsed"]
+    assert numbers["stiffness in the end, over that at first"] < 0.02
+    assert numbers["largest load"] < numbers["largest load without defects"]
+    assert numbers["edges that break"] > 5
+
+
+def test_motions_keep_lengths_and_exchanges_rigidity():
+    numbers = run("corner_sharing_motions", frames=4)
+    assert numbers["largest change of a length"] < 1e-9
+    assert numbers["largest displacement"] > 0.1
+    assert numbers["self-stresses after the exchange"] == 0
+    assert numbers["motions after the exchange"] == 0
+    assert numbers["deficit by R1"] == 3 * 7 - 3
+    assert abs(numbers["resistances less vertices but one"]) < 1e-8
+
+
 def test_flips_make_a_hole_that_is_nearly_round():
     numbers = run("corner_sharing_flips")
     assert numbers["largest radius over the least"] == pytest.approx(1.02, abs=0.03)

@@ -7,6 +7,7 @@
 `stiffening`              bars that make a structure minimally rigid
 `rigidity`, `counting`    ranks, self-stresses, motions; the pebble game, resistances
 `stress`                  forces under loads, by levels too
+`frames`                  joints that are rigid, and how far trusses are right
 `flips`, `refinement`     local changes of the graph
 `shaping`, `mapping`      changes of position
 `boxspline`, `drawing`    box splines on the lattices of structures; pictures
@@ -35,6 +36,7 @@ from ilattice.cost import (
     embedding,
     flips,
     fracture,
+    frames,
     mapping,
     refinement,
     rigidity,
@@ -64,6 +66,7 @@ __all__ = [
     "fill",
     "flips",
     "fracture",
+    "frames",
     "kagome",
     "load",
     "mapping",

@@ -33,7 +33,7 @@ class Fracture(Frozen):
     displacement : ndarray, shape (s,)
         Displacement of the loaded vertices along the loads then: their work over their size.
     collapsed : bool
-        Whether nothing holds any more at the end.
+        Whether the compliance has grown a thousandfold in the end, or nothing holds any more.
     """
 
     structure: CornerSharing

@@ -2,10 +2,11 @@
 
 R0 puts a vertex on the middle of every edge of a simplex and keeps its d + 1 corners; since
 simplices share no edges, any subset can be refined. R0 keeps minimal rigidity: the refined simplex
-is isostatic and has the same pins. R1, in the plane, puts vertices on the edges around a void.
+is isostatic and has the same pins. R1, in the plane, puts vertices on the edges around a void and
+joins them to a ring; what is left of the triangles around it are bars.
 
-Guarantees: R0 keeps positions, bars and the deficit; it multiplies the area by 3/4 in the plane,
-the volume by 1/2 in space, where all is refined.
+Guarantees: both rules keep positions, bars and the deficit; R0 multiplies the area by 3/4 in the
+plane, the volume by 1/2 in space, where all is refined.
 """
 
 from dataclasses import replace
@@ -30,10 +31,12 @@ def refined(k: CornerSharing, rule: str = "R0", *, where: Any = None) -> CornerS
         The structure.
     rule : {"R0", "R1"}
         R0 keeps the corners of simplices. R1, in the plane, takes triangles in the corners of voids
-        in place of the triangles around them; vertices that none is left at go.
+        in place of the triangles around them. Edges of these that are not divided, since there is
+        no refined void beside them, become bars; vertices with no triangle and two bars go.
     where : callable or array_like of bool, shape (m,), optional
         Which simplices: a mask, or a function that takes their centres (m, d) and returns one. With
-        R1 a void is refined if all triangles around it are chosen.
+        R1 a void is refined if all triangles around it are chosen, and no vertex is left with more
+        than two bars and no triangle.
 
     Returns
     -------
@@ -170,23 +173,27 @@ def _r1(k: CornerSharing, mask: Any) -> CornerSharing:
     """Rule R1: split the edges around voids, join the new vertices; corners become triangles."""
     if k.dim != 2:
         raise InputError("rule R1 is for triangles in the plane; use R0 in space")
-    if len(k.bars):
-        raise InputError("rule R1 takes edges apart, and bars with them: refine, then stiffen")
-    table: dict[tuple[int, int], int] = {}
-    x = [k.positions]
     chosen = []
     for f in voids(k):
         pairs = zip(f.tolist(), np.roll(f, -1).tolist(), strict=True)
         around = [(min(a, b), max(a, b)) for a, b in pairs]
         sides = [_triangle_of(k, a, b) for a, b in around]
         if all(mask[t] for t in sides):
-            chosen.append((f, around))
-    for _, around in chosen:
-        for key in around:
-            if key not in table:
-                table[key] = len(k.positions) + len(table)
-                x.append(k.positions[list(key)].mean(axis=0)[None])
-    return _with_corners(k, table, np.concatenate(x), chosen)
+            chosen.append((f, around, sides))
+    while True:
+        gone = {t for _, _, sides in chosen for t in sides}
+        lost = _stranded(k, gone, {int(v) for f, _, _ in chosen for v in f})
+        if not lost:
+            return _with_corners(k, sorted(gone), chosen)
+        chosen = [c for c in chosen if lost.isdisjoint(k.simplices[c[2]].ravel().tolist())]
+
+
+def _stranded(k: CornerSharing, gone: set[int], corners: set[int]) -> set[int]:
+    """Vertices that would have no triangle, but more than two bars."""
+    rows = sorted(gone)
+    around = set(k.simplices[rows].ravel().tolist()) - corners
+    alone = [v for v in around if all(t < 0 or t in gone for t in k.incidence[v].tolist())]
+    return {v for v in alone if k.valence[v] > 2}
 
 
 def _triangle_of(k: CornerSharing, a: int, b: int) -> int:
@@ -195,17 +202,25 @@ def _triangle_of(k: CornerSharing, a: int, b: int) -> int:
     return int(next(iter(both)))
 
 
-def _with_corners(k: CornerSharing, table: Any, x: Any, chosen: Any) -> CornerSharing:
+def _with_corners(k: CornerSharing, gone: Any, chosen: Any) -> CornerSharing:
     """Triangles in the corners of refined voids, in place of those around them."""
-    gone = sorted({_triangle_of(k, *key) for key in table})
-    rows = []
-    for f, around in chosen:
-        mids = [table[key] for key in around]
+    table: dict[tuple[int, int], int] = {}
+    rows: list[list[int]] = []
+    for f, around, _ in chosen:
+        mids = [table.setdefault(key, len(k.positions) + len(table)) for key in around]
         rows += [[int(v), mids[i], mids[i - 1]] for i, v in enumerate(f)]
+    ends = np.array([*table], np.int64).reshape(-1, 2)
+    x = np.concatenate([k.positions, k.positions[ends].mean(axis=1)])
+    sides = np.sort(k.simplices[gone][:, PAIRS2].reshape(-1, 2), axis=1)
+    whole = [s for s in sides.tolist() if tuple(s) not in table]
+    bars = np.concatenate([k.bars, np.array(whole, np.int64).reshape(-1, 2)])
     keep = np.delete(k.simplices, gone, axis=0)
     s = np.concatenate([keep, np.array(rows, np.int64).reshape(-1, 3)])
-    used, name = np.unique(s, return_inverse=True)
-    return CornerSharing(x[used], name.reshape(-1, 3))
+    used = np.unique(s)
+    bars = bars[np.isin(bars, used).all(axis=1)]
+    name = np.full(len(x), -1, np.int64)
+    name[used] = np.arange(len(used))
+    return CornerSharing(x[used], name[s], name[bars])
 
 
 # ------------------------------------------------------------------------------ substitution

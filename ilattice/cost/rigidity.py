@@ -318,12 +318,12 @@ def free_columns(k: CornerSharing) -> IntArray:
 def motions(k: CornerSharing, ends: IntArray) -> tuple[FloatArray, int]:
     """Motions that change no length, at some vertices, and the rank of the matrix.
 
-    All other vertices are eliminated by sparse LU of the square of the matrix; if that does not
-    keep the lengths to 1e-9, by dense QR.
+    Of more than 400 edges all other vertices are eliminated by sparse LU of the square of the
+    matrix; if that does not keep the lengths to 1e-9, or of fewer, by dense QR.
     """
     R = csr_array(matrix(k) / _size(k))
     columns = (k.dim * ends[:, None] + np.arange(k.dim)).ravel()
-    if len(columns) <= DENSE:
+    if len(k.edges) > SPARSE and len(columns) <= DENSE:
         found = _by_elimination(R, columns)
         if found is not None:
             return found[0], R.shape[1] - found[0].shape[1]

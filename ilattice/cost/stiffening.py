@@ -25,10 +25,13 @@ from ilattice._typing import ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_choice, as_flag, as_kind, as_positive, as_whole
 from ilattice.cost.joining import boundary_faces
 from ilattice.cost.refinement import area, facets
-from ilattice.cost.rigidity import TOLERANCE, extended, motions
+from ilattice.cost.rigidity import extended, motions
 from ilattice.cost.structure import CornerSharing, _numbers
 from ilattice.errors import GeometryError, IlatticeError, InputError, PrecisionWarning
 
+#: Rate at which a bar of unit length must be stretched by a motion that is left, to be picked:
+#: motions that are found by elimination may be off by 1e-7.
+PICKED = 1e-6
 #: Lengths of bars that are tried in turn, in mean lengths of edges.
 REACHES = (2.3, 2.7, 3.2, 4.0, 6.0, 12.0)
 
@@ -100,8 +103,9 @@ def _tell_rank(k: CornerSharing, mode: str) -> None:
     if not r.rigid:
         warnings.warn(
             f"the rank at these positions is {r.rank}, {r.flexes} short of rigidity, with "
-            f"{r.self_stresses} self-stresses: the bars are right for generic positions only; move "
-            "the vertices (`perturbed`, `mapped`)"
+            f"{r.self_stresses} self-stresses: "
+            + ("" if mode == "matroid" else "the bars are right for generic positions only; ")
+            + "move the vertices (`perturbed`, `mapped`)"
             + ("" if mode == "matroid" else ", or use the mode 'matroid'"),
             PrecisionWarning,
             stacklevel=4,
@@ -237,7 +241,7 @@ def _pivots(rows: FloatArray, most: int) -> IntArray:
         return np.zeros(0, np.int64)
     upper, order = qr(rows.T, mode="r", pivoting=True, check_finite=False)
     p = np.abs(np.diag(upper))
-    return np.asarray(order[: min(int((p > TOLERANCE).sum()), most)])
+    return np.asarray(order[: min(int((p > PICKED).sum()), most)])
 
 
 def _without(Z: FloatArray, rows: FloatArray) -> FloatArray:

@@ -5,6 +5,8 @@ force densities is the loads. It is factorised as it is (its square would be far
 ill-conditioned), or, if the structure was refined, only the coarsest one is: every refined simplex
 is isostatic, so its forces follow from those at its pins, by one small matrix for all.
 
+Joints of printed structures are no hinges: `ilattice.cost.frames` tells how far that matters.
+
 Guarantees: tension is positive; the residual of the balance is computed on the whole structure
 and told. Loads that are not in balance by themselves are refused unless vertices are supported.
 """
@@ -321,7 +323,9 @@ def _supported(
         b = f.ravel()[free]
         s = solved.solve(b)
         return _finished(k, f, s + solved.solve(b - A @ s), None, fixed)
-    soft = k.lengths**3 / EA
+    size, usual = float(k.lengths.mean()), float(np.exp(np.log(EA).mean()))  # units cancel
+    R = csc_array(R / size)
+    soft = (k.lengths / size) ** 3 / (EA / usual)
     A = csc_array(block_array([[diags_array(-soft), R], [R.T, None]], format="csc"))
     scale = 1.0 / np.sqrt(np.maximum(abs(A).max(axis=1).toarray().ravel(), 1e-300))
     S = diags_array(scale)
@@ -330,8 +334,8 @@ def _supported(
     x = scale * solved.solve(scale * b)
     x += scale * solved.solve(scale * (b - A @ x))
     motion = np.zeros(f.size)
-    motion[free] = x[e:]
-    return _finished(k, f, x[:e], motion.reshape(f.shape), fixed)
+    motion[free] = x[e:] * size / usual
+    return _finished(k, f, x[:e] / size, motion.reshape(f.shape), fixed)
 
 
 def _finished(

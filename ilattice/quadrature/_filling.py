@@ -29,6 +29,11 @@ FINELY, MOST_THINNED = {0.125: 5}, 5
 #: Points of a box, or of such a part of it, above which they are thinned in any case, and to which
 #: degree: boxes halved along a line where a zero set crosses itself have tens of thousands.
 CROWDED, CAREFUL = 512, 5
+#: Points per direction, of q in `EASED`, that boxes of a field do without: length over that of the
+#: cell up to which, polynomials from which on, and how many. What q points leave falls with a high
+#: power of the length: it stays below that of larger boxes (5e-5 of their volume for q = 4).
+EASED = (4, 5)
+EASIER = ((0.25, 3, 1), (0.0625, 1, 1), (0.0625, 3, 2))
 SOFT_FROM = {VOLUME: 5, SURFACE: 2}  # points from which substitution at tangents pays
 
 
@@ -75,6 +80,9 @@ class Listing:
         Lengths of boxes over those of their cells, where points may be thinned.
     small : float
         Lengths above which boxes keep what they have, unless they are crowded.
+    halved : bool
+        Whether boxes are those of a field, halved until they are simple: small ones take fewer
+        points per direction.
     """
 
     rows: IntArray
@@ -84,6 +92,7 @@ class Listing:
     cells: IntArray
     part: FloatArray | None = None
     small: float = np.inf
+    halved: bool = False
 
 
 def gauss(n: int) -> tuple[FloatArray, FloatArray]:
@@ -158,8 +167,9 @@ class Rows:
 
 
 def thinning(listing: Listing, q: int) -> IntArray:
-    """Points above which boxes are thinned, to which degree and in how many parts (n, 3)."""
-    out = np.zeros((len(listing.boxes), 3), np.int64)
+    """Points above which boxes are thinned, to which degree, in how many parts, and q (n, 4)."""
+    out = np.zeros((len(listing.boxes), 4), np.int64)
+    out[:, 3] = q
     if listing.part is None or not 1 < q <= MOST_THINNED:
         return out
     degrees = FINELY if q == MOST_THINNED else THINNED
@@ -174,13 +184,27 @@ def thinning(listing: Listing, q: int) -> IntArray:
     return out
 
 
+def ease(thin: IntArray, pieces: Any, listing: Listing, q: int) -> None:
+    """Set points per direction of the small ones of boxes that were halved."""
+    if listing.part is None or not listing.halved or q not in EASED:
+        return
+    many = np.zeros(len(thin), np.int64)
+    cut = listing.which >= 0
+    many[cut] = np.diff(pieces.first)[listing.rows][listing.which[cut]]
+    for length, least, fewer in EASIER:
+        thin[(listing.part <= length) & (many >= least), 3] = q - fewer
+    plain = ~cut & (thin[:, 2] == 1)
+    thin[plain, 3] = thin[plain, 1] // 2 + 1  # Gauss points of the degree that would be left
+
+
 def filled(pieces: Any, listing: Listing, want: int, q: int, accept: int) -> tuple[Rows, IntArray]:
     """Rows of a rule on boxes, sorted by cell, and their number for each box."""
     boxes, which = listing.boxes, listing.which
     rows = Rows(want == SURFACE)
     counts = np.zeros(len(boxes), np.int64)
-    numbers = table(q, want, pieces.order)
+    numbers = np.stack([table(n, want, pieces.order) for n in range(1, q + 1)])
     thin = thinning(listing, q)
+    ease(thin, pieces, listing, q)
     width = 8 if want == SURFACE else 4
     usual = np.arange(-(-BATCH // kernels.CHUNK) + 1) * (kernels.CHUNK * 3 * q**3)
     arena, none = np.empty((usual[-1], width)), np.empty((0, 12 - width))
@@ -196,7 +220,7 @@ def filled(pieces: Any, listing: Listing, want: int, q: int, accept: int) -> tup
             kernels.rules(
                 content.tensors, content.many, content.tables, content.names, local, boxes[part],
                 listing.sides[part], thin[part], numbers, int(pieces.project), accept, want,
-                q, pieces.lengths, volume, surface, room, counts[part], used,
+                pieces.lengths, volume, surface, room, counts[part], used,
             )  # fmt: skip
             if (used <= np.diff(room)[: len(used)]).all():
                 break

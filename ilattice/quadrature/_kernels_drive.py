@@ -275,7 +275,6 @@ def rules(
     project: int,
     accept: int,
     want: int,
-    q: int,
     L: Any,
     volume: Any,
     surface: Any,
@@ -303,11 +302,14 @@ def rules(
         N[PROJECT] = project
         points = volume[room[chunk] : room[chunk + 1]]
         feet = surface[room[chunk] : room[chunk + 1]]
-        for i in range(len(gauss)):
-            Z[i] = gauss[i]
+        q = 0
         for n in range(chunk * CHUNK, min(len(boxes), (chunk + 1) * CHUNK)):
             first = N[N_VOLUME]
             before = first + N[N_SURFACE]
+            if thin[n, 3] != q:
+                q = thin[n, 3]
+                for i in range(gauss.shape[1]):
+                    Z[i] = gauss[q - 1, i]
             for i in range(3):
                 Z[LO + i] = boxes[n, i]
                 Z[EXT + i] = boxes[n, 3 + i]

@@ -161,7 +161,9 @@ def thinned(points: Any, first: int, end: int, degree: int, S: Any) -> int:
         S[BOX + 3 + axis] = saved[:, axis].max() - S[BOX + axis]
         if S[BOX + 3 + axis] <= 0.0:
             return end
-    volume = sums(points, first, end, degree, S, BEFORE)
+    volume = 0.0
+    for m in range(M):
+        S[BEFORE + m] = 0.0
     stop = end
     while stop - first > M:
         n = stop - first
@@ -171,6 +173,10 @@ def thinned(points: Any, first: int, end: int, degree: int, S: Any) -> int:
             S[WEIGHT + g] = w
             for m in range(M):
                 S[m * K + g] = S[AFTER + m] / w
+            if stop == end:  # all groups of the first round are the whole
+                volume += w
+                for m in range(M):
+                    S[BEFORE + m] += S[AFTER + m]
         old = S[WEIGHT : WEIGHT + K].copy()
         choose_groups(S, K, M, base, free)
         to = first
@@ -185,6 +191,8 @@ def thinned(points: Any, first: int, end: int, degree: int, S: Any) -> int:
         if to - first >= n:
             break
         stop = to
+    if stop == end:
+        return end
     sums(points, first, stop, degree, S, AFTER)
     for m in range(M):
         if not abs(S[AFTER + m] - S[BEFORE + m]) <= KEPT * volume:

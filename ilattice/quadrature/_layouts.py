@@ -236,7 +236,8 @@ class BoxLayout(Layout):
         chosen = np.zeros(self.grid.count, bool)
         chosen[cells] = True
         rows = np.flatnonzero(chosen[self.pieces.cell])
-        return replace(self._listing(rows, -1), part=self.pieces.length[rows] / UNIT)
+        part = self.pieces.length[rows] / UNIT
+        return replace(self._listing(rows, -1), part=part, halved=True)
 
     def surface(self) -> Listing:
         """See `Layout.surface`."""

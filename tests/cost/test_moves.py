@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 from scipy.signal import convolve
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 
 import ilattice as il
 from ilattice.cost import CornerSharing, boxspline, flips, refinement, shaping
@@ -55,8 +57,36 @@ def test_r1_takes_corners_of_voids():
                                    for a, b in zip(f, np.roll(f, 1), strict=True)})  # fmt: skip
     assert fine.mass == pytest.approx(60 * corner + kept * 4 * corner, rel=1e-12)
     assert fine.is_embedded()
+    assert fine.deficit == k.deficit
     with pytest.raises(InputError, match="use R0 in space"):
         il.cost.kagome(3).refined("R1")
+
+
+def parts_of(k):
+    """Number of parts that hang together."""
+    n = len(k.positions)
+    graph = csr_array((np.ones(len(k.edges)), k.edges.T), shape=(n, n))
+    return connected_components(graph, directed=False)[0]
+
+
+def test_r1_keeps_the_deficit_and_the_whole_together_wherever_it_is():
+    rng = np.random.default_rng(4)
+    k = il.cost.kagome(7, dim=2)
+    bars = finer = 0
+    for _ in range(40):
+        p, r = rng.uniform(0.1, 0.9, 2), rng.uniform(0.2, 0.6)
+        fine = k.refined("R1", where=lambda c: np.linalg.norm(c - p, axis=1) < r)  # noqa: B023
+        assert fine.check().deficit == k.deficit
+        assert parts_of(fine) == 1
+        assert fine.is_embedded()
+        bars += len(fine.bars) > 0
+        finer += len(fine.simplices) > len(k.simplices)
+    assert min(bars, finer) > 10
+    whole = k.refined("R1")
+    assert whole.perturbed(0.05).rank == len(whole.edges)
+    again = whole.refined("R1").check()
+    assert (again.deficit, parts_of(again)) == (k.deficit, 1)
+    assert len(again.simplices) > 1.5 * len(whole.simplices)
 
 
 def test_kagome_structures_in_place_of_tetrahedra_keep_minimal_rigidity():
@@ -304,6 +334,38 @@ def test_edges_break_at_their_strength_one_after_the_other():
     compliance = found.displacement / found.load
     assert (np.diff(compliance) > -1e-12).all()
     assert found.path.shape == (len(found.broken), 2)
+
+
+def test_fractures_are_those_of_a_dense_oracle():
+    """Edges taken away one by one, each state by a dense stiffness matrix."""
+    rng = np.random.default_rng(7)
+    k = il.cost.kagome(4, dim=2).perturbed(0.2, seed=3).stiffened()
+    near = il.cost.stiffening.candidates(
+        k, np.arange(len(k.positions)), 2.1 * k.lengths.mean(), k.bars
+    )
+    k = k.with_bars(near[::2])
+    e, x = k.edges, k.positions
+    EA, strength = rng.uniform(0.5, 2.0, len(e)), rng.uniform(0.2, 1.0, len(e))
+    held = x[:, 1] < 0.2
+    f = rng.standard_normal(x.shape)
+    found = fracture(k, f, supports=held, stiffness=EA, strength=strength, steps=10)
+    assert len(found.broken) > 3
+    free = np.flatnonzero(np.repeat(~held, 2))
+    way = x[e[:, 0]] - x[e[:, 1]]
+    R = np.zeros((len(e), *x.shape))
+    R[np.arange(len(e)), e[:, 0]], R[np.arange(len(e)), e[:, 1]] = way, -way
+    R = R.reshape(len(e), -1) / k.lengths[:, None]
+    there = EA / k.lengths
+    for i, b in enumerate(found.broken):
+        K = R.T @ (there[:, None] * R)
+        u = np.zeros(f.size)
+        u[free] = np.linalg.solve(K[np.ix_(free, free)], f.ravel()[free])
+        part = np.abs(there * (R @ u)) / strength
+        assert np.argmax(part) == b
+        assert found.load[i] == pytest.approx(1.0 / part.max(), rel=1e-3)
+        work = found.load[i] * (f.ravel() @ u) / np.linalg.norm(f)
+        assert found.displacement[i] == pytest.approx(work, rel=1e-3)
+        there[b] = 0.0
 
 
 def test_planar_flips_of_layers_are_flips_of_the_stack():

@@ -287,6 +287,20 @@ def test_displacements_agree_with_a_dense_stiffness_matrix():
     np.testing.assert_allclose(s.bars, EA / k.lengths**2 * (R @ u), atol=1e-7)
 
 
+@pytest.mark.parametrize("size", [1e-9, 1e-3, 1e6])
+@pytest.mark.parametrize("EA", [1e-9, 1e9, 1e14])
+def test_units_do_not_matter(size, EA):
+    k = il.cost.kagome(3).stiffened()
+    rng = np.random.default_rng(2)
+    f, part = rng.standard_normal(k.positions.shape), rng.uniform(0.5, 2.0, len(k.edges))
+    held = [0, 5, 9, 20]
+    first = k.stress(f, supports=held, stiffness=part)
+    other = k.moved(size * k.positions).stress(f, supports=held, stiffness=EA * part)
+    np.testing.assert_allclose(other.bars, first.bars, rtol=1e-9)
+    np.testing.assert_allclose(other.motion, size / EA * first.motion, rtol=1e-9)
+    assert other.residual < 1e-12
+
+
 @pytest.mark.parametrize("dim", [2, 3])
 def test_forces_by_levels_are_those_of_the_whole(dim):
     coarse = il.cost.kagome(5, dim=dim).perturbed().stiffened()
