@@ -137,12 +137,14 @@ class Heat(Problem):
 
         Parameters
         ----------
-        on, where : str, callable, (2, 3) array-like, Field or SurfaceMesh
+        on : str, callable, (2, 3) array-like, Field or SurfaceMesh
             As in `fix`.
         transfer : float or callable
             Heat per area, time and degree.
         around : float or callable
             Temperature around.
+        where : str, callable, (2, 3) array-like, Field or SurfaceMesh, optional
+            As in `fix`.
 
         Returns
         -------
@@ -156,10 +158,12 @@ class Heat(Problem):
 
         Parameters
         ----------
-        on, where : str, callable, (2, 3) array-like, Field or SurfaceMesh
+        on : str, callable, (2, 3) array-like, Field or SurfaceMesh
             As in `fix`.
         value : float or callable
             Heat per area and time into the solid.
+        where : str, callable, (2, 3) array-like, Field or SurfaceMesh, optional
+            As in `fix`.
 
         Returns
         -------

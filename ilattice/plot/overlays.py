@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 _BAR_PLACE = {"position_x": 0.875, "position_y": 0.2, "width": 0.045, "height": 0.55}
 _TITLE_WIDTH = 12  # letters
 _ROUNDING = 1e-9  # part of numbers by which they may differ without a colour of their own
-_WIDE = 800  # pixels from which on fonts have their full size
+_WIDE = 900  # pixels from which on fonts have their full size
 _KEY, _FILL, _HEAD = 0.85, 0.3, 0.38  # intensities of the lights
 
 

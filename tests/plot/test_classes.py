@@ -32,7 +32,7 @@ def things():
         "mesh": lambda: wall.mesh(0.12),
         "solid mesh": lambda: il.mesh.hexahedra(wall, (12, 6, 6)),
         "slices": lambda: wall.slices(z=[0.2, 0.5, 0.8]),
-        "cells": lambda: problem.domain.cut,
+        "cells": lambda: il.cutfem.cut(wall, (32, 16, 16)),  # some inside on the end faces
         "solution": lambda: solution,
         "recovered": solution.recovered,
         "estimate": solution.error_estimate,
