@@ -331,19 +331,18 @@ class _Halving:
         """Error (cells,) around each cell of the surface, as a part of the thinner side there."""
         shape = tuple(len(x) - 1 for x in self.axes)
         n = int(np.prod(shape))
-        off = np.bincount(p.cell, p.share, n)
+        off = np.asarray(np.bincount(p.cell, p.share, n), np.float64)
         if not off.any():
             return off
         x, y, z = (np.diff(a) for a in self.axes)
         whole = (x[:, None, None] * y[:, None] * z).ravel()
         solid = np.minimum(np.bincount(p.cell, p.volume, n), whole)
-        around = (
+        near, inside, air = (
             27.0 * uniform_filter(a.reshape(shape), 3, mode="constant").ravel()
             for a in (off, solid, whole - solid)
         )
-        near, *sides = (np.maximum(a, 0.0) for a in around)
-        there = (off > LEAST_SHARE * whole) & (near > LEAST_SHARE * whole)
-        least = np.maximum(np.minimum(*sides), LEAST_SHARE * whole)
+        there = off > LEAST_SHARE * whole
+        least = np.maximum(np.minimum(inside, air), LEAST_SHARE * whole)
         return np.where(there, near / least, 0.0)
 
     def _smallest(self, p: _Part, local: FloatArray) -> IntArray:

@@ -2,8 +2,8 @@
 
 Sheets, combined solids with holes, two parts close together, and struts. Of 176 bodies drawn like
 these on four to six cells, with all degrees, loads and heat, all changed on twice finer cells by
-less than twice the estimate; of 501 on four to ten cells, before what is said of few cells, 496 did,
-and four of the others came with a warning.
+less than twice the estimate. Of 501 before, when it followed the fall of errors on few cells, too,
+496 did, and four of the others came with a warning.
 """
 
 import warnings
