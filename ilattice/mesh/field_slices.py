@@ -25,7 +25,7 @@ from ilattice.mesh.surface import SurfaceMesh
 from ilattice.slicing import _kernels_slices as kernels
 from ilattice.slicing._loops import EMPTY, MERGE, Outline, apart, crossing, finished
 from ilattice.slicing._slicer import as_frame
-from ilattice.slicing.slices import SliceStack, layers
+from ilattice.slicing.slices import SliceStack, stacked
 
 #: Squares along the side of a block that bounds are taken of before its corners are looked at, and
 #: blocks that are worked on at once.
@@ -381,5 +381,4 @@ def slice_field(
     as_kind("field", field, "Node")
     frame = as_frame(as_triple("normal", normal))
     slicer = FieldSlicer(field, frame, as_positive("h", h))
-    heights, tops, bottom = layers(z, thickness, slicer.ends)
-    return SliceStack(field, read_only(heights), read_only(tops), bottom, read_only(frame), slicer)
+    return stacked(field, z, thickness, slicer.ends, frame, slicer)

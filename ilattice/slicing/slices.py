@@ -3,8 +3,8 @@
 Guarantees: contours close, are nested, and do not depend on the number of threads; outer ones run
 counter-clockwise seen from the tip of the normal, holes clockwise; a stack computes one slice at
 a time and keeps none, so memory does not grow with their number. Layers of a given thickness end
-at the top of the part: the last one is as thick as what is left, and cut at the middle of it. The
-wall is half-open upwards: at its highest point there is a slice, at its lowest there is none. Where
+at the top of the part: the last one is as thick as what is left, and cut at the middle of it. At
+the ends of a part the slice is what it ends with, such as a face; beyond them there is none. Where
 contours bend they get points between those of the grid, so that chords cut off little: of a Schwarz
 P wall 0.02 % of the area at the default `h`, of struts that are two cells wide less than 0.1 %.
 Polished contours hold the area of the exact offset, to 1e-4 away from creases; unpolished ones that
@@ -68,6 +68,8 @@ PER_CELL, PER_BLOCK = 20, 40
 LEAST_LAYER = 1e-3
 #: How far beyond the part a height may be, relative to its extent, before it is outside.
 ROUNDING = 1e-6
+#: How far inside of it the slices at the ends of a part are cut, likewise.
+END = 2e-6
 #: Part of the area of a slice in which contours may be missed before a warning.
 MOST_DOUBT = 0.005
 
@@ -226,6 +228,9 @@ class SliceStack(Frozen):
         Rows: the two directions in the planes, and their normal.
     slicer : Cutter
         What cuts.
+    cuts : ndarray, shape (n,)
+        At which heights it does: at an end of the part a little inside, by 2e-6 of its height, so
+        that the slice there is what the part ends with.
     """
 
     part: OffsetSolid | ClosedMesh | Node
@@ -234,6 +239,7 @@ class SliceStack(Frozen):
     bottom: float
     frame: FloatArray
     slicer: Cutter
+    cuts: FloatArray
 
     def __repr__(self) -> str:
         return f"SliceStack({len(self)} slices from {self.bottom:g} to {self.tops[-1]:g})"
@@ -252,7 +258,7 @@ class SliceStack(Frozen):
         i = range(len(self))[as_index("index", index)]
         height = float(self.heights[i])
         below = self.bottom if i == 0 else float(self.tops[i - 1])
-        outline = self.slicer.outline(height)
+        outline = self.slicer.outline(float(self.cuts[i]))
         out = Slice(height, float(self.tops[i]), below, nested(outline), self.frame, outline.doubt)
         if out.doubt > MOST_DOUBT * out.area:
             warnings.warn(
@@ -367,8 +373,7 @@ def slice_wall(
         "use a larger h or fewer tiles",
     )
     slicer = Slicer(InPlane(wall, axes, frame, h, polish))
-    heights, tops, bottom = layers(z, thickness, extent(slicer.height))
-    return SliceStack(wall, read_only(heights), read_only(tops), bottom, read_only(frame), slicer)
+    return stacked(wall, z, thickness, extent(slicer.height), frame, slicer)
 
 
 def slice_mesh(
@@ -381,11 +386,24 @@ def slice_mesh(
     """Slices of a closed mesh; see `ilattice.mesh.SurfaceMesh.slices`."""
     frame = as_frame(as_triple("normal", normal))
     slicer = MeshSlicer(mesh, frame)
-    heights, tops, bottom = layers(z, thickness, slicer.ends)
-    return SliceStack(mesh, read_only(heights), read_only(tops), bottom, read_only(frame), slicer)
+    return stacked(mesh, z, thickness, slicer.ends, frame, slicer)
 
 
-def layers(
+def stacked(
+    part: Any, z: ArrayLike | None, thickness: float | None, ends: tuple[float, float],
+    frame: FloatArray, slicer: Cutter,
+) -> SliceStack:  # fmt: skip
+    """A stack of slices of a part between two heights, at given ones or in layers."""
+    heights, tops, bottom = _layers(z, thickness, ends)
+    (low, high), slack = ends, ROUNDING * (ends[1] - ends[0])
+    inside = low + END * (high - low), high - END * (high - low)
+    cuts = np.where(np.abs(heights - low) <= slack, inside[0], heights)
+    cuts = np.where(np.abs(heights - high) <= slack, inside[1], cuts)
+    arrays = read_only(heights), read_only(tops), bottom, read_only(frame)
+    return SliceStack(part, *arrays, slicer, read_only(cuts))
+
+
+def _layers(
     z: ArrayLike | None, thickness: float | None, ends: tuple[float, float]
 ) -> tuple[FloatArray, FloatArray, float]:
     """Heights of the cuts, upper ends of the layers, lower end of the first."""
