@@ -17,7 +17,7 @@ import numpy as np
 
 from ilattice._memory import need
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
-from ilattice._validate import as_kind, as_positive, as_triple, read_only
+from ilattice._validate import as_kind, as_positive, as_triple
 from ilattice.errors import GeometryError, InputError
 from ilattice.fields.node import Node, is_empty
 from ilattice.mesh.contouring import contour

@@ -253,7 +253,7 @@ class ClosestPointSearch(TileSpace):
         stretch = np.linalg.norm(self._jacobian(tiles.astype(np.float64) + 0.5), axis=1)
         least = np.maximum(stretch.min(axis=1, keepdims=True), 1e-3 * stretch.max())
         count = np.array(self.lattice.repeat)
-        beyond = ((tiles < 0) | (tiles >= count)).any(axis=1)
+        beyond = np.asarray(((tiles < 0) | (tiles >= count)).any(axis=1))
         usual = STRETCHED * np.median(stretch[~beyond], axis=0)
         least = np.where(beyond[:, None], np.minimum(least, usual), least)
         factor = np.clip(np.ceil(stretch / (2.0 * least)), 1, MOST_REFINED).astype(np.int64)

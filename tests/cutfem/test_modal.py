@@ -177,7 +177,7 @@ def test_bodies_on_soft_springs_move_as_rigid_ones():
             rows.append(np.tile(np.eye(3)[i], (len(x), 1)))
         for i in range(3):
             rows.append(np.cross(np.eye(3)[i], x))
-        return np.einsum("anc,bnc,n->ab", np.stack(rows), np.stack(rows), weights)
+        return np.einsum("ink,jnk,n->ij", np.stack(rows), np.stack(rows), weights)
 
     nodes, w = np.polynomial.legendre.leggauss(2)  # exact for squares of linear functions
     t = np.stack(np.meshgrid(nodes, nodes, nodes, indexing="ij"), axis=-1).reshape(-1, 3) / 2
