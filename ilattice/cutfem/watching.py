@@ -1,6 +1,6 @@
 """What problems look at before they are solved: functions between the points of rules, lost loads.
 
-Guarantees: a load on parts that nothing holds, which is lost, is refused, or told of from 1 % of
+Guarantees: a load on parts that nothing holds, which is lost, is refused, or told of from 2 % of
 its area on where it also acts on others. Functions that are looked at, see `sampling`, are loads,
 springs and supports that are functions of points, densities and expansions by which loads are
 multiplied, densities and capacities in masses, and temperatures at the start of a transient.
@@ -32,7 +32,7 @@ SINGLE = ("pressure", "temperature")
 #: Loads of which the sum is given.
 RESULTANTS = ("force", "moment")
 #: Part of the area of a load that may be on parts that are left out without a word.
-LOST = 0.01
+LOST = 0.02
 
 
 def check_functions(problem: "Problem") -> None:
@@ -102,7 +102,7 @@ def check_reached(problem: "Problem", load: Load) -> None:
     Warns
     -----
     PrecisionWarning
-        If that is 1 % of the area or more.
+        If that is 2 % of the area or more.
     """
     if not load.on or isinstance(load.on, Spot) or not len(problem.parts[1]):
         return

@@ -41,6 +41,8 @@ TARGET = 1e-4
 #: The same of the side that has less, solid or air, in a cell and those around it, by which specks,
 #: voids and slits are halved; and the error, in volumes of a cell, below which nothing is.
 LOCAL, LEAST_SHARE = 0.02, 1e-7
+#: Such an error below which none is told: where a surface touches a corner of the grid, it is noise.
+NOISE = 1e-6
 #: Error of the whole volume above which that is told, and specks are left as they are.
 TOLD = 2e-3
 #: Part of the share of a cell from which on a box counts when cells are halved for that.
@@ -229,6 +231,7 @@ class _Halving:
             keep[worst] = False
             self.parts = [whole.take(keep)]
             self._halve_until_known(*_halves(whole.take(worst)))
+        local = self._local(whole, NOISE)
         out, place = self._finished(self._joined(), error), int(local.argmax())
         return replace(out, local=float(local[place]), place=place)
 
@@ -327,7 +330,7 @@ class _Halving:
         n = int(np.searchsorted(-left, -0.5 * TARGET * volume)) + 1
         return np.sort(order[:n][may[order[:n]] & (share[order[:n]] > 0.0)])
 
-    def _local(self, p: _Part) -> FloatArray:
+    def _local(self, p: _Part, least: float = LEAST_SHARE) -> FloatArray:
         """Error (cells,) around each cell of the surface, as a part of the thinner side there."""
         shape = tuple(len(x) - 1 for x in self.axes)
         n = int(np.prod(shape))
@@ -341,9 +344,8 @@ class _Halving:
             27.0 * uniform_filter(a.reshape(shape), 3, mode="constant").ravel()
             for a in (off, solid, whole - solid)
         )
-        there = off > LEAST_SHARE * whole
-        least = np.maximum(np.minimum(inside, air), LEAST_SHARE * whole)
-        return np.where(there, near / least, 0.0)
+        there = off > least * whole
+        return np.where(there, near / np.maximum(np.minimum(inside, air), least * whole), 0.0)
 
     def _smallest(self, p: _Part, local: FloatArray) -> IntArray:
         """Boxes to be halved so that specks and voids are known well."""

@@ -146,6 +146,7 @@ def test_temperatures_load_elastic_solids():
     np.testing.assert_allclose(solution.stress(u)[:, 0], [-0.025, -0.05], atol=1e-9)
 
 
+@pytest.mark.filterwarnings("ignore:the cells are too coarse")
 def test_temperatures_are_written(tmp_path):
     import pyvista as pv
 

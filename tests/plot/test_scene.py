@@ -291,6 +291,7 @@ def test_heat_maps_that_make_no_sense_are_refused(field, plane, options, said):
 # --- notebooks --------------------------------------------------------------------------------
 
 
+@pytest.mark.filterwarnings("ignore:the cells are too coarse")
 def test_notebooks_show_numbers_and_a_picture(ball):
     wall = il.Lattice("gyroid", through=il.macroshape.box((2.0, 1.0, 1.0))).offset(0.1)
     problem = il.cutfem.Elasticity(
