@@ -41,8 +41,8 @@ TARGET = 1e-4
 #: The same of the side that has less, solid or air, in a cell and those around it, by which specks,
 #: voids and slits are halved; and the error, in volumes of a cell, below which nothing is.
 LOCAL, LEAST_SHARE = 0.02, 1e-7
-#: Such an error below which none is told: a surface that touches a corner of the grid has it.
-NOISE = 1e-6
+#: Such an error below which none is told, as of air a rounding thick beside a face of the grid.
+NOISE = 5e-4
 #: Error of the whole volume above which that is told, and specks are left as they are.
 TOLD = 2e-3
 #: Part of the share of a cell from which on a box counts when cells are halved for that.

@@ -448,7 +448,7 @@ def cut(
     -----
     PrecisionWarning
         If the estimated error of the volume is more than 0.2 %, or, around one cell, a tenth of the
-        solid or of the air there.
+        solid or of the air there and half a thousandth of the cell.
 
     Examples
     --------
