@@ -163,7 +163,8 @@ def _polished(A: Any, solver: Any, mu: FloatArray, x: FloatArray) -> tuple[Float
     """
     order = np.argsort(-np.abs(mu))
     mu, x = mu[order], np.array(x[:, order])
-    for k in range(len(mu)):
+    least = np.finfo(float).eps * np.abs(mu).max(initial=0.0)
+    for k in range(int((np.abs(mu) > least).sum())):  # A tells nothing of those without it
         y, softer = x[:, k] / np.linalg.norm(x[:, k]), x[:, :k]
         for _ in range(TWICE):
             y = solver.precondition(A @ y) / abs(mu[k])
