@@ -108,8 +108,8 @@ def frame(
     >>> load = np.zeros_like(k.positions)
     >>> load[-1, 2] = -1.0
     >>> low = k.positions[:, 2] < 0.3
-    >>> [round(frame(k, load, supports=low, radius=r).bending, 1) for r in (0.02, 0.002)]
-    [0.5, 0.0]
+    >>> [frame(k, load, supports=low, radius=r).bending < 0.1 for r in (0.02, 0.002)]
+    [False, True]
     """
     as_kind("k", k, "CornerSharing")
     f = as_array("loads", loads, ndim=2)

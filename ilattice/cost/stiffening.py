@@ -32,6 +32,9 @@ from ilattice.errors import GeometryError, IlatticeError, InputError, PrecisionW
 #: Rate at which a bar of unit length must be stretched by a motion that is left, to be picked:
 #: motions that are found by elimination may be off by 1e-7.
 PICKED = 1e-6
+#: Part by which the last of the bars offered is taken to be worse than the first: among equals, as
+#: in regular structures, the choice does not hang on rounding, which differs between processors.
+EQUAL = 1e-2
 #: Lengths of bars that are tried in turn, in mean lengths of edges.
 REACHES = (2.3, 2.7, 3.2, 4.0, 6.0, 12.0)
 
@@ -239,7 +242,8 @@ def _pivots(rows: FloatArray, most: int) -> IntArray:
     """Rows of size about 1 that are independent, best-conditioned first, at most so many."""
     if not len(rows) or most == 0:
         return np.zeros(0, np.int64)
-    upper, order = qr(rows.T, mode="r", pivoting=True, check_finite=False)
+    fade = 1.0 - np.linspace(0.0, EQUAL, len(rows))
+    upper, order = qr(rows.T * fade, mode="r", pivoting=True, check_finite=False)
     p = np.abs(np.diag(upper))
     return np.asarray(order[: min(int((p > PICKED).sum()), most)])
 

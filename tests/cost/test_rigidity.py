@@ -86,6 +86,13 @@ def test_independent_bars_make_regular_structures_rigid(level, reach):
         assert DENSE(naive_matrix(k)) == len(k.edges) == 378
 
 
+def test_bars_do_not_hang_on_rounding():
+    k = il.cost.kagome(3)
+    noise = 1e-13 * np.random.default_rng(8).normal(size=k.positions.shape)
+    moved = k.mapped(lambda x: x + noise)
+    np.testing.assert_array_equal(moved.stiffened().bars, k.stiffened().bars)
+
+
 def test_bars_out_of_reach_are_told():
     with pytest.raises(GeometryError, match=r"bars up to 1\.2 .* reach a rank of \d+ of 378"):
         il.cost.kagome(5).stiffened(reach=1.2)
