@@ -2,6 +2,7 @@
 
 import sys
 
+import numpy as np
 import pytest
 
 import ilattice as il
@@ -78,6 +79,8 @@ def test_other_long_work_tells_its_stages():
     bar = il.macroshape.box((2.0, 1.0, 1.0))
     wall = il.Lattice("schwarz_p", through=bar, repeat=(2, 1, 1), spans_per_tile=6).offset(0.12)
     corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0.3), (0, 1, 0)]
+    rigid = il.cost.kagome(3).stiffened()
+    load, low = np.ones_like(rigid.positions), rigid.positions[:, 2] < 0.3
     work = {
         ("cells", "rules"): [
             lambda told: il.cutfem.quadrature(ball, 6, domain=box, progress=told),
@@ -100,6 +103,14 @@ def test_other_long_work_tells_its_stages():
         ],
         ("start", "surface"): [
             lambda told: il.shells.cell("topo_19_rrr", n=8, progress=told),
+        ],
+        ("fracture",): [
+            lambda told: il.cost.fracture.fracture(
+                rigid, load, supports=low, steps=1, progress=told
+            ),
+        ],
+        ("flips",): [
+            lambda told: il.cost.flips.randomised(il.cost.kagome(5), 1, progress=told),
         ],
     }  # fmt: skip
     for labels, calls in work.items():

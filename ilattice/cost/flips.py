@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._progress import Progress, track
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import (
     as_array,
@@ -248,7 +249,7 @@ def layer_flipped(
 
 def randomised(
     k: CornerSharing, steps: int, *, seed: int = 0, kind: str = "cost", target: Any = None,
-    temperature: float = 0.0, fixed: Any = (),
+    temperature: float = 0.0, fixed: Any = (), progress: Progress = None,
 ) -> CornerSharing:  # fmt: skip
     """Random flips: all that are possible, or those that lead to a distribution of lengths.
 
@@ -273,6 +274,8 @@ def randomised(
         Of the rule; 0 takes only flips that do not raise the energy.
     fixed : array_like of int, or mask
         Vertices where nothing is flipped.
+    progress : bool or callable, optional
+        See `ilattice._progress.track`.
 
     Returns
     -------
@@ -294,7 +297,8 @@ def randomised(
     pick = inner[rng.integers(len(inner), size=count)]
     place = rng.integers(k.dim, size=(count, 2))
     luck = rng.random(count)
-    for v, (i, j), chance in zip(pick.tolist(), place.tolist(), luck.tolist(), strict=True):
+    tries = zip(pick.tolist(), place.tolist(), luck.tolist(), strict=True)
+    for v, (i, j), chance in track(tries, "flips", progress, total=count):
         A, B = vt[v]
         a, b = (int(c[c != v][m]) for c, m in ((s[A], i), (s[B], j)))
         before = _energy(x, s[vt[v]], target, mean)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ilattice._progress import Progress, track
 from ilattice._typing import ArrayLike, FloatArray, IntArray
 from ilattice._validate import Frozen, as_array, as_kind, as_whole
 from ilattice.cost.stress import stress
@@ -50,7 +51,7 @@ class Fracture(Frozen):
 
 def fracture(
     k: CornerSharing, loads: ArrayLike, *, supports: ArrayLike, stiffness: ArrayLike = 1.0,
-    strength: ArrayLike = 1.0, steps: int = 50,
+    strength: ArrayLike = 1.0, steps: int = 50, progress: Progress = None,
 ) -> Fracture:  # fmt: skip
     """Load a structure until its edges break one after the other.
 
@@ -66,6 +67,8 @@ def fracture(
         Young's modulus times cross-section of the edges, and the force at which each breaks.
     steps : int
         Most edges that break.
+    progress : bool or callable, optional
+        See `ilattice._progress.track`.
 
     Returns
     -------
@@ -83,7 +86,7 @@ def fracture(
     load: list[float] = []
     way: list[float] = []
     first, collapsed = 0.0, False
-    for _ in range(as_whole("steps", steps, 1, 100_000)):
+    for _ in track(range(as_whole("steps", steps, 1, 100_000)), "fracture", progress):
         try:
             found = stress(k, f, supports=supports, stiffness=EA)
         except IlatticeError:

@@ -318,13 +318,15 @@ class Graph(Frozen):
         except IlatticeError as e:
             raise GraphError(self._evaluation.told(self.solid_node), str(e)) from e
 
-    def mesh(self, h: float = 0.02) -> SurfaceMesh:
+    def mesh(self, h: float = 0.02, *, progress: Progress = None) -> SurfaceMesh:
         """The solid in one cell, closed by the faces of the cell.
 
         Parameters
         ----------
         h : float
             Spacing of the grid.
+        progress : bool or callable, optional
+            See `ilattice._progress.track`.
 
         Returns
         -------
@@ -334,7 +336,7 @@ class Graph(Frozen):
         from ilattice.sdf import mesh
 
         cube = translate(box(0.5), (0.5, 0.5, 0.5))
-        return mesh(intersection(cube, from_callable(self.body.field)), h)
+        return mesh(intersection(cube, from_callable(self.body.field)), h, progress=progress)
 
     def voxels(self, count: int | None = None) -> AnyArray:
         """The solid as voxels.

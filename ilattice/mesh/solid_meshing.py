@@ -51,7 +51,7 @@ _ROUGH = 0.02
 _CRUMB = 0.01
 
 
-def tetrahedra(mesh: "SurfaceMesh", order: int = 2) -> SolidMesh:
+def tetrahedra(mesh: "SurfaceMesh", order: int = 2, progress: Progress = None) -> SolidMesh:
     """Fill a closed surface; see `SurfaceMesh.tetrahedra`."""
     as_choice("order", order, (1, 2))
     if find_spec("tetgen") is None:
@@ -66,7 +66,9 @@ def tetrahedra(mesh: "SurfaceMesh", order: int = 2) -> SolidMesh:
         )
     need(_PER_FACE * len(mesh.faces), f"tetrahedra in {len(mesh.faces)} triangles", "a larger h")
     faces = np.array(mesh.faces, np.int32)
-    points, cells = _filled(np.array(mesh.vertices, float), faces, mesh)
+    vertices = np.array(mesh.vertices, float)
+    work = {"tetrahedra": lambda: _filled(vertices, faces, mesh)}
+    ((points, cells),) = staged(work, progress)
     solid = SolidMesh(points, cells[_in_solid(cells, faces)])
     error = solid.volume / mesh.volume - 1.0
     if not abs(error) < 1e-6:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from ilattice._progress import Progress
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_array, check_finite, read_only
 from ilattice.errors import GeometryError, InputError
@@ -455,7 +456,7 @@ class SurfaceMesh:
 
         return without_voids(self, most)
 
-    def tetrahedra(self, *, order: int = 2) -> SolidMesh:
+    def tetrahedra(self, *, order: int = 2, progress: Progress = None) -> SolidMesh:
         """Fill the solid with tetrahedra, for CalculiX, Abaqus and others.
 
         Parameters
@@ -463,6 +464,8 @@ class SurfaceMesh:
         order : {1, 2}
             With nodes at the corners (C3D4), or in the middle of edges too (C3D10). Use 2: linear
             tetrahedra are far too stiff.
+        progress : bool or callable, optional
+            See `ilattice._progress.track`.
 
         Returns
         -------
@@ -483,7 +486,7 @@ class SurfaceMesh:
         PrecisionWarning
             If there are several parts, each of which has to be held.
         """
-        return tetrahedra(self, order)
+        return tetrahedra(self, order, progress)
 
     # --- exits --------------------------------------------------------------------------------
 
