@@ -14,6 +14,9 @@ from ilattice.errors import FormatError, InputError
 from ilattice.plot import camera, overlays
 
 _BAR, _HEAD = 0.17, 0.07  # parts of the width for a colour bar, and of the height for a title
+_LINE = (
+    3.0  # pixels of height for a title, per point of its font: more than _HEAD if panels are low
+)
 _OCCLUSION = 0.04  # reach of the ambient occlusion, in units of the part's size
 
 
@@ -41,16 +44,15 @@ def drawn(
         plotter.subplot(i // columns, i % columns)
         title = f"({chr(97 + i)}) {scene.title}" if labels else scene.title
         bars = {name for name, at in last.items() if name and at == i}
-        _draw(
-            plotter, scene, limits, aspect, bars, room=1.0 - (_HEAD if title else 0.0),
-            width=size[0] / columns,
-        )  # fmt: skip
+        letters = overlays.font(11, size[0] / columns)
+        head = min(max(_HEAD, _LINE * letters * rows / size[1]), 0.5) if title else 0.0
+        _draw(plotter, scene, limits, aspect, bars, room=1.0 - head, width=size[0] / columns)
         if title:
             plotter.add_text(
                 overlays.shown(title),
                 position="upper_edge",
                 color="black",
-                font_size=overlays.font(11, size[0] / columns),
+                font_size=letters,
             )
     plotter.enable_anti_aliasing("ssaa", all_renderers=True)
     return plotter
