@@ -1,9 +1,10 @@
 """The whole catalogue on one sheet: a cell of every tile.
 
 Solids (struts, plates, honeycombs) are where the field of the tile is negative, surfaces are drawn
-as sheets that fill a fifth of their cells; cells that are not cubes are drawn as they are. The
-numbers that are checked: how many tiles there are, and that the mesh of each has the volume that
-counting points gives, for which the grids of some are up to four times as fine.
+as sheets that fill a fifth of their cells, most of them at a constant level; cells that are not
+cubes are drawn as they are. The numbers that are checked: how many tiles there are, and that the
+mesh of each has the volume that counting points gives, for which the grids of some are up to four
+times as fine.
 
     python examples/catalogue.py
 """
@@ -14,6 +15,21 @@ import numpy as np
 
 import ilattice as il
 
+#: Tiles whose sheets at a constant level get thinner than a grid sees.
+UNEVEN = (
+    "c_d",
+    "c_g",
+    "c_i2y",
+    "c_s",
+    "honeycomb_lidinoid",
+    "i2y",
+    "lidinoid",
+    "pm_y",
+    "s",
+    "w",
+    "y",
+)
+
 
 def cell(name: str, n: int, part: float = 0.2) -> tuple["il.SurfaceMesh", float]:
     """One cell of a tile in its own shape, and the part of it that points say is filled."""
@@ -23,11 +39,18 @@ def cell(name: str, n: int, part: float = 0.2) -> tuple["il.SurfaceMesh", float]
     filled = float((values < 0).mean())
     field = tile
     if not is_solid(name):
-        level = float(np.quantile(np.abs(values), part))
-        filled = part
+        inverse = np.linalg.inv(tile.cell)
+
+        def size(u: np.ndarray) -> np.ndarray:
+            """Of the field; of uneven ones over their slope, about the distance to the surface."""
+            value, slope = tile.jet(u, 1)
+            steep = np.linalg.norm(slope @ inverse, axis=-1).clip(1e-9) if name in UNEVEN else 1.0
+            return np.abs(value) / steep
+
+        level, filled = float(np.quantile(size(points), part)), part
 
         def field(u: np.ndarray) -> np.ndarray:
-            return np.abs(tile(u)) - level
+            return size(u) - level
 
     for finer in (1, 2, 3, 4):
         mesh = il.mesh.contour(field, [np.linspace(0.0, 1.0, finer * n + 1)] * 3)
