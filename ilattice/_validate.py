@@ -207,7 +207,12 @@ def as_numbers(name: str, value: Any, count: int) -> IntArray:
 def as_rows(name: str, value: Any, count: int) -> IntArray:
     """Numbers of rows, below their count, from numbers or from a mask."""
     if not isinstance(value, np.ndarray) or value.dtype != np.bool_:
-        return as_numbers(name, value, count)
+        found = as_numbers(name, value, count)
+        if len(found) == count > 2 and found.max() <= 1:
+            raise InputError(
+                f"{name} has {count} numbers, each 0 or 1: a mask must be an array of bool"
+            )
+        return found
     if value.shape != (count,):
         raise InputError(f"{name} must be a mask of shape ({count},), got {value.shape}")
     return np.flatnonzero(value)

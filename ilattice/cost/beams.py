@@ -34,7 +34,7 @@ from ilattice._validate import (
 from ilattice.cost import _kernels_beams as kernels
 from ilattice.cost import _pieces as pieces
 from ilattice.cost.structure import CornerSharing, _numbers
-from ilattice.errors import GeometryError, InputError, PrecisionWarning
+from ilattice.errors import FormatError, GeometryError, InputError, PrecisionWarning
 from ilattice.fields import _kernels_boxes as tree
 from ilattice.fields._program import Builder, Point
 from ilattice.fields.node import Node
@@ -323,10 +323,16 @@ class Beams(Node):
         from ilattice.cost._surfaces import streamed
         from ilattice.io import save
 
-        if as_path("path", path).suffix.lower() in (".stl", ".ply"):
+        ending = as_path("path", path).suffix.lower()
+        if ending in (".stl", ".ply"):
             streamed(self, path, **options)
-        else:
+        elif ending in (".3mf", ".vtp", ".vtu"):
             save(self, path, **options)
+        else:
+            raise FormatError(
+                f"{str(path)!r:.200}: beams are written as .3mf, .ply, .stl, .vtp or .vtu, not "
+                f"{ending!r}"
+            )
 
 
 def beams(k: CornerSharing, radius: Any, *, check: bool = True) -> Beams:
@@ -392,9 +398,14 @@ def radii_of(k: CornerSharing, x: FloatArray, radius: Any) -> FloatArray:
         return np.full((len(e), 2), float(r.ravel()[0]))
     if r.shape == (len(e), 2):
         return r
-    if r.shape == (len(e),) and n != len(e):
+    if r.shape == (n,) and n == len(e):
+        raise InputError(
+            f"radius of shape ({n},) is not clear: there are as many vertices as edges; give both "
+            f"ends of edges, shape ({n}, 2)"
+        )
+    if r.shape == (len(e),):
         return np.stack([r, r], axis=1)
-    if r.shape == (n,) and n != len(e):
+    if r.shape == (n,):
         return np.asarray(r[e])
     raise InputError(
         f"radius must be one number, one per vertex ({n},), one per edge ({len(e)},), both ends of "

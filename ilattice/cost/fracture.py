@@ -10,8 +10,8 @@ import numpy as np
 
 from ilattice._progress import Progress, track
 from ilattice._typing import ArrayLike, FloatArray, IntArray
-from ilattice._validate import Frozen, as_array, as_kind, as_whole
-from ilattice.cost.stress import stress
+from ilattice._validate import Frozen, as_array, as_kind, as_rows, as_whole
+from ilattice.cost.stress import per_edge, stress
 from ilattice.cost.structure import CornerSharing
 from ilattice.errors import IlatticeError, InputError
 
@@ -32,7 +32,8 @@ class Fracture(Frozen):
     load : ndarray, shape (s,)
         Factor of the loads at which each breaks.
     displacement : ndarray, shape (s,)
-        Displacement of the loaded vertices along the loads then: their work over their size.
+        Displacement of the loaded vertices along the loads then: their work over their size, of
+        loads that are not on supports.
     collapsed : bool
         Whether the compliance has grown a thousandfold in the end, or nothing holds any more.
     """
@@ -77,11 +78,14 @@ def fracture(
     """
     as_kind("k", k, "CornerSharing")
     f = as_array("loads", loads, ndim=2)
-    e, size = len(k.edges), float(np.linalg.norm(f))
-    EA = np.array(np.broadcast_to(as_array("stiffness", stiffness), (e,)))
-    most = np.broadcast_to(as_array("strength", strength), (e,))
-    if (most <= 0.0).any() or size == 0.0:
-        raise InputError("strength must be positive, and loads must not vanish")
+    if f.shape != k.positions.shape:
+        raise InputError(f"loads must have shape {k.positions.shape}, got {f.shape}")
+    EA, most = per_edge("stiffness", stiffness, k), per_edge("strength", strength, k)
+    free = np.ones(len(f), np.bool_)
+    free[as_rows("supports", supports, len(f))] = False
+    size = float(np.linalg.norm(f[free]))
+    if size == 0.0:
+        raise InputError("loads must not vanish at all vertices that are free")
     broken: list[int] = []
     load: list[float] = []
     way: list[float] = []
@@ -101,6 +105,8 @@ def fracture(
         part = np.abs(found.bars) / most
         part[broken] = 0.0
         i = int(np.argmax(part))
+        if not part[i] > 0.0:
+            break
         broken.append(i)
         load.append(1.0 / float(part[i]))
         way.append(load[-1] * found.compliance / size)

@@ -7,8 +7,9 @@ bending holds long before. `frame` tells how much: the compliance of the truss i
 `bending` / (1 - `bending`) at least.
 
 Guarantees: the compliance of a frame is that of its truss less `bending` of it, or lower. Model:
-Euler's beams, linear, joined in points. Solids are stiffer by a part that goes with radius over
-length, since joints have a size: an analysis (`ilattice.cutfem`) of `Beams` tells.
+Euler's beams, linear, joined in points. Solids differ by a part that goes with radius over
+length, and are mostly stiffer, since joints have a size: an analysis (`ilattice.cutfem`) of
+`Beams` tells.
 """
 
 from dataclasses import dataclass
@@ -21,6 +22,7 @@ from scipy.sparse.linalg import splu
 from ilattice._memory import need
 from ilattice._typing import ArrayLike, FloatArray, IntArray
 from ilattice._validate import Frozen, as_array, as_kind, as_positive, as_real, as_rows
+from ilattice.cost.stress import MOST, per_edge
 from ilattice.cost.structure import CornerSharing
 from ilattice.errors import ConvergenceError, GeometryError, InputError
 
@@ -28,6 +30,8 @@ from ilattice.errors import ConvergenceError, GeometryError, InputError
 FREE = 1e-13
 #: Residual above which displacements are refused.
 USELESS = 1e-6
+#: Radius over length below which squares of stiffnesses are lost, and above the inverse of which.
+FLAT = 1e-20
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,26 +119,35 @@ def frame(
     f = as_array("loads", loads, ndim=2)
     if f.shape != k.positions.shape:
         raise InputError(f"loads must have shape {k.positions.shape}, got {f.shape}")
-    r = as_array("radius", radius)
-    if r.shape not in ((), (1,), (len(k.edges),)) or (r <= 0.0).any():
-        raise InputError(
-            f"radius must be one positive number or one per edge ({len(k.edges)},), got "
-            f"{radius!r:.80}"
-        )
+    r = per_edge("radius", radius, k)
     E, nu = as_positive("young", young), as_real("poisson", poisson)
     if not -1.0 < nu < 0.5:
         raise InputError(f"poisson must be above -1 and below 1/2, got {nu:g}")
     held = as_rows("supports", supports, len(f))
     need(6000.0 * len(k.edges), f"a frame of {len(k.edges)} beams", "analyse a smaller part")
-    return _solved(k, f, held, np.broadcast_to(r, (len(k.edges),)), (E, nu))
+    unit, top, thick = float(k.lengths.mean()), float(np.abs(f).max()) or 1.0, float(r.max())
+    for name, size in (("lengths", unit), ("loads", top), ("radius", thick), ("young", E)):
+        if not 1.0 / MOST <= size <= MOST:
+            raise InputError(
+                f"{name} must be from {1 / MOST:g} to {MOST:g}, got {size:.3g}: change units"
+            )
+    if not FLAT < thick / unit < 1.0 / FLAT:
+        raise InputError(
+            f"radius must be from {FLAT:g} to {1 / FLAT:g} of the mean length of edges, got "
+            f"{thick:.3g} of {unit:.3g}"
+        )
+    whole = CornerSharing(k.positions / unit, k.simplices, k.bars)
+    one = _solved(whole, f / top, held, r / unit, nu)
+    scale = top / unit / E
+    return Frame(
+        k, f, scale * one.motion, scale / unit * one.turn, top * one.bars, one.bending, one.residual
+    )
 
 
-def _solved(
-    k: CornerSharing, f: FloatArray, held: IntArray, r: FloatArray, material: tuple[float, float]
-) -> Frame:
-    """Balance of forces and moments at the vertices that are free."""
+def _solved(k: CornerSharing, f: FloatArray, held: IntArray, r: FloatArray, nu: float) -> Frame:
+    """Balance of forces and moments at the vertices that are free, in units of about 1."""
     n = len(f)
-    stretch, bend = _stiffness(k, r, *material)
+    stretch, bend = _stiffness(k, r, nu)
     moves = np.zeros((n, 6), np.bool_)
     moves[:, [0, 1, 5] if k.dim == 2 else slice(None)] = True
     moves[held] = False
@@ -163,8 +176,8 @@ def _solved(
     motion, turn = np.split(u.reshape(n, 6), 2, axis=1)
     way, length = _axes(k)
     ends = motion[k.edges]
-    bars = material[0] * np.pi * r**2 / length * ((ends[:, 1] - ends[:, 0]) * way).sum(axis=1)
-    share = float(both[1] / (sum(both) or 1.0))
+    bars = np.pi * r**2 / length * ((ends[:, 1] - ends[:, 0]) * way).sum(axis=1)
+    share = min(max(float(both[1] / (sum(both) or 1.0)), 0.0), 1.0)
     return Frame(k, f, motion[:, : k.dim].copy(), turn.copy(), bars, share, off)
 
 
@@ -182,8 +195,8 @@ def _axes(k: CornerSharing) -> tuple[FloatArray, FloatArray]:
     return way / length[:, None], length
 
 
-def _stiffness(k: CornerSharing, r: FloatArray, E: float, nu: float) -> tuple[csc_array, csc_array]:
-    """Stiffness (6 n, 6 n) of stretching, and of bending and twist.
+def _stiffness(k: CornerSharing, r: FloatArray, nu: float) -> tuple[csc_array, csc_array]:
+    """Stiffness (6 n, 6 n) of stretching, and of bending and twist, of a Young's modulus of 1.
 
     Of a beam with direction w, displacements u and turns t of its ends: the difference of u along w
     stretches it, that of t along w twists it, that of t across bends it to an arc, and the mean of
@@ -204,8 +217,8 @@ def _stiffness(k: CornerSharing, r: FloatArray, E: float, nu: float) -> tuple[cs
         np.concatenate([zero, -across, zero, across], axis=2),
         np.concatenate([part, 0.5 * across, -part, 0.5 * across], axis=2),
     )
-    inertia = E * 0.25 * np.pi * r**4
-    sizes = (E * area, inertia / (1.0 + nu), inertia, 12.0 * inertia)
+    inertia = 0.25 * np.pi * r**4
+    sizes = (area, inertia / (1.0 + nu), inertia, 12.0 * inertia)
     local = [
         np.einsum("e,eij,eik->ejk", s / length, m, m) for m, s in zip(modes, sizes, strict=True)
     ]

@@ -83,11 +83,15 @@ def run(
             _write(beams, file, h, thickness, progress)
     result = {
         "ilattice": __version__, "resolution": resolution, "cells": cells,
-        "radius": float(beams.radii.mean()),
+        "radius": float(beams.radii.mean()), "least radius": float(beams.radii.min()),
+        "largest radius": float(beams.radii.max()),
         "vertices": len(k.positions), "tetrahedra": len(k.simplices), "bars": len(k.bars),
         "beams": len(k.edges), "length of beams": float(k.lengths.sum()), "deficit": k.deficit,
         "stages": stages.records, "files": [str(file) for file in output],
     }  # fmt: skip
+    if stiffen:
+        found = k.rigidity()
+        result |= {"rank": found.rank, "flexes": found.flexes, "self-stresses": found.self_stresses}
     if report is not None:
         write_report(report, result)
     return result

@@ -63,6 +63,10 @@ def _corners(corners: ArrayLike | None, dim: int) -> FloatArray:
     c = as_array("corners", corners, ndim=2)
     if c.shape != (dim + 1, dim):
         raise InputError(f"corners must have shape ({dim + 1}, {dim}), got {c.shape}")
+    sides = c[1:] - c[0]
+    widest = float(np.abs(sides).max())
+    if not widest > 0.0 or abs(np.linalg.det(sides / widest)) <= 1e-12:
+        raise InputError(f"corners must not be flat, got {c.tolist()!r:.160}")
     return c
 
 
@@ -88,9 +92,9 @@ def kagome(resolution: int, *, dim: int = 3, corners: ArrayLike | None = None) -
     Raises
     ------
     InputError
-        For a resolution below 2 or too large, or corners of another shape.
+        For a resolution below 2 or too large, or corners of another shape, or in one line or plane.
     GeometryError
-        If the corners are in one line or plane, or inverted.
+        If the corners are inverted.
 
     Examples
     --------
@@ -158,14 +162,16 @@ def fill(vertices: ArrayLike, simplices: ArrayLike, *, resolution: Any) -> Corne
 
 def _check_volumes(mesh: CornerSharing) -> None:
     """Refuse simplices that are flat or inverted."""
-    size = np.ptp(mesh.positions[mesh.simplices], axis=1).max(axis=1) ** mesh.dim
-    v = mesh.volumes
+    unit = float(np.ptp(mesh.positions, axis=0).max()) or 1.0
+    size = (np.ptp(mesh.positions[mesh.simplices], axis=1).max(axis=1) / unit) ** mesh.dim
+    v = CornerSharing(mesh.positions / unit, mesh.simplices).volumes
     bad = v <= 1e-12 * size
     if bad.any():
         i = int(np.argmax(bad))
         what = "inverted" if v[i] < -1e-12 * size[i] else "flat"
         raise GeometryError(
-            f"simplices[{i}] {mesh.simplices[i].tolist()} is {what}: its volume is {v[i]:.3g} "
+            f"simplices[{i}] {mesh.simplices[i].tolist()} is {what}: its volume is "
+            f"{mesh.volumes[i]:.3g} "
             f"({int(bad.sum())} of {len(bad)} are so); swap two of its corners"
             if what == "inverted"
             else f"simplices[{i}] {mesh.simplices[i].tolist()} is flat: drop it"
@@ -239,9 +245,6 @@ class Blocks(Frozen):
         put = object.__setattr__
         put(self, "resolution", as_resolution("resolution", self.resolution))
         corners = _corners(self.corners, 3)
-        sides = corners[1:] - corners[0]
-        if np.linalg.svd(sides)[1][-1] <= 1e-12 * np.abs(sides).max():
-            raise InputError(f"corners must not be flat, got {corners.tolist()!r:.120}")
         put(self, "corners", np.array(corners))
         put(self, "size", as_whole("size", self.size, 1, 256))
         super().__post_init__()

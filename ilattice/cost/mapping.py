@@ -63,15 +63,30 @@ class BernsteinSimplex(Frozen):
         """Dimension of the simplex."""
         return self.corners.shape[1]
 
-    def __call__(self, x: ArrayLike, /) -> FloatArray:
-        """Images (n, k) of points (n, d)."""
+    def barycentric(self, x: ArrayLike) -> FloatArray:
+        """Barycentric coordinates of points in the simplex.
+
+        Parameters
+        ----------
+        x : array_like, shape (n, d)
+            Points.
+
+        Returns
+        -------
+        ndarray, shape (n, d + 1)
+            They sum to 1, and are not negative inside.
+        """
         p = as_array("x", x, ndim=2)
         if p.shape[1] != self.dim:
             raise InputError(f"x must have shape (n, {self.dim}), got {p.shape}")
         sides = self.corners[1:] - self.corners[0]
         xi = np.linalg.solve(sides.T, (p - self.corners[0]).T).T
-        xi = np.column_stack([1.0 - xi.sum(axis=1), xi])
-        out = np.zeros((len(p), self.points.shape[1]))
+        return np.column_stack([1.0 - xi.sum(axis=1), xi])
+
+    def __call__(self, x: ArrayLike, /) -> FloatArray:
+        """Images (n, k) of points (n, d)."""
+        xi = self.barycentric(x)
+        out = np.zeros((len(xi), self.points.shape[1]))
         for alpha, c in zip(exponents(self.degree, self.dim), self.points, strict=True):
             factor = factorial(self.degree) / np.prod([float(factorial(a)) for a in alpha])
             out += factor * np.prod(xi**alpha, axis=1)[:, None] * c
@@ -152,6 +167,14 @@ def _images(k: CornerSharing, through: Any) -> FloatArray:
                 "parameters; see `fitted(map.domain)`"
             )
         return np.asarray(through.x(np.clip(x, lo, hi)))
+    if isinstance(through, BernsteinSimplex):
+        low = through.barycentric(x).min(axis=1)
+        out = np.flatnonzero(low < -ROUNDING)
+        if len(out):
+            raise InputError(
+                f"vertex {out[0]} at {x[out[0]].tolist()} is outside of the simplex of the map, "
+                f"with a barycentric coordinate of {low[out[0]]:.3g} ({len(out)} are outside)"
+            )
     if not callable(through):
         raise InputError(f"through must be a map or a function, got {through!r:.80}")
     return as_array("values of through", asked("through", through, np.array(x)))

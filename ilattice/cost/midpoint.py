@@ -5,6 +5,8 @@ Guarantee: the volume of each simplex is exactly d^-d of that of its cell (paper
 
 import os
 from collections.abc import Sequence
+from contextlib import redirect_stderr, redirect_stdout
+from io import StringIO
 from typing import Any
 
 import numpy as np
@@ -35,12 +37,13 @@ def midpoint(vertices: ArrayLike, simplices: ArrayLike) -> CornerSharing:
     InputError
         For wrong shapes or numbers.
     GeometryError
-        If three simplices share a face, or two of them two faces.
+        If three simplices share a face, or two of them two faces, or one is flat.
     """
     mesh = CornerSharing(as_array("vertices", vertices), np.asarray(simplices))
     d, cells = mesh.dim, mesh.simplices
     if not len(cells):
         raise InputError("simplices must not be empty")
+    _check_flat("simplices", mesh)
     faces = np.stack([np.delete(cells, j, axis=1) for j in range(d + 1)], axis=1)
     names, place, count = np.unique(
         np.sort(faces.reshape(-1, d), axis=1), axis=0, return_inverse=True, return_counts=True
@@ -84,10 +87,13 @@ def load(path: str | os.PathLike[str]) -> tuple[FloatArray, IntArray]:
         import meshio  # type: ignore[import-not-found, unused-ignore]
     except ImportError as e:
         raise FormatError('reading meshes needs meshio: pip install "ilattice[files]"') from e
+    said = StringIO()
     try:
-        mesh = meshio.read(file)
+        with redirect_stdout(said), redirect_stderr(said):
+            mesh = meshio.read(file)
     except (Exception, SystemExit) as e:  # meshio ends the process where it finds no file
-        raise FormatError(f"{str(path)!r}: meshio cannot read it: {e}") from e
+        told = str(e) if isinstance(e, Exception) else " ".join(said.getvalue().split())
+        raise FormatError(f"{str(path)!r}: meshio cannot read it: {told:.200}") from e
     x = np.asarray(mesh.points, np.float64)
     tets, triangles = (
         [b.data for b in mesh.cells if b.type == kind] for kind in ("tetra", "triangle")
@@ -132,7 +138,7 @@ def stacked(
     Raises
     ------
     GeometryError
-        If the triangles cannot be coloured so.
+        If the triangles cannot be coloured so, or a tetrahedron is flat.
     """
     as_kind("layer", layer, "CornerSharing")
     return coloured_stack(layer, layers, apices, two_coloured(layer))
@@ -164,7 +170,23 @@ def coloured_stack(
         places.append(top)
         first += len(t)
     used, name = np.unique(np.concatenate(rows), return_inverse=True)
-    return CornerSharing(np.concatenate(places)[used], name.reshape(-1, 4)).check()
+    out = CornerSharing(np.concatenate(places)[used], name.reshape(-1, 4)).check()
+    _check_flat("tetrahedra", out)
+    return out
+
+
+def _check_flat(name: str, k: CornerSharing) -> None:
+    """Refuse simplices without volume."""
+    corners = k.positions[k.simplices]
+    sides = corners[:, 1:] - corners[:, :1]
+    widest = np.abs(sides).max(axis=(1, 2))
+    flat = np.abs(np.linalg.det(sides / np.maximum(widest, 1e-300)[:, None, None])) <= 1e-14
+    if flat.any():
+        i = int(np.argmax(flat))
+        raise GeometryError(
+            f"{name}[{i}] {k.simplices[i].tolist()} is flat ({int(flat.sum())} of {len(flat)} "
+            "are so): move its corners, or drop it"
+        )
 
 
 def two_coloured(layer: CornerSharing) -> IntArray:

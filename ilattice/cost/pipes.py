@@ -266,7 +266,7 @@ def _half_beams(
 ) -> FloatArray:  # fmt: skip
     """Patches (8 e, 3, 3, 3) around both halves of all edges."""
     edges, length = k.edges, k.lengths
-    rings, own = [], []
+    rings, ways = [], []
     for end, sign in ((0, 1.0), (1, -1.0)):
         v = edges[:, end]
         at = cube[v[:, None], FACES[slot[:, end]]]  # counter-clockwise from outside
@@ -275,14 +275,17 @@ def _half_beams(
         out = at - x[v][:, None]
         out -= np.einsum("eix,ex->ei", out, way)[..., None] * way[:, None]
         norm = np.linalg.norm(out, axis=2, keepdims=True)
-        out *= (r[:, end] / ROUND)[:, None, None] / np.maximum(norm, 1e-300)
-        quarter = x[v] + (sign * 0.25 * length)[:, None] * way
         rings.append(at)
-        own.append(quarter[:, None] + out)
-    shift = _least_twist(own[0] - x[edges[:, 0]][:, None], own[1] - x[edges[:, 1]][:, None])
-    turn = (np.arange(4) + shift[:, None]) % 4
-    for group in (rings, own):
+        ways.append(out / np.maximum(norm, 1e-300))
+    turn = (np.arange(4) + _least_twist(*ways)[:, None]) % 4
+    for group in (rings, ways):
         group[1] = np.take_along_axis(group[1], turn[..., None], axis=1)
+    square = _square(ways, way)
+    own = [
+        (x[edges[:, end]] + (sign * 0.25 * length)[:, None] * way)[:, None]
+        + (r[:, end] / ROUND)[:, None, None] * square
+        for end, sign in ((0, 1.0), (1, -1.0))
+    ]
     middle = 0.5 * (own[0] + own[1])
     patches = []
     for end in (0, 1):
@@ -292,6 +295,23 @@ def _half_beams(
         net = np.moveaxis(net, 2, 1)
         patches.append(net[:, :, ::-1] if end == 0 else net)
     return np.concatenate(patches).reshape(-1, 3, 3, 3)
+
+
+def _square(rings: list[FloatArray], way: FloatArray) -> FloatArray:
+    """Square of directions (e, 4, 3) across edges, turned to be nearest to rings at both ends.
+
+    The radius of a pipe is that of its beam only where the controls around it are a square.
+    """
+    u = rings[0][:, 0]
+    v = np.cross(way, u)
+    turn = 1j ** np.arange(4)
+    off = np.zeros(len(u), np.complex128)
+    for ring in rings:
+        along, across = (np.einsum("eix,ex->ei", ring, w) for w in (u, v))
+        off += ((along + 1j * across) / turn).sum(axis=1)
+    off /= np.maximum(np.abs(off), 1e-300)
+    at = off[:, None] * turn
+    return np.asarray(at.real[..., None] * u[:, None] + at.imag[..., None] * v[:, None])
 
 
 def _least_twist(a: FloatArray, b: FloatArray) -> IntArray:

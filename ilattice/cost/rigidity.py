@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.linalg import eigh, qr
+from scipy.linalg import eigh, qr, svd
 from scipy.sparse import csc_array, csr_array
 from scipy.sparse.linalg import splu
 
@@ -36,9 +36,11 @@ UNSURE = 1e3
 #: Edges from which on the sparse LU of structures of the right count is tried first; it proves full
 #: rank if no pivot is below this part of the largest.
 SPARSE, CLEAR = 400, 1e-7
-#: Part of the largest eigenvalue of the squared matrix below which one is zero, and the largest
+#: Part of the largest eigenvalue of the squared matrix below which one may be zero, and the largest
 #: change of a length, over lengths of edges, by a motion that then counts as one.
 SINGULAR, ACCURATE = 1e-12, 1e-9
+#: Part of a step along a finite motion that must be left when lengths are right again.
+KEPT = 0.5
 #: Perturbation for generic ranks, in mean lengths of edges.
 PERTURBATION = 0.05
 
@@ -277,7 +279,7 @@ def _pivots(k: CornerSharing) -> FloatArray:
             f"above {DENSE} rows and columns only ranks of structures without are found"
         )
     pivots = _sparse_pivots(R, k)
-    if pivots.min() <= TOLERANCE * pivots.max():
+    if pivots.min() <= (CLEAR if k.deficit else TOLERANCE) * pivots.max():  # roots of rounding
         raise GeometryError(
             f"the {len(k.edges)} edges are not independent at these positions, and the matrix is "
             "too large to count how many are; analyse a smaller part, or `perturbed` positions"
@@ -342,7 +344,8 @@ def motions(k: CornerSharing, ends: IntArray) -> tuple[FloatArray, int]:
 def _by_elimination(R: csr_array, columns: IntArray) -> tuple[FloatArray, FloatArray] | None:
     """Motions (c, z) at some coordinates, and all pivots, by the Schur complement of Rᵀ R.
 
-    None if they are not accurate, or there must be motions that leave these coordinates alone.
+    Small pivots are the rates at which the motions change lengths, not roots of rounding. None if
+    they are not accurate, or there must be motions that leave these coordinates alone.
     """
     rest = np.setdiff1d(np.arange(R.shape[1]), columns)
     A, B = csc_array(R[:, rest]), csc_array(R[:, columns])
@@ -361,13 +364,19 @@ def _by_elimination(R: csr_array, columns: IntArray) -> tuple[FloatArray, FloatA
     values, Z = eigh(S, overwrite_a=True, check_finite=False)
     count = int((values < SINGULAR * values[-1]).sum())
     Z = Z[:, :count]
-    off = np.abs(B @ Z - A @ (X @ Z)).max(initial=0.0)
-    if off > ACCURATE or count < R.shape[1] - R.shape[0]:
+    Y = X @ Z
+    rates = B @ Z - A @ Y
+    for _ in range(2 if len(rest) else 0):  # the square has lost half of the digits
+        Y += inner.solve(np.asarray(A.T @ rates))
+        rates = B @ Z - A @ Y
+    if np.abs(rates).max(initial=0.0) > ACCURATE or count < R.shape[1] - R.shape[0]:
         return None
-    pivots = np.full(min(R.shape), values[-1])
-    pivots[: len(values) - count] = values[count:]
-    pivots[R.shape[1] - count :] = 0.0
-    return Z, np.sqrt(pivots)
+    pivots = np.full(min(R.shape), np.sqrt(values[-1]))
+    pivots[: len(values) - count] = np.sqrt(values[count:])
+    small = svd(rates, compute_uv=False, check_finite=False)
+    left = len(pivots) - (R.shape[1] - count)
+    pivots[len(pivots) - left :] = small[:left]
+    return Z, pivots
 
 
 def extended(k: CornerSharing, ends: IntArray, Z: FloatArray) -> FloatArray:
@@ -437,7 +446,18 @@ def _kernel_of(A: Any, tolerance: float) -> FloatArray:
         )
     Q, upper, _ = qr(A.toarray(), pivoting=True, overwrite_a=True, check_finite=False)
     d = np.abs(np.diag(upper))
-    return np.asarray(Q[:, int((d > tolerance * d.max(initial=0.0)).sum()) :])
+    part = d / (d.max(initial=0.0) or 1.0)
+    counts = part > tolerance
+    least, dropped = float(part[counts].min(initial=1.0)), float(part[~counts].max(initial=0.0))
+    if least < UNSURE * tolerance or dropped > tolerance / UNSURE:
+        warnings.warn(
+            f"how many there are is not clear: pivots lie at {least:.1e} and {dropped:.1e} of the "
+            f"largest, and the tolerance is {tolerance:.1e}; move the vertices a little, or set "
+            "another tolerance",
+            PrecisionWarning,
+            stacklevel=3,
+        )
+    return np.asarray(Q[:, int(counts.sum()) :])
 
 
 def self_stresses(k: CornerSharing, *, tolerance: float = TOLERANCE) -> FloatArray:
@@ -454,6 +474,11 @@ def self_stresses(k: CornerSharing, *, tolerance: float = TOLERANCE) -> FloatArr
     -------
     ndarray, shape (e, s)
         Orthonormal columns.
+
+    Warns
+    -----
+    PrecisionWarning
+        If pivots lie within a factor 1000 of the tolerance.
     """
     return _kernel_of(matrix(k), as_positive("tolerance", tolerance))
 
@@ -472,6 +497,11 @@ def flexes(k: CornerSharing, *, tolerance: float = TOLERANCE) -> FloatArray:
     -------
     ndarray, shape (f, n, d)
         Orthonormal motions, normal to the rigid ones.
+
+    Warns
+    -----
+    PrecisionWarning
+        If pivots lie within a factor 1000 of the tolerance.
     """
     Z = _kernel_of(csr_array(matrix(k).T), as_positive("tolerance", tolerance))
     T = rigid_motions(k)
@@ -494,7 +524,7 @@ def swung(
     k : CornerSharing
         The structure.
     motion : array_like, shape (n, d)
-        One of `flexes`.
+        One of `flexes`; its rigid part does not count.
     amplitude : float
         Largest displacement of a vertex in the last frame, about.
     frames : int
@@ -508,21 +538,37 @@ def swung(
     Raises
     ------
     GeometryError
-        If the lengths cannot be kept: the motion is infinitesimal only.
+        If the lengths cannot be kept, or only by moving all as one body: the motion is
+        infinitesimal only, or ends.
     """
     from ilattice.cost.shaping import with_lengths
 
-    u = _motion(k, "motion", motion)
+    given = _motion(k, "motion", motion)
     count = as_whole("frames", frames, 1, 10_000)
-    most = float(np.linalg.norm(u, axis=1).max())
-    if most == 0.0:
-        raise InputError("motion must not be zero everywhere")
-    step = as_positive("amplitude", amplitude) / most / count
+    u = _without_rigid(k, given)
+    if not np.linalg.norm(u) > 1e-9 * np.linalg.norm(given):
+        raise InputError("motion must not be zero everywhere, or one of the whole as a rigid body")
+    u /= np.linalg.norm(u, axis=1).max()
+    step = as_positive("amplitude", amplitude) / count
     out, now, target = [], k, k.lengths
-    for _ in range(count):
-        before = now.positions
-        now = with_lengths(now.moved(before + step * u), target, fixed=())
-        v = now.positions - before
+    for i in range(count):
+        before = now
+        now = with_lengths(now.moved(now.positions + step * u), target, fixed=())
+        v = _without_rigid(before, now.positions - before.positions)
+        if not np.linalg.norm(v) > KEPT * step * np.linalg.norm(u):
+            raise GeometryError(
+                f"the motion ends at frame {i} of {count}: lengths are kept by moving the whole as "
+                "a rigid body only; it is infinitesimal, or the amplitude is too large"
+            )
         u = v * (np.linalg.norm(u) / np.linalg.norm(v))
         out.append(now)
     return out
+
+
+def _without_rigid(k: CornerSharing, motion: FloatArray) -> FloatArray:
+    """A motion less its rigid part."""
+    T = rigid_motions(k)
+    u = motion.ravel()
+    for _ in range(2):
+        u = u - T @ (T.T @ u)
+    return np.asarray(u.reshape(motion.shape))

@@ -26,8 +26,8 @@ def _held(k: CornerSharing, fixed: Any) -> IntArray:
     as_kind("k", k, "CornerSharing")
     if fixed is None:
         return np.flatnonzero(k.incidence[:, 1] < 0)
-    return as_rows("fixed", np.asarray(fixed, np.int64) if np.size(fixed) == 0 else fixed,
-                   len(k.positions))  # fmt: skip
+    fixed = np.asarray(fixed, np.int64) if np.size(fixed) == 0 else fixed
+    return np.unique(as_rows("fixed", fixed, len(k.positions)))
 
 
 def relaxed(k: CornerSharing, *, sweeps: int | None = None, fixed: Any = None) -> CornerSharing:

@@ -17,7 +17,8 @@ from functools import lru_cache
 import numpy as np
 from scipy.linalg import qr
 from scipy.optimize import Bounds, LinearConstraint, milp
-from scipy.sparse import csr_array
+from scipy.sparse import coo_array, csr_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from ilattice._memory import need
@@ -104,12 +105,14 @@ def _tell_rank(k: CornerSharing, mode: str) -> None:
         warnings.warn(f"the rank is not known: {e}", PrecisionWarning, stacklevel=4)
         return
     if not r.rigid:
+        remedy = "move the vertices (`perturbed`, `mapped`)"
+        if k.deficit > 0:
+            remedy = f"{k.deficit} edges are missing by count; use the mode 'matroid', or repair"
+        elif mode != "matroid":
+            remedy = f"the bars are right for generic positions only; {remedy}, or use 'matroid'"
         warnings.warn(
             f"the rank at these positions is {r.rank}, {r.flexes} short of rigidity, with "
-            f"{r.self_stresses} self-stresses: "
-            + ("" if mode == "matroid" else "the bars are right for generic positions only; ")
-            + "move the vertices (`perturbed`, `mapped`)"
-            + ("" if mode == "matroid" else ", or use the mode 'matroid'"),
+            f"{r.self_stresses} self-stresses: {remedy}",
             PrecisionWarning,
             stacklevel=4,
         )
@@ -190,12 +193,21 @@ def _matroid(k: CornerSharing, first: IntArray | None, reach: float | None) -> I
         missing -= len(bars)
         bars, Z = _reached(k, everywhere, extended(k, ends, Z), kept, missing, reaches)
     if len(bars) < missing:
+        parts = _parts(k)
+        apart = f"; the structure has {parts} parts that share no vertex" if parts > 1 else ""
         raise GeometryError(
             f"bars up to {reaches[-1]:g} mean lengths of edges reach a rank of "
-            f"{rank + wanted - missing + len(bars)} of {rank + wanted}: give a larger reach, or "
-            "use generic=True if the positions are regular"
+            f"{rank + wanted - missing + len(bars)} of {rank + wanted}{apart}: give a larger "
+            "reach, or use generic=True if the positions are regular"
         )
     return np.concatenate([kept, bars])
+
+
+def _parts(k: CornerSharing) -> int:
+    """How many parts there are that no edge joins."""
+    n, (a, b) = len(k.positions), k.edges.T
+    graph = coo_array((np.ones(len(a)), (a, b)), shape=(n, n))
+    return int(connected_components(graph, directed=False)[0])
 
 
 def _reached(

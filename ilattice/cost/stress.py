@@ -29,8 +29,8 @@ from ilattice.errors import ConvergenceError, GeometryError, InputError
 BALANCED = 1e-9
 #: Part of the largest pivot below which a structure counts as not rigid.
 SINGULAR = 1e-11
-#: Residual above which forces are refused.
-USELESS = 1e-6
+#: Residual above which forces are refused, and that at which forces by levels are not improved.
+USELESS, FINE = 1e-6, 1e-12
 #: Squares of loads above this, or below its inverse, are no numbers.
 MOST = 1e140
 
@@ -50,7 +50,8 @@ class Stress(Frozen):
     residual : float
         Norm of what is out of balance at the free vertices, over that of the loads.
     motion : ndarray, shape (n, d), or None
-        Displacements, if a stiffness was given.
+        Displacements, if a stiffness was given. Without supports two or three far vertices are
+        held where they are, as `ilattice.cost.rigidity.free_columns` picks them.
     reactions : ndarray, shape (n, d)
         Forces of the supports.
     """
@@ -134,7 +135,7 @@ def stress(
         raise InputError(
             f"loads must be from {1 / MOST:g} to {MOST:g}, got {top:.3g}: change units"
         )
-    EA = None if stiffness is None else _stiffness(k, stiffness)
+    EA = None if stiffness is None else per_edge("stiffness", stiffness, k)
     held = None if supports is None else as_rows("supports", supports, len(f))
     if held is None:
         _check_balance(k, f)
@@ -145,14 +146,14 @@ def stress(
     return _supported(k, f, held, EA)
 
 
-def _stiffness(k: CornerSharing, value: ArrayLike) -> FloatArray:
-    EA = as_array("stiffness", value)
-    if EA.shape not in ((), (1,), (len(k.edges),)) or (EA <= 0.0).any():
+def per_edge(name: str, value: ArrayLike, k: CornerSharing) -> FloatArray:
+    """Positive numbers (e,), from one for all or one per edge."""
+    a, e = as_array(name, value), len(k.edges)
+    if a.shape not in ((), (1,), (e,)) or (a <= 0.0).any():
         raise InputError(
-            f"stiffness must be one positive number or one per edge ({len(k.edges)},), got "
-            f"{value!r:.80}"
+            f"{name} must be one positive number or one per edge ({e},), got {value!r:.80}"
         )
-    return np.array(np.broadcast_to(EA, (len(k.edges),)))
+    return np.array(np.broadcast_to(a, (e,)))
 
 
 def _check_balance(k: CornerSharing, f: FloatArray) -> None:
@@ -211,9 +212,27 @@ def _densities(k: CornerSharing, f: FloatArray) -> FloatArray:
     """Force densities of a minimally rigid structure."""
     if k.coarse is None:
         return _flat(k, f)
+    s = _by_levels(k, f)
+    size = float(np.linalg.norm(f)) or 1.0
+    left = f - gathered(k, s)
+    for _ in range(4):  # every level costs digits
+        before = float(np.linalg.norm(left))
+        if before <= FINE * size:
+            break
+        new = s + _by_levels(k, left)
+        left = f - gathered(k, new)
+        if not np.linalg.norm(left) < 0.5 * before:
+            break
+        s = new
+    return s
+
+
+def _by_levels(k: CornerSharing, f: FloatArray) -> FloatArray:
+    """Those of the coarsest structure by LU, of finer ones simplex by simplex."""
+    if k.coarse is None:
+        return _flat(k, f)
     up: Coarse = k.coarse
-    loads = _on_coarse(up, f)
-    return _on_fine(k, up, f, _densities(up.structure, loads))
+    return _on_fine(k, up, f, _by_levels(up.structure, _on_coarse(up, f)))
 
 
 def _flat(k: CornerSharing, f: FloatArray) -> FloatArray:
@@ -348,8 +367,8 @@ def _finished(
     size = float(np.linalg.norm(f))
     left = float(np.linalg.norm(off - reactions)) / (size if size > 0.0 else 1.0)
     if not left <= USELESS:
-        raise ConvergenceError(
-            f"the forces balance the loads to {left:.1e} only: the structure is close to one that "
-            "is not rigid; see `rigidity()`"
-        )
+        why = "the structure is close to one that is not rigid; see `rigidity()`"
+        if k.coarse is not None:
+            why = f"solve without levels, see `refinement.forgotten`, or {why}"
+        raise ConvergenceError(f"the forces balance the loads to {left:.1e} only: {why}")
     return Stress(k, s, f, left, motion, reactions)

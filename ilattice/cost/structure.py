@@ -23,6 +23,10 @@ if TYPE_CHECKING:
     from ilattice.cost.stress import Stress
 
 
+#: Size of positions above which, or below the inverse of which, volumes are no numbers.
+MOST = 1e100
+
+
 @dataclass(frozen=True, eq=False)
 class Origin(Frozen):
     """Where the vertices of Kagome structures come from.
@@ -96,6 +100,12 @@ class CornerSharing(Frozen):
             raise InputError(f"positions must have shape (n, 2) or (n, 3), got {x.shape}")
         if not len(x):
             raise InputError("positions must have one row or more: an empty structure is none")
+        size = float(np.abs(x).max())
+        if not (size == 0.0 or 1.0 / MOST <= size <= MOST):
+            raise InputError(
+                f"positions must be from {1.0 / MOST:g} to {MOST:g} in size, got {size:.3g}: "
+                "change units"
+            )
         put = object.__setattr__
         put(self, "positions", np.array(x))
         put(self, "simplices", _numbers("simplices", self.simplices, x.shape[1] + 1, len(x)))

@@ -94,3 +94,26 @@ def test_odd_arguments_of_frames():
     )
     with pytest.raises(GeometryError, match="free to move"):
         frame(two, np.concatenate([loads, loads]), supports=np.flatnonzero(held), radius=0.01)
+
+
+@pytest.mark.parametrize("size", [1e-9, 1e12, 1e60])
+def test_frames_do_not_know_units(size):
+    k, f, low = tower()
+    one = frame(k, f, supports=low, radius=0.01)
+    other = frame(
+        k.moved(size * k.positions), 1e-30 * f, supports=low, radius=0.01 * size, young=7.0
+    )
+    factor = 1e-30 / (7.0 * size)
+    np.testing.assert_allclose(other.motion, factor * one.motion, rtol=1e-9, atol=1e-12 * factor)
+    np.testing.assert_allclose(other.turn, factor / size * one.turn, rtol=1e-8)
+    np.testing.assert_allclose(other.bars, 1e-30 * one.bars, rtol=1e-8)
+    assert other.bending == pytest.approx(one.bending, rel=1e-10)
+    assert other.residual < 1e-11
+
+
+def test_numbers_beyond_squares_are_refused():
+    k, f, low = tower()
+    for change in ({"loads": 1e160 * f}, {"radius": 1e200}, {"young": 1e-320}, {"radius": 1e-30}):
+        given = {"loads": f, "radius": 0.01, **change}
+        with pytest.raises(InputError, match="must be from"):
+            frame(k, given.pop("loads"), supports=low, **given)

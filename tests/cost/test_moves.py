@@ -363,7 +363,7 @@ def test_fractures_are_those_of_a_dense_oracle():
         part = np.abs(there * (R @ u)) / strength
         assert np.argmax(part) == b
         assert found.load[i] == pytest.approx(1.0 / part.max(), rel=1e-3)
-        work = found.load[i] * (f.ravel() @ u) / np.linalg.norm(f)
+        work = found.load[i] * (f.ravel() @ u) / np.linalg.norm(f[~held])
         assert found.displacement[i] == pytest.approx(work, rel=1e-3)
         there[b] = 0.0
 
@@ -394,3 +394,23 @@ def test_planar_flips_of_layers_are_flips_of_the_stack():
         assert found <= wanted  # the bases of tetrahedra are triangles of the flipped layer
     with pytest.raises(il.errors.GeometryError, match="one triangle only"):
         il.cost.flips.layer_flipped(layer, layers, 0)
+
+
+def test_fractures_refuse_what_makes_no_sense():
+    k = il.cost.kagome(3).stiffened()
+    low, f = k.positions[:, 2] < 0.3, np.zeros_like(k.positions)
+    f[-1, 2] = -1.0
+    with pytest.raises(InputError, match="strength must be one positive number or one per edge"):
+        fracture(k, f, supports=low, strength=np.ones(3))
+    for loads, held in ((1.0 * low[:, None] + 0 * f, low), (f, np.arange(28))):
+        with pytest.raises(InputError, match="free"):
+            fracture(k, loads, supports=held)
+    more = f + 5.0 * low[:, None]
+    a, b = (fracture(k, loads, supports=low, steps=3) for loads in (f, more))
+    np.testing.assert_allclose(a.displacement, b.displacement, rtol=1e-9)
+
+
+def test_vertices_may_be_held_twice():
+    k = il.cost.kagome(3)
+    once, twice = (shaping.relaxed(k, fixed=f).positions for f in ([0, 1], [0, 1, 1, 0]))
+    np.testing.assert_allclose(once, twice, atol=1e-14)

@@ -1,11 +1,13 @@
 """Ranks, stiffening, stresses: against dense linear algebra, counts and known frameworks."""
 
+import warnings
+
 import numpy as np
 import pytest
 from cost_zoo import octahedron
 
 import ilattice as il
-from ilattice.cost import CornerSharing, counting, rigidity, stress
+from ilattice.cost import CornerSharing, counting, refinement, rigidity, stress
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 
 DENSE = np.linalg.matrix_rank
@@ -335,3 +337,68 @@ def test_loads_and_structures_that_do_not_fit_are_refused():
     with pytest.raises(InputError, match="1 edges more than balance determines"):
         more.stress(0 * f)
     assert more.stress(loads_on(k, np.random.default_rng(0)), stiffness=1.0).residual < 1e-9
+
+
+def test_small_pivots_are_told_and_counted():
+    """Nearly regular structures: the sparse way against a dense factorisation."""
+    with pytest.warns(PrecisionWarning, match="short of rigidity"):
+        k = il.cost.kagome(14, dim=2).stiffened("cycle").perturbed(1e-8, seed=3)
+    with pytest.warns(PrecisionWarning, match="not clear"):
+        k.rigidity()
+    size = np.linalg.svd(naive_matrix(k), compute_uv=False)
+    for tolerance in (1e-3, 1e-6, 1e-12):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", PrecisionWarning)
+            found = rigidity.analysed(k, tolerance=tolerance)
+        assert found.rank == (size > tolerance * size[0]).sum()
+    assert found.rank == 627
+    assert 1e-11 < found.least < 1e-7
+    for null_space in (rigidity.self_stresses, rigidity.flexes):
+        with pytest.warns(PrecisionWarning, match="not clear"):
+            null_space(k)
+
+
+def test_only_what_bends_swings():
+    """A vertex on the bar across moves to first order only; random motions of rigid ones do not."""
+    x = [[0, 0], [0, 1], [-1, 0.5], [2, 0], [2, 1], [3, 0.5], [1, 0.0]]
+    k = CornerSharing(x, [[0, 1, 2], [3, 5, 4]], [[0, 3], [1, 4], [0, 4], [0, 6], [6, 3]])
+    with pytest.raises(GeometryError, match="rigid body"):
+        rigidity.swung(k, rigidity.flexes(k)[0], 0.2, frames=4)
+    rigid = il.cost.kagome(3).stiffened()
+    with pytest.raises(GeometryError, match="rigid body"):
+        rigidity.swung(rigid, np.random.default_rng(0).normal(size=rigid.positions.shape), 0.1)
+    turn = rigid.positions @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 0.0]])
+    with pytest.raises(InputError, match="rigid body"):
+        rigidity.swung(rigid, turn, 0.1)
+
+
+def test_forces_by_many_levels_are_those_without():
+    k = il.cost.kagome(6, dim=2).perturbed(0.1, seed=1).stiffened()
+    centre = k.positions[k.simplices[18, 0]]
+    for _ in range(30):
+        v = int(np.argmin(np.linalg.norm(k.positions - centre, axis=1)))
+        k = k.refined(where=(k.simplices == v).any(axis=1))
+    f = stress.balanced(k, np.random.default_rng(0).normal(size=k.positions.shape))
+    by_levels, whole = k.stress(f), refinement.forgotten(k).stress(f)
+    assert by_levels.residual < 1e-11
+    np.testing.assert_allclose(by_levels.bars, whole.bars, rtol=1e-8)
+
+
+def test_masks_of_numbers_are_refused():
+    k = il.cost.kagome(3).stiffened()
+    low, f = k.positions[:, 2] < 0.3, np.ones_like(k.positions)
+    for mask in (low.astype(int), low.astype(float)):
+        with pytest.raises(InputError, match="supports has 28 numbers, each 0 or 1: a mask must"):
+            k.stress(f, supports=mask, stiffness=1.0)
+
+
+def test_sizes_beyond_numbers_are_refused():
+    k = il.cost.kagome(3)
+    for size in (1e160, 1e-160):
+        with pytest.raises(InputError, match="change units"):
+            k.moved(size * k.positions)
+    with pytest.raises(InputError, match="corners must not be flat"):
+        il.cost.kagome(3, corners=[(0, 0, 0), (1, 0.05, 0), (0.45, 0.9, 0), (0.4, 0.3, 0)])
+    far = np.array([(0, 0, 0), (1, 0.05, 0), (0.45, 0.9, 0), (0.48, 0.32, 0.85)])
+    for size in (1e80, 1e-80):
+        assert il.cost.kagome(3, corners=size * far).rank == il.cost.kagome(3, corners=far).rank

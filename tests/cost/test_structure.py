@@ -202,3 +202,22 @@ def test_quadratic_maps_have_the_multinomial_factor():
     x = np.random.default_rng(0).random((20, 2))
     found = il.cost.BernsteinSimplex(2, blossom, corners)(x)
     np.testing.assert_allclose(found, p(x), atol=1e-13)
+
+
+def test_maps_of_simplices_end_at_their_faces():
+    C = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
+    through = il.cost.BernsteinSimplex(1, 2.0 * C, C)
+    inside = il.cost.kagome(3, corners=C).mapped(through)
+    np.testing.assert_allclose(inside.positions, 2.0 * il.cost.kagome(3, corners=C).positions)
+    with pytest.raises(InputError, match="outside of the simplex of the map"):
+        il.cost.kagome(3, corners=2.0 * C + 0.3).mapped(through)
+
+
+def test_flat_simplices_of_meshes_are_named():
+    x = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0, 0, 1]]
+    with pytest.raises(GeometryError, match=r"simplices\[1\] .* is flat"):
+        il.cost.midpoint(x, [[0, 1, 2, 4], [0, 1, 2, 3]])
+    layer = il.cost.kagome(3, dim=2)
+    flat = np.pad(layer.positions, ((0, 0), (0, 1)))
+    with pytest.raises(GeometryError, match="is flat"):
+        il.cost.stacked(layer, [flat, flat])
