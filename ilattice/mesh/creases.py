@@ -30,7 +30,7 @@ __all__ = ["sharpened"]
 
 BENT = np.cos(np.radians(10.0))  # normals farther than this from their mean make a crease
 PLAIN = np.cos(np.radians(4.0))  # where quads bend less, there are no creases
-OFF = 0.02  # spacings that vertices may be off smooth surfaces
+OFF = 0.002  # spacings that vertices may be off smooth surfaces
 FAR = 0.1  # spacings that places beyond the cells may be off, where places in them are not
 SNAP = 0.2  # spacings that a corner may be away from the vertex that moves there
 ON_SURFACE = 1e-9  # of the largest coordinate: how far corners on the surface may be off it
