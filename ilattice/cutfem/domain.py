@@ -53,7 +53,7 @@ GHOST_NITSCHE = {1: 0.1, 2: 1e-2, 3: 1e-2}
 #: Cells of which more than this part is filled have none, except with Nitsche's method: their
 #: functions hold themselves, and couplings across all faces are two thirds of a matrix.
 ENOUGH = 0.4
-#: Gauss points per direction by default. On cells that one plane cuts, gradients of degree p in each
+#: Gauss points per direction by default. On cells that a plane cuts, gradients of degree p in each
 #: direction, of total degree 3 p - 1, are integrated exactly by 2 q - 1 >= 3 p + 1, as patch tests
 #: need, where planes meet by one more; at degree 1, where that takes 3, speed counts more.
 POINTS = {1: 2, 2: 4, 3: 6}

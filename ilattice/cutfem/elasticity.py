@@ -90,9 +90,9 @@ class Elasticity(ElasticOperators):
     q : int, optional, keyword-only
         Gauss points per direction and piece of a cell; by default 2 for degree 1, which takes two
         thirds of the time of 3 and costs accuracy in slivers (see above), 4 for degree 2 and 6 for
-        degree 3, which are exact on cells that a plane cuts: with fewer, errors under tractions on a
-        curved surface fall more slowly than those of the space. Where planes meet within cells, 3,
-        5 and 6 are exact.
+        degree 3, exact on cells that a plane cuts: with fewer, errors under tractions on a curved
+        surface fall more slowly than those of the space. Where planes meet within cells, 3, 5 and 6
+        are exact.
     stabilization : {"auto", "ghost", "void", "none"}, keyword-only
         What is done about badly cut cells: ``"ghost"`` penalises jumps, the default from degree 2
         on; ``"void"`` gives the void part of cut cells a weight, 4e-9 by default for degree 1.
