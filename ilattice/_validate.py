@@ -158,9 +158,12 @@ def as_choice(name: str, value: Any, choices: Sequence[Any]) -> Any:
 
 
 def among(value: Any, choices: Sequence[Any]) -> bool:
-    """Whether a value is one of some words or whole numbers, and of their type: True is no 1."""
-    whole = isinstance(value, np.integer)
-    return (whole or any(type(value) is type(c) for c in choices)) and value in choices
+    """Whether a value is one of some words or whole numbers, and of their type: True is no 1.
+
+    Words and numbers of arrays count as such.
+    """
+    array = isinstance(value, (np.integer, np.str_))
+    return (array or any(type(value) is type(c) for c in choices)) and value in choices
 
 
 def as_axis(name: str, value: Any, count: int = 3) -> int:

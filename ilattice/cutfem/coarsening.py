@@ -81,10 +81,9 @@ def _coarse_space(
     count, piece = connected_components(coo_array((np.ones(len(pairs[0])), pairs), (n, n)), False)
     numbers, parents = _numbers(home, piece, count, int(np.prod(shape)))
     element = numbers[piece]
-    across = np.stack([element[low[~inner]], element[high[~inner]]], axis=1)
-    across = np.unique(across, axis=0)
+    most = int(numbers.max()) + 1
+    links = np.divmod(np.unique(element[low[~inner]] * most + element[high[~inner]]), most)
     grid = DividedGrid(axes, space.grid.closed, parents=read_only(parents))
-    links = (across[:, 0], across[:, 1])
     coarse = SplineSpace(grid, space.degree, element, space.smoothness, links)
     return coarse, np.searchsorted(coarse.cells, element)
 

@@ -29,6 +29,7 @@ it on coarse cells falls behind where k is large: see `of_work`.
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -45,17 +46,18 @@ SURE = 0.1
 #: Least factor by which the square of the error is taken to fall on half the cells: that of the
 #: edges of a body (order two thirds); four, that of order one, is what smooth solutions reach.
 LEAST = 2.5
-#: The same where it is seen to fall even more slowly; what is seen counts half.
+#: The same where it is seen to fall even more slowly; on few cells what is seen counts half.
 SLOW = 1.75
 #: Part of the energy that cells four times as long may miss: from more than that it cannot be seen
 #: how fast the error falls.
 SEEN = 0.3
-#: The same above which the fall that is seen may only make an estimate larger: from cells that miss
-#: a whole part of the body, errors seem to fall faster than they go on to do.
+#: The same above which the fall that is seen may only make an estimate larger, where cells four
+#: times as long are one in a direction: from cells that miss a whole part of the body, errors seem
+#: to fall faster than they go on to do.
 TRUSTED = 0.15
 #: The same of falls that are faster than order one with a margin, and by what errors are then taken
 #: to go on to fall: what made them fall was resolved by one halving, what is left is rough.
-HASTY, FASTER, LATER = 0.05, 5.0, 2.0
+HASTY, FASTER, LATER = 0.05, 5.0, 3.0
 #: Least multiple, of what cells add, that is left where cells four times as long are one in every
 #: direction: bores and necks of a cell are then seen no better by the cells at hand than by longer
 #: ones, and a fall of errors between them says nothing. Of 176 random bodies on four to six cells
@@ -91,52 +93,74 @@ class Level:
         Transposed.
     squares : csr_array, shape (coarse, n)
         Squares of the entries of T.
-    single : bool
-        Whether there is one cell in every direction.
+    shape : tuple of int
+        Cells per direction.
     """
 
     P: Any
     T: Any
     squares: Any
-    single: bool = False
+    shape: tuple[int, ...] = ()
 
 
-def levels(space: SplineSpace) -> list[Level]:
-    """Splines on cells twice and four times as long.
+class Levels:
+    """Splines on cells twice and four times as long, made when they are asked for.
 
-    None if a direction has cells that cannot be joined: what finer cells in it would add is then
-    not to be seen.
+    Parameters
+    ----------
+    space : SplineSpace
+        With links.
     """
-    out: list[Level] = []
-    while len(out) < 2:
-        found = coarser(space)
+
+    def __init__(self, space: SplineSpace) -> None:
+        self._space = space
+
+    @cached_property
+    def _joined(self) -> tuple[SplineSpace, Any] | None:
+        found = coarser(self._space)
         if found is None:
-            break
-        pairs = zip(space.grid.shape, found[0].grid.shape, strict=True)
-        if not out and not all(coarse < fine for fine, coarse in pairs):
-            break
+            return None
+        pairs = zip(self._space.grid.shape, found[0].grid.shape, strict=True)
+        return found if all(coarse < fine for fine, coarse in pairs) else None
+
+    @cached_property
+    def first(self) -> Level | None:
+        """Cells twice as long.
+
+        None if a direction has cells that cannot be joined: what finer cells in it would add is
+        then not to be seen.
+        """
+        if self._joined is None:
+            return None
+        space, P = self._joined
+        return _of_rows(P.tocsr(), space.grid.shape)
+
+    @cached_property
+    def second(self) -> Level | None:
+        """Cells four times as long, in directions in which cells can be joined twice."""
+        found = None if self._joined is None else coarser(self._joined[0])
+        if found is None or self.first is None:
+            return None
         space, P = found
-        single = max(space.grid.shape) == 1
-        out.append(_of_rows(P.tocsr() if not out else (out[0].P @ P).tocsr(), single))
-    return out
+        return _of_rows((self.first.P @ P).tocsr(), space.grid.shape)
 
 
-def _of_rows(P: Any, single: bool = False) -> Level:
+def _of_rows(P: Any, shape: tuple[int, ...] = ()) -> Level:
     """A level, or some rows of it."""
     T = P.T.tocsr()
-    return Level(P, T, T.multiply(T).tocsr(), single)
+    return Level(P, T, T.multiply(T).tocsr(), shape)
 
 
 def relative_error(
-    levels: list[Level], multiply: Product, diagonal: FloatArray, c: FloatArray, fixed: AnyArray,
+    levels: Levels, multiply: Product, diagonal: FloatArray, c: FloatArray, fixed: AnyArray,
     energy: float, jumps: float = 0.0,
 ) -> float:  # fmt: skip
     """Part of an energy that finer cells would add, or take away.
 
     Parameters
     ----------
-    levels : list of Level
-        Of `levels`.
+    levels : Levels
+        The coarse splines.
     multiply : callable
         Product of the matrix with displacements (n, m), zero where they are prescribed.
     diagonal : ndarray, shape (n, m)
@@ -155,18 +179,21 @@ def relative_error(
     float
         The estimate; NaN if there are no coarser cells.
     """
-    if not levels:
+    if levels.first is None:
         return float("nan")
-    first = _distance(levels[0], multiply, diagonal, c, fixed)
+    first = _distance(levels.first, multiply, diagonal, c, fixed)
     lost, rest = first.sum(), first.sum() / (LEAST - 1.0)
-    if len(levels) == 2 and 0.0 < lost < SEEN * energy:  # else more is lost there, and not believed
-        second = _distance(levels[1], multiply, diagonal, c, fixed)
+    # elsewhere longer cells lose more than that, unless errors fall by less than half, or nothing
+    if 0.0 < lost < 0.5 * SEEN * energy and levels.second is not None:
+        second = _distance(levels.second, multiply, diagonal, c, fixed)
         if second.sum() < SEEN * energy:
-            seen = _rest(levels[0], first, second)
+            shape = levels.second.shape
+            doubt = min(shape) == 1
+            seen = _rest(levels.first, first, second, doubt=doubt)
             if second.sum() > max(HASTY * energy, FASTER * lost):
                 seen = max(seen, lost / (LATER - 1.0))
-            rest = max(seen, rest) if second.sum() > TRUSTED * energy else seen
-            rest = max(rest, FEW_LEFT * lost) if levels[1].single else rest
+            rest = max(seen, rest) if doubt and second.sum() > TRUSTED * energy else seen
+            rest = max(rest, FEW_LEFT * lost) if max(shape) == 1 else rest
     free = np.where(fixed, 0.0, diagonal)
     moved = np.minimum((c - c.mean(axis=0)) ** 2, c * c)  # nodes of stiff springs stay in place
     noise = ROUNDING * (free * moved).sum() + SOLVED * (free * c * c).sum()
@@ -191,11 +218,15 @@ def of_work(error: float) -> float:
     return error / (1.0 - min(error, STIFF))
 
 
-def _rest(level: Level, first: FloatArray, second: FloatArray) -> float:
-    """What finer cells would add, by what nodes lose on cells twice and four times as long."""
+def _rest(level: Level, first: FloatArray, second: FloatArray, *, doubt: bool) -> float:
+    """What finer cells would add, by what nodes lose on cells twice and four times as long.
+
+    With `doubt` these are one in a direction, and a slow fall that they show counts half.
+    """
     lost = first.sum()
     falls = (second.sum() - lost) / lost
-    whole = lost / (max(falls, 0.5 * (falls + LEAST), SLOW) - 1.0)
+    likely = 0.5 * (falls + LEAST) if doubt else falls
+    whole = lost / (max(falls, likely, SLOW) - 1.0)
     near, far = (np.maximum(level.T @ part, 0.0) for part in (first, second))
     factor = np.maximum(far - near, LEAST * near) / np.where(near > 0.0, near, 1.0)
     parts = near / np.where(near > 0.0, factor - 1.0, 1.0)

@@ -12,7 +12,8 @@ are ``degree=1, stabilization="void", weight=1.0``.
 
 Guarantees: equilibrium of loads and reactions, and twice the energy equal to the work, to the
 tolerance of the solver; exact for displacements in the space (affine ones, through affine maps)
-from degree 2 on, and of degree 1 with ``q=3, stabilization="ghost"``.
+from degree 2 on, and of degree 1 with ``q=3, stabilization="ghost"``; of degree 2 where planes meet
+within cells to 1e-5 of the stress, and exact there with ``q=5``.
 Non-guarantees: the defaults of degree 1 are chosen for speed: stresses of an affine displacement
 are off by up to 0.2 % in the mean square, and by up to a tenth in slivers of cells; small
 displacements; stresses at re-entrant edges grow without bound under refinement; walls of a cell or
@@ -88,8 +89,10 @@ class Elasticity(ElasticOperators):
         degree³ times as many unknowns; see `ilattice.cutfem` for which to use when.
     q : int, optional, keyword-only
         Gauss points per direction and piece of a cell; by default 2 for degree 1, which takes two
-        thirds of the time of 3 and costs accuracy in slivers (see above), else degree + 2: with
-        fewer, errors under tractions on a curved surface fall more slowly than those of the space.
+        thirds of the time of 3 and costs accuracy in slivers (see above), 4 for degree 2 and 6 for
+        degree 3, exact on cells that a plane cuts: with fewer, errors under tractions on a curved
+        surface fall more slowly than those of the space. Where planes meet within cells, 3, 5 and 6
+        are exact.
     stabilization : {"auto", "ghost", "void", "none"}, keyword-only
         What is done about badly cut cells: ``"ghost"`` penalises jumps, the default from degree 2
         on; ``"void"`` gives the void part of cut cells a weight, 4e-9 by default for degree 1.

@@ -21,7 +21,7 @@ from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import read_only
 from ilattice.cutfem import _kernels_elements as kernels
 from ilattice.quadrature.grid import CUT, CutGrid, DividedGrid
-from ilattice.quadrature.rules import Quadrature
+from ilattice.quadrature.rules import Quadrature, on_cells
 
 #: Pieces of splines that are worked on at once.
 BATCH = 1 << 15
@@ -158,10 +158,9 @@ def _counted(cut: CutGrid) -> tuple[IntArray, IntArray, FloatArray]:
 def _numbered(raw: ElementGrid, labels: list[IntArray], solid: Quadrature) -> ElementGrid:
     """The same with numbers of elements for labels; pieces without points are left out."""
     count = raw.count
-    cells = solid.cells[solid.owners]
-    several = np.isin(cells, raw.several)
-    found = raw.element_at(solid.points[several], cells[several])
-    owner = cells[several]
+    rule = on_cells(solid, raw.several)
+    owner = rule.cells[rule.owners]
+    found = raw.element_at(rule.points, owner)
     out: list[IntArray] = []
     parents: list[int] = []
     keep: list[bool] = []

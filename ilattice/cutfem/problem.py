@@ -365,7 +365,7 @@ class Problem(Posed):
     def _discretization_error(self, product: Product, c: FloatArray, energy: float) -> float:
         """Part of an energy that the cells miss of c (functions, m); see `relative_error`."""
         space, con = self.assembly.space, self.constraints
-        levels = self.domain.once(("coarser", space), lambda: discretization.levels(space))
+        levels = self.domain.once(("coarser", space), lambda: discretization.Levels(space))
         diagonal = np.ones_like(c)
         diagonal[con.nodes] = self._reduced().diagonal().reshape(-1, self.m)
 

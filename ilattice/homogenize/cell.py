@@ -493,7 +493,7 @@ class CellProblem(Problem):
         """Estimated part of twice an energy that finer cells would add; nothing is held."""
         asm, K = self.assembly, self.matrix
         levels = self.domain.once(
-            ("coarser", asm.space), lambda: discretization.levels(asm.space)
+            ("coarser", asm.space), lambda: discretization.Levels(asm.space)
         )  # as `Problem` keeps them
         return discretization.relative_error(
             levels, lambda v: (K @ v.ravel()).reshape(v.shape),

@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import connected_components
 import ilattice as il
 from ilattice.cutfem import Elasticity, Grid, Heat, buckling, natural_modes
 from ilattice.cutfem.coarsening import coarser
-from ilattice.cutfem.discretization import levels, of_work, relative_error
+from ilattice.cutfem.discretization import Levels, of_work, relative_error
 from ilattice.errors import PrecisionWarning
 
 BOX = [[-1.0] * 3, [1.0] * 3]
@@ -99,9 +99,10 @@ def bar(n, p, **options):
 def test_the_coarse_approximation_is_the_best_one(p):
     problem = bar(3, p, poisson=0.2).clamp("w=0").load(traction=(1.0, 0.3, 0.0), on="w=1")
     c, con, K = solved(problem), problem.constraints, problem.matrix.toarray()
-    P = levels(problem.assembly.space)[:1]
+    P = Levels(problem.assembly.space)
+    P.second = None
     free = ~con.fixed.ravel()
-    wide = np.kron(P[0].P.toarray(), np.eye(3))
+    wide = np.kron(P.first.P.toarray(), np.eye(3))
     wide = wide[:, np.abs(wide[~free]).max(axis=0) == 0][free]
     K, u = K[np.ix_(free, free)], c.ravel()[free]
     e = u - wide @ np.linalg.solve(wide.T @ K @ wide, wide.T @ K @ u)
@@ -213,7 +214,7 @@ def test_what_the_penalty_on_jumps_takes_is_in_the_estimate(p, r):
     def multiply(v):
         return np.where(con.fixed, 0.0, (full @ v.ravel()).reshape(v.shape))
 
-    coarse = levels(problem.assembly.space)
+    coarse = Levels(problem.assembly.space)
     rest = relative_error(coarse, multiply, full.diagonal().reshape(c.shape), c, con.fixed, energy)
     known = of_work(rest + jumps / energy)
     np.testing.assert_allclose(report.discretization_error, known, rtol=1e-4)

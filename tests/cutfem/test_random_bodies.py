@@ -154,3 +154,24 @@ def test_a_fall_between_cells_that_see_nothing_of_a_hole_is_not_believed():
 
     (coarse, told), (fine, _) = solved(n), solved(2 * n)
     assert 8e-3 < abs(fine / coarse - 1) <= 2 * told
+
+
+def test_a_slow_fall_that_many_cells_see_is_believed():
+    """A turned block with a bore of a cell, on 8 x 12 x 12: 1.4 % off, where 0.6 % were told."""
+    rng = np.random.default_rng([5201, 16, 15])
+    n = rng.integers(8, 13, 3)
+    rng.choice(3, p=[0.45, 0.42, 0.13])
+    box = np.array([-1 - rng.uniform(0, 0.2, 3), 1 + rng.uniform(0, 0.2, 3)])
+    solid, pull = holes(rng, 0.0), rng.standard_normal(3)
+    poisson = 0.4 * rng.random(7)[4]
+    solid = F.rotate(solid, rng.uniform(-0.35, 0.35), tuple(unit(rng)))
+
+    def solved(cells):
+        p = il.cutfem.Elasticity(solid, tuple(cells), domain=box, poisson=poisson).clamp("w=0")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            s = p.load(body=lambda x: pull + 0.3 * np.sin(2 * x)).solve()
+        return s.compliance, s.report.discretization_error
+
+    (coarse, told), (fine, _) = solved(n), solved(2 * n)
+    assert 0.012 < fine / coarse - 1 <= 2 * told
