@@ -27,8 +27,9 @@ from ilattice.fields.algebra import clipped
 from ilattice.fields.node import Node, as_node, is_empty
 from ilattice.macroshape.maps import SplineMap
 from ilattice.mesh import SurfaceMesh
-from ilattice.mesh.contouring import contour_arrays
+from ilattice.mesh.contouring import Contour, contour_arrays
 from ilattice.mesh.creases import sharpened
+from ilattice.mesh.measure import self_intersections
 from ilattice.mesh.repair import remove_slivers
 from ilattice.sdf._loss import check_loss
 from ilattice.sdf._through import mesh_through
@@ -47,6 +48,7 @@ BASE = 3e8
 LARGE = 5e6  # vertices above which edges stay chamfered
 MARGIN = 0.25  # spacings between the solid and the outermost planes, at least
 SLIVER = 0.005  # quality below which triangles are removed
+BACK = (0.5, 0.5, 1.0, 1.0)  # parts of the way back, one after the other, where triangles cross
 COARSE = 40  # samples per side of the estimate
 FIRST = 24  # spacings along the longest side where a tolerance picks them
 SETTLED = 90.0  # percent of the triangles that keep the tolerance: some edges stay chamfered
@@ -177,10 +179,30 @@ class Plan(Frozen):
                 PrecisionWarning,
                 stacklevel=4,
             )
-            return SurfaceMesh._adopt(raw.vertices, raw.faces)
+            return SurfaceMesh._adopt(self._parted(raw, axes), raw.faces)
         sharp = sharpened(raw, self.inner, axes, _corners(self.inner))
-        repair = remove_slivers(sharp.vertices, sharp.faces, sharp.kind, quality=SLIVER)
-        return SurfaceMesh._adopt(sharp.vertices[repair.vertices], repair.faces)
+        vertices = self._parted(sharp, axes)
+        repair = remove_slivers(vertices, sharp.faces, sharp.kind, quality=SLIVER)
+        return SurfaceMesh._adopt(vertices[repair.vertices], repair.faces)
+
+    def _parted(self, found: Contour, axes: list[FloatArray]) -> FloatArray:
+        """Vertices of a contour; of triangles that cross, nearer to the means of crossed edges.
+
+        There no triangles of a contour are known to cross. It happens where parts, or gaps between
+        them, are thinner than a cell, so that vertices of two sheets move past each other.
+        """
+        pairs, crossing = self_intersections(found.vertices, found.faces)
+        if not pairs:
+            return found.vertices
+        out = found.vertices.copy()
+        plain = contour_arrays(self.inner, axes, place="linear").vertices
+        for part in BACK:
+            at = np.unique(found.faces[crossing])
+            out[at] += part * (plain[at] - out[at])
+            pairs, crossing = self_intersections(out, found.faces)
+            if not pairs:
+                break
+        return out
 
 
 def plan(solid: Field, spacing: Any = None, *, memory: float = MEMORY) -> Plan:

@@ -337,3 +337,17 @@ def test_mesh_files_are_read_as_they_were_written(tmp_path, ending):
     ours, theirs = (il.cost.fill(*m, resolution=3).joined() for m in ((points, cells), (x, tets)))
     assert ours.mass == pytest.approx(theirs.mass, rel=1e-12)
     assert len(ours.positions) == len(theirs.positions)
+
+
+def test_beams_less_than_a_cell_apart_do_not_cross():
+    """Six beams that meet at acute angles: vertices on both sides of slits move past each other."""
+    first = [[1.52, 3.36, 0.41], [2.58, 3.18, 1.9], [0.66, 0.38, 1.15], [3.82, 3.13, 4.16],
+             [4.51, 3.27, 5.88], [2.74, 0.1, 4.7]]  # fmt: skip
+    last = [[-8.99, 6.63, 7.71], [-8.47, 6.53, 8.29], [-9.4, 5.41, 8.06], [-7.44, 6.47, 10.18],
+            [-7.23, 6.55, 10.94], [-7.98, 5.23, 10.45]]  # fmt: skip
+    ends = np.arange(12).reshape(2, 6).T
+    b = il.cost.Beams(first + last, ends, np.full((6, 2), 1.1))
+    with pytest.warns(PrecisionWarning):
+        m = b.mesh(1.0)
+    assert m.is_watertight
+    assert m.self_intersections == 0
