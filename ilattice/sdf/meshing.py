@@ -20,14 +20,14 @@ import numpy as np
 from ilattice._field import Field
 from ilattice._memory import available, need
 from ilattice._progress import Progress
-from ilattice._typing import FloatArray
+from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import Frozen, as_flag, as_positive, as_triple
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.fields.algebra import clipped
 from ilattice.fields.node import Node, as_node, is_empty
 from ilattice.macroshape.maps import SplineMap
 from ilattice.mesh import SurfaceMesh
-from ilattice.mesh.contouring import Contour, contour_arrays
+from ilattice.mesh.contouring import contour_arrays
 from ilattice.mesh.creases import sharpened
 from ilattice.mesh.measure import self_intersections
 from ilattice.mesh.repair import remove_slivers
@@ -179,27 +179,31 @@ class Plan(Frozen):
                 PrecisionWarning,
                 stacklevel=4,
             )
-            return SurfaceMesh._adopt(self._parted(raw, axes), raw.faces)
+            rows = np.arange(len(raw.vertices))
+            return SurfaceMesh._adopt(self._parted(raw.vertices, raw.faces, rows, axes), raw.faces)
         sharp = sharpened(raw, self.inner, axes, _corners(self.inner))
-        vertices = self._parted(sharp, axes)
-        repair = remove_slivers(vertices, sharp.faces, sharp.kind, quality=SLIVER)
-        return SurfaceMesh._adopt(vertices[repair.vertices], repair.faces)
+        repair = remove_slivers(sharp.vertices, sharp.faces, sharp.kind, quality=SLIVER)
+        rows = repair.vertices
+        vertices = self._parted(sharp.vertices[rows], repair.faces, rows, axes)
+        return SurfaceMesh._adopt(vertices, repair.faces)
 
-    def _parted(self, found: Contour, axes: list[FloatArray]) -> FloatArray:
-        """Vertices of a contour; of triangles that cross, nearer to the means of crossed edges.
+    def _parted(
+        self, vertices: FloatArray, faces: IntArray, rows: IntArray, axes: list[FloatArray]
+    ) -> FloatArray:
+        """Vertices, `rows` of a contour; where triangles cross nearer to means of crossed edges.
 
         There no triangles of a contour are known to cross. It happens where parts, or gaps between
         them, are thinner than a cell, so that vertices of two sheets move past each other.
         """
-        pairs, crossing = self_intersections(found.vertices, found.faces)
+        pairs, crossing = self_intersections(vertices, faces)
         if not pairs:
-            return found.vertices
-        out = found.vertices.copy()
-        plain = contour_arrays(self.inner, axes, place="linear").vertices
+            return vertices
+        out = vertices.copy()
+        plain = contour_arrays(self.inner, axes, place="linear").vertices[rows]
         for part in BACK:
-            at = np.unique(found.faces[crossing])
+            at = np.unique(faces[crossing])
             out[at] += part * (plain[at] - out[at])
-            pairs, crossing = self_intersections(out, found.faces)
+            pairs, crossing = self_intersections(out, faces)
             if not pairs:
                 break
         return out
