@@ -37,7 +37,7 @@ def mesh_of(figure: str, kind: str, coarser: float) -> "il.SurfaceMesh":
 
 def rows(quick: bool = False) -> Iterator[Row]:
     """Lines of the table: seconds as the ratio, then varying over constant thickness."""
-    coarser = 1.6 if quick else 1.0
+    coarser = 1.2 if quick else 1.0
     for figure in (*PAPER, "fig14"):
         times = []
         for kind in KINDS:
