@@ -16,8 +16,6 @@ def add_homogenize(app: "App") -> None:
     """Effective properties of a cell."""
     from cyclopts import Parameter
 
-    from ilattice.homogenize import job
-
     Numbers = Annotated[list[float] | None, Parameter(consume_multiple=True)]
 
     @app.command
@@ -57,6 +55,8 @@ def add_homogenize(app: "App") -> None:
         sphere
             File for Young's modulus in all directions as a surface, such as .vtp.
         """
+        from ilattice.homogenize import job
+
         _tell_cell(
             job.homogenize(
                 tile=tile,
@@ -97,8 +97,6 @@ def _number(value: float | None) -> str:
 def add_bands(app: "App") -> None:
     """Waves in a cell."""
     from cyclopts import Parameter
-
-    from ilattice.homogenize import job
 
     Files = Annotated[list[Path], Parameter(name=("--output", "-o"), consume_multiple=True)]
 
@@ -144,6 +142,8 @@ def add_bands(app: "App") -> None:
         mass
             Mass per volume of the solid.
         """
+        from ilattice.homogenize import job
+
         report = job.bands(
             tile=tile,
             output=output,
@@ -171,8 +171,6 @@ def add_bands(app: "App") -> None:
 def add_cost(app: "App") -> None:
     """Corner-sharing structures."""
     from cyclopts import App, Parameter
-
-    from ilattice.cost import job
 
     Files = Annotated[list[Path], Parameter(name=("--output", "-o"), consume_multiple=True)]
     Length = Annotated[float | None, Parameter(name="--h")]
@@ -215,6 +213,7 @@ def add_cost(app: "App") -> None:
             File for all numbers, as JSON.
         """
         from ilattice import _job
+        from ilattice.cost import job
 
         found = job.run(
             resolution=resolution,
@@ -239,8 +238,6 @@ def add_cost(app: "App") -> None:
 def add_shell(app: "App") -> None:
     """Shells over curves in an octant."""
     from cyclopts import Parameter
-
-    from ilattice.shells import job
 
     Files = Annotated[list[Path] | None, Parameter(name=("--output", "-o"), consume_multiple=True)]
     Many = Annotated[list[float] | None, Parameter(consume_multiple=True)]
@@ -292,6 +289,8 @@ def add_shell(app: "App") -> None:
         report
             File for all numbers, as JSON.
         """
+        from ilattice.shells import job
+
         if not topology:
             print("\n".join(job.listed()))
             return
@@ -321,8 +320,6 @@ def add_graph(app: "App") -> None:
     """Procedural graphs."""
     from cyclopts import Parameter
 
-    from ilattice.graph import job
-
     Files = Annotated[list[Path] | None, Parameter(name=("--output", "-o"), consume_multiple=True)]
 
     @app.command
@@ -351,6 +348,8 @@ def add_graph(app: "App") -> None:
         thickness
             Thickness of random graphs.
         """
+        from ilattice.graph import job
+
         report = job.run(
             action, file, output=output or [], h=h, cells=cells, seeds=seeds,
             thickness=thickness, progress=True,

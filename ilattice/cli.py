@@ -144,8 +144,6 @@ def _app() -> "App":
 def _add_demo(app: "App") -> None:
     from cyclopts import Parameter
 
-    from ilattice import _job
-
     Length = Annotated[float, Parameter(name="--h")]
 
     @app.command
@@ -159,13 +157,13 @@ def _add_demo(app: "App") -> None:
         h
             Length of the edges of the mesh.
         """
+        from ilattice import _job
+
         _summary(_job.demo(out, h=h, progress=True))
 
 
 def _add_build(app: "App") -> None:
     from cyclopts import Parameter
-
-    from ilattice import _job
 
     Files = Annotated[list[Path], Parameter(name=("--output", "-o"), consume_multiple=True)]
     Length = Annotated[float, Parameter(name="--h")]
@@ -218,6 +216,8 @@ def _add_build(app: "App") -> None:
         seed
             Draw one of the tiles for every cell; the same seed gives the same lattice.
         """
+        from ilattice import _job
+
         _summary(
             _job.build(
                 tile=tile,
@@ -239,8 +239,6 @@ def _add_build(app: "App") -> None:
 
 def _add_slice(app: "App") -> None:
     from cyclopts import Parameter
-
-    from ilattice import _job
 
     Files = Annotated[list[Path], Parameter(name=("--output", "-o"), consume_multiple=True)]
     Length = Annotated[float, Parameter(name="--h")]
@@ -283,6 +281,8 @@ def _add_slice(app: "App") -> None:
         seed
             Draw one of the tiles for every cell; the same seed gives the same lattice.
         """
+        from ilattice import _job
+
         report = _job.slices(
             tile=tile,
             through=through,
@@ -351,8 +351,6 @@ def _tell_solid(report: dict[str, Any]) -> None:
 
 
 def _add_others(app: "App") -> None:
-    from ilattice import _job, _warmup
-
     @app.command
     def info(file: str) -> None:
         """Tell what a file holds: the patches of a volume.
@@ -362,16 +360,22 @@ def _add_others(app: "App") -> None:
         file
             FILE or FILE#patch, or the name of a built-in volume.
         """
+        from ilattice import _job
+
         print("\n".join(map(printable, _job.describe(file))))
 
     @app.command
     def tiles() -> None:
         """List the catalogue of tiles."""
+        from ilattice import _job
+
         print("\n".join(_job.catalogue()))
 
     @app.command
     def warmup() -> None:
         """Compile all kernels now, so that later runs start at once."""
+        from ilattice import _warmup
+
         start = time.perf_counter()
         _warmup.warmup(progress=True)
         print(f"all kernels are compiled ({time.perf_counter() - start:.0f} s)")

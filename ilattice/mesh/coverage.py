@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 #: Points of the mid-surface at most, and vertices of the mesh next to each that are looked at.
 POINTS, VERTICES = 4000, 6
+#: Of a wall: along the normal and against it.
+SIDES = (1.0, -1.0)
 #: Distance from a triangle, relative to its longest edge, within which it covers a point.
 NEAR = 0.25
 #: Farther away than points are off the offset they may be where it has an edge.
@@ -45,15 +47,13 @@ def missing_part(wall: OffsetSolid, mesh: SurfaceMesh) -> float:
     float
         From 0 to 1, by area of the mid-surface.
     """
-    total = lacking = 0.0
-    for side in (1.0,) if wall.thickness.solid else (1.0, -1.0):
-        there, area, sides = _beside(wall, side, POINTS)
-        error, asked = wall._errors(there, sides)
-        fine = error <= OFF * np.maximum(np.abs(asked), wall.least_thickness)
-        far = ~covered(mesh, wall.lattice.through.x(there[fine]), SLACK * error[fine])
-        total += float(area[fine].sum())
-        lacking += float(area[fine][far].sum())
-    return lacking / total if total > 0.0 else 0.0
+    both = [_beside(wall, side, POINTS) for side in ((1.0,) if wall.thickness.solid else SIDES)]
+    there, area, sides = (np.concatenate(parts) for parts in zip(*both, strict=True))
+    error, asked = wall._errors(there, sides)
+    fine = error <= OFF * np.maximum(np.abs(asked), wall.least_thickness)
+    far = ~covered(mesh, wall.lattice.through.x(there[fine]), SLACK * error[fine])
+    total = float(area[fine].sum())
+    return float(area[fine][far].sum()) / total if total > 0.0 else 0.0
 
 
 def merged_part(wall: OffsetSolid) -> float:
@@ -70,7 +70,7 @@ def merged_part(wall: OffsetSolid) -> float:
         From 0 to 1, by area of the mid-surface.
     """
     total = lost = 0.0
-    for side in (1.0, -1.0):
+    for side in SIDES:
         there, area, sides = _beside(wall, side, SOME)
         asked = wall._asked.at(there, sides)
         near = (side * wall._true_distance(there) < MERGED * asked) & (asked > 0.0)
@@ -110,11 +110,15 @@ def covered(mesh: SurfaceMesh, x: FloatArray, slack: FloatArray) -> AnyArray:
     """
     if len(x) == 0:
         return np.zeros(0, np.bool_)
-    corner = np.asarray(mesh.faces).ravel()
-    order = np.argsort(corner, kind="stable")
-    first = np.searchsorted(corner[order], np.arange(len(mesh.vertices) + 1))
-    found: Any = cKDTree(mesh.vertices).query(x, k=min(VERTICES, len(mesh.vertices)))
+    tree = cKDTree(mesh.vertices, balanced_tree=False, compact_nodes=False)
+    found: Any = tree.query(x, k=min(VERTICES, len(mesh.vertices)))
     near = found[1].reshape(len(x), -1)
+    met = np.zeros(len(mesh.vertices), np.bool_)
+    met[near] = True
+    corner = np.asarray(mesh.faces).ravel()
+    at = np.flatnonzero(met[corner])  # the others are next to no point
+    order = at[np.argsort(corner[at], kind="stable")]
+    first = np.searchsorted(corner[order], np.arange(len(mesh.vertices) + 1))
     count = np.diff(first)[near].ravel()
     point = np.repeat(np.repeat(np.arange(len(x)), near.shape[1]), count)
     start = np.repeat(first[near.ravel()] - (np.cumsum(count) - count), count)

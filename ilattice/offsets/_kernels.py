@@ -32,6 +32,7 @@ from ilattice.offsets._kernels_newton import (
     soft_direction,
 )
 from ilattice.offsets._kernels_patches import (
+    CLEAR,
     DISTANCE,
     IMAGE,
     MULTIPLIER,
@@ -195,10 +196,13 @@ def multi_start(
         h = sh[first]
         if a < idx.shape[1]:
             s = idx[row, a]
-            if not in_reach(geom, sp, sx, sn, s, x, q):
+            if s < 0:
                 continue
             h = sh[s]
-            if seed_distance(sx, s, x) > reach + 2.0 * h:
+            away = seed_distance(sx, s, x)
+            if away > reach + 2.0 * h or away < sn[s, CLEAR]:
+                continue
+            if not reachable(geom, (sp[s, 0], sp[s, 1], sp[s, 2]), q):
                 continue
             if status != FALLBACK and not wanted(
                 geom, sp, sx, sn, idx, row, a, x, feet, seconds, i, used, h

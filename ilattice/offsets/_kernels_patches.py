@@ -154,13 +154,26 @@ def piece(geom, p, room):
 
 
 @inner(fastmath=FAST, error_model="numpy")
+def ends_between(geom, p, q):
+    """Whether one of p and q is beyond an open end of the domain, and the other one on such."""
+    if outside(geom, p) == outside(geom, q):
+        return False
+    for a in range(3):
+        if geom[CLOSED + a] == 0.0:
+            top = geom[TILES + a]
+            if p[a] == 0.0 or p[a] == top or q[a] == 0.0 or q[a] == top:
+                return True
+    return False
+
+
+@inner(fastmath=FAST, error_model="numpy")
 def together(geom, a, i, b, j):
     """Whether the tile coordinates in rows i and j are too close for two sheets that face alike.
 
     A foot on a face of the domain does not stand for those beyond it.
     """
     p, q = (a[i, 0], a[i, 1], a[i, 2]), (b[j, 0], b[j, 1], b[j, 2])
-    if across(geom, p, q) or outside(geom, p) != outside(geom, q):
+    if across(geom, p, q) or ends_between(geom, p, q):
         return False
     return (
         abs(a[i, 0] - b[j, 0]) < APART
@@ -172,7 +185,8 @@ def together(geom, a, i, b, j):
 @inner(fastmath=FAST, error_model="numpy")
 def width(sn, s):
     """How wide the patch of the seed s is, for its spacing: less where its normal turns much."""
-    return min(1.0, max(LEAST_ALIKE, TURN / (sn[s, BENT] + 1e-300)))
+    bent = sn[s, BENT]
+    return 1.0 if bent <= TURN else max(LEAST_ALIKE, TURN / bent)
 
 
 @inner(fastmath=FAST, error_model="numpy")

@@ -57,17 +57,9 @@ def mended(
     if known is not None:
         _replace(search, x, p, known[:, :3], known[:, 3:], feet, status, changed)
     if thorough and len(x) > 1:
-        near = cKDTree(feet[0, :, IMAGE:DISTANCE], balanced_tree=False).query(x)[1]
-        _replace(
-            search,
-            x,
-            p,
-            feet[0, near, :IMAGE],
-            feet[0, near, IMAGE:DISTANCE],
-            feet,
-            status,
-            changed,
-        )
+        near = _nearest(feet[0], x)
+        found = feet[0, near, :IMAGE], feet[0, near, IMAGE:DISTANCE]
+        _replace(search, x, p, *found, feet, status, changed)
     for _ in range(ROUNDS):
         best = np.abs(feet[0, :, DISTANCE])
         pick = np.full(len(x), -1)
@@ -84,6 +76,15 @@ def mended(
         if not better.any():
             break
     return int(changed.sum())
+
+
+def _nearest(feet: FloatArray, x: FloatArray) -> IntArray:
+    """Numbers of the feet nearest to queries; any one where none is nearer than their own."""
+    tree = cKDTree(feet[:, IMAGE:DISTANCE], balanced_tree=False)
+    most = np.abs(feet[:, DISTANCE]).max()
+    found: Any = tree.query(x, distance_upper_bound=most if most > 0.0 else np.inf)
+    out: IntArray = np.minimum(found[1], len(feet) - 1)
+    return out
 
 
 def started(search: ClosestPointSearch, start: FloatArray) -> tuple[FloatArray, ...]:

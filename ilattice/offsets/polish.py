@@ -20,8 +20,9 @@ if TYPE_CHECKING:
     from ilattice.offsets.closest import ClosestPoints
     from ilattice.offsets.mid_surface import MidSurface
 
-#: Searches for closest points, and steps after each of them that go by the feet that are known.
-ROUNDS, FOLLOWED = 3, 4
+#: Searches for closest points; after each of them but the first, which nearly all points settle by,
+#: and the last, so many steps that go by the feet that are known.
+ROUNDS, FOLLOWED = 4, 4
 #: Searches for what is left.
 STEPS = 12
 #: Residual at which a point is left alone, relative to the largest distance.
@@ -72,7 +73,7 @@ def polish(
         at = np.flatnonzero(~(residual <= limit))
         out[at] = u[at]
         known: ClosestPoints | None = None
-        for _ in range(rounds):
+        for i in range(rounds):
             if len(at) == 0:
                 break
             step, error, known = _step(lattice, out[at], fixed[at], side[at], d, distance, known)
@@ -82,7 +83,7 @@ def polish(
             at = at[go]
             known = None if known is None else known.rows(go)
             out[at] = inside(lattice, out[at] + step[go])
-            if followed and len(at):
+            if followed and 0 < i < rounds - 1 and len(at):
                 out[at], known = _followed(lattice, out[at], fixed[at], side[at], d, known, limit)
     return out, residual
 

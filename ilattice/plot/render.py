@@ -18,6 +18,7 @@ _LINE = (
     3.0  # pixels of height for a title, per point of its font: more than _HEAD if panels are low
 )
 _OCCLUSION = 0.04  # reach of the ambient occlusion, in units of the part's size
+_RAYS = 16  # per pixel, blurred: twice as many look the same and take a second more
 
 
 #: Scenes, whose class stands above this module.
@@ -91,7 +92,7 @@ def _draw(
         plotter.add_axes(color="black")
     if scene.occlusion:
         reach = max(_OCCLUSION * float(np.ptp(points, axis=0).max()), 1e-30)
-        plotter.enable_ssao(radius=reach, bias=0.08 * reach, kernel_size=32, blur=True)
+        plotter.enable_ssao(radius=reach, bias=0.08 * reach, kernel_size=_RAYS, blur=True)
 
 
 def _behind(mapper: Any) -> None:
