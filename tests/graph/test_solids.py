@@ -161,6 +161,15 @@ def test_voxels_repeat_and_are_written(tmp_path):
     assert il.homogenize.voxels(tmp_path / "v.vti", estimate=False).density == want.density
 
 
+@pytest.mark.parametrize("name", ["schwarz_p", "bcc_6_hole", "assembled3", "fcc_solid"])
+@pytest.mark.parametrize("count", [5, 37])
+def test_blocks_of_voxels_tell_the_sign_of_each(name, count):
+    body = g.library[name].thickened(factor=1.7).body
+    a = (np.arange(count) + 0.5) / count
+    u = np.stack(np.meshgrid(a, a, a, indexing="ij"), axis=-1).reshape(-1, 3)
+    assert (body.voxels(count).ravel() == (body.field(u) < 0)).all()
+
+
 def test_copies_turn_as_they_should():
     turned = strut((0.5, 0.5, 0), (1, 0.5, 0)).moved(
         angle=np.pi / 2, axis="z", origin=(0.5, 0.5, 0)
