@@ -215,4 +215,4 @@ class Body(Frozen):
 
 def _corners(size: int) -> IntArray:
     """Whole numbers of three coordinates below a size, (size³, 3)."""
-    return np.stack(np.indices((size,) * 3), axis=-1).reshape(-1, 3)
+    return np.indices((size,) * 3).reshape(3, -1).T
