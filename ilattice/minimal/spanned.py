@@ -24,13 +24,11 @@ from ilattice.minimal.symmetry import Isometry, half_turn
 
 #: Edges per side with which sides begin to slide.
 _COARSE = 4
-#: How a film is searched: how many times as many edges, in how many steps vertices slide along
-#: straight sides before it is solved for (None: they stay), and how many steps that may take.
-_ATTEMPTS = tuple(
-    (factor, slides, most)
-    for factor in (1, 2)
-    for slides, most in ((None, MOST_STEPS), (0, 100), (2, 100), (8, 100), (None, 100))
-)
+#: How a film is searched: how many times as many edges, and in how many steps vertices slide along
+#: straight sides before it is solved for (None: they stay; a half: once, and half of it back), and
+#: how many steps that may take.
+_SLIDES = ((None, MOST_STEPS), (0, 100), (2, 100), (8, 100), (0.5, 100), (None, 100))
+_ATTEMPTS = tuple((factor, *row) for factor in (1, 2) for row in _SLIDES)
 
 
 def direct(
@@ -171,23 +169,27 @@ def _film(sides: list[FloatArray], disc: Disc) -> tuple[Disc, Solved]:
     raise reasons[0]
 
 
-def _attempt(sides: list[FloatArray], disc: Disc, slides: int | None, most: int) -> Solved:
+def _attempt(sides: list[FloatArray], disc: Disc, slides: float | None, most: int) -> Solved:
     """The surface after some steps in which vertices slide along straight sides."""
+    faces, flat = disc.faces, cotangents(disc.flat, disc.faces)
     loop = np.concatenate([_resampled(side, disc.n)[:-1] for side in sides])
     fixed = Motion.inside(disc.count, disc.boundary)
     v = disc.fan(loop.mean(axis=0), loop[:: disc.n])
     v[disc.boundary :] = loop
-    v = fair_step(v, fixed, cotangents(disc.flat, disc.faces))
+    v = fair_step(v, fixed, flat)
     if slides is None:
-        found = stationary(v, disc.faces, fixed, what="the surface", most=most)
+        found = stationary(v, faces, fixed, what="the surface", most=most)
         return replace(found, factorizations=found.factorizations + 1)
     motion = Motion(_along_sides(fixed, disc, sides))
-    v = fair_step(v, motion, cotangents(disc.flat, disc.faces))
-    for _ in range(slides):
-        v = fair_step(v, motion, cotangents(v, disc.faces))
-    found = stationary(v, disc.faces, fixed, what="the surface", fairing=motion, most=most)
+    v = fair_step(v, motion, flat)
+    if slides == 0.5:
+        v[disc.boundary :] += 0.5 * (loop - v[disc.boundary :])
+        v, motion = fair_step(v, fixed, flat), fixed
+    for _ in range(int(slides)):
+        v = fair_step(v, motion, cotangents(v, faces))
+    found = stationary(v, faces, fixed, what="the surface", fairing=motion, most=most)
     _check_order(found.vertices, disc, sides)
-    return replace(found, factorizations=found.factorizations + slides + 2)
+    return replace(found, factorizations=found.factorizations + int(slides) + 2)
 
 
 def _along_sides(fixed: Motion, disc: Disc, sides: list[FloatArray]) -> FloatArray:
