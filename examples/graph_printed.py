@@ -1,4 +1,4 @@
-"""Blocks of 3 x 3 x 3 cells for a printer, 90 mm wide with walls of 1.5 mm (paper figure 10).
+"""Blocks of 3 x 3 x 3 cells for a printer, 90 mm wide with walls of 2 mm (paper figure 10).
 
 Of some random graphs of each kind the one that is stiffest for its density is taken, with the least
 thickness that can be printed, and written as a watertight mesh of 27 cells. The material in a block
@@ -26,7 +26,7 @@ def best(kind: str, seeds: int, thickness: float, cells: int) -> "il.graph.Graph
 
 
 def main(
-    seeds: int = 12, cells: int = 32, edge: float = 30.0, wall: float = 1.5, h: float = 0.6,
+    seeds: int = 12, cells: int = 32, edge: float = 30.0, wall: float = 2.0, h: float = 0.8,
     kinds: tuple[str, ...] = KINDS, out: str = "",
 ) -> dict[str, float]:  # fmt: skip
     """Densities of cells, and of the blocks made of them; with `out`, STL files and a picture."""

@@ -362,6 +362,9 @@ def test_pictures_are_drawn(tmp_path):
     assert len(figure.axes) == 4
     figure.savefig(tmp_path / "g.png", dpi=40)
     assert len(graph.plot(stages=False).axes) == 1
+    thin = schwarz_p(thickness=0.02).plot().axes[3]
+    assert not thin.texts  # of why there is no picture
+    assert len(thin.collections) == 1
     assert len(g.contact_sheet([graph] * 3, columns=2).axes) == 3
 
 
