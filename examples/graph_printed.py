@@ -2,7 +2,7 @@
 
 Of some random graphs of each kind the one that is stiffest for its density is taken, with the least
 thickness that can be printed, and written as a watertight mesh of 27 cells. The material in a block
-is 27 times that of a cell, within three hundredths, which bends lose.
+is 27 times that of a cell, within a twentieth, which bends lose.
 
     python examples/graph_printed.py
 """
@@ -26,7 +26,7 @@ def best(kind: str, seeds: int, thickness: float, cells: int) -> "il.graph.Graph
 
 
 def main(
-    seeds: int = 12, cells: int = 32, edge: float = 30.0, wall: float = 2.0, h: float = 0.8,
+    seeds: int = 8, cells: int = 24, edge: float = 30.0, wall: float = 2.0, h: float = 0.6,
     kinds: tuple[str, ...] = KINDS, out: str = "",
 ) -> dict[str, float]:  # fmt: skip
     """Densities of cells, and of the blocks made of them; with `out`, STL files and a picture."""
@@ -38,7 +38,7 @@ def main(
         mesh = solid.mesh(h)
         assert mesh.is_watertight
         density, cell = mesh.volume / (3.0 * edge) ** 3, float(graph.voxels(200).mean())
-        assert abs(density / cell - 1.0) < 0.03
+        assert abs(density / cell - 1.0) < 0.05
         numbers[f"density of the {kind} cell"] = cell
         numbers[f"density of the {kind} block"] = density
         meshes[kind] = mesh
