@@ -2,7 +2,8 @@
 
 Of some random graphs of each kind the one that is stiffest for its density is taken, with the least
 thickness that can be printed, and written as a watertight mesh of 27 cells. The material in a block
-is 27 times that of a cell, within a twentieth, which bends lose.
+is 27 times that of a cell, within a twentieth, which bends lose. Random shells need not hang
+together: of how many parts a block is, is told.
 
     python examples/graph_printed.py
 """
@@ -41,6 +42,7 @@ def main(
         assert abs(density / cell - 1.0) < 0.05
         numbers[f"density of the {kind} cell"] = cell
         numbers[f"density of the {kind} block"] = density
+        numbers[f"parts of the {kind} block"] = mesh.components
         meshes[kind] = mesh
         if out:
             mesh.save(f"{out}_{kind}.stl")
