@@ -536,6 +536,19 @@ def test_the_more_a_boundary_may_slide_the_smaller_is_the_surface():
     assert areas["area of the conjugate surface"] == pytest.approx(2.34511, abs=2e-4)
 
 
+def test_lengths_of_the_dual_polygon_of_iwp_are_roots():
+    numbers = run("graph_conjugate_steps", edges=12)
+    assert numbers["side 2 over side 1"] == pytest.approx(np.sqrt(2.0), rel=1e-3)
+    assert numbers["side 3 over side 1"] == pytest.approx(2.0, rel=1e-3)
+    assert numbers["area"] == pytest.approx(3.46410, rel=2e-3)
+
+
+def test_blocks_for_a_printer_hold_27_cells():
+    numbers = run("graph_printed", seeds=2, cells=12, wall=4.0, h=1.4, kinds=("truss",))
+    cell = numbers["density of the truss cell"]
+    assert numbers["density of the truss block"] == pytest.approx(cell, rel=0.03)
+
+
 def test_random_graphs_stay_below_the_bound():
     parts = run("graph_exploration", seeds=(0, 2), cells=12)
     assert 0.0 < max(parts.values()) < 1.0

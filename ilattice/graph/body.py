@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ilattice._typing import AnyArray, ArrayLike, FloatArray
+from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import Frozen, as_points
 from ilattice.errors import GeometryError, InputError
 from ilattice.fields import difference, from_callable, intersection, union
@@ -24,6 +24,8 @@ from ilattice.tiles.skeleton import STAND_IN, FlattenedField
 
 #: Values above this are not needed where a sign is asked for.
 _SIGN = 1e-9
+#: Voxels along the edges of blocks of which one value may tell all signs.
+_BLOCK = 8
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -185,10 +187,32 @@ class Body(Frozen):
 
     def voxels(self, count: int) -> AnyArray:
         """Whether the middles of voxels are inside, (count, count, count)."""
-        a = (np.arange(count) + 0.5) / count
-        y, z = np.meshgrid(a, a, indexing="ij")
-        out = np.empty((count,) * 3, bool)
-        for i, x in enumerate(a):
-            u = np.stack([np.full(y.size, x), y.ravel(), z.ravel()], axis=1)
-            out[i] = (self.field.up_to(_SIGN, u) < 0.0).reshape(y.shape)
+        out = np.zeros((count,) * 3, bool)
+        starts = np.arange(0, count, _BLOCK)
+        y, z = np.meshgrid(starts, starts, indexing="ij")
+        for x in starts:
+            blocks = np.stack([np.full(y.size, x), y.ravel(), z.ravel()], axis=1)
+            self._fill(out, blocks)
         return out
+
+    def _fill(self, out: AnyArray, blocks: IntArray) -> None:
+        """Mark the voxels of blocks, and halve the blocks that the boundary may cross."""
+        count, size = len(out), _BLOCK
+        while len(blocks):
+            middles = 0.5 * (blocks + np.minimum(blocks + size, count)) / count
+            if size == 1:
+                out[tuple(blocks.T)] = self.field.up_to(_SIGN, middles) < 0.0
+                return
+            reach = self.field.lipschitz * 0.5 * np.sqrt(3.0) * (size - 1) / count + _SIGN
+            value = self.field.up_to(1.01 * reach, middles)
+            full = blocks[value < -reach][:, None] + _corners(size)
+            full = full[(full < count).all(axis=2)]
+            out[tuple(full.T)] = True
+            size //= 2
+            blocks = (blocks[np.abs(value) <= reach][:, None] + size * _corners(2)).reshape(-1, 3)
+            blocks = blocks[(blocks < count).all(axis=1)]
+
+
+def _corners(size: int) -> IntArray:
+    """Whole numbers of three coordinates below a size, (size³, 3)."""
+    return np.indices((size,) * 3).reshape(3, -1).T

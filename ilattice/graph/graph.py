@@ -318,13 +318,17 @@ class Graph(Frozen):
         except IlatticeError as e:
             raise GraphError(self._evaluation.told(self.solid_node), str(e)) from e
 
-    def mesh(self, h: float = 0.02, *, progress: Progress = None) -> SurfaceMesh:
+    def mesh(
+        self, h: float = 0.02, *, allow_loss: bool = False, progress: Progress = None
+    ) -> SurfaceMesh:
         """The solid in one cell, closed by the faces of the cell.
 
         Parameters
         ----------
         h : float
             Spacing of the grid.
+        allow_loss : bool
+            Accept a mesh whose volume differs by more than 5 % from that of the solid.
         progress : bool or callable, optional
             See `ilattice._progress.track`.
 
@@ -332,11 +336,17 @@ class Graph(Frozen):
         -------
         SurfaceMesh
             Watertight.
+
+        Raises
+        ------
+        GeometryError
+            If the mesh is too coarse for the solid, or the solid is empty.
         """
         from ilattice.sdf import mesh
 
         cube = translate(box(0.5), (0.5, 0.5, 0.5))
-        return mesh(intersection(cube, from_callable(self.body.field)), h, progress=progress)
+        solid = intersection(cube, from_callable(self.body.field))
+        return mesh(solid, h, allow_loss=allow_loss, progress=progress)
 
     def voxels(self, count: int | None = None) -> AnyArray:
         """The solid as voxels.

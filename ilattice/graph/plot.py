@@ -3,12 +3,13 @@
 Non-guarantee: pictures are for eyes; what is behind may be drawn before.
 """
 
+import warnings
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ilattice._typing import FloatArray
-from ilattice.errors import IlatticeError
+from ilattice.errors import IlatticeError, PrecisionWarning
 from ilattice.graph.nodes import Node
 from ilattice.graph.shapes import Shape
 from ilattice.graph.skeletons import Line, Skeleton, Surface
@@ -27,7 +28,8 @@ COLOURS = {
     "stiffness": "#fb6a4a", "bandgap": "#fb6a4a",
 }  # fmt: skip
 _MOST_FACES, _MOST_NODES = 20_000, 400
-_GRID = 48
+#: Cells of the grid by which solids are drawn, and most of them where parts are thin.
+_GRID, _FINEST = 48, 90
 
 
 def figure(graph: "Graph", *, stages: bool) -> "Figure":
@@ -160,7 +162,10 @@ def draw_solid(axes: Any, graph: "Graph") -> None:
         The graph.
     """
     try:
-        mesh = graph.mesh(1.0 / _GRID)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", PrecisionWarning)  # it is the shape that is drawn
+            thin = 1.4 * graph.body.field.thinnest  # of the radius
+            mesh = graph.mesh(min(1.0 / _GRID, max(thin, 1.0 / _FINEST)), allow_loss=True)
     except IlatticeError as e:  # nothing that this grid sees
         axes.text(0.1, 0.5, 0.5, f"no picture:\n{str(e)[:60]}", fontsize=6)
         return

@@ -4,6 +4,7 @@ Guarantee: a volume that is written and read again is the same to the last bit, 
 of normals, which are made unit vectors.
 """
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -65,23 +66,35 @@ def region_data(region: Region) -> dict[str, Any]:
     dict
         Its kind, and what that needs.
     """
-    size = (region.cell / 2.0).tolist()
-    named: list[tuple[dict[str, Any], Region]] = [
-        ({"kind": "cuboid", "size": size}, cuboid(size)),
-        ({"kind": "prism"}, prism()),
-        ({"kind": "tetrahedron", "copies": 48}, tetrahedron()),
-        ({"kind": "tetrahedron", "copies": 192}, tetrahedron(192)),
-    ]
-    for data, known in named:
-        pairs = ((region.normals, known.normals), (region.offsets, known.offsets))
-        if all(np.array_equal(a, b) for a, b in (*pairs, (region.cell, known.cell))):
-            return data
+    size = region.cell / 2.0
+    box = np.vstack([-np.eye(3), np.eye(3)]), np.concatenate([np.zeros(3), size]), region.cell
+    if _same(region, *box):
+        return {"kind": "cuboid", "size": size.tolist()}
+    for data, known in _named():
+        if _same(region, known.normals, known.offsets, known.cell):
+            return dict(data)
     return {
         "kind": "halfspaces",
         "normals": np.round(region.normals, 15).tolist(),
         "offsets": np.round(region.offsets, 15).tolist(),
         "cell": region.cell.tolist(),
     }
+
+
+@lru_cache(maxsize=1)
+def _named() -> tuple[tuple[dict[str, Any], Region], ...]:
+    """Volumes without a parameter that is a number."""
+    return (
+        ({"kind": "prism"}, prism()),
+        ({"kind": "tetrahedron", "copies": 48}, tetrahedron()),
+        ({"kind": "tetrahedron", "copies": 192}, tetrahedron(192)),
+    )
+
+
+def _same(region: Region, normals: Any, offsets: Any, size: Any) -> bool:
+    """Whether a region has these half-spaces and this cell, bit by bit."""
+    pairs = ((region.normals, normals), (region.offsets, offsets), (region.cell, size))
+    return all(np.array_equal(a, b) for a, b in pairs)
 
 
 def region_from(data: Any) -> Region:

@@ -30,6 +30,8 @@ from ilattice.minimal.disc import (
 #: Largest mean curvature, times the size of the surface, of what counts as solved.
 TOLERANCE = 1e-8
 MOST_STEPS = 24
+#: Up to this mean curvature, triangles may be so thin that rounding is all there is.
+_ROUNDED = 1e-4
 #: Steps longer than this part of the mean edge give new normals.
 _SHORT = 0.05
 _FAIR_STEPS = 2
@@ -114,7 +116,8 @@ class Solved:
     vertices : (V, 3) array
         Where the area is stationary.
     residual : float
-        Largest mean curvature (mean of the two principal ones) times the size of the surface.
+        Largest mean curvature (mean of the two principal ones) times the size of the surface; above
+        `TOLERANCE` only where rounding is, beside triangles with angles near 0.
     factorizations : int
         Sparse factorizations.
     """
@@ -180,6 +183,7 @@ def stationary(
     what: str,
     directions: FloatArray | None = None,
     fairing: Motion | None = None,
+    most: int = MOST_STEPS,
 ) -> Solved:
     """Surface of stationary area near a given one.
 
@@ -198,6 +202,8 @@ def stationary(
         normals, after steps that make triangles fair.
     fairing : Motion, optional
         Where vertices may go in steps that make triangles fair, by default the same.
+    most : int
+        Most steps.
 
     Returns
     -------
@@ -211,14 +217,14 @@ def stationary(
     """
     newton = _Newton(v, faces, motion, directions)
     newton.fairing = motion if fairing is None else fairing
-    for step in range(MOST_STEPS):
-        if newton.residual <= TOLERANCE or newton.torn:
+    for step in range(most):
+        if newton.solved or newton.torn:
             break
         if (step < _FAIR_STEPS and directions is None) or not newton.step():
             if directions is not None:
                 break
             newton.fair()
-    if not newton.residual <= TOLERANCE:
+    if not newton.solved:
         raise ConvergenceError(
             f"{what} does not become minimal: after {newton.factorizations} steps its mean "
             f"curvature times its size is {newton.residual:.3g}, not {TOLERANCE:g}; it may not "
@@ -261,6 +267,15 @@ class _Newton:
         if not self.areas.min() > 1e-14 * self.size**2:
             return float("inf")
         return 0.5 * self.size * float(np.abs(gradient / self.areas).max())
+
+    @property
+    def solved(self) -> bool:
+        """Whether the mean curvature vanishes, or the gradient is what rounding leaves of it."""
+        if not TOLERANCE < self.residual < _ROUNDED:
+            return self.residual <= TOLERANCE
+        rows = np.asarray(abs(cotangents(self.v, self.faces)).sum(axis=1)).ravel()
+        rounding = np.finfo(float).eps * self.size * rows
+        return bool((np.abs(self.gradient) <= rounding).all())
 
     def fair(self) -> None:
         """One step of the cotangent iteration."""

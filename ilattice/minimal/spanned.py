@@ -4,6 +4,7 @@ Guarantees: as those of `ilattice.minimal.plateau`; what does not converge is re
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,14 +16,19 @@ from ilattice._validate import as_array, as_items, as_not_negative, as_triple, r
 from ilattice.errors import ConvergenceError, InputError
 from ilattice.minimal.closing import conjugated
 from ilattice.minimal.completion import edge_table
-from ilattice.minimal.disc import Disc, cotangents, opposite_edges
+from ilattice.minimal.disc import MOST_VERTICES, Disc, cotangents, opposite_edges
 from ilattice.minimal.patch import MinimalPatch, Report, made
-from ilattice.minimal.plateau import TOLERANCE, Motion, fair_step, stationary
+from ilattice.minimal.plateau import MOST_STEPS, TOLERANCE, Motion, Solved, fair_step, stationary
 from ilattice.minimal.region import MOST_FACES, Region
 from ilattice.minimal.symmetry import Isometry, half_turn
 
 #: Edges per side with which sides begin to slide.
 _COARSE = 4
+#: How a film is searched: how many times as many edges, and in how many steps vertices slide along
+#: straight sides before it is solved for (None: they stay; a half: once, and half of it back), and
+#: how many steps that may take.
+_SLIDES = ((None, MOST_STEPS), (0, 100), (2, 100), (8, 100), (0.5, 100), (None, 100))
+_ATTEMPTS = tuple((factor, *row) for factor in (1, 2) for row in _SLIDES)
 
 
 def direct(
@@ -40,7 +46,7 @@ def direct(
     boundary : array_like, shape (N, 3), or sequence of N arrays (k, 3)
         Corners of a polygon; or its sides as polylines, each starting where the last one ends.
     n : int
-        Edges per side, at least 2.
+        Edges per side, at least 2. Where no surface is found with them, twice as many.
     alpha : float
         Weight of bending against stretching, a squared length: 0 is the minimal surface, from
         which the shell is deformed.
@@ -72,18 +78,10 @@ def direct(
     sides, straight = _as_sides(boundary)
     disc = Disc.checked(len(sides), n)
     weight = as_not_negative("alpha", alpha)
-    loop = np.concatenate([_resampled(side, disc.n)[:-1] for side in sides])
-    motion = Motion.inside(disc.count, disc.boundary)
-    v = disc.fan(loop.mean(axis=0), loop[:: disc.n])
-    v[disc.boundary :] = loop
-    v = fair_step(v, motion, cotangents(disc.flat, disc.faces))
-    start = v
-    (found,) = staged(
-        {"surface": lambda: stationary(start, disc.faces, motion, what="the surface")}, progress
-    )
-    v, residual, count = found.vertices, found.residual, found.factorizations + 1
+    ((disc, found),) = staged({"surface": lambda: _film(sides, disc)}, progress)
+    v, residual, count = found.vertices, found.residual, found.factorizations
     if weight > 0.0:
-        film = v
+        film, motion = v, Motion.inside(disc.count, disc.boundary)
         ((v, residual),) = staged({"shell": lambda: _shell(film, disc, motion, weight)}, progress)
         count += 1
     if cell is not None and not straight:
@@ -151,6 +149,66 @@ def mixed(
 
 
 # --- direct ------------------------------------------------------------------------------------
+
+
+def _film(sides: list[FloatArray], disc: Disc) -> tuple[Disc, Solved]:
+    """The surface of least area, and the disc that it is one of.
+
+    Equal steps along sides far from those of a conformal map fold triangles. Where that keeps the
+    surface from being found, the vertices slide along straight sides, and sides are cut finer.
+    """
+    reasons = []
+    for factor, slides, most in _ATTEMPTS:
+        finer = Disc(disc.sides, factor * disc.n)
+        if finer.count > MOST_VERTICES:
+            continue
+        try:
+            return finer, _attempt(sides, finer, slides, most)
+        except ConvergenceError as e:
+            reasons.append(e)
+    raise reasons[0]
+
+
+def _attempt(sides: list[FloatArray], disc: Disc, slides: float | None, most: int) -> Solved:
+    """The surface after some steps in which vertices slide along straight sides."""
+    faces, flat = disc.faces, cotangents(disc.flat, disc.faces)
+    loop = np.concatenate([_resampled(side, disc.n)[:-1] for side in sides])
+    fixed = Motion.inside(disc.count, disc.boundary)
+    v = disc.fan(loop.mean(axis=0), loop[:: disc.n])
+    v[disc.boundary :] = loop
+    v = fair_step(v, fixed, flat)
+    if slides is None:
+        found = stationary(v, faces, fixed, what="the surface", most=most)
+        return replace(found, factorizations=found.factorizations + 1)
+    motion = Motion(_along_sides(fixed, disc, sides))
+    v = fair_step(v, motion, flat)
+    if slides == 0.5:
+        v[disc.boundary :] += 0.5 * (loop - v[disc.boundary :])
+        v, motion = fair_step(v, fixed, flat), fixed
+    for _ in range(int(slides)):
+        v = fair_step(v, motion, cotangents(v, faces))
+    found = stationary(v, faces, fixed, what="the surface", fairing=motion, most=most)
+    _check_order(found.vertices, disc, sides)
+    return replace(found, factorizations=found.factorizations + int(slides) + 2)
+
+
+def _along_sides(fixed: Motion, disc: Disc, sides: list[FloatArray]) -> FloatArray:
+    """Projectors that let the vertices of straight sides slide along these."""
+    p = np.array(fixed.projectors)
+    for row, side in zip(disc.side_rows, sides, strict=True):
+        if len(side) == 2:
+            t = (side[1] - side[0]) / np.linalg.norm(side[1] - side[0])
+            p[row[1:-1]] = np.outer(t, t)
+    return read_only(p)
+
+
+def _check_order(v: FloatArray, disc: Disc, sides: list[FloatArray]) -> None:
+    """Refuse vertices that have passed each other, or a corner, on a side."""
+    for row, side in zip(disc.side_rows, sides, strict=True):
+        if len(side) == 2:
+            t = side[1] - side[0]
+            if not (np.diff(v[row] @ t) > 0.0).all():
+                raise ConvergenceError("vertices pass each other on a side of the surface")
 
 
 def _shell(v: FloatArray, disc: Disc, motion: Motion, weight: float) -> tuple[FloatArray, float]:

@@ -552,26 +552,53 @@ def _halved(boxes: FloatArray) -> tuple[IntArray, IntArray, FloatArray]:
     middle = boxes[:, :3] + boxes[:, 3:6]
     order = np.arange(len(boxes))
     starts, sizes = np.zeros(1, np.int64), np.array([len(boxes)])
-    nodes, bounds, count = [], [], 0
+    levels: list[IntArray] = []
+    count = 0
     while len(starts):
-        first = np.cumsum(sizes) - sizes
-        at = np.arange(int(sizes.sum())) - np.repeat(first - starts, sizes)
-        part = boxes[order[at]]
-        lows = np.minimum.reduceat(part[:, :3], first)
-        tops = np.maximum.reduceat(part[:, 3:], first)
-        bounds.append(np.concatenate([lows, tops], axis=1))
         count += len(starts)
         big = sizes > LEAF
         node = np.stack([-1 - starts, sizes], axis=1)
         node[big, 0] = count + 2 * np.arange(int(big.sum()))
         node[big, 1] = node[big, 0] + 1
-        nodes.append(node)
-        owner = np.repeat(np.arange(len(starts)), sizes)
-        centre = middle[order[at]]
-        spread = np.maximum.reduceat(centre, first) - np.minimum.reduceat(centre, first)
-        key = centre[np.arange(len(at)), spread.argmax(axis=1)[owner]]
-        order[at] = order[at][np.lexsort((key, owner))]
-        half = sizes[big] // 2
-        starts = np.stack([starts[big], starts[big] + half], axis=1).ravel()
-        sizes = np.stack([half, sizes[big] - half], axis=1).ravel()
-    return order, np.concatenate(nodes), np.concatenate(bounds)
+        levels.append(node)
+        starts, sizes = starts[big], sizes[big]
+        _sort(order, middle, starts, sizes)
+        half = sizes // 2
+        starts = np.stack([starts, starts + half], axis=1).ravel()
+        sizes = np.stack([half, sizes - half], axis=1).ravel()
+    return order, np.concatenate(levels), _bounds(boxes[order], levels)
+
+
+def _sort(order: IntArray, middle: FloatArray, starts: IntArray, sizes: IntArray) -> None:
+    """Sort parts of an order along their longest sides; sizes differ by one at most."""
+    if not len(starts):
+        return
+    first = np.cumsum(sizes) - sizes
+    owner = np.repeat(np.arange(len(starts)), sizes)
+    at = np.arange(len(owner)) + (starts - first)[owner]
+    rows = order[at]
+    centre = middle[rows]
+    spread = np.maximum.reduceat(centre, first) - np.minimum.reduceat(centre, first)
+    used = np.arange(int(sizes.max())) < sizes[:, None]
+    table = np.full(used.shape, np.inf)
+    table[used] = centre[np.arange(len(at)), spread.argmax(axis=1)[owner]]
+    order[at] = rows[np.argsort(table, axis=1, kind="stable")[used] + first[owner]]
+
+
+def _bounds(boxes: FloatArray, levels: list[IntArray]) -> FloatArray:
+    """Boxes of nodes: of leaves from what they hold, of others from their children."""
+    node = np.concatenate(levels)
+    out = np.empty((len(node), boxes.shape[1]))
+    leaves = np.flatnonzero(node[:, 0] < 0)
+    leaves = leaves[np.argsort(-1 - node[leaves, 0])]
+    first = -1 - node[leaves, 0]
+    out[leaves, :3] = np.minimum.reduceat(boxes[:, :3], first)
+    out[leaves, 3:] = np.maximum.reduceat(boxes[:, 3:], first)
+    ends = np.cumsum([len(level) for level in levels])
+    for level, end in zip(levels[::-1], ends[::-1], strict=True):
+        inner = np.flatnonzero(level[:, 0] >= 0)
+        one, two = out[level[inner, 0]], out[level[inner, 1]]
+        rows = inner + end - len(level)
+        out[rows, :3] = np.minimum(one[:, :3], two[:, :3])
+        out[rows, 3:] = np.maximum(one[:, 3:], two[:, 3:])
+    return out

@@ -57,6 +57,8 @@ from ilattice.tiles.tile import Tile
 
 FACES = ("x-", "x+", "y-", "y+", "z-", "z+")
 KINDS = ("open", "closed", "periodic")
+#: About how many pieces tell how far from its pieces a cell is anywhere.
+MANY = 1000
 #: How far outside the tile an entity may be, and what counts as on a face, in tile coordinates.
 ON_FACE = 1e-9
 #: Error of the spline that stands in for a skeleton, relative to its smallest radius.
@@ -299,10 +301,13 @@ class SkeletonField(Field, Frozen):
         own = self._own_pieces
         if not any(self.repeats):
             return tree_of(own)
-        # An image that is farther from the cell than its own pieces ever are is never nearest.
+        # An image that is farther from the cell than its own pieces, or some of them, ever are is
+        # never nearest.
         a = (np.arange(8) + 0.5) / 8
         u = np.stack(np.meshgrid(a, a, a, indexing="ij"), axis=-1).reshape(-1, 3)
-        top = self._evaluate(u @ self.cell.T, tree_of(own), 0)[0].max()
+        some = np.arange(0, len(own.rows), 1 + len(own.rows) // MANY)
+        few = own.moved(some, np.zeros((len(some), 3)))
+        top = self._evaluate(u @ self.cell.T, tree_of(few), 0)[0].max()
         corners = np.array(list(product((0.0, 1.0), repeat=3))) @ self.cell.T
         top += np.linalg.norm(np.ptp(corners, axis=0)) / 16 + 1.5 * self.blend
         return tree_of(images(own, self.cell, self.repeats, float(top)))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from graphs import HEXAGON, loop, schwarz_p, strut
 from scipy.interpolate import CubicSpline
+from scipy.optimize import brentq
 
 import ilattice as il
 from ilattice.errors import GraphError, InputError, PrecisionWarning
@@ -47,15 +48,47 @@ def test_counts_of_the_paper():
     for name, count in (("schwarz_p", 13), ("schoen_iwp", 14), ("schwarz_d", 12), ("octet", 12)):
         assert g.library[name].count == count
     with pytest.raises(InputError, match="cannot be reconstructed"):
-        g.library["schoen_r2"]
+        g.library["chen_alpha_delta"]
+    assert len(set(g.library) - {"bcc", "fcc", "kelvin", "simple_cubic"}) == 24
+    assert len(g.library.missing) == 7
     with pytest.raises(InputError, match="schwarz_p"):
         g.library["schwartz_p"]
+
+
+def clp_area():
+    """Area of CLP in the cell of schwarz_clp, from w² = t⁸ - 2 cos(a) t⁴ + 1.
+
+    Edges along the axis of order 4, and across it, are integrals along arcs of the Gauss sphere; a
+    is that for which they are equal.
+    """
+    x, w = np.polynomial.legendre.leggauss(200)
+    x, w = 0.5 * (x + 1.0), 0.5 * w
+
+    def edges(a):
+        s = 0.5 * np.pi * x
+        turn = np.cos(s) / np.sqrt(2.0 * (np.cos(a * np.sin(s)) - np.cos(a)))
+        across = (1.0 + x * x) / np.sqrt(x**8 - 2.0 * np.cos(a) * x**4 + 1.0)
+        return w @ across, 0.5 * np.pi * a * (w @ turn)
+
+    a = brentq(lambda a: np.subtract(*edges(a)), 0.1, 3.0)
+    total = 0.0
+    for sign, length in ((-1, a / 4), (1, (np.pi - a) / 4)):  # about the branch point
+        r, phi = 1.0 - x[:, None] ** 2, a / 4 + sign * length * x**2
+        t = r**4 * np.exp(4j * phi)
+        f = 4 * r * (1 + r * r) ** 2 / np.abs(t * t - 2 * np.cos(a) * t + 1)
+        total += length * w @ (f * np.outer(x, x)) @ w
+    return 4 * 4 * total * (0.5 / edges(a)[0]) ** 2
 
 
 #: Euler number and area per cell, from the Weierstrass representations.
 SURFACES = {
     "schwarz_p": (-4, 2.34511), "neovius": (-16, 3.51048), "schoen_iwp": (-12, 3.46410),
-    "gyroid": (-8, 3.09141), "schwarz_d": (-2, 1.91889),
+    "gyroid": (-8, 3.09141), "schwarz_d": (-2, 1.91889), "schwarz_clp": (-2, clp_area()),
+}  # fmt: skip
+#: Cells that repeat in the unit cube, and the genus in each.
+GENERA = {
+    "wei_genus_4": (1, 4), "schoen_s_s": (2, 4), "deformed_schoen_s_s": (8, 4),
+    "schoen_r2": (3, 9), "deformed_h": (4, 3),
 }  # fmt: skip
 
 
@@ -66,7 +99,30 @@ def test_surfaces_have_their_genus_and_area(name):
     assert surface.euler == euler
     assert surface.area == pytest.approx(area, rel=1.2e-3)
     assert surface.is_closed
-    assert surface.separates == (name != "schwarz_d")
+    assert surface.separates == (name not in ("schwarz_d", "schwarz_clp"))
+
+
+@pytest.mark.parametrize("name", sorted(GENERA))
+def test_surfaces_of_families_have_their_genus(name):
+    surface = g.library[name].body.surface
+    copies, genus = GENERA[name]
+    assert surface.euler == copies * (2 - 2 * genus)
+    assert surface.components == 1
+    assert surface.separates
+    patch = g.library[name].patches()[0]
+    assert patch.report.residual < 1e-8
+    bent = np.abs(patch.mean_curvature[: patch.disc.boundary])
+    assert np.median(bent) * np.linalg.norm(np.ptp(patch.vertices, axis=0)) < 0.05
+
+
+def test_stessmanns_surface_is_isometric_to_schoens_iwp():
+    film = g.library["steffmann"].patches()[0]
+    partner = g.library["schoen_iwp"].patches()[0]
+    known = 3.46410 / 16  # of the area of its cell
+    edge = partner.report.lengths[0]
+    assert film.area == pytest.approx(known * (0.5 / edge) ** 2, rel=4e-3)
+    sides = np.linalg.norm(film.corners - np.roll(film.corners, -1, axis=0), axis=1)
+    assert np.allclose(sides / sides[0], partner.report.lengths / edge, rtol=1e-3)
 
 
 def test_lines_have_a_linear_radius_along_their_length():
@@ -159,6 +215,15 @@ def test_voxels_repeat_and_are_written(tmp_path):
     graph.save_voxels(tmp_path / "v.vti", 16)
     want = il.homogenize.voxels(solid, young=1.0, estimate=False)
     assert il.homogenize.voxels(tmp_path / "v.vti", estimate=False).density == want.density
+
+
+@pytest.mark.parametrize("name", ["schwarz_p", "bcc_6_hole", "assembled3", "fcc_solid"])
+@pytest.mark.parametrize("count", [5, 37])
+def test_blocks_of_voxels_tell_the_sign_of_each(name, count):
+    body = g.library[name].thickened(factor=1.7).body
+    a = (np.arange(count) + 0.5) / count
+    u = np.stack(np.meshgrid(a, a, a, indexing="ij"), axis=-1).reshape(-1, 3)
+    assert (body.voxels(count).ravel() == (body.field(u) < 0)).all()
 
 
 def test_copies_turn_as_they_should():
@@ -297,6 +362,9 @@ def test_pictures_are_drawn(tmp_path):
     assert len(figure.axes) == 4
     figure.savefig(tmp_path / "g.png", dpi=40)
     assert len(graph.plot(stages=False).axes) == 1
+    thin = schwarz_p(thickness=0.02).plot().axes[3]
+    assert not thin.texts  # of why there is no picture
+    assert len(thin.collections) == 1
     assert len(g.contact_sheet([graph] * 3, columns=2).axes) == 3
 
 

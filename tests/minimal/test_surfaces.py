@@ -104,6 +104,30 @@ def gyroid(n):
     return patch, float(np.linalg.norm(step)) * 2.0 / np.sqrt(3.0)
 
 
+#: Polygons in sixteenths over which triangles fold where steps along the sides are equal.
+SKEW = [
+    [(7, 5, 1), (8, 1, 3), (6, 1, 7), (2, 5, 8), (7, 1, 3), (2, 8, 7)],
+    [(1, 4, 3), (7, 5, 1), (4, 1, 4), (5, 4, 4), (0, 7, 6), (6, 3, 1)],
+    [(3, 8, 0), (6, 8, 6), (8, 2, 8), (1, 2, 1), (6, 2, 3), (5, 5, 7)],
+]
+
+
+@pytest.mark.parametrize("polygon", SKEW)
+def test_skew_polygons_are_spanned(polygon):
+    p = np.array(polygon) / 16
+    films = [M.direct(p, n) for n in (8, 12)]
+    assert films[0].area == pytest.approx(films[1].area, rel=0.02)
+    corners = np.stack([np.broadcast_to(p.mean(axis=0), p.shape), p, np.roll(p, -1, axis=0)], 1)
+    cone = 0.5 * np.linalg.norm(np.cross(*(corners[:, k] - corners[:, 0] for k in (1, 2))), axis=1)
+    for film in films:
+        assert film.report.residual < 1e-7
+        assert film.area < 0.95 * cone.sum()
+        for row, a, b in zip(film.disc.side_rows, p, np.roll(p, -1, axis=0), strict=True):
+            t = (film.vertices[row] - a) @ (b - a) / ((b - a) @ (b - a))
+            assert (np.diff(t) > 0).all()
+            assert np.abs(film.vertices[row] - a - np.outer(t, b - a)).max() < 1e-12
+
+
 def test_the_gyroid_is_an_associate_of_d():
     def cell_area(n):
         patch, edge = gyroid(n)
