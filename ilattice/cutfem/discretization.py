@@ -68,8 +68,8 @@ STEPS, FIRST = 8, 40
 #: Part of the distance by which a step must have come nearer for another one to be taken.
 WORTH = 5e-3
 DIGITS = 1e-7
-#: Energies below this part of those of nodes that move one by one, relative to the nearest motion of
-#: the whole or to where they were, and the latter alone, are what solving to eight digits leaves.
+#: Energies below this part of those of nodes that move one by one, relative to the nearest motion
+#: of the whole or to where they were, and the latter alone, are what solving to eight digits leaves.
 ROUNDING, SOLVED = 1e-12, 1e-16
 #: Energies up to this many times more have no digits that count.
 FEW = 10.0
