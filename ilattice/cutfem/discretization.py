@@ -69,7 +69,7 @@ STEPS, FIRST = 8, 40
 WORTH = 5e-3
 DIGITS = 1e-7
 #: Energies below this part of those of nodes that move one by one, relative to the nearest motion
-#: of the whole or to where they were, and the latter alone, are what solving to eight digits leaves.
+#: of the whole or to where they were, and the latter alone, are what eight digits leave.
 ROUNDING, SOLVED = 1e-12, 1e-16
 #: Energies up to this many times more have no digits that count.
 FEW = 10.0
