@@ -182,7 +182,11 @@ class Assembly(Frozen):
         Where the grid is closed but the map is not, x jumps at the seam, and no spline follows it:
         nodes are at the Greville abscissae then.
         """
-        space, ring = self.space, (False,) * 3 if self.through is None else self.through.closed
+        return self.nodes_of(self.space)
+
+    def nodes_of(self, space: SplineSpace) -> FloatArray:
+        """The `coordinates` of the functions of a space on the same box."""
+        ring = (False,) * 3 if self.through is None else self.through.closed
         if any(g and not r for g, r in zip(space.grid.closed, ring, strict=True)):
             at = np.unravel_index(space.functions, space.shape)
             sites = [x[i] for x, i in zip(space.sites, at, strict=True)]

@@ -28,7 +28,7 @@ it on coarse cells falls behind where k is large: see `of_work`.
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -68,17 +68,19 @@ STEPS, FIRST = 8, 40
 #: Part of the distance by which a step must have come nearer for another one to be taken.
 WORTH = 5e-3
 DIGITS = 1e-7
-#: Energies below this part of those of nodes that move one by one, relative to their mean or to
-#: where they were, and the latter alone, are what equations solved to some eight digits leave.
+#: Energies below this part of those of nodes that move one by one, relative to the nearest motion
+#: of the whole or to where they were, and the latter alone, are what eight digits leave.
 ROUNDING, SOLVED = 1e-12, 1e-16
 #: Energies up to this many times more have no digits that count.
-FEW = 1e4
+FEW = 10.0
 
 #: Part of the energy that is missed up to which the rest grows with it: splines that are too stiff
 #: by k = C h², of an energy 1 / (1 + k), add less and less on coarse cells the stiffer they are.
 STIFF = 0.5
 
 Product = Callable[[FloatArray], FloatArray]
+#: Displacements (n, m, k) without energy at points (n, 3).
+Motions = Callable[[FloatArray], FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,12 +97,27 @@ class Level:
         Squares of the entries of T.
     shape : tuple of int
         Cells per direction.
+    nodes : ndarray, shape (coarse, 3)
+        Where the coarse functions are in space.
     """
 
     P: Any
     T: Any
     squares: Any
     shape: tuple[int, ...] = ()
+    nodes: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+
+    def moved(self, motions: Motions, c: FloatArray) -> FloatArray:
+        """Coarse coefficients of the motion without energy that is nearest to c in the mean."""
+        x = self.nodes - self.nodes.mean(axis=0)
+        coarse = motions(x / max(float(np.abs(x).max()), np.finfo(np.float64).tiny))
+        n, m, k = coarse.shape
+        fine = (self.P @ coarse.reshape(n, m * k)).reshape(-1, k)
+        q = np.zeros(k)
+        for _ in range(2):  # the second time for what rounding has left
+            rest = fine.T @ (c.ravel() - fine @ q)
+            q += np.linalg.lstsq(fine.T @ fine, rest, rcond=None)[0]
+        return np.asarray(coarse @ q)
 
 
 class Levels:
@@ -110,10 +127,12 @@ class Levels:
     ----------
     space : SplineSpace
         With links.
+    nodes : callable
+        Where the functions of a space are, (functions, 3).
     """
 
-    def __init__(self, space: SplineSpace) -> None:
-        self._space = space
+    def __init__(self, space: SplineSpace, nodes: Callable[[SplineSpace], FloatArray]) -> None:
+        self._space, self._nodes = space, nodes
 
     @cached_property
     def _joined(self) -> tuple[SplineSpace, Any] | None:
@@ -133,7 +152,7 @@ class Levels:
         if self._joined is None:
             return None
         space, P = self._joined
-        return _of_rows(P.tocsr(), space.grid.shape)
+        return _of_rows(P.tocsr(), space.grid.shape, self._nodes(space))
 
     @cached_property
     def second(self) -> Level | None:
@@ -142,18 +161,18 @@ class Levels:
         if found is None or self.first is None:
             return None
         space, P = found
-        return _of_rows((self.first.P @ P).tocsr(), space.grid.shape)
+        return _of_rows((self.first.P @ P).tocsr(), space.grid.shape, self._nodes(space))
 
 
-def _of_rows(P: Any, shape: tuple[int, ...] = ()) -> Level:
+def _of_rows(P: Any, *about: Any) -> Level:
     """A level, or some rows of it."""
     T = P.T.tocsr()
-    return Level(P, T, T.multiply(T).tocsr(), shape)
+    return Level(P, T, T.multiply(T).tocsr(), *about)
 
 
 def relative_error(
-    levels: Levels, multiply: Product, diagonal: FloatArray, c: FloatArray, fixed: AnyArray,
-    energy: float, jumps: float = 0.0,
+    levels: Levels, multiply: Product, motions: Motions, diagonal: FloatArray, c: FloatArray,
+    fixed: AnyArray, energy: float, jumps: float = 0.0,
 ) -> float:  # fmt: skip
     """Part of an energy that finer cells would add, or take away.
 
@@ -163,6 +182,8 @@ def relative_error(
         The coarse splines.
     multiply : callable
         Product of the matrix with displacements (n, m), zero where they are prescribed.
+    motions : callable
+        Displacements without energy, where coarse solutions are looked for first.
     diagonal : ndarray, shape (n, m)
         Its diagonal, any positive number where they are prescribed.
     c : ndarray, shape (n, m)
@@ -181,11 +202,11 @@ def relative_error(
     """
     if levels.first is None:
         return float("nan")
-    first = _distance(levels.first, multiply, diagonal, c, fixed)
+    first = _distance(levels.first, multiply, motions, diagonal, c, fixed)
     lost, rest = first.sum(), first.sum() / (LEAST - 1.0)
     # elsewhere longer cells lose more than that, unless errors fall by less than half, or nothing
     if 0.0 < lost < 0.5 * SEEN * energy and levels.second is not None:
-        second = _distance(levels.second, multiply, diagonal, c, fixed)
+        second = _distance(levels.second, multiply, motions, diagonal, c, fixed)
         if second.sum() < SEEN * energy:
             shape = levels.second.shape
             doubt = min(shape) == 1
@@ -195,7 +216,8 @@ def relative_error(
             rest = max(seen, rest) if doubt and second.sum() > TRUSTED * energy else seen
             rest = max(rest, FEW_LEFT * lost) if max(shape) == 1 else rest
     free = np.where(fixed, 0.0, diagonal)
-    moved = np.minimum((c - c.mean(axis=0)) ** 2, c * c)  # nodes of stiff springs stay in place
+    whole = levels.first.P @ levels.first.moved(motions, c)
+    moved = np.minimum((c - whole) ** 2, c * c)  # nodes of stiff springs stay in place
     noise = ROUNDING * (free * moved).sum() + SOLVED * (free * c * c).sum()
     if lost + jumps <= noise:
         return 0.0
@@ -253,7 +275,7 @@ def warn(error: float, what: str, space: SplineSpace, *, kept: bool = False) -> 
             much = f"about {100 * error:.2g} %, or several times that"
         if error >= 1.0:
             much = "more than its own size"
-        if kept and space.degree > 1:
+        if kept and space.degree == 2:
             much = (
                 f"up to {100 * error:.2g} %, often by a tenth of that as the material keeps volume"
             )
@@ -265,15 +287,16 @@ def warn(error: float, what: str, space: SplineSpace, *, kept: bool = False) -> 
 
 
 def _distance(
-    level: Level, multiply: Product, diagonal: FloatArray, c: FloatArray, fixed: AnyArray
-) -> FloatArray:
+    level: Level, multiply: Product, motions: Motions, diagonal: FloatArray, c: FloatArray,
+    fixed: AnyArray,
+) -> FloatArray:  # fmt: skip
     """Square of the distance, in the energy, from a solution to coarse ones: parts (n,) of nodes.
 
     By conjugate gradients, which approach it from above.
     """
     held = (abs(level.T) @ fixed.astype(np.float64)) > 0
     weights = np.repeat(diagonal.mean(axis=1, keepdims=True), c.shape[1], axis=1)
-    b = np.tile(c.mean(axis=0), (level.P.shape[1], 1))
+    b = level.moved(motions, c)
     rows = np.flatnonzero(fixed.any(axis=1))
     if len(rows):
         b = _fitted(_of_rows(level.P[rows]), (weights * fixed)[rows], held, c[rows], b)

@@ -55,6 +55,9 @@ if TYPE_CHECKING:
 DILATATIONS = ("auto", "full", "projected")
 #: Poisson's ratio with which errors of solids that keep their volume are measured.
 SOFT = 0.3
+#: Least part, of the energy that heat stores where nothing may move, that errors are relative to:
+#: a solid that expands freely stores none, and any error is large beside nothing.
+HEATED = 1e-5
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -422,7 +425,11 @@ class Elasticity(ElasticOperators):
         from ilattice.cutfem.solution import Solution
 
         rule = self.domain.stiff_rule(self.assembly, constant=self.material.constant)
-        return 2.0 * Solution(self, c, None)._energy(rule, heated=True)
+        energy = Solution(self, c, None)._energy(rule, heated=True)
+        if any(f.kind == "temperature" for f in self.loads):  # solids that expand freely store none
+            none = Solution(self, np.zeros_like(c), None)._energy(rule, heated=True)
+            energy = max(energy, HEATED * none)
+        return 2.0 * energy
 
     def _energy_on(self, c: FloatArray, rule: Quadrature) -> float:
         from ilattice.cutfem.solution import Solution

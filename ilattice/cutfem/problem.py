@@ -365,7 +365,9 @@ class Problem(Posed):
     def _discretization_error(self, product: Product, c: FloatArray, energy: float) -> float:
         """Part of an energy that the cells miss of c (functions, m); see `relative_error`."""
         space, con = self.assembly.space, self.constraints
-        levels = self.domain.once(("coarser", space), lambda: discretization.Levels(space))
+        levels = self.domain.once(
+            ("coarser", space), lambda: discretization.Levels(space, self.assembly.nodes_of)
+        )
         diagonal = np.ones_like(c)
         diagonal[con.nodes] = self._reduced().diagonal().reshape(-1, self.m)
 
@@ -380,7 +382,7 @@ class Problem(Posed):
             void = (self._energy_on(c, rule) for rule in domain.void_rules(self.assembly))
             jumps += 2.0 * sum(void)  # it is missing in the solid, and makes it too stiff
         return discretization.relative_error(
-            levels, multiply, diagonal, c, con.fixed, energy, jumps
+            levels, multiply, self._motions, diagonal, c, con.fixed, energy, jumps
         )
 
     @property

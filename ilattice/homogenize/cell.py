@@ -493,10 +493,11 @@ class CellProblem(Problem):
         """Estimated part of twice an energy that finer cells would add; nothing is held."""
         asm, K = self.assembly, self.matrix
         levels = self.domain.once(
-            ("coarser", asm.space), lambda: discretization.Levels(asm.space)
+            ("coarser", asm.space), lambda: discretization.Levels(asm.space, asm.nodes_of)
         )  # as `Problem` keeps them
         return discretization.relative_error(
             levels, lambda v: (K @ v.ravel()).reshape(v.shape),
+            lambda x: np.tile(np.eye(self.m), (len(x), 1, 1)),  # cells that repeat do not turn
             K.diagonal().reshape(-1, self.m), c, np.zeros(c.shape, bool), energy,
             asm.ghost_energy(c, self._ghost_stiffness),
         )  # fmt: skip

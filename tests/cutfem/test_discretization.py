@@ -99,7 +99,7 @@ def bar(n, p, **options):
 def test_the_coarse_approximation_is_the_best_one(p):
     problem = bar(3, p, poisson=0.2).clamp("w=0").load(traction=(1.0, 0.3, 0.0), on="w=1")
     c, con, K = solved(problem), problem.constraints, problem.matrix.toarray()
-    P = Levels(problem.assembly.space)
+    P = Levels(problem.assembly.space, problem.assembly.nodes_of)
     P.second = None
     free = ~con.fixed.ravel()
     wide = np.kron(P.first.P.toarray(), np.eye(3))
@@ -113,7 +113,8 @@ def test_the_coarse_approximation_is_the_best_one(p):
         return np.where(con.fixed, 0.0, (full @ v.ravel()).reshape(v.shape))
 
     energy = u @ K @ u
-    found = relative_error(P, multiply, full.diagonal().reshape(c.shape), c, con.fixed, energy)
+    diagonal = full.diagonal().reshape(c.shape)
+    found = relative_error(P, multiply, problem._motions, diagonal, c, con.fixed, energy)
     assert 0.999 * exact < 1.5 * found * energy < 1.2 * exact  # of one level alone: over 1.5
 
 
@@ -214,8 +215,9 @@ def test_what_the_penalty_on_jumps_takes_is_in_the_estimate(p, r):
     def multiply(v):
         return np.where(con.fixed, 0.0, (full @ v.ravel()).reshape(v.shape))
 
-    coarse = Levels(problem.assembly.space)
-    rest = relative_error(coarse, multiply, full.diagonal().reshape(c.shape), c, con.fixed, energy)
+    coarse = Levels(problem.assembly.space, problem.assembly.nodes_of)
+    diagonal = full.diagonal().reshape(c.shape)
+    rest = relative_error(coarse, multiply, problem._motions, diagonal, c, con.fixed, energy)
     known = of_work(rest + jumps / energy)
     np.testing.assert_allclose(report.discretization_error, known, rtol=1e-4)
 
@@ -383,3 +385,66 @@ def test_the_error_of_solids_that_keep_their_volume_does_not_grow_with_their_bul
         )  # fmt: skip
         beam = beam.clamp("w=0").load(body=(1.0, 0, 0)).solve()
         assert 0.01 < beam.report.discretization_error < 0.2  # about 0.013
+
+
+def turned_block(rng):
+    """Half spaces with random normals meet in a box at a random place: field, middle, box."""
+    middle = rng.uniform(-5.0, 5.0, 3)
+    planes = []
+    for depth in (0.4, 0.3):
+        n = rng.standard_normal(3)
+        n /= np.linalg.norm(n)
+        planes.append(il.fields.half_space(tuple(n), float(n @ middle + depth)))
+    return il.fields.intersection(*planes), middle, [middle - 1.0, middle + 1.0]
+
+
+@pytest.mark.filterwarnings("ignore:on=")
+@pytest.mark.parametrize("p", [2, 3])
+def test_solids_that_expand_freely_are_not_said_to_be_off(p):
+    for seed in range(4):
+        rng = np.random.default_rng([seed, p, 16])
+        field, middle, box = turned_block(rng)
+        slope = rng.standard_normal(3)
+
+        def freely(x, middle=middle, slope=slope):
+            y = x - middle
+            rise = (3.0 + y @ slope)[:, None] * y
+            return 1e-4 * (rise - 0.5 * (y * y).sum(axis=1)[:, None] * slope)
+
+        def warmth(x, middle=middle, slope=slope):
+            return 3.0 + (x - middle) @ slope
+
+        cells = tuple(int(k) for k in rng.integers(3, 6, 3))
+        solid = Elasticity(field, cells, domain=box, degree=p, expansion=1e-4)
+        held = solid.clamp(f"z < {middle[2] - 0.2:.12g}", value=freely)
+        with warnings.catch_warnings():
+            warnings.filterwarnings("error", "the cells are too coarse")
+            solution = held.load(temperature=warmth).solve(tol=1e-12)
+        stress = solution.stress(solution.problem.domain.solid(solid.assembly).parameters)
+        assert np.abs(stress).max() < 1e-9
+
+
+@pytest.mark.filterwarnings("ignore:on=")
+@pytest.mark.parametrize("p", [1, 2, 3])
+def test_turning_a_solid_as_a_whole_is_no_error(p):
+    for seed in range(4):
+        rng = np.random.default_rng([seed, p, 17])
+        field, middle, box = turned_block(rng)
+        cells = tuple(int(k) for k in rng.integers(3, 6, 3))
+        held = Elasticity(field, cells, domain=box, degree=p).clamp(
+            f"z < {middle[2] - 0.2:.12g}",
+            value=tuple(rng.standard_normal(3)), rotation=tuple(rng.standard_normal(3)),
+        )  # fmt: skip
+        assert held.solve(tol=1e-12).report.discretization_error == 0.0
+
+
+@pytest.mark.filterwarnings("ignore:the cells are too coarse")
+@pytest.mark.parametrize("slender", [50, 100, 200])
+def test_errors_of_slender_bars_are_not_taken_for_rounding(slender):
+    bar = Elasticity(
+        whole, (2, 2, slender), domain=[[0.0] * 3, [1.0, 1.0, slender]], degree=1, poisson=0.0
+    )
+    bent = bar.clamp("w=0").load(traction=(1e-6, 0.0, 0.0), on="w=1").solve(tol=1e-5)
+    known = 1e-12 * (4.0 * slender**3 + 2.4 * slender)
+    missed = known / bent.compliance - 1.0
+    assert 0.4 < missed < 2.0 * bent.report.discretization_error
