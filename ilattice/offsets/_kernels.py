@@ -199,7 +199,7 @@ def multi_start(
             if s < 0:
                 continue
             h = sh[s]
-            away = seed_distance(sx, s, x)
+            away = seed_distance(sx, s, x)  # as `in_reach`, which would take it again
             if away > reach + 2.0 * h or away < sn[s, CLEAR]:
                 continue
             if not reachable(geom, (sp[s, 0], sp[s, 1], sp[s, 2]), q):
