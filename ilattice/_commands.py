@@ -281,7 +281,8 @@ def add_shell(app: "App") -> None:
             Cells of the grid of the surface per edge of the octant.
         layer
             Length over which curvatures die out that smooth transitions between octants need; by
-            default 0.01, or 2 or 4 times that where the shell tears.
+            default 0.01, less where creases are near to most of the shell, 2 or 4 times that
+            where it tears.
         method
             harmonic or currents.
         h

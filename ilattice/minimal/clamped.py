@@ -37,8 +37,9 @@ from ilattice.minimal.plateau import Motion, Solved, factorized, fair_step
 TOLERANCE = 1e-6
 MOST_STEPS = 24
 _FAIR_STEPS = 2
-#: Layer, in parts of the size, with which to begin where the wanted one does not get there.
-_STIFF = 0.06
+#: Layer, in parts of the size, with which to begin where the wanted one does not get there, and
+#: by how much thinner the next one is.
+_STIFF, _THINNER = 0.06, np.sqrt(0.5)
 #: Shifts of the Hessian, in parts of its diagonal, that are tried one after the other.
 _SHIFTS = (0.0, 0.1, 1.0, 10.0)
 
@@ -136,10 +137,7 @@ def clamped(
         problem.take(fair_step(problem.v, inside, cotangents(problem.v, faces)))
     start, count = problem.v, steps + problem.solve()
     if not problem.residual <= TOLERANCE and 0.0 < layer < _STIFF * problem.size:
-        stiff = _Problem(start, faces, rim, _STIFF * problem.size)
-        count += stiff.solve()
-        problem.take(stiff.v)
-        count += problem.solve()
+        count += _thinned(problem, start, layer)
     if not problem.residual <= TOLERANCE:
         raise ConvergenceError(
             f"{what} does not become stationary: after {count} steps forces per area times its "
@@ -147,6 +145,22 @@ def clamped(
             "layer, which stiffens it, or move the boundary"
         )
     return Solved(read_only(problem.v), problem.residual, count), problem.curvature
+
+
+def _thinned(problem: "_Problem", start: FloatArray, layer: float) -> int:
+    """Go from a stiff surface to the wanted one by thinner and thinner layers; factorizations."""
+    good, wide, count = start, _STIFF * problem.size, 0
+    while wide > layer:
+        problem.weight = wide**2
+        problem.take(good)
+        count += problem.solve()
+        if not problem.residual <= TOLERANCE:
+            break
+        good = problem.v
+        wide *= _THINNER
+    problem.weight = layer**2
+    problem.take(good)
+    return count + problem.solve()
 
 
 class _Problem:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy import sparse
 from scipy.fft import dstn, idstn
 from scipy.spatial import cKDTree
 
@@ -22,6 +23,7 @@ from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.bspline import BSpline
 from ilattice.errors import ConvergenceError
 from ilattice.mesh.contouring import contour_arrays
+from ilattice.minimal.disc import vertex_normals
 from ilattice.shells.boundary import Boundary
 from ilattice.shells.refined import refined
 from ilattice.shells.topologies import FACES, Segment, edge_place, others
@@ -309,6 +311,37 @@ def graded(t: Triangles, curves: Boundary, glued: tuple[bool, ...], rounds: int)
     return t
 
 
+def evened(v: FloatArray, faces: IntArray, fixed: AnyArray, rounds: int = 5) -> FloatArray:
+    """Vertices moved along their surface towards the means of their neighbours.
+
+    Parameters
+    ----------
+    v : (V, 3) array
+        Vertices.
+    faces : (F, 3) array
+        Corners.
+    fixed : (V,) array of bool
+        Vertices that stay.
+    rounds : int
+        How often.
+
+    Returns
+    -------
+    (V, 3) array
+        The vertices, half of the way in each round.
+    """
+    rows, cols = np.concatenate([faces, faces[:, [1, 2, 0]]]).ravel(), faces[:, [1, 2, 0]].ravel()
+    cols = np.concatenate([cols, faces.ravel()])
+    links: Any = sparse.csr_array((np.ones(len(rows)), (rows, cols)), shape=(len(v),) * 2)
+    count = links.sum(axis=1)
+    for _ in range(rounds):
+        n = vertex_normals(v, faces)
+        shift = (links @ v) / count[:, None] - v
+        shift -= np.einsum("vc,vc->v", shift, n)[:, None] * n
+        v = np.where(fixed[:, None], v, v + 0.5 * shift)
+    return v
+
+
 def _snap(v: FloatArray, on: IntArray, curves: Boundary) -> None:
     """Move vertices of the boundary onto the curves, in place."""
     points = curves.points(2 * POINTS - 1)
@@ -372,7 +405,6 @@ def boundary_loops(faces: IntArray) -> int:
     int
         Number of components of the open edges.
     """
-    from scipy import sparse
     from scipy.sparse.csgraph import connected_components
 
     from ilattice.minimal.completion import edge_table

@@ -6,6 +6,7 @@ from the boundary only (see `ilattice.minimal.clamped`), by how much is reported
 least one.
 """
 
+import warnings
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -17,7 +18,7 @@ from scipy.sparse.csgraph import connected_components
 from ilattice._progress import Progress, staged
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import Frozen, as_choice, as_not_negative, as_whole, read_only
-from ilattice.errors import ConvergenceError, GeometryError, InputError
+from ilattice.errors import ConvergenceError, GeometryError, InputError, PrecisionWarning
 from ilattice.mesh import SurfaceMesh
 from ilattice.minimal.clamped import Rim, clamped
 from ilattice.minimal.completion import PeriodicSurface, completed
@@ -25,19 +26,22 @@ from ilattice.minimal.disc import area_vectors, unit_rows, vertex_areas
 from ilattice.minimal.symmetry import Group
 from ilattice.minimal.tile import normal_sums
 from ilattice.shells.boundary import Boundary
-from ilattice.shells.octant import Triangles, graded, harmonic, least_gradient, zero_set
+from ilattice.shells.octant import Triangles, evened, graded, harmonic, least_gradient, zero_set
 from ilattice.shells.topologies import FACES
 
 METHODS = ("harmonic", "currents")
-#: Cells per edge of the octant, and lengths over which mean curvatures die out, in cells, in the
-#: order in which they are tried.
-N, LAYERS = 24, (0.01, 0.02, 0.04)
+#: Cells per edge of the octant, and lengths over which mean curvatures die out, in cells: the first
+#: that is tried, thicker ones for surfaces that tear, and the least.
+N, LAYER, THICKER, LEAST_LAYER = 24, 0.01, (0.02, 0.04), 0.003
+#: Mean curvature, times the edge of the cell, that half of the area stays below: that of coarse
+#: triangles, by which layers are chosen, and that which is told.
+_CURVED, CURVED = 0.04, 0.05
 LEAST_N, MOST_N = 8, 96
 #: The harmonic function is found on a grid at least so fine.
 _FINE = 48
 #: Edges of triangles times n, in cells; parts of the layer that edges at the boundary may have, and
 #: most rounds of division.
-EDGE, _RESOLVED, _MOST_ROUNDS = 0.65, 0.5, 4
+EDGE, _RESOLVED, _MOST_ROUNDS = 0.65, 0.5, 6
 _SCALE = 0.25  # from the octant [-1, 1]³ to the cell
 
 
@@ -231,8 +235,10 @@ def surface(
         least area of all.
     layer : float, optional
         Length, in cells, over which mean curvatures die out that a smooth transition needs; 0 for
-        surfaces of least area with creases where octants meet. By default 0.01, or where that
-        surface tears, 0.02 or 0.04: see `OctantSurface.layer`.
+        surfaces of least area with creases where octants meet. By default 0.01 or, where creases
+        are near to most of the surface, as much less (down to 0.003) as keeps the mean curvature
+        below 0.05 on half of the area; 0.02 or 0.04 where thinner ones tear: see
+        `OctantSurface.layer`.
     progress : bool or callable, optional
         "start" and "surface"; see `ilattice._progress.track`.
 
@@ -249,6 +255,11 @@ def surface(
         If octants cannot be translated, or the surface of least area is in other pieces.
     ConvergenceError
         If no stationary surface is found.
+
+    Warns
+    -----
+    PrecisionWarning
+        If the mean curvature is above 0.05 on half of the area, as thinner layers tear.
     """
     if not isinstance(curves, Boundary):
         raise InputError(f"curves must be a Boundary, got {curves!r:.80}")
@@ -256,45 +267,92 @@ def surface(
         raise InputError(f"symmetry must be r or t for each axis, as 'rrt', got {symmetry!r:.40}")
     n = as_whole("n", n, LEAST_N, MOST_N)
     as_choice("method", method, METHODS)
-    layers = LAYERS if layer is None else (as_not_negative("layer", layer),)
+    given = None if layer is None else as_not_negative("layer", layer)
     glued = tuple(letter == "t" for letter in symmetry)
     check_translations(curves, symmetry)
     step = max(1, -(-_FINE // n))
 
     def triangles() -> Triangles:
         found = zero_set(harmonic(curves, step * n), curves, n, glued)
-        return _least(curves, n, glued, found) if method == "currents" else found
+        least = _least(curves, n, glued, found) if method == "currents" else found
+        return replace(least, vertices=evened(least.vertices, least.faces, least.on.any(axis=1)))
 
     (start,) = staged({"start": triangles}, progress)
-    work = {"surface": lambda: _in_some_layer(start, curves, symmetry, n, layers)}
-    return staged(work, progress)[0]
+    work = {"surface": lambda: _smooth(start, curves, symmetry, n, given)}
+    (found,) = staged(work, progress)
+    if given is None and found.curvature_quantile() > CURVED:
+        warnings.warn(
+            f"{found} has mean curvatures above {found.curvature_quantile():.2g} over the edge of "
+            f"the cell on half of its area (wanted {CURVED:g}): with a layer below "
+            f"{found.layer:.2g} it tears, as surfaces do whose necks are too long; move nodes of "
+            "the boundary, or accept that it is no surface of least area",
+            PrecisionWarning, stacklevel=2,
+        )  # fmt: skip
+    return found
 
 
-def _in_some_layer(
-    start: Triangles, curves: Boundary, symmetry: str, n: int, layers: tuple[float, ...]
-) -> OctantSurface:
-    """The surface with the first layer in which it does not tear."""
-    for one in layers[:-1]:
-        with suppress(ConvergenceError):
-            return _refined(start, curves, symmetry, one, _rounds(n, one))
-    return _refined(start, curves, symmetry, layers[-1], _rounds(n, layers[-1]))
-
-
-def _refined(
-    start: Triangles, curves: Boundary, symmetry: str, layer: float, rounds: int
+def _smooth(
+    start: Triangles, curves: Boundary, symmetry: str, n: int, layer: float | None
 ) -> OctantSurface:
     """The stationary surface near triangles, with smaller ones at the boundary in the end."""
-    count, near = 0, False
-    if rounds:
-        with suppress(ConvergenceError):  # smaller triangles may not need it
-            coarse = _solved(start, curves, symmetry, layer)
-            count, near = coarse.factorizations, True
-            v = (coarse.vertices - 0.5) / _SCALE - 1.0
-            v[start.on != 0] = start.vertices[start.on != 0]
-            start = Triangles(v, start.faces, start.on)
+    if layer is not None:
+        coarse = _tried(start, curves, symmetry, (layer,)) if _rounds(n, layer) else None
+        return _graded(start, coarse, curves, symmetry, n, layer)
+    coarse = _tried(start, curves, symmetry, (LAYER, *THICKER))
+    if coarse is None:
+        return _graded(start, None, curves, symmetry, n, LAYER)
+    chosen = [coarse, *_thinner(start, coarse, curves, symmetry)]
+    for one in chosen[:0:-1]:
+        with suppress(ConvergenceError):
+            return _graded(start, one, curves, symmetry, n, one.layer)
+    return _graded(start, coarse, curves, symmetry, n, coarse.layer)
+
+
+def _tried(
+    start: Triangles, curves: Boundary, symmetry: str, layers: tuple[float, ...]
+) -> OctantSurface | None:
+    """The coarse surface with the first layer in which it does not tear."""
+    for one in layers:
+        with suppress(ConvergenceError):
+            return _solved(start, curves, symmetry, one)
+    return None
+
+
+def _thinner(
+    start: Triangles, coarse: OctantSurface, curves: Boundary, symmetry: str
+) -> list[OctantSurface]:
+    """Coarse surfaces with thinner layers, the last of which is curved near its boundary only."""
+    found: list[OctantSurface] = []
+    while coarse.curvature_quantile() > _CURVED and coarse.layer > LEAST_LAYER:
+        layer = max(LEAST_LAYER, coarse.layer / np.sqrt(2.0))
+        try:
+            thin = _solved(_moved(start, coarse), curves, symmetry, layer, True)
+        except ConvergenceError:
+            break
+        coarse = replace(thin, factorizations=coarse.factorizations + thin.factorizations)
+        found.append(coarse)
+    return found
+
+
+def _moved(start: Triangles, to: OctantSurface) -> Triangles:
+    """Triangles in the places of a solution, evened out along it: its steps are along normals."""
+    rim = start.on.any(axis=1)
+    v = np.where(rim[:, None], start.vertices, (to.vertices - 0.5) / _SCALE - 1.0)
+    return replace(start, vertices=evened(v, start.faces, rim))
+
+
+def _graded(
+    start: Triangles, coarse: OctantSurface | None, curves: Boundary, symmetry: str, n: int,
+    layer: float,
+) -> OctantSurface:  # fmt: skip
+    """The surface with triangles at the boundary that resolve the layer, from a coarse one."""
     glued = tuple(letter == "t" for letter in symmetry)
-    found = _solved(graded(start, curves, glued, rounds), curves, symmetry, layer, near)
-    return replace(found, factorizations=count + found.factorizations)
+    rounds = _rounds(n, layer)
+    if coarse is None:
+        return _solved(graded(start, curves, glued, rounds), curves, symmetry, layer)
+    fine = graded(_moved(start, coarse), curves, glued, rounds)
+    found = _solved(fine, curves, symmetry, layer, True)
+    return replace(found, factorizations=coarse.factorizations + found.factorizations)
 
 
 def _solved(

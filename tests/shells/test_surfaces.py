@@ -6,13 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from scipy.interpolate import CubicSpline
 
 import ilattice as il
-from ilattice.errors import ConvergenceError, GeometryError, InputError
+from ilattice.errors import ConvergenceError, GeometryError, InputError, PrecisionWarning
 from ilattice.minimal.disc import opposite_edges
 from ilattice.shells.boundary import Boundary
-from ilattice.shells.octant import boundary_loops, coloured, harmonic
+from ilattice.shells.octant import boundary_loops, coloured, evened, harmonic
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 import exact_schwarz
@@ -103,6 +104,48 @@ def test_layers_make_surfaces_meet_mirrors_at_right_angles(name, position, deriv
     assert free.area < smooth.area < 1.02 * free.area
     assert smooth.residual < 1e-6
     assert smooth.curvature_quantile() < 0.05
+
+
+@pytest.mark.parametrize(
+    ("name", "position", "derivative"),
+    [
+        ("topo_18", 0.8, 3.9),
+        ("topo_18", 0.46, 2.1),
+        ("topo_1", (0.21, -0.35, -0.1), 1.52),
+        ("topo_1", (-0.19, 0.13, 0.18), 1.29),
+    ],
+)
+def test_half_of_the_area_is_of_a_minimal_surface_where_creases_are_strong(
+    name, position, derivative
+):
+    curves = il.shells.boundary(name, position, derivative)
+    s, thick = il.shells.surface(curves), il.shells.surface(curves, layer=0.02)
+    assert s.layer < 0.01
+    assert s.curvature_quantile() < 0.05 < thick.curvature_quantile()
+    free = il.shells.surface(curves, layer=0.0)
+    assert s.slope < free.slope / 5.0
+    assert free.area < s.area < thick.area
+
+
+def test_a_shell_that_tears_before_it_is_minimal_is_told():
+    curves = il.shells.boundary("topo_1", (-0.45, 0.45, 0.45), 1.5)
+    with pytest.warns(PrecisionWarning, match="on half of its area.*necks are too long"):
+        s = il.shells.surface(curves, n=16)
+    assert s.residual < 1e-6
+
+
+def test_evening_keeps_vertices_on_their_surface():
+    rng = np.random.default_rng(8)
+    sphere = trimesh.creation.icosphere(subdivisions=4)
+    v = sphere.vertices + 0.01 * rng.standard_normal(sphere.vertices.shape)
+    v /= np.linalg.norm(v, axis=1)[:, None]
+    fixed = v[:, 2] < -0.5
+    even = evened(v, sphere.faces, fixed, 20)
+    assert (even[fixed] == v[fixed]).all()
+    assert np.abs(np.linalg.norm(even, axis=1) - 1.0).max() < 2e-3
+    moved = ~fixed[sphere.faces].any(axis=1)
+    worst = [il.SurfaceMesh(x, sphere.faces[moved]).quality.min() for x in (v, even)]
+    assert worst[1] > worst[0] + 0.2
 
 
 def test_triangles_get_smaller_towards_the_boundary_and_keep_it():
