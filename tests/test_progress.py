@@ -59,8 +59,19 @@ def test_an_analysis_tells_its_stages():
 
     ball = il.fields.sphere(1.0)
     problem = il.cutfem.Elasticity(ball, 6, domain=[[-1.1, -1.2, -0.4], [1.1, 1.1, 1.3]], young=1.0)
-    problem.clamp("w=0").load(gravity=(0, 0, -1e-3)).solve(progress=told)
+    solution = problem.clamp("w=0").load(gravity=(0, 0, -1e-3)).solve(progress=told)
     assert labels == ["cells", "rules", "supports", "matrix", "solve"]
+    labels.clear()
+    assert solution.recovered(progress=told).recovered(progress=told) is not solution
+    assert labels == ["stress", "masses", "projection"]
+    labels.clear()
+    solution.error_estimate(progress=told)
+    assert labels == ["stress", "masses", "projection"]
+    labels.clear()
+    around = [[-1.1, -1.2, -0.4], [1.1, 1.1, 1.3]]
+    warm = il.cutfem.Heat(ball, 6, domain=around, conductivity=1.0)
+    warm.fix("w=0", 0.0).source(1.0).solve().recovered(progress=told)
+    assert labels == ["heat flux", "masses", "projection"]
     with pytest.raises(InputError, match="support"):  # before anything is made
         problem.solve(progress=lambda label, *_: pytest.fail(label))
     labels.clear()

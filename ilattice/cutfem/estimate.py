@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ilattice._progress import Progress
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import Frozen, as_points, read_only
 from ilattice.cutfem.anisotropic import AT_ONCE, Anisotropic
@@ -145,13 +146,14 @@ class ErrorEstimate(Frozen):
         save_cells(self.solution, path, 0.0, errors)
 
 
-def stress_error(solution: Solution) -> ErrorEstimate:
+def stress_error(solution: Solution, progress: Progress = None) -> ErrorEstimate:
     """See `Solution.error_estimate`."""
     problem = solution.problem
     asm = problem.assembly
     rule = problem.domain.solid(asm)
     assert rule.parameters is not None
-    smooth = values_on(smoothest(problem), smooth_stress(solution, WEIGHTS), rule)
+    c = smooth_stress(solution, WEIGHTS, progress)
+    smooth = values_on(smoothest(problem), c, rule)
     gap = smooth - Solution.stress_on(solution, rule)
     u, owner = rule.parameters, asm.owners(rule)
     if isinstance(problem.material, Anisotropic):
@@ -166,14 +168,15 @@ def stress_error(solution: Solution) -> ErrorEstimate:
     return _estimate(solution, rule, density, np.sqrt(2.0 * solution.energy))
 
 
-def flux_error(solution: HeatSolution) -> ErrorEstimate:
+def flux_error(solution: HeatSolution, progress: Progress = None) -> ErrorEstimate:
     """See `HeatSolution.error_estimate`."""
     problem = solution.problem
     asm = problem.assembly
     rule = problem.domain.solid(asm)
     assert rule.parameters is not None
     raw = HeatSolution.heat_flux_on(solution, rule)
-    gap = values_on(smoothest(problem), smooth_flux(solution, WEIGHTS), rule) - raw
+    c = smooth_flux(solution, WEIGHTS, progress)
+    gap = values_on(smoothest(problem), c, rule) - raw
     k = problem._conductivity_at(rule.parameters, asm.owners(rule))
     resistance = np.asarray(1.0 / k if k.ndim == 1 else np.linalg.inv(k), np.float64)
     norm = np.sqrt(rule.integrate((raw * flux(resistance, raw)).sum(axis=1)))

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from ilattice._progress import Progress
 from ilattice._typing import AnyArray, ArrayLike, FloatArray
 from ilattice._validate import FixedMapping, as_kind, as_points
 from ilattice.cutfem.conduction import flux
@@ -130,8 +131,13 @@ class HeatSolution(Reported, Result):
             out[rows] = -flux(k[rows], slope[:, 0])
         return out
 
-    def recovered(self) -> "RecoveredHeat":
+    def recovered(self, progress: Progress = None) -> "RecoveredHeat":
         """The same temperature with a smooth and more accurate heat flux.
+
+        Parameters
+        ----------
+        progress : bool or callable, optional
+            "heat flux", "masses" and "projection"; see `ilattice._progress.track`.
 
         Returns
         -------
@@ -140,10 +146,15 @@ class HeatSolution(Reported, Result):
         """
         from ilattice.cutfem.recovery import recovered_flux
 
-        return recovered_flux(self)
+        return recovered_flux(self, progress)
 
-    def error_estimate(self) -> "ErrorEstimate":
+    def error_estimate(self, progress: Progress = None) -> "ErrorEstimate":
         """Estimate of the error in the energy norm, cell by cell.
+
+        Parameters
+        ----------
+        progress : bool or callable, optional
+            "heat flux", "masses" and "projection"; see `ilattice._progress.track`.
 
         Returns
         -------
@@ -152,7 +163,7 @@ class HeatSolution(Reported, Result):
         """
         from ilattice.cutfem.estimate import flux_error
 
-        return flux_error(self)
+        return flux_error(self, progress)
 
     def point_data(self, u: ArrayLike) -> dict[str, AnyArray]:
         """What files hold, at parameters.

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._progress import Progress, staged
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import as_kind
 from ilattice.cutfem import _kernels_assembly as kernels
@@ -52,15 +53,20 @@ class Recovered(Solution):
 
     stresses: FloatArray = field(kw_only=True)
 
-    def recovered(self) -> "Recovered":
+    def recovered(self, progress: Progress = None) -> "Recovered":
         """The same: it is recovered already.
+
+        Parameters
+        ----------
+        progress : bool or callable, optional
+            See `ilattice._progress.track`.
 
         Returns
         -------
         Recovered
             Itself.
         """
-        return self
+        return staged({"stress": lambda: self}, progress)[0]
 
     def stress(self, u: ArrayLike) -> FloatArray:
         """Recovered stress at parameters.
@@ -106,15 +112,20 @@ class RecoveredHeat(HeatSolution):
 
     fluxes: FloatArray = field(kw_only=True)
 
-    def recovered(self) -> "RecoveredHeat":
+    def recovered(self, progress: Progress = None) -> "RecoveredHeat":
         """The same: it is recovered already.
+
+        Parameters
+        ----------
+        progress : bool or callable, optional
+            See `ilattice._progress.track`.
 
         Returns
         -------
         RecoveredHeat
             Itself.
         """
-        return self
+        return staged({"heat flux": lambda: self}, progress)[0]
 
     def heat_flux(self, u: ArrayLike) -> FloatArray:
         """Recovered heat flux at parameters.
@@ -148,33 +159,39 @@ class RecoveredHeat(HeatSolution):
         return values_on(smoothest(self.problem), self.fluxes, rule)
 
 
-def recovered_stress(solution: Solution) -> Recovered:
+def recovered_stress(solution: Solution, progress: Progress = None) -> Recovered:
     """See `Solution.recovered`."""
-    return Recovered(**_attributes(solution), stresses=smooth_stress(solution, WEIGHTS))
+    stresses = smooth_stress(solution, WEIGHTS, progress)
+    return Recovered(**_attributes(solution), stresses=stresses)
 
 
-def recovered_flux(solution: HeatSolution) -> RecoveredHeat:
+def recovered_flux(solution: HeatSolution, progress: Progress = None) -> RecoveredHeat:
     """See `HeatSolution.recovered`."""
-    return RecoveredHeat(**_attributes(solution), fluxes=smooth_flux(solution, WEIGHTS))
+    fluxes = smooth_flux(solution, WEIGHTS, progress)
+    return RecoveredHeat(**_attributes(solution), fluxes=fluxes)
 
 
-def smooth_stress(solution: Solution, weights: dict[int, float]) -> FloatArray:
+def smooth_stress(
+    solution: Solution, weights: dict[int, float], progress: Progress = None
+) -> FloatArray:
     """Coefficients (functions, 6) of the projected stress, with weights of jumps per degree."""
     problem = solution.problem
     heated = any(load.kind == "temperature" for load in problem.loads)
     constant = problem.material.constant and not heated
     rule = problem.domain.stiff_rule(problem.assembly, constant=constant)
-    stress = Solution.stress_on(solution, rule)
-    return project(problem, rule, stress, weights)
+    work = {"stress": lambda: Solution.stress_on(solution, rule)}
+    return project(problem, rule, staged(work, progress)[0], weights, progress)
 
 
-def smooth_flux(solution: HeatSolution, weights: dict[int, float]) -> FloatArray:
+def smooth_flux(
+    solution: HeatSolution, weights: dict[int, float], progress: Progress = None
+) -> FloatArray:
     """Coefficients (functions, 3) of the projected heat flux, likewise."""
     problem = solution.problem
     constant = problem.conductivity.constant
     rule = problem.domain.stiff_rule(problem.assembly, constant=constant)
-    flux = HeatSolution.heat_flux_on(solution, rule)
-    return project(problem, rule, flux, weights)
+    work = {"heat flux": lambda: HeatSolution.heat_flux_on(solution, rule)}
+    return project(problem, rule, staged(work, progress)[0], weights, progress)
 
 
 def smoothest(problem: Problem) -> Assembly:
@@ -188,8 +205,9 @@ def smoothest(problem: Problem) -> Assembly:
 
 
 def project(
-    problem: Problem, rule: Quadrature, values: FloatArray, weights: dict[int, float]
-) -> FloatArray:
+    problem: Problem, rule: Quadrature, values: FloatArray, weights: dict[int, float],
+    progress: Progress = None,
+) -> FloatArray:  # fmt: skip
     """Smoothest splines that are closest to a field in the mean square over the solid.
 
     Parameters
@@ -202,6 +220,8 @@ def project(
         The field at its points.
     weights : dict of int to float
         Weight of the penalty on jumps per degree.
+    progress : bool or callable, optional
+        "masses" and "projection"; see `ilattice._progress.track`.
 
     Returns
     -------
@@ -210,15 +230,18 @@ def project(
     """
     domain, weight = problem.domain, weights[problem.domain.degree]
     smooth = smoothest(problem)
-    solver = domain.once(
-        ("projection", smooth, rule, weight), lambda: _masses(domain, smooth, rule, weight)
+    key = ("projection", smooth, rule, weight)
+    (solver,) = staged(
+        {"masses": lambda: domain.once(key, lambda: _masses(domain, smooth, rule, weight))},
+        progress,
     )
     w = rule.weights * np.abs(np.linalg.det(smooth.jacobians(rule.points)))
     f = smooth.vector(rule, w[:, None] * values)
     out = np.zeros_like(f)
     some = f.any(axis=0)
     if some.any():
-        out[:, some] = solver.solve(f[:, some], tol=TOLERANCE)[0]
+        work = {"projection": lambda: solver.solve(f[:, some], tol=TOLERANCE)[0]}
+        out[:, some] = staged(work, progress)[0]
     return out
 
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ilattice._progress import Progress
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import FixedMapping, as_kind, read_only
 from ilattice.cutfem.anisotropic import Anisotropic
@@ -72,8 +73,13 @@ class Solution(Reported, Stresses):
             out[rows] = self._stress(gradient, u[rows], owner[rows])
         return out
 
-    def recovered(self) -> "Recovered":
+    def recovered(self, progress: Progress = None) -> "Recovered":
         """The same displacement with a smooth and more accurate stress.
+
+        Parameters
+        ----------
+        progress : bool or callable, optional
+            "stress", "masses" and "projection"; see `ilattice._progress.track`.
 
         Returns
         -------
@@ -82,10 +88,15 @@ class Solution(Reported, Stresses):
         """
         from ilattice.cutfem.recovery import recovered_stress
 
-        return recovered_stress(self)
+        return recovered_stress(self, progress)
 
-    def error_estimate(self) -> "ErrorEstimate":
+    def error_estimate(self, progress: Progress = None) -> "ErrorEstimate":
         """Estimate of the error in the energy norm, cell by cell.
+
+        Parameters
+        ----------
+        progress : bool or callable, optional
+            "stress", "masses" and "projection"; see `ilattice._progress.track`.
 
         Returns
         -------
@@ -94,7 +105,7 @@ class Solution(Reported, Stresses):
         """
         from ilattice.cutfem.estimate import stress_error
 
-        return stress_error(self)
+        return stress_error(self, progress)
 
     # ---------------------------------------------------------------- numbers
 
