@@ -208,7 +208,7 @@ class ClosestPointSearch(TileSpace):
     # ------------------------------------------------------------------ seeds
 
     def _make_seeds(self, count: IntArray, closed: AnyArray) -> tuple[Seeds, FloatArray]:
-        """Seeds, and the spacing (s,) that they would have if none were added between the others."""
+        """Seeds, and the spacings (s,) that they would have if none were added between others."""
         ranges = [
             np.arange(0 if c or e else -1, n if c or e else n + 1)
             for n, c, e in zip(count, closed, self.ends, strict=True)
