@@ -197,17 +197,18 @@ class ClosestPointSearch(TileSpace):
         self.looked_at = CANDIDATES
         self.singular: list[tuple[int, float]] = []
         count, closed = np.array(lattice.repeat), np.array(lattice.through.closed)
-        self.seeds = self._make_seeds(count, closed)
+        self.seeds, usual = self._make_seeds(count, closed)
         self.tree = cKDTree(self.seeds.images)
         self.boxes = Boxes.of(*self.seeds[1:])
-        self.spacing = Spacing(self, self.seeds.points, self.seeds.spacing, self.singular)
+        self.spacing = Spacing(self, self.seeds.points, usual, self.singular)
         self.least_spacing = float(self.seeds.spacing.min())
         self.cell = 1.0 / self._least_seeds
         self.statistics = Statistics()
 
     # ------------------------------------------------------------------ seeds
 
-    def _make_seeds(self, count: IntArray, closed: AnyArray) -> Seeds:
+    def _make_seeds(self, count: IntArray, closed: AnyArray) -> tuple[Seeds, FloatArray]:
+        """Seeds, and the spacings (s,) that they would have if none were added between others."""
         ranges = [
             np.arange(0 if c or e else -1, n if c or e else n + 1)
             for n, c, e in zip(count, closed, self.ends, strict=True)
@@ -237,7 +238,8 @@ class ClosestPointSearch(TileSpace):
         keep = keep[in_order(p[keep], x[keep], normal[keep])]
         if normal.shape[1] == PLAIN:
             normal[keep, BENT] = sharpest(x[keep], normal[keep, BENT], spacing[keep])
-        return Seeds(*(np.ascontiguousarray(a[keep]) for a in (p, x, normal, spacing)))
+        usual = spacing[keep] / (self._least_seeds * cell[keep].max(axis=1))
+        return Seeds(*(np.ascontiguousarray(a[keep]) for a in (p, x, normal, spacing))), usual
 
     @property
     def _least_seeds(self) -> int:

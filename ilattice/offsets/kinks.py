@@ -91,14 +91,16 @@ def fit_with_kinks(f: Function, domain: FloatArray, tol: float) -> tuple[BSpline
         If values jump at a plane across an axis.
     """
     lo, hi = domain
-    places = lo + (hi - lo) * np.random.default_rng(0).random((LINES, 3))
+    places = lo + (hi - lo) * np.random.default_rng(0).random((POINTS, 3))
+    largest = float(np.abs(f(places)).max())
+    places = places[:LINES]
     worst = np.empty((0, 3))
     fits: list[tuple[BSpline, Deviation]] = []
     for _ in range(REFITS):
         lines = [np.delete(places, a, axis=1) for a in range(3)]
         kinks = [_kinks(f, lines[a], a, domain) for a in range(3)]
         for a in range(3):
-            _check_jumps(f, lines[a], a, kinks[a], float(hi[a] - lo[a]))
+            _check_jumps(f, lines[a], a, kinks[a], float(hi[a] - lo[a]), largest)
         breaks = [np.concatenate([[lo[a]], kinks[a], [hi[a]]]) for a in range(3)]
         seen = [np.unique(np.concatenate([b, worst[:, a]])) for a, b in enumerate(breaks)]
         fine = _halved(f, lines, seen, domain, tol)
@@ -223,16 +225,16 @@ def _kinks(f: Function, lines: FloatArray, axis: int, domain: FloatArray) -> Flo
 
 
 def _check_jumps(
-    f: Function, lines: FloatArray, axis: int, kinks: FloatArray, length: float
+    f: Function, lines: FloatArray, axis: int, kinks: FloatArray, length: float, largest: float
 ) -> None:
-    """Refuse kinks at which the values jump."""
+    """Refuse kinks at which the values jump, which are small at a kink next to zero."""
     for kink in kinks:
         sides = kink + np.array([-3.0, 3.0]) * NARROW * length
         u = [np.insert(lines, axis, t, axis=1) for t in sides]
         below, above = f(u[0]), f(u[1])
         step = np.abs(above - below)
         i = int(np.argmax(step))
-        if step[i] > JUMP * max(np.abs(below).max(), np.abs(above).max()):
+        if step[i] > JUMP * max(largest, np.abs(below).max(), np.abs(above).max()):
             raise JumpError(f"from {below[i]:g} to {above[i]:g} at {np.round(u[1][i], 6).tolist()}")
 
 

@@ -35,7 +35,8 @@ class Spacing:
     p : ndarray, shape (s, 3)
         Seeds, in tile coordinates.
     size : ndarray, shape (s,)
-        Their spacings.
+        Spacings that they would have if none were added along edges and on faces: where these are
+        the nearest ones, others are farther apart.
     singular : list of (int, float)
         Faces of the domain to which spacings fall: the direction across, and its coordinate.
     """

@@ -55,8 +55,9 @@ def struts(
     Returns
     -------
     Tile
-        The tile: ``Lattice(tile, through=...).offset((np.inf, 0))`` is its solid. For a graph that
-        is no cell but stands for itself see `ilattice.Lattice.from_struts`.
+        The tile: ``Lattice(tile, through=...).offset((np.inf, 0))`` is its solid; other offsets go
+        by a spline, see `skeleton`. For a graph that is no cell but stands for itself see
+        `ilattice.Lattice.from_struts`.
 
     Raises
     ------

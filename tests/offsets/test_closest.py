@@ -64,6 +64,19 @@ def test_feet_that_were_missed_once(shape, tile, boundary, q, near):
 
 
 @pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
+def test_dense_seeds_on_faces_hide_no_sheet_farther_apart():
+    """Next to the middle of a cage on a face the nearest seeds are all on the curves of that."""
+    lattice = nc.lattice_of("torus", "iwp", "clip")
+    rng = np.random.default_rng(5)
+    q = np.array([[i, *a] for i in range(16) for a in ((1, 0), (0, 1), (1, 2), (2, 1))] * 12, float)
+    q += rng.uniform(-0.002, 0.002, q.shape)
+    q[:, 0] %= 16.0
+    q[:, 1:] = 2.0 - np.abs(2.0 - np.abs(q[:, 1:]))
+    known, _ = nc.Oracle("iwp", lattice).distance(q)
+    distance = np.abs(lattice.closest(nc.parameters(lattice, q)).distance)
+    np.testing.assert_allclose(distance, known, rtol=1e-9)
+
+
 def test_feet_next_to_faces_lie_on_the_surface():
     """Steps that end beyond a face are cut off there; that must not be the last step."""
     lattice = nc.lattice_of("G", "gyroid", "clip")

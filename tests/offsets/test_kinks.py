@@ -102,6 +102,25 @@ def test_fits_that_are_off_are_told_and_jumps_are_refused(lattice):
         fit_with_kinks(lambda u: np.where(u[:, 2] < B, 0.05, 0.0502), UNIT, 1e-7)
 
 
+def test_sides_may_vanish_behind_a_kink(lattice):
+    """Next to it the values are small, and no jumps, however much they differ from zero there."""
+    sides = 0.04, lambda u: np.maximum(0.0, 0.1 * (u[:, 0] - A))
+    wall = lattice.offset(sides)
+    u = RNG.random((2000, 3))
+    np.testing.assert_allclose(wall.thickness.outer(u), sides[1](u), atol=1e-6)
+    mesh = wall.mesh(h=0.06)
+    data = mesh.point_data
+    on = (data["side"] > 0) & (data["unconverged"] == 0)
+    u = np.stack([data[k] for k in "uvw"], axis=1)[on]
+    assert (u[:, 0] < A).any()
+    assert (u[:, 0] > A).any()
+    np.testing.assert_allclose(np.abs(lattice.distance(u)), sides[1](u), atol=1e-6)
+    with pytest.raises(JumpError):
+        fit_with_kinks(lambda u: np.where(u[:, 2] < B, 0.0, 0.02), UNIT, 1e-7)
+    with pytest.raises(InputError, match="both sides vanish"):
+        lattice.offset((0.0, sides[1]))
+
+
 def test_scaling_to_a_density_keeps_kinks(lattice):
     f = ALIGNED["interp"]
     wall = lattice.offset(f, relative_density=0.25)
