@@ -242,6 +242,11 @@ class Domain(Frozen):
             rule = where(rule, np.asarray(rule.sets) == SURFACES.index(on) - 1)
         return rule
 
+    def finer(self, cells: IntArray) -> Quadrature:
+        """Rule like `volume` with more points, on cells of the grid that hold solid."""
+        q = min(self.q + MORE, MOST_POINTS)
+        return self.elements.divided(rule_on(self.cut, "volume", cells, q))
+
     def area_error(self, region: Region) -> float:
         """See `Region.error`."""
         return self.once(("area", region), lambda: region.error(self.boundary(region.place)))
