@@ -388,18 +388,32 @@ class Domain(Frozen):
         gaps = self.elements.gaps
         if not len(gaps):
             return
-        widest = int(np.argmax(gaps[:, 1]))
+        widest = int(np.argmax(_across(gaps[:, 1:])))
         box = self.cut.grid.boxes(gaps[[widest], 0].astype(np.int64))
-        middle = box[:, :3] + 0.5 * box[:, 3:]
-        x = middle if self.cut.through is None else self.cut.through.x(middle)
+        middle, through = box[:, :3] + 0.5 * box[:, 3:], self.cut.through
+        x = middle if through is None else through.x(middle)
+        long = box[0, 3:] if through is None else self._edges(middle, box[0, 3:])
         place = ", ".join(f"{c:.4g}" for c in x[0])
         warnings.warn(
-            f"a gap of {gaps[widest, 1]:.2g} cells near ({place}) is too thin to be resolved, in "
+            f"a gap of {_across(long * gaps[widest, 1:]):.2g}, {_across(gaps[widest, 1:]):.2g} "
+            f"cells, near ({place}) is too thin to be resolved, in "
             f"{len(gaps)} {'cell' if len(gaps) == 1 else 'cells'}: the solid on both sides is "
             "taken as one; widen the gap, close it, or take finer cells",
             PrecisionWarning,
             stacklevel=5,
         )
+
+    def _edges(self, middle: FloatArray, extent: FloatArray) -> FloatArray:
+        """Lengths in space of the edges of a cell."""
+        assert self.cut.through is not None
+        J = self.cut.through.jacobian(middle)[0]
+        return np.asarray(np.linalg.norm(J, axis=0) * extent)
+
+
+def _across(air: FloatArray) -> FloatArray:
+    """Width of a plane gap by its lengths (..., 3) along three normal directions, 0 if it goes on."""
+    slopes = np.divide(1.0, air, out=np.zeros_like(air), where=air > 0.0)
+    return np.asarray(1.0 / np.linalg.norm(slopes, axis=-1))
 
 
 def kinks(through: SplineMap, axis: int) -> FloatArray:
