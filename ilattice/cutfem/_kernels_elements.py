@@ -215,7 +215,7 @@ def count_pieces(
     c: Any, tables: Any, which: Any, start: Any, extent: Any, offsets: Any, P: int, counts: Any,
     gaps: Any,
 ) -> None:  # fmt: skip
-    """Numbers of pieces, and gaps (n, 3), of cells with the boxes from offsets[i] on; see `boxes_of`."""
+    """Numbers of pieces, and gaps (n, 3), of cells with boxes from offsets[i]; see `boxes_of`."""
     for i in prange(len(counts)):
         part = slice(offsets[i], offsets[i + 1])
         mine = which[part]
