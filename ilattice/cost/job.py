@@ -17,6 +17,7 @@ from ilattice._stages import Stages
 from ilattice._validate import as_positive
 from ilattice._version import __version__
 from ilattice.cost.kagome import divided_box, fill, kagome
+from ilattice.cost.stiffening import braced, tell_rank
 from ilattice.cost.structure import CornerSharing
 from ilattice.errors import FormatError, InputError, PrecisionWarning
 from ilattice.io.registry import WRITERS
@@ -73,9 +74,10 @@ def run(
     with stages("structure"):
         k = _structure(resolution, cells, through)
         if stiffen:
-            k = k.stiffened(generic=True) if cells else k.stiffened()
+            k = braced(k, generic=bool(cells))
         if through is not None:
             k = k.mapped(through)
+        found = tell_rank(k, "matroid") if stiffen else None
         r = 0.1 * k.shortest if radius is None else as_positive("radius", radius)
         beams = k.beams(r)
     with stages("write"):
@@ -89,8 +91,7 @@ def run(
         "beams": len(k.edges), "length of beams": float(k.lengths.sum()), "deficit": k.deficit,
         "stages": stages.records, "files": [str(file) for file in output],
     }  # fmt: skip
-    if stiffen:
-        found = k.rigidity()
+    if found is not None:
         result |= {"rank": found.rank, "flexes": found.flexes, "self-stresses": found.self_stresses}
     if report is not None:
         write_report(report, result)

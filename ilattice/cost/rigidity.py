@@ -96,6 +96,17 @@ class Rigidity:
         """Whether it is rigid without self-stress."""
         return self.rigid and self.self_stresses == 0
 
+    @property
+    def doubt(self) -> str:
+        """Why the rank is not clear: pivots within a factor 1000 of the tolerance; or nothing."""
+        if self.least >= UNSURE * self.tolerance and self.dropped <= self.tolerance / UNSURE:
+            return ""
+        return (
+            f"the rank {self.rank} is not clear: pivots lie at {self.least:.1e} and "
+            f"{self.dropped:.1e} of the largest, and the tolerance is {self.tolerance:.1e}; move "
+            "the vertices a little, or set another tolerance"
+        )
+
 
 def matrix(k: CornerSharing) -> csr_array:
     """Rigidity matrix: half the derivatives of the squared lengths of edges.
@@ -221,6 +232,17 @@ def analysed(
     PrecisionWarning
         If pivots lie within a factor 1000 of the tolerance.
     """
+    out = counted(k, generic=generic, tolerance=tolerance, seed=seed, perturbation=perturbation)
+    if out.doubt:
+        warnings.warn(out.doubt, PrecisionWarning, stacklevel=3)
+    return out
+
+
+def counted(
+    k: CornerSharing, *, generic: bool = False, tolerance: float = TOLERANCE, seed: int = 0,
+    perturbation: float = PERTURBATION,
+) -> Rigidity:  # fmt: skip
+    """What `analysed` finds, without a warning: `Rigidity.doubt` is left to the caller to tell."""
     as_kind("k", k, "CornerSharing")
     tol, amount = as_positive("tolerance", tolerance), as_not_negative("perturbation", perturbation)
     moved = as_flag("generic", generic) and amount > 0.0
@@ -229,20 +251,11 @@ def analysed(
     top = float(pivots.max(initial=0.0))
     part = pivots / top if top > 0.0 else pivots
     counts = part > tol
-    out = Rigidity(
+    return Rigidity(
         int(counts.sum()), len(k.edges), k.positions.size, k.trivial, tol,
         float(part[counts].min(initial=1.0)), float(part[~counts].max(initial=0.0)),
         amount if moved else 0.0,
     )  # fmt: skip
-    if out.least < UNSURE * tol or out.dropped > tol / UNSURE:
-        warnings.warn(
-            f"the rank {out.rank} is not clear: pivots lie at {out.least:.1e} and "
-            f"{out.dropped:.1e} of the largest, and the tolerance is {tol:.1e}; move the "
-            "vertices a little, or set another tolerance",
-            PrecisionWarning,
-            stacklevel=3,
-        )
-    return out
 
 
 def _size(k: CornerSharing) -> float:

@@ -26,7 +26,7 @@ from ilattice._typing import ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_choice, as_flag, as_kind, as_positive, as_whole
 from ilattice.cost.joining import boundary_faces
 from ilattice.cost.refinement import area, facets
-from ilattice.cost.rigidity import extended, motions
+from ilattice.cost.rigidity import Rigidity, counted, extended, motions
 from ilattice.cost.structure import CornerSharing, _numbers
 from ilattice.errors import GeometryError, IlatticeError, InputError, PrecisionWarning
 
@@ -81,9 +81,20 @@ def stiffened(
     Warns
     -----
     PrecisionWarning
-        If the rank at these positions stays short of rigidity (`pattern`, `cycle`, `generic`), or
-        edges depended on each other before, so that there are more bars than the count asks for.
+        If the rank at these positions stays short of rigidity (`pattern`, `cycle`, `generic`) or is
+        not clear, or edges depended on each other before, so that there are more bars than the
+        count asks for.
     """
+    out = braced(k, mode, reach=reach, generic=generic, repair=repair, seed=seed)
+    tell_rank(out, mode)
+    return out
+
+
+def braced(
+    k: CornerSharing, mode: str = "matroid", *, reach: float | None = None, generic: bool = False,
+    repair: bool = False, seed: int = 0,
+) -> CornerSharing:  # fmt: skip
+    """What `stiffened` makes, of which the rank is not looked at."""
     as_kind("k", k, "CornerSharing")
     as_choice("mode", mode, ("matroid", "pattern", "cycle"))
     seed = as_whole("seed", seed, 0, 2**31)
@@ -93,29 +104,30 @@ def stiffened(
     else:
         bars = _pattern(k, seed) if mode == "pattern" else _cycle(k)
         out = k.with_bars(_matroid(at, bars, reach) if repair else bars)
-    _tell_rank(out, mode)
     return out
 
 
-def _tell_rank(k: CornerSharing, mode: str) -> None:
-    """Warn where the rank at these positions is short, or not known."""
+def tell_rank(k: CornerSharing, mode: str) -> Rigidity | None:
+    """The rank at these positions, with one warning where it is short, not clear, or not known."""
     try:
-        r = k.rigidity()
+        r = counted(k)
     except IlatticeError as e:
         warnings.warn(f"the rank is not known: {e}", PrecisionWarning, stacklevel=4)
-        return
+        return None
+    told = r.doubt
     if not r.rigid:
         remedy = "move the vertices (`perturbed`, `mapped`)"
         if k.deficit > 0:
             remedy = f"{k.deficit} edges are missing by count; use the mode 'matroid', or repair"
         elif mode != "matroid":
             remedy = f"the bars are right for generic positions only; {remedy}, or use 'matroid'"
-        warnings.warn(
+        told = (
             f"the rank at these positions is {r.rank}, {r.flexes} short of rigidity, with "
-            f"{r.self_stresses} self-stresses: {remedy}",
-            PrecisionWarning,
-            stacklevel=4,
+            f"{r.self_stresses} self-stresses: {remedy}{'; ' * bool(told)}{told}"
         )
+    if told:
+        warnings.warn(told, PrecisionWarning, stacklevel=4)
+    return r
 
 
 # ------------------------------------------------------------------------------ matroid
@@ -175,7 +187,7 @@ def _matroid(k: CornerSharing, first: IntArray | None, reach: float | None) -> I
             "positions: so many bars more than the count are needed, and self-stresses stay; "
             "move the vertices (`perturbed`), or use generic=True",
             PrecisionWarning,
-            stacklevel=4,
+            stacklevel=5,
         )
     kept = np.zeros((0, 2), np.int64)
     if first is not None:

@@ -39,7 +39,8 @@ def boxes_of(c: Any, tables: Any, which: Any, start: Any, extent: Any, P: int) -
 
     At first these are the boxes from `start` (n, 3) on, of lengths `extent` (n, 3), with the
     polynomials c[which[i]], or full for which[i] < 0. Returned are lower corners, lengths, sorts,
-    the rows of their tables, polynomials, and the air between solid in boxes that are not certain.
+    the rows of their tables, polynomials, and the air (n, 3) between solid along the directions in
+    boxes that are not certain.
     """
     m = c.shape[1]
     size = P * P * P
@@ -49,7 +50,8 @@ def boxes_of(c: Any, tables: Any, which: Any, start: Any, extent: Any, P: int) -
     sort = np.empty(room, np.int64)
     row = np.empty(room, np.int64)
     tensor = np.empty((room, m, size))
-    air = np.zeros(room)
+    air = np.zeros((room, 3))
+    most = np.empty(3)
     stack = np.empty((7 * DEPTH + 8, m, size))
     at = np.empty((7 * DEPTH + 8, 3), np.int64)
     long = np.empty((7 * DEPTH + 8, 3), np.int64)
@@ -98,8 +100,9 @@ def boxes_of(c: Any, tables: Any, which: Any, start: Any, extent: Any, P: int) -
             air[n] = 0.0
             if found != FULL:
                 tensor[n] = stack[top]
-            if found == UNSURE:
-                air[n] = long[top].max() * air_between(stack[top], P, tables[k])
+            if found == UNSURE and air_between(stack[top], P, tables[k], most) > 0.0:
+                for a in range(3):
+                    air[n, a] = long[top, a] * most[a]
             n += 1
     return corner[:n], length[:n], sort[:n], row[:n], tensor[:n], air[:n]
 
@@ -152,8 +155,8 @@ def join(parent: Any, i: int, j: int) -> None:
 def pieces_of(c: Any, tables: Any, which: Any, start: Any, extent: Any, P: int) -> Any:
     """Boxes of a cell (corners, lengths), the piece of each, the number of pieces, and a gap.
 
-    The gap is the width, in units of `UNIT`, of air that is too thin to be seen as such
-    everywhere, but would divide a piece; 0 if there is none.
+    The gap is the air, along the three directions, that is too thin to be seen as such everywhere,
+    but would divide a piece; 0 if there is none.
     """
     corner, length, sort, row, tensor, air = boxes_of(c, tables, which, start, extent, P)
     n = len(sort)
@@ -178,7 +181,7 @@ def pieces_of(c: Any, tables: Any, which: Any, start: Any, extent: Any, P: int) 
                 tensor[small], axis, side, P, tolerances(tensor[small]), tables[row[small]]
             ):
                 join(parent, i, j)
-                if air[i] == 0.0 and air[j] == 0.0:
+                if air[i].max() == 0.0 and air[j].max() == 0.0:
                     join(firm, i, j)
     label = np.full(n, -1)
     count = 0
@@ -191,7 +194,7 @@ def pieces_of(c: Any, tables: Any, which: Any, start: Any, extent: Any, P: int) 
     for i in range(n):
         k = label[root(parent, i)]
         label[i] = k
-        if air[i] == 0.0 and (
+        if air[i].max() == 0.0 and (
             sort[i] == FULL
             or has_solid_corner(tensor[i], 3, P, tolerances(tensor[i]), tables[row[i]])
         ):
@@ -199,10 +202,11 @@ def pieces_of(c: Any, tables: Any, which: Any, start: Any, extent: Any, P: int) 
                 seen[k] = root(firm, i)
             elif seen[k] != root(firm, i):
                 divided = k
-    thin = 0.0
+    thin = np.zeros(3)
     for i in range(n):
-        if label[i] == divided and air[i] > 0.0 and (thin == 0.0 or air[i] < thin):
-            thin = air[i]
+        for a in range(3):
+            if label[i] == divided and air[i, a] > 0.0 and (thin[a] == 0.0 or air[i, a] < thin[a]):
+                thin[a] = air[i, a]
     return corner, length, label, count, thin / UNIT
 
 
@@ -211,7 +215,7 @@ def count_pieces(
     c: Any, tables: Any, which: Any, start: Any, extent: Any, offsets: Any, P: int, counts: Any,
     gaps: Any,
 ) -> None:  # fmt: skip
-    """Numbers of pieces, and gaps, of cells with the boxes from offsets[i] on; see `boxes_of`."""
+    """Numbers of pieces, and gaps (n, 3), of cells with boxes from offsets[i]; see `boxes_of`."""
     for i in prange(len(counts)):
         part = slice(offsets[i], offsets[i + 1])
         mine = which[part]

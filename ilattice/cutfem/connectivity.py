@@ -183,6 +183,39 @@ def links(joined: tuple[Quadrature, ...]) -> tuple[IntArray, IntArray]:
     return np.concatenate([rule.cells for rule in joined]), np.concatenate(high)
 
 
+def falls_apart(
+    parts: Parts, pairs: tuple[IntArray, IntArray], home: IntArray, thin: IntArray
+) -> bool:
+    """Whether a part would be two of a cell or more without what it has in some cells.
+
+    Parameters
+    ----------
+    parts : Parts
+        Of a solid, by elements.
+    pairs : tuple of ndarray
+        Elements that hang together, see `links`.
+    home : ndarray
+        Cell of each of those that have solid.
+    thin : ndarray
+        The cells.
+
+    Returns
+    -------
+    bool
+        That it would.
+    """
+    rest = ~np.isin(home, thin)
+    i, j = (np.searchsorted(parts.cells, side) for side in pairs)
+    keep = rest[i] & rest[j]
+    n = len(home)
+    graph = coo_array((np.ones(keep.sum()), (i[keep], j[keep])), shape=(n, n))
+    count, labels = connected_components(graph, False)
+    volumes = parts.solid.integrate_cells() / parts.solid.grid.boxes(parts.cells)[:, 3:].prod(1)
+    large = np.bincount(labels, np.where(rest, volumes, 0.0), count) >= 1.0
+    first = np.unique(labels, return_index=True)[1]
+    return bool((np.bincount(parts.labels[first][large]) > 1).any())
+
+
 def connected_parts(
     solid: Quadrature, faces: tuple[Quadrature, ...], seam: Quadrature | None = None
 ) -> Parts:

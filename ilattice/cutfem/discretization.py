@@ -21,7 +21,8 @@ cell or two: all cells at hand are then too coarse to see it. Where volumes are 
 ratio 0.45 and above) it is up to fifty times too large from degree 2 on, since coarse splines
 cannot follow: it then says that cells are coarse for that, not by how much. On fewer than eight
 cells in every direction, which are one when joined twice, it is often four times too large: it has
-to hold what such cells do not see. Errors of the geometry and of the map are not in it. Splines
+to hold what such cells do not see. Errors of the geometry, of the map and of integration are not
+in it: `CutGrid.error` and ``solution.report.integration_error`` tell the first and last. Splines
 that are too stiff by k make the work of loads 1 / (1 + k) of what it should be, and what is seen of
 it on coarse cells falls behind where k is large: see `of_work`.
 """

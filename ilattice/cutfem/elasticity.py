@@ -436,6 +436,11 @@ class Elasticity(ElasticOperators):
 
         return 2.0 * Solution(self, c, None)._energy(rule, heated=False)
 
+    def _stored_on(self, c: FloatArray, rule: Quadrature) -> float:
+        from ilattice.cutfem.solution import Solution
+
+        return 2.0 * Solution(self, c, None)._energy(rule, heated=True)
+
     @property
     def _keeps_volume(self) -> bool:
         return self.projection is not None

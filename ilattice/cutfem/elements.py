@@ -44,8 +44,9 @@ class ElementGrid(DividedGrid):
         cell's corner.
     label : ndarray, shape (boxes,)
         Element of each box.
-    gaps : ndarray, shape (g, 2)
-        Cells with air that is too thin to be resolved, and its width in cells.
+    gaps : ndarray, shape (g, 4)
+        Cells with air that is too thin to be resolved, and its length along the three directions,
+        in cells; 0 along those in which it goes on.
     """
 
     cut: CutGrid = field(kw_only=True)
@@ -127,7 +128,7 @@ def elements_of(cut: CutGrid, solid: Quadrature) -> ElementGrid:
     offsets = np.append(0, np.cumsum([len(b[1]) for b in boxes])).astype(np.int64)
     seen = [label[a:b] for a, b in pairwise(offsets)]
     grid = cut.grid
-    thin = widths > 0
+    thin = widths.max(axis=1, initial=0.0) > 0.0
     gaps = read_only(np.column_stack([cells[thin], widths[thin]]))
     raw = ElementGrid(
         grid.axes, grid.closed, cut=cut, divided_cells=several, offsets=offsets, corner=corner,
@@ -137,9 +138,9 @@ def elements_of(cut: CutGrid, solid: Quadrature) -> ElementGrid:
 
 
 def _counted(cut: CutGrid) -> tuple[IntArray, IntArray, FloatArray]:
-    """Cut cells, their numbers of pieces, and widths of gaps that are not resolved, in cells."""
+    """Cut cells, their numbers of pieces, and lengths (n, 3) of gaps that are not resolved."""
     cells = cut.cells(CUT)
-    counts, widths = np.ones(len(cells), np.int64), np.zeros(len(cells))
+    counts, widths = np.ones(len(cells), np.int64), np.zeros((len(cells), 3))
     rest = np.flatnonzero(~cut.layout.single(cells))
     per_cell = cut.layout.per_cell
     size = max(int(BATCH / per_cell), 1)
@@ -147,7 +148,7 @@ def _counted(cut: CutGrid) -> tuple[IntArray, IntArray, FloatArray]:
         part = rest[i : i + size]
         tensors, tables, which, start, extent, owner = cut.layout.insides(cells[part])
         offsets = np.append(np.searchsorted(owner, cells[part]), len(owner))
-        found, gaps = np.zeros(len(part), np.int64), np.zeros(len(part))
+        found, gaps = np.zeros(len(part), np.int64), np.zeros((len(part), 3))
         kernels.count_pieces(
             tensors, tables, which, start, extent, offsets, cut.pieces.order, found, gaps
         )

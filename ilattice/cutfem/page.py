@@ -51,6 +51,19 @@ class Report(SolveReport):
         """
         return float(max(cut.unseen for cut in self._result.problem.domain.solids))
 
+    @property
+    def integration_error(self) -> float:
+        """Estimated part of the energy by which it is off because of the points of rules.
+
+        `discretization_error` is that of splines, on the solid as rules have it; in cells that
+        curved surfaces cut, rules are not exact. It is found when it is asked for, by rules with
+        three more points per direction, in about the time that the rules have taken. Struts of a
+        cell are up to 2 % off at degree 1, 0.2 % at degree 2 and 0.05 % at degree 3, where splines
+        may have the solution exactly, as in tension. Finer cells make it small, and so does
+        ``q``. Loads on bodies are off likewise; fields of points are, by `CutGrid.error`, besides.
+        """
+        return float(self._result.problem._integration_error(self._result.coefficients))
+
     def __call__(self, path: str | PathLike[str], *, pictures: bool = True) -> None:
         """Write a page about the analysis: set-up, checks, results, pictures.
 
@@ -82,7 +95,7 @@ def report_of(result: Any, solved: SolveReport | None) -> Report | None:
     return Report(**told, _result=result)
 
 
-def page(result: "Result", report: SolveReport, title: str, *, pictures: bool) -> str:
+def page(result: "Result", report: Report, title: str, *, pictures: bool) -> str:
     """The text of the page."""
     kind = type(result.problem).__name__
     parts = [
@@ -194,11 +207,12 @@ class _Where:
         return f"{on} (from {_number(x.min(axis=0))} to {_number(x.max(axis=0))})"
 
 
-def _checks(result: "Result", report: SolveReport) -> dict[str, str]:
+def _checks(result: "Result", report: Report) -> dict[str, str]:
     """How far the numbers can be believed."""
     error = report.discretization_error
     out = {
         "error of the energy by the cells": _per_cent(error),
+        "error of the energy by integration": _per_cent(report.integration_error),
         "error of the volume": _per_cent(result.problem.domain.cut.error),
         "solver": f"{report.method}, {report.size} unknowns, {report.iterations} iterations, "
         f"{report.setup_seconds + report.solve_seconds:.2g} s",

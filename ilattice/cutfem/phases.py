@@ -23,16 +23,17 @@ from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import as_array, asked, read_only
 from ilattice.bspline import BSpline
 from ilattice.cutfem.connectivity import Parts, connected_parts
-from ilattice.cutfem.domain import Domain, OfPhase, as_domain, where
+from ilattice.cutfem.domain import MORE, Domain, OfPhase, as_domain, where
 from ilattice.cutfem.elements import ElementGrid, elements_of, regrouped
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.fields.node import Node
 from ilattice.macroshape.maps import SplineMap
 from ilattice.offsets.kinks import JumpError, fit_with_kinks
 from ilattice.offsets.thickness import as_equation, of_parameters
+from ilattice.quadrature._filling import MOST_POINTS
 from ilattice.quadrature.grid import CUT, IN, OUT, CutGrid, DividedGrid, Grid, check_resolved
 from ilattice.quadrature.levelsets import MOST_DEGREE
-from ilattice.quadrature.rules import NAMES, Quadrature, in_space, kept
+from ilattice.quadrature.rules import NAMES, Quadrature, in_space, kept, rule_on
 
 #: Error of the spline of a level set, relative to its largest value: asked, and told.
 FIT, TOLD = 1e-9, 1e-4
@@ -196,6 +197,13 @@ class PhasedDomain(Domain):
     def volume(self) -> Quadrature:
         """See `Domain.volume`."""
         return self._both(self._volumes)
+
+    def finer(self, cells: IntArray) -> Quadrature:
+        """See `Domain.finer`."""
+        q = min(self.q + MORE, MOST_POINTS)
+        both = zip(self.phases, self._volumes, strict=True)
+        mine = [(c, np.intersect1d(cells, r.cells)) for c, r in both]
+        return self._both([rule_on(c, "volume", some, q) for c, some in mine])
 
     @cached_property
     def wet(self) -> tuple[Quadrature, ...]:

@@ -77,7 +77,8 @@ class SolveReport(Frozen):
         What the factor or hierarchy takes.
     discretization_error : float
         Estimated part of the energy by which it is off because of the cells, see `discretization`;
-        NaN where there is no estimate.
+        NaN where there is no estimate. How far integrals over cells that curved surfaces cut are
+        off is not in it: ``solution.report.integration_error`` tells that.
     rounded : bool
         Whether the residual is above `tol` only because x is rounded: the error in the energy norm
         is below `tol`.

@@ -255,13 +255,16 @@ def is_open(c: Any, axis: int, side: int, P: int, tol: Any, table: int) -> bool:
 
 
 @njit(**FAST)
-def air_between(c: Any, P: int, table: int) -> float:
-    """Least length of air between solid on lines through the middle of a box, 0 if there is none.
+def air_between(c: Any, P: int, table: int, best: Any) -> float:
+    """Least lengths of air between solid on lines in a box, along each direction, 0 for none.
 
-    In units of the box, along one of the three directions.
+    In units of the box. Lines go through the middle, or, if there is none on these, along the
+    edges: of two pieces of solid that air as good as plane parts, edges join corners. Where three
+    corners or more are in this air they may not; it is then as long as the box. Returned is the
+    least of the three that is not 0.
     """
     m = len(c)
-    best = 0.0
+    best[:] = 0.0
     half = np.zeros(P)  # the Bernstein basis at one half
     half[0] = 1.0
     for r in range(1, P):
@@ -270,37 +273,84 @@ def air_between(c: Any, P: int, table: int) -> float:
         half[0] *= 0.5
     L = np.zeros(P, np.int64)
     Z = np.empty(LINE + (P + 2) * (ROOTS + 2))  # cuts, then the lines, then scratch
+    for way in range(2):
+        for axis in range(3):
+            step = P ** (2 - axis)
+            first = P * P if axis else P
+            second = 1 if axis < 2 else P
+            for line in range(4 if way else 1):
+                for k in range(m):
+                    for i in range(P):
+                        v = 0.0
+                        if way:
+                            v = c[k, i * step + (P - 1) * (line // 2 * first + line % 2 * second)]
+                        else:
+                            for a in range(P):
+                                for b in range(P):
+                                    v += half[a] * half[b] * c[k, i * step + a * first + b * second]
+                        Z[CUTS + k * P + i] = v
+                air = air_on(Z, m, P, table, L)
+                if air > 0.0 and (best[axis] == 0.0 or air < best[axis]):
+                    best[axis] = air
+        if best.max() > 0.0:
+            break
+    if best.max() == 0.0 and apart(c, P, table):
+        best[:] = 1.0
+    least = 0.0
     for axis in range(3):
-        step = P ** (2 - axis)
-        first = P * P if axis else P
-        second = 1 if axis < 2 else P
-        Z[0] = 0.0
-        Z[1] = 1.0
-        n = 2
+        if best[axis] > 0.0 and (least == 0.0 or best[axis] < least):
+            least = best[axis]
+    return least
+
+
+@njit(**FAST)
+def apart(c: Any, P: int, table: int) -> bool:
+    """Whether corners of a box that are solid are not joined by edges between such."""
+    tol = tolerances(c)
+    group = np.full(8, -1)
+    for corner in range(8):
+        j = 0
+        for axis in range(3):
+            j = j * P + (P - 1) * ((corner >> axis) & 1)
+        signs = 0
+        for k in range(len(c)):
+            if c[k, j] < -tol[k]:
+                signs |= 1 << k
+        if table >> signs & 1:
+            group[corner] = corner
+    for _ in range(7):
+        for corner in range(8):
+            for axis in range(3):
+                other = corner ^ (1 << axis)
+                if group[corner] >= 0 and group[other] >= 0:
+                    group[corner] = group[other] = min(group[corner], group[other])
+    return group.max() >= 0 and (group[group >= 0] != group.max()).any()
+
+
+@njit(**FAST)
+def air_on(Z: Any, m: int, P: int, table: int, L: Any) -> float:
+    """Least length of air between solid on a line, of which the polynomials are in Z."""
+    Z[0] = 0.0
+    Z[1] = 1.0
+    n = 2
+    for k in range(m):
+        n = roots(Z, CUTS + k * P, 0, n, LINE, L)
+    best = 0.0
+    air = 0.0
+    state = 0  # nothing, solid, air after solid
+    for s in range(n - 1):
+        signs = 0
         for k in range(m):
-            at = CUTS + k * P
-            for i in range(P):
-                v = 0.0
-                for a in range(P):
-                    for b in range(P):
-                        v += half[a] * half[b] * c[k, i * step + a * first + b * second]
-                Z[at + i] = v
-            n = roots(Z, at, 0, n, LINE, L)
-        air = 0.0
-        state = 0  # nothing, solid, air after solid
-        for s in range(n - 1):
-            signs = 0
-            for k in range(m):
-                if jet(Z, CUTS + k * P, 0.5 * (Z[s] + Z[s + 1]), L)[0] < 0.0:
-                    signs |= 1 << k
-            if table >> signs & 1:
-                if state == 2 and (best == 0.0 or air < best):
-                    best = air
-                state = 1
-                air = 0.0
-            elif state > 0:
-                state = 2
-                air += Z[s + 1] - Z[s]
+            if jet(Z, CUTS + k * P, 0.5 * (Z[s] + Z[s + 1]), L)[0] < 0.0:
+                signs |= 1 << k
+        if table >> signs & 1:
+            if state == 2 and (best == 0.0 or air < best):
+                best = air
+            state = 1
+            air = 0.0
+        elif state > 0:
+            state = 2
+            air += Z[s + 1] - Z[s]
     return best
 
 

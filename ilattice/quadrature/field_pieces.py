@@ -43,8 +43,8 @@ TARGET = 1e-4
 LOCAL, LEAST_SHARE = 0.02, 1e-7
 #: Such an error below which none is told, as of air a rounding thick beside a face of the grid.
 NOISE = 5e-4
-#: Error of the whole volume above which that is told, and specks are left as they are.
-TOLD = 2e-3
+#: Error of the whole volume above which that is told, and above which specks are left as they are.
+TOLD, CRUDE = 1e-3, 2e-3
 #: Part of the share of a cell from which on a box counts when cells are halved for that.
 NOTABLE = 0.01
 #: Times that boxes are halved for that, and boxes, per cell of the surface, above which none is.
@@ -222,7 +222,7 @@ class _Halving:
             room = (most - len(whole.cell)) // 7
             worst = self._worst(whole, volume) if error > TARGET else np.zeros(0, np.int64)
             worst = worst if len(worst) <= room else worst[:0]
-            if error <= TOLD:
+            if error <= CRUDE:
                 small = np.union1d(worst, self._smallest(whole, local))
                 worst = small if len(small) <= room else worst
             if not len(worst):

@@ -40,7 +40,7 @@ from ilattice.plot.quick import show
 from ilattice.plot.shapes import hexahedra
 from ilattice.quadrature._filling import sites
 from ilattice.quadrature._layouts import Layout, layout_of
-from ilattice.quadrature.field_pieces import TOLD, FieldPieces
+from ilattice.quadrature.field_pieces import CRUDE, TOLD, FieldPieces
 from ilattice.quadrature.levelsets import PER_PIECE, LevelSets, Pieces, as_level_sets
 
 if TYPE_CHECKING:
@@ -447,8 +447,9 @@ def cut(
     Warns
     -----
     PrecisionWarning
-        If the estimated error of the volume is more than 0.2 %, or, around one cell, a tenth of the
-        solid or of the air there and half a thousandth of the cell.
+        If the estimated error of the volume is more than 0.1 %, or, around one cell, a tenth of the
+        solid or of the air there and half a thousandth of the cell. The latter is left out where
+        the volume is not known to 0.2 %.
 
     Examples
     --------
@@ -496,7 +497,7 @@ def check_resolved(cut: CutGrid, what: str) -> None:
             PrecisionWarning,
             stacklevel=3,
         )
-    elif cut.pieces.local > LOCALLY:
+    if cut.pieces.local > LOCALLY and cut.error <= CRUDE:
         box = cut.grid.boxes(np.array([cut.pieces.place]))
         middle = box[:, :3] + 0.5 * box[:, 3:]
         x = middle if cut.through is None else cut.through.x(middle)

@@ -7,7 +7,7 @@ import pytest
 from cost_zoo import octahedron
 
 import ilattice as il
-from ilattice.cost import CornerSharing, counting, refinement, rigidity, stress
+from ilattice.cost import CornerSharing, counting, job, refinement, rigidity, stress
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 
 DENSE = np.linalg.matrix_rank
@@ -356,6 +356,24 @@ def test_small_pivots_are_told_and_counted():
     for null_space in (rigidity.self_stresses, rigidity.flexes):
         with pytest.warns(PrecisionWarning, match="not clear"):
             null_space(k)
+
+
+def test_one_call_tells_once_that_a_rank_is_not_clear(tmp_path, monkeypatch):
+    """`stiffened` and the command told it once and again, beside that the rank is short."""
+    k = il.cost.kagome(4, dim=2).perturbed(1e-8, seed=1)
+    for options in ({"mode": "cycle"}, {"generic": True}):
+        with pytest.warns(PrecisionWarning) as told:
+            k.stiffened(**options)
+        assert len(told) == 1
+        assert "the rank at these positions is 56, 1 short" in str(told[0].message)
+        assert "the rank 56 is not clear" in str(told[0].message)
+        assert told[0].filename == __file__
+    monkeypatch.setattr(rigidity, "UNSURE", 1e12)  # all ranks
+    with pytest.warns(PrecisionWarning) as told:
+        report = job.run(resolution=2, output=[tmp_path / "a.vtp"], stiffen=True)
+    assert len(told) == 1
+    assert "not clear" in str(told[0].message)
+    assert report["rank"] > 0
 
 
 def test_only_what_bends_swings():

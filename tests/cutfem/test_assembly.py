@@ -123,6 +123,7 @@ def corner(u):
 
 
 @pytest.mark.parametrize(("p", "r"), KINDS)
+@pytest.mark.filterwarnings("ignore:the volume of the field")
 @pytest.mark.parametrize("enough", [1.0, 0.2])
 def test_ghost_penalty_is_that_of_the_naive_twin(p, r, enough):
     axes = (np.array([0, 0.3, 0.6, 1.0]), np.linspace(0, 1, 4), np.array([0, 0.2, 0.7, 1.0]))

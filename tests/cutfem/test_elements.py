@@ -3,6 +3,7 @@
 The reference is the same body alone on the same grid, or a rigid motion that is known.
 """
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -283,8 +284,58 @@ def test_air_that_is_too_thin_is_told_with_place_and_width():
         g = width * H
         field = lambda u, g=g: (u[:, 2] - z) * (z + g - u[:, 2])  # noqa: E731
         problem = il.cutfem.Elasticity(field, GRID).clamp("w=0").load(body=(0, 0, 1))
-        with pytest.warns(PrecisionWarning, match=rf"gap of {width:.2g} cells near .*0.5625\)"):
+        told = rf"gap of \S+, {width:.2g} cells, near .*0.5625\)"
+        with pytest.warns(PrecisionWarning, match=told):
             problem.assembly  # noqa: B018
+
+
+NUMBERS = re.compile(r"-?\d[\d.]*(?:e[+-]?\d+)?")
+
+
+def solid_at(n, c):
+    """The half space below a plane."""
+    return il.fields.half_space(tuple(n), float(n @ c))
+
+
+@pytest.mark.parametrize("kind", ["gap", "one function", "edge", "point"])
+@pytest.mark.parametrize("seed", range(4))
+def test_oblique_air_that_is_too_thin_is_told_in_all_scales(kind, seed):
+    """Nothing was told where neither the middle lines of boxes, nor the axes, cross the gap."""
+    rng = np.random.default_rng([33, seed, len(kind)])
+    size, cells = 10.0 ** rng.choice([-3, 0, 3]), int(rng.integers(4, 8))
+    low = size * rng.uniform(-20, 20, 3) * (seed % 2)
+    c, h = low + size * rng.uniform(0.42, 0.58, 3), size / cells
+    n = rng.standard_normal(3)
+    n *= np.sign(n[2])
+    n[2] += 0.7
+    n /= np.linalg.norm(n)
+    g = 0.0 if kind in ("edge", "point") else h * 10 ** rng.uniform(-4, -1.6)
+    if kind == "gap":
+        solid = il.fields.union(solid_at(n, c), solid_at(-n, c + g * n))
+    elif kind == "one function":
+        plane = "+".join(f"({v:.17g})*{x}" for v, x in zip(n, "xyz", strict=True))
+        solid = il.fields.equation(f"{g / 2:.17g}-abs({plane}-({n @ (c + g / 2 * n):.17g}))")
+    elif kind == "edge":
+        across = np.cross(n, rng.standard_normal(3))
+        pair = [
+            il.fields.intersection(solid_at(s * n, c), solid_at(s * across, c)) for s in (1, -1)
+        ]
+        solid = il.fields.union(*pair)
+    else:
+        balls = [il.fields.sphere(0.9 * size)] * 2
+        places = [c + s * 0.9 * size * n for s in (1, -1)]
+        solid = il.fields.union(*map(il.fields.translate, balls, map(tuple, places)))
+    problem = il.cutfem.Elasticity(solid, cells, domain=[low, low + size])
+    with pytest.warns(PrecisionWarning, match="too thin to be resolved") as told:
+        problem.spring("surface", 1.0).load(body=(0, 0, 1)).assembly  # noqa: B018
+    assert len(told) == 1
+    width, part, *place = map(float, NUMBERS.findall(str(told[0].message))[:5])
+    assert abs((place - c) @ n) < 1.2 * h
+    assert part == pytest.approx(width / h, rel=0.1)
+    if g:
+        assert g / 2 < width < 2 * g
+    else:
+        assert width < h / 20
 
 
 def test_a_slit_that_ends_inside_the_solid_divides_nothing_and_warns_of_nothing():

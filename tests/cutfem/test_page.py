@@ -41,6 +41,9 @@ def test_pages_hold_the_numbers_and_nothing_from_elsewhere(tmp_path):
     assert float(told["compliance"]) == pytest.approx(solution.compliance, rel=1e-4)
     assert float(told["volume"]) == pytest.approx(np.pi, rel=1e-4)
     assert float(told["young"]) == 3.0
+    by_rules = float(told["error of the energy by integration"].removesuffix(" %")) / 100
+    assert by_rules == pytest.approx(solution.report.integration_error, rel=0.05)
+    assert 1e-9 < by_rules < 1e-3
     assert told["load 2"] == "force (0, 0, 0.5) at z &gt; 3.2 and x &lt; 9"
     assert told["support 1"] == "w=0: z = (0, 0, 0), exactly"
     assert told["support 2"].endswith("weakly")

@@ -175,3 +175,18 @@ def test_a_slow_fall_that_many_cells_see_is_believed():
 
     (coarse, told), (fine, _) = solved(n), solved(2 * n)
     assert 0.012 < fine / coarse - 1 <= 2 * told
+
+
+@pytest.mark.parametrize("seed", [1, 9, 39, 41, 55, 67])
+def test_the_tip_of_a_notch_is_not_told(seed):
+    """Bodies of random parts: what is thin in a cell or two, and joined beside it."""
+    rng = np.random.default_rng([41, seed])
+    n = rng.integers(4, 11, 3)
+    box = np.array([-1 - rng.uniform(0, 0.2, 3), 1 + rng.uniform(0, 0.2, 3)])
+    solid = (holes, struts)[seed % 4 == 3](rng, 0.0)
+    if rng.random() < 0.5:
+        angle = rng.uniform(-0.35, 0.35)
+        solid = F.rotate(solid, angle, tuple(unit(rng)))
+    problem = il.cutfem.Elasticity(solid, tuple(n), domain=box, degree=1)
+    assert len(problem.domain.elements.gaps)
+    problem.spring("surface", 1.0).load(body=(0, 0, 1)).assembly  # noqa: B018

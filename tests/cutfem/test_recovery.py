@@ -95,6 +95,7 @@ def masses(kind, eta, p, cells=5):
     return values[-1] / values[0]
 
 
+@pytest.mark.filterwarnings("ignore:the volume of the field")
 @pytest.mark.parametrize(("p", "cells", "most"), [(1, 5, 3), (2, 5, 3), (3, 4, 10)])
 def test_the_condition_of_the_projection_does_not_depend_on_the_cut(p, cells, most):
     for kind in ("slab", "corner"):
