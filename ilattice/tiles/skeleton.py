@@ -42,7 +42,8 @@ from ilattice._validate import (
 )
 from ilattice.errors import GeometryError, InputError
 from ilattice.tiles._kernels_skeleton import skeleton_jets
-from ilattice.tiles._pieces import Piece, Pieces, Tree, images, pieces_of, tree_of
+from ilattice.tiles._pieces import Piece, Pieces, pieces_of
+from ilattice.tiles._tree import Tree, images, tree_of
 from ilattice.tiles.entities import (
     Arc,
     Ball,
@@ -306,7 +307,7 @@ class SkeletonField(Field, Frozen):
         a = (np.arange(8) + 0.5) / 8
         u = np.stack(np.meshgrid(a, a, a, indexing="ij"), axis=-1).reshape(-1, 3)
         some = np.arange(0, len(own.rows), 1 + len(own.rows) // MANY)
-        few = own.moved(some, np.zeros((len(some), 3)))
+        few = own.chosen(some)
         top = self._evaluate(u @ self.cell.T, tree_of(few), 0)[0].max()
         corners = np.array(list(product((0.0, 1.0), repeat=3))) @ self.cell.T
         top += np.linalg.norm(np.ptp(corners, axis=0)) / 16 + 1.5 * self.blend
