@@ -38,8 +38,10 @@ class Tree:
         )  # fmt: skip
 
 
-def images(own: Pieces, cell: FloatArray, repeats: Sequence[bool], top: float) -> Pieces:
-    """The pieces and their copies in other cells that are within a distance of this one.
+def images(
+    own: Pieces, cell: FloatArray, repeats: Sequence[bool], top: float
+) -> tuple[IntArray, FloatArray]:
+    """Which pieces, and which copies of them in other cells, are within a distance of this one.
 
     Parameters
     ----------
@@ -54,51 +56,62 @@ def images(own: Pieces, cell: FloatArray, repeats: Sequence[bool], top: float) -
 
     Returns
     -------
-    Pieces
-        All of `own` that are needed, then copies.
+    rows : (n,) array
+        Pieces: first those that stay where they are.
+    by : (n, 3) array
+        By what each is moved.
     """
     unit = np.array(list(product((0.0, 1.0), repeat=3)))
     corners = unit @ cell.T
     low, high = corners.min(axis=0), corners.max(axis=0)
+    first, last = own.boxes[:, :3].T.copy(), own.boxes[:, 3:6].T.copy()
     ends = own.boxes[:, None, :3] + unit * (own.boxes[:, None, 3:6] - own.boxes[:, None, :3])
     u = ends.reshape(-1, 3) @ np.linalg.inv(cell).T
     beyond = np.ceil(np.maximum(u.max(axis=0) - 1.0, -u.min(axis=0)) - 1e-6)
     reach = np.where(repeats, 1 + np.maximum(beyond, 0.0), 0).astype(int)
-    chosen, by = [], []
-    for factors in sorted(product(*(range(-n, n + 1) for n in reach)), key=_size):
+    most = (top + own.boxes[:, 6]) ** 2
+    squares: dict[tuple[int, float], FloatArray] = {}  # of gaps along an axis after a shift
+    rows, by = [], []
+    for factors in sorted(product(*(range(-n, n + 1) for n in reach)), key=any):
         shift = cell @ np.array(factors, np.float64)
-        gap = np.maximum(own.boxes[:, :3] + shift - high, low - shift - own.boxes[:, 3:6])
-        far = np.linalg.norm(np.maximum(gap, 0.0), axis=1) - own.boxes[:, 6]
-        rows = np.flatnonzero(far <= top)
-        chosen.append(rows)
-        by.append(np.broadcast_to(shift, (len(rows), 3)))
-    return own.chosen(np.concatenate(chosen), np.concatenate(by))
+        for a, s in enumerate(shift):
+            if (a, s) not in squares:
+                gap = np.maximum(first[a] + s - high[a], low[a] - s - last[a])
+                squares[a, s] = np.maximum(gap, 0.0) ** 2
+        near = np.flatnonzero(sum(squares[a, s] for a, s in enumerate(shift)) <= most)
+        rows.append(near)
+        by.append(np.broadcast_to(shift, (len(near), 3)))
+    return np.concatenate(rows), np.concatenate(by)
 
 
-def _size(factors: tuple[int, ...]) -> bool:
-    """Whether something is moved: what is not comes first."""
-    return any(factors)
-
-
-def tree_of(pieces: Pieces) -> Tree:
+def tree_of(pieces: Pieces, rows: IntArray | None = None, by: FloatArray | None = None) -> Tree:
     """Tree over pieces, halved at the median along the longest side.
 
     Parameters
     ----------
     pieces : Pieces
         At least one.
+    rows : (n,) array, optional
+        Which of them, some perhaps several times; by default each once.
+    by : (n, 3) array, optional
+        By what each is moved.
 
     Returns
     -------
     Tree
         The arrays.
     """
-    order, node, box = _halved(pieces.boxes)
-    chosen = pieces.chosen(order)
-    rows = chosen.rows
-    bezier = rows[(rows[:, 0] == CURVE) | (rows[:, 0] == SURFACE), 3:5] + 1
+    rows = np.arange(len(pieces.rows)) if rows is None else rows
+    boxes = pieces.boxes[rows]
+    if by is not None:
+        boxes[:, :3] += by
+        boxes[:, 3:6] += by
+    order, node, box = _halved(boxes)
+    chosen = pieces.chosen(rows[order], None if by is None else by[order])
+    kinds = chosen.rows
+    bezier = kinds[(kinds[:, 0] == CURVE) | (kinds[:, 0] == SURFACE), 3:5] + 1
     width = int(bezier.prod(axis=1).max(initial=1))
-    return Tree(node, box, rows, chosen.boxes, chosen.data, 1 + int(rows[:, 1].max()), width)
+    return Tree(node, box, kinds, chosen.boxes, chosen.data, 1 + int(kinds[:, 1].max()), width)
 
 
 def _halved(boxes: FloatArray) -> tuple[IntArray, IntArray, FloatArray]:
