@@ -13,7 +13,7 @@ import numpy as np
 
 from ilattice._progress import Progress
 from ilattice._typing import AnyArray
-from ilattice._validate import FixedMapping, Frozen, as_positive, as_texts, as_whole
+from ilattice._validate import FixedMapping, Frozen, as_choice, as_positive, as_texts, as_whole
 from ilattice.errors import GraphError, IlatticeError, InputError
 from ilattice.fields import box, from_callable, intersection, translate
 from ilattice.graph.body import Body
@@ -383,10 +383,8 @@ class Graph(Frozen):
             Stiffness with an estimate of its errors.
         """
         given = {**self._material, **options}
-        if method == "cut":
+        if as_choice("method", method, ("cut", "voxels")) == "cut":
             return elastic(self.solid_of_cell(), cells, **given)
-        if method != "voxels":
-            raise InputError(f"method must be 'cut' or 'voxels', got {method!r:.40}")
         return voxels(self.voxels(cells), **given)
 
     def stiffness(self) -> Effective:

@@ -34,7 +34,7 @@ class Library(Mapping[str, Graph]):
         InputError
             If there is none.
         """
-        if name in self.missing:
+        if isinstance(name, str) and name in self.missing:
             raise InputError(f"library: {name!r} cannot be reconstructed: {self.missing[name]}")
         if not isinstance(name, str) or name not in self._names():
             told = near_names(str(name), self._names())

@@ -4,7 +4,7 @@ Guarantee: what breaks one raises an error that names the node. Rules of single 
 `ilattice.graph.nodes` and `ilattice.graph.patches`.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from ilattice._validate import as_items
@@ -85,6 +85,8 @@ def names_of(nodes: Sequence[Node], given: Any) -> dict[str, Node]:
     InputError
         If names are no texts, or for nodes that are not among these.
     """
+    if not isinstance(given, Mapping):
+        raise InputError(f"names must be a mapping of texts to nodes, got {given!r:.80}")
     out = dict(given)
     order = {id(node): i for i, node in enumerate(nodes)}
     if not all(isinstance(k, str) and id(v) in order for k, v in out.items()):
