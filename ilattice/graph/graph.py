@@ -36,6 +36,7 @@ from ilattice.io.vtk import save_grid
 from ilattice.lattice import Lattice
 from ilattice.macroshape.cells import cell
 from ilattice.mesh import SurfaceMesh
+from ilattice.minimal.tile import warn_coarse
 from ilattice.tiles import Tile
 
 if TYPE_CHECKING:
@@ -242,8 +243,9 @@ class Graph(Frozen):
         Returns
         -------
         Tile
-            Of surfaces of one thickness that part the cell into two sides, the surface: its walls
-            are made by `Lattice.offset`. Of all others the solid, negative inside: made by
+            Of surfaces of one thickness that part the cell into two sides, the surface, with its
+            vertices corrected: walls are made by `Lattice.offset`. Of all others the solid,
+            negative inside: made by
             ``Lattice.offset((np.inf, 0))``, or a shell of it.
 
         Raises
@@ -251,7 +253,15 @@ class Graph(Frozen):
         GraphError
             If a node cannot be made: the reason.
         """
-        return self._told("tile", lambda: self.body.tile(self.name))
+        return self._told("tile", self._tile)
+
+    def _tile(self) -> Tile:
+        if self.body.objection:
+            return self.body.solid(self.name)
+        names = self._evaluation.names
+        sharp = Evaluation(self.within, names, sharp=True).of(self.solid_node)
+        warn_coarse(self._evaluation.off(self.solid_node), self.name)
+        return (self.body if sharp.objection else sharp).tile(self.name)
 
     def solid(self) -> Tile:
         """The solid as a tile, negative inside: an exact distance to its skeleton less the radius.
