@@ -14,6 +14,8 @@ import numpy as np
 import ilattice as il
 
 KINDS = ("truss", "direct", "conjugate")
+#: Densities that are written below the picture.
+TICKS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 
 
 def main(seeds: int | tuple[int, ...] = 40, cells: int = 40, out: str = "") -> dict[str, float]:
@@ -52,6 +54,7 @@ def _solved(graphs: list["il.graph.Graph"]) -> list["il.graph.Graph"]:
 
 def _picture(found: dict[str, "il.homogenize.Rows"], path: str) -> None:
     from matplotlib.figure import Figure
+    from matplotlib.ticker import FixedLocator, NullFormatter
 
     figure = Figure(figsize=(5.6, 4.4), layout="constrained")
     axes = figure.subplots()
@@ -62,6 +65,8 @@ def _picture(found: dict[str, "il.homogenize.Rows"], path: str) -> None:
     order = np.argsort(density)
     axes.loglog(density[order], most[order], "k--", lw=1, label="Hashin-Shtrikman")
     axes.set(xlabel="relative density", ylabel="relative Young's modulus", ylim=(1e-4, 1))
+    axes.xaxis.set(major_locator=FixedLocator(TICKS), major_formatter="{x:g}")
+    axes.xaxis.set_minor_formatter(NullFormatter())
     axes.legend(frameon=False, fontsize="small")
     figure.savefig(path, dpi=120)
 

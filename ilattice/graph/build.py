@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from ilattice._validate import as_flag
 from ilattice.graph.nodes import EdgeChain, Vertex
 from ilattice.graph.skeletons import (
     EDGES,
@@ -55,6 +56,7 @@ def chain(vertices: Any, *, closed: bool = False, smooth: bool = False) -> EdgeC
     EdgeChain
         The node.
     """
+    closed = as_flag("closed", closed)
     order = (*range(len(vertices)), 0) if closed and isinstance(vertices, (list, tuple)) else None
     return EdgeChain(vertices, order, smooth)
 

@@ -127,12 +127,16 @@ class Evaluation:
         The bounding volume of the graph.
     names : mapping of int to str
         Names of nodes by their ``id``, for messages.
+    sharp : bool
+        Whether vertices of surfaces are corrected, see `ilattice.minimal.MinimalPatch.sharpened`.
     """
 
-    def __init__(self, within: Region | None, names: dict[int, str]) -> None:
-        self.within, self.names = within, names
+    def __init__(
+        self, within: Region | None, names: dict[int, str], *, sharp: bool = False
+    ) -> None:
+        self.within, self.names, self.sharp = within, names, sharp
         data = "" if within is None else repr(region_data(within))
-        self.place = blake2b(data.encode(), digest_size=8).hexdigest()
+        self.place = blake2b(data.encode(), digest_size=8).hexdigest() + "sharp" * sharp
 
     def told(self, node: Node) -> str:
         """Name of a node in messages."""
@@ -179,6 +183,7 @@ class Evaluation:
             return shape_of(node)
         if isinstance(node, (Surface, DualSurface, AssociateFamily)):
             patch, thickness = self._patch(node)
+            patch = patch.sharpened[0] if self.sharp else patch
             return Shape(sheets=(sheet_of(patch, thickness),))
         if isinstance(node, (Mirror, Transform)):
             image = inputs[0].moved(*isometry(node))
@@ -229,6 +234,33 @@ class Evaluation:
             raise
         except IlatticeError as e:
             raise GraphError(self.told(node), str(e)) from e
+
+    def off(self, node: Node) -> float:
+        """How far vertices of the surfaces of a solid are off smooth ones, in parts of the cell.
+
+        Parameters
+        ----------
+        node : Solid
+            The solid.
+
+        Returns
+        -------
+        float
+            Estimate of the largest distance; nan if there is none of one of them.
+        """
+        most = 0.0
+        nodes = ordered([node])
+        scale = dict.fromkeys(map(id, nodes), 0.0) | {id(node): 1.0}
+        for n in reversed(nodes):
+            own = max(n.scale) if isinstance(n, Transform) else 1.0
+            own *= scale[id(n)]
+            if isinstance(n, (Surface, DualSurface, AssociateFamily)):
+                if own > 0.0:
+                    most = float(np.maximum(most, own * self._patch(n)[0].sharpened[1]))
+                continue  # what it takes is not in the solid
+            for i in n.inputs:
+                scale[id(i)] = max(scale[id(i)], own)
+        return most
 
     def _check_sizes(self, nodes: Sequence[Node]) -> None:
         """Refuse skeletons of too many pieces."""

@@ -18,7 +18,7 @@ import numpy as np
 
 from ilattice._progress import Progress
 from ilattice._typing import FloatArray
-from ilattice._validate import as_choice, as_items, as_whole
+from ilattice._validate import as_choice, as_items, as_positive, as_whole
 from ilattice.graph import build
 from ilattice.graph.graph import Graph
 from ilattice.graph.skeletons import THICKNESS, Skeleton
@@ -104,6 +104,10 @@ def explore(
     numbers = [as_whole("seeds", s, 0, _MOST_SEED) for s in as_items("seeds", list(many))]  # type: ignore[arg-type]
     cells = as_whole("cells", cells, 2, 512)
     count = cells if as_choice("method", method, ("voxels", "cut")) == "voxels" else 0
+    if isinstance(thickness, (list, tuple, np.ndarray)):
+        thickness = [as_positive("thickness", t) for t in as_items("thickness", thickness)]
+    else:
+        thickness = as_positive("thickness", thickness)
     maker = partial(solid, kind=as_choice("kind", kind, KINDS), voxels=count)
     return sweep(
         maker, table=table, cells=cells, young=young, poisson=poisson, executor=executor,

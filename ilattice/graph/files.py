@@ -32,8 +32,9 @@ from typing import Any
 from ilattice._files import as_path, read_bytes, write_report
 from ilattice.errors import FormatError, GraphError, InputError, printable
 from ilattice.graph.evaluate import ordered
-from ilattice.graph.graph import MOST_NODES, Graph
+from ilattice.graph.graph import Graph
 from ilattice.graph.nodes import Node
+from ilattice.graph.rules import MOST_NODES
 from ilattice.graph.solids import TYPES
 from ilattice.graph.volumes import region_data, region_from
 

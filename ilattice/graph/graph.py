@@ -13,20 +13,20 @@ import numpy as np
 
 from ilattice._progress import Progress
 from ilattice._typing import AnyArray
-from ilattice._validate import FixedMapping, Frozen, as_items, as_positive, as_texts, as_whole
+from ilattice._validate import FixedMapping, Frozen, as_choice, as_positive, as_texts, as_whole
 from ilattice.errors import GraphError, IlatticeError, InputError
 from ilattice.fields import box, from_callable, intersection, translate
 from ilattice.graph.body import Body
 from ilattice.graph.evaluate import Evaluation, kept, ordered
 from ilattice.graph.nodes import Node
 from ilattice.graph.patches import check
+from ilattice.graph.rules import MOST_NODES, check_counts, names_of, roots_of, solids_of
 from ilattice.graph.shapes import Shape
 from ilattice.graph.skeletons import Line, Skeleton, Surface
 from ilattice.graph.solids import (
     MaterialMatrix,
     Object,
     PhononicBandgap,
-    Property,
     Solid,
     Voxel,
 )
@@ -36,13 +36,11 @@ from ilattice.io.vtk import save_grid
 from ilattice.lattice import Lattice
 from ilattice.macroshape.cells import cell
 from ilattice.mesh import SurfaceMesh
+from ilattice.minimal.tile import warn_coarse
 from ilattice.tiles import Tile
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-#: Most nodes of a graph.
-MOST_NODES = 20_000
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -86,14 +84,7 @@ class Graph(Frozen):
     def __post_init__(self) -> None:
         """Check all rules."""
         put = object.__setattr__
-        given = [self.roots] if isinstance(self.roots, Node) else as_items("roots", self.roots)
-        wrong = [r for r in given if not isinstance(r, (Solid, Voxel, Property))]
-        if not given or wrong:
-            told = wrong[0].word if wrong and isinstance(wrong[0], Node) else "graph"
-            raise GraphError(
-                told, "roots of a graph must be objects, Booleans, voxel nodes or properties"
-            )
-        put(self, "roots", tuple(given))
+        put(self, "roots", roots_of(self.roots))
         if not isinstance(self.name, str):
             raise InputError(f"name must be a text, got {self.name!r:.80}")
         put(self, "about", FixedMapping(as_texts("about", self.about)))
@@ -105,8 +96,8 @@ class Graph(Frozen):
             raise GraphError(
                 "graph", f"a graph must have at most {MOST_NODES} nodes, got {len(self.nodes)}"
             )
-        put(self, "names", self._named(self.names))
-        self._check_roots()
+        put(self, "names", FixedMapping(names_of(self.nodes, self.names)))
+        check_counts(self.nodes, self._solids, self._evaluation.told)
         for node in self.nodes:
             if isinstance(node, Surface):
                 try:
@@ -114,45 +105,10 @@ class Graph(Frozen):
                 except InputError as e:
                     raise GraphError(self._evaluation.told(node), str(e)) from e
 
-    def _named(self, given: Any) -> FixedMapping[str, Node]:
-        """A name for every node."""
-        out = dict(given)
-        own = {id(node) for node in self.nodes}
-        if not all(isinstance(k, str) and id(v) in own for k, v in out.items()):
-            raise InputError("names must be texts for nodes of the graph")
-        known = {id(node) for node in out.values()}
-        counts: dict[str, int] = {}
-        for node in self.nodes:
-            while id(node) not in known:
-                counts[node.code] = counts.get(node.code, 0) + 1
-                name = f"{node.code}{counts[node.code]}"
-                if name not in out:
-                    out[name] = node
-                    known.add(id(node))
-        order = {id(node): i for i, node in enumerate(self.nodes)}
-        return FixedMapping(dict(sorted(out.items(), key=lambda item: order[id(item[1])])))
-
-    def _check_roots(self) -> None:
-        """At most one voxel node, one solid."""
-        told = self._evaluation.told
-        found = [n for n in self.nodes if isinstance(n, Voxel)]
-        if len(found) > 1:
-            raise GraphError(told(found[1]), "at most one voxel node may be in a graph")
-        solids = {id(s) for s in self._solids}
-        if len(solids) > 1:
-            raise GraphError(
-                told(self._solids[1]), "all roots must be of one solid; join objects by a Boolean"
-            )
-
     @cached_property
     def _solids(self) -> tuple[Solid, ...]:
         """The solid that each root is, or depends on."""
-        out = []
-        for node in self.roots:
-            if isinstance(node, Property):
-                node = node.voxel
-            out.append(node.solid if isinstance(node, Voxel) else node)
-        return tuple(out)
+        return solids_of(self.roots)
 
     @cached_property
     def _evaluation(self) -> Evaluation:
@@ -287,8 +243,9 @@ class Graph(Frozen):
         Returns
         -------
         Tile
-            Of surfaces of one thickness that part the cell into two sides, the surface: its walls
-            are made by `Lattice.offset`. Of all others the solid, negative inside: made by
+            Of surfaces of one thickness that part the cell into two sides, the surface, with its
+            vertices corrected: walls are made by `Lattice.offset`. Of all others the solid,
+            negative inside: made by
             ``Lattice.offset((np.inf, 0))``, or a shell of it.
 
         Raises
@@ -296,7 +253,15 @@ class Graph(Frozen):
         GraphError
             If a node cannot be made: the reason.
         """
-        return self._told("tile", lambda: self.body.tile(self.name))
+        return self._told("tile", self._tile)
+
+    def _tile(self) -> Tile:
+        if self.body.objection:
+            return self.body.solid(self.name)
+        names = self._evaluation.names
+        sharp = Evaluation(self.within, names, sharp=True).of(self.solid_node)
+        warn_coarse(self._evaluation.off(self.solid_node), self.name)
+        return (self.body if sharp.objection else sharp).tile(self.name)
 
     def solid(self) -> Tile:
         """The solid as a tile, negative inside: an exact distance to its skeleton less the radius.
@@ -428,10 +393,8 @@ class Graph(Frozen):
             Stiffness with an estimate of its errors.
         """
         given = {**self._material, **options}
-        if method == "cut":
+        if as_choice("method", method, ("cut", "voxels")) == "cut":
             return elastic(self.solid_of_cell(), cells, **given)
-        if method != "voxels":
-            raise InputError(f"method must be 'cut' or 'voxels', got {method!r:.40}")
         return voxels(self.voxels(cells), **given)
 
     def stiffness(self) -> Effective:

@@ -35,7 +35,7 @@ def opened(name: str) -> Graph:
     Graph
         The graph.
     """
-    return library[name] if name in library else load(name)
+    return load(name) if PurePath(name).suffix else library[name]
 
 
 def run(

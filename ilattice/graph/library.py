@@ -34,11 +34,11 @@ class Library(Mapping[str, Graph]):
         InputError
             If there is none.
         """
-        if name in self.missing:
+        if isinstance(name, str) and name in self.missing:
             raise InputError(f"library: {name!r} cannot be reconstructed: {self.missing[name]}")
         if not isinstance(name, str) or name not in self._names():
-            told = near_names(str(name), self._names())
-            raise InputError(f"library has no structure {name!r:.60}{told}")
+            near = near_names(str(name), self._names())
+            raise InputError(f"library has no structure {name!r:.60}; the nearest are {near}")
         return parse(self._folder.joinpath(f"{name}.json").read_text("utf-8"))
 
     def __contains__(self, name: object) -> bool:

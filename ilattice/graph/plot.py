@@ -4,12 +4,14 @@ Non-guarantee: pictures are for eyes; what is behind may be drawn before.
 """
 
 import warnings
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ilattice._typing import FloatArray
-from ilattice.errors import IlatticeError, PrecisionWarning
+from ilattice._validate import as_whole
+from ilattice.errors import IlatticeError, InputError, PrecisionWarning
 from ilattice.graph.nodes import Node
 from ilattice.graph.shapes import Shape
 from ilattice.graph.skeletons import Line, Skeleton, Surface
@@ -27,7 +29,7 @@ COLOURS = {
     "group": "#fdd0a2", "object": "#9e9ac8", "boolean": "#9e9ac8", "voxel": "#bcbddc",
     "stiffness": "#fb6a4a", "bandgap": "#fb6a4a",
 }  # fmt: skip
-_MOST_FACES, _MOST_NODES = 20_000, 400
+_MOST_NODES = 400
 #: Cells of the grid by which solids are drawn, and most of them where parts are thin.
 _GRID, _FINEST = 48, 90
 
@@ -96,7 +98,12 @@ def draw_nodes(axes: Any, graph: "Graph") -> None:
     for node in graph.nodes:
         x, y = at[id(node)]
         axes.plot(x, y, "o", ms=13, color=COLOURS[node.word], mec="0.3", mew=0.5, zorder=2)
-        axes.text(x, y, names[id(node)][:8], ha="center", va="center", fontsize=5, zorder=3)
+        name = names[id(node)][:8]
+        below = len(name) > 4  # wider than its circle
+        axes.annotate(
+            name, (x, y), (0, -8 if below else 0), textcoords="offset points", ha="center",
+            va="top" if below else "center", fontsize=5, zorder=3,
+        )  # fmt: skip
     axes.margins(0.08)
 
 
@@ -147,8 +154,7 @@ def draw_shape(axes: Any, shape: Shape) -> None:
     if len(shape.balls):
         axes.scatter(*shape.balls[:, :3].T, s=18, color="#31a354")
     for sheet in shape.sheets:
-        step = max(1, len(sheet.faces) * len(shape.sheets) // _MOST_FACES)
-        draw_triangles(axes, sheet.vertices[sheet.faces[::step]], "#74c476")
+        draw_triangles(axes, sheet.vertices[sheet.faces], "#74c476")
 
 
 def draw_solid(axes: Any, graph: "Graph") -> None:
@@ -193,7 +199,10 @@ def draw_triangles(axes: Any, corners: FloatArray, colour: str) -> None:
     n /= np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-300)
     light = 0.45 + 0.55 * np.abs(n @ (np.array([0.4, -0.6, 0.7]) / np.sqrt(1.01)))
     shades = np.clip(light[:, None] * np.array(to_rgb(colour)), 0.0, 1.0)
-    axes.add_collection3d(Poly3DCollection(corners, facecolors=shades, edgecolors="none"))
+    # Smoothed borders would let what is behind shine through between neighbours.
+    axes.add_collection3d(
+        Poly3DCollection(corners, facecolors=shades, edgecolors="none", antialiaseds=False)
+    )
 
 
 def contact_sheet(graphs: Any, columns: int = 5) -> "Figure":
@@ -213,7 +222,12 @@ def contact_sheet(graphs: Any, columns: int = 5) -> "Figure":
     """
     from matplotlib.figure import Figure
 
-    many = list(graphs)
+    from ilattice.graph.graph import Graph
+
+    many = list(graphs) if isinstance(graphs, Iterable) else []
+    if not many or not all(isinstance(graph, Graph) for graph in many):
+        raise InputError(f"graphs must be one or more graphs, got {graphs!r:.80}")
+    columns = as_whole("columns", columns, 1, 100)
     rows = -(-len(many) // columns)
     fig = Figure(figsize=(2.4 * columns, 2.5 * rows), layout="constrained")
     for i, graph in enumerate(many):

@@ -110,6 +110,10 @@ class Skeleton(Node):
         GraphError
             For other volumes: mirrors are to be given one by one.
         """
+        if not isinstance(within, Region):
+            raise GraphError(
+                self.word, f"completed needs a bounding volume as g.cuboid(), got {within!r:.80}"
+            )
         data = region_data(within)
         size = np.array(data.get("size", [0.5] * 3))
         counts = np.rint(0.5 / size)

@@ -4,8 +4,9 @@ Guarantees: images that coincide count once; vertices that agree up to whole cel
 and Euler numbers are those of the surface in the cell whose opposite faces are glued.
 """
 
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from ilattice.errors import GeometryError, InputError
 from ilattice.mesh import SurfaceMesh
 from ilattice.minimal.disc import area_vectors, opposite_edges
 from ilattice.minimal.symmetry import Group, wrapped
-from ilattice.minimal.tile import signed_tile
+from ilattice.minimal.tile import signed_tile, warn_coarse
 from ilattice.tiles import Tile
 
 #: Most triangles of a completed surface.
@@ -48,6 +49,7 @@ class PeriodicSurface(FrozenCopies):
     labels: IntArray
     cell: FloatArray
     two_coloured: bool = False
+    _sharper: "Callable[[], tuple[PeriodicSurface, float]] | None" = None
 
     def __repr__(self) -> str:
         """Short form."""
@@ -155,9 +157,14 @@ class PeriodicSurface(FrozenCopies):
         Warns
         -----
         PrecisionWarning
-            If the zero set is off the surface by more than 1e-4 of the cell.
+            If the zero set is off the surface by more than 1e-4 of the cell, or vertices, before
+            they are sharpened, by more than 5e-4 (see `MinimalPatch.sharpened`).
         """
-        return signed_tile(self, name, spans)
+        if self._sharper is None or self.objection:
+            return signed_tile(self, name, spans)
+        sharp, off = self._sharper()
+        warn_coarse(off / float(self.cell.max()), name)
+        return signed_tile(sharp if sharp.separates else self, name, spans)
 
     @cached_property
     def _sides(self) -> tuple[IntArray, bool]:
@@ -170,8 +177,9 @@ class PeriodicSurface(FrozenCopies):
 
 
 def completed(
-    v: FloatArray, faces: IntArray, group: Group, sides: IntArray | None = None
-) -> PeriodicSurface:
+    v: FloatArray, faces: IntArray, group: Group, sides: IntArray | None = None, *,
+    sharper: "Callable[[], tuple[FloatArray, IntArray, float]] | None" = None,
+) -> PeriodicSurface:  # fmt: skip
     """All images of a mesh, joined and oriented.
 
     Parameters
@@ -185,6 +193,8 @@ def completed(
     sides : (G,) array, optional
         1 for isometries that keep the sides of the mesh, which is oriented, -1 for those that swap
         them; without it, neighbours are oriented alike, part by part.
+    sharper : callable, optional
+        Gives vertices and triangles nearer to the smooth surface, and how far `v` is off.
 
     Returns
     -------
@@ -211,7 +221,14 @@ def completed(
         turned = np.linalg.det(group.matrices) * sides < 0.0
         every[turned] = every[turned][:, :, ::-1]
     every = (every + len(v) * np.arange(len(group))[:, None, None]).reshape(-1, 3)
-    return glued(x, every, cell, oriented=sides is not None)
+    out = glued(x, every, cell, oriented=sides is not None)
+    return out if sharper is None else replace(out, _sharper=partial(_sharp, sharper, group))
+
+
+def _sharp(sharper: Any, group: Group) -> tuple[PeriodicSurface, float]:
+    """The images of a sharper mesh, and how far the first one is off."""
+    v, faces, off = sharper()
+    return completed(v, faces, group), off
 
 
 def glued(

@@ -10,6 +10,7 @@ curvature that vanishes; else a `ConvergenceError` or `GeometryError` says why. 
 where several surfaces meet the same faces, which one is found; that there is none where none is.
 """
 
+from dataclasses import replace
 from functools import partial
 from itertools import chain
 
@@ -37,7 +38,8 @@ def conjugate(faces: FaceLoop, n: int = 16, *, progress: Progress = None) -> Min
         Faces in cyclic order, as ``il.minimal.cuboid().faces("x+ z- y+ x- z+ y-")``; a face may
         come several times.
     n : int
-        Edges per side, at least 2. Vertices are off by some 0.01 / n² of the cell.
+        Edges per side, at least 2. Vertices are off by some 0.01 / n² of the cell in a cube, and
+        by a hundred times as much in boxes of 5:1: `MinimalPatch.sharpened` estimates it.
     progress : bool or callable, optional
         "lengths of sides", once for each start of the search; see `ilattice._progress.track`.
 
@@ -76,7 +78,8 @@ def conjugate(faces: FaceLoop, n: int = 16, *, progress: Progress = None) -> Min
             continue
         search = partial(_polished, closing, start, disc)
         try:
-            return staged({"lengths of sides": search}, progress)[0]
+            found = staged({"lengths of sides": search}, progress)[0]
+            return replace(found, _again=partial(conjugate, faces))
         except (ConvergenceError, GeometryError) as e:
             reasons.append(e)
     raise _refusal(reasons)

@@ -119,6 +119,14 @@ class Disc(FrozenCopies):
         vertices: FloatArray = read_only(self.fan(np.zeros(3), corners))
         return vertices
 
+    @cached_property
+    def nested(self) -> IntArray:
+        """Vertices of every other ring and step: those of the disc of half as many edges."""
+        rings = range(1, self.n // 2 + 1)
+        rows = [self._ring(2 * r, 2 * np.arange(self.sides * r)) for r in rings]
+        out: IntArray = read_only(np.concatenate([np.zeros(1, np.int64), *rows]))
+        return out
+
     def fan(self, centre: FloatArray, corners: FloatArray) -> FloatArray:
         """Vertices of the flat sectors between a centre and corners.
 

@@ -1,19 +1,22 @@
 """`MinimalPatch`: one piece of a minimal surface, with its dual and the group that repeats it."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
-from ilattice._typing import FloatArray
+from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import FrozenCopies, as_real, read_only
-from ilattice.errors import GeometryError, InputError
+from ilattice.errors import ConvergenceError, GeometryError, InputError
 from ilattice.mesh import SurfaceMesh
 from ilattice.minimal.completion import PeriodicSurface, completed
-from ilattice.minimal.disc import Disc, cotangents, vertex_areas, vertex_normals
+from ilattice.minimal.disc import Disc, cotangents, opposite_edges, vertex_areas, vertex_normals
 from ilattice.minimal.symmetry import Group, Isometry, generated
 
+#: Moves of vertices by more than this part of the mean edge are no small errors.
+_SMALL = 0.5
 #: Generators of a group, and edges of the cell.
 Symmetry = tuple[tuple[Isometry, ...], FloatArray]
 
@@ -73,6 +76,7 @@ class MinimalPatch(FrozenCopies):
     partner: FloatArray
     report: Report
     _symmetry: Symmetry | None = None
+    _again: "Callable[[int], MinimalPatch] | None" = None
 
     def __repr__(self) -> str:
         """Short form."""
@@ -111,12 +115,50 @@ class MinimalPatch(FrozenCopies):
         h[self.disc.boundary :] = 0.0
         return read_only(h)
 
+    # ------------------------------------------------------------------ errors
+
+    @cached_property
+    def sharpened(self) -> "tuple[MinimalPatch, float]":
+        """The surface nearer to the smooth one, and how far the vertices of this one are off.
+
+        Errors of vertices shrink with the square of the edges: a third of the difference to the
+        surface of half as many edges is what is left, and taken away. Tiles are made of this.
+        Its triangles have a mean curvature, as those of exact points have.
+
+        Returns
+        -------
+        patch : MinimalPatch
+            With the vertices moved; this one where there is none of half as many edges, or where
+            that is another surface.
+        off : float
+            Estimate of the largest distance of a vertex of this patch from the smooth surface; nan
+            if there is none.
+        """
+        n = self.disc.n
+        if self._again is None or n < 4:
+            return self, float("nan")
+        try:
+            fine = self if n % 2 == 0 else self._again(n + 1)
+            coarse = self._again(fine.disc.n // 2)
+        except (ConvergenceError, GeometryError):
+            return self, float("nan")
+        move = (fine.vertices[fine.disc.nested] - coarse.vertices) / 3.0
+        normals = vertex_normals(coarse.vertices, coarse.disc.faces)
+        off = float(np.abs(np.einsum("vc,vc->v", move, normals)).max())
+        edge = float(np.linalg.norm(opposite_edges(fine.vertices, fine.disc.faces), axis=2).mean())
+        if np.linalg.norm(move, axis=1).max() > _SMALL * edge:
+            return self, 3.0 * off
+        x = fine.vertices + coarse.disc.finer(fine.disc.n, move)
+        what = f"the {self.report.kind} surface"
+        better = made(x, fine.disc, fine.partner, fine.report, symmetry=self._symmetry, what=what)
+        return better, off
+
     # ------------------------------------------------------------------ relatives
 
     @property
     def dual(self) -> "MinimalPatch":
         """The dual (adjoint) surface: every tangent plane turned by 90 degrees."""
-        return self._relative(self.partner, -self.vertices, "dual")
+        return self._relative(self.partner, -self.vertices, "dual", _dual)
 
     def associate(self, phi: float) -> "MinimalPatch":
         """Member of the associate family: cos φ times this surface plus sin φ times its dual.
@@ -135,11 +177,18 @@ class MinimalPatch(FrozenCopies):
         phi = as_real("phi", phi)
         c, s = np.cos(phi), np.sin(phi)
         x, y = self.vertices, self.partner
-        return self._relative(c * x + s * y, c * y - s * x, "associate")
+        return self._relative(
+            c * x + s * y, c * y - s * x, "associate", partial(_associate, phi=phi)
+        )
 
-    def _relative(self, x: FloatArray, partner: FloatArray, kind: str) -> "MinimalPatch":
+    def _relative(
+        self, x: FloatArray, partner: FloatArray, kind: str, relative: Any
+    ) -> "MinimalPatch":
         report = Report(kind, self.report.residual, self.report.factorizations)
-        return made(x, self.disc, partner, report, symmetry=None, what=f"the {kind} surface")
+        again = None if self._again is None else partial(_relative_again, relative, self._again)
+        return made(
+            x, self.disc, partner, report, symmetry=None, what=f"the {kind} surface", again=again
+        )
 
     # ------------------------------------------------------------------ the whole
 
@@ -172,7 +221,26 @@ class MinimalPatch(FrozenCopies):
             group = generated(*self._symmetry)
         if not isinstance(group, Group):
             raise InputError(f"group must be a Group, got {group!r:.80}")
-        return completed(self.vertices, self.disc.faces, group)
+        return completed(self.vertices, self.disc.faces, group, sharper=self._sharper)
+
+    def _sharper(self) -> tuple[FloatArray, IntArray, float]:
+        """Vertices and triangles of the sharpened surface, and how far these are off."""
+        patch, off = self.sharpened
+        return patch.vertices, patch.disc.faces, off
+
+
+def _dual(patch: MinimalPatch) -> MinimalPatch:
+    return patch.dual
+
+
+def _associate(patch: MinimalPatch, phi: float) -> MinimalPatch:
+    return patch.associate(phi)
+
+
+def _relative_again(relative: Any, again: Any, n: int) -> MinimalPatch:
+    """A relative with other edges."""
+    out: MinimalPatch = relative(again(n))
+    return out
 
 
 def made(
@@ -183,6 +251,7 @@ def made(
     *,
     symmetry: Symmetry | None,
     what: str,
+    again: "Callable[[int], MinimalPatch] | None" = None,
 ) -> MinimalPatch:
     """A patch of arrays, checked for triangles that have collapsed.
 
@@ -198,6 +267,8 @@ def made(
         Generators of the group that repeats it, and edges of the cell.
     what : str
         Name, for messages.
+    again : callable, optional
+        Makes the same surface with another number of edges per side.
 
     Returns
     -------
@@ -212,4 +283,4 @@ def made(
     mesh: Any = SurfaceMesh._adopt(np.ascontiguousarray(x), disc.faces)
     if not mesh.area > 0.0 or not np.isfinite(mesh.area):
         raise GeometryError(f"{what} has collapsed to a curve or a point")
-    return MinimalPatch(mesh, disc, read_only(np.array(partner)), report, symmetry)
+    return MinimalPatch(mesh, disc, read_only(np.array(partner)), report, symmetry, again)

@@ -208,9 +208,11 @@ class Region(FrozenCopies):
         inner: Any = linprog([0, 0, 0, -1], rows, self.offsets, bounds=room)
         if inner.status != 0 or inner.x[3] <= 1e-6 * float(self.cell.max()):
             raise InputError("normals and offsets must bound a body, but nothing is between them")
-        for axis in np.vstack([np.eye(3), -np.eye(3)]):
-            if linprog(-axis, self.normals, self.offsets, bounds=[(None, None)] * 3).status != 0:
-                raise InputError("normals must bound a body on all sides: this one is unbounded")
+        # Bounded: positive multiples of the normals, which span space, add up to zero (Stiemke).
+        count = len(self.normals)
+        push = linprog(np.zeros(count), A_eq=self.normals.T, b_eq=np.zeros(3), bounds=(1.0, None))
+        if push.status != 0 or np.linalg.matrix_rank(self.normals, tol=1e-9) < 3:
+            raise InputError("normals must bound a body on all sides: this one is unbounded")
 
 
 @dataclass(frozen=True, eq=False, repr=False)

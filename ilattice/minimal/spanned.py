@@ -5,6 +5,7 @@ Guarantees: as those of `ilattice.minimal.plateau`; what does not converge is re
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -89,7 +90,12 @@ def direct(
     group = None if cell is None else (_half_turns(sides), as_triple("cell", cell, positive=True))
     report = Report("direct", residual, count)
     (other,) = staged({"conjugate": lambda: conjugated(v, disc)}, progress)
-    return made(v, disc, other, report, symmetry=group, what="the surface")
+    again = partial(_direct_again, sides, alpha)
+    return made(v, disc, other, report, symmetry=group, what="the surface", again=again)
+
+
+def _direct_again(boundary: Any, alpha: float, n: int) -> MinimalPatch:
+    return direct(boundary, n, alpha=alpha)
 
 
 def mixed(
@@ -145,7 +151,9 @@ def mixed(
     )
     report = Report("mixed", residual, count)
     group = (region.mirrors, region.cell)
-    return made(v, disc, conjugated(v, disc), report, symmetry=group, what="the surface")
+    again = partial(mixed, region, points, names)
+    partner = conjugated(v, disc)
+    return made(v, disc, partner, report, symmetry=group, what="the surface", again=again)
 
 
 # --- direct ------------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ away from the surface the field levels off, as distances have kinks there.
 
 Guarantees: how far the zero set of the spline is off the curved triangles is measured between the
 nodes of the fit, and told where it is more than `TOLERANCE`. Non-guarantee: errors of the vertices
-themselves are not seen.
+themselves are not seen here, but see `MinimalPatch.sharpened`.
 """
 
 import warnings
@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 #: Largest distance of the zero set from the surface, in parts of the cell, without a warning.
 TOLERANCE = 1e-4
+#: Errors of vertices, in parts of the cell, up to which half of them, or less, is left of them.
+COARSE = 5e-4
 #: Distances up to this part of the least radius of curvature are kept as they are.
 REACH = 0.5
 MOST_REACH = 0.12
@@ -353,6 +355,26 @@ def zero_set_error(spline: Any, distance: SignedDistance) -> float:
     value, gradient = spline.jet(_inside(samples.points[some], cell) / cell, order=1)
     slope = np.linalg.norm(gradient / cell * float(cell.max()), axis=1)
     return float(np.abs(value / np.maximum(slope, 0.1)).max())
+
+
+def warn_coarse(off: float, name: str) -> None:
+    """Warn where the triangles of a tile are too large to be corrected.
+
+    Parameters
+    ----------
+    off : float
+        How far vertices are off the smooth surface, in parts of the cell; nan if it is not known.
+    name : str
+        Name of the tile.
+    """
+    if not off <= COARSE:
+        told = f"by up to {off:.2g}" if off == off else "by an unknown part"
+        warnings.warn(
+            f"vertices of the surface of tile {name!r} are off the smooth surface {told} of the "
+            f"cell (wanted {COARSE:g}): take more edges per side",
+            PrecisionWarning,
+            stacklevel=4,
+        )
 
 
 def warn_off(off: float, name: str, wanted: float = TOLERANCE) -> None:

@@ -1,4 +1,4 @@
-"""From entities to the pieces that compiled code measures distances to, in a tree of boxes.
+"""From entities to the pieces that compiled code measures distances to.
 
 Guarantee: the pieces of an entity are the entity itself, with the radius as a polynomial on each;
 a continuation past an open face is straight and starts with the tangent at the end.
@@ -6,7 +6,6 @@ a continuation past an open face is straight and starts with the tangent at the 
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import product
 from math import comb
 from typing import Any
 
@@ -39,7 +38,6 @@ from ilattice.tiles.entities import (
     as_radius,
 )
 
-LEAF = 2
 #: Parts that a Bézier curve is cut into: smaller boxes are passed over more often.
 PARTS = 4
 Outward = Callable[[FloatArray, FloatArray], bool]
@@ -118,18 +116,31 @@ class Pieces:
             np.array([row], np.int64), p.box[None], p.data, p.lift, np.minimum(axis, 2), p.radii[0]
         )
 
-    def moved(self, chosen: IntArray, by: FloatArray) -> "Pieces":
+    def chosen(self, rows: IntArray, by: FloatArray | None = None) -> "Pieces":
         """Some of the pieces, each translated by a row of `by`."""
-        sizes = np.diff(np.append(self.rows[:, 2], len(self.data)))[chosen]
-        starts = np.cumsum(sizes) - sizes
-        at = np.arange(int(sizes.sum())) - np.repeat(starts - self.rows[chosen, 2], sizes)
-        rows, boxes = self.rows[chosen], self.boxes[chosen]
-        rows[:, 2] = starts
-        boxes[:, :3] += by
-        boxes[:, 3:6] += by
-        axis, lift = self.axis[at], self.lift[at]
-        data = self.data[at] + lift * by[np.repeat(np.arange(len(chosen)), sizes), axis]
-        return Pieces(rows, boxes, data, lift, axis, self.least)
+        sizes = np.diff(np.append(self.rows[:, 2], len(self.data)))
+        taken = sizes[rows]
+        starts = np.cumsum(taken) - taken
+        if len(rows) and (taken == taken[0]).all() and (sizes == taken[0]).all():
+            at: Any = rows  # of pieces with as many numbers each
+            flat = {k: getattr(self, k).reshape(len(sizes), -1)[at] for k in FLAT[1:]}
+        else:
+            at = np.arange(int(taken.sum())) - np.repeat(starts - self.rows[rows, 2], taken)
+            flat = {k: getattr(self, k)[at] for k in FLAT[1:]}
+        out, boxes = self.rows[rows], self.boxes[rows]
+        out[:, 2] = starts
+        if by is not None:
+            boxes[:, :3] += by
+            boxes[:, 3:6] += by
+            axis = flat["axis"]
+            owner = (
+                np.arange(len(rows))[:, None]
+                if axis.ndim == 2
+                else np.repeat(np.arange(len(rows)), taken)
+            )
+            flat["data"] = flat["data"] + flat["lift"] * by[owner, axis]
+        data, lift, axis = (flat[k].ravel() for k in FLAT[1:])
+        return Pieces(out, boxes, data, lift, axis, self.least)
 
 
 #: Where coordinates begin among the numbers of a piece.
@@ -459,146 +470,3 @@ def _of_triangles(e: Triangles, radius: Any, group: int, *_: Any) -> list[Pieces
     turn = np.arange(width) - FIRST[TRIANGLE]
     lift, axis = np.tile(turn >= 0, m).astype(np.float64), np.tile(turn % 3, m)
     return [Pieces(rows, boxes, data.ravel(), lift, axis, float(r.min()))]
-
-
-# ------------------------------------------------------------------------------ tree
-
-
-@dataclass(frozen=True, eq=False)
-class Tree:
-    """Arrays for the kernels, see `skeleton_jets`."""
-
-    node: IntArray
-    box: FloatArray
-    piece: IntArray
-    piece_box: FloatArray
-    data: FloatArray
-    groups: int
-    width: int
-
-    @property
-    def args(self) -> tuple[Any, ...]:
-        """In the order of the kernels."""
-        return (
-            self.node, self.box, self.piece, self.piece_box, self.data, self.groups, self.width,
-        )  # fmt: skip
-
-
-def images(own: Pieces, cell: FloatArray, repeats: Sequence[bool], top: float) -> Pieces:
-    """The pieces and their copies in other cells that are within a distance of this one.
-
-    Parameters
-    ----------
-    own : Pieces
-        Pieces of one cell, which may leave it.
-    cell : (3, 3) array
-        Edges of the cell as columns.
-    repeats : sequence of bool
-        Edges along which they repeat.
-    top : float
-        Pieces that are farther from the cell, less their radius, are left out.
-
-    Returns
-    -------
-    Pieces
-        All of `own` that are needed, then copies.
-    """
-    unit = np.array(list(product((0.0, 1.0), repeat=3)))
-    corners = unit @ cell.T
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    ends = own.boxes[:, None, :3] + unit * (own.boxes[:, None, 3:6] - own.boxes[:, None, :3])
-    u = ends.reshape(-1, 3) @ np.linalg.inv(cell).T
-    beyond = np.ceil(np.maximum(u.max(axis=0) - 1.0, -u.min(axis=0)) - 1e-6)
-    reach = np.where(repeats, 1 + np.maximum(beyond, 0.0), 0).astype(int)
-    chosen, by = [], []
-    for factors in sorted(product(*(range(-n, n + 1) for n in reach)), key=_size):
-        shift = cell @ np.array(factors, np.float64)
-        gap = np.maximum(own.boxes[:, :3] + shift - high, low - shift - own.boxes[:, 3:6])
-        far = np.linalg.norm(np.maximum(gap, 0.0), axis=1) - own.boxes[:, 6]
-        rows = np.flatnonzero(far <= top)
-        chosen.append(rows)
-        by.append(np.broadcast_to(shift, (len(rows), 3)))
-    return own.moved(np.concatenate(chosen), np.concatenate(by))
-
-
-def _size(factors: tuple[int, ...]) -> bool:
-    """Whether something is moved: what is not comes first."""
-    return any(factors)
-
-
-def tree_of(pieces: Pieces) -> Tree:
-    """Tree over pieces, halved at the median along the longest side.
-
-    Parameters
-    ----------
-    pieces : Pieces
-        At least one.
-
-    Returns
-    -------
-    Tree
-        The arrays.
-    """
-    order, node, box = _halved(pieces.boxes)
-    chosen = pieces.moved(order, np.zeros((len(order), 3)))
-    rows = chosen.rows
-    bezier = rows[(rows[:, 0] == CURVE) | (rows[:, 0] == SURFACE), 3:5] + 1
-    width = int(bezier.prod(axis=1).max(initial=1))
-    return Tree(node, box, rows, chosen.boxes, chosen.data, 1 + int(rows[:, 1].max()), width)
-
-
-def _halved(boxes: FloatArray) -> tuple[IntArray, IntArray, FloatArray]:
-    """Order of the boxes, nodes and their boxes; all nodes of a level are made at once."""
-    middle = boxes[:, :3] + boxes[:, 3:6]
-    order = np.arange(len(boxes))
-    starts, sizes = np.zeros(1, np.int64), np.array([len(boxes)])
-    levels: list[IntArray] = []
-    count = 0
-    while len(starts):
-        count += len(starts)
-        big = sizes > LEAF
-        node = np.stack([-1 - starts, sizes], axis=1)
-        node[big, 0] = count + 2 * np.arange(int(big.sum()))
-        node[big, 1] = node[big, 0] + 1
-        levels.append(node)
-        starts, sizes = starts[big], sizes[big]
-        _sort(order, middle, starts, sizes)
-        half = sizes // 2
-        starts = np.stack([starts, starts + half], axis=1).ravel()
-        sizes = np.stack([half, sizes - half], axis=1).ravel()
-    return order, np.concatenate(levels), _bounds(boxes[order], levels)
-
-
-def _sort(order: IntArray, middle: FloatArray, starts: IntArray, sizes: IntArray) -> None:
-    """Sort parts of an order along their longest sides; sizes differ by one at most."""
-    if not len(starts):
-        return
-    first = np.cumsum(sizes) - sizes
-    owner = np.repeat(np.arange(len(starts)), sizes)
-    at = np.arange(len(owner)) + (starts - first)[owner]
-    rows = order[at]
-    centre = middle[rows]
-    spread = np.maximum.reduceat(centre, first) - np.minimum.reduceat(centre, first)
-    used = np.arange(int(sizes.max())) < sizes[:, None]
-    table = np.full(used.shape, np.inf)
-    table[used] = centre[np.arange(len(at)), spread.argmax(axis=1)[owner]]
-    order[at] = rows[np.argsort(table, axis=1, kind="stable")[used] + first[owner]]
-
-
-def _bounds(boxes: FloatArray, levels: list[IntArray]) -> FloatArray:
-    """Boxes of nodes: of leaves from what they hold, of others from their children."""
-    node = np.concatenate(levels)
-    out = np.empty((len(node), boxes.shape[1]))
-    leaves = np.flatnonzero(node[:, 0] < 0)
-    leaves = leaves[np.argsort(-1 - node[leaves, 0])]
-    first = -1 - node[leaves, 0]
-    out[leaves, :3] = np.minimum.reduceat(boxes[:, :3], first)
-    out[leaves, 3:] = np.maximum.reduceat(boxes[:, 3:], first)
-    ends = np.cumsum([len(level) for level in levels])
-    for level, end in zip(levels[::-1], ends[::-1], strict=True):
-        inner = np.flatnonzero(level[:, 0] >= 0)
-        one, two = out[level[inner, 0]], out[level[inner, 1]]
-        rows = inner + end - len(level)
-        out[rows, :3] = np.minimum(one[:, :3], two[:, :3])
-        out[rows, 3:] = np.maximum(one[:, 3:], two[:, 3:])
-    return out

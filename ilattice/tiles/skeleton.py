@@ -42,7 +42,8 @@ from ilattice._validate import (
 )
 from ilattice.errors import GeometryError, InputError
 from ilattice.tiles._kernels_skeleton import skeleton_jets
-from ilattice.tiles._pieces import Piece, Pieces, Tree, images, pieces_of, tree_of
+from ilattice.tiles._pieces import Piece, Pieces, pieces_of
+from ilattice.tiles._tree import Tree, images, tree_of
 from ilattice.tiles.entities import (
     Arc,
     Ball,
@@ -59,6 +60,8 @@ FACES = ("x-", "x+", "y-", "y+", "z-", "z+")
 KINDS = ("open", "closed", "periodic")
 #: About how many pieces tell how far from its pieces a cell is anywhere.
 MANY = 1000
+#: Points along the edges of faces at which distances are bounded.
+_FACE = 16
 #: How far outside the tile an entity may be, and what counts as on a face, in tile coordinates.
 ON_FACE = 1e-9
 #: Error of the spline that stands in for a skeleton, relative to its smallest radius.
@@ -301,16 +304,24 @@ class SkeletonField(Field, Frozen):
         own = self._own_pieces
         if not any(self.repeats):
             return tree_of(own)
-        # An image that is farther from the cell than its own pieces, or some of them, ever are is
-        # never nearest.
-        a = (np.arange(8) + 0.5) / 8
-        u = np.stack(np.meshgrid(a, a, a, indexing="ij"), axis=-1).reshape(-1, 3)
+        # The way from a point to the nearest piece, where that is an image beyond a face, crosses
+        # the face, and there the image is nearest, too: it is no farther from the cell than the
+        # cell's own pieces, or some of them, are from any point of the faces.
         some = np.arange(0, len(own.rows), 1 + len(own.rows) // MANY)
-        few = own.moved(some, np.zeros((len(some), 3)))
-        top = self._evaluate(u @ self.cell.T, tree_of(few), 0)[0].max()
-        corners = np.array(list(product((0.0, 1.0), repeat=3))) @ self.cell.T
-        top += np.linalg.norm(np.ptp(corners, axis=0)) / 16 + 1.5 * self.blend
-        return tree_of(images(own, self.cell, self.repeats, float(top)))
+        points, gap = self._on_faces()
+        top = self._evaluate(points, tree_of(own, some), 0)[0].max() + gap + 1.5 * self.blend
+        return tree_of(own, *images(own, self.cell, self.repeats, float(top)))
+
+    def _on_faces(self) -> tuple[FloatArray, float]:
+        """Points of the six faces, and how far all others of the faces are from them at most."""
+        a = (np.arange(_FACE) + 0.5) / _FACE
+        s, t = (c.ravel() for c in np.meshgrid(a, a, indexing="ij"))
+        points, gap = [], 0.0
+        for axis in range(3):
+            b, c = (self.cell[:, k] for k in range(3) if k != axis)
+            gap = max(gap, *(0.5 / _FACE * float(np.linalg.norm(v)) for v in (b + c, b - c)))
+            points += [np.outer(s, b) + np.outer(t, c) + n * self.cell[:, axis] for n in (0, 1)]
+        return np.concatenate(points), gap
 
     @cached_property
     def _planes(self) -> FloatArray:

@@ -268,3 +268,21 @@ def test_failures_name_the_node():
         graph.tile()
     assert e.value.node == "object 'obj1'"
     assert isinstance(e.value.__cause__, GeometryError)
+
+
+@pytest.mark.parametrize("odd", [None, "no", -0.5, [1, 2], np.array([1, 2])])
+def test_odd_arguments_end_in_errors_that_name_them(odd):
+    graph = g.Graph(g.object(strut()))
+    calls = {
+        "closed": lambda: g.chain([g.vertex((0, 0, 0)), g.vertex((1, 0, 0))], closed=odd),
+        "names": lambda: g.Graph(graph.roots, names=odd),
+        "completed": lambda: strut().completed(odd),
+        "library": lambda: g.library[odd],
+        "method": lambda: graph.homogenize(4, method=odd),
+        "graphs": lambda: g.contact_sheet(odd),
+        "columns": lambda: g.contact_sheet([graph], columns=odd),
+        "thickness": lambda: g.explore("truss", 1, thickness=[0.1, odd]),
+    }
+    for name, call in calls.items():
+        with pytest.raises(IlatticeError, match=name):
+            call()

@@ -51,7 +51,7 @@ def test_counts_of_the_paper():
         g.library["chen_alpha_delta"]
     assert len(set(g.library) - {"bcc", "fcc", "kelvin", "simple_cubic"}) == 24
     assert len(g.library.missing) == 7
-    with pytest.raises(InputError, match="schwarz_p"):
+    with pytest.raises(InputError, match="'schwartz_p'; the nearest are schwarz_p, "):
         g.library["schwartz_p"]
 
 
@@ -391,6 +391,8 @@ def test_commands(tmp_path, capsys):
     ):  # fmt: skip
         with pytest.raises(il.errors.IlatticeError):
             run(action, file, output=output)
+    with pytest.raises(InputError, match="the nearest are octet"):
+        run("validate", "octett")
     assert main(["graph", "validate", "octet"]) == 0
     assert "12" in capsys.readouterr().out
     (tmp_path / "bad.json").write_text("{}")

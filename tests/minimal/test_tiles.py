@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 import ilattice as il
-from ilattice.errors import GeometryError, InputError
+from ilattice.errors import GeometryError, InputError, PrecisionWarning
+from ilattice.minimal.disc import Disc, vertex_normals
 
 M = il.minimal
 D = 0.05
@@ -34,6 +35,56 @@ def test_the_wall_of_the_tile_is_that_of_weierstrass(tile):
         found = np.abs(lattice.distance(np.mod(x + side * D * n, 1.0)))
         assert np.abs(found - D).max() < 1e-3 * D
     assert tile.periodic == (True, True, True)
+
+
+def off_wall(tile, count=400):
+    """How far walls of a tile are off those of exact points, in parts of d."""
+    x, n = exact_points(count)
+    lattice = il.Lattice(tile, through=il.macroshape.cell(), repeat=1)
+    sides = [np.abs(lattice.distance(np.mod(x + t * n, 1.0))) for t in (-D, D)]
+    return np.abs(np.concatenate(sides) / D - 1.0).max()
+
+
+def test_walls_of_sixteen_edges_are_within_a_third_of_a_thousandth():
+    patch = M.conjugate(M.cuboid().faces("X+ z- Y+ x- Z+ y-"), 16)
+    assert off_wall(patch.completed().tile()) < 3e-4
+    assert off_wall(il.graph.library["schwarz_p"].tile()) < 3e-4
+
+
+def test_sharpened_vertices_are_of_higher_order_and_tell_the_error():
+    found = {}
+    for n in (7, 8, 16):
+        patch = M.conjugate(M.cuboid().faces("X+ z- Y+ x- Z+ y-"), n)
+        sharp, off = patch.sharpened
+        found[n] = exact.distances(sharp.vertices).max()
+        fine = M.conjugate(M.cuboid().faces("X+ z- Y+ x- Z+ y-"), n + n % 2)
+        assert off == pytest.approx(exact.distances(fine.vertices).max(), rel=0.1)
+        assert np.abs(sharp.vertices[sharp.disc.side_rows[0], 0] - 0.5).max() < 1e-15
+    assert found[7] == found[8]
+    assert np.log2(found[8] / found[16]) > 3.0
+    petrie = np.array([(1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 1, 1), (0, 0, 1), (1, 0, 1)]) / 4
+    twin, finer = (M.direct(petrie, n).associate(0.7) for n in (8, 32))
+    sharp = twin.sharpened[0]
+    rows = finer.disc.nested[Disc(6, 16).nested]
+    errors = [
+        np.linalg.norm(p.vertices - finer.vertices[rows], axis=1).max() for p in (twin, sharp)
+    ]
+    assert errors[1] < 0.3 * errors[0]
+
+
+def test_triangles_that_are_too_large_for_a_tile_are_told():
+    size = np.array([0.845, 0.244, 0.515])
+    patch = M.conjugate(M.cuboid(size).faces("X+ z- Y+ x- Z+ y-"), 8)
+    fine = M.conjugate(M.cuboid(size).faces("X+ z- Y+ x- Z+ y-"), 32)
+    rows = fine.disc.nested[Disc(6, 16).nested]
+    normals = vertex_normals(patch.vertices, patch.disc.faces)
+    true = np.einsum("vc,vc->v", fine.vertices[rows] - patch.vertices, normals)
+    assert patch.sharpened[1] == pytest.approx(np.abs(true).max(), rel=0.4)
+    with pytest.warns(PrecisionWarning, match="more edges per side"):
+        patch.completed().tile()
+    few = M.conjugate(M.cuboid().faces("X+ z- Y+ x- Z+ y-"), 3).completed()
+    with pytest.warns(PrecisionWarning, match="by an unknown part"):
+        few.tile()
 
 
 def test_the_tile_tells_both_sides_apart(tile):
