@@ -16,7 +16,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from ilattice._progress import Progress, staged
-from ilattice._typing import FloatArray, IntArray
+from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import Frozen, as_choice, as_not_negative, as_whole, read_only
 from ilattice.errors import ConvergenceError, GeometryError, InputError, PrecisionWarning
 from ilattice.mesh import SurfaceMesh
@@ -275,7 +275,7 @@ def surface(
     def triangles() -> Triangles:
         found = zero_set(harmonic(curves, step * n), curves, n, glued)
         least = _least(curves, n, glued, found) if method == "currents" else found
-        return replace(least, vertices=evened(least.vertices, least.faces, least.on.any(axis=1)))
+        return _evened(least, least.vertices)
 
     (start,) = staged({"start": triangles}, progress)
     work = {"surface": lambda: _smooth(start, curves, symmetry, n, given)}
@@ -336,8 +336,13 @@ def _thinner(
 
 def _moved(start: Triangles, to: OctantSurface) -> Triangles:
     """Triangles in the places of a solution, evened out along it: its steps are along normals."""
-    rim = start.on.any(axis=1)
-    v = np.where(rim[:, None], start.vertices, (to.vertices - 0.5) / _SCALE - 1.0)
+    return _evened(start, (to.vertices - 0.5) / _SCALE - 1.0)
+
+
+def _evened(start: Triangles, v: FloatArray) -> Triangles:
+    """Triangles with other vertices inside, evened out along their surface."""
+    rim: AnyArray = np.asarray(start.on.any(axis=1))
+    v = np.where(rim[:, None], start.vertices, v)
     return replace(start, vertices=evened(v, start.faces, rim))
 
 
