@@ -6,7 +6,6 @@ quadrature, and the sparse pattern is that of the active cells.
 Guarantee: what is asked for twice is computed once.
 """
 
-import warnings
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -14,18 +13,18 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
-from scipy.ndimage import label
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import Frozen, among, as_choice, as_positive
+from ilattice.cutfem import gaps
 from ilattice.cutfem.assembly import Assembly, compressed_where_long
-from ilattice.cutfem.connectivity import Parts, connected_parts, falls_apart, links
+from ilattice.cutfem.connectivity import Parts, connected_parts, links
 from ilattice.cutfem.elements import ElementGrid, elements_of
 from ilattice.cutfem.places import Spot
 from ilattice.cutfem.regions import BOUNDARY, PLACES, SURFACES, Region
 from ilattice.cutfem.space import SplineSpace, as_degree_and_smoothness
 from ilattice.cutfem.stabilise import ghost_faces, lone_cells, void_rule
-from ilattice.errors import GeometryError, InputError, PrecisionWarning
+from ilattice.errors import GeometryError, InputError
 from ilattice.macroshape.maps import SplineMap
 from ilattice.offsets.wall import OffsetSolid
 from ilattice.quadrature._filling import MOST_POINTS
@@ -60,8 +59,6 @@ ENOUGH = 0.4
 POINTS = {1: 2, 2: 4, 3: 6}
 #: Points per direction that rules have more which check others.
 MORE = 3
-#: Cells side by side through which air that is not resolved goes, from which on that is told.
-MANY = 3
 #: Part of a cell that must be filled for its integrals to be taken from moments through a curved
 #: map: in less, what the moments of the whole cell are off by may exceed the integral.
 SLIVER = 0.05
@@ -387,54 +384,8 @@ class Domain(Frozen):
     # ---------------------------------------------------------------- resolution
 
     def warn_gaps(self) -> None:
-        """Warn of air between solid that is too thin to be seen, so that it is bridged.
-
-        The tip of a notch in a cell or two is not told, if nothing hangs on it.
-        """
-        gaps = self._long(self.elements.gaps)
-        if not len(gaps):
-            return
-        widest = int(np.argmax(_across(gaps[:, 1:])))
-        box = self.cut.grid.boxes(gaps[[widest], 0].astype(np.int64))
-        middle, through = box[:, :3] + 0.5 * box[:, 3:], self.cut.through
-        x = middle if through is None else through.x(middle)
-        long = box[0, 3:] if through is None else self._edges(middle, box[0, 3:])
-        place = ", ".join(f"{c:.4g}" for c in x[0])
-        warnings.warn(
-            f"a gap of {_across(long * gaps[widest, 1:]):.2g}, {_across(gaps[widest, 1:]):.2g} "
-            f"cells, near ({place}) is too thin to be resolved, in "
-            f"{len(gaps)} {'cell' if len(gaps) == 1 else 'cells'}: the solid on both sides is "
-            "taken as one; widen the gap, close it, or take finer cells",
-            PrecisionWarning,
-            stacklevel=5,
-        )
-
-    def _long(self, gaps: FloatArray) -> FloatArray:
-        """Gaps that go through many cells, or all of them if parts hang together there."""
-        cells = gaps[:, 0].astype(np.int64)
-        if not len(cells):
-            return gaps
-        mark = np.zeros(self.cut.grid.shape, bool)
-        mark.ravel()[cells] = True
-        groups, _ = label(mark)
-        mine = groups.ravel()[cells]
-        many = np.bincount(np.unique(cells * (groups.max() + 1) + mine) % (groups.max() + 1))
-        home = self.elements.home(self.parts.cells)
-        if falls_apart(self.parts, links(self.joints), home, cells):
-            return gaps
-        return np.asarray(gaps[many[mine] >= MANY])
-
-    def _edges(self, middle: FloatArray, extent: FloatArray) -> FloatArray:
-        """Lengths in space of the edges of a cell."""
-        assert self.cut.through is not None
-        J = self.cut.through.jacobian(middle)[0]
-        return np.asarray(np.linalg.norm(J, axis=0) * extent)
-
-
-def _across(air: FloatArray) -> FloatArray:
-    """Width of a plane gap by its lengths (..., 3) along three directions, 0 if it goes on."""
-    slopes = np.divide(1.0, air, out=np.zeros_like(air), where=air > 0.0)
-    return np.asarray(1.0 / np.linalg.norm(slopes, axis=-1))
+        """See `gaps.warn`."""
+        gaps.warn(self)
 
 
 def kinks(through: SplineMap, axis: int) -> FloatArray:
