@@ -66,9 +66,9 @@ def test_sharpened_vertices_are_of_higher_order_and_tell_the_error():
     twin, finer = (M.direct(petrie, n).associate(0.7) for n in (8, 32))
     sharp = twin.sharpened[0]
     rows = finer.disc.nested[Disc(6, 16).nested]
-    errors = [
-        np.linalg.norm(p.vertices - finer.vertices[rows], axis=1).max() for p in (twin, sharp)
-    ]
+    normals = vertex_normals(finer.vertices, finer.disc.faces)[rows]
+    away = [p.vertices - finer.vertices[rows] for p in (twin, sharp)]
+    errors = [np.abs(np.einsum("vc,vc->v", a, normals)).max() for a in away]
     assert errors[1] < 0.3 * errors[0]
 
 
@@ -83,8 +83,9 @@ def test_triangles_that_are_too_large_for_a_tile_are_told():
     with pytest.warns(PrecisionWarning, match="more edges per side"):
         patch.completed().tile()
     few = M.conjugate(M.cuboid().faces("X+ z- Y+ x- Z+ y-"), 3).completed()
-    with pytest.warns(PrecisionWarning, match="by an unknown part"):
+    with pytest.warns(PrecisionWarning) as told:
         few.tile()
+    assert "by an unknown part" in str(told[0].message)
 
 
 def test_the_tile_tells_both_sides_apart(tile):
