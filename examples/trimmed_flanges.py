@@ -2,7 +2,7 @@
 
 Diamond walls of 0.8 mm are cut by a cylinder of 11 mm radius and joined with two solid discs, the
 upper one thicker. The part is one field: its mesh is made of it, and so are the rules on cut cells,
-which integrate its volume and its middle of mass without a mesh, with twenty cells per side to
+which integrate its volume and its middle of mass without a mesh, with 28 cells per side to
 0.2 %.
 
     python examples/trimmed_flanges.py
@@ -11,7 +11,7 @@ which integrate its volume and its middle of mass without a mesh, with twenty ce
 import ilattice as il
 
 
-def main(h: float = 0.6, d: float = 0.4, cells: int = 20, out: str = "") -> dict[str, float]:
+def main(h: float = 0.6, d: float = 0.4, cells: int = 28, out: str = "") -> dict[str, float]:
     """Make and mesh the part; write it if `out` is given."""
     block = il.macroshape.box(lo=(-13.0, -13.0, 0.0), hi=(13.0, 13.0, 26.0))
     wall = il.Lattice("diamond", through=block, repeat=3).offset(d)

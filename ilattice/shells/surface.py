@@ -41,7 +41,7 @@ LEAST_N, MOST_N = 8, 96
 _FINE = 48
 #: Edges of triangles times n, in cells; parts of the layer that edges at the boundary may have, and
 #: most rounds of division.
-EDGE, _RESOLVED, _MOST_ROUNDS = 0.65, 0.5, 6
+EDGE, _RESOLVED, _MOST_ROUNDS = 0.65, 0.35, 6
 _SCALE = 0.25  # from the octant [-1, 1]³ to the cell
 
 
