@@ -259,7 +259,7 @@ def surface(
     Warns
     -----
     PrecisionWarning
-        If the mean curvature is above 0.05 on half of the area, as thinner layers tear.
+        If the mean curvature is above 0.05 on half of the area, since thinner layers tear.
     """
     if not isinstance(curves, Boundary):
         raise InputError(f"curves must be a Boundary, got {curves!r:.80}")
@@ -283,9 +283,9 @@ def surface(
     if given is None and found.curvature_quantile() > CURVED:
         warnings.warn(
             f"{found} has mean curvatures above {found.curvature_quantile():.2g} over the edge of "
-            f"the cell on half of its area (wanted {CURVED:g}): with a layer below "
-            f"{found.layer:.2g} it tears, as surfaces do whose necks are too long; move nodes of "
-            "the boundary, or accept that it is no surface of least area",
+            f"the cell on half of its area (wanted {CURVED:g}): with layers thinner than "
+            f"{found.layer:.2g} it tears, as surfaces do whose necks are too long, or they are "
+            "not tried; move nodes of the boundary, or accept that it is no surface of least area",
             PrecisionWarning, stacklevel=2,
         )  # fmt: skip
     return found
@@ -299,13 +299,16 @@ def _smooth(
         coarse = _tried(start, curves, symmetry, (layer,)) if _rounds(n, layer) else None
         return _graded(start, coarse, curves, symmetry, n, layer)
     coarse = _tried(start, curves, symmetry, (LAYER, *THICKER))
-    if coarse is None:
-        return _graded(start, None, curves, symmetry, n, LAYER)
-    chosen = [coarse, *_thinner(start, coarse, curves, symmetry)]
-    for one in chosen[:0:-1]:
+    thin = [] if coarse is None else _thinner(start, coarse, curves, symmetry)
+    for one in reversed(thin):
         with suppress(ConvergenceError):
             return _graded(start, one, curves, symmetry, n, one.layer)
-    return _graded(start, coarse, curves, symmetry, n, coarse.layer)
+    first = LAYER if coarse is None else coarse.layer
+    *others, last = (first, *(thick for thick in THICKER if thick > first))
+    for one_layer in others:
+        with suppress(ConvergenceError):
+            return _graded(start, coarse, curves, symmetry, n, one_layer)
+    return _graded(start, coarse, curves, symmetry, n, last)
 
 
 def _tried(
