@@ -3,7 +3,7 @@
 Diamond walls of 0.8 mm are cut by a cylinder of 11 mm radius and joined with two solid discs, the
 upper one thicker. The part is one field: its mesh is made of it, and so are the rules on cut cells,
 which integrate its volume and its middle of mass without a mesh, with 28 cells per side to
-0.2 %.
+1e-5 of it.
 
     python examples/trimmed_flanges.py
 """
