@@ -18,7 +18,7 @@ SHELLS = {
 
 
 def main(n: int = 32, layer: float = 0.01, out: str = "") -> dict[str, float]:
-    """Medians; with `out`, meshes with curvatures as ``OUT_P-like.vtp`` ... and histograms."""
+    """Medians; with `out`, ``OUT_P-like.vtp`` ..., and all with histograms as ``OUT.png``."""
     numbers, shells = {}, {}
     for name, (topology, position, derivative) in SHELLS.items():
         curves = il.shells.boundary(topology, position, derivative)
@@ -26,20 +26,46 @@ def main(n: int = 32, layer: float = 0.01, out: str = "") -> dict[str, float]:
         numbers[f"{name}: median of |H|"] = shells[name].curvature_quantile()
         numbers[f"{name}: area"] = shells[name].area
         if out:
-            h = shells[name].mean_curvature
-            shells[name].mesh.with_point_data(mean_curvature=h).save(f"{out}_{name}.vtp")
+            whole(shells[name]).save(f"{out}_{name}.vtp")
     if out:
         _picture(shells, f"{out}.png")
     return numbers
 
 
+def whole(shell: "il.shells.OctantSurface") -> "il.SurfaceMesh":
+    """The eight octants of a shell that meets its mirrors, with mean curvatures."""
+    vertices, faces = [], []
+    for sides in np.ndindex(2, 2, 2):
+        faces.append(shell.faces[:, :: (-1) ** sum(sides)] + len(shell.vertices) * len(faces))
+        vertices.append(np.where(sides, 1.0 - shell.vertices, shell.vertices))
+    mesh = il.SurfaceMesh(np.concatenate(vertices), np.concatenate(faces))
+    return mesh.with_point_data(mean_curvature=np.tile(shell.mean_curvature, 8))
+
+
 def _picture(shells: dict[str, "il.shells.OctantSurface"], path: str) -> None:
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(9, 3), layout="constrained")
-    for axes, (name, shell) in zip(figure.subplots(1, 3, sharey=True), shells.items(), strict=True):
-        axes.hist(np.minimum(shell.mean_curvature, 6.0), bins=40, color="steelblue")
-        axes.set(title=name, xlabel="|H|, at most 6")
+    figure = Figure(figsize=(10, 6.4), layout="constrained")
+    rows = figure.subplots(2, 3, height_ratios=(1.5, 1))
+    for (upper, lower), (name, shell) in zip(rows.T, shells.items(), strict=True):
+        scene = il.plot.Scene(size=(600, 500)).add(
+            whole(shell), scalars="mean_curvature", label="mean curvature", clim=(0.0, 1.0)
+        )
+        upper.imshow(scene.image())
+        upper.set_axis_off()
+        upper.set_title(name)
+        corners = shell.vertices[shell.faces]
+        sides = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        area = np.bincount(shell.faces.ravel(), np.repeat(np.linalg.norm(sides, axis=1), 3))
+        half = shell.curvature_quantile()
+        lower.hist(
+            np.maximum(shell.mean_curvature, 1e-4), weights=100.0 * area / area.sum(),
+            bins=np.logspace(-4, 2, 25), color="steelblue",
+        )  # fmt: skip
+        lower.axvline(half, color="black", linewidth=1, label=f"half of the area: {half:.2g}")
+        lower.set(xscale="log", xlabel="|H| times the edge of the cell")
+        lower.legend(loc="upper right")
+    rows[1, 0].set_ylabel("per cent of the area")
     figure.savefig(path, dpi=120)
 
 

@@ -38,12 +38,20 @@ def along_last(
         for j in range(deep):
             line = c[x + i, y + j]
             for piece in range(begin, begin + many):
-                for k in range(P if piece == begin + many - 1 else P - 1):
-                    value = 0.0
-                    for t in range(P):
-                        value += rows[piece, k, t] * line[first[piece] + t]
-                    out[to] = value
-                    to += 1
+                at = first[piece]
+                ends = P if piece == begin + many - 1 else P - 1
+                if P == 4:  # cubic, as walls are: in registers
+                    a, b, d, e = line[at], line[at + 1], line[at + 2], line[at + 3]
+                    for k in range(ends):
+                        f = rows[piece, k]
+                        out[to + k] = f[0] * a + f[1] * b + f[2] * d + f[3] * e
+                else:
+                    for k in range(ends):
+                        value = 0.0
+                        for t in range(P):
+                            value += rows[piece, k, t] * line[at + t]
+                        out[to + k] = value
+                to += ends
 
 
 @inner(**FAST)
@@ -58,12 +66,19 @@ def along(
         for piece in range(begin, begin + many):
             start = (b * wide + first[piece] - first[begin]) * step
             for k in range(P if piece == begin + many - 1 else P - 1):
-                for i in range(step):
-                    out[to + i] = rows[piece, k, 0] * a[start + i]
-                for t in range(1, P):
-                    f = rows[piece, k, t]
+                f = rows[piece, k]
+                if P == 4:  # one way through the numbers instead of four
+                    for i in range(start, start + step):
+                        out[to + i - start] = (
+                            f[0] * a[i] + f[1] * a[i + step] + f[2] * a[i + 2 * step]
+                            + f[3] * a[i + 3 * step]
+                        )  # fmt: skip
+                else:
                     for i in range(step):
-                        out[to + i] += f * a[start + t * step + i]
+                        out[to + i] = f[0] * a[start + i]
+                    for t in range(1, P):
+                        for i in range(step):
+                            out[to + i] += f[t] * a[start + t * step + i]
                 to += step
 
 
@@ -441,17 +456,18 @@ def single_cells(
                         inside[(i * n1 + j) * n2 + k] = signs[x + i, y + j, z + k]
         wide = first0[x + n0 - 1] + p + 1 - first0[x]
         deep = first1[y + n1 - 1] + p + 1 - first1[y]
-        for k in range(m):
-            for i in range(size):
-                F[k, i] = shifts[k]
         for s in range(len(c)):
             along_last(c[s], first0[x], wide, first1[y], deep, rows2, first2, z, n2, a)
             along(a, wide, deep, a2, rows1, first1, y, n1, b)
             along(b, 1, wide, a1 * a2, rows0, first0, x, n0, v)
             for k in range(m):
                 f = factors[k, s]
-                for i in range(size):
-                    F[k, i] += f * v[i]
+                if s == 0:
+                    for i in range(size):
+                        F[k, i] = shifts[k] + f * v[i]
+                else:
+                    for i in range(size):
+                        F[k, i] += f * v[i]
         for k in range(m):
             top = 0.0
             for i in range(size):
