@@ -36,12 +36,14 @@ N, LAYER, THICKER, LEAST_LAYER = 24, 0.01, (0.02, 0.04), 0.003
 #: Mean curvature, times the edge of the cell, that half of the area stays below: that of coarse
 #: triangles, by which layers are chosen, and that which is told.
 _CURVED, CURVED = 0.04, 0.05
+#: Ratios of layers from one surface to the next where larger ones tear: the first, and the least.
+_SMALL_STEP, _LEAST_STEP = 2.0**0.25, 1.05
 LEAST_N, MOST_N = 8, 96
 #: The harmonic function is found on a grid at least so fine.
 _FINE = 48
 #: Edges of triangles times n, in cells; parts of the layer that edges at the boundary may have, and
-#: most rounds of division.
-EDGE, _RESOLVED, _MOST_ROUNDS = 0.65, 0.35, 6
+#: have at most where it gets thinner in the end; most rounds of division.
+EDGE, _RESOLVED, _COARSEST, _MOST_ROUNDS = 0.65, 0.35, 0.5, 6
 _SCALE = 0.25  # from the octant [-1, 1]³ to the cell
 
 
@@ -302,13 +304,30 @@ def _smooth(
     thin = [] if coarse is None else _thinner(start, coarse, curves, symmetry)
     for one in reversed(thin):
         with suppress(ConvergenceError):
-            return _graded(start, one, curves, symmetry, n, one.layer)
+            return _continued(_graded(start, one, curves, symmetry, n, one.layer), n)
     first = LAYER if coarse is None else coarse.layer
     *others, last = (first, *(thick for thick in THICKER if thick > first))
     for one_layer in others:
         with suppress(ConvergenceError):
-            return _graded(start, coarse, curves, symmetry, n, one_layer)
-    return _graded(start, coarse, curves, symmetry, n, last)
+            return _continued(_graded(start, coarse, curves, symmetry, n, one_layer), n)
+    return _continued(_graded(start, coarse, curves, symmetry, n, last), n)
+
+
+def _continued(found: OctantSurface, n: int) -> OctantSurface:
+    """The surface with a thinner layer, if it needs one: by small steps, from one to the next."""
+    least = max(LEAST_LAYER, EDGE / n / 2 ** _rounds(n, found.layer) / _COARSEST)
+    step = _SMALL_STEP
+    while found.curvature_quantile() > _CURVED and found.layer > least and step > _LEAST_STEP:
+        triangles = Triangles((found.vertices - 0.5) / _SCALE - 1.0, found.faces, found.on)
+        triangles = _evened(triangles, triangles.vertices)
+        layer = max(least, found.layer / step)
+        try:
+            thin = _solved(triangles, found.boundary, found.symmetry, layer, True)
+        except ConvergenceError:
+            step = np.sqrt(step)
+            continue
+        found = replace(thin, factorizations=found.factorizations + thin.factorizations)
+    return found
 
 
 def _tried(

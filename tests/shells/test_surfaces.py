@@ -111,6 +111,7 @@ def test_layers_make_surfaces_meet_mirrors_at_right_angles(name, position, deriv
     [
         ("topo_18", 0.8, 3.9),
         ("topo_18", 0.46, 2.1),
+        ("topo_18", 0.75, 2.26),
         ("topo_1", (0.21, -0.35, -0.1), 1.52),
         ("topo_1", (-0.19, 0.13, 0.18), 1.29),
     ],
