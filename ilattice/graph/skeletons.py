@@ -144,7 +144,8 @@ class Line(Skeleton):
     Parameters
     ----------
     chains : sequence of EdgeChain
-        Each starts or ends where the one before it does. Two vertices at one place are a ball.
+        Each starts or ends where the one before it does. Two vertices at one place are a ball, of
+        the largest thickness.
     thickness : float or sequence of (t, thickness)
         Diameter: one number, or values at shares t of the length from 0 to 1, linear between.
     """

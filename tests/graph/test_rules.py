@@ -262,6 +262,14 @@ def test_mutated_files_end_in_graph_errors(all_types):
     assert 0 < fuzz(texts, 400, 1) < 200
 
 
+def test_parts_over_many_cells_are_refused():
+    for scale in (100.0, 1000.0):
+        graph = g.Graph(g.object(strut().moved(scale=scale)))
+        with pytest.raises(GraphError, match="at most 8 cells") as e:
+            _ = graph.body
+        assert e.value.node == "object 'obj1'"
+
+
 def test_failures_name_the_node():
     graph = g.Graph(g.object(strut(thickness=3.0)))
     with pytest.raises(GraphError, match="fills the cell") as e:

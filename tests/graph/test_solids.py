@@ -1,5 +1,7 @@
 """Solids of graphs against the catalogue, exact distances and each other."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from graphs import HEXAGON, loop, schwarz_p, strut
@@ -175,6 +177,41 @@ def test_a_line_without_length_is_a_ball():
     off = POINTS - (0.2, 0.3, 0.4)
     off -= np.rint(off)
     assert np.abs(graph.body.field(POINTS) - (np.linalg.norm(off, axis=1) - 0.25)).max() < 1e-15
+
+
+def way(*points, **options):
+    return g.chain([g.vertex(p) for p in points], **options)
+
+
+CONE = [(0.0, 0.05), (1.0, 0.25)]
+ARCH = ((0.2, 0.1, 0.5), (0.5, 0.3, 0.5), (0.8, 0.1, 0.5))
+TILTED = way((0.3, 0.3, 0.3), (0.7, 0.3, 0.7), (0.7, 0.7, 0.7), (0.3, 0.7, 0.3), closed=True)
+COUPLES = {
+    "an arch and its image": g.line(way(*ARCH, smooth=True), thickness=CONE).mirrored("x"),
+    "sheets that cross": g.surface(TILTED, thickness=0.03, edges=3).mirrored("z"),
+    "a sheet in two thicknesses": g.group(
+        [g.surface(TILTED, thickness=t, edges=3) for t in (0.03, 0.12)]
+    ),
+}
+
+
+@pytest.mark.parametrize("name", COUPLES)
+def test_what_is_alike_but_not_the_same_is_all_there(name):
+    both = COUPLES[name]
+    if isinstance(both, g.Group):
+        parts = both.skeletons
+    else:
+        parts = (both.skeleton, replace(both, copy=False))
+    fields = [g.Graph(g.object(k)).body.field for k in (both, *parts)]
+    whole, one, two = (field(POINTS[:500]) for field in fields)
+    assert np.abs(one - two).max() > 1e-3
+    assert np.abs(whole - np.minimum(one, two)).max() < 1e-12
+
+
+def test_a_ball_has_the_largest_thickness_of_its_line():
+    ball = g.line(way((0.3, 0.4, 0.5), (0.3, 0.4, 0.5)), thickness=CONE)
+    field = g.Graph(g.object(ball)).body.field
+    assert field([[0.3, 0.4, 0.5]])[0] == pytest.approx(-0.125)
 
 
 def test_booleans_are_those_of_signs():
