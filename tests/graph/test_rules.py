@@ -24,6 +24,12 @@ def test_files_give_equal_graphs(all_types, tmp_path):
     assert len({n.word for n in all_types.nodes}) == len(TYPES) == 14
     volumes = [None, g.cuboid(), g.cuboid((0.5, 0.25, 0.5)), g.prism(), g.tetrahedron(192)]
     volumes.append(g.halfspaces([[-1, 0, 0], [0, -1, 0], [0, 0, -1], [1, 2, 1]], [0, 0, 0, 0.7]))
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        sides = rng.normal(size=(6, 3)) * rng.uniform(0.1, 10.0, (6, 1))
+        rows = np.concatenate([sides, np.eye(3), -np.eye(3)])
+        reach = 0.5 * sides.sum(axis=1) + 0.2 * np.linalg.norm(sides, axis=1)
+        volumes.append(g.halfspaces(rows, [*reach, 0.7, 0.7, 0.7, 0.0, 0.0, 0.0]))
     for within in volumes:
         graph = g.Graph(g.object(strut((0, 0, 0), (0.1, 0.1, 0.1))), within)
         assert g.parse(json.dumps(graph.as_dict())).digest == graph.digest
