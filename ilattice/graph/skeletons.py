@@ -3,7 +3,8 @@
 Guarantees: those of `ilattice.graph.nodes`.
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -411,3 +412,36 @@ class Group(Skeleton):
 
     def _check(self) -> None:
         self._set(skeletons=nodes_of("skeletons", self.skeletons, Skeleton, "skeletons"))
+
+
+def thickened(nodes: Iterable[Node], thickness: float | None, factor: float) -> dict[int, Node]:
+    """Nodes with another thickness of lines and surfaces.
+
+    Parameters
+    ----------
+    nodes : iterable of Node
+        Each after its inputs.
+    thickness : float or None
+        Of all; None for their own.
+    factor : float
+        What all are multiplied by.
+
+    Returns
+    -------
+    dict of int to Node
+        New nodes by the ``id`` of the old ones.
+    """
+    new: dict[int, Node] = {}
+    for node in nodes:
+        changes: dict[str, Any] = {}
+        for name in node.takes:
+            old = getattr(node, name)
+            several = isinstance(old, tuple)
+            changes[name] = tuple(new[id(n)] for n in old) if several else new[id(old)]
+        if isinstance(node, (Line, Surface)):
+            own = node.thickness if thickness is None else thickness
+            changes["thickness"] = (
+                own * factor if isinstance(own, float) else [(p, factor * d) for p, d in own]
+            )
+        new[id(node)] = replace(node, **changes) if changes else node
+    return new

@@ -11,6 +11,7 @@ from scipy.optimize import brentq
 import ilattice as il
 from ilattice.errors import GraphError, InputError, PrecisionWarning
 from ilattice.graph.curves import curve_of
+from ilattice.minimal.disc import Disc, vertex_normals
 from ilattice.tiles.cells import CELLS, make
 
 g = il.graph
@@ -435,3 +436,34 @@ def test_commands(tmp_path, capsys):
     (tmp_path / "bad.json").write_text("{}")
     assert main(["graph", "validate", str(tmp_path / "bad.json")]) == 1
     assert "schema" in capsys.readouterr().err
+
+
+def box_graph(size, way_of_faces, edges):
+    """A conjugate surface in a box of mirrors, completed."""
+    region = g.cuboid(size)
+    numbers = region.faces(way_of_faces).numbers
+    ends = [region.edge(a, b) for a, b in zip((numbers[-1], *numbers), numbers, strict=False)]
+    film = g.surface(loop([0.5 * e.sum(axis=0) for e in ends]), kind="conjugate", edges=edges)
+    return g.Graph(g.object(film.completed(region)), region)
+
+
+def test_solids_of_surfaces_in_long_boxes_tell_how_far_they_are_off():
+    long = box_graph((0.5, 0.5, 0.125), "x- y- z- x+ y+ z+", 8)
+    fine = box_graph((0.5, 0.5, 0.125), "x- y- z- x+ y+ z+", 32).patches()[0]
+    coarse = long.patches()[0]
+    rows = fine.disc.nested[Disc(6, 16).nested]
+    normals = vertex_normals(coarse.vertices, coarse.disc.faces)
+    true = np.abs(np.einsum("vc,vc->v", fine.vertices[rows] - coarse.vertices, normals)).max()
+    assert true > 1e-3
+    for make in (long.solid, lambda: long.voxels(100)):
+        with pytest.warns(PrecisionWarning, match="off the smooth surface by up to") as told:
+            make()
+        number = float(str(told[0].message).split("up to ")[1].split()[0])
+        assert 0.3 * true < number < 2.0 * true
+    assert box_graph(0.5, "x- y- z- x+ y+ z+", 16).solid()
+
+
+def test_voxels_without_a_solid_are_told():
+    ball = [g.object(g.line(way((0.3,) * 3, (0.3,) * 3), thickness=t)) for t in (0.2, 0.3)]
+    with pytest.warns(PrecisionWarning, match="no voxel of 12 per edge"):
+        assert not g.Graph(g.difference(*ball)).voxels(12).any()
