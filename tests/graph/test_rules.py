@@ -219,6 +219,7 @@ def test_long_graphs_are_refused_or_read():
     data["nodes"][-1] = last
     next(n for n in data["nodes"] if n["id"] == "obj1")["inputs"] = ["m2999"]
     graph = g.parse(json.dumps(data))
+    assert g.parse(json.dumps(graph.as_dict())).digest == graph.digest
     assert np.allclose(graph.shape.struts[0, :, :3], strut().chains[0].points)
     for row in data["nodes"]:
         if row["type"] == "mirror":
