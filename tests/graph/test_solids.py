@@ -455,9 +455,9 @@ def test_solids_of_surfaces_in_long_boxes_tell_how_far_they_are_off():
     normals = vertex_normals(coarse.vertices, coarse.disc.faces)
     true = np.abs(np.einsum("vc,vc->v", fine.vertices[rows] - coarse.vertices, normals)).max()
     assert true > 1e-3
-    for make in (long.solid, lambda: long.voxels(100)):
+    for made in (long.solid, lambda: long.voxels(100)):
         with pytest.warns(PrecisionWarning, match="off the smooth surface by up to") as told:
-            make()
+            made()
         number = float(str(told[0].message).split("up to ")[1].split()[0])
         assert 0.3 * true < number < 2.0 * true
     assert box_graph(0.5, "x- y- z- x+ y+ z+", 16).solid()
