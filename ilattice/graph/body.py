@@ -5,6 +5,7 @@ repeat exactly. Non-guarantees: sets of solids have the right sign everywhere, b
 beside their edges; sheets are triangles, off the smooth surface as their edges are long.
 """
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,7 +15,7 @@ import numpy as np
 
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import Frozen, as_points
-from ilattice.errors import GeometryError, InputError
+from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.fields import difference, from_callable, intersection, union
 from ilattice.fields.node import Node
 from ilattice.graph.shapes import SAME, Shape
@@ -24,6 +25,8 @@ from ilattice.tiles.skeleton import STAND_IN, FlattenedField
 
 #: Values above this are not needed where a sign is asked for.
 _SIGN = 1e-9
+#: Cells that a part of a skeleton may reach over.
+MOST_CELLS = 8.0
 #: Voxels along the edges of blocks of which one value may tell all signs.
 _BLOCK = 8
 
@@ -116,6 +119,11 @@ class Body(Frozen):
     @classmethod
     def of(cls, shape: Shape, extrusion: str) -> "Body":
         """Give a skeleton its volume."""
+        if not shape.extent <= MOST_CELLS:
+            raise InputError(
+                f"skeleton must have parts that reach over at most {MOST_CELLS:g} cells, but one "
+                f"is {shape.extent:.3g} long: scale it less"
+            )
         body = cls(SkeletonField(list(shape.entities), faces="periodic"), shape)
         if extrusion == "normal" and body.rims:
             raise InputError(
@@ -211,6 +219,25 @@ class Body(Frozen):
             size //= 2
             blocks = (blocks[np.abs(value) <= reach][:, None] + size * _corners(2)).reshape(-1, 3)
             blocks = blocks[(blocks < count).all(axis=1)]
+
+
+def warn_empty(voxels: AnyArray, name: str) -> None:
+    """Warn of voxels none of which is inside.
+
+    Parameters
+    ----------
+    voxels : (n, n, n) array
+        Whether they are inside.
+    name : str
+        Name of the solid.
+    """
+    if not voxels.any():
+        warnings.warn(
+            f"no voxel of {len(voxels)} per edge has its middle in the solid {name!r}: it is "
+            "empty, or thinner than they are; take more",
+            PrecisionWarning,
+            stacklevel=3,
+        )
 
 
 def _corners(size: int) -> IntArray:

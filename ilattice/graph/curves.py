@@ -90,7 +90,8 @@ def shape_of(line: Line) -> Shape:
     at = np.concatenate([[0.0], np.cumsum(lengths)])
     if total <= SAME:
         first = line.steps[0][0].points[0]
-        radius = 0.5 * float(_profile_at(line.thickness, np.zeros(1))[0])
+        one = line.thickness
+        radius = 0.5 * (one if isinstance(one, float) else max(d for _, d in one))
         return Shape(balls=np.concatenate([first, [radius]])[None])
     out = Shape()
     for part, start, end in zip(parts, at[:-1] / total, at[1:] / total, strict=True):

@@ -235,13 +235,17 @@ class Evaluation:
         except IlatticeError as e:
             raise GraphError(self.told(node), str(e)) from e
 
-    def off(self, node: Node) -> float:
+    def off(self, node: Node, wanted: float = 0.0) -> float:
         """How far vertices of the surfaces of a solid are off smooth ones, in parts of the cell.
 
         Parameters
         ----------
         node : Solid
             The solid.
+        wanted : float
+            Surfaces are passed over whose sides were moved by less than half of that into their
+            planes: such are found to be off by at most twice as much. So are all that are no
+            conjugates.
 
         Returns
         -------
@@ -255,7 +259,8 @@ class Evaluation:
             own = max(n.scale) if isinstance(n, Transform) else 1.0
             own *= scale[id(n)]
             if isinstance(n, (Surface, DualSurface, AssociateFamily)):
-                if own > 0.0:
+                base = n if isinstance(n, Surface) else n.surface
+                if own > 0.0 and own * self._patch(base)[0].report.gap >= 0.5 * wanted:
                     most = float(np.maximum(most, own * self._patch(n)[0].sharpened[1]))
                 continue  # what it takes is not in the solid
             for i in n.inputs:

@@ -4,7 +4,7 @@ Guarantees: a graph that exists keeps all rules of its nodes; evaluating it agai
 """
 
 import os
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from hashlib import blake2b
 from typing import TYPE_CHECKING, Any
@@ -16,13 +16,13 @@ from ilattice._typing import AnyArray
 from ilattice._validate import FixedMapping, Frozen, as_choice, as_positive, as_texts, as_whole
 from ilattice.errors import GraphError, IlatticeError, InputError
 from ilattice.fields import box, from_callable, intersection, translate
-from ilattice.graph.body import Body
+from ilattice.graph.body import Body, warn_empty
 from ilattice.graph.evaluate import Evaluation, kept, ordered
 from ilattice.graph.nodes import Node
 from ilattice.graph.patches import check
 from ilattice.graph.rules import MOST_NODES, check_counts, names_of, roots_of, solids_of
 from ilattice.graph.shapes import Shape
-from ilattice.graph.skeletons import Line, Skeleton, Surface
+from ilattice.graph.skeletons import Skeleton, Surface, thickened
 from ilattice.graph.solids import (
     MaterialMatrix,
     Object,
@@ -36,7 +36,7 @@ from ilattice.io.vtk import save_grid
 from ilattice.lattice import Lattice
 from ilattice.macroshape.cells import cell
 from ilattice.mesh import SurfaceMesh
-from ilattice.minimal.tile import warn_coarse
+from ilattice.minimal.tile import COARSE, warn_coarse
 from ilattice.tiles import Tile
 
 if TYPE_CHECKING:
@@ -165,20 +165,7 @@ class Graph(Frozen):
         """
         factor = as_positive("factor", factor)
         one = None if thickness is None else as_positive("thickness", thickness)
-        new: dict[int, Node] = {}
-        for node in self.nodes:
-            changes: dict[str, Any] = {}
-            for name in node.takes:
-                old = getattr(node, name)
-                several = isinstance(old, tuple)
-                changes[name] = tuple(new[id(n)] for n in old) if several else new[id(old)]
-            if isinstance(node, (Line, Surface)):
-                own = node.thickness if one is None else one
-                scaled = (
-                    own * factor if isinstance(own, float) else [(p, factor * d) for p, d in own]
-                )
-                changes["thickness"] = scaled
-            new[id(node)] = replace(node, **changes) if changes else node
+        new = thickened(self.nodes, one, factor)
         names = {name: new[id(node)] for name, node in self.names.items()}
         roots = [new[id(root)] for root in self.roots]
         return Graph(roots, self.within, self.name, about=self.about, names=names)
@@ -253,15 +240,20 @@ class Graph(Frozen):
         GraphError
             If a node cannot be made: the reason.
         """
+        if self.body.objection:
+            return self.solid()
+        warn_coarse(self._evaluation.off(self.solid_node), self.name)
         return self._told("tile", self._tile)
 
     def _tile(self) -> Tile:
-        if self.body.objection:
-            return self.body.solid(self.name)
         names = self._evaluation.names
         sharp = Evaluation(self.within, names, sharp=True).of(self.solid_node)
-        warn_coarse(self._evaluation.off(self.solid_node), self.name)
         return (self.body if sharp.objection else sharp).tile(self.name)
+
+    def _warn_coarse(self, wanted: float = COARSE) -> None:
+        """Tell where triangles are too large for the minimal surfaces that they stand for."""
+        if self.body:  # which names what fails
+            warn_coarse(self._evaluation.off(self.solid_node, wanted), self.name, wanted)
 
     def solid(self) -> Tile:
         """The solid as a tile, negative inside: an exact distance to its skeleton less the radius.
@@ -270,7 +262,14 @@ class Graph(Frozen):
         -------
         Tile
             Surfaces count as their triangles.
+
+        Warns
+        -----
+        PrecisionWarning
+            If the vertices of a conjugate surface are off the smooth one by more than 5e-4 of the
+            cell, as in boxes of 2:1 and longer with 16 edges per side.
         """
+        self._warn_coarse()
         return self._told("solid", lambda: self.body.solid(self.name))
 
     def _told(self, what: str, make: Any) -> Any:
@@ -309,6 +308,7 @@ class Graph(Frozen):
         """
         from ilattice.sdf import mesh
 
+        self._warn_coarse()
         cube = translate(box(0.5), (0.5, 0.5, 0.5))
         solid = intersection(cube, from_callable(self.body.field))
         return mesh(solid, h, allow_loss=allow_loss, progress=progress)
@@ -325,9 +325,17 @@ class Graph(Frozen):
         -------
         ndarray of bool, shape (count, count, count)
             Whether their middles are inside, by x, y, z.
+
+        Warns
+        -----
+        PrecisionWarning
+            If no middle is inside, or surfaces are off by more than a tenth of a voxel.
         """
         n = self.solid_node.resolution if count is None else as_whole("count", count, 2, 1024)
-        return self._told(f"voxels {n}", lambda: _fixed(self.body.voxels(n)))
+        self._warn_coarse(max(COARSE, 0.1 / n))
+        made: AnyArray = self._told(f"voxels {n}", lambda: _fixed(self.body.voxels(n)))
+        warn_empty(made, self.name)
+        return made
 
     def save_voxels(self, path: str | os.PathLike[str], count: int | None = None) -> None:
         """Write the voxels with their material as a file for ParaView, or for `voxels`.
@@ -340,17 +348,12 @@ class Graph(Frozen):
             Voxels per edge.
         """
         solid = self.voxels(count)
-        node = self.voxel_node
-        young, poisson, density = (
-            (1.0, 0.3, 1.0) if node is None else (node.young, node.poisson, node.density)
-        )
+        node = self.voxel_node or Voxel(self.solid_node)
         axis = (np.arange(len(solid)) + 0.5) / len(solid)
-        data: dict[str, AnyArray] = {
-            "solid": solid.astype(np.uint8),
-            "E": young * solid,
-            "nu": poisson * solid,
-        }
-        save_grid(path, [axis] * 3, {**data, "rho": density * solid})
+        data: dict[str, AnyArray] = {"solid": solid.astype(np.uint8)}
+        for name, value in (("E", node.young), ("nu", node.poisson), ("rho", node.density)):
+            data[name] = value * solid
+        save_grid(path, [axis] * 3, data)
 
     # ------------------------------------------------------------------ properties
 

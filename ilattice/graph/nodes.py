@@ -80,7 +80,15 @@ class Node(Frozen):
 
     @cached_property
     def digest(self) -> str:
-        """Digest of type, properties and inputs."""
+        """Digest of type, properties and inputs; without recursion, as graphs may be long."""
+        waiting: list[Node] = [self]
+        while waiting:
+            node = waiting[-1]
+            new = [n for n in node.inputs if "digest" not in n.__dict__]
+            if new:
+                waiting += new
+            elif waiting.pop() is not self:
+                _ = node.digest
         told = [self.word, self.properties, [node.digest for node in self.inputs]]
         text = json.dumps(told, sort_keys=True, separators=(",", ":"))
         return blake2b(text.encode(), digest_size=16).hexdigest()

@@ -90,6 +90,14 @@ class Shape(Frozen):
         faces = sum(len(s.faces) for s in self.sheets)
         return len(self.struts) + len(self.balls) + 64 * len(self.bends) + faces
 
+    @property
+    def extent(self) -> float:
+        """Largest extent of a strut, a bend or a sheet along an axis."""
+        parts = [np.ptp(self.struts[:, :, :3], axis=1).ravel()]
+        parts += [np.ptp(b.spline.c, axis=0) for b in self.bends]
+        parts += [np.ptp(s.vertices, axis=0) for s in self.sheets]
+        return float(np.concatenate(parts).max(initial=0.0))
+
     def moved(self, matrix: FloatArray, shift: FloatArray) -> "Shape":
         """The shape under ``x -> matrix x + shift``; radii stay.
 
@@ -125,9 +133,8 @@ class Shape(Frozen):
         balls = _wrapped(self.balls[:, None])[:, 0]
         bends: dict[bytes, Bend] = {}
         for b in self.bends:
-            c = _wrapped(b.spline.c[None])[0]
-            key = min(_key(c), _key(c[::-1])) + _key(_radii(b.radius))
-            bends.setdefault(key, replace(b, spline=_with(b.spline, c)))
+            b = replace(b, spline=_with(b.spline, _wrapped(b.spline.c[None])[0]))
+            bends.setdefault(_way(b), b)
         sheets = tuple(replace(s, vertices=_wrapped(s.vertices[None])[0]) for s in self.sheets)
         return Shape(_unique(struts), _unique(balls), tuple(bends.values()), sheets)
 
@@ -150,12 +157,7 @@ class Shape(Frozen):
         v = np.concatenate([s.vertices for s in sheets])
         radius = np.concatenate([s.radius for s in sheets])
         faces = np.concatenate([s.faces + n for s, n in zip(sheets, starts, strict=False)])
-        middle = v[faces].mean(axis=1)
-        keys = np.rint(np.mod(middle + 0.25 * SAME, 1.0) / SAME / 10.0).astype(np.int64)
-        area = np.linalg.norm(np.cross(*np.diff(v[faces], axis=1).swapaxes(0, 1)), axis=1)
-        keys = np.column_stack([keys, np.rint(area / SAME / 10.0).astype(np.int64)])
-        _, first = np.unique(keys, axis=0, return_index=True)
-        return v, faces[np.sort(first)], radius
+        return v, _different(v, faces, radius), radius
 
     @property
     def radii(self) -> FloatArray:
@@ -189,14 +191,43 @@ def _later(a: FloatArray, b: FloatArray) -> Any:
     return off[np.arange(len(off)), lead] > 0.0
 
 
-def _key(points: FloatArray) -> bytes:
-    return bytes(np.rint(points / SAME / 10.0).astype(np.int64).tobytes())
+def _whole(values: FloatArray) -> IntArray:
+    """Whole numbers that are equal for equal values."""
+    return np.rint(values / SAME / 10.0).astype(np.int64)
+
+
+def _way(bend: Bend) -> bytes:
+    """The same for a bend and for that bend run through backwards."""
+    (t,), radius = bend.spline.t, bend.radius
+    (r,) = radius.t if isinstance(radius, BSpline) else (t,)
+    start, length = t[0], t[-1] - t[0]
+    parts = [bend.spline.c, (t - start) / length, _radii(radius), (r - start) / length]
+    back = [a[::-1] for a in parts]
+    back[1], back[3] = 1.0 - back[1], 1.0 - back[3]
+    return min(b"".join(_whole(a).tobytes() for a in way) for way in (parts, back))
+
+
+def _groups(keys: IntArray) -> tuple[IntArray, IntArray]:
+    """First of equal rows, in order, and the number of its group for each row."""
+    order = np.lexsort(keys.T)
+    new = np.append(True, (np.diff(keys[order], axis=0) != 0).any(axis=1))
+    number = np.empty(len(keys), np.int64)
+    number[order] = np.cumsum(new) - 1
+    return np.sort(order[new]), number
 
 
 def _unique(rows: FloatArray) -> FloatArray:
     """Rows without repetitions, in order."""
-    if not len(rows):
-        return rows
-    keys = np.rint(rows.reshape(len(rows), -1) / SAME / 10.0).astype(np.int64)
-    _, first = np.unique(keys, axis=0, return_index=True)
-    return rows[np.sort(first)]
+    return rows[_groups(_whole(rows.reshape(len(rows), -1)))[0]] if len(rows) else rows
+
+
+def _different(v: FloatArray, faces: IntArray, radius: FloatArray) -> IntArray:
+    """Triangles without those whose corners and radii agree with another's, up to whole cells."""
+    near = np.mod(v + 0.25 * SAME, 1.0)
+    corners = _groups(_whole(np.column_stack([near, radius])))[1][faces]
+    turns = np.rint(v - near).astype(np.int64)[faces]
+    order = np.argsort(corners, axis=1)
+    corners = np.take_along_axis(corners, order, axis=1)
+    turns = np.take_along_axis(turns, order[:, :, None], axis=1)
+    apart = (turns[:, 1:] - turns[:, :1]).reshape(-1, 6)
+    return faces[_groups(np.column_stack([corners, apart]))[0]]

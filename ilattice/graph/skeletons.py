@@ -3,7 +3,8 @@
 Guarantees: those of `ilattice.graph.nodes`.
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -144,7 +145,8 @@ class Line(Skeleton):
     Parameters
     ----------
     chains : sequence of EdgeChain
-        Each starts or ends where the one before it does. Two vertices at one place are a ball.
+        Each starts or ends where the one before it does. Two vertices at one place are a ball, of
+        the largest thickness.
     thickness : float or sequence of (t, thickness)
         Diameter: one number, or values at shares t of the length from 0 to 1, linear between.
     """
@@ -410,3 +412,36 @@ class Group(Skeleton):
 
     def _check(self) -> None:
         self._set(skeletons=nodes_of("skeletons", self.skeletons, Skeleton, "skeletons"))
+
+
+def thickened(nodes: Iterable[Node], thickness: float | None, factor: float) -> dict[int, Node]:
+    """Nodes with another thickness of lines and surfaces.
+
+    Parameters
+    ----------
+    nodes : iterable of Node
+        Each after its inputs.
+    thickness : float or None
+        Of all; None for their own.
+    factor : float
+        What all are multiplied by.
+
+    Returns
+    -------
+    dict of int to Node
+        New nodes by the ``id`` of the old ones.
+    """
+    new: dict[int, Node] = {}
+    for node in nodes:
+        changes: dict[str, Any] = {}
+        for name in node.takes:
+            old = getattr(node, name)
+            several = isinstance(old, tuple)
+            changes[name] = tuple(new[id(n)] for n in old) if several else new[id(old)]
+        if isinstance(node, (Line, Surface)):
+            own = node.thickness if thickness is None else thickness
+            changes["thickness"] = (
+                own * factor if isinstance(own, float) else [(p, factor * d) for p, d in own]
+            )
+        new[id(node)] = replace(node, **changes) if changes else node
+    return new

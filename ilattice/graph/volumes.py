@@ -75,8 +75,8 @@ def region_data(region: Region) -> dict[str, Any]:
             return dict(data)
     return {
         "kind": "halfspaces",
-        "normals": np.round(region.normals, 15).tolist(),
-        "offsets": np.round(region.offsets, 15).tolist(),
+        "normals": region.normals.tolist(),
+        "offsets": region.offsets.tolist(),
         "cell": region.cell.tolist(),
     }
 

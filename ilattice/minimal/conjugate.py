@@ -107,25 +107,10 @@ def _checked(closing: Closing, lengths: FloatArray, best: Placed) -> MinimalPatc
         )
     x = best.scale * best.x + best.shift
     snapped, gap = _snapped(closing, x)
-    if gap > 0.03 * closing.size:
-        raise ConvergenceError(
-            f"{told} is off its planes by up to {gap:.3g} in a region of size {closing.size:.3g}: "
-            f"take more edges per side than n={closing.disc.n}"
-        )
     partner = -best.scale * best.dual.vertices
     distortion = area(snapped, closing.disc.faces) / area(partner, closing.disc.faces) - 1.0
-    if abs(distortion) > 0.1:
-        raise ConvergenceError(
-            f"{told} and its dual differ in area by {abs(distortion):.2%}, where they are "
-            f"equal: take more edges per side than n={closing.disc.n}"
-        )
+    _check_place(closing, told, snapped, gap, distortion)
     region = closing.faces.region
-    out = float((snapped @ region.normals.T - region.offsets).max())
-    if out > max(4.0 * gap, 1e-3 * closing.size):
-        raise GeometryError(
-            f"{told} leaves the region by {out:.3g}, through a face that it does not name "
-            "there: no surface within the region meets the faces in this order"
-        )
     report = Report(
         kind="conjugate",
         residual=best.dual.residual,
@@ -144,6 +129,27 @@ def _checked(closing: Closing, lengths: FloatArray, best: Placed) -> MinimalPatc
             f"take more edges per side than n={closing.disc.n}"
         )
     return patch
+
+
+def _check_place(closing: Closing, told: str, x: FloatArray, gap: float, distortion: float) -> None:
+    """Refuse a surface off its planes, unlike its dual, or beyond the region."""
+    size, region = closing.size, closing.faces.region
+    more = f"take more edges per side than n={closing.disc.n}"
+    if gap > 0.03 * size:
+        raise ConvergenceError(
+            f"{told} is off its planes by up to {gap:.3g} in a region of size {size:.3g}: {more}"
+        )
+    if abs(distortion) > 0.1:
+        raise ConvergenceError(
+            f"{told} and its dual differ in area by {abs(distortion):.2%}, where they are "
+            f"equal: {more}"
+        )
+    out = float((x @ region.normals.T - region.offsets).max())
+    if out > max(4.0 * gap, 1e-3 * size):
+        raise GeometryError(
+            f"{told} leaves the region by {out:.3g}, through a face that it does not name "
+            "there: no surface within the region meets the faces in this order"
+        )
 
 
 def _snapped(closing: Closing, x: FloatArray) -> tuple[FloatArray, float]:

@@ -26,6 +26,8 @@ from ilattice.minimal.symmetry import Group, Isometry, generated, reflection
 #: Most faces of a region, and most sides of a surface.
 MOST_FACES = 64
 _CLOSE = 1e-9
+#: Error of the length of a unit vector; what has been made one stays as it is.
+_UNIT = 1e-14
 _TERM = re.compile(r"([+-]?)(\d+(?:\.\d*)?(?:/\d+)?)?\*?([xyz])?")
 
 
@@ -65,6 +67,7 @@ class Region(FrozenCopies):
         lengths = np.linalg.norm(normals, axis=1)
         if not (lengths > 1e-100).all() or not (lengths < 1e100).all():
             raise InputError(f"normals must not be zero, got {self.normals!r:.80}")
+        lengths[np.abs(lengths - 1.0) < _UNIT] = 1.0
         object.__setattr__(self, "normals", read_only(normals / lengths[:, None]))
         object.__setattr__(self, "offsets", read_only(offsets / lengths))
         object.__setattr__(self, "cell", read_only(as_triple("cell", self.cell, positive=True)))

@@ -14,7 +14,7 @@ from scipy import sparse
 from ilattice._progress import Progress, staged
 from ilattice._typing import ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_array, as_items, as_not_negative, as_triple, read_only
-from ilattice.errors import ConvergenceError, InputError
+from ilattice.errors import ConvergenceError, GeometryError, InputError
 from ilattice.minimal.closing import conjugated
 from ilattice.minimal.completion import edge_table
 from ilattice.minimal.disc import MOST_VERTICES, Disc, cotangents, opposite_edges
@@ -25,6 +25,8 @@ from ilattice.minimal.symmetry import Isometry, half_turn
 
 #: Edges per side with which sides begin to slide.
 _COARSE = 4
+#: Part of the size of a region by which a surface may leave it.
+_OUTSIDE = 1e-3
 #: How a film is searched: how many times as many edges, and in how many steps vertices slide along
 #: straight sides before it is solved for (None: they stay; a half: once, and half of it back), and
 #: how many steps that may take.
@@ -132,6 +134,8 @@ def mixed(
         If corners are off the faces, or numbers of corners and sides differ.
     ConvergenceError
         If no stationary surface is found: it may not exist, or shrink to a point.
+    GeometryError
+        If the surface leaves the region, as it may where faces meet at obtuse angles.
     """
     if not isinstance(region, Region):
         raise InputError(f"region must be a Region, got {region!r:.80}")
@@ -149,6 +153,7 @@ def mixed(
     ((v, residual, count),) = staged(
         {"surface": lambda: _slid(region, disc, points, planes)}, progress
     )
+    _check_inside(region, v)
     report = Report("mixed", residual, count)
     group = (region.mirrors, region.cell)
     again = partial(mixed, region, points, names)
@@ -354,6 +359,17 @@ def _check_on_planes(region: Region, points: FloatArray, planes: list[int | None
                     f"corners[{k}] must lie on {region.names[plane]}, on which side {i} slides, "
                     f"but it is {abs(off):.3g} off"
                 )
+
+
+def _check_inside(region: Region, v: FloatArray) -> None:
+    """Refuse a surface that leaves its region."""
+    out = (v @ region.normals.T - region.offsets).max(axis=0)
+    face = int(out.argmax())
+    if out[face] > _OUTSIDE * region.size:
+        raise GeometryError(
+            f"the surface with sliding sides leaves the region by {out[face]:.3g}, through "
+            f"{region.names[face]}: name that face for a side, or move the corners"
+        )
 
 
 def _sliding(region: Region, disc: Disc, planes: list[int | None]) -> FloatArray:

@@ -357,8 +357,8 @@ def zero_set_error(spline: Any, distance: SignedDistance) -> float:
     return float(np.abs(value / np.maximum(slope, 0.1)).max())
 
 
-def warn_coarse(off: float, name: str) -> None:
-    """Warn where the triangles of a tile are too large to be corrected.
+def warn_coarse(off: float, name: str, wanted: float = COARSE) -> None:
+    """Warn where the triangles of a surface are too large, for a tile: to be corrected.
 
     Parameters
     ----------
@@ -366,12 +366,14 @@ def warn_coarse(off: float, name: str) -> None:
         How far vertices are off the smooth surface, in parts of the cell; nan if it is not known.
     name : str
         Name of the tile.
+    wanted : float
+        Up to which nothing is said.
     """
-    if not off <= COARSE:
+    if not off <= wanted:
         told = f"by up to {off:.2g}" if off == off else "by an unknown part"
         warnings.warn(
             f"vertices of the surface of tile {name!r} are off the smooth surface {told} of the "
-            f"cell (wanted {COARSE:g}): take more edges per side",
+            f"cell (wanted {wanted:g}): take more edges per side",
             PrecisionWarning,
             stacklevel=4,
         )

@@ -137,7 +137,8 @@ def _solved(
         found = splu(system).solve(right)
     except RuntimeError as e:
         raise ConvergenceError(
-            "values at places leave no smooth interpolation: more than three places in one triangle"
+            "values at places leave no smooth interpolation within their bounds, as several places "
+            "are in one triangle: give places farther apart, or more edges per side"
         ) from e
     x[free] = found[: len(free)]
     force = B @ x

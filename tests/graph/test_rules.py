@@ -24,6 +24,12 @@ def test_files_give_equal_graphs(all_types, tmp_path):
     assert len({n.word for n in all_types.nodes}) == len(TYPES) == 14
     volumes = [None, g.cuboid(), g.cuboid((0.5, 0.25, 0.5)), g.prism(), g.tetrahedron(192)]
     volumes.append(g.halfspaces([[-1, 0, 0], [0, -1, 0], [0, 0, -1], [1, 2, 1]], [0, 0, 0, 0.7]))
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        sides = rng.normal(size=(6, 3)) * rng.uniform(0.1, 10.0, (6, 1))
+        rows = np.concatenate([sides, np.eye(3), -np.eye(3)])
+        reach = 0.5 * sides.sum(axis=1) + 0.2 * np.linalg.norm(sides, axis=1)
+        volumes.append(g.halfspaces(rows, [*reach, 0.7, 0.7, 0.7, 0.0, 0.0, 0.0]))
     for within in volumes:
         graph = g.Graph(g.object(strut((0, 0, 0), (0.1, 0.1, 0.1))), within)
         assert g.parse(json.dumps(graph.as_dict())).digest == graph.digest
@@ -213,6 +219,7 @@ def test_long_graphs_are_refused_or_read():
     data["nodes"][-1] = last
     next(n for n in data["nodes"] if n["id"] == "obj1")["inputs"] = ["m2999"]
     graph = g.parse(json.dumps(data))
+    assert g.parse(json.dumps(graph.as_dict())).digest == graph.digest
     assert np.allclose(graph.shape.struts[0, :, :3], strut().chains[0].points)
     for row in data["nodes"]:
         if row["type"] == "mirror":
@@ -260,6 +267,14 @@ def fuzz(texts, count, seed):
 def test_mutated_files_end_in_graph_errors(all_types):
     texts = [json.dumps(graph.as_dict()) for graph in (all_types, schwarz_p())]
     assert 0 < fuzz(texts, 400, 1) < 200
+
+
+def test_parts_over_many_cells_are_refused():
+    for scale in (100.0, 1000.0):
+        graph = g.Graph(g.object(strut().moved(scale=scale)))
+        with pytest.raises(GraphError, match="at most 8 cells") as e:
+            _ = graph.body
+        assert e.value.node == "object 'obj1'"
 
 
 def test_failures_name_the_node():

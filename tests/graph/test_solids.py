@@ -1,5 +1,7 @@
 """Solids of graphs against the catalogue, exact distances and each other."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from graphs import HEXAGON, loop, schwarz_p, strut
@@ -9,6 +11,7 @@ from scipy.optimize import brentq
 import ilattice as il
 from ilattice.errors import GraphError, InputError, PrecisionWarning
 from ilattice.graph.curves import curve_of
+from ilattice.minimal.disc import Disc, vertex_normals
 from ilattice.tiles.cells import CELLS, make
 
 g = il.graph
@@ -175,6 +178,41 @@ def test_a_line_without_length_is_a_ball():
     off = POINTS - (0.2, 0.3, 0.4)
     off -= np.rint(off)
     assert np.abs(graph.body.field(POINTS) - (np.linalg.norm(off, axis=1) - 0.25)).max() < 1e-15
+
+
+def way(*points, **options):
+    return g.chain([g.vertex(p) for p in points], **options)
+
+
+CONE = [(0.0, 0.05), (1.0, 0.25)]
+ARCH = ((0.2, 0.1, 0.5), (0.5, 0.3, 0.5), (0.8, 0.1, 0.5))
+TILTED = way((0.3, 0.3, 0.3), (0.7, 0.3, 0.7), (0.7, 0.7, 0.7), (0.3, 0.7, 0.3), closed=True)
+COUPLES = {
+    "an arch and its image": g.line(way(*ARCH, smooth=True), thickness=CONE).mirrored("x"),
+    "sheets that cross": g.surface(TILTED, thickness=0.03, edges=3).mirrored("z"),
+    "a sheet in two thicknesses": g.group(
+        [g.surface(TILTED, thickness=t, edges=3) for t in (0.03, 0.12)]
+    ),
+}
+
+
+@pytest.mark.parametrize("name", COUPLES)
+def test_what_is_alike_but_not_the_same_is_all_there(name):
+    both = COUPLES[name]
+    if isinstance(both, g.Group):
+        parts = both.skeletons
+    else:
+        parts = (both.skeleton, replace(both, copy=False))
+    fields = [g.Graph(g.object(k)).body.field for k in (both, *parts)]
+    whole, one, two = (field(POINTS[:500]) for field in fields)
+    assert np.abs(one - two).max() > 1e-3
+    assert np.abs(whole - np.minimum(one, two)).max() < 1e-12
+
+
+def test_a_ball_has_the_largest_thickness_of_its_line():
+    ball = g.line(way((0.3, 0.4, 0.5), (0.3, 0.4, 0.5)), thickness=CONE)
+    field = g.Graph(g.object(ball)).body.field
+    assert field([[0.3, 0.4, 0.5]])[0] == pytest.approx(-0.125)
 
 
 def test_booleans_are_those_of_signs():
@@ -398,3 +436,34 @@ def test_commands(tmp_path, capsys):
     (tmp_path / "bad.json").write_text("{}")
     assert main(["graph", "validate", str(tmp_path / "bad.json")]) == 1
     assert "schema" in capsys.readouterr().err
+
+
+def box_graph(size, way_of_faces, edges):
+    """A conjugate surface in a box of mirrors, completed."""
+    region = g.cuboid(size)
+    numbers = region.faces(way_of_faces).numbers
+    ends = [region.edge(a, b) for a, b in zip((numbers[-1], *numbers), numbers, strict=False)]
+    film = g.surface(loop([0.5 * e.sum(axis=0) for e in ends]), kind="conjugate", edges=edges)
+    return g.Graph(g.object(film.completed(region)), region)
+
+
+def test_solids_of_surfaces_in_long_boxes_tell_how_far_they_are_off():
+    long = box_graph((0.5, 0.5, 0.125), "x- y- z- x+ y+ z+", 8)
+    fine = box_graph((0.5, 0.5, 0.125), "x- y- z- x+ y+ z+", 32).patches()[0]
+    coarse = long.patches()[0]
+    rows = fine.disc.nested[Disc(6, 16).nested]
+    normals = vertex_normals(coarse.vertices, coarse.disc.faces)
+    true = np.abs(np.einsum("vc,vc->v", fine.vertices[rows] - coarse.vertices, normals)).max()
+    assert true > 1e-3
+    for made in (long.solid, lambda: long.voxels(100)):
+        with pytest.warns(PrecisionWarning, match="off the smooth surface by up to") as told:
+            made()
+        number = float(str(told[0].message).split("up to ")[1].split()[0])
+        assert 0.3 * true < number < 2.0 * true
+    assert box_graph(0.5, "x- y- z- x+ y+ z+", 16).solid()
+
+
+def test_voxels_without_a_solid_are_told():
+    ball = [g.object(g.line(way((0.3,) * 3, (0.3,) * 3), thickness=t)) for t in (0.2, 0.3)]
+    with pytest.warns(PrecisionWarning, match="no voxel of 12 per edge"):
+        assert not g.Graph(g.difference(*ball)).voxels(12).any()

@@ -146,3 +146,13 @@ def test_faces_that_generate_no_lattice_are_refused():
     region = M.Region(normals, [0, 0, 0, 0.5, 0.5, 0.5], 1.0)
     with pytest.raises(GeometryError, match="repeat"):
         _ = region.group
+
+
+def test_sliding_sides_do_not_leave_the_region():
+    """Behind an obtuse angle, where a side would have to slide on a third face."""
+    cuts = [[0.77, 0.56, 0.3], [-0.65, -0.67, 0.36]]
+    far = [0.9, 0.9, 0.9, -0.1, -0.1, -0.1, 1.22, -0.05]
+    region = M.Region([*np.eye(3), *-np.eye(3), *cuts], far, 1.0)
+    corners = [[0.54, 0.1, 0.34], [0.1, 0.1, 0.19], [0.1, 0.59, 0.64], [0.26, 0.5, 0.52]]
+    with pytest.raises(GeometryError, match=r"leaves the region by .* name that face"):
+        M.mixed(region, corners, ["y-", "x-", None, None], 8)
