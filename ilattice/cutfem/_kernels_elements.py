@@ -19,6 +19,7 @@ from ilattice.quadrature._kernels_solid import (
     EMPTY,
     FAST,
     FULL,
+    SINGLE,
     UNSURE,
     air_between,
     divide,
@@ -156,12 +157,14 @@ def pieces_of(c: Any, tables: Any, which: Any, start: Any, extent: Any, P: int) 
     """Boxes of a cell (corners, lengths), the piece of each, the number of pieces, and a gap.
 
     The gap is the air, along the three directions, that is too thin to be seen as such everywhere,
-    but would divide a piece; 0 if there is none.
+    but would divide a piece; 0 if there is none. It is where a piece hangs together through boxes
+    only that are not certain, of which some have air between solid: where two pieces touch along
+    an edge, others have just one of them, or next to nothing of the other.
     """
     corner, length, sort, row, tensor, air = boxes_of(c, tables, which, start, extent, P)
     n = len(sort)
     parent = np.arange(n)
-    firm = np.arange(n)  # without boxes that have air between solid
+    firm = np.arange(n)  # without boxes that are not certain
     for i in range(n):
         for j in range(i):
             if root(parent, i) == root(parent, j) and root(firm, i) == root(firm, j):
@@ -181,7 +184,7 @@ def pieces_of(c: Any, tables: Any, which: Any, start: Any, extent: Any, P: int) 
                 tensor[small], axis, side, P, tolerances(tensor[small]), tables[row[small]]
             ):
                 join(parent, i, j)
-                if air[i].max() == 0.0 and air[j].max() == 0.0:
+                if sort[i] != UNSURE and sort[j] != UNSURE:
                     join(firm, i, j)
     label = np.full(n, -1)
     count = 0
@@ -189,14 +192,14 @@ def pieces_of(c: Any, tables: Any, which: Any, start: Any, extent: Any, P: int) 
         if root(parent, i) == i:
             label[i] = count
             count += 1
-    seen = np.full(n, -1)  # per piece, one set of boxes with solid that holds without thin air
+    seen = np.full(n, -1)  # per piece, one set of boxes with solid that holds for certain
     divided = -1
     for i in range(n):
         k = label[root(parent, i)]
         label[i] = k
-        if air[i].max() == 0.0 and (
-            sort[i] == FULL
-            or has_solid_corner(tensor[i], 3, P, tolerances(tensor[i]), tables[row[i]])
+        if sort[i] == FULL or (
+            sort[i] == SINGLE
+            and has_solid_corner(tensor[i], 3, P, tolerances(tensor[i]), tables[row[i]])
         ):
             if seen[k] < 0:
                 seen[k] = root(firm, i)

@@ -26,7 +26,7 @@ from ilattice._progress import Progress, track
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import as_choice, as_kind, as_positive, as_whole
 from ilattice.cutfem import _kernels_assembly as kernels
-from ilattice.cutfem import conduction, coupling, discretization, watching
+from ilattice.cutfem import conduction, coupling, discretization, integration, watching
 from ilattice.cutfem._kernels_surface import seam_blocks, surface_scalars
 from ilattice.cutfem.conditions import Load, Spring, Support, as_value, stiffness_at, values_at
 from ilattice.cutfem.conduction import Conducting, Conduction
@@ -38,7 +38,7 @@ from ilattice.cutfem.phases import as_phased
 from ilattice.cutfem.problem import ISLANDS, Problem
 from ilattice.cutfem.weak import NITSCHE, cell_heights, depths, functions_at
 from ilattice.errors import InputError
-from ilattice.linalg.solvers import LARGEST, Solver
+from ilattice.linalg.solvers import LARGEST, Solver, SolveReport
 from ilattice.quadrature.rules import Quadrature, on_cells
 
 #: Bytes of a solution besides its coefficients, and the largest number of steps in time.
@@ -214,7 +214,7 @@ class Heat(Problem):
         -----
         PrecisionWarning
             If the energy of the temperature is off by more than 2 % because of the cells, by
-            estimate: see `SolveReport.discretization_error`.
+            estimate: see `SolveReport.discretization_error`, and `integration_error`.
         """
         c, report = self._solve(method, tol, max_iterations, progress)
         return HeatSolution(self, c, report)
@@ -224,14 +224,17 @@ class Heat(Problem):
         return self._energy_on(c, self.domain.stiff_rule(self.assembly, constant=constant))
 
     def _energy_on(self, c: FloatArray, rule: Quadrature) -> float:
-        asm, total = self.assembly, 0.0
+        return float(self._energies(c, rule).sum())
+
+    def _energies(self, c: FloatArray, rule: Quadrature) -> FloatArray:
+        asm, out = self.assembly, np.empty(len(rule))
         owner = asm.owners(rule)
         for rows, _, slope in asm.on_rule(c, rule):
             u = rule.points[rows]
             k = self._conductivity_at(u, owner[rows])
             weights = rule.weights[rows] * np.abs(np.linalg.det(asm.jacobians(u)))
-            total += float(weights @ (conduction.flux(k, slope[:, 0]) * slope[:, 0]).sum(axis=1))
-        return total
+            out[rows] = weights * (conduction.flux(k, slope[:, 0]) * slope[:, 0]).sum(axis=1)
+        return out
 
     def evolve(
         self, duration: float, *, steps: int, initial: Any = 0.0, theta: float = 1.0,
@@ -296,24 +299,28 @@ class Heat(Problem):
                 x, report = solver.solve(b, tol=tol, max_iterations=max_iterations)
             c = con.expand(x[:, None])
             if report is not None and n in (1, steps):
-                report = replace(report, discretization_error=self._transient_error(c))
+                report = self._with_errors(report, c)
             step = Step(out[-1].coefficients, dt, theta)
             out.append(HeatSolution(self, c, report, time=n * dt, step=step))
         self._warn_of(out[1 :: max(steps - 1, 1)])
         return HeatHistory(tuple(out))
 
-    def _transient_error(self, c: FloatArray) -> float:
-        """See `discretization`, of the temperature at one time."""
+    def _with_errors(self, report: SolveReport, c: FloatArray) -> SolveReport:
+        """With what `discretization` and `integration` tell of the temperature at one time."""
         K = self.system.K
         energy = self._energy_of(lambda x: K @ x, c)
-        return self._discretization_error(lambda x: K @ x, c, energy)
+        splines = self._discretization_error(lambda x: K @ x, c, energy)
+        rules = integration.relative_error(self, c, energy)
+        return replace(report, discretization_error=splines, integration_error=rules)
 
     def _warn_of(self, times: "list[HeatSolution]") -> None:
         """Warn once of the worst of some times."""
-        errors = [s.report.discretization_error for s in times if s.report is not None]
-        if errors:
+        reports = [s.report for s in times if s.report is not None]
+        if reports:
             what = f"{self.energy_name} at one time or more"
-            discretization.warn(float(np.max(errors)), what, self.assembly.space)
+            splines = float(np.max([r.discretization_error for r in reports]))
+            discretization.warn(splines, what, self.assembly.space)
+            integration.warn(max(r.integration_error for r in reports), splines, what)
 
     # ---------------------------------------------------------------- operators
 
