@@ -412,7 +412,7 @@ class Elasticity(ElasticOperators):
         -----
         PrecisionWarning
             If the energy is off by more than 2 % because of the cells, by estimate: see
-            `SolveReport.discretization_error`, and `integration_error`.
+            `SolveReport.discretization_error`.
         """
         from ilattice.cutfem.solution import Solution
 

@@ -38,7 +38,7 @@ from ilattice.cutfem.phases import as_phased
 from ilattice.cutfem.problem import ISLANDS, Problem
 from ilattice.cutfem.weak import NITSCHE, cell_heights, depths, functions_at
 from ilattice.errors import InputError
-from ilattice.linalg.solvers import LARGEST, Solver, SolveReport
+from ilattice.linalg.solvers import LARGEST, Solver
 from ilattice.quadrature.rules import Quadrature, on_cells
 
 #: Bytes of a solution besides its coefficients, and the largest number of steps in time.
@@ -214,7 +214,7 @@ class Heat(Problem):
         -----
         PrecisionWarning
             If the energy of the temperature is off by more than 2 % because of the cells, by
-            estimate: see `SolveReport.discretization_error`, and `integration_error`.
+            estimate: see `SolveReport.discretization_error`.
         """
         c, report = self._solve(method, tol, max_iterations, progress)
         return HeatSolution(self, c, report)
@@ -289,7 +289,7 @@ class Heat(Problem):
         )  # fmt: skip
         c = np.where(con.fixed, con.values, self._initial(initial))
         f = (self.forces() + self._from_supports()).ravel()
-        out = [HeatSolution(self, c, None, time=0.0)]
+        out, told = [HeatSolution(self, c, None, time=0.0)], []
         for n in track(range(1, steps + 1), "evolve", progress):
             old = c.ravel()
             b = M @ old - (1.0 - theta) * dt * (K @ old) + dt * f - A @ con.values.ravel()
@@ -299,28 +299,28 @@ class Heat(Problem):
                 x, report = solver.solve(b, tol=tol, max_iterations=max_iterations)
             c = con.expand(x[:, None])
             if report is not None and n in (1, steps):
-                report = self._with_errors(report, c)
+                splines, rules = self._transient_error(c)
+                told.append((splines, rules))
+                report = replace(report, discretization_error=splines + rules)
             step = Step(out[-1].coefficients, dt, theta)
             out.append(HeatSolution(self, c, report, time=n * dt, step=step))
-        self._warn_of(out[1 :: max(steps - 1, 1)])
+        self._warn_of(told)
         return HeatHistory(tuple(out))
 
-    def _with_errors(self, report: SolveReport, c: FloatArray) -> SolveReport:
-        """With what `discretization` and `integration` tell of the temperature at one time."""
+    def _transient_error(self, c: FloatArray) -> tuple[float, float]:
+        """See `discretization` and `integration`, of the temperature at one time."""
         K = self.system.K
         energy = self._energy_of(lambda x: K @ x, c)
         splines = self._discretization_error(lambda x: K @ x, c, energy)
-        rules = integration.relative_error(self, c, energy)
-        return replace(report, discretization_error=splines, integration_error=rules)
+        return splines, integration.drawn_error(self, c, energy)
 
-    def _warn_of(self, times: "list[HeatSolution]") -> None:
+    def _warn_of(self, errors: list[tuple[float, float]]) -> None:
         """Warn once of the worst of some times."""
-        reports = [s.report for s in times if s.report is not None]
-        if reports:
+        if errors:
             what = f"{self.energy_name} at one time or more"
-            splines = float(np.max([r.discretization_error for r in reports]))
+            splines, rules = map(float, np.max(errors, axis=0))
             discretization.warn(splines, what, self.assembly.space)
-            integration.warn(max(r.integration_error for r in reports), splines, what)
+            integration.warn(rules, splines, what)
 
     # ---------------------------------------------------------------- operators
 

@@ -352,9 +352,9 @@ class Problem(Posed):
         energy = self._energy_of(solver.multiply, c)
         error = discretization.of_work(self._discretization_error(solver.multiply, c, energy))
         discretization.warn(error, self.energy_name, self.assembly.space, kept=self._keeps_volume)
-        rules = integration.relative_error(self, c, energy)
+        rules = integration.drawn_error(self, c, energy)
         integration.warn(rules, error, self.energy_name)
-        return c, replace(report, discretization_error=error, integration_error=rules)
+        return c, replace(report, discretization_error=error + rules)
 
     def _energy_of(self, product: Product, c: FloatArray) -> float:
         """What errors are relative to: twice the energy of a solution."""
@@ -408,7 +408,4 @@ class Problem(Posed):
 def _at_rest(method: str, size: int) -> SolveReport:
     """How a system without any load was solved."""
     none = read_only(np.zeros(1))
-    return SolveReport(
-        method, 0, 0.0, none, 1.0, 0.0, 0.0, size, 0.0, discretization_error=0.0,
-        integration_error=0.0,
-    )  # fmt: skip
+    return SolveReport(method, 0, 0.0, none, 1.0, 0.0, 0.0, size, 0.0, discretization_error=0.0)

@@ -77,13 +77,9 @@ class SolveReport(Frozen):
         What the factor or hierarchy takes.
     discretization_error : float
         Estimated part of the energy by which it is off because of the cells, see `discretization`;
-        NaN where there is no estimate.
-    integration_error : float
-        Estimated part of the energy by which it is off because of the points of rules, which is
-        not in `discretization_error`: in cells that curved surfaces cut, rules are not exact.
-        Struts of a cell are up to 2 % off at degree 1, 0.2 % at degree 2 and 0.05 % at degree 3,
-        also where splines have the solution, as in tension. Finer cells make it small, and so does
-        ``q``. NaN where there is no estimate.
+        NaN where there is no estimate. How far integrals over cells that curved surfaces cut are
+        off is in it, from some of these cells, where rules have two or three points per direction,
+        as they have at degree 1; else it is not, and ``solution.report.integration_error`` tells.
     rounded : bool
         Whether the residual is above `tol` only because x is rounded: the error in the energy norm
         is below `tol`.
@@ -99,7 +95,6 @@ class SolveReport(Frozen):
     size: int
     megabytes: float
     discretization_error: float = float("nan")
-    integration_error: float = float("nan")
     rounded: bool = False
 
 
