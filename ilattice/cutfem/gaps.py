@@ -1,9 +1,9 @@
 """Air between solid that is too thin to be resolved, so that it is bridged: where, and how wide.
 
 Guarantee: gaps that are as good as plane in a thirtieth of a cell are found in all directions; what
-is told of their width is right to a factor of two. Non-guarantees: bodies that touch along an edge
-count as joined, and that is not always told; the tip of a notch in a cell or two is not, if nothing
-hangs on it.
+is told of their width is right to a factor of two; and so is where bodies touch along an edge, in
+any direction, of which the width that is told is that of the air beside it. Non-guarantees: such
+bodies count as joined; the tip of a notch in a cell or two is not told if nothing hangs on it.
 """
 
 import warnings

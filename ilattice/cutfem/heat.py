@@ -312,7 +312,7 @@ class Heat(Problem):
         K = self.system.K
         energy = self._energy_of(lambda x: K @ x, c)
         splines = self._discretization_error(lambda x: K @ x, c, energy)
-        return splines, integration.drawn_error(self, c, energy)
+        return splines, self._rules_error(c, energy)
 
     def _warn_of(self, errors: list[tuple[float, float]]) -> None:
         """Warn once of the worst of some times."""

@@ -1,7 +1,8 @@
-"""How far an energy is off because cells that surfaces cut are integrated by rules of few points.
+"""How far an energy is off because cells are integrated by rules of few points.
 
-Energies of these cells are compared with those by rules with more points per direction: of all
-cells, or of some that are drawn, those with much energy more often.
+That is so where curved surfaces cut cells, or knots of the map, at which it bends. Energies of such
+cells are compared with those by rules with more points per direction: of all of them, or of some
+that are drawn, those with much energy more often.
 
 Guarantee: the same number for the same problem; what drawing leaves open, one standard deviation,
 is added. Non-guarantees: an estimate, and no bound; loads on bodies are off likewise, and fields of
@@ -16,6 +17,7 @@ import numpy as np
 
 from ilattice._typing import FloatArray, IntArray
 from ilattice.cutfem import discretization
+from ilattice.cutfem.domain import kinks
 from ilattice.errors import PrecisionWarning
 from ilattice.quadrature.grid import CUT
 from ilattice.quadrature.rules import Quadrature, on_cells
@@ -33,6 +35,8 @@ ENOUGH = 4
 SOME, KNOWN = 32, 512
 #: Part of the draws that is by volume, so that no cell counts for much that is seldom drawn.
 ANYWHERE = 0.2
+#: Distance of planes between cells from knots, in the whole, from which on these are inside.
+INSIDE = 1e-9
 #: Cells at once of which energies are compared.
 CELLS = 1 << 12
 
@@ -54,7 +58,7 @@ def relative_error(problem: "Problem", c: FloatArray, energy: float) -> float:
     float
         The estimate.
     """
-    cells, off = _cut_cells(problem), 0.0
+    cells, off = _inexact_cells(problem), 0.0
     for i in range(0, len(cells), CELLS):
         off += float(_missed(problem, c, cells[i : i + CELLS], WHOLE).sum())
     return abs(off) / max(energy, 1e-300)
@@ -71,11 +75,9 @@ def drawn_error(problem: "Problem", c: FloatArray, energy: float) -> float:
     Returns
     -------
     float
-        The estimate; 0 for rules with `ENOUGH` points or more.
+        The estimate; of rules with `ENOUGH` points or more by cells in which the map bends.
     """
-    if problem.domain.q >= ENOUGH:
-        return 0.0
-    cells = _cut_cells(problem)
+    cells = _bent_cells(problem) if problem.domain.q >= ENOUGH else _inexact_cells(problem)
     if len(cells) <= SOME:
         off = abs(float(_missed(problem, c, cells, DRAWN).sum()))
     else:
@@ -83,10 +85,23 @@ def drawn_error(problem: "Problem", c: FloatArray, energy: float) -> float:
     return off / max(energy, 1e-300)
 
 
-def _cut_cells(problem: "Problem") -> IntArray:
-    """Cells of the grid with active elements that are cut."""
+def _inexact_cells(problem: "Problem") -> IntArray:
+    """Cells of the grid with active elements that are cut, or in which the map bends."""
     home = problem.domain.elements.home(problem.assembly.space.cells)
-    return np.unique(home[problem.domain.status.ravel()[home] == CUT])
+    is_cut = home[problem.domain.status.ravel()[home] == CUT]
+    return np.union1d(is_cut, _bent_cells(problem))
+
+
+def _bent_cells(problem: "Problem") -> IntArray:
+    """Cells with active elements inside of which second derivatives of the map may jump."""
+    cut, out = problem.domain.cut, []
+    home = np.unique(problem.domain.elements.home(problem.assembly.space.cells))
+    places = np.unravel_index(home, cut.grid.shape)
+    for a, x in enumerate(cut.grid.axes if cut.through is not None else ()):
+        knots = kinks(cut.through, a)
+        knots = knots[np.abs(knots[:, None] - x).min(axis=1) > INSIDE * np.ptp(x)]
+        out.append(home[np.isin(places[a], np.searchsorted(x, knots) - 1)])
+    return np.unique(np.concatenate([np.zeros(0, np.int64), *out]))
 
 
 def _drawn(problem: "Problem", c: FloatArray, cells: IntArray) -> float:
@@ -130,7 +145,9 @@ def _missed(problem: "Problem", c: FloatArray, cells: IntArray, more: int) -> Fl
     for whole, sign in ((domain.finer(cells, more), 1.0), (domain.volume, -1.0)):
         rule, at = _rule_on(problem, whole, cells)
         out += sign * np.bincount(at, problem._energies(c, rule), len(cells))
-    return out
+    # where functions bend, errors fall with the square of the points, and are of either sign
+    rest = (domain.q / (domain.q + more)) ** 2
+    return np.where(np.isin(cells, _bent_cells(problem)), np.abs(out) / (1.0 - rest), out)
 
 
 def _rule_on(problem: "Problem", whole: Quadrature, cells: IntArray) -> tuple[Quadrature, IntArray]:
@@ -145,9 +162,9 @@ def warn(rules: float, splines: float, what: str) -> None:
     if splines > discretization.WARNED or not rules + splines > discretization.WARNED:
         return
     warnings.warn(
-        f"{what} is off by about {100 * rules:.2g} % because cells that curved surfaces cut are "
-        f"integrated with few points, and by about {100 * splines:.2g} % because of the splines; "
-        "take more points, q=, or finer cells",
+        f"{what} is off by about {100 * rules:.2g} % because cells that curved surfaces, or knots "
+        f"of the map, cut are integrated with few points, and by about {100 * splines:.2g} % "
+        "because of the splines; take more points, q=, or finer cells, with planes at these knots",
         PrecisionWarning,
         stacklevel=4,
     )
