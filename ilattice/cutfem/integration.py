@@ -97,11 +97,13 @@ def _bent_cells(problem: "Problem") -> IntArray:
     cut, out = problem.domain.cut, []
     home = np.unique(problem.domain.elements.home(problem.assembly.space.cells))
     places = np.unravel_index(home, cut.grid.shape)
-    for a, x in enumerate(cut.grid.axes if cut.through is not None else ()):
+    if cut.through is None:
+        return np.zeros(0, np.int64)
+    for a, x in enumerate(cut.grid.axes):
         knots = kinks(cut.through, a)
         knots = knots[np.abs(knots[:, None] - x).min(axis=1) > INSIDE * np.ptp(x)]
         out.append(home[np.isin(places[a], np.searchsorted(x, knots) - 1)])
-    return np.unique(np.concatenate([np.zeros(0, np.int64), *out]))
+    return np.unique(np.concatenate(out))
 
 
 def _drawn(problem: "Problem", c: FloatArray, cells: IntArray) -> float:
