@@ -52,7 +52,7 @@ def long(domain: "Domain") -> FloatArray:
         return gaps
     mark = np.zeros(domain.cut.grid.shape, bool)
     mark.ravel()[cells] = True
-    groups, count = label(mark, np.ones((3, 3, 3)))
+    groups, count = label(mark)
     many = np.bincount(groups[mark], minlength=count + 1)
     home = domain.elements.home(domain.parts.cells)
     if falls_apart(domain.parts, links(domain.joints), home, cells):
