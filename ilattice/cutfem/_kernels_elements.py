@@ -19,6 +19,7 @@ from ilattice.quadrature._kernels_solid import (
     EMPTY,
     FAST,
     FULL,
+    SINGLE,
     UNSURE,
     air_between,
     divide,
@@ -152,36 +153,78 @@ def join(parent: Any, i: int, j: int) -> None:
 
 
 @njit(**FAST)
+def is_joint(
+    corner: Any, length: Any, sort: Any, row: Any, tensor: Any, tables: Any, i: int, j: int, P: int
+) -> bool:  # fmt: skip
+    """Whether boxes i and j have a face in common that is not certainly empty."""
+    face = meeting(corner, length, i, j)
+    if face < 0:
+        return False
+    axis = face // 2
+    side = face % 2
+    small = i
+    a = (axis + 1) % 3
+    b = (axis + 2) % 3
+    if length[j, a] * length[j, b] < length[i, a] * length[i, b]:  # volumes may overflow
+        small = j
+        side = 1 - side
+    return sort[small] == FULL or is_open(
+        tensor[small], axis, side, P, tolerances(tensor[small]), tables[row[small]]
+    )
+
+
+@njit(**FAST)
+def is_air(
+    corner: Any, length: Any, sort: Any, row: Any, tensor: Any, tables: Any, air: Any, mine: Any,
+    P: int,
+) -> bool:  # fmt: skip
+    """Whether boxes `mine` hang together only through such as have air between solid."""
+    parent = np.arange(len(sort))
+    first = -1
+    for i in range(len(sort)):
+        if not mine[i] or air[i].max() > 0.0:
+            continue
+        for j in range(i):
+            if mine[j] and air[j].max() == 0.0 and root(parent, i) != root(parent, j):
+                if is_joint(corner, length, sort, row, tensor, tables, i, j, P):
+                    join(parent, i, j)
+    for i in range(len(sort)):
+        if (
+            mine[i]
+            and air[i].max() == 0.0
+            and (
+                sort[i] == FULL
+                or has_solid_corner(tensor[i], 3, P, tolerances(tensor[i]), tables[row[i]])
+            )
+        ):
+            if first < 0:
+                first = root(parent, i)
+            elif first != root(parent, i):
+                return True
+    return False
+
+
+@njit(**FAST)
 def pieces_of(c: Any, tables: Any, which: Any, start: Any, extent: Any, P: int) -> Any:
     """Boxes of a cell (corners, lengths), the piece of each, the number of pieces, and a gap.
 
     The gap is the air, along the three directions, that is too thin to be seen as such everywhere,
-    but would divide a piece; 0 if there is none.
+    but would divide a piece, and whether it does so alone; 0 if there is none. It is where a piece
+    hangs together only through boxes that are not certain, of which some have air between solid:
+    where two pieces touch along an edge, others have just one of them, or next to nothing of the
+    other.
     """
     corner, length, sort, row, tensor, air = boxes_of(c, tables, which, start, extent, P)
     n = len(sort)
     parent = np.arange(n)
-    firm = np.arange(n)  # without boxes that have air between solid
+    firm = np.arange(n)  # without boxes that are not certain
     for i in range(n):
         for j in range(i):
             if root(parent, i) == root(parent, j) and root(firm, i) == root(firm, j):
                 continue
-            face = meeting(corner, length, i, j)
-            if face < 0:
-                continue
-            axis = face // 2
-            side = face % 2
-            small = i
-            a = (axis + 1) % 3
-            b = (axis + 2) % 3
-            if length[j, a] * length[j, b] < length[i, a] * length[i, b]:  # volumes may overflow
-                small = j
-                side = 1 - side
-            if sort[small] == FULL or is_open(
-                tensor[small], axis, side, P, tolerances(tensor[small]), tables[row[small]]
-            ):
+            if is_joint(corner, length, sort, row, tensor, tables, i, j, P):
                 join(parent, i, j)
-                if air[i].max() == 0.0 and air[j].max() == 0.0:
+                if sort[i] != UNSURE and sort[j] != UNSURE:
                     join(firm, i, j)
     label = np.full(n, -1)
     count = 0
@@ -189,25 +232,30 @@ def pieces_of(c: Any, tables: Any, which: Any, start: Any, extent: Any, P: int) 
         if root(parent, i) == i:
             label[i] = count
             count += 1
-    seen = np.full(n, -1)  # per piece, one set of boxes with solid that holds without thin air
-    divided = -1
+    seen = np.full(n, -1)  # per piece, one set of boxes with solid that holds for certain
+    divided = np.zeros(n, np.bool_)
     for i in range(n):
         k = label[root(parent, i)]
         label[i] = k
-        if air[i].max() == 0.0 and (
-            sort[i] == FULL
-            or has_solid_corner(tensor[i], 3, P, tolerances(tensor[i]), tables[row[i]])
+        if sort[i] == FULL or (
+            sort[i] == SINGLE
+            and has_solid_corner(tensor[i], 3, P, tolerances(tensor[i]), tables[row[i]])
         ):
             if seen[k] < 0:
                 seen[k] = root(firm, i)
             elif seen[k] != root(firm, i):
-                divided = k
-    thin = np.zeros(3)
+                divided[k] = True
+    thin = np.zeros(4)
     for i in range(n):
         for a in range(3):
-            if label[i] == divided and air[i, a] > 0.0 and (thin[a] == 0.0 or air[i, a] < thin[a]):
+            if divided[label[i]] and air[i, a] > 0.0 and (thin[a] == 0.0 or air[i, a] < thin[a]):
                 thin[a] = air[i, a]
-    return corner, length, label, count, thin / UNIT
+    thin /= UNIT
+    if thin.max() > 0.0:
+        for k in range(count):
+            if divided[k] and is_air(corner, length, sort, row, tensor, tables, air, label == k, P):
+                thin[3] = 1.0
+    return corner, length, label, count, thin
 
 
 @njit(parallel=True, **FAST)
@@ -215,7 +263,7 @@ def count_pieces(
     c: Any, tables: Any, which: Any, start: Any, extent: Any, offsets: Any, P: int, counts: Any,
     gaps: Any,
 ) -> None:  # fmt: skip
-    """Numbers of pieces, and gaps (n, 3), of cells with boxes from offsets[i]; see `boxes_of`."""
+    """Numbers of pieces, and gaps (n, 4), of cells with boxes from offsets[i]; see `boxes_of`."""
     for i in prange(len(counts)):
         part = slice(offsets[i], offsets[i + 1])
         mine = which[part]

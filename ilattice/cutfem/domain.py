@@ -242,9 +242,9 @@ class Domain(Frozen):
             rule = where(rule, np.asarray(rule.sets) == SURFACES.index(on) - 1)
         return rule
 
-    def finer(self, cells: IntArray) -> Quadrature:
-        """Rule like `volume` with more points, on cells of the grid that hold solid."""
-        q = min(self.q + MORE, MOST_POINTS)
+    def finer(self, cells: IntArray, more: int) -> Quadrature:
+        """Rule like `volume` with more points per direction, on cells that hold solid."""
+        q = min(self.q + more, MOST_POINTS)
         return self.elements.divided(rule_on(self.cut, "volume", cells, q))
 
     def area_error(self, region: Region) -> float:

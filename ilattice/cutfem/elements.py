@@ -44,9 +44,10 @@ class ElementGrid(DividedGrid):
         cell's corner.
     label : ndarray, shape (boxes,)
         Element of each box.
-    gaps : ndarray, shape (g, 4)
-        Cells with air that is too thin to be resolved, and its length along the three directions,
-        in cells; 0 along those in which it goes on.
+    gaps : ndarray, shape (g, 5)
+        Cells with air that is too thin to be resolved, its length along the three directions, in
+        cells, 0 along those in which it goes on, and 1 where it alone is between solid, 0 where
+        other boxes that are not certain are there, too, as next to edges that touch.
     """
 
     cut: CutGrid = field(kw_only=True)
@@ -138,9 +139,9 @@ def elements_of(cut: CutGrid, solid: Quadrature) -> ElementGrid:
 
 
 def _counted(cut: CutGrid) -> tuple[IntArray, IntArray, FloatArray]:
-    """Cut cells, their numbers of pieces, and lengths (n, 3) of gaps that are not resolved."""
+    """Cut cells, their numbers of pieces, and gaps (n, 4) that are not resolved."""
     cells = cut.cells(CUT)
-    counts, widths = np.ones(len(cells), np.int64), np.zeros((len(cells), 3))
+    counts, widths = np.ones(len(cells), np.int64), np.zeros((len(cells), 4))
     rest = np.flatnonzero(~cut.layout.single(cells))
     per_cell = cut.layout.per_cell
     size = max(int(BATCH / per_cell), 1)
@@ -148,12 +149,13 @@ def _counted(cut: CutGrid) -> tuple[IntArray, IntArray, FloatArray]:
         part = rest[i : i + size]
         tensors, tables, which, start, extent, owner = cut.layout.insides(cells[part])
         offsets = np.append(np.searchsorted(owner, cells[part]), len(owner))
-        found, gaps = np.zeros(len(part), np.int64), np.zeros((len(part), 3))
+        found, gaps = np.zeros(len(part), np.int64), np.zeros((len(part), 4))
         kernels.count_pieces(
             tensors, tables, which, start, extent, offsets, cut.pieces.order, found, gaps
         )
         counts[part], widths[part] = found, gaps
-    return cells, counts, widths / np.cbrt(per_cell)
+    widths[:, :3] /= np.cbrt(per_cell)
+    return cells, counts, widths
 
 
 def _numbered(raw: ElementGrid, labels: list[IntArray], solid: Quadrature) -> ElementGrid:

@@ -1,9 +1,9 @@
 """Air between solid that is too thin to be resolved, so that it is bridged: where, and how wide.
 
 Guarantee: gaps that are as good as plane in a thirtieth of a cell are found in all directions; what
-is told of their width is right to a factor of two. Non-guarantees: bodies that touch along an edge
-count as joined, and that is not always told; the tip of a notch in a cell or two is not, if nothing
-hangs on it.
+is told of their width is right to a factor of two; and so is where bodies touch along an edge, in
+any direction, of which the width that is told is that of the air beside it. Non-guarantees: such
+bodies count as joined; the tip of a notch in a cell or two is not told if nothing hangs on it.
 """
 
 import warnings
@@ -28,15 +28,15 @@ def warn(domain: "Domain") -> None:
     gaps = long(domain)
     if not len(gaps):
         return
-    widest = int(np.argmax(across(gaps[:, 1:])))
+    widest = int(np.argmax(across(gaps[:, 1:4])))
     box = domain.cut.grid.boxes(gaps[[widest], 0].astype(np.int64))
     middle, extent, through = box[:, :3] + 0.5 * box[:, 3:], box[0, 3:], domain.cut.through
     x = middle if through is None else through.x(middle)
     edges = np.eye(3) if through is None else through.jacobian(middle)[0]
-    air = np.linalg.norm(edges, axis=0) * extent * gaps[widest, 1:]
+    air = np.linalg.norm(edges, axis=0) * extent * gaps[widest, 1:4]
     place = ", ".join(f"{c:.4g}" for c in x[0])
     warnings.warn(
-        f"a gap of {across(air):.2g}, {across(gaps[widest, 1:]):.2g} cells, near ({place}) is too "
+        f"a gap of {across(air):.2g}, {across(gaps[widest, 1:4]):.2g} cells, near ({place}) is too "
         f"thin to be resolved, in {len(gaps)} {'cell' if len(gaps) == 1 else 'cells'}: the solid "
         "on both sides is taken as one; widen the gap, close it, or take finer cells",
         PrecisionWarning,
@@ -45,19 +45,21 @@ def warn(domain: "Domain") -> None:
 
 
 def long(domain: "Domain") -> FloatArray:
-    """Gaps that go through many cells, or all of them if parts hang together there."""
+    """Gaps of air that go through many cells, or all gaps if parts hang together there."""
     gaps = domain.elements.gaps
     cells = gaps[:, 0].astype(np.int64)
     if not len(cells):
         return gaps
+    home = domain.elements.home(domain.parts.cells)
+    if falls_apart(domain.parts, links(domain.joints), home, cells):
+        return gaps
+    alone = gaps[gaps[:, 4] > 0.0]
+    cells = alone[:, 0].astype(np.int64)
     mark = np.zeros(domain.cut.grid.shape, bool)
     mark.ravel()[cells] = True
     groups, count = label(mark)
     many = np.bincount(groups[mark], minlength=count + 1)
-    home = domain.elements.home(domain.parts.cells)
-    if falls_apart(domain.parts, links(domain.joints), home, cells):
-        return gaps
-    return np.asarray(gaps[many[groups.ravel()[cells]] >= MANY])
+    return np.asarray(alone[many[groups.ravel()[cells]] >= MANY])
 
 
 def across(air: FloatArray) -> FloatArray:

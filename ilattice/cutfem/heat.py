@@ -26,7 +26,7 @@ from ilattice._progress import Progress, track
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import as_choice, as_kind, as_positive, as_whole
 from ilattice.cutfem import _kernels_assembly as kernels
-from ilattice.cutfem import conduction, coupling, discretization, watching
+from ilattice.cutfem import conduction, coupling, discretization, integration, watching
 from ilattice.cutfem._kernels_surface import seam_blocks, surface_scalars
 from ilattice.cutfem.conditions import Load, Spring, Support, as_value, stiffness_at, values_at
 from ilattice.cutfem.conduction import Conducting, Conduction
@@ -224,14 +224,17 @@ class Heat(Problem):
         return self._energy_on(c, self.domain.stiff_rule(self.assembly, constant=constant))
 
     def _energy_on(self, c: FloatArray, rule: Quadrature) -> float:
-        asm, total = self.assembly, 0.0
+        return float(self._energies(c, rule).sum())
+
+    def _energies(self, c: FloatArray, rule: Quadrature) -> FloatArray:
+        asm, out = self.assembly, np.empty(len(rule))
         owner = asm.owners(rule)
         for rows, _, slope in asm.on_rule(c, rule):
             u = rule.points[rows]
             k = self._conductivity_at(u, owner[rows])
             weights = rule.weights[rows] * np.abs(np.linalg.det(asm.jacobians(u)))
-            total += float(weights @ (conduction.flux(k, slope[:, 0]) * slope[:, 0]).sum(axis=1))
-        return total
+            out[rows] = weights * (conduction.flux(k, slope[:, 0]) * slope[:, 0]).sum(axis=1)
+        return out
 
     def evolve(
         self, duration: float, *, steps: int, initial: Any = 0.0, theta: float = 1.0,
@@ -286,7 +289,7 @@ class Heat(Problem):
         )  # fmt: skip
         c = np.where(con.fixed, con.values, self._initial(initial))
         f = (self.forces() + self._from_supports()).ravel()
-        out = [HeatSolution(self, c, None, time=0.0)]
+        out, told = [HeatSolution(self, c, None, time=0.0)], []
         for n in track(range(1, steps + 1), "evolve", progress):
             old = c.ravel()
             b = M @ old - (1.0 - theta) * dt * (K @ old) + dt * f - A @ con.values.ravel()
@@ -296,24 +299,28 @@ class Heat(Problem):
                 x, report = solver.solve(b, tol=tol, max_iterations=max_iterations)
             c = con.expand(x[:, None])
             if report is not None and n in (1, steps):
-                report = replace(report, discretization_error=self._transient_error(c))
+                splines, rules = self._transient_error(c)
+                told.append((splines, rules))
+                report = replace(report, discretization_error=splines + rules)
             step = Step(out[-1].coefficients, dt, theta)
             out.append(HeatSolution(self, c, report, time=n * dt, step=step))
-        self._warn_of(out[1 :: max(steps - 1, 1)])
+        self._warn_of(told)
         return HeatHistory(tuple(out))
 
-    def _transient_error(self, c: FloatArray) -> float:
-        """See `discretization`, of the temperature at one time."""
+    def _transient_error(self, c: FloatArray) -> tuple[float, float]:
+        """See `discretization` and `integration`, of the temperature at one time."""
         K = self.system.K
         energy = self._energy_of(lambda x: K @ x, c)
-        return self._discretization_error(lambda x: K @ x, c, energy)
+        splines = self._discretization_error(lambda x: K @ x, c, energy)
+        return splines, self._rules_error(c, energy)
 
-    def _warn_of(self, times: "list[HeatSolution]") -> None:
+    def _warn_of(self, errors: list[tuple[float, float]]) -> None:
         """Warn once of the worst of some times."""
-        errors = [s.report.discretization_error for s in times if s.report is not None]
         if errors:
             what = f"{self.energy_name} at one time or more"
-            discretization.warn(float(np.max(errors)), what, self.assembly.space)
+            splines, rules = map(float, np.max(errors, axis=0))
+            discretization.warn(splines, what, self.assembly.space)
+            integration.warn(rules, splines, what)
 
     # ---------------------------------------------------------------- operators
 

@@ -23,7 +23,7 @@ from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import as_array, asked, read_only
 from ilattice.bspline import BSpline
 from ilattice.cutfem.connectivity import Parts, connected_parts
-from ilattice.cutfem.domain import MORE, Domain, OfPhase, as_domain, where
+from ilattice.cutfem.domain import Domain, OfPhase, as_domain, where
 from ilattice.cutfem.elements import ElementGrid, elements_of, regrouped
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.fields.node import Node
@@ -198,9 +198,9 @@ class PhasedDomain(Domain):
         """See `Domain.volume`."""
         return self._both(self._volumes)
 
-    def finer(self, cells: IntArray) -> Quadrature:
+    def finer(self, cells: IntArray, more: int) -> Quadrature:
         """See `Domain.finer`."""
-        q = min(self.q + MORE, MOST_POINTS)
+        q = min(self.q + more, MOST_POINTS)
         both = zip(self.phases, self._volumes, strict=True)
         mine = [(c, np.intersect1d(cells, r.cells)) for c, r in both]
         return self._both([rule_on(c, "volume", some, q) for c, some in mine])

@@ -16,7 +16,7 @@ import numpy as np
 from ilattice._progress import Progress, staged
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import FixedMapping, Frozen, as_choice, as_flag, read_only
-from ilattice.cutfem import discretization, watching
+from ilattice.cutfem import discretization, integration, watching
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.conditions import Load, Support, stiffness_at
 from ilattice.cutfem.constraints import Constraints, constraints
@@ -27,15 +27,14 @@ from ilattice.cutfem.posed import Posed
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.linalg._engines import ENGINES
 from ilattice.linalg.solvers import LARGEST, Solver, SolveReport
-from ilattice.quadrature.grid import CUT
-from ilattice.quadrature.rules import Quadrature, on_cells
+from ilattice.quadrature.rules import Quadrature
 
 R = TypeVar("R", bound=Any)
 ISLANDS = ("drop", "refuse")
 #: Weight of void above which what it takes of the energy is estimated.
 HEAVY = 1e-6
-#: Cells at once of which integrals are compared with those of more points.
-CELLS = 1 << 12
+#: Energies below this part of those of nodes that move one by one are those of rigid motions.
+AT_REST = 1e-13
 #: A motion is free if its share in what is held is below this.
 FREE = 1e-10
 
@@ -355,7 +354,9 @@ class Problem(Posed):
         energy = self._energy_of(solver.multiply, c)
         error = discretization.of_work(self._discretization_error(solver.multiply, c, energy))
         discretization.warn(error, self.energy_name, self.assembly.space, kept=self._keeps_volume)
-        return c, replace(report, discretization_error=error)
+        rules = self._rules_error(c, energy)
+        integration.warn(rules, error, self.energy_name)
+        return c, replace(report, discretization_error=error + rules)
 
     def _energy_of(self, product: Product, c: FloatArray) -> float:
         """What errors are relative to: twice the energy of a solution."""
@@ -388,22 +389,15 @@ class Problem(Posed):
             levels, multiply, self._motions, diagonal, c, con.fixed, energy, jumps
         )
 
-    def _integration_error(self, c: FloatArray) -> float:
-        """Part of an energy that rules miss of c (functions, m), by rules of more points."""
-        domain, mine = self.domain, self.assembly.space.cells
-        home = domain.elements.home(mine)
-        cells, off = np.unique(home[domain.status.ravel()[home] == CUT]), 0.0
-        for i in range(0, len(cells), CELLS):
-            some = cells[i : i + CELLS]
-            rule = on_cells(domain.volume, mine[np.isin(home, some)])
-            more = on_cells(domain.finer(some), mine)
-            off += abs(self._stored_on(c, more) - self._stored_on(c, rule))
-        whole = self._solid_energy(c)
-        return off / whole if off > 0.0 else 0.0
+    def _rules_error(self, c: FloatArray, energy: float) -> float:
+        """Part of an energy that rules miss; none of one that rounding leaves of a rigid motion."""
+        con = self.constraints
+        nodes = self._reduced().diagonal() @ np.where(con.fixed, 0.0, c * c)[con.nodes].ravel()
+        return integration.drawn_error(self, c, energy) if energy > AT_REST * nodes else 0.0
 
-    def _stored_on(self, c: FloatArray, rule: Quadrature) -> float:
-        """As `_energy_on`, of what is heated the energy that it stores."""
-        return self._energy_on(c, rule)
+    def _energies(self, c: FloatArray, rule: Quadrature) -> FloatArray:
+        """Parts (n,) of the points of a rule in parameters of twice the energy that is stored."""
+        raise NotImplementedError
 
     @property
     def _keeps_volume(self) -> bool:

@@ -8,7 +8,7 @@ not averaged, unless the solution is `recovered`; outside the solid fields are c
 cell, then NaN.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -136,7 +136,11 @@ class Solution(Reported, Stresses):
 
     def _energy(self, rule: Quadrature, *, heated: bool = True) -> float:
         """Half of stress times elastic strain, or, not `heated`, as if nothing were heated."""
-        problem, total = self.problem, 0.0
+        return sum(float(part.sum()) for part in self._energies(rule, heated=heated))
+
+    def _energies(self, rule: Quadrature, *, heated: bool = True) -> Iterator[FloatArray]:
+        """Its parts at the points of a rule in parameters, batch by batch."""
+        problem = self.problem
         asm = problem.assembly
         owner = asm.owners(rule)
         for rows, _, gradient in asm.on_rule(self.coefficients, rule):
@@ -147,7 +151,7 @@ class Solution(Reported, Stresses):
                 if heated:
                     gradient -= problem._thermal_strain(u, mine)[:, None, None] * np.eye(3)
                 e, C = engineering_strain(gradient), problem._matrices(u, mine)
-                total += 0.5 * float(weights @ (times(C, e) * e).sum(axis=1))
+                yield 0.5 * weights * (times(C, e) * e).sum(axis=1)
                 continue
             lam, mu = problem._lame(u, mine)
             volume = self._dilatation(gradient, u, mine)
@@ -155,8 +159,7 @@ class Solution(Reported, Stresses):
                 gradient -= problem._thermal_strain(u, mine)[:, None, None] * np.eye(3)
                 volume -= self._thermal_dilatation(u, mine)
             shape = elastic_stress(gradient, np.zeros(1), mu) * engineering_strain(gradient)
-            total += 0.5 * float(weights @ (shape.sum(axis=1) + lam * volume**2))
-        return total
+            yield 0.5 * weights * (shape.sum(axis=1) + lam * volume**2)
 
     def _thermal_dilatation(self, u: FloatArray, owner: IntArray) -> FloatArray:
         """Change of volume (n,) of free expansion, projected as `_dilatation` is."""

@@ -78,7 +78,8 @@ class SolveReport(Frozen):
     discretization_error : float
         Estimated part of the energy by which it is off because of the cells, see `discretization`;
         NaN where there is no estimate. How far integrals over cells that curved surfaces cut are
-        off is not in it: ``solution.report.integration_error`` tells that.
+        off is in it, from some of these cells, where rules have two or three points per direction,
+        as they have at degree 1; else it is not, and ``solution.report.integration_error`` tells.
     rounded : bool
         Whether the residual is above `tol` only because x is rounded: the error in the energy norm
         is below `tol`.

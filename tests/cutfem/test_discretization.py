@@ -8,7 +8,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 import ilattice as il
-from ilattice.cutfem import Elasticity, Grid, Heat, buckling, natural_modes
+from ilattice.cutfem import Elasticity, Grid, Heat, buckling, integration, natural_modes
 from ilattice.cutfem.coarsening import coarser
 from ilattice.cutfem.discretization import Levels, of_work, relative_error
 from ilattice.errors import PrecisionWarning
@@ -488,6 +488,49 @@ def test_what_rules_of_curved_cells_miss_is_told(kind, degree):
         got = s.inflow["w=1"] if kind == "heat" else s.reactions["w=1"][2]
         told, off = s.report.integration_error, abs(got / exact - 1)
         assert 0.5 * off - 1e-10 < told < 2 * off + 1e-10
+        if degree == 1:  # where that is up to 2 %, every solve tells
+            assert off < 1.5 * s.report.discretization_error + 1e-10
+
+
+@pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
+@pytest.mark.parametrize("seed", range(4))
+def test_some_cells_tell_what_rules_of_all_miss(seed):
+    """In tension, and where energy is in few cells, under loads that bend; 1,000 cells and more."""
+    rng = np.random.default_rng([17, seed])
+    field, _, box, area = rod(rng, 4)
+    n = rng.integers(9, 14) if seed % 2 else 4
+    body = il.cutfem.Elasticity(field, (n, n, 240 // n), domain=box, degree=1, poisson=0.0)
+    held = body.clamp("w=0").clamp("w=1", value=(0, 0, 1.0))
+    s = held.solve(tol=1e-12)
+    told, off = s.report.discretization_error, abs(s.reactions["w=1"][2] / area * 3 - 1)
+    assert 0.5 * off < told < 2 * off
+    push = rng.standard_normal(3)
+    bent = body.clamp("w=0").load(body=lambda x: np.exp(-3 * x[:, 2:]) * push)
+    s = bent.solve()
+    energy = bent._solid_energy(s.coefficients)
+    some = integration.drawn_error(bent, s.coefficients, energy)
+    assert len(integration._inexact_cells(bent)) > integration.SOME
+    whole = integration.relative_error(bent, s.coefficients, energy)
+    assert 0.5 * whole < some < 3 * whole
+
+
+@pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_knots_of_a_map_inside_of_cells_are_told(degree):
+    """A ring of four arcs on cells that do not end there: of 2e-4 to 3e-3, up to 1e-9 was told."""
+    low, high, tall = 0.63, 1.3, 0.7
+    ring = il.macroshape.cylinder_shell(r0=low, r1=high, height=tall)
+    exact = 2 * np.pi * tall / np.log(high / low)
+    for around in (7, 9, 10, 13, 14):
+        if around > 2 * degree + 1:
+            cells = (around, 3, 6)
+            body = Heat(whole, cells, domain=ring.domain, through=ring, degree=degree)
+            s = body.fix("w=0", 1.0).fix("w=1", 0.0).solve(tol=1e-12)
+            off = abs(s.inflow["w=0"] / exact - 1)
+            assert off < 2 * s.report.discretization_error
+            if degree > 1:
+                assert off < 2 * s.report.integration_error
+                assert off > 1e-5
 
 
 def test_rules_of_a_twisted_ellipse_are_told():

@@ -297,7 +297,7 @@ def solid_at(n, c):
     return il.fields.half_space(tuple(n), float(n @ c))
 
 
-@pytest.mark.parametrize("kind", ["gap", "one function", "point"])
+@pytest.mark.parametrize("kind", ["gap", "one function", "point", "edge"])
 @pytest.mark.parametrize("seed", range(4))
 def test_oblique_air_that_is_too_thin_is_told_in_all_scales(kind, seed):
     """Nothing was told where neither the middle lines of boxes, nor the axes, cross the gap."""
@@ -309,12 +309,17 @@ def test_oblique_air_that_is_too_thin_is_told_in_all_scales(kind, seed):
     n *= np.sign(n[2])
     n[2] += 0.7
     n /= np.linalg.norm(n)
-    g = 0.0 if kind == "point" else h * 10 ** rng.uniform(-4, -1.6)
+    g = 0.0 if kind in ("point", "edge") else h * 10 ** rng.uniform(-4, -1.6)
     if kind == "gap":
         solid = il.fields.union(solid_at(n, c), solid_at(-n, c + g * n))
     elif kind == "one function":
         plane = "+".join(f"({v:.17g})*{x}" for v, x in zip(n, "xyz", strict=True))
         solid = il.fields.equation(f"{g / 2:.17g}-abs({plane}-({n @ (c + g / 2 * n):.17g}))")
+    elif kind == "edge":
+        a = np.cross(n, rng.standard_normal(3))
+        a /= np.linalg.norm(a)
+        sides = [(solid_at(s * n, c), solid_at(s * a, c)) for s in (1, -1)]
+        solid = il.fields.union(*(il.fields.intersection(*side) for side in sides))
     else:
         balls = [il.fields.sphere(0.9 * size)] * 2
         places = [c + s * 0.9 * size * n for s in (1, -1)]
