@@ -268,7 +268,8 @@ def zero_set(u: FloatArray, curves: Boundary, n: int, glued: tuple[bool, ...]) -
     step = (len(u) - 1) // n
     x = np.linspace(-1.0, 1.0, n + 1)
     knots = np.concatenate([[-1.0], x, [1.0]])
-    spline = BSpline([knots] * 3, np.ascontiguousarray(u[::step, ::step, ::step]), 1)
+    nodes = _alike(u[::step, ::step, ::step], curves, glued)
+    spline = BSpline([knots] * 3, nodes, 1)
     found = contour_arrays(spline, [x] * 3, caps=False, place="linear")
     v = np.array(found.vertices)
     on = np.where(fixed_coordinates(found.kind), np.sign(v), 0.0).astype(np.int64)
@@ -278,6 +279,16 @@ def zero_set(u: FloatArray, curves: Boundary, n: int, glued: tuple[bool, ...]) -
     triangles = Triangles(v, np.array(found.faces, np.int64), on)
     _check_boundary(triangles, curves, n)
     return triangles
+
+
+def _alike(u: FloatArray, curves: Boundary, glued: tuple[bool, ...]) -> FloatArray:
+    """Values that agree next to faces that are one: contours look a part of a cell inside."""
+    u = np.array(u)
+    for axis in np.flatnonzero(glued):
+        sign, planes = curves.congruent(int(axis)), np.moveaxis(u, axis, 0)
+        planes[1] = 0.5 * (planes[1] + sign * planes[-2])
+        planes[-2] = sign * planes[1]
+    return u
 
 
 def graded(t: Triangles, curves: Boundary, glued: tuple[bool, ...], rounds: int) -> Triangles:
