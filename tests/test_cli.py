@@ -343,6 +343,9 @@ def test_bands_are_tables_and_pictures(tmp_path, capfd):
     ("words", "code", "told"),
     [
         (["homogenize"], 2, "either --tile"),
+        (["homogenize", "--tile", "gyroid", "--cells", "6.7"], 2, "--cells"),
+        (["build", "--tile", "P", "--repeat", "2.6", "1", "1"], 2, "--repeat"),
+        (["cost", "kagome", "--resolution", "2.5", "-o", "k.vtp"], 2, "--resolution"),
         (["homogenize", "--tile", "gyroid", "--voxels", "f.npy"], 2, "either --tile"),
         (["homogenize", "--tile", "gyroit"], 2, "gyroid"),
         (["homogenize", "--tile", "gyroid", "--density", "2"], 2, "relative_density"),
