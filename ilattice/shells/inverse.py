@@ -330,7 +330,7 @@ class Surrogate(Frozen):
     def _homogenized(self, x: FloatArray) -> FloatArray:
         """Young's modulus, Poisson's ratio and Zener's ratio of a shell."""
         space = self.cloud.space
-        values = space.named(space.placed(x[None])[0])
+        values = space.named(space.placed(x))
         eff = elastic(
             wall_of(space.topology, values, self.n, self.layer),
             self.cells,
@@ -345,7 +345,7 @@ class Surrogate(Frozen):
         space = self.cloud.space
         young, poisson, zener = map(float, moduli)
         distance = max(abs(young / float(np.exp(goal[0])) - 1.0), abs(poisson - float(goal[1])))
-        values = space.named(space.placed(x[None])[0])
+        values = space.named(space.placed(x))
         return Solution(space.topology, values, young, poisson, zener, distance, verified)
 
 

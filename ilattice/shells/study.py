@@ -25,7 +25,6 @@ from ilattice._validate import (
     Frozen,
     as_array,
     as_index,
-    as_points,
     as_whole,
     read_only,
 )
@@ -112,12 +111,12 @@ class Space(Frozen):
 
         Parameters
         ----------
-        unit : (n, k) array
+        unit : (n, k) or (k,) array
             From 0 to 1.
 
         Returns
         -------
-        (n, k) array
+        array of that shape
             Parameters.
 
         Raises
@@ -125,7 +124,10 @@ class Space(Frozen):
         InputError
             If there are not k columns, or a value is not from 0 to 1.
         """
-        unit = as_points("unit", unit, len(self.names))
+        unit = as_array("unit", unit)
+        if not 1 <= unit.ndim <= 2 or unit.shape[-1] != len(self.names):
+            told = f"{len(self.names)} columns, {', '.join(self.names)}"
+            raise InputError(f"unit must have {told}, got shape {unit.shape}")
         if ((unit < 0.0) | (unit > 1.0)).any():
             raise InputError(f"unit must be from 0 to 1, but reaches {unit.min()} or {unit.max()}")
         low, high = np.array(self.low), np.array(self.high)
