@@ -149,12 +149,15 @@ def _converted(kind: Any, words: Any) -> Any:
 
 
 def _single(kind: Any, word: str) -> Any:
-    """One of them."""
-    from cyclopts import convert
+    """One of them; Cyclopts names the option of a `ValueError` as it was written."""
+    from cyclopts import CoercionError, convert
 
     if kind is int and "." in word and not float(word).is_integer():
         raise ValueError(f"{word} is no whole number")
-    return convert(kind, [word])
+    try:
+        return convert(kind, [word])
+    except CoercionError as e:
+        raise ValueError(str(e)) from e
 
 
 def _add_demo(app: "App") -> None:
