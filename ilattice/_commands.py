@@ -6,7 +6,7 @@ Each adds itself to the application of `ilattice.cli`, and says on standard outp
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from ilattice.errors import printable
+from ilattice.errors import InputError, printable
 
 if TYPE_CHECKING:
     from cyclopts import App
@@ -246,7 +246,7 @@ def add_shell(app: "App") -> None:
     @app.command
     def shell(
         *,
-        topology: str = "",
+        topology: str | None = None,
         output: Files = None,
         position: Many = None,
         derivative: Many = None,
@@ -292,7 +292,10 @@ def add_shell(app: "App") -> None:
         """
         from ilattice.shells import job
 
-        if not topology:
+        asked = (output, position, derivative, density, thickness, repeat, layer, report)
+        if topology is None and any(value is not None for value in asked):
+            raise InputError("--topology is missing: name a class; ilattice shell alone lists them")
+        if topology is None:
             print("\n".join(job.listed()))
             return
         found = job.shell(

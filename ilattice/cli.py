@@ -130,7 +130,7 @@ def _app() -> "App":
         help=str(il.__doc__).splitlines()[0],
         help_format="plaintext",
         version=il.__version__,
-        default_parameter=Parameter(negative=()),
+        default_parameter=Parameter(negative=(), converter=_converted),
         result_action="return_value",
         suppress_keyboard_interrupt=False,
     )
@@ -139,6 +139,25 @@ def _app() -> "App":
     for add in (*files, *rooms, _add_sdf, _add_others):
         add(app)
     return app
+
+
+def _converted(kind: Any, words: Any) -> Any:
+    """Values of an option; Cyclopts alone would round fractions where whole numbers are wanted."""
+    from cyclopts import convert
+
+    return convert(kind, words, converter=_single)
+
+
+def _single(kind: Any, word: str) -> Any:
+    """One of them; Cyclopts names the option of a `ValueError` as it was written."""
+    from cyclopts import CoercionError, convert
+
+    if kind is int and "." in word and not float(word).is_integer():
+        raise ValueError(f"{word} is no whole number")
+    try:
+        return convert(kind, [word])
+    except CoercionError as e:
+        raise ValueError(str(e)) from e
 
 
 def _add_demo(app: "App") -> None:

@@ -95,7 +95,8 @@ def test_features_of_the_wall_are_reported(tmp_path, capfd):
         ({"seed": ["-1"]}, "seed"),
         ({"through": ["tours"]}, "torus"),
         ({"repeat": ["1", "0", "1"]}, "repeat"),
-        ({"repeat": ["1", "x", "1"]}, "repeat"),
+        ({"repeat": ["1", "x", "1"]}, "--repeat"),
+        ({"repeat": ["2.6", "1", "1"]}, "--repeat"),
         ({"thickness": ["0.1+"]}, "0.1+"),
         ({"thickness": ["-0.1"]}, "-0.1"),
         ({"thickness": ["u + x"]}, "mixes u, v, w"),
@@ -343,6 +344,8 @@ def test_bands_are_tables_and_pictures(tmp_path, capfd):
     ("words", "code", "told"),
     [
         (["homogenize"], 2, "either --tile"),
+        (["homogenize", "--tile", "gyroid", "--cells", "6.7"], 2, "--cells"),
+        (["cost", "kagome", "--resolution", "2.5", "-o", "k.vtp"], 2, "--resolution"),
         (["homogenize", "--tile", "gyroid", "--voxels", "f.npy"], 2, "either --tile"),
         (["homogenize", "--tile", "gyroit"], 2, "gyroid"),
         (["homogenize", "--tile", "gyroid", "--density", "2"], 2, "relative_density"),

@@ -179,6 +179,7 @@ class PeriodicSurface(FrozenCopies):
 def completed(
     v: FloatArray, faces: IntArray, group: Group, sides: IntArray | None = None, *,
     sharper: "Callable[[], tuple[FloatArray, IntArray, float]] | None" = None,
+    tol: float | None = None,
 ) -> PeriodicSurface:  # fmt: skip
     """All images of a mesh, joined and oriented.
 
@@ -195,6 +196,8 @@ def completed(
         them; without it, neighbours are oriented alike, part by part.
     sharper : callable, optional
         Gives vertices and triangles nearer to the smooth surface, and how far `v` is off.
+    tol : float, optional
+        See `glued`.
 
     Returns
     -------
@@ -221,7 +224,7 @@ def completed(
         turned = np.linalg.det(group.matrices) * sides < 0.0
         every[turned] = every[turned][:, :, ::-1]
     every = (every + len(v) * np.arange(len(group))[:, None, None]).reshape(-1, 3)
-    out = glued(x, every, cell, oriented=sides is not None)
+    out = glued(x, every, cell, oriented=sides is not None, tol=tol)
     return out if sharper is None else replace(out, _sharper=partial(_sharp, sharper, group))
 
 
@@ -232,8 +235,9 @@ def _sharp(sharper: Any, group: Group) -> tuple[PeriodicSurface, float]:
 
 
 def glued(
-    x: FloatArray, every: IntArray, cell: FloatArray, *, oriented: bool = False
-) -> PeriodicSurface:
+    x: FloatArray, every: IntArray, cell: FloatArray, *, oriented: bool = False,
+    tol: float | None = None,
+) -> PeriodicSurface:  # fmt: skip
     """The periodic surface of triangles some of which agree, or share edges, up to whole cells.
 
     Parameters
@@ -246,14 +250,17 @@ def glued(
         Edges of the cell.
     oriented : bool
         Whether the triangles are oriented as they are wanted; else neighbours are oriented alike.
+    tol : float, optional
+        Distance up to which vertices become one; by default a fifth of the shortest edge.
 
     Returns
     -------
     PeriodicSurface
-        Vertices closer than a fifth of the shortest edge become one.
+        All triangles that differ, joined.
     """
-    shortest = float(np.linalg.norm(opposite_edges(x, every), axis=2).min())
-    labels = _labels(x, cell, _JOINED * shortest)
+    if tol is None:
+        tol = _JOINED * float(np.linalg.norm(opposite_edges(x, every), axis=2).min())
+    labels = _labels(x, cell, tol)
     _, first = np.unique(np.sort(labels[every], axis=1), axis=0, return_index=True)
     every = every[np.sort(first)]
     x, every, labels = _joined(x, every, labels, cell)

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import ArrayLike, FloatArray
-from ilattice._validate import Frozen, as_array, read_only
+from ilattice._validate import Frozen, as_array, as_axis, as_whole, read_only
 from ilattice.errors import GeometryError, InputError
 from ilattice.shells.topologies import FACES, Segment, Topology, edge_place, home, others, parsed
 
@@ -29,6 +29,7 @@ CHORDS = 64
 MOST_POSITION = 0.99
 MOST_DERIVATIVE = 100.0
 _EQUAL = 1e-9
+_MOST_POINTS = 100_000
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -106,7 +107,13 @@ class Boundary(Frozen):
         -------
         (S, count, 3) array
             In the order of ``topology.segments``.
+
+        Raises
+        ------
+        InputError
+            If `count` is not from 2 to 100 000.
         """
+        count = as_whole("count", count, 2, _MOST_POINTS)
         powers = np.linspace(0.0, 1.0, count)[:, None] ** np.arange(4)
         out: FloatArray = np.einsum("tk,skc->stc", powers, self.arcs)
         for i, s in enumerate(self.topology.segments):
@@ -150,7 +157,13 @@ class Boundary(Frozen):
         -------
         int
             1 if they are and have the same sides, -1 if they are and sides swap, 0 if not.
+
+        Raises
+        ------
+        InputError
+            If there is no such axis.
         """
+        axis = as_axis("axis", axis)
         low, high = (self._on_face(2 * axis + side) for side in (0, 1))
         if len(low) != len(high) or np.abs(low - high).max() > _EQUAL:
             return 0
@@ -198,6 +211,34 @@ class Boundary(Frozen):
                 )
 
 
+def check_range(name: str, values: FloatArray, given: Any) -> None:
+    """Refuse positions and derivatives that no boundary has.
+
+    Parameters
+    ----------
+    name : str
+        ``derivative``, or else it is a position.
+    values : array
+        Some of them.
+    given : Any
+        What is told.
+
+    Raises
+    ------
+    InputError
+        If one is out of range.
+    """
+    if name == "derivative":
+        if not ((values > 0.0) & (values <= MOST_DERIVATIVE)).all():
+            told = f"positive, and at most {MOST_DERIVATIVE:g}"
+            raise InputError(f"derivative must be {told}, got {given!r:.80}")
+    elif not (np.abs(values) <= MOST_POSITION).all():
+        raise InputError(
+            f"{name} must be on the edge, from {-MOST_POSITION} to {MOST_POSITION} (the edge "
+            f"runs from -1 to 1), got {given!r:.80}"
+        )
+
+
 def boundary(
     name: str | Topology, position: ArrayLike = 0.0, derivative: ArrayLike = 1.5
 ) -> Boundary:
@@ -236,18 +277,11 @@ def boundary(
     topology = parsed(name)[0]
     count = len(topology.nodes)
     positions = _per_node("position", position, topology)
-    if not (np.abs(positions) <= MOST_POSITION).all():
-        raise InputError(
-            f"position must be on the edge, from {-MOST_POSITION} to {MOST_POSITION} (the edge "
-            f"runs from -1 to 1), got {position!r:.80}"
-        )
+    check_range("position", positions, position)
     d = as_array("derivative", derivative)
     if d.shape != (count, 2):
         d = np.repeat(_per_node("derivative", d, topology)[:, None], 2, axis=1)
-    if not ((d > 0.0) & (d <= MOST_DERIVATIVE)).all():
-        raise InputError(
-            f"derivative must be positive, and at most {MOST_DERIVATIVE:g}, got {derivative!r:.80}"
-        )
+    check_range("derivative", d, derivative)
     return Boundary(topology, read_only(np.array(positions)), read_only(np.array(d)))
 
 

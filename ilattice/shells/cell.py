@@ -5,7 +5,8 @@ The field of a tile is the signed distance to the shell near it, as a cubic spli
 are found in the octant and repeated: it has the symmetry of the cell to the bit.
 
 Guarantees: the sides of a tile are the colours of its octants, and it is negative where they are
--1; how far its zero set is off the triangles is measured, kept, and told from 1e-3 of the cell on.
+-1; how far its zero set is off triangles that are curved with the normals at their corners is
+measured, and told from 1e-3 of the cell on.
 Non-guarantee: where a boundary turns more sharply than the spans of the spline, so does the tile
 not.
 
@@ -24,7 +25,7 @@ from ilattice._validate import FixedMapping, Frozen, as_flag, as_whole, read_onl
 from ilattice.bspline import BSpline
 from ilattice.bspline.fit import fit_interpolate
 from ilattice.bspline.knots import uniform_knots
-from ilattice.errors import GeometryError
+from ilattice.errors import GeometryError, InputError
 from ilattice.minimal.completion import PeriodicSurface
 from ilattice.minimal.tile import (
     Samples,
@@ -40,7 +41,7 @@ from ilattice.shells.topologies import Topology, parsed
 from ilattice.tiles import Tile
 
 LEAST_SPANS, MOST_SPANS = 8, 128
-#: Distance of the zero set from the triangles, in cells, that is told.
+#: Distance of the zero set from the curved triangles, in cells, that is told.
 TOLERANCE = 1e-3
 _REACH = 2.5  # spans
 _SAMPLES = 20_000  # in the octant
@@ -91,7 +92,10 @@ class Shell(Frozen):
 
     @cached_property
     def values(self) -> FloatArray:
-        """Signed distances at the nodes of the octant, shape (m + 1,) * 3, for m spans."""
+        """Values of the field at the nodes of the octant, shape (m + 1,) * 3, for 2 m spans.
+
+        Near the shell they are signed distances, and they level off 2.5 spans away from it.
+        """
         count = self.spans // 2
         a = 0.5 + np.arange(count + 1) / self.spans
         u = np.stack(np.meshgrid(a, a, a, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -111,7 +115,7 @@ class Shell(Frozen):
         Warns
         -----
         PrecisionWarning
-            If the zero set is off the triangles by more than 1e-3 of the cell.
+            If the zero set is off the shell by more than 1e-3 of the cell, see `tile_error`.
         """
         spline = periodic_spline(repeated(self.values, self.surface))
         warn_off(zero_set_error(spline, self._distance), self.name, TOLERANCE)
@@ -119,7 +123,11 @@ class Shell(Frozen):
 
     @property
     def tile_error(self) -> float:
-        """Largest distance of the zero set of the tile from the triangles, in cells."""
+        """Largest distance found of the zero set of the tile from the shell, in cells.
+
+        The shell is curved triangles through the vertices, with `OctantSurface.normals` there; what
+        flat ones are off it, most where it is bent within the layer, is not part of this.
+        """
         field: Any = self.tile.field
         return zero_set_error(field, self._distance)
 
@@ -231,7 +239,7 @@ def cell(
     topology, symmetry = parsed(name)
     curves = boundary(topology, position, derivative)
     allowed = as_flag("bubbles", bubbles)
-    count = None if spans is None else as_whole("spans", spans, LEAST_SPANS, MOST_SPANS)
+    count = None if spans is None else as_spans(spans)
     octant = surface(curves, symmetry, n=n, method=method, layer=layer, progress=progress)
     if octant.bubbles and not allowed:
         raise GeometryError(
@@ -242,7 +250,31 @@ def cell(
     if count is None:
         count = spans_for(min(EDGE / n, 2.0 * octant.layer or 1.0))
     given = FixedMapping({"position": _plain(position), "derivative": _plain(derivative)})
-    return Shell(octant, given, count + count % 2)
+    return Shell(octant, given, count)
+
+
+def as_spans(spans: Any) -> int:
+    """A number of spans per edge of the cell, of which octants take halves.
+
+    Parameters
+    ----------
+    spans : int
+        The number.
+
+    Returns
+    -------
+    int
+        The same.
+
+    Raises
+    ------
+    InputError
+        If it is odd, or out of range.
+    """
+    count = as_whole("spans", spans, LEAST_SPANS, MOST_SPANS)
+    if count % 2:
+        raise InputError(f"spans must be even, got {count}: take {count + 1}")
+    return count
 
 
 def _plain(value: Any) -> Any:

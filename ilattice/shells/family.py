@@ -26,7 +26,6 @@ from ilattice._typing import AnyArray, ArrayLike, FloatArray
 from ilattice._validate import (
     Frozen,
     as_array,
-    as_not_negative,
     as_positive,
     as_real,
     as_whole,
@@ -36,8 +35,8 @@ from ilattice.bspline import BSpline
 from ilattice.errors import InputError
 from ilattice.minimal.tile import SignedDistance, warn_off, zero_set_error
 from ilattice.shells.boundary import boundary
-from ilattice.shells.cell import LEAST_SPANS, MOST_SPANS, Shell, cell, periodic_spline, repeated
-from ilattice.shells.surface import LEAST_N, MOST_N, N
+from ilattice.shells.cell import Shell, as_spans, cell, periodic_spline, repeated
+from ilattice.shells.surface import LEAST_N, MOST_N, N, as_layer
 from ilattice.shells.topologies import Topology, edge_place, home, parsed
 from ilattice.tiles import Tile
 from ilattice.tiles.mixture import TOL, Mixture
@@ -328,8 +327,8 @@ def family(
     if pair.shape != (2,):
         raise InputError(f"outer must be a position and a derivative, got {outer!r:.80}")
     inner = float(pair[1]) if derivative is None else as_positive("derivative", derivative)
-    layer = as_not_negative("layer", layer)
+    layer = as_layer(layer)
     boundary(topology, float(pair[0]), float(pair[1]))
-    count = as_whole("spans", spans, LEAST_SPANS, MOST_SPANS)
+    count = as_spans(spans)
     n = as_whole("n", n, LEAST_N, MOST_N)
-    return Family(topology, (float(pair[0]), float(pair[1])), inner, n, layer, count + count % 2)
+    return Family(topology, (float(pair[0]), float(pair[1])), inner, n, layer, count)

@@ -12,6 +12,7 @@ shell has gets the nearest ones, with their distance.
 Source: Xu et al. 2023, section 4.2, with a network in place of the surrogate.
 """
 
+import warnings
 from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -25,14 +26,28 @@ from scipy.optimize import least_squares
 from ilattice._progress import Progress, track
 from ilattice._typing import FloatArray
 from ilattice._validate import FixedMapping, Frozen, as_flag, as_positive, as_real, as_whole
-from ilattice.errors import GeometryError, IlatticeError, InputError
+from ilattice.errors import GeometryError, IlatticeError, InputError, PrecisionWarning
 from ilattice.homogenize.elastic import elastic
 from ilattice.shells.cell import Shell
-from ilattice.shells.study import CELLS, DENSITY, LAYER, OPTIONS, Cloud, N, cloud, shell_of, wall_of
+from ilattice.shells.study import (
+    CELLS,
+    DENSITY,
+    LAYER,
+    OPTIONS,
+    Cloud,
+    N,
+    Space,
+    cloud,
+    shell_of,
+    space,
+    wall_of,
+)
 from ilattice.shells.topologies import Topology
 
 #: Starts of the search, least distance of solutions in parts of the ranges.
 STARTS, APART = 32, 0.1
+#: Distance of the nearest solution that is told.
+FAR = 0.05
 #: Shells that a surrogate needs per parameter.
 FEWEST = 6
 
@@ -78,7 +93,8 @@ class Solution(Frozen):
         Parameters
         ----------
         **options
-            ``n`` and ``layer``, as in `ilattice.shells.surface`.
+            ``n`` and ``layer``, as in `ilattice.shells.surface`; by default 16 and 0.03, as of
+            surrogates: if it was made with others, give these.
 
         Returns
         -------
@@ -111,6 +127,7 @@ class Surrogate(Frozen):
             raise InputError(f"cloud must be a Cloud, got {self.cloud!r:.80}")
         super().__post_init__()
         c = self.cloud
+        _check_free(c.space)
         outputs = np.column_stack([np.log(c.young), c.poisson, np.log(c.zener)])
         object.__setattr__(self, "_fit", _interpolant(self._unit(c.parameters), outputs))
 
@@ -163,10 +180,20 @@ class Surrogate(Frozen):
         -------
         dict
             Root mean squares: relative of young and zener, absolute of poisson.
+
+        Raises
+        ------
+        InputError
+            If there are more parts than shells, or the others are too few to be interpolated.
         """
-        folds = as_whole("folds", folds, 2, len(self.cloud.young))
+        count = len(self.cloud.young)
+        folds = as_whole("folds", folds, 2, count)
         c = self.cloud
         x = self._unit(c.parameters)
+        free = int((np.ptp(x, axis=0) > 0.0).sum())
+        need, left = (free + 1) * (free + 2) // 2, count - -(-count // folds)
+        if left < need:
+            raise InputError(f"folds must leave {need} shells, but {folds} of {count} leave {left}")
         y = np.column_stack([np.log(c.young), c.poisson, np.log(c.zener)])
         off = np.empty_like(y)
         for k in range(folds):
@@ -206,6 +233,12 @@ class Surrogate(Frozen):
             If a modulus or the density is out of range.
         GeometryError
             If no solution is a shell.
+
+        Warns
+        -----
+        PrecisionWarning
+            If the nearest one is farther than 0.05 from the wanted moduli, see
+            `Solution.distance`.
         """
         space = self.cloud.space
         goal = np.array([np.log(as_positive("young", young)), as_real("poisson", poisson)])
@@ -221,7 +254,9 @@ class Surrogate(Frozen):
         last = 0.0 if high == low else (density - low) / (high - low)
         found = self._searched(goal, last)[:count]
         if not as_flag("verify", verify):
-            return tuple(self._told(x, self._moduli_of(x), goal, verified=False) for x in found)
+            return _warned(
+                [self._told(x, self._moduli_of(x), goal, verified=False) for x in found], goal
+            )
         solutions, reasons = [], []
         for x in track(found, "verify", progress):
             try:
@@ -230,7 +265,7 @@ class Surrogate(Frozen):
                 reasons.append(str(e))
         if not solutions:
             raise GeometryError(f"no shell is found for these moduli: {reasons[0]}")
-        return tuple(sorted(solutions, key=lambda s: s.distance))
+        return _warned(sorted(solutions, key=lambda s: s.distance), goal)
 
     # ------------------------------------------------------------------ inner
 
@@ -264,13 +299,14 @@ class Surrogate(Frozen):
         """Different solutions of the surrogate, the best first."""
         from scipy.stats import qmc
 
-        free = len(self.cloud.space.names) - 1
-        starts = qmc.Sobol(free, seed=1).random(STARTS)
+        space = self.cloud.space
+        free = np.array(space.high[:-1]) > np.array(space.low[:-1])
+        starts = qmc.Sobol(len(free), seed=1).random(STARTS) * free
         fits = [self._least(np.append(s, last), goal) for s in starts]
         fits.sort(key=lambda f: float(f.cost))
         found: list[FloatArray] = []
         for f in fits:
-            x = np.append(f.x, last)
+            x = np.append(f.x * free, last)
             if all(np.linalg.norm(x - other) > APART for other in found):
                 found.append(x)
         return found
@@ -313,6 +349,26 @@ class Surrogate(Frozen):
         return Solution(space.topology, values, young, poisson, zener, distance, verified)
 
 
+def _check_free(of: Space) -> None:
+    """Refuse ranges of a single point."""
+    if of.low == of.high:
+        raise InputError("ranges must not all be fixed: give one parameter two ends that differ")
+
+
+def _warned(solutions: list[Solution], goal: FloatArray) -> tuple[Solution, ...]:
+    """The solutions; where the nearest one is far from what is wanted, that is told."""
+    best = min(solutions, key=lambda s: s.distance)
+    if best.distance > FAR:
+        young, poisson = float(np.exp(goal[0])), float(goal[1])
+        warnings.warn(
+            f"the moduli are out of reach: the nearest of {best.name} is off by {best.distance:.2g}"
+            f" (wanted young={young:.4g}, poisson={poisson:.4g}; got young={best.young:.4g}, "
+            f"poisson={best.poisson:.4g}): take wider ranges, another density, or another topology",
+            PrecisionWarning, stacklevel=3,
+        )  # fmt: skip
+    return tuple(solutions)
+
+
 def surrogate(
     name: str | Topology, samples: int = 200, *,
     ranges: Mapping[str, tuple[float, float]] | None = None,
@@ -343,6 +399,7 @@ def surrogate(
     GeometryError
         If too few of the samples are shells.
     """
+    _check_free(space(name, ranges, density))
     found = cloud(
         name, samples, ranges=ranges, density=density, seed=seed, n=n, layer=layer, cells=cells,
         table=table, executor=executor, progress=progress,

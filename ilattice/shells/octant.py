@@ -39,6 +39,10 @@ LEAST = 0.2
 STEPS = 400
 
 
+class _DisagreeingError(ConvergenceError):
+    """Triangles on two faces that are one are not the same."""
+
+
 @dataclass(frozen=True, eq=False)
 class Triangles:
     """Zero set of a function on the octant.
@@ -267,8 +271,19 @@ def zero_set(u: FloatArray, curves: Boundary, n: int, glued: tuple[bool, ...]) -
     """
     step = (len(u) - 1) // n
     x = np.linspace(-1.0, 1.0, n + 1)
-    knots = np.concatenate([[-1.0], x, [1.0]])
-    spline = BSpline([knots] * 3, np.ascontiguousarray(u[::step, ::step, ::step]), 1)
+    nodes = np.ascontiguousarray(u[::step, ::step, ::step])
+    try:
+        return _contoured(nodes, x, curves, glued)
+    except _DisagreeingError:  # triangles of two faces that are one
+        return _contoured(_alike(nodes, curves, glued), x, curves, glued)
+
+
+def _contoured(
+    nodes: FloatArray, x: FloatArray, curves: Boundary, glued: tuple[bool, ...]
+) -> Triangles:
+    """See `zero_set`; ``x`` are the planes of the nodes."""
+    n, knots = len(x) - 1, np.concatenate([[-1.0], x, [1.0]])
+    spline = BSpline([knots] * 3, nodes, 1)
     found = contour_arrays(spline, [x] * 3, caps=False, place="linear")
     v = np.array(found.vertices)
     on = np.where(fixed_coordinates(found.kind), np.sign(v), 0.0).astype(np.int64)
@@ -278,6 +293,16 @@ def zero_set(u: FloatArray, curves: Boundary, n: int, glued: tuple[bool, ...]) -
     triangles = Triangles(v, np.array(found.faces, np.int64), on)
     _check_boundary(triangles, curves, n)
     return triangles
+
+
+def _alike(u: FloatArray, curves: Boundary, glued: tuple[bool, ...]) -> FloatArray:
+    """Values that agree next to faces that are one: contours look a part of a cell inside."""
+    u = np.array(u)
+    for axis in np.flatnonzero(glued):
+        sign, planes = curves.congruent(int(axis)), np.moveaxis(u, axis, 0)
+        planes[1] = 0.5 * (planes[1] + sign * planes[-2])
+        planes[-2] = sign * planes[1]
+    return u
 
 
 def graded(t: Triangles, curves: Boundary, glued: tuple[bool, ...], rounds: int) -> Triangles:
@@ -373,7 +398,7 @@ def _match(v: FloatArray, on: IntArray, axis: int, h: float) -> None:
     flat = list(others(axis))
     gap, near = map(np.asarray, cKDTree(v[low][:, flat]).query(v[high][:, flat]))
     if len(low) != len(high) or len(np.unique(near)) != len(low) or gap.max(initial=0.0) > h:
-        raise ConvergenceError(
+        raise _DisagreeingError(
             f"triangles on {FACES[2 * axis]} and {FACES[2 * axis + 1]} do not agree, though the "
             "curves do: take another n"
         )

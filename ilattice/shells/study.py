@@ -20,12 +20,21 @@ import numpy as np
 
 from ilattice._progress import Progress
 from ilattice._typing import FloatArray
-from ilattice._validate import FixedMapping, Frozen, as_array, as_index, as_whole, read_only
+from ilattice._validate import (
+    FixedMapping,
+    Frozen,
+    as_array,
+    as_index,
+    as_whole,
+    read_only,
+)
 from ilattice.errors import GeometryError, InputError
 from ilattice.homogenize.sweep import Rows, sweep
 from ilattice.lattice import Lattice, Wall
 from ilattice.macroshape.cells import cell as unit_cell
+from ilattice.shells.boundary import check_range
 from ilattice.shells.cell import Shell, cell
+from ilattice.shells.surface import LEAST_N, MOST_N, as_layer
 from ilattice.shells.topologies import Topology, parsed
 
 #: Ranges of table A.1, and of relative densities.
@@ -45,7 +54,8 @@ DENSITY = (0.2, 0.4)
 #: Triangles, layer and cells of the analysis, and its options: good for some per cent.
 N, LAYER, CELLS = 16, 0.03, 12
 OPTIONS = FixedMapping({"estimate": False})
-MOST_SAMPLES = 100_000
+MOST_SAMPLES, _MOST_SEED = 100_000, 2**63 - 1
+LEAST_CELLS, MOST_CELLS = 3, 1000
 
 
 @dataclass(frozen=True)
@@ -81,8 +91,16 @@ class Space(Frozen):
         -------
         (count, k) array
             In the ranges.
+
+        Raises
+        ------
+        InputError
+            If an argument is no whole number, or negative.
         """
         from scipy.stats import qmc
+
+        count = as_whole("count", count, 0, MOST_SAMPLES)
+        seed = as_whole("seed", seed, 0, _MOST_SEED)
 
         power = max(1, int(np.ceil(np.log2(max(count, 2)))))
         unit = qmc.Sobol(len(self.names), seed=seed).random_base2(power)[:count]
@@ -93,14 +111,25 @@ class Space(Frozen):
 
         Parameters
         ----------
-        unit : (n, k) array
+        unit : (n, k) or (k,) array
             From 0 to 1.
 
         Returns
         -------
-        (n, k) array
+        array of that shape
             Parameters.
+
+        Raises
+        ------
+        InputError
+            If there are not k columns, or a value is not from 0 to 1.
         """
+        unit = as_array("unit", unit)
+        if not 1 <= unit.ndim <= 2 or unit.shape[-1] != len(self.names):
+            told = f"{len(self.names)} columns, {', '.join(self.names)}"
+            raise InputError(f"unit must have {told}, got shape {unit.shape}")
+        if ((unit < 0.0) | (unit > 1.0)).any():
+            raise InputError(f"unit must be from 0 to 1, but reaches {unit.min()} or {unit.max()}")
         low, high = np.array(self.low), np.array(self.high)
         points: FloatArray = low + unit * (high - low)
         return points
@@ -117,7 +146,15 @@ class Space(Frozen):
         -------
         mapping
             In the order of `names`.
+
+        Raises
+        ------
+        InputError
+            If there are not k of them.
         """
+        row = as_array("row", row, ndim=1)
+        if len(row) != len(self.names):
+            raise InputError(f"row must be {', '.join(self.names)}, got {len(row)} numbers")
         return FixedMapping(dict(zip(self.names, map(float, row), strict=True)))
 
 
@@ -172,6 +209,8 @@ def space(
         ends = as_array(key, value)
         if ends.shape != (2,) or not ends[0] <= ends[1]:
             raise InputError(f"{key} must be a range of two ascending numbers, got {value!r:.60}")
+        if key != "density":
+            check_range(key, ends, value)
         low.append(float(ends[0]))
         high.append(float(ends[1]))
     if not 0.0 < low[-1] <= high[-1] < 1.0:
@@ -324,7 +363,9 @@ def cloud(
         raise InputError(
             f"name must be of a shell of cubic symmetry, with three reflections, got {name!r:.40}"
         )
-    make = partial(sampled, space=of, seed=as_index("seed", seed), n=n, layer=layer)
+    seed, layer = as_whole("seed", seed, 0, _MOST_SEED), as_layer(layer)
+    n, cells = as_whole("n", n, LEAST_N, MOST_N), as_whole("cells", cells, LEAST_CELLS, MOST_CELLS)
+    make = partial(sampled, space=of, seed=seed, n=n, layer=layer)
     rows = sweep(
         make, sample=list(range(count)), table=table, cells=cells, options=dict(OPTIONS),
         executor=executor, progress=progress,
@@ -352,9 +393,17 @@ def hull_area(x: FloatArray, y: FloatArray) -> float:
     -------
     float
         0 for fewer than three points, or points on a line.
+
+    Raises
+    ------
+    InputError
+        If they are not two rows of numbers, as many of each.
     """
     from scipy.spatial import ConvexHull, QhullError
 
+    x, y = as_array("x", x, ndim=1), as_array("y", y, ndim=1)
+    if len(x) != len(y):
+        raise InputError(f"x and y must have as many numbers, got {len(x)} and {len(y)}")
     points = np.column_stack([x, y])
     if len(points) < 3:
         return 0.0

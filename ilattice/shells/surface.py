@@ -10,6 +10,7 @@ import warnings
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -17,7 +18,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ilattice._progress import Progress, staged
 from ilattice._typing import AnyArray, FloatArray, IntArray
-from ilattice._validate import Frozen, as_choice, as_not_negative, as_whole, read_only
+from ilattice._validate import Frozen, as_choice, as_not_negative, as_real, as_whole, read_only
 from ilattice.errors import ConvergenceError, GeometryError, InputError, PrecisionWarning
 from ilattice.mesh import SurfaceMesh
 from ilattice.minimal.clamped import Rim, clamped
@@ -45,6 +46,7 @@ _FINE = 48
 #: have at most where it gets thinner in the end; most rounds of division.
 EDGE, _RESOLVED, _COARSEST, _MOST_ROUNDS = 0.65, 0.35, 0.5, 6
 _SCALE = 0.25  # from the octant [-1, 1]³ to the cell
+_SAME = 1e-9  # images of vertices on the faces of the octant agree to rounding
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -181,7 +183,15 @@ class OctantSurface(Frozen):
         -------
         float
             In one over edges of the cell.
+
+        Raises
+        ------
+        InputError
+            If `q` is not between 0 and 1.
         """
+        q = as_real("q", q)
+        if not 0.0 <= q <= 1.0:
+            raise InputError(f"q must be from 0 to 1, got {q:g}")
         order = np.argsort(self.mean_curvature)
         part = np.cumsum(vertex_areas(self.vertices, self.faces)[order])
         row = int(np.searchsorted(part, q * part[-1]))
@@ -214,7 +224,7 @@ class OctantSurface(Frozen):
         group = Group(
             read_only(np.array(matrices)), read_only(np.array(shifts)), read_only(np.ones(3))
         )
-        return completed(self.vertices, self.faces, group, np.array(sides))
+        return completed(self.vertices, self.faces, group, np.array(sides), tol=_SAME)
 
 
 def surface(
@@ -269,7 +279,7 @@ def surface(
         raise InputError(f"symmetry must be r or t for each axis, as 'rrt', got {symmetry!r:.40}")
     n = as_whole("n", n, LEAST_N, MOST_N)
     as_choice("method", method, METHODS)
-    given = None if layer is None else as_not_negative("layer", layer)
+    given = None if layer is None else as_layer(layer)
     glued = tuple(letter == "t" for letter in symmetry)
     check_translations(curves, symmetry)
     step = max(1, -(-_FINE // n))
@@ -291,6 +301,30 @@ def surface(
             PrecisionWarning, stacklevel=2,
         )  # fmt: skip
     return found
+
+
+def as_layer(layer: Any) -> float:
+    """A length of layers, up to the edge of the cell.
+
+    Parameters
+    ----------
+    layer : float
+        Length, in cells.
+
+    Returns
+    -------
+    float
+        The same.
+
+    Raises
+    ------
+    InputError
+        If it is none.
+    """
+    length = as_not_negative("layer", layer)
+    if length > 1.0:
+        raise InputError(f"layer must be at most 1, the edge of the cell, got {length:g}")
+    return length
 
 
 def _smooth(

@@ -107,3 +107,15 @@ def test_congruent_faces():
     assert [il.shells.boundary(t, shifted).congruent(a) for a in range(3)] == [-1, -1, -1]
     shifted[0] += 1e-3
     assert [il.shells.boundary(t, shifted).congruent(a) for a in range(3)] == [-1, 0, 0]
+
+
+def test_wrong_numbers_of_points_and_axes_are_told():
+    curves = il.shells.boundary("topo_19", 0.1, 1.5)
+    for wrong in (-1, 1, 2.5, "x", None):
+        with pytest.raises(InputError, match="count must be a whole number"):
+            curves.points(wrong)
+        with pytest.raises(InputError, match="count must be a whole number"):
+            curves.loops(wrong)
+    for wrong in (-1, 3, 1.5, "x", None):
+        with pytest.raises(InputError, match="axis must be"):
+            curves.congruent(wrong)

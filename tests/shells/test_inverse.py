@@ -1,10 +1,12 @@
 """Clouds of homogenized shells, and surrogates with known inverses."""
 
+import warnings
+
 import numpy as np
 import pytest
 
 import ilattice as il
-from ilattice.errors import GeometryError, InputError
+from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.homogenize.sweep import Rows
 from ilattice.shells import Cloud, Surrogate, space
 from ilattice.shells.inverse import Surrogate as Inner
@@ -60,7 +62,8 @@ def test_inversion_finds_all_solutions(model):
 
 
 def test_what_no_shell_has_is_told_by_its_distance(model):
-    found = model.invert(young=10.0, poisson=0.3, density=0.3, verify=False)
+    with pytest.warns(PrecisionWarning, match="out of reach"):
+        found = model.invert(young=10.0, poisson=0.3, density=0.3, verify=False)
     assert min(s.distance for s in found) > 0.9
 
 
@@ -137,3 +140,87 @@ def test_hulls():
     square = np.array([[0, 0], [1, 0], [1, 2], [0, 2], [0.5, 1]], np.float64)
     assert il.shells.hull_area(*square.T) == pytest.approx(2.0)
     assert il.shells.hull_area(np.arange(4.0), np.arange(4.0)) == 0.0
+
+
+def made_up(ranges, density=(0.2, 0.4), count=60):
+    of = space("topo_19_rrr", ranges, density)
+    x = of.points(count)
+    young, poisson, zener = exact(x).T
+    return Surrogate(Cloud(of, x, young, poisson, zener, x[:, 2], Rows(())), 8, 0.03, 4)
+
+
+def test_fixed_parameters_make_no_different_solutions():
+    model = made_up({"position": (0.1, 0.1), "derivative": (1.0, 2.0)})
+    young, poisson, _ = exact(np.array([[0.1, 1.4, 0.3]]))[0]
+    found = model.invert(young=young, poisson=poisson, density=0.3, count=5, verify=False)
+    assert len(found) == 1
+    assert found[0].parameters["derivative"] == pytest.approx(1.4, abs=0.01)
+    both = made_up({"position": (0.1, 0.1), "derivative": (1.5, 1.5)})
+    young, poisson, _ = exact(np.array([[0.1, 1.5, 0.3]]))[0]
+    found = both.invert(young=young, poisson=poisson, density=0.3, count=5, verify=False)
+    assert len(found) == 1
+    assert found[0].distance < 0.01
+    with pytest.raises(InputError, match="ranges must not all be fixed"):
+        made_up({"position": (0.1, 0.1), "derivative": (1.5, 1.5)}, 0.3)
+
+
+def test_moduli_out_of_reach_are_told(model):
+    young, poisson, _ = exact(np.array([[0.25, 1.4, 0.3]]))[0]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        model.invert(young=young, poisson=poisson, density=0.3, verify=False)
+    with pytest.warns(PrecisionWarning, match=r"out of reach.* off by .*young"):
+        found = model.invert(young=0.29, poisson=poisson, density=0.3, verify=False)
+    assert found[0].distance > 0.1
+    with pytest.warns(PrecisionWarning, match=r"out of reach.*poisson"):
+        model.invert(young=young, poisson=-0.3, density=0.3, verify=False)
+
+
+def test_too_few_shells_for_parts_are_told():
+    few = made_up(None, count=18)
+    assert few.errors(folds=3)["young"] < 0.1
+    with pytest.raises(InputError, match="folds must leave 10 shells"):
+        few.errors(folds=2)
+
+
+def test_wrong_spaces_points_and_seeds_are_told():
+    of = space("topo_19_rrr")
+    for wrong in (-3, 2.5, "a"):
+        with pytest.raises(InputError, match="count must be"):
+            of.points(wrong)
+    for wrong in (-1, 1.5, None):
+        with pytest.raises(InputError, match="seed must be a whole number from 0"):
+            of.points(3, wrong)
+        with pytest.raises(InputError, match="seed must be a whole number from 0"):
+            il.shells.cloud("topo_19_rrr", 1, seed=wrong)
+    for wrong in (np.zeros((2, 2)), "a", np.full((1, 3), 1.5)):
+        with pytest.raises(InputError, match="unit"):
+            of.placed(wrong)
+    for wrong in (np.zeros(2), "abc"):
+        with pytest.raises(InputError, match="row"):
+            of.named(wrong)
+    for wrong in (([0.0, np.nan, 1.0], [0.0, 1.0, 1.0]), ([0.0, 1.0], [0.0, 1.0, 2.0]), ("a", [1])):
+        with pytest.raises(InputError, match=r"x|y"):
+            il.shells.hull_area(*wrong)
+
+
+@pytest.mark.parametrize(
+    ("ranges", "told"),
+    [
+        ({"position": (-2.0, 0.2), "derivative": (1.0, 2.0)}, "position must be .*-0.99 to 0.99"),
+        ({"position": (-0.2, 0.2), "derivative": (0.0, 2.0)}, "derivative must be .*100"),
+        ({"position": (-0.2, 0.2), "derivative": (1.0, 200.0)}, "derivative must be .*100"),
+    ],
+)
+def test_ranges_that_no_boundary_has_are_refused_before_any_work(ranges, told):
+    with pytest.raises(InputError, match=told):
+        space("topo_19_rrr", ranges)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [({"n": 4}, "n must be"), ({"layer": -1.0}, "layer must be"), ({"cells": 1}, "cells must be")],
+)
+def test_wrong_arguments_of_clouds_are_no_failed_rows(wrong, told):
+    with pytest.raises(InputError, match=told):
+        il.shells.cloud("topo_19_rrr", 1, **wrong)

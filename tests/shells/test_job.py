@@ -49,6 +49,11 @@ def test_without_a_wall_files_hold_the_surface(tmp_path, capfd):
         (["--topology", "c1", "--derivative", "5"], 1, "cross on face"),
         (["--topology", "c19", "--repeat", "0"], 2, "repeat"),
         (["--topology", "c19", "--method", "magic"], 2, "method"),
+        (["--topology", "c19", "--n", "12.5"], 2, "--n"),
+        (["--topology", "c19", "--n", "8", "--density", "0.3", "--repeat", "1.6"], 2, "--repeat"),
+        (["--topology", ""], 2, "topology"),
+        (["--density", "0.3"], 2, "--topology is missing"),
+        (["-o", "s.stl", "--report", "s.json"], 2, "--topology is missing"),
     ],
 )
 def test_wrong_words_end_in_one_line(words, code, told, capfd):

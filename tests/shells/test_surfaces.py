@@ -13,7 +13,7 @@ import ilattice as il
 from ilattice.errors import ConvergenceError, GeometryError, InputError, PrecisionWarning
 from ilattice.minimal.disc import opposite_edges
 from ilattice.shells.boundary import Boundary
-from ilattice.shells.octant import boundary_loops, coloured, evened, harmonic
+from ilattice.shells.octant import boundary_loops, coloured, evened, harmonic, zero_set
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 import exact_schwarz
@@ -283,3 +283,55 @@ def test_topologies_of_the_paper_repeat():
     shell = il.shells.cell("topo_6_ttt", derivative=1.2, n=12)
     assert shell.periodic.is_closed
     assert shell.surface.signs == (1, -1, -1)
+
+
+def test_surfaces_along_a_mirror_are_completed_without_loss():
+    """Next to a mirror a surface and its image come closer than vertices are apart."""
+    positions = [0.48, 0.21, -0.08, 0.11, 0.12, -0.0, 0.24, -0.47]
+    derivatives = [2.99, 2.33, 1.73, 2.01, 0.76, 1.79, 2.51, 1.23]
+    curves = il.shells.boundary("c12", positions, derivatives)
+    octant = il.shells.surface(curves, "rrr", n=12, layer=0.0)
+    inside = ~octant.on.any(axis=1)
+    assert octant.vertices[inside, 1].min() < 0.5 + 1e-3  # it does run along y = 1/2
+    whole = octant.completed()
+    assert whole.is_closed
+    assert whole.is_orientable
+    assert len(whole.faces) == 8 * len(octant.faces)
+    assert whole.area == pytest.approx(octant.area, rel=1e-12)
+
+
+def test_quantiles_and_layers_out_of_range_are_told():
+    curves = il.shells.boundary("topo_19", 0.1, 1.5)
+    octant = il.shells.surface(curves, n=8, layer=0.05)
+    assert octant.curvature_quantile(1) == octant.mean_curvature.max()
+    for wrong in (-0.1, 1.1, np.nan, "a", None):
+        with pytest.raises(InputError, match="q must be"):
+            octant.curvature_quantile(wrong)
+    for wrong in (-0.1, 1.5, 1e9):
+        with pytest.raises(InputError, match="layer must be"):
+            il.shells.surface(curves, n=8, layer=wrong)
+    with pytest.raises(InputError, match="spans must be even"):
+        il.shells.cell("topo_19_rrr", n=8, layer=0.05, spans=11)
+    with pytest.raises(InputError, match="spans must be even"):
+        il.shells.family("topo_1_rrr", outer=(0.2, 1.5), spans=35)
+
+
+def test_triangles_agree_on_faces_that_are_one():
+    """Whatever is between them: the harmonic function inside is not the same next to both."""
+    rng = np.random.default_rng(5)
+    for name, n in (("topo_3", 8), ("c3", 8), ("topo_1", 12)):
+        axis = 0 if name == "c3" else 1
+        found = il.shells.boundary(name).nodes
+        found = np.where(np.abs(found) < 1.0, 0.0, found)
+        turn = np.where(found.sum(axis=1) == 2.0, -1.0, 1.0)
+        low = np.where(np.arange(3) == axis, -np.abs(found), found)
+        low = np.unique(low, axis=0, return_inverse=True)[1].ravel()
+        for _ in range(40):
+            free = rng.uniform(-0.4, 0.4, len(found)), rng.uniform(0.6, 1.6, (len(found), 2))
+            curves = il.shells.boundary(name, turn * free[0][low], free[1][low])
+            assert curves.congruent(axis)
+            glued = tuple(a == axis for a in range(3))
+            t = zero_set(harmonic(curves, 48), curves, n, glued)
+            ends = [t.vertices[t.on[:, axis] == side] for side in (-1, 1)]
+            flat = [np.delete(v, axis, axis=1) for v in ends]
+            np.testing.assert_array_equal(*(v[np.lexsort(v.T)] for v in flat))
