@@ -45,7 +45,8 @@ class Object(Solid):
     resolution : int
         Voxels per edge of the cell, where voxels are made of it.
     extrusion : {"spherical", "normal"}
-        All that is within half the thickness; or only along the normals, without round rims.
+        All that is within half the thickness; or only along the normals, without round rims, of
+        closed surfaces: creases, where images meet at an angle, are round all the same.
     """
 
     word: ClassVar[str] = "object"
