@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._memory import need
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import read_only
 from ilattice.cutfem import _kernels_elements as kernels
@@ -219,6 +220,12 @@ def regrouped(rule: Quadrature, low: IntArray, high: IntArray | None) -> Quadrat
     Quadrature
         Sorted.
     """
+    held = [rule.points, rule.weights, rule.normals, rule.sets, rule.parameters, low, low]
+    need(
+        sum(a.nbytes for a in held if a is not None),
+        f"a rule of {len(rule)} points by elements",
+        "use fewer cells, a smaller q or a part of the solid",
+    )
     order = np.argsort(low, kind="stable") if high is None else np.lexsort((high, low))
     low = low[order]
     change = low[1:] != low[:-1]

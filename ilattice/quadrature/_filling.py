@@ -151,7 +151,8 @@ class Rows:
                 (57.0 if self.wide else 32.0) * (2.0 * expected - self.count),
                 f"a rule of about {expected:.1g} points, and one sorted",
                 "use fewer cells, a smaller q or a part of the solid: a thin beam takes points in "
-                "proportion to its length over its radius",
+                "proportion to its length over its radius; of a function whose faces cross within "
+                "cells, make a union or an intersection of fields",
             )
             self._resize(min(int(1.03 * self.count / done) + 1, 2 * self.count))
         kernels.gather(arena, room, starts, used, *self.arrays)
