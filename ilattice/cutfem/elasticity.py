@@ -215,7 +215,9 @@ class Elasticity(ElasticOperators):
             The displacement; a callable takes points of space (n, 3), returns vectors (n, 3).
         method : {"auto", "strong", "nitsche"}
             Exactly, for end faces; or in the mean, by Nitsche's method. Loads and springs on
-            the place go into the support; of supports that overlap, the first one holds.
+            the place go into the support; of supports that overlap, the first one holds. Where two
+            phases meet on an end face, values with a kink there are right by Nitsche's method only:
+            held exactly they are interpolated (by up to 2 % in coarse cells).
         where : str, callable, (2, 3) array-like, Field or SurfaceMesh, optional
             The part of a place with a name, as in `on`.
         rotation : sequence of 3 floats, optional
