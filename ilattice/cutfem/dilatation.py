@@ -147,11 +147,11 @@ class Dilatation:
 def as_terms(degree: int, smoothness: int) -> int:
     """How many polynomials keep the order without locking.
 
-    Linear ones are stable for splines of degrees 2 and 3 that are no smoother than finite elements,
-    and for cubic ones with one derivative. The smoothest splines have one function per cell, and
-    bear one condition.
+    Linear ones are stable for quadratic splines that are no smoother than finite elements.
+    Smooth quadratic splines have one function per cell, and bear one condition; cubic ones would
+    lose their order with it.
     """
-    return 1 if smoothness == degree - 1 else 4
+    return 1 if degree == 1 or (degree == 2 and smoothness == 1) else 4
 
 
 def polynomials(asm: Assembly, u: FloatArray, at: IntArray, terms: int) -> FloatArray:
