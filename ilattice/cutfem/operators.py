@@ -91,6 +91,14 @@ class ElasticOperators(Problem):
         if self.dilatation == "full" or full or (self.dilatation == "auto" and not near):
             return None
         asm, space = self.assembly, self.assembly.space
+        if near and space.degree == 3 and space.smoothness == 2:
+            warnings.warn(
+                f"Poisson's ratio is up to {self._largest_nu:g}, and cubic splines of smoothness 2 "
+                "lock: they are too stiff by some per cent, and pressures may be of no use; take "
+                "smoothness=1, or degree=2",
+                PrecisionWarning,
+                stacklevel=3,
+            )
 
         def make() -> Dilatation:
             rules = self.domain.stiff_rules(asm, constant=self.material.constant)

@@ -9,7 +9,9 @@ from ilattice.cutfem import Elasticity
 from ilattice.errors import InputError, PrecisionWarning
 
 #: Numbers on coarse grids are what is tested here.
-pytestmark = pytest.mark.filterwarnings("ignore:the cells are too coarse")
+pytestmark = pytest.mark.filterwarnings(
+    "ignore:the cells are too coarse", "ignore:.*cubic splines of smoothness 2"
+)
 
 RATIOS = (0.3, 0.49, 0.499)
 SPACES = [(1, 0), (2, 1), (2, 0), (3, 2)]
@@ -58,6 +60,8 @@ def test_a_beam_bends_as_far_at_any_ratio():
 def test_locking_is_told():
     with pytest.warns(PrecisionWarning, match="locks"):
         assert tip(0.499, dilatation="full") < 0.9
+    with pytest.warns(PrecisionWarning, match="take smoothness=1"):
+        tip(0.499, degree=3)
     with pytest.raises(InputError, match="dilatation"):
         tip(0.3, dilatation="half")
 
