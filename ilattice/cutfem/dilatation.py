@@ -15,6 +15,7 @@ order less accurate than the displacement, and may oscillate from cell to cell w
 is held all around.
 """
 
+import numbers
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,6 +28,9 @@ from ilattice.quadrature.rules import Quadrature
 
 #: Poisson's ratio from which "auto" projects.
 FROM = 0.45
+#: Number of continuous derivatives of cubic splines that do not lock: smoother ones have one
+#: function per cell, fewer than the conditions that keep their order.
+MOST_SMOOTH = 1
 #: Polynomials of which a cell has less than this part of the greatest spread are left out.
 THIN = 1e-9
 
@@ -144,12 +148,18 @@ class Dilatation:
         return polynomials(self.assembly, u, at, self.terms)
 
 
+def is_near(poisson: Any) -> bool:
+    """Whether Poisson's ratio, or that of a phase, is a number from which "auto" projects."""
+    values = poisson if isinstance(poisson, tuple | list) else (poisson,)
+    return any(isinstance(v, numbers.Real) and float(v) >= FROM for v in values)
+
+
 def as_terms(degree: int, smoothness: int) -> int:
     """How many polynomials keep the order without locking.
 
     Linear ones are stable for quadratic splines that are no smoother than finite elements.
     Smooth quadratic splines have one function per cell, and bear one condition; cubic ones would
-    lose their order with it.
+    lose their order with it, and lock with more: see `MOST_SMOOTH`.
     """
     return 1 if degree == 1 or (degree == 2 and smoothness == 1) else 4
 

@@ -34,6 +34,7 @@ from ilattice._validate import among, as_choice
 from ilattice.cutfem import rigid
 from ilattice.cutfem.anisotropic import Anisotropic, Material, Stiffness
 from ilattice.cutfem.conditions import as_value
+from ilattice.cutfem.dilatation import MOST_SMOOTH, is_near
 from ilattice.cutfem.discretization import Product
 from ilattice.cutfem.domain import lattice_of
 from ilattice.cutfem.material import Isotropic, MapProperties, Property, Scalar
@@ -88,8 +89,9 @@ class Elasticity(ElasticOperators):
         Of the splines.
     smoothness : int, optional, keyword-only
         Number of derivatives that are continuous across the faces of cells, from 0 to degree - 1,
-        which is the default. With 0 thin struts bend at joints within a cell or two, at up to
-        degree³ times as many unknowns; see `ilattice.cutfem` for which to use when.
+        which is the default; but 1 for degree 3 where a number of `poisson` is 0.45 or above, as
+        2 locks there. With 0 thin struts bend at joints within a cell or two, at up to degree³
+        times as many unknowns; see `ilattice.cutfem` for which to use when.
     q : int, optional, keyword-only
         Gauss points per direction and piece of a cell; by default 2 for degree 1, which takes two
         thirds of the time of 3 and costs accuracy in slivers (see above), 4 for degree 2 and 6 for
@@ -153,6 +155,8 @@ class Elasticity(ElasticOperators):
         if not among(dilatation, DILATATIONS):
             raise InputError(f"dilatation must be one of {DILATATIONS}, got {dilatation!r}")
         as_choice("islands", islands, ISLANDS)
+        if smoothness is None and degree == 3 and dilatation != "full" and is_near(poisson):
+            smoothness = MOST_SMOOTH
         where = as_phased(
             field, cells, degree=degree, smoothness=smoothness, q=q, stabilization=stabilization,
             weight=weight, domain=domain, through=through, phases=phases,
