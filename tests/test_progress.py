@@ -135,3 +135,16 @@ def test_other_long_work_tells_its_stages():
             assert tuple(seen) == labels
             with pytest.raises(InputError, match="progress"):
                 call(3)
+
+
+@pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
+@pytest.mark.parametrize("density", [0.3, [[[0.3]], [[0.28]]]])
+def test_mixtures_and_densities_tell_their_stages(density):
+    seen = []
+    both = il.tiles.mix("schwarz_p", "gyroid", cells=np.arange(2).reshape(2, 1, 1))
+    bar = il.macroshape.box((2.0, 1.0, 1.0))
+    il.Lattice(both, through=bar, repeat=(2, 1, 1), spans_per_tile=6).offset(
+        relative_density=density, progress=lambda label, *_: seen.append(label)
+    )
+    stages = ["tiles", "distance", *["densities"][: np.ndim(density)], "density"]
+    assert list(dict.fromkeys(seen)) == stages

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._progress import Progress, track
 from ilattice._typing import FloatArray
 from ilattice._validate import as_array, asked
 from ilattice.bspline import BSpline
@@ -108,8 +109,9 @@ class _Densities:
 
 
 def thickness_of_density(
-    lattice: Tiling, distance: BSpline, profile: Thickness, density: Any
-) -> Thickness:
+    lattice: Tiling, distance: BSpline, profile: Thickness, density: Any,
+    progress: Progress = None,
+) -> Thickness:  # fmt: skip
     """A thickness, scaled until the wall has the asked density.
 
     Parameters
@@ -124,6 +126,8 @@ def thickness_of_density(
         Relative density of the whole, or of every tile; a callable takes the parameters (n, 3)
         of the centres of tiles. Of a solid only the growth is scaled: a positive one reaches
         densities above that of the solid itself, a negative one those below, of the whole only.
+    progress : bool or callable, optional
+        Walls whose "density" is measured; see `ilattice._progress.track`.
 
     Returns
     -------
@@ -147,7 +151,7 @@ def thickness_of_density(
         least = densities.whole(profile.scaled(0.0)) if profile.solid else 0.0
         ends = least, densities.whole(top)
         _check_reachable(target, *sorted(ends))
-        factor = _solve(densities, profile, target, thickest, ends)
+        factor = _solve(densities, profile, target, thickest, ends, progress)
         return profile.scaled(factor)
     if not profile.constant:
         raise InputError("densities of tiles need a constant d, or none; this one varies")
@@ -158,7 +162,7 @@ def thickness_of_density(
     bottoms = densities.cells(profile.scaled(0.0)) if profile.solid else np.zeros_like(tops)
     for place in (np.argmin(targets - bottoms), np.argmax(targets - tops)):
         _check_reachable(*(float(a.flat[place]) for a in (targets, bottoms, tops)))
-    return _solve_cells(densities, profile, targets, thickest, bottoms)
+    return _solve_cells(densities, profile, targets, thickest, bottoms, progress)
 
 
 def _solve(
@@ -167,6 +171,7 @@ def _solve(
     target: float,
     thickest: float,
     ends: tuple[float, float],
+    progress: Progress,
 ) -> float:
     """Factor at which the density is the target: secants that keep a bracket (Illinois).
 
@@ -175,7 +180,7 @@ def _solve(
     a, fa = 0.0, ends[0] - target
     b, fb = thickest, ends[1] - target
     f = fb
-    for _ in range(EVALUATIONS):
+    for _ in track(range(EVALUATIONS), "density", progress):
         x = b - fb * (b - a) / (fb - fa)
         f = densities.whole(profile.scaled(x)) - target
         if abs(f) <= TOLERANCE:
@@ -194,18 +199,20 @@ def _solve_cells(
     targets: FloatArray,
     thickest: float,
     bottoms: FloatArray,
+    progress: Progress,
 ) -> Thickness:
     """Thickness with one coefficient per cell such that every cell has its density.
 
     `bottoms` are the densities at the factor 0.
     """
     levels = thickest * np.linspace(0.0, 1.0, LEVELS) ** 1.5
-    curves = np.stack([bottoms] + [densities.cells(profile.scaled(s)) for s in levels[1:]])
+    told = track(levels[1:], "densities", progress)
+    curves = np.stack([bottoms] + [densities.cells(profile.scaled(s)) for s in told])
     factor = _by_cell(targets, curves, levels)
     slopes = np.gradient(curves, levels, axis=0)
     slope = np.maximum(_by_cell(factor, levels, slopes), 0.2 * slopes.max(axis=0))
     error = np.inf
-    for _ in range(CELL_EVALUATIONS):
+    for _ in track(range(CELL_EVALUATIONS), "density", progress):
         thickness = _per_cell(densities.lattice, profile, factor)
         miss = targets - densities.cells(thickness)
         error = float(np.abs(miss).max())

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ilattice._progress import Progress
+from ilattice._progress import Progress, staged
 from ilattice._typing import ArrayLike
 from ilattice._validate import as_kind, as_positive
 from ilattice.errors import InputError
@@ -21,6 +21,7 @@ from ilattice.offsets.solid import tile_solid
 from ilattice.offsets.thickness import as_thickness
 from ilattice.offsets.tolerance import refined
 from ilattice.offsets.wall import OffsetSolid
+from ilattice.tiles.mixture import Mixture
 
 
 def offset_solid(
@@ -65,8 +66,10 @@ def offset_solid(
     sides = as_thickness(d, lattice)
     if sides.unchanged and relative_density is None:
         return tile_solid(lattice, sides, tol)
+    if isinstance(lattice.tile, Mixture):  # which makes its cells when it is asked first
+        staged({"tiles": lambda: lattice.smooth_tile}, progress)
     distance = distance_spline(lattice, progress=progress)
     if relative_density is not None:
-        sides = thickness_of_density(lattice, distance, sides, relative_density)
+        sides = thickness_of_density(lattice, distance, sides, relative_density, progress)
     solid = OffsetSolid(lattice, distance, sides)
     return solid if tol is None else refined(solid, tol, progress)
