@@ -48,5 +48,5 @@ def main(cells: int = 7, steps: int = 2, out: str = "") -> dict[str, float]:
 
 
 if __name__ == "__main__":
-    for name, number in main(steps=4, out="bands").items():
+    for name, number in main(steps=10, out="bands").items():
         print(f"{name}: {number:.5g}")

@@ -31,5 +31,5 @@ def main(cells: int = 8, steps: int = 3, path: str = "GXMRG", out: str = "") -> 
 
 
 if __name__ == "__main__":
-    for name, number in main(out="graph_bandgap").items():
+    for name, number in main(steps=8, out="graph_bandgap").items():
         print(f"{name:>26}  {number:.4g}")

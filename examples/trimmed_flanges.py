@@ -11,7 +11,7 @@ which integrate its volume and its middle of mass without a mesh, with 28 cells 
 import ilattice as il
 
 
-def main(h: float = 0.6, d: float = 0.4, cells: int = 28, out: str = "") -> dict[str, float]:
+def main(h: float = 0.3, d: float = 0.4, cells: int = 28, out: str = "") -> dict[str, float]:
     """Make and mesh the part; write it if `out` is given."""
     block = il.macroshape.box(lo=(-13.0, -13.0, 0.0), hi=(13.0, 13.0, 26.0))
     wall = il.Lattice("diamond", through=block, repeat=3).offset(d)
