@@ -184,7 +184,8 @@ def relative_error(
     multiply : callable
         Product of the matrix with displacements (n, m), zero where they are prescribed.
     motions : callable
-        Displacements without energy, where coarse solutions are looked for first.
+        Displacements without energy, or free of stress when heated, where coarse solutions are
+        looked for first.
     diagonal : ndarray, shape (n, m)
         Its diagonal, any positive number where they are prescribed.
     c : ndarray, shape (n, m)

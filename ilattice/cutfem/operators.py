@@ -436,6 +436,16 @@ class ElasticOperators(Problem):
             out[:, k, 3 + i] = x[:, j]
         return out
 
+    def _starts(self, x: FloatArray) -> FloatArray:
+        """All that is linear where heat expands the solid: freely, it stores no energy."""
+        if not any(f.kind == "temperature" for f in self.loads):
+            return self._motions(x)
+        out = np.zeros((len(x), 3, 12))
+        for i in range(3):
+            out[:, i, i] = 1.0
+            out[:, i, 3 + 3 * i : 6 + 3 * i] = x
+        return out
+
 
 def _shear(material: Material, asm: Assembly, u: FloatArray) -> FloatArray:
     """Shear modulus (n,) at parameters."""

@@ -218,6 +218,10 @@ class Problem(Posed):
         """Motions (n, m, k) without energy at points of space."""
         raise NotImplementedError
 
+    def _starts(self, x: FloatArray) -> FloatArray:
+        """Displacements (n, m, k) at which coarse solutions are looked for first."""
+        return self._motions(x)
+
     @cached_property
     def system(self) -> System:
         """The equations, prescribed coefficients eliminated."""
@@ -386,7 +390,7 @@ class Problem(Posed):
             void = (self._energy_on(c, rule) for rule in domain.void_rules(self.assembly))
             jumps += 2.0 * sum(void)  # it is missing in the solid, and makes it too stiff
         return discretization.relative_error(
-            levels, multiply, self._motions, diagonal, c, con.fixed, energy, jumps
+            levels, multiply, self._starts, diagonal, c, con.fixed, energy, jumps
         )
 
     def _rules_error(self, c: FloatArray, energy: float) -> float:
