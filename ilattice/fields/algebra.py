@@ -417,6 +417,26 @@ def rotate(part: Node, angle: float, axis: Any) -> Node:
     return _Placed(as_node("part", part), R.T, np.zeros(3), 1.0)
 
 
+def placed(part: Node, matrix: FloatArray, shift: FloatArray) -> Node:
+    """A field after a regular affine map, which may shear: ``part(matrix x + shift)``.
+
+    Parameters
+    ----------
+    part : Node
+        Field.
+    matrix : ndarray, shape (3, 3)
+        From points to those of the field.
+    shift : ndarray, shape (3,)
+        What is added.
+
+    Returns
+    -------
+    Node
+        Also where the field is a distance, this is none.
+    """
+    return _Placed(as_node("part", part), matrix, shift, 1.0)
+
+
 def normalize(part: Node) -> Node:
     """First-order distance ``f / |grad f|``.
 

@@ -19,7 +19,9 @@ from ilattice.errors import InputError
 from ilattice.lattice import Lattice, Wall
 from ilattice.macroshape.cells import CellMap, cell
 from ilattice.macroshape.maps import SplineMap
+from ilattice.offsets.solid import TileSolid
 from ilattice.quadrature.grid import CutGrid, Grid, cut
+from ilattice.tiles.bars import solid_of_bars
 from ilattice.tiles.catalog import get
 from ilattice.tiles.mixture import Mixture
 from ilattice.tiles.tile import Tile
@@ -116,9 +118,20 @@ def as_cell(field: Any, cells: Any, *, domain: Any = None, through: Any = None) 
         counts = as_counts("cells", cells)
         x, y, z = (np.linspace(box[0, a], box[1, a], counts[a] + 1) for a in range(3))
         grid = Grid((x, y, z), (True,) * 3)
-    out = cut(field, grid, through=through)
+    out = cut(_exact(field), grid, through=through)
     check_repeats(out, field)
     return out
+
+
+def _exact(field: Any) -> Any:
+    """What is cut: of straight bars the solid itself, whose edges a spline rounds off."""
+    if not isinstance(field, TileSolid):
+        return field
+    tile, lattice = field.lattice.tile, field.lattice
+    bars = None
+    if isinstance(tile, Tile):
+        bars = solid_of_bars(tile, lattice.repeat, lattice.domain)
+    return field if bars is None else bars
 
 
 def _leaves(box: FloatArray, other: FloatArray) -> bool:

@@ -270,7 +270,8 @@ def elastic(
     field : Wall, Tile, str, BSpline, Node, callable, pair of fields, CutGrid or Domain
         The solid in one cell, where it is negative: a wall through `macroshape.cell`, or any level
         set, as in `ilattice.cutfem.cut`, that repeats in the box `domain`. Of a tile, or a name of
-        the catalogue, the solid is where the tile is negative.
+        the catalogue, the solid is where the tile is negative: of straight struts that are joined
+        sharply as it is, of other skeletons by a spline, which rounds off edges.
     cells : int, sequence of 3 int or Grid
         Background grid; an int is for every direction.
     young, poisson : float, str or callable, keyword-only

@@ -43,6 +43,27 @@ def test_estimates_are_above_true_errors_and_of_their_size(field, fine, runs):
         assert np.linalg.eigvalsh(eff.errors)[0] > -1e-12  # as errors of energies are
 
 
+@pytest.mark.parametrize(
+    ("nodes", "radius", "fine", "runs"),
+    [
+        ([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)], 0.12, 16, [(8, 1), (12, 1)]),
+        ([(0, 0.5, 0.5), (0.5, 0, 0.5), (0.5, 0.5, 0)], 0.1, 32, [(12, 2)]),
+    ],
+    ids=["body-centred", "simple cubic"],
+)
+def test_estimates_hold_edges_that_turn_inwards(nodes, radius, fine, runs):
+    """Energies come from above: what the fine cells leave, too, is the least that is true."""
+    ends = nodes + [tuple(1 - x if x != 0.5 else x for x in p) for p in nodes if 0.5 in p]
+    edges = [(0, i + 1) for i in range(len(ends))]
+    tile = il.tiles.struts([(0.5, 0.5, 0.5), *ends], edges, radius)
+    exact = np.diag(quietly(elastic, tile, fine, estimate=False).C)
+    for cells, degree in runs:
+        eff = quietly(elastic, tile, cells, degree=degree)
+        least = (np.diag(eff.C) - exact) / np.diag(eff.C)
+        assert (least < np.diag(eff.errors) / np.diag(eff.C)).all()
+        assert eff.error < 6 * least.max()
+
+
 def test_estimates_of_conductivities():
     exact = np.diag(quietly(conductive, TWO, 12, estimate=False).k)
     eff = quietly(conductive, TWO, 7)
