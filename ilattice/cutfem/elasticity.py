@@ -155,7 +155,8 @@ class Elasticity(ElasticOperators):
         if not among(dilatation, DILATATIONS):
             raise InputError(f"dilatation must be one of {DILATATIONS}, got {dilatation!r}")
         as_choice("islands", islands, ISLANDS)
-        if smoothness is None and degree == 3 and dilatation != "full" and is_near(poisson):
+        cubic = smoothness is None and among(degree, (3,))
+        if cubic and dilatation != "full" and is_near(poisson):
             smoothness = MOST_SMOOTH
         where = as_phased(
             field, cells, degree=degree, smoothness=smoothness, q=q, stabilization=stabilization,
