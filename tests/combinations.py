@@ -31,6 +31,7 @@ import ilattice as il
 from ilattice.bspline import BSpline
 from ilattice.bspline.knots import greville, uniform_knots
 from ilattice.errors import ConvergenceError, GeometryError, IlatticeError, PrecisionWarning
+from ilattice.offsets.struts import struts_of
 
 DATA = Path(__file__).parent / "data"
 FILES = (
@@ -63,8 +64,11 @@ NUMBERS = (
 def tile_function(lattice):
     """Values, gradients and Hessians of the tile of a lattice, by NumPy and SciPy alone.
 
-    Its second argument is the order, 0 for values alone.
+    Its second argument is the order, 0 for values alone. Struts are themselves, not their splines
+    that compiled code evaluates; `naive_skeleton` is about their fields.
     """
+    if struts_of(lattice) is not None:
+        return lambda p, order=2: lattice.tile.jet(p - np.floor(p), order)
     field = lattice.smooth_tile
     if isinstance(field, BSpline):
         return _spline_tile(field)

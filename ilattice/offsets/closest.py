@@ -51,6 +51,7 @@ from ilattice.offsets.retrying import Boxes, doubtful, in_order, retried, singly
 from ilattice.offsets.seeding import Seeds, apart, between, downhill, layered, sharpest
 from ilattice.offsets.space import TileSpace
 from ilattice.offsets.spacing import Spacing
+from ilattice.offsets.struts import onto_struts, struts_of
 from ilattice.tiles.mixture import MixedField
 
 if TYPE_CHECKING:
@@ -101,6 +102,9 @@ class ClosestPoints(FrozenCopies):
         Its signed distance; infinite where there is none.
     second_u : ndarray, shape (n, 3)
         That foot in the parameter domain; NaN where there is none.
+    start : ndarray, shape (n, 3)
+        Where searches for feet of points nearby start from, in the parameter domain: the foot on
+        what compiled code evaluates, which of struts is a spline.
     """
 
     foot: FloatArray
@@ -112,6 +116,7 @@ class ClosestPoints(FrozenCopies):
     second: FloatArray
     second_distance: FloatArray
     second_u: FloatArray
+    start: FloatArray
 
     def rows(self, at: AnyArray) -> ClosestPoints:
         """Some of the queries.
@@ -195,6 +200,7 @@ class ClosestPointSearch(TileSpace):
     def __init__(self, lattice: Tiling) -> None:
         super().__init__(lattice)
         self.looked_at = CANDIDATES
+        self.struts = struts_of(lattice)
         self.singular: list[tuple[int, float]] = []
         count, closed = np.array(lattice.repeat), np.array(lattice.through.closed)
         self.seeds, usual = self._make_seeds(count, closed)
@@ -380,7 +386,7 @@ class ClosestPointSearch(TileSpace):
         p, x = self.to_tile(u), self.lattice.through.x(u)
         feet, counts, status = _results(n)
         retried = repaired = 0
-        points = None if known is None else np.hstack([self.to_tile(known.u), known.foot])
+        points = None if known is None else self._points(known)
         for i in range(0, n, BATCH):
             s = slice(i, min(i + BATCH, n))
             part = x[s], p[s], feet[:, s], counts[s], status[s]
@@ -388,7 +394,7 @@ class ClosestPointSearch(TileSpace):
             near = None if points is None else points[s]
             repaired += mended(self, *part[:3], part[4], strides, near, thorough)
         self._account(counts, status, retried, repaired, strict)
-        return self._found(feet, counts, status)
+        return self._found(p, x, feet, counts, status)
 
     def follow(self, u: FloatArray, known: ClosestPoints) -> ClosestPoints:
         """Feet next to known ones, on the way to closest points of parameters nearby.
@@ -412,21 +418,32 @@ class ClosestPointSearch(TileSpace):
             raise InputError(f"known must have a foot for each of {len(p)} u, got {len(known.u)}")
         feet, counts, status = _results(len(u))
         other = np.where(np.isfinite(known.second_u), known.second_u, known.u)
-        start = self.to_tile(np.concatenate([known.u, other]))
+        start = self.to_tile(np.concatenate([known.start, other]))
         pairs = np.arange(2 * len(u)).reshape(2, -1).T.copy()
         self._run(x, p, pairs, feet, counts, status, started(self, start))
         self.statistics = self.statistics + Statistics(
             0, int(counts[:, 1].sum()), int(counts[:, 0].sum())
         )
-        return self._found(feet, counts, status)
+        return self._found(p, x, feet, counts, status)
 
-    def _found(self, feet: FloatArray, counts: IntArray, status: IntArray) -> ClosestPoints:
+    def _points(self, known: ClosestPoints) -> FloatArray:
+        """Points (n, 6) of what is searched that feet belong to: tile coordinates, and images."""
+        if self.struts is None:
+            return np.hstack([self.to_tile(known.u), known.foot])
+        images = self.lattice.through.x(known.start, extrapolate="extend")
+        return np.hstack([self.to_tile(known.start), images])
+
+    def _found(
+        self, p: FloatArray, x: FloatArray, feet: FloatArray, counts: IntArray, status: IntArray
+    ) -> ClosestPoints:
         first, second = feet
-        return ClosestPoints(
-            first[:, 3:6].copy(), self.from_tile(first[:, :3]), first[:, 6].copy(), status,
+        u = self.from_tile(first[:, :3])
+        out = ClosestPoints(
+            first[:, 3:6].copy(), u, first[:, 6].copy(), status,
             counts[:, 1].copy(), counts[:, 0].copy(), second[:, 3:6].copy(), second[:, 6].copy(),
-            self.from_tile(second[:, :3]),
+            self.from_tile(second[:, :3]), u,
         )  # fmt: skip
+        return out if self.struts is None else onto_struts(self, p, x, out)
 
     def _search(
         self, x: FloatArray, p: FloatArray, feet: FloatArray, counts: IntArray, status: IntArray

@@ -45,7 +45,7 @@ def depths_of(lattice: MidSurface, deepest: float) -> tuple[FloatArray, FloatArr
         Parameters (n, 3) of points of the surface, radii (n,), and the areas (n,) that the points
         stand for, up to a factor.
     """
-    key = "depths"
+    key = f"depths {deepest!r}"
     if key not in lattice._cache:
         lattice._cache[key] = _depths(lattice, deepest)
     found: tuple[FloatArray, FloatArray, FloatArray] = lattice._cache[key]
@@ -115,14 +115,18 @@ def points(lattice: MidSurface, most: int) -> tuple[FloatArray, ...]:
     p, x, _, spacing = lattice.search.seeds
     at = np.flatnonzero(((p >= 0.0) & (p <= np.array(lattice.repeat))).all(axis=1))
     at = at[np.unique(np.linspace(0, len(at) - 1, min(most, len(at))).astype(np.int64))]
-    u = lattice.search.from_tile(p[at])
+    u, x = lattice.search.from_tile(p[at]), x[at]
+    area = spacing[at] ** 2
+    if lattice.search.struts is not None:  # seeds are on their spline
+        found = lattice.closest(u)
+        u, x = inside(lattice, found.u), found.foot
     g = lattice.implicit_jet(u, 1)[1]
     jacobian = lattice.through.jacobian(u)
     sound = np.abs(np.linalg.det(jacobian)) > 0.0
-    at, u, g, jacobian = at[sound], u[sound], g[sound], jacobian[sound]
+    u, x, area, g, jacobian = (a[sound] for a in (u, x, area, g, jacobian))
     n = np.linalg.solve(jacobian.transpose(0, 2, 1), g[:, :, None])[:, :, 0]
     n /= -np.maximum(np.linalg.norm(n, axis=1, keepdims=True), np.finfo(np.float64).tiny)
-    return u, x[at], n, spacing[at] ** 2
+    return u, x, n, area
 
 
 def _parameters(lattice: MidSurface, x: FloatArray, u: FloatArray) -> FloatArray:

@@ -79,11 +79,14 @@ class OffsetSolid:
 
     @cached_property
     def least_thickness(self) -> float:
-        """Least total thickness; of a solid, but for the thinnest tenth of what is left of it."""
+        """Least total thickness, less where one side meets itself, as in struts thinner than it.
+
+        Of what meets itself, and of solids, the thinnest tenth of what is left does not count.
+        """
         least = self.thickness.extremes[0]
-        if not self.thickness.solid:
-            return least
         depth = -float(self.distance.c.min())
+        if not self.thickness.solid:
+            return self._least_filled(least, depth)
         u, depths, area = depths_of(self.lattice, depth)
         local = depths + self.thickness.outer(u)
         left = local > 0.0
@@ -95,6 +98,16 @@ class OffsetSolid:
         raise GeometryError(
             f"nothing is left of the solid: it is {depth:g} deep and eroded by {-least:g}"
         )
+
+    def _least_filled(self, least: float, depth: float) -> float:
+        """Least total thickness of a wall that may fill what is behind its surface."""
+        inner, outer = self.thickness.inner, self.thickness.outer
+        most = float(inner.c.max())
+        if self.thickness.symmetric or depth <= 0.0 or most <= float(outer.c.min()):
+            return least
+        u, depths, area = depths_of(self.lattice, min(depth, most))
+        local = np.where(depths < inner(u), 2.0 * (depths + outer(u)), np.inf)
+        return min(least, least_of(local, area)) if len(u) else least
 
     def _in_space(self, name: str) -> OffsetSolid:
         if not self._exact:

@@ -15,6 +15,7 @@ NODES = np.array(
 EDGES = [(0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 4), (2, 4), (3, 4), (4, 5)]
 STRUTS = [NODES[list(e)] for e in EDGES]
 FREE = np.array([(7.1, -3, 2), (9, -2.6, 2.2), (8.8, -1, 2.4), (7, -1.2, 1.9), (8, -2, 3.7)])
+RADIUS = 0.05
 RING = [(0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 4), (2, 4), (3, 4)]
 
 
@@ -167,3 +168,52 @@ def test_a_spline_that_is_too_coarse_is_told():
 def test_what_is_no_graph_is_refused_by_name(nodes, edges, radii, match):
     with pytest.raises(InputError, match=match):
         il.Lattice.from_struts(nodes, edges, radii)
+
+
+def far_from(x, matrix):
+    """Least distances from points to the images of `STRUTS` in a cell and its neighbours.
+
+    A strut is convex, and so is what an affine map makes of it: the nearest point is found by
+    projected gradients over the place along the axis and the way from there, a vector no longer
+    than the radius.
+    """
+    steps = np.stack(np.meshgrid(*[[-1, 0, 1]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    a, b = (np.array([NODES[e[i]] for e in EDGES]) for i in (0, 1))
+    a, way = (a[:, None] + steps).reshape(-1, 3), np.repeat(b - a, len(steps), axis=0)
+    row, col = np.indices((len(x), len(a))).reshape(2, -1)
+    base, along = x[row] - a[col] @ matrix.T, way[col] @ matrix.T
+    most = max(np.linalg.norm(matrix, 2) ** 2 * ((way**2).sum(axis=1).max() + 1.0), 1e-300)
+    t, v = np.full(len(row), 0.5), np.zeros((len(row), 3))
+    t1, v1, k = t, v, 1.0
+    for _ in range(600):
+        r = base - t1[:, None] * along - v1 @ matrix.T
+        new_t = np.clip(t1 + (r * along).sum(axis=1) / most, 0.0, 1.0)
+        new_v = v1 + r @ matrix / most
+        new_v *= np.minimum(1.0, RADIUS / np.maximum(np.linalg.norm(new_v, axis=1), 1e-300))[
+            :, None
+        ]
+        k, m = 0.5 * (1 + np.sqrt(1 + 4 * k * k)), k - 1
+        t1, v1 = new_t + m / k * (new_t - t), new_v + m / k * (new_v - v)
+        t, v = new_t, new_v
+    out = np.linalg.norm(base - t[:, None] * along - v @ matrix.T, axis=1)
+    return out.reshape(len(x), -1).min(axis=1)
+
+
+@pytest.mark.filterwarnings("ignore:the spline that stands in")
+def test_distances_from_struts_are_those_of_the_struts_and_not_of_a_spline():
+    """They used to be a hundredth of the radius off, and more next to nodes."""
+    rng = np.random.default_rng(11)
+    tile = il.tiles.skeleton(STRUTS, radius=RADIUS, faces="periodic")
+    matrix = np.array([[1.7, 0.3, 0.1], [-0.2, 0.9, 0.25], [0.1, -0.15, 1.2]])
+    corners = np.moveaxis(np.indices((2, 2, 2)), 0, -1)
+    lattice = il.Lattice(tile, through=il.macroshape.hexahedron(corners @ matrix.T))
+    u = rng.random((4000, 3))
+    u = u[np.abs(tile(u) - RADIUS) < RADIUS][:60]
+    found = lattice.closest(u)
+    exact = far_from(u @ matrix.T, matrix)
+    np.testing.assert_allclose(found.distance, exact, atol=1e-5 * RADIUS)
+    assert np.abs(tile(found.u % 1.0)).max() < 1e-5 * RADIUS  # feet are on the struts
+    near = rng.random((20_000, 3))
+    near = near[np.abs(tile(near)) < 0.003 * RADIUS]
+    np.testing.assert_array_equal(np.sign(lattice.distance(near)), np.sign(tile(near)))
+    assert len(near) > 5
