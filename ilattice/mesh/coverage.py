@@ -6,12 +6,14 @@ to triangles. Non-guarantee: holes smaller than the spacing of the points are no
 
 from __future__ import annotations
 
+import warnings
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from ilattice._typing import AnyArray, FloatArray
+from ilattice.errors import PrecisionWarning
 from ilattice.mesh.sheets import beside, to_faces
 from ilattice.offsets.polish import inside
 
@@ -19,6 +21,8 @@ if TYPE_CHECKING:
     from ilattice.mesh.surface import SurfaceMesh
     from ilattice.offsets.wall import OffsetSolid
 
+#: Part of the surfaces that a mesh may lack without a warning.
+TOLD = 0.02
 #: Points of the mid-surface at most, and vertices of the mesh next to each that are looked at.
 POINTS, VERTICES = 4000, 6
 #: Of a wall: along the normal and against it.
@@ -54,6 +58,29 @@ def missing_part(wall: OffsetSolid, mesh: SurfaceMesh) -> float:
     far = ~covered(mesh, wall.lattice.through.x(there[fine]), SLACK * error[fine])
     total = float(area[fine].sum())
     return float(area[fine][far].sum()) / total if total > 0.0 else 0.0
+
+
+def warn_missing(wall: OffsetSolid, mesh: SurfaceMesh, h: float, enough: float) -> None:
+    """Warn of a mesh whose triangles cut off bends of the offset surfaces.
+
+    Parameters
+    ----------
+    wall : OffsetSolid
+        The wall.
+    mesh : SurfaceMesh
+        Its mesh.
+    h, enough : float
+        Length of its edges, and one that shows bends.
+    """
+    part = missing_part(wall, mesh)
+    if part > TOLD:
+        warnings.warn(
+            f"the mesh with h={h:g} is far from {100 * part:.2g} % of the surfaces of the wall, "
+            f"by more than a quarter of the edges there: it cuts off bends and creases that are "
+            f"shorter than these; use h <= {enough:.3g}",
+            PrecisionWarning,
+            stacklevel=5,
+        )
 
 
 def merged_part(wall: OffsetSolid) -> float:

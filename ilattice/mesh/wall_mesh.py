@@ -37,7 +37,7 @@ from ilattice.macroshape.planes import grid_axes
 from ilattice.mesh._own_cells import in_own_cells
 from ilattice.mesh._settling import Classes, cells_of, classified, measure, settled, unsettled
 from ilattice.mesh.contouring import ON_CAP, Contour, contour_arrays, contour_blocks
-from ilattice.mesh.coverage import merged_part
+from ilattice.mesh.coverage import merged_part, warn_missing
 from ilattice.mesh.creases import sharpened
 from ilattice.mesh.loss import ENOUGH, Extent, check_loss
 from ilattice.mesh.parts import check_parts
@@ -64,6 +64,8 @@ PER_VERTEX, PER_SITE = 500, 150
 MOST_PLANES = 10_000_000
 #: Length of edges, relative to the least thickness: by default, and where vertices are off then.
 DEFAULTS = (0.25, 0.2, 0.16)
+#: Length of edges, relative to the least thickness, above which bends may be cut off.
+UNTOLD = 1.01 * DEFAULTS[0]
 #: Longest edges, relative to the least thickness, with which contours show a wall; and the part of
 #: its sides that may be within it where it is meshed from its mid-surface.
 SEEN, MERGED = 1.0 / 1.5, 0.02
@@ -133,6 +135,8 @@ def _meshed(job: _Job, caps: bool, dtype: Any, allow_loss: bool) -> SurfaceMesh:
             wall, job.h, Extent.of(mesh.vertices, mesh.faces), sheets=sheets is not None,
             exactly=job.polish, allowed=allow_loss,
         )  # fmt: skip
+        if job.polish and job.h > UNTOLD * wall.least_thickness:
+            warn_missing(wall, mesh, job.h, DEFAULTS[0] * wall.least_thickness)
         if wall._countable:
             check_parts(wall.field, job.axes, wall.lattice.through.closed, mesh, job.h)
     return mesh

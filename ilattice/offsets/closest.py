@@ -463,10 +463,26 @@ class ClosestPointSearch(TileSpace):
             alone = singly(self, x[at], p[at], ALONE)
             nearer = np.abs(alone[:, DISTANCE]) < np.abs(feet[0, at, DISTANCE])
             feet[0, at[nearer]], status[at[nearer]] = alone[nearer], _kernels_newton.OK
+        self._within_domain(x, p, feet, counts, status)
         at = np.flatnonzero(self._missed(distance[:, 0], idx[:, 0], feet[0, :, DISTANCE]))
         if len(at):
             self._descend(x[at], at, self.seeds.points[idx[at, 0]], feet[0])
         return len(again)
+
+    def _within_domain(
+        self, x: FloatArray, p: FloatArray, feet: FloatArray, counts: IntArray, status: IntArray
+    ) -> None:
+        """Fill in feet in the domain where a continuation that comes back has hidden them."""
+        at = np.flatnonzero(status >= _kernels_newton.FALLBACK)
+        own = np.flatnonzero(self.within(self.seeds.points)) if len(at) else at
+        if len(own) == 0:
+            return
+        k = min(AMONG_ADDED, len(own))
+        found: Any = cKDTree(self.seeds.images[own]).query(x[at], k=k)
+        new, spent, state = _results(len(at))
+        self._run(x[at], p[at], own[found[1].reshape(len(at), k)], new, spent, state)
+        feet[:, at], status[at] = new, state
+        counts[at] += spent
 
     def _descend(self, x: FloatArray, at: IntArray, start: FloatArray, feet: FloatArray) -> None:
         """Fill in feet that are found downhill from the nearest seeds, where Newton left them."""

@@ -258,3 +258,12 @@ def test_default_meshes_of_grown_and_eroded_solids_keep_their_volume():
         mesh = wall.mesh()
         sound(mesh)
         assert mesh.volume == pytest.approx(wall.volume(), rel=0.03)
+
+
+def test_bends_that_edges_cut_off_are_told_of_though_the_volume_is_right():
+    wall = il.Lattice("neovius", through=il.macroshape.box((1, 0.7, 1))).offset(0.05)
+    with pytest.warns(PrecisionWarning, match=r"is far from [\d.]+ % of the surfaces of the wall"):
+        mesh = wall.mesh(0.055)
+    assert mesh.volume == pytest.approx(wall.volume(), rel=0.02)
+    assert 0.02 < wall.thickness_error(mesh).missing < 0.1
+    assert wall.thickness_error(wall.mesh()).missing < 0.01  # and without a warning

@@ -105,3 +105,16 @@ def test_sheets_on_stretched_continuations_are_found():
     judge_ = cb.Judge(combo, lattice, None, None)
     distance, found = judge_._distances(lattice.tile_coordinates(u), u)
     assert (found <= distance * (1.0 + 1e-6)).all()
+
+
+def test_feet_in_the_domain_are_found_behind_a_continuation_that_comes_back():
+    """All that was near were seeds that do not count: every twentieth query fell back to one."""
+    combo = cb.combination(80003)
+    lattice = combo.lattice()
+    u = np.stack(np.meshgrid(*[np.linspace(0, 1, 13)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    found = lattice.closest(u)
+    assert (found.status < 2).all()
+    u = u[(np.abs(u - 0.5) < 0.45).all(axis=1)][::7]
+    judge_ = cb.Judge(combo, lattice, None, None)
+    distance, found = judge_._distances(lattice.tile_coordinates(u), u)
+    assert (found <= distance * (1.0 + 1e-6)).all()
