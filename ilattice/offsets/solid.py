@@ -160,9 +160,9 @@ class TileField(Field):
         if self.tol is None and self.error > MOST_ERROR * thinnest(self):
             warnings.warn(
                 f"the spline that quadrature and analysis go by is off by {self.error:.2g} from "
-                f"the solid, which is {thinnest(self):.2g} thick, and rounds off edges: struts that "
-                "are joined sharply are up to 5 % too stiff; meshes and slices are exact. Use tol, "
-                f"or {MOST} straight bars or fewer, which take no spline",
+                f"the solid, which is {thinnest(self):.2g} thick, and rounds off edges: struts "
+                "joined sharply are up to 5 % too stiff; meshes and slices are exact. Use tol, or "
+                f"{MOST} straight bars or fewer, which take no spline",
                 PrecisionWarning,
                 stacklevel=2,
             )

@@ -26,8 +26,8 @@ from ilattice.tiles.tile import Tile
 
 __all__ = ["BarsInBox", "solid_of_bars"]
 
-#: Bars above which splines are cheaper (two bcc tiles per direction have 76, and take three times as
-#: long as their spline), and copies that are looked at.
+#: Bars above which splines are cheaper (two bcc tiles per direction have 76, and take three times
+#: as long as their spline), and copies that are looked at.
 MOST, IMAGES = 100, 20_000
 #: Parts of a tile, per direction, in which bars are integrated where no cells are given.
 PER_TILE = 8
