@@ -21,7 +21,6 @@ from ilattice.macroshape.cells import CellMap, cell
 from ilattice.macroshape.maps import SplineMap
 from ilattice.offsets.solid import TileSolid
 from ilattice.quadrature.grid import CutGrid, Grid, cut
-from ilattice.tiles.bars import solid_of_bars
 from ilattice.tiles.catalog import get
 from ilattice.tiles.mixture import Mixture
 from ilattice.tiles.tile import Tile
@@ -30,6 +29,8 @@ from ilattice.tiles.tile import Tile
 #: largest value there a field may jump between them.
 COMPARED, JUMP = 33, 1e-3
 EDGES = "uvw"
+#: Straight bars, and their copies, up to which a cell is cut as it is.
+BARS = 1000
 
 
 def check_options(name: str, options: Iterable[str], *takers: Any) -> None:
@@ -118,20 +119,10 @@ def as_cell(field: Any, cells: Any, *, domain: Any = None, through: Any = None) 
         counts = as_counts("cells", cells)
         x, y, z = (np.linspace(box[0, a], box[1, a], counts[a] + 1) for a in range(3))
         grid = Grid((x, y, z), (True,) * 3)
-    out = cut(_exact(field), grid, through=through)
+    bars = field.bars(BARS) if isinstance(field, TileSolid) else None
+    out = cut(field if bars is None else bars, grid, through=through)
     check_repeats(out, field)
     return out
-
-
-def _exact(field: Any) -> Any:
-    """What is cut: of straight bars the solid itself, whose edges a spline rounds off."""
-    if not isinstance(field, TileSolid):
-        return field
-    tile, lattice = field.lattice.tile, field.lattice
-    bars = None
-    if isinstance(tile, Tile):
-        bars = solid_of_bars(tile, lattice.repeat, lattice.domain)
-    return field if bars is None else bars
 
 
 def _leaves(box: FloatArray, other: FloatArray) -> bool:

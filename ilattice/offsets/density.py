@@ -60,14 +60,14 @@ def tile_volumes(lattice: Tiling) -> FloatArray:
     return volumes * float(np.prod((hi - lo) / np.array(lattice.repeat)))
 
 
-def volumes(lattice: Tiling, field: WallField, q: int = 2) -> FloatArray:
+def volumes(lattice: Tiling, field: Any, q: int = 2) -> FloatArray:
     """Volume of a wall in every tile.
 
     Parameters
     ----------
     lattice : Tiling
         Tiles and map.
-    field : WallField
+    field : WallField or BarsInBox
         Negative in the wall.
     q : int
         Gauss points per direction and piece of a cell.

@@ -1,8 +1,9 @@
 """The solid of the tiles as it is, neither grown nor eroded: ``Lattice.offset((np.inf, 0))``.
 
 It needs no distances: meshes and slices go by the field of the tiles itself, their vertices are
-moved onto its zero set by Newton steps. Quadrature and analysis take splines; theirs is fitted to
-the field, near its zero set only where the field is that of a skeleton.
+moved onto its zero set by Newton steps. Quadrature and analysis take a few straight bars that are
+joined sharply as they are, and splines of all others, fitted to the field, near its zero set only
+where the field is that of a skeleton.
 
 Guarantees: any field of a tile will do, also with creases, jumps at faces of tiles, or ends;
 vertices are on the zero set to first order, as `Wall.thickness_error` reports; bounds are rigorous
@@ -25,9 +26,11 @@ from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_points, read_only
 from ilattice.bspline import BSpline
 from ilattice.errors import ConvergenceError, GeometryError, PrecisionWarning
+from ilattice.offsets.density import volumes
 from ilattice.offsets.distance_spline import DEGREE, distance_spline, interpolated
 from ilattice.offsets.thickness import Thickness
 from ilattice.offsets.wall import OffsetSolid
+from ilattice.tiles.bars import MOST, BarsInBox, solid_of_bars
 from ilattice.tiles.mixture import Mixture
 from ilattice.tiles.skeleton import FACES, SkeletonField
 from ilattice.tiles.tile import Tile
@@ -157,7 +160,9 @@ class TileField(Field):
         if self.tol is None and self.error > MOST_ERROR * thinnest(self):
             warnings.warn(
                 f"the spline that quadrature and analysis go by is off by {self.error:.2g} from "
-                f"the solid, which is {thinnest(self):.2g} thick; meshes and slices are exact",
+                f"the solid, which is {thinnest(self):.2g} thick, and rounds off edges: struts "
+                "joined sharply are up to 5 % too stiff; meshes and slices are exact. Use tol, or "
+                f"{MOST} straight bars or fewer, which take no spline",
                 PrecisionWarning,
                 stacklevel=2,
             )
@@ -254,6 +259,34 @@ class TileSolid(OffsetSolid):
 
     _exact = False
 
+    def bars(self, most: int = MOST) -> BarsInBox | None:
+        """The solid itself, where it is one of a few straight bars that are joined sharply.
+
+        Parameters
+        ----------
+        most : int
+            Bars above which there is none.
+
+        Returns
+        -------
+        BarsInBox or None
+            What is negative in the solid, at parameters.
+        """
+        tile, lattice = self.lattice.tile, self.lattice
+        return (
+            solid_of_bars(tile, lattice.repeat, lattice.domain, most)
+            if isinstance(tile, Tile)
+            else None
+        )
+
+    @cached_property
+    def _bars(self) -> BarsInBox | None:
+        return self.bars()
+
+    def level_sets(self) -> Any:
+        """See `OffsetSolid.level_sets`: bars as they are, of others the spline."""
+        return self.field if self._bars is None else self._bars
+
     @cached_property
     def least_thickness(self) -> float:
         """Least thickness of struts and plates; of other solids twice the volume by the area."""
@@ -278,8 +311,13 @@ class TileSolid(OffsetSolid):
 
     @cached_property
     def volume_error(self) -> float:
-        """How far `volume` may be off: the area times the error of the spline."""
+        """How far `volume` may be off: the area times the error of the spline.
+
+        Of bars, for which no spline stands in, what more points change.
+        """
         volume, field = self.volume(), self.distance  # which makes the spline and its error
+        if self._bars is not None:
+            return abs(float(volumes(self.lattice, self._bars, 4).sum()) - volume)
         return float(2.0 * volume / field.width * field.error)
 
     def _middle(self, most: int) -> tuple[FloatArray, FloatArray]:

@@ -138,7 +138,7 @@ class OffsetSolid:
     def _volume(self) -> float:
         """The volume, without a word on how good the spline is."""
         if "volume" not in self._known:
-            self._known["volume"] = float(volumes(self.lattice, self.field).sum())
+            self._known["volume"] = float(volumes(self.lattice, self.level_sets()).sum())
         return self._known["volume"]
 
     @cached_property
@@ -188,7 +188,7 @@ class OffsetSolid:
             Relative density.
         """
         per_cell = as_flag("per_cell", per_cell)
-        filled, tiles = volumes(self.lattice, self.field), tile_volumes(self.lattice)
+        filled, tiles = volumes(self.lattice, self.level_sets()), tile_volumes(self.lattice)
         return filled / tiles if per_cell else float(filled.sum() / tiles.sum())
 
     @cached_property

@@ -533,6 +533,10 @@ def _as_grid(cells: Any, sets: LevelSets, through: SplineMap | None) -> Grid:
         x, y, z = (np.linspace(lo[a], hi[a], counts[a] + 1) for a in range(3))
         return Grid((x, y, z), closed)
     if not sets.exact:
-        raise InputError("cells is needed: only splines have elements of their own")
+        with_breaks = [f for f in sets.fields if hasattr(f, "breaks")]
+        if not with_breaks:
+            raise InputError("cells is needed: only splines have elements of their own")
+        x, y, z = (with_breaks[0].breaks(a) for a in range(3))
+        return Grid((x, y, z), closed)
     x, y, z = sets.pieces(tuple(np.array([lo[a], hi[a]]) for a in range(3))).axes
     return Grid((x, y, z), closed)

@@ -484,7 +484,7 @@ def _intersection(fields: tuple[Any, ...], domain: FloatArray | None) -> FloatAr
     if domain is not None:
         box = domain
         for f in fields:
-            if owns(f, "bounding_box") or not owns(f, "bounds"):
+            if not hasattr(f, "breaks") and (owns(f, "bounding_box") or not owns(f, "bounds")):
                 continue  # formulas and distances hold beyond the box of their solid
             b = np.asarray(f.bounds, np.float64)
             slack = 1e-12 * (b[1] - b[0])

@@ -61,3 +61,23 @@ def test_bars_on_faces_count_once():
     a, b = (as_cell(tile, 6).volume().integrate() for tile in (once, every))
     assert a == pytest.approx(b, rel=1e-6)
     assert a == pytest.approx(3 * np.pi * 0.01 - 8 * np.sqrt(2) * 0.001, rel=3e-5)
+
+
+@pytest.mark.parametrize("faces", ["open", "closed"])
+def test_bars_that_do_not_repeat_are_those_of_one_tile(faces):
+    """The same signs as the field of the tile, and no bars of tiles that cut each other's."""
+    cell = np.array([[1.0, 0.2, 0.0], [0.0, 1.1, 0.1], [0.1, 0.0, 0.9]])
+    nodes = np.random.default_rng(1).random((4, 3)) @ cell.T
+    tile = il.tiles.struts(nodes, [(0, 1), (1, 2), (2, 3)], 0.15, faces=faces, cell=cell)
+    u = 0.001 + 0.998 * qmc.Sobol(3, seed=1).random(1 << 14)
+    inside = solid_of_bars(tile, (1, 1, 1), ONE)(u) < 0
+    assert (inside == (tile(u) < 0)).all()
+    assert inside.sum() > 300
+    assert solid_of_bars(tile, (1, 2, 1), ONE) is None
+
+
+def test_bars_on_a_line_are_one():
+    """Halves of diagonals, and their copies, become the 28 lines that come into the cell."""
+    nodes = [(0.5, 0.5, 0.5), *((x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1))]
+    tile = il.tiles.struts(nodes, [(0, i) for i in range(1, 9)], 0.1)
+    assert len(solid_of_bars(tile, (1, 1, 1), ONE).part.part.parts) == 4 + 4 * 6
