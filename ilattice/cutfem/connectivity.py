@@ -22,7 +22,7 @@ from ilattice.quadrature.grid import DividedGrid
 from ilattice.quadrature.rules import Quadrature, kept, on_cells
 
 #: Least wet area of a face, in units of the two thirds power of the smaller volume beside it.
-LEAST_NECK = 1e-6
+MIN_NECK = 1e-6
 #: Part of its cells below which the volume of a part is what rounding leaves.
 DUST = 1e-14
 
@@ -246,14 +246,14 @@ def connected_parts(
         low, high = (np.searchsorted(cells, c[keep]) for c in (rule.cells, rule.neighbours))
         others = [3 + a for a in range(3) if a != axis]
         wet = rule.integrate_cells()[keep] / box[low][:, others].prod(axis=1)
-        joined = wet > LEAST_NECK * np.minimum(bulk[low], bulk[high])
+        joined = wet > MIN_NECK * np.minimum(bulk[low], bulk[high])
         rows.append(low[joined])
         columns.append(high[joined])
     if seam is not None:
         assert seam.neighbours is not None
         low, high = (np.searchsorted(cells, c) for c in (seam.cells, seam.neighbours))
         area = seam.integrate_cells() / full[low] ** (2 / 3)
-        joined = area > LEAST_NECK * np.minimum(bulk[low], bulk[high])
+        joined = area > MIN_NECK * np.minimum(bulk[low], bulk[high])
         rows.append(low[joined])
         columns.append(high[joined])
     i, j = np.concatenate(rows), np.concatenate(columns)

@@ -68,6 +68,7 @@ FEW_LEFT = 2.0
 STEPS, FIRST = 8, 40
 #: Part of the distance by which a step must have come nearer for another one to be taken.
 WORTH = 5e-3
+#: Relative residual, in the norm of the preconditioner, at which a first solve ends.
 DIGITS = 1e-7
 #: Energies below this part of those of nodes that move one by one, relative to the nearest motion
 #: of the whole or to where they were, and the latter alone, are what eight digits leave.

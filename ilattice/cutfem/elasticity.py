@@ -34,7 +34,7 @@ from ilattice._validate import among, as_choice
 from ilattice.cutfem import rigid
 from ilattice.cutfem.anisotropic import Anisotropic, Material, Stiffness
 from ilattice.cutfem.conditions import as_value
-from ilattice.cutfem.dilatation import MOST_SMOOTH, is_near
+from ilattice.cutfem.dilatation import MAX_SMOOTH, is_near
 from ilattice.cutfem.discretization import Product
 from ilattice.cutfem.domain import lattice_of
 from ilattice.cutfem.material import Isotropic, MapProperties, Property, Scalar
@@ -157,7 +157,7 @@ class Elasticity(ElasticOperators):
         as_choice("islands", islands, ISLANDS)
         cubic = smoothness is None and among(degree, (3,))
         if cubic and dilatation != "full" and is_near(poisson):
-            smoothness = MOST_SMOOTH
+            smoothness = MAX_SMOOTH
         where = as_phased(
             field, cells, degree=degree, smoothness=smoothness, q=q, stabilization=stabilization,
             weight=weight, domain=domain, through=through, phases=phases,

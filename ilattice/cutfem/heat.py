@@ -42,7 +42,7 @@ from ilattice.linalg.solvers import LARGEST, Solver
 from ilattice.quadrature.rules import Quadrature, on_cells
 
 #: Bytes of a solution besides its coefficients, and the largest number of steps in time.
-PER_STEP, MOST_STEPS = 1000, 10**9
+PER_STEP, MAX_STEPS = 1000, 10**9
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -524,4 +524,4 @@ class Heat(Problem):
 
 def as_steps(steps: Any) -> int:
     """A whole number of at least 1, or `InputError`."""
-    return as_whole("steps", steps, 1, MOST_STEPS)
+    return as_whole("steps", steps, 1, MAX_STEPS)

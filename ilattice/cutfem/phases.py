@@ -30,9 +30,9 @@ from ilattice.fields.node import Node
 from ilattice.macroshape.maps import SplineMap
 from ilattice.offsets.kinks import JumpError, fit_with_kinks
 from ilattice.offsets.thickness import as_equation, of_parameters
-from ilattice.quadrature._filling import MOST_POINTS
+from ilattice.quadrature._filling import MAX_POINTS
 from ilattice.quadrature.grid import CUT, IN, OUT, CutGrid, DividedGrid, Grid, check_resolved
-from ilattice.quadrature.levelsets import MOST_DEGREE
+from ilattice.quadrature.levelsets import MAX_DEGREE
 from ilattice.quadrature.rules import NAMES, Quadrature, in_space, kept, rule_on
 
 #: Error of the spline of a level set, relative to its largest value: asked, and told.
@@ -200,7 +200,7 @@ class PhasedDomain(Domain):
 
     def finer(self, cells: IntArray, more: int) -> Quadrature:
         """See `Domain.finer`."""
-        q = min(self.q + more, MOST_POINTS)
+        q = min(self.q + more, MAX_POINTS)
         both = zip(self.phases, self._volumes, strict=True)
         mine = [(c, np.intersect1d(cells, r.cells)) for c, r in both]
         return self._both([rule_on(c, "volume", some, q) for c, some in mine])
@@ -415,7 +415,7 @@ class _Level:
 
 def _as_spline(level: Any, domain: FloatArray) -> BSpline:
     """A level set as a spline, with a warning if that is off."""
-    if isinstance(level, BSpline) and level.weights is None and max(level.k) <= MOST_DEGREE:
+    if isinstance(level, BSpline) and level.weights is None and max(level.k) <= MAX_DEGREE:
         return level
     scale = float(np.abs(level(domain[0] + np.ptp(domain, axis=0) * _SAMPLES)).max())
     try:

@@ -35,6 +35,7 @@ from ilattice.quadrature.rules import Quadrature
 #: Weights of the penalty on jumps per degree: the least that keep condition numbers, of diagonally
 #: scaled masses, below 30, 400 and 1e5. Ten times as much triples errors where grids are coarse.
 WEIGHTS = {1: 1e-2, 2: 1e-3, 3: 3e-4}
+#: Relative residual of projections of stresses.
 TOLERANCE = 1e-8
 
 

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from ilattice.cutfem.operators import ElasticOperators
     from ilattice.cutfem.solution import Solution
 
+#: Penalty of weakly imposed supports, in units of stiffness times degree² over the height of cells.
 NITSCHE = 10.0
 #: Volume over area of a surface in a cell, in heights of it, below which the penalty grows as that
 #: falls: so do the tractions that thin layers and slivers with no solid beside them can have. And

@@ -30,12 +30,12 @@ from ilattice.fields._program import Builder, Program, is_axis
 from ilattice.fields.node import Node
 
 #: Fields with signs of their own in one box.
-MOST_ACTIVE = 6
+MAX_ACTIVE = 6
 #: Smooth fields of one formula, and splits that lead to them, above which a box is to be halved.
-MOST_LEAVES = 48
-MOST_SPLITS = 400
+MAX_LEAVES = 48
+MAX_SPLITS = 400
 #: Bits of tables in which field k is negative.
-NEGATIVE = tuple(sum(1 << i for i in range(64) if i >> k & 1) for k in range(MOST_ACTIVE))
+NEGATIVE = tuple(sum(1 << i for i in range(64) if i >> k & 1) for k in range(MAX_ACTIVE))
 ALL = (1 << 64) - 1
 PROBES = np.random.default_rng(0).uniform(-1.0, 1.0, (8, 3))
 
@@ -100,14 +100,14 @@ class Formula:
         tuple or None
             Numbers of the fields whose signs matter, and a table of 64 bits: bit b tells whether
             points are in the solid where just the fields of the ones in b are negative. None if
-            there are more than `MOST_ACTIVE`.
+            there are more than `MAX_ACTIVE`.
         """
         known: dict[int, bool] = {
             leaf: s < 0 for leaf, s in zip(self.leaves, signs, strict=True) if s
         }
         rest = _simplified(self.expression, known, {})
         leaves = leaves_of(rest)
-        if len(leaves) > MOST_ACTIVE:
+        if len(leaves) > MAX_ACTIVE:
             return None
         table = _table(rest, {leaf: NEGATIVE[k] for k, leaf in enumerate(leaves)})
         matter = tuple(
@@ -409,7 +409,7 @@ class _Case:
                 self.splitter.pieces[key] = piece
             out = either(out, self.splitter.pieces[key])
             self.found.update(leaves_of(self.splitter.pieces[key]))
-            if len(self.found) > MOST_LEAVES:
+            if len(self.found) > MAX_LEAVES:
                 raise _TooManyError
         return out
 
@@ -465,7 +465,7 @@ class _Case:
     def _split(self, i: int, level: float, closed: bool) -> Expression:
         """Take a register apart at one of its choices; a leaf if there is none."""
         self.splits += 1
-        if self.splits > MOST_SPLITS:
+        if self.splits > MAX_SPLITS:
             raise _TooManyError
         new = self._rebuilt(i, {})
         if new != i:
@@ -498,7 +498,7 @@ class _Case:
     def _leaf(self, i: int, level: float, closed: bool) -> Expression:
         number = self.splitter.leaf(i, level, self.owner)
         self.found.add(number)
-        if len(self.found) > MOST_LEAVES:
+        if len(self.found) > MAX_LEAVES:
             raise _TooManyError
         if self.splitter.vanishes(number):
             return closed

@@ -26,7 +26,7 @@ from ilattice.tiles.skeleton import STAND_IN, FlattenedField
 #: Values above this are not needed where a sign is asked for.
 _SIGN = 1e-9
 #: Cells that a part of a skeleton may reach over.
-MOST_CELLS = 8.0
+MAX_CELLS = 8.0
 #: Voxels along the edges of blocks of which one value may tell all signs.
 _BLOCK = 8
 
@@ -119,9 +119,9 @@ class Body(Frozen):
     @classmethod
     def of(cls, shape: Shape, extrusion: str) -> "Body":
         """Give a skeleton its volume."""
-        if not shape.extent <= MOST_CELLS:
+        if not shape.extent <= MAX_CELLS:
             raise InputError(
-                f"skeleton must have parts that reach over at most {MOST_CELLS:g} cells, but one "
+                f"skeleton must have parts that reach over at most {MAX_CELLS:g} cells, but one "
                 f"is {shape.extent:.3g} long: scale it less"
             )
         body = cls(SkeletonField(list(shape.entities), faces="periodic"), shape)

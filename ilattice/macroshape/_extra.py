@@ -18,7 +18,7 @@ from ilattice.errors import InputError, PrecisionWarning
 
 #: Parameters at which functions are compared with what is stored, and the largest difference
 #: without a warning, relative to the range of the function.
-CHECKS, MOST_MISSED = 400, 0.01
+CHECKS, MAX_MISSED = 400, 0.01
 
 
 def interpolated(spline: BSpline, name: str, f: Callable[[FloatArray], ArrayLike]) -> FloatArray:
@@ -47,7 +47,7 @@ def warn_missed(spline: BSpline, name: str, f: Callable[[FloatArray], ArrayLike]
     values = as_array(name, asked(name, f, u))
     missed = float(np.abs(spline(u) - values).max())
     spread = max(float(np.ptp(values)), 1e-9 * float(np.abs(values).max()))
-    if missed > MOST_MISSED * spread:
+    if missed > MAX_MISSED * spread:
         warnings.warn(
             f"{name} is interpolated in the spline space of the map, and missed by up to "
             f"{100 * missed / spread:.2g} % of its range; give the map more coefficients first, "

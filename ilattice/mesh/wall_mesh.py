@@ -55,13 +55,13 @@ if TYPE_CHECKING:
 #: Part of the vertices that may be held without a warning; part of them that may be off for no
 #: jump or crease of the distance, and at creases, without an error; a number of them that always
 #: may. Last, the part that may have nearer feet than they went by.
-MAX_HELD, MOST_HELD, MOST_CREASED, FEW, MOST_NEARER = 1e-3, 1e-3, 2e-2, 10, 1e-3
+MAX_UNCONVERGED, MAX_OFF, MAX_CREASED, FEW, MAX_NEARER = 1e-3, 1e-3, 2e-2, 10, 1e-3
 #: Random points, and the corners, at which a wall that fills the part is noticed.
 FILLED = 4096
 CORNERS = np.indices((2, 2, 2)).reshape(3, -1).T
 #: Bytes of memory per vertex of a mesh, and per site where the map is sampled.
 PER_VERTEX, PER_SITE = 500, 150
-MOST_PLANES = 10_000_000
+MAX_PLANES = 10_000_000
 #: Length of edges, relative to the least thickness: by default, and where vertices are off then.
 DEFAULTS = (0.25, 0.2, 0.16)
 #: Longest edges, relative to the least thickness, with which contours show a wall; and the part of
@@ -171,7 +171,7 @@ def _of_sheets(job: _Job, caps: bool) -> _Made | None:
         job.wall, lambda u, at: job.settle(u, sheets.kind[at], sheets.side[at])
     )
     off = int(job.classify(new.u, sheets.kind, sheets.side, suspect).off.sum())
-    if new.left or off > max(MOST_HELD * len(suspect), FEW):
+    if new.left or off > max(MAX_OFF * len(suspect), FEW):
         if job.h <= least:
             return None
         raise GeometryError(
@@ -186,7 +186,7 @@ def _remedy(job: _Job) -> str:
     """What to do about a wall that is too thin."""
     enough = ENOUGH * job.wall.least_thickness
     size = float(np.ptp(job.wall.lattice.through.bounds, axis=0).max())
-    if size > MOST_PLANES * enough:
+    if size > MAX_PLANES * enough:
         return "make the wall thicker: no grid is fine enough for it"
     return f"use h <= {enough:g}"
 
@@ -379,15 +379,15 @@ def _check(off: AnyArray, crease: AnyArray, *, exactly: bool) -> None:
         "use a smaller h, more spans_per_tile where the distance spline has a wall and exact "
         "distances have none, or polish=False for a mesh of the spline"
     )
-    if exactly and held > max(MOST_HELD * count, FEW):
+    if exactly and held > max(MAX_OFF * count, FEW):
         raise TooCoarseError(
-            f"{held} of {count} vertices are off the offset (more than {MOST_HELD:.1%}): there is "
+            f"{held} of {count} vertices are off the offset (more than {MAX_OFF:.1%}): there is "
             "none in their cells, as in slits thinner than a part of a cell, or triangles would "
             f"cross; {remedy}"
         )
-    if exactly and cut > max(MOST_CREASED * count, FEW):
+    if exactly and cut > max(MAX_CREASED * count, FEW):
         raise ConvergenceError(
-            f"{cut} of {count} vertices cut creases of the offset (more than {MOST_CREASED:.0%}); "
+            f"{cut} of {count} vertices cut creases of the offset (more than {MAX_CREASED:.0%}); "
             f"{remedy}"
         )
 
@@ -398,13 +398,13 @@ def _check_again(part: float, mended: float, count: int) -> None:
         "as where the map folds beyond its ends or squeezes tiles; use boundary='clip', more and "
         "smaller tiles"
     )
-    if part * count > max(MOST_NEARER * count, FEW):
+    if part * count > max(MAX_NEARER * count, FEW):
         raise ConvergenceError(
-            f"{part:.2%} of the vertices are off the offset (more than {MOST_NEARER:.1%}): parts "
+            f"{part:.2%} of the vertices are off the offset (more than {MAX_NEARER:.1%}): parts "
             f"of the mid-surface are nearer than their closest points, {where}, or polish=False "
             "for a mesh of the distance spline"
         )
-    if max(part, mended) > MAX_HELD:
+    if max(part, mended) > MAX_UNCONVERGED:
         warnings.warn(
             f"{part:.2%} of the vertices are off the offset, for parts of the mid-surface are "
             f"nearer than their closest points, and of {mended:.2%} only neighbours have found "
@@ -416,7 +416,7 @@ def _check_again(part: float, mended: float, count: int) -> None:
 
 def _warn(held: int, count: int, left: int) -> None:
     """Warn of what a mesh could not hold."""
-    if held > max(MAX_HELD * count, FEW):
+    if held > max(MAX_UNCONVERGED * count, FEW):
         warnings.warn(
             f"{held} of {count} vertices could not be moved onto the offset, or would make "
             "triangles cross there, and are off it; use a smaller h",

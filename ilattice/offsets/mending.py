@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.offsets import _kernels_mending, _kernels_newton, _kernels_seeds
 from ilattice.offsets._kernels_patches import DISTANCE, IMAGE
+from ilattice.offsets.seeding import Seeds
 
 if TYPE_CHECKING:
     from ilattice.offsets.closest import ClosestPointSearch
@@ -87,7 +88,7 @@ def _nearest(feet: FloatArray, x: FloatArray) -> IntArray:
     return out
 
 
-def started(search: ClosestPointSearch, start: FloatArray) -> tuple[FloatArray, ...]:
+def started(search: ClosestPointSearch, start: FloatArray) -> Seeds:
     """Points of the surface as seeds.
 
     Parameters
@@ -99,8 +100,8 @@ def started(search: ClosestPointSearch, start: FloatArray) -> tuple[FloatArray, 
 
     Returns
     -------
-    tuple of ndarray
-        Seeds, see `_kernels_patches`.
+    Seeds
+        One each.
     """
     n = len(start)
     start = np.ascontiguousarray(start)
@@ -108,8 +109,8 @@ def started(search: ClosestPointSearch, start: FloatArray) -> tuple[FloatArray, 
     normal = np.empty((n, search.seeds.normals.shape[1]))
     place: Any = _kernels_seeds.place_seeds
     cell = np.full((n, 3), search.cell)
-    place(n, *search.space, start, cell, y, normal, spacing, det)
-    return start, y, normal, spacing
+    place(n, search.space, start, cell, y, normal, spacing, det)
+    return Seeds(start, y, normal, spacing)
 
 
 def _least(search: ClosestPointSearch, distance: FloatArray) -> FloatArray:

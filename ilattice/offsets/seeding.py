@@ -31,7 +31,7 @@ NEAR, ALIKE, LOOKED_AT = 0.9, 0.75, 8
 FLAT, LEAST, MEETING = 1e-2, 1e-4, 2e-3
 #: Part of det J on faces next to which seeds are placed in layers, so many of them at most, and
 #: places along each direction of a face where it is looked at.
-FALLEN, MOST_LAYERS, ACROSS = 0.1, 12, 64
+FALLEN, MAX_LAYERS, ACROSS = 0.1, 12, 64
 #: Sharp seeds that are looked at next to a seed.
 BESIDE = 6
 #: Steps downhill.
@@ -241,7 +241,7 @@ def layers_needed(space: TileSpace, axes: list[FloatArray], axis: int, end: floa
     rest = float((here / np.maximum(there, np.finfo(np.float64).tiny)).min())
     if rest > FALLEN:
         return 0
-    return min(MOST_LAYERS, 1 + int(np.ceil(-np.log2(max(rest, 1e-12)))))
+    return min(MAX_LAYERS, 1 + int(np.ceil(-np.log2(max(rest, 1e-12)))))
 
 
 def sharpest(x: FloatArray, turn: FloatArray, spacing: FloatArray) -> FloatArray:

@@ -23,7 +23,7 @@ BATCH = 1 << 10  # boxes interpolated at once
 STEP = 1e-4  # of a box: for slopes
 #: Part of a box, without bounds, in which solid may be missed though no point that was looked at
 #: tells so: counts only where no solid is found at all.
-LEAST_DOUBT = 1e-9
+MIN_DOUBT = 1e-9
 #: Steps of the search for a sign that no point has that was looked at, and how much longer each is
 #: than one to where a straight field vanishes: distances vanish there, and change sign just behind.
 DIVES, BEYOND = 12, 1.2
@@ -248,7 +248,7 @@ class Splits:
             certain[part] = (r[:, 0] >= -slack) | (r[:, 1] <= slack)
         open_ = _open(chosen, off, bounded, crossed | certain)
         hidden = np.zeros(len(owner), bool)
-        todo = np.flatnonzero(open_ & ~bounded & (wrong <= LEAST_DOUBT))
+        todo = np.flatnonzero(open_ & ~bounded & (wrong <= MIN_DOUBT))
         hidden[todo] = self._hidden(chosen.leaf[todo], box[owner[todo]], lowest[todo])
         wrong[hidden] = SLAB / self.degree
         return _measured(
@@ -286,7 +286,7 @@ class Splits:
         crossed = (low < 0.0) & (high > 0.0) & (off <= seen_there)
         least = np.abs(every).argmin(axis=1)
         places = np.concatenate([u.reshape(len(box), -1, 3), x], axis=1)[np.arange(len(box)), least]
-        return c, off, np.maximum(wrong, LEAST_DOUBT), crossed, places
+        return c, off, np.maximum(wrong, MIN_DOUBT), crossed, places
 
     def _hidden(self, leaf: IntArray, box: FloatArray, x: FloatArray) -> AnyArray:
         """Whether fields (n,), of one sign where they were looked at, have another one in boxes.

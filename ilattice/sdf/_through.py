@@ -24,6 +24,7 @@ from ilattice.sdf._loss import check_loss
 
 SAMPLES = 9  # per direction, of the lengths of parameter lines
 PER_POINT = 60.0  # bytes of memory per point of the grid
+#: Quality below which triangles are removed.
 SLIVER = 0.005
 
 

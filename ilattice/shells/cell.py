@@ -40,7 +40,7 @@ from ilattice.shells.surface import EDGE, N, OctantSurface, surface
 from ilattice.shells.topologies import Topology, parsed
 from ilattice.tiles import Tile
 
-LEAST_SPANS, MOST_SPANS = 8, 128
+MIN_SPANS, MAX_SPANS = 8, 128
 #: Distance of the zero set from the curved triangles, in cells, that is told.
 TOLERANCE = 1e-3
 _REACH = 2.5  # spans
@@ -271,7 +271,7 @@ def as_spans(spans: Any) -> int:
     InputError
         If it is odd, or out of range.
     """
-    count = as_whole("spans", spans, LEAST_SPANS, MOST_SPANS)
+    count = as_whole("spans", spans, MIN_SPANS, MAX_SPANS)
     if count % 2:
         raise InputError(f"spans must be even, got {count}: take {count + 1}")
     return count

@@ -61,17 +61,17 @@ if TYPE_CHECKING:
 
 #: A polygon as arrays: its outer contour (n, 2), and its holes.
 Polygon = tuple[FloatArray, tuple[FloatArray, ...]]
-MOST_LAYERS = 50_000
+MAX_LAYERS = 50_000
 #: Bytes per cell of a cross-section, and per block of cells, while slicing.
 PER_CELL, PER_BLOCK = 20, 40
 #: Part of a layer below which what is left of the height goes to the last layer: it is rounding.
-LEAST_LAYER = 1e-3
+MIN_LAYER = 1e-3
 #: How far beyond the part a height may be, relative to its extent, before it is outside.
 ROUNDING = 1e-6
 #: How far inside of it the slices at the ends of a part are cut, likewise.
 END = 2e-6
 #: Part of the area of a slice in which contours may be missed before a warning.
-MOST_DOUBT = 0.005
+MAX_DOUBT = 0.005
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -260,7 +260,7 @@ class SliceStack(Frozen):
         below = self.bottom if i == 0 else float(self.tops[i - 1])
         outline = self.slicer.outline(float(self.cuts[i]))
         out = Slice(height, float(self.tops[i]), below, nested(outline), self.frame, outline.doubt)
-        if out.doubt > MOST_DOUBT * out.area:
+        if out.doubt > MAX_DOUBT * out.area:
             warnings.warn(
                 "gaps or webs in slices are so fine that contours may be missed, see Slice.doubt; "
                 "use a smaller h",
@@ -412,13 +412,13 @@ def _layers(
         raise InputError("give either z, the heights, or thickness, that of the layers")
     if thickness is not None:
         t = as_positive("thickness", thickness)
-        layers = float(np.ceil((high - low) / max(t, 1e-300) - LEAST_LAYER))
-        count = int(np.clip(layers, 1, MOST_LAYERS + 1))
-        if count > MOST_LAYERS:
+        layers = float(np.ceil((high - low) / max(t, 1e-300) - MIN_LAYER))
+        count = int(np.clip(layers, 1, MAX_LAYERS + 1))
+        if count > MAX_LAYERS:
             raise InputError(
                 f"thickness={t:g} makes {layers:.3g} layers of a part from {low:g} to {high:g}; "
-                f"at most {MOST_LAYERS} are allowed: use a thickness of at least "
-                f"{(high - low) / MOST_LAYERS:.2g}"
+                f"at most {MAX_LAYERS} are allowed: use a thickness of at least "
+                f"{(high - low) / MAX_LAYERS:.2g}"
             )
         ends_of_layers = np.append(low + t * np.arange(count), high)
         return 0.5 * (ends_of_layers[:-1] + ends_of_layers[1:]), ends_of_layers[1:], low

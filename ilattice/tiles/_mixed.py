@@ -24,9 +24,9 @@ from ilattice.tiles.trig import TrigField
 
 DEGREE = 3
 #: Spans per tile edge that the fit starts with, and at most.
-LEAST_SPANS, MOST_SPANS = 8, 32
+MIN_SPANS, MAX_SPANS = 8, 32
 #: Points at which the error of the fit is measured: per tile, at least, and at most.
-CHECKS_PER_TILE, LEAST_CHECKS, MOST_CHECKS = 32, 1 << 12, 1 << 16
+CHECKS_PER_TILE, MIN_CHECKS, MAX_CHECKS = 32, 1 << 12, 1 << 16
 #: Samples of a tile per edge, and how many are taken to lie at its zero set in any case.
 SAMPLES, FEW = 24, 16
 
@@ -323,22 +323,22 @@ def fitted(blend: Blend, tol: float) -> MixedField:
     count, closed = np.array(blend.repeat), blend.closed
     box = np.array([np.where(closed, 0.0, -1.0), np.where(closed, count, count + 1.0)])
     layers = (box[1] - box[0]).astype(np.int64)
-    checks = int(np.clip(CHECKS_PER_TILE * layers.prod(), LEAST_CHECKS, MOST_CHECKS))
-    spans = np.full(3, LEAST_SPANS)
+    checks = int(np.clip(CHECKS_PER_TILE * layers.prod(), MIN_CHECKS, MAX_CHECKS))
+    spans = np.full(3, MIN_SPANS)
     while True:
         spline, report = fit_report(
             blend, domain=box, degree=DEGREE, spans=(spans * layers).tolist(),
             method="interpolate", periodic=closed.tolist(), checks=checks,
         )  # fmt: skip
         jumps = np.array([jump(spline, axis) for axis in range(3)])
-        finer = (jumps >= 0.1 * jumps.max()) & (spans < MOST_SPANS)
+        finer = (jumps >= 0.1 * jumps.max()) & (spans < MAX_SPANS)
         if report.error <= tol or not finer.any():
             break
         spans = np.where(finer, 2 * spans, spans)
     if report.error > tol:
         warnings.warn(
             f"the spline of the mixture deviates by {report.error:.3g} tile edges from the blended "
-            f"tiles (tol asks for {tol:.3g}) with {MOST_SPANS} spans per tile: are they smooth?",
+            f"tiles (tol asks for {tol:.3g}) with {MAX_SPANS} spans per tile: are they smooth?",
             PrecisionWarning,
             stacklevel=4,
         )

@@ -41,9 +41,9 @@ from ilattice._validate import (
     read_only,
 )
 from ilattice.errors import GeometryError, InputError
-from ilattice.tiles._kernels_skeleton import skeleton_jets
+from ilattice.tiles._kernels_skeleton import Tree, skeleton_jets
 from ilattice.tiles._pieces import Piece, Pieces, pieces_of
-from ilattice.tiles._tree import Tree, images, tree_of
+from ilattice.tiles._tree import images, tree_of
 from ilattice.tiles.entities import (
     Arc,
     Ball,
@@ -278,7 +278,7 @@ class SkeletonField(Field, Frozen):
         g = np.empty((n if order > 0 else 0, 3))
         h = np.empty((n if order > 1 else 0, 3, 3))
         x = np.ascontiguousarray(x)
-        skeleton_jets(x, order, self.blend, limit, *tree.args, self._planes, f, g, h)
+        skeleton_jets(x, order, self.blend, limit, tree, self._planes, f, g, h)
         return (f, g, h)[: order + 1]
 
     def _in_space(self, u: FloatArray) -> FloatArray:

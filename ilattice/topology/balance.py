@@ -13,6 +13,7 @@ import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.bspline import BSpline
+from ilattice.offsets._kernels_jets import RATIONAL
 from ilattice.offsets.space import kernel_space
 from ilattice.topology import _kernels_balance
 from ilattice.topology.excess import Excess
@@ -58,9 +59,11 @@ class Balance:
     def __init__(self, excess: Excess) -> None:
         self.excess, self.search = excess, excess.lattice.search
         self.space = kernel_space(excess.lattice, generic=True)
+        geom = self.space.geom.copy()
+        geom[RATIONAL] = 0.0
         nothing = BSpline([np.array(d) for d in excess.domain.T], np.zeros((1, 1, 1)), 0)
         self.less = {
-            side: (nothing if less is None else less).generic_kernel_args
+            side: self.space.through((nothing if less is None else less).generic_kernel_args, geom)
             for side, less in excess.less.items()
         }
 
@@ -83,7 +86,7 @@ class Balance:
         last, low, pivot = np.empty((3, len(p)))
         kernel: Any = _kernels_balance.balance
         kernel(
-            *self.space, *self.less[starts.side], p, feet, weights, starts.number,
+            self.space, self.less[starts.side], p, feet, weights, starts.number,
             np.array(on) != 0, REACH, last, low, pivot,
         )  # fmt: skip
         u = self.excess.wrapped(self.search.from_tile(p))

@@ -19,7 +19,7 @@ from ilattice.topology.excess import Excess
 
 #: Feet are looked for that are farther than the nearest by up to so many diagonals of a span.
 NEARLY = 1.2
-MOST_SEEDS = 64
+MAX_SEEDS = 64
 #: Feet whose distances differ by less, relative to the size of a span, are equally near.
 EVEN = 1e-5
 
@@ -158,7 +158,7 @@ def _spread(index: IntArray, sx: FloatArray, x: FloatArray, size: float) -> IntA
     index = index[np.argsort(away, kind="stable")]
     boxes = np.floor((sx[index] - x) / size).astype(np.int64)
     _, first = np.unique(boxes, axis=0, return_index=True)
-    return index[np.sort(first)[:MOST_SEEDS]]
+    return index[np.sort(first)[:MAX_SEEDS]]
 
 
 def _first_ones(owner: IntArray, place: FloatArray, reach: FloatArray) -> IntArray:

@@ -205,7 +205,7 @@ def test_vertices_are_held_back_where_nothing_else_helps(monkeypatch):
     """And marked, with their error; all others are exact."""
     wall = wall_of("c_s")
     monkeypatch.setattr(untangle, "SLIDES", 0)
-    monkeypatch.setattr(wall_mesh, "MOST_HELD", 0.03)
+    monkeypatch.setattr(wall_mesh, "MAX_OFF", 0.03)
     monkeypatch.setattr(
         wall_mesh, "in_own_cells", lambda *args: (args[2], np.zeros(len(args[2]), bool))
     )
