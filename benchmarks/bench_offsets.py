@@ -11,8 +11,8 @@ from benchmarks.measure import Row, wall
 from ilattice._typing import FloatArray
 from ilattice.bspline.fit import sites
 from ilattice.topology import _kernels_hull
+from ilattice.topology.clearance import Clearance
 from ilattice.topology.critical import critical_points
-from ilattice.topology.excess import Excess
 from ilattice.topology.windows import Windows
 
 PAPER = "paper: 0.41-1.24 s torus, 3.05-8.73 s duck, one M2 Max core"
@@ -66,7 +66,7 @@ class Events:
     def setup(self) -> None:
         space = il.macroshape.cylinder_shell(2.0, 3.0, 1.0, angle=0.4)
         self.lattice = il.Lattice(il.tiles["gyroid"], through=space)
-        windows = Windows(Excess(self.lattice))
+        windows = Windows(Clearance(self.lattice))
         axes = [
             np.linspace(*side, n) for side, n in zip(space.domain.T, windows.shape, strict=True)
         ]

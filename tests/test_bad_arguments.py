@@ -532,7 +532,7 @@ ODD_CALLS = [
     lambda _: il.sdf.Command.read("sphere dilate t").files(3),
     lambda _: il.sdf.Command.read("sphere dilate t").solid({"t": 1}),
     lambda _: il.sdf.Command.read("sphere dilate t").check_used([1]),
-    lambda _: GRID.places([-1]),
+    lambda _: GRID.cell_indices([-1]),
     lambda _: GRID.boxes(3),
     lambda _: GRID.home([0.5]),
     lambda s: il.cutfem.cut(s["wall"], 4).cells([0]),

@@ -253,7 +253,7 @@ class Assembly(Frozen):
             A = np.empty((len(at), size, size))
             u = rule.points[rows]
             kernels.cell_matrices(
-                kind, *self.space._tables, self.space.places[at], self.space.boxes[at],
+                kind, *self.space._tables, self.space.cell_indices[at], self.space.boxes[at],
                 rule.offsets[part.start : part.stop + 1] - rows.start, u, rule.weights[rows],
                 self.jacobians(u), d if len(d) == 1 else d[rows], A,
             )  # fmt: skip
@@ -353,7 +353,7 @@ class Assembly(Frozen):
         at = np.searchsorted(self.space.cells, rule.cells)
         J = self.jacobians(u) if len(P) else IDENTITY
         basis.vectors(
-            *self.space._tables, self.space.places[at], self.space.boxes[at], rule.offsets,
+            *self.space._tables, self.space.cell_indices[at], self.space.boxes[at], rule.offsets,
             u, J, np.ascontiguousarray(f), np.ascontiguousarray(P), out,
         )  # fmt: skip
 

@@ -158,19 +158,19 @@ class Domain(Frozen):
         return self._divided[1]
 
     @cached_property
-    def wet(self) -> tuple[Quadrature, ...]:
+    def interior_facets(self) -> tuple[Quadrature, ...]:
         """Rules on the faces between elements, of the three directions; good for areas only."""
         return tuple(self.elements.divided(self.cut.faces(axis, 1)) for axis in range(3))
 
     @cached_property
     def joints(self) -> tuple[Quadrature, ...]:
-        """Those faces of `wet` through which parts hang together."""
-        return tuple(self.parts.joined(rule) for rule in self.wet)
+        """Those faces of `interior_facets` through which parts hang together."""
+        return tuple(self.parts.joined(rule) for rule in self.interior_facets)
 
     @cached_property
     def parts(self) -> Parts:
         """Connected parts of the solid."""
-        return connected_parts(self.volume, self.wet)
+        return connected_parts(self.volume, self.interior_facets)
 
     def boundary(self, on: str | Region) -> Quadrature:
         """Rule in space on an end face, a level set or a region, with normals and `parameters`.

@@ -140,7 +140,7 @@ def _by_factor(A: Any, solver: Any, count: int, motions: FloatArray, tol: float)
 
 
 def _known(A: Any, solver: Any, motions: FloatArray, tol: float) -> tuple[FloatArray, Any]:
-    """Those combinations of rigid motions that are eigenvectors, of unit x K x."""
+    """Those combinations of rigid-body modes that are eigenvectors, of unit x K x."""
     x = orth(motions)
     if not x.shape[1]:
         return np.zeros(0), x

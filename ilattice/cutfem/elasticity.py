@@ -219,7 +219,7 @@ class Elasticity(ElasticOperators):
         value : float, sequence of 3 floats or callable
             The displacement; a callable takes points of space (n, 3), returns vectors (n, 3).
         method : {"auto", "strong", "nitsche"}
-            Exactly, for end faces; or in the mean, by Nitsche's method. Loads and springs on
+            Exactly, for end faces; or weakly imposed, by Nitsche's method. Loads and springs on
             the place go into the support; of supports that overlap, the first one holds. Where two
             phases meet on an end face, values with a kink there are right by Nitsche's method only:
             held exactly they are interpolated (by up to 2 % in coarse cells).

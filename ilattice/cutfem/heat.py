@@ -285,7 +285,7 @@ class Heat(Problem):
         A = asm.pattern.matrix(data)
         solver = Solver(
             con.reduce(A), near_nullspace=self.system.near_nullspace, method=method,
-            places=self.system.places,
+            coordinates=self.system.coordinates,
         )  # fmt: skip
         c = np.where(con.fixed, con.values, self._initial(initial))
         f = (self.forces() + self._from_supports()).ravel()
@@ -442,7 +442,7 @@ class Heat(Problem):
                 asm.add_blocks(data, at, A)
                 continue
             surface_scalars(
-                *asm.space._tables, asm.space.places[at], asm.space.boxes[at],
+                *asm.space._tables, asm.space.cell_indices[at], asm.space.boxes[at],
                 rule.offsets[part.start : part.stop + 1] - rows.start, u, rule.weights[rows],
                 asm.jacobians(u), rule.normals[rows], Q[rows], k[rows], A,
             )  # fmt: skip

@@ -175,12 +175,12 @@ class PhasedDomain(Domain):
     def elements(self) -> PhasedGrid:  # type: ignore[override]
         """The elements of both phases."""
         a, b = (elements_of(c, r) for c, r in zip(self.phases, self._volumes, strict=True))
-        wet = [np.unique(g.divided(r).cells) for g, r in zip((a, b), self._volumes, strict=True)]
+        solid = [np.unique(g.divided(r).cells) for g, r in zip((a, b), self._volumes, strict=True)]
         names = [np.full(a.count + len(g.parents), -1) for g in (a, b)]
-        names[0][wet[0]] = wet[0]
-        taken = np.isin(wet[1], wet[0]) | (wet[1] >= a.count)
-        new = wet[1][taken]
-        names[1][wet[1][~taken]] = wet[1][~taken]
+        names[0][solid[0]] = solid[0]
+        taken = np.isin(solid[1], solid[0]) | (solid[1] >= a.count)
+        new = solid[1][taken]
+        names[1][solid[1][~taken]] = solid[1][~taken]
         names[1][new] = a.count + len(a.parents) + np.arange(len(new))
         return PhasedGrid(
             a.axes, a.closed, level=self.level, grids=(a, b),
@@ -206,14 +206,14 @@ class PhasedDomain(Domain):
         return self._both([rule_on(c, "volume", some, q) for c, some in mine])
 
     @cached_property
-    def wet(self) -> tuple[Quadrature, ...]:
-        """See `Domain.wet`: there is no face between elements of two phases."""
+    def interior_facets(self) -> tuple[Quadrature, ...]:
+        """See `Domain.interior_facets`: there is no face between elements of two phases."""
         return tuple(self._both([c.faces(a, 1) for c in self.phases]) for a in range(3))
 
     @cached_property
     def parts(self) -> Parts:
         """Connected parts of the solid; phases that touch hang together."""
-        return connected_parts(self.volume, self.wet, self._between)
+        return connected_parts(self.volume, self.interior_facets, self._between)
 
     def _by_elements(self, on: str) -> Quadrature:
         if on in NAMES:

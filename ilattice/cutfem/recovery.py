@@ -265,4 +265,4 @@ def _masses(domain: Domain, smooth: Assembly, rule: Quadrature, weight: float) -
     data = asm.zeros(1)
     asm.add_cells(data, rule, kernels.MASS, np.ones((1, 1)))
     asm.add_ghost(data, None)
-    return Solver(asm.pattern.matrix(data), places=smooth.coordinates)
+    return Solver(asm.pattern.matrix(data), coordinates=smooth.coordinates)

@@ -135,7 +135,7 @@ class SplineSpace(Frozen):
         return tuple(map(seen, self._tables))
 
     @property
-    def places(self) -> IntArray:
+    def cell_indices(self) -> IntArray:
         """Index (cells, 3) of the active cells per direction."""
         return seen(self._places)
 
@@ -154,7 +154,7 @@ class SplineSpace(Frozen):
 
     @cached_property
     def _places(self) -> IntArray:
-        return self.grid.places(self.cells)
+        return self.grid.cell_indices(self.cells)
 
     @cached_property
     def _boxes(self) -> FloatArray:
@@ -184,7 +184,7 @@ class SplineSpace(Frozen):
     @cached_property
     def _numbered(self) -> tuple[IntArray, AnyArray]:
         """Numbers of the active functions among all, and those of each active cell."""
-        numbers = self._numbers(self.places, (self.degree + 1,) * 3)
+        numbers = self._numbers(self.cell_indices, (self.degree + 1,) * 3)
         active = np.zeros(int(np.prod(self.shape)), bool)
         active[numbers] = True
         functions = np.flatnonzero(active)

@@ -21,7 +21,7 @@ from ilattice.fields.node import Node
 from ilattice.graph.shapes import SAME, Shape
 from ilattice.minimal.completion import PeriodicSurface, glued
 from ilattice.tiles import SkeletonField, Tile
-from ilattice.tiles.skeleton import STAND_IN, FlattenedField
+from ilattice.tiles.skeleton import SPLINE_ERROR, FlattenedField
 
 #: Values above this are not needed where a sign is asked for.
 _SIGN = 1e-9
@@ -184,7 +184,7 @@ class Body(Frozen):
     def solid(self, name: str) -> Tile:
         """The solid as a tile, negative inside."""
         source = "procedural graph"
-        tol = STAND_IN * self.field.thinnest
+        tol = SPLINE_ERROR * self.field.thinnest
         tile = Tile(self.field, name=name, source=source, tol=tol, check=False)
         for n in (24, 64):
             a = (np.arange(n) + 0.37) / n

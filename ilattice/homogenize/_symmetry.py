@@ -179,7 +179,9 @@ def symmetry_of(turns: list[FloatArray]) -> str:
 def permutation(space: SplineSpace, motion: Motion) -> IntArray | None:
     """Function that comes to each one (n,), None if functions do not fall on functions."""
     shape = np.array(space.grid.shape)
-    numbers = np.ravel_multi_index(tuple(motion.cells(space.places, shape).T), space.grid.shape)
+    numbers = np.ravel_multi_index(
+        tuple(motion.cells(space.cell_indices, shape).T), space.grid.shape
+    )
     at = np.searchsorted(space.cells, numbers)
     if (at >= len(space.cells)).any() or (space.cells[at] != numbers).any():
         return None

@@ -141,7 +141,7 @@ class Measured:
         Whether all interpolants are exact.
     hidden : ndarray of bool, shape (n,)
         Whether a field without bounds has a sign that it has nowhere where it was interpolated.
-    doubt : ndarray, shape (n,)
+    unresolved : ndarray, shape (n,)
         Part of the box of which the sign is not known, if it is not halved.
     """
 
@@ -149,7 +149,7 @@ class Measured:
     blind: AnyArray
     exact: AnyArray
     hidden: AnyArray
-    doubt: FloatArray
+    unresolved: FloatArray
 
 
 class Splits:
@@ -384,6 +384,6 @@ def _measured(
     rough = ~_exact(chosen.coefficients, off)
     for a, values in zip(out, (open_, open_ & ~bounded, rough, hidden), strict=True):
         a[owner[values]] = True
-    doubt = np.zeros(n)
-    np.maximum.at(doubt, owner, wrong * open_)
-    return Measured(out[0], out[1], ~out[2], out[3], doubt)
+    unresolved = np.zeros(n)
+    np.maximum.at(unresolved, owner, wrong * open_)
+    return Measured(out[0], out[1], ~out[2], out[3], unresolved)

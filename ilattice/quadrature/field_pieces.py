@@ -181,7 +181,7 @@ class _Part:
     length: IntArray
     sign: IntArray  # -1 for boxes in the solid, 1 for those that are outside as far as is known
     chosen: Chosen
-    doubt: FloatArray  # volume of which it is not known whether it is solid
+    unresolved: FloatArray  # volume of which it is not known whether it is solid
     exact: AnyArray
     share: FloatArray  # in the error of the volume; NaN if that is not known yet
     volume: FloatArray  # that is solid, likewise
@@ -190,7 +190,7 @@ class _Part:
         """Some of the boxes."""
         return _Part(
             self.cell[rows], self.corner[rows], self.length[rows], self.sign[rows],
-            self.chosen.take(rows), self.doubt[rows], self.exact[rows], self.share[rows],
+            self.chosen.take(rows), self.unresolved[rows], self.exact[rows], self.share[rows],
             self.volume[rows],
         )  # fmt: skip
 
@@ -262,7 +262,7 @@ class _Halving:
         box = _geometry(self.axes, cell, corner, length)
         chosen = self.splits.choose(box, length * MAX_LEAST < 2 * UNIT)
         todo = np.flatnonzero(chosen.certain == 0)
-        doubt, exact = np.zeros(len(cell)), np.ones(len(cell), bool)
+        unresolved, exact = np.zeros(len(cell)), np.ones(len(cell), bool)
         again = np.flatnonzero(chosen.certain == 2)
         if len(todo):
             cut = chosen.take(todo)
@@ -278,18 +278,18 @@ class _Halving:
                 np.zeros(self.order, np.int64), sign,
             )  # fmt: skip
             volume = box[todo, 3:].prod(axis=1)
-            doubt[todo] = np.where(measured.unknown & ~may, measured.doubt * volume, 0.0)
+            unresolved[todo] = np.where(measured.unknown & ~may, measured.unresolved * volume, 0.0)
             exact[todo] = measured.exact
             again = np.sort(np.concatenate([again, todo[unknown]]))
             chosen.put(todo, cut, (sign == 1) | ((sign == -1) & cut.plain(box[todo])))
             chosen.certain[todo] = sign
         keep = chosen.certain <= 0
-        keep |= doubt > 0.0
+        keep |= unresolved > 0.0
         keep[again] = False
         rows = np.flatnonzero(keep)
         part = _Part(
             cell[rows], corner[rows], length[rows], chosen.certain[rows], chosen.take(rows),
-            doubt[rows], exact[rows], np.full(len(rows), np.nan), np.full(len(rows), np.nan),
+            unresolved[rows], exact[rows], np.full(len(rows), np.nan), np.full(len(rows), np.nan),
         )  # fmt: skip
         self.parts.append(part)
         self.count += len(part.chosen.coefficients)
@@ -299,7 +299,7 @@ class _Halving:
 
     def _measure(self, p: _Part) -> None:
         """Set shares of boxes in the error of the volume, and their volumes, where unknown."""
-        if (p.exact | (p.chosen.many == 0)).all() and not p.doubt.any():
+        if (p.exact | (p.chosen.many == 0)).all() and not p.unresolved.any():
             p.share[:], p.volume[:] = 0.0, 1.0
             return
         new = np.flatnonzero(np.isnan(p.share))
@@ -307,7 +307,7 @@ class _Halving:
         first, leaf = part.chosen.first, part.chosen.leaf
         places = np.arange(len(leaf)) - np.repeat(first[:-1], part.chosen.many)
         view = replace(self._finished(part, 0.0, merge=False), names=places)
-        share, volume = part.doubt.copy(), np.zeros(len(new))
+        share, volume = part.unresolved.copy(), np.zeros(len(new))
         rough = np.flatnonzero(~part.exact & (part.sign == 0))
         rows, counts = filled(view, _listed(view, rough), SURFACE, 2, 1)
         points, weights, normals, place = rows.arrays
@@ -365,7 +365,7 @@ class _Halving:
                 np.concatenate([p.length for p in q]),
                 np.concatenate([p.sign for p in q]),
                 Chosen.joined([p.chosen for p in q]),
-                np.concatenate([p.doubt for p in q]),
+                np.concatenate([p.unresolved for p in q]),
                 np.concatenate([p.exact for p in q]),
                 np.concatenate([p.share for p in q]),
                 np.concatenate([p.volume for p in q]),

@@ -64,8 +64,8 @@ MANY = 1000
 _FACE = 16
 #: How far outside the tile an entity may be, and what counts as on a face, in tile coordinates.
 ON_FACE = 1e-9
-#: Error of the spline that stands in for a skeleton, relative to its smallest radius.
-STAND_IN = 0.01
+#: Error of the spline approximation of a skeleton, relative to its smallest radius.
+SPLINE_ERROR = 0.01
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -85,7 +85,7 @@ class SkeletonField(Field, Frozen):
         Ends on an open face are continued straight through it; a closed face cuts the solid
         there; across periodic faces the entities repeat, and may leave the cell. In a lattice,
         open ends must meet others of the same radius on the opposite face, or tiles do not fit
-        together; the rim of a closed face is an edge, which the spline that stands in for the tile
+        together; the rim of a closed face is an edge, which the spline approximation of the tile
         rounds off.
     cell : array_like of shape () or (3,) or (3, 3)
         Edges of the cell: lengths, or vectors as columns. Points of the unit cube stand for
@@ -538,7 +538,7 @@ def skeleton(
     """
     field = SkeletonField(entities, radius, blend, faces, cell)
     edges = field.cell if field.stretched else None
-    tol = STAND_IN * field.thinnest
+    tol = SPLINE_ERROR * field.thinnest
     tile = Tile(field, name=name, source=source, tol=tol, edges=edges, check=False)
     if not any((tile.grid([(np.arange(n) + 0.37) / n] * 3) > 0.0).any() for n in (24, 64)):
         raise GeometryError(

@@ -173,7 +173,7 @@ def test_polished_points_are_at_the_asked_distance_from_all_of_the_surface(flat)
     assert np.abs(side * flat.distance(out) - d)[good].max() < 1e-5 * d
 
 
-@pytest.mark.filterwarnings("ignore:the spline that stands in for tile")
+@pytest.mark.filterwarnings("ignore:the spline approximation of tile")
 @pytest.mark.parametrize("tile", ["gyroid", "re_entrant_honeycomb"])
 def test_no_seed_leads_to_a_nearer_foot(tile):
     """Every seed around is started from, alone: feet of thin plates have others behind them."""
