@@ -8,6 +8,7 @@ import numpy as np
 import ilattice as il
 from benchmarks import references
 from benchmarks.measure import Row, wall
+from ilattice._geometry import grid_points
 from ilattice._typing import FloatArray
 from ilattice.bspline.fit import sites
 from ilattice.topology import _kernels_hull
@@ -22,7 +23,7 @@ def sites_of(spline: il.BSpline) -> FloatArray:
     """Parameters at which the distance is interpolated, one per distinct coefficient."""
     parts = zip(spline.t, spline.k, spline.periodic, strict=True)
     axes = [sites(t, k, "interpolate", periodic) for t, k, periodic in parts]
-    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    return grid_points(*axes)
 
 
 class Torus:
@@ -70,7 +71,7 @@ class Events:
         axes = [
             np.linspace(*side, n) for side, n in zip(space.domain.T, windows.shape, strict=True)
         ]
-        self.nodes = space.x(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3))
+        self.nodes = space.x(grid_points(*axes))
         self.cloud = self.lattice.search.seeds.images
 
     def time_events(self) -> None:

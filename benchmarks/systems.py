@@ -12,6 +12,7 @@ from numba import njit, prange
 from scipy.ndimage import generate_binary_structure, label
 from scipy.sparse import bsr_array
 
+from ilattice._geometry import grid_points
 from ilattice._typing import AnyArray, FloatArray
 
 SAMPLES = 6
@@ -143,11 +144,11 @@ def modes(places: FloatArray, m: int = 3) -> FloatArray:
 def _tile(inside: Any, n: int, heat: bool) -> tuple[FloatArray, FloatArray]:
     """Solid part (n³,) and matrix (n³, 24, 24) of every cell of a tile."""
     s = (np.arange(SAMPLES) + 0.5) / SAMPLES
-    local = np.stack(np.meshgrid(s, s, s, indexing="ij"), axis=-1).reshape(-1, 3)
-    first = np.stack(np.meshgrid(*(np.arange(n),) * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    local = grid_points(s, s, s)
+    first = grid_points(*(np.arange(n),) * 3)
     solid = inside(((first[:, None] + local).reshape(-1, 3)) / n).reshape(n**3, -1)
     g = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3)
-    gauss = np.stack(np.meshgrid(g, g, g, indexing="ij"), axis=-1).reshape(-1, 3)
+    gauss = grid_points(g, g, g)
     at_samples, whole = (_products(p, heat) / (len(p) * n) for p in (local, gauss))
     matrices = np.tensordot(solid.astype(float), at_samples, axes=1)
     part = solid.mean(axis=1)

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._field import owns
+from ilattice._geometry import grid_points
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import (
     as_array,
@@ -280,7 +281,7 @@ class _Setup:
         shape = tuple(len(x) for x in axes)
         if owns(self.field, "grid"):
             return self.checked(asked("grid of field", self.field.grid, tuple(axes)), shape)
-        points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
+        points = grid_points(*axes)
         values = self.checked(asked("field", self.field, points), (len(points),))
         return values.reshape(shape + values.shape[1:])
 

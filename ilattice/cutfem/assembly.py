@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import bsr_array
 
+from ilattice._geometry import grid_points
 from ilattice._memory import need
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import Frozen, read_only
@@ -405,7 +406,7 @@ def constant_jacobian(through: SplineMap) -> FloatArray | None:
         b = spline.breaks(a)
         t = (np.arange(spline.k[a] + 1) + 0.5) / (spline.k[a] + 1)
         axes.append((b[:-1, None] + np.diff(b)[:, None] * t).ravel())
-    u = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+    u = grid_points(*axes)
     J = through.jacobian(u)
     middle = J.mean(axis=0, keepdims=True)
     return read_only(middle) if np.abs(J - middle).max() <= 1e-13 * np.abs(J).max() else None

@@ -19,6 +19,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from ilattice._geometry import grid_points
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import as_array, asked, read_only
 from ilattice.bspline import BSpline
@@ -433,7 +434,7 @@ def _as_spline(level: Any, domain: FloatArray) -> BSpline:
     return spline
 
 
-_SAMPLES = np.stack(np.meshgrid(*[np.linspace(0.0, 1.0, 9)] * 3, indexing="ij"), -1).reshape(-1, 3)
+_SAMPLES = grid_points(*[np.linspace(0.0, 1.0, 9)] * 3)
 
 
 def _rows(rule: Quadrature, keep: AnyArray) -> Quadrature:

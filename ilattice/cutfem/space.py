@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._geometry import grid_points
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import (
     Frozen,
@@ -359,7 +360,7 @@ class SplineSpace(Frozen):
         for a, layer in fixed.items():
             as_whole(f"fixed[{a}]", layer, 0, self.shape[as_axis("fixed", a)] - 1)
         sites = [x[[fixed[a]]] if a in fixed else x for a, x in enumerate(self.sites)]
-        u = np.stack(np.meshgrid(*sites, indexing="ij"), -1).reshape(-1, 3)
+        u = grid_points(*sites)
         c = as_array("f", asked("f", f, u), finite=False).reshape(*(len(x) for x in sites), -1)
         for a in range(3):
             if a not in fixed and self.degree > 1:

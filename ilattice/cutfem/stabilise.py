@@ -27,6 +27,7 @@ from math import factorial, perm
 
 import numpy as np
 
+from ilattice._geometry import grid_points
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import Frozen, read_only
 from ilattice.cutfem._kernels_ghost import ghost_matrices
@@ -348,7 +349,7 @@ def void_rule(cut: CutGrid, rule: Quadrature, q: int, weight: float, solid: floa
     points[kept] = rule.points
     weights[kept] = rule.weights * np.repeat(np.where(is_cut, solid, 1.0), counts)
     box = rule.grid.boxes(rule.cells[is_cut])
-    unit = np.stack(np.meshgrid(x, x, x, indexing="ij"), -1).reshape(-1, 3)
+    unit = grid_points(x, x, x)
     product = (w[:, None, None] * w[:, None] * w).ravel()
     rows = offsets[1:][is_cut][:, None] - q**3 + np.arange(q**3)
     points[rows] = box[:, None, :3] + box[:, None, 3:] * unit

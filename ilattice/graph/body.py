@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._geometry import grid_points
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import Frozen, as_points
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
@@ -188,7 +189,7 @@ class Body(Frozen):
         tile = Tile(self.field, name=name, source=source, tol=tol, check=False)
         for n in (24, 64):
             a = (np.arange(n) + 0.37) / n
-            u = np.stack(np.meshgrid(a, a, a, indexing="ij"), axis=-1).reshape(-1, 3)
+            u = grid_points(a, a, a)
             if (self.field.up_to(_SIGN, u) > 0.0).any():
                 return tile
         raise GeometryError(f"solid {name!r} fills the cell: its thickness is too large")

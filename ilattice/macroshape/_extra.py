@@ -9,6 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ilattice._geometry import grid_points
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import as_array, asked
 from ilattice.bspline import BSpline
@@ -26,7 +27,7 @@ def interpolated(spline: BSpline, name: str, f: Callable[[FloatArray], ArrayLike
     sites, systems = zip(*(_collocation(spline, axis) for axis in range(3)), strict=True)
     if any((np.diff(s) <= 0).any() for s in sites):
         raise InputError(f"{name} must be coefficients: the knots of this map allow jumps")
-    u = np.stack([a.ravel() for a in np.meshgrid(*sites, indexing="ij")], axis=1)
+    u = grid_points(*sites)
     values = as_array(name, asked(name, f, u))
     if values.shape != (len(u),):
         raise InputError(f"{name} must return shape ({len(u)},), got {values.shape}")

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._geometry import grid_points
 from ilattice._progress import Progress, track
 from ilattice._typing import AnyArray, IntArray
 from ilattice.errors import GeometryError
@@ -311,7 +312,7 @@ class Tracer:
             np.concatenate((end[:1], a[1 : -1 : max(1, len(a) // 24)], end[1:]))
             for a, end in zip(self.grid.axes, self.grid.ends.T, strict=True)
         ]
-        points = np.stack([a.ravel() for a in np.meshgrid(*sparse, indexing="ij")], axis=1)
+        points = grid_points(*sparse)
         f = self.sampler.values(np.ascontiguousarray(points)) + self.sampler.middle
         upper = float(self.sampler.upper) + self.sampler.middle
         lower = float(self.sampler.lower) + self.sampler.middle

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._geometry import grid_points
 from ilattice._memory import need
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_kind, as_positive, as_triple
@@ -58,7 +59,7 @@ class FieldSlicer:
             raise GeometryError("the solid is empty: there is nothing to slice")
         if not np.isfinite(box).all():
             raise InputError("the solid has no end: intersect it with a box before slicing")
-        where = np.stack(np.meshgrid(*[[0, 1]] * 3, indexing="ij"), -1).reshape(-1, 3)
+        where = grid_points(*[[0, 1]] * 3)
         self.net = np.take_along_axis(box, where, axis=0)
         flat = self.net @ frame.T
         self.low, self.high = flat.min(axis=0), flat.max(axis=0)
@@ -163,8 +164,8 @@ class FieldSlicer:
         self, blocks: IntArray, corner: FloatArray, h: float, level: float
     ) -> tuple[IntArray, FloatArray, IntArray]:
         """Crossed squares (n, 2), values at their corners (n, 4), and others that may be."""
-        grid = np.stack(np.meshgrid(*[np.arange(BLOCK + 1)] * 2, indexing="ij"), -1).reshape(-1, 2)
-        inner = np.stack(np.meshgrid(*[np.arange(BLOCK)] * 2, indexing="ij"), -1).reshape(-1, 2)
+        grid = grid_points(*[np.arange(BLOCK + 1)] * 2)
+        inner = grid_points(*[np.arange(BLOCK)] * 2)
         rows, values, others = [], [], []
         for i in range(0, len(blocks), BATCH):
             at = blocks[i : i + BATCH]

@@ -31,6 +31,7 @@ import numba
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ilattice._geometry import grid_points
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import (
     FrozenCopies,
@@ -214,7 +215,7 @@ class ClosestPointSearch(TileSpace):
             np.arange(0 if c or e else -1, n if c or e else n + 1)
             for n, c, e in zip(count, closed, self.ends, strict=True)
         ]
-        tiles = np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1).reshape(-1, 3)
+        tiles = grid_points(*ranges)
         p, cell = layered(self, *self._tile_seeds(tiles))
         if self.ends.any():
             inside = ((p >= self.box[0]) & (p <= self.box[1]))[:, self.ends].all(axis=1)
@@ -291,7 +292,7 @@ class ClosestPointSearch(TileSpace):
                 if self.lattice.torn[a]:  # the upper faces of tiles are others than the lower ones
                     upper = planes[1:-1] if not closed[a] else planes + 1.0
                     axes[a] = np.concatenate([planes, upper - BELOW])
-            p = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+            p = grid_points(*axes)
             out.append(self._onto_faces(p, held, m))
             more = self._onto_faces(self._face_crossings(axes, held, m), held, m)
             out.append(more[apart(more, out[-1], m)])
@@ -500,4 +501,4 @@ def _results(n: int) -> tuple[FloatArray, IntArray, IntArray]:
 
 def _cell_centres(m: IntArray) -> FloatArray:
     axes = [(np.arange(n) + 0.5) / n for n in m]
-    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    return grid_points(*axes)

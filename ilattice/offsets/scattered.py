@@ -22,6 +22,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ilattice._field import Field
+from ilattice._geometry import grid_points
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import as_array, as_points
 from ilattice.errors import InputError, PrecisionWarning
@@ -134,7 +135,7 @@ def _warn_beyond(lattice: Tiling, p: FloatArray) -> None:
     apart = float(near[:, 1].max())
     lo, hi = lattice.domain
     axes = [np.linspace(lo[a], hi[a], SITES) for a in range(3)]
-    u = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    u = grid_points(*axes)
     away: Any = tree.query(lattice.through.x(u))[0]
     beyond = away > FAR * apart
     if beyond.mean() > MAX_BEYOND:

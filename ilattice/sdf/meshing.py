@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._field import Field
+from ilattice._geometry import grid_points
 from ilattice._memory import available, need
 from ilattice._progress import Progress
 from ilattice._typing import FloatArray, IntArray
@@ -96,7 +97,7 @@ class Plan(Frozen):
             The estimate.
         """
         sparse = [np.linspace(a[0], a[-1], min(COARSE, len(a))) for a in self.axes]
-        p = np.stack([a.ravel() for a in np.meshgrid(*sparse, indexing="ij")], axis=1)
+        p = grid_points(*sparse)
         with np.errstate(all="ignore"):
             inside = self.inner(p).reshape([len(a) for a in sparse]) < 0.0
         inside = np.pad(inside, 1)

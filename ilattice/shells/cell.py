@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._geometry import grid_points
 from ilattice._progress import Progress
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import FixedMapping, Frozen, as_flag, as_whole, read_only
@@ -98,7 +99,7 @@ class Shell(Frozen):
         """
         count = self.spans // 2
         a = 0.5 + np.arange(count + 1) / self.spans
-        u = np.stack(np.meshgrid(a, a, a, indexing="ij"), axis=-1).reshape(-1, 3)
+        u = grid_points(a, a, a)
         values = self._distance(u).reshape((count + 1,) * 3)
         for axis, kind in enumerate(self.surface.symmetry):
             if kind == "t":  # both faces are one

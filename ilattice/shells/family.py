@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._geometry import grid_points
 from ilattice._typing import AnyArray, ArrayLike, FloatArray
 from ilattice._validate import (
     Frozen,
@@ -255,7 +256,7 @@ def _levelled(shell: Shell) -> tuple[FloatArray, SignedDistance]:
     distance = SignedDistance(known.samples, known.cell, REACH)
     m = shell.spans // 2
     a = 0.5 + np.arange(m + 1) / shell.spans
-    u = np.stack(np.meshgrid(a, a, a, indexing="ij"), axis=-1).reshape(-1, 3)
+    u = grid_points(a, a, a)
     return distance(u).reshape((m + 1,) * 3), distance
 
 

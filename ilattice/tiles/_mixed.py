@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._field import Field
+from ilattice._geometry import grid_points
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_array, asked
 from ilattice.bspline import BSpline
@@ -293,7 +294,7 @@ def mean_slope(field: TrigField | BSpline) -> float:
         step.
     """
     a = (np.arange(SAMPLES) + 0.5) / SAMPLES
-    p = np.stack(np.meshgrid(a, a, a, indexing="ij"), axis=-1).reshape(-1, 3)
+    p = grid_points(a, a, a)
     f, g = field.jet(p, 1)
     with np.errstate(divide="ignore", invalid="ignore"):
         step = np.nan_to_num(np.abs(f) / np.linalg.norm(g, axis=1), nan=np.inf)

@@ -28,6 +28,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._field import Field
+from ilattice._geometry import grid_points
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import (
     Frozen,
@@ -362,7 +363,7 @@ def _grid_points(axes: Iterable[ArrayLike]) -> tuple[FloatArray, tuple[int, ...]
     xyz = [as_array(f"axes[{i}]", a, ndim=1) for i, a in enumerate(as_items("axes", axes))]
     if len(xyz) != 3:
         raise InputError(f"axes must be three 1-D arrays, got {len(xyz)}")
-    p = np.stack(np.meshgrid(*xyz, indexing="ij"), axis=-1).reshape(-1, 3)
+    p = grid_points(*xyz)
     return p, tuple(len(a) for a in xyz)
 
 
@@ -386,7 +387,7 @@ def _samples(e: Entity) -> FloatArray:
     for axis in range(s.ndim):
         b = s.breaks(axis)
         axes.append(np.unique(np.concatenate([np.linspace(*v, count) for v in pairwise(b)])))
-    return s(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, s.ndim))
+    return s(grid_points(*axes))
 
 
 def _as_cell(value: Any) -> FloatArray:

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ilattice._geometry import grid_points
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.topology import _kernels_hull
 from ilattice.topology.clearance import Clearance
@@ -109,7 +110,7 @@ class Windows:
             index = np.arange(n) if on[a] == 0 else np.array([0 if on[a] < 0 else n])
             u = self.clearance.domain[0, a] + self.spacing[a] * (index + 0.5 * (on[a] == 0))
             ranges.append(index[(u >= box[0, a]) & (u <= box[1, a])])
-        every = np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1).reshape(-1, 3)
+        every = grid_points(*ranges)
         kept = [every[:0]]
         for i in range(0, len(every), CHUNK):
             cells = every[i : i + CHUNK]
