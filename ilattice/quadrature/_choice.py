@@ -10,7 +10,8 @@ import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.errors import InputError
-from ilattice.fields._formula import Formula, Splitter, signature
+from ilattice.fields._formula import Splitter, signature
+from ilattice.fields._logic import Formula
 from ilattice.fields.node import Node
 from ilattice.quadrature._filling import Content, bernstein, sites
 

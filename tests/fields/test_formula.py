@@ -5,7 +5,8 @@ import pytest
 
 import ilattice as il
 from ilattice import fields
-from ilattice.fields._formula import MAX_ACTIVE, Splitter
+from ilattice.fields._formula import Splitter
+from ilattice.fields._logic import MAX_ACTIVE
 
 GYROID = fields.from_callable(il.tiles["gyroid"])
 TREES = {
