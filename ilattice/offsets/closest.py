@@ -45,7 +45,7 @@ from ilattice._validate import (
 from ilattice.errors import ConvergenceError, GeometryError, InputError
 from ilattice.offsets import _kernels, _kernels_newton, _kernels_seeds
 from ilattice.offsets._kernels_jets import UPRIGHT
-from ilattice.offsets._kernels_patches import BELOW, BENT, DISTANCE, MULTIPLIER, PLAIN
+from ilattice.offsets._kernels_patches import BELOW, BENT, DISTANCE, IMAGE, MULTIPLIER, PLAIN
 from ilattice.offsets.covering import FINER, Covering
 from ilattice.offsets.mending import mended, started
 from ilattice.offsets.retrying import Boxes, doubtful, in_order, retried, singly
@@ -425,9 +425,10 @@ class ClosestPointSearch(TileSpace):
     def _found(self, feet: FloatArray, counts: IntArray, status: IntArray) -> ClosestPoints:
         first, second = feet
         return ClosestPoints(
-            first[:, 3:6].copy(), self.from_tile(first[:, :3]), first[:, 6].copy(), status,
-            counts[:, 1].copy(), counts[:, 0].copy(), second[:, 3:6].copy(), second[:, 6].copy(),
-            self.from_tile(second[:, :3]),
+            first[:, IMAGE:DISTANCE].copy(), self.from_tile(first[:, :IMAGE]),
+            first[:, DISTANCE].copy(), status, counts[:, 1].copy(), counts[:, 0].copy(),
+            second[:, IMAGE:DISTANCE].copy(), second[:, DISTANCE].copy(),
+            self.from_tile(second[:, :IMAGE]),
         )  # fmt: skip
 
     def _search(
