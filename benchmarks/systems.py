@@ -33,14 +33,14 @@ class System:
         Loads.
     modes : ndarray, shape (n, 6)
         Rigid-body modes (n, 6), or ones (n, 1).
-    places : ndarray, shape (nodes, 3)
+    coordinates : ndarray, shape (nodes, 3)
         Where the nodes are.
     """
 
     K: Any
     f: FloatArray
     modes: FloatArray
-    places: FloatArray
+    coordinates: FloatArray
 
 
 def cross(u: FloatArray) -> AnyArray:
@@ -124,16 +124,18 @@ def system(
     _fill(number, kind, scale, matrices, m, offsets, columns, blocks)
     n = m * (len(offsets) - 1)
     K = bsr_array((blocks, columns, offsets), shape=(n, n))
-    places = np.argwhere(free) / per_tile
-    return System(K, _load(fractions[kind] * scale, free, per_tile, m), modes(places, m), places)
+    coordinates = np.argwhere(free) / per_tile
+    return System(
+        K, _load(fractions[kind] * scale, free, per_tile, m), modes(coordinates, m), coordinates
+    )
 
 
-def modes(places: FloatArray, m: int = 3) -> FloatArray:
+def modes(coordinates: FloatArray, m: int = 3) -> FloatArray:
     """Rigid-body modes of nodes (3 n, 6), or ones (n, 1)."""
     if m == 1:
-        return np.ones((len(places), 1))
-    out = np.zeros((len(places), 3, 6))
-    x, y, z = (places - places.mean(axis=0)).T
+        return np.ones((len(coordinates), 1))
+    out = np.zeros((len(coordinates), 3, 6))
+    x, y, z = (coordinates - coordinates.mean(axis=0)).T
     out[:, :, :3] = np.eye(3)
     out[:, 1, 3], out[:, 2, 3] = -z, y
     out[:, 2, 4], out[:, 0, 4] = -x, z

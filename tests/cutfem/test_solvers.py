@@ -333,7 +333,7 @@ def test_bad_input(struts):
     for options, match in (
         ({"method": "guess"}, "multigrid"),
         ({"near_nullspace": np.ones((n - 1, 6))}, "near_nullspace"),
-        ({"places": np.ones((n, 3))}, "places"),
+        ({"coordinates": np.ones((n, 3))}, "coordinates"),
     ):
         with pytest.raises(InputError, match=match):
             Solver(K, **options)
