@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.measure import Row, alone, cpu, in_turns
+from ilattice._geometry import grid_points
 from ilattice.cost import Beams, counting, kagome, rigidity, stress
 from ilattice.cost.kagome import integers_of, simplices_of
 from ilattice.cost.structure import CornerSharing
@@ -15,7 +16,7 @@ from ilattice.cost.structure import CornerSharing
 def by_numpy(level: int) -> Any:
     """The same structure by all odd tuples and a sort of the vertices."""
     n = level - 1
-    k = np.stack(np.meshgrid(*[np.arange(level)] * 3, indexing="ij"), -1).reshape(-1, 3)
+    k = grid_points(*[np.arange(level)] * 3)
     rows = []
     for total, sign in ((n, 1), (n - 1, -1)):
         c = k[k.sum(axis=1) <= total]

@@ -160,7 +160,10 @@ def together(cells: int) -> tuple[float, float]:
     system, F = problem.system, problem.load_vectors()
     B = np.stack([system.constraints.restrict(F[..., i]).ravel() for i in range(6)], axis=1)
     solver = Solver(
-        system.K, near_nullspace=system.near_nullspace, places=system.places, method="multigrid"
+        system.K,
+        near_nullspace=system.near_nullspace,
+        coordinates=system.coordinates,
+        method="multigrid",
     )
     return in_turns(lambda: solver.solve(B), lambda: solver.solve(B[:, 0]), 7)
 

@@ -8,11 +8,12 @@ import numpy as np
 import ilattice as il
 from benchmarks import references
 from benchmarks.measure import Row, wall
+from ilattice._geometry import grid_points
 from ilattice._typing import FloatArray
 from ilattice.bspline.fit import sites
 from ilattice.topology import _kernels_hull
+from ilattice.topology.clearance import Clearance
 from ilattice.topology.critical import critical_points
-from ilattice.topology.excess import Excess
 from ilattice.topology.windows import Windows
 
 PAPER = "paper: 0.41-1.24 s torus, 3.05-8.73 s duck, one M2 Max core"
@@ -22,7 +23,7 @@ def sites_of(spline: il.BSpline) -> FloatArray:
     """Parameters at which the distance is interpolated, one per distinct coefficient."""
     parts = zip(spline.t, spline.k, spline.periodic, strict=True)
     axes = [sites(t, k, "interpolate", periodic) for t, k, periodic in parts]
-    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    return grid_points(*axes)
 
 
 class Torus:
@@ -66,11 +67,11 @@ class Events:
     def setup(self) -> None:
         space = il.macroshape.cylinder_shell(2.0, 3.0, 1.0, angle=0.4)
         self.lattice = il.Lattice(il.tiles["gyroid"], through=space)
-        windows = Windows(Excess(self.lattice))
+        windows = Windows(Clearance(self.lattice))
         axes = [
             np.linspace(*side, n) for side, n in zip(space.domain.T, windows.shape, strict=True)
         ]
-        self.nodes = space.x(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3))
+        self.nodes = space.x(grid_points(*axes))
         self.cloud = self.lattice.search.seeds.images
 
     def time_events(self) -> None:

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 import ilattice as il
+from ilattice._geometry import grid_points
 from ilattice.homogenize import elastic, voxels
 
 #: Orders in struts: the one that counts, and the limits of what it may be.
@@ -74,7 +75,7 @@ def filled(distance: Callable[[Any], Any], n: int, density: float) -> Any:
     """Parts of n³ voxels that a solid fills, from distances in the middles of their eighths."""
     x, far = (np.arange(n) + 0.5) / n, np.zeros((8, n, n * n))
     for i in range(n):
-        u = np.stack(np.meshgrid(x[i : i + 1], x, x, indexing="ij"), -1).reshape(-1, 3)
+        u = grid_points(x[i : i + 1], x, x)
         for k, s in enumerate(PARTS):
             far[k, i] = 0.5 - 2 * n * distance((u + 0.25 / n * s) % 1.0)
     low, high = -1.0, 1.0

@@ -12,6 +12,7 @@ from numba import njit, prange
 from scipy.ndimage import generate_binary_structure, label
 from scipy.sparse import bsr_array
 
+from ilattice._geometry import grid_points
 from ilattice._typing import AnyArray, FloatArray
 
 SAMPLES = 6
@@ -32,14 +33,14 @@ class System:
         Loads.
     modes : ndarray, shape (n, 6)
         Rigid-body modes (n, 6), or ones (n, 1).
-    places : ndarray, shape (nodes, 3)
+    coordinates : ndarray, shape (nodes, 3)
         Where the nodes are.
     """
 
     K: Any
     f: FloatArray
     modes: FloatArray
-    places: FloatArray
+    coordinates: FloatArray
 
 
 def cross(u: FloatArray) -> AnyArray:
@@ -123,16 +124,18 @@ def system(
     _fill(number, kind, scale, matrices, m, offsets, columns, blocks)
     n = m * (len(offsets) - 1)
     K = bsr_array((blocks, columns, offsets), shape=(n, n))
-    places = np.argwhere(free) / per_tile
-    return System(K, _load(fractions[kind] * scale, free, per_tile, m), modes(places, m), places)
+    coordinates = np.argwhere(free) / per_tile
+    return System(
+        K, _load(fractions[kind] * scale, free, per_tile, m), modes(coordinates, m), coordinates
+    )
 
 
-def modes(places: FloatArray, m: int = 3) -> FloatArray:
+def modes(coordinates: FloatArray, m: int = 3) -> FloatArray:
     """Rigid-body modes of nodes (3 n, 6), or ones (n, 1)."""
     if m == 1:
-        return np.ones((len(places), 1))
-    out = np.zeros((len(places), 3, 6))
-    x, y, z = (places - places.mean(axis=0)).T
+        return np.ones((len(coordinates), 1))
+    out = np.zeros((len(coordinates), 3, 6))
+    x, y, z = (coordinates - coordinates.mean(axis=0)).T
     out[:, :, :3] = np.eye(3)
     out[:, 1, 3], out[:, 2, 3] = -z, y
     out[:, 2, 4], out[:, 0, 4] = -x, z
@@ -143,11 +146,11 @@ def modes(places: FloatArray, m: int = 3) -> FloatArray:
 def _tile(inside: Any, n: int, heat: bool) -> tuple[FloatArray, FloatArray]:
     """Solid part (n³,) and matrix (n³, 24, 24) of every cell of a tile."""
     s = (np.arange(SAMPLES) + 0.5) / SAMPLES
-    local = np.stack(np.meshgrid(s, s, s, indexing="ij"), axis=-1).reshape(-1, 3)
-    first = np.stack(np.meshgrid(*(np.arange(n),) * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    local = grid_points(s, s, s)
+    first = grid_points(*(np.arange(n),) * 3)
     solid = inside(((first[:, None] + local).reshape(-1, 3)) / n).reshape(n**3, -1)
     g = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3)
-    gauss = np.stack(np.meshgrid(g, g, g, indexing="ij"), axis=-1).reshape(-1, 3)
+    gauss = grid_points(g, g, g)
     at_samples, whole = (_products(p, heat) / (len(p) * n) for p in (local, gauss))
     matrices = np.tensordot(solid.astype(float), at_samples, axes=1)
     part = solid.mean(axis=1)

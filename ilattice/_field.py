@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._geometry import grid_points
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import among, as_array, as_items, as_points, as_real
 from ilattice.errors import InputError
@@ -111,7 +112,7 @@ class Field:
         ticks = [as_array(f"axes[{i}]", a, ndim=1) for i, a in enumerate(as_items("axes", axes))]
         if not ticks:
             raise InputError("axes must be 1-D arrays of coordinates, got none")
-        points = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, len(ticks))
+        points = grid_points(*ticks)
         return self(points).reshape(tuple(len(a) for a in ticks))
 
     def range(self, lo: ArrayLike, hi: ArrayLike) -> FloatArray:

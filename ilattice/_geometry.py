@@ -1,6 +1,7 @@
-"""Roots along segments, random points in boxes, and coordinates that faces of a box fix."""
+"""Roots along segments, points of grids and in boxes, and coordinates that faces of a box fix."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -46,6 +47,22 @@ def between(
         gap = p - q
         t = np.where(gap == 0.0, t, lo + (hi - lo) * p / np.where(gap == 0.0, 1.0, gap))
     return t
+
+
+def grid_points(*axes: Any) -> Any:
+    """Points of a tensor grid as rows.
+
+    Parameters
+    ----------
+    *axes : array_like
+        Coordinates along the directions, n of them.
+
+    Returns
+    -------
+    ndarray, shape (points, n)
+        The last coordinate changes first; of the type that the axes have in common.
+    """
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
 
 
 def fixed_coordinates(kind: IntArray) -> AnyArray:

@@ -22,7 +22,7 @@ def sheet(n):
     return il.cutfem.cut(sides, n, domain=[[0.125] * 3, [0.325] * 3], through=box)
 
 
-def wet(domain):
+def interior_facets(domain):
     """Places that the solid reaches, the surface last."""
     out = []
     for place in ("u=0", "u=1", "v=0", "v=1", "w=0", "w=1", "surface"):

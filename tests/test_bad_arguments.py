@@ -28,8 +28,8 @@ ROOMS = (
     "shells", "graph",
 )  # fmt: skip
 SKIPPED = {"save_grid", "contact_sheet"}
-MOST_CALLS = 400_000  # of functions, within less than two seconds
-MOST_MEMORY = 500e6
+MAX_CALLS = 400_000  # of functions, within less than two seconds
+MAX_MEMORY = 500e6
 NAN, INF = float("nan"), float("inf")
 ODD = [
     NAN, INF, -INF, 0, -1, 1e-320, 1e300, -1e-300, 2**70, 10**400, True, None, "", "x", "nan", b"1",
@@ -357,9 +357,9 @@ def test_public_callables_refuse_what_makes_no_sense(room, sense, senses, tmp_pa
                 wrong.append(f"{told}: {type(e).__name__}: {e!s:.200}")
             peak = tracemalloc.get_traced_memory()[1]
             tracemalloc.stop()
-            if peak > MOST_MEMORY:
+            if peak > MAX_MEMORY:
                 wrong.append(f"{told}: {peak / 1e6:.0f} MB")
-            if calls.count > MOST_CALLS:
+            if calls.count > MAX_CALLS:
                 wrong.append(f"{told}: {calls.count} calls")
     assert not wrong, "\n" + "\n".join(wrong)
 
@@ -411,7 +411,7 @@ def outcome(told, method, named):
     finally:
         peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
-    many, much = calls.count > MOST_CALLS, peak > MOST_MEMORY
+    many, much = calls.count > MAX_CALLS, peak > MAX_MEMORY
     return [f"{told}: {calls.count} calls"] * many + [f"{told}: {peak / 1e6:.0f} MB"] * much
 
 
@@ -532,7 +532,7 @@ ODD_CALLS = [
     lambda _: il.sdf.Command.read("sphere dilate t").files(3),
     lambda _: il.sdf.Command.read("sphere dilate t").solid({"t": 1}),
     lambda _: il.sdf.Command.read("sphere dilate t").check_used([1]),
-    lambda _: GRID.places([-1]),
+    lambda _: GRID.cell_indices([-1]),
     lambda _: GRID.boxes(3),
     lambda _: GRID.home([0.5]),
     lambda s: il.cutfem.cut(s["wall"], 4).cells([0]),

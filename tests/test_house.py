@@ -1,5 +1,6 @@
 """The pages for those who change the package: examples run, names exist, rooms are all there."""
 
+import ast
 import re
 from importlib import import_module
 from pathlib import Path
@@ -10,6 +11,8 @@ import ilattice as il
 
 DOCS = Path(__file__).parent.parent / "docs"
 HOME = Path(il.__file__).parent
+#: Positional arguments of a kernel.
+MAX_ARGUMENTS = 16
 
 
 def page(name):
@@ -55,3 +58,15 @@ def test_every_room_is_in_the_plan_from_top_to_bottom():
 def test_links_lead_to_files(name):
     for target in re.findall(r"\]\((\w+\.md)\)", page(name)):
         assert (DOCS / target).is_file()
+
+
+def test_kernels_can_be_read():
+    """Those with more arguments take named tuples, or numbers packed at named places."""
+    counted = {
+        f"{path.relative_to(HOME)}:{node.lineno} {node.name}": len(node.args.args)
+        for path in HOME.rglob("_kernels*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.FunctionDef)
+    }
+    assert len(counted) > 500
+    assert {name: n for name, n in counted.items() if n > MAX_ARGUMENTS} == {}

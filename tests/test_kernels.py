@@ -1,10 +1,14 @@
 """Kernels over ranges, and kernels that only kernels call."""
 
+import sys
+from typing import Any, NamedTuple
+
 import numba
 import numpy as np
 import pytest
 
 from ilattice._kernels import in_ranges, inner
+from ilattice._kernels_tuples import borrowed
 
 
 @inner(error_model="numpy")
@@ -45,3 +49,41 @@ def test_errors_of_ranges_are_raised():
 def test_inner_kernels_take_constants_as_numbers_and_calls_from_python():
     assert power(3, 4) == 81
     assert {args[1] for args in getattr(power, "overloads", {})} <= {numba.int64}
+
+
+class Few(NamedTuple):
+    row: Any
+    table: Any
+    scale: float
+
+
+@inner()
+def entry(few, i):
+    few = borrowed(few)
+    row, table = few.row, few.table
+    return few.scale * (row[i] + table[i, 1])
+
+
+@numba.njit
+def total(few, n):
+    few = borrowed(few)
+    out = 0.0
+    for i in range(n):
+        out += entry(few, i)
+    return out
+
+
+def test_borrowed_tuples_hold_the_same_arrays_and_leave_their_references_alone():
+    row, table = np.arange(5.0), np.arange(10.0).reshape(5, 2)
+    before = sys.getrefcount(row), sys.getrefcount(table)
+    assert total(Few(row, table, 0.5), 5) == 0.5 * (row.sum() + table[:, 1].sum())
+    assert (sys.getrefcount(row), sys.getrefcount(table)) == before
+
+
+def test_borrowed_tuples_of_arrays_of_one_type_are_what_they_were():
+    @numba.njit
+    def swapped(pair):
+        a, b = borrowed(pair)
+        return b[0] - a[0]
+
+    assert swapped((np.array([2.0]), np.array([7.0]))) == 5.0

@@ -12,12 +12,13 @@ Guarantees: no allocation per box, the same bits for any number of threads. Non-
 arguments are not checked; boxes must lie in the domain.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 
 from ilattice._kernels import in_ranges, inner
+from ilattice._kernels_tuples import borrowed
 
 CHUNK = 64
 MAX = 9  # coefficients per direction of the highest degree
@@ -115,23 +116,45 @@ def window(c: Any, a: Any, b: Any) -> Any:
     return least, most
 
 
+class Spline(NamedTuple):
+    """A scalar spline of three parameters for the kernels of bounds.
+
+    Attributes
+    ----------
+    t0, t1, t2, k
+        Knots and degrees (3,).
+    c, num, w
+        Coefficients (n0, n1, n2), the same times their weights, and the weights.
+    rational
+        Whether the weights count.
+    """
+
+    t0: Any
+    t1: Any
+    t2: Any
+    k: Any
+    c: Any
+    num: Any
+    w: Any
+    rational: bool
+
+
 @inner()
-def element_range(
-    c: Any, num: Any, w: Any, rational: bool, first: Any, k: Any, rows: Any, work: Any, out: Any
-) -> Any:
+def element_range(spline: Any, first: Any, rows: Any, work: Any, out: Any) -> Any:
     """Least and largest Bernstein coefficient on one part of an element."""
+    k = spline.k
     size = (k[0] + 1) * (k[1] + 1) * (k[2] + 1)
     least = np.inf
     most = -np.inf
-    if rational:
-        bernstein(num, first, k, rows, work, out[:2])
-        bernstein(w, first, k, rows, work, out[2:])
+    if spline.rational:
+        bernstein(spline.num, first, k, rows, work, out[:2])
+        bernstein(spline.w, first, k, rows, work, out[2:])
         for i in range(size):
             v = out[1, i] / out[3, i]
             least = min(least, v)
             most = max(most, v)
     else:
-        bernstein(c, first, k, rows, work, out[:2])
+        bernstein(spline.c, first, k, rows, work, out[:2])
         for i in range(size):
             v = out[1, i]
             least = min(least, v)
@@ -141,26 +164,11 @@ def element_range(
 
 @inner()
 def box_range(
-    t0: Any,
-    t1: Any,
-    t2: Any,
-    k: Any,
-    c: Any,
-    num: Any,
-    w: Any,
-    rational: bool,
-    lo: Any,
-    hi: Any,
-    span: Any,
-    first: Any,
-    rows: Any,
-    work: Any,
-    out: Any,
-    pad: float,
-    least: float,
-    most: float,
-) -> Any:
+    spline: Any, lo: Any, hi: Any, span: Any, first: Any, rows: Any, work: Any, out: Any,
+    pad: float, least: float, most: float,
+) -> Any:  # fmt: skip
     """Union of the bounds on all elements that a box meets; [least, most] is known to be met."""
+    t0, t1, t2, k = spline.t0, spline.t1, spline.t2, spline.k
     stop = np.empty(3, np.int64)
     for i0 in range(span[0, 0], span[0, 1] + 1):
         if t0[i0 + 1] <= t0[i0]:
@@ -178,12 +186,12 @@ def box_range(
                 first[2] = i2 - k[2]
                 for d in range(3):
                     stop[d] = first[d] + k[d] + 1
-                a, b = window(c, first, stop)
+                a, b = window(spline.c, first, stop)
                 widen = pad * max(abs(a), abs(b))
                 if a - widen >= least and b + widen <= most:  # the whole element adds nothing
                     continue
                 restriction(t2, k[2], i2, max(lo[2], t2[i2]), min(hi[2], t2[i2 + 1]), rows[2])
-                x, y = element_range(c, num, w, rational, first, k, rows, work, out)
+                x, y = element_range(spline, first, rows, work, out)
                 least = min(least, max(a, x) - widen)
                 most = max(most, min(b, y) + widen)
     return least, most
@@ -192,29 +200,16 @@ def box_range(
 @in_ranges(CHUNK)
 @njit(cache=True, nogil=True, error_model="numpy")
 def ranges(
-    first: int,
-    last: int,
-    t0: Any,
-    t1: Any,
-    t2: Any,
-    k: Any,
-    c: Any,
-    num: Any,
-    w: Any,
-    rational: bool,
-    lo: Any,
-    hi: Any,
-    tight: bool,
-    has_level: bool,
-    level: float,
-    pad: float,
-    out: Any,
-) -> None:
+    first: int, last: int, spline: Any, lo: Any, hi: Any, tight: bool, has_level: bool,
+    level: float, pad: float, out: Any,
+) -> None:  # fmt: skip
     """Bounds on boxes lo, hi (m, 3) into out (m, 2).
 
     First the extremes of all coefficients that matter; these stay if `tight` is false, or if there
     is a level that they exclude. Otherwise the union over Bézier elements, restricted to the box.
     """
+    spline = borrowed(spline)
+    t0, t1, t2, k = spline.t0, spline.t1, spline.t2, spline.k
     span = np.empty((3, 2), np.int64)
     a = np.empty(3, np.int64)
     b = np.empty(3, np.int64)
@@ -228,15 +223,12 @@ def ranges(
         for d in range(3):
             a[d] = span[d, 0] - k[d]
             b[d] = span[d, 1] + 1
-        least, most = window(c, a, b)
+        least, most = window(spline.c, a, b)
         widen = pad * max(abs(least), abs(most))
         least -= widen
         most += widen
         if tight and not (has_level and (least > level or most < level)):
-            x, y = box_range(
-                t0, t1, t2, k, c, num, w, rational, lo[p], hi[p], span, a, rows, work, flat,
-                pad, np.inf, -np.inf,
-            )  # fmt: skip
+            x, y = box_range(spline, lo[p], hi[p], span, a, rows, work, flat, pad, np.inf, -np.inf)
             least = max(least, x)
             most = min(most, y)
         out[p, 0] = least

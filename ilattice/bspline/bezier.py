@@ -138,8 +138,11 @@ def range_on_boxes(
     t0, t1, t2 = (frozen(v) for v in (*spline.t, *[np.array([0.0, 1.0])] * missing))
     k = np.array(spline.k + (0,) * missing, np.int64)
     pad = 16 * (3 + int(k.sum())) * np.finfo(float).eps
+    bounded = _kernels_bezier.Spline(
+        t0, t1, t2, k, frozen(c), frozen(num), frozen(w), spline.weights is not None
+    )
     _kernels_bezier.ranges(
-        len(a), t0, t1, t2, k, frozen(c), frozen(num), frozen(w), spline.weights is not None, a, b,
+        len(a), bounded, a, b,
         bool(tight), level is not None, 0.0 if level is None else float(level), pad, out,
     )  # fmt: skip
     if owner is None:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._field import owns
+from ilattice._geometry import grid_points
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import (
     as_array,
@@ -65,7 +66,7 @@ __all__ = [
 
 #: Most spans per direction that `fit` refines to, for one, two and three parameters.
 MAX_SPANS = {1: 4096, 2: 512, 3: 128}
-MOST_SPANS, MOST_CHECKS = 1 << 20, 10_000_000
+MAX_ASKED_SPANS, MAX_CHECKS = 1 << 20, 10_000_000
 SLAB_POINTS = 1 << 18
 
 _OPERATORS: dict[str, Callable[[Direction], LineOperator]] = {
@@ -226,8 +227,10 @@ def _refine(
     """Fit, measure, double spans, until the error is below the tolerance."""
     bound = np.inf if tol is None else as_positive("tol", tol)
     nd = setup.box.shape[1]
-    limit = MAX_SPANS[nd] if max_spans is None else as_whole("max_spans", max_spans, 1, MOST_SPANS)
-    checks = as_whole("checks", checks, 1, MOST_CHECKS)
+    limit = (
+        MAX_SPANS[nd] if max_spans is None else as_whole("max_spans", max_spans, 1, MAX_ASKED_SPANS)
+    )
+    checks = as_whole("checks", checks, 1, MAX_CHECKS)
     history: list[tuple[tuple[int, ...], float]] = []
     evaluations = 0
     while True:
@@ -278,7 +281,7 @@ class _Setup:
         shape = tuple(len(x) for x in axes)
         if owns(self.field, "grid"):
             return self.checked(asked("grid of field", self.field.grid, tuple(axes)), shape)
-        points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
+        points = grid_points(*axes)
         values = self.checked(asked("field", self.field, points), (len(points),))
         return values.reshape(shape + values.shape[1:])
 

@@ -20,6 +20,7 @@ from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.bspline import _kernels_fit
 from ilattice.errors import InputError
 
+#: Least pivot of the equations, relative to their largest entry: below, data do not fix the spline.
 _PIVOT = 1e-13
 
 

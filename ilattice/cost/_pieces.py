@@ -24,10 +24,10 @@ from ilattice.fields._program import Builder, Point
 from ilattice.fields.node import Node
 
 #: Most beams of one box; where there are more it is halved.
-MOST_PIECES = 16
+MAX_PIECES = 16
 #: The same after beams that meet there are taken together, and diagonals of boxes, in radii, below
 #: which they may be: rules on boxes with more need many points.
-MOST_JOINED, SMALL = 3, 1.0
+MAX_JOINED, SMALL = 3, 1.0
 #: Part of a beam's length by which boxes may reach beyond its end: rounding, not a piece.
 EVEN = 1e-12
 #: Sorts of pieces.
@@ -69,7 +69,7 @@ def parts_on(
 ) -> list[tuple[Piece, ...] | None]:
     """Pieces that matter in boxes, given `balls_of`; None where boxes are to be halved before."""
     reach = np.linalg.norm(hi - lo, axis=1) * (1.0 + 1e-9)
-    rows = np.full((len(lo), MOST_PIECES), -1, np.int64)
+    rows = np.full((len(lo), MAX_PIECES), -1, np.int64)
     count = np.empty(len(lo), np.int64)
     middle = 0.5 * (lo + hi)
     box, wide, link, beam, order = tree
@@ -78,7 +78,7 @@ def parts_on(
     least = np.where(rows >= 0, beam[rows, :2].min(axis=2), np.inf).min(axis=1)
     out: list[tuple[Piece, ...] | None] = []
     for k, c in enumerate(count.tolist()):
-        if c > MOST_PIECES:
+        if c > MAX_PIECES:
             out.append(None)
             continue
         part = zip(rows[k, :c].tolist(), first[k].tolist(), last[k].tolist(), strict=False)
@@ -130,7 +130,7 @@ def _pieces(
             touched[i] = {v for v, at in ((a, first == 0), (b, last == 2)) if at}
             held |= touched[i]
     whole = _together(touched)
-    if not small and (len(whole) + len(sides) > MOST_JOINED or any(len(g) > 1 for g in whole)):
+    if not small and (len(whole) + len(sides) > MAX_JOINED or any(len(g) > 1 for g in whole)):
         return None
     return (
         *sides,

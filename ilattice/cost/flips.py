@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._geometry import grid_points
 from ilattice._progress import Progress, track
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import (
@@ -55,7 +56,7 @@ def options(k: CornerSharing, vertex: int) -> IntArray:
     if B < 0:
         return np.zeros((0, 2), np.int64)
     a, b = (s[s != v] for s in k.simplices[[A, B]])
-    return np.stack(np.meshgrid(a, b, indexing="ij"), -1).reshape(-1, 2)
+    return grid_points(a, b)
 
 
 def _vertex(k: CornerSharing, vertex: Any) -> int:

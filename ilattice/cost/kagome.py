@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._geometry import grid_points
 from ilattice._memory import need
 from ilattice._typing import ArrayLike, FloatArray, IntArray
 from ilattice._validate import Frozen, as_array, as_choice, as_whole, read_only
@@ -276,7 +277,7 @@ class Blocks(Frozen):
         lo = self._block(lo)
         hi = np.minimum(lo + self.size, n + 1)
         ends = np.stack([2 * lo, 2 * hi]).astype(np.float64)
-        where = np.stack(np.meshgrid(*[[0, 1]] * 3, indexing="ij"), -1).reshape(-1, 3)
+        where = grid_points(*[[0, 1]] * 3)
         first = np.take_along_axis(ends, where, axis=0)
         return np.column_stack([first, self.total - first.sum(axis=1)])
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import bsr_array
 
+from ilattice._geometry import grid_points
 from ilattice._memory import need
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import Frozen, read_only
@@ -253,7 +254,7 @@ class Assembly(Frozen):
             A = np.empty((len(at), size, size))
             u = rule.points[rows]
             kernels.cell_matrices(
-                kind, *self.space._tables, self.space.places[at], self.space.boxes[at],
+                kind, *self.space._tables, self.space.cell_indices[at], self.space.boxes[at],
                 rule.offsets[part.start : part.stop + 1] - rows.start, u, rule.weights[rows],
                 self.jacobians(u), d if len(d) == 1 else d[rows], A,
             )  # fmt: skip
@@ -353,7 +354,7 @@ class Assembly(Frozen):
         at = np.searchsorted(self.space.cells, rule.cells)
         J = self.jacobians(u) if len(P) else IDENTITY
         basis.vectors(
-            *self.space._tables, self.space.places[at], self.space.boxes[at], rule.offsets,
+            *self.space._tables, self.space.cell_indices[at], self.space.boxes[at], rule.offsets,
             u, J, np.ascontiguousarray(f), np.ascontiguousarray(P), out,
         )  # fmt: skip
 
@@ -405,7 +406,7 @@ def constant_jacobian(through: SplineMap) -> FloatArray | None:
         b = spline.breaks(a)
         t = (np.arange(spline.k[a] + 1) + 0.5) / (spline.k[a] + 1)
         axes.append((b[:-1, None] + np.diff(b)[:, None] * t).ravel())
-    u = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+    u = grid_points(*axes)
     J = through.jacobian(u)
     middle = J.mean(axis=0, keepdims=True)
     return read_only(middle) if np.abs(J - middle).max() <= 1e-13 * np.abs(J).max() else None

@@ -71,7 +71,7 @@ def _coarse_space(
     assert space.links is not None
     cells, n = space.cells, len(space.cells)
     shape = tuple(len(x) - 1 for x in axes)
-    places = tuple(j[i] for j, i in zip(joined, space.places.T, strict=True))
+    places = tuple(j[i] for j, i in zip(joined, space.cell_indices.T, strict=True))
     home = np.ravel_multi_index(places, shape)
     low, high = space.links
     keep = np.isin(low, cells) & np.isin(high, cells)
@@ -111,7 +111,7 @@ def _combinations(
     local[space.dofs.ravel()] = np.tile(np.arange(m), len(space.cells))
     index = np.unravel_index(local, (p + 1,) * 3)
     rows = [
-        _restrictions(space, coarse, joined[a], a)[space.places[element, a], index[a]]
+        _restrictions(space, coarse, joined[a], a)[space.cell_indices[element, a], index[a]]
         for a in range(3)
     ]
     entries = np.einsum("ni,nj,nk->nijk", *rows).ravel()

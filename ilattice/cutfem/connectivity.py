@@ -4,7 +4,7 @@ A piece that touches the rest along an edge only, or not at all, is a mechanism:
 solver, and counting shared nodes does not find it. Cells belong together here if the solid passes
 through the face between them.
 
-Guarantees: found before a system is made; a face counts by the area that is wet, not by the cells
+Guarantees: found before a system is made; a face counts by the area that is solid, not by the cells
 having it in common, relative to the smaller of the two pieces of solid, so that small cells count
 like large ones. Pieces of solid in one cell are apart as far as rules tell them apart by elements
 (see `elements`).
@@ -21,8 +21,8 @@ from ilattice._validate import Frozen, read_only
 from ilattice.quadrature.grid import DividedGrid
 from ilattice.quadrature.rules import Quadrature, kept, on_cells
 
-#: Least wet area of a face, in units of the two thirds power of the smaller volume beside it.
-LEAST_NECK = 1e-6
+#: Least solid area of a face, in units of the two thirds power of the smaller volume beside it.
+MIN_NECK = 1e-6
 #: Part of its cells below which the volume of a part is what rounding leaves.
 DUST = 1e-14
 
@@ -219,7 +219,7 @@ def falls_apart(
 def connected_parts(
     solid: Quadrature, faces: tuple[Quadrature, ...], seam: Quadrature | None = None
 ) -> Parts:
-    """Parts of a solid, by the wet faces between its cells.
+    """Parts of a solid, by the interior facets between its cells.
 
     Parameters
     ----------
@@ -245,15 +245,15 @@ def connected_parts(
         keep = np.isin(rule.cells, cells) & np.isin(rule.neighbours, cells)
         low, high = (np.searchsorted(cells, c[keep]) for c in (rule.cells, rule.neighbours))
         others = [3 + a for a in range(3) if a != axis]
-        wet = rule.integrate_cells()[keep] / box[low][:, others].prod(axis=1)
-        joined = wet > LEAST_NECK * np.minimum(bulk[low], bulk[high])
+        area = rule.integrate_cells()[keep] / box[low][:, others].prod(axis=1)
+        joined = area > MIN_NECK * np.minimum(bulk[low], bulk[high])
         rows.append(low[joined])
         columns.append(high[joined])
     if seam is not None:
         assert seam.neighbours is not None
         low, high = (np.searchsorted(cells, c) for c in (seam.cells, seam.neighbours))
         area = seam.integrate_cells() / full[low] ** (2 / 3)
-        joined = area > LEAST_NECK * np.minimum(bulk[low], bulk[high])
+        joined = area > MIN_NECK * np.minimum(bulk[low], bulk[high])
         rows.append(low[joined])
         columns.append(high[joined])
     i, j = np.concatenate(rows), np.concatenate(columns)

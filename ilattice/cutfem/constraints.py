@@ -1,7 +1,7 @@
 """Prescribed coefficients, and systems without them.
 
 On an end face the first layer of functions alone is not zero, so that prescribing its
-coefficients prescribes the field. Only functions that matter on the wet part of the face are
+coefficients prescribes the field. Only functions that matter on the solid part of the face are
 taken: those of cells that have area there.
 
 Guarantees: a system keeps its blocks; a node of which all components are prescribed is left out; of
@@ -94,7 +94,7 @@ class Constraints(Frozen):
 
 
 def layer(domain: Domain, asm: Assembly, name: str) -> AnyArray:
-    """Active functions that are not zero on the wet part of an end face."""
+    """Active functions that are not zero on the solid part of an end face."""
     axis, side = divmod(NAMES.index(name), 2)
     space = asm.space
     position = np.searchsorted(

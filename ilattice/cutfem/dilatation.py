@@ -30,7 +30,7 @@ from ilattice.quadrature.rules import Quadrature
 FROM = 0.45
 #: Number of continuous derivatives of cubic splines that do not lock: smoother ones have one
 #: function per cell, fewer than the conditions that keep their order.
-MOST_SMOOTH = 1
+MAX_SMOOTH = 1
 #: Polynomials of which a cell has less than this part of the greatest spread are left out.
 THIN = 1e-9
 
@@ -159,7 +159,7 @@ def as_terms(degree: int, smoothness: int) -> int:
 
     Linear ones are stable for quadratic splines that are no smoother than finite elements.
     Smooth quadratic splines have one function per cell, and bear one condition; cubic ones would
-    lose their order with it, and lock with more: see `MOST_SMOOTH`.
+    lose their order with it, and lock with more: see `MAX_SMOOTH`.
     """
     return 1 if degree == 1 or (degree == 2 and smoothness == 1) else 4
 

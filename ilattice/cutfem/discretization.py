@@ -68,6 +68,7 @@ FEW_LEFT = 2.0
 STEPS, FIRST = 8, 40
 #: Part of the distance by which a step must have come nearer for another one to be taken.
 WORTH = 5e-3
+#: Relative residual, in the norm of the preconditioner, at which a first solve ends.
 DIGITS = 1e-7
 #: Energies below this part of those of nodes that move one by one, relative to the nearest motion
 #: of the whole or to where they were, and the latter alone, are what eight digits leave.
@@ -211,11 +212,11 @@ def relative_error(
         second = _distance(levels.second, multiply, motions, diagonal, c, fixed)
         if second.sum() < SEEN * energy:
             shape = levels.second.shape
-            doubt = min(shape) == 1
-            seen = _rest(levels.first, first, second, doubt=doubt)
+            unsure = min(shape) == 1
+            seen = _rest(levels.first, first, second, unsure=unsure)
             if second.sum() > max(HASTY * energy, FASTER * lost):
                 seen = max(seen, lost / (LATER - 1.0))
-            rest = max(seen, rest) if doubt and second.sum() > TRUSTED * energy else seen
+            rest = max(seen, rest) if unsure and second.sum() > TRUSTED * energy else seen
             rest = max(rest, FEW_LEFT * lost) if max(shape) == 1 else rest
     free = np.where(fixed, 0.0, diagonal)
     whole = levels.first.P @ levels.first.moved(motions, c)
@@ -242,14 +243,14 @@ def of_work(error: float) -> float:
     return error / (1.0 - min(error, STIFF))
 
 
-def _rest(level: Level, first: FloatArray, second: FloatArray, *, doubt: bool) -> float:
+def _rest(level: Level, first: FloatArray, second: FloatArray, *, unsure: bool) -> float:
     """What finer cells would add, by what nodes lose on cells twice and four times as long.
 
-    With `doubt` these are one in a direction, and a slow fall that they show counts half.
+    With `unsure` these are one in a direction, and a slow fall that they show counts half.
     """
     lost = first.sum()
     falls = (second.sum() - lost) / lost
-    likely = 0.5 * (falls + LEAST) if doubt else falls
+    likely = 0.5 * (falls + LEAST) if unsure else falls
     whole = lost / (max(falls, likely, SLOW) - 1.0)
     near, far = (np.maximum(level.T @ part, 0.0) for part in (first, second))
     factor = np.maximum(far - near, LEAST * near) / np.where(near > 0.0, near, 1.0)

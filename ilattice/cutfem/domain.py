@@ -27,7 +27,7 @@ from ilattice.cutfem.stabilise import ghost_faces, lone_cells, void_rule
 from ilattice.errors import GeometryError, InputError
 from ilattice.macroshape.maps import SplineMap
 from ilattice.offsets.wall import OffsetSolid
-from ilattice.quadrature._filling import MOST_POINTS
+from ilattice.quadrature._filling import MAX_POINTS
 from ilattice.quadrature.grid import CUT, CutGrid, cut
 from ilattice.quadrature.rules import (
     NAMES,
@@ -43,6 +43,7 @@ from ilattice.quadrature.rules import (
 #: Takes the number of a phase and an index of points; returns values (n, ...) or (1, ...) there.
 OfPhase = Callable[[int, Any], FloatArray]
 STABILIZATIONS = ("auto", "ghost", "void", "none")
+#: Stiffness of the void, relative to that of the solid, that keeps unknowns determined.
 GUARD = 4e-9
 #: Weights of ghost penalties per degree and smoothness: as little as bounds the condition number by
 #: three and a half times that of whole cells, since thin walls are stiffened by them; and more, per
@@ -157,19 +158,19 @@ class Domain(Frozen):
         return self._divided[1]
 
     @cached_property
-    def wet(self) -> tuple[Quadrature, ...]:
+    def interior_facets(self) -> tuple[Quadrature, ...]:
         """Rules on the faces between elements, of the three directions; good for areas only."""
         return tuple(self.elements.divided(self.cut.faces(axis, 1)) for axis in range(3))
 
     @cached_property
     def joints(self) -> tuple[Quadrature, ...]:
-        """Those faces of `wet` through which parts hang together."""
-        return tuple(self.parts.joined(rule) for rule in self.wet)
+        """Those faces of `interior_facets` through which parts hang together."""
+        return tuple(self.parts.joined(rule) for rule in self.interior_facets)
 
     @cached_property
     def parts(self) -> Parts:
         """Connected parts of the solid."""
-        return connected_parts(self.volume, self.wet)
+        return connected_parts(self.volume, self.interior_facets)
 
     def boundary(self, on: str | Region) -> Quadrature:
         """Rule in space on an end face, a level set or a region, with normals and `parameters`.
@@ -237,14 +238,14 @@ class Domain(Frozen):
             ends = [n for i, n in enumerate(NAMES) if not self.cut.grid.closed[i // 2]]
             return united([self.denser(name, cells) for name in (*ends, SURFACES[0])])
         kind = on if on in NAMES else SURFACES[0] if on else "volume"
-        rule = in_space(rule_on(cut or self.cut, kind, cells, min(self.q + MORE, MOST_POINTS)))
+        rule = in_space(rule_on(cut or self.cut, kind, cells, min(self.q + MORE, MAX_POINTS)))
         if on in SURFACES[1:]:
             rule = where(rule, np.asarray(rule.sets) == SURFACES.index(on) - 1)
         return rule
 
     def finer(self, cells: IntArray, more: int) -> Quadrature:
         """Rule like `volume` with more points per direction, on cells that hold solid."""
-        q = min(self.q + more, MOST_POINTS)
+        q = min(self.q + more, MAX_POINTS)
         return self.elements.divided(rule_on(self.cut, "volume", cells, q))
 
     def area_error(self, region: Region) -> float:
@@ -448,7 +449,7 @@ def as_domain(
         return field
     degree, smoothness = as_degree_and_smoothness(degree, smoothness)
     q = POINTS[degree] if q is None else q
-    as_choice("q", q, tuple(range(1, MOST_POINTS + 1)))
+    as_choice("q", q, tuple(range(1, MAX_POINTS + 1)))
     as_choice("stabilization", stabilization, STABILIZATIONS)
     if stabilization == "auto":
         stabilization = "void" if degree == 1 else "ghost"

@@ -39,7 +39,7 @@ BESIDE, MORE = 3, 1e-9
 DENSE = 3000
 #: Steps of power iterations that tell sizes of operators; residuals by rounding, in units of that
 #: of one product, and the largest of them that still tell something.
-POWERS, ROUNDED, MOST_ROUNDED = 4, 8.0, 1e-2
+POWERS, ROUNDED, MAX_ROUNDED = 4, 8.0, 1e-2
 #: Steps of inverse iteration in the end: the first one leaves rounding of its own.
 TWICE = 2
 
@@ -140,7 +140,7 @@ def _by_factor(A: Any, solver: Any, count: int, motions: FloatArray, tol: float)
 
 
 def _known(A: Any, solver: Any, motions: FloatArray, tol: float) -> tuple[FloatArray, Any]:
-    """Those combinations of rigid motions that are eigenvectors, of unit x K x."""
+    """Those combinations of rigid-body modes that are eigenvectors, of unit x K x."""
     x = orth(motions)
     if not x.shape[1]:
         return np.zeros(0), x
@@ -237,4 +237,4 @@ def _rounding(A: Any, solver: Any, mu: FloatArray, x: FloatArray) -> FloatArray:
         v = solver.multiply(v / np.linalg.norm(v))
     noise = ROUNDED * np.finfo(float).eps * np.linalg.norm(v) * np.linalg.norm(x, axis=0)
     out = np.abs(mu) * noise / np.linalg.norm(A @ x, axis=0)
-    return np.where(out <= MOST_ROUNDED, out, 0.0)
+    return np.where(out <= MAX_ROUNDED, out, 0.0)

@@ -34,7 +34,7 @@ from ilattice._validate import among, as_choice
 from ilattice.cutfem import rigid
 from ilattice.cutfem.anisotropic import Anisotropic, Material, Stiffness
 from ilattice.cutfem.conditions import as_value
-from ilattice.cutfem.dilatation import MOST_SMOOTH, is_near
+from ilattice.cutfem.dilatation import MAX_SMOOTH, is_near
 from ilattice.cutfem.discretization import Product
 from ilattice.cutfem.domain import lattice_of
 from ilattice.cutfem.material import Isotropic, MapProperties, Property, Scalar
@@ -157,7 +157,7 @@ class Elasticity(ElasticOperators):
         as_choice("islands", islands, ISLANDS)
         cubic = smoothness is None and among(degree, (3,))
         if cubic and dilatation != "full" and is_near(poisson):
-            smoothness = MOST_SMOOTH
+            smoothness = MAX_SMOOTH
         where = as_phased(
             field, cells, degree=degree, smoothness=smoothness, q=q, stabilization=stabilization,
             weight=weight, domain=domain, through=through, phases=phases,
@@ -219,7 +219,7 @@ class Elasticity(ElasticOperators):
         value : float, sequence of 3 floats or callable
             The displacement; a callable takes points of space (n, 3), returns vectors (n, 3).
         method : {"auto", "strong", "nitsche"}
-            Exactly, for end faces; or in the mean, by Nitsche's method. Loads and springs on
+            Exactly, for end faces; or weakly imposed, by Nitsche's method. Loads and springs on
             the place go into the support; of supports that overlap, the first one holds. Where two
             phases meet on an end face, values with a kink there are right by Nitsche's method only:
             held exactly they are interpolated (by up to 2 % in coarse cells).

@@ -170,12 +170,14 @@ def _numbered(raw: ElementGrid, labels: list[IntArray], solid: Quadrature) -> El
     keep: list[bool] = []
     for cell, mine in zip(raw.several, labels, strict=True):
         begin, end = np.searchsorted(owner, [cell, cell + 1])
-        wet = np.unique(found[begin:end])
+        inhabited = np.unique(found[begin:end])
         names = np.full(mine.max() + 1, -1)
-        names[wet] = [cell, *(count + len(parents) + np.arange(len(wet) - 1))][: len(wet)]
-        parents += [cell] * (len(wet) - 1)
+        more = max(len(inhabited) - 1, 0)
+        new = [cell, *(count + len(parents) + np.arange(more))]
+        names[inhabited] = new[: len(inhabited)]
+        parents += [cell] * more
         out.append(names[mine])
-        keep.append(len(wet) > 1)
+        keep.append(len(inhabited) > 1)
     label = np.concatenate([np.zeros(0, np.int64), *out])
     sizes = np.diff(raw.offsets)
     rows = np.repeat(np.array(keep, bool), sizes) & (label >= 0)

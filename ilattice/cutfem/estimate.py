@@ -11,7 +11,7 @@ the other, which it does for smooth solutions on uniform grids.
 
 Guarantee: what is measured is the whole solid, cut cells included, with positive weights.
 Non-guarantees: it is an estimate, and no bound. Errors of the geometry, of the stabilization and of
-supports that are met in the mean are not in it. In walls of one or two cells splines can follow the
+weakly imposed supports are not in it. In walls of one or two cells splines can follow the
 error itself, so that a third of it may be missing; degree 3 is off by a factor of two on grids that
 are coarse for it. With smoothness 0 errors are smaller than those of what is recovered there, and
 the estimate is a fifth too large.

@@ -42,7 +42,7 @@ from ilattice.linalg.solvers import LARGEST, Solver
 from ilattice.quadrature.rules import Quadrature, on_cells
 
 #: Bytes of a solution besides its coefficients, and the largest number of steps in time.
-PER_STEP, MOST_STEPS = 1000, 10**9
+PER_STEP, MAX_STEPS = 1000, 10**9
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -285,7 +285,7 @@ class Heat(Problem):
         A = asm.pattern.matrix(data)
         solver = Solver(
             con.reduce(A), near_nullspace=self.system.near_nullspace, method=method,
-            places=self.system.places,
+            coordinates=self.system.coordinates,
         )  # fmt: skip
         c = np.where(con.fixed, con.values, self._initial(initial))
         f = (self.forces() + self._from_supports()).ravel()
@@ -442,7 +442,7 @@ class Heat(Problem):
                 asm.add_blocks(data, at, A)
                 continue
             surface_scalars(
-                *asm.space._tables, asm.space.places[at], asm.space.boxes[at],
+                *asm.space._tables, asm.space.cell_indices[at], asm.space.boxes[at],
                 rule.offsets[part.start : part.stop + 1] - rows.start, u, rule.weights[rows],
                 asm.jacobians(u), rule.normals[rows], Q[rows], k[rows], A,
             )  # fmt: skip
@@ -524,4 +524,4 @@ class Heat(Problem):
 
 def as_steps(steps: Any) -> int:
     """A whole number of at least 1, or `InputError`."""
-    return as_whole("steps", steps, 1, MOST_STEPS)
+    return as_whole("steps", steps, 1, MAX_STEPS)

@@ -12,7 +12,7 @@ Both are A x = μ K x with the stiffness K and its `Solver`: frequencies with th
 μ = 1 / ω²), buckling with minus the geometric stiffness (then μ = 1 / load factor). How the
 largest μ are found is in `ilattice.cutfem.eigen`, what is free of solids with rigid connections in
 `ilattice.cutfem.pencil`. A body that is free to move gets a little of its mass added to K, which
-moves no mode; its rigid motions come first, with frequencies next to zero.
+moves no mode; its rigid-body modes come first, with frequencies next to zero.
 
 Guarantees: residuals are computed afresh and above `tol` raise `ConvergenceError`; modes are
 orthonormal in the mass, or in the stiffness for buckling. Non-guarantee: which vectors come out of
@@ -147,7 +147,7 @@ class Modes(Series[Mode]):
     problem : Elasticity
         Of what.
     omega : ndarray, shape (count,)
-        Angular frequencies; next to zero for rigid motions.
+        Angular frequencies; next to zero for rigid-body modes.
     vectors : ndarray, shape (count, functions, 3)
         Coefficients of the modes, of unit mass.
     report : EigenReport
@@ -215,7 +215,7 @@ def natural_modes(
     Parameters
     ----------
     problem : Elasticity
-        Its loads do not matter. Without supports the rigid motions are among the modes.
+        Its loads do not matter. Without supports the rigid-body modes are among the modes.
     count : int
         How many.
     method : str
@@ -347,6 +347,6 @@ def _discretization_error(mine: Pencil, shapes: FloatArray, what: str) -> float:
 
 def _scale(K: Any, M: Any, system: Any) -> float:
     """Largest ratio of stiffness and mass of displacements that are linear in one coordinate."""
-    x = system.places - system.places.mean(axis=0)
+    x = system.coordinates - system.coordinates.mean(axis=0)
     fields = (x[:, :, None, None] * np.eye(3)).transpose(0, 2, 1, 3).reshape(len(x) * 3, 9)
     return float(((fields * (K @ fields)).sum(axis=0) / (fields * (M @ fields)).sum(axis=0)).max())

@@ -23,7 +23,7 @@ from ilattice.cutfem._voigt import PLACES, UNIT
 from ilattice.cutfem.anisotropic import AT_ONCE, Anisotropic, Material, hindered
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.conditions import Load, Support, values_at
-from ilattice.cutfem.dilatation import FROM, MOST_SMOOTH, Dilatation, as_terms
+from ilattice.cutfem.dilatation import FROM, MAX_SMOOTH, Dilatation, as_terms
 from ilattice.cutfem.material import (
     CALM,
     Isotropic,
@@ -91,7 +91,7 @@ class ElasticOperators(Problem):
         if self.dilatation == "full" or full or (self.dilatation == "auto" and not near):
             return None
         asm, space = self.assembly, self.assembly.space
-        if near and space.degree == 3 and space.smoothness > MOST_SMOOTH:
+        if near and space.degree == 3 and space.smoothness > MAX_SMOOTH:
             warnings.warn(
                 f"Poisson's ratio is up to {self._largest_nu:g}, and cubic splines of smoothness 2 "
                 "lock: they are too stiff by some per cent, and pressures may be of no use; take "

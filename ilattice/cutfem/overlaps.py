@@ -91,7 +91,7 @@ def held_before(
 def check_agreement(
     domain: "Domain", asm: "Assembly", supports: tuple[Support, ...], m: int
 ) -> None:
-    """Refuse different values at one point, at least one of them in the mean.
+    """Refuse different values at one point, at least one of them weakly imposed.
 
     Parameters
     ----------

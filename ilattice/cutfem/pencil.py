@@ -171,7 +171,9 @@ def pencil(problem: Elasticity, method: str, added: Any = None) -> Pencil:
     system, K = problem.system, problem.system.K
     if added is not None:
         K = K + problem.constraints.reduce(added, diagonal=False)
-    solver = Solver(K, near_nullspace=system.near_nullspace, method=method, places=system.places)
+    solver = Solver(
+        K, near_nullspace=system.near_nullspace, method=method, coordinates=system.coordinates
+    )
     size = float(np.ptp(problem.assembly.coordinates, axis=0).max())
     if not problem.connections:
         none = np.zeros((0, *system.constraints.fixed.shape))
@@ -197,7 +199,7 @@ def _unit_motions(
         for motion in rigid.unit_motions(c.about, size)
     ]
     held = np.stack([u.constraints.values for u in units])  # exactly
-    given = np.stack([u._from_supports() for u in units])  # in the mean
+    given = np.stack([u._from_supports() for u in units])  # weakly imposed
     flat = held.reshape(len(units), -1)
     force = given - np.asarray(full @ flat.T).T.reshape(held.shape)
     b = np.stack([con.restrict(f).ravel() for f in force], axis=1)

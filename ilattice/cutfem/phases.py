@@ -19,6 +19,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from ilattice._geometry import grid_points
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import as_array, asked, read_only
 from ilattice.bspline import BSpline
@@ -30,9 +31,9 @@ from ilattice.fields.node import Node
 from ilattice.macroshape.maps import SplineMap
 from ilattice.offsets.kinks import JumpError, fit_with_kinks
 from ilattice.offsets.thickness import as_equation, of_parameters
-from ilattice.quadrature._filling import MOST_POINTS
+from ilattice.quadrature._filling import MAX_POINTS
 from ilattice.quadrature.grid import CUT, IN, OUT, CutGrid, DividedGrid, Grid, check_resolved
-from ilattice.quadrature.levelsets import MOST_DEGREE
+from ilattice.quadrature.levelsets import MAX_DEGREE
 from ilattice.quadrature.rules import NAMES, Quadrature, in_space, kept, rule_on
 
 #: Error of the spline of a level set, relative to its largest value: asked, and told.
@@ -175,12 +176,12 @@ class PhasedDomain(Domain):
     def elements(self) -> PhasedGrid:  # type: ignore[override]
         """The elements of both phases."""
         a, b = (elements_of(c, r) for c, r in zip(self.phases, self._volumes, strict=True))
-        wet = [np.unique(g.divided(r).cells) for g, r in zip((a, b), self._volumes, strict=True)]
+        solid = [np.unique(g.divided(r).cells) for g, r in zip((a, b), self._volumes, strict=True)]
         names = [np.full(a.count + len(g.parents), -1) for g in (a, b)]
-        names[0][wet[0]] = wet[0]
-        taken = np.isin(wet[1], wet[0]) | (wet[1] >= a.count)
-        new = wet[1][taken]
-        names[1][wet[1][~taken]] = wet[1][~taken]
+        names[0][solid[0]] = solid[0]
+        taken = np.isin(solid[1], solid[0]) | (solid[1] >= a.count)
+        new = solid[1][taken]
+        names[1][solid[1][~taken]] = solid[1][~taken]
         names[1][new] = a.count + len(a.parents) + np.arange(len(new))
         return PhasedGrid(
             a.axes, a.closed, level=self.level, grids=(a, b),
@@ -200,20 +201,20 @@ class PhasedDomain(Domain):
 
     def finer(self, cells: IntArray, more: int) -> Quadrature:
         """See `Domain.finer`."""
-        q = min(self.q + more, MOST_POINTS)
+        q = min(self.q + more, MAX_POINTS)
         both = zip(self.phases, self._volumes, strict=True)
         mine = [(c, np.intersect1d(cells, r.cells)) for c, r in both]
         return self._both([rule_on(c, "volume", some, q) for c, some in mine])
 
     @cached_property
-    def wet(self) -> tuple[Quadrature, ...]:
-        """See `Domain.wet`: there is no face between elements of two phases."""
+    def interior_facets(self) -> tuple[Quadrature, ...]:
+        """See `Domain.interior_facets`: there is no face between elements of two phases."""
         return tuple(self._both([c.faces(a, 1) for c in self.phases]) for a in range(3))
 
     @cached_property
     def parts(self) -> Parts:
         """Connected parts of the solid; phases that touch hang together."""
-        return connected_parts(self.volume, self.wet, self._between)
+        return connected_parts(self.volume, self.interior_facets, self._between)
 
     def _by_elements(self, on: str) -> Quadrature:
         if on in NAMES:
@@ -415,7 +416,7 @@ class _Level:
 
 def _as_spline(level: Any, domain: FloatArray) -> BSpline:
     """A level set as a spline, with a warning if that is off."""
-    if isinstance(level, BSpline) and level.weights is None and max(level.k) <= MOST_DEGREE:
+    if isinstance(level, BSpline) and level.weights is None and max(level.k) <= MAX_DEGREE:
         return level
     scale = float(np.abs(level(domain[0] + np.ptp(domain, axis=0) * _SAMPLES)).max())
     try:
@@ -433,7 +434,7 @@ def _as_spline(level: Any, domain: FloatArray) -> BSpline:
     return spline
 
 
-_SAMPLES = np.stack(np.meshgrid(*[np.linspace(0.0, 1.0, 9)] * 3, indexing="ij"), -1).reshape(-1, 3)
+_SAMPLES = grid_points(*[np.linspace(0.0, 1.0, 9)] * 3)
 
 
 def _rows(rule: Quadrature, keep: AnyArray) -> Quadrature:

@@ -1,4 +1,4 @@
-"""Places and motions that are more than a name: patches of meshes, points, rigid motions.
+"""Places and motions that are more than a name: patches of meshes, points, rigid-body modes.
 
 Guarantees: points of a patch are those with their foot in a triangle, not beyond its rim; a force
 at a point has that point for its line of action. Non-guarantee: fields under a force at a point

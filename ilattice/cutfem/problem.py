@@ -33,7 +33,7 @@ R = TypeVar("R", bound=Any)
 ISLANDS = ("drop", "refuse")
 #: Weight of void above which what it takes of the energy is estimated.
 HEAVY = 1e-6
-#: Energies below this part of those of nodes that move one by one are those of rigid motions.
+#: Energies below this part of those of nodes that move one by one are those of rigid-body modes.
 AT_REST = 1e-13
 #: A motion is free if its share in what is held is below this.
 FREE = 1e-10
@@ -50,8 +50,8 @@ class System(Frozen):
     b : ndarray, shape (n,)
         Right-hand side.
     near_nullspace : ndarray, shape (n, k)
-        Rigid motions, or the constant, at the places of nodes in space.
-    places : ndarray, shape (nodes, 3)
+        Rigid-body modes, or the constant, at the nodes in space.
+    coordinates : ndarray, shape (nodes, 3)
         Where the nodes are, in space.
     constraints : Constraints
         What is prescribed, to go back to all coefficients.
@@ -60,7 +60,7 @@ class System(Frozen):
     K: Any
     b: FloatArray
     near_nullspace: FloatArray
-    places: FloatArray
+    coordinates: FloatArray
     constraints: Constraints
 
 
@@ -341,7 +341,7 @@ class Problem(Posed):
         if key not in self._held:
             self._held[key] = Solver(
                 system.K, near_nullspace=system.near_nullspace, method=method,
-                places=system.places,
+                coordinates=system.coordinates,
             )  # fmt: skip
         if not system.b.any():
             return system.constraints.values, _at_rest(self._held[key].method, len(system.b))

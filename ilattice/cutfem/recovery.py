@@ -35,6 +35,7 @@ from ilattice.quadrature.rules import Quadrature
 #: Weights of the penalty on jumps per degree: the least that keep condition numbers, of diagonally
 #: scaled masses, below 30, 400 and 1e5. Ten times as much triples errors where grids are coarse.
 WEIGHTS = {1: 1e-2, 2: 1e-3, 3: 3e-4}
+#: Relative residual of projections of stresses.
 TOLERANCE = 1e-8
 
 
@@ -264,4 +265,4 @@ def _masses(domain: Domain, smooth: Assembly, rule: Quadrature, weight: float) -
     data = asm.zeros(1)
     asm.add_cells(data, rule, kernels.MASS, np.ones((1, 1)))
     asm.add_ghost(data, None)
-    return Solver(asm.pattern.matrix(data), places=smooth.coordinates)
+    return Solver(asm.pattern.matrix(data), coordinates=smooth.coordinates)

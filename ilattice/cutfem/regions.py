@@ -155,7 +155,7 @@ def _around(rule: Quadrature, what: AnyArray) -> AnyArray:
     grid = rule.grid
     main = np.abs(rule.normals).argmax(axis=1)
     side = 2 * main + (rule.normals[np.arange(len(rule)), main] > 0)
-    at = (side, *grid.places(rule.cells)[rule.owners].T)
+    at = (side, *grid.cell_indices(rule.cells)[rule.owners].T)
     found = np.zeros((6, *grid.shape), bool)
     np.logical_or.at(found, at, what)
     near = np.ones((1, 3, 3, 3), bool)

@@ -180,7 +180,10 @@ def _solve(problem: "Elasticity", method: str, tol: float, max_iterations: int) 
     key = ("solver", method)
     if key not in problem._held:
         problem._held[key] = Solver(
-            system.K, near_nullspace=system.near_nullspace, method=method, places=system.places
+            system.K,
+            near_nullspace=system.near_nullspace,
+            method=method,
+            coordinates=system.coordinates,
         )
     x, _ = problem._held[key].solve(system.b, tol=tol, max_iterations=max_iterations)
     return system.constraints.expand(x.reshape(-1, 3))
@@ -233,7 +236,7 @@ def virial(problem: "Elasticity", c: FloatArray, number: int, about: FloatArray)
 def held_stiffness(
     problem: "Elasticity", number: int, units: Sequence["Elasticity"]
 ) -> FloatArray | float:
-    """What is constant in the energy of unit motions (k, k) of a support that holds in the mean."""
+    """What is constant in the energy of unit motions (k, k) of a weakly imposed support."""
     support = problem.supports[number]
     if not support.weak:
         return 0.0

@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._geometry import grid_points
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import (
     Frozen,
@@ -135,7 +136,7 @@ class SplineSpace(Frozen):
         return tuple(map(seen, self._tables))
 
     @property
-    def places(self) -> IntArray:
+    def cell_indices(self) -> IntArray:
         """Index (cells, 3) of the active cells per direction."""
         return seen(self._places)
 
@@ -154,7 +155,7 @@ class SplineSpace(Frozen):
 
     @cached_property
     def _places(self) -> IntArray:
-        return self.grid.places(self.cells)
+        return self.grid.cell_indices(self.cells)
 
     @cached_property
     def _boxes(self) -> FloatArray:
@@ -184,7 +185,7 @@ class SplineSpace(Frozen):
     @cached_property
     def _numbered(self) -> tuple[IntArray, AnyArray]:
         """Numbers of the active functions among all, and those of each active cell."""
-        numbers = self._numbers(self.places, (self.degree + 1,) * 3)
+        numbers = self._numbers(self.cell_indices, (self.degree + 1,) * 3)
         active = np.zeros(int(np.prod(self.shape)), bool)
         active[numbers] = True
         functions = np.flatnonzero(active)
@@ -359,7 +360,7 @@ class SplineSpace(Frozen):
         for a, layer in fixed.items():
             as_whole(f"fixed[{a}]", layer, 0, self.shape[as_axis("fixed", a)] - 1)
         sites = [x[[fixed[a]]] if a in fixed else x for a, x in enumerate(self.sites)]
-        u = np.stack(np.meshgrid(*sites, indexing="ij"), -1).reshape(-1, 3)
+        u = grid_points(*sites)
         c = as_array("f", asked("f", f, u), finite=False).reshape(*(len(x) for x in sites), -1)
         for a in range(3):
             if a not in fixed and self.degree > 1:

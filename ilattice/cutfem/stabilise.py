@@ -2,14 +2,15 @@
 
 For degree 1 diagonal scaling alone bounds the condition number, and a weight of 4e-9 on the void
 part of cut cells guards against cells with too few points. From degree 2 on, and with Nitsche's
-method, jumps across wet faces at cut cells are penalised: of the p-th normal derivative, and of all
-others that are not continuous. Functions are the same polynomial of degree p on both sides exactly
-if these vanish, so the penalty is consistent with smooth solutions to the order of the space. What
-a face gets is set by its emptier cell: the square of the part that is missing to what holds a cell,
-so that most cells are spared, and `FALL` per cell that it is away from solid. Of equal weights
-everywhere those at a corner of slivers are felt more than the solid that they hang on, and degree 3
-is conditioned worse the more it is stabilised. A part of few cells, none of them well filled, has
-no full cell to lean on: what is beyond linear in its whole cells is penalised a little. Sources:
+method, jumps across interior facets at cut cells are penalised: of the p-th normal derivative, and
+of all others that are not continuous. Functions are the same polynomial of degree p on both sides
+exactly if these vanish, so the penalty is consistent with smooth solutions to the order of the
+space. What a face gets is set by its emptier cell: the square of the part that is missing to what
+holds a cell, so that most cells are spared, and `FALL` per cell that it is away from solid. Of
+equal weights everywhere those at a corner of slivers are felt more than the solid that they hang
+on, and degree 3 is conditioned worse the more it is stabilised. A part of few cells, none of them
+well filled, has no full cell to lean on: what is beyond linear in its whole cells is penalised a
+little. Sources:
 Burman, Ghost penalty, 2010; Burman, Hansbo, Larson, Massing, Cut finite element methods, 2015; Hong
 et al. 2025, Remark A.2, for the stiffness on the void, which with weight 1 makes thin lattices 2 to
 6 times too stiff.
@@ -26,6 +27,7 @@ from math import factorial, perm
 
 import numpy as np
 
+from ilattice._geometry import grid_points
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import Frozen, read_only
 from ilattice.cutfem._kernels_ghost import ghost_matrices
@@ -110,7 +112,7 @@ class GhostFaces(Frozen):
             for i in range(0, count, size):
                 part = slice(i, min(i + size, count))
                 lower, upper = self.lower[axis][part], self.upper[axis][part]
-                at = space.grid.places(lower)
+                at = space.grid.cell_indices(lower)
                 A = np.empty((len(lower), n, n))
                 ghost_matrices(
                     axis, space._tables[b], space._tables[c], at[:, [b, c]], gauss(p + 1)[0],
@@ -221,7 +223,7 @@ def _beyond(degree: int, space: SplineSpace, cells: IntArray) -> FloatArray:
     along = even @ LEGENDRE[: p + 1, : p + 1]
     parts = [
         space.tables[axis][at][:, :, : p + 1] @ along
-        for axis, at in enumerate(space.grid.places(cells).T)
+        for axis, at in enumerate(space.grid.cell_indices(cells).T)
     ]
     whole = np.einsum("nia,njb,nkc->nijkabc", *parts).reshape(n, (p + 1) ** 3, -1)
     high = whole[:, :, (sums[:, :, None] + powers).ravel() > degree]
@@ -235,7 +237,7 @@ def _products(space: SplineSpace, axis: int, lower: IntArray, upper: IntArray) -
     the energy of a Taylor series.
     """
     p, step = space.degree, space.step
-    i, j = (space.grid.places(c)[:, axis] for c in (lower, upper))
+    i, j = (space.grid.cell_indices(c)[:, axis] for c in (lower, upper))
     length, table = np.diff(space.grid.axes[axis]), space.tables[axis]
     h = 0.5 * (length[i] + length[j])
     out = np.zeros((len(lower), p + 1 + step, p + 1 + step))
@@ -251,20 +253,20 @@ def _products(space: SplineSpace, axis: int, lower: IntArray, upper: IntArray) -
 
 def ghost_faces(
     status: AnyArray,
-    wet: tuple[Quadrature, ...],
+    facets: tuple[Quadrature, ...],
     cells: IntArray,
     weight: float,
     solid: Quadrature | None = None,
     enough: float = 1.0,
 ) -> GhostFaces:
-    """Wet faces between active cells at cut cells, as far as these need them.
+    """Interior facets between active cells at cut cells, as far as these need them.
 
     Parameters
     ----------
     status : ndarray
         Of the cells of the grid, as in `CutGrid.status`.
-    wet : tuple of Quadrature
-        Rules on the wet faces in the three directions.
+    facets : tuple of Quadrature
+        Rules on the interior facets in the three directions.
     cells : ndarray
         Active cells.
     weight : float
@@ -279,14 +281,14 @@ def ghost_faces(
     GhostFaces
         The faces.
     """
-    grid = wet[0].grid
-    listed = [c for r in wet for c in (r.cells, r.neighbours) if c is not None and len(c)]
+    grid = facets[0].grid
+    listed = [c for r in facets for c in (r.cells, r.neighbours) if c is not None and len(c)]
     count = 1 + max(int(c.max()) for c in [cells, *listed])
     active = np.zeros(count, bool)
     active[cells] = True
     is_cut = status.ravel()[grid.home(np.arange(count))] == CUT
     sides = []
-    for rule in wet:
+    for rule in facets:
         assert rule.neighbours is not None
         low, high = rule.cells, rule.neighbours
         keep = active[low] & active[high] & (is_cut[low] | is_cut[high]) & (low != high)
@@ -347,7 +349,7 @@ def void_rule(cut: CutGrid, rule: Quadrature, q: int, weight: float, solid: floa
     points[kept] = rule.points
     weights[kept] = rule.weights * np.repeat(np.where(is_cut, solid, 1.0), counts)
     box = rule.grid.boxes(rule.cells[is_cut])
-    unit = np.stack(np.meshgrid(x, x, x, indexing="ij"), -1).reshape(-1, 3)
+    unit = grid_points(x, x, x)
     product = (w[:, None, None] * w[:, None] * w).ravel()
     rows = offsets[1:][is_cut][:, None] - q**3 + np.arange(q**3)
     points[rows] = box[:, None, :3] + box[:, None, 3:] * unit

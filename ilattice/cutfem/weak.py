@@ -1,4 +1,4 @@
-"""Conditions on surfaces that are met in the mean: springs, and supports by Nitsche's method.
+"""Weakly imposed conditions on surfaces: springs, and supports by Nitsche's method.
 
 The symmetric method of Nitsche, 1971, with the penalty 10 p² (2 μ u·v + λ (u·n)(v·n)) / h, where h
 is the height in space of the cell along the normal, or less where the solid is a thin layer there.
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from ilattice.cutfem.operators import ElasticOperators
     from ilattice.cutfem.solution import Solution
 
+#: Penalty of weakly imposed supports, in units of stiffness times degree² over the height of cells.
 NITSCHE = 10.0
 #: Volume over area of a surface in a cell, in heights of it, below which the penalty grows as that
 #: falls: so do the tractions that thin layers and slivers with no solid beside them can have. And
@@ -142,7 +143,7 @@ def add_elastic(data: FloatArray, problem: "ElasticOperators", terms: Terms) -> 
             asm.add_blocks(data, at, A)
             continue
         surface_blocks(
-            *asm.space._tables, asm.space.places[at], asm.space.boxes[at],
+            *asm.space._tables, asm.space.cell_indices[at], asm.space.boxes[at],
             offsets, u, rule.weights[rows],
             asm.jacobians(u), rule.normals[rows], terms.Q[rows], terms.lame[rows], terms.mask, A,
         )  # fmt: skip
@@ -266,7 +267,7 @@ def functions_at(
     space, u = asm.space, rule.parameters[rows]
     n, nb = len(u), asm.space.dofs.shape[1]
     N, D = np.empty((n, nb, 1)), np.empty((n, nb, 3))
-    where = (*space._tables, space.places[at], space.boxes[at], np.arange(n + 1), u)
+    where = (*space._tables, space.cell_indices[at], space.boxes[at], np.arange(n + 1), u)
     basis.vectors(*where, IDENTITY, np.ones((n, 1)), np.zeros((0, 1, 3)), N)
     unit = np.ascontiguousarray(np.broadcast_to(np.eye(3), (n, 3, 3)))
     basis.vectors(*where, asm.jacobians(u), np.zeros((0, 3)), unit, D)

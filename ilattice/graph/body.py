@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._geometry import grid_points
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import Frozen, as_points
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
@@ -21,12 +22,12 @@ from ilattice.fields.node import Node
 from ilattice.graph.shapes import SAME, Shape
 from ilattice.minimal.completion import PeriodicSurface, glued
 from ilattice.tiles import SkeletonField, Tile
-from ilattice.tiles.skeleton import STAND_IN, FlattenedField
+from ilattice.tiles.skeleton import SPLINE_ERROR, FlattenedField
 
 #: Values above this are not needed where a sign is asked for.
 _SIGN = 1e-9
 #: Cells that a part of a skeleton may reach over.
-MOST_CELLS = 8.0
+MAX_CELLS = 8.0
 #: Voxels along the edges of blocks of which one value may tell all signs.
 _BLOCK = 8
 
@@ -119,9 +120,9 @@ class Body(Frozen):
     @classmethod
     def of(cls, shape: Shape, extrusion: str) -> "Body":
         """Give a skeleton its volume."""
-        if not shape.extent <= MOST_CELLS:
+        if not shape.extent <= MAX_CELLS:
             raise InputError(
-                f"skeleton must have parts that reach over at most {MOST_CELLS:g} cells, but one "
+                f"skeleton must have parts that reach over at most {MAX_CELLS:g} cells, but one "
                 f"is {shape.extent:.3g} long: scale it less"
             )
         body = cls(SkeletonField(list(shape.entities), faces="periodic"), shape)
@@ -184,11 +185,11 @@ class Body(Frozen):
     def solid(self, name: str) -> Tile:
         """The solid as a tile, negative inside."""
         source = "procedural graph"
-        tol = STAND_IN * self.field.thinnest
+        tol = SPLINE_ERROR * self.field.thinnest
         tile = Tile(self.field, name=name, source=source, tol=tol, check=False)
         for n in (24, 64):
             a = (np.arange(n) + 0.37) / n
-            u = np.stack(np.meshgrid(a, a, a, indexing="ij"), axis=-1).reshape(-1, 3)
+            u = grid_points(a, a, a)
             if (self.field.up_to(_SIGN, u) > 0.0).any():
                 return tile
         raise GeometryError(f"solid {name!r} fills the cell: its thickness is too large")

@@ -17,9 +17,10 @@ from ilattice.graph.nodes import EdgeChain
 from ilattice.graph.shapes import SAME, Bend, Shape
 from ilattice.graph.skeletons import Line
 
+#: Part of the largest radius by which linear pieces of a profile may be off it.
 RADIUS_TOL = 1e-3
 _GAUSS = np.polynomial.legendre.leggauss(12)
-_MOST_PARTS = 64
+_MAX_PARTS = 64
 
 
 def curve_of(chain: EdgeChain) -> BSpline:
@@ -142,7 +143,7 @@ def _radius_along(curve: BSpline, start: float, end: float, thickness: Any) -> B
         knots[-1] = t[-1]
         r = 0.5 * _profile_at(thickness, np.interp(knots, t, s))
         off = np.abs(np.interp(t, knots, r) - 0.5 * _profile_at(thickness, s)).max()
-        if off <= RADIUS_TOL * r.max() or parts >= _MOST_PARTS:
+        if off <= RADIUS_TOL * r.max() or parts >= _MAX_PARTS:
             return BSpline([np.concatenate([knots[:1], knots, knots[-1:]])], r, 1)
         parts *= 2
 

@@ -39,7 +39,7 @@ from ilattice.minimal import MinimalPatch, Region
 from ilattice.minimal.symmetry import reflection
 
 #: Most pieces (beams, triangles) of a skeleton, and most results that are kept.
-MOST_PIECES, MOST_KEPT = 1_000_000, 512
+MAX_PIECES, MAX_KEPT = 1_000_000, 512
 _kept: "OrderedDict[tuple[str, str], Any]" = OrderedDict()
 _lock = RLock()
 _counts = {"computed": 0}
@@ -85,7 +85,7 @@ def kept(key: tuple[str, str], make: Any) -> Any:
     with _lock:
         _counts["computed"] += 1
         _kept[key] = made
-        while len(_kept) > MOST_KEPT:
+        while len(_kept) > MAX_KEPT:
             _kept.popitem(last=False)
     return made
 
@@ -281,10 +281,10 @@ class Evaluation:
             elif isinstance(node, (Mirror, Transform)) and node.copy:
                 inner *= 2
             sizes[id(node)] = inner
-            if inner > MOST_PIECES:
+            if inner > MAX_PIECES:
                 raise GraphError(
                     self.told(node),
-                    f"a skeleton must have at most {MOST_PIECES} pieces, but this one has {inner}: "
+                    f"a skeleton must have at most {MAX_PIECES} pieces, but this one has {inner}: "
                     "take fewer copies, or fewer edges per side",
                 )
 

@@ -29,7 +29,7 @@ from ilattice.minimal import FaceLoop, cuboid, tetrahedron
 KINDS = ("truss", "direct", "conjugate", "asymmetric")
 #: Places of vertices are multiples of this.
 _STEP = 1.0 / 16.0
-_MOST_SEED = 2**32 - 1
+_MAX_SEED = 2**32 - 1
 
 
 def random_graph(kind: str, seed: int, *, thickness: float = THICKNESS) -> Graph:
@@ -58,7 +58,7 @@ def random_graph(kind: str, seed: int, *, thickness: float = THICKNESS) -> Graph
     True
     """
     kind = as_choice("kind", kind, KINDS)
-    seed = as_whole("seed", seed, 0, _MOST_SEED)
+    seed = as_whole("seed", seed, 0, _MAX_SEED)
     rng = np.random.default_rng([KINDS.index(kind), seed])
     make: Any = {
         "truss": _truss, "direct": _direct, "conjugate": _conjugate, "asymmetric": _asymmetric,
@@ -101,7 +101,7 @@ def explore(
         Density, moduli, bounds; `Rows.plot` draws them. ``message`` tells why a graph has none.
     """
     many = range(as_whole("seeds", seeds, 1, 10**6)) if np.ndim(seeds) == 0 else seeds
-    numbers = [as_whole("seeds", s, 0, _MOST_SEED) for s in as_items("seeds", list(many))]  # type: ignore[arg-type]
+    numbers = [as_whole("seeds", s, 0, _MAX_SEED) for s in as_items("seeds", list(many))]  # type: ignore[arg-type]
     cells = as_whole("cells", cells, 2, 512)
     count = cells if as_choice("method", method, ("voxels", "cut")) == "voxels" else 0
     if isinstance(thickness, (list, tuple, np.ndarray)):

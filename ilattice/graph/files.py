@@ -34,7 +34,7 @@ from ilattice.errors import FormatError, GraphError, InputError, printable
 from ilattice.graph.evaluate import ordered
 from ilattice.graph.graph import Graph
 from ilattice.graph.nodes import Node
-from ilattice.graph.rules import MOST_NODES
+from ilattice.graph.rules import MAX_NODES
 from ilattice.graph.solids import TYPES
 from ilattice.graph.volumes import region_data, region_from
 
@@ -200,10 +200,10 @@ def _rows(data: dict[str, Any]) -> dict[str, dict[str, Any]]:
     nodes = data.get("nodes")
     if not isinstance(nodes, list) or not nodes:
         raise GraphError("graph", f"nodes must be a list of objects, got {nodes!r:.60}")
-    if len(nodes) > MOST_NODES:
-        name = nodes[MOST_NODES].get("id") if isinstance(nodes[MOST_NODES], dict) else None
+    if len(nodes) > MAX_NODES:
+        name = nodes[MAX_NODES].get("id") if isinstance(nodes[MAX_NODES], dict) else None
         raise GraphError(
-            f"node {name!r:.60}", f"a graph must have at most {MOST_NODES} nodes, got {len(nodes)}"
+            f"node {name!r:.60}", f"a graph must have at most {MAX_NODES} nodes, got {len(nodes)}"
         )
     rows: dict[str, dict[str, Any]] = {}
     for i, row in enumerate(nodes):

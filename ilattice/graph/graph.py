@@ -20,7 +20,7 @@ from ilattice.graph.body import Body, warn_empty
 from ilattice.graph.evaluate import Evaluation, kept, ordered
 from ilattice.graph.nodes import Node
 from ilattice.graph.patches import check
-from ilattice.graph.rules import MOST_NODES, check_counts, names_of, roots_of, solids_of
+from ilattice.graph.rules import MAX_NODES, check_counts, names_of, roots_of, solids_of
 from ilattice.graph.shapes import Shape
 from ilattice.graph.skeletons import Skeleton, Surface, thickened
 from ilattice.graph.solids import (
@@ -92,9 +92,9 @@ class Graph(Frozen):
             put(self, "within", region_of(self.within))
         except InputError as e:
             raise GraphError("graph", str(e)) from e
-        if len(self.nodes) > MOST_NODES:
+        if len(self.nodes) > MAX_NODES:
             raise GraphError(
-                "graph", f"a graph must have at most {MOST_NODES} nodes, got {len(self.nodes)}"
+                "graph", f"a graph must have at most {MAX_NODES} nodes, got {len(self.nodes)}"
             )
         put(self, "names", FixedMapping(names_of(self.nodes, self.names)))
         check_counts(self.nodes, self._solids, self._evaluation.told)

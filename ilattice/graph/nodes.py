@@ -33,7 +33,7 @@ from ilattice.errors import GraphError, InputError
 from ilattice.graph.volumes import region_data
 from ilattice.minimal.region import Region
 
-MOST_VERTICES = 10_000
+MAX_VERTICES = 10_000
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
@@ -198,8 +198,8 @@ class EdgeChain(Node):
     def _check(self) -> None:
         vertices = nodes_of("vertices", self.vertices, Vertex, "vertices", 2)
         count = len(vertices)
-        if count > MOST_VERTICES:
-            raise InputError(f"vertices must be at most {MOST_VERTICES}, got {count}")
+        if count > MAX_VERTICES:
+            raise InputError(f"vertices must be at most {MAX_VERTICES}, got {count}")
         order = tuple(range(count)) if self.order is None else tuple(as_items("order", self.order))
         if not all(type(k) is int and 0 <= k < count for k in order) or len(order) < 2:
             raise InputError(f"order must be numbers 0 to {count - 1}, two or more, got {order!r}")

@@ -29,7 +29,7 @@ COLOURS = {
     "group": "#fdd0a2", "object": "#9e9ac8", "boolean": "#9e9ac8", "voxel": "#bcbddc",
     "stiffness": "#fb6a4a", "bandgap": "#fb6a4a",
 }  # fmt: skip
-_MOST_NODES = 400
+_MAX_NODES = 400
 #: Cells of the grid by which solids are drawn, and most of them where parts are thin.
 _GRID, _FINEST = 48, 90
 
@@ -85,7 +85,7 @@ def draw_nodes(axes: Any, graph: "Graph") -> None:
     """
     axes.set_axis_off()
     axes.set_title(f"{graph.name}: {graph.count} nodes", fontsize="medium")
-    if graph.count > _MOST_NODES:
+    if graph.count > _MAX_NODES:
         axes.text(0.5, 0.5, f"{graph.count} nodes", ha="center")
         return
     at = _layers(graph.nodes)

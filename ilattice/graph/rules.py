@@ -13,7 +13,7 @@ from ilattice.graph.nodes import Node
 from ilattice.graph.solids import Property, Solid, Voxel
 
 #: Most nodes of a graph.
-MOST_NODES = 20_000
+MAX_NODES = 20_000
 
 
 def roots_of(given: Any) -> tuple[Node, ...]:

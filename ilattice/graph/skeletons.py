@@ -32,12 +32,12 @@ from ilattice.graph.nodes import (
     nodes_of,
 )
 from ilattice.graph.volumes import region_data, region_of
-from ilattice.minimal.region import MOST_FACES, Region
+from ilattice.minimal.region import MAX_FACES, Region
 
 #: Thickness of lines and surfaces unless told otherwise, in parts of the cell.
 THICKNESS = 0.02
 #: Edges per side of a surface, and the most.
-EDGES, MOST_EDGES = 16, 256
+EDGES, MAX_EDGES = 16, 256
 CENTRE = (0.5, 0.5, 0.5)
 SURFACES = ("conjugate", "mixed", "direct")
 
@@ -210,7 +210,7 @@ class Surface(Skeleton):
             kind=as_choice("kind", self.kind, SURFACES),
             thickness=as_profile(self.thickness, 2),
             alpha=as_not_negative("alpha", self.alpha) + 0.0,
-            edges=as_whole("edges", self.edges, 2, MOST_EDGES),
+            edges=as_whole("edges", self.edges, 2, MAX_EDGES),
             within=region_of(self.within),
         )
         if self.alpha > 0.0 and self.kind != "direct":
@@ -218,8 +218,8 @@ class Surface(Skeleton):
         if self.within is not None and self.kind == "direct":
             raise InputError("within must be left out for direct surfaces: nothing of them slides")
         corners = self.corners
-        if not 3 <= len(corners) <= MOST_FACES:
-            raise InputError(f"chains must have 3 to {MOST_FACES} vertices, got {len(corners)}")
+        if not 3 <= len(corners) <= MAX_FACES:
+            raise InputError(f"chains must have 3 to {MAX_FACES} vertices, got {len(corners)}")
 
     @cached_property
     def steps(self) -> tuple[tuple[EdgeChain, bool], ...]:

@@ -20,7 +20,7 @@ from ilattice.graph.skeletons import (
     Transform,
 )
 
-RESOLUTION, MOST_RESOLUTION = 100, 512
+RESOLUTION, MAX_RESOLUTION = 100, 512
 EXTRUSIONS = ("spherical", "normal")
 SETS = ("union", "intersection", "difference")
 
@@ -60,7 +60,7 @@ class Object(Solid):
     def _check(self) -> None:
         node_of("skeleton", self.skeleton, Skeleton, "a skeleton")
         self._set(
-            resolution=as_whole("resolution", self.resolution, 2, MOST_RESOLUTION),
+            resolution=as_whole("resolution", self.resolution, 2, MAX_RESOLUTION),
             extrusion=as_choice("extrusion", self.extrusion, EXTRUSIONS),
         )
 

@@ -27,7 +27,7 @@ from ilattice.graph.graph import Graph
 from ilattice.graph.skeletons import THICKNESS
 from ilattice.minimal import tetrahedron
 
-MOST_EDGES, MOST_VALENCE = 3, 7
+MAX_EDGES, MAX_VALENCE = 3, 7
 Edge = tuple[int, int]
 
 
@@ -97,9 +97,9 @@ def _connected() -> Iterator[frozenset[Edge]]:
     """Sets of edges that hang together."""
     every = list(combinations(range(len(nodes())), 2))
     found: set[frozenset[Edge]] = {frozenset([e]) for e in every}
-    for count in range(1, MOST_EDGES + 1):
+    for count in range(1, MAX_EDGES + 1):
         yield from found
-        if count == MOST_EDGES:
+        if count == MAX_EDGES:
             return
         more: set[frozenset[Edge]] = set()
         for edges in found:
@@ -119,7 +119,7 @@ def _valid(
         met |= faces[a] | faces[b]
         valence[a] += beams[a][b]
         valence[b] += beams[b][a]
-    if met != 15 or 1 in valence or max(valence) > MOST_VALENCE:
+    if met != 15 or 1 in valence or max(valence) > MAX_VALENCE:
         return False
     fine = True
     for one in edges:

@@ -14,7 +14,7 @@ from ilattice._validate import as_whole
 from ilattice.errors import InputError
 from ilattice.minimal import FaceLoop, Region
 
-MOST_SIDES = 10
+MAX_SIDES = 10
 
 
 def ways(within: Region, sides: int) -> tuple[FaceLoop, ...]:
@@ -40,7 +40,7 @@ def ways(within: Region, sides: int) -> tuple[FaceLoop, ...]:
     """
     if not isinstance(within, Region):
         raise InputError(f"within must be a bounding volume, got {within!r:.60}")
-    count = as_whole("sides", sides, 4, MOST_SIDES)
+    count = as_whole("sides", sides, 4, MAX_SIDES)
     beside = _beside(within)
     turns = _symmetries(within)
     seen: set[tuple[int, ...]] = set()

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._geometry import grid_points
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.cutfem.domain import Domain
 from ilattice.cutfem.phases import PhasedDomain
@@ -71,7 +72,7 @@ class Motion:
     def local(self, degree: int) -> IntArray:
         """Images of the functions of one cell, ((p + 1)³,)."""
         p = np.arange(degree + 1)
-        one = np.stack(np.meshgrid(p, p, p, indexing="ij"), -1).reshape(-1, 3)[:, self.axes]
+        one = grid_points(p, p, p)[:, self.axes]
         one = np.where(np.array(self.signs) > 0, one, degree - one)
         return np.asarray(np.ravel_multi_index(tuple(one.T), (degree + 1,) * 3))
 
@@ -149,7 +150,7 @@ def group(domain: Domain, J: FloatArray) -> list[FloatArray]:
     """
     lo, hi = domain.cut.grid.domain
     t = (np.arange(POINTS) + 0.5) / POINTS
-    u = lo + np.stack(np.meshgrid(t, t, t, indexing="ij"), -1).reshape(-1, 3) * (hi - lo)
+    u = lo + grid_points(t, t, t) * (hi - lo)
     what = (domain.cut.sets(u) < 0.0).all(axis=1).astype(float)
     if isinstance(domain, PhasedDomain):
         what += what * domain.second(u)
@@ -179,7 +180,9 @@ def symmetry_of(turns: list[FloatArray]) -> str:
 def permutation(space: SplineSpace, motion: Motion) -> IntArray | None:
     """Function that comes to each one (n,), None if functions do not fall on functions."""
     shape = np.array(space.grid.shape)
-    numbers = np.ravel_multi_index(tuple(motion.cells(space.places, shape).T), space.grid.shape)
+    numbers = np.ravel_multi_index(
+        tuple(motion.cells(space.cell_indices, shape).T), space.grid.shape
+    )
     at = np.searchsorted(space.cells, numbers)
     if (at >= len(space.cells)).any() or (space.cells[at] != numbers).any():
         return None

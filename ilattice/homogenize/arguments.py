@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._geometry import grid_points
 from ilattice._typing import FloatArray
 from ilattice._validate import as_counts, near_names
 from ilattice.cutfem.assembly import constant_jacobian
@@ -201,7 +202,7 @@ def _refuse_jumps(name: str, sets: list[Any], solid: CutGrid) -> None:
     """Refuse functions (n, sets) that change their signs from a face of the cell to the other."""
     lo, hi = solid.grid.domain
     s = np.linspace(0.0, 1.0, COMPARED)[:-1] + 0.31 / COMPARED
-    flat = np.stack(np.meshgrid(s, s, indexing="ij"), -1).reshape(-1, 2)
+    flat = grid_points(s, s)
     ends = np.zeros((3, 2, len(flat), 3))
     for a in range(3):
         ends[a] = np.insert(flat, a, 0.0, axis=1) * (hi - lo) + lo

@@ -160,7 +160,7 @@ class Bands(Frozen):
     labels : tuple of str
         Names of the corners.
     omega : ndarray, shape (n, count)
-        Angular frequencies, ascending at every wave vector; next to zero for rigid motions.
+        Angular frequencies, ascending at every wave vector; next to zero for rigid-body modes.
     velocities : ndarray, shape (n, count, 3)
         Group velocities, derivatives of omega by k; NaN where omega is zero. Of frequencies that
         are the same, those of the waves that keep apart along the path.

@@ -108,11 +108,11 @@ class CellProblem(Problem):
         low, high = links(domain.joints)
         axis = np.repeat(np.arange(3), [len(rule.cells) for rule in domain.joints])
         grid, n = domain.elements, np.array(domain.cut.grid.shape)
-        apart = grid.places(high) - grid.places(low)
+        apart = grid.cell_indices(high) - grid.cell_indices(low)
         steps = (apart <= 0) & (axis[:, None] == np.arange(3))  # from the last cell to the first
         if domain.interface is not None:
             seam = (domain.interface.cells, domain.interface.neighbours)
-            apart = grid.places(seam[1]) - grid.places(seam[0])
+            apart = grid.cell_indices(seam[1]) - grid.cell_indices(seam[0])
             steps = np.concatenate([steps, np.where(apart < -(n // 2), 1, 0) - (apart > n // 2)])
             low, high = (np.concatenate(pair) for pair in zip((low, high), seam, strict=True))
         keep = np.isin(low, parts.cells) & np.isin(high, parts.cells)
@@ -484,7 +484,7 @@ class CellProblem(Problem):
                 method = "superlu" if system.K.shape[0] <= SMALL else "multigrid"
             self._held[key] = Solver(
                 system.K, near_nullspace=system.near_nullspace, method=method,
-                places=system.places,
+                coordinates=system.coordinates,
             )  # fmt: skip
         solver: Solver = self._held[key]
         return solver

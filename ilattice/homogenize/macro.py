@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._geometry import grid_points
 from ilattice._progress import Progress, track
 from ilattice._typing import FloatArray
 from ilattice._validate import as_flag, as_kind, as_positive, as_whole
@@ -209,7 +210,7 @@ def _looked_at(lattice: Lattice) -> FloatArray:
     """Parameters (n, 3) all over the domain, its ends too."""
     lo, hi = lattice.domain
     s = np.linspace(0.0, 1.0, LOOKED)
-    return lo + np.stack(np.meshgrid(s, s, s, indexing="ij"), -1).reshape(-1, 3) * (hi - lo)
+    return lo + grid_points(s, s, s) * (hi - lo)
 
 
 def _mean_edges(edges: FloatArray) -> FloatArray:

@@ -22,6 +22,7 @@ from ilattice.errors import InputError
 
 #: Relative differences of lengths and angles that do not count.
 SAME = 1e-9
+#: Halves and thirds of reciprocal vectors, for the table.
 H, T = 0.5, 1.0 / 3.0
 #: Points of lattices with edges along x, y, z; the axis of tetragonal and hexagonal ones is z.
 POINTS: dict[str, dict[str, tuple[float, float, float]]] = {

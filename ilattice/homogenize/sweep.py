@@ -69,7 +69,7 @@ RESULTS = (
     "K_most", "voigt", "reuss", "bulk", "shear", "percolates",
 )  # fmt: skip
 NUMBERS = RESULTS[:-1]
-MOST_RUNS = 1_000_000
+MAX_RUNS = 1_000_000
 #: Part of the cases in which the true numbers are within the intervals of a fit.
 SURE = 0.95
 MARKS = "osD^v<>p*"
@@ -323,8 +323,8 @@ def sweep(
     given = {"cells": cells, "young": young, "poisson": poisson, **(options or {})}
     told = "homogenize.sweep " + " ".join(f"{k}={_told(k, v)}" for k, v in given.items())
     count = len(many) * int(np.prod([len(v) for v in values.values()], dtype=np.int64))
-    if count > MOST_RUNS:
-        raise InputError(f"these are {count} rows; at most {MOST_RUNS} are allowed")
+    if count > MAX_RUNS:
+        raise InputError(f"these are {count} rows; at most {MAX_RUNS} are allowed")
     runs = [
         (one, name, dict(zip(values, chosen, strict=True)))
         for one, name in zip(many, names, strict=True)

@@ -319,7 +319,9 @@ class BlochCell(ElasticCell):
             method = "superlu" if K.shape[0] <= SMALL else "multigrid"
         A = bsr_array((K.data + shift * self.masses.data, K.indices, K.indptr), shape=K.shape)
         system = self.system
-        return Solver(A, near_nullspace=system.near_nullspace, method=method, places=system.places)
+        return Solver(
+            A, near_nullspace=system.near_nullspace, method=method, coordinates=system.coordinates
+        )
 
 
 def _factors(

@@ -24,7 +24,7 @@ from ilattice.io._patches import check_count
 from ilattice.io._scanner import Scanner
 
 _PER_PATCH = 250  # letters for each patch of many: what they share takes memory, too
-_MOST_EDGES = 12
+_MAX_EDGES = 12
 
 #: Codes of point, segment, square and cube, by dimension.
 GEOMETRY = (0, 1, 3, 5)
@@ -130,7 +130,7 @@ def read_topology(scanner: Scanner) -> Topology:
         _element(scanner, ndim - 1)
     scanner.expect("edges")
     count = scanner.integer("number of edges")
-    if count > _MOST_EDGES * len(elements):
+    if count > _MAX_EDGES * len(elements):
         scanner.fail(f"{count} edges are more than {len(elements)} patches have", scanner.at - 1)
     edges = [(_vertex(scanner), _vertex(scanner), _vertex(scanner)) for _ in range(count)]
     scanner.expect("vertices")

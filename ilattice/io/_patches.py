@@ -22,7 +22,9 @@ from ilattice.errors import InputError
 Fail = Callable[[str], NoReturn]
 
 KINDS = ("curve", "surface", "volume")
+#: Knots that are nearer than this part of the domain are equal.
 SNAP = 1e-9
+#: Numbers up to this size have products of three that do not overflow.
 LARGEST = 1e100
 MAX_DEGREE = 8
 MANY = 20_000  # splines that a file may hold, however short they are; of more

@@ -15,6 +15,7 @@ from ilattice.errors import FormatError
 if TYPE_CHECKING:
     from ilattice.bspline.bezier import BezierCells
 
+#: Part of the largest coefficient by which control points on faces of cells may differ.
 _SAME = 1e-12
 _EDGE_CORNERS = {(0, 0): 0, (1, 0): 1, (1, 1): 2, (0, 1): 3}
 

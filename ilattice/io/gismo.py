@@ -54,11 +54,11 @@ _TAGS: dict[str, tuple[str, ...]] = {
     "Basis": ("Basis", "KnotVector", "weights"),
     "MultiPatch": ("patches",),
 }
-MOST_CHILDREN = 64
-MOST_MULTIPATCHES = 1000
-MOST_SKIPPED = 1000
-MOST_IN_TAG = 60_000
-_LONG_TAG = re.compile(rf"<[^!?>][^>]{{{MOST_IN_TAG}}}")
+MAX_CHILDREN = 64
+MAX_MULTIPATCHES = 1000
+MAX_SKIPPED = 1000
+MAX_IN_TAG = 60_000
+_LONG_TAG = re.compile(rf"<[^!?>][^>]{{{MAX_IN_TAG}}}")
 _BASE64 = {"b64float32": "<f4", "b64float64": "<f8"}
 
 
@@ -106,13 +106,13 @@ class _Found:
         """Take in an element below the root that has ended."""
         if node.tag == "MultiPatch":
             self.multipatches.append(node)
-            if len(self.multipatches) > MOST_MULTIPATCHES:
-                node.fail(f"is one of more than {MOST_MULTIPATCHES}; not read")
+            if len(self.multipatches) > MAX_MULTIPATCHES:
+                node.fail(f"is one of more than {MAX_MULTIPATCHES}; not read")
         elif node.tag == "Geometry":
             self.ids.add(node.attributes.get("id", "").strip())
             spline = _geometry(node)
             if spline is None:
-                if len(self.skipped) < MOST_SKIPPED:
+                if len(self.skipped) < MAX_SKIPPED:
                     kind = node.attributes.get("type")
                     self.skipped.append(f"{kind:.40} in line {node.line}")
             else:
@@ -290,12 +290,12 @@ def _quotient(token: str) -> str:
 def _parse(path: str | os.PathLike[str], text: str, found: _Found) -> None:
     """Take the elements below the root in, one after the other.
 
-    Refuses a document type, more than `DEPTH` levels, and more than `MOST_CHILDREN` known elements
+    Refuses a document type, more than `DEPTH` levels, and more than `MAX_CHILDREN` known elements
     in one. Elements and attributes that are not known here are passed over.
     """
     if long := _LONG_TAG.search(text):
         line = text.count("\n", 0, long.start()) + 1
-        raise FormatError(f"{path}, line {line}: a tag has more than {MOST_IN_TAG} letters")
+        raise FormatError(f"{path}, line {line}: a tag has more than {MAX_IN_TAG} letters")
     parser = expat.ParserCreate("utf-8")
     parser.buffer_text = True
     stack: list[_Node | None] = []  # None where elements are passed over
@@ -315,8 +315,8 @@ def _parse(path: str | os.PathLike[str], text: str, found: _Found) -> None:
             node.fail(f"root element is <{tag:.40}>; expected <xml>, as G+Smo has it")
         if len(stack) > 1 and above is not None and node is not None:
             above.children.append(node)
-            if len(above.children) > MOST_CHILDREN:
-                above.fail(f"holds more than {MOST_CHILDREN} elements; not read")
+            if len(above.children) > MAX_CHILDREN:
+                above.fail(f"holds more than {MAX_CHILDREN} elements; not read")
         stack.append(node)
 
     def end(_: str) -> None:

@@ -52,9 +52,9 @@ _PARAMETERS = {"CURVE": 1, "SURFACE": 2, "TRIVAR": 3, "MULTIVAR": 0}
 _WORDS = ("CURVE", "SURFACE", "TRIVAR")
 _OTHER = {"TRIMSRF", "TRISRF", "MODEL"}
 LARGEST_POINT = 9
-MOST_NESTED = 1000
-MOST_SKIPPED = 1000
-MOST_ATTRIBUTES = 50_000
+MAX_NESTED = 1000
+MAX_SKIPPED = 1000
+MAX_ATTRIBUTES = 50_000
 
 
 # --- reading ----------------------------------------------------------------------------------
@@ -130,8 +130,8 @@ def _next_item(
             scanner.fail(f"found {token!r:.60}; expected '['")
         stack[-1].name = scanner.word("a name").strip('"')
     elif keyword == "OBJECT":
-        if len(stack) == MOST_NESTED:
-            scanner.fail(f"objects are nested more than {MOST_NESTED} deep")
+        if len(stack) == MAX_NESTED:
+            scanner.fail(f"objects are nested more than {MAX_NESTED} deep")
         stack.append(_Object(at=scanner.at))
         scanner.at += 2
     elif keyword in _PARAMETERS and _is_ours(scanner, keyword):
@@ -140,14 +140,14 @@ def _next_item(
         patches.append(_patch(scanner, owner))
     else:
         ours = keyword in _PARAMETERS or keyword in _OTHER
-        if ours and len(skipped) < MOST_SKIPPED:
+        if ours and len(skipped) < MAX_SKIPPED:
             skipped.append(f"{keyword} {scanner.peek(2):.20}")
         words = _skip_group(scanner)
         if stack and len(words) == 2 and words[0].upper() == "COORDINATES":
             stack[-1].coordinates, stack[-1].names = words[1].strip('"'), {}
         elif stack and len(words) == 2:
-            if len(stack[-1].attributes) == MOST_ATTRIBUTES:
-                scanner.fail(f"an object has more than {MOST_ATTRIBUTES} attributes")
+            if len(stack[-1].attributes) == MAX_ATTRIBUTES:
+                scanner.fail(f"an object has more than {MAX_ATTRIBUTES} attributes")
             stack[-1].attributes[words[0].upper()] = words[1].strip('"')
 
 

@@ -36,7 +36,7 @@ from ilattice.io._scanner import Scanner, blank_comments
 
 Knots = tuple[int, FloatArray]
 #: How often a control point of a mesh is used, on average, at most; 8 in a grid of bricks.
-MOST_SHARED = 16
+MAX_SHARED = 16
 _HEADER = re.compile(r"MFEM NURBS mesh v1\.([01])\s*")
 _NAMES = re.compile(r"^# ilattice names: (.*)$", re.MULTILINE)
 
@@ -147,8 +147,8 @@ def _shared(scanner: Scanner, topology: Topology, *, spacing: bool) -> list[BSpl
         scanner.fail(
             f"section {section!r:.40} is not supported; expected 'weights'", scanner.at - 1
         )
-    if sum(p.dofs.size for p in patches) > MOST_SHARED * total:
-        scanner.fail(f"patches share their points more than {MOST_SHARED} times", start)
+    if sum(p.dofs.size for p in patches) > MAX_SHARED * total:
+        scanner.fail(f"patches share their points more than {MAX_SHARED} times", start)
     nodes = _nodes(scanner, total, [k for k, _ in vectors])
     splines = []
     for patch in patches:

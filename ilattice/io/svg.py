@@ -17,6 +17,7 @@ _NAMES = (
     'xmlns="http://www.w3.org/2000/svg" '
     'xmlns:inkscape="http://www.inkscape.org/namespaces/inkscape"'
 )
+#: Room about the drawing, as a part of its longer side.
 _MARGIN = 0.02
 
 

@@ -35,7 +35,7 @@ RELATIONS = (
     '<Relationship Target="/3D/3dmodel.model" Id="rel0" '
     'Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"/></Relationships>'
 )
-_STAND_IN = 0.5  # edges of the mesh of a wall, as a part of the thinnest wall
+_COARSE_EDGE = 0.5  # edges of the mesh of a wall, as a part of the thinnest wall
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 
 
@@ -128,7 +128,7 @@ def _part(stack: Stack) -> Triangles:
         return stack.slicer.stand_in()
     with warnings.catch_warnings():  # it is coarse on purpose
         warnings.simplefilter("ignore", PrecisionWarning)
-        return part.mesh(h=_STAND_IN * part.least_thickness, polish=False)
+        return part.mesh(h=_COARSE_EDGE * part.least_thickness, polish=False)
 
 
 def _mesh(mesh: Triangles, frame: FloatArray, places: int) -> Iterator[str]:

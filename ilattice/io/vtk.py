@@ -25,6 +25,7 @@ from ilattice.io._mesh import Triangles, check_not_empty, colours
 from ilattice.io.bezier_cells import bezier_nodes
 
 _BEZIER_HEXAHEDRON = 79
+#: Part of a step by which the spacing of an image may vary: files have one number per axis.
 _SAME_STEP = 1e-9
 #: Components of symmetric tensors in Voigt order: without names ParaView takes them for another.
 VOIGT = ("XX", "YY", "ZZ", "YZ", "XZ", "XY")

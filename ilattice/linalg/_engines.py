@@ -1,4 +1,4 @@
-"""What can stand in for the inverse of a stiffness matrix: factors and hierarchies.
+"""Approximations of the inverse of a stiffness matrix: factors and hierarchies.
 
 An engine is called with residuals, a vector (n,) or rows (r, n), and returns approximate solutions.
 Guarantee: one that is singular to working precision raises `ConvergenceError` when it is made. The
@@ -31,7 +31,7 @@ LIMIT = 2e8
 
 
 def multigrid(
-    K: bsr_array, modes: FloatArray, places: FloatArray | None = None
+    K: bsr_array, modes: FloatArray, coordinates: FloatArray | None = None
 ) -> tuple[Engine, int]:
     """Our own smoothed aggregation, and the bytes it takes."""
     # kernels are compiled for arrays that may be written to
@@ -39,7 +39,7 @@ def multigrid(
         np.require(a, requirements="W") for a in (K.indptr, K.indices, K.data)
     )
     blocks = Blocks(offsets, columns, data, K.shape[0] // K.blocksize[0])
-    engine = Multigrid(blocks, modes, places)
+    engine = Multigrid(blocks, modes, coordinates)
     return engine, engine.nbytes
 
 

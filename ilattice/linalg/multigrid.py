@@ -134,7 +134,7 @@ class Multigrid:
         Symmetric, square blocks (m, m), double precision.
     modes : array_like, shape (n, p)
         Near-nullspace: motions with little energy.
-    places : ndarray, shape (nodes, 3), optional
+    coordinates : ndarray, shape (nodes, 3), optional
         Nodes in space; without them stretched cells are not told from others.
 
     Raises
@@ -145,9 +145,9 @@ class Multigrid:
         If a combination of the modes has no stiffness: K is singular.
     """
 
-    def __init__(self, K: Blocks, modes: FloatArray, places: FloatArray | None = None) -> None:
+    def __init__(self, K: Blocks, modes: FloatArray, coordinates: FloatArray | None = None) -> None:
         self.levels: list[_Level] = []
-        A, B, x = K, modes, places
+        A, B, x = K, modes, coordinates
         factors, inverses = _block_factors(A)
         self.scaling = inverses
         while A.shape[0] > COARSEST:
@@ -317,23 +317,23 @@ def _largest_eigenvalue(A: Blocks, patches: _Patches) -> float:
 
 
 def _aggregates(
-    A: Blocks, strength: AnyArray, places: FloatArray | None, least: float
+    A: Blocks, strength: AnyArray, coordinates: FloatArray | None, least: float
 ) -> tuple[AnyArray, int]:
     """Aggregate of every node, -1 for nodes without couplings, and their number."""
     strong = np.empty(len(A.columns), np.bool_)
     bound = least**2 * A.blocks.shape[1]
     km.mark_strong(A.offsets, A.columns, strength, bound, SHARE**2, strong)
-    if places is not None:
-        km.unmark_far(A.offsets, A.columns, places, FAR**2, strong)
+    if coordinates is not None:
+        km.unmark_far(A.offsets, A.columns, coordinates, FAR**2, strong)
     home = np.empty(A.rows, np.int32)
     return home, km.aggregate(A.offsets, A.columns, strength, strong, home)
 
 
-def _means(places: FloatArray, home: AnyArray, count: int) -> FloatArray:
-    """Mean places (count, 3) of the nodes of aggregates."""
+def _means(coordinates: FloatArray, home: AnyArray, count: int) -> FloatArray:
+    """Mean coordinates (count, 3) of the nodes of aggregates."""
     inside = home >= 0
     size = np.bincount(home[inside], minlength=count)
-    sums = [np.bincount(home[inside], x[inside], count) for x in places.T]
+    sums = [np.bincount(home[inside], x[inside], count) for x in coordinates.T]
     return np.stack(sums, axis=1) / size[:, None]
 
 

@@ -108,13 +108,13 @@ class Solver:
         count as blocks 1 x 1. It is not copied if it is BSR: do not change it.
     near_nullspace : array_like, shape (n, p), optional
         Motions with little energy: rigid ones (p = 6) in space, or ones for heat. By default the
-        rigid motions of `places` for m = 3, or constants per component.
+        rigid-body modes of `coordinates` for m = 3, or constants per component.
     method : str
         "multigrid" (our own), "pyamg", "pardiso" (each needs its extra, ``fem`` or ``pardiso``),
         "superlu", or "auto": by the predicted size of a factor, which also takes over where
         multigrid has not converged.
-    places : array_like, shape (n / m, 3), optional
-        Nodes in space: for the rigid motions, for messages, and for multigrid to see where cells
+    coordinates : array_like, shape (n / m, 3), optional
+        Nodes in space: for the rigid-body modes, for messages, and for multigrid to see where cells
         are stretched.
 
     Raises
@@ -132,22 +132,24 @@ class Solver:
         *,
         near_nullspace: ArrayLike | None = None,
         method: str = "auto",
-        places: ArrayLike | None = None,
+        coordinates: ArrayLike | None = None,
     ) -> None:
         as_choice("method", method, ("auto", *ENGINES))
         start = time.perf_counter()
         self._K = _as_blocks(K)
         n, self._m = self._K.shape[0], self._K.blocksize[0]
-        self._places = None if places is None else as_points("places", places)
-        if self._places is not None and len(self._places) != n // self._m:
-            raise InputError(f"places must have {n // self._m} rows, got {len(self._places)}")
+        self._coordinates = None if coordinates is None else as_points("coordinates", coordinates)
+        if self._coordinates is not None and len(self._coordinates) != n // self._m:
+            raise InputError(
+                f"coordinates must have {n // self._m} rows, got {len(self._coordinates)}"
+            )
         modes = self._modes(near_nullspace)
         self._near_nullspace = near_nullspace
         self._blocks = Blocks(self._K.indptr, self._K.indices, self._K.data, n // self._m)
         _check_symmetric(self._multiply, n)
         self._method = choose(self._K) if method == "auto" else method
         self._replaceable = method == "auto" and self._method == "multigrid"
-        self._engine, self._bytes = ENGINES[self._method](self._K, modes, self._places)
+        self._engine, self._bytes = ENGINES[self._method](self._K, modes, self._coordinates)
         self._setup_seconds = time.perf_counter() - start
 
     @property
@@ -158,7 +160,7 @@ class Solver:
     def __reduce__(self) -> tuple[Any, ...]:
         """For `pickle` and `copy`, without factors, which are made again."""
         method = "auto" if self._replaceable else self._method
-        return _again, (self._K, self._near_nullspace, method, self._places)
+        return _again, (self._K, self._near_nullspace, method, self._coordinates)
 
     def precondition(self, r: ArrayLike) -> FloatArray:
         """Approximate solution of K z = r by one application of the method.
@@ -281,13 +283,13 @@ class Solver:
     def _replace(self) -> None:
         """Take a factor from now on, in place of multigrid that does not converge."""
         start = time.perf_counter()
-        self._engine, self._bytes = ENGINES["superlu"](self._K, np.zeros((0, 0)), self._places)
+        self._engine, self._bytes = ENGINES["superlu"](self._K, np.zeros((0, 0)), self._coordinates)
         self._method, self._replaceable = "superlu", False
         self._setup_seconds += time.perf_counter() - start
 
     def _complaint(self, run: Run, tol: float) -> str:
         node = int(np.argmax(np.abs(run.x))) // self._m
-        where = "" if self._places is None else f" at {np.round(self._places[node], 6)}"
+        where = "" if self._coordinates is None else f" at {np.round(self._coordinates[node], 6)}"
         return (
             f"{self._method} stopped after {len(run.history) - 1} iterations at a relative "
             f"residual of {run.residual:.1e}, above tol = {tol:.1e}: "
@@ -307,8 +309,8 @@ class Solver:
     def _modes(self, given: ArrayLike | None) -> FloatArray:
         n, m = self._K.shape[0], self._m
         if given is None:
-            if m == 3 and self._places is not None:
-                return rigid_modes(self._places)
+            if m == 3 and self._coordinates is not None:
+                return rigid_modes(self._coordinates)
             return np.tile(np.eye(m), (n // m, 1))
         modes = as_array("near_nullspace", given)
         if modes.ndim != 2 or modes.shape[0] != n or modes.shape[1] == 0:
@@ -316,12 +318,12 @@ class Solver:
         return modes
 
 
-def rigid_modes(places: ArrayLike) -> FloatArray:
+def rigid_modes(coordinates: ArrayLike) -> FloatArray:
     """Translations along, and rotations about, the three axes.
 
     Parameters
     ----------
-    places : array_like, shape (n, 3)
+    coordinates : array_like, shape (n, 3)
         Points in space.
 
     Returns
@@ -330,9 +332,9 @@ def rigid_modes(places: ArrayLike) -> FloatArray:
         Displacements of the points, one motion per column; rotations are about the centroid, by
         the inverse of the largest distance from it.
     """
-    x = as_points("places", places)
+    x = as_points("coordinates", coordinates)
     if not len(x):
-        raise InputError("places must hold at least one point")
+        raise InputError("coordinates must hold at least one point")
     x = x - x.mean(axis=0)
     x = x / (np.abs(x).max() or 1.0)
     out = np.zeros((len(x), 3, 6))
@@ -376,6 +378,6 @@ def _check_symmetric(times: Any, n: int) -> None:
         raise InputError(f"K must be symmetric: x K y and y K x differ by {gap:.2e}")
 
 
-def _again(K: Any, near_nullspace: Any, method: str, places: Any) -> Solver:
+def _again(K: Any, near_nullspace: Any, method: str, coordinates: Any) -> Solver:
     """A solver from a pickle."""
-    return Solver(K, near_nullspace=near_nullspace, method=method, places=places)
+    return Solver(K, near_nullspace=near_nullspace, method=method, coordinates=coordinates)

@@ -9,6 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ilattice._geometry import grid_points
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import as_array, asked
 from ilattice.bspline import BSpline
@@ -18,7 +19,7 @@ from ilattice.errors import InputError, PrecisionWarning
 
 #: Parameters at which functions are compared with what is stored, and the largest difference
 #: without a warning, relative to the range of the function.
-CHECKS, MOST_MISSED = 400, 0.01
+CHECKS, MAX_MISSED = 400, 0.01
 
 
 def interpolated(spline: BSpline, name: str, f: Callable[[FloatArray], ArrayLike]) -> FloatArray:
@@ -26,7 +27,7 @@ def interpolated(spline: BSpline, name: str, f: Callable[[FloatArray], ArrayLike
     sites, systems = zip(*(_collocation(spline, axis) for axis in range(3)), strict=True)
     if any((np.diff(s) <= 0).any() for s in sites):
         raise InputError(f"{name} must be coefficients: the knots of this map allow jumps")
-    u = np.stack([a.ravel() for a in np.meshgrid(*sites, indexing="ij")], axis=1)
+    u = grid_points(*sites)
     values = as_array(name, asked(name, f, u))
     if values.shape != (len(u),):
         raise InputError(f"{name} must return shape ({len(u)},), got {values.shape}")
@@ -47,7 +48,7 @@ def warn_missed(spline: BSpline, name: str, f: Callable[[FloatArray], ArrayLike]
     values = as_array(name, asked(name, f, u))
     missed = float(np.abs(spline(u) - values).max())
     spread = max(float(np.ptp(values)), 1e-9 * float(np.abs(values).max()))
-    if missed > MOST_MISSED * spread:
+    if missed > MAX_MISSED * spread:
         warnings.warn(
             f"{name} is interpolated in the spline space of the map, and missed by up to "
             f"{100 * missed / spread:.2g} % of its range; give the map more coefficients first, "

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ilattice._geometry import grid_points
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import Frozen, as_kind, as_not_negative, as_whole, read_only
 from ilattice.bspline import BSpline
@@ -261,8 +262,8 @@ class _Elements:
         self.points = np.ascontiguousarray(points)
         steps = [np.diff(b) for b in cells.breaks]
         starts = [b[:-1] for b in cells.breaks]
-        self.step = np.stack([a.ravel() for a in np.meshgrid(*steps, indexing="ij")], axis=1)
-        self.start = np.stack([a.ravel() for a in np.meshgrid(*starts, indexing="ij")], axis=1)
+        self.step = grid_points(*steps)
+        self.start = grid_points(*starts)
         self.ends = np.array([[b[0] for b in cells.breaks], [b[-1] for b in cells.breaks]])
         self.volume = np.prod(self.step, axis=1)
         self.factor = self.radius**3 / self.volume

@@ -29,7 +29,7 @@ __all__ = ["regrade"]
 #: halved, and sites per span at which it is checked.
 DEGREE, HALVINGS, CHECKS = 5, 5, 7
 #: Least slope of the twice differentiable pace, relative to that in the shortest cell.
-LEAST_SLOPE = 0.2
+MIN_SLOPE = 0.2
 
 
 def regrade(
@@ -113,7 +113,7 @@ def _pace(name: str, ends: ArrayLike, domain: FloatArray, closed: bool) -> tuple
     y = np.concatenate([[lo], y[1:-1], [hi]])
     s = np.linspace(lo, hi, len(y))
     pace = _twice(s, y, closed)
-    if _least_slope(pace) >= LEAST_SLOPE * np.diff(y).min() / (s[1] - s[0]):
+    if _least_slope(pace) >= MIN_SLOPE * np.diff(y).min() / (s[1] - s[0]):
         return pace, 2
     return _once(s, y, closed), 1
 

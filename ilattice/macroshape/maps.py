@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 __all__ = ["SplineMap"]
 
-MOST_POINTS = 1000  # of a Gauss rule per element and direction
+MAX_POINTS = 1000  # of a Gauss rule per element and direction
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -356,7 +356,7 @@ class SplineMap(Frozen):
             The absolute value of the integral of det J.
         """
         rational = self.spline.weights is not None
-        points = None if points is None else as_whole("points", points, 1, MOST_POINTS)
+        points = None if points is None else as_whole("points", points, 1, MAX_POINTS)
         sites, weights = [], []
         for axis in range(3):
             n = points or (3 * self.spline.k[axis] + 1) // 2 + 6 * rational

@@ -1,6 +1,6 @@
 """Grids of the parameter domain whose cells are about as large as asked in space.
 
-Guarantee: every tile has `LEAST_CELLS_PER_TILE` cells or more per direction.
+Guarantee: every tile has `MIN_CELLS_PER_TILE` cells or more per direction.
 """
 
 import numpy as np
@@ -10,13 +10,14 @@ from ilattice._typing import FloatArray
 from ilattice.errors import InputError
 from ilattice.macroshape.tiling import Tiling
 
-LEAST_CELLS_PER_TILE = 8
+MIN_CELLS_PER_TILE = 8
+#: Longest side of a cell of space over its shortest one, about.
 ANISOTROPY = 2.0
 #: How much closer planes are next to where faces collapse into edges or points.
 CLOSEST = 32.0
 #: Bytes of memory per site where the map is sampled.
 PER_SITE = 150
-MOST_PLANES = 10_000_000
+MAX_PLANES = 10_000_000
 
 
 def grid_axes(lattice: Tiling, h: float) -> tuple[FloatArray, ...]:
@@ -52,9 +53,9 @@ def grid_axes(lattice: Tiling, h: float) -> tuple[FloatArray, ...]:
     step = [h / stretch[..., a].max(axis=others[a]) for a in range(3)]  # widths at the sites
     for a in range(3):
         planes = float((np.diff(sites[a]) / np.maximum(step[a][1:], 1e-300)).sum())
-        if not planes < MOST_PLANES:
+        if not planes < MAX_PLANES:
             raise InputError(
-                f"h = {h:.3g} makes {planes:.3g} planes along {'uvw'[a]}; at most {MOST_PLANES} "
+                f"h = {h:.3g} makes {planes:.3g} planes along {'uvw'[a]}; at most {MAX_PLANES} "
                 "are allowed: use a larger h"
             )
     limited = []
@@ -74,7 +75,7 @@ def _along(a: FloatArray, axis: int) -> FloatArray:
 
 def _planes(sites: FloatArray, step: FloatArray, tiles: int) -> FloatArray:
     """Planes from the first to the last site, with the local width `step` at the sites."""
-    density = 1.0 / np.minimum(step, (sites[-1] - sites[0]) / (tiles * LEAST_CELLS_PER_TILE))
+    density = 1.0 / np.minimum(step, (sites[-1] - sites[0]) / (tiles * MIN_CELLS_PER_TILE))
     cells = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(sites))])
     n = int(np.ceil(cells[-1]))
     planes = np.interp(np.linspace(0.0, cells[-1], n + 1), cells, sites)

@@ -26,7 +26,7 @@ __all__ = [
     "wing",
 ]
 
-MOST_SPANS = 10_000
+MAX_SPANS = 10_000
 _LINE = (0.0, 0.0, 1.0, 1.0)
 #: VTK order of the corners of a hexahedron, as indices along u, v, w.
 _HEXAHEDRON = ([0, 1, 1, 0, 0, 1, 1, 0], [0, 0, 1, 1, 0, 0, 1, 1], [0, 0, 0, 0, 1, 1, 1, 1])
@@ -261,8 +261,8 @@ def torus(
     r, half = as_positive("major", major), 0.5 * as_positive("width", width)
     if half >= r:
         raise InputError(f"width must be below 2 * major = {2 * r}, got {width}")
-    if not isinstance(spans, int | np.integer) or not 4 <= spans <= MOST_SPANS:
-        raise InputError(f"spans must be a whole number from 4 to {MOST_SPANS}, got {spans!r:.80}")
+    if not isinstance(spans, int | np.integer) or not 4 <= spans <= MAX_SPANS:
+        raise InputError(f"spans must be a whole number from 4 to {MAX_SPANS}, got {spans!r:.80}")
     if isinstance(form, str) and form == "exact":
         return revolve(_section(r - half, r + half, -half, half))
     rings = {"periodic": _periodic_ring, "arcs": _four_arcs}

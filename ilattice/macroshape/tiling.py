@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._geometry import grid_points
 from ilattice._memory import need
 from ilattice._typing import AnyArray, ArrayLike, FloatArray
 from ilattice._validate import (
@@ -167,7 +168,7 @@ class Tiling:
         if isinstance(field, (MixedField, TrigField)):
             return fits, bent
         axis = np.linspace(0.0, 1.0, ON_FACES)
-        plane = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+        plane = grid_points(axis, axis)
         for a in range(3):
             (f, df), (g, dg) = (_on_face(field, plane, a, end) for end in (0.0, 1.0))
             near = np.minimum(np.abs(f), np.abs(g)) <= 1.0 / ON_FACES

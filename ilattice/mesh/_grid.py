@@ -16,7 +16,7 @@ from ilattice._memory import need
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import as_array, as_flag, as_items
 from ilattice.errors import InputError
-from ilattice.mesh._kernels_cells import B, S
+from ilattice.mesh._kernels_cells import BOTTOM, LOW, TOP, WIDTH, B, S
 
 PER_COLUMN = 3  # bytes of memory per point of a cross-section
 MARGIN = 5e-3  # distance of vertices from the boundary of their cell, as a fraction of the cell
@@ -88,29 +88,14 @@ class Grid:
         return np.clip(s - 1, 0, n - 1)
 
     @cached_property
-    def low(self) -> FloatArray:
-        """Lower end of the padded cells, shape (3, most cells)."""
-        return self._cell_table(self._low)
-
-    @cached_property
-    def size(self) -> FloatArray:
-        """Width of the padded cells, shape (3, most cells)."""
-        return self._cell_table(self._size)
-
-    @cached_property
-    def least(self) -> FloatArray:
-        """Least coordinate of vertices in the padded cells, shape (3, most cells)."""
-        return self.low + MARGIN * self.size
-
-    @cached_property
-    def most(self) -> FloatArray:
-        """Largest coordinate of vertices in the padded cells, shape (3, most cells)."""
-        return self.low + (1.0 - MARGIN) * self.size
-
-    def _cell_table(self, row: Any) -> FloatArray:
-        out = np.zeros((3, max(self.cells)))
+    def cell_table(self) -> FloatArray:
+        """Of the padded cells, shape (4, 3, most cells): see `_kernels_cells.LOW`."""
+        out = np.zeros((4, 3, max(self.cells)))
         for axis in range(3):
-            out[axis, : self.cells[axis]] = row(axis)
+            out[LOW, axis, : self.cells[axis]] = self._low(axis)
+            out[WIDTH, axis, : self.cells[axis]] = self._size(axis)
+        out[BOTTOM] = out[LOW] + MARGIN * out[WIDTH]
+        out[TOP] = out[LOW] + (1.0 - MARGIN) * out[WIDTH]
         return out
 
     def _low(self, axis: int) -> FloatArray:

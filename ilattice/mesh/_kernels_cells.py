@@ -36,6 +36,9 @@ _OFFSET = np.array(  # corner of each edge (its lower end), and its axis
 _SLOT = _OFFSET[:, 3] * 729 + _OFFSET[:, 0] * 81 + _OFFSET[:, 1] * 9 + _OFFSET[:, 2]
 CAP = 64  # bit of `kind`: inside a cap, not on the level set
 LOWER = 128  # bit of `kind`: on the lower of two levels
+#: Places in the table of cells along the axes: lower ends, widths, and the least and the largest
+#: coordinate of vertices.
+LOW, WIDTH, BOTTOM, TOP = 0, 1, 2, 3
 
 
 @inner()
@@ -394,25 +397,24 @@ def face_bits(gx, gy, gz):
 @in_ranges(4 * CHUNK)
 @njit(cache=True, nogil=True, error_model="numpy")
 def vertices(
-    first, last, offset, rows, flips, shape, coords, caps, t, t_first, start, low, size, least,
-    most, out, kind, place, cell, alone,
+    first, last, rows, flips, shape, coords, caps, t, t_first, start, cells, out, kind, place,
+    cell, alone,
 ):  # fmt: skip
-    """Vertices of the blocks from `offset` on into `out`, their codes into `kind` and `place`.
+    """Vertices of blocks into `out`, their codes into `kind` and `place`.
 
-    The first one has row ``start[offset]`` there. Their cells go to `cell`, and whether they are
+    The first one has row ``start[0]`` there. Their cells go to `cell`, and whether they are
     the only ones in them to `alone`, from row 0 on. Codes in `place` are
     ``k | row << 3 | patch << 12``: their cell in its row, row and patch of `CASES`.
-    ``low[a], size[a]`` are the lower end and the width of the padded cells along axis a: ghost
-    cells have width 0. Vertices stay between ``least[a]`` and ``most[a]`` of their cell.
+    ``cells[LOW, a]`` and so on are those of the padded cells along axis a: ghost cells have width
+    0.
     """
     dense = np.empty(3 * S * S * S, np.float32)
     fraction = np.empty(3)
-    for n in range(first, last):
-        b = offset + n
+    for b in range(first, last):
         ni = extent(shape, 0, coords[b, 3])
         nj = extent(shape, 1, coords[b, 1])
         bits = (1 << extent(shape, 2, coords[b, 2])) - 1
-        _unpack(rows, ni, nj, bits, b, t, t_first[n], dense)
+        _unpack(rows, ni, nj, bits, b, t, t_first[b], dense)
         at = start[b]
         for i in range(ni):
             cx = B * coords[b, 3] + i
@@ -434,10 +436,10 @@ def vertices(
                         level = _place(row, patch, 81 * i + 9 * j + k, dense, gx, gy, gz, fraction)
                         for a in range(3):
                             c = cx if a == 0 else (cy if a == 1 else cz)
-                            p = low[a, c] + fraction[a] * size[a, c]
-                            out[at, a] = min(max(p, least[a, c]), most[a, c])
-                            cell[at - start[offset], a] = c
+                            p = cells[LOW, a, c] + fraction[a] * cells[WIDTH, a, c]
+                            out[at, a] = min(max(p, cells[BOTTOM, a, c]), cells[TOP, a, c])
+                            cell[at - start[0], a] = c
                         kind[at] = face_bits(gx, gy, gz) | level
                         place[at] = k | row << 3 | patch << 12
-                        alone[at - start[offset]] = CASES[row, PATCHES] == 1
+                        alone[at - start[0]] = CASES[row, PATCHES] == 1
                         at += 1

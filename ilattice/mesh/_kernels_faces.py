@@ -24,6 +24,9 @@ from ilattice.mesh._tables import CASES, LABEL, PATCHES
 
 T = 9  # cells of a block and the layer below it, per direction
 TIE = 1e-6  # relative difference of shapes that does not count
+#: Places in `numbering`: the row before which vertices are those of the previous layers, and what
+#: is added to rows before and from there on to make their ids.
+SPLIT, BELOW, ABOVE = 0, 1, 2
 
 
 @inner()
@@ -112,7 +115,7 @@ _OFFSET, _STEP, _EDGE = _around_edges()
 
 
 @inner()
-def _corners(axis, cell, ids, row_of, points, split, below, above, p, c):
+def _corners(axis, cell, ids, row_of, points, numbering, p, c):
     """Corners of the quad around an edge of a cell: ids to `c`, places to `p`.
 
     `cell` is local, the edge is its lowest one along `axis`. See `faces` for the ids.
@@ -124,7 +127,7 @@ def _corners(axis, cell, ids, row_of, points, split, below, above, p, c):
             v = CASES[row_of[local], LABEL + _EDGE[axis, corner]] - 1 - v
         for a in range(3):
             p[corner, a] = points[v, a]
-        c[corner] = v + (below if v < split else above)
+        c[corner] = v + numbering[BELOW if v < numbering[SPLIT] else ABOVE]
 
 
 @inner()
@@ -139,9 +142,8 @@ def _unwrap(axis, i, j, k, shift, p):
 
 @inner()
 def _emit_block(
-    rows, shape, coords, b, caps, ids, row_of, points, shift, split, below, above, p, c, faces,
-    at,
-):  # fmt: skip
+    rows, shape, coords, b, caps, ids, row_of, points, shift, numbering, p, c, faces, at
+):
     """Write the triangles of the edges that a block owns."""
     bx = kept_edges(shape, 0, coords[b, 3], caps)
     by = kept_edges(shape, 1, coords[b, 1], caps)
@@ -163,7 +165,7 @@ def _emit_block(
                     k = lowest(x)
                     x &= x - 1
                     cell = T * T * (i + 1) + T * (j + 1) + k + 1
-                    _corners(axis, cell, ids, row_of, points, split, below, above, p, c)
+                    _corners(axis, cell, ids, row_of, points, numbering, p, c)
                     if seam:
                         _unwrap(axis, i, j, k, shift, p)
                     first = best_diagonal(p, axis)
@@ -179,13 +181,13 @@ def _emit_block(
 @njit(cache=True, nogil=True, error_model="numpy")
 def faces(
     first, last, rows, prefix, lookup, shape, coords, blocks, start, caps, points, place, period,
-    split, below, above, quad, out,
+    numbering, quad, out,
 ):  # fmt: skip
     """Triangles of the listed blocks: block ``blocks[n]`` writes from row ``2 quad[n]`` on.
 
-    ``start[b]`` is the row in `points` and `place` of the first vertex of block b; row v has the id
-    ``v + below`` before row `split` and ``v + above`` from there on. `period (3,)` is the length
-    of the domain along the wrapped directions.
+    ``start[b]`` is the row in `points` and `place` of the first vertex of block b; `numbering`
+    makes ids of rows, see `SPLIT`. `period (3,)` is the length of the domain along the wrapped
+    directions.
     """
     ids = np.zeros(T * T * T, np.int64)
     row_of = np.zeros(T * T * T, np.int64)
@@ -208,6 +210,6 @@ def faces(
         shift[1] = period[1] if coords[b, 1] == 0 else 0.0
         shift[2] = period[2] if coords[b, 2] == 0 else 0.0
         _emit_block(
-            rows, shape, coords, b, caps, ids, row_of, points, shift, split, below, above,
-            p, corners, out, 2 * quad[q],
+            rows, shape, coords, b, caps, ids, row_of, points, shift, numbering, p, corners, out,
+            2 * quad[q],
         )  # fmt: skip

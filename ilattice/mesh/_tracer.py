@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._geometry import grid_points
 from ilattice._progress import Progress, track
 from ilattice._typing import AnyArray, IntArray
 from ilattice.errors import GeometryError
@@ -242,10 +243,9 @@ class Tracer:
             cell = np.empty((local[j] - local[i], 3), np.int32)
             alone = np.empty(len(cell), np.bool_)
             _kernels_cells.vertices(
-                j - i, i, window.rows, flips, shape, window.coords, self.caps, current.t,
-                current.t_first[i - before :], local, self.grid.low, self.grid.size,
-                self.grid.least, self.grid.most, current.points, kind, current.place,
-                cell, alone,
+                j - i, window.rows[i:], flips[i:], shape, window.coords[i:], self.caps, current.t,
+                current.t_first[i - before :], local[i:], self.grid.cell_table, current.points,
+                kind, current.place, cell, alone,
             )  # fmt: skip
             free = np.flatnonzero(alone & (kind[part] & CAP == 0))
             if self.refine and len(free):
@@ -263,7 +263,8 @@ class Tracer:
         Vertices that diverge, or end at the boundary then too, stay where they were: there the
         surface is bent more than the grid can show, and forced vertices would cross it.
         """
-        box = cell, self.grid.least, self.grid.most
+        table = self.grid.cell_table
+        box = cell, table[_kernels_cells.BOTTOM], table[_kernels_cells.TOP]
         bounds = float(self.sampler.lower), float(self.sampler.upper)
         p = np.empty((len(at), 3))
         miss, stopped = np.empty(len(at)), np.empty(len(at), np.bool_)
@@ -287,11 +288,12 @@ class Tracer:
         out = np.empty((2 * int(first[-1]), 3), ids)
         points = np.concatenate([p.points for p in parts])
         shift = [p.first_vertex - o for p, o in zip(parts, offset[:-1], strict=True)]
+        numbering = np.array([offset[-2], shift[0], shift[-1]])
         _kernels_faces.faces(
             len(blocks), window.rows[:n], np.concatenate([p.prefix for p in parts]),
             np.where(window.lookup < n, window.lookup, -1), self.grid.shape, window.coords, blocks,
             start, self.caps, points, np.concatenate([p.place for p in parts]), self.grid.period,
-            offset[-2], shift[0], shift[-1], first, out,
+            numbering, first, out,
         )  # fmt: skip
         return out
 
@@ -310,7 +312,7 @@ class Tracer:
             np.concatenate((end[:1], a[1 : -1 : max(1, len(a) // 24)], end[1:]))
             for a, end in zip(self.grid.axes, self.grid.ends.T, strict=True)
         ]
-        points = np.stack([a.ravel() for a in np.meshgrid(*sparse, indexing="ij")], axis=1)
+        points = grid_points(*sparse)
         f = self.sampler.values(np.ascontiguousarray(points)) + self.sampler.middle
         upper = float(self.sampler.upper) + self.sampler.middle
         lower = float(self.sampler.lower) + self.sampler.middle

@@ -40,8 +40,8 @@ BEYOND = 0.5  # widths of its cell that a vertex may be outside, where no triang
 TURNS = 30  # between planes and cells
 BOX = 3  # cells per side of the boxes in which triangles are compared
 TRIES = 12  # at most, to find places without crossing triangles
-SETTLING = 6  # steps at most from where planes meet to the surface
-SETTLED = 1e-3  # spacings off it that are near enough
+MAX_STEPS = 6  # steps at most from where planes meet to the surface
+NEAR_ENOUGH = 1e-3  # spacings off it that are near enough
 BACK = -0.9  # cosine between normals of triangles that lie on each other
 RANK = 0.1  # smaller eigenvalues, as parts of the largest, are directions without a plane
 
@@ -299,11 +299,11 @@ def _settled(
     h = min(float(np.diff(planes).min()) for planes in axes)
     low, high = _room(old, axes, beyond)
     out, at = new.copy(), np.arange(len(new))
-    for _ in range(SETTLING):
+    for _ in range(MAX_STEPS):
         value, gradient = field.jet(out[at], 1)
         gradient = np.where(held[at], 0.0, gradient)
         square = np.einsum("ni,ni->n", gradient, gradient)
-        off = np.abs(value) > SETTLED * h * np.sqrt(square)
+        off = np.abs(value) > NEAR_ENOUGH * h * np.sqrt(square)
         at, value, gradient, square = at[off], value[off], gradient[off], square[off]
         if not len(at):
             return out

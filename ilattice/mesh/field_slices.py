@@ -7,7 +7,7 @@ points between them where they bend.
 Guarantees: contours close and are nested; their points lie on the zero set to 1e-9 of the grid, or
 where its sign changes; memory is that of one slice. Where bounds leave room for parts between
 corners, points are looked at on finer grids: if any is of another sign the grid is halved, up to
-three times; what may be finer still is counted as `Slice.doubt`.
+three times; what may be finer still is counted as `Slice.unresolved_area`.
 Not guaranteed: contours may touch within cells that are crossed more than twice.
 """
 
@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._geometry import grid_points
 from ilattice._memory import need
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_kind, as_positive, as_triple
@@ -58,7 +59,7 @@ class FieldSlicer:
             raise GeometryError("the solid is empty: there is nothing to slice")
         if not np.isfinite(box).all():
             raise InputError("the solid has no end: intersect it with a box before slicing")
-        where = np.stack(np.meshgrid(*[[0, 1]] * 3, indexing="ij"), -1).reshape(-1, 3)
+        where = grid_points(*[[0, 1]] * 3)
         self.net = np.take_along_axis(box, where, axis=0)
         flat = self.net @ frame.T
         self.low, self.high = flat.min(axis=0), flat.max(axis=0)
@@ -97,12 +98,12 @@ class FieldSlicer:
             return EMPTY
         h = self.h
         for k in range(HALVINGS + 1):
-            found, missed, doubt = self._attempt(level, h, k < HALVINGS)
+            found, missed, unresolved_area = self._attempt(level, h, k < HALVINGS)
             if not missed:
                 break
             h *= 0.5
         points, area = found.points, found.area
-        return Outline(points, found.start, area, doubt) if len(area) else EMPTY
+        return Outline(points, found.start, area, unresolved_area) if len(area) else EMPTY
 
     # ------------------------------------------------------------------ one grid
 
@@ -123,7 +124,7 @@ class FieldSlicer:
         return np.asarray(self.field.range(middle - reach, middle + reach))
 
     def _attempt(self, level: float, h: float, look: bool) -> tuple[Outline, bool, float]:
-        """Loops on a grid of width h, whether it missed something, and the area of doubt."""
+        """Loops on a grid of width h, whether it missed something, and the unresolved area."""
         count = np.ceil((self.high[:2] - self.low[:2]) / h).astype(np.int64) + 1
         middle = 0.5 * (self.high[:2] + self.low[:2])
         corner = middle - 0.5 * h * count - 1e-3 * np.pi * h * np.array([1.0, 0.7])
@@ -135,11 +136,11 @@ class FieldSlicer:
         steps = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)])
         around = (cells[:, None] + steps + 1).reshape(-1, 2) @ np.array([width, 1])
         beside = np.isin((hidden + 1) @ np.array([width, 1]), around)
-        missed, doubt = self._hidden(hidden, beside, corner, h, level, look)
+        missed, unresolved_area = self._hidden(hidden, beside, corner, h, level, look)
         if missed and look:
-            return EMPTY, True, doubt
+            return EMPTY, True, unresolved_area
         outline = self._loops(cells, f, corner, count, h, level)
-        return outline, False, doubt
+        return outline, False, unresolved_area
 
     def _crossed(self, corner: FloatArray, count: IntArray, h: float, level: float) -> IntArray:
         """First squares (n, 2) of blocks in which the field may vanish: a quadtree of bounds."""
@@ -163,8 +164,8 @@ class FieldSlicer:
         self, blocks: IntArray, corner: FloatArray, h: float, level: float
     ) -> tuple[IntArray, FloatArray, IntArray]:
         """Crossed squares (n, 2), values at their corners (n, 4), and others that may be."""
-        grid = np.stack(np.meshgrid(*[np.arange(BLOCK + 1)] * 2, indexing="ij"), -1).reshape(-1, 2)
-        inner = np.stack(np.meshgrid(*[np.arange(BLOCK)] * 2, indexing="ij"), -1).reshape(-1, 2)
+        grid = grid_points(*[np.arange(BLOCK + 1)] * 2)
+        inner = grid_points(*[np.arange(BLOCK)] * 2)
         rows, values, others = [], [], []
         for i in range(0, len(blocks), BATCH):
             at = blocks[i : i + BATCH]
@@ -189,7 +190,7 @@ class FieldSlicer:
         self, cells: IntArray, beside: AnyArray, corner: FloatArray, h: float, level: float,
         look: bool,
     ) -> tuple[bool, float]:  # fmt: skip
-        """Whether points in squares without crossings are of another sign; the area of doubt.
+        """Whether points in squares without crossings are of another sign; the unresolved area.
 
         Of squares `beside` crossed ones, into which contours bulge, only the middle is looked at.
         """

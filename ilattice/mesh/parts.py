@@ -15,6 +15,7 @@ from scipy.ndimage import label
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from ilattice._geometry import grid_points
 from ilattice._typing import AnyArray, FloatArray
 from ilattice.errors import PrecisionWarning
 from ilattice.mesh.surface import SurfaceMesh
@@ -45,7 +46,7 @@ def check_parts(
     if np.prod([float(len(a)) for a in ticks]) > MOST:
         return
     inside = np.empty([len(a) for a in ticks], np.bool_)
-    rest = np.stack(np.meshgrid(*ticks[1:], indexing="ij"), axis=-1).reshape(-1, 2)
+    rest = grid_points(*ticks[1:])
     for first in range(0, len(ticks[0]), step := max(1, TOGETHER // len(rest))):
         some = ticks[0][first : first + step]
         u = np.column_stack([np.repeat(some, len(rest)), np.tile(rest, (len(some), 1))])

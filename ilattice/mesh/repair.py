@@ -28,6 +28,7 @@ from ilattice.mesh import _kernels_repair as kernels
 from ilattice.mesh.contouring import ON_CAP
 from ilattice.mesh.measure import triangle_quality
 
+#: Quality of triangles that are mended: 1 is equilateral, 0 a line.
 QUALITY = 0.3
 ROUNDS = 10
 

@@ -23,7 +23,7 @@ from ilattice._progress import Progress
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.bspline import BSpline
 from ilattice.mesh.contouring import contour_arrays
-from ilattice.mesh.untangle import Settle, Untangled, untangled
+from ilattice.mesh.uncrossing import Project, Uncrossed, uncrossed
 from ilattice.offsets._small import solved
 from ilattice.offsets.polish import LONGEST, inside, polish
 
@@ -64,11 +64,11 @@ class Sheets:
         )
         start, kind = middle.vertices, middle.kind
 
-        def settle(u: FloatArray, at: IntArray) -> tuple[FloatArray, AnyArray]:
+        def project(u: FloatArray, at: IntArray) -> tuple[FloatArray, AnyArray]:
             return _on_middle(wall, u, kind[at], exactly)
 
-        u, _ = settle(start, np.arange(len(start)))
-        new = untangled(lattice, start, u, middle.faces, kind, settle, _none)
+        u, _ = project(start, np.arange(len(start)))
+        new = uncrossed(lattice, start, u, middle.faces, kind, project, _none)
         kept = new.repair.vertices
         n = len(kept)
         self.u = np.concatenate([new.u[kept]] * 2)
@@ -81,19 +81,19 @@ class Sheets:
             parts.append(np.stack([b, a, a + n, b, a + n, b + n], axis=1).reshape(-1, 3))
         self.faces = np.concatenate(parts, dtype=faces.dtype)
 
-    def moved(self, wall: OffsetSolid, settle: Settle) -> tuple[Untangled, AnyArray]:
+    def moved(self, wall: OffsetSolid, project: Project) -> tuple[Uncrossed, AnyArray]:
         """Vertices on both sides of a wall, and which of them are off it.
 
         Parameters
         ----------
         wall : Wall
             The wall.
-        settle : callable
-            Moves vertices onto the offset, as `untangled` takes it.
+        project : callable
+            Moves vertices onto the offset, as `uncrossed` takes it.
 
         Returns
         -------
-        Untangled
+        Uncrossed
             New places, the triangles, and what crosses.
         ndarray of bool, shape (2 n,)
             Vertices that could not be moved onto the offset, or were held back.
@@ -101,12 +101,12 @@ class Sheets:
         goal = beside(wall, self.u, fixed_coordinates(self.kind), self.side)
         goal, cut = to_faces(wall, self.u, goal)
         self.side[cut] = 0.0
-        u, lost = settle(inside(wall.lattice, self.u + goal), np.arange(len(self.u)))
+        u, lost = project(inside(wall.lattice, self.u + goal), np.arange(len(self.u)))
         near = inside(wall.lattice, self.u + LEAST * goal)
-        new = untangled(
-            wall.lattice, near, u, self.faces, self.kind, settle, _none, repaired=True
+        new = uncrossed(
+            wall.lattice, near, u, self.faces, self.kind, project, _none, repaired=True
         )  # fmt: skip
-        return new, (new.held | lost) & ~cut
+        return new, (new.unconverged | lost) & ~cut
 
 
 def beside(wall: OffsetSolid, u: FloatArray, fixed: AnyArray, side: FloatArray) -> FloatArray:

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     import trimesh
 
 
-_MOST_DRAWN = 1_000_000  # faces, in notebooks
+_MAX_DRAWN = 1_000_000  # faces, in notebooks
 _NO_DATA: Mapping[str, AnyArray] = MappingProxyType({})
 
 
@@ -163,7 +163,7 @@ class SurfaceMesh:
 
     def _repr_html_(self) -> str:
         numbers = {**self.sizes(), "size": tuple(map(float, np.ptp(self.bounds, axis=0)))}
-        if len(self.faces) > _MOST_DRAWN:
+        if len(self.faces) > _MAX_DRAWN:
             return card(self, numbers, of=False)
         closed = {"volume": self.volume} if self.is_watertight else {"open edges": self.open_edges}
         return card(self, {**numbers, "area": self.area, **closed})

@@ -4,9 +4,9 @@ Guarantees: those of `ilattice.mesh.contouring`; polished vertices lie on the ex
 mid-surface, those on the faces of the domain stay there. Where polished, the contour is that of
 the distance spline with exact values at its kinks (`ilattice.offsets.sharp`), so that pores close
 when they should. The triangles of `wall_mesh` do not pass through each other
-(`ilattice.mesh.untangle`), have no slivers (`ilattice.mesh.repair`) and no closed surfaces of less
-than a fiftieth of a cell (`ilattice.mesh.specks`); those of `wall_pieces` may, for their neighbours
-may be gone. Walls thinner than one and a half edges are meshed from
+(`ilattice.mesh.uncrossing`), have no slivers (`ilattice.mesh.repair`) and no closed surfaces of
+less than a fiftieth of a cell (`ilattice.mesh.specks`); those of `wall_pieces` may, for their
+neighbours may be gone. Walls thinner than one and a half edges are meshed from
 their mid-surface (`ilattice.mesh.sheets`), with slivers along their rims; meshes with long edges
 are compared with the volume of the wall (`ilattice.mesh.loss`), those of solids of surfaces as they
 are with the parts of their field (`ilattice.mesh.parts`). Vertices that are off the offset,
@@ -35,7 +35,14 @@ from ilattice._typing import AnyArray, ArrayLike, FloatArray
 from ilattice.errors import ConvergenceError, GeometryError, InputError, PrecisionWarning
 from ilattice.macroshape.planes import grid_axes
 from ilattice.mesh._own_cells import in_own_cells
-from ilattice.mesh._settling import Classes, cells_of, classified, measure, settled, unsettled
+from ilattice.mesh._projecting import (
+    Classes,
+    cells_of,
+    classified,
+    measure,
+    not_projected,
+    projected,
+)
 from ilattice.mesh.contouring import ON_CAP, Contour, contour_arrays, contour_blocks
 from ilattice.mesh.coverage import merged_part, warn_missing
 from ilattice.mesh.creases import sharpened
@@ -44,7 +51,7 @@ from ilattice.mesh.parts import check_parts
 from ilattice.mesh.sheets import Sheets
 from ilattice.mesh.specks import without_specks
 from ilattice.mesh.surface import SurfaceMesh
-from ilattice.mesh.untangle import Untangled, untangled
+from ilattice.mesh.uncrossing import Uncrossed, uncrossed
 from ilattice.offsets.law import warn_between
 from ilattice.offsets.sharp import SharpDistance
 from ilattice.offsets.wall_field import WallField
@@ -55,13 +62,13 @@ if TYPE_CHECKING:
 #: Part of the vertices that may be held without a warning; part of them that may be off for no
 #: jump or crease of the distance, and at creases, without an error; a number of them that always
 #: may. Last, the part that may have nearer feet than they went by.
-MAX_HELD, MOST_HELD, MOST_CREASED, FEW, MOST_NEARER = 1e-3, 1e-3, 2e-2, 10, 1e-3
+MAX_UNCONVERGED, MAX_OFF, MAX_CREASED, FEW, MAX_NEARER = 1e-3, 1e-3, 2e-2, 10, 1e-3
 #: Random points, and the corners, at which a wall that fills the part is noticed.
 FILLED = 4096
 CORNERS = np.indices((2, 2, 2)).reshape(3, -1).T
 #: Bytes of memory per vertex of a mesh, and per site where the map is sampled.
 PER_VERTEX, PER_SITE = 500, 150
-MOST_PLANES = 10_000_000
+MAX_PLANES = 10_000_000
 #: Length of edges, relative to the least thickness: by default, and where vertices are off then.
 DEFAULTS = (0.25, 0.2, 0.16)
 #: Length of edges, relative to the least thickness, above which bends may be cut off.
@@ -70,7 +77,7 @@ UNTOLD = 1.01 * DEFAULTS[0]
 #: its sides that may be within it where it is meshed from its mid-surface.
 SEEN, MERGED = 1.0 / 1.5, 0.02
 #: Vertices and triangles; kinds and sides of vertices; which of these may be off their side.
-_Made = tuple[Untangled, AnyArray, FloatArray, AnyArray]
+_Made = tuple[Uncrossed, AnyArray, FloatArray, AnyArray]
 
 
 class TooCoarseError(ConvergenceError):
@@ -117,16 +124,16 @@ def _meshed(job: _Job, caps: bool, dtype: Any, allow_loss: bool) -> SurfaceMesh:
     kept = new.repair.vertices
     of = job.classify(new.u, kind, side, suspect)
     side = np.where(of.cap, 0.0, side)
-    held, off = of.held[kept], of.off[kept]
+    unconverged, off = of.unconverged[kept], of.off[kept]
     if job.polish:
-        free = (side[kept] != 0) & ~held
-        wrong, part, mended = unsettled(wall, new.u[kept], side[kept], free)
-        held = held | wrong
+        free = (side[kept] != 0) & ~unconverged
+        wrong, part, mended = not_projected(wall, new.u[kept], side[kept], free)
+        unconverged = unconverged | wrong
         _check_again(part, mended, int(free.sum()))
     _check(off, of.crease[kept], exactly=job.polish)
-    _warn(int(held.sum()), len(kept), new.left)
+    _warn(int(unconverged.sum()), len(kept), new.left)
     faces = _outward(wall, new.repair.faces)
-    data = _point_data(wall, new.u[kept], side[kept]) | {"unconverged": held.astype(np.int8)}
+    data = _point_data(wall, new.u[kept], side[kept]) | {"unconverged": unconverged.astype(np.int8)}
     mesh = SurfaceMesh._adopt(new.x[kept].astype(dtype, copy=False), faces, data)
     if mesh.vertices.dtype == np.float64:
         mesh.__dict__["self_intersections"] = new.left  # known, needs no other search
@@ -148,17 +155,17 @@ def _of_contour(job: _Job, caps: bool) -> _Made:
     if job.wall.creased and job.cut is None:
         raw = sharpened(raw, job.field, job.axes)
     side = job.side(raw)
-    u, lost = job.settle(raw.vertices, raw.kind, side)
-    new = untangled(
+    u, lost = job.project(raw.vertices, raw.kind, side)
+    new = uncrossed(
         job.wall.lattice, raw.vertices, u, raw.faces, raw.kind,
-        lambda u, at: job.settle(u, raw.kind[at], side[at]),
+        lambda u, at: job.project(u, raw.kind[at], side[at]),
         lambda u, at: job.recall(u, raw.kind[at], side[at]),
     )  # fmt: skip
     if caps:
         new = new._replace(
             repair=without_specks(new.x, new.repair, lambda at: job.cell_volumes(new.u[at]))
         )
-    return new, raw.kind, side, new.held | lost
+    return new, raw.kind, side, new.unconverged | lost
 
 
 def _of_sheets(job: _Job, caps: bool) -> _Made | None:
@@ -172,10 +179,10 @@ def _of_sheets(job: _Job, caps: bool) -> _Made | None:
         job.wall, job.axes, exactly=job.polish, caps=caps, progress=job.options["progress"]
     )
     new, suspect = sheets.moved(
-        job.wall, lambda u, at: job.settle(u, sheets.kind[at], sheets.side[at])
+        job.wall, lambda u, at: job.project(u, sheets.kind[at], sheets.side[at])
     )
     off = int(job.classify(new.u, sheets.kind, sheets.side, suspect).off.sum())
-    if new.left or off > max(MOST_HELD * len(suspect), FEW):
+    if new.left or off > max(MAX_OFF * len(suspect), FEW):
         if job.h <= least:
             return None
         raise GeometryError(
@@ -190,7 +197,7 @@ def _remedy(job: _Job) -> str:
     """What to do about a wall that is too thin."""
     enough = ENOUGH * job.wall.least_thickness
     size = float(np.ptp(job.wall.lattice.through.bounds, axis=0).max())
-    if size > MOST_PLANES * enough:
+    if size > MAX_PLANES * enough:
         return "make the wall thicker: no grid is fine enough for it"
     return f"use h <= {enough:g}"
 
@@ -220,9 +227,9 @@ def wall_pieces(
     extent = Extent()
     for raw in contour_blocks(job.field, job.axes, **job.options):
         side = job.side(raw)
-        u, lost = job.settle(raw.vertices, raw.kind, side)
+        u, lost = job.project(raw.vertices, raw.kind, side)
         of = job.classify(u, raw.kind, side, lost)
-        _warn(int(of.held.sum()), len(u), 0)
+        _warn(int(of.unconverged.sum()), len(u), 0)
         off.append(of.off)
         crease.append(of.crease)
         vertices, faces = wall.lattice.through.x(u), _outward(wall, raw.faces)
@@ -321,11 +328,11 @@ class _Job:
             off |= self.field.second(raw.vertices)
         return np.where(off, 0.0, self.wall.field.side(raw.vertices))
 
-    def settle(
+    def project(
         self, u: FloatArray, kind: AnyArray, side: FloatArray
     ) -> tuple[FloatArray, AnyArray]:
-        """Vertices moved onto the offset, and which could not be; see `settled`."""
-        return settled(self.wall, self.axes, u, kind, side, exactly=self.polish)
+        """Vertices moved onto the offset, and which could not be; see `projected`."""
+        return projected(self.wall, self.axes, u, kind, side, exactly=self.polish)
 
     def recall(
         self, u: FloatArray, kind: AnyArray, side: FloatArray
@@ -378,20 +385,20 @@ class _Larger(Field):
 def _check(off: AnyArray, crease: AnyArray, *, exactly: bool) -> None:
     """Refuse a mesh of which too many vertices are off the offset, or off its creases."""
     count = len(off)
-    held, cut = int(off.sum()), int(crease.sum())
+    unconverged, cut = int(off.sum()), int(crease.sum())
     remedy = (
         "use a smaller h, more spans_per_tile where the distance spline has a wall and exact "
         "distances have none, or polish=False for a mesh of the spline"
     )
-    if exactly and held > max(MOST_HELD * count, FEW):
+    if exactly and unconverged > max(MAX_OFF * count, FEW):
         raise TooCoarseError(
-            f"{held} of {count} vertices are off the offset (more than {MOST_HELD:.1%}): there is "
-            "none in their cells, as in slits thinner than a part of a cell, or triangles would "
-            f"cross; {remedy}"
+            f"{unconverged} of {count} vertices are off the offset (more than {MAX_OFF:.1%}): "
+            "there is none in their cells, as in slits thinner than a part of a cell, or "
+            f"triangles would cross; {remedy}"
         )
-    if exactly and cut > max(MOST_CREASED * count, FEW):
+    if exactly and cut > max(MAX_CREASED * count, FEW):
         raise ConvergenceError(
-            f"{cut} of {count} vertices cut creases of the offset (more than {MOST_CREASED:.0%}); "
+            f"{cut} of {count} vertices cut creases of the offset (more than {MAX_CREASED:.0%}); "
             f"{remedy}"
         )
 
@@ -402,13 +409,13 @@ def _check_again(part: float, mended: float, count: int) -> None:
         "as where the map folds beyond its ends or squeezes tiles; use boundary='clip', more and "
         "smaller tiles"
     )
-    if part * count > max(MOST_NEARER * count, FEW):
+    if part * count > max(MAX_NEARER * count, FEW):
         raise ConvergenceError(
-            f"{part:.2%} of the vertices are off the offset (more than {MOST_NEARER:.1%}): parts "
+            f"{part:.2%} of the vertices are off the offset (more than {MAX_NEARER:.1%}): parts "
             f"of the mid-surface are nearer than their closest points, {where}, or polish=False "
             "for a mesh of the distance spline"
         )
-    if max(part, mended) > MAX_HELD:
+    if max(part, mended) > MAX_UNCONVERGED:
         warnings.warn(
             f"{part:.2%} of the vertices are off the offset, for parts of the mid-surface are "
             f"nearer than their closest points, and of {mended:.2%} only neighbours have found "
@@ -418,11 +425,11 @@ def _check_again(part: float, mended: float, count: int) -> None:
         )
 
 
-def _warn(held: int, count: int, left: int) -> None:
+def _warn(unconverged: int, count: int, left: int) -> None:
     """Warn of what a mesh could not hold."""
-    if held > max(MAX_HELD * count, FEW):
+    if unconverged > max(MAX_UNCONVERGED * count, FEW):
         warnings.warn(
-            f"{held} of {count} vertices could not be moved onto the offset, or would make "
+            f"{unconverged} of {count} vertices could not be moved onto the offset, or would make "
             "triangles cross there, and are off it; use a smaller h",
             PrecisionWarning,
             stacklevel=4,

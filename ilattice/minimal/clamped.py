@@ -35,7 +35,7 @@ from ilattice.minimal.plateau import Motion, Solved, factorized, fair_step
 
 #: Largest force per area, times the size, of what counts as solved.
 TOLERANCE = 1e-6
-MOST_STEPS = 24
+MAX_STEPS = 24
 _FAIR_STEPS = 2
 #: Layer, in parts of the size, with which to begin where the wanted one does not get there, and
 #: by how much thinner the next one is.
@@ -192,7 +192,7 @@ class _Problem:
     def solve(self) -> int:
         """Go on until forces vanish, or nothing gets better; returns the factorizations."""
         count = 0
-        for _ in range(MOST_STEPS):
+        for _ in range(MAX_STEPS):
             if self.residual <= TOLERANCE or not np.isfinite(self.residual):
                 break
             tried = self._step()

@@ -28,13 +28,15 @@ from ilattice.minimal.region import FaceLoop
 #: Edges per side with which lengths are searched, before they are polished with those asked for.
 COARSE = 6
 #: Polygons that are looked at for each unknown, from how many Newton starts, how many are followed.
-SURVEY, MOST_NEWTON, MOST_FOLLOWED = 20, 4, 4
+SURVEY, MAX_NEWTON, MAX_FOLLOWED = 20, 4, 4
 #: Most Plateau problems of one search, but for those of the last start.
-MOST_EVALUATIONS = 800
+MAX_EVALUATIONS = 800
 #: Angle between directions of offsets from which on Newton's method takes over.
 _NEAR = 0.005
-_MOST_STEPS, _MOST_MOVES = 20, 60
+_MAX_STEPS, _MAX_MOVES = 20, 60
+#: Gaps up to this part of the size of the surface are none.
 _CLOSED = 1e-9
+#: Step of differences, as a part of the shortest side.
 _STEP = 1e-4
 #: Relative change of a length from which on a surface is solved for from nothing.
 _FAR = 0.2
@@ -272,7 +274,7 @@ class Closing:
         """
         best = self.rebased(lengths)
         base = lengths
-        for _ in range(_MOST_STEPS):
+        for _ in range(_MAX_STEPS):
             size = float(np.linalg.norm(best.gaps))
             if size <= _CLOSED * self.size:
                 return lengths, jacobian, best
@@ -347,12 +349,12 @@ class Closing:
             yield ConvergenceError(
                 f"no polygon was found whose dual surface lies within {self.faces!r} at all corners"
             )
-        for _, lengths in found[:MOST_NEWTON]:
-            if self.evaluations > MOST_EVALUATIONS // 2:
+        for _, lengths in found[:MAX_NEWTON]:
+            if self.evaluations > MAX_EVALUATIONS // 2:
                 break
             yield lengths
-        for _, lengths in found[:MOST_FOLLOWED]:
-            if self.evaluations > MOST_EVALUATIONS:
+        for _, lengths in found[:MAX_FOLLOWED]:
+            if self.evaluations > MAX_EVALUATIONS:
                 return
             self.level(Disc(len(self.faces), COARSE))
             try:
@@ -374,7 +376,7 @@ class Closing:
     def _follow(self, lengths: FloatArray) -> FloatArray:
         """Move the planes to where they should be, as far as the surface goes along."""
         best, stride = self.rebased(lengths), 0.3
-        for _ in range(_MOST_MOVES):
+        for _ in range(_MAX_MOVES):
             away = _angle(best.aim, self.aim)
             if away < _NEAR:
                 return lengths

@@ -24,7 +24,7 @@ from ilattice.minimal.tile import signed_tile, warn_coarse
 from ilattice.tiles import Tile
 
 #: Most triangles of a completed surface.
-MOST_FACES = 5_000_000
+MAX_FACES = 5_000_000
 #: Vertices closer than this part of the shortest edge become one.
 _JOINED = 0.2
 
@@ -209,9 +209,9 @@ def completed(
     InputError
         If it would have too many triangles.
     """
-    if len(group) * len(faces) > MOST_FACES:
+    if len(group) * len(faces) > MAX_FACES:
         raise InputError(
-            f"n must leave at most {MOST_FACES} triangles, but {len(group)} images of "
+            f"n must leave at most {MAX_FACES} triangles, but {len(group)} images of "
             f"{len(faces)} are {len(group) * len(faces)}: take fewer edges per side"
         )
     cell = group.cell

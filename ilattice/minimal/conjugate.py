@@ -26,7 +26,7 @@ from ilattice.minimal.patch import MinimalPatch, Report, made
 from ilattice.minimal.region import FaceLoop
 
 #: Mean curvature times size that all but a twentieth of the vertices keep below.
-MOST_CURVATURE = 3.0
+MAX_CURVATURE = 3.0
 
 
 def conjugate(faces: FaceLoop, n: int = 16, *, progress: Progress = None) -> MinimalPatch:
@@ -123,7 +123,7 @@ def _checked(closing: Closing, lengths: FloatArray, best: Placed) -> MinimalPatc
     symmetry = (region.mirrors, region.cell)
     patch = made(snapped, closing.disc, partner, report, symmetry=symmetry, what=told)
     bent = float(np.quantile(np.abs(patch.mean_curvature[: closing.disc.boundary]), 0.95))
-    if bent * closing.size > MOST_CURVATURE:
+    if bent * closing.size > MAX_CURVATURE:
         raise ConvergenceError(
             f"{told} is not minimal: its mean curvature times size is {bent * closing.size:.3g}; "
             f"take more edges per side than n={closing.disc.n}"

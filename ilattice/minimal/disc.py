@@ -20,7 +20,7 @@ from ilattice._validate import FrozenCopies, as_whole, read_only
 from ilattice.errors import InputError
 
 #: Most vertices of one disc; a factorization takes some 2 kB for each.
-MOST_VERTICES = 500_000
+MAX_VERTICES = 500_000
 _NEXT, _LAST = (1, 2, 0), (2, 0, 1)
 
 
@@ -62,9 +62,9 @@ class Disc(FrozenCopies):
         """
         n = as_whole("n", n, 2, 1 << 20)
         disc = cls(sides, n)
-        if disc.count > MOST_VERTICES:
+        if disc.count > MAX_VERTICES:
             raise InputError(
-                f"n must leave at most {MOST_VERTICES} vertices, got {n}: {sides} sides make "
+                f"n must leave at most {MAX_VERTICES} vertices, got {n}: {sides} sides make "
                 f"{disc.count} vertices, some {disc.count * 2e-6:.3g} GB; n={disc.finest()} fits"
             )
         return disc
@@ -77,7 +77,7 @@ class Disc(FrozenCopies):
         int
             The largest n that is accepted for this number of sides.
         """
-        return int(np.sqrt(2.0 * MOST_VERTICES / self.sides)) - 1
+        return int(np.sqrt(2.0 * MAX_VERTICES / self.sides)) - 1
 
     @property
     def count(self) -> int:

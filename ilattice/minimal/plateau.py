@@ -29,7 +29,7 @@ from ilattice.minimal.disc import (
 
 #: Largest mean curvature, times the size of the surface, of what counts as solved.
 TOLERANCE = 1e-8
-MOST_STEPS = 24
+MAX_STEPS = 24
 #: Up to this mean curvature, triangles may be so thin that rounding is all there is.
 _ROUNDED = 1e-4
 #: Steps longer than this part of the mean edge give new normals.
@@ -183,7 +183,7 @@ def stationary(
     what: str,
     directions: FloatArray | None = None,
     fairing: Motion | None = None,
-    most: int = MOST_STEPS,
+    most: int = MAX_STEPS,
 ) -> Solved:
     """Surface of stationary area near a given one.
 

@@ -24,8 +24,7 @@ from ilattice.errors import InputError
 from ilattice.minimal.symmetry import Group, Isometry, generated, reflection
 
 #: Most faces of a region, and most sides of a surface.
-MOST_FACES = 64
-_CLOSE = 1e-9
+MAX_FACES = 64
 #: Error of the length of a unit vector; what has been made one stays as it is.
 _UNIT = 1e-14
 _TERM = re.compile(r"([+-]?)(\d+(?:\.\d*)?(?:/\d+)?)?\*?([xyz])?")
@@ -58,9 +57,9 @@ class Region(FrozenCopies):
         """Check at the door, make normals unit vectors."""
         normals = as_array("normals", self.normals, ndim=2)
         offsets = as_array("offsets", self.offsets, ndim=1)
-        if normals.shape[1] != 3 or not 4 <= len(normals) <= MOST_FACES:
+        if normals.shape[1] != 3 or not 4 <= len(normals) <= MAX_FACES:
             raise InputError(
-                f"normals must hold 4 to {MOST_FACES} vectors as rows, got shape {normals.shape}"
+                f"normals must hold 4 to {MAX_FACES} vectors as rows, got shape {normals.shape}"
             )
         if offsets.shape != (len(normals),):
             raise InputError(f"offsets must have shape ({len(normals)},), got {offsets.shape}")
@@ -249,9 +248,9 @@ class FaceLoop(FrozenCopies):
             isinstance(k, int) and not isinstance(k, bool) and 0 <= k < known for k in numbers
         ):
             raise InputError(f"numbers must be faces 0 to {known - 1}, got {numbers!r:.80}")
-        if not 4 <= count <= MOST_FACES:
+        if not 4 <= count <= MAX_FACES:
             raise InputError(
-                f"faces must be 4 to {MOST_FACES} names, got {count}: polygons with fewer sides "
+                f"faces must be 4 to {MAX_FACES} names, got {count}: polygons with fewer sides "
                 "along the normals do not close in space"
             )
         for first, second in zip(numbers, numbers[1:] + numbers[:1], strict=True):

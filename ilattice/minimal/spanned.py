@@ -17,10 +17,10 @@ from ilattice._validate import as_array, as_items, as_not_negative, as_triple, r
 from ilattice.errors import ConvergenceError, GeometryError, InputError
 from ilattice.minimal.closing import conjugated
 from ilattice.minimal.completion import edge_table
-from ilattice.minimal.disc import MOST_VERTICES, Disc, cotangents, opposite_edges
+from ilattice.minimal.disc import MAX_VERTICES, Disc, cotangents, opposite_edges
 from ilattice.minimal.patch import MinimalPatch, Report, made
-from ilattice.minimal.plateau import MOST_STEPS, TOLERANCE, Motion, Solved, fair_step, stationary
-from ilattice.minimal.region import MOST_FACES, Region
+from ilattice.minimal.plateau import MAX_STEPS, TOLERANCE, Motion, Solved, fair_step, stationary
+from ilattice.minimal.region import MAX_FACES, Region
 from ilattice.minimal.symmetry import Isometry, half_turn
 
 #: Edges per side with which sides begin to slide.
@@ -30,7 +30,7 @@ _OUTSIDE = 1e-3
 #: How a film is searched: how many times as many edges, and in how many steps vertices slide along
 #: straight sides before it is solved for (None: they stay; a half: once, and half of it back), and
 #: how many steps that may take.
-_SLIDES = ((None, MOST_STEPS), (0, 100), (2, 100), (8, 100), (0.5, 100), (None, 100))
+_SLIDES = ((None, MAX_STEPS), (0, 100), (2, 100), (8, 100), (0.5, 100), (None, 100))
 _ATTEMPTS = tuple((factor, *row) for factor in (1, 2) for row in _SLIDES)
 
 
@@ -173,7 +173,7 @@ def _film(sides: list[FloatArray], disc: Disc) -> tuple[Disc, Solved]:
     reasons = []
     for factor, slides, most in _ATTEMPTS:
         finer = Disc(disc.sides, factor * disc.n)
-        if finer.count > MOST_VERTICES:
+        if finer.count > MAX_VERTICES:
             continue
         try:
             return finer, _attempt(sides, finer, slides, most)
@@ -273,8 +273,8 @@ def hinges(v: FloatArray, faces: IntArray) -> Any:
 def _as_corners(name: str, value: Any) -> FloatArray:
     """Corners of a polygon without repetitions."""
     points = as_array(name, value, ndim=2)
-    if points.shape[1] != 3 or not 3 <= len(points) <= MOST_FACES:
-        raise InputError(f"{name} must be 3 to {MOST_FACES} points as rows, got {points.shape}")
+    if points.shape[1] != 3 or not 3 <= len(points) <= MAX_FACES:
+        raise InputError(f"{name} must be 3 to {MAX_FACES} points as rows, got {points.shape}")
     with np.errstate(over="ignore", invalid="ignore"):
         size = float(np.linalg.norm(np.ptp(points, axis=0)))
         gaps = np.linalg.norm(points - np.roll(points, -1, axis=0), axis=1)

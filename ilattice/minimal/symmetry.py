@@ -15,7 +15,8 @@ from ilattice._validate import FrozenCopies, as_array, as_items, as_real, as_tri
 from ilattice.errors import GeometryError, InputError
 
 #: Most elements up to shifts; crystals have at most 192.
-MOST_ELEMENTS = 4096
+MAX_ELEMENTS = 4096
+#: Entries of isometries, and places in cells, that are nearer are equal.
 _CLOSE = 1e-7
 
 
@@ -185,9 +186,9 @@ def generated(generators: Sequence[Isometry], cell: ArrayLike = 1.0) -> Group:
         m, s = _unknown(m, s, matrices, shifts, edges)
         matrices, shifts = np.concatenate([matrices, m]), np.concatenate([shifts, s])
         edge_m, edge_s = m, s
-        if len(matrices) > MOST_ELEMENTS:
+        if len(matrices) > MAX_ELEMENTS:
             raise GeometryError(
-                f"the isometries generate more than {MOST_ELEMENTS} images in a cell of "
+                f"the isometries generate more than {MAX_ELEMENTS} images in a cell of "
                 f"{edges.tolist()}: no lattice repeats like that; planes must meet at angles of "
                 "180/k degrees and the cell must be a whole number of their distances"
             )

@@ -34,8 +34,10 @@ TOLERANCE = 1e-4
 COARSE = 5e-4
 #: Distances up to this part of the least radius of curvature are kept as they are.
 REACH = 0.5
-MOST_REACH = 0.12
-LEAST_SPANS, MOST_SPANS = 8, 128
+#: Distances beyond this part of the shortest edge of the cell are not kept, however flat the
+#: surface.
+MAX_REACH = 0.12
+MIN_SPANS, MAX_SPANS = 8, 128
 _SAMPLES, _EVERY = 150_000, 16
 
 
@@ -141,7 +143,7 @@ def signed_tile(surface: "PeriodicSurface", name: str, spans: int | None) -> Til
         )
     distance, edge = signed_distance(surface)
     longest = float(surface.cell.max())
-    count = spans_for(edge / longest) if spans is None else as_whole("spans", spans, 4, MOST_SPANS)
+    count = spans_for(edge / longest) if spans is None else as_whole("spans", spans, 4, MAX_SPANS)
     spline = fit(distance, degree=3, spans=count, method="interpolate", periodic=True)
     spline = BSpline(spline.t, spline.c / longest, spline.k, periodic=spline.periodic)
     warn_off(zero_set_error(spline, distance), name)
@@ -166,7 +168,7 @@ def signed_distance(surface: "PeriodicSurface") -> tuple[SignedDistance, float]:
     """
     v, faces = surface.mesh.vertices, surface.mesh.faces
     samples, bend = sampled(v, faces, smooth_normals(surface), _SAMPLES)
-    reach = min(REACH / max(bend, 1e-9), MOST_REACH * float(surface.cell.min()))
+    reach = min(REACH / max(bend, 1e-9), MAX_REACH * float(surface.cell.min()))
     edge = float(np.linalg.norm(opposite_edges(v, faces), axis=2).mean())
     return SignedDistance(samples, surface.cell, reach), edge
 

@@ -20,7 +20,7 @@ from ilattice._validate import as_array, as_points, read_only
 from ilattice.errors import ConvergenceError, InputError
 from ilattice.minimal.disc import Disc, cotangents, vertex_areas
 
-_MOST_ROUNDS = 60
+_MAX_ROUNDS = 60
 
 
 def located(disc: Disc, places: ArrayLike) -> tuple[IntArray, FloatArray]:
@@ -108,7 +108,7 @@ def _bounded(B: Any, held: Any, known: FloatArray, low: float, high: float) -> F
     """The least of x·B x with held x = known and low <= x <= high, by active sets."""
     count, slack = B.shape[0], 1e-9 * (high - low)
     side = np.zeros(count, np.int64)
-    for _ in range(_MOST_ROUNDS):
+    for _ in range(_MAX_ROUNDS):
         x, force = _solved(B, held, known, np.where(side < 0, low, high), side != 0)
         new = np.where(x < low - slack, -1, np.where(x > high + slack, 1, side))
         # at a bound the force must push beyond it

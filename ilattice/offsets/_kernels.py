@@ -9,7 +9,8 @@ Non-guarantee: the foot is the global minimiser only as far as the seeds cover t
 import numpy as np
 from numba import njit, prange
 
-from ilattice._kernels import inner
+from ilattice._kernels import in_ranges, inner
+from ilattice._kernels_tuples import borrowed
 from ilattice.offsets._kernels_jets import (
     CLOSED,
     CREASED,
@@ -27,6 +28,7 @@ from ilattice.offsets._kernels_newton import (
     FALLBACK,
     OK,
     WORSE,
+    Known,
     clamp,
     newton,
     soft_direction,
@@ -49,7 +51,7 @@ from ilattice.offsets._kernels_patches import (
 )
 
 CHUNK = 256
-#: Where the distance grows this slowly about a foot, compared with a plane, it may have a twin.
+#: Where the distance grows this slowly about a foot, compared with a plane, there may be another.
 LOOSE = 0.4
 #: Tiles whose longest side, cubed, is this many times their volume are squeezed.
 SQUEEZED = 10.0
@@ -112,15 +114,15 @@ def store(feet, i, p, y, dist, lam):
 
 
 @inner(fastmath=FAST, error_model="numpy")
-def wanted(geom, sp, sx, sn, idx, row, c, x, feet, seconds, i, used, h):
+def wanted(geom, sp, sx, sn, idx, c, x, feet, seconds, i, used, h):
     """Whether candidate c is worth a start, given the feet found so far."""
-    s = idx[row, c]
+    s = idx[i, c]
     if same_patch(geom, sp, sx, sn, s, x, feet, i, h):
         return False
     if seconds[i, DISTANCE] < np.inf and same_patch(geom, sp, sx, sn, s, x, seconds, i, h):
         return False
     return not unlikely(x, sx, sn, s, h, feet[i, DISTANCE]) and not tried(
-        geom, sp, sx, sn, idx, row, used, s, 0.5 * h
+        geom, sp, sx, sn, idx, i, used, s, 0.5 * h
     )
 
 
@@ -138,21 +140,18 @@ def slid(geom, orient, m, start, p):
 
 
 @inner(fastmath=FAST, error_model="numpy")
-def accept(
-    d0, d1, d2, k0, k1, k2, c, geom, box, orient, p, y, x, q, lam, st, h, feet, seconds, i,
-    empty, b, m,
-):  # fmt: skip
-    """File a converged foot: 2 if it is the best now, 1 if not, 0 if it does not count.
+def accept(space, box, orient, foot, x, q, h, feet, seconds, i, empty, work):
+    """File a foot of `newton`: 2 if it is the best now, 1 if not, 0 if it does not count.
 
     It counts in the box, and, where the surface goes on, on its continuation by one layer of tiles
     as far as that is `upright`.
     """
+    geom = space.geom
+    p, y, lam, _, _, st = foot
     if st >= FAILED or not counted(geom, p, box) or not reachable(geom, p, q):
         return 0
     dist = np.sqrt((x[0] - y[0]) ** 2 + (x[1] - y[1]) ** 2 + (x[2] - y[2]) ** 2)
-    if outside(geom, p) and not upright(
-        d0, d1, d2, k0, k1, k2, c, geom, orient, p, y, dist, b, m
-    ):  # fmt: skip
+    if outside(geom, p) and not upright(space, orient, p, y, dist, work.basis, work.map):
         return 0
     same = row_near(feet, i, IMAGE, y, 0.05 * h) and not empty
     if empty or dist < feet[i, DISTANCE]:
@@ -167,18 +166,17 @@ def accept(
 
 
 @inner(fastmath=FAST, error_model="numpy")
-def multi_start(
-    d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
-    sp, sx, sn, sh, x, q, idx, row, box, orient, tol, feet, seconds, i, status, room,
-    b, m, t, tab,
-):  # fmt: skip
-    """Best and second-best distinct foot of x over the candidate seeds idx[row].
+def multi_start(space, seeds, x, q, idx, i, box, orient, tol, feet, seconds, status, work):
+    """Best and second-best distinct foot of x over the candidate seeds idx[i].
 
     Rows i of `feet` and `seconds` (n, 8) receive p (3), y (3), distance and multiplier. Unless
     `status` is FALLBACK they hold feet already, with distances, and those count too. Where tiles
-    meet in creases each start stays in its tile, `room`, as if there were no other one. Returns
-    the number of starts, of iterations, and the status.
+    meet in creases each start stays in its tile, as if there were no other one. Returns the number
+    of starts, of iterations, and the status.
     """
+    space, seeds, work = borrowed(space), borrowed(seeds), borrowed(work)
+    sp, sx, sn, sh = seeds.points, seeds.images, seeds.normals, seeds.spacing
+    geom, room = space.geom, work.room
     starts = 0
     iterations = 0
     used = 0
@@ -189,13 +187,13 @@ def multi_start(
     if status == FALLBACK:
         feet[i, DISTANCE] = np.inf
         seconds[i, DISTANCE] = np.inf
-    first = first_reachable(geom, sp, sx, sn, idx, row, x, q)
+    first = first_reachable(geom, sp, sx, sn, idx, i, x, q)
     reach = seed_distance(sx, first, x)
     for a in range(idx.shape[1] + 2):
         # first the seeds, then both ways along a direction in which the best foot is loose
         h = sh[first]
         if a < idx.shape[1]:
-            s = idx[row, a]
+            s = idx[i, a]
             if s < 0:
                 continue
             h = sh[s]
@@ -205,7 +203,7 @@ def multi_start(
             if not reachable(geom, (sp[s, 0], sp[s, 1], sp[s, 2]), q):
                 continue
             if status != FALLBACK and not wanted(
-                geom, sp, sx, sn, idx, row, a, x, feet, seconds, i, used, h
+                geom, sp, sx, sn, idx, a, x, feet, seconds, i, used, h
             ):
                 continue
             used |= 1 << a
@@ -228,34 +226,23 @@ def multi_start(
             firm = 1.0 if soft > LOOSE and status == OK else 0.05
             if status != FALLBACK and across(geom, start, (feet[i, 0], feet[i, 1], feet[i, 2])):
                 firm = 0.0
-            best = (
-                feet[i, IMAGE],
-                feet[i, IMAGE + 1],
-                feet[i, IMAGE + 2],
-                feet[i, DISTANCE],
-                firm,
-                feet[i, MULTIPLIER],
-            )
-            p, y, lam, low, n, st = newton(
-                d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
-                x, start, best, room, held, h, tol, b, m, t, tab,
-            )  # fmt: skip
+            foot = newton(space, x, start, known_foot(feet, i, firm), held, h, tol, work)
+            p, _, lam, low, n, st = foot
             starts += 1
             iterations += n
             filed = accept(
-                d0, d1, d2, k0, k1, k2, c, geom, box, orient, p, y, x, q, lam, st, h, feet,
-                seconds, i, status == FALLBACK, b, m,
-            )  # fmt: skip
+                space, box, orient, foot, x, q, h, feet, seconds, i, status == FALLBACK, work
+            )
             if filed == 2:
                 status = st
                 soft = low
                 if low <= LOOSE:
-                    along = soft_direction(m, t, x, lam, low, (0, 0, 0))
+                    along = soft_direction(work.map, work.tile, x, lam, low, (0, 0, 0))
             if whole and not freed and filed == 2 and st == BOUNDARY:
                 freed, whole, start = True, False, p  # the sheet may go on behind the face
                 held = bounded(geom, box, False, room)
                 continue
-            if whole or ((filed > 0 or st == WORSE) and not slid(geom, orient, m, start, p)):
+            if whole or ((filed > 0 or st == WORSE) and not slid(geom, orient, work.map, start, p)):
                 break
             # where the continuation folds or ends, the sheet ends at the face
             whole = held = bounded(geom, box, True, room)
@@ -264,6 +251,13 @@ def multi_start(
         p = (sp[first, 0], sp[first, 1], sp[first, 2])
         store(feet, i, p, (sx[first, 0], sx[first, 1], sx[first, 2]), reach, 0.0)
     return starts, iterations, status
+
+
+@inner(fastmath=FAST, error_model="numpy")
+def known_foot(feet, i, reach):
+    """The foot in row i, see `Known`."""
+    image = (feet[i, IMAGE], feet[i, IMAGE + 1], feet[i, IMAGE + 2])
+    return Known(image, feet[i, DISTANCE], feet[i, MULTIPLIER], reach)
 
 
 @inner(fastmath=FAST, error_model="numpy")
@@ -316,19 +310,30 @@ def passed(t, q, feet, i):
     return t[0] * t[0] < PASSED * PASSED * slope * (d0 * d0 + d1 * d1 + d2 * d2)
 
 
-@njit(cache=True, parallel=True, fastmath=FAST, error_model="numpy")
-def closest(
-    d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
-    sp, sx, sn, sh, x, q, idx, box, orient, tol, feet, seconds, counts, status,
-):  # fmt: skip
+@inner(fastmath=FAST, error_model="numpy")
+def from_query(space, x, q, h, box, orient, tol, feet, seconds, i, work):
+    """Start from the query itself: iterations, and the status of the foot if it is the best."""
+    space, work = borrowed(space), borrowed(work)
+    geom, room = space.geom, work.room
+    held = bounded(geom, box, geom[CREASED] != 0.0, room)
+    if geom[CREASED] != 0.0:
+        piece(geom, q, room)
+    foot = newton(space, x, q, known_foot(feet, i, 0.05), held, h, tol, work)
+    filed = accept(space, box, orient, foot, x, q, h, feet, seconds, i, False, work)
+    return foot[4], foot[5] if filed == 2 else FAILED
+
+
+@in_ranges(CHUNK)
+@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+def closest(first, last, space, seeds, x, q, idx, box, orient, tol, feet, seconds, counts, status):
     """Foot points of many queries.
 
     Parameters
     ----------
-    d0 ... tc
-        The lattice, see the module.
-    sp, sx, sn, sh
-        Seeds, see the module.
+    first, last
+        Which queries.
+    space, seeds
+        The lattice, and its seeds, see the module.
     x, q
         Queries in space and in tile coordinates, (n, 3).
     idx
@@ -342,54 +347,31 @@ def closest(
     status
         Output (n,). On entry FALLBACK, or the status of known feet, which are then improved on.
     """
-    n = len(x)
-    for chunk in prange((n + CHUNK - 1) // CHUNK):
-        b, m, t, tab = scratch(factor, c, k0, k1, k2, q0, q1, q2)
-        room = np.empty((2, 3))
-        for i in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
-            xi = (x[i, 0], x[i, 1], x[i, 2])
-            qi = (q[i, 0], q[i, 1], q[i, 2])
-            feet[i, DISTANCE], seconds[i, DISTANCE] = (
-                abs(feet[i, DISTANCE]),
-                abs(seconds[i, DISTANCE]),
+    space, seeds = borrowed(space), borrowed(seeds)
+    work = scratch(space)
+    t = work.tile
+    for i in range(first, last):
+        xi = (x[i, 0], x[i, 1], x[i, 2])
+        qi = (q[i, 0], q[i, 1], q[i, 2])
+        feet[i, DISTANCE] = abs(feet[i, DISTANCE])
+        seconds[i, DISTANCE] = abs(seconds[i, DISTANCE])
+        starts, iterations, st = multi_start(
+            space, seeds, xi, qi, idx, i, box, orient, tol, feet, seconds, status[i], work
+        )
+        tile_jet(space, qi, work.basis, t, work.table)
+        value = t[0]
+        if st != FALLBACK and passed(t, qi, feet, i):
+            n, own = from_query(
+                space, xi, qi, seeds.spacing[idx[i, 0]], box, orient, tol, feet, seconds, i, work
             )
-            starts, iterations, st = multi_start(
-                d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
-                sp, sx, sn, sh, xi, qi, idx, i, box, orient, tol, feet, seconds, i, status[i],
-                room, b, m, t, tab,
-            )  # fmt: skip
-            tile_jet(geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc, qi, b, t, tab)
-            value = t[0]
-            if st != FALLBACK and passed(t, qi, feet, i):
-                held = bounded(geom, box, geom[CREASED] != 0.0, room)
-                if geom[CREASED] != 0.0:
-                    piece(geom, qi, room)
-                h = sh[idx[i, 0]]
-                best = (
-                    feet[i, IMAGE],
-                    feet[i, IMAGE + 1],
-                    feet[i, IMAGE + 2],
-                    feet[i, DISTANCE],
-                    0.05,
-                    feet[i, MULTIPLIER],
-                )
-                p, y, lam, _, n_own, own = newton(
-                    d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2,
-                    tc, xi, qi, best, room, held, h, tol, b, m, t, tab,
-                )  # fmt: skip
-                starts += 1
-                iterations += n_own
-                filed = accept(
-                    d0, d1, d2, k0, k1, k2, c, geom, box, orient, p, y, xi, qi, lam, own, h,
-                    feet, seconds, i, False, b, m,
-                )  # fmt: skip
-                if filed == 2:
-                    st = own
-            counts[i, 0] += starts
-            counts[i, 1] += iterations
-            status[i] = st
-            if value < 0.0:
-                feet[i, DISTANCE] = -feet[i, DISTANCE]
-                seconds[i, DISTANCE] = -seconds[i, DISTANCE]
-            elif value == 0.0:
-                feet[i, DISTANCE] = 0.0
+            starts += 1
+            iterations += n
+            st = own if own != FAILED else st
+        counts[i, 0] += starts
+        counts[i, 1] += iterations
+        status[i] = st
+        if value < 0.0:
+            feet[i, DISTANCE] = -feet[i, DISTANCE]
+            seconds[i, DISTANCE] = -seconds[i, DISTANCE]
+        elif value == 0.0:
+            feet[i, DISTANCE] = 0.0

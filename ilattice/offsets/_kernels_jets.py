@@ -1,20 +1,14 @@
 """Compiled jets of a map and of a repeated tile, in tile coordinates, and small linear algebra.
 
 Points of the parameter domain are given in *tile coordinates* p: the tile with index
-(i, j, k) is the box [i, i+1] x [j, j+1] x [k, k+1]. Where the lattice comes in, functions
-take the flat argument list
-
-    d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc
-
-the map T as arguments of the B-spline kernels; `geom` (18,) with numbers whose places `ORIGIN` and
-what follows name; the tile as a trigonometric polynomial, as a spline on the unit cube, or all
-tiles together as a spline in tile coordinates, with period in closed directions. It is flat as
-every array taken out of a tuple costs a counted reference; `b, m, t, tab` is the scratch of one
-thread: basis functions, map jet, tile jet, trigonometric table. Symmetric matrices are tuples
+(i, j, k) is the box [i, i+1] x [j, j+1] x [k, k+1]. A lattice is a `Space`, the scratch of one
+thread a `Work`; both are `borrowed` where a kernel begins. Symmetric matrices are tuples
 xx, yy, zz, yz, xz, xy.
 
 Guarantee: nothing is allocated per point. Non-guarantee: arguments are not checked.
 """
+
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,8 +17,6 @@ from ilattice.bspline._kernels import basis, contract1, contract2, width
 from ilattice.tiles._kernels import trig_jet, trig_tab
 
 FAST = {"contract", "nsz", "arcp", "reassoc"}
-#: Where `geom` is among the arguments.
-GEOM = 7
 #: Places in `geom`: u = origin + p * step, closed directions and numbers of tiles, three each;
 #: whether the map is rational, the kind of tile, and whether the gradient of its field jumps at the
 #: faces of tiles, so that they meet in creases; and the directions in which the surface ends with
@@ -38,11 +30,78 @@ TRIGONOMETRIC, TILE_SPLINE, LATTICE_SPLINE = 0.0, 1.0, 2.0
 UPRIGHT, STEPS, BESIDE = 0.2, 4, 0.25
 
 
+class Space(NamedTuple):
+    """A lattice for kernels.
+
+    Attributes
+    ----------
+    d0, d1, d2, k0, k1, k2, c
+        The map T as arguments of the B-spline kernels, see `BSpline.kernel_args`.
+    geom : ndarray, shape (18,)
+        Numbers whose places `ORIGIN` and what follows name.
+    coef, factor, omega
+        The tile, if it is a trigonometric polynomial, see `trig_jet`.
+    t0, t1, t2, q0, q1, q2, tc
+        Otherwise the tile as a spline on the unit cube, or all tiles together as a spline in tile
+        coordinates, with period in closed directions.
+    """
+
+    d0: Any
+    d1: Any
+    d2: Any
+    k0: Any
+    k1: Any
+    k2: Any
+    c: Any
+    geom: Any
+    coef: Any
+    factor: Any
+    omega: Any
+    t0: Any
+    t1: Any
+    t2: Any
+    q0: Any
+    q1: Any
+    q2: Any
+    tc: Any
+
+    def through(self, spline: tuple[Any, ...], geom: Any) -> "Space":
+        """The same tile through another map."""
+        return Space._make((*spline, geom, *self[len(spline) + 1 :]))
+
+
+class Work(NamedTuple):
+    """Scratch of one thread.
+
+    Attributes
+    ----------
+    basis : ndarray, shape (3, 3, width)
+        Basis functions.
+    map : ndarray, shape (3, 10) or (4, 10)
+        Jet of the map, see `map_jet`.
+    tile : ndarray, shape (10,)
+        Jet of the tile, see `tile_jet`.
+    table : ndarray
+        Of `trig_tab`.
+    room : ndarray, shape (2, 3)
+        Bounds of an iteration.
+    """
+
+    basis: Any
+    map: Any
+    tile: Any
+    table: Any
+    room: Any
+
+
 @inner()
-def scratch(factor, c, k0, k1, k2, q0, q1, q2):
-    """Work arrays of one thread: basis functions, map jet, tile jet, trigonometric table."""
-    k = max(width(k0, k1, k2), width(q0, q1, q2))
-    return np.zeros((3, 3, k)), np.zeros((c.shape[0], 10)), np.zeros(10), trig_tab(factor)
+def scratch(space):
+    """New `Work` for a space."""
+    k = max(width(space.k0, space.k1, space.k2), width(space.q0, space.q1, space.q2))
+    return Work(
+        np.zeros((3, 3, k)), np.zeros((space.c.shape[0], 10)), np.zeros(10),
+        trig_tab(space.factor), np.zeros((2, 3)),
+    )  # fmt: skip
 
 
 @inner(fastmath=FAST, error_model="numpy")
@@ -60,11 +119,12 @@ def parameter(geom, axis, p):
 
 
 @inner(fastmath=FAST, error_model="numpy", forceinline=True)
-def map_jet(d0, d1, d2, k0, k1, k2, c, geom, p, order, b, m):
-    """Map jet in tile coordinates into m (3, 10): rational maps divided through."""
-    i0 = basis(d0, k0, parameter(geom, 0, p[0]), order, b, 0)
-    j0 = basis(d1, k1, parameter(geom, 1, p[1]), order, b, 1)
-    l0 = basis(d2, k2, parameter(geom, 2, p[2]), order, b, 2)
+def map_jet(space, p, order, b, m):
+    """Map jet in tile coordinates into m (3, 10): rational maps divided through; scratch b."""
+    c, geom, k0, k1, k2 = space.c, space.geom, space.k0, space.k1, space.k2
+    i0 = basis(space.d0, k0, parameter(geom, 0, p[0]), order, b, 0)
+    j0 = basis(space.d1, k1, parameter(geom, 1, p[1]), order, b, 1)
+    l0 = basis(space.d2, k2, parameter(geom, 2, p[2]), order, b, 2)
     for axis in range(3):  # derivatives with respect to p
         s = geom[STEP + axis]
         for j in range(b.shape[2]):
@@ -121,16 +181,18 @@ def in_tile(geom, axis, p):
 
 
 @inner(fastmath=FAST, error_model="numpy", forceinline=True)
-def tile_jet(geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc, p, b, t, tab):
+def tile_jet(space, p, b, t, tab):
     """Tile jet in tile coordinates into t (10,): f, gradient, xx, yy, zz, yz, xz, xy."""
+    geom = space.geom
     if geom[KIND] == TRIGONOMETRIC:
-        trig_jet(coef, factor, omega, p[0], p[1], p[2], tab, t)
+        trig_jet(space.coef, space.factor, space.omega, p[0], p[1], p[2], tab, t)
     else:
-        i0 = basis(t0, q0, in_tile(geom, 0, p[0]), 2, b, 0)
-        j0 = basis(t1, q1, in_tile(geom, 1, p[1]), 2, b, 1)
-        l0 = basis(t2, q2, in_tile(geom, 2, p[2]), 2, b, 2)
+        q0, q1, q2 = space.q0, space.q1, space.q2
+        i0 = basis(space.t0, q0, in_tile(geom, 0, p[0]), 2, b, 0)
+        j0 = basis(space.t1, q1, in_tile(geom, 1, p[1]), 2, b, 1)
+        l0 = basis(space.t2, q2, in_tile(geom, 2, p[2]), 2, b, 2)
         t[0], t[1], t[2], t[3], t[4], t[5], t[6], t[7], t[8], t[9] = contract2(
-            tc, 0, i0, j0, l0, q0, q1, q2, b
+            space.tc, 0, i0, j0, l0, q0, q1, q2, b
         )
 
 
@@ -206,16 +268,16 @@ def cofactor_normal(m, g):
 
 
 @inner(fastmath=FAST, error_model="numpy")
-def upright(d0, d1, d2, k0, k1, k2, c, geom, orient, p, y, away, b, m):
+def upright(space, orient, p, y, away, b, m):
     """Whether the continuation of the map counts at p, beyond an open end of the domain.
 
     Its image y is `away` from a point of the domain: if that is much less than the way to the end
     of the domain, the continuation has come back over the domain. Leaves the jet of order 1 at p
     in m if it counts.
     """
-    zero = (0.0, 0.0, 0.0)
+    geom, zero = space.geom, (0.0, 0.0, 0.0)
     e0, e1, e2 = at_end(geom, 0, p[0]), at_end(geom, 1, p[1]), at_end(geom, 2, p[2])
-    map_jet(d0, d1, d2, k0, k1, k2, c, geom, (e0, e1, e2), 1, b, m)
+    map_jet(space, (e0, e1, e2), 1, b, m)
     least = UPRIGHT * orient * cofactor_normal(m, zero)[1]
     way = np.sqrt((y[0] - m[0, 0]) ** 2 + (y[1] - m[1, 0]) ** 2 + (y[2] - m[2, 0]) ** 2)
     if not least > 0.0 or away < BESIDE * way:
@@ -223,7 +285,7 @@ def upright(d0, d1, d2, k0, k1, k2, c, geom, orient, p, y, away, b, m):
     for i in range(1, STEPS + 1):
         s = i / STEPS
         q = (e0 + s * (p[0] - e0), e1 + s * (p[1] - e1), e2 + s * (p[2] - e2))
-        map_jet(d0, d1, d2, k0, k1, k2, c, geom, q, 1, b, m)
+        map_jet(space, q, 1, b, m)
         if not orient * cofactor_normal(m, zero)[1] >= least:
             return False
     return True

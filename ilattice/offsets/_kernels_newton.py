@@ -13,15 +13,18 @@ Guarantee: a status for every start; a converged foot is a local minimum, not a 
 Non-guarantee: which local minimum. The arguments are those of `_kernels_jets`.
 """
 
+from typing import Any, NamedTuple
+
 import numpy as np
 
 from ilattice._kernels import inner
+from ilattice._kernels_tuples import borrowed
 from ilattice.offsets._kernels_jets import FAST, map_jet, metric, solve_sym, sym, tangents, tile_jet
 
 MAX_ITERATIONS = 30
 #: Steps after which the surface is farther away, by the field, than this part of them are taken
 #: back by half, down to this length in tile coordinates.
-ASTRAY, LEAST_STEP = 0.5, 1e-3
+ASTRAY, MIN_STEP = 0.5, 1e-3
 #: Where the lowest eigenvalue is less, a stationary point is a saddle, and left; clear ones early.
 SADDLE, CLEAR_SADDLE = -1e-3, -0.1
 #: Part of the gradient below which its other parts are rounding, as where a face of the domain is
@@ -33,6 +36,26 @@ BOUNDARY = 1
 FALLBACK = 2
 FAILED = 3
 WORSE = 4
+
+
+class Known(NamedTuple):
+    """A foot that others must be nearer than.
+
+    Attributes
+    ----------
+    image : tuple of float
+        Where it is in space.
+    distance, multiplier : float
+        How far from the query, and on which side.
+    reach : float
+        Iterations that come so near to it, in parts of a tenth of the spacing and of half the
+        distance, are taken to head for it: 1, or less if it is loose.
+    """
+
+    image: Any
+    distance: Any
+    multiplier: Any
+    reach: Any
 
 
 @inner(fastmath=FAST, error_model="numpy")
@@ -147,7 +170,7 @@ def kkt_step(m, t, r, lam, first, fixed, floor):
 
 @inner(fastmath=FAST, error_model="numpy")
 def active_set(p, box, jr, t, lam, clip):
-    """Directions held at a bound that the gradient of the Lagrangian pushes against."""
+    """Directions fixed at a bound that the gradient of the Lagrangian pushes against."""
     if not clip:
         return (0, 0, 0)
     f0 = jr[0] + lam * t[1]
@@ -162,8 +185,8 @@ def active_set(p, box, jr, t, lam, clip):
 
 
 @inner(fastmath=FAST, error_model="numpy")
-def held_back(p, box, jr, t, lam, fixed):
-    """Whether a direction is held that the new multiplier would let go, into the box."""
+def wrongly_bound(p, box, jr, t, lam, fixed):
+    """Whether a direction is fixed that the new multiplier would let go, into the box."""
     for a in range(3):
         if fixed[a]:
             f = jr[a] + lam * t[1 + a]
@@ -176,7 +199,7 @@ def held_back(p, box, jr, t, lam, fixed):
 
 @inner(fastmath=FAST, error_model="numpy")
 def at_bounds(p, d, box, fixed):
-    """Whether a direction is held, or the step d ends outside the box."""
+    """Whether a direction is fixed, or the step d ends outside the box."""
     for a in range(3):
         if fixed[a] or p[a] + d[a] < box[0, a] or p[a] + d[a] > box[1, a]:
             return True
@@ -197,8 +220,8 @@ def vertex_foot(p, box, jr, t):
     """Whether p, on an edge or at a corner of the box, is a local minimum, and a multiplier.
 
     It is one if it is on the surface and a multiplier makes the gradient of the Lagrangian vanish
-    along the edge, and push against all bounds. Without this test, bounds are held or let go by
-    the multiplier of the last step, and there is none yet where the start is such a point. Edges
+    along the edge, and push against all bounds. Without this test, directions are fixed or let go
+    by the multiplier of the last step, and there is none yet where the start is such a point. Edges
     that are tangent to the surface have no such points: curves of the surface may cross there.
     """
     low, high = -np.inf, np.inf
@@ -282,24 +305,25 @@ def near(a, b, h):
 
 
 @inner(fastmath=FAST, error_model="numpy")
-def abandon(m, r, lam, size, low, best, h):
+def abandon(m, r, lam, size, low, known, h):
     """Whether an iteration heads for the known foot, or for one that is farther away.
 
     Not so for a saddle, from which it goes on downhill. What is seen from the other side is another
     foot, however near, as on the other face of a thin plate.
     """
-    if not best[3] < np.inf:
+    far = known.distance
+    if not far < np.inf:
         return False
-    close = best[4] * min(0.1 * h, 0.5 * best[3])
-    behind = lam * best[5] < 0.0
-    if size < 0.1 * h and not behind and near((m[0, 0], m[1, 0], m[2, 0]), best, close):
+    close = known.reach * min(0.1 * h, 0.5 * far)
+    behind = lam * known.multiplier < 0.0
+    if size < 0.1 * h and not behind and near((m[0, 0], m[1, 0], m[2, 0]), known.image, close):
         return True
     dist = np.sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
-    return size < 0.3 * h and low >= SADDLE and dist - 2.0 * size > best[3] + 0.1 * min(h, best[3])
+    return size < 0.3 * h and low >= SADDLE and dist - 2.0 * size > far + 0.1 * min(h, far)
 
 
 @inner(fastmath=FAST, error_model="numpy")
-def settled(size, last, d, dist, it, h, tol):
+def converged(size, last, d, dist, it, h, tol):
     """Whether the step d, of length `size` in space after one of length `last`, is the last one.
 
     Feet must be sharper where they are near: an error e of the foot is one of e² / (2 dist) of
@@ -322,24 +346,22 @@ def settled(size, last, d, dist, it, h, tol):
 def astray(t, moved):
     """Whether the field, of jet t, tells that a step of squared length `moved` was too long."""
     slope = t[1] * t[1] + t[2] * t[2] + t[3] * t[3]
-    return moved > LEAST_STEP * LEAST_STEP and t[0] * t[0] > ASTRAY * ASTRAY * slope * moved
+    return moved > MIN_STEP * MIN_STEP and t[0] * t[0] > ASTRAY * ASTRAY * slope * moved
 
 
 @inner(fastmath=FAST, error_model="numpy")
-def newton(
-    d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
-    x, start, best, box, clip, h, tol, b, m, t, tab,
-):  # fmt: skip
-    """Foot point of x from one start; given up when it cannot beat `best`.
+def newton(space, x, start, known, clip, h, tol, work):
+    """Foot point of x from one start; given up when it cannot beat the known foot.
 
-    That is a foot in space, its distance, how far it reaches: 1, or less if it is loose, and its
-    multiplier.
+    With `clip` it stays in ``work.room``. Leaves jets at the last point but one in `work`.
 
     Returns
     -------
     tuple
         Foot in tile coordinates, foot in space, multiplier, lowest eigenvalue, iterations, status.
     """
+    space, work = borrowed(space), borrowed(work)
+    b, m, t, tab, box = work.basis, work.map, work.tile, work.table, work.room
     p = (start[0], start[1], start[2])
     old = p
     d = (0.0, 0.0, 0.0)
@@ -351,8 +373,8 @@ def newton(
     moved = 0.0
     y = (0.0, 0.0, 0.0)
     for it in range(MAX_ITERATIONS):
-        map_jet(d0, d1, d2, k0, k1, k2, c, geom, p, 2, b, m)
-        tile_jet(geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc, p, b, t, tab)
+        map_jet(space, p, 2, b, m)
+        tile_jet(space, p, b, t, tab)
         if astray(t, moved):
             longest = last = 0.5 * min(longest, last)
             moved *= 0.25
@@ -378,13 +400,13 @@ def newton(
         if not np.isfinite(size):
             return p, y, lam, low, it + 1, FAILED
         dist = np.sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
-        small = settled(size, last, d, dist, it, h, tol)
+        small = converged(size, last, d, dist, it, h, tol)
         if clip and small and it < MAX_ITERATIONS - 1 and at_bounds(p, d, box, fixed):
             # multipliers are those before the step, and must keep their signs over it
             small = size <= max(1e-4 * dist, 1e-12 * h)
-            small = small and not held_back(p, box, jr, t, lam, fixed)
+            small = small and not wrongly_bound(p, box, jr, t, lam, fixed)
         last = size
-        if it > 0 and not small and abandon(m, r, lam, size, low, best, h):
+        if it > 0 and not small and abandon(m, r, lam, size, low, known, h):
             return p, y, lam, low, it + 1, WORSE
         if low < SADDLE and (small or (size <= 0.01 * h and low < CLEAR_SADDLE)):
             if it == MAX_ITERATIONS - 1:

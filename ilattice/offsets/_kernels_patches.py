@@ -19,7 +19,7 @@ from ilattice.offsets._kernels_jets import CLOSED, CREASED, FAST, TILES
 APART = 0.4
 #: Least cosine between the normals of seeds of one patch: surfaces may meet at right angles. Where
 #: normals turn by more than TURN over the spacing of seeds, patches are less wide, to a part.
-ALIKE, TURN, LEAST_ALIKE = 0.5, 1.5, 0.2
+ALIKE, TURN, MIN_ALIKE = 0.5, 1.5, 0.2
 #: Seeds with a larger curvature times spacing say nothing about the normals next to them.
 SHARP = 2.0
 #: Columns of feet behind their tile coordinates: place in space, distance, multiplier.
@@ -186,7 +186,7 @@ def together(geom, a, i, b, j):
 def width(sn, s):
     """How wide the patch of the seed s is, for its spacing: less where its normal turns much."""
     bent = sn[s, BENT]
-    return 1.0 if bent <= TURN else max(LEAST_ALIKE, TURN / bent)
+    return 1.0 if bent <= TURN else max(MIN_ALIKE, TURN / bent)
 
 
 @inner(fastmath=FAST, error_model="numpy")

@@ -7,6 +7,7 @@ import numpy as np
 from numba import njit
 
 from ilattice._kernels import in_ranges, inner
+from ilattice._kernels_tuples import borrowed
 from ilattice.offsets._kernels import CHUNK
 from ilattice.offsets._kernels_jets import (
     BESIDE,
@@ -31,22 +32,20 @@ from ilattice.offsets._kernels_patches import (
 )
 
 #: Cells that bend by more than they are wide may bend so many times farther than it seems.
-DOUBT = 2.0
+BEND_MARGIN = 2.0
 
 
 @in_ranges(CHUNK)
 @njit(cache=True, nogil=True, error_model="numpy")
-def project(
-    first, last, d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
-    p, fixed, limit, travel,
-):  # fmt: skip
+def project(first, last, space, p, fixed, limit, travel):
     """Move points p (n, 3), in place, onto I = 0 along grad I; the distance moved, or inf."""
-    b, m, t, tab = scratch(factor, c, k0, k1, k2, q0, q1, q2)
+    space = borrowed(space)
+    b, _, t, tab, _ = scratch(space)
     for i in range(first, last):
         x0, x1, x2 = p[i, 0], p[i, 1], p[i, 2]
         travel[i] = np.inf
         for _ in range(MAX_ITERATIONS):
-            tile_jet(geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc, (x0, x1, x2), b, t, tab)
+            tile_jet(space, (x0, x1, x2), b, t, tab)
             g0 = t[1] * (1 - fixed[i, 0])
             g1 = t[2] * (1 - fixed[i, 1])
             g2 = t[3] * (1 - fixed[i, 2])
@@ -91,8 +90,8 @@ def squeezed(m, det, cell, out):
     out[9] = bend
     if bend * most <= 1.0:
         return True
-    out[9] = DOUBT * bend
-    if not DOUBT * bend * least <= 1.0:
+    out[9] = BEND_MARGIN * bend
+    if not BEND_MARGIN * bend * least <= 1.0:
         out[:] = 0.0
     return False
 
@@ -122,23 +121,22 @@ def sagitta(m, cell):
 
 @in_ranges(CHUNK)
 @njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
-def place_seeds(
-    first, last, d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
-    p, cell, x, normal, spacing, det,
-):  # fmt: skip
+def place_seeds(first, last, space, p, cell, x, normal, spacing, det):
     """Image (n, 3), normal (n, 5), size of the image of a cell, and det J at points p (n, 3).
 
     Normals are those along which I grows, whatever the orientation of the map, followed by the
     largest curvature times that size, and how far away queries must be, see `upright`.
     """
-    b, m, t, tab = scratch(factor, c, k0, k1, k2, q0, q1, q2)
+    space = borrowed(space)
+    geom = space.geom
+    b, m, t, tab, _ = scratch(space)
     for i in range(first, last):
         pi = (p[i, 0], p[i, 1], p[i, 2])
         end = (at_end(geom, 0, pi[0]), at_end(geom, 1, pi[1]), at_end(geom, 2, pi[2]))
-        map_jet(d0, d1, d2, k0, k1, k2, c, geom, end, 1, b, m)
+        map_jet(space, end, 1, b, m)
         x[i, 0], x[i, 1], x[i, 2] = m[0, 0], m[1, 0], m[2, 0]
-        map_jet(d0, d1, d2, k0, k1, k2, c, geom, pi, 2, b, m)
-        tile_jet(geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc, pi, b, t, tab)
+        map_jet(space, pi, 2, b, m)
+        tile_jet(space, pi, b, t, tab)
         v, det[i] = cofactor_normal(m, (t[1], t[2], t[3]))
         s = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]) + 1e-300
         s = s if det[i] > 0.0 else -s

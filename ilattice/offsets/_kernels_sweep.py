@@ -15,7 +15,7 @@ from ilattice.offsets._kernels_patches import PLAIN, alike, in_reach, seed_dista
 LEAF, FAN = 4, 4
 CHUNK = 64
 #: Seeds that a query may gather; of more, the nearer half is kept.
-MOST = 4096
+MAX_GATHERED = 4096
 #: A foot next to a seed whose cell is no guide is within this part of its spacing from it, across.
 ACROSS = 0.6
 
@@ -86,7 +86,7 @@ def sweep(geom, sp, sx, sn, sh, lo, hi, slab, first, x, q, best, out):
     """
     for chunk in prange((len(x) + CHUNK - 1) // CHUNK):
         stack = np.empty((FAN * len(first), 2), np.int64)
-        away, found = np.empty(MOST), np.empty(MOST, np.int64)
+        away, found = np.empty(MAX_GATHERED), np.empty(MAX_GATHERED, np.int64)
         for i in range(chunk * CHUNK, min(len(x), (chunk + 1) * CHUNK)):
             xi, qi = (x[i, 0], x[i, 1], x[i, 2]), (q[i, 0], q[i, 1], q[i, 2])
             n = gather(

@@ -31,6 +31,7 @@ import numba
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ilattice._geometry import grid_points
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import (
     FrozenCopies,
@@ -44,7 +45,7 @@ from ilattice._validate import (
 from ilattice.errors import ConvergenceError, GeometryError, InputError
 from ilattice.offsets import _kernels, _kernels_newton, _kernels_seeds
 from ilattice.offsets._kernels_jets import UPRIGHT
-from ilattice.offsets._kernels_patches import BELOW, BENT, DISTANCE, MULTIPLIER, PLAIN
+from ilattice.offsets._kernels_patches import BELOW, BENT, DISTANCE, IMAGE, MULTIPLIER, PLAIN
 from ilattice.offsets.covering import FINER, Covering
 from ilattice.offsets.mending import mended, started
 from ilattice.offsets.retrying import Boxes, doubtful, in_order, retried, singly
@@ -62,16 +63,17 @@ if TYPE_CHECKING:
 CANDIDATES, AMONG_ADDED = 8, 32
 #: Single starts where the nearest seed tells that a foot is missed, or none has led to any, and
 #: the most queries for which these are made at once.
-ALONE, MOST_ALONE = 200, 2000
+ALONE, MAX_ALONE = 200, 2000
 BATCH = 1 << 17
-MOST_ROWS = 1 << 40
+MAX_ROWS = 1 << 40
+#: Last step of a foot that is far away, in spacings of seeds; see `_kernels_newton.converged`.
 TOLERANCE = 1e-7
 #: Largest part of queries that may fall back, and a number that always may.
 MAX_FALLBACK, FEW = 1e-2, 10
 #: Seeds per tile and direction: at least this many, and this many per period of the finest wave.
-LEAST_SEEDS, SEEDS_PER_WAVE = 8, 6
+MIN_SEEDS, SEEDS_PER_WAVE = 8, 6
 #: Tiles that are longer along one direction get up to this many times the seeds along it.
-MOST_REFINED = 4
+MAX_REFINED = 4
 #: Half the factor by which a continuation may stretch tiles until they get more seeds.
 STRETCHED = 0.75
 #: Where tiles meet in creases, surfaces bend sharply next to faces: so many times the seeds per
@@ -219,7 +221,7 @@ class ClosestPointSearch(TileSpace):
             np.arange(0 if c or e else -1, n if c or e else n + 1)
             for n, c, e in zip(count, closed, self.ends, strict=True)
         ]
-        tiles = np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1).reshape(-1, 3)
+        tiles = grid_points(*ranges)
         p, cell = layered(self, *self._tile_seeds(tiles))
         if self.ends.any():
             inside = ((p >= self.box[0]) & (p <= self.box[1]))[:, self.ends].all(axis=1)
@@ -236,7 +238,7 @@ class ClosestPointSearch(TileSpace):
             np.empty((len(p), 3)), np.empty((len(p), self._columns)), np.empty(len(p)),
             np.empty(len(p)),
         )  # fmt: skip
-        _kernels_seeds.place_seeds(len(p), *self.space, p, cell, x, normal, spacing, det)
+        _kernels_seeds.place_seeds(len(p), self.space, p, cell, x, normal, spacing, det)
         if self.creased:
             near = (np.abs(p - np.rint(p)) <= CREASED * cell).any(axis=1)
             normal[near, BENT] = np.inf
@@ -249,7 +251,7 @@ class ClosestPointSearch(TileSpace):
 
     @property
     def _least_seeds(self) -> int:
-        least = max(LEAST_SEEDS, SEEDS_PER_WAVE * self.lattice.finest_wave)
+        least = max(MIN_SEEDS, SEEDS_PER_WAVE * self.lattice.finest_wave)
         return MORE * least if self.creased else least
 
     def _tile_seeds(self, tiles: IntArray) -> tuple[FloatArray, FloatArray]:
@@ -264,7 +266,7 @@ class ClosestPointSearch(TileSpace):
         beyond = np.asarray(((tiles < 0) | (tiles >= count)).any(axis=1))
         usual = STRETCHED * np.median(stretch[~beyond], axis=0)
         least = np.where(beyond[:, None], np.minimum(least, usual), least)
-        factor = np.clip(np.ceil(stretch / (2.0 * least)), 1, MOST_REFINED).astype(np.int64)
+        factor = np.clip(np.ceil(stretch / (2.0 * least)), 1, MAX_REFINED).astype(np.int64)
         out = [np.empty((0, 3))]
         cells = [np.empty((0, 3))]
         for f in np.unique(factor, axis=0):
@@ -296,7 +298,7 @@ class ClosestPointSearch(TileSpace):
                 if self.lattice.torn[a]:  # the upper faces of tiles are others than the lower ones
                     upper = planes[1:-1] if not closed[a] else planes + 1.0
                     axes[a] = np.concatenate([planes, upper - BELOW])
-            p = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+            p = grid_points(*axes)
             out.append(self._onto_faces(p, held, m))
             more = self._onto_faces(self._face_crossings(axes, held, m), held, m)
             out.append(more[apart(more, out[-1], m)])
@@ -343,7 +345,7 @@ class ClosestPointSearch(TileSpace):
             Distances and numbers of the seeds.
         """
         x = as_points("x", x)
-        k = min(as_whole("k", k, 1, MOST_ROWS), len(self.seeds.points))
+        k = min(as_whole("k", k, 1, MAX_ROWS), len(self.seeds.points))
         found: Any = self.tree.query(x, k=np.arange(1, k + 1), workers=numba.get_num_threads())
         distance, idx = found
         return distance, np.ascontiguousarray(idx, dtype=np.int64)
@@ -379,7 +381,7 @@ class ClosestPointSearch(TileSpace):
         """
         u = as_points("u", u)
         strict, thorough = as_flag("strict", strict), as_flag("thorough", thorough)
-        strides = tuple(as_whole("strides", s, 1, MOST_ROWS) for s in as_items("strides", strides))
+        strides = tuple(as_whole("strides", s, 1, MAX_ROWS) for s in as_items("strides", strides))
         if known is not None and len(as_kind("known", known, "ClosestPoints").u) != len(u):
             raise InputError(f"known must hold {len(u)} feet, one per query, got {len(known.u)}")
         n = len(u)
@@ -437,11 +439,11 @@ class ClosestPointSearch(TileSpace):
         self, p: FloatArray, x: FloatArray, feet: FloatArray, counts: IntArray, status: IntArray
     ) -> ClosestPoints:
         first, second = feet
-        u = self.from_tile(first[:, :3])
+        u = self.from_tile(first[:, :IMAGE])
         out = ClosestPoints(
-            first[:, 3:6].copy(), u, first[:, 6].copy(), status,
-            counts[:, 1].copy(), counts[:, 0].copy(), second[:, 3:6].copy(), second[:, 6].copy(),
-            self.from_tile(second[:, :3]), u,
+            first[:, IMAGE:DISTANCE].copy(), u, first[:, DISTANCE].copy(), status,
+            counts[:, 1].copy(), counts[:, 0].copy(), second[:, IMAGE:DISTANCE].copy(),
+            second[:, DISTANCE].copy(), self.from_tile(second[:, :IMAGE]), u,
         )  # fmt: skip
         return out if self.struts is None else onto_struts(self, p, x, out)
 
@@ -458,7 +460,7 @@ class ClosestPointSearch(TileSpace):
         again = np.flatnonzero(behind | missed | doubtful(self, p, distance, idx, feet, status))
         retried(self, again, x, p, feet, counts, status)
         missed = self._missed(distance[:, 0], idx[:, 0], feet[0, :, DISTANCE])
-        at = np.flatnonzero(missed | (status >= _kernels_newton.FALLBACK))[:MOST_ALONE]
+        at = np.flatnonzero(missed | (status >= _kernels_newton.FALLBACK))[:MAX_ALONE]
         if len(at):  # what led there, or to seeds without a normal, may have kept other starts away
             alone = singly(self, x[at], p[at], ALONE)
             nearer = np.abs(alone[:, DISTANCE]) < np.abs(feet[0, at, DISTANCE])
@@ -498,11 +500,12 @@ class ClosestPointSearch(TileSpace):
 
     def _run(
         self, x: FloatArray, p: FloatArray, idx: IntArray, feet: FloatArray, counts: IntArray,
-        status: IntArray, seeds: tuple[FloatArray, ...] | None = None,
+        status: IntArray, seeds: Seeds | None = None,
     ) -> None:  # fmt: skip
-        _kernels.closest(
-            *self.space, *(seeds or self.seeds), x, p, idx, self.box,
-            self.orient, TOLERANCE, feet[0], feet[1], counts, status,
+        closest: Any = _kernels.closest
+        closest(
+            len(x), self.space, seeds or self.seeds, x, p, idx, self.box, self.orient, TOLERANCE,
+            feet[0], feet[1], counts, status,
         )  # fmt: skip
 
     def _account(
@@ -531,4 +534,4 @@ def _results(n: int) -> tuple[FloatArray, IntArray, IntArray]:
 
 def _cell_centres(m: IntArray) -> FloatArray:
     axes = [(np.arange(n) + 0.5) / n for n in m]
-    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    return grid_points(*axes)

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._geometry import grid_points
 from ilattice._progress import Progress, track
 from ilattice._typing import FloatArray
 from ilattice._validate import as_array, asked
@@ -51,7 +52,7 @@ def tile_volumes(lattice: Tiling) -> FloatArray:
         lo[a] + (hi[a] - lo[a]) * (np.arange(n)[:, None] + 0.5 + 0.5 * node).ravel() / n
         for a, n in enumerate(lattice.repeat)
     ]
-    u = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    u = grid_points(*axes)
     det = np.abs(np.linalg.det(lattice.through.jacobian(u)))
     n0, n1, n2 = lattice.repeat
     volumes: FloatArray = np.einsum(

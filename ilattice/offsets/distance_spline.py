@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ilattice._geometry import grid_points
 from ilattice._memory import need
 from ilattice._progress import Progress, track
 from ilattice._typing import ArrayLike, FloatArray
@@ -115,7 +116,7 @@ def interpolated(
     step = max(1, SLAB_POINTS // (shape[1] * shape[2]))
     for i in track(range(0, shape[0], step), "distance", progress):
         part = (axes[0][i : i + step], axes[1], axes[2])
-        u = np.stack(np.meshgrid(*part, indexing="ij"), axis=-1).reshape(-1, 3)
+        u = grid_points(*part)
         strides = (1, shape[2], shape[1] * shape[2])
         values[i : i + step] = f(u, strides).reshape(-1, *shape[1:])
     return fit_interpolate(values, knots, degree, periodic=closed)

@@ -31,7 +31,8 @@ from ilattice.offsets.wall import OffsetSolid
 DEGREE = 3
 #: Thickness of a solid, in the largest edges of tiles, as far as the width of meshes goes: small
 #: tiles get no fewer cells than `mesh` gives every tile.
-LEAST_SOLID = 0.25
+MIN_SOLID = 0.25
+#: Least norm of a gradient, as a part of the largest one: zero would divide.
 TINY = 1e-6
 
 
@@ -60,14 +61,14 @@ class ParametricOffset(OffsetSolid):
 
     @cached_property
     def least_thickness(self) -> float:
-        """Least total thickness times the least edge of a tile; for solids, see `LEAST_SOLID`."""
+        """Least total thickness times the least edge of a tile; for solids, see `MIN_SOLID`."""
         lattice = self.lattice
         u = np.indices(lattice.repeat).reshape(3, -1).T + 0.5
         lo, hi = lattice.domain
         step = (hi - lo) / np.array(lattice.repeat)
         edges = np.linalg.norm(lattice.through.jacobian(lo + u * step) * step, axis=1)
         if self.asked.solid:
-            return float(LEAST_SOLID * edges.max())
+            return float(MIN_SOLID * edges.max())
         return float(self.asked.extremes[0] * edges.min())
 
     @cached_property

@@ -26,7 +26,7 @@ DEGREE = 2
 LINES, FIRST = 20, 16
 #: A kink is where parabolas miss by more than this part of the largest value times the width,
 #: relative to the line, down to this width, on this part of the lines; most intervals in a search.
-BENT, NARROW, SHARED, MOST_INTERVALS = 1e-4, 1e-9, 0.3, 500
+BENT, NARROW, SHARED, MAX_INTERVALS = 1e-4, 1e-9, 0.3, 500
 #: How far intervals reach over their ends, in widths, not to miss kinks there.
 OVER = 0.1
 #: Most coefficients, and most halvings of a span.
@@ -213,7 +213,7 @@ def _kinks(f: Function, lines: FloatArray, axis: int, domain: FloatArray) -> Flo
         shared = bent.mean(axis=0) >= SHARED
         keep = bent.any(axis=0) if width.max() > 1e-3 * (hi - lo) else shared
         a, b = a[keep], b[keep]
-        if len(a) > MOST_INTERVALS or not scale:
+        if len(a) > MAX_INTERVALS or not scale:
             return np.empty(0)
         if not len(a) or width.max() < NARROW * (hi - lo):
             break

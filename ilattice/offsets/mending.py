@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.offsets import _kernels_mending, _kernels_newton, _kernels_seeds
 from ilattice.offsets._kernels_patches import DISTANCE, IMAGE
+from ilattice.offsets.seeding import Seeds
 
 if TYPE_CHECKING:
     from ilattice.offsets.closest import ClosestPointSearch
@@ -87,7 +88,7 @@ def _nearest(feet: FloatArray, x: FloatArray) -> IntArray:
     return out
 
 
-def started(search: ClosestPointSearch, start: FloatArray) -> tuple[FloatArray, ...]:
+def started(search: ClosestPointSearch, start: FloatArray) -> Seeds:
     """Points of the surface as seeds.
 
     Parameters
@@ -99,8 +100,8 @@ def started(search: ClosestPointSearch, start: FloatArray) -> tuple[FloatArray, 
 
     Returns
     -------
-    tuple of ndarray
-        Seeds, see `_kernels_patches`.
+    Seeds
+        One each.
     """
     n = len(start)
     start = np.ascontiguousarray(start)
@@ -108,8 +109,8 @@ def started(search: ClosestPointSearch, start: FloatArray) -> tuple[FloatArray, 
     normal = np.empty((n, search.seeds.normals.shape[1]))
     place: Any = _kernels_seeds.place_seeds
     cell = np.full((n, 3), search.cell)
-    place(n, *search.space, start, cell, y, normal, spacing, det)
-    return start, y, normal, spacing
+    place(n, search.space, start, cell, y, normal, spacing, det)
+    return Seeds(start, y, normal, spacing)
 
 
 def _least(search: ClosestPointSearch, distance: FloatArray) -> FloatArray:
@@ -149,21 +150,21 @@ def _restart(
     """
     n = len(at)
     seeds = started(search, start)
-    start, y = seeds[:2]
+    start, y = seeds.points, seeds.images
     new, counts = np.full((2, n, 8), np.nan), np.zeros((n, 2), np.int64)
     state = np.full(n, _kernels_newton.FALLBACK, np.int64)
     number = np.arange(n)[:, None]
     search._run(x[at], p[at], number, new, counts, state, seeds)
     bound = np.linalg.norm(x[at] - y, axis=1)
-    bad = ~(np.abs(new[0, :, 6]) <= bound) | (state >= _kernels_newton.FALLBACK)
+    bad = ~(np.abs(new[0, :, DISTANCE]) <= bound) | (state >= _kernels_newton.FALLBACK)
     bad = np.flatnonzero(bad & search.within(start))  # points of the continuation are no feet
     if len(bad):
         search._descend(x[at[bad]], bad, start[bad], new[0])
         state[bad] = _kernels_newton.OK
     old = feet[0, at].copy()
-    sign = np.where(old[:, 6] < 0.0, -1.0, 1.0)
-    new[0, :, 6] = sign * np.abs(new[0, :, 6])
-    better: AnyArray = np.abs(new[0, :, 6]) < np.abs(old[:, 6])
+    sign = np.where(old[:, DISTANCE] < 0.0, -1.0, 1.0)
+    new[0, :, DISTANCE] = sign * np.abs(new[0, :, DISTANCE])
+    better: AnyArray = np.abs(new[0, :, DISTANCE]) < np.abs(old[:, DISTANCE])
     better &= state < _kernels_newton.FALLBACK
     at, new, state = at[better], new[:, better], state[better]
     feet[0, at], feet[1, at], status[at] = new[0], old[better], state

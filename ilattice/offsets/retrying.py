@@ -18,7 +18,6 @@ from scipy.spatial import cKDTree
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.offsets import _kernels, _kernels_newton, _kernels_sweep
-from ilattice.offsets._kernels_jets import GEOM
 from ilattice.offsets._kernels_patches import AROUND, DISTANCE, PLAIN, SAGITTA
 
 if TYPE_CHECKING:
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
 
 #: A retry starts from up to that many of the nearest seeds, one per patch. Where no start has led
 #: to a foot, it looks among this many, and four times as many, up to the last number.
-RETRY_CANDIDATES, RETRY_NEIGHBOURS, MOST_NEIGHBOURS = 48, 24, 1536
+RETRY_CANDIDATES, RETRY_NEIGHBOURS, MAX_NEIGHBOURS = 48, 24, 1536
 #: Seeds that are looked at together.
 RETRIED = 1 << 21
 #: Candidates may miss a patch if the last one is within sqrt(d² + c h²) of the query, h the spacing
@@ -185,7 +184,7 @@ def retried(
         for i in range(0, len(rest[0]), RETRIED // m):
             _retry(search, rest[0][i : i + RETRIED // m], m, x, p, feet, counts, status)
     at = at[failed]
-    while len(at) and m <= MOST_NEIGHBOURS:
+    while len(at) and m <= MAX_NEIGHBOURS:
         for i in range(0, len(at), RETRIED // m):
             _retry(search, at[i : i + RETRIED // m], m, x, p, feet, counts, status)
         failed = status[at] >= _kernels_newton.FALLBACK
@@ -206,7 +205,7 @@ def _retry(
     _, near = search.candidates(x[at], m)
     idx = np.empty((len(at), RETRY_CANDIDATES), np.int64)
     best = np.where(status[at] < _kernels_newton.FALLBACK, np.abs(feet[0, at, DISTANCE]), np.inf)
-    _kernels.spread(search.space[GEOM], *search.seeds, x[at], p[at], best, near, idx)
+    _kernels.spread(search.space.geom, *search.seeds, x[at], p[at], best, near, idx)
     _start(search, at, idx, x, p, feet, counts, status)
 
 
@@ -220,7 +219,7 @@ def _sweep(
     """
     idx = np.empty((len(at), RETRY_CANDIDATES), np.int64)
     best = np.abs(feet[0, at, DISTANCE])
-    _kernels_sweep.sweep(search.space[GEOM], *search.seeds, *search.boxes, x[at], p[at], best, idx)
+    _kernels_sweep.sweep(search.space.geom, *search.seeds, *search.boxes, x[at], p[at], best, idx)
     some = np.flatnonzero(idx[:, 0] >= 0)
     _start(search, at[some], idx[some], x, p, feet, counts, status)
     more: IntArray = at[(idx[:, -1] >= 0) & (np.abs(feet[0, at, DISTANCE]) < best)]

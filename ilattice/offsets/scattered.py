@@ -22,6 +22,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ilattice._field import Field
+from ilattice._geometry import grid_points
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import as_array, as_points
 from ilattice.errors import InputError, PrecisionWarning
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
 GLOBAL, NEAREST = 1500, 64
 #: A place is beyond the points where the nearest one is farther than this many times the largest
 #: distance of neighbouring points; samples per direction, and the part of them that is told of.
-FAR, SITES, MOST_BEYOND = 1.5, 17, 0.01
+FAR, SITES, MAX_BEYOND = 1.5, 17, 0.01
 BATCH = 1 << 14
 #: Error of the spline over the domain, relative to the largest value.
 TOLERANCE = 2e-3
@@ -134,10 +135,10 @@ def _warn_beyond(lattice: Tiling, p: FloatArray) -> None:
     apart = float(near[:, 1].max())
     lo, hi = lattice.domain
     axes = [np.linspace(lo[a], hi[a], SITES) for a in range(3)]
-    u = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    u = grid_points(*axes)
     away: Any = tree.query(lattice.through.x(u))[0]
     beyond = away > FAR * apart
-    if beyond.mean() > MOST_BEYOND:
+    if beyond.mean() > MAX_BEYOND:
         warnings.warn(
             f"{beyond.mean():.0%} of the part is farther from all points, by up to {away.max():.3g}"
             f", than these are from each other ({apart:.3g}): the half-thickness there is a guess "

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ilattice._geometry import grid_points
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.offsets._kernels_patches import SHARP
 from ilattice.offsets._small import solved
@@ -31,7 +32,7 @@ NEAR, ALIKE, LOOKED_AT = 0.9, 0.75, 8
 FLAT, LEAST, MEETING = 1e-2, 1e-4, 2e-3
 #: Part of det J on faces next to which seeds are placed in layers, so many of them at most, and
 #: places along each direction of a face where it is looked at.
-FALLEN, MOST_LAYERS, ACROSS = 0.1, 12, 64
+FALLEN, MAX_LAYERS, ACROSS = 0.1, 12, 64
 #: Sharp seeds that are looked at next to a seed.
 BESIDE = 6
 #: Steps downhill.
@@ -203,7 +204,7 @@ def layered(
             size = 0.5**k / m
             for plane in (end - size, end + size):
                 axes = [np.array([plane]) if b == axis else centres[b] for b in range(3)]
-                sites = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+                sites = grid_points(*axes)
                 held = np.broadcast_to(fixed, sites.shape).astype(np.float64)
                 out.append(search._project(sites, np.full(3, m), held))
                 cells.append(np.where(fixed, size, np.full(out[-1].shape, 1.0 / m)))
@@ -235,13 +236,13 @@ def layers_needed(space: TileSpace, axes: list[FloatArray], axis: int, end: floa
     inner = abs(end - 0.5)
     places = [a if b == axis else a[:: max(1, len(a) // ACROSS)] for b, a in enumerate(axes)]
     there, here = (
-        np.abs(space._volume(np.stack(np.meshgrid(*p, indexing="ij"), axis=-1).reshape(-1, 3)))
+        np.abs(space._volume(grid_points(*p)))
         for p in ([*places[:axis], np.array([x]), *places[axis + 1 :]] for x in (inner, end))
     )
     rest = float((here / np.maximum(there, np.finfo(np.float64).tiny)).min())
     if rest > FALLEN:
         return 0
-    return min(MOST_LAYERS, 1 + int(np.ceil(-np.log2(max(rest, 1e-12)))))
+    return min(MAX_LAYERS, 1 + int(np.ceil(-np.log2(max(rest, 1e-12)))))
 
 
 def sharpest(x: FloatArray, turn: FloatArray, spacing: FloatArray) -> FloatArray:

@@ -43,9 +43,9 @@ POINTS = 1 << 15
 #: Part of them, nearest to the surface, whose gradients set the unit of the field.
 NEAR = 0.1
 #: Spans of the spline per radius of the thinnest strut, and the most coefficients.
-PER_RADIUS, MOST_IN_TOTAL = 4.0, 1 << 22
+PER_RADIUS, MAX_IN_TOTAL = 4.0, 1 << 22
 #: Error of the spline, relative to the least thickness, from which on there is a warning.
-MOST_ERROR = 0.02
+MAX_ERROR = 0.02
 
 
 class TileField(Field):
@@ -157,7 +157,7 @@ class TileField(Field):
                     f"of the solid is off by {self.error:.3g}; ask for less, or repeat fewer tiles"
                 )
             spans = more
-        if self.tol is None and self.error > MOST_ERROR * thinnest(self):
+        if self.tol is None and self.error > MAX_ERROR * thinnest(self):
             warnings.warn(
                 f"the spline that quadrature and analysis go by is off by {self.error:.2g} from "
                 f"the solid, which is {thinnest(self):.2g} thick, and rounds off edges: struts "
@@ -218,7 +218,7 @@ def _uncut(tile: Tile | Mixture) -> Tile | Mixture:
 def _affordable(lattice: MidSurface, spans: AnyArray) -> IntArray:
     """Spans per tile, or less where the coefficients would be too many."""
     total = float(np.prod(spans * np.array(lattice.repeat, float)))
-    share = min(1.0, (MOST_IN_TOTAL / total) ** (1.0 / 3.0))
+    share = min(1.0, (MAX_IN_TOTAL / total) ** (1.0 / 3.0))
     return np.maximum(np.floor(spans * share), 2).astype(np.int64)
 
 

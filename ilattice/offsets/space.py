@@ -22,7 +22,6 @@ from ilattice.offsets._kernels_jets import (
     CLOSED,
     CREASED,
     ENDS,
-    GEOM,
     LATTICE_SPLINE,
     ORIGIN,
     STEP,
@@ -30,6 +29,7 @@ from ilattice.offsets._kernels_jets import (
     TILE_SPLINE,
     TRIGONOMETRIC,
     UPRIGHT,
+    Space,
 )
 from ilattice.offsets._kernels_patches import PLAIN, SQUEEZED_TOO
 from ilattice.tiles.mixture import MixedField
@@ -54,7 +54,7 @@ class TileSpace:
     def __init__(self, lattice: Tiling) -> None:
         self.lattice = as_kind("lattice", lattice, "Tiling")
         self.space = kernel_space(lattice)
-        geom = self.space[GEOM]
+        geom = self.space.geom
         self.lo, self.step = geom[ORIGIN:STEP], geom[STEP:CLOSED]
         self.creased, self.ends = bool(geom[CREASED]), geom[ENDS:] != 0.0
         self.orient = float(lattice.through.orientation)
@@ -143,7 +143,7 @@ class TileSpace:
         moved = np.empty(len(p))
         fixed = np.zeros((len(p), 3)) if fixed is None else fixed
         project: Any = _kernels_seeds.project
-        project(len(p), *self.space, p, fixed, 0.5 / float(np.min(m)), moved)
+        project(len(p), self.space, p, fixed, 0.5 / float(np.min(m)), moved)
         return p[moved <= 1.2 / float(np.min(m))]
 
     def on_surface(self, p: FloatArray) -> tuple[FloatArray, AnyArray]:
@@ -162,7 +162,7 @@ class TileSpace:
         out = as_points("p", p).copy()
         moved = np.empty(len(out))
         project: Any = _kernels_seeds.project
-        project(len(out), *self.space, out, np.zeros((len(out), 3)), 0.1, moved)
+        project(len(out), self.space, out, np.zeros((len(out), 3)), 0.1, moved)
         return out, np.isfinite(moved)
 
 
@@ -174,8 +174,8 @@ def _triples(name: str, value: AnyArray) -> FloatArray:
     return a
 
 
-def kernel_space(lattice: Tiling, *, generic: bool = False) -> tuple[Any, ...]:
-    """What the kernels need to know of a lattice: flat kernel arguments.
+def kernel_space(lattice: Tiling, *, generic: bool = False) -> Space:
+    """What the kernels need to know of a lattice.
 
     Generic ones are for kernels that must not be compiled once per degree of the map.
     """
@@ -202,4 +202,5 @@ def kernel_space(lattice: Tiling, *, generic: bool = False) -> tuple[Any, ...]:
         np.float64
     )
     args = spline.generic_kernel_args if generic else spline.kernel_args
-    return (*args, geom, *(np.array(a) for a in trig), *tile.generic_kernel_args)
+    polynomial = (np.array(a) for a in trig)
+    return Space._make((*args, geom, *polynomial, *tile.generic_kernel_args))

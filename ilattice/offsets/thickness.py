@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ilattice._geometry import grid_points
 from ilattice._typing import AnyArray, FloatArray
 from ilattice._validate import as_array, as_kind, asked
 from ilattice.bspline import BSpline
@@ -439,7 +440,7 @@ def _check(s: BSpline, size: float, name: str, *, least: float) -> None:
 
 def _grid_points(domain: FloatArray, n: int) -> FloatArray:
     axes = [np.linspace(domain[0, a], domain[1, a], n) for a in range(3)]
-    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    return grid_points(*axes)
 
 
 def _samples(s: BSpline) -> FloatArray:

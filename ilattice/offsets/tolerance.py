@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from scipy.ndimage import maximum_filter
 
+from ilattice._geometry import grid_points
 from ilattice._memory import available, readable
 from ilattice._progress import Progress
 from ilattice._typing import AnyArray, FloatArray
@@ -189,7 +190,7 @@ def _rough(wall: OffsetSolid, least: float) -> AnyArray:
 def _least_edges(wall: OffsetSolid) -> FloatArray:
     """Shortest edges of the tiles in space, at their corners and centres, (nx, ny, nz)."""
     lattice, lo, tile = wall.lattice, wall.lattice.domain[0], _tile(wall)
-    corners = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), -1).reshape(-1, 3)
+    corners = grid_points([0, 1], [0, 1], [0, 1])
     size = np.full(int(np.prod(lattice.repeat)), np.inf)
     for place in [*corners, np.full(3, 0.5)]:
         u = lo + (np.indices(lattice.repeat).reshape(3, -1).T + place) * tile

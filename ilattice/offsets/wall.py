@@ -143,7 +143,7 @@ class OffsetSolid:
 
     @cached_property
     def volume_error(self) -> float:
-        """How far `volume` may be off, because splines stand in for distances or fields of tiles.
+        """How far `volume` may be off, because splines approximate distances or fields.
 
         Of walls: the volume that exact distances change at random points, and two standard errors.
         Of solids of tiles as they are: their area times the error of the spline.

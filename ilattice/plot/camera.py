@@ -12,6 +12,7 @@ from ilattice._typing import FloatArray
 from ilattice._validate import as_array
 from ilattice.errors import InputError
 
+#: Size of the picture in units of what it shows.
 _MARGIN = 1.05
 _ANGLE = 30.0  # degrees: vertical angle of view before it is fitted
 _FAR = 1.2  # distance of the viewer from the sphere of the part, in units of what fills the picture

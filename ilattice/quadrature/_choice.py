@@ -10,7 +10,8 @@ import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.errors import InputError
-from ilattice.fields._formula import Formula, Splitter, signature
+from ilattice.fields._formula import Splitter, signature
+from ilattice.fields._logic import Formula
 from ilattice.fields.node import Node
 from ilattice.quadrature._filling import Content, bernstein, sites
 
@@ -23,7 +24,7 @@ BATCH = 1 << 10  # boxes interpolated at once
 STEP = 1e-4  # of a box: for slopes
 #: Part of a box, without bounds, in which solid may be missed though no point that was looked at
 #: tells so: counts only where no solid is found at all.
-LEAST_DOUBT = 1e-9
+MIN_DOUBT = 1e-9
 #: Steps of the search for a sign that no point has that was looked at, and how much longer each is
 #: than one to where a straight field vanishes: distances vanish there, and change sign just behind.
 DIVES, BEYOND = 12, 1.2
@@ -141,7 +142,7 @@ class Measured:
         Whether all interpolants are exact.
     hidden : ndarray of bool, shape (n,)
         Whether a field without bounds has a sign that it has nowhere where it was interpolated.
-    doubt : ndarray, shape (n,)
+    unresolved : ndarray, shape (n,)
         Part of the box of which the sign is not known, if it is not halved.
     """
 
@@ -149,7 +150,7 @@ class Measured:
     blind: AnyArray
     exact: AnyArray
     hidden: AnyArray
-    doubt: FloatArray
+    unresolved: FloatArray
 
 
 class Splits:
@@ -248,7 +249,7 @@ class Splits:
             certain[part] = (r[:, 0] >= -slack) | (r[:, 1] <= slack)
         open_ = _open(chosen, off, bounded, crossed | certain)
         hidden = np.zeros(len(owner), bool)
-        todo = np.flatnonzero(open_ & ~bounded & (wrong <= LEAST_DOUBT))
+        todo = np.flatnonzero(open_ & ~bounded & (wrong <= MIN_DOUBT))
         hidden[todo] = self._hidden(chosen.leaf[todo], box[owner[todo]], lowest[todo])
         wrong[hidden] = SLAB / self.degree
         return _measured(
@@ -286,7 +287,7 @@ class Splits:
         crossed = (low < 0.0) & (high > 0.0) & (off <= seen_there)
         least = np.abs(every).argmin(axis=1)
         places = np.concatenate([u.reshape(len(box), -1, 3), x], axis=1)[np.arange(len(box)), least]
-        return c, off, np.maximum(wrong, LEAST_DOUBT), crossed, places
+        return c, off, np.maximum(wrong, MIN_DOUBT), crossed, places
 
     def _hidden(self, leaf: IntArray, box: FloatArray, x: FloatArray) -> AnyArray:
         """Whether fields (n,), of one sign where they were looked at, have another one in boxes.
@@ -384,6 +385,6 @@ def _measured(
     rough = ~_exact(chosen.coefficients, off)
     for a, values in zip(out, (open_, open_ & ~bounded, rough, hidden), strict=True):
         a[owner[values]] = True
-    doubt = np.zeros(n)
-    np.maximum.at(doubt, owner, wrong * open_)
-    return Measured(out[0], out[1], ~out[2], out[3], doubt)
+    unresolved = np.zeros(n)
+    np.maximum.at(unresolved, owner, wrong * open_)
+    return Measured(out[0], out[1], ~out[2], out[3], unresolved)

@@ -14,10 +14,10 @@ from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.quadrature import _kernels_drive as kernels
 from ilattice.quadrature._kernels_thinning import moments_of
 
-MOST_POINTS = 10
+MAX_POINTS = 10
 BATCH = 4096  # boxes between two copies
 VOLUME, SURFACE = 1, 2
-MOST_ROWS = 1 << 22  # of all boxes of a batch, that room is kept for
+MAX_ROWS = 1 << 22  # of all boxes of a batch, that room is kept for
 #: Points of a box, over polynomials that keep their integrals, above which they are thinned.
 LONG = 2
 #: The degree of these by the length of boxes, over that of cells: what they leave falls with the
@@ -25,7 +25,7 @@ LONG = 2
 THINNED = {0.25: 4, 0.125: 3}
 #: The same for as many points per direction as degree 3 takes: the squares of its functions have
 #: degree 6 at least, of which shorter parts leave less than 1e-7. Who asks for more wants them all.
-FINELY, MOST_THINNED = {0.125: 5}, 5
+FINELY, MAX_THINNED = {0.125: 5}, 5
 #: Points of a box, or of such a part of it, above which they are thinned in any case, and to which
 #: degree: boxes halved along a line where a zero set crosses itself have tens of thousands.
 CROWDED, CAREFUL = 512, 5
@@ -122,7 +122,7 @@ def table(q: int, want: int, order: int) -> FloatArray:
     rows = [x, w, x, w]
     if q >= SOFT_FROM[want]:
         rows = [x, w, x * x * (3.0 - 2.0 * x), 6.0 * x * (1.0 - x) * w]
-    out = np.zeros((4, MOST_POINTS))
+    out = np.zeros((4, MAX_POINTS))
     out[:, :q] = rows
     at, inverse = sites(order)
     return np.concatenate([out.ravel(), np.pad(at, (0, 5 - order)), inverse.ravel()])
@@ -171,9 +171,9 @@ def thinning(listing: Listing, q: int) -> IntArray:
     """Points above which boxes are thinned, to which degree, in how many parts, and q (n, 4)."""
     out = np.zeros((len(listing.boxes), 4), np.int64)
     out[:, 3] = q
-    if listing.part is None or not 1 < q <= MOST_THINNED:
+    if listing.part is None or not 1 < q <= MAX_THINNED:
         return out
-    degrees = FINELY if q == MOST_THINNED else THINNED
+    degrees = FINELY if q == MAX_THINNED else THINNED
     lengths = sorted(degrees, reverse=True)
     may = listing.part <= listing.small
     for length in lengths:
@@ -203,6 +203,7 @@ def filled(pieces: Any, listing: Listing, want: int, q: int, accept: int) -> tup
     boxes, which = listing.boxes, listing.which
     rows = Rows(want == SURFACE)
     counts = np.zeros(len(boxes), np.int64)
+    asked = np.array([pieces.project, accept, want], np.int64)
     numbers = np.stack([table(n, want, pieces.order) for n in range(1, q + 1)])
     thin = thinning(listing, q)
     ease(thin, pieces, listing, q)
@@ -220,15 +221,15 @@ def filled(pieces: Any, listing: Listing, want: int, q: int, accept: int) -> tup
             volume, surface = (none, arena) if want == SURFACE else (arena, none)
             kernels.rules(
                 content.tensors, content.many, content.tables, content.names, local, boxes[part],
-                listing.sides[part], thin[part], numbers, int(pieces.project), accept, want,
-                pieces.lengths, volume, surface, room, counts[part], used,
+                listing.sides[part], thin[part], numbers, asked, pieces.lengths, volume,
+                surface, room, counts[part], used,
             )  # fmt: skip
             if (used <= np.diff(room)[: len(used)]).all():
                 break
             fits = used <= np.diff(room)[: len(used)]  # thinned points took more room before
             room = np.append(0, np.cumsum(np.where(fits, np.diff(room)[: len(used)], used)))
             usual = np.arange(len(usual)) * max(
-                int(usual[1]), min(int(used.max()), MOST_ROWS // len(usual))
+                int(usual[1]), min(int(used.max()), MAX_ROWS // len(usual))
             )  # the next ones may be as long
             if max(room[-1], usual[-1]) > len(arena):
                 arena = np.empty((max(room[-1], usual[-1]), width))

@@ -25,7 +25,7 @@ from ilattice.quadrature._kernels_scratch import (
     FACES,
     FLAT,
     INNER,
-    MOST,
+    MAX_SETS,
     OWNERS,
     PARTS,
     PROJECT,
@@ -224,9 +224,9 @@ def base(
         flat = n_faces
         for k in range(N[SEAMS]):
             least, most = extremes(Z, here + (2 * n + k) * square, square)
-            if least < -Z[TOL + MOST + k] and most > Z[TOL + MOST + k]:
+            if least < -Z[TOL + MAX_SETS + k] and most > Z[TOL + MAX_SETS + k]:
                 N[CUT_FACES + n_faces] = 2 * n + k
-                N[OWNERS + n_faces] = MOST + k
+                N[OWNERS + n_faces] = MAX_SETS + k
                 n_faces += 1
         axis = 0
         good = True

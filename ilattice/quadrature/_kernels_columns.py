@@ -23,7 +23,7 @@ from ilattice.quadrature._kernels_scratch import (
     INNER,
     LINES,
     LO,
-    MOST,
+    MAX_SETS,
     N_SURFACE,
     N_VOLUME,
     NAMES,
@@ -69,8 +69,8 @@ def foot(
     e1 = 1 if e0 == 0 else 0
     e2 = 1 if e0 == 2 else 2
     g0 = jet(Z, lines, t, L)[1] / Z[EXT + e0]
-    g1 = jet(Z, lines + MOST * P, t, L)[0] / Z[EXT + e1]
-    g2 = jet(Z, lines + 2 * MOST * P, t, L)[0] / Z[EXT + e2]
+    g1 = jet(Z, lines + MAX_SETS * P, t, L)[0] / Z[EXT + e1]
+    g2 = jet(Z, lines + 2 * MAX_SETS * P, t, L)[0] / Z[EXT + e2]
     length = np.sqrt(g0 * g0 + g1 * g1 + g2 * g2)
     wanted = N[EMIT] >> N[ACTIVE + i] & 1
     if wanted and abs(g0) > 1e-14 * length:  # else a tangent column: no area
@@ -311,7 +311,7 @@ def strips(
     low = Z[LO + e0]
     high = Z[EXT + e0]
     nodes, weights = (SOFT_NODES, SOFT_WEIGHTS) if soft else (NODES, WEIGHTS)
-    first, second = (MOST, 2 * MOST) if e1 < e2 else (2 * MOST, MOST)
+    first, second = (MAX_SETS, 2 * MAX_SETS) if e1 < e2 else (2 * MAX_SETS, MAX_SETS)
     Z[CROSS] = 0.0
     Z[CROSS + 1] = 1.0
     n_cross = 2
@@ -348,7 +348,7 @@ def strips(
             slice_tensors(Z, N, at, n, B, PLANES, long0, long1, long2, L)
             if want & SURFACE:
                 basis_slope(y2, Z, D, L)
-                slice_tensors(Z, N, at, n, D, PLANES + MOST * square, long0, long1, long2, L)
+                slice_tensors(Z, N, at, n, D, PLANES + MAX_SETS * square, long0, long1, long2, L)
             for m1 in range(n_along - 1):
                 width1 = Z[ALONG + m1 + 1] - Z[ALONG + m1]
                 if width1 <= GAP:
@@ -370,7 +370,7 @@ def strips(
                             s2 = 0.0
                             for j in range(P):
                                 s1 += Z[D + j] * Z[PLANES + i * P + j]
-                                s2 += Z[B + j] * Z[PLANES + MOST * square + i * P + j]
+                                s2 += Z[B + j] * Z[PLANES + MAX_SETS * square + i * P + j]
                             Z[LINES + first * P + i] = s1
                             Z[LINES + second * P + i] = s2
                     if crowd:

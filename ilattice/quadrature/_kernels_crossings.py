@@ -33,8 +33,8 @@ from ilattice.quadrature._kernels_scratch import (
     INVERSE,
     LEVEL,
     LINE,
-    MOST,
-    MOST_CROSSINGS,
+    MAX_CROSSINGS,
+    MAX_SETS,
     NEAR,
     OWNERS,
     ROW,
@@ -178,7 +178,7 @@ def add_crossings(Z: Any, N: Any, here: int, n_faces: int, turned: bool, n: int,
                 count = roots(Z, TEMP, ALONG, 0, STACK, L)
                 for r in range(count):
                     t = Z[ALONG + r]
-                    new = n < MOST_CROSSINGS
+                    new = n < MAX_CROSSINGS
                     for k in range(n):
                         new = new and abs(Z[CROSS + k] - t) > NEAR
                     if new:
@@ -304,7 +304,7 @@ def project_seams(Z: Any, N: Any, here: int, n: int, e0: int, L: Any) -> bool:
             there, exact, top = project_seam(Z, f, g, e0, to, eps, L)
             good = good and exact and (there or top == 0.0)
             if there:
-                Z[TOL + MOST + count] = 10.0 * (eps + TINY * top)
+                Z[TOL + MAX_SETS + count] = 10.0 * (eps + TINY * top)
                 count += 1
     N[SEAMS] = count
     return good

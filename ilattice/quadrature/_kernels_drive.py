@@ -28,6 +28,10 @@ from ilattice.quadrature._kernels_thinning import ROOM, thinned_parts
 CHUNK = 32
 FAST = {"contract"}
 ROUNDING = 1e-13  # of sums of coefficients, relative
+#: Places in what `rules` are asked for: whether crossings of curves are looked for on bases of all
+#: boxes, which takes some more points than halving them where curves are nearly parallel; after how
+#: many halvings columns with a vertical tangent are accepted; and volume or surface.
+CROSSINGS, ACCEPT, WANT = 0, 1, 2
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST)
@@ -272,9 +276,7 @@ def rules(
     sides: Any,
     thin: Any,
     gauss: Any,
-    project: int,
-    accept: int,
-    want: int,
+    asked: Any,
     L: Any,
     volume: Any,
     surface: Any,
@@ -286,8 +288,7 @@ def rules(
 
     which[n] is the row of the tensors (., m, P³), or -1 for a full box or face; the first `many` of
     a row count, `tables` say which of their signs are solid, and names (., m) number them on
-    surfaces. With `project` crossings of curves are looked for on bases of all boxes, which takes
-    some more points than halving them where curves are nearly parallel. sides[n] is -1 for the box
+    surfaces. What is `asked` for is at `CROSSINGS` and so on. sides[n] is -1 for the box
     itself, or 2 axis + side for one of its faces. In a box with more than thin[n, 0] points of a
     volume these are thinned so that polynomials of degree thin[n, 1], if that is positive, keep
     their integrals over each of thin[n, 2] parts of the box per direction. Chunk i writes rows
@@ -299,7 +300,7 @@ def rules(
         Z = np.empty(numbers(tensors.shape[1], L))
         N = np.zeros(INTEGERS, np.int64)
         S = np.empty(ROOM if thin[:, 1].any() else 0)
-        N[PROJECT] = project
+        N[PROJECT] = asked[CROSSINGS]
         points = volume[room[chunk] : room[chunk + 1]]
         feet = surface[room[chunk] : room[chunk + 1]]
         q = 0
@@ -326,9 +327,9 @@ def rules(
                     for i in range(size):
                         Z[TENSORS + k * size + i] = tensors[which[n], k, i]
                 if sides[n] < 0:
-                    cell_rule(Z, N, points, feet, m, accept, want, q, L)
+                    cell_rule(Z, N, points, feet, m, asked[ACCEPT], asked[WANT], q, L)
                 else:
-                    face_rule(Z, N, points, m, sides[n] // 2, sides[n] % 2, accept, q, L)
+                    face_rule(Z, N, points, m, sides[n] // 2, sides[n] % 2, asked[ACCEPT], q, L)
             end = N[N_VOLUME]
             if thin[n, 1] > 0 and end - first > thin[n, 0] and end <= len(points):
                 N[N_VOLUME] = thinned_parts(

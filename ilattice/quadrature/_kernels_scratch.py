@@ -26,13 +26,14 @@ SHARE = 0.05  # least slope along the height, as a part of the largest slope
 GAP = 1e-14  # intervals below this are dropped
 NEAR = 1e-11  # crossings that are closer are one
 WELL = 1e-4  # error of crossings that are well known, as a part of the values there
-MOST_CROSSINGS = 1900
+MAX_CROSSINGS = 1900
 DEEP = 8  # levels of halving of a base for the sake of seams
 VOLUME, SURFACE = 1, 2  # what is wanted
 UNIT = 1 << 17  # length of a piece of splines, or of a cell with boxes of its own
 
-MOST = 6  # polynomials
-SLOTS = 2 * MOST + MOST * (MOST - 1) // 2  # polynomials on a base: faces, and seams of pairs
+MAX_SETS = 6  # polynomials
+#: Polynomials on a base: faces, and seams of pairs.
+SLOTS = 2 * MAX_SETS + MAX_SETS * (MAX_SETS - 1) // 2
 #: Bits of a table in which polynomial k is not negative.
 LOW = (
     0x5555555555555555, 0x3333333333333333, 0x0F0F0F0F0F0F0F0F, 0x00FF00FF00FF00FF,
@@ -48,7 +49,7 @@ ROW = 2 * SLOTS  # of SPANS
 UPRIGHT, ALONG, CROSS = 278, 310, 430  # breakpoints in three directions
 STACK, TEMP = 2430, 2724
 SEAM = 2732  # values of a seam at the sites, or one row of them
-PLANES, LINES = 2762, 3062  # MOST planes (values, slopes), MOST lines (values, two slopes)
+PLANES, LINES = 2762, 3062  # of MAX_SETS each: values and slopes, values and two slopes
 LINE = 3212  # SLOTS lines on a base
 PARTS = 3347  # (CAP + 2) x [lower corner, extent, halvings, those of parts with a direction]
 BOXES = PARTS + (CAP + 2) * 6  # (CAP + 2) x the same, in three dimensions

@@ -10,12 +10,13 @@ same way, one by one, and whether they hang together. No boxes are made.
 Guarantees: what is called single is so; the same answers for any number of threads.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 
 from ilattice._kernels import in_ranges, inner
+from ilattice._kernels_tuples import borrowed
 from ilattice.quadrature._kernels_solid import TINY, one_interval
 
 CHUNK = 64
@@ -412,20 +413,44 @@ def joined(parent: Any, i: int, j: int) -> int:
     return 1 if i != j else 0
 
 
+class Cuts(NamedTuple):
+    """Pieces per direction, and which of them the cells have.
+
+    Attributes
+    ----------
+    rows0, rows1, rows2, first0, first1, first2
+        Operators that restrict splines to pieces, see `signs_of_splines`.
+    starts0, starts1, starts2
+        Cell i has the pieces from starts[i] on.
+    """
+
+    rows0: Any
+    rows1: Any
+    rows2: Any
+    first0: Any
+    first1: Any
+    first2: Any
+    starts0: Any
+    starts1: Any
+    starts2: Any
+
+
 @in_ranges(CHUNK)
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=MATH)
 def single_cells(
-    begin: int, end: int, c: Any, rows0: Any, rows1: Any, rows2: Any, first0: Any, first1: Any,
-    first2: Any, factors: Any, shifts: Any, signs: Any, starts0: Any, starts1: Any, starts2: Any,
-    places: Any, most: Any, out: Any,
+    begin: int, end: int, c: Any, cuts: Any, factors: Any, shifts: Any, signs: Any, places: Any,
+    most: Any, out: Any,
 ) -> None:  # fmt: skip
     """Whether the solid in cells `places` (n, 3) is certainly in one piece, out (n,).
 
-    That is where all sets `factors` @ splines + `shifts` are negative; the splines c
-    (splines, ., ., .) have the operators rows and first on pieces, see `signs_of_splines`. Cell i
-    of a direction has the pieces from starts[i] on, `most` (3,) of them or fewer; `signs` are those
+    That is where all sets `factors` @ splines + `shifts` are negative; the splines c are
+    (splines, ., ., .). Cells have `most` (3,) pieces along a direction or fewer; `signs` are those
     of all pieces, 0 where they are not certain.
     """
+    cuts = borrowed(cuts)
+    rows0, rows1, rows2 = cuts.rows0, cuts.rows1, cuts.rows2
+    first0, first1, first2 = cuts.first0, cuts.first1, cuts.first2
+    starts0, starts1, starts2 = cuts.starts0, cuts.starts1, cuts.starts2
     p = rows0.shape[1] - 1
     m = len(factors)
     long = most * p + 1

@@ -21,16 +21,16 @@ from ilattice.quadrature._kernels_scratch import INNER
 KEPT = 1e-10
 #: Pivots below this are none: entries of moments of unit points are about 1.
 PIVOT = 1e-11
-MOST_DEGREE = 5
-MOST_MOMENTS = (MOST_DEGREE + 1) * (MOST_DEGREE + 2) * (MOST_DEGREE + 3) // 6
+MAX_DEGREE = 5
+MAX_MOMENTS = (MAX_DEGREE + 1) * (MAX_DEGREE + 2) * (MAX_DEGREE + 3) // 6
 # Places in scratch, behind moments of groups: their weights, sums before and after, polynomials at
 # a point and those in one variable, lower corner and extent of a box about all points; its length
-WEIGHT = 2 * MOST_MOMENTS * MOST_MOMENTS
-BEFORE = WEIGHT + 2 * MOST_MOMENTS
-AFTER = BEFORE + MOST_MOMENTS
-VALUE = AFTER + MOST_MOMENTS
-BASES = VALUE + MOST_MOMENTS
-BOX = BASES + 3 * (MOST_DEGREE + 1)
+WEIGHT = 2 * MAX_MOMENTS * MAX_MOMENTS
+BEFORE = WEIGHT + 2 * MAX_MOMENTS
+AFTER = BEFORE + MAX_MOMENTS
+VALUE = AFTER + MAX_MOMENTS
+BASES = VALUE + MAX_MOMENTS
+BOX = BASES + 3 * (MAX_DEGREE + 1)
 ROOM = BOX + 6
 
 
@@ -45,7 +45,7 @@ def polynomials(points: Any, row: int, degree: int, S: Any) -> None:
     """Products of Legendre polynomials at a point, to VALUE."""
     for axis in range(3):
         x = 2.0 * (points[row, axis] - S[BOX + axis]) / S[BOX + 3 + axis] - 1.0
-        at = BASES + axis * (MOST_DEGREE + 1)
+        at = BASES + axis * (MAX_DEGREE + 1)
         S[at] = 1.0
         S[at + 1] = x
         for k in range(1, degree):
@@ -53,9 +53,9 @@ def polynomials(points: Any, row: int, degree: int, S: Any) -> None:
     m = VALUE
     for i in range(degree + 1):
         for j in range(degree + 1 - i):
-            v = S[BASES + i] * S[BASES + MOST_DEGREE + 1 + j]
+            v = S[BASES + i] * S[BASES + MAX_DEGREE + 1 + j]
             for k in range(degree + 1 - i - j):
-                S[m] = v * S[BASES + 2 * MOST_DEGREE + 2 + k]
+                S[m] = v * S[BASES + 2 * MAX_DEGREE + 2 + k]
                 m += 1
 
 

@@ -32,7 +32,7 @@ from ilattice.quadrature._filling import SURFACE, VOLUME, Content, Listing, fill
 from ilattice.quadrature._kernels_scratch import UNIT
 
 #: Halvings of a cell: of fields with bounds, and of those without.
-MOST_HALVINGS, BLIND_HALVINGS = 7, 2
+MAX_HALVINGS, BLIND_HALVINGS = 7, 2
 #: Boxes in `BATCH`, of fields without bounds, that are halved for a sign which is found, but not at
 #: the sites of interpolants: specks have a few, thin sheets have many.
 FEW = 64
@@ -40,7 +40,7 @@ FEW = 64
 TARGET = 1e-4
 #: The same of the side that has less, solid or air, in a cell and those around it, by which specks,
 #: voids and slits are halved; and the error, in volumes of a cell, below which nothing is.
-LOCAL, LEAST_SHARE = 0.02, 1e-7
+LOCAL, MIN_SHARE = 0.02, 1e-7
 #: Such an error below which none is told, as of air a rounding thick beside a face of the grid.
 NOISE = 5e-4
 #: Error of the whole volume above which that is told, and above which specks are left as they are.
@@ -48,7 +48,7 @@ TOLD, CRUDE = 1e-3, 2e-3
 #: Part of the share of a cell from which on a box counts when cells are halved for that.
 NOTABLE = 0.01
 #: Times that boxes are halved for that, and boxes, per cell of the surface, above which none is.
-ROUNDS, MOST_BOXES = 4, 16
+ROUNDS, MAX_BOXES = 4, 16
 BATCH = 1 << 12  # boxes at once
 PER_POLYNOMIAL = 150.0  # bytes of memory besides coefficients
 
@@ -181,7 +181,7 @@ class _Part:
     length: IntArray
     sign: IntArray  # -1 for boxes in the solid, 1 for those that are outside as far as is known
     chosen: Chosen
-    doubt: FloatArray  # volume of which it is not known whether it is solid
+    unresolved: FloatArray  # volume of which it is not known whether it is solid
     exact: AnyArray
     share: FloatArray  # in the error of the volume; NaN if that is not known yet
     volume: FloatArray  # that is solid, likewise
@@ -190,7 +190,7 @@ class _Part:
         """Some of the boxes."""
         return _Part(
             self.cell[rows], self.corner[rows], self.length[rows], self.sign[rows],
-            self.chosen.take(rows), self.doubt[rows], self.exact[rows], self.share[rows],
+            self.chosen.take(rows), self.unresolved[rows], self.exact[rows], self.share[rows],
             self.volume[rows],
         )  # fmt: skip
 
@@ -210,7 +210,7 @@ class _Halving:
         cells = np.arange(n)
         self._halve_until_known(cells, np.zeros((n, 3), np.int64), np.full(n, UNIT))
         first = self._joined()
-        most = MOST_BOXES * max(len(first.cell), 64)
+        most = MAX_BOXES * max(len(first.cell), 64)
         for k in range(ROUNDS + 1):
             whole = self._joined()
             self._measure(whole)
@@ -260,15 +260,15 @@ class _Halving:
     ) -> tuple[IntArray, IntArray, IntArray]:
         """Sort out boxes; the halves of those that are not known yet."""
         box = _geometry(self.axes, cell, corner, length)
-        chosen = self.splits.choose(box, length * MOST_LEAST < 2 * UNIT)
+        chosen = self.splits.choose(box, length * MAX_LEAST < 2 * UNIT)
         todo = np.flatnonzero(chosen.certain == 0)
-        doubt, exact = np.zeros(len(cell)), np.ones(len(cell), bool)
+        unresolved, exact = np.zeros(len(cell)), np.ones(len(cell), bool)
         again = np.flatnonzero(chosen.certain == 2)
         if len(todo):
             cut = chosen.take(todo)
             measured = self.splits.interpolate(cut, box[todo])
             hidden = measured.hidden & (measured.hidden.sum() <= FEW)
-            least = np.where(measured.blind & ~hidden, BLIND_LEAST, MOST_LEAST)
+            least = np.where(measured.blind & ~hidden, BLIND_LEAST, MAX_LEAST)
             may = length[todo] * least >= 2 * UNIT
             unknown = measured.unknown & may
             content = cut.content(self.order)
@@ -278,18 +278,18 @@ class _Halving:
                 np.zeros(self.order, np.int64), sign,
             )  # fmt: skip
             volume = box[todo, 3:].prod(axis=1)
-            doubt[todo] = np.where(measured.unknown & ~may, measured.doubt * volume, 0.0)
+            unresolved[todo] = np.where(measured.unknown & ~may, measured.unresolved * volume, 0.0)
             exact[todo] = measured.exact
             again = np.sort(np.concatenate([again, todo[unknown]]))
             chosen.put(todo, cut, (sign == 1) | ((sign == -1) & cut.plain(box[todo])))
             chosen.certain[todo] = sign
         keep = chosen.certain <= 0
-        keep |= doubt > 0.0
+        keep |= unresolved > 0.0
         keep[again] = False
         rows = np.flatnonzero(keep)
         part = _Part(
             cell[rows], corner[rows], length[rows], chosen.certain[rows], chosen.take(rows),
-            doubt[rows], exact[rows], np.full(len(rows), np.nan), np.full(len(rows), np.nan),
+            unresolved[rows], exact[rows], np.full(len(rows), np.nan), np.full(len(rows), np.nan),
         )  # fmt: skip
         self.parts.append(part)
         self.count += len(part.chosen.coefficients)
@@ -299,7 +299,7 @@ class _Halving:
 
     def _measure(self, p: _Part) -> None:
         """Set shares of boxes in the error of the volume, and their volumes, where unknown."""
-        if (p.exact | (p.chosen.many == 0)).all() and not p.doubt.any():
+        if (p.exact | (p.chosen.many == 0)).all() and not p.unresolved.any():
             p.share[:], p.volume[:] = 0.0, 1.0
             return
         new = np.flatnonzero(np.isnan(p.share))
@@ -307,7 +307,7 @@ class _Halving:
         first, leaf = part.chosen.first, part.chosen.leaf
         places = np.arange(len(leaf)) - np.repeat(first[:-1], part.chosen.many)
         view = replace(self._finished(part, 0.0, merge=False), names=places)
-        share, volume = part.doubt.copy(), np.zeros(len(new))
+        share, volume = part.unresolved.copy(), np.zeros(len(new))
         rough = np.flatnonzero(~part.exact & (part.sign == 0))
         rows, counts = filled(view, _listed(view, rough), SURFACE, 2, 1)
         points, weights, normals, place = rows.arrays
@@ -323,14 +323,14 @@ class _Halving:
     def _worst(self, p: _Part, volume: float) -> IntArray:
         """Boxes to be halved so that what is left is a half of the target."""
         share = p.share
-        least = np.where(self.splits.blind_boxes(p.chosen), BLIND_LEAST, MOST_LEAST)
+        least = np.where(self.splits.blind_boxes(p.chosen), BLIND_LEAST, MAX_LEAST)
         may = p.length * least >= 2 * UNIT
         order = np.argsort(-share, kind="stable")
         left = share.sum() - np.cumsum(share[order])
         n = int(np.searchsorted(-left, -0.5 * TARGET * volume)) + 1
         return np.sort(order[:n][may[order[:n]] & (share[order[:n]] > 0.0)])
 
-    def _local(self, p: _Part, least: float = LEAST_SHARE) -> FloatArray:
+    def _local(self, p: _Part, least: float = MIN_SHARE) -> FloatArray:
         """Error (cells,) around each cell of the surface, as a part of the thinner side there."""
         shape = tuple(len(x) - 1 for x in self.axes)
         n = int(np.prod(shape))
@@ -349,7 +349,7 @@ class _Halving:
 
     def _smallest(self, p: _Part, local: FloatArray) -> IntArray:
         """Boxes to be halved so that specks and voids are known well."""
-        mark = (local[p.cell] > LOCAL) & (p.length >= 2 * UNIT // MOST_LEAST)
+        mark = (local[p.cell] > LOCAL) & (p.length >= 2 * UNIT // MAX_LEAST)
         share = np.bincount(p.cell, p.share, len(local))
         return np.flatnonzero(mark & (p.share > NOTABLE * share[p.cell]))
 
@@ -365,7 +365,7 @@ class _Halving:
                 np.concatenate([p.length for p in q]),
                 np.concatenate([p.sign for p in q]),
                 Chosen.joined([p.chosen for p in q]),
-                np.concatenate([p.doubt for p in q]),
+                np.concatenate([p.unresolved for p in q]),
                 np.concatenate([p.exact for p in q]),
                 np.concatenate([p.share for p in q]),
                 np.concatenate([p.volume for p in q]),
@@ -393,7 +393,7 @@ class _Halving:
         )
 
 
-MOST_LEAST, BLIND_LEAST = 1 << MOST_HALVINGS, 1 << BLIND_HALVINGS
+MAX_LEAST, BLIND_LEAST = 1 << MAX_HALVINGS, 1 << BLIND_HALVINGS
 
 
 def _listed(pieces: FieldPieces, rows: IntArray) -> Listing:

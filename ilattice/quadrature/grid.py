@@ -118,7 +118,7 @@ class Grid(Frozen):
         """
         return as_numbers("elements", elements, self.count)
 
-    def places(self, cells: IntArray) -> IntArray:
+    def cell_indices(self, cells: IntArray) -> IntArray:
         """Index of cells per direction.
 
         Parameters
@@ -146,7 +146,7 @@ class Grid(Frozen):
         ndarray, shape (n, 6)
             Lower corners, then extents.
         """
-        places = self.places(cells)
+        places = self.cell_indices(cells)
         out = np.empty((len(places), 6))
         for a, i in enumerate(places.T):
             out[:, a] = self.axes[a][i]

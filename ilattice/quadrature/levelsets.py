@@ -33,7 +33,7 @@ from ilattice.quadrature._filling import Content
 from ilattice.quadrature._kernels_scratch import LOW
 from ilattice.quadrature.field_pieces import FieldPieces, field_pieces
 
-MOST_DEGREE = 4
+MAX_DEGREE = 4
 UNROLLED = (3, 4)
 #: Pieces that are worked on at once.
 BATCH = 1 << 14
@@ -342,8 +342,9 @@ class SplinePieces(Pieces):
         alike = all(_alike(s, self.sets.splines[0]) for s in self.sets.splines)
         if joined and alike and np.prod(most * self.order) <= LONG:
             singles.single_cells(
-                len(places), np.stack(self._arrays), *rows, *first, self.sets.factors.copy(),
-                self.sets.shifts.copy(), signs, *starts, np.ascontiguousarray(places), most, out,
+                len(places), np.stack(self._arrays), singles.Cuts(*rows, *first, *starts),
+                self.sets.factors.copy(), self.sets.shifts.copy(), signs,
+                np.ascontiguousarray(places), most, out,
             )  # fmt: skip
         return out
 
@@ -405,7 +406,7 @@ def _of_splines(
 ) -> LevelSets:  # fmt: skip
     top = max(max(s.k) for s in splines)
     box = _intersection(splines, domain)
-    if top > MOST_DEGREE:
+    if top > MAX_DEGREE:
         return _of_fields(fields, box, degree)
     splines, factors, shifts = _simplified(splines, factors)
     return LevelSets(splines, factors, shifts, (), box, max(top, 1))

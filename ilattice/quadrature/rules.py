@@ -32,7 +32,7 @@ from ilattice._validate import Frozen, among, as_array, as_choice, as_kind, aske
 from ilattice.bspline._kernels_basis import determinants
 from ilattice.errors import InputError
 from ilattice.macroshape.maps import SplineMap
-from ilattice.quadrature._filling import MOST_POINTS, SURFACE, VOLUME, Listing, filled, gauss
+from ilattice.quadrature._filling import MAX_POINTS, SURFACE, VOLUME, Listing, filled, gauss
 from ilattice.quadrature._kernels_compress import project
 from ilattice.quadrature.grid import CUT, IN, CutGrid, Grid, cut
 
@@ -225,7 +225,7 @@ class Quadrature(Frozen):
         """
         if self.normals is not None or self.parameters is not None:
             raise InputError("only volume rules in parameters can be compressed")
-        if not among(degree, range(MOST_POINTS)):
+        if not among(degree, range(MAX_POINTS)):
             raise InputError(f"degree must be a whole number from 0 to 9, got {degree!r}")
         n = degree + 1
         x = gauss(n)[0]
@@ -477,7 +477,7 @@ def _faces(
 
 def _as_order(q: Any, tangent_depth: Any) -> tuple[int, int]:
     for name, value, low, high in (
-        ("q", q, 1, MOST_POINTS),
+        ("q", q, 1, MAX_POINTS),
         ("tangent_depth", tangent_depth, 0, 9),
     ):
         if isinstance(value, bool) or not np.isscalar(value) or value not in range(low, high + 1):

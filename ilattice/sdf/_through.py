@@ -9,6 +9,7 @@ vertices onto the exact offset.
 import numpy as np
 
 from ilattice._field import Field
+from ilattice._geometry import grid_points
 from ilattice._memory import need
 from ilattice._progress import Progress
 from ilattice._typing import FloatArray
@@ -24,6 +25,7 @@ from ilattice.sdf._loss import check_loss
 
 SAMPLES = 9  # per direction, of the lengths of parameter lines
 PER_POINT = 60.0  # bytes of memory per point of the grid
+#: Quality below which triangles are removed.
 SLIVER = 0.005
 
 
@@ -57,6 +59,6 @@ def mesh_through(
 def _lengths(through: SplineMap) -> FloatArray:
     """Longest parameter line in each direction, shape (3,), from samples of its speed."""
     ticks = [np.linspace(a, b, SAMPLES) for a, b in through.domain.T]
-    u = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, 3)
+    u = grid_points(*ticks)
     speed = np.linalg.norm(through.jacobian(u), axis=1).max(axis=0)
     return speed * (through.domain[1] - through.domain[0])

@@ -37,7 +37,7 @@ from ilattice.sdf.meshing import MEMORY, Plan, mesh, planned
 __all__ = ["run"]
 
 OUTPUT = "out.ply"
-MOST_RUNS = 100_000
+MAX_RUNS = 100_000
 LONGEST_NAME = 240  # bytes of the name of a file
 MEASURES = (
     "volume", "area", "genus", "components", "islands", "watertight", "vertices", "faces"
@@ -217,8 +217,8 @@ def _swept(
 def _runs(command: Command, settings: Settings) -> dict[Path, dict[str, str]]:
     """The values of every run by the file it writes; refused if two would write the same one."""
     count = math.prod(map(len, settings.sweep.values()))
-    if count > MOST_RUNS:
-        raise InputError(f"--set makes {count} runs; at most {MOST_RUNS} are allowed")
+    if count > MAX_RUNS:
+        raise InputError(f"--set makes {count} runs; at most {MAX_RUNS} are allowed")
     command.check_used(settings.sweep)
     runs: dict[Path, dict[str, str]] = {}
     inputs = set(command.sources)

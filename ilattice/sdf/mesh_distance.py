@@ -40,6 +40,7 @@ __all__ = ["ClosestPoints", "MeshDistance", "MeshFaults"]
 #: Height of a triangle, as part of the largest coordinate, below which normals near it do not tell.
 THIN = 1e-9
 ON_MESH = 4e-15  # of the coordinates: points that are nearer to an edge have no side
+#: Sizes of meshes of which products of three coordinates are numbers.
 _LARGEST = 1e100
 _SMALLEST = 1e-100
 

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._field import Field
+from ilattice._geometry import grid_points
 from ilattice._memory import available, need
 from ilattice._progress import Progress
 from ilattice._typing import FloatArray, IntArray
@@ -39,11 +40,12 @@ __all__ = ["Plan", "mesh", "plan"]
 
 PARTS = 100  # spacings along the longest side, unless told otherwise
 MEMORY = 8.0  # gigabytes
-MOST_PLANES = 1_000_000
+MAX_PLANES = 1_000_000
 PER_TRIANGLE = 60  # bytes, with all that is in memory at once
 PER_BLOCK = 100
-MOST_PER_CELL = 320
+MAX_PER_CELL = 320
 COARSE_GRID = 2.5  # spacings along the longest side below which a grid is called coarse
+#: Bytes of the program without a mesh.
 BASE = 3e8
 LARGE = 5e6  # vertices above which edges stay chamfered
 MARGIN = 0.25  # spacings between the solid and the outermost planes, at least
@@ -95,7 +97,7 @@ class Plan(Frozen):
             The estimate.
         """
         sparse = [np.linspace(a[0], a[-1], min(COARSE, len(a))) for a in self.axes]
-        p = np.stack([a.ravel() for a in np.meshgrid(*sparse, indexing="ij")], axis=1)
+        p = grid_points(*sparse)
         with np.errstate(all="ignore"):
             inside = self.inner(p).reshape([len(a) for a in sparse]) < 0.0
         inside = np.pad(inside, 1)
@@ -126,7 +128,7 @@ class Plan(Frozen):
         float
             The bound.
         """
-        return float(BASE + MOST_PER_CELL * np.prod(np.array(self.shape, float))) / 1e9
+        return float(BASE + MAX_PER_CELL * np.prod(np.array(self.shape, float))) / 1e9
 
     def mesh(self, *, allow_loss: bool = False, progress: Progress = None) -> SurfaceMesh:
         """Contour the solid.
@@ -255,10 +257,10 @@ def planned(solid: Field, spacing: Any = None) -> Plan:
     h = sides.max() / PARTS if spacing is None else as_triple("spacing", spacing, positive=True)
     h = np.broadcast_to(h, (3,))
     counts = sides / h
-    if counts.max() > MOST_PLANES:
+    if counts.max() > MAX_PLANES:
         raise InputError(
             f"spacing {h.tolist()} makes {counts.max():.3g} planes of a box of {sides.tolist()}; "
-            f"at most {MOST_PLANES} are allowed"
+            f"at most {MAX_PLANES} are allowed"
         )
     axes = [
         _planes(box[:, k], None if walls is None else walls[:, k], float(h[k])) for k in range(3)

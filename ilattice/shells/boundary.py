@@ -26,10 +26,12 @@ from ilattice.shells.topologies import FACES, Segment, Topology, edge_place, hom
 #: Chords per arc of tests, and of distances.
 CHORDS = 64
 #: Positions beyond this have next to no curve between them and the corner of the cube.
-MOST_POSITION = 0.99
-MOST_DERIVATIVE = 100.0
+MAX_POSITION = 0.99
+#: Largest derivative of a curve that is taken.
+MAX_DERIVATIVE = 100.0
+#: Positions and derivatives that are nearer are equal.
 _EQUAL = 1e-9
-_MOST_POINTS = 100_000
+_MAX_POINTS = 100_000
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -60,10 +62,10 @@ class Boundary(Frozen):
             if a.shape != shape:
                 raise InputError(f"{name} must have shape {shape}, got {a.shape}")
             object.__setattr__(self, name, read_only(np.array(a)))
-        if not (np.abs(self.positions) <= MOST_POSITION).all():
+        if not (np.abs(self.positions) <= MAX_POSITION).all():
             raise InputError(f"positions must be within edges, got {self.positions.tolist()!r:.80}")
-        if not ((self.derivatives > 0.0) & (self.derivatives <= MOST_DERIVATIVE)).all():
-            raise InputError(f"derivatives must be positive, and at most {MOST_DERIVATIVE:g}")
+        if not ((self.derivatives > 0.0) & (self.derivatives <= MAX_DERIVATIVE)).all():
+            raise InputError(f"derivatives must be positive, and at most {MAX_DERIVATIVE:g}")
         self._check_crossings()
 
     def __repr__(self) -> str:
@@ -113,7 +115,7 @@ class Boundary(Frozen):
         InputError
             If `count` is not from 2 to 100 000.
         """
-        count = as_whole("count", count, 2, _MOST_POINTS)
+        count = as_whole("count", count, 2, _MAX_POINTS)
         powers = np.linspace(0.0, 1.0, count)[:, None] ** np.arange(4)
         out: FloatArray = np.einsum("tk,skc->stc", powers, self.arcs)
         for i, s in enumerate(self.topology.segments):
@@ -229,12 +231,12 @@ def check_range(name: str, values: FloatArray, given: Any) -> None:
         If one is out of range.
     """
     if name == "derivative":
-        if not ((values > 0.0) & (values <= MOST_DERIVATIVE)).all():
-            told = f"positive, and at most {MOST_DERIVATIVE:g}"
+        if not ((values > 0.0) & (values <= MAX_DERIVATIVE)).all():
+            told = f"positive, and at most {MAX_DERIVATIVE:g}"
             raise InputError(f"derivative must be {told}, got {given!r:.80}")
-    elif not (np.abs(values) <= MOST_POSITION).all():
+    elif not (np.abs(values) <= MAX_POSITION).all():
         raise InputError(
-            f"{name} must be on the edge, from {-MOST_POSITION} to {MOST_POSITION} (the edge "
+            f"{name} must be on the edge, from {-MAX_POSITION} to {MAX_POSITION} (the edge "
             f"runs from -1 to 1), got {given!r:.80}"
         )
 

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._geometry import grid_points
 from ilattice._progress import Progress
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import FixedMapping, Frozen, as_flag, as_whole, read_only
@@ -40,7 +41,7 @@ from ilattice.shells.surface import EDGE, N, OctantSurface, surface
 from ilattice.shells.topologies import Topology, parsed
 from ilattice.tiles import Tile
 
-LEAST_SPANS, MOST_SPANS = 8, 128
+MIN_SPANS, MAX_SPANS = 8, 128
 #: Distance of the zero set from the curved triangles, in cells, that is told.
 TOLERANCE = 1e-3
 _REACH = 2.5  # spans
@@ -98,7 +99,7 @@ class Shell(Frozen):
         """
         count = self.spans // 2
         a = 0.5 + np.arange(count + 1) / self.spans
-        u = np.stack(np.meshgrid(a, a, a, indexing="ij"), axis=-1).reshape(-1, 3)
+        u = grid_points(a, a, a)
         values = self._distance(u).reshape((count + 1,) * 3)
         for axis, kind in enumerate(self.surface.symmetry):
             if kind == "t":  # both faces are one
@@ -271,7 +272,7 @@ def as_spans(spans: Any) -> int:
     InputError
         If it is odd, or out of range.
     """
-    count = as_whole("spans", spans, LEAST_SPANS, MOST_SPANS)
+    count = as_whole("spans", spans, MIN_SPANS, MAX_SPANS)
     if count % 2:
         raise InputError(f"spans must be even, got {count}: take {count + 1}")
     return count

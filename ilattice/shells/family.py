@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._geometry import grid_points
 from ilattice._typing import AnyArray, ArrayLike, FloatArray
 from ilattice._validate import (
     Frozen,
@@ -36,7 +37,7 @@ from ilattice.errors import InputError
 from ilattice.minimal.tile import SignedDistance, warn_off, zero_set_error
 from ilattice.shells.boundary import boundary
 from ilattice.shells.cell import Shell, as_spans, cell, periodic_spline, repeated
-from ilattice.shells.surface import LEAST_N, MOST_N, N, as_layer
+from ilattice.shells.surface import MAX_N, MIN_N, N, as_layer
 from ilattice.shells.topologies import Topology, edge_place, home, parsed
 from ilattice.tiles import Tile
 from ilattice.tiles.mixture import TOL, Mixture
@@ -46,7 +47,7 @@ LAYER = 0.03
 #: Spans of the spline of a tile, distance where fields level off, and error that is told.
 SPANS, REACH, TOLERANCE = 36, 0.08, 2e-3
 #: Different cells of one lattice; each takes about a second.
-MOST_CELLS = 500
+MAX_CELLS = 500
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -218,9 +219,9 @@ class Grading:
         rows = self._rows(repeat)
         keys = [self.family._key(row) for row in np.round(rows, 12).tolist()]
         different = dict.fromkeys(keys)
-        if len(different) > MOST_CELLS:
+        if len(different) > MAX_CELLS:
             raise InputError(
-                f"parameters make {len(different)} different cells, at most {MOST_CELLS} are "
+                f"parameters make {len(different)} different cells, at most {MAX_CELLS} are "
                 "allowed: round them, for example to hundredths"
             )
         tiles = {key: self.family(*key) for key in different}
@@ -255,7 +256,7 @@ def _levelled(shell: Shell) -> tuple[FloatArray, SignedDistance]:
     distance = SignedDistance(known.samples, known.cell, REACH)
     m = shell.spans // 2
     a = 0.5 + np.arange(m + 1) / shell.spans
-    u = np.stack(np.meshgrid(a, a, a, indexing="ij"), axis=-1).reshape(-1, 3)
+    u = grid_points(a, a, a)
     return distance(u).reshape((m + 1,) * 3), distance
 
 
@@ -330,5 +331,5 @@ def family(
     layer = as_layer(layer)
     boundary(topology, float(pair[0]), float(pair[1]))
     count = as_spans(spans)
-    n = as_whole("n", n, LEAST_N, MOST_N)
+    n = as_whole("n", n, MIN_N, MAX_N)
     return Family(topology, (float(pair[0]), float(pair[1])), inner, n, layer, count)

@@ -18,7 +18,7 @@ from scipy import sparse
 from scipy.fft import dstn, idstn
 from scipy.spatial import cKDTree
 
-from ilattice._geometry import fixed_coordinates
+from ilattice._geometry import fixed_coordinates, grid_points
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.bspline import BSpline
 from ilattice.errors import ConvergenceError
@@ -83,7 +83,7 @@ def face_values(curves: Boundary, face: int, x: FloatArray, width: float) -> Flo
     """
     axis, side = divmod(face, 2)
     plane = list(others(axis))
-    q = np.stack(np.meshgrid(x, x, indexing="ij"), axis=-1).reshape(-1, 2)
+    q = grid_points(x, x)
     mine = [k for k, s in enumerate(curves.topology.segments) if s.face == face]
     lines = curves.points(POINTS)[mine][:, :, plane]
     distance = cKDTree(lines.reshape(-1, 2)).query(q)[0]

@@ -34,7 +34,7 @@ from ilattice.lattice import Lattice, Wall
 from ilattice.macroshape.cells import cell as unit_cell
 from ilattice.shells.boundary import check_range
 from ilattice.shells.cell import Shell, cell
-from ilattice.shells.surface import LEAST_N, MOST_N, as_layer
+from ilattice.shells.surface import MAX_N, MIN_N, as_layer
 from ilattice.shells.topologies import Topology, parsed
 
 #: Ranges of table A.1, and of relative densities.
@@ -54,8 +54,8 @@ DENSITY = (0.2, 0.4)
 #: Triangles, layer and cells of the analysis, and its options: good for some per cent.
 N, LAYER, CELLS = 16, 0.03, 12
 OPTIONS = FixedMapping({"estimate": False})
-MOST_SAMPLES, _MOST_SEED = 100_000, 2**63 - 1
-LEAST_CELLS, MOST_CELLS = 3, 1000
+MAX_SAMPLES, _MAX_SEED = 100_000, 2**63 - 1
+MIN_CELLS, MAX_CELLS = 3, 1000
 
 
 @dataclass(frozen=True)
@@ -99,8 +99,8 @@ class Space(Frozen):
         """
         from scipy.stats import qmc
 
-        count = as_whole("count", count, 0, MOST_SAMPLES)
-        seed = as_whole("seed", seed, 0, _MOST_SEED)
+        count = as_whole("count", count, 0, MAX_SAMPLES)
+        seed = as_whole("seed", seed, 0, _MAX_SEED)
 
         power = max(1, int(np.ceil(np.log2(max(count, 2)))))
         unit = qmc.Sobol(len(self.names), seed=seed).random_base2(power)[:count]
@@ -357,14 +357,14 @@ def cloud(
         If none of the points is a shell.
     """
     of = space(name, ranges, density)
-    count = as_whole("count", count, 1, MOST_SAMPLES)
+    count = as_whole("count", count, 1, MAX_SAMPLES)
     topology, symmetry = parsed(name)
     if not topology.is_cubic or symmetry != "rrr":
         raise InputError(
             f"name must be of a shell of cubic symmetry, with three reflections, got {name!r:.40}"
         )
-    seed, layer = as_whole("seed", seed, 0, _MOST_SEED), as_layer(layer)
-    n, cells = as_whole("n", n, LEAST_N, MOST_N), as_whole("cells", cells, LEAST_CELLS, MOST_CELLS)
+    seed, layer = as_whole("seed", seed, 0, _MAX_SEED), as_layer(layer)
+    n, cells = as_whole("n", n, MIN_N, MAX_N), as_whole("cells", cells, MIN_CELLS, MAX_CELLS)
     make = partial(sampled, space=of, seed=seed, n=n, layer=layer)
     rows = sweep(
         make, sample=list(range(count)), table=table, cells=cells, options=dict(OPTIONS),

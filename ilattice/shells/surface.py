@@ -33,18 +33,18 @@ from ilattice.shells.topologies import FACES
 METHODS = ("harmonic", "currents")
 #: Cells per edge of the octant, and lengths over which mean curvatures die out, in cells: the first
 #: that is tried, thicker ones for surfaces that tear, and the least.
-N, LAYER, THICKER, LEAST_LAYER = 24, 0.01, (0.02, 0.04), 0.003
+N, LAYER, THICKER, MIN_LAYER = 24, 0.01, (0.02, 0.04), 0.003
 #: Mean curvature, times the edge of the cell, that half of the area stays below: that of coarse
 #: triangles, by which layers are chosen, and that which is told.
 _CURVED, CURVED = 0.04, 0.05
 #: Ratios of layers from one surface to the next where larger ones tear: the first, and the least.
-_SMALL_STEP, _LEAST_STEP = 2.0**0.25, 1.05
-LEAST_N, MOST_N = 8, 96
+_SMALL_STEP, _MIN_STEP = 2.0**0.25, 1.05
+MIN_N, MAX_N = 8, 96
 #: The harmonic function is found on a grid at least so fine.
 _FINE = 48
 #: Edges of triangles times n, in cells; parts of the layer that edges at the boundary may have, and
 #: have at most where it gets thinner in the end; most rounds of division.
-EDGE, _RESOLVED, _COARSEST, _MOST_ROUNDS = 0.65, 0.35, 0.5, 6
+EDGE, _RESOLVED, _COARSEST, _MAX_ROUNDS = 0.65, 0.35, 0.5, 6
 _SCALE = 0.25  # from the octant [-1, 1]³ to the cell
 _SAME = 1e-9  # images of vertices on the faces of the octant agree to rounding
 
@@ -277,7 +277,7 @@ def surface(
         raise InputError(f"curves must be a Boundary, got {curves!r:.80}")
     if not isinstance(symmetry, str) or len(symmetry) != 3 or set(symmetry) - {"r", "t"}:
         raise InputError(f"symmetry must be r or t for each axis, as 'rrt', got {symmetry!r:.40}")
-    n = as_whole("n", n, LEAST_N, MOST_N)
+    n = as_whole("n", n, MIN_N, MAX_N)
     as_choice("method", method, METHODS)
     given = None if layer is None else as_layer(layer)
     glued = tuple(letter == "t" for letter in symmetry)
@@ -349,9 +349,9 @@ def _smooth(
 
 def _continued(found: OctantSurface, n: int) -> OctantSurface:
     """The surface with a thinner layer, if it needs one: by small steps, from one to the next."""
-    least = max(LEAST_LAYER, EDGE / n / 2 ** _rounds(n, found.layer) / _COARSEST)
+    least = max(MIN_LAYER, EDGE / n / 2 ** _rounds(n, found.layer) / _COARSEST)
     step = _SMALL_STEP
-    while found.curvature_quantile() > _CURVED and found.layer > least and step > _LEAST_STEP:
+    while found.curvature_quantile() > _CURVED and found.layer > least and step > _MIN_STEP:
         triangles = Triangles((found.vertices - 0.5) / _SCALE - 1.0, found.faces, found.on)
         triangles = _evened(triangles, triangles.vertices)
         layer = max(least, found.layer / step)
@@ -379,8 +379,8 @@ def _thinner(
 ) -> list[OctantSurface]:
     """Coarse surfaces with thinner layers, the last of which is curved near its boundary only."""
     found: list[OctantSurface] = []
-    while coarse.curvature_quantile() > _CURVED and coarse.layer > LEAST_LAYER:
-        layer = max(LEAST_LAYER, coarse.layer / np.sqrt(2.0))
+    while coarse.curvature_quantile() > _CURVED and coarse.layer > MIN_LAYER:
+        layer = max(MIN_LAYER, coarse.layer / np.sqrt(2.0))
         try:
             thin = _solved(_moved(start, coarse), curves, symmetry, layer, True)
         except ConvergenceError:
@@ -440,7 +440,7 @@ def _rounds(n: int, layer: float) -> int:
     """How often triangles at the boundary are divided, so that they resolve a layer."""
     if layer == 0.0:
         return 0
-    return int(np.clip(np.ceil(np.log2(EDGE / n / (_RESOLVED * layer))), 0, _MOST_ROUNDS))
+    return int(np.clip(np.ceil(np.log2(EDGE / n / (_RESOLVED * layer))), 0, _MAX_ROUNDS))
 
 
 def check_translations(curves: Boundary, symmetry: str) -> None:

@@ -22,6 +22,7 @@ from itertools import permutations, product
 
 import numpy as np
 
+from ilattice._geometry import grid_points
 from ilattice._typing import IntArray
 from ilattice._validate import FrozenCopies, near_names, read_only
 from ilattice.errors import InputError
@@ -413,7 +414,7 @@ def closed_patterns() -> list[tuple[str, ...]]:
         for row, pattern in enumerate(patterns(face)):
             for s in segments(face, pattern):
                 used[face, row, list(s.edges)] = True
-    at = np.stack(np.meshgrid(*[np.arange(8)] * 6, indexing="ij"), axis=-1).reshape(-1, 6)
+    at = grid_points(*[np.arange(8)] * 6)
     degree = np.sum([used[face, at[:, face]] for face in range(6)], axis=0)
     rows = at[(degree != 1).all(axis=1)]
     return [tuple(patterns(f)[k] for f, k in enumerate(row)) for row in rows.tolist()]

@@ -61,7 +61,7 @@ class InPlane:
         """Parameters within the domain."""
         return inside(self.wall.lattice, u)
 
-    def settled(self, u: FloatArray, fixed: AnyArray, side: IntArray, level: float) -> FloatArray:
+    def projected(self, u: FloatArray, fixed: AnyArray, side: IntArray, level: float) -> FloatArray:
         """Points moved onto the plane and, those on a side of the wall, onto it.
 
         `fixed` (n, 3) coordinates do not change; `side` is 1 or -1 on a side of the wall, else 0.

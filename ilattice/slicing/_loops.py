@@ -1,11 +1,11 @@
-"""From the outline of a wall on a sheet to loops of points in the plane.
+"""From the outline of a wall on a section to loops of points in the plane.
 
-Where a contour crosses an edge of the sheet is bracketed first, so that points do not stray onto
+Where a contour crosses an edge of the section is bracketed first, so that points do not stray onto
 another contour; then they move onto plane and wall, those close together merge, and bends get
 points in between. All that may make contours cross, at creases and in narrow gaps. What does goes
-back to the crossings with the edges, unmerged: there contours are simple, because the sheet is.
+back to the crossings with the edges, unmerged: there contours are simple, because the section is.
 
-Guarantee: contours that are simple and do not touch each other, unless the map folds the sheet.
+Guarantee: contours that are simple and do not touch each other, unless the map folds the section.
 Non-guarantee: at creases, contours are rounded over part of a cell.
 """
 
@@ -17,9 +17,9 @@ from ilattice._geometry import between, fixed_coordinates
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.slicing import _kernels_slices as kernels
 from ilattice.slicing._in_plane import InPlane
-from ilattice.slicing._sheet import Sheet
+from ilattice.slicing._section import Section
 
-#: Secants onto the wall, along edges of the sheet.
+#: Secants onto the wall, along edges of the section.
 SECANTS = 4
 #: Points nearer to each other merge: first those along smooth parts of a contour, relative to the
 #: shortest edge of the cells there, then all, relative to the edges asked for; and those that have
@@ -42,7 +42,7 @@ class Outline(NamedTuple):
     points: FloatArray
     start: IntArray
     area: FloatArray
-    doubt: float = 0.0
+    unresolved_area: float = 0.0
 
 
 EMPTY = Outline(np.empty((0, 2)), np.zeros(1, np.int64), np.empty(0))
@@ -62,7 +62,9 @@ class _Loops(NamedTuple):
     start: IntArray
 
 
-def placed(plane: InPlane, node: IntArray, start: IntArray, sheet: Sheet, level: float) -> Outline:
+def placed(
+    plane: InPlane, node: IntArray, start: IntArray, section: Section, level: float
+) -> Outline:
     """Loops of points in the plane.
 
     Parameters
@@ -70,11 +72,11 @@ def placed(plane: InPlane, node: IntArray, start: IntArray, sheet: Sheet, level:
     plane : InPlane
         Moves points.
     node : ndarray, shape (n,)
-        Corners of the sheet, and crossings of its edges as `kernels.march` names them.
+        Corners of the section, and crossings of its edges as `kernels.march` names them.
     start : ndarray, shape (m + 1,)
         First node of each loop.
-    sheet : Sheet
-        The sheet.
+    section : Section
+        The section.
     level : float
         Height of the plane.
 
@@ -83,36 +85,36 @@ def placed(plane: InPlane, node: IntArray, start: IntArray, sheet: Sheet, level:
     Outline
         The loops.
     """
-    size = len(sheet.u)
+    size = len(section.u)
     cross = node >= size
     upper = np.where(cross, (node - size) % 2, 0)
     pair = np.where(cross, (node - size) // 2, 0)
     a, b = np.where(cross, pair // size, node), np.where(cross, pair % size, node)
     t = np.zeros(len(node))
     at = np.flatnonzero(cross)
-    t[at] = _crossings(plane, sheet, a[at], b[at], upper[at])
-    u = plane.wrapped(sheet.u[a] + t[:, None] * plane.shortest(sheet.u[b] - sheet.u[a]))
-    flat = plane.flat(sheet.u)
+    t[at] = _crossings(plane, section, a[at], b[at], upper[at])
+    u = plane.wrapped(section.u[a] + t[:, None] * plane.shortest(section.u[b] - section.u[a]))
+    flat = plane.flat(section.u)
     rough = flat[a] + t[:, None] * (flat[b] - flat[a])
-    fixed = fixed_coordinates(sheet.faces[a] & sheet.faces[b])
+    fixed = fixed_coordinates(section.faces[a] & section.faces[b])
     side = np.where(cross, 2 * upper - 1, 0)
     keep = np.zeros(len(u), np.bool_)
-    spacing = SPACING * plane.edges(u) * 0.5 ** np.maximum(sheet.depth[a], sheet.depth[b])
+    spacing = SPACING * plane.edges(u) * 0.5 ** np.maximum(section.depth[a], section.depth[b])
     kernels.thin_out(rough, start, spacing, fixed.sum(axis=1) + cross > 1, keep)
     first = _first(keep, start)
     fixed, side = fixed[keep], side[keep]
-    moved = plane.settled(u[keep], fixed, side, level)
+    moved = plane.projected(u[keep], fixed, side, level)
     loops = _Loops(moved, fixed, side, np.flatnonzero(keep).astype(np.float64), first)
     loops = _denser(plane, loops, level)
     return _simple(plane, loops, rough, start)
 
 
 def _crossings(
-    plane: InPlane, sheet: Sheet, a: IntArray, b: IntArray, upper: IntArray
+    plane: InPlane, section: Section, a: IntArray, b: IntArray, upper: IntArray
 ) -> FloatArray:
-    """Parts of the ways between corners of the sheet where sides of the wall cross."""
-    ends = np.stack([sheet.beyond[a, upper], sheet.beyond[b, upper]], axis=1)
-    low, step = sheet.u[a], plane.shortest(sheet.u[b] - sheet.u[a])
+    """Parts of the ways between corners of the section where sides of the wall cross."""
+    ends = np.stack([section.beyond[a, upper], section.beyond[b, upper]], axis=1)
+    low, step = section.u[a], plane.shortest(section.u[b] - section.u[a])
     return between(lambda u: plane.beyond(plane.wrapped(u), upper), low, low + step, ends, SECANTS)
 
 
@@ -132,7 +134,7 @@ def _denser(plane: InPlane, loops: _Loops, level: float) -> _Loops:
         to = after[at]
         on, of = fixed[at] & fixed[to], np.where(rim, 0, side)[at]
         new = plane.wrapped(u[at] + 0.5 * plane.shortest(u[to] - u[at]))
-        new = plane.settled(new, on, of, level)
+        new = plane.projected(new, on, of, level)
         good = _beside(plane.flat(new), p[at], p[to])
         behind = np.where(to > at, place[to], np.floor(place[at]) + 1.0)
         middle = 0.5 * (place[at] + behind)

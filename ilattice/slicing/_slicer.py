@@ -1,7 +1,7 @@
-"""How a wall is cut by planes: a sheet through the crossed cells, and the wall's outline on it.
+"""How a wall is cut by planes: a section through the crossed cells, and the wall's outline on it.
 
 The height of space is a spline Z(u) = n . x(u) over the parameter box. Where a grid cell is
-crossed by the plane, the plane is a sheet of triangles between edges of tetrahedra; the sides of
+crossed by the plane, the plane is a triangulation between edges of tetrahedra; the sides of
 the wall S = d_outer and S = -d_inner cross its edges, and its rim lies on the faces of the domain.
 Both sides are contoured by themselves, because a point is never beyond both; then every crossing
 has one segment that comes and one that goes, and the outline closes without tolerances. The map
@@ -11,7 +11,7 @@ skipped by rigorous ranges of Z and of the wall.
 Guarantees: closed loops whatever the signs; memory is that of one slice plus one pair of bounds
 per block of 8 x 8 x 8 cells; output is the same for any number of threads.
 Non-guarantee: parts of the wall, or gaps, thinner than the grid are seen where the tangents at its
-vertices tell of them, which is nearly always; see `ilattice.slicing._sheet`.
+vertices tell of them, which is nearly always; see `ilattice.slicing._section`.
 """
 
 from collections.abc import Iterator
@@ -25,7 +25,7 @@ from ilattice.errors import GeometryError, InputError
 from ilattice.slicing import _kernels_slices as kernels
 from ilattice.slicing._in_plane import InPlane
 from ilattice.slicing._loops import EMPTY, Outline, placed
-from ilattice.slicing._sheet import Sheet, edges_of, halved, hidden, joined
+from ilattice.slicing._section import Section, edges_of, halved, hidden, joined
 
 BLOCK = 8
 #: Bisections of the boxes that may hold the highest and the lowest point.
@@ -92,23 +92,23 @@ class Slicer:
     def outline(self, level: float) -> Outline:
         """Loops in which the plane at one height cuts the wall, the wall on their left."""
         level -= BELOW * float(np.abs(self.height.c).max())
-        edges, ends = self._sheet(level)
+        edges, ends = self._section(level)
         if not len(edges):
             return EMPTY
         names, at, vertex = np.unique(edges.ravel(), return_index=True, return_inverse=True)
         corners = self._corners(names, ends.reshape(-1, 2)[at], level)
-        sheet = self._finer(corners._replace(triangles=vertex.reshape(-1, 3)), level)
-        segments = np.empty((5 * len(sheet.triangles), 2), np.int64)
-        count = kernels.march(sheet.triangles, sheet.side, sheet.faces, segments)
+        section = self._finer(corners._replace(triangles=vertex.reshape(-1, 3)), level)
+        segments = np.empty((5 * len(section.triangles), 2), np.int64)
+        count = kernels.march(section.triangles, section.side, section.faces, segments)
         if count == 0:
             return EMPTY
         node, following = _permutation(segments[:count])
         order, start = np.empty(len(node), np.int64), np.empty(len(node) + 1, np.int64)
         loops = kernels.chain(following, order, start)
-        out = placed(self.plane, node[order], start[: loops + 1].copy(), sheet, level)
-        return out._replace(doubt=self._doubt(sheet))
+        out = placed(self.plane, node[order], start[: loops + 1].copy(), section, level)
+        return out._replace(unresolved_area=self._unresolved_area(section))
 
-    def _sheet(self, level: float) -> tuple[IntArray, FloatArray]:
+    def _section(self, level: float) -> tuple[IntArray, FloatArray]:
         """Names (T, 3) of the edges that hold the corners of triangles, heights at their ends."""
         hit = np.flatnonzero((self.low < level) & (self.high >= level))
         turn = 1 if self.wall.lattice.through.orientation >= 0 else -1
@@ -137,7 +137,7 @@ class Slicer:
         corner = [height[b, i + (c >> 2), j + (c >> 1 & 1), k + (c & 1)] for c in range(8)]
         return blocks[b] + found[:, 1:], np.stack(corner, axis=1)
 
-    def _corners(self, names: IntArray, ends: FloatArray, level: float) -> Sheet:
+    def _corners(self, names: IntArray, ends: FloatArray, level: float) -> Section:
         """Places where the plane crosses edges of the grid, without triangles."""
         direction = names % 8
         low = np.stack(np.unravel_index(names // 8, self.planes), axis=1)
@@ -151,8 +151,8 @@ class Slicer:
             faces |= on.astype(np.int64) << (2 * int(k))
         return self._seen(u, faces, 0)
 
-    def _seen(self, u: FloatArray, faces: IntArray, depth: int) -> Sheet:
-        """Corners of a sheet, and on which side of the wall they are."""
+    def _seen(self, u: FloatArray, faces: IntArray, depth: int) -> Section:
+        """Corners of a section, and on which side of the wall they are."""
         t_, s = self.wall.thickness, self.wall.distance.jet(u, 1)
         outer = t_.outer.jet(u, 1)
         inner = outer if t_.symmetric else t_.inner.jet(u, 1)
@@ -160,30 +160,30 @@ class Slicer:
         slope = np.stack([-s[1] - inner[1], s[1] - outer[1]], axis=1)
         side = np.where(beyond[:, 1] >= 0.0, 1, np.where(beyond[:, 0] >= 0.0, -1, 0))
         none = np.empty((0, 3), np.int64)
-        return Sheet(none, u, faces, side, beyond, slope, np.full(len(u), depth))
+        return Section(none, u, faces, side, beyond, slope, np.full(len(u), depth))
 
-    def _finer(self, sheet: Sheet, level: float) -> Sheet:
-        """The sheet with edges halved that may hide contours."""
+    def _finer(self, section: Section, level: float) -> Section:
+        """The section with edges halved that may hide contours."""
         done = []
         for depth in range(1, DEPTH + 1):
-            marked = hidden(sheet, self.period)
+            marked = hidden(section, self.period)
             open_ = marked.any(axis=1)
-            done.append(sheet.triangles[~open_])
-            ends, edge = edges_of(sheet.triangles[open_], marked[open_], len(sheet.u))
+            done.append(section.triangles[~open_])
+            ends, edge = edges_of(section.triangles[open_], marked[open_], len(section.u))
             a, b = ends.T
-            faces = sheet.faces[a] & sheet.faces[b]
-            u = sheet.u[a] + 0.5 * self.plane.shortest(sheet.u[b] - sheet.u[a])
+            faces = section.faces[a] & section.faces[b]
+            u = section.u[a] + 0.5 * self.plane.shortest(section.u[b] - section.u[a])
             none = np.zeros(len(u), np.int64)
-            u = self.plane.settled(self.plane.wrapped(u), fixed_coordinates(faces), none, level)
+            u = self.plane.projected(self.plane.wrapped(u), fixed_coordinates(faces), none, level)
             new = self._seen(u, faces, depth)
-            middle = np.where(edge < 0, -1, len(sheet.u) + edge)
-            triangles = halved(sheet.triangles[open_], middle)
-            sheet = joined(sheet, new)._replace(triangles=triangles)
-        return sheet._replace(triangles=np.concatenate([*done, sheet.triangles]))
+            middle = np.where(edge < 0, -1, len(section.u) + edge)
+            triangles = halved(section.triangles[open_], middle)
+            section = joined(section, new)._replace(triangles=triangles)
+        return section._replace(triangles=np.concatenate([*done, section.triangles]))
 
-    def _doubt(self, sheet: Sheet) -> float:
+    def _unresolved_area(self, section: Section) -> float:
         """Area of the triangles that may still hide contours."""
-        p = self.plane.flat(sheet.u)[sheet.triangles[hidden(sheet, self.period).any(axis=1)]]
+        p = self.plane.flat(section.u)[section.triangles[hidden(section, self.period).any(axis=1)]]
         a, b = p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]
         return 0.5 * float(np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum())
 

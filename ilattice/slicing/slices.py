@@ -11,8 +11,8 @@ Polished contours hold the area of the exact offset, to 1e-4 away from creases; 
 of the distance spline, which at the default resolution is off by up to 0.5 % in thick walls: see
 `tol` of `Lattice.offset`.
 Contours do not cross or touch each other or themselves. Where gaps or webs are finer than the grid,
-it is halved, up to three times; what may be finer still is counted as `Slice.doubt` and, where it
-is much, warned of.
+it is halved, up to three times; what may be finer still is counted as `Slice.unresolved_area` and,
+where it is much, warned of.
 Not guaranteed: next to creases, where two offset surfaces meet, a contour may be rounded over part
 of a cell, which fills up to 0.07 % more of walls whose pores almost close, at the default `h`;
 contours may cross where a cell of the grid is folded by the map.
@@ -61,17 +61,17 @@ if TYPE_CHECKING:
 
 #: A polygon as arrays: its outer contour (n, 2), and its holes.
 Polygon = tuple[FloatArray, tuple[FloatArray, ...]]
-MOST_LAYERS = 50_000
+MAX_LAYERS = 50_000
 #: Bytes per cell of a cross-section, and per block of cells, while slicing.
 PER_CELL, PER_BLOCK = 20, 40
 #: Part of a layer below which what is left of the height goes to the last layer: it is rounding.
-LEAST_LAYER = 1e-3
+MIN_LAYER = 1e-3
 #: How far beyond the part a height may be, relative to its extent, before it is outside.
 ROUNDING = 1e-6
 #: How far inside of it the slices at the ends of a part are cut, likewise.
 END = 2e-6
 #: Part of the area of a slice in which contours may be missed before a warning.
-MOST_DOUBT = 0.005
+MAX_UNRESOLVED = 0.005
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -89,7 +89,7 @@ class Slice(Frozen):
         ``shapely.Polygon(outer, holes)`` takes them as they are.
     frame : ndarray, shape (3, 3)
         Rows: the two directions of the plane in space, and its normal.
-    doubt : float
+    unresolved_area : float
         Area of the places where a gap or a web may be finer than an eighth of the grid.
     """
 
@@ -98,7 +98,7 @@ class Slice(Frozen):
     bottom: float
     polygons: tuple[Polygon, ...]
     frame: FloatArray
-    doubt: float = 0.0
+    unresolved_area: float = 0.0
 
     def __repr__(self) -> str:
         return f"Slice(height={self.height:g}, {len(self.polygons)} polygons, area={self.area:g})"
@@ -259,11 +259,13 @@ class SliceStack(Frozen):
         height = float(self.heights[i])
         below = self.bottom if i == 0 else float(self.tops[i - 1])
         outline = self.slicer.outline(float(self.cuts[i]))
-        out = Slice(height, float(self.tops[i]), below, nested(outline), self.frame, outline.doubt)
-        if out.doubt > MOST_DOUBT * out.area:
+        out = Slice(
+            height, float(self.tops[i]), below, nested(outline), self.frame, outline.unresolved_area
+        )
+        if out.unresolved_area > MAX_UNRESOLVED * out.area:
             warnings.warn(
-                "gaps or webs in slices are so fine that contours may be missed, see Slice.doubt; "
-                "use a smaller h",
+                "gaps or webs in slices are so fine that contours may be missed, see "
+                "Slice.unresolved_area; use a smaller h",
                 PrecisionWarning,
                 stacklevel=2,
             )
@@ -412,13 +414,13 @@ def _layers(
         raise InputError("give either z, the heights, or thickness, that of the layers")
     if thickness is not None:
         t = as_positive("thickness", thickness)
-        layers = float(np.ceil((high - low) / max(t, 1e-300) - LEAST_LAYER))
-        count = int(np.clip(layers, 1, MOST_LAYERS + 1))
-        if count > MOST_LAYERS:
+        layers = float(np.ceil((high - low) / max(t, 1e-300) - MIN_LAYER))
+        count = int(np.clip(layers, 1, MAX_LAYERS + 1))
+        if count > MAX_LAYERS:
             raise InputError(
                 f"thickness={t:g} makes {layers:.3g} layers of a part from {low:g} to {high:g}; "
-                f"at most {MOST_LAYERS} are allowed: use a thickness of at least "
-                f"{(high - low) / MOST_LAYERS:.2g}"
+                f"at most {MAX_LAYERS} are allowed: use a thickness of at least "
+                f"{(high - low) / MAX_LAYERS:.2g}"
             )
         ends_of_layers = np.append(low + t * np.arange(count), high)
         return 0.5 * (ends_of_layers[:-1] + ends_of_layers[1:]), ends_of_layers[1:], low

@@ -19,7 +19,7 @@ from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.bspline import BSpline
 from ilattice.bspline.knots import wrapped_knots
 from ilattice.errors import PrecisionWarning
-from ilattice.tiles._mixed import DEGREE, LEAST_SPANS, MOST_SPANS, Blend, MixedField
+from ilattice.tiles._mixed import DEGREE, MAX_SPANS, MIN_SPANS, Blend, MixedField
 
 
 def joined(blend: Blend, tol: float) -> MixedField:
@@ -48,13 +48,13 @@ def joined(blend: Blend, tol: float) -> MixedField:
         spans = own[0].shape[0] - DEGREE
         fields = tuple(t.field for t in blend.tiles)
         return MixedField(_assembled(own, blend, spans, smooth=True), fields, 0.0, (spans,) * 3)
-    spans = LEAST_SPANS
+    spans = MIN_SPANS
     while True:
         fits = [
             fit_report(t, degree=DEGREE, spans=spans, method="interpolate") for t in blend.tiles
         ]
         error = max(report.error for _, report in fits)
-        if error <= tol or spans == MOST_SPANS:
+        if error <= tol or spans == MAX_SPANS:
             break
         spans *= 2
     if error > tol:

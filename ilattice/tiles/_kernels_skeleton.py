@@ -8,12 +8,13 @@ allocated per point; results do not depend on the number of threads.
 """
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit, prange
 
 from ilattice._kernels import inner
+from ilattice._kernels_tuples import borrowed
 from ilattice.tiles._kernels_closest import (
     DEPTH,
     FAST,
@@ -29,6 +30,29 @@ SEGMENT, ARC, POLYGON, CURVE, SURFACE, TRIANGLE, BALL = 0, 1, 2, 3, 4, 5, 6
 HIT = 8
 #: Rounding of bounds from boxes.
 SLACK = 1e-12
+
+
+class Tree(NamedTuple):
+    """Pieces, and a tree of boxes over them.
+
+    Attributes
+    ----------
+    node, box
+        Children, or minus first piece minus one and count, (m, 2); boxes and largest radius,
+        (m, 7).
+    piece, piece_box, data
+        Pieces (see the top of the module), their boxes, and their numbers.
+    groups, width
+        Number of groups, and most Bézier points of a piece.
+    """
+
+    node: Any
+    box: Any
+    piece: Any
+    piece_box: Any
+    data: Any
+    groups: int
+    width: int
 
 
 @njit(cache=True, fastmath=FAST, inline="always")
@@ -217,10 +241,11 @@ def _closest_on_piece(
 
 @inner()
 def _nearest(
-    x: float, y: float, z: float, bound: float, blend: float, node: Any, box: Any, piece: Any,
-    piece_box: Any, d: Any, hits: Any, touched: Any, stack: Any, span: Any, work: Any, path: Any,
+    x: float, y: float, z: float, bound: float, blend: float, tree: Any, hits: Any, touched: Any,
+    stack: Any, span: Any, work: Any, path: Any,
 ) -> Any:  # fmt: skip
     """Nearest points of all groups that are within `blend` of the least; their number, least."""
+    node, box, piece, piece_box = tree.node, tree.box, tree.piece, tree.piece_box
     least, found = bound, 0
     path[0] = 0
     top = 1
@@ -244,7 +269,7 @@ def _nearest(
                 continue
             new = hit[0] == np.inf
             hit[0] = cut
-            _closest_on_piece(piece, j, d, x, y, z, hit, stack, span, work)
+            _closest_on_piece(piece, j, tree.data, x, y, z, hit, stack, span, work)
             if new:
                 if hit[0] < cut:
                     touched[found] = piece[j, 1]
@@ -487,36 +512,38 @@ def _cut(
 
 @inner()
 def _chunk(
-    points: Any, start: int, stop: int, order: int, blend: float, limit: float, node: Any,
-    box: Any, piece: Any, piece_box: Any, d: Any, groups: int, width: int, plane: Any, f: Any,
-    g: Any, h: Any,
+    points: Any, start: int, stop: int, order: int, blend: float, limit: float, tree: Any,
+    plane: Any, f: Any, g: Any, h: Any,
 ) -> None:  # fmt: skip
     """Value and derivatives at points start to stop, with scratch of its own."""
-    hits = np.full((groups, HIT), np.inf)
-    touched = np.empty(groups, np.int64)
-    weight = np.empty(groups)
-    stack = np.empty((DEPTH, 5 * width))
+    tree = borrowed(tree)
+    hits = np.full((tree.groups, HIT), np.inf)
+    touched = np.empty(tree.groups, np.int64)
+    weight = np.empty(tree.groups)
+    stack = np.empty((DEPTH, 5 * tree.width))
     span = np.empty((DEPTH, 4))
-    work = np.empty(1000 + 60 * width)
-    path = np.empty(node.shape[0] + 2, np.int64)
+    work = np.empty(1000 + 60 * tree.width)
+    path = np.empty(tree.node.shape[0] + 2, np.int64)
     no_g, no_h = np.empty(3), np.empty((3, 3))
     least = 0.0
     for i in range(start, stop):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         if i == start:
-            bound = _farthest(box, x, y, z) + SLACK
+            bound = _farthest(tree.box, x, y, z) + SLACK
         else:
             dx, dy, dz = x - points[i - 1, 0], y - points[i - 1, 1], z - points[i - 1, 2]
             bound = least + math.sqrt(dx * dx + dy * dy + dz * dz) + SLACK
         found, least = _nearest(
-            x, y, z, min(bound, limit), blend, node, box, piece, piece_box, d, hits, touched,
-            stack, span, work, path,
-        )  # fmt: skip
+            x, y, z, min(bound, limit), blend, tree, hits, touched, stack, span, work, path
+        )
         value, size = _union(hits, touched, found, least, blend, weight)
         gi = g[i] if order > 0 else no_g
         hi = h[i] if order > 1 else no_h
         if order > 0:
-            _derivatives(x, y, z, order, blend, hits, touched, weight, size, piece, d, work, gi, hi)
+            _derivatives(
+                x, y, z, order, blend, hits, touched, weight, size, tree.piece, tree.data, work,
+                gi, hi,
+            )  # fmt: skip
         f[i] = _cut(x, y, z, plane, order, value, gi, hi)
         for k in range(found):
             hits[touched[k], 0] = np.inf
@@ -524,8 +551,8 @@ def _chunk(
 
 @njit(cache=True, parallel=True)
 def skeleton_jets(
-    points: Any, order: int, blend: float, limit: float, node: Any, box: Any, piece: Any,
-    piece_box: Any, d: Any, groups: int, width: int, plane: Any, f: Any, g: Any, h: Any,
+    points: Any, order: int, blend: float, limit: float, tree: Any, plane: Any, f: Any, g: Any,
+    h: Any,
 ) -> None:  # fmt: skip
     """Value and derivatives of a skeleton at points.
 
@@ -540,13 +567,8 @@ def skeleton_jets(
     limit
         Where all pieces are farther, this is the value before half-spaces are cut, and the
         gradient is zero.
-    node, box
-        Tree: children, or minus first piece minus one and count, (m, 2); boxes and largest
-        radius, (m, 7).
-    piece, piece_box, d
-        Pieces (see the top of the module), their boxes, and their numbers.
-    groups, width
-        Number of groups, and most Bézier points of a piece.
+    tree
+        The pieces.
     plane
         Half-spaces that limit the solid, (k, 4).
     f, g, h
@@ -555,6 +577,6 @@ def skeleton_jets(
     n = points.shape[0]
     for chunk in prange((n + CHUNK - 1) // CHUNK):
         _chunk(
-            points, chunk * CHUNK, min(n, (chunk + 1) * CHUNK), order, blend, limit, node, box,
-            piece, piece_box, d, groups, width, plane, f, g, h,
+            points, chunk * CHUNK, min(n, (chunk + 1) * CHUNK), order, blend, limit, tree, plane,
+            f, g, h,
         )  # fmt: skip

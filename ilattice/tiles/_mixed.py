@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._field import Field
+from ilattice._geometry import grid_points
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_array, asked
 from ilattice.bspline import BSpline
@@ -24,9 +25,9 @@ from ilattice.tiles.trig import TrigField
 
 DEGREE = 3
 #: Spans per tile edge that the fit starts with, and at most.
-LEAST_SPANS, MOST_SPANS = 8, 32
+MIN_SPANS, MAX_SPANS = 8, 32
 #: Points at which the error of the fit is measured: per tile, at least, and at most.
-CHECKS_PER_TILE, LEAST_CHECKS, MOST_CHECKS = 32, 1 << 12, 1 << 16
+CHECKS_PER_TILE, MIN_CHECKS, MAX_CHECKS = 32, 1 << 12, 1 << 16
 #: Samples of a tile per edge, and how many are taken to lie at its zero set in any case.
 SAMPLES, FEW = 24, 16
 
@@ -293,7 +294,7 @@ def mean_slope(field: TrigField | BSpline) -> float:
         step.
     """
     a = (np.arange(SAMPLES) + 0.5) / SAMPLES
-    p = np.stack(np.meshgrid(a, a, a, indexing="ij"), axis=-1).reshape(-1, 3)
+    p = grid_points(a, a, a)
     f, g = field.jet(p, 1)
     with np.errstate(divide="ignore", invalid="ignore"):
         step = np.nan_to_num(np.abs(f) / np.linalg.norm(g, axis=1), nan=np.inf)
@@ -323,22 +324,22 @@ def fitted(blend: Blend, tol: float) -> MixedField:
     count, closed = np.array(blend.repeat), blend.closed
     box = np.array([np.where(closed, 0.0, -1.0), np.where(closed, count, count + 1.0)])
     layers = (box[1] - box[0]).astype(np.int64)
-    checks = int(np.clip(CHECKS_PER_TILE * layers.prod(), LEAST_CHECKS, MOST_CHECKS))
-    spans = np.full(3, LEAST_SPANS)
+    checks = int(np.clip(CHECKS_PER_TILE * layers.prod(), MIN_CHECKS, MAX_CHECKS))
+    spans = np.full(3, MIN_SPANS)
     while True:
         spline, report = fit_report(
             blend, domain=box, degree=DEGREE, spans=(spans * layers).tolist(),
             method="interpolate", periodic=closed.tolist(), checks=checks,
         )  # fmt: skip
         jumps = np.array([jump(spline, axis) for axis in range(3)])
-        finer = (jumps >= 0.1 * jumps.max()) & (spans < MOST_SPANS)
+        finer = (jumps >= 0.1 * jumps.max()) & (spans < MAX_SPANS)
         if report.error <= tol or not finer.any():
             break
         spans = np.where(finer, 2 * spans, spans)
     if report.error > tol:
         warnings.warn(
             f"the spline of the mixture deviates by {report.error:.3g} tile edges from the blended "
-            f"tiles (tol asks for {tol:.3g}) with {MOST_SPANS} spans per tile: are they smooth?",
+            f"tiles (tol asks for {tol:.3g}) with {MAX_SPANS} spans per tile: are they smooth?",
             PrecisionWarning,
             stacklevel=4,
         )

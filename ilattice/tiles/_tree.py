@@ -4,38 +4,16 @@ Guarantee: every box of the tree holds the pieces below it, with their radii.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import product
-from typing import Any
 
 import numpy as np
 
 from ilattice._typing import FloatArray, IntArray
-from ilattice.tiles._kernels_skeleton import CURVE, SURFACE
+from ilattice.tiles._kernels_skeleton import CURVE, SURFACE, Tree
 from ilattice.tiles._pieces import Pieces
 
 #: Most pieces of a leaf.
 LEAF = 2
-
-
-@dataclass(frozen=True, eq=False)
-class Tree:
-    """Arrays for the kernels, see `skeleton_jets`."""
-
-    node: IntArray
-    box: FloatArray
-    piece: IntArray
-    piece_box: FloatArray
-    data: FloatArray
-    groups: int
-    width: int
-
-    @property
-    def args(self) -> tuple[Any, ...]:
-        """In the order of the kernels."""
-        return (
-            self.node, self.box, self.piece, self.piece_box, self.data, self.groups, self.width,
-        )  # fmt: skip
 
 
 def images(

@@ -83,6 +83,7 @@ class CellRow:
     source: str = USUAL
 
 
+#: Halves, for the tables.
 H = 0.5
 ROOT3 = 3.0**0.5
 CORNERS: tuple[Point, ...] = tuple(product((0.0, 1.0), repeat=3))

@@ -28,6 +28,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._field import Field
+from ilattice._geometry import grid_points
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import (
     Frozen,
@@ -41,9 +42,9 @@ from ilattice._validate import (
     read_only,
 )
 from ilattice.errors import GeometryError, InputError
-from ilattice.tiles._kernels_skeleton import skeleton_jets
+from ilattice.tiles._kernels_skeleton import Tree, skeleton_jets
 from ilattice.tiles._pieces import Piece, Pieces, pieces_of
-from ilattice.tiles._tree import Tree, images, tree_of
+from ilattice.tiles._tree import images, tree_of
 from ilattice.tiles.entities import (
     Arc,
     Ball,
@@ -64,8 +65,8 @@ MANY = 1000
 _FACE = 16
 #: How far outside the tile an entity may be, and what counts as on a face, in tile coordinates.
 ON_FACE = 1e-9
-#: Error of the spline that stands in for a skeleton, relative to its smallest radius.
-STAND_IN = 0.01
+#: Error of the spline approximation of a skeleton, relative to its smallest radius.
+SPLINE_ERROR = 0.01
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -85,7 +86,7 @@ class SkeletonField(Field, Frozen):
         Ends on an open face are continued straight through it; a closed face cuts the solid
         there; across periodic faces the entities repeat, and may leave the cell. In a lattice,
         open ends must meet others of the same radius on the opposite face, or tiles do not fit
-        together; the rim of a closed face is an edge, which the spline that stands in for the tile
+        together; the rim of a closed face is an edge, which the spline approximation of the tile
         rounds off.
     cell : array_like of shape () or (3,) or (3, 3)
         Edges of the cell: lengths, or vectors as columns. Points of the unit cube stand for
@@ -278,7 +279,7 @@ class SkeletonField(Field, Frozen):
         g = np.empty((n if order > 0 else 0, 3))
         h = np.empty((n if order > 1 else 0, 3, 3))
         x = np.ascontiguousarray(x)
-        skeleton_jets(x, order, self.blend, limit, *tree.args, self._planes, f, g, h)
+        skeleton_jets(x, order, self.blend, limit, tree, self._planes, f, g, h)
         return (f, g, h)[: order + 1]
 
     def _in_space(self, u: FloatArray) -> FloatArray:
@@ -362,7 +363,7 @@ def _grid_points(axes: Iterable[ArrayLike]) -> tuple[FloatArray, tuple[int, ...]
     xyz = [as_array(f"axes[{i}]", a, ndim=1) for i, a in enumerate(as_items("axes", axes))]
     if len(xyz) != 3:
         raise InputError(f"axes must be three 1-D arrays, got {len(xyz)}")
-    p = np.stack(np.meshgrid(*xyz, indexing="ij"), axis=-1).reshape(-1, 3)
+    p = grid_points(*xyz)
     return p, tuple(len(a) for a in xyz)
 
 
@@ -386,7 +387,7 @@ def _samples(e: Entity) -> FloatArray:
     for axis in range(s.ndim):
         b = s.breaks(axis)
         axes.append(np.unique(np.concatenate([np.linspace(*v, count) for v in pairwise(b)])))
-    return s(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, s.ndim))
+    return s(grid_points(*axes))
 
 
 def _as_cell(value: Any) -> FloatArray:
@@ -539,7 +540,7 @@ def skeleton(
     """
     field = SkeletonField(entities, radius, blend, faces, cell)
     edges = field.cell if field.stretched else None
-    tol = STAND_IN * field.thinnest
+    tol = SPLINE_ERROR * field.thinnest
     tile = Tile(field, name=name, source=source, tol=tol, edges=edges, check=False)
     if not any((tile.grid([(np.arange(n) + 0.37) / n] * 3) > 0.0).any() for n in (24, 64)):
         raise GeometryError(

@@ -2,7 +2,7 @@
 
 Guarantees: a tile has a zero set (a change of sign was seen, or is known from the catalogue); it
 is immutable. Non-guarantees: derivatives of a tile made from a plain callable are those of a
-spline stand-in, accurate to `tol` in its values only; a callable with kinks gets a
+spline approximation, accurate to `tol` in its values only; a callable with kinks gets a
 `PrecisionWarning`. A zero set thinner than 1/64 of the cell may be overlooked.
 """
 
@@ -39,10 +39,11 @@ from ilattice.plot.shapes import frame, isosurface
 from ilattice.tiles._node import TileNode
 from ilattice.tiles.trig import TrigField
 
-#: Deviation of a spline stand-in, as a fraction of the largest value, unless `tol` says otherwise.
-STAND_IN_TOL = 1e-5
-STAND_IN_SPANS = 64
-STAND_IN_DEGREE = 3
+#: Deviation of a spline approximation, as a fraction of the largest value, unless `tol` says
+#: otherwise; most spans per direction of the cell, and degree.
+SPLINE_TOL = 1e-5
+SPLINE_SPANS = 64
+SPLINE_DEGREE = 3
 _CUBE = read_only(np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]]))
 _SQRT3 = 3.0**0.5
 
@@ -75,7 +76,7 @@ class Tile(Field):
     properties : mapping of str to callable
         Further fields on the unit cube, such as a colour or a material.
     tol : float, optional
-        Largest deviation of the spline that stands in for a plain function where derivatives
+        Largest deviation of the spline approximation of a plain function where derivatives
         are needed; default 1e-5 of the largest value.
     check : bool
         Whether to look for a change of sign.
@@ -140,7 +141,7 @@ class Tile(Field):
         *,
         tol: float,
         name: str = "custom",
-        degree: int = STAND_IN_DEGREE,
+        degree: int = SPLINE_DEGREE,
         method: str = "least-squares",
         periodic: bool | tuple[bool, bool, bool] | None = None,
         max_spans: int | None = None,
@@ -187,7 +188,7 @@ class Tile(Field):
         return check_finite(f"values of tile {self.name!r}", values) - self.level
 
     def jet(self, u: ArrayLike, order: int = 2) -> tuple[FloatArray, ...]:
-        """Value and derivatives: of the field itself, or of its spline stand-in.
+        """Value and derivatives: of the field itself, or of its spline approximation.
 
         Parameters
         ----------
@@ -395,7 +396,7 @@ class Tile(Field):
         self,
         *,
         tol: float,
-        degree: int = STAND_IN_DEGREE,
+        degree: int = SPLINE_DEGREE,
         method: str = "least-squares",
         periodic: bool | tuple[bool, bool, bool] | None = None,
         max_spans: int | None = None,
@@ -456,15 +457,15 @@ class Tile(Field):
         from ilattice.bspline.fit import fit, fit_report
 
         top = float(np.abs(self._samples(16)).max())
-        tol = STAND_IN_TOL * top if self.tol is None else self.tol
-        k, ends, most = STAND_IN_DEGREE, self.periodic, STAND_IN_SPANS
+        tol = SPLINE_TOL * top if self.tol is None else self.tol
+        k, ends, most = SPLINE_DEGREE, self.periodic, SPLINE_SPANS
         try:
             return fit(self._fit_target, degree=k, periodic=ends, tol=tol, max_spans=most)
         except ConvergenceError:
             spline, report = fit_report(self._fit_target, degree=k, periodic=ends, spans=most)
         warnings.warn(
-            f"the spline that stands in for tile {self.name!r} deviates by {report.error:.3g} "
-            f"(asked for {tol:.3g}) with {STAND_IN_SPANS} spans per axis: is the field smooth?",
+            f"the spline approximation of tile {self.name!r} deviates by {report.error:.3g} "
+            f"(asked for {tol:.3g}) with {SPLINE_SPANS} spans per axis: is the field smooth?",
             PrecisionWarning,
             stacklevel=3,
         )

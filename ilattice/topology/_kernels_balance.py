@@ -8,18 +8,19 @@ curves, where feet become one, and Newton's method goes on across them.
 
 Guarantee: nothing is allocated per start; the same result for any number of threads.
 Non-guarantee: which critical point a start ends in, and whether no other foot is nearer there. The
-arguments are those of `_kernels_jets`; e0 ... ec is the half-thickness, as a spline.
+lattice is that of `_kernels_jets`; so is `less`, the map of which is the half-thickness.
 """
 
 import numpy as np
 from numba import njit, prange
 
 from ilattice._kernels import inner
-from ilattice.offsets._kernels_jets import FAST, RATIONAL, map_jet, metric, scratch, tile_jet
+from ilattice._kernels_tuples import borrowed
+from ilattice.offsets._kernels_jets import FAST, map_jet, metric, scratch, tile_jet
 from ilattice.offsets._kernels_newton import lagrangian, lowest
 from ilattice.topology._kernels_hull import solve_small
 
-CHUNK, MOST = 32, 4
+CHUNK, MAX_FEET = 32, 4
 STEPS, PATIENCE = 25, 9
 #: Longest steps of the point and of feet, and the step that is the last one, in tiles.
 LONGEST, WANDER, STILL = 0.06, 0.15, 1e-11
@@ -55,12 +56,12 @@ def look(space, less, p, feet, m, work):
     unit of its values means nothing.
     """
     b, x, tab, h, taken, f, t, unit = work
-    map_jet(*space[:8], (p[0], p[1], p[2]), 2, b, x)
-    map_jet(*less, (p[0], p[1], p[2]), 2, taken, h)
+    map_jet(space, (p[0], p[1], p[2]), 2, b, x)
+    map_jet(less, (p[0], p[1], p[2]), 2, taken, h)
     for i in range(m):
         at = (feet[i, 0], feet[i, 1], feet[i, 2])
-        map_jet(*space[:8], at, 2, b, f[i])
-        tile_jet(*space[7:], at, b, t[i], tab)
+        map_jet(space, at, 2, b, f[i])
+        tile_jet(space, at, b, t[i], tab)
         if unit[i] == 0.0:
             unit[i] = np.sqrt(t[i, 1] ** 2 + t[i, 2] ** 2 + t[i, 3] ** 2)
         t[i] /= unit[i]
@@ -90,7 +91,7 @@ def estimate(m, work, weights, length, mult):
 
 
 @inner(fastmath=FAST, error_model="numpy")
-def add_foot(a, y, i, m, x, f, t, h, weight, mult, common, length, held):
+def add_foot(a, y, i, m, x, f, t, h, weight, mult, common, length, fixed):
     """Add the equations of foot i of m: jets x of the map at the point and f at the foot, t, h."""
     o, q, n = 3 + 4 * i, 3 + 4 * m + i, 3 + 5 * m
     r = away(x, f)
@@ -109,7 +110,7 @@ def add_foot(a, y, i, m, x, f, t, h, weight, mult, common, length, held):
     a[q, n], a[n, q] = -1.0, 1.0
     for j in range(3):
         a[q, o + j] = -column(f, j, v) / length
-        if held[j]:
+        if fixed[j]:
             continue
         xj = (x[0, 1 + j], x[1, 1 + j], x[2, 1 + j])
         along = column(x, j, v)
@@ -120,7 +121,7 @@ def add_foot(a, y, i, m, x, f, t, h, weight, mult, common, length, held):
             cross = column(f, k, xj) - along * column(f, k, v)
             a[o + k, j] = -column(f, k, xj) / square
             a[j, o + k] = -weight * cross / (d * length)
-            if not held[k]:
+            if not fixed[k]:
                 inner = (column(x, k, xj) - along * column(x, k, v)) / d - second(h, 0, j, k)
                 for c in range(3):
                     inner += v[c] * second(x, c, j, k)
@@ -128,7 +129,7 @@ def add_foot(a, y, i, m, x, f, t, h, weight, mult, common, length, held):
 
 
 @inner(fastmath=FAST, error_model="numpy")
-def assemble(a, y, m, work, weights, mult, common, length, held):
+def assemble(a, y, m, work, weights, mult, common, length, fixed):
     """Equations of a point and its m feet."""
     _, x, _, h, _, f, t, _ = work
     n = 4 + 5 * m
@@ -136,17 +137,17 @@ def assemble(a, y, m, work, weights, mult, common, length, held):
     y[:n] = 0.0
     y[n - 1] = -1.0
     for i in range(m):
-        add_foot(a, y, i, m, x, f[i], t[i], h, weights[i], mult[i], common, length, held)
+        add_foot(a, y, i, m, x, f[i], t[i], h, weights[i], mult[i], common, length, fixed)
         y[n - 1] += weights[i]
     for j in range(3):
-        if held[j]:
+        if fixed[j]:
             a[j, j] = 1.0
 
 
 @inner(fastmath=FAST, error_model="numpy")
-def solved(a, y, m, work, weights, mult, common, length, held):
+def solved(a, y, m, work, weights, mult, common, length, fixed):
     """Whether all equations are, those too that a step leaves out as their pivots are none."""
-    assemble(a, y, m, work, weights, mult, common, length, held)
+    assemble(a, y, m, work, weights, mult, common, length, fixed)
     most = 0.0
     for i in range(4 + 5 * m):
         most = max(most, abs(y[i]))
@@ -204,13 +205,14 @@ def lowest_of_feet(m, work, mult, square):
 
 @inner(fastmath=FAST, error_model="numpy")
 def solve(
-    space, less, p, feet, weights, m, held, reach, damping, work, a, y, square, right, mult
+    space, less, p, feet, weights, m, fixed, reach, damping, work, a, y, square, right, mult
 ):  # fmt: skip
     """Newton's method from one start, in place: the last step, `lowest_of_feet`, least pivot.
 
     With damping, steps that are too long, because the equations are nearly singular, are replaced.
     Where the method is lost, the pivot is that of the first step.
     """
+    space, less, work = borrowed(space), borrowed(less), borrowed(work)
     s0, s1, s2 = p[0], p[1], p[2]
     n = 4 + 5 * m
     work[7][:] = 0.0
@@ -219,12 +221,12 @@ def solve(
     length = np.sqrt((g[0] + g[1] + g[2]) / 3.0)
     common, first = estimate(m, work, weights, length, mult), 0.0
     for step in range(STEPS):
-        assemble(a, y, m, work, weights, mult, common, length, held)
+        assemble(a, y, m, work, weights, mult, common, length, fixed)
         pivot = solve_small(a, y, n, SINGULAR)
         first = pivot if step == 0 else first
         size, factor = too_long(y, m)
         if damping and factor > 1.0:  # others are almost as good, and shorter
-            assemble(a, y, m, work, weights, mult, common, length, held)
+            assemble(a, y, m, work, weights, mult, common, length, fixed)
             solve_damped(a, y, n, square, right)
             _, factor = too_long(y, m)
         if not size < np.inf:
@@ -238,31 +240,30 @@ def solve(
             break
         look(space, less, p, feet, m, work)
         if size < STILL or step == STEPS - 1:
-            if pivot <= SINGULAR and not solved(a, y, m, work, weights, mult, common, length, held):
+            if pivot <= SINGULAR and not solved(
+                a, y, m, work, weights, mult, common, length, fixed
+            ):
                 break
             return size, lowest_of_feet(m, work, mult, length * length), pivot
     return np.inf, -np.inf, first
 
 
 @njit(cache=True, parallel=True, fastmath=FAST, error_model="numpy")
-def balance(
-    d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
-    e0, e1, e2, l0, l1, l2, ec, p, feet, weights, count, held, reach, last, low, pivot,
-):  # fmt: skip
+def balance(space, less, p, feet, weights, count, fixed, reach, last, low, pivot):
     """Newton's method from many starts, in place.
 
     Parameters
     ----------
-    d0 ... tc
-        The lattice, see `_kernels_jets`; all lengths generic.
-    e0 ... ec
-        Half-thickness, a spline over the same domain.
+    space
+        The lattice, generic.
+    less
+        The same with the half-thickness, a spline over the same domain, in place of the map.
     p
         Points (n, 3) in tile coordinates.
     feet, weights, count
         Their feet (n, 4, 3) in tile coordinates, weights (n, 4), and numbers of feet (n,).
-    held
-        Which directions of a point are held (3,).
+    fixed
+        Which directions of a point are fixed (3,).
     reach
         How far points may go, in tiles.
     last
@@ -273,28 +274,22 @@ def balance(
         Output (n,): the smallest pivot of the last step, or of the first one where the method is
         lost; at most `SINGULAR` where critical points are not isolated.
     """
-    plain = geom.copy()
-    plain[RATIONAL] = 0.0
     for chunk in prange((len(p) + CHUNK - 1) // CHUNK):
-        space = (
-            d0, d1, d2, k0, k1, k2, c, geom, coef, factor, omega, t0, t1, t2, q0, q1, q2, tc,
-        )  # fmt: skip
-        less = (e0, e1, e2, l0, l1, l2, ec, plain)
-        b, x, _, tab = scratch(factor, c, k0, k1, k2, q0, q1, q2)
-        taken, h, _, _ = scratch(factor, ec, l0, l1, l2, l0, l1, l2)
-        f, t, unit = np.zeros((MOST, c.shape[0], 10)), np.zeros((MOST, 10)), np.zeros(MOST)
+        b, x, _, tab, _ = scratch(space)
+        taken, h, _, _, _ = scratch(less)
+        f, t, unit = np.zeros((MAX_FEET, len(x), 10)), np.zeros((MAX_FEET, 10)), np.zeros(MAX_FEET)
         work = (b, x, tab, h, taken, f, t, unit)
-        n = 4 + 5 * MOST
+        n = 4 + 5 * MAX_FEET
         a, square, y, right = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), np.zeros(n)
-        mult = np.zeros(MOST)
-        q, more, shares = np.zeros(3), np.zeros((MOST, 3)), np.zeros(MOST)
+        mult = np.zeros(MAX_FEET)
+        q, more, old_weights = np.zeros(3), np.zeros((MAX_FEET, 3)), np.zeros(MAX_FEET)
         for s in range(chunk * CHUNK, min(len(p), (chunk + 1) * CHUNK)):
-            q[:], more[:], shares[:] = p[s], feet[s], weights[s]
+            q[:], more[:], old_weights[:] = p[s], feet[s], weights[s]
             for damping in (False, True):
                 last[s], low[s], pivot[s] = solve(
-                    space, less, p[s], feet[s], weights[s], count[s], held, reach, damping, work,
+                    space, less, p[s], feet[s], weights[s], count[s], fixed, reach, damping, work,
                     a, y, square, right, mult,
                 )  # fmt: skip
                 if damping or last[s] < np.inf or pivot[s] > SMALL:
                     break
-                p[s], feet[s], weights[s] = q, more, shares
+                p[s], feet[s], weights[s] = q, more, old_weights

@@ -13,9 +13,10 @@ import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.bspline import BSpline
+from ilattice.offsets._kernels_jets import RATIONAL
 from ilattice.offsets.space import kernel_space
 from ilattice.topology import _kernels_balance
-from ilattice.topology.excess import Excess
+from ilattice.topology.clearance import Clearance
 from ilattice.topology.windows import Starts
 
 #: How far points may go from their starts, and the last step of one that may be an end, in tiles.
@@ -51,17 +52,19 @@ class Balance:
 
     Parameters
     ----------
-    excess : Excess
+    clearance : Clearance
         Distance less half-thickness.
     """
 
-    def __init__(self, excess: Excess) -> None:
-        self.excess, self.search = excess, excess.lattice.search
-        self.space = kernel_space(excess.lattice, generic=True)
-        nothing = BSpline([np.array(d) for d in excess.domain.T], np.zeros((1, 1, 1)), 0)
+    def __init__(self, clearance: Clearance) -> None:
+        self.clearance, self.search = clearance, clearance.lattice.search
+        self.space = kernel_space(clearance.lattice, generic=True)
+        geom = self.space.geom.copy()
+        geom[RATIONAL] = 0.0
+        nothing = BSpline([np.array(d) for d in clearance.domain.T], np.zeros((1, 1, 1)), 0)
         self.less = {
-            side: (nothing if less is None else less).generic_kernel_args
-            for side, less in excess.less.items()
+            side: self.space.through((nothing if less is None else less).generic_kernel_args, geom)
+            for side, less in clearance.less.items()
         }
 
     def ends(self, starts: Starts, on: tuple[int, ...]) -> Ends:
@@ -83,11 +86,11 @@ class Balance:
         last, low, pivot = np.empty((3, len(p)))
         kernel: Any = _kernels_balance.balance
         kernel(
-            *self.space, *self.less[starts.side], p, feet, weights, starts.number,
+            self.space, self.less[starts.side], p, feet, weights, starts.number,
             np.array(on) != 0, REACH, last, low, pivot,
         )  # fmt: skip
-        u = self.excess.wrapped(self.search.from_tile(p))
-        lo, hi = self.excess.domain
+        u = self.clearance.wrapped(self.search.from_tile(p))
+        lo, hi = self.clearance.domain
         slack = 1e-9 * (hi - lo)
         good = (last < SLOW) & ((u >= lo - slack) & (u <= hi + slack)).all(axis=1)
         pulled = (weights > PUSH).all(axis=1) & (low > SADDLE)

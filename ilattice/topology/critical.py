@@ -34,8 +34,8 @@ from ilattice.bspline import BSpline
 from ilattice.errors import InputError
 from ilattice.topology import _kernels_hull
 from ilattice.topology.balance import Balance, Ends
+from ilattice.topology.clearance import Clearance
 from ilattice.topology.critical_sets import EQUAL, one_of_each
-from ilattice.topology.excess import Excess
 from ilattice.topology.links import Links
 from ilattice.topology.several_feet import Feet, SeveralFeet
 from ilattice.topology.windows import MOST, Windows
@@ -190,11 +190,11 @@ class CriticalSearch:
 
     def __init__(self, lattice: MidSurface, inner: BSpline | None, outer: BSpline | None) -> None:
         self.lattice = lattice
-        self.excess = Excess(lattice, inner, outer)
-        self.windows, self.balance = Windows(self.excess), Balance(self.excess)
-        self.feet = SeveralFeet(self.excess)
-        self.link = Links(self.excess, self.feet)
-        self.domain = self.excess.domain
+        self.clearance = Clearance(lattice, inner, outer)
+        self.windows, self.balance = Windows(self.clearance), Balance(self.clearance)
+        self.feet = SeveralFeet(self.clearance)
+        self.link = Links(self.clearance, self.feet)
+        self.domain = self.clearance.domain
         self.tile = np.ptp(self.domain, axis=0) / np.array(lattice.repeat)
         self.points: list[CriticalPoint] = []
         self.spread: list[CriticalPoint] = []
@@ -253,7 +253,7 @@ class CriticalSearch:
             if low <= p.value <= high
             and (np.abs(2.0 * p.u - box.sum(axis=0)) <= np.ptp(box, axis=0) + slack).all()
         ]
-        judged = self._judged(one_of_each(asked, self.excess, self.windows.spacing))
+        judged = self._judged(one_of_each(asked, self.clearance, self.windows.spacing))
         changing = [p for p in judged if p.closed or (p.parts, p.holes) != (1, 0)]
         return sorted(changing, key=lambda p: (p.value, *p.u.tolist()))
 
@@ -318,22 +318,22 @@ class CriticalSearch:
         last = np.concatenate([np.zeros(len(known)), ends.last])
         blur = np.maximum(NEAR, BLUR * last)
         room = np.minimum(u - self.domain[0], self.domain[1] - u) / self.tile
-        inner = (np.array(on) == 0) & ~self.excess.closed
+        inner = (np.array(on) == 0) & ~self.clearance.closed
         clear = np.flatnonzero((room[:, inner] > blur[:, None]).all(axis=1))
         order = clear[np.argsort(last[clear], kind="stable")]
         if not len(order):
             return ends.of(order)
-        tree, p = self.excess.tree(u[order], self.tile)
+        tree, p = self.clearance.tree(u[order], self.tile)
         near = tree.query_ball_point(p, blur[order])
         first = order[np.array([min(k) for k in near]) == np.arange(len(near))]
         return ends.of(first[first >= len(known)] - len(known))
 
     def _new_of_spread(self, ends: Ends, on: tuple[int, ...]) -> Ends:
         """Ends that are not isolated and have no nearer feet: one in each cell, if new."""
-        foot = self.excess.image(ends.feet[:, 0])
+        foot = self.clearance.image(ends.feet[:, 0])
         reach = np.linalg.norm(foot - self.lattice.through.x(ends.u), axis=1)
         ends = ends.of(reach <= (1.0 + EQUAL) * np.abs(self.lattice.distance(ends.u)))
-        inner = (np.array(on) == 0) & ~self.excess.closed
+        inner = (np.array(on) == 0) & ~self.clearance.closed
         room = np.minimum(ends.u - self.domain[0], self.domain[1] - ends.u) / self.tile
         ends = ends.of((room[:, inner] > NEAR).all(axis=1))
         known = np.array([p.u for p in self.spread if p.on == on]).reshape(-1, 3)
@@ -348,8 +348,8 @@ class CriticalSearch:
         """Points in which the feet balance, and places (n, 3) to which other feet are nearer."""
         u = ends.u
         least = np.abs(self.lattice.distance(u)) if len(u) else np.empty(0)
-        side = self.excess.side(u)
-        value = least - self.excess.taken(u, side)[0]
+        side = self.clearance.side(u)
+        value = least - self.clearance.taken(u, side)[0]
         place, x, out = (on[0], on[1], on[2]), self.lattice.through.x(u), []
         good = np.zeros(len(u), np.bool_)
         for i, feet in enumerate(self.feet(u, ends.feet, ends.number)):
@@ -406,9 +406,9 @@ class CriticalSearch:
         gaps = np.asarray(tree.query(np.array([p.x for p in unknown]), 2)[0])[:, 1]
         told = {}
         for point, apart in zip(unknown, gaps.tolist(), strict=True):
-            size = self.excess.sizes(point.u[None])[0]
+            size = self.clearance.sizes(point.u[None])[0]
             room = np.minimum(point.u - self.domain[0], self.domain[1] - point.u) * size
-            room = room[(np.array(point.on) == 0) & ~self.excess.closed]
+            room = room[(np.array(point.on) == 0) & ~self.clearance.closed]
             radius = min(0.4 * apart, 0.5 * float(room.min(initial=np.inf)))
             place = point.u, point.value, point.side, point.on
             parts, holes, closed = self.link(*place, point.isolated, radius)

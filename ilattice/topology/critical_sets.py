@@ -22,7 +22,7 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.offsets.polish import inside, shortest
-from ilattice.topology.excess import Excess
+from ilattice.topology.clearance import Clearance
 
 if TYPE_CHECKING:
     from ilattice.topology.critical import CriticalPoint
@@ -36,7 +36,7 @@ TWINS = 0.01
 
 
 def one_of_each(
-    points: list[CriticalPoint], excess: Excess, spacing: FloatArray
+    points: list[CriticalPoint], clearance: Clearance, spacing: FloatArray
 ) -> list[CriticalPoint]:
     """Points with one only of each critical curve or surface.
 
@@ -44,7 +44,7 @@ def one_of_each(
     ----------
     points : list of CriticalPoint
         Isolated ones, and others.
-    excess : Excess
+    clearance : Clearance
         What they are critical points of.
     spacing : ndarray, shape (3,)
         Sizes of cells of the grid.
@@ -55,15 +55,15 @@ def one_of_each(
         The isolated ones that lie on no curve or surface, and of each of these the point that is
         most in its middle, with its Euler number.
     """
-    points = _without_twins(points, excess, spacing)
+    points = _without_twins(points, clearance, spacing)
     if all(p.isolated for p in points):
         return points
     on, u = np.array([p.on for p in points]), np.array([p.u for p in points])
-    near = excess.tree(u, spacing)[0].query_pairs(LINKED, p=np.inf, output_type="ndarray")
-    pairs = _joined(points, excess, near)
+    near = clearance.tree(u, spacing)[0].query_pairs(LINKED, p=np.inf, output_type="ndarray")
+    pairs = _joined(points, clearance, near)
     graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(u), len(u)))
     _, label = connected_components(graph, directed=False)
-    u, ring = _unrolled(u, pairs, label, excess)
+    u, ring = _unrolled(u, pairs, label, clearance)
     out = []
     for k in range(label.max() + 1):
         rows = np.flatnonzero(label == k)
@@ -74,7 +74,7 @@ def one_of_each(
 
 
 def _unrolled(
-    u: FloatArray, pairs: IntArray, label: AnyArray, excess: Excess
+    u: FloatArray, pairs: IntArray, label: AnyArray, clearance: Clearance
 ) -> tuple[FloatArray, set[int]]:
     """Parameters (n, 3) as they are along a set, seams or not, and the labels of rings.
 
@@ -88,22 +88,22 @@ def _unrolled(
     order, before = breadth_first_order(graph, n, directed=False)
     out = u.copy()
     for k in order[(before[order] >= 0) & (before[order] < n)]:
-        out[k] = out[before[k]] + shortest(excess.lattice, u[k] - u[before[k]])
+        out[k] = out[before[k]] + shortest(clearance.lattice, u[k] - u[before[k]])
     a, b = pairs.T
-    gap = out[b] - out[a] - shortest(excess.lattice, u[b] - u[a])
-    around = (np.abs(gap) > 0.5 * np.ptp(excess.domain, axis=0)).any(axis=1)
+    gap = out[b] - out[a] - shortest(clearance.lattice, u[b] - u[a])
+    around = (np.abs(gap) > 0.5 * np.ptp(clearance.domain, axis=0)).any(axis=1)
     return out, set(label[a[around]].tolist())
 
 
 def _without_twins(
-    points: list[CriticalPoint], excess: Excess, spacing: FloatArray
+    points: list[CriticalPoint], clearance: Clearance, spacing: FloatArray
 ) -> list[CriticalPoint]:
     """Points without those at isolated ones, to which starts with the same foot twice led."""
     if not points:
         return points
     on = np.array([p.on for p in points])
     isolated = np.array([p.isolated for p in points])
-    tree, _ = excess.tree(np.array([p.u for p in points]), spacing)
+    tree, _ = clearance.tree(np.array([p.u for p in points]), spacing)
     a, b = tree.query_pairs(TWINS, output_type="ndarray").T
     twins = (on[a] == on[b]).all(axis=1) & (isolated[a] != isolated[b])
     a, b = a[twins], b[twins]
@@ -111,16 +111,16 @@ def _without_twins(
     return [p for k, p in enumerate(points) if k not in dropped]
 
 
-def _joined(points: list[CriticalPoint], excess: Excess, pairs: IntArray) -> IntArray:
+def _joined(points: list[CriticalPoint], clearance: Clearance, pairs: IntArray) -> IntArray:
     """Those of pairs (n, 2) of points that belong to one critical curve or surface."""
     value, side = np.array([p.value for p in points]), np.array([p.side for p in points])
     spread = np.array([not p.isolated for p in points])
-    u, lattice = np.array([p.u for p in points]), excess.lattice
+    u, lattice = np.array([p.u for p in points]), clearance.lattice
     far = np.abs(lattice.distance(u))
     same = np.ptp(value[pairs], axis=1) <= EQUAL * far[pairs].max(axis=1)
     same &= side[pairs[:, 0]] == side[pairs[:, 1]]
     pairs = pairs[same & spread[pairs].any(axis=1)]
     a, b = pairs.T
     middle = inside(lattice, u[a] + 0.5 * shortest(lattice, u[b] - u[a]))
-    between = np.abs(lattice.distance(middle)) - excess.taken(middle, side[a])[0]
+    between = np.abs(lattice.distance(middle)) - clearance.taken(middle, side[a])[0]
     return pairs[np.abs(between - value[a]) <= BETWEEN * far[a]]

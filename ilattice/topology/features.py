@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ilattice._geometry import grid_points
 from ilattice._typing import AnyArray, FloatArray
 from ilattice._validate import Frozen
 from ilattice.errors import GeometryError, InputError
@@ -133,7 +134,7 @@ def _thinnest(wall: OffsetSolid) -> Feature:
     t = wall.thickness
     lo, hi = wall.lattice.domain
     axes = [np.linspace(lo[a], hi[a], 33) for a in range(3)]
-    u = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    u = grid_points(*axes)
     total = t.outer(u, extrapolate="clamp") + t.inner(u, extrapolate="clamp")
     i = int(np.argmin(total))
     return Feature(float(total[i]), u[i].copy(), wall.lattice.through.x(u[i : i + 1])[0], "wall")

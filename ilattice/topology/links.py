@@ -18,7 +18,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
-from ilattice.topology.excess import Excess
+from ilattice.topology.clearance import Clearance
 from ilattice.topology.several_feet import SeveralFeet
 
 #: Segments per edge of the octahedron whose sphere shows what changes; its radius in spans.
@@ -35,14 +35,14 @@ class Links:
 
     Parameters
     ----------
-    excess : Excess
+    clearance : Clearance
         Distance less half-thickness.
     feet : SeveralFeet
         Finds the feet of points.
     """
 
-    def __init__(self, excess: Excess, feet: SeveralFeet) -> None:
-        self.excess, self.feet = excess, feet
+    def __init__(self, clearance: Clearance, feet: SeveralFeet) -> None:
+        self.clearance, self.feet = clearance, feet
 
     def __call__(
         self,
@@ -76,12 +76,12 @@ class Links:
             Parts of these directions, holes in them, and whether they are all.
         """
         corners, triangles = _octahedron(SEGMENTS)
-        size = self.excess.sizes(u[None])[0]
-        length = min(most, RADIUS * float((size * self.excess.span).min()))
+        size = self.clearance.sizes(u[None])[0]
+        length = min(most, RADIUS * float((size * self.clearance.span).min()))
         steps, inward = self._around(u, on, corners * length, size)
-        around = np.clip(self.excess.wrapped(u + steps[inward] / size), *self.excess.domain)
-        distance = np.abs(self.excess.lattice.distance(around))
-        taken = self.excess.taken(around, np.full(len(around), side))[0]
+        around = np.clip(self.clearance.wrapped(u + steps[inward] / size), *self.clearance.domain)
+        distance = np.abs(self.clearance.lattice.distance(around))
+        taken = self.clearance.taken(around, np.full(len(around), side))[0]
         below = np.zeros(len(corners), np.bool_)
         none = NONE if isolated else NONE_ALONG
         below[inward] = distance - taken < value - none * length

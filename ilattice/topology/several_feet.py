@@ -15,11 +15,11 @@ import numpy as np
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.offsets import _kernels_newton
 from ilattice.offsets._kernels_patches import DISTANCE, IMAGE
-from ilattice.topology.excess import Excess
+from ilattice.topology.clearance import Clearance
 
 #: Feet are looked for that are farther than the nearest by up to so many diagonals of a span.
 NEARLY = 1.2
-MOST_SEEDS = 64
+MAX_SEEDS = 64
 #: Feet whose distances differ by less, relative to the size of a span, are equally near.
 EVEN = 1e-5
 
@@ -54,12 +54,16 @@ class SeveralFeet:
 
     Parameters
     ----------
-    excess : Excess
+    clearance : Clearance
         Distance less half-thickness.
     """
 
-    def __init__(self, excess: Excess) -> None:
-        self.excess, self.lattice, self.search = excess, excess.lattice, excess.lattice.search
+    def __init__(self, clearance: Clearance) -> None:
+        self.clearance, self.lattice, self.search = (
+            clearance,
+            clearance.lattice,
+            clearance.lattice.search,
+        )
 
     def __call__(
         self, u: FloatArray, known: FloatArray | None = None, number: IntArray | None = None
@@ -72,7 +76,7 @@ class SeveralFeet:
             return []
         x, jacobian = self.lattice.through.jet(u, 1)
         size = np.linalg.norm(jacobian, axis=1)
-        reach = NEARLY * np.linalg.norm(size * self.excess.span, axis=1)
+        reach = NEARLY * np.linalg.norm(size * self.clearance.span, axis=1)
         owner, p = self._found(u, x, reach)
         first = np.zeros(len(p), np.int64)
         if known is not None and number is not None:
@@ -80,7 +84,7 @@ class SeveralFeet:
             owner = np.concatenate([np.nonzero(slot)[0], owner])
             p = np.concatenate([known[slot], p])
             first = np.concatenate([np.full(int(slot.sum()), -1), first])
-        foot = self.excess.image(p)
+        foot = self.clearance.image(p)
         d = np.linalg.norm(foot - x[owner], axis=1)
         order = np.lexsort((d, first, owner))
         order = order[d[order] > 1e-9 * reach[owner[order]]]
@@ -128,13 +132,13 @@ class SeveralFeet:
         inner = (inner - self._foot_motion(p, foot - x)) / d[:, None, None]
         hessian = np.einsum("nca,ncd,ndb->nab", jacobian, inner, jacobian)
         hessian += np.einsum("nc,ncab->nab", normal, bend)
-        v, g, h = self.excess.taken(u[owner], self.excess.side(u)[owner], 2)
+        v, g, h = self.clearance.taken(u[owner], self.clearance.side(u)[owner], 2)
         return d - v, gradient - g, hessian - h
 
     def _foot_motion(self, p: FloatArray, r: FloatArray) -> FloatArray:
         """Derivatives (n, 3, 3) of feet with respect to the point, from r = foot - point."""
         lattice = self.lattice
-        u = self.excess.wrapped(self.search.from_tile(p))
+        u = self.clearance.wrapped(self.search.from_tile(p))
         _, jacobian, bend = lattice.through.jet(u, 2, extrapolate="extend")
         _, g, h = lattice.implicit_jet(u, 2)
         pull = np.einsum("nca,nc->na", jacobian, r)
@@ -158,7 +162,7 @@ def _spread(index: IntArray, sx: FloatArray, x: FloatArray, size: float) -> IntA
     index = index[np.argsort(away, kind="stable")]
     boxes = np.floor((sx[index] - x) / size).astype(np.int64)
     _, first = np.unique(boxes, axis=0, return_index=True)
-    return index[np.sort(first)[:MOST_SEEDS]]
+    return index[np.sort(first)[:MAX_SEEDS]]
 
 
 def _first_ones(owner: IntArray, place: FloatArray, reach: FloatArray) -> IntArray:

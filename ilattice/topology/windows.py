@@ -16,9 +16,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ilattice._geometry import grid_points
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.topology import _kernels_hull
-from ilattice.topology.excess import Excess
+from ilattice.topology.clearance import Clearance
 
 #: Cells per span of the distance spline.
 FINER = 1.5
@@ -62,7 +63,7 @@ class Windows:
 
     Parameters
     ----------
-    excess : Excess
+    clearance : Clearance
         Distance less half-thickness.
 
     Attributes
@@ -71,14 +72,14 @@ class Windows:
         By how much a value may differ from that of the distance spline in the middle of its cell.
     """
 
-    def __init__(self, excess: Excess) -> None:
-        self.excess, self.lattice, self.closed = excess, excess.lattice, excess.closed
+    def __init__(self, clearance: Clearance) -> None:
+        self.clearance, self.lattice, self.closed = clearance, clearance.lattice, clearance.closed
         self.cells = np.array(self.lattice.repeat) * int(np.ceil(FINER * self.lattice.spans))
         self.shape = tuple((self.cells + ~self.closed).tolist())
-        self.spacing = np.ptp(excess.domain, axis=0) / self.cells
+        self.spacing = np.ptp(clearance.domain, axis=0) / self.cells
         some = [np.linspace(0.0, n, COARSE) for n in self.cells]
-        sizes = excess.sizes(self._place(np.stack(np.meshgrid(*some), axis=-1).reshape(-1, 3)))
-        self.slack = float(np.linalg.norm(sizes * excess.span, axis=1).max())
+        sizes = clearance.sizes(self._place(np.stack(np.meshgrid(*some), axis=-1).reshape(-1, 3)))
+        self.slack = float(np.linalg.norm(sizes * clearance.span, axis=1).max())
         n = int(np.prod(self.shape))
         self.known = np.zeros(n, np.bool_)
         self.table = _Table(np.empty((n, 3)), np.empty((n, 3)), np.zeros(n, np.int64))
@@ -107,13 +108,13 @@ class Windows:
         for a in range(3):
             n = int(self.cells[a])
             index = np.arange(n) if on[a] == 0 else np.array([0 if on[a] < 0 else n])
-            u = self.excess.domain[0, a] + self.spacing[a] * (index + 0.5 * (on[a] == 0))
+            u = self.clearance.domain[0, a] + self.spacing[a] * (index + 0.5 * (on[a] == 0))
             ranges.append(index[(u >= box[0, a]) & (u <= box[1, a])])
-        every = np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1).reshape(-1, 3)
+        every = grid_points(*ranges)
         kept = [every[:0]]
         for i in range(0, len(every), CHUNK):
             cells = every[i : i + CHUNK]
-            value = self.excess.on_spline(self._middle(cells, on))[0]
+            value = self.clearance.on_spline(self._middle(cells, on))[0]
             kept.append(cells[(value >= low) & (value < high)])
         cells = np.concatenate(kept)
         return [cells[i : i + CHUNK] for i in range(0, len(cells), CHUNK)]
@@ -163,8 +164,8 @@ class Windows:
         cells = [((steps >= c) & (steps <= c + free)).all(axis=1) for c in first_corners]
         for i in range(0, len(first), CHUNK // 8):
             middle = u[np.sort(first)[i : i + CHUNK // 8]]
-            nodes = self.excess.wrapped(middle[:, None] + steps * size)
-            table = self._asked(np.clip(nodes, *self.excess.domain).reshape(-1, 3))
+            nodes = self.clearance.wrapped(middle[:, None] + steps * size)
+            table = self._asked(np.clip(nodes, *self.clearance.domain).reshape(-1, 3))
             at = np.arange(len(table.side)).reshape(len(middle), -1)
             for some in [np.ones(len(steps), np.bool_), *cells]:
                 for side in (-1, 1):
@@ -172,7 +173,7 @@ class Windows:
 
     def _place(self, index: AnyArray) -> FloatArray:
         """Parameters (n, 3) of places of the grid, also between its nodes."""
-        lo, hi = self.excess.domain
+        lo, hi = self.clearance.domain
         out: FloatArray = np.clip(lo + self.spacing * index, lo, hi)
         return out
 
@@ -210,7 +211,7 @@ class Windows:
         x, jacobian = self.lattice.through.jet(u, 1)
         distance = np.abs(found.distance)
         side = np.where(found.distance < 0.0, -1, 1)
-        slope = self.excess.taken(u, side, 1)[1]
+        slope = self.clearance.taken(u, side, 1)[1]
         normal = (x - found.foot) / np.maximum(distance, 1e-300)[:, None]
         pull = np.einsum("nc,nca->na", normal, jacobian) - slope
         pull /= np.linalg.norm(jacobian, axis=1)

@@ -301,6 +301,14 @@ def test_what_can_move_is_refused():
         problem.clamp("w=0", components="z").clamp("v=0", components="y").solve()
 
 
+def test_what_can_move_along_a_tilted_face_is_counted():
+    """Motions that no axis has are free to rounding only."""
+    n = np.array([0.48, 0.6, 0.64])
+    body = Elasticity(lambda u: u @ n - 0.9, 4, domain=CUBE, degree=1).load(body=(1, 0, 0))
+    with pytest.raises(InputError, match="3 of 6 motions"):
+        body.clamp("surface", components="n").solve()
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [

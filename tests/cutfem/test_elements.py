@@ -447,7 +447,7 @@ def test_copies_cost_few_iterations_of_multigrid(name, degree, monkeypatch):
             field, tuple(cells), domain=through.domain, through=through, degree=degree
         )
         system = problem.clamp("v=0").clamp("v=1").load(body=(0.2, -0.1, 1e-3)).system
-        how = {"near_nullspace": system.near_nullspace, "places": system.places}
+        how = {"near_nullspace": system.near_nullspace, "coordinates": system.coordinates}
         report = Solver(system.K, method="multigrid", **how).solve(system.b)[1]
         return report.iterations, len(problem.assembly.space)
 

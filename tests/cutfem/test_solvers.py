@@ -172,8 +172,10 @@ def test_stretched_cells_cost_few_iterations():
         box = [[0, 0, 0], [1, 1, length]]
         problem = il.cutfem.Elasticity(lambda u: u[:, 0] - 2, (12, 12, 12), domain=box, degree=1)
         s = problem.clamp("w=0").clamp("w=1").load(body=(1, 0.3, 0)).system
-        for places in (s.places, None):
-            solver = Solver(s.K, near_nullspace=s.near_nullspace, places=places, method="multigrid")
+        for places in (s.coordinates, None):
+            solver = Solver(
+                s.K, near_nullspace=s.near_nullspace, coordinates=places, method="multigrid"
+            )
             iterations.append(solver.solve(s.b)[1].iterations)
     cubes, _, stretched, blind = iterations
     assert stretched <= 2 * cubes
@@ -221,9 +223,9 @@ def test_the_unit_of_stiffness_does_not_matter(struts):
 def test_rigid_modes_move_no_strain():
     """Every row of an unsupported stiffness matrix annihilates them."""
     free = system(cross, (8, 8, 8), fixed="")
-    B = rigid_modes(free.places)
+    B = rigid_modes(free.coordinates)
     assert np.abs(free.K @ B).max() < 1e-13
-    assert np.linalg.matrix_rank(np.hstack([B, modes(free.places)])) == 6
+    assert np.linalg.matrix_rank(np.hstack([B, modes(free.coordinates)])) == 6
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -242,9 +244,9 @@ def test_a_block_that_hangs_by_an_edge_is_refused(method):
 
     s = system(blocks, (12, 6, 12), per_tile=12, fixed="z0", hanging=True)
     with pytest.raises(ConvergenceError, match=r"singular|positive definite|more iterations"):
-        Solver(s.K, near_nullspace=s.modes, places=s.places, method=_available(method)).solve(
-            s.f, max_iterations=150
-        )
+        Solver(
+            s.K, near_nullspace=s.modes, coordinates=s.coordinates, method=_available(method)
+        ).solve(s.f, max_iterations=150)
 
 
 def test_automatic_choice():
@@ -258,7 +260,7 @@ def test_a_factor_takes_over_where_multigrid_does_not_converge(struts, monkeypat
     K, b = struts.K, struts.f
     monkeypatch.setitem(_engines.ENGINES, "multigrid", lambda *_: (lambda r: r.copy(), 0))
     monkeypatch.setattr(solvers, "choose", lambda _: "multigrid")
-    solver = Solver(K, places=struts.places)
+    solver = Solver(K, coordinates=struts.coordinates)
     x, report = solver.solve(b, max_iterations=solvers.MANY)
     assert report.method == solver.method == "superlu"
     assert np.linalg.norm(b - K @ x) <= 1e-8 * np.linalg.norm(b)
@@ -293,7 +295,9 @@ def test_slender_bodies_are_solved_as_far_as_rounding_lets(seed):
 
 
 def test_too_few_iterations_are_an_error_with_a_place(struts):
-    solver = Solver(struts.K, near_nullspace=struts.modes, method="multigrid", places=struts.places)
+    solver = Solver(
+        struts.K, near_nullspace=struts.modes, method="multigrid", coordinates=struts.coordinates
+    )
     with pytest.raises(ConvergenceError, match=r"after 2 iterations.*1\.0e-08.*node \d+ at \["):
         solver.solve(struts.f, max_iterations=2)
 
@@ -329,7 +333,7 @@ def test_bad_input(struts):
     for options, match in (
         ({"method": "guess"}, "multigrid"),
         ({"near_nullspace": np.ones((n - 1, 6))}, "near_nullspace"),
-        ({"places": np.ones((n, 3))}, "places"),
+        ({"coordinates": np.ones((n, 3))}, "coordinates"),
     ):
         with pytest.raises(InputError, match=match):
             Solver(K, **options)

@@ -5,7 +5,8 @@ import pytest
 
 import ilattice as il
 from ilattice import fields
-from ilattice.fields._formula import MOST_ACTIVE, Splitter
+from ilattice.fields._formula import Splitter
+from ilattice.fields._logic import MAX_ACTIVE
 
 GYROID = fields.from_callable(il.tiles["gyroid"])
 TREES = {
@@ -84,7 +85,7 @@ def test_a_formula_has_the_sign_of_the_field(name):
             ]
             left = formula.restricted(constant)
             if left is not None:
-                assert len(left[0]) <= MOST_ACTIVE
+                assert len(left[0]) <= MAX_ACTIVE
                 np.testing.assert_array_equal(in_table(*left, negative)[sure], (value < 0)[sure])
             found += 1
     assert found > 40

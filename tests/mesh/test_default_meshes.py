@@ -78,13 +78,13 @@ def faults(name, shape, d=None):
     return out
 
 
-@pytest.mark.filterwarnings("ignore:the spline that stands in for tile")
+@pytest.mark.filterwarnings("ignore:the spline approximation of tile")
 @pytest.mark.parametrize("name", ["fcc_plates", *NAMES[6::4]])
 def test_default_meshes_of_solids_are_whole(name):
     assert faults(name, "box" if NAMES.index(name) % 8 > 4 else "shell") == []
 
 
-@pytest.mark.filterwarnings("ignore:the spline that stands in for tile")
+@pytest.mark.filterwarnings("ignore:the spline approximation of tile")
 @pytest.mark.parametrize("name", ["c_i2y", "k", "sc_plates"])
 def test_default_meshes_of_walls_are_whole(name):
     assert faults(name, "box" if NAMES.index(name) % 32 > 16 else "shell", 0.12) == []

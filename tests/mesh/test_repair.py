@@ -11,7 +11,7 @@ from naive_crossings import crossings
 
 import ilattice as il
 from ilattice.errors import ConvergenceError, PrecisionWarning
-from ilattice.mesh import SurfaceMesh, _settling, untangle, wall_mesh
+from ilattice.mesh import SurfaceMesh, _projecting, uncrossing, wall_mesh
 from ilattice.mesh import _kernels_repair as kernels
 from ilattice.mesh.contouring import ON_CAP, contour_arrays, split_quads
 from ilattice.mesh.repair import QUALITY, Repair, remove_slivers
@@ -432,8 +432,8 @@ def untouched(x, faces, _, *, spared):
 def test_walls_have_no_slivers(name, d, h, monkeypatch):
     wall = wall_of(name, d)
     mesh = wall.mesh(h)
-    monkeypatch.setattr(untangle, "remove_slivers", untouched)
-    monkeypatch.setattr(untangle, "self_intersections", none_cross)
+    monkeypatch.setattr(uncrossing, "remove_slivers", untouched)
+    monkeypatch.setattr(uncrossing, "self_intersections", none_cross)
     before = wall.mesh(h)  # slivers may cross: that does not move vertices here
     assert mesh.quality.min() >= min(QUALITY, 0.01)
     assert mesh.is_watertight
@@ -480,8 +480,8 @@ def test_vertices_that_stray_keep_their_place(monkeypatch):
             residual[3] = 4e-6
         return new, residual
 
-    monkeypatch.setattr(_settling, "polish", moved)
-    new, lost = _settling.settled(wall, axes, u, kind, side, exactly=False)
+    monkeypatch.setattr(_projecting, "polish", moved)
+    new, lost = _projecting.projected(wall, axes, u, kind, side, exactly=False)
     assert np.array_equal(np.flatnonzero(lost), out[:3])
     assert np.array_equal(new[out[:3]], u[out[:3]])
     rest = np.setdiff1d(np.flatnonzero(side), out[:3])
@@ -491,24 +491,24 @@ def test_vertices_that_stray_keep_their_place(monkeypatch):
 def test_held_vertices_are_marked_and_counted(monkeypatch):
     """Those that are off the offset; more than a few and a thousandth are refused."""
     wall = wall_of("gyroid", 0.05)
-    settled = wall_mesh.settled
+    projected = wall_mesh.projected
 
     def some(wall, axes, u, kind, side, *, exactly):
-        new, lost = settled(wall, axes, u, kind, side, exactly=exactly)
+        new, lost = projected(wall, axes, u, kind, side, exactly=exactly)
         half = len(u) // 2
         lost[half : half + many] = True  # of these some are off, and some are not
         new[half : half + many // 2] = 0.998 * new[half : half + many // 2] + 0.001
         return new, lost
 
-    monkeypatch.setattr(wall_mesh, "settled", some)
+    monkeypatch.setattr(wall_mesh, "projected", some)
     many = 20
     mesh = wall.mesh(0.05)
     u = np.stack([mesh.point_data[k] for k in "uvw"], axis=1)
-    side, held = mesh.point_data["side"] != 0, mesh.point_data["unconverged"] != 0
+    side, unconverged = mesh.point_data["side"] != 0, mesh.point_data["unconverged"] != 0
     off = np.zeros(len(u), bool)
     off[side] = np.abs(np.abs(wall.lattice.distance(u[side])) - 0.05) > 1e-4 * 0.05
-    assert 0 < off.sum() == held.sum() <= 10
-    assert np.array_equal(off, held)
+    assert 0 < off.sum() == unconverged.sum() <= 10
+    assert np.array_equal(off, unconverged)
     many = 60
     with pytest.raises(ConvergenceError, match=f" of {len(u)} vertices are off the offset"):
         wall.mesh(0.05)
@@ -535,5 +535,5 @@ def test_far_is_measured_in_cells_and_spans_and_across_seams():
     moved[4, 2] += 0.06
     u[5, 2], moved[5, 2] = 0.95, 0.89  # less than a cell of there
     u[6, 0], moved[6, 0] = 0.005, 0.995  # across the seam
-    far = _settling.strayed(wall, axes, u, moved)
+    far = _projecting.strayed(wall, axes, u, moved)
     assert far.tolist() == [False, True, False, True, True, False, False]

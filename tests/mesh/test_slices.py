@@ -14,7 +14,7 @@ import ilattice as il
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.slicing import _kernels_slices as kernels
 from ilattice.slicing._loops import _between, crossing
-from ilattice.slicing._sheet import edges_of, halved
+from ilattice.slicing._section import edges_of, halved
 from ilattice.slicing._slicer import extent
 from ilattice.tiles.trig import TrigField
 
@@ -305,7 +305,7 @@ def test_gaps_finer_than_the_grid_are_seen(gap):
         exact = area_by_lines(lambda p: w.field(np.column_stack([p, np.full(len(p), 0.52)])))
         assert len(section.polygons) == 2
         assert section.area == pytest.approx(exact, rel=3e-4)
-        assert section.doubt == 0.0
+        assert section.unresolved_area == 0.0
 
 
 def test_gaps_that_are_too_fine_are_counted_and_warned_of():
@@ -317,9 +317,9 @@ def test_gaps_that_are_too_fine_are_counted_and_warned_of():
     spline = il.bspline.fit.fit(field, degree=8, spans=1, method="interpolate")
     lattice = il.Lattice(il.Tile(spline, name="slot"), through=il.macroshape.box())
     w = lattice.offset((np.inf, 0.0), space="parametric")
-    with pytest.warns(PrecisionWarning, match=r"Slice\.doubt"):
+    with pytest.warns(PrecisionWarning, match=r"Slice\.unresolved_area"):
         section = w.slices([0.52], h=0.15)[0]
-    assert 0.005 * section.area < section.doubt < 0.05
+    assert 0.005 * section.area < section.unresolved_area < 0.05
     assert len(w.slices([0.52], h=0.01)[0].polygons) == 2
 
 

@@ -10,7 +10,7 @@ import pytest
 
 import ilattice as il
 from ilattice.errors import ConvergenceError, PrecisionWarning
-from ilattice.mesh import _settling
+from ilattice.mesh import _projecting
 
 #: Combinations per run, and seconds of CPU that they may take together, and one of them.
 COUNT, TOGETHER, EACH = 60, 150.0, 20.0
@@ -79,19 +79,19 @@ def test_all_vertices_are_looked_at_again_where_some_are_off(monkeypatch):
 
     def errors(_wall, u, _side):
         seen.append(len(u))
-        return np.where(u[:, 0] > limit, 2 * _settling.OFF, 0.0), 2
+        return np.where(u[:, 0] > limit, 2 * _projecting.OFF, 0.0), 2
 
-    monkeypatch.setattr(_settling, "CHECKED", 100)
-    monkeypatch.setattr(_settling, "_errors", errors)
+    monkeypatch.setattr(_projecting, "CHECKED", 100)
+    monkeypatch.setattr(_projecting, "_errors", errors)
     u, free = np.random.default_rng(1).random((1030, 3)), np.arange(1030) % 9 != 0
     limit = 0.9
-    wrong, part, mended = _settling.unsettled(None, u, np.ones(1030), free)
+    wrong, part, mended = _projecting.not_projected(None, u, np.ones(1030), free)
     np.testing.assert_array_equal(wrong, free & (u[:, 0] > 0.9))
     assert part == pytest.approx(wrong.sum() / free.sum())
     assert (sum(seen), mended) == (free.sum(), pytest.approx(2 * len(seen) / free.sum()))
     limit = 1.0
     seen.clear()
-    assert not _settling.unsettled(None, u, np.ones(1030), free)[0].any()
+    assert not _projecting.not_projected(None, u, np.ones(1030), free)[0].any()
     assert seen == [100]
 
 

@@ -11,8 +11,8 @@ from scipy.optimize import nnls
 import ilattice as il
 from ilattice.topology import _kernels_balance, _kernels_hull, critical_sets, windows
 from ilattice.topology.balance import Balance
+from ilattice.topology.clearance import Clearance
 from ilattice.topology.critical import CriticalSearch, critical_points
-from ilattice.topology.excess import Excess
 from ilattice.topology.several_feet import SeveralFeet
 from ilattice.topology.windows import Starts, Windows
 
@@ -136,7 +136,7 @@ def test_the_neck_of_schwarz_p_is_found_from_two_feet_beside_it():
     """cos X + cos Y + cos Z = 0 on the plane X = pi, nearest to the axis at Y = Z = pi / 3."""
     lattice = straight()
     feet = 0.5 + np.array([[0.46, 0.17, 0.16], [0.47, -0.15, -0.18]])
-    ends = Balance(Excess(lattice)).ends(
+    ends = Balance(Clearance(lattice)).ends(
         start(lattice, [1.0, 0.51, 0.47], feet, [0.6, 0.4]), (1, 0, 0)
     )
     np.testing.assert_allclose(ends.u, [[1.0, 0.5, 0.5]], atol=1e-10)
@@ -148,14 +148,14 @@ def test_starts_that_leave_the_domain_have_no_end():
     lattice = straight()
     feet = np.array([[0.95, 0.5, 0.75], [0.95, 0.5, 0.25]])
     far = start(lattice, [0.9, 0.2, 0.2], feet, [0.5, 0.5])
-    assert len(Balance(Excess(lattice)).ends(far, (0, 0, 0)).u) == 0
+    assert len(Balance(Clearance(lattice)).ends(far, (0, 0, 0)).u) == 0
 
 
 def test_ends_balance_whatever_the_map_and_the_thickness():
     """Against exact closest points: equal values at all feet, whose slopes have a mean of zero."""
     lattice = bent("gyroid")
     wall = lattice.offset(lambda u: 0.02 + 0.01 * u[:, 0])
-    excess = Excess(lattice, wall.thickness.inner, wall.thickness.outer)
+    clearance = Clearance(lattice, wall.thickness.inner, wall.thickness.outer)
     search, feet = CriticalSearch(lattice, wall.thickness.inner, wall.thickness.outer), None
     search.look(0.15, 0.25, np.array([[0.0, 0.0, 0.0], [0.6, 0.6, 0.6]]))
     inside = [p for p in search.points if p.on == (0, 0, 0)]
@@ -164,12 +164,12 @@ def test_ends_balance_whatever_the_map_and_the_thickness():
     for p in inside[:10]:
         value = abs(lattice.distance(p.u[None])[0]) - (0.02 + 0.01 * p.u[0])
         assert value == pytest.approx(p.value, abs=1e-10)
-        feet = SeveralFeet(excess)(p.u[None])[0]
+        feet = SeveralFeet(clearance)(p.u[None])[0]
         near = np.flatnonzero(feet.value <= value + 1e-7)
         slopes = np.zeros((len(near), 3))
         for a in range(3):  # slopes by differences of the distances to the feet
             e = step * np.eye(3)[a]
-            up, down = (SeveralFeet(excess)((p.u + s * e)[None])[0] for s in (1, -1))
+            up, down = (SeveralFeet(clearance)((p.u + s * e)[None])[0] for s in (1, -1))
             for i, k in enumerate(near):
                 guess = feet.value[k] + step * feet.gradient[k, a] * np.array([1.0, -1.0])
                 after = up.value[np.abs(up.value - guess[0]).argmin()]
@@ -182,7 +182,7 @@ def test_ends_balance_whatever_the_map_and_the_thickness():
 
 
 def every_start(lattice, low, high):
-    grid = Windows(Excess(lattice))
+    grid = Windows(Clearance(lattice))
     parts = grid.parts((0, 0, 0), low, high, lattice.domain)
     return np.concatenate([s.p for part in parts for s in grid.starts(part, (0, 0, 0))])
 
@@ -298,15 +298,15 @@ def links(u):
 
 def test_rings_close_and_helices_do_not():
     shell = il.Lattice("gyroid", through=il.macroshape.cylinder_shell(2.0, 3.0, 1.0))
-    excess = Excess(shell)
+    clearance = Clearance(shell)
     turn = np.linspace(0.8, 1.7, 19)
     arc = np.column_stack([np.mod(turn, 1.0), 0.5 + 0.0 * turn, turn - 0.8])
     label = np.zeros(len(arc), np.int64)
-    along, rings = critical_sets._unrolled(arc, links(arc), label, excess)
+    along, rings = critical_sets._unrolled(arc, links(arc), label, clearance)
     assert rings == set()
     np.testing.assert_allclose(along[:, 0], turn, atol=1e-12)
     closed = np.concatenate([links(arc), [[len(arc) - 1, 0]]])
-    assert critical_sets._unrolled(arc, closed, label, excess)[1] == {0}
+    assert critical_sets._unrolled(arc, closed, label, clearance)[1] == {0}
 
 
 # --- voids ------------------------------------------------------------------------------------
@@ -349,7 +349,7 @@ def test_as_many_feet_are_nearest_in_any_unit(size):
     """Of the middle of a pore all eight; of a point beside it, 0.3 % of a tile nearer to one, 1."""
     lattice = il.Lattice("schwarz_p", through=il.macroshape.box(size))
     beside = 0.5 + 0.01 * np.array([0.3, 0.6, 1.0])
-    middle, other = SeveralFeet(Excess(lattice))(np.array([[0.5] * 3, beside]))
+    middle, other = SeveralFeet(Clearance(lattice))(np.array([[0.5] * 3, beside]))
     assert middle.nearest.sum() == 8
     assert other.nearest.sum() == 1
 

@@ -31,23 +31,20 @@ class Problem:
     def __init__(self, tile, through, repeat):
         lattice = il.Lattice(tile, through=through, repeat=repeat)
         self.space = kernel_space(lattice)
-        _, _, _, k0, k1, k2, c, geom, _, factor = self.space[:10]
-        q0, q1, q2 = self.space[14:17]
-        self.scratch = jets.scratch(factor, c, k0, k1, k2, q0, q1, q2)
-        self.geom = geom
+        self.work = jets.scratch(self.space)
+        self.geom = self.space.geom
         self.naive = NaiveMap(through.spline, through.closed, lattice.repeat)
         self.name = lattice.tile.name
 
     def map(self, p, order=2):
-        b, m, _, _ = self.scratch
-        m[:] = np.nan
-        jets.map_jet(*self.space[:8], tuple(p), order, b, m)
-        return m[:3].copy()
+        self.work.map[:] = np.nan
+        jets.map_jet(self.space, tuple(p), order, self.work.basis, self.work.map)
+        return self.work.map[:3].copy()
 
     def tile(self, p):
-        b, _, t, tab = self.scratch
+        t = self.work.tile
         t[:] = np.nan
-        jets.tile_jet(self.geom, *self.space[8:], tuple(p), b, t, tab)
+        jets.tile_jet(self.space, tuple(p), self.work.basis, t, self.work.table)
         return t.copy()
 
     def step(self, p, x, lam, *, first=False, fixed=FREE, floor=1e-9):
@@ -76,9 +73,9 @@ def problem(request):
 
 def points(problem, rng, n=20):
     """Tile coordinates inside the domain, off the breaks, and beyond an end."""
-    count = problem.geom[9:12]
+    count = problem.geom[jets.TILES : jets.RATIONAL]
     p = rng.uniform(0.02, 0.98, (n, 3)) * count
-    closed = problem.geom[6:9] != 0
+    closed = problem.geom[jets.CLOSED : jets.TILES] != 0
     p[0] = np.where(closed, -0.3, -0.3)
     p[1] = count + 0.4
     return p

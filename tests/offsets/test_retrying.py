@@ -8,7 +8,6 @@ from ilattice.bspline import BSpline
 from ilattice.offsets import _kernels_newton as newton
 from ilattice.offsets import _kernels_patches as kernels
 from ilattice.offsets import _kernels_sweep
-from ilattice.offsets._kernels_jets import GEOM
 from ilattice.offsets.mending import mended
 from ilattice.offsets.polish import polish
 from ilattice.offsets.retrying import SLABS, _halves
@@ -32,7 +31,7 @@ def queries(lattice, count, seed):
 def likely(search, x, q, best):
     """Seeds that may have a foot nearer than `best`, nearest first, by looking at all of them."""
     sp, sx, sn, sh = search.seeds
-    geom = search.space[GEOM]
+    geom = search.space.geom
     away = np.linalg.norm(sx - x, axis=1)
     return [
         s
@@ -51,12 +50,12 @@ def test_a_sweep_finds_what_looking_at_all_seeds_does(flat):
     rng = np.random.default_rng(2)
     best = search.candidates(x, 1)[0][:, 0] * rng.uniform(0.3, 4.0, n)
     out = np.empty((n, OUT), np.int64)
-    _kernels_sweep.sweep(search.space[GEOM], *search.seeds, *search.boxes, x, q, best, out)
+    _kernels_sweep.sweep(search.space.geom, *search.seeds, *search.boxes, x, q, best, out)
     half, full, held_back = _halves(sn, sh), 0, 0
     for i in range(n):
 
         def alike(a, b):
-            return kernels.alike(search.space[GEOM], sp, sx, sn, a, b, 0.6 * sh[b])
+            return kernels.alike(search.space.geom, sp, sx, sn, a, b, 0.6 * sh[b])
 
         found = [int(s) for s in out[i] if s >= 0]
         seeds = likely(search, x[i], q[i], best[i])
@@ -174,7 +173,7 @@ def test_polished_points_are_at_the_asked_distance_from_all_of_the_surface(flat)
     assert np.abs(side * flat.distance(out) - d)[good].max() < 1e-5 * d
 
 
-@pytest.mark.filterwarnings("ignore:the spline that stands in for tile")
+@pytest.mark.filterwarnings("ignore:the spline approximation of tile")
 @pytest.mark.parametrize("tile", ["gyroid", "re_entrant_honeycomb"])
 def test_no_seed_leads_to_a_nearer_foot(tile):
     """Every seed around is started from, alone: feet of thin plates have others behind them."""

@@ -133,7 +133,7 @@ def test_solids_of_other_tiles_need_no_distances_either():
 
 
 def test_a_tolerance_refines_the_spline_or_says_that_it_cannot(monkeypatch):
-    monkeypatch.setattr("ilattice.offsets.solid.MOST_IN_TOTAL", 1 << 16)
+    monkeypatch.setattr("ilattice.offsets.solid.MAX_IN_TOTAL", 1 << 16)
     tile = il.tiles.struts(NODES, EDGES, 0.08, blend=0.01)  # others are cut as they are
     lattice = il.Lattice(tile, through=il.macroshape.box((1, 1, 1)))
     wall = lattice.offset((np.inf, 0), tol=4e-3)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from ilattice.offsets.mid_surface import MidSurface
 
 
-class Excess:
+class Clearance:
     """How far points are beyond the walls of a lattice.
 
     Parameters

@@ -14,7 +14,7 @@ Guarantees
 
 Not guaranteed
 --------------
-- That held vertices lie on the surface: they are marked.
+- That unconverged vertices lie on the surface: they are marked.
 """
 
 from collections.abc import Callable
@@ -41,10 +41,10 @@ MANY, SLOW, STALLED = 100, 0.9, 4
 BACK = np.array([0.0, 0.125, 0.25, 0.5, 1.0])
 ROUNDS = 16
 
-Settle = Callable[[FloatArray, IntArray], tuple[FloatArray, AnyArray]]
+Project = Callable[[FloatArray, IntArray], tuple[FloatArray, AnyArray]]
 
 
-class Untangled(NamedTuple):
+class Uncrossed(NamedTuple):
     """A surface that does not cross itself.
 
     Attributes
@@ -53,7 +53,7 @@ class Untangled(NamedTuple):
         Vertices in parameters and in space, before repair.
     repair : Repair
         Faces, and which vertices are left.
-    held : (V,) array of bool
+    unconverged : (V,) array of bool
         Which vertices were held back.
     left : int
         Pairs of triangles that still cross.
@@ -62,7 +62,7 @@ class Untangled(NamedTuple):
     u: FloatArray
     x: FloatArray
     repair: Repair
-    held: AnyArray
+    unconverged: AnyArray
     left: int
 
 
@@ -83,9 +83,9 @@ class _Surface:
         self.spared = np.zeros(len(u), np.bool_)
         self.moved = np.zeros(len(u), np.bool_)
         self.before: Any = np.full_like(faces, -1)
-        self.weave()
+        self.retriangulate()
 
-    def weave(self) -> None:
+    def retriangulate(self) -> None:
         """Triangles anew: better diagonals, no slivers; `pairs` and `at` tell what crosses.
 
         Only triangles that were not there before, or have moved, are compared with all others.
@@ -130,17 +130,17 @@ class _Surface:
         return at, inside(self.lattice, self.u[at] + np.where(fixed, 0.0, step))
 
 
-def untangled(
+def uncrossed(
     lattice: "MidSurface",
     start: FloatArray,
     moved: FloatArray,
     faces: AnyArray,
     kind: AnyArray,
-    settle: Settle,
-    recall: Settle,
+    project: Project,
+    recall: Project,
     *,
     repaired: bool = False,
-) -> Untangled:
+) -> Uncrossed:
     """Triangles that do not cross, between vertices that were moved.
 
     Parameters
@@ -153,7 +153,7 @@ def untangled(
         The quads of the contour, as pairs of triangles.
     kind : (V,) array of uint8
         Constraints of the vertices (see `Contour`).
-    settle : callable
+    project : callable
         Moves parameters (n, 3) of the vertices (n,) onto their surface; returns the new ones, and
         a mask of those that it could not move.
     recall : callable
@@ -163,27 +163,27 @@ def untangled(
 
     Returns
     -------
-    Untangled
+    Uncrossed
         New places, triangles, and what was held back.
     """
     s = _Surface(lattice, moved, faces, kind, repaired)
-    held = np.zeros(len(start), np.bool_)
+    unconverged = np.zeros(len(start), np.bool_)
     if s.pairs:
         u, lost = recall(start[s.at], s.at)
         s.move(s.at[~lost], u[~lost])
-        s.weave()
+        s.retriangulate()
     pairs: list[int] = []
     for _ in range(SLIDES):
         pairs.append(s.pairs)
         if not s.pairs or _stalled(pairs):
             break
         at, u = s.slid()
-        u, held[at] = settle(u, at)
+        u, unconverged[at] = project(u, at)
         s.move(at, u)
-        s.weave()
+        s.retriangulate()
     if s.pairs:
-        held |= _held_back(s, start)
-    return Untangled(s.u, s.x, s.repair, held, s.pairs)
+        unconverged |= _held_back(s, start)
+    return Uncrossed(s.u, s.x, s.repair, unconverged, s.pairs)
 
 
 def _stalled(pairs: list[int]) -> bool:
@@ -202,7 +202,7 @@ def _held_back(s: _Surface, start: FloatArray) -> AnyArray:
         back[at] = np.minimum(back[at] + 1, len(BACK) - 1)
         way = shortest(s.lattice, start[at] - goal[at])
         s.move(at, inside(s.lattice, goal[at] + BACK[back[at], None] * way))
-        s.weave()
+        s.retriangulate()
         if not s.pairs:
             break
     return back > 0

@@ -10,7 +10,7 @@ from meshes import joined, sphere, torus
 import ilattice as il
 from ilattice._geometry import between
 from ilattice.errors import PrecisionWarning
-from ilattice.mesh import SurfaceMesh, untangle, wall_mesh
+from ilattice.mesh import SurfaceMesh, uncrossing, wall_mesh
 from ilattice.mesh._own_cells import in_own_cells
 from ilattice.mesh.contouring import contour_arrays
 from ilattice.mesh.measure import self_intersections
@@ -116,9 +116,9 @@ def wall_of(name, d=0.05):
 
 
 def as_polished(lattice, start, moved, faces, kind, *_):
-    """What came before: repaired, but not untangled."""
-    s = untangle._Surface(lattice, moved, faces, kind)
-    return untangle.Untangled(s.u, s.x, s.repair, np.zeros(len(start), bool), s.pairs)
+    """What came before: repaired, but not uncrossed."""
+    s = uncrossing._Surface(lattice, moved, faces, kind)
+    return uncrossing.Uncrossed(s.u, s.x, s.repair, np.zeros(len(start), bool), s.pairs)
 
 
 @pytest.mark.filterwarnings("ignore:the mesh with h=")  # coarse
@@ -132,7 +132,7 @@ def test_vertices_move_along_the_offset_until_nothing_crosses(monkeypatch):
     assert np.percentile(mesh.quality, 1) >= 0.3
     assert mesh.point_data["unconverged"].sum() == 0
     assert wall.thickness_error(mesh).relative_max <= 1e-5
-    monkeypatch.setattr(wall_mesh, "untangled", as_polished)
+    monkeypatch.setattr(wall_mesh, "uncrossed", as_polished)
     with pytest.warns(PrecisionWarning, match="pairs of triangles pass through each other"):
         before = wall.mesh(0.03)
     assert len(by_libigl(before.vertices, before.faces)) > 20
@@ -204,21 +204,21 @@ def test_points_in_own_cells_are_on_the_offset_and_do_not_leave_fixed_coordinate
 def test_vertices_are_held_back_where_nothing_else_helps(monkeypatch):
     """And marked, with their error; all others are exact."""
     wall = wall_of("c_s")
-    monkeypatch.setattr(untangle, "SLIDES", 0)
-    monkeypatch.setattr(wall_mesh, "MOST_HELD", 0.03)
+    monkeypatch.setattr(uncrossing, "SLIDES", 0)
+    monkeypatch.setattr(wall_mesh, "MAX_OFF", 0.03)
     monkeypatch.setattr(
         wall_mesh, "in_own_cells", lambda *args: (args[2], np.zeros(len(args[2]), bool))
     )
     with pytest.warns(PrecisionWarning, match="vertices could not be moved onto the offset"):
         mesh = wall.mesh(0.03)
     assert len(by_libigl(mesh.vertices, mesh.faces)) == 0
-    held = mesh.point_data["unconverged"] != 0
-    assert 0 < held.sum() < 0.03 * len(held)
+    unconverged = mesh.point_data["unconverged"] != 0
+    assert 0 < unconverged.sum() < 0.03 * len(unconverged)
     u, side = (np.stack([mesh.point_data[k] for k in "uvw"], axis=1), mesh.point_data["side"])
-    assert (side[held] != 0).all()
+    assert (side[unconverged] != 0).all()
     error = np.abs(np.abs(wall.lattice.distance(u)) - 0.05)
-    assert error[held].max() > 1e-4
-    assert error[~held & (side != 0)].max() < 5e-6
+    assert error[unconverged].max() > 1e-4
+    assert error[~unconverged & (side != 0)].max() < 5e-6
 
 
 @pytest.mark.filterwarnings("ignore:the mesh with h=")  # coarse

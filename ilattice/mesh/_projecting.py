@@ -37,7 +37,7 @@ CHECKED, OFF = 20_000, 1e-3
 AROUND = (0, 1)
 
 
-def settled(
+def projected(
     wall: OffsetSolid,
     axes: tuple[FloatArray, ...],
     u: FloatArray,
@@ -121,7 +121,7 @@ class Classes(NamedTuple):
     cap: AnyArray
 
     @property
-    def held(self) -> AnyArray:
+    def unconverged(self) -> AnyArray:
         """Vertices that are off the offset for any reason."""
         out: AnyArray = self.off | self.jump | self.crease
         return out
@@ -140,9 +140,9 @@ def classified(
     Parameters
     ----------
     wall, axes
-        As in `settled`.
+        As in `projected`.
     u, kind, side : ndarray, shape (V, 3), (V,) and (V,)
-        Vertices, as in `settled`.
+        Vertices, as in `projected`.
     suspect : ndarray of bool, shape (V,)
         Those that may be off.
 
@@ -209,7 +209,7 @@ def _at_creases(
     return out
 
 
-def unsettled(
+def not_projected(
     wall: OffsetSolid, u: FloatArray, side: FloatArray, free: AnyArray
 ) -> tuple[AnyArray, float, float]:
     """Vertices that are off the offset by closest points looked for anew, all of them together.

@@ -1,4 +1,4 @@
-"""The sheet of triangles in which a plane cuts the grid, made finer where it would hide contours.
+"""The triangulation in which a plane cuts the grid, made finer where it would hide contours.
 
 Along an edge with both ends on one side of a surface, a gap or a web may pass between them unseen.
 It does if the function would come to the surface by growing, from both ends, as it does there; its
@@ -6,7 +6,7 @@ tangents bound a function that is concave, as distances in gaps and webs are. Su
 and the triangles beside them with them, which stays conforming because an edge is halved for what
 happens along it alone.
 
-Guarantee: the sheet stays a surface with the same rim. Non-guarantee: that nothing is hidden: an
+Guarantee: the section stays a surface with the same rim. Non-guarantee: that nothing is hidden: an
 edge that crosses a whole gap and the web behind it does not show.
 """
 
@@ -18,7 +18,7 @@ from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.slicing import _kernels_slices as kernels
 
 
-class Sheet(NamedTuple):
+class Section(NamedTuple):
     """Triangles and their corners, with what is known of the wall there."""
 
     triangles: IntArray  # (T, 3), counter-clockwise
@@ -30,13 +30,13 @@ class Sheet(NamedTuple):
     depth: IntArray  # (V,) how often the edge was halved of which it is the middle
 
 
-def hidden(sheet: Sheet, period: FloatArray) -> AnyArray:
+def hidden(section: Section, period: FloatArray) -> AnyArray:
     """Which edges (T, 3), from each corner of triangles to the next, may hide a gap or a web.
 
     Parameters
     ----------
-    sheet : Sheet
-        The sheet.
+    section : Section
+        The section.
     period : ndarray, shape (3,)
         Lengths of the closed directions, 0 for the others.
 
@@ -45,9 +45,9 @@ def hidden(sheet: Sheet, period: FloatArray) -> AnyArray:
     ndarray of bool, shape (T, 3)
         True where the tangents at the ends meet beyond a side of the wall.
     """
-    out = np.empty(sheet.triangles.shape, np.bool_)
-    at = (sheet.u, sheet.side, sheet.beyond, sheet.slope)
-    kernels.hidden(sheet.triangles, *at, period, out)
+    out = np.empty(section.triangles.shape, np.bool_)
+    at = (section.u, section.side, section.beyond, section.slope)
+    kernels.hidden(section.triangles, *at, period, out)
     return out
 
 
@@ -70,7 +70,7 @@ def halved(triangles: IntArray, middle: IntArray) -> IntArray:
     return out[:count].copy()
 
 
-def joined(sheet: Sheet, new: Sheet) -> Sheet:
-    """Corners of one sheet and of another one, with the triangles of the first."""
-    pairs = zip(sheet[1:], new[1:], strict=True)
-    return Sheet._make([sheet.triangles, *(np.concatenate(pair) for pair in pairs)])
+def joined(section: Section, new: Section) -> Section:
+    """Corners of one section and of another one, with the triangles of the first."""
+    pairs = zip(section[1:], new[1:], strict=True)
+    return Section._make([section.triangles, *(np.concatenate(pair) for pair in pairs)])

@@ -1,0 +1,15 @@
+"""Helpers of geometry that many rooms share."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+
+from ilattice._geometry import grid_points
+
+
+@pytest.mark.parametrize("axes", [([0, 1], [5, 6, 7]), ([0.5], [1.0, 2.0], [3.0, 4.0, 5.0])])
+def test_points_of_grids_are_in_the_order_of_loops(axes):
+    found = grid_points(*axes)
+    assert found.tolist() == [list(p) for p in product(*axes)]
+    assert found.dtype == np.asarray(axes[0]).dtype
