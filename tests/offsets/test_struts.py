@@ -221,7 +221,7 @@ def far_from(x, matrix):
     return out.reshape(len(x), -1).min(axis=1)
 
 
-@pytest.mark.filterwarnings("ignore:the spline that stands in")
+@pytest.mark.filterwarnings("ignore:the spline approximation")
 def test_distances_from_struts_are_those_of_the_struts_and_not_of_a_spline():
     """They used to be a hundredth of the radius off, and more next to nodes."""
     rng = np.random.default_rng(11)
