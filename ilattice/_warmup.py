@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import wraps
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -47,14 +48,14 @@ def warmup(progress: Progress = None) -> None:
         words()
 
 
-def _quietly(work: Callable[[], None]) -> Callable[[], None]:
+def _quietly(work: Callable[..., None]) -> Callable[..., None]:
     """Work on examples that are coarse on purpose, without warnings about it."""
 
     @wraps(work)
-    def quiet() -> None:
+    def quiet(*arguments: Any) -> None:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PrecisionWarning)
-            work()
+            work(*arguments)
 
     return quiet
 
@@ -79,6 +80,7 @@ def aside(job: str) -> Iterator[None]:
             raise
 
 
+@_quietly
 def walls(through: "il.SplineMap") -> None:
     """Walls of constant and of varying thickness: meshed, measured, sliced, written.
 
