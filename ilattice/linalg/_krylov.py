@@ -17,6 +17,7 @@ from ilattice._typing import FloatArray
 from ilattice.linalg import _kernels_blocks as kb
 
 Operator = Callable[[FloatArray], FloatArray]
+Residuals = Callable[[FloatArray, FloatArray], FloatArray]
 RESTARTS = 5
 #: The condition of the preconditioned matrix is looked at every so many steps, and taken for
 #: that of a singular matrix above HOPELESS.
@@ -76,13 +77,16 @@ class _Bar:
 
 
 def conjugate_gradients(
-    K: Operator, M: Operator, b: FloatArray, tol: float, steps: int, progress: Progress
-) -> list[Run]:
+    K: Operator, M: Operator, b: FloatArray, tol: float, steps: int, progress: Progress,
+    residuals: Residuals,
+) -> list[Run]:  # fmt: skip
     """Solve K x = b for rows of b (r, n) to |b - K x| <= tol |b|, or say why not.
 
     The flexible variant, which forgives a preconditioner that is only nearly symmetric: the
     cycle rounds to single precision. Rows go together through the matrix and the preconditioner,
-    each with coefficients of its own, until they are solved.
+    each with coefficients of its own, until they are solved. Where they go on after a restart,
+    they do so from `residuals`, which have more digits than K has: else what rounding leaves of
+    them, times the condition of the matrix, would be what is left of the error.
     """
     x = np.zeros_like(b)
     runs = [Run(row) for row in x]
@@ -95,7 +99,7 @@ def conjugate_gradients(
     for turn in range(RESTARTS):
         if not left:
             break
-        r = b[left] - K(x[left]) if turn else b[left]
+        r = residuals(b[left], x[left]) if turn else b[left]
         rows = [_Row(runs[i], lengths[i]) for i in left]
         _descend(rows, K, M, r, tol, steps, bar)
         r = b[left] - K(x[left])

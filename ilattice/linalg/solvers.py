@@ -51,6 +51,8 @@ ASYMMETRY = 1e-9
 MANY = 100
 #: Right-hand sides that are solved together, at most.
 TOGETHER = 12
+#: Rows of blocks that are multiplied with longer numbers at once.
+FINE = 1 << 14
 
 
 @dataclass(frozen=True, eq=False)
@@ -259,7 +261,9 @@ class Solver:
 
     def _run(self, b: FloatArray, tol: float, steps: int, progress: Progress) -> list[Run]:
         """Solve for rows of b, if need be with another method."""
-        runs = conjugate_gradients(self._multiply, self._engine, b, tol, steps, progress)
+        runs = conjugate_gradients(
+            self._multiply, self._engine, b, tol, steps, progress, self._residuals
+        )
         for run, row in zip(runs, b, strict=True):
             if run.rounded and not self._weight(run.x) <= SINGULAR * float(run.x @ row):
                 run.trouble = "the matrix is singular to working precision"
@@ -275,6 +279,23 @@ class Solver:
         for i, run in zip(failed, self._run(b[failed], tol, steps, progress), strict=True):
             runs[i] = run
         return runs
+
+    def _residuals(self, b: FloatArray, x: FloatArray) -> FloatArray:
+        """Rows b - K x in the longest floating-point numbers there are, rounded at the end."""
+        K, m = self._K, self._m
+        nodes = x.reshape(len(x), -1, m).astype(np.longdouble)
+        out = b.reshape(nodes.shape).astype(np.longdouble)
+        for lo in range(0, nodes.shape[1], FINE):
+            start = K.indptr[lo : lo + FINE + 1].astype(np.int64)
+            there = lo + np.flatnonzero(np.diff(start))
+            if len(there) == 0:
+                continue
+            blocks = K.data[start[0] : start[-1]].astype(np.longdouble)
+            columns, first = K.indices[start[0] : start[-1]], K.indptr[there] - start[0]
+            for row, node in zip(out, nodes, strict=True):
+                parts = (blocks * node[columns][:, None, :]).sum(axis=2)
+                row[there] -= np.add.reduceat(parts, first, axis=0)
+        return np.ascontiguousarray(out.reshape(b.shape).astype(np.float64))
 
     def _weight(self, x: FloatArray) -> float:
         """What would be the energy of x if all nodes moved alone."""
