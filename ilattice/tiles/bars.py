@@ -21,7 +21,7 @@ from ilattice.fields._program import Builder, Point
 from ilattice.fields.algebra import placed
 from ilattice.fields.node import Node
 from ilattice.tiles.entities import Ball, Group, Polyline, Single
-from ilattice.tiles.skeleton import SkeletonField
+from ilattice.tiles.skeleton import ON_FACE, SkeletonField
 from ilattice.tiles.tile import Tile
 
 __all__ = ["BarsInBox", "solid_of_bars"]
@@ -97,7 +97,8 @@ def solid_of_bars(
     -------
     BarsInBox or None
         What is negative in the solid, at points of the box; None for other tiles, and where tiles
-        follow each other in a direction in which they do not repeat.
+        follow each other in a direction in which they do not repeat, or bars end on faces across
+        which they do not: an open face continues them.
     """
     field, count = tile.field, np.array(repeat)
     if not isinstance(field, SkeletonField) or not (field.repeats | (count == 1)).all():
@@ -108,6 +109,8 @@ def solid_of_bars(
     for one in _singles(field):
         found = _bars(one, field.radius, tile.level)
         if found is None:
+            return None
+        if any(_ends_on_faces(bar, field) for bar in found):
             return None
         for bar in found:
             bars += _images(bar, field, count)
@@ -138,6 +141,13 @@ def _bars(one: Any, radius: float | None, level: float) -> list[Bar] | None:
     if isinstance(one, Ball):
         return [(one.centre, one.centre, r)]
     return [(a, b, r) for a, b in pairwise(one.points) if (a != b).any()]
+
+
+def _ends_on_faces(bar: Bar, field: SkeletonField) -> bool:
+    """Whether a bar ends on a face across which nothing repeats."""
+    ends = np.stack(bar[:2]) @ np.linalg.inv(field.cell).T
+    on = (np.abs(ends) <= ON_FACE) | (np.abs(ends - 1.0) <= ON_FACE)
+    return bool((on & ~np.array(field.repeats)).any())
 
 
 def _images(bar: Bar, field: SkeletonField, count: IntArray) -> list[Bar]:

@@ -81,3 +81,19 @@ def test_bars_on_a_line_are_one():
     nodes = [(0.5, 0.5, 0.5), *((x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1))]
     tile = il.tiles.struts(nodes, [(0, i) for i in range(1, 9)], 0.1)
     assert len(solid_of_bars(tile, (1, 1, 1), ONE).part.part.parts) == 4 + 4 * 6
+
+
+@pytest.mark.parametrize("faces", ["open", "closed", {"x": "open", "y": "closed", "z": "periodic"}])
+def test_bars_that_end_on_faces_are_those_of_the_tile_or_none(faces):
+    """An open face continues them obliquely: up to three parts in a thousand of the cell."""
+    rng = np.random.default_rng(4)
+    u = rng.random((1 << 12, 3))
+    for axis in range(3):
+        nodes = 0.15 + 0.7 * rng.random((4, 3))
+        nodes[[0, 3], axis] = 0.0, 1.0
+        tile = il.tiles.struts(nodes, [(0, 1), (1, 2), (2, 3)], 0.12, faces=faces)
+        bars = solid_of_bars(tile, (1, 1, 1), ONE)
+        if bars is not None:
+            assert axis == 2
+            assert ((bars(u) < 0) == (tile(u) < 0)).all()
+        assert (bars is None) == (faces in ("open", "closed") or axis < 2)
