@@ -24,6 +24,7 @@ cover the surface: `tests/compare_closest_points.py` compares large sets with a 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from functools import cached_property
 from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
@@ -471,16 +472,22 @@ class ClosestPointSearch(TileSpace):
             self._descend(x[at], at, self.seeds.points[idx[at, 0]], feet[0])
         return len(again)
 
+    @cached_property
+    def _own_seeds(self) -> tuple[IntArray, cKDTree]:
+        """Numbers of the seeds in the domain, and their tree."""
+        own = np.flatnonzero(self.within(self.seeds.points))
+        return own, cKDTree(self.seeds.images[own])
+
     def _within_domain(
         self, x: FloatArray, p: FloatArray, feet: FloatArray, counts: IntArray, status: IntArray
     ) -> None:
         """Fill in feet in the domain where a continuation that comes back has hidden them."""
         at = np.flatnonzero(status >= _kernels_newton.FALLBACK)
-        own = np.flatnonzero(self.within(self.seeds.points)) if len(at) else at
-        if len(own) == 0:
+        if len(at) == 0 or len(self._own_seeds[0]) == 0:
             return
+        own, tree = self._own_seeds
         k = min(AMONG_ADDED, len(own))
-        found: Any = cKDTree(self.seeds.images[own]).query(x[at], k=k)
+        found: Any = tree.query(x[at], k=k)
         new, spent, state = _results(len(at))
         self._run(x[at], p[at], own[found[1].reshape(len(at), k)], new, spent, state)
         feet[:, at], status[at] = new, state

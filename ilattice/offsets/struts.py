@@ -2,11 +2,11 @@
 
 The search for closest points needs a field that compiled code evaluates: of a skeleton, a spline
 whose zero set is up to a hundredth of the least radius off, and which rounds off where struts meet.
-A foot on it is moved to the struts by Newton steps of least length in space, within faces where it
-is on one.
+A foot on it is moved by Newton steps to the nearest point of the struts, within faces of the domain
+where it is on one.
 
-Guarantee: where the least step is found, and is shorter than `LONGEST`, the foot is on the struts
-to `ON_STRUT` of their least radius, and its distance is not that of a point elsewhere.
+Guarantee: where these steps end, and lead no farther than `LONGEST`, the foot is on the struts to
+`ON_STRUT` of their least radius, and the distance is that to it.
 Non-guarantees: a foot next to where struts meet may be left beside the nearest one, by what the
 spline rounds off there; other feet keep their place. Plates are left as the spline has them: their
 rims have edges, to which no step along a normal leads.
@@ -23,7 +23,7 @@ from ilattice._typing import AnyArray, FloatArray
 from ilattice.offsets._kernels_newton import FALLBACK
 from ilattice.offsets._small import solved
 from ilattice.tiles.entities import Arc, Ball, Curve, Group, Polyline
-from ilattice.tiles.skeleton import SkeletonField
+from ilattice.tiles.skeleton import ON_FACE, SkeletonField
 from ilattice.tiles.tile import Tile
 
 if TYPE_CHECKING:
@@ -37,8 +37,6 @@ ON_STRUT, STEPS, LONGEST = 1e-6, 5, 0.5
 ON_FOOT = 1e-5
 #: Distances, in ways that feet have been moved, below which signs are those of the struts.
 SIGN = 4.0
-#: Part of a tile up to which a foot is on a face.
-ON_FACE = 1e-9
 
 
 def struts_of(lattice: Tiling) -> SkeletonField | None:

@@ -103,6 +103,7 @@ class OffsetSolid:
         """Least total thickness of a wall that may fill what is behind its surface."""
         inner, outer = self.thickness.inner, self.thickness.outer
         most = float(inner.c.max())
+        # where the outer side is as thick, what meets itself is no thinner than the two of them
         if self.thickness.symmetric or depth <= 0.0 or most <= float(outer.c.min()):
             return least
         u, depths, area = depths_of(self.lattice, min(depth, most))

@@ -520,9 +520,10 @@ def skeleton(
         The tile {f < 0}: ``lattice.offset((np.inf, 0))`` makes that solid, ``(0, d)`` a shell
         around it. What needs a spline (`fit`, a lattice) approximates f near its zero set only,
         see `FlattenedField`. Distances, so all offsets but ``(np.inf, 0)``, are those to struts
-        themselves; of plates they go by a spline whose zero set is up to a hundredth of the
-        smallest radius off (more is told): for less take ``tile.fit(tol=1e-4, max_spans=128)``,
-        with a tolerance in lengths of the cell.
+        themselves, but for a few feet in a hundred next to nodes; of plates, and of struts in
+        tiles that meet in creases (ends on open faces), they go by a spline whose zero set is up
+        to a hundredth of the smallest radius off (more is told): for less take
+        ``tile.fit(tol=1e-4, max_spans=128)``, with a tolerance in lengths of the cell.
 
     Raises
     ------
