@@ -28,6 +28,9 @@ STALLED = 0.5
 #: What the last steps changed in the energy norm, over the tolerance, at most: rounding leaves an
 #: error of about this size, not just this one.
 SURE = 0.5
+#: What rounding of products with the matrix would change in the energy norm, over the tolerance, at
+#: most: entries of the matrix are rounded as well, so that its solution is off by about as much.
+DIGITS = 2.0
 
 
 @dataclass
@@ -107,7 +110,12 @@ def conjugate_gradients(
             before, run = runs[i].residual, runs[i]
             run.residual = float(np.sqrt(_dots(new, new)[0]) / lengths[i])
             if run.residual > max(tol, STALLED * before) and run.history[-1] <= tol:
-                run.rounded = row.gain <= (SURE * tol) ** 2 * _dots(x[i], b[i])[0]
+                size = _dots(x[i], b[i])[0]
+                noise = new - residuals(b[i : i + 1], x[i : i + 1])[0]
+                digits = _dots(noise, M(noise[None])[0])[0]
+                run.rounded = (
+                    row.gain <= (SURE * tol) ** 2 * size and digits <= (DIGITS * tol) ** 2 * size
+                )
         left = [i for i in left if not _is_done(runs[i], tol, steps)]
     for i in left:
         runs[i].trouble = (
