@@ -12,7 +12,7 @@ import numpy as np
 import ilattice as il
 
 
-def main(cells: int = 8, n: int = 24, h: float = 0.04, out: str = "") -> dict[str, float]:
+def main(cells: int = 8, n: int = 24, h: float = 0.025, out: str = "") -> dict[str, float]:
     """Build the bar; write ``OUT.stl`` and ``OUT.png`` if `out` is given."""
     family = il.shells.family("topo_1_rrr", outer=(0.2, 1.5), n=n)
     graded = family.graded(lambda cell: np.round(-0.3 + 0.6 * cell[:, 0] / (cells - 1), 6))

@@ -454,7 +454,7 @@ def test_shells_have_the_topology_of_what_they_are_like():
 
 
 def test_graded_shells_fit_each_other():
-    numbers = run("shells_graded", cells=2, n=20, h=0.05)
+    numbers = run("shells_graded", cells=2, n=20, h=0.025)
     assert numbers["jump of normals between cells"] < 1e-6
     assert numbers["open edges"] == 0
 

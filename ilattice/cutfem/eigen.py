@@ -117,7 +117,7 @@ def _by_factor(A: Any, solver: Any, count: int, motions: FloatArray, tol: float)
     mu, x = _known(A, solver, motions, 1e-2 * tol)
     wanted = max(count - len(mu), 1)
     for _ in range(count + 2):  # each start but the last finds one of those that are missing
-        rest = _without(A, solver.multiply(x) if len(mu) else x, mu)
+        rest = _without(A, mu, x)
         start = rng.standard_normal(n)
         size = _size(rest, inverse, start)  # ARPACK takes values below 1e-11 for zero
         scaled = _scaled(rest, n, size)
@@ -174,9 +174,14 @@ def _polished(A: Any, solver: Any, mu: FloatArray, x: FloatArray) -> tuple[Float
     return mu, x
 
 
-def _without(A: Any, Kx: FloatArray, mu: FloatArray) -> _Map:
-    """A with zero instead of known values: v ↦ A v - K x μ (K x)ᵀ v."""
-    return lambda v: A @ v - Kx @ (mu * (Kx.T @ v))
+def _without(A: Any, mu: FloatArray, x: FloatArray) -> _Map:
+    """A with zero instead of known values: v ↦ A v - A x (A x)ᵀ v / μ, of x of unit x K x.
+
+    Not by K x, which is the same but for rounding: soft motions are nearly nothing in K.
+    """
+    some = np.abs(mu) > np.finfo(float).eps * np.abs(mu).max(initial=0.0)
+    Ax, mu = A @ x[:, some], mu[some]
+    return lambda v: A @ v - Ax @ (Ax.T @ v / mu)
 
 
 def _scaled(A: _Map, n: int, size: float) -> LinearOperator:

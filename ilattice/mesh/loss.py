@@ -96,7 +96,7 @@ class Extent:
 
 def check_loss(
     wall: OffsetSolid, h: float, mesh: Extent, *, sheets: bool, exactly: bool, allowed: bool
-) -> None:
+) -> bool:
     """Compare the volume of a mesh with that of its wall, where they may differ.
 
     Parameters
@@ -114,6 +114,11 @@ def check_loss(
     allowed : bool
         Whether to warn only, however much is lost.
 
+    Returns
+    -------
+    bool
+        Whether it has warned.
+
     Raises
     ------
     GeometryError
@@ -122,13 +127,13 @@ def check_loss(
     least, got = wall.least_thickness, mesh.volume
     short = h <= COMPARED * least
     if short and VolumePoints(wall, BOXES).near(got, NEAR):
-        return
+        return False
     whole = wall._volume
     rounded = wall._rounded.volume if exactly and abs(got - whole) > TOLD * whole else 0.0
     whole += rounded
     off = got / whole - 1.0 if whole > 0.0 else 0.0
     if abs(off) <= (NEAR if short else TOLD):
-        return
+        return False
     told, h = f"{h:g}", min(h, mesh.longest)  # a grid has at least some planes per tile
     enough = min(ENOUGH * least, 0.9 * h * (TOLD / abs(off)) ** 0.5)
     if sheets:
@@ -143,3 +148,4 @@ def check_loss(
     if abs(off) > REFUSED and not allowed:
         raise GeometryError(f"{message}, or allow_loss=True")
     warnings.warn(message, PrecisionWarning, stacklevel=4)
+    return True
