@@ -64,6 +64,13 @@ def mesh_distance():
 
 
 STRUTS = [[(0, 0.5, 0.5), (1, 0.5, 0.5)], [(0.5, 0, 0.5), (0.5, 1, 0.5)]]
+
+
+def bars_in_box():
+    cross = il.tiles.skeleton(STRUTS, radius=0.2, faces="periodic")
+    return lattice(cross, repeat=2).offset((np.inf, 0)).bars()
+
+
 #: Class -> a field of it; where it is tried, and what it does not promise.
 EXAMPLES = {
     "BSpline": (spline, {}),
@@ -97,10 +104,7 @@ EXAMPLES = {
     "Scattered": (scatter, {"box": ((0, 0, 0), (1, 1, 1)), "differences": True}),
     "SharpDistance": (sharp, {"kinks": True, "converges": False}),
     "TileField": (lambda: TileField(lattice()), {"converges": False}),
-    "BarsInBox": (
-        lambda: lattice(il.tiles.skeleton(STRUTS, radius=0.2, faces="periodic"), repeat=2).offset((np.inf, 0)).bars(),
-        {"kinks": True},
-    ),
+    "BarsInBox": (bars_in_box, {"kinks": True}),
     "WallField": (lambda: lattice(spans_per_tile=8).offset(0.1).field, {"kinks": True}),
     "_Negative": (lambda: _Negative(smooth), {"box": BOX, "differences": True}),
     "MeshDistance": (mesh_distance, {"box": BOX, "kinks": True, "converges": False}),
