@@ -1,4 +1,4 @@
-"""Naive twin of the closest-point search: dense samples, then Newton from all that may be nearest.
+"""Naive closest-point search: dense samples, then Newton from all that may be nearest.
 
 Pure NumPy and SciPy: tiles typed with sines and cosines, maps by `scipy.interpolate.NdBSpline`,
 samples where grid edges cross the surface. Every value the oracle returns is the distance of a

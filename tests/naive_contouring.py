@@ -1,4 +1,4 @@
-"""A naive twin of `ilattice.mesh.contouring`: dictionaries and graph searches, no tables.
+"""Naive `ilattice.mesh.contouring`: dictionaries and graph searches, no tables.
 
 It works on a dense array of signs (True inside), padded or wrapped here, and gives the quads as
 cyclic lists of patches; a patch is (cell, frozenset of crossed edges). An edge is (axis, sample).

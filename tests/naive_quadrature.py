@@ -1,4 +1,4 @@
-"""Naive twin of the cut-cell rules: an octree of boxes, then tetrahedra cut by planes."""
+"""Naive cut-cell rules: an octree of boxes, then tetrahedra cut by planes."""
 
 from itertools import permutations
 

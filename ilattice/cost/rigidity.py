@@ -97,7 +97,7 @@ class Rigidity:
         return self.rigid and self.self_stresses == 0
 
     @property
-    def doubt(self) -> str:
+    def caution(self) -> str:
         """Why the rank is not clear: pivots within a factor 1000 of the tolerance; or nothing."""
         if self.least >= UNSURE * self.tolerance and self.dropped <= self.tolerance / UNSURE:
             return ""
@@ -233,8 +233,8 @@ def analysed(
         If pivots lie within a factor 1000 of the tolerance.
     """
     out = counted(k, generic=generic, tolerance=tolerance, seed=seed, perturbation=perturbation)
-    if out.doubt:
-        warnings.warn(out.doubt, PrecisionWarning, stacklevel=3)
+    if out.caution:
+        warnings.warn(out.caution, PrecisionWarning, stacklevel=3)
     return out
 
 
@@ -242,7 +242,7 @@ def counted(
     k: CornerSharing, *, generic: bool = False, tolerance: float = TOLERANCE, seed: int = 0,
     perturbation: float = PERTURBATION,
 ) -> Rigidity:  # fmt: skip
-    """What `analysed` finds, without a warning: `Rigidity.doubt` is left to the caller to tell."""
+    """What `analysed` finds, without a warning: `Rigidity.caution` is for the caller to tell."""
     as_kind("k", k, "CornerSharing")
     tol, amount = as_positive("tolerance", tolerance), as_not_negative("perturbation", perturbation)
     moved = as_flag("generic", generic) and amount > 0.0

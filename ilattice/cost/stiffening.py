@@ -114,7 +114,7 @@ def tell_rank(k: CornerSharing, mode: str) -> Rigidity | None:
     except IlatticeError as e:
         warnings.warn(f"the rank is not known: {e}", PrecisionWarning, stacklevel=4)
         return None
-    told = r.doubt
+    told = r.caution
     if not r.rigid:
         remedy = "move the vertices (`perturbed`, `mapped`)"
         if k.deficit > 0:

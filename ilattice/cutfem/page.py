@@ -35,7 +35,7 @@ SIZE = (1000, 750)
 STYLE = """body{font:15px/1.5 system-ui,sans-serif;max-width:62rem;margin:2rem auto;padding:0 1rem;
 color:#222}h1{font-size:1.5rem}h2{font-size:1.15rem;margin-top:1.6rem}table{border-collapse:collapse}
 td,th{padding:.15rem .9rem .15rem 0;text-align:left;vertical-align:top;border-bottom:1px solid #ddd}
-img{max-width:49%}.doubt{background:#fff0d0;padding:.5rem .8rem;border-left:4px solid #d08000}"""
+img{max-width:49%}.caution{background:#fff0d0;padding:.5rem .8rem;border-left:4px solid #d08000}"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +104,7 @@ def page(result: "Result", report: Report, title: str, *, pictures: bool) -> str
     parts = [
         f"<!doctype html><html lang='en'><head><meta charset='utf-8'><title>{_text(title)}</title>",
         f"<style>{STYLE}</style></head><body><h1>{_text(title)}: {_text(kind)}</h1>",
-        *(f"<p class='doubt'>{_text(doubt)}</p>" for doubt in _doubts(result, report)),
+        *(f"<p class='caution'>{_text(caution)}</p>" for caution in _cautions(result, report)),
         "<h2>Results</h2>", _table(_results(result)),
     ]  # fmt: skip
     if pictures:
@@ -121,7 +121,7 @@ def page(result: "Result", report: Report, title: str, *, pictures: bool) -> str
     return "\n".join([*parts, "</body></html>\n"])
 
 
-def _doubts(result: "Result", report: SolveReport) -> list[str]:
+def _cautions(result: "Result", report: SolveReport) -> list[str]:
     """What a reader has to know before believing the numbers."""
     out, error = [], report.discretization_error
     if not error <= DOUBTFUL:

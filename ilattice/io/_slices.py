@@ -50,7 +50,7 @@ class Stack(Protocol):
 
     @property
     def slicer(self) -> Any:
-        """What cuts it; that of fields has a `stand_in`."""
+        """What cuts it; that of fields has an `approximation`."""
 
     @property
     def bounds(self) -> FloatArray:

@@ -87,7 +87,7 @@ def entry(name: str) -> zipfile.ZipInfo:
 
 
 def _model(stack: Stack, unit: str, progress: Progress) -> Iterator[str]:
-    stand_in = _part(stack)
+    approximation = _part(stack)
     places = decimals(stack.bounds)
     yield (
         f'{XML}<model unit="{unit}" xml:lang="en-US" xmlns="{CORE}" xmlns:s="{_SLICE}" '
@@ -100,7 +100,7 @@ def _model(stack: Stack, unit: str, progress: Progress) -> Iterator[str]:
         '</s:slicestack>\n<object id="2" type="model" s:slicestackid="1" '
         's:meshresolution="lowres">\n'
     )
-    yield from _mesh(stand_in, stack.frame, places)
+    yield from _mesh(approximation, stack.frame, places)
     yield '</object>\n</resources>\n<build><item objectid="2"/></build>\n</model>\n'
 
 
@@ -124,8 +124,8 @@ def _part(stack: Stack) -> Triangles:
     part = stack.part
     if isinstance(part, Triangles):
         return part
-    if hasattr(stack.slicer, "stand_in"):  # of fields
-        return stack.slicer.stand_in()
+    if hasattr(stack.slicer, "approximation"):  # of fields
+        return stack.slicer.approximation()
     with warnings.catch_warnings():  # it is coarse on purpose
         warnings.simplefilter("ignore", PrecisionWarning)
         return part.mesh(h=_COARSE_EDGE * part.least_thickness, polish=False)

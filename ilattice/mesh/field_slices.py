@@ -74,7 +74,7 @@ class FieldSlicer:
         """Least and greatest height."""
         return float(self.low[2]), float(self.high[2])
 
-    def stand_in(self) -> SurfaceMesh:
+    def approximation(self) -> SurfaceMesh:
         """A coarse mesh of the whole, for programs that do not know of slices."""
         box = np.asarray(self.field.bounds)
         h = max(self.h, float((box[1] - box[0]).max()) / 200.0)

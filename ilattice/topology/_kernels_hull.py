@@ -49,7 +49,7 @@ def solve_small(a, y, n, nothing):
 
 
 @inner(error_model="numpy")
-def settle(vectors, active, share, count, a, y):
+def minor_cycle(vectors, active, weight, count, a, y):
     """Weights of least mean over the affine hull of active vectors, less those that would be < 0.
 
     Returns how many remain, or 0 where the vectors depend on each other.
@@ -70,12 +70,12 @@ def settle(vectors, active, share, count, a, y):
         for i in range(count):
             y[i] /= total
             if y[i] <= NOTHING:
-                theta = min(theta, share[i] / max(share[i] - y[i], 1e-300))
+                theta = min(theta, weight[i] / max(weight[i] - y[i], 1e-300))
         kept = 0
         for i in range(count):
-            s = share[i] + theta * (y[i] - share[i])
+            s = weight[i] + theta * (y[i] - weight[i])
             if s > NOTHING:
-                active[kept], share[kept] = active[i], s
+                active[kept], weight[kept] = active[i], s
                 kept += 1
         if kept == count or kept == 0:
             return kept
@@ -83,10 +83,10 @@ def settle(vectors, active, share, count, a, y):
 
 
 @inner(error_model="numpy")
-def shortest(vectors, first, last, active, share, mean, a, y):
+def shortest(vectors, first, last, active, weight, mean, a, y):
     """Weights >= 0 of sum 1 of rows first to last whose weighted mean is shortest (Wolfe 1976).
 
-    Returns how many rows `active` have a `share`; the mean is left in `mean`.
+    Returns how many rows `active` have a `weight`; the mean is left in `mean`.
     """
     k = vectors.shape[1]
     least, count = np.inf, 0
@@ -96,12 +96,12 @@ def shortest(vectors, first, last, active, share, mean, a, y):
             size += vectors[i, c] ** 2
         if size < least:
             least = size
-            active[0], share[0], count = i, 1.0, 1
+            active[0], weight[0], count = i, 1.0, 1
     for _ in range(ROUNDS):
         for c in range(k):
             mean[c] = 0.0
             for i in range(count):
-                mean[c] += share[i] * vectors[active[i], c]
+                mean[c] += weight[i] * vectors[active[i], c]
         low, new = -NOTHING, -1
         for i in range(first, last):
             along = 0.0
@@ -114,8 +114,8 @@ def shortest(vectors, first, last, active, share, mean, a, y):
                 new = -1
         if new < 0 or count > k:
             break
-        active[count], share[count] = new, 0.0
-        kept = settle(vectors, active, share, count + 1, a, y)
+        active[count], weight[count] = new, 0.0
+        kept = minor_cycle(vectors, active, weight, count + 1, a, y)
         if kept == 0:
             break
         count = kept
@@ -123,16 +123,16 @@ def shortest(vectors, first, last, active, share, mean, a, y):
 
 
 @inner(error_model="numpy")
-def heaviest_first(active, share, count, rows, weights):
-    """The rows with the largest of `count` shares into rows (m,), these into weights (m,)."""
+def heaviest_first(active, weight, count, rows, weights):
+    """The rows with the largest of `count` weights into rows (m,), these into weights (m,)."""
     for place in range(min(count, len(rows))):
         best = place
         for i in range(place, count):
-            if share[i] > share[best]:
+            if weight[i] > weight[best]:
                 best = i
         active[place], active[best] = active[best], active[place]
-        share[place], share[best] = share[best], share[place]
-        rows[place], weights[place] = active[place], share[place]
+        weight[place], weight[best] = weight[best], weight[place]
+        rows[place], weights[place] = active[place], weight[place]
 
 
 @njit(cache=True, parallel=True, error_model="numpy")
@@ -144,12 +144,12 @@ def shortest_means(ends, vectors, rows, weights, pull):
     """
     last = len(ends) - 1
     for chunk in prange((last + CHUNK - 1) // CHUNK):
-        active, share = np.empty(8, np.int64), np.empty(8)
+        active, weight = np.empty(8, np.int64), np.empty(8)
         a, y, mean = np.empty((8, 8)), np.empty(8), np.zeros(3)
         for n in range(chunk * CHUNK, min(last, (chunk + 1) * CHUNK)):
             rows[n], weights[n], pull[n] = -1, 0.0, np.inf
             if ends[n] == ends[n + 1]:
                 continue
-            count = shortest(vectors, ends[n], ends[n + 1], active, share, mean, a, y)
+            count = shortest(vectors, ends[n], ends[n + 1], active, weight, mean, a, y)
             pull[n] = np.sqrt(mean[0] ** 2 + mean[1] ** 2 + mean[2] ** 2)
-            heaviest_first(active, share, count, rows[n], weights[n])
+            heaviest_first(active, weight, count, rows[n], weights[n])

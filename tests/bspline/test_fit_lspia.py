@@ -1,4 +1,4 @@
-"""Progressive iteration against its naive twin and the direct fit."""
+"""Progressive iteration against its reference implementation and the direct fit."""
 
 import naive
 import numpy as np

@@ -47,7 +47,7 @@ def test_chips_are_neither_drawn_nor_probed(chipped, tmp_path):
     assert chipped.at([middle], outside="nan").inside.tolist() == [False]
     chipped.report(tmp_path / "a.html", pictures=False)
     text = (tmp_path / "a.html").read_text(encoding="utf-8")
-    assert "class='doubt'>Left out, because nothing holds them: 1 part" in text
+    assert "class='caution'>Left out, because nothing holds them: 1 part" in text
 
 
 def test_loads_on_what_is_left_out_are_refused(bars):

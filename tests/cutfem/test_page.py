@@ -81,7 +81,7 @@ def test_doubts_stand_first(tmp_path):
     assert "<img" not in text
     sound = rod().clamp("w=0", components="z").clamp("w=0", components="xy", method="nitsche")
     sound.load(traction=(0, 0, 1.0), on="w=1").solve().report(tmp_path / "a.htm", pictures=False)
-    assert "class='doubt'" not in (tmp_path / "a.htm").read_text(encoding="utf-8")
+    assert "class='caution'" not in (tmp_path / "a.htm").read_text(encoding="utf-8")
 
 
 def test_pages_of_heat_and_wrong_arguments(tmp_path):

@@ -1,4 +1,4 @@
-"""Rules on cut cells: accuracy, degenerate cells, identities, the naive twin, bad input."""
+"""Rules on cut cells: accuracy, degenerate cells, identities, a naive one, bad input."""
 
 import itertools
 from math import factorial, gamma

@@ -1,4 +1,4 @@
-"""B-splines on active cells: identities, the naive twin, closed directions, bad input."""
+"""B-splines on active cells: identities, a naive one, closed directions, bad input."""
 
 import numpy as np
 import pytest

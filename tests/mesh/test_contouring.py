@@ -1,4 +1,4 @@
-"""Contouring against its naive twin, independent counts, and solids with known measures."""
+"""Contouring against a naive one, independent counts, and solids with known measures."""
 
 import naive_contouring
 import numba
@@ -67,7 +67,7 @@ def assert_closed(faces, n_vertices):
     return t.vertices - t.edges + t.faces
 
 
-# --- the naive twin and independent counts ----------------------------------------------------
+# --- the reference implementation and independent counts ---
 
 
 @pytest.mark.parametrize("slab", [1, 10**6])
@@ -80,18 +80,18 @@ def test_random_signs_agree_with_the_naive_twin(monkeypatch, slab, wrap):
         values = noise(rng, shape, rng.uniform(0.2, 0.8), wrap)
         axes = [uneven(rng, m) for m in shape]
         c = contour_arrays(Samples(values, axes), axes, wrap=wrap, place="linear")
-        twin = Naive(values < 0, wrap)
+        naive = Naive(values < 0, wrap)
         place = {
-            (cell, patch): twin.position(cell, patch, values, 0.0, axes)
-            for cell, patches in twin.patches.items()
+            (cell, patch): naive.position(cell, patch, values, 0.0, axes)
+            for cell, patches in naive.patches.items()
             for patch in patches
         }
-        theirs = np.array([[place[v] for v in quad] for quad in twin.quads()])
+        theirs = np.array([[place[v] for v in quad] for quad in naive.quads()])
         ours = c.vertices[np.stack([*c.faces[::2].T, c.faces[1::2, 2]], axis=1)]
         assert len(c.vertices) == len(place)
         assert ours.shape == theirs.shape
         assert_same_cycles(ours, theirs)
-        assert assert_closed(c.faces, len(c.vertices)) == twin.euler()
+        assert assert_closed(c.faces, len(c.vertices)) == naive.euler()
 
 
 def assert_same_cycles(ours, theirs):
@@ -207,7 +207,7 @@ def test_gyroid_in_a_box_has_two_triangles_for_every_point_of_flying_edges():
         assert mesh.is_watertight
 
 
-# --- known solids -----------------------------------------------------------------------------
+# --- known solids ---
 
 
 @pytest.mark.parametrize(("place", "order"), [("linear", 1.8), ("refine", 1.8)])
@@ -286,7 +286,7 @@ def test_triangles_are_well_shaped(field, shift):
         assert quality.min() > 1e-3
 
 
-# --- caps -------------------------------------------------------------------------------------
+# --- caps ---
 
 
 def test_solid_that_fills_the_box_is_the_box():
@@ -345,7 +345,7 @@ def test_without_caps_the_wall_ends_on_the_faces():
         contour(lambda p: np.full(len(p), -1.0), axes, caps=False)
 
 
-# --- closed directions ------------------------------------------------------------------------
+# --- closed directions ---
 
 
 @pytest.mark.parametrize(("field", "euler"), [(PRIMITIVE, -4), (GYROID, -8), (DIAMOND, -16)])
@@ -379,7 +379,7 @@ def test_the_seam_leaves_no_trace(monkeypatch, n):
     assert len(faces[0] ^ faces[1]) < 0.005 * len(a.faces)  # but for ties between diagonals
 
 
-# --- one result ---------------------------------------------------------------------------------
+# --- one result ---
 
 
 def test_streamed_pieces_are_the_mesh(monkeypatch):
@@ -435,7 +435,7 @@ def test_single_precision_and_progress():
     assert seen[-1][1] == seen[-1][2]
 
 
-# --- how fields are read ------------------------------------------------------------------------
+# --- how fields are read ---
 
 
 def assert_alike(a, b, atol):
@@ -573,7 +573,7 @@ def test_fields_with_grids_are_evaluated_by_planes():
     assert np.array_equal(c.vertices, contour_arrays(sphere, axes, place="linear").vertices)
 
 
-# --- hard fields ----------------------------------------------------------------------------------
+# --- hard fields ---
 
 
 def test_zeros_on_grid_points_are_outside_and_harmless():
@@ -640,7 +640,7 @@ def test_diagonals_can_be_chosen_again():
     assert assert_closed(faces, len(bent)) == assert_closed(c.faces, len(bent))
 
 
-# --- bad input ----------------------------------------------------------------------------------
+# --- bad input ---
 
 
 def test_no_surface_names_the_range_of_the_field():

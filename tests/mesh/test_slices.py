@@ -76,7 +76,7 @@ def shoelace(p):
     return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
 
 
-# --- exact cross-sections ---------------------------------------------------------------------
+# --- exact cross-sections ---
 
 
 def test_slabs_are_cut_into_rectangles_with_exact_corners():
@@ -117,7 +117,7 @@ def radii(through, axis):
     return through.x(u)[:, :2]
 
 
-# --- the inverse of the map as a twin ---------------------------------------------------------
+# --- the inverse of the map as a reference ---
 
 
 @pytest.mark.parametrize("name", WALLS)
@@ -191,7 +191,7 @@ def test_first_order_walls_are_not_moved_onto_the_exact_offset():
     assert abs(rough / wall("box").slices([0.3], h=0.05)[0].area - 1) > 1e-4
 
 
-# --- identities -------------------------------------------------------------------------------
+# --- identities ---
 
 
 @pytest.mark.parametrize("name", WALLS)
@@ -468,7 +468,7 @@ def test_threads_do_not_change_anything():
     assert np.array_equal(*loops)
 
 
-# --- combinatorics ----------------------------------------------------------------------------
+# --- combinatorics ---
 
 
 def noise_sheet(seed, turn=1, wrap=False):
@@ -624,7 +624,7 @@ def test_near_points_merge_but_sharp_ones_stay():
     assert keep.tolist() == [True, True, True, False, True, True, False]
 
 
-# --- bad input --------------------------------------------------------------------------------
+# --- bad input ---
 
 
 @pytest.mark.parametrize(

@@ -37,7 +37,7 @@ def lattice(name, boundary="extend"):
     return il.Lattice(name, through=il.macroshape.box(), boundary=boundary)
 
 
-# --- hand-made solids -------------------------------------------------------------------------
+# --- hand-made solids ---
 
 
 def test_nested_balls_are_parts_and_voids_with_volumes_and_places():
@@ -103,7 +103,7 @@ def test_what_is_no_solid_is_refused():
         topology_of(solid(ball(1.0), ball(0.5, (5, 0, 0), inward=True)))
 
 
-# --- voxels as a twin -------------------------------------------------------------------------
+# --- voxels as a reference ---
 
 
 def voxel_betti(wall, n):
@@ -139,7 +139,7 @@ def test_counts_of_the_catalogue_are_those_of_voxels(name):
     agrees(name, 0.03, 0.012, 192 if fine else 128)
 
 
-# --- necks and sweeps -------------------------------------------------------------------------
+# --- necks and sweeps ---
 
 
 def test_pinch_off_of_schwarz_p_is_the_radius_of_its_neck():
@@ -311,7 +311,7 @@ def test_necks_of_a_varying_wall_are_where_the_distance_falls_short_of_it():
         assert n.value == pytest.approx(abs(wall.lattice.distance(n.u[None])[0]) - d, abs=1e-6)
 
 
-# --- bad input --------------------------------------------------------------------------------
+# --- bad input ---
 
 
 @pytest.mark.parametrize("d", [[0.1], [0.2, 0.1], [0.0, 0.1], [0.1, np.nan], 0.1])
