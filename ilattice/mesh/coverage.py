@@ -21,8 +21,9 @@ if TYPE_CHECKING:
     from ilattice.mesh.surface import SurfaceMesh
     from ilattice.offsets.wall import OffsetSolid
 
-#: Part of the surfaces that a mesh may lack without a warning.
-TOLD = 0.02
+#: Part of the surfaces that a mesh may lack without a warning, with edges longer than by default,
+#: and with others.
+TOLD, TOLD_FINE = 0.02, 0.05
 #: Points of the mid-surface at most, and vertices of the mesh next to each that are looked at.
 POINTS, VERTICES = 4000, 6
 #: Of a wall: along the normal and against it.
@@ -60,7 +61,7 @@ def missing_part(wall: OffsetSolid, mesh: SurfaceMesh) -> float:
     return float(area[fine][far].sum()) / total if total > 0.0 else 0.0
 
 
-def warn_missing(wall: OffsetSolid, mesh: SurfaceMesh, h: float, enough: float) -> None:
+def warn_missing(wall: OffsetSolid, mesh: SurfaceMesh, h: float, *, coarse: bool) -> None:
     """Warn of a mesh whose triangles cut off bends of the offset surfaces.
 
     Parameters
@@ -69,15 +70,17 @@ def warn_missing(wall: OffsetSolid, mesh: SurfaceMesh, h: float, enough: float) 
         The wall.
     mesh : SurfaceMesh
         Its mesh.
-    h, enough : float
-        Length of its edges, and one that shows bends.
+    h : float
+        Length of its edges.
+    coarse : bool
+        Whether these are longer than they are by default.
     """
     part = missing_part(wall, mesh)
-    if part > TOLD:
+    if part > (TOLD if coarse else TOLD_FINE):
         warnings.warn(
             f"the mesh with h={h:g} is far from {100 * part:.2g} % of the surfaces of the wall, "
             f"by more than a quarter of the edges there: it cuts off bends and creases that are "
-            f"shorter than these; use h <= {enough:.3g}",
+            f"shorter than these; use h <= {0.5 * h:.3g}",
             PrecisionWarning,
             stacklevel=5,
         )

@@ -142,8 +142,8 @@ def _meshed(job: _Job, caps: bool, dtype: Any, allow_loss: bool) -> SurfaceMesh:
             wall, job.h, Extent.of(mesh.vertices, mesh.faces), sheets=sheets is not None,
             exactly=job.polish, allowed=allow_loss,
         )  # fmt: skip
-        if job.polish and not told and job.h > UNTOLD * wall.least_thickness:
-            warn_missing(wall, mesh, job.h, DEFAULTS[0] * wall.least_thickness)
+        if job.polish and not told:
+            warn_missing(wall, mesh, job.h, coarse=job.h > UNTOLD * wall.least_thickness)
         if wall._countable:
             check_parts(wall.field, job.axes, wall.lattice.through.closed, mesh, job.h)
     return mesh
