@@ -13,6 +13,8 @@ DOCS = Path(__file__).parent.parent / "docs"
 HOME = Path(il.__file__).parent
 #: Positional arguments of a kernel.
 MAX_ARGUMENTS = 16
+#: What the values of constants are made of.
+NUMBERS = (ast.Constant, ast.Tuple, ast.BinOp, ast.UnaryOp, ast.operator, ast.unaryop, ast.Load)
 
 
 def page(name):
@@ -70,3 +72,31 @@ def test_kernels_can_be_read():
     }
     assert len(counted) > 500
     assert {name: n for name, n in counted.items() if n > MAX_ARGUMENTS} == {}
+
+
+def constants(path):
+    """Numbers with names of capitals at the top of a module: first and last line, and name."""
+    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        if not isinstance(node, ast.Assign):
+            continue
+        parts = list(ast.walk(node.value))
+        numbers = (isinstance(n.value, int | float) for n in parts if isinstance(n, ast.Constant))
+        names = [n.id for n in ast.walk(node.targets[0]) if isinstance(n, ast.Name)]
+        if all(isinstance(n, NUMBERS) for n in parts) and all(numbers) and "".join(names).isupper():
+            yield node.lineno, node.end_lineno, names[0]
+
+
+def test_constants_say_what_they_are():
+    """By a comment above, or on their line; one may serve statements that follow each other."""
+    silent, count = [], 0
+    for path in HOME.rglob("*.py"):
+        lines = path.read_text(encoding="utf-8").splitlines()
+        for first, last, name in constants(path):
+            count += 1
+            above = first - 2
+            while above >= 0 and lines[above] and not lines[above].startswith("#"):
+                above -= 1
+            if not (lines[above].startswith("#") or "#" in lines[last - 1]):
+                silent.append(f"{path.relative_to(HOME)}:{first} {name}")
+    assert count > 500
+    assert silent == []

@@ -24,6 +24,7 @@ from ilattice._kernels import in_ranges, inner
 from ilattice.bspline._kernels_vector import dot, load, multiply_add, scale, spread, store
 
 FAST = {"contract", "nsz", "arcp", "reassoc"}
+#: Points that a thread takes at once.
 CHUNK = 4096
 PLANES = 4  # of a grid, per piece of parallel work
 START, DENSITY, LAST, BUCKETS = range(4)  # layout of a direction, see `pack_direction`

@@ -18,6 +18,7 @@ from ilattice.bspline._kernels_vector import LANES, load, multiply_add, scale, s
 
 FAST = {"contract"}
 INNER: Any = {"cache": True, "fastmath": FAST, "error_model": "numpy"}
+#: Points that a thread takes at once: where much is computed for each, and where little is.
 CHUNK, LONG = 64, 4096
 
 

@@ -20,6 +20,7 @@ from numba import njit
 from ilattice._kernels import in_ranges, inner
 from ilattice._kernels_tuples import borrowed
 
+#: Elements that a thread takes at once.
 CHUNK = 64
 MAX = 9  # coefficients per direction of the highest degree
 

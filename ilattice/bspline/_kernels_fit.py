@@ -22,6 +22,7 @@ from numba import njit
 from ilattice._kernels import in_ranges, inner
 
 FAST = {"contract", "nsz", "arcp", "reassoc"}
+#: Lines of coefficients that are solved together.
 WIDTH = 32
 
 

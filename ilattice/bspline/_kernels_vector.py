@@ -15,6 +15,7 @@ from numba import config, types
 from numba.core import cgutils
 from numba.extending import intrinsic, models, register_model
 
+#: Doubles in a register of AVX2.
 LANES = 4
 DOUBLE, INDEX, BIT = ir.DoubleType(), ir.IntType(64), ir.IntType(1)
 VECTOR = ir.VectorType(DOUBLE, LANES)

@@ -23,6 +23,7 @@ from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_array, as_knots
 from ilattice.errors import InputError
 
+#: Highest degree.
 MAX_DEGREE = 8
 
 

@@ -36,6 +36,7 @@ from ilattice.errors import InputError
 if TYPE_CHECKING:
     from ilattice.bspline.bezier import BezierCells
 
+#: Highest degree, and largest finite number.
 MAX_DEGREE = 8
 LARGEST = np.finfo(np.float64).max
 #: Degree triples for which kernels are specialised; all others share one generic kernel.

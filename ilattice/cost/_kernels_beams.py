@@ -16,6 +16,7 @@ from ilattice._kernels import in_ranges, inner
 from ilattice.tiles._kernels_closest import FAST
 from ilattice.tiles._kernels_skeleton import _add_curve, _add_point, _segment
 
+#: Nodes of a tree that wait at most, far more than it is deep; lengths that rounding may be off.
 STACK = 128
 SLACK = 1e-12
 

@@ -42,6 +42,7 @@ from ilattice.cutfem._kernels_copies import components
 from ilattice.errors import InputError
 from ilattice.quadrature.grid import DividedGrid, Grid
 
+#: Degrees of the spaces.
 DEGREES = (1, 2, 3)
 CHUNKS = 16  # of functions, each with scratch for all cells
 IDENTITY = read_only(np.eye(3)[None])

@@ -13,6 +13,7 @@ from numba import njit
 from ilattice._kernels import inner
 
 FAST = {"contract", "nsz"}
+#: Boxes in a leaf at most, and bins among which a cut of a node is chosen.
 LEAF = 4
 BINS = 16
 DEEP = 40  # from here on nodes are halved by count

@@ -13,6 +13,7 @@ import ilattice.fields._tables as ops
 from ilattice._kernels import inner
 
 INF = np.inf
+#: Relative widening of a range for the rounding of its ends, and one for ends near zero.
 PAD = 8.0 * 2.220446049250313e-16
 TINY = 1e-300
 HALF_PI = 0.5 * np.pi

@@ -19,6 +19,7 @@ from ilattice.fields._kernels_blocks import block_bounds, fill_program
 from ilattice.fields._kernels_decisions import decide
 from ilattice.fields._kernels_ops import value
 
+#: Operations of a field at most.
 MAX_INSTRUCTIONS = 200_000
 PRUNE_FROM = 24  # instructions from which on shorter programs are looked for
 SORT_FROM = 256  # instructions from which on points are put in an order in which near ones follow

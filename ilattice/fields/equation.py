@@ -30,10 +30,12 @@ from ilattice.fields.node import Node, everywhere
 
 __all__ = ["constant", "equation"]
 
+#: Characters of an equation, and levels of its brackets: the parser calls itself.
 MAX_LENGTH = 20_000
 MAX_DEPTH = 60
 VARIABLES = ("x", "y", "z")
 CONSTANTS: Mapping[str, float] = {"pi": np.pi, "tau": 2.0 * np.pi, "e": np.e}
+#: Arguments of functions that take any number.
 MANY = 1 << 30
 #: Name: instruction, least and largest number of arguments.
 FUNCTIONS: Mapping[str, tuple[int, int, int]] = {

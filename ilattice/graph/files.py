@@ -40,6 +40,7 @@ from ilattice.graph.volumes import region_data, region_from
 
 SCHEMA, VERSION = "ilattice.graph", 1
 _KEYS = ("schema", "version", "name", "about", "within", "nodes", "roots")
+#: Letters of an identifier.
 _LONGEST = 200
 
 

@@ -33,6 +33,7 @@ from ilattice.errors import GraphError, InputError
 from ilattice.graph.volumes import region_data
 from ilattice.minimal.region import Region
 
+#: Vertices of one node at most.
 MAX_VERTICES = 10_000
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 

@@ -27,6 +27,7 @@ from ilattice.graph.graph import Graph
 from ilattice.graph.skeletons import THICKNESS
 from ilattice.minimal import tetrahedron
 
+#: Edges of an enumerated truss, and edges that meet at a vertex, at most.
 MAX_EDGES, MAX_VALENCE = 3, 7
 Edge = tuple[int, int]
 

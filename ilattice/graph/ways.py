@@ -14,6 +14,7 @@ from ilattice._validate import as_whole
 from ilattice.errors import InputError
 from ilattice.minimal import FaceLoop, Region
 
+#: Sides of a loop at most: all are listed, and their number is exponential in it.
 MAX_SIDES = 10
 
 

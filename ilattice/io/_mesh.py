@@ -14,6 +14,7 @@ from ilattice._typing import AnyArray
 from ilattice._validate import Frozen
 from ilattice.errors import FormatError, GeometryError, InputError, PrecisionWarning
 
+#: Rows that are written at once: as numbers, and as text.
 BLOCK = 1 << 18
 TEXT_BLOCK = 1 << 14
 _COLOUR = ("r", "g", "b")

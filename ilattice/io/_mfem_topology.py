@@ -24,6 +24,7 @@ from ilattice.io._patches import check_count
 from ilattice.io._scanner import Scanner
 
 _PER_PATCH = 250  # letters for each patch of many: what they share takes memory, too
+#: Edges of a hexahedron.
 _MAX_EDGES = 12
 
 #: Codes of point, segment, square and cube, by dimension.

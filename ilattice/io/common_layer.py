@@ -18,6 +18,7 @@ from ilattice.io._slices import MILLIMETRES, Section, Stack, as_unit, contours, 
 
 _LAYER = np.dtype([("command", "<u2"), ("z", "<f4")])
 _POLYLINE = np.dtype([("command", "<u2"), ("id", "<i4"), ("dir", "<i4"), ("n", "<i4")])
+#: Commands of the binary format (CLI 2.0): a layer, and a polyline, in long form.
 _LONG_LAYER, _LONG_POLYLINE = 127, 130
 
 

@@ -42,6 +42,7 @@ from ilattice.io._patches import (
 )
 from ilattice.io._scanner import parse_numbers, pieces
 
+#: Levels of elements that are followed.
 DEPTH = 64
 _TYPE = re.compile(r"(BSpline|Nurbs|Tensor(?:BSpline|Nurbs)([1-9]))")
 _ID = re.compile(r"[0-9]{1,9}")
@@ -54,6 +55,7 @@ _TAGS: dict[str, tuple[str, ...]] = {
     "Basis": ("Basis", "KnotVector", "weights"),
     "MultiPatch": ("patches",),
 }
+#: What a file may have that is read: children, multi-patches, names of skipped elements, letters.
 MAX_CHILDREN = 64
 MAX_MULTIPATCHES = 1000
 MAX_SKIPPED = 1000

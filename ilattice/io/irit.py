@@ -51,7 +51,9 @@ _POINT = re.compile(r"([EP])([0-9]{1,2})", re.IGNORECASE)
 _PARAMETERS = {"CURVE": 1, "SURFACE": 2, "TRIVAR": 3, "MULTIVAR": 0}
 _WORDS = ("CURVE", "SURFACE", "TRIVAR")
 _OTHER = {"TRIMSRF", "TRISRF", "MODEL"}
+#: Components of a point type (P9).
 LARGEST_POINT = 9
+#: What a file may have: levels, names of skipped objects that are told, attributes of one.
 MAX_NESTED = 1000
 MAX_SKIPPED = 1000
 MAX_ATTRIBUTES = 50_000

@@ -41,8 +41,10 @@ from ilattice.io._patches import (
 )
 
 FORMAT = "ilattice spline"
+#: Version of the format.
 VERSION = 1
 INDEX_ORDER = "uvw, last fastest"
+#: Ratio to which an archive may expand, bytes it always may, members, and levels of lists.
 EXPANSION = 5
 _SMALL = 1 << 24
 _MEMBERS = 32

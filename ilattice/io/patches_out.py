@@ -13,6 +13,7 @@ from ilattice.io._mesh import PatchArrays
 from ilattice.io._patches import to_text
 from ilattice.io.vtk import write_mixed_vtu
 
+#: Cell types of VTK.
 _BEZIER_TRIANGLE, _BEZIER_QUADRILATERAL = 76, 77
 #: Controls (3, 3) of a quadrilateral in VTK's order: corners, sides, middle.
 _QUAD = [(0, 0), (2, 0), (2, 2), (0, 2), (1, 0), (2, 1), (1, 2), (0, 1), (1, 1)]

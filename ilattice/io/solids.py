@@ -20,6 +20,7 @@ from ilattice.errors import FormatError, GeometryError, InputError
 from ilattice.io._mesh import TEXT_BLOCK, blocks
 from ilattice.io.vtk import write_vtu
 
+#: Numbers per line.
 _PER_LINE = 10
 #: Numbers below are read as they are; CalculiX cuts longer exponents off.
 _MOST = 1e99

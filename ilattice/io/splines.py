@@ -38,6 +38,7 @@ __all__ = ["FORMATS", "Patch", "SplineFormat", "list_patches", "read_patch", "re
 
 Reader = Callable[[str | os.PathLike[str]], tuple[list[Patch], list[str]]]
 Writer = Callable[[BSpline, str | os.PathLike[str], tuple[str, ...]], None]
+#: Items that a message lists.
 _LISTED = 8
 
 

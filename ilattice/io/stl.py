@@ -31,6 +31,7 @@ from ilattice.io._scanner import parse_numbers
 
 _TRIANGLE = np.dtype([("numbers", "<f4", (12,)), ("attribute", "<u2")])
 _HEADER = b"binary STL by ilattice"  # must not begin with "solid", the mark of the text form
+#: Bytes before the number of triangles, and the largest number that fits there.
 _COUNT_AT = 80
 _LARGEST = 2**32 - 1
 _LONGEST = 4096  # letters from one facet to the next

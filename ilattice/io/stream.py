@@ -22,6 +22,7 @@ from ilattice.errors import FormatError, GeometryError, InputError
 from ilattice.io import ply, stl
 from ilattice.io._mesh import blocks, check_single, warn_collapsed, write_records
 
+#: Bytes kept for a header; bytes copied at once; blocks of vertices that faces may name.
 _HEADER_SIZE = 4096
 _COPY = 1 << 24
 _RECENT = 2

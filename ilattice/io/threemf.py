@@ -38,6 +38,7 @@ UNITS = {
     "foot": "Foot",
     "meter": "Meter",
 }
+#: Colours of a file, and significant digits of coordinates.
 _PALETTE = 1 << 16
 _DIGITS = 8
 _PLACES = 16  # most that lib3mf writes behind the point

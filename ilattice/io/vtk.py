@@ -24,6 +24,7 @@ from ilattice.errors import FormatError, InputError
 from ilattice.io._mesh import Triangles, check_not_empty, colours
 from ilattice.io.bezier_cells import bezier_nodes
 
+#: Cell type of VTK.
 _BEZIER_HEXAHEDRON = 79
 #: Part of a step by which the spacing of an image may vary: files have one number per axis.
 _SAME_STEP = 1e-9

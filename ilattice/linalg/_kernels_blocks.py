@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numba import njit, prange
 
+#: Rows that a thread takes at once: of matrices, and of vectors.
 ROWS = 32
 CHUNK = 4096
 FAST = {"contract", "nsz", "reassoc"}

@@ -11,6 +11,7 @@ from numba import njit, prange
 
 from ilattice.linalg._kernels_blocks import FAST
 
+#: Parts that rows are cut into for threads, so that sums do not depend on their number.
 PARTS = 64
 
 

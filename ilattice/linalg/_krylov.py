@@ -18,6 +18,7 @@ from ilattice.linalg import _kernels_blocks as kb
 
 Operator = Callable[[FloatArray], FloatArray]
 Residuals = Callable[[FloatArray, FloatArray], FloatArray]
+#: Times that iterations begin again, from residuals with more digits.
 RESTARTS = 5
 #: The condition of the preconditioned matrix is looked at every so many steps, and taken for
 #: that of a singular matrix above HOPELESS.

@@ -21,6 +21,7 @@ from ilattice.macroshape._seeds import CHUNK, Seeds
 
 __all__ = ["Located", "locate"]
 
+#: What became of a point.
 FOUND, OUTSIDE, FAILED = 0, 1, 2
 #: Iterations of one search, and searches for one point at most.
 _ITERATIONS, _STARTS = 60, 12

@@ -10,6 +10,7 @@ from ilattice._typing import FloatArray
 from ilattice.errors import InputError
 from ilattice.macroshape.tiling import Tiling
 
+#: Cells per tile and direction at least.
 MIN_CELLS_PER_TILE = 8
 #: Longest side of a cell of space over its shortest one, about.
 ANISOTROPY = 2.0

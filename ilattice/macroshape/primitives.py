@@ -26,7 +26,9 @@ __all__ = [
     "wing",
 ]
 
+#: Spans around an axis.
 MAX_SPANS = 10_000
+#: Knots of a straight line.
 _LINE = (0.0, 0.0, 1.0, 1.0)
 #: VTK order of the corners of a hexahedron, as indices along u, v, w.
 _HEXAHEDRON = ([0, 1, 1, 0, 0, 1, 1, 0], [0, 0, 1, 1, 0, 0, 1, 1], [0, 0, 0, 0, 1, 1, 1, 1])

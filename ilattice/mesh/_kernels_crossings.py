@@ -17,6 +17,7 @@ from numba import njit
 from ilattice._kernels import in_ranges, inner
 from ilattice.fields._kernels_program import spread
 
+#: Triangles per leaf of the tree.
 LEAF = 8
 CHUNK = 64  # leaves that a thread takes at once
 GRAIN = 4096  # triangles, or leaves where there is less to do
@@ -25,6 +26,7 @@ ROUNDING = 4e-15  # error of six volumes, relative to the cube of the size
 COPLANAR = 1e-9  # height of triangles over one plane, relative to their size
 ON_EDGE = 1e-10  # how far corners on an edge are away from it, relative to the size
 TOUCHING = 1e-13  # height of corners that touch a triangle, relative to the size
+#: Nodes that wait at most: one per level, of which there are fewer than bits in a number.
 DEEPEST = 64
 
 

@@ -13,6 +13,7 @@ from numba import njit
 
 from ilattice._kernels import inner
 
+#: Triangles that are summed up one after the other, for any number of threads.
 _CHUNK = 1 << 15
 
 

@@ -23,6 +23,7 @@ DOUBLE = 1  # column: the double face, or -1
 LABEL = 2  # 12 columns: patch of each edge, or -1
 ORDER = 14  # 12 columns: crossed edges, sorted by patch
 START = 26  # 5 columns: where each patch starts in ORDER
+#: Entries of a row of the table, and rows before those of flipped patterns.
 WIDTH = 31
 FLIPPED = 256
 

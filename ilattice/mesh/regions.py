@@ -16,6 +16,7 @@ from ilattice._validate import as_not_negative
 from ilattice.errors import GeometryError, PrecisionWarning
 from ilattice.mesh.surface import SurfaceMesh
 
+#: Triangles that are looked at at once.
 CHUNK = 1 << 20
 #: Parts smaller than this, relative to the largest, are told of as chips.
 CHIP = 0.05

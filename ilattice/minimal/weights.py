@@ -20,6 +20,7 @@ from ilattice._validate import as_array, as_points, read_only
 from ilattice.errors import ConvergenceError, InputError
 from ilattice.minimal.disc import Disc, cotangents, vertex_areas
 
+#: Rounds of flips towards Delaunay's condition at most.
 _MAX_ROUNDS = 60
 
 

@@ -50,6 +50,7 @@ from ilattice.offsets._kernels_patches import (
     unlikely,
 )
 
+#: Queries that a thread takes at once.
 CHUNK = 256
 #: Where the distance grows this slowly about a foot, compared with a plane, there may be another.
 LOOSE = 0.4

@@ -21,6 +21,7 @@ from ilattice._kernels import inner
 from ilattice._kernels_tuples import borrowed
 from ilattice.offsets._kernels_jets import FAST, map_jet, metric, solve_sym, sym, tangents, tile_jet
 
+#: Steps of Newton's method at most.
 MAX_ITERATIONS = 30
 #: Steps after which the surface is farther away, by the field, than this part of them are taken
 #: back by half, down to this length in tile coordinates.
@@ -31,6 +32,7 @@ SADDLE, CLEAR_SADDLE = -1e-3, -0.1
 #: tangent to the surface, and below which it is tangent to an edge.
 ROUNDING, TANGENT = 1e-12, 1e-5
 
+#: How a search ended: inside, on the boundary, by search along a curve, without foot, farther away.
 OK = 0
 BOUNDARY = 1
 FALLBACK = 2

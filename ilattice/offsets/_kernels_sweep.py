@@ -12,7 +12,9 @@ from numba import njit, prange
 from ilattice.offsets._kernels_jets import FAST
 from ilattice.offsets._kernels_patches import PLAIN, alike, in_reach, seed_distance, unlikely
 
+#: Seeds of a box of the lowest level, and boxes in one of the next.
 LEAF, FAN = 4, 4
+#: Queries that a thread takes at once.
 CHUNK = 64
 #: Seeds that a query may gather; of more, the nearer half is kept.
 MAX_GATHERED = 4096

@@ -32,6 +32,7 @@ __all__ = ["bind", "distance"]
 SEEDS = 96  # per side of a box
 STARTS = 3  # seeds from which feet are looked for
 NEAR = 24  # seeds among which starts are chosen
+#: Steps of Newton's method onto a surface, steps along it, and points that are taken at once.
 STEPS = 12
 SLIDES = 12
 BATCH = 1 << 15

@@ -22,8 +22,10 @@ from ilattice.bspline import BSpline
 if TYPE_CHECKING:
     from ilattice.offsets.mid_surface import MidSurface
 
+#: Degree of distance splines, the least whose gradients are continuous.
 DEGREE = 2
 PER_SITE = 40  # bytes
+#: Sites of a slab, of which closest points are found at once.
 SLAB_POINTS = 1 << 17
 
 

@@ -28,6 +28,7 @@ from ilattice.offsets.mid_surface import MidSurface
 from ilattice.offsets.thickness import Thickness, as_thickness
 from ilattice.offsets.wall import OffsetSolid
 
+#: Degree of the spline.
 DEGREE = 3
 #: Thickness of a solid, in the largest edges of tiles, as far as the width of meshes goes: small
 #: tiles get no fewer cells than `mesh` gives every tile.

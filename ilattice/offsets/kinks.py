@@ -21,6 +21,7 @@ from ilattice._typing import AnyArray, FloatArray
 from ilattice.bspline import BSpline
 from ilattice.bspline.fit import fit_interpolate, sites
 
+#: Degree between kinks.
 DEGREE = 2
 #: Random lines along each direction, and intervals into which they are cut at first.
 LINES, FIRST = 20, 16

@@ -12,6 +12,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+#: Pixels of a picture on a card.
 _SIZE = (360, 270)
 
 

@@ -13,6 +13,7 @@ from ilattice.errors import InputError
 from ilattice.plot import overlays, render
 from ilattice.plot.scene import Scene
 
+#: Pixels of a panel.
 _PANEL = (900, 760)
 
 

@@ -14,9 +14,8 @@ from ilattice.errors import FormatError, InputError
 from ilattice.plot import camera, overlays
 
 _BAR, _HEAD = 0.17, 0.07  # parts of the width for a colour bar, and of the height for a title
-_LINE = (
-    3.0  # pixels of height for a title, per point of its font: more than _HEAD if panels are low
-)
+#: Pixels of height for a title, per point of its font: more than _HEAD if panels are low.
+_LINE = 3.0
 _OCCLUSION = 0.04  # reach of the ambient occlusion, in units of the part's size
 _RAYS = 16  # per pixel, blurred: twice as many look the same and take a second more
 

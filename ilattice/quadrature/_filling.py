@@ -14,8 +14,10 @@ from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.quadrature import _kernels_drive as kernels
 from ilattice.quadrature._kernels_thinning import moments_of
 
+#: Points of a rule per direction at most.
 MAX_POINTS = 10
 BATCH = 4096  # boxes between two copies
+#: What is integrated over: bits.
 VOLUME, SURFACE = 1, 2
 MAX_ROWS = 1 << 22  # of all boxes of a batch, that room is kept for
 #: Points of a box, over polynomials that keep their integrals, above which they are thinned.

@@ -25,6 +25,7 @@ from ilattice.quadrature._kernels_scratch import (
 )
 from ilattice.quadrature._kernels_thinning import ROOM, thinned_parts
 
+#: Pieces that a thread takes at once.
 CHUNK = 32
 FAST = {"contract"}
 ROUNDING = 1e-13  # of sums of coefficients, relative

@@ -19,6 +19,7 @@ from ilattice._kernels import in_ranges, inner
 from ilattice._kernels_tuples import borrowed
 from ilattice.quadrature._kernels_solid import TINY, one_interval
 
+#: Pieces that a thread takes at once.
 CHUNK = 64
 MATH = {"contract", "nsz"}  # for vectors
 FAST: Any = {"error_model": "numpy", "fastmath": MATH}

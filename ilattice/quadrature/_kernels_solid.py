@@ -17,6 +17,7 @@ from ilattice.quadrature._kernels_bernstein import DEEPEST as ROOTS
 from ilattice.quadrature._kernels_bernstein import jet, roots
 
 FAST: Any = {"cache": True, "error_model": "numpy"}
+#: What a box is.
 EMPTY, FULL, SINGLE, UNSURE = 0, 1, 2, 3
 DEPTH = 6  # levels of halving, of faces
 TINY = 1e-15  # coefficients below this part of the largest count as zero

@@ -20,6 +20,7 @@ from ilattice.quadrature.levelsets import Pieces
 if TYPE_CHECKING:
     from ilattice.quadrature.grid import Grid
 
+#: What a cell is.
 IN, CUT, OUT = -1, 0, 1
 #: Length of pieces of splines, over that of cells, up to which their points are thinned even where
 #: they are not crowded.

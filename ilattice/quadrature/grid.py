@@ -48,6 +48,7 @@ if TYPE_CHECKING:
 
     from ilattice.quadrature.rules import Quadrature
 
+#: What a cell is.
 IN, CUT, OUT = -1, 0, 1
 #: Error of the volume of a speck, a void or a thin part around one cell, as a part of it, above
 #: which that is told.

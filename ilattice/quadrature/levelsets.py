@@ -33,6 +33,7 @@ from ilattice.quadrature._filling import Content
 from ilattice.quadrature._kernels_scratch import LOW
 from ilattice.quadrature.field_pieces import FieldPieces, field_pieces
 
+#: Highest degree of level sets, and numbers of coefficients for which kernels are unrolled.
 MAX_DEGREE = 4
 UNROLLED = (3, 4)
 #: Pieces that are worked on at once.

@@ -15,6 +15,7 @@ from numba import njit, prange
 from ilattice._kernels import inner
 from ilattice.fields._kernels_boxes import FAST, STACK, box_square
 
+#: Points that a thread takes at once.
 CHUNK = 256
 FACE = 0  # features: the face, 1..3 the edge from that corner on, 4..6 a corner
 FAR = 2.0  # a node this many radii away is summed as one dipole

@@ -13,6 +13,7 @@ from typing import NamedTuple
 from ilattice._files import read_bytes
 from ilattice.errors import FileError, FormatError, InputError
 
+#: What a command may have: files within files, words, and bytes in all of them.
 MAX_DEPTH = 16
 MAX_WORDS = 100_000
 MAX_BYTES = 2_000_000

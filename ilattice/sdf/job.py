@@ -37,6 +37,7 @@ from ilattice.sdf.meshing import MEMORY, Plan, mesh, planned
 __all__ = ["run"]
 
 OUTPUT = "out.ply"
+#: Runs of a sweep at most.
 MAX_RUNS = 100_000
 LONGEST_NAME = 240  # bytes of the name of a file
 MEASURES = (

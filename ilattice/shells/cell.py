@@ -41,6 +41,7 @@ from ilattice.shells.surface import EDGE, N, OctantSurface, surface
 from ilattice.shells.topologies import Topology, parsed
 from ilattice.tiles import Tile
 
+#: Spans of a cell.
 MIN_SPANS, MAX_SPANS = 8, 128
 #: Distance of the zero set from the curved triangles, in cells, that is told.
 TOLERANCE = 1e-3

@@ -27,6 +27,7 @@ from ilattice.slicing._in_plane import InPlane
 from ilattice.slicing._loops import EMPTY, Outline, placed
 from ilattice.slicing._section import Section, edges_of, halved, hidden, joined
 
+#: Cells per direction of a block that is skipped, or not, as one.
 BLOCK = 8
 #: Bisections of the boxes that may hold the highest and the lowest point.
 HALVINGS = 24

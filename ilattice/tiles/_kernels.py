@@ -17,6 +17,7 @@ from numba import njit
 
 from ilattice._kernels import in_ranges, inner
 
+#: Points that a thread takes at once.
 CHUNK = 1024
 # Without "reassoc": sums over a few terms must not be vectorised, and keep their order.
 FAST = {"contract", "nsz", "arcp"}

@@ -14,6 +14,7 @@ from numba import njit
 from ilattice._kernels import in_ranges, inner
 from ilattice.tiles._kernels import _C, _S, CHUNK, FAST, TURNS, TWO_PI
 
+#: Points of a group, one lane of the inner loops each.
 LANES = 64
 _S1, _S2, _S3, _S4, _S5, _S6, _S7 = _S[1:]
 _C1, _C2, _C3, _C4, _C5, _C6, _C7, _C8 = _C[1:]

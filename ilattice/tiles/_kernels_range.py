@@ -16,6 +16,7 @@ from numba import njit
 from ilattice._kernels import in_ranges, inner
 from ilattice.tiles._kernels import TURNS, sincos_turns, trig_jet, trig_tab
 
+#: Boxes that a thread takes at once, and the rounding of a double.
 CHUNK = 256
 EPS = 2.220446049250313e-16
 

@@ -23,6 +23,7 @@ from ilattice.tiles._kernels_closest import (
     surface_jet,
 )
 
+#: Points that a thread takes at once.
 CHUNK = 256
 SEGMENT, ARC, POLYGON, CURVE, SURFACE, TRIANGLE, BALL = 0, 1, 2, 3, 4, 5, 6
 #: Columns of `piece`: kind, group, start, degree or count, second degree, plain.

@@ -23,6 +23,7 @@ from ilattice.errors import InputError, PrecisionWarning
 from ilattice.tiles.tile import Tile
 from ilattice.tiles.trig import TrigField
 
+#: Degree of the splines of mixed cells.
 DEGREE = 3
 #: Spans per tile edge that the fit starts with, and at most.
 MIN_SPANS, MAX_SPANS = 8, 32

@@ -23,6 +23,7 @@ Codes = tuple[int, int, int]
 Terms = dict[Codes, float]
 
 ONE: Terms = {(0, 0, 0): 1.0}
+#: What notation may have: multiples of an angle, and brackets.
 MAX_HARMONIC = 32
 MAX_BRACKETS = 200
 

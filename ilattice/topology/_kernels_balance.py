@@ -20,7 +20,9 @@ from ilattice.offsets._kernels_jets import FAST, map_jet, metric, scratch, tile_
 from ilattice.offsets._kernels_newton import lagrangian, lowest
 from ilattice.topology._kernels_hull import solve_small
 
+#: Points that a thread takes at once, and feet that a balance has: those of a simplex.
 CHUNK, MAX_FEET = 32, 4
+#: Steps of a search, and steps without gain after which it ends.
 STEPS, PATIENCE = 25, 9
 #: Longest steps of the point and of feet, and the step that is the last one, in tiles.
 LONGEST, WANDER, STILL = 0.06, 0.15, 1e-11

@@ -8,6 +8,7 @@ from numba import njit, prange
 
 from ilattice._kernels import inner
 
+#: Sets of vectors that a thread takes at once.
 CHUNK = 64
 #: Most vectors that join a mean, and weights, gains and pivots that are none.
 ROUNDS, NOTHING = 64, 1e-12
