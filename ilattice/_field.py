@@ -21,6 +21,7 @@ STEP = 1e-4
 #: What a field can define itself.
 ABILITIES = (
     "jet", "grid", "range", "bounds", "lipschitz", "bounding_box", "node", "repeats", "flattened",
+    "breaks", "analysis_box",
 )  # fmt: skip
 
 
@@ -39,6 +40,8 @@ class Field:
     `node`            the same as a node of `ilattice.fields`: none
     `repeats`         axes along which it repeats on the unit cube: not known
     `flattened`       a smoother field for splines: itself
+    `breaks`          planes between its smooth pieces: none known
+    `analysis_box`    box in which it is analysed: `bounds`
     ================  ==========================================================================
     """
 
@@ -192,6 +195,26 @@ class Field:
             None where the field is smooth enough itself.
         """
         return None
+
+    def breaks(self, axis: int) -> FloatArray | None:  # noqa: ARG002
+        """Planes between which the field is smooth, such as knots of splines.
+
+        Parameters
+        ----------
+        axis : {0, 1, 2}
+            Direction.
+
+        Returns
+        -------
+        ndarray, shape (n,), or None
+            Where they are; None where that is not known.
+        """
+        return None
+
+    @property
+    def analysis_box(self) -> FloatArray:
+        """Box (2, 3) in which a solid of the field is analysed."""
+        return np.asarray(self.bounds, np.float64)
 
 
 def as_boxes(lo: ArrayLike, hi: ArrayLike) -> tuple[FloatArray, FloatArray]:

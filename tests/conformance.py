@@ -63,7 +63,7 @@ def _inner_points(field, rng, box, count):
     """Random points off the faces and off the breaks, by some steps of the differences."""
     h = 3 * _step(box)
     p = rng.uniform(box[0] + h, box[1] - h, (count, 3))
-    if hasattr(field, "breaks"):
+    if owns(field, "breaks"):
         for axis in range(3):
             gap = np.abs(p[:, axis, None] - np.asarray(field.breaks(axis))).min(axis=1)
             p = p[gap > h[axis]]

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from ilattice.offsets.wall import OffsetSolid
 
 #: Part of the surfaces that a mesh may lack without a warning, with edges longer than by default,
-#: and with others.
-TOLD, TOLD_FINE = 0.02, 0.05
+#: and as long.
+TOLD, TOLD_BY_DEFAULT = 0.02, 0.05
 #: Points of the mid-surface at most, and vertices of the mesh next to each that are looked at.
 POINTS, VERTICES = 4000, 6
 #: Of a wall: along the normal and against it.
@@ -76,7 +76,7 @@ def warn_missing(wall: OffsetSolid, mesh: SurfaceMesh, h: float, *, coarse: bool
         Whether these are longer than they are by default.
     """
     part = missing_part(wall, mesh)
-    if part > (TOLD if coarse else TOLD_FINE):
+    if part > (TOLD if coarse else TOLD_BY_DEFAULT):
         warnings.warn(
             f"the mesh with h={h:g} is far from {100 * part:.2g} % of the surfaces of the wall, "
             f"by more than a quarter of the edges there: it cuts off bends and creases that are "

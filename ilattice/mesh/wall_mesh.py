@@ -71,8 +71,9 @@ PER_VERTEX, PER_SITE = 500, 150
 MAX_PLANES = 10_000_000
 #: Length of edges, relative to the least thickness: by default, and where vertices are off then.
 DEFAULTS = (0.25, 0.2, 0.16)
-#: Length of edges, relative to the least thickness, above which bends may be cut off.
-UNTOLD = 1.01 * DEFAULTS[0]
+#: Lengths of edges, relative to that by default, between which they are as long; shorter ones
+#: are those of somebody who knows what bends they show.
+AS_DEFAULT = (0.95, 1.01)
 #: Longest edges, relative to the least thickness, with which contours show a wall; and the part of
 #: its sides that may be within it where it is meshed from its mid-surface.
 SEEN, MERGED = 1.0 / 1.5, 0.02
@@ -142,8 +143,9 @@ def _meshed(job: _Job, caps: bool, dtype: Any, allow_loss: bool) -> SurfaceMesh:
             wall, job.h, Extent.of(mesh.vertices, mesh.faces), sheets=sheets is not None,
             exactly=job.polish, allowed=allow_loss,
         )  # fmt: skip
-        if job.polish and not told:
-            warn_missing(wall, mesh, job.h, coarse=job.h > UNTOLD * wall.least_thickness)
+        least, longest = (part * DEFAULTS[0] * wall.least_thickness for part in AS_DEFAULT)
+        if job.polish and not told and job.h > least:
+            warn_missing(wall, mesh, job.h, coarse=job.h > longest)
         if wall._countable:
             check_parts(wall.field, job.axes, wall.lattice.through.closed, mesh, job.h)
     return mesh

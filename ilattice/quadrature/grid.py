@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ilattice._field import owns
 from ilattice._memory import need
 from ilattice._typing import AnyArray, FloatArray, IntArray, Solid
 from ilattice._validate import (
@@ -534,7 +535,7 @@ def _as_grid(cells: Any, sets: LevelSets, through: SplineMap | None) -> Grid:
         x, y, z = (np.linspace(lo[a], hi[a], counts[a] + 1) for a in range(3))
         return Grid((x, y, z), closed)
     if not sets.exact:
-        with_breaks = [f for f in sets.fields if hasattr(f, "breaks")]
+        with_breaks = [f for f in sets.fields if owns(f, "breaks")]
         if not with_breaks:
             raise InputError("cells is needed: only splines have elements of their own")
         x, y, z = (with_breaks[0].breaks(a) for a in range(3))

@@ -479,14 +479,14 @@ class _Negative(Field):
 
 def _intersection(fields: tuple[Any, ...], domain: FloatArray | None) -> FloatArray:
     boxes = [
-        np.asarray(f.analysis_box if hasattr(f, "analysis_box") else f.bounds, np.float64)
+        np.asarray(f.analysis_box if owns(f, "analysis_box") else f.bounds, np.float64)
         for f in fields
         if owns(f, "bounds")
     ]
     if domain is not None:
         box = domain
         for f in fields:
-            if not hasattr(f, "breaks") and (owns(f, "bounding_box") or not owns(f, "bounds")):
+            if not owns(f, "breaks") and (owns(f, "bounding_box") or not owns(f, "bounds")):
                 continue  # formulas and distances hold beyond the box of their solid
             b = np.asarray(f.bounds, np.float64)
             slack = 1e-12 * (b[1] - b[0])

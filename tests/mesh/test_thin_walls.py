@@ -267,3 +267,10 @@ def test_bends_that_edges_cut_off_are_told_of_though_the_volume_is_right():
     assert mesh.volume == pytest.approx(wall.volume(), rel=0.02)
     assert 0.02 < wall.thickness_error(mesh).missing < 0.1
     assert wall.thickness_error(wall.mesh()).missing < 0.01  # and without a warning
+
+
+def test_narrow_pores_that_default_edges_cut_off_are_told_of():
+    wall = il.Lattice("iwp", through=il.macroshape.box((1, 1, 1))).offset(0.15)
+    with pytest.warns(PrecisionWarning, match=r"is far from [\d.]+ % of the surfaces of the wall"):
+        mesh = wall.mesh()
+    assert wall.thickness_error(mesh).missing > 0.05
