@@ -20,7 +20,7 @@ from ilattice.graph.skeletons import (
     Transform,
 )
 
-#: Voxels per edge of the cell: by default (paper 000), and at most, for half a gigabyte.
+#: Voxels per edge of the cell: by default, and at most.
 RESOLUTION, MAX_RESOLUTION = 100, 512
 EXTRUSIONS = ("spherical", "normal")
 SETS = ("union", "intersection", "difference")

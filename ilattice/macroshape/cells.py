@@ -49,7 +49,7 @@ class CellMap(SplineMap):
         return True, True, True
 
 
-#: Directions of the planes of a cell.
+#: Pairs of directions.
 _PAIRS = ((0, 1), (0, 2), (1, 2))
 
 

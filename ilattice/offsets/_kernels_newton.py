@@ -32,7 +32,8 @@ SADDLE, CLEAR_SADDLE = -1e-3, -0.1
 #: tangent to the surface, and below which it is tangent to an edge.
 ROUNDING, TANGENT = 1e-12, 1e-5
 
-#: How a search ended: inside, on the boundary, by search along a curve, without foot, farther away.
+#: How a search ended: inside, on the boundary, with the nearest seed in place of a foot, without
+#: foot, given up as it leads to one that is farther away.
 OK = 0
 BOUNDARY = 1
 FALLBACK = 2

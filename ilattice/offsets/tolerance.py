@@ -29,7 +29,7 @@ from ilattice.offsets.distance_spline import DEGREE, interpolated
 if TYPE_CHECKING:
     from ilattice.offsets.wall import OffsetSolid
 
-#: Spans per tile at most: a million coefficients each.
+#: Spans per tile at most: nearly a million coefficients each.
 MAX_SPANS_PER_TILE = 96
 CHECKED = 1 << 15  # points of the offset surfaces at which the error is measured
 ORDER = 1.5  # of the 99th percentile in the size of spans: 1.3 to 2 at creases, 3 elsewhere

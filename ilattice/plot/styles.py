@@ -16,7 +16,7 @@ from ilattice._typing import FloatArray
 from ilattice._validate import as_array, near_names
 from ilattice.errors import InputError
 
-#: Triangles up to which normals at vertices are drawn; above, they are smaller than pixels.
+#: Triangles up to which normals at vertices are drawn.
 _SMOOTH_UP_TO = 2_000_000
 _CREASE = 40.0  # degrees between normals from which an edge is drawn sharp
 #: Of parts in a colour of their own, and of colours that are data.

@@ -43,7 +43,7 @@ MEMORY = 8.0  # gigabytes
 #: Planes of a grid per direction.
 MAX_PLANES = 1_000_000
 PER_TRIANGLE = 60  # bytes, with all that is in memory at once
-#: Bytes per block of a sparse grid, and per cell of one that is cut everywhere, as measured.
+#: Bytes per block of the grid, and per cell of it more than meshing can take.
 PER_BLOCK = 100
 MAX_PER_CELL = 320
 COARSE_GRID = 2.5  # spacings along the longest side below which a grid is called coarse
