@@ -35,6 +35,8 @@ GUARD = 4
 ROUNDS, STEPS = 12, 25
 #: Vectors that are looked for beside those that are known; values count as larger from this on.
 BESIDE, MORE = 3, 1e-9
+#: Part of a vector that is left without known ones, below which it is one of them.
+AGAIN = 1e-3
 #: Unknowns up to which all pairs are found at once where few cells are asked for many.
 DENSE = 3000
 #: Steps of power iterations that tell sizes of operators; residuals by rounding, in units of that
@@ -130,9 +132,13 @@ def _by_factor(A: Any, solver: Any, count: int, motions: FloatArray, tol: float)
         more = size * more
         least = np.sort(mu)[-count] if len(mu) >= count else None
         new = np.isfinite(more) if least is None else more > least + MORE * abs(least)
-        if not new.any():
+        known = len(mu)
+        for value, v in zip(more[new], y[:, new].T, strict=True):
+            apart = _apart(A, solver, mu, x, v)
+            if apart is not None:
+                mu, x = np.append(mu, value), np.column_stack([x, apart])
+        if len(mu) == known:
             return _polished(A, solver, *_combined(A, solver, x))
-        mu, x = np.append(mu, more[new]), np.concatenate([x, y[:, new]], axis=1)
         wanted = min(count, BESIDE)
     raise ConvergenceError(
         f"Lanczos' method finds ever more than {count} modes in {n} unknowns; give another method"
@@ -152,7 +158,13 @@ def _known(A: Any, solver: Any, motions: FloatArray, tol: float) -> tuple[FloatA
 
 def _combined(A: Any, solver: Any, x: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The best pairs in the span of x (n, k)."""
-    mu, S = eigh(x.T @ (A @ x), x.T @ solver.multiply(x))
+    try:
+        mu, S = eigh(x.T @ (A @ x), x.T @ solver.multiply(x))
+    except np.linalg.LinAlgError as e:
+        raise ConvergenceError(
+            "rounding leaves no energy in the softest motions; take springs that are not so much "
+            "softer than the solid"
+        ) from e
     return mu, x @ S
 
 
@@ -172,6 +184,21 @@ def _polished(A: Any, solver: Any, mu: FloatArray, x: FloatArray) -> tuple[Float
         y /= np.sqrt(abs(y @ solver.multiply(y)))
         mu[k], x[:, k] = y @ (A @ y), y
     return mu, x
+
+
+def _apart(A: Any, solver: Any, mu: FloatArray, x: FloatArray, v: FloatArray) -> Any:
+    """A vector v (n,) without its part in known ones, of unit v K v; None where nothing is left.
+
+    Rounding in K finds soft modes again, so what they are is taken out by A.
+    """
+    some = np.abs(mu) > np.finfo(float).eps * np.abs(mu).max(initial=0.0)
+    rest = v
+    for _ in range(TWICE):
+        rest = rest - x[:, some] @ (x[:, some].T @ (A @ rest) / mu[some])
+    square = float(rest @ solver.multiply(np.ascontiguousarray(rest)))
+    if np.linalg.norm(rest) <= AGAIN * np.linalg.norm(v) or not square > 0.0:
+        return None
+    return rest / np.sqrt(square)
 
 
 def _without(A: Any, mu: FloatArray, x: FloatArray) -> _Map:
