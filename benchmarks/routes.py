@@ -6,8 +6,8 @@ Ten cells of struts that are joined sharply, and ten sheets. Errors of the stiff
 too. Sheets have the orders of the spaces. Parts of voxels are from distances, to which a number is
 added so that the density is that of the cut cells.
 
-Fewer cells than those here are no help: 12 per direction, where what falls faster still counts,
-put the limit of C44 of three crossing bars 2.5 % below that of tetrahedra that fit the edges.
+Fewer cells of struts than those here are no help: 12 per direction, where what falls faster still
+counts, put the limit of C44 of three crossing bars 2.5 % below that of tetrahedra that fit the edges.
 """
 
 import itertools
@@ -27,7 +27,8 @@ from ilattice.homogenize import elastic, voxels
 SHARP = (1.09, 1.0, 1.2)
 #: Orders in sheets, of cut cells of degree 2 and of voxels.
 SMOOTH = (3.5, 2.0)
-CUT, VOXELS = (16, 24, 32), (48, 64, 96)
+#: Cells and voxels per direction, of struts and of sheets.
+GRIDS = {"struts": ((16, 24, 32), (48, 64, 96)), "sheets": ((10, 14, 18), (40, 60, 80))}
 PARTS = 2 * np.array(list(np.ndindex(2, 2, 2))) - 1
 
 CORNERS = [(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
@@ -104,6 +105,7 @@ def numbers(eff: Any, density: float) -> Any:
 def compared(name: str) -> None:
     """Print a line of the table."""
     start = time.process_time()
+    counts, parts = GRIDS["struts" if name in STRUTS else "sheets"]
     if name in STRUTS:
         solid: Any = il.tiles.skeleton(STRUTS[name][0], radius=STRUTS[name][1], faces="periodic")
         distance, orders = solid, [(p, p) for p in SHARP]
@@ -117,12 +119,12 @@ def compared(name: str) -> None:
             steep = np.linalg.norm(slope, axis=1)
             return (np.abs(f) - half) / np.maximum(steep, np.quantile(steep, 0.02))
 
-    fine = [elastic(solid, n, estimate=False, tol=1e-6) for n in CUT]
+    fine = [elastic(solid, n, estimate=False, tol=1e-6) for n in counts]
     density = fine[-1].density
     cut = [numbers(e, density) for e in fine]
-    of = [voxels(filled(distance, n, density), young=(1e-6, 1.0), estimate=False) for n in VOXELS]
+    of = [voxels(filled(distance, n, density), young=(1e-6, 1.0), estimate=False) for n in parts]
     vox = [numbers(e, density) for e in of]
-    ends = np.array([(limit(CUT, cut, p), limit(VOXELS, vox, q)) for p, q in orders])
+    ends = np.array([(limit(counts, cut, p), limit(parts, vox, q)) for p, q in orders])
     apart = np.abs(ends[:, 1] / ends[:, 0] - 1.0)
     last = 100 * np.abs(np.array(vox[-1]) / cut[-1] - 1)
     print(

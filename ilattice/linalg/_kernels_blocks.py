@@ -3,7 +3,7 @@
 A matrix is `offsets` (rows + 1), `columns` (blocks) and `blocks` (blocks, m, m), as in scipy's BSR
 format. `L` is a tuple of length m: the size of a block is then known to the compiler.
 
-Products take vectors as rows (r, n), and go through the matrix once for all of them.
+Products go through the matrix once for a vector, or for eight side by side.
 
 Guarantees: every row, and every chunk of a sum, is done by one thread in a fixed order, so the
 results have the same bits for any number of threads. Products of single precision stay in it;
@@ -15,6 +15,14 @@ from typing import Any
 import numpy as np
 from numba import njit, prange
 
+from ilattice.linalg._kernels_rows import (
+    LANES,
+    column,
+    column_of_eight,
+    row,
+    row_of_eight,
+)
+
 #: Rows that a thread takes at once: of matrices, and of vectors.
 ROWS = 32
 CHUNK = 4096
@@ -23,189 +31,88 @@ FAST = {"contract", "nsz", "reassoc"}
 NO_PIVOT = 1e-12
 
 
-@njit(cache=True, error_model="numpy", parallel=True, fastmath=FAST)
-def multiply3(offsets: Any, columns: Any, blocks: Any, x: Any, y: Any, sign: Any) -> None:
-    """y += sign K x (or y = K x for sign 0), blocks 3 x 3, vectors in rows of x (r, n)."""
-    n = len(offsets) - 1
-    threes = len(x) - len(x) % 3
-    for chunk in prange((n + ROWS - 1) // ROWS):
-        for r in range(0, threes, 3):
-            p, q, s = x[r], x[r + 1], x[r + 2]
-            f, g, h = y[r], y[r + 1], y[r + 2]
-            for i in range(chunk * ROWS, min(n, (chunk + 1) * ROWS)):
-                _rows3(offsets, columns, blocks, i, p, q, s, f, g, h, sign)
-        for r in range(threes, len(x)):
-            p, f = x[r], y[r]
-            for i in range(chunk * ROWS, min(n, (chunk + 1) * ROWS)):
-                _row3(offsets, columns, blocks, i, p, f, sign)
-
-
-@njit(cache=True, error_model="numpy", fastmath=FAST)
-def _row3(offsets: Any, columns: Any, blocks: Any, i: int, x: Any, y: Any, sign: Any) -> None:
-    """Row i of the product with one vector."""
-    a = x.dtype.type(0)
-    b = x.dtype.type(0)
-    c = x.dtype.type(0)
-    for k in range(offsets[i], offsets[i + 1]):
-        j = 3 * columns[k]
-        u = x[j]
-        v = x[j + 1]
-        w = x[j + 2]
-        a += blocks[k, 0, 0] * u + blocks[k, 0, 1] * v + blocks[k, 0, 2] * w
-        b += blocks[k, 1, 0] * u + blocks[k, 1, 1] * v + blocks[k, 1, 2] * w
-        c += blocks[k, 2, 0] * u + blocks[k, 2, 1] * v + blocks[k, 2, 2] * w
-    _add3(y, 3 * i, sign, a, b, c)
-
-
-@njit(cache=True, error_model="numpy", fastmath=FAST)
-def _rows3(
-    offsets: Any, columns: Any, blocks: Any, i: int, x: Any, y: Any, z: Any,
-    f: Any, g: Any, h: Any, sign: Any,
-) -> None:  # fmt: skip
-    """Row i of the products f, g, h with three vectors: nine sums stay in registers."""
-    zero = x.dtype.type(0)
-    f0, f1, f2, g0, g1, g2, h0, h1, h2 = zero, zero, zero, zero, zero, zero, zero, zero, zero
-    for k in range(offsets[i], offsets[i + 1]):
-        j = 3 * columns[k]
-        for b in range(3):
-            u, v, w = blocks[k, 0, b], blocks[k, 1, b], blocks[k, 2, b]
-            p, q, r = x[j + b], y[j + b], z[j + b]
-            f0 += u * p
-            f1 += v * p
-            f2 += w * p
-            g0 += u * q
-            g1 += v * q
-            g2 += w * q
-            h0 += u * r
-            h1 += v * r
-            h2 += w * r
-    _add3(f, 3 * i, sign, f0, f1, f2)
-    _add3(g, 3 * i, sign, g0, g1, g2)
-    _add3(h, 3 * i, sign, h0, h1, h2)
-
-
-@njit(cache=True, error_model="numpy", fastmath=FAST)
-def _add3(y: Any, i: int, sign: Any, a: Any, b: Any, c: Any) -> None:
-    """Three sums into y, as `multiply3` says."""
-    if sign == 0:
-        y[i] = a
-        y[i + 1] = b
-        y[i + 2] = c
-    else:
-        y[i] += sign * a
-        y[i + 1] += sign * b
-        y[i + 2] += sign * c
-
-
-@njit(cache=True, error_model="numpy", parallel=True, fastmath=FAST)
-def multiply6(offsets: Any, columns: Any, blocks: Any, x: Any, y: Any, sign: Any, L: Any) -> None:
-    """y += sign K x (or y = K x for sign 0), blocks 3 x 6 or 6 x 6."""
-    m = len(L)
-    n = len(offsets) - 1
-    for chunk in prange((n + ROWS - 1) // ROWS):
-        for r in range(len(x)):
-            for i in range(chunk * ROWS, min(n, (chunk + 1) * ROWS)):
-                for h in range(0, m, 3):
-                    a = x.dtype.type(0)
-                    b = x.dtype.type(0)
-                    c = x.dtype.type(0)
-                    for k in range(offsets[i], offsets[i + 1]):
-                        j = 6 * columns[k]
-                        s = x[r, j]
-                        t = x[r, j + 1]
-                        u = x[r, j + 2]
-                        v = x[r, j + 3]
-                        w = x[r, j + 4]
-                        z = x[r, j + 5]
-                        A = blocks[k, h]
-                        B = blocks[k, h + 1]
-                        C = blocks[k, h + 2]
-                        a += A[0] * s + A[1] * t + A[2] * u + A[3] * v + A[4] * w + A[5] * z
-                        b += B[0] * s + B[1] * t + B[2] * u + B[3] * v + B[4] * w + B[5] * z
-                        c += C[0] * s + C[1] * t + C[2] * u + C[3] * v + C[4] * w + C[5] * z
-                    e = m * i + h
-                    if sign == 0:
-                        y[r, e] = a
-                        y[r, e + 1] = b
-                        y[r, e + 2] = c
-                    else:
-                        y[r, e] += sign * a
-                        y[r, e + 1] += sign * b
-                        y[r, e + 2] += sign * c
-
-
-@njit(cache=True, error_model="numpy", parallel=True, fastmath=FAST)
-def multiply(offsets: Any, columns: Any, blocks: Any, x: Any, y: Any, sign: Any, S: Any) -> None:
-    """y += sign K x (or y = K x for sign 0), blocks len(S[0]) x len(S[1])."""
-    m = len(S[0])
-    p = len(S[1])
-    n = len(offsets) - 1
-    for chunk in prange((n + ROWS - 1) // ROWS):
-        for r in range(len(x)):
-            for i in range(chunk * ROWS, min(n, (chunk + 1) * ROWS)):
-                for a in range(m):
-                    v = x.dtype.type(0)
-                    for k in range(offsets[i], offsets[i + 1]):
-                        j = p * columns[k]
-                        for b in range(p):
-                            v += blocks[k, a, b] * x[r, j + b]
-                    if sign == 0:
-                        y[r, m * i + a] = v
-                    else:
-                        y[r, m * i + a] += sign * v
-
-
-@njit(cache=True, error_model="numpy", parallel=True, fastmath=FAST)
-def multiply_transposed6(
-    offsets: Any, rows: Any, where: Any, blocks: Any, x: Any, y: Any, L: Any
+@njit(cache=True, error_model="numpy", parallel=True)
+def multiply(
+    offsets: Any, columns: Any, blocks: Any, x: Any, y: Any, sign: Any, M: Any, P: Any
 ) -> None:
-    """y = Pᵀ x for blocks len(L) x 6; column J has blocks where[k] in rows[k]."""
-    m = len(L)
+    """y += sign K x (or y = K x for sign 0), blocks len(M) x len(P)."""
+    m = len(M)
     n = len(offsets) - 1
     for chunk in prange((n + ROWS - 1) // ROWS):
-        for r in range(len(x)):
-            for J in range(chunk * ROWS, min(n, (chunk + 1) * ROWS)):
-                a = x.dtype.type(0)
-                b = x.dtype.type(0)
-                c = x.dtype.type(0)
-                d = x.dtype.type(0)
-                e = x.dtype.type(0)
-                f = x.dtype.type(0)
-                for k in range(offsets[J], offsets[J + 1]):
-                    for q in range(m):
-                        v = x[r, m * rows[k] + q]
-                        B = blocks[where[k], q]
-                        a += B[0] * v
-                        b += B[1] * v
-                        c += B[2] * v
-                        d += B[3] * v
-                        e += B[4] * v
-                        f += B[5] * v
-                y[r, 6 * J] = a
-                y[r, 6 * J + 1] = b
-                y[r, 6 * J + 2] = c
-                y[r, 6 * J + 3] = d
-                y[r, 6 * J + 4] = e
-                y[r, 6 * J + 5] = f
+        first, last = chunk * ROWS, min(n, (chunk + 1) * ROWS)
+        sums = np.empty(m * ROWS, x.dtype)
+        for i in range(first, last):
+            row(
+                offsets[i], offsets[i + 1], columns, columns, blocks, x, M, P, sums, m * (i - first)
+            )
+        for e in range(m * (last - first)):
+            if sign == 0:
+                y[m * first + e] = sums[e]
+            else:
+                y[m * first + e] += sign * sums[e]
 
 
-@njit(cache=True, error_model="numpy", parallel=True, fastmath=FAST)
+@njit(cache=True, error_model="numpy", parallel=True)
+def multiply_eight(
+    offsets: Any, columns: Any, blocks: Any, x: Any, y: Any, sign: Any, M: Any, P: Any
+) -> None:
+    """The same for the first of eight vectors side by side in x (n, 8), and rows of y."""
+    m = len(M)
+    n = len(offsets) - 1
+    for chunk in prange((n + ROWS - 1) // ROWS):
+        first, last = chunk * ROWS, min(n, (chunk + 1) * ROWS)
+        sums = np.empty((m * ROWS, LANES), x.dtype)
+        for i in range(first, last):
+            row_of_eight(
+                offsets[i], offsets[i + 1], columns, columns, blocks, x, M, P, sums, m * (i - first)
+            )
+        for r in range(len(y)):
+            for e in range(m * (last - first)):
+                if sign == 0:
+                    y[r, m * first + e] = sums[e, r]
+                else:
+                    y[r, m * first + e] += sign * sums[e, r]
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
 def multiply_transposed(
-    offsets: Any, rows: Any, where: Any, blocks: Any, x: Any, y: Any, S: Any
+    offsets: Any, rows: Any, where: Any, blocks: Any, x: Any, y: Any, M: Any, P: Any
 ) -> None:
-    """y = Pᵀ x for blocks len(S[0]) x len(S[1]), otherwise like `multiply_transposed6`."""
-    m = len(S[0])
-    p = len(S[1])
+    """y = Pᵀ x, blocks len(M) x len(P); column J has blocks where[k] in rows[k]."""
+    p = len(P)
     n = len(offsets) - 1
     for chunk in prange((n + ROWS - 1) // ROWS):
-        for r in range(len(x)):
-            for J in range(chunk * ROWS, min(n, (chunk + 1) * ROWS)):
-                for b in range(p):
-                    v = x.dtype.type(0)
-                    for k in range(offsets[J], offsets[J + 1]):
-                        for a in range(m):
-                            v += blocks[where[k], a, b] * x[r, m * rows[k] + a]
-                    y[r, p * J + b] = v
+        for J in range(chunk * ROWS, min(n, (chunk + 1) * ROWS)):
+            column(offsets[J], offsets[J + 1], rows, where, blocks, x, M, P, y, p * J)
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
+def multiply_eight_transposed(
+    offsets: Any, rows: Any, where: Any, blocks: Any, x: Any, y: Any, M: Any, P: Any
+) -> None:
+    """The same for the first of eight vectors side by side in x (n, 8), and rows of y."""
+    p = len(P)
+    n = len(offsets) - 1
+    for chunk in prange((n + ROWS - 1) // ROWS):
+        first, last = chunk * ROWS, min(n, (chunk + 1) * ROWS)
+        sums = np.empty((p * ROWS, LANES), x.dtype)
+        for J in range(first, last):
+            column_of_eight(
+                offsets[J], offsets[J + 1], rows, where, blocks, x, M, P, sums, p * (J - first)
+            )
+        for r in range(len(y)):
+            for e in range(p * (last - first)):
+                y[r, p * first + e] = sums[e, r]
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
+def side_by_side(x: Any, out: Any) -> None:
+    """Numbers of vectors (r, n), at most eight, in rows of out (n, 8); zeros for those missing."""
+    n = x.shape[1]
+    for chunk in prange((n + CHUNK - 1) // CHUNK):
+        for i in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
+            for r in range(LANES):
+                out[i, r] = x[r, i] if r < len(x) else 0
 
 
 @njit(cache=True, error_model="numpy", parallel=True, fastmath=FAST)

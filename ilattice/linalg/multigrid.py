@@ -18,6 +18,7 @@ stiffness is refused.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -31,6 +32,7 @@ from ilattice.linalg import _kernels_blocks as kb
 from ilattice.linalg import _kernels_multigrid as km
 from ilattice.linalg import _kernels_patches as kp
 from ilattice.linalg import _kernels_products as kq
+from ilattice.linalg._kernels_rows import LANES
 
 #: Unknowns of the last level, at most, and when coarsening no longer helps.
 COARSEST, DENSE = 900, 4000
@@ -91,23 +93,16 @@ class Blocks:
 
     def multiply(self, x: AnyArray, y: AnyArray, sign: float) -> None:
         """y += sign A x, or y = A x for sign 0; vectors (n,), or in rows (r, n)."""
-        s = y.dtype.type(sign)
-        m, p = self.blocks.shape[1:]
-        x, y = np.atleast_2d(x), np.atleast_2d(y)
-        if m == p == 3:
-            kb.multiply3(self.offsets, self.columns, self.blocks, x, y, s)
-        elif m in (3, 6) and p == 6:
-            kb.multiply6(self.offsets, self.columns, self.blocks, x, y, s, self.sizes[0])
-        else:
-            kb.multiply(self.offsets, self.columns, self.blocks, x, y, s, self.sizes)
+        matrix, s = (self.offsets, self.columns, self.blocks), y.dtype.type(sign)
+        for rows, given, out in _together(x, y):
+            product = kb.multiply_eight if rows else kb.multiply
+            product(*matrix, given, out, s, *self.sizes)
 
     def multiply_transposed(self, x: AnyArray, y: AnyArray) -> None:
         """y = Aᵀ x; vectors (n,), or in rows (r, n)."""
-        x, y = np.atleast_2d(x), np.atleast_2d(y)
-        if self.blocks.shape[2] == 6:
-            kb.multiply_transposed6(*self.transposed, self.blocks, x, y, self.sizes[0])
-        else:
-            kb.multiply_transposed(*self.transposed, self.blocks, x, y, self.sizes)
+        for rows, given, out in _together(x, y):
+            product = kb.multiply_eight_transposed if rows else kb.multiply_transposed
+            product(*self.transposed, self.blocks, given, out, *self.sizes)
 
     def times(self, other: Blocks) -> Blocks:
         """The product, of the type of `other`."""
@@ -123,6 +118,19 @@ class Blocks:
             offsets, columns, blocks,
         )  # fmt: skip
         return Blocks(offsets, columns, blocks, other.width)
+
+
+def _together(x: AnyArray, y: AnyArray) -> Iterator[tuple[bool, AnyArray, AnyArray]]:
+    """Vectors of x and y: one by itself, or eight side by side (n, 8) and their rows of y."""
+    x, y = np.atleast_2d(x), np.atleast_2d(y)
+    for first in range(0, len(x), LANES):
+        some = x[first : first + LANES]
+        if len(x) == 1:
+            yield False, np.ascontiguousarray(some[0]), y[first]
+        else:
+            beside = np.empty((x.shape[1], LANES), x.dtype)
+            kb.side_by_side(some, beside)
+            yield True, beside, y[first : first + LANES]
 
 
 class Multigrid:

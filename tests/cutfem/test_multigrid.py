@@ -78,6 +78,28 @@ def test_products_with_vectors(size):
         np.testing.assert_allclose(z, D.T @ y, atol=tolerance * 20)
 
 
+@pytest.mark.parametrize("size", [*SIZES, (5, 7)])
+@pytest.mark.parametrize("count", [2, 6, 8, 9, 19])
+def test_products_with_several_vectors(size, count):
+    """Bits do not depend on how many vectors go together, nor on where they are."""
+    for dtype, tolerance in ((np.float64, 1e-13), (np.float32, 1e-5)):
+        A = random_blocks(*size, 70, 50, 3, dtype)
+        rng = np.random.default_rng(4)
+        x, y = (rng.standard_normal((count, n)).astype(dtype) for n in A.shape[::-1])
+        D = dense(A)
+        for sign, expected in ((0, x @ D.T), (1, y + x @ D.T), (-1, y - x @ D.T)):
+            z = y.copy()
+            A.multiply(x, z, sign)
+            np.testing.assert_allclose(z, expected, atol=tolerance * 20)
+        A.multiply(x[::-1], z[::-1], 0)
+        again = np.empty_like(z)
+        A.multiply(x, again, 0)
+        np.testing.assert_array_equal(z[:2], again[:2])
+        z = np.empty_like(x)
+        A.multiply_transposed(y, z)
+        np.testing.assert_allclose(z, y @ D, atol=tolerance * 20)
+
+
 @pytest.mark.parametrize("size", SIZES)
 def test_products_of_matrices(size):
     m, p = size
