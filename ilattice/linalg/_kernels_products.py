@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit, prange
 
 from ilattice.linalg._kernels_blocks import FAST
+from ilattice.linalg._kernels_rows import add_product, add_product_transposed
 
 #: Parts that rows are cut into for threads, so that sums do not depend on their number.
 PARTS = 64
@@ -21,36 +22,6 @@ def clear(C: Any, at: int, rows: Any, columns: Any) -> None:
     for a in range(len(rows)):
         for b in range(len(columns)):
             C[at, a, b] = 0.0
-
-
-@njit(inline="always")
-def add_product(
-    C: Any, at: int, A: Any, k: int, transposed: bool, B: Any, e: int,
-    rows: Any, inner: Any, columns: Any,
-) -> None:  # fmt: skip
-    """C[at] += A[k] B[e], of A[k] the transpose if asked; tuples as long as rows, sums, columns.
-
-    Rows of six, those of rigid modes, stay in registers.
-    """
-    for a in range(len(rows)):
-        if len(columns) == 6:
-            s, t, u = C[at, a, 0], C[at, a, 1], C[at, a, 2]
-            v, w, z = C[at, a, 3], C[at, a, 4], C[at, a, 5]
-            for c in range(len(inner)):
-                f = A[k, c, a] if transposed else A[k, a, c]
-                s += f * B[e, c, 0]
-                t += f * B[e, c, 1]
-                u += f * B[e, c, 2]
-                v += f * B[e, c, 3]
-                w += f * B[e, c, 4]
-                z += f * B[e, c, 5]
-            C[at, a, 0], C[at, a, 1], C[at, a, 2] = s, t, u
-            C[at, a, 3], C[at, a, 4], C[at, a, 5] = v, w, z
-        else:
-            for c in range(len(inner)):
-                f = A[k, c, a] if transposed else A[k, a, c]
-                for b in range(len(columns)):
-                    C[at, a, b] += f * B[e, c, b]
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
@@ -106,7 +77,7 @@ def product(
                         slot[J] = at
                         columns[at] = J
                         clear(blocks, at, L, R)
-                    add_product(blocks, at, a_blocks, k, False, b_blocks, e, L, L, R)
+                    add_product(blocks, at, a_blocks, k, b_blocks, e, L, L, R)
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
@@ -184,7 +155,7 @@ def galerkin(
                     J = b_columns[e]
                     if J < top:
                         continue
-                    add_product(blocks, slot[J], t_blocks, q, True, b_blocks, e, R, L, R)
+                    add_product_transposed(blocks, slot[J], t_blocks, q, b_blocks, e, R, L, R)
 
 
 @njit(cache=True, error_model="numpy")

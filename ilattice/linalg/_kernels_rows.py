@@ -1,8 +1,9 @@
-"""Rows of matrices of small blocks, times one vector or eight, by vector instructions.
+"""Rows of matrices of small blocks, times one vector or eight, and small blocks times each other.
 
-LLVM keeps short sums of blocks as they stand, number after number; here they are written as what
-processors have: entries of a block side by side for one vector, and numbers of the eight vectors
-side by side where there are more, so that each entry of a matrix is read and repeated once for all.
+LLVM keeps short sums as they stand, number after number; here they are written as the vector
+instructions that processors have: entries of a block side by side for one vector; numbers of the
+eight vectors side by side where there are more, so that each entry of a matrix is read and repeated
+once for all; rows of blocks where both factors are blocks.
 
 Guarantees: sums are in the order of the blocks of a row, with the same bits wherever the row is;
 nothing beyond blocks and vectors is read. Non-guarantees: arrays must be C-contiguous, which is
@@ -193,3 +194,67 @@ row: Any = _operation(_One, False)
 column: Any = _operation(_One, True)
 row_of_eight: Any = _operation(_Eight, False)
 column_of_eight: Any = _operation(_Eight, True)
+
+
+def _product_of_blocks(transposed: bool) -> Any:
+    """See `add_product`."""
+
+    def plain(C: Any, at: int, A: Any, k: int, B: Any, e: int, rows: Any, inner: Any,
+              columns: Any) -> None:  # fmt: skip
+        C[at] += (A[k].T if transposed else A[k]) @ B[e]
+
+    def typed(typing: Any, C: Any, at: Any, A: Any, k: Any, B: Any, e: Any, rows: Any, inner: Any,
+              columns: Any) -> Any:  # fmt: skip
+        if any(a.layout != "C" for a in (C, A, B)):
+            raise errors.TypingError("blocks are of arrays that are C-contiguous")
+        index = types.int64
+        return types.void(C, index, A, index, B, index, rows, inner, columns), generate
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        kinds = signature.args
+        m, n, p = (len(kinds[i]) for i in (6, 7, 8))
+        arrays = [
+            context.make_array(kinds[i])(context, builder, arguments[i]).data for i in (0, 2, 4)
+        ]
+        sizes = (m * p, m * n, n * p)
+        C, A, B = (
+            builder.gep(data, [builder.mul(arguments[i], INDEX(size))])
+            for data, i, size in zip(arrays, (1, 3, 5), sizes, strict=True)
+        )
+        kind = kinds[0].dtype
+        given = [_row_of(context, builder, B, c, p, kinds[4].dtype, kind) for c in range(n)]
+        none = ir.Constant(given[0].type, ir.Undefined)
+        mask = ir.Constant(ir.VectorType(SHORT, p), [0] * p)
+        for a in range(m):
+            total = _row_of(context, builder, C, a, p, kind, kind)
+            for c, other in enumerate(given):
+                entry = builder.load(
+                    builder.gep(A, [INDEX(c * m + a if transposed else a * n + c)])
+                )
+                entry = context.cast(builder, entry, kinds[2].dtype, kind)
+                entry = builder.insert_element(none, entry, SHORT(0))
+                repeated = builder.shuffle_vector(entry, none, mask)
+                product = builder.fmul(repeated, other, flags=CONTRACT)
+                total = builder.fadd(total, product, flags=CONTRACT)
+            pointer = builder.bitcast(builder.gep(C, [INDEX(a * p)]), total.type.as_pointer())
+            builder.store(total, pointer, align=kind.bitwidth // 8)
+        return context.get_dummy_value()
+
+    return plain if _config.DISABLE_JIT else intrinsic(typed)
+
+
+def _row_of(context: Any, builder: Any, block: Any, row: int, p: int, of: Any, to: Any) -> Any:
+    """A row of a block as a vector of another type."""
+    kind = ir.VectorType(context.get_value_type(of), p)
+    pointer = builder.bitcast(builder.gep(block, [INDEX(row * p)]), kind.as_pointer())
+    out = builder.load(pointer, align=of.bitwidth // 8)
+    wide = ir.VectorType(context.get_value_type(to), p)
+    if of.bitwidth < to.bitwidth:
+        return builder.fpext(out, wide)
+    return out if of == to else builder.fptrunc(out, wide)
+
+
+#: C[at] += A[k] B[e], or with A[k] transposed, in the precision of C; tuples as long as there are
+#: rows, sums and columns. Rows stay in registers.
+add_product: Any = _product_of_blocks(False)
+add_product_transposed: Any = _product_of_blocks(True)

@@ -9,33 +9,47 @@ from typing import Any
 import numpy as np
 from numba import njit, prange
 
+from ilattice.bspline._kernels_vector import LANES, load, multiply_add, scale, store
+
 
 @njit(cache=True, error_model="numpy")
-def lagrange(t: float, nodes: Any, out: Any) -> None:
+def lagrange(t: float, nodes: Any, factors: Any, out: Any) -> None:
     """Values at t of the polynomials that are 1 at one node and 0 at all others."""
-    for i in range(len(nodes)):
-        v = 1.0
-        for j in range(len(nodes)):
-            if j != i:
-                v *= (t - nodes[j]) / (nodes[i] - nodes[j])
-        out[i] = v
+    n = len(nodes)
+    v = 1.0
+    for i in range(n):
+        out[i] = factors[i] * v
+        v *= t - nodes[i]
+    v = 1.0
+    for i in range(n - 1, -1, -1):
+        out[i] *= v
+        v *= t - nodes[i]
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
 def project(points: Any, weights: Any, offsets: Any, boxes: Any, nodes: Any, out: Any) -> None:
     """Weights out (cells, n, n, n) on the tensor grid of nodes that keep the moments."""
     n = len(nodes)
+    wide = (n + LANES - 1) // LANES * LANES
+    factors = np.ones(n)  # of the polynomials
+    for i in range(n):
+        for j in range(n):
+            if j != i:
+                factors[i] /= nodes[i] - nodes[j]
     for cell in prange(len(boxes)):
         a = np.empty(n)
         b = np.empty(n)
-        c = np.empty(n)
+        c = np.zeros(wide)  # zeros at the end fill vectors up
+        sums = np.zeros((n, n, wide))
         for p in range(offsets[cell], offsets[cell + 1]):
-            lagrange((points[p, 0] - boxes[cell, 0]) / boxes[cell, 3], nodes, a)
-            lagrange((points[p, 1] - boxes[cell, 1]) / boxes[cell, 4], nodes, b)
-            lagrange((points[p, 2] - boxes[cell, 2]) / boxes[cell, 5], nodes, c)
-            for i in range(n):
-                x = weights[p] * a[i]
-                for j in range(n):
-                    y = x * b[j]
-                    for k in range(n):
-                        out[cell, i, j, k] += y * c[k]
+            lagrange((points[p, 0] - boxes[cell, 0]) / boxes[cell, 3], nodes, factors, a)
+            lagrange((points[p, 1] - boxes[cell, 1]) / boxes[cell, 4], nodes, factors, b)
+            lagrange((points[p, 2] - boxes[cell, 2]) / boxes[cell, 5], nodes, factors, c)
+            for k in range(0, wide, LANES):
+                row = scale(load(c, k, LANES), weights[p])
+                for i in range(n):
+                    plane = scale(row, a[i])
+                    for j in range(n):
+                        at = (i * n + j) * wide + k
+                        store(sums, at, multiply_add(plane, b[j], load(sums, at, LANES)))
+        out[cell] = sums[:, :, :n]
