@@ -38,8 +38,8 @@ from ilattice.quadrature.rules import Quadrature
 FULL = 1e-9
 #: Loads below this part of the largest one are rounding.
 ROUNDING = 1e-13
-#: Parts of a relaxed energy that coarser cells seem to miss and are rounding, and that solutions of
-#: the usual tolerance leave in a property.
+#: Parts of a relaxed energy that coarser cells seem to miss and are rounding, and that rounding
+#: leaves in a property at least.
 UNSEEN, ROUNDED = 1e-11, 1e-12
 #: Factor between materials up to which cells are solved for in double precision.
 CONTRAST = 1e9
@@ -58,6 +58,8 @@ class Answer:
     missed : ndarray, shape (k,)
         Part of these that splines on cells twice as long do not have: little in laminates and in
         cells of one material.
+    unsolved : ndarray, shape (k,)
+        Energies of what solving left of the errors, about, and from above.
     coefficients : ndarray, shape (functions, m, k)
         Solutions.
     report : SolveReport or None
@@ -70,6 +72,7 @@ class Answer:
 
     energies: FloatArray
     missed: FloatArray
+    unsolved: FloatArray
     coefficients: FloatArray
     report: SolveReport | None
     solved: int = 0
@@ -309,7 +312,7 @@ class CellProblem(Problem):
         coefficients = np.zeros_like(F)
         for i in range(k):
             coefficients[..., i] = system.constraints.expand(U[:, i].reshape(-1, self.m))
-        energies, missed = np.zeros((k, k)), np.zeros(k)
+        energies, missed, unsolved = np.zeros((k, k)), np.zeros(k), np.zeros(k)
         if solver is not None:
             KU, work = solver.multiply(U), U.T @ B
             energies = work + work.T - 0.5 * (U.T @ KU + KU.T @ U)  # off by squares only
@@ -318,7 +321,10 @@ class CellProblem(Problem):
                 if not self._constant:
                     part = self._part_missed(coefficients[..., a], float(U[:, a] @ KU[:, a]))
                 missed[a] = max(part, UNSEEN)
-        return Answer(energies, missed, coefficients, report, solved, spared)
+            R = B - KU
+            unsolved = np.maximum((R * solver.precondition(R)).sum(axis=0), 0.0)
+            unsolved *= 1.0 if report is None else report.condition
+        return Answer(energies, missed, unsolved, coefficients, report, solved, spared)
 
     def _solved(
         self, B: FloatArray, method: str, tol: float, max_iterations: int, progress: Any
@@ -437,7 +443,7 @@ class CellProblem(Problem):
         return errors
 
     def rounding(self, values: FloatArray, answer: Answer) -> FloatArray:
-        """Relative errors that differences of energies leave.
+        """Relative errors that solutions and differences of energies leave.
 
         Parameters
         ----------
@@ -451,7 +457,7 @@ class CellProblem(Problem):
         ndarray, shape (k,)
             Zero where they do not count.
         """
-        lost = ROUNDED * answer.energies.diagonal() / self.cell_volume
+        lost = np.maximum(ROUNDED * answer.energies.diagonal(), answer.unsolved) / self.cell_volume
         there = (lost > EXACT * values) & (values > SOFT * values.max(initial=0.0))
         return np.where(there, lost / np.where(there, values, 1.0), 0.0)
 
