@@ -78,7 +78,7 @@ def test_products_with_vectors(size):
         np.testing.assert_allclose(z, D.T @ y, atol=tolerance * 20)
 
 
-@pytest.mark.parametrize("size", [*SIZES, (5, 7)])
+@pytest.mark.parametrize("size", [(1, 1), (3, 3), (3, 6), (6, 6), (5, 7)])
 @pytest.mark.parametrize("count", [2, 6, 8, 9, 19])
 def test_products_with_several_vectors(size, count):
     """Bits do not depend on how many vectors go together, nor on where they are."""
