@@ -67,7 +67,7 @@ STRUTS = {
     "bcc": (MIDDLE, 0.12),
     "bccz": (MIDDLE + star((0, 0, 0), AXES[2:]), 0.1),
     "octet": (near(FCC, 2**-0.5), 0.08),
-    "diamond": (near(DIAMOND, 3**0.5 / 4), 0.1),
+    "diamond struts": (near(DIAMOND, 3**0.5 / 4), 0.1),
     "kelvin": (near(KELVIN, 8**-0.5), 0.08),
     "sc and bcc": (MIDDLE + star((0.5, 0.5, 0.5), AXES), 0.09),
     "sc and dual": (star((0.5, 0.5, 0.5), AXES) + star((0.1, 0.0, 0.2), AXES)
@@ -137,7 +137,7 @@ def compared(name: str) -> None:
     apart = np.abs(ends[:, 1] / ends[:, 0] - 1.0)
     last = 100 * np.abs(np.array(vox[-1]) / cut[-1] - 1)
     print(
-        f"{name:12s} rho {density:.4f} cut {ends[0, 0].round(6)} voxels {ends[0, 1].round(6)} "
+        f"{name:14s} rho {density:.4f} cut {ends[0, 0].round(6)} voxels {ends[0, 1].round(6)} "
         f"apart {(100 * apart[0]).round(2)} %, at other orders {(100 * apart[1:]).round(2)}; "
         f"finest apart {last.round(1)}, {time.process_time() - start:.0f} s",
         flush=True,
