@@ -28,12 +28,13 @@ from ilattice.homogenize import elastic, voxels
 SHARP = (1.09, 1.0, 1.2)
 #: Orders in sheets, of cut cells of degree 2 and of voxels.
 SMOOTH = (3.5, 2.0)
-#: Cells and voxels per direction: of struts, of sheets, and of sheets that wind more.
+#: Cells and voxels per direction: of struts, of sheets, and of those that need more.
 GRIDS = {
     "struts": ((16, 24, 32), (48, 64, 96)),
     "sheets": ((10, 14, 18), (40, 60, 80)),
     "frd": ((18, 22, 28), (48, 64, 96)),
-    "y": ((18, 22, 28), (48, 64, 96)),
+    "y": ((24, 30, 36), (64, 96, 128)),
+    "octet": ((24, 32, 40), (64, 96, 128)),
 }
 PARTS = 2 * np.array(list(np.ndindex(2, 2, 2))) - 1
 

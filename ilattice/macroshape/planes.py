@@ -21,7 +21,7 @@ PER_SITE = 150
 MAX_PLANES = 10_000_000
 
 
-def grid_axes(lattice: Tiling, h: float) -> tuple[FloatArray, ...]:
+def grid_axes(lattice: Tiling, h: float, least: int = MIN_CELLS_PER_TILE) -> tuple[FloatArray, ...]:
     """Grid planes whose images are about `h` apart, and not much closer along one direction.
 
     Along each direction the largest stretch of the map over the cross-section sets the density
@@ -34,6 +34,8 @@ def grid_axes(lattice: Tiling, h: float) -> tuple[FloatArray, ...]:
         Tiles and map.
     h : float
         Length of the edges of cells in space.
+    least : int, optional
+        Least number of cells per tile and direction.
 
     Returns
     -------
@@ -65,7 +67,7 @@ def grid_axes(lattice: Tiling, h: float) -> tuple[FloatArray, ...]:
         size = [(stretch[..., o] * _along(step[o], o)).max(axis=others[a]) for o in (b, c)]
         most = ANISOTROPY * np.maximum(*size) / stretch[..., a].max(axis=others[a])
         limited.append(np.minimum(step[a], np.maximum(most, step[a] / CLOSEST)))
-    return tuple(_planes(sites[a], limited[a], lattice.repeat[a]) for a in range(3))
+    return tuple(_planes(sites[a], limited[a], least * lattice.repeat[a]) for a in range(3))
 
 
 def _along(a: FloatArray, axis: int) -> FloatArray:
@@ -74,9 +76,9 @@ def _along(a: FloatArray, axis: int) -> FloatArray:
     return a.reshape(shape)
 
 
-def _planes(sites: FloatArray, step: FloatArray, tiles: int) -> FloatArray:
-    """Planes from the first to the last site, with the local width `step` at the sites."""
-    density = 1.0 / np.minimum(step, (sites[-1] - sites[0]) / (tiles * MIN_CELLS_PER_TILE))
+def _planes(sites: FloatArray, step: FloatArray, least: int) -> FloatArray:
+    """Planes from the first to the last site, `step` apart at the sites, or by `least` cells."""
+    density = 1.0 / np.minimum(step, (sites[-1] - sites[0]) / least)
     cells = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(sites))])
     n = int(np.ceil(cells[-1]))
     planes = np.interp(np.linspace(0.0, cells[-1], n + 1), cells, sites)

@@ -6,14 +6,12 @@ to triangles. Non-guarantee: holes smaller than the spacing of the points are no
 
 from __future__ import annotations
 
-import warnings
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from ilattice._typing import AnyArray, FloatArray
-from ilattice.errors import PrecisionWarning
 from ilattice.mesh.sheets import beside, to_faces
 from ilattice.offsets.polish import inside
 
@@ -61,8 +59,8 @@ def missing_part(wall: OffsetSolid, mesh: SurfaceMesh) -> float:
     return float(area[fine][far].sum()) / total if total > 0.0 else 0.0
 
 
-def warn_missing(wall: OffsetSolid, mesh: SurfaceMesh, h: float, *, coarse: bool) -> None:
-    """Warn of a mesh whose triangles cut off bends of the offset surfaces.
+def missing(wall: OffsetSolid, mesh: SurfaceMesh, h: float, *, coarse: bool) -> str:
+    """What to tell of a mesh whose triangles cut off bends of the offset surfaces.
 
     Parameters
     ----------
@@ -74,16 +72,20 @@ def warn_missing(wall: OffsetSolid, mesh: SurfaceMesh, h: float, *, coarse: bool
         Length of its edges.
     coarse : bool
         Whether these are longer than they are by default.
+
+    Returns
+    -------
+    str
+        Empty if it has them.
     """
     part = missing_part(wall, mesh)
-    if part > (TOLD if coarse else TOLD_BY_DEFAULT):
-        warnings.warn(
-            f"the mesh with h={h:g} is far from {100 * part:.2g} % of the surfaces of the wall, "
-            f"by more than a quarter of the edges there: it cuts off bends and creases that are "
-            f"shorter than these; use h <= {0.5 * h:.3g}",
-            PrecisionWarning,
-            stacklevel=5,
-        )
+    if part <= (TOLD if coarse else TOLD_BY_DEFAULT):
+        return ""
+    return (
+        f"the mesh with h={h:g} is far from {100 * part:.2g} % of the surfaces of the wall, "
+        f"by more than a quarter of the edges there: it cuts off bends and creases that are "
+        f"shorter than these; use h <= {0.5 * h:.3g}"
+    )
 
 
 def merged_part(wall: OffsetSolid) -> float:

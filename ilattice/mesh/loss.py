@@ -2,7 +2,7 @@
 
 Guarantee: meshes whose edges are long against the wall are compared, and others where the volume at
 random points is another one. Chords lose material where a wall is convex, and gain it where pores
-are narrow. Non-guarantees: less than 2 % of meshes with short edges is not seen; the volume of the
+are narrow. Non-guarantees: less than 1 % of meshes with short edges is not seen; the volume of the
 wall goes by the distance spline (see `ilattice.lattice.Wall.volume`), and where the mesh has
 another one by what exact distances change of it at random points.
 """
@@ -10,7 +10,7 @@ another one by what exact distances change of it at random points.
 from __future__ import annotations
 
 import warnings
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -23,9 +23,8 @@ if TYPE_CHECKING:
 
 #: Part of the volume from which on it is told, and from which on it is an error.
 TOLD, REFUSED = 0.01, 0.05
-#: Boxes with two random points each, and the part of the volume by which meshes may be off there,
-#: less three standard errors, and half of it at least.
-BOXES, NEAR = 1 << 16, 0.02
+#: Boxes with two random points each, by which volumes are compared first.
+BOXES = 1 << 16
 #: Length of edges, relative to the least thickness, from which on volumes are compared, and that
 #: which is recommended.
 COMPARED, ENOUGH = 0.6, 0.25
@@ -94,9 +93,41 @@ class Extent:
         self.longest = max(self.longest, float(np.linalg.norm(edges, axis=2).max(initial=0.0)))
 
 
-def check_loss(
-    wall: OffsetSolid, h: float, mesh: Extent, *, sheets: bool, exactly: bool, allowed: bool
-) -> bool:
+class Loss(NamedTuple):
+    """Another volume than that of the wall.
+
+    Attributes
+    ----------
+    part : float
+        What the mesh has more of the volume of the wall.
+    message : str
+        Both volumes, and what to do.
+    """
+
+    part: float
+    message: str
+
+    def tell(self, *, allowed: bool) -> None:
+        """Warn of it.
+
+        Parameters
+        ----------
+        allowed : bool
+            Whether to warn only, however much is lost.
+
+        Raises
+        ------
+        GeometryError
+            If more than `REFUSED` of the volume is lost or gained, unless that is allowed.
+        """
+        if abs(self.part) > REFUSED and not allowed:
+            raise GeometryError(f"{self.message}, or allow_loss=True")
+        warnings.warn(self.message, PrecisionWarning, stacklevel=5)
+
+
+def loss_of(
+    wall: OffsetSolid, h: float, mesh: Extent, *, sheets: bool, exactly: bool
+) -> Loss | None:
     """Compare the volume of a mesh with that of its wall, where they may differ.
 
     Parameters
@@ -111,29 +142,21 @@ def check_loss(
         Whether it was made from the mid-surface, so that it loses by bends only, as h².
     exactly : bool
         Whether it is one of the exact offset, and not of the distance spline.
-    allowed : bool
-        Whether to warn only, however much is lost.
 
     Returns
     -------
-    bool
-        Whether it has warned.
-
-    Raises
-    ------
-    GeometryError
-        If more than `REFUSED` of the volume is lost or gained, unless that is allowed.
+    Loss or None
+        What is to be told, if it is more than `TOLD` of the volume.
     """
     least, got = wall.least_thickness, mesh.volume
-    short = h <= COMPARED * least
-    if short and VolumePoints(wall, BOXES).near(got, NEAR):
-        return False
+    if h <= COMPARED * least and VolumePoints(wall, BOXES).near(got, TOLD):
+        return None
     whole = wall._volume
     rounded = wall._rounded.volume if exactly and abs(got - whole) > TOLD * whole else 0.0
     whole += rounded
     off = got / whole - 1.0 if whole > 0.0 else 0.0
-    if abs(off) <= (NEAR if short else TOLD):
-        return False
+    if abs(off) <= TOLD:
+        return None
     told, h = f"{h:g}", min(h, mesh.longest)  # a grid has at least some planes per tile
     enough = min(ENOUGH * least, 0.9 * h * (TOLD / abs(off)) ** 0.5)
     if sheets:
@@ -145,7 +168,4 @@ def check_loss(
     )
     if abs(rounded) > TOLD * whole:
         message += f" and spans_per_tile > {wall.lattice.spans}, or tol"
-    if abs(off) > REFUSED and not allowed:
-        raise GeometryError(f"{message}, or allow_loss=True")
-    warnings.warn(message, PrecisionWarning, stacklevel=4)
-    return True
+    return Loss(off, message)

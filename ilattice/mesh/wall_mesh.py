@@ -33,7 +33,7 @@ from ilattice._memory import need
 from ilattice._progress import Progress
 from ilattice._typing import AnyArray, ArrayLike, FloatArray
 from ilattice.errors import ConvergenceError, GeometryError, InputError, PrecisionWarning
-from ilattice.macroshape.planes import grid_axes
+from ilattice.macroshape.planes import MIN_CELLS_PER_TILE, grid_axes
 from ilattice.mesh._own_cells import in_own_cells
 from ilattice.mesh._projecting import (
     Classes,
@@ -44,9 +44,9 @@ from ilattice.mesh._projecting import (
     projected,
 )
 from ilattice.mesh.contouring import ON_CAP, Contour, contour_arrays, contour_blocks
-from ilattice.mesh.coverage import merged_part, warn_missing
+from ilattice.mesh.coverage import merged_part, missing
 from ilattice.mesh.creases import sharpened
-from ilattice.mesh.loss import ENOUGH, Extent, check_loss
+from ilattice.mesh.loss import ENOUGH, Extent, loss_of
 from ilattice.mesh.parts import check_parts
 from ilattice.mesh.sheets import Sheets
 from ilattice.mesh.specks import without_specks
@@ -70,10 +70,12 @@ CORNERS = np.indices((2, 2, 2)).reshape(3, -1).T
 PER_VERTEX, PER_SITE = 500, 150
 MAX_PLANES = 10_000_000
 #: Length of edges, relative to the least thickness: by default, and where vertices are off then.
-DEFAULTS = (0.25, 0.2, 0.16)
-#: Lengths of edges, relative to that by default, between which they are as long; shorter ones
-#: are those of somebody who knows what bends they show.
-AS_DEFAULT = (0.95, 1.01)
+DEFAULTS = (0.25, 0.16, 0.1)
+#: Least number of cells per tile and direction by default: pores of thick walls bend more than
+#: their walls are thin.
+PER_TILE = 20
+#: Length of edges, relative to that by default, up to which they are as long.
+AS_DEFAULT = 1.01
 #: Longest edges, relative to the least thickness, with which contours show a wall; and the part of
 #: its sides that may be within it where it is meshed from its mid-surface.
 SEEN, MERGED = 1.0 / 1.5, 0.02
@@ -98,26 +100,25 @@ def wall_mesh(
 ) -> SurfaceMesh:
     """Mesh of a wall, less where a field `cut` is positive; see `ilattice.lattice.Wall.mesh`.
 
-    Where vertices are off with edges of the default length, shorter ones are tried.
+    Where edges of the default length are too long for vertices, volume or bends, shorter ones are
+    tried, and the last that fit the memory are told of.
     """
-    first: TooCoarseError | None = None
-    lengths = [h] if h is not None else [part * wall.least_thickness for part in DEFAULTS]
-    for length in lengths:
-        job = _Job.of(wall, length, polish, progress, cut)
+    job = _Job.of(wall, h, polish, progress, cut)
+    for part in DEFAULTS[1:] if h is None else ():
         try:
-            return _meshed(job, caps, dtype, allow_loss)
-        except TooCoarseError as e:
-            first = first or e
-        except InputError:  # finer grids do not fit the memory
-            if first is None:
-                raise
-            break
-    assert first is not None
-    raise first
+            return _meshed(job, caps, dtype, allow_loss, last=False)
+        except TooCoarseError:
+            try:
+                shorter = _Job.of(wall, h, polish, progress, cut, part)
+                _check_size(shorter.axes)
+            except InputError:  # finer grids do not fit the memory
+                break
+            job = shorter
+    return _meshed(job, caps, dtype, allow_loss, last=True)
 
 
-def _meshed(job: _Job, caps: bool, dtype: Any, allow_loss: bool) -> SurfaceMesh:
-    """Mesh of a wall with edges of one length."""
+def _meshed(job: _Job, caps: bool, dtype: Any, allow_loss: bool, *, last: bool) -> SurfaceMesh:
+    """Mesh of a wall with edges of one length; those that are not the last tell nothing."""
     wall, cut = job.wall, job.cut
     _check_size(job.axes)
     sheets = _of_sheets(job, caps)
@@ -139,16 +140,29 @@ def _meshed(job: _Job, caps: bool, dtype: Any, allow_loss: bool) -> SurfaceMesh:
     if mesh.vertices.dtype == np.float64:
         mesh.__dict__["self_intersections"] = new.left  # known, needs no other search
     if caps and cut is None:
-        told = check_loss(
-            wall, job.h, Extent.of(mesh.vertices, mesh.faces), sheets=sheets is not None,
-            exactly=job.polish, allowed=allow_loss,
-        )  # fmt: skip
-        least, longest = (part * DEFAULTS[0] * wall.least_thickness for part in AS_DEFAULT)
-        if job.polish and not told and job.h > least:
-            warn_missing(wall, mesh, job.h, coarse=job.h > longest)
+        _check_shape(job, mesh, sheets is not None, allow_loss, last=last)
         if wall._countable:
             check_parts(wall.field, job.axes, wall.lattice.through.closed, mesh, job.h)
     return mesh
+
+
+def _check_shape(
+    job: _Job, mesh: SurfaceMesh, sheets: bool, allow_loss: bool, *, last: bool
+) -> None:
+    """Tell of volume and bends that a mesh has lost; see `_meshed`."""
+    wall, extent = job.wall, Extent.of(mesh.vertices, mesh.faces)
+    loss = loss_of(wall, job.h, extent, sheets=sheets, exactly=job.polish)
+    if loss is not None:
+        if not last:
+            raise TooCoarseError(loss.message)
+        loss.tell(allowed=allow_loss)
+        return
+    coarse = job.h > AS_DEFAULT * DEFAULTS[0] * wall.least_thickness
+    cut = missing(wall, mesh, job.h, coarse=coarse) if job.polish else ""
+    if cut and not last:
+        raise TooCoarseError(cut)
+    if cut:
+        warnings.warn(cut, PrecisionWarning, stacklevel=5)
 
 
 def _of_contour(job: _Job, caps: bool) -> _Made:
@@ -238,7 +252,9 @@ def wall_pieces(
         extent.add(vertices, faces)
         yield vertices, faces
     _check(np.concatenate(off), np.concatenate(crease), exactly=job.polish)
-    check_loss(wall, job.h, extent, sheets=False, exactly=job.polish, allowed=allow_loss)
+    loss = loss_of(wall, job.h, extent, sheets=False, exactly=job.polish)
+    if loss is not None:
+        loss.tell(allowed=allow_loss)
 
 
 def wall_contour(wall: OffsetSolid, h: float | None, *, progress: Progress) -> SurfaceMesh:
@@ -285,12 +301,13 @@ class _Job:
 
     @classmethod
     def of(
-        cls, wall: OffsetSolid, h: float | None, polish: bool, progress: Progress, cut: Any = None
-    ) -> _Job:
+        cls, wall: OffsetSolid, h: float | None, polish: bool, progress: Progress,
+        cut: Any = None, part: float = DEFAULTS[0],
+    ) -> _Job:  # fmt: skip
         """What a wall needs for edges of some length, by default as fine as it is thin."""
-        least = wall.least_thickness
+        cells = MIN_CELLS_PER_TILE
         if h is None:
-            h = DEFAULTS[0] * least
+            h, cells = part * wall.least_thickness, round(PER_TILE * DEFAULTS[0] / part)
         options: dict[str, Any] = {"wrap": wall.lattice.through.closed, "progress": progress}
         t = wall.thickness
         distance: Any = SharpDistance(wall.lattice, wall.distance, t) if polish else wall.distance
@@ -307,7 +324,7 @@ class _Job:
         elif t.symmetric:
             field = distance
             options |= {"level": (-1.0, 1.0), "scale": t.outer}
-        axes = grid_axes(wall.lattice, h)
+        axes = grid_axes(wall.lattice, h, cells)
         warn_between(wall, axes, h)
         return cls(wall, h, field, axes, options, polish, cut)
 

@@ -8,13 +8,14 @@ a polished mesh of it differs where the spline is wrong.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 from ilattice._geometry import grid_points
 from ilattice._progress import Progress, track
-from ilattice._typing import FloatArray
+from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import as_array, asked
 from ilattice.bspline import BSpline
 from ilattice.bspline.knots import uniform_knots
@@ -30,6 +31,8 @@ TOLERANCE, EVALUATIONS = 2e-4, 9
 #: half-thicknesses of cells smooths them.
 CELL_TOLERANCE, CELL_EVALUATIONS, CELL_STEP = 1e-3, 40, 1.4
 LEVELS = 8
+#: Tiles that are cut at once: half a million cells of splines by default.
+TOGETHER = 128
 GAUSS = 6
 
 
@@ -79,17 +82,33 @@ def volumes(lattice: Tiling, field: Any, q: int = 2) -> FloatArray:
         Volumes in space.
     """
     out = np.zeros(lattice.repeat)
-    try:
-        grid = cut(field, through=lattice.through)
-    except GeometryError:
-        return out
-    rule = grid.volume(q).in_space()
-    cells = np.unravel_index(rule.cells, grid.grid.shape)
-    middles = [0.5 * (axis[:-1] + axis[1:]) for axis in grid.grid.axes]
-    u = np.stack([m[c] for m, c in zip(middles, cells, strict=True)], axis=1)
-    tiles = np.floor(lattice.tile_coordinates(u)).astype(np.int64)
-    np.add.at(out, tuple(tiles.T), rule.integrate_cells())
+    lo, hi = lattice.domain
+    for some in _blocks(np.array([[0, 0, 0], lattice.repeat])):
+        whole = np.ptp(some, axis=0) == lattice.repeat
+        box = None if whole.all() else lo + (hi - lo) * some / np.array(lattice.repeat)
+        try:
+            grid = cut(field, domain=box, through=lattice.through)
+        except GeometryError:  # nothing is filled
+            continue
+        rule = grid.volume(q).in_space()
+        cells = np.unravel_index(rule.cells, grid.grid.shape)
+        middles = [0.5 * (axis[:-1] + axis[1:]) for axis in grid.grid.axes]
+        u = np.stack([m[c] for m, c in zip(middles, cells, strict=True)], axis=1)
+        tiles = np.floor(lattice.tile_coordinates(u)).astype(np.int64)
+        np.add.at(out, tuple(tiles.T), rule.integrate_cells())
     return out
+
+
+def _blocks(tiles: IntArray) -> Iterator[IntArray]:
+    """Halves, from the first to the last tile, until they are at most `TOGETHER`."""
+    sizes = tiles[1] - tiles[0]
+    if sizes.prod() <= TOGETHER:
+        yield tiles
+        return
+    axis, low, high = int(sizes.argmax()), tiles.copy(), tiles.copy()
+    low[1, axis] = high[0, axis] = tiles[:, axis].sum() // 2
+    yield from _blocks(low)
+    yield from _blocks(high)
 
 
 class _Densities:

@@ -1,7 +1,7 @@
 """What the mesh of a field has lost or gained: its volume against that of the field.
 
 Guarantee: a mesh whose volume is off by more than `REFUSED`, beyond three standard errors of the
-volume at random points (`ilattice.mesh.sampled`), is refused, and told of from `NEAR` on.
+volume at random points (`ilattice.mesh.sampled`), is refused, and told of from `TOLD` on.
 Non-guarantee: less than that, and less than those errors: of fields without bounds that fill a
 hundredth of their box, about 4 %.
 """
@@ -16,7 +16,7 @@ import numpy as np
 
 from ilattice._typing import FloatArray
 from ilattice.errors import GeometryError, PrecisionWarning
-from ilattice.mesh.loss import NEAR, REFUSED
+from ilattice.mesh.loss import REFUSED, TOLD
 from ilattice.mesh.sampled import volumes
 
 #: Standard errors within which volumes are not told apart.
@@ -63,10 +63,10 @@ def check_loss(
     whole, near = 0.0, 0.0
     for whole, error in volumes(field, box, sides, det):
         near = ERRORS * error
-        if abs(got - whole) + near <= NEAR * whole:
+        if abs(got - whole) + near <= TOLD * whole:
             return
     off = max(abs(got - whole) - near, 0.0)
-    if off <= NEAR * whole:
+    if off <= TOLD * whole:
         return
     part = (got - whole) / whole if whole > 0.0 else np.inf
     enough = h * max(LEAST, 0.9 * (MEANT / abs(part)) ** 0.5)

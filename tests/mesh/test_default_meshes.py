@@ -90,6 +90,15 @@ def test_default_meshes_of_walls_are_whole(name):
     assert faults(name, "box" if NAMES.index(name) % 32 > 16 else "shell", 0.12) == []
 
 
+@pytest.mark.parametrize(("name", "d"), [("gyroid", 0.147), ("iwp", 0.11), ("primitive", 0.19)])
+def test_pores_of_thick_walls_bend_by_default(name, d):
+    lattice = il.Lattice(name, through=il.macroshape.box((1.02, 0.96, 1.05)))
+    mesh = lattice.offset(d).mesh()
+    true, error = volume(lattice, d)
+    assert mesh.volume == pytest.approx(true, rel=0.01 + 2 * error / true)
+    assert error < 0.003 * true
+
+
 @pytest.mark.filterwarnings("ignore:the mesh with h=:ilattice.errors.PrecisionWarning")
 def test_shorter_edges_are_taken_where_vertices_are_off():
     through = il.macroshape.load(cb.DATA / "gismo/fichera.xml", 0)
