@@ -3,7 +3,7 @@
 Points next to the surface are moved onto it, in some of the cells that it cuts; where in a cell the
 surface turns inwards by a lot on little way, there is an edge, or a fillet that the cells do not
 resolve, which is no better. That holds for whatever solid: fields that tell their kinks, splines
-that round them off, functions.
+that round them off, functions. Faces between cells are looked at by the cells around their edges.
 
 Non-guarantee: a guess by samples; narrow gaps that are not parallel count as edges.
 """
@@ -15,7 +15,7 @@ import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray
 from ilattice.cutfem.phases import PhasedDomain
-from ilattice.quadrature.grid import CUT
+from ilattice.quadrature.grid import CUT, IN
 
 #: Cells that are looked at, at most, points in each, and steps towards the surface.
 CELLS, POINTS, STEPS = 1000, 10, 6
@@ -45,6 +45,8 @@ def notched(domain: Any) -> bool:
     """
     cut = domain.cut
     lo, hi = cut.grid.domain
+    if _on_grid(domain):
+        return True
 
     def at(f: Function, u: FloatArray) -> FloatArray:
         return np.asarray(f(lo + (u - lo) % (hi - lo)), float)
@@ -54,6 +56,25 @@ def notched(domain: Any) -> bool:
     if not isinstance(domain, PhasedDomain):
         return False
     return any(_part(p, lambda u: at(domain.level, u), both=True) > FEW for p in domain.phases)
+
+
+def _on_grid(domain: Any) -> bool:
+    """Whether full cells around an edge of the grid are of phases, or a void, that meet there."""
+    phases = domain.phases if isinstance(domain, PhasedDomain) else (domain.cut,)
+    status = [p.status.reshape(p.grid.shape) for p in phases]
+    kind = sum((k + 1) * (s == IN) for k, s in enumerate(status))
+    known = np.all([s != CUT for s in status], axis=0)
+    for axis in range(3):
+        a, b = (k for k in range(3) if k != axis)
+        shifts = ((0, 0), (0, -1), (-1, 0), (-1, -1))
+        around = np.stack([np.roll(kind, s, (a, b)) for s in shifts])
+        clear = np.all([np.roll(known, s, (a, b)) for s in shifts], axis=0)
+        w, x, y, z = around
+        flat = ((w == x) & (y == z)) | ((w == y) & (x == z))
+        outwards = (around == 0).sum(axis=0) == 3
+        if (clear & ~flat & ~outwards).any():
+            return True
+    return False
 
 
 def _part(cut: Any, f: Function, *, both: bool) -> float:

@@ -14,7 +14,8 @@ twice, at 0.59 of it or more, where that was more than a tenth of the property; 
 times the true error. For thin sheets on a few cells they are ten times too large. Where struts are
 joined sharply, and at other edges that turn inwards, energies fall with an order from one to two
 whatever the degree, next to one at the sharpest (M. Williams, Stress singularities resulting from
-various boundary conditions, 1952): where `notched` finds such edges, `SHARP` orders count for both.
+various boundary conditions, 1952): where `notched` finds such edges, `SHARP` orders count for both,
+and so they do where material jumps between cells whose splines are smooth.
 Of five kinds of struts, 8 to 32 cells per direction, degrees 1 and 2, all of 80 estimates of C11
 and C44 were above the true error (against tetrahedra of degree 2 that fit the edges, and fits to
 finer cells), 1.1 to 5.6 times it. Frequencies of waves (voids, sheets and full cells,
@@ -33,6 +34,7 @@ import numpy as np
 
 from ilattice._typing import FloatArray
 from ilattice.cutfem.discretization import SURE, WARNED
+from ilattice.cutfem.material import STEEP
 from ilattice.cutfem.phases import PhasedDomain
 from ilattice.errors import IlatticeError, PrecisionWarning
 from ilattice.homogenize._edges import notched
@@ -74,7 +76,7 @@ def estimated(problem: Any, fine: FloatArray, diagonal: Diagonal, tol: float) ->
         NaN where there are too few cells to tell.
     """
     domain, out = problem.domain, np.full(len(fine), np.nan)
-    sharp = notched(domain)
+    sharp = notched(domain) or problem.step > STEEP
     for order, counts in _coarser(domain, SHARP if sharp else ORDERS[domain.degree]):
         try:
             with warnings.catch_warnings():

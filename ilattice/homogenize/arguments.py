@@ -21,7 +21,8 @@ from ilattice.lattice import Lattice, Wall
 from ilattice.macroshape.cells import CellMap, cell
 from ilattice.macroshape.maps import SplineMap
 from ilattice.offsets.solid import TileSolid
-from ilattice.quadrature.grid import CutGrid, Grid, cut
+from ilattice.quadrature.grid import OUT, CutGrid, Grid, cut
+from ilattice.quadrature.rules import NAMES, rule_on
 from ilattice.tiles.catalog import get
 from ilattice.tiles.mixture import Mixture
 from ilattice.tiles.tile import Tile
@@ -29,6 +30,9 @@ from ilattice.tiles.tile import Tile
 #: Points per direction at which opposite faces of a cell are compared, and by what part of its
 #: largest value there a field may jump between them.
 COMPARED, JUMP = 33, 1e-3
+#: Points per direction of rules on faces of the cell, and the part of what is solid on one of them,
+#: or of the area of a cell there, that may have no solid across.
+ON_FACES, MISSED = 8, 0.01
 EDGES = "uvw"
 #: Straight bars, and their copies, up to which a cell is cut as it is.
 BARS = 1000
@@ -178,6 +182,7 @@ def check_repeats(solid: CutGrid, field: Any) -> None:
         lattice = field.lattice
         sets.append(lambda u: tile(lattice._in_tile(lattice.tile_coordinates(u)))[:, None])
     _refuse_jumps("field", sets, solid)
+    _refuse_ends("field", solid)
 
 
 def check_phases(domain: Domain) -> None:
@@ -196,6 +201,32 @@ def check_phases(domain: Domain) -> None:
     if isinstance(domain, PhasedDomain):
         level, solid = domain.level, domain.cut
         _refuse_jumps("phases", [lambda u: level(u)[:, None]], solid)
+        for phase in domain.phases:
+            _refuse_ends("phases", phase)
+
+
+def _refuse_ends(name: str, solid: CutGrid) -> None:
+    """Refuse a solid that reaches a face of the cell where it does not reach the opposite one."""
+    grid = solid.grid
+    (lo, hi), some = grid.domain, np.flatnonzero(solid.status != OUT)
+    for face in NAMES:
+        axis, side = divmod(NAMES.index(face), 2)
+        rule = rule_on(solid, face, some, ON_FACES)
+        if not len(rule):
+            continue
+        u = rule.points.copy()
+        u[:, axis] = (hi, lo)[side][axis]
+        missed = rule.weights * (solid.sets(u).max(axis=1) > 0.0)
+        area = np.delete(grid.boxes(rule.cells)[:, 3:], axis, axis=1).prod(axis=1)
+        part = np.bincount(rule.owners, missed, len(rule.cells)) / area
+        whole = float(missed.sum() / rule.weights.sum())
+        if max(whole, part.max()) > MISSED:
+            told = ", ".join(f"{c:.4g}" for c in rule.points[missed.argmax()])
+            raise InputError(
+                f"{name} does not repeat: {100 * whole:.2g} % of the solid on the face {face} have "
+                f"none across, on {EDGES[axis]}={1 - side}, such as at ({told}); give one that is "
+                "the same on opposite faces"
+            )
 
 
 def _refuse_jumps(name: str, sets: list[Any], solid: CutGrid) -> None:

@@ -10,6 +10,7 @@ are boxes, or images of boxes under affine maps.
 """
 
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, ClassVar
@@ -23,7 +24,9 @@ from ilattice.cutfem.assembly import Assembly, constant_jacobian
 from ilattice.cutfem.connectivity import links
 from ilattice.cutfem.constraints import Constraints
 from ilattice.cutfem.discretization import WARNED
+from ilattice.cutfem.material import STEEP
 from ilattice.cutfem.problem import Problem
+from ilattice.cutfem.sampling import full
 from ilattice.errors import ConvergenceError, GeometryError, PrecisionWarning
 from ilattice.homogenize._estimate import EXACT, estimated, outside, warn
 from ilattice.homogenize._result import SOFT, HomogenizationReport
@@ -34,6 +37,9 @@ from ilattice.linalg.solvers import Solver, SolveReport
 from ilattice.macroshape.maps import SplineMap
 from ilattice.quadrature.rules import Quadrature
 
+#: Faces between cells, per direction, at which material is compared, and how far beside them, in
+#: edges of cells.
+FACES, BESIDE = 4096, 1e-6
 #: A cell that lacks less than this part is full.
 FULL = 1e-9
 #: Loads below this part of the largest one are rounding.
@@ -360,7 +366,21 @@ class CellProblem(Problem):
 
     def _stiffnesses(self) -> list[tuple[float, float]]:
         """The least and the largest stiffness or conductivity of each phase."""
+        rule = self.domain.stiff_rule(self.assembly, constant=self._constant)
+        found = [self._moduli(k, p.points) for k, p in enumerate(self.domain.of_phases(rule))]
+        return [(float(s.min()), float(s.max())) for s in found]
+
+    def _moduli(self, phase: int, u: FloatArray) -> FloatArray:
+        """Stiffnesses or conductivities, (n,) or (n, k), of a phase at parameters (n, 3)."""
         raise NotImplementedError
+
+    @cached_property
+    def step(self) -> float:
+        """By which factor they jump between cells in whose faces splines cannot bend."""
+        if self._constant or not self.domain.smoothness:
+            return 1.0
+        parts = self.domain.of_phases(self.domain.volume)
+        return max(_step(part, partial(self._moduli, k)) for k, part in enumerate(parts))
 
     def _ways(self, there: IntArray) -> dict[int, list[Way]]:
         """How loads may follow from others by symmetry, where one function holds one network."""
@@ -437,6 +457,14 @@ class CellProblem(Problem):
         elif estimate:
             errors = estimated(self, values, solve, tol)
             errors[np.flatnonzero(exact)] = 0.0
+        if self.step > STEEP:
+            warnings.warn(
+                f"the material jumps by a factor of {self.step:.3g} between cells, or from the "
+                f"last to the first ones, where splines of smoothness {self.domain.smoothness} "
+                "cannot bend; take smoothness=0, or phases= where it jumps",
+                PrecisionWarning,
+                stacklevel=outside(),
+            )
         errors += self.unfollowed * np.abs(values)
         lost = self.rounding(values[:k], answer) * values[:k]
         errors[:k] = np.where(lost > 0.0, np.fmax(errors[:k], lost), errors[:k])
@@ -515,6 +543,30 @@ class CellProblem(Problem):
     def warn_of_gaps(self) -> None:
         """Warn of edges of the cell along which nothing is borne, and refuse nothing."""
         warn_of_axes(self.percolates)
+
+
+def _step(part: Quadrature, moduli: Callable[[FloatArray], FloatArray]) -> float:
+    """Largest factor between moduli on both sides of faces of full cells, of a rule by elements."""
+    grid, whole = part.grid, full(part)
+    cells, shape = grid.home(part.cells[whole]), grid.shape
+    index = np.stack(np.unravel_index(cells, shape), axis=1)
+    size, corner = (np.ptp(grid.domain, axis=0), grid.domain[0])
+    box = grid.boxes(part.cells[whole])
+    rng, worst = np.random.default_rng(0), 1.0
+    for axis in range(3):
+        there = index.copy()
+        there[:, axis] = (there[:, axis] + 1) % shape[axis]
+        at = np.flatnonzero(np.isin(np.ravel_multi_index(tuple(there.T), shape), cells))
+        if not len(at):
+            continue
+        at = rng.permutation(at)[:FACES]
+        t = np.stack([rng.random((len(at), 3))] * 2)
+        t[:, :, axis] = 1.0 + BESIDE * np.array([[-1.0], [1.0]])
+        u = corner + (box[at, :3] + t * box[at, 3:] - corner) % size
+        found = moduli(u.reshape(-1, 3))
+        a, b = np.broadcast_to(found, (2 * len(at), *found.shape[1:])).reshape(2, len(at), -1)
+        worst = max(worst, float((np.maximum(a, b) / np.minimum(a, b)).max()))
+    return worst
 
 
 def spread(errors: FloatArray) -> FloatArray:

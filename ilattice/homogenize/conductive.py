@@ -74,14 +74,10 @@ class ConductiveCell(CellProblem, Heat):
         """See `CellProblem._scale`."""
         return float(np.trace(self.moment()) / 3.0 * self.cell_volume ** (-1 / 3))
 
-    def _stiffnesses(self) -> list[tuple[float, float]]:
-        """See `CellProblem._stiffnesses`."""
-        asm, out = self.assembly, []
-        rule = self.domain.stiff_rule(asm, constant=self.conductivity.constant)
-        for s, part in zip(self.conductivity.phases, self.domain.of_phases(rule), strict=False):
-            k = np.linalg.eigvalsh(as_matrices(s.at(asm, part.points)))
-            out.append((float(k.min()), float(k.max())))
-        return out
+    def _moduli(self, phase: int, u: FloatArray) -> FloatArray:
+        """See `CellProblem._moduli`: principal conductivities (n, 3)."""
+        found = as_matrices(self.conductivity.phases[phase].at(self.assembly, u))
+        return np.asarray(np.linalg.eigvalsh(found))
 
     def moment(self) -> FloatArray:
         """Integral of the conductivity over the active solid.

@@ -94,14 +94,10 @@ class ElasticCell(CellProblem, Elasticity):
         K, G = tensors.bulk_and_shear(self.moments())
         return float((K + 4.0 * G / 3.0) * max(self.cell_volume, 1e-300) ** (-1 / 3))
 
-    def _stiffnesses(self) -> list[tuple[float, float]]:
-        """See `CellProblem._stiffnesses`: P-wave moduli."""
-        asm, out = self.assembly, []
-        rule = self.domain.stiff_rule(asm, constant=self.material.constant)
-        for m, part in zip(self.material.phases, self.domain.of_phases(rule), strict=False):
-            lam, mu = m.lame(asm, part.points)
-            out.append((float((lam + 2.0 * mu).min()), float((lam + 2.0 * mu).max())))
-        return out
+    def _moduli(self, phase: int, u: FloatArray) -> FloatArray:
+        """See `CellProblem._moduli`: P-wave moduli."""
+        lam, mu = self.material.phases[phase].lame(self.assembly, u)
+        return np.asarray(lam + 2.0 * mu)
 
     def moments(self) -> FloatArray:
         """Integral of the stiffness over the active solid.

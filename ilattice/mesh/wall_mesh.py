@@ -70,7 +70,7 @@ CORNERS = np.indices((2, 2, 2)).reshape(3, -1).T
 PER_VERTEX, PER_SITE = 500, 150
 MAX_PLANES = 10_000_000
 #: Length of edges, relative to the least thickness: by default, and where vertices are off then.
-DEFAULTS = (0.25, 0.16, 0.1)
+DEFAULTS = (0.25, 0.2, 0.16)
 #: Least number of cells per tile and direction by default: pores of thick walls bend more than
 #: their walls are thin.
 PER_TILE = 20

@@ -18,6 +18,9 @@ from ilattice.quadrature._filling import Content, bernstein, sites
 CHECKS = 8  # random points per box at which interpolants are compared
 EXACT = 1e-11  # of coefficients: interpolants are called exact below
 NOISE = 1e-14  # of values of fields: below this part of the largest they are zero
+#: The same of bounds, which are wider than values, on cells and on quarters of them and less: what
+#: is thin at places where fields are flat shows in smaller boxes, where values are smaller, too.
+BOUNDS = 1e-13, 1e-12
 PLACES = 1e-15  # the same, times the distance from zero in lengths of the box
 RESOLVED = 1e-4  # interpolants may be off by this part of what fields change by, however thin these
 BATCH = 1 << 10  # boxes interpolated at once
@@ -166,12 +169,12 @@ class Splits:
         owners = np.array([*self.splitter.owners, 0], np.int64)
         return owners[leaf]
 
-    def choose(self, box: FloatArray, last: AnyArray) -> Chosen:
-        """Fields and tables of boxes (n, 6); in the `last` ones no formula may be too long."""
+    def choose(self, box: FloatArray, small: AnyArray, last: AnyArray) -> Chosen:
+        """Fields and tables of boxes (n, 6), `small` or not; in the `last` formulas may be long."""
         lo, hi = self._corners(box)
         n = len(box)
         bounds, states = self.splitter.decided(lo, hi)
-        slack = _slack(bounds, box)
+        slack = _slack(bounds, box, small)
         certain = np.where(bounds[:, 1] < -slack, -1, np.where(bounds[:, 0] >= -slack, 1, 0))
         tables = np.zeros(n, np.int64)
         leaves: list[tuple[int, ...]] = [()] * n
@@ -185,7 +188,7 @@ class Splits:
                 certain[boxes] = 2
             else:
                 known.append((boxes, formula))
-        for boxes, found in self._restricted(known, box):
+        for boxes, found in self._restricted(known, box, small):
             if found is None:
                 certain[boxes] = 2
                 continue
@@ -206,7 +209,7 @@ class Splits:
         return Chosen(certain, np.append(0, np.cumsum(many)), flat, tables, np.zeros((0, 1)))
 
     def _restricted(
-        self, known: Sequence[tuple[IntArray, Formula]], box: FloatArray
+        self, known: Sequence[tuple[IntArray, Formula]], box: FloatArray, small: AnyArray
     ) -> Iterator[tuple[IntArray, tuple[tuple[int, ...], int] | None]]:
         """Boxes by the signs that bounds give to the fields of their formulas, and what is left."""
         if not known:
@@ -214,7 +217,7 @@ class Splits:
         leaf = np.concatenate([np.repeat(f.leaves, len(b)) for b, f in known]).astype(np.int64)
         here = np.concatenate([np.tile(b, len(f.leaves)) for b, f in known])
         r = self.splitter.ranges(leaf, *self._corners(box[here]))
-        slack = _slack(r, box[here])
+        slack = _slack(r, box[here], small[here])
         signs = np.where(r[:, 1] < -slack, -1, np.where(r[:, 0] > slack, 1, 0))
         end = 0
         for boxes, formula in known:
@@ -230,7 +233,7 @@ class Splits:
 
     # ------------------------------------------------------------------ interpolation
 
-    def interpolate(self, chosen: Chosen, box: FloatArray) -> Measured:
+    def interpolate(self, chosen: Chosen, box: FloatArray, small: AnyArray) -> Measured:
         """Set coefficients of fields on boxes (n, 6), and compare them at random points."""
         P = self.degree + 1
         owner = np.repeat(np.arange(len(box)), chosen.many)
@@ -245,7 +248,7 @@ class Splits:
             chosen.coefficients[part] = c
             r = self.splitter.ranges(leaf, *self._corners(here))
             bounded[part] = np.isfinite(r).all(axis=1)
-            slack = _slack(r, here)
+            slack = _slack(r, here, small[owner[part]])
             certain[part] = (r[:, 0] >= -slack) | (r[:, 1] <= slack)
         open_ = _open(chosen, off, bounded, crossed | certain)
         hidden = np.zeros(len(owner), bool)
@@ -355,10 +358,11 @@ class Splits:
         return out
 
 
-def _slack(ranges: FloatArray, box: FloatArray) -> FloatArray:
-    """What counts as zero of values with ranges (n, 2) on boxes (n, 6)."""
+def _slack(ranges: FloatArray, box: FloatArray, small: AnyArray) -> FloatArray:
+    """What counts as zero of bounds (n, 2) on boxes (n, 6)."""
     top = np.abs(ranges).max(axis=1)
-    return np.where(np.isfinite(top), rounding(box) * np.where(np.isfinite(top), top, 0.0), 0.0)
+    part = np.maximum(rounding(box), np.where(small, BOUNDS[1], BOUNDS[0]))
+    return np.where(np.isfinite(top), part * np.where(np.isfinite(top), top, 0.0), 0.0)
 
 
 def _open(chosen: Chosen, off: FloatArray, bounded: AnyArray, known: AnyArray) -> AnyArray:

@@ -33,6 +33,8 @@ from ilattice.quadrature._kernels_scratch import UNIT
 
 #: Halvings of a cell: of fields with bounds, and of those without.
 MAX_HALVINGS, BLIND_HALVINGS = 7, 2
+#: Boxes are small from this part of a cell on: bounds that end at zero are theirs.
+SMALL = 4
 #: Boxes in `BATCH`, of fields without bounds, that are halved for a sign which is found, but not at
 #: the sites of interpolants: specks have a few, thin sheets have many.
 FEW = 64
@@ -260,13 +262,14 @@ class _Halving:
     ) -> tuple[IntArray, IntArray, IntArray]:
         """Sort out boxes; the halves of those that are not known yet."""
         box = _geometry(self.axes, cell, corner, length)
-        chosen = self.splits.choose(box, length * MAX_LEAST < 2 * UNIT)
+        small = length * SMALL <= UNIT
+        chosen = self.splits.choose(box, small, length * MAX_LEAST < 2 * UNIT)
         todo = np.flatnonzero(chosen.certain == 0)
         unresolved, exact = np.zeros(len(cell)), np.ones(len(cell), bool)
         again = np.flatnonzero(chosen.certain == 2)
         if len(todo):
             cut = chosen.take(todo)
-            measured = self.splits.interpolate(cut, box[todo])
+            measured = self.splits.interpolate(cut, box[todo], small[todo])
             hidden = measured.hidden & (measured.hidden.sum() <= FEW)
             least = np.where(measured.blind & ~hidden, BLIND_LEAST, MAX_LEAST)
             may = length[todo] * least >= 2 * UNIT

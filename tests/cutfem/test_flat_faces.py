@@ -127,3 +127,34 @@ def test_two_planes_as_one_polynomial_take_no_more_than_a_shell(seed, sign):
         area = shell.face(name, 3).weights.sum()
         expected = area if sign > 0 else 4.0 - area
         assert one.face(name, 3).weights.sum() == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("text", "cells", "width"),
+    [
+        ("sin(2*pi*x)*sin(2*pi*y)", (4, 4, 2), 1.0),
+        ("cos(2*pi*x/0.7)*cos(2*pi*(y-0.35)/0.7)", (8, 4, 3), 0.7),
+        ("sin(2*pi*x/3)+0*y", (6, 2, 2), 3.0),
+    ],
+)
+def test_waves_that_vanish_on_planes_of_the_grid_are_cut_nowhere(text, cells, width):
+    """Bounds of waves end a rounding beyond zero: cells were halved for minutes."""
+    grid = il.cutfem.cut(il.fields.equation(text), cells, domain=[[0.0] * 3, [width] * 3])
+    assert grid.error == 0.0
+    assert grid.volume(2).integrate() == pytest.approx(0.5 * width**3, rel=1e-12)
+
+
+@pytest.mark.parametrize("radius", [0.05, 0.02])
+def test_flat_powers_keep_what_is_small(radius):
+    """The bounds of x^8 end near zero in the whole cell."""
+    ball = il.fields.equation(f"x^8+y^8+z^8-{radius}^8")
+    grid = il.cutfem.cut(ball, 3, domain=[[-1.5] * 3, [1.5] * 3])
+    half = np.linspace(0, 1, 201)
+    exact = (
+        8
+        * radius**3
+        * np.trapezoid(
+            [np.trapezoid(np.maximum(1 - x**8 - half**8, 0) ** 0.125, half) for x in half], half
+        )
+    )
+    assert grid.volume(4).integrate() == pytest.approx(exact, rel=0.02)

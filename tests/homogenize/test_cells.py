@@ -80,6 +80,29 @@ def test_phases_that_meet_on_a_face_without_a_level_set_are_refused(phases):
             solve(full, 5, phases=phases, **{name: (1.0, 10.0)})
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "(y-0.4-0.03*x)^2+(z-0.5)^2-0.0001",
+        "abs(y-0.5-0.01*x)-0.2",
+        "min((z-0.52)^2+(x-0.3-0.008*y)^2-0.0004, abs(z-0.1)-0.03)",
+    ],
+)
+def test_what_drifts_by_less_than_samples_are_apart_is_refused(text):
+    with pytest.raises(InputError, match=r"field does not repeat: .* % of the solid on the face"):
+        elastic(il.fields.equation(text), 16, degree=1, estimate=False)
+
+
+@coarse
+def test_checkerboards_conduct_as_their_geometric_mean():
+    """Keller's theorem; interfaces are planes of the grid, or within cells, and cross."""
+    for phases, cells in (("sin(2*pi*u)*sin(2*pi*v)", 8), ("sin(2*pi*(u-0.03))*sin(2*pi*v)", 8)):
+        found = conductive(full, (cells, cells, 8), conductivity=(1.0, 4.0), phases=phases)
+        k = found.k.diagonal()[:2]
+        np.testing.assert_allclose(k, 2.0, atol=0.1)
+        assert np.all(np.abs(k - 2.0) <= found.errors.diagonal()[:2])
+
+
 @pytest.mark.parametrize("options", [{"degree": 1}, {}, {"poisson": 0.49}])
 def test_one_material_is_itself_in_any_cell(options):
     edges = np.array([[1.0, 0.3, 0.1], [0.0, 1.2, -0.2], [0.0, 0.1, 0.7]])

@@ -8,6 +8,8 @@ import pytest
 import ilattice as il
 from ilattice.errors import InputError, PrecisionWarning
 from ilattice.homogenize import conductive, elastic
+from ilattice.homogenize._edges import notched
+from ilattice.homogenize.elastic import ElasticCell
 
 
 def void(radius, at=(0.5, 0.5, 0.5)):
@@ -124,3 +126,30 @@ def test_errors_hold_materials_that_jump_within_cells():
         exact = 1.0 / (part / soft + 1.0 - part)
         eff = quietly(elastic, full, (9, 4, 4), young=young, poisson=0.0)
         assert abs(eff.C[0, 0] - exact) < 1.05 * eff.errors[0, 0]
+
+
+def test_edges_that_lie_on_planes_of_the_grid_are_told_from_flat_faces():
+    """A void of half the width, and layers; bars are convex."""
+    box = il.fields.translate(il.fields.box((0.25, 0.25, 0.25)), (0.5, 0.5, 0.5))
+    layers = il.fields.equation("abs(x - 0.5) - 0.25")
+    bar = il.fields.equation("max(abs(x - 0.5), abs(y - 0.5)) - 0.25")
+    for field, sharp in ((il.fields.complement(box), True), (layers, False), (bar, False)):
+        assert notched(ElasticCell(field, 8).domain) == sharp
+    board = ElasticCell(il.fields.box(9.0), 8, phases=bar, young=(1.0, 2.0))
+    assert notched(board.domain)
+
+
+@pytest.mark.filterwarnings("ignore:the cells are too coarse")
+@pytest.mark.parametrize(("steep", "cells"), [(3.0, 16), (9.0, 8), (9.0, 16)])
+def test_material_that_jumps_between_cells_is_told_and_estimated(steep, cells):
+    """From the last to the first cells: layers have a harmonic mean."""
+    full = il.fields.box(1e9)
+    options = {"young": lambda x: 1.0 + steep * x[:, 0], "poisson": 0.0}
+    with pytest.warns(PrecisionWarning, match="the material jumps by a factor of"):
+        eff = elastic(full, cells, **options)
+    exact = steep / np.log(1.0 + steep)
+    assert eff.C[0, 0] - exact < eff.errors[0, 0] < 12 * (eff.C[0, 0] - exact)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", PrecisionWarning)
+        bent = elastic(full, cells, smoothness=0, **options)
+    assert bent.C[0, 0] == pytest.approx(exact, rel=1e-3)
