@@ -71,7 +71,7 @@ def test_a_wall_that_fills_the_part_is_told():
     assert wall.thickness_error(mesh).count == 0
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        lattice.offset(0.4).mesh(h=0.15)
+        lattice.offset(0.4).mesh(h=0.12)
 
 
 def test_point_data_has_half_and_full_thickness():

@@ -425,6 +425,7 @@ def untouched(x, faces, _, *, spared):
     return Repair(np.arange(len(x)), faces, np.arange(len(faces)), 0, 0, 0)
 
 
+@pytest.mark.filterwarnings("ignore:the mesh with h=")  # coarse
 @pytest.mark.parametrize(
     ("name", "d", "h"),
     [("gyroid torus", 0.2, 0.12), ("p_j", 0.05, 0.02), ("s", 0.1, 0.02), ("d_prime", 0.05, 0.03)],

@@ -261,16 +261,17 @@ def test_default_meshes_of_grown_and_eroded_solids_keep_their_volume():
 
 
 def test_bends_that_edges_cut_off_are_told_of_though_the_volume_is_right():
-    wall = il.Lattice("neovius", through=il.macroshape.box((1, 0.7, 1))).offset(0.05)
+    wall = il.Lattice("y", through=il.macroshape.box((1, 0.7, 1))).offset(0.1)
     with pytest.warns(PrecisionWarning, match=r"is far from [\d.]+ % of the surfaces of the wall"):
-        mesh = wall.mesh(0.055)
-    assert mesh.volume == pytest.approx(wall.volume(), rel=0.02)
-    assert 0.02 < wall.thickness_error(mesh).missing < 0.1
-    assert wall.thickness_error(wall.mesh()).missing < 0.01  # and without a warning
+        mesh = wall.mesh(0.03)
+    assert mesh.volume == pytest.approx(wall.volume(), rel=0.005)
+    assert 0.2 < wall.thickness_error(mesh).missing < 0.4
+    neovius = il.Lattice("neovius", through=il.macroshape.box((1, 0.7, 1))).offset(0.05)
+    assert neovius.thickness_error(neovius.mesh()).missing < 0.01  # and without a warning
 
 
 def test_narrow_pores_that_default_edges_cut_off_are_told_of():
-    wall = il.Lattice("iwp", through=il.macroshape.box((1, 1, 1))).offset(0.15)
+    wall = il.Lattice("diamond", through=il.macroshape.box((1, 1, 1))).offset(0.15)
     with pytest.warns(PrecisionWarning, match=r"is far from [\d.]+ % of the surfaces of the wall"):
         mesh = wall.mesh()
     assert wall.thickness_error(mesh).missing > 0.05

@@ -152,11 +152,13 @@ def is_exact(name, h):
     assert np.percentile(mesh.quality, 1) >= 0.3
 
 
+@pytest.mark.filterwarnings("ignore:the mesh with h=")  # coarse
 @pytest.mark.parametrize("name", ["neovius", "c_s", "lidinoid"])
 def test_walls_with_narrow_pores_are_exact(name):
     is_exact(name, 0.02)
 
 
+@pytest.mark.filterwarnings("ignore:the mesh with h=")  # coarse
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [row.name for row in ROWS if not row.singular_at_zero])
 def test_walls_of_the_catalogue_are_exact(name):

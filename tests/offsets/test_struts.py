@@ -40,6 +40,7 @@ def cube(n, repeat=(1, 1, 1)):
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
+@pytest.mark.filterwarnings("ignore:the mesh with h=")  # coarse
 @pytest.mark.parametrize("faces", ["open", "closed"])
 def test_struts_between_nodes_on_faces_edges_and_corners_are_meshed(faces):
     tile = il.tiles.skeleton(STRUTS, radius=0.05, faces=faces)
