@@ -305,9 +305,9 @@ class _Job:
         cut: Any = None, part: float = DEFAULTS[0],
     ) -> _Job:  # fmt: skip
         """What a wall needs for edges of some length, by default as fine as it is thin."""
-        cells = MIN_CELLS_PER_TILE
+        least, cells = wall.least_thickness, MIN_CELLS_PER_TILE  # and refuse what is empty
         if h is None:
-            h, cells = part * wall.least_thickness, round(PER_TILE * DEFAULTS[0] / part)
+            h, cells = part * least, round(PER_TILE * DEFAULTS[0] / part)
         options: dict[str, Any] = {"wrap": wall.lattice.through.closed, "progress": progress}
         t = wall.thickness
         distance: Any = SharpDistance(wall.lattice, wall.distance, t) if polish else wall.distance

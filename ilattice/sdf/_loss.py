@@ -16,9 +16,11 @@ import numpy as np
 
 from ilattice._typing import FloatArray
 from ilattice.errors import GeometryError, PrecisionWarning
-from ilattice.mesh.loss import REFUSED, TOLD
+from ilattice.mesh.loss import REFUSED
 from ilattice.mesh.sampled import volumes
 
+#: Part of the volume from which on it is told.
+TOLD = 0.02
 #: Standard errors within which volumes are not told apart.
 ERRORS = 3.0
 #: Part of the volume that a mesh with the recommended spacing may be off by, and the least part of

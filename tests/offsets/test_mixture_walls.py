@@ -25,7 +25,7 @@ def torus():
 @pytest.mark.parametrize("name", ["bar", "torus"])
 def test_walls_are_closed_and_as_thick_as_asked(name, request):
     wall = request.getfixturevalue(name).offset(0.06)
-    mesh = wall.mesh(h=0.07)
+    mesh = wall.mesh(h=0.05)
     assert mesh.is_watertight
     assert mesh.is_oriented
     assert wall.thickness_error(mesh).relative <= 1e-6  # of d, at 99 of 100 vertices
@@ -70,7 +70,7 @@ def test_feet_on_creases_are_found(side_by_side):
 
 def test_walls_of_tiles_that_share_faces_are_closed_and_as_thick_as_asked(side_by_side):
     wall = side_by_side.offset(0.06)
-    mesh = wall.mesh(h=0.07)
+    mesh = wall.mesh(h=0.05)
     assert mesh.is_watertight
     assert mesh.is_oriented
     assert wall.thickness_error(mesh).relative <= 1e-6

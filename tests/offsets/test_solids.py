@@ -23,7 +23,7 @@ def lattice():
 @pytest.mark.parametrize("grown", [0.1, 0.0, -0.1])
 def test_a_ball_grows_and_shrinks_by_the_asked_distance(lattice, grown):
     wall = lattice.offset((np.inf, grown))
-    mesh = wall.mesh(0.04)
+    mesh = wall.mesh(0.03)
     assert mesh.is_watertight
     assert mesh.genus == 0
     assert mesh.components == 1
