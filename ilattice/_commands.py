@@ -162,8 +162,8 @@ def add_bands(app: "App") -> None:
         print(f"{'bands':>20}  {len(report['errors'])}")
         print(f"{'error':>20}  {_number(report['error'])}")
         for gap in report["gaps"]:
-            ends = f"{gap['lower']:.6g} to {gap['upper']:.6g}"
-            print(f"{'gap':>20}  {ends} above band {gap['below']}")
+            ends = f"{gap['lower']:.6g} to {gap['upper']:.6g} above band {gap['below']}"
+            print(f"{'gap':>20}  {ends}{'' if gap['narrowed'] else ', errors not known'}")
         for name in report["files"]:
             print(f"{'wrote':>20}  {printable(str(name))}")
 

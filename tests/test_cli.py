@@ -360,6 +360,11 @@ def test_bands_are_tables_and_pictures(tmp_path, capfd):
         (["bands", "--tile", "gyroid", "-o", "b.csv", "b.csv"], 2, "twice"),
         (["bands", "--tile", "gyroid", "-o", "b.csv", "--path", "GQ"], 2, "'Q'"),
         (["bands", "--tile", "gyroid", "-o", "b.csv", "--count", "0"], 2, "count"),
+        (
+            ["bands", "--tile", "gyroid", "--density", ".5", "--mass", "-1", "-o", "b.csv"],
+            2,
+            "--mass must be one number, zero or more",
+        ),
     ],
 )
 def test_wrong_words_of_cells_are_one_line(words, code, told, tmp_path, capfd, monkeypatch):

@@ -6,6 +6,11 @@ eigenvalues, 1975). The preconditioner is real, the same for all wave vectors, a
 symmetry of the cell, so that the search has to hold something of every band: where the basis is not
 enough, random vectors come into it.
 
+Residuals r are measured by r* P r, with the preconditioner P, relative to λ itself: that is about
+the part by which λ is too high, however far below the largest eigenvalue it lies. Where P is less
+than the inverse, it is corrected by as much. Rounding leaves a part of the energy that x has with
+the diagonal of K.
+
 Guarantee: residuals are computed afresh, from the matrix. Non-guarantee: that no eigenvalue has
 been passed over; a few vectors beyond those asked for have to settle, too, before pairs count as
 found.
@@ -19,7 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
-from ilattice._typing import FloatArray
+from ilattice._typing import AnyArray, FloatArray
+from ilattice.errors import ConvergenceError
 
 Vectors = NDArray[np.complex128]
 Map = Callable[[Vectors], Vectors]
@@ -31,6 +37,10 @@ GUARD, RANDOM, SETTLED = 4, 2, 3e-2
 MOST, KEPT = 16, 3
 #: Directions below this part of the others, squared, are no new ones.
 NEW = 1e-14
+#: Part of the energy of the diagonal that rounding leaves.
+ROUNDING = 4.0 * float(np.finfo(float).eps)
+#: Values below this many times what rounding leaves are next to zero.
+NOISE = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +54,9 @@ class Pairs:
     vectors : ndarray, shape (b, n)
         Rows, orthonormal in the mass.
     residuals : ndarray, shape (b,)
-        |K x - λ M x| / |K x + s M x|.
+        Root of r* P r / λ, or more: λ is too high by about the square of it, relatively.
+    rounding : ndarray, shape (b,)
+        Absolute parts of the values that rounding leaves.
     steps : int
         How often the search has grown.
     near : ndarray, shape (c, n)
@@ -54,20 +66,59 @@ class Pairs:
     values: FloatArray
     vectors: Vectors
     residuals: FloatArray
+    rounding: FloatArray
     steps: int
     near: Vectors
 
+    def moving(self, count: int) -> AnyArray:
+        """Which of the values (count,) are not next to zero."""
+        return np.asarray(self.values[:count] > NOISE * self.rounding[:count])
+
+    def lost(self, count: int, rest: bool) -> FloatArray:
+        """Parts (count,) of the values that rounding leaves: all, and more, of what it hides.
+
+        Values next to zero are zero at rest.
+        """
+        values, rounding = self.values[:count], self.rounding[:count]
+        part = np.where(values > rounding, rounding / np.maximum(values, 1e-300), 2.0)
+        return np.where(self.moving(count) | (not rest), part, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Pencil:
+    """Matrices of a search.
+
+    Attributes
+    ----------
+    K, mass, precondition : callable
+        Take rows (k, n), return K, M, and about (K + s M)^-1, of them.
+    diagonal : ndarray, shape (n,)
+        That of K, or more.
+    shift : callable
+        Told the largest of the settled values that are asked for, returns s, which may be another
+        one from then on.
+    part : float
+        Of K, in every vector, over the inverse of the preconditioner without s, or less.
+    """
+
+    K: Map
+    mass: Map
+    precondition: Map
+    diagonal: FloatArray
+    shift: Callable[[float | None], float]
+    part: float = 1.0
+
 
 def lowest(
-    K: Map, mass: Map, precondition: Map, basis: FloatArray, reduced: Vectors, noise: Vectors,
-    count: int, shift: float, tol: float, most: int,
+    pencil: Pencil, basis: FloatArray, reduced: Vectors, noise: Vectors, count: int, tol: float,
+    most: int,
 ) -> Pairs:  # fmt: skip
     """The lowest pairs of K x = λ M x; see `Pairs`.
 
     Parameters
     ----------
-    K, mass, precondition : callable
-        Take rows (k, n), return K, M, and about (K + s M)^-1, of them.
+    pencil : Pencil
+        K and M.
     basis : ndarray, shape (d, n)
         Rows, orthonormal in the mass; there may be none.
     reduced : ndarray, shape (d, d)
@@ -76,8 +127,6 @@ def lowest(
         What is taken in where the basis is not enough; with it there must be count + GUARD vectors.
     count : int
         How many.
-    shift : float
-        s.
     tol : float
         Residual of those asked for.
     most : int
@@ -89,25 +138,78 @@ def lowest(
         Also where `tol` is not reached.
     """
     block = count + GUARD
-    space = _Space(K, mass, basis, reduced)
+    space = _Space(pencil.K, pencil.mass, basis, reduced)
     wanted = np.where(np.arange(block) < count, tol, SETTLED)
     if len(basis) < block:
         space.add(noise)
+    measure = _Measure(pencil, count)
     for step in range(most + 1):
         values, S = space.solved(block)
         x = space.combined(S)
-        Kx, Mx = K(x), mass(x)
-        r = Kx - values[:, None] * Mx
-        residuals = np.linalg.norm(r, axis=1) / np.linalg.norm(Kx + shift * Mx, axis=1)
-        open_ = np.flatnonzero(residuals > wanted)
-        if not len(open_) or step == most:
+        r = pencil.K(x) - values[:, None] * pencil.mass(x)
+        w = pencil.precondition(r)
+        residuals, rounding = measure.of(values, x, r, w)
+        open_ = np.flatnonzero(residuals > allowed(wanted[: len(values)], values, rounding))
+        if step == most or not len(open_):
             break
         if len(space.W) + len(open_) > MOST * block:
             space.cut(KEPT * block)
-        w = precondition(r[open_])
+        if measure.moved():
+            w = pencil.precondition(r)
+        w = w[open_]
         space.add(np.concatenate([w, noise]) if step == 0 and len(basis) >= block else w)
     near = x if step == 0 else space.combined(space.solved(2 * block)[1])
-    return Pairs(values, x, residuals, step, near)
+    return Pairs(values, x, residuals, rounding, step, near)
+
+
+def allowed(tol: Any, values: FloatArray, rounding: FloatArray) -> FloatArray:
+    """Residuals that will do: the tolerance, or what rounding leaves of values."""
+    return np.fmax(tol, rounding / np.maximum(np.abs(values), 1e-300))
+
+
+def check(pairs: Pairs, count: int, tol: float, k: FloatArray, remedy: str) -> None:
+    """Refuse pairs above the tolerance."""
+    if len(pairs.values) < count:
+        raise ConvergenceError(
+            f"bands at k = {np.round(k, 4).tolist()}: rounding leaves {len(pairs.values)} waves "
+            f"apart, fewer than count = {count}; take edges of cells that differ by less"
+        )
+    bound = allowed(tol, pairs.values, pairs.rounding)
+    over = np.flatnonzero(pairs.residuals[:count] > bound[:count])
+    if len(over):
+        raise ConvergenceError(
+            f"bands at k = {np.round(k, 4).tolist()} have a residual of "
+            f"{pairs.residuals[over].max():.1e} after {pairs.steps} steps, above tol = {tol:.1e}; "
+            f"allow more max_iterations, {remedy}"
+        )
+
+
+class _Measure:
+    """How far off values are, by residuals and what the preconditioner makes of them."""
+
+    def __init__(self, pencil: Pencil, count: int) -> None:
+        self.pencil, self.count = pencil, count
+        self.shift = pencil.shift(None)
+        self.last = np.zeros(0), np.zeros(0)
+
+    def of(
+        self, values: FloatArray, x: Vectors, r: Vectors, w: Vectors
+    ) -> tuple[FloatArray, FloatArray]:
+        """Residuals of rows, and what rounding leaves of their values."""
+        rounding = ROUNDING * ((np.abs(x) ** 2) @ self.pencil.diagonal)
+        energy = np.maximum(np.einsum("ij,ij->i", r.conj(), w).real, 0.0)
+        least = np.maximum(np.maximum(values, rounding), 1e-300)
+        self.last = least, energy
+        factor = max(1.0, self.shift / float(least[-1])) / self.pencil.part
+        return np.sqrt(factor * energy / least), rounding
+
+    def moved(self) -> bool:
+        """Whether values made another preconditioner: those that are settled by this one."""
+        values, energy = (v[: self.count] for v in self.last)
+        if len(values) < self.count or (energy > SETTLED**2 * values).any():
+            return False
+        before, self.shift = self.shift, self.pencil.shift(float(values[-1]))
+        return self.shift != before
 
 
 class _Space:
@@ -130,7 +232,7 @@ class _Space:
 
     def add(self, w: Vectors) -> None:
         """Take in rows, as far as they are new."""
-        w = w / np.linalg.norm(w, axis=1)[:, None]
+        w = w / np.maximum(np.linalg.norm(w, axis=1), 1e-300)[:, None]
         for _ in range(2):
             Mw = self.mass(w)
             a, b = projected(Mw, self.V), self.W.conj() @ Mw.T
@@ -139,6 +241,8 @@ class _Space:
             gram = gram - a.conj().T @ a - b.conj().T @ b
             values, vectors = np.linalg.eigh(0.5 * (gram + gram.conj().T))
             new = values > max(least, 1e-300)
+            if not new.any():
+                return
             w = w - expanded(a, self.V) - b.T @ self.W
             w = (vectors[:, new] / np.sqrt(values[new])).T @ w
         Kw = self.K(w)

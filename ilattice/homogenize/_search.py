@@ -13,16 +13,18 @@ import numpy as np
 
 from ilattice._progress import Progress, track
 from ilattice._typing import FloatArray
-from ilattice.errors import ConvergenceError
-from ilattice.homogenize._eigen import GUARD, RANDOM, Pairs, Vectors, each_part, lowest
+from ilattice.homogenize import _eigen
+from ilattice.homogenize._eigen import GUARD, RANDOM, Pairs, Pencil, Vectors, each_part, lowest
 from ilattice.homogenize._reduced import Basis
 from ilattice.homogenize.paths import Path, reciprocal
 from ilattice.homogenize.waves import BlochCell, monomials
 
 #: The preconditioner is made anew where its shift is off by this factor.
 OFF = 3.0
-#: Squares of frequencies below this part of the shift are zero.
+#: Squares of frequencies below this part of the shift do not change it.
 ZERO = 1e-8
+#: By how much sums of the many entries of a row round more than the diagonal.
+MANY = 4.0
 
 
 class Search:
@@ -37,6 +39,7 @@ class Search:
         self.basis = Basis(n, cell.inert, cell.terms, tol)
         self.basis.add(np.tile(np.eye(3), n // 3))  # waves of no frequency
         self.random = np.random.default_rng(0)
+        self.diagonal = MANY * np.asarray(cell.matrix.diagonal())
 
     def at(self, k: FloatArray) -> Pairs:
         """Pairs at one wave vector."""
@@ -44,23 +47,28 @@ class Search:
         fresh = RANDOM if len(basis.rows) >= block else block
         real, imaginary = self.random.standard_normal((2, fresh, basis.rows.shape[1]))
         noise = self.precondition(self.mass(real + 1j * imaginary))
+        pencil = Pencil(
+            self.cell.product(k), self.mass, self.precondition, self.diagonal, self._shifted
+        )
         pairs = lowest(
-            self.cell.product(k), self.mass, self.precondition, basis.rows,
-            basis.at(monomials(k)), noise, self.count, self.shift, self.tol, self.most,
-        )  # fmt: skip
-        worst = float(pairs.residuals[: self.count].max())
-        if not worst <= self.tol:
-            raise ConvergenceError(
-                f"bands at k = {np.round(k, 4).tolist()} have a residual of {worst:.1e} after "
-                f"{pairs.steps} steps, above tol = {self.tol:.1e}; allow more max_iterations, ask "
-                "for another count, or give method='superlu'"
-            )
-        self._adapt(float(pairs.values[self.count - 1]))
+            pencil, basis.rows, basis.at(monomials(k)), noise, self.count, self.tol, self.most
+        )
+        _eigen.check(
+            pairs, self.count, self.tol, k, "ask for another count, or give method='superlu'"
+        )
         return pairs
 
     def slopes(self, k: FloatArray, x: Vectors) -> Vectors:
         """See `BlochCell.slopes`."""
         return self.cell.slopes(k, x)
+
+    def sampled(self, pairs: Pairs, count: int, u: FloatArray) -> Vectors:
+        """Values (count, 3 p) of waves at parameters (p, 3)."""
+        x = pairs.vectors[:count]
+        c = np.concatenate([x.real, x.imag]).reshape(2 * count, -1, 3).transpose(1, 0, 2)
+        v = self.cell.assembly.evaluate(c.reshape(len(c), -1), u)[0]
+        v = v.reshape(len(u), 2, count, 3).transpose(1, 2, 0, 3).reshape(2, count, -1)
+        return np.asarray(v[0] + 1j * v[1])
 
     def along(self, way: Path, progress: Progress) -> list[Pairs]:
         """Pairs at all wave vectors of a path: corners first, then what halves their ways."""
@@ -76,11 +84,13 @@ class Search:
                 out[names[i]] = replace(pairs, near=pairs.vectors[:0])
         return [out[name] for name in names]
 
-    def _adapt(self, largest: float) -> None:
-        """Make the preconditioner anew if it is far from the frequencies asked for."""
-        if largest > ZERO * self.shift and not 1 / OFF <= largest / self.shift <= OFF:
-            self.shift = largest
+    def _shifted(self, largest: float | None) -> float:
+        """The shift, of a preconditioner that is made anew if it is far from what is asked for."""
+        part = 1.0 if largest is None else largest / self.shift
+        if part > ZERO and not 1 / OFF <= part <= OFF:
+            self.shift *= part
             self.solver = self.cell.preconditioner(self.shift, self.method)
+        return self.shift
 
     def mass(self, x: Vectors) -> Vectors:
         """Mass times rows (k, n)."""

@@ -1,8 +1,8 @@
 """Bands of frequencies over wave vectors, and the gaps between them.
 
 Guarantees: bands are sorted at every wave vector; gaps are as narrow as the estimated errors of the
-frequencies make them. Non-guarantee: gaps are those of the wave vectors at hand: between these, and
-off the path, a band may come closer.
+frequencies make them, or say that these are not known. Non-guarantee: gaps are those of the wave
+vectors at hand: between these, and off the path, a band may come closer.
 """
 
 import csv
@@ -38,11 +38,14 @@ class Gap:
         Number of bands beneath it.
     lower, upper : float
         Angular frequencies between which it lies.
+    narrowed : bool
+        Whether it is without the errors of the frequencies; False where these are not known.
     """
 
     below: int
     lower: float
     upper: float
+    narrowed: bool = True
 
     @property
     def width(self) -> float:
@@ -160,17 +163,18 @@ class Bands(Frozen):
     labels : tuple of str
         Names of the corners.
     omega : ndarray, shape (n, count)
-        Angular frequencies, ascending at every wave vector; next to zero for rigid-body modes.
+        Angular frequencies, ascending at every wave vector; zero for rigid-body modes at rest.
     velocities : ndarray, shape (n, count, 3)
         Group velocities, derivatives of omega by k; NaN where omega is zero. Of frequencies that
         are the same, those of the waves that keep apart along the path.
     residuals : ndarray, shape (n, count)
-        |K x - ω² M x| of every pair, relative to |K x + s M x| with s of the size of the largest
-        ω².
+        |K x - ω² M x| of every pair in the norm of the preconditioner, relative to the energy norm
+        of x: ω² is too high by about the square of it, relatively.
     errors : ndarray, shape (count,)
         Estimated parts by which frequencies are too high because of the cells, at the corner of
-        the path where they are worst, from half and three quarters as many cells; NaN where
-        these are too few.
+        the path where they are worst, from the same waves on half and three quarters as many
+        cells; with what rounding leaves, at the worst wave vector, 1 where it leaves nothing. NaN
+        where there are too few cells to tell.
     size : float
         Edge a of a cube of the volume of the cell.
     speed : float
@@ -235,7 +239,7 @@ class Bands(Frozen):
         low = self.omega[rows] * (1.0 - np.nan_to_num(self.errors))
         tops, floors = self.omega[rows].max(axis=0), low.min(axis=0)
         return tuple(
-            Gap(n + 1, float(tops[n]), float(floors[n + 1]))
+            Gap(n + 1, float(tops[n]), float(floors[n + 1]), bool(np.isfinite(self.errors[n + 1])))
             for n in range(self.omega.shape[1] - 1)
             if floors[n + 1] > tops[n] * (1.0 + 1e-6)
         )

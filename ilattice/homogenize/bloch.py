@@ -20,6 +20,7 @@ whose bands are flat, are left out.
 """
 
 import time
+import warnings
 from typing import Any
 
 import numpy as np
@@ -28,13 +29,15 @@ from ilattice._memory import need
 from ilattice._progress import Progress
 from ilattice._typing import AnyArray, FloatArray
 from ilattice._validate import as_flag, as_positive, as_whole, read_only
+from ilattice.cutfem.discretization import WARNED
 from ilattice.cutfem.elasticity import Elasticity
 from ilattice.cutfem.material import Property
-from ilattice.errors import InputError
+from ilattice.errors import InputError, PrecisionWarning
 from ilattice.homogenize._eigen import GUARD, MOST, Pairs, Vectors
-from ilattice.homogenize._estimate import estimated
+from ilattice.homogenize._estimate import estimated, outside
+from ilattice.homogenize._matching import farthest, overlaps
 from ilattice.homogenize._reduced import FULL
-from ilattice.homogenize._search import ZERO, Search
+from ilattice.homogenize._search import Search
 from ilattice.homogenize.arguments import check_options
 from ilattice.homogenize.bands import Bands, BlochReport
 from ilattice.homogenize.paths import Path, path_of, reciprocal
@@ -42,8 +45,8 @@ from ilattice.homogenize.waves import BlochCell
 
 #: Relative distances of frequencies that are the same.
 SAME = 1e-5
-#: Squares of frequencies below this part of the largest one are zero in waves of no length.
-RESTING, RESTED = 1e-4, 1e-6
+#: Points of a cell at which its waves are compared with those of others.
+POINTS = 4000
 #: Between which `tol` must be: frequencies are right to about its square.
 LEAST, LOOSEST = 1e-12, 0.1
 
@@ -61,15 +64,19 @@ def bloch(
     field, cells : object
         The solid in one cell, and the background grid, as in `elastic`.
     path : str or array_like, shape (m, 3), keyword-only
-        Points of symmetry by their letters, such as ``"GXMRG"`` for cubic cells, ``"GXMGZRAZ"`` for
-        tetragonal and ``"GMKGALHA"`` for hexagonal ones; or corners in parts of the edges of the
-        reciprocal lattice.
+        Points of symmetry by their letters, such as ``"GXMRG"`` for cubic cells, ``"GXWKGLU"`` for
+        primitive cells of face-centred and ``"GHNGP"`` of body-centred cubic lattices,
+        ``"GXMGZRAZ"`` for tetragonal and ``"GMKGALHA"`` for hexagonal ones; or corners in parts of
+        the edges of the reciprocal lattice.
     count : int, keyword-only
         Number of bands.
     steps : int, keyword-only
         From a corner of the path to the next one; 1 for the corners alone.
-    system : {"cubic", "tetragonal", "orthorhombic", "hexagonal", "triclinic"}, optional
-        Whose letters `path` has; by default by the edges of the cell.
+    system : str, optional
+        Whose letters `path` has: ``"cubic"``, ``"fcc"``, ``"bcc"``, ``"tetragonal"``,
+        ``"orthorhombic"`` or ``"hexagonal"``, as far as the edges of the cell make it up, by
+        default with the most symmetries; ``"triclinic"`` names halves of the edges of any
+        reciprocal lattice.
     young, poisson, density : float, str or callable, keyword-only
         As in `ilattice.cutfem.Elasticity`, also pairs for two `phases`; or ``stiffness`` and
         ``axes`` instead, likewise.
@@ -77,7 +84,7 @@ def bloch(
         Of the preconditioner, as in `ilattice.cutfem.Solver`.
     tol : float, keyword-only
         Largest residual of a pair, see `Bands.residuals`; frequencies are right to about its
-        square, group velocities to itself.
+        square, relative to themselves, as far as rounding allows, group velocities to itself.
     max_iterations : int, keyword-only
         Steps at one wave vector.
     modes : bool, keyword-only
@@ -104,7 +111,8 @@ def bloch(
     Warns
     -----
     PrecisionWarning
-        If islands were left out, or the square of a frequency is off by more than 2 %, by estimate.
+        If islands were left out, or the square of a frequency is off by more than 2 %, by estimate
+        or by rounding.
 
     Examples
     --------
@@ -159,52 +167,95 @@ def _bands(search: Search, way: Path, found: list[Pairs], modes: bool, begin: fl
             made[key] = velocities_of(search, zone[i], tangents[i], pairs)
         velocities.append(made[key][0])
         vectors.append(made[key][1])
-    errors = _errors(search, [(zone[c], found[c], rest) for c, rest in distinct(inner)])
+    errors = _errors(search, [(zone[c], found[c]) for c in distinct(inner)])
+    lost = rounded(found, inner, count)
     cell.warn_of_error(2.0 * float(errors.max()), "the square of a frequency")
+    warn_of_rounding(lost)
     mu, mass = cell.inertia
-    values = np.stack([p.values[:count] for p in found])
     report = BlochReport(
         cell.domain.cut.grid.shape, cell.matrix.shape[0], search.solver.method,
         read_only(np.array([p.steps for p in found])), time.perf_counter() - begin,
     )  # fmt: skip
     return Bands(
-        k, way.fractions, way.corners, way.labels, np.sqrt(np.maximum(values, 0.0)),
-        np.stack(velocities), np.stack([p.residuals[:count] for p in found]), errors,
+        k, way.fractions, way.corners, way.labels, frequencies(found, inner, count),
+        np.stack(velocities), np.stack([p.residuals[:count] for p in found]),
+        errors + lost,
         float(cell.cell_volume ** (1 / 3)), float(np.sqrt(mu / mass)), report,
         cell, vectors if modes else None,
     )  # fmt: skip
 
 
-def distinct(way: Path) -> list[tuple[int, bool]]:
-    """Corners of a path, each wave vector once, and whether it is that of rest."""
+def distinct(way: Path) -> list[int]:
+    """Corners of a path, each wave vector once."""
     names = {tuple(np.round(way.fractions[c], 12).tolist()): c for c in way.corners.tolist()}
-    return [(c, all(f == round(f) for f in name)) for name, c in names.items()]
+    return list(names.values())
 
 
-def moving(values: FloatArray, shift: float, rest: bool) -> AnyArray:
-    """Which squares of frequencies are not zero, those of whole pieces at rest being noise."""
-    return values > (max(RESTING * values.max(), RESTED * shift) if rest else ZERO * shift)
+def frequencies(found: list[Pairs], way: Path, count: int) -> FloatArray:
+    """Angular frequencies (n, count), zero where they are next to it at rest."""
+    values = np.stack([np.maximum(p.values[:count], 0.0) for p in found])
+    moving = np.stack([p.moving(count) for p in found])
+    return np.where(moving | ~_resting(way)[:, None], np.sqrt(values), 0.0)
 
 
-def _errors(search: Search, corners: list[tuple[FloatArray, Pairs, bool]]) -> FloatArray:
+def _resting(way: Path) -> AnyArray:
+    """Which wave vectors are none, up to edges of the reciprocal lattice."""
+    return np.asarray((way.fractions == np.rint(way.fractions)).all(axis=1))
+
+
+def rounded(found: list[Pairs], way: Path, count: int) -> FloatArray:
+    """Largest parts (count,) of frequencies that rounding leaves, 1 where it hides them."""
+    parts = [p.lost(count, bool(r)) for p, r in zip(found, _resting(way), strict=True)]
+    return np.asarray(0.5 * np.max(parts, axis=0))
+
+
+def warn_of_rounding(lost: FloatArray) -> None:
+    """Warn of frequencies that rounding leaves little of."""
+    much = 2.0 * float(lost.max())
+    if much > WARNED:
+        told = f"about {100 * much:.2g} %" if much < 1.0 else "all"
+        warnings.warn(
+            f"rounding leaves {told} of the square of a frequency open: that of band "
+            f"{int(lost.argmax()) + 1} is next to nothing against the largest of the grid; take "
+            "longer wave vectors, phases or edges of cells that differ by less, and no pieces that "
+            "nothing holds",
+            PrecisionWarning,
+            stacklevel=outside(),
+        )
+
+
+def _errors(search: Search, corners: list[tuple[FloatArray, Pairs]]) -> FloatArray:
     """Estimated parts (count,) by which frequencies are too high because of the cells.
 
     The largest of some wave vectors and their pairs.
     """
-    count = search.count
+    count, u = search.count, _samples(search.cell)
+    waves = [search.sampled(pairs, count, u) for _, pairs in corners]
 
     def squares(cell: BlochCell, tol: float) -> FloatArray:
-        other = Search(cell, count, search.method, tol, search.most)
-        return np.concatenate([other.at(k).values[:count] for k, _, _ in corners])
+        other, out = Search(cell, count, search.method, tol, search.most), []
+        for (k, pairs), fine in zip(corners, waves, strict=True):
+            found = other.at(k)
+            coarse = other.sampled(found, len(found.values), u)
+            known = np.isfinite(fine).all(axis=0) & np.isfinite(coarse).all(axis=0)
+            shares = overlaps(fine[:, known], coarse[:, known])
+            out.append(farthest(pairs.values[:count], found.values, shares))
+        return np.concatenate(out)
 
-    each = [pairs.values[:count] for _, pairs, _ in corners]
-    there = np.concatenate(
-        [moving(v, search.shift, c[2]) for v, c in zip(each, corners, strict=True)]
-    )
-    values = np.concatenate(each)
+    there = np.concatenate([pairs.moving(count) for _, pairs in corners])
+    values = np.concatenate([pairs.values[:count] for _, pairs in corners])
     off = estimated(search.cell, values, squares, search.tol)
     part = np.where(there, 0.5 * off / np.where(there, values, 1.0), 0.0)
     return np.asarray(part.reshape(-1, count).max(axis=0) + 0.5 * search.cell.unfollowed)
+
+
+def _samples(cell: BlochCell) -> FloatArray:
+    """Parameters of points spread over the solid, as far as there is enough of it."""
+    cut = cell.domain.cut
+    lo, hi = cut.grid.domain
+    u = lo + (hi - lo) * np.random.default_rng(0).random((POINTS, 3))
+    inside = (cut.sets(u) < 0.0).all(axis=1)
+    return u[inside][: POINTS // 4] if inside.any() else u
 
 
 def velocities_of(
@@ -225,6 +276,6 @@ def velocities_of(
         turned[a:b, a:b] = np.linalg.eigh(0.5 * (one + one.conj().T))[1]
     x = x.T @ turned
     diagonal = np.einsum("na,jnm,ma->aj", turned.conj(), slopes, turned).real[:count]
-    moving = values[:count] > ZERO * search.shift
+    moving = pairs.moving(count)
     half = np.where(moving, 0.5 / np.where(moving, omega[:count], 1.0), np.nan)
     return diagonal * half[:, None], x[:, :count]

@@ -28,14 +28,23 @@ from ilattice._progress import Progress, track
 from ilattice._typing import AnyArray, FloatArray
 from ilattice._validate import as_array, as_whole, read_only
 from ilattice.cutfem import _voigt
-from ilattice.errors import ConvergenceError, InputError
+from ilattice.errors import InputError
 from ilattice.homogenize import _kernels_voxel as kernels
-from ilattice.homogenize._eigen import GUARD, MOST, Pairs, Vectors, lowest
+from ilattice.homogenize._eigen import GUARD, MOST, Pairs, Pencil, Vectors, check, lowest
 from ilattice.homogenize._estimate import warn_of_voxels
-from ilattice.homogenize._spectral import VoxelGrid, symbols
+from ilattice.homogenize._matching import farthest, overlaps
+from ilattice.homogenize._spectral import VoxelGrid, prolonged, symbols
 from ilattice.homogenize.bands import Bands, BlochReport
-from ilattice.homogenize.bloch import as_residual, distinct, moving, velocities_of
+from ilattice.homogenize.bloch import (
+    as_residual,
+    distinct,
+    frequencies,
+    rounded,
+    velocities_of,
+    warn_of_rounding,
+)
 from ilattice.homogenize.paths import path_of, reciprocal
+from ilattice.homogenize.tensors import isotropic
 from ilattice.homogenize.voxel import REMEDY, as_voxels, elastic_phases
 
 #: Residual of waves on voxels twice as long.
@@ -72,6 +81,7 @@ class VoxelWaves:
             mean = np.array([K - 2.0 * G / 3.0, G])
         self.reference = mean
         self.grid = VoxelGrid(wide, np.vstack([table, np.zeros_like(table[:1])]), size, mean)
+        self.part = _least_part(table, mean)
         self.volume = float(size.prod())
         mass, there = density[phase], np.abs(table).max(axis=1)[phase] > 0
         for a in range(3):
@@ -79,6 +89,10 @@ class VoxelWaves:
             there = there | np.roll(there, 1, axis=a)
         self.weights, self.there = self.volume * mass, there
         self.inertia = float(self.parts @ density)
+        stiff = np.abs(table).sum(axis=1)[phase]
+        for a in range(3):
+            stiff = stiff + np.roll(stiff, 1, axis=a)
+        self.diagonal = self.volume / 9.0 * (1.0 / size**2).sum() * stiff
 
     @property
     def edges(self) -> FloatArray:
@@ -96,6 +110,16 @@ class VoxelWaves:
         parts = of.transpose(0, 2, 4, 1, 3, 5).reshape(-1, 8)
         table, density = self.grid.table[parts].mean(axis=1), self.density[parts].mean(axis=1)
         return VoxelWaves(np.arange(len(parts)).reshape(a, b, c), table, density, 2.0 * self.size)
+
+
+def _least_part(table: FloatArray, mean: FloatArray) -> float:
+    """Least stiffness of phases with any, for a strain, as a part of a mean one; at most 1."""
+    full = np.zeros((len(table) + 1, 6, 6))
+    for C, row in zip(full, [*table, mean], strict=True):
+        C += row.reshape(6, 6) if len(row) == 36 else isotropic(*row)
+    solid = full[np.abs(full).max(axis=(1, 2)) > 0]
+    root = np.linalg.inv(np.linalg.cholesky(solid[-1]))
+    return float(min(1.0, np.linalg.eigvalsh(root @ solid @ root.T).min()))
 
 
 class VoxelOperator:
@@ -138,6 +162,22 @@ class VoxelOperator:
             f[0] += f[-1]
             f = np.moveaxis(f[:-1], 0, a)
         return f
+
+    @property
+    def constants(self) -> Vectors:
+        """Rows (3, unknowns) of v that is one along x, y and z."""
+        axes = np.eye(3)[:, :, None, None, None] * np.ones(self.keep.shape)
+        return np.stack([self.row(v) for v in axes]).astype(np.complex128)
+
+    @property
+    def diagonal(self) -> FloatArray:
+        """At least the diagonal of K."""
+        return np.asarray(np.broadcast_to(self.waves.diagonal, self.keep.shape)[self.keep])
+
+    def prolonged(self, coarse: "VoxelOperator", rows: Vectors) -> Vectors:
+        """Rows of what rows on voxels twice as long are in between."""
+        fields = [coarse.field(row) for row in rows]
+        return np.stack([self.row(prolonged(v.real) + 1j * prolonged(v.imag)) for v in fields])
 
     # ---------------------------------------------------------------- products
 
@@ -213,38 +253,37 @@ class _Search:
         noise = precondition(one.mass(real + 1j * imaginary))
         if start is not None:
             noise = np.concatenate([start, noise])
+        noise = np.concatenate([one.constants, noise])
         none = np.zeros((0, 0), np.complex128)
-        pairs = lowest(
-            one.stiffness, one.mass, precondition, np.zeros((0, n)), none, noise, self.count,
-            self.shift, self.tol, self.most,
-        )  # fmt: skip
-        worst = float(pairs.residuals[: self.count].max())
-        if not worst <= self.tol:
-            raise ConvergenceError(
-                f"bands at k = {np.round(k, 4).tolist()} have a residual of {worst:.1e} after "
-                f"{pairs.steps} steps, above tol = {self.tol:.1e}; allow more max_iterations, or "
-                "ask for another count"
-            )
+        pencil = Pencil(
+            one.stiffness, one.mass, precondition, one.diagonal, lambda _: 0.0, self.waves.part
+        )
+        pairs = lowest(pencil, np.zeros((0, n)), none, noise, self.count, self.tol, self.most)
+        check(pairs, self.count, self.tol, k, "or ask for another count")
         return pairs
 
     def slopes(self, k: FloatArray, x: Vectors) -> Vectors:
         """See `VoxelOperator.slopes`."""
         return self.waves.at(k).slopes(x)
 
-    def errors(self, k: FloatArray, pairs: Pairs, rest: bool) -> FloatArray:
+    def errors(self, k: FloatArray, pairs: Pairs) -> FloatArray:
         """Estimated parts (count,) by which frequencies are off, by voxels twice as long."""
-        values = pairs.values[: self.count]
+        values, there = pairs.values[: self.count], pairs.moving(self.count)
         if (self.waves.shape % 2).any() or self.waves.shape.min() < 4:
             return np.full(self.count, np.nan)
         other = _Search(self.waves.coarser(), self.count, max(self.tol, COARSE), self.most)
-        coarse, there = other.at(k).values[: self.count], moving(values, self.shift, rest)
-        return np.where(there, 0.5 * np.abs(coarse - values) / np.where(there, values, 1.0), 0.0)
+        found, one = other.at(k), self.waves.at(k)
+        root = np.sqrt(one.row(np.broadcast_to(self.waves.weights, one.keep.shape)))
+        rows = root * one.prolonged(other.waves.at(k), found.vectors)
+        shares = overlaps(root * pairs.vectors[: self.count], rows)
+        off = np.abs(farthest(values, found.values, shares) - values)
+        return np.where(there, 0.5 * off / np.where(there, values, 1.0), 0.0)
 
 
 def bloch_voxels(
     array: Any, *, path: Any = "GXMRG", count: int = 8, steps: int = 8, system: str | None = None,
     young: Any = None, poisson: Any = None, stiffness: Any = None, density: Any = 1.0,
-    spacing: Any = None, tol: float = 1e-3, max_iterations: int = 200, progress: Progress = None,
+    spacing: Any = None, tol: float = 1e-3, max_iterations: int = 500, progress: Progress = None,
 ) -> Bands:  # fmt: skip
     """Frequencies of waves in an array of voxels that repeats, over a path of wave vectors.
 
@@ -262,7 +301,7 @@ def bloch_voxels(
         Edges of voxels; by default 1, or those of the file.
     tol : float
         Largest residual of a pair, see `Bands.residuals`; frequencies are right to about its
-        square.
+        square, relative to themselves, as far as rounding allows.
     max_iterations : int
         Steps at one wave vector.
     progress : bool or callable, optional
@@ -285,8 +324,8 @@ def bloch_voxels(
     Warns
     -----
     PrecisionWarning
-        If the square of a frequency is off by more than 2 %, by estimate, or it is not known by how
-        much.
+        If the square of a frequency is off by more than 2 %, by estimate or by rounding, or it is
+        not known by how much.
 
     Notes
     -----
@@ -333,18 +372,20 @@ def bloch_voxels(
         near = step < 2.0 * np.linalg.norm(k[i] - k[i - 1])
         found.append(search.at(zone[i], found[-1].vectors if near else None))
         velocities.append(velocities_of(search, zone[i], tangents[i], found[-1])[0])
-    errors = np.max([search.errors(zone[c], found[c], rest) for c, rest in distinct(way)], axis=0)
-    values = np.stack([p.values[:count] for p in found])
+    errors = np.max([search.errors(zone[c], found[c]) for c in distinct(way)], axis=0)
+    lost = rounded(found, way, count)
     a, b, c = (int(n) for n in waves.shape)
     off = 2.0 * float(errors.max())
     warn_of_voxels(off, "the square of a frequency", (a, b, c), REMEDY.replace("elastic", "bloch"))
+    warn_of_rounding(lost)
     report = BlochReport(
         (a, b, c), unknowns, "fourier", read_only(np.array([p.steps for p in found])),
         time.perf_counter() - begin,
     )  # fmt: skip
     return Bands(
-        k, way.fractions, way.corners, way.labels, np.sqrt(np.maximum(values, 0.0)),
-        np.stack(velocities), np.stack([p.residuals[:count] for p in found]), errors,
+        k, way.fractions, way.corners, way.labels, frequencies(found, way, count),
+        np.stack(velocities), np.stack([p.residuals[:count] for p in found]),
+        errors + lost,
         float(np.prod(waves.shape * size) ** (1 / 3)),
         float(np.sqrt(waves.reference[1] / waves.inertia)), report, None, None,
     )  # fmt: skip

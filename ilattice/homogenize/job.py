@@ -11,7 +11,7 @@ from typing import Any
 from ilattice._files import as_path, check_distinct, check_outputs, write_report
 from ilattice._progress import Progress
 from ilattice._stages import Stages
-from ilattice._validate import as_positive
+from ilattice._validate import as_not_negative, as_positive
 from ilattice._version import __version__
 from ilattice.errors import FormatError, InputError
 from ilattice.homogenize.bloch import bloch
@@ -162,6 +162,7 @@ def bands(
     check_distinct({"-o": output})
     for file in output:
         _check_ending("-o", file, (".csv", ".json", *PICTURES))
+    mass = as_not_negative("--mass", mass)
     solid = solid_of(tile, density, thickness)
     found = bloch(
         solid, cells, path=path, count=count, steps=steps, young=young, poisson=poisson,

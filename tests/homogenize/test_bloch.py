@@ -17,6 +17,7 @@ from ilattice.homogenize.paths import path_of, points_of, reciprocal, system_of
 from ilattice.homogenize.waves import BlochCell
 
 coarse = pytest.mark.filterwarnings("ignore:the cells are too coarse")
+rounding = pytest.mark.filterwarnings("ignore:rounding leaves")
 MU, LAM = 0.5 / 1.3, 0.3 / 1.3 / 0.4
 SHEAR, PRESSURE = MU**0.5, (LAM + 2 * MU) ** 0.5
 #: A thin bar, in which waves along it come first.
@@ -178,21 +179,81 @@ def test_errors_are_those_of_the_worst_corner(n):
 
 
 @coarse
-def test_residuals_are_those_of_the_matrix():
+def test_residuals_are_those_of_the_matrix_and_tell_how_far_off_frequencies_are():
     cell = BlochCell(void(), (5, 4, 4))
     bands = bloch(cell.domain, path=[[0.2, 0, 0], [0.5, 0, 0]], count=4, steps=5, modes=True)
     mu, mass = cell.inertia
     shift = mu / mass * np.pi**2
     assert (np.abs(np.log(bands.omega[:, 3] ** 2 / shift)) < np.log(3)).all()  # it was kept
+    M = cell.masses.toarray()
+    P = np.linalg.inv(cell.stiffness(np.zeros(3)).toarray() + shift * M)
     for i in range(6):
-        K, M = cell.stiffness(bands.k[i]), cell.masses
+        K = cell.stiffness(bands.k[i]).toarray()
+        exact = eigh(K, M, eigvals_only=True, subset_by_index=[0, 7])
         for n in range(4):
             c = bands.mode(i, n).coefficients
             x = (c[:, :3] + 1j * c[:, 3:]).ravel()
-            r = K @ x - bands.omega[i, n] ** 2 * (M @ x)
-            found = np.linalg.norm(r) / np.linalg.norm(K @ x + shift * (M @ x))
-            assert found == pytest.approx(bands.residuals[i, n], rel=1e-3)
+            square = bands.omega[i, n] ** 2
+            r = K @ x - square * (M @ x)
+            found = np.sqrt((r.conj() @ P @ r).real / square) * max(1, np.sqrt(shift / exact[7]))
+            assert found == pytest.approx(bands.residuals[i, n], rel=1e-2)
             assert found <= 1e-4
+            assert abs(square / exact[n] - 1) <= 4 * found**2 + 1e-12
+
+
+@coarse
+@pytest.mark.parametrize("degree", [1, 2])
+def test_slow_waves_of_soft_layers_are_found(degree):
+    """Frequencies are far below the largest of the grid, which residuals do not count with."""
+    options = {"phases": "abs(u - 0.5) - 0.25", "young": (1e-6, 1.0), "degree": degree}
+    k = (0.1, 0.0, 0.0)
+    bands = bloch(full, (10, 3, 3), path=[k], steps=1, count=3, **options)
+    cell = BlochCell(full, (10, 3, 3), **options)
+    K, M = cell.stiffness(bands.k[0]).toarray(), cell.masses.toarray()
+    exact = eigh(K, M, eigvals_only=True, subset_by_index=[0, 2])
+    np.testing.assert_allclose(bands.omega[0] ** 2, exact, rtol=1e-4)
+    if degree == 2:
+        soft = 2e-6 * np.array([MU, MU, LAM + 2 * MU])  # two springs in a row
+        np.testing.assert_allclose(bands.omega[0] / bands.k[0, 0], np.sqrt(soft), rtol=2e-2)
+
+
+@coarse
+def test_errors_are_those_of_the_same_waves_on_fewer_cells():
+    """Bands change places between grids: a plane wave is exact, its neighbours are not."""
+    rng = np.random.default_rng(136)
+    most = np.log(rng.choice([3, 10, 30]))
+    Q = np.linalg.qr(rng.normal(size=(6, 6)))[0]
+    C = Q @ np.diag(np.exp(rng.uniform(0, most, 6))) @ Q.T
+    edges = rng.normal(size=(3, 3)) * 0.4 + 2 * np.eye(3)
+    bands = bloch(full, 6, path=rng.uniform(-0.5, 0.5, (2, 3)), steps=1, count=4, stiffness=C,
+                  through=il.macroshape.cell(edges))  # fmt: skip
+    n = np.stack(np.meshgrid(*[np.arange(-3, 4)] * 3), -1).reshape(-1, 3) @ reciprocal(edges).T
+    voigt = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
+    full_C = C[voigt[:, :, None, None], voigt]
+    sure = np.zeros(4)
+    for k, omega in zip(bands.k, bands.omega, strict=True):
+        squares = np.linalg.eigvalsh(np.einsum("ijkl,nj,nl->nik", full_C, n + k, n + k))
+        sure = np.maximum(sure, omega / np.sqrt(np.sort(squares.ravel())[:4]) - 1)
+    assert sure.max() > 1e-2
+    np.testing.assert_array_less(bands.errors[sure < 1e-6], 1e-3)
+    np.testing.assert_array_less(sure, 1.05 * bands.errors + 1e-9)
+
+
+@coarse
+@rounding
+def test_what_rounding_leaves_is_told_and_is_no_gap():
+    bands = bloch(full, 4, path=[(1e-5, 0, 0), (0, 0, 0), (1e-7, 0, 0)], steps=1, count=3)
+    exact = np.array([SHEAR, SHEAR, PRESSURE]) * bands.k[:, :1]
+    off = np.abs(bands.omega[0] / exact[0] - 1)
+    np.testing.assert_array_less(off, 1e-3)
+    off = np.maximum(off, np.abs(bands.omega[2] / exact[2] - 1))
+    np.testing.assert_array_less(off, bands.errors)
+    np.testing.assert_array_equal(bands.omega[1], 0.0)
+    assert np.isnan(bands.velocities[1]).all()
+    with pytest.warns(PrecisionWarning, match=r"rounding leaves .* % of the square of a freq"):
+        bloch(full, 4, path=[(1e-7, 0, 0)], steps=1, count=3)
+    at_rest = bloch(full, 4, path="G", steps=1, count=5)
+    assert all(gap.below == 3 for gap in at_rest.gaps)
 
 
 @coarse
@@ -295,6 +356,67 @@ def test_points_of_lattices():
     way = path_of("GXG", np.eye(3), 2)
     np.testing.assert_allclose(way.fractions[:, 0], [0, 0.25, 0.5, 0.25, 0])
     np.testing.assert_array_equal(way.corners, [0, 2, 4])
+
+
+#: How many points of the reciprocal lattice are next to points of symmetry.
+NEXT = {
+    "cubic": {"G": 1, "X": 2, "M": 4, "R": 8},
+    "fcc": {"G": 1, "X": 2, "L": 2, "W": 4, "K": 3, "U": 3},
+    "bcc": {"G": 1, "H": 6, "N": 2, "P": 4},
+    "tetragonal": {"G": 1, "X": 2, "M": 4, "Z": 2, "R": 4, "A": 8},
+    "orthorhombic": {"G": 1, "X": 2, "Y": 2, "Z": 2, "S": 4, "T": 4, "U": 4, "R": 8},
+    "hexagonal": {"G": 1, "M": 2, "K": 3, "A": 2, "L": 4, "H": 6},
+}
+ROOT = 0.75**0.5
+EDGES = {
+    "cubic": np.eye(3),
+    "fcc": 0.5 * np.array([[0, 1, 1], [1, 0, 1], [1, 1, 0]]),
+    "bcc": 0.5 * np.array([[-1, 1, 1], [1, -1, 1], [1, 1, -1]]),
+    "tetragonal": np.diag([1, 1, 1.7]),
+    "orthorhombic": np.diag([1, 1.3, 1.7]),
+    "hexagonal": np.array([[1, -0.5, 0], [0, ROOT, 0], [0, 0, 0.7]]),
+}
+
+
+@pytest.mark.parametrize("system", NEXT)
+def test_points_have_as_many_neighbours_as_their_names_say(system):
+    rng = np.random.default_rng(2)
+    orders = [[0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 2, 1]]
+    for order in orders:
+        edges = 3.7 * np.linalg.qr(rng.normal(size=(3, 3)))[0] @ EDGES[system][:, order]
+        if system in ("cubic", "fcc", "bcc"):
+            edges = edges @ np.array([[1, 1, 0], [0, 1, 0], [0, 1, 1]])
+        assert system_of(edges) == system
+        b = reciprocal(edges)
+        lattice = np.stack(np.meshgrid(*[np.arange(-5, 6)] * 3), -1).reshape(-1, 3) @ b.T
+        found = points_of(edges)
+        assert found.keys() == NEXT[system].keys()
+        for name, near in NEXT[system].items():
+            size = np.linalg.norm(lattice - b @ found[name], axis=1)
+            assert (size < size.min() * (1 + 1e-6) + 1e-9).sum() == near, name
+    if system in ("fcc", "bcc"):  # W. Setyawan and S. Curtarolo, tables 3 and 4
+        known = {"fcc": ("W", (0.5, 0.25, 0.75)), "bcc": ("H", (0.5, -0.5, 0.5))}[system]
+        np.testing.assert_allclose(points_of(EDGES[system])[known[0]], known[1], atol=1e-12)
+
+
+def test_names_of_other_lattices_are_refused():
+    oblique = np.array([[1.0, 0.3, 0.3], [0.3, 1.0, 0.3], [0.3, 0.3, 1.0]])
+    with pytest.raises(InputError, match=r"'X' in 'GX' .* has G alone; give points in parts"):
+        path_of("GX", oblique, 1)
+    np.testing.assert_array_equal(path_of("GX", oblique, 1, "triclinic").fractions[1], [0.5, 0, 0])
+    for edges, system in (
+        (np.diag([1.0, 2.0, 3.0]), "hexagonal"),
+        (np.diag([1.0, 1.0, 2.0]), "cubic"),
+        (np.diag([1.0, 1.3, 2.0]), "tetragonal"),
+        (EDGES["fcc"], "cubic"),
+        (oblique, "fcc"),
+    ):
+        for path in ("G", [(0.1, 0, 0)]):
+            with pytest.raises(InputError, match=f"make up a .* lattice, not '{system}'"):
+                path_of(path, edges, 1, system)
+    with pytest.raises(InputError, match="system must be one of"):
+        path_of([(0.1, 0, 0)], np.eye(3), 1, "round")
+    assert points_of(np.eye(3), "tetragonal")["Z"].tolist() == [0, 0, 0.5]
 
 
 @pytest.mark.parametrize(

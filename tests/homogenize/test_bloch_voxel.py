@@ -15,6 +15,7 @@ from ilattice.homogenize.bloch_voxel import VoxelWaves
 pytestmark = [
     pytest.mark.filterwarnings("ignore:the voxels are too coarse"),
     pytest.mark.filterwarnings("ignore:it is not known by how much"),
+    pytest.mark.filterwarnings("ignore:rounding leaves"),
 ]
 MU, LAM = 0.5 / 1.3, 0.3 / 1.3 / 0.4
 
@@ -122,6 +123,62 @@ def test_long_waves_are_those_of_the_effective_stiffness_and_voids_have_none():
     k = bands.k[0]
     christoffel = np.einsum("ijkl,j,l->ik", naive.full(C), k, k) / solid.mean()
     np.testing.assert_allclose(bands.omega[0], np.sqrt(np.linalg.eigvalsh(christoffel)), rtol=2e-4)
+
+
+def dispersed(bands, count, spacing):
+    """Exact frequencies of the grid for waves along x."""
+    c = np.sqrt([MU, MU, LAM + 2 * MU])[:count]
+    return c * 2 / spacing * np.sin(bands.k[:, :1] * spacing / 2)
+
+
+@pytest.mark.parametrize("length", [300.0, 1e4, 1e6])
+def test_slow_waves_of_long_voxels_are_found(length):
+    """Frequencies are far below the largest of the grid, which residuals do not count with."""
+    bands = bloch_voxels(np.ones((6, 6, 6), bool), spacing=(length, 1, 1), path=[(0.3, 0, 0)],
+                         count=3, steps=1)  # fmt: skip
+    off = np.abs(bands.omega / dispersed(bands, 3, length) - 1)[0]
+    np.testing.assert_array_less(off, bands.errors)
+    np.testing.assert_array_less(off, 0.03 if length > 1e5 else 1e-5)
+
+
+def test_long_waves_are_found_as_far_as_rounding_allows():
+    way = [(1e-3, 0, 0), (1e-5, 0, 0), (1e-6, 0, 0)]
+    bands = bloch_voxels(np.ones((6, 6, 6), bool), path=way, count=3, steps=1)
+    off = np.abs(bands.omega / dispersed(bands, 3, 1.0) - 1)
+    np.testing.assert_array_less(off.max(axis=1), [1e-8, 1e-4, 1e-2])
+    np.testing.assert_array_less(off.max(axis=0), bands.errors)
+    with pytest.warns(PrecisionWarning, match="all of the square of a frequency open: that of b"):
+        bands = bloch_voxels(np.ones((6, 6, 6), bool), path=[(1e-9, 0, 0)], count=3, steps=1)
+    assert bands.error >= 1.0
+
+
+@pytest.mark.parametrize(
+    ("kind", "young"),
+    [("layers", 1e-3), ("layers", 1e-6), ("ball", 1e-5), ("ball", 1e6), ("mixed", 1e-4)],
+)
+def test_slow_waves_of_different_phases_are_found(kind, young):
+    x = (np.arange(6) + 0.5) / 6 - 0.5
+    labels = {
+        "layers": np.repeat([0, 1], 4).reshape(8, 1, 1) * np.ones((1, 3, 3), int),
+        "ball": ((x[:, None, None] ** 2 + x[:, None] ** 2 + x**2) < 0.3**2).astype(int),
+        "mixed": np.random.default_rng(3).integers(0, 2, (6, 5, 4)),
+    }[kind]
+    bands = bloch_voxels(labels, young=(young, 1.0), path=[(0.1, 0.05, 0.02)], count=3, steps=1)
+    E = np.array([young, 1.0])
+    table = np.column_stack([LAM * E, MU * E])
+    waves = VoxelWaves(labels, table, np.ones(2), np.ones(3)).at(bands.k[0])
+    one = np.eye(waves.unknowns, dtype=complex)
+    exact = np.sqrt(eigh(waves.stiffness(one).T, waves.mass(one).T, eigvals_only=True)[:3])
+    np.testing.assert_allclose(bands.omega[0], exact, rtol=1e-5)
+
+
+def test_gaps_of_unknown_errors_say_so():
+    labels = np.repeat([0, 1], 6).reshape(12, 1, 1)
+    options = {"young": (1.0, 50.0), "density": (1, 5), "path": [(0, 0, 0), (0.5, 0, 0)]}
+    for array, known in ((labels, False), (np.tile(labels, (1, 4, 4)), True)):
+        gaps = bloch_voxels(array, steps=4, count=7, **options).gaps
+        assert gaps
+        assert all(gap.narrowed == known for gap in gaps)
 
 
 def test_steps_do_not_grow_with_the_number_of_voxels():
