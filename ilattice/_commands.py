@@ -25,7 +25,7 @@ def add_homogenize(app: "App") -> None:
         density: float | None = None,
         thickness: float | None = None,
         voxels: Path | None = None,
-        cells: int = 16,
+        cells: int | None = None,
         young: Numbers = None,
         poisson: float = 0.3,
         report: Path | None = None,
@@ -45,7 +45,8 @@ def add_homogenize(app: "App") -> None:
             File of voxels instead of a tile: .npy, .vti or .tif; true and false, fill fractions, or
             whole numbers of phases.
         cells
-            Number of cells of the grid per direction; voxels have their own.
+            Number of cells of the grid of a tile per direction, by default 16; voxels have their
+            own.
         young
             Young's modulus, by default 1; of voxels also one per phase.
         poisson

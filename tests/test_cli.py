@@ -353,6 +353,7 @@ def test_bands_are_tables_and_pictures(tmp_path, capfd):
         (["homogenize", "--tile", "gyroid", "--young", "1", "2"], 2, "young"),
         (["homogenize", "--voxels", "no.npy"], 1, "no.npy"),
         (["homogenize", "--voxels", "no.npy", "--density", "0.3"], 2, "are for tiles"),
+        (["homogenize", "--voxels", "no.npy", "--cells", "5"], 2, "--cells are for tiles"),
         (["homogenize", "--tile", "gyroid", "--sphere", "s.doc"], 1, "endings"),
         (["homogenize", "--tile", "gyroid", "--report", "no/r.json"], 1, "directory"),
         (["bands", "--tile", "gyroid"], 2, "--output"),

@@ -182,7 +182,8 @@ class Stresses(Result):
         """Strength (n,) or (1,) at parameters in active cells."""
         strength = self.problem.material.strength
         if strength is None:
-            raise InputError("the material has no strength: give Elasticity(..., strength=...)")
+            name = type(self.problem).__name__
+            raise InputError(f"the material has no strength: give {name}(..., strength=...)")
         return self.problem._scalar_at(strength, u, owner)
 
     def point_data(self, u: ArrayLike) -> dict[str, AnyArray]:

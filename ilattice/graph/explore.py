@@ -23,7 +23,8 @@ from ilattice.graph import build
 from ilattice.graph.graph import Graph
 from ilattice.graph.skeletons import THICKNESS, Skeleton
 from ilattice.graph.ways import ways
-from ilattice.homogenize.sweep import Rows, sweep
+from ilattice.homogenize.rows import Rows
+from ilattice.homogenize.sweep import sweep
 from ilattice.minimal import FaceLoop, cuboid, tetrahedron
 
 KINDS = ("truss", "direct", "conjugate", "asymmetric")

@@ -35,7 +35,8 @@ from ilattice.homogenize.elastic import ElasticCell, elastic
 from ilattice.homogenize.images import read_voxels
 from ilattice.homogenize.local import LocalFields
 from ilattice.homogenize.macro import macro
-from ilattice.homogenize.sweep import Fit, Rows, sweep
+from ilattice.homogenize.rows import Fit, Rows
+from ilattice.homogenize.sweep import sweep
 from ilattice.homogenize.voxel import conductive_voxels, voxels
 from ilattice.homogenize.waves import BlochCell
 

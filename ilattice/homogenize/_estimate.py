@@ -49,6 +49,8 @@ ORDERS, SAFETY = {1: (1.5, 2.5), 2: (1.75, 2.5), 3: (1.75, 2.5)}, 1.4
 SHARP, SAFETY_SHARP = (1.0, 1.0), 1.25
 #: Tolerance on coarser cells; energies are off by its square.
 LOOSE = 1e-5
+#: Estimates above which what is left says little.
+HALF = 0.5
 #: Relative errors of entries below which splines of the cells are exact.
 EXACT = 1e-6
 
@@ -145,6 +147,8 @@ def warn(error: float, what: str, *, unknown: str, how: str, unit: str = "cells"
         much = f"about {100 * error:.2g} % or less"
         if error > SURE:
             much = f"about {100 * error:.2g} %"
+        if error > HALF:
+            much += " of it, and may be many times too large"
         if error >= 1.0:
             much = "more than its own size"
         told = f"the {unit} are too coarse: {what} is off by {much}, estimated from {how}"
@@ -153,11 +157,13 @@ def warn(error: float, what: str, *, unknown: str, how: str, unit: str = "cells"
     warnings.warn(told, PrecisionWarning, stacklevel=outside())
 
 
-def warn_of_voxels(error: float, what: str, shape: tuple[int, ...], remedy: str) -> None:
-    """`warn` of arrays of voxels, whose estimates are from voxels twice as long."""
+def warn_of_voxels(
+    error: float, what: str, shape: tuple[int, ...], remedy: str, longer: str = "twice"
+) -> None:
+    """`warn` of arrays of voxels, whose estimates are from longer voxels."""
     grid = " x ".join(map(str, shape))
     warn(
-        error, what, unit="voxels", how=f"voxels twice as long; {remedy}",
+        error, what, unit="voxels", how=f"voxels {longer} as long; {remedy}",
         unknown=f"it is not known by how much {what} is off: {grid} voxels are not taken together "
         "by twos; give an even number, 4 or more, in every direction, such as the array twice",
     )  # fmt: skip

@@ -46,7 +46,10 @@ class Conductivity(Result):
 
     @property
     def error(self) -> float:
-        """Largest estimated relative error of a diagonal entry of k, NaN without an estimate."""
+        """Largest estimated error of a diagonal entry of k, as a part of it.
+
+        Entries are found too large, so that 0.8 says five times. NaN without an estimate.
+        """
         k = np.diag(self.k)
         there = k > SOFT * k.max(initial=0.0)
         return float((np.diag(self.errors)[there] / k[there]).max(initial=0.0))

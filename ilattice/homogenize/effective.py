@@ -38,8 +38,8 @@ class Effective(Result):
     C : ndarray, shape (6, 6)
         Stiffness: mean stress xx, yy, zz, yz, xz, xy of mean strains with engineering shear.
     errors : ndarray, shape (6, 6)
-        Estimated errors of its entries because of the cells of the grid, see
-        `ilattice.cutfem.discretization`; NaN where there is no estimate.
+        Estimated errors of its entries because of the cells or voxels of the grid; NaN where there
+        is no estimate.
     density : float
         Part of the cell that is filled.
     bounds : Bounds
@@ -106,7 +106,10 @@ class Effective(Result):
 
     @property
     def error(self) -> float:
-        """Largest estimated relative error of a diagonal entry of C, NaN without an estimate."""
+        """Largest estimated error of a diagonal entry of C, as a part of it.
+
+        Entries are found too large, so that 0.8 says five times. NaN without an estimate.
+        """
         stiff = np.diag(self.C)
         there = stiff > SOFT * stiff.max(initial=0.0)
         return float((np.diag(self.errors)[there] / stiff[there]).max(initial=0.0))
@@ -326,7 +329,12 @@ class Effective(Result):
 
 def _orthogonal(n: Any, m: Any) -> tuple[FloatArray, FloatArray]:
     """Pairs of orthogonal unit vectors, m made so where it is nearly."""
-    a, b = np.broadcast_arrays(tensors.as_direction("n", n), tensors.as_direction("m", m))
+    a, b = tensors.as_direction("n", n), tensors.as_direction("m", m)
+    if len(a) != len(b) and 1 not in (len(a), len(b)):
+        raise InputError(
+            f"m must be one direction or as many as n, got {len(b)} with {len(a)} of n"
+        )
+    a, b = np.broadcast_arrays(a, b)
     off = (a * b).sum(axis=1, keepdims=True)
     if np.abs(off).max(initial=0.0) > 1e-6:
         raise InputError(f"m must be orthogonal to n, got {m!r:.60} with n={n!r:.60}")

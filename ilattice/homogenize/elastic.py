@@ -185,7 +185,8 @@ class ElasticCell(CellProblem, Elasticity):
         Returns
         -------
         ndarray, shape (m,)
-            The least strength over von Mises stress at the points of quadrature.
+            The least strength over von Mises stress at the points of quadrature; infinite where
+            that is pressure alone.
 
         Raises
         ------

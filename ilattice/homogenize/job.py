@@ -22,6 +22,8 @@ from ilattice.lattice import Lattice
 from ilattice.macroshape.cells import cell
 from ilattice.tiles.catalog import get
 
+#: Of the grid of a tile, per direction.
+CELLS = 16
 PICTURES = (".pdf", ".png", ".svg")
 
 
@@ -60,9 +62,10 @@ def solid_of(tile: str, density: float | None, thickness: float | None) -> Any:
 
 def homogenize(
     *, tile: str | None = None, density: float | None = None, thickness: float | None = None,
-    voxels: str | os.PathLike[str] | None = None, cells: int = 16, young: Sequence[float] = (1.0,),
-    poisson: float = 0.3, report: str | os.PathLike[str] | None = None,
-    sphere: str | os.PathLike[str] | None = None, progress: Progress = None,
+    voxels: str | os.PathLike[str] | None = None, cells: int | None = None,
+    young: Sequence[float] = (1.0,), poisson: float = 0.3,
+    report: str | os.PathLike[str] | None = None, sphere: str | os.PathLike[str] | None = None,
+    progress: Progress = None,
 ) -> dict[str, Any]:  # fmt: skip
     """Effective stiffness of a tile or of an array of voxels, with its files.
 
@@ -74,8 +77,8 @@ def homogenize(
         See `solid_of`.
     voxels : path-like, optional
         File of `read_voxels`, instead of a tile.
-    cells : int
-        Of the grid, per direction.
+    cells : int, optional
+        Of the grid of a tile, per direction; by default 16.
     young : sequence of float
         Young's modulus, of voxels also one per phase.
     poisson : float
@@ -94,8 +97,10 @@ def homogenize(
     """
     if (tile is None) == (voxels is None):
         raise InputError("give either --tile, the name of a tile, or --voxels, a file")
-    if voxels is not None and (density is not None or thickness is not None):
-        raise InputError("--density and --thickness are for tiles; voxels have their own")
+    if voxels is not None and {density, thickness, cells} != {None}:
+        raise InputError("--density, --thickness and --cells are for tiles; voxels have their own")
+    if voxels is None and cells is None:
+        cells = CELLS
     if len(young) > 1 and voxels is None:
         raise InputError("young must be one number for a tile")
     files = {"--report": report, "--sphere": sphere}

@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 
 #: Part of a mean stress that a cell may miss without bearing none of it.
 BORNE = 1e-6
+#: Part of a stress below which its deviator is rounding.
+ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,22 +83,23 @@ def as_stresses(stress: Any, C: FloatArray) -> tuple[FloatArray, FloatArray]:
             f"{given.shape}"
         )
     rows = given.reshape(-1, 6)
-    strains = rows @ tensors.compliance(C, SOFT)
-    size = np.linalg.norm(rows, axis=1)
-    missed = np.linalg.norm(rows - strains @ C, axis=1)
-    wrong = np.flatnonzero(~((missed <= BORNE * size) & (size > 0)))
+    size = np.abs(rows).max(axis=1, keepdims=True)
+    unit = rows / np.where(size > 0, size, 1.0)  # squares of large numbers have no room
+    strains = unit @ tensors.compliance(C, SOFT)
+    missed = np.linalg.norm(unit - strains @ C, axis=1)
+    wrong = np.flatnonzero(~((missed <= BORNE * np.linalg.norm(unit, axis=1)) & (size[:, 0] > 0)))
     if len(wrong):
         raise InputError(
             f"stress: the cell bears nothing of {rows[wrong[0]].tolist()}, or only a part; give "
             "stresses that are not zero and that meet resistance, see `Effective.mechanisms`"
         )
-    return rows, strains
+    return rows, size * strains
 
 
 def first_yield(
     problem: "ElasticCell", coefficients: FloatArray, strains: FloatArray
 ) -> FloatArray:
-    """Factors (m,) by which cases may grow until a point yields.
+    """Factors (m,) by which cases may grow until a point yields, infinite where none does.
 
     Of solutions (functions, 3, 6) for unit strains, and the mean strains (m, 6) of the cases.
     """
@@ -111,12 +114,16 @@ def first_yield(
         LocalFields(problem, coefficients[..., a], np.zeros(6), e) for a, e in enumerate(np.eye(6))
     ]
     E, owners, used = tensors.strain_matrices(), asm.owners(rule), np.zeros(len(strains))
+    size = np.abs(strains).max(axis=1)
     for rows, _, gradient in asm.on_rule(c, rule):
         u, owner = rule.parameters[rows], owners[rows]
         g = gradient.reshape(-1, 6, 3, 3) + E
         local = np.stack([one._stress(g[:, a], u, owner) for a, one in enumerate(unit)])
         limit = problem._scalar_at(strength, u, owner)
-        for i, strain in enumerate(strains):
-            equivalent = von_mises(np.einsum("a,anj->nj", strain, local))
+        for i, strain in enumerate(strains / size[:, None]):
+            stress = np.einsum("a,anj->nj", strain, local)
+            equivalent = von_mises(stress)
+            equivalent[equivalent <= ROUNDING * np.abs(stress).max(axis=1, initial=0.0)] = 0.0
             used[i] = max(used[i], float((equivalent / limit).max(initial=0.0)))
-    return np.asarray(1.0 / np.maximum(used, 1e-300))
+    with np.errstate(divide="ignore", over="ignore"):
+        return np.asarray(1.0 / used / size)

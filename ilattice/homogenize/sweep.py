@@ -15,28 +15,23 @@ and the library are the same. Non-guarantee: of a function only its own source c
 what it calls.
 """
 
-import csv
 import inspect
 import pickle
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from contextlib import nullcontext
-from dataclasses import dataclass
 from functools import partial
 from hashlib import sha256
 from itertools import product
 from os import PathLike
-from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ilattice._files import as_path, atomic_write
 from ilattice._progress import Progress, track
-from ilattice._typing import FloatArray
-from ilattice._validate import FixedMapping, Frozen, as_items, near_names, read_only
+from ilattice._validate import FixedMapping, as_items
 from ilattice._version import __version__
 from ilattice.cutfem.elasticity import Elasticity
 from ilattice.errors import (
@@ -51,6 +46,7 @@ from ilattice.homogenize._estimate import outside
 from ilattice.homogenize.arguments import check_options
 from ilattice.homogenize.effective import Effective
 from ilattice.homogenize.elastic import elastic
+from ilattice.homogenize.rows import NUMBERS, RESULTS, Rows
 from ilattice.homogenize.voxel import voxels
 from ilattice.io.table import KEPT, Table
 from ilattice.lattice import Lattice
@@ -59,205 +55,16 @@ from ilattice.tiles.catalog import get
 from ilattice.tiles.tile import Tile
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    pass
 
-#: What is told of a cell: stiffness of the nearest isotropic tensor, along the axes, estimated
-#: error, upper bounds of Hashin and Shtrikman, margins of the bounds, and the edges of the cell, of
-#: u, v, w, along which the solid goes on.
-RESULTS = (
-    "density", "E", "nu", "G", "K", "zener", "E_x", "E_y", "E_z", "error", "E_most", "G_most",
-    "K_most", "voigt", "reuss", "bulk", "shear", "percolates",
-)  # fmt: skip
-NUMBERS = RESULTS[:-1]
+#: Which of these may be NaN, which may be missing, and which may be negative.
+UNKNOWN = ("nu", "zener", "error")
+MISSING = ("E_most", "G_most", "K_most", "bulk", "shear")
+SIGNED = ("nu", "voigt", "reuss", "bulk", "shear")
+#: Part of the largest number of a row below which the sign of others is rounding.
+ROUNDING = 1e-6
 MAX_RUNS = 1_000_000
-#: Part of the cases in which the true numbers are within the intervals of a fit.
-SURE = 0.95
-MARKS = "osD^v<>p*"
 REMEDY = "give a function with a name at the top of a module, or functools.partial of one"
-
-
-@dataclass(frozen=True)
-class Fit:
-    """A power law C density^n through rows, by least squares of logarithms.
-
-    Attributes
-    ----------
-    coefficient, exponent : float
-        C and n.
-    coefficient_interval, exponent_interval : tuple of 2 floats
-        In which they are with a confidence of 95 %, if deviations from the law were random; of two
-        rows, which leave nothing to judge by, infinite.
-    deviation : float
-        Root mean square of the relative deviations of rows.
-    count : int
-        Number of rows.
-    """
-
-    coefficient: float
-    exponent: float
-    coefficient_interval: tuple[float, float]
-    exponent_interval: tuple[float, float]
-    deviation: float
-    count: int
-
-
-@dataclass(frozen=True, eq=False)
-class Rows(Frozen, Sequence[FixedMapping[str, Any]]):
-    """Rows of a sweep, in its order; ``rows["E"]`` is a column.
-
-    Attributes
-    ----------
-    rows : tuple of mappings
-        Cell, parameters, results by name; ``message`` tells why there are none.
-    """
-
-    rows: tuple[FixedMapping[str, Any], ...]
-
-    def __repr__(self) -> str:
-        return f"Rows({len(self)} rows, {len(self.failed)} without results)"
-
-    def __len__(self) -> int:
-        return len(self.rows)
-
-    def __getitem__(self, index: Any) -> Any:
-        """A row by number, rows by a slice, or a column by name."""
-        if not isinstance(index, str):
-            return self.rows[index]
-        if not self.rows or index not in self.rows[0]:
-            known = list(self.rows[0]) if self.rows else []
-            raise InputError(f"rows have no column {index!r:.40}{near_names(index, known)}")
-        values = [row[index] for row in self.rows]
-        if index in NUMBERS:
-            return read_only(np.array([np.nan if v == "" else v for v in values], np.float64))
-        return values
-
-    @property
-    def failed(self) -> tuple[FixedMapping[str, Any], ...]:
-        """Rows without results."""
-        return tuple(row for row in self.rows if row["message"])
-
-    def _numbers(self, name: str, cell: str | None) -> tuple[FloatArray, FloatArray]:
-        """Densities and a quantity of rows in which it is positive."""
-        if name not in NUMBERS:
-            raise InputError(f"quantity must be one of {', '.join(NUMBERS)}, got {name!r:.40}")
-        mine = np.ones(len(self), bool)
-        if cell is not None:
-            names = cell, _full_name(cell)
-            mine = np.array([row["cell"] in names for row in self.rows])
-            if not mine.any():
-                known = dict.fromkeys(row["cell"] for row in self.rows)
-                raise InputError(f"cell: no row has {cell!r:.60}; there are {', '.join(known)}")
-        density, y = self["density"][mine], self[name][mine]
-        return density[y > 0], y[y > 0]
-
-    def fit(self, quantity: str = "E", *, cell: str | None = None) -> Fit:
-        """Fit a power law of the relative density (L. Gibson and M. Ashby, 1997).
-
-        Parameters
-        ----------
-        quantity : str
-            Column of results.
-        cell : str, optional, keyword-only
-            Take the rows of this cell alone.
-
-        Returns
-        -------
-        Fit
-            With intervals of confidence.
-
-        Raises
-        ------
-        InputError
-            If there are no two densities, or no such column.
-        """
-        from scipy.stats import t
-
-        density, y = self._numbers(quantity, cell)
-        if len(density) < 2 or not np.ptp(density) > 1e-9:
-            raise InputError(
-                f"fit needs rows of two densities or more with {quantity} above zero, got "
-                f"{len(density)} rows"
-            )
-        A = np.stack([np.ones(len(y)), np.log(density)], axis=1)
-        c, n = np.linalg.lstsq(A, np.log(y), rcond=None)[0]
-        off = np.log(y) - A @ (c, n)
-        free = len(y) - 2
-        wide = np.full(2, np.inf)
-        if free:
-            spread = np.sqrt(np.diag(np.linalg.inv(A.T @ A)) * (off @ off) / free)
-            wide = float(t.ppf(0.5 + 0.5 * SURE, free)) * spread
-        low, high = np.exp(c - wide[0]), np.exp(c + wide[0])
-        return Fit(
-            float(np.exp(c)), float(n), (float(low), float(high)),
-            (float(n - wide[1]), float(n + wide[1])), float(np.sqrt(np.mean(off**2))), len(y),
-        )  # fmt: skip
-
-    def save(self, path: str | PathLike[str]) -> None:
-        """Write all columns, parameters as they were given.
-
-        Parameters
-        ----------
-        path : path-like
-            Ending in ``.csv``, or in ``.parquet``, which needs pyarrow.
-
-        Raises
-        ------
-        FormatError
-            If the ending is another one, pyarrow is missing, or the file cannot be written.
-        """
-        ending = PurePath(as_path("path", path)).suffix.lower()
-        if ending not in (".csv", ".parquet"):
-            raise FormatError(f"{path!s:.80} must end in .csv or .parquet")
-        names = list(self.rows[0]) if self.rows else []
-        with atomic_write(path, text=ending == ".csv") as file:
-            if ending == ".csv":
-                lines = csv.writer(file, lineterminator="\n")
-                lines.writerows([names, *([row[n] for n in names] for row in self.rows)])
-            else:
-                _parquet({n: self[n] for n in names}, file)
-
-    def plot(self, quantity: str = "E") -> "Figure":
-        """Draw a quantity over the relative density, with the bounds of Hashin and Shtrikman.
-
-        Parameters
-        ----------
-        quantity : str
-            Column of results.
-
-        Returns
-        -------
-        matplotlib.figure.Figure
-            ``savefig`` writes it.
-        """
-        from matplotlib.figure import Figure
-
-        self._numbers(quantity, None)
-        figure = Figure(figsize=(5.2, 4.2), layout="constrained")
-        axes = figure.subplots()
-        for number, name in enumerate(dict.fromkeys(self["cell"])):
-            density, y = self._numbers(quantity, name)
-            mark = MARKS[number % len(MARKS)]  # hollow: cells may be alike
-            axes.plot(density, y, mark, ms=5, mfc="none", label=name)
-        if f"{quantity}_most" in NUMBERS:
-            density, y = self._numbers(f"{quantity}_most", None)
-            order = np.argsort(density)
-            axes.plot(density[order], y[order], "k--", lw=1, label="upper bound")
-        axes.set_xlabel("relative density")
-        axes.set_ylabel(quantity)
-        if len(dict.fromkeys(self["cell"])) < 20:
-            axes.legend(frameon=False, fontsize="small")
-        return figure
-
-
-def _parquet(columns: dict[str, Any], file: Any) -> None:
-    """Columns as a Parquet file; what is missing is null."""
-    try:
-        import pyarrow
-        from pyarrow.parquet import write_table
-    except ImportError as e:
-        raise FormatError("Parquet needs pyarrow: pip install pyarrow; or save a .csv") from e
-    arrays = {k: pyarrow.array(v, from_pandas=True) for k, v in columns.items()}
-    write_table(pyarrow.table(arrays), file)
 
 
 def sweep(
@@ -283,7 +90,7 @@ def sweep(
     progress : bool or callable, optional, keyword-only
         Rows; see `ilattice._progress.track`.
     options : dict, optional, keyword-only
-        More options of `elastic`, by name.
+        More options of `elastic`, or of `voxels` for arrays, by name.
     **parameters
         Values, or sequences of them, by name.
 
@@ -295,14 +102,16 @@ def sweep(
     Raises
     ------
     InputError
-        If an argument is wrong, or a cell cannot be sent to the executor.
+        If an argument is wrong, a cell cannot be sent to the executor, or a process of it ends.
     FormatError
-        If the table is of another sweep, or another sweep writes to it.
+        If the table is of another sweep, another sweep writes to it, or a row of it that would be
+        taken has a result that is none.
 
     Warns
     -----
     PrecisionWarning
-        If rows have no results; and as `elastic` does, where rows are computed.
+        If rows have no results, as functions raise or what they return is refused; and as
+        `elastic` does, where rows are computed.
 
     Examples
     --------
@@ -319,6 +128,8 @@ def sweep(
     if same or not names:
         raise InputError(f"cells: {same[0]!r:.60} is there twice" if same else "cells: none")
     values = {name: _values(name, v) for name, v in parameters.items()}
+    if not isinstance(options, (Mapping, type(None))):
+        raise InputError(f"options must be a dict of options by their names, got {options!r:.60}")
     check_options("sweep: options", options or {}, elastic, voxels, Elasticity.__init__)
     given = {"cells": cells, "young": young, "poisson": poisson, **(options or {})}
     told = "homogenize.sweep " + " ".join(f"{k}={_told(k, v)}" for k, v in given.items())
@@ -359,17 +170,19 @@ def _computed(
         inputs = _digest(one)
         keys.append((key, inputs))
         found = None if table is None else table.find(None, key, told, inputs, __version__)
+        if found is not None and table is not None:
+            _check_row(found, key, str(table.path))
         known.append(found)
     jobs = [partial(_run, one, values, given) for one, _, values in runs]
     waiting: dict[int, Future[dict[str, Any]]] = {}
     try:
         if executor is not None:
-            waiting = {i: executor.submit(job) for i, job in enumerate(jobs) if not known[i]}
+            waiting = {i: _sent(executor, job) for i, job in enumerate(jobs) if not known[i]}
         for i in track(range(len(runs)), "sweep", progress):
             key, inputs = keys[i]
             row: dict[str, Any] = dict(known[i] or {})
             if not row:
-                made = waiting[i].result() if i in waiting else jobs[i]()
+                made = _received(waiting[i]) if i in waiting else jobs[i]()
                 row = {**key, **made, "command": told, "inputs": inputs, "version": __version__}
                 if table is not None:
                     table.append(row)
@@ -382,12 +195,56 @@ def _computed(
             future.cancel()
 
 
+def _check_row(row: dict[str, str], key: dict[str, str], path: str) -> None:
+    """Refuse results of a table that no sweep has written."""
+    numbers = {}
+    wrong = [] if set(row["percolates"]) <= set("uvw") else ["percolates"]
+    for name in NUMBERS:
+        try:
+            numbers[name] = float(row[name] or "nan")
+        except ValueError:
+            wrong.append(name)
+            continue
+        lost = np.isnan(numbers[name]) and name not in (UNKNOWN if row[name] else MISSING)
+        if lost or np.isinf(numbers[name]):
+            wrong.append(name)
+    least = -ROUNDING * np.nanmax([0.0, *(abs(v) for v in numbers.values() if np.isfinite(v))])
+    wrong += [name for name, v in numbers.items() if v < least and name not in SIGNED]
+    if wrong:
+        named = ", ".join(f"{k}={v}" for k, v in key.items())
+        raise FormatError(
+            f"table {path!r}, row of {named}: {wrong[0]} is {row[wrong[0]]!r:.40}, which is no "
+            "result; mend the row or take it out"
+        )
+
+
+def _sent(executor: Executor, job: Callable[[], dict[str, Any]]) -> "Future[dict[str, Any]]":
+    try:
+        return executor.submit(job)
+    except RuntimeError as e:
+        raise InputError(f"executor takes no more work: {e}; give a new one") from e
+
+
+def _received(future: "Future[dict[str, Any]]") -> dict[str, Any]:
+    """The row of a job, unless its process has ended."""
+    try:
+        return future.result()
+    except BrokenExecutor as e:
+        raise InputError(
+            "executor: a process ended without a result: it could not import the cells, or was "
+            f"killed, as for want of memory; {REMEDY} that processes can import, or use fewer "
+            "processes"
+        ) from e
+
+
 def _run(one: Any, values: dict[str, Any], given: dict[str, Any]) -> dict[str, Any]:
     """One row: results, or why there are none."""
     try:
         solid = _solid(one, values)
         if isinstance(solid, np.ndarray):
-            eff = voxels(solid, **{k: v for k, v in given.items() if k != "cells"})
+            options = {k: v for k, v in given.items() if k != "cells"}
+            check_options("voxels", options, voxels)
+            eff = voxels(solid, **options)
         else:
             eff = elastic(solid, **given)
     except IlatticeError as e:
@@ -421,7 +278,12 @@ def _young(K: float, G: float) -> float:
 def _solid(one: Any, values: dict[str, Any]) -> Any:
     """What `elastic` takes."""
     if not isinstance(one, (str, Tile)):
-        return one(**values)
+        try:
+            return one(**values)
+        except IlatticeError:
+            raise
+        except Exception as e:
+            raise InputError(f"{_name_of(one)} raised {type(e).__name__}: {e}") from e
     tile = get(one) if isinstance(one, str) else one
     unknown = sorted(set(values) - {"relative_density", "thickness"})
     if unknown or len(values) > 1:
@@ -455,14 +317,6 @@ def _name_of(one: Any) -> str:
     if not name or "<" in name:
         raise InputError(f"cells: {one!r:.80} has no name that a row could have; {REMEDY}")
     return f"{one.__module__}.{name}" if one.__module__ != "__main__" else name
-
-
-def _full_name(name: str) -> str:
-    """The name of a tile that has several, others as they are."""
-    try:
-        return get(name).name
-    except InputError:
-        return name
 
 
 def _digest(one: Any) -> str:

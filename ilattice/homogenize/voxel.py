@@ -7,9 +7,10 @@
 Every voxel is a trilinear element, the array repeats in all directions. Nothing is assembled; the
 preconditioner is a homogeneous material of the same grid, inverted by Fourier transforms, so that
 the iterations depend neither on the number of voxels nor on how soft voids are. `errors` compares
-with the best field on voxels twice as long in the same material (for even numbers of voxels), by
-the rule of `ilattice.cutfem.discretization`; by how much voxels miss a smooth geometry is not in
-them.
+with the best fields on voxels twice as long in the same material (for even numbers of voxels), and
+four times as long (for numbers that four divides); by how much voxels miss a smooth geometry is not
+in them. They are parts of what was found, which is above what is true: 0.8 says five times too
+large.
 
 Guarantees: laminates along the axes are exact; what is computed comes from above, for the voxels as
 they are; the same bits for any number of threads. Non-guarantee: thin walls need many voxels;
@@ -29,12 +30,19 @@ from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import as_array, as_flag, as_positive, as_triple, as_whole
 from ilattice.cutfem._voigt import PLACES
 from ilattice.cutfem.anisotropic import as_matrices
-from ilattice.cutfem.discretization import LEAST
 from ilattice.errors import InputError, PrecisionWarning
 from ilattice.homogenize import tensors
 from ilattice.homogenize._estimate import outside, warn_of_voxels
 from ilattice.homogenize._result import SOFT, HomogenizationReport
-from ilattice.homogenize._spectral import Descent, VoxelGrid, descend, prolonged, restricted
+from ilattice.homogenize._spectral import Descent, VoxelGrid, descend
+from ilattice.homogenize._voxel_errors import (
+    FourTimes,
+    Twice,
+    aligned,
+    left_at_edges,
+    missed,
+    relaxed,
+)
 from ilattice.homogenize.bounds import (
     Bounds,
     ConductivityBounds,
@@ -50,14 +58,14 @@ from ilattice.homogenize.phases import SOLID, VOID, Labelled, labelled
 
 #: Bytes per voxel and component of a field: solutions and residuals of all loads, and work.
 PER_VALUE = 200
-#: Tolerance of the fields on voxels twice as long; energies are off by its square.
-COARSE = 1e-2
-#: Part of an error that is left on voxels half as long at most.
-MOST = 0.75
+#: Largest ratio of two edges of voxels, up to which transforms in single precision precondition.
+SLENDER = 1e6
 #: Loads below this part of the stresses that make them are rounding.
 ROUNDING = 1e-13
 #: What helps against too coarse voxels.
 REMEDY = "divide them, or take cut cells (il.homogenize.elastic) where the geometry is known"
+#: What errors are estimated from, as far as voxels can be joined.
+LONGER = "twice and four times"
 #: Poisson's ratio from which trilinear voxels lock.
 LOCKING = 0.45
 
@@ -86,12 +94,13 @@ def voxels(
         Thermal expansion per degree of all phases, or of each, for `Effective.expansion`: one more
         load.
     spacing : float, or sequence of 3 floats, optional
-        Edges of voxels; by default 1, or those of the file.
+        Edges of voxels, one up to 1e6 times as long as another; by default 1, or those of the file.
     tol : float
         Of the fields; errors of the stiffness are of the order of its square.
     estimate : bool
         Whether to estimate `Effective.errors`, which takes about half as long again. NaN without,
-        and where a direction has an odd number of voxels, or less than 4 (unless all are alike).
+        and where a direction has an odd number of voxels, or less than 4 (unless all are alike);
+        best where four divides the numbers.
     max_iterations : int
         Of conjugate gradients.
     progress : bool or callable, optional
@@ -126,31 +135,31 @@ def voxels(
     cells, given, table = elastic_phases(array, young, poisson, stiffness)
     stiff = cells.mixed(given.reshape(-1, 36)).reshape(-1, 6, 6)
     stress = stiff[:, PLACES].transpose(3, 0, 1, 2)
-    heat = np.zeros((0, len(stiff), 6))
+    heat, hot = np.zeros((0, len(stiff), 6)), np.zeros(0)
     if expansion is not None:
         alpha = as_array("expansion", expansion).ravel()
         if np.ndim(expansion) > 1 or len(alpha) not in (1, len(given)):
             raise InputError(f"expansion must be one number or {len(given)}, got {expansion!r:.80}")
         heat = cells.mixed(alpha[:, None] * (given @ tensors.UNIT))[None]
+        hot = np.array([_hindered(cells.fractions, stiff, heat[0])])
         stress = np.concatenate([stress, heat[:, :, PLACES]])
     run = _Run(cells, table, size, stress, tol, max_iterations, progress)
     mean = np.einsum("p,pij->ij", cells.fractions, stiff)
-    relaxed, errors, solid, report = run.all(estimate=as_flag("estimate", estimate))
-    C = mean - relaxed[:6, :6]
+    bounds = _elastic_bounds(cells, stiff, mean, isotropic=table.shape[1] == 2)
+    whole, least = np.append(mean.diagonal(), hot), np.append(bounds.reuss.diagonal(), 0.0 * hot)
+    done, errors, solid, report = run.all(whole, least, as_flag("estimate", estimate))
+    C = mean - done[:6, :6]
     if not np.abs(stiff).max(axis=(1, 2)).min() > 0.0:
         C = tensors.without(C, np.eye(3)[~np.array(solid)])
     _warn_of(solid, table)
     C = 0.5 * (C + C.T)
     thermal: tuple[Any, Any] = (None, None)
     for a, one in enumerate(heat, 6):
-        hindered = cells.fractions @ one - relaxed[:6, a]
+        hindered = cells.fractions @ one - done[:6, a]
         thermal = _expansion(C, errors[:6, :6], hindered, errors[:6, a])
-    eff = Effective(
-        cells.filled, solid, report, C, errors[:6, :6],
-        _elastic_bounds(cells, stiff, mean, isotropic=table.shape[1] == 2), *thermal,
-    )  # fmt: skip
+    eff = Effective(cells.filled, solid, report, C, errors[:6, :6], bounds, *thermal)
     if estimate:
-        warn_of_voxels(eff.error, "the effective stiffness", report.cells, REMEDY)
+        warn_of_voxels(eff.error, "the effective stiffness", report.cells, REMEDY, LONGER)
     return eff
 
 
@@ -197,6 +206,12 @@ def _as_stiffnesses(stiffness: Any) -> FloatArray:
     there = C.any(axis=(1, 2))
     C[there] = as_matrices("stiffness", C[there])
     return C
+
+
+def _hindered(fractions: FloatArray, stiff: FloatArray, stress: FloatArray) -> float:
+    """Mean of twice the energy of thermal stresses (phases, 6) where nothing moves."""
+    strain = (tensors.compliance(C, SOFT) @ s for C, s in zip(stiff, stress, strict=True))
+    return float(sum(f * (s @ e) for f, s, e in zip(fractions, stress, strain, strict=True)))
 
 
 def _expansion(
@@ -265,18 +280,17 @@ def conductive_voxels(
     stress = k.transpose(1, 0, 2)[:, :, None]
     run = _Run(cells, table, size, stress, tol, max_iterations, progress)
     mean = np.einsum("p,pij->ij", cells.fractions, k)
-    relaxed, errors, solid, report = run.all(estimate=as_flag("estimate", estimate))
-    out = mean - relaxed
+    bounds = _conductive_bounds(cells, k, mean, scalar=tensor is None)
+    whole, least = mean.diagonal(), bounds.wiener[0].diagonal()
+    done, errors, solid, report = run.all(whole, least, as_flag("estimate", estimate))
+    out = mean - done
     if not table[:, :3].max(axis=1).min() > 0.0:  # where nothing is borne, what is left is noise
         keep = np.array(solid, float)
         out = out * np.outer(keep, keep)
     _warn_of(solid, table)
-    found = Conductivity(
-        cells.filled, solid, report, 0.5 * (out + out.T), errors,
-        _conductive_bounds(cells, k, mean, scalar=tensor is None),
-    )  # fmt: skip
+    found = Conductivity(cells.filled, solid, report, 0.5 * (out + out.T), errors, bounds)
     if estimate:
-        warn_of_voxels(found.error, "the effective conductivity", report.cells, REMEDY)
+        warn_of_voxels(found.error, "the effective conductivity", report.cells, REMEDY, LONGER)
     return found
 
 
@@ -300,6 +314,11 @@ def as_voxels(array: Any, spacing: Any, m: int) -> tuple[AnyArray, FloatArray]:
     if isinstance(array, (str, PathLike)):
         array, given = read_voxels(array)
     size = as_triple("spacing", given if spacing is None else spacing, positive=True)
+    if size.min() < size.max() / SLENDER:
+        raise InputError(
+            f"spacing: the longest edge of voxels must be at most {SLENDER:g} times the shortest, "
+            f"got {size.tolist()}; join voxels along the short edges"
+        )
     if np.ma.isMaskedArray(array):
         raise InputError("array is masked, and masks are not read; fill it: array.filled(0)")
     try:
@@ -331,38 +350,40 @@ class _Run:
         if table.shape[1] == 36:
             K, G = tensors.bulk_and_shear(reference.reshape(6, 6))
             reference = np.array([K - 2.0 * G / 3.0, G])
+        size = np.ldexp(size, -int(np.frexp(size.max())[1]))  # the unit of length does not matter
         self.grid = VoxelGrid(cells.phase, np.ascontiguousarray(table), size, reference)
 
     def all(
-        self, *, estimate: bool
+        self, whole: FloatArray, least: FloatArray, estimate: bool
     ) -> tuple[FloatArray, FloatArray, tuple[bool, bool, bool], HomogenizationReport]:
-        """What is relaxed, errors, whether solid goes on, and a report."""
+        """What is relaxed, errors, whether solid goes on, and a report.
+
+        Of mean energies (k,) where nothing is relaxed, and lower bounds of what is left.
+        """
         grid, count = self.grid, len(self.stress)
-        runs = [self._fine(self._load(a)) for a in range(count)]
-        relaxed = self._energies(runs)
-        alike = not any(run.iterations for run in runs)
-        errors = np.full((count, count), 0.0 if alike else np.nan)
+        runs = [self._fine(self._load(a, grid)) for a in range(count)]
+        done = self._energies(runs)
+        steps, left = max(run.iterations for run in runs), max(run.left for run in runs)
+        solved = sum(run.iterations > 0 for run in runs)
+        del runs  # estimating needs room
+        errors = np.full((count, count), np.nan if solved else 0.0)
         shape = np.array(self.cells.phase.shape)
-        if estimate and not alike and not (shape % 2).any() and shape.min() >= 4:
-            coarse = [self._coarse(self._load(a)) for a in range(count)]
-            found = _estimated(relaxed, self._energies(coarse))
-            root = np.sqrt(np.abs(np.diag(found)))  # energies: no entry is farther off than that
-            errors = np.maximum(found, np.outer(root, root))
-        solid = _going_on(self.cells, self.grid)
-        steps = max(run.iterations for run in runs)
-        left = max(run.left for run in runs)
+        if estimate and solved and not (shape % 2).any() and shape.min() >= 4:
+            root = np.sqrt(self._missed(done.diagonal(), whole, least))
+            errors = np.outer(root, root)  # energies: no entry is farther off than that
+        solid = _going_on(self.cells, grid)
         a, b, c = (int(n) for n in shape)
         seconds = time.perf_counter() - self.start
         report = HomogenizationReport(
             "voxels", (a, b, c), int(np.prod(grid.shape)), steps, left, seconds,
-            sum(run.iterations > 0 for run in runs),
+            solved,
         )  # fmt: skip
-        return relaxed, errors, solid, report
+        return done, errors, solid, report
 
-    def _load(self, a: int) -> FloatArray:
+    def _load(self, a: int, grid: VoxelGrid) -> FloatArray:
         """Forces of a unit strain or gradient, zero if they are rounding."""
-        b = self.grid.load(self.stress[a])
-        area = self.grid.spacing.prod() / self.grid.spacing.min()
+        b = grid.load(self.stress[a])
+        area = grid.spacing.prod() / grid.spacing.min()
         small = np.abs(b).max() <= ROUNDING * area * np.abs(self.stress[a]).max()
         return np.zeros_like(b) if small else b
 
@@ -371,19 +392,18 @@ class _Run:
             self.grid.forces, self.grid.precondition, b, self.tol, self.steps, self.progress
         )
 
-    def _coarse(self, b: FloatArray) -> Descent:
-        """The best field on voxels twice as long, with forces and energies of the fine ones."""
-        fine = self.grid
-        half = fine.phase[::2, ::2, ::2]
-        wide = VoxelGrid(half, fine.table, 2.0 * fine.spacing, fine.reference)
+    def _missed(self, done: FloatArray, whole: FloatArray, least: FloatArray) -> FloatArray:
+        """By how much what is left of energies (k,) is too large."""
+        grid = aligned(self.grid)
+        volume = float(grid.spacing.prod() * grid.phase.size)
 
-        def forces(c: FloatArray) -> FloatArray:
-            return restricted(fine.forces(prolonged(c)))
+        def on(longer: Twice | FourTimes) -> FloatArray:
+            loads = (self._load(a, grid) for a in range(len(done)))
+            return relaxed(longer, loads, self.tol, self.steps) / volume
 
-        run = descend(forces, wide.precondition, restricted(b), max(COARSE, self.tol), self.steps)
-        run.x = prolonged(run.x)
-        run.residual = b - fine.forces(run.x)
-        return run
+        twice = on(Twice(grid))
+        more = None if (np.array(grid.phase.shape) % 4).any() else twice - on(FourTimes(grid))
+        return missed(whole - done, done - twice, more, done, least, left_at_edges(grid))
 
     def _energies(self, runs: list[Descent]) -> FloatArray:
         """What loads relax: off by the squares of errors of the fields only."""
@@ -391,23 +411,11 @@ class _Run:
         work, rest = np.empty((count, count)), np.empty((count, count))
         flat = [run.x.reshape(-1) for run in runs]
         for a in range(count):
-            b, r = self._load(a).reshape(-1), runs[a].residual.reshape(-1)
+            b, r = self._load(a, self.grid).reshape(-1), runs[a].residual.reshape(-1)
             for c in range(count):
                 work[a, c], rest[a, c] = flat[c] @ b, flat[c] @ r
         out = work + rest.T
         return np.asarray(0.5 * (out + out.T) / volume)
-
-
-def _estimated(fine: FloatArray, coarse: FloatArray) -> FloatArray:
-    """Errors of what loads relax, by what they relax on voxels twice as long.
-
-    They fall by `LEAST` from those to these, or by less, where these relax but a part of it.
-    """
-    lost = np.asarray(fine - coarse)
-    part = np.diag(lost) / np.maximum(np.diag(fine), 1e-300)
-    fall = np.clip(part, 1.0 / LEAST, MOST)
-    rest = np.sqrt(fall / (1.0 - fall))
-    return np.abs(lost) * np.outer(rest, rest)
 
 
 def _going_on(cells: Labelled, grid: VoxelGrid) -> tuple[bool, bool, bool]:

@@ -29,7 +29,8 @@ from ilattice._validate import (
     read_only,
 )
 from ilattice.errors import GeometryError, InputError
-from ilattice.homogenize.sweep import Rows, sweep
+from ilattice.homogenize.rows import Rows
+from ilattice.homogenize.sweep import sweep
 from ilattice.lattice import Lattice, Wall
 from ilattice.macroshape.cells import cell as unit_cell
 from ilattice.shells.boundary import check_range

@@ -1,5 +1,7 @@
 """Stresses inside of cells under mean stresses: full cells, laminates, means, first yield."""
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -79,3 +81,16 @@ def test_what_a_cell_does_not_bear_is_refused():
         plate.under(np.eye(6)[:2])
     with pytest.raises(InputError, match="no strength"):
         ElasticCell(full, 3).first_yield(STRESS)
+    with pytest.raises(InputError, match=r"give ElasticCell\(\.\.\., strength"):
+        ElasticCell(full, 3).under(STRESS).margin([[0.5, 0.5, 0.5]])
+
+
+def test_first_yield_of_stresses_of_any_size():
+    cell = ElasticCell(full, 3, strength=3.0)
+    stress = np.outer([1e200, 1.0, 1e-200], [1.0, 0, 0, 0, 0, 0])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        np.testing.assert_allclose(cell.first_yield(stress), [3e-200, 3.0, 3e200], rtol=1e-9)
+        assert cell.first_yield([1.0, 1.0, 1.0, 0, 0, 0])[0] == np.inf
+        slightly = cell.first_yield([1.0, 1.0, 1.0 + 1e-6, 0, 0, 0])
+    np.testing.assert_allclose(slightly, 3e6, rtol=1e-6)

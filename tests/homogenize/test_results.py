@@ -132,6 +132,9 @@ def test_conductivities():
 
 
 def test_wrong_arguments(eff):
+    for moduli in (eff.nu, eff.G):
+        with pytest.raises(InputError, match="m must be one direction or as many as n, got 2 with"):
+            moduli(np.eye(3), np.eye(3)[:2])
     with pytest.raises(InputError, match="m must be orthogonal"):
         eff.nu((1, 0, 0), (1, 1, 0))
     with pytest.raises(InputError, match="n must be a vector"):

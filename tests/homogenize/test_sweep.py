@@ -6,6 +6,7 @@ import sys
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from functools import partial
 from multiprocessing import get_context
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ import pytest
 import ilattice as il
 from ilattice.errors import FormatError, InputError, PrecisionWarning
 from ilattice.homogenize import elastic, sweep
-from ilattice.homogenize.sweep import RESULTS, Rows
+from ilattice.homogenize.rows import RESULTS, Rows
 
 pytestmark = pytest.mark.filterwarnings("ignore:the cells are too coarse")
 RADII = [0.3, 0.2]
@@ -189,6 +190,7 @@ def test_without_pyarrow_there_is_a_remedy(tmp_path, monkeypatch):
         ("gyroid", {"relative_density": [np.nan]}, "must be numbers or texts"),
         ("gyroid", {"options": {"phases": thing}}, "phases must be numbers or texts in a sweep"),
         ("gyroid", {"executor": 3}, "interface of concurrent.futures"),
+        ("gyroid", {"options": 3}, "options must be a dict .*, got 3"),
     ],
 )
 def test_wrong_arguments(cells, options, told):
@@ -208,3 +210,59 @@ def test_processes_that_fork_and_cells_that_cannot_travel_are_refused():
         pytest.raises(InputError, match="'own' cannot be sent to another process"),
     ):
         sweep(tile, executor=processes)
+
+
+def blocks(fill):
+    return np.random.default_rng(1).random((4, 4, 4)) < fill
+
+
+def broken(fill):
+    return fill / 0.0
+
+
+def test_what_functions_raise_is_told_in_their_rows():
+    with pytest.warns(PrecisionWarning, match="2 of 2 rows have no results"):
+        rows = sweep([broken, ball], fill=0.5)
+    assert (
+        rows[0]["message"] == f"{__name__}.broken raised ZeroDivisionError: float division by zero"
+    )
+    assert "ball raised TypeError" in rows[1]["message"]
+    assert "'fill'" in rows[1]["message"]
+    with pytest.warns(PrecisionWarning, match="voxels has no option 'degree'"):
+        sweep(blocks, fill=0.5, options={"degree": 1})
+
+
+@pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
+@pytest.mark.parametrize(
+    ("column", "value"),
+    [("E", "abc"), ("E", "True"), ("E", "nan"), ("K", "1e400"), ("E_x", "-5"), ("G", ""),
+     ("nu", ""), ("bulk", "nan"), ("percolates", "uvx")],
+)  # fmt: skip
+def test_results_of_tables_that_are_none_are_refused(tmp_path, column, value):
+    table, options = tmp_path / "t.csv", {"estimate": False}
+    rows = sweep(blocks, fill=[0.5, 0.6], options=options, table=table)
+    again = sweep(blocks, fill=[0.5, 0.6], options=options, table=table)  # errors are NaN in it
+    np.testing.assert_array_equal(again["E"], rows["E"])
+    with open(table, newline="") as file:
+        lines = list(csv.DictReader(file))
+    lines[1][column] = value
+    with open(table, "w", newline="") as file:
+        out = csv.DictWriter(file, list(lines[0]), lineterminator="\n")
+        out.writeheader()
+        out.writerows(lines)
+    before = table.read_bytes()
+    with pytest.raises(FormatError, match=rf"row of .*fill=0.6: {column} is '{value}'"):
+        sweep(blocks, fill=[0.5, 0.6], options=options, table=table)
+    assert table.read_bytes() == before
+
+
+def test_processes_that_cannot_import_a_cell_are_told_of(monkeypatch):
+    here = ModuleType("module_of_this_process")
+    exec("def cell():\n    return 3\n", vars(here))
+    monkeypatch.setitem(sys.modules, here.__name__, here)
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as processes:
+        for _ in range(2):
+            with pytest.raises(
+                InputError, match=r"executor.*could not import|executor takes no more"
+            ):
+                sweep(here.cell, executor=processes)

@@ -12,6 +12,7 @@ import ilattice as il
 from ilattice.errors import ConvergenceError, GeometryError, InputError, PrecisionWarning
 from ilattice.homogenize import conductive_voxels, voxels
 from ilattice.homogenize._spectral import VoxelGrid, prolonged, restricted
+from ilattice.homogenize._voxel_errors import FourTimes, left_at_edges, missed
 
 TURN = np.eye(3)[[1, 2, 0]]
 #: Of small grids, which is what most tests take; two look at the warnings.
@@ -183,6 +184,94 @@ def test_errors_cover_what_finer_voxels_change():
     assert (np.diag(coarse.errors) < 9 * change).all()
     assert np.isnan(voxels(labels[:5], young=(0.1, 1.0)).error)
     assert np.isnan(voxels(labels, young=(0.1, 1.0), estimate=False).error)
+
+
+def chessboard(n):
+    i, j, _ = np.indices((n, n, 4))
+    return (i // (n // 2) + j // (n // 2)) % 2
+
+
+@pytest.mark.filterwarnings("ignore:the solid does not go on")
+@pytest.mark.parametrize("n", [16, 32])
+@pytest.mark.parametrize("ratio", [3.0, 10.0, 100.0, 1e3, 1e6, 1e-3])
+def test_errors_of_chessboards(ratio, n):
+    """Of which the conductivity is the geometric mean (Dykhne 1970)."""
+    found = conductive_voxels(chessboard(n), conductivity=(1.0, ratio))
+    true = found.k[0, 0] - np.sqrt(ratio)
+    assert 0.7 * true < found.errors[0, 0] < 2.0 * true
+    assert (np.diag(found.errors) <= np.diag(found.k - found.bounds.wiener[0])).all()
+    assert found.errors[2, 2] < 1e-8 * found.k[2, 2]
+
+
+def test_errors_of_chessboards_that_few_voxels_do_not_show():
+    for n in (4, 6, 8, 10, 20):
+        for ratio in (10.0, 1e3):
+            found = conductive_voxels(chessboard(n), conductivity=(1.0, ratio))
+            true = found.k[0, 0] - np.sqrt(ratio)
+            assert 0.5 * true < found.errors[0, 0] < 3.0 * true
+
+
+def test_errors_do_not_depend_on_where_the_cell_begins():
+    blocks = np.random.default_rng(13).integers(0, 2, (4, 4, 4))
+    blocks = blocks.repeat(4, 0).repeat(4, 1).repeat(4, 2)
+    there = voxels(blocks, young=(0.1, 1.0)).errors
+    shifted = voxels(np.roll(blocks, (1, 2, 3), (0, 1, 2)), young=(0.1, 1.0)).errors
+    np.testing.assert_allclose(np.diag(shifted), np.diag(there), rtol=0.02)
+
+
+@pytest.mark.parametrize("numbers", [2, 6, 36])
+def test_elements_of_longer_voxels_are_the_short_ones_together(numbers):
+    rng = np.random.default_rng(14)
+    table = rng.random((3, numbers)) + 0.5
+    if numbers == 36:
+        table = np.array([(t + t.T).ravel() for t in table.reshape(3, 6, 6)])
+    phase = rng.integers(0, 3, (8, 4, 12)).astype(np.int32)
+    grid = VoxelGrid(phase, table, np.array([0.3, 0.5, 0.2]), table[0])
+    longer = FourTimes(grid)
+    u = rng.standard_normal(longer.grid.shape)
+    exact = restricted(restricted(grid.forces(prolonged(prolonged(u)))))
+    np.testing.assert_allclose(longer.forces(u), exact, atol=1e-13 * np.abs(exact).max())
+
+
+def test_powers_at_edges_of_chessboards():
+    """Kellogg's example: a ratio of 161.4476387975881 for fields that grow with the power 0.1."""
+    table = np.array([[1.0, 1.0, 1.0, 0, 0, 0], [161.4476387975881] * 3 + [0] * 3])
+    grid = VoxelGrid(chessboard(8).astype(np.int32), table, np.ones(3), table[0])
+    assert left_at_edges(grid) == pytest.approx(2.0**-0.2, rel=1e-12)
+    layers = np.zeros((4, 4, 4), np.int32)
+    layers[1:, :2] = 1
+    assert left_at_edges(VoxelGrid(layers, table, np.ones(3), table[0])) == 0.0
+
+
+def test_errors_of_a_geometric_series_of_inverses():
+    for left in (0.5, 0.7, 0.9):
+        one, two, four = 1.0 / (1.0 - 0.01 * left ** -np.arange(3.0))
+        one, two, four = (np.array([v]) for v in (one, two, four))
+        args = two - one, four - two, np.array([5.0]), np.zeros(1), 0.95
+        assert missed(one, *args)[0] == pytest.approx(1.3 * (one[0] - 1.0), rel=0.01)
+        assert missed(one, *args[:3], one - 1e-3, 0.95)[0] == pytest.approx(1e-3)
+
+
+@pytest.mark.parametrize("unit", [1e-300, 1e-9, 1e200])
+def test_the_unit_of_length_does_not_matter(unit):
+    labels, edges = np.random.default_rng(15).integers(0, 2, (4, 4, 4)), np.array([1.0, 3.0, 0.5])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        eff = voxels(labels, young=(0.1, 1.0), spacing=unit * edges)
+    np.testing.assert_allclose(eff.C, voxels(labels, young=(0.1, 1.0), spacing=edges).C, rtol=1e-9)
+
+
+def test_slender_voxels_are_exact_or_refused():
+    labels = np.zeros((4, 4, 4), int)
+    labels[:2] = 1
+    phases = [naive.isotropic(0.1, 0.3), naive.isotropic(1.0, 0.3)]
+    exact = naive.laminate((0.5, 0.5), phases)
+    for spacing in ((1e-3, 1e3, 1.0), (1e6, 1.0, 1e3)):
+        eff = voxels(labels, young=(0.1, 1.0), spacing=spacing)
+        np.testing.assert_allclose(eff.C, exact, atol=1e-10)
+    for spacing in ((1e-60, 1e60, 1.0), (1.0, 1.0, 1e-7)):
+        with pytest.raises(InputError, match=r"spacing: the longest edge .* 1e\+06 times"):
+            voxels(labels, young=(0.1, 1.0), spacing=spacing)
 
 
 @pytest.mark.parametrize(

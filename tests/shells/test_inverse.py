@@ -7,7 +7,7 @@ import pytest
 
 import ilattice as il
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
-from ilattice.homogenize.sweep import Rows
+from ilattice.homogenize.rows import Rows
 from ilattice.shells import Cloud, Surrogate, space
 from ilattice.shells.inverse import Surrogate as Inner
 from ilattice.shells.study import sampled
