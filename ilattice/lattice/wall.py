@@ -110,9 +110,9 @@ class Wall(OffsetSolid):
         h : float, optional
             Length of edges; by default a quarter of the least total thickness, or a twentieth of a
             tile, whichever is less, and where vertices are off then, volume is lost or bends are
-            cut off, a fifth or a sixth of the thickness. Where it is more than two thirds of that, the
-            mesh is made from the mid-surface, moved to both sides: edges may be longer than the
-            wall is thick by any factor.
+            cut off, a fifth or a sixth of the thickness. Where it is more than two thirds of that,
+            the mesh is made from the mid-surface, moved to both sides: edges may be longer than
+            the wall is thick by any factor.
         polish : bool
             Move the vertices of the offset surfaces onto the exact offset by closest points.
             Parametric walls have none; theirs are moved onto the first-order one.
@@ -122,7 +122,8 @@ class Wall(OffsetSolid):
             Type of the vertices.
         allow_loss : bool
             Accept a mesh whose volume differs by more than 5 % from that of the wall, either way.
-            A `PrecisionWarning` names differences of more than 1 %.
+            A `PrecisionWarning` names differences of more than 1 %, of meshes with a given `h`
+            shorter than 0.6 of the least thickness of more than 2 %.
         progress : bool or callable, optional
             See `ilattice._progress.track`.
 

@@ -151,7 +151,7 @@ def _check_shape(
 ) -> None:
     """Tell of volume and bends that a mesh has lost; see `_meshed`."""
     wall, extent = job.wall, Extent.of(mesh.vertices, mesh.faces)
-    loss = loss_of(wall, job.h, extent, sheets=sheets, exactly=job.polish)
+    loss = loss_of(wall, job.h, extent, sheets=sheets, exactly=job.polish, default=job.default)
     if loss is not None:
         if not last:
             raise TooCoarseError(loss.message)
@@ -252,7 +252,7 @@ def wall_pieces(
         extent.add(vertices, faces)
         yield vertices, faces
     _check(np.concatenate(off), np.concatenate(crease), exactly=job.polish)
-    loss = loss_of(wall, job.h, extent, sheets=False, exactly=job.polish)
+    loss = loss_of(wall, job.h, extent, sheets=False, exactly=job.polish, default=job.default)
     if loss is not None:
         loss.tell(allowed=allow_loss)
 
@@ -298,6 +298,7 @@ class _Job:
     options: dict[str, Any]
     polish: bool
     cut: Any = None
+    default: bool = False
 
     @classmethod
     def of(
@@ -306,6 +307,7 @@ class _Job:
     ) -> _Job:  # fmt: skip
         """What a wall needs for edges of some length, by default as fine as it is thin."""
         least, cells = wall.least_thickness, MIN_CELLS_PER_TILE  # and refuse what is empty
+        default = h is None
         if h is None:
             h, cells = part * least, round(PER_TILE * DEFAULTS[0] / part)
         options: dict[str, Any] = {"wrap": wall.lattice.through.closed, "progress": progress}
@@ -326,7 +328,7 @@ class _Job:
             options |= {"level": (-1.0, 1.0), "scale": t.outer}
         axes = grid_axes(wall.lattice, h, cells)
         warn_between(wall, axes, h)
-        return cls(wall, h, field, axes, options, polish, cut)
+        return cls(wall, h, field, axes, options, polish, cut, default)
 
     @property
     def thin(self) -> bool:
