@@ -49,8 +49,9 @@ NOISE = 5e-4
 TOLD, CRUDE = 1e-3, 2e-3
 #: Part of the share of a cell from which on a box counts when cells are halved for that.
 NOTABLE = 0.01
-#: Times that boxes are halved for that, and boxes, per cell of the surface, above which none is.
-ROUNDS, MAX_BOXES = 4, 16
+#: Times that boxes are halved for that, and boxes, per cell of the surface, above which none is; few
+#: cells count as so many.
+ROUNDS, MAX_BOXES, FEW_CELLS = 4, 16, 256
 BATCH = 1 << 12  # boxes at once
 PER_POLYNOMIAL = 150.0  # bytes of memory besides coefficients
 
@@ -212,7 +213,7 @@ class _Halving:
         cells = np.arange(n)
         self._halve_until_known(cells, np.zeros((n, 3), np.int64), np.full(n, UNIT))
         first = self._joined()
-        most = MAX_BOXES * max(len(first.cell), 64)
+        most = MAX_BOXES * max(len(first.cell), FEW_CELLS)
         for k in range(ROUNDS + 1):
             whole = self._joined()
             self._measure(whole)
