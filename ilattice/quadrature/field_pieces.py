@@ -49,8 +49,8 @@ NOISE = 5e-4
 TOLD, CRUDE = 1e-3, 2e-3
 #: Part of the share of a cell from which on a box counts when cells are halved for that.
 NOTABLE = 0.01
-#: Times that boxes are halved for that, and boxes, per cell of the surface, above which none is; few
-#: cells count as so many.
+#: Times that boxes are halved for that, and boxes, per cell of the surface, above which none is;
+#: fewer cells than some count as these.
 ROUNDS, MAX_BOXES, FEW_CELLS = 4, 16, 256
 BATCH = 1 << 12  # boxes at once
 PER_POLYNOMIAL = 150.0  # bytes of memory besides coefficients
