@@ -118,7 +118,7 @@ def wall_mesh(
 
 
 def _meshed(job: _Job, caps: bool, dtype: Any, allow_loss: bool, *, last: bool) -> SurfaceMesh:
-    """Mesh of a wall with edges of one length; those that are not the last tell nothing."""
+    """Mesh of a wall with edges of one length; but for the last, refused where they are too long."""
     wall, cut = job.wall, job.cut
     _check_size(job.axes)
     sheets = _of_sheets(job, caps)
@@ -133,7 +133,6 @@ def _meshed(job: _Job, caps: bool, dtype: Any, allow_loss: bool, *, last: bool) 
         unconverged = unconverged | wrong
         _check_again(part, mended, int(free.sum()))
     _check(off, of.crease[kept], exactly=job.polish)
-    _warn(int(unconverged.sum()), len(kept), new.left)
     faces = _outward(wall, new.repair.faces)
     data = _point_data(wall, new.u[kept], side[kept]) | {"unconverged": unconverged.astype(np.int8)}
     mesh = SurfaceMesh._adopt(new.x[kept].astype(dtype, copy=False), faces, data)
@@ -143,6 +142,7 @@ def _meshed(job: _Job, caps: bool, dtype: Any, allow_loss: bool, *, last: bool) 
         _check_shape(job, mesh, sheets is not None, allow_loss, last=last)
         if wall._countable:
             check_parts(wall.field, job.axes, wall.lattice.through.closed, mesh, job.h)
+    _warn(int(unconverged.sum()), len(kept), new.left)
     return mesh
 
 
