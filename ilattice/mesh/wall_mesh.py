@@ -118,7 +118,7 @@ def wall_mesh(
 
 
 def _meshed(job: _Job, caps: bool, dtype: Any, allow_loss: bool, *, last: bool) -> SurfaceMesh:
-    """Mesh of a wall with edges of one length; but for the last, refused where they are too long."""
+    """Mesh of a wall with edges of one length, refused if too long, but for the last one."""
     wall, cut = job.wall, job.cut
     _check_size(job.axes)
     sheets = _of_sheets(job, caps)
