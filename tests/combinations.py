@@ -409,8 +409,7 @@ def solid_parts(mesh):
 
 def crossings(mesh):
     """Whether triangles cross, by libigl."""
-    unit = 1.0 / np.ptp(mesh.vertices, axis=0).max()
-    v = (mesh.vertices - mesh.vertices.min(axis=0)) * unit
+    v = mesh.vertices * 0.5 ** np.ceil(np.log2(np.ptp(mesh.vertices, axis=0).max()))  # exactly
     import igl.copyleft.cgal as cgal
 
     out = cgal.remesh_self_intersections(

@@ -155,7 +155,9 @@ def tile_samples(name, m):
             middle = 0.5 * (lo + hi)
             same = tile_jet(name, low + middle[:, None] * e, 0)[0] * left > 0
             lo, hi = np.where(same, middle, lo), np.where(same, hi, middle)
-        out.append(low + (0.5 * (lo + hi))[:, None] * e)
+        ends = [tile_jet(name, low + side[:, None] * e, 0)[0] for side in (lo, hi)]
+        jumps = np.minimum(*np.abs(ends)) > 1e-6 * np.abs(f).max()  # no zero between
+        out.append((low + (0.5 * (lo + hi))[:, None] * e)[~jumps])
     return np.concatenate(out)
 
 

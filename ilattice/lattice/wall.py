@@ -130,10 +130,11 @@ class Wall(OffsetSolid):
         Returns
         -------
         SurfaceMesh
-            Outward oriented, with point data: signed_distance, half_thickness (on the side of the
-            vertex), thickness (of both sides together; solids have none), parameters u, v, w, side
-            (0 on caps), unconverged (1 where a vertex is off the offset, also to keep triangles
-            from crossing), and the properties of the lattice.
+            Outward oriented, with point data: signed_distance (on caps that of the distance
+            spline, as everywhere with ``polish=False``), half_thickness (on the side of the
+            vertex), thickness (of both sides together; solids have none), parameters u, v, w,
+            side (0 on caps), unconverged (1 where a vertex is off the offset, also to keep
+            triangles from crossing), and the properties of the lattice.
 
         Raises
         ------

@@ -37,6 +37,8 @@ _CORNERS = np.array(list(np.ndindex(2, 2, 2)), dtype=np.float64)
 _BATCH, _KEPT = 1 << 18, 1 << 21
 #: Halvings after which elements are as small as rounding.
 DEEPEST = 50
+#: Sizes of maps, in units of length, of which volumes and their squares are numbers.
+SMALLEST, LARGEST = 1e-50, 1e50
 
 
 class Status(StrEnum):
@@ -175,6 +177,8 @@ def check_map(volume: "SplineMap", *, name: str = "through") -> Certificate:
 
     Raises
     ------
+    InputError
+        If the map is so large or small that volumes overflow or vanish.
     GeometryError
         If det J takes both signs, or vanishes everywhere, or the volume is torn at a knot of
         full multiplicity; the message names the place.
@@ -184,7 +188,8 @@ def check_map(volume: "SplineMap", *, name: str = "through") -> Certificate:
     PrecisionWarning
         If det J touches zero, or its sign could not be told; the message names the places.
     """
-    c = as_kind("volume", volume, "SplineMap").certificate
+    _check_size(as_kind("volume", volume, "SplineMap").geometry, name)
+    c = volume.certificate
     _check_torn(volume.geometry, name)
     if c.orientation == 0:
         raise GeometryError(f"{name} is flat: det J vanishes everywhere; give it three dimensions")
@@ -206,6 +211,17 @@ def check_map(volume: "SplineMap", *, name: str = "through") -> Certificate:
     if c.orientation < 0:
         _log.info("%s is left-handed; fix_orientation() turns it round", name)
     return c
+
+
+def _check_size(spline: BSpline, name: str) -> None:
+    """Refuse coefficients with which det J would overflow, or vanish by its units alone."""
+    far = float(np.abs(spline.c).max())
+    size = float(np.ptp(spline.c.reshape(-1, spline.m) / far, axis=0).max() * far) if far else 0.0
+    if far > LARGEST or 0.0 < size < SMALLEST:
+        raise InputError(
+            f"{name} has a size of {size:.3g}, up to {far:.3g} away from the origin: volumes "
+            f"cannot be computed beyond {SMALLEST:g} to {LARGEST:g}; use other units of length"
+        )
 
 
 def _check_torn(spline: BSpline, name: str) -> None:

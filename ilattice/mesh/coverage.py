@@ -12,6 +12,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ilattice._typing import AnyArray, FloatArray
+from ilattice.mesh.loss import Loss
 from ilattice.mesh.sheets import beside, to_faces
 from ilattice.offsets.polish import inside
 
@@ -59,7 +60,7 @@ def missing_part(wall: OffsetSolid, mesh: SurfaceMesh) -> float:
     return float(area[fine][far].sum()) / total if total > 0.0 else 0.0
 
 
-def missing(wall: OffsetSolid, mesh: SurfaceMesh, h: float, *, coarse: bool) -> str:
+def missing(wall: OffsetSolid, mesh: SurfaceMesh, h: float, *, coarse: bool) -> Loss | None:
     """What to tell of a mesh whose triangles cut off bends of the offset surfaces.
 
     Parameters
@@ -75,17 +76,18 @@ def missing(wall: OffsetSolid, mesh: SurfaceMesh, h: float, *, coarse: bool) -> 
 
     Returns
     -------
-    str
-        Empty if it has them.
+    Loss or None
+        None if it has them.
     """
     part = missing_part(wall, mesh)
     if part <= (TOLD if coarse else TOLD_BY_DEFAULT):
-        return ""
-    return (
+        return None
+    message = (
         f"the mesh with h={h:g} is far from {100 * part:.2g} % of the surfaces of the wall, "
         f"by more than a quarter of the edges there: it cuts off bends and creases that are "
         f"shorter than these; use h <= {0.5 * h:.3g}"
     )
+    return Loss(part, message, most=np.inf)
 
 
 def merged_part(wall: OffsetSolid) -> float:

@@ -30,6 +30,8 @@ BOXES, NEAR = 1 << 16, 0.02
 #: Length of edges, relative to the least thickness, from which on volumes are compared, and that
 #: which is recommended.
 COMPARED, ENOUGH = 0.6, 0.25
+#: Part of a loss that is left with edges shorter by a fifth, at most, where these help.
+HELPS = 0.9
 #: Triangles that are measured at once.
 TOGETHER = 1 << 18
 
@@ -96,18 +98,38 @@ class Extent:
 
 
 class Loss(NamedTuple):
-    """Another volume than that of the wall.
+    """Another volume than that of the wall, or missing surfaces.
 
     Attributes
     ----------
     part : float
-        What the mesh has more of the volume of the wall.
+        What the mesh has more of the volume of the wall, or lacks of its surfaces.
     message : str
-        Both volumes, and what to do.
+        What it has, and what to do.
+    most : float
+        Part above which it is an error.
     """
 
     part: float
     message: str
+    most: float = REFUSED
+
+    def shrinks(self, before: Loss | None) -> bool:
+        """Whether shorter edges help, as far as a loss with longer ones tells.
+
+        Parameters
+        ----------
+        before : Loss, optional
+            That with longer ones.
+
+        Returns
+        -------
+        bool
+            True if it is by `HELPS` less, or another kind of loss, or there is nothing to compare.
+        """
+        if before is None or before.most != self.most:
+            return True
+        return abs(self.part) < HELPS * abs(before.part)
 
     def tell(self, *, allowed: bool) -> None:
         """Warn of it.
@@ -120,9 +142,9 @@ class Loss(NamedTuple):
         Raises
         ------
         GeometryError
-            If more than `REFUSED` of the volume is lost or gained, unless that is allowed.
+            If more than `most` is lost or gained, unless that is allowed.
         """
-        if abs(self.part) > REFUSED and not allowed:
+        if abs(self.part) > self.most and not allowed:
             raise GeometryError(f"{self.message}, or allow_loss=True")
         warnings.warn(self.message, PrecisionWarning, stacklevel=5)
 

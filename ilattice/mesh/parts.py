@@ -60,7 +60,7 @@ def check_parts(
         f"{'' if least == most else f' to {most}'}: webs or gaps are thinner than edges of "
         f"{h:.3g}; use h <= {0.5 * h:.2g}",
         PrecisionWarning,
-        stacklevel=4,
+        stacklevel=5,
     )
 
 

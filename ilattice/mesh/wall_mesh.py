@@ -23,7 +23,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -46,7 +46,7 @@ from ilattice.mesh._projecting import (
 from ilattice.mesh.contouring import ON_CAP, Contour, contour_arrays, contour_blocks
 from ilattice.mesh.coverage import merged_part, missing
 from ilattice.mesh.creases import sharpened
-from ilattice.mesh.loss import ENOUGH, Extent, loss_of
+from ilattice.mesh.loss import ENOUGH, Extent, Loss, loss_of
 from ilattice.mesh.parts import check_parts
 from ilattice.mesh.sheets import Sheets
 from ilattice.mesh.specks import without_specks
@@ -101,68 +101,103 @@ def wall_mesh(
     """Mesh of a wall, less where a field `cut` is positive; see `ilattice.lattice.Wall.mesh`.
 
     Where edges of the default length are too long for vertices, volume or bends, shorter ones are
-    tried, and the last that fit the memory are told of.
+    tried, as long as they help and fit the memory; what is left is told.
     """
-    job = _Job.of(wall, h, polish, progress, cut)
-    for part in DEFAULTS[1:] if h is None else ():
+    job, before = _Job.of(wall, h, polish, progress, cut), None
+    for part in (*DEFAULTS[1:], None):
+        shorter = _shorter(job, part) if job.default and part is not None else None
         try:
-            return _meshed(job, caps, dtype, allow_loss, last=False)
+            made = _meshed(job, caps, dtype)
         except TooCoarseError:
-            try:
-                shorter = _Job.of(wall, h, polish, progress, cut, part)
-                _check_size(shorter.axes)
-            except InputError:  # finer grids do not fit the memory
-                break
-            job = shorter
-    return _meshed(job, caps, dtype, allow_loss, last=True)
+            if shorter is None:
+                raise
+            job, before = shorter, None
+            continue
+        if shorter is None or made.lost is None or not made.lost.shrinks(before):
+            break
+        job, before = shorter, made.lost
+    made.tell(job, caps, allow_loss=allow_loss)
+    return made.mesh
 
 
-def _meshed(job: _Job, caps: bool, dtype: Any, allow_loss: bool, *, last: bool) -> SurfaceMesh:
-    """Mesh of a wall with edges of one length, refused if too long, but for the last one."""
-    wall, cut = job.wall, job.cut
+def _shorter(job: _Job, part: float) -> _Job | None:
+    """With edges of a part of the least thickness; None if that grid does not fit the memory."""
+    try:
+        out = _Job.of(job.wall, None, job.polish, job.options["progress"], job.cut, part)
+        _check_size(out.axes)
+    except InputError:
+        return None
+    return out
+
+
+class _Meshed(NamedTuple):
+    """A mesh of a wall.
+
+    Attributes
+    ----------
+    mesh : SurfaceMesh
+        The mesh.
+    lost : Loss, optional
+        What it has lost of the wall.
+    nearer : tuple of float
+        Part of its vertices that have nearer feet, that of which neighbours found them, and how
+        many were looked at.
+    crossing : int
+        Pairs of triangles that cross.
+    """
+
+    mesh: SurfaceMesh
+    lost: Loss | None
+    nearer: tuple[float, float, int]
+    crossing: int
+
+    def tell(self, job: _Job, caps: bool, *, allow_loss: bool) -> None:
+        """Warn of what it does not hold, or refuse it."""
+        _check_again(*self.nearer)
+        if self.lost is not None:
+            self.lost.tell(allowed=allow_loss)
+        if caps and job.cut is None and job.wall._countable:
+            closed = job.wall.lattice.through.closed
+            check_parts(job.wall.field, job.axes, closed, self.mesh, job.h)
+        unconverged = self.mesh.point_data["unconverged"]
+        _warn(int(np.count_nonzero(unconverged)), len(unconverged), self.crossing)
+
+
+def _meshed(job: _Job, caps: bool, dtype: Any) -> _Meshed:
+    """Mesh of a wall with edges of one length."""
+    wall = job.wall
     _check_size(job.axes)
     sheets = _of_sheets(job, caps)
     new, kind, side, suspect = sheets or _of_contour(job, caps)
     kept = new.repair.vertices
     of = job.classify(new.u, kind, side, suspect)
     side = np.where(of.cap, 0.0, side)
-    unconverged, off = of.unconverged[kept], of.off[kept]
+    unconverged, nearer = of.unconverged[kept], (0.0, 0.0, 0)
     if job.polish:
         free = (side[kept] != 0) & ~unconverged
         wrong, part, mended = not_projected(wall, new.u[kept], side[kept], free)
         unconverged = unconverged | wrong
-        _check_again(part, mended, int(free.sum()))
-    _check(off, of.crease[kept], exactly=job.polish)
+        nearer = (part, mended, int(free.sum()))
+    _check(of.off[kept], of.crease[kept], exactly=job.polish)
     faces = _outward(wall, new.repair.faces)
-    data = _point_data(wall, new.u[kept], side[kept]) | {"unconverged": unconverged.astype(np.int8)}
+    exact = (side[kept] != 0) & ~unconverged & job.polish
+    data = _point_data(wall, new.u[kept], side[kept], exact)
+    data["unconverged"] = unconverged.astype(np.int8)
     mesh = SurfaceMesh._adopt(new.x[kept].astype(dtype, copy=False), faces, data)
     if mesh.vertices.dtype == np.float64:
         mesh.__dict__["self_intersections"] = new.left  # known, needs no other search
-    if caps and cut is None:
-        _check_shape(job, mesh, sheets is not None, allow_loss, last=last)
-        if wall._countable:
-            check_parts(wall.field, job.axes, wall.lattice.through.closed, mesh, job.h)
-    _warn(int(unconverged.sum()), len(kept), new.left)
-    return mesh
+    lost = _lost(job, mesh, sheets is not None) if caps and job.cut is None else None
+    return _Meshed(mesh, lost, nearer, new.left)
 
 
-def _check_shape(
-    job: _Job, mesh: SurfaceMesh, sheets: bool, allow_loss: bool, *, last: bool
-) -> None:
-    """Tell of volume and bends that a mesh has lost; see `_meshed`."""
+def _lost(job: _Job, mesh: SurfaceMesh, sheets: bool) -> Loss | None:
+    """What a mesh has lost of its wall: volume, else bends."""
     wall, extent = job.wall, Extent.of(mesh.vertices, mesh.faces)
     loss = loss_of(wall, job.h, extent, sheets=sheets, exactly=job.polish, default=job.default)
-    if loss is not None:
-        if not last:
-            raise TooCoarseError(loss.message)
-        loss.tell(allowed=allow_loss)
-        return
+    if loss is not None or not job.polish:
+        return loss
     coarse = job.h > AS_DEFAULT * DEFAULTS[0] * wall.least_thickness
-    cut = missing(wall, mesh, job.h, coarse=coarse) if job.polish else ""
-    if cut and not last:
-        raise TooCoarseError(cut)
-    if cut:
-        warnings.warn(cut, PrecisionWarning, stacklevel=5)
+    return missing(wall, mesh, job.h, coarse=coarse)
 
 
 def _of_contour(job: _Job, caps: bool) -> _Made:
@@ -442,7 +477,7 @@ def _check_again(part: float, mended: float, count: int) -> None:
             f"nearer than their closest points, and of {mended:.2%} only neighbours have found "
             f"the closest points, {where}",
             PrecisionWarning,
-            stacklevel=4,
+            stacklevel=5,
         )
 
 
@@ -453,20 +488,24 @@ def _warn(unconverged: int, count: int, left: int) -> None:
             f"{unconverged} of {count} vertices could not be moved onto the offset, or would make "
             "triangles cross there, and are off it; use a smaller h",
             PrecisionWarning,
-            stacklevel=4,
+            stacklevel=5,
         )
     if left:
         warnings.warn(
             f"{left} pairs of triangles pass through each other; use a smaller h",
             PrecisionWarning,
-            stacklevel=4,
+            stacklevel=5,
         )
 
 
-def _point_data(wall: OffsetSolid, u: FloatArray, side: FloatArray) -> dict[str, AnyArray]:
+def _point_data(
+    wall: OffsetSolid, u: FloatArray, side: FloatArray, exact: AnyArray
+) -> dict[str, AnyArray]:
+    """What is known at vertices; those that are `exact` are on their side, not on the spline's."""
+    asked = wall._asked.at(u, np.where(side < 0, -1.0, 1.0))
     data: dict[str, AnyArray] = {
-        "signed_distance": wall.distance(u),
-        "half_thickness": wall._asked.at(u, np.where(side < 0, -1.0, 1.0)),
+        "signed_distance": np.where(exact, side * asked, wall.distance(u)),
+        "half_thickness": asked,
         "u": u[:, 0].copy(),
         "v": u[:, 1].copy(),
         "w": u[:, 2].copy(),

@@ -1,9 +1,9 @@
 """Relative densities of walls, and walls of a given relative density.
 
 Guarantees: densities come from cut-cell quadrature of the wall, not from counting; one evaluation
-computes no closest points; what is returned has the asked density within `TOLERANCE` (for cells
-`CELL_TOLERANCE`), or an error is raised. Non-guarantee: the wall is that of the distance spline;
-a polished mesh of it differs where the spline is wrong.
+computes no closest points; what is returned has the asked density within `TOLERANCE`, and `PART` of
+it (for cells `CELL_TOLERANCE` and `CELL_PART`), or an error is raised. Non-guarantee: the wall is
+that of the distance spline; a polished mesh of it differs where the spline is wrong.
 """
 
 from __future__ import annotations
@@ -25,11 +25,12 @@ from ilattice.offsets.thickness import Thickness
 from ilattice.offsets.wall_field import WallField
 from ilattice.quadrature.grid import cut
 
-#: Largest error of a density that is solved for, and how often it may be evaluated.
-TOLERANCE, EVALUATIONS = 2e-4, 9
+#: Largest error of a density that is solved for, in itself and as a part of the density, or of what
+#: is left of 1 if that is less; and how often it may be evaluated.
+TOLERANCE, PART, EVALUATIONS = 2e-4, 1e-3, 20
 #: The same for densities per cell; the step is longer than Newton's, because the spline through the
 #: half-thicknesses of cells smooths them.
-CELL_TOLERANCE, CELL_EVALUATIONS, CELL_STEP = 1e-3, 40, 1.4
+CELL_TOLERANCE, CELL_PART, CELL_EVALUATIONS, CELL_STEP = 1e-3, 1e-2, 40, 1.4
 LEVELS = 8
 #: Tiles that are cut at once: half a million cells of splines by default.
 TOGETHER = 128
@@ -199,11 +200,11 @@ def _solve(
     """
     a, fa = 0.0, ends[0] - target
     b, fb = thickest, ends[1] - target
-    f = fb
+    f, most = fb, min(TOLERANCE, PART * target, PART * (1.0 - target))
     for _ in track(range(EVALUATIONS), "density", progress):
         x = b - fb * (b - a) / (fb - fa)
         f = densities.whole(profile.scaled(x)) - target
-        if abs(f) <= TOLERANCE:
+        if abs(f) <= most:
             return x
         if f * fb < 0:
             a, fa = b, fb
@@ -231,12 +232,12 @@ def _solve_cells(
     factor = _by_cell(targets, curves, levels)
     slopes = np.gradient(curves, levels, axis=0)
     slope = np.maximum(_by_cell(factor, levels, slopes), 0.2 * slopes.max(axis=0))
-    error = np.inf
+    error, most = np.inf, np.minimum(CELL_TOLERANCE, CELL_PART * targets)
     for _ in track(range(CELL_EVALUATIONS), "density", progress):
         thickness = _per_cell(densities.lattice, profile, factor)
         miss = targets - densities.cells(thickness)
         error = float(np.abs(miss).max())
-        if error <= CELL_TOLERANCE:
+        if (np.abs(miss) <= most).all():
             return thickness
         factor = np.maximum(factor + CELL_STEP * miss / slope, 0.2 * factor)
     raise ConvergenceError(

@@ -13,7 +13,7 @@ from macro_zoo import ZOO, parameters
 
 from ilattice import macroshape as ms
 from ilattice.bspline import BSpline
-from ilattice.errors import GeometryError, PrecisionWarning
+from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.macroshape import SplineMap, Status, certify, check_map
 from ilattice.macroshape import _bernstein as bern
 
@@ -268,6 +268,12 @@ def test_a_flat_map_is_refused():
         check_map(flat)
     with pytest.raises(GeometryError, match="flat"):
         check_map(ms.hexahedron(np.ones((8, 3))))
+
+
+@pytest.mark.parametrize("size", [1e-200, 1e-120, 1e90, 1e300])
+def test_units_in_which_volumes_are_no_numbers_are_refused(size):
+    with pytest.raises(InputError, match="use other units of length"):
+        check_map(ms.box((size, 2 * size, size)))
 
 
 def test_a_torn_map_is_refused_with_its_place():

@@ -9,6 +9,8 @@ from scipy.ndimage import label
 
 import ilattice as il
 from ilattice.errors import ConvergenceError, PrecisionWarning
+from ilattice.mesh import wall_mesh
+from ilattice.mesh.loss import Loss
 
 NAMES = il.tiles.names()
 MAPS = {
@@ -113,3 +115,32 @@ def test_shorter_edges_are_taken_where_vertices_are_off():
         np.median(np.linalg.norm(np.diff(mesh.vertices[mesh.faces[:, :2]], axis=1), axis=2))
         < length
     )
+
+
+def test_polished_vertices_have_the_distance_that_they_were_moved_to():
+    """It was that of the spline, up to a quarter of d off."""
+    lattice = il.Lattice("lidinoid", through=il.macroshape.box((1.1, 0.9, 1.2)))
+    wall = lattice.offset((0.02, 0.031))
+    mesh = wall.mesh(0.024, allow_loss=True)
+    data = mesh.point_data
+    on = (data["side"] != 0) & (data["unconverged"] == 0)
+    u = np.stack([data[k] for k in "uvw"], axis=1)[on][::7]
+    told = data["signed_distance"][on][::7]
+    np.testing.assert_allclose(told, lattice.distance(u), atol=1e-5 * 0.02)
+    assert np.abs(wall.distance(u) - told).max() > 1e-3 * 0.02
+
+
+def test_shorter_edges_end_where_they_do_not_help(monkeypatch):
+    """Bends of the offset that no length of edges shows: not all lengths are tried."""
+    made = []
+
+    def lacking(_wall, _mesh, h, **_):
+        made.append(h)
+        return Loss(0.1, f"the mesh with h={h:g} lacks", most=np.inf)
+
+    monkeypatch.setattr(wall_mesh, "missing", lacking)
+    wall = il.Lattice("gyroid", through=il.macroshape.box((1.0, 0.9, 1.1))).offset(0.1)
+    with pytest.warns(PrecisionWarning, match="lacks"):
+        mesh = wall.mesh()
+    assert len(made) == 2
+    assert mesh.is_watertight
