@@ -7,7 +7,8 @@ came from.
 
 Guarantees
 ----------
-- The triangles do not cross if those of the contour do not; pairs that are left are counted.
+- The triangles do not cross if those of the contour do not, and no two vertices that were apart are
+  in one place; pairs that are left are counted.
 - Slivers are removed meanwhile (`ilattice.mesh.repair`), with all that this promises.
 - Vertices that are not part of a crossing, nor next to one, do not move.
 - Deterministic, for any number of threads.
@@ -41,6 +42,11 @@ MANY, SLOW, STALLED = 100, 0.9, 4
 BACK = np.array([0.0, 0.125, 0.25, 0.5, 1.0])
 ROUNDS = 16
 
+#: Direction along which vertices are sorted.
+ODD = np.array([0.4339, 0.6617, 0.6113])
+#: Vertices so near to each other, relative to the size of all, are in one place.
+ONE_PLACE = 1e-12
+
 Project = Callable[[FloatArray, IntArray], tuple[FloatArray, AnyArray]]
 
 
@@ -72,12 +78,13 @@ class _Surface:
     def __init__(
         self,
         lattice: "MidSurface",
+        start: FloatArray,
         u: FloatArray,
         faces: AnyArray,
         kind: AnyArray,
         repaired: bool = False,
     ) -> None:
-        self.repaired = repaired
+        self.repaired, self.start = repaired, start
         self.lattice, self.u, self.kind, self.quads = lattice, u.copy(), kind, faces
         self.x = lattice.through.x(u)
         self.spared = np.zeros(len(u), np.bool_)
@@ -103,9 +110,24 @@ class _Surface:
         self.before[self.repair.rows] = faces
         active = (faces != before[self.repair.rows]).any(axis=1) | self.moved[faces].any(axis=1)
         self.pairs, crossing = self_intersections(self.x, faces, active, touching=True)
-        self.at = np.unique(faces[crossing])
+        doubled = self._doubled(self.repair.vertices)
+        self.pairs += len(doubled)
+        self.at = np.unique(np.concatenate([faces[crossing].ravel(), doubled.ravel()]))
         self.faces, self.moved = faces, np.zeros(len(self.x), np.bool_)
         self.moved[self.at] = True  # what crosses now is to be looked at again
+
+    def _doubled(self, at: IntArray) -> IntArray:
+        """Pairs (n, 2) among vertices that are in one place, though they started apart.
+
+        Along a direction that no face of a part is normal to, such vertices follow each other.
+        """
+        x = self.x[at]
+        order = np.argsort(x @ ODD)
+        pairs = at[np.stack([order[:-1], order[1:]], axis=1)]
+        near = ONE_PLACE * float(np.ptp(x, axis=0).max(initial=0.0))
+        pairs = pairs[(np.abs(self.x[pairs[:, 0]] - self.x[pairs[:, 1]]) <= near).all(axis=1)]
+        began = self.lattice.through.x(self.start[pairs.ravel()]).reshape(-1, 2, 3)
+        return pairs[np.abs(began[:, 0] - began[:, 1]).max(axis=1, initial=0.0) > near]
 
     def move(self, at: IntArray, u: FloatArray) -> None:
         """Move some vertices."""
@@ -166,7 +188,7 @@ def uncrossed(
     Uncrossed
         New places, triangles, and what was held back.
     """
-    s = _Surface(lattice, moved, faces, kind, repaired)
+    s = _Surface(lattice, start, moved, faces, kind, repaired)
     unconverged = np.zeros(len(start), np.bool_)
     if s.pairs:
         u, lost = recall(start[s.at], s.at)

@@ -105,17 +105,19 @@ def wall_mesh(
     """
     job, before = _Job.of(wall, h, polish, progress, cut), None
     for part in (*DEFAULTS[1:], None):
-        shorter = _shorter(job, part) if job.default and part is not None else None
+        made, lost = None, None
         try:
             made = _meshed(job, caps, dtype)
-        except TooCoarseError:
-            if shorter is None:
-                raise
-            job, before = shorter, None
-            continue
-        if shorter is None or made.lost is None or not made.lost.shrinks(before):
+            lost = made.lost
+        except TooCoarseError as e:
+            error = e
+        again = made is None or (lost is not None and lost.shrinks(before))
+        shorter = _shorter(job, part) if again and job.default and part is not None else None
+        if shorter is None:
             break
-        job, before = shorter, made.lost
+        job, before = shorter, lost
+    if made is None:
+        raise error
     made.tell(job, caps, allow_loss=allow_loss)
     return made.mesh
 

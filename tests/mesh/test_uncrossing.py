@@ -117,7 +117,7 @@ def wall_of(name, d=0.05):
 
 def as_polished(lattice, start, moved, faces, kind, *_):
     """What came before: repaired, but not uncrossed."""
-    s = uncrossing._Surface(lattice, moved, faces, kind)
+    s = uncrossing._Surface(lattice, start, moved, faces, kind)
     return uncrossing.Uncrossed(s.u, s.x, s.repair, np.zeros(len(start), bool), s.pairs)
 
 
@@ -246,3 +246,34 @@ def test_closed_directions_are_crossed_the_short_way():
     way = np.array([[0.9, 0.9, -0.9], [-0.9, 0.1, 0.0], [0.3, 0.0, 0.0]])
     short = shortest(lattice, way)
     np.testing.assert_allclose(short, [[-0.1, 0.9, -0.9], [0.1, 0.1, 0.0], [0.3, 0.0, 0.0]])
+
+
+@pytest.mark.parametrize("apart", [0.0, 2e-15])
+def test_vertices_that_end_in_one_place_are_moved_apart(apart):
+    """Tips of two tents, one above the other; saved meshes would be joined there."""
+    lattice = il.Lattice("gyroid", through=il.macroshape.box((1.3, 0.9, 1.1)))
+    x, y = np.meshgrid(*[np.linspace(0.21, 0.74, 7)] * 2, indexing="ij")
+    flat = np.stack([x, y, np.full_like(x, 0.3)], axis=-1).reshape(-1, 3)
+    start = np.concatenate([flat, flat + np.array([0.0, 0.0, 0.4])])
+    corner = np.arange(49).reshape(7, 7)
+    a, b, c, d = (corner[i : 6 + i, j : 6 + j].ravel() for i, j in ((0, 0), (1, 0), (1, 1), (0, 1)))
+    quads = np.stack([a, b, c, a, c, d], axis=1).reshape(-1, 3)
+    faces = np.concatenate([quads, quads[:, ::-1] + 49]).astype(np.int32)
+    moved = start.copy()
+    moved[[24, 73], 2] = 0.5, 0.5 + apart
+
+    def stays(_u, at):
+        return moved[at], np.zeros(len(at), bool)
+
+    def lost(u, at):
+        return u, np.ones(len(at), bool)
+
+    kind = np.zeros(98, np.uint8)
+    out = uncrossing.uncrossed(lattice, start, moved, faces, kind, stays, lost)
+    assert out.left == 0
+    assert out.x[73, 2] - out.x[24, 2] > 0.02
+    assert out.unconverged[[24, 73]].all()
+    kept = out.repair.vertices
+    assert len(by_libigl(out.x[kept], out.repair.faces)) == 0
+    together = uncrossing.uncrossed(lattice, moved, moved, faces, kind, stays, lost)
+    assert not together.unconverged.any()  # as where an edge of the map is a point
