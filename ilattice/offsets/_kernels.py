@@ -243,7 +243,7 @@ def multi_start(space, seeds, x, q, idx, i, box, orient, tol, feet, seconds, sta
                 freed, whole, start = True, False, p  # the sheet may go on behind the face
                 held = bounded(geom, box, False, room)
                 continue
-            if whole or ((filed > 0 or st == WORSE) and not slid(geom, orient, work.map, start, p)):
+            if whole or ((filed > 0 or st >= WORSE) and not slid(geom, orient, work.map, start, p)):
                 break
             # where the continuation folds or ends, the sheet ends at the face
             whole = held = bounded(geom, box, True, room)

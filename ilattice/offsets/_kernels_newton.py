@@ -19,7 +19,17 @@ import numpy as np
 
 from ilattice._kernels import inner
 from ilattice._kernels_tuples import borrowed
-from ilattice.offsets._kernels_jets import FAST, map_jet, metric, solve_sym, sym, tangents, tile_jet
+from ilattice.offsets._kernels_jets import (
+    CLOSED,
+    FAST,
+    TILES,
+    map_jet,
+    metric,
+    solve_sym,
+    sym,
+    tangents,
+    tile_jet,
+)
 
 #: Steps of Newton's method at most.
 MAX_ITERATIONS = 30
@@ -32,13 +42,18 @@ SADDLE, CLEAR_SADDLE = -1e-3, -0.1
 #: tangent to the surface, and below which it is tangent to an edge.
 ROUNDING, TANGENT = 1e-12, 1e-5
 
+#: Steps after which an iteration is given up that still makes some longer than this part of the
+#: spacing, as to and fro over a sharp edge, where there is a foot already.
+PATIENCE, ERRATIC = 12, 0.1
+
 #: How a search ended: inside, on the boundary, with the nearest seed in place of a foot, without
-#: foot, given up as it leads to one that is farther away.
+#: foot, given up as it leads to one that is farther away, without foot within the domain all along.
 OK = 0
 BOUNDARY = 1
 FALLBACK = 2
 FAILED = 3
 WORSE = 4
+STUCK = 5
 
 
 class Known(NamedTuple):
@@ -353,6 +368,15 @@ def astray(t, moved):
 
 
 @inner(fastmath=FAST, error_model="numpy")
+def at_ends(geom, p):
+    """Whether p is on an open end of the domain, or beyond."""
+    for a in range(3):
+        if geom[CLOSED + a] == 0.0 and (p[a] <= 0.0 or p[a] >= geom[TILES + a]):
+            return True
+    return False
+
+
+@inner(fastmath=FAST, error_model="numpy")
 def newton(space, x, start, known, clip, h, tol, work):
     """Foot point of x from one start; given up when it cannot beat the known foot.
 
@@ -375,7 +399,10 @@ def newton(space, x, start, known, clip, h, tol, work):
     longest = 2.0 * h
     moved = 0.0
     y = (0.0, 0.0, 0.0)
+    failed = STUCK  # unless bounds would have changed it
     for it in range(MAX_ITERATIONS):
+        if clip or at_ends(space.geom, p):
+            failed = FAILED
         map_jet(space, p, 2, b, m)
         tile_jet(space, p, b, t, tab)
         if astray(t, moved):
@@ -400,8 +427,10 @@ def newton(space, x, start, known, clip, h, tol, work):
         since = it - left
         floor = 0.1 if since < 3 else 0.02 if since < 8 else 5e-4
         d, lam, size, low = kkt_step(m, t, r, lam, it == 0, fixed, floor)
-        if not np.isfinite(size):
-            return p, y, lam, low, it + 1, FAILED
+        if not np.isfinite(size) or (
+            since >= PATIENCE and size > ERRATIC * h and known.distance < np.inf
+        ):
+            return p, y, lam, low, it + 1, failed
         dist = np.sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
         small = converged(size, last, d, dist, it, h, tol)
         if clip and small and it < MAX_ITERATIONS - 1 and at_bounds(p, d, box, fixed):
@@ -439,4 +468,4 @@ def newton(space, x, start, known, clip, h, tol, work):
             if held == 0:
                 return p, y, lam, low, it + 1, OK
             return p, y, lam, lowest(m, t, r, lam), it + 1, BOUNDARY
-    return p, y, lam, low, MAX_ITERATIONS, FAILED
+    return p, y, lam, low, MAX_ITERATIONS, failed
