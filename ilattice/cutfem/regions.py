@@ -137,7 +137,7 @@ class Region(Frozen):
         return off / float(rule.weights[found].sum())
 
     def _nearest(self, x: FloatArray) -> str:
-        if hasattr(self.inside, "away") and len(x):
+        if isinstance(self.inside, Inside | Patch) and len(x):
             away = self.inside.away(x)
             k = int(np.nanargmin(away))
             return f"the nearest is {away[k]:.3g} away, at {np.round(x[k], 6).tolist()}"

@@ -17,7 +17,7 @@ import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray
 from ilattice.cutfem import sampling
-from ilattice.cutfem.conditions import Load, Spring, values_at
+from ilattice.cutfem.conditions import Known, Load, Spring, values_at
 from ilattice.cutfem.material import OfParameters, Scalar
 from ilattice.cutfem.places import Spot
 from ilattice.cutfem.regions import Region
@@ -54,7 +54,7 @@ def check_functions(problem: "Problem") -> None:
         From 2 % on.
     """
     for load in problem.loads:
-        if not hasattr(load.value, "evaluate"):
+        if not isinstance(load.value, Known):
             m = 1 if load.kind in SINGLE else problem.m
             _check(problem, load.kind, load.value, load.on, m)
     for scalar in problem.factors:
