@@ -174,7 +174,7 @@ class Posed:
         return None if np.abs(np.abs(normals[:, axis]) - 1.0).max() > 1e-9 else (axis,)
 
     @property
-    def in_the_mean(self) -> tuple[Spring | Support, ...]:
+    def weakly_imposed(self) -> tuple[Spring | Support, ...]:
         """Springs and weak supports: what is added to the matrix."""
         return (*self.springs, *(s for s in self.supports if s.weak))
 

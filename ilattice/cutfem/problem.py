@@ -39,7 +39,7 @@ ISLANDS = ("drop", "refuse")
 HEAVY = 1e-6
 #: Energies below this part of those of nodes that move one by one are those of rigid-body modes.
 AT_REST = 1e-13
-#: A motion is free if its share in what is held is below this.
+#: A motion is free if the part of it in what is held is below this.
 FREE = 1e-10
 
 
@@ -184,7 +184,7 @@ class Problem(Posed):
         self._held["unfollowed"] = float(jump[1])
         self._add_projected(data)
         asm.add_ghost(data, self._ghost_stiffness)
-        for support in self.in_the_mean:
+        for support in self.weakly_imposed:
             weak.add(data, self, weak.terms_of(self, support))
         if asm.seam is not None:
             coupling.add(data, self)
@@ -296,7 +296,7 @@ class Problem(Posed):
     def _from_supports(self) -> FloatArray:
         """What springs and weak supports add to the right-hand side, (functions, m)."""
         f = np.zeros((len(self.assembly.space), self.m))
-        for support in self.in_the_mean:
+        for support in self.weakly_imposed:
             terms = weak.terms_of(self, support)
             f += weak.force(self, terms, support.value)
             if isinstance(support, Support):
@@ -311,7 +311,7 @@ class Problem(Posed):
     def _reactions(self, solution: Any, stored: FloatArray | float = 0.0) -> dict[str, FloatArray]:
         """What comes in (m,) through places of supports and springs; see `_strong_reactions`."""
         out = self._strong_reactions(solution.coefficients, stored)
-        for support in self.in_the_mean:
+        for support in self.weakly_imposed:
             terms = weak.terms_of(self, support)
             found = weak.reaction(self, terms, support.value, solution).sum(axis=0)
             out[str(support.on)] = out.get(str(support.on), 0.0) + found
@@ -414,7 +414,7 @@ class Problem(Posed):
         centre, size = x[nodes].mean(axis=0), np.ptp(x[nodes], axis=0).max()
         held = self._motions((x[nodes] - centre) / size)[self.constraints.fixed[nodes]]
         gram = held.T @ held
-        for s in self.in_the_mean:
+        for s in self.weakly_imposed:
             rule = self.domain.edge(asm, s.on)
             inside = np.isin(rule.cells, asm.space.cells[mine])[rule.owners]
             x = rule.points[inside]
@@ -468,7 +468,11 @@ class Problem(Posed):
     def _energy_of(self, product: Product, c: FloatArray) -> float:
         """What errors are relative to: twice the energy of a solution."""
         con = self.constraints
-        if con.values.any() or self.in_the_mean or any(f.kind == "temperature" for f in self.loads):
+        if (
+            con.values.any()
+            or self.weakly_imposed
+            or any(f.kind == "temperature" for f in self.loads)
+        ):
             return self._solid_energy(c)
         x = c[con.nodes].ravel()
         return float(x @ product(x))

@@ -140,7 +140,7 @@ class Solution(Solved, Stresses):
     def stabilization_energy(self) -> float:
         """Energy of what is no solid: weighted void, or penalty on jumps.
 
-        Compare it with `energy`: the share by which the answer is too stiff.
+        Compare it with `energy`: the part by which the answer is too stiff.
         """
         problem = self.problem
         asm, domain = problem.assembly, problem.domain

@@ -59,7 +59,7 @@ def check_functions(problem: "Problem") -> None:
             _check(problem, load.kind, load.value, load.on, m)
     for scalar in problem.factors:
         check_property(problem, scalar)
-    for s in problem.in_the_mean:
+    for s in problem.weakly_imposed:
         _check(problem, "value", s.value, s.on, problem.m)
         if isinstance(s, Spring):
             _check(problem, problem.spring_name, s.stiffness, s.on, problem.m)

@@ -344,7 +344,7 @@ def test_surface_matrices_are_those_of_the_naive_twin():
         du = [naive_lines(asm.space, u, tuple(np.eye(3, dtype=int)[a])) for a in range(3)]
         g = np.einsum("qna,qac->qnc", np.stack(du, -1), np.linalg.inv(asm.jacobians(u)))
         n, w, eye = rule.normals, rule.weights, np.eye(3)
-        for condition in problem.in_the_mean:
+        for condition in problem.weakly_imposed:
             terms = weak.terms_of(problem, condition)
             mask = terms.mask
             lam, mu = np.outer(problem._lame(u[:1], np.zeros(1, int)), np.ones(len(u)))
