@@ -228,7 +228,7 @@ class PhasedDomain(Domain):
 
     @cached_property
     def _shared(self) -> list[tuple[Quadrature, AnyArray, AnyArray]]:
-        """Rule on the boundary of each phase, its points in the solid, and others on the level set."""
+        """Rules on the boundaries of phases, points in the solid, and others on the level set."""
         rules = [cut.surface(self.q) for cut in self.phases]
         return [(r, *self._goes_on(r, phase)) for phase, r in enumerate(rules)]
 
@@ -263,7 +263,7 @@ class PhasedDomain(Domain):
         return regrouped(rule, low, high)
 
     def _behind(self, rule: Quadrature, cells: IntArray, phase: int) -> IntArray:
-        """Elements of a phase at points of the boundary of the other one, -1 where there is none."""
+        """Elements of a phase at points of the boundary of the other one; -1 for none."""
         grid, names = self.elements, self.elements.numbers[phase]
         out = names[grid.grids[phase].element_at(rule.points, cells)]
         none = np.flatnonzero(out < 0)  # the surface is a face of the cell
