@@ -26,15 +26,15 @@ from ilattice.cutfem.weak import NITSCHE, cell_heights, depths, through
 from ilattice.quadrature.rules import Quadrature
 
 if TYPE_CHECKING:
+    from ilattice.cutfem.integrals import Integrals
     from ilattice.cutfem.operators import ElasticOperators
-    from ilattice.cutfem.problem import Problem
 
 #: Takes the number of a side, its rows and gradients (n, nb, 3); returns tractions (n, m, nb, m).
 Tractions = Callable[[int, slice, FloatArray], FloatArray]
 Pair = tuple[FloatArray, FloatArray]
 
 
-def add(data: FloatArray, problem: "Problem") -> None:
+def add(data: FloatArray, problem: "Integrals") -> None:
     """Add what couples the phases of a solid to blocks."""
     asm, rule, u = _surface(problem.assembly)
     n = rule.normals
@@ -100,7 +100,7 @@ def add_waves(data: FloatArray, problem: "ElasticOperators") -> None:
             asm.add_pairs(data[j], pairs.start, A)
 
 
-def tractions(problem: "Problem", weights: Pair | None = None) -> Tractions:
+def tractions(problem: "Integrals", weights: Pair | None = None) -> Tractions:
     """What flows through the surface between phases, weighed."""
     weights = weights_of(problem) if weights is None else weights
     both = [
@@ -123,7 +123,7 @@ def thermal_force(problem: "ElasticOperators", load: Load) -> FloatArray:
     return asm.vector(upper(rule), f) - asm.vector(rule, f)
 
 
-def weights_of(problem: "Problem") -> Pair:
+def weights_of(problem: "Integrals") -> Pair:
     """Weights (n,) of what flows through both phases at the seam: of each the more, the softer."""
     asm, rule, u = _surface(problem.assembly)
     assert rule.normals is not None
@@ -133,12 +133,12 @@ def weights_of(problem: "Problem") -> Pair:
     return a / (a + b), b / (a + b)
 
 
-def mean_force(problem: "Problem", flux: Callable[["Law"], FloatArray]) -> FloatArray:
+def mean_force(problem: "Integrals", flux: Callable[["Law"], FloatArray]) -> FloatArray:
     """Coefficients (functions, m) of the mean of what flows at the seam, of a flux in each phase.
 
     Parameters
     ----------
-    problem : Problem
+    problem : Integrals
         With two phases.
     flux : callable
         Takes the law of a phase, returns its flux (n, entries) at the points of the seam.
@@ -158,7 +158,7 @@ def mean_force(problem: "Problem", flux: Callable[["Law"], FloatArray]) -> Float
     return asm.vector(rule, f) - asm.vector(upper(rule), f)
 
 
-def both_depths(problem: "Problem") -> tuple[FloatArray, FloatArray]:
+def both_depths(problem: "Integrals") -> tuple[FloatArray, FloatArray]:
     """How deep both phases are at the seam; see `weak.depths`."""
     asm, rule, _ = _surface(problem.assembly)
 

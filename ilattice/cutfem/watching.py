@@ -25,6 +25,7 @@ from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.quadrature.rules import Quadrature, on_cells
 
 if TYPE_CHECKING:
+    from ilattice.cutfem.integrals import Integrals
     from ilattice.cutfem.problem import Problem
 
 #: Loads that are numbers, also where displacements are vectors.
@@ -84,12 +85,12 @@ def _check(problem: "Problem", name: str, value: Any, on: Any, m: int) -> None:
         sampling.check(f"{name} on {on}" if on else name, part)
 
 
-def check_reached(problem: "Problem", load: Load) -> None:
+def check_reached(problem: "Integrals", load: Load) -> None:
     """Refuse a load that acts on nothing but parts that were left out; warn if it does so partly.
 
     Parameters
     ----------
-    problem : Problem
+    problem : Integrals
         With supports.
     load : Load
         One of its loads.

@@ -25,7 +25,7 @@ from ilattice.quadrature.rules import Quadrature, on_cells
 if TYPE_CHECKING:
     from ilattice.cutfem.dilatation import Dilatation
     from ilattice.cutfem.domain import Domain
-    from ilattice.cutfem.problem import Problem
+    from ilattice.cutfem.integrals import Integrals
     from ilattice.cutfem.solved import Solved
 
 #: Penalty of weakly imposed supports, in units of stiffness times degree² over the height of cells.
@@ -73,7 +73,7 @@ class Terms:
         return np.einsum("qij,qj...->qi...", self.onto, vectors)
 
 
-def terms_of(problem: "Problem", support: Spring | Support) -> Terms:
+def terms_of(problem: "Integrals", support: Spring | Support) -> Terms:
     """Terms of a spring or a weak support."""
     asm, m = problem.assembly, problem.m
     rule = problem.domain.edge(asm, support.on)
@@ -95,7 +95,7 @@ def terms_of(problem: "Problem", support: Spring | Support) -> Terms:
     return replace(terms, Q=held, normal=terms.held(terms.normal))
 
 
-def _onto(problem: "Problem", support: Support, rule: Quadrature) -> FloatArray | None:
+def _onto(problem: "Integrals", support: Support, rule: Quadrature) -> FloatArray | None:
     """Projections onto what a support holds and none before it; None for some components."""
     before = held_before(problem, rule, support)
     if before is None:
@@ -103,7 +103,7 @@ def _onto(problem: "Problem", support: Support, rule: Quadrature) -> FloatArray 
     return joined(before, held_by(support, rule)) - before
 
 
-def add(data: FloatArray, problem: "Problem", terms: Terms) -> None:
+def add(data: FloatArray, problem: "Integrals", terms: Terms) -> None:
     """Add the matrix of terms to blocks."""
     asm, rule, m = problem.assembly, terms.rule, problem.m
     nb = asm.space.dofs.shape[1]
@@ -122,7 +122,7 @@ def add(data: FloatArray, problem: "Problem", terms: Terms) -> None:
         terms.projection.add_tractions(data, rule, f)
 
 
-def force(problem: "Problem", terms: Terms, value: Any) -> FloatArray:
+def force(problem: "Integrals", terms: Terms, value: Any) -> FloatArray:
     """Coefficients (functions, m) of the integral of g·Q v - held g·t(v)."""
     asm, rule, w = problem.assembly, terms.rule, terms.rule.weights
     g = values_at("value", value, rule.points, problem.m)
@@ -138,7 +138,7 @@ def force(problem: "Problem", terms: Terms, value: Any) -> FloatArray:
     return out
 
 
-def reaction(problem: "Problem", terms: Terms, value: Any, solution: "Solved") -> FloatArray:
+def reaction(problem: "Integrals", terms: Terms, value: Any, solution: "Solved") -> FloatArray:
     """What comes in (n, m) at points: weights times what flows, minus Q (u - g)."""
     rule = terms.rule
     g = values_at("value", value, rule.points, problem.m)
