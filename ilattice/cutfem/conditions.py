@@ -28,21 +28,8 @@ class Known(ABC):
     """A field that is known in a solid, such as a temperature: a value of loads."""
 
     @abstractmethod
-    def within(self, asm: "Assembly", u: FloatArray) -> FloatArray:
-        """Values (n,) at the points of space of parameters (n, 3) of another problem.
-
-        Parameters
-        ----------
-        asm : Assembly
-            Of the other problem: knows its map.
-        u : ndarray, shape (n, 3)
-            Its parameters.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            NaN where nothing is known.
-        """
+    def _within(self, asm: "Assembly", u: FloatArray) -> FloatArray:
+        """Values (n,) where parameters (n, 3) of another problem are in space; NaN if unknown."""
 
 
 @dataclass(frozen=True, eq=False)

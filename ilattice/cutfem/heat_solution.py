@@ -117,21 +117,8 @@ class HeatSolution(Solved, Known):
         """
         return -self._flux_on(rule)
 
-    def within(self, asm: Assembly, u: FloatArray) -> FloatArray:
-        """Temperatures at the points of space of another problem, also through another map.
-
-        Parameters
-        ----------
-        asm : Assembly
-            Of the other problem: knows its map.
-        u : ndarray, shape (n, 3)
-            Its parameters.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            NaN where there is no solid.
-        """
+    def _within(self, asm: Assembly, u: FloatArray) -> FloatArray:
+        """See `Known._within`: also through another map."""
         if _same(self.problem.assembly.through, asm.through):
             return self.evaluate(u)
         return np.asarray(self.at(asm.x(u), outside="nan").temperature)

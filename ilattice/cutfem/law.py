@@ -18,7 +18,6 @@ tensor that is symmetric and positive on gradients that are not those of rigid b
 that is given by a user is so is not checked.
 """
 
-from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from typing import Any, ClassVar
 
@@ -32,7 +31,7 @@ from ilattice.cutfem.space import IDENTITY
 from ilattice.quadrature.rules import Quadrature
 
 
-class Law(ABC):
+class Law:
     """A linear law of `m` unknowns per point.
 
     A class defines `tangent`, and `m` where there is more than one unknown; all else follows from
@@ -49,7 +48,6 @@ class Law(ABC):
         """Numbers that make up a flux."""
         return 3 * self.m
 
-    @abstractmethod
     def tangent(self, asm: Assembly, u: FloatArray) -> FloatArray:
         """Derivatives of fluxes by gradients, both in space.
 
@@ -65,6 +63,7 @@ class Law(ABC):
         ndarray, shape (n, m, 3, m, 3), or (1, m, 3, m, 3)
             What makes flux (i, k) of gradient (j, l).
         """
+        raise NotImplementedError
 
     @property
     def phases(self) -> "tuple[Law, Law]":

@@ -398,7 +398,7 @@ class ElasticOperators(Problem):
         """Free expansion α ΔT (n,) of a phase under one temperature at parameters (n, 3)."""
         asm, value = self.assembly, load.value
         if isinstance(value, Known):
-            rise = value.within(asm, u)
+            rise = value._within(asm, u)
         else:
             rise = values_at("temperature", value, asm.x(u), 1)[:, 0]
         return material.expansion.at(asm, u) * rise

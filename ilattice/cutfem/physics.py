@@ -78,7 +78,7 @@ class Physics(Problem):
         weight: float | None = None, islands: str = "drop", domain: Any = None,
         through: Any = None, phases: Any = None,
     ) -> None:  # fmt: skip
-        if not isinstance(law, Law):
+        if not isinstance(law, Law) or type(law).tangent is Law.tangent:
             raise InputError(f"law must be a Law, of a class with a tangent, got {law!r:.80}")
         as_choice("islands", islands, ISLANDS)
         where = as_phased(
@@ -97,6 +97,13 @@ class Physics(Problem):
     def law(self) -> Law:
         """Which flux gradients make."""
         return self.given
+
+    def _add_solid(self, data: FloatArray, law: Law, part: Quadrature) -> FloatArray:
+        """With a tensor that has the right shape."""
+        found, wanted = law.tangent(self.assembly, part.points[:1]).shape, (1, *[self.m, 3] * 2)
+        if len(part) and found != wanted:
+            raise InputError(f"law.tangent must be of shape {wanted} at one point, got {found}")
+        return super()._add_solid(data, law, part)
 
     def hold(
         self, on: Any, value: Any = 0.0, *, components: Any = None, method: str = "auto",

@@ -206,6 +206,8 @@ def test_results_of_any_law_are_written_and_told(tmp_path):
 def test_what_is_no_law_or_no_load_is_refused():
     with pytest.raises(InputError, match="law must be a Law"):
         Physics(full, 2, law=3.0, domain=BAR)
+    with pytest.raises(InputError, match="of a class with a tangent"):
+        Physics(full, 2, law=Law(), domain=BAR)
     problem = Physics(full, 2, law=Both(), domain=BAR)
     with pytest.raises(InputError, match="nothing holds the field"):
         problem.load(body=1.0).solve()
@@ -215,3 +217,12 @@ def test_what_is_no_law_or_no_load_is_refused():
         problem.load()
     with pytest.raises(InputError, match="one number or 2"):
         problem.load(body=(1.0, 2.0, 3.0))
+
+
+def test_tensors_of_a_wrong_shape_are_refused():
+    class Wrong(Law):
+        def tangent(self, asm, u):  # noqa: ARG002
+            return np.eye(3)[None]
+
+    with pytest.raises(InputError, match=r"shape \(1, 1, 3, 1, 3\) at one point, got \(1, 3, 3\)"):
+        Physics(full, 2, law=Wrong(), domain=BAR).hold("w=0").solve()
