@@ -1,4 +1,4 @@
-"""Roots along segments, points of grids and in boxes, and coordinates that faces of a box fix."""
+"""Roots along segments and gradients, points of grids and in boxes, coordinates that faces fix."""
 
 from collections.abc import Callable
 from typing import Any
@@ -63,6 +63,61 @@ def grid_points(*axes: Any) -> Any:
         The last coordinate changes first; of the type that the axes have in common.
     """
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
+
+
+def least_step(f: FloatArray, gradient: FloatArray) -> FloatArray:
+    """The shortest step to where a function is zero, were it linear: it is to be taken off.
+
+    Parameters
+    ----------
+    f : ndarray, shape (n,)
+        Values.
+    gradient : ndarray, shape (n, 3)
+        Where they are; without one there is no step.
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+        Along the gradients.
+    """
+    square = np.maximum(np.einsum("ni,ni->n", gradient, gradient), 1e-300)
+    return np.asarray((f / square)[:, None] * gradient)
+
+
+def wrapped(u: FloatArray, lo: FloatArray, hi: FloatArray, closed: AnyArray) -> FloatArray:
+    """Points moved into a box along its closed directions, by whole periods.
+
+    Parameters
+    ----------
+    u : ndarray, shape (..., 3)
+        Points.
+    lo, hi : ndarray, shape (3,)
+        Corners of the box.
+    closed : array_like of bool, shape (3,)
+        Directions in which its ends are one.
+
+    Returns
+    -------
+    ndarray, shape (..., 3)
+        As they were in the other directions.
+    """
+    return np.where(closed, lo + np.mod(u - lo, hi - lo), u)
+
+
+def within(u: FloatArray, lo: FloatArray, hi: FloatArray, closed: AnyArray) -> FloatArray:
+    """Points `wrapped` into a box, and cut off at its faces in the other directions.
+
+    Parameters
+    ----------
+    u, lo, hi, closed : ndarray
+        As in `wrapped`.
+
+    Returns
+    -------
+    ndarray, shape (..., 3)
+        In the box.
+    """
+    return np.where(closed, wrapped(u, lo, hi, closed), np.clip(u, lo, hi))
 
 
 def fixed_coordinates(kind: IntArray) -> AnyArray:

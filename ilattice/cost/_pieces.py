@@ -16,6 +16,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ilattice._field import as_boxes
+from ilattice._geometry import grid_points
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_numbers, as_points
 from ilattice.cost import _kernels_beams as kernels
@@ -35,7 +36,7 @@ DISTANCE, SIDE, BALL = 0, 1, 2
 #: A piece: its sort, and its beams in the order of the tree, or its vertex.
 Piece: TypeAlias = tuple[int, ...]
 #: Corners of a box, in halves of its lengths from its middle.
-CORNERS = np.stack(np.meshgrid(*[[-1.0, 1.0]] * 3, indexing="ij"), -1).reshape(8, 3)
+CORNERS = grid_points(*[[-1.0, 1.0]] * 3)
 
 
 def corners(lo: ArrayLike, hi: ArrayLike) -> tuple[FloatArray, FloatArray]:

@@ -28,9 +28,11 @@ from ilattice.cutfem.elasticity import Elasticity
 from ilattice.cutfem.estimate import ErrorEstimate
 from ilattice.cutfem.heat import Heat
 from ilattice.cutfem.heat_solution import HeatHistory, HeatSolution
+from ilattice.cutfem.law import Law
 from ilattice.cutfem.modal import Buckling, EigenReport, Mode, Modes, buckling, natural_modes
+from ilattice.cutfem.physics import FieldSolution, Physics
 from ilattice.cutfem.probe import Probe
-from ilattice.cutfem.recovery import Recovered, RecoveredHeat
+from ilattice.cutfem.recovery import Recovered, RecoveredField, RecoveredHeat
 from ilattice.cutfem.refinement import RefinementStudy, refinement_study
 from ilattice.cutfem.solution import Solution
 from ilattice.cutfem.space import SplineSpace
@@ -45,17 +47,21 @@ __all__ = [
     "EigenReport",
     "Elasticity",
     "ErrorEstimate",
+    "FieldSolution",
     "Graded",
     "Grid",
     "Heat",
     "HeatHistory",
     "HeatSolution",
+    "Law",
     "MassProperties",
     "Mode",
     "Modes",
+    "Physics",
     "Probe",
     "Quadrature",
     "Recovered",
+    "RecoveredField",
     "RecoveredHeat",
     "RefinementStudy",
     "Solution",

@@ -55,3 +55,32 @@ def bulk_and_shear(C: FloatArray) -> tuple[Any, Any]:
     """Moduli (...) of the nearest isotropic tensors: of mean strains, as Voigt has them."""
     M = C * np.outer(MANDEL, MANDEL)
     return (M * VOLUME).sum(axis=(-2, -1)) / 3.0, (M * SHAPE).sum(axis=(-2, -1)) / 10.0
+
+
+def engineering_strain(gradient: FloatArray) -> FloatArray:
+    """Strain (n, 6) of displacement gradients (n, 3, 3), with engineering shear."""
+    g = gradient
+    out = np.empty((len(g), 6))
+    for k, (i, j) in enumerate(VOIGT):
+        out[:, k] = g[:, i, i] if i == j else g[:, i, j] + g[:, j, i]
+    return out
+
+
+def times(C: FloatArray, strain: FloatArray) -> FloatArray:
+    """Stress (n, 6) of strains (n, 6) by stiffnesses (n, 6, 6) or (1, 6, 6)."""
+    return strain @ C[0] if len(C) == 1 else np.einsum("nij,nj->ni", C, strain)
+
+
+def elastic_stress(gradient: FloatArray, pressure: FloatArray, mu: FloatArray) -> FloatArray:
+    """Stress (n, 6) of displacement gradients (n, 3, 3), with λ times the change of volume."""
+    e = engineering_strain(gradient)
+    out = mu[:, None] * e
+    out[:, :3] += mu[:, None] * e[:, :3] + pressure[:, None]
+    return out
+
+
+def complementary(s: FloatArray, lam: FloatArray, mu: FloatArray) -> FloatArray:
+    """Product (n,) of stresses (n, 6) with the strains that they cause."""
+    square = (s[:, :3] ** 2).sum(axis=1) + 2.0 * (s[:, 3:] ** 2).sum(axis=1)
+    trace = s[:, :3].sum(axis=1)
+    return (square - lam / (3.0 * lam + 2.0 * mu) * trace**2) / (2.0 * mu)

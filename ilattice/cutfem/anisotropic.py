@@ -16,18 +16,28 @@ points of quadrature too. Non-guarantees: what the map stretches changes the axe
 matrix; volume is not kept by projection: what hardly changes its volume locks, with a warning.
 """
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
 
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import Frozen, among, as_array, asked, check_finite, read_only
-from ilattice.cutfem._voigt import MANDEL, UNIT, bulk_and_shear, rotated
+from ilattice.cutfem import _kernels_assembly as kernels
+from ilattice.cutfem._voigt import (
+    MANDEL,
+    UNIT,
+    bulk_and_shear,
+    engineering_strain,
+    rotated,
+    times,
+)
 from ilattice.cutfem.assembly import Assembly, constant_jacobian
-from ilattice.cutfem.material import Isotropic, Property, Scalar
+from ilattice.cutfem.jumps import CALM
+from ilattice.cutfem.material import Elastic, Isotropic, Property, Scalar
 from ilattice.errors import InputError
 from ilattice.macroshape.maps import SplineMap
+from ilattice.quadrature.rules import Quadrature, some_cells
 
 AXES = ("space", "map")
 #: Part of its largest entry by which a stiffness may fail to be symmetric, and part of its largest
@@ -313,7 +323,7 @@ def turns(J: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)
-class Anisotropic:
+class Anisotropic(Elastic):
     """Linear elastic material of any symmetry: as `Isotropic` is used.
 
     Attributes
@@ -327,17 +337,11 @@ class Anisotropic:
     """
 
     full: ClassVar[bool] = True
+    called: ClassVar[str] = "stiffness"
     stiffness: Stiffness
     density: Scalar
     expansion: Scalar
     strength: Scalar | None = None
-
-    @property
-    def phases(self) -> "tuple[Material, Material]":
-        """The material of the first and of the second phase."""
-        parts = [getattr(self, f.name) for f in fields(self)]
-        first, second = ([s and s.phases[k] for s in parts] for k in (0, 1))
-        return Anisotropic(*first), Anisotropic(*second)
 
     @property
     def constant(self) -> bool:
@@ -357,6 +361,37 @@ class Anisotropic:
             moduli = [np.stack(bulk_and_shear(self.matrices(asm, p))) for p in parts]
             K, G = np.concatenate(moduli, axis=1)
         return K - 2.0 * G / 3.0, G
+
+    def flux(self, asm: Assembly, u: FloatArray, gradient: FloatArray) -> FloatArray:
+        """Stress (n, 6) of gradients of displacements."""
+        return times(self.matrices(asm, u), engineering_strain(gradient))
+
+    def stored(self, asm: Assembly, u: FloatArray, flux: FloatArray) -> FloatArray:
+        """Product (n,) of stresses (n, 6) with the strains that they cause."""
+        out = np.empty(len(u))
+        for i in range(0, len(u), AT_ONCE):
+            part = slice(i, i + AT_ONCE)
+            strain = np.linalg.solve(self.matrices(asm, u[part]), flux[part, :, None])[..., 0]
+            out[part] = (flux[part] * strain).sum(axis=1)
+        return out
+
+    def penalty(self, asm: Assembly, u: FloatArray, normals: FloatArray) -> FloatArray:
+        """Twice that of `Law.penalty`: no larger tractions can be had from the energy."""
+        return 2.0 * super().penalty(asm, u, normals)
+
+    def add(self, data: FloatArray, asm: Assembly, part: Quadrature) -> FloatArray:
+        """See `Law.add`."""
+        if self.constant:
+            C = np.array(self.matrices(asm, part.points[:1]).reshape(1, 36))  # the writable type
+            asm.add_cells(data, part, kernels.STIFFNESS, C)
+            return CALM
+        count = len(part.cells)
+        step = max(AT_ONCE * count // max(len(part), 1), 1)
+        for i in range(0, count, step):
+            some = some_cells(part, slice(i, min(i + step, count)))
+            C = self.matrices(asm, some.points).reshape(-1, 36)
+            asm.add_cells(data, some, kernels.STIFFNESS, np.ascontiguousarray(C))
+        return self.jump(asm, part)
 
 
 Material = Isotropic | Anisotropic

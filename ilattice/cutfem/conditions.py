@@ -4,9 +4,10 @@ Guarantee: values are numbers, vectors, or functions of points of space (n, 3); 
 checked for shape and for being finite where they are used.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,8 +17,19 @@ from ilattice.cutfem.places import Spot
 from ilattice.cutfem.regions import Region
 from ilattice.errors import InputError
 
+if TYPE_CHECKING:
+    from ilattice.cutfem.assembly import Assembly
+
 Value = float | Sequence[float] | Callable[[FloatArray], Any]
 AXES = "xyz"
+
+
+class Known(ABC):
+    """A field that is known in a solid, such as a temperature: a value of loads."""
+
+    @abstractmethod
+    def _within(self, asm: "Assembly", u: FloatArray) -> FloatArray:
+        """Values (n,) where parameters (n, 3) of another problem are in space; NaN if unknown."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +85,7 @@ class Load(Frozen):
     kind : str
         "body", "gravity", "traction", "force", "moment", "pressure" or "temperature"; of heat
         "flux" or "source".
-    value : Value
+    value : Value or Known
         Force per volume, acceleration, force per area, force, moment, pressure; temperature above
         the stress-free one; heat per area and time, heat per volume and time.
     on : str, Region or Spot
@@ -81,8 +93,13 @@ class Load(Frozen):
     """
 
     kind: str
-    value: Value
+    value: "Value | Known"
     on: str | Region | Spot = ""
+
+    def at(self, x: FloatArray, m: int) -> FloatArray:
+        """Values (n, m) at points of space, of what is no known field."""
+        assert not isinstance(self.value, Known)
+        return values_at(self.kind, self.value, x, m)
 
 
 def as_mask(components: Any, m: int) -> Any:

@@ -11,18 +11,21 @@ Guarantee: every matrix is checked to be symmetric and positive definite where i
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from ilattice._typing import FloatArray
 from ilattice._validate import among, as_array, asked, check_finite, read_only
+from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem._voigt import VOIGT
 from ilattice.cutfem.anisotropic import AXES, LEAST, ODD, turns
 from ilattice.cutfem.assembly import Assembly, constant_jacobian
+from ilattice.cutfem.law import Law
 from ilattice.cutfem.material import OfParameters, Scalar, Single
 from ilattice.errors import InputError
 from ilattice.macroshape.maps import SplineMap
+from ilattice.quadrature.rules import Quadrature
 
 NAME = "conductivity"
 One = Single | FloatArray
@@ -31,8 +34,8 @@ Conducting = One | tuple[One, One]
 
 
 @dataclass(frozen=True, eq=False)
-class Conduction:
-    """A conductivity as it was given.
+class Conduction(Law):
+    """A conductivity as it was given: the law of heat, of which the flux has the other sign.
 
     Attributes
     ----------
@@ -46,6 +49,7 @@ class Conduction:
         Whether there are two phases, see `Scalar`.
     """
 
+    called: ClassVar[str] = NAME
     value: Any
     axes: str = "space"
     lattice: Any = None
@@ -99,6 +103,30 @@ class Conduction:
             return self._turned(asm, u, value[None])
         return Scalar(NAME, value, lattice=self.lattice).at(asm, u)
 
+    def tangent(self, asm: Assembly, u: FloatArray) -> FloatArray:
+        """See `Law.tangent`."""
+        return as_matrices(self.at(asm, u))[:, None, :, None, :]
+
+    def flux(self, asm: Assembly, u: FloatArray, gradient: FloatArray) -> FloatArray:
+        """See `Law.flux`."""
+        return _product(self.at(asm, u), gradient[:, 0])
+
+    def stored(self, asm: Assembly, u: FloatArray, flux: FloatArray) -> FloatArray:
+        """See `Law.stored`."""
+        k = self.at(asm, u)
+        resistance = np.asarray(1.0 / k if k.ndim == 1 else np.linalg.inv(k), np.float64)
+        return np.asarray((flux * _product(resistance, flux)).sum(axis=1))
+
+    def mean(self, asm: Assembly, u: FloatArray) -> FloatArray:
+        """See `Law.mean`."""
+        return mean(self.at(asm, u))
+
+    def add(self, data: FloatArray, asm: Assembly, part: Quadrature) -> FloatArray:
+        """See `Law.add`."""
+        k = self.at(asm, part.points)
+        asm.add_cells(data, part, kernels.TENSOR, rows(k))
+        return self.jump(asm, part, mean(k))
+
     def _turned(self, asm: Assembly, u: FloatArray, k: FloatArray) -> FloatArray:
         """Matrices along axes of space."""
         if self.axes == "space":
@@ -143,14 +171,11 @@ def as_matrices(k: FloatArray) -> FloatArray:
     return k if k.ndim == 3 else k[:, None, None] * np.eye(3)
 
 
-def flux(k: FloatArray, g: FloatArray) -> FloatArray:
-    """What gradients (n, 3) make flow, backwards, by numbers (n,) or matrices (n, 3, 3)."""
-    return np.einsum("qij,qj->qi", k, g) if k.ndim == 3 else k[:, None] * g
-
-
-def along(k: FloatArray, n: FloatArray) -> FloatArray:
-    """Conductivity (n,) along unit vectors (n, 3)."""
-    return np.einsum("qi,qi->q", flux(k, n), n)
+def _product(k: FloatArray, g: FloatArray) -> FloatArray:
+    """Products (n, 3) of numbers (n,) or matrices (n, 3, 3), or one of these, and vectors."""
+    if k.ndim == 1:
+        return k[:, None] * g
+    return np.einsum("qij,qj->qi", np.broadcast_to(k, (len(g), 3, 3)), g)
 
 
 def mean(k: FloatArray) -> FloatArray:

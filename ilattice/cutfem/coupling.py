@@ -16,74 +16,56 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ilattice._typing import FloatArray
+from ilattice._typing import FloatArray, IntArray
 from ilattice.cutfem._kernels_surface import seam_blocks
 from ilattice.cutfem._voigt import PLACES
-from ilattice.cutfem.anisotropic import Anisotropic
 from ilattice.cutfem.assembly import BATCH_BYTES, Assembly
 from ilattice.cutfem.conditions import Load
-from ilattice.cutfem.conduction import flux
-from ilattice.cutfem.weak import (
-    NITSCHE,
-    cell_heights,
-    depths,
-    functions_at,
-    normal_stiffness,
-    tractions_of,
-)
+from ilattice.cutfem.law import Law, functions_at
+from ilattice.cutfem.weak import NITSCHE, cell_heights, depths, through
 from ilattice.quadrature.rules import Quadrature
 
 if TYPE_CHECKING:
-    from ilattice.cutfem.heat import Heat
+    from ilattice.cutfem.integrals import Integrals
     from ilattice.cutfem.operators import ElasticOperators
-    from ilattice.cutfem.problem import Problem
 
 #: Takes the number of a side, its rows and gradients (n, nb, 3); returns tractions (n, m, nb, m).
 Tractions = Callable[[int, slice, FloatArray], FloatArray]
+Pair = tuple[FloatArray, FloatArray]
 
 
-def add_elastic(data: FloatArray, problem: "ElasticOperators") -> None:
-    """Add what couples the phases of an elastic solid to blocks."""
-    asm, rule, _ = _surface(problem.assembly)
-    share, lame = _lame(problem)
+def add(data: FloatArray, problem: "Integrals") -> None:
+    """Add what couples the phases of a solid to blocks."""
+    asm, rule, u = _surface(problem.assembly)
     n = rule.normals
     assert n is not None
+    weights = weights_of(problem)
     scale = 2.0 * NITSCHE * asm.space.degree**2 / cell_heights(asm, rule)
-    matrices = _matrices(problem)
-    if matrices is not None:
-        Q = sum(
-            np.einsum("q,qijl,ql->qij", 2.0 * scale * s * s / f, normal_stiffness(C, n), n)
-            for s, f, C in zip(share, both_depths(problem), matrices, strict=True)
-        )
-        _add(data, asm, np.asarray(Q), _tractions(problem))
-        return
-    deep = both_depths(problem)
-    lam, mu = scale * sum(s * s / f * v for s, f, v in zip(share, deep, lame, strict=True))
-    if problem.projection is not None:
-        _add_projected(data, problem, [s * v[0] for s, v in zip(share, lame, strict=True)])
-    nn = n[:, :, None] * n[:, None, :]
-    Q = 2.0 * mu[:, None, None] * np.eye(3) + lam[:, None, None] * nn
-    _add(data, asm, Q, _tractions(problem))
+    Q = sum(
+        (scale * s * s / f)[:, None, None] * law.penalty(asm, u, n)
+        for s, f, law in zip(weights, both_depths(problem), problem.law.phases, strict=True)
+    )
+    _add(data, asm, np.asarray(Q), tractions(problem, weights))
 
 
-def _add_projected(
-    data: FloatArray, problem: "ElasticOperators", weighed: list[FloatArray]
-) -> None:
+def add_projected(data: FloatArray, problem: "ElasticOperators") -> None:
     """Add what projected pressures, λ of both sides weighed, do: - [N]·n λ π(div N), transposed."""
-    asm, rule, _ = _surface(problem.assembly)
+    asm, rule, v = _surface(problem.assembly)
     projection, n = problem.projection, rule.normals
+    lame = (law.lame(asm, v) for law in problem.material.phases)
+    weighed = [w * lam for w, (lam, _) in zip(weights_of(problem), lame, strict=True)]
     assert projection is not None
     assert n is not None
     both, nb, terms = (rule, upper(rule)), asm.space.dofs.shape[1], projection.terms
     for pairs, rows in _batches(rule, (6 * nb) ** 2):
         owner, begin = rule.owners[rows], rule.offsets[:-1][pairs] - rows.start
-        N = [functions_at(asm, both[side], at[owner], rows)[0] for side, at in enumerate(asm.sides)]
+        N = [_functions(asm, both[side], at[owner], rows)[0] for side, at in enumerate(asm.sides)]
         jump = np.concatenate([N[0], -N[1]], axis=1)[:, :, None] * n[rows, None, :]
         A = np.zeros((len(begin), 6 * nb, 6 * nb))
         for side, at in enumerate(asm.sides):
-            u = both[side].parameters
-            assert u is not None
-            m = projection.polynomials(u[rows], at[owner])
+            at_side = both[side].parameters
+            assert at_side is not None
+            m = projection.polynomials(at_side[rows], at[owner])
             m *= (rule.weights * weighed[side])[rows, None]
             H = np.add.reduceat(jump.reshape(len(m), -1, 1) * m[:, None, :], begin)
             G = projection.products[at[pairs]].reshape(len(begin), 3 * nb, terms)
@@ -100,10 +82,10 @@ def add_waves(data: FloatArray, problem: "ElasticOperators") -> None:
     Their gradients grad v + i k v make up mean tractions, too; matrices are skew.
     """
     asm, rule, _ = _surface(problem.assembly)
-    of, both, nb = _tractions(problem), (rule, upper(rule)), asm.space.dofs.shape[1]
+    of, both, nb = tractions(problem), (rule, upper(rule)), asm.space.dofs.shape[1]
     for pairs, rows in _batches(rule, 3 * (6 * nb) ** 2):
         values = [
-            functions_at(asm, both[side], at[rule.owners[rows]], rows)[0]
+            _functions(asm, both[side], at[rule.owners[rows]], rows)[0]
             for side, at in enumerate(asm.sides)
         ]
         jumps = np.concatenate([values[0], -values[1]], axis=1) * rule.weights[rows, None]
@@ -118,83 +100,22 @@ def add_waves(data: FloatArray, problem: "ElasticOperators") -> None:
             asm.add_pairs(data[j], pairs.start, A)
 
 
-def _lame(problem: "ElasticOperators") -> tuple[tuple[FloatArray, FloatArray], list[FloatArray]]:
-    """Weights of the tractions of both phases, and their Lamé constants (2, n)."""
-    asm, _, u = _surface(problem.assembly)
-    lame = [
-        np.stack([np.broadcast_to(v, len(u)) for v in material.lame(asm, u)])
-        for material in problem.material.phases
+def tractions(problem: "Integrals", weights: Pair | None = None) -> Tractions:
+    """What flows through the surface between phases, weighed."""
+    weights = weights_of(problem) if weights is None else weights
+    both = [
+        w[:, None, None, None] * normal
+        for w, normal in zip(weights, problem._at_seam(), strict=True)
     ]
-    return shares(problem, *(lam + 2.0 * mu for lam, mu in lame)), lame
-
-
-def _matrices(problem: "ElasticOperators") -> list[FloatArray] | None:
-    """Stiffnesses (n, 6, 6) of both phases at the seam, of materials that are given by them."""
-    asm, _, u = _surface(problem.assembly)
-    found = [m for m in problem.material.phases if isinstance(m, Anisotropic)]
-    return [np.broadcast_to(m.matrices(asm, u), (len(u), 6, 6)) for m in found] or None
-
-
-def _tractions(problem: "ElasticOperators") -> Tractions:
-    """Tractions of elastic phases, weighed."""
-    share, lame = _lame(problem)
-    assert problem.assembly.seam is not None
-    n: FloatArray = problem.assembly.seam.normals  # type: ignore[assignment]
-    matrices = _matrices(problem)
-    if matrices is not None:
-        both = [
-            s[:, None, None, None] * normal_stiffness(C, n)
-            for s, C in zip(share, matrices, strict=True)
-        ]
-        return lambda side, rows, D: tractions_of(both[side][rows], D)
-
-    point = float(problem.projection is None)  # else pressures are added apart
-
-    def tractions(side: int, rows: slice, D: FloatArray) -> FloatArray:
-        lam, mu = (share[side] * lame[side])[:, rows] * [[point], [1.0]]
-        normal = n[rows]
-        T = lam[:, None, None, None] * normal[:, :, None, None] * D[:, None]
-        T += mu[:, None, None, None] * np.einsum("qbi,qj->qibj", D, normal)
-        along = mu[:, None] * np.einsum("qbk,qk->qb", D, normal)
-        for i in range(3):
-            T[:, i, :, i] += along
-        return T
-
-    return tractions
-
-
-def add_heat(data: FloatArray, problem: "Heat") -> None:
-    """Add what couples the phases of a conductor to blocks."""
-    asm, rule, u = _surface(problem.assembly)
-    n = rule.normals
-    assert n is not None
-    out_of = conducted(problem, u, n)
-    k = [np.einsum("qi,qi->q", v, n) for v in out_of]
-    share = shares(problem, *k)
-    scale = 2.0 * NITSCHE * asm.space.degree**2 / cell_heights(asm, rule)
-    deep = both_depths(problem)
-    Q = scale * sum(s * s / f * v for s, f, v in zip(share, deep, k, strict=True))
-
-    def fluxes(side: int, rows: slice, D: FloatArray) -> FloatArray:
-        weighed = share[side][rows, None] * out_of[side][rows]
-        return np.einsum("qbk,qk->qb", D, weighed)[:, None, :, None]
-
-    _add(data, asm, Q[:, None, None], fluxes)
-
-
-def conducted(problem: "Heat", u: FloatArray, n: FloatArray) -> list[FloatArray]:
-    """Conductivities of both phases times normals, (n, 3) each."""
-    return [flux(s.at(problem.assembly, u), n) for s in problem.conductivity.phases]
+    return lambda side, rows, D: through(both[side][rows], D)
 
 
 def thermal_force(problem: "ElasticOperators", load: Load) -> FloatArray:
     """Coefficients (functions, 3) of what the mean traction of hindered expansion adds."""
     asm, rule, u = _surface(problem.assembly)
     assert rule.normals is not None
-    materials = problem.material.phases
-    share = shares(problem, *(lam + 2.0 * mu for lam, mu in (m.lame(asm, u) for m in materials)))
     stress = np.zeros((len(u), 6))
-    for part, one, at in zip(share, (rule, upper(rule)), asm.sides, strict=True):
+    for part, one, at in zip(weights_of(problem), (rule, upper(rule)), asm.sides, strict=True):
         assert one.parameters is not None
         there = problem._thermal_stress(load, one.parameters, at[rule.owners])
         stress += part[:, None] * there
@@ -202,16 +123,42 @@ def thermal_force(problem: "ElasticOperators", load: Load) -> FloatArray:
     return asm.vector(upper(rule), f) - asm.vector(rule, f)
 
 
-def shares(
-    problem: "Problem", first: FloatArray, second: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Weights of the tractions of two phases of some stiffness."""
+def weights_of(problem: "Integrals") -> Pair:
+    """Weights (n,) of what flows through both phases at the seam: of each the more, the softer."""
+    asm, rule, u = _surface(problem.assembly)
+    assert rule.normals is not None
     one, other = both_depths(problem)
+    first, second = (law.along(asm, u, rule.normals) for law in problem.law.phases)
     a, b = one * second, other * first
     return a / (a + b), b / (a + b)
 
 
-def both_depths(problem: "Problem") -> tuple[FloatArray, FloatArray]:
+def mean_force(problem: "Integrals", flux: Callable[["Law"], FloatArray]) -> FloatArray:
+    """Coefficients (functions, m) of the mean of what flows at the seam, of a flux in each phase.
+
+    Parameters
+    ----------
+    problem : Integrals
+        With two phases.
+    flux : callable
+        Takes the law of a phase, returns its flux (n, entries) at the points of the seam.
+
+    Returns
+    -------
+    ndarray, shape (functions, m)
+        Of the first phase less those of the second.
+    """
+    asm, rule, _ = _surface(problem.assembly)
+    assert rule.normals is not None
+    out = sum(
+        w[:, None] * law.through(flux(law), rule.normals)
+        for w, law in zip(weights_of(problem), problem.law.phases, strict=True)
+    )
+    f = rule.weights[:, None] * np.asarray(out)
+    return asm.vector(rule, f) - asm.vector(upper(rule), f)
+
+
+def both_depths(problem: "Integrals") -> tuple[FloatArray, FloatArray]:
     """How deep both phases are at the seam; see `weak.depths`."""
     asm, rule, _ = _surface(problem.assembly)
 
@@ -242,7 +189,7 @@ def _surface(asm: Assembly) -> tuple[Assembly, Quadrature, FloatArray]:
     return asm, asm.seam, asm.seam.parameters
 
 
-def _add(data: FloatArray, asm: Assembly, Q: FloatArray, tractions: Tractions) -> None:
+def _add(data: FloatArray, asm: Assembly, Q: FloatArray, flows: Tractions) -> None:
     """Add w ([N] Q [N] - [N] mean t(N) - its transpose), where [N] is low minus high."""
     rule, m = asm.seam, Q.shape[1]
     assert rule is not None
@@ -251,15 +198,23 @@ def _add(data: FloatArray, asm: Assembly, Q: FloatArray, tractions: Tractions) -
     for pairs, rows in _batches(rule, (2 * m * nb) ** 2):
         N, T = [], []
         for side, at in enumerate(asm.sides):
-            values, D = functions_at(asm, both[side], at[rule.owners[rows]], rows)
+            values, D = _functions(asm, both[side], at[rule.owners[rows]], rows)
             N.append(values if side == 0 else -values)
-            T.append(tractions(side, rows, D))
+            T.append(flows(side, rows, D))
         A = np.empty((pairs.stop - pairs.start, 2 * m * nb, 2 * m * nb))
         seam_blocks(
             rule.offsets[pairs.start : pairs.stop + 1] - rows.start, rule.weights[rows],
             np.concatenate(N, axis=1), np.concatenate(T, axis=2), Q[rows], A,
         )  # fmt: skip
         asm.add_pairs(data, pairs.start, A)
+
+
+def _functions(
+    asm: Assembly, rule: Quadrature, at: IntArray, rows: slice
+) -> tuple[FloatArray, FloatArray]:
+    """Values and gradients of the functions of one side, see `functions_at`."""
+    assert rule.parameters is not None
+    return functions_at(asm, rule.parameters[rows], at)
 
 
 def _batches(rule: Quadrature, entries: int) -> Iterator[tuple[slice, slice]]:

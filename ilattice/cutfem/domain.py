@@ -268,7 +268,7 @@ class Domain(Frozen):
         """Rule in parameters on an end face, or on all level sets."""
         if on in NAMES:
             return self.elements.divided(self.cut.face(on, self.q))
-        return self.once("skin", lambda: self.elements.divided(self.cut.surface(self.q)))
+        return self.once("level sets", lambda: self.elements.divided(self.cut.surface(self.q)))
 
     # ---------------------------------------------------------------- discretisation
 

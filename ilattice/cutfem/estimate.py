@@ -26,12 +26,9 @@ import numpy as np
 from ilattice._progress import Progress
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import Frozen, as_points, read_only
-from ilattice.cutfem.anisotropic import AT_ONCE, Anisotropic
-from ilattice.cutfem.conduction import flux
-from ilattice.cutfem.heat_solution import HeatSolution
-from ilattice.cutfem.recovery import smooth_flux, smooth_stress, smoothest, values_on
+from ilattice.cutfem.recovery import smooth_flux, smoothest, values_on
 from ilattice.cutfem.shapes import shape_of
-from ilattice.cutfem.solution import Solution
+from ilattice.cutfem.solved import Solved
 from ilattice.plot.quick import show
 from ilattice.quadrature.rules import Quadrature
 
@@ -52,7 +49,7 @@ class ErrorEstimate(Frozen):
 
     Attributes
     ----------
-    solution : Solution or HeatSolution
+    solution : Solution, HeatSolution or FieldSolution
         What is estimated.
     squares : ndarray, shape (cells,)
         Squared error of each active cell, those of ``problem.assembly.space.cells``.
@@ -62,7 +59,7 @@ class ErrorEstimate(Frozen):
         Energy norm of the solution.
     """
 
-    solution: Solution | HeatSolution
+    solution: Solved
     squares: FloatArray
     volumes: FloatArray
     norm: float
@@ -146,45 +143,21 @@ class ErrorEstimate(Frozen):
         save_cells(self.solution, path, 0.0, errors)
 
 
-def stress_error(solution: Solution, progress: Progress = None) -> ErrorEstimate:
-    """See `Solution.error_estimate`."""
+def error_of(solution: Solved, progress: Progress = None) -> ErrorEstimate:
+    """See `Solved.error_estimate`."""
     problem = solution.problem
     asm = problem.assembly
     rule = problem.domain.solid(asm)
     assert rule.parameters is not None
-    c = smooth_stress(solution, WEIGHTS, progress)
-    smooth = values_on(smoothest(problem), c, rule)
-    gap = smooth - Solution.stress_on(solution, rule)
-    u, owner = rule.parameters, asm.owners(rule)
-    if isinstance(problem.material, Anisotropic):
-        density = np.empty(len(rule))
-        for i in range(0, len(rule), AT_ONCE):
-            part = slice(i, i + AT_ONCE)
-            C = problem._matrices(u[part], owner[part])
-            strain = np.linalg.solve(C, gap[part, :, None])[..., 0]
-            density[part] = (gap[part] * strain).sum(axis=1)
-    else:
-        density = complementary(gap, *problem._lame(u, owner))
-    return _estimate(solution, rule, density, np.sqrt(2.0 * solution.energy))
-
-
-def flux_error(solution: HeatSolution, progress: Progress = None) -> ErrorEstimate:
-    """See `HeatSolution.error_estimate`."""
-    problem = solution.problem
-    asm = problem.assembly
-    rule = problem.domain.solid(asm)
-    assert rule.parameters is not None
-    raw = HeatSolution.heat_flux_on(solution, rule)
+    raw = solution._own_flux_on(rule)
     c = smooth_flux(solution, WEIGHTS, progress)
     gap = values_on(smoothest(problem), c, rule) - raw
-    k = problem._conductivity_at(rule.parameters, asm.owners(rule))
-    resistance = np.asarray(1.0 / k if k.ndim == 1 else np.linalg.inv(k), np.float64)
-    norm = np.sqrt(rule.integrate((raw * flux(resistance, raw)).sum(axis=1)))
-    return _estimate(solution, rule, (gap * flux(resistance, gap)).sum(axis=1), norm)
+    density = problem._stored(gap, rule.parameters, asm.owners(rule))
+    return _estimate(solution, rule, density, np.sqrt(solution._squared_norm(rule, raw)))
 
 
 def _estimate(
-    solution: Solution | HeatSolution, rule: Quadrature, density: FloatArray, norm: float
+    solution: Solved, rule: Quadrature, density: FloatArray, norm: float
 ) -> ErrorEstimate:
     """Sums per active cell of a squared error at the points of a rule in space."""
     cells = solution.problem.assembly.space.cells
@@ -193,10 +166,3 @@ def _estimate(
     np.add.at(sums[0], at, rule.weights * density)
     np.add.at(sums[1], at, rule.weights)
     return ErrorEstimate(solution, read_only(sums[0]), read_only(sums[1]), float(norm))
-
-
-def complementary(s: FloatArray, lam: FloatArray, mu: FloatArray) -> FloatArray:
-    """Product (n,) of stresses (n, 6) with the strains that they cause."""
-    square = (s[:, :3] ** 2).sum(axis=1) + 2.0 * (s[:, 3:] ** 2).sum(axis=1)
-    trace = s[:, :3].sum(axis=1)
-    return (square - lam / (3.0 * lam + 2.0 * mu) * trace**2) / (2.0 * mu)

@@ -16,30 +16,27 @@ consistent masses may undershoot by a fraction of the step.
 """
 
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from ilattice._memory import need
 from ilattice._progress import Progress, track
-from ilattice._typing import FloatArray, IntArray
+from ilattice._typing import FloatArray
 from ilattice._validate import as_choice, as_kind, as_positive, as_whole
 from ilattice.cutfem import _kernels_assembly as kernels
-from ilattice.cutfem import conduction, coupling, discretization, integration, watching
-from ilattice.cutfem._kernels_surface import seam_blocks, surface_scalars
-from ilattice.cutfem.conditions import Load, Spring, Support, as_value, stiffness_at, values_at
+from ilattice.cutfem import discretization, integration, watching
+from ilattice.cutfem.conditions import as_value, values_at
 from ilattice.cutfem.conduction import Conducting, Conduction
 from ilattice.cutfem.domain import lattice_of
 from ilattice.cutfem.heat_solution import HeatHistory, HeatSolution, Step
-from ilattice.cutfem.material import CALM, Property, Scalar, jump_within_cells, warn_of_jump
-from ilattice.cutfem.overlaps import held_before, loads_at
+from ilattice.cutfem.material import Property, Scalar
 from ilattice.cutfem.phases import as_phased
 from ilattice.cutfem.problem import ISLANDS, Problem
-from ilattice.cutfem.weak import NITSCHE, cell_heights, depths, functions_at
 from ilattice.errors import InputError
 from ilattice.linalg.solvers import LARGEST, Solver
-from ilattice.quadrature.rules import Quadrature, on_cells
+from ilattice.quadrature.rules import on_cells
 
 #: Bytes of a solution besides its coefficients, and the largest number of steps in time.
 PER_STEP, MAX_STEPS = 1000, 10**9
@@ -84,6 +81,7 @@ class Heat(Problem):
 
     m: ClassVar[int] = 1
     spring_name: ClassVar[str] = "transfer"
+    flux_name: ClassVar[str] = "heat flux"
     energy_name: ClassVar[str] = "the energy of the temperature, and heat that flows by it,"
     lack: ClassVar[str] = "nothing fixes the temperature: add fix or convection before solving"
     conductivity: Conduction
@@ -219,23 +217,6 @@ class Heat(Problem):
         c, report = self._solve(method, tol, max_iterations, progress)
         return HeatSolution(self, c, report)
 
-    def _solid_energy(self, c: FloatArray) -> float:
-        constant = self.conductivity.constant
-        return self._energy_on(c, self.domain.stiff_rule(self.assembly, constant=constant))
-
-    def _energy_on(self, c: FloatArray, rule: Quadrature) -> float:
-        return float(self._energies(c, rule).sum())
-
-    def _energies(self, c: FloatArray, rule: Quadrature) -> FloatArray:
-        asm, out = self.assembly, np.empty(len(rule))
-        owner = asm.owners(rule)
-        for rows, _, slope in asm.on_rule(c, rule):
-            u = rule.points[rows]
-            k = self._conductivity_at(u, owner[rows])
-            weights = rule.weights[rows] * np.abs(np.linalg.det(asm.jacobians(u)))
-            out[rows] = weights * (conduction.flux(k, slope[:, 0]) * slope[:, 0]).sum(axis=1)
-        return out
-
     def evolve(
         self, duration: float, *, steps: int, initial: Any = 0.0, theta: float = 1.0,
         method: str = "auto", tol: float = 1e-8, max_iterations: int = 500,
@@ -324,49 +305,10 @@ class Heat(Problem):
 
     # ---------------------------------------------------------------- operators
 
-    def _matrix(self) -> Any:
-        asm = self.assembly
-        data = asm.zeros(1)
-        jump, phases = CALM, self.conductivity.phases
-        uniform = all(s.constant for s in phases)
-        for rule in self.domain.stiff_rules(asm, constant=uniform):
-            for s, part in zip(phases, self.domain.of_phases(rule), strict=False):
-                k = s.at(asm, part.points)
-
-                def mean(u: FloatArray, s: Conduction = s) -> FloatArray:
-                    return conduction.mean(s.at(asm, u))
-
-                jump = np.maximum(jump, jump_within_cells(part, conduction.mean(k), mean))
-                asm.add_cells(data, part, kernels.TENSOR, conduction.rows(k))
-        warn_of_jump("conductivity", jump)
-        self._held["unfollowed"] = float(jump[1])
-        asm.add_ghost(data, self._ghost_stiffness)
-        for support in self.in_the_mean:
-            self._add_surface(data, support)
-        if asm.seam is not None:
-            coupling.add_heat(data, self)
-        return asm.pattern.matrix(data)
-
-    def _ghost_stiffness(self, u: FloatArray, elements: IntArray) -> FloatArray:
-        """Mean conductivity."""
-        return conduction.mean(self._conductivity_in(u, elements))
-
-    def _conductivity_at(self, u: FloatArray, owner: IntArray) -> FloatArray:
-        """Conductivity (n,) or (n, 3, 3) at parameters in active cells, by the phases of these."""
-        return self._conductivity_in(u, self.assembly.space.cells[owner])
-
-    def _conductivity_in(self, u: FloatArray, elements: IntArray) -> FloatArray:
-        """Likewise, of elements; one value where it is constant."""
-        asm, phases = self.assembly, self.conductivity.phases
-        if not self.conductivity.paired:
-            return phases[0].at(asm, u)
-        full = any(s.at(asm, u[:1]).ndim == 3 for s in phases)
-
-        def of_phase(k: int, at: Any) -> FloatArray:
-            found = phases[k].at(asm, u[at])
-            return conduction.as_matrices(found) if full else found
-
-        return self.domain.by_phase(of_phase, elements)
+    @property
+    def law(self) -> Conduction:
+        """See `Problem.law`."""
+        return self.conductivity
 
     @cached_property
     def _capacity(self) -> Any:
@@ -390,94 +332,6 @@ class Heat(Problem):
         watching.check_followed(self, c, "initial", value)
         return c
 
-    def _surface_terms(
-        self, support: Spring | Support
-    ) -> tuple[Quadrature, FloatArray, FloatArray]:
-        """Rule in space, transfer Q (n,) and conductivity of fluxes of a weak condition.
-
-        Parameters
-        ----------
-        support : Spring or Support
-            Convection, or a weakly prescribed temperature.
-
-        Returns
-        -------
-        tuple
-            Rule, Q and conductivity (n,) or (n, 3, 3); that is zero for convection.
-        """
-        asm = self.assembly
-        rule = self.domain.edge(asm, support.on)
-        assert rule.parameters is not None
-        if isinstance(support, Spring):
-            Q = stiffness_at("transfer", support.stiffness, rule.points, 1)[:, 0]
-            held = held_before(self, rule)
-            if held is not None:
-                Q = Q * (1.0 - held[:, 0, 0])
-            return rule, Q, np.zeros(len(rule))
-        assert rule.normals is not None
-        k = self._conductivity_at(rule.parameters, asm.owners(rule))
-        k = np.array(np.broadcast_to(k, (len(rule), *k.shape[1:])))
-        before = held_before(self, rule, support)
-        if before is not None:
-            k[before[:, 0, 0] > 0.5] = 0.0
-        height = cell_heights(asm, rule) * depths(self.domain, asm, rule)
-        Q = conduction.along(k, rule.normals) / height
-        return rule, NITSCHE * asm.space.degree**2 * Q, k
-
-    def _add_surface(self, data: FloatArray, support: Spring | Support) -> None:
-        asm = self.assembly
-        rule, Q, k = self._surface_terms(support)
-        assert rule.parameters is not None
-        assert rule.normals is not None
-        size = asm.space.dofs.shape[1]
-        for at, part, rows in asm.batches(rule, size * size):
-            A = np.empty((len(at), size, size))
-            u = rule.parameters[rows]
-            if k.ndim == 3:
-                N, D = functions_at(asm, rule, at[rule.owners[rows] - part.start], rows)
-                T = np.einsum("qbi,qi->qb", D, conduction.flux(k[rows], rule.normals[rows]))
-                ends = rule.offsets[part.start : part.stop + 1] - rows.start
-                T, penalty = T[:, None, :, None], Q[rows, None, None]
-                seam_blocks(ends, rule.weights[rows], N, T, penalty, A)
-                asm.add_blocks(data, at, A)
-                continue
-            surface_scalars(
-                *asm.space._tables, asm.space.cell_indices[at], asm.space.boxes[at],
-                rule.offsets[part.start : part.stop + 1] - rows.start, u, rule.weights[rows],
-                asm.jacobians(u), rule.normals[rows], Q[rows], k[rows], A,
-            )  # fmt: skip
-            asm.add_blocks(data, at, A)
-
-    def _from_supports(self) -> FloatArray:
-        f = np.zeros((len(self.assembly.space), 1))
-        for support in self.in_the_mean:
-            rule, Q, k = self._surface_terms(support)
-            g = values_at("value", support.value, rule.points, 1)[:, 0]
-            w = rule.weights * g
-            assert rule.normals is not None
-            P = -w[:, None, None] * conduction.flux(k, rule.normals)[:, None, :]
-            f += self.assembly.vector(rule, (w * Q)[:, None], P)
-            f -= self.assembly.vector(rule, rule.weights[:, None] * self._taken(rule, k))
-        return f
-
-    def _taken(self, rule: Quadrature, k: FloatArray) -> FloatArray:
-        """Heat (n, 1) that loads bring to places of a weak condition that holds the temperature."""
-        holds = np.asarray(k.reshape(len(k), -1).any(axis=1))
-        return loads_at(self, rule) * holds[:, None] if holds.any() else np.zeros((len(k), 1))
-
-    def _force(self, load: Load) -> FloatArray:
-        asm = self.assembly
-        solid = partial(self.domain.stiff_rule, asm, constant=not callable(load.value))
-        rule = self.domain.edge(asm, load.on) if load.on else solid()
-        return asm.vector_by_parts(rule, 1, partial(self._density, load))
-
-    def _density(self, load: Load, rule: Quadrature) -> tuple[FloatArray, None]:
-        """Heat per area or volume (n, 1) at the points of a rule in space."""
-        return values_at(load.kind, load.value, rule.points, 1), None
-
-    def _motions(self, x: FloatArray) -> FloatArray:
-        return np.ones((len(x), 1, 1))
-
     def inflow(self, solution: HeatSolution) -> dict[str, float]:
         """Heat per time that enters through places of fixed temperature and of convection.
 
@@ -496,20 +350,10 @@ class Heat(Problem):
         InputError
             At the start of `evolve`.
         """
-        c, stored = self._balance(self._own(as_kind("solution", solution, "HeatSolution")))
-        out = {on: float(r[0]) for on, r in self._strong_reactions(c, stored).items()}
-        for support in self.in_the_mean:
-            rule, Q, k = self._surface_terms(support)
-            assert rule.normals is not None
-            g = values_at("value", support.value, rule.points, 1)[:, 0]
-            total = 0.0
-            for rows, T, slope in self.assembly.on_rule(c, rule):
-                out_of = conduction.flux(k[rows], rule.normals[rows])
-                flow = Q[rows] * (g[rows] - T[:, 0]) + (slope[:, 0] * out_of).sum(axis=1)
-                total += float(rule.weights[rows] @ flow)
-            total -= float(rule.weights @ self._taken(rule, k)[:, 0])
-            out[str(support.on)] = out.get(str(support.on), 0.0) + total
-        return out
+        mine = self._own(as_kind("solution", solution, "HeatSolution"))
+        c, stored = self._balance(mine)
+        found = self._reactions(replace(mine, coefficients=c), stored)
+        return {on: float(heat[0]) for on, heat in found.items()}
 
     def _balance(self, solution: HeatSolution) -> tuple[FloatArray, FloatArray | float]:
         """Coefficients at which conduction counts, and what goes into storage, both (n, 1)."""

@@ -13,19 +13,17 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ilattice._progress import Progress
 from ilattice._typing import AnyArray, ArrayLike, FloatArray
-from ilattice._validate import FixedMapping, as_kind, as_points
-from ilattice.cutfem.conduction import flux
-from ilattice.cutfem.output import Reported, Result
+from ilattice._validate import FixedMapping, as_points
+from ilattice.cutfem.assembly import Assembly
+from ilattice.cutfem.conditions import Known
 from ilattice.cutfem.series import Series
+from ilattice.cutfem.solved import Solved
+from ilattice.macroshape.maps import SplineMap
 from ilattice.quadrature.rules import Quadrature
 
 if TYPE_CHECKING:
-    from ilattice.cutfem.estimate import ErrorEstimate
     from ilattice.cutfem.heat import Heat
-    from ilattice.cutfem.recovery import RecoveredHeat
-    from ilattice.linalg.solvers import SolveReport
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +46,7 @@ class Step:
 
 
 @dataclass(frozen=True, eq=False)
-class HeatSolution(Reported, Result):
+class HeatSolution(Solved, Known):
     """Temperature of a solid: made by `Heat.solve` and `Heat.evolve`.
 
     Attributes
@@ -66,8 +64,6 @@ class HeatSolution(Reported, Result):
     """
 
     problem: "Heat"
-    coefficients: FloatArray
-    solved: "SolveReport | None"
     time: float | None = field(default=None, kw_only=True)
     step: Step | None = field(default=None, kw_only=True)
     shown: ClassVar[str] = "temperature"
@@ -89,7 +85,7 @@ class HeatSolution(Reported, Result):
         ndarray, shape (n,)
             Temperature; NaN more than a cell away from the solid.
         """
-        return self.problem.assembly.evaluate(self.coefficients, as_points("u", u))[0][:, 0]
+        return self._fields(u)[0][:, 0]
 
     def heat_flux(self, u: ArrayLike) -> FloatArray:
         """Heat flux at parameters.
@@ -104,10 +100,7 @@ class HeatSolution(Reported, Result):
         ndarray, shape (n, 3)
             Minus conductivity times the gradient of the temperature in space.
         """
-        p = as_points("u", u)
-        asm = self.problem.assembly
-        k = self.problem._conductivity_at(p, asm.space.locate(p))
-        return -flux(k, asm.evaluate(self.coefficients, p)[1][:, 0])
+        return -self._flux_at(as_points("u", u))
 
     def heat_flux_on(self, rule: Quadrature) -> FloatArray:
         """Heat flux at the points of a rule in the active cells.
@@ -122,48 +115,13 @@ class HeatSolution(Reported, Result):
         ndarray, shape (n, 3)
             As `heat_flux`.
         """
-        as_kind("rule", rule, "Quadrature")
-        asm, out = self.problem.assembly, np.empty((len(rule), 3))
-        u = rule.points if rule.parameters is None else rule.parameters
-        k = self.problem._conductivity_at(u, asm.owners(rule))
-        k = np.broadcast_to(k, (len(rule), *k.shape[1:]))
-        for rows, _, slope in asm.on_rule(self.coefficients, rule):
-            out[rows] = -flux(k[rows], slope[:, 0])
-        return out
+        return -self._flux_on(rule)
 
-    def recovered(self, progress: Progress = None) -> "RecoveredHeat":
-        """The same temperature with a smooth and more accurate heat flux.
-
-        Parameters
-        ----------
-        progress : bool or callable, optional
-            "heat flux", "masses" and "projection"; see `ilattice._progress.track`.
-
-        Returns
-        -------
-        RecoveredHeat
-            A solution whose heat flux is projected on smooth splines of the same degree.
-        """
-        from ilattice.cutfem.recovery import recovered_flux
-
-        return recovered_flux(self, progress)
-
-    def error_estimate(self, progress: Progress = None) -> "ErrorEstimate":
-        """Estimate of the error in the energy norm, cell by cell.
-
-        Parameters
-        ----------
-        progress : bool or callable, optional
-            "heat flux", "masses" and "projection"; see `ilattice._progress.track`.
-
-        Returns
-        -------
-        ErrorEstimate
-            From the difference between heat flux and recovered heat flux.
-        """
-        from ilattice.cutfem.estimate import flux_error
-
-        return flux_error(self, progress)
+    def _within(self, asm: Assembly, u: FloatArray) -> FloatArray:
+        """See `Known._within`: also through another map."""
+        if _same(self.problem.assembly.through, asm.through):
+            return self.evaluate(u)
+        return np.asarray(self.at(asm.x(u), outside="nan").temperature)
 
     def point_data(self, u: ArrayLike) -> dict[str, AnyArray]:
         """What files hold, at parameters.
@@ -234,3 +192,17 @@ class HeatHistory(Series[HeatSolution]):
 
     def _result(self, number: int) -> HeatSolution:
         return self.solutions[number]
+
+
+def _same(a: SplineMap | None, b: SplineMap | None) -> bool:
+    """Whether maps are sure to take equal parameters to equal points."""
+    if a is b or a is None or b is None:
+        return a is b
+    s, t = a.spline, b.spline
+    weights = [np.ones(1) if one.weights is None else one.weights for one in (s, t)]
+    return (
+        (s.k, s.periodic) == (t.k, t.periodic)
+        and all(map(np.array_equal, s.t, t.t))
+        and np.array_equal(s.c[..., :3], t.c[..., :3])
+        and np.array_equal(weights[0], weights[1])
+    )

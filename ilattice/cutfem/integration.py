@@ -109,17 +109,17 @@ def _bent_cells(problem: "Problem") -> IntArray:
 def _drawn(problem: "Problem", c: FloatArray, cells: IntArray) -> float:
     """What all cells miss, by some of them, and its standard deviation."""
     rng = np.random.default_rng(len(cells))
-    share = 1.0
+    stands_for = 1.0
     if len(cells) > KNOWN:
-        share = len(cells) / KNOWN
-        at = (share * (np.arange(KNOWN) + rng.random(KNOWN))).astype(np.int64)
+        stands_for = len(cells) / KNOWN
+        at = (stands_for * (np.arange(KNOWN) + rng.random(KNOWN))).astype(np.int64)
         cells = cells[np.unique(np.minimum(at, len(cells) - 1))]
     energy, volume = _guessed(problem, c, cells)
     chance = ANYWHERE * volume / volume.sum()
     chance += (1.0 - ANYWHERE) * (energy / energy.sum() if energy.any() else volume / volume.sum())
     at = np.searchsorted(np.cumsum(chance), (np.arange(SOME) + rng.random(SOME)) / SOME)
     rows, times = np.unique(np.minimum(at, len(cells) - 1), return_counts=True)
-    values = _missed(problem, c, cells[rows], DRAWN) * share / chance[rows]
+    values = _missed(problem, c, cells[rows], DRAWN) * stands_for / chance[rows]
     mean = times @ values / SOME
     spread = times @ (values - mean) ** 2 / (SOME - 1.0)
     return float(abs(mean) + np.sqrt(spread / SOME))

@@ -8,7 +8,6 @@ Guarantee: every value is checked where it is used; what is negative, zero where
 or not finite ends in an error that tells where.
 """
 
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -16,24 +15,19 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from ilattice._typing import FloatArray
-from ilattice._validate import as_array, asked, check_finite, read_only
+from ilattice._validate import as_array, asked, check_finite
+from ilattice.cutfem import _kernels_assembly as kernels
+from ilattice.cutfem import _voigt
 from ilattice.cutfem.assembly import Assembly
-from ilattice.cutfem.sampling import DRAWN, WATCHED, full, layers
-from ilattice.errors import InputError, PrecisionWarning
+from ilattice.cutfem.jumps import CALM
+from ilattice.cutfem.law import Law
+from ilattice.errors import InputError
 from ilattice.macroshape.maps import SplineMap
 from ilattice.macroshape.tiling import Tiling
 from ilattice.quadrature.rules import Quadrature
 
 if TYPE_CHECKING:
     from ilattice.cutfem.anisotropic import Material
-
-#: Factor by which a stiffness may jump within a cell without a warning; cells that are searched,
-#: steps of the search, and the part of the range that one of them takes where there is a jump.
-STEEP, SEARCHED, STEPS, ABRUPT = 1.2, 20, 16, 0.4
-#: Root mean square of what is left of a linear course, over the mean, that splines do not follow.
-WAVY = 0.15
-#: Factor and part lost of a stiffness that neither jumps nor waves within cells.
-CALM = read_only(np.array([1.0, 0.0]))
 
 Single = float | str | Callable[[FloatArray], Any]
 Property = Single | tuple[Single, Single]
@@ -199,98 +193,54 @@ class Scalar:
         return value
 
 
-def jump_within_cells(
-    rule: Quadrature, values: FloatArray, at: Callable[[FloatArray], FloatArray]
-) -> FloatArray:
-    """By how much positive values jump or wave within a cell: a factor, and a part that is lost.
+class Elastic(Law):
+    """Linear elastic materials: three components of displacement, six of stress.
 
-    `values` (n,) are those at the points of the rule, `at` gives them at any parameters: the cells
-    in which they vary most are searched between the points of the least and the largest one. The
-    part is that by which the harmonic mean in a cell is below the one that the rule sees, and so do
-    splines that cannot bend there: about what an energy may be off by. `CALM` where none is seen.
+    Stresses are in Voigt's order, see `_voigt`.
     """
-    if len(values) < len(rule) or not len(rule):
-        return CALM
-    return np.maximum(_jump(rule, values, at), _wave(rule, values, at))
 
+    m: ClassVar[int] = 3
+    entries: ClassVar[int] = 6
+    full: ClassVar[bool]  #: whether the stiffness is any, given by matrices
+    density: Scalar
+    expansion: Scalar
+    strength: Scalar | None
 
-def _wave(
-    rule: Quadrature, values: FloatArray, at: Callable[[FloatArray], FloatArray]
-) -> FloatArray:
-    """Largest of both in full cells in which values, or their inverses, are far from linear.
+    @property
+    def phases(self) -> "tuple[Material, Material]":
+        """The material of the first and of the second phase."""
+        parts = [getattr(self, f.name) for f in fields(self)]  # type: ignore[arg-type]
+        first, second = ([s and s.phases[k] for s in parts] for k in (0, 1))
+        return type(self)(*first), type(self)(*second)  # type: ignore[return-value]
 
-    Points of rules may all lie where a wave is high, or beside a thin soft layer; these do not.
-    """
-    whole = full(rule)
-    if not len(whole):
-        return CALM
-    some = whole[np.unique(np.linspace(0, len(whole) - 1, WATCHED // 4).astype(int))]
-    box = rule.grid.boxes(rule.cells[some])
-    t = layers(DRAWN)
-    u = box[:, None, :3] + t * box[:, None, 3:]
-    found = np.broadcast_to(at(u.reshape(-1, 3)), len(some) * DRAWN).reshape(len(some), DRAWN)
-    linear = np.column_stack([np.ones(DRAWN), t])
-    off = np.zeros(len(some))
-    for v in (found, 1.0 / found):  # stiffness counts across layers, compliance along
-        left = v - v @ np.linalg.pinv(linear).T @ linear.T
-        off = np.maximum(off, np.sqrt((left**2).mean(axis=1)) / v.mean(axis=1))
-    factor = found.max(axis=1) / found.min(axis=1)
-    wavy = off > WAVY
-    if not wavy.any():
-        return CALM
-    seen = (rule.integrate_cells(values) / rule.integrate_cells())[some[wavy]]
-    one, all_of_them = _lost(found[wavy], seen), _lost(found[wavy].reshape(1, -1), seen.mean())
-    return np.array([factor[wavy].max(), max(one, all_of_them)])  # cells may take turns
+    def matrices(self, asm: Assembly, u: FloatArray) -> FloatArray:
+        """Stiffness (n, 6, 6) or (1, 6, 6) at parameters (n, 3)."""
+        raise NotImplementedError
 
+    def lame(self, asm: Assembly, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Lamé constants (n,) or (1,), those of the nearest isotropic stiffness."""
+        raise NotImplementedError
 
-def _lost(values: FloatArray, seen: Any) -> float:
-    """Largest relative distance of the means that rules see from those of rows of values."""
-    arithmetic, harmonic = values.mean(axis=1), 1.0 / (1.0 / values).mean(axis=1)
-    return float(np.maximum(arithmetic / seen - 1.0, 1.0 - harmonic / seen).max())
+    def tangent(self, asm: Assembly, u: FloatArray) -> FloatArray:
+        """See `Law.tangent`."""
+        return _voigt.tensor(self.matrices(asm, u))
 
+    def components(self, flux: FloatArray) -> FloatArray:
+        """See `Law.components`."""
+        return flux[:, _voigt.PLACES]
 
-def _jump(
-    rule: Quadrature, values: FloatArray, at: Callable[[FloatArray], FloatArray]
-) -> FloatArray:
-    """See `jump_within_cells`."""
-    starts = rule.offsets[:-1][np.diff(rule.offsets) > 0]
-    ratio = np.maximum.reduceat(values, starts) / np.minimum.reduceat(values, starts)
-    worst = np.argsort(-ratio, kind="stable")[:SEARCHED]
-    worst = worst[ratio[worst] > STEEP]
-    if not len(worst):
-        return CALM
-    u, ends = rule.points, np.append(starts, len(rule))
-    pairs = [
-        (b + values[b:e].argmin(), b + values[b:e].argmax())
-        for b, e in zip(ends[worst], ends[worst + 1], strict=True)
-    ]
-    low, high = np.array(pairs).T
-    t = np.linspace(0.0, 1.0, STEPS + 1)[:, None]
-    line = u[low][:, None] + t * (u[high] - u[low])[:, None]
-    found = at(line.reshape(-1, 3)).reshape(len(worst), STEPS + 1)
-    steps = np.abs(np.diff(found, axis=1)).max(axis=1)
-    jumps = steps > ABRUPT * np.ptp(found, axis=1)
-    w, starts = rule.weights, starts.astype(np.int64)
-    means = [np.add.reduceat(w * v, starts) for v in (values, 1.0 / values)]
-    lost = 1.0 - np.add.reduceat(w, starts) ** 2 / (means[0] * means[1])
-    return np.array([ratio[worst][jumps].max(initial=1.0), lost[worst][jumps].max(initial=0.0)])
+    def along(self, asm: Assembly, u: FloatArray, normals: FloatArray) -> FloatArray:
+        """λ + 2 μ."""
+        lam, mu = self.lame(asm, u)
+        return np.broadcast_to(lam + 2.0 * mu, len(normals))
 
-
-def warn_of_jump(name: str, jump: FloatArray) -> None:
-    """Warn of a material that jumps within cells, see `jump_within_cells`."""
-    factor = float(jump[0])
-    if factor > STEEP:
-        warnings.warn(
-            f"{name} jumps or waves by a factor of {factor:.3g} within a cell, where splines "
-            "cannot bend; divide the solid by phases= where it jumps, and give a pair, or let it "
-            "change over several cells",
-            PrecisionWarning,
-            stacklevel=5,
-        )
+    def mean(self, asm: Assembly, u: FloatArray) -> FloatArray:
+        """2 μ."""
+        return 2.0 * self.lame(asm, u)[1]
 
 
 @dataclass(frozen=True, eq=False)
-class Isotropic:
+class Isotropic(Elastic):
     """Isotropic linear elastic material.
 
     Attributes
@@ -302,18 +252,12 @@ class Isotropic:
     """
 
     full: ClassVar[bool] = False
+    called: ClassVar[str] = "young"
     young: Scalar
     poisson: Scalar
     density: Scalar
     expansion: Scalar
     strength: Scalar | None = None
-
-    @property
-    def phases(self) -> "tuple[Material, Material]":
-        """The material of the first and of the second phase."""
-        scalars = [getattr(self, f.name) for f in fields(self)]
-        first, second = ([s and s.phases[k] for s in scalars] for k in (0, 1))
-        return Isotropic(*first), Isotropic(*second)
 
     @property
     def constant(self) -> bool:
@@ -337,3 +281,46 @@ class Isotropic:
         """
         E, nu = self.young.at(asm, u), self.poisson.at(asm, u)
         return E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
+
+    def matrices(self, asm: Assembly, u: FloatArray) -> FloatArray:
+        """See `Elastic.matrices`."""
+        return _voigt.isotropic(*self.lame(asm, u))
+
+    def flux(self, asm: Assembly, u: FloatArray, gradient: FloatArray) -> FloatArray:
+        """Stress (n, 6) of gradients of displacements."""
+        lam, mu = self.lame(asm, u)
+        return _voigt.elastic_stress(gradient, lam * np.trace(gradient, axis1=1, axis2=2), mu)
+
+    def stored(self, asm: Assembly, u: FloatArray, flux: FloatArray) -> FloatArray:
+        """Product (n,) of stresses (n, 6) with the strains that they cause."""
+        return _voigt.complementary(flux, *self.lame(asm, u))
+
+    def normal(
+        self, asm: Assembly, u: FloatArray, normals: FloatArray, *, whole: float = 1.0
+    ) -> FloatArray:
+        """See `Law.normal`; λ counts by a factor."""
+        lam, mu = (v[:, None, None, None] for v in self.lame(asm, u))
+        one, n = np.eye(3), normals
+        out = whole * lam * np.einsum("qi,jl->qijl", n, one)
+        out = out + mu * (np.einsum("ql,ij->qijl", n, one) + np.einsum("qj,il->qijl", n, one))
+        return np.asarray(out)
+
+    def penalty(self, asm: Assembly, u: FloatArray, normals: FloatArray) -> FloatArray:
+        """2 μ u·v + λ (u·n)(v·n)."""
+        lam, mu = (v[:, None, None] for v in self.lame(asm, u))
+        return 2 * mu * np.eye(3) + lam * (normals[:, :, None] * normals[:, None, :])
+
+    def add(
+        self, data: FloatArray, asm: Assembly, part: Quadrature, *, whole: float = 1.0
+    ) -> FloatArray:
+        """See `Law.add`; λ counts by a factor."""
+        lame = self.lame(asm, part.points)
+        if self.constant:
+            lam, mu = (float(v[0]) for v in lame)
+            asm.add_cells(data, part, kernels.PAIRS, np.ones((1, 1)), whole * lam, mu)
+            return CALM
+        for v, p, q in zip(lame, (whole, 0.0), (0.0, 1.0), strict=True):
+            if p or q:
+                d = np.broadcast_to(v, len(part))[:, None].copy()
+                asm.add_cells(data, part, kernels.PAIRS, d, p, q)
+        return self.jump(asm, part, 2.0 * lame[1])

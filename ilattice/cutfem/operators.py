@@ -10,8 +10,8 @@ being held here.
 
 import warnings
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, ClassVar, cast
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -20,25 +20,16 @@ from ilattice._validate import FixedMapping, as_kind, as_points, read_only
 from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem import coupling, watching, weak
 from ilattice.cutfem._voigt import PLACES, UNIT
-from ilattice.cutfem.anisotropic import AT_ONCE, Anisotropic, Material, hindered
-from ilattice.cutfem.assembly import Assembly
-from ilattice.cutfem.conditions import Load, Support, values_at
+from ilattice.cutfem.anisotropic import Anisotropic, Material, hindered
+from ilattice.cutfem.conditions import Known, Load, values_at
 from ilattice.cutfem.dilatation import FROM, MAX_SMOOTH, Dilatation, as_terms
-from ilattice.cutfem.material import (
-    CALM,
-    Isotropic,
-    Property,
-    Scalar,
-    jump_within_cells,
-    warn_of_jump,
-)
-from ilattice.cutfem.overlaps import loads_at
+from ilattice.cutfem.law import Law
+from ilattice.cutfem.material import Isotropic, Property, Scalar
 from ilattice.cutfem.problem import Problem
 from ilattice.cutfem.regions import spread
 from ilattice.cutfem.rigid import Connection
 from ilattice.errors import InputError, PrecisionWarning
-from ilattice.macroshape.maps import SplineMap
-from ilattice.quadrature.rules import Quadrature, on_cells, some_cells
+from ilattice.quadrature.rules import Quadrature, on_cells
 
 if TYPE_CHECKING:
     from ilattice.cutfem.solution import Solution
@@ -59,6 +50,7 @@ class ElasticOperators(Problem):
     """
 
     m: ClassVar[int] = 3
+    flux_name: ClassVar[str] = "stress"
     material: Material
     dilatation: str
     connections: tuple[Connection, ...]
@@ -127,54 +119,21 @@ class ElasticOperators(Problem):
                 found.append(m.poisson.at(self.assembly, part.points).max(initial=-1.0))
         return float(max(found))
 
-    def _matrix(self) -> Any:
-        asm = self.assembly
-        data = asm.zeros(3)
-        projection = self.projection
-        whole = 0.0 if projection is not None else 1.0
-        jump = CALM
-        phases = self.material.phases
-        uniform = all(m.constant for m in phases)
-        for rule in self.domain.stiff_rules(asm, constant=uniform):
-            for m, part in zip(phases, self.domain.of_phases(rule), strict=False):
-                if isinstance(m, Anisotropic):
-                    jump = np.maximum(jump, self._add_matrices(data, m, part))
-                    continue
-                lame = m.lame(asm, part.points)
-                if uniform:
-                    lam, mu = (float(v[0]) for v in lame)
-                    asm.add_cells(data, part, kernels.PAIRS, np.ones((1, 1)), whole * lam, mu)
-                    continue
-                jump = np.maximum(jump, jump_within_cells(part, lame[1], partial(_shear, m, asm)))
-                for v, p, q in zip(lame, (whole, 0.0), (0.0, 1.0), strict=True):
-                    if p or q:
-                        d = np.broadcast_to(v, len(part))[:, None].copy()
-                        asm.add_cells(data, part, kernels.PAIRS, d, p, q)
-        warn_of_jump("stiffness" if self.material.full else "young", jump)
-        self._held["unfollowed"] = float(jump[1])
-        if projection is not None:
-            projection.add(data)
-        asm.add_ghost(data, self._ghost_stiffness)
-        for support in self.in_the_mean:
-            weak.add_elastic(data, self, weak.elastic_terms(self, support))
-        if asm.seam is not None:
-            coupling.add_elastic(data, self)
-        return asm.pattern.matrix(data)
+    @property
+    def law(self) -> Material:
+        """See `Problem.law`."""
+        return self.material
 
-    def _add_matrices(self, data: FloatArray, m: Anisotropic, part: Quadrature) -> FloatArray:
-        """Add the stiffness of a phase that is given by matrices; by how much it jumps."""
-        asm = self.assembly
-        if m.constant:
-            C = np.array(m.matrices(asm, part.points[:1]).reshape(1, 36))  # of the writable type
-            asm.add_cells(data, part, kernels.STIFFNESS, C)
-            return CALM
-        count = len(part.cells)
-        step = max(AT_ONCE * count // max(len(part), 1), 1)
-        for i in range(0, count, step):
-            some = some_cells(part, slice(i, min(i + step, count)))
-            C = m.matrices(asm, some.points).reshape(-1, 36)
-            asm.add_cells(data, some, kernels.STIFFNESS, np.ascontiguousarray(C))
-        return jump_within_cells(part, m.lame(asm, part.points)[1], partial(_shear, m, asm))
+    def _matrix(self) -> Any:
+        _ = self.projection  # warns of what locks, before anything else
+        return super()._matrix()
+
+    def _add_solid(self, data: FloatArray, law: Law, part: Quadrature) -> FloatArray:
+        """Without the change of volume, if that is projected."""
+        if self.projection is None:
+            return super()._add_solid(data, law, part)
+        assert isinstance(law, Isotropic)  # no other is projected
+        return law.add(data, self.assembly, part, whole=0.0)
 
     def mass(self, density: Property | None = None) -> Any:
         """Consistent mass matrix on the nodes of `system`.
@@ -231,21 +190,57 @@ class ElasticOperators(Problem):
 
     # ---------------------------------------------------------------- supports
 
-    def _from_supports(self) -> FloatArray:
-        f = np.zeros((len(self.assembly.space), 3))
-        for support in self.in_the_mean:
-            terms = weak.elastic_terms(self, support)
-            f += weak.elastic_force(self, terms, support.value)
-            if isinstance(support, Support):
-                f -= weak.thermal_force(self, terms)
-                w = terms.rule.weights[:, None]
-                f -= self.assembly.vector(terms.rule, w * terms.held(loads_at(self, terms.rule)))
-        return f
+    def _taken(self, terms: weak.Terms) -> FloatArray:
+        """With the tractions of hindered expansion."""
+        out, rule = super()._taken(terms), terms.rule
+        for load in self.loads:
+            if load.kind == "temperature":
+                assert rule.parameters is not None
+                assert rule.normals is not None
+                owner = self.assembly.owners(rule)
+                stress = self._thermal_stress(load, rule.parameters, owner)
+                out += terms.held(self.law.through(stress, rule.normals))
+        return out
 
-    def _ghost_stiffness(self, u: FloatArray, elements: IntArray) -> FloatArray:
-        """2 μ."""
-        asm, phases = self.assembly, self.material.phases
-        return 2.0 * self.domain.by_phase(lambda k, at: phases[k].lame(asm, u[at])[1], elements)
+    def _with_pressure(self, terms: weak.Terms, scale: FloatArray) -> weak.Terms:
+        """See `Problem._with_pressure`: λ is apart, with a penalty of what it can do in a cell."""
+        rule, projection = terms.rule, self.projection
+        if projection is None:
+            return terms
+        u, n = rule.parameters, rule.normals
+        assert u is not None
+        assert n is not None
+        owner = self.assembly.owners(rule)
+        lam = np.array(np.broadcast_to(self._lame(u, owner)[0], len(u)))
+        least = 2.0 * projection.traces(rule, rule.weights * lam)[rule.owners]
+        Q = (np.maximum(least - scale, 0.0) * lam)[:, None, None] * (n[:, :, None] * n[:, None, :])
+        assert terms.normal is not None
+        of_pressure = lam[:, None, None, None] * np.einsum("qi,jl->qijl", n, np.eye(3))
+        return replace(
+            terms, Q=terms.Q + Q, normal=terms.normal - of_pressure, projection=projection,
+            pressure=lam,
+        )  # fmt: skip
+
+    def _at_seam(self) -> list[FloatArray]:
+        """Without the change of volume, if that is projected."""
+        asm, rule = self.assembly, self.assembly.seam
+        if self.projection is None:
+            return super()._at_seam()
+        assert rule is not None
+        assert rule.parameters is not None
+        assert rule.normals is not None
+        out = []
+        for law in self.material.phases:
+            assert isinstance(law, Isotropic)  # no other is projected
+            out.append(law.normal(asm, rule.parameters, rule.normals, whole=0.0))
+        return out
+
+    def _add_projected(self, data: FloatArray) -> None:
+        """See `Problem._add_projected`."""
+        if self.projection is not None:
+            self.projection.add(data)
+            if self.assembly.seam is not None:
+                coupling.add_projected(data, self)
 
     def _lame(self, u: FloatArray, owner: IntArray) -> tuple[FloatArray, FloatArray]:
         """Lamé constants (n,) or (1,) at parameters in active cells, by the phases of these."""
@@ -254,14 +249,6 @@ class ElasticOperators(Problem):
             lambda k, at: np.stack(phases[k].lame(asm, u[at]), axis=1), asm.space.cells[owner]
         ).T
         return lam, mu
-
-    def _matrices(self, u: FloatArray, owner: IntArray) -> FloatArray:
-        """Stiffness (n, 6, 6) or (1, 6, 6), likewise, of a material that is given by them."""
-        asm, phases = self.assembly, self.material.phases
-        return self.domain.by_phase(
-            lambda k, at: phases[k].matrices(asm, u[at]),  # type: ignore[union-attr]
-            asm.space.cells[owner],
-        )
 
     def reactions(self, solution: "Solution") -> dict[str, FloatArray]:
         """Forces (3,) that places of supports and springs exert on the solid.
@@ -276,13 +263,7 @@ class ElasticOperators(Problem):
         dict of str to ndarray
             Sums over all supports and springs of each place.
         """
-        self._own(as_kind("solution", solution, "Solution"))
-        out = self._strong_reactions(solution.coefficients)
-        for support in self.in_the_mean:
-            terms = weak.elastic_terms(self, support)
-            force = weak.elastic_reaction(self, terms, support.value, solution).sum(axis=0)
-            out[str(support.on)] = out.get(str(support.on), 0.0) + force
-        return out
+        return self._reactions(self._own(as_kind("solution", solution, "Solution")))
 
     # ---------------------------------------------------------------- loads
 
@@ -294,18 +275,15 @@ class ElasticOperators(Problem):
         return tuple(scalar for kind, scalar in of.items() if kind in kinds)
 
     def _force(self, load: Load) -> FloatArray:
-        asm, load = self.assembly, self._spread(load)
-        constant = not (callable(load.value) or hasattr(load.value, "evaluate"))
-        constant = constant and self.material.constant and self.material.density.constant
-        rule = (
-            self.domain.edge(asm, load.on)
-            if load.on
-            else self.domain.stiff_rule(asm, constant=constant)
-        )
-        f = asm.vector_by_parts(rule, 3, partial(self._density, load))
-        if load.kind == "temperature" and asm.seam is not None:
+        f = super()._force(load)
+        if load.kind == "temperature" and self.assembly.seam is not None:
             f += coupling.thermal_force(self, load)
         return f
+
+    def _is_constant(self, load: Load) -> bool:
+        """Where the material is, too."""
+        material = self.material
+        return super()._is_constant(load) and material.constant and material.density.constant
 
     def _spread(self, load: Load) -> Load:
         """A load, as tractions if it is a resultant."""
@@ -329,12 +307,13 @@ class ElasticOperators(Problem):
             return None, s[:, PLACES]
         if load.kind == "pressure":
             assert rule.normals is not None
-            return -values_at(load.kind, load.value, rule.points, 1) * rule.normals, None
-        value = values_at(load.kind, load.value, rule.points, 3)
+            return -load.at(rule.points, 1) * rule.normals, None
+        value, nothing = super()._density(load, rule)
         if load.kind == "gravity":
+            assert value is not None
             owner = self.assembly.owners(rule)
             value *= self._scalar_at(self.material.density, rule.parameters, owner)[:, None]
-        return value, None
+        return value, nothing
 
     def thermal_strain(self, u: FloatArray) -> FloatArray:
         """Strain of free expansion in every direction, under all temperatures.
@@ -417,15 +396,12 @@ class ElasticOperators(Problem):
 
     def _expansion_of(self, material: Material, load: Load, u: FloatArray) -> FloatArray:
         """Free expansion α ΔT (n,) of a phase under one temperature at parameters (n, 3)."""
-        asm, known = self.assembly, cast(Any, load.value)
-        if not hasattr(known, "evaluate"):
-            rise = values_at("temperature", load.value, asm.x(u), 1)[:, 0]
-        elif _same(known.problem.assembly.through, asm.through):
-            rise = known.evaluate(u)
+        asm, value = self.assembly, load.value
+        if isinstance(value, Known):
+            rise = value._within(asm, u)
         else:
-            rise = known.at(asm.x(u), outside="nan").temperature
-        out: FloatArray = material.expansion.at(asm, u) * rise
-        return out
+            rise = values_at("temperature", value, asm.x(u), 1)[:, 0]
+        return material.expansion.at(asm, u) * rise
 
     def _motions(self, x: FloatArray) -> FloatArray:
         out = np.zeros((len(x), 3, 6))
@@ -445,22 +421,3 @@ class ElasticOperators(Problem):
             out[:, i, i] = 1.0
             out[:, i, 3 + 3 * i : 6 + 3 * i] = x
         return out
-
-
-def _shear(material: Material, asm: Assembly, u: FloatArray) -> FloatArray:
-    """Shear modulus (n,) at parameters."""
-    return np.broadcast_to(material.lame(asm, u)[1], len(u))
-
-
-def _same(a: SplineMap | None, b: SplineMap | None) -> bool:
-    """Whether maps are sure to take equal parameters to equal points."""
-    if a is b or a is None or b is None:
-        return a is b
-    s, t = a.spline, b.spline
-    weights = [np.ones(1) if one.weights is None else one.weights for one in (s, t)]
-    return (
-        (s.k, s.periodic) == (t.k, t.periodic)
-        and all(map(np.array_equal, s.t, t.t))
-        and np.array_equal(s.c[..., :3], t.c[..., :3])
-        and np.array_equal(weights[0], weights[1])
-    )

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from ilattice._typing import AnyArray, ArrayLike, FloatArray
-from ilattice._validate import FrozenCopies, read_only
+from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
+from ilattice._validate import FrozenCopies, as_points, read_only
 from ilattice.cutfem.probe import Probe, along, probe
 from ilattice.cutfem.shapes import Shape, cells_of, moved, shape_of, surface_of
 from ilattice.errors import FormatError
@@ -25,9 +25,7 @@ from ilattice.plot.cards import card
 if TYPE_CHECKING:
     import pyvista
 
-    from ilattice.cutfem.page import Report
     from ilattice.cutfem.problem import Problem
-    from ilattice.linalg.solvers import SolveReport
 
 
 class Result(FrozenCopies):
@@ -257,6 +255,18 @@ class Result(FrozenCopies):
             return
         self._write(as_vtu(path), shape_of(self.problem, on, h), scale)
 
+    def _fields(self, u: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Values (n, m) and gradients in space (n, m, 3) at parameters."""
+        return self.problem.assembly.evaluate(self.coefficients, as_points("u", u))
+
+    def _flux(self, gradient: FloatArray, u: FloatArray, owner: IntArray) -> FloatArray:
+        """Flux (n, entries) of gradients at parameters in active cells."""
+        return self.problem._flux(gradient, u, owner)
+
+    def _flux_at(self, u: FloatArray) -> FloatArray:
+        """Flux (n, entries) at parameters; NaN more than a cell away from the solid."""
+        return self._flux(self._fields(u)[1], u, self.problem.assembly.space.locate(u))
+
     def _on(self, shape: Shape, scale: float | str) -> tuple[FloatArray, dict[str, AnyArray]]:
         """Vertices, moved, and all data."""
         data = self.point_data(shape.u)
@@ -273,22 +283,6 @@ class Result(FrozenCopies):
             path, points, shape.cells, shape.kind, point_data=data, cell_data=cell_data,
             field_data=self.field_data(),
         )  # fmt: skip
-
-
-class Reported:
-    """What is known of how a result was found."""
-
-    solved: "SolveReport | None"
-
-    @property
-    def report(self) -> "Report | None":
-        """How the system was solved, with an estimate of the error; None if nothing was free.
-
-        It is a function, too: ``solution.report("part.html")`` writes a page about the analysis.
-        """
-        from ilattice.cutfem.page import report_of
-
-        return report_of(self, self.solved)
 
 
 # --- files ------------------------------------------------------------------------------------

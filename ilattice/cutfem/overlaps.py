@@ -24,7 +24,7 @@ from ilattice.quadrature.rules import Quadrature
 if TYPE_CHECKING:
     from ilattice.cutfem.assembly import Assembly
     from ilattice.cutfem.domain import Domain
-    from ilattice.cutfem.problem import Problem
+    from ilattice.cutfem.integrals import Integrals
 
 #: Part of a direction that is left of it without another one, below which it is that one.
 LEAST = 1e-6
@@ -57,13 +57,13 @@ def held_by(support: Support, rule: Quadrature) -> FloatArray:
 
 
 def held_before(
-    problem: "Problem", rule: Quadrature, support: Support | None = None
+    problem: "Integrals", rule: Quadrature, support: Support | None = None
 ) -> FloatArray | None:
     """Projections onto what weak supports hold at points of a surface.
 
     Parameters
     ----------
-    problem : Problem
+    problem : Integrals
         Gives the supports.
     rule : Quadrature
         Points in space, of active cells.
@@ -138,12 +138,12 @@ def _largest(s: Support, values: FloatArray) -> float:
     return float(np.abs(values if s.normal else values[:, s.mask]).max())
 
 
-def loads_at(problem: "Problem", rule: Quadrature) -> FloatArray:
+def loads_at(problem: "Integrals", rule: Quadrature) -> FloatArray:
     """Loads on surfaces.
 
     Parameters
     ----------
-    problem : Problem
+    problem : Integrals
         Gives the loads.
     rule : Quadrature
         Points in space, of active cells, with normals.

@@ -219,21 +219,21 @@ class PhasedDomain(Domain):
     def _by_elements(self, on: str) -> Quadrature:
         if on in NAMES:
             return self._both([c.face(on, self.q) for c in self.phases])
-        return self._both([skin for skin, _ in self._skins])
+        return self._both([boundary for boundary, _ in self._boundaries])
 
     @cached_property
-    def _skins(self) -> list[tuple[Quadrature, Quadrature]]:
-        """The skin of the solid around each phase, and that between both, by cells."""
+    def _boundaries(self) -> list[tuple[Quadrature, Quadrature]]:
+        """The boundary of the solid around each phase, and that between both, by cells."""
         return [(where(r, ~inner), where(r, inner)) for r, inner, _ in self._shared]
 
     @cached_property
     def _shared(self) -> list[tuple[Quadrature, AnyArray, AnyArray]]:
-        """Rule on the skin of each phase, its points in the solid, and others on the level set."""
+        """Rules on the boundaries of phases, points in the solid, and others on the level set."""
         rules = [cut.surface(self.q) for cut in self.phases]
         return [(r, *self._goes_on(r, phase)) for phase, r in enumerate(rules)]
 
     def _goes_on(self, rule: Quadrature, phase: int) -> tuple[AnyArray, AnyArray]:
-        """Whether points of the skin of a phase are between both, and on the level set alone.
+        """Whether points of the boundary of a phase are between both, and on the level set alone.
 
         Level sets that coincide there take turns as the one on which points lie.
         """
@@ -251,7 +251,7 @@ class PhasedDomain(Domain):
     def _between(self) -> Quadrature:
         """Rule on the surface between phases, normals to the second, in parameters."""
         phase = _better(self._shared)
-        rule = self.elements.renumbered(self._skins[phase][1], phase)
+        rule = self.elements.renumbered(self._boundaries[phase][1], phase)
         mine = rule.cells[rule.owners]
         other = self._behind(rule, self.elements.home(mine), 1 - phase)
         keep = other >= 0
@@ -263,7 +263,7 @@ class PhasedDomain(Domain):
         return regrouped(rule, low, high)
 
     def _behind(self, rule: Quadrature, cells: IntArray, phase: int) -> IntArray:
-        """Elements of a phase at points of the skin of the other one, -1 where there is none."""
+        """Elements of a phase at points of the boundary of the other one; -1 for none."""
         grid, names = self.elements, self.elements.numbers[phase]
         out = names[grid.grids[phase].element_at(rule.points, cells)]
         none = np.flatnonzero(out < 0)  # the surface is a face of the cell
@@ -343,7 +343,7 @@ def _more_than_touching(rule: Quadrature) -> Quadrature:
 
 
 def _better(shared: list[tuple[Quadrature, AnyArray, AnyArray]]) -> int:
-    """The phase of which the skin tells best what of it both phases share.
+    """The phase of which the boundary tells best what of it both phases share.
 
     Where the level set coincides with faces of the solid, one side does not see their edges.
     """

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from ilattice._validate import among
-from ilattice.cutfem.conditions import Load, Spring, Support, as_mask, as_value
+from ilattice.cutfem.conditions import Known, Load, Spring, Support, as_mask, as_value
 from ilattice.cutfem.domain import Domain
 from ilattice.cutfem.overlaps import beside_plane
 from ilattice.cutfem.places import spot
@@ -121,7 +121,7 @@ class Posed:
     def _loaded(
         self, kind: str, value: Any, m: int, on: Any = "", where: Any = None, at: Any = None
     ) -> Self:
-        value = value if hasattr(value, "evaluate") else as_value(kind, value, m)
+        value = value if isinstance(value, Known) else as_value(kind, value, m)
         if at is not None:
             on = spot(self.domain, at)
         elif not isinstance(on, str) or on:
@@ -174,7 +174,7 @@ class Posed:
         return None if np.abs(np.abs(normals[:, axis]) - 1.0).max() > 1e-9 else (axis,)
 
     @property
-    def in_the_mean(self) -> tuple[Spring | Support, ...]:
+    def weakly_imposed(self) -> tuple[Spring | Support, ...]:
         """Springs and weak supports: what is added to the matrix."""
         return (*self.springs, *(s for s in self.supports if s.weak))
 

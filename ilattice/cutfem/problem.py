@@ -1,12 +1,11 @@
-"""What problems on a solid share: which parts are held, systems, and how they are solved.
+"""What problems on a solid share: systems of equations, and how they are solved.
 
-Guarantees: parts that nothing holds are found before a system is made, and reported with volume
-and place; so is a body that is held, but free to move as a whole. Nothing is changed in place:
-every verb returns a new problem, which shares rules, patterns and, where supports and material are
-the same, matrices. A solve that does not reach its tolerance raises.
+Guarantees: a body that is held, but free to move as a whole, is found before its matrix is made,
+and reported with volume and place. Nothing is changed in place: every verb returns a new problem,
+which shares rules, patterns and, where supports and material are the same, matrices. A solve that
+does not reach its tolerance raises.
 """
 
-import warnings
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar, TypeVar
@@ -14,20 +13,17 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 
 from ilattice._progress import Progress, staged
-from ilattice._typing import FloatArray, IntArray
+from ilattice._typing import FloatArray
 from ilattice._validate import FixedMapping, Frozen, as_choice, as_flag, read_only
-from ilattice.cutfem import discretization, integration, watching
-from ilattice.cutfem.assembly import Assembly
-from ilattice.cutfem.conditions import Load, Support, stiffness_at
+from ilattice.cutfem import discretization, integration, watching, weak
+from ilattice.cutfem.conditions import Support, stiffness_at
 from ilattice.cutfem.constraints import Constraints, constraints
 from ilattice.cutfem.discretization import Product
-from ilattice.cutfem.material import Scalar
+from ilattice.cutfem.integrals import Integrals
 from ilattice.cutfem.overlaps import check_agreement
-from ilattice.cutfem.posed import Posed
-from ilattice.errors import GeometryError, InputError, PrecisionWarning
+from ilattice.errors import InputError
 from ilattice.linalg._engines import ENGINES
 from ilattice.linalg.solvers import LARGEST, Solver, SolveReport
-from ilattice.quadrature.rules import Quadrature
 
 R = TypeVar("R", bound=Any)
 ISLANDS = ("drop", "refuse")
@@ -35,7 +31,7 @@ ISLANDS = ("drop", "refuse")
 HEAVY = 1e-6
 #: Energies below this part of those of nodes that move one by one are those of rigid-body modes.
 AT_REST = 1e-13
-#: A motion is free if its share in what is held is below this.
+#: A motion is free if the part of it in what is held is below this.
 FREE = 1e-10
 
 
@@ -65,21 +61,14 @@ class System(Frozen):
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
-class Problem(Posed):
+class Problem(Integrals):
     """A solid with supports and loads, and its equations; use `Elasticity` or `Heat`.
 
     Attributes are those of `Posed`.
     """
 
     lack: ClassVar[str] = "nothing holds the solid: add a support before solving"
-    spring_name: ClassVar[str] = "stiffness"
     energy_name: ClassVar[str] = "the strain energy"
-
-    def _scalar_at(self, scalar: Scalar, u: FloatArray, owner: IntArray) -> FloatArray:
-        """A property (n,) or (1,) at parameters in active cells, that of the phase of the cell."""
-        asm, phases = self.assembly, scalar.phases
-        cells = asm.space.cells[owner]
-        return self.domain.by_phase(lambda k, at: phases[k].at(asm, u[at]), cells)
 
     def _own(self, solution: R) -> R:
         """A solution that has the functions of this problem, or `InputError`."""
@@ -90,52 +79,6 @@ class Problem(Posed):
                 f"{found}"
             )
         return solution
-
-    # ---------------------------------------------------------------- parts
-
-    @cached_property
-    def parts(self) -> tuple[IntArray, IntArray]:
-        """Numbers of the parts that are held, and of those that nothing holds.
-
-        Without any support or spring all parts count as held.
-        """
-        count = len(self.domain.parts)
-        if not self.supports and not self.springs:
-            return read_only(np.arange(count)), read_only(np.zeros(0, np.int64))
-        cells = [self.domain.boundary(on).cells for on in {s.on for s in self.supports}]
-        for s in self.springs:
-            rule = self.domain.boundary(s.on)
-            firm = stiffness_at(self.spring_name, s.stiffness, rule.points, self.m).any(axis=1)
-            cells.append(np.unique(rule.cells[rule.owners[firm]]))
-        held = np.unique(np.concatenate([self.domain.parts.touching(c) for c in cells]))
-        return read_only(held), read_only(np.setdiff1d(np.arange(count), held))
-
-    @cached_property
-    def assembly(self) -> Assembly:
-        """Functions on the parts that are held.
-
-        Raises
-        ------
-        GeometryError
-            If nothing is held, or something is not with ``islands="refuse"``.
-        """
-        held, loose = self.parts
-        what = self.domain.parts
-        if not len(held):
-            raise GeometryError("no part of the solid touches a support; move the supports")
-        loose = what.seen(loose)
-        if len(loose) and self.islands == "refuse":
-            raise GeometryError(
-                f"nothing holds {what.describe(loose)}; islands='drop' leaves them out"
-            )
-        if len(loose):
-            warnings.warn(
-                f"left out, because nothing holds them: {what.describe(loose)}",
-                PrecisionWarning,
-                stacklevel=4,
-            )
-        self.domain.warn_gaps()
-        return self.domain.assembly(held, weak=any(s.weak for s in self.supports))
 
     @cached_property
     def constraints(self) -> Constraints:
@@ -159,64 +102,18 @@ class Problem(Posed):
                 out[str(s.on)] = out.get(str(s.on), 0.0) + mine
         return out
 
-    # ---------------------------------------------------------------- systems
-
-    @property
-    def matrix(self) -> Any:
-        """Stiffness with stabilization, springs and weak supports, before anything is fixed."""
-        if "matrix" not in self._held:
-            self._held["matrix"] = self._matrix()
-        return self._held["matrix"]
-
-    def _matrix(self) -> Any:
-        raise NotImplementedError
-
-    @property
-    def unfollowed(self) -> float:
-        """Part of an energy that a material which jumps or waves within cells may take."""
-        _ = self.matrix
-        return float(self._held.get("unfollowed", 0.0))
-
-    def forces(self) -> FloatArray:
-        """Loads as coefficients, without what comes from supports and springs.
-
-        Returns
-        -------
-        ndarray, shape (functions, m)
-            Their sums over the functions are the resultants: force, or heat per time.
-        """
-        return self._forces
-
-    @cached_property
-    def _forces(self) -> FloatArray:
-        f = np.zeros((len(self.assembly.space), self.m))
-        for load in self.loads:
-            watching.check_reached(self, load)
-            f += self._force(load)
-        return read_only(f)
-
-    def _force(self, load: Load) -> FloatArray:
-        """One load as coefficients (functions, m)."""
-        raise NotImplementedError
-
-    def _spread(self, load: Load) -> Load:
-        """A load, as one per area if it is a resultant."""
-        return load
-
-    def _density(self, load: Load, rule: Quadrature) -> tuple[FloatArray | None, Any]:
-        """A load (n, m), per area or volume, at the points of a rule; and a stress, or None."""
-        raise NotImplementedError
-
-    def _from_supports(self) -> FloatArray:
-        raise NotImplementedError
-
-    def _ghost_stiffness(self, u: FloatArray, elements: IntArray) -> FloatArray:
-        """What scales the penalty on jumps (n,) or (1,), at parameters of faces of elements."""
-        raise NotImplementedError
+    def _reactions(self, solution: Any, stored: FloatArray | float = 0.0) -> dict[str, FloatArray]:
+        """What comes in (m,) through places of supports and springs; see `_strong_reactions`."""
+        out = self._strong_reactions(solution.coefficients, stored)
+        for support in self.weakly_imposed:
+            terms = weak.terms_of(self, support)
+            found = weak.reaction(self, terms, support.value, solution).sum(axis=0)
+            out[str(support.on)] = out.get(str(support.on), 0.0) + found
+        return out
 
     def _motions(self, x: FloatArray) -> FloatArray:
         """Motions (n, m, k) without energy at points of space."""
-        raise NotImplementedError
+        return np.tile(np.eye(self.m), (len(x), 1, 1))
 
     def _starts(self, x: FloatArray) -> FloatArray:
         """Displacements (n, m, k) at which coarse solutions are looked for first."""
@@ -241,11 +138,6 @@ class Problem(Posed):
 
     def _check_solvable(self) -> None:
         """Refuse equations that are not all of the problem."""
-
-    @property
-    def factors(self) -> tuple[Scalar, ...]:
-        """Properties that are factors of the loads."""
-        return ()
 
     def _reduced(self) -> Any:
         if "reduced" not in self._held:
@@ -311,7 +203,7 @@ class Problem(Posed):
         centre, size = x[nodes].mean(axis=0), np.ptp(x[nodes], axis=0).max()
         held = self._motions((x[nodes] - centre) / size)[self.constraints.fixed[nodes]]
         gram = held.T @ held
-        for s in self.in_the_mean:
+        for s in self.weakly_imposed:
             rule = self.domain.edge(asm, s.on)
             inside = np.isin(rule.cells, asm.space.cells[mine])[rule.owners]
             x = rule.points[inside]
@@ -365,7 +257,11 @@ class Problem(Posed):
     def _energy_of(self, product: Product, c: FloatArray) -> float:
         """What errors are relative to: twice the energy of a solution."""
         con = self.constraints
-        if con.values.any() or self.in_the_mean or any(f.kind == "temperature" for f in self.loads):
+        if (
+            con.values.any()
+            or self.weakly_imposed
+            or any(f.kind == "temperature" for f in self.loads)
+        ):
             return self._solid_energy(c)
         x = c[con.nodes].ravel()
         return float(x @ product(x))
@@ -399,22 +295,10 @@ class Problem(Posed):
         nodes = self._reduced().diagonal() @ np.where(con.fixed, 0.0, c * c)[con.nodes].ravel()
         return integration.drawn_error(self, c, energy) if energy > AT_REST * nodes else 0.0
 
-    def _energies(self, c: FloatArray, rule: Quadrature) -> FloatArray:
-        """Parts (n,) of the points of a rule in parameters of twice the energy that is stored."""
-        raise NotImplementedError
-
     @property
     def _keeps_volume(self) -> bool:
         """Whether estimates are those of a solid that gives in, since the material does not."""
         return False
-
-    def _energy_on(self, c: FloatArray, rule: Quadrature) -> float:
-        """Twice the energy of coefficients over a rule in parameters, nothing heated."""
-        raise NotImplementedError
-
-    def _solid_energy(self, c: FloatArray) -> float:
-        """Twice the energy that the solid alone stores, without springs and supports."""
-        raise NotImplementedError
 
 
 def _at_rest(method: str, size: int) -> SolveReport:

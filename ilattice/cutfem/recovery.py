@@ -15,19 +15,21 @@ overshoots there; at re-entrant edges it grows without bound under refinement, a
 """
 
 from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
 from ilattice._progress import Progress, staged
-from ilattice._typing import ArrayLike, FloatArray
+from ilattice._typing import FloatArray
 from ilattice._validate import as_kind
 from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.domain import Domain
 from ilattice.cutfem.heat_solution import HeatSolution
+from ilattice.cutfem.physics import FieldSolution
 from ilattice.cutfem.problem import Problem
 from ilattice.cutfem.solution import Solution
+from ilattice.cutfem.solved import Solved
 from ilattice.cutfem.stabilise import ghost_faces
 from ilattice.linalg.solvers import Solver
 from ilattice.quadrature.rules import Quadrature
@@ -39,159 +41,112 @@ WEIGHTS = {1: 1e-2, 2: 1e-3, 3: 3e-4}
 TOLERANCE = 1e-8
 
 
+class Smooth(Solved):
+    """A solution whose flux is smooth: what `Solved.recovered` makes.
+
+    Unknown, gradient, energies and what comes in are those of the solution; fluxes, in pictures and
+    files as well, the recovered ones.
+    """
+
+    projected: FloatArray  #: coefficients (functions, entries) of the recovered flux
+
+    def recovered(self, progress: Progress = None) -> Self:
+        """The same: it is recovered already.
+
+        Parameters
+        ----------
+        progress : bool or callable, optional
+            See `ilattice._progress.track`.
+
+        Returns
+        -------
+        Recovered, RecoveredHeat or RecoveredField
+            Itself.
+        """
+        return staged({self.problem.flux_name: lambda: self}, progress)[0]
+
+    def _flux_at(self, u: FloatArray) -> FloatArray:
+        return smoothest(self.problem).space.evaluate(self.projected, u)[0]
+
+    def _flux_on(self, rule: Quadrature) -> FloatArray:
+        as_kind("rule", rule, "Quadrature")
+        return values_on(smoothest(self.problem), self.projected, rule)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class Recovered(Solution):
-    """A solution whose stress is smooth: made by `Solution.recovered`.
+class Recovered(Smooth, Solution):
+    """A displacement with a smooth stress: made by `Solution.recovered`.
 
     Displacement, strain, energies and reactions are those of the solution; stresses, in pictures
     and files as well, the recovered ones.
 
     Attributes
     ----------
-    stresses : ndarray, shape (functions, 6)
+    projected : ndarray, shape (functions, 6)
         Coefficients of the recovered stress.
     """
 
-    stresses: FloatArray = field(kw_only=True)
+    projected: FloatArray = field(kw_only=True)
 
-    def recovered(self, progress: Progress = None) -> "Recovered":
-        """The same: it is recovered already.
-
-        Parameters
-        ----------
-        progress : bool or callable, optional
-            See `ilattice._progress.track`.
-
-        Returns
-        -------
-        Recovered
-            Itself.
-        """
-        return staged({"stress": lambda: self}, progress)[0]
-
-    def stress(self, u: ArrayLike) -> FloatArray:
-        """Recovered stress at parameters.
-
-        Parameters
-        ----------
-        u : array_like, shape (n, 3)
-            Parameters.
-
-        Returns
-        -------
-        ndarray, shape (n, 6)
-            xx, yy, zz, yz, xz, xy.
-        """
-        return smoothest(self.problem).space.evaluate(self.stresses, u)[0]
-
-    def stress_on(self, rule: Quadrature) -> FloatArray:
-        """Recovered stress at the points of a rule in the active cells.
-
-        Parameters
-        ----------
-        rule : Quadrature
-            In parameters, or in space with `parameters`.
-
-        Returns
-        -------
-        ndarray, shape (n, 6)
-            As `stress`.
-        """
-        as_kind("rule", rule, "Quadrature")
-        return values_on(smoothest(self.problem), self.stresses, rule)
+    @property
+    def stresses(self) -> FloatArray:
+        """Coefficients (functions, 6) of the recovered stress."""
+        return self.projected
 
 
-@dataclass(frozen=True, eq=False)
-class RecoveredHeat(HeatSolution):
+@dataclass(frozen=True, eq=False, repr=False)
+class RecoveredHeat(Smooth, HeatSolution):
     """Temperature with a smooth heat flux: made by `HeatSolution.recovered`.
 
     Attributes
     ----------
-    fluxes : ndarray, shape (functions, 3)
-        Coefficients of the recovered heat flux.
+    projected : ndarray, shape (functions, 3)
+        Coefficients of minus the recovered heat flux.
     """
 
-    fluxes: FloatArray = field(kw_only=True)
+    projected: FloatArray = field(kw_only=True)
 
-    def recovered(self, progress: Progress = None) -> "RecoveredHeat":
-        """The same: it is recovered already.
-
-        Parameters
-        ----------
-        progress : bool or callable, optional
-            See `ilattice._progress.track`.
-
-        Returns
-        -------
-        RecoveredHeat
-            Itself.
-        """
-        return staged({"heat flux": lambda: self}, progress)[0]
-
-    def heat_flux(self, u: ArrayLike) -> FloatArray:
-        """Recovered heat flux at parameters.
-
-        Parameters
-        ----------
-        u : array_like, shape (n, 3)
-            Parameters.
-
-        Returns
-        -------
-        ndarray, shape (n, 3)
-            Smooth.
-        """
-        return smoothest(self.problem).space.evaluate(self.fluxes, u)[0]
-
-    def heat_flux_on(self, rule: Quadrature) -> FloatArray:
-        """Recovered heat flux at the points of a rule in the active cells.
-
-        Parameters
-        ----------
-        rule : Quadrature
-            In parameters, or in space with `parameters`.
-
-        Returns
-        -------
-        ndarray, shape (n, 3)
-            As `heat_flux`.
-        """
-        as_kind("rule", rule, "Quadrature")
-        return values_on(smoothest(self.problem), self.fluxes, rule)
+    @property
+    def fluxes(self) -> FloatArray:
+        """Coefficients (functions, 3) of the recovered heat flux."""
+        return -self.projected
 
 
-def recovered_stress(solution: Solution, progress: Progress = None) -> Recovered:
-    """See `Solution.recovered`."""
-    stresses = smooth_stress(solution, WEIGHTS, progress)
-    return Recovered(**_attributes(solution), stresses=stresses)
+@dataclass(frozen=True, eq=False, repr=False)
+class RecoveredField(Smooth, FieldSolution):
+    """A field with a smooth flux: made by `FieldSolution.recovered`.
+
+    Attributes
+    ----------
+    projected : ndarray, shape (functions, 3 m)
+        Coefficients of the recovered flux.
+    """
+
+    projected: FloatArray = field(kw_only=True)
 
 
-def recovered_flux(solution: HeatSolution, progress: Progress = None) -> RecoveredHeat:
-    """See `HeatSolution.recovered`."""
-    fluxes = smooth_flux(solution, WEIGHTS, progress)
-    return RecoveredHeat(**_attributes(solution), fluxes=fluxes)
+#: What solutions become.
+SMOOTH: tuple[tuple[type[Solved], type[Smooth]], ...] = (
+    (Solution, Recovered), (HeatSolution, RecoveredHeat), (FieldSolution, RecoveredField)
+)  # fmt: skip
 
 
-def smooth_stress(
-    solution: Solution, weights: dict[int, float], progress: Progress = None
-) -> FloatArray:
-    """Coefficients (functions, 6) of the projected stress, with weights of jumps per degree."""
-    problem = solution.problem
-    heated = any(load.kind == "temperature" for load in problem.loads)
-    constant = problem.material.constant and not heated
-    rule = problem.domain.stiff_rule(problem.assembly, constant=constant)
-    work = {"stress": lambda: Solution.stress_on(solution, rule)}
-    return project(problem, rule, staged(work, progress)[0], weights, progress)
+def recovered(solution: Solved, progress: Progress = None) -> Any:
+    """See `Solved.recovered`."""
+    kind: Any = next(smooth for of, smooth in SMOOTH if isinstance(solution, of))
+    given = {f.name: getattr(solution, f.name) for f in fields(solution)}
+    return kind(**given, projected=smooth_flux(solution, WEIGHTS, progress))
 
 
 def smooth_flux(
-    solution: HeatSolution, weights: dict[int, float], progress: Progress = None
+    solution: Solved, weights: dict[int, float], progress: Progress = None
 ) -> FloatArray:
-    """Coefficients (functions, 3) of the projected heat flux, likewise."""
+    """Coefficients (functions, entries) of the projected flux, with weights of jumps per degree."""
     problem = solution.problem
-    constant = problem.conductivity.constant
+    heated = any(load.kind == "temperature" for load in problem.loads)
+    constant = problem.law.constant and not heated
     rule = problem.domain.stiff_rule(problem.assembly, constant=constant)
-    work = {"heat flux": lambda: HeatSolution.heat_flux_on(solution, rule)}
+    work = {problem.flux_name: lambda: solution._own_flux_on(rule)}
     return project(problem, rule, staged(work, progress)[0], weights, progress)
 
 
@@ -252,10 +207,6 @@ def values_on(asm: Assembly, c: FloatArray, rule: Quadrature) -> FloatArray:
     for rows, value, _ in asm.on_rule(c, rule, in_space=False):
         out[rows] = value
     return out
-
-
-def _attributes(solution: Solution | HeatSolution) -> dict[str, Any]:
-    return {f.name: getattr(solution, f.name) for f in fields(solution)}
 
 
 def _masses(domain: Domain, smooth: Assembly, rule: Quadrature, weight: float) -> Solver:

@@ -29,14 +29,12 @@ from ilattice._progress import Progress, track
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import FixedMapping, Frozen, as_array, as_counts, as_items, asked, read_only
 from ilattice.cutfem.assembly import Assembly
-from ilattice.cutfem.heat_solution import HeatSolution
-from ilattice.cutfem.solution import Solution
+from ilattice.cutfem.solved import Solved
 from ilattice.errors import InputError, PrecisionWarning
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Solved = Solution | HeatSolution
 #: Orders that are looked for.
 ORDERS = (1e-3, 20.0)
 
@@ -245,7 +243,7 @@ def refinement_study(
         with warnings.catch_warnings():  # how coarse grids are is what this is about
             warnings.filterwarnings("ignore", "the cells are too coarse", PrecisionWarning)
             solution = asked("build", build, tuple(n))
-        if not hasattr(solution, "problem"):
+        if not isinstance(solution, Solved):
             raise InputError(f"build must return a solution, got {solution!r:.80}")
         asm = solution.problem.assembly
         estimate = solution.error_estimate().relative if error_estimate else np.nan

@@ -122,22 +122,22 @@ class Region(Frozen):
         steps = (np.arange(SUBDIVIDED) + 0.5) / SUBDIVIDED - 0.5
         some_in, some_out = _around(rule, found), _around(rule, ~found)
         rows = np.flatnonzero(found | (some_in & some_out))
-        share = np.zeros(len(rule))
+        part = np.zeros(len(rule))
         for s in steps:
             for t in steps:
                 away = (length * (s * first + t * second))[rows]
-                share[rows] += np.asarray(asked("on", self.inside, rule.points[rows] + away))
-        share /= SUBDIVIDED**2
+                part[rows] += np.asarray(asked("on", self.inside, rule.points[rows] + away))
+        part /= SUBDIVIDED**2
         inner = found & ~some_out
-        if inner.any() and share[inner].mean() < AGREE:
+        if inner.any() and part[inner].mean() < AGREE:
             return float("nan")
-        passes = some_in & some_out & (share > SEEN) & (share < 1.0 - SEEN)
-        off = abs(float((rule.weights * np.where(passes, share - found, 0.0)).sum()))
+        passes = some_in & some_out & (part > SEEN) & (part < 1.0 - SEEN)
+        off = abs(float((rule.weights * np.where(passes, part - found, 0.0)).sum()))
         off += ROUND * float(rule.weights[passes].sum())
         return off / float(rule.weights[found].sum())
 
     def _nearest(self, x: FloatArray) -> str:
-        if hasattr(self.inside, "away") and len(x):
+        if isinstance(self.inside, Inside | Patch) and len(x):
             away = self.inside.away(x)
             k = int(np.nanargmin(away))
             return f"the nearest is {away[k]:.3g} away, at {np.round(x[k], 6).tolist()}"

@@ -240,7 +240,7 @@ def held_stiffness(
     support = problem.supports[number]
     if not support.weak:
         return 0.0
-    terms = weak.elastic_terms(problem, support)
+    terms = weak.terms_of(problem, support)
     moves: list[Any] = [u.supports[number].value for u in units]
     g = np.stack([move(terms.rule.points) for move in moves])
     return np.einsum("q,jqa,qab,kqb->jk", terms.rule.weights, g, terms.Q, g, optimize=True)
@@ -251,9 +251,9 @@ def _forces_at(problem: "Elasticity", c: FloatArray, number: int) -> tuple[Float
     from ilattice.cutfem.solution import Solution
 
     support = problem.supports[number]
-    terms = weak.elastic_terms(problem, support)
+    terms = weak.terms_of(problem, support)
     solution = Solution(problem, c, None)
-    return weak.elastic_reaction(problem, terms, support.value, solution), terms.rule
+    return weak.reaction(problem, terms, support.value, solution), terms.rule
 
 
 def _missing(problem: "Elasticity", c: FloatArray) -> FloatArray:

@@ -11,28 +11,22 @@ cell, then NaN.
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ilattice._progress import Progress
 from ilattice._typing import FloatArray, IntArray
-from ilattice._validate import FixedMapping, as_kind, read_only
+from ilattice._validate import FixedMapping, read_only
+from ilattice.cutfem._voigt import elastic_stress, engineering_strain
 from ilattice.cutfem.anisotropic import Anisotropic
 from ilattice.cutfem.elasticity import Elasticity
-from ilattice.cutfem.output import Reported
 from ilattice.cutfem.places import Motion
-from ilattice.cutfem.stresses import Stresses, elastic_stress, engineering_strain, times, von_mises
+from ilattice.cutfem.solved import Solved
+from ilattice.cutfem.stresses import Stresses, von_mises
 from ilattice.quadrature.rules import Quadrature
-
-if TYPE_CHECKING:
-    from ilattice.cutfem.estimate import ErrorEstimate
-    from ilattice.cutfem.recovery import Recovered
-    from ilattice.linalg.solvers import SolveReport
 
 
 @dataclass(frozen=True, eq=False)
-class Solution(Reported, Stresses):
+class Solution(Solved, Stresses):
     """Displacement of an elastic solid: made by `Elasticity.solve`.
 
     Attributes
@@ -46,8 +40,6 @@ class Solution(Reported, Stresses):
     """
 
     problem: Elasticity
-    coefficients: FloatArray
-    solved: "SolveReport | None"
 
     def __repr__(self) -> str:
         return f"Solution({len(self.coefficients)} functions, energy {self.energy:.6g})"
@@ -65,47 +57,12 @@ class Solution(Reported, Stresses):
         ndarray, shape (n, 6)
             As `stress`.
         """
-        as_kind("rule", rule, "Quadrature")
-        u = rule.points if rule.parameters is None else rule.parameters
-        asm, out = self.problem.assembly, np.empty((len(rule), 6))
-        owner = asm.owners(rule)
-        for rows, _, gradient in asm.on_rule(self.coefficients, rule):
-            out[rows] = self._stress(gradient, u[rows], owner[rows])
-        return out
+        return self._flux_on(rule)
 
-    def recovered(self, progress: Progress = None) -> "Recovered":
-        """The same displacement with a smooth and more accurate stress.
-
-        Parameters
-        ----------
-        progress : bool or callable, optional
-            "stress", "masses" and "projection"; see `ilattice._progress.track`.
-
-        Returns
-        -------
-        Recovered
-            A solution whose stresses are projected on smooth splines of the same degree.
-        """
-        from ilattice.cutfem.recovery import recovered_stress
-
-        return recovered_stress(self, progress)
-
-    def error_estimate(self, progress: Progress = None) -> "ErrorEstimate":
-        """Estimate of the error in the energy norm, cell by cell.
-
-        Parameters
-        ----------
-        progress : bool or callable, optional
-            "stress", "masses" and "projection"; see `ilattice._progress.track`.
-
-        Returns
-        -------
-        ErrorEstimate
-            From the difference between stress and recovered stress.
-        """
-        from ilattice.cutfem.estimate import stress_error
-
-        return stress_error(self, progress)
+    def _squared_norm(self, rule: Quadrature, flux: FloatArray) -> float:
+        """By the energy, which what is heated does not store."""
+        del rule, flux
+        return 2.0 * self.energy
 
     # ---------------------------------------------------------------- numbers
 
@@ -150,8 +107,8 @@ class Solution(Reported, Stresses):
             if isinstance(problem.material, Anisotropic):
                 if heated:
                     gradient -= problem._thermal_strain(u, mine)[:, None, None] * np.eye(3)
-                e, C = engineering_strain(gradient), problem._matrices(u, mine)
-                yield 0.5 * weights * (times(C, e) * e).sum(axis=1)
+                s = problem._flux(gradient, u, mine)
+                yield 0.5 * weights * (s * engineering_strain(gradient)).sum(axis=1)
                 continue
             lam, mu = problem._lame(u, mine)
             volume = self._dilatation(gradient, u, mine)
@@ -183,7 +140,7 @@ class Solution(Reported, Stresses):
     def stabilization_energy(self) -> float:
         """Energy of what is no solid: weighted void, or penalty on jumps.
 
-        Compare it with `energy`: the share by which the answer is too stiff.
+        Compare it with `energy`: the part by which the answer is too stiff.
         """
         problem = self.problem
         asm, domain = problem.assembly, problem.domain

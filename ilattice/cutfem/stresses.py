@@ -12,8 +12,7 @@ import numpy as np
 
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_points
-from ilattice.cutfem._voigt import VOIGT
-from ilattice.cutfem.anisotropic import Anisotropic
+from ilattice.cutfem._voigt import elastic_stress, engineering_strain
 from ilattice.cutfem.output import Result
 from ilattice.errors import InputError
 from ilattice.plot import show
@@ -74,8 +73,7 @@ class Stresses(Result):
         ndarray, shape (n, 6)
             xx, yy, zz, yz, xz, xy.
         """
-        p = as_points("u", u)
-        return self._stress(self._fields(p)[1], p, self.problem.assembly.space.locate(p))
+        return self._flux_at(as_points("u", u))
 
     def von_mises(self, u: ArrayLike) -> FloatArray:
         """Von Mises stress at parameters.
@@ -208,13 +206,11 @@ class Stresses(Result):
             data["utilization"] = data["von_mises"] / strength
         return data
 
-    def _fields(self, u: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        return self.problem.assembly.evaluate(self.coefficients, as_points("u", u))
-
-    def _stress(self, gradient: FloatArray, u: FloatArray, owner: IntArray) -> FloatArray:
+    def _flux(self, gradient: FloatArray, u: FloatArray, owner: IntArray) -> FloatArray:
+        """Stress (n, 6), of what is projected and heated as the solid is."""
         problem = self.problem
-        if isinstance(problem.material, Anisotropic):
-            out = times(problem._matrices(u, owner), engineering_strain(gradient))
+        if problem.projection is None:
+            out = super()._flux(gradient, u, owner)
         else:
             lam, mu = problem._lame(u, owner)
             out = elastic_stress(gradient, lam * self._dilatation(gradient, u, owner), mu)
@@ -235,28 +231,6 @@ class Stresses(Result):
         """Projection (cells, terms) of div u."""
         assert self.problem.projection is not None
         return self.problem.projection.of_field(self.coefficients)
-
-
-def engineering_strain(gradient: FloatArray) -> FloatArray:
-    """Strain (n, 6) of displacement gradients (n, 3, 3), with engineering shear."""
-    g = gradient
-    out = np.empty((len(g), 6))
-    for k, (i, j) in enumerate(VOIGT):
-        out[:, k] = g[:, i, i] if i == j else g[:, i, j] + g[:, j, i]
-    return out
-
-
-def times(C: FloatArray, strain: FloatArray) -> FloatArray:
-    """Stress (n, 6) of strains (n, 6) by stiffnesses (n, 6, 6) or (1, 6, 6)."""
-    return strain @ C[0] if len(C) == 1 else np.einsum("nij,nj->ni", C, strain)
-
-
-def elastic_stress(gradient: FloatArray, pressure: FloatArray, mu: FloatArray) -> FloatArray:
-    """Stress (n, 6) of displacement gradients (n, 3, 3), with λ times the change of volume."""
-    e = engineering_strain(gradient)
-    out = mu[:, None] * e
-    out[:, :3] += mu[:, None] * e[:, :3] + pressure[:, None]
-    return out
 
 
 def von_mises(s: FloatArray) -> FloatArray:

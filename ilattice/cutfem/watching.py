@@ -17,7 +17,7 @@ import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray
 from ilattice.cutfem import sampling
-from ilattice.cutfem.conditions import Load, Spring, values_at
+from ilattice.cutfem.conditions import Known, Load, Spring, values_at
 from ilattice.cutfem.material import OfParameters, Scalar
 from ilattice.cutfem.places import Spot
 from ilattice.cutfem.regions import Region
@@ -25,6 +25,7 @@ from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.quadrature.rules import Quadrature, on_cells
 
 if TYPE_CHECKING:
+    from ilattice.cutfem.integrals import Integrals
     from ilattice.cutfem.problem import Problem
 
 #: Loads that are numbers, also where displacements are vectors.
@@ -54,12 +55,12 @@ def check_functions(problem: "Problem") -> None:
         From 2 % on.
     """
     for load in problem.loads:
-        if not hasattr(load.value, "evaluate"):
+        if not isinstance(load.value, Known):
             m = 1 if load.kind in SINGLE else problem.m
             _check(problem, load.kind, load.value, load.on, m)
     for scalar in problem.factors:
         check_property(problem, scalar)
-    for s in problem.in_the_mean:
+    for s in problem.weakly_imposed:
         _check(problem, "value", s.value, s.on, problem.m)
         if isinstance(s, Spring):
             _check(problem, problem.spring_name, s.stiffness, s.on, problem.m)
@@ -84,12 +85,12 @@ def _check(problem: "Problem", name: str, value: Any, on: Any, m: int) -> None:
         sampling.check(f"{name} on {on}" if on else name, part)
 
 
-def check_reached(problem: "Problem", load: Load) -> None:
+def check_reached(problem: "Integrals", load: Load) -> None:
     """Refuse a load that acts on nothing but parts that were left out; warn if it does so partly.
 
     Parameters
     ----------
-    problem : Problem
+    problem : Integrals
         With supports.
     load : Load
         One of its loads.

@@ -34,7 +34,7 @@ import numpy as np
 
 from ilattice._typing import FloatArray
 from ilattice.cutfem.discretization import SURE, WARNED
-from ilattice.cutfem.material import STEEP
+from ilattice.cutfem.jumps import STEEP
 from ilattice.cutfem.phases import PhasedDomain
 from ilattice.errors import IlatticeError, PrecisionWarning
 from ilattice.homogenize._edges import notched

@@ -32,7 +32,7 @@ from ilattice.homogenize._spectral import VoxelGrid, descend, prolonged, restric
 COARSE = 1e-2
 #: Parts of an error that are left on voxels half as long: at least; at most, where that is not
 #: seen, with edges of chessboards and without; and where it is seen, with them and without.
-LEAST_LEFT, UNSEEN, SEEN = 0.5, (0.75, 2.0 / 3.0), (0.98, 2.0 / 3.0)
+MIN_LEFT, UNSEEN, SEEN = 0.5, (0.75, 2.0 / 3.0), (0.98, 2.0 / 3.0)
 #: What estimates are multiplied by.
 SAFETY = 1.3
 #: Part of what voxels relax that those four times as long must relax for a fall to be seen.
@@ -77,7 +77,7 @@ def missed(
         left = np.minimum(fallen / np.maximum(before, tiny), 1.0)
         seen = done - lost - more > ENOUGH * done
     unseen = np.clip(edges, UNSEEN[1], UNSEEN[0])
-    least_left = np.where(seen, LEAST_LEFT, np.clip(edges, LEAST_LEFT, UNSEEN[0]))
+    least_left = np.where(seen, MIN_LEFT, np.clip(edges, MIN_LEFT, UNSEEN[0]))
     left = np.clip(left, least_left, np.where(seen, np.clip(edges, SEEN[1], SEEN[0]), unseen))
     rest = SAFETY * fallen * left / (1.0 - left)
     return np.asarray(np.clip(energy * rest / (1.0 + rest), 0.0, np.maximum(energy - least, 0.0)))

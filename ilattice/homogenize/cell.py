@@ -19,12 +19,12 @@ import numpy as np
 
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import read_only
-from ilattice.cutfem import discretization
+from ilattice.cutfem import coupling, discretization
 from ilattice.cutfem.assembly import Assembly, constant_jacobian
 from ilattice.cutfem.connectivity import links
 from ilattice.cutfem.constraints import Constraints
 from ilattice.cutfem.discretization import WARNED
-from ilattice.cutfem.material import STEEP
+from ilattice.cutfem.jumps import STEEP
 from ilattice.cutfem.problem import Problem
 from ilattice.cutfem.sampling import full
 from ilattice.errors import ConvergenceError, GeometryError, PrecisionWarning
@@ -254,18 +254,21 @@ class CellProblem(Problem):
 
     # ---------------------------------------------------------------- loads
 
-    @property
-    def _constant(self) -> bool:
-        """Whether the material is the same everywhere in each phase."""
-        raise NotImplementedError
-
     def _minus_flux(self, load: FloatArray, rule: Quadrature) -> tuple[None, FloatArray]:
-        """What a mean strain or gradient loads with, (n, m, 3), at points of a rule in space."""
-        raise NotImplementedError
+        """Flux P (n, m, 3) that a mean gradient loads with at the points of a rule in space."""
+        assert rule.parameters is not None
+        gradient = np.broadcast_to(load.reshape(self.m, 3), (len(rule), self.m, 3))
+        flux = self._flux(gradient, rule.parameters, self.assembly.owners(rule))
+        return None, -self.law.components(flux)
 
     def _seam_force(self, load: FloatArray) -> FloatArray:
-        """What the mean traction or flux of a load adds where two phases meet (functions, m)."""
-        raise NotImplementedError
+        """What the mean flux of a mean gradient adds where two phases meet."""
+        asm, seam = self.assembly, self.assembly.seam
+        assert seam is not None
+        assert seam.parameters is not None
+        u = seam.parameters
+        gradient = np.broadcast_to(load.reshape(self.m, 3), (len(u), self.m, 3))
+        return coupling.mean_force(self, lambda law: law.flux(asm, u, gradient))
 
     def load_vectors(self) -> FloatArray:
         """Forces of unit mean strains or gradients.
@@ -276,7 +279,7 @@ class CellProblem(Problem):
             Minus the derivatives of the energy.
         """
         asm = self.assembly
-        rule = self.domain.stiff_rule(asm, constant=self._constant)
+        rule = self.domain.stiff_rule(asm, constant=self.law.constant)
         out = np.empty((len(asm.space), self.m, len(self.loads_of_cells)))
         for a, load in enumerate(self.loads_of_cells):
             out[..., a] = asm.vector_by_parts(rule, self.m, partial(self._minus_flux, load))
@@ -324,7 +327,7 @@ class CellProblem(Problem):
             energies = work + work.T - 0.5 * (U.T @ KU + KU.T @ U)  # off by squares only
             for a in there.tolist():
                 part = 1.0
-                if not self._constant:
+                if not self.law.constant:
                     part = self._part_missed(coefficients[..., a], float(U[:, a] @ KU[:, a]))
                 missed[a] = max(part, UNSEEN)
             R = B - KU
@@ -366,7 +369,7 @@ class CellProblem(Problem):
 
     def _stiffnesses(self) -> list[tuple[float, float]]:
         """The least and the largest stiffness or conductivity of each phase."""
-        rule = self.domain.stiff_rule(self.assembly, constant=self._constant)
+        rule = self.domain.stiff_rule(self.assembly, constant=self.law.constant)
         found = [self._moduli(k, p.points) for k, p in enumerate(self.domain.of_phases(rule))]
         return [(float(s.min()), float(s.max())) for s in found]
 
@@ -377,7 +380,7 @@ class CellProblem(Problem):
     @cached_property
     def step(self) -> float:
         """By which factor they jump between cells in whose faces splines cannot bend."""
-        if self._constant or not self.domain.smoothness:
+        if self.law.constant or not self.domain.smoothness:
             return 1.0
         parts = self.domain.of_phases(self.domain.volume)
         return max(_step(part, partial(self._moduli, k)) for k, part in enumerate(parts))

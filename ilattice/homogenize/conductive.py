@@ -18,14 +18,12 @@ import numpy as np
 from ilattice._progress import Progress
 from ilattice._typing import FloatArray
 from ilattice._validate import as_flag, read_only
-from ilattice.cutfem import coupling
-from ilattice.cutfem.conduction import Conducting, as_matrices, flux
+from ilattice.cutfem.conduction import Conducting, as_matrices
 from ilattice.cutfem.heat import Heat
 from ilattice.homogenize.arguments import as_cell, check_options, check_phases
 from ilattice.homogenize.bounds import ConductivityBounds, conductive_bounds
 from ilattice.homogenize.cell import FULL, Answer, CellProblem, spread
 from ilattice.homogenize.conductivity import Conductivity
-from ilattice.quadrature.rules import Quadrature
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -45,30 +43,6 @@ class ConductiveCell(CellProblem, Heat):
         named = {k: options.pop(k, None) for k in ("domain", "through")}
         Heat.__init__(self, as_cell(field, cells, **named), **options)
         check_phases(self.domain)
-
-    @property
-    def _constant(self) -> bool:
-        return self.conductivity.constant
-
-    def _minus_flux(self, e: FloatArray, rule: Quadrature) -> tuple[None, FloatArray]:
-        """Flux P (n, 1, 3) that a mean gradient loads with at the points of a rule in space."""
-        assert rule.parameters is not None
-        found = self._conductivity_at(rule.parameters, self.assembly.owners(rule))
-        found = flux(np.broadcast_to(found, (len(rule), *found.shape[1:])), e[None])
-        return None, -found[:, None, :]
-
-    def _seam_force(self, e: FloatArray) -> FloatArray:
-        """What the mean flux of a mean gradient adds where two phases meet."""
-        asm = self.assembly
-        rule = asm.seam
-        assert rule is not None
-        assert rule.normals is not None
-        assert rule.parameters is not None
-        out_of = coupling.conducted(self, rule.parameters, rule.normals)
-        share = coupling.shares(self, *(np.einsum("qi,qi->q", v, rule.normals) for v in out_of))
-        through = sum(s * (v @ e) for s, v in zip(share, out_of, strict=True))
-        f = (rule.weights * through)[:, None]
-        return asm.vector(rule, f) - asm.vector(coupling.upper(rule), f)
 
     def _scale(self) -> float:
         """See `CellProblem._scale`."""

@@ -24,8 +24,6 @@ import numpy as np
 from ilattice._progress import Progress
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import as_flag, read_only
-from ilattice.cutfem import coupling
-from ilattice.cutfem._voigt import PLACES
 from ilattice.cutfem.anisotropic import AT_ONCE, Anisotropic, Material, hindered
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.elasticity import Elasticity
@@ -39,7 +37,6 @@ from ilattice.homogenize.bounds import Bounds, elastic_bounds
 from ilattice.homogenize.cell import FULL, Answer, CellProblem, spread
 from ilattice.homogenize.effective import Effective
 from ilattice.homogenize.local import LocalFields, as_stresses, first_yield
-from ilattice.quadrature.rules import Quadrature
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -59,35 +56,6 @@ class ElasticCell(CellProblem, Elasticity):
         named = {k: options.pop(k, None) for k in ("domain", "through")}
         Elasticity.__init__(self, as_cell(field, cells, **named), **options)
         check_phases(self.domain)
-
-    @property
-    def _constant(self) -> bool:
-        return self.material.constant
-
-    def _minus_flux(self, E: FloatArray, rule: Quadrature) -> tuple[None, FloatArray]:
-        """Stress P (n, 3, 3) that a mean strain loads with at the points of a rule in space."""
-        assert rule.parameters is not None
-        asm, u, phases = self.assembly, rule.parameters, self.material.phases
-        stress = self.domain.by_phase(
-            lambda k, at: _stress(phases[k], asm, u[at], E), rule.cells[rule.owners]
-        )
-        return None, np.broadcast_to(-stress, (len(rule), 3, 3))
-
-    def _seam_force(self, E: FloatArray) -> FloatArray:
-        """What the mean traction of a mean strain adds where two phases meet."""
-        asm = self.assembly
-        rule = asm.seam
-        assert rule is not None
-        assert rule.normals is not None
-        assert rule.parameters is not None
-        lame = [m.lame(asm, rule.parameters) for m in self.material.phases]
-        share = coupling.shares(self, *(lam + 2.0 * mu for lam, mu in lame))
-        stress = sum(
-            s[:, None, None] * _stress(m, asm, rule.parameters, E)
-            for s, m in zip(share, self.material.phases, strict=True)
-        )
-        f = rule.weights[:, None] * np.einsum("nij,nj->ni", stress, rule.normals)
-        return asm.vector(rule, f) - asm.vector(coupling.upper(rule), f)
 
     def _scale(self) -> float:
         """See `CellProblem._scale`."""
@@ -225,15 +193,6 @@ class ElasticCell(CellProblem, Elasticity):
         """
         how = (method, tol, max_iterations, progress)
         return homogenized(self, *how, estimate=as_flag("estimate", estimate))
-
-
-def _stress(m: Material, asm: Assembly, u: FloatArray, E: FloatArray) -> FloatArray:
-    """Stresses (n, 3, 3) or (1, 3, 3) of one strain at parameters (n, 3)."""
-    if isinstance(m, Anisotropic):
-        strain = E[tuple(np.array(tensors.PAIRS).T)] * [1.0, 1.0, 1.0, 2.0, 2.0, 2.0]
-        return (m.matrices(asm, u) @ strain)[:, PLACES]
-    lam, mu = (v[:, None, None] for v in m.lame(asm, u))
-    return np.asarray(lam * np.trace(E) * np.eye(3) + 2.0 * mu * E)
 
 
 def _integral(

@@ -118,7 +118,7 @@ def first_yield(
     for rows, _, gradient in asm.on_rule(c, rule):
         u, owner = rule.parameters[rows], owners[rows]
         g = gradient.reshape(-1, 6, 3, 3) + E
-        local = np.stack([one._stress(g[:, a], u, owner) for a, one in enumerate(unit)])
+        local = np.stack([one._flux(g[:, a], u, owner) for a, one in enumerate(unit)])
         limit = problem._scalar_at(strength, u, owner)
         for i, strain in enumerate(strains / size[:, None]):
             stress = np.einsum("a,anj->nj", strain, local)

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._geometry import grid_points
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import Frozen, as_array
 from ilattice.errors import InputError
@@ -150,7 +151,7 @@ def _axes(edges: FloatArray) -> tuple[str, FloatArray]:
 def _cube(edges: FloatArray, cells: int) -> FloatArray | None:
     """Edges of a cube of so many cells that are steps of their lattice, as columns."""
     edge = (cells * abs(np.linalg.det(edges))) ** (1 / 3)
-    steps = np.stack(np.meshgrid(*[np.arange(-STEPS, STEPS + 1)] * 3), -1).reshape(-1, 3)
+    steps = grid_points(*[np.arange(-STEPS, STEPS + 1)] * 3)
     v = steps @ edges.T / edge
     v = v[np.abs((v**2).sum(axis=1) - 1.0) < 2.0 * SAME]
     v = v[np.lexsort(np.round(-v, 6).T[::-1])]

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import KDTree
 
+from ilattice._geometry import within
 from ilattice._typing import FloatArray, IntArray
 from ilattice.bspline import BSpline
 
@@ -96,9 +97,7 @@ class Seeds:
 
     def wrap(self, u: FloatArray) -> FloatArray:
         """`u` in the domain: closed directions wrap around, others are cut off."""
-        period = self.hi - self.lo
-        turned = self.lo + np.mod(u - self.lo, period)
-        return np.where(self.closed, turned, np.clip(u, self.lo, self.hi))
+        return within(u, self.lo, self.hi, self.closed)
 
     def apart(self, i: IntArray, j: IntArray) -> IntArray:
         """Distance of seeds in cells, the largest over the directions."""

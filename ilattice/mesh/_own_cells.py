@@ -64,7 +64,7 @@ def in_own_cells(
     """
     out = u.copy()
     at, b, ends = _brackets(wall, axes, u, fixed, side, around)
-    t = between(lambda v: _excess(wall, v, side[at]), u[at], b, ends, SECANTS)
+    t = between(lambda v: _clearance(wall, v, side[at]), u[at], b, ends, SECANTS)
     out[at] += t[:, None] * (b - u[at])
     found = np.zeros(len(u), np.bool_)
     end, of = inside(wall.lattice, out[at]), side[at]
@@ -95,7 +95,7 @@ def at_jumps(
     a = u[at]
     for _ in range(HALVINGS):
         middle = 0.5 * (a + b)
-        f = _excess(wall, middle, side[at])
+        f = _clearance(wall, middle, side[at])
         same = (f >= 0.0) == (ends[:, 0] >= 0.0)
         a, b = np.where(same[:, None], middle, a), np.where(same[:, None], b, middle)
         ends = np.where(np.stack([same, ~same], axis=1), f[:, None], ends)
@@ -104,7 +104,7 @@ def at_jumps(
         if len(at) == 0:
             return out
     both = np.stack([a, b], axis=1).reshape(-1, 3)  # as neighbours, which share feet
-    ends = _excess(wall, both, np.repeat(side[at], 2)).reshape(-1, 2)
+    ends = _clearance(wall, both, np.repeat(side[at], 2)).reshape(-1, 2)
     out[at] = np.abs(ends[:, 1] - ends[:, 0]) > JUMP * size[at]
     return out
 
@@ -114,7 +114,7 @@ def _brackets(
     side: FloatArray, around: int,
 ) -> tuple[AnyArray, FloatArray, FloatArray]:  # fmt: skip
     """Vertices between which and a corner the offset is, that corner, and how far both are off."""
-    f = _excess(wall, u, side)
+    f = _clearance(wall, u, side)
     corners = _corners(axes, u, fixed, around)
     some, row = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
     some, row = inside(wall.lattice, some), row.ravel()
@@ -151,7 +151,7 @@ def signed(wall: "OffsetSolid", u: FloatArray) -> FloatArray:
     return out
 
 
-def _excess(wall: "OffsetSolid", u: FloatArray, side: FloatArray) -> FloatArray:
+def _clearance(wall: "OffsetSolid", u: FloatArray, side: FloatArray) -> FloatArray:
     """How far points are beyond an offset surface, by the nearest seed where the search fails."""
     u = inside(wall.lattice, u)
     found = wall.lattice.search.query(u, strict=False)

@@ -17,6 +17,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from ilattice._geometry import grid_points
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import (
     FixedMapping,
@@ -103,8 +104,8 @@ class SolidMesh(Frozen):
     def volumes(self) -> FloatArray:
         """Volumes of the elements, shape (e,)."""
         if self.kind == "C3D8":
-            at = np.stack(np.meshgrid(_GAUSS, _GAUSS, _GAUSS, indexing="ij"), axis=-1)
-            parts = [_jacobian(self.points[self.cells], *u) for u in at.reshape(-1, 3)]
+            at = grid_points(_GAUSS, _GAUSS, _GAUSS)
+            parts = [_jacobian(self.points[self.cells], *u) for u in at]
             return read_only(np.mean([np.linalg.det(a) for a in parts], axis=0))
         x = self.points[self.cells[:, :4]]
         return read_only(np.linalg.det(x[:, 1:] - x[:, :1]) / 6.0)

@@ -18,6 +18,7 @@ from typing import Any, Protocol
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ilattice._geometry import least_step
 from ilattice._typing import AnyArray, FloatArray
 from ilattice._validate import as_array
 from ilattice.errors import GeometryError, InputError
@@ -103,9 +104,7 @@ class _Boxed:
         p = p.copy()
         for _ in range(steps):
             jets = self.part.program.jets(p, 1)
-            f, g = jets[:, 0], jets[:, 1:4]
-            square = np.maximum(np.einsum("ni,ni->n", g, g), 1e-300)
-            step = (f / square)[:, None] * g
+            step = least_step(jets[:, 0], jets[:, 1:4])
             length = np.linalg.norm(step, axis=1, keepdims=True)
             p -= np.where(np.isfinite(step), step, 0.0) * np.minimum(
                 1.0, self.h / (length + 1e-300)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ilattice._geometry import within
 from ilattice._typing import AnyArray, FloatArray
 from ilattice.bspline import BSpline
 from ilattice.offsets._kernels_newton import FALLBACK
@@ -144,8 +145,7 @@ def inside(lattice: MidSurface, u: FloatArray) -> FloatArray:
         Parameters in the domain.
     """
     lo, hi = lattice.domain
-    closed = np.array(lattice.through.closed)
-    return np.where(closed, lo + np.mod(u - lo, hi - lo), np.clip(u, lo, hi))
+    return within(u, lo, hi, np.array(lattice.through.closed))
 
 
 def shortest(lattice: MidSurface, way: FloatArray) -> FloatArray:

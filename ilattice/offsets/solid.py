@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ilattice._field import Field, as_boxes, owns
+from ilattice._geometry import least_step
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_points, read_only
 from ilattice.bspline import BSpline
@@ -227,9 +228,7 @@ def onto_zero(field: TileField, u: FloatArray, steps: int = 8) -> tuple[FloatArr
     lo, hi = field.domain
     out = u
     for _ in range(steps):
-        f, g = field.jet(out, 1)
-        square = np.maximum((g * g).sum(axis=1), 1e-300)
-        out = np.clip(out - (f / square)[:, None] * g, lo, hi)
+        out = np.clip(out - least_step(*field.jet(out, 1)), lo, hi)
     return out, np.abs(field(out))
 
 

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from scipy.ndimage import maximum_filter
 
-from ilattice._geometry import grid_points
+from ilattice._geometry import grid_points, least_step
 from ilattice._memory import available, readable
 from ilattice._progress import Progress
 from ilattice._typing import AnyArray, FloatArray
@@ -128,9 +128,8 @@ def _onto(wall: OffsetSolid, u: FloatArray) -> FloatArray:
     most = 0.5 * tile / wall.lattice.spans
     for _ in range(STEPS):
         f, g = wall.field.jet(u, 1)
-        slope = g * tile
-        square = np.maximum(np.einsum("ni,ni->n", slope, slope), np.finfo(float).tiny)
-        u = np.clip(u - np.clip((f / square)[:, None] * slope * tile, -most, most), lo, hi)
+        step = least_step(f, g * tile) * tile
+        u = np.clip(u - np.clip(step, -most, most), lo, hi)
     return u
 
 

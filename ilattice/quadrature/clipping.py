@@ -15,6 +15,7 @@ from itertools import permutations
 
 import numpy as np
 
+from ilattice._geometry import between, grid_points
 from ilattice._memory import need
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.errors import InputError
@@ -161,8 +162,8 @@ def _boxes(
     grid: Grid, places: IntArray, pieces: tuple[int, int, int]
 ) -> tuple[FloatArray, IntArray]:
     """Six tetrahedra per box."""
-    first = np.stack(np.meshgrid(*(np.arange(n) for n in pieces), indexing="ij"), -1)
-    steps = first.reshape(-1, 1, 3) + PATHS.reshape(1, -1, 3)
+    first = grid_points(*(np.arange(n) for n in pieces))
+    steps = first[:, None] + PATHS.reshape(1, -1, 3)
     u, cells = lattice(grid, places, pieces, steps.reshape(-1, 3))
     return u, cells.reshape(-1, 4)
 
@@ -200,15 +201,9 @@ def _zeros(
     f: Callable[[FloatArray], FloatArray], u: FloatArray, values: FloatArray, low: IntArray,
     high: IntArray,
 ) -> FloatArray:  # fmt: skip
-    """Zeros of f on edges from negative to other values: false position, after Illinois."""
-    p, q, fp, fq = u[low], u[high], values[low].copy(), values[high].copy()
-    a, b, last = np.zeros(len(p)), np.ones(len(p)), np.zeros(len(p), np.int8)
-    t = fp / np.where(fp == fq, 1.0, fp - fq)
-    for _ in range(STEPS if len(p) else 0):
-        ft = f(p + t[:, None] * (q - p))
-        side = np.where(ft < 0, np.int8(-1), np.int8(1))
-        half = np.where(side == last, 0.5, 1.0)  # of the value at the end that stays again
-        a, fp = np.where(ft < 0, t, a), np.where(ft < 0, ft, half * fp)
-        b, fq = np.where(ft < 0, b, t), np.where(ft < 0, half * fq, ft)
-        t, last = a - fp * (b - a) / np.where(fp == fq, 1.0, fq - fp), side
+    """Zeros of f on edges from negative to other values."""
+    p, q = u[low], u[high]
+    if not len(p):
+        return p
+    t = between(f, p, q, np.stack([values[low], values[high]], axis=1), STEPS)
     return p + t[:, None] * (q - p)

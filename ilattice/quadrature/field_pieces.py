@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import uniform_filter
 
+from ilattice._geometry import grid_points
 from ilattice._memory import need
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import Frozen, read_only
@@ -415,7 +416,7 @@ def _halved(
     cell: IntArray, corner: IntArray, length: IntArray
 ) -> tuple[IntArray, IntArray, IntArray]:
     """The eight halves of boxes."""
-    steps = np.stack(np.meshgrid(*[[0, 1]] * 3, indexing="ij"), -1).reshape(1, 8, 3)
+    steps = grid_points(*[[0, 1]] * 3)[None]
     half = length // 2
     corners = (corner[:, None] + steps * half[:, None, None]).astype(np.int64)
     return np.repeat(cell, 8), corners.reshape(-1, 3), np.repeat(half, 8)

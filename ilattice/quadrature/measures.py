@@ -73,9 +73,9 @@ def mass_properties(
     grid = cut(field, cells, domain=domain)
     staged({"cells": lambda: grid.status}, progress)
     work = {"rules": lambda: grid.volume(q), "surface": lambda: grid.surface(q)}
-    solid, skin = staged(work, progress)
+    solid, boundary = staged(work, progress)
     if grid.through is not None:
-        solid, skin = solid.in_space(), skin.in_space()
+        solid, boundary = solid.in_space(), boundary.in_space()
     rho = _as_density(density, solid.points)
     mass = solid.integrate(rho)
     if not mass > 0:
@@ -84,7 +84,7 @@ def mass_properties(
     r = solid.points - centroid
     second = (solid.weights * rho) * r.T @ r
     inertia = np.trace(second) * np.eye(3) - second
-    return MassProperties(solid.integrate(), skin.integrate(), mass, centroid, inertia)
+    return MassProperties(solid.integrate(), boundary.integrate(), mass, centroid, inertia)
 
 
 def _as_density(density: Density, points: FloatArray) -> FloatArray:

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._geometry import grid_points
 from ilattice._typing import ArrayLike, FloatArray, IntArray
 from ilattice._validate import (
     Frozen,
@@ -437,8 +438,7 @@ def _fitted(name: str, f: Callable[..., Any], domain: FloatArray) -> BSpline:
         return as_array(name, asked(name, f, t[:, 0] if nd == 1 else t))
 
     axes = [np.linspace(domain[0, i], domain[1, i], 17) for i in range(nd)]
-    corners = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    sample = values(corners.reshape(-1, nd))
+    sample = values(grid_points(*axes))
     if sample.shape != (17**nd,):
         raise InputError(f"{name} must return one value per parameter, got shape {sample.shape}")
     if not sample.min() > 0.0:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ilattice._geometry import wrapped
 from ilattice._typing import FloatArray, IntArray
 from ilattice.bspline import BSpline
 
@@ -67,7 +68,7 @@ class Clearance:
     def wrapped(self, u: FloatArray) -> FloatArray:
         """Parameters moved into the domain along closed directions."""
         lo, hi = self.domain
-        return np.where(self.closed, lo + np.mod(u - lo, hi - lo), u)
+        return wrapped(u, lo, hi, self.closed)
 
     def image(self, p: FloatArray) -> FloatArray:
         """Points of space (n, 3) of tile coordinates, also of the continuation."""

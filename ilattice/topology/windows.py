@@ -78,7 +78,7 @@ class Windows:
         self.shape = tuple((self.cells + ~self.closed).tolist())
         self.spacing = np.ptp(clearance.domain, axis=0) / self.cells
         some = [np.linspace(0.0, n, COARSE) for n in self.cells]
-        sizes = clearance.sizes(self._place(np.stack(np.meshgrid(*some), axis=-1).reshape(-1, 3)))
+        sizes = clearance.sizes(self._place(grid_points(*some)))
         self.slack = float(np.linalg.norm(sizes * clearance.span, axis=1).max())
         n = int(np.prod(self.shape))
         self.known = np.zeros(n, np.bool_)

@@ -344,24 +344,26 @@ def test_surface_matrices_are_those_of_the_naive_twin():
         du = [naive_lines(asm.space, u, tuple(np.eye(3, dtype=int)[a])) for a in range(3)]
         g = np.einsum("qna,qac->qnc", np.stack(du, -1), np.linalg.inv(asm.jacobians(u)))
         n, w, eye = rule.normals, rule.weights, np.eye(3)
-        for condition in problem.in_the_mean:
-            terms = weak.elastic_terms(problem, condition)
-            lam, mu = terms.lame.T
+        for condition in problem.weakly_imposed:
+            terms = weak.terms_of(problem, condition)
+            mask = terms.mask
+            lam, mu = np.outer(problem._lame(u[:1], np.zeros(1, int)), np.ones(len(u)))
             T = np.einsum("q,qi,qbj->qbij", lam, n, g) + np.einsum("q,qbi,qj->qbij", mu, g, n)
             T += np.einsum("q,qbk,qk,ij->qbij", mu, g, n, eye)
-            half = np.einsum("q,qa,i,qbij->aibj", w, N, terms.mask, T)
+            half = np.einsum("q,qa,i,qbij->aibj", w, N, mask, T)
             expected = np.einsum("q,qa,qb,qij->aibj", w, N, N, terms.Q)
             expected -= half + half.transpose(2, 3, 0, 1)
             data = asm.zeros(3)
-            weak.add_elastic(data, problem, terms)
+            weak.add(data, problem, terms)
             found = asm.pattern.matrix(data).toarray()
             np.testing.assert_allclose(found, expected.reshape(found.shape), atol=1e-11)
         heat = Heat(problem.domain, conductivity=3.0).fix("surface", 0.0)
-        rule, Q, k = heat._surface_terms(heat.supports[0])
-        F = np.einsum("q,qac,qc->qa", k, g, n)
+        terms = weak.terms_of(heat, heat.supports[0])
+        Q = terms.Q[:, 0, 0]
+        F = 3.0 * np.einsum("qac,qc->qa", g, n)
         half = np.einsum("q,qa,qb->ab", w, N, F)
         data = heat.assembly.zeros(1)
-        heat._add_surface(data, heat.supports[0])
+        weak.add(data, heat, terms)
         found = heat.assembly.pattern.matrix(data).toarray()
         expected = np.einsum("q,qa,qb->ab", w * Q, N, N) - half - half.T
         np.testing.assert_allclose(found, expected, atol=1e-10)

@@ -20,7 +20,7 @@ def quadratic(x):
     return 1.0 + x @ (0.5, -1.0, 2.0) + 0.5 * np.einsum("ni,ij,nj->n", x, H, x)
 
 
-def test_quadratic_temperatures_are_exact_where_they_are_held_in_the_mean():
+def test_quadratic_temperatures_are_exact_where_they_are_held_weakly_imposed():
     problem = Heat(ball, 6, domain=BOX, conductivity=K).fix("surface", quadratic)
     solved = problem.source(-float((K * H).sum())).solve(tol=1e-12)
     x = np.random.default_rng(0).uniform(-0.45, 0.45, (50, 3))

@@ -548,7 +548,7 @@ def test_springs_hold_what_they_are_stiff_against():
     np.testing.assert_allclose(solution.reactions["surface"], [-0.12, 0, 0], atol=1e-8)
 
 
-def test_supports_in_the_mean_may_not_contradict():
+def test_supports_weakly_imposed_may_not_contradict():
     bar = il.cutfem.Elasticity(**BAR)
     for first in ({}, {"method": "nitsche"}):
         held = bar.clamp("w=0", **first)

@@ -6,7 +6,7 @@ import pytest
 
 import ilattice as il
 from ilattice.cutfem import Elasticity, Heat, Solution
-from ilattice.cutfem.estimate import complementary
+from ilattice.cutfem._voigt import complementary
 from ilattice.cutfem.recovery import WEIGHTS, project, smoothest
 from ilattice.errors import FormatError
 

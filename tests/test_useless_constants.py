@@ -1,0 +1,220 @@
+"""Constants that decide what is right: a small case of each fails with a useless value.
+
+Every row is a module, a constant, a value of no use, and a case that holds with the right one. Both
+are tried. Constants of compiled code are not here: they are part of it.
+"""
+
+import importlib
+import re
+import warnings
+
+import numpy as np
+import pytest
+
+import ilattice as il
+from ilattice.cutfem import Elasticity, Heat
+from ilattice.errors import IlatticeError, InputError, PrecisionWarning
+from ilattice.mesh.repair import Repair
+from ilattice.mesh.specks import without_specks
+
+BAR = [[0, 0, 0], [1, 1, 3]]
+CUBE = [[-1.1] * 3, [1.1] * 3]
+
+
+def full(u):
+    return -np.ones(len(u))
+
+
+def ball(u):
+    return (u**2).sum(axis=1) - 1.0
+
+
+def refused(kind, match, do, *args, **options):
+    """That a call ends in an error, or in a warning where these are errors, that says why."""
+    said = ""
+    try:
+        do(*args, **options)
+    except kind as error:
+        said = str(error)
+    assert re.search(match, said)
+
+
+# ---------------------------------------------------------------- analysis
+
+
+def what_can_move_along_an_oblique_axis_is_not_held():
+    def rod(u):
+        return (u**2).sum(axis=1) - u.sum(axis=1) ** 2 / 3.0 - 0.36
+
+    problem = Elasticity(rod, 4, domain=CUBE).clamp("surface", components="n")
+    assert dict(problem.free_motions) == {0: (2, 6)}  # along the axis and about it
+    refused(InputError, "2 of 6 motions", problem.check_held)
+
+
+def bodies_that_only_move_store_nothing():
+    problem = Elasticity(ball, 4, domain=CUBE, degree=1).clamp("surface", value=(1.0, 2.0, 3.0))
+    problem.solve()  # errors of nothing are no errors
+
+
+def weak_supports_hold():
+    exact = lambda x: x @ [1.0, 2.0, 3.0]  # noqa: E731
+    solution = Heat(ball, 4, domain=CUBE).fix("surface", exact).solve(method="superlu")
+    u = [[0.3, 0.2, -0.4], [-0.9, 0.1, 0.0]]
+    np.testing.assert_allclose(solution.evaluate(u), exact(np.array(u)), atol=1e-4)
+
+
+def supports_that_overlap_hold_once():
+    exact = lambda x: x[:, :1] * [1.0, 0.0, 0.0]  # noqa: E731
+    problem = Elasticity(full, 3, domain=BAR, poisson=0.0)
+    problem = problem.clamp("u=0", value=exact, method="nitsche")
+    problem = problem.clamp("boundary", value=exact)
+    found = problem.solve().evaluate([[0.5, 0.5, 1.0], [0.9, 0.1, 2.0]])
+    np.testing.assert_allclose(found, [[0.5, 0, 0], [0.9, 0, 0]], atol=1e-7)
+
+
+def supports_that_contradict_are_refused():
+    problem = Heat(full, 2, domain=BAR).fix("u=0", 0.0).fix("w=0", 1.0)
+    refused(InputError, "contradict", problem.solve)
+
+
+def rough_regions_are_told():
+    problem = Heat(ball, 3, domain=CUBE)
+    refused(PrecisionWarning, "its area is off", problem.fix, lambda x: x[:, 0] > 0.45, 0.0)
+
+
+def planes_with_a_rim_are_told():
+    """A region that has the flat end of a cap, and a bit of the ball beside it."""
+
+    normal = np.array([0.6, 0.0, 0.8])
+    flat = il.fields.half_space(normal, 0.3)
+    problem = Elasticity(il.fields.intersection(il.fields.sphere(1.0), flat), 4, domain=CUBE)
+    wide = lambda x: x @ [0.6, 0.0, 0.8] > 0.2  # noqa: E731
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "on=")
+        refused(PrecisionWarning, "not in the plane", problem.clamp, wide, components="n")
+
+
+def nearly_incompressible_solids_do_not_lock():
+    problem = Elasticity(full, (2, 2, 6), domain=[[0, 0, 0], [1, 1, 6]], degree=1, poisson=0.4999)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        solution = problem.clamp("w=0").load(traction=(1e-3, 0, 0), on="w=1").solve()
+    beam = 1e-3 * 6.0**3 / (3.0 / 12.0)
+    assert solution.evaluate([[0.5, 0.5, 6.0]])[0, 0] > 0.6 * beam
+
+
+def coarse_cells_are_told():
+    problem = Elasticity(full, (4, 4, 12), domain=BAR, degree=1).clamp("w=0")
+    refused(PrecisionWarning, "too coarse", problem.load(body=(1, 0, 0)).solve)
+
+
+def loads_between_points_are_refused():
+    narrow = lambda x: 50.0 * (np.abs(x[:, 2] - 1.5) < 1e-2)  # noqa: E731
+    problem = Heat(full, (1, 1, 3), domain=BAR).fix("w=0", 0.0).source(narrow)
+    refused(InputError, "source", problem.solve)
+
+
+def loads_on_what_nothing_holds_are_told():
+    both = lambda u: np.abs(np.abs(u[:, 2] - 1.5) - 1.0) - 0.4  # noqa: E731
+    problem = Heat(both, (1, 1, 30), domain=BAR, islands="drop").fix("z < 0.1", 0.0)
+    problem = problem.flux("boundary", 1.0)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "left out")
+        warnings.filterwarnings("ignore", "on=")
+        refused(PrecisionWarning, "parts that were left out", problem.forces)
+
+
+def recovered_fluxes_are_bounded_in_slivers():
+    """A plane that leaves a millionth of the last cell."""
+    bar = lambda u: u[:, 2] - 2.000001  # noqa: E731
+    problem = Heat(bar, (1, 1, 3), domain=BAR).fix("w=0", 0.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        solution = problem.source(lambda x: np.sin(3.0 * x[:, 2])).solve(method="superlu")
+    assert np.abs(solution.recovered().projected).max() < 10.0
+
+
+def jumps_within_cells_are_told():
+    problem = Heat(full, 3, domain=BAR, conductivity=lambda x: 1.0 + 9.0 * (x[:, 2] > 1.3))
+    refused(PrecisionWarning, "jumps or waves", problem.fix("w=0", 0.0).fix("w=1", 1.0).solve)
+
+
+def stiffnesses_that_are_not_symmetric_are_refused():
+    C = np.array(il.cutfem.orthotropic(young=1.0, poisson=0.3))
+    C[0, 1] *= 1.5
+    refused(InputError, "symmetric", Elasticity, full, 2, domain=BAR, stiffness=C)
+
+
+# ---------------------------------------------------------------- cells that repeat
+
+
+def stresses_that_are_not_borne_are_refused():
+    plate = lambda u: np.abs(u[:, 2] - 0.5) - 0.2  # noqa: E731
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        cell = il.homogenize.ElasticCell(plate, 5, domain=[[0] * 3, [1] * 3])
+        refused(InputError, "bears nothing", cell.under, [0, 0, 1.0, 0, 0, 0])
+
+
+# ---------------------------------------------------------------- cut cells and walls
+
+
+def volumes_that_are_not_known_are_told():
+    wild = lambda u: np.sin(25.0 * u[:, 0] + 7.0 * u[:, 2]) - 0.3  # noqa: E731
+    where = {"domain": [[0] * 3, [1] * 3]}
+    refused(PrecisionWarning, "is known to", il.cutfem.cut, wild, 1, **where)
+
+
+def densities_are_those_that_were_asked_for():
+    lattice = il.Lattice("gyroid", through=il.macroshape.cell(), repeat=1)
+    wall = lattice.offset(relative_density=0.3)
+    assert wall.relative_density() == pytest.approx(0.3, rel=2e-3)
+
+
+def thickness_that_splines_do_not_follow_is_refused():
+    lattice = il.Lattice("schwarz_p", through=il.macroshape.cell(), repeat=1)
+    fine = lambda u: 0.05 + 0.04 * np.abs(np.sin(40.0 * u.sum(axis=1)))  # noqa: E731
+    refused(InputError, "too fast for a spline", lattice.offset, fine)
+
+
+def specks_are_left_out():
+    """Beside a tetrahedron as large as a cell, one of a hundredth of its size."""
+    corners, faces = np.eye(4, 3), np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
+    x = np.concatenate([corners, 2.0 + 0.01 * corners])
+    both = np.concatenate([faces, faces + 4])
+    given = Repair(np.arange(8), both, np.arange(8), 0, 0, 0)
+    found = without_specks(x, given, lambda vertices: np.ones(len(vertices)))
+    assert len(found.faces) == 4
+
+
+CASES = [
+    ("cutfem.problem", "FREE", 1e-30, what_can_move_along_an_oblique_axis_is_not_held),
+    ("cutfem.problem", "AT_REST", 0.0, bodies_that_only_move_store_nothing),
+    ("cutfem.weak", "NITSCHE", 1e-3, weak_supports_hold),
+    ("cutfem.overlaps", "LEAST", 3.0, supports_that_overlap_hold_once),
+    ("cutfem.constraints", "SAME", 1e300, supports_that_contradict_are_refused),
+    ("cutfem.posed", "ROUGH", np.inf, rough_regions_are_told),
+    ("cutfem.posed", "RIM", 1.0, planes_with_a_rim_are_told),
+    ("cutfem.operators", "FROM", 1.0, nearly_incompressible_solids_do_not_lock),
+    ("cutfem.discretization", "WARNED", np.inf, coarse_cells_are_told),
+    ("cutfem.sampling", "USELESS", np.inf, loads_between_points_are_refused),
+    ("cutfem.watching", "LOST", np.inf, loads_on_what_nothing_holds_are_told),
+    ("cutfem.recovery", "WEIGHTS", {2: 0.0}, recovered_fluxes_are_bounded_in_slivers),
+    ("cutfem.jumps", "STEEP", np.inf, jumps_within_cells_are_told),
+    ("cutfem.anisotropic", "ODD", np.inf, stiffnesses_that_are_not_symmetric_are_refused),
+    ("homogenize.local", "BORNE", np.inf, stresses_that_are_not_borne_are_refused),
+    ("quadrature.grid", "TOLD", np.inf, volumes_that_are_not_known_are_told),
+    ("offsets.density", "TOLERANCE", 1.0, densities_are_those_that_were_asked_for),
+    ("offsets.thickness", "REFUSE", np.inf, thickness_that_splines_do_not_follow_is_refused),
+    ("mesh.specks", "SPECK", 0.0, specks_are_left_out),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("module", "name", "useless", "case"), CASES)
+def test_a_useless_constant_is_noticed(module, name, useless, case, monkeypatch):
+    module = importlib.import_module(f"ilattice.{module}")
+    assert name in vars(module)
+    case()
+    monkeypatch.setattr(module, name, useless)
+    with pytest.raises((AssertionError, IlatticeError, PrecisionWarning)):
+        case()
