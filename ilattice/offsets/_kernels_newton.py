@@ -43,7 +43,7 @@ SADDLE, CLEAR_SADDLE = -1e-3, -0.1
 ROUNDING, TANGENT = 1e-12, 1e-5
 
 #: Steps after which an iteration is given up that still makes some longer than this part of the
-#: spacing, as to and fro over a sharp edge, where there is a foot already.
+#: spacing, as back and forth over a sharp edge, where there is a foot already.
 PATIENCE, ERRATIC = 12, 0.1
 
 #: How a search ended: inside, on the boundary, with the nearest seed in place of a foot, without
