@@ -180,7 +180,7 @@ def _meshed(job: _Job, caps: bool, dtype: Any) -> _Meshed:
         wrong, part, mended = not_projected(wall, new.u[kept], side[kept], free)
         unconverged = unconverged | wrong
         nearer = (part, mended, int(free.sum()))
-    _check(of.off[kept], of.crease[kept], exactly=job.polish)
+    _check(of.off[kept], of.crease[kept], job)
     faces = _outward(wall, new.repair.faces)
     exact = (side[kept] != 0) & ~unconverged & job.polish
     data = _point_data(wall, new.u[kept], side[kept], exact)
@@ -288,7 +288,7 @@ def wall_pieces(
         vertices, faces = wall.lattice.through.x(u), _outward(wall, raw.faces)
         extent.add(vertices, faces)
         yield vertices, faces
-    _check(np.concatenate(off), np.concatenate(crease), exactly=job.polish)
+    _check(np.concatenate(off), np.concatenate(crease), job)
     loss = loss_of(wall, job.h, extent, sheets=False, exactly=job.polish, default=job.default)
     if loss is not None:
         loss.tell(allowed=allow_loss)
@@ -440,24 +440,24 @@ class _Larger(Field):
         return self.f(u) < self.g(u)
 
 
-def _check(off: AnyArray, crease: AnyArray, *, exactly: bool) -> None:
+def _check(off: AnyArray, crease: AnyArray, job: _Job) -> None:
     """Refuse a mesh of which too many vertices are off the offset, or off its creases."""
     count = len(off)
     unconverged, cut = int(off.sum()), int(crease.sum())
     remedy = (
-        "use a smaller h, more spans_per_tile where the distance spline has a wall and exact "
-        "distances have none, or polish=False for a mesh of the spline"
+        f"use h <= {0.5 * job.h:.3g}, more spans_per_tile where the distance spline has a wall and "
+        "exact distances have none, or polish=False for a mesh of the spline"
     )
-    if exactly and unconverged > max(MAX_OFF * count, FEW):
+    if job.polish and unconverged > max(MAX_OFF * count, FEW):
         raise TooCoarseError(
-            f"{unconverged} of {count} vertices are off the offset (more than {MAX_OFF:.1%}): "
-            "there is none in their cells, as in slits thinner than a part of a cell, or "
-            f"triangles would cross; {remedy}"
+            f"{unconverged} of {count} vertices are off the offset with h={job.h:g} (more than "
+            f"{MAX_OFF:.1%}): there is none in their cells, as in slits thinner than a part of a "
+            f"cell, or triangles would cross; {remedy}"
         )
-    if exactly and cut > max(MAX_CREASED * count, FEW):
+    if job.polish and cut > max(MAX_CREASED * count, FEW):
         raise ConvergenceError(
-            f"{cut} of {count} vertices cut creases of the offset (more than {MAX_CREASED:.0%}); "
-            f"{remedy}"
+            f"{cut} of {count} vertices cut creases of the offset with h={job.h:g} (more than "
+            f"{MAX_CREASED:.0%}); {remedy}"
         )
 
 
