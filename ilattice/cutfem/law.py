@@ -14,8 +14,8 @@ of errors follow from the one tensor of a law. `Conduction`, `Isotropic` and `An
 that know some of these better.
 
 Guarantees: nothing here knows supports, loads or solutions. Non-guarantee: laws are linear, with a
-tensor that is symmetric and positive on gradients that are not those of rigid bodies; whether one
-that is given by a user is so is not checked.
+tensor that is symmetric and positive on gradients that are not those of rigid bodies; `Physics`
+looks at some points for that.
 """
 
 from collections.abc import Iterator

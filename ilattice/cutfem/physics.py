@@ -11,14 +11,16 @@ What is solved is div(A grad v) + body = 0, with the tensor A of a `Law`: on the
 rules and stabilization, and with the same supports, estimates and files as for `Elasticity` and
 `Heat`, which are laws, too.
 
-Guarantees: those of `problem` and `solved`. Non-guarantee: a law that is not symmetric and positive
-is not refused.
+Guarantees: those of `problem` and `solved`; a law that is not symmetric and positive at one of 64
+points of the solid is refused. Non-guarantee: elsewhere it may be neither.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar, Self
+
+import numpy as np
 
 from ilattice._progress import Progress
 from ilattice._typing import AnyArray, ArrayLike, FloatArray
@@ -29,6 +31,10 @@ from ilattice.cutfem.problem import ISLANDS, Problem
 from ilattice.cutfem.solved import Solved
 from ilattice.errors import InputError
 from ilattice.quadrature.rules import Quadrature
+
+#: Points of a part at which the tensor of a law is looked at, and the part of its largest entry
+#: that is rounding.
+LOOKED_AT, ROUNDED = 64, 1e-9
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -99,11 +105,31 @@ class Physics(Problem):
         return self.given
 
     def _add_solid(self, data: FloatArray, law: Law, part: Quadrature) -> FloatArray:
-        """With a tensor that has the right shape."""
-        found, wanted = law.tangent(self.assembly, part.points[:1]).shape, (1, *[self.m, 3] * 2)
-        if len(part) and found != wanted:
-            raise InputError(f"law.tangent must be of shape {wanted} at one point, got {found}")
+        """With a tensor that has the right shape, and an energy."""
+        some = np.unique(np.linspace(0, max(len(part) - 1, 0), LOOKED_AT).astype(np.int64))
+        for u in (part.points[some[:1]], part.points[some]) if len(part) else ():
+            self._check(np.asarray(law.tangent(self.assembly, u)), u)
         return super()._add_solid(data, law, part)
+
+    def _check(self, A: FloatArray, u: FloatArray) -> None:
+        """Refuse tensors that are of another shape, or not symmetric and positive."""
+        wanted, size = (len(u), *[self.m, 3] * 2), 3 * self.m
+        if A.shape not in (wanted, (1, *wanted[1:])):
+            points = "one point" if len(u) == 1 else f"{len(u)} points"
+            raise InputError(f"law.tangent must be of shape {wanted} at {points}, got {A.shape}")
+        A = A.reshape(-1, size, size)
+        if not np.isfinite(A).all():
+            raise InputError("law.tangent must be finite everywhere in the solid")
+        most = np.abs(A).max(axis=(1, 2))
+        skew = np.abs(A - A.transpose(0, 2, 1)).max(axis=(1, 2)) > ROUNDED * most
+        least = np.linalg.eigvalsh(0.5 * (A + A.transpose(0, 2, 1)))[:, 0]
+        for bad, what in ((skew, "symmetric"), (least < -ROUNDED * most, "positive")):
+            if bad.any():
+                at = np.broadcast_to(u, (len(u), 3))[min(int(bad.argmax()), len(u) - 1)]
+                raise InputError(
+                    f"law.tangent is not {what} at u={at.round(6).tolist()}; flux must be the "
+                    "derivative of an energy that no gradient makes negative"
+                )
 
     def hold(
         self, on: Any, value: Any = 0.0, *, components: Any = None, method: str = "auto",

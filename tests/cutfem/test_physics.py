@@ -226,3 +226,25 @@ def test_tensors_of_a_wrong_shape_are_refused():
 
     with pytest.raises(InputError, match=r"shape \(1, 1, 3, 1, 3\) at one point, got \(1, 3, 3\)"):
         Physics(full, 2, law=Wrong(), domain=BAR).hold("w=0").solve()
+
+
+@pytest.mark.parametrize(("k", "what"), [
+    ([[2.0, 1.0, 0.0], [-1.0, 2.0, 0.0], [0.0, 0.0, 1.0]], "not symmetric at u="),
+    (np.diag([1.0, -0.1, 2.0]), "not positive at u="),
+    (np.diag([1.0, np.nan, 2.0]), "must be finite"),
+])  # fmt: skip
+def test_tensors_without_an_energy_are_refused(k, what):
+    """They were solved without a word, by the symmetric part of the matrix."""
+    problem = Physics(full, 2, law=Plain(k), domain=BAR).hold("w=0")
+    with pytest.raises(InputError, match=what):
+        problem.load(body=1.0).solve()
+
+
+def test_tensors_that_have_no_energy_somewhere_are_refused():
+    class Falling(Law):
+        def tangent(self, asm, u):
+            return (0.7 - asm.x(u)[:, :1, None, None, None]) * np.eye(3)[None, None, :, None, :]
+
+    problem = Physics(full, 4, law=Falling(), domain=BAR).hold("w=0").load(body=1.0)
+    with pytest.raises(InputError, match="not positive at u="):
+        problem.solve()
