@@ -125,7 +125,7 @@ class Conduction(Law):
         """See `Law.add`."""
         k = self.at(asm, part.points)
         asm.add_cells(data, part, kernels.TENSOR, rows(k))
-        return self.jump(asm, part, mean(k))
+        return self.jump(asm, part, k if k.ndim == 1 else None)
 
     def _turned(self, asm: Assembly, u: FloatArray, k: FloatArray) -> FloatArray:
         """Matrices along axes of space."""

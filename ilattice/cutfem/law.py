@@ -19,6 +19,7 @@ looks at some points for that.
 """
 
 from collections.abc import Iterator
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -29,6 +30,13 @@ from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.jumps import CALM, jump_within_cells
 from ilattice.cutfem.space import IDENTITY
 from ilattice.quadrature.rules import Quadrature
+
+#: Part of the largest stiffness below which one is none, as of gradients of rotations.
+FREE = 1e-9
+#: Unit vectors along the axes and between them; points whose tensors are computed at once; and sets
+#: of points whose numbers are kept.
+WAYS = np.concatenate([np.eye(3), np.sqrt(0.5) * (1.0 - np.eye(3))])
+AT_ONCE, KEPT = 1 << 16, 4
 
 
 class Law:
@@ -141,9 +149,11 @@ class Law:
             Twice an energy per volume.
         """
         size = 3 * self.m
-        A = np.broadcast_to(self.tangent(asm, u), (len(u), self.m, 3, self.m, 3))
-        inverse = np.linalg.inv(A.reshape(-1, size, size))
-        return np.einsum("qi,qij,qj->q", flux, inverse, flux)
+        w, v = np.linalg.eigh(self.tangent(asm, u).reshape(-1, size, size))
+        free = w <= FREE * w[:, -1:]  # as gradients of rotations
+        w = np.where(free, 0.0, 1.0 / np.where(free, 1.0, w))
+        along = np.einsum("qij,qi->qj", np.broadcast_to(v, (len(u), size, size)), flux)
+        return np.asarray((w * along**2).sum(axis=1))
 
     def normal(self, asm: Assembly, u: FloatArray, normals: FloatArray) -> FloatArray:
         """What makes `through` of gradients.
@@ -221,20 +231,25 @@ class Law:
         asm, part : Assembly, Quadrature
             As in `add`.
         values : ndarray, shape (n,), optional
-            What `mean` is at the points, if it is known.
+            What `mean` is at the points, of laws that are alike in all directions; others are
+            looked at along and between the axes, each unknown for itself.
 
         Returns
         -------
         ndarray, shape (2,)
             See `jump_within_cells`.
         """
-        if self.constant:
+        if self.constant or not len(part):
             return CALM
-
-        def mean(u: FloatArray) -> FloatArray:
-            return np.broadcast_to(self.mean(asm, u), len(u))
-
-        return jump_within_cells(part, mean(part.points) if values is None else values, mean)
+        if values is not None:
+            return jump_within_cells(part, values, lambda u: self.mean(asm, u))
+        looked = _Looked(self, asm)
+        stiff, out = looked(part.points), CALM
+        for k in range(stiff.shape[1]):
+            if stiff[:, k].min() > FREE * stiff.max():
+                found = jump_within_cells(part, stiff[:, k].copy(), partial(looked.along, k))
+                out = np.maximum(out, found)
+        return out
 
     def add(self, data: FloatArray, asm: Assembly, part: Quadrature) -> FloatArray:
         """Add the matrix of a part of the solid to blocks.
@@ -267,6 +282,30 @@ class Law:
                 out[e] = block.reshape(size, size)
             asm.add_blocks(data, at, 0.5 * (out + out.transpose(0, 2, 1)))
         return self.jump(asm, part)
+
+
+class _Looked:
+    """How stiff a law is along `WAYS`, each unknown for itself; what was asked twice is kept."""
+
+    def __init__(self, law: Law, asm: Assembly) -> None:
+        self.law, self.asm = law, asm
+        self.kept: dict[bytes, FloatArray] = {}
+
+    def __call__(self, u: FloatArray) -> FloatArray:
+        """Numbers (n, 6 m), positive, or zero for what costs no energy."""
+        out = np.empty((len(u), len(WAYS) * self.law.m))
+        for i in range(0, len(u), AT_ONCE):
+            A = self.law.tangent(self.asm, u[i : i + AT_ONCE])
+            found = np.einsum("pk,qikil,pl->qip", WAYS, A, WAYS, optimize=True)
+            out[i : i + AT_ONCE] = found.reshape(len(A), -1)
+        return out
+
+    def along(self, k: int, u: FloatArray) -> FloatArray:
+        """One of these numbers (n,)."""
+        key = u.tobytes()
+        if key not in self.kept:
+            self.kept = {**self.kept, key: self(u)} if len(self.kept) < KEPT else {key: self(u)}
+        return self.kept[key][:, k]
 
 
 def _cells(part: Quadrature, cells: slice, rows: slice) -> Iterator[tuple[int, slice]]:

@@ -16,6 +16,7 @@ points of the solid is refused. Non-guarantee: elsewhere it may be neither.
 """
 
 from collections.abc import Mapping
+from copy import deepcopy
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar, Self
@@ -48,7 +49,7 @@ class Physics(Problem):
     cells : int, sequence of 3 int or Grid, optional
         Background grid, as in `cut`.
     law : Law, keyword-only
-        Which flux gradients make.
+        Which flux gradients make; it is copied.
     degree, smoothness, q, stabilization, weight, islands, domain, through, phases : keyword-only
         As in `Elasticity`; of two phases a law has two `phases`.
 
@@ -84,15 +85,14 @@ class Physics(Problem):
         weight: float | None = None, islands: str = "drop", domain: Any = None,
         through: Any = None, phases: Any = None,
     ) -> None:  # fmt: skip
-        if not isinstance(law, Law) or type(law).tangent is Law.tangent:
-            raise InputError(f"law must be a Law, of a class with a tangent, got {law!r:.80}")
+        _check_law(law)
         as_choice("islands", islands, ISLANDS)
         where = as_phased(
             field, cells, degree=degree, smoothness=smoothness, q=q, stabilization=stabilization,
             weight=weight, domain=domain, through=through, phases=phases,
         )  # fmt: skip
         super().__init__(where, islands)
-        self._set(given=law)
+        self._set(given=deepcopy(law))  # matrices and solutions are those of the law of now
 
     @property
     def m(self) -> int:  # type: ignore[override]
@@ -107,29 +107,12 @@ class Physics(Problem):
     def _add_solid(self, data: FloatArray, law: Law, part: Quadrature) -> FloatArray:
         """With a tensor that has the right shape, and an energy."""
         some = np.unique(np.linspace(0, max(len(part) - 1, 0), LOOKED_AT).astype(np.int64))
-        for u in (part.points[some[:1]], part.points[some]) if len(part) else ():
-            self._check(np.asarray(law.tangent(self.assembly, u)), u)
+        if len(part):
+            check_tangent(law, self.assembly, part.points[some])
         return super()._add_solid(data, law, part)
 
-    def _check(self, A: FloatArray, u: FloatArray) -> None:
-        """Refuse tensors that are of another shape, or not symmetric and positive."""
-        wanted, size = (len(u), *[self.m, 3] * 2), 3 * self.m
-        if A.shape not in (wanted, (1, *wanted[1:])):
-            points = "one point" if len(u) == 1 else f"{len(u)} points"
-            raise InputError(f"law.tangent must be of shape {wanted} at {points}, got {A.shape}")
-        A = A.reshape(-1, size, size)
-        if not np.isfinite(A).all():
-            raise InputError("law.tangent must be finite everywhere in the solid")
-        most = np.abs(A).max(axis=(1, 2))
-        skew = np.abs(A - A.transpose(0, 2, 1)).max(axis=(1, 2)) > ROUNDED * most
-        least = np.linalg.eigvalsh(0.5 * (A + A.transpose(0, 2, 1)))[:, 0]
-        for bad, what in ((skew, "symmetric"), (least < -ROUNDED * most, "positive")):
-            if bad.any():
-                at = np.broadcast_to(u, (len(u), 3))[min(int(bad.argmax()), len(u) - 1)]
-                raise InputError(
-                    f"law.tangent is not {what} at u={at.round(6).tolist()}; flux must be the "
-                    "derivative of an energy that no gradient makes negative"
-                )
+    def __repr__(self) -> str:
+        return super().__repr__().replace("Physics(", f"Physics({type(self.given).__name__}, ", 1)
 
     def hold(
         self, on: Any, value: Any = 0.0, *, components: Any = None, method: str = "auto",
@@ -144,7 +127,7 @@ class Physics(Problem):
         value : float, sequence of m floats or callable
             The field; a callable takes points of space (n, 3), returns (n, m).
         components : sequence of int, optional
-            Which unknowns; by default all.
+            Which unknowns; by default all. They have no normal part.
         method : {"auto", "strong", "nitsche"}
             As in `Elasticity.clamp`.
         where : str, callable, (2, 3) array-like, Field or SurfaceMesh, optional
@@ -155,6 +138,10 @@ class Physics(Problem):
         Physics
             A new problem.
         """
+        if isinstance(components, str):
+            raise InputError(
+                f"components={components!r:.40}: give numbers of unknowns, from 0 to {self.m - 1}"
+            )
         return self._supported(on, components, value, method, "value", where)
 
     def exchange(self, on: Any, transfer: Any, *, around: Any = 0.0, where: Any = None) -> Self:
@@ -239,6 +226,77 @@ class Physics(Problem):
             `SolveReport.discretization_error`.
         """
         return FieldSolution(self, *self._solve(method, tol, max_iterations, progress))
+
+
+def _check_law(law: Any) -> None:
+    """Refuse what is no law, or has other numbers of unknowns or phases than there are."""
+    if not isinstance(law, Law) or type(law).tangent is Law.tangent:
+        raise InputError(f"law must be a Law, of a class with a tangent, got {law!r:.80}")
+    if isinstance(law.m, bool) or not isinstance(law.m, int) or law.m < 1:
+        raise InputError(f"law.m must be a number of unknowns, 1 or more, got {law.m!r:.40}")
+    pair = law.phases
+    if not isinstance(pair, (tuple, list)) or len(pair) != 2:
+        raise InputError(f"law.phases must be two laws, got {pair!r:.80}")
+    for one in pair:
+        if not isinstance(one, Law) or one.m != law.m:
+            raise InputError(f"law.phases must be laws of {law.m} unknowns, got {one!r:.80}")
+
+
+def check_tangent(law: Law, asm: Any, u: FloatArray) -> None:
+    """Refuse tensors that are of another shape, or not symmetric and positive.
+
+    Parameters
+    ----------
+    law : Law
+        The law.
+    asm : Assembly
+        Knows the map.
+    u : ndarray, shape (n, 3)
+        Parameters at which it is looked at.
+    """
+    alone = _tensors(law, asm, u[-1:])
+    A = _tensors(law, asm, u)
+    size, most = 3 * law.m, np.abs(A).max(axis=(1, 2, 3, 4))
+    if np.abs(A[-1] - alone[0]).max() > ROUNDED * most.max():
+        raise InputError(
+            f"law.tangent has one row for {len(u)} points, and another tensor at u="
+            f"{u[-1].round(6).tolist()} alone; return a row per point where it varies"
+        )
+    own = np.abs(np.einsum("qikil->qikl", A)).max(axis=(2, 3)).min(axis=1)
+    A = A.reshape(-1, size, size)
+    skew = np.abs(A - A.transpose(0, 2, 1)).max(axis=(1, 2))
+    least = np.linalg.eigvalsh(0.5 * (A + A.transpose(0, 2, 1)))[:, 0]
+    for bad, what in (
+        (own <= 0.0, "zero for an unknown"),
+        (skew > ROUNDED * most, "not symmetric"),
+        (least < -ROUNDED * most, "not positive"),
+    ):
+        if bad.any():
+            k = int(bad.argmax())
+            at = u[min(k, len(u) - 1)].round(6).tolist()
+            raise InputError(
+                f"law.tangent is {what} at u={at} (its largest entry is {most[k]:.4g}, its lowest "
+                f"eigenvalue {least[k]:.4g}, off symmetry {skew[k]:.4g}); flux must be the "
+                "derivative of an energy that no gradient makes negative"
+            )
+
+
+def _tensors(law: Law, asm: Any, u: FloatArray) -> FloatArray:
+    """Tensors at parameters, of the right shape, real and finite."""
+    A, wanted = np.asarray(law.tangent(asm, u)), (len(u), *[law.m, 3] * 2)
+    if A.shape not in (wanted, (1, *wanted[1:])):
+        points = "one point" if len(u) == 1 else f"{len(u)} points"
+        raise InputError(f"law.tangent must be of shape {wanted} at {points}, got {A.shape}")
+    if A.dtype.kind not in "fiu":
+        raise InputError(f"law.tangent must be of real numbers, got {A.dtype}")
+    bad = ~np.isfinite(A).all(axis=(1, 2, 3, 4))
+    if bad.any():
+        at = u[min(int(bad.argmax()), len(u) - 1)].round(6).tolist()
+        raise InputError(
+            "law.tangent must be finite, also in cells that are partly outside of the solid, and "
+            f"is not at u={at}"
+        )
+    return A
 
 
 @dataclass(frozen=True, eq=False, repr=False)

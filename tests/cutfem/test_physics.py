@@ -6,7 +6,7 @@ import pytest
 import ilattice as il
 from ilattice.cutfem import Elasticity, FieldSolution, Heat, Law, Physics
 from ilattice.cutfem._voigt import isotropic, tensor
-from ilattice.errors import InputError
+from ilattice.errors import InputError, PrecisionWarning
 
 CUBE = [[-1.1] * 3, [1.1] * 3]
 BAR = [[0, 0, 0], [1, 1, 3]]
@@ -232,6 +232,7 @@ def test_tensors_of_a_wrong_shape_are_refused():
     ([[2.0, 1.0, 0.0], [-1.0, 2.0, 0.0], [0.0, 0.0, 1.0]], "not symmetric at u="),
     (np.diag([1.0, -0.1, 2.0]), "not positive at u="),
     (np.diag([1.0, np.nan, 2.0]), "must be finite"),
+    (np.zeros((3, 3)), "zero for an unknown"),
 ])  # fmt: skip
 def test_tensors_without_an_energy_are_refused(k, what):
     """They were solved without a word, by the symmetric part of the matrix."""
@@ -248,3 +249,103 @@ def test_tensors_that_have_no_energy_somewhere_are_refused():
     problem = Physics(full, 4, law=Falling(), domain=BAR).hold("w=0").load(body=1.0)
     with pytest.raises(InputError, match="not positive at u="):
         problem.solve()
+
+
+def turned(x):
+    """Ten times as much flows along y below z = 0.53, and along z above."""
+    k = np.where((x[:, 2] < 0.53)[:, None], [1.0, 1.0, 10.0], [1.0, 10.0, 1.0])
+    return k[:, :, None] * np.eye(3)
+
+
+@pytest.mark.parametrize("kind", ["law", "heat"])
+def test_tensors_that_turn_within_cells_are_told(kind):
+    """Their mean does not jump: 6 % off, without a word."""
+
+    class Turned(Law):
+        def tangent(self, asm, u):
+            return turned(asm.x(u))[:, None, :, None, :]
+
+    cube = {"domain": [[0, 0, 0], [1, 1, 1]], "degree": 1}
+    if kind == "law":
+        problem = Physics(full, (2, 2, 4), law=Turned(), **cube).hold("w=0").hold("w=1", 1.0)
+    else:
+        problem = Heat(full, (2, 2, 4), conductivity=turned, **cube).fix("w=0", 0.0).fix("w=1", 1.0)
+    with pytest.warns(PrecisionWarning, match="jumps or waves by a factor of 10 within a cell"):
+        problem.solve()
+
+
+def test_one_unknown_of_two_that_jumps_is_told():
+    """Beside another one that is a thousand times as stiff."""
+
+    class Two(Law):
+        m = 2
+
+        def tangent(self, asm, u):
+            k = np.where(asm.x(u)[:, 2] < 0.53, 1.0, 20.0)
+            D = np.stack([np.full(len(u), 1e4), k], axis=1)
+            return np.einsum("qi,ij,kl->qikjl", D, np.eye(2), np.eye(3))
+
+    problem = Physics(full, (2, 2, 4), law=Two(), domain=[[0, 0, 0], [1, 1, 1]], degree=1)
+    with pytest.warns(PrecisionWarning, match="jumps or waves by a factor of 20 within a cell"):
+        problem.hold("w=0").hold("w=1", 1.0).solve()
+
+
+@pytest.mark.filterwarnings("ignore:the cells are too coarse")
+@pytest.mark.parametrize("seed", range(3))
+def test_estimates_of_laws_that_rotations_cost_nothing(seed):
+    """Singular tensors were inverted: NaN, errors of NumPy, or thirty times too much."""
+    rng = np.random.default_rng(seed)
+    turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+    C = np.diag([1.5, 1.5, 1.5, 0.0, 0.0, 0.0]) + isotropic(0.58, 0.38)
+    A = np.einsum("ai,bk,cj,dl,ikjl->abcd", *[turn] * 4, tensor(C))
+
+    class Crystal(Law):
+        m = 3
+
+        def tangent(self, asm, u):  # noqa: ARG002
+            return A[None]
+
+    pairs = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
+    voigt = np.array([[A[i, j, k, m] for k, m in pairs] for i, j in pairs])
+    how = {"domain": CUBE, "degree": 2}
+    mine = Physics(ball, 4, law=Crystal(), **how).hold("z < 0").load(body=(0.0, 1.0, 2.0))
+    known = Elasticity(ball, 4, stiffness=voigt, **how).clamp("z < 0").load(body=(0.0, 1.0, 2.0))
+    a, b = mine.solve().error_estimate().relative, known.solve().error_estimate().relative
+    assert a == pytest.approx(b, rel=0.15)
+
+
+def test_a_law_that_changes_later_changes_nothing():
+    law = Plain(np.eye(3))
+    problem = Physics(full, 2, law=law, domain=BAR).hold("w=0").load(body=1.0)
+    before = problem.solve()
+    law.k *= 2.0
+    after = problem.solve()
+    np.testing.assert_array_equal(after.coefficients, before.coefficients)
+    np.testing.assert_array_equal(after.flux([[0.5, 0.5, 1.0]]), before.flux([[0.5, 0.5, 1.0]]))
+    assert repr(problem).startswith("Physics(Plain, ")
+
+
+def test_unknowns_and_phases_that_are_none_are_refused():
+    for m in (0, -1, 1.5, True, "2"):
+        law = type("Odd", (Plain,), {"m": m})(np.eye(3))
+        with pytest.raises(InputError, match=r"law\.m must be"):
+            Physics(full, 2, law=law, domain=BAR)
+    for phases in ((), (Plain(np.eye(3)),), (1, 2), (Plain(np.eye(3)), Both())):
+        law = type("Odd", (Plain,), {"phases": phases})(np.eye(3))
+        with pytest.raises(InputError, match=r"law\.phases must be"):
+            Physics(full, 2, law=law, domain=BAR)
+    with pytest.raises(InputError, match="numbers of unknowns, from 0 to 1"):
+        Physics(full, 2, law=Both(), domain=BAR).hold("surface", components="n")
+    law = Plain(np.eye(3))
+    law.k = 1j * np.eye(3)
+    with pytest.raises(InputError, match="real numbers"):
+        Physics(full, 2, law=law, domain=BAR).hold("w=0").solve()
+
+
+def test_one_row_of_a_tensor_that_varies_is_refused():
+    class Short(Law):
+        def tangent(self, asm, u):
+            return (1.0 + 5.0 * asm.x(u)[:1, 2]) * np.eye(3)[None, None, :, None, :]
+
+    with pytest.raises(InputError, match=r"one row for \d+ points"):
+        Physics(full, 3, law=Short(), domain=BAR).hold("w=0").solve()
