@@ -258,10 +258,13 @@ def _rest(level: Level, first: FloatArray, second: FloatArray, *, unsure: bool) 
     return float(max(whole, parts.sum() * lost / near.sum()))
 
 
-def warn(error: float, what: str, space: SplineSpace, *, kept: bool = False) -> None:
+def warn(
+    error: float, what: str, space: SplineSpace, *, kept: bool = False, varies: bool = False
+) -> None:
     """Warn of an energy that is off, or of which it is not known by how much.
 
-    With `kept` volumes are, which coarse splines cannot do as well as those at hand.
+    With `kept` volumes are, which coarse splines cannot do as well as those at hand; a material
+    that `varies` may jump at faces of cells, over which smooth splines do not bend.
     """
     if not (error > WARNED or np.isnan(error)):
         return
@@ -274,7 +277,7 @@ def warn(error: float, what: str, space: SplineSpace, *, kept: bool = False) -> 
         )
     else:
         much = f"about {100 * error:.2g} % or less"
-        if error > SURE:
+        if error > SURE or (varies and space.smoothness > 0):
             much = f"about {100 * error:.2g} %, or several times that"
         if error >= 1.0:
             much = "more than its own size"

@@ -249,7 +249,10 @@ class Problem(Integrals):
         c = system.constraints.expand(x.reshape(-1, self.m))
         energy = self._energy_of(solver.multiply, c)
         error = discretization.of_work(self._discretization_error(solver.multiply, c, energy))
-        discretization.warn(error, self.energy_name, self.assembly.space, kept=self._keeps_volume)
+        discretization.warn(
+            error, self.energy_name, self.assembly.space, kept=self._keeps_volume,
+            varies=any(not phase.constant for phase in self.law.phases),
+        )  # fmt: skip
         rules = self._rules_error(c, energy)
         integration.warn(rules, error, self.energy_name)
         return c, replace(report, discretization_error=error + rules)
