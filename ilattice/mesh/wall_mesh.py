@@ -444,8 +444,10 @@ def _check(off: AnyArray, crease: AnyArray, job: _Job) -> None:
     """Refuse a mesh of which too many vertices are off the offset, or off its creases."""
     count = len(off)
     unconverged, cut = int(off.sum()), int(crease.sum())
+    clip = "boundary='clip' where the map bends back beyond its ends, "
     remedy = (
-        f"use h <= {0.5 * job.h:.3g}, more spans_per_tile where the distance spline has a wall and "
+        f"use h <= {0.5 * job.h:.3g}, {clip * (job.wall.lattice.boundary == 'extend')}"
+        "more spans_per_tile where the distance spline has a wall and "
         "exact distances have none, or polish=False for a mesh of the spline"
     )
     if job.polish and unconverged > max(MAX_OFF * count, FEW):
