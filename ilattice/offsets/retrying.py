@@ -29,9 +29,10 @@ RETRY_CANDIDATES, RETRY_NEIGHBOURS, MAX_NEIGHBOURS = 48, 24, 1536
 #: Seeds that are looked at together.
 RETRIED = 1 << 21
 #: Candidates may miss a patch if the last one is within sqrt(d² + c h²) of the query, h the spacing
-#: of seeds, as where a map squeezes these together: the seed next to a foot at distance d is hardly
-#: ever farther than that.
-PILED = 0.15
+#: of seeds (the seed next to a foot at distance d is hardly ever farther than that): c is CROWDED
+#: if they lie on several patches, so that a second foot is nearer than d + RIVAL h; else it is
+#: PILED, where a map squeezes seeds together.
+CROWDED, PILED, RIVAL = 0.35, 0.15, 0.1
 #: Most places along an axis by which seeds are put in order.
 BITS = (1 << 14) - 1
 #: Levels of boxes, from the lowest one, that have slabs.
@@ -296,6 +297,13 @@ def doubtful(
     if distance.shape[1] == len(search.seeds.points):
         return failed
     h = search.spacing.around(p, near)
-    within = np.sqrt(feet[0, :, DISTANCE] ** 2 + PILED * h**2)
-    out: AnyArray = failed | (distance[:, -1] < within)
+    out: AnyArray = failed | (distance[:, -1] < _within(h, feet))
+    return out
+
+
+def _within(h: FloatArray, feet: FloatArray) -> FloatArray:
+    """Within which distance (n,) seeds a spacing apart may lie next to a nearer foot."""
+    first, second = np.abs(feet[:, :, DISTANCE])
+    several = second < first + RIVAL * h
+    out: FloatArray = np.sqrt(first**2 + np.where(several, CROWDED, PILED) * h**2)
     return out

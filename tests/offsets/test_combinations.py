@@ -13,7 +13,7 @@ from ilattice.errors import ConvergenceError, PrecisionWarning
 from ilattice.mesh import _projecting
 
 #: Combinations per run, and seconds of CPU that they may take together, and one of them.
-COUNT, TOGETHER, EACH = 60, 480.0, 40.0
+COUNT, TOGETHER, EACH = 60, 700.0, 40.0
 #: The first one; others by the environment.
 FIRST = int(os.environ.get("ILATTICE_COMBINATIONS", 1_246_860))
 
