@@ -1,9 +1,9 @@
 """Relative densities of walls, and walls of a given relative density.
 
 Guarantees: densities come from cut-cell quadrature of the wall, not from counting; one evaluation
-computes no closest points; what is returned has the asked density within `TOLERANCE`, and `PART` of
-it (for cells `CELL_TOLERANCE` and `CELL_PART`), or an error is raised. Non-guarantee: the wall is
-that of the distance spline; a polished mesh of it differs where the spline is wrong.
+computes no closest points; what is returned has the asked density within `TOLERANCE`, as a part of
+it (for cells `CELL_TOLERANCE`, and `CELL_PART` of it), or an error is raised. Non-guarantee: the
+wall is that of the distance spline; a polished mesh of it differs where the spline is wrong.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from ilattice.offsets.thickness import Thickness
 from ilattice.offsets.wall_field import WallField
 from ilattice.quadrature.grid import cut
 
-#: Largest error of a density that is solved for, in itself and as a part of the density, or of what
-#: is left of 1 if that is less; and how often it may be evaluated.
-TOLERANCE, PART, EVALUATIONS = 2e-4, 1e-3, 20
+#: Largest error of a density that is solved for, as a part of it, or of what is left of 1 if that
+#: is less; and how often it may be evaluated.
+TOLERANCE, EVALUATIONS = 6e-4, 20
 #: The same for densities per cell; the step is longer than Newton's, because the spline through the
 #: half-thicknesses of cells smooths them.
 CELL_TOLERANCE, CELL_PART, CELL_EVALUATIONS, CELL_STEP = 1e-3, 1e-2, 40, 1.4
@@ -200,7 +200,7 @@ def _solve(
     """
     a, fa = 0.0, ends[0] - target
     b, fb = thickest, ends[1] - target
-    f, most = fb, min(TOLERANCE, PART * target, PART * (1.0 - target))
+    f, most = fb, TOLERANCE * min(target, 1.0 - target)
     for _ in track(range(EVALUATIONS), "density", progress):
         x = b - fb * (b - a) / (fb - fa)
         f = densities.whole(profile.scaled(x)) - target
