@@ -108,7 +108,7 @@ class Physics(Problem):
         """With a tensor that has the right shape, and an energy."""
         some = np.unique(np.linspace(0, max(len(part) - 1, 0), LOOKED_AT).astype(np.int64))
         if len(part):
-            check_tangent(law, self.assembly, part.points[some])
+            _check_tangent(law, self.assembly, part.points[some])
         return super()._add_solid(data, law, part)
 
     def __repr__(self) -> str:
@@ -242,18 +242,8 @@ def _check_law(law: Any) -> None:
             raise InputError(f"law.phases must be laws of {law.m} unknowns, got {one!r:.80}")
 
 
-def check_tangent(law: Law, asm: Any, u: FloatArray) -> None:
-    """Refuse tensors that are of another shape, or not symmetric and positive.
-
-    Parameters
-    ----------
-    law : Law
-        The law.
-    asm : Assembly
-        Knows the map.
-    u : ndarray, shape (n, 3)
-        Parameters at which it is looked at.
-    """
+def _check_tangent(law: Law, asm: Any, u: FloatArray) -> None:
+    """Refuse tensors at parameters (n, 3) of another shape, or not symmetric and positive."""
     alone = _tensors(law, asm, u[-1:])
     A = _tensors(law, asm, u)
     size, most = 3 * law.m, np.abs(A).max(axis=(1, 2, 3, 4))
