@@ -24,9 +24,10 @@ ROOMS = (
     "homogenize", "minimal", "lattice", "linalg", "quadrature", "slicing", "topology", "plot",
     "cost", "shells", "graph",
 )  # fmt: skip
-#: Those that do something, and have no state that users could take for a result.
-TOOLS = {"offsets.ClosestPointSearch", "cutfem.Solver", "linalg.Solver", "io.StreamedMeshWriter",
-         "plot.Scene", "plot.Panels"}  # fmt: skip
+#: Those that do something, and have no state that users could take for a result; and the base of
+#: laws, whose classes are users' own (problems keep a copy of what they are given).
+TOOLS = {"cutfem.Law", "offsets.ClosestPointSearch", "cutfem.Solver", "linalg.Solver",
+         "io.StreamedMeshWriter", "plot.Scene", "plot.Panels"}  # fmt: skip
 
 
 def public_classes():
@@ -59,6 +60,13 @@ def entities():
     return [line, arc, curve, patch, Surface(sheet), Group([line]), ball, triangles]
 
 
+class Slow(il.cutfem.Law):
+    """A law of one unknown."""
+
+    def tangent(self, asm, u):  # noqa: ARG002
+        return 0.1 * np.eye(3).reshape(1, 1, 3, 1, 3)
+
+
 @pytest.fixture(scope="module")
 def examples():
     """One object of each public class."""
@@ -73,6 +81,8 @@ def examples():
     temperature = heat.solve()
     modes = il.cutfem.natural_modes(solid, 2)
     point = lattice.through.x([[0.2, 0.3, 0.1]])
+    flow = il.cutfem.Physics(wall, 4, law=Slow()).hold("w=0", 0.0).load(body=1.0)
+    field = flow.solve()
     study = il.cutfem.refinement_study(
         lambda cells: il.cutfem.Heat(wall, cells).fix("w=0", 0.0).source(1.0).solve(),
         (2, 4, 8),
@@ -93,6 +103,7 @@ def examples():
         solution.recovered(), temperature.recovered(), solution.error_estimate(),
         solution.report, solution.solved, il.cutfem.buckling(solution, 1), solid.assembly.space,
         solution.at(point, outside="nan"),
+        flow, field, field.recovered(),
         il.mesh.hexahedra(wall, 8).with_regions(left="x < 0"), *cells(), *surfaces(), *below(),
         *structures(), *shells(), *graphs(),
     ]  # fmt: skip
