@@ -167,6 +167,8 @@ def islands_of(mesh: SurfaceMesh) -> dict[str, Any]:
     """
     if not (mesh.is_watertight and mesh.is_oriented):
         return {"islands": None, "islands_volume": None}
+    if mesh.components <= 1:
+        return {"islands": 0, "islands_volume": 0.0}
     volumes = np.sort([r.volume for r in _regions(mesh) if r.volume > 0.0])[::-1]
     loose = volumes[1:]
     chips = loose[loose < CHIP * volumes[0]] if len(loose) else loose

@@ -27,6 +27,7 @@ _BAR_PLACE = {"position_x": 0.875, "position_y": 0.2, "width": 0.045, "height": 
 _TITLE_WIDTH = 12  # letters
 _ROUNDING = 1e-9  # part of numbers by which they may differ without a colour of their own
 _WIDE = 900  # pixels from which on fonts have their full size
+_LEVEL = 3  # of compression of PNG: twice as fast as the usual 6, a tenth longer
 _KEY, _FILL, _HEAD = 0.85, 0.3, 0.38  # intensities of the lights
 
 
@@ -161,7 +162,7 @@ def png(picture: AnyArray) -> bytes:
     from PIL import Image
 
     file = io.BytesIO()
-    Image.fromarray(picture).save(file, format="PNG")
+    Image.fromarray(picture).save(file, format="PNG", compress_level=_LEVEL)
     return file.getvalue()
 
 

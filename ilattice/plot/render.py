@@ -17,7 +17,7 @@ _BAR, _HEAD = 0.17, 0.07  # parts of the width for a colour bar, and of the heig
 #: Pixels of height for a title, per point of its font: more than _HEAD if panels are low.
 _LINE = 3.0
 _OCCLUSION = 0.04  # reach of the ambient occlusion, in units of the part's size
-_RAYS = 16  # per pixel, blurred: twice as many look the same and take a second more
+_RAYS = 8  # per pixel, blurred: twice as many look the same and take two seconds more
 
 
 #: Scenes, whose class stands above this module.
