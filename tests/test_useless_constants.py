@@ -14,6 +14,9 @@ import pytest
 import ilattice as il
 from ilattice.cutfem import Elasticity, Heat
 from ilattice.errors import IlatticeError, InputError, PrecisionWarning
+from ilattice.mesh import SurfaceMesh
+from ilattice.mesh.contouring import contour_arrays
+from ilattice.mesh.creases import sharpened
 from ilattice.mesh.repair import Repair
 from ilattice.mesh.specks import without_specks
 
@@ -145,7 +148,24 @@ def stiffnesses_that_are_not_symmetric_are_refused():
     refused(InputError, "symmetric", Elasticity, full, 2, domain=BAR, stiffness=C)
 
 
+def slivers_are_held():
+    """A corner that leaves a thousandth of the last cell."""
+    end, corner = 0.775, il.fields.intersection
+    corner = corner(*(il.fields.half_space(axis, end) for axis in np.eye(3)))
+    K = Heat(corner, 4, domain=[[0] * 3, [1] * 3], degree=3).fix("u=0", 0.0).system.K.toarray()
+    d = 1.0 / np.sqrt(np.diag(K))
+    assert np.linalg.cond(d[:, None] * K * d) < 3e3
+
+
 # ---------------------------------------------------------------- cells that repeat
+
+
+def strains_without_resistance_are_counted():
+    plate = lambda u: np.abs(u[:, 2] - 0.5) - 0.2  # noqa: E731
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        cell = il.homogenize.ElasticCell(plate, 5, domain=[[0] * 3, [1] * 3])
+        assert cell.homogenized().mechanisms == 3
 
 
 def stresses_that_are_not_borne_are_refused():
@@ -187,6 +207,13 @@ def specks_are_left_out():
     assert len(found.faces) == 4
 
 
+def edges_are_sharp():
+    box = il.fields.rotate(il.fields.box(0.6), 0.7, (1.0, 2.0, 0.5))
+    axes = (np.linspace(-1.13, 1.13, 24),) * 3
+    found = sharpened(contour_arrays(box, axes), box, axes, None)
+    assert SurfaceMesh(found.vertices, found.faces).volume == pytest.approx(1.2**3, rel=1e-3)
+
+
 CASES = [
     ("cutfem.problem", "FREE", 1e-30, what_can_move_along_an_oblique_axis_is_not_held),
     ("cutfem.problem", "AT_REST", 0.0, bodies_that_only_move_store_nothing),
@@ -202,10 +229,13 @@ CASES = [
     ("cutfem.recovery", "WEIGHTS", {2: 0.0}, recovered_fluxes_are_bounded_in_slivers),
     ("cutfem.jumps", "STEEP", np.inf, jumps_within_cells_are_told),
     ("cutfem.anisotropic", "ODD", np.inf, stiffnesses_that_are_not_symmetric_are_refused),
+    ("cutfem.domain", "GHOST", {(3, 2): 0.0}, slivers_are_held),
+    ("homogenize.effective", "SOFT", 0.9, strains_without_resistance_are_counted),
     ("homogenize.local", "BORNE", np.inf, stresses_that_are_not_borne_are_refused),
     ("quadrature.grid", "TOLD", np.inf, volumes_that_are_not_known_are_told),
     ("offsets.density", "TOLERANCE", 1.0, densities_are_those_that_were_asked_for),
     ("offsets.thickness", "REFUSE", np.inf, thickness_that_splines_do_not_follow_is_refused),
+    ("mesh.creases", "TURNS", 0, edges_are_sharp),
     ("mesh.specks", "SPECK", 0.0, specks_are_left_out),
 ]  # fmt: skip
 

@@ -32,11 +32,11 @@ def take_table(table: Any, cell: int, T: Any, a: int) -> None:
 
 
 @njit(**INNER)
-def take_tables(t0: Any, t1: Any, t2: Any, places: Any, e: int, T: Any) -> None:
+def take_tables(t0: Any, t1: Any, t2: Any, ijk: Any, e: int, T: Any) -> None:
     """The tables T (3, n, LANES), zeros at first, of the three directions of cell e."""
-    take_table(t0, places[e, 0], T, 0)
-    take_table(t1, places[e, 1], T, 1)
-    take_table(t2, places[e, 2], T, 2)
+    take_table(t0, ijk[e, 0], T, 0)
+    take_table(t1, ijk[e, 1], T, 1)
+    take_table(t2, ijk[e, 2], T, 2)
 
 
 @njit(**INNER)
@@ -124,12 +124,12 @@ def gradients_of(B: Any, n: int, G: Any, D: Any, at: int) -> None:
 
 @njit(parallel=True, **INNER)
 def fields(
-    t0: Any, t1: Any, t2: Any, places: Any, boxes: Any, dofs: Any, owner: Any, u: Any, J: Any,
+    t0: Any, t1: Any, t2: Any, ijk: Any, boxes: Any, dofs: Any, owner: Any, u: Any, J: Any,
     c: Any, value: Any, gradient: Any,
 ) -> None:  # fmt: skip
     """Value (n, m) and gradient in space (n, m, 3) of a field with coefficients c at points u.
 
-    `places` (cells, 3) and `boxes` (cells, 6) say where cells are, `dofs` (cells, nb) which
+    `ijk` (cells, 3) and `boxes` (cells, 6) say where cells are, `dofs` (cells, nb) which
     coefficients belong to them, `owner` in which of the cells each point is; one with -1 gets
     NaN. J is (n, 3, 3), or (1, 3, 3) if it is the same everywhere.
     """
@@ -149,7 +149,7 @@ def fields(
             gradient[q] = np.nan if e < 0 else 0.0
             if e >= 0:
                 if e != last:
-                    take_tables(t0, t1, t2, places, e, T)
+                    take_tables(t0, t1, t2, ijk, e, T)
                     last = e
                 lines(T, boxes, e, u, q, B)
                 inverse(J, q * step, G)
@@ -165,7 +165,7 @@ def fields(
 
 @njit(parallel=True, **INNER)
 def vectors(
-    t0: Any, t1: Any, t2: Any, places: Any, boxes: Any, offsets: Any, u: Any, J: Any, f: Any,
+    t0: Any, t1: Any, t2: Any, ijk: Any, boxes: Any, offsets: Any, u: Any, J: Any, f: Any,
     P: Any, out: Any,
 ) -> None:  # fmt: skip
     """Sums out (cells, nb, m) over the points of each cell of N f (n, m) + P (n, m, 3) grad N.
@@ -175,16 +175,16 @@ def vectors(
     n = t0.shape[1]
     nb = n * n * n
     step = 0 if len(J) == 1 else 1
-    for chunk in prange((len(places) + CHUNK - 1) // CHUNK):
+    for chunk in prange((len(ijk) + CHUNK - 1) // CHUNK):
         T = np.zeros((3, n, LANES))
         B = np.empty((3, 2, LANES))
         N = np.empty(nb + LANES)
         D = np.empty((4, nb))
         G = np.empty((3, 3))
         sums = np.empty((out.shape[2], nb))
-        for e in range(chunk * CHUNK, min(len(places), (chunk + 1) * CHUNK)):
+        for e in range(chunk * CHUNK, min(len(ijk), (chunk + 1) * CHUNK)):
             sums[:] = 0.0
-            take_tables(t0, t1, t2, places, e, T)
+            take_tables(t0, t1, t2, ijk, e, T)
             for q in range(offsets[e], offsets[e + 1]):
                 lines(T, boxes, e, u, q, B)
                 if len(f):

@@ -7,6 +7,7 @@ Non-guarantee: tightness; bounds on a box of size h exceed the true range by O(h
 """
 
 from dataclasses import dataclass
+from math import comb
 
 import numpy as np
 
@@ -57,6 +58,26 @@ class BezierCells:
         inner = tuple(range(self.ndim, 2 * self.ndim))
         ends = [self.coefficients.min(axis=inner), self.coefficients.max(axis=inner)]
         return np.stack(ends, axis=-1)
+
+
+def bernstein(degree: int, t: ArrayLike) -> FloatArray:
+    """Bernstein polynomials.
+
+    Parameters
+    ----------
+    degree : int
+        Their degree.
+    t : array_like, shape (n,)
+        Points of [0, 1].
+
+    Returns
+    -------
+    ndarray, shape (n, degree + 1)
+        Values of all of them at each point.
+    """
+    t, i = np.asarray(t, np.float64)[:, None], np.arange(degree + 1)
+    out: FloatArray = np.array([comb(degree, k) for k in i]) * t**i * (1.0 - t) ** (degree - i)
+    return out
 
 
 def to_bezier(spline: BSpline) -> BezierCells:

@@ -130,7 +130,7 @@ def weigh(L: Any, W: Any, rows: int, R: Any) -> None:
 
 @njit(parallel=True, **INNER)
 def cell_matrices(
-    kind: int, t0: Any, t1: Any, t2: Any, places: Any, boxes: Any, offsets: Any, u: Any, w: Any,
+    kind: int, t0: Any, t1: Any, t2: Any, ijk: Any, boxes: Any, offsets: Any, u: Any, w: Any,
     J: Any, d: Any, out: Any,
 ) -> None:  # fmt: skip
     """Matrices out (cells, n, n) of the points u (n, 3) with weights w in parameters.
@@ -146,7 +146,7 @@ def cell_matrices(
     wide = (size + TILE - 1) // TILE * TILE
     J_step = 0 if len(J) == 1 else 1
     d_step = 0 if len(d) == 1 else 1
-    for chunk in prange((len(places) + CHUNK - 1) // CHUNK):
+    for chunk in prange((len(ijk) + CHUNK - 1) // CHUNK):
         T = np.zeros((3, n, LANES))
         B = np.empty((3, 2, LANES))
         D = np.empty((4, n * n * n))
@@ -155,10 +155,10 @@ def cell_matrices(
         R = np.zeros((ROWS, wide))
         W = np.empty(ROWS)
         A = np.empty((wide, wide))
-        for e in range(chunk * CHUNK, min(len(places), (chunk + 1) * CHUNK)):
+        for e in range(chunk * CHUNK, min(len(ijk), (chunk + 1) * CHUNK)):
             A[:] = 0.0
             rows = 0
-            take_tables(t0, t1, t2, places, e, T)
+            take_tables(t0, t1, t2, ijk, e, T)
             for q in range(offsets[e], offsets[e + 1]):
                 lines(T, boxes, e, u, q, B)
                 weight = w[q] * abs(inverse(J, q * J_step, G))

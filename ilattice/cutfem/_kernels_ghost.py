@@ -14,21 +14,21 @@ from ilattice.bspline._kernels_vector import LANES
 
 @njit(parallel=True, **INNER)
 def ghost_matrices(
-    axis: int, t1: Any, t2: Any, places: Any, nodes: Any, weights: Any, products: Any, out: Any
+    axis: int, t1: Any, t2: Any, ijk: Any, nodes: Any, weights: Any, products: Any, out: Any
 ) -> None:
     """Matrices out (faces, n, n), n = m (p + 1)², of penalties on jumps.
 
-    t1 and t2 are the tables of the two directions along the faces, in rising order, and `places`
+    t1 and t2 are the tables of the two directions along the faces, in rising order, and `ijk`
     (faces, 2) the cells there; `weights` (faces, q, q) are those at the tensor points of `nodes`;
     `products` (faces, m, m) are those of the jumps of the functions across.
     """
     n = t1.shape[1]
     m = products.shape[1]
     q = len(nodes)
-    for e in prange(len(places)):
+    for e in prange(len(ijk)):
         T = np.zeros((2, n, LANES))
-        take_table(t1, places[e, 0], T, 0)
-        take_table(t2, places[e, 1], T, 1)
+        take_table(t1, ijk[e, 0], T, 0)
+        take_table(t2, ijk[e, 1], T, 1)
         B = np.empty((2 * q, 2, LANES))
         for g in range(q):
             line(T, 0, nodes[g] - 0.5, 1.0, B, g)

@@ -380,7 +380,7 @@ class Assembly(Frozen):
             owner = owners[rows]
             value, gradient = np.empty((len(owner), m)), np.empty((len(owner), m, 3))
             basis.fields(
-                *self.space._tables, self.space._places, self.space._boxes, self.space.dofs, owner,
+                *self.space._tables, self.space._ijk, self.space._boxes, self.space.dofs, owner,
                 u[rows], self.jacobians(u[rows]) if in_space else IDENTITY,
                 c, value, gradient,
             )  # fmt: skip

@@ -71,8 +71,8 @@ def _coarse_space(
     assert space.links is not None
     cells, n = space.cells, len(space.cells)
     shape = tuple(len(x) - 1 for x in axes)
-    places = tuple(j[i] for j, i in zip(joined, space.cell_indices.T, strict=True))
-    home = np.ravel_multi_index(places, shape)
+    ijk = tuple(j[i] for j, i in zip(joined, space.cell_indices.T, strict=True))
+    home = np.ravel_multi_index(ijk, shape)
     low, high = space.links
     keep = np.isin(low, cells) & np.isin(high, cells)
     low, high = (np.searchsorted(cells, c[keep]) for c in (low, high))

@@ -94,8 +94,8 @@ class Conduction(Law):
         assert not self.paired
         value = self.value
         if callable(value):
-            places = u if isinstance(value, OfParameters) else asm.x(u)
-            found = asked(NAME, value, places)
+            points = u if isinstance(value, OfParameters) else asm.x(u)
+            found = asked(NAME, value, points)
             if np.ndim(found) == 3:
                 return self._turned(asm, u, _matrices(found, asm.x(u)))
             value = OfParameters(lambda _: found)

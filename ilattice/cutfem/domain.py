@@ -392,9 +392,9 @@ class Domain(Frozen):
 def kinks(through: SplineMap, axis: int) -> FloatArray:
     """Inner knots at which second derivatives of a map may jump."""
     t, k = through.spline.t[axis], through.spline.k[axis]
-    places, times = np.unique(t, return_counts=True)
+    knots, times = np.unique(t, return_counts=True)
     lo, hi = through.domain[:, axis]
-    return places[(places > lo) & (places < hi) & (k - times < 2)]
+    return knots[(knots > lo) & (knots < hi) & (k - times < 2)]
 
 
 def where(rule: Quadrature, keep: AnyArray) -> Quadrature:

@@ -96,13 +96,13 @@ def _bent_cells(problem: "Problem") -> IntArray:
     """Cells with active elements inside of which second derivatives of the map may jump."""
     cut, out = problem.domain.cut, []
     home = np.unique(problem.domain.elements.home(problem.assembly.space.cells))
-    places = np.unravel_index(home, cut.grid.shape)
+    ijk = np.unravel_index(home, cut.grid.shape)
     if cut.through is None:
         return np.zeros(0, np.int64)
     for a, x in enumerate(cut.grid.axes):
         knots = kinks(cut.through, a)
         knots = knots[np.abs(knots[:, None] - x).min(axis=1) > INSIDE * np.ptp(x)]
-        out.append(home[np.isin(places[a], np.searchsorted(x, knots) - 1)])
+        out.append(home[np.isin(ijk[a], np.searchsorted(x, knots) - 1)])
     return np.unique(np.concatenate(out))
 
 

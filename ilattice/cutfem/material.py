@@ -173,8 +173,8 @@ class Scalar:
             return self._check(self.lattice.property_at(self.value, u))
         if not callable(self.value):
             return np.array([float(np.ravel(self.value)[0])])  # type: ignore[arg-type]
-        places = u if isinstance(self.value, OfParameters) else asm.x(u)
-        value = as_array(self.name, asked(self.name, self.value, places), finite=False)
+        points = u if isinstance(self.value, OfParameters) else asm.x(u)
+        value = as_array(self.name, asked(self.name, self.value, points), finite=False)
         if value.shape != (len(u),):
             raise InputError(
                 f"{self.name} must give one value per point, shape ({len(u)},), got {value.shape}"

@@ -139,7 +139,7 @@ class SplineSpace(Frozen):
     @property
     def cell_indices(self) -> IntArray:
         """Index (cells, 3) of the active cells per direction."""
-        return seen(self._places)
+        return seen(self._ijk)
 
     @property
     def boxes(self) -> FloatArray:
@@ -155,7 +155,7 @@ class SplineSpace(Frozen):
         )
 
     @cached_property
-    def _places(self) -> IntArray:
+    def _ijk(self) -> IntArray:
         return self.grid.cell_indices(self.cells)
 
     @cached_property
@@ -166,22 +166,22 @@ class SplineSpace(Frozen):
     def homes(self) -> tuple[IntArray, IntArray]:
         """Index (n, 3) per direction of the cells of the grid, and the one of each active cell."""
         cells, at = np.unique(self.grid.home(self.cells), return_inverse=True)
-        places = np.stack(np.unravel_index(cells, self.grid.shape), axis=1)
-        return read_only(places), read_only(at.ravel())
+        ijk = np.stack(np.unravel_index(cells, self.grid.shape), axis=1)
+        return read_only(ijk), read_only(at.ravel())
 
     @property
     def _beyond(self) -> int:
         """Number of elements beyond one per cell."""
         return len(self.grid.parents) if isinstance(self.grid, DividedGrid) else 0
 
-    def _numbers(self, places: IntArray, layers: tuple[int, int, int]) -> IntArray:
+    def _numbers(self, ijk: IntArray, layers: tuple[int, int, int]) -> IntArray:
         """Numbers (n, product of layers), among all functions, from the first of each cell on."""
         i, j, k = (
-            (self.step * places[:, a, None] + np.arange(layers[a])) % self.shape[a]
+            (self.step * ijk[:, a, None] + np.arange(layers[a])) % self.shape[a]
             for a in range(3)
         )  # fmt: skip
         flat = (i[:, :, None, None] * self.shape[1] + j[:, None, :, None]) * self.shape[2]
-        return (flat + k[:, None, None, :]).reshape(len(places), layers[0] * layers[1] * layers[2])
+        return (flat + k[:, None, None, :]).reshape(len(ijk), layers[0] * layers[1] * layers[2])
 
     @cached_property
     def _numbered(self) -> tuple[IntArray, AnyArray]:
@@ -323,7 +323,7 @@ class SplineSpace(Frozen):
         value = np.empty((len(u), c.shape[1]))
         gradient = np.empty((len(u), c.shape[1], 3))
         kernels.fields(
-            *self._tables, self._places, self._boxes, self.dofs, owner, wrapped,
+            *self._tables, self._ijk, self._boxes, self.dofs, owner, wrapped,
             J, c, value, gradient,
         )  # fmt: skip
         return value, gradient

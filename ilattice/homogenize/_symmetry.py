@@ -63,9 +63,9 @@ class Motion:
         """Q."""
         return np.array(self.signs, float)[:, None] * np.eye(3)[list(self.axes)]
 
-    def cells(self, places: IntArray, shape: IntArray) -> IntArray:
+    def cells(self, ijk: IntArray, shape: IntArray) -> IntArray:
         """Images of cells, indices (n, 3) per direction."""
-        out = places[:, self.axes]
+        out = ijk[:, self.axes]
         out = np.where(np.array(self.signs) > 0, out, shape - 1 - out)
         return np.asarray((out + self.shift) % shape)
 

@@ -49,7 +49,7 @@ def mark_strong(
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
-def unmark_far(offsets: Any, columns: Any, places: Any, most: float, strong: Any) -> None:
+def unmark_far(offsets: Any, columns: Any, points: Any, most: float, strong: Any) -> None:
     """Unmark couplings to nodes beyond sqrt(`most`) times the nearest one with a mark.
 
     The nearest one of that of the two nodes which has it farther away.
@@ -60,21 +60,21 @@ def unmark_far(offsets: Any, columns: Any, places: Any, most: float, strong: Any
         for i in range(n * part // PARTS, n * (part + 1) // PARTS):
             for k in range(offsets[i], offsets[i + 1]):
                 if strong[k]:
-                    near[i] = min(near[i], squared_distance(places, i, columns[k]))
+                    near[i] = min(near[i], squared_distance(points, i, columns[k]))
     for part in prange(PARTS):
         for i in range(n * part // PARTS, n * (part + 1) // PARTS):
             for k in range(offsets[i], offsets[i + 1]):
                 j = columns[k]
-                if squared_distance(places, i, j) > most * max(near[i], near[j]):
+                if squared_distance(points, i, j) > most * max(near[i], near[j]):
                     strong[k] = False
 
 
 @njit(cache=True, error_model="numpy")
-def squared_distance(places: Any, i: int, j: int) -> float:
+def squared_distance(points: Any, i: int, j: int) -> float:
     """Between two nodes."""
-    x = places[i, 0] - places[j, 0]
-    y = places[i, 1] - places[j, 1]
-    z = places[i, 2] - places[j, 2]
+    x = points[i, 0] - points[j, 0]
+    y = points[i, 1] - points[j, 1]
+    z = points[i, 2] - points[j, 2]
     return x * x + y * y + z * z
 
 

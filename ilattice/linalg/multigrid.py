@@ -1,7 +1,7 @@
 """Multigrid by smoothed aggregation: a preconditioner for stiffness matrices of small blocks.
 
-Nodes are joined into aggregates with their neighbours; on each of these the near-nullspace (rigid
-motions, or constants) is made orthonormal and becomes the unknowns of the next level, after one
+Nodes are joined into aggregates with their neighbours; on each of these the near-nullspace (rigid-
+body modes, or constants) is made orthonormal and becomes the unknowns of the next level, after one
 step of damped smoothing (P. Vaněk, J. Mandel, M. Brezina, "Algebraic multigrid by smoothed
 aggregation for second and fourth order elliptic problems", Computing 56, 1996). On every level the
 matrix is scaled by the Cholesky factors of its diagonal blocks, which have then disappeared from
@@ -141,7 +141,7 @@ class Multigrid:
     K : Blocks
         Symmetric, square blocks (m, m), double precision.
     modes : array_like, shape (n, p)
-        Near-nullspace: motions with little energy.
+        Near-nullspace: modes with little energy, such as the rigid-body modes.
     coordinates : ndarray, shape (nodes, 3), optional
         Nodes in space; without them stretched cells are not told from others.
 

@@ -109,7 +109,7 @@ class Solver:
         Symmetric positive definite, as BSR with square blocks m x m, one per node; other formats
         count as blocks 1 x 1. It is not copied if it is BSR: do not change it.
     near_nullspace : array_like, shape (n, p), optional
-        Motions with little energy: rigid ones (p = 6) in space, or ones for heat. By default the
+        Modes with little energy: p = 6 of a rigid body in space, or ones for heat. By default the
         rigid-body modes of `coordinates` for m = 3, or constants per component.
     method : str
         "multigrid" (our own), "pyamg", "pardiso" (each needs its extra, ``fem`` or ``pardiso``),
@@ -350,7 +350,7 @@ def rigid_modes(coordinates: ArrayLike) -> FloatArray:
     Returns
     -------
     ndarray, shape (3 n, 6)
-        Displacements of the points, one motion per column; rotations are about the centroid, by
+        Displacements of the points, one mode per column; rotations are about the centroid, by
         the inverse of the largest distance from it.
     """
     x = as_points("coordinates", coordinates)

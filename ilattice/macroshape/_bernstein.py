@@ -14,6 +14,7 @@ import numpy as np
 
 from ilattice._typing import FloatArray
 from ilattice._validate import read_only
+from ilattice.bspline.bezier import bernstein
 
 
 @cache
@@ -109,17 +110,10 @@ def halves(c: FloatArray) -> FloatArray:
     return np.ascontiguousarray(c.reshape(-1, ni, nj, nk))
 
 
-@cache
-def basis(n: int, sites: int) -> FloatArray:
-    """Bernstein basis of degree ``n - 1`` at `sites` equal steps of [0, 1], shape (sites, n)."""
-    s = np.linspace(0, 1, sites)[:, None]
-    i = np.arange(n)
-    count = np.array([comb(n - 1, j) for j in range(n)], dtype=float)
-    return read_only(count * s**i * (1 - s) ** (n - 1 - i))
-
-
 def sampled(c: FloatArray, sites: tuple[int, int, int]) -> FloatArray:
     """Values of plain polynomials on a grid of each element, ends included."""
     ni, nj, nk = c.shape[-3:]
-    rows = [basis(n, s) for n, s in zip((ni, nj, nk), sites, strict=True)]
+    rows = [
+        bernstein(n - 1, np.linspace(0.0, 1.0, s)) for n, s in zip((ni, nj, nk), sites, strict=True)
+    ]
     return np.einsum("...ijk,ai,bj,ck->...abc", c, *rows, optimize=True)

@@ -32,8 +32,8 @@ DEEPEST = 64
 
 @in_ranges(GRAIN)
 @njit(cache=True, nogil=True, error_model="numpy")
-def places(first: int, last: int, x: Any, faces: Any, low: Any, size: float, out: Any) -> None:
-    """Places of the triangles along a curve that fills the cube at `low` with edges `size`."""
+def morton(first: int, last: int, x: Any, faces: Any, low: Any, size: float, out: Any) -> None:
+    """Morton codes of triangles: along a curve that fills the cube at `low` with edges `size`."""
     scale = (2**BITS - 1) / (3.0 * size)
     for f in range(first, last):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]

@@ -87,8 +87,8 @@ def sharpened(raw: Contour, field: Any, axes: Any, corners: FloatArray | None = 
     wide = _nearer(field, wide, tight, axes)
     if corners is not None:
         at, wide, tight = _snapped(x, at, wide, tight, raw.kind, corners, field, axes)
-    places = np.stack([wide, tight, x[at]])
-    new, faces = _folded(raw.faces, x, at, places, quads, rows, field, axes)
+    positions = np.stack([wide, tight, x[at]])
+    new, faces = _folded(raw.faces, x, at, positions, quads, rows, field, axes)
     return Contour(new.astype(raw.vertices.dtype), faces, raw.kind, raw.first_vertex)
 
 
@@ -115,10 +115,10 @@ def _suspects(
 
 
 def _folded(
-    old: IntArray, x: FloatArray, at: IntArray, places: FloatArray, quads: IntArray,
+    old: IntArray, x: FloatArray, at: IntArray, positions: FloatArray, quads: IntArray,
     rows: IntArray, field: Any, axes: Any,
 ) -> tuple[FloatArray, IntArray]:  # fmt: skip
-    """Vertices and triangles; each takes the first of its places at which no triangles cross.
+    """Vertices and triangles; each takes the first of its positions at which no triangles cross.
 
     Of those of a triangle that crosses another, the one that has moved farthest takes its next
     place. After the first round only what has changed is folded, and compared with what is near.
@@ -127,8 +127,8 @@ def _folded(
     row[at] = np.arange(len(at))
     moved, choice, changed = row >= 0, np.zeros(len(at), np.int64), at
     for _ in range(TRIES):
-        new[changed] = places[choice[row[changed]], row[changed]]
-        moved[changed] = choice[row[changed]] < len(places) - 1
+        new[changed] = positions[choice[row[changed]], row[changed]]
+        moved[changed] = choice[row[changed]] < len(positions) - 1
         fresh = np.zeros(len(x), np.bool_)
         fresh[changed] = True
         part = fresh[quads].any(axis=1)

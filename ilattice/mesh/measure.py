@@ -123,10 +123,10 @@ def self_intersections(
         return 0, marked
     low = vertices.min(axis=0).astype(np.float64)
     size = max(float((vertices.max(axis=0) - low).max()), np.finfo(np.float64).tiny)
-    places = np.empty(len(faces), np.int64)
-    crossings.places(len(faces), vertices, faces, low, size, places)
-    order = np.argsort(places, kind="stable").astype(np.int32 if len(faces) < 2**31 else np.int64)
-    del places
+    codes = np.empty(len(faces), np.int64)
+    crossings.morton(len(faces), vertices, faces, low, size, codes)
+    order = np.argsort(codes, kind="stable").astype(np.int32 if len(faces) < 2**31 else np.int64)
+    del codes
     leaves = 1 << max(0, (len(faces) - 1) // crossings.LEAF).bit_length()
     boxes = np.empty((2 * leaves, 6))
     crossings.fill_leaves(leaves, vertices, faces, order, boxes)

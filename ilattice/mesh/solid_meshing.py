@@ -247,9 +247,9 @@ def hexahedra(
     return _told(SolidMesh(x, nodes, error), "take more cells, or hold all of them")
 
 
-def _corners(grid: Grid, places: IntArray) -> tuple[FloatArray, IntArray]:
+def _corners(grid: Grid, ijk: IntArray) -> tuple[FloatArray, IntArray]:
     """Corners (n, 3) of cells, each once also across seams, and which are those of a cell."""
-    at = places[:, None, :] + _CORNERS
+    at = ijk[:, None, :] + _CORNERS
     shape = tuple(n + 1 for n in grid.shape)
     for axis in np.flatnonzero(grid.closed):
         at[..., axis] %= grid.shape[axis]

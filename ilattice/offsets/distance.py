@@ -25,6 +25,7 @@ from ilattice.errors import GeometryError, InputError
 from ilattice.fields._program import Builder, Point
 from ilattice.fields.node import Node, as_node, is_empty, nowhere
 from ilattice.macroshape.primitives import box as box_map
+from ilattice.offsets._small import least_steps
 from ilattice.offsets.mid_surface import MidSurface
 from ilattice.tiles.tile import Tile
 
@@ -213,9 +214,8 @@ class _Boxed:
 def _meeting(x: FloatArray, normals: FloatArray, offsets: FloatArray, count: int) -> FloatArray:
     """The points nearest to x on the first planes at once."""
     N = normals[:, :count]
-    gap = offsets[:, :count] - np.einsum("nki,ni->nk", N, x)
-    weights = np.linalg.pinv(N @ N.transpose(0, 2, 1), 1e-6, hermitian=True) @ gap[:, :, None]
-    return np.asarray(x + (N.transpose(0, 2, 1) @ weights)[:, :, 0])
+    out: FloatArray = x + least_steps(N, np.einsum("nki,ni->nk", N, x) - offsets[:, :count])
+    return out
 
 
 def _solved(system: FloatArray, right: FloatArray) -> FloatArray:

@@ -9,11 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
+from ilattice.bspline.bezier import bernstein
 from ilattice.errors import InputError
 from ilattice.fields._formula import Splitter, signature
 from ilattice.fields._logic import Formula
 from ilattice.fields.node import Node
-from ilattice.quadrature._filling import Content, bernstein, sites
+from ilattice.quadrature._filling import Content, sites
 
 CHECKS = 8  # random points per box at which interpolants are compared
 EXACT = 1e-11  # of coefficients: interpolants are called exact below
@@ -27,7 +28,7 @@ BATCH = 1 << 10  # boxes interpolated at once
 STEP = 1e-4  # of a box: for slopes
 #: Part of a box, without bounds, in which solid may be missed though no point that was looked at
 #: tells so: counts only where no solid is found at all.
-MIN_DOUBT = 1e-9
+MIN_UNRESOLVED = 1e-9
 #: Steps of the search for a sign that no point has that was looked at, and how much longer each is
 #: than one to where a straight field vanishes: distances vanish there, and change sign just behind.
 DIVES, BEYOND = 12, 1.2
@@ -252,7 +253,7 @@ class Splits:
             certain[part] = (r[:, 0] >= -slack) | (r[:, 1] <= slack)
         open_ = _open(chosen, off, bounded, crossed | certain)
         hidden = np.zeros(len(owner), bool)
-        todo = np.flatnonzero(open_ & ~bounded & (wrong <= MIN_DOUBT))
+        todo = np.flatnonzero(open_ & ~bounded & (wrong <= MIN_UNRESOLVED))
         hidden[todo] = self._hidden(chosen.leaf[todo], box[owner[todo]], lowest[todo])
         wrong[hidden] = SLAB / self.degree
         return _measured(
@@ -262,7 +263,7 @@ class Splits:
     def _interpolated(
         self, leaf: IntArray, box: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray, AnyArray, FloatArray]:
-        """Coefficients, their error, the part of wrong signs, whether they differ, least places.
+        """Coefficients, their error, the part of wrong signs, whether they differ, least points.
 
         Signs differ where the interpolant follows the field on both sides of zero: one that is off
         by more than the field is deep may miss a solid that is thin, or hold one that is not there.
@@ -289,8 +290,8 @@ class Splits:
         seen_there = np.maximum(0.5 * np.minimum(-low, high), RESOLVED * (high - low))
         crossed = (low < 0.0) & (high > 0.0) & (off <= seen_there)
         least = np.abs(every).argmin(axis=1)
-        places = np.concatenate([u.reshape(len(box), -1, 3), x], axis=1)[np.arange(len(box)), least]
-        return c, off, np.maximum(wrong, MIN_DOUBT), crossed, places
+        points = np.concatenate([u.reshape(len(box), -1, 3), x], axis=1)[np.arange(len(box)), least]
+        return c, off, np.maximum(wrong, MIN_UNRESOLVED), crossed, points
 
     def _hidden(self, leaf: IntArray, box: FloatArray, x: FloatArray) -> AnyArray:
         """Whether fields (n,), of one sign where they were looked at, have another one in boxes.

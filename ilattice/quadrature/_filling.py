@@ -4,13 +4,13 @@ Guarantee: the same bits for any number of threads.
 """
 
 from dataclasses import dataclass
-from math import comb
 from typing import Any
 
 import numpy as np
 
 from ilattice._memory import need
 from ilattice._typing import AnyArray, FloatArray, IntArray
+from ilattice.bspline.bezier import bernstein
 from ilattice.quadrature import _kernels_drive as kernels
 from ilattice.quadrature._kernels_thinning import moments_of
 
@@ -108,14 +108,6 @@ def sites(order: int) -> tuple[FloatArray, FloatArray]:
     p = order - 1
     x = 0.5 - 0.5 * np.cos(np.pi * np.arange(order) / p)
     return x, np.asarray(np.linalg.inv(bernstein(p, x)), np.float64)
-
-
-def bernstein(p: int, t: FloatArray) -> FloatArray:
-    """Bernstein polynomials (n, p + 1) at n places."""
-    i = np.arange(p + 1)
-    binomial = np.array([comb(p, k) for k in i])
-    t = np.asarray(t)[:, None]
-    return np.asarray(binomial * t**i * (1 - t) ** (p - i))
 
 
 def table(q: int, want: int, order: int) -> FloatArray:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from ilattice.quadrature._kernels_bernstein import bend, extremes, halve, slopes, straight
+from ilattice.bspline._kernels_bernstein import bend, extremes, halve, slopes, straight
 from ilattice.quadrature._kernels_columns import strips
 from ilattice.quadrature._kernels_crossings import crossing, least_slope, may_cross, steepest
 from ilattice.quadrature._kernels_pairs import has_pairs

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from ilattice.quadrature._kernels_bernstein import basis, basis_slope, jet, roots, single_root
+from ilattice.bspline._kernels_bernstein import basis, basis_slope, jet, roots, single_root
 from ilattice.quadrature._kernels_crossings import add_crossings
 from ilattice.quadrature._kernels_scratch import (
     ACTIVE,

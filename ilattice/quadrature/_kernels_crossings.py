@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from ilattice.quadrature._kernels_bernstein import (
+from ilattice.bspline._kernels_bernstein import (
     basis,
     extremes,
     insert,

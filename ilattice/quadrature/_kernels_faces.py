@@ -8,8 +8,8 @@ from typing import Any
 
 from numba import njit
 
+from ilattice.bspline._kernels_bernstein import basis, extremes, jet, roots
 from ilattice.quadrature._kernels_bases import face_axis, first_part, halve_base
-from ilattice.quadrature._kernels_bernstein import basis, extremes, jet, roots
 from ilattice.quadrature._kernels_crossings import add_crossings
 from ilattice.quadrature._kernels_rules import lengths_from_zero, set_tolerances
 from ilattice.quadrature._kernels_scratch import (

@@ -11,7 +11,7 @@ from typing import Any
 
 from numba import njit
 
-from ilattice.quadrature._kernels_bernstein import extremes
+from ilattice.bspline._kernels_bernstein import extremes
 from ilattice.quadrature._kernels_scratch import INNER, PLANES
 
 #: Part of its largest value that the discriminant must have everywhere; third differences up to

@@ -12,8 +12,8 @@ from typing import Any
 
 from numba import njit
 
+from ilattice.bspline._kernels_bernstein import bend, extremes, halve, slopes, straight
 from ilattice.quadrature._kernels_bases import base, best_axis
-from ilattice.quadrature._kernels_bernstein import bend, extremes, halve, slopes, straight
 from ilattice.quadrature._kernels_crossings import project_seams, rising
 from ilattice.quadrature._kernels_pairs import pair_axis
 from ilattice.quadrature._kernels_quadrics import column_axes, is_quadric, quadric_rule

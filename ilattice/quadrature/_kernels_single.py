@@ -439,10 +439,10 @@ class Cuts(NamedTuple):
 @in_ranges(CHUNK)
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=MATH)
 def single_cells(
-    begin: int, end: int, c: Any, cuts: Any, factors: Any, shifts: Any, signs: Any, places: Any,
+    begin: int, end: int, c: Any, cuts: Any, factors: Any, shifts: Any, signs: Any, ijk: Any,
     most: Any, out: Any,
 ) -> None:  # fmt: skip
-    """Whether the solid in cells `places` (n, 3) is certainly in one piece, out (n,).
+    """Whether the solid in cells `ijk` (n, 3) is certainly in one piece, out (n,).
 
     That is where all sets `factors` @ splines + `shifts` are negative; the splines c are
     (splines, ., ., .). Cells have `most` (3,) pieces along a direction or fewer; `signs` are those
@@ -469,10 +469,10 @@ def single_cells(
     star = np.empty((p + 1) ** 3)
     parent = np.empty(len(inside), np.int64)
     for n in range(begin, end):
-        x, y, z = starts0[places[n, 0]], starts1[places[n, 1]], starts2[places[n, 2]]
-        n0 = starts0[places[n, 0] + 1] - x
-        n1 = starts1[places[n, 1] + 1] - y
-        n2 = starts2[places[n, 2] + 1] - z
+        x, y, z = starts0[ijk[n, 0]], starts1[ijk[n, 1]], starts2[ijk[n, 2]]
+        n0 = starts0[ijk[n, 0] + 1] - x
+        n1 = starts1[ijk[n, 1] + 1] - y
+        n2 = starts2[ijk[n, 2] + 1] - z
         a0, a1, a2 = n0 * p + 1, n1 * p + 1, n2 * p + 1
         size = a0 * a1 * a2
         if m == 1:

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from ilattice.quadrature._kernels_bernstein import DEEPEST as ROOTS
-from ilattice.quadrature._kernels_bernstein import jet, roots
+from ilattice.bspline._kernels_bernstein import DEEPEST as ROOTS
+from ilattice.bspline._kernels_bernstein import jet, roots
 
 FAST: Any = {"cache": True, "error_model": "numpy"}
 #: What a box is.

@@ -117,8 +117,8 @@ class TensorLayout(Layout):
 
     def single(self, cells: IntArray) -> AnyArray:
         """See `Layout.single`."""
-        places = np.stack(np.unravel_index(cells, self.grid.shape), axis=1)
-        return self.pieces.single(self._signs, self._starts, places)
+        ijk = np.stack(np.unravel_index(cells, self.grid.shape), axis=1)
+        return self.pieces.single(self._signs, self._starts, ijk)
 
     def volume(self, cells: IntArray) -> Listing:
         """See `Layout.volume`."""
@@ -174,10 +174,10 @@ class TensorLayout(Layout):
 
     def fine(self, u: FloatArray, cells: IntArray) -> FloatArray:
         """See `Layout.fine`."""
-        places = np.unravel_index(cells, self.grid.shape)
+        ijk = np.unravel_index(cells, self.grid.shape)
         out = np.empty(u.shape)
         for a, (x, starts) in enumerate(zip(self.pieces.axes, self._starts, strict=True)):
-            low, high = starts[places[a]], starts[places[a] + 1]
+            low, high = starts[ijk[a]], starts[ijk[a] + 1]
             i = np.clip(np.searchsorted(x, u[:, a], side="right") - 1, low, high - 1)
             out[:, a] = UNIT * (i - low + (u[:, a] - x[i]) / (x[i + 1] - x[i]))
         return out
@@ -196,7 +196,7 @@ class TensorLayout(Layout):
 
     def _boxes_of_cells(self, cells: IntArray) -> tuple[IntArray, IntArray, IntArray]:
         """First and last planes (n, 3) of boxes that are not out, and the cell of each."""
-        places = np.stack(np.unravel_index(cells, self.grid.shape), axis=1)
+        ijk = np.stack(np.unravel_index(cells, self.grid.shape), axis=1)
         mark = np.zeros(self.pieces.shape, np.int8)
         counts = np.zeros(len(cells), np.int64)
         boxes = np.empty((0, 6), np.int64)
@@ -205,7 +205,7 @@ class TensorLayout(Layout):
             offsets = np.append(0, np.cumsum(counts))
             boxes = np.empty((offsets[-1], 6), np.int64)
             kernels.boxes_of_cells(
-                self._signs, mark, places, starts0, starts1, starts2, offsets, boxes, counts
+                self._signs, mark, ijk, starts0, starts1, starts2, offsets, boxes, counts
             )
         return boxes[:, :3], boxes[:, 3:], np.repeat(cells, counts)
 
@@ -262,9 +262,9 @@ class BoxLayout(Layout):
 
     def end_faces(self, axis: int, side: int) -> Listing:
         """See `Layout.end_faces`."""
-        places = np.unravel_index(self.pieces.cell, self.grid.shape)[axis]
+        ijk = np.unravel_index(self.pieces.cell, self.grid.shape)[axis]
         last = side * (self.grid.shape[axis] - 1)
-        rows = np.flatnonzero((places == last) & self._beside(axis, side))
+        rows = np.flatnonzero((ijk == last) & self._beside(axis, side))
         return self._listing(rows, 2 * axis + side)
 
     def inner_faces(self, axis: int) -> Listing:

@@ -45,7 +45,7 @@ CASES: dict[int, tuple[tuple[tuple[int, int], ...], tuple[tuple[int, ...], ...]]
 
 
 def clipped(
-    grid: Grid, places: IntArray, pieces: tuple[int, int, int],
+    grid: Grid, ijk: IntArray, pieces: tuple[int, int, int],
     sets: Callable[[FloatArray], FloatArray],
 ) -> tuple[FloatArray, IntArray]:  # fmt: skip
     """Tetrahedra of the part of some cells where all level sets are negative.
@@ -54,7 +54,7 @@ def clipped(
     ----------
     grid : Grid
         The cells.
-    places : ndarray, shape (cells, 3)
+    ijk : ndarray, shape (cells, 3)
         Index of the cells per direction.
     pieces : tuple of int
         Boxes per cell and direction.
@@ -71,11 +71,11 @@ def clipped(
     InputError
         If there would be more than `MOST` tetrahedra.
     """
-    count = float(len(PATHS) * len(places)) * math.prod(pieces)
+    count = float(len(PATHS) * len(ijk)) * math.prod(pieces)
     if count > MOST:
         raise InputError(f"h: {count:.2g} tetrahedra are more than {MOST:.2g}; take a larger h")
     need(PER_PIECE * count, f"h: {count:.2g} tetrahedra", "take a larger h")
-    u, cells = _boxes(grid, places, pieces)
+    u, cells = _boxes(grid, ijk, pieces)
     for k in range(sets(u[:1]).shape[1]):
         u, cells = _clip(u, cells, lambda p, k=k: sets(p)[:, k])  # type: ignore[misc]
     edges = u[cells[:, 1:]] - u[cells[:, :1]]
@@ -88,14 +88,14 @@ def clipped(
 
 
 def smooth(
-    grid: Grid, places: IntArray, pieces: tuple[int, int, int],
+    grid: Grid, ijk: IntArray, pieces: tuple[int, int, int],
     sets: Callable[[FloatArray], FloatArray], volume: float,
 ) -> tuple[FloatArray, IntArray]:  # fmt: skip
     """`clipped`, with boxes halved until the volume is nearly right.
 
     Parameters
     ----------
-    grid, places, pieces, sets : Grid, ndarray, tuple, callable
+    grid, ijk, pieces, sets : Grid, ndarray, tuple, callable
         As for `clipped`.
     volume : float
         That of the solid in these cells, in parameters.
@@ -105,13 +105,13 @@ def smooth(
     tuple of ndarray
         As of `clipped`; with as few boxes as asked for where more do not help, or are too many.
     """
-    u, cells = clipped(grid, places, pieces, sets)
+    u, cells = clipped(grid, ijk, pieces, sets)
     off = _off(u, cells, volume)
     while off > DENTED:
         i, j, k = pieces = (2 * pieces[0], 2 * pieces[1], 2 * pieces[2])
-        if len(PATHS) * len(places) * i * j * k > ENOUGH:
+        if len(PATHS) * len(ijk) * i * j * k > ENOUGH:
             break
-        finer = clipped(grid, places, pieces, sets)
+        finer = clipped(grid, ijk, pieces, sets)
         before, off = off, _off(*finer, volume)
         if off > 0.9 * before:
             break
@@ -126,7 +126,7 @@ def _off(u: FloatArray, cells: IntArray, volume: float) -> float:
 
 
 def lattice(
-    grid: Grid, places: IntArray, pieces: tuple[int, int, int], steps: AnyArray
+    grid: Grid, ijk: IntArray, pieces: tuple[int, int, int], steps: AnyArray
 ) -> tuple[FloatArray, IntArray]:
     """Points at some steps from the first corner of cells, each once.
 
@@ -134,7 +134,7 @@ def lattice(
     ----------
     grid : Grid
         The cells.
-    places : ndarray, shape (cells, 3)
+    ijk : ndarray, shape (cells, 3)
         Index of the cells per direction.
     pieces : tuple of int
         Steps per cell and direction.
@@ -150,7 +150,7 @@ def lattice(
         np.append(x[:-1, None] + np.diff(x)[:, None] * (np.arange(n) / n), x[-1])
         for x, n in zip(grid.axes, pieces, strict=True)
     ]
-    at = (places * np.array(pieces))[:, None, :] + steps
+    at = (ijk * np.array(pieces))[:, None, :] + steps
     flat = np.ravel_multi_index(tuple(np.moveaxis(at, 2, 0)), tuple(len(x) for x in axes))
     used, cells = np.unique(flat, return_inverse=True)
     index = np.unravel_index(used, tuple(len(x) for x in axes))
@@ -158,13 +158,11 @@ def lattice(
     return u, cells.reshape(flat.shape)
 
 
-def _boxes(
-    grid: Grid, places: IntArray, pieces: tuple[int, int, int]
-) -> tuple[FloatArray, IntArray]:
+def _boxes(grid: Grid, ijk: IntArray, pieces: tuple[int, int, int]) -> tuple[FloatArray, IntArray]:
     """Six tetrahedra per box."""
     first = grid_points(*(np.arange(n) for n in pieces))
     steps = first[:, None] + PATHS.reshape(1, -1, 3)
-    u, cells = lattice(grid, places, pieces, steps.reshape(-1, 3))
+    u, cells = lattice(grid, ijk, pieces, steps.reshape(-1, 3))
     return u, cells.reshape(-1, 4)
 
 

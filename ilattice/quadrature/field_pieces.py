@@ -136,8 +136,8 @@ def _geometry(
 ) -> FloatArray:
     """Lower corners and extents (n, 6) of boxes in cells; faces that meet are the same numbers."""
     out = np.empty((len(cell), 6))
-    places = np.unravel_index(cell, tuple(len(x) - 1 for x in axes))
-    for a, (x, i) in enumerate(zip(axes, places, strict=True)):
+    ijk = np.unravel_index(cell, tuple(len(x) - 1 for x in axes))
+    for a, (x, i) in enumerate(zip(axes, ijk, strict=True)):
         step = (x[i + 1] - x[i]) / UNIT
         end = corner[:, a] + length
         out[:, a] = x[i] + step * corner[:, a]
@@ -310,8 +310,8 @@ class _Halving:
         new = np.flatnonzero(np.isnan(p.share))
         part = p.take(new)
         first, leaf = part.chosen.first, part.chosen.leaf
-        places = np.arange(len(leaf)) - np.repeat(first[:-1], part.chosen.many)
-        view = replace(self._finished(part, 0.0, merge=False), names=places)
+        numbers = np.arange(len(leaf)) - np.repeat(first[:-1], part.chosen.many)
+        view = replace(self._finished(part, 0.0, merge=False), names=numbers)
         share, volume = part.unresolved.copy(), np.zeros(len(new))
         rough = np.flatnonzero(~part.exact & (part.sign == 0))
         rows, counts = filled(view, _listed(view, rough), SURFACE, 2, 1)

@@ -148,9 +148,9 @@ class Grid(Frozen):
         ndarray, shape (n, 6)
             Lower corners, then extents.
         """
-        places = self.cell_indices(cells)
-        out = np.empty((len(places), 6))
-        for a, i in enumerate(places.T):
+        ijk = self.cell_indices(cells)
+        out = np.empty((len(ijk), 6))
+        for a, i in enumerate(ijk.T):
             out[:, a] = self.axes[a][i]
             out[:, 3 + a] = self.axes[a][i + 1] - self.axes[a][i]
         return out

@@ -243,7 +243,7 @@ class Pieces(Frozen):
         names = np.tile(np.arange(m), (n, 1))
         return Content(self.tensors(index), np.full(n, m), np.full(n, self.table), names)
 
-    def single(self, signs: AnyArray, starts: list[IntArray], places: IntArray) -> AnyArray:
+    def single(self, signs: AnyArray, starts: list[IntArray], ijk: IntArray) -> AnyArray:
         """Cells in which the solid is certainly in one piece, as far as that is cheap to tell.
 
         Parameters
@@ -252,7 +252,7 @@ class Pieces(Frozen):
             Those of `signs`.
         starts : list of ndarray
             Per direction, the first layer of pieces of each cell, and the number of layers.
-        places : ndarray, shape (n, 3)
+        ijk : ndarray, shape (n, 3)
             Cells.
 
         Returns
@@ -261,7 +261,7 @@ class Pieces(Frozen):
             Whether it is.
         """
         del signs, starts
-        return np.zeros(len(places), bool)
+        return np.zeros(len(ijk), bool)
 
     @property
     def table(self) -> int:
@@ -334,18 +334,18 @@ class SplinePieces(Pieces):
         )  # fmt: skip
         return out
 
-    def single(self, signs: AnyArray, starts: list[IntArray], places: IntArray) -> AnyArray:
+    def single(self, signs: AnyArray, starts: list[IntArray], ijk: IntArray) -> AnyArray:
         """See `Pieces.single`: for continuous splines that have their knots in common."""
-        out = np.zeros(len(places), bool)
+        out = np.zeros(len(ijk), bool)
         rows, first = zip(*self._operators[0], strict=True)
         most = np.array([np.diff(s).max() for s in starts])
         joined = all((np.diff(f) < self.order).all() for f in first)
         alike = all(_alike(s, self.sets.splines[0]) for s in self.sets.splines)
         if joined and alike and np.prod(most * self.order) <= LONG:
             singles.single_cells(
-                len(places), np.stack(self._arrays), singles.Cuts(*rows, *first, *starts),
+                len(ijk), np.stack(self._arrays), singles.Cuts(*rows, *first, *starts),
                 self.sets.factors.copy(), self.sets.shifts.copy(), signs,
-                np.ascontiguousarray(places), most, out,
+                np.ascontiguousarray(ijk), most, out,
             )  # fmt: skip
         return out
 

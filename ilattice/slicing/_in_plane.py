@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
-from ilattice.offsets._small import solved
+from ilattice.offsets._small import least_steps
 from ilattice.offsets.polish import distance_jet, inside, shortest
 
 if TYPE_CHECKING:
@@ -126,13 +126,7 @@ class InPlane:
         if len(at):
             value, gradient = self._side(u[at], x[at], jacobian[at], side[at], exact)
             rows[at, 1], miss[at, 1] = gradient * free[at], value
-        lifted = solved(metric, rows.transpose(0, 2, 1))
-        gram = rows @ lifted
-        scale = np.einsum("nii->ni", gram)
-        alone = scale[:, 1] == 0.0
-        gram[:, 1, 1] += alone
-        gram += (1e-9 * scale.max(axis=1))[:, None, None] * np.eye(2)
-        step: FloatArray = -(lifted @ solved(gram, miss[:, :, None]))[:, :, 0]
+        step = least_steps(rows, miss, metric)
         return np.where(np.isfinite(step), step, 0.0)
 
     def _side(

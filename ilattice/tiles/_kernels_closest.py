@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._kernels import inner
+from ilattice.bspline._kernels_bernstein import halve_line
 
 # Without "reassoc": sums over a few terms keep their order.
 FAST = {"contract", "nsz", "arcp"}
@@ -42,22 +43,6 @@ def _load(data: Any, start: int, step: int, n: int, x: float, y: float, z: float
         out[5 * i + 2] = data[a + 2] - z * w
         out[5 * i + 3] = data[a + 3]
         out[5 * i + 4] = w
-
-
-@inner(fastmath=FAST)
-def _halve(c: Any, first: int, step: int, n: int, left: Any, right: Any) -> None:
-    """Split n points, `step` apart, in the middle; `left` and `right` have the same layout.
-
-    `right` may be `c` itself.
-    """
-    for m in range(5):
-        for i in range(n):
-            right[first + i * step + m] = c[first + i * step + m]
-        for i in range(n):
-            left[first + i * step + m] = right[first + m]
-            for j in range(n - 1 - i):
-                a = first + j * step + m
-                right[a] = 0.5 * (right[a] + right[a + step])
 
 
 @inner(fastmath=FAST)
@@ -263,28 +248,20 @@ def closest_on_curve(
 @inner(fastmath=FAST)
 def _push_halves(stack: Any, span: Any, top: int, p: int) -> None:
     """Replace a part of a curve by its halves, the one with the nearer end on top."""
-    q = stack[top]
+    q, lower = stack[top], stack[top + 1]
     near = q[0] ** 2 + q[1] ** 2 + q[2] ** 2
     c = 5 * p
     far = q[c] ** 2 + q[c + 1] ** 2 + q[c + 2] ** 2
     a, h = span[top, 0], 0.5 * span[top, 1]
+    for m in range(5):
+        halve_line(q, m, lower, m, 5, range(p + 1))
     if near < far:
-        _halve(q, 0, 5, p + 1, stack[top + 1], q)
         span[top + 1, 0], span[top, 0] = a, a + h
     else:
-        _reverse_halve(q, p, stack[top + 1])
+        for k in range(5 * (p + 1)):
+            q[k], lower[k] = lower[k], q[k]
         span[top + 1, 0], span[top, 0] = a + h, a
     span[top, 1] = span[top + 1, 1] = h
-
-
-@inner(fastmath=FAST)
-def _reverse_halve(q: Any, p: int, right: Any) -> None:
-    """Split in the middle; the left half stays in `q`."""
-    for m in range(5):
-        for i in range(p + 1):
-            right[5 * (p - i) + m] = q[5 * p + m]
-            for j in range(p, i, -1):
-                q[5 * j + m] = 0.5 * (q[5 * j + m] + q[5 * (j - 1) + m])
 
 
 # ------------------------------------------------------------------------------ surfaces
@@ -571,12 +548,13 @@ def _push_parts(stack: Any, span: Any, top: int, p: int, r: int) -> None:
                     along_v += (q[a + 5 + m] - q[a + m]) ** 2
     axis = 0 if p * along_u >= r * along_v else 2
     other = stack[top + 1]
-    if axis == 0:
-        for j in range(cols):
-            _halve(q, 5 * j, 5 * cols, p + 1, other, q)
-    else:
-        for i in range(p + 1):
-            _halve(q, 5 * cols * i, 5, r + 1, other, q)
+    for m in range(5):
+        if axis == 0:
+            for j in range(cols):
+                halve_line(q, 5 * j + m, other, 5 * j + m, 5 * cols, range(p + 1))
+        else:
+            for i in range(p + 1):
+                halve_line(q, 5 * cols * i + m, other, 5 * cols * i + m, 5, range(r + 1))
     for m in range(4):
         span[top + 1, m] = span[top, m]
     h = 0.5 * span[top, axis + 1]

@@ -32,7 +32,7 @@ LINKED = 5.0
 #: Differences of equal values, and from that half-way between two points, per distance.
 EQUAL, BETWEEN = 1e-6, 0.05
 #: How far from each other, in cells of the grid, points are the same.
-TWINS = 0.01
+DUPLICATES = 0.01
 
 
 def one_of_each(
@@ -55,7 +55,7 @@ def one_of_each(
         The isolated ones that lie on no curve or surface, and of each of these the point that is
         most in its middle, with its Euler number.
     """
-    points = _without_twins(points, clearance, spacing)
+    points = _without_duplicates(points, clearance, spacing)
     if all(p.isolated for p in points):
         return points
     on, u = np.array([p.on for p in points]), np.array([p.u for p in points])
@@ -95,7 +95,7 @@ def _unrolled(
     return out, set(label[a[around]].tolist())
 
 
-def _without_twins(
+def _without_duplicates(
     points: list[CriticalPoint], clearance: Clearance, spacing: FloatArray
 ) -> list[CriticalPoint]:
     """Points without those at isolated ones, to which starts with the same foot twice led."""
@@ -104,9 +104,9 @@ def _without_twins(
     on = np.array([p.on for p in points])
     isolated = np.array([p.isolated for p in points])
     tree, _ = clearance.tree(np.array([p.u for p in points]), spacing)
-    a, b = tree.query_pairs(TWINS, output_type="ndarray").T
-    twins = (on[a] == on[b]).all(axis=1) & (isolated[a] != isolated[b])
-    a, b = a[twins], b[twins]
+    a, b = tree.query_pairs(DUPLICATES, output_type="ndarray").T
+    duplicates = (on[a] == on[b]).all(axis=1) & (isolated[a] != isolated[b])
+    a, b = a[duplicates], b[duplicates]
     dropped = set(np.where(isolated[a], b, a).tolist())
     return [p for k, p in enumerate(points) if k not in dropped]
 

@@ -96,25 +96,25 @@ def straight(c: Any, at: int, s: int, t: int, r: int, n: int, noise: float, L: A
 
 
 @njit(cache=True, error_model="numpy")
-def halve_line(c: Any, at: int, to: int, step: int, L: Any) -> None:
-    """Upper half in place of the line at `at`, lower half to `to`, by de Casteljau."""
+def halve_line(c: Any, at: int, d: Any, to: int, step: int, L: Any) -> None:
+    """Upper half in place of the line c[at], lower half to d[to], by de Casteljau."""
     P = len(L)
     if P == 3:
         a = 0.5 * (c[at] + c[at + step])
         b = 0.5 * (c[at + step] + c[at + 2 * step])
         m = 0.5 * (a + b)
-        c[to] = c[at]
-        c[to + step] = a
-        c[to + 2 * step] = m
+        d[to] = c[at]
+        d[to + step] = a
+        d[to + 2 * step] = m
         c[at] = m
         c[at + step] = b
         return
-    c[to] = c[at]
+    d[to] = c[at]
     for r in range(1, P):
         for m in range(P - r):
             i = at + m * step
             c[i] = 0.5 * (c[i] + c[i + step])
-        c[to + r * step] = c[at]
+        d[to + r * step] = c[at]
 
 
 @njit(cache=True, error_model="numpy")
@@ -124,7 +124,7 @@ def halve(c: Any, at: int, to: int, step: int, other: int, third: int, n: int, L
     for a in range(P):
         for b in range(n):
             shift = a * other + b * third
-            halve_line(c, at + shift, to + shift, step, L)
+            halve_line(c, at + shift, c, to + shift, step, L)
 
 
 @njit(cache=True, error_model="numpy")
@@ -313,7 +313,7 @@ def roots(c: Any, at: int, to: int, n: int, stack: int, L: Any) -> int:
         else:
             middle = 0.5 * (a + b)
             lower = here + width
-            halve_line(c, here + 2, lower + 2, 1, L)
+            halve_line(c, here + 2, c, lower + 2, 1, L)
             c[lower] = a
             c[lower + 1] = middle
             c[here] = middle

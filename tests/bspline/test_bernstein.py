@@ -5,7 +5,7 @@ from math import comb
 import numpy as np
 import pytest
 
-from ilattice.quadrature._kernels_bernstein import roots
+from ilattice.bspline._kernels_bernstein import roots
 
 
 def to_bernstein(zeros, degree):
