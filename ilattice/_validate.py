@@ -24,6 +24,8 @@ V = TypeVar("V")
 T = TypeVar("T")
 #: Largest number of tiles or cells in one direction.
 LARGEST_COUNT = 10_000_000
+#: Lengths whose cubes, and products of these, are far from the ends of double precision.
+SHORTEST, LONGEST = 1e-50, 1e50
 
 
 def as_array(
@@ -382,3 +384,25 @@ def _freeze(value: Any) -> None:
     elif isinstance(value, (list, tuple)):
         for item in value:
             _freeze(item)
+
+
+def check_lengths(name: str, size: float, far: float) -> None:
+    """Refuse solids whose volume would overflow, or vanish by its units alone.
+
+    Parameters
+    ----------
+    name : str
+        What messages call the solid.
+    size, far : float
+        Its size, and its largest distance from the origin.
+
+    Raises
+    ------
+    InputError
+        If they are beyond `SHORTEST` to `LONGEST`.
+    """
+    if far > LONGEST or 0.0 < size < SHORTEST:
+        raise InputError(
+            f"{name} has a size of {size:.3g}, up to {far:.3g} away from the origin: volumes "
+            f"cannot be computed beyond {SHORTEST:g} to {LONGEST:g}; use other units of length"
+        )

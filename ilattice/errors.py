@@ -18,7 +18,8 @@ import re
 
 #: Characters of the longest message; of longer ones the middle is left out.
 LONGEST = 1000
-_NUMPY = re.compile(r"\bnp\.(?:float|int|uint|bool|str)[0-9_]*\(([^()]*)\)")
+#: Numbers of NumPy, but for those in quotes: these are what somebody wrote.
+_NUMPY = re.compile(r"('[^']*')|\bnp\.(?:float|int|uint|bool|str)[0-9_]*\(([^()]*)\)")
 _BREAK = re.compile(r"\s*\n\s*")
 
 
@@ -110,7 +111,7 @@ def _plain(letter: str) -> str:
 
 def _short(line: str) -> str:
     if "np." in line:
-        line = _NUMPY.sub(r"\1", line)
+        line = _NUMPY.sub(lambda m: m[1] or m[2] or "", line)
     if len(line) > LONGEST:
         line = f"{line[: LONGEST * 2 // 3]} ... {line[-LONGEST // 4 :]}"
     return line

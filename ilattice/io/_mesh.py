@@ -142,6 +142,11 @@ def colours(point_data: Mapping[str, AnyArray]) -> AnyArray | None:
     channels = [point_data[name] for name in _COLOUR]
     if any(c.ndim != 1 for c in channels):
         raise InputError("colours r, g, b must be one number per vertex, shape (V,)")
+    bad = int((~np.isfinite(np.stack(channels))).any(axis=0).sum())
+    if bad:
+        raise InputError(
+            f"colours r, g, b are not finite at {bad} of {len(channels[0])} vertices: use 0 to 1"
+        )
     return np.stack([_as_byte(c) for c in channels], axis=1)
 
 

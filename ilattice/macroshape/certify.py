@@ -20,7 +20,7 @@ import numpy as np
 
 from ilattice._geometry import grid_points
 from ilattice._typing import FloatArray, IntArray
-from ilattice._validate import Frozen, as_kind, as_not_negative, as_whole, read_only
+from ilattice._validate import Frozen, as_kind, as_not_negative, as_whole, check_lengths, read_only
 from ilattice.bspline import BSpline
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.macroshape import _bernstein as bern
@@ -37,8 +37,6 @@ _CORNERS = np.array(list(np.ndindex(2, 2, 2)), dtype=np.float64)
 _BATCH, _KEPT = 1 << 18, 1 << 21
 #: Halvings after which elements are as small as rounding.
 DEEPEST = 50
-#: Sizes of maps, in units of length, of which volumes and their squares are numbers.
-SMALLEST, LARGEST = 1e-50, 1e50
 
 
 class Status(StrEnum):
@@ -217,11 +215,7 @@ def _check_size(spline: BSpline, name: str) -> None:
     """Refuse coefficients with which det J would overflow, or vanish by its units alone."""
     far = float(np.abs(spline.c).max())
     size = float(np.ptp(spline.c.reshape(-1, spline.m) / far, axis=0).max() * far) if far else 0.0
-    if far > LARGEST or 0.0 < size < SMALLEST:
-        raise InputError(
-            f"{name} has a size of {size:.3g}, up to {far:.3g} away from the origin: volumes "
-            f"cannot be computed beyond {SMALLEST:g} to {LARGEST:g}; use other units of length"
-        )
+    check_lengths(name, size, far)
 
 
 def _check_torn(spline: BSpline, name: str) -> None:

@@ -61,8 +61,10 @@ class Tiling:
     boundary : {"extend", "clip"}
         What distances near the ends of the domain refer to: the mid-surface continued by one
         layer of tiles, so that a wall runs into the end face at full thickness, or only its
-        part inside the domain. Closed directions always wrap. Along directions in which tiles do
-        not fit together (see `fits`) there is nothing to go on with, and "extend" is like "clip".
+        part inside the domain, even where that is one point, as in two corners of gyroids, around
+        which walls are parts of balls. Closed directions always wrap. Along directions in which
+        tiles do not fit together (see `fits`) there is nothing to go on with, and "extend" is like
+        "clip".
     spans_per_tile : int, optional
         Spans of the fitted distance spline per tile and direction; by default 16, and 12 per
         period of the finest wave of a trigonometric tile.

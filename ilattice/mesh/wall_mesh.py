@@ -477,9 +477,9 @@ def _check_again(part: float, mended: float, count: int) -> None:
         )
     if max(part, mended) > MAX_UNCONVERGED:
         warnings.warn(
-            f"{part:.2%} of the vertices are off the offset, for parts of the mid-surface are "
-            f"nearer than their closest points, and of {mended:.2%} only neighbours have found "
-            f"the closest points, {where}",
+            f"of {count} vertices about {round(part * count)} are off the offset, for parts of "
+            "the mid-surface are nearer than their closest points, and of about "
+            f"{round(mended * count)} only neighbours have found the closest points, {where}",
             PrecisionWarning,
             stacklevel=5,
         )

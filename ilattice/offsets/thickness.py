@@ -401,7 +401,12 @@ def _fitted(f: Any, lattice: Tiling, name: str) -> _Side:
     if found.relative > REFUSE:
         raise InputError(
             f"{name} jumps or varies too fast for a spline, which is off by {found.relative:.2g} "
-            f"of it {where}; make it continuous, smooth it, or align its kinks with u, v and w"
+            f"of it {where}; "
+            + (
+                "make it continuous, smooth it, or align its kinks with u, v and w"
+                if tol == FIT_TOLERANCE
+                else "smooth the values: near points differ by more than walls can follow"
+            )
         )
     if found.relative > WARN:
         users = "quadrature and analysis go by it, polished meshes and slices by the function"

@@ -122,8 +122,8 @@ class OffsetSolid:
         -------
         float
             Volume, as the distance spline has it, which `volume_error` is about: see `tol` of
-            `offset`. Meshes hold less, those of struts that are two cells thick one to three
-            parts in a hundred.
+            `offset`. Meshes hold less or, of thin walls on coarse grids, more: those of struts that
+            are two cells thick one to three parts in a hundred less.
 
         Warns
         -----

@@ -22,7 +22,7 @@ from ilattice._geometry import grid_points
 from ilattice._memory import available, need
 from ilattice._progress import Progress
 from ilattice._typing import FloatArray, IntArray
-from ilattice._validate import Frozen, as_flag, as_positive, as_triple
+from ilattice._validate import Frozen, as_flag, as_positive, as_triple, check_lengths
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.fields.algebra import clipped
 from ilattice.fields.node import Node, as_node, is_empty
@@ -295,6 +295,8 @@ def _checked_box(solid: Node) -> FloatArray:
         raise InputError(
             f"the solid has no end along {', '.join(endless)}: add a box, a sphere or a mesh"
         )
+    far, size = float(np.abs(box).max()), float((box[1] - box[0]).max())
+    check_lengths("the solid", size, far)
     return box
 
 

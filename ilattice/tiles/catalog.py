@@ -58,6 +58,8 @@ def row(name: str) -> Row | CellRow:
     """
     if not isinstance(name, str):
         raise InputError(f"a tile's name must be a string, got {name!r:.80}")
+    if not name.strip():
+        raise InputError("a tile's name is empty; il.tiles.names() lists all")
     found = find(name)
     if found is None:
         raise InputError(

@@ -2,6 +2,7 @@
 
 import math
 import random
+import re
 
 import numpy as np
 import pytest
@@ -130,3 +131,10 @@ def test_struts_repeat_through_space():
     node, p = il.fields.from_callable(tile), np.random.default_rng(6).uniform(-2, 2, (300, 3))
     np.testing.assert_allclose(node(p), tile(np.mod(p, 1.0)), atol=1e-12)
     check_range(node, np.random.default_rng(7), np.array([[-1.0] * 3, [1.5] * 3]), converges=False)
+
+
+def test_errors_quote_what_was_written():
+    """Numbers of NumPy lose their type in messages, but not what somebody wrote."""
+    with pytest.raises(InputError, match=re.escape("'x - np.float64(0.5)'")):
+        equation("x - np.float64(0.5)")
+    assert "got 0.5" in str(InputError(f"d must be a whole number, got {np.float64(0.5)!r}"))

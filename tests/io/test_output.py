@@ -521,3 +521,13 @@ def test_rounding_of_parts_far_away_is_told(name, tmp_path):
     far = il.SurfaceMesh(ball.vertices + np.array([1e6, 0, 0]), ball.faces)
     with pytest.warns(il.errors.PrecisionWarning, match=r"vertices move by up to 0\.0[23]"):
         far.save(tmp_path / name)
+
+
+@pytest.mark.parametrize("ending", [".3mf", ".obj", ".ply", ".vtp"])
+def test_colours_that_are_no_numbers_are_refused(tmp_path, ending):
+    vertices, faces = meshes.sphere(1)
+    grey = np.full(len(vertices), 0.5)
+    data = {"r": np.where(np.arange(len(vertices)) == 3, np.nan, 0.2), "g": grey, "b": grey}
+    with pytest.raises(InputError, match=f"not finite at 1 of {len(vertices)} vertices"):
+        SurfaceMesh(vertices, faces, data).save(tmp_path / f"a{ending}")
+    assert not list(tmp_path.iterdir())

@@ -7,7 +7,7 @@ import pytest
 
 import ilattice as il
 from ilattice import cli
-from ilattice.errors import GeometryError, PrecisionWarning
+from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.mesh.sampled import volumes
 from ilattice.sdf.meshing import mesh, plan
 
@@ -99,3 +99,11 @@ def test_tolerances_plans_and_commands_compare_too(tmp_path, capsys):
     assert cli.main([*words, "--allow-loss"]) == 0
     assert "less than the solid" in capsys.readouterr().err
     assert (tmp_path / "a.ply").exists()
+
+
+@pytest.mark.parametrize("scale", [1e300, 1e60, 1e-60])
+def test_solids_whose_volume_overflows_are_refused(scale):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(InputError, match="use other units of length"):
+            mesh(F.scale(F.box(1.0), scale))
