@@ -295,7 +295,7 @@ def _check_reachable(target: float, least: float, most: float) -> None:
     if not least < target < most:
         raise InputError(
             f"relative_density={target:g} cannot be reached: with this tile and these sides it "
-            f"is more than {least:.4g} and less than {most:.4g}"
+            f"lies between {least:.4g} and {most:.4g}, ends excluded"
         )
 
 
