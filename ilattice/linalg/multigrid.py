@@ -1,14 +1,14 @@
 """Multigrid by smoothed aggregation: a preconditioner for stiffness matrices of small blocks.
 
-Nodes are joined into aggregates with their neighbours; on each of these the near-nullspace (rigid-
-body modes, or constants) is made orthonormal and becomes the unknowns of the next level, after one
-step of damped smoothing (P. Vaněk, J. Mandel, M. Brezina, "Algebraic multigrid by smoothed
-aggregation for second and fourth order elliptic problems", Computing 56, 1996). On every level the
-matrix is scaled by the Cholesky factors of its diagonal blocks, which have then disappeared from
-all else: the Chebyshev smoother of the fourth kind (J. Lottes, "Optimal polynomial smoothers for
-multigrid V-cycles", Numerical Linear Algebra with Applications 30, 2023) is block smoothing. Its
-blocks are larger where nodes hang on each other, as those of slivers do: few of their common
-motions are among those of the next level.
+Nodes are joined into aggregates with their neighbours; on each of these the near-nullspace
+(rigid-body modes, or constants) is made orthonormal and becomes the unknowns of the next level,
+after one step of damped smoothing (P. Vaněk, J. Mandel, M. Brezina, "Algebraic multigrid by
+smoothed aggregation for second and fourth order elliptic problems", Computing 56, 1996). On every
+level the matrix is scaled by the Cholesky factors of its diagonal blocks, which have then
+disappeared from all else: the Chebyshev smoother of the fourth kind (J. Lottes, "Optimal polynomial
+smoothers for multigrid V-cycles", Numerical Linear Algebra with Applications 30, 2023) is block
+smoothing. Its blocks are larger where nodes hang on each other, as those of slivers do: few of
+their common motions are among those of the next level.
 
 Guarantees: coarse matrices and the factor of the last one are made in double precision, the cycle
 runs in single precision; it is symmetric and positive definite up to that rounding. Set-up and
