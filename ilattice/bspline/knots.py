@@ -140,6 +140,14 @@ def breaks(t: ArrayLike, k: int) -> FloatArray:
     return np.unique(t[k : len(t) - k])
 
 
+def with_planes(planes: FloatArray, more: FloatArray) -> FloatArray:
+    """Increasing planes and those of `more` between them that do not all but coincide with one."""
+    inner = more[(more > planes[0]) & (more < planes[-1])]
+    gap = 1e-10 * (planes[-1] - planes[0])
+    far = np.abs(inner[:, None] - planes).min(axis=1, initial=np.inf) > gap
+    return np.sort(np.concatenate([planes, inner[far]]))
+
+
 def find_spans(t: ArrayLike, k: int, x: ArrayLike) -> IntArray:
     """Knot spans that hold sites: l with ``t[l] <= x < t[l + 1]``, shape (len(x),).
 

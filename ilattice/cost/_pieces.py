@@ -21,6 +21,7 @@ from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_numbers, as_points
 from ilattice.cost import _kernels_beams as kernels
 from ilattice.errors import InputError
+from ilattice.fields._pieces import Stackable
 from ilattice.fields._program import Builder, Point
 from ilattice.fields.node import Node
 
@@ -174,7 +175,7 @@ def part(
 
 
 @dataclass(frozen=True, eq=False)
-class _BeamDistance(Node):
+class _BeamDistance(Stackable):
     """Distance to the union of beams (k, 8)."""
 
     rows: FloatArray
@@ -201,8 +202,8 @@ class _BeamDistance(Node):
         both = _Distances(self.rows[:, None]).bounds(np.zeros(len(lo), np.int64), lo, hi)
         return np.column_stack([both, np.full(len(lo), np.inf if moved else 1.0)])
 
-    @staticmethod
-    def stacked(pieces: "Sequence[_BeamDistance]") -> "_Distances":
+    @classmethod
+    def stacked(cls, pieces: "Sequence[_BeamDistance]") -> "_Distances":
         """Several, evaluated together: those with fewer beams count their last one again."""
         most = max(len(p.rows) for p in pieces)
         rows = [p.rows[np.minimum(np.arange(most), len(p.rows) - 1)] for p in pieces]
@@ -258,7 +259,7 @@ def _axes(row: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 @dataclass(frozen=True, eq=False)
-class _BeamQuadric(Node):
+class _BeamQuadric(Stackable):
     """A polynomial that is negative just in a ball, or in the cone beside a beam.
 
     That is (1 - s²) (|d|² - z²) - (r + s z)² over 2 r, with d from the first end, z its part along
@@ -299,8 +300,8 @@ class _BeamQuadric(Node):
         del level
         return np.array([[-np.inf] * 3, [np.inf] * 3])
 
-    @staticmethod
-    def stacked(pieces: "Sequence[_BeamQuadric]") -> "_Quadrics":
+    @classmethod
+    def stacked(cls, pieces: "Sequence[_BeamQuadric]") -> "_Quadrics":
         """Several, evaluated together."""
         return _Quadrics(np.stack([p.row for p in pieces]))
 

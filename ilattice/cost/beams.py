@@ -36,6 +36,7 @@ from ilattice.cost import _pieces as pieces
 from ilattice.cost.structure import CornerSharing, _numbers
 from ilattice.errors import FormatError, GeometryError, InputError, PrecisionWarning
 from ilattice.fields import _kernels_boxes as tree
+from ilattice.fields._pieces import Union
 from ilattice.fields._program import Builder, Point
 from ilattice.fields.node import Node
 from ilattice.mesh.field_slices import slice_field
@@ -48,7 +49,7 @@ PER_BEAM = 400.0  # bytes
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Beams(Node):
+class Beams(Union):
     """A solid of round beams between vertices.
 
     Attributes

@@ -27,6 +27,7 @@ from ilattice._validate import read_only
 from ilattice.fields import _tables as ops
 from ilattice.fields._kernels_decisions import FIRST, OPEN, ORIGIN, SECOND, STEP
 from ilattice.fields._logic import Expression, Formula, both, choice, either, leaves_of, negation
+from ilattice.fields._pieces import Stackable, Union
 from ilattice.fields._program import Builder, Program, is_axis
 from ilattice.fields.node import Node
 
@@ -69,14 +70,14 @@ class Leaf:
         return all(leaf.bounded for leaf, _ in self.program.leaves)
 
     @cached_property
-    def piece(self) -> Any:
+    def piece(self) -> Stackable | None:
         """The piece of a union that it is, if its kind takes many together; else None."""
         p = self.program
         if len(p.code) != 4 or int(p.code[3]) != ops.LEAF:
             return None
         piece, point = p.leaves[0]
         bare = all(is_axis(q, axis) for axis, q in enumerate(point))
-        return piece if bare and hasattr(piece, "stacked") else None
+        return piece if bare and isinstance(piece, Stackable) else None
 
 
 class Splitter:
@@ -100,7 +101,7 @@ class Splitter:
                   if self.builder.code[r] == ops.LEAF]  # fmt: skip
         self._unions = [
             (r, leaf, tuple(self.builder.program(x) for x in point))
-            for r, leaf, point in leaves if hasattr(leaf, "parts_on")
+            for r, leaf, point in leaves if isinstance(leaf, Union)
         ]  # fmt: skip
         self._parts: dict[tuple[int, ...], int] = {}
         self.parts: list[tuple[int, ...]] = []

@@ -27,6 +27,7 @@ from ilattice._validate import (
     read_only,
 )
 from ilattice.bspline import BSpline
+from ilattice.bspline.knots import with_planes
 from ilattice.errors import InputError
 from ilattice.io.registry import save
 from ilattice.macroshape._extra import interpolated, warn_missed
@@ -355,22 +356,65 @@ class SplineMap(Frozen):
         float
             The absolute value of the integral of det J.
         """
-        rational = self.spline.weights is not None
         points = None if points is None else as_whole("points", points, 1, MAX_POINTS)
-        sites, weights = [], []
+        planes = [self.spline.breaks(axis) for axis in range(3)]
+        return abs(float(self.box_volumes(planes, points=points).sum()))
+
+    def box_volumes(
+        self, planes: Sequence[ArrayLike], *, points: int | None = None, split: bool = True
+    ) -> FloatArray:
+        """Volumes of the images of boxes, the integrals of det J.
+
+        Parameters
+        ----------
+        planes : sequence of 3 array_like, shapes (n_i + 1,)
+            Planes between the boxes, increasing, within the domain.
+        points : int, optional
+            Gauss points per direction, box and element of the spline; see `volume`.
+        split : bool
+            Whether there is a rule per box and element; else one per box, however many elements
+            of the spline it holds.
+
+        Returns
+        -------
+        ndarray, shape (n_0, n_1, n_2)
+            Negative of left-handed maps.
+        """
+        rational = self.spline.weights is not None
+        sites, weights, firsts = [], [], []
         for axis in range(3):
             n = points or (3 * self.spline.k[axis] + 1) // 2 + 6 * rational
             s, w = np.polynomial.legendre.leggauss(n)
-            b = self.spline.breaks(axis)
+            given = as_array("planes", planes[axis], ndim=1)
+            b = with_planes(given, self.spline.breaks(axis)) if split else given
             half = 0.5 * np.diff(b)
-            sites.append(np.add.outer(0.5 * (b[1:] + b[:-1]), 0.0 * s) + np.outer(half, s))
+            sites.append((0.5 * (b[1:] + b[:-1])[:, None] + np.outer(half, s)).ravel())
             weights.append(np.outer(half, w).ravel())
-        total = 0.0
-        axes = [s.ravel() for s in sites]
-        for first, last, jet in self.geometry.slabs(axes, 1):
-            det = np.linalg.det(jet[1])
-            total += float(np.einsum("ijk,i,j,k", det, weights[0][first:last], *weights[1:]))
-        return abs(total)
+            firsts.append(n * np.searchsorted(b, given[:-1]))
+        rows = []
+        for first, last, jet in self.geometry.slabs(sites, 1):
+            det = np.linalg.det(jet[1]) * weights[0][first:last, None, None]
+            det = np.add.reduceat(det * weights[1][:, None], firsts[1], axis=1)
+            rows.append(np.add.reduceat(det * weights[2], firsts[2], axis=2))
+        return np.add.reduceat(np.concatenate(rows), firsts[0], axis=0)
+
+    def bends(self, axis: int) -> FloatArray:
+        """Inner knots of one parameter at which first derivatives may jump.
+
+        Parameters
+        ----------
+        axis : int
+            Parameter.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Increasing: the knots that repeat as often as the degree says, or more often.
+        """
+        axis = as_axis("axis", axis, 3)
+        lo, hi = self.domain[:, axis]
+        knots, counts = np.unique(self.spline.t[axis], return_counts=True)
+        return knots[(counts >= self.spline.k[axis]) & (knots > lo) & (knots < hi)]
 
     # ---------------------------------------------------------------- variations
 

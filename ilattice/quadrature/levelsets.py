@@ -23,7 +23,7 @@ from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray, Solid, S
 from ilattice._validate import Frozen, as_array, as_points, asked, read_only
 from ilattice.bspline import BSpline
 from ilattice.bspline._kernels_bezier import restriction
-from ilattice.bspline.knots import find_spans
+from ilattice.bspline.knots import find_spans, with_planes
 from ilattice.errors import InputError
 from ilattice.fields.algebra import complement
 from ilattice.fields.node import Node
@@ -151,12 +151,8 @@ class LevelSets(Frozen):
         cuts = []
         for a in range(3):
             edges = np.asarray(axes[a], np.float64)
-            gap = 1e-10 * (edges[-1] - edges[0])
             for s in self.splines:
-                b = s.breaks(a)
-                b = b[(b > edges[0]) & (b < edges[-1])]
-                far = np.abs(b[:, None] - edges).min(axis=1, initial=np.inf) > gap
-                edges = np.sort(np.concatenate([edges, b[far]]))
+                edges = with_planes(edges, s.breaks(a))
             cuts.append(read_only(edges))
         x, y, z = (float(len(edges) - 1) for edges in cuts)
         need(
