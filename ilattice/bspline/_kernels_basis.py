@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numba import njit, prange
 
+from ilattice._kernels import inner
 from ilattice.bspline._kernels_vector import LANES, load, multiply_add, scale, spread, store
 
 FAST = {"contract"}
@@ -22,7 +23,7 @@ INNER: Any = {"cache": True, "fastmath": FAST, "error_model": "numpy"}
 CHUNK, LONG = 64, 4096
 
 
-@njit(**INNER)
+@inner(**INNER)
 def take_table(table: Any, cell: int, T: Any, a: int) -> None:
     """T[a, e, j] = table[cell, j, e]: a row of all functions for every power, in a whole vector."""
     n = table.shape[1]
@@ -31,7 +32,7 @@ def take_table(table: Any, cell: int, T: Any, a: int) -> None:
             T[a, e, j] = table[cell, j, e]
 
 
-@njit(**INNER)
+@inner(**INNER)
 def take_tables(t0: Any, t1: Any, t2: Any, ijk: Any, e: int, T: Any) -> None:
     """The tables T (3, n, LANES), zeros at first, of the three directions of cell e."""
     take_table(t0, ijk[e, 0], T, 0)
@@ -39,7 +40,7 @@ def take_tables(t0: Any, t1: Any, t2: Any, ijk: Any, e: int, T: Any) -> None:
     take_table(t2, ijk[e, 2], T, 2)
 
 
-@njit(**INNER)
+@inner(**INNER)
 def line(T: Any, t: int, r: float, factor: float, B: Any, a: int) -> None:
     """The functions B[a, 0] of table T[t] at r, and derivatives B[a, 1], factor being 1 / length.
 
@@ -57,7 +58,7 @@ def line(T: Any, t: int, r: float, factor: float, B: Any, a: int) -> None:
     store(B, (2 * a + 1) * LANES, scale(g, factor))
 
 
-@njit(**INNER)
+@inner(**INNER)
 def lines(T: Any, boxes: Any, e: int, u: Any, q: int, B: Any) -> None:
     """Functions B[a, 0] and slopes B[a, 1] of the three directions of cell e at u[q]."""
     for a in range(3):
@@ -65,7 +66,7 @@ def lines(T: Any, boxes: Any, e: int, u: Any, q: int, B: Any) -> None:
         line(T, a, (u[q, a] - boxes[e, a]) * x - 0.5, x, B, a)
 
 
-@njit(**INNER)
+@inner(**INNER)
 def inverse(J: Any, q: int, G: Any) -> float:
     """The determinant of J[q], and G[k, c] = du_k / dx_c."""
     for k in range(3):
@@ -95,7 +96,7 @@ def determinants(J: Any, out: Any) -> None:
             )
 
 
-@njit(**INNER)
+@inner(**INNER)
 def values_of(B: Any, n: int, N: Any, at: int) -> None:
     """All products of n functions per direction, from flat position `at` of N on.
 
@@ -108,7 +109,7 @@ def values_of(B: Any, n: int, N: Any, at: int) -> None:
             at += n
 
 
-@njit(**INNER)
+@inner(**INNER)
 def gradients_of(B: Any, n: int, G: Any, D: Any, at: int) -> None:
     """Gradients in space of all products: those along x, then y, then z; see `values_of`."""
     z = load(B, 4 * LANES, LANES)

@@ -11,14 +11,15 @@ that changes the sign, up to pairs closer than 2**-DEEPEST.
 from typing import Any
 
 import numpy as np
-from numba import njit
+
+from ilattice._kernels import inner
 
 #: Times the noise of coefficients by which those of a linear function may be off.
 STRAIGHT = 1e3
 DEEPEST = 40
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def extremes(c: Any, at: int, size: int) -> Any:
     """Least and largest of `size` coefficients."""
     least = c[at]
@@ -30,7 +31,7 @@ def extremes(c: Any, at: int, size: int) -> Any:
     return least, most
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def slopes(c: Any, at: int, step: int, other: int, third: int, n: int, L: Any) -> Any:
     """Least and largest difference along the direction of stride `step`.
 
@@ -53,7 +54,7 @@ def slopes(c: Any, at: int, step: int, other: int, third: int, n: int, L: Any) -
     return least, most
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def bend(c: Any, at: int, step: int, other: int, third: int, n: int, L: Any) -> float:
     """Largest second difference along a direction; for degree 1, the largest mixed one."""
     P = len(L)
@@ -76,7 +77,7 @@ def bend(c: Any, at: int, step: int, other: int, third: int, n: int, L: Any) -> 
     return most
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def straight(c: Any, at: int, s: int, t: int, r: int, n: int, noise: float, L: Any) -> bool:
     """Whether coefficients c[at + i s + j t + k r], k below n, are those of a linear function.
 
@@ -95,7 +96,7 @@ def straight(c: Any, at: int, s: int, t: int, r: int, n: int, noise: float, L: A
     return off <= STRAIGHT * noise
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def halve_line(c: Any, at: int, d: Any, to: int, step: int, L: Any) -> None:
     """Upper half in place of the line c[at], lower half to d[to], by de Casteljau."""
     P = len(L)
@@ -117,7 +118,7 @@ def halve_line(c: Any, at: int, d: Any, to: int, step: int, L: Any) -> None:
         d[to + r * step] = c[at]
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def halve(c: Any, at: int, to: int, step: int, other: int, third: int, n: int, L: Any) -> None:
     """`halve_line` on all lines of a tensor (n = P) or face (n = 1)."""
     P = len(L)
@@ -127,7 +128,7 @@ def halve(c: Any, at: int, to: int, step: int, other: int, third: int, n: int, L
             halve_line(c, at + shift, c, to + shift, step, L)
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def basis(t: float, b: Any, at: int, L: Any) -> None:
     """Bernstein basis at t into b[at:]."""
     P = len(L)
@@ -147,7 +148,7 @@ def basis(t: float, b: Any, at: int, L: Any) -> None:
         b[at + r] = carry
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def basis_slope(t: float, b: Any, at: int, L: Any) -> None:
     """Derivative of the Bernstein basis at t into b[at:]."""
     P = len(L)
@@ -168,7 +169,7 @@ def basis_slope(t: float, b: Any, at: int, L: Any) -> None:
     b[at + P - 1] = below
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def jet(c: Any, at: int, t: float, L: Any) -> Any:
     """Value and derivative of a line at t."""
     P = len(L)
@@ -194,7 +195,7 @@ def jet(c: Any, at: int, t: float, L: Any) -> Any:
     return value + power * t * c[at + P - 1], (P - 1) * slope
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def bracketed(c: Any, at: int, a: float, b: float, L: Any) -> float:
     """The root of a line between a and b, where it has different signs: Newton, safeguarded."""
     fa = jet(c, at, a, L)[0]
@@ -219,7 +220,7 @@ def bracketed(c: Any, at: int, a: float, b: float, L: Any) -> float:
     return t
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def single_root(c: Any, at: int, L: Any) -> float:
     """The root of a monotone line with different signs at its ends."""
     P = len(L)
@@ -234,7 +235,7 @@ def single_root(c: Any, at: int, L: Any) -> float:
     return bracketed(c, at, 0.0, 1.0, L)
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def insert(c: Any, to: int, n: int, t: float) -> int:
     """Put t into the sorted list c[to : to + n]; its new length."""
     i = to + n
@@ -245,7 +246,7 @@ def insert(c: Any, to: int, n: int, t: float) -> int:
     return n + 1
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def _quadratic(c: Any, at: int, to: int, n: int) -> int:
     """Insert the roots inside (0, 1) of a line of degree 2."""
     f = c[at]
@@ -266,7 +267,7 @@ def _quadratic(c: Any, at: int, to: int, n: int) -> int:
     return n
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def roots(c: Any, at: int, to: int, n: int, stack: int, L: Any) -> int:
     """Insert the roots inside (0, 1) into the sorted list c[to : to + n]; its new length.
 

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numba import njit, prange
 
+from ilattice._kernels import inner
 from ilattice.bspline._kernels_basis import (
     CHUNK,
     INNER,
@@ -33,7 +34,7 @@ TILE = 2 * LANES  # columns that are
 SHORT = 512  # rows of a sparse matrix that one thread fills at a time
 
 
-@njit(**INNER)
+@inner(**INNER)
 def add_products(L: Any, R: Any, rows: int, A: Any) -> None:
     """Add R^T L to the upper half of A, in tiles of 4 rows and `TILE` columns.
 
@@ -76,7 +77,7 @@ def add_products(L: Any, R: Any, rows: int, A: Any) -> None:
             store(A, at + 3 * n + LANES, b3)
 
 
-@njit(**INNER)
+@inner(**INNER)
 def tensor_rows(D: Any, w: float, d: Any, i: int, L: Any, R: Any, row: int) -> None:
     """The three rows of one point from `row` on: grad N, and w d grad N."""
     for a in range(D.shape[1]):
@@ -91,7 +92,7 @@ def tensor_rows(D: Any, w: float, d: Any, i: int, L: Any, R: Any, row: int) -> N
         R[row + 2, a] = w * (d[i, 4] * x + d[i, 3] * y + d[i, 2] * z)
 
 
-@njit(**INNER)
+@inner(**INNER)
 def strain_rows(D: Any, w: float, d: Any, i: int, L: Any, R: Any, row: int) -> None:
     """The six rows of one point from `row` on: strains of functions along x, then y, then z.
 
@@ -119,7 +120,7 @@ def strain_rows(D: Any, w: float, d: Any, i: int, L: Any, R: Any, row: int) -> N
             R[row + r, 2 * n + a] = w * (d[i, c + 2] * z + d[i, c + 3] * y + d[i, c + 4] * x)
 
 
-@njit(**INNER)
+@inner(**INNER)
 def weigh(L: Any, W: Any, rows: int, R: Any) -> None:
     """R[r] = W[r] L[r]."""
     for r in range(rows):
@@ -249,7 +250,7 @@ def list_columns(
             indices[indptr[r] : at].sort()
 
 
-@njit(**INNER)
+@inner(**INNER)
 def add_block(
     kind: int, A: Any, e: int, a: int, b: int, p: float, q: float, out: Any, to: int
 ) -> None:

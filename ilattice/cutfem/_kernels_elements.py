@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numba import njit, prange
 
+from ilattice._kernels import inner
 from ilattice.quadrature._kernels_scratch import UNIT
 from ilattice.quadrature._kernels_solid import (
     DEPTH,
@@ -34,7 +35,7 @@ MOST = 2048  # boxes of a cell, from which on none is divided further
 AT_ONCE = 4096  # points that are looked for one after the other
 
 
-@njit(**FAST)
+@inner(**FAST)
 def boxes_of(c: Any, tables: Any, which: Any, start: Any, extent: Any, P: int) -> Any:
     """Boxes of a cell that are not empty.
 
@@ -108,7 +109,7 @@ def boxes_of(c: Any, tables: Any, which: Any, start: Any, extent: Any, P: int) -
     return corner[:n], length[:n], sort[:n], row[:n], tensor[:n], air[:n]
 
 
-@njit(**FAST)
+@inner(**FAST)
 def grown(a: Any, room: int) -> Any:
     """A longer copy of an array."""
     out = np.empty((room, *a.shape[1:]), a.dtype)
@@ -116,7 +117,7 @@ def grown(a: Any, room: int) -> Any:
     return out
 
 
-@njit(**FAST)
+@inner(**FAST)
 def root(parent: Any, i: int) -> int:
     """Representative of a set."""
     while parent[i] != i:
@@ -125,7 +126,7 @@ def root(parent: Any, i: int) -> int:
     return i
 
 
-@njit(**FAST)
+@inner(**FAST)
 def meeting(corner: Any, length: Any, i: int, j: int) -> int:
     """Face of box i, 2 axis + side, that a part of a face of box j touches, or -1."""
     for axis in range(3):
@@ -144,7 +145,7 @@ def meeting(corner: Any, length: Any, i: int, j: int) -> int:
     return -1
 
 
-@njit(**FAST)
+@inner(**FAST)
 def join(parent: Any, i: int, j: int) -> None:
     """Make one set of two."""
     a = root(parent, i)
@@ -152,7 +153,7 @@ def join(parent: Any, i: int, j: int) -> None:
     parent[max(a, b)] = min(a, b)
 
 
-@njit(**FAST)
+@inner(**FAST)
 def is_joint(
     corner: Any, length: Any, sort: Any, row: Any, tensor: Any, tables: Any, i: int, j: int, P: int
 ) -> bool:  # fmt: skip
@@ -173,7 +174,7 @@ def is_joint(
     )
 
 
-@njit(**FAST)
+@inner(**FAST)
 def is_air(
     corner: Any, length: Any, sort: Any, row: Any, tensor: Any, tables: Any, air: Any, mine: Any,
     P: int,
@@ -279,7 +280,7 @@ def count_pieces(
             gaps[i] = found[4]
 
 
-@njit(**FAST)
+@inner(**FAST)
 def distance_from(x: Any, corner: Any, length: Any) -> float:
     """Squared distance of a point from a box, 0 within."""
     far = 0.0
@@ -289,7 +290,7 @@ def distance_from(x: Any, corner: Any, length: Any) -> float:
     return far
 
 
-@njit(**FAST)
+@inner(**FAST)
 def is_inside(x: Any, corner: Any, length: Any) -> bool:
     """Whether a point is inside a box, and not on its faces."""
     for a in range(3):

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numba import njit, prange
 
+from ilattice._kernels import inner
 from ilattice.bspline._kernels_basis import INNER, line, take_table
 from ilattice.bspline._kernels_vector import LANES
 
@@ -56,7 +57,7 @@ def ghost_matrices(
                 out[e, a, b] = products[e, across[a], across[b]] * M[along[a], along[b]]
 
 
-@njit(**INNER)
+@inner(**INNER)
 def split(a: int, axis: int, n: int, m: int) -> Any:
     """Number across, and number along, of local function a of a face."""
     if axis == 0:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numba import njit, prange
 
+from ilattice._kernels import inner
 from ilattice.linalg._kernels_rows import (
     LANES,
     column,
@@ -182,7 +183,7 @@ def factors(offsets: Any, columns: Any, blocks: Any, L: Any, roots: Any, inverse
     return state
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def _cholesky(A: Any, F: Any, m: int) -> int:
     for a in range(m):
         for b in range(a):
@@ -202,7 +203,7 @@ def _cholesky(A: Any, F: Any, m: int) -> int:
     return 0
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def _invert(F: Any, G: Any, m: int) -> None:
     """G = F⁻¹, lower triangular."""
     for b in range(m):

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numba import njit, prange
 
+from ilattice._kernels import inner
 from ilattice.linalg._kernels_blocks import FAST
 
 #: Parts that rows are cut into for threads, so that sums do not depend on their number.
@@ -69,7 +70,7 @@ def unmark_far(offsets: Any, columns: Any, points: Any, most: float, strong: Any
                     strong[k] = False
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def squared_distance(points: Any, i: int, j: int) -> float:
     """Between two nodes."""
     x = points[i, 0] - points[j, 0]
@@ -117,7 +118,7 @@ def aggregate(offsets: Any, columns: Any, strength: Any, strong: Any, out: Any) 
     return count
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def found(i: int, offsets: Any, columns: Any, strong: Any, count: int, out: Any) -> int:
     """Number `count`, for node i and those with strong couplings to it; the number after it."""
     some = False
@@ -130,7 +131,7 @@ def found(i: int, offsets: Any, columns: Any, strong: Any, count: int, out: Any)
     return count + some
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def strongest(
     i: int, offsets: Any, columns: Any, strength: Any, strong: Any, only: bool, home: Any
 ) -> int:
@@ -205,7 +206,7 @@ def cholesky(A: Any, floor: float) -> Any:
     return least, where
 
 
-@njit(cache=True, error_model="numpy", fastmath=FAST)
+@inner(error_model="numpy", fastmath=FAST)
 def solve_cholesky(F: Any, b: Any, x: Any) -> None:
     """x = (F Fᵀ)⁻¹ b, F lower triangular."""
     n = len(F)

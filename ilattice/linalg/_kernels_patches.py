@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numba import njit, prange
 
+from ilattice._kernels import inner
 from ilattice.linalg._kernels_multigrid import cholesky, solve_cholesky
 
 #: Least pivot of a patch whose diagonal is one: below it, the matrix in single precision is noise.
@@ -33,7 +34,7 @@ def join(rows: Any, columns: Any, most: int, out: Any) -> None:
         out[i] = out[out[i]]
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def root(first: Any, i: int) -> int:
     """First node of the patch of node i."""
     while first[i] != i:

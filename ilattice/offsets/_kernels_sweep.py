@@ -9,6 +9,7 @@ among them.
 import numpy as np
 from numba import njit, prange
 
+from ilattice._kernels import inner
 from ilattice.offsets._kernels_jets import FAST
 from ilattice.offsets._kernels_patches import PLAIN, alike, in_reach, seed_distance, unlikely
 
@@ -22,7 +23,7 @@ MAX_GATHERED = 4096
 ACROSS = 0.6
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def beyond(lo, hi, row, x, reach):
     """Whether a box is farther from x than `reach`."""
     d = 0.0
@@ -32,14 +33,14 @@ def beyond(lo, hi, row, x, reach):
     return d > reach * reach
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def off_slab(slab, row, x, reach):
     """Whether a slab is farther from x than `reach`."""
     s = slab[row, 0] * x[0] + slab[row, 1] * x[1] + slab[row, 2] * x[2]
     return s < slab[row, 3] - reach or s > slab[row, 4] + reach
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def away_from(sn, sh, s, d, best):
     """Whether a seed at the distance d, whose cell is no guide, is too far for a nearer foot."""
     told = sn.shape[1] > PLAIN
@@ -48,7 +49,7 @@ def away_from(sn, sh, s, d, best):
     return d * d > best * best + (ACROSS * sh[s]) ** 2
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@inner(fastmath=FAST, error_model="numpy")
 def gather(geom, sp, sx, sn, sh, lo, hi, slab, first, x, q, best, stack, away, found):
     """Fill in seeds that may have a foot nearer than `best`, and their distances; how many."""
     n, depth, reach = 0, 1, np.finfo(np.float64).max

@@ -10,8 +10,8 @@ the asked depth, and then are of lower order.
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from ilattice._kernels import inner
 from ilattice.bspline._kernels_bernstein import bend, extremes, halve, slopes, straight
 from ilattice.quadrature._kernels_columns import strips
 from ilattice.quadrature._kernels_crossings import crossing, least_slope, may_cross, steepest
@@ -24,7 +24,6 @@ from ilattice.quadrature._kernels_scratch import (
     DEEP,
     FACES,
     FLAT,
-    INNER,
     MAX_SETS,
     OWNERS,
     PARTS,
@@ -41,7 +40,7 @@ from ilattice.quadrature._kernels_scratch import (
 )
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def best_axis(Z: Any, N: Any, axes: int, n: int, which: int, up: int, flat: bool) -> Any:
     """Direction in which n polynomials are monotone, and how steep they are there.
 
@@ -75,14 +74,14 @@ def best_axis(Z: Any, N: Any, axes: int, n: int, which: int, up: int, flat: bool
     return best, score
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def first_part(Z: Any) -> None:
     """The whole base as the only part of it."""
     for i in range(6):
         Z[PARTS + i] = 1.0 if i == 2 or i == 3 else 0.0
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def first_faces(Z: Any, N: Any, at: int, n: int, e0: int, L: Any) -> None:
     """The two faces across e0 of all active tensors."""
     P = len(L)
@@ -99,7 +98,7 @@ def first_faces(Z: Any, N: Any, at: int, n: int, e0: int, L: Any) -> None:
                     Z[f + i * P + j] = Z[c + i * step1 + j * step2]
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def face_pairs(Z: Any, N: Any, here: int, n_faces: int, L: Any) -> int:
     """Direction along which all cut faces are steep, or have two well parted roots; or -1.
 
@@ -119,7 +118,7 @@ def face_pairs(Z: Any, N: Any, here: int, n_faces: int, L: Any) -> int:
     return -1
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def face_axis(Z: Any, N: Any, here: int, n_faces: int, L: Any) -> Any:
     """Direction in which all cut faces are monotone, or -1, and whether they are steep there.
 
@@ -150,7 +149,7 @@ def face_axis(Z: Any, N: Any, here: int, n_faces: int, L: Any) -> Any:
     return axis, good
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def halve_base(Z: Any, N: Any, level: int, used: int, n_faces: int, directed: bool, L: Any) -> None:
     """Halve a part of a base along its most curved direction: upper half here, lower above."""
     P = len(L)
@@ -180,7 +179,7 @@ def halve_base(Z: Any, N: Any, level: int, used: int, n_faces: int, directed: bo
     Z[part + cut] += Z[part + 2 + cut]
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def base(
     Z: Any,
     N: Any,

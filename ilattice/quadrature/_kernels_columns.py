@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from ilattice._kernels import inner
 from ilattice.bspline._kernels_bernstein import basis, basis_slope, jet, roots, single_root
 from ilattice.quadrature._kernels_crossings import add_crossings
 from ilattice.quadrature._kernels_scratch import (
@@ -20,7 +21,6 @@ from ilattice.quadrature._kernels_scratch import (
     EXT,
     FLAT,
     GAP,
-    INNER,
     LINES,
     LO,
     MAX_SETS,
@@ -46,7 +46,7 @@ from ilattice.quadrature._kernels_scratch import (
 )
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def foot(
     Z: Any,
     N: Any,
@@ -88,7 +88,7 @@ def foot(
             surface[at, 7] = N[NAMES + N[ACTIVE + i]]
 
 
-@njit(**INNER, inline="always")
+@njit(cache=True, error_model="numpy", inline="always")
 def segment(
     Z: Any,
     N: Any,
@@ -118,7 +118,7 @@ def segment(
             volume[at + g, 3] = w * length * Z[WEIGHTS + g]
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def signs_at(Z: Any, N: Any, n: int, t: float, L: Any) -> int:
     """Signs of the active polynomials at t on a column, as a place in a table."""
     signs = 0
@@ -128,7 +128,7 @@ def signs_at(Z: Any, N: Any, n: int, t: float, L: Any) -> int:
     return signs
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def boundary(
     Z: Any, N: Any, surface: Any, n: int, t: float, inside: int, outside: int, e0: int, w: float,
     L: Any,
@@ -142,7 +142,7 @@ def boundary(
             return
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def beyond(Z: Any, N: Any, n: int, t: float, signs: int, L: Any) -> int:
     """Signs beyond an end t of a column: others for polynomials that vanish there."""
     for i in range(n):
@@ -153,7 +153,7 @@ def beyond(Z: Any, N: Any, n: int, t: float, signs: int, L: Any) -> int:
     return signs
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def crowded(
     Z: Any, N: Any, volume: Any, surface: Any, n: int, e0: int, w: float, want: int, q: int, L: Any
 ) -> None:
@@ -195,7 +195,7 @@ def crowded(
             boundary(Z, N, surface, n, 1.0, last, after, e0, w, L)
 
 
-@njit(**INNER, inline="always")
+@njit(cache=True, error_model="numpy", inline="always")
 def column(
     Z: Any,
     N: Any,
@@ -250,7 +250,7 @@ def column(
                 foot(Z, N, surface, kb, b, e0, low, high, w, 1.0, L)
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def slice_tensors(
     Z: Any,
     N: Any,
@@ -275,7 +275,7 @@ def slice_tensors(
                 Z[to + (k * P + i) * P + j] = s
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def strips(
     Z: Any,
     N: Any,

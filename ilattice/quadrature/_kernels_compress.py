@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 from numba import njit, prange
 
+from ilattice._kernels import inner
 from ilattice.bspline._kernels_vector import LANES, load, multiply_add, scale, store
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def lagrange(t: float, nodes: Any, factors: Any, out: Any) -> None:
     """Values at t of the polynomials that are 1 at one node and 0 at all others."""
     n = len(nodes)

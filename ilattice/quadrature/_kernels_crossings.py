@@ -11,8 +11,8 @@ only if it is right to a part `WELL` of its values there.
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from ilattice._kernels import inner
 from ilattice.bspline._kernels_bernstein import (
     basis,
     extremes,
@@ -29,7 +29,6 @@ from ilattice.quadrature._kernels_scratch import (
     CURVES,
     CUT_FACES,
     FACES,
-    INNER,
     INVERSE,
     LEVEL,
     LINE,
@@ -52,7 +51,7 @@ from ilattice.quadrature._kernels_scratch import (
 )
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def no_common_zero(c: Any, at: int, to: int, size: int) -> bool:
     """Whether some a f + b g with constants a, b has one strict sign: f and g vanish nowhere both.
 
@@ -82,7 +81,7 @@ def no_common_zero(c: Any, at: int, to: int, size: int) -> bool:
     return fits
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def on_root(Z: Any, f: int, g: int, L: Any) -> float:
     """Value of line g at the root of the monotone line f, or about where that is beyond [0, 1].
 
@@ -103,7 +102,7 @@ def on_root(Z: Any, f: int, g: int, L: Any) -> float:
     return w - v / dv * dw if dv != 0.0 else np.nan  # to first order farther away
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def crossing_at(Z: Any, a: int, b: int, turned: bool, t: float, L: Any) -> float:
     """Value of polynomial b of a base where polynomial a vanishes, at t in the outer direction."""
     P = len(L)
@@ -119,7 +118,7 @@ def crossing_at(Z: Any, a: int, b: int, turned: bool, t: float, L: Any) -> float
     return on_root(Z, LINE, LINE + P, L)
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def may_cross(Z: Any, N: Any, here: int, i: int, j: int, L: Any) -> bool:
     """Whether two cut faces of different polynomials may vanish together."""
     square = len(L) * len(L)
@@ -130,7 +129,7 @@ def may_cross(Z: Any, N: Any, here: int, i: int, j: int, L: Any) -> bool:
     )
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def crossing(Z: Any, N: Any, here: int, i: int, j: int, turned: bool, L: Any) -> bool:
     """Where two cut faces vanish together, as roots of a line that is left in TEMP.
 
@@ -167,7 +166,7 @@ def crossing(Z: Any, N: Any, here: int, i: int, j: int, turned: bool, L: Any) ->
     return least < 0.0 < most and off <= WELL * top
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def add_crossings(Z: Any, N: Any, here: int, n_faces: int, turned: bool, n: int, L: Any) -> int:
     """Insert the crossings of all cut faces into the sorted list at CROSS; its new length."""
     for i in range(n_faces * N[CURVES]):
@@ -186,7 +185,7 @@ def add_crossings(Z: Any, N: Any, here: int, n_faces: int, turned: bool, n: int,
     return n
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def steepest(Z: Any, i: int, axes: int) -> float:
     """Largest difference of polynomial i in SPANS."""
     top = 0.0
@@ -196,13 +195,13 @@ def steepest(Z: Any, i: int, axes: int) -> float:
     return top
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def least_slope(Z: Any, i: int, axes: int, eps: float) -> float:
     """Difference along a direction up to which polynomial i does not depend on it."""
     return max(eps, LEVEL * steepest(Z, i, axes))
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def rising(Z: Any, N: Any, n: int, axis: int) -> int:
     """Bits of the active polynomials that depend on a direction, or 0 if one is not monotone."""
     out = 0
@@ -217,7 +216,7 @@ def rising(Z: Any, N: Any, n: int, axis: int) -> int:
     return out
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def seam_at(Z: Any, f: int, g: int, e0: int, s: float, t: float, L: Any) -> float:
     """Value of tensor g on the zero set of tensor f, in the column at (s, t) along e0."""
     P = len(L)
@@ -237,7 +236,7 @@ def seam_at(Z: Any, f: int, g: int, e0: int, s: float, t: float, L: Any) -> floa
     return on_root(Z, LINE, LINE + P, L)
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def project_seam(Z: Any, f: int, g: int, e0: int, to: int, eps: float, L: Any) -> Any:
     """Face `to` that vanishes below the crossings of two tensors that are monotone along e0.
 
@@ -280,7 +279,7 @@ def project_seam(Z: Any, f: int, g: int, e0: int, to: int, eps: float, L: Any) -
     return least < 0.0 < most, off <= WELL * top, top
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def project_seams(Z: Any, N: Any, here: int, n: int, e0: int, L: Any) -> bool:
     """Put the seams of all pairs of the n active tensors behind their faces; SEAMS of them.
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numba import njit, prange
 
+from ilattice._kernels import inner
 from ilattice.quadrature._kernels_faces import face_rule, whole_face
 from ilattice.quadrature._kernels_rules import cell_rule, cell_sign, solid
 from ilattice.quadrature._kernels_scratch import (
@@ -35,7 +36,7 @@ ROUNDING = 1e-13  # of sums of coefficients, relative
 CROSSINGS, ACCEPT, WANT = 0, 1, 2
 
 
-@njit(cache=True, error_model="numpy", fastmath=FAST)
+@inner(error_model="numpy", fastmath=FAST)
 def add_line(row: Any, f: float, c: Any, at: int, n: int, L: Any, out: Any, to: int) -> None:
     """Add f times the sum of row[t] c[at + t n] to n numbers of out from `to` on."""
     for t in range(len(L)):
@@ -44,7 +45,7 @@ def add_line(row: Any, f: float, c: Any, at: int, n: int, L: Any, out: Any, to: 
             out[to + r] += w * c[at + t * n + r]
 
 
-@njit(cache=True, error_model="numpy", fastmath=FAST)
+@inner(error_model="numpy", fastmath=FAST)
 def add_last(line: Any, at: int, step: int, rows: Any, L: Any, out: Any, to: int) -> None:
     """Transform P² runs of P numbers, `step` apart, by rows (P, P); add them to out."""
     P = len(L)
@@ -95,7 +96,7 @@ def extract(
                     out[n, k, i] += factor[k] * v[i]
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def window_sign(low: Any, high: Any, at: int, P: int) -> int:
     """-1 if all sets are negative by bounds of P coefficients each, 1 if one is positive, or 0."""
     full = True
@@ -208,7 +209,7 @@ def signs(tensors: Any, many: Any, tables: Any, halvings: int, L: Any, out: Any)
             out[n] = cell_sign(Z, N, many[n], halvings, L)
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def grow(signs: Any, mark: Any, end: Any, done: int, box: Any) -> None:
     """Grow box (6,), of one full piece, over full pieces that are not marked `done`; mark it.
 

@@ -6,8 +6,7 @@ the solid only if that has both sides of it.
 
 from typing import Any
 
-from numba import njit
-
+from ilattice._kernels import inner
 from ilattice.bspline._kernels_bernstein import basis, extremes, jet, roots
 from ilattice.quadrature._kernels_bases import face_axis, first_part, halve_base
 from ilattice.quadrature._kernels_crossings import add_crossings
@@ -23,7 +22,6 @@ from ilattice.quadrature._kernels_scratch import (
     FACES,
     FLAT,
     GAP,
-    INNER,
     LINE,
     LO,
     LOW,
@@ -46,7 +44,7 @@ from ilattice.quadrature._kernels_scratch import (
 )
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def emit(Z: Any, N: Any, out: Any, e1: int, a: float, b: float, w: float, q: int) -> None:
     """Gauss points on the part [a, b] of a line of the present box along e1."""
     at = N[N_VOLUME]
@@ -61,7 +59,7 @@ def emit(Z: Any, N: Any, out: Any, e1: int, a: float, b: float, w: float, q: int
             out[at + g, 3] = w * length * Z[WEIGHTS + g]
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def face_strips(
     Z: Any,
     N: Any,
@@ -127,7 +125,7 @@ def face_strips(
                     emit(Z, N, out, e1, low + high * a, low + high * b, w, q)
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def whole_face(Z: Any, N: Any, out: Any, e0: int, side: int, q: int) -> None:
     """Tensor Gauss rule on one face (across e0) of the present box."""
     u = 1 if e0 == 0 else 0
@@ -143,7 +141,7 @@ def whole_face(Z: Any, N: Any, out: Any, e0: int, side: int, q: int) -> None:
                 out[n, 3] = Z[EXT + u] * Z[WEIGHTS + i] * (Z[EXT + v] * Z[WEIGHTS + j])
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def face_rule(
     Z: Any, N: Any, out: Any, m: int, e0: int, side: int, accept: int, q: int, L: Any
 ) -> None:

@@ -9,10 +9,9 @@ Guarantee: the sign of the discriminant is that of its Bernstein coefficients, n
 
 from typing import Any
 
-from numba import njit
-
+from ilattice._kernels import inner
 from ilattice.bspline._kernels_bernstein import extremes
-from ilattice.quadrature._kernels_scratch import INNER, PLANES
+from ilattice.quadrature._kernels_scratch import PLANES
 
 #: Part of its largest value that the discriminant must have everywhere; third differences up to
 #: this many times the noise of coefficients are none.
@@ -21,7 +20,7 @@ EVEN, CUBIC = 0.9, 1e2
 FLAT = 1e-10
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def quadratic_lines(
     Z: Any, at: int, step: int, other: int, third: int, n: int, eps: float, L: Any
 ) -> bool:
@@ -47,7 +46,7 @@ def quadratic_lines(
     return True
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def binomial(n: int, k: int) -> float:
     """n over k."""
     out = 1.0
@@ -56,7 +55,7 @@ def binomial(n: int, k: int) -> float:
     return out
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def discriminant(Z: Any, n: int, L: Any) -> float:
     """Least value of the discriminant of lines at `PLANES`, or 0 if it is not positive and even."""
     P = len(L)
@@ -85,7 +84,7 @@ def discriminant(Z: Any, n: int, L: Any) -> float:
     return least if least > FLAT * top * top and least > EVEN * most else 0.0
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def pair_axis(Z: Any, at: int, eps: float, L: Any) -> int:
     """Direction along which a tensor has two well parted roots on every line, or -1."""
     P = len(L)
@@ -101,7 +100,7 @@ def pair_axis(Z: Any, at: int, eps: float, L: Any) -> int:
     return best
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def has_pairs(Z: Any, at: int, along: int, eps: float, L: Any) -> bool:
     """Whether a tensor in two variables has such roots along one of them."""
     P = len(L)

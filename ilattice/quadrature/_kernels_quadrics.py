@@ -17,8 +17,8 @@ ellipse, are left to halving.
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from ilattice._kernels import inner
 from ilattice.quadrature._kernels_columns import segment
 from ilattice.quadrature._kernels_scratch import (
     ACTIVE,
@@ -27,7 +27,6 @@ from ilattice.quadrature._kernels_scratch import (
     EXT,
     FACES,
     GAP,
-    INNER,
     LO,
     N_SURFACE,
     NAMES,
@@ -61,7 +60,7 @@ RIGHT = 0.55 * np.pi
 WIDE = 1e3
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def is_quadric(Z: Any, at: int, eps: float, L: Any) -> bool:
     """Whether a tensor is a polynomial of total degree two: its coefficients from FORM on."""
     P = len(L)
@@ -95,7 +94,7 @@ def is_quadric(Z: Any, at: int, eps: float, L: Any) -> bool:
     return True
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def column_axes(Z: Any) -> Any:
     """Two directions in which sections of the quadric are the roundest ellipses, or -1.
 
@@ -118,7 +117,7 @@ def column_axes(Z: Any) -> Any:
     return best, other
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def set_curves(Z: Any, e0: int, e1: int, e2: int) -> None:
     """The discriminant of columns along e0, and the curves on the faces across them."""
     a = Z[FORM + 4 + e0]
@@ -145,7 +144,7 @@ def set_curves(Z: Any, e0: int, e1: int, e2: int) -> None:
     Z[CURVE + 5] = b2 * b2 - 4.0 * a * Z[C + 5]
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def quadratic_roots(c: float, b: float, a: float) -> Any:
     """The roots of c + b x + a x², the lower one first; NaN where there are none."""
     half = 0.5 * b
@@ -160,7 +159,7 @@ def quadratic_roots(c: float, b: float, a: float) -> Any:
     return min(first, second), max(first, second)
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def add(Z: Any, to: int, n: int, t: float, tag: float) -> int:
     """Put an end t with its flag into the sorted list of n at `to`, if it lies in [0, 1].
 
@@ -184,7 +183,7 @@ def add(Z: Any, to: int, n: int, t: float, tag: float) -> int:
     return n + 1
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def first_ends(Z: Any, to: int) -> int:
     """The ends of an interval that is not divided yet."""
     Z[to] = 0.0
@@ -194,20 +193,20 @@ def first_ends(Z: Any, to: int) -> int:
     return 2
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def middle(Z: Any, e0: int, e1: int, e2: int, y1: float, y2: float) -> float:
     """Where a column is halfway between its roots."""
     b = Z[FORM + 1 + e0] + Z[FORM + 6 + e0 + e1] * y1 + Z[FORM + 6 + e0 + e2] * y2
     return -0.5 * b / Z[FORM + 4 + e0]
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def is_within(t: float) -> bool:
     """Whether a place is in the box, or on a face of it but for rounding."""
     return -SAME <= t <= 1.0 + SAME
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def across(Z: Any, e0: int, e1: int, e2: int) -> int:
     """Where strips end: their sorted list at CROSS, and its length.
 
@@ -239,7 +238,7 @@ def across(Z: Any, e0: int, e1: int, e2: int) -> int:
     return n
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def along(Z: Any, e0: int, e1: int, e2: int, y2: float) -> int:
     """Where columns over a line change: their sorted list at ALONG, and its length.
 
@@ -261,7 +260,7 @@ def along(Z: Any, e0: int, e1: int, e2: int, y2: float) -> int:
     return n
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def node(Z: Any, sort: int, i: int, q: int) -> Any:
     """Node i of q on [0, 1], and its weight.
 
@@ -284,7 +283,7 @@ def node(Z: Any, sort: int, i: int, q: int) -> Any:
     return x, w
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def part_of(Z: Any, to: int, i: int, half: int) -> Any:
     """Lower end, length and sort of nodes of interval i of a list, or of a half of it.
 
@@ -301,7 +300,7 @@ def part_of(Z: Any, to: int, i: int, half: int) -> Any:
     return low, high - low if half == 0 else 0.0, sort
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def part_of_line(Z: Any, i: int, half: int, whole: bool, inner: bool, want: int) -> Any:
     """`part_of` interval i over which there are columns with two ends, the `whole` of them or not.
 
@@ -326,7 +325,7 @@ def part_of_line(Z: Any, i: int, half: int, whole: bool, inner: bool, want: int)
     return low, 0.0 if half else high - low, ANGLE
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def evened(Z: Any, start: float, size: float, q: int) -> float:
     """Factor by which weights of angles have the sum of the length that they stand for."""
     total = 0.0
@@ -336,7 +335,7 @@ def evened(Z: Any, start: float, size: float, q: int) -> float:
     return (np.cos(start) - np.cos(start + size)) / total
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def ends(Z: Any, e0: int, e1: int, e2: int, y1: float, y2: float) -> Any:
     """The roots on a column, and the root of its discriminant, which is 0 where there are none."""
     b = Z[FORM + 1 + e0] + Z[FORM + 6 + e0 + e1] * y1 + Z[FORM + 6 + e0 + e2] * y2
@@ -353,7 +352,7 @@ def ends(Z: Any, e0: int, e1: int, e2: int, y1: float, y2: float) -> Any:
     return min(first, second), max(first, second), r
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def foot_on_quadric(
     Z: Any, N: Any, surface: Any, e0: int, e1: int, e2: int, t: float, y1: float, y2: float,
     slope: float, w: float, out: float,
@@ -382,7 +381,7 @@ def foot_on_quadric(
     surface[at, 7] = N[NAMES + N[ACTIVE]]
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def line_of_columns(
     Z: Any, N: Any, volume: Any, surface: Any, e0: int, e1: int, e2: int, y2: float, w2: float,
     negative: bool, want: int, q: int,
@@ -431,7 +430,7 @@ def line_of_columns(
                     foot_on_quadric(Z, N, surface, e0, e1, e2, high, y1, y2, up, w, out)
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def column_between(
     Z: Any, N: Any, volume: Any, e0: int, low: float, high: float, cut: bool, inner: bool,
     w: float, q: int,
@@ -451,7 +450,7 @@ def column_between(
         segment(Z, N, volume, b, 1.0, e0, start, length, w, q)
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def quadric_rule(
     Z: Any, N: Any, volume: Any, surface: Any, e0: int, e1: int, negative: bool, want: int, q: int
 ) -> None:

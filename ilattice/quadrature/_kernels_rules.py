@@ -10,8 +10,7 @@ that are solid (see `_kernels_scratch`).
 
 from typing import Any
 
-from numba import njit
-
+from ilattice._kernels import inner
 from ilattice.bspline._kernels_bernstein import bend, extremes, halve, slopes, straight
 from ilattice.quadrature._kernels_bases import base, best_axis
 from ilattice.quadrature._kernels_crossings import project_seams, rising
@@ -23,7 +22,6 @@ from ilattice.quadrature._kernels_scratch import (
     CAP,
     EMIT,
     EXT,
-    INNER,
     LO,
     LOW,
     N_VOLUME,
@@ -46,7 +44,7 @@ from ilattice.quadrature._kernels_scratch import (
 )
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def touches(c: Any, at: int, eps: float, L: Any) -> bool:
     """Whether a tensor vanishes on one of its faces."""
     P = len(L)
@@ -65,7 +63,7 @@ def touches(c: Any, at: int, eps: float, L: Any) -> bool:
     return found
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def height_axis(Z: Any, N: Any, at: int, n: int, flat: bool, L: Any) -> Any:
     """`best_axis` of the n active tensors of those at `at`."""
     P = len(L)
@@ -79,7 +77,7 @@ def height_axis(Z: Any, N: Any, at: int, n: int, flat: bool, L: Any) -> Any:
     return best_axis(Z, N, 3, n, ACTIVE, UP, flat)
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def all_rise(Z: Any, N: Any, n: int) -> bool:
     """Whether each active polynomial depends on some direction in which all are monotone."""
     found = 0
@@ -91,7 +89,7 @@ def all_rise(Z: Any, N: Any, n: int) -> bool:
     return found == wanted
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def shares(Z: Any, N: Any, n: int) -> Any:
     """Bits of the active polynomials whose least slope is largest along each direction.
 
@@ -118,7 +116,7 @@ def shares(Z: Any, N: Any, n: int) -> Any:
     return out0, out1, out2
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def surfaces_by_axes(
     Z: Any, N: Any, volume: Any, surface: Any, here: int, n: int, soft: bool, accept: int, q: int,
     L: Any,
@@ -138,7 +136,7 @@ def surfaces_by_axes(
     N[EMIT] = -1
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def bent(Z: Any, N: Any, here: int, n: int, L: Any) -> bool:
     """Whether an active polynomial is not linear: planes have no square roots at their ends."""
     P = len(L)
@@ -149,7 +147,7 @@ def bent(Z: Any, N: Any, here: int, n: int, L: Any) -> bool:
     return False
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def steepest_axis(Z: Any, n: int) -> int:
     """Direction of the largest difference."""
     best = 0
@@ -164,7 +162,7 @@ def steepest_axis(Z: Any, n: int) -> int:
     return best
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def solid(Z: Any, N: Any, volume: Any, q: int) -> None:
     """Tensor Gauss rule on the present box."""
     n = N[N_VOLUME]
@@ -184,7 +182,7 @@ def solid(Z: Any, N: Any, volume: Any, q: int) -> None:
                     n += 1
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def halve_box(Z: Any, N: Any, level: int, m: int, n: int, directed: bool, L: Any) -> None:
     """Halve a box along its most curved direction: upper half here, lower half above."""
     P = len(L)
@@ -214,7 +212,7 @@ def halve_box(Z: Any, N: Any, level: int, m: int, n: int, directed: bool, L: Any
     Z[box + cut] += Z[box + 3 + cut]
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def set_tolerances(Z: Any, m: int, far: float, L: Any) -> None:
     """What counts as zero of each of the m tensors at the bottom of the stack.
 
@@ -226,7 +224,7 @@ def set_tolerances(Z: Any, m: int, far: float, L: Any) -> None:
         Z[TOL + k] = TINY * far * max(-least, most)
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def lengths_from_zero(Z: Any) -> float:
     """How far the present box is from zero, in its own lengths, and at least a few of them."""
     far = 0.0
@@ -235,7 +233,7 @@ def lengths_from_zero(Z: Any) -> float:
     return far + 4.0
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def corners_differ(Z: Any, N: Any, m: int, L: Any) -> bool:
     """Whether a corner of the cell at the bottom of the stack is inside, and another outside."""
     P = len(L)
@@ -258,7 +256,7 @@ def corners_differ(Z: Any, N: Any, m: int, L: Any) -> bool:
     return inside and outside
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def choose(Z: Any, N: Any, here: int, m: int, table: int, want: int, L: Any) -> Any:
     """Table of a box, and the number of polynomials whose signs matter there; they are ACTIVE.
 
@@ -288,7 +286,7 @@ def choose(Z: Any, N: Any, here: int, m: int, table: int, want: int, L: Any) -> 
     return table, count
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def cell_sign(Z: Any, N: Any, m: int, halvings: int, L: Any) -> int:
     """-1 if the cell at the bottom of the stack is certainly full, 1 if empty, 0 otherwise.
 
@@ -323,7 +321,7 @@ def cell_sign(Z: Any, N: Any, m: int, halvings: int, L: Any) -> int:
     return -1 if full else 1
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def cell_rule(
     Z: Any, N: Any, volume: Any, surface: Any, m: int, accept: int, want: int, q: int, L: Any
 ) -> None:

@@ -12,15 +12,8 @@ Guarantee: tables do not depend on polynomials that are not there.
 
 from typing import Any
 
-from numba import njit
+from ilattice._kernels import inner
 
-#: For what only other kernels call: no wrappers, which take a third of the compilation.
-INNER: Any = {
-    "cache": True,
-    "error_model": "numpy",
-    "no_cpython_wrapper": True,
-    "no_cfunc_wrapper": True,
-}
 CAP = 24  # levels of halving of a box, and of its base
 SHARE = 0.05  # least slope along the height, as a part of the largest slope
 GAP = 1e-14  # intervals below this are dropped
@@ -68,13 +61,13 @@ TINY = 1e-15  # coefficients below this part of the largest count as zero; see `
 LEVEL = 1e-9  # slopes below this part of the largest count as zero: rounding tilts no face
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def numbers(m: int, L: Any) -> int:
     """Length of the scratch of numbers for m polynomials."""
     return TENSORS + (CAP + 2) * m * len(L) ** 3
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def all_negative(table: int, N: Any, n: int) -> bool:
     """Whether a table asks for negative signs of the n active polynomials."""
     wanted = -1
@@ -83,7 +76,7 @@ def all_negative(table: int, N: Any, n: int) -> bool:
     return bool(wanted == table)
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def with_sign(table: int, k: int, negative: bool) -> int:
     """A table where the sign of polynomial k is certain."""
     half = (table >> (1 << k) if negative else table) & LOW[k]

@@ -11,8 +11,8 @@ Guarantee: what is called empty, full or single is so; anything else is unsure.
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from ilattice._kernels import inner
 from ilattice.bspline._kernels_bernstein import DEEPEST as ROOTS
 from ilattice.bspline._kernels_bernstein import jet, roots
 
@@ -29,7 +29,7 @@ LOW = (
 CUTS, LINE = 64, 128  # places of lines, and of scratch, behind the cuts of a line
 
 
-@njit(**FAST)
+@inner(**FAST)
 def one_interval(c: Any, P: int, eps: float) -> bool:
     """Whether a polynomial in one variable is certainly negative on one interval at most."""
     changes = 0
@@ -46,7 +46,7 @@ def one_interval(c: Any, P: int, eps: float) -> bool:
     return changes <= 1 or (changes == 2 and first > 0)
 
 
-@njit(**FAST)
+@inner(**FAST)
 def senses(c: Any, which: Any, n: int, size: int, step: int, P: int, tol: Any, out: Any) -> bool:
     """Senses out (n,) in which polynomials c[which] (size,) are monotone along a stride.
 
@@ -73,7 +73,7 @@ def senses(c: Any, which: Any, n: int, size: int, step: int, P: int, tol: Any, o
     return True
 
 
-@njit(**FAST)
+@inner(**FAST)
 def reduced(c: Any, m: int, size: int, tol: Any, table: int, which: Any) -> Any:
     """The part of a table that is possible in a box, and the number of polynomials that matter."""
     for k in range(m):
@@ -93,7 +93,7 @@ def reduced(c: Any, m: int, size: int, tol: Any, table: int, which: Any) -> Any:
     return table, n
 
 
-@njit(**FAST)
+@inner(**FAST)
 def signs_asked(table: int, which: Any, n: int, out: Any) -> bool:
     """Factors out (n,), 1 or -1, with which a table asks for negative signs of n polynomials.
 
@@ -111,7 +111,7 @@ def signs_asked(table: int, which: Any, n: int, out: Any) -> bool:
     return bool(wanted == table)
 
 
-@njit(**FAST)
+@inner(**FAST)
 def sort_of(c: Any, m: int, P: int, tol: Any, table: int) -> int:
     """EMPTY, FULL, SINGLE or UNSURE: the solid of polynomials c (m, P³) in a box."""
     dim = 3
@@ -147,7 +147,7 @@ def sort_of(c: Any, m: int, P: int, tol: Any, table: int) -> int:
     return UNSURE
 
 
-@njit(**FAST)
+@inner(**FAST)
 def sort_of_face(c: Any, m: int, dim: int, P: int, tol: Any) -> int:
     """`sort_of` of what is left after a projection."""
     size = P**dim
@@ -177,7 +177,7 @@ def sort_of_face(c: Any, m: int, dim: int, P: int, tol: Any) -> int:
     return UNSURE
 
 
-@njit(**FAST)
+@inner(**FAST)
 def split(c: Any, low: Any, high: Any, axis: int, dim: int, P: int) -> None:
     """Halves of polynomials c (m, P^dim) along a direction, by de Casteljau's algorithm."""
     step = P ** (dim - 1 - axis)
@@ -196,7 +196,7 @@ def split(c: Any, low: Any, high: Any, axis: int, dim: int, P: int) -> None:
                     high[k, j + (P - 1 - r) * step] = line[P - 1 - r]
 
 
-@njit(**FAST)
+@inner(**FAST)
 def divide(c: Any, dim: int, P: int, out: Any) -> None:
     """The 2^dim parts out (., m, P^dim) of a box, the last direction running fastest."""
     out[0] = c
@@ -207,7 +207,7 @@ def divide(c: Any, dim: int, P: int, out: Any) -> None:
         count *= 2
 
 
-@njit(**FAST)
+@inner(**FAST)
 def has_solid_corner(c: Any, dim: int, P: int, tol: Any, table: int) -> bool:
     """Whether a corner of a box is certainly solid."""
     for corner in range(1 << dim):
@@ -223,7 +223,7 @@ def has_solid_corner(c: Any, dim: int, P: int, tol: Any, table: int) -> bool:
     return False
 
 
-@njit(**FAST)
+@inner(**FAST)
 def is_open(c: Any, axis: int, side: int, P: int, tol: Any, table: int) -> bool:
     """Whether a face of a box may be solid somewhere: not if that is certain after halvings."""
     m = len(c)
@@ -255,7 +255,7 @@ def is_open(c: Any, axis: int, side: int, P: int, tol: Any, table: int) -> bool:
     return False
 
 
-@njit(**FAST)
+@inner(**FAST)
 def air_between(c: Any, P: int, table: int, best: Any) -> float:
     """Least lengths of air between solid on lines in a box, along each direction, 0 for none.
 
@@ -304,7 +304,7 @@ def air_between(c: Any, P: int, table: int, best: Any) -> float:
     return least
 
 
-@njit(**FAST)
+@inner(**FAST)
 def apart(c: Any, P: int, table: int) -> bool:
     """Whether corners of a box that are solid are not joined by edges between such."""
     tol = tolerances(c)
@@ -328,7 +328,7 @@ def apart(c: Any, P: int, table: int) -> bool:
     return group.max() >= 0 and (group[group >= 0] != group.max()).any()
 
 
-@njit(**FAST)
+@inner(**FAST)
 def air_on(Z: Any, m: int, P: int, table: int, L: Any) -> float:
     """Least length of air between solid on a line, of which the polynomials are in Z."""
     Z[0] = 0.0
@@ -355,7 +355,7 @@ def air_on(Z: Any, m: int, P: int, table: int, L: Any) -> float:
     return best
 
 
-@njit(**FAST)
+@inner(**FAST)
 def tolerances(c: Any) -> Any:
     """What counts as zero of polynomials c (m, size)."""
     tol = np.empty(len(c))

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from ilattice.quadrature._kernels_scratch import INNER
+from ilattice._kernels import inner
 
 #: Error of moments, of polynomials of size 1, as a part of the volume, at which points are kept.
 KEPT = 1e-10
@@ -40,7 +40,7 @@ def moments_of(degree: int) -> int:
     return (degree + 1) * (degree + 2) * (degree + 3) // 6
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def polynomials(points: Any, row: int, degree: int, S: Any) -> None:
     """Products of Legendre polynomials at a point, to VALUE."""
     for axis in range(3):
@@ -59,7 +59,7 @@ def polynomials(points: Any, row: int, degree: int, S: Any) -> None:
                 m += 1
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def sums(points: Any, first: int, end: int, degree: int, S: Any, to: int) -> float:
     """Moments of some points, to `to`; their weight."""
     M = moments_of(degree)
@@ -75,7 +75,7 @@ def sums(points: Any, first: int, end: int, degree: int, S: Any, to: int) -> flo
     return total
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def solved(S: Any, K: int, M: int, base: Any, free: Any) -> int:
     """Gauss-Jordan elimination of the moments (M, K) at 0 of S; the rank.
 
@@ -109,7 +109,7 @@ def solved(S: Any, K: int, M: int, base: Any, free: Any) -> int:
     return rank
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def choose_groups(S: Any, K: int, M: int, base: Any, free: Any) -> None:
     """New weights of K groups, at WEIGHT, of which as many as there are moments stay positive.
 
@@ -146,7 +146,7 @@ def choose_groups(S: Any, K: int, M: int, base: Any, free: Any) -> None:
                     S[m * K + i] -= f * S[leaves * K + i]
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def thinned(points: Any, first: int, end: int, degree: int, S: Any) -> int:
     """Fewer of the points (n, 4) from `first` to `end`, in place; the new end.
 
@@ -201,7 +201,7 @@ def thinned(points: Any, first: int, end: int, degree: int, S: Any) -> int:
     return stop
 
 
-@njit(**INNER)
+@inner(error_model="numpy")
 def thinned_parts(
     points: Any, first: int, end: int, box: Any, degree: int, most: int, parts: int, S: Any
 ) -> int:
