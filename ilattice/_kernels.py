@@ -85,12 +85,7 @@ class _Inner(CPUDispatcher):
     """A compiled function without a way in from Python."""
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
-        """Types of a call: whole numbers are not told from each other.
-
-        Unless fast-math flags let constants decide how sums are rounded.
-        """
-        if self.targetoptions.get("fastmath"):
-            return super().get_call_template(args, kws)
+        """Types of a call: whole numbers are not told from each other."""
         plain: Any = types.unliteral
         wide = (types.int64 if a in _SHORT else plain(a) for a in args)
         return super().get_call_template(tuple(wide), kws)
@@ -108,8 +103,7 @@ def inner(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Decorator as `numba.njit`, for kernels that only other kernels call; always with a cache.
 
     Such a kernel is compiled without the wrappers that take arguments from Python or C, and once
-    for whole numbers of any length, however many constants it is called with, unless it has
-    fast-math flags. A call from Python
+    for whole numbers of any length, however many constants it is called with. A call from Python
     compiles a small kernel around it, which is not kept: tests do that.
 
     Parameters

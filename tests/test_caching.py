@@ -42,7 +42,7 @@ def test_all_kernels_are_stamped_with_what_they_call():
     from ilattice.quadrature._kernels_drive import rules
 
     file = Path(HOME / "quadrature" / "_kernels_drive.py")
-    assert rules._cache._impl.locator.get_source_stamp() == _caching.stamp(file)
+    assert rules.__wrapped__._cache._impl.locator.get_source_stamp() == _caching.stamp(file)
     names = {path.name for path in _caching._sources(file)}
     assert {"_kernels_rules.py", "_kernels_bases.py", "_kernels_bernstein.py"} <= names
     tables = _caching._sources(HOME / "mesh" / "_kernels_faces.py")

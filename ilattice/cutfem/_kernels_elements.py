@@ -11,9 +11,10 @@ Non-guarantee: boxes of the last level that are still not certain count as conne
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
-from ilattice._kernels import inner
+from ilattice._kernels import in_ranges, inner
+from ilattice._kernels_tuples import borrowed
 from ilattice.quadrature._kernels_scratch import UNIT
 from ilattice.quadrature._kernels_solid import (
     DEPTH,
@@ -259,13 +260,15 @@ def pieces_of(c: Any, tables: Any, which: Any, start: Any, extent: Any, P: int) 
     return corner, length, label, count, thin
 
 
-@njit(parallel=True, **FAST)
+@in_ranges(64)
+@njit(nogil=True, **FAST)
 def count_pieces(
-    c: Any, tables: Any, which: Any, start: Any, extent: Any, offsets: Any, P: int, counts: Any,
-    gaps: Any,
+    first: int, last: int, c: Any, tables: Any, which: Any, start: Any, extent: Any, offsets: Any,
+    P: int, counts: Any, gaps: Any,
 ) -> None:  # fmt: skip
     """Numbers of pieces, and gaps (n, 4), of cells with boxes from offsets[i]; see `boxes_of`."""
-    for i in prange(len(counts)):
+    c, tables, which, start, extent = borrowed((c, tables, which, start, extent))
+    for i in range(first, last):
         part = slice(offsets[i], offsets[i + 1])
         mine = which[part]
         k = mine[0] if len(mine) == 1 else -1
@@ -299,28 +302,30 @@ def is_inside(x: Any, corner: Any, length: Any) -> bool:
     return True
 
 
-@njit(parallel=True, **FAST)
+@in_ranges(AT_ONCE)
+@njit(nogil=True, **FAST)
 def labels_at(
-    x: Any, cell: Any, offsets: Any, corner: Any, length: Any, label: Any, out: Any
-) -> None:
+    first: int, last: int, x: Any, cell: Any, offsets: Any, corner: Any, length: Any, label: Any,
+    out: Any,
+) -> None:  # fmt: skip
     """Label of the box that holds, or is nearest to, every point x (n, 3) of a cell.
 
     Points of rules come box by box: that of the one before is looked at first.
     """
-    for chunk in prange(-(-len(x) // AT_ONCE)):
-        last = -1
-        for q in range(chunk * AT_ONCE, min((chunk + 1) * AT_ONCE, len(x))):
-            first = offsets[cell[q]]
-            end = offsets[cell[q] + 1]
-            if first <= last < end and is_inside(x[q], corner[last], length[last]):
-                out[q] = label[last]
-                continue
-            best = np.inf
-            for i in range(first, end):
-                far = distance_from(x[q], corner[i], length[i])
-                if far < best:
-                    best = far
-                    last = i
-                    if far == 0.0:
-                        break
-            out[q] = label[last]
+    x, corner, length = borrowed((x, corner, length))
+    near = -1
+    for q in range(first, last):
+        begin = offsets[cell[q]]
+        end = offsets[cell[q] + 1]
+        if begin <= near < end and is_inside(x[q], corner[near], length[near]):
+            out[q] = label[near]
+            continue
+        best = np.inf
+        for i in range(begin, end):
+            far = distance_from(x[q], corner[i], length[i])
+            if far < best:
+                best = far
+                near = i
+                if far == 0.0:
+                    break
+        out[q] = label[near]

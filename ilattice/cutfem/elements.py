@@ -75,7 +75,7 @@ class ElementGrid(DividedGrid):
             x = self.cut.layout.fine(u[mine], out[mine])
             found = np.empty(len(mine), np.int64)
             kernels.labels_at(
-                x, at[mine], self.offsets, self.corner, self.length, self.label, found
+                len(x), x, at[mine], self.offsets, self.corner, self.length, self.label, found
             )
             out[mine] = found
         return out
@@ -152,7 +152,7 @@ def _counted(cut: CutGrid) -> tuple[IntArray, IntArray, FloatArray]:
         offsets = np.append(np.searchsorted(owner, cells[part]), len(owner))
         found, gaps = np.zeros(len(part), np.int64), np.zeros((len(part), 4))
         kernels.count_pieces(
-            tensors, tables, which, start, extent, offsets, cut.pieces.order, found, gaps
+            len(part), tensors, tables, which, start, extent, offsets, cut.pieces.order, found, gaps
         )
         counts[part], widths[part] = found, gaps
     widths[:, :3] /= np.cbrt(per_cell)

@@ -149,7 +149,7 @@ class Rows:
                 "cells, make a union or an intersection of fields",
             )
             self._resize(min(int(1.03 * self.count / done) + 1, 2 * self.count))
-        kernels.gather(arena, room, starts, used, *self.arrays)
+        kernels.gather(len(used), arena, room, starts, used, *self.arrays)
 
     def finish(self) -> None:
         """Give back what is too much."""
@@ -214,9 +214,9 @@ def filled(pieces: Any, listing: Listing, want: int, q: int, accept: int) -> tup
         while True:
             volume, surface = (none, arena) if want == SURFACE else (arena, none)
             kernels.rules(
-                content.tensors, content.many, content.tables, content.names, local, boxes[part],
-                listing.sides[part], thin[part], numbers, asked, pieces.lengths, volume,
-                surface, room, counts[part], used,
+                len(used), (content.tensors, content.many, content.tables, content.names), local,
+                boxes[part], listing.sides[part], thin[part], numbers, asked, pieces.lengths,
+                volume, surface, room, counts[part], used,
             )  # fmt: skip
             if (used <= np.diff(room)[: len(used)]).all():
                 break

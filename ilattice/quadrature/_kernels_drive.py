@@ -7,9 +7,10 @@ results have the same bits for any number of threads.
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
-from ilattice._kernels import inner
+from ilattice._kernels import in_ranges, inner
+from ilattice._kernels_tuples import borrowed
 from ilattice.quadrature._kernels_faces import face_rule, whole_face
 from ilattice.quadrature._kernels_rules import cell_rule, cell_sign, solid
 from ilattice.quadrature._kernels_scratch import (
@@ -57,10 +58,11 @@ def add_last(line: Any, at: int, step: int, rows: Any, L: Any, out: Any, to: int
             out[to + i * P + r] += v
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@in_ranges(CHUNK)
+@njit(cache=True, nogil=True, error_model="numpy")
 def extract(
-    c: Any, rows0: Any, rows1: Any, rows2: Any, first0: Any, first1: Any, first2: Any,
-    pieces: Any, factor: Any, L: Any, out: Any,
+    first: int, last: int, c: Any, rows0: Any, rows1: Any, rows2: Any, first0: Any, first1: Any,
+    first2: Any, pieces: Any, factor: Any, L: Any, out: Any,
 ) -> None:  # fmt: skip
     """Add factor[k] times the Bernstein tensor of a spline to tensor k of each piece.
 
@@ -68,32 +70,32 @@ def extract(
     first one on make those of the piece; out is (n, m, P³).
     """
     P = len(L)
-    for chunk in prange((len(pieces) + CHUNK - 1) // CHUNK):
-        near = np.empty(P * P * P)
-        a = np.empty(P * P * P)
-        b = np.empty(P * P * P)
-        v = np.empty(P * P * P)
-        for n in range(chunk * CHUNK, min(len(pieces), (chunk + 1) * CHUNK)):
-            x = first0[pieces[n, 0]]
-            y = first1[pieces[n, 1]]
-            z = first2[pieces[n, 2]]
-            for i in range(P):
-                for j in range(P):
-                    for t in range(P):
-                        near[(i * P + j) * P + t] = c[x + i, y + j, z + t]
-            a[:] = 0.0
-            b[:] = 0.0
-            v[:] = 0.0
-            for i in range(P):
-                add_line(rows0[pieces[n, 0], i], 1.0, near, 0, P * P, L, a, i * P * P)
-            for i in range(P):
-                for j in range(P):
-                    at = i * P * P
-                    add_line(rows1[pieces[n, 1], j], 1.0, a, at, P, L, b, at + j * P)
-            add_last(b, 0, P, rows2[pieces[n, 2]], L, v, 0)
-            for k in range(len(factor)):
-                for i in range(P * P * P):
-                    out[n, k, i] += factor[k] * v[i]
+    rows0, rows1, rows2 = borrowed((rows0, rows1, rows2))
+    near = np.empty(P * P * P)
+    a = np.empty(P * P * P)
+    b = np.empty(P * P * P)
+    v = np.empty(P * P * P)
+    for n in range(first, last):
+        x = first0[pieces[n, 0]]
+        y = first1[pieces[n, 1]]
+        z = first2[pieces[n, 2]]
+        for i in range(P):
+            for j in range(P):
+                for t in range(P):
+                    near[(i * P + j) * P + t] = c[x + i, y + j, z + t]
+        a[:] = 0.0
+        b[:] = 0.0
+        v[:] = 0.0
+        for i in range(P):
+            add_line(rows0[pieces[n, 0], i], 1.0, near, 0, P * P, L, a, i * P * P)
+        for i in range(P):
+            for j in range(P):
+                at = i * P * P
+                add_line(rows1[pieces[n, 1], j], 1.0, a, at, P, L, b, at + j * P)
+        add_last(b, 0, P, rows2[pieces[n, 2]], L, v, 0)
+        for k in range(len(factor)):
+            for i in range(P * P * P):
+                out[n, k, i] += factor[k] * v[i]
 
 
 @inner(error_model="numpy")
@@ -113,10 +115,11 @@ def window_sign(low: Any, high: Any, at: int, P: int) -> int:
     return -1 if full else 0
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@in_ranges(1)
+@njit(cache=True, nogil=True, error_model="numpy")
 def signs_of_splines(
-    c: Any, rows0: Any, rows1: Any, rows2: Any, first0: Any, first1: Any, first2: Any,
-    factors: Any, shifts: Any, table: int, halvings: int, L: Any, out: Any,
+    first: int, last: int, c: Any, rows0: Any, rows1: Any, rows2: Any, first0: Any, first1: Any,
+    first2: Any, factors: Any, shifts: Any, table: int, halvings: int, L: Any, out: Any,
 ) -> None:  # fmt: skip
     """`cell_sign` of all pieces, out (n0, n1, n2), of sets `factors` @ splines + `shifts`.
 
@@ -126,15 +129,16 @@ def signs_of_splines(
     P = len(L)
     sets = len(factors)
     n = c.shape[3]
-    for i in prange(len(first0)):
-        Z = np.empty(numbers(sets, L))
-        N = np.zeros(INTEGERS, np.int64)
-        N[TABLE] = table
-        planes = np.empty((len(c), P * c.shape[2] * n))
-        lines = np.empty(sets * P * P * n)
-        low = np.empty((sets, n))
-        high = np.empty((sets, n))
-        flat = c.ravel()
+    c, rows0, rows1, rows2 = borrowed((c, rows0, rows1, rows2))
+    flat = c.reshape(c.size)
+    Z = np.empty(numbers(sets, L))
+    N = np.zeros(INTEGERS, np.int64)
+    N[TABLE] = table
+    planes = np.empty((len(c), P * c.shape[2] * n))
+    lines = np.empty(sets * P * P * n)
+    low = np.empty((sets, n))
+    high = np.empty((sets, n))
+    for i in range(first, last):
         planes[:] = 0.0
         for s in range(len(c)):
             at = (s * c.shape[1] + first0[i]) * c.shape[2] * n
@@ -170,15 +174,17 @@ def signs_of_splines(
                 out[i, j, r] = cell_sign(Z, N, sets, halvings, L)
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@in_ranges(1)
+@njit(cache=True, nogil=True, error_model="numpy")
 def windows(
-    c: Any, first0: Any, first1: Any, first2: Any, size: Any, factor: Any, out: Any
-) -> None:
+    first: int, last: int, c: Any, first0: Any, first1: Any, first2: Any, size: Any, factor: Any,
+    out: Any,
+) -> None:  # fmt: skip
     """Add bounds of factor[k] times a spline on all pieces to out (n0, n1, n2, m, 2).
 
     They are the extremes of the coefficients that matter there.
     """
-    for i in prange(len(first0)):
+    for i in range(first, last):
         for j in range(len(first1)):
             for r in range(len(first2)):
                 least = np.inf
@@ -194,19 +200,21 @@ def windows(
                     out[i, j, r, k, 1] += max(f * least, f * most)
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
-def signs(tensors: Any, many: Any, tables: Any, halvings: int, L: Any, out: Any) -> None:
+@in_ranges(CHUNK)
+@njit(cache=True, nogil=True, error_model="numpy")
+def signs(
+    first: int, last: int, tensors: Any, many: Any, tables: Any, halvings: int, L: Any, out: Any
+) -> None:
     """`cell_sign` of every row of tensors (n, m, P³), of which the first `many` (n,) count."""
     size = tensors.shape[2]
-    for chunk in prange((len(tensors) + CHUNK - 1) // CHUNK):
-        Z = np.empty(numbers(tensors.shape[1], L))
-        N = np.zeros(INTEGERS, np.int64)
-        for n in range(chunk * CHUNK, min(len(tensors), (chunk + 1) * CHUNK)):
-            N[TABLE] = tables[n]
-            for k in range(many[n]):
-                for i in range(size):
-                    Z[TENSORS + k * size + i] = tensors[n, k, i]
-            out[n] = cell_sign(Z, N, many[n], halvings, L)
+    Z = np.empty(numbers(tensors.shape[1], L))
+    N = np.zeros(INTEGERS, np.int64)
+    for n in range(first, last):
+        N[TABLE] = tables[n]
+        for k in range(many[n]):
+            for i in range(size):
+                Z[TENSORS + k * size + i] = tensors[n, k, i]
+        out[n] = cell_sign(Z, N, many[n], halvings, L)
 
 
 @inner(error_model="numpy")
@@ -231,10 +239,11 @@ def grow(signs: Any, mark: Any, end: Any, done: int, box: Any) -> None:
     mark[box[0] : box[3], box[1] : box[4], box[2] : box[5]] = done
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@in_ranges(CHUNK)
+@njit(cache=True, nogil=True, error_model="numpy")
 def boxes_of_cells(
-    signs: Any, mark: Any, cells: Any, starts0: Any, starts1: Any, starts2: Any, offsets: Any,
-    boxes: Any, counts: Any,
+    first: int, last: int, signs: Any, mark: Any, cells: Any, starts0: Any, starts1: Any,
+    starts2: Any, offsets: Any, boxes: Any, counts: Any,
 ) -> None:  # fmt: skip
     """Boxes that make up cells: pieces that are cut, and as few as can be of all full ones.
 
@@ -243,10 +252,11 @@ def boxes_of_cells(
     first, and passed on.
     """
     done = 2 if len(boxes) else 1
-    for n in prange(len(cells)):
-        begin = np.empty(3, np.int64)
-        end = np.empty(3, np.int64)
-        box = np.empty(6, np.int64)
+    signs, mark = borrowed((signs, mark))
+    begin = np.empty(3, np.int64)
+    end = np.empty(3, np.int64)
+    box = np.empty(6, np.int64)
+    for n in range(first, last):
         x, y, z = cells[n]
         begin[0], end[0] = starts0[x], starts0[x + 1]
         begin[1], end[1] = starts1[y], starts1[y + 1]
@@ -267,12 +277,12 @@ def boxes_of_cells(
         counts[n] = count
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@in_ranges(1)
+@njit(cache=True, nogil=True, error_model="numpy")
 def rules(
-    tensors: Any,
-    many: Any,
-    tables: Any,
-    names: Any,
+    first_chunk: int,
+    last_chunk: int,
+    polynomials: Any,
     which: Any,
     boxes: Any,
     sides: Any,
@@ -288,17 +298,19 @@ def rules(
 ) -> None:
     """Rules on boxes (n, 6), given by lower corners and extents.
 
-    which[n] is the row of the tensors (., m, P³), or -1 for a full box or face; the first `many` of
-    a row count, `tables` say which of their signs are solid, and names (., m) number them on
-    surfaces. What is `asked` for is at `CROSSINGS` and so on. sides[n] is -1 for the box
-    itself, or 2 axis + side for one of its faces. In a box with more than thin[n, 0] points of a
-    volume these are thinned so that polynomials of degree thin[n, 1], if that is positive, keep
+    Polynomials are the arrays of `Content`. which[n] is the row of the tensors (., m, P³), or -1
+    for a full box or face; the first `many` of a row count, `tables` say which of their signs are
+    solid, and names (., m) number them on surfaces. What is `asked` for is at `CROSSINGS` and so
+    on. sides[n] is -1 for the box itself, or 2 axis + side for one of its faces. In a box with
+    more than thin[n, 0] points of a volume these are thinned so that polynomials of degree thin[n, 1], if that is positive, keep
     their integrals over each of thin[n, 2] parts of the box per direction. Chunk i writes rows
     room[i] to room[i + 1] of volume (rows, 4) or of surface (rows, 8); used[i] says how many it
     has, or would have; counts (n,) are those of each box.
     """
+    tensors, many, tables, names = borrowed(polynomials)
     size = tensors.shape[2]
-    for chunk in prange((len(boxes) + CHUNK - 1) // CHUNK):
+    volume, surface, boxes = borrowed((volume, surface, boxes))
+    for chunk in range(first_chunk, last_chunk):
         Z = np.empty(numbers(tensors.shape[1], L))
         N = np.zeros(INTEGERS, np.int64)
         S = np.empty(ROOM if thin[:, 1].any() else 0)
@@ -341,14 +353,15 @@ def rules(
         used[chunk] = N[N_VOLUME] + N[N_SURFACE]
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@in_ranges(1)
+@njit(cache=True, nogil=True, error_model="numpy")
 def gather(
-    arena: Any, room: Any, starts: Any, used: Any, points: Any, weights: Any, normals: Any,
-    sets: Any,
+    first: int, last: int, arena: Any, room: Any, starts: Any, used: Any, points: Any, weights: Any,
+    normals: Any, sets: Any,
 ) -> None:  # fmt: skip
     """Copy the rows of all chunks to where they belong; normals and sets of surfaces only."""
     wide = arena.shape[1] > 4
-    for chunk in prange(len(used)):
+    for chunk in range(first, last):
         for i in range(used[chunk]):
             row = starts[chunk] + i
             mine = room[chunk] + i

@@ -205,7 +205,7 @@ class TensorLayout(Layout):
             offsets = np.append(0, np.cumsum(counts))
             boxes = np.empty((offsets[-1], 6), np.int64)
             kernels.boxes_of_cells(
-                self._signs, mark, ijk, starts0, starts1, starts2, offsets, boxes, counts
+                len(ijk), self._signs, mark, ijk, starts0, starts1, starts2, offsets, boxes, counts
             )
         return boxes[:, :3], boxes[:, 3:], np.repeat(cells, counts)
 

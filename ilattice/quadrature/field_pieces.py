@@ -279,7 +279,7 @@ class _Halving:
             content = cut.content(self.order)
             sign = np.empty(len(todo), np.int64)
             kernels.signs(
-                content.tensors, content.many, content.tables, 6,
+                len(content.tensors), content.tensors, content.many, content.tables, 6,
                 np.zeros(self.order, np.int64), sign,
             )  # fmt: skip
             volume = box[todo, 3:].prod(axis=1)

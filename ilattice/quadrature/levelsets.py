@@ -287,7 +287,7 @@ class Pieces(Frozen):
             part = index[i : i + BATCH]
             sign = np.empty(len(part), np.int64)
             c = self.content(part)
-            kernels.signs(c.tensors, c.many, c.tables, halvings, self.lengths, sign)
+            kernels.signs(len(part), c.tensors, c.many, c.tables, halvings, self.lengths, sign)
             out[tuple(part.T)] = sign
         return out
 
@@ -313,7 +313,14 @@ class SplinePieces(Pieces):
         for c, ops, f in zip(self._arrays, self._operators, self.sets.factors.T, strict=True):
             rows, first = zip(*ops, strict=True)
             kernels.extract(
-                c, *rows, *first, np.ascontiguousarray(index), f.copy(), self.lengths, out
+                len(index),
+                c,
+                *rows,
+                *first,
+                np.ascontiguousarray(index),
+                f.copy(),
+                self.lengths,
+                out,
             )
         return out
 
@@ -325,7 +332,7 @@ class SplinePieces(Pieces):
         rows, first = zip(*self._operators[0], strict=True)
         out = np.empty(self.shape, np.int8)
         kernels.signs_of_splines(
-            np.stack(self._arrays), *rows, *first, self.sets.factors.copy(),
+            len(first[0]), np.stack(self._arrays), *rows, *first, self.sets.factors.copy(),
             self.sets.shifts.copy(), self.table, halvings, self.lengths, out,
         )  # fmt: skip
         return out
@@ -353,7 +360,7 @@ class SplinePieces(Pieces):
                                 self.sets.factors.T, strict=True):  # fmt: skip
             size = np.array(s.k) + 1
             first = [np.asarray(first) for _, first in ops]
-            kernels.windows(c, *first, size, f.copy(), out)
+            kernels.windows(len(first[0]), c, *first, size, f.copy(), out)
         slack = kernels.ROUNDING * np.abs(out).max(axis=-1, keepdims=True)
         return out + slack * np.array([-1.0, 1.0])
 

@@ -12,9 +12,9 @@ lattice is that of `_kernels_jets`; so is `less`, the map of which is the half-t
 """
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
-from ilattice._kernels import inner
+from ilattice._kernels import in_ranges, inner
 from ilattice._kernels_tuples import borrowed
 from ilattice.offsets._kernels_jets import FAST, map_jet, metric, scratch, tile_jet
 from ilattice.offsets._kernels_newton import lagrangian, lowest
@@ -250,12 +250,15 @@ def solve(
     return np.inf, -np.inf, first
 
 
-@njit(cache=True, parallel=True, fastmath=FAST, error_model="numpy")
-def balance(space, less, p, feet, weights, count, fixed, reach, last, low, pivot):
+@in_ranges(CHUNK)
+@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+def balance(begin, end, space, less, p, feet, weights, count, fixed, reach, last, low, pivot):
     """Newton's method from many starts, in place.
 
     Parameters
     ----------
+    begin, end
+        Which of them.
     space
         The lattice, generic.
     less
@@ -276,22 +279,22 @@ def balance(space, less, p, feet, weights, count, fixed, reach, last, low, pivot
         Output (n,): the smallest pivot of the last step, or of the first one where the method is
         lost; at most `SINGULAR` where critical points are not isolated.
     """
-    for chunk in prange((len(p) + CHUNK - 1) // CHUNK):
-        b, x, _, tab, _ = scratch(space)
-        taken, h, _, _, _ = scratch(less)
-        f, t, unit = np.zeros((MAX_FEET, len(x), 10)), np.zeros((MAX_FEET, 10)), np.zeros(MAX_FEET)
-        work = (b, x, tab, h, taken, f, t, unit)
-        n = 4 + 5 * MAX_FEET
-        a, square, y, right = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), np.zeros(n)
-        mult = np.zeros(MAX_FEET)
-        q, more, old_weights = np.zeros(3), np.zeros((MAX_FEET, 3)), np.zeros(MAX_FEET)
-        for s in range(chunk * CHUNK, min(len(p), (chunk + 1) * CHUNK)):
-            q[:], more[:], old_weights[:] = p[s], feet[s], weights[s]
-            for damping in (False, True):
-                last[s], low[s], pivot[s] = solve(
-                    space, less, p[s], feet[s], weights[s], count[s], fixed, reach, damping, work,
-                    a, y, square, right, mult,
-                )  # fmt: skip
-                if damping or last[s] < np.inf or pivot[s] > SMALL:
-                    break
-                p[s], feet[s], weights[s] = q, more, old_weights
+    p, feet, weights = borrowed((p, feet, weights))
+    b, x, _, tab, _ = scratch(space)
+    taken, h, _, _, _ = scratch(less)
+    f, t, unit = np.zeros((MAX_FEET, len(x), 10)), np.zeros((MAX_FEET, 10)), np.zeros(MAX_FEET)
+    work = (b, x, tab, h, taken, f, t, unit)
+    n = 4 + 5 * MAX_FEET
+    a, square, y, right = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), np.zeros(n)
+    mult = np.zeros(MAX_FEET)
+    q, more, old_weights = np.zeros(3), np.zeros((MAX_FEET, 3)), np.zeros(MAX_FEET)
+    for s in range(begin, end):
+        q[:], more[:], old_weights[:] = p[s], feet[s], weights[s]
+        for damping in (False, True):
+            last[s], low[s], pivot[s] = solve(
+                space, less, p[s], feet[s], weights[s], count[s], fixed, reach, damping, work,
+                a, y, square, right, mult,
+            )  # fmt: skip
+            if damping or last[s] < np.inf or pivot[s] > SMALL:
+                break
+            p[s], feet[s], weights[s] = q, more, old_weights

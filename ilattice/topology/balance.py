@@ -86,7 +86,7 @@ class Balance:
         last, low, pivot = np.empty((3, len(p)))
         kernel: Any = _kernels_balance.balance
         kernel(
-            self.space, self.less[starts.side], p, feet, weights, starts.number,
+            len(p), self.space, self.less[starts.side], p, feet, weights, starts.number,
             np.array(on) != 0, REACH, last, low, pivot,
         )  # fmt: skip
         u = self.clearance.wrapped(self.search.from_tile(p))
