@@ -310,10 +310,11 @@ def rules(
     tensors, many, tables, names = borrowed(polynomials)
     size = tensors.shape[2]
     volume, surface, boxes = borrowed((volume, surface, boxes))
+    scratch = ROOM if thin[:, 1].any() else 0
     for chunk in range(first_chunk, last_chunk):
         Z = np.empty(numbers(tensors.shape[1], L))
         N = np.zeros(INTEGERS, np.int64)
-        S = np.empty(ROOM if thin[:, 1].any() else 0)
+        S = np.empty(scratch)
         N[PROJECT] = asked[CROSSINGS]
         points = volume[room[chunk] : room[chunk + 1]]
         feet = surface[room[chunk] : room[chunk + 1]]
