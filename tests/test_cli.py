@@ -4,13 +4,14 @@ import json
 import re
 import subprocess
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import ilattice as il
-from ilattice import __version__, _job, cli
+from ilattice import __version__, _job, _warmup, cli
 
 BUILD = {
     "--tile": ["schwarz_p"],
@@ -254,7 +255,11 @@ def test_demo_leaves_its_files(tmp_path, capfd):
     assert {Path(file).name for file in data["files"]} == names
 
 
-def test_warmup_says_how_long_it_took(capfd):
+def test_warmup_says_how_long_it_took(capfd, monkeypatch):
+    """Without its jobs, which are done before all tests, and take minutes."""
+    for name in ("walls", "solids", "structures", "words"):
+        monkeypatch.setattr(_warmup, name, lambda *_: None)
+    monkeypatch.setattr(_warmup, "aside", lambda _: nullcontext())
     assert cli.main(["warmup"]) == 0
     out, err = capfd.readouterr()
     assert re.fullmatch(r"all kernels are compiled \(\d+ s\)\n", out)
