@@ -15,6 +15,7 @@ from ilattice._typing import ArrayLike, FloatArray, IntArray
 from ilattice._validate import Frozen, as_array, as_whole, asked, read_only
 from ilattice.cost.structure import CornerSharing
 from ilattice.errors import GeometryError, InputError
+from ilattice.macroshape import SplineMap
 
 #: How far outside of the domain of a map a vertex may be, as a part of its size.
 ROUNDING = 1e-9
@@ -154,7 +155,7 @@ def mapped(k: CornerSharing, through: Any) -> CornerSharing:
 
 def _images(k: CornerSharing, through: Any) -> FloatArray:
     x = k.positions
-    if hasattr(through, "domain") and hasattr(through, "x"):
+    if isinstance(through, SplineMap):
         lo, hi = np.asarray(through.domain)
         if k.dim != len(lo):
             raise InputError(f"through is a map of {len(lo)} parameters, the structure has {k.dim}")

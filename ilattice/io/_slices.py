@@ -46,11 +46,11 @@ class Stack(Protocol):
 
     @property
     def part(self) -> Any:
-        """What is cut: `Triangles`, or what has them by its ``mesh``."""
+        """What is cut."""
 
     @property
     def slicer(self) -> Any:
-        """What cuts it; that of fields has an `approximation`."""
+        """What cuts it, and gives `Triangles` by its ``approximation()``."""
 
     @property
     def bounds(self) -> FloatArray:

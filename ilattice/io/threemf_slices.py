@@ -7,7 +7,6 @@ as low resolution. The extension is marked as required.
 """
 
 import os
-import warnings
 import zipfile
 from collections.abc import Iterator
 
@@ -16,7 +15,6 @@ import numpy as np
 from ilattice._files import atomic_write
 from ilattice._progress import Progress, track
 from ilattice._typing import FloatArray
-from ilattice.errors import PrecisionWarning
 from ilattice.io._mesh import TEXT_BLOCK, Triangles, blocks
 from ilattice.io._slices import Section, Stack, as_unit, contours, decimals, join
 
@@ -35,7 +33,6 @@ RELATIONS = (
     '<Relationship Target="/3D/3dmodel.model" Id="rel0" '
     'Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"/></Relationships>'
 )
-_COARSE_EDGE = 0.5  # edges of the mesh of a wall, as a part of the thinnest wall
 #: Date of all entries, so that equal slices make equal files: the earliest that ZIP has.
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 
@@ -122,14 +119,8 @@ def _slice(section: Section, places: int) -> str:
 
 def _part(stack: Stack) -> Triangles:
     """The part as a mesh, for those who do not know of slices."""
-    part = stack.part
-    if isinstance(part, Triangles):
-        return part
-    if hasattr(stack.slicer, "approximation"):  # of fields
-        return stack.slicer.approximation()
-    with warnings.catch_warnings():  # it is coarse on purpose
-        warnings.simplefilter("ignore", PrecisionWarning)
-        return part.mesh(h=_COARSE_EDGE * part.least_thickness, polish=False)
+    mesh: Triangles = stack.slicer.approximation()
+    return mesh
 
 
 def _mesh(mesh: Triangles, frame: FloatArray, places: int) -> Iterator[str]:

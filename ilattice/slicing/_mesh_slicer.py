@@ -57,6 +57,7 @@ class MeshSlicer:
     def __init__(self, mesh: ClosedMesh, frame: FloatArray) -> None:
         if not (mesh.is_watertight and mesh.is_oriented):
             raise GeometryError("a mesh that is open, or not oriented, has no slices: repair it")
+        self.mesh = mesh
         self.net = np.asarray(mesh.vertices, np.float64)
         self._x = self.net @ frame.T
         self._faces = np.asarray(mesh.faces, np.int64)
@@ -69,6 +70,10 @@ class MeshSlicer:
     def ends(self) -> tuple[float, float]:
         """Least and greatest height."""
         return float(self._low.min()), float(self._high.max())
+
+    def approximation(self) -> ClosedMesh:
+        """The mesh, for programs that do not know of slices."""
+        return self.mesh
 
     def outline(self, level: float) -> Outline:
         """Loops in which the plane at one height cuts the mesh, the solid on their left.

@@ -14,14 +14,16 @@ Non-guarantee: parts of the wall, or gaps, thinner than the grid are seen where 
 vertices tell of them, which is nearly always; see `ilattice.slicing._section`.
 """
 
+import warnings
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
 from ilattice._geometry import between, fixed_coordinates
 from ilattice._typing import FloatArray, IntArray
 from ilattice.bspline import BSpline
-from ilattice.errors import GeometryError, InputError
+from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.slicing import _kernels_slices as kernels
 from ilattice.slicing._in_plane import InPlane
 from ilattice.slicing._loops import EMPTY, Outline, placed
@@ -39,6 +41,8 @@ SECANTS = 3
 #: flat is cut as a whole, whatever the rounding of its heights.
 BELOW = 1e-11
 CHUNK = 1 << 17
+#: Edges of the mesh that stands for all slices, as a part of the thinnest wall.
+COARSE = 0.5
 
 
 class Slicer:
@@ -83,6 +87,13 @@ class Slicer:
         """Points whose hull holds the part, shape (n, 3)."""
         net: FloatArray = self.wall.lattice.through.geometry.c.reshape(-1, 3)
         return net
+
+    def approximation(self) -> Any:
+        """A coarse mesh of the wall, for programs that do not know of slices."""
+        wall: Any = self.wall
+        with warnings.catch_warnings():  # it is coarse on purpose
+            warnings.simplefilter("ignore", PrecisionWarning)
+            return wall.mesh(h=COARSE * wall.least_thickness, polish=False)
 
     def _at(self, index: IntArray) -> FloatArray:
         """Parameters of grid vertices."""

@@ -209,6 +209,9 @@ class Cutter(Protocol):
     def outline(self, height: float) -> Outline:
         """Contours at a height."""
 
+    def approximation(self) -> Any:
+        """A mesh of the whole, for programs that do not know of slices."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SliceStack(Frozen):
