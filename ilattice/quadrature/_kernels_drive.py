@@ -304,8 +304,8 @@ def rules(
     on. sides[n] is -1 for the box itself, or 2 axis + side for one of its faces. In a box with
     more than thin[n, 0] points of a volume these are thinned so that polynomials of degree
     thin[n, 1], if that is positive, keep their integrals over each of thin[n, 2] parts of the box
-    per direction. Chunk i writes rows room[i] to room[i + 1] of volume (rows, 4) or of surface (rows, 8); used[i] says how many it
-    has, or would have; counts (n,) are those of each box.
+    per direction. Chunk i writes rows room[i] to room[i + 1] of volume (rows, 4) or of surface
+    (rows, 8); used[i] says how many it has, or would have; counts (n,) are those of each box.
     """
     tensors, many, tables, names = borrowed(polynomials)
     size = tensors.shape[2]
