@@ -135,6 +135,7 @@ def test_counts_are_those_of_voxels(name, d):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [row.name for row in ROWS if not row.singular_at_zero][::2])
 def test_counts_of_the_catalogue_are_those_of_voxels(name):
+    """Every other one; the ones between are meshed in `test_uncrossing`."""
     fine = name == "tubular_gyroid_ab"  # a part of it, in a corner, is 1/120 of the cell wide
     agrees(name, 0.03, 0.012, 192 if fine else 128)
 

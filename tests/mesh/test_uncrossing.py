@@ -160,8 +160,9 @@ def test_walls_with_narrow_pores_are_exact(name):
 
 @pytest.mark.filterwarnings("ignore:the mesh with h=")  # coarse
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [row.name for row in ROWS if not row.singular_at_zero])
+@pytest.mark.parametrize("name", [row.name for row in ROWS if not row.singular_at_zero][1::2])
 def test_walls_of_the_catalogue_are_exact(name):
+    """Every other one; the ones between are counted in `test_topology`."""
     is_exact(name, 0.02)
 
 
