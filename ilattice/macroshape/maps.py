@@ -21,6 +21,7 @@ from ilattice._validate import (
     among,
     as_array,
     as_axis,
+    as_flag,
     as_items,
     as_points,
     as_whole,
@@ -356,7 +357,6 @@ class SplineMap(Frozen):
         float
             The absolute value of the integral of det J.
         """
-        points = None if points is None else as_whole("points", points, 1, MAX_POINTS)
         planes = [self.spline.breaks(axis) for axis in range(3)]
         return abs(float(self.box_volumes(planes, points=points).sum()))
 
@@ -379,13 +379,19 @@ class SplineMap(Frozen):
         -------
         ndarray, shape (n_0, n_1, n_2)
             Negative of left-handed maps.
+
+        Raises
+        ------
+        InputError
+            If planes do not increase, or leave the domain.
         """
         rational = self.spline.weights is not None
+        points = None if points is None else as_whole("points", points, 1, MAX_POINTS)
+        split, boxes = as_flag("split", split), self._as_planes(planes)
         sites, weights, firsts = [], [], []
-        for axis in range(3):
+        for axis, given in enumerate(boxes):
             n = points or (3 * self.spline.k[axis] + 1) // 2 + 6 * rational
             s, w = np.polynomial.legendre.leggauss(n)
-            given = as_array("planes", planes[axis], ndim=1)
             b = with_planes(given, self.spline.breaks(axis)) if split else given
             half = 0.5 * np.diff(b)
             sites.append((0.5 * (b[1:] + b[:-1])[:, None] + np.outer(half, s)).ravel())
@@ -397,6 +403,22 @@ class SplineMap(Frozen):
             det = np.add.reduceat(det * weights[1][:, None], firsts[1], axis=1)
             rows.append(np.add.reduceat(det * weights[2], firsts[2], axis=2))
         return np.add.reduceat(np.concatenate(rows), firsts[0], axis=0)
+
+    def _as_planes(self, planes: Any) -> list[FloatArray]:
+        """Increasing planes of the three parameters, within the domain, up to rounding."""
+        items = as_items("planes", planes)
+        if len(items) != 3:
+            raise InputError(f"planes must hold three arrays, got {len(items)}")
+        out = []
+        for axis, (lo, hi) in enumerate(self.domain.T):
+            x, slack = as_array(f"planes[{axis}]", items[axis], ndim=1), 1e-9 * (hi - lo)
+            inside = len(x) > 1 and lo - slack <= x[0] and x[-1] <= hi + slack
+            if not (inside and (np.diff(x) > 0.0).all()):
+                raise InputError(
+                    f"planes[{axis}] must hold two or more increasing numbers from {lo:g} to {hi:g}"
+                )
+            out.append(np.clip(x, lo, hi))
+        return out
 
     def bends(self, axis: int) -> FloatArray:
         """Inner knots of one parameter at which first derivatives may jump.

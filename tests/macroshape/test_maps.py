@@ -297,3 +297,33 @@ def test_saving_and_loading_keeps_a_map(tmp_path, ending):
     np.testing.assert_allclose(again.x(u), volume.x(u), atol=1e-12)
     np.testing.assert_allclose(again.extra(u), volume.extra(u), atol=1e-12)
     assert again.closed == volume.closed
+
+
+@ALL
+def test_volumes_of_boxes_add_up_to_that_of_the_map(volume):
+    lo, hi = volume.domain
+    parts = [[0.0, 0.23, 0.61, 1.0], [0.0, 0.4, 1.0], [0.0, 1.0]]
+    planes = [a + (b - a) * np.array(t) for a, b, t in zip(lo, hi, parts, strict=True)]
+    found = volume.box_volumes(planes)
+    assert found.shape == (3, 2, 1)
+    assert abs(found.sum()) == pytest.approx(volume.volume(), rel=1e-8)  # rational ones
+    part = volume.box_volumes([planes[0][1:3], *planes[1:]])
+    np.testing.assert_allclose(part, found[1:2], rtol=1e-9)
+
+
+def test_bends_are_where_derivatives_jump():
+    knots = [[0, 0, 0, 0.3, 0.3, 0.6, 1, 1, 1], [0, 0, 0.7, 1, 1], [0, 0, 1, 1]]
+    c = np.zeros((6, 3, 2, 3))
+    c[..., 0] = np.array([0, 0.1, 0.3, 0.8, 0.9, 1.0])[:, None, None]
+    c[..., 1], c[..., 2] = np.arange(3.0)[:, None], np.arange(2.0)
+    through = SplineMap(BSpline(knots, c, (2, 1, 1)))
+    assert [list(through.bends(a)) for a in range(3)] == [[0.3], [0.7], []]
+
+
+@pytest.mark.parametrize(
+    "planes",
+    [None, [[0, 1]] * 2, [[0, 1], [0, 1], [1, 0]], [[0, 1], [0, 1], [0, 2]], [[0], [0], [0]]],
+)
+def test_planes_that_make_no_boxes_are_refused(planes):
+    with pytest.raises(InputError, match="planes"):
+        ms.box().box_volumes(planes)
