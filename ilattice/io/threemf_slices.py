@@ -85,7 +85,7 @@ def entry(name: str) -> zipfile.ZipInfo:
 
 
 def _model(stack: Stack, unit: str, progress: Progress) -> Iterator[str]:
-    approximation = _part(stack)
+    approximation = stack.slicer.approximation()
     places = decimals(stack.bounds)
     yield (
         f'{XML}<model unit="{unit}" xml:lang="en-US" xmlns="{CORE}" xmlns:s="{_SLICE}" '
@@ -115,12 +115,6 @@ def _slice(section: Section, places: int) -> str:
         parts.append(f'<s:polygon startv="{first}">{segments}</s:polygon>\n')
         first += len(points)
     return "".join(parts) + "</s:slice>\n"
-
-
-def _part(stack: Stack) -> Triangles:
-    """The part as a mesh, for those who do not know of slices."""
-    mesh: Triangles = stack.slicer.approximation()
-    return mesh
 
 
 def _mesh(mesh: Triangles, frame: FloatArray, places: int) -> Iterator[str]:

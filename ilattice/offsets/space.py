@@ -40,8 +40,8 @@ if TYPE_CHECKING:
 
 #: Tiles with sides of such a ratio are squeezed.
 LONG = 4.0
-#: Degrees of maps for which kernels are compiled by themselves, a minute each, which takes a third
-#: off the time of a search; of the others, with less to add up, at most a twentieth.
+#: Degrees of maps for which kernels are compiled by themselves, a dozen seconds each, which takes a
+#: quarter off the time of a search; of the others, with less to add up, about a twentieth.
 UNROLLED = {(2, 2, 2), (3, 3, 3)}
 
 

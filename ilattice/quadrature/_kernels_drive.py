@@ -58,7 +58,7 @@ def add_last(line: Any, at: int, step: int, rows: Any, L: Any, out: Any, to: int
             out[to + i * P + r] += v
 
 
-@in_ranges(CHUNK)
+@in_ranges(16 * CHUNK)
 @njit(cache=True, nogil=True, error_model="numpy")
 def extract(
     first: int, last: int, c: Any, rows0: Any, rows1: Any, rows2: Any, first0: Any, first1: Any,
@@ -200,7 +200,7 @@ def windows(
                     out[i, j, r, k, 1] += max(f * least, f * most)
 
 
-@in_ranges(CHUNK)
+@in_ranges(4 * CHUNK)
 @njit(cache=True, nogil=True, error_model="numpy")
 def signs(
     first: int, last: int, tensors: Any, many: Any, tables: Any, halvings: int, L: Any, out: Any
@@ -239,7 +239,7 @@ def grow(signs: Any, mark: Any, end: Any, done: int, box: Any) -> None:
     mark[box[0] : box[3], box[1] : box[4], box[2] : box[5]] = done
 
 
-@in_ranges(CHUNK)
+@in_ranges(64 * CHUNK)
 @njit(cache=True, nogil=True, error_model="numpy")
 def boxes_of_cells(
     first: int, last: int, signs: Any, mark: Any, cells: Any, starts0: Any, starts1: Any,
@@ -277,7 +277,7 @@ def boxes_of_cells(
         counts[n] = count
 
 
-@in_ranges(1)
+@in_ranges(8)
 @njit(cache=True, nogil=True, error_model="numpy")
 def rules(
     first_chunk: int,
@@ -354,7 +354,7 @@ def rules(
         used[chunk] = N[N_VOLUME] + N[N_SURFACE]
 
 
-@in_ranges(1)
+@in_ranges(64)
 @njit(cache=True, nogil=True, error_model="numpy")
 def gather(
     first: int, last: int, arena: Any, room: Any, starts: Any, used: Any, points: Any, weights: Any,

@@ -313,15 +313,9 @@ class SplinePieces(Pieces):
         for c, ops, f in zip(self._arrays, self._operators, self.sets.factors.T, strict=True):
             rows, first = zip(*ops, strict=True)
             kernels.extract(
-                len(index),
-                c,
-                *rows,
-                *first,
-                np.ascontiguousarray(index),
-                f.copy(),
-                self.lengths,
+                len(index), c, *rows, *first, np.ascontiguousarray(index), f.copy(), self.lengths,
                 out,
-            )
+            )  # fmt: skip
         return out
 
     def signs(self, halvings: int = 6) -> AnyArray:

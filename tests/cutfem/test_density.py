@@ -5,7 +5,7 @@ import pytest
 
 import ilattice as il
 from ilattice.bspline.knots import greville
-from ilattice.errors import InputError
+from ilattice.errors import InputError, PrecisionWarning
 from ilattice.offsets import density as density_module
 
 TORUS = il.macroshape.torus(major=4.0, width=2.0)
@@ -85,6 +85,12 @@ def test_parts_are_right_where_maps_bend_within_tiles(degree, repeats, rational,
     wall = lattice.offset(0.03)
     better = density_module.volumes(lattice, wall.field, 5).sum() / by_hand.sum()
     assert wall.relative_density() == pytest.approx(better, rel=6e-4)
+
+
+def test_maps_that_no_rule_integrates_are_told(slab, monkeypatch):
+    monkeypatch.setattr(density_module, "_missed", lambda *_: 0.012)
+    with pytest.warns(PrecisionWarning, match=r"volumes of tiles are off by up to 1\.2 %"):
+        assert slab.offset(0.1).relative_density() == pytest.approx(0.2, rel=1e-9)
 
 
 def test_the_density_is_met_without_new_distances(torus, monkeypatch):
