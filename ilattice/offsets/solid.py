@@ -47,6 +47,8 @@ NEAR = 0.1
 PER_RADIUS, MAX_IN_TOTAL = 4.0, 1 << 22
 #: Error of the spline, relative to the least thickness, from which on there is a warning.
 MAX_ERROR = 0.02
+#: And from which on nothing is told by the spline any more.
+USELESS = 0.25
 
 
 class TileField(Field):
@@ -158,16 +160,26 @@ class TileField(Field):
                     f"of the solid is off by {self.error:.3g}; ask for less, or repeat fewer tiles"
                 )
             spans = more
-        if self.tol is None and self.error > MAX_ERROR * thinnest(self):
-            warnings.warn(
-                f"the spline that quadrature and analysis go by is off by {self.error:.2g} from "
-                f"the solid, which is {thinnest(self):.2g} thick, and rounds off edges: struts "
-                "joined sharply are up to 5 % too stiff; meshes and slices are exact. Use tol, or "
-                f"{MOST} straight bars or fewer, which take no spline",
-                PrecisionWarning,
-                stacklevel=2,
-            )
+        if self.tol is None:
+            self._tell(thinnest(self))
         return spline
+
+    def _tell(self, thick: float) -> None:
+        """Warn of a spline that is off by much, and refuse one that has lost the solid."""
+        off = (
+            f"the spline that quadrature and analysis go by is off by {self.error:.2g} from the "
+            f"solid, which is {thick:.2g} thick"
+        )
+        remedy = f"Use tol, or {MOST} straight bars or fewer, which take no spline"
+        if self.error > USELESS * thick:
+            raise ConvergenceError(f"{off}: little of it is left. {remedy}, or more spans_per_tile")
+        if self.error > MAX_ERROR * thick:
+            warnings.warn(
+                f"{off}, and rounds off edges: struts joined sharply are up to 5 % too stiff; "
+                f"meshes and slices are exact. {remedy}",
+                PrecisionWarning,
+                stacklevel=3,
+            )
 
     error: float = 0.0
 

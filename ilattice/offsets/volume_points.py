@@ -29,10 +29,28 @@ class Rounded(NamedTuple):
     ----------
     volume, error : float
         The volume, and its standard error.
+    rough : bool
+        Whether the spline is off by more than is usual, so that many points are asked for.
     """
 
     volume: float
     error: float
+    rough: bool
+
+    def decides(self, volume: float) -> bool:
+        """Whether the error does not matter for whether a part of a volume is lost.
+
+        Parameters
+        ----------
+        volume : float
+            That part.
+
+        Returns
+        -------
+        bool
+            Whether two standard errors more or less are on the same side of it.
+        """
+        return abs(abs(self.volume) - volume) > 2.0 * self.error
 
 
 class VolumePoints:
@@ -94,7 +112,7 @@ class VolumePoints:
         inner, outer = wall._asked.at(self.u, -one), wall._asked.at(self.u, one)
         s = wall.distance(self.u)
         near, band = np.minimum(np.abs(s - outer), np.abs(s + inner)), 0.0
-        wider = reach(wall.lattice, wall.distance)
+        usual = wider = reach(wall.lattice, wall.distance)
         while wider > band:  # splines of few spans are off by more than is usual
             band = wider
             at = np.flatnonzero((near < band) | ~np.array(wall._exact))
@@ -105,4 +123,5 @@ class VolumePoints:
         change[at] = self.weight[at] * (inside * 1.0 - (wall.field(self.u[at]) < 0.0))
         one_box = change.reshape(-1, 2)
         error = float(np.linalg.norm(one_box[:, 0] - one_box[:, 1]))
-        return Rounded(float(change.sum()), max(error, FEW * float(self.weight.max())))
+        error = max(error, FEW * float(self.weight.max()))
+        return Rounded(float(change.sum()), error, band > usual)
