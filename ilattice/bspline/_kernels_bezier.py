@@ -163,7 +163,7 @@ def element_range(spline: Any, first: Any, rows: Any, work: Any, out: Any) -> An
     return least, most
 
 
-@inner()
+@inner(owning=True)
 def box_range(
     spline: Any, lo: Any, hi: Any, span: Any, first: Any, rows: Any, work: Any, out: Any,
     pad: float, least: float, most: float,

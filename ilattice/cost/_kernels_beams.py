@@ -134,7 +134,7 @@ def jets(
                 hessian[i, a, b] = h[a, b]
 
 
-@inner()
+@inner(owning=True)
 def _across(flat: Any, s: int, n: Any) -> None:
     """A unit vector across a beam."""
     small = 0

@@ -88,7 +88,7 @@ def _cross(a: Any, b: Any, out: Any) -> None:
     out[2] = a[0] * b[1] - a[1] * b[0]
 
 
-@inner()
+@inner(owning=True)
 def overlap(x: Any, p: Any, q: Any, eps: float) -> bool:
     """Whether two simplices overlap by more than eps times their longest edge, along all axes."""
     d = x.shape[1]
@@ -141,7 +141,7 @@ def overlaps(x: Any, s: Any, pairs: Any, eps: Any, out: Any) -> None:
         out[i] = overlap(x, s[pairs[i, 0]], s[pairs[i, 1]], eps)
 
 
-@inner()
+@inner(owning=True)
 def _flat(x: Any, p: Any, eps: float) -> bool:
     """Whether a simplex has no volume to speak of."""
     d = x.shape[1]

@@ -36,7 +36,7 @@ MOST = 2048  # boxes of a cell, from which on none is divided further
 AT_ONCE = 4096  # points that are looked for one after the other
 
 
-@inner(**FAST)
+@inner(owning=True, **FAST)
 def boxes_of(c: Any, tables: Any, which: Any, start: Any, extent: Any, P: int) -> Any:
     """Boxes of a cell that are not empty.
 
@@ -110,7 +110,7 @@ def boxes_of(c: Any, tables: Any, which: Any, start: Any, extent: Any, P: int) -
     return corner[:n], length[:n], sort[:n], row[:n], tensor[:n], air[:n]
 
 
-@inner(**FAST)
+@inner(owning=True, **FAST)
 def grown(a: Any, room: int) -> Any:
     """A longer copy of an array."""
     out = np.empty((room, *a.shape[1:]), a.dtype)
@@ -175,7 +175,7 @@ def is_joint(
     )
 
 
-@inner(**FAST)
+@inner(owning=True, **FAST)
 def is_air(
     corner: Any, length: Any, sort: Any, row: Any, tensor: Any, tables: Any, air: Any, mine: Any,
     P: int,

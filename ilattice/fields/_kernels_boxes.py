@@ -63,7 +63,7 @@ def half_area(b):
     return x * y + y * z + z * x
 
 
-@inner(error_model="numpy")
+@inner(owning=True, error_model="numpy")
 def split(lo, hi, order, begin, end, depth, spare):
     """Partition order[begin:end] where the expected cost is least; returns the boundary."""
     axis, first, width = widest(lo, hi, order, begin, end)
@@ -113,7 +113,7 @@ def bin_of(centre, first, width):
     return min(BINS - 1, int(BINS * ((centre - first) / width)))
 
 
-@inner(error_model="numpy")
+@inner(owning=True, error_model="numpy")
 def cheapest(counts, boxes):
     """Number of bins that go to the left; both sides get some."""
     above = np.empty(BINS)

@@ -24,7 +24,7 @@ GROUP = 16  # boxes that share a program
 INF = np.inf
 
 
-@inner()
+@inner(owning=True)
 def begin(op, a, b, imm, levels):
     """Room for a program and shorter ones, with the program at level 0, for `narrow`.
 
@@ -267,7 +267,7 @@ def _box_of(points, i0, i1, box):
             box[1, axis] = max(box[1, axis], points[i, axis])
 
 
-@inner()
+@inner(owning=True)
 def _grown(buf, m):
     """Room for m registers."""
     return buf if m <= len(buf) else np.empty((2 * m, buf.shape[1]))

@@ -135,7 +135,7 @@ def _rows(
             _spread(c, k, e, h, fx, fy, fz, fxy, fxz, fyz, fxyz, f00, f01, f10, f11)
 
 
-@inner(error_model="numpy", fastmath=FAST)
+@inner(owning=True, error_model="numpy", fastmath=FAST)
 def _rows_of_matrices(
     n2: int, h: Any, phase: Any, table: Any, u00: Any, u01: Any, u10: Any, u11: Any,
     f00: Any, f01: Any, f10: Any, f11: Any,

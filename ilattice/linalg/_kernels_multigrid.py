@@ -206,7 +206,7 @@ def cholesky(A: Any, floor: float) -> Any:
     return least, where
 
 
-@inner(error_model="numpy", fastmath=FAST)
+@inner(owning=True, error_model="numpy", fastmath=FAST)
 def solve_cholesky(F: Any, b: Any, x: Any) -> None:
     """x = (F Fᵀ)⁻¹ b, F lower triangular."""
     n = len(F)

@@ -175,7 +175,6 @@ def multi_start(space, seeds, x, q, idx, i, box, orient, tol, feet, seconds, sta
     meet in creases each start stays in its tile, as if there were no other one. Returns the number
     of starts, of iterations, and the status.
     """
-    space, seeds, work = borrowed(space), borrowed(seeds), borrowed(work)
     sp, sx, sn, sh = seeds.points, seeds.images, seeds.normals, seeds.spacing
     geom, room = space.geom, work.room
     starts = 0
@@ -314,7 +313,6 @@ def passed(t, q, feet, i):
 @inner(fastmath=FAST, error_model="numpy")
 def from_query(space, x, q, h, box, orient, tol, feet, seconds, i, work):
     """Start from the query itself: iterations, and the status of the foot if it is the best."""
-    space, work = borrowed(space), borrowed(work)
     geom, room = space.geom, work.room
     held = bounded(geom, box, geom[CREASED] != 0.0, room)
     if geom[CREASED] != 0.0:

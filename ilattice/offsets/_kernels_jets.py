@@ -2,7 +2,7 @@
 
 Points of the parameter domain are given in *tile coordinates* p: the tile with index
 (i, j, k) is the box [i, i+1] x [j, j+1] x [k, k+1]. A lattice is a `Space`, the scratch of one
-thread a `Work`; both are `borrowed` where a kernel begins. Symmetric matrices are tuples
+thread a `Work`; kernels of ranges have both `borrowed`. Symmetric matrices are tuples
 xx, yy, zz, yz, xz, xy.
 
 Guarantee: nothing is allocated per point. Non-guarantee: arguments are not checked.
@@ -94,7 +94,7 @@ class Work(NamedTuple):
     room: Any
 
 
-@inner()
+@inner(owning=True)
 def scratch(space):
     """New `Work` for a space."""
     k = max(width(space.k0, space.k1, space.k2), width(space.q0, space.q1, space.q2))

@@ -18,7 +18,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ilattice._kernels import inner
-from ilattice._kernels_tuples import borrowed
 from ilattice.offsets._kernels_jets import (
     CLOSED,
     FAST,
@@ -387,7 +386,6 @@ def newton(space, x, start, known, clip, h, tol, work):
     tuple
         Foot in tile coordinates, foot in space, multiplier, lowest eigenvalue, iterations, status.
     """
-    space, work = borrowed(space), borrowed(work)
     b, m, t, tab, box = work.basis, work.map, work.tile, work.table, work.room
     p = (start[0], start[1], start[2])
     old = p

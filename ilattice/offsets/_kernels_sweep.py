@@ -49,7 +49,7 @@ def away_from(sn, sh, s, d, best):
     return d * d > best * best + (ACROSS * sh[s]) ** 2
 
 
-@inner(fastmath=FAST, error_model="numpy")
+@inner(owning=True, fastmath=FAST, error_model="numpy")
 def gather(geom, sp, sx, sn, sh, lo, hi, slab, first, x, q, best, stack, away, found):
     """Fill in seeds that may have a foot nearer than `best`, and their distances; how many."""
     n, depth, reach = 0, 1, np.finfo(np.float64).max

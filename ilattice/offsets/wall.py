@@ -32,8 +32,8 @@ from ilattice.offsets.wall_field import WallField
 #: Boxes with random points at which exact distances are asked for, and the part of the volume from
 #: which on it is told that they give another one.
 BOXES, TOLD = 1 << 14, 0.01
-#: What parts of these boxes may do where the spline is off by more than is usual, as exact distances
-#: are slow there and needed far from the surfaces.
+#: What parts of these boxes may do where the spline is off by more than is usual: exact distances
+#: are slow there, and needed far from the surfaces.
 PARTS = (16, 4)
 
 
@@ -156,7 +156,7 @@ class OffsetSolid:
 
     @cached_property
     def _rounded(self) -> Rounded:
-        """What exact distances add to the volume; of fewer points where they decide, and are slow."""
+        """What exact distances add to the volume; of few points where they are slow and decide."""
         for part in PARTS:
             found = VolumePoints(self, BOXES // part).rounded
             if not found.rough:

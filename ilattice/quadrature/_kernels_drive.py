@@ -58,6 +58,29 @@ def add_last(line: Any, at: int, step: int, rows: Any, L: Any, out: Any, to: int
             out[to + i * P + r] += v
 
 
+@inner(error_model="numpy")
+def tensor(
+    c: Any, rows0: Any, rows1: Any, rows2: Any, x: int, y: int, z: int, near: Any, a: Any, b: Any,
+    L: Any, v: Any,
+) -> None:  # fmt: skip
+    """Bernstein tensor v (P³,) of a piece of a spline, from coefficient (x, y, z) on."""
+    P = len(L)
+    for i in range(P):
+        for j in range(P):
+            for t in range(P):
+                near[(i * P + j) * P + t] = c[x + i, y + j, z + t]
+    a[:] = 0.0
+    b[:] = 0.0
+    v[:] = 0.0
+    for i in range(P):
+        add_line(rows0[i], 1.0, near, 0, P * P, L, a, i * P * P)
+    for i in range(P):
+        for j in range(P):
+            at = i * P * P
+            add_line(rows1[j], 1.0, a, at, P, L, b, at + j * P)
+    add_last(b, 0, P, rows2, L, v, 0)
+
+
 @in_ranges(16 * CHUNK)
 @njit(cache=True, nogil=True, error_model="numpy")
 def extract(
@@ -69,33 +92,18 @@ def extract(
     `rows` (pieces, P, P) and `first` (pieces,) say for each direction how coefficients from the
     first one on make those of the piece; out is (n, m, P³).
     """
-    P = len(L)
+    size = len(L) * len(L) * len(L)
     rows0, rows1, rows2 = borrowed((rows0, rows1, rows2))
-    near = np.empty(P * P * P)
-    a = np.empty(P * P * P)
-    b = np.empty(P * P * P)
-    v = np.empty(P * P * P)
+    near = np.empty(size)
+    a = np.empty(size)
+    b = np.empty(size)
+    v = np.empty(size)
     for n in range(first, last):
-        x = first0[pieces[n, 0]]
-        y = first1[pieces[n, 1]]
-        z = first2[pieces[n, 2]]
-        for i in range(P):
-            for j in range(P):
-                for t in range(P):
-                    near[(i * P + j) * P + t] = c[x + i, y + j, z + t]
-        a[:] = 0.0
-        b[:] = 0.0
-        v[:] = 0.0
-        for i in range(P):
-            add_line(rows0[pieces[n, 0], i], 1.0, near, 0, P * P, L, a, i * P * P)
-        for i in range(P):
-            for j in range(P):
-                at = i * P * P
-                add_line(rows1[pieces[n, 1], j], 1.0, a, at, P, L, b, at + j * P)
-        add_last(b, 0, P, rows2[pieces[n, 2]], L, v, 0)
+        i, j, t = pieces[n, 0], pieces[n, 1], pieces[n, 2]
+        tensor(c, rows0[i], rows1[j], rows2[t], first0[i], first1[j], first2[t], near, a, b, L, v)
         for k in range(len(factor)):
-            for i in range(P * P * P):
-                out[n, k, i] += factor[k] * v[i]
+            for r in range(size):
+                out[n, k, r] += factor[k] * v[r]
 
 
 @inner(error_model="numpy")
@@ -115,6 +123,53 @@ def window_sign(low: Any, high: Any, at: int, P: int) -> int:
     return -1 if full else 0
 
 
+@inner(error_model="numpy")
+def signs_of_slab(
+    i: int, c: Any, rows: Any, firsts: Any, factors: Any, shifts: Any, halvings: int, L: Any,
+    scratch: Any, out: Any,
+) -> None:  # fmt: skip
+    """`signs_of_splines` of slab i of pieces along the first direction, out (n1, n2)."""
+    Z, N, planes, lines, low, high = scratch
+    first0, first1, first2 = firsts
+    P = len(L)
+    sets = len(factors)
+    n = c.shape[3]
+    flat = c.reshape(c.size)
+    planes[:] = 0.0
+    for s in range(len(c)):
+        at = (s * c.shape[1] + first0[i]) * c.shape[2] * n
+        for a in range(P):
+            add_line(rows[0][i, a], 1.0, flat, at, c.shape[2] * n, L, planes[s],
+                     a * c.shape[2] * n)  # fmt: skip
+    for j in range(len(first1)):
+        for k in range(sets):
+            lines[k * P * P * n : (k + 1) * P * P * n] = shifts[k]
+            for s in range(len(c)):
+                if factors[k, s] != 0.0:
+                    for a in range(P):
+                        for b in range(P):
+                            at = (a * c.shape[2] + first1[j]) * n
+                            add_line(rows[1][j, b], factors[k, s], planes[s], at, n, L, lines,
+                                     ((k * P + a) * P + b) * n)  # fmt: skip
+        low[:] = np.inf
+        high[:] = -np.inf
+        for k in range(sets):
+            for a in range(P * P):
+                for z in range(n):
+                    low[k, z] = min(low[k, z], lines[(k * P * P + a) * n + z])
+                    high[k, z] = max(high[k, z], lines[(k * P * P + a) * n + z])
+        for r in range(len(first2)):
+            out[j, r] = window_sign(low, high, first2[r], P)
+            if out[j, r] != 0:
+                continue
+            size = P * P * P
+            Z[TENSORS : TENSORS + sets * size] = 0.0
+            for k in range(sets):
+                at = k * P * P * n + first2[r]
+                add_last(lines, at, n, rows[2][r], L, Z, TENSORS + k * size)
+            out[j, r] = cell_sign(Z, N, sets, halvings, L)
+
+
 @in_ranges(1)
 @njit(cache=True, nogil=True, error_model="numpy")
 def signs_of_splines(
@@ -129,8 +184,6 @@ def signs_of_splines(
     P = len(L)
     sets = len(factors)
     n = c.shape[3]
-    c, rows0, rows1, rows2 = borrowed((c, rows0, rows1, rows2))
-    flat = c.reshape(c.size)
     Z = np.empty(numbers(sets, L))
     N = np.zeros(INTEGERS, np.int64)
     N[TABLE] = table
@@ -139,39 +192,10 @@ def signs_of_splines(
     low = np.empty((sets, n))
     high = np.empty((sets, n))
     for i in range(first, last):
-        planes[:] = 0.0
-        for s in range(len(c)):
-            at = (s * c.shape[1] + first0[i]) * c.shape[2] * n
-            for a in range(P):
-                add_line(rows0[i, a], 1.0, flat, at, c.shape[2] * n, L, planes[s],
-                         a * c.shape[2] * n)  # fmt: skip
-        for j in range(len(first1)):
-            for k in range(sets):
-                lines[k * P * P * n : (k + 1) * P * P * n] = shifts[k]
-                for s in range(len(c)):
-                    if factors[k, s] != 0.0:
-                        for a in range(P):
-                            for b in range(P):
-                                at = (a * c.shape[2] + first1[j]) * n
-                                add_line(rows1[j, b], factors[k, s], planes[s], at, n, L, lines,
-                                         ((k * P + a) * P + b) * n)  # fmt: skip
-            low[:] = np.inf
-            high[:] = -np.inf
-            for k in range(sets):
-                for a in range(P * P):
-                    for z in range(n):
-                        low[k, z] = min(low[k, z], lines[(k * P * P + a) * n + z])
-                        high[k, z] = max(high[k, z], lines[(k * P * P + a) * n + z])
-            for r in range(len(first2)):
-                out[i, j, r] = window_sign(low, high, first2[r], P)
-                if out[i, j, r] != 0:
-                    continue
-                size = P * P * P
-                Z[TENSORS : TENSORS + sets * size] = 0.0
-                for k in range(sets):
-                    at = k * P * P * n + first2[r]
-                    add_last(lines, at, n, rows2[r], L, Z, TENSORS + k * size)
-                out[i, j, r] = cell_sign(Z, N, sets, halvings, L)
+        signs_of_slab(
+            i, c, (rows0, rows1, rows2), (first0, first1, first2), factors, shifts, halvings, L,
+            (Z, N, planes, lines, low, high), out[i],
+        )  # fmt: skip
 
 
 @in_ranges(1)
@@ -217,7 +241,7 @@ def signs(
         out[n] = cell_sign(Z, N, many[n], halvings, L)
 
 
-@inner(error_model="numpy")
+@inner(owning=True, error_model="numpy")
 def grow(signs: Any, mark: Any, end: Any, done: int, box: Any) -> None:
     """Grow box (6,), of one full piece, over full pieces that are not marked `done`; mark it.
 
@@ -277,6 +301,50 @@ def boxes_of_cells(
         counts[n] = count
 
 
+@inner(error_model="numpy")
+def rules_of_chunk(
+    chunk: int, Z: Any, N: Any, S: Any, polynomials: Any, which: Any, boxes: Any, sides: Any,
+    thin: Any, gauss: Any, asked: Any, L: Any, points: Any, feet: Any, counts: Any,
+) -> None:  # fmt: skip
+    """Rules on the boxes of a chunk, see `rules`; Z, N and S are scratch."""
+    tensors, many, tables, names = polynomials
+    size = tensors.shape[2]
+    N[PROJECT] = asked[CROSSINGS]
+    q = 0
+    for n in range(chunk * CHUNK, min(len(boxes), (chunk + 1) * CHUNK)):
+        first = N[N_VOLUME]
+        before = first + N[N_SURFACE]
+        if thin[n, 3] != q:
+            q = thin[n, 3]
+            for i in range(gauss.shape[1]):
+                Z[i] = gauss[q - 1, i]
+        for i in range(3):
+            Z[LO + i] = boxes[n, i]
+            Z[EXT + i] = boxes[n, 3 + i]
+        if which[n] < 0:
+            if sides[n] < 0:
+                solid(Z, N, points, q)
+            else:
+                whole_face(Z, N, points, sides[n] // 2, sides[n] % 2, q)
+        else:
+            m = many[which[n]]
+            N[TABLE] = tables[which[n]]
+            for k in range(m):
+                N[NAMES + k] = names[which[n], k]
+                for i in range(size):
+                    Z[TENSORS + k * size + i] = tensors[which[n], k, i]
+            if sides[n] < 0:
+                cell_rule(Z, N, points, feet, m, asked[ACCEPT], asked[WANT], q, L)
+            else:
+                face_rule(Z, N, points, m, sides[n] // 2, sides[n] % 2, asked[ACCEPT], q, L)
+        end = N[N_VOLUME]
+        if thin[n, 1] > 0 and end - first > thin[n, 0] and end <= len(points):
+            N[N_VOLUME] = thinned_parts(
+                points, first, end, boxes[n], thin[n, 1], thin[n, 0], thin[n, 2], S
+            )
+        counts[n] = N[N_VOLUME] + N[N_SURFACE] - before
+
+
 @in_ranges(8)
 @njit(cache=True, nogil=True, error_model="numpy")
 def rules(
@@ -307,50 +375,15 @@ def rules(
     per direction. Chunk i writes rows room[i] to room[i + 1] of volume (rows, 4) or of surface
     (rows, 8); used[i] says how many it has, or would have; counts (n,) are those of each box.
     """
-    tensors, many, tables, names = borrowed(polynomials)
-    size = tensors.shape[2]
-    volume, surface, boxes = borrowed((volume, surface, boxes))
     scratch = ROOM if thin[:, 1].any() else 0
     for chunk in range(first_chunk, last_chunk):
-        Z = np.empty(numbers(tensors.shape[1], L))
+        Z = np.empty(numbers(polynomials[0].shape[1], L))
         N = np.zeros(INTEGERS, np.int64)
         S = np.empty(scratch)
-        N[PROJECT] = asked[CROSSINGS]
-        points = volume[room[chunk] : room[chunk + 1]]
-        feet = surface[room[chunk] : room[chunk + 1]]
-        q = 0
-        for n in range(chunk * CHUNK, min(len(boxes), (chunk + 1) * CHUNK)):
-            first = N[N_VOLUME]
-            before = first + N[N_SURFACE]
-            if thin[n, 3] != q:
-                q = thin[n, 3]
-                for i in range(gauss.shape[1]):
-                    Z[i] = gauss[q - 1, i]
-            for i in range(3):
-                Z[LO + i] = boxes[n, i]
-                Z[EXT + i] = boxes[n, 3 + i]
-            if which[n] < 0:
-                if sides[n] < 0:
-                    solid(Z, N, points, q)
-                else:
-                    whole_face(Z, N, points, sides[n] // 2, sides[n] % 2, q)
-            else:
-                m = many[which[n]]
-                N[TABLE] = tables[which[n]]
-                for k in range(m):
-                    N[NAMES + k] = names[which[n], k]
-                    for i in range(size):
-                        Z[TENSORS + k * size + i] = tensors[which[n], k, i]
-                if sides[n] < 0:
-                    cell_rule(Z, N, points, feet, m, asked[ACCEPT], asked[WANT], q, L)
-                else:
-                    face_rule(Z, N, points, m, sides[n] // 2, sides[n] % 2, asked[ACCEPT], q, L)
-            end = N[N_VOLUME]
-            if thin[n, 1] > 0 and end - first > thin[n, 0] and end <= len(points):
-                N[N_VOLUME] = thinned_parts(
-                    points, first, end, boxes[n], thin[n, 1], thin[n, 0], thin[n, 2], S
-                )
-            counts[n] = N[N_VOLUME] + N[N_SURFACE] - before
+        rules_of_chunk(
+            chunk, Z, N, S, polynomials, which, boxes, sides, thin, gauss, asked, L,
+            volume[room[chunk] : room[chunk + 1]], surface[room[chunk] : room[chunk + 1]], counts,
+        )  # fmt: skip
         used[chunk] = N[N_VOLUME] + N[N_SURFACE]
 
 

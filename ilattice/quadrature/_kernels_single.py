@@ -166,7 +166,7 @@ def take_end(c: Any, before: int, many: int, step: int, first: bool, out: Any) -
             out[b * step + i] = c[at + i]
 
 
-@inner(**FAST)
+@inner(owning=True, **FAST)
 def is_single(
     c: Any, m: int, n0: int, n1: int, n2: int, signs: Any, P: int, tol: Any, face: Any,
     sides: Any, edge: Any,
@@ -202,7 +202,7 @@ def is_single(
     return False
 
 
-@inner(**FAST)
+@inner(owning=True, **FAST)
 def is_single_face(
     c: Any, m: int, n0: int, n1: int, signs: Any, P: int, tol: Any, edge: Any
 ) -> bool:
@@ -356,7 +356,7 @@ def corners_are_solid(c: Any, m: int, at: int, s: int, t: int, tol: Any) -> bool
     return False
 
 
-@inner(**FAST)
+@inner(owning=True, **FAST)
 def hangs_together(
     c: Any, m: int, n0: int, n1: int, n2: int, signs: Any, P: int, tol: Any, one: Any, none: Any,
     face: Any, sides: Any, edge: Any, parent: Any,

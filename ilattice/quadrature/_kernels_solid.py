@@ -111,7 +111,7 @@ def signs_asked(table: int, which: Any, n: int, out: Any) -> bool:
     return bool(wanted == table)
 
 
-@inner(**FAST)
+@inner(owning=True, **FAST)
 def sort_of(c: Any, m: int, P: int, tol: Any, table: int) -> int:
     """EMPTY, FULL, SINGLE or UNSURE: the solid of polynomials c (m, P³) in a box."""
     dim = 3
@@ -147,7 +147,7 @@ def sort_of(c: Any, m: int, P: int, tol: Any, table: int) -> int:
     return UNSURE
 
 
-@inner(**FAST)
+@inner(owning=True, **FAST)
 def sort_of_face(c: Any, m: int, dim: int, P: int, tol: Any) -> int:
     """`sort_of` of what is left after a projection."""
     size = P**dim
@@ -177,7 +177,7 @@ def sort_of_face(c: Any, m: int, dim: int, P: int, tol: Any) -> int:
     return UNSURE
 
 
-@inner(**FAST)
+@inner(owning=True, **FAST)
 def split(c: Any, low: Any, high: Any, axis: int, dim: int, P: int) -> None:
     """Halves of polynomials c (m, P^dim) along a direction, by de Casteljau's algorithm."""
     step = P ** (dim - 1 - axis)
@@ -196,7 +196,7 @@ def split(c: Any, low: Any, high: Any, axis: int, dim: int, P: int) -> None:
                     high[k, j + (P - 1 - r) * step] = line[P - 1 - r]
 
 
-@inner(**FAST)
+@inner(owning=True, **FAST)
 def divide(c: Any, dim: int, P: int, out: Any) -> None:
     """The 2^dim parts out (., m, P^dim) of a box, the last direction running fastest."""
     out[0] = c
@@ -223,7 +223,7 @@ def has_solid_corner(c: Any, dim: int, P: int, tol: Any, table: int) -> bool:
     return False
 
 
-@inner(**FAST)
+@inner(owning=True, **FAST)
 def is_open(c: Any, axis: int, side: int, P: int, tol: Any, table: int) -> bool:
     """Whether a face of a box may be solid somewhere: not if that is certain after halvings."""
     m = len(c)
@@ -255,7 +255,7 @@ def is_open(c: Any, axis: int, side: int, P: int, tol: Any, table: int) -> bool:
     return False
 
 
-@inner(**FAST)
+@inner(owning=True, **FAST)
 def air_between(c: Any, P: int, table: int, best: Any) -> float:
     """Least lengths of air between solid on lines in a box, along each direction, 0 for none.
 
@@ -304,7 +304,7 @@ def air_between(c: Any, P: int, table: int, best: Any) -> float:
     return least
 
 
-@inner(**FAST)
+@inner(owning=True, **FAST)
 def apart(c: Any, P: int, table: int) -> bool:
     """Whether corners of a box that are solid are not joined by edges between such."""
     tol = tolerances(c)
@@ -355,7 +355,7 @@ def air_on(Z: Any, m: int, P: int, table: int, L: Any) -> float:
     return best
 
 
-@inner(**FAST)
+@inner(owning=True, **FAST)
 def tolerances(c: Any) -> Any:
     """What counts as zero of polynomials c (m, size)."""
     tol = np.empty(len(c))

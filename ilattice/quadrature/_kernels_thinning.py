@@ -146,7 +146,7 @@ def choose_groups(S: Any, K: int, M: int, base: Any, free: Any) -> None:
                     S[m * K + i] -= f * S[leaves * K + i]
 
 
-@inner(error_model="numpy")
+@inner(owning=True, error_model="numpy")
 def thinned(points: Any, first: int, end: int, degree: int, S: Any) -> int:
     """Fewer of the points (n, 4) from `first` to `end`, in place; the new end.
 
@@ -201,7 +201,7 @@ def thinned(points: Any, first: int, end: int, degree: int, S: Any) -> int:
     return stop
 
 
-@inner(error_model="numpy")
+@inner(owning=True, error_model="numpy")
 def thinned_parts(
     points: Any, first: int, end: int, box: Any, degree: int, most: int, parts: int, S: Any
 ) -> int:

@@ -74,9 +74,14 @@ def _add_term(coef: float, x: Any, y: Any, z: Any, out: Any) -> None:
 
 
 @inner()
-def _factor(rows: Any, code: int) -> Any:
-    """Values and derivatives of one factor."""
-    return rows[2 * LANES * code : 2 * LANES * (code + 1)]
+def _add_terms(coef: Any, factor: Any, rows: Any, out: Any) -> None:
+    """Add all terms: products of three factors, rows (3, .) of values and derivatives."""
+    size = 2 * LANES
+    for m in range(len(coef)):
+        x, y, z = size * factor[m, 0], size * factor[m, 1], size * factor[m, 2]
+        _add_term(
+            coef[m], rows[0, x : x + size], rows[1, y : y + size], rows[2, z : z + size], out
+        )
 
 
 @in_ranges(CHUNK)
@@ -99,9 +104,7 @@ def _gradients(
                 turns[i] = p[at + i, a] * (w[a] * TURNS)
             _axis_rows(rows[a], w[a], turns)
         out[:] = 0.0
-        for m in range(len(coef)):
-            x, y = _factor(rows[0], factor[m, 0]), _factor(rows[1], factor[m, 1])
-            _add_term(coef[m], x, y, _factor(rows[2], factor[m, 2]), out)
+        _add_terms(coef, factor, rows, out)
         for i in range(count):
             f[at + i] = out[i]
             for a in range(3):

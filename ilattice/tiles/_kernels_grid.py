@@ -30,7 +30,7 @@ def _row(base: Any, pz: Any, tz: Any, row: Any) -> None:
             row[k] += p0 * z0[k] + p1 * z1[k]
 
 
-@inner(fastmath=FAST)
+@inner(owning=True, fastmath=FAST)
 def _slab(i: int, coef: Any, slot: Any, tx: Any, ty: Any, tz: Any, out: Any) -> None:
     """All rows of constant x index i."""
     m = coef.shape[0]

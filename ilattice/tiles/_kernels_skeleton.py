@@ -511,7 +511,7 @@ def _cut(
     return value
 
 
-@inner()
+@inner(owning=True)
 def _chunk(
     points: Any, start: int, stop: int, order: int, blend: float, limit: float, tree: Any,
     plane: Any, f: Any, g: Any, h: Any,

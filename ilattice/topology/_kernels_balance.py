@@ -66,7 +66,8 @@ def look(space, less, p, feet, m, work):
         tile_jet(space, at, b, t[i], tab)
         if unit[i] == 0.0:
             unit[i] = np.sqrt(t[i, 1] ** 2 + t[i, 2] ** 2 + t[i, 3] ** 2)
-        t[i] /= unit[i]
+        for k in range(t.shape[1]):
+            t[i, k] /= unit[i]
 
 
 @inner(fastmath=FAST, error_model="numpy")
@@ -214,7 +215,6 @@ def solve(
     With damping, steps that are too long, because the equations are nearly singular, are replaced.
     Where the method is lost, the pivot is that of the first step.
     """
-    space, less, work = borrowed(space), borrowed(less), borrowed(work)
     s0, s1, s2 = p[0], p[1], p[2]
     n = 4 + 5 * m
     work[7][:] = 0.0
