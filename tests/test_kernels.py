@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 import pytest
+from numba.core.runtime import rtsys
 
 from ilattice._kernels import in_ranges, inner
 from ilattice._kernels_tuples import borrowed
@@ -49,6 +50,59 @@ def test_errors_of_ranges_are_raised():
 def test_inner_kernels_take_constants_as_numbers_and_calls_from_python():
     assert power(3, 4) == 81
     assert {args[1] for args in getattr(power, "overloads", {})} <= {numba.int64}
+
+
+@inner(owning=True)
+def doubled(x):
+    return 2.0 * x
+
+
+@inner()
+def sum_of_rows(x, out):
+    for i in range(len(x)):
+        row = x[i]
+        for j in range(len(row)):
+            out[i] += row[j]
+
+
+@numba.njit
+def summed(x):
+    out = np.zeros(len(x))
+    sum_of_rows(doubled(x), out)
+    return out
+
+
+def test_inner_kernels_count_no_references_and_lose_none():
+    x = np.arange(12.0).reshape(4, 3)
+    assert (summed(x) == 2.0 * x.sum(axis=1)).all()
+    before, held = sys.getrefcount(x), rtsys.get_allocation_stats()
+    for _ in range(10):
+        summed(x)
+    after = rtsys.get_allocation_stats()
+    assert after.mi_alloc - held.mi_alloc >= 20
+    assert after.mi_alloc - held.mi_alloc == after.mi_free - held.mi_free
+    assert sys.getrefcount(x) == before
+
+
+def gets(x):
+    return doubled(x)[0]
+
+
+def gives(x):
+    return x[1:]
+
+
+def makes(x):
+    return np.zeros(3)[0] + x[0]
+
+
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
+@pytest.mark.parametrize("function", [gets, gives, makes])
+def test_inner_kernels_that_own_arrays_must_say_so(function):
+    x = np.arange(3.0)
+    with pytest.raises((TypeError, numba.core.errors.NumbaError)):
+        inner()(function)(x)
+    assert np.all(inner(owning=True)(function)(x) == function(x))
 
 
 class Few(NamedTuple):

@@ -324,7 +324,8 @@ def _jet(op, a, b, imm, m, point, leaves, at, jet):
             elif o == ops.CONST:
                 jet[i, 0] = imm[i]
             else:
-                jet[i, :10] = leaves[a[i], at, :10]
+                for j in range(10):
+                    jet[i, j] = leaves[a[i], at, j]
             continue
         p, q = jet[a[i]], jet[b[i]]
         v = value(o, p[0], q[0])
@@ -569,7 +570,8 @@ def ranges(op, a, b, imm, lows, highs, leaves, prune, out):
 
 @inner()
 def _hull(lows, highs, i0, i1, box):
-    box[0], box[1] = lows[i0], highs[i0]
+    for axis in range(3):
+        box[0, axis], box[1, axis] = lows[i0, axis], highs[i0, axis]
     for i in range(i0 + 1, i1):
         for axis in range(3):
             box[0, axis] = min(box[0, axis], lows[i, axis])

@@ -186,9 +186,11 @@ def foot_of(tri, k, feature, place, x, y, z, out):
 def pseudonormal(tri, k, feature, twin, corners, normals, out):
     """Angle-weighted normal of a feature, any length; zero where a flat triangle spoils it."""
     if feature == FACE:
-        out[:] = tri[k, 9:12]
+        for j in range(3):
+            out[j] = tri[k, 9 + j]
     elif feature >= 4:
-        out[:] = normals[corners[k, feature - 4]]
+        for j in range(3):
+            out[j] = normals[corners[k, feature - 4], j]
     else:
         j = twin[k, feature - 1]
         for a in range(3):

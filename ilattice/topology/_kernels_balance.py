@@ -181,7 +181,8 @@ def solve_damped(a, y, n, square, right):
                 total += a[k, i] * a[k, j]
             square[i, j] = square[j, i] = total
     solve_small(square, right, n, 0.0)
-    y[:n] = right[:n]
+    for i in range(n):
+        y[i] = right[i]
 
 
 @inner(fastmath=FAST, error_model="numpy")
