@@ -18,7 +18,7 @@ from ilattice.cutfem._kernels_elements import grown, root
 from ilattice.quadrature._kernels_solid import FAST
 
 
-@inner()
+@inner(owning=True)
 def _gather(
     shape: Any, closed: Any, low: Any, high: Any, far: int, first: Any, after: Any, members: Any,
     cells: Any, where: Any, size: int,

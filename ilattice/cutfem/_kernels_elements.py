@@ -154,7 +154,7 @@ def join(parent: Any, i: int, j: int) -> None:
     parent[max(a, b)] = min(a, b)
 
 
-@inner(**FAST)
+@inner(owning=True, **FAST)
 def is_joint(
     corner: Any, length: Any, sort: Any, row: Any, tensor: Any, tables: Any, i: int, j: int, P: int
 ) -> bool:  # fmt: skip

@@ -31,7 +31,7 @@ _S1, _S2, _S3, _S4, _S5, _S6, _S7 = _S[1:]
 _C1, _C2, _C3, _C4, _C5, _C6, _C7, _C8 = _C[1:]
 
 
-@inner(owning=True, fastmath={"contract", "nsz"})
+@inner(fastmath={"contract", "nsz"})
 def sincos_turns(t: float) -> Any:
     """Sine and cosine of ``2 pi t``, within about one unit in the last place."""
     q = np.rint(4.0 * t)
