@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 import pytest
-from numba.core.runtime import rtsys
+from numba.core.runtime import _nrt_python, rtsys
 
 from ilattice._kernels import in_ranges, inner
 from ilattice._kernels_tuples import borrowed
@@ -75,10 +75,15 @@ def summed(x):
 def test_inner_kernels_count_no_references_and_lose_none():
     x = np.arange(12.0).reshape(4, 3)
     assert (summed(x) == 2.0 * x.sum(axis=1)).all()
-    before, held = sys.getrefcount(x), rtsys.get_allocation_stats()
-    for _ in range(10):
-        summed(x)
-    after = rtsys.get_allocation_stats()
+    before = sys.getrefcount(x)
+    _nrt_python.memsys_enable_stats()
+    try:
+        held = rtsys.get_allocation_stats()
+        for _ in range(10):
+            summed(x)
+        after = rtsys.get_allocation_stats()
+    finally:
+        _nrt_python.memsys_disable_stats()
     assert after.mi_alloc - held.mi_alloc >= 20
     assert after.mi_alloc - held.mi_alloc == after.mi_free - held.mi_free
     assert sys.getrefcount(x) == before

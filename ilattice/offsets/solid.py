@@ -48,7 +48,7 @@ PER_RADIUS, MAX_IN_TOTAL = 4.0, 1 << 22
 #: Error of the spline, relative to the least thickness, from which on there is a warning.
 MAX_ERROR = 0.02
 #: And from which on nothing is told by the spline any more.
-USELESS = 0.25
+USELESS = 0.3
 
 
 class TileField(Field):

@@ -117,10 +117,11 @@ class TileSpace:
         at = np.flatnonzero(~out)
         end = np.clip(p[at], *self.box)
         least = part * self._volume(end)
-        good = least > 0.0
+        good = np.flatnonzero(least > 0.0)
         for i in range(1, STEPS + 1):
-            good &= self._volume(end + i / STEPS * (p[at] - end)) >= least
-        out[at] = good
+            here = end[good] + i / STEPS * (p[at[good]] - end[good])
+            good = good[self._volume(here) >= least[good]]
+        out[at[good]] = True
         return out
 
     def _volume(self, p: FloatArray) -> FloatArray:

@@ -79,9 +79,7 @@ def _add_terms(coef: Any, factor: Any, rows: Any, out: Any) -> None:
     size = 2 * LANES
     for m in range(len(coef)):
         x, y, z = size * factor[m, 0], size * factor[m, 1], size * factor[m, 2]
-        _add_term(
-            coef[m], rows[0, x : x + size], rows[1, y : y + size], rows[2, z : z + size], out
-        )
+        _add_term(coef[m], rows[0, x : x + size], rows[1, y : y + size], rows[2, z : z + size], out)
 
 
 @in_ranges(CHUNK)
