@@ -84,7 +84,7 @@ def in_ranges(grain: int) -> Callable[[Callable[..., None]], Callable[..., None]
 def _has_arrays(kind: Any) -> bool:
     """Whether values of a type are arrays, or hold some."""
     if isinstance(kind, types.BaseTuple):
-        return any(map(_has_arrays, kind))
+        return any(_has_arrays(part) for part in kind)
     return isinstance(kind, types.Array)
 
 
@@ -94,7 +94,7 @@ class _Inner(CPUDispatcher):
     def compile(self, sig: Any) -> Any:
         """Compile for a signature; see that no array is lost or freed where none is counted."""
         out = super().compile(sig)
-        found = self.overloads.get(tuple(sig) if isinstance(sig, tuple) else tuple(sig.args))
+        found: Any = self.overloads.get(tuple(sig) if isinstance(sig, tuple) else tuple(sig.args))
         if found is None or self.targetoptions["_nrt"]:
             return out
         made = [found.signature.return_type]
@@ -103,7 +103,7 @@ class _Inner(CPUDispatcher):
             if getattr(call, "op", "") == "call":
                 function = notes.typemap[call.func.name]
                 made += [signature.return_type] * isinstance(function, types.Dispatcher)
-        if any(map(_has_arrays, made)):
+        if any(_has_arrays(part) for part in made):
             raise TypeError(f"{self.py_func.__name__} gets or returns arrays: mark it as owning")
         return out
 
