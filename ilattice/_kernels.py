@@ -84,7 +84,8 @@ def in_ranges(grain: int) -> Callable[[Callable[..., None]], Callable[..., None]
 def _has_arrays(kind: Any) -> bool:
     """Whether values of a type are arrays, or hold some."""
     if isinstance(kind, types.BaseTuple):
-        return any(_has_arrays(part) for part in kind)
+        parts: Any = kind
+        return any(_has_arrays(part) for part in parts)
     return isinstance(kind, types.Array)
 
 
