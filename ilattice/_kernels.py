@@ -92,21 +92,17 @@ def _has_arrays(kind: Any) -> bool:
 class _Inner(CPUDispatcher):
     """A compiled function without a way in from Python."""
 
-    def compile(self, sig: Any) -> Any:
-        """Compile for a signature; see that no array is lost or freed where none is counted."""
-        out = super().compile(sig)
-        found: Any = self.overloads.get(tuple(sig) if isinstance(sig, tuple) else tuple(sig.args))
-        if found is None or self.targetoptions["_nrt"]:
-            return out
-        made = [found.signature.return_type]
-        notes = found.type_annotation  # nothing where it came from the disk
+    def add_overload(self, cres: Any) -> None:
+        """Keep what was compiled, unless arrays are lost or freed where none is counted."""
+        made = [] if self.targetoptions["_nrt"] else [cres.signature.return_type]
+        notes = cres.type_annotation  # nothing where it came from the disk
         for call, signature in getattr(notes, "calltypes", {}).items():
-            if getattr(call, "op", "") == "call":
+            if made and getattr(call, "op", "") == "call":
                 function = notes.typemap[call.func.name]
                 made += [signature.return_type] * isinstance(function, types.Dispatcher)
         if any(_has_arrays(part) for part in made):
             raise TypeError(f"{self.py_func.__name__} gets or returns arrays: mark it as owning")
-        return out
+        super().add_overload(cres)
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         """Types of a call: whole numbers are not told from each other."""
