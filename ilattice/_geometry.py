@@ -120,6 +120,24 @@ def within(u: FloatArray, lo: FloatArray, hi: FloatArray, closed: AnyArray) -> F
     return np.where(closed, wrapped(u, lo, hi, closed), np.clip(u, lo, hi))
 
 
+def determinants(a: AnyArray) -> FloatArray:
+    """Determinants of many 3 x 3 matrices; LAPACK takes ten times as long.
+
+    Parameters
+    ----------
+    a : ndarray, shape (..., 3, 3)
+        The matrices.
+
+    Returns
+    -------
+    ndarray, shape (...,)
+        Their determinants.
+    """
+    x, y, z = np.moveaxis(a, (-2, -1), (0, 1))
+    out: FloatArray = x[0] * (y[1] * z[2] - y[2] * z[1]) + x[1] * (y[2] * z[0] - y[0] * z[2])
+    return out + x[2] * (y[0] * z[1] - y[1] * z[0])
+
+
 def fixed_coordinates(kind: IntArray) -> AnyArray:
     """Which coordinates faces of D fix.
 

@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from ilattice._geometry import grid_points
+from ilattice._geometry import determinants, grid_points
 
 
 @pytest.mark.parametrize("axes", [([0, 1], [5, 6, 7]), ([0.5], [1.0, 2.0], [3.0, 4.0, 5.0])])
@@ -13,3 +13,8 @@ def test_points_of_grids_are_in_the_order_of_loops(axes):
     found = grid_points(*axes)
     assert found.tolist() == [list(p) for p in product(*axes)]
     assert found.dtype == np.asarray(axes[0]).dtype
+
+
+def test_determinants_are_those_of_lapack():
+    a = np.random.default_rng(3).normal(size=(4, 5, 3, 3))
+    assert np.allclose(determinants(a), np.linalg.det(a), rtol=1e-12, atol=1e-14)

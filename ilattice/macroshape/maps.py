@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from ilattice._geometry import determinants
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import (
     Frozen,
@@ -399,11 +400,7 @@ class SplineMap(Frozen):
             firsts.append(n * np.searchsorted(b, given[:-1]))
         rows = []
         for first, last, jet in self.geometry.slabs(sites, 1):
-            x, y, z = np.moveaxis(
-                jet[1], (-2, -1), (0, 1)
-            )  # rows of J; LAPACK takes many times as long
-            det = x[0] * (y[1] * z[2] - y[2] * z[1]) + x[1] * (y[2] * z[0] - y[0] * z[2])
-            det = (det + x[2] * (y[0] * z[1] - y[1] * z[0])) * weights[0][first:last, None, None]
+            det = determinants(jet[1]) * weights[0][first:last, None, None]
             det = np.add.reduceat(det * weights[1][:, None], firsts[1], axis=1)
             rows.append(np.add.reduceat(det * weights[2], firsts[2], axis=2))
         return np.add.reduceat(np.concatenate(rows), firsts[0], axis=0)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ilattice._geometry import determinants
 from ilattice._typing import AnyArray, FloatArray
 from ilattice._validate import as_array, as_kind, as_points
 from ilattice.errors import InputError
@@ -126,8 +127,7 @@ class TileSpace:
 
     def _volume(self, p: FloatArray) -> FloatArray:
         """Determinants (n,) of the Jacobian at points (n, 3), positive in the domain."""
-        out: FloatArray = self.orient * np.linalg.det(self._jacobian(p))
-        return out
+        return self.orient * determinants(self._jacobian(p))
 
     def _jacobian(self, p: FloatArray) -> FloatArray:
         """Derivatives (n, 3, 3) of the map in tile coordinates."""
