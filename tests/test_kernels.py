@@ -104,7 +104,8 @@ def makes(x):
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
 @pytest.mark.parametrize("function", [gets, gives, makes])
 def test_inner_kernels_that_own_arrays_must_say_so(function):
-    with pytest.raises((TypeError, numba.core.errors.NumbaError)):
+    told = "mark it as owning|NRT required|Only accept returning of array"
+    with pytest.raises((TypeError, numba.core.errors.NumbaError), match=told):
         inner()(function)(np.arange(3.0))
 
 

@@ -166,6 +166,14 @@ def test_lattices_of_crossing_bars_are_integrated_as_they_are(through):
     assert problem.domain.volume.integrate() == pytest.approx(exact, rel=1e-4)
 
 
+def test_a_spline_that_has_lost_the_struts_is_refused():
+    """With 6 spans per tile it held 0.04 of the volume 0.10."""
+    box = il.macroshape.box((1.3, 0.7, 2.0))
+    lattice = il.Lattice("kagome", through=box, spans_per_tile=6)
+    with pytest.raises(ConvergenceError, match="little of it is left"):
+        lattice.offset((np.inf, 0.0)).volume()
+
+
 def test_a_spline_that_is_too_coarse_is_told():
     tile = il.tiles.struts(NODES, EDGES, 0.02, blend=0.005)
     lattice = il.Lattice(tile, through=il.macroshape.box((1, 1, 1)), spans_per_tile=16)

@@ -8,7 +8,8 @@ import pytest
 import ilattice as il
 from ilattice.errors import PrecisionWarning
 from ilattice.mesh import loss
-from ilattice.offsets.volume_points import VolumePoints
+from ilattice.offsets.volume_points import Rounded, VolumePoints
+from ilattice.offsets.wall import BOXES
 
 SIDES = np.array([1.1, 0.9, 1.3])
 
@@ -52,6 +53,24 @@ def test_exact_distances_are_asked_for_near_the_surfaces_only(monkeypatch):
     change = points.weight * ((np.abs(s) < 0.11) * 1.0 - (wall.field(points.u) < 0.0))
     assert few.volume == pytest.approx(change.sum(), rel=1e-12)
     assert 0 < sum(asked) < 0.7 * len(points.u)
+
+
+@pytest.mark.parametrize(
+    ("rough", "change", "asked"),
+    [(True, 0.1, [1]), (True, 0.0101, [1, 4, 16]), (False, 0.1, [1, 16])],
+)
+def test_few_points_are_asked_for_where_they_are_slow_and_decide(monkeypatch, rough, change, asked):
+    wall, boxes = planes(0.1), []
+    volume = wall.volume()
+
+    def found(points):
+        boxes.append(points.boxes)
+        return Rounded(change * volume, 2e-3 * volume, rough)
+
+    monkeypatch.setattr(VolumePoints, "rounded", property(found))
+    del wall.__dict__["_rounded"]
+    assert wall.volume_error == pytest.approx((change + 4e-3) * volume)
+    assert boxes == [BOXES * n // 16 for n in asked]
 
 
 def test_volumes_near_a_mean_are_told_from_others():
