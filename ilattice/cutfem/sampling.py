@@ -7,7 +7,8 @@ what the integral is off by. In cut cells and on level sets a rule of more point
 
 Guarantees: in full cells and on full end faces points lie in each of `DRAWN` layers of every
 direction, so that a layer along the grid of one part in `DRAWN` of a cell, or more, is met; all
-cells are looked at up to `WATCHED`. What is found is the same every time.
+cells are looked at up to `WATCHED`, or to fewer where these hold many points (see `POINTS`). What
+is found is the same every time.
 Non-guarantee: an estimate, right to a half where a function waves; of more cells half are those
 next to which the function changes most, and the others are drawn; in cut cells and on level sets
 what lies between the points of both rules passes unseen.
@@ -27,6 +28,9 @@ from ilattice.quadrature.rules import Quadrature, in_space, kept
 TOLD, USELESS = 0.02, 0.5
 #: Cells that are looked at, points in each, and part of a cell that counts as all of it.
 WATCHED, DRAWN, FULL = 256, 256, 0.999
+#: Points of a rule in the cells that are looked at, of which there are at least so many: cells that
+#: hold tiles have tens of thousands of points, and the rules of more points several times as many.
+POINTS, MIN_WATCHED = 400_000, 32
 #: Part of the largest singular value below which points do not determine a part of a polynomial:
 #: many points may have two heights only, but for rounding.
 KNOWN = 1e-2
@@ -165,15 +169,16 @@ def _watched(asm: Assembly, rule: Quadrature, f: Function) -> tuple[AnyArray, Fl
     """Which cells are looked at, and for how many cells each stands."""
     count = len(rule.cells)
     mark, stands = np.ones(count, bool), np.ones(count)
-    if count <= WATCHED:
+    watched = int(np.clip(POINTS * count / len(rule), MIN_WATCHED, WATCHED))
+    if count <= watched:
         return mark, stands
     middle = rule.offsets[:-1] + np.diff(rule.offsets) // 2
     x = rule.points[middle]
     steps = np.abs(np.diff(f(x if rule.parameters is not None else asm.x(x)), axis=0)).sum(axis=1)
     change = np.maximum(np.append(steps, 0.0), np.append(0.0, steps))
     first = np.argsort(-change, kind="stable")
-    rest = np.sort(first[WATCHED // 2 :])
-    drawn = rest[np.unique(np.linspace(0, len(rest) - 1, WATCHED // 2).astype(int))]
+    rest = np.sort(first[watched // 2 :])
+    drawn = rest[np.unique(np.linspace(0, len(rest) - 1, watched // 2).astype(int))]
     stands[drawn] = len(rest) / len(drawn)
     mark[rest] = False
     mark[drawn] = True

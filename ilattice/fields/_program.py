@@ -227,7 +227,7 @@ class Builder:
         rules: dict[int, Callable[[], int]] = {
             ops.NEG: lambda: self.const(-1.0),
             ops.ABS: lambda: self.op(ops.SIGN, a),
-            ops.SQRT: lambda: over(self.op(ops.MAX, self.scaled(2.0, i), self.const(1e-150))),
+            ops.SQRT: lambda: over(self.op(ops.MAX, self.scaled(2.0, i), self.const(1e-100))),
             ops.SQUARE: lambda: self.scaled(2.0, a),
             ops.SIN: lambda: self.op(ops.COS, a),
             ops.COS: lambda: self.op(ops.NEG, self.op(ops.SIN, a)),

@@ -10,12 +10,15 @@ from typing import Any
 import numpy as np
 from scipy.spatial import KDTree
 
-from ilattice._geometry import within
+from ilattice._geometry import grid_points
 from ilattice._typing import FloatArray, IntArray
 from ilattice.bspline import BSpline
 
 #: Seeds of one map at most, unless its elements alone are more.
 _MOST = 200_000
+#: How far below its upper end a smooth piece is left, where the next one has other tangents, as a
+#: part of the domain.
+BELOW = 1e-15
 #: Points whose candidates are gathered at once.
 CHUNK = 1024
 
@@ -36,7 +39,7 @@ class Seeds:
     def __init__(self, spline: BSpline, closed: tuple[bool, bool, bool], size: float) -> None:
         self.spline, self.size = spline, size
         self.closed = np.array(closed)
-        self.lo, self.hi = spline.domain
+        self.domain = np.asarray(spline.domain)
         edges = [_cells(spline, axis, fine=True) for axis in range(3)]
         if np.prod([len(e) - 1 for e in edges]) > _MOST:
             edges = [_cells(spline, axis, fine=False) for axis in range(3)]
@@ -47,6 +50,31 @@ class Seeds:
         self.index: IntArray = np.ascontiguousarray(index.T)
         self.u = 0.5 * (self.first + self.last)
         self.x = spline(self.u)
+
+    @cached_property
+    def _pieces(self) -> list[FloatArray]:
+        """Ends of smooth pieces along each direction."""
+        ends = self.domain.T
+        return [np.unique(np.append(bends(self.spline, a), ends[a])) for a in range(3)]
+
+    @property
+    def kinked(self) -> bool:
+        """Whether there is more than one smooth piece, or one whose ends meet."""
+        return any(len(p) > 2 for p in self._pieces) or bool(self.closed.any())
+
+    @cached_property
+    def piece(self) -> IntArray:
+        """Number of the smooth piece of each seed, shape (N,)."""
+        at = [np.searchsorted(p, self.u[:, a]) - 1 for a, p in enumerate(self._pieces)]
+        return np.ravel_multi_index(at, [len(p) - 1 for p in self._pieces])
+
+    @cached_property
+    def room(self) -> FloatArray:
+        """Corners of smooth pieces, shape (2, pieces, 3), upper ones just before the next piece."""
+        lo = grid_points(*(p[:-1] for p in self._pieces))
+        hi = grid_points(*(p[1:] for p in self._pieces))
+        hi = np.where(hi < self.domain[1], hi - BELOW * (self.domain[1] - self.domain[0]), hi)
+        return np.stack([lo, hi])
 
     @cached_property
     def tree(self) -> KDTree:
@@ -95,15 +123,19 @@ class Seeds:
         order = np.lexsort((np.linalg.norm(x[i] - self.x[j], axis=1) / self.reach[j], i))
         return i[order], j[order]
 
-    def wrap(self, u: FloatArray) -> FloatArray:
-        """`u` in the domain: closed directions wrap around, others are cut off."""
-        return within(u, self.lo, self.hi, self.closed)
-
     def apart(self, i: IntArray, j: IntArray) -> IntArray:
         """Distance of seeds in cells, the largest over the directions."""
         gap = np.abs(self.index[i] - self.index[j])
         gap = np.where(self.closed, np.minimum(gap, self.shape - gap), gap)
         return gap.max(axis=-1)
+
+
+def bends(spline: BSpline, axis: int) -> FloatArray:
+    """Inner knots of one parameter that repeat as often as the degree says, or more often."""
+    lo, hi = spline.domain[:, axis]
+    knots, counts = np.unique(spline.t[axis], return_counts=True)
+    out: FloatArray = knots[(counts >= spline.k[axis]) & (knots > lo) & (knots < hi)]
+    return out
 
 
 def _cells(spline: BSpline, axis: int, *, fine: bool) -> FloatArray:

@@ -1,5 +1,8 @@
 """The parameters of points: seeds from a k-d tree, then a damped Newton search.
 
+Where tangents of a map jump, at knots as often as its degree, a search from one side of the knot
+may not settle on the other one: what is left then is searched for in each smooth piece by itself.
+
 Guarantees: a row that is found satisfies ``|x(u) - x| <= tol * size`` with ``u`` in the domain.
 A point counts as outside only if it lies in none of the rigorous boxes around the pieces of the
 image, or if searches from the pieces of every branch whose boxes hold it ended at a place where
@@ -14,7 +17,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ilattice._typing import FloatArray, IntArray
+from ilattice._geometry import within
+from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import Frozen, as_positive
 from ilattice.errors import InputError, PrecisionWarning
 from ilattice.macroshape._seeds import CHUNK, Seeds
@@ -25,6 +29,9 @@ __all__ = ["Located", "locate"]
 FOUND, OUTSIDE, FAILED = 0, 1, 2
 #: Iterations of one search, and searches for one point at most.
 _ITERATIONS, _STARTS = 60, 12
+#: Starts in each smooth piece of a map with a box that holds the point, where searches across have
+#: failed, and how many are made at once.
+_IN_PIECES, _TOGETHER = 3, 1 << 15
 #: Cosine of the residual to every free direction below which a search has come to its end.
 _STATIONARY = 1e-4
 #: Coordinates beyond which distances overflow.
@@ -122,7 +129,17 @@ def _attempt_all(
     cells = np.full((len(todo), count.max()), -1)
     cells[row, np.arange(len(row)) - (np.cumsum(count) - count)[row]] = cell
     keep = count > 0
-    todo, cells, tried = todo[keep], cells[keep], tried[keep, None]
+    _by_branches(seeds, x, todo[keep], cells[keep], tried[keep, None], limit, out)
+    if seeds.kinked:
+        left = out.status[todo[row]] != FOUND
+        _by_pieces(seeds, x, todo[row[left]], cell[left], limit, out)
+
+
+def _by_branches(
+    seeds: Seeds, x: FloatArray, todo: IntArray, cells: IntArray, tried: IntArray, limit: float,
+    out: Located,
+) -> None:  # fmt: skip
+    """Search from one of the cells (n, k) of each branch, but those that have been tried."""
     for _ in range(_STARTS):
         pick, fresh = _next_start(seeds, cells, tried, out.status[todo])
         if not fresh.any():
@@ -132,6 +149,39 @@ def _attempt_all(
         tried = np.concatenate([tried, pick[:, None]], axis=1)
         todo, cells, tried = todo[left], cells[left], tried[left]
     out.status[todo[_next_start(seeds, cells, tried, out.status[todo])[1]]] = FAILED
+
+
+def _by_pieces(
+    seeds: Seeds, x: FloatArray, rows: IntArray, cells: IntArray, limit: float, out: Located
+) -> None:
+    """Search within smooth pieces for points `rows`, with a cell each whose box holds the point.
+
+    They are sorted by points, nearest cells first. Points are outside where all searches ended.
+    """
+    if len(rows) == 0:
+        return
+    order = np.lexsort((np.arange(len(rows)), seeds.piece[cells], rows))
+    pair = np.stack([rows, seeds.piece[cells]], axis=1)[order]
+    first = np.flatnonzero(np.append(True, (pair[1:] != pair[:-1]).any(axis=1)))
+    rank = np.arange(len(pair)) - np.repeat(first, np.diff(np.append(first, len(pair))))
+    at = order[rank < _IN_PIECES]
+    rows, cells = rows[at], cells[at]
+    parts = [slice(i, i + _TOGETHER) for i in range(0, len(rows), _TOGETHER)]
+    found = [
+        _search(seeds, x[rows[p]], seeds.u[cells[p]], limit, seeds.room[:, seeds.piece[cells[p]]])
+        for p in parts
+    ]
+    u, distance, stalled, steps = (np.concatenate(a) for a in zip(*found, strict=True))
+    np.add.at(out.iterations, rows, steps)
+    order = np.lexsort((distance, rows))
+    row, best = np.unique(rows[order], return_index=True)
+    best = order[best]
+    nearer = distance[best] < out.distance[row]
+    out.distance[row[nearer]] = distance[best[nearer]]
+    hit = distance[best] <= limit
+    out.u[row[hit]] = u[best[hit]]
+    running = np.isin(row, rows[~stalled])
+    out.status[row] = np.where(hit, FOUND, np.where(running, FAILED, OUTSIDE))
 
 
 def _next_start(
@@ -165,13 +215,16 @@ def _attempt(
 
 
 def _search(
-    seeds: Seeds, x: FloatArray, u: FloatArray, limit: float
+    seeds: Seeds, x: FloatArray, u: FloatArray, limit: float, room: FloatArray | None = None
 ) -> tuple[FloatArray, FloatArray, np.ndarray, IntArray]:
     """Levenberg-Marquardt on the box for ``|x(u) - x|``, all points side by side.
 
+    In the domain, or where each point may be, `room` (2, n, 3).
     Returns parameters, distances, whether the search ended in a stationary point, and steps.
     """
     n = len(x)
+    closed = seeds.closed if room is None else np.zeros(3, np.bool_)
+    lo, hi = np.broadcast_to(seeds.domain[:, None], (2, n, 3)) if room is None else room
     u = u.copy()
     y, J = seeds.spline.jet(u, 1)
     r = y - x
@@ -183,8 +236,9 @@ def _search(
     live = np.arange(n)
     before = f.copy()
     for i in range(_ITERATIONS):
-        step, turn = _step(seeds, u[live], J[live], r[live], damping[live])
-        trial = seeds.wrap(u[live] + step)
+        bounds = lo[live], hi[live], closed
+        step, turn = _step(u[live], J[live], r[live], damping[live], *bounds)
+        trial = within(u[live] + step, *bounds)
         y, jac = seeds.spline.jet(trial, 1)
         residual = y - x[live]
         g = (residual**2).sum(axis=1)
@@ -207,16 +261,17 @@ def _search(
 
 
 def _step(
-    seeds: Seeds, u: FloatArray, J: FloatArray, r: FloatArray, damping: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+    u: FloatArray, J: FloatArray, r: FloatArray, damping: FloatArray, lo: FloatArray,
+    hi: FloatArray, closed: AnyArray,
+) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     """Damped Gauss-Newton step in the directions that the box leaves free.
 
     Also the largest cosine between the residual and a free direction: zero where the distance
     is stationary.
     """
     g = np.einsum("nck,nc->nk", J, r)
-    stuck = ((u <= seeds.lo) & (g > 0)) | ((u >= seeds.hi) & (g < 0))
-    free = ~stuck | seeds.closed
+    stuck = ((u <= lo) & (g > 0)) | ((u >= hi) & (g < 0))
+    free = ~stuck | closed
     J = np.where(free[:, None, :], J, 0.0)
     N = np.einsum("nck,ncl->nkl", J, J)
     size = np.einsum("nkk->nk", N)

@@ -34,7 +34,7 @@ from ilattice.errors import InputError
 from ilattice.io.registry import save
 from ilattice.macroshape._extra import interpolated, warn_missed
 from ilattice.macroshape._picture import faces_of, net_of
-from ilattice.macroshape._seeds import Seeds
+from ilattice.macroshape._seeds import Seeds, bends
 from ilattice.macroshape.certify import Certificate, certify
 from ilattice.macroshape.inverse import Located, locate
 from ilattice.plot.quick import show
@@ -434,10 +434,7 @@ class SplineMap(Frozen):
         ndarray, shape (n,)
             Increasing: the knots that repeat as often as the degree says, or more often.
         """
-        axis = as_axis("axis", axis, 3)
-        lo, hi = self.domain[:, axis]
-        knots, counts = np.unique(self.spline.t[axis], return_counts=True)
-        return knots[(counts >= self.spline.k[axis]) & (knots > lo) & (knots < hi)]
+        return bends(self.spline, as_axis("axis", axis, 3))
 
     # ---------------------------------------------------------------- variations
 

@@ -77,8 +77,9 @@ def projected(
         at = np.flatnonzero(side == sign)
         if len(at):
             moved, residual = polish(
-                wall.lattice, u[at], fixed[at], side[at], d, None if exactly else wall.distance
-            )
+                wall.lattice, u[at], fixed[at], side[at], d, None if exactly else wall.distance,
+                wall.distance if exactly else None,
+            )  # fmt: skip
             stay = strayed(wall, axes, u[at], moved)
             stay |= residual > MISSED * measure(wall, u[at], side[at])
             out[at] = np.where(stay[:, None], u[at], moved)

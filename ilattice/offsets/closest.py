@@ -137,6 +137,26 @@ class ClosestPoints(FrozenCopies):
         chosen = as_rows("at", at, len(self.u))
         return ClosestPoints(*(getattr(self, f.name)[chosen] for f in fields(self)))
 
+    def replaced(self, at: AnyArray, new: ClosestPoints) -> ClosestPoints:
+        """The feet with some of them replaced.
+
+        Parameters
+        ----------
+        at : ndarray of int
+            Which ones.
+        new : ClosestPoints
+            Feet, one for each of these.
+
+        Returns
+        -------
+        ClosestPoints
+            New feet where there are some, and those here elsewhere.
+        """
+        parts = [getattr(self, f.name).copy() for f in fields(self)]
+        for part, f in zip(parts, fields(self), strict=True):
+            part[at] = getattr(new, f.name)
+        return ClosestPoints(*parts)
+
 
 @dataclass(frozen=True)
 class Statistics:
@@ -371,7 +391,7 @@ class ClosestPointSearch(TileSpace):
         strides : tuple of int
             Queries so many rows apart are neighbours: their feet are compared.
         known : ClosestPoints, optional
-            Feet of points near the queries, one each.
+            Feet of points near the queries, one each, from which searches start.
         thorough : bool
             Compare every query with all feet of its batch.
 
@@ -393,6 +413,8 @@ class ClosestPointSearch(TileSpace):
         for i in range(0, n, BATCH):
             s = slice(i, min(i + BATCH, n))
             part = x[s], p[s], feet[:, s], counts[s], status[s]
+            if known is not None:
+                self._started(*part, self.to_tile(known.start[s]))
             retried += self._search(*part)
             near = None if points is None else points[s]
             repaired += mended(self, *part[:3], part[4], strides, near, thorough)
@@ -420,14 +442,22 @@ class ClosestPointSearch(TileSpace):
         if len(known.u) != len(p):
             raise InputError(f"known must have a foot for each of {len(p)} u, got {len(known.u)}")
         feet, counts, status = _results(len(u))
-        other = np.where(np.isfinite(known.second_u), known.second_u, known.u)
-        start = self.to_tile(np.concatenate([known.start, other]))
-        pairs = np.arange(2 * len(u)).reshape(2, -1).T.copy()
-        self._run(x, p, pairs, feet, counts, status, started(self, start))
+        starts = [known.start]
+        if np.isfinite(known.second_distance).any():
+            starts.append(np.where(np.isfinite(known.second_u), known.second_u, known.start))
+        self._started(x, p, feet, counts, status, *map(self.to_tile, starts))
         self.statistics = self.statistics + Statistics(
             0, int(counts[:, 1].sum()), int(counts[:, 0].sum())
         )
         return self._found(p, x, feet, counts, status)
+
+    def _started(
+        self, x: FloatArray, p: FloatArray, feet: FloatArray, counts: IntArray, status: IntArray,
+        *starts: FloatArray,
+    ) -> None:  # fmt: skip
+        """Fill in what starts (n, 3), in tile coordinates, lead to, with nothing else looked at."""
+        idx = np.arange(len(starts) * len(x)).reshape(len(starts), -1).T.copy()
+        self._run(x, p, idx, feet, counts, status, started(self, np.concatenate(starts)))
 
     def _points(self, known: ClosestPoints) -> FloatArray:
         """Points (n, 6) of what is searched that feet belong to: tile coordinates, and images."""

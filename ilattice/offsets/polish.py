@@ -12,18 +12,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ilattice._geometry import within
-from ilattice._typing import AnyArray, FloatArray
+from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.bspline import BSpline
 from ilattice.offsets._kernels_newton import FALLBACK
 from ilattice.offsets._small import solved
+from ilattice.offsets.closest import ClosestPoints
 
 if TYPE_CHECKING:
-    from ilattice.offsets.closest import ClosestPoints
     from ilattice.offsets.mid_surface import MidSurface
 
-#: Searches for closest points; after each of them but the first, which nearly all points settle by,
-#: and the last, so many steps that go by the feet that are known.
-ROUNDS, FOLLOWED = 4, 4
+#: Searches for closest points where a spline has told about where feet are, and for the rest; after
+#: each of them but the last, and the very first of the rest, steps that go by the feet known then.
+TOLD, ROUNDS, FOLLOWED = 2, 4, 4
+#: Part of the distance by which a point may be off by the foot that was told, or it is another one.
+AGREES = 0.1
 #: Searches for what is left.
 STEPS = 12
 #: Residual at which a point is left alone, relative to the largest distance.
@@ -41,6 +43,7 @@ def polish(
     side: FloatArray,
     d: BSpline,
     distance: BSpline | None = None,
+    near: BSpline | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Move points onto the surface at distance `d` from the mid-surface.
 
@@ -58,6 +61,8 @@ def polish(
         Asked distance as a function of the parameters.
     distance : BSpline, optional
         Signed distance spline to go by instead of closest points.
+    near : BSpline, optional
+        Signed distance spline that tells about where closest points are.
 
     Returns
     -------
@@ -69,39 +74,76 @@ def polish(
     residual = np.full(len(u), np.inf)
     scale = lattice.search.seeds.spacing.min() if distance is None else np.abs(distance.c).max()
     limit = LIMIT * max(float(np.abs(d.c).max()), 1e-3 * float(scale))
-    stages = ((ROUNDS, FOLLOWED), (STEPS, 0))  # in the second one the rest again, from the start
-    for rounds, followed in stages if distance is None else stages[1:]:
+    # in each but the first one the rest again, from the start
+    stages = ((TOLD, FOLLOWED), (ROUNDS, FOLLOWED), (STEPS, 0))
+    told = near is not None
+    for rounds, followed in stages[2 if distance is not None else 0 if told else 1 :]:
         at = np.flatnonzero(~(residual <= limit))
-        out[at] = u[at]
         known: ClosestPoints | None = None
+        out[at] = u[at]
+        if told and near is not None:
+            at, out, known = _told(lattice, u, fixed, side, d, near)
         for i in range(rounds):
             if len(at) == 0:
                 break
-            step, error, known = _step(lattice, out[at], fixed[at], side[at], d, distance, known)
+            here = out[at], fixed[at], side[at], d
+            step, error, known = _step(lattice, *here, distance, known, thorough=i == 0)
             residual[at] = error
             out[at[np.isinf(error)]] = u[at[np.isinf(error)]]
             go = np.isfinite(error) & (error > limit)
             at = at[go]
             known = None if known is None else known.rows(go)
             out[at] = inside(lattice, out[at] + step[go])
-            if followed and 0 < i < rounds - 1 and len(at):
+            if followed and (told or i > 0) and i < rounds - 1 and len(at) and known is not None:
                 out[at], known = _followed(lattice, out[at], fixed[at], side[at], d, known, limit)
+        told = False
     return out, residual
+
+
+def _told(
+    lattice: MidSurface, u: FloatArray, fixed: AnyArray, side: FloatArray, d: BSpline, near: BSpline
+) -> tuple[IntArray, FloatArray, ClosestPoints]:
+    """Points after a step by the feet to which those lead that a distance spline tells.
+
+    Which of them have such feet, all of them, of which others stay, and these feet.
+    """
+    value, gradient = near.jet(u, 1)
+    jacobian = lattice.through.jacobian(u)
+    way = solved(np.einsum("nca,ncb->nab", jacobian, jacobian), gradient[:, :, None])[:, :, 0]
+    slope = np.sqrt((gradient * way).sum(axis=1))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        way *= (value / slope)[:, None]
+    start = inside(lattice, u - np.where(np.isfinite(way), way, 0.0))
+    none = np.full((len(u), 3), np.nan), np.full(len(u), np.inf), np.zeros(len(u), np.int64)
+    known = ClosestPoints(
+        none[0], start, none[1], none[2], none[2], none[2], none[0], none[1], none[0], start
+    )
+    step, error, found = _step(lattice, u, fixed, side, d, None, known, follow=True)
+    assert found is not None
+    at = np.flatnonzero(error <= AGREES * np.abs(d(u)))
+    out = u.copy()
+    out[at] = inside(lattice, u[at] + step[at])
+    return at, out, found.rows(at)
 
 
 def _followed(
     lattice: MidSurface, u: FloatArray, fixed: AnyArray, side: FloatArray, d: BSpline,
-    known: ClosestPoints | None, limit: float,
-) -> tuple[FloatArray, ClosestPoints | None]:  # fmt: skip
+    known: ClosestPoints, limit: float,
+) -> tuple[FloatArray, ClosestPoints]:  # fmt: skip
     """Points moved on as if no feet were nearer than those that are known, and these feet."""
     least = np.full(len(u), np.inf)
+    at = np.arange(len(u))
     for _ in range(FOLLOWED):
-        step, error, known = _step(lattice, u, fixed, side, d, None, known, follow=True)
-        go = (error > limit) & (error < least)
-        if not go.any():
+        here = u[at], fixed[at], side[at], d, None
+        step, error, found = _step(lattice, *here, known.rows(at), follow=True)
+        assert found is not None
+        known = known.replaced(at, found)
+        go = (error > limit) & (error < least[at])
+        least[at] = np.minimum(least[at], error)
+        at = at[go]
+        if len(at) == 0:
             break
-        least = np.minimum(least, error)
-        u = np.where(go[:, None], inside(lattice, u + step), u)
+        u[at] = inside(lattice, u[at] + step[go])
     return u, known
 
 
@@ -124,7 +166,8 @@ def distance_jet(
     tuple of ndarray
         Distances (n,), gradients (n, 3), and True (n,) where the search failed.
     """
-    values, gradients, found = _by_closest_points(lattice, u, x, jacobian, None)
+    found = lattice.search.query(u, strict=False, thorough=True)
+    values, gradients = _by_closest_points(lattice, found, x, jacobian)
     lost = found.status >= FALLBACK
     return values[0], gradients[0], lost
 
@@ -166,13 +209,19 @@ def _step(
     known: ClosestPoints | None,
     *,
     follow: bool = False,
+    thorough: bool = False,
 ) -> tuple[FloatArray, FloatArray, ClosestPoints | None]:
     """Least step in space, within the free coordinates, the residual before it, and feet."""
     x, jacobian = lattice.through.jet(u, 1)
     asked, slope = d.jet(u, 1)
     found, lost = None, np.zeros(len(u), bool)
     if distance is None:
-        values, gradients, found = _by_closest_points(lattice, u, x, jacobian, known, follow)
+        found = (
+            lattice.search.follow(u, known)
+            if follow and known is not None
+            else lattice.search.query(u, strict=False, known=known, thorough=thorough)
+        )
+        values, gradients = _by_closest_points(lattice, found, x, jacobian)
         lost = found.status >= FALLBACK
     else:
         value, gradient = distance.jet(u, 1)
@@ -191,22 +240,16 @@ def _step(
 
 
 def _by_closest_points(
-    lattice: MidSurface, u: FloatArray, x: FloatArray, jacobian: FloatArray,
-    known: ClosestPoints | None, follow: bool = False,
-) -> tuple[list[FloatArray], list[FloatArray], ClosestPoints]:  # fmt: skip
-    """Signed distances to the two nearest feet, their gradients in u, and these feet."""
-    search = lattice.search
-    if known is not None and follow:
-        found = search.follow(u, known)
-    else:
-        found = search.query(u, strict=False, known=known, thorough=known is None)
+    lattice: MidSurface, found: ClosestPoints, x: FloatArray, jacobian: FloatArray
+) -> tuple[list[FloatArray], list[FloatArray]]:
+    """Signed distances to the two nearest feet, and their gradients in u."""
     apart = np.isfinite(found.second_distance)
     away = np.where(apart[:, None], x - found.second, 0.0)
     away /= np.where(apart, found.second_distance, 1.0)[:, None]
     normals = [_gradients(lattice, found, x), away]
     second = np.where(apart, found.second_distance, np.inf)
     gradients = [np.einsum("nca,nc->na", jacobian, n) for n in normals]
-    return [found.distance, second], gradients, found
+    return [found.distance, second], gradients
 
 
 def _gradients(lattice: MidSurface, found: ClosestPoints, x: FloatArray) -> FloatArray:

@@ -113,6 +113,9 @@ def test_heat_flows_between_regions(bar):
         (lambda p: p.clamp("x > 1", method="strong"), InputError, "only whole end faces.*nitsche"),
         (lambda p: p.load(force=(1, 0, 0)), InputError, "need a place"),
         (lambda p: p.load(force=1.0, on="x > 1"), InputError, "force"),
+        (lambda p: p.load(gravity=3), InputError, "gravity must be a vector of 3"),
+        (lambda p: p.load(body=1.0), InputError, "body must be a vector of 3"),
+        (lambda p: p.load(traction=3, on="x > 1"), InputError, "traction must be a vector of 3"),
         (lambda p: p.load(gravity=(1, 0, 0), on=lambda x: x[:, 0] > 1), InputError, "place"),
     ],
 )

@@ -194,6 +194,13 @@ def test_normalized_fields_have_unit_gradients_on_the_surface():
     np.testing.assert_allclose(np.linalg.norm(f.jet(p, 1)[1], axis=1), 1.0, atol=1e-9)
 
 
+def test_normalized_boxes_have_second_derivatives_inside():
+    p = np.random.default_rng(0).uniform(-0.45, 0.45, (100, 3))
+    solids = F.box(1.0), F.dilate(F.box(1.0), 0.1), F.shell(F.box(1.0), 0.1), F.scale(F.box(1.0), 2)
+    for solid in solids:
+        np.testing.assert_array_equal(F.normalize(solid).jet(p, 2)[2], np.zeros((100, 3, 3)))
+
+
 @pytest.mark.parametrize("level", [-0.2, 0.0, 0.3])
 @pytest.mark.parametrize("name", ZOO)
 def test_boxes_hold_their_level_sets(name, level):

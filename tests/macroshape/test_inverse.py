@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from macro_zoo import ZOO, parameters
 
 from ilattice import macroshape as ms
+from ilattice.bspline import BSpline
 from ilattice.errors import InputError, PrecisionWarning
 from ilattice.macroshape import SplineMap
 from ilattice.macroshape import inverse as module
@@ -42,6 +43,28 @@ def test_inverse_undoes_perturbed_maps(seed, k, spans, rational):
     volume = macro_zoo.perturbed(n, k, 0.08, seed=seed, rational=rational)
     u = parameters(volume, 60, seed)
     np.testing.assert_allclose(volume.inverse(volume.x(u)), u, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", [44, 106, 114])
+def test_points_in_thin_maps_whose_tangents_jump_are_inside(seed):
+    rng = np.random.default_rng(seed)
+    k = tuple(rng.integers(1, 4, 3))
+    n = tuple(d + 1 + int(m) for d, m in zip(k, rng.integers(0, 3, 3), strict=True))
+    knots = [
+        np.r_[[0.0] * (d + 1), np.sort(rng.uniform(0.2, 0.8, m - d - 1)), [1.0] * (d + 1)]
+        for d, m in zip(k, n, strict=True)
+    ]
+    sites = [
+        [t[i + 1 : i + d + 1].mean() for i in range(m)] for t, d, m in zip(knots, k, n, strict=True)
+    ]
+    net = np.stack(np.meshgrid(*sites, indexing="ij"), axis=-1)
+    net = (net + rng.normal(size=net.shape) * 0.06) * [1.0, 0.01, 1.0]
+    volume = SplineMap(BSpline(knots, net, k))
+    assert volume.certificate.status == "VALID"
+    x = volume.x(rng.uniform(0.01, 0.99, (20_000, 3)))
+    found = volume.locate(x)
+    assert (found.status == 0).all()
+    np.testing.assert_allclose(volume.x(found.u), x, atol=1e-10)
 
 
 @pytest.mark.parametrize("name", ["torus", "torus exact", "duck", "tapered", "left-handed"])

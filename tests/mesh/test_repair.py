@@ -472,7 +472,7 @@ def test_vertices_that_stray_keep_their_place(monkeypatch):
 
     def moved(_, u, fixed, side, *thickness):
         assert fixed.shape == u.shape
-        assert len(thickness) == 2
+        assert len(thickness) == 3
         new, residual = u + 0.01, np.zeros(len(u))
         if side[0] > 0:
             new[0, 1] += 0.3
