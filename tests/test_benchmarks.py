@@ -5,6 +5,7 @@ import pytest
 from scipy.interpolate import NdBSpline
 
 from benchmarks import (
+    bench_accuracy,
     bench_analyses,
     bench_bspline,
     bench_contouring,
@@ -105,6 +106,21 @@ def test_analyses_are_timed_stage_by_stage():
     assert all(found[stage] > 0 for stage in stages)
     assert found["unknowns"] % 3 == 0
     assert found["compliance"] > 0
+
+
+@pytest.mark.parametrize("error", [0.4, 0.1, 0.05, 0.025])
+def test_times_to_an_error_follow_a_power_law_between_grids(error):
+    seconds, far = bench_accuracy.to_reach(error, [0.4, 0.1, 0.025], [1.0, 8.0, 64.0])
+    assert seconds == pytest.approx((0.4 / error) ** 1.5)
+    assert not far
+    assert bench_accuracy.to_reach(0.01, [0.4, 0.1, 0.025], [1.0, 8.0, 64.0])[1]
+
+
+def test_compliances_of_degree_one_lead_to_their_limit():
+    found = {h: {"compliance": 0.7 - 0.3 * h**2} for h in (0.5, 1.0, 2.0)}
+    assert bench_accuracy.limit_of("fig16c", found) == pytest.approx(0.7)
+    exact = bench_accuracy.measure("sphere", 2, 1, 2.0)["compliance"]
+    assert exact == pytest.approx(bench_accuracy.limit_of("sphere", found), rel=5e-3)
 
 
 def test_shortest_means_of_the_reference_are_ours():

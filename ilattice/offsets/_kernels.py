@@ -56,6 +56,11 @@ CHUNK = 256
 LOOSE = 0.4
 #: Tiles whose longest side, cubed, is this many times their volume are squeezed.
 SQUEEZED = 10.0
+#: Feet so near to each other, in spacings, are one; steps off a loose foot are this part of its
+#: distance, or a spacing if that is less.
+SAME, ASIDE = 0.05, 0.5
+#: Part of the reach of a foot that is loose, or was found on the way: others may be next to it.
+LOOSER = 0.05
 #: Where the surface is so much nearer by the field at a query than the foot, that is a start, too.
 PASSED = 0.5
 
@@ -154,7 +159,7 @@ def accept(space, box, orient, foot, x, q, h, feet, seconds, i, empty, work):
     dist = np.sqrt((x[0] - y[0]) ** 2 + (x[1] - y[1]) ** 2 + (x[2] - y[2]) ** 2)
     if outside(geom, p) and not upright(space, orient, p, y, dist, work.basis, work.map):
         return 0
-    same = row_near(feet, i, IMAGE, y, 0.05 * h) and not empty
+    same = row_near(feet, i, IMAGE, y, SAME * h) and not empty
     if empty or dist < feet[i, DISTANCE]:
         if not empty and not same:
             for j in range(8):
@@ -194,24 +199,24 @@ def multi_start(space, seeds, x, q, idx, i, box, orient, tol, feet, seconds, sta
         h = sh[first]
         if a < idx.shape[1]:
             s = idx[i, a]
-            if s < 0:
+            if s < 0:  # rows are filled up
                 continue
             h = sh[s]
             away = seed_distance(sx, s, x)  # as `in_reach`, which would take it again
-            if away > reach + 2.0 * h or away < sn[s, CLEAR]:
+            if away > reach + 2.0 * h or away < sn[s, CLEAR]:  # too far, or too near to tell
                 continue
             if not reachable(geom, (sp[s, 0], sp[s, 1], sp[s, 2]), q):
                 continue
             if status != FALLBACK and not wanted(
                 geom, sp, sx, sn, idx, a, x, feet, seconds, i, used, h
-            ):
+            ):  # nearly all end here: one start a patch
                 continue
             used |= 1 << a
             start = (sp[s, 0], sp[s, 1], sp[s, 2])
         else:
-            if status == FALLBACK or soft > LOOSE:
+            if status == FALLBACK or soft > LOOSE:  # firm: next to it there is no other foot
                 break
-            s = min(h, 0.5 * feet[i, DISTANCE]) * (1.0 if a == idx.shape[1] else -1.0)
+            s = min(h, ASIDE * feet[i, DISTANCE]) * (1.0 if a == idx.shape[1] else -1.0)
             start = (
                 feet[i, 0] + s * along[0], feet[i, 1] + s * along[1], feet[i, 2] + s * along[2],
             )  # fmt: skip
@@ -220,10 +225,10 @@ def multi_start(space, seeds, x, q, idx, i, box, orient, tol, feet, seconds, sta
         whole = ends or creased
         freed = whole
         held = bounded(geom, box, whole, room)
-        if creased:
+        if creased:  # derivatives jump between tiles: no step may cross
             piece(geom, start, room)
         while True:
-            firm = 1.0 if soft > LOOSE and status == OK else 0.05
+            firm = 1.0 if soft > LOOSE and status == OK else LOOSER
             if status != FALLBACK and across(geom, start, (feet[i, 0], feet[i, 1], feet[i, 2])):
                 firm = 0.0
             foot = newton(space, x, start, known_foot(feet, i, firm), held, h, tol, work)
@@ -239,7 +244,8 @@ def multi_start(space, seeds, x, q, idx, i, box, orient, tol, feet, seconds, sta
                 if low <= LOOSE:
                     along = soft_direction(work.map, work.tile, x, lam, low, (0, 0, 0))
             if whole and not freed and filed == 2 and st == BOUNDARY:
-                freed, whole, start = True, False, p  # the sheet may go on behind the face
+                # the sheet may go on behind the face
+                freed, whole, start = True, False, p
                 held = bounded(geom, box, False, room)
                 continue
             if whole or ((filed > 0 or st >= WORSE) and not slid(geom, orient, work.map, start, p)):
@@ -247,7 +253,7 @@ def multi_start(space, seeds, x, q, idx, i, box, orient, tol, feet, seconds, sta
             # where the continuation folds or ends, the sheet ends at the face
             whole = held = bounded(geom, box, True, room)
             start = clamp(start, box)
-    if status == FALLBACK:
+    if status == FALLBACK:  # something to compare with, and told as no foot
         p = (sp[first, 0], sp[first, 1], sp[first, 2])
         store(feet, i, p, (sx[first, 0], sx[first, 1], sx[first, 2]), reach, 0.0)
     return starts, iterations, status
@@ -317,7 +323,7 @@ def from_query(space, x, q, h, box, orient, tol, feet, seconds, i, work):
     held = bounded(geom, box, geom[CREASED] != 0.0, room)
     if geom[CREASED] != 0.0:
         piece(geom, q, room)
-    foot = newton(space, x, q, known_foot(feet, i, 0.05), held, h, tol, work)
+    foot = newton(space, x, q, known_foot(feet, i, LOOSER), held, h, tol, work)
     filed = accept(space, box, orient, foot, x, q, h, feet, seconds, i, False, work)
     return foot[4], foot[5] if filed == 2 else FAILED
 

@@ -37,6 +37,14 @@ MAX_ITERATIONS = 30
 ASTRAY, MIN_STEP = 0.5, 1e-3
 #: Where the lowest eigenvalue is less, a stationary point is a saddle, and left; clear ones early.
 SADDLE, CLEAR_SADDLE = -1e-3, -0.1
+#: Lengths in spacings of seeds: of a first step at most, of a step along a saddle, and below which
+#: steps tell that a clear saddle is near.
+LONGEST, LEAP, NEARLY = 2.0, 0.3, 0.01
+#: Lowest eigenvalues that steps count with, for a plane's of 1, and steps after which each of them
+#: begins: far from a foot small ones throw iterations far off, next to it they are what is there.
+FLOORS, FLOORED = (0.1, 0.02, 5e-4), (3, 8)
+#: Steps at bounds are small below this part of the distance, and of the spacing.
+SMALL, SMALLEST = 1e-4, 1e-12
 #: Part of the gradient below which its other parts are rounding, as where a face of the domain is
 #: tangent to the surface, and below which it is tangent to an edge.
 ROUNDING, TANGENT = 1e-12, 1e-5
@@ -394,16 +402,16 @@ def newton(space, x, start, known, clip, h, tol, work):
     low = 1.0
     last = 0.0
     left = 0
-    longest = 2.0 * h
+    longest = LONGEST * h
     moved = 0.0
     y = (0.0, 0.0, 0.0)
     failed = STUCK  # unless bounds would have changed it
     for it in range(MAX_ITERATIONS):
-        if clip or at_ends(space.geom, p):
+        if clip or at_ends(space.geom, p):  # with bounds it may end elsewhere
             failed = FAILED
         map_jet(space, p, 2, b, m)
         tile_jet(space, p, b, t, tab)
-        if astray(t, moved):
+        if astray(t, moved):  # no line search: half of the step, and from then on shorter ones
             longest = last = 0.5 * min(longest, last)
             moved *= 0.25
             p = (0.5 * (old[0] + p[0]), 0.5 * (old[1] + p[1]), 0.5 * (old[2] + p[2]))
@@ -411,52 +419,56 @@ def newton(space, x, start, known, clip, h, tol, work):
         r = (m[0, 0] - x[0], m[1, 0] - x[1], m[2, 0] - x[2])
         fixed = (0, 0, 0)
         jr = r
-        if clip:
+        if (
+            clip
+        ):  # which bounds hold is decided anew at every point: so feet on edges are left again
             jr = (
                 m[0, 1] * r[0] + m[1, 1] * r[1] + m[2, 1] * r[2],
                 m[0, 2] * r[0] + m[1, 2] * r[1] + m[2, 2] * r[2],
                 m[0, 3] * r[0] + m[1, 3] * r[1] + m[2, 3] * r[2],
             )
             found, vertex_lam = vertex_foot(p, box, jr, t)
-            if found:
+            if found:  # in a corner there is no direction left to step in
                 y = (m[0, 0], m[1, 0], m[2, 0])
                 return p, y, vertex_lam, lowest(m, t, r, vertex_lam), it + 1, BOUNDARY
             fixed = active_set(p, box, jr, t, lam, clip)
-        since = it - left
-        floor = 0.1 if since < 3 else 0.02 if since < 8 else 5e-4
+        since = it - left  # a saddle that was left is a new start
+        floor = FLOORS[0] if since < FLOORED[0] else FLOORS[1] if since < FLOORED[1] else FLOORS[2]
         d, lam, size, low = kkt_step(m, t, r, lam, it == 0, fixed, floor)
         if not np.isfinite(size) or (
             since >= PATIENCE and size > ERRATIC * h and known.distance < np.inf
-        ):
+        ):  # to and fro over a sharp edge, or a map without inverse: other starts do better
             return p, y, lam, low, it + 1, failed
         dist = np.sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
         small = converged(size, last, d, dist, it, h, tol)
         if clip and small and it < MAX_ITERATIONS - 1 and at_bounds(p, d, box, fixed):
             # multipliers are those before the step, and must keep their signs over it
-            small = size <= max(1e-4 * dist, 1e-12 * h)
+            small = size <= max(SMALL * dist, SMALLEST * h)
             small = small and not wrongly_bound(p, box, jr, t, lam, fixed)
         last = size
         if it > 0 and not small and abandon(m, r, lam, size, low, known, h):
+            # most starts lead to the foot that is known: it costs less to stop than to converge
             return p, y, lam, low, it + 1, WORSE
-        if low < SADDLE and (small or (size <= 0.01 * h and low < CLEAR_SADDLE)):
+        if low < SADDLE and (small or (size <= NEARLY * h and low < CLEAR_SADDLE)):
+            # stationary, but no minimum: on the medial axis Newton ends there
             if it == MAX_ITERATIONS - 1:
                 break
             left = it + 1
-            p = leave(m, t, x, lam, low, p, 0.3 * h, fixed, box, clip)
+            p = leave(m, t, x, lam, low, p, LEAP * h, fixed, box, clip)
             moved = 0.0
             continue
-        if size > longest:
+        if size > longest:  # beyond the patch of the seed its tangent plane tells nothing
             s = longest / size
             d = (s * d[0], s * d[1], s * d[2])
         old = p
         p = (p[0] + d[0], p[1] + d[1], p[2] + d[2])
-        if clip:
+        if clip:  # then the step is what is left of it
             p = clamp(p, box)
             d = (p[0] - old[0], p[1] - old[1], p[2] - old[2])
         moved = d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
         if clip and on_bounds(p, box):
             moved = 0.0  # along faces the surface is another one
-        if small:
+        if small:  # to first order: no further jet for the last, tiny step
             y = (
                 m[0, 0] + m[0, 1] * d[0] + m[0, 2] * d[1] + m[0, 3] * d[2],
                 m[1, 0] + m[1, 1] * d[0] + m[1, 2] * d[1] + m[1, 3] * d[2],

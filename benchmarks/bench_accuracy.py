@@ -1,0 +1,147 @@
+"""CPU seconds and memory to reach 5, 2 and 1 % of the compliance, by degree and smoothness.
+
+The four analyses of Figures 16 and 17 of the paper, and a thick sphere under pressure from inside.
+Each space is solved on ever finer grids. Errors are those against the sphere's exact compliance,
+and otherwise against the limit of degree 1 on its finest two grids, with errors in proportion to
+cells squared. The time for an error is that of a power law through the two grids next to it;
+beyond the grids it is an extrapolation, and marked ``~``.
+Each measurement is a process of its own that has its kernels loaded:
+``python -m benchmarks.bench_accuracy BODY DEGREE SMOOTHNESS COARSER``.
+"""
+
+import json
+import math
+import sys
+import time
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.measure import Row, alone, table
+from ilattice._stages import peak_megabytes
+
+MODULE = "benchmarks.bench_accuracy"
+EXAMPLES = Path(__file__).parents[1] / "examples"
+#: Bodies, and cells that are so many times longer than those of the paper, or, of the sphere, than
+#: a tenth of 2.03, per degree and smoothness: as fine as 8 GB allow.
+GRIDS = {
+    "sphere": {(1, 0): (4.0, 2.0, 1.0, 2 / 3), (2, 1): (4.0, 2.0, 1.0), (2, 0): (4.0, 2.0, 4 / 3)},
+    "fig16c": {(1, 0): (2 / 3, 1 / 2, 1 / 3), (2, 1): (2.0, 4 / 3, 1.0), (2, 0): (2.0, 4 / 3)},
+    "fig16d": {(1, 0): (2 / 3, 1 / 2, 1 / 3), (2, 1): (2.0, 4 / 3, 1.0), (2, 0): (2.0, 4 / 3)},
+    "fig17c": {(1, 0): (4 / 3, 1.0, 2 / 3), (2, 1): (4.0, 2.0), (2, 0): (4.0, 2.0)},
+    "fig17d": {(1, 0): (4 / 3, 1.0, 2 / 3), (2, 1): (4.0, 2.0), (2, 0): (4.0, 2.0)},
+}
+QUICK = ("sphere",)
+#: The space that problems have by themselves.
+DEFAULT = (2, 1)
+ERRORS = (0.05, 0.02, 0.01)
+#: Compliance of an eighth of the sphere of radii 1 and 2 under pressure 1 from inside, Young's
+#: modulus 1 and Poisson's ratio 0.3: its inner surface moves by 0.8.
+SPHERE = 0.8 * math.pi / 2.0
+
+
+def problem(body: str, degree: int, smoothness: int, coarser: float) -> Any:
+    """A body with its supports and loads."""
+    import ilattice as il
+
+    space = {"degree": degree, "smoothness": smoothness}
+    if body == "sphere":
+        axis = np.linspace(0.0, 2.03, max(round(10 / coarser), 2) + 1)
+        solid = (lambda u: (u**2).sum(axis=1) - 4.0, lambda u: 1.0 - (u**2).sum(axis=1))
+        posed = il.cutfem.Elasticity(solid, il.cutfem.Grid((axis,) * 3), **space)
+        for k, face in enumerate(("u=0", "v=0", "w=0")):
+            posed = posed.clamp(face, components=(k,))
+        return posed.load(pressure=1.0, on="inner")
+    sys.path.insert(0, str(EXAMPLES))
+    from fig16_bending import FIGURES, design
+
+    wall, cells, held = design(body)
+    force = FIGURES[body][2]
+
+    def load(x: np.ndarray) -> np.ndarray:
+        return np.stack([np.zeros(len(x)), np.zeros(len(x)), force(x)], axis=1)
+
+    posed = il.cutfem.Elasticity(wall, tuple(round(n / coarser) for n in cells), **space)
+    for face in held:
+        posed = posed.clamp(face)
+    return posed.load(body=load)
+
+
+def measure(body: str, degree: int, smoothness: int, coarser: float) -> dict[str, float]:
+    """CPU seconds from the posed problem to its solution, compliance, unknowns and memory."""
+    warnings.simplefilter("ignore")
+    problem(body, degree, smoothness, 4.0).solve()  # load the kernels
+    posed = problem(body, degree, smoothness, coarser)
+    start = time.process_time()
+    solution = posed.solve()
+    return {
+        "seconds": time.process_time() - start,
+        "compliance": solution.compliance,
+        "unknowns": solution.report.size,
+        "gigabytes": 1e-3 * (peak_megabytes() or 0.0),
+    }
+
+
+def limit_of(body: str, found: dict[float, dict[str, float]]) -> float:
+    """What compliances of degree 1, by size of cells, lead to."""
+    if body == "sphere":
+        return SPHERE
+    fine, coarse = sorted(found)[:2]
+    ratio = (coarse / fine) ** 2
+    ends = (found[h]["compliance"] for h in (fine, coarse))
+    a, b = ends
+    return (ratio * a - b) / (ratio - 1.0)
+
+
+def to_reach(error: float, errors: list[float], seconds: list[float]) -> tuple[float, bool]:
+    """Seconds for an error, of grids from coarse to fine, and whether that was extrapolated."""
+    best = np.minimum.accumulate(errors)
+    k = int(np.clip(np.searchsorted(-best, -error), 1, len(best) - 1))
+    x, y = np.log(best[k - 1 : k + 1]), np.log(seconds[k - 1 : k + 1])
+    slope = (y[1] - y[0]) / (x[1] - x[0]) if x[1] < x[0] else -math.inf
+    needed = math.exp(y[1] + slope * (math.log(error) - x[1]))
+    return needed, not best[-1] <= error <= best[0]
+
+
+def rows(quick: bool) -> Iterator[Row]:
+    """Lines of the table."""
+    for body in QUICK if quick else GRIDS:
+        found = {
+            space: {h: alone(MODULE, body, *space, h) for h in sizes}
+            for space, sizes in GRIDS[body].items()
+        }
+        limit = limit_of(body, found[1, 0])
+        for error in ERRORS:
+            times = {
+                space: to_reach(
+                    error,
+                    [abs(one["compliance"] / limit - 1.0) for one in by_size.values()],
+                    [one["seconds"] for one in by_size.values()],
+                )
+                for space, by_size in found.items()
+            }
+            best = min(times, key=lambda space: times[space][0])
+            told = ", ".join(
+                f"degree {p} smoothness {s} {'~' * far}{seconds:.3g} s"
+                for (p, s), (seconds, far) in times.items()
+            )
+            most = max(one["gigabytes"] for one in found[DEFAULT].values())
+            yield Row(
+                f"{body}, compliance {limit:.4g} to {100 * error:.0f} %",
+                f"{told}; {most:.2g} GB by default",
+                f"degree {best[0]}, smoothness {best[1]}",
+                times[DEFAULT][0] / times[best][0],
+                "<= 1.3",
+            )
+
+
+if __name__ == "__main__":
+    if sys.argv[1] == "table":
+        for row in rows(quick=False):
+            print(table([row]).splitlines()[-1], flush=True)
+    else:
+        body, degree, smoothness, coarser = sys.argv[1:]
+        print(json.dumps(measure(body, int(degree), int(smoothness), float(coarser))))
