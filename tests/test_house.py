@@ -3,6 +3,7 @@
 import ast
 import re
 from importlib import import_module
+from operator import attrgetter
 from pathlib import Path
 
 import pytest
@@ -32,9 +33,12 @@ def test_examples_of_how_to_add_things_run(tmp_path, monkeypatch):
 
 
 def test_functions_of_formulas_exist():
-    found = re.findall(r"`(ilattice(?:\.\w+)+)`", page("equations.md"))
-    assert len(found) >= 10
+    found = re.findall(r"`((?:ilattice|il)(?:\.\w+)+)`", page("equations.md") + page("theory.md"))
+    assert len(found) >= 60
     for name in found:
+        if name.startswith("il."):
+            assert attrgetter(name[3:])(il), name
+            continue
         parts = name.split(".")
         module = next(
             ".".join(parts[:n])
