@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._geometry import grid_points
+from ilattice._shown import Shown
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import among, as_array, as_items, as_points, as_real
 from ilattice.errors import InputError
@@ -25,7 +26,7 @@ ABILITIES = (
 )  # fmt: skip
 
 
-class Field:
+class Field(Shown):
     """A real function of points, negative inside: the base of every class of fields.
 
     A class of fields defines `__call__`, and what else it knows better than these defaults:

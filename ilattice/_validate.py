@@ -11,6 +11,7 @@ import numpy as np
 
 from ilattice._caching import stamp_all
 from ilattice._compiling import watch
+from ilattice._shown import Shown
 from ilattice._threads import take_turns
 from ilattice._typing import ArrayLike, FloatArray, IntArray
 from ilattice.errors import IlatticeError, InputError
@@ -352,7 +353,7 @@ def _fixed(items: dict[Any, Any]) -> "FixedMapping[Any, Any]":
     return FixedMapping(items)
 
 
-class FrozenCopies:
+class FrozenCopies(Shown):
     """Objects of which copies, by `pickle` or `copy.deepcopy`, have read-only public arrays."""
 
     def __setstate__(self, state: dict[str, Any]) -> None:

@@ -1,6 +1,7 @@
 """Everything public is immutable, also after `pickle` and `copy.deepcopy`: class by class.
 
-A public class without an example here is an error, so that none is forgotten.
+What they are shows in one short line. A public class without an example here is an error, so
+that none is forgotten.
 """
 
 import copy
@@ -266,6 +267,63 @@ def arrays(thing, depth=0):
         for field in sorted(getattr(type(thing), "__dataclass_fields__", ())):
             if not field.startswith("_"):
                 yield from arrays(getattr(thing, field), depth + 1)
+
+
+def others(examples, folder):
+    """More things that a console may show: deep, wide, or of a kind that is not public."""
+    wall = examples[il.Lattice].offset(0.1)
+    f = il.fields
+    balls = f.union(*(f.translate(f.sphere(0.1), (i, 0, 0)) for i in range(30)))
+    moved = f.translate(f.rotate(f.box((1, 2, 3)), 0.3, (1, 1, 1)), (0.1, 0.2, 0.3))
+    deep = balls
+    for _ in range(100):
+        deep = f.complement(f.dilate(deep, 0.01))
+    K = csr_array(np.eye(12))
+    parts = [wall, wall.thickness, wall.thickness_error(mesh_of(wall)), wall.topology(), wall.field]
+    made = [
+        f.dilate(balls, 0.1),
+        f.shell(moved, 0.1),
+        f.mix(balls, moved, moved),
+        f.normalize(deep),
+    ]
+    leaves = [
+        f.from_callable(oblique),
+        f.from_callable(lambda x: x[:, 0]),
+        f.equation("x +" * 50 + " y"),
+    ]
+    return [
+        *parts, balls, moved, deep, *made, *leaves, f.intersection(balls, moved, radius=0.1),
+        f.twist(moved, 0.1), f.repeat(moved, (1, 2, 3)), f.torus(2.0, 1.0), f.half_space((1, 0, 0)),
+        il.tiles.get("cross").field.node, il.offsets.ClosestPointSearch(examples[il.Lattice]),
+        il.sdf.plan(balls, 0.1), il.cutfem.Solver(K), Slow(), il.io.StreamedMeshWriter(
+            folder / "a.ply"), il.plot.Scene(), il.plot.Panels([il.plot.Scene()] * 9),
+        wall.distance, wall.through.certificate,
+    ]  # fmt: skip
+
+
+@pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
+def test_everything_shows_itself_in_one_short_line(examples, tmp_path):
+    unfit = []
+    for thing in [*examples.values(), *others(examples, tmp_path)]:
+        shown = repr(thing)
+        if len(shown) >= 120 or "\n" in shown or " at 0x" in shown or "array(" in shown:
+            unfit.append(f"{type(thing).__module__}.{type(thing).__name__}: {shown[:150]}")
+    assert not unfit, f"{len(unfit)} of these\n" + "\n".join(unfit)
+
+
+def test_fields_show_what_they_are_made_of():
+    f = il.fields
+    ball = f.sphere(0.25)
+    assert repr(ball) == "Sphere(radius=0.25)"
+    moved = repr(f.translate(ball, (0.1, 0.2, 0.3)))
+    assert moved == "Placed(part=Sphere(radius=0.25), factor=1)"
+    assert repr(f.union(ball, f.sphere(1.0))) == (
+        "Union(parts=(Sphere(radius=0.25), Sphere(radius=1)), radius=0)"
+    )
+    assert repr(f.intersection(ball, f.sphere(1.0))).startswith("Intersection(")
+    balls = repr(f.union(*map(f.sphere, range(1, 31))))
+    assert balls.startswith("Union(parts=(Sphere(radius=1), ")
+    assert "30 in all" in balls
 
 
 @pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")

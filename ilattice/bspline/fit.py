@@ -17,6 +17,7 @@ import numpy as np
 
 from ilattice._field import owns
 from ilattice._geometry import grid_points
+from ilattice._shown import Shown
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import (
     as_array,
@@ -79,7 +80,7 @@ _OPERATORS: dict[str, Callable[[Direction], LineOperator]] = {
 
 
 @dataclass(frozen=True)
-class FitReport:
+class FitReport(Shown):
     """What a fit reached.
 
     Attributes

@@ -24,6 +24,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from ilattice._shown import Shown
 from ilattice._typing import FloatArray, IntArray
 from ilattice.bspline import _kernels_basis as basis
 from ilattice.cutfem.assembly import Assembly
@@ -39,7 +40,7 @@ WAYS = np.concatenate([np.eye(3), np.sqrt(0.5) * (1.0 - np.eye(3))])
 AT_ONCE, KEPT = 1 << 16, 4
 
 
-class Law:
+class Law(Shown):
     """A linear law of `m` unknowns per point.
 
     A class defines `tangent`, and `m` where there is more than one unknown; all else follows from

@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from ilattice._progress import Progress, staged
+from ilattice._shown import Shown
 from ilattice._typing import AnyArray, ArrayLike, FloatArray
 from ilattice._validate import as_kind, as_points, read_only
 from ilattice.cutfem import rigid
@@ -50,7 +51,7 @@ SHIFT = 1e-2
 
 
 @dataclass(frozen=True, eq=False)
-class EigenReport:
+class EigenReport(Shown):
     """How an eigenvalue problem was solved.
 
     Attributes

@@ -26,6 +26,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from ilattice._progress import Progress, track
+from ilattice._shown import one_line
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import FixedMapping, Frozen, as_array, as_counts, as_items, asked, read_only
 from ilattice.cutfem.assembly import Assembly
@@ -121,6 +122,12 @@ class RefinementStudy(Frozen):
         return self.values[name]
 
     # ---------------------------------------------------------------- text and pictures
+
+    def __repr__(self) -> str:
+        finest = "×".join(map(str, self.cells[-1].tolist()))
+        return one_line(
+            f"RefinementStudy({len(self.h)} grids to {finest}: {', '.join(self.values)})"
+        )
 
     def __str__(self) -> str:
         """A table, and the limits below it."""

@@ -4,7 +4,7 @@ Guarantee: each has the bounding box of its set. Amounts of `dilate`, `erode` an
 the units of the field: lengths for distances, level units for others.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -30,9 +30,13 @@ _LEAST = 1e-300
 class _Extreme(Node):
     """Union (ops.MIN) or intersection (ops.MAX) of several, blended over a radius."""
 
-    code: int
+    code: int = field(repr=False)
     parts: tuple[Node, ...]
     radius: float
+
+    @property
+    def _kind(self) -> str:
+        return "Union" if self.code == ops.MIN else "Intersection"
 
     def _emit(self, b: Builder, p: Point) -> int:
         regs = [part._emit(b, p) for part in self.parts]
@@ -94,7 +98,7 @@ class _Offset(Node):
 
     part: Node
     amount: float | Node
-    sign: float
+    sign: float = field(repr=False)
     shell: bool = False
 
     def _emit(self, b: Builder, p: Point) -> int:
@@ -126,8 +130,8 @@ class _Placed(Node):
     """``factor f(matrix x + shift)``; the matrix is regular."""
 
     part: Node
-    matrix: FloatArray
-    shift: FloatArray
+    matrix: FloatArray = field(repr=False)
+    shift: FloatArray = field(repr=False)
     factor: float
 
     def _emit(self, b: Builder, p: Point) -> int:

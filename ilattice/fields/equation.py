@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ilattice._shown import one_line
 from ilattice._typing import FloatArray
 from ilattice._validate import near_names
 from ilattice.errors import InputError
@@ -91,7 +92,7 @@ class _Equation(Node):
         return everywhere()
 
     def __repr__(self) -> str:
-        return f"equation({self.text!r})"
+        return one_line(f"equation({self.text!r})")
 
 
 def _applied(b: Builder, code: int, arguments: list[int]) -> int:

@@ -18,6 +18,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from ilattice._shown import one_line
 from ilattice._typing import FloatArray
 from ilattice._validate import (
     Frozen,
@@ -97,7 +98,7 @@ class Node(Frozen):
     def __repr__(self) -> str:
         """Short form."""
         told = ", ".join(f"{k}={v!r:.30}" for k, v in self.properties.items())
-        return f"{type(self).__name__}({told})"
+        return one_line(f"{type(self).__name__}({told})")
 
 
 def _plain(value: Any) -> Any:

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ilattice._files import as_path, atomic_write, write_report
+from ilattice._shown import Shown
 from ilattice._typing import AnyArray, FloatArray
 from ilattice._validate import Frozen, as_whole
 from ilattice.errors import FormatError
@@ -20,7 +21,7 @@ SOFT = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class HomogenizationReport:
+class HomogenizationReport(Shown):
     """How effective properties were found.
 
     Attributes

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from ilattice._files import as_path, atomic_write, write_report
+from ilattice._shown import Shown
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import Frozen, as_points, as_whole, read_only
 from ilattice.cutfem.output import Result
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Gap:
+class Gap(Shown):
     """Frequencies at which no wave goes through.
 
     Attributes

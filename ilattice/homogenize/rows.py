@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ilattice._files import as_path, atomic_write
+from ilattice._shown import Shown
 from ilattice._typing import FloatArray
 from ilattice._validate import FixedMapping, Frozen, near_names, read_only
 from ilattice.errors import FormatError, InputError
@@ -32,7 +33,7 @@ MARKS = "osD^v<>p*"
 
 
 @dataclass(frozen=True)
-class Fit:
+class Fit(Shown):
     """A power law C density^n through rows, by least squares of logarithms.
 
     Attributes

@@ -17,6 +17,7 @@ from typing import IO, Protocol, Self
 import numpy as np
 
 from ilattice._files import as_path, atomic_write
+from ilattice._shown import one_line
 from ilattice._typing import AnyArray
 from ilattice.errors import FormatError, GeometryError, InputError
 from ilattice.io import ply, stl
@@ -64,6 +65,9 @@ class StreamedMeshWriter:
         self._sink: _Sink | None = None
         self.vertex_count = 0
         self.face_count = 0
+
+    def __repr__(self) -> str:
+        return one_line(f"StreamedMeshWriter({str(self._path)!r}, {self.face_count} faces)")
 
     def __enter__(self) -> Self:
         """Open a temporary file beside the target."""

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._progress import Progress
+from ilattice._shown import Shown
 from ilattice._typing import ArrayLike
 from ilattice._validate import (
     as_flag,
@@ -40,7 +41,7 @@ from ilattice.topology.sweep import wall_topology
 
 
 @dataclass(frozen=True)
-class ThicknessReport:
+class ThicknessReport(Shown):
     """Error | |distance| - d | of the half-thickness over the vertices of a wall's mesh.
 
     Attributes

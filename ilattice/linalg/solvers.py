@@ -154,6 +154,9 @@ class Solver:
         self._engine, self._bytes = ENGINES[self._method](self._K, modes, self._coordinates)
         self._setup_seconds = time.perf_counter() - start
 
+    def __repr__(self) -> str:
+        return f"Solver({self._method!r}, {self._K.shape[0]} unknowns)"
+
     @property
     def method(self) -> str:
         """The method, also if it was chosen automatically."""

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ilattice._geometry import grid_points
+from ilattice._shown import one_line
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import Frozen, as_kind, as_not_negative, as_whole, check_lengths, read_only
 from ilattice.bspline import BSpline
@@ -85,6 +86,9 @@ class Certificate(Frozen):
     singular_u: FloatArray = field(repr=False)
     elements: int
     depth: int
+
+    def __repr__(self) -> str:
+        return one_line(f"Certificate({self})")
 
     def __str__(self) -> str:
         hand = {1: "right-handed", -1: "left-handed", 0: "flat"}[self.orientation]

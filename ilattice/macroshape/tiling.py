@@ -17,6 +17,7 @@ import numpy as np
 
 from ilattice._geometry import grid_points
 from ilattice._memory import need
+from ilattice._shown import Shown, one_line
 from ilattice._typing import AnyArray, ArrayLike, FloatArray
 from ilattice._validate import (
     as_array,
@@ -46,7 +47,7 @@ PLOTTED = 6_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class Tiling:
+class Tiling(Shown):
     """Tiles repeated through a map.
 
     Parameters
@@ -90,6 +91,11 @@ class Tiling:
     boundary: str = "extend"
     spans_per_tile: int | None = None
     _cache: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
+
+    def __repr__(self) -> str:
+        name = getattr(self.tile, "name", "mixture")
+        tiles = " x ".join(map(str, self.repeat))
+        return one_line(f"{self._kind}({name!r}, {tiles} tiles through {self.through!r})")
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "tile", _as_tile(self.tile))

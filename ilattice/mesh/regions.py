@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._shown import Shown
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import as_not_negative
 from ilattice.errors import GeometryError, PrecisionWarning
@@ -23,7 +24,7 @@ CHIP = 0.05
 
 
 @dataclass(frozen=True)
-class Region:
+class Region(Shown):
     """What one closed surface encloses: a part of a solid, or a void in it.
 
     Attributes
@@ -48,7 +49,7 @@ class Region:
 
 
 @dataclass(frozen=True)
-class TopologyReport:
+class TopologyReport(Shown):
     """Parts, handles and voids of a solid.
 
     Attributes
@@ -84,6 +85,10 @@ class TopologyReport:
     def euler(self) -> int:
         """Euler number of the solid, half that of its surface."""
         return len(self.parts) - self.genus + len(self.voids)
+
+    def __repr__(self) -> str:
+        b0, b1, b2 = self.betti
+        return f"TopologyReport({b0} parts, {b1} handles, {b2} voids, {len(self.necks)} necks)"
 
     def __str__(self) -> str:
         b0, b1, b2 = self.betti

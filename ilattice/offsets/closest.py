@@ -33,6 +33,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ilattice._geometry import grid_points
+from ilattice._shown import Shown, one_line
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import (
     FrozenCopies,
@@ -159,7 +160,7 @@ class ClosestPoints(FrozenCopies):
 
 
 @dataclass(frozen=True)
-class Statistics:
+class Statistics(Shown):
     """Counts over all closest-point queries of a lattice.
 
     Attributes
@@ -233,6 +234,9 @@ class ClosestPointSearch(TileSpace):
         self.least_spacing = float(self.seeds.spacing.min())
         self.cell = 1.0 / self._least_seeds
         self.statistics = Statistics()
+
+    def __repr__(self) -> str:
+        return one_line(f"ClosestPointSearch({len(self.seeds.points)} seeds, {self.lattice!r})")
 
     # ------------------------------------------------------------------ seeds
 

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ilattice._geometry import grid_points
+from ilattice._shown import Shown
 from ilattice._typing import AnyArray, FloatArray
 from ilattice._validate import as_array, as_kind, asked
 from ilattice.bspline import BSpline
@@ -43,7 +44,7 @@ FULL = 1e30
 
 
 @dataclass(frozen=True, eq=False)
-class Thickness:
+class Thickness(Shown):
     """Half-thickness on the two sides of the mid-surface.
 
     Attributes

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._shown import Shown
 from ilattice._typing import AnyArray, FloatArray
 from ilattice._validate import as_flag
 from ilattice.bspline import BSpline
@@ -38,7 +39,7 @@ PARTS = (16, 4)
 
 
 @dataclass(frozen=True, eq=False)
-class OffsetSolid:
+class OffsetSolid(Shown):
     """The part of a lattice within a thickness of its mid-surface: what a wall is.
 
     Attributes

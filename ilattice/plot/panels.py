@@ -7,6 +7,7 @@ import os
 from dataclasses import dataclass, replace
 from typing import Any
 
+from ilattice._shown import Shown
 from ilattice._typing import AnyArray
 from ilattice._validate import as_whole
 from ilattice.errors import InputError
@@ -18,7 +19,7 @@ _PANEL = (900, 760)
 
 
 @dataclass(frozen=True, eq=False)
-class Panels:
+class Panels(Shown):
     """Scenes side by side, in one window or picture.
 
     Parameters

@@ -22,6 +22,7 @@ import numpy as np
 from ilattice import fields
 from ilattice._files import as_path, check_distinct, check_outputs, write_report
 from ilattice._progress import Progress, track
+from ilattice._shown import Shown
 from ilattice._stages import Stages
 from ilattice._typing import FloatArray
 from ilattice._version import __version__
@@ -46,7 +47,7 @@ MEASURES = (
 
 
 @dataclass(frozen=True)
-class Settings:
+class Settings(Shown):
     """The options of a command, checked."""
 
     output: Path

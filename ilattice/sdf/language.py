@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from ilattice import fields
+from ilattice._shown import one_line
 from ilattice._typing import FloatArray
 from ilattice._validate import FixedMapping, as_flag, as_items, as_texts, near_names
 from ilattice.errors import FileError, InputError
@@ -70,6 +71,11 @@ class Command:
 
     items: tuple[_Item, ...]
     options: Mapping[str, tuple[Token, ...]]
+
+    def __repr__(self) -> str:
+        words = " ".join(item.token.text for item in self.items)
+        options = "".join(f" {name}" for name in self.options)
+        return one_line(f"Command({words}{options})")
 
     @classmethod
     def read(cls, command: str | Sequence[str]) -> "Command":

@@ -27,6 +27,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ilattice._field import Field
+from ilattice._shown import Shown
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import Frozen, among, as_array, as_flag, as_points, read_only
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
@@ -62,6 +63,9 @@ class ClosestPoints(NamedTuple):
     faces: IntArray
     distances: FloatArray
 
+    def __repr__(self) -> str:
+        return f"ClosestPoints({len(self.points)} points)"
+
     def __reduce__(self) -> tuple[Any, ...]:
         """For `pickle` and `copy`, which forget that arrays are read-only."""
         return _feet, tuple(self)
@@ -73,7 +77,7 @@ def _feet(*arrays: AnyArray) -> ClosestPoints:
 
 
 @dataclass(frozen=True)
-class MeshFaults:
+class MeshFaults(Shown):
     """What keeps a mesh from bounding a solid.
 
     Attributes

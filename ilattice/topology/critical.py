@@ -28,6 +28,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ilattice._progress import Progress, track
+from ilattice._shown import Shown
 from ilattice._typing import ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_array
 from ilattice.bspline import BSpline
@@ -63,7 +64,7 @@ UNKNOWN = -1, 0, False
 
 
 @dataclass(frozen=True)
-class CriticalPoint:
+class CriticalPoint(Shown):
     """A place where the wall ``dist <= d`` changes its topology.
 
     What changes is told by the directions in which the distance falls, a part of a small sphere

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ilattice._progress import Progress, track
+from ilattice._shown import Shown
 from ilattice._typing import ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_array, as_positive
 from ilattice.errors import InputError
@@ -32,7 +33,7 @@ COLOURS = {"part": "black", "bridge": "royalblue", "neck": "darkorange", "void":
 
 
 @dataclass(frozen=True)
-class TopologySweep:
+class TopologySweep(Shown):
     """How the topology of a wall depends on its half-thickness.
 
     Attributes
