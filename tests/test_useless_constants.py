@@ -7,14 +7,16 @@ are tried. Constants of compiled code are not here: they are part of it.
 import importlib
 import re
 import warnings
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 import ilattice as il
 from ilattice.cutfem import Elasticity, Heat
-from ilattice.errors import IlatticeError, InputError, PrecisionWarning
-from ilattice.mesh import SurfaceMesh
+from ilattice.errors import GeometryError, IlatticeError, InputError, PrecisionWarning
+from ilattice.mesh import SurfaceMesh, _own_cells
 from ilattice.mesh.contouring import contour_arrays
 from ilattice.mesh.creases import sharpened
 from ilattice.mesh.repair import Repair
@@ -157,6 +159,13 @@ def slivers_are_held():
     assert np.linalg.cond(d[:, None] * K * d) < 3e3
 
 
+def necks_that_hold_nothing_do_not_join():
+    """Two cones of which the tips overlap by a circle of radius 3e-5, in cells of 0.25."""
+    cones = lambda u: ((u[:, 1:] - 0.5) ** 2).sum(axis=1) - (u[:, 0] - 0.5) ** 2 - 1e-9  # noqa: E731
+    problem = Heat(cones, 4, domain=[[0] * 3, [1] * 3], islands="refuse").fix("u=0", 0.0)
+    refused(GeometryError, "nothing holds 1 part", lambda: problem.assembly)
+
+
 # ---------------------------------------------------------------- cells that repeat
 
 
@@ -174,6 +183,20 @@ def stresses_that_are_not_borne_are_refused():
         warnings.simplefilter("ignore")
         cell = il.homogenize.ElasticCell(plate, 5, domain=[[0] * 3, [1] * 3])
         refused(InputError, "bears nothing", cell.under, [0, 0, 1.0, 0, 0, 0])
+
+
+# ---------------------------------------------------------------- closest points
+
+
+def other_feet_that_are_as_near_are_met():
+    """Along radii and the axis of a cylinder, which are straight: feet are where tiles vanish."""
+    bent = il.macroshape.cylinder_shell(2.0, 3.0, 1.0, angle=0.4)
+    for name, axis in (("iwp", 0.5), ("frd", 0.0)):
+        along = lambda t, tile=il.tiles[name], v=axis: tile([[0.5, v, 0.5 + t]])[0]  # noqa: E731
+        away = brentq(along, 0.2, 0.4, xtol=1e-14)
+        found = il.Lattice(name, through=bent).closest([[0.5, axis, 0.5]])
+        assert abs(found.distance[0]) == pytest.approx(away, rel=1e-9)
+        assert abs(found.second_distance[0]) == pytest.approx(away, rel=1e-9)
 
 
 # ---------------------------------------------------------------- cut cells and walls
@@ -207,6 +230,28 @@ def specks_are_left_out():
     assert len(found.faces) == 4
 
 
+def walls_may_end_where_the_distance_jumps():
+    """By 0.02 and 0.005 of the half-thickness; where it is just steep, there is an offset."""
+    axes, d = (np.linspace(0.0, 1.0, 11),) * 3, 0.1
+    u, free = np.array([[0.51, 0.55, 0.55]]), np.zeros((1, 3), bool)
+    half = lambda u: np.full(len(u), d)  # noqa: E731
+    for step, steep, told in ((0.02, 0.0, True), (0.005, 0.0, False), (0.0, 1e4, False)):
+
+        def query(u, step=step, steep=steep, **_):
+            x = u[:, 0] - 0.53
+            far = d * (1.0 + 0.5 * step * np.where(x > 0.0, 1.0, -1.0) + steep * x)
+            return SimpleNamespace(distance=far, status=np.zeros(len(u), int))
+
+        lattice = SimpleNamespace(
+            domain=np.array([[0.0] * 3, [1.0] * 3]),
+            through=SimpleNamespace(closed=(False,) * 3),
+            search=SimpleNamespace(query=query),
+        )
+        wall = SimpleNamespace(lattice=lattice, thickness=SimpleNamespace(side=lambda _: half))
+        found = _own_cells.at_jumps(wall, axes, u, free, np.ones(1), np.full(1, d))
+        assert found.tolist() == [told]
+
+
 def edges_are_sharp():
     box = il.fields.rotate(il.fields.box(0.6), 0.7, (1.0, 2.0, 0.5))
     axes = (np.linspace(-1.13, 1.13, 24),) * 3
@@ -230,11 +275,15 @@ CASES = [
     ("cutfem.jumps", "STEEP", np.inf, jumps_within_cells_are_told),
     ("cutfem.anisotropic", "ODD", np.inf, stiffnesses_that_are_not_symmetric_are_refused),
     ("cutfem.domain", "GHOST", {(3, 2): 0.0}, slivers_are_held),
+    ("cutfem.connectivity", "MIN_NECK", 0.0, necks_that_hold_nothing_do_not_join),
     ("homogenize.effective", "SOFT", 0.9, strains_without_resistance_are_counted),
     ("homogenize.local", "BORNE", np.inf, stresses_that_are_not_borne_are_refused),
     ("quadrature.grid", "TOLD", np.inf, volumes_that_are_not_known_are_told),
+    ("offsets.retrying", "RIVAL", 0.0, other_feet_that_are_as_near_are_met),
     ("offsets.density", "TOLERANCE", 1.0, densities_are_those_that_were_asked_for),
     ("offsets.thickness", "REFUSE", np.inf, thickness_that_splines_do_not_follow_is_refused),
+    ("mesh._own_cells", "JUMP", 1e300, walls_may_end_where_the_distance_jumps),
+    ("mesh._own_cells", "JUMP", 0.0, walls_may_end_where_the_distance_jumps),
     ("mesh.creases", "TURNS", 0, edges_are_sharp),
     ("mesh.specks", "SPECK", 0.0, specks_are_left_out),
 ]  # fmt: skip
