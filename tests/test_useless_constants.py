@@ -14,6 +14,7 @@ import pytest
 from scipy.optimize import brentq
 
 import ilattice as il
+from ilattice.bspline import BSpline
 from ilattice.cutfem import Elasticity, Heat
 from ilattice.errors import GeometryError, IlatticeError, InputError, PrecisionWarning
 from ilattice.mesh import SurfaceMesh, _own_cells
@@ -21,6 +22,7 @@ from ilattice.mesh.contouring import contour_arrays
 from ilattice.mesh.creases import sharpened
 from ilattice.mesh.repair import Repair
 from ilattice.mesh.specks import without_specks
+from ilattice.offsets.polish import polish
 
 BAR = [[0, 0, 0], [1, 1, 3]]
 CUBE = [[-1.1] * 3, [1.1] * 3]
@@ -199,6 +201,23 @@ def other_feet_that_are_as_near_are_met():
         assert abs(found.second_distance[0]) == pytest.approx(away, rel=1e-9)
 
 
+def points_at_creases_are_put_onto_both_sheets():
+    """Where walls are thicker than four fifths of all points are far: 17 of 577 were missed."""
+    bent = il.macroshape.cylinder_shell(2.0, 3.0, 1.0, angle=0.4)
+    lattice = il.Lattice("frd", through=bent)
+    lo, hi = lattice.domain
+    u = lo + np.random.default_rng(0).random((4000, 3)) * (hi - lo)
+    distance = lattice.closest(u).distance
+    d = np.quantile(np.abs(distance), 0.8)
+    near = np.abs(np.abs(distance) - d) < 0.15 * d
+    asked = BSpline([(a, b) for a, b in zip(lo, hi, strict=True)], np.full((1, 1, 1), d), 0)
+    fixed = np.zeros((near.sum(), 3), bool)
+    out, residual = polish(lattice, u[near], fixed, np.sign(distance[near]), asked)
+    on = residual < 1e-6 * d
+    assert on.mean() > 0.99
+    assert np.abs(np.abs(lattice.distance(out[on])) - d).max() < 1e-5 * d
+
+
 # ---------------------------------------------------------------- cut cells and walls
 
 
@@ -280,6 +299,7 @@ CASES = [
     ("homogenize.local", "BORNE", np.inf, stresses_that_are_not_borne_are_refused),
     ("quadrature.grid", "TOLD", np.inf, volumes_that_are_not_known_are_told),
     ("offsets.retrying", "RIVAL", 0.0, other_feet_that_are_as_near_are_met),
+    ("offsets.polish", "APART", 1.0, points_at_creases_are_put_onto_both_sheets),
     ("offsets.density", "TOLERANCE", 1.0, densities_are_those_that_were_asked_for),
     ("offsets.thickness", "REFUSE", np.inf, thickness_that_splines_do_not_follow_is_refused),
     ("mesh._own_cells", "JUMP", 1e300, walls_may_end_where_the_distance_jumps),
