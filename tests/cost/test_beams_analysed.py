@@ -28,7 +28,11 @@ def test_pieces_of_a_box_have_the_sign_of_the_solid_there(even, size):
     lo = lo[np.abs(b.values(lo)) < size][:400]
     hi = lo + size * rng.uniform(0.2, 1.0, (400, 3))
     found = b.parts_on(lo, hi)
-    assert size > 0.1 or sum(f is not None for f in found) > 200
+    some = sum(f is not None for f in found)  # of 400; boxes that have many pieces have none
+    if size > 0.1:
+        assert some < 20
+    else:
+        assert some > 200
     sorts = set()
     for k, pieces in enumerate(found):
         if pieces is None:
@@ -39,7 +43,8 @@ def test_pieces_of_a_box_have_the_sign_of_the_solid_there(even, size):
         exact = b.values(x)
         clear = np.abs(exact) > 1e-12
         assert ((values < 0.0) == (exact < 0.0))[clear].all()
-    assert size > 0.1 or _pieces.SIDE in sorts
+    if size < 0.1:
+        assert _pieces.SIDE in sorts
 
 
 def test_bounds_of_pieces_hold_and_are_tight():

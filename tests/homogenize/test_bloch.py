@@ -312,7 +312,8 @@ def test_stiff_layers_stop_waves_and_files_tell_so(tmp_path):
     edges = [rytov(np.pi, E, rho, 0)[i] for i in (0, 1)]
     lowest = bands.omega[:, 0].max(), bands.omega[-1, 2:].min()
     assert lowest[0] == pytest.approx(edges[0], rel=1e-3)
-    assert [g.below for g in bands.gaps] == [2] or lowest[1] < edges[1] * 0.999
+    assert lowest[1] < edges[1] * 0.999  # waves of another kind are in the gap of these
+    assert 2 not in [g.below for g in bands.gaps]
     bands.save(tmp_path / "b.csv")
     with open(tmp_path / "b.csv") as file:
         rows = list(csv.DictReader(file))

@@ -90,7 +90,7 @@ def test_conduction_and_two_phases(monkeypatch):
         options = {"young": (1.0, 9.0), "phases": ellipsoid(0.3, 0.3, 0.3)}
         C, report = solved(lambda u: -np.ones(len(u)), 5, **options)
     assert np.ptp(np.diag(C)[:3]) < 1e-4 * C.max()
-    assert report.loads in (2, 6)  # cells of two phases have two elements
+    assert report.loads == 6  # cells of two phases have two elements
 
 
 @pytest.mark.parametrize(
@@ -102,7 +102,8 @@ def test_conduction_and_two_phases(monkeypatch):
 )  # fmt: skip
 def test_cells_do_not_hide_the_symmetry_of_the_solid(field, symmetry):
     """Five and six cells have no planes where screw axes of the diamond's are."""
-    if isinstance(field, str):
+    nearly_isotropic = isinstance(field, str)
+    if nearly_isotropic:
         field = il.Lattice(field, through=il.macroshape.cell(), repeat=1)
         field = field.offset(relative_density=0.3)
     with warnings.catch_warnings():
@@ -110,4 +111,7 @@ def test_cells_do_not_hide_the_symmetry_of_the_solid(field, symmetry):
         eff = elastic(field, 6)
     assert eff.of_solid == eff.symmetry == symmetry
     turned = replace(eff, C=eff.rotated(naive.random_rotation(np.random.default_rng(3))))
-    assert turned.symmetry == "anisotropic" or eff.error > min(turned.distances.values())
+    if nearly_isotropic:  # by less than the estimate: turned ones may still pass for cubic
+        assert eff.error > min(turned.distances.values())
+    else:
+        assert turned.symmetry == "anisotropic"
