@@ -215,20 +215,24 @@ def base(
             for side in range(2):
                 least, most = extremes(Z, here + (2 * k + side) * square, square)
                 lowest = min(lowest, least)
+                # Columns change sort only where one changes sign at their ends.
                 if least < -eps and most > eps:
                     N[CUT_FACES + n_faces] = 2 * k + side
                     N[OWNERS + n_faces] = N[ACTIVE + k]
                     n_faces += 1
+            # Monotone ones are least at the ends: negative nowhere if they are not so there.
             empty = empty or (lowest >= -eps and simple and not crowd)
         flat = n_faces
         for k in range(N[SEAMS]):
             least, most = extremes(Z, here + (2 * n + k) * square, square)
+            # A seam beside this part divides nothing of it.
             if least < -Z[TOL + MAX_SETS + k] and most > Z[TOL + MAX_SETS + k]:
                 N[CUT_FACES + n_faces] = 2 * n + k
                 N[OWNERS + n_faces] = MAX_SETS + k
                 n_faces += 1
         axis = 0
         good = True
+        # Without curves any direction of lines will do, and without solid there are none.
         if n_faces and not empty:
             axis, good = face_axis(Z, N, here, n_faces, L)
             if axis < 0 and flat < n_faces and Z[part + 4] >= DEEP:
@@ -236,6 +240,7 @@ def base(
                 if n_faces:
                     axis, good = face_axis(Z, N, here, n_faces, L)
                 axis = max(axis, 0) if n_faces == 0 else axis
+            # Smaller parts are straighter; those with a direction are halved `accept` times only.
             if not good and (axis < 0 or Z[part + 5] < accept) and Z[part + 4] < CAP:
                 halve_base(Z, N, level, used, n_faces, axis >= 0, L)
                 level += 1
@@ -245,6 +250,7 @@ def base(
                 Z[FLAT + i] = Z[part + i]
             rooted = soft  # where lines end like square roots
             for j in range(n_faces):
+                # Where curves are steep or straight, lines do not end like square roots.
                 if not good and not rooted:
                     c = here + N[CUT_FACES + j] * square
                     rooted = not straight(Z, c, P, 1, 0, 1, Z[TOL + N[OWNERS + j]], L)

@@ -220,6 +220,7 @@ def column(
         c = LINES + i * P
         first = Z[c]
         last = Z[c + P - 1]
+        # The solid is where all are negative: one that rises ends it above, one that falls below.
         if N[UP + i] > 0:
             if first >= 0.0:
                 b = -1.0
@@ -228,6 +229,7 @@ def column(
                 if root < b:
                     b = root
                     kb = i
+            # Zero at the end up to rounding: surface, though there is no root.
             elif b == 1.0 and last >= -Z[TOL + N[ACTIVE + i]]:
                 kb = i
         else:
@@ -238,12 +240,15 @@ def column(
                 if root > a:
                     a = root
                     ka = i
+            # As above, at the lower end.
             elif a == 0.0 and first >= -Z[TOL + N[ACTIVE + i]]:
                 ka = i
+    # One that is negative nowhere left b = -1; roots the wrong way round leave nothing.
     if a < b:
         if want & VOLUME:
             segment(Z, N, volume, a, b, e0, low, high, w, q)
         if want & SURFACE:
+            # Without a polynomial that vanishes there, the segment ends at a side of the box.
             if ka >= 0:
                 foot(Z, N, surface, ka, a, e0, low, high, w, 1.0, L)
             if kb >= 0:
@@ -315,6 +320,8 @@ def strips(
     Z[CROSS] = 0.0
     Z[CROSS + 1] = 1.0
     n_cross = 2
+    # What columns stand on changes where curves on the ends of the box enter or leave the part:
+    # integrands are smooth only between such places.
     for j in range(n_faces):
         for side in range(2):
             edge = face + N[CUT_FACES + j] * square + side * (P - 1) * step1
@@ -324,6 +331,7 @@ def strips(
     n_cross = add_crossings(Z, N, face, n_faces, turned, n_cross, L)
     for m2 in range(n_cross - 1):
         width2 = Z[CROSS + m2 + 1] - Z[CROSS + m2]
+        # Places that coincide but for rounding.
         if width2 <= GAP:
             continue
         for g2 in range(q):
@@ -334,6 +342,7 @@ def strips(
             Z[ALONG] = 0.0
             Z[ALONG + 1] = 1.0
             n_along = 2
+            # Along each line of the base, columns change sort where it meets such a curve.
             if n_faces:
                 basis(t2, Z, B, L)
                 for j in range(n_faces):
@@ -346,11 +355,13 @@ def strips(
                     n_along = roots(Z, TEMP, ALONG, n_along, STACK, L)
             basis(y2, Z, B, L)
             slice_tensors(Z, N, at, n, B, PLANES, long0, long1, long2, L)
+            # Normals, and so weights of surfaces, need slopes; volumes do not.
             if want & SURFACE:
                 basis_slope(y2, Z, D, L)
                 slice_tensors(Z, N, at, n, D, PLANES + MAX_SETS * square, long0, long1, long2, L)
             for m1 in range(n_along - 1):
                 width1 = Z[ALONG + m1 + 1] - Z[ALONG + m1]
+                # As across.
                 if width1 <= GAP:
                     continue
                 for g1 in range(q):
@@ -373,6 +384,7 @@ def strips(
                                 s2 += Z[B + j] * Z[PLANES + MAX_SETS * square + i * P + j]
                             Z[LINES + first * P + i] = s1
                             Z[LINES + second * P + i] = s2
+                    # Only where all are monotone does a column have one piece of solid.
                     if crowd:
                         crowded(Z, N, volume, surface, n, e0, w1, want, q, L)
                     else:

@@ -344,6 +344,7 @@ def cell_rule(
         for i in range(6):
             Z[LO + i] = Z[BOXES + 8 * level + i]
         table, n = choose(Z, N, here, m, whole, want, L)
+        # No sign matters in the box: it is full, unless its table is empty.
         if n == 0 and table != 0 and want & VOLUME:
             solid(Z, N, volume, q)
         if n:
@@ -351,11 +352,13 @@ def cell_rule(
             flat = axis < 0 and n > 1 and N[PROJECT] == 1
             if flat:
                 axis, score = height_axis(Z, N, here, n, True, L)
+                # Each needs feet along a direction that it depends on and all are monotone in.
                 if want & SURFACE and not all_rise(Z, N, n):
                     axis = -1
                 flat = axis >= 0
             good = score >= SHARE and axis >= 0
             N[SEAMS] = 0
+            # Quadrics have rules of their own, which need no monotone direction.
             if n == 1 and not good:
                 k = N[ACTIVE]
                 e0, e1 = -1, -1
@@ -368,22 +371,27 @@ def cell_rule(
                     level -= 1
                     continue
             pair = -1
+            # With two well parted roots on every line, it need not be halved either.
             if axis < 0 and n == 1:
                 pair = pair_axis(Z, here + N[ACTIVE] * cube, Z[TOL + N[ACTIVE]], L)
+            # Columns end on another polynomial beyond a seam, so that the base is divided there.
             if n > 1 and axis >= 0:
                 good = project_seams(Z, N, here, n, axis, L) and good
             box = BOXES + 8 * level
             small = Z[box + 6] >= CAP or (axis >= 0 and Z[box + 7] >= accept)
+            # Smaller boxes are straighter; those with a direction are halved `accept` times only.
             if not good and pair < 0 and not small:
                 halve_box(Z, N, level, m, n, axis >= 0, L)
                 level += 1
                 continue
             N[UNSURE] = 1
             crowd = axis < 0
+            # Nothing is monotone: pairs of roots, or a box too small to halve; all roots count.
             if crowd:
                 axis = pair if pair >= 0 else steepest_axis(Z, n)
             N[TABLE] = table
             soft = not good and pair < 0 and bent(Z, N, here, n, L)
+            # Polynomials that do not depend on the height have no feet along it.
             if flat and want & SURFACE:
                 surfaces_by_axes(Z, N, volume, surface, here, n, soft, accept, q, L)
             else:
