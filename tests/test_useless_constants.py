@@ -17,6 +17,7 @@ import ilattice as il
 from ilattice.bspline import BSpline
 from ilattice.cutfem import Elasticity, Heat
 from ilattice.errors import GeometryError, IlatticeError, InputError, PrecisionWarning
+from ilattice.linalg._krylov import conjugate_gradients
 from ilattice.mesh import SurfaceMesh, _own_cells
 from ilattice.mesh.contouring import contour_arrays
 from ilattice.mesh.creases import sharpened
@@ -168,6 +169,19 @@ def necks_that_hold_nothing_do_not_join():
     refused(GeometryError, "nothing holds 1 part", lambda: problem.assembly)
 
 
+def residuals_that_still_fall_are_not_laid_to_rounding():
+    """Products that are off by 1e-6, then 1e-7, then nothing, in a direction that is stiff."""
+    stiff, off = np.array([1e8, 1.0]), [0.0, 1e-6, 0.0, 1e-7, 0.0, 0.0]
+    b, left = np.array([[0.0, 1.0]]), np.array([[1e-9, 0.0]])
+    run = conjugate_gradients(
+        lambda x: x * stiff + [off.pop(0), 0.0], lambda r: r / stiff, b, 1e-8, 100, None,
+        lambda *_: left.copy(),
+    )[0]  # fmt: skip
+    assert not run.trouble
+    assert not run.rounded
+    assert run.residual <= 1e-8
+
+
 # ---------------------------------------------------------------- cells that repeat
 
 
@@ -295,6 +309,7 @@ CASES = [
     ("cutfem.anisotropic", "ODD", np.inf, stiffnesses_that_are_not_symmetric_are_refused),
     ("cutfem.domain", "GHOST", {(3, 2): 0.0}, slivers_are_held),
     ("cutfem.connectivity", "MIN_NECK", 0.0, necks_that_hold_nothing_do_not_join),
+    ("linalg._krylov", "STALLED", 0.0, residuals_that_still_fall_are_not_laid_to_rounding),
     ("homogenize.effective", "SOFT", 0.9, strains_without_resistance_are_counted),
     ("homogenize.local", "BORNE", np.inf, stresses_that_are_not_borne_are_refused),
     ("quadrature.grid", "TOLD", np.inf, volumes_that_are_not_known_are_told),
