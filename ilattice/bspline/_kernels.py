@@ -250,35 +250,6 @@ def contract2(c, m, i0, j0, l0, k0, k1, k2, b):
     return value, du, dv, dw, duu, dvv, dww, dvw, duw, duv
 
 
-@inner(fastmath=FAST, error_model="numpy")
-def jet_at(d0, d1, d2, k0, k1, k2, c, u, v, w, order, b, out):
-    """Jet of all components at one point: out (M, >= 1, 4 or 10), scratch b (3, 3, width)."""
-    i0 = basis(d0, k0, u, order, b, 0)
-    j0 = basis(d1, k1, v, order, b, 1)
-    l0 = basis(d2, k2, w, order, b, 2)
-    for m in range(c.shape[0]):
-        if order == 0:
-            out[m, 0] = contract0(c, m, i0, j0, l0, k0, k1, k2, b)
-        elif order == 1:
-            f, fu, fv, fw = contract1(c, m, i0, j0, l0, k0, k1, k2, b)
-            out[m, 0] = f
-            out[m, 1] = fu
-            out[m, 2] = fv
-            out[m, 3] = fw
-        else:
-            f, fu, fv, fw, fuu, fvv, fww, fvw, fuw, fuv = contract2(c, m, i0, j0, l0, k0, k1, k2, b)
-            out[m, 0] = f
-            out[m, 1] = fu
-            out[m, 2] = fv
-            out[m, 3] = fw
-            out[m, 4] = fuu
-            out[m, 5] = fvv
-            out[m, 6] = fww
-            out[m, 7] = fvw
-            out[m, 8] = fuw
-            out[m, 9] = fuv
-
-
 @in_ranges(CHUNK)
 @njit(cache=True, nogil=True, error_model="numpy")
 def inside(first, last, u, lo, hi, out):

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ilattice._typing import AnyArray, ArrayLike, FloatArray
+from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import as_array, as_flag, per_direction
 from ilattice.bspline.knots import as_degree, as_knot_vector, breaks, greville, wrap
 from ilattice.bspline.spline import BSpline
@@ -191,8 +191,3 @@ def to_spline(c: FloatArray, dirs: Sequence[Direction]) -> BSpline:
     for axis, d in enumerate(dirs):
         c = d.stored(c, axis)
     return BSpline([d.t for d in dirs], c, [d.k for d in dirs], periodic=[d.periodic for d in dirs])
-
-
-def basis_sums(a: AnyArray) -> FloatArray:
-    """Column sums of a collocation matrix."""
-    return np.asarray(a.sum(axis=0)).ravel()

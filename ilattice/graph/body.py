@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._field import Field
 from ilattice._geometry import grid_points
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import Frozen, as_points
@@ -33,7 +34,7 @@ _BLOCK = 8
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SetField(Frozen):
+class SetField(Field, Frozen):
     """Union, intersection or difference of fields that repeat with the unit cube.
 
     Parameters

@@ -11,6 +11,7 @@ import ilattice as il
 from ilattice._field import Field, owns
 from ilattice.errors import InputError
 from ilattice.fields.algebra import _Everywhere
+from ilattice.graph.body import SetField
 from ilattice.mesh.wall_mesh import _Larger
 from ilattice.offsets.scattered import Scattered
 from ilattice.offsets.sharp import SharpDistance
@@ -71,6 +72,11 @@ def bars_in_box():
     return lattice(cross, repeat=2).offset((np.inf, 0)).bars()
 
 
+def sets():
+    ball = il.tiles.SkeletonField([il.tiles.Ball((0.5, 0.5, 0.5), 0.35)], faces="periodic")
+    return SetField((ball, il.tiles.skeleton(STRUTS, radius=0.2, faces="periodic").field), "union")
+
+
 #: Class -> a field of it; where it is tried, and what it does not promise.
 EXAMPLES = {
     "BSpline": (spline, {}),
@@ -105,6 +111,7 @@ EXAMPLES = {
     "SharpDistance": (sharp, {"kinks": True, "converges": False}),
     "TileField": (lambda: TileField(lattice()), {"converges": False}),
     "BarsInBox": (bars_in_box, {"kinks": True}),
+    "SetField": (sets, {"kinks": True}),
     "WallField": (lambda: lattice(spans_per_tile=8).offset(0.1).field, {"kinks": True}),
     "_Negative": (lambda: _Negative(smooth), {"box": BOX, "differences": True}),
     "MeshDistance": (mesh_distance, {"box": BOX, "kinks": True, "converges": False}),
