@@ -437,7 +437,7 @@ def newton(space, x, start, known, clip, h, tol, work):
         d, lam, size, low = kkt_step(m, t, r, lam, it == 0, fixed, floor)
         if not np.isfinite(size) or (
             since >= PATIENCE and size > ERRATIC * h and known.distance < np.inf
-        ):  # to and fro over a sharp edge, or a map without inverse: other starts do better
+        ):  # back and forth over a sharp edge, or a map without inverse: other starts do better
             return p, y, lam, low, it + 1, failed
         dist = np.sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
         small = converged(size, last, d, dist, it, h, tol)
