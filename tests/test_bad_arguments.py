@@ -520,6 +520,7 @@ ODD_CALLS = [
     lambda s: s["lattice"].search.candidates([[0.1] * 3], -1),
     lambda s: s["lattice"].search.to_tile(None),
     lambda s: s["lattice"].search.query([[0.1] * 3]).rows([0.5]),
+    lambda s: s["lattice"].search.query([[0.1] * 3]).replaced([0], 3),
     lambda _: il.tiles.Arc((0.3, 0.5, 0.5), (0.2, 0, 0), (0, 0.2, 0)).at([NAN]),
     lambda _: il.tiles.SkeletonField([[(0, 0.5, 0.5), (1, 0.5, 0.5)]], 0.1).up_to(NAN, [[0.1] * 3]),
     lambda _: il.tiles.mix("gyroid", "iwp", seed=1).blended(-1, [[0] * 3, [1] * 3], (False,) * 3),

@@ -143,8 +143,8 @@ class ClosestPoints(FrozenCopies):
 
         Parameters
         ----------
-        at : ndarray of int
-            Which ones.
+        at : ndarray
+            Which ones: a mask, or numbers.
         new : ClosestPoints
             Feet, one for each of these.
 
@@ -153,6 +153,9 @@ class ClosestPoints(FrozenCopies):
         ClosestPoints
             New feet where there are some, and those here elsewhere.
         """
+        at = as_rows("at", at, len(self.u))
+        if len(as_kind("new", new, "ClosestPoints").u) != len(self.u[at]):
+            raise InputError(f"new must hold {len(self.u[at])} feet, as at does, got {len(new.u)}")
         parts = [getattr(self, f.name).copy() for f in fields(self)]
         for part, f in zip(parts, fields(self), strict=True):
             part[at] = getattr(new, f.name)

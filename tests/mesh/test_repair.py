@@ -15,6 +15,7 @@ from ilattice.mesh import SurfaceMesh, _projecting, uncrossing, wall_mesh
 from ilattice.mesh import _kernels_repair as kernels
 from ilattice.mesh.contouring import ON_CAP, contour_arrays, split_quads
 from ilattice.mesh.repair import QUALITY, Repair, remove_slivers
+from ilattice.offsets.polish import polish
 
 SIX = (0, 1, 2, 3, 4, 5)
 
@@ -458,6 +459,24 @@ def test_repair_of_a_wall_makes_no_crossings():
 
 
 # --- vertices that stray -------------------------------------------------------------------------
+
+
+@pytest.mark.filterwarnings("ignore:the mesh with h=")  # coarse
+def test_feet_that_a_spline_tells_lead_to_the_same_places():
+    wall = wall_of("gyroid", 0.05)
+    raw = wall.mesh(0.06, polish=False)
+    u = np.stack([raw.point_data[k] for k in "uvw"], axis=1)
+    side = raw.point_data["side"].astype(float)
+    for sign in (1.0, -1.0):
+        at = np.flatnonzero(side == sign)
+        given = wall.lattice, u[at], np.zeros((len(at), 3), bool), side[at]
+        alone, off = polish(*given, wall.thickness.side(sign))
+        told, left = polish(*given, wall.thickness.side(sign), None, wall.distance)
+        fine = off < 1e-8
+        assert fine.mean() > 0.99
+        assert (left[fine] < 1e-8).all()
+        apart = np.abs(told - alone)[fine].max(axis=1)
+        assert np.minimum(apart, 1.0 - apart).max() < 1e-6
 
 
 def test_vertices_that_stray_keep_their_place(monkeypatch):
