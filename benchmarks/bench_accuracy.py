@@ -91,9 +91,7 @@ def limit_of(body: str, found: dict[float, dict[str, float]]) -> float:
         return SPHERE
     fine, coarse = sorted(found)[:2]
     ratio = (coarse / fine) ** 2
-    ends = (found[h]["compliance"] for h in (fine, coarse))
-    a, b = ends
-    return (ratio * a - b) / (ratio - 1.0)
+    return (ratio * found[fine]["compliance"] - found[coarse]["compliance"]) / (ratio - 1.0)
 
 
 def to_reach(error: float, errors: list[float], seconds: list[float]) -> tuple[float, bool]:

@@ -320,6 +320,9 @@ def test_fields_show_what_they_are_made_of():
     assert repr(f.union(ball, f.sphere(1.0))) == (
         "Union(parts=(Sphere(radius=0.25), Sphere(radius=1)), radius=0)"
     )
+    kinds = (f.dilate, "Dilation"), (f.erode, "Erosion"), (f.shell, "Shell")
+    for make, kind in kinds:
+        assert repr(make(ball, 0.1)).startswith(f"{kind}(part=Sphere(radius=0.25), amount=")
     assert repr(f.intersection(ball, f.sphere(1.0))).startswith("Intersection(")
     balls = repr(f.union(*map(f.sphere, range(1, 31))))
     assert balls.startswith("Union(parts=(Sphere(radius=1), ")

@@ -369,9 +369,8 @@ class Elasticity(ElasticOperators):
         if temperature is not None and self.material.expansion.value == 0.0:
             raise InputError("temperature: the material does not expand; give it an expansion")
         for kind, value in {**placed, "body": body, "gravity": gravity}.items():
-            free = value is None or kind == "pressure"
-            free |= kind not in ("force", "moment") and callable(value)
-            if not free and np.shape(value) != (3,):
+            numbers = kind in ("force", "moment") or not (value is None or callable(value))
+            if numbers and kind != "pressure" and np.shape(value) != (3,):
                 raise InputError(f"{kind} must be a vector of 3 numbers, got {value!r:.80}")
         for kind, value in placed.items():
             new = new._loaded(kind, value, 1 if kind == "pressure" else 3, on, where, at)

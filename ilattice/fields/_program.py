@@ -23,6 +23,7 @@ from ilattice.fields._kernels_ops import value
 MAX_INSTRUCTIONS = 200_000
 PRUNE_FROM = 24  # instructions from which on shorter programs are looked for
 SORT_FROM = 256  # instructions from which on points are put in an order in which near ones follow
+_ROOT = 1e-100  # least root in slopes of roots: second derivatives of their inverses are finite
 CURVE = 2**21 - 1  # places along each axis of the curve that orders them
 Point: TypeAlias = tuple[int, int, int]
 
@@ -227,7 +228,7 @@ class Builder:
         rules: dict[int, Callable[[], int]] = {
             ops.NEG: lambda: self.const(-1.0),
             ops.ABS: lambda: self.op(ops.SIGN, a),
-            ops.SQRT: lambda: over(self.op(ops.MAX, self.scaled(2.0, i), self.const(1e-100))),
+            ops.SQRT: lambda: over(self.op(ops.MAX, self.scaled(2.0, i), self.const(_ROOT))),
             ops.SQUARE: lambda: self.scaled(2.0, a),
             ops.SIN: lambda: self.op(ops.COS, a),
             ops.COS: lambda: self.op(ops.NEG, self.op(ops.SIN, a)),

@@ -99,7 +99,11 @@ class _Offset(Node):
     part: Node
     amount: float | Node
     sign: float = field(repr=False)
-    shell: bool = False
+    shell: bool = field(default=False, repr=False)
+
+    @property
+    def _kind(self) -> str:
+        return "Shell" if self.shell else "Dilation" if self.sign > 0 else "Erosion"
 
     def _emit(self, b: Builder, p: Point) -> int:
         f = self.part._emit(b, p)

@@ -419,9 +419,7 @@ def newton(space, x, start, known, clip, h, tol, work):
         r = (m[0, 0] - x[0], m[1, 0] - x[1], m[2, 0] - x[2])
         fixed = (0, 0, 0)
         jr = r
-        if (
-            clip
-        ):  # which bounds hold is decided anew at every point: so feet on edges are left again
+        if clip:  # which bounds hold is decided anew at every point, so that edges are left again
             jr = (
                 m[0, 1] * r[0] + m[1, 1] * r[1] + m[2, 1] * r[2],
                 m[0, 2] * r[0] + m[1, 2] * r[1] + m[2, 2] * r[2],
