@@ -8,6 +8,7 @@ Non-guarantee: tightness; bounds on a box of size h exceed the true range by O(h
 
 from dataclasses import dataclass
 from math import comb
+from typing import Protocol
 
 import numpy as np
 
@@ -16,8 +17,26 @@ from ilattice._validate import as_array, as_points, read_only
 from ilattice.bspline import _kernels_bezier
 from ilattice.bspline.knots import bezier_matrix, breaks
 from ilattice.bspline.lines import apply_all, frozen, line_operator
-from ilattice.bspline.spline import BSpline
 from ilattice.errors import InputError
+
+
+class _SplineLike(Protocol):
+    """What a tensor-product spline tells of itself, as `BSpline` does."""
+
+    t: tuple[FloatArray, ...]
+    c: FloatArray
+    k: tuple[int, ...]
+    weights: FloatArray | None
+    periodic: tuple[bool, ...]
+
+    @property
+    def ndim(self) -> int: ...
+    @property
+    def m(self) -> int: ...
+    @property
+    def shape(self) -> tuple[int, ...]: ...
+    @property
+    def domain(self) -> FloatArray: ...
 
 
 @dataclass(frozen=True)
@@ -80,7 +99,7 @@ def bernstein(degree: int, t: ArrayLike) -> FloatArray:
     return out
 
 
-def to_bezier(spline: BSpline) -> BezierCells:
+def to_bezier(spline: _SplineLike) -> BezierCells:
     """Bézier elements of a spline.
 
     Parameters
@@ -114,7 +133,7 @@ def to_bezier(spline: BSpline) -> BezierCells:
 
 
 def range_on_boxes(
-    spline: BSpline,
+    spline: _SplineLike,
     lo: ArrayLike,
     hi: ArrayLike,
     *,
@@ -190,7 +209,7 @@ def _as_boxes(lo: ArrayLike, hi: ArrayLike, nd: int) -> tuple[FloatArray, FloatA
 
 
 def _in_domain(
-    spline: BSpline, lo: FloatArray, hi: FloatArray
+    spline: _SplineLike, lo: FloatArray, hi: FloatArray
 ) -> tuple[FloatArray, FloatArray, IntArray | None]:
     """Boxes (m', 3) inside the domain; if some were cut at a seam, which box each belongs to."""
     pieces = [(lo, hi, np.arange(len(lo)))]

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -31,10 +31,9 @@ from ilattice._validate import (
     read_only,
 )
 from ilattice.bspline import _kernels
+from ilattice.bspline.bezier import BezierCells, range_on_boxes, to_bezier
+from ilattice.bspline.knots import elevation_matrix, greville, insertion_matrix
 from ilattice.errors import InputError
-
-if TYPE_CHECKING:
-    from ilattice.bspline.bezier import BezierCells
 
 #: Highest degree, and largest finite number.
 MAX_DEGREE = 8
@@ -442,8 +441,6 @@ class BSpline(Field):
         ndarray, shape (m, 2)
             Lower and upper bounds.
         """
-        from ilattice.bspline.bezier import range_on_boxes
-
         return range_on_boxes(self, lo, hi, tight=tight, level=level)
 
     # ---------------------------------------------------------------- structure
@@ -478,8 +475,6 @@ class BSpline(Field):
         ndarray, shape (n,)
             One per coefficient.
         """
-        from ilattice.bspline.knots import greville
-
         axis = as_axis("axis", axis, self.ndim)
         return greville(self.t[axis], self.k[axis])
 
@@ -516,8 +511,6 @@ class BSpline(Field):
         BSpline
             The refined spline.
         """
-        from ilattice.bspline.knots import insertion_matrix
-
         axis, new = as_axis("axis", axis, self.ndim), as_array("knots", knots, ndim=1)
         t, matrix = insertion_matrix(self.t[axis], self.k[axis], new, periodic=self.periodic[axis])
         return self._with_axis(axis, t, self.k[axis], matrix)
@@ -537,8 +530,6 @@ class BSpline(Field):
         BSpline
             Of the same values.
         """
-        from ilattice.bspline.knots import elevation_matrix
-
         axis, times = as_axis("axis", axis, self.ndim), as_whole("times", times, 0, MAX_DEGREE)
         t, k, matrix = elevation_matrix(
             self.t[axis], self.k[axis], times, periodic=self.periodic[axis]
@@ -591,8 +582,6 @@ class BSpline(Field):
         BezierCells
             Their control points and weights.
         """
-        from ilattice.bspline.bezier import to_bezier
-
         return to_bezier(self)
 
 

@@ -14,7 +14,7 @@ import logging
 import warnings
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
@@ -25,9 +25,6 @@ from ilattice._validate import Frozen, as_kind, as_not_negative, as_whole, check
 from ilattice.bspline import BSpline
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.macroshape import _bernstein as bern
-
-if TYPE_CHECKING:
-    from ilattice.macroshape.maps import SplineMap
 
 __all__ = ["Certificate", "Status", "certify", "check_map"]
 
@@ -100,7 +97,23 @@ class Certificate(Frozen):
         return f"u = {_numbers(self.worst_u)}, x = {_numbers(self.worst_x)}"
 
 
-def certify(volume: "SplineMap | BSpline", *, depth: int = 16, tol: float = 1e-9) -> Certificate:
+class _Volume(Protocol):
+    """What is looked at of a `SplineMap`."""
+
+    @property
+    def spline(self) -> BSpline: ...
+
+
+class _Certified(_Volume, Protocol):
+    """A volume that keeps its certificate."""
+
+    @property
+    def geometry(self) -> BSpline: ...
+    @property
+    def certificate(self) -> Certificate: ...
+
+
+def certify(volume: _Volume | BSpline, *, depth: int = 16, tol: float = 1e-9) -> Certificate:
     """Certify the sign of det J of a spline volume.
 
     Parameters
@@ -162,7 +175,7 @@ def certify(volume: "SplineMap | BSpline", *, depth: int = 16, tol: float = 1e-9
     )
 
 
-def check_map(volume: "SplineMap", *, name: str = "through") -> Certificate:
+def check_map(volume: _Certified, *, name: str = "through") -> Certificate:
     """Refuse a folded map; warn of places where det J vanishes.
 
     Parameters

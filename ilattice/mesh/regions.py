@@ -7,7 +7,7 @@ place and volume. Non-guarantee: parts and gaps thinner than the mesh are not se
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -15,8 +15,9 @@ from ilattice._shown import Shown
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import as_not_negative
 from ilattice.errors import GeometryError, PrecisionWarning
-from ilattice.mesh.surface import SurfaceMesh
+from ilattice.mesh.triangles import TriangleMesh
 
+Mesh = TypeVar("Mesh", bound=TriangleMesh)
 #: Triangles that are looked at at once.
 CHUNK = 1 << 20
 #: Parts smaller than this, relative to the largest, are told of as chips.
@@ -99,7 +100,7 @@ class TopologyReport(Shown):
         return "\n".join(lines)
 
 
-def topology_of(mesh: SurfaceMesh) -> TopologyReport:
+def topology_of(mesh: TriangleMesh) -> TopologyReport:
     """Parts, handles and voids of the solid that a mesh bounds.
 
     Parameters
@@ -132,7 +133,7 @@ def topology_of(mesh: SurfaceMesh) -> TopologyReport:
     return TopologyReport(_by_size(parts), _by_size(voids), sum(r.genus for r in regions))
 
 
-def without_islands(mesh: SurfaceMesh, least: float | None) -> SurfaceMesh:
+def without_islands(mesh: Mesh, least: float | None) -> Mesh:
     """Mesh without its small parts; see `SurfaceMesh.remove_islands`."""
     least = None if least is None else as_not_negative("least", least)
     report = topology_of(mesh)
@@ -144,14 +145,14 @@ def without_islands(mesh: SurfaceMesh, least: float | None) -> SurfaceMesh:
     return mesh.select(~np.isin(mesh.component_labels, sorted(gone)))
 
 
-def without_voids(mesh: SurfaceMesh, most: float | None) -> SurfaceMesh:
+def without_voids(mesh: Mesh, most: float | None) -> Mesh:
     """Mesh with its voids filled; see `SurfaceMesh.fill_voids`."""
     limit = np.inf if most is None else as_not_negative("most", most, finite=False)
     gone = [r.label for r in topology_of(mesh).voids if r.volume <= limit]
     return mesh.select(~np.isin(mesh.component_labels, gone))
 
 
-def islands_of(mesh: SurfaceMesh) -> dict[str, Any]:
+def islands_of(mesh: TriangleMesh) -> dict[str, Any]:
     """Parts of a mesh besides the largest, as plain data for reports, with a warning of chips.
 
     Parameters
@@ -191,7 +192,7 @@ def islands_of(mesh: SurfaceMesh) -> dict[str, Any]:
 # --- surfaces ---------------------------------------------------------------------------------
 
 
-def _regions(mesh: SurfaceMesh) -> list[Region]:
+def _regions(mesh: TriangleMesh) -> list[Region]:
     """What each closed surface encloses, with signed volume."""
     if not (mesh.is_watertight and mesh.is_oriented):
         raise GeometryError(
@@ -220,7 +221,7 @@ def _regions(mesh: SurfaceMesh) -> list[Region]:
 
 
 def _fans(
-    mesh: SurfaceMesh, labels: AnyArray, count: int, lower: FloatArray, upper: FloatArray
+    mesh: TriangleMesh, labels: AnyArray, count: int, lower: FloatArray, upper: FloatArray
 ) -> IntArray:
     """Vertices of each surface, those of several surfaces for each; boxes around them."""
     total = np.zeros(count, np.int64)
@@ -233,7 +234,7 @@ def _fans(
     return total
 
 
-def owners(mesh: SurfaceMesh, solid: Sequence[Region], hollow: Sequence[Region]) -> list[int]:
+def owners(mesh: TriangleMesh, solid: Sequence[Region], hollow: Sequence[Region]) -> list[int]:
     """For each void the smallest part around it.
 
     Parameters
@@ -266,7 +267,7 @@ def owners(mesh: SurfaceMesh, solid: Sequence[Region], hollow: Sequence[Region])
     return out
 
 
-def _winding(mesh: SurfaceMesh, faces: AnyArray, x: FloatArray) -> float:
+def _winding(mesh: TriangleMesh, faces: AnyArray, x: FloatArray) -> float:
     """How often a closed surface winds around a point, from solid angles."""
     p = mesh.vertices[mesh.faces[faces]].astype(np.float64) - x
     a, b, c = np.linalg.norm(p, axis=2).T

@@ -13,7 +13,7 @@ import tempfile
 import warnings
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.ndimage import label
@@ -26,10 +26,8 @@ from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import as_choice, as_real
 from ilattice.errors import ConvergenceError, GeometryError, InputError, PrecisionWarning
 from ilattice.mesh.solid_mesh import SolidMesh
+from ilattice.mesh.triangles import TriangleMesh
 from ilattice.quadrature.grid import CutGrid, Grid, cut
-
-if TYPE_CHECKING:
-    from ilattice.mesh.surface import SurfaceMesh
 
 _CORNERS = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0),
                      (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)])  # fmt: skip
@@ -52,7 +50,7 @@ _ROUGH = 0.02
 _CRUMB = 0.01
 
 
-def tetrahedra(mesh: "SurfaceMesh", order: int = 2, progress: Progress = None) -> SolidMesh:
+def tetrahedra(mesh: TriangleMesh, order: int = 2, progress: Progress = None) -> SolidMesh:
     """Fill a closed surface; see `SurfaceMesh.tetrahedra`."""
     as_choice("order", order, (1, 2))
     if find_spec("tetgen") is None:
@@ -96,7 +94,7 @@ def _told(solid: SolidMesh, remedy: str) -> SolidMesh:
 
 
 def _filled(
-    vertices: FloatArray, faces: AnyArray, mesh: "SurfaceMesh"
+    vertices: FloatArray, faces: AnyArray, mesh: TriangleMesh
 ) -> tuple[FloatArray, IntArray]:
     """Points and tetrahedra of TetGen, which may abort, and does in a process of its own."""
     with tempfile.TemporaryDirectory() as folder:

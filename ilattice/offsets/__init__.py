@@ -11,8 +11,9 @@
 `ilattice.lattice` has `Lattice` and `Wall`, with all that can be done with them.
 """
 
-from ilattice.offsets.closest import ClosestPoints, ClosestPointSearch, Statistics
+from ilattice.offsets.closest import ClosestPointSearch
 from ilattice.offsets.distance import distance
+from ilattice.offsets.feet import ClosestPoints, Statistics
 from ilattice.offsets.mid_surface import MidSurface
 from ilattice.offsets.offsetting import offset_solid
 from ilattice.offsets.wall import OffsetSolid

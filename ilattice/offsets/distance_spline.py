@@ -18,6 +18,8 @@ from ilattice._memory import need
 from ilattice._progress import Progress, track
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice.bspline import BSpline
+from ilattice.bspline.fit import fit_interpolate, sites
+from ilattice.bspline.knots import uniform_knots
 
 if TYPE_CHECKING:
     from ilattice.offsets.mid_surface import MidSurface
@@ -95,9 +97,6 @@ def interpolated(
     BSpline
         Scalar, periodic where the map is closed.
     """
-    from ilattice.bspline.fit import fit_interpolate, sites
-    from ilattice.bspline.knots import uniform_knots
-
     closed = lattice.through.wraps
     counts = np.broadcast_to(np.asarray(spans, np.int64), 3).tolist()
     need(

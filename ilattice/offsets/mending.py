@@ -9,7 +9,7 @@ for it. Non-guarantee: a part of the surface that none of the queries has found 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -17,10 +17,8 @@ from scipy.spatial import cKDTree
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.offsets import _kernels_mending, _kernels_newton, _kernels_seeds
 from ilattice.offsets._kernels_patches import DISTANCE, IMAGE
+from ilattice.offsets.seeded import SeededSpace
 from ilattice.offsets.seeding import Seeds
-
-if TYPE_CHECKING:
-    from ilattice.offsets.closest import ClosestPointSearch
 
 #: Rounds in which better feet spread to neighbours, and by how much they must be nearer, relative
 #: to the distance and to the spacing of seeds.
@@ -28,14 +26,14 @@ ROUNDS, NEARER, CLEARLY = 20, 1e-7, 1e-6
 
 
 def mended(
-    search: ClosestPointSearch, x: FloatArray, p: FloatArray, feet: FloatArray, status: IntArray,
+    search: SeededSpace, x: FloatArray, p: FloatArray, feet: FloatArray, status: IntArray,
     strides: tuple[int, ...], known: FloatArray | None, thorough: bool,
 ) -> int:  # fmt: skip
     """Replace feet by nearer ones of neighbours; how many queries that concerns.
 
     Parameters
     ----------
-    search : ClosestPointSearch
+    search : SeededSpace
         Seeds, map and tiles.
     x, p : ndarray, shape (n, 3)
         Queries in space and in tile coordinates.
@@ -88,12 +86,12 @@ def _nearest(feet: FloatArray, x: FloatArray) -> IntArray:
     return out
 
 
-def started(search: ClosestPointSearch, start: FloatArray) -> Seeds:
+def started(search: SeededSpace, start: FloatArray) -> Seeds:
     """Points of the surface as seeds.
 
     Parameters
     ----------
-    search : ClosestPointSearch
+    search : SeededSpace
         Map and tiles.
     start : ndarray, shape (n, 3)
         Tile coordinates.
@@ -113,14 +111,14 @@ def started(search: ClosestPointSearch, start: FloatArray) -> Seeds:
     return Seeds(start, y, normal, spacing)
 
 
-def _least(search: ClosestPointSearch, distance: FloatArray) -> FloatArray:
+def _least(search: SeededSpace, distance: FloatArray) -> FloatArray:
     """By how much (n,) feet must be nearer."""
     out: FloatArray = np.maximum(NEARER * distance, CLEARLY * search.least_spacing)
     return out
 
 
 def _replace(
-    search: ClosestPointSearch, x: FloatArray, p: FloatArray, q: FloatArray, y: FloatArray,
+    search: SeededSpace, x: FloatArray, p: FloatArray, q: FloatArray, y: FloatArray,
     feet: FloatArray, status: IntArray, changed: AnyArray,
 ) -> None:  # fmt: skip
     """Feet where points of the surface are nearer: one for each query, and its image."""
@@ -131,7 +129,7 @@ def _replace(
         changed[at[_restart(search, x, p, at, q[at], feet, status)]] = True
 
 
-def _reachable(search: ClosestPointSearch, p: FloatArray, q: FloatArray) -> AnyArray:
+def _reachable(search: SeededSpace, p: FloatArray, q: FloatArray) -> AnyArray:
     """Which feet p (n, 3) count for the queries q (n, 3), see `_kernels_patches.reachable`."""
     count, closed = np.array(search.lattice.repeat), np.array(search.lattice.through.closed)
     outside = (((p < 0.0) | (p > count)) & ~closed).any(axis=1)
@@ -141,7 +139,7 @@ def _reachable(search: ClosestPointSearch, p: FloatArray, q: FloatArray) -> AnyA
 
 
 def _restart(
-    search: ClosestPointSearch, x: FloatArray, p: FloatArray, at: IntArray, start: FloatArray,
+    search: SeededSpace, x: FloatArray, p: FloatArray, at: IntArray, start: FloatArray,
     feet: FloatArray, status: IntArray,
 ) -> AnyArray:  # fmt: skip
     """Feet of the queries `at` from points of the surface nearer than those they have.
@@ -154,12 +152,12 @@ def _restart(
     new, counts = np.full((2, n, 8), np.nan), np.zeros((n, 2), np.int64)
     state = np.full(n, _kernels_newton.FALLBACK, np.int64)
     number = np.arange(n)[:, None]
-    search._run(x[at], p[at], number, new, counts, state, seeds)
+    search.run(x[at], p[at], number, new, counts, state, seeds)
     bound = np.linalg.norm(x[at] - y, axis=1)
     bad = ~(np.abs(new[0, :, DISTANCE]) <= bound) | (state >= _kernels_newton.FALLBACK)
     bad = np.flatnonzero(bad & search.within(start))  # points of the continuation are no feet
     if len(bad):
-        search._descend(x[at[bad]], bad, start[bad], new[0])
+        search.descend(x[at[bad]], bad, start[bad], new[0])
         state[bad] = _kernels_newton.OK
     old = feet[0, at].copy()
     sign = np.where(old[:, DISTANCE] < 0.0, -1.0, 1.0)

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import as_points, freeze
 from ilattice.macroshape.tiling import Tiling
-from ilattice.offsets.closest import ClosestPoints, ClosestPointSearch, Statistics
+from ilattice.offsets.closest import ClosestPointSearch
+from ilattice.offsets.feet import ClosestPoints, Statistics
 
 
 @dataclass(frozen=True, eq=False)

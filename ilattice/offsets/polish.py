@@ -16,7 +16,7 @@ from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.bspline import BSpline
 from ilattice.offsets._kernels_newton import FALLBACK
 from ilattice.offsets._small import solved
-from ilattice.offsets.closest import ClosestPoints
+from ilattice.offsets.feet import ClosestPoints
 
 if TYPE_CHECKING:
     from ilattice.offsets.mid_surface import MidSurface

@@ -10,18 +10,12 @@ Guarantee: in the end no seed is left out that may have a nearer foot, but for p
 
 from __future__ import annotations
 
-from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
-
 import numpy as np
-from scipy.spatial import cKDTree
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.offsets import _kernels, _kernels_newton, _kernels_sweep
-from ilattice.offsets._kernels_patches import AROUND, DISTANCE, PLAIN, SAGITTA
-
-if TYPE_CHECKING:
-    from ilattice.offsets.closest import ClosestPointSearch
+from ilattice.offsets._kernels_patches import DISTANCE, PLAIN
+from ilattice.offsets.seeded import SeededSpace
 
 #: A retry starts from up to that many of the nearest seeds, one per patch. Where no start has led
 #: to a foot, it looks among this many, and four times as many, up to the last number.
@@ -33,143 +27,19 @@ RETRIED = 1 << 21
 #: if they lie on several patches, so that a second foot is nearer than d + RIVAL h; else it is
 #: PILED, where a map squeezes seeds together.
 CROWDED, PILED, RIVAL = 0.35, 0.15, 0.1
-#: Most places along an axis by which seeds are put in order.
-BITS = (1 << 14) - 1
-#: Levels of boxes, from the lowest one, that have slabs.
-SLABS = 5
 #: Sweeps, one more where more patches were in reach than a sweep starts from.
 SWEEPS = 3
 
 
-class Boxes(NamedTuple):
-    """Boxes around what seeds stand for, see `_kernels_sweep`.
-
-    Attributes
-    ----------
-    lo, hi : ndarray, shape (b, 3)
-        Corners of the boxes.
-    slab : ndarray, shape (b, 5)
-        Directions in which what they hold is thin where cells are squeezed, and its ends along
-        these; zero and infinite where it is not, and far up.
-    first : ndarray, shape (levels + 1,)
-        Where the levels of boxes begin, lowest first, and end.
-    """
-
-    lo: FloatArray
-    hi: FloatArray
-    slab: FloatArray
-    first: IntArray
-
-    @classmethod
-    def of(cls, x: FloatArray, normal: FloatArray, spacing: FloatArray) -> Boxes:
-        """Boxes around what seeds next to each other in memory stand for.
-
-        Parameters
-        ----------
-        x : ndarray, shape (s, 3)
-            Seeds in space, see `in_order`.
-        normal, spacing : ndarray, shape (s, k) and (s,)
-            Their normals and cells, and their spacings, see `_kernels_patches`.
-
-        Returns
-        -------
-        Boxes
-            The boxes.
-        """
-        half = _halves(normal, spacing)
-        lo, hi = x - half, x + half
-        ends: list[tuple[FloatArray, FloatArray]] = []
-        first, size = [0], _kernels_sweep.LEAF
-        while not ends or len(lo) > 1:
-            at = np.arange(0, len(lo), size)
-            lo, hi = np.minimum.reduceat(lo, at), np.maximum.reduceat(hi, at)
-            ends.append((lo, hi))
-            first.append(first[-1] + len(lo))
-            size = _kernels_sweep.FAN
-        los, his = (np.concatenate(a) for a in zip(*ends, strict=True))
-        return cls(los, his, _slabs(x, normal, first), np.array(first))
-
-
-def in_order(p: FloatArray, x: FloatArray, normal: FloatArray) -> IntArray:
-    """Order in which seeds that are next to each other in space are so in memory.
-
-    Parameters
-    ----------
-    p, x : ndarray, shape (s, 3)
-        Seeds in tile coordinates and in space.
-    normal : ndarray, shape (s, k)
-        Their normals and cells, see `_kernels_patches`: where cells are squeezed, seeds next to
-        each other in tiles follow each other, for in space there are others between them.
-
-    Returns
-    -------
-    ndarray, shape (s,)
-        Their numbers.
-    """
-    if normal.shape[1] == PLAIN:
-        return np.asarray(cKDTree(x).indices, np.int64)
-    return np.argsort(_morton(p), kind="stable")
-
-
-def _morton(p: FloatArray) -> IntArray:
-    """Numbers of points (n, 3) along a curve that stays near: the bits of their coordinates."""
-    lo, hi = p.min(axis=0), p.max(axis=0)
-    q = ((p - lo) * (BITS / max(float((hi - lo).max()), 1e-300))).astype(np.uint64)
-    out = np.zeros(len(p), np.uint64)
-    for k in range(BITS.bit_length()):
-        for a in range(3):
-            out |= ((q[:, a] >> np.uint64(k)) & np.uint64(1)) << np.uint64(3 * k + a)
-    return out.astype(np.int64)
-
-
-def _slabs(x: FloatArray, normal: FloatArray, first: list[int]) -> FloatArray:
-    """Slabs (b, 5) around what the seeds of boxes stand for, see `Boxes`."""
-    out = np.tile([0.0, 0.0, 0.0, -np.inf, np.inf], (first[-1], 1))
-    if normal.shape[1] == PLAIN:
-        return out
-    cells, bend = normal[:, PLAIN:SAGITTA].reshape(-1, 3, 3), normal[:, SAGITTA]
-    told = np.asarray(cells.any(axis=(1, 2)))
-    cells = np.where(told[:, None, None], cells, np.eye(3))
-    sides = np.linalg.inv(cells)
-    size = np.linalg.norm(cells, axis=2)
-    thin = np.take_along_axis(cells, size.argmax(axis=1)[:, None, None], axis=1)[:, 0]
-    thin /= size.max(axis=1)[:, None]
-    width = _kernels_sweep.LEAF
-    for i, j in pairwise(first[: SLABS + 1]):
-        at = np.arange(0, len(x), width)
-        way = np.add.reduceat(thin, at)
-        way /= np.maximum(np.linalg.norm(way, axis=1), 1e-300)[:, None]
-        each = np.repeat(way, width, axis=0)[: len(x)]
-        middle = np.einsum("sa,sa->s", x, each)
-        half = AROUND * np.abs(np.einsum("sa,sak->sk", each, sides)).sum(axis=1) + bend
-        half = np.where(told, half, np.inf)
-        out[i:j, :3] = way
-        out[i:j, 3] = np.minimum.reduceat(middle - half, at)
-        out[i:j, 4] = np.maximum.reduceat(middle + half, at)
-        width *= _kernels_sweep.FAN
-    return out
-
-
-def _halves(normal: FloatArray, spacing: FloatArray) -> FloatArray:
-    """Half the sides (s, 3) of boxes around what seeds stand for."""
-    out = np.repeat(_kernels_sweep.ACROSS * spacing[:, None], 3, axis=1)
-    if normal.shape[1] > PLAIN:
-        cells, bend = normal[:, PLAIN:SAGITTA], normal[:, SAGITTA]
-        told = np.flatnonzero(cells.any(axis=1))
-        sides = np.abs(np.linalg.inv(cells[told].reshape(-1, 3, 3))).sum(axis=2)
-        out[told] = AROUND * sides + bend[told, None]
-    return out
-
-
 def retried(
-    search: ClosestPointSearch, at: IntArray, x: FloatArray, p: FloatArray, feet: FloatArray,
+    search: SeededSpace, at: IntArray, x: FloatArray, p: FloatArray, feet: FloatArray,
     counts: IntArray, status: IntArray,
 ) -> None:  # fmt: skip
     """Improve queries from more seeds, until no further one may lie next to a nearer foot.
 
     Parameters
     ----------
-    search : ClosestPointSearch
+    search : SeededSpace
         Seeds, map and tiles.
     at : ndarray
         Which queries.
@@ -198,7 +68,7 @@ def retried(
 
 
 def _retry(
-    search: ClosestPointSearch, at: IntArray, m: int, x: FloatArray, p: FloatArray,
+    search: SeededSpace, at: IntArray, m: int, x: FloatArray, p: FloatArray,
     feet: FloatArray, counts: IntArray, status: IntArray,
 ) -> None:  # fmt: skip
     """Find feet of the queries `at` from more seeds, far apart."""
@@ -210,7 +80,7 @@ def _retry(
 
 
 def _sweep(
-    search: ClosestPointSearch, at: IntArray, x: FloatArray, p: FloatArray, feet: FloatArray,
+    search: SeededSpace, at: IntArray, x: FloatArray, p: FloatArray, feet: FloatArray,
     counts: IntArray, status: IntArray,
 ) -> IntArray:  # fmt: skip
     """Improve the queries `at` from all seeds that may help; those that took only some of them.
@@ -227,23 +97,23 @@ def _sweep(
 
 
 def _start(
-    search: ClosestPointSearch, at: IntArray, idx: IntArray, x: FloatArray, p: FloatArray,
+    search: SeededSpace, at: IntArray, idx: IntArray, x: FloatArray, p: FloatArray,
     feet: FloatArray, counts: IntArray, status: IntArray,
 ) -> None:  # fmt: skip
     """Improve the queries `at` from seeds."""
     f, c, s = feet.take(at, axis=1), counts[at], status[at]
-    search._run(x[at], p[at], idx, f, c, s)
+    search.run(x[at], p[at], idx, f, c, s)
     feet[:, at], counts[at], status[at] = f, c, s
 
 
-def singly(search: ClosestPointSearch, x: FloatArray, p: FloatArray, count: int) -> FloatArray:
+def singly(search: SeededSpace, x: FloatArray, p: FloatArray, count: int) -> FloatArray:
     """Nearest of the feet that single starts lead to, as if there were no others.
 
     Slow, but no start is left out because of what another one has found.
 
     Parameters
     ----------
-    search : ClosestPointSearch
+    search : SeededSpace
         Seeds, map and tiles.
     x, p : ndarray, shape (n, 3)
         Queries in space and in tile coordinates.
@@ -264,7 +134,7 @@ def singly(search: ClosestPointSearch, x: FloatArray, p: FloatArray, count: int)
         status = np.full(near.size, _kernels_newton.FALLBACK, np.int64)
         many = np.repeat(x[part], k, axis=0), np.repeat(p[part], k, axis=0)
         counts = np.zeros((near.size, 2), np.int64)
-        search._run(*many, near.reshape(-1, 1), feet, counts, status)
+        search.run(*many, near.reshape(-1, 1), feet, counts, status)
         feet[0, status >= _kernels_newton.FALLBACK, DISTANCE] = np.inf
         found = feet[0].reshape(-1, k, 8)
         out[part] = found[np.arange(len(found)), np.abs(found[:, :, 6]).argmin(axis=1)]
@@ -272,14 +142,14 @@ def singly(search: ClosestPointSearch, x: FloatArray, p: FloatArray, count: int)
 
 
 def doubtful(
-    search: ClosestPointSearch, p: FloatArray, distance: FloatArray, near: IntArray,
+    search: SeededSpace, p: FloatArray, distance: FloatArray, near: IntArray,
     feet: FloatArray, status: IntArray,
 ) -> AnyArray:  # fmt: skip
     """Where no start converged, or a further seed may lie next to a foot that is nearer.
 
     Parameters
     ----------
-    search : ClosestPointSearch
+    search : SeededSpace
         Seeds and their spacing.
     p : ndarray, shape (n, 3)
         Queries in tile coordinates.

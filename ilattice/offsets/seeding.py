@@ -10,7 +10,7 @@ side of the solid within about a cell. Non-guarantee: parts between those points
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -19,10 +19,7 @@ from ilattice._geometry import grid_points
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.offsets._kernels_patches import SHARP
 from ilattice.offsets._small import solved
-
-if TYPE_CHECKING:
-    from ilattice.offsets.closest import ClosestPointSearch
-    from ilattice.offsets.space import TileSpace
+from ilattice.offsets.space import TileSpace
 
 #: Cells within which a seed that faces alike must be, the least cosine between normals that are
 #: alike, and seeds that are looked at.
@@ -172,32 +169,36 @@ def gaps(field: Any, points: FloatArray, seeds: FloatArray, m: IntArray) -> Floa
 
 
 def layered(
-    search: ClosestPointSearch, p: FloatArray, cell: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+    space: TileSpace, m: int, p: FloatArray, cell: FloatArray
+) -> tuple[FloatArray, FloatArray, list[tuple[int, float]]]:
     """Seeds, and more, closer and closer to faces of the domain on which the map is singular.
 
     Parameters
     ----------
-    search : ClosestPointSearch
+    space : TileSpace
         Gives the surface and its domain.
+    m : int
+        Seeds per tile and direction.
     p, cell : ndarray, shape (n, 3)
         Seeds, in tile coordinates, and the cells that they stand for.
 
     Returns
     -------
-    tuple of ndarray, shape (m, 3)
+    p, cell : ndarray, shape (k, 3)
         More of them, on both sides of the faces; cells end at faces next to them.
+    singular : list of (int, float)
+        These faces: the direction across, and its coordinate.
     """
     cell = cell.copy()
-    count, closed = search.lattice.repeat, np.array(search.lattice.through.closed)
+    count, closed = space.lattice.repeat, np.array(space.lattice.through.closed)
     out, cells = [p], [cell]
-    m = search._least_seeds
+    singular: list[tuple[int, float]] = []
     centres = [(np.arange(n * m) + 0.5) / m for n in count]
     for axis, end in ((int(a), e) for a in np.flatnonzero(~closed) for e in (0, count[a])):
         fixed = np.arange(3) == axis
-        layers = layers_needed(search, centres, axis, float(end))
+        layers = layers_needed(space, centres, axis, float(end))
         if layers:
-            search.singular.append((axis, float(end)))
+            singular.append((axis, float(end)))
             least = np.maximum(np.abs(p[:, axis] - end), 0.5**layers / m)
             cell[:, axis] = np.minimum(cell[:, axis], least)
         for k in range(layers):
@@ -206,9 +207,9 @@ def layered(
                 axes = [np.array([plane]) if b == axis else centres[b] for b in range(3)]
                 sites = grid_points(*axes)
                 held = np.broadcast_to(fixed, sites.shape).astype(np.float64)
-                out.append(search._project(sites, np.full(3, m), held))
+                out.append(space._project(sites, np.full(3, m), held))
                 cells.append(np.where(fixed, size, np.full(out[-1].shape, 1.0 / m)))
-    return np.concatenate(out), np.concatenate(cells)
+    return np.concatenate(out), np.concatenate(cells), singular
 
 
 def layers_needed(space: TileSpace, axes: list[FloatArray], axis: int, end: float) -> int:
@@ -272,12 +273,12 @@ def sharpest(x: FloatArray, turn: FloatArray, spacing: FloatArray) -> FloatArray
     return out
 
 
-def downhill(search: ClosestPointSearch, x: FloatArray, p: FloatArray) -> FloatArray:
+def downhill(space: TileSpace, x: FloatArray, p: FloatArray) -> FloatArray:
     """Points of the surface nearer and nearer to some points of space, by tangential steps.
 
     Parameters
     ----------
-    search : ClosestPointSearch
+    space : TileSpace
         Gives the surface.
     x : ndarray, shape (n, 3)
         Points of space.
@@ -289,23 +290,23 @@ def downhill(search: ClosestPointSearch, x: FloatArray, p: FloatArray) -> FloatA
     ndarray, shape (n, 3)
         Points of the surface, in tile coordinates; none is farther than its start.
     """
-    lattice = search.lattice
+    lattice = space.lattice
     p, part = p.copy(), np.ones(len(p))
-    y = lattice.through.x(search.from_tile(p), extrapolate="extend")
+    y = lattice.through.x(space.from_tile(p), extrapolate="extend")
     for _ in range(DOWNHILL):
-        u = search.from_tile(p)
-        jacobian = lattice.through.jacobian(u, extrapolate="extend") * search.step
-        g = lattice.implicit_jet(u, 1)[1] * search.step
+        u = space.from_tile(p)
+        jacobian = lattice.through.jacobian(u, extrapolate="extend") * space.step
+        g = lattice.implicit_jet(u, 1)[1] * space.step
         metric = np.einsum("nca,ncb->nab", jacobian, jacobian)
         pull = np.einsum("nca,nc->na", jacobian, x - y)
         both = solved(metric, np.stack([pull, g], axis=2))
         gg = np.maximum((g * both[:, :, 1]).sum(axis=1), np.finfo(np.float64).tiny)
         step = both[:, :, 0] - ((g * both[:, :, 0]).sum(axis=1) / gg)[:, None] * both[:, :, 1]
         step = np.where(np.isfinite(step), step, 0.0)
-        q, there = search.on_surface(np.clip(p + part[:, None] * step, *search.box))
-        z = lattice.through.x(search.from_tile(q), extrapolate="extend")
+        q, there = space.on_surface(np.clip(p + part[:, None] * step, *space.box))
+        z = lattice.through.x(space.from_tile(q), extrapolate="extend")
         better = ((x - z) ** 2).sum(axis=1) < ((x - y) ** 2).sum(axis=1)
-        better &= there & ((q >= search.box[0]) & (q <= search.box[1])).all(axis=1)
+        better &= there & ((q >= space.box[0]) & (q <= space.box[1])).all(axis=1)
         p[better], y[better] = q[better], z[better]
         part = np.where(better, np.minimum(1.0, 2.0 * part), 0.5 * part)
     return p

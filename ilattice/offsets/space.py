@@ -17,6 +17,7 @@ import numpy as np
 from ilattice._geometry import determinants
 from ilattice._typing import AnyArray, FloatArray
 from ilattice._validate import as_array, as_kind, as_points
+from ilattice.bspline import BSpline
 from ilattice.errors import InputError
 from ilattice.offsets import _kernels_seeds
 from ilattice.offsets._kernels_jets import (
@@ -183,8 +184,6 @@ def kernel_space(lattice: Tiling, *, generic: bool = False) -> Space:
 
     Generic ones are for kernels that must not be compiled once per degree of the map.
     """
-    from ilattice.bspline import BSpline
-
     spline = lattice.through.spline
     if spline.m > 3:  # extra coordinates play no part in the geometry
         spline = BSpline(

@@ -15,20 +15,18 @@ rims have edges, to which no step along a normal leads.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray
+from ilattice.macroshape.tiling import Tiling
 from ilattice.offsets._kernels_newton import FALLBACK
 from ilattice.offsets._small import solved
+from ilattice.offsets.feet import ClosestPoints
+from ilattice.offsets.space import TileSpace
 from ilattice.tiles.entities import Arc, Ball, Curve, Group, Polyline
 from ilattice.tiles.skeleton import ON_FACE, SkeletonField
 from ilattice.tiles.tile import Tile
-
-if TYPE_CHECKING:
-    from ilattice.macroshape.tiling import Tiling
-    from ilattice.offsets.closest import ClosestPoints, ClosestPointSearch
 
 #: Value of the field, in least radii, above which a foot is moved once more; steps at most; and
 #: the longest way in least radii: several times what the spline is off.
@@ -61,14 +59,16 @@ def struts_of(lattice: Tiling) -> SkeletonField | None:
 
 
 def onto_struts(
-    search: ClosestPointSearch, p: FloatArray, x: FloatArray, found: ClosestPoints
+    space: TileSpace, skeleton: SkeletonField, p: FloatArray, x: FloatArray, found: ClosestPoints
 ) -> ClosestPoints:
     """Feet moved from the spline to the struts.
 
     Parameters
     ----------
-    search : ClosestPointSearch
-        Of a lattice of struts.
+    space : TileSpace
+        Tile coordinates of a lattice of struts.
+    skeleton : SkeletonField
+        The field of its tile, see `struts_of`.
     p, x : ndarray, shape (n, 3)
         Queries in tile coordinates and in space.
     found : ClosestPoints
@@ -85,12 +85,12 @@ def onto_struts(
     row = np.concatenate([at, other])
     start = np.concatenate([found.u[at], found.second_u[other]])
     old = np.concatenate([found.distance[at], found.second_distance[other]])
-    u, foot, way = _moved(search, start, x[row])
+    u, foot, way = _moved(space, skeleton, start, x[row])
     size = np.linalg.norm(x[row] - foot, axis=1)
     sign = np.where(old < 0.0, -1.0, 1.0)
     near = np.flatnonzero(np.abs(old) <= SIGN * way)
     if len(near):
-        f = search.lattice.tile(_in_tile(p[row[near]]))
+        f = space.lattice.tile(_in_tile(p[row[near]]))
         sign[near] = np.where(f < 0.0, -1.0, 1.0)
     feet = np.full((2, n, 7), np.nan)
     feet[0] = np.column_stack([found.u, found.foot, found.distance])
@@ -107,12 +107,12 @@ def onto_struts(
 
 
 def _moved(
-    search: ClosestPointSearch, u: FloatArray, x: FloatArray
+    space: TileSpace, field: SkeletonField, u: FloatArray, x: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Parameters and places of feet of points x on the struts, and how far the ways there were."""
-    lattice, field, p = search.lattice, search.struts, search.to_tile(u)
+    lattice, p = space.lattice, space.to_tile(u)
     assert field is not None
-    lo, hi = np.where(search.ends, search.box, [[-np.inf], [np.inf]])
+    lo, hi = np.where(space.ends, space.box, [[-np.inf], [np.inf]])
     start = lattice.through.x(u, extrapolate="extend")
     q, foot = p.copy(), start.copy()
     nearest = np.full(len(u), np.inf)
@@ -129,12 +129,12 @@ def _moved(
             break
         at, now, y = at[go], now[go], y[go]
         fixed = (np.abs(now - lo) <= ON_FACE) | (np.abs(now - hi) <= ON_FACE)
-        step = _step(search._jacobian(now), x[at] - y, f[go], g[go], h[go], fixed)
+        step = _step(space._jacobian(now), x[at] - y, f[go], g[go], h[go], fixed)
         far = np.linalg.norm((now + step - p[at]) @ field.cell.T, axis=1) > LONGEST * field.thinnest
         step[far | ~np.isfinite(step).all(axis=1)] = 0.0
         now = np.clip(now + step, lo, hi)
-        y = lattice.through.x(search.from_tile(now), extrapolate="extend")
-    return search.from_tile(q), foot, np.linalg.norm(foot - start, axis=1)
+        y = lattice.through.x(space.from_tile(now), extrapolate="extend")
+    return space.from_tile(q), foot, np.linalg.norm(foot - start, axis=1)
 
 
 def _step(

@@ -20,6 +20,7 @@ from ilattice._shown import Shown
 from ilattice._typing import AnyArray, FloatArray
 from ilattice._validate import as_array, as_kind, asked
 from ilattice.bspline import BSpline
+from ilattice.bspline.fit import fit
 from ilattice.bspline.knots import uniform_knots
 from ilattice.errors import ConvergenceError, InputError, PrecisionWarning
 from ilattice.fields.equation import constant, coordinates_in, equation, names_in
@@ -361,8 +362,6 @@ def of_parameters(field: Node, through: SplineMap | None, name: str) -> Any:
 
 def _repeated(name: str, lattice: Tiling, argument: str) -> _Side:
     """Spline of a tile's property over the whole domain, fitted on one tile."""
-    from ilattice.bspline.fit import fit
-
     prop = lattice.tile.properties[name]
     cube = _evaluate(prop, _grid_points(np.array([[0.0] * 3, [1.0] * 3]), 9), argument)
     try:

@@ -7,16 +7,17 @@ may be on the other side of a surface of the wall. Non-guarantee: standard error
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from ilattice._field import Field
 from ilattice._geometry import pairs
 from ilattice._typing import FloatArray
+from ilattice.bspline import BSpline
+from ilattice.offsets.mid_surface import MidSurface
 from ilattice.offsets.sharp import reach
-
-if TYPE_CHECKING:
-    from ilattice.offsets.wall import OffsetSolid
+from ilattice.offsets.thickness import Thickness
 
 #: Points whose weight the standard error is at least: of rare parts none may be seen.
 FEW = 3.0
@@ -53,6 +54,22 @@ class Rounded(NamedTuple):
         return abs(abs(self.volume) - volume) > 2.0 * self.error
 
 
+class _Wall(Protocol):
+    """What is looked at of an `OffsetSolid`."""
+
+    _exact: bool
+
+    @property
+    def lattice(self) -> MidSurface: ...
+    @property
+    def distance(self) -> BSpline: ...
+    @property
+    def field(self) -> Field: ...
+    @property
+    def _asked(self) -> Thickness: ...
+    def _true_distance(self, u: FloatArray) -> FloatArray: ...
+
+
 class VolumePoints:
     """Random points of the domain of a wall, and the volumes they stand for.
 
@@ -64,7 +81,7 @@ class VolumePoints:
         Number of boxes, about.
     """
 
-    def __init__(self, wall: OffsetSolid, boxes: int) -> None:
+    def __init__(self, wall: _Wall, boxes: int) -> None:
         self.wall, self.boxes = wall, boxes
 
     @cached_property

@@ -7,10 +7,10 @@ import io
 import os
 import textwrap
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -19,9 +19,6 @@ from ilattice._typing import AnyArray, FloatArray
 from ilattice.errors import FormatError
 from ilattice.plot.camera import directions
 from ilattice.plot.styles import Layer
-
-if TYPE_CHECKING:
-    from ilattice.plot.scene import Scene
 
 _BAR_PLACE = {"position_x": 0.875, "position_y": 0.2, "width": 0.045, "height": 0.55}
 _TITLE_WIDTH = 12  # letters
@@ -143,13 +140,13 @@ def corners(box: FloatArray) -> FloatArray:
     return np.array(list(product(*box.T)))
 
 
-def pasted(picture: AnyArray, scene: "Scene", place: Sequence[float]) -> AnyArray:
-    """A picture with a scene in a frame on it."""
-    from dataclasses import replace
-
+def pasted(
+    picture: AnyArray, drawn: Callable[[tuple[int, int]], AnyArray], place: Sequence[float]
+) -> AnyArray:
+    """A picture with another one, drawn as wide and high as its place, in a frame on it."""
     height, width = picture.shape[:2]
     left, low, w, h = (round(p * s) for p, s in zip(place, (width, height) * 2, strict=True))
-    small = replace(scene, size=(max(w, 8), max(h, 8))).image()
+    small = drawn((max(w, 8), max(h, 8)))
     small[:3], small[-3:], small[:, :3], small[:, -3:] = 0, 0, 0, 0
     out = picture.copy()
     top = height - low - small.shape[0]

@@ -288,8 +288,12 @@ class Scene:
         """
         picture = render.image([self], (1, 1), self.size)
         for scene, place in self.insets:
-            picture = overlays.pasted(picture, scene, place)
+            picture = overlays.pasted(picture, scene._sized, place)
         return picture
+
+    def _sized(self, size: tuple[int, int]) -> AnyArray:
+        """The picture in another size."""
+        return replace(self, size=size).image()
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the picture, or the scene for the web.

@@ -10,7 +10,7 @@ from ilattice.offsets import _kernels_patches as kernels
 from ilattice.offsets import _kernels_sweep
 from ilattice.offsets.mending import mended
 from ilattice.offsets.polish import polish
-from ilattice.offsets.retrying import SLABS, _halves
+from ilattice.offsets.seed_boxes import SLABS, _halves
 
 OUT = 6
 
@@ -186,7 +186,7 @@ def test_no_seed_leads_to_a_nearer_foot(tile):
     seed = np.concatenate([np.array(s, np.int64) for s in near])[:, None]
     feet, counts = np.full((2, len(seed), 8), np.nan), np.zeros((len(seed), 2), np.int64)
     status = np.full(len(seed), newton.FALLBACK)
-    search._run(x[owner], q[owner], seed, feet, counts, status)
+    search.run(x[owner], q[owner], seed, feet, counts, status)
     found = np.where(status < newton.FALLBACK, np.abs(feet[0, :, 6]), np.inf)
     nearest = np.minimum.reduceat(found, np.searchsorted(owner, np.unique(owner)))
     best = best[np.unique(owner)]
