@@ -20,6 +20,7 @@ Guarantees and non-guarantees: see `node`, `algebra`, `deform`, `primitives`, `e
 
 from ilattice._field import Field
 from ilattice.fields.algebra import (
+    clipped,
     complement,
     difference,
     dilate,
@@ -41,8 +42,8 @@ from ilattice.fields.primitives import box, capsule, cone, cylinder, half_space,
 from ilattice.fields.pulled import pull_back
 
 __all__ = [
-    "Field", "Node", "bend", "box", "capsule", "complement", "cone", "constant", "cylinder",
-    "cylindrical", "difference", "dilate", "equation", "erode", "from_callable", "half_space",
-    "intersection", "mix", "normalize", "pull_back", "repeat", "rotate", "scale", "shell",
+    "Field", "Node", "bend", "box", "capsule", "clipped", "complement", "cone", "constant",
+    "cylinder", "cylindrical", "difference", "dilate", "equation", "erode", "from_callable",
+    "half_space", "intersection", "mix", "normalize", "pull_back", "repeat", "rotate", "scale", "shell",
     "sphere", "torus", "translate", "twist", "union",
 ]  # fmt: skip

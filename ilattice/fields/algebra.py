@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from ilattice._typing import FloatArray
-from ilattice._validate import as_triple
+from ilattice._validate import as_array, as_triple
 from ilattice.errors import InputError
 from ilattice.fields import _tables as ops
 from ilattice.fields._program import Builder, Point
 from ilattice.fields.node import Node, as_node, as_number, everywhere, is_empty, nowhere
-from ilattice.fields.primitives import as_direction
+from ilattice.fields.primitives import as_direction, box, half_space
 
 __all__ = [
     "complement", "difference", "dilate", "erode", "intersection", "mix", "normalize", "rotate",
@@ -210,7 +210,53 @@ def _several(name: str, code: int, parts: tuple[Any, ...], radius: Any) -> Node:
     return flat[0] if len(flat) == 1 else _Extreme(code, tuple(flat), blend)
 
 
-def clipped(solid: Node) -> tuple[Node, FloatArray | None]:
+def clipped(part: Node, bounds: Any) -> Node:
+    """What of a solid lies in a box along the axes.
+
+    Parameters
+    ----------
+    part : Node
+        A field.
+    bounds : array_like, shape (2, 3)
+        Lower and upper corner, such as the ``bounds`` of a field or a mesh, or the ``domain`` of a
+        map; infinite where there is no end.
+
+    Returns
+    -------
+    Node
+        The intersection; of a field without an end one that can be meshed.
+
+    Raises
+    ------
+    InputError
+        If `bounds` is no box, or has no width along an axis.
+
+    Examples
+    --------
+    >>> import ilattice as il
+    >>> half = il.fields.clipped(il.fields.sphere(1.0), [[-2, -2, 0], [2, 2, 2]])
+    >>> half([[0.0, 0.0, 0.5], [0.0, 0.0, -0.5]]) < 0
+    array([ True, False])
+    """
+    lo, hi = _corners(bounds)
+    if np.isfinite([lo, hi]).all():
+        return intersection(part, translate(box(0.5 * (hi - lo)), 0.5 * (lo + hi)))
+    sides = [half_space(-e, -a) for e, a in zip(np.eye(3), lo, strict=True) if np.isfinite(a)]
+    sides += [half_space(e, a) for e, a in zip(np.eye(3), hi, strict=True) if np.isfinite(a)]
+    return intersection(part, *sides)
+
+
+def _corners(bounds: Any) -> FloatArray:
+    out = as_array("bounds", bounds, finite=False)
+    if out.shape != (2, 3) or not (out[0] < out[1]).all():
+        raise InputError(
+            "bounds must be a lower and an upper corner, shape (2, 3), the upper one above the "
+            f"lower one along each axis, got {bounds!r:.80}"
+        )
+    return out
+
+
+def split_box(solid: Node) -> tuple[Node, FloatArray | None]:
     """A solid as what lies in a box: the rest of an intersection with boxes, and that box.
 
     Parameters

@@ -32,9 +32,10 @@ from typing import Any, Literal
 import numpy as np
 
 from ilattice._progress import Progress
-from ilattice._typing import AnyArray
+from ilattice._typing import AnyArray, Solid
 from ilattice._validate import among, as_array, as_float_type
 from ilattice.errors import InputError
+from ilattice.fields.solids import field_of
 from ilattice.mesh import _kernels_refine
 from ilattice.mesh._grid import Grid
 from ilattice.mesh._kernels_cells import CAP, LOWER
@@ -62,8 +63,9 @@ def contour(field: Any, axes: Any, **options: Any) -> SurfaceMesh:
 
     Parameters
     ----------
-    field : callable
-        Function of points (n, 3) to values (n,). Used where it has them: `range(lo, hi)` (or a
+    field : callable or Solid
+        Function of points (n, 3) to values (n,); or a solid, such as a wall, which is contoured
+        over its parameters. Used where it has them: `range(lo, hi)` (or a
         number `lipschitz`) to skip empty blocks, `jet(points, order=1)` to place vertices.
         `TrigField` and scalar `BSpline` are sampled in compiled code.
     axes : three 1-D arrays
@@ -204,6 +206,8 @@ def contour_blocks(
         As in `contour`.
     """
     grid = Grid.checked(axes, wrap)
+    if isinstance(field, Solid):
+        field = field_of(field)
     if not callable(field) or not (scale is None or callable(scale)):
         raise InputError(f"field and scale must be callable, got {field!r:.60}, {scale!r:.60}")
     if not among(place, ("refine", "linear")):

@@ -27,12 +27,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ilattice._field import Field
 from ilattice._geometry import fixed_coordinates
 from ilattice._memory import need
 from ilattice._progress import Progress
-from ilattice._typing import AnyArray, ArrayLike, FloatArray
+from ilattice._typing import AnyArray, FloatArray
 from ilattice.errors import ConvergenceError, GeometryError, InputError, PrecisionWarning
+from ilattice.fields.algebra import intersection
 from ilattice.macroshape.planes import MIN_CELLS_PER_TILE, grid_axes
 from ilattice.mesh._own_cells import in_own_cells
 from ilattice.mesh._projecting import (
@@ -352,7 +352,7 @@ class _Job:
         distance: Any = SharpDistance(wall.lattice, wall.distance, t) if polish else wall.distance
         field: Any = WallField(distance, t)
         if cut is not None:
-            field = _Larger(field, cut)
+            field = intersection(field, cut)
         elif t.constant:
             field = distance
             inner, outer = (float(s.c.item()) for s in (t.inner, t.outer))
@@ -383,7 +383,7 @@ class _Job:
         """Which offset surface the vertices of a contour belong to, 0 for none."""
         off = raw.kind & ON_CAP != 0
         if self.cut is not None:
-            off |= self.field.second(raw.vertices)
+            off |= self.wall.field(raw.vertices) < self.cut(raw.vertices)
         return np.where(off, 0.0, self.wall.field.side(raw.vertices))
 
     def project(
@@ -413,31 +413,6 @@ class _Job:
             none = np.zeros(len(u), np.bool_)
             return Classes(suspect & (side != 0), none, none, none)
         return classified(self.wall, self.axes, u, kind, side, suspect)
-
-
-class _Larger(Field):
-    """The larger one of two fields, which tells where it is the second one."""
-
-    def __init__(self, f: Any, g: Any) -> None:
-        self.f, self.g = f, g
-
-    def __call__(self, u: ArrayLike, /) -> FloatArray:
-        """Value."""
-        return np.maximum(self.f(u), self.g(u))
-
-    def jet(self, u: ArrayLike, order: int = 1) -> tuple[FloatArray, ...]:
-        """Value and gradient."""
-        second = self.second(u)
-        pairs = zip(self.f.jet(u, order), self.g.jet(u, order), strict=True)
-        return tuple(np.where(second.reshape(-1, *(1,) * (a.ndim - 1)), b, a) for a, b in pairs)
-
-    def range(self, lo: ArrayLike, hi: ArrayLike) -> FloatArray:
-        """Rigorous bounds on boxes."""
-        return np.maximum(self.f.range(lo, hi), self.g.range(lo, hi))
-
-    def second(self, u: ArrayLike) -> AnyArray:
-        """Where it is the second one."""
-        return self.f(u) < self.g(u)
 
 
 def _check(off: AnyArray, crease: AnyArray, job: _Job) -> None:

@@ -21,11 +21,12 @@ from ilattice._field import Field
 from ilattice._geometry import grid_points
 from ilattice._memory import available, need
 from ilattice._progress import Progress
-from ilattice._typing import FloatArray, IntArray
+from ilattice._typing import FloatArray, IntArray, Solid
 from ilattice._validate import Frozen, as_flag, as_positive, as_triple, check_lengths
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
-from ilattice.fields.algebra import clipped
+from ilattice.fields.algebra import split_box
 from ilattice.fields.node import Node, as_node, is_empty
+from ilattice.fields.solids import field_of
 from ilattice.macroshape.maps import SplineMap
 from ilattice.mesh import SurfaceMesh
 from ilattice.mesh.contouring import contour_arrays
@@ -254,7 +255,7 @@ def planned(solid: Field, spacing: Any = None) -> Plan:
     """Box and grid of a solid, however much memory meshing takes; see `plan`."""
     solid = as_node("solid", solid)
     box = _checked_box(solid)
-    inner, walls = clipped(solid)
+    inner, walls = split_box(solid)
     sides = box[1] - box[0]
     h = sides.max() / PARTS if spacing is None else as_triple("spacing", spacing, positive=True)
     h = np.broadcast_to(h, (3,))
@@ -331,8 +332,9 @@ def mesh(
 
     Parameters
     ----------
-    solid : Field
-        With a finite box, such as a word of the language or a `MeshDistance`; with `through` any
+    solid : Field or Solid
+        With a finite box, such as a word of the language or a `MeshDistance`; or a wall, or any
+        other solid that brings its map, though `Wall.mesh` is more exact; with `through` any
         field of the parameters of that map, such as
         ``fields.intersection(wall.field, fields.pull_back(part, wall.through))``.
     spacing : float or (3,) array, optional
@@ -361,11 +363,16 @@ def mesh(
     Raises
     ------
     InputError
-        As `plan`; if the tolerance needs a finer grid than the memory allows.
+        As `plan`; if a solid with a map of its own is given another one; if the tolerance needs a
+        finer grid than the memory allows.
     GeometryError
         If there is no surface, or the mesh is too coarse for it.
     """
     allow_loss = as_flag("allow_loss", allow_loss)
+    if isinstance(solid, Solid):
+        if through is not None and solid.through is not None:
+            raise InputError(f"through: the solid {solid.name!r} has a map already; leave it out")
+        solid, through = field_of(solid), solid.through if through is None else through
     if through is not None:
         if tol is not None or spacing is None:
             raise InputError("through needs a spacing, the length of edges in space, and no tol")

@@ -526,7 +526,11 @@ BAR = {"field": lambda u: -np.ones(len(u)), "cells": 2, "domain": [[0, 0, 0], [1
 
 def test_loads_that_overflow_are_refused():
     bar = il.cutfem.Elasticity(**BAR).clamp("w=0")
-    for load in ({"body": (1e300, 0, 0)}, {"gravity": (0, 0, 1e300)}, {"traction": (0, 1e308, 0), "on": "w=1"}):
+    for load in (
+        {"body": (1e300, 0, 0)},
+        {"gravity": (0, 0, 1e300)},
+        {"traction": (0, 1e308, 0), "on": "w=1"},
+    ):
         with pytest.raises(il.errors.InputError, match="use other units"):
             bar.load(**load).solve()
     rod = il.cutfem.Heat(**BAR).fix("w=0", 0.0)
@@ -554,7 +558,9 @@ def test_supports_weakly_imposed_may_not_contradict():
         held = bar.clamp("w=0", **first)
         held.clamp("w=0", method="nitsche").load(body=(1.0, 0, 0)).solve()
         with pytest.raises(il.errors.InputError, match="contradict"):
-            held.clamp("w=0", value=1.0, components="y", method="nitsche").load(body=(1.0, 0, 0)).solve()
+            held.clamp("w=0", value=1.0, components="y", method="nitsche").load(
+                body=(1.0, 0, 0)
+            ).solve()
     apart = bar.clamp("w=0", components="xz", method="nitsche")
     apart.clamp("w=0", value=1.0, components="y", method="nitsche").load(body=(1.0, 0, 0)).solve()
 

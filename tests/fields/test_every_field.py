@@ -12,7 +12,6 @@ from ilattice._field import Field, owns
 from ilattice.errors import InputError
 from ilattice.fields.algebra import _Everywhere
 from ilattice.graph.body import SetField
-from ilattice.mesh.wall_mesh import _Larger
 from ilattice.offsets.scattered import Scattered
 from ilattice.offsets.sharp import SharpDistance
 from ilattice.offsets.solid import TileField
@@ -105,7 +104,6 @@ EXAMPLES = {
     "_Sphere": (lambda: F.sphere(0.7), {"box": BOX}),
     "_Torus": (lambda: F.torus(1.0, 0.3), {"box": BOX}),
     "PulledBack": (lambda: F.pull_back(BALL, bent()).f, {"converges": False}),
-    "_Larger": (lambda: _Larger(BALL, RING), {"box": BOX, "kinks": True}),
     "_Distance": (lambda: il.offsets.distance(BALL, seeds=24), {"box": BOX, "converges": False}),
     "Scattered": (scatter, {"box": ((0, 0, 0), (1, 1, 1)), "differences": True}),
     "SharpDistance": (sharp, {"kinks": True, "converges": False}),
@@ -259,3 +257,48 @@ def test_what_is_no_field_is_refused():
         F.complement(il.BSpline([[0.0, 1.0]], [1.0], 0))
     with pytest.raises(InputError, match="through must be a map"):
         F.pull_back(BALL, smooth)
+
+
+# --- solids, and what of them lies in boxes -------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_is_clipped_is_in_the_part_and_in_the_box(seed):
+    rng = np.random.default_rng(seed)
+    ends = np.sort(rng.normal(size=(2, 3)), axis=0) * (1.0, 3.0, 0.5)
+    ends[rng.random((2, 3)) < 0.3] *= np.inf
+    points = 2.0 * rng.normal(size=(500, 3))
+    inside = ((points > ends[0]) & (points < ends[1])).all(axis=1)
+    whole = F.rotate(F.cylinder(0.9), 0.4, (1, 2, 3))
+    part = F.clipped(whole, ends)
+    np.testing.assert_array_equal(part(points) < 0, inside & (whole(points) < 0))
+
+
+@pytest.mark.parametrize("bounds", [[[0, 0, 0], [1, 1, 0]], [0, 1], [[np.nan, 0, 0], [1, 1, 1]]])
+def test_boxes_without_a_width_clip_nothing(bounds):
+    with pytest.raises(il.errors.InputError, match="bounds"):
+        F.clipped(BALL, bounds)
+
+
+def test_solids_are_contoured_as_their_fields_are():
+    wall = lattice("schwarz_p", repeat=1).offset(0.1)
+    axes = [np.linspace(*ends, 20) for ends in wall.through.domain.T]
+    mine, same = il.mesh.contour(wall, axes), il.mesh.contour(wall.field, axes)
+    np.testing.assert_array_equal(mine.vertices, same.vertices)
+    mine = il.sdf.mesh(wall, 0.06)
+    same = il.sdf.mesh(wall.field, 0.06, through=wall.through)
+    np.testing.assert_array_equal(mine.vertices, same.vertices)
+    with pytest.raises(il.errors.InputError, match="has a map already"):
+        il.sdf.mesh(wall, 0.06, through=wall.through)
+
+
+def test_pairs_of_level_sets_are_what_is_negative_in_both():
+    class Lens:
+        name, through = "lens", None
+
+        def level_sets(self):
+            return F.sphere(1.0), F.translate(F.sphere(1.0), (0.7, 0.1, 0.0))
+
+    axes = [np.linspace(-1.1, 1.8, 30)] * 3
+    both = il.mesh.contour(F.intersection(*Lens().level_sets()), axes)
+    np.testing.assert_array_equal(il.mesh.contour(Lens(), axes).vertices, both.vertices)
