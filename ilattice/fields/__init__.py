@@ -44,6 +44,6 @@ from ilattice.fields.pulled import pull_back
 __all__ = [
     "Field", "Node", "bend", "box", "capsule", "clipped", "complement", "cone", "constant",
     "cylinder", "cylindrical", "difference", "dilate", "equation", "erode", "from_callable",
-    "half_space", "intersection", "mix", "normalize", "pull_back", "repeat", "rotate", "scale", "shell",
-    "sphere", "torus", "translate", "twist", "union",
+    "half_space", "intersection", "mix", "normalize", "pull_back", "repeat", "rotate", "scale",
+    "shell", "sphere", "torus", "translate", "twist", "union",
 ]  # fmt: skip
