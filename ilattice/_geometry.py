@@ -14,31 +14,43 @@ def between(
     b: FloatArray,
     ends: FloatArray,
     steps: int,
+    small: AnyArray | float | None = None,
 ) -> FloatArray:
-    """Where along segments from `a` to `b` a function vanishes: bracketed secants.
+    """Where along segments from `a` to `b` a function vanishes: bracketed secants (Illinois).
 
     Parameters
     ----------
     f : callable
-        Takes points (n, 3), one per segment; returns values (n,).
+        Takes points (m, 3), one per segment that is left; returns values (m,).
     a, b : ndarray, shape (n, 3)
         Ends of the segments.
     ends : ndarray, shape (n, 2)
         Values at the ends, of unlike signs.
     steps : int
-        How often `f` is called.
+        How often `f` is called, at most.
+    small : float or ndarray, shape (n,), optional
+        Values that count as zero: segments with such a one are not looked at again. By default `f`
+        is called with all of them every time.
 
     Returns
     -------
     ndarray, shape (n,)
         Parts of the way from `a` to `b`.
     """
+    at = np.arange(len(a))
     lo, hi = np.zeros(len(a)), np.ones(len(a))
     p, q = ends[:, 0].copy(), ends[:, 1].copy()
-    t = p / (p - q)
-    before = np.zeros(len(a), np.int64)
+    gap = p - q
+    t = np.where(gap == 0.0, 0.5, p / np.where(gap == 0.0, 1.0, gap))
+    out, before = t.copy(), np.zeros(len(a), np.int8)
     for _ in range(steps):
-        value = f(a + t[:, None] * (b - a))
+        value = f(a[at] + t[:, None] * (b[at] - a[at]))
+        if small is not None:
+            left = np.abs(value) > np.broadcast_to(small, len(a))[at]
+            at, value, t = at[left], value[left], t[left]
+            lo, hi, p, q, before = lo[left], hi[left], p[left], q[left], before[left]
+            if not len(at):
+                break
         low = (value >= 0.0) == (p >= 0.0)
         lo, hi = np.where(low, t, lo), np.where(low, hi, t)
         again = np.where(low == (before > 0), 0.5, 1.0)  # the other end is stuck
@@ -46,7 +58,8 @@ def between(
         before = np.where(low, 1, -1).astype(np.int8)
         gap = p - q
         t = np.where(gap == 0.0, t, lo + (hi - lo) * p / np.where(gap == 0.0, 1.0, gap))
-    return t
+        out[at] = t
+    return out
 
 
 def grid_points(*axes: Any) -> Any:

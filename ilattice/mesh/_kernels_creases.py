@@ -140,33 +140,6 @@ def edges(x, quads, px, py, pz, low, high, found):
         found[i] = count == 1
 
 
-@njit(cache=True, parallel=True)
-def between(low, high, f, g, at, out):
-    """Where lines between values f at `low` and g at `high` are zero, of the rows `at`."""
-    for n in prange(len(at)):
-        i = at[n]
-        part = f[i] / (f[i] - g[i]) if f[i] * g[i] <= 0.0 and f[i] != g[i] else 0.5
-        for a in range(3):
-            out[n, a] = low[i, a] + part * (high[i, a] - low[i, a])
-
-
-@njit(cache=True, parallel=True)
-def narrow(middle, value, at, low, high, f, g, before):
-    """Illinois' rule: cut edges at their middles, in place; `before` is the end that was kept."""
-    for n in prange(len(at)):
-        i = at[n]
-        if value[n] * f[i] > 0.0:
-            f[i] = value[n]
-            g[i] *= 0.5 if before[i] > 0 else 1.0
-            before[i] = 1
-            low[i] = middle[n]
-        else:
-            g[i] = value[n]
-            f[i] *= 0.5 if before[i] < 0 else 1.0
-            before[i] = -1
-            high[i] = middle[n]
-
-
 @njit(cache=True)
 def mark_boxes(x, at, px, py, pz, size, mask):
     """Mark the boxes of size³ cells that hold vertices `at`, and those next to them."""

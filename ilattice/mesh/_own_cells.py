@@ -68,7 +68,7 @@ def in_own_cells(
     out[at] += t[:, None] * (b - u[at])
     found = np.zeros(len(u), np.bool_)
     end, of = inside(wall.lattice, out[at]), side[at]
-    found[at] = np.abs(of * signed(wall, end) - asked(wall, end, of)) <= NONE * size[at]
+    found[at] = np.abs(wall.thickness.clearance(end, of, signed(wall, end))) <= NONE * size[at]
     out[~found] = u[~found]
     return out, found
 
@@ -120,7 +120,7 @@ def _brackets(
     some, row = inside(wall.lattice, some), row.ravel()
     distance = wall.lattice.search.query(some, strict=False).distance[row]
     of = np.repeat(side, 8)
-    g = (of * distance - asked(wall, some[row], of)).reshape(-1, 8)
+    g = wall.thickness.clearance(some[row], of, distance).reshape(-1, 8)
     width = np.ptp(corners, axis=1)
     away = (corners - u[:, None]) / np.where(width > 0.0, width, 1.0)[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -155,11 +155,4 @@ def _clearance(wall: "OffsetSolid", u: FloatArray, side: FloatArray) -> FloatArr
     """How far points are beyond an offset surface, by the nearest seed where the search fails."""
     u = inside(wall.lattice, u)
     found = wall.lattice.search.query(u, strict=False)
-    out: FloatArray = side * found.distance - asked(wall, u, side)
-    return out
-
-
-def asked(wall: "OffsetSolid", u: FloatArray, side: FloatArray) -> FloatArray:
-    """Half-thickness on the side of each point."""
-    outer, inner = wall.thickness.side(1.0), wall.thickness.side(-1.0)
-    return np.where(side > 0, outer(u), inner(u))
+    return wall.thickness.clearance(u, side, found.distance)

@@ -16,7 +16,7 @@ import numpy as np
 
 from ilattice._geometry import fixed_coordinates
 from ilattice._typing import AnyArray, FloatArray
-from ilattice.mesh._own_cells import asked, at_jumps, in_own_cells, signed
+from ilattice.mesh._own_cells import at_jumps, in_own_cells, signed
 from ilattice.offsets._kernels_newton import FALLBACK
 from ilattice.offsets.polish import inside, polish
 
@@ -95,7 +95,7 @@ def projected(
 
 def measure(wall: OffsetSolid, u: FloatArray, side: FloatArray) -> FloatArray:
     """What errors of the half-thickness are compared with at parameters (n, 3): its size (n,)."""
-    size, least = np.abs(asked(wall, u, side)), wall.least_thickness
+    size, least = np.abs(wall.thickness.at(u, side)), wall.least_thickness
     out: FloatArray = np.where(size < LEAST * least, least, size)
     return out
 
@@ -159,7 +159,7 @@ def classified(
     s, p, fixed = signed(wall, u[at]), u[at], fixed_coordinates(kind[at])
     size = measure(wall, p, side[at])
     sides = np.ones(len(p))
-    beyond = np.maximum(s - asked(wall, p, sides), -s - asked(wall, p, -sides))
+    beyond = np.maximum(*(wall.thickness.clearance(p, e, s) for e in (sides, -sides)))
     out.cap[at] = (beyond < -MISSED * size) & fixed.any(axis=1)
     at, size = at[off := ~(np.abs(beyond) <= MISSED * size) & ~out.cap[at]], size[off]
     jump = at_jumps(wall, axes, u[at], fixed[off], side[at], size)
@@ -205,7 +205,7 @@ def _at_creases(
     length = np.abs(found.distance).reshape(len(u), len(ways))
     normal /= np.where(length > 0.0, length, 1.0)[:, :, None]
     turned = np.einsum("na,nka->nk", normal[:, 0], normal).min(axis=1) < TURNED
-    off = side * found.distance.reshape(length.shape)[:, 0] - asked(wall, u, side)
+    off = wall.thickness.clearance(u, side, found.distance.reshape(length.shape)[:, 0])
     out: AnyArray = turned & (np.abs(off) <= CUT * edges.max(axis=1))
     return out
 
@@ -253,7 +253,7 @@ def _errors(wall: OffsetSolid, u: FloatArray, side: FloatArray) -> tuple[FloatAr
     """
     before = wall.lattice.statistics.mended
     found = wall.lattice.search.query(u, strict=False, thorough=True)
-    error = np.abs(side * found.distance - asked(wall, u, side)) / measure(wall, u, side)
+    error = np.abs(wall.thickness.clearance(u, side, found.distance)) / measure(wall, u, side)
     error = np.where(np.isnan(error), np.inf, error)
     out: FloatArray = np.where(found.status < FALLBACK, error, 0.0)
     return out, wall.lattice.statistics.mended - before

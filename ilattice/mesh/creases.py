@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ilattice._geometry import between
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.mesh import _kernels_creases as kernels
 from ilattice.mesh._kernels_cells import CAP as ON_CAP
@@ -208,16 +209,11 @@ def _crossings(
     kernels.edges(x, quads, *axes, low, high, found)
     f, g = field(low), field(high)
     found &= f * g <= 0.0  # not so where corners lie on planes of the grid
-    foot = 0.5 * (low + high)
-    small = FOUND * np.abs(f - g)
-    before, at = np.zeros(len(quads), np.int64), np.flatnonzero(found)
-    for _ in range(STEPS):  # Illinois' rule
-        middle = np.empty((len(at), 3))
-        kernels.between(low, high, f, g, at, middle)
-        value = field(middle)
-        foot[at] = middle
-        kernels.narrow(middle, value, at, low, high, f, g, before)
-        at = at[np.abs(value) > small[at]]
+    at = np.flatnonzero(found)
+    foot, a, b = 0.5 * (low + high), low[at], high[at]
+    ends = np.stack([f[at], g[at]], axis=1)
+    t = between(field, a, b, ends, STEPS, FOUND * np.abs(ends[:, 0] - ends[:, 1]))
+    foot[at] = a + t[:, None] * (b - a)
     return foot, found
 
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ilattice._geometry import grid_points
+from ilattice._geometry import between, grid_points
 from ilattice._memory import need
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_kind, as_positive, as_triple
@@ -33,6 +33,8 @@ from ilattice.slicing.slices import SliceStack, stacked
 BLOCK, BATCH = 2, 16384
 #: Times that a grid is halved where something was missed, and steps of the search on edges.
 HALVINGS, STEPS = 3, 60
+#: Values that are zero, in edges of the grid.
+NONE = 1e-12
 #: How often contours get points between others, and the turn, in radians, above which they do.
 DENSER, BEND = 5, 0.08
 #: Bytes for each square of a plane, few of which are looked at, and for each along its side.
@@ -286,29 +288,10 @@ class FieldSlicer:
         return self._between(a, b, level)
 
     def _between(self, a: FloatArray, b: FloatArray, level: float) -> FloatArray:
-        """Zeros between points of different signs, by the method of Illinois."""
-        fa, fb = self._values(a, level), self._values(b, level)
-        x = a.copy()
-        todo = np.arange(len(a))
-        lo, hi = np.zeros(len(a)), np.ones(len(a))
-        side = np.zeros(len(a), np.int64)
-        for _ in range(STEPS):
-            t = lo + (hi - lo) * fa / np.where(fa == fb, 1.0, fa - fb)
-            t = np.where((t > lo) & (t < hi), t, 0.5 * (lo + hi))
-            p = a[todo] + t[:, None] * (b[todo] - a[todo])
-            f = self._values(p, level)
-            x[todo] = p
-            same = (f < 0.0) == (fa < 0.0)
-            fb = np.where(same, np.where(side == 1, 0.5 * fb, fb), f)
-            fa = np.where(same, f, np.where(side == -1, 0.5 * fa, fa))
-            lo, hi = np.where(same, t, lo), np.where(same, hi, t)
-            side = np.where(same, 1, -1)
-            left = (np.abs(f) > 1e-12 * self.h) & (hi - lo > 1e-12)
-            todo, side = todo[left], side[left]
-            lo, hi, fa, fb = lo[left], hi[left], fa[left], fb[left]
-            if not len(todo):
-                break
-        return x
+        """Zeros between points of different signs."""
+        ends = np.stack([self._values(a, level), self._values(b, level)], axis=1)
+        t = between(lambda p: self._values(p, level), a, b, ends, STEPS, NONE * self.h)
+        return a + t[:, None] * (b - a)
 
     def _denser(
         self, points: FloatArray, start: IntArray, h: float, level: float

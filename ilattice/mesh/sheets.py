@@ -24,7 +24,7 @@ from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.bspline import BSpline
 from ilattice.mesh.contouring import contour_arrays
 from ilattice.mesh.uncrossing import Project, Uncrossed, uncrossed
-from ilattice.offsets._small import solved
+from ilattice.offsets._small import least_steps
 from ilattice.offsets.polish import LONGEST, inside, polish
 
 if TYPE_CHECKING:
@@ -184,10 +184,8 @@ def to_faces(wall: OffsetSolid, u: FloatArray, way: FloatArray) -> tuple[FloatAr
 
 def _least(metric: FloatArray, slope: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Shortest ways along which functions grow by 1, and their lengths."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        up = solved(metric, slope[:, :, None])[:, :, 0]
-        square = (slope * up).sum(axis=1)
-        return up / square[:, None], 1.0 / np.sqrt(square)
+    way = least_steps(slope[:, None], np.full((len(slope), 1), -1.0), metric)
+    return way, np.sqrt(np.einsum("na,nab,nb->n", way, metric, way))
 
 
 def _rims(faces: AnyArray, n: int) -> tuple[IntArray, IntArray]:

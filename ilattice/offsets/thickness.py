@@ -15,10 +15,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ilattice._field import Field
 from ilattice._geometry import grid_points
 from ilattice._shown import Shown
-from ilattice._typing import AnyArray, FloatArray
-from ilattice._validate import as_array, as_kind, asked
+from ilattice._typing import AnyArray, ArrayLike, FloatArray
+from ilattice._validate import as_array, as_kind, as_points, asked
 from ilattice.bspline import BSpline
 from ilattice.bspline.fit import fit
 from ilattice.bspline.knots import uniform_knots
@@ -90,6 +91,26 @@ class Thickness(Shown):
         ]
         return np.where(sign > 0, values[1], values[0])
 
+    def clearance(self, u: FloatArray, side: AnyArray, distance: FloatArray) -> FloatArray:
+        """How far places are beyond the offset surface on a side: distance less half-thickness.
+
+        Parameters
+        ----------
+        u : ndarray, shape (n, 3)
+            Parameters of the places.
+        side : ndarray, shape (n,)
+            1 for the outer surface, -1 for the inner one.
+        distance : ndarray, shape (n,)
+            Signed distances there to the mid-surface.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Negative within the wall.
+        """
+        out: FloatArray = side * distance - self.at(u, side)
+        return out
+
     def scaled(self, factor: float) -> Thickness:
         """The same times a factor; the inner side of a solid stays full.
 
@@ -146,7 +167,7 @@ class Thickness(Shown):
 
 
 @dataclass(frozen=True, eq=False)
-class AskedSide:
+class AskedSide(Field):
     """A function of the parameters with the slopes of the spline that stands for it.
 
     Attributes
@@ -165,11 +186,11 @@ class AskedSide:
         """Coefficients of the spline."""
         return self.spline.c
 
-    def __call__(self, u: FloatArray) -> FloatArray:
+    def __call__(self, u: ArrayLike, /) -> FloatArray:
         """Values of the function."""
-        return np.asarray(self.f(u), np.float64)
+        return np.asarray(self.f(as_points("u", u)), np.float64)
 
-    def jet(self, u: FloatArray, order: int = 1) -> tuple[FloatArray, ...]:
+    def jet(self, u: ArrayLike, order: int = 1) -> tuple[FloatArray, ...]:
         """Values of the function, derivatives of the spline."""
         return (self(u), *self.spline.jet(u, order)[1:])
 

@@ -231,8 +231,8 @@ class OffsetSolid(Shown):
 
     def _errors(self, u: FloatArray, side: AnyArray) -> tuple[FloatArray, FloatArray]:
         """Errors of the half-thickness at points of the offset surfaces, and what it should be."""
-        asked = self._asked.at(u, side)
-        return np.abs(side * self._true_distance(u) - asked), asked
+        off = self._asked.clearance(u, side, self._true_distance(u))
+        return np.abs(off), self._asked.at(u, side)
 
 
 def warn_coarse(h: float, least: float) -> None:

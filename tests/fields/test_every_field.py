@@ -15,6 +15,7 @@ from ilattice.graph.body import SetField
 from ilattice.offsets.scattered import Scattered
 from ilattice.offsets.sharp import SharpDistance
 from ilattice.offsets.solid import TileField
+from ilattice.offsets.thickness import AskedSide
 from ilattice.quadrature.levelsets import _Negative
 
 F = il.fields
@@ -76,6 +77,11 @@ def sets():
     return SetField((ball, il.tiles.skeleton(STRUTS, radius=0.2, faces="periodic").field), "union")
 
 
+def asked_side():
+    spline = il.bspline.fit.fit(smooth, degree=3, spans=16)
+    return AskedSide(spline, smooth)
+
+
 #: Class -> a field of it; where it is tried, and what it does not promise.
 EXAMPLES = {
     "BSpline": (spline, {}),
@@ -104,6 +110,7 @@ EXAMPLES = {
     "_Sphere": (lambda: F.sphere(0.7), {"box": BOX}),
     "_Torus": (lambda: F.torus(1.0, 0.3), {"box": BOX}),
     "PulledBack": (lambda: F.pull_back(BALL, bent()).f, {"converges": False}),
+    "AskedSide": (asked_side, {"box": ((0, 0, 0), (1, 1, 1)), "converges": False}),
     "_Distance": (lambda: il.offsets.distance(BALL, seeds=24), {"box": BOX, "converges": False}),
     "Scattered": (scatter, {"box": ((0, 0, 0), (1, 1, 1)), "differences": True}),
     "SharpDistance": (sharp, {"kinks": True, "converges": False}),
