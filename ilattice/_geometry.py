@@ -62,6 +62,22 @@ def between(
     return out
 
 
+def grid_array(*axes: Any) -> Any:
+    """Points of a tensor grid.
+
+    Parameters
+    ----------
+    *axes : array_like
+        Coordinates along the directions, n of them.
+
+    Returns
+    -------
+    ndarray, shape (len(axes[0]), ..., n)
+        Of the type that the axes have in common.
+    """
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+
+
 def grid_points(*axes: Any) -> Any:
     """Points of a tensor grid as rows.
 
@@ -75,7 +91,27 @@ def grid_points(*axes: Any) -> Any:
     ndarray, shape (points, n)
         The last coordinate changes first; of the type that the axes have in common.
     """
-    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
+    return grid_array(*axes).reshape(-1, len(axes))
+
+
+def grid_indices(counts: Any) -> IntArray:
+    """Indices of the cells of a tensor grid as rows.
+
+    Parameters
+    ----------
+    counts : sequence of int
+        How many there are along the directions, n of them.
+
+    Returns
+    -------
+    ndarray, shape (cells, n)
+        The last index changes first.
+    """
+    return np.indices(tuple(counts)).reshape(len(counts), -1).T
+
+
+#: Corners of the unit cube, the last coordinate changes first.
+CORNERS = grid_indices((2, 2, 2))
 
 
 def least_step(f: FloatArray, gradient: FloatArray) -> FloatArray:

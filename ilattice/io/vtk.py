@@ -17,6 +17,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from ilattice._files import as_path, atomic_path
+from ilattice._geometry import grid_array
 from ilattice._typing import AnyArray, ArrayLike, Map
 from ilattice._validate import as_array, as_choice, as_flag, as_items, as_kind, as_points
 from ilattice._vtk import quiet_vtk
@@ -363,7 +364,7 @@ def save_grid(
     if suffix == ".vti" and through is None:
         grid, writer = _image(ticks), "vtkXMLImageDataWriter"
     elif suffix == ".vts":
-        u = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1)
+        u = grid_array(*ticks)
         x = u if through is None else through.x(u.reshape(-1, 3)).reshape(u.shape)
         grid, writer = _structured(x), "vtkXMLStructuredGridWriter"
     else:

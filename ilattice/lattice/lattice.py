@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._geometry import grid_array
 from ilattice._typing import ArrayLike
 from ilattice._validate import as_choice, as_not_negative, as_whole
 from ilattice.errors import GeometryError, InputError
@@ -161,7 +162,7 @@ class Lattice(MidSurface):
         ]
         values = np.empty([len(a) for a in axes])
         for i, u in enumerate(axes[0]):
-            plane = np.stack(np.meshgrid([u], *axes[1:], indexing="ij"), axis=-1)
+            plane = grid_array([u], *axes[1:])
             values[i] = self.implicit(plane.reshape(-1, 3)).reshape(values.shape[1:])
         shown = isosurface(values, axes)
         if shown.n_points == 0:

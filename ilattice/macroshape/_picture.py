@@ -5,6 +5,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from ilattice._geometry import grid_array
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice.plot.shapes import hexahedra, polylines
 
@@ -48,6 +49,6 @@ def _faces(through: _Map, n: int) -> Iterator[tuple[FloatArray, FloatArray]]:
         for end in through.domain[:, axis]:
             lo, hi = through.domain
             a, b = (np.linspace(lo[k], hi[k], n) for k in range(3) if k != axis)
-            u = np.insert(np.stack(np.meshgrid(a, b, indexing="ij"), axis=-1), axis, end, axis=-1)
+            u = np.insert(grid_array(a, b), axis, end, axis=-1)
             u = u.reshape(-1, 3)
             yield through.x(u).reshape(n, n, 3), u

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ilattice._geometry import between
+from ilattice._geometry import CORNERS, between
 from ilattice._typing import AnyArray, FloatArray
 from ilattice.offsets._kernels_newton import FALLBACK
 from ilattice.offsets.polish import inside
@@ -24,7 +24,6 @@ SECANTS, NONE = 12, 1e-6
 #: Halvings of a way that find a jump, and how large it is at least, relative to the half-thickness;
 #: where the ends differ by less than this part of that, there is none.
 HALVINGS, JUMP, SMOOTH = 40, 1e-2, 0.1
-BITS = np.indices((2, 2, 2)).reshape(3, -1).T
 
 
 def in_own_cells(
@@ -140,7 +139,7 @@ def _corners(
         cell = np.clip(np.searchsorted(planes, u[:, a], side="right") - 1, 0, len(planes) - 2)
         low, high = np.maximum(cell - around, 0), np.minimum(cell + 1 + around, len(planes) - 1)
         ends = np.where(fixed[:, a, None], u[:, a, None], planes[np.stack([low, high], axis=1)])
-        out[:, :, a] = ends[:, BITS[:, a]]
+        out[:, :, a] = ends[:, CORNERS[:, a]]
     return out
 
 

@@ -14,12 +14,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ilattice._geometry import pairs
+from ilattice._geometry import CORNERS, grid_indices, pairs
 from ilattice._typing import FloatArray
 
 #: Boxes to begin with, the most along an axis then, and the most that are looked into.
 FIRST, LONGEST, MOST = 1 << 12, 64, 1 << 18
-CORNERS = np.indices((2, 2, 2)).reshape(3, -1).T
 #: Points whose weight the standard error is at least: of rare parts none may be seen.
 FEW = 3.0
 
@@ -62,7 +61,7 @@ def volumes(
     h = (np.prod(sides) / FIRST) ** (1.0 / 3.0)
     count = np.clip(np.rint(sides / h), 1, LONGEST).astype(int)
     size = (box[1] - box[0]) / count
-    lo = box[0] + np.indices(tuple(count)).reshape(3, -1).T * size
+    lo = box[0] + grid_indices(count) * size
     whole = 0.0
     while True:
         bounds = field.range(lo, lo + size)

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ilattice._geometry import fixed_coordinates
+from ilattice._geometry import CORNERS, fixed_coordinates
 from ilattice._memory import need
 from ilattice._progress import Progress
 from ilattice._typing import AnyArray, FloatArray
@@ -65,7 +65,6 @@ if TYPE_CHECKING:
 MAX_UNCONVERGED, MAX_OFF, MAX_CREASED, FEW, MAX_NEARER = 1e-3, 1e-3, 2e-2, 10, 1e-3
 #: Random points, and the corners, at which a wall that fills the part is noticed.
 FILLED = 4096
-CORNERS = np.indices((2, 2, 2)).reshape(3, -1).T
 #: Bytes of memory per vertex of a mesh, and per site where the map is sampled.
 PER_VERTEX, PER_SITE = 500, 150
 MAX_PLANES = 10_000_000

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._geometry import grid_indices
 from ilattice._progress import Progress, track
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import as_array, asked
@@ -318,7 +319,7 @@ def _per_cell(lattice: Tiling, profile: Thickness, factor: FloatArray) -> Thickn
 
 def _targets(lattice: Tiling, density: Any) -> FloatArray:
     if callable(density):
-        at = np.indices(lattice.repeat).reshape(3, -1).T + 0.5
+        at = grid_indices(lattice.repeat) + 0.5
         lo, hi = lattice.domain
         u = lo + at / np.array(lattice.repeat) * (hi - lo)
         values = as_array("relative_density", asked("relative_density", density, u))

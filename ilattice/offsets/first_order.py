@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._geometry import grid_indices
 from ilattice._progress import Progress
 from ilattice._typing import FloatArray
 from ilattice._validate import as_kind
@@ -64,7 +65,7 @@ class ParametricOffset(OffsetSolid):
     def least_thickness(self) -> float:
         """Least total thickness times the least edge of a tile; for solids, see `MIN_SOLID`."""
         lattice = self.lattice
-        u = np.indices(lattice.repeat).reshape(3, -1).T + 0.5
+        u = grid_indices(lattice.repeat) + 0.5
         lo, hi = lattice.domain
         step = (hi - lo) / np.array(lattice.repeat)
         edges = np.linalg.norm(lattice.through.jacobian(lo + u * step) * step, axis=1)

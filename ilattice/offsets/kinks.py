@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ilattice._geometry import grid_array
 from ilattice._typing import AnyArray, FloatArray
 from ilattice.bspline import BSpline
 from ilattice.bspline.fit import fit_interpolate, sites
@@ -301,6 +302,6 @@ def _through(f: Function, breaks: list[FloatArray], kinks: list[FloatArray]) -> 
     axes = [sites(t, DEGREE, "interpolate") for t in knots]
     values = np.empty([len(x) for x in axes])
     for i, x in enumerate(axes[0]):
-        u = np.stack(np.meshgrid([x], axes[1], axes[2], indexing="ij"), axis=-1)
+        u = grid_array([x], axes[1], axes[2])
         values[i] = f(u.reshape(-1, 3)).reshape(values.shape[1:])
     return fit_interpolate(values, knots, DEGREE)

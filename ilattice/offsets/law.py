@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ilattice._geometry import CORNERS
 from ilattice._typing import FloatArray
 from ilattice.errors import PrecisionWarning
 
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
 
 #: Random points, and the part of the half-thickness that may be lost between planes.
 POINTS, TOLD = 4096, 0.1
-CORNERS = np.indices((2, 2, 2)).reshape(3, -1).T
 
 
 def warn_between(wall: OffsetSolid, axes: tuple[FloatArray, ...], h: float) -> None:

@@ -13,7 +13,7 @@ import numba
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ilattice._geometry import grid_points
+from ilattice._geometry import grid_array, grid_points
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import as_points, as_whole
 from ilattice.errors import GeometryError
@@ -177,7 +177,7 @@ class SeededSpace(TileSpace):
             centres[a] if a in held else np.linspace(0.0, count[a], FINER * count[a] * m // 2 + 1)
             for a in range(3)
         ]
-        p = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+        p = grid_array(*axes)
         f = self.lattice.implicit(self.from_tile(p.reshape(-1, 3))).reshape(p.shape[:3])
         out = [between(p, f, a) for a in range(3) if a not in held]
         return np.concatenate(out)

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ilattice._geometry import grid_points
+from ilattice._geometry import grid_array, grid_points
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.offsets._kernels_patches import SHARP
 from ilattice.offsets._small import solved
@@ -73,7 +73,7 @@ def crossings(field: Any, n: int) -> FloatArray:
         Linear roots along the edges of the grid whose ends differ in sign.
     """
     axis = np.linspace(0.0, 1.0, n)
-    points = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1)
+    points = grid_array(axis, axis, axis)
     values = field.grid([axis] * 3)
     return np.concatenate([between(points, values, a) for a in range(3)])
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ilattice._geometry import determinants
+from ilattice._geometry import determinants, grid_indices
 from ilattice._typing import AnyArray, FloatArray
 from ilattice._validate import as_array, as_kind, as_points
 from ilattice.bspline import BSpline
@@ -138,7 +138,7 @@ class TileSpace:
     @property
     def _columns(self) -> int:
         """Of the normals of seeds: more where cells are squeezed, see `_kernels_patches`."""
-        middle: Any = np.indices(self.lattice.repeat).reshape(3, -1).T + 0.5
+        middle: Any = grid_indices(self.lattice.repeat) + 0.5
         size = np.linalg.svd(self._jacobian(middle), compute_uv=False)
         squeezed = bool((size[:, 0] > LONG * size[:, 2]).any())
         return SQUEEZED_TOO if squeezed else PLAIN

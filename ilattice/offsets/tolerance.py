@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from scipy.ndimage import maximum_filter
 
-from ilattice._geometry import grid_points, least_step
+from ilattice._geometry import grid_indices, grid_points, least_step
 from ilattice._memory import available, readable
 from ilattice._progress import Progress
 from ilattice._typing import AnyArray, FloatArray
@@ -193,7 +193,7 @@ def _least_edges(wall: OffsetSolid) -> FloatArray:
     corners = grid_points([0, 1], [0, 1], [0, 1])
     size = np.full(int(np.prod(lattice.repeat)), np.inf)
     for place in [*corners, np.full(3, 0.5)]:
-        u = lo + (np.indices(lattice.repeat).reshape(3, -1).T + place) * tile
+        u = lo + (grid_indices(lattice.repeat) + place) * tile
         edges = np.linalg.norm(lattice.through.jacobian(u) * tile, axis=1)
         size = np.minimum(size, edges.min(axis=1))
     return size.reshape(lattice.repeat)

@@ -12,7 +12,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from ilattice._field import Field
-from ilattice._geometry import pairs
+from ilattice._geometry import grid_indices, pairs
 from ilattice._typing import FloatArray
 from ilattice.bspline import BSpline
 from ilattice.offsets.mid_surface import MidSurface
@@ -90,7 +90,7 @@ class VolumePoints:
         lo, hi = self.wall.lattice.domain
         tiles = np.array(self.wall.lattice.repeat, float)
         count = np.maximum(1, np.rint(tiles * (self.boxes / tiles.prod()) ** (1 / 3))).astype(int)
-        corner = np.indices(tuple(count)).reshape(3, -1).T
+        corner = grid_indices(count)
         rng = np.random.default_rng(0)
         return pairs(lo + (hi - lo) * corner / count, lo + (hi - lo) * (corner + 1) / count, rng)
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._geometry import grid_array
 from ilattice._typing import AnyArray, FloatArray
 from ilattice._validate import as_array, as_whole, asked
 from ilattice.errors import InputError
@@ -157,7 +158,7 @@ def _grid(row: FloatArray, ends: FloatArray, n: int, plane: str) -> Any:
     s, t = flat @ first, flat @ second
     step = max(np.ptp(s), np.ptp(t)) / (n - 1)
     sides = [np.linspace(a.min(), a.max(), max(round(np.ptp(a) / step) + 1, 2)) for a in (s, t)]
-    grid = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1)[:, :, None, :]
+    grid = grid_array(*sides)[:, :, None, :]
     points: AnyArray = grid[..., :1] * first + grid[..., 1:] * second - row[3] * row[:3]
     return pv.StructuredGrid(*np.moveaxis(points, -1, 0).astype(float))
 

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from ilattice._geometry import between, fixed_coordinates
+from ilattice._geometry import between, fixed_coordinates, grid_indices
 from ilattice._typing import FloatArray, IntArray
 from ilattice.bspline import BSpline
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
@@ -137,7 +137,7 @@ class Slicer:
 
     def _crossed(self, blocks: IntArray, level: float) -> tuple[IntArray, FloatArray]:
         """Cells (m, 3) of blocks that the plane crosses, and the heights at their corners."""
-        local = np.indices((BLOCK + 1,) * 3).reshape(3, -1).T
+        local = grid_indices((BLOCK + 1,) * 3)
         index = np.minimum(blocks[:, None, :] + local, self.cells).reshape(-1, 3)
         height = self.height(self._at(np.where(self.closed, index % self.cells, index)))
         height = height.reshape(-1, *(BLOCK + 1,) * 3)
@@ -224,7 +224,7 @@ def extent(height: BSpline) -> tuple[float, float]:
 
 def _greatest(height: BSpline, sign: float) -> float:
     edges = [height.breaks(k) for k in range(3)]
-    index = np.indices([len(e) - 1 for e in edges]).reshape(3, -1).T
+    index = grid_indices([len(e) - 1 for e in edges])
     lo = np.stack([e[index[:, k]] for k, e in enumerate(edges)], axis=1)
     hi = np.stack([e[index[:, k] + 1] for k, e in enumerate(edges)], axis=1)
     for _ in range(HALVINGS):

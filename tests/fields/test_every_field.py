@@ -79,7 +79,7 @@ def sets():
 
 def asked_side():
     spline = il.bspline.fit.fit(smooth, degree=3, spans=16)
-    return AskedSide(spline, smooth)
+    return AskedSide(spline, spline)
 
 
 #: Class -> a field of it; where it is tried, and what it does not promise.
