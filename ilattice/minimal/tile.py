@@ -12,7 +12,7 @@ themselves are not seen here, but see `MinimalPatch.sharpened`.
 
 import warnings
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -22,11 +22,9 @@ from ilattice._validate import as_points, as_whole
 from ilattice.bspline import BSpline
 from ilattice.bspline.fit import fit
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
+from ilattice.mesh import SurfaceMesh
 from ilattice.minimal.disc import area_vectors, gathered, opposite_edges, unit_rows
 from ilattice.tiles import Tile
-
-if TYPE_CHECKING:
-    from ilattice.minimal.completion import PeriodicSurface
 
 #: Largest distance of the zero set from the surface, in parts of the cell, without a warning.
 TOLERANCE = 1e-4
@@ -39,6 +37,26 @@ REACH = 0.5
 MAX_REACH = 0.12
 MIN_SPANS, MAX_SPANS = 8, 128
 _SAMPLES, _EVERY = 150_000, 16
+
+
+class Periodic(Protocol):
+    """An oriented surface that repeats with a cell: a `PeriodicSurface`."""
+
+    @property
+    def mesh(self) -> SurfaceMesh:
+        """The surface in one cell."""
+
+    @property
+    def labels(self) -> IntArray:
+        """Numbers of the vertices up to shifts by whole cells, shape (V,)."""
+
+    @property
+    def cell(self) -> FloatArray:
+        """Edges of the cell, shape (3,)."""
+
+    @property
+    def objection(self) -> str:
+        """Why the surface does not separate the cell; empty if it does."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,12 +131,12 @@ class SignedDistance:
         return distance
 
 
-def signed_tile(surface: "PeriodicSurface", name: str, spans: int | None) -> Tile:
+def signed_tile(surface: Periodic, name: str, spans: int | None) -> Tile:
     """The tile whose zero set is a periodic surface.
 
     Parameters
     ----------
-    surface : PeriodicSurface
+    surface : Periodic
         A surface that separates the cell.
     name : str
         Name of the tile.
@@ -151,12 +169,12 @@ def signed_tile(surface: "PeriodicSurface", name: str, spans: int | None) -> Til
     return Tile(spline, name=name, source="minimal surface of triangles", edges=edges)
 
 
-def signed_distance(surface: "PeriodicSurface") -> tuple[SignedDistance, float]:
+def signed_distance(surface: Periodic) -> tuple[SignedDistance, float]:
     """Signed distance to a surface that separates its cell.
 
     Parameters
     ----------
-    surface : PeriodicSurface
+    surface : Periodic
         An oriented surface.
 
     Returns
@@ -262,12 +280,12 @@ def curved(p: FloatArray, normals: FloatArray, w: FloatArray) -> tuple[FloatArra
     return lifted.reshape(-1, 3), unit_rows(n.reshape(-1, 3))
 
 
-def smooth_normals(surface: "PeriodicSurface") -> FloatArray:
+def smooth_normals(surface: Periodic) -> FloatArray:
     """Normals of a periodic surface at its vertices.
 
     Parameters
     ----------
-    surface : PeriodicSurface
+    surface : Periodic
         An oriented surface.
 
     Returns
