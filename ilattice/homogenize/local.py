@@ -17,19 +17,17 @@ grow without bound under refinement, so that the first yield there depends on th
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ilattice._typing import ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_array, as_points
+from ilattice.cutfem.elasticity import Elasticity
 from ilattice.cutfem.stresses import Stresses, von_mises
 from ilattice.errors import InputError
 from ilattice.homogenize import tensors
 from ilattice.homogenize._result import SOFT
-
-if TYPE_CHECKING:
-    from ilattice.homogenize.elastic import ElasticCell
 
 #: Part of a mean stress that a cell may miss without bearing none of it.
 BORNE = 1e-6
@@ -51,7 +49,7 @@ class LocalFields(Stresses):
         xx, yy, zz, yz, xz, xy; strains with engineering shear.
     """
 
-    problem: "ElasticCell"
+    problem: Elasticity
     coefficients: FloatArray
     mean_stress: FloatArray
     mean_strain: FloatArray
@@ -96,9 +94,7 @@ def as_stresses(stress: Any, C: FloatArray) -> tuple[FloatArray, FloatArray]:
     return rows, size * strains
 
 
-def first_yield(
-    problem: "ElasticCell", coefficients: FloatArray, strains: FloatArray
-) -> FloatArray:
+def first_yield(problem: Elasticity, coefficients: FloatArray, strains: FloatArray) -> FloatArray:
     """Factors (m,) by which cases may grow until a point yields, infinite where none does.
 
     Of solutions (functions, 3, 6) for unit strains, and the mean strains (m, 6) of the cases.
