@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 from ilattice._geometry import wrapped
 from ilattice._typing import FloatArray, IntArray
 from ilattice.bspline import BSpline
+from ilattice.offsets.distance_spline import distance_spline
 
 if TYPE_CHECKING:
     from ilattice.offsets.mid_surface import MidSurface
@@ -34,8 +35,6 @@ class Clearance:
     def __init__(
         self, lattice: MidSurface, inner: BSpline | None = None, outer: BSpline | None = None
     ) -> None:
-        from ilattice.offsets.distance_spline import distance_spline
-
         self.lattice, self.domain = lattice, lattice.domain
         self.closed = np.array(lattice.through.closed)
         self.spline = distance_spline(lattice)

@@ -14,7 +14,6 @@ told from discs, nor sets that touch from one.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -23,9 +22,7 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.offsets.polish import inside, shortest
 from ilattice.topology.clearance import Clearance
-
-if TYPE_CHECKING:
-    from ilattice.topology.critical import CriticalPoint
+from ilattice.topology.critical_point import CriticalPoint
 
 #: How far from each other, in cells of the grid, points of a critical curve or surface may be.
 LINKED = 5.0

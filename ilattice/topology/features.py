@@ -30,7 +30,8 @@ from ilattice._typing import AnyArray, FloatArray
 from ilattice._validate import Frozen
 from ilattice.errors import GeometryError, InputError
 from ilattice.offsets.polish import inside
-from ilattice.topology.critical import CriticalPoint, CriticalSearch
+from ilattice.topology.critical import CriticalSearch
+from ilattice.topology.critical_point import CriticalPoint
 
 if TYPE_CHECKING:
     from ilattice.offsets.wall import OffsetSolid

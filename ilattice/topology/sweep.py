@@ -23,7 +23,8 @@ from ilattice.mesh.wall_mesh import wall_contour
 from ilattice.offsets.mid_surface import MidSurface
 from ilattice.offsets.offsetting import offset_solid
 from ilattice.offsets.wall import OffsetSolid
-from ilattice.topology.critical import CriticalPoint, critical_points
+from ilattice.topology.critical import critical_points
+from ilattice.topology.critical_point import CriticalPoint
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

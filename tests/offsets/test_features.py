@@ -7,7 +7,8 @@ from scipy.optimize import brentq
 import ilattice as il
 from ilattice.errors import GeometryError, InputError
 from ilattice.topology import features
-from ilattice.topology.critical import CriticalPoint, critical_points
+from ilattice.topology.critical import critical_points
+from ilattice.topology.critical_point import CriticalPoint
 
 PINCH = np.sqrt(2.0) / 6.0  # half-thickness at which the pores of the Schwarz P cell close
 
