@@ -10,6 +10,7 @@ from functools import cache
 
 from ilattice import fields, tiles
 from ilattice.fields.node import Node
+from ilattice.offsets.distance import distance
 from ilattice.tiles.catalog import find
 
 #: Endings of files that are read as meshes.
@@ -61,12 +62,6 @@ class Operation:
     apply: Callable[..., Node]
 
 
-def _true_distance(part: Node) -> Node:
-    from ilattice.offsets.distance import distance
-
-    return distance(part)
-
-
 def _smooth(function: Callable[..., Node]) -> Operation:
     return Operation(2, (Parameter("radius"),), function)
 
@@ -83,7 +78,7 @@ OPERATIONS: Mapping[str, Operation] = {
     "translate": _unary(fields.translate, Parameter("offset", "vector")),
     "scale": _unary(fields.scale, Parameter("factor", "factor")),
     "rotate": _unary(fields.rotate, Parameter("angle"), Parameter("axis", "vector")),
-    "distance": _unary(_true_distance),
+    "distance": _unary(distance),
     "normalize": _unary(fields.normalize),
     "twist": _unary(fields.twist, Parameter("rate")),
     "bend": _unary(fields.bend, Parameter("radius")),

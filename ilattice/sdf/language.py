@@ -27,6 +27,8 @@ from ilattice._validate import FixedMapping, as_flag, as_items, as_texts, near_n
 from ilattice.errors import FileError, InputError
 from ilattice.fields.equation import CONSTANTS, FUNCTIONS, VARIABLES, has_coordinates
 from ilattice.fields.node import Node
+from ilattice.mesh import load
+from ilattice.offsets.distance import bind
 from ilattice.sdf._tokens import Token, read
 from ilattice.sdf._vocabulary import (
     MESHES,
@@ -39,6 +41,7 @@ from ilattice.sdf._vocabulary import (
     known_names,
     solid,
 )
+from ilattice.sdf.mesh_distance import MeshDistance
 
 __all__ = ["Command", "parse"]
 
@@ -312,8 +315,6 @@ class _Machine:
             raise InputError("nothing to mesh: the command names no solid, such as sphere or box")
         whole = fields.intersection(*self.stack)
         if whole.program.leaves and np.isfinite(whole.bounds).all():
-            from ilattice.offsets.distance import bind
-
             bind(whole, whole.bounds)
         return whole
 
@@ -385,9 +386,6 @@ class _Machine:
 
     def _mesh(self, token: Token, path: str) -> Node:
         if path not in self.meshes:
-            from ilattice.mesh import load
-            from ilattice.sdf.mesh_distance import MeshDistance
-
             if not os.path.exists(path):
                 raise FileError(f"{token}: there is no file {path!r:.80}")
             self.meshes[path] = fields.from_callable(MeshDistance(load(path), strict=self.strict))

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 from scipy.fft import dstn, idstn
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from ilattice._geometry import fixed_coordinates, grid_points
@@ -23,6 +24,7 @@ from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.bspline import BSpline
 from ilattice.errors import ConvergenceError
 from ilattice.mesh.contouring import contour_arrays
+from ilattice.minimal.completion import edge_table
 from ilattice.minimal.disc import vertex_normals
 from ilattice.shells.boundary import Boundary
 from ilattice.shells.refined import refined
@@ -430,10 +432,6 @@ def boundary_loops(faces: IntArray) -> int:
     int
         Number of components of the open edges.
     """
-    from scipy.sparse.csgraph import connected_components
-
-    from ilattice.minimal.completion import edge_table
-
     edges, counts, _ = edge_table(faces)
     open_edges = edges[counts == 1]
     used, rows = np.unique(open_edges, return_inverse=True)

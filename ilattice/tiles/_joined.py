@@ -17,6 +17,7 @@ import numpy as np
 from ilattice._memory import need
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.bspline import BSpline
+from ilattice.bspline.fit import fit_report
 from ilattice.bspline.knots import wrapped_knots
 from ilattice.errors import PrecisionWarning
 from ilattice.tiles._mixed import DEGREE, MAX_SPANS, MIN_SPANS, Blend, MixedField
@@ -41,8 +42,6 @@ def joined(blend: Blend, tol: float) -> MixedField:
     -----
     Hong et al. 2025, section 3.1: open-end conditions, and identical coefficients on shared faces.
     """
-    from ilattice.bspline.fit import fit_report
-
     own = _family(blend)
     if own is not None:
         spans = own[0].shape[0] - DEGREE

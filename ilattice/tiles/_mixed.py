@@ -19,6 +19,7 @@ from ilattice._geometry import grid_points
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_array, asked
 from ilattice.bspline import BSpline
+from ilattice.bspline.fit import fit_report, jump
 from ilattice.errors import InputError, PrecisionWarning
 from ilattice.tiles.tile import Tile
 from ilattice.tiles.trig import TrigField
@@ -320,8 +321,6 @@ def fitted(blend: Blend, tol: float) -> MixedField:
     MixedField
         The spline with the error that it reached.
     """
-    from ilattice.bspline.fit import fit_report, jump
-
     count, closed = np.array(blend.repeat), blend.closed
     box = np.array([np.where(closed, 0.0, -1.0), np.where(closed, count, count + 1.0)])
     layers = (box[1] - box[0]).astype(np.int64)

@@ -31,6 +31,7 @@ from ilattice._validate import (
     read_only,
 )
 from ilattice.bspline import BSpline
+from ilattice.bspline.fit import fit, fit_report
 from ilattice.errors import ConvergenceError, GeometryError, InputError, PrecisionWarning
 from ilattice.fields.node import Node
 from ilattice.plot.cards import card
@@ -430,8 +431,6 @@ class Tile(Field):
         ConvergenceError
             If `tol` is not reached.
         """
-        from ilattice.bspline.fit import fit
-
         ends = self.periodic if periodic is None else periodic
         spline = fit(
             self._fit_target,
@@ -454,8 +453,6 @@ class Tile(Field):
 
     def _stand_in(self) -> BSpline:
         """Spline for a plain function: to tolerance, or the best within 64 spans with a warning."""
-        from ilattice.bspline.fit import fit, fit_report
-
         top = float(np.abs(self._samples(16)).max())
         tol = SPLINE_TOL * top if self.tol is None else self.tol
         k, ends, most = SPLINE_DEGREE, self.periodic, SPLINE_SPANS
