@@ -54,13 +54,13 @@ from ilattice.graph.build import (
     vertex,
     voxel,
 )
+from ilattice.graph.contact_sheet import contact_sheet
 from ilattice.graph.evaluate import computed, forget
 from ilattice.graph.explore import explore, random_graph
 from ilattice.graph.files import load, parse
 from ilattice.graph.graph import Graph
 from ilattice.graph.library import Library, library
 from ilattice.graph.nodes import EdgeChain, Vertex
-from ilattice.graph.plot import contact_sheet
 from ilattice.graph.skeletons import (
     AssociateFamily,
     DualSurface,

@@ -29,33 +29,19 @@ import os
 from dataclasses import MISSING, fields
 from typing import Any
 
-from ilattice._files import as_path, read_bytes, write_report
-from ilattice.errors import FormatError, GraphError, InputError, printable
+from ilattice._files import read_bytes
+from ilattice.errors import GraphError, InputError, printable
 from ilattice.graph.evaluate import ordered
 from ilattice.graph.graph import Graph
 from ilattice.graph.nodes import Node
 from ilattice.graph.rules import MAX_NODES
 from ilattice.graph.solids import TYPES
-from ilattice.graph.volumes import region_data, region_from
+from ilattice.graph.volumes import region_from
+from ilattice.graph.writing import SCHEMA, VERSION, check_ending
 
-SCHEMA, VERSION = "ilattice.graph", 1
 _KEYS = ("schema", "version", "name", "about", "within", "nodes", "roots")
 #: Letters of an identifier.
 _LONGEST = 200
-
-
-def save(graph: Graph, path: str | os.PathLike[str]) -> None:
-    """Write a graph.
-
-    Parameters
-    ----------
-    graph : Graph
-        The graph.
-    path : path-like
-        Ends in ``.json``.
-    """
-    _check_ending(path)
-    write_report(path, data_of(graph))
 
 
 def load(path: str | os.PathLike[str]) -> Graph:
@@ -78,7 +64,7 @@ def load(path: str | os.PathLike[str]) -> Graph:
     FormatError
         If the file is missing, or cannot be read.
     """
-    _check_ending(path)
+    check_ending(path)
     try:
         text = read_bytes(path).decode("utf-8-sig")
     except UnicodeDecodeError as e:
@@ -111,34 +97,6 @@ def parse(text: str) -> Graph:
     except (ValueError, RecursionError, TypeError) as e:
         raise GraphError("graph", f"the text is no JSON: {printable(str(e))}") from e
     return graph_of(data)
-
-
-def data_of(graph: Graph) -> dict[str, Any]:
-    """A graph as plain data.
-
-    Parameters
-    ----------
-    graph : Graph
-        The graph.
-
-    Returns
-    -------
-    dict
-        What JSON holds.
-    """
-    names = {id(node): name for name, node in graph.names.items()}
-    nodes = []
-    for node in graph.nodes:
-        row: dict[str, Any] = {"id": names[id(node)], "type": node.word}
-        if node.inputs:
-            row["inputs"] = [names[id(n)] for n in node.inputs]
-        nodes.append(row | node.properties)
-    out: dict[str, Any] = {"schema": SCHEMA, "version": VERSION, "name": graph.name}
-    if graph.about:
-        out["about"] = dict(graph.about)
-    if graph.within is not None:
-        out["within"] = region_data(graph.within)
-    return out | {"nodes": nodes, "roots": [names[id(n)] for n in graph.roots]}
 
 
 def graph_of(data: Any) -> Graph:
@@ -299,8 +257,3 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(out) < len(pairs):
         raise GraphError("graph", f"keys must be there once, got {[k for k, _ in pairs]!r:.100}")
     return out
-
-
-def _check_ending(path: str | os.PathLike[str]) -> None:
-    if as_path("path", path).suffix.lower() != ".json":
-        raise FormatError(f"a graph is a .json file, got {str(path)!r:.200}")

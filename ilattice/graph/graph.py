@@ -20,6 +20,7 @@ from ilattice.graph.body import Body, warn_empty
 from ilattice.graph.evaluate import Evaluation, kept, ordered
 from ilattice.graph.nodes import Node
 from ilattice.graph.patches import check
+from ilattice.graph.plot import figure
 from ilattice.graph.rules import MAX_NODES, check_counts, names_of, roots_of, solids_of
 from ilattice.graph.shapes import Shape
 from ilattice.graph.skeletons import Skeleton, Surface, thickened
@@ -31,12 +32,14 @@ from ilattice.graph.solids import (
     Voxel,
 )
 from ilattice.graph.volumes import region_data, region_of
+from ilattice.graph.writing import data_of, save
 from ilattice.homogenize import Bands, Effective, bloch, elastic, voxels
 from ilattice.io.vtk import save_grid
 from ilattice.lattice import Lattice
 from ilattice.macroshape.cells import cell
 from ilattice.mesh import SurfaceMesh
 from ilattice.minimal.tile import COARSE, warn_coarse
+from ilattice.sdf import mesh
 from ilattice.tiles import Tile
 
 if TYPE_CHECKING:
@@ -306,8 +309,6 @@ class Graph(Frozen):
         GeometryError
             If the mesh is too coarse for the solid, or the solid is empty.
         """
-        from ilattice.sdf import mesh
-
         self._warn_coarse()
         cube = translate(box(0.5), (0.5, 0.5, 0.5))
         solid = intersection(cube, from_callable(self.body.field))
@@ -461,8 +462,6 @@ class Graph(Frozen):
         dict
             What `save` writes.
         """
-        from ilattice.graph.files import data_of
-
         return data_of(self)
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -473,8 +472,6 @@ class Graph(Frozen):
         path : path-like
             Ends in ``.json``.
         """
-        from ilattice.graph.files import save
-
         save(self, path)
 
     def plot(self, *, stages: bool = True) -> "Figure":
@@ -490,8 +487,6 @@ class Graph(Frozen):
         matplotlib.figure.Figure
             ``savefig`` writes it.
         """
-        from ilattice.graph.plot import figure
-
         return figure(self, stages=stages)
 
 

@@ -14,7 +14,7 @@ from ilattice.graph.curves import curve_of
 from ilattice.graph.nodes import EdgeChain
 from ilattice.graph.shapes import Sheet
 from ilattice.graph.skeletons import Surface
-from ilattice.minimal import FaceLoop, MinimalPatch, Region, conjugate, direct, mixed
+from ilattice.minimal import Disc, FaceLoop, MinimalPatch, Region, conjugate, direct, mixed
 from ilattice.minimal.weights import located, spread
 
 #: Distance from a face below which a vertex is on it.
@@ -67,8 +67,6 @@ def check(surface: Surface, region: Region | None) -> None:
         elif surface.kind == "mixed":
             _slides(surface, region)
     if not isinstance(surface.thickness, float):
-        from ilattice.minimal import Disc
-
         located(Disc(len(p), 2), [place for place, _ in surface.thickness])
 
 

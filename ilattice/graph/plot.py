@@ -4,23 +4,22 @@ Non-guarantee: pictures are for eyes; what is behind may be drawn before.
 """
 
 import warnings
-from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from ilattice._typing import FloatArray
-from ilattice._validate import as_whole
-from ilattice.errors import IlatticeError, InputError, PrecisionWarning
+from ilattice.errors import IlatticeError, PrecisionWarning
+from ilattice.graph.body import Body
 from ilattice.graph.nodes import Node
 from ilattice.graph.shapes import Shape
 from ilattice.graph.skeletons import Line, Skeleton, Surface
 from ilattice.graph.solids import Object
+from ilattice.mesh import SurfaceMesh
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from ilattice.graph.graph import Graph
 
 #: Colours by types of nodes.
 COLOURS = {
@@ -34,12 +33,42 @@ _MAX_NODES = 400
 _GRID, _FINEST = 48, 90
 
 
-def figure(graph: "Graph", *, stages: bool) -> "Figure":
+class Made(Protocol):
+    """Nodes with their names, and what they make: a `Graph`."""
+
+    @property
+    def name(self) -> str:
+        """Name of what is made."""
+
+    @property
+    def nodes(self) -> tuple[Node, ...]:
+        """All nodes, each after its inputs."""
+
+    @property
+    def count(self) -> int:
+        """Number of nodes."""
+
+    @property
+    def names(self) -> Mapping[str, Node]:
+        """Nodes by their names."""
+
+    @property
+    def body(self) -> Body:
+        """The solid."""
+
+    def evaluate(self, node: Any = None) -> Shape | Body:
+        """Result of a node."""
+
+    def mesh(self, h: float = 0.02, *, allow_loss: bool = False) -> SurfaceMesh:
+        """The solid in one cell."""
+
+
+def figure(graph: Made, *, stages: bool) -> "Figure":
     """Draw a graph.
 
     Parameters
     ----------
-    graph : Graph
+    graph : Made
         The graph.
     stages : bool
         Whether to draw what stages make.
@@ -65,22 +94,22 @@ def figure(graph: "Graph", *, stages: bool) -> "Figure":
         ("skeleton in the cell", [n.skeleton for n in objects]),
     ]
     for i, (title, nodes) in enumerate(panels):
-        axes = _space(fig.add_subplot(grid[1 + i], projection="3d"), title)
+        axes = space(fig.add_subplot(grid[1 + i], projection="3d"), title)
         for node in nodes:
             draw_shape(axes, graph.evaluate(node).distinct)  # type: ignore[union-attr]
-    axes = _space(fig.add_subplot(grid[3], projection="3d"), "solid")
+    axes = space(fig.add_subplot(grid[3], projection="3d"), "solid")
     draw_solid(axes, graph)
     return fig
 
 
-def draw_nodes(axes: Any, graph: "Graph") -> None:
+def draw_nodes(axes: Any, graph: Made) -> None:
     """Nodes in layers from left to right, with their edges.
 
     Parameters
     ----------
     axes : matplotlib.axes.Axes
         Where to draw.
-    graph : Graph
+    graph : Made
         The graph.
     """
     axes.set_axis_off()
@@ -127,7 +156,21 @@ def _layers(nodes: tuple[Node, ...]) -> dict[int, tuple[float, float]]:
     return at
 
 
-def _space(axes: Any, title: str) -> Any:
+def space(axes: Any, title: str) -> Any:
+    """The unit cube, to draw in.
+
+    Parameters
+    ----------
+    axes : mpl_toolkits.mplot3d.Axes3D
+        Where to draw.
+    title : str
+        Its title.
+
+    Returns
+    -------
+    mpl_toolkits.mplot3d.Axes3D
+        The same.
+    """
     axes.set_title(title, fontsize="medium")
     axes.set(xlim=(0, 1), ylim=(0, 1), zlim=(0, 1), xticks=[0, 1], yticks=[0, 1], zticks=[0, 1])
     axes.tick_params(labelsize=6)
@@ -157,14 +200,14 @@ def draw_shape(axes: Any, shape: Shape) -> None:
         draw_triangles(axes, sheet.vertices[sheet.faces], "#74c476")
 
 
-def draw_solid(axes: Any, graph: "Graph") -> None:
+def draw_solid(axes: Any, graph: Made) -> None:
     """The solid in one cell, by coarse triangles.
 
     Parameters
     ----------
     axes : mpl_toolkits.mplot3d.Axes3D
         Where to draw.
-    graph : Graph
+    graph : Made
         The graph.
     """
     try:
@@ -203,35 +246,3 @@ def draw_triangles(axes: Any, corners: FloatArray, colour: str) -> None:
     axes.add_collection3d(
         Poly3DCollection(corners, facecolors=shades, edgecolors="none", antialiaseds=False)
     )
-
-
-def contact_sheet(graphs: Any, columns: int = 5) -> "Figure":
-    """Solids of many graphs side by side.
-
-    Parameters
-    ----------
-    graphs : sequence of Graph
-        The graphs.
-    columns : int
-        Pictures in a row.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        The picture.
-    """
-    from matplotlib.figure import Figure
-
-    from ilattice.graph.graph import Graph
-
-    many = list(graphs) if isinstance(graphs, Iterable) else []
-    if not many or not all(isinstance(graph, Graph) for graph in many):
-        raise InputError(f"graphs must be one or more graphs, got {graphs!r:.80}")
-    columns = as_whole("columns", columns, 1, 100)
-    rows = -(-len(many) // columns)
-    fig = Figure(figsize=(2.4 * columns, 2.5 * rows), layout="constrained")
-    for i, graph in enumerate(many):
-        axes = _space(fig.add_subplot(rows, columns, i + 1, projection="3d"), graph.name)
-        axes.set_axis_off()
-        draw_solid(axes, graph)
-    return fig
