@@ -197,8 +197,16 @@ def reference(room: str) -> str:
         lines += [title, "-" * len(title), ""] if chosen else []
         for name in chosen:
             lines.append(f".. auto{kind}:: {name}")
-            lines += ["   :members:", ""] if kind == "class" else [""]
+            lines += members_of(getattr(module, name)) if kind == "class" else [""]
     return "\n".join(lines)
+
+
+def members_of(item: type) -> list[str]:
+    """Options for the members of a class, with those of classes in private modules of its room."""
+    private = ".".join(item.__module__.split(".")[:2]) + "._"
+    others = [base.__name__ for base in item.__mro__[1:] if not base.__module__.startswith(private)]
+    inherits = len(others) < len(item.__mro__) - 1
+    return ["   :members:", *[f"   :inherited-members: {', '.join(others)}"] * inherits, ""]
 
 
 def kind_of(item: Any) -> str:
