@@ -6,7 +6,7 @@ sharp creases of what is written slab by slab: they are chamfered within a cell.
 
 import os
 import warnings
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -14,12 +14,11 @@ from ilattice._memory import need
 from ilattice._progress import Progress
 from ilattice._validate import as_positive
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
+from ilattice.fields.node import Node
 from ilattice.io.stream import StreamedMeshWriter
 from ilattice.mesh.contouring import contour_blocks
 from ilattice.mesh.surface import SurfaceMesh
-
-if TYPE_CHECKING:
-    from ilattice.cost.beams import Beams
+from ilattice.sdf.meshing import mesh
 
 #: Spacing of the grid of a mesh, in least radii, above which beams may be cut, and are lost.
 COARSE, LOST = 1.001, 2.0
@@ -28,17 +27,17 @@ SLABS = 40  # layers of points at once
 
 
 def meshed(
-    beams: "Beams", h: float | None, tol: float | None, allow_loss: bool, progress: Progress
-) -> SurfaceMesh:
-    """See `Beams.mesh`."""
-    from ilattice.sdf.meshing import mesh
-
-    spacing = spacing_of(beams, float(beams.radii.min()) if h is None and tol is not None else h)
+    beams: Node, least: float, h: float | None, *, tol: float | None, allow_loss: bool,
+    progress: Progress,
+) -> SurfaceMesh:  # fmt: skip
+    """Mesh of beams of some least radius; see `Beams.mesh`."""
+    spacing = spacing_of(least, least if h is None and tol is not None else h)
     return mesh(beams, spacing, tol=tol, allow_loss=allow_loss, progress=progress)
 
 
 def streamed(
-    beams: "Beams",
+    beams: Node,
+    least: float,
     path: str | os.PathLike[str],
     *,
     h: float | None = None,
@@ -48,7 +47,7 @@ def streamed(
     """Write the surface to STL or PLY slab by slab: memory for one slab only."""
     if others:
         raise InputError(f"surfaces of beams have no option {min(others)!r}: h and progress only")
-    spacing = spacing_of(beams, h)
+    spacing = spacing_of(least, h)
     low, high = beams.bounds
     counts = np.ceil((high - low) / spacing).astype(np.int64) + 4
     order = np.argsort(-counts)  # slabs go along the longest side
@@ -78,9 +77,8 @@ def _even(order: Any) -> bool:
     return bool(np.linalg.det(np.eye(3)[order]) > 0.0)
 
 
-def spacing_of(beams: "Beams", h: float | None) -> float:
+def spacing_of(least: float, h: float | None) -> float:
     """A spacing that finds the thinnest beams: a third of their radius by default."""
-    least = float(beams.radii.min())
     spacing = least / 3.0 if h is None else as_positive("h", h)
     if spacing > COARSE * least:
         told = f"h={spacing:g} is too coarse for beams of radius {least:.3g}"

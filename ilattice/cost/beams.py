@@ -33,12 +33,14 @@ from ilattice._validate import (
 )
 from ilattice.cost import _kernels_beams as kernels
 from ilattice.cost import _pieces as pieces
-from ilattice.cost.structure import CornerSharing, _numbers
+from ilattice.cost._structure import Structure, _numbers
+from ilattice.cost._surfaces import meshed, spacing_of, streamed
 from ilattice.errors import FormatError, GeometryError, InputError, PrecisionWarning
 from ilattice.fields import _kernels_boxes as tree
 from ilattice.fields._pieces import Union
 from ilattice.fields._program import Builder, Point
 from ilattice.fields.node import Node
+from ilattice.io import save
 from ilattice.mesh.field_slices import slice_field
 from ilattice.mesh.surface import SurfaceMesh
 from ilattice.slicing.slices import SliceStack
@@ -278,9 +280,8 @@ class Beams(Union):
         PrecisionWarning
             If it exceeds the least radius.
         """
-        from ilattice.cost._surfaces import meshed
-
-        return meshed(self, h, tol, allow_loss, progress)
+        least = float(self.radii.min())
+        return meshed(self, least, h, tol=tol, allow_loss=allow_loss, progress=progress)
 
     def slices(self, z: ArrayLike | None = None, **options: Any) -> SliceStack:
         """Contours at heights; see `ilattice.mesh.slice_field`.
@@ -302,10 +303,9 @@ class Beams(Union):
         SliceStack
             Slices, each computed when asked for.
         """
-        from ilattice.cost._surfaces import spacing_of
-
         h = options.pop("h", None)
-        h = 0.5 * float(self.radii.min()) if h is None else spacing_of(self, h)
+        least = float(self.radii.min())
+        h = 0.5 * least if h is None else spacing_of(least, h)
         return slice_field(self, z, h=h, **options)
 
     def save(self, path: str | os.PathLike[str], **options: Any) -> None:
@@ -321,12 +321,9 @@ class Beams(Union):
             into the file slab by slab, so that it may be larger than memory; its creases are
             chamfered within a cell (`mesh` makes sharp ones).
         """
-        from ilattice.cost._surfaces import streamed
-        from ilattice.io import save
-
         ending = as_path("path", path).suffix.lower()
         if ending in (".stl", ".ply"):
-            streamed(self, path, **options)
+            streamed(self, float(self.radii.min()), path, **options)
         elif ending in (".3mf", ".vtp", ".vtu"):
             save(self, path, **options)
         else:
@@ -336,7 +333,7 @@ class Beams(Union):
             )
 
 
-def beams(k: CornerSharing, radius: Any, *, check: bool = True) -> Beams:
+def beams(k: Structure, radius: Any, *, check: bool = True) -> Beams:
     """Edges of a structure as round cones.
 
     Parameters
@@ -376,7 +373,7 @@ def beams(k: CornerSharing, radius: Any, *, check: bool = True) -> Beams:
     return out
 
 
-def radii_of(k: CornerSharing, x: FloatArray, radius: Any) -> FloatArray:
+def radii_of(k: Structure, x: FloatArray, radius: Any) -> FloatArray:
     """Radii (e, 2) at the ends of edges."""
     n, e = len(x), k.edges
     if callable(radius):
@@ -414,7 +411,7 @@ def radii_of(k: CornerSharing, x: FloatArray, radius: Any) -> FloatArray:
     )
 
 
-def check_swallowed(k: CornerSharing, r: FloatArray) -> None:
+def check_swallowed(k: Structure, r: FloatArray) -> None:
     """Refuse beams that lie in a ball at their end, and simplices all of whose faces are closed."""
     inside = np.flatnonzero(np.abs(r[:, 1] - r[:, 0]) >= k.lengths)
     if len(inside):

@@ -14,7 +14,8 @@ from scipy.sparse.linalg import splu
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_array, as_whole
 from ilattice.cost import _kernels_pebble as pebble
-from ilattice.cost.structure import CornerSharing, _numbers
+from ilattice.cost._structure import _numbers
+from ilattice.cost.structure import CornerSharing
 from ilattice.errors import GeometryError, InputError
 
 

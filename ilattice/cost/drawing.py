@@ -10,7 +10,7 @@ import numpy as np
 
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import as_array, as_flag, as_kind, as_positive
-from ilattice.cost.structure import CornerSharing
+from ilattice.cost._structure import Structure
 from ilattice.errors import InputError
 from ilattice.plot import quick
 from ilattice.plot.scene import Scene
@@ -23,7 +23,7 @@ THICKNESS = ((0.0, 0.05, 0.4), (0.05, 0.3, 1.0), (0.3, 1.1, 2.0))
 
 
 def plot(
-    k: CornerSharing, *, values: ArrayLike | None = None, radius: float | None = None,
+    k: Structure, *, values: ArrayLike | None = None, radius: float | None = None,
     filled: bool = False, screenshot: Any = None, label: str = "force", **options: Any,
 ) -> Any:  # fmt: skip
     """Show a structure in a window, a notebook, or a file.
@@ -60,7 +60,7 @@ def plot(
 
 
 def drawn(
-    k: CornerSharing, *, values: ArrayLike | None = None, radius: float | None = None,
+    k: Structure, *, values: ArrayLike | None = None, radius: float | None = None,
     filled: bool = False, label: str = "force", **options: Any,
 ) -> Scene:  # fmt: skip
     """The scene that `plot` shows.
@@ -117,7 +117,7 @@ def _colours(values: FloatArray) -> dict[str, Any]:
     return {"cmap": ListedColormap(half, name="grey to red"), "clim": (0.0, most)}
 
 
-def _simplices(k: CornerSharing, x: Any) -> Any:
+def _simplices(k: Structure, x: Any) -> Any:
     """Triangles, or the faces of tetrahedra."""
     import pyvista
 

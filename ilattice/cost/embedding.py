@@ -10,13 +10,13 @@ from scipy.spatial import cKDTree
 from ilattice._typing import IntArray
 from ilattice._validate import as_kind
 from ilattice.cost import _kernels_flips as kernels
-from ilattice.cost.structure import CornerSharing
+from ilattice.cost._structure import Structure
 
 #: Overlap, in longest edges, that counts as none.
 EPS = 1e-9
 
 
-def overlaps(k: CornerSharing) -> IntArray:
+def overlaps(k: Structure) -> IntArray:
     """Pairs of simplices that overlap.
 
     Parameters

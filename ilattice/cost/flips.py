@@ -30,6 +30,7 @@ from ilattice._validate import (
 )
 from ilattice.cost import _kernels_flips as kernels
 from ilattice.cost.embedding import EPS
+from ilattice.cost.midpoint import coloured_stack, two_coloured
 from ilattice.cost.structure import CornerSharing
 from ilattice.errors import GeometryError, InputError
 
@@ -236,8 +237,6 @@ def layer_flipped(
     >>> il.cost.flips.layer_flipped(layer, layers, int(inner))
     CornerSharing(50 tetrahedra, 144 vertices, 0 bars)
     """
-    from ilattice.cost.midpoint import coloured_stack, two_coloured
-
     as_kind("layer", layer, "CornerSharing")
     colour = two_coloured(layer)
     for vertex in np.atleast_1d(vertices).tolist():

@@ -9,14 +9,14 @@ import numpy as np
 
 from ilattice._typing import IntArray
 from ilattice._validate import as_kind
-from ilattice.cost.structure import CornerSharing
+from ilattice.cost._structure import K
 from ilattice.errors import GeometryError, InputError
 
 #: Lengths of edges by which vertices that are one may lie apart.
 SAME = 1e-6
 
 
-def joined(k: CornerSharing) -> CornerSharing:
+def joined(k: K) -> K:
     """One structure of those in the cells of a mesh: vertices that are the same become one.
 
     A vertex is known by the corners of the mesh that it depends on, with its integers: vertices on
@@ -61,7 +61,7 @@ def joined(k: CornerSharing) -> CornerSharing:
             f"vertices that are one lie up to {off:.3g} apart: join cells first, and move then"
         )
     origin = replace(o, integers=o.integers[keep], cell=o.cell[keep])
-    out = CornerSharing(k.positions[keep], name[k.simplices], name[k.bars], origin=origin)
+    out = type(k)(k.positions[keep], name[k.simplices], name[k.bars], origin=origin)
     return out.check()
 
 

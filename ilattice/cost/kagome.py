@@ -15,9 +15,18 @@ import numpy as np
 from ilattice._geometry import grid_points
 from ilattice._memory import need
 from ilattice._typing import ArrayLike, FloatArray, IntArray
-from ilattice._validate import Frozen, as_array, as_choice, as_whole, read_only
+from ilattice._validate import (
+    Frozen,
+    as_array,
+    as_choice,
+    as_counts,
+    as_triple,
+    as_whole,
+    read_only,
+)
 from ilattice.cost import _kernels_kagome as kernels
-from ilattice.cost.structure import CornerSharing, Origin
+from ilattice.cost._structure import Origin
+from ilattice.cost.structure import CornerSharing
 from ilattice.errors import GeometryError, InputError
 
 #: Largest resolution: numbers of vertices stay below 2^31.
@@ -198,8 +207,6 @@ def divided_box(
     ndarray of int, shape (c, 4)
         Tetrahedra, positive. The middle one of each cell is regular if the cells are cubes.
     """
-    from ilattice._validate import as_counts, as_triple
-
     counts = as_counts("cells", cells)
     need(1e3 * float(np.prod(counts)), f"{counts} cells", "use fewer")
     a, b = as_triple("lo", lo), as_triple("hi", hi)

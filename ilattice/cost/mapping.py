@@ -13,7 +13,7 @@ import numpy as np
 
 from ilattice._typing import ArrayLike, FloatArray, IntArray
 from ilattice._validate import Frozen, as_array, as_whole, asked, read_only
-from ilattice.cost.structure import CornerSharing
+from ilattice.cost._structure import K, Structure
 from ilattice.errors import GeometryError, InputError
 from ilattice.macroshape import SplineMap
 
@@ -133,7 +133,7 @@ def exponents(degree: int, dim: int) -> IntArray:
     return np.asarray(read_only(np.array(rows[::-1], np.int64)))
 
 
-def mapped(k: CornerSharing, through: Any) -> CornerSharing:
+def mapped(k: K, through: Any) -> K:
     """A structure moved through a map; see `CornerSharing.mapped`."""
     new = _images(k, through)
     if new.ndim != 2 or len(new) != len(k.positions) or new.shape[1] not in (2, 3):
@@ -141,7 +141,7 @@ def mapped(k: CornerSharing, through: Any) -> CornerSharing:
             f"through must give one point per vertex, shape ({len(k.positions)}, d), "
             f"got {new.shape}"
         )
-    out = CornerSharing(new, k.simplices, k.bars, k.origin) if new.shape[1] == k.dim else None
+    out = type(k)(new, k.simplices, k.bars, k.origin) if new.shape[1] == k.dim else None
     if out is None:
         raise InputError(f"through must keep the dimension {k.dim}, got points of {new.shape[1]}")
     turned = np.flatnonzero(np.sign(k.volumes) * out.volumes <= 0.0)
@@ -153,7 +153,7 @@ def mapped(k: CornerSharing, through: Any) -> CornerSharing:
     return out
 
 
-def _images(k: CornerSharing, through: Any) -> FloatArray:
+def _images(k: Structure, through: Any) -> FloatArray:
     x = k.positions
     if isinstance(through, SplineMap):
         lo, hi = np.asarray(through.domain)

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._files import as_path
 from ilattice._typing import ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_array, as_items, as_kind
 from ilattice.cost.structure import CornerSharing
@@ -80,8 +81,6 @@ def load(path: str | os.PathLike[str]) -> tuple[FloatArray, IntArray]:
         If meshio is missing (``pip install "ilattice[files]"``), or cannot read the file, or there
         are neither tetrahedra nor triangles in a plane.
     """
-    from ilattice._files import as_path
-
     file = as_path("path", path)
     try:
         import meshio  # type: ignore[import-not-found, unused-ignore]

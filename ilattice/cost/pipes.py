@@ -24,9 +24,10 @@ from scipy.spatial import cKDTree
 
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import Frozen, as_array, as_kind, as_whole
+from ilattice.cost._structure import Structure
 from ilattice.cost.beams import check_swallowed, radii_of
-from ilattice.cost.structure import CornerSharing
 from ilattice.errors import GeometryError, InputError
+from ilattice.io import save
 from ilattice.mesh.surface import SurfaceMesh
 
 #: A closed quadratic of four controls at distance 1 lies at 0.707 to 0.75 from their middle.
@@ -132,12 +133,10 @@ class Pipes(Frozen):
         path : path-like
             File to write; its ending names the format.
         """
-        from ilattice.io import save
-
         save(self, path)
 
 
-def pipes(k: CornerSharing, radius: Any) -> Pipes:
+def pipes(k: Structure, radius: Any) -> Pipes:
     """Edges of a structure as smooth pipes.
 
     Parameters
@@ -199,7 +198,7 @@ def pipes(k: CornerSharing, radius: Any) -> Pipes:
     return Pipes(np.concatenate(quads), _triangles(used, cube, hand))
 
 
-def _incident(k: CornerSharing, used: IntArray) -> list[IntArray]:
+def _incident(k: Structure, used: IntArray) -> list[IntArray]:
     """Edges at each used vertex, those of its first simplex first."""
     ends = k.edges.ravel()
     order = np.argsort(ends, kind="stable")
@@ -261,7 +260,7 @@ def _sines(padded: FloatArray, ways: IntArray, n: int) -> FloatArray:
 
 
 def _half_beams(
-    k: CornerSharing, x: FloatArray, r: FloatArray, way: FloatArray, slot: IntArray,
+    k: Structure, x: FloatArray, r: FloatArray, way: FloatArray, slot: IntArray,
     cube: FloatArray, hand: FloatArray,
 ) -> FloatArray:  # fmt: skip
     """Patches (8 e, 3, 3, 3) around both halves of all edges."""

@@ -17,16 +17,36 @@ from scipy.sparse.linalg import splu
 from ilattice._memory import need
 from ilattice._typing import ArrayLike, FloatArray, IntArray
 from ilattice._validate import (
-    as_array,
     as_flag,
     as_kind,
     as_not_negative,
     as_positive,
     as_whole,
 )
-from ilattice.cost import _kernels_rigidity as kernels
-from ilattice.cost.structure import CornerSharing
+from ilattice.cost._lengths import with_lengths
+from ilattice.cost._rigidity_matrix import (
+    as_motion,
+    free_columns,
+    gathered,
+    matrix,
+    rigid_motions,
+    stretched,
+)
+from ilattice.cost._structure import K, Structure
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
+
+__all__ = [
+    "Rigidity",
+    "analysed",
+    "flexes",
+    "free_columns",
+    "gathered",
+    "matrix",
+    "rigid_motions",
+    "self_stresses",
+    "stretched",
+    "swung",
+]
 
 #: Rows or columns up to which ranks are taken from a dense factorisation.
 DENSE = 6000
@@ -108,90 +128,11 @@ class Rigidity:
         )
 
 
-def matrix(k: CornerSharing) -> csr_array:
-    """Rigidity matrix: half the derivatives of the squared lengths of edges.
-
-    Parameters
-    ----------
-    k : CornerSharing
-        The structure.
-
-    Returns
-    -------
-    csr_array, shape (e, d n)
-        The row of the edge (i, j) has x_i - x_j at i and x_j - x_i at j.
-    """
-    as_kind("k", k, "CornerSharing")
-    e, d, n = len(k.edges), k.dim, len(k.positions)
-    indptr, indices = np.empty(e + 1, np.int32), np.empty(2 * d * e, np.int32)
-    if 2 * d * e >= 2**31:
-        raise InputError(f"{e} edges are too many for one matrix: use products instead")
-    data = np.empty(2 * d * e)
-    kernels.fill(*_arrays(k), indptr, indices, data)
-    return csr_array((data, indices, indptr), shape=(e, d * n))
-
-
-def stretched(k: CornerSharing, motion: ArrayLike) -> FloatArray:
-    """The matrix times a motion (n, d), without the matrix: shape (e,).
-
-    Parameters
-    ----------
-    k : CornerSharing
-        The structure.
-    motion : array_like, shape (n, d)
-        Velocities of the vertices.
-
-    Returns
-    -------
-    ndarray, shape (e,)
-        Half the rates of the squared lengths.
-    """
-    u = _motion(k, "motion", motion)
-    out = np.empty(len(k.edges))
-    kernels.stretch(*_arrays(k), u, out)
-    return out
-
-
-def gathered(k: CornerSharing, density: ArrayLike) -> FloatArray:
-    """The transposed matrix times force densities (e,), without the matrix: shape (n, d).
-
-    Parameters
-    ----------
-    k : CornerSharing
-        The structure.
-    density : array_like, shape (e,)
-        Forces over lengths, tension positive.
-
-    Returns
-    -------
-    ndarray, shape (n, d)
-        The loads that they hold in balance.
-    """
-    s = as_array("density", density, ndim=1)
-    if len(s) != len(k.edges):
-        raise InputError(f"density must have shape ({len(k.edges)},), got {s.shape}")
-    out = np.zeros_like(k.positions)
-    kernels.gather(*_arrays(k), s, out)
-    return out
-
-
-def _arrays(k: CornerSharing) -> tuple[Any, Any]:
-    """Positions and edges as compiled code knows them: views that could be written to."""
-    return np.array(k.positions), np.array(k.edges)
-
-
-def _motion(k: CornerSharing, name: str, value: ArrayLike) -> FloatArray:
-    u = as_array(name, value, ndim=2)
-    if u.shape != k.positions.shape:
-        raise InputError(f"{name} must have shape {k.positions.shape}, got {u.shape}")
-    return u
-
-
 # ------------------------------------------------------------------------------ rank
 
 
 def analysed(
-    k: CornerSharing, *, generic: bool = False, tolerance: float = TOLERANCE, seed: int = 0,
+    k: Structure, *, generic: bool = False, tolerance: float = TOLERANCE, seed: int = 0,
     perturbation: float = PERTURBATION,
 ) -> Rigidity:  # fmt: skip
     """Rank of the rigidity matrix.
@@ -239,7 +180,7 @@ def analysed(
 
 
 def counted(
-    k: CornerSharing, *, generic: bool = False, tolerance: float = TOLERANCE, seed: int = 0,
+    k: Structure, *, generic: bool = False, tolerance: float = TOLERANCE, seed: int = 0,
     perturbation: float = PERTURBATION,
 ) -> Rigidity:  # fmt: skip
     """What `analysed` finds, without a warning: `Rigidity.caution` is for the caller to tell."""
@@ -258,7 +199,7 @@ def counted(
     )  # fmt: skip
 
 
-def _size(k: CornerSharing) -> float:
+def _size(k: Structure) -> float:
     """Mean length of the edges, none of which is zero."""
     if not len(k.edges):
         raise GeometryError("the structure has no edges")
@@ -268,7 +209,7 @@ def _size(k: CornerSharing) -> float:
     return float(k.lengths.mean())
 
 
-def _pivots(k: CornerSharing) -> FloatArray:
+def _pivots(k: Structure) -> FloatArray:
     """Absolute pivots of the matrix, scaled by the mean length of edges."""
     R = csr_array(matrix(k) / _size(k))
     if k.deficit == 0 and len(k.edges) > SPARSE:
@@ -300,7 +241,7 @@ def _pivots(k: CornerSharing) -> FloatArray:
     return pivots
 
 
-def _sparse_pivots(R: csr_array, k: CornerSharing) -> FloatArray:
+def _sparse_pivots(R: csr_array, k: Structure) -> FloatArray:
     """Pivots of a matrix of full row rank, by LU: of a square part, or of R Rᵀ."""
     try:
         if k.deficit == 0:
@@ -310,27 +251,10 @@ def _sparse_pivots(R: csr_array, k: CornerSharing) -> FloatArray:
         return np.zeros(1)
 
 
-def free_columns(k: CornerSharing) -> IntArray:
-    """Columns that are left when the rigid motions are held at two or three far vertices."""
-    x, d = k.positions, k.dim
-    first = int(np.argmin(x @ np.arange(1.0, d + 1.0)))
-    way = x - x[first]
-    second = int(np.argmax((way**2).sum(axis=1)))
-    a = way[second]
-    held = [d * first + i for i in range(d)]
-    if d == 2:
-        return np.delete(np.arange(2 * len(x)), [*held, 2 * second + int(np.argmin(np.abs(a)))])
-    held += [3 * second + i for i in range(3) if i != int(np.argmax(np.abs(a)))]
-    normals = np.cross(way, a)
-    third = int(np.argmax((normals**2).sum(axis=1)))
-    held.append(3 * third + int(np.argmax(np.abs(normals[third]))))
-    return np.delete(np.arange(3 * len(x)), held)
-
-
 # ------------------------------------------------------------------------------ null spaces
 
 
-def motions(k: CornerSharing, ends: IntArray) -> tuple[FloatArray, int]:
+def motions(k: Structure, ends: IntArray) -> tuple[FloatArray, int]:
     """Motions that change no length, at some vertices, and the rank of the matrix.
 
     Of more than 400 edges all other vertices are eliminated by sparse LU of the square of the
@@ -392,7 +316,7 @@ def _by_elimination(R: csr_array, columns: IntArray) -> tuple[FloatArray, FloatA
     return Z, pivots
 
 
-def extended(k: CornerSharing, ends: IntArray, Z: FloatArray) -> FloatArray:
+def extended(k: Structure, ends: IntArray, Z: FloatArray) -> FloatArray:
     """Motions (d n, z) of all vertices from those of some, which keep all lengths."""
     R = csr_array(matrix(k) / _size(k))
     columns = (k.dim * ends[:, None] + np.arange(k.dim)).ravel()
@@ -427,29 +351,6 @@ def _orthonormal(Z: FloatArray) -> FloatArray:
     return np.asarray(Q[:, : int((p > TOLERANCE * p.max(initial=0.0)).sum())])
 
 
-def rigid_motions(k: CornerSharing) -> FloatArray:
-    """Orthonormal basis of the rigid motions.
-
-    Parameters
-    ----------
-    k : CornerSharing
-        The structure.
-
-    Returns
-    -------
-    ndarray, shape (d n, t)
-        Its t = 3 or 6 columns.
-    """
-    x, n, d = k.positions - k.positions.mean(axis=0), len(k.positions), k.dim
-    out = np.zeros((n, d, k.trivial))
-    for a in range(d):
-        out[:, a, a] = 1.0
-    planes = [(0, 1)] if d == 2 else [(0, 1), (1, 2), (2, 0)]
-    for c, (a, b) in enumerate(planes):
-        out[:, a, d + c], out[:, b, d + c] = -x[:, b], x[:, a]
-    return np.asarray(np.linalg.qr(out.reshape(n * d, -1))[0])
-
-
 def _kernel_of(A: Any, tolerance: float) -> FloatArray:
     """Orthonormal basis of the vectors that are normal to the columns of a matrix."""
     if max(A.shape) > DENSE:
@@ -473,7 +374,7 @@ def _kernel_of(A: Any, tolerance: float) -> FloatArray:
     return np.asarray(Q[:, int(counts.sum()) :])
 
 
-def self_stresses(k: CornerSharing, *, tolerance: float = TOLERANCE) -> FloatArray:
+def self_stresses(k: Structure, *, tolerance: float = TOLERANCE) -> FloatArray:
     """Force densities that are in balance by themselves.
 
     Parameters
@@ -496,7 +397,7 @@ def self_stresses(k: CornerSharing, *, tolerance: float = TOLERANCE) -> FloatArr
     return _kernel_of(matrix(k), as_positive("tolerance", tolerance))
 
 
-def flexes(k: CornerSharing, *, tolerance: float = TOLERANCE) -> FloatArray:
+def flexes(k: Structure, *, tolerance: float = TOLERANCE) -> FloatArray:
     """Infinitesimal motions that change no length, without the rigid ones.
 
     Parameters
@@ -525,9 +426,7 @@ def flexes(k: CornerSharing, *, tolerance: float = TOLERANCE) -> FloatArray:
     return own.reshape(-1, *k.positions.shape)
 
 
-def swung(
-    k: CornerSharing, motion: ArrayLike, amplitude: float, *, frames: int = 16
-) -> list[CornerSharing]:
+def swung(k: K, motion: ArrayLike, amplitude: float, *, frames: int = 16) -> list[K]:
     """Structures along a finite motion that begins as an infinitesimal one.
 
     Each frame is a step along the motion, then Gauss-Newton steps back to the lengths of the edges.
@@ -554,9 +453,7 @@ def swung(
         If the lengths cannot be kept, or only by moving all as one body: the motion is
         infinitesimal only, or ends.
     """
-    from ilattice.cost.shaping import with_lengths
-
-    given = _motion(k, "motion", motion)
+    given = as_motion(k, "motion", motion)
     count = as_whole("frames", frames, 1, 10_000)
     u = _without_rigid(k, given)
     if not np.linalg.norm(u) > 1e-9 * np.linalg.norm(given):
@@ -578,7 +475,7 @@ def swung(
     return out
 
 
-def _without_rigid(k: CornerSharing, motion: FloatArray) -> FloatArray:
+def _without_rigid(k: Structure, motion: FloatArray) -> FloatArray:
     """A motion less its rigid part."""
     T = rigid_motions(k)
     u = motion.ravel()

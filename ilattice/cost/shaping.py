@@ -11,23 +11,14 @@ from scipy.sparse import csc_array, csr_array, eye_array
 from scipy.sparse.linalg import splu
 
 from ilattice._typing import ArrayLike, IntArray
-from ilattice._validate import as_array, as_kind, as_positive, as_rows, as_whole
+from ilattice._validate import as_array, as_positive, as_whole
+from ilattice.cost._lengths import held_vertices, with_lengths
+from ilattice.cost._refining import area, voids
 from ilattice.cost.flips import flipped
-from ilattice.cost.refinement import area, voids
-from ilattice.cost.rigidity import matrix
 from ilattice.cost.structure import CornerSharing
-from ilattice.errors import ConvergenceError, GeometryError, InputError
+from ilattice.errors import GeometryError, InputError
 
-#: Error of lengths, over the mean length, that ends the search, and its most steps.
-RIGHT, STEPS = 1e-10, 60
-
-
-def _held(k: CornerSharing, fixed: Any) -> IntArray:
-    as_kind("k", k, "CornerSharing")
-    if fixed is None:
-        return np.flatnonzero(k.incidence[:, 1] < 0)
-    fixed = np.asarray(fixed, np.int64) if np.size(fixed) == 0 else fixed
-    return np.unique(as_rows("fixed", fixed, len(k.positions)))
+__all__ = ["opened", "relaxed", "void_areas", "with_lengths"]
 
 
 def relaxed(k: CornerSharing, *, sweeps: int | None = None, fixed: Any = None) -> CornerSharing:
@@ -47,7 +38,7 @@ def relaxed(k: CornerSharing, *, sweeps: int | None = None, fixed: Any = None) -
     CornerSharing
         The structure. Whether it is embedded `is_embedded` tells.
     """
-    held = _held(k, fixed)
+    held = held_vertices(k, fixed)
     n, e = len(k.positions), k.edges
     free = np.setdiff1d(np.arange(n), held)
     if not len(held):
@@ -63,59 +54,6 @@ def relaxed(k: CornerSharing, *, sweeps: int | None = None, fixed: Any = None) -
     for _ in range(as_whole("sweeps", sweeps, 0, 10**7)):
         x[free] = W[free] @ x
     return k.moved(x)
-
-
-def with_lengths(k: CornerSharing, lengths: ArrayLike, *, fixed: Any = None) -> CornerSharing:
-    """Positions near the present ones at which edges have given lengths.
-
-    By damped Gauss-Newton steps of least length, on sparse normal equations.
-
-    Parameters
-    ----------
-    k : CornerSharing
-        The structure.
-    lengths : array_like, shape () or (e,)
-        Lengths of the edges.
-    fixed : array_like of int or of bool, optional
-        Vertices that stay; default those with one simplex only.
-
-    Returns
-    -------
-    CornerSharing
-        The structure.
-
-    Raises
-    ------
-    ConvergenceError
-        If there are no such positions near these; the message tells how far lengths are off.
-    """
-    target = as_array("lengths", lengths)
-    if target.shape not in ((), (1,), (len(k.edges),)) or (target <= 0.0).any():
-        raise InputError(f"lengths must be positive, one or one per edge ({len(k.edges)},)")
-    goal = np.broadcast_to(target, (len(k.edges),)) ** 2
-    held, d = _held(k, fixed), k.dim
-    columns = np.setdiff1d(np.arange(k.positions.size), (d * held[:, None] + np.arange(d)).ravel())
-    scale, damping, now = float(np.sqrt(goal).mean()), 1e-9, k
-    for _ in range(STEPS):
-        miss = 0.5 * (now.lengths**2 - goal) / scale**2
-        if np.abs(miss).max(initial=0.0) < RIGHT:
-            return now
-        R = csc_array(matrix(now)[:, columns]) / scale
-        N = csc_array(R.T @ R + damping * eye_array(len(columns)))
-        step = np.zeros(k.positions.size)
-        step[columns] = -scale * splu(N).solve(np.asarray(R.T @ miss))
-        trial = now.moved(now.positions + step.reshape(now.positions.shape))
-        new = 0.5 * (trial.lengths**2 - goal) / scale**2
-        if np.linalg.norm(new) < np.linalg.norm(miss):
-            now, damping = trial, max(1e-12, 0.1 * damping)
-        else:
-            damping = 10.0 * damping
-            if damping > 1e6:
-                break
-    raise ConvergenceError(
-        f"lengths are off by up to {np.abs(now.lengths - np.sqrt(goal)).max():.2e}: no positions "
-        "near these have them; take fewer fixed vertices, or smaller steps"
-    )
 
 
 def opened(

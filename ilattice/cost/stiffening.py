@@ -24,10 +24,10 @@ from scipy.spatial import cKDTree
 from ilattice._memory import need
 from ilattice._typing import ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_choice, as_flag, as_kind, as_positive, as_whole
+from ilattice.cost._refining import area, facets
+from ilattice.cost._structure import K, Structure, _numbers
 from ilattice.cost.joining import boundary_faces
-from ilattice.cost.refinement import area, facets
 from ilattice.cost.rigidity import Rigidity, counted, extended, motions
-from ilattice.cost.structure import CornerSharing, _numbers
 from ilattice.errors import GeometryError, IlatticeError, InputError, PrecisionWarning
 
 #: Rate at which a bar of unit length must be stretched by a motion that is left, to be picked:
@@ -41,9 +41,9 @@ REACHES = (2.3, 2.7, 3.2, 4.0, 6.0, 12.0)
 
 
 def stiffened(
-    k: CornerSharing, mode: str = "matroid", *, reach: float | None = None, generic: bool = False,
+    k: K, mode: str = "matroid", *, reach: float | None = None, generic: bool = False,
     repair: bool = False, seed: int = 0,
-) -> CornerSharing:  # fmt: skip
+) -> K:  # fmt: skip
     """The structure with bars that make it minimally rigid.
 
     Parameters
@@ -91,9 +91,9 @@ def stiffened(
 
 
 def braced(
-    k: CornerSharing, mode: str = "matroid", *, reach: float | None = None, generic: bool = False,
+    k: K, mode: str = "matroid", *, reach: float | None = None, generic: bool = False,
     repair: bool = False, seed: int = 0,
-) -> CornerSharing:  # fmt: skip
+) -> K:  # fmt: skip
     """What `stiffened` makes, of which the rank is not looked at."""
     as_kind("k", k, "CornerSharing")
     as_choice("mode", mode, ("matroid", "pattern", "cycle"))
@@ -107,7 +107,7 @@ def braced(
     return out
 
 
-def tell_rank(k: CornerSharing, mode: str) -> Rigidity | None:
+def tell_rank(k: Structure, mode: str) -> Rigidity | None:
     """The rank at these positions, with one warning where it is short, not clear, or not known."""
     try:
         r = counted(k)
@@ -133,7 +133,7 @@ def tell_rank(k: CornerSharing, mode: str) -> Rigidity | None:
 # ------------------------------------------------------------------------------ matroid
 
 
-def completed(k: CornerSharing, bars: ArrayLike) -> CornerSharing:
+def completed(k: K, bars: ArrayLike) -> K:
     """The structure with independent ones of given bars, which must make it rigid.
 
     Parameters
@@ -166,12 +166,12 @@ def completed(k: CornerSharing, bars: ArrayLike) -> CornerSharing:
     return k.with_bars(found[np.sort(picked)])
 
 
-def _deficient(k: CornerSharing) -> IntArray:
+def _deficient(k: Structure) -> IntArray:
     """Vertices with fewer edges than two simplices give."""
     return np.flatnonzero(k.valence < 2 * k.dim)
 
 
-def _matroid(k: CornerSharing, first: IntArray | None, reach: float | None) -> IntArray:
+def _matroid(k: Structure, first: IntArray | None, reach: float | None) -> IntArray:
     """Independent bars, some of `first` if given, then the best-conditioned of others."""
     if k.deficit < 0:
         raise InputError(f"the structure has {-k.deficit} edges too many already")
@@ -215,7 +215,7 @@ def _matroid(k: CornerSharing, first: IntArray | None, reach: float | None) -> I
     return np.concatenate([kept, bars])
 
 
-def _parts(k: CornerSharing) -> int:
+def _parts(k: Structure) -> int:
     """How many parts there are that no edge joins."""
     n, (a, b) = len(k.positions), k.edges.T
     graph = coo_array((np.ones(len(a)), (a, b)), shape=(n, n))
@@ -223,7 +223,7 @@ def _parts(k: CornerSharing) -> int:
 
 
 def _reached(
-    k: CornerSharing, ends: IntArray, Z: FloatArray, kept: IntArray, missing: int,
+    k: Structure, ends: IntArray, Z: FloatArray, kept: IntArray, missing: int,
     reaches: tuple[float, ...],
 ) -> tuple[IntArray, FloatArray]:  # fmt: skip
     """As many independent bars as are missing, or as the last reach has, and motions left."""
@@ -237,7 +237,7 @@ def _reached(
     return new[picked], _without(Z, rows[picked])
 
 
-def candidates(k: CornerSharing, ends: IntArray, reach: float, known: IntArray) -> IntArray:
+def candidates(k: Structure, ends: IntArray, reach: float, known: IntArray) -> IntArray:
     """Pairs of vertices within reach that are no edges yet, shortest first."""
     pairs = cKDTree(k.positions[ends]).query_pairs(reach * (1.0 + 1e-9), output_type="ndarray")
     pairs = np.sort(ends[pairs.astype(np.int64)], axis=1)
@@ -250,7 +250,7 @@ def candidates(k: CornerSharing, ends: IntArray, reach: float, known: IntArray) 
     return np.asarray(pairs[np.lexsort((pairs[:, 1], pairs[:, 0], length))])
 
 
-def _rows(k: CornerSharing, bars: IntArray, ends: IntArray, Z: FloatArray) -> FloatArray:
+def _rows(k: Structure, bars: IntArray, ends: IntArray, Z: FloatArray) -> FloatArray:
     """Rates (b, z) at which motions at some vertices change half the squared lengths, scaled."""
     place = np.searchsorted(ends, bars)
     way = k.positions[bars[:, 0]] - k.positions[bars[:, 1]]
@@ -283,7 +283,7 @@ def _without(Z: FloatArray, rows: FloatArray) -> FloatArray:
 # ------------------------------------------------------------------------------ pattern
 
 
-def _pattern(k: CornerSharing, seed: int) -> IntArray:
+def _pattern(k: Structure, seed: int) -> IntArray:
     """Three bars at every vertex of the outer faces of Kagome structures."""
     o = k.origin
     if k.dim != 3 or o is None:
@@ -356,7 +356,7 @@ def three_regular(level: int, seed: int) -> tuple[tuple[tuple[int, int], tuple[i
 # ------------------------------------------------------------------------------ cycle
 
 
-def _cycle(k: CornerSharing) -> IntArray:
+def _cycle(k: Structure) -> IntArray:
     """A ring through the outer vertices of a plane structure, less three bars."""
     if k.dim != 2:
         raise InputError("the mode 'cycle' is for structures in the plane")

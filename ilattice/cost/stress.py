@@ -12,7 +12,7 @@ and told. Loads that are not in balance by themselves are refused unless vertice
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Generic
 
 import numpy as np
 from scipy.sparse import block_array, csc_array, diags_array
@@ -20,9 +20,10 @@ from scipy.sparse.linalg import splu
 
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import Frozen, as_array, as_kind, as_rows
-from ilattice.cost.refinement import children
-from ilattice.cost.rigidity import free_columns, gathered, matrix, rigid_motions
-from ilattice.cost.structure import Coarse, CornerSharing
+from ilattice.cost._refining import children, refined
+from ilattice.cost._rigidity_matrix import free_columns, gathered, matrix, rigid_motions
+from ilattice.cost._structure import Coarse, K, K_co, Structure
+from ilattice.cost.drawing import plot
 from ilattice.errors import ConvergenceError, GeometryError, InputError
 
 #: How far loads may be off balance, as a part of their size.
@@ -36,7 +37,7 @@ MOST = 1e140
 
 
 @dataclass(frozen=True, eq=False)
-class Stress(Frozen):
+class Stress(Frozen, Generic[K_co]):
     """Forces in the edges of a structure under loads.
 
     Attributes
@@ -56,7 +57,7 @@ class Stress(Frozen):
         Forces of the supports.
     """
 
-    structure: CornerSharing
+    structure: K_co
     density: FloatArray
     loads: FloatArray
     residual: float
@@ -88,14 +89,12 @@ class Stress(Frozen):
         object
             What pyvista returns, None for a file.
         """
-        from ilattice.cost.drawing import plot
-
         return plot(self.structure, values=self.bars, **options)
 
 
 def stress(
-    k: CornerSharing, loads: ArrayLike, *, supports: Any = None, stiffness: ArrayLike | None = None
-) -> Stress:
+    k: K, loads: ArrayLike, *, supports: Any = None, stiffness: ArrayLike | None = None
+) -> Stress[K]:
     """Forces in the edges under loads.
 
     Parameters
@@ -146,7 +145,7 @@ def stress(
     return _supported(k, f, held, EA)
 
 
-def per_edge(name: str, value: ArrayLike, k: CornerSharing) -> FloatArray:
+def per_edge(name: str, value: ArrayLike, k: Structure) -> FloatArray:
     """Positive numbers (e,), from one for all or one per edge."""
     a, e = as_array(name, value), len(k.edges)
     if a.shape not in ((), (1,), (e,)) or (a <= 0.0).any():
@@ -156,7 +155,7 @@ def per_edge(name: str, value: ArrayLike, k: CornerSharing) -> FloatArray:
     return np.array(np.broadcast_to(a, (e,)))
 
 
-def _check_balance(k: CornerSharing, f: FloatArray) -> None:
+def _check_balance(k: Structure, f: FloatArray) -> None:
     """Refuse loads that would move the structure as a whole."""
     size = float(np.linalg.norm(f))
     off = float(np.linalg.norm(rigid_motions(k).T @ f.ravel()))
@@ -169,7 +168,7 @@ def _check_balance(k: CornerSharing, f: FloatArray) -> None:
         )
 
 
-def balanced(k: CornerSharing, loads: ArrayLike) -> FloatArray:
+def balanced(k: Structure, loads: ArrayLike) -> FloatArray:
     """Loads less the part that moves the structure as a whole, spread over all vertices.
 
     Parameters
@@ -194,7 +193,7 @@ def balanced(k: CornerSharing, loads: ArrayLike) -> FloatArray:
     return np.asarray(g.reshape(f.shape))
 
 
-def _refuse_count(k: CornerSharing) -> None:
+def _refuse_count(k: Structure) -> None:
     if k.deficit > 0:
         raise GeometryError(
             f"the structure is not rigid: {k.deficit} of the "
@@ -208,7 +207,7 @@ def _refuse_count(k: CornerSharing) -> None:
 # ------------------------------------------------------------------------------ levels
 
 
-def _densities(k: CornerSharing, f: FloatArray) -> FloatArray:
+def _densities(k: Structure, f: FloatArray) -> FloatArray:
     """Force densities of a minimally rigid structure."""
     if k.coarse is None:
         return _flat(k, f)
@@ -227,15 +226,15 @@ def _densities(k: CornerSharing, f: FloatArray) -> FloatArray:
     return s
 
 
-def _by_levels(k: CornerSharing, f: FloatArray) -> FloatArray:
+def _by_levels(k: Structure, f: FloatArray) -> FloatArray:
     """Those of the coarsest structure by LU, of finer ones simplex by simplex."""
-    if k.coarse is None:
+    up = k.coarse
+    if up is None:
         return _flat(k, f)
-    up: Coarse = k.coarse
     return _on_fine(k, up, f, _by_levels(up.structure, _on_coarse(up, f)))
 
 
-def _flat(k: CornerSharing, f: FloatArray) -> FloatArray:
+def _flat(k: Structure, f: FloatArray) -> FloatArray:
     """By one sparse factorisation, with one step of refinement."""
     free = free_columns(k)
     A = csc_array(matrix(k)[:, free].T)
@@ -245,7 +244,7 @@ def _flat(k: CornerSharing, f: FloatArray) -> FloatArray:
     return np.asarray(s + solved.solve(b - A @ s))
 
 
-def factorised(A: csc_array, k: CornerSharing) -> Any:
+def factorised(A: csc_array, k: Structure) -> Any:
     """Sparse LU, or the error that says that the structure is not rigid."""
     try:
         out = splu(A)
@@ -257,7 +256,7 @@ def factorised(A: csc_array, k: CornerSharing) -> Any:
     return out
 
 
-def _slack(k: CornerSharing) -> str:
+def _slack(k: Structure) -> str:
     told = "the structure is not rigid at these positions, though it has enough edges"
     remedy = (
         ", or stiffen it in the mode 'matroid'"
@@ -270,7 +269,7 @@ def _slack(k: CornerSharing) -> str:
     return f"{told} ({len(k.edges)}): see `rigidity()`{remedy}"
 
 
-def _on_coarse(up: Coarse, f: FloatArray) -> FloatArray:
+def _on_coarse(up: Coarse[Structure], f: FloatArray) -> FloatArray:
     """Loads on the coarser structure: those on midpoints go to both ends, half and half."""
     c = up.structure
     n = len(c.positions)
@@ -283,7 +282,7 @@ def _on_coarse(up: Coarse, f: FloatArray) -> FloatArray:
     return out
 
 
-def _on_fine(k: CornerSharing, up: Coarse, f: FloatArray, s: FloatArray) -> FloatArray:
+def _on_fine(k: Structure, up: Coarse[Structure], f: FloatArray, s: FloatArray) -> FloatArray:
     """Force densities in refined simplices from those in the coarser structure."""
     c, d = up.structure, k.dim
     _, pairs = children(d)
@@ -297,7 +296,7 @@ def _on_fine(k: CornerSharing, up: Coarse, f: FloatArray, s: FloatArray) -> Floa
         q[:, i] += force[:, e] - 0.5 * mids[:, e]
         q[:, j] += -force[:, e] - 0.5 * mids[:, e]
     q[:, d + 1 :] = mids
-    local = _local(d)
+    local = _local(k)
     shape = corners[:, 1:] - corners[:, :1]  # rows are images of the unit vectors
     back = np.linalg.solve(np.swapaxes(shape, 1, 2), np.swapaxes(q, 1, 2))
     fine = np.swapaxes(back, 1, 2).reshape(len(q), -1) @ local.T
@@ -306,18 +305,17 @@ def _on_fine(k: CornerSharing, up: Coarse, f: FloatArray, s: FloatArray) -> Floa
     return np.concatenate([rest.ravel(), fine.ravel(), bars])
 
 
-def _local(d: int) -> FloatArray:
+def _local(k: Structure) -> FloatArray:
     """Force densities of the refined unit simplex from forces on its vertices, in balance."""
-    unit = CornerSharing(np.vstack([np.zeros(d), np.eye(d)]), np.arange(d + 1)[None])
-    return np.asarray(np.linalg.pinv(matrix(unit.refined()).toarray().T))
+    d = k.dim
+    unit = type(k)(np.vstack([np.zeros(d), np.eye(d)]), np.arange(d + 1)[None])
+    return np.asarray(np.linalg.pinv(matrix(refined(unit)).toarray().T))
 
 
 # ------------------------------------------------------------------------------ supports
 
 
-def _supported(
-    k: CornerSharing, f: FloatArray, held: IntArray | None, EA: FloatArray | None
-) -> Stress:
+def _supported(k: K, f: FloatArray, held: IntArray | None, EA: FloatArray | None) -> Stress[K]:
     """Forces and displacements together: the compliance of edges, and balance."""
     fixed = np.zeros(f.shape, np.bool_)
     if held is None:
@@ -358,9 +356,9 @@ def _supported(
 
 
 def _finished(
-    k: CornerSharing, f: FloatArray, s: FloatArray, motion: FloatArray | None,
+    k: K, f: FloatArray, s: FloatArray, motion: FloatArray | None,
     fixed: AnyArray | None,
-) -> Stress:  # fmt: skip
+) -> Stress[K]:  # fmt: skip
     """The result, with its residual."""
     off = gathered(k, s) - f
     reactions = np.zeros_like(f) if fixed is None else np.where(fixed, off, 0.0)

@@ -1,73 +1,30 @@
-"""`CornerSharing`: simplices that share corners, as arrays.
+"""`CornerSharing`: simplices that share corners, with all that can be done with them.
 
 Guarantees: immutable; edges follow from simplices and bars, in a fixed order; `check` proves the
 combinatorial conditions of a corner-sharing structure. Not guaranteed: that simplices do not
 overlap in space, which `is_embedded` decides; that the structure is rigid, which `rank` tells.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import numpy as np
-
-from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
-from ilattice._validate import Frozen, as_array, read_only
-from ilattice.cost._kernels_kagome import PAIRS2, PAIRS3
-from ilattice.errors import GeometryError, InputError
-
-if TYPE_CHECKING:
-    from ilattice.cost.beams import Beams
-    from ilattice.cost.pipes import Pipes
-    from ilattice.cost.rigidity import Rigidity
-    from ilattice.cost.stress import Stress
-
-
-#: Size of positions above which, or below the inverse of which, volumes are no numbers.
-MOST = 1e100
-
-
-@dataclass(frozen=True, eq=False)
-class Origin(Frozen):
-    """Where the vertices of Kagome structures come from.
-
-    Attributes
-    ----------
-    integers : ndarray of int, shape (n, d + 1)
-        Barycentric integers of the vertices in their cells.
-    cell : ndarray of int, shape (n,)
-        Cell of each vertex: one of those that share it.
-    cells : ndarray of int, shape (c, d + 1)
-        Corners of the cells, by their numbers in the mesh that was filled.
-    resolution : ndarray of int, shape (c,)
-        Resolutions of the cells.
-    """
-
-    integers: IntArray
-    cell: IntArray
-    cells: IntArray
-    resolution: IntArray
-
-
-@dataclass(frozen=True, eq=False)
-class Coarse(Frozen):
-    """What a structure is the refinement of, by rule R0.
-
-    Attributes
-    ----------
-    structure : CornerSharing
-        The coarser structure.
-    rows : ndarray of int, shape (r,)
-        Its simplices that were refined. The others come first in the finer one, then the d + 1
-        children of each of these; its vertices come first, then the midpoints of their edges.
-    """
-
-    structure: "CornerSharing"
-    rows: IntArray
+from ilattice._typing import ArrayLike
+from ilattice.cost._refining import refined
+from ilattice.cost._structure import Structure
+from ilattice.cost.beams import Beams, beams
+from ilattice.cost.drawing import plot
+from ilattice.cost.embedding import overlaps
+from ilattice.cost.joining import joined
+from ilattice.cost.mapping import mapped
+from ilattice.cost.pipes import Pipes, pipes
+from ilattice.cost.rigidity import Rigidity, analysed
+from ilattice.cost.stiffening import stiffened
+from ilattice.cost.stress import Stress, stress
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CornerSharing(Frozen):
+class CornerSharing(Structure):
     """Triangles in the plane, or tetrahedra in space, that share corners, and further bars.
 
     Made by `ilattice.cost.kagome`, `fill`, `midpoint` and `stacked`, or from arrays. Source: paper
@@ -86,243 +43,6 @@ class CornerSharing(Frozen):
     coarse : Coarse or None
         What this one is the refinement of, as long as positions are those it was given.
     """
-
-    positions: FloatArray
-    simplices: IntArray
-    bars: IntArray = field(default_factory=lambda: np.zeros((0, 2), np.int64))
-    origin: Origin | None = None
-    coarse: "Coarse | None" = None
-
-    def __post_init__(self) -> None:
-        """Check shapes and numbers; `check` looks at the rest."""
-        x = as_array("positions", self.positions, ndim=2, flags=False)
-        if x.shape[1] not in (2, 3):
-            raise InputError(f"positions must have shape (n, 2) or (n, 3), got {x.shape}")
-        if not len(x):
-            raise InputError("positions must have one row or more: an empty structure is none")
-        size = float(np.abs(x).max())
-        if not (size == 0.0 or 1.0 / MOST <= size <= MOST):
-            raise InputError(
-                f"positions must be from {1.0 / MOST:g} to {MOST:g} in size, got {size:.3g}: "
-                "change units"
-            )
-        put = object.__setattr__
-        put(self, "positions", np.array(x))
-        put(self, "simplices", _numbers("simplices", self.simplices, x.shape[1] + 1, len(x)))
-        bars = self.bars if np.size(self.bars) else np.zeros((0, 2))
-        put(self, "bars", _numbers("bars", bars, 2, len(x)))
-        super().__post_init__()
-
-    def __repr__(self) -> str:
-        kind = "triangles" if self.dim == 2 else "tetrahedra"
-        return (
-            f"CornerSharing({len(self.simplices)} {kind}, {len(self.positions)} vertices, "
-            f"{len(self.bars)} bars)"
-        )
-
-    # ------------------------------------------------------------------ what there is
-
-    @property
-    def dim(self) -> int:
-        """Dimension d of space, 2 or 3."""
-        return self.positions.shape[1]
-
-    @cached_property
-    def edges(self) -> IntArray:
-        """Ends (e, 2) of all edges: those of the simplices in their order, then the bars."""
-        pairs = PAIRS2 if self.dim == 2 else PAIRS3
-        inner = self.simplices[:, pairs].reshape(-1, 2)
-        edges: IntArray = read_only(np.concatenate([inner, self.bars]))
-        return edges
-
-    @cached_property
-    def lengths(self) -> FloatArray:
-        """Lengths (e,) of the edges."""
-        ends = self.positions[self.edges]
-        return np.asarray(read_only(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)))
-
-    @cached_property
-    def shortest(self) -> FloatArray:
-        """Length (n,) of the shortest edge at each vertex: a measure for radii of beams."""
-        out = np.full(len(self.positions), np.inf)
-        np.minimum.at(out, self.edges, self.lengths[:, None])
-        return np.asarray(read_only(out))
-
-    @cached_property
-    def incidence(self) -> IntArray:
-        """The one or two simplices (n, 2) of each vertex, in rising order; -1 where there is none.
-
-        Raises
-        ------
-        GeometryError
-            If three simplices share a vertex.
-        """
-        flat = self.simplices.ravel()
-        order = np.argsort(flat, kind="stable")
-        count = np.bincount(flat, minlength=len(self.positions))
-        if count.max(initial=0) > 2:
-            v = int(np.argmax(count > 2))
-            rows = np.flatnonzero((self.simplices == v).any(axis=1))[:3].tolist()
-            raise GeometryError(
-                f"vertex {v} is shared by {int(count[v])} simplices, among them {rows}: at most "
-                "two may share one"
-            )
-        out = np.full((len(self.positions), 2), -1, np.int64)
-        first = np.cumsum(count) - count
-        place = np.arange(len(flat)) - first[flat[order]]
-        out[flat[order], place] = order // (self.dim + 1)
-        return np.asarray(read_only(out))
-
-    @cached_property
-    def valence(self) -> IntArray:
-        """Number of edges (n,) at each vertex."""
-        return np.asarray(read_only(np.bincount(self.edges.ravel(), minlength=len(self.positions))))
-
-    @property
-    def trivial(self) -> int:
-        """Number of rigid motions: 3 in the plane, 6 in space."""
-        return self.dim * (self.dim + 1) // 2
-
-    @property
-    def deficit(self) -> int:
-        """How many more bars minimal rigidity needs by count: d n - d (d + 1) / 2 - e."""
-        return self.dim * len(self.positions) - self.trivial - len(self.edges)
-
-    @cached_property
-    def volumes(self) -> FloatArray:
-        """Signed areas, or volumes, (m,) of the simplices."""
-        corners = self.positions[self.simplices]
-        sides = corners[:, 1:] - corners[:, :1]
-        return np.asarray(read_only(np.linalg.det(sides) / (2.0 if self.dim == 2 else 6.0)))
-
-    @property
-    def mass(self) -> float:
-        """Area, or volume, of all simplices: tells how mass changes, not how much there is."""
-        return float(np.abs(self.volumes).sum())
-
-    # ------------------------------------------------------------------ checks
-
-    def check(self) -> "CornerSharing":
-        """Prove the combinatorial conditions of a corner-sharing structure.
-
-        No simplex names a vertex twice, every vertex is in one or two simplices, two simplices
-        share one vertex at most, and no edge is there twice.
-
-        Returns
-        -------
-        CornerSharing
-            The structure itself.
-
-        Raises
-        ------
-        GeometryError
-            Where a condition fails; the message names the simplices, the vertex or the bar.
-        """
-        sorted_rows = np.sort(self.simplices, axis=1)
-        twice = (np.diff(sorted_rows, axis=1) == 0).any(axis=1)
-        if twice.any():
-            i = int(np.argmax(twice))
-            raise GeometryError(f"simplices[{i}] {self.simplices[i].tolist()} has a vertex twice")
-        vt = self.incidence
-        alone = vt[:, 0] < 0
-        if alone.any():
-            raise GeometryError(
-                f"vertex {int(np.argmax(alone))} is in no simplex ({int(alone.sum())} are in none)"
-            )
-        shared = vt[vt[:, 1] >= 0]
-        pairs, count = np.unique(shared, axis=0, return_counts=True)
-        if (count > 1).any():
-            i = int(np.argmax(count > 1))
-            a, b = (int(x) for x in pairs[i])
-            raise GeometryError(
-                f"simplices {a} and {b} share {int(count[i])} vertices, so an edge is theirs in "
-                "common: they may share one"
-            )
-        self._check_bars()
-        return self
-
-    def _check_bars(self) -> None:
-        """Refuse bars that join a vertex with itself or are there already."""
-        n = len(self.positions)
-        e = np.sort(self.edges, axis=1)
-        loop = e[:, 0] == e[:, 1]
-        keys = e[:, 0] * n + e[:, 1]
-        _, first = np.unique(keys, return_index=True)
-        again = np.ones(len(e), np.bool_)
-        again[first] = False
-        bad = np.flatnonzero(loop | again)
-        if len(bad):
-            i = int(bad[0]) - (len(e) - len(self.bars))
-            what = "joins a vertex with itself" if loop[bad[0]] else "is there twice"
-            name = f"bars[{i}]" if i >= 0 else f"edge {int(bad[0])}"
-            raise GeometryError(f"{name} {self.edges[bad[0]].tolist()} {what}: drop it")
-
-    # ------------------------------------------------------------------ changes of position
-
-    def moved(self, positions: ArrayLike) -> "CornerSharing":
-        """The same structure with other positions.
-
-        Parameters
-        ----------
-        positions : array_like, shape (n, d)
-            Where the vertices are.
-
-        Returns
-        -------
-        CornerSharing
-            The structure; it knows no more of a coarser one.
-        """
-        x = as_array("positions", positions, ndim=2, flags=False)
-        if x.shape != self.positions.shape:
-            raise InputError(f"positions must have shape {self.positions.shape}, got {x.shape}")
-        return replace(self, positions=x, coarse=None)
-
-    def perturbed(self, amount: float = 0.05, *, seed: int = 0) -> "CornerSharing":
-        """Vertices moved at random, as for generic ranks.
-
-        Parameters
-        ----------
-        amount : float
-            Most that a coordinate changes, in mean lengths of edges.
-        seed : int
-            Of the random numbers.
-
-        Returns
-        -------
-        CornerSharing
-            The structure.
-        """
-        from ilattice._validate import as_not_negative, as_whole
-
-        a = as_not_negative("amount", amount)
-        rng = np.random.default_rng(as_whole("seed", seed, 0, 2**63 - 1))
-        if not len(self.edges):
-            raise GeometryError("the structure has no edges, so no length that moves are parts of")
-        step = a * float(self.lengths.mean())
-        return self.moved(self.positions + rng.uniform(-step, step, self.positions.shape))
-
-    def with_bars(self, bars: ArrayLike) -> "CornerSharing":
-        """The structure with further bars.
-
-        Parameters
-        ----------
-        bars : array_like of int, shape (k, 2)
-            Ends of the bars.
-
-        Returns
-        -------
-        CornerSharing
-            The structure.
-
-        Raises
-        ------
-        GeometryError
-            If a bar is there already, or joins a vertex with itself.
-        """
-        new = _numbers("bars", bars, 2, len(self.positions))
-        out = replace(self, bars=np.concatenate([self.bars, new]), coarse=None)
-        out._check_bars()
-        return out
 
     def mapped(self, through: Any) -> "CornerSharing":
         """Vertices moved through a map; edges stay straight. See `ilattice.cost.mapping`.
@@ -344,35 +64,7 @@ class CornerSharing(Frozen):
         GeometryError
             If simplices are inverted; the message counts them and names the first.
         """
-        from ilattice.cost.mapping import mapped
-
         return mapped(self, through)
-
-    def fitted(self, box: ArrayLike) -> "CornerSharing":
-        """Positions scaled and moved along the axes so that they fill a box.
-
-        Parameters
-        ----------
-        box : array_like, shape (2, d)
-            Lower and upper corner, such as the `domain` of a map.
-
-        Returns
-        -------
-        CornerSharing
-            The structure.
-        """
-        b = as_array("box", box, ndim=2)
-        if b.shape != (2, self.dim) or not (b[0] < b[1]).all():
-            raise InputError(f"box must be two corners (2, {self.dim}), lower one first, got {b}")
-        low, high = self.positions.min(axis=0), self.positions.max(axis=0)
-        if not (high > low).all():
-            raise GeometryError(
-                f"the structure is flat along axis {int(np.argmin(high - low))}: it fills no box"
-            )
-        t = (self.positions - low) / (high - low)
-        return self.moved(b[0] + t * (b[1] - b[0]))
-
-    # ------------------------------------------------------------------ what other modules do
 
     def joined(self) -> "CornerSharing":
         """See `ilattice.cost.joining.joined`.
@@ -382,8 +74,6 @@ class CornerSharing(Frozen):
         CornerSharing
             Vertices that several cells have are one.
         """
-        from ilattice.cost.joining import joined
-
         return joined(self)
 
     def stiffened(self, mode: str = "matroid", **options: Any) -> "CornerSharing":
@@ -401,8 +91,6 @@ class CornerSharing(Frozen):
         CornerSharing
             The structure with bars.
         """
-        from ilattice.cost.stiffening import stiffened
-
         return stiffened(self, mode, **options)
 
     def refined(self, rule: str = "R0", *, where: Any = None) -> "CornerSharing":
@@ -420,11 +108,9 @@ class CornerSharing(Frozen):
         CornerSharing
             The structure.
         """
-        from ilattice.cost.refinement import refined
-
         return refined(self, rule, where=where)
 
-    def rigidity(self, *, generic: bool = False, **options: Any) -> "Rigidity":
+    def rigidity(self, *, generic: bool = False, **options: Any) -> Rigidity:
         """Rank of the rigidity matrix and what follows; see `ilattice.cost.rigidity.analysed`.
 
         Parameters
@@ -439,8 +125,6 @@ class CornerSharing(Frozen):
         Rigidity
             Rank with tolerance and gap.
         """
-        from ilattice.cost.rigidity import analysed
-
         return analysed(self, generic=generic, **options)
 
     @cached_property
@@ -463,7 +147,7 @@ class CornerSharing(Frozen):
         """
         return self.rigidity(generic=generic).rigid
 
-    def stress(self, loads: ArrayLike, **options: Any) -> "Stress":
+    def stress(self, loads: ArrayLike, **options: Any) -> "Stress[CornerSharing]":
         """Forces in the edges under loads; see `ilattice.cost.stress.stress`.
 
         Parameters
@@ -478,11 +162,9 @@ class CornerSharing(Frozen):
         Stress
             Forces and the residual.
         """
-        from ilattice.cost.stress import stress
-
         return stress(self, loads, **options)
 
-    def beams(self, radius: Any, **options: Any) -> "Beams":
+    def beams(self, radius: Any, **options: Any) -> Beams:
         """Edges as round cones: a solid; see `ilattice.cost.beams.beams`.
 
         Parameters
@@ -497,11 +179,9 @@ class CornerSharing(Frozen):
         Beams
             The solid, a field.
         """
-        from ilattice.cost.beams import beams
-
         return beams(self, radius, **options)
 
-    def pipes(self, radius: Any) -> "Pipes":
+    def pipes(self, radius: Any) -> Pipes:
         """Edges as smooth pipes of Bezier patches; see `ilattice.cost.pipes.pipes`.
 
         Parameters
@@ -514,8 +194,6 @@ class CornerSharing(Frozen):
         Pipes
             The surface.
         """
-        from ilattice.cost.pipes import pipes
-
         return pipes(self, radius)
 
     def plot(self, **options: Any) -> Any:
@@ -531,8 +209,6 @@ class CornerSharing(Frozen):
         object
             What pyvista returns, None for a file.
         """
-        from ilattice.cost.drawing import plot
-
         return plot(self, **options)
 
     def is_embedded(self) -> bool:
@@ -543,25 +219,4 @@ class CornerSharing(Frozen):
         bool
             True if none do, by separating axes.
         """
-        from ilattice.cost.embedding import overlaps
-
         return len(overlaps(self)) == 0
-
-
-def _numbers(name: str, value: Any, width: int, count: int) -> AnyArray:
-    """Rows of vertices, checked."""
-    a = value
-    if not (isinstance(a, np.ndarray) and a.dtype.kind in "iu"):
-        found = as_array(name, value)
-        a = found.astype(np.int64)
-        if (a != found).any():
-            raise InputError(f"{name} must be whole numbers, got {value!r:.80}")
-    if a.ndim != 2 or a.shape[1] != width:
-        raise InputError(f"{name} must have shape (m, {width}), got {np.shape(value)}")
-    wrong = ((a < 0) | (a >= count)).any(axis=1)
-    if wrong.any():
-        i = int(np.argmax(wrong))
-        raise InputError(
-            f"{name}[{i}] is {a[i].tolist()}: vertices have numbers from 0 to {count - 1}"
-        )
-    return np.array(a, np.int64)

@@ -7,7 +7,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 import ilattice as il
-from ilattice.cost import CornerSharing, boxspline, flips, refinement, shaping
+from ilattice.cost import CornerSharing, _refining, boxspline, flips, refinement, shaping
 from ilattice.cost.embedding import overlaps
 from ilattice.cost.fracture import fracture
 from ilattice.errors import ConvergenceError, GeometryError, InputError
@@ -53,7 +53,7 @@ def test_r1_takes_corners_of_voids():
     assert {len(f) for f in voids} == {6}
     fine = k.refined("R1").check()
     corner = k.mass / len(k.simplices) / 4.0
-    kept = len(k.simplices) - len({refinement._triangle_of(k, a, b) for f in voids
+    kept = len(k.simplices) - len({_refining._triangle_of(k, a, b) for f in voids
                                    for a, b in zip(f, np.roll(f, 1), strict=True)})  # fmt: skip
     assert fine.mass == pytest.approx(60 * corner + kept * 4 * corner, rel=1e-12)
     assert fine.is_embedded()
