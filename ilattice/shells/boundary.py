@@ -287,6 +287,36 @@ def boundary(
     return Boundary(topology, read_only(np.array(positions)), read_only(np.array(d)))
 
 
+def check_translations(curves: Boundary, symmetry: str) -> None:
+    """Refuse translations along axes on whose two faces curves differ.
+
+    Parameters
+    ----------
+    curves : Boundary
+        The boundary.
+    symmetry : str
+        r or t for each axis.
+
+    Raises
+    ------
+    GeometryError
+        Naming the axis.
+    """
+    for axis, letter in enumerate(symmetry):
+        if letter == "t" and not curves.congruent(axis):
+            low, high = FACES[2 * axis], FACES[2 * axis + 1]
+            patterns = curves.topology.patterns[2 * axis : 2 * axis + 2]
+            why = (
+                f"they are coloured differently ({patterns[0]} and {patterns[1]})"
+                if patterns[0] != patterns[1]
+                else "their curves have other positions or derivatives"
+            )
+            raise GeometryError(
+                f"t along {'xyz'[axis]}: faces {low} and {high} do not fit each other, {why}; "
+                f"reflect along {'xyz'[axis]} (r), or make the curves equal"
+            )
+
+
 def _per_node(name: str, value: Any, topology: Topology) -> FloatArray:
     """One number per node."""
     a = as_array(name, value)

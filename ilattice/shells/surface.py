@@ -26,9 +26,8 @@ from ilattice.minimal.completion import PeriodicSurface, completed
 from ilattice.minimal.disc import area_vectors, unit_rows, vertex_areas
 from ilattice.minimal.symmetry import Group
 from ilattice.minimal.tile import normal_sums
-from ilattice.shells.boundary import Boundary
+from ilattice.shells.boundary import Boundary, check_translations
 from ilattice.shells.octant import Triangles, evened, graded, harmonic, least_gradient, zero_set
-from ilattice.shells.topologies import FACES
 
 METHODS = ("harmonic", "currents")
 #: Cells per edge of the octant, and lengths over which mean curvatures die out, in cells: the first
@@ -441,36 +440,6 @@ def _rounds(n: int, layer: float) -> int:
     if layer == 0.0:
         return 0
     return int(np.clip(np.ceil(np.log2(EDGE / n / (_RESOLVED * layer))), 0, _MAX_ROUNDS))
-
-
-def check_translations(curves: Boundary, symmetry: str) -> None:
-    """Refuse translations along axes on whose two faces curves differ.
-
-    Parameters
-    ----------
-    curves : Boundary
-        The boundary.
-    symmetry : str
-        r or t for each axis.
-
-    Raises
-    ------
-    GeometryError
-        Naming the axis.
-    """
-    for axis, letter in enumerate(symmetry):
-        if letter == "t" and not curves.congruent(axis):
-            low, high = FACES[2 * axis], FACES[2 * axis + 1]
-            patterns = curves.topology.patterns[2 * axis : 2 * axis + 2]
-            why = (
-                f"they are coloured differently ({patterns[0]} and {patterns[1]})"
-                if patterns[0] != patterns[1]
-                else "their curves have other positions or derivatives"
-            )
-            raise GeometryError(
-                f"t along {'xyz'[axis]}: faces {low} and {high} do not fit each other, {why}; "
-                f"reflect along {'xyz'[axis]} (r), or make the curves equal"
-            )
 
 
 def _least(curves: Boundary, n: int, glued: tuple[bool, ...], start: Triangles) -> Triangles:
