@@ -23,7 +23,8 @@ from ilattice.fields.node import Node
 from ilattice.graph.shapes import SAME, Shape
 from ilattice.minimal.completion import PeriodicSurface, glued
 from ilattice.tiles import SkeletonField, Tile
-from ilattice.tiles.skeleton import SPLINE_ERROR, FlattenedField
+from ilattice.tiles.flattened import FlattenedField
+from ilattice.tiles.skeleton import SPLINE_ERROR
 
 #: Values above this are not needed where a sign is asked for.
 _SIGN = 1e-9
@@ -80,7 +81,7 @@ class SetField(Field, Frozen):
 
     def flattened(self, level: float = 0.0, reach: float | None = None) -> FlattenedField:
         """A smoother field with the same zero set, for splines; see `SkeletonField`."""
-        return FlattenedField(self, level, self.thinnest if reach is None else reach)  # type: ignore[arg-type]
+        return FlattenedField(self, level, self.thinnest if reach is None else reach)
 
     @property
     def repeats(self) -> tuple[bool, bool, bool]:

@@ -34,7 +34,6 @@ from ilattice._validate import (
     Frozen,
     among,
     as_array,
-    as_items,
     as_points,
     as_positive,
     as_real,
@@ -55,6 +54,7 @@ from ilattice.tiles.entities import (
     Triangles,
     as_entity,
 )
+from ilattice.tiles.flattened import FlattenedField, points_of_grid
 from ilattice.tiles.tile import Tile
 
 FACES = ("x-", "x+", "y-", "y+", "z-", "z+")
@@ -174,7 +174,7 @@ class SkeletonField(Field, Frozen):
         ndarray, shape (len(x), len(y), len(z))
             Values.
         """
-        p, shape = _grid_points(axes)
+        p, shape = points_of_grid(axes)
         return self(p).reshape(shape)
 
     def up_to(self, limit: float, u: ArrayLike) -> FloatArray:
@@ -248,7 +248,7 @@ class SkeletonField(Field, Frozen):
         """Whether the cell is not the unit cube."""
         return not np.array_equal(self.cell, np.eye(3))
 
-    def flattened(self, level: float = 0.0, reach: float | None = None) -> "FlattenedField":
+    def flattened(self, level: float = 0.0, reach: float | None = None) -> FlattenedField:
         """A smoother field with the same zero set and slope there, for splines.
 
         Parameters
@@ -358,15 +358,6 @@ class SkeletonField(Field, Frozen):
             )
 
 
-def _grid_points(axes: Iterable[ArrayLike]) -> tuple[FloatArray, tuple[int, ...]]:
-    """Points of a tensor grid, and its shape."""
-    xyz = [as_array(f"axes[{i}]", a, ndim=1) for i, a in enumerate(as_items("axes", axes))]
-    if len(xyz) != 3:
-        raise InputError(f"axes must be three 1-D arrays, got {len(xyz)}")
-    p = grid_points(*xyz)
-    return p, tuple(len(a) for a in xyz)
-
-
 def _samples(e: Entity) -> FloatArray:
     """Points that tell whether an entity is inside."""
     if isinstance(e, Group):
@@ -426,59 +417,6 @@ def _as_faces(value: Any) -> tuple[str, ...]:
                 f"is {b!r}; opposite faces are periodic together"
             )
     return kinds
-
-
-@dataclass(frozen=True, eq=False)
-class FlattenedField(Field):
-    """A field with the same zero set and slope there, constant away from it.
-
-    With s = (f - level) / reach it is ``reach (s - 2 s³/3 + s⁵/5)`` for |s| <= 1, constant beyond.
-    A skeleton is no place for a spline: distances have cones there, and creases halfway between
-    arms. This function has neither if `reach` is at most the radius.
-
-    Attributes
-    ----------
-    field : SkeletonField
-        The field.
-    level : float
-        Level of the zero set.
-    reach : float
-        Distance from the zero set at which it becomes constant.
-    """
-
-    field: SkeletonField
-    level: float
-    reach: float
-
-    def __call__(self, u: ArrayLike, /) -> FloatArray:
-        """Values, shape (n,), at points ``u`` (n, 3)."""
-        return self._flat(self.field.up_to(self.level + self.reach, u))
-
-    @property
-    def bounds(self) -> FloatArray:
-        """The unit cube, shape (2, 3)."""
-        return self.field.bounds
-
-    def grid(self, axes: Iterable[ArrayLike]) -> FloatArray:
-        """Values on a tensor grid.
-
-        Parameters
-        ----------
-        axes : iterable of array_like
-            Three 1-D arrays of coordinates.
-
-        Returns
-        -------
-        ndarray
-            Values.
-        """
-        p, shape = _grid_points(axes)
-        return self(p).reshape(shape)
-
-    def _flat(self, f: FloatArray) -> FloatArray:
-        s = np.clip((f - self.level) / self.reach, -1.0, 1.0)
-        q = s * s
-        return self.reach * s * (1.0 - q * (2.0 / 3.0 - 0.2 * q))
 
 
 def skeleton(
