@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._field import Field
-from ilattice._geometry import grid_points
+from ilattice._geometry import grid_indices, grid_points
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import Frozen, as_points
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
@@ -245,4 +245,4 @@ def warn_empty(voxels: AnyArray, name: str) -> None:
 
 def _corners(size: int) -> IntArray:
     """Whole numbers of three coordinates below a size, (size³, 3)."""
-    return np.indices((size,) * 3).reshape(3, -1).T
+    return grid_indices((size,) * 3)

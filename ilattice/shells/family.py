@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from ilattice._geometry import grid_points
+from ilattice._geometry import grid_indices, grid_points
 from ilattice._typing import AnyArray, ArrayLike, FloatArray
 from ilattice._validate import (
     Frozen,
@@ -234,7 +234,7 @@ class Grading:
         given: Any = self.parameters
         count = int(np.prod(repeat))
         if callable(given):
-            cells = np.indices(repeat).reshape(3, -1).T.astype(np.float64)
+            cells = grid_indices(repeat).astype(np.float64)
             given = as_array("parameters", asked("parameters", given, cells))
             shape: tuple[int, ...] = (count,)
         else:
