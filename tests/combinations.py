@@ -43,7 +43,7 @@ KINDS = ("constant", "varying", "one-sided", "solid", "eroded", "clip")
 KINKED = "kinked"
 SCALES = (1.0, 1.0, 1e-6, 1e-3, 1e3, 1e6)
 #: Triangles that a combination should have at most, about.
-MOST = 16_000
+MAX_TRIANGLES = 16_000
 #: Errors with which a combination may be refused.
 REFUSALS = (ConvergenceError, GeometryError)
 #: Columns of the table.
@@ -232,7 +232,7 @@ def sizes(through, repeat):
     return float(np.median(singular[:, 2])), side
 
 
-def combination(seed, *, kinked=True, most=MOST):
+def combination(seed, *, kinked=True, most=MAX_TRIANGLES):
     """The combination of a seed."""
     rng = np.random.default_rng(seed)
     names = il.tiles.names()
@@ -616,7 +616,7 @@ def main():
     parser.add_argument("--table", default="")
     parser.add_argument("--no-kinks", action="store_true")
     parser.add_argument("--trace", action="store_true")
-    parser.add_argument("--most", type=int, default=MOST, help="triangles, about")
+    parser.add_argument("--most", type=int, default=MAX_TRIANGLES, help="triangles, about")
     parser.add_argument("--points", type=int, default=100, help="vertices that are measured")
     parser.add_argument("--quick", action="store_true", help="leave crossings to the package")
     parser.add_argument("--limit", type=float, default=0.0, help="seconds of CPU for one")

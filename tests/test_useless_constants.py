@@ -296,7 +296,7 @@ CASES = [
     ("cutfem.problem", "FREE", 1e-30, what_can_move_along_an_oblique_axis_is_not_held),
     ("cutfem.problem", "AT_REST", 0.0, bodies_that_only_move_store_nothing),
     ("cutfem.weak", "NITSCHE", 1e-3, weak_supports_hold),
-    ("cutfem.overlaps", "LEAST", 3.0, supports_that_overlap_hold_once),
+    ("cutfem.overlaps", "MIN_REST", 3.0, supports_that_overlap_hold_once),
     ("cutfem.constraints", "SAME", 1e300, supports_that_contradict_are_refused),
     ("cutfem.posed", "ROUGH", np.inf, rough_regions_are_told),
     ("cutfem.posed", "RIM", 1.0, planes_with_a_rim_are_told),

@@ -17,7 +17,7 @@ from ilattice.cost._kernels_kagome import PAIRS2, PAIRS3
 from ilattice.errors import GeometryError, InputError
 
 #: Size of positions above which, or below the inverse of which, volumes are no numbers.
-MOST = 1e100
+MAX_SIZE = 1e100
 
 K = TypeVar("K", bound="Structure")
 K_co = TypeVar("K_co", bound="Structure", covariant=True)
@@ -80,10 +80,10 @@ class Structure(Frozen):
         if not len(x):
             raise InputError("positions must have one row or more: an empty structure is none")
         size = float(np.abs(x).max())
-        if not (size == 0.0 or 1.0 / MOST <= size <= MOST):
+        if not (size == 0.0 or 1.0 / MAX_SIZE <= size <= MAX_SIZE):
             raise InputError(
-                f"positions must be from {1.0 / MOST:g} to {MOST:g} in size, got {size:.3g}: "
-                "change units"
+                f"positions must be from {1.0 / MAX_SIZE:g} to {MAX_SIZE:g} in size, "
+                f"got {size:.3g}: change units"
             )
         put = object.__setattr__
         put(self, "positions", np.array(x))

@@ -22,7 +22,7 @@ from scipy.sparse.linalg import splu
 from ilattice._memory import need
 from ilattice._typing import ArrayLike, FloatArray, IntArray
 from ilattice._validate import Frozen, as_array, as_kind, as_positive, as_real, as_rows
-from ilattice.cost.stress import MOST, per_edge
+from ilattice.cost.stress import MAX_LOAD, per_edge
 from ilattice.cost.structure import CornerSharing
 from ilattice.errors import ConvergenceError, GeometryError, InputError
 
@@ -127,9 +127,10 @@ def frame(
     need(6000.0 * len(k.edges), f"a frame of {len(k.edges)} beams", "analyse a smaller part")
     unit, top, thick = float(k.lengths.mean()), float(np.abs(f).max()) or 1.0, float(r.max())
     for name, size in (("lengths", unit), ("loads", top), ("radius", thick), ("young", E)):
-        if not 1.0 / MOST <= size <= MOST:
+        if not 1.0 / MAX_LOAD <= size <= MAX_LOAD:
             raise InputError(
-                f"{name} must be from {1 / MOST:g} to {MOST:g}, got {size:.3g}: change units"
+                f"{name} must be from {1 / MAX_LOAD:g} to {MAX_LOAD:g}, got {size:.3g}: "
+                "change units"
             )
     if not FLAT < thick / unit < 1.0 / FLAT:
         raise InputError(

@@ -30,7 +30,7 @@ from ilattice.cost.structure import CornerSharing
 from ilattice.errors import GeometryError, InputError
 
 #: Largest resolution: numbers of vertices stay below 2^31.
-MOST = 1400
+MAX_RESOLUTION = 1400
 #: A regular tetrahedron in the unit cube, and an equilateral triangle of side 1.
 TETRAHEDRON = read_only(np.array([(0.0, 0, 0), (1.0, 0, 1), (1.0, 1, 0), (0.0, 1, 1)]))
 TRIANGLE = read_only(np.array([(0.0, 0.0), (1.0, 0.0), (0.5, np.sqrt(0.75))]))
@@ -38,7 +38,7 @@ TRIANGLE = read_only(np.array([(0.0, 0.0), (1.0, 0.0), (0.5, np.sqrt(0.75))]))
 
 def as_resolution(name: str, value: Any) -> int:
     """A resolution, or the error that says what it must be."""
-    return as_whole(name, value, 2, MOST)
+    return as_whole(name, value, 2, MAX_RESOLUTION)
 
 
 def integers_of(resolution: int, dim: int) -> IntArray:

@@ -33,7 +33,7 @@ SINGULAR = 1e-11
 #: Residual above which forces are refused, and that at which forces by levels are not improved.
 USELESS, FINE = 1e-6, 1e-12
 #: Squares of loads above this, or below its inverse, are no numbers.
-MOST = 1e140
+MAX_LOAD = 1e140
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,9 +130,9 @@ def stress(
     if f.shape != k.positions.shape:
         raise InputError(f"loads must have shape {k.positions.shape}, got {f.shape}")
     top = float(np.abs(f).max())
-    if not 1.0 / MOST <= (top or 1.0) <= MOST:
+    if not 1.0 / MAX_LOAD <= (top or 1.0) <= MAX_LOAD:
         raise InputError(
-            f"loads must be from {1 / MOST:g} to {MOST:g}, got {top:.3g}: change units"
+            f"loads must be from {1 / MAX_LOAD:g} to {MAX_LOAD:g}, got {top:.3g}: change units"
         )
     EA = None if stiffness is None else per_edge("stiffness", stiffness, k)
     held = None if supports is None else as_rows("supports", supports, len(f))

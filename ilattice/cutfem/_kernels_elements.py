@@ -31,8 +31,8 @@ from ilattice.quadrature._kernels_solid import (
     tolerances,
 )
 
-LEAST = UNIT >> 5  # boxes of this length are divided no further
-MOST = 2048  # boxes of a cell, from which on none is divided further
+MIN_LENGTH = UNIT >> 5  # boxes of this length are divided no further
+MAX_BOXES = 2048  # boxes of a cell, from which on none is divided further
 AT_ONCE = 4096  # points that are looked for one after the other
 
 
@@ -74,7 +74,7 @@ def boxes_of(c: Any, tables: Any, which: Any, start: Any, extent: Any, P: int) -
             found = FULL if k < 0 else sort_of(stack[top], m, P, tol, tables[k])
             if found == EMPTY:
                 continue
-            if found == UNSURE and long[top].max() > LEAST and n < MOST:
+            if found == UNSURE and long[top].max() > MIN_LENGTH and n < MAX_BOXES:
                 divide(stack[top].copy(), 3, P, parts)
                 x, y, z = at[top]
                 a, b, d = long[top] // 2

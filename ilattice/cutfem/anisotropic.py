@@ -42,7 +42,7 @@ from ilattice.quadrature.rules import Quadrature, some_cells
 AXES = ("space", "map")
 #: Part of its largest entry by which a stiffness may fail to be symmetric, and part of its largest
 #: eigenvalue that the least must have.
-ODD, LEAST = 1e-9, 1e-12
+ODD, MIN_EIGENVALUE = 1e-9, 1e-12
 #: Points at which full matrices are held at a time.
 AT_ONCE = 8192
 
@@ -149,7 +149,7 @@ def refused(C: FloatArray) -> tuple[int, str] | None:
         i = int(odd.argmax())
         return i, f"must be symmetric, entries differ by {_odd(flat[i]):.3g} of the largest"
     values = np.linalg.eigvalsh(flat * np.outer(MANDEL, MANDEL))
-    bad = ~(values[:, 0] > LEAST * np.maximum(values[:, -1], 0.0))
+    bad = ~(values[:, 0] > MIN_EIGENVALUE * np.maximum(values[:, -1], 0.0))
     if bad.any():
         i = int(bad.argmax())
         return i, (

@@ -19,7 +19,7 @@ from ilattice._typing import FloatArray
 from ilattice._validate import among, as_array, asked, check_finite, read_only
 from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem._voigt import VOIGT
-from ilattice.cutfem.anisotropic import AXES, LEAST, ODD, turns
+from ilattice.cutfem.anisotropic import AXES, MIN_EIGENVALUE, ODD, turns
 from ilattice.cutfem.assembly import Assembly, constant_jacobian
 from ilattice.cutfem.law import Law
 from ilattice.cutfem.material import OfParameters, Scalar, Single
@@ -157,7 +157,7 @@ def _matrices(value: Any, x: FloatArray | None) -> FloatArray:
     top = np.abs(k).max(axis=(1, 2))
     odd = np.abs(k - k.transpose(0, 2, 1)).max(axis=(1, 2)) > ODD * top
     values = np.linalg.eigvalsh(k)
-    bad = odd | ~(values[:, 0] > LEAST * np.maximum(values[:, 2], 0.0))
+    bad = odd | ~(values[:, 0] > MIN_EIGENVALUE * np.maximum(values[:, 2], 0.0))
     if bad.any():
         i = int(bad.argmax())
         at = "" if x is None else f" at ({', '.join(f'{c:.4g}' for c in x[i])})"

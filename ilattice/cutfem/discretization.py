@@ -46,7 +46,7 @@ WARNED = 0.02
 SURE = 0.1
 #: Least factor by which the square of the error is taken to fall on half the cells: that of the
 #: edges of a body (order two thirds); four, that of order one, is what smooth solutions reach.
-LEAST = 2.5
+MIN_FALL = 2.5
 #: The same where it is seen to fall even more slowly; on few cells what is seen counts half.
 SLOW = 1.75
 #: Part of the energy that cells four times as long may miss: from more than that it cannot be seen
@@ -206,7 +206,7 @@ def relative_error(
     if levels.first is None:
         return float("nan")
     first = _distance(levels.first, multiply, motions, diagonal, c, fixed)
-    lost, rest = first.sum(), first.sum() / (LEAST - 1.0)
+    lost, rest = first.sum(), first.sum() / (MIN_FALL - 1.0)
     # elsewhere longer cells lose more than that, unless errors fall by less than half, or nothing
     if 0.0 < lost < 0.5 * SEEN * energy and levels.second is not None:
         second = _distance(levels.second, multiply, motions, diagonal, c, fixed)
@@ -250,10 +250,10 @@ def _rest(level: Level, first: FloatArray, second: FloatArray, *, unsure: bool) 
     """
     lost = first.sum()
     falls = (second.sum() - lost) / lost
-    likely = 0.5 * (falls + LEAST) if unsure else falls
+    likely = 0.5 * (falls + MIN_FALL) if unsure else falls
     whole = lost / (max(falls, likely, SLOW) - 1.0)
     near, far = (np.maximum(level.T @ part, 0.0) for part in (first, second))
-    factor = np.maximum(far - near, LEAST * near) / np.where(near > 0.0, near, 1.0)
+    factor = np.maximum(far - near, MIN_FALL * near) / np.where(near > 0.0, near, 1.0)
     parts = near / np.where(near > 0.0, factor - 1.0, 1.0)
     return float(max(whole, parts.sum() * lost / near.sum()))
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from ilattice.cutfem.integrals import Integrals
 
 #: Part of a direction that is left of it without another one, below which it is that one.
-LEAST = 1e-6
+MIN_REST = 1e-6
 #: A normal is along axes if its part along the others is no longer than this.
 ALONG = 1e-9
 #: How far points and normals of a plane may be off it, relative to its size.
@@ -196,7 +196,7 @@ def beside_plane(rule: Quadrature) -> float:
 def joined(one: FloatArray, other: FloatArray) -> FloatArray:
     """Projections (n, m, m) onto what one or another of two projections leaves whole."""
     values, vectors = np.linalg.eigh(one + other)
-    kept = vectors * (values > LEAST)[:, None, :]
+    kept = vectors * (values > MIN_REST)[:, None, :]
     out: FloatArray = kept @ vectors.transpose(0, 2, 1)
     return out
 

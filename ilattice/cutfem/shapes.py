@@ -19,7 +19,7 @@ from ilattice._validate import among, as_array, as_positive
 from ilattice.errors import InputError
 from ilattice.mesh import SurfaceMesh
 from ilattice.mesh.wall_mesh import parameters_of, wall_mesh, warn_full
-from ilattice.quadrature.clipping import MOST, clipped, lattice, smooth
+from ilattice.quadrature.clipping import MAX_TETRAHEDRA, clipped, lattice, smooth
 
 if TYPE_CHECKING:
     from ilattice.cutfem.problem import Problem
@@ -104,7 +104,9 @@ def _solid(problem: "Problem", h: float | None) -> Shape:
         middle = asm.space.boxes[:, :3] + 0.5 * asm.space.boxes[:, 3:]
         edges = np.linalg.norm(asm.jacobians(middle), axis=1) * asm.space.boxes[:, 3:]
         least = as_positive("h", h)
-        longest = np.minimum(edges.max(axis=0), MOST * least)  # so that more of them are refused
+        longest = np.minimum(
+            edges.max(axis=0), MAX_TETRAHEDRA * least
+        )  # so that more of them are refused
         i, j, k = (max(math.ceil(e / least), 1) for e in longest)
         u, cells = clipped(cut.grid, asm.space.homes[0], (i, j, k), cut.sets)
     return Shape(u, asm.x(u), cells, TETRAHEDRON, {})

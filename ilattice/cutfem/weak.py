@@ -33,7 +33,7 @@ NITSCHE = 10.0
 #: Volume over area of a surface in a cell, in heights of it, below which the penalty grows as that
 #: falls: so do the tractions that thin layers and slivers with no solid beside them can have. And
 #: how thin they may seem.
-THIN, LEAST = 0.2, 1e-9
+THIN, THINNEST = 0.2, 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,4 +188,4 @@ def depths(domain: "Domain", asm: Assembly, rule: Quadrature) -> FloatArray:
     area = np.bincount(at, rule.weights, len(cells))
     size = np.abs(np.linalg.det(asm.jacobians(rule.parameters)))
     depth = there[at] * size / (THIN * cell_heights(asm, rule) * area[at])
-    return np.clip(depth, LEAST, 1.0)
+    return np.clip(depth, THINNEST, 1.0)

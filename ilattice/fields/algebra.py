@@ -23,7 +23,7 @@ __all__ = [
 ]  # fmt: skip
 
 #: Least factor of `scale`: the inverse of smaller ones overflows.
-_LEAST = 1e-300
+_MIN_FACTOR = 1e-300
 
 
 @dataclass(frozen=True, eq=False)
@@ -443,8 +443,8 @@ def scale(part: Node, factor: Any) -> Node:
         ``min|factor| part(x / factor)``: never steeper than `part`.
     """
     a = as_triple("factor", factor)
-    if (np.abs(a) < _LEAST).any():
-        raise InputError(f"factor must not be zero, nor below {_LEAST:g}, got {a.tolist()}")
+    if (np.abs(a) < _MIN_FACTOR).any():
+        raise InputError(f"factor must not be zero, nor below {_MIN_FACTOR:g}, got {a.tolist()}")
     return _Placed(as_node("part", part), np.diag(1.0 / a), np.zeros(3), float(np.abs(a).min()))
 
 

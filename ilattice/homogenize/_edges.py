@@ -23,7 +23,7 @@ CELLS, POINTS, STEPS = 1000, 10, 6
 STEP, NEAR = 1e-4, 1e-3
 #: Least turn of unit normals between two points of a cell, the largest (beyond are gaps), and the
 #: least turn per edge of a cell.
-TURN, MOST, RATE = 0.6, 1.8, 1.5
+MIN_TURN, MAX_TURN, MIN_RATE = 0.6, 1.8, 1.5
 #: Part of the cells from which edges count.
 FEW = 0.01
 
@@ -118,7 +118,7 @@ def _edges(x: FloatArray, normal: FloatArray, there: AnyArray, *, both: bool) ->
     way = x[:, :, None] - x[:, None]
     turn = normal[:, :, None] - normal[:, None]
     much = np.linalg.norm(turn, axis=3)
-    sharp = (much > TURN) & (much < MOST) & (much > RATE * np.linalg.norm(way, axis=3))
+    sharp = (much > MIN_TURN) & (much < MAX_TURN) & (much > MIN_RATE * np.linalg.norm(way, axis=3))
     if not both:
         sharp &= (way * turn).sum(axis=3) < 0.0
     pairs = there[:, :, None] & there[:, None]

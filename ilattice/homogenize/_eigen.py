@@ -34,7 +34,7 @@ Map = Callable[[Vectors], Vectors]
 #: that will do.
 GUARD, RANDOM, SETTLED = 4, 2, 3e-2
 #: Vectors that are found beside a basis, in blocks, from which on they are cut down to so many.
-MOST, KEPT = 16, 3
+MAX_VECTORS, KEPT = 16, 3
 #: Directions below this part of the others, squared, are no new ones.
 NEW = 1e-14
 #: Part of the energy of the diagonal that rounding leaves.
@@ -152,7 +152,7 @@ def lowest(
         open_ = np.flatnonzero(residuals > allowed(wanted[: len(values)], values, rounding))
         if step == most or not len(open_):
             break
-        if len(space.W) + len(open_) > MOST * block:
+        if len(space.W) + len(open_) > MAX_VECTORS * block:
             space.cut(KEPT * block)
         if measure.moved():
             w = pencil.precondition(r)

@@ -33,7 +33,7 @@ from ilattice.cutfem.discretization import WARNED
 from ilattice.cutfem.elasticity import Elasticity
 from ilattice.cutfem.material import Property
 from ilattice.errors import InputError, PrecisionWarning
-from ilattice.homogenize._eigen import GUARD, MOST, Pairs, Vectors
+from ilattice.homogenize._eigen import GUARD, MAX_VECTORS, Pairs, Vectors
 from ilattice.homogenize._estimate import estimated, outside
 from ilattice.homogenize._matching import farthest, overlaps
 from ilattice.homogenize._reduced import FULL
@@ -48,7 +48,7 @@ SAME = 1e-5
 #: Points of a cell at which its waves are compared with those of others.
 POINTS = 4000
 #: Between which `tol` must be: frequencies are right to about its square.
-LEAST, LOOSEST = 1e-12, 0.1
+MIN_TOL, MAX_TOL = 1e-12, 0.1
 
 
 def bloch(
@@ -138,7 +138,7 @@ def bloch(
             f"count = {count} is too many for {unknowns} unknowns: ask for fewer, or take more "
             "cells"
         )
-    kept = 16.0 * unknowns * ((len(way.fractions) + MOST) * (count + GUARD) + FULL)
+    kept = 16.0 * unknowns * ((len(way.fractions) + MAX_VECTORS) * (count + GUARD) + FULL)
     kept += 5 * 72.0 * len(cell.assembly.pattern.indices)  # blocks of one wave vector and by axes
     need(kept, f"{count} waves of {unknowns} unknowns", "use fewer cells, or a smaller count")
     search = Search(cell, count, method, tol, most)
@@ -148,8 +148,8 @@ def bloch(
 def as_residual(tol: Any) -> float:
     """Largest residual of a pair, of which frequencies still are right to a per cent."""
     out = as_positive("tol", tol)
-    if not LEAST <= out <= LOOSEST:
-        raise InputError(f"tol must be between {LEAST:g} and {LOOSEST:g}, got {tol!r:.80}")
+    if not MIN_TOL <= out <= MAX_TOL:
+        raise InputError(f"tol must be between {MIN_TOL:g} and {MAX_TOL:g}, got {tol!r:.80}")
     return out
 
 

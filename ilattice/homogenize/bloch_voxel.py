@@ -30,7 +30,7 @@ from ilattice._validate import as_array, as_whole, read_only
 from ilattice.cutfem import _voigt
 from ilattice.errors import InputError
 from ilattice.homogenize import _kernels_voxel as kernels
-from ilattice.homogenize._eigen import GUARD, MOST, Pairs, Pencil, Vectors, check, lowest
+from ilattice.homogenize._eigen import GUARD, MAX_VECTORS, Pairs, Pencil, Vectors, check, lowest
 from ilattice.homogenize._estimate import warn_of_voxels
 from ilattice.homogenize._matching import farthest, overlaps
 from ilattice.homogenize._spectral import VoxelGrid, prolonged, symbols
@@ -357,8 +357,8 @@ def bloch_voxels(
             "voxels"
         )
     need(
-        16.0 * unknowns * (MOST + 6) * (count + GUARD), f"{count} waves of {unknowns} unknowns",
-        "use fewer voxels, or a smaller count",
+        16.0 * unknowns * (MAX_VECTORS + 6) * (count + GUARD),
+        f"{count} waves of {unknowns} unknowns", "use fewer voxels, or a smaller count",
     )  # fmt: skip
     way = path_of(path, waves.edges, steps, system)
     search = _Search(waves, count, tol, most)

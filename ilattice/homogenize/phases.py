@@ -27,7 +27,7 @@ VOID = 1e-6
 #: Voxels count as solid with more than this part of the largest property.
 SOLID = 1e-4
 #: Largest number of labels.
-MOST = 1 << 20
+MAX_LABELS = 1 << 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +127,7 @@ def _of_labels(a: AnyArray, name: str, values: FloatArray, void: float) -> Label
         if most == 0:
             raise GeometryError("array has no solid: all voxels are void")
         values = np.array([void, 1.0]) * values
-    if least < 0 or most >= min(len(values), MOST):
+    if least < 0 or most >= min(len(values), MAX_LABELS):
         raise InputError(
             f"array has labels from {least} to {most}, but {name} has {len(values)} values, of "
             f"labels from 0 to {len(values) - 1}"

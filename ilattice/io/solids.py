@@ -23,7 +23,7 @@ from ilattice.io.vtk import write_vtu
 #: Numbers per line.
 _PER_LINE = 10
 #: Numbers below are read as they are; CalculiX cuts longer exponents off.
-_MOST = 1e99
+_MAX_NUMBER = 1e99
 #: VTK's numbers of elements, whose nodes have the same order.
 _VTK = {"C3D4": 10, "C3D8": 12, "C3D10": 24}
 
@@ -101,8 +101,8 @@ def write_inp(
     """
     if len(solid.cells) == 0:
         raise GeometryError("the mesh has no elements: nothing to write")
-    if not float(np.abs(solid.points).max()) < _MOST:
-        raise FormatError(f"{path}: decks hold coordinates below {_MOST:g}; scale the part")
+    if not float(np.abs(solid.points).max()) < _MAX_NUMBER:
+        raise FormatError(f"{path}: decks hold coordinates below {_MAX_NUMBER:g}; scale the part")
     held, pulled, load = _loaded(solid, fixed, forces)
     if young is None and (held or load is not None or density is not None):
         raise InputError("fixed, forces and density are written with a material only: give young")

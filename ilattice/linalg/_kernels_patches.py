@@ -14,7 +14,7 @@ from ilattice._kernels import inner
 from ilattice.linalg._kernels_multigrid import cholesky, solve_cholesky
 
 #: Least pivot of a patch whose diagonal is one: below it, the matrix in single precision is noise.
-LEAST = 1e-6
+MIN_PIVOT = 1e-6
 
 
 @njit(cache=True, error_model="numpy")
@@ -59,7 +59,7 @@ def invert(
                         for a in range(m):
                             for b in range(m):
                                 D[m * i + a, m * j + b] = blocks[k, a, b]
-        cholesky(D, LEAST)
+        cholesky(D, MIN_PIVOT)
         unit = np.zeros(n)
         x = np.empty(n)
         for c in range(n):

@@ -15,7 +15,7 @@ from ilattice._typing import FloatArray, IntArray
 from ilattice.bspline import BSpline
 
 #: Seeds of one map at most, unless its elements alone are more.
-_MOST = 200_000
+_MAX_SEEDS = 200_000
 #: How far below its upper end a smooth piece is left, where the next one has other tangents, as a
 #: part of the domain.
 BELOW = 1e-15
@@ -41,7 +41,7 @@ class Seeds:
         self.closed = np.array(closed)
         self.domain = np.asarray(spline.domain)
         edges = [_cells(spline, axis, fine=True) for axis in range(3)]
-        if np.prod([len(e) - 1 for e in edges]) > _MOST:
+        if np.prod([len(e) - 1 for e in edges]) > _MAX_SEEDS:
             edges = [_cells(spline, axis, fine=False) for axis in range(3)]
         self.shape = np.array([len(e) - 1 for e in edges])
         index = np.indices(tuple(self.shape.tolist())).reshape(3, -1)

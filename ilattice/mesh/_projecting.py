@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 #: strayed; one that is still off by more than this part of the half-thickness has missed.
 STRAY, MISSED = 3.0, 1e-4
 #: Half-thicknesses below this part of the least total thickness count as that.
-LEAST = 1e-2
+MIN_HALF = 1e-2
 #: Part of the longest edge of a cell by which vertices at creases may be off, and the cosine
 #: between normals a cell apart that tells of one.
 CUT, TURNED = 0.1, 0.866
@@ -96,7 +96,7 @@ def projected(
 def measure(wall: OffsetSolid, u: FloatArray, side: FloatArray) -> FloatArray:
     """What errors of the half-thickness are compared with at parameters (n, 3): its size (n,)."""
     size, least = np.abs(wall.thickness.at(u, side)), wall.least_thickness
-    out: FloatArray = np.where(size < LEAST * least, least, size)
+    out: FloatArray = np.where(size < MIN_HALF * least, least, size)
     return out
 
 

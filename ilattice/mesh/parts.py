@@ -1,7 +1,7 @@
 """Whether the mesh of a solid has as many parts as the solid: webs thinner than edges are lost.
 
 Guarantee: none beyond what points of a grid twice as fine show, joined across corners at most and
-by faces at least. Non-guarantee: larger grids than `MOST` points are not looked at.
+by faces at least. Non-guarantee: larger grids than `MAX_POINTS` points are not looked at.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from ilattice.errors import PrecisionWarning
 from ilattice.mesh.surface import SurfaceMesh
 
 #: Points of the grid per cell of the mesh, most of them, and how many are looked at together.
-FINER, MOST, TOGETHER = 2, 1 << 22, 1 << 18
+FINER, MAX_POINTS, TOGETHER = 2, 1 << 22, 1 << 18
 
 
 def check_parts(
@@ -43,7 +43,7 @@ def check_parts(
         Length of its edges.
     """
     ticks = [_centres(a) for a in axes]
-    if np.prod([float(len(a)) for a in ticks]) > MOST:
+    if np.prod([float(len(a)) for a in ticks]) > MAX_POINTS:
         return
     inside = np.empty([len(a) for a in ticks], np.bool_)
     rest = grid_points(*ticks[1:])

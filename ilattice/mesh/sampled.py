@@ -18,7 +18,7 @@ from ilattice._geometry import CORNERS, grid_indices, pairs
 from ilattice._typing import FloatArray
 
 #: Boxes to begin with, the most along an axis then, and the most that are looked into.
-FIRST, LONGEST, MOST = 1 << 12, 64, 1 << 18
+FIRST, LONGEST, MAX_BOXES = 1 << 12, 64, 1 << 18
 #: Points whose weight the standard error is at least: of rare parts none may be seen.
 FEW = 3.0
 
@@ -73,7 +73,7 @@ def volumes(
         part = np.where(field(u) < 0.0, weight, 0.0).reshape(-1, 2)
         error = np.linalg.norm(part[:, 0] - part[:, 1])
         yield Sampled(float(whole + part.sum()), float(max(error, FEW * weight.max(initial=0.0))))
-        if len(lo) == 0 or 8 * len(lo) > MOST:
+        if len(lo) == 0 or 8 * len(lo) > MAX_BOXES:
             return
         size = 0.5 * size
         lo = (lo[:, None] + CORNERS * size).reshape(-1, 3)

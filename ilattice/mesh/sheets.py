@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from ilattice.offsets.wall import OffsetSolid
 
 #: Part of the way from the mid-surface to which vertices are held back at most.
-LEAST = 0.1
+MIN_WAY = 0.1
 
 
 class Sheets:
@@ -102,7 +102,7 @@ class Sheets:
         goal, cut = to_faces(wall, self.u, goal)
         self.side[cut] = 0.0
         u, lost = project(inside(wall.lattice, self.u + goal), np.arange(len(self.u)))
-        near = inside(wall.lattice, self.u + LEAST * goal)
+        near = inside(wall.lattice, self.u + MIN_WAY * goal)
         new = uncrossed(
             wall.lattice, near, u, self.faces, self.kind, project, _none, repaired=True
         )  # fmt: skip

@@ -32,7 +32,7 @@ BENT, NARROW, SHARED, MAX_INTERVALS = 1e-4, 1e-9, 0.3, 500
 #: How far intervals reach over their ends, in widths, not to miss kinks there.
 OVER = 0.1
 #: Most coefficients, and most halvings of a span.
-MOST, DEEPEST = 1 << 17, 24
+MAX_COEFFICIENTS, DEEPEST = 1 << 17, 24
 #: Points that tell the deviation, of which the worst are followed, and how far: rounds, trials.
 POINTS, WORST, ROUNDS, TRIALS = 6000, 24, 14, 24
 #: Fits, each with lines through the worst points of the one before.
@@ -83,7 +83,7 @@ def fit_with_kinks(f: Function, domain: FloatArray, tol: float) -> tuple[BSpline
     Returns
     -------
     BSpline
-        The spline; closer than `tol` where that takes no more than `MOST` coefficients.
+        The spline; closer than `tol` where that takes no more than `MAX_COEFFICIENTS` coefficients.
     Deviation
         How far it is off.
 
@@ -129,7 +129,7 @@ def fit_evenly(f: Function, domain: FloatArray, tol: float) -> tuple[BSpline, De
     Returns
     -------
     BSpline
-        The spline; closer than `tol` where that takes no more than `MOST` / 2 coefficients.
+        The spline; closer than `tol` where that takes no more than half of `MAX_COEFFICIENTS`.
     Deviation
         How far it is off.
     """
@@ -139,7 +139,7 @@ def fit_evenly(f: Function, domain: FloatArray, tol: float) -> tuple[BSpline, De
         spline = _through(f, breaks, [np.empty(0)] * 3)
         found, _ = deviation(f, spline)
         n = 3 * n // 2
-        if found.absolute <= tol or (n + 2.0) ** 3 > MOST / 2:
+        if found.absolute <= tol or (n + 2.0) ** 3 > MAX_COEFFICIENTS / 2:
             return spline, found
 
 
@@ -249,11 +249,11 @@ def _halved(
         wrong = [o > 0.5 * tol for o in off]
         if not any(w.any() for w in wrong):
             break
-        if _size(breaks, wrong) > MOST:
+        if _size(breaks, wrong) > MAX_COEFFICIENTS:
             top = [o.max() for o in off]
             axis = int(np.argmax(top))
             wrong = [(o >= 0.5 * top[axis]) & (a == axis) for a, o in enumerate(off)]
-            if _size(breaks, wrong) > MOST:
+            if _size(breaks, wrong) > MAX_COEFFICIENTS:
                 break
         breaks = [np.sort(np.concatenate([b, 0.5 * (b[:-1] + b[1:])[w]]))
                   for b, w in zip(breaks, wrong, strict=True)]  # fmt: skip
@@ -266,7 +266,7 @@ def _even(
     """Breaks with equal spans between them, where spans had to be halved."""
     vary = np.array([len(b) > len(a) for a, b in zip(seen, fine, strict=True)])
     fixed = np.prod([len(b) + 1.0 for b, v in zip(breaks, vary, strict=True) if not v])
-    n = int((MOST / fixed) ** (1.0 / max(vary.sum(), 1))) - max(len(b) for b in breaks)
+    n = int((MAX_COEFFICIENTS / fixed) ** (1.0 / max(vary.sum(), 1))) - max(len(b) for b in breaks)
     out = []
     for b, v in zip(breaks, vary, strict=True):
         even = np.linspace(b[0], b[-1], max(n, 2))

@@ -24,9 +24,9 @@ from ilattice.offsets.space import TileSpace
 #: Cells within which a seed that faces alike must be, the least cosine between normals that are
 #: alike, and seeds that are looked at.
 NEAR, ALIKE, LOOKED_AT = 0.9, 0.75, 8
-#: Gradients below this part of the median one are none, unless they are more than LEAST of it and
-#: surfaces that meet, with gradients falling towards there, would do so farther away than this.
-FLAT, LEAST, MEETING = 1e-2, 1e-4, 2e-3
+#: Gradients below this part of the median one are none, unless they are more than MIN_SLOPE of it
+#: and surfaces that meet, with gradients falling towards there, would do so farther away than this.
+FLAT, MIN_SLOPE, MEETING = 1e-2, 1e-4, 2e-3
 #: Part of det J on faces next to which seeds are placed in layers, so many of them at most, and
 #: places along each direction of a face where it is looked at.
 FALLEN, MAX_LAYERS, ACROSS = 0.1, 12, 64
@@ -334,7 +334,7 @@ def regular(field: Any, points: FloatArray) -> AnyArray:
     slope = np.linalg.norm(field.jet(points, 1)[1], axis=1)
     usual = np.median(slope)
     out: AnyArray = slope >= FLAT * usual
-    low = np.flatnonzero(~out & (slope > LEAST * usual))
+    low = np.flatnonzero(~out & (slope > MIN_SLOPE * usual))
     if len(low):  # as far from where surfaces meet as the gradient by the Hessian, up to a factor
         bend = np.linalg.norm(field.jet(points[low], 2)[2], axis=(1, 2))
         out[low] = slope[low] > MEETING * bend

@@ -31,7 +31,7 @@ from ilattice.offsets.density import volumes
 from ilattice.offsets.distance_spline import DEGREE, distance_spline, interpolated
 from ilattice.offsets.thickness import Thickness
 from ilattice.offsets.wall import OffsetSolid
-from ilattice.tiles.bars import MOST, BarsInBox, solid_of_bars
+from ilattice.tiles.bars import MAX_BARS, BarsInBox, solid_of_bars
 from ilattice.tiles.mixture import Mixture
 from ilattice.tiles.skeleton import FACES, SkeletonField
 from ilattice.tiles.tile import Tile
@@ -170,7 +170,7 @@ class TileField(Field):
             f"the spline that quadrature and analysis go by is off by {self.error:.2g} from the "
             f"solid, which is {thick:.2g} thick"
         )
-        remedy = f"Use tol, or {MOST} straight bars or fewer, which take no spline"
+        remedy = f"Use tol, or {MAX_BARS} straight bars or fewer, which take no spline"
         if self.error > USELESS * thick:
             raise ConvergenceError(f"{off}: little of it is left. {remedy}, or more spans_per_tile")
         if self.error > MAX_ERROR * thick:
@@ -270,7 +270,7 @@ class TileSolid(OffsetSolid):
 
     _exact = False
 
-    def bars(self, most: int = MOST) -> BarsInBox | None:
+    def bars(self, most: int = MAX_BARS) -> BarsInBox | None:
         """The solid itself, where it is one of a few straight bars that are joined sharply.
 
         Parameters

@@ -37,8 +37,8 @@ SMOOTH_ORDER = 3.0  # of distances without creases
 HOPELESS = 1.5  # times as many spans as are allowed, needed even so
 BATCHES = 64  # of random points, of which some are near enough
 SAFE = 0.85  # part of the tolerance to be reached there, for meshes have their vertices elsewhere
-LEAST = 1.4  # times as many spans at once, for every step costs about the same
-MOST = 2.0  # times as many spans at once: creases stand out in splines that are right elsewhere
+MIN_FACTOR = 1.4  # times as many spans at once, for every step costs about the same
+MAX_FACTOR = 2.0  # times as many spans at once: creases stand out in splines right elsewhere
 NEAR = 0.1  # cells of a mesh that they may be off before they are moved onto the surfaces
 STEPS = 4  # of Newton's method, with which these points follow the spline
 REACH = 2.0  # spans from an offset surface within which samples act on it
@@ -85,7 +85,7 @@ def refined(wall: OffsetSolid, tol: float, progress: Progress = None) -> OffsetS
         least = spans * (reached / tol) ** (1 / SMOOTH_ORDER)
         if least > HOPELESS * MAX_SPANS_PER_TILE:
             raise ConvergenceError(_too_fine(wall, tol, reached, spans, least))
-        more = min(max((reached / tol) ** (1 / ORDER), LEAST), MOST)
+        more = min(max((reached / tol) ** (1 / ORDER), MIN_FACTOR), MAX_FACTOR)
         finer = min(4 * ceil(0.25 * spans * more), MAX_SPANS_PER_TILE)
         samples = _Samples(wall, spans, finer, SMOOTH * tol)
         spline = interpolated(wall.lattice, samples, finer, DEGREE, progress)

@@ -22,7 +22,7 @@ from ilattice.errors import InputError
 from ilattice.quadrature.grid import Grid
 
 #: Number of tetrahedra, before clipping, above which a picture is refused.
-MOST = 50_000_000
+MAX_TETRAHEDRA = 50_000_000
 PER_PIECE = 400  # bytes of memory per tetrahedron
 #: Part of a volume by which pictures may be off before boxes are halved, unless there would be more
 #: than ENOUGH tetrahedra before clipping: chords across beams that are about as thick as boxes look
@@ -69,11 +69,13 @@ def clipped(
     Raises
     ------
     InputError
-        If there would be more than `MOST` tetrahedra.
+        If there would be more than `MAX_TETRAHEDRA` tetrahedra.
     """
     count = float(len(PATHS) * len(ijk)) * math.prod(pieces)
-    if count > MOST:
-        raise InputError(f"h: {count:.2g} tetrahedra are more than {MOST:.2g}; take a larger h")
+    if count > MAX_TETRAHEDRA:
+        raise InputError(
+            f"h: {count:.2g} tetrahedra are more than {MAX_TETRAHEDRA:.2g}; take a larger h"
+        )
     need(PER_PIECE * count, f"h: {count:.2g} tetrahedra", "take a larger h")
     u, cells = _boxes(grid, ijk, pieces)
     for k in range(sets(u[:1]).shape[1]):

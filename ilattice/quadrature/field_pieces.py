@@ -265,7 +265,7 @@ class _Halving:
         """Sort out boxes; the halves of those that are not known yet."""
         box = _geometry(self.axes, cell, corner, length)
         small = length * SMALL <= UNIT
-        chosen = self.splits.choose(box, small, length * MAX_LEAST < 2 * UNIT)
+        chosen = self.splits.choose(box, small, length * MAX_PARTS < 2 * UNIT)
         todo = np.flatnonzero(chosen.certain == 0)
         unresolved, exact = np.zeros(len(cell)), np.ones(len(cell), bool)
         again = np.flatnonzero(chosen.certain == 2)
@@ -273,7 +273,7 @@ class _Halving:
             cut = chosen.take(todo)
             measured = self.splits.interpolate(cut, box[todo], small[todo])
             hidden = measured.hidden & (measured.hidden.sum() <= FEW)
-            least = np.where(measured.blind & ~hidden, BLIND_LEAST, MAX_LEAST)
+            least = np.where(measured.blind & ~hidden, BLIND_PARTS, MAX_PARTS)
             may = length[todo] * least >= 2 * UNIT
             unknown = measured.unknown & may
             content = cut.content(self.order)
@@ -328,7 +328,7 @@ class _Halving:
     def _worst(self, p: _Part, volume: float) -> IntArray:
         """Boxes to be halved so that what is left is a half of the target."""
         share = p.share
-        least = np.where(self.splits.blind_boxes(p.chosen), BLIND_LEAST, MAX_LEAST)
+        least = np.where(self.splits.blind_boxes(p.chosen), BLIND_PARTS, MAX_PARTS)
         may = p.length * least >= 2 * UNIT
         order = np.argsort(-share, kind="stable")
         left = share.sum() - np.cumsum(share[order])
@@ -354,7 +354,7 @@ class _Halving:
 
     def _smallest(self, p: _Part, local: FloatArray) -> IntArray:
         """Boxes to be halved so that specks and voids are known well."""
-        mark = (local[p.cell] > LOCAL) & (p.length >= 2 * UNIT // MAX_LEAST)
+        mark = (local[p.cell] > LOCAL) & (p.length >= 2 * UNIT // MAX_PARTS)
         share = np.bincount(p.cell, p.share, len(local))
         return np.flatnonzero(mark & (p.share > NOTABLE * share[p.cell]))
 
@@ -398,7 +398,7 @@ class _Halving:
         )
 
 
-MAX_LEAST, BLIND_LEAST = 1 << MAX_HALVINGS, 1 << BLIND_HALVINGS
+MAX_PARTS, BLIND_PARTS = 1 << MAX_HALVINGS, 1 << BLIND_HALVINGS
 
 
 def _listed(pieces: FieldPieces, rows: IntArray) -> Listing:

@@ -25,7 +25,7 @@ TOLD = 0.02
 ERRORS = 3.0
 #: Part of the volume that a mesh with the recommended spacing may be off by, and the least part of
 #: the spacing that is recommended: what is lost altogether tells little of what is enough.
-MEANT, LEAST = 0.01, 0.25
+MEANT, MIN_SPACING = 0.01, 0.25
 
 
 def check_loss(
@@ -71,7 +71,7 @@ def check_loss(
     if off <= TOLD * whole:
         return
     part = (got - whole) / whole if whole > 0.0 else np.inf
-    enough = h * max(LEAST, 0.9 * (MEANT / abs(part)) ** 0.5)
+    enough = h * max(MIN_SPACING, 0.9 * (MEANT / abs(part)) ** 0.5)
     message = (
         f"the mesh with spacing {h:.3g} has the volume {got:.6g}, {100 * abs(part):.2g} % "
         f"{'less' if part < 0.0 else 'more'} than the solid ({whole:.5g} +- {near:.1g} at random "

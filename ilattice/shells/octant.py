@@ -36,7 +36,7 @@ SOFT = 1.5
 _EVERY = 4  # of the points, for what is on which side
 #: Least absolute value of colours: so that nodes on curves have a side, and a part of a cell inside
 #: of the faces, where the surface is looked for, it is that of the face.
-LEAST = 0.2
+MIN_COLOUR = 0.2
 #: Steps of the method of Chambolle and Pock.
 STEPS = 400
 
@@ -95,7 +95,9 @@ def face_values(curves: Boundary, face: int, x: FloatArray, width: float) -> Flo
         inside |= _within(outline, (1.0 - 1e-9) * q)
     colours = np.take(curves.topology.colours, side, axis)
     colour = colours[curves.topology.segments[mine[0]].corners[0]]
-    values: FloatArray = np.clip(distance / width, LEAST, 1.0) * np.where(inside, colour, -colour)
+    values: FloatArray = np.clip(distance / width, MIN_COLOUR, 1.0) * np.where(
+        inside, colour, -colour
+    )
     return values.reshape(len(x), len(x))
 
 
@@ -124,7 +126,7 @@ def edge_values(curves: Boundary, number: int, x: FloatArray, width: float) -> F
     if number not in curves.topology.nodes:
         return np.full(len(x), float(low))
     at = curves.nodes[curves.topology.nodes.index(number), axis]
-    out: FloatArray = np.clip(np.abs(x - at) / width, LEAST, 1.0)
+    out: FloatArray = np.clip(np.abs(x - at) / width, MIN_COLOUR, 1.0)
     return np.where(x < at + 1e-9, low, -low) * out
 
 

@@ -28,7 +28,7 @@ __all__ = ["BarsInBox", "solid_of_bars"]
 
 #: Bars above which splines are cheaper (two bcc tiles per direction have 76, and take three times
 #: as long as their spline), and copies that are looked at.
-MOST, IMAGES = 100, 20_000
+MAX_BARS, IMAGES = 100, 20_000
 #: Parts of a tile, per direction, in which bars are integrated where no cells are given.
 PER_TILE = 8
 
@@ -78,7 +78,7 @@ class BarsInBox(Node):
 
 
 def solid_of_bars(
-    tile: Tile, repeat: tuple[int, ...], box: FloatArray, most: int = MOST
+    tile: Tile, repeat: tuple[int, ...], box: FloatArray, most: int = MAX_BARS
 ) -> BarsInBox | None:
     """Sharply joined straight bars and balls of tiles.
 

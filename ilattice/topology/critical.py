@@ -39,7 +39,7 @@ from ilattice.topology.critical_point import CriticalPoint
 from ilattice.topology.critical_sets import EQUAL, one_of_each
 from ilattice.topology.links import Links
 from ilattice.topology.several_feet import Feet, SeveralFeet
-from ilattice.topology.windows import MOST, Windows
+from ilattice.topology.windows import MAX_FEET, Windows
 
 if TYPE_CHECKING:
     from ilattice.offsets.mid_surface import MidSurface
@@ -250,7 +250,7 @@ class CriticalSearch:
         u = np.where(np.array(on) < 0, lo, hi)[None]
         none = np.zeros(1, np.int64)
         sure = np.ones(1, np.bool_)
-        return Ends(u, np.zeros(1), np.zeros((1, MOST, 3)), none, sure, sure)
+        return Ends(u, np.zeros(1), np.zeros((1, MAX_FEET, 3)), none, sure, sure)
 
     def _new(self, ends: Ends, on: tuple[int, ...]) -> Ends:
         """Ends clear of other faces: the sharpest at each place, if new."""
@@ -361,7 +361,7 @@ def _pull(feet: Feet, on: tuple[int, ...]) -> tuple[FloatArray, float]:
     """Weights of feet, and the length of their common pull along D, a face or an edge."""
     slopes = np.where(np.array(on) == 0, feet.gradient / feet.size, 0.0)
     n = len(slopes)
-    rows, shares, pull = np.empty((1, MOST), np.int64), np.empty((1, MOST)), np.empty(1)
+    rows, shares, pull = np.empty((1, MAX_FEET), np.int64), np.empty((1, MAX_FEET)), np.empty(1)
     _kernels_hull.shortest_means(np.array([0, n]), slopes, rows, shares, pull)
     weights = np.zeros(n)
     weights[rows[rows >= 0]] = shares[rows >= 0]

@@ -33,7 +33,8 @@ RING = 1
 CHUNK = 1 << 13
 #: Points per direction at which the sizes of spans are looked at.
 COARSE = 16
-MOST = 4
+#: Feet of an end that are looked at.
+MAX_FEET = 4
 
 
 class Starts(NamedTuple):
@@ -229,7 +230,7 @@ def _opposed(
     flat = nodes[mine]
     vectors = np.where(np.array(on) == 0, table.pull[flat], 0.0)
     n = len(nodes)
-    rows, weights, pull = np.empty((n, MOST), np.int64), np.empty((n, MOST)), np.empty(n)
+    rows, weights, pull = np.empty((n, MAX_FEET), np.int64), np.empty((n, MAX_FEET)), np.empty(n)
     _kernels_hull.shortest_means(ends, vectors, rows, weights, pull)
     good = np.flatnonzero(pull < PULL)
     rows, weights, middle = np.maximum(rows[good], 0), weights[good], middle[good]
