@@ -14,7 +14,7 @@ import numpy as np
 
 from ilattice._kernels import inner
 from ilattice.bspline._kernels_bernstein import DEEPEST as ROOTS
-from ilattice.bspline._kernels_bernstein import jet, roots
+from ilattice.bspline._kernels_bernstein import halve_line, jet, roots
 
 FAST: Any = {"cache": True, "error_model": "numpy"}
 #: What a box is.
@@ -181,19 +181,11 @@ def sort_of_face(c: Any, m: int, dim: int, P: int, tol: Any) -> int:
 def split(c: Any, low: Any, high: Any, axis: int, dim: int, P: int) -> None:
     """Halves of polynomials c (m, P^dim) along a direction, by de Casteljau's algorithm."""
     step = P ** (dim - 1 - axis)
-    line = np.empty(P)
+    high[:] = c
     for k in range(len(c)):
         for j in range(P**dim):
             if (j // step) % P == 0:
-                for i in range(P):
-                    line[i] = c[k, j + i * step]
-                low[k, j] = line[0]
-                high[k, j + (P - 1) * step] = line[P - 1]
-                for r in range(1, P):
-                    for i in range(P - r):
-                        line[i] = 0.5 * (line[i] + line[i + 1])
-                    low[k, j + r * step] = line[0]
-                    high[k, j + (P - 1 - r) * step] = line[P - 1 - r]
+                halve_line(high[k], j, low[k], j, step, range(P))
 
 
 @inner(owning=True, **FAST)

@@ -11,11 +11,10 @@ its sign at a corner is taken as if it did not.
 
 import math
 from collections.abc import Callable
-from itertools import permutations
 
 import numpy as np
 
-from ilattice._geometry import between, grid_points
+from ilattice._geometry import KUHN, between, grid_points
 from ilattice._memory import need
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.errors import InputError
@@ -30,11 +29,6 @@ PER_PIECE = 400  # bytes of memory per tetrahedron
 DENTED, ENOUGH = 0.005, 1_500_000
 STEPS = 8  # of the search for zeros on edges
 FLAT = 1e-9  # volumes below this, in units of a tetrahedron, are left out
-#: Steps along the axes from the first corner of a box to those of its tetrahedra.
-PATHS = np.array(
-    [[np.eye(3, dtype=int)[list(order[:n])].sum(axis=0) for n in range(4)]
-     for order in permutations(range(3))]
-)  # fmt: skip
 #: By the number of corners inside, which come first: edges that are cut; tetrahedra of what is
 #: inside, with corners from 0 and cuts from 4 on. Diagonals start at the corner of least number.
 CASES: dict[int, tuple[tuple[tuple[int, int], ...], tuple[tuple[int, ...], ...]]] = {
@@ -71,7 +65,7 @@ def clipped(
     InputError
         If there would be more than `MAX_TETRAHEDRA` tetrahedra.
     """
-    count = float(len(PATHS) * len(ijk)) * math.prod(pieces)
+    count = float(len(KUHN) * len(ijk)) * math.prod(pieces)
     if count > MAX_TETRAHEDRA:
         raise InputError(
             f"h: {count:.2g} tetrahedra are more than {MAX_TETRAHEDRA:.2g}; take a larger h"
@@ -111,7 +105,7 @@ def smooth(
     off = _off(u, cells, volume)
     while off > DENTED:
         i, j, k = pieces = (2 * pieces[0], 2 * pieces[1], 2 * pieces[2])
-        if len(PATHS) * len(ijk) * i * j * k > ENOUGH:
+        if len(KUHN) * len(ijk) * i * j * k > ENOUGH:
             break
         finer = clipped(grid, ijk, pieces, sets)
         before, off = off, _off(*finer, volume)
@@ -163,7 +157,7 @@ def lattice(
 def _boxes(grid: Grid, ijk: IntArray, pieces: tuple[int, int, int]) -> tuple[FloatArray, IntArray]:
     """Six tetrahedra per box."""
     first = grid_points(*(np.arange(n) for n in pieces))
-    steps = first[:, None] + PATHS.reshape(1, -1, 3)
+    steps = first[:, None] + KUHN.reshape(1, -1, 3)
     u, cells = lattice(grid, ijk, pieces, steps.reshape(-1, 3))
     return u, cells.reshape(-1, 4)
 

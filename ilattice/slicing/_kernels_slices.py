@@ -11,19 +11,11 @@ checked.
 import numpy as np
 from numba import njit
 
+from ilattice._geometry import KUHN
 from ilattice._kernels import inner
 
-_PATHS = np.array(  # the six orders of the axes as corners; then the handedness
-    [
-        [0, 4, 6, 7, 1],
-        [0, 2, 3, 7, 1],
-        [0, 1, 5, 7, 1],
-        [0, 4, 5, 7, -1],
-        [0, 2, 6, 7, -1],
-        [0, 1, 3, 7, -1],
-    ],
-    np.int64,
-)
+#: Corners of the tetrahedra of a cell as bits; then their handedness.
+_PATHS = np.column_stack([KUHN @ (4, 2, 1), (1, 1, 1, -1, -1, -1)])
 _EVEN = np.array(  # even orders of four corners, by the bit pattern of those that come first
     [
         [-1, -1, -1, -1],
