@@ -1,4 +1,4 @@
-"""Compiled loops of slicing: march the height through cells, the wall through the sheet.
+"""Compiled loops of slicing: march the height through cells, the wall through its section.
 
 A cell is cut into the six tetrahedra of Kuhn and Freudenthal: a corner is a bit pattern
 ``4 dx + 2 dy + dz``, the edges run from a corner to one whose pattern contains its own. So an
@@ -78,7 +78,7 @@ def _edge(cell, low, high, planes):
 
 
 @njit(cache=True)
-def sheet(cells, corner, level, planes, turn, edges, ends):
+def section(cells, corner, level, planes, turn, edges, ends):
     """Triangles in which the level crosses the tetrahedra of cells.
 
     `cells` (m, 3); `corner` (m, 8) heights; `planes` (3,) different grid planes per direction (one
@@ -126,14 +126,14 @@ def sheet(cells, corner, level, planes, turn, edges, ends):
 
 @inner()
 def _crossing(a, b, size, upper):
-    """Name of the place where a side of the wall crosses the edge of a sheet."""
+    """Name of the place where a side of the wall crosses an edge of the section."""
     low, high = min(a, b), max(a, b)
     return size + 2 * (low * size + high) + upper
 
 
 @njit(cache=True)
 def march(triangles, side, faces, out):
-    """Directed segments, the wall on their left, of the boundary of a wall on a sheet.
+    """Directed segments, the wall on their left, of the boundary of a wall on a section.
 
     `triangles` (T, 3) counter-clockwise; `side` (V,) 0 in the wall, 1 beyond its outer side, -1
     beyond its inner one; `faces` (V,) bits of the faces of the domain a vertex lies on. Fills

@@ -130,7 +130,7 @@ class Slicer:
             cells, corner = self._crossed(self.blocks[hit[i : i + step]], level)
             room = 12 * len(cells)
             e, z = np.empty((room, 3), np.int64), np.empty((room, 3, 2))
-            n = kernels.sheet(cells, corner, level, self.planes, turn, e, z)
+            n = kernels.section(cells, corner, level, self.planes, turn, e, z)
             edges.append(e[:n].copy())
             ends.append(z[:n].copy())
         return np.concatenate(edges), np.concatenate(ends)

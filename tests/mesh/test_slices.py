@@ -484,7 +484,7 @@ def noise_sheet(seed, turn=1, wrap=False):
         [z[tuple((cells + np.array([c >> 2, c >> 1 & 1, c & 1])).T)] for c in range(8)], axis=1
     )
     edges, ends = np.empty((12 * len(cells), 3), np.int64), np.empty((12 * len(cells), 3, 2))
-    count = kernels.sheet(cells, corner, 0.0, planes, turn, edges, ends)
+    count = kernels.section(cells, corner, 0.0, planes, turn, edges, ends)
     assert (np.sign(ends[:count, :, 0]) != np.sign(ends[:count, :, 1])).all()
     names, triangles = np.unique(edges[:count], return_inverse=True)
     return names, triangles.reshape(-1, 3), planes, rng
@@ -518,7 +518,7 @@ def test_the_sheet_looks_up():
     z = np.array([[bin(c).count("1") for c in range(8)]], float)
     edges, ends = np.empty((12, 3), np.int64), np.empty((12, 3, 2))
     for level in (0.4, 1.5, 2.7):
-        n = kernels.sheet(cells, z, level, np.array([2, 2, 2]), 1, edges, ends)
+        n = kernels.section(cells, z, level, np.array([2, 2, 2]), 1, edges, ends)
         low = np.stack(np.unravel_index(edges[:n] // 8, (2, 2, 2)), axis=-1).astype(float)
         step = np.stack([edges[:n] >> 2 & 1, edges[:n] >> 1 & 1, edges[:n] & 1], axis=-1)
         t = (level - ends[:n, :, 0]) / (ends[:n, :, 1] - ends[:n, :, 0])
