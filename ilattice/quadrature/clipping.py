@@ -14,10 +14,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ilattice._geometry import KUHN, between, grid_points
+from ilattice._geometry import between, grid_points
 from ilattice._memory import need
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.errors import InputError
+from ilattice.quadrature._kernels_kuhn import KUHN
 from ilattice.quadrature.grid import Grid
 
 #: Number of tetrahedra, before clipping, above which a picture is refused.

@@ -11,8 +11,8 @@ checked.
 import numpy as np
 from numba import njit
 
-from ilattice._geometry import KUHN
 from ilattice._kernels import inner
+from ilattice.quadrature._kernels_kuhn import KUHN
 
 #: Corners of the tetrahedra of a cell as bits; then their handedness.
 _PATHS = np.column_stack([KUHN @ (4, 2, 1), (1, 1, 1, -1, -1, -1)])
