@@ -10,7 +10,8 @@ from benchmarks import references
 from benchmarks.measure import Row, cpu
 from ilattice._typing import FloatArray
 from ilattice.bspline.fit import fit
-from ilattice.quadrature.grid import CUT, CutGrid
+from ilattice.quadrature.cutting import CutGrid
+from ilattice.quadrature.grid import CUT
 
 #: Microseconds per cut cell of the fastest compiled C++ code that we know, q = 2, 3, 4, one
 #: thread of a 2.5 GHz server core, and how much of that we allow ourselves.

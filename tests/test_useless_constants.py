@@ -312,7 +312,7 @@ CASES = [
     ("linalg._krylov", "STALLED", 0.0, residuals_that_still_fall_are_not_laid_to_rounding),
     ("homogenize.effective", "SOFT", 0.9, strains_without_resistance_are_counted),
     ("homogenize.local", "BORNE", np.inf, stresses_that_are_not_borne_are_refused),
-    ("quadrature.grid", "TOLD", np.inf, volumes_that_are_not_known_are_told),
+    ("quadrature.cutting", "TOLD", np.inf, volumes_that_are_not_known_are_told),
     ("offsets.retrying", "RIVAL", 0.0, other_feet_that_are_as_near_are_met),
     ("offsets.polish", "APART", 1.0, points_at_creases_are_put_onto_both_sheets),
     ("offsets.density", "TOLERANCE", 1.0, densities_are_those_that_were_asked_for),

@@ -37,9 +37,10 @@ from ilattice.cutfem.refinement import RefinementStudy, refinement_study
 from ilattice.cutfem.solution import Solution
 from ilattice.cutfem.space import SplineSpace
 from ilattice.linalg.solvers import Solver, SolveReport, rigid_modes
-from ilattice.quadrature.grid import CutGrid, Grid, cut
+from ilattice.quadrature.cutting import CutGrid, cut, quadrature
+from ilattice.quadrature.grid import Grid
 from ilattice.quadrature.measures import MassProperties, mass_properties
-from ilattice.quadrature.rules import Quadrature, quadrature
+from ilattice.quadrature.rules import Quadrature
 
 __all__ = [
     "Buckling",

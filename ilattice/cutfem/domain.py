@@ -28,14 +28,15 @@ from ilattice.errors import GeometryError, InputError
 from ilattice.macroshape.maps import SplineMap
 from ilattice.offsets.wall import OffsetSolid
 from ilattice.quadrature._filling import MAX_POINTS
-from ilattice.quadrature.grid import CUT, CutGrid, cut
+from ilattice.quadrature.cutting import CutGrid, cut
+from ilattice.quadrature.grid import CUT
+from ilattice.quadrature.making import rule_on
 from ilattice.quadrature.rules import (
     NAMES,
     Quadrature,
     in_space,
     kept,
     on_cells,
-    rule_on,
     some_cells,
     united,
 )

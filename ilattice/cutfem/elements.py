@@ -21,7 +21,8 @@ from ilattice._memory import need
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import read_only
 from ilattice.cutfem import _kernels_elements as kernels
-from ilattice.quadrature.grid import CUT, CutGrid, DividedGrid
+from ilattice.quadrature.cutting import CutGrid
+from ilattice.quadrature.grid import CUT, DividedGrid
 from ilattice.quadrature.rules import Quadrature, on_cells
 
 #: Pieces of splines that are worked on at once.

@@ -32,9 +32,11 @@ from ilattice.macroshape.maps import SplineMap
 from ilattice.offsets.kinks import JumpError, fit_with_kinks
 from ilattice.offsets.thickness import as_equation, of_parameters
 from ilattice.quadrature._filling import MAX_POINTS
-from ilattice.quadrature.grid import CUT, IN, OUT, CutGrid, DividedGrid, Grid, check_resolved
+from ilattice.quadrature.cutting import CutGrid, check_resolved
+from ilattice.quadrature.grid import CUT, IN, OUT, DividedGrid, Grid
 from ilattice.quadrature.levelsets import MAX_DEGREE
-from ilattice.quadrature.rules import NAMES, Quadrature, in_space, kept, rule_on
+from ilattice.quadrature.making import rule_on
+from ilattice.quadrature.rules import NAMES, Quadrature, in_space, kept
 
 #: Error of the spline of a level set, relative to its largest value: asked, and told.
 FIT, TOLD = 1e-9, 1e-4

@@ -24,7 +24,7 @@ from ilattice._validate import (
     read_only,
 )
 from ilattice.errors import InputError
-from ilattice.quadrature.grid import CutGrid
+from ilattice.quadrature.cutting import CutGrid
 
 #: How far off the solid points may be, in cells.
 NEAR = 0.1

@@ -33,7 +33,8 @@ from ilattice._validate import Frozen, read_only
 from ilattice.cutfem._kernels_ghost import ghost_matrices
 from ilattice.cutfem.space import SplineSpace
 from ilattice.quadrature._filling import gauss
-from ilattice.quadrature.grid import CUT, CutGrid
+from ilattice.quadrature.cutting import CutGrid
+from ilattice.quadrature.grid import CUT
 from ilattice.quadrature.rules import Quadrature
 
 #: Factor of penalties per cell away from solid, and number of cells for which it counts.

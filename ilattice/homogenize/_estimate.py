@@ -38,7 +38,8 @@ from ilattice.cutfem.jumps import STEEP
 from ilattice.cutfem.phases import PhasedDomain
 from ilattice.errors import IlatticeError, PrecisionWarning
 from ilattice.homogenize._edges import notched
-from ilattice.quadrature.grid import CutGrid, Grid
+from ilattice.quadrature.cutting import CutGrid
+from ilattice.quadrature.grid import Grid
 
 #: Parts of the cells per direction, with what is added before they are rounded down.
 COARSER = ((0.75, 0.25), (0.5, 0.5))

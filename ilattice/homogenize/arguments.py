@@ -21,8 +21,10 @@ from ilattice.lattice import Lattice, Wall
 from ilattice.macroshape.cells import CellMap, cell
 from ilattice.macroshape.maps import SplineMap
 from ilattice.offsets.solid import TileSolid
-from ilattice.quadrature.grid import OUT, CutGrid, Grid, cut
-from ilattice.quadrature.rules import NAMES, rule_on
+from ilattice.quadrature.cutting import CutGrid, cut
+from ilattice.quadrature.grid import OUT, Grid
+from ilattice.quadrature.making import rule_on
+from ilattice.quadrature.rules import NAMES
 from ilattice.tiles.catalog import get
 from ilattice.tiles.mixture import Mixture
 from ilattice.tiles.tile import Tile

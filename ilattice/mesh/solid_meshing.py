@@ -27,7 +27,8 @@ from ilattice._validate import as_choice, as_real
 from ilattice.errors import ConvergenceError, GeometryError, InputError, PrecisionWarning
 from ilattice.mesh.solid_mesh import SolidMesh
 from ilattice.mesh.triangles import TriangleMesh
-from ilattice.quadrature.grid import CutGrid, Grid, cut
+from ilattice.quadrature.cutting import CutGrid, cut
+from ilattice.quadrature.grid import Grid
 
 _CORNERS = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0),
                      (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)])  # fmt: skip

@@ -25,7 +25,8 @@ from ilattice.errors import ConvergenceError, GeometryError, InputError, Precisi
 from ilattice.macroshape.tiling import Tiling
 from ilattice.offsets.thickness import Thickness
 from ilattice.offsets.wall_field import WallField
-from ilattice.quadrature.grid import CutGrid, Grid, cut
+from ilattice.quadrature.cutting import CutGrid, cut
+from ilattice.quadrature.grid import Grid
 
 #: Largest error of a density that is solved for, as a part of it, or of what is left of 1 if that
 #: is less; and how often it may be evaluated.

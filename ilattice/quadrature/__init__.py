@@ -10,9 +10,10 @@
 Guarantee: nothing here knows of walls; a solid is any `ilattice._typing.Solid`, or level sets.
 """
 
-from ilattice.quadrature.grid import CutGrid, Grid, cut
+from ilattice.quadrature.cutting import CutGrid, cut, quadrature
+from ilattice.quadrature.grid import Grid
 from ilattice.quadrature.measures import MassProperties, mass_properties
-from ilattice.quadrature.rules import Quadrature, quadrature
+from ilattice.quadrature.rules import Quadrature
 
 __all__ = [
     "CutGrid",

@@ -5,7 +5,7 @@ Guarantees: boxes are sorted by cell; what is not listed is outside of the solid
 
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -15,13 +15,9 @@ from ilattice.quadrature import _kernels_drive as kernels
 from ilattice.quadrature._filling import Listing
 from ilattice.quadrature._kernels_scratch import UNIT
 from ilattice.quadrature.field_pieces import FieldPieces
+from ilattice.quadrature.grid import CUT, IN, OUT, Grid
 from ilattice.quadrature.levelsets import Pieces
 
-if TYPE_CHECKING:
-    from ilattice.quadrature.grid import Grid
-
-#: What a cell is.
-IN, CUT, OUT = -1, 0, 1
 #: Length of pieces of splines, over that of cells, up to which their points are thinned even where
 #: they are not crowded.
 SMALL = 0.125
@@ -33,7 +29,7 @@ Insides = tuple[FloatArray, IntArray, IntArray, IntArray, IntArray, IntArray]
 class Layout(FrozenCopies):
     """The boxes of a grid, for rules and for elements."""
 
-    def __init__(self, grid: "Grid", pieces: Any) -> None:
+    def __init__(self, grid: Grid, pieces: Any) -> None:
         self.grid, self.pieces = grid, pieces
 
     @cached_property
@@ -304,7 +300,7 @@ class BoxLayout(Layout):
         return np.asarray(UNIT * (u - box[:, :3]) / box[:, 3:])
 
 
-def layout_of(grid: "Grid", pieces: Any) -> Layout:
+def layout_of(grid: Grid, pieces: Any) -> Layout:
     """The boxes of a grid on which level sets have some pieces."""
     kind = BoxLayout if isinstance(pieces, FieldPieces) else TensorLayout
     return kind(grid, pieces)

@@ -13,7 +13,7 @@ from ilattice._progress import Progress, staged
 from ilattice._typing import FloatArray
 from ilattice._validate import Frozen, as_array, asked, check_finite
 from ilattice.errors import InputError
-from ilattice.quadrature.grid import cut
+from ilattice.quadrature.cutting import cut
 
 Density = float | Callable[[FloatArray], Any]
 

@@ -26,18 +26,16 @@ from typing import Any
 
 import numpy as np
 
-from ilattice._progress import Progress, staged
 from ilattice._typing import AnyArray, FloatArray, IntArray
-from ilattice._validate import Frozen, among, as_array, as_choice, as_kind, asked, read_only
+from ilattice._validate import Frozen, among, as_array, as_kind, asked, read_only
 from ilattice.bspline._kernels_basis import determinants
 from ilattice.errors import InputError
 from ilattice.macroshape.maps import SplineMap
-from ilattice.quadrature._filling import MAX_POINTS, SURFACE, VOLUME, Listing, filled, gauss
+from ilattice.quadrature._filling import MAX_POINTS, gauss
 from ilattice.quadrature._kernels_compress import project
-from ilattice.quadrature.grid import CUT, IN, CutGrid, Grid, cut
+from ilattice.quadrature.grid import Grid
 
 AT_ONCE = 1 << 18  # points that are mapped to space
-TANGENT_DEPTH = 3  # how often nearly tangent boxes are halved
 NAMES = ("u=0", "u=1", "v=0", "v=1", "w=0", "w=1")
 
 Integrand = Callable[[FloatArray], Any] | float | AnyArray
@@ -262,69 +260,6 @@ class Quadrature(Frozen):
         return values * self.weights.reshape(-1, *(1,) * (values.ndim - 1))
 
 
-def quadrature(
-    field: Any,
-    cells: Any = None,
-    *,
-    q: int = 3,
-    kind: str = "volume",
-    domain: Any = None,
-    degree: int = 4,
-    tangent_depth: int = 3,
-    progress: Progress = None,
-) -> Quadrature:
-    """Rule to integrate over a solid, or its surface: in space for a wall.
-
-    Parameters
-    ----------
-    field : Wall, BSpline, callable, or pair of fields
-        The solid is where it is negative, as in `cut`.
-    cells : int, sequence of 3 int or Grid, optional
-        Background grid, as in `cut`.
-    q : int
-        Gauss points per direction and piece of a cell, 1 to 10.
-    kind : {"volume", "surface", "u=0", "u=1", "v=0", "v=1", "w=0", "w=1"}
-        The solid, the level sets that bound it, or its part on an end face of the domain.
-    domain : array_like, shape (2, 3), optional
-        Box of the grid; by default the bounds of the field.
-    degree : int
-        Degree of the interpolation of fields that are no splines, 1 to 4.
-    tangent_depth : int
-        How often a nearly tangent box is halved.
-    progress : bool or callable, optional
-        "cells" and "rules"; see `ilattice._progress.track`.
-
-    Returns
-    -------
-    Quadrature
-        In space for a wall, in parameters for any other field.
-
-    Raises
-    ------
-    InputError
-        If an argument is wrong.
-    GeometryError
-        If the solid is empty.
-
-    Examples
-    --------
-    >>> import ilattice as il
-    >>> lattice = il.Lattice("gyroid", through=il.macroshape.box((1, 1, 1)))
-    >>> rule = il.cutfem.quadrature(lattice.offset(0.05), q=2)
-    >>> volume, centroid = rule.integrate(), rule.integrate(lambda x: x) / rule.integrate()
-    """
-    as_choice("kind", kind, ("volume", "surface", *NAMES))
-    grid = cut(field, cells, domain=domain, degree=degree)
-    depth = tangent_depth
-    made = {
-        "volume": lambda: grid.volume(q, tangent_depth=depth),
-        "surface": lambda: grid.surface(q, tangent_depth=depth),
-    }.get(kind, lambda: grid.face(kind, q, tangent_depth=depth))
-    work: dict[str, Callable[[], Any]] = {"cells": lambda: grid.status, "rules": made}
-    rule: Quadrature = staged(work, progress)[1]
-    return rule.in_space() if grid.through is not None else rule
-
-
 def united(rules: Sequence[Quadrature]) -> Quadrature:
     """Surface rules of one grid as one, with the points of each cell together."""
     cell = np.concatenate([r.cells[r.owners] for r in rules])
@@ -400,106 +335,3 @@ def _cofactors(J: FloatArray, n: FloatArray) -> FloatArray:
     """Cofactor matrices of J (n, 3, 3) times vectors (n, 3)."""
     columns = [np.cross(J[:, :, (k + 1) % 3], J[:, :, (k + 2) % 3]) for k in range(3)]
     return np.asarray(np.einsum("nck,nk->nc", np.stack(columns, axis=2), n))
-
-
-# ---------------------------------------------------------------------------- making rules
-
-
-def volume_rule(grid: CutGrid, q: int, tangent_depth: int, only: str) -> Quadrature:
-    """See `CutGrid.volume`."""
-    q, accept = _as_order(q, tangent_depth)
-    if not among(only, ("", "in", "cut")):
-        raise InputError(f"only must be '', 'in' or 'cut', got {only!r}")
-    wanted = {"": (IN, CUT), "in": (IN,), "cut": (CUT,)}[only]
-    cells = np.flatnonzero(np.isin(grid.status.ravel(), wanted))
-    return _rule(grid, grid.layout.volume(cells), VOLUME, q, accept)
-
-
-def surface_rule(grid: CutGrid, q: int, tangent_depth: int) -> Quadrature:
-    """See `CutGrid.surface`."""
-    q, accept = _as_order(q, tangent_depth)
-    return _rule(grid, grid.layout.surface(), SURFACE, q, accept)
-
-
-def end_face_rule(grid: CutGrid, name: str, q: int, tangent_depth: int) -> Quadrature:
-    """See `CutGrid.face`."""
-    q, accept = _as_order(q, tangent_depth)
-    if not among(name, NAMES):
-        raise InputError(f"name must be one of {NAMES}, got {name!r}")
-    axis, side = divmod(NAMES.index(name), 2)
-    if grid.grid.closed[axis]:
-        raise InputError(f"name={name!r}: the domain is closed in that direction and has no ends")
-    return _faces(grid, grid.layout.end_faces(axis, side), axis, side, q, accept)
-
-
-def inner_face_rule(grid: CutGrid, axis: int, q: int, tangent_depth: int) -> Quadrature:
-    """See `CutGrid.faces`."""
-    q, accept = _as_order(q, tangent_depth)
-    if not among(axis, (0, 1, 2)):
-        raise InputError(f"axis must be 0, 1 or 2, got {axis!r}")
-    rule = _faces(grid, grid.layout.inner_faces(axis), axis, 1, q, accept)
-    i = list(np.unravel_index(rule.cells, grid.grid.shape))
-    i[axis] = (i[axis] + 1) % grid.grid.shape[axis]
-    return replace(rule, neighbours=read_only(np.ravel_multi_index(tuple(i), grid.grid.shape)))
-
-
-def rule_on(grid: CutGrid, place: str, cells: IntArray, q: int) -> Quadrature:
-    """Rule with q points per direction on some cells, given increasing, that are in or cut.
-
-    Of the ``"volume"``, of the ``"surface"``, or of an end face by name.
-    """
-    q, accept = _as_order(q, TANGENT_DEPTH)
-    if place == "volume":
-        return _rule(grid, grid.layout.volume(cells), VOLUME, q, accept)
-    if place == "surface":
-        return _rule(grid, _only(grid.layout.surface(), cells), SURFACE, q, accept)
-    axis, side = divmod(NAMES.index(place), 2)
-    return _faces(grid, _only(grid.layout.end_faces(axis, side), cells), axis, side, q, accept)
-
-
-def _only(listing: Listing, cells: IntArray) -> Listing:
-    """Boxes of some cells."""
-    keep = np.isin(listing.cells, cells)
-    return replace(
-        listing, which=listing.which[keep], boxes=listing.boxes[keep],
-        sides=listing.sides[keep], cells=listing.cells[keep],
-    )  # fmt: skip
-
-
-def _faces(
-    grid: CutGrid, listing: Listing, axis: int, side: int, q: int, accept: int
-) -> Quadrature:
-    rule = _rule(grid, listing, VOLUME, q, accept)
-    normals = np.zeros((len(rule), 3))
-    normals[:, axis] = 2.0 * side - 1.0
-    return replace(rule, normals=read_only(normals))
-
-
-def _as_order(q: Any, tangent_depth: Any) -> tuple[int, int]:
-    for name, value, low, high in (
-        ("q", q, 1, MAX_POINTS),
-        ("tangent_depth", tangent_depth, 0, 9),
-    ):
-        if isinstance(value, bool) or not np.isscalar(value) or value not in range(low, high + 1):
-            raise InputError(f"{name} must be a whole number from {low} to {high}, got {value!r}")
-    return int(q), int(tangent_depth)
-
-
-def _rule(grid: CutGrid, listing: Listing, want: int, q: int, accept: int) -> Quadrature:
-    """Rows and their counts per box as a rule by cell; cells without points are left out."""
-    rows, counts = filled(grid.pieces, listing, want, q, accept)
-    keep = counts > 0
-    listed, first = np.unique(listing.cells[keep], return_index=True)
-    ends = np.append(0, np.cumsum(counts[keep]))
-    points, weights, normals, sets = (read_only(a) for a in rows.arrays)
-    return Quadrature(
-        points,
-        weights,
-        read_only(np.append(ends[first], ends[-1])),
-        read_only(listed),
-        2 * q - 1,
-        grid.grid,
-        grid.through,
-        normals if rows.wide else None,
-        sets if rows.wide else None,
-    )

@@ -9,7 +9,7 @@ import ilattice as il
 from ilattice.cutfem import Buckling, EigenReport, Elasticity, Heat, Modes, Solution
 from ilattice.cutfem.heat_solution import HeatHistory, HeatSolution
 from ilattice.errors import FormatError, InputError, PrecisionWarning
-from ilattice.quadrature.grid import cut
+from ilattice.quadrature.cutting import cut
 
 #: Numbers on coarse grids are what is tested here.
 pytestmark = pytest.mark.filterwarnings("ignore:the cells are too coarse")
