@@ -23,28 +23,16 @@ import numpy as np
 
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import Frozen, among, as_array, asked, check_finite, read_only
-from ilattice.cutfem import _kernels_assembly as kernels
-from ilattice.cutfem._voigt import (
-    MANDEL,
-    UNIT,
-    bulk_and_shear,
-    engineering_strain,
-    rotated,
-    times,
-)
+from ilattice.cutfem._voigt import MANDEL, rotated
 from ilattice.cutfem.assembly import Assembly, constant_jacobian
-from ilattice.cutfem.jumps import CALM
-from ilattice.cutfem.material import Elastic, Isotropic, Property, Scalar
+from ilattice.cutfem.material import Elastic, Property, Scalar
 from ilattice.errors import InputError
 from ilattice.macroshape.maps import SplineMap
-from ilattice.quadrature.rules import Quadrature, some_cells
 
 AXES = ("space", "map")
 #: Part of its largest entry by which a stiffness may fail to be symmetric, and part of its largest
 #: eigenvalue that the least must have.
 ODD, MIN_EIGENVALUE = 1e-9, 1e-12
-#: Points at which full matrices are held at a time.
-AT_ONCE = 8192
 
 
 @dataclass(frozen=True, eq=False)
@@ -336,7 +324,6 @@ class Anisotropic(Elastic):
         Von Mises stress at which the material yields.
     """
 
-    full: ClassVar[bool] = True
     called: ClassVar[str] = "stiffness"
     stiffness: Stiffness
     density: Scalar
@@ -348,58 +335,11 @@ class Anisotropic(Elastic):
         """Whether the stiffness is the same everywhere."""
         return self.stiffness.constant
 
+    @property
+    def told(self) -> dict[str, Any]:
+        """See `Law.told`."""
+        return {**super().told, "stiffness": "6 x 6, of any symmetry"}
+
     def matrices(self, asm: Assembly, u: FloatArray) -> FloatArray:
         """Stiffness (n, 6, 6) or (1, 6, 6) at parameters (n, 3)."""
         return self.stiffness.at(asm, u)
-
-    def lame(self, asm: Assembly, u: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Lamé constants (n,) or (1,) of the nearest isotropic stiffness: scales of penalties."""
-        if self.constant:
-            K, G = bulk_and_shear(self.matrices(asm, u))
-        else:
-            parts = [u[i : i + AT_ONCE] for i in range(0, max(len(u), 1), AT_ONCE)]
-            moduli = [np.stack(bulk_and_shear(self.matrices(asm, p))) for p in parts]
-            K, G = np.concatenate(moduli, axis=1)
-        return K - 2.0 * G / 3.0, G
-
-    def flux(self, asm: Assembly, u: FloatArray, gradient: FloatArray) -> FloatArray:
-        """Stress (n, 6) of gradients of displacements."""
-        return times(self.matrices(asm, u), engineering_strain(gradient))
-
-    def stored(self, asm: Assembly, u: FloatArray, flux: FloatArray) -> FloatArray:
-        """Product (n,) of stresses (n, 6) with the strains that they cause."""
-        out = np.empty(len(u))
-        for i in range(0, len(u), AT_ONCE):
-            part = slice(i, i + AT_ONCE)
-            strain = np.linalg.solve(self.matrices(asm, u[part]), flux[part, :, None])[..., 0]
-            out[part] = (flux[part] * strain).sum(axis=1)
-        return out
-
-    def penalty(self, asm: Assembly, u: FloatArray, normals: FloatArray) -> FloatArray:
-        """Twice that of `Law.penalty`: no larger tractions can be had from the energy."""
-        return 2.0 * super().penalty(asm, u, normals)
-
-    def add(self, data: FloatArray, asm: Assembly, part: Quadrature) -> FloatArray:
-        """See `Law.add`."""
-        if self.constant:
-            C = np.array(self.matrices(asm, part.points[:1]).reshape(1, 36))  # the writable type
-            asm.add_cells(data, part, kernels.STIFFNESS, C)
-            return CALM
-        count = len(part.cells)
-        step = max(AT_ONCE * count // max(len(part), 1), 1)
-        for i in range(0, count, step):
-            some = some_cells(part, slice(i, min(i + step, count)))
-            C = self.matrices(asm, some.points).reshape(-1, 36)
-            asm.add_cells(data, some, kernels.STIFFNESS, np.ascontiguousarray(C))
-        return self.jump(asm, part)
-
-
-Material = Isotropic | Anisotropic
-
-
-def hindered(material: Material, asm: Assembly, u: FloatArray) -> FloatArray:
-    """Stress (n, 6) or (1, 6) of a unit strain in all directions, at parameters (n, 3)."""
-    if isinstance(material, Anisotropic):
-        return material.matrices(asm, u) @ UNIT
-    lam, mu = material.lame(asm, u)
-    return np.multiply.outer(3 * lam + 2 * mu, UNIT)

@@ -89,6 +89,11 @@ class Conduction(Law):
         fixed = not (self.paired or isinstance(self.value, str) or callable(self.value))
         return fixed and (self.axes == "space" or not isinstance(self.value, np.ndarray))
 
+    @property
+    def told(self) -> dict[str, Any]:
+        """See `Law.told`."""
+        return {NAME: self.value}
+
     def at(self, asm: Assembly, u: FloatArray) -> FloatArray:
         """Numbers (n,) or matrices (n, 3, 3) of what is no pair; one of a constant."""
         assert not self.paired

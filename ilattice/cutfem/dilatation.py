@@ -23,7 +23,7 @@ import numpy as np
 
 from ilattice._typing import FloatArray, IntArray
 from ilattice.cutfem.assembly import Assembly
-from ilattice.cutfem.material import Isotropic
+from ilattice.cutfem.material import Elastic
 from ilattice.quadrature.rules import Quadrature
 
 #: Poisson's ratio from which "auto" projects.
@@ -128,7 +128,7 @@ class Dilatation:
         right = np.einsum("eait,eai->et", self.products, local)
         return np.einsum("est,et->es", self.inverses, right)
 
-    def of_values(self, material: Isotropic, rule: Quadrature, f: FloatArray) -> FloatArray:
+    def of_values(self, material: Elastic, rule: Quadrature, f: FloatArray) -> FloatArray:
         """Coefficients (cells, terms) of the projection of f (n,) at the points of a rule."""
         at = np.searchsorted(self.assembly.space.cells, rule.cells)
         right = np.zeros(self.inverses.shape[:2])
@@ -179,14 +179,14 @@ def polynomials(asm: Assembly, u: FloatArray, at: IntArray, terms: int) -> Float
     return out
 
 
-def _weights(asm: Assembly, material: Isotropic, rule: Quadrature) -> FloatArray:
+def _weights(asm: Assembly, material: Elastic, rule: Quadrature) -> FloatArray:
     """Weights in space times λ, (n,)."""
     lam = material.lame(asm, rule.points)[0]
     return rule.weights * lam * np.abs(np.linalg.det(asm.jacobians(rule.points)))
 
 
 def _add(
-    asm: Assembly, material: Isotropic, rule: Quadrature, products: FloatArray, masses: FloatArray
+    asm: Assembly, material: Elastic, rule: Quadrature, products: FloatArray, masses: FloatArray
 ) -> None:
     """Add the integrals over a rule."""
     if not len(rule):

@@ -387,7 +387,7 @@ class Domain(Frozen):
 
     def warn_gaps(self) -> None:
         """See `gaps.warn`."""
-        gaps.warn(self)
+        gaps.warn(self.cut, self.elements, self.parts, self.joints)
 
 
 def kinks(through: SplineMap, axis: int) -> FloatArray:

@@ -23,7 +23,7 @@ direction and cell; what they do in between is looked at, told from 2 % on, and 
 (see `sampling`).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -32,12 +32,12 @@ from ilattice._progress import Progress
 from ilattice._typing import FloatArray
 from ilattice._validate import among, as_choice
 from ilattice.cutfem import rigid
-from ilattice.cutfem.anisotropic import Anisotropic, Material, Stiffness
+from ilattice.cutfem.anisotropic import Anisotropic, Stiffness
 from ilattice.cutfem.conditions import as_value
 from ilattice.cutfem.dilatation import MAX_SMOOTH, is_near
 from ilattice.cutfem.discretization import Product
 from ilattice.cutfem.domain import lattice_of
-from ilattice.cutfem.material import Isotropic, MapProperties, Property, Scalar
+from ilattice.cutfem.material import Elastic, Isotropic, MapProperties, Property, Scalar
 from ilattice.cutfem.operators import ElasticOperators
 from ilattice.cutfem.phases import as_phased
 from ilattice.cutfem.places import Motion, as_vector
@@ -171,7 +171,7 @@ class Elasticity(ElasticOperators):
             Scalar("expansion", expansion, -np.inf, **known),
             None if strength is None else Scalar("strength", strength, **known),
         )
-        material: Material
+        material: Elastic
         if stiffness is None:
             if not among(axes, ("space",)):
                 raise InputError(f"axes={axes!r:.80} are those of a stiffness=, which is not given")
@@ -464,9 +464,7 @@ class Elasticity(ElasticOperators):
         if self.projection is None:
             return super()._discretization_error(product, c, energy)
         if "soft" not in self._held:
-            assert isinstance(self.material, Isotropic)
-            soft = replace(self.material, poisson=replace(self.material.poisson, value=SOFT))
-            like = self._with(material=soft, dilatation="full", _held={})
+            like = self._with(material=self.material.softer(SOFT), dilatation="full", _held={})
             like._set(assembly=self.assembly)  # which tells what is left out when it is made
             self._held["soft"] = like
         like = self._held["soft"]

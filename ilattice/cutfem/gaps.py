@@ -7,30 +7,40 @@ bodies count as joined; the tip of a notch in a cell or two is not told if nothi
 """
 
 import warnings
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.ndimage import label
 
 from ilattice._typing import FloatArray
-from ilattice.cutfem.connectivity import falls_apart, links
+from ilattice.cutfem.connectivity import Parts, falls_apart, links
+from ilattice.cutfem.elements import ElementGrid
 from ilattice.errors import PrecisionWarning
-
-if TYPE_CHECKING:
-    from ilattice.cutfem.domain import Domain
+from ilattice.quadrature.cutting import CutGrid
+from ilattice.quadrature.rules import Quadrature
 
 #: Cells side by side through which air that is not resolved goes, from which on that is told.
 MANY = 3
 
 
-def warn(domain: "Domain") -> None:
-    """Warn of the widest gap of a solid, with place and width."""
-    gaps = long(domain)
+def warn(cut: CutGrid, elements: ElementGrid, parts: Parts, joints: tuple[Quadrature, ...]) -> None:
+    """Warn of the widest gap of a solid, with place and width.
+
+    Parameters
+    ----------
+    cut, elements, parts, joints
+        Those of a `Domain`.
+
+    Warns
+    -----
+    PrecisionWarning
+        If there is one.
+    """
+    gaps = long(cut, elements, parts, joints)
     if not len(gaps):
         return
     widest = int(np.argmax(across(gaps[:, 1:4])))
-    box = domain.cut.grid.boxes(gaps[[widest], 0].astype(np.int64))
-    middle, extent, through = box[:, :3] + 0.5 * box[:, 3:], box[0, 3:], domain.cut.through
+    box = cut.grid.boxes(gaps[[widest], 0].astype(np.int64))
+    middle, extent, through = box[:, :3] + 0.5 * box[:, 3:], box[0, 3:], cut.through
     x = middle if through is None else through.x(middle)
     edges = np.eye(3) if through is None else through.jacobian(middle)[0]
     air = np.linalg.norm(edges, axis=0) * extent * gaps[widest, 1:4]
@@ -44,18 +54,20 @@ def warn(domain: "Domain") -> None:
     )
 
 
-def long(domain: "Domain") -> FloatArray:
+def long(
+    cut: CutGrid, elements: ElementGrid, parts: Parts, joints: tuple[Quadrature, ...]
+) -> FloatArray:
     """Gaps of air that go through many cells, or all gaps if parts hang together there."""
-    gaps = domain.elements.gaps
+    gaps = elements.gaps
     cells = gaps[:, 0].astype(np.int64)
     if not len(cells):
         return gaps
-    home = domain.elements.home(domain.parts.cells)
-    if falls_apart(domain.parts, links(domain.joints), home, cells):
+    home = elements.home(parts.cells)
+    if falls_apart(parts, links(joints), home, cells):
         return gaps
     alone = gaps[gaps[:, 4] > 0.0]
     cells = alone[:, 0].astype(np.int64)
-    mark = np.zeros(domain.cut.grid.shape, bool)
+    mark = np.zeros(cut.grid.shape, bool)
     mark.ravel()[cells] = True
     groups, count = label(mark)
     many = np.bincount(groups[mark], minlength=count + 1)

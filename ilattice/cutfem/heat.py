@@ -310,6 +310,10 @@ class Heat(Problem):
         """See `Problem.law`."""
         return self.conductivity
 
+    @property
+    def _told(self) -> dict[str, Any]:
+        return {**super()._told, "capacity": self.capacity.value}
+
     @cached_property
     def _capacity(self) -> Any:
         asm = self.assembly

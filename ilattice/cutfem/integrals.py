@@ -103,7 +103,7 @@ class Integrals(Posed):
         data, jump = asm.zeros(self.m), CALM
         uniform = all(phase.constant for phase in law.phases)
         for rule in self.domain.stiff_rules(asm, constant=uniform):
-            for phase, part in zip(law.phases, self.domain.of_phases(rule), strict=False):
+            for phase, part in enumerate(self.domain.of_phases(rule)):
                 jump = np.maximum(jump, self._add_solid(data, phase, part))
         warn_of_jump(law.called, jump)
         self._held["unfollowed"] = float(jump[1])
@@ -115,9 +115,9 @@ class Integrals(Posed):
             coupling.add(data, self)
         return asm.pattern.matrix(data)
 
-    def _add_solid(self, data: FloatArray, law: Law, part: Quadrature) -> FloatArray:
-        """Add the matrix of a part of the solid to blocks; by how much the law jumps there."""
-        return law.add(data, self.assembly, part)
+    def _add_solid(self, data: FloatArray, phase: int, part: Quadrature) -> FloatArray:
+        """Add the matrix of a part of a phase to blocks; by how much the law jumps there."""
+        return self.law.phases[phase].add(data, self.assembly, part)
 
     @property
     def unfollowed(self) -> float:
@@ -173,6 +173,11 @@ class Integrals(Posed):
     def law(self) -> Law:
         """Which flux gradients make."""
         raise NotImplementedError
+
+    @property
+    def _told(self) -> dict[str, Any]:
+        """What reports tell of the properties of the solid: values as they were given, by name."""
+        return self.law.told
 
     def _flux(self, gradient: FloatArray, u: FloatArray, owner: IntArray) -> FloatArray:
         """Flux (n, entries) of gradients (n, m, 3) at parameters in active cells, by their phases.

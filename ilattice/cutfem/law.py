@@ -84,6 +84,11 @@ class Law(Shown):
         """Whether it is the same everywhere."""
         return False
 
+    @property
+    def told(self) -> dict[str, Any]:
+        """What reports tell of it: values as they were given, by name."""
+        return {}
+
     def flux(self, asm: Assembly, u: FloatArray, gradient: FloatArray) -> FloatArray:
         """Flux of gradients.
 

@@ -8,9 +8,9 @@ Guarantee: every value is checked where it is used; what is negative, zero where
 or not finite ends in an error that tells where.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -24,13 +24,12 @@ from ilattice.cutfem.law import Law
 from ilattice.errors import InputError
 from ilattice.macroshape.maps import SplineMap
 from ilattice.macroshape.tiling import Tiling
-from ilattice.quadrature.rules import Quadrature
-
-if TYPE_CHECKING:
-    from ilattice.cutfem.anisotropic import Material
+from ilattice.quadrature.rules import Quadrature, some_cells
 
 Single = float | str | Callable[[FloatArray], Any]
 Property = Single | tuple[Single, Single]
+#: Points at which full matrices are held at a time.
+AT_ONCE = 8192
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,38 +195,96 @@ class Scalar:
 class Elastic(Law):
     """Linear elastic materials: three components of displacement, six of stress.
 
-    Stresses are in Voigt's order, see `_voigt`.
+    A class defines `matrices`, and what it knows better than the defaults. Stresses are in Voigt's
+    order, see `_voigt`.
     """
 
     m: ClassVar[int] = 3
     entries: ClassVar[int] = 6
-    full: ClassVar[bool]  #: whether the stiffness is any, given by matrices
+    #: Whether the stiffness is any, so that its change of volume is not apart; see `add_shape`.
+    full: ClassVar[bool] = True
     density: Scalar
     expansion: Scalar
     strength: Scalar | None
 
     @property
-    def phases(self) -> "tuple[Material, Material]":
+    def phases(self) -> tuple[Self, Self]:
         """The material of the first and of the second phase."""
-        parts = [getattr(self, f.name) for f in fields(self)]  # type: ignore[arg-type]
+        parts = self._properties.values()
         first, second = ([s and s.phases[k] for s in parts] for k in (0, 1))
-        return type(self)(*first), type(self)(*second)  # type: ignore[return-value]
+        return type(self)(*first), type(self)(*second)
+
+    @property
+    def told(self) -> dict[str, Any]:
+        """See `Law.told`."""
+        return {name: one.value for name, one in self._properties.items() if one is not None}
+
+    @property
+    def _properties(self) -> dict[str, Any]:
+        """What it is made of, by name."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
 
     def matrices(self, asm: Assembly, u: FloatArray) -> FloatArray:
         """Stiffness (n, 6, 6) or (1, 6, 6) at parameters (n, 3)."""
         raise NotImplementedError
 
     def lame(self, asm: Assembly, u: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Lamé constants (n,) or (1,), those of the nearest isotropic stiffness."""
-        raise NotImplementedError
+        """Lamé constants (n,) or (1,) of the nearest isotropic stiffness: scales of penalties."""
+        if self.constant:
+            K, G = _voigt.bulk_and_shear(self.matrices(asm, u))
+        else:
+            parts = [u[i : i + AT_ONCE] for i in range(0, max(len(u), 1), AT_ONCE)]
+            moduli = [np.stack(_voigt.bulk_and_shear(self.matrices(asm, p))) for p in parts]
+            K, G = np.concatenate(moduli, axis=1)
+        return K - 2.0 * G / 3.0, G
+
+    def ratio(self, asm: Assembly, u: FloatArray) -> FloatArray:
+        """Poisson's ratio (n,) or (1,), that of the nearest isotropic stiffness."""
+        lam, mu = self.lame(asm, u)
+        return np.asarray(0.5 * lam / (lam + mu))
+
+    def hindered(self, asm: Assembly, u: FloatArray) -> FloatArray:
+        """Stress (n, 6) or (1, 6) of a unit strain in all directions."""
+        return self.matrices(asm, u) @ _voigt.UNIT
+
+    def units(self, asm: Assembly, u: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
+        """Stiffnesses (6, 6), and factors (n,) or (1,) by which `matrices` is their sum."""
+        C = self.matrices(asm, u)
+        for i in range(6):
+            for j in range(i, 6):
+                unit = np.zeros((6, 6))
+                unit[i, j] = unit[j, i] = 1.0
+                yield unit, C[:, i, j]
+
+    def softer(self, poisson: float) -> Self:
+        """As stiff against a change of shape, with another Poisson's ratio, if it has one."""
+        del poisson
+        return self
 
     def tangent(self, asm: Assembly, u: FloatArray) -> FloatArray:
         """See `Law.tangent`."""
         return _voigt.tensor(self.matrices(asm, u))
 
+    def flux(self, asm: Assembly, u: FloatArray, gradient: FloatArray) -> FloatArray:
+        """Stress (n, 6) of gradients of displacements."""
+        return _voigt.times(self.matrices(asm, u), _voigt.engineering_strain(gradient))
+
+    def stored(self, asm: Assembly, u: FloatArray, flux: FloatArray) -> FloatArray:
+        """Product (n,) of stresses (n, 6) with the strains that they cause."""
+        out = np.empty(len(u))
+        for i in range(0, len(u), AT_ONCE):
+            part = slice(i, i + AT_ONCE)
+            strain = np.linalg.solve(self.matrices(asm, u[part]), flux[part, :, None])[..., 0]
+            out[part] = (flux[part] * strain).sum(axis=1)
+        return out
+
     def components(self, flux: FloatArray) -> FloatArray:
         """See `Law.components`."""
         return flux[:, _voigt.PLACES]
+
+    def penalty(self, asm: Assembly, u: FloatArray, normals: FloatArray) -> FloatArray:
+        """Twice that of `Law.penalty`: no larger tractions can be had from the energy."""
+        return 2.0 * super().penalty(asm, u, normals)
 
     def along(self, asm: Assembly, u: FloatArray, normals: FloatArray) -> FloatArray:
         """λ + 2 μ."""
@@ -237,6 +294,28 @@ class Elastic(Law):
     def mean(self, asm: Assembly, u: FloatArray) -> FloatArray:
         """2 μ."""
         return 2.0 * self.lame(asm, u)[1]
+
+    def add(self, data: FloatArray, asm: Assembly, part: Quadrature) -> FloatArray:
+        """See `Law.add`."""
+        if self.constant:
+            C = np.array(self.matrices(asm, part.points[:1]).reshape(1, 36))  # the writable type
+            asm.add_cells(data, part, kernels.STIFFNESS, C)
+            return CALM
+        count = len(part.cells)
+        step = max(AT_ONCE * count // max(len(part), 1), 1)
+        for i in range(0, count, step):
+            some = some_cells(part, slice(i, min(i + step, count)))
+            C = self.matrices(asm, some.points).reshape(-1, 36)
+            asm.add_cells(data, some, kernels.STIFFNESS, np.ascontiguousarray(C))
+        return self.jump(asm, part)
+
+    def add_shape(self, data: FloatArray, asm: Assembly, part: Quadrature) -> FloatArray:
+        """`add` without the change of volume, λ, where that is projected; of what is not `full`."""
+        raise NotImplementedError
+
+    def normal_of_shape(self, asm: Assembly, u: FloatArray, normals: FloatArray) -> FloatArray:
+        """`normal` likewise."""
+        raise NotImplementedError
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,6 +365,25 @@ class Isotropic(Elastic):
         """See `Elastic.matrices`."""
         return _voigt.isotropic(*self.lame(asm, u))
 
+    def ratio(self, asm: Assembly, u: FloatArray) -> FloatArray:
+        """Poisson's ratio (n,) or (1,)."""
+        return self.poisson.at(asm, u)
+
+    def hindered(self, asm: Assembly, u: FloatArray) -> FloatArray:
+        """See `Elastic.hindered`: 3 λ + 2 μ on the diagonal."""
+        lam, mu = self.lame(asm, u)
+        return np.multiply.outer(3 * lam + 2 * mu, _voigt.UNIT)
+
+    def units(self, asm: Assembly, u: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
+        """See `Elastic.units`: those of λ and of μ."""
+        lam, mu = self.lame(asm, u)
+        yield _voigt.isotropic(1.0, 0.0), lam
+        yield _voigt.isotropic(0.0, 1.0), mu
+
+    def softer(self, poisson: float) -> Self:
+        """See `Elastic.softer`."""
+        return replace(self, poisson=replace(self.poisson, value=poisson))
+
     def flux(self, asm: Assembly, u: FloatArray, gradient: FloatArray) -> FloatArray:
         """Stress (n, 6) of gradients of displacements."""
         lam, mu = self.lame(asm, u)
@@ -295,10 +393,18 @@ class Isotropic(Elastic):
         """Product (n,) of stresses (n, 6) with the strains that they cause."""
         return _voigt.complementary(flux, *self.lame(asm, u))
 
-    def normal(
-        self, asm: Assembly, u: FloatArray, normals: FloatArray, *, whole: float = 1.0
+    def normal(self, asm: Assembly, u: FloatArray, normals: FloatArray) -> FloatArray:
+        """See `Law.normal`."""
+        return self._normal(asm, u, normals, 1.0)
+
+    def normal_of_shape(self, asm: Assembly, u: FloatArray, normals: FloatArray) -> FloatArray:
+        """See `Elastic.normal_of_shape`."""
+        return self._normal(asm, u, normals, 0.0)
+
+    def _normal(
+        self, asm: Assembly, u: FloatArray, normals: FloatArray, whole: float
     ) -> FloatArray:
-        """See `Law.normal`; λ counts by a factor."""
+        """`Law.normal`; λ counts by a factor."""
         lam, mu = (v[:, None, None, None] for v in self.lame(asm, u))
         one, n = np.eye(3), normals
         out = whole * lam * np.einsum("qi,jl->qijl", n, one)
@@ -310,10 +416,16 @@ class Isotropic(Elastic):
         lam, mu = (v[:, None, None] for v in self.lame(asm, u))
         return 2 * mu * np.eye(3) + lam * (normals[:, :, None] * normals[:, None, :])
 
-    def add(
-        self, data: FloatArray, asm: Assembly, part: Quadrature, *, whole: float = 1.0
-    ) -> FloatArray:
-        """See `Law.add`; λ counts by a factor."""
+    def add(self, data: FloatArray, asm: Assembly, part: Quadrature) -> FloatArray:
+        """See `Law.add`."""
+        return self._add(data, asm, part, 1.0)
+
+    def add_shape(self, data: FloatArray, asm: Assembly, part: Quadrature) -> FloatArray:
+        """See `Elastic.add_shape`."""
+        return self._add(data, asm, part, 0.0)
+
+    def _add(self, data: FloatArray, asm: Assembly, part: Quadrature, whole: float) -> FloatArray:
+        """`Law.add`; λ counts by a factor."""
         lame = self.lame(asm, part.points)
         if self.constant:
             lam, mu = (float(v[0]) for v in lame)

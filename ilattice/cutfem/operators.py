@@ -20,11 +20,9 @@ from ilattice._validate import FixedMapping, as_kind, as_points, read_only
 from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem import coupling, watching, weak
 from ilattice.cutfem._voigt import PLACES, UNIT
-from ilattice.cutfem.anisotropic import Anisotropic, Material, hindered
 from ilattice.cutfem.conditions import Known, Load, values_at
 from ilattice.cutfem.dilatation import FROM, MAX_SMOOTH, Dilatation, as_terms
-from ilattice.cutfem.law import Law
-from ilattice.cutfem.material import Isotropic, Property, Scalar
+from ilattice.cutfem.material import Elastic, Property, Scalar
 from ilattice.cutfem.problem import Problem
 from ilattice.cutfem.regions import spread
 from ilattice.cutfem.rigid import Connection
@@ -41,7 +39,7 @@ class ElasticOperators(Problem):
 
     Attributes
     ----------
-    material : Material
+    material : Elastic
         Stiffness, density and thermal expansion.
     dilatation : {"auto", "full", "projected"}
         See `Elasticity`.
@@ -51,7 +49,7 @@ class ElasticOperators(Problem):
 
     m: ClassVar[int] = 3
     flux_name: ClassVar[str] = "stress"
-    material: Material
+    material: Elastic
     dilatation: str
     connections: tuple[Connection, ...]
 
@@ -112,15 +110,11 @@ class ElasticOperators(Problem):
         parts = self.domain.of_phases(self.domain.volume)
         found = [-1.0]
         for m, part in zip(self.material.phases, parts, strict=False):
-            if isinstance(m, Anisotropic):
-                lam, mu = m.lame(self.assembly, part.points)
-                found.append((0.5 * lam / (lam + mu)).max(initial=-1.0))
-            else:
-                found.append(m.poisson.at(self.assembly, part.points).max(initial=-1.0))
+            found.append(m.ratio(self.assembly, part.points).max(initial=-1.0))
         return float(max(found))
 
     @property
-    def law(self) -> Material:
+    def law(self) -> Elastic:
         """See `Problem.law`."""
         return self.material
 
@@ -128,12 +122,11 @@ class ElasticOperators(Problem):
         _ = self.projection  # warns of what locks, before anything else
         return super()._matrix()
 
-    def _add_solid(self, data: FloatArray, law: Law, part: Quadrature) -> FloatArray:
+    def _add_solid(self, data: FloatArray, phase: int, part: Quadrature) -> FloatArray:
         """Without the change of volume, if that is projected."""
         if self.projection is None:
-            return super()._add_solid(data, law, part)
-        assert isinstance(law, Isotropic)  # no other is projected
-        return law.add(data, self.assembly, part, whole=0.0)
+            return super()._add_solid(data, phase, part)
+        return self.material.phases[phase].add_shape(data, self.assembly, part)
 
     def mass(self, density: Property | None = None) -> Any:
         """Consistent mass matrix on the nodes of `system`.
@@ -229,11 +222,8 @@ class ElasticOperators(Problem):
         assert rule is not None
         assert rule.parameters is not None
         assert rule.normals is not None
-        out = []
-        for law in self.material.phases:
-            assert isinstance(law, Isotropic)  # no other is projected
-            out.append(law.normal(asm, rule.parameters, rule.normals, whole=0.0))
-        return out
+        u, n = rule.parameters, rule.normals
+        return [law.normal_of_shape(asm, u, n) for law in self.material.phases]
 
     def _add_projected(self, data: FloatArray) -> None:
         """See `Problem._add_projected`."""
@@ -367,7 +357,7 @@ class ElasticOperators(Problem):
             phases = self.material.phases
             return self.domain.by_phase(
                 lambda k, at: (
-                    hindered(phases[k], asm, u[at])
+                    phases[k].hindered(asm, u[at])
                     * self._expansion_of(phases[k], load, u[at])[:, None]
                 ),
                 asm.space.cells[owner],
@@ -387,14 +377,13 @@ class ElasticOperators(Problem):
         heated = [load for load in self.loads if load.kind == "temperature"]
         found: dict[Load, FloatArray] = {}
         for m, part in parts:
-            assert isinstance(m, Isotropic)  # no other is projected
             for load in heated if len(part) else ():
                 rise = self._expansion_of(m, load, part.points)
                 mine = self.projection.of_values(m, part, rise)
                 found[load] = found[load] + mine if load in found else mine
         return FixedMapping({load: read_only(values) for load, values in found.items()})
 
-    def _expansion_of(self, material: Material, load: Load, u: FloatArray) -> FloatArray:
+    def _expansion_of(self, material: Elastic, load: Load, u: FloatArray) -> FloatArray:
         """Free expansion α ΔT (n,) of a phase under one temperature at parameters (n, 3)."""
         asm, value = self.assembly, load.value
         if isinstance(value, Known):

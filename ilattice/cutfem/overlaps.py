@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 MIN_REST = 1e-6
 #: A normal is along axes if its part along the others is no longer than this.
 ALONG = 1e-9
-#: How far points and normals of a plane may be off it, relative to its size.
-FLAT = 1e-3
 
 
 def held_by(support: Support, rule: Quadrature) -> FloatArray:
@@ -164,33 +162,6 @@ def loads_at(problem: "Integrals", rule: Quadrature) -> FloatArray:
             assert density is not None
             out[rows] += density[there]
     return out
-
-
-def beside_plane(rule: Quadrature) -> float:
-    """Part of the area of a place that is not in the plane in which most of it is.
-
-    Parameters
-    ----------
-    rule : Quadrature
-        In space, with normals.
-
-    Returns
-    -------
-    float
-        Nothing where less than half of the area is in one plane, as on curved places.
-    """
-    n, w = rule.normals, rule.weights
-    assert n is not None
-    size = float(np.ptp(rule.points, axis=0).max())
-    height = np.einsum("qi,qi->q", rule.points - rule.points[0], n) / size
-    key = np.rint(np.column_stack([n, height]) / (0.1 * FLAT))
-    _, first, rows = np.unique(key, axis=0, return_index=True, return_inverse=True)
-    most = first[np.argmax(np.bincount(rows.ravel(), w))]
-    flat = (np.linalg.norm(n - n[most], axis=1) <= FLAT) & (
-        np.abs((rule.points - rule.points[most]) @ n[most]) <= FLAT * size
-    )
-    part = float(w[~flat].sum() / w.sum())
-    return part if part < 0.5 else 0.0
 
 
 def joined(one: FloatArray, other: FloatArray) -> FloatArray:

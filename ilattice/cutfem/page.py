@@ -18,10 +18,7 @@ import numpy as np
 from ilattice._files import as_path, atomic_write
 from ilattice._validate import as_flag
 from ilattice.cutfem import integration
-from ilattice.cutfem.anisotropic import Stiffness
 from ilattice.cutfem.conditions import AXES
-from ilattice.cutfem.conduction import Conduction
-from ilattice.cutfem.material import Scalar
 from ilattice.cutfem.places import Motion
 from ilattice.cutfem.regions import Region
 from ilattice.cutfem.stresses import margins
@@ -176,12 +173,7 @@ def _set_up(problem: Any) -> dict[str, str]:
         "cells": "x".join(map(str, domain.cut.grid.shape)),
         "splines": f"degree {domain.degree}, smoothness {domain.smoothness}",
     }
-    material = getattr(problem, "material", problem)
-    for name, told in vars(material).items():
-        if isinstance(told, Scalar | Conduction | Stiffness):
-            out[name] = _said(told.value)
-    if getattr(material, "full", False):
-        out["stiffness"] = "6 x 6, of any symmetry"
+    out |= {name: _said(value) for name, value in problem._told.items()}
     where = _Where(domain)
     for i, s in enumerate(problem.supports, 1):
         axes = "".join(a for a, held in zip(AXES, s.mask, strict=False) if held)

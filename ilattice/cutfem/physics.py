@@ -104,12 +104,12 @@ class Physics(Problem):
         """Which flux gradients make."""
         return self.given
 
-    def _add_solid(self, data: FloatArray, law: Law, part: Quadrature) -> FloatArray:
+    def _add_solid(self, data: FloatArray, phase: int, part: Quadrature) -> FloatArray:
         """With a tensor that has the right shape, and an energy."""
         some = np.unique(np.linspace(0, max(len(part) - 1, 0), LOOKED_AT).astype(np.int64))
         if len(part):
-            _check_tangent(law, self.assembly, part.points[some])
-        return super()._add_solid(data, law, part)
+            _check_tangent(self.law.phases[phase], self.assembly, part.points[some])
+        return super()._add_solid(data, phase, part)
 
     def __repr__(self) -> str:
         return super().__repr__().replace("Physics(", f"Physics({type(self.given).__name__}, ", 1)

@@ -13,14 +13,13 @@ import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray
 from ilattice._validate import Frozen, as_array, read_only
-from ilattice.cutfem.probe import NEAR, off, parameters
+from ilattice.cutfem.probe import NEAR
 from ilattice.errors import GeometryError, InputError
 from ilattice.mesh import SurfaceMesh
 from ilattice.quadrature.rules import Quadrature
 
 if TYPE_CHECKING:
     from ilattice.cutfem.assembly import Assembly
-    from ilattice.cutfem.domain import Domain
 
 #: How far from a patch points of it may be, in its size; where it is curved, in its usual edge, per
 #: angle between neighbouring triangles (chords are an eighth of that away from arcs) and at most.
@@ -170,52 +169,6 @@ class Spot(Frozen):
             read_only(self.x[None]), np.ones(1), np.array([0, 1]), element, 0, grid,
             through=asm.through, parameters=read_only(u),
         )  # fmt: skip
-
-
-def spot(domain: "Domain", at: Any) -> Spot:
-    """A point of the solid.
-
-    Parameters
-    ----------
-    domain : Domain
-        The solid.
-    at : array_like, shape (3,)
-        In space; off the solid by less than a tenth of a cell at most.
-
-    Returns
-    -------
-    Spot
-        The point.
-
-    Raises
-    ------
-    InputError
-        If it is no point.
-    GeometryError
-        If there is no solid.
-    """
-    x = as_array("at", at)
-    if x.shape != (3,):
-        raise InputError(f"at must be a point, 3 numbers, got {at!r:.80}")
-    u = parameters(domain.cut, x[None])
-    if not np.isfinite(u).all() or off(domain.cut, u)[0] > NEAR:
-        away, foot = _nearest(domain.boundary("boundary"), x)
-        raise GeometryError(
-            f"at={x.tolist()}: no solid there; the nearest surface is {away:.3g} away, at "
-            f"{np.round(foot, 6).tolist()}"
-        )
-    return Spot(read_only(x.copy()), read_only(u[0]))
-
-
-def _nearest(rule: Quadrature, x: FloatArray) -> tuple[float, FloatArray]:
-    """Distance of a point from a surface, and its foot, to the distance of points of the rule."""
-    assert rule.normals is not None
-    gap = np.linalg.norm(rule.points - x, axis=1)
-    k = int(np.argmin(gap))
-    along = float((x - rule.points[k]) @ rule.normals[k])
-    if gap[k] ** 2 - along**2 > rule.weights[k]:  # not beside what the point stands for
-        return float(gap[k]), rule.points[k]
-    return abs(along), x - along * rule.normals[k]
 
 
 @dataclass(frozen=True, eq=False)

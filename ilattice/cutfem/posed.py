@@ -12,14 +12,15 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from ilattice._validate import among
+from ilattice._typing import FloatArray
+from ilattice._validate import among, as_array, read_only
 from ilattice.cutfem.conditions import Known, Load, Spring, Support, as_mask, as_value
 from ilattice.cutfem.domain import Domain
-from ilattice.cutfem.overlaps import beside_plane
-from ilattice.cutfem.places import spot
-from ilattice.cutfem.regions import ROUGH, Region, as_place
-from ilattice.errors import InputError, PrecisionWarning
-from ilattice.quadrature.rules import NAMES
+from ilattice.cutfem.places import Spot
+from ilattice.cutfem.probe import NEAR, off, parameters
+from ilattice.cutfem.regions import ROUGH, Region, as_place, beside_plane
+from ilattice.errors import GeometryError, InputError, PrecisionWarning
+from ilattice.quadrature.rules import NAMES, Quadrature
 
 #: Part of the area of a plane, held along its normal, that may be elsewhere without a word.
 RIM = 1e-8
@@ -123,7 +124,7 @@ class Posed:
     ) -> Self:
         value = value if isinstance(value, Known) else as_value(kind, value, m)
         if at is not None:
-            on = spot(self.domain, at)
+            on = _spot(self.domain, at)
         elif not isinstance(on, str) or on:
             on = as_place(on, where)
             self.domain.boundary(on)
@@ -181,3 +182,29 @@ class Posed:
     def __getstate__(self) -> dict[str, Any]:
         """For `pickle` and `copy.deepcopy`, without what is made again when needed."""
         return {**{f.name: getattr(self, f.name) for f in fields(self)}, "_held": {}}
+
+
+def _spot(domain: Domain, at: Any) -> Spot:
+    """A point of the solid in space, off it by less than a tenth of a cell at most."""
+    x = as_array("at", at)
+    if x.shape != (3,):
+        raise InputError(f"at must be a point, 3 numbers, got {at!r:.80}")
+    u = parameters(domain.cut, x[None])
+    if not np.isfinite(u).all() or off(domain.cut, u)[0] > NEAR:
+        away, foot = _nearest(domain.boundary("boundary"), x)
+        raise GeometryError(
+            f"at={x.tolist()}: no solid there; the nearest surface is {away:.3g} away, at "
+            f"{np.round(foot, 6).tolist()}"
+        )
+    return Spot(read_only(x.copy()), read_only(u[0]))
+
+
+def _nearest(rule: Quadrature, x: FloatArray) -> tuple[float, FloatArray]:
+    """Distance of a point from a surface, and its foot, to the distance of points of the rule."""
+    assert rule.normals is not None
+    gap = np.linalg.norm(rule.points - x, axis=1)
+    k = int(np.argmin(gap))
+    along = float((x - rule.points[k]) @ rule.normals[k])
+    if gap[k] ** 2 - along**2 > rule.weights[k]:  # not beside what the point stands for
+        return float(gap[k]), rule.points[k]
+    return abs(along), x - along * rule.normals[k]

@@ -36,6 +36,8 @@ ROUGH = 0.02
 SUBDIVIDED, SEEN, AGREE = 5, 0.15, 0.9
 #: How far outside of conditions points count as inside, in the size of the place.
 NEAR = 1e-9
+#: How far points and normals of a plane may be off it, relative to its size.
+FLAT = 1e-3
 #: Part of what a point stands for that is not known, since that is no square.
 ROUND = 0.05
 
@@ -261,3 +263,30 @@ def spread(kind: str, value: FloatArray, rule: Quadrature) -> Spread:
     if np.abs(inertia @ c - value).max() > 1e-9 * np.abs(value).max():
         raise GeometryError("moment: its place is a line or a point, which cannot bear it")
     return Spread(nothing, c, middle)
+
+
+def beside_plane(rule: Quadrature) -> float:
+    """Part of the area of a place that is not in the plane in which most of it is.
+
+    Parameters
+    ----------
+    rule : Quadrature
+        In space, with normals.
+
+    Returns
+    -------
+    float
+        Nothing where less than half of the area is in one plane, as on curved places.
+    """
+    n, w = rule.normals, rule.weights
+    assert n is not None
+    size = float(np.ptp(rule.points, axis=0).max())
+    height = np.einsum("qi,qi->q", rule.points - rule.points[0], n) / size
+    key = np.rint(np.column_stack([n, height]) / (0.1 * FLAT))
+    _, first, rows = np.unique(key, axis=0, return_index=True, return_inverse=True)
+    most = first[np.argmax(np.bincount(rows.ravel(), w))]
+    flat = (np.linalg.norm(n - n[most], axis=1) <= FLAT) & (
+        np.abs((rule.points - rule.points[most]) @ n[most]) <= FLAT * size
+    )
+    part = float(w[~flat].sum() / w.sum())
+    return part if part < 0.5 else 0.0

@@ -17,7 +17,6 @@ import numpy as np
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import FixedMapping, read_only
 from ilattice.cutfem._voigt import elastic_stress, engineering_strain
-from ilattice.cutfem.anisotropic import Anisotropic
 from ilattice.cutfem.elasticity import Elasticity
 from ilattice.cutfem.places import Motion
 from ilattice.cutfem.solved import Solved
@@ -104,7 +103,7 @@ class Solution(Solved, Stresses):
             u = rule.points[rows]
             weights = rule.weights[rows] * np.abs(np.linalg.det(asm.jacobians(u)))
             mine = owner[rows]
-            if isinstance(problem.material, Anisotropic):
+            if problem.material.full:
                 if heated:
                     gradient -= problem._thermal_strain(u, mine)[:, None, None] * np.eye(3)
                 s = problem._flux(gradient, u, mine)

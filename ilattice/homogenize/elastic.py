@@ -24,10 +24,9 @@ import numpy as np
 from ilattice._progress import Progress
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import as_flag, read_only
-from ilattice.cutfem.anisotropic import AT_ONCE, Anisotropic, Material, hindered
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.elasticity import Elasticity
-from ilattice.cutfem.material import Property
+from ilattice.cutfem.material import AT_ONCE, Elastic, Property
 from ilattice.errors import InputError
 from ilattice.homogenize import tensors
 from ilattice.homogenize._result import SOFT
@@ -110,7 +109,7 @@ class ElasticCell(CellProblem, Elasticity):
         for m, part in zip(self.material.phases, self.domain.of_phases(rule), strict=False):
             for i in range(0, len(part), AT_ONCE):
                 u, w = part.points[i : i + AT_ONCE], part.weights[i : i + AT_ONCE]
-                one = hindered(m, asm, u) * m.expansion.at(asm, u)[:, None]
+                one = m.hindered(asm, u) * m.expansion.at(asm, u)[:, None]
                 stress += det * (w[:, None] * one).sum(axis=0)
         done = np.einsum("na,naj->j", self.load(temperature=1.0).forces(), answer.coefficients)
         beta = (stress + done) / self.cell_volume
@@ -196,10 +195,10 @@ class ElasticCell(CellProblem, Elasticity):
 
 
 def _integral(
-    m: Material, asm: Assembly, u: FloatArray, w: FloatArray, *, soft: bool = False
+    m: Elastic, asm: Assembly, u: FloatArray, w: FloatArray, *, soft: bool = False
 ) -> FloatArray:
     """Sum (6, 6) of stiffnesses, or of their inverses, at parameters (n, 3) with weights."""
-    if not isinstance(m, Anisotropic):
+    if not m.full:
         lam, mu = (np.broadcast_to(v, len(w)) for v in m.lame(asm, u))
         if not soft:
             return tensors.isotropic(float(w @ lam), float(w @ mu))

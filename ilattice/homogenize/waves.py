@@ -23,9 +23,9 @@ from ilattice._typing import FloatArray
 from ilattice._validate import read_only
 from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem import coupling
-from ilattice.cutfem.anisotropic import Anisotropic, Material
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.constraints import Constraints
+from ilattice.cutfem.material import Elastic
 from ilattice.errors import InputError
 from ilattice.homogenize import tensors
 from ilattice.homogenize._eigen import Map, Vectors, each_part
@@ -325,24 +325,11 @@ class BlochCell(ElasticCell):
 
 
 def _factors(
-    m: Material, asm: Assembly, u: FloatArray, *, uniform: bool
+    m: Elastic, asm: Assembly, u: FloatArray, *, uniform: bool
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Stiffnesses (6, 6), and factors (n, 1) or (1, 1) of them at parameters, to be summed up."""
-    n = len(u)
-    if isinstance(m, Anisotropic):
-        if uniform:
-            yield m.matrices(asm, u[:1])[0], np.ones((1, 1))
-            return
-        C = np.broadcast_to(m.matrices(asm, u), (n, 6, 6))
-        for i in range(6):
-            for j in range(i, 6):
-                unit = np.zeros((6, 6))
-                unit[i, j] = unit[j, i] = 1.0
-                yield unit, C[:, i, j, None].copy()
-        return
-    lam, mu = m.lame(asm, u)
     if uniform:
-        yield tensors.isotropic(float(lam[0]), float(mu[0])), np.ones((1, 1))
+        yield m.matrices(asm, u[:1])[0], np.ones((1, 1))
         return
-    for ones, v in zip(((1.0, 0.0), (0.0, 1.0)), (lam, mu), strict=True):
-        yield tensors.isotropic(*ones), np.broadcast_to(v, n)[:, None].copy()
+    for unit, factors in m.units(asm, u):
+        yield unit, np.broadcast_to(factors, len(u))[:, None].copy()
