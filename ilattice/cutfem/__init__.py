@@ -24,17 +24,14 @@ Guarantee: cells are called in or out by certificates, never by sampling.
 """
 
 from ilattice.cutfem.anisotropic import Graded, orthotropic
-from ilattice.cutfem.elasticity import Elasticity
+from ilattice.cutfem.elasticity import Elasticity, Recovered, Solution
 from ilattice.cutfem.estimate import ErrorEstimate
-from ilattice.cutfem.heat import Heat
-from ilattice.cutfem.heat_solution import HeatHistory, HeatSolution
+from ilattice.cutfem.heat import Heat, HeatHistory, HeatSolution, RecoveredHeat
 from ilattice.cutfem.law import Law
 from ilattice.cutfem.modal import Buckling, EigenReport, Mode, Modes, buckling, natural_modes
-from ilattice.cutfem.physics import FieldSolution, Physics
+from ilattice.cutfem.physics import FieldSolution, Physics, RecoveredField
 from ilattice.cutfem.probe import Probe
-from ilattice.cutfem.recovery import Recovered, RecoveredField, RecoveredHeat
 from ilattice.cutfem.refinement import RefinementStudy, refinement_study
-from ilattice.cutfem.solution import Solution
 from ilattice.cutfem.space import SplineSpace
 from ilattice.linalg.solvers import Solver, SolveReport, rigid_modes
 from ilattice.quadrature.cutting import CutGrid, cut, quadrature

@@ -16,6 +16,7 @@ points of quadrature too. Non-guarantees: what the map stretches changes the axe
 matrix; volume is not kept by projection: what hardly changes its volume locks, with a warning.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -25,7 +26,7 @@ from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import Frozen, among, as_array, asked, check_finite, read_only
 from ilattice.cutfem._voigt import MANDEL, rotated
 from ilattice.cutfem.assembly import Assembly, constant_jacobian
-from ilattice.cutfem.material import Elastic, Property, Scalar
+from ilattice.cutfem.material import Elastic, Isotropic, Property, Scalar
 from ilattice.errors import InputError
 from ilattice.macroshape.maps import SplineMap
 
@@ -343,3 +344,30 @@ class Anisotropic(Elastic):
     def matrices(self, asm: Assembly, u: FloatArray) -> FloatArray:
         """Stiffness (n, 6, 6) or (1, 6, 6) at parameters (n, 3)."""
         return self.stiffness.at(asm, u)
+
+
+def as_material(
+    young: Any, poisson: Any, density: Any, expansion: Any, strength: Any, stiffness: Any,
+    axes: Any, through: SplineMap | None, known: Mapping[str, Any],
+) -> Elastic:  # fmt: skip
+    """The material of what a user gave, see `Elasticity`, with where named properties come from."""
+    others = (
+        Scalar("density", density, closed=True, **known),
+        Scalar("expansion", expansion, -np.inf, **known),
+        None if strength is None else Scalar("strength", strength, **known),
+    )
+    if stiffness is None:
+        if not among(axes, ("space",)):
+            raise InputError(f"axes={axes!r:.80} are those of a stiffness=, which is not given")
+        return Isotropic(
+            Scalar("young", 1.0 if young is None else young, **known),
+            Scalar("poisson", 0.3 if poisson is None else poisson, -1.0, 0.5, **known),
+            *others,
+        )
+    given = "young" if young is not None else "poisson" if poisson is not None else ""
+    if given:
+        raise InputError(
+            f"stiffness and {given} are both given: leave out one of them; "
+            "il.cutfem.orthotropic makes a stiffness of moduli"
+        )
+    return Anisotropic(Stiffness.of(stiffness, axes, through, **known), *others)

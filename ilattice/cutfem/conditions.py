@@ -13,7 +13,7 @@ import numpy as np
 
 from ilattice._typing import FloatArray
 from ilattice._validate import Frozen, among, as_array, as_items, asked, check_finite
-from ilattice.cutfem.places import Spot
+from ilattice.cutfem.places import Motion, Spot
 from ilattice.cutfem.regions import Region
 from ilattice.errors import InputError
 
@@ -100,6 +100,36 @@ class Load(Frozen):
         """Values (n, m) at points of space, of what is no known field."""
         assert not isinstance(self.value, Known)
         return values_at(self.kind, self.value, x, m)
+
+
+@dataclass(frozen=True, eq=False)
+class Connection(Frozen):
+    """A place that moves as a rigid body.
+
+    Attributes
+    ----------
+    on : str or Region
+        Place.
+    force, moment : ndarray, shape (3,)
+        What acts on it, the moment about `about`.
+    about : ndarray, shape (3,)
+        Point of space at which the force acts.
+    motion : Motion or None
+        How it moves, in problems of solutions.
+    """
+
+    on: str | Region
+    force: FloatArray
+    moment: FloatArray
+    about: FloatArray
+    motion: Motion | None = None
+
+    @property
+    def work(self) -> float:
+        """That of force and moment on the motion."""
+        if self.motion is None:
+            return 0.0
+        return float(self.force @ self.motion.translation + self.moment @ self.motion.rotation)
 
 
 def as_mask(components: Any, m: int) -> Any:

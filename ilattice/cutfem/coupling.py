@@ -12,7 +12,6 @@ Guarantees: consistent and symmetric; a jump of the stiffness of any size change
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,21 +19,18 @@ from ilattice._typing import FloatArray, IntArray
 from ilattice.cutfem._kernels_surface import seam_blocks
 from ilattice.cutfem._voigt import PLACES
 from ilattice.cutfem.assembly import BATCH_BYTES, Assembly
-from ilattice.cutfem.conditions import Load
+from ilattice.cutfem.dilatation import Dilatation
 from ilattice.cutfem.law import Law, functions_at
+from ilattice.cutfem.pointwise import Pointwise
 from ilattice.cutfem.weak import NITSCHE, cell_heights, depths, through
 from ilattice.quadrature.rules import Quadrature
-
-if TYPE_CHECKING:
-    from ilattice.cutfem.integrals import Integrals
-    from ilattice.cutfem.operators import ElasticOperators
 
 #: Takes the number of a side, its rows and gradients (n, nb, 3); returns tractions (n, m, nb, m).
 Tractions = Callable[[int, slice, FloatArray], FloatArray]
 Pair = tuple[FloatArray, FloatArray]
 
 
-def add(data: FloatArray, problem: "Integrals") -> None:
+def add(data: FloatArray, problem: Pointwise) -> None:
     """Add what couples the phases of a solid to blocks."""
     asm, rule, u = _surface(problem.assembly)
     n = rule.normals
@@ -48,13 +44,16 @@ def add(data: FloatArray, problem: "Integrals") -> None:
     _add(data, asm, np.asarray(Q), tractions(problem, weights))
 
 
-def add_projected(data: FloatArray, problem: "ElasticOperators") -> None:
-    """Add what projected pressures, λ of both sides weighed, do: - [N]·n λ π(div N), transposed."""
-    asm, rule, v = _surface(problem.assembly)
-    projection, n = problem.projection, rule.normals
-    lame = (law.lame(asm, v) for law in problem.material.phases)
-    weighed = [w * lam for w, (lam, _) in zip(weights_of(problem), lame, strict=True)]
-    assert projection is not None
+def add_projected(
+    data: FloatArray, problem: Pointwise, projection: Dilatation, moduli: Pair
+) -> None:
+    """Add what projected pressures, λ of both sides weighed, do: - [N]·n λ π(div N), transposed.
+
+    The moduli are λ (n,) or (1,) of both sides at the points of the seam.
+    """
+    asm, rule, _ = _surface(problem.assembly)
+    weighed = [w * lam for w, lam in zip(weights_of(problem), moduli, strict=True)]
+    n = rule.normals
     assert n is not None
     both, nb, terms = (rule, upper(rule)), asm.space.dofs.shape[1], projection.terms
     for pairs, rows in _batches(rule, (6 * nb) ** 2):
@@ -76,7 +75,7 @@ def add_projected(data: FloatArray, problem: "ElasticOperators") -> None:
         asm.add_pairs(data, pairs.start, A)
 
 
-def add_waves(data: FloatArray, problem: "ElasticOperators") -> None:
+def add_waves(data: FloatArray, problem: Pointwise) -> None:
     """Add what waves exp(i k x) v change of that to blocks (3, blocks, 3, 3): i k_j data[j].
 
     Their gradients grad v + i k v make up mean tractions, too; matrices are skew.
@@ -100,7 +99,7 @@ def add_waves(data: FloatArray, problem: "ElasticOperators") -> None:
             asm.add_pairs(data[j], pairs.start, A)
 
 
-def tractions(problem: "Integrals", weights: Pair | None = None) -> Tractions:
+def tractions(problem: Pointwise, weights: Pair | None = None) -> Tractions:
     """What flows through the surface between phases, weighed."""
     weights = weights_of(problem) if weights is None else weights
     both = [
@@ -110,20 +109,25 @@ def tractions(problem: "Integrals", weights: Pair | None = None) -> Tractions:
     return lambda side, rows, D: through(both[side][rows], D)
 
 
-def thermal_force(problem: "ElasticOperators", load: Load) -> FloatArray:
-    """Coefficients (functions, 3) of what the mean traction of hindered expansion adds."""
+def thermal_force(
+    problem: Pointwise, stress_at: Callable[[FloatArray, IntArray], FloatArray]
+) -> FloatArray:
+    """Coefficients (functions, 3) of what the mean traction of hindered expansion adds.
+
+    Its stress (n, 6) is a function of parameters (n, 3) in active cells (n,).
+    """
     asm, rule, u = _surface(problem.assembly)
     assert rule.normals is not None
     stress = np.zeros((len(u), 6))
     for part, one, at in zip(weights_of(problem), (rule, upper(rule)), asm.sides, strict=True):
         assert one.parameters is not None
-        there = problem._thermal_stress(load, one.parameters, at[rule.owners])
+        there = stress_at(one.parameters, at[rule.owners])
         stress += part[:, None] * there
     f = rule.weights[:, None] * np.einsum("qij,qj->qi", stress[:, PLACES], rule.normals)
     return asm.vector(upper(rule), f) - asm.vector(rule, f)
 
 
-def weights_of(problem: "Integrals") -> Pair:
+def weights_of(problem: Pointwise) -> Pair:
     """Weights (n,) of what flows through both phases at the seam: of each the more, the softer."""
     asm, rule, u = _surface(problem.assembly)
     assert rule.normals is not None
@@ -133,12 +137,12 @@ def weights_of(problem: "Integrals") -> Pair:
     return a / (a + b), b / (a + b)
 
 
-def mean_force(problem: "Integrals", flux: Callable[["Law"], FloatArray]) -> FloatArray:
+def mean_force(problem: Pointwise, flux: Callable[[Law], FloatArray]) -> FloatArray:
     """Coefficients (functions, m) of the mean of what flows at the seam, of a flux in each phase.
 
     Parameters
     ----------
-    problem : Integrals
+    problem : Pointwise
         With two phases.
     flux : callable
         Takes the law of a phase, returns its flux (n, entries) at the points of the seam.
@@ -158,7 +162,7 @@ def mean_force(problem: "Integrals", flux: Callable[["Law"], FloatArray]) -> Flo
     return asm.vector(rule, f) - asm.vector(upper(rule), f)
 
 
-def both_depths(problem: "Integrals") -> tuple[FloatArray, FloatArray]:
+def both_depths(problem: Pointwise) -> tuple[FloatArray, FloatArray]:
     """How deep both phases are at the seam; see `weak.depths`."""
     asm, rule, _ = _surface(problem.assembly)
 

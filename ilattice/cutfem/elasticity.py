@@ -24,38 +24,31 @@ direction and cell; what they do in between is looked at, told from 2 % on, and 
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 
 from ilattice._progress import Progress
 from ilattice._typing import FloatArray
-from ilattice._validate import among, as_choice
+from ilattice._validate import among, as_choice, as_kind
 from ilattice.cutfem import rigid
-from ilattice.cutfem.anisotropic import Anisotropic, Stiffness
-from ilattice.cutfem.conditions import as_value
+from ilattice.cutfem.anisotropic import as_material
+from ilattice.cutfem.conditions import Connection, as_value
 from ilattice.cutfem.dilatation import MAX_SMOOTH, is_near
-from ilattice.cutfem.discretization import Product
 from ilattice.cutfem.domain import lattice_of
-from ilattice.cutfem.material import Elastic, Isotropic, MapProperties, Property, Scalar
+from ilattice.cutfem.material import MapProperties, Property
 from ilattice.cutfem.operators import ElasticOperators
 from ilattice.cutfem.phases import as_phased
 from ilattice.cutfem.places import Motion, as_vector
-from ilattice.cutfem.problem import ISLANDS, Problem
+from ilattice.cutfem.problem import ISLANDS
 from ilattice.cutfem.regions import Region, as_place
-from ilattice.cutfem.rigid import Connection
 from ilattice.cutfem.series import Series
+from ilattice.cutfem.solution import Deformed
+from ilattice.cutfem.solved import Smooth
 from ilattice.errors import InputError
-from ilattice.linalg.multigrid import Blocks
 from ilattice.quadrature.rules import Quadrature
 
-if TYPE_CHECKING:
-    from ilattice.cutfem.solution import Solution
-
-
 DILATATIONS = ("auto", "full", "projected")
-#: Poisson's ratio with which errors of solids that keep their volume are measured.
-SOFT = 0.3
 #: Least part, of the energy that heat stores where nothing may move, that errors are relative to:
 #: a solid that expands freely stores none, and any error is large beside nothing.
 HEATED = 1e-5
@@ -166,31 +159,11 @@ class Elasticity(ElasticOperators):
         if lattice is None and through is not None and through.names:
             lattice = MapProperties(through)
         known = {"lattice": lattice, "phased": where.phased}
-        others = (
-            Scalar("density", density, closed=True, **known),
-            Scalar("expansion", expansion, -np.inf, **known),
-            None if strength is None else Scalar("strength", strength, **known),
+        if stiffness is not None and dilatation == "projected":
+            raise InputError("dilatation='projected' is not there for a stiffness; take 'auto'")
+        material = as_material(
+            young, poisson, density, expansion, strength, stiffness, axes, through, known
         )
-        material: Elastic
-        if stiffness is None:
-            if not among(axes, ("space",)):
-                raise InputError(f"axes={axes!r:.80} are those of a stiffness=, which is not given")
-            material = Isotropic(
-                Scalar("young", 1.0 if young is None else young, **known),
-                Scalar("poisson", 0.3 if poisson is None else poisson, -1.0, 0.5, **known),
-                *others,
-            )
-        else:
-            given = "young" if young is not None else "poisson" if poisson is not None else ""
-            if given:
-                raise InputError(
-                    f"stiffness and {given} are both given: leave out one of them; "
-                    "il.cutfem.orthotropic makes a stiffness of moduli"
-                )
-            if dilatation == "projected":
-                raise InputError("dilatation='projected' is not there for a stiffness; take 'auto'")
-            of = Stiffness.of(stiffness, axes, through, **known)
-            material = Anisotropic(of, *others)
         _ = where.interface  # areas between phases that are not known are told here
         super().__init__(where, islands)
         self._set(material=material, dilatation=dilatation, connections=())
@@ -423,16 +396,48 @@ class Elasticity(ElasticOperators):
             If the energy is off by more than 2 % because of the cells, by estimate: see
             `SolveReport.discretization_error`.
         """
-        from ilattice.cutfem.solution import Solution
-
+        how = (method, tol, max_iterations, progress)
         if self.connections:
-            return rigid.solved(self, method, tol, max_iterations, progress)
-        c, report = self._solve(method, tol, max_iterations, progress)
-        return Solution(self, c, report)
+            return Solution(*rigid.solved(self, *how))
+        return Solution(self, *self._solve(*how))
+
+    # ---------------------------------------------------------------- solutions
+
+    def reactions(self, solution: "Solution") -> dict[str, FloatArray]:
+        """Forces (3,) that places of supports and springs exert on the solid.
+
+        Parameters
+        ----------
+        solution : Solution
+            Of this problem.
+
+        Returns
+        -------
+        dict of str to ndarray
+            Sums over all supports and springs of each place.
+        """
+        mine = self._own(as_kind("solution", solution, "Solution"))
+        return self._reactions(mine.coefficients, mine._own_flux_on)
+
+    def geometric_stiffness(self, solution: "Solution") -> Any:
+        """Stiffness by the stress of a solution, for buckling, on the nodes of `system`.
+
+        Parameters
+        ----------
+        solution : Solution
+            Of this problem with any loads.
+
+        Returns
+        -------
+        bsr_array
+            The integral of grad v . stress . grad u; rows of prescribed components are zero.
+        """
+        self._refuse_connections()
+        mine = self._own(as_kind("solution", solution, "Solution"))
+        stiffness = self._geometric_stiffness(mine.stress_on)
+        return self.constraints.reduce(stiffness, diagonal=False)
 
     def _solid_energy(self, c: FloatArray) -> float:
-        from ilattice.cutfem.solution import Solution
-
         rule = self.domain.stiff_rule(self.assembly, constant=self.material.constant)
         energy = Solution(self, c, None)._energy(rule, heated=True)
         if any(f.kind == "temperature" for f in self.loads):  # solids that expand freely store none
@@ -441,39 +446,51 @@ class Elasticity(ElasticOperators):
         return 2.0 * energy
 
     def _energy_on(self, c: FloatArray, rule: Quadrature) -> float:
-        from ilattice.cutfem.solution import Solution
-
         return 2.0 * Solution(self, c, None)._energy(rule, heated=False)
 
     def _energies(self, c: FloatArray, rule: Quadrature) -> FloatArray:
-        from ilattice.cutfem.solution import Solution
-
         parts = Solution(self, c, None)._energies(rule)
         return 2.0 * np.concatenate([np.zeros(0), *parts])
 
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Solution(Deformed):
+    """Displacement of an elastic solid: made by `Elasticity.solve`.
+
+    Attributes
+    ----------
+    problem : Elasticity
+        What was solved.
+    coefficients : ndarray, shape (functions, 3)
+        Of the splines.
+    solved : SolveReport or None
+        What the solver says; None if nothing was free.
+    """
+
+    problem: Elasticity
+
+    def __repr__(self) -> str:
+        return f"Solution({len(self.coefficients)} functions, energy {self.energy:.6g})"
+
     @property
-    def _keeps_volume(self) -> bool:
-        return self.projection is not None
+    def _smooth(self) -> "type[Recovered]":
+        return Recovered
 
-    def _discretization_error(self, product: Product, c: FloatArray, energy: float) -> float:
-        """As of all problems; where volumes are kept, in the energy of a solid that gives in.
 
-        Coarse splines cannot keep the volume of every fine cell, so that their distance would grow
-        with the bulk modulus, which the error does not.
-        """
-        if self.projection is None:
-            return super()._discretization_error(product, c, energy)
-        if "soft" not in self._held:
-            like = self._with(material=self.material.softer(SOFT), dilatation="full", _held={})
-            like._set(assembly=self.assembly)  # which tells what is left out when it is made
-            self._held["soft"] = like
-        like = self._held["soft"]
-        K = like._reduced()
-        blocks = Blocks(K.indptr, K.indices, K.data, len(K.indptr) - 1)
+@dataclass(frozen=True, eq=False, repr=False)
+class Recovered(Smooth, Solution):
+    """A displacement with a smooth stress: made by `Solution.recovered`.
 
-        def times(x: FloatArray) -> FloatArray:
-            y = np.empty_like(x)
-            blocks.multiply(x, y, 0)
-            return y
+    Displacement, strain, energies and reactions are those of the solution; stresses, in pictures
+    and files as well, the recovered ones.
 
-        return Problem._discretization_error(like, times, c, energy)
+    Attributes
+    ----------
+    projected : ndarray, shape (functions, 6)
+        Coefficients of the recovered stress.
+    """
+
+    @property
+    def stresses(self) -> FloatArray:
+        """Coefficients (functions, 6) of the recovered stress."""
+        return self.projected

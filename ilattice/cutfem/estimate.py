@@ -17,6 +17,7 @@ are coarse for it. With smoothness 0 errors are smaller than those of what is re
 the estimate is a fifth too large.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -26,15 +27,18 @@ import numpy as np
 from ilattice._progress import Progress
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import Frozen, as_points, read_only
+from ilattice.cutfem.output import Result, save_cells
+from ilattice.cutfem.pointwise import FluxOn
 from ilattice.cutfem.recovery import smooth_flux, smoothest, values_on
 from ilattice.cutfem.shapes import shape_of
-from ilattice.cutfem.solved import Solved
 from ilattice.plot.quick import show
 from ilattice.quadrature.rules import Quadrature
 
 if TYPE_CHECKING:
     from os import PathLike
 
+#: Takes a rule in space and a flux at its points; returns twice its energy.
+SquaredNorm = Callable[[Quadrature, FloatArray], float]
 #: Weights of jumps per degree, ten times those of recovered stresses: a field that is smoother is
 #: less accurate, but hides less of the error. Measured on a ball, a thick shell and a lattice.
 WEIGHTS = {1: 1e-1, 2: 1e-2, 3: 3e-3}
@@ -59,7 +63,7 @@ class ErrorEstimate(Frozen):
         Energy norm of the solution.
     """
 
-    solution: Solved
+    solution: Result
     squares: FloatArray
     volumes: FloatArray
     norm: float
@@ -135,29 +139,29 @@ class ErrorEstimate(Frozen):
         FormatError
             Another ending, or the file cannot be written.
         """
-        from ilattice.cutfem.output import save_cells
-
         home = self.solution.problem.assembly.space.homes[1]
         squares, volumes = np.bincount(home, self.squares), np.bincount(home, self.volumes)
         errors = {"error": np.sqrt(squares), "error_density": np.sqrt(squares / volumes)}
         save_cells(self.solution, path, 0.0, errors)
 
 
-def error_of(solution: Solved, progress: Progress = None) -> ErrorEstimate:
+def error_of(
+    solution: Result, flux_on: FluxOn, squared_norm: SquaredNorm, progress: Progress = None
+) -> ErrorEstimate:
     """See `Solved.error_estimate`."""
     problem = solution.problem
     asm = problem.assembly
     rule = problem.domain.solid(asm)
     assert rule.parameters is not None
-    raw = solution._own_flux_on(rule)
-    c = smooth_flux(solution, WEIGHTS, progress)
+    raw = flux_on(rule)
+    c = smooth_flux(problem, flux_on, WEIGHTS, progress)
     gap = values_on(smoothest(problem), c, rule) - raw
     density = problem._stored(gap, rule.parameters, asm.owners(rule))
-    return _estimate(solution, rule, density, np.sqrt(solution._squared_norm(rule, raw)))
+    return _estimate(solution, rule, density, np.sqrt(squared_norm(rule, raw)))
 
 
 def _estimate(
-    solution: Solved, rule: Quadrature, density: FloatArray, norm: float
+    solution: Result, rule: Quadrature, density: FloatArray, norm: float
 ) -> ErrorEstimate:
     """Sums per active cell of a squared error at the points of a rule in space."""
     cells = solution.problem.assembly.space.cells

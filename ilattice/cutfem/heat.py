@@ -15,6 +15,7 @@ conductivity and capacity do not depend on temperature; near walls that heat has
 consistent masses may undershoot by a fraction of the step.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar, Self
@@ -24,16 +25,18 @@ import numpy as np
 from ilattice._memory import need
 from ilattice._progress import Progress, track
 from ilattice._typing import FloatArray
-from ilattice._validate import as_choice, as_kind, as_positive, as_whole
+from ilattice._validate import FixedMapping, as_choice, as_kind, as_positive, as_whole
 from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem import discretization, integration, watching
 from ilattice.cutfem.conditions import as_value, values_at
 from ilattice.cutfem.conduction import Conducting, Conduction
 from ilattice.cutfem.domain import lattice_of
-from ilattice.cutfem.heat_solution import HeatHistory, HeatSolution, Step
+from ilattice.cutfem.heat_solution import Step, Temperature
 from ilattice.cutfem.material import Property, Scalar
 from ilattice.cutfem.phases import as_phased
 from ilattice.cutfem.problem import ISLANDS, Problem
+from ilattice.cutfem.series import Series
+from ilattice.cutfem.solved import Smooth
 from ilattice.errors import InputError
 from ilattice.linalg.solvers import LARGEST, Solver
 from ilattice.quadrature.rules import on_cells
@@ -188,7 +191,7 @@ class Heat(Problem):
     def solve(
         self, *, method: str = "auto", tol: float = 1e-8, max_iterations: int = 500,
         progress: Progress = None,
-    ) -> HeatSolution:  # fmt: skip
+    ) -> "HeatSolution":  # fmt: skip
         """Solve for the steady temperature.
 
         Parameters
@@ -221,7 +224,7 @@ class Heat(Problem):
         self, duration: float, *, steps: int, initial: Any = 0.0, theta: float = 1.0,
         method: str = "auto", tol: float = 1e-8, max_iterations: int = 500,
         progress: Progress = None,
-    ) -> HeatHistory:  # fmt: skip
+    ) -> "HeatHistory":  # fmt: skip
         """Temperature in time, with supports and sources that stay as they are.
 
         Parameters
@@ -336,7 +339,7 @@ class Heat(Problem):
         watching.check_followed(self, c, "initial", value)
         return c
 
-    def inflow(self, solution: HeatSolution) -> dict[str, float]:
+    def inflow(self, solution: "HeatSolution") -> dict[str, float]:
         """Heat per time that enters through places of fixed temperature and of convection.
 
         Parameters
@@ -356,10 +359,10 @@ class Heat(Problem):
         """
         mine = self._own(as_kind("solution", solution, "HeatSolution"))
         c, stored = self._balance(mine)
-        found = self._reactions(replace(mine, coefficients=c), stored)
+        found = self._reactions(c, replace(mine, coefficients=c)._own_flux_on, stored)
         return {on: float(heat[0]) for on, heat in found.items()}
 
-    def _balance(self, solution: HeatSolution) -> tuple[FloatArray, FloatArray | float]:
+    def _balance(self, solution: "HeatSolution") -> tuple[FloatArray, FloatArray | float]:
         """Coefficients at which conduction counts, and what goes into storage, both (n, 1)."""
         c, step = solution.coefficients, solution.step
         if step is None and solution.time is not None:
@@ -368,6 +371,96 @@ class Heat(Problem):
             return c, 0.0
         middle = step.theta * c + (1.0 - step.theta) * step.before
         return middle, self._capacity @ ((c - step.before) / step.duration)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class HeatSolution(Temperature):
+    """Temperature of a solid: made by `Heat.solve` and `Heat.evolve`.
+
+    Attributes
+    ----------
+    problem : Heat
+        What was solved.
+    coefficients : ndarray, shape (functions, 1)
+        Of the splines.
+    solved : SolveReport or None
+        What the solver says; None if nothing was free.
+    time : float or None
+        Since the start of `Heat.evolve`; None if steady.
+    step : Step or None
+        The step that leads here; None if steady, and at the start.
+    """
+
+    problem: Heat
+
+    def __repr__(self) -> str:
+        when = "steady" if self.time is None else f"time {self.time:.6g}"
+        return f"HeatSolution({len(self.coefficients)} functions, {when})"
+
+    @property
+    def _smooth(self) -> "type[RecoveredHeat]":
+        return RecoveredHeat
+
+    @cached_property
+    def inflow(self) -> Mapping[str, float]:
+        """Heat per time that enters through places of fixed temperature and of convection.
+
+        In time the mean over the step that leads here; with sources and fluxes it is what is stored
+        in the step, over its length. At the start of `evolve` an `InputError`.
+        """
+        return FixedMapping(self.problem.inflow(self))
+
+    @cached_property
+    def stored(self) -> float:
+        """Heat in the solid: the integral of capacity times temperature."""
+        problem = self.problem
+        rule = problem.domain.solid(problem.assembly)
+        assert rule.parameters is not None
+        asm, total = problem.assembly, 0.0
+        c = problem._scalar_at(problem.capacity, rule.parameters, asm.owners(rule))
+        for rows, T, _ in asm.on_rule(self.coefficients, rule):
+            total += float((rule.weights[rows] * (c if len(c) == 1 else c[rows])) @ T[:, 0])
+        return total
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RecoveredHeat(Smooth, HeatSolution):
+    """Temperature with a smooth heat flux: made by `HeatSolution.recovered`.
+
+    Attributes
+    ----------
+    projected : ndarray, shape (functions, 3)
+        Coefficients of minus the recovered heat flux.
+    """
+
+    @property
+    def fluxes(self) -> FloatArray:
+        """Coefficients (functions, 3) of the recovered heat flux."""
+        return -self.projected
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class HeatHistory(Series[HeatSolution]):
+    """Temperatures in time: made by `Heat.evolve`, a sequence from the start to the end.
+
+    Attributes
+    ----------
+    solutions : tuple of HeatSolution
+        One per time.
+    """
+
+    solutions: tuple[HeatSolution, ...]
+
+    def __len__(self) -> int:
+        return len(self.solutions)
+
+    @property
+    def times(self) -> FloatArray:
+        """Times since the start, shape (len,)."""
+        return np.array([s.time for s in self.solutions], np.float64)
+
+    def _result(self, number: int) -> "HeatSolution":
+        return self.solutions[number]
 
 
 def as_steps(steps: Any) -> int:

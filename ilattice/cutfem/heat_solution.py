@@ -1,29 +1,23 @@
-"""Temperatures of solved problems, steady or in time: heat flux, balance, files, pictures.
+"""Temperatures of solved problems, steady or in time: heat flux, files, pictures.
 
-Guarantees: fields are those of the splines, evaluated anywhere in the solid, not interpolated; what
-enters leaves or is stored, as well as the equations are solved.
+Guarantee: fields are those of the splines, evaluated anywhere in the solid, not interpolated.
 Non-guarantees: heat fluxes are derivatives of the temperature, an order less accurate, unless the
 solution is `recovered`; outside the solid fields are continued by one cell, then NaN.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from ilattice._typing import AnyArray, ArrayLike, FloatArray
-from ilattice._validate import FixedMapping, as_points
+from ilattice._validate import as_points
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.conditions import Known
-from ilattice.cutfem.series import Series
+from ilattice.cutfem.problem import Problem
 from ilattice.cutfem.solved import Solved
 from ilattice.macroshape.maps import SplineMap
 from ilattice.quadrature.rules import Quadrature
-
-if TYPE_CHECKING:
-    from ilattice.cutfem.heat import Heat
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,13 +39,13 @@ class Step:
     theta: float
 
 
-@dataclass(frozen=True, eq=False)
-class HeatSolution(Solved, Known):
-    """Temperature of a solid: made by `Heat.solve` and `Heat.evolve`.
+@dataclass(frozen=True, eq=False, repr=False)
+class Temperature(Solved, Known):
+    """What is there of the temperature of a solid: what a `HeatSolution` is made of.
 
     Attributes
     ----------
-    problem : Heat
+    problem : Problem
         What was solved.
     coefficients : ndarray, shape (functions, 1)
         Of the splines.
@@ -63,14 +57,10 @@ class HeatSolution(Solved, Known):
         The step that leads here; None if steady, and at the start.
     """
 
-    problem: "Heat"
+    problem: Problem
     time: float | None = field(default=None, kw_only=True)
     step: Step | None = field(default=None, kw_only=True)
     shown: ClassVar[str] = "temperature"
-
-    def __repr__(self) -> str:
-        when = "steady" if self.time is None else f"time {self.time:.6g}"
-        return f"HeatSolution({len(self.coefficients)} functions, {when})"
 
     def evaluate(self, u: ArrayLike) -> FloatArray:
         """Temperature at parameters.
@@ -147,51 +137,6 @@ class HeatSolution(Solved, Known):
             ``time``, unless steady.
         """
         return {} if self.time is None else {"time": self.time}
-
-    @cached_property
-    def inflow(self) -> Mapping[str, float]:
-        """Heat per time that enters through places of fixed temperature and of convection.
-
-        In time the mean over the step that leads here; with sources and fluxes it is what is stored
-        in the step, over its length. At the start of `evolve` an `InputError`.
-        """
-        return FixedMapping(self.problem.inflow(self))
-
-    @cached_property
-    def stored(self) -> float:
-        """Heat in the solid: the integral of capacity times temperature."""
-        problem = self.problem
-        rule = problem.domain.solid(problem.assembly)
-        assert rule.parameters is not None
-        asm, total = problem.assembly, 0.0
-        c = problem._scalar_at(problem.capacity, rule.parameters, asm.owners(rule))
-        for rows, T, _ in asm.on_rule(self.coefficients, rule):
-            total += float((rule.weights[rows] * (c if len(c) == 1 else c[rows])) @ T[:, 0])
-        return total
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class HeatHistory(Series[HeatSolution]):
-    """Temperatures in time: made by `Heat.evolve`, a sequence from the start to the end.
-
-    Attributes
-    ----------
-    solutions : tuple of HeatSolution
-        One per time.
-    """
-
-    solutions: tuple[HeatSolution, ...]
-
-    def __len__(self) -> int:
-        return len(self.solutions)
-
-    @property
-    def times(self) -> FloatArray:
-        """Times since the start, shape (len,)."""
-        return np.array([s.time for s in self.solutions], np.float64)
-
-    def _result(self, number: int) -> HeatSolution:
-        return self.solutions[number]
 
 
 def _same(a: SplineMap | None, b: SplineMap | None) -> bool:

@@ -11,19 +11,16 @@ points are, by `CutGrid.error`, besides.
 
 import warnings
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ilattice._typing import FloatArray, IntArray
 from ilattice.cutfem import discretization
 from ilattice.cutfem.domain import kinks
+from ilattice.cutfem.integrals import Integrals
 from ilattice.errors import PrecisionWarning
 from ilattice.quadrature.grid import CUT
 from ilattice.quadrature.rules import Quadrature, on_cells
-
-if TYPE_CHECKING:
-    from ilattice.cutfem.problem import Problem
 
 #: Points per direction that rules of all cells, and of drawn ones, are compared with have more.
 WHOLE, DRAWN = 3, 2
@@ -41,12 +38,12 @@ INSIDE = 1e-9
 CELLS = 1 << 12
 
 
-def relative_error(problem: "Problem", c: FloatArray, energy: float) -> float:
+def relative_error(problem: Integrals, c: FloatArray, energy: float) -> float:
     """Part of an energy that rules miss, by all cells.
 
     Parameters
     ----------
-    problem : Problem
+    problem : Integrals
         With supports.
     c : ndarray, shape (functions, m)
         Solution.
@@ -64,12 +61,12 @@ def relative_error(problem: "Problem", c: FloatArray, energy: float) -> float:
     return abs(off) / max(energy, 1e-300)
 
 
-def drawn_error(problem: "Problem", c: FloatArray, energy: float) -> float:
+def drawn_error(problem: Integrals, c: FloatArray, energy: float) -> float:
     """The same by some cells, with the standard deviation of that, of rules with few points.
 
     Parameters
     ----------
-    problem, c, energy : Problem, ndarray, float
+    problem, c, energy : Integrals, ndarray, float
         As in `relative_error`.
 
     Returns
@@ -85,14 +82,14 @@ def drawn_error(problem: "Problem", c: FloatArray, energy: float) -> float:
     return off / max(energy, 1e-300)
 
 
-def _inexact_cells(problem: "Problem") -> IntArray:
+def _inexact_cells(problem: Integrals) -> IntArray:
     """Cells of the grid with active elements that are cut, or in which the map bends."""
     home = problem.domain.elements.home(problem.assembly.space.cells)
     is_cut = home[problem.domain.status.ravel()[home] == CUT]
     return np.union1d(is_cut, _bent_cells(problem))
 
 
-def _bent_cells(problem: "Problem") -> IntArray:
+def _bent_cells(problem: Integrals) -> IntArray:
     """Cells with active elements inside of which second derivatives of the map may jump."""
     cut, out = problem.domain.cut, []
     home = np.unique(problem.domain.elements.home(problem.assembly.space.cells))
@@ -106,7 +103,7 @@ def _bent_cells(problem: "Problem") -> IntArray:
     return np.unique(np.concatenate(out))
 
 
-def _drawn(problem: "Problem", c: FloatArray, cells: IntArray) -> float:
+def _drawn(problem: Integrals, c: FloatArray, cells: IntArray) -> float:
     """What all cells miss, by some of them, and its standard deviation."""
     rng = np.random.default_rng(len(cells))
     stands_for = 1.0
@@ -125,7 +122,7 @@ def _drawn(problem: "Problem", c: FloatArray, cells: IntArray) -> float:
     return float(abs(mean) + np.sqrt(spread / SOME))
 
 
-def _guessed(problem: "Problem", c: FloatArray, cells: IntArray) -> tuple[FloatArray, FloatArray]:
+def _guessed(problem: Integrals, c: FloatArray, cells: IntArray) -> tuple[FloatArray, FloatArray]:
     """Energies (n,) of cells by one point of each of their elements, and volumes in parameters."""
     rule, at = _rule_on(problem, problem.domain.volume, cells)
     volume = rule.integrate_cells()
@@ -140,7 +137,7 @@ def _guessed(problem: "Problem", c: FloatArray, cells: IntArray) -> tuple[FloatA
     )
 
 
-def _missed(problem: "Problem", c: FloatArray, cells: IntArray, more: int) -> FloatArray:
+def _missed(problem: Integrals, c: FloatArray, cells: IntArray, more: int) -> FloatArray:
     """What rules miss of twice the energy of cells of the grid, given increasing."""
     out = np.zeros(len(cells))
     domain = problem.domain
@@ -152,7 +149,7 @@ def _missed(problem: "Problem", c: FloatArray, cells: IntArray, more: int) -> Fl
     return np.where(np.isin(cells, _bent_cells(problem)), np.abs(out) / (1.0 - rest), out)
 
 
-def _rule_on(problem: "Problem", whole: Quadrature, cells: IntArray) -> tuple[Quadrature, IntArray]:
+def _rule_on(problem: Integrals, whole: Quadrature, cells: IntArray) -> tuple[Quadrature, IntArray]:
     """The part of a rule in the active elements of cells, and the row of the cell of each point."""
     mine, elements = problem.assembly.space.cells, problem.domain.elements
     rule = on_cells(whole, mine[np.isin(elements.home(mine), cells)])

@@ -22,7 +22,7 @@ a group of equal frequencies.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -33,16 +33,13 @@ from ilattice._validate import as_kind, as_points, read_only
 from ilattice.cutfem import rigid
 from ilattice.cutfem.discretization import warn
 from ilattice.cutfem.eigen import largest
+from ilattice.cutfem.elasticity import Elasticity, Solution
 from ilattice.cutfem.output import Result
 from ilattice.cutfem.pencil import Joined, Pencil, pencil
 from ilattice.cutfem.places import Motion
 from ilattice.cutfem.series import Series
 from ilattice.errors import ConvergenceError, InputError
 from ilattice.linalg._engines import definite
-
-if TYPE_CHECKING:
-    from ilattice.cutfem.elasticity import Elasticity
-    from ilattice.cutfem.solution import Solution
 
 #: Unknowns up to which it is made sure that loads press somewhere.
 CERTAIN = 100_000
@@ -302,7 +299,7 @@ def buckling(
         loads only pull.
     """
     problem: Any = as_kind("solution", solution, "Solution").problem
-    (full,) = staged({"stress": lambda: problem._geometric_stiffness(solution)}, progress)
+    (full,) = staged({"stress": lambda: problem._geometric_stiffness(solution.stress_on)}, progress)
     if not full.data.any():
         raise InputError(
             "solution: it has no stress, and nothing buckles without; add loads, or prescribed "

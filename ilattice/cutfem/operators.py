@@ -10,27 +10,29 @@ being held here.
 
 import warnings
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar
+from functools import cached_property, partial
+from typing import Any, ClassVar
 
 import numpy as np
 
 from ilattice._typing import FloatArray, IntArray
-from ilattice._validate import FixedMapping, as_kind, as_points, read_only
+from ilattice._validate import FixedMapping, as_points, read_only
 from ilattice.cutfem import _kernels_assembly as kernels
-from ilattice.cutfem import coupling, watching, weak
+from ilattice.cutfem import coupling, watching
 from ilattice.cutfem._voigt import PLACES, UNIT
-from ilattice.cutfem.conditions import Known, Load, values_at
+from ilattice.cutfem.conditions import Connection, Known, Load, values_at
 from ilattice.cutfem.dilatation import FROM, MAX_SMOOTH, Dilatation, as_terms
+from ilattice.cutfem.discretization import Product
 from ilattice.cutfem.material import Elastic, Property, Scalar
+from ilattice.cutfem.pointwise import FluxOn, Terms
 from ilattice.cutfem.problem import Problem
 from ilattice.cutfem.regions import spread
-from ilattice.cutfem.rigid import Connection
 from ilattice.errors import InputError, PrecisionWarning
+from ilattice.linalg.multigrid import Blocks
 from ilattice.quadrature.rules import Quadrature, on_cells
 
-if TYPE_CHECKING:
-    from ilattice.cutfem.solution import Solution
+#: Poisson's ratio with which errors of solids that keep their volume are measured.
+SOFT = 0.3
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -156,34 +158,17 @@ class ElasticOperators(Problem):
         asm.add_cells(data, rule, kernels.MASS, d)
         return asm.pattern.matrix(data)
 
-    def geometric_stiffness(self, solution: "Solution") -> Any:
-        """Stiffness by the stress of a solution, for buckling, on the nodes of `system`.
-
-        Parameters
-        ----------
-        solution : Solution
-            Of this problem with any loads.
-
-        Returns
-        -------
-        bsr_array
-            The integral of grad v . stress . grad u; rows of prescribed components are zero.
-        """
-        self._refuse_connections()
-        return self.constraints.reduce(self._geometric_stiffness(solution), diagonal=False)
-
-    def _geometric_stiffness(self, solution: "Solution") -> Any:
-        """The stiffness by stress on all functions."""
+    def _geometric_stiffness(self, stress_on: FluxOn) -> Any:
+        """The stiffness by the stress of a solution on all functions."""
         asm = self.assembly
-        self._own(as_kind("solution", solution, "Solution"))
         rule = on_cells(self.domain.volume, asm.space.cells)
         data = asm.zeros(3)
-        asm.add_cells(data, rule, kernels.TENSOR, solution.stress_on(rule))
+        asm.add_cells(data, rule, kernels.TENSOR, stress_on(rule))
         return asm.pattern.matrix(data)
 
     # ---------------------------------------------------------------- supports
 
-    def _taken(self, terms: weak.Terms) -> FloatArray:
+    def _taken(self, terms: Terms) -> FloatArray:
         """With the tractions of hindered expansion."""
         out, rule = super()._taken(terms), terms.rule
         for load in self.loads:
@@ -195,7 +180,7 @@ class ElasticOperators(Problem):
                 out += terms.held(self.law.through(stress, rule.normals))
         return out
 
-    def _with_pressure(self, terms: weak.Terms, scale: FloatArray) -> weak.Terms:
+    def _with_pressure(self, terms: Terms, scale: FloatArray) -> Terms:
         """See `Problem._with_pressure`: λ is apart, with a penalty of what it can do in a cell."""
         rule, projection = terms.rule, self.projection
         if projection is None:
@@ -227,10 +212,14 @@ class ElasticOperators(Problem):
 
     def _add_projected(self, data: FloatArray) -> None:
         """See `Problem._add_projected`."""
-        if self.projection is not None:
-            self.projection.add(data)
-            if self.assembly.seam is not None:
-                coupling.add_projected(data, self)
+        if self.projection is None:
+            return
+        self.projection.add(data)
+        asm = self.assembly
+        if asm.seam is not None:
+            assert asm.seam.parameters is not None
+            first, second = (m.lame(asm, asm.seam.parameters)[0] for m in self.material.phases)
+            coupling.add_projected(data, self, self.projection, (first, second))
 
     def _lame(self, u: FloatArray, owner: IntArray) -> tuple[FloatArray, FloatArray]:
         """Lamé constants (n,) or (1,) at parameters in active cells, by the phases of these."""
@@ -239,21 +228,6 @@ class ElasticOperators(Problem):
             lambda k, at: np.stack(phases[k].lame(asm, u[at]), axis=1), asm.space.cells[owner]
         ).T
         return lam, mu
-
-    def reactions(self, solution: "Solution") -> dict[str, FloatArray]:
-        """Forces (3,) that places of supports and springs exert on the solid.
-
-        Parameters
-        ----------
-        solution : Solution
-            Of this problem.
-
-        Returns
-        -------
-        dict of str to ndarray
-            Sums over all supports and springs of each place.
-        """
-        return self._reactions(self._own(as_kind("solution", solution, "Solution")))
 
     # ---------------------------------------------------------------- loads
 
@@ -267,7 +241,7 @@ class ElasticOperators(Problem):
     def _force(self, load: Load) -> FloatArray:
         f = super()._force(load)
         if load.kind == "temperature" and self.assembly.seam is not None:
-            f += coupling.thermal_force(self, load)
+            f += coupling.thermal_force(self, partial(self._thermal_stress, load))
         return f
 
     def _is_constant(self, load: Load) -> bool:
@@ -410,3 +384,32 @@ class ElasticOperators(Problem):
             out[:, i, i] = 1.0
             out[:, i, 3 + 3 * i : 6 + 3 * i] = x
         return out
+
+    # ---------------------------------------------------------------- errors
+
+    @property
+    def _keeps_volume(self) -> bool:
+        return self.projection is not None
+
+    def _discretization_error(self, product: Product, c: FloatArray, energy: float) -> float:
+        """As of all problems; where volumes are kept, in the energy of a solid that gives in.
+
+        Coarse splines cannot keep the volume of every fine cell, so that their distance would grow
+        with the bulk modulus, which the error does not.
+        """
+        if self.projection is None:
+            return super()._discretization_error(product, c, energy)
+        if "soft" not in self._held:
+            like = self._with(material=self.material.softer(SOFT), dilatation="full", _held={})
+            like._set(assembly=self.assembly)  # which tells what is left out when it is made
+            self._held["soft"] = like
+        like = self._held["soft"]
+        K = like._reduced()
+        blocks = Blocks(K.indptr, K.indices, K.data, len(K.indptr) - 1)
+
+        def times(x: FloatArray) -> FloatArray:
+            y = np.empty_like(x)
+            blocks.multiply(x, y, 0)
+            return y
+
+        return Problem._discretization_error(like, times, c, energy)

@@ -14,9 +14,11 @@ import numpy as np
 
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import FrozenCopies, as_points, read_only
+from ilattice.cutfem.pointwise import Pointwise
 from ilattice.cutfem.probe import Probe, along, probe
 from ilattice.cutfem.shapes import Shape, cells_of, moved, shape_of, surface_of
 from ilattice.errors import FormatError
+from ilattice.io.vtk import name_components, write_vtu
 from ilattice.mesh import SurfaceMesh
 from ilattice.mesh.wall_mesh import parameters_of
 from ilattice.plot import show
@@ -25,13 +27,11 @@ from ilattice.plot.cards import card
 if TYPE_CHECKING:
     import pyvista
 
-    from ilattice.cutfem.problem import Problem
-
 
 class Result(FrozenCopies):
     """What results have in common: surfaces, pictures and files."""
 
-    problem: "Problem"
+    problem: Pointwise
     coefficients: FloatArray
     shown: ClassVar[str]  #: the field that gives pictures their colours
     probed: ClassVar[tuple[str, ...]] = ()  #: functions of parameters, besides `point_data`
@@ -177,8 +177,6 @@ class Result(FrozenCopies):
         """
         import pyvista as pv
 
-        from ilattice.io.vtk import name_components
-
         shape = shape_of(self.problem, on, h)
         points, data = self._on(shape, scale)
         sizes = np.full(len(shape.cells), shape.cells.shape[1])
@@ -276,8 +274,6 @@ class Result(FrozenCopies):
         self, path: "str | PathLike[str]", shape: Shape, scale: float | str,
         cell_data: Mapping[str, AnyArray] | None = None,
     ) -> None:  # fmt: skip
-        from ilattice.io.vtk import write_vtu
-
         points, data = self._on(shape, scale)
         write_vtu(
             path, points, shape.cells, shape.kind, point_data=data, cell_data=cell_data,

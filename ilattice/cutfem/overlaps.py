@@ -10,21 +10,18 @@ parts of one. Non-guarantee: places that touch in curves only share nothing.
 """
 
 from itertools import combinations
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ilattice._typing import FloatArray, IntArray
+from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.conditions import Support, values_at
 from ilattice.cutfem.constraints import SAME
+from ilattice.cutfem.domain import Domain
 from ilattice.cutfem.places import Spot
+from ilattice.cutfem.pointwise import Pointwise
 from ilattice.errors import InputError
 from ilattice.quadrature.rules import Quadrature
-
-if TYPE_CHECKING:
-    from ilattice.cutfem.assembly import Assembly
-    from ilattice.cutfem.domain import Domain
-    from ilattice.cutfem.integrals import Integrals
 
 #: Part of a direction that is left of it without another one, below which it is that one.
 MIN_REST = 1e-6
@@ -55,13 +52,13 @@ def held_by(support: Support, rule: Quadrature) -> FloatArray:
 
 
 def held_before(
-    problem: "Integrals", rule: Quadrature, support: Support | None = None
+    problem: Pointwise, rule: Quadrature, support: Support | None = None
 ) -> FloatArray | None:
     """Projections onto what weak supports hold at points of a surface.
 
     Parameters
     ----------
-    problem : Integrals
+    problem : Pointwise
         Gives the supports.
     rule : Quadrature
         Points in space, of active cells.
@@ -86,9 +83,7 @@ def held_before(
     return out
 
 
-def check_agreement(
-    domain: "Domain", asm: "Assembly", supports: tuple[Support, ...], m: int
-) -> None:
+def check_agreement(domain: Domain, asm: Assembly, supports: tuple[Support, ...], m: int) -> None:
     """Refuse different values at one point, at least one of them weakly imposed.
 
     Parameters
@@ -136,12 +131,12 @@ def _largest(s: Support, values: FloatArray) -> float:
     return float(np.abs(values if s.normal else values[:, s.mask]).max())
 
 
-def loads_at(problem: "Integrals", rule: Quadrature) -> FloatArray:
+def loads_at(problem: Pointwise, rule: Quadrature) -> FloatArray:
     """Loads on surfaces.
 
     Parameters
     ----------
-    problem : Integrals
+    problem : Pointwise
         Gives the loads.
     rule : Quadrature
         Points in space, of active cells, with normals.

@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -19,14 +19,13 @@ from ilattice._files import as_path, atomic_write
 from ilattice._validate import as_flag
 from ilattice.cutfem import integration
 from ilattice.cutfem.conditions import AXES
+from ilattice.cutfem.output import Result
 from ilattice.cutfem.places import Motion
 from ilattice.cutfem.regions import Region
 from ilattice.cutfem.stresses import margins
 from ilattice.errors import FormatError, InputError
 from ilattice.linalg.solvers import SolveReport
-
-if TYPE_CHECKING:
-    from ilattice.cutfem.output import Result
+from ilattice.plot import Scene
 
 #: Part of the energy that the cells may be off, and part of what acts that may be out of balance,
 #: before the page says so at its top.
@@ -98,7 +97,7 @@ def report_of(result: Any, solved: SolveReport | None) -> Report | None:
     return Report(**told, _result=result)
 
 
-def page(result: "Result", report: Report, title: str, *, pictures: bool) -> str:
+def page(result: Result, report: Report, title: str, *, pictures: bool) -> str:
     """The text of the page."""
     kind = type(result.problem).__name__
     parts = [
@@ -121,7 +120,7 @@ def page(result: "Result", report: Report, title: str, *, pictures: bool) -> str
     return "\n".join([*parts, "</body></html>\n"])
 
 
-def _cautions(result: "Result", report: SolveReport) -> list[str]:
+def _cautions(result: Result, report: SolveReport) -> list[str]:
     """What a reader has to know before believing the numbers."""
     out, error = [], report.discretization_error
     if not error <= DOUBTFUL:
@@ -142,7 +141,7 @@ def _cautions(result: "Result", report: SolveReport) -> list[str]:
     return out
 
 
-def _results(result: "Result") -> dict[str, str]:
+def _results(result: Result) -> dict[str, str]:
     """Numbers about the whole."""
     out = {name: _number(value) for name, value in result.field_data().items()}
     for name in ("energy", "compliance"):
@@ -205,7 +204,7 @@ class _Where:
         return f"{on} (from {_number(x.min(axis=0))} to {_number(x.max(axis=0))})"
 
 
-def _checks(result: "Result", report: Report) -> dict[str, str]:
+def _checks(result: Result, report: Report) -> dict[str, str]:
     """How far the numbers can be believed."""
     error = report.discretization_error
     out = {
@@ -225,11 +224,9 @@ def _checks(result: "Result", report: Report) -> dict[str, str]:
     return out
 
 
-def _pictures(result: "Result") -> Iterable[str]:
+def _pictures(result: Result) -> Iterable[str]:
     """Two views of the solid, in the file itself."""
     from PIL import Image
-
-    from ilattice.plot import Scene
 
     grid = result.to_pyvista(scale="auto")
     shown: dict[str, Any] = {"scalars": result.shown}

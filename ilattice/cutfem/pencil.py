@@ -19,7 +19,7 @@ axis, of one that turns along) have other critical values, and none of them is a
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.sparse import block_array, csr_array
@@ -27,12 +27,9 @@ from scipy.sparse import block_array, csr_array
 from ilattice._typing import FloatArray
 from ilattice._validate import Frozen, read_only
 from ilattice.cutfem import rigid
+from ilattice.cutfem.elasticity import Elasticity, Solution
 from ilattice.cutfem.places import Motion
 from ilattice.linalg.solvers import Solver
-
-if TYPE_CHECKING:
-    from ilattice.cutfem.elasticity import Elasticity
-    from ilattice.cutfem.solution import Solution
 
 
 @dataclass(frozen=True, eq=False)

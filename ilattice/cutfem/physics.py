@@ -29,7 +29,7 @@ from ilattice._validate import FixedMapping, as_choice, as_kind, as_points, read
 from ilattice.cutfem.law import Law
 from ilattice.cutfem.phases import as_phased
 from ilattice.cutfem.problem import ISLANDS, Problem
-from ilattice.cutfem.solved import Solved
+from ilattice.cutfem.solved import Smooth, Solved
 from ilattice.errors import InputError
 from ilattice.quadrature.rules import Quadrature
 
@@ -309,6 +309,10 @@ class FieldSolution(Solved):
     def __repr__(self) -> str:
         return f"FieldSolution({len(self.coefficients)} functions, energy {self.energy:.6g})"
 
+    @property
+    def _smooth(self) -> "type[RecoveredField]":
+        return RecoveredField
+
     def evaluate(self, u: ArrayLike) -> FloatArray:
         """The field at parameters.
 
@@ -378,7 +382,7 @@ class FieldSolution(Solved):
     @cached_property
     def inflow(self) -> Mapping[str, FloatArray]:
         """What comes in (m,) through each place where the field is held or exchanged."""
-        found = self.problem._reactions(self)
+        found = self.problem._reactions(self.coefficients, self._own_flux_on)
         return FixedMapping({on: read_only(flow) for on, flow in found.items()})
 
     def point_data(self, u: ArrayLike) -> dict[str, AnyArray]:
@@ -405,3 +409,14 @@ class FieldSolution(Solved):
             ``energy``.
         """
         return {"energy": self.energy}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RecoveredField(Smooth, FieldSolution):
+    """A field with a smooth flux: made by `FieldSolution.recovered`.
+
+    Attributes
+    ----------
+    projected : ndarray, shape (functions, 3 m)
+        Coefficients of the recovered flux.
+    """

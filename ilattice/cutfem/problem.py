@@ -21,6 +21,7 @@ from ilattice.cutfem.constraints import Constraints, constraints
 from ilattice.cutfem.discretization import Product
 from ilattice.cutfem.integrals import Integrals
 from ilattice.cutfem.overlaps import check_agreement
+from ilattice.cutfem.pointwise import FluxOn
 from ilattice.errors import InputError
 from ilattice.linalg._engines import ENGINES
 from ilattice.linalg.solvers import LARGEST, Solver, SolveReport
@@ -102,12 +103,14 @@ class Problem(Integrals):
                 out[str(s.on)] = out.get(str(s.on), 0.0) + mine
         return out
 
-    def _reactions(self, solution: Any, stored: FloatArray | float = 0.0) -> dict[str, FloatArray]:
+    def _reactions(
+        self, c: FloatArray, flux_on: FluxOn, stored: FloatArray | float = 0.0
+    ) -> dict[str, FloatArray]:
         """What comes in (m,) through places of supports and springs; see `_strong_reactions`."""
-        out = self._strong_reactions(solution.coefficients, stored)
+        out = self._strong_reactions(c, stored)
         for support in self.weakly_imposed:
             terms = weak.terms_of(self, support)
-            found = weak.reaction(self, terms, support.value, solution).sum(axis=0)
+            found = weak.reaction(self, terms, support.value, c, flux_on).sum(axis=0)
             out[str(support.on)] = out.get(str(support.on), 0.0) + found
         return out
 
@@ -123,7 +126,7 @@ class Problem(Integrals):
     def system(self) -> System:
         """The equations, prescribed coefficients eliminated."""
         self._check_solvable()
-        watching.check_functions(self)
+        watching.check_functions(self, self.constraints.values)
         con, x = self.constraints, self.assembly.coordinates
         f = self.forces() + self._from_supports()
         if con.values.any():

@@ -1,4 +1,4 @@
-"""Smooth stresses and heat fluxes of solved problems: projections on smooth splines.
+"""Smooth stresses and heat fluxes: projections on smooth splines.
 
 Derivatives of a solution of degree p are an order less accurate than the solution, and worst at
 its surface, in badly cut cells. Their projection on the splines of the same degree and of greatest
@@ -14,22 +14,16 @@ cells are cut. Non-guarantees: where a material jumps, so does the stress, and t
 overshoots there; at re-entrant edges it grows without bound under refinement, as the stress does.
 """
 
-from dataclasses import dataclass, field, fields, replace
-from typing import Any, Self
+from dataclasses import replace
 
 import numpy as np
 
 from ilattice._progress import Progress, staged
 from ilattice._typing import FloatArray
-from ilattice._validate import as_kind
 from ilattice.cutfem import _kernels_assembly as kernels
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.domain import Domain
-from ilattice.cutfem.heat_solution import HeatSolution
-from ilattice.cutfem.physics import FieldSolution
-from ilattice.cutfem.problem import Problem
-from ilattice.cutfem.solution import Solution
-from ilattice.cutfem.solved import Solved
+from ilattice.cutfem.pointwise import FluxOn, Pointwise
 from ilattice.cutfem.stabilise import ghost_faces
 from ilattice.linalg.solvers import Solver
 from ilattice.quadrature.rules import Quadrature
@@ -41,116 +35,18 @@ WEIGHTS = {1: 1e-2, 2: 1e-3, 3: 3e-4}
 TOLERANCE = 1e-8
 
 
-class Smooth(Solved):
-    """A solution whose flux is smooth: what `Solved.recovered` makes.
-
-    Unknown, gradient, energies and what comes in are those of the solution; fluxes, in pictures and
-    files as well, the recovered ones.
-    """
-
-    projected: FloatArray  #: coefficients (functions, entries) of the recovered flux
-
-    def recovered(self, progress: Progress = None) -> Self:
-        """The same: it is recovered already.
-
-        Parameters
-        ----------
-        progress : bool or callable, optional
-            See `ilattice._progress.track`.
-
-        Returns
-        -------
-        Recovered, RecoveredHeat or RecoveredField
-            Itself.
-        """
-        return staged({self.problem.flux_name: lambda: self}, progress)[0]
-
-    def _flux_at(self, u: FloatArray) -> FloatArray:
-        return smoothest(self.problem).space.evaluate(self.projected, u)[0]
-
-    def _flux_on(self, rule: Quadrature) -> FloatArray:
-        as_kind("rule", rule, "Quadrature")
-        return values_on(smoothest(self.problem), self.projected, rule)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Recovered(Smooth, Solution):
-    """A displacement with a smooth stress: made by `Solution.recovered`.
-
-    Displacement, strain, energies and reactions are those of the solution; stresses, in pictures
-    and files as well, the recovered ones.
-
-    Attributes
-    ----------
-    projected : ndarray, shape (functions, 6)
-        Coefficients of the recovered stress.
-    """
-
-    projected: FloatArray = field(kw_only=True)
-
-    @property
-    def stresses(self) -> FloatArray:
-        """Coefficients (functions, 6) of the recovered stress."""
-        return self.projected
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class RecoveredHeat(Smooth, HeatSolution):
-    """Temperature with a smooth heat flux: made by `HeatSolution.recovered`.
-
-    Attributes
-    ----------
-    projected : ndarray, shape (functions, 3)
-        Coefficients of minus the recovered heat flux.
-    """
-
-    projected: FloatArray = field(kw_only=True)
-
-    @property
-    def fluxes(self) -> FloatArray:
-        """Coefficients (functions, 3) of the recovered heat flux."""
-        return -self.projected
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class RecoveredField(Smooth, FieldSolution):
-    """A field with a smooth flux: made by `FieldSolution.recovered`.
-
-    Attributes
-    ----------
-    projected : ndarray, shape (functions, 3 m)
-        Coefficients of the recovered flux.
-    """
-
-    projected: FloatArray = field(kw_only=True)
-
-
-#: What solutions become.
-SMOOTH: tuple[tuple[type[Solved], type[Smooth]], ...] = (
-    (Solution, Recovered), (HeatSolution, RecoveredHeat), (FieldSolution, RecoveredField)
-)  # fmt: skip
-
-
-def recovered(solution: Solved, progress: Progress = None) -> Any:
-    """See `Solved.recovered`."""
-    kind: Any = next(smooth for of, smooth in SMOOTH if isinstance(solution, of))
-    given = {f.name: getattr(solution, f.name) for f in fields(solution)}
-    return kind(**given, projected=smooth_flux(solution, WEIGHTS, progress))
-
-
 def smooth_flux(
-    solution: Solved, weights: dict[int, float], progress: Progress = None
+    problem: Pointwise, flux_on: FluxOn, weights: dict[int, float], progress: Progress = None
 ) -> FloatArray:
     """Coefficients (functions, entries) of the projected flux, with weights of jumps per degree."""
-    problem = solution.problem
     heated = any(load.kind == "temperature" for load in problem.loads)
     constant = problem.law.constant and not heated
     rule = problem.domain.stiff_rule(problem.assembly, constant=constant)
-    work = {problem.flux_name: lambda: solution._own_flux_on(rule)}
+    work = {problem.flux_name: lambda: flux_on(rule)}
     return project(problem, rule, staged(work, progress)[0], weights, progress)
 
 
-def smoothest(problem: Problem) -> Assembly:
+def smoothest(problem: Pointwise) -> Assembly:
     """Splines of greatest smoothness on the active cells: those that are recovered."""
     asm, greatest = problem.assembly, problem.domain.degree - 1
     if asm.space.smoothness == greatest:
@@ -161,14 +57,14 @@ def smoothest(problem: Problem) -> Assembly:
 
 
 def project(
-    problem: Problem, rule: Quadrature, values: FloatArray, weights: dict[int, float],
+    problem: Pointwise, rule: Quadrature, values: FloatArray, weights: dict[int, float],
     progress: Progress = None,
 ) -> FloatArray:  # fmt: skip
     """Smoothest splines that are closest to a field in the mean square over the solid.
 
     Parameters
     ----------
-    problem : Problem
+    problem : Pointwise
         Its domain keeps the factor of the matrix of masses, for other fields.
     rule : Quadrature
         On the active cells, in parameters.

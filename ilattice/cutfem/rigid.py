@@ -10,69 +10,35 @@ with exact supports alike, since both are symmetric. Natural modes and buckling:
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import Any, TypeVar
 
 import numpy as np
 
 from ilattice._progress import Progress, track
 from ilattice._typing import FloatArray
-from ilattice._validate import Frozen, read_only
+from ilattice._validate import read_only
 from ilattice.cutfem import weak
-from ilattice.cutfem.conditions import Support
+from ilattice.cutfem.conditions import Connection, Support
 from ilattice.cutfem.constraints import constraints
+from ilattice.cutfem.operators import ElasticOperators
 from ilattice.cutfem.overlaps import check_agreement
 from ilattice.cutfem.places import Motion
-from ilattice.cutfem.regions import Region
+from ilattice.cutfem.solution import Deformed
 from ilattice.errors import InputError
-from ilattice.linalg.solvers import Solver
+from ilattice.linalg.solvers import Solver, SolveReport
 from ilattice.quadrature.rules import NAMES, Quadrature
 
-if TYPE_CHECKING:
-    from ilattice.cutfem.elasticity import Elasticity
-    from ilattice.cutfem.solution import Solution
-
+P = TypeVar("P", bound=ElasticOperators)
 #: Tolerance of the solutions of which motions are made, and stiffness against a motion, in that
 #: against the stiffest, below which it is free.
 TIGHT, FREE = 1e-11, 1e-9
 
 
-@dataclass(frozen=True, eq=False)
-class Connection(Frozen):
-    """A place that moves as a rigid body.
-
-    Attributes
-    ----------
-    on : str or Region
-        Place.
-    force, moment : ndarray, shape (3,)
-        What acts on it, the moment about `about`.
-    about : ndarray, shape (3,)
-        Point of space at which the force acts.
-    motion : Motion or None
-        How it moves, in problems of solutions.
-    """
-
-    on: str | Region
-    force: FloatArray
-    moment: FloatArray
-    about: FloatArray
-    motion: Motion | None = None
-
-    @property
-    def work(self) -> float:
-        """That of force and moment on the motion."""
-        if self.motion is None:
-            return 0.0
-        return float(self.force @ self.motion.translation + self.moment @ self.motion.rotation)
-
-
 def solved(
-    problem: "Elasticity", method: str, tol: float, max_iterations: int, progress: Progress
-) -> "Solution":
-    """The solution of a problem with connections."""
-    from ilattice.cutfem.solution import Solution
-
+    problem: P, method: str, tol: float, max_iterations: int, progress: Progress
+) -> tuple[P, FloatArray, SolveReport | None]:
+    """A problem with motions of its connections, all coefficients, and what the solver reports."""
     base = held(problem)
     check_apart(base)
     base.prepare(progress, held=True)
@@ -102,8 +68,7 @@ def solved(
     supports = (*base.supports[:first], *(_support(c) for c in moved))
     last = base._with(supports=supports, connections=moved)
     last._set(assembly=base.assembly)  # which tells what is left out when it is made
-    c, report = last._solve(method, tol, max_iterations, progress)
-    return Solution(last, c, report)
+    return last, *last._solve(method, tol, max_iterations, progress)
 
 
 def _support(connection: Connection) -> Support:
@@ -113,7 +78,7 @@ def _support(connection: Connection) -> Support:
     return Support(connection.on, np.ones(3, bool), connection.motion, weakly)
 
 
-def held(problem: "Elasticity") -> "Elasticity":
+def held(problem: P) -> P:
     """The problem, also one of a solution, with all connections at rest, as its last supports."""
     found = [c.motion for c in problem.connections if c.motion is not None]
     own = (s for s in problem.supports if not any(s.value is motion for motion in found))
@@ -127,12 +92,12 @@ def held(problem: "Elasticity") -> "Elasticity":
     return new
 
 
-def check_apart(base: "Elasticity") -> None:
+def check_apart(base: ElasticOperators) -> None:
     """Refuse connections that share points with supports or with each other.
 
     Parameters
     ----------
-    base : Elasticity
+    base : ElasticOperators
         With connections at rest, as its last supports.
 
     Raises
@@ -156,7 +121,7 @@ def check_apart(base: "Elasticity") -> None:
                 ) from None
 
 
-def unit(base: "Elasticity", number: int, value: Any) -> "Elasticity":
+def unit(base: P, number: int, value: Any) -> P:
     """Without loads, everything at rest but for one support."""
     rest = [replace(s, value=(0.0,) * 3) for s in base.supports]
     rest[number] = replace(rest[number], value=value)
@@ -172,7 +137,7 @@ def unit_motions(about: FloatArray, size: float) -> list[Motion]:
     return [Motion(e, zero, about) for e in eye] + [Motion(zero, e / size, about) for e in eye]
 
 
-def _solve(problem: "Elasticity", method: str, tol: float, max_iterations: int) -> FloatArray:
+def _solve(problem: ElasticOperators, method: str, tol: float, max_iterations: int) -> FloatArray:
     """Coefficients, with the factors or levels of all that share a matrix."""
     system = problem.system
     if not len(system.b) or not system.b.any():
@@ -190,7 +155,7 @@ def _solve(problem: "Elasticity", method: str, tol: float, max_iterations: int) 
 
 
 def _resultants(
-    problem: "Elasticity", c: FloatArray, number: int, units: list["Elasticity"]
+    problem: ElasticOperators, c: FloatArray, number: int, units: Sequence[ElasticOperators]
 ) -> FloatArray:
     """What a support does to the solid on each of its unit motions, shape (6,)."""
     if problem.supports[number].weak:
@@ -201,12 +166,12 @@ def _resultants(
     return np.array([(r * u.constraints.values).sum() for u in units])
 
 
-def virial(problem: "Elasticity", c: FloatArray, number: int, about: FloatArray) -> FloatArray:
+def virial(problem: ElasticOperators, c: FloatArray, number: int, about: FloatArray) -> FloatArray:
     """Sum of the forces of a support on the solid times their places, shape (3, 3).
 
     Parameters
     ----------
-    problem : Elasticity
+    problem : ElasticOperators
         Of a solution.
     c : ndarray, shape (functions, 3)
         Coefficients of it.
@@ -234,7 +199,7 @@ def virial(problem: "Elasticity", c: FloatArray, number: int, about: FloatArray)
 
 
 def held_stiffness(
-    problem: "Elasticity", number: int, units: Sequence["Elasticity"]
+    problem: ElasticOperators, number: int, units: Sequence[ElasticOperators]
 ) -> FloatArray | float:
     """What is constant in the energy of unit motions (k, k) of a weakly imposed support."""
     support = problem.supports[number]
@@ -246,23 +211,23 @@ def held_stiffness(
     return np.einsum("q,jqa,qab,kqb->jk", terms.rule.weights, g, terms.Q, g, optimize=True)
 
 
-def _forces_at(problem: "Elasticity", c: FloatArray, number: int) -> tuple[FloatArray, Quadrature]:
+def _forces_at(
+    problem: ElasticOperators, c: FloatArray, number: int
+) -> tuple[FloatArray, Quadrature]:
     """Forces (n, 3) of a weak support on the solid, and the points at which they act."""
-    from ilattice.cutfem.solution import Solution
-
     support = problem.supports[number]
     terms = weak.terms_of(problem, support)
-    solution = Solution(problem, c, None)
-    return weak.reaction(problem, terms, support.value, solution), terms.rule
+    flux_on = Deformed(problem, c, None)._own_flux_on
+    return weak.reaction(problem, terms, support.value, c, flux_on), terms.rule
 
 
-def _missing(problem: "Elasticity", c: FloatArray) -> FloatArray:
+def _missing(problem: ElasticOperators, c: FloatArray) -> FloatArray:
     """What exact supports do to the solid, as coefficients (functions, 3)."""
     r = (problem.matrix @ c.ravel()).reshape(c.shape) - problem.forces()
     return np.asarray(r - problem._from_supports())
 
 
-def _motion_of(problem: "Elasticity", A: FloatArray, b: FloatArray) -> FloatArray:
+def _motion_of(problem: ElasticOperators, A: FloatArray, b: FloatArray) -> FloatArray:
     """What is solved for the motions, or the error that some are free."""
     A = 0.5 * (A + A.T)
     stiffness = np.linalg.eigvalsh(A)

@@ -17,6 +17,7 @@ from ilattice._validate import FrozenCopies, as_index, as_whole
 from ilattice.cutfem.output import Result
 from ilattice.cutfem.shapes import shape_of
 from ilattice.errors import FormatError, InputError
+from ilattice.io.vtk import write_pvd
 from ilattice.plot import Panels, Scene, animate
 from ilattice.plot.animation import film_of
 from ilattice.plot.quick import split
@@ -147,8 +148,6 @@ class Series(FrozenCopies, Sequence[R]):
         FormatError
             Another ending, or a file cannot be written.
         """
-        from ilattice.io.vtk import write_pvd
-
         if not isinstance(path, (str, PathLike)):
             raise InputError(f"path must be a file name, got {path!r:.80}")
         target = Path(path)

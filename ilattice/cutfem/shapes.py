@@ -10,19 +10,18 @@ Non-guarantee: the mesh of a wall lies off the level sets of the splines by the 
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import among, as_array, as_positive
+from ilattice.cutfem.pointwise import Pointwise
 from ilattice.errors import InputError
+from ilattice.io.bezier_cells import vtk_order
 from ilattice.mesh import SurfaceMesh
 from ilattice.mesh.wall_mesh import parameters_of, wall_mesh, warn_full
 from ilattice.quadrature.clipping import MAX_TETRAHEDRA, clipped, lattice, smooth
-
-if TYPE_CHECKING:
-    from ilattice.cutfem.problem import Problem
 
 #: VTK's numbers.
 TRIANGLE, TETRAHEDRON, HEXAHEDRON, LAGRANGE_HEXAHEDRON = 5, 10, 12, 72
@@ -54,7 +53,7 @@ class Shape(NamedTuple):
     data: dict[str, AnyArray]
 
 
-def shape_of(problem: "Problem", on: str, h: float | None) -> Shape:
+def shape_of(problem: Pointwise, on: str, h: float | None) -> Shape:
     """What is shown of a solid; see `Result.to_pyvista`."""
     if not among(on, WAYS):
         raise InputError(f"on must be one of {', '.join(map(repr, WAYS))}, got {on!r}")
@@ -67,7 +66,7 @@ def shape_of(problem: "Problem", on: str, h: float | None) -> Shape:
     return _solid(problem, h) if on == "solid" else cells_of(problem)
 
 
-def surface_of(problem: "Problem", h: float | None) -> SurfaceMesh:
+def surface_of(problem: Pointwise, h: float | None) -> SurfaceMesh:
     """The mesh of the wall of a problem, without the parts that were left out."""
     wall = problem.domain.wall
     if wall is None:
@@ -82,7 +81,7 @@ def surface_of(problem: "Problem", h: float | None) -> SurfaceMesh:
     return mesh if kept.all() else mesh.select(kept[mesh.faces].all(axis=1))
 
 
-def _left_out(problem: "Problem", mesh: SurfaceMesh, u: FloatArray) -> AnyArray:
+def _left_out(problem: Pointwise, mesh: SurfaceMesh, u: FloatArray) -> AnyArray:
     """Vertices (n,) of the pieces of a mesh of which most are on parts that were left out."""
     part, piece = problem.domain.parts.at(u), np.zeros(len(u), np.int64)
     piece[mesh.faces] = mesh.component_labels[:, None]
@@ -92,7 +91,7 @@ def _left_out(problem: "Problem", mesh: SurfaceMesh, u: FloatArray) -> AnyArray:
     return np.asarray((2 * out > known)[piece])
 
 
-def _solid(problem: "Problem", h: float | None) -> Shape:
+def _solid(problem: Pointwise, h: float | None) -> Shape:
     """The solid as tetrahedra."""
     asm, cut = problem.assembly, problem.domain.cut
     n = (asm.space.degree,) * 3
@@ -112,10 +111,8 @@ def _solid(problem: "Problem", h: float | None) -> Shape:
     return Shape(u, asm.x(u), cells, TETRAHEDRON, {})
 
 
-def cells_of(problem: "Problem") -> Shape:
+def cells_of(problem: Pointwise) -> Shape:
     """The active cells, whole, with the level sets at their nodes."""
-    from ilattice.io.bezier_cells import vtk_order
-
     asm, cut = problem.assembly, problem.domain.cut
     p = asm.space.degree
     steps = np.array(CORNERS)

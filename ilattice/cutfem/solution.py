@@ -17,20 +17,20 @@ import numpy as np
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import FixedMapping, read_only
 from ilattice.cutfem._voigt import elastic_stress, engineering_strain
-from ilattice.cutfem.elasticity import Elasticity
+from ilattice.cutfem.operators import ElasticOperators
 from ilattice.cutfem.places import Motion
 from ilattice.cutfem.solved import Solved
 from ilattice.cutfem.stresses import Stresses, von_mises
 from ilattice.quadrature.rules import Quadrature
 
 
-@dataclass(frozen=True, eq=False)
-class Solution(Solved, Stresses):
-    """Displacement of an elastic solid: made by `Elasticity.solve`.
+@dataclass(frozen=True, eq=False, repr=False)
+class Deformed(Solved, Stresses):
+    """What is there of the displacement of an elastic solid: what a `Solution` is made of.
 
     Attributes
     ----------
-    problem : Elasticity
+    problem : ElasticOperators
         What was solved.
     coefficients : ndarray, shape (functions, 3)
         Of the splines.
@@ -38,10 +38,7 @@ class Solution(Solved, Stresses):
         What the solver says; None if nothing was free.
     """
 
-    problem: Elasticity
-
-    def __repr__(self) -> str:
-        return f"Solution({len(self.coefficients)} functions, energy {self.energy:.6g})"
+    problem: ElasticOperators
 
     def stress_on(self, rule: Quadrature) -> FloatArray:
         """Stress at the points of a rule in the active cells.
@@ -156,7 +153,7 @@ class Solution(Solved, Stresses):
     @cached_property
     def reactions(self) -> Mapping[str, FloatArray]:
         """Force (3,) that each place of supports and springs exerts on the solid."""
-        found = self.problem.reactions(self)
+        found = self.problem._reactions(self.coefficients, self._own_flux_on)
         return FixedMapping({on: read_only(force) for on, force in found.items()})
 
     @cached_property

@@ -8,22 +8,21 @@ of the unknown, an order less accurate, and are not averaged, unless the solutio
 outside the solid fields are continued by one cell, then NaN.
 """
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, field, fields
+from typing import Any, Self
 
 import numpy as np
 
-from ilattice._progress import Progress
+from ilattice._progress import Progress, staged
 from ilattice._typing import FloatArray
 from ilattice._validate import as_kind
+from ilattice.cutfem import recovery
+from ilattice.cutfem.estimate import ErrorEstimate, error_of
 from ilattice.cutfem.output import Result
+from ilattice.cutfem.page import Report, report_of
+from ilattice.cutfem.problem import Problem
+from ilattice.linalg.solvers import SolveReport
 from ilattice.quadrature.rules import Quadrature
-
-if TYPE_CHECKING:
-    from ilattice.cutfem.estimate import ErrorEstimate
-    from ilattice.cutfem.page import Report
-    from ilattice.cutfem.problem import Problem
-    from ilattice.linalg.solvers import SolveReport
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,18 +39,16 @@ class Solved(Result):
         What the solver says; None if nothing was free.
     """
 
-    problem: "Problem"
+    problem: Problem
     coefficients: FloatArray
-    solved: "SolveReport | None"
+    solved: SolveReport | None
 
     @property
-    def report(self) -> "Report | None":
+    def report(self) -> Report | None:
         """How the system was solved, with an estimate of the error; None if nothing was free.
 
         It is a function, too: ``solution.report("part.html")`` writes a page about the analysis.
         """
-        from ilattice.cutfem.page import report_of
-
         return report_of(self, self.solved)
 
     def recovered(self, progress: Progress = None) -> Any:
@@ -67,11 +64,17 @@ class Solved(Result):
         Recovered, RecoveredHeat or RecoveredField
             A solution whose flux is projected on smooth splines of the same degree.
         """
-        from ilattice.cutfem.recovery import recovered
+        given = {f.name: getattr(self, f.name) for f in fields(self)}
+        flux_on, weights = self._own_flux_on, recovery.WEIGHTS
+        projected = recovery.smooth_flux(self.problem, flux_on, weights, progress)
+        return self._smooth(**given, projected=projected)
 
-        return recovered(self, progress)
+    @property
+    def _smooth(self) -> "type[Smooth]":
+        """What it becomes with a smooth flux."""
+        raise NotImplementedError
 
-    def error_estimate(self, progress: Progress = None) -> "ErrorEstimate":
+    def error_estimate(self, progress: Progress = None) -> ErrorEstimate:
         """Estimate of the error in the energy norm, cell by cell.
 
         Parameters
@@ -84,9 +87,7 @@ class Solved(Result):
         ErrorEstimate
             From the difference between flux and recovered flux.
         """
-        from ilattice.cutfem.estimate import error_of
-
-        return error_of(self, progress)
+        return error_of(self, self._own_flux_on, self._squared_norm, progress)
 
     def _flux_on(self, rule: Quadrature) -> FloatArray:
         """Flux (n, entries) at the points of a rule in the active cells."""
@@ -107,3 +108,41 @@ class Solved(Result):
         assert rule.parameters is not None
         owner = self.problem.assembly.owners(rule)
         return float(rule.integrate(self.problem._stored(flux, rule.parameters, owner)))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Smooth(Solved):
+    """A solution whose flux is smooth: what `Solved.recovered` makes.
+
+    Unknown, gradient, energies and what comes in are those of the solution; fluxes, in pictures and
+    files as well, the recovered ones.
+
+    Attributes
+    ----------
+    projected : ndarray, shape (functions, entries)
+        Coefficients of the recovered flux.
+    """
+
+    projected: FloatArray = field(kw_only=True)
+
+    def recovered(self, progress: Progress = None) -> Self:
+        """The same: it is recovered already.
+
+        Parameters
+        ----------
+        progress : bool or callable, optional
+            See `ilattice._progress.track`.
+
+        Returns
+        -------
+        Recovered, RecoveredHeat or RecoveredField
+            Itself.
+        """
+        return staged({self.problem.flux_name: lambda: self}, progress)[0]
+
+    def _flux_at(self, u: FloatArray) -> FloatArray:
+        return recovery.smoothest(self.problem).space.evaluate(self.projected, u)[0]
+
+    def _flux_on(self, rule: Quadrature) -> FloatArray:
+        as_kind("rule", rule, "Quadrature")
+        return recovery.values_on(recovery.smoothest(self.problem), self.projected, rule)

@@ -6,25 +6,23 @@ averaged; outside the solid fields are continued by one cell, then NaN.
 """
 
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_points
 from ilattice.cutfem._voigt import elastic_stress, engineering_strain
+from ilattice.cutfem.operators import ElasticOperators
 from ilattice.cutfem.output import Result
 from ilattice.errors import InputError
 from ilattice.plot import show
-
-if TYPE_CHECKING:
-    from ilattice.cutfem.elasticity import Elasticity
 
 
 class Stresses(Result):
     """What is there of a displacement, given by coefficients (functions, 3), at parameters."""
 
-    problem: "Elasticity"
+    problem: ElasticOperators
     shown: ClassVar[str] = "von_mises"
     probed: ClassVar[tuple[str, ...]] = ("strain", "principal", "utilization", "margin")
 

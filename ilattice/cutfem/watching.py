@@ -11,7 +11,7 @@ that cannot be asked at other points than those of rules are not looked at.
 
 import warnings
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -20,13 +20,10 @@ from ilattice.cutfem import sampling
 from ilattice.cutfem.conditions import Known, Load, Spring, values_at
 from ilattice.cutfem.material import OfParameters, Scalar
 from ilattice.cutfem.places import Spot
+from ilattice.cutfem.pointwise import Pointwise
 from ilattice.cutfem.regions import Region
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.quadrature.rules import Quadrature, on_cells
-
-if TYPE_CHECKING:
-    from ilattice.cutfem.integrals import Integrals
-    from ilattice.cutfem.problem import Problem
 
 #: Loads that are numbers, also where displacements are vectors.
 SINGLE = ("pressure", "temperature")
@@ -36,13 +33,15 @@ RESULTANTS = ("force", "moment")
 LOST = 0.02
 
 
-def check_functions(problem: "Problem") -> None:
+def check_functions(problem: Pointwise, prescribed: FloatArray) -> None:
     """Warn of loads and supports that are functions which cells do not see, or refuse them.
 
     Parameters
     ----------
-    problem : Problem
+    problem : Pointwise
         With supports.
+    prescribed : ndarray, shape (functions, m)
+        Coefficients that exact supports have fixed.
 
     Raises
     ------
@@ -67,10 +66,10 @@ def check_functions(problem: "Problem") -> None:
     for s in problem.supports:
         if not s.weak:
             name = f"value on {s.on}"
-            check_followed(problem, problem.constraints.values, name, s.value, s.on, s.mask)
+            check_followed(problem, prescribed, name, s.value, s.on, s.mask)
 
 
-def _check(problem: "Problem", name: str, value: Any, on: Any, m: int) -> None:
+def _check(problem: Pointwise, name: str, value: Any, on: Any, m: int) -> None:
     """The same of a value (n, m) on a place, or in the solid."""
     if callable(value):
         asm, domain = problem.assembly, problem.domain
@@ -85,12 +84,12 @@ def _check(problem: "Problem", name: str, value: Any, on: Any, m: int) -> None:
         sampling.check(f"{name} on {on}" if on else name, part)
 
 
-def check_reached(problem: "Integrals", load: Load) -> None:
+def check_reached(problem: Pointwise, load: Load) -> None:
     """Refuse a load that acts on nothing but parts that were left out; warn if it does so partly.
 
     Parameters
     ----------
-    problem : Integrals
+    problem : Pointwise
         With supports.
     load : Load
         One of its loads.
@@ -129,12 +128,12 @@ def check_reached(problem: "Integrals", load: Load) -> None:
     )
 
 
-def check_property(problem: "Problem", scalar: Scalar) -> None:
+def check_property(problem: Pointwise, scalar: Scalar) -> None:
     """The same of a property that is integrated, phase by phase.
 
     Parameters
     ----------
-    problem : Problem
+    problem : Pointwise
         With supports.
     scalar : Scalar
         A factor of loads or of masses.
@@ -159,14 +158,14 @@ def check_property(problem: "Problem", scalar: Scalar) -> None:
 
 
 def check_followed(
-    problem: "Problem", c: FloatArray, name: str, value: Any, on: str | Region = "",
+    problem: Pointwise, c: FloatArray, name: str, value: Any, on: str | Region = "",
     mask: AnyArray | slice = slice(None),
 ) -> None:  # fmt: skip
     """The same of values that are interpolated: the part, in the mean square, that is not followed.
 
     Parameters
     ----------
-    problem : Problem
+    problem : Pointwise
         With supports.
     c : ndarray, shape (functions, m)
         Coefficients that should follow the values.
@@ -205,6 +204,6 @@ def check_followed(
     sampling.check(name, float(np.sqrt(gap / size)) if size > 0.0 else 0.0)
 
 
-def _solid(problem: "Problem") -> Quadrature:
+def _solid(problem: Pointwise) -> Quadrature:
     """Rule on the active cells, in parameters."""
     return on_cells(problem.domain.volume, problem.assembly.space.cells)

@@ -9,8 +9,8 @@ held by that: the penalty of λ is at least twice what their tractions can do th
 Guarantee: consistent, so that the order of the space is kept; symmetric; the same for all laws.
 """
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -18,15 +18,11 @@ from ilattice._typing import FloatArray
 from ilattice.cutfem._kernels_surface import seam_blocks
 from ilattice.cutfem.assembly import Assembly
 from ilattice.cutfem.conditions import Spring, Support, stiffness_at, values_at
+from ilattice.cutfem.domain import Domain
 from ilattice.cutfem.law import functions_at
 from ilattice.cutfem.overlaps import held_before, held_by, joined, loads_at
+from ilattice.cutfem.pointwise import FluxOn, Pointwise, Terms
 from ilattice.quadrature.rules import Quadrature, on_cells
-
-if TYPE_CHECKING:
-    from ilattice.cutfem.dilatation import Dilatation
-    from ilattice.cutfem.domain import Domain
-    from ilattice.cutfem.integrals import Integrals
-    from ilattice.cutfem.solved import Solved
 
 #: Penalty of weakly imposed supports, in units of stiffness times degree² over the height of cells.
 NITSCHE = 10.0
@@ -36,44 +32,7 @@ NITSCHE = 10.0
 THIN, THINNEST = 0.2, 1e-9
 
 
-@dataclass(frozen=True, eq=False)
-class Terms:
-    """The integral of u·Q v - held u·t(v) - held v·t(u), with what flows through the surface, t.
-
-    Attributes
-    ----------
-    rule : Quadrature
-        In space.
-    Q : ndarray, shape (n, m, m)
-        Symmetric stiffness per area.
-    normal : ndarray, shape (n, m, m, 3), or None
-        What makes the held part of t of gradients, see `Law.normal`; None for springs.
-    mask : ndarray, shape (m,)
-        1 in components that are held.
-    onto : ndarray, shape (n, m, m), or None
-        Projections onto what is held, in place of `mask`.
-    projection : Dilatation or None
-        What projects the change of volume, of which tractions are not in `normal` then.
-    pressure : ndarray, shape (n,)
-        λ of these, or nothing.
-    """
-
-    rule: Quadrature
-    Q: FloatArray
-    normal: FloatArray | None
-    mask: FloatArray
-    onto: FloatArray | None = None
-    projection: "Dilatation | None" = None
-    pressure: FloatArray | float = 0.0
-
-    def held(self, vectors: FloatArray) -> FloatArray:
-        """The parts that are held of vectors (n, m, ...) at points."""
-        if self.onto is None:
-            return vectors * self.mask.reshape(-1, *[1] * (vectors.ndim - 2))
-        return np.einsum("qij,qj...->qi...", self.onto, vectors)
-
-
-def terms_of(problem: "Integrals", support: Spring | Support) -> Terms:
+def terms_of(problem: Pointwise, support: Spring | Support) -> Terms:
     """Terms of a spring or a weak support."""
     asm, m = problem.assembly, problem.m
     rule = problem.domain.edge(asm, support.on)
@@ -95,7 +54,7 @@ def terms_of(problem: "Integrals", support: Spring | Support) -> Terms:
     return replace(terms, Q=held, normal=terms.held(terms.normal))
 
 
-def _onto(problem: "Integrals", support: Support, rule: Quadrature) -> FloatArray | None:
+def _onto(problem: Pointwise, support: Support, rule: Quadrature) -> FloatArray | None:
     """Projections onto what a support holds and none before it; None for some components."""
     before = held_before(problem, rule, support)
     if before is None:
@@ -103,7 +62,7 @@ def _onto(problem: "Integrals", support: Support, rule: Quadrature) -> FloatArra
     return joined(before, held_by(support, rule)) - before
 
 
-def add(data: FloatArray, problem: "Integrals", terms: Terms) -> None:
+def add(data: FloatArray, problem: Pointwise, terms: Terms) -> None:
     """Add the matrix of terms to blocks."""
     asm, rule, m = problem.assembly, terms.rule, problem.m
     nb = asm.space.dofs.shape[1]
@@ -122,7 +81,7 @@ def add(data: FloatArray, problem: "Integrals", terms: Terms) -> None:
         terms.projection.add_tractions(data, rule, f)
 
 
-def force(problem: "Integrals", terms: Terms, value: Any) -> FloatArray:
+def force(problem: Pointwise, terms: Terms, value: Any) -> FloatArray:
     """Coefficients (functions, m) of the integral of g·Q v - held g·t(v)."""
     asm, rule, w = problem.assembly, terms.rule, terms.rule.weights
     g = values_at("value", value, rule.points, problem.m)
@@ -138,16 +97,20 @@ def force(problem: "Integrals", terms: Terms, value: Any) -> FloatArray:
     return out
 
 
-def reaction(problem: "Integrals", terms: Terms, value: Any, solution: "Solved") -> FloatArray:
-    """What comes in (n, m) at points: weights times what flows, minus Q (u - g)."""
+def reaction(
+    problem: Pointwise, terms: Terms, value: Any, c: FloatArray, flux_on: FluxOn
+) -> FloatArray:
+    """What comes in (n, m) at points: weights times what flows, minus Q (u - g).
+
+    Of a solution with coefficients c (functions, m).
+    """
     rule = terms.rule
     g = values_at("value", value, rule.points, problem.m)
     out = np.zeros((len(rule), problem.m))
-    for rows, u, _ in problem.assembly.on_rule(solution.coefficients, rule):
+    for rows, u, _ in problem.assembly.on_rule(c, rule):
         out[rows] = -np.einsum("qij,qj->qi", terms.Q[rows], u - g[rows])
     if terms.mask.any():
-        flux = solution._own_flux_on(rule)
-        out += terms.held(problem.law.through(flux, _normals(rule)))
+        out += terms.held(problem.law.through(flux_on(rule), _normals(rule)))
         out -= terms.held(loads_at(problem, rule))
     return rule.weights[:, None] * out
 
@@ -178,7 +141,7 @@ def cell_heights(asm: Assembly, rule: Quadrature) -> FloatArray:
     return 1.0 / np.linalg.norm(along, axis=1)
 
 
-def depths(domain: "Domain", asm: Assembly, rule: Quadrature) -> FloatArray:
+def depths(domain: Domain, asm: Assembly, rule: Quadrature) -> FloatArray:
     """How deep (n,) the solid behind the points of a surface rule is, at most 1; see `THIN`."""
     assert rule.parameters is not None
     cells = asm.space.cells

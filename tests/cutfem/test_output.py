@@ -6,8 +6,16 @@ import pyvista as pv
 from vtkmodules.vtkCommonCore import reference
 
 import ilattice as il
-from ilattice.cutfem import Buckling, EigenReport, Elasticity, Heat, Modes, Solution
-from ilattice.cutfem.heat_solution import HeatHistory, HeatSolution
+from ilattice.cutfem import (
+    Buckling,
+    EigenReport,
+    Elasticity,
+    Heat,
+    HeatHistory,
+    HeatSolution,
+    Modes,
+    Solution,
+)
 from ilattice.errors import FormatError, InputError, PrecisionWarning
 from ilattice.quadrature.cutting import cut
 
