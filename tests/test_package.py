@@ -183,6 +183,13 @@ def test_no_circle_between_rooms_counting_imports_inside_functions_and_for_types
     assert order.index("bspline") < order.index("fields") < order.index("lattice")
 
 
+@pytest.mark.parametrize("room", ["cutfem", "linalg", "quadrature"])
+def test_no_circle_between_modules_of_a_room_wherever_imports_stand(imports, room):
+    mine = {module for module in imports if module.startswith(f"ilattice.{room}.")}
+    order = graphlib.TopologicalSorter({module: imports[module] & mine for module in mine})
+    assert set(order.static_order()) == mine
+
+
 def test_no_import_climbs_wherever_it_stands(imports):
     contract = tomllib.loads((ROOT.parent / "pyproject.toml").read_text(encoding="utf-8"))
     (layers,) = contract["tool"]["importlinter"]["contracts"]

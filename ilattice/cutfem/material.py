@@ -195,8 +195,8 @@ class Scalar:
 class Elastic(Law):
     """Linear elastic materials: three components of displacement, six of stress.
 
-    A class defines `matrices`, and what it knows better than the defaults. Stresses are in Voigt's
-    order, see `_voigt`.
+    A class is a dataclass of its properties, and defines `matrices`, and what it knows better than
+    the defaults. Stresses are in Voigt's order, see `_voigt`.
     """
 
     m: ClassVar[int] = 3
