@@ -167,6 +167,7 @@ def own(sense):
         "tiles.Curve": {"spline": line}, "tiles.Surface": {"spline": sheet},
         "tiles.Group": {"members": [il.tiles.Polyline(corners)]},
         "tiles.Patch": {"corners": corners}, "tiles.Polyline": {"points": corners},
+        "tiles.Segments": {"points": [corners[:2]]},
         "tiles.SkeletonField": {"entities": strut}, "tiles.skeleton": {"entities": strut},
         "tiles.struts": {"nodes": corners, "edges": [[0, 1], [1, 2]], "radii": 0.1},
         "tiles.hybrid": {"weight": il.tiles.sigmoid(0, [0.5], 0.2)},

@@ -48,7 +48,17 @@ CLASSES = public_classes()
 
 def entities():
     """One of each kind of what tiles are made of."""
-    from ilattice.tiles import Arc, Ball, Curve, Group, Patch, Polyline, Surface, Triangles
+    from ilattice.tiles import (
+        Arc,
+        Ball,
+        Curve,
+        Group,
+        Patch,
+        Polyline,
+        Segments,
+        Surface,
+        Triangles,
+    )
 
     rng = np.random.default_rng(1)
     line = Polyline(rng.random((3, 3)))
@@ -58,7 +68,8 @@ def entities():
     patch = Patch(rng.random((3, 3)))
     arc = Arc((0.3, 0.5, 0.5), (0.2, 0, 0), (0, 0.2, 0))
     ball, triangles = Ball((0.5, 0.5, 0.5)), Triangles(np.eye(3), [[0, 1, 2]], [0.1, 0.2, 0.3])
-    return [line, arc, curve, patch, Surface(sheet), Group([line]), ball, triangles]
+    pairs = Segments(rng.random((4, 2, 3)), rng.random(4))
+    return [line, pairs, arc, curve, patch, Surface(sheet), Group([line]), ball, triangles]
 
 
 class Slow(il.cutfem.Law):

@@ -21,19 +21,6 @@ STACK = 128
 SLACK = 1e-12
 
 
-@njit(cache=True)
-def widest(link: Any, beam: Any, out: Any) -> None:
-    """Largest radius in each node of the tree."""
-    for node in range(len(link) - 1, -1, -1):
-        r = 0.0
-        if link[node, 2] > 0:
-            for i in range(link[node, 1], link[node, 1] + link[node, 2]):
-                r = max(r, beam[i, 0], beam[i, 1])
-        else:
-            r = max(out[node + 1], out[link[node, 0]])
-        out[node] = r
-
-
 @njit(cache=True, fastmath=FAST, inline="always")
 def _least(box: Any, wide: Any, i: int, x: float, y: float, z: float) -> float:
     """No beam in node i is nearer."""

@@ -104,11 +104,11 @@ class Beams(Union):
         m = len(lo)
         order = np.arange(m)
         box, link = np.empty((2 * m, 6)), np.empty((2 * m, 3), np.int64)
-        count = tree.build(lo, hi, order, box, link)
+        count = tree.build(lo, hi, order, box, link, tree.LEAF)
         beam = np.hstack([self.radii, a, b])[order]
         box, link = box[:count].copy(), link[:count].copy()
         wide = np.empty(count)
-        kernels.widest(link, beam, wide)
+        tree.greatest(link, beam[:, :2].max(axis=1), wide)
         return box, wide, link, beam, order
 
     # ------------------------------------------------------------------ field

@@ -13,7 +13,7 @@ from numba import njit
 from ilattice._kernels import inner
 
 FAST = {"contract", "nsz"}
-#: Boxes in a leaf at most, and bins among which a cut of a node is chosen.
+#: Most boxes in a leaf of things that are quickly looked at; bins among which a node is cut.
 LEAF = 4
 BINS = 16
 DEEP = 40  # from here on nodes are halved by count
@@ -21,8 +21,11 @@ STACK = 128  # > DEEP + the logarithm of the number of things
 
 
 @njit(cache=True, error_model="numpy")
-def build(lo, hi, order, box, link):
-    """Tree over boxes (F, 3), binned by surface area; returns the number of nodes."""
+def build(lo, hi, order, box, link, most):
+    """Tree over boxes (F, 3), binned by surface area, with at most `most` in a leaf.
+
+    Returns the number of nodes.
+    """
     stack = np.empty((2 * STACK, 4), np.int64)
     stack[0] = 0, len(lo), 0, -1
     top = 1
@@ -37,7 +40,7 @@ def build(lo, hi, order, box, link):
             link[parent, 0] = node
         enclose(lo, hi, order, begin, end, box[node])
         link[node, 0], link[node, 1], link[node, 2] = -1, begin, end - begin
-        if end - begin > LEAF:
+        if end - begin > most:
             middle = split(lo, hi, order, begin, end, depth, spare)
             link[node, 1], link[node, 2] = 0, 0
             stack[top] = middle, end, depth + 1, node
@@ -133,6 +136,19 @@ def cheapest(counts, boxes):
         if cost < best:
             cut, best = i, cost
     return cut
+
+
+@njit(cache=True)
+def greatest(link, size, out):
+    """Greatest of numbers of the things, in the order of the leaves, in each node."""
+    for node in range(len(link) - 1, -1, -1):
+        most = -np.inf
+        if link[node, 2] > 0:
+            for i in range(link[node, 1], link[node, 1] + link[node, 2]):
+                most = max(most, size[i])
+        else:
+            most = max(out[node + 1], out[link[node, 0]])
+        out[node] = most
 
 
 @inner(fastmath=FAST, error_model="numpy")

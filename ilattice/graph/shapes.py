@@ -13,7 +13,7 @@ import numpy as np
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import Frozen
 from ilattice.bspline import BSpline
-from ilattice.tiles.entities import Ball, Curve, Entity, Polyline, Triangles
+from ilattice.tiles.entities import Ball, Curve, Entity, Segments, Triangles
 
 #: Points closer than this are one.
 SAME = 1e-9
@@ -140,8 +140,9 @@ class Shape(Frozen):
 
     @cached_property
     def entities(self) -> tuple[Entity, ...]:
-        """As what skeletons of tiles are made of: a strut, a ball, a bend each, all sheets one."""
-        out: list[Entity] = [Polyline(s[:, :3], s[:, 3]) for s in self.distinct.struts]
+        """As what skeletons are made of: all struts one, all sheets one, each ball and bend."""
+        s = self.distinct.struts
+        out: list[Entity] = [Segments(s[:, :, :3], s[:, :, 3])] if len(s) else []
         out += [Ball(b[:3], float(b[3])) for b in self.distinct.balls]
         out += [Curve(b.spline, b.radius) for b in self.distinct.bends]
         if self.sheets:

@@ -24,7 +24,7 @@ from ilattice.offsets._kernels_newton import FALLBACK
 from ilattice.offsets._small import solved
 from ilattice.offsets.feet import ClosestPoints
 from ilattice.offsets.space import TileSpace
-from ilattice.tiles.entities import Arc, Ball, Curve, Group, Polyline
+from ilattice.tiles.entities import Arc, Ball, Curve, Group, Polyline, Segments
 from ilattice.tiles.skeleton import ON_FACE, SkeletonField
 from ilattice.tiles.tile import Tile
 
@@ -55,7 +55,11 @@ def struts_of(lattice: Tiling) -> SkeletonField | None:
         return None
     field = tile.field
     alone = [m for e in field.entities for m in (e.members if isinstance(e, Group) else (e,))]
-    return field if all(isinstance(e, Polyline | Arc | Curve | Ball) for e in alone) else None
+    return (
+        field
+        if all(isinstance(e, Polyline | Segments | Arc | Curve | Ball) for e in alone)
+        else None
+    )
 
 
 def onto_struts(

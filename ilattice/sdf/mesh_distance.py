@@ -31,7 +31,7 @@ from ilattice._shown import Shown
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import Frozen, among, as_array, as_flag, as_points, read_only
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
-from ilattice.fields._kernels_boxes import build
+from ilattice.fields._kernels_boxes import LEAF, build
 from ilattice.mesh import SurfaceMesh
 from ilattice.sdf import _kernels_bvh as kernels
 from ilattice.sdf._triangles import normals_and_areas, twins
@@ -198,7 +198,7 @@ class MeshDistance(Field, Frozen):
         count = len(corners)
         order = np.arange(count)
         box, link = np.empty((2 * count, 6)), np.empty((2 * count, 3), np.int64)
-        nodes = build(corners.min(axis=1), corners.max(axis=1), order, box, link)
+        nodes = build(corners.min(axis=1), corners.max(axis=1), order, box, link, LEAF)
         self._box, self._link = box[:nodes].copy(), link[:nodes].copy()
         self._number = order
         normals, areas = normals_and_areas(corners[order])

@@ -27,6 +27,7 @@ from ilattice.tiles.entities import (
     Group,
     Patch,
     Polyline,
+    Segments,
     Surface,
     Triangles,
 )
@@ -44,6 +45,7 @@ __all__ = [
     "Mixture",
     "Patch",
     "Polyline",
+    "Segments",
     "SkeletonField",
     "Surface",
     "Tile",

@@ -1,6 +1,7 @@
 """Kernels of skeletons: nearest point among many pieces, smooth union, derivatives.
 
-Pieces are kept in a tree of boxes. A point starts from what the point before it knows: distances
+The tree is that of `ilattice.fields._kernels_boxes`, with the largest radius in each node; pieces
+lie in the order of its leaves. A point starts from what the point before it knows: distances
 change by no more than the step between them.
 
 Guarantees: a piece is passed over only if its box proves it farther than needed; nothing is
@@ -15,6 +16,7 @@ from numba import njit, prange
 
 from ilattice._kernels import inner
 from ilattice._kernels_tuples import borrowed
+from ilattice.fields._kernels_boxes import STACK
 from ilattice.tiles._kernels_closest import (
     DEPTH,
     FAST,
@@ -26,6 +28,7 @@ from ilattice.tiles._kernels_closest import (
 #: Points that a thread takes at once.
 CHUNK = 256
 SEGMENT, ARC, POLYGON, CURVE, SURFACE, TRIANGLE, BALL = 0, 1, 2, 3, 4, 5, 6
+KINDS = 7
 #: Columns of `piece`: kind, group, start, degree or count, second degree, plain.
 #: Columns of a hit: F, foot (3), parameters (2), piece, feature (0 a point, 1 inside, 2 + edge).
 HIT = 8
@@ -38,22 +41,23 @@ class Tree(NamedTuple):
 
     Attributes
     ----------
-    node, box
-        Children, or minus first piece minus one and count, (m, 2); boxes and largest radius,
+    link, box
+        Right child, first piece and number of pieces, (m, 3), see there; boxes and largest radius,
         (m, 7).
     piece, piece_box, data
         Pieces (see the top of the module), their boxes, and their numbers.
-    groups, width
-        Number of groups, and most Bézier points of a piece.
+    groups, width, turns
+        Number of groups, most Bézier points of a piece, and 2 if there are surfaces, else 1.
     """
 
-    node: Any
+    link: Any
     box: Any
     piece: Any
     piece_box: Any
     data: Any
     groups: int
     width: int
+    turns: int
 
 
 @njit(cache=True, fastmath=FAST, inline="always")
@@ -245,39 +249,45 @@ def _nearest(
     x: float, y: float, z: float, bound: float, blend: float, tree: Any, hits: Any, touched: Any,
     stack: Any, span: Any, work: Any, path: Any,
 ) -> Any:  # fmt: skip
-    """Nearest points of all groups that are within `blend` of the least; their number, least."""
-    node, box, piece, piece_box = tree.node, tree.box, tree.piece, tree.piece_box
+    """Nearest points of all groups that are within `blend` of the least; their number, least.
+
+    Surfaces come after all else: without a bound by their edges, which are pieces of their own, a
+    search goes on for long beside a least point on one.
+    """
+    link, box, piece, piece_box = tree.link, tree.box, tree.piece, tree.piece_box
     least, found = bound, 0
-    path[0] = 0
-    top = 1
-    while top > 0:
-        top -= 1
-        i = path[top]
-        if _box_distance(box, i, x, y, z) - SLACK >= least + blend:
-            continue
-        if node[i, 0] >= 0:
-            a, b = node[i, 0], node[i, 1]
-            if _box_distance(box, a, x, y, z) < _box_distance(box, b, x, y, z):
-                a, b = b, a
-            path[top], path[top + 1] = a, b
-            top += 2
-            continue
-        first = -1 - node[i, 0]
-        for j in range(first, first + node[i, 1]):
-            hit = hits[piece[j, 1]]
-            cut = min(hit[0], least + blend + SLACK)
-            if _box_distance(piece_box, j, x, y, z) - SLACK >= cut:
+    for turn in range(tree.turns):
+        path[0] = 0
+        top = 1
+        while top > 0:
+            top -= 1
+            i = path[top]
+            if _box_distance(box, i, x, y, z) - SLACK >= least + blend:
                 continue
-            new = hit[0] == np.inf
-            hit[0] = cut
-            _closest_on_piece(piece, j, tree.data, x, y, z, hit, stack, span, work)
-            if new:
-                if hit[0] < cut:
-                    touched[found] = piece[j, 1]
-                    found += 1
-                else:
-                    hit[0] = np.inf
-            least = min(least, hit[0])
+            if link[i, 2] == 0:
+                a, b = i + 1, link[i, 0]
+                if _box_distance(box, a, x, y, z) < _box_distance(box, b, x, y, z):
+                    a, b = b, a
+                path[top], path[top + 1] = a, b
+                top += 2
+                continue
+            for j in range(link[i, 1], link[i, 1] + link[i, 2]):
+                if (piece[j, 0] == SURFACE) != (turn == 1):
+                    continue
+                hit = hits[piece[j, 1]]
+                cut = min(hit[0], least + blend + SLACK)
+                if _box_distance(piece_box, j, x, y, z) - SLACK >= cut:
+                    continue
+                new = hit[0] == np.inf
+                hit[0] = cut
+                _closest_on_piece(piece, j, tree.data, x, y, z, hit, stack, span, work)
+                if new:
+                    if hit[0] < cut:
+                        touched[found] = piece[j, 1]
+                        found += 1
+                    else:
+                        hit[0] = np.inf
+                least = min(least, hit[0])
     return found, least
 
 
@@ -524,7 +534,7 @@ def _chunk(
     stack = np.empty((DEPTH, 5 * tree.width))
     span = np.empty((DEPTH, 4))
     work = np.empty(1000 + 60 * tree.width)
-    path = np.empty(tree.node.shape[0] + 2, np.int64)
+    path = np.empty(STACK, np.int64)
     no_g, no_h = np.empty(3), np.empty((3, 3))
     least = 0.0
     for i in range(start, stop):

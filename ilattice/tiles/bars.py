@@ -20,7 +20,7 @@ from ilattice.fields import capsule, sphere, translate, union
 from ilattice.fields._program import Builder, Point
 from ilattice.fields.algebra import placed
 from ilattice.fields.node import Node
-from ilattice.tiles.entities import Ball, Group, Polyline, Single
+from ilattice.tiles.entities import Ball, Group, Polyline, Segments, Single
 from ilattice.tiles.skeleton import ON_FACE, SkeletonField
 from ilattice.tiles.tile import Tile
 
@@ -103,9 +103,11 @@ def solid_of_bars(
     field, count = tile.field, np.array(repeat)
     if not isinstance(field, SkeletonField) or not (field.repeats | (count == 1)).all():
         return None
-    if field.blend > 0.0 and len(field.entities) > 1:  # images of one are joined sharply
+    if field.blend > 0.0 and field.count > 1:  # images of one are joined sharply
         return None
     bars: list[Bar] = []
+    if field.count > IMAGES:
+        return None
     for one in _singles(field):
         found = _bars(one, field.radius, tile.level)
         if found is None:
@@ -132,6 +134,11 @@ def _singles(field: SkeletonField) -> list[Single]:
 
 def _bars(one: Any, radius: float | None, level: float) -> list[Bar] | None:
     """Ends and radii of an entity, None if it is not straight, or its radius varies."""
+    if isinstance(one, Segments):
+        ends, radii = one.points, one.at_ends(radius) + level
+        if np.ptp(radii, axis=1).any() or not (radii > 0.0).all():
+            return None
+        return [(a, b, float(r)) for (a, b), r in zip(ends, radii[:, 0], strict=True)]
     r = radius if getattr(one, "radius", None) is None else one.radius
     if not isinstance(one, Polyline | Ball) or r is None or callable(r) or np.size(r) != 1:
         return None

@@ -1,8 +1,7 @@
 """Curves and surfaces that skeletons are made of, each with a radius of its own.
 
 Guarantees: an entity has a positive radius or none (then that of the skeleton is taken), finite
-coordinates and a positive extent. Non-guarantee: a radius given as a function is replaced by a
-cubic spline, within 1e-6 of its largest value.
+coordinates and a positive extent. Non-guarantee: see `ilattice.tiles._radii`.
 """
 
 import math
@@ -12,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from ilattice._geometry import grid_points
 from ilattice._typing import ArrayLike, FloatArray, IntArray
 from ilattice._validate import (
     Frozen,
@@ -22,15 +20,12 @@ from ilattice._validate import (
     as_numbers,
     as_points,
     as_positive,
-    asked,
     read_only,
 )
 from ilattice.bspline import BSpline
-from ilattice.bspline.fit import fit
-from ilattice.errors import ConvergenceError, InputError
+from ilattice.errors import InputError
+from ilattice.tiles._radii import check_radius
 
-#: Largest error of the spline that replaces a radius given as a function, relative to its top.
-RADIUS_TOL = 1e-6
 #: What counts as no length, in units of length.
 TINY = 1e-12
 
@@ -55,6 +50,10 @@ class Polyline(Frozen):
     ------
     InputError
         If there are fewer than two different points.
+
+    See Also
+    --------
+    Segments : many straight lines at once.
     """
 
     points: FloatArray
@@ -62,16 +61,88 @@ class Polyline(Frozen):
     closed: bool = False
 
     def __post_init__(self) -> None:
-        _check_radius(self.radius)
+        check_radius(self.radius)
         p = as_points("points", self.points)
         if as_flag("closed", self.closed) and len(p):
             p = np.concatenate([p, p[:1]])
-        if len(p) < 2 or not np.ptp(p, axis=0).max() > TINY:
+        if len(p) < 2 or not np.abs(p[1:] - p[:-1]).max() > TINY:
             raise InputError(
                 f"points must hold at least two different points: a curve of length zero has no "
                 f"direction, got {np.asarray(self.points).tolist()!r:.80}"
             )
         object.__setattr__(self, "points", read_only(np.array(p)))
+
+
+@dataclass(frozen=True, eq=False)
+class Segments(Frozen):
+    """Many straight segments, each an entity of its own: a smooth union blends them.
+
+    Parameters
+    ----------
+    points : array_like, shape (n, 2, 3)
+        Both ends of each.
+    radius : float or array_like of shape (n,) or (n, 2), optional
+        One for all, one per segment, or those at the ends of each and linear between. By default
+        that of the skeleton.
+
+    Raises
+    ------
+    InputError
+        If there is none, one has no length, or there are not as many radii.
+    """
+
+    points: FloatArray
+    radius: Any = None
+
+    def __post_init__(self) -> None:
+        p = as_array("points", self.points)
+        if p.ndim != 3 or p.shape[1:] != (2, 3) or not len(p):
+            raise InputError(f"points must be pairs of ends, shape (n, 2, 3), got {p.shape}")
+        short = ~(np.abs(p[:, 1] - p[:, 0]).max(axis=1) > TINY)
+        if short.any():
+            i = int(np.argmax(short))
+            raise InputError(
+                f"points[{i}] must be two different points: a segment of length zero has no "
+                f"direction, got {p[i].tolist()!r:.80}; drop it"
+            )
+        object.__setattr__(self, "points", read_only(np.array(p)))
+        if self.radius is None:
+            return
+        r = as_array("radius", self.radius)
+        if np.ndim(self.radius) and r.shape not in ((len(p),), (len(p), 2)):
+            raise InputError(
+                f"radius must be one number, one per segment ({len(p)},), or those at the ends, "
+                f"shape ({len(p)}, 2), got {r.shape}"
+            )
+        if not r.min() > 0.0:
+            raise InputError(f"radius must be positive, got {r.min():g}")
+        own = read_only(np.array(r)) if np.ndim(self.radius) else float(r.ravel()[0])
+        object.__setattr__(self, "radius", own)
+
+    def at_ends(self, default: float | None = None) -> FloatArray:
+        """Radii at both ends of all segments.
+
+        Parameters
+        ----------
+        default : float, optional
+            Radius where there is none of their own.
+
+        Returns
+        -------
+        ndarray, shape (n, 2)
+            Radii.
+
+        Raises
+        ------
+        InputError
+            If there is none at all.
+        """
+        r = default if self.radius is None else self.radius
+        if r is None:
+            raise InputError("radius must be given: for the segments, or as default")
+        rows = np.asarray(r, np.float64)
+        rows = rows[:, None] if rows.ndim == 1 else rows
+        return np.array(np.broadcast_to(rows, (len(self.points), 2)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +171,7 @@ class Arc(Frozen):
     radius: Any = None
 
     def __post_init__(self) -> None:
-        _check_radius(self.radius)
+        check_radius(self.radius)
         for name in ("centre", "u", "v"):
             a = as_array(name, getattr(self, name), ndim=1)
             if a.shape != (3,):
@@ -156,7 +227,7 @@ class Patch(Frozen):
     radius: Any = None
 
     def __post_init__(self) -> None:
-        _check_radius(self.radius)
+        check_radius(self.radius)
         p = as_points("corners", self.corners)
         if len(p) < 3:
             raise InputError(f"corners must be at least three points, got {len(p)}")
@@ -189,7 +260,7 @@ class Curve(Frozen):
     radius: Any = None
 
     def __post_init__(self) -> None:
-        _check_radius(self.radius)
+        check_radius(self.radius)
         _check_spline(self.spline, 1, "a curve: one parameter")
 
 
@@ -215,7 +286,7 @@ class Surface(Frozen):
     radius: Any = None
 
     def __post_init__(self) -> None:
-        _check_radius(self.radius)
+        check_radius(self.radius)
         _check_spline(self.spline, 2, "a surface: two parameters")
 
 
@@ -246,7 +317,7 @@ class Triangles(Frozen):
     radius: Any = None
 
     def __post_init__(self) -> None:
-        _check_radius(self.radius)
+        check_radius(self.radius)
         v = as_points("vertices", self.vertices)
         faces = np.asarray(self.faces)
         if faces.ndim != 2 or faces.shape[1] != 3 or not len(faces):
@@ -300,7 +371,7 @@ class Ball(Frozen):
         object.__setattr__(self, "centre", read_only(np.array(centre)))
 
 
-Single = Polyline | Arc | Patch | Curve | Surface | Triangles | Ball
+Single = Polyline | Segments | Arc | Patch | Curve | Surface | Triangles | Ball
 
 
 @dataclass(frozen=True, eq=False)
@@ -334,31 +405,8 @@ class Group(Frozen):
 Entity = Single | Group
 
 
-def as_entity(name: str, value: Any) -> Entity:
-    """Entity from what users write: an entity, a spline, or corners of a polyline.
-
-    Parameters
-    ----------
-    name : str
-        Name for messages.
-    value : Entity, BSpline or array_like of shape (n, 3)
-        What is given.
-
-    Returns
-    -------
-    Entity
-        The entity.
-
-    Raises
-    ------
-    InputError
-        If it is none of these.
-    """
-    return value if isinstance(value, Group) else as_single(name, value)
-
-
 def as_single(name: str, value: Any) -> Single:
-    """As `as_entity`, groups excluded.
+    """Entity from what users write: an entity, a spline, or corners of a polyline; no group.
 
     Parameters
     ----------
@@ -388,79 +436,9 @@ def as_single(name: str, value: Any) -> Single:
         return Polyline(as_points(name, value))
     except InputError as e:
         raise InputError(
-            f"{name} must be a Polyline, Arc, Patch, Curve, Surface, Triangles, Ball, BSpline or "
-            f"points (n, 3): {e}"
+            f"{name} must be a Polyline, Segments, Arc, Patch, Curve, Surface, Triangles, Ball, "
+            f"BSpline or points (n, 3): {e}"
         ) from e
-
-
-def as_radius(name: str, value: Any, domain: FloatArray) -> float | BSpline:
-    """Positive number, or positive spline over a parameter domain (2, nd).
-
-    Parameters
-    ----------
-    name : str
-        Name for messages.
-    value : float, callable or BSpline
-        What is given; a function of parameters (n,), or (n, nd) for a surface.
-    domain : ndarray, shape (2, nd)
-        Parameter domain.
-
-    Returns
-    -------
-    float or BSpline
-        The radius.
-
-    Raises
-    ------
-    InputError
-        If it is not positive, or too rough for a spline.
-    """
-    if not isinstance(value, BSpline) and not callable(value):
-        return as_positive(name, value)
-    nd = domain.shape[1]
-    spline = value if isinstance(value, BSpline) else _fitted(name, value, domain)
-    if spline.ndim != nd or spline.m or spline.weights is not None:
-        raise InputError(f"{name} must be a scalar, polynomial spline of {nd} parameters")
-    if not np.allclose(spline.domain, domain, rtol=0.0, atol=1e-12 * np.abs(domain).max()):
-        raise InputError(
-            f"{name} must have the domain {domain.tolist()}, got {spline.domain.tolist()}"
-        )
-    least = float(spline.c.min())
-    if not least > 0.0:
-        raise InputError(f"{name} must be positive, but its coefficients reach {least:g}")
-    return spline
-
-
-def _fitted(name: str, f: Callable[..., Any], domain: FloatArray) -> BSpline:
-    nd = domain.shape[1]
-
-    def values(t: FloatArray) -> FloatArray:
-        return as_array(name, asked(name, f, t[:, 0] if nd == 1 else t))
-
-    axes = [np.linspace(domain[0, i], domain[1, i], 17) for i in range(nd)]
-    sample = values(grid_points(*axes))
-    if sample.shape != (17**nd,):
-        raise InputError(f"{name} must return one value per parameter, got shape {sample.shape}")
-    if not sample.min() > 0.0:
-        raise InputError(f"{name} must be positive, but reaches {sample.min():g}")
-    try:
-        return fit(values, domain=domain, degree=3, spans=4, tol=RADIUS_TOL * sample.max())
-    except ConvergenceError as e:
-        raise InputError(f"{name} varies too roughly for a spline: {e}; give a BSpline") from e
-
-
-def _check_radius(radius: Any) -> None:
-    """Refuse what is no radius: of numbers, those that are not positive."""
-    if radius is None or callable(radius) or isinstance(radius, BSpline):
-        return
-    several = isinstance(radius, (list, tuple)) or (
-        isinstance(radius, np.ndarray) and radius.ndim > 0
-    )
-    if not several:
-        as_positive("radius", radius)
-    elif not (values := as_array("radius", radius, ndim=1)).size or not values.min() > 0.0:
-        least = values.min() if values.size else "none"
-        raise InputError(f"radius must be one number above zero each, got {least}")
 
 
 def _check_spline(s: Any, nd: int, what: str) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 from ilattice._typing import ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_array, as_points
 from ilattice.errors import InputError
-from ilattice.tiles.entities import Polyline
+from ilattice.tiles.entities import Segments
 from ilattice.tiles.skeleton import skeleton
 from ilattice.tiles.tile import Tile
 
@@ -72,11 +72,7 @@ def struts(
     array([-0.1])
     """
     points, ends, r = as_graph(nodes, edges, radii)
-    entities = [
-        Polyline(points[pair], pair_r if np.ptp(pair_r) else float(pair_r[0]))
-        for pair, pair_r in zip(ends, r, strict=True)
-    ]
-    return skeleton(entities, blend=blend, faces=faces, cell=cell, name=name)
+    return skeleton([Segments(points[ends], r)], blend=blend, faces=faces, cell=cell, name=name)
 
 
 def as_graph(
@@ -114,11 +110,12 @@ def as_graph(
     length = np.linalg.norm(points[ends[:, 1]] - points[ends[:, 0]], axis=1)
     size = float(np.ptp(points, axis=0).max())
     _refuse(length <= 1e-9 * size, found, "joins two nodes at the same place; merge them")
-    _, first = np.unique(np.sort(ends, axis=1), axis=0, return_index=True)
+    low, high = ends.min(axis=1), ends.max(axis=1)
+    _, first = np.unique(low * len(points) + high, return_index=True)
     again = np.ones(len(ends), np.bool_)
     again[first] = False
     _refuse(again, found, "is there twice; drop one")
-    alone = np.setdiff1d(np.arange(len(points)), ends)
+    alone = np.flatnonzero(np.bincount(ends.ravel(), minlength=len(points)) == 0)
     if len(alone):
         raise InputError(
             f"nodes[{alone[0]}] has no edge ({len(alone)} of {len(points)} nodes have none); "

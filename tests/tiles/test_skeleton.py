@@ -1,4 +1,6 @@
+import gc
 import pickle
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -15,12 +17,14 @@ from ilattice.tiles import (
     Group,
     Patch,
     Polyline,
+    Segments,
     SkeletonField,
     Surface,
     Triangles,
     skeleton,
 )
-from ilattice.tiles.entities import as_radius
+from ilattice.tiles._piece_arrays import PER_PIECE
+from ilattice.tiles._radii import as_radius
 
 POINTS = np.random.default_rng(5).random((120, 3))
 X_BAR = [(0.0, 0.5, 0.5), (1.0, 0.5, 0.5)]
@@ -231,16 +235,126 @@ def test_what_leaves_through_periodic_faces_comes_in_again():
         SkeletonField(balls, faces={"x": "periodic"})
 
 
+def segment_minimum(points, ends, radii):
+    """Least |x - p| - r(p) over round cones: all of them, by the foot in closed form."""
+    a, way = ends[:, 0], ends[:, 1] - ends[:, 0]
+    length = np.linalg.norm(way, axis=1)
+    slope = (radii[:, 1] - radii[:, 0]) / length
+    off = points[:, None] - a
+    t = (off * way).sum(axis=2) / length
+    h = np.linalg.norm(off - (t / length)[..., None] * way, axis=2)
+    steep = np.abs(slope) >= 1.0
+    mild = np.where(steep, 0.0, slope)
+    tilt = np.where(steep, np.inf * np.sign(slope), mild / np.sqrt(1.0 - mild**2))
+    t = np.clip(t + np.where(h > 0, h, 1e-300) * tilt, 0.0, length) / length
+    foot = a + t[..., None] * way
+    gap = np.linalg.norm(points[:, None] - foot, axis=2)
+    return (gap - radii[:, 0] - t * (radii[:, 1] - radii[:, 0])).min(axis=1)
+
+
+def random_segments(n, seed=0):
+    """Long and short ones, some the same, one nearly of length zero."""
+    rng = np.random.default_rng(seed)
+    ends = rng.random((n, 2, 3))
+    ends[::2, 1] = 0.95 * ends[::2, 0] + 0.05 * ends[::2, 1]
+    ends[0, 1] = ends[0, 0] + 1e-9 * (0.5 - ends[0, 0])
+    ends[1], ends[2] = ends[3], ends[3, ::-1]
+    return ends, rng.uniform(0.01, 0.1, (n, 2))
+
+
+@pytest.mark.parametrize("size", [1.0, (1e3, 1.0, 1e-2)])
+def test_segments_are_the_least_of_all_of_them(size):
+    ends, radii = random_segments(300)
+    cell = np.broadcast_to(size, 3)
+    field = SkeletonField([Segments(ends * cell, radii)], cell=size, faces="periodic")
+    shifts = np.stack(np.meshgrid(*[np.arange(-1, 2)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    every = np.concatenate([(ends + s) * cell for s in shifts])
+    want = segment_minimum(POINTS * cell, every, np.tile(radii, (27, 1)))
+    np.testing.assert_allclose(field(POINTS), want, rtol=1e-13, atol=1e-14)
+
+
+@pytest.mark.parametrize("blend", [0.0, 0.05])
+@pytest.mark.parametrize("faces", ["open", "closed", "periodic", {"y": "periodic"}])
+def test_segments_are_as_many_polylines(blend, faces):
+    ends, radii = random_segments(50, 1)
+    ends[5, 0, 0], ends[7, 1, 2] = 0.0, 1.0  # continued through open faces
+    lines = [Polyline(e, r) for e, r in zip(ends, radii, strict=True)]
+    one = SkeletonField([Segments(ends, radii)], blend=blend, faces=faces)
+    many = SkeletonField(lines, blend=blend, faces=faces)
+    assert one.count == many.count == 50
+    for a, b in zip(one.jet(POINTS), many.jet(POINTS), strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-12)
+    grouped = SkeletonField([Group([Segments(ends, radii)])], blend=blend, faces=faces)
+    np.testing.assert_array_equal(grouped(POINTS), SkeletonField(lines, faces=faces)(POINTS))
+
+
+def test_pairs_of_points_become_arrays():
+    ends, _ = random_segments(40, 2)
+    arc = Arc([0.5, 0.5, 0.5], [0.3, 0, 0], [0, 0.3, 0])
+    field = SkeletonField([*ends[:20].tolist(), arc, *ends[20:]], 0.05, 0.02)
+    assert [type(e).__name__ for e in field.entities] == ["Segments", "Arc", "Segments"]
+    lines = [Polyline(e) for e in ends]
+    same = SkeletonField([*lines[:20], arc, *lines[20:]], 0.05, 0.02)
+    np.testing.assert_array_equal(field(POINTS), same(POINTS))
+    whole = SkeletonField(ends, 0.05)
+    np.testing.assert_array_equal(whole(POINTS), SkeletonField(lines, 0.05)(POINTS))
+    ends[33, 1, 0] = 1.5
+    with pytest.raises(InputError, match=r"entities\[34\] leaves the tile.*1\.5"):
+        SkeletonField([*ends[:20], arc, *ends[20:]], 0.05)
+    with pytest.raises(InputError, match=r"entities\[1\]: radius must be given"):
+        SkeletonField([Arc([0.5, 0.5, 0.5], [0.3, 0, 0], [0, 0.3, 0], radius=0.1), *lines])
+
+
+@pytest.mark.parametrize("axes", ["x", "yz", "xyz"])
+def test_copies_in_oblique_cells_are_all_that_are_near(axes):
+    rng = np.random.default_rng(len(axes))
+    cell = np.array([[1.0, 2.3, 0.4], [0.0, 1.0, -1.7], [0.0, 0.0, 1.0]])
+    u = rng.random((3, 2, 3)) * np.where([a in axes for a in "xyz"], 1.6, 1.0)
+    radii = rng.uniform(0.02, 0.05, (3, 2))
+    faces = {a: "periodic" if a in axes else "closed" for a in "xyz"}
+    field = SkeletonField([Segments(u @ cell.T, radii)], faces=faces, cell=cell)
+    steps = [np.arange(-7, 8) if a in axes else np.arange(1) for a in "xyz"]
+    shifts = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 3)
+    every = np.concatenate([(u + s) @ cell.T for s in shifts])
+    want = segment_minimum(POINTS @ cell.T, every, np.tile(radii, (len(shifts), 1)))
+    for i, axis in enumerate("xyz"):
+        if axis not in axes:  # the closed faces cut
+            height = 1.0 / np.linalg.norm(np.linalg.inv(cell)[i])
+            want = np.maximum(want, height * np.maximum(-POINTS[:, i], POINTS[:, i] - 1.0))
+    np.testing.assert_allclose(field(POINTS), want, atol=1e-13)
+
+
 def test_many_entities_are_repeated_without_an_object_each():
-    rng = np.random.default_rng(10)
-    v = rng.random((4000, 3))
-    v = np.concatenate([v, v + 0.01 * rng.random((4000, 3)), v + 0.01 * rng.random((4000, 3))])
-    faces = np.arange(4000)[:, None] + 4000 * np.arange(3)
-    field = SkeletonField([Triangles(v, faces)], 0.01, faces="periodic")
-    tree = field._tree
-    assert len(tree.piece) >= 4000
-    near = field(v[:4000])
-    assert np.abs(near + 0.01).max() < 1e-15
+    ends, radii = random_segments(20_000, 3)
+    segments = Segments(ends, 0.1 * radii)
+    SkeletonField([segments], faces="periodic")
+    tracemalloc.start()
+    before = len(gc.get_objects())
+    field = SkeletonField([segments], faces="periodic")
+    kept, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert len(gc.get_objects()) - before < 200
+    pieces = len(field._tree.piece)
+    assert pieces > 20_000
+    assert peak < PER_PIECE * pieces
+    assert kept < 0.5 * PER_PIECE * pieces
+
+
+def test_boxes_of_trees_hold_their_pieces():
+    ends, radii = random_segments(500, 4)
+    tree = SkeletonField([Segments(ends, radii), *mixed()], 0.05)._tree
+
+    def check(node):
+        right, first, count = tree.link[node]
+        if count:
+            below = tree.piece_box[first : first + count]
+        else:
+            below = np.concatenate([check(node + 1), check(right)])
+        low, high = below[:, :3].min(axis=0), below[:, 3:6].max(axis=0)
+        np.testing.assert_array_equal(tree.box[node], [*low, *high, below[:, 6].max()])
+        return below
+
+    assert len(check(0)) == len(tree.piece)
 
 
 # ------------------------------------------------------------------------------ fields
@@ -472,6 +586,12 @@ def test_bad_input_is_refused(arguments, message):
         (lambda: Group([]), "at least one"),
         (lambda: Ball((0, 0)), "three numbers"),
         (lambda: Ball((0, 0, 0), -1.0), "radius"),
+        (lambda: Segments(np.zeros((2, 3))), r"shape \(n, 2, 3\)"),
+        (lambda: Segments(np.zeros((0, 2, 3))), r"shape \(n, 2, 3\)"),
+        (lambda: Segments([X_BAR, [X_BAR[0]] * 2]), r"points\[1\] must be two different points"),
+        (lambda: Segments([X_BAR], [0.1, 0.2]), "one per segment"),
+        (lambda: Segments([X_BAR], -0.1), "radius must be positive"),
+        (lambda: Segments([X_BAR]).at_ends(), "radius must be given"),
         (lambda: Triangles(np.eye(3), [[0, 1, 3]]), "faces must be whole numbers"),
         (lambda: Triangles(np.eye(3), [[0, 1, 1]]), "triangle with an area"),
         (lambda: Triangles(np.eye(3), [[0, 1, 2]], [1.0, 1.0]), "one per vertex"),
