@@ -20,7 +20,7 @@ from benchmarks.measure import Row, table
 
 MODULES = (
     "bspline", "offsets", "contouring", "fields", "quadrature", "mesh_distance", "figures",
-    "solvers", "analyses", "accuracy", "homogenize", "cost",
+    "solvers", "analyses", "accuracy", "homogenize", "cost", "skeletons",
 )  # fmt: skip
 
 
