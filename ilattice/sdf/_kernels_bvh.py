@@ -15,6 +15,8 @@ from numba import njit, prange
 from ilattice._kernels import inner
 from ilattice.fields._kernels_boxes import FAST, STACK, box_square
 
+#: Where in a row of `tri` its corners and its normal begin.
+A, B, C, NORMAL = 0, 3, 6, 9
 #: Points that a thread takes at once.
 CHUNK = 256
 FACE = 0  # features: the face, 1..3 the edge from that corner on, 4..6 a corner
@@ -37,8 +39,8 @@ def dipoles(box, link, tri, area, out):
             for k in range(link[node, 1], link[node, 1] + link[node, 2]):
                 total += area[k]
                 for a in range(3):
-                    moment[a] += area[k] * tri[k, 9 + a]
-                    centre = (tri[k, a] + tri[k, 3 + a] + tri[k, 6 + a]) / 3.0
+                    moment[a] += area[k] * tri[k, NORMAL + a]
+                    centre = (tri[k, A + a] + tri[k, B + a] + tri[k, C + a]) / 3.0
                     moment[3 + a] += area[k] * centre
         else:
             for child in (node + 1, link[node, 0]):
@@ -81,10 +83,10 @@ def triangle(tri, k, x, y, z, bound):
 
     Infinite where the plane alone is farther than `bound`.
     """
-    ax, ay, az = tri[k, 0], tri[k, 1], tri[k, 2]
-    bx, by, bz = tri[k, 3], tri[k, 4], tri[k, 5]
-    cx, cy, cz = tri[k, 6], tri[k, 7], tri[k, 8]
-    nx, ny, nz = tri[k, 9], tri[k, 10], tri[k, 11]
+    ax, ay, az = tri[k, A], tri[k, A + 1], tri[k, A + 2]
+    bx, by, bz = tri[k, B], tri[k, B + 1], tri[k, B + 2]
+    cx, cy, cz = tri[k, C], tri[k, C + 1], tri[k, C + 2]
+    nx, ny, nz = tri[k, NORMAL], tri[k, NORMAL + 1], tri[k, NORMAL + 2]
     px, py, pz = x - ax, y - ay, z - az
     h = nx * px + ny * py + nz * pz
     if h * h > bound:
@@ -169,9 +171,10 @@ def nearest(box, link, tri, number, x, y, z, k, scale, nodes, squares):
 @inner(fastmath=FAST, error_model="numpy")
 def foot_of(tri, k, feature, place, x, y, z, out):
     """The nearest point of triangle k, and the signed height above its plane."""
-    h = tri[k, 9] * (x - tri[k, 0]) + tri[k, 10] * (y - tri[k, 1]) + tri[k, 11] * (z - tri[k, 2])
+    nx, ny, nz = tri[k, NORMAL], tri[k, NORMAL + 1], tri[k, NORMAL + 2]
+    h = nx * (x - tri[k, A]) + ny * (y - tri[k, A + 1]) + nz * (z - tri[k, A + 2])
     if feature == FACE:
-        out[0], out[1], out[2] = x - h * tri[k, 9], y - h * tri[k, 10], z - h * tri[k, 11]
+        out[0], out[1], out[2] = x - h * nx, y - h * ny, z - h * nz
     elif feature >= 4:
         for a in range(3):
             out[a] = tri[k, 3 * (feature - 4) + a]
@@ -187,16 +190,16 @@ def pseudonormal(tri, k, feature, twin, corners, normals, out):
     """Angle-weighted normal of a feature, any length; zero where a flat triangle spoils it."""
     if feature == FACE:
         for j in range(3):
-            out[j] = tri[k, 9 + j]
+            out[j] = tri[k, NORMAL + j]
     elif feature >= 4:
         for j in range(3):
             out[j] = normals[corners[k, feature - 4], j]
     else:
         j = twin[k, feature - 1]
         for a in range(3):
-            out[a] = tri[k, 9 + a] + tri[j, 9 + a]
-        flat_k = tri[k, 9] == 0.0 and tri[k, 10] == 0.0 and tri[k, 11] == 0.0
-        flat_j = tri[j, 9] == 0.0 and tri[j, 10] == 0.0 and tri[j, 11] == 0.0
+            out[a] = tri[k, NORMAL + a] + tri[j, NORMAL + a]
+        flat_k = tri[k, NORMAL] == 0.0 and tri[k, NORMAL + 1] == 0.0 and tri[k, NORMAL + 2] == 0.0
+        flat_j = tri[j, NORMAL] == 0.0 and tri[j, NORMAL + 1] == 0.0 and tri[j, NORMAL + 2] == 0.0
         if flat_k or flat_j:
             out[:] = 0.0
 
@@ -244,9 +247,9 @@ def sides_by_normals(
 @inner(fastmath=FAST, error_model="numpy")
 def solid_angle(tri, k, x, y, z):
     """Signed solid angle of a triangle seen from a point, positive from inside."""
-    ax, ay, az = tri[k, 0] - x, tri[k, 1] - y, tri[k, 2] - z
-    bx, by, bz = tri[k, 3] - x, tri[k, 4] - y, tri[k, 5] - z
-    cx, cy, cz = tri[k, 6] - x, tri[k, 7] - y, tri[k, 8] - z
+    ax, ay, az = tri[k, A] - x, tri[k, A + 1] - y, tri[k, A + 2] - z
+    bx, by, bz = tri[k, B] - x, tri[k, B + 1] - y, tri[k, B + 2] - z
+    cx, cy, cz = tri[k, C] - x, tri[k, C + 1] - y, tri[k, C + 2] - z
     a = np.sqrt(ax * ax + ay * ay + az * az)
     b = np.sqrt(bx * bx + by * by + bz * bz)
     c = np.sqrt(cx * cx + cy * cy + cz * cz)
@@ -323,10 +326,12 @@ def gradients(points, square, face, feature, foot, height, side, tri, turn, out)
         if feature[i] == FACE and d > 0.0:
             sign = side[i] if height[i] > 0.0 else -side[i]
             for a in range(3):
-                out[i, a] = sign * tri[k, 9 + a]
+                out[i, a] = sign * tri[k, NORMAL + a]
         else:
             for a in range(3):
-                away = turn * tri[k, 9 + a] if on else side[i] * (points[i, a] - foot[i, a]) / d
+                away = (
+                    turn * tri[k, NORMAL + a] if on else side[i] * (points[i, a] - foot[i, a]) / d
+                )
                 out[i, a] = away
 
 
