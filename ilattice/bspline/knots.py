@@ -407,28 +407,6 @@ def _raised_knots(t: FloatArray, k: int, periodic: bool) -> FloatArray:
     return t2[first:last]
 
 
-def extraction_operators(t: ArrayLike, k: int) -> FloatArray:
-    """Bézier extraction: Bernstein coefficients of each nonempty span.
-
-    Parameters
-    ----------
-    t : array_like, shape (n + k + 1,)
-        Knots.
-    k : int
-        Degree, 0 to 8.
-
-    Returns
-    -------
-    ndarray, shape (spans, k + 1, k + 1)
-        On the span l (``t[l] < t[l + 1]``) the Bernstein coefficients are
-        ``operator @ c[l - k : l + 1]``.
-    """
-    k = as_degree("k", k)
-    t = as_knot_vector("t", t, k)
-    spans, rows = bezier_rows(t, k)
-    return rows.reshape(len(spans) // (k + 1), k + 1, k + 1)
-
-
 def bezier_rows(t: FloatArray, k: int) -> tuple[IntArray, FloatArray]:
     """Span and row of every Bernstein coefficient, (spans (k+1),) and (spans (k+1), k+1)."""
     full = k + np.flatnonzero(np.diff(t[k : len(t) - k]) > 0)

@@ -10,10 +10,10 @@ from scipy.interpolate import BSpline as ScipyBSpline
 from ilattice.bspline.knots import (
     as_knot_vector,
     bezier_matrix,
+    bezier_rows,
     breaks,
     design_matrix,
     elevation_matrix,
-    extraction_operators,
     find_spans,
     greville,
     insertion_matrix,
@@ -224,7 +224,7 @@ def test_extraction_gives_bernstein_coefficients(k):
     rng = np.random.default_rng(k)
     for t in knot_vectors(k, rng):
         c = rng.standard_normal(len(t) - k - 1)
-        operators = extraction_operators(t, k)
+        operators = bezier_rows(t, k)[1].reshape(-1, k + 1, k + 1)
         edges = breaks(t, k)
         spans = find_spans(t, k, 0.5 * (edges[1:] + edges[:-1]))
         assert operators.shape == (len(edges) - 1, k + 1, k + 1)
