@@ -21,7 +21,7 @@ from ilattice._field import Field
 from ilattice._geometry import grid_points
 from ilattice._memory import available, need
 from ilattice._progress import Progress
-from ilattice._typing import FloatArray, IntArray, Solid
+from ilattice._typing import FloatArray, Solid
 from ilattice._validate import Frozen, as_flag, as_positive, as_triple, check_lengths
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.fields.algebra import split_box
@@ -31,9 +31,9 @@ from ilattice.macroshape.maps import SplineMap
 from ilattice.mesh import SurfaceMesh
 from ilattice.mesh.contouring import contour_arrays
 from ilattice.mesh.creases import sharpened
-from ilattice.mesh.measure import self_intersections
 from ilattice.mesh.repair import remove_slivers
 from ilattice.sdf._loss import check_loss
+from ilattice.sdf._parting import parted
 from ilattice.sdf._through import mesh_through
 from ilattice.sdf.mesh_distance import MeshDistance
 
@@ -53,7 +53,6 @@ BASE = 3e8
 LARGE = 5e6  # vertices above which edges stay chamfered
 MARGIN = 0.25  # spacings between the solid and the outermost planes, at least
 SLIVER = 0.005  # quality below which triangles are removed
-BACK = (0.5, 0.5, 1.0, 1.0)  # parts of the way back, one after the other, where triangles cross
 COARSE = 40  # samples per side of the estimate
 FIRST = 24  # spacings along the longest side where a tolerance picks them
 SETTLED = 90.0  # percent of the triangles that keep the tolerance: some edges stay chamfered
@@ -185,33 +184,13 @@ class Plan(Frozen):
                 stacklevel=4,
             )
             rows = np.arange(len(raw.vertices))
-            return SurfaceMesh._adopt(self._parted(raw.vertices, raw.faces, rows, axes), raw.faces)
+            moved = parted(self.inner, raw.vertices, raw.faces, rows, axes)
+            return SurfaceMesh._adopt(moved, raw.faces)
         sharp = sharpened(raw, self.inner, axes, _corners(self.inner))
         repair = remove_slivers(sharp.vertices, sharp.faces, sharp.kind, quality=SLIVER)
         rows = repair.vertices
-        vertices = self._parted(sharp.vertices[rows], repair.faces, rows, axes)
+        vertices = parted(self.inner, sharp.vertices[rows], repair.faces, rows, axes)
         return SurfaceMesh._adopt(vertices, repair.faces)
-
-    def _parted(
-        self, vertices: FloatArray, faces: IntArray, rows: IntArray, axes: list[FloatArray]
-    ) -> FloatArray:
-        """Vertices, `rows` of a contour; where triangles cross nearer to means of crossed edges.
-
-        There no triangles of a contour are known to cross. It happens where parts, or gaps between
-        them, are thinner than a cell, so that vertices of two sheets move past each other.
-        """
-        pairs, crossing = self_intersections(vertices, faces)
-        if not pairs:
-            return vertices
-        out = vertices.copy()
-        plain = contour_arrays(self.inner, axes, place="linear").vertices[rows]
-        for part in BACK:
-            at = np.unique(faces[crossing])
-            out[at] += part * (plain[at] - out[at])
-            pairs, crossing = self_intersections(out, faces)
-            if not pairs:
-                break
-        return out
 
 
 def plan(solid: Field, spacing: Any = None, *, memory: float = MEMORY) -> Plan:

@@ -9,6 +9,7 @@ import ilattice as il
 from ilattice import cli
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.mesh.sampled import volumes
+from ilattice.sdf import _parting as parting
 from ilattice.sdf.meshing import mesh, plan
 
 F = il.fields
@@ -107,3 +108,36 @@ def test_solids_whose_volume_overflows_are_refused(scale):
         warnings.simplefilter("error")
         with pytest.raises(InputError, match="use other units of length"):
             mesh(F.scale(F.box(1.0), scale))
+
+
+# --- triangles that cross -------------------------------------------------------------------------
+
+
+def trimmed_wing():
+    """A wall with a bore, thinner than the spacing next to the trailing edge."""
+    wing, f = il.macroshape.wing(), il.fields
+    size, middle = np.ptp(wing.bounds, axis=0).min(), wing.x([wing.domain.mean(axis=0)])[0]
+    wall = il.Lattice("schwarz_p", through=wing, repeat=(4, 1, 1), spans_per_tile=10)
+    bore = f.translate(f.rotate(f.cylinder(0.11 * size), 0.8, (1, 2, 0.3)), middle)
+    part = f.difference(wall.offset(0.06 * size).field, f.pull_back(bore, wing))
+    return part, 0.05 * size, wing
+
+
+def test_triangles_that_cross_in_thin_maps_are_parted_or_told_of():
+    part, h, wing = trimmed_wing()
+    with pytest.warns(PrecisionWarning, match="pairs of triangles cross") as told:
+        mesh = il.sdf.mesh(part, h, through=wing)
+    assert int(str(told[0].message).split()[0]) == mesh.self_intersections < 30  # 57 if not parted
+
+
+def test_vertices_go_back_the_shorter_way_around():
+    rng = np.random.default_rng(0)
+    axes = [np.linspace(-0.5, 2.0, 7), np.linspace(3.0, 3.5, 4), np.linspace(0.0, 1.0, 5)]
+    lo, hi = np.array([(a[0], a[-1]) for a in axes]).T
+    a, b = lo + (hi - lo) * rng.random((2, 50, 3))
+    half = parting._between(a, b, 0.5, axes, np.array([True, False, True]))
+    turn = 2.0 * np.pi * (np.stack([a, b, half]) - lo) / (hi - lo)
+    first, last, middle = np.exp(1j * turn)
+    around = first + last  # the mean of two places of a circle points to the middle of the way
+    np.testing.assert_allclose(middle[:, ::2], (around / np.abs(around))[:, ::2], atol=1e-9)
+    np.testing.assert_allclose(half[:, 1], 0.5 * (a + b)[:, 1])
