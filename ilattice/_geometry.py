@@ -1,11 +1,11 @@
 """Roots along segments and gradients, points of grids and in boxes, coordinates that faces fix."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
-from ilattice._typing import AnyArray, FloatArray, IntArray
+from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 
 
 def between(
@@ -133,7 +133,7 @@ def least_step(f: FloatArray, gradient: FloatArray) -> FloatArray:
     return np.asarray((f / square)[:, None] * gradient)
 
 
-def wrapped(u: FloatArray, lo: FloatArray, hi: FloatArray, closed: AnyArray) -> FloatArray:
+def wrapped(u: FloatArray, lo: FloatArray, hi: FloatArray, closed: ArrayLike) -> FloatArray:
     """Points moved into a box along its closed directions, by whole periods.
 
     Parameters
@@ -150,10 +150,10 @@ def wrapped(u: FloatArray, lo: FloatArray, hi: FloatArray, closed: AnyArray) -> 
     ndarray, shape (..., 3)
         As they were in the other directions.
     """
-    return np.where(closed, lo + np.mod(u - lo, hi - lo), u)
+    return np.where(np.asarray(closed), lo + np.mod(u - lo, hi - lo), u)
 
 
-def within(u: FloatArray, lo: FloatArray, hi: FloatArray, closed: AnyArray) -> FloatArray:
+def within(u: FloatArray, lo: FloatArray, hi: FloatArray, closed: ArrayLike) -> FloatArray:
     """Points `wrapped` into a box, and cut off at its faces in the other directions.
 
     Parameters
@@ -166,7 +166,32 @@ def within(u: FloatArray, lo: FloatArray, hi: FloatArray, closed: AnyArray) -> F
     ndarray, shape (..., 3)
         In the box.
     """
-    return np.where(closed, wrapped(u, lo, hi, closed), np.clip(u, lo, hi))
+    return np.where(np.asarray(closed), wrapped(u, lo, hi, closed), np.clip(u, lo, hi))
+
+
+def cells_at(axes: Sequence[FloatArray], u: FloatArray) -> IntArray:
+    """Indices of the cells of a tensor grid that points are in, the nearest cells beyond its ends.
+
+    Parameters
+    ----------
+    axes : sequence of ndarray
+        Planes of the grid, increasing, of each direction.
+    u : ndarray, shape (n, len(axes))
+        The points; those on a plane are in the cell above it.
+
+    Returns
+    -------
+    ndarray, shape (n, len(axes))
+        The indices.
+    """
+    at = [np.searchsorted(x, u[:, k], side="right") - 1 for k, x in enumerate(axes)]
+    return np.stack([np.clip(i, 0, len(x) - 2) for i, x in zip(at, axes, strict=True)], axis=1)
+
+
+def cell_sizes(axes: Sequence[FloatArray], u: FloatArray) -> FloatArray:
+    """Sizes (n, len(axes)) of the cells that points are in; arguments as of `cells_at`."""
+    at = cells_at(axes, u)
+    return np.stack([np.diff(x)[at[:, k]] for k, x in enumerate(axes)], axis=1)
 
 
 def determinants(a: AnyArray) -> FloatArray:

@@ -16,6 +16,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from ilattice._geometry import cells_at, wrapped
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import Frozen, read_only
 from ilattice.quadrature.grid import DividedGrid
@@ -134,14 +135,12 @@ class Parts(Frozen):
         ndarray, shape (n,)
             Their numbers; -1 in cells without solid, and outside of the grid.
         """
-        grid, at, inside = self.solid.grid, np.empty((3, len(u)), np.int64), np.ones(len(u), bool)
-        for a, x in enumerate(grid.axes):
-            p = u[:, a]
-            if grid.closed[a]:
-                p = x[0] + np.mod(p - x[0], x[-1] - x[0])
-            inside &= (p >= x[0]) & (p <= x[-1])
-            at[a] = np.clip(np.searchsorted(x, p, side="right") - 1, 0, len(x) - 2)
-        element = np.asarray(np.ravel_multi_index(tuple(at), grid.shape), np.int64)
+        grid = self.solid.grid
+        lo, hi = grid.domain
+        p = wrapped(u, lo, hi, grid.closed)
+        inside = ((p >= lo) & (p <= hi)).all(axis=1)
+        at = tuple(cells_at(grid.axes, p).T)
+        element = np.asarray(np.ravel_multi_index(at, grid.shape), np.int64)
         if isinstance(grid, DividedGrid):
             element = grid.element_at(u, element)
         row = np.minimum(np.searchsorted(self.cells, element), len(self.cells) - 1)

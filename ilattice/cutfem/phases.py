@@ -19,7 +19,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ilattice._geometry import grid_points
+from ilattice._geometry import cells_at, grid_points, wrapped
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import as_array, asked, read_only
 from ilattice.bspline import BSpline
@@ -471,11 +471,7 @@ def _together(a: Quadrature, b: Quadrature) -> Quadrature:
 
 def _cells_at(grid: Grid, u: FloatArray) -> tuple[IntArray, FloatArray]:
     """Cells of points, -1 outside of the grid, and the points, wrapped in closed directions."""
-    u, far = u.copy(), np.zeros(len(u), bool)
-    at = np.empty((len(u), 3), np.int64)
-    for a, x in enumerate(grid.axes):
-        if grid.closed[a]:
-            u[:, a] = x[0] + np.mod(u[:, a] - x[0], x[-1] - x[0])
-        far |= (u[:, a] < x[0]) | (u[:, a] > x[-1])
-        at[:, a] = np.clip(np.searchsorted(x, u[:, a], side="right") - 1, 0, len(x) - 2)
-    return np.where(far, -1, np.ravel_multi_index(tuple(at.T), grid.shape)), u
+    lo, hi = grid.domain
+    u = wrapped(u, lo, hi, grid.closed)
+    cells = np.ravel_multi_index(tuple(cells_at(grid.axes, u).T), grid.shape)
+    return np.where(((u >= lo) & (u <= hi)).all(axis=1), cells, -1), u

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._geometry import cell_sizes
 from ilattice._typing import AnyArray, ArrayLike, FloatArray
 from ilattice._validate import (
     FixedMapping,
@@ -192,10 +193,7 @@ def off(cut: CutGrid, u: FloatArray) -> FloatArray:
     """How far points (n, 3) are outside of the solid or the grid, in cells, to first order."""
     grid, sets = cut.grid, cut.sets
     lo, hi = grid.domain
-    sizes = np.stack(
-        [np.diff(a)[np.clip(np.searchsorted(a, u[:, k]) - 1, 0, len(a) - 2)]
-         for k, a in enumerate(grid.axes)], axis=1,
-    )  # fmt: skip
+    sizes = cell_sizes(grid.axes, u)
     beyond = (np.maximum(np.maximum(lo - u, u - hi), 0.0) / sizes)[:, ~np.array(grid.closed)]
     p = np.clip(u, lo, hi)
     value = sets(p)

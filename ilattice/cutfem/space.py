@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from ilattice._geometry import grid_points
+from ilattice._geometry import cells_at, grid_points, wrapped
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import (
     Frozen,
@@ -250,16 +250,11 @@ class SplineSpace(Frozen):
             Positions in `cells`; -1 where no active cell is nearer than one cell.
         """
         u = as_points("u", u, finite=False)
-        at = np.empty((len(u), 3), np.int64)
-        far = np.zeros(len(u), bool)
-        inside = u.copy()
-        for a, x in enumerate(self.grid.axes):
-            if self.grid.closed[a]:
-                inside[:, a] = x[0] + np.mod(u[:, a] - x[0], x[-1] - x[0])
-            else:
-                far |= ~((u[:, a] >= 2 * x[0] - x[1]) & (u[:, a] <= 2 * x[-1] - x[-2]))
-            at[:, a] = np.clip(np.searchsorted(x, inside[:, a], side="right") - 1, 0, len(x) - 2)
-        out = np.where(far, -1, self._nearest[tuple(at.T)])
+        lo, hi = np.array([(2 * x[0] - x[1], 2 * x[-1] - x[-2]) for x in self.grid.axes]).T
+        near = ((u >= lo) & (u <= hi) | self.grid.closed).all(axis=1)
+        first, last = self.grid.domain
+        inside = wrapped(u, first, last, self.grid.closed)
+        out = np.where(near, self._nearest[tuple(cells_at(self.grid.axes, inside).T)], -1)
         return self._among_several(out, inside)
 
     def _among_several(self, found: IntArray, u: FloatArray) -> IntArray:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ilattice._geometry import CORNERS, between
+from ilattice._geometry import CORNERS, between, cells_at
 from ilattice._typing import AnyArray, FloatArray
 from ilattice.offsets._kernels_newton import FALLBACK
 from ilattice.offsets.polish import inside
@@ -135,8 +135,7 @@ def _corners(
 ) -> FloatArray:
     """Corners (n, 8, 3) of the cells around points; along fixed coordinates they coincide."""
     out = np.empty((len(u), 8, 3))
-    for a, planes in enumerate(axes):
-        cell = np.clip(np.searchsorted(planes, u[:, a], side="right") - 1, 0, len(planes) - 2)
+    for a, (planes, cell) in enumerate(zip(axes, cells_at(axes, u).T, strict=True)):
         low, high = np.maximum(cell - around, 0), np.minimum(cell + 1 + around, len(planes) - 1)
         ends = np.where(fixed[:, a, None], u[:, a, None], planes[np.stack([low, high], axis=1)])
         out[:, :, a] = ends[:, CORNERS[:, a]]

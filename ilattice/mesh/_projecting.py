@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ilattice._geometry import fixed_coordinates
+from ilattice._geometry import cell_sizes, fixed_coordinates
 from ilattice._typing import AnyArray, FloatArray
 from ilattice.mesh._own_cells import at_jumps, in_own_cells, signed
 from ilattice.offsets._kernels_newton import FALLBACK
@@ -168,35 +168,13 @@ def classified(
     return out
 
 
-def cells_of(axes: tuple[FloatArray, ...], u: FloatArray) -> FloatArray:
-    """Sizes (n, 3) of the cells of a grid that points are in, in parameters.
-
-    Parameters
-    ----------
-    axes : three 1-D arrays
-        The grid planes.
-    u : ndarray, shape (n, 3)
-        The points.
-
-    Returns
-    -------
-    ndarray, shape (n, 3)
-        The sizes.
-    """
-    cells = [
-        np.diff(a)[np.clip(np.searchsorted(a, u[:, k], side="right") - 1, 0, len(a) - 2)]
-        for k, a in enumerate(axes)
-    ]
-    return np.stack(cells, axis=1)
-
-
 def _at_creases(
     wall: OffsetSolid, axes: tuple[FloatArray, ...], u: FloatArray, side: FloatArray
 ) -> AnyArray:
     """Which vertices (n,) are off by a part of their cells, where normals turn within a cell."""
     if len(u) == 0:
         return np.zeros(0, np.bool_)
-    cell = cells_of(axes, u)
+    cell = cell_sizes(axes, u)
     edges = np.linalg.norm(wall.lattice.through.jacobian(u), axis=1) * cell
     ways = np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
     around = inside(wall.lattice, (u[:, None] + ways * cell[:, None]).reshape(-1, 3))
@@ -286,9 +264,7 @@ def strayed(
         move = np.abs(moved[:, a] - u[:, a])
         if wall.lattice.through.closed[a]:
             move = np.minimum(move, np.abs(hi[a] - lo[a] - move))
-        cells = np.diff(axes[a])
+        size = cell_sizes(axes[a : a + 1], u[:, a : a + 1])[:, 0]
         span = (hi[a] - lo[a]) / (len(wall.distance.breaks(a)) - 1)
-        at = np.flatnonzero(move > max(span, STRAY * cells.min()))
-        cell = np.clip(np.searchsorted(axes[a], u[at, a], side="right") - 1, 0, len(cells) - 1)
-        far[at] |= move[at] > STRAY * cells[cell]
+        far |= move > np.maximum(span, STRAY * size)
     return far

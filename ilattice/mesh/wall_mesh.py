@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ilattice._geometry import CORNERS, fixed_coordinates
+from ilattice._geometry import CORNERS, cell_sizes, fixed_coordinates
 from ilattice._memory import need
 from ilattice._progress import Progress
 from ilattice._typing import AnyArray, FloatArray
@@ -37,7 +37,6 @@ from ilattice.macroshape.planes import MIN_CELLS_PER_TILE, grid_axes
 from ilattice.mesh._own_cells import in_own_cells
 from ilattice.mesh._projecting import (
     Classes,
-    cells_of,
     classified,
     measure,
     not_projected,
@@ -375,7 +374,7 @@ class _Job:
     def cell_volumes(self, u: FloatArray) -> FloatArray:
         """Volumes in space of the cells that points are in."""
         det = np.linalg.det(self.wall.lattice.through.jacobian(u))
-        out: FloatArray = np.abs(det) * cells_of(self.axes, u).prod(axis=1)
+        out: FloatArray = np.abs(det) * cell_sizes(self.axes, u).prod(axis=1)
         return out
 
     def side(self, raw: Contour) -> FloatArray:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._geometry import wrapped
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.errors import PrecisionWarning
 from ilattice.mesh.contouring import contour_arrays
@@ -77,9 +78,7 @@ def _between(
     a: FloatArray, b: FloatArray, part: float, axes: list[FloatArray], wrap: AnyArray
 ) -> FloatArray:
     """Points part of the way from a to b, the shorter one around closed directions."""
-    first = np.array([axis[0] for axis in axes])
-    period = np.array([axis[-1] - axis[0] for axis in axes])
+    lo, hi = np.array([(axis[0], axis[-1]) for axis in axes]).T
     way = b - a
-    way -= np.where(wrap, period * np.rint(way / period), 0.0)
-    out = a + part * way
-    return np.where(wrap, first + np.mod(out - first, period), out)
+    way -= np.where(wrap, (hi - lo) * np.rint(way / (hi - lo)), 0.0)
+    return wrapped(a + part * way, lo, hi, wrap)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ilattice._geometry import cell_sizes
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.offsets._small import least_steps
 from ilattice.offsets.polish import distance_jet, inside, shortest
@@ -66,7 +67,7 @@ class InPlane:
 
         `fixed` (n, 3) coordinates do not change; `side` is 1 or -1 on a side of the wall, else 0.
         """
-        width = self._widths(u)
+        width = cell_sizes(self.axes, u)
         way = self._way(u, width, np.zeros_like(u), (fixed, side, level), exact=False)
         if self.polish:
             way = self._way(u, width, way, (fixed, side, level), exact=True)
@@ -96,18 +97,10 @@ class InPlane:
         far = np.abs(way).max(axis=1, initial=0.0) > WAY
         return np.where(far[:, None], before, way)
 
-    def _widths(self, u: FloatArray) -> FloatArray:
-        """Widths of the cells around points along the three directions."""
-        out = np.empty_like(u)
-        for k, a in enumerate(self.axes):
-            d = np.diff(a)
-            out[:, k] = d[np.clip(np.searchsorted(a, u[:, k]) - 1, 0, len(d) - 1)]
-        return out
-
     def edges(self, u: FloatArray) -> FloatArray:
         """Lengths of the shortest edges of the cells around points, at most those asked for."""
         size = np.linalg.norm(self.wall.lattice.through.jacobian(u), axis=1)
-        return np.minimum((size * self._widths(u)).min(axis=1), self.h)
+        return np.minimum((size * cell_sizes(self.axes, u)).min(axis=1), self.h)
 
     def _step(
         self, u: FloatArray, fixed: AnyArray, side: IntArray, level: float, *, exact: bool
