@@ -43,7 +43,7 @@ DEGREE, DAMPING = 2, 4 / 3
 WEAK, WEAK_COARSE = 0.02, 0.05
 #: And above this part of the greatest coupling of either, so that slivers are joined with each
 #: other: they move almost freely, and are not seen in the motions of what they hang on.
-SHARE = 0.1
+STRONG = 0.1
 #: And they are nearer than this many times the nearest such node: where cells are stretched, those
 #: across the short side are joined first.
 FAR = 2.0
@@ -330,7 +330,7 @@ def _aggregates(
     """Aggregate of every node, -1 for nodes without couplings, and their number."""
     strong = np.empty(len(A.columns), np.bool_)
     bound = least**2 * A.blocks.shape[1]
-    km.mark_strong(A.offsets, A.columns, strength, bound, SHARE**2, strong)
+    km.mark_strong(A.offsets, A.columns, strength, bound, STRONG**2, strong)
     if coordinates is not None:
         km.unmark_far(A.offsets, A.columns, coordinates, FAR**2, strong)
     home = np.empty(A.rows, np.int32)

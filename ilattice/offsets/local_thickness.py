@@ -4,8 +4,8 @@ From points of the surface balls grow inwards until they touch it elsewhere (the
 algorithm: Ma, Bae and Choi, The Visual Computer 28, 2012). Their radii are distances to the medial
 axis: half the thickness of plates, the radius of struts and necks.
 
-Guarantee: radii come from closest points, not from the distance spline. Non-guarantees: `SHARE` of
-the surface may be thinner than what `least_of` says, as it is next to sharp edges; balls that
+Guarantee: radii come from closest points, not from the distance spline. Non-guarantees: `FRACTION`
+of the surface may be thinner than what `least_of` says, as it is next to sharp edges; balls that
 reach the faces of the domain first do not count.
 """
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 #: Points of the surface at most, how often balls shrink, and steps of the way to their centres.
 POINTS, SHRINKS, STEPS = 2000, 12, 6
 #: Part of the surface that may be thinner.
-SHARE = 0.1
+FRACTION = 0.1
 #: Part of a radius by which a ball may be cut, and that a centre may be off.
 TOUCH, OFF = 0.01, 0.02
 
@@ -80,7 +80,7 @@ def _depths(lattice: MidSurface, deepest: float) -> tuple[FloatArray, FloatArray
 
 
 def least_of(thickness: FloatArray, area: FloatArray) -> float:
-    """Thickness that all but `SHARE` of the area exceeds.
+    """Thickness that all but `FRACTION` of the area exceeds.
 
     Parameters
     ----------
@@ -93,8 +93,8 @@ def least_of(thickness: FloatArray, area: FloatArray) -> float:
         A quantile by area.
     """
     order = np.argsort(thickness, kind="stable")
-    share = np.cumsum(area[order])
-    return float(thickness[order][np.searchsorted(share, SHARE * share[-1])])
+    below = np.cumsum(area[order])
+    return float(thickness[order][np.searchsorted(below, FRACTION * below[-1])])
 
 
 def points(lattice: MidSurface, most: int) -> tuple[FloatArray, ...]:

@@ -25,13 +25,13 @@ from ilattice.quadrature._kernels_scratch import (
     FACES,
     FLAT,
     MAX_SETS,
+    MIN_SLOPE,
     OWNERS,
     PARTS,
     PROJECT,
     ROW,
     SEAMS,
     SENSE,
-    SHARE,
     SLOTS,
     SPANS,
     TABLE,
@@ -111,7 +111,7 @@ def face_pairs(Z: Any, N: Any, here: int, n_faces: int, L: Any) -> int:
             low = Z[SPANS + axis * ROW + j * 2]
             high = Z[SPANS + axis * ROW + j * 2 + 1]
             c, eps = here + N[CUT_FACES + j] * square, Z[TOL + N[OWNERS + j]]
-            steep = max(low, -high) >= SHARE * steepest(Z, j, 2)
+            steep = max(low, -high) >= MIN_SLOPE * steepest(Z, j, 2)
             good = good and (steep or has_pairs(Z, c, axis, eps, L))
         if good:
             return axis
@@ -138,7 +138,7 @@ def face_axis(Z: Any, N: Any, here: int, n_faces: int, L: Any) -> Any:
     axis, score = best_axis(Z, N, 2, n_faces, OWNERS, SENSE, False)
     if axis < 0 and N[PROJECT]:
         axis, score = best_axis(Z, N, 2, n_faces, OWNERS, SENSE, True)
-    good = score >= SHARE
+    good = score >= MIN_SLOPE
     if axis < 0:
         axis = face_pairs(Z, N, here, n_faces, L)
         good = axis >= 0

@@ -24,12 +24,12 @@ from ilattice.quadrature._kernels_scratch import (
     EXT,
     LO,
     LOW,
+    MIN_SLOPE,
     N_VOLUME,
     NODES,
     PROJECT,
     ROW,
     SEAMS,
-    SHARE,
     SPANS,
     SURFACE,
     TABLE,
@@ -356,7 +356,7 @@ def cell_rule(
                 if want & SURFACE and not all_rise(Z, N, n):
                     axis = -1
                 flat = axis >= 0
-            good = score >= SHARE and axis >= 0
+            good = score >= MIN_SLOPE and axis >= 0
             N[SEAMS] = 0
             # Quadrics have rules of their own, which need no monotone direction.
             if n == 1 and not good:

@@ -15,7 +15,7 @@ from typing import Any
 from ilattice._kernels import inner
 
 CAP = 24  # levels of halving of a box, and of its base
-SHARE = 0.05  # least slope along the height, as a part of the largest slope
+MIN_SLOPE = 0.05  # least slope along the height, as a part of the largest slope
 GAP = 1e-14  # intervals below this are dropped
 NEAR = 1e-11  # crossings that are closer are one
 WELL = 1e-4  # error of crossings that are well known, as a part of the values there
