@@ -267,7 +267,6 @@ def walls_may_end_where_the_distance_jumps():
     """By 0.02 and 0.005 of the half-thickness; where it is just steep, there is an offset."""
     axes, d = (np.linspace(0.0, 1.0, 11),) * 3, 0.1
     u, free = np.array([[0.51, 0.55, 0.55]]), np.zeros((1, 3), bool)
-    half = lambda u: np.full(len(u), d)  # noqa: E731
     for step, steep, told in ((0.02, 0.0, True), (0.005, 0.0, False), (0.0, 1e4, False)):
 
         def query(u, step=step, steep=steep, **_):
@@ -280,7 +279,8 @@ def walls_may_end_where_the_distance_jumps():
             through=SimpleNamespace(closed=(False,) * 3),
             search=SimpleNamespace(query=query),
         )
-        wall = SimpleNamespace(lattice=lattice, thickness=SimpleNamespace(side=lambda _: half))
+        clearance = lambda _, side, s: side * s - d  # noqa: E731
+        wall = SimpleNamespace(lattice=lattice, thickness=SimpleNamespace(clearance=clearance))
         found = _own_cells.at_jumps(wall, axes, u, free, np.ones(1), np.full(1, d))
         assert found.tolist() == [told]
 

@@ -67,7 +67,7 @@ class TriangleMesh:
 
         Returns
         -------
-        TriangleMesh
+        SurfaceMesh
             The mesh that now owns the arrays.
         """
         self = object.__new__(cls)
@@ -269,7 +269,7 @@ class TriangleMesh:
 
         Returns
         -------
-        TriangleMesh
+        SurfaceMesh
             Shares vertices and faces with this one.
         """
         new = _as_data("point_data", arrays, len(self.vertices))
@@ -287,7 +287,7 @@ class TriangleMesh:
 
         Returns
         -------
-        TriangleMesh
+        SurfaceMesh
             With the data of what is kept, in the old order.
         """
         as_array("faces", faces)

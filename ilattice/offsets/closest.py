@@ -172,7 +172,7 @@ class ClosestPointSearch(SeededSpace):
     ) -> None:  # fmt: skip
         """Fill in what starts (n, 3), in tile coordinates, lead to, with nothing else looked at."""
         idx = np.arange(len(starts) * len(x)).reshape(len(starts), -1).T.copy()
-        self.run(x, p, idx, feet, counts, status, started(self, np.concatenate(starts)))
+        self._run(x, p, idx, feet, counts, status, started(self, np.concatenate(starts)))
 
     def _points(self, known: ClosestPoints) -> FloatArray:
         """Points (n, 6) of what is searched that feet belong to: tile coordinates, and images."""
@@ -198,7 +198,7 @@ class ClosestPointSearch(SeededSpace):
     ) -> int:
         """Fill in the results of queries; how many needed more candidates than the first ones."""
         distance, idx = self.candidates(x, self.looked_at)
-        self.run(x, p, idx, feet, counts, status)
+        self._run(x, p, idx, feet, counts, status)
         behind = (feet[0, :, DISTANCE] * feet[0, :, MULTIPLIER] < 0) & (
             status == _kernels_newton.OK
         )
@@ -214,7 +214,7 @@ class ClosestPointSearch(SeededSpace):
         self._within_domain(x, p, feet, counts, status)
         at = np.flatnonzero(self._missed(distance[:, 0], idx[:, 0], feet[0, :, DISTANCE]))
         if len(at):
-            self.descend(x[at], at, self.seeds.points[idx[at, 0]], feet[0])
+            self._descend(x[at], at, self.seeds.points[idx[at, 0]], feet[0])
         return len(again)
 
     @cached_property
@@ -234,7 +234,7 @@ class ClosestPointSearch(SeededSpace):
         k = min(AMONG_ADDED, len(own))
         found: Any = tree.query(x[at], k=k)
         new, spent, state = _results(len(at))
-        self.run(x[at], p[at], own[found[1].reshape(len(at), k)], new, spent, state)
+        self._run(x[at], p[at], own[found[1].reshape(len(at), k)], new, spent, state)
         feet[:, at], status[at] = new, state
         counts[at] += spent
 

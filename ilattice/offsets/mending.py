@@ -152,12 +152,12 @@ def _restart(
     new, counts = np.full((2, n, 8), np.nan), np.zeros((n, 2), np.int64)
     state = np.full(n, _kernels_newton.FALLBACK, np.int64)
     number = np.arange(n)[:, None]
-    search.run(x[at], p[at], number, new, counts, state, seeds)
+    search._run(x[at], p[at], number, new, counts, state, seeds)
     bound = np.linalg.norm(x[at] - y, axis=1)
     bad = ~(np.abs(new[0, :, DISTANCE]) <= bound) | (state >= _kernels_newton.FALLBACK)
     bad = np.flatnonzero(bad & search.within(start))  # points of the continuation are no feet
     if len(bad):
-        search.descend(x[at[bad]], bad, start[bad], new[0])
+        search._descend(x[at[bad]], bad, start[bad], new[0])
         state[bad] = _kernels_newton.OK
     old = feet[0, at].copy()
     sign = np.where(old[:, DISTANCE] < 0.0, -1.0, 1.0)

@@ -102,7 +102,7 @@ def _start(
 ) -> None:  # fmt: skip
     """Improve the queries `at` from seeds."""
     f, c, s = feet.take(at, axis=1), counts[at], status[at]
-    search.run(x[at], p[at], idx, f, c, s)
+    search._run(x[at], p[at], idx, f, c, s)
     feet[:, at], counts[at], status[at] = f, c, s
 
 
@@ -134,7 +134,7 @@ def singly(search: SeededSpace, x: FloatArray, p: FloatArray, count: int) -> Flo
         status = np.full(near.size, _kernels_newton.FALLBACK, np.int64)
         many = np.repeat(x[part], k, axis=0), np.repeat(p[part], k, axis=0)
         counts = np.zeros((near.size, 2), np.int64)
-        search.run(*many, near.reshape(-1, 1), feet, counts, status)
+        search._run(*many, near.reshape(-1, 1), feet, counts, status)
         feet[0, status >= _kernels_newton.FALLBACK, DISTANCE] = np.inf
         found = feet[0].reshape(-1, k, 8)
         out[part] = found[np.arange(len(found)), np.abs(found[:, :, 6]).argmin(axis=1)]

@@ -205,30 +205,18 @@ class SeededSpace(TileSpace):
         distance, idx = found
         return distance, np.ascontiguousarray(idx, dtype=np.int64)
 
-    def descend(self, x: FloatArray, at: IntArray, start: FloatArray, feet: FloatArray) -> None:
+    def _descend(self, x: FloatArray, at: IntArray, start: FloatArray, feet: FloatArray) -> None:
         """Fill in feet that are found downhill from the nearest seeds, where Newton left them."""
         p = downhill(self, x, start)
         y = self.lattice.through.x(self.from_tile(p), extrapolate="extend")
         sign = np.where(feet[at, DISTANCE] < 0.0, -1.0, 1.0)
         feet[at] = np.column_stack([p, y, sign * np.linalg.norm(x - y, axis=1), sign])
 
-    def run(
+    def _run(
         self, x: FloatArray, p: FloatArray, idx: IntArray, feet: FloatArray, counts: IntArray,
         status: IntArray, seeds: Seeds | None = None,
     ) -> None:  # fmt: skip
-        """Fill in what the starts of queries lead to, see `_kernels.closest`.
-
-        Parameters
-        ----------
-        x, p : ndarray, shape (n, 3)
-            Queries in space and in tile coordinates.
-        idx : ndarray, shape (n, k)
-            Seeds from which they start.
-        feet, counts, status : ndarray, shape (2, n, 8), (n, 2) and (n,)
-            First and second feet, starts and iterations, and how it ended; changed in place.
-        seeds : Seeds, optional
-            Others than those here.
-        """
+        """Fill in what the starts of queries lead to, see `_kernels.closest`."""
         closest: Any = _kernels.closest
         closest(
             len(x), self.space, seeds or self.seeds, x, p, idx, self.box, self.orient, TOLERANCE,

@@ -27,6 +27,7 @@ from ilattice.bspline.knots import find_spans, with_planes
 from ilattice.errors import InputError
 from ilattice.fields.algebra import complement
 from ilattice.fields.node import Node
+from ilattice.fields.solids import level_sets_of
 from ilattice.quadrature import _kernels_drive as kernels
 from ilattice.quadrature import _kernels_single as singles
 from ilattice.quadrature._filling import Content
@@ -382,7 +383,7 @@ def as_level_sets(field: Any, domain: FloatArray | None, degree: int) -> LevelSe
         If it is something else, or there is no domain.
     """
     if isinstance(field, Solid):
-        field = field.level_sets()
+        field = level_sets_of(field)
     if isinstance(field, SumsOfSplines):
         return _of_splines(*field.sums(), (field,), domain, degree)
     parts = tuple(field) if isinstance(field, tuple | list) else (field,)

@@ -318,7 +318,7 @@ def mesh(
         ``fields.intersection(wall.field, fields.pull_back(part, wall.through))``.
     spacing : float or (3,) array, optional
         Largest distance of the planes of the grid; default a hundredth of the longest side, or
-        what the tolerance needs.
+        what the tolerance needs. With a map it must be given, as the length of edges in space.
     tol : float, optional
         Chord error: the spacing, a 24th of the longest side or the one given, is halved until the
         middles of 90 % of the triangles (all but those along edges) are that close to the surface,
@@ -354,7 +354,10 @@ def mesh(
         solid, through = field_of(solid), solid.through if through is None else through
     if through is not None:
         if tol is not None or spacing is None:
-            raise InputError("through needs a spacing, the length of edges in space, and no tol")
+            raise InputError(
+                "through, or a solid with a map of its own, needs a spacing, the length of edges "
+                "in space, and no tol"
+            )
         return mesh_through(solid, through, spacing, progress, allow_loss=allow_loss)
     if tol is None:
         return plan(solid, spacing, memory=memory).mesh(allow_loss=allow_loss, progress=progress)

@@ -4,7 +4,7 @@ Guarantee: where a copy is nearest to a point of the cell, it, or one as near, i
 """
 
 from collections.abc import Sequence
-from itertools import product
+from itertools import permutations, product
 
 import numpy as np
 
@@ -14,6 +14,8 @@ from ilattice.tiles._piece_arrays import PER_PIECE, Pieces
 
 #: Rounding of places, in cells, and cosines between edges that count as perpendicular.
 SLACK, SQUARE = 1e-6, 1e-12
+#: Rounds in which edges are made shorter.
+REDUCED = 50
 
 
 def copies(
@@ -45,10 +47,14 @@ def copies(
         If memory does not suffice.
     """
     first, last = _cells(own, cell, repeats, top)
-    sizes = last - first + 1
+    sizes = np.maximum(last - first + 1, 0)  # none of what is nowhere near, as beside large balls
     counts = sizes.prod(axis=1)
     total = float(counts.sum(dtype=np.float64))
-    need(0.25 * PER_PIECE * total, f"looking at {total:.3g} copies of pieces", "use fewer entities")
+    need(
+        0.25 * PER_PIECE * total,
+        f"looking at {total:.3g} copies of pieces",
+        "use fewer entities, or a less oblique cell",
+    )
     which = np.repeat(np.arange(len(counts)), counts)
     at = np.arange(len(which)) - np.repeat(np.cumsum(counts) - counts, counts)
     factors = np.empty((len(which), 3))
@@ -60,8 +66,31 @@ def copies(
     low, high = corners.min(axis=0), corners.max(axis=0)
     boxes = own.boxes[which]
     gap = np.maximum(np.maximum(boxes[:, :3] + by - high, low - boxes[:, 3:6] - by), 0.0)
-    near = (gap**2).sum(axis=1) <= (top + boxes[:, 6]) ** 2
+    near = np.sqrt((gap**2).sum(axis=1)) <= top + boxes[:, 6]
     return which[near], by[near]
+
+
+def covering_radius(cell: FloatArray) -> float:
+    """How far points can be, at most, from the nearest of the places to which a cell repeats one.
+
+    Parameters
+    ----------
+    cell : (3, 3) array
+        Edges of the cell as columns.
+
+    Returns
+    -------
+    float
+        A bound, from edges that are made as short as pairs of them allow.
+    """
+    edges = cell.T.copy()
+    for _ in range(REDUCED):
+        before = edges.copy()
+        for i, j in permutations(range(3), 2):
+            edges[i] -= np.rint(edges[i] @ edges[j] / (edges[j] @ edges[j])) * edges[j]
+        if (edges == before).all():
+            break
+    return 0.5 * float(np.linalg.norm(edges))
 
 
 def _cells(

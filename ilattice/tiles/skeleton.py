@@ -42,7 +42,7 @@ from ilattice._validate import (
     read_only,
 )
 from ilattice.errors import GeometryError, InputError
-from ilattice.tiles._copies import copies
+from ilattice.tiles._copies import copies, covering_radius
 from ilattice.tiles._given import as_entities
 from ilattice.tiles._kernels_skeleton import Tree, skeleton_jets
 from ilattice.tiles._piece_arrays import Pieces
@@ -320,7 +320,10 @@ class SkeletonField(Field, Frozen):
         # cell's own pieces, or some of them, are from any point of the faces.
         some = np.arange(0, len(own.rows), 1 + len(own.rows) // MANY)
         points, gap = self._on_faces()
-        top = self._evaluate(points, own.tree(some), 0)[0].max() + gap + 1.5 * self.blend
+        top = self._evaluate(points, own.tree(some), 0)[0].max() + gap
+        if all(self.repeats):  # next to each point is a copy of any point of a piece
+            top = min(top, covering_radius(self.cell))
+        top += 1.5 * self.blend
         return own.tree(*copies(own, self.cell, self.repeats, float(top)))
 
     def _on_faces(self) -> tuple[FloatArray, float]:

@@ -109,7 +109,7 @@ class SeveralFeet:
         feet, counts = np.full((2, n, 8), np.nan), np.zeros((n, 2), np.int64)
         status = np.full(n, _kernels_newton.FALLBACK, np.int64)
         q = self.search.to_tile(u)[owner]
-        self.search.run(x[owner], q, seed[:, None].copy(), feet, counts, status)
+        self.search._run(x[owner], q, seed[:, None].copy(), feet, counts, status)
         good = (status == _kernels_newton.OK)[None] & np.isfinite(feet[:, :, DISTANCE])
         return np.tile(owner, 2)[good.ravel()], feet[good][:, :IMAGE]
 

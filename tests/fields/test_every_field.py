@@ -309,3 +309,24 @@ def test_pairs_of_level_sets_are_what_is_negative_in_both():
     axes = [np.linspace(-1.1, 1.8, 30)] * 3
     both = il.mesh.contour(F.intersection(*Lens().level_sets()), axes)
     np.testing.assert_array_equal(il.mesh.contour(Lens(), axes).vertices, both.vertices)
+
+
+def test_what_only_looks_like_a_solid_is_refused():
+    class Hollow:
+        name, through, level_sets = "hollow", il.macroshape.box(1.0), BALL
+
+    class Empty(Hollow):
+        def level_sets(self):
+            return None
+
+    axes = [np.linspace(0.0, 1.0, 5)] * 3
+    for solid, told in ((Hollow(), "method level_sets"), (Empty(), "got None"), (Empty, "object")):
+        for call in (
+            lambda s: il.mesh.contour(s, axes),
+            lambda s: il.sdf.mesh(s, 0.1),
+            lambda s: il.cutfem.cut(s, 4, domain=[[0] * 3, [1] * 3]),
+        ):
+            with pytest.raises(InputError, match=told):
+                call(solid)
+    with pytest.raises(InputError, match="map of its own, needs a spacing"):
+        il.sdf.mesh(lattice("schwarz_p", repeat=1).offset(0.1))

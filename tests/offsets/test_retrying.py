@@ -186,7 +186,7 @@ def test_no_seed_leads_to_a_nearer_foot(tile):
     seed = np.concatenate([np.array(s, np.int64) for s in near])[:, None]
     feet, counts = np.full((2, len(seed), 8), np.nan), np.zeros((len(seed), 2), np.int64)
     status = np.full(len(seed), newton.FALLBACK)
-    search.run(x[owner], q[owner], seed, feet, counts, status)
+    search._run(x[owner], q[owner], seed, feet, counts, status)
     found = np.where(status < newton.FALLBACK, np.abs(feet[0, :, 6]), np.inf)
     nearest = np.minimum.reduceat(found, np.searchsorted(owner, np.unique(owner)))
     best = best[np.unique(owner)]

@@ -1,4 +1,5 @@
 import gc
+import itertools
 import pickle
 import tracemalloc
 
@@ -608,3 +609,35 @@ def test_bad_entities_are_refused(make, message):
 def test_a_solid_that_fills_the_tile_is_refused():
     with pytest.raises(GeometryError, match="fills the cell"):
         skeleton([X_BAR], radius=0.8)
+
+
+# --- copies --------------------------------------------------------------------------------------
+
+
+def test_small_pieces_beside_large_ones_have_no_copies():
+    both = [Ball((0.5, 0.5, 0.5), radius=2.0), Ball((0.2, 0.2, 0.2), radius=0.1)]
+    x = np.random.default_rng(0).random((50, 3))
+    near = np.linalg.norm(x - 0.5, axis=1) - 2.0  # the cell is within the large one's own part
+    np.testing.assert_allclose(SkeletonField(both, faces="periodic")(x), near, atol=1e-14)
+    with pytest.raises(GeometryError, match="fills the cell"):
+        il.tiles.skeleton(both, faces="periodic")
+
+
+@pytest.mark.parametrize("shear", [3.0, 37.0, 300.0])
+def test_cells_sheared_far_have_the_copies_of_the_cell_that_they_repeat_like(shear):
+    cell = np.array([[1.0, shear, 0.0], [0.0, 1.0, 0.0], [0.3, 0.0, 1.0]])
+    ends = np.array([[0.1, 0.2, 0.3], [0.11, 0.21, 0.31]]) @ cell.T
+    field = SkeletonField([Polyline(ends, radius=0.001)], faces="periodic", cell=cell)
+    u = np.random.default_rng(1).random((200, 3))
+    short = cell.copy()
+    short[:, 1] -= shear * short[:, 0]  # repeats alike
+    short[:, 1] -= np.rint(short[2, 1]) * short[:, 2]
+    x = u @ cell.T - ends[0]
+    x -= np.rint(x @ np.linalg.inv(short).T) @ short.T
+    way, best = ends[1] - ends[0], np.full(len(x), np.inf)
+    reach = [range(-2 - int(abs(c)), 3 + int(abs(c))) for c in np.linalg.solve(short, way)]
+    for k in itertools.product(*reach):
+        p = x - short @ np.array(k)
+        t = np.clip(p @ way / (way @ way), 0.0, 1.0)
+        best = np.minimum(best, np.linalg.norm(p - t[:, None] * way, axis=1) - 0.001)
+    np.testing.assert_allclose(field(u), best, atol=1e-12)
