@@ -34,6 +34,8 @@ def as_entities(given: Any) -> tuple[tuple[Entity, ...], tuple[range, ...]]:
         If there is none, or an item is none of these.
     """
     if isinstance(given, np.ndarray) and given.ndim == 3:
+        if given.shape[1] == 2 and (joined := _joined(given)) is not None:
+            return (joined,), (range(len(given)),)
         given = list(given)
     if not isinstance(given, list | tuple) or not given:
         raise InputError(
@@ -60,7 +62,7 @@ def _is_pair(item: Any) -> bool:
     return isinstance(item, (list, tuple, np.ndarray)) and len(item) == 2
 
 
-def _joined(pairs: list[Any]) -> Segments | None:
+def _joined(pairs: Any) -> Segments | None:
     """Pairs of points as one entity; none where one of them is none."""
     try:
         return Segments(as_array("entities", pairs, 3)) if len(pairs) > 1 else None
