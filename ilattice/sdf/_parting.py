@@ -12,19 +12,22 @@ import numpy as np
 from ilattice._geometry import wrapped
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.errors import PrecisionWarning
-from ilattice.mesh.contouring import contour_arrays
+from ilattice.mesh.contouring import Contour, contour_arrays
 from ilattice.mesh.measure import self_intersections
+from ilattice.mesh.repair import remove_slivers
 
 #: Parts of the way back to the means of crossed edges, one after the other.
 BACK = (0.5, 0.5, 1.0, 1.0)
+#: Quality below which triangles are removed.
+SLIVER = 0.005
 
 
 def parted(
-    field: Any, vertices: FloatArray, faces: IntArray, rows: IntArray, axes: list[FloatArray], *,
+    field: Any, made: Contour, axes: list[FloatArray], *,
     wrap: tuple[bool, bool, bool] = (False,) * 3,
-    image: Callable[[FloatArray], FloatArray] = np.asarray,
-) -> FloatArray:  # fmt: skip
-    """Vertices of a contour; where triangles cross nearer to the means of crossed edges.
+    image: Callable[[FloatArray], FloatArray] = np.asarray, slivers: float = 0.0,
+) -> tuple[FloatArray, IntArray]:  # fmt: skip
+    """Vertices and faces of a contour; where triangles cross nearer to the means of crossed edges.
 
     There no triangles of a contour are known to cross. It happens where parts, or gaps between
     them, are thinner than a cell, so that vertices of two sheets move past each other.
@@ -33,45 +36,66 @@ def parted(
     ----------
     field : Field
         What was contoured.
-    vertices, faces : ndarray, shape (V, 3) and (F, 3)
-        The mesh, in the coordinates of the axes.
-    rows : ndarray, shape (V,)
-        Which vertices of the contour they are.
+    made : Contour
+        All vertices of the contour, in the coordinates of the axes, and its faces.
     axes : list of ndarray
         Planes of the grid.
     wrap : tuple of bool
         Directions in which the last plane is the first one.
     image : callable
         Takes vertices to the space in which triangles are not to cross.
+    slivers : float
+        Quality below which triangles are removed, but where that makes others cross.
 
     Returns
     -------
-    ndarray, shape (V, 3)
-        The vertices.
+    vertices : ndarray, shape (V, 3)
+        In the coordinates of the axes.
+    faces : ndarray, shape (F, 3)
+        Their corners.
 
     Warns
     -----
     PrecisionWarning
         If triangles cross after all.
     """
-    pairs, crossing = self_intersections(image(vertices), faces)
-    if not pairs:
-        return vertices
-    out = vertices.copy()
-    plain = contour_arrays(field, axes, wrap=wrap, place="linear").vertices[rows]
+    out, faces = made.vertices, made.faces
+    pairs, crossing = self_intersections(image(out), faces)
+    if pairs:
+        out = out.copy()
+        plain = contour_arrays(field, axes, wrap=wrap, place="linear").vertices
     for part in BACK:
+        if not pairs:
+            break
         at = np.unique(faces[crossing])
         out[at] = _between(out[at], plain[at], part, axes, np.array(wrap))
         pairs, crossing = self_intersections(image(out), faces)
-        if not pairs:
-            return out
-    warnings.warn(
-        f"{pairs} pairs of triangles cross, as where parts or gaps are thinner than the spacing; "
-        "use a smaller one",
-        PrecisionWarning,
-        stacklevel=4,
-    )
-    return out
+    if slivers:
+        out, faces, pairs = _without_slivers(out, made, slivers, image, pairs)
+    if pairs:
+        warnings.warn(
+            f"{pairs} pairs of triangles cross, as where parts or gaps are thinner than the "
+            "spacing; use a smaller one",
+            PrecisionWarning,
+            stacklevel=4,
+        )
+    return out, faces
+
+
+def _without_slivers(
+    x: FloatArray, made: Contour, quality: float, image: Callable[[FloatArray], FloatArray],
+    before: int,
+) -> tuple[FloatArray, IntArray, int]:  # fmt: skip
+    """Vertices, faces and pairs that cross, of which slivers are left where others would cross."""
+    spared = np.zeros(len(x), np.bool_)
+    while True:
+        repair = remove_slivers(x, made.faces, made.kind, quality=quality, spared=spared)
+        kept = x[repair.vertices]
+        pairs, crossing = self_intersections(image(kept), repair.faces)
+        at = repair.vertices[np.unique(repair.faces[crossing])]
+        if pairs <= before or spared[at].all():
+            return kept, repair.faces, pairs
+        spared[at] = True
 
 
 def _between(

@@ -20,14 +20,11 @@ from ilattice.macroshape.maps import SplineMap
 from ilattice.mesh import SurfaceMesh
 from ilattice.mesh.contouring import contour_arrays
 from ilattice.mesh.creases import sharpened
-from ilattice.mesh.repair import remove_slivers
 from ilattice.sdf._loss import check_loss
-from ilattice.sdf._parting import parted
+from ilattice.sdf._parting import SLIVER, parted
 
 SAMPLES = 9  # per direction, of the lengths of parameter lines
 PER_POINT = 60.0  # bytes of memory per point of the grid
-#: Quality below which triangles are removed.
-SLIVER = 0.005
 
 
 def mesh_through(
@@ -43,16 +40,15 @@ def mesh_through(
     domain = through.domain
     axes = [np.linspace(a, b, int(n) + 1) for (a, b), n in zip(domain.T, counts, strict=True)]
     raw = contour_arrays(node, axes, wrap=through.closed, progress=progress)
-    vertices, faces, rows = raw.vertices, raw.faces, np.arange(len(raw.vertices))
-    if node.program.kinked and not any(through.closed):
-        sharp = sharpened(raw, node, axes)
-        repair = remove_slivers(sharp.vertices, sharp.faces, sharp.kind, quality=SLIVER)
-        vertices, faces, rows = sharp.vertices[repair.vertices], repair.faces, repair.vertices
+    edged = node.program.kinked and not any(through.closed)
+    made = sharpened(raw, node, axes) if edged else raw
 
     def image(u: FloatArray) -> FloatArray:
         return through.x(np.clip(u, *domain))
 
-    u = parted(node, vertices, faces, rows, axes, wrap=through.closed, image=image)
+    u, faces = parted(
+        node, made, axes, wrap=through.closed, image=image, slivers=SLIVER if edged else 0.0
+    )
     mesh = SurfaceMesh(image(u), faces if through.orientation > 0 else faces[:, ::-1])
     check_loss(
         node, domain, lengths, h, mesh.volume, allowed=allow_loss,

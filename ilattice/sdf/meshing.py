@@ -31,9 +31,8 @@ from ilattice.macroshape.maps import SplineMap
 from ilattice.mesh import SurfaceMesh
 from ilattice.mesh.contouring import contour_arrays
 from ilattice.mesh.creases import sharpened
-from ilattice.mesh.repair import remove_slivers
 from ilattice.sdf._loss import check_loss
-from ilattice.sdf._parting import parted
+from ilattice.sdf._parting import SLIVER, parted
 from ilattice.sdf._through import mesh_through
 from ilattice.sdf.mesh_distance import MeshDistance
 
@@ -52,7 +51,6 @@ COARSE_GRID = 2.5  # spacings along the longest side below which a grid is calle
 BASE = 3e8
 LARGE = 5e6  # vertices above which edges stay chamfered
 MARGIN = 0.25  # spacings between the solid and the outermost planes, at least
-SLIVER = 0.005  # quality below which triangles are removed
 COARSE = 40  # samples per side of the estimate
 FIRST = 24  # spacings along the longest side where a tolerance picks them
 SETTLED = 90.0  # percent of the triangles that keep the tolerance: some edges stay chamfered
@@ -183,14 +181,9 @@ class Plan(Frozen):
                 PrecisionWarning,
                 stacklevel=4,
             )
-            rows = np.arange(len(raw.vertices))
-            moved = parted(self.inner, raw.vertices, raw.faces, rows, axes)
-            return SurfaceMesh._adopt(moved, raw.faces)
+            return SurfaceMesh._adopt(*parted(self.inner, raw, axes))
         sharp = sharpened(raw, self.inner, axes, _corners(self.inner))
-        repair = remove_slivers(sharp.vertices, sharp.faces, sharp.kind, quality=SLIVER)
-        rows = repair.vertices
-        vertices = parted(self.inner, sharp.vertices[rows], repair.faces, rows, axes)
-        return SurfaceMesh._adopt(vertices, repair.faces)
+        return SurfaceMesh._adopt(*parted(self.inner, sharp, axes, slivers=SLIVER))
 
 
 def plan(solid: Field, spacing: Any = None, *, memory: float = MEMORY) -> Plan:

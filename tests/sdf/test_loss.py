@@ -123,11 +123,38 @@ def trimmed_wing():
     return part, 0.05 * size, wing
 
 
-def test_triangles_that_cross_in_thin_maps_are_parted_or_told_of():
+def test_triangles_that_cross_in_thin_maps_are_parted():
+    part, h, wing = trimmed_wing()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", PrecisionWarning)
+        mesh = il.sdf.mesh(part, h, through=wing)
+    assert mesh.self_intersections == 0  # 57 if not parted
+    assert mesh.is_watertight
+
+
+def test_triangles_that_are_not_parted_are_told_of(monkeypatch):
+    monkeypatch.setattr(parting, "BACK", ())
     part, h, wing = trimmed_wing()
     with pytest.warns(PrecisionWarning, match="pairs of triangles cross") as told:
         mesh = il.sdf.mesh(part, h, through=wing)
-    assert int(str(told[0].message).split()[0]) == mesh.self_intersections < 30  # 57 if not parted
+    assert int(str(told[0].message).split()[0]) == mesh.self_intersections > 0
+
+
+def test_slivers_are_left_where_others_would_cross(monkeypatch):
+    field = il.sdf.parse(
+        "box scale 4,4,4 sphere scale 5,5,5 p-surface scale 4,4,4 d-surface scale 3.75,3.75,3.75 "
+        "gyroid scale 1.25,1.25,1.25"
+    )
+    asked = []
+    real = parting.remove_slivers
+
+    def told(*args, spared, **keywords):
+        asked.append(spared.sum())
+        return real(*args, spared=spared, **keywords)
+
+    monkeypatch.setattr(parting, "remove_slivers", told)
+    assert il.sdf.mesh(field, 0.09).self_intersections == 0
+    assert asked[0] == 0 < asked[-1] < 100  # 9 pairs if all slivers were removed
 
 
 def test_vertices_go_back_the_shorter_way_around():
