@@ -176,6 +176,42 @@ def is_joint(
 
 
 @inner(owning=True, **FAST)
+def connect(
+    corner: Any, length: Any, sort: Any, row: Any, tensor: Any, tables: Any, mine: Any, P: int,
+    parent: Any, firm: Any,
+) -> None:  # fmt: skip
+    """Join boxes `mine` that hang together, in `firm` those without such as are not certain.
+
+    Boxes are taken by their lower ends along the first axis, and compared with those that have not
+    ended there: of n boxes of one length these are some n^(2/3).
+    """
+    near = np.empty(len(sort), np.int64)
+    count = 0
+    for i in np.argsort(corner[:, 0]):
+        if not mine[i]:
+            continue
+        left = 0
+        for k in range(count):
+            j = near[k]
+            if corner[j, 0] + length[j, 0] < corner[i, 0]:
+                continue
+            near[left] = j
+            left += 1
+            apart = False
+            for a in range(1, 3):
+                apart |= corner[j, a] + length[j, a] < corner[i, a]
+                apart |= corner[i, a] + length[i, a] < corner[j, a]
+            if apart or (root(parent, i) == root(parent, j) and root(firm, i) == root(firm, j)):
+                continue
+            if is_joint(corner, length, sort, row, tensor, tables, max(i, j), min(i, j), P):
+                join(parent, i, j)
+                if sort[i] != UNSURE and sort[j] != UNSURE:
+                    join(firm, i, j)
+        near[left] = i
+        count = left + 1
+
+
+@inner(owning=True, **FAST)
 def is_air(
     corner: Any, length: Any, sort: Any, row: Any, tensor: Any, tables: Any, air: Any, mine: Any,
     P: int,
@@ -183,21 +219,14 @@ def is_air(
     """Whether boxes `mine` hang together only through such as have air between solid."""
     parent = np.arange(len(sort))
     first = -1
+    whole = mine.copy()
     for i in range(len(sort)):
-        if not mine[i] or air[i].max() > 0.0:
-            continue
-        for j in range(i):
-            if mine[j] and air[j].max() == 0.0 and root(parent, i) != root(parent, j):
-                if is_joint(corner, length, sort, row, tensor, tables, i, j, P):
-                    join(parent, i, j)
+        whole[i] = mine[i] and air[i].max() == 0.0
+    connect(corner, length, sort, row, tensor, tables, whole, P, parent, parent)
     for i in range(len(sort)):
-        if (
-            mine[i]
-            and air[i].max() == 0.0
-            and (
-                sort[i] == FULL
-                or has_solid_corner(tensor[i], 3, P, tolerances(tensor[i]), tables[row[i]])
-            )
+        if whole[i] and (
+            sort[i] == FULL
+            or has_solid_corner(tensor[i], 3, P, tolerances(tensor[i]), tables[row[i]])
         ):
             if first < 0:
                 first = root(parent, i)
@@ -220,14 +249,9 @@ def pieces_of(c: Any, tables: Any, which: Any, start: Any, extent: Any, P: int) 
     n = len(sort)
     parent = np.arange(n)
     firm = np.arange(n)  # without boxes that are not certain
-    for i in range(n):
-        for j in range(i):
-            if root(parent, i) == root(parent, j) and root(firm, i) == root(firm, j):
-                continue
-            if is_joint(corner, length, sort, row, tensor, tables, i, j, P):
-                join(parent, i, j)
-                if sort[i] != UNSURE and sort[j] != UNSURE:
-                    join(firm, i, j)
+    connect(
+        corner, length, sort, row, tensor, tables, np.ones(n, np.bool_), P, parent, firm
+    )  # fmt: skip
     label = np.full(n, -1)
     count = 0
     for i in range(n):

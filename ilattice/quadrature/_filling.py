@@ -16,10 +16,11 @@ from ilattice.quadrature._kernels_thinning import moments_of
 
 #: Points of a rule per direction at most.
 MAX_POINTS = 10
-BATCH = 4096  # boxes between two copies
+#: Chunks of boxes between two copies: at first, and then as many as there is room for.
+FIRST, MAX_CHUNKS = 8, 128
 #: What is integrated over: bits.
 VOLUME, SURFACE = 1, 2
-MAX_ROWS = 1 << 22  # of all boxes of a batch, that room is kept for
+MAX_ROWS = 1 << 22  # of all boxes between two copies, that room is kept for
 #: Points of a box, over polynomials that keep their integrals, above which they are thinned.
 LONG = 2
 #: The degree of these by the length of boxes, over that of cells: what they leave falls with the
@@ -202,31 +203,31 @@ def filled(pieces: Any, listing: Listing, want: int, q: int, accept: int) -> tup
     thin = thinning(listing, q)
     ease(thin, pieces, listing, q)
     width = 8 if want == SURFACE else 4
-    usual = np.arange(-(-BATCH // kernels.CHUNK) + 1) * (kernels.CHUNK * 3 * q**3)
-    arena, none = np.empty((usual[-1], width)), np.empty((0, 12 - width))
-    for i in range(0, len(boxes), BATCH):
-        part = slice(i, min(i + BATCH, len(boxes)))
+    most, chunks, done = kernels.CHUNK * 3 * q**3, FIRST, 0
+    arena, none = np.empty((0, width)), np.empty((0, 12 - width))
+    while done < len(boxes):
+        part = slice(done, min(done + chunks * kernels.CHUNK, len(boxes)))
         local = which[part].copy()
         content = pieces.content(listing.rows[local[local >= 0]])
         local[local >= 0] = np.arange(len(content.tensors))
-        used = np.zeros(-(-(part.stop - i) // kernels.CHUNK), np.int64)
-        room = usual
+        used = np.zeros(-(-(part.stop - done) // kernels.CHUNK), np.int64)
+        room = np.arange(len(used) + 1) * most
         while True:
+            if room[-1] > len(arena):
+                arena = np.empty((room[-1], width))
             volume, surface = (none, arena) if want == SURFACE else (arena, none)
             kernels.rules(
                 len(used), (content.tensors, content.many, content.tables, content.names), local,
                 boxes[part], listing.sides[part], thin[part], numbers, asked, pieces.lengths,
                 volume, surface, room, counts[part], used,
             )  # fmt: skip
-            if (used <= np.diff(room)[: len(used)]).all():
+            fits = used <= np.diff(room)
+            if fits.all():
                 break
-            fits = used <= np.diff(room)[: len(used)]  # thinned points took more room before
-            room = np.append(0, np.cumsum(np.where(fits, np.diff(room)[: len(used)], used)))
-            usual = np.arange(len(usual)) * max(
-                int(usual[1]), min(int(used.max()), MAX_ROWS // len(usual))
-            )  # the next ones may be as long
-            if max(room[-1], usual[-1]) > len(arena):
-                arena = np.empty((max(room[-1], usual[-1]), width))
+            room = np.append(0, np.cumsum(np.where(fits, np.diff(room), used)))
+            most = max(most, int(used.max()))  # the next ones may be as long
         rows.append(arena, room, used, part.stop / len(boxes))
+        chunks = min(max(MAX_ROWS // most, FIRST), MAX_CHUNKS)
+        done = part.stop
     rows.finish()
     return rows, counts

@@ -23,14 +23,20 @@ KEPT = 1e-10
 PIVOT = 1e-11
 MAX_DEGREE = 5
 MAX_MOMENTS = (MAX_DEGREE + 1) * (MAX_DEGREE + 2) * (MAX_DEGREE + 3) // 6
-# Places in scratch, behind moments of groups: their weights, sums before and after, polynomials at
-# a point and those in one variable, lower corner and extent of a box about all points; its length
+#: Groups whose sums are made at once.
+LANES = 16
+# Places in scratch, behind moments of groups: their weights, sums before and after; of a group in
+# each lane sums, polynomials in one variable, weights of points and products with polynomials in
+# one and two variables; lower corner of a box about all points, 2 over its extent; its length
 WEIGHT = 2 * MAX_MOMENTS * MAX_MOMENTS
 BEFORE = WEIGHT + 2 * MAX_MOMENTS
 AFTER = BEFORE + MAX_MOMENTS
-VALUE = AFTER + MAX_MOMENTS
-BASES = VALUE + MAX_MOMENTS
-BOX = BASES + 3 * (MAX_DEGREE + 1)
+SUMS = AFTER + MAX_MOMENTS
+BASES = SUMS + MAX_MOMENTS * LANES
+WEIGHTS = BASES + 3 * (MAX_DEGREE + 1) * LANES
+X = WEIGHTS + LANES
+Y = X + LANES
+BOX = Y + LANES
 ROOM = BOX + 6
 
 
@@ -41,38 +47,88 @@ def moments_of(degree: int) -> int:
 
 
 @inner(error_model="numpy")
-def polynomials(points: Any, row: int, degree: int, S: Any) -> None:
-    """Products of Legendre polynomials at a point, to VALUE."""
-    for axis in range(3):
-        x = 2.0 * (points[row, axis] - S[BOX + axis]) / S[BOX + 3 + axis] - 1.0
-        at = BASES + axis * (MAX_DEGREE + 1)
-        S[at] = 1.0
-        S[at + 1] = x
-        for k in range(1, degree):
-            S[at + k + 1] = ((2 * k + 1) * x * S[at + k] - k * S[at + k - 1]) / (k + 1)
-    m = VALUE
-    for i in range(degree + 1):
-        for j in range(degree + 1 - i):
-            v = S[BASES + i] * S[BASES + MAX_DEGREE + 1 + j]
-            for k in range(degree + 1 - i - j):
-                S[m] = v * S[BASES + 2 * MAX_DEGREE + 2 + k]
-                m += 1
+def multiply(row: Any, one: Any, other: Any) -> None:
+    """Products of two rows: of slices, since loops over these are vectorized."""
+    for lane in range(LANES):
+        row[lane] = one[lane] * other[lane]
 
 
 @inner(error_model="numpy")
-def sums(points: Any, first: int, end: int, degree: int, S: Any, to: int) -> float:
-    """Moments of some points, to `to`; their weight."""
+def add_product(row: Any, one: Any, other: Any) -> None:
+    """Products of two rows, added to a third one."""
+    for lane in range(LANES):
+        row[lane] += one[lane] * other[lane]
+
+
+@inner(error_model="numpy")
+def legendre(x: Any, older: Any, old: Any, new: Any, k: int) -> None:
+    """Legendre polynomials of degree k + 1 by those of degrees k and k - 1."""
+    for lane in range(LANES):
+        new[lane] = ((2 * k + 1) * x[lane] * old[lane] - k * older[lane]) / (k + 1)
+
+
+@inner(error_model="numpy")
+def look(points: Any, row: int, last: int, S: Any, lane: int) -> None:
+    """A point within the box about all, from -1 to 1, and its weight; none if it is the last."""
+    S[WEIGHTS + lane] = points[row, 3] if row < last else 0.0
+    for axis in range(3):
+        x = 0.0
+        if row < last:
+            x = S[BOX + 3 + axis] * (points[row, axis] - S[BOX + axis]) - 1.0
+        S[BASES + (axis * (MAX_DEGREE + 1) + 1) * LANES + lane] = x
+        S[BASES + axis * (MAX_DEGREE + 1) * LANES + lane] = 1.0
+
+
+@inner(error_model="numpy")
+def add_polynomials(degree: int, S: Any) -> None:
+    """Products of Legendre polynomials at a point of each lane, times their weights, to SUMS."""
+    for axis in range(3):
+        at = BASES + axis * (MAX_DEGREE + 1) * LANES
+        for k in range(1, degree):
+            here = at + (k - 1) * LANES
+            legendre(
+                S[at + LANES : at + 2 * LANES], S[here : here + LANES],
+                S[here + LANES : here + 2 * LANES], S[here + 2 * LANES : here + 3 * LANES], k,
+            )  # fmt: skip
+    m = SUMS
+    for i in range(degree + 1):
+        x = BASES + i * LANES
+        multiply(S[X:Y], S[WEIGHTS:X], S[x : x + LANES])
+        for j in range(degree + 1 - i):
+            y = BASES + (MAX_DEGREE + 1 + j) * LANES
+            multiply(S[Y:BOX], S[X:Y], S[y : y + LANES])
+            for k in range(degree + 1 - i - j):
+                z = BASES + (2 * MAX_DEGREE + 2 + k) * LANES
+                add_product(S[m : m + LANES], S[Y:BOX], S[z : z + LANES])
+                m += LANES
+
+
+@inner(error_model="numpy")
+def moments(points: Any, first: int, n: int, K: int, degree: int, S: Any) -> None:
+    """Moments of K groups of n points over their weights, to 0 of S, and these weights.
+
+    A lane is a group, so that sums of several are made at once.
+    """
     M = moments_of(degree)
-    for m in range(M):
-        S[to + m] = 0.0
-    total = 0.0
-    for row in range(first, end):
-        w = points[row, 3]
-        polynomials(points, row, degree, S)
-        for m in range(M):
-            S[to + m] += w * S[VALUE + m]
-        total += w
-    return total
+    for g in range(0, K, LANES):
+        lanes = min(LANES, K - g)
+        S[SUMS : SUMS + M * LANES] = 0.0
+        for i in range(-(-n // K)):
+            for lane in range(LANES):
+                row = first + (g + lane) * n // K + i
+                look(points, row, first + min(g + lane + 1, K) * n // K, S, lane)
+            add_polynomials(degree, S)
+        for lane in range(lanes):
+            S[WEIGHT + g + lane] = S[SUMS + lane]  # the first polynomial is 1
+            for m in range(M):
+                S[m * K + g + lane] = S[SUMS + m * LANES + lane] / S[SUMS + lane]
+
+
+@inner(error_model="numpy")
+def subtract(row: Any, other: Any, factor: float) -> None:
+    """Take a multiple of another row away: of slices, since loops over these are vectorized."""
+    for j in range(len(row)):
+        row[j] -= factor * other[j]
 
 
 @inner(error_model="numpy")
@@ -101,8 +157,7 @@ def solved(S: Any, K: int, M: int, base: Any, free: Any) -> int:
         for i in range(M):
             f = S[i * K + best]
             if i != rank and f != 0.0:
-                for j in range(K):
-                    S[i * K + j] -= f * S[rank * K + j]
+                subtract(S[i * K : i * K + K], S[rank * K : rank * K + K], f)
         free[best] = 0
         base[rank] = best
         rank += 1
@@ -142,8 +197,20 @@ def choose_groups(S: Any, K: int, M: int, base: Any, free: Any) -> None:
         for m in range(rank):
             f = S[m * K + j]
             if m != leaves and f != 0.0:
-                for i in range(j, K):
-                    S[m * K + i] -= f * S[leaves * K + i]
+                subtract(S[m * K + j : m * K + K], S[leaves * K + j : leaves * K + K], f)
+
+
+@inner(error_model="numpy")
+def total(S: Any, K: int, M: int, to: int) -> float:
+    """Moments of all groups together, to `to`; their weight."""
+    weight = 0.0
+    for g in range(K):
+        weight += S[WEIGHT + g]
+    for m in range(M):
+        S[to + m] = 0.0
+        for g in range(K):
+            S[to + m] += S[WEIGHT + g] * S[m * K + g]
+    return weight
 
 
 @inner(owning=True, error_model="numpy")
@@ -158,25 +225,18 @@ def thinned(points: Any, first: int, end: int, degree: int, S: Any) -> int:
     saved = points[first:end].copy()
     for axis in range(3):
         S[BOX + axis] = saved[:, axis].min()
-        S[BOX + 3 + axis] = saved[:, axis].max() - S[BOX + axis]
-        if S[BOX + 3 + axis] <= 0.0:
+        extent = saved[:, axis].max() - S[BOX + axis]
+        if extent <= 0.0:
             return end
+        S[BOX + 3 + axis] = 2.0 / extent
     volume = 0.0
-    for m in range(M):
-        S[BEFORE + m] = 0.0
     stop = end
     while stop - first > M:
         n = stop - first
         K = min(n, 2 * M)
-        for g in range(K):
-            w = sums(points, first + g * n // K, first + (g + 1) * n // K, degree, S, AFTER)
-            S[WEIGHT + g] = w
-            for m in range(M):
-                S[m * K + g] = S[AFTER + m] / w
-            if stop == end:  # all groups of the first round are the whole
-                volume += w
-                for m in range(M):
-                    S[BEFORE + m] += S[AFTER + m]
+        moments(points, first, n, K, degree, S)
+        if stop == end:  # all groups of the first round are the whole
+            volume = total(S, K, M, BEFORE)
         old = S[WEIGHT : WEIGHT + K].copy()
         choose_groups(S, K, M, base, free)
         to = first
@@ -193,7 +253,9 @@ def thinned(points: Any, first: int, end: int, degree: int, S: Any) -> int:
         stop = to
     if stop == end:
         return end
-    sums(points, first, stop, degree, S, AFTER)
+    n = stop - first
+    moments(points, first, n, min(n, M), degree, S)
+    total(S, min(n, M), M, AFTER)
     for m in range(M):
         if not abs(S[AFTER + m] - S[BEFORE + m]) <= KEPT * volume:
             points[first:end] = saved
