@@ -37,6 +37,9 @@ CROWDED, CAREFUL = 512, 5
 #: power of the length: it stays below that of larger boxes (5e-5 of their volume for q = 4).
 EASED = (4, 5)
 EASIER = ((0.25, 3, 1), (0.0625, 1, 1), (0.0625, 3, 2))
+#: Points of a rule on pieces of splines that are expected before any are thinned, which takes
+#: longer than what is done with them: a gigabyte. Halved boxes have many more than they need.
+MANY = 2e7
 SOFT_FROM = {VOLUME: 5, SURFACE: 2}  # points from which substitution at tangents pays
 
 
@@ -202,6 +205,9 @@ def filled(pieces: Any, listing: Listing, want: int, q: int, accept: int) -> tup
     numbers = np.stack([table(n, want, pieces.order) for n in range(1, q + 1)])
     thin = thinning(listing, q)
     ease(thin, pieces, listing, q)
+    degrees = thin[:, 1].copy()
+    if not listing.halved:
+        thin[:, 1] = 0
     width = 8 if want == SURFACE else 4
     most, chunks, done = kernels.CHUNK * 3 * q**3, FIRST, 0
     arena, none = np.empty((0, width)), np.empty((0, 12 - width))
@@ -211,7 +217,7 @@ def filled(pieces: Any, listing: Listing, want: int, q: int, accept: int) -> tup
         content = pieces.content(listing.rows[local[local >= 0]])
         local[local >= 0] = np.arange(len(content.tensors))
         used = np.zeros(-(-(part.stop - done) // kernels.CHUNK), np.int64)
-        room = np.arange(len(used) + 1) * most
+        room = np.arange(len(used) + 1) * max(most, MAX_ROWS // chunks)
         while True:
             if room[-1] > len(arena):
                 arena = np.empty((room[-1], width))
@@ -229,5 +235,7 @@ def filled(pieces: Any, listing: Listing, want: int, q: int, accept: int) -> tup
         rows.append(arena, room, used, part.stop / len(boxes))
         chunks = min(max(MAX_ROWS // most, FIRST), MAX_CHUNKS)
         done = part.stop
+        if rows.count * len(boxes) > MANY * done:
+            thin[:, 1] = degrees
     rows.finish()
     return rows, counts
