@@ -278,17 +278,30 @@ def upright(space, orient, p, y, away, b, m):
     geom, zero = space.geom, (0.0, 0.0, 0.0)
     e0, e1, e2 = at_end(geom, 0, p[0]), at_end(geom, 1, p[1]), at_end(geom, 2, p[2])
     map_jet(space, (e0, e1, e2), 1, b, m)
-    least = UPRIGHT * orient * cofactor_normal(m, zero)[1]
+    whole = orient * cofactor_normal(m, zero)[1]
     way = np.sqrt((y[0] - m[0, 0]) ** 2 + (y[1] - m[1, 0]) ** 2 + (y[2] - m[2, 0]) ** 2)
-    if not least > 0.0 or away < BESIDE * way:
+    if not whole > 0.0 or away < BESIDE * way:
         return False
+    return upright_part(space, orient, (e0, e1, e2), p, whole, b, m) >= UPRIGHT
+
+
+@inner(fastmath=FAST, error_model="numpy")
+def upright_part(space, orient, end, p, whole, b, m):
+    """What is left of det J, of size `whole` at `end`, on the way from there to p, at least.
+
+    Stops where that is less than half of `UPRIGHT`; leaves the jet of order 1 at p in m otherwise.
+    """
+    rest = 1.0
     for i in range(1, STEPS + 1):
         s = i / STEPS
-        q = (e0 + s * (p[0] - e0), e1 + s * (p[1] - e1), e2 + s * (p[2] - e2))
-        map_jet(space, q, 1, b, m)
-        if not orient * cofactor_normal(m, zero)[1] >= least:
-            return False
-    return True
+        q0 = end[0] + s * (p[0] - end[0])
+        q1 = end[1] + s * (p[1] - end[1])
+        q2 = end[2] + s * (p[2] - end[2])
+        map_jet(space, (q0, q1, q2), 1, b, m)
+        rest = min(rest, orient * cofactor_normal(m, (0.0, 0.0, 0.0))[1] / whole)
+        if not rest >= 0.5 * UPRIGHT:
+            return 0.0
+    return rest
 
 
 @inner(fastmath=FAST, error_model="numpy")

@@ -18,6 +18,7 @@ from ilattice.offsets._kernels_jets import (
     metric,
     scratch,
     tile_jet,
+    upright_part,
 )
 from ilattice.offsets._kernels_newton import MAX_ITERATIONS, curvature
 from ilattice.offsets._kernels_patches import (
@@ -121,8 +122,11 @@ def sagitta(m, cell):
 
 @in_ranges(CHUNK)
 @njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
-def place_seeds(first, last, space, p, cell, x, normal, spacing, det):
-    """Image (n, 3), normal (n, 5), size of the image of a cell, and det J at points p (n, 3).
+def place_seeds(first, last, space, p, cell, orient, x, normal, spacing, rest):
+    """Image (n, 3), normal (n, 5), size of the image of a cell, at points p (n, 3) in tiles.
+
+    The rest (n,) is what is left of det J on the way there from the domain: 1 within it, and not
+    positive where that is less than half of `UPRIGHT`.
 
     Normals are those along which I grows, whatever the orientation of the map, followed by the
     largest curvature times that size, and how far away queries must be, see `upright`.
@@ -133,30 +137,37 @@ def place_seeds(first, last, space, p, cell, x, normal, spacing, det):
     for i in range(first, last):
         pi = (p[i, 0], p[i, 1], p[i, 2])
         end = (at_end(geom, 0, pi[0]), at_end(geom, 1, pi[1]), at_end(geom, 2, pi[2]))
+        beyond = outside(geom, pi)
         map_jet(space, end, 1, b, m)
         x[i, 0], x[i, 1], x[i, 2] = m[0, 0], m[1, 0], m[2, 0]
+        rest[i] = 1.0
+        if beyond:
+            whole = orient * cofactor_normal(m, (0.0, 0.0, 0.0))[1]
+            rest[i] = 0.0
+            if whole > 0.0:
+                rest[i] = upright_part(space, orient, end, pi, whole, b, m)
         map_jet(space, pi, 2, b, m)
         tile_jet(space, pi, b, t, tab)
-        v, det[i] = cofactor_normal(m, (t[1], t[2], t[3]))
+        v, det = cofactor_normal(m, (t[1], t[2], t[3]))
         s = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]) + 1e-300
-        s = s if det[i] > 0.0 else -s
+        s = s if det > 0.0 else -s
         v = (v[0] / s, v[1] / s, v[2] / s)
         big = 0.0
         way = seed_distance(x, i, (m[0, 0], m[1, 0], m[2, 0]))
-        normal[i, CLEAR] = BESIDE * way if outside(geom, pi) else 0.0
+        normal[i, CLEAR] = BESIDE * way if beyond else 0.0
         for a in range(3):
             x[i, a] = m[a, 0]
             normal[i, a] = v[a]
             size = m[0, a + 1] ** 2 + m[1, a + 1] ** 2 + m[2, a + 1] ** 2
             big = max(big, size * cell[i, a] ** 2)
         spacing[i] = np.sqrt(big)
-        bent = curvature(m, t, v, abs(det[i] / s), metric(m))
+        bent = curvature(m, t, v, abs(det / s), metric(m))
         normal[i, BENT] = spacing[i] * bent
         if normal.shape[1] > PLAIN:
             of = cell[i]
             cells = (of[0] ** -2, of[1] ** -2, of[2] ** -2, 0.0, 0.0, 0.0)
-            sag = curvature(m, t, v, abs(det[i] / s), cells)
+            sag = curvature(m, t, v, abs(det / s), cells)
             normal[i, BULGED] = np.inf
-            if squeezed(m, det[i], of, normal[i, PLAIN:]):
+            if squeezed(m, det, of, normal[i, PLAIN:]):
                 normal[i, BENT] = min(normal[i, BENT], np.sqrt(bent * sag))
                 normal[i, BULGED] = max(AROUND * AROUND * sag, BULGE * across(m, v, of))

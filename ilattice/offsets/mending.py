@@ -103,11 +103,11 @@ def started(search: SeededSpace, start: FloatArray) -> Seeds:
     """
     n = len(start)
     start = np.ascontiguousarray(start)
-    y, spacing, det = np.empty((n, 3)), np.empty(n), np.empty(n)
+    y, spacing, rest = np.empty((n, 3)), np.empty(n), np.empty(n)
     normal = np.empty((n, search.seeds.normals.shape[1]))
     place: Any = _kernels_seeds.place_seeds
     cell = np.full((n, 3), search.cell)
-    place(n, search.space, start, cell, y, normal, spacing, det)
+    place(n, search.space, start, cell, search.orient, y, normal, spacing, rest)
     return Seeds(start, y, normal, spacing)
 
 

@@ -89,15 +89,17 @@ class SeededSpace(TileSpace):
                 f"tile {self.lattice.tile.name!r} has no zero set: its field does not change "
                 "sign on the unit cube; shift its level"
             )
-        x, normal, spacing, det = (
+        x, normal, spacing, rest = (
             np.empty((len(p), 3)), np.empty((len(p), self._columns)), np.empty(len(p)),
             np.empty(len(p)),
         )  # fmt: skip
-        _kernels_seeds.place_seeds(len(p), self.space, p, cell, x, normal, spacing, det)
+        _kernels_seeds.place_seeds(
+            len(p), self.space, p, cell, self.orient, x, normal, spacing, rest
+        )  # fmt: skip
         if self.creased:
             near = (np.abs(p - np.rint(p)) <= CREASED * cell).any(axis=1)
             normal[near, BENT] = np.inf
-        keep = np.flatnonzero(self._upright(p, 0.5 * UPRIGHT))  # what just counts has seeds around
+        keep = np.flatnonzero(rest >= 0.5 * UPRIGHT)  # what just counts has seeds around
         keep = keep[in_order(p[keep], x[keep], normal[keep])]
         if normal.shape[1] == PLAIN:
             normal[keep, BENT] = sharpest(x[keep], normal[keep, BENT], spacing[keep])

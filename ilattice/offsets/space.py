@@ -27,10 +27,8 @@ from ilattice.offsets._kernels_jets import (
     LATTICE_SPLINE,
     ORIGIN,
     STEP,
-    STEPS,
     TILE_SPLINE,
     TRIGONOMETRIC,
-    UPRIGHT,
     Space,
 )
 from ilattice.offsets._kernels_patches import PLAIN, SQUEEZED_TOO
@@ -111,19 +109,6 @@ class TileSpace:
         """
         p = _triples("p", p)
         out: AnyArray = ((p >= self.box[0]) & (p <= self.box[1])).all(axis=-1)
-        return out
-
-    def _upright(self, p: FloatArray, part: float = UPRIGHT) -> AnyArray:
-        """Where the map counts: in the domain, and while det J keeps a part of its size beyond."""
-        out = self.within(p)
-        at = np.flatnonzero(~out)
-        end = np.clip(p[at], *self.box)
-        least = part * self._volume(end)
-        good = np.flatnonzero(least > 0.0)
-        for i in range(1, STEPS + 1):
-            here = end[good] + i / STEPS * (p[at[good]] - end[good])
-            good = good[self._volume(here) >= least[good]]
-        out[at[good]] = True
         return out
 
     def _volume(self, p: FloatArray) -> FloatArray:
