@@ -144,48 +144,6 @@ def trig_jet(
     out[7], out[8], out[9] = hyz, hxz, hxy
 
 
-@inner(fastmath=FAST)
-def trig_value(
-    coef: Any, factor: Any, two_pi_over_period: Any, x: float, y: float, z: float, tab: Any
-) -> float:
-    """Value alone of a trigonometric polynomial at one point; arguments as in `trig_jet`."""
-    _axis_values(tab, 0, two_pi_over_period[0], x)
-    _axis_values(tab, 1, two_pi_over_period[1], y)
-    _axis_values(tab, 2, two_pi_over_period[2], z)
-    f = 0.0
-    for i in range(coef.shape[0]):
-        xy = tab[0, factor[i, 0], 0] * tab[1, factor[i, 1], 0]
-        f += coef[i] * xy * tab[2, factor[i, 2], 0]
-    return f
-
-
-@njit(cache=True, fastmath=FAST, inline="always")
-def _axis_values(tab: Any, axis: int, w: float, x: float) -> None:
-    """Fill ``tab[axis, code, 0]`` with the value of each factor at x."""
-    s1, c1 = sincos_turns(x * (w * TURNS))
-    tab[axis, 0, 0] = 1.0
-    s, c = s1, c1
-    for h in range(1, (tab.shape[1] + 1) // 2):
-        tab[axis, 2 * h - 1, 0] = c
-        tab[axis, 2 * h, 0] = s
-        s, c = s * c1 + c * s1, c * c1 - s * s1
-
-
-@in_ranges(CHUNK)
-@njit(cache=True, nogil=True, error_model="numpy")
-def _values(first: int, last: int, coef: Any, factor: Any, w: Any, p: Any, out: Any) -> None:
-    tab = trig_tab(factor)
-    for i in range(first, last):
-        out[i] = trig_value(coef, factor, w, p[i, 0], p[i, 1], p[i, 2], tab)
-
-
-def values(coef: Any, factor: Any, w: Any, p: Any) -> Any:
-    """Values, shape (n,), at points ``p`` (n, 3)."""
-    out = np.empty(len(p))
-    _values(len(p), coef, factor, w, p, out)
-    return out
-
-
 @in_ranges(CHUNK)
 @njit(cache=True, nogil=True, error_model="numpy")
 def _jets(

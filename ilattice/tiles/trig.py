@@ -26,8 +26,8 @@ from ilattice._validate import (
 from ilattice.errors import InputError
 from ilattice.fields.node import Node
 from ilattice.tiles import _terms
-from ilattice.tiles._kernels import jets, values
-from ilattice.tiles._kernels_gradient import gradients
+from ilattice.tiles._kernels import jets
+from ilattice.tiles._kernels_gradient import gradients, values
 from ilattice.tiles._kernels_grid import tensor_grid
 from ilattice.tiles._kernels_range import ranges
 from ilattice.tiles._node import TrigNode
