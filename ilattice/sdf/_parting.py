@@ -67,9 +67,11 @@ def parted(
     for part in BACK:
         if not pairs:
             break
-        at = np.unique(faces[crossing])
+        at = np.zeros(len(out), np.bool_)
+        at[faces[crossing]] = True
         out[at] = _between(out[at], plain[at], part, axes, np.array(wrap))
-        pairs, crossing = self_intersections(image(out), faces)
+        moved = np.asarray(at[faces].any(axis=1))
+        pairs, crossing = self_intersections(image(out), faces, moved)
     if slivers:
         out, faces, pairs = _without_slivers(out, made, slivers, image, pairs)
     if pairs:
@@ -90,9 +92,10 @@ def _without_slivers(
     spared = np.zeros(len(x), np.bool_)
     while True:
         repair = remove_slivers(x, made.faces, made.kind, quality=quality, spared=spared)
-        kept = x[repair.vertices]
-        pairs, crossing = self_intersections(image(kept), repair.faces)
-        at = repair.vertices[np.unique(repair.faces[crossing])]
+        kept, now = x[repair.vertices], repair.vertices[repair.faces]
+        new = (now != made.faces[repair.rows]).any(axis=1)
+        pairs, crossing = self_intersections(image(kept), repair.faces, None if before else new)
+        at = np.unique(now[crossing])
         if pairs <= before or spared[at].all():
             return kept, repair.faces, pairs
         spared[at] = True
