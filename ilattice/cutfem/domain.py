@@ -144,9 +144,7 @@ class Domain(Frozen):
     @cached_property
     def _divided(self) -> tuple[ElementGrid, Quadrature]:
         """Elements, and the rule by elements; that by cells, which may be large, is not kept."""
-        rule = self.cut.volume(self.q)
-        elements = elements_of(self.cut, rule)
-        return elements, elements.divided(rule)
+        return elements_of(self.cut, self.cut.volume(self.q))
 
     @property
     def elements(self) -> ElementGrid:

@@ -23,7 +23,7 @@ from ilattice._validate import read_only
 from ilattice.cutfem import _kernels_elements as kernels
 from ilattice.quadrature.cutting import CutGrid
 from ilattice.quadrature.grid import CUT, DividedGrid
-from ilattice.quadrature.rules import Quadrature, on_cells
+from ilattice.quadrature.rules import Quadrature
 
 #: Pieces of splines that are worked on at once.
 BATCH = 1 << 15
@@ -104,8 +104,8 @@ class ElementGrid(DividedGrid):
         return regrouped(replace(rule, grid=self), low, high)
 
 
-def elements_of(cut: CutGrid, solid: Quadrature) -> ElementGrid:
-    """The elements of a solid.
+def elements_of(cut: CutGrid, solid: Quadrature) -> tuple[ElementGrid, Quadrature]:
+    """The elements of a solid, and the rule on it by elements.
 
     Parameters
     ----------
@@ -116,8 +116,10 @@ def elements_of(cut: CutGrid, solid: Quadrature) -> ElementGrid:
 
     Returns
     -------
-    ElementGrid
+    grid : ElementGrid
         With the cells of the grid.
+    rule : Quadrature
+        As `ElementGrid.divided` would have it.
     """
     cells, counts, widths = _counted(cut)
     several = cells[counts > 1]
@@ -160,31 +162,36 @@ def _counted(cut: CutGrid) -> tuple[IntArray, IntArray, FloatArray]:
     return cells, counts, widths
 
 
-def _numbered(raw: ElementGrid, labels: list[IntArray], solid: Quadrature) -> ElementGrid:
+def _numbered(
+    raw: ElementGrid, labels: list[IntArray], solid: Quadrature
+) -> tuple[ElementGrid, Quadrature]:
     """The same with numbers of elements for labels; pieces without points are left out."""
-    count = raw.count
-    rule = on_cells(solid, raw.several)
-    owner = rule.cells[rule.owners]
-    found = raw.element_at(rule.points, owner)
+    if not len(raw.several):
+        return raw, replace(solid, grid=raw)
+    element = np.asarray(solid.cells, np.int64)[solid.owners]
+    inside = np.flatnonzero(np.isin(solid.cells, raw.several)[solid.owners])
+    owner = element[inside]
+    found = raw.element_at(solid.points[inside], owner)
+    ends = (np.searchsorted(owner, raw.several, side) for side in ("left", "right"))
     out: list[IntArray] = []
     parents: list[int] = []
     keep: list[bool] = []
-    for cell, mine in zip(raw.several, labels, strict=True):
-        begin, end = np.searchsorted(owner, [cell, cell + 1])
-        inhabited = np.unique(found[begin:end])
+    for cell, mine, begin, end in zip(raw.several, labels, *ends, strict=True):
+        inhabited = np.flatnonzero(np.bincount(found[begin:end]))
         names = np.full(mine.max() + 1, -1)
         more = max(len(inhabited) - 1, 0)
-        new = [cell, *(count + len(parents) + np.arange(more))]
+        new = [cell, *(raw.count + len(parents) + np.arange(more))]
         names[inhabited] = new[: len(inhabited)]
         parents += [cell] * more
         out.append(names[mine])
         keep.append(len(inhabited) > 1)
+        element[inside[begin:end]] = names[found[begin:end]]
     label = np.concatenate([np.zeros(0, np.int64), *out])
     sizes = np.diff(raw.offsets)
     rows = np.repeat(np.array(keep, bool), sizes) & (label >= 0)
     boxes = np.add.reduceat(rows, raw.offsets[:-1]) if len(sizes) else sizes
     boxes = boxes[np.array(keep, bool)]
-    return replace(
+    grid = replace(
         raw,
         divided_cells=read_only(raw.several[np.array(keep, bool)]),
         offsets=read_only(np.append(0, np.cumsum(boxes)).astype(np.int64)),
@@ -193,6 +200,8 @@ def _numbered(raw: ElementGrid, labels: list[IntArray], solid: Quadrature) -> El
         label=read_only(label[rows]),
         parents=read_only(np.array(parents, np.int64)),
     )
+    whole = replace(solid, grid=grid)
+    return grid, regrouped(whole, element, None) if any(keep) else whole
 
 
 def _on_the_other_side(rule: Quadrature) -> tuple[FloatArray, IntArray]:

@@ -177,8 +177,9 @@ class PhasedDomain(Domain):
     @cached_property
     def elements(self) -> PhasedGrid:  # type: ignore[override]
         """The elements of both phases."""
-        a, b = (elements_of(c, r) for c, r in zip(self.phases, self._volumes, strict=True))
-        solid = [np.unique(g.divided(r).cells) for g, r in zip((a, b), self._volumes, strict=True)]
+        both = (elements_of(c, r) for c, r in zip(self.phases, self._volumes, strict=True))
+        (a, b), rules = zip(*both, strict=True)
+        solid = [np.unique(r.cells) for r in rules]
         names = [np.full(a.count + len(g.parents), -1) for g in (a, b)]
         names[0][solid[0]] = solid[0]
         taken = np.isin(solid[1], solid[0]) | (solid[1] >= a.count)

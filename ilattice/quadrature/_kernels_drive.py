@@ -23,6 +23,7 @@ from ilattice.quadrature._kernels_scratch import (
     PROJECT,
     TABLE,
     TENSORS,
+    UNIT,
     numbers,
 )
 from ilattice.quadrature._kernels_thinning import ROOM, thinned_parts
@@ -299,6 +300,31 @@ def boxes_of_cells(
                         boxes[offsets[n] + count] = box
                     count += 1
         counts[n] = count
+
+
+@in_ranges(4096)
+@njit(cache=True, nogil=True, error_model="numpy")
+def places_in_cells(
+    first: int, last: int, u: Any, cells: Any, planes: Any, starts: Any, out: Any
+) -> None:
+    """Places (n, 3) of points from the corners of cells (n, 3), in units of the pieces there.
+
+    Pieces of cell i of a direction lie between planes starts[i] and starts[i + 1].
+    """
+    for n in range(first, last):
+        for a in range(3):
+            x = planes[a]
+            low = starts[a][cells[n, a]]
+            here = low
+            beyond = starts[a][cells[n, a] + 1]
+            while beyond - here > 1:
+                middle = (here + beyond) // 2
+                if x[middle] <= u[n, a]:
+                    here = middle
+                else:
+                    beyond = middle
+            part = (u[n, a] - x[here]) / (x[here + 1] - x[here])
+            out[n, a] = UNIT * (here - low + part)
 
 
 @inner(error_model="numpy")

@@ -170,12 +170,11 @@ class TensorLayout(Layout):
 
     def fine(self, u: FloatArray, cells: IntArray) -> FloatArray:
         """See `Layout.fine`."""
-        ijk = np.unravel_index(cells, self.grid.shape)
-        out = np.empty(u.shape)
-        for a, (x, starts) in enumerate(zip(self.pieces.axes, self._starts, strict=True)):
-            low, high = starts[ijk[a]], starts[ijk[a] + 1]
-            i = np.clip(np.searchsorted(x, u[:, a], side="right") - 1, low, high - 1)
-            out[:, a] = UNIT * (i - low + (u[:, a] - x[i]) / (x[i + 1] - x[i]))
+        out, at = np.empty(u.shape), np.empty(u.shape, np.int64)
+        for a, i in enumerate(np.unravel_index(cells, self.grid.shape)):
+            at[:, a] = i
+        planes = tuple(np.array(x) for x in self.pieces.axes)
+        kernels.places_in_cells(len(u), np.array(u), at, planes, tuple(self._starts), out)
         return out
 
     def _faces(self, index: IntArray, whole: AnyArray, axis: int, side: int) -> Listing:

@@ -191,7 +191,12 @@ def test_pieces_of_cells_are_those_that_fine_samples_find(seed):
     t = np.concatenate([[0, 0], np.linspace(0, 1, 5), [1, 1]])
     field = il.BSpline((t,) * 3, c, 2)
     cut = il.cutfem.cut(field, 2)
-    grid = elements_of(cut, cut.volume(3))
+    rule = cut.volume(3)
+    grid, by_elements = elements_of(cut, rule)
+    again = grid.divided(rule)
+    np.testing.assert_array_equal(by_elements.points, again.points)
+    np.testing.assert_array_equal(by_elements.cells, again.cells)
+    np.testing.assert_array_equal(by_elements.offsets, again.offsets)
     n = 65
     x = np.linspace(0, 0.5, n)
     for cell in range(8):
@@ -265,10 +270,10 @@ def test_solid_that_stands_on_one_end_of_its_cell_is_one_piece(kind, monkeypatch
     for _ in range(12):
         cut = il.cutfem.cut(bounded_by(rng, kind), 2)
         cells, rule = cut.cells(il.quadrature.grid.CUT), cut.volume(2)
-        single, short = cut.layout.single(cells), elements_of(cut, rule)
+        single, short = cut.layout.single(cells), elements_of(cut, rule)[0]
         with monkeypatch.context() as m:
             m.setattr(type(cut.layout), "single", lambda _, cells: np.zeros(len(cells), bool))
-            plain = elements_of(cut, rule)
+            plain = elements_of(cut, rule)[0]
         np.testing.assert_array_equal(short.several, plain.several)
         np.testing.assert_array_equal(short.parents, plain.parents)
         assert not np.isin(plain.several, cells[single]).any()
