@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ilattice._geometry import inverses
 from ilattice._typing import FloatArray, IntArray
 from ilattice.offsets import _kernels_sweep
 from ilattice.offsets._kernels_patches import AROUND, PLAIN, SAGITTA
@@ -111,7 +112,7 @@ def _slabs(x: FloatArray, normal: FloatArray, first: list[int]) -> FloatArray:
     cells, bend = normal[:, PLAIN:SAGITTA].reshape(-1, 3, 3), normal[:, SAGITTA]
     told = np.asarray(cells.any(axis=(1, 2)))
     cells = np.where(told[:, None, None], cells, np.eye(3))
-    sides = np.linalg.inv(cells)
+    sides = inverses(cells)
     size = np.linalg.norm(cells, axis=2)
     thin = np.take_along_axis(cells, size.argmax(axis=1)[:, None, None], axis=1)[:, 0]
     thin /= size.max(axis=1)[:, None]
@@ -137,6 +138,6 @@ def _halves(normal: FloatArray, spacing: FloatArray) -> FloatArray:
     if normal.shape[1] > PLAIN:
         cells, bend = normal[:, PLAIN:SAGITTA], normal[:, SAGITTA]
         told = np.flatnonzero(cells.any(axis=1))
-        sides = np.abs(np.linalg.inv(cells[told].reshape(-1, 3, 3))).sum(axis=2)
+        sides = np.abs(inverses(cells[told].reshape(-1, 3, 3))).sum(axis=2)
         out[told] = AROUND * sides + bend[told, None]
     return out
