@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ilattice._geometry import grid_indices
+from ilattice._geometry import between, grid_indices
 from ilattice._progress import Progress, track
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import as_array, asked
@@ -242,24 +242,25 @@ def _solve(
     ends: tuple[float, float],
     progress: Progress,
 ) -> float:
-    """Factor at which the density is the target: secants that keep a bracket (Illinois).
+    """Factor at which the density is the target; `ends` are those at the factors 0 and `thickest`.
 
-    `ends` are the densities at the factors 0 and `thickest`.
+    The last density that is looked at is that of the factor.
     """
-    a, fa = 0.0, ends[0] - target
-    b, fb = thickest, ends[1] - target
-    f, most = fb, TOLERANCE * min(target, 1.0 - target)
-    for _ in track(range(EVALUATIONS), "density", progress):
-        x = b - fb * (b - a) / (fb - fa)
-        f = densities.whole(profile.scaled(x)) - target
-        if abs(f) <= most:
-            return x
-        if f * fb < 0:
-            a, fa = b, fb
-        else:
-            fa *= 0.5
-        b, fb = x, f
-    raise ConvergenceError(f"relative_density={target:g} is still missed by {f:.2g}")
+    missed = np.array([ends]) - target
+    most = TOLERANCE * min(target, 1.0 - target)
+    told = iter(track(range(EVALUATIONS), "density", progress))
+    last = np.empty(1)
+
+    def miss(factor: FloatArray) -> FloatArray:
+        next(told)
+        last[:] = densities.whole(profile.scaled(float(factor.item()))) - target
+        return last.copy()
+
+    low, high = np.zeros((1, 1)), np.full((1, 1), thickest)
+    part = between(miss, low, high, missed, EVALUATIONS, most)
+    if abs(last.item()) > most:
+        raise ConvergenceError(f"relative_density={target:g} is still missed by {last.item():.2g}")
+    return float(thickest * part.item())
 
 
 def _solve_cells(
