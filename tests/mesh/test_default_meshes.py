@@ -19,6 +19,8 @@ MAPS = {
 }
 #: Voxels per direction, and boxes with two random points each.
 VOXELS, BOXES = 48, 26
+#: Values that are zero up to rounding.
+ROUNDED = 1e-14
 #: Part of the volume by which a mesh may be off without a word: see `Wall.mesh`; struts lose more.
 UNTOLD = 0.04
 
@@ -40,12 +42,15 @@ def volume(lattice, d):
 
 
 def parts(wall):
-    """Parts of a grid of samples: joined across corners too, and across faces only."""
+    """Parts of a grid of samples: joined across corners too, and across faces only.
+
+    Samples on the surface, up to rounding, may join parts or not: W touches itself there.
+    """
     lo, hi = wall.lattice.domain
     axis = (np.arange(VOXELS) + 0.5) / VOXELS
     u = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
-    full = (wall.field(lo + (hi - lo) * u) < 0.0).reshape((VOXELS,) * 3)
-    return label(full, np.ones((3, 3, 3)))[1], label(full)[1]
+    value = wall.field(lo + (hi - lo) * u).reshape((VOXELS,) * 3)
+    return label(value <= ROUNDED, np.ones((3, 3, 3)))[1], label(value < -ROUNDED)[1]
 
 
 def faults(name, shape, d=None):
