@@ -136,8 +136,9 @@ def elements_of(cut: CutGrid, solid: Quadrature) -> tuple[ElementGrid, Quadratur
     thin = widths.max(axis=1, initial=0.0) > 0.0
     gaps = read_only(np.column_stack([cells[thin], widths[thin]]))
     raw = ElementGrid(
-        grid.axes, grid.closed, cut=cut, divided_cells=several, offsets=offsets, corner=corner,
-        length=length, label=label, parents=np.zeros(0, np.int64), gaps=gaps,
+        grid.axes, grid.closed, cut=cut, divided_cells=read_only(several),
+        offsets=read_only(offsets), corner=read_only(corner), length=read_only(length),
+        label=read_only(label), parents=read_only(np.zeros(0, np.int64)), gaps=gaps,
     )  # fmt: skip
     return _numbered(raw, seen, solid)
 
