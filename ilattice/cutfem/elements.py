@@ -187,11 +187,9 @@ def _numbered(
         out.append(names[mine])
         keep.append(len(inhabited) > 1)
         element[inside[begin:end]] = names[found[begin:end]]
-    label = np.concatenate([np.zeros(0, np.int64), *out])
-    sizes = np.diff(raw.offsets)
-    rows = np.repeat(np.array(keep, bool), sizes) & (label >= 0)
-    boxes = np.add.reduceat(rows, raw.offsets[:-1]) if len(sizes) else sizes
-    boxes = boxes[np.array(keep, bool)]
+    label = np.concatenate(out)
+    rows = np.repeat(np.array(keep, bool), np.diff(raw.offsets)) & (label >= 0)
+    boxes = np.add.reduceat(rows, raw.offsets[:-1])[np.array(keep, bool)]
     grid = replace(
         raw,
         divided_cells=read_only(raw.several[np.array(keep, bool)]),

@@ -307,7 +307,7 @@ def boxes_of_cells(
 def places_in_cells(
     first: int, last: int, u: Any, cells: Any, planes: Any, starts: Any, out: Any
 ) -> None:
-    """Places (n, 3) of points from the corners of cells (n, 3), in units of the pieces there.
+    """Places (n, 3) of points u (n, 3) from the corners of cells (n, 3), a piece being UNIT long.
 
     Pieces of cell i of a direction lie between planes starts[i] and starts[i + 1].
     """

@@ -13,7 +13,7 @@ from ilattice._geometry import wrapped
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.errors import PrecisionWarning
 from ilattice.mesh.contouring import Contour, contour_arrays
-from ilattice.mesh.measure import self_intersections
+from ilattice.mesh.measure import self_intersections, triangle_quality
 from ilattice.mesh.repair import remove_slivers
 
 #: Parts of the way back to the means of crossed edges, one after the other.
@@ -30,7 +30,8 @@ def parted(
     """Vertices and faces of a contour; where triangles cross nearer to the means of crossed edges.
 
     There no triangles of a contour are known to cross. It happens where parts, or gaps between
-    them, are thinner than a cell, so that vertices of two sheets move past each other.
+    them, are thinner than a cell, so that vertices of two sheets move past each other. Vertices of
+    slivers that cannot be removed go back, too.
 
     Parameters
     ----------
@@ -61,11 +62,13 @@ def parted(
     """
     out, faces = made.vertices, made.faces
     pairs, crossing = self_intersections(image(out), faces)
-    if pairs:
+    if slivers:
+        crossing |= _stuck(made, slivers)
+    if crossing.any():
         out = out.copy()
         plain = contour_arrays(field, axes, wrap=wrap, place="linear").vertices
     for part in BACK:
-        if not pairs:
+        if not crossing.any():
             break
         at = np.zeros(len(out), np.bool_)
         at[faces[crossing]] = True
@@ -82,6 +85,15 @@ def parted(
             stacklevel=4,
         )
     return out, faces
+
+
+def _stuck(made: Contour, quality: float) -> AnyArray:
+    """Faces (n,) that are slivers and cannot be removed, as where an edge is as short as none."""
+    repair = remove_slivers(made.vertices, made.faces, made.kind, quality=quality)
+    out = np.zeros(len(made.faces), np.bool_)
+    poor = triangle_quality(made.vertices[repair.vertices], repair.faces) < quality
+    out[repair.rows[poor]] = True
+    return out
 
 
 def _without_slivers(

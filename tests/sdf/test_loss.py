@@ -8,6 +8,7 @@ import pytest
 import ilattice as il
 from ilattice import cli
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
+from ilattice.mesh.measure import triangle_quality
 from ilattice.mesh.sampled import volumes
 from ilattice.sdf import _parting as parting
 from ilattice.sdf.meshing import mesh, plan
@@ -140,16 +141,26 @@ def test_triangles_that_are_not_parted_are_told_of(monkeypatch):
     assert int(str(told[0].message).split()[0]) == mesh.self_intersections > 0
 
 
+NESTED = (
+    "box scale 4,4,4 sphere scale 5,5,5 p-surface scale 4,4,4 d-surface scale 3.75,3.75,3.75 "
+    "gyroid scale 1.25,1.25,1.25"
+)
+
+
+def test_vertices_of_slivers_that_cannot_be_removed_go_back():
+    mesh = il.sdf.mesh(il.sdf.parse(NESTED), 0.08)
+    assert triangle_quality(mesh.vertices, mesh.faces).min() > 1e-3  # six without area otherwise
+    assert mesh.self_intersections == 0
+
+
 def test_slivers_are_left_where_others_would_cross(monkeypatch):
-    field = il.sdf.parse(
-        "box scale 4,4,4 sphere scale 5,5,5 p-surface scale 4,4,4 d-surface scale 3.75,3.75,3.75 "
-        "gyroid scale 1.25,1.25,1.25"
-    )
+    field = il.sdf.parse(NESTED)
     asked = []
     real = parting.remove_slivers
 
-    def told(*args, spared, **keywords):
-        asked.append(spared.sum())
+    def told(*args, spared=None, **keywords):
+        if spared is not None:
+            asked.append(spared.sum())
         return real(*args, spared=spared, **keywords)
 
     monkeypatch.setattr(parting, "remove_slivers", told)
