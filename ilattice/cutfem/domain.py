@@ -18,11 +18,12 @@ from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import Frozen, among, as_choice, as_positive
 from ilattice.cutfem import gaps
 from ilattice.cutfem.assembly import Assembly, compressed_where_long
+from ilattice.cutfem.choosing import USUAL, degree_for
 from ilattice.cutfem.connectivity import Parts, connected_parts, links
 from ilattice.cutfem.elements import ElementGrid, elements_of
 from ilattice.cutfem.places import Spot
 from ilattice.cutfem.regions import BOUNDARY, PLACES, SURFACES, Region
-from ilattice.cutfem.space import SplineSpace, as_degree_and_smoothness
+from ilattice.cutfem.space import DEGREES, SplineSpace, as_degree_and_smoothness
 from ilattice.cutfem.stabilise import ghost_faces, lone_cells, void_rule
 from ilattice.errors import GeometryError, InputError
 from ilattice.macroshape.maps import SplineMap
@@ -44,6 +45,7 @@ from ilattice.quadrature.rules import (
 #: Takes the number of a phase and an index of points; returns values (n, ...) or (1, ...) there.
 OfPhase = Callable[[int, Any], FloatArray]
 STABILIZATIONS = ("auto", "ghost", "void", "none")
+CHOICES = ("auto", *DEGREES)
 #: Stiffness of the void, relative to that of the solid, that keeps unknowns determined.
 GUARD = 4e-9
 #: Weights of ghost penalties per degree and smoothness: as little as bounds the condition number by
@@ -86,6 +88,8 @@ class Domain(Frozen):
         Of that; None for that of `GHOST`, or of `GHOST_NITSCHE` with weak supports.
     wall : Wall or None
         Where the level sets come from.
+    chosen : str
+        Why it has this degree, if nobody gave one.
     """
 
     cut: CutGrid
@@ -95,6 +99,7 @@ class Domain(Frozen):
     stabilization: str
     weight: float | None
     wall: OffsetSolid | None = None
+    chosen: str = ""
     _made: dict[Any, Any] = field(default_factory=dict, repr=False)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -420,8 +425,8 @@ def lattice_of(field: Any) -> Any:
 
 
 def as_domain(
-    field: Any, cells: Any, *, degree: int, smoothness: int | None, q: int | None,
-    stabilization: str, weight: float | None, domain: Any, through: Any,
+    field: Any, cells: Any, *, degree: int | str, smoothness: int | None, q: int | None,
+    stabilization: str, weight: float | None, domain: Any, through: Any, bends: bool = True,
 ) -> Domain:  # fmt: skip
     """Check the arguments that all problems share.
 
@@ -432,7 +437,9 @@ def as_domain(
     cells, domain, through : optional
         As in `cut`.
     degree, smoothness, q, stabilization, weight : optional
-        As in `Domain`.
+        As in `Domain`; a degree of "auto" is chosen.
+    bends : bool
+        Whether walls bend: what a degree is chosen by.
 
     Returns
     -------
@@ -446,10 +453,16 @@ def as_domain(
     """
     if isinstance(field, Domain):
         return field
+    as_choice("stabilization", stabilization, STABILIZATIONS)
+    grid, chosen = None, ""
+    if as_choice("degree", degree, CHOICES) == "auto":
+        degree = USUAL
+        if (smoothness, q, stabilization, weight) == (None, None, "auto", None):
+            grid = _as_cut(field, cells, domain, through)
+            degree, chosen = degree_for(grid, bends)
     degree, smoothness = as_degree_and_smoothness(degree, smoothness)
     q = POINTS[degree] if q is None else q
     as_choice("q", q, tuple(range(1, MAX_POINTS + 1)))
-    as_choice("stabilization", stabilization, STABILIZATIONS)
     if stabilization == "auto":
         stabilization = "void" if degree == 1 else "ghost"
     weight = None if weight is None else as_positive("weight", weight)
@@ -457,7 +470,13 @@ def as_domain(
         weight = GUARD
     if stabilization == "void" and weight is not None and weight > 1.0:
         raise InputError(f"weight of the void must not exceed 1, got {weight!r}")
-    grid = field if isinstance(field, CutGrid) else cut(field, cells, domain=domain,
-                                                        through=through)  # fmt: skip
+    grid = _as_cut(field, cells, domain, through) if grid is None else grid
     wall = field if isinstance(field, OffsetSolid) else None
-    return Domain(grid, degree, smoothness, int(q), stabilization, weight, wall)
+    return Domain(grid, degree, smoothness, int(q), stabilization, weight, wall, chosen)
+
+
+def _as_cut(field: Any, cells: Any, domain: Any, through: Any) -> CutGrid:
+    """The solid on its grid."""
+    if isinstance(field, CutGrid):
+        return field
+    return cut(field, cells, domain=domain, through=through)

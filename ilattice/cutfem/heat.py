@@ -92,7 +92,7 @@ class Heat(Problem):
 
     def __init__(
         self, field: Any, cells: Any = None, *, conductivity: Conducting = 1.0,
-        capacity: Property = 1.0, axes: str = "space", degree: int = 2,
+        capacity: Property = 1.0, axes: str = "space", degree: int | str = "auto",
         smoothness: int | None = None, q: int | None = None, stabilization: str = "auto",
         weight: float | None = None, islands: str = "drop", domain: Any = None,
         through: Any = None, phases: Any = None,
@@ -100,7 +100,7 @@ class Heat(Problem):
         as_choice("islands", islands, ISLANDS)
         where = as_phased(
             field, cells, degree=degree, smoothness=smoothness, q=q, stabilization=stabilization,
-            weight=weight, domain=domain, through=through, phases=phases,
+            weight=weight, domain=domain, through=through, phases=phases, bends=False,
         )  # fmt: skip
         known = {"lattice": lattice_of(field), "phased": where.phased}
         properties = {

@@ -44,6 +44,11 @@ class Report(SolveReport):
     _result: Any = field(default=None, repr=False)
 
     @property
+    def splines(self) -> str:
+        """Degree and smoothness, and why they were chosen if nobody gave a degree."""
+        return _splines(self._result.problem.domain)
+
+    @property
     def unseen(self) -> float:
         """Diameter of the largest speck or void that may pass unseen, in lengths of a cell.
 
@@ -170,7 +175,7 @@ def _set_up(problem: Any) -> dict[str, str]:
         "volume": _number(rule.weights.sum()),
         "points of quadrature": f"{len(rule)}, from {_number(low)} to {_number(high)}",
         "cells": "x".join(map(str, domain.cut.grid.shape)),
-        "splines": f"degree {domain.degree}, smoothness {domain.smoothness}",
+        "splines": _splines(domain),
     }
     out |= {name: _said(value) for name, value in problem._told.items()}
     where = _Where(domain)
@@ -189,6 +194,12 @@ def _set_up(problem: Any) -> dict[str, str]:
             f" at {where(load.on)}" if load.on else ""
         )
     return out
+
+
+def _splines(domain: Any) -> str:
+    """Degree and smoothness, and why."""
+    why = f" (chosen: {domain.chosen})" if domain.chosen else ""
+    return f"degree {domain.degree}, smoothness {domain.smoothness}{why}"
 
 
 @dataclass(frozen=True)

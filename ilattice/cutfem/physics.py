@@ -80,7 +80,7 @@ class Physics(Problem):
     given: Law
 
     def __init__(
-        self, field: Any, cells: Any = None, *, law: Law, degree: int = 2,
+        self, field: Any, cells: Any = None, *, law: Law, degree: int | str = "auto",
         smoothness: int | None = None, q: int | None = None, stabilization: str = "auto",
         weight: float | None = None, islands: str = "drop", domain: Any = None,
         through: Any = None, phases: Any = None,

@@ -246,6 +246,7 @@ def refinement_study(
     if not quantities:
         raise InputError("quantities must name what to compare, such as {'energy': ...}")
     rows: list[FloatArray] = []
+    degrees: set[int] = set()
     for n in track(grids.tolist(), "refining", progress):
         with warnings.catch_warnings():  # how coarse grids are is what this is about
             warnings.filterwarnings("ignore", "the cells are too coarse", PrecisionWarning)
@@ -253,6 +254,12 @@ def refinement_study(
         if not isinstance(solution, Solved):
             raise InputError(f"build must return a solution, got {solution!r:.80}")
         asm = solution.problem.assembly
+        degrees.add(asm.space.degree)
+        if len(degrees) > 1:
+            raise InputError(
+                f"build: on {n} cells its problem chose another degree than on those before, and "
+                "they cannot be compared; give it a degree="
+            )
         estimate = solution.error_estimate().relative if error_estimate else np.nan
         numbers = [_number(name, f, solution) for name, f in quantities.items()]
         rows.append(np.array([_length(asm), len(asm.space), estimate, *numbers]))

@@ -18,6 +18,7 @@ import numpy as np
 from ilattice._progress import Progress
 from ilattice._typing import FloatArray
 from ilattice._validate import as_flag, read_only
+from ilattice.cutfem.choosing import USUAL
 from ilattice.cutfem.conduction import Conducting, as_matrices
 from ilattice.cutfem.heat import Heat
 from ilattice.homogenize.arguments import as_cell, check_options, check_phases
@@ -41,7 +42,7 @@ class ConductiveCell(CellProblem, Heat):
     def __init__(self, field: Any, cells: Any = 16, **options: Any) -> None:
         check_options(type(self).__name__, options, Heat.__init__)
         named = {k: options.pop(k, None) for k in ("domain", "through")}
-        Heat.__init__(self, as_cell(field, cells, **named), **options)
+        Heat.__init__(self, as_cell(field, cells, **named), **{"degree": USUAL, **options})
         check_phases(self.domain)
 
     def _scale(self) -> float:

@@ -25,6 +25,7 @@ from ilattice._progress import Progress
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import as_flag, read_only
 from ilattice.cutfem.assembly import Assembly
+from ilattice.cutfem.choosing import USUAL
 from ilattice.cutfem.elasticity import Elasticity
 from ilattice.cutfem.material import AT_ONCE, Elastic, Property
 from ilattice.errors import InputError
@@ -53,7 +54,7 @@ class ElasticCell(CellProblem, Elasticity):
     def __init__(self, field: Any, cells: Any = 16, **options: Any) -> None:
         check_options(type(self).__name__, options, Elasticity.__init__)
         named = {k: options.pop(k, None) for k in ("domain", "through")}
-        Elasticity.__init__(self, as_cell(field, cells, **named), **options)
+        Elasticity.__init__(self, as_cell(field, cells, **named), **{"degree": USUAL, **options})
         check_phases(self.domain)
 
     def _scale(self) -> float:
