@@ -1,10 +1,11 @@
 """CPU seconds and memory to reach 5, 2 and 1 % of the compliance, by degree and smoothness.
 
 The four analyses of Figures 16 and 17 of the paper, and a thick sphere under pressure from inside.
-Each space is solved on ever finer grids, the default is that which is chosen on each. Errors are those against the sphere's exact compliance,
-and otherwise against the limit of degree 1 on its finest two grids, with errors in proportion to
-cells squared. The time for an error is that of a power law through the two grids next to it;
-beyond the grids it is an extrapolation, and marked ``~``.
+Each space is solved on ever finer grids; by default there is the one that is chosen on each. Errors
+are those against the sphere's exact compliance, and otherwise against the limit of degree 1 on its
+finest two grids, with errors in proportion to cells squared. The time for an error is that of a
+power law through the two grids next to it; beyond the grids it is an extrapolation, and marked
+``~``.
 Each measurement is a process of its own that has its kernels loaded:
 ``python -m benchmarks.bench_accuracy BODY DEGREE SMOOTHNESS COARSER``.
 """
