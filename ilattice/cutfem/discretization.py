@@ -71,7 +71,8 @@ WORTH = 5e-3
 #: Relative residual, in the norm of the preconditioner, at which a first solve ends.
 DIGITS = 1e-7
 #: Energies below this part of those of nodes that move one by one, relative to the nearest motion
-#: of the whole or to where they were, and the latter alone, are what eight digits leave.
+#: of the whole or to where they were, and the latter alone, are what eight digits leave; where all
+#: of the energy is, there is no error to tell.
 ROUNDING, SOLVED = 1e-12, 1e-16
 #: Energies up to this many times more have no digits that count.
 FEW = 10.0
@@ -205,6 +206,9 @@ def relative_error(
     """
     if levels.first is None:
         return float("nan")
+    free = np.where(fixed, 0.0, diagonal)
+    if energy <= SOLVED * (free * c * c).sum():  # parts that move without strain
+        return 0.0
     first = _distance(levels.first, multiply, motions, diagonal, c, fixed)
     lost, rest = first.sum(), first.sum() / (MIN_FALL - 1.0)
     # elsewhere longer cells lose more than that, unless errors fall by less than half, or nothing
@@ -218,7 +222,6 @@ def relative_error(
                 seen = max(seen, lost / (LATER - 1.0))
             rest = max(seen, rest) if unsure and second.sum() > TRUSTED * energy else seen
             rest = max(rest, FEW_LEFT * lost) if max(shape) == 1 else rest
-    free = np.where(fixed, 0.0, diagonal)
     whole = levels.first.P @ levels.first.moved(motions, c)
     moved = np.minimum((c - whole) ** 2, c * c)  # nodes of stiff springs stay in place
     noise = ROUNDING * (free * moved).sum() + SOLVED * (free * c * c).sum()

@@ -6,19 +6,21 @@ first piece of a cell has the number of the cell, all others have numbers beyond
 rules and spaces take both alike, and where every cell has one piece nothing changes.
 
 Guarantees: pieces are told apart by Bernstein coefficients (see `_kernels_elements`), never by
-sampling, so that what hangs together inside a cell stays together. Non-guarantee: air that is
-thinner than some thirtieth of a cell may not be seen; `ElementGrid.gaps` says where that divides a
-piece.
+sampling, so that what hangs together inside a cell stays together. Pieces so small that a rule has
+no points in them have no functions; their surface and facets are left out of rules, so that they
+join nothing that is apart. Non-guarantee: air that is thinner than some thirtieth of a cell may not
+be seen; `ElementGrid.gaps` says where that divides a piece.
 """
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from ilattice._memory import need
-from ilattice._typing import FloatArray, IntArray
+from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import read_only
 from ilattice.cutfem import _kernels_elements as kernels
 from ilattice.quadrature.cutting import CutGrid
@@ -38,14 +40,14 @@ class ElementGrid(DividedGrid):
     cut : CutGrid
         The level sets.
     divided_cells : ndarray, shape (c,)
-        Cells with more than one piece, increasing.
+        Cells with more than one piece, with points or without, increasing.
     offsets : ndarray, shape (c + 1,)
         The boxes of the i-th of them are those from offsets[i] to offsets[i + 1].
     corner, length : ndarray, shape (boxes, 3)
         Boxes in `_kernels_elements.UNIT` parts of the pieces of splines, or of cells, from the
         cell's corner.
     label : ndarray, shape (boxes,)
-        Element of each box.
+        Element of each box; of pieces without points -1 less the number of their cell.
     gaps : ndarray, shape (g, 5)
         Cells with air that is too thin to be resolved, its length along the three directions, in
         cells, 0 along those in which it goes on, and 1 where it alone is between solid, 0 where
@@ -60,18 +62,26 @@ class ElementGrid(DividedGrid):
     label: IntArray = field(kw_only=True)
     gaps: FloatArray = field(kw_only=True)
 
-    @property
+    @cached_property
     def several(self) -> IntArray:
-        """See `divided_cells`."""
-        return self.divided_cells
+        """Cells with more than one element, increasing."""
+        return read_only(np.unique(self.parents))
 
     def element_at(self, u: FloatArray, cells: IntArray) -> IntArray:
-        """See `DividedGrid.element_at`: where boxes leave a point out, the nearest one counts."""
+        """See `DividedGrid.element_at`: where boxes leave a point out, the nearest one counts.
+
+        In pieces without points it is the first element of the cell.
+        """
+        found = self._label_at(u, cells)
+        return np.where(found < 0, -1 - found, found)
+
+    def _label_at(self, u: FloatArray, cells: IntArray) -> IntArray:
+        """The label of the box of each point (n, 3), or its cell where it is in one piece."""
         out = np.array(cells, np.int64)
-        if not len(self.several):
+        if not len(self.divided_cells):
             return out
-        at = np.minimum(np.searchsorted(self.several, cells), len(self.several) - 1)
-        mine = np.flatnonzero(self.several[at] == cells)
+        at = np.minimum(np.searchsorted(self.divided_cells, cells), len(self.divided_cells) - 1)
+        mine = np.flatnonzero(self.divided_cells[at] == cells)
         if len(mine):
             x = self.cut.layout.fine(u[mine], out[mine])
             found = np.empty(len(mine), np.int64)
@@ -92,16 +102,20 @@ class ElementGrid(DividedGrid):
         Returns
         -------
         Quadrature
-            Sorted by element; the same points.
+            Sorted by element; the same points, on surfaces and faces without those of pieces that
+            have none inside.
         """
-        if not len(self.several):
+        if not len(self.divided_cells):
             return replace(rule, grid=self)
         cells = rule.cells[rule.owners]
-        low = self.element_at(rule.points, cells)
-        high = None
+        if rule.normals is None:
+            return regrouped(replace(rule, grid=self), self.element_at(rule.points, cells), None)
+        low, high = self._label_at(rule.points, cells), None
+        keep = low >= 0
         if rule.neighbours is not None:
-            high = self.element_at(*_on_the_other_side(rule))
-        return regrouped(replace(rule, grid=self), low, high)
+            high = self._label_at(*_on_the_other_side(rule))
+            keep &= high >= 0
+        return regrouped(replace(rule, grid=self), low, high, keep)
 
 
 def elements_of(cut: CutGrid, solid: Quadrature) -> tuple[ElementGrid, Quadrature]:
@@ -166,41 +180,32 @@ def _counted(cut: CutGrid) -> tuple[IntArray, IntArray, FloatArray]:
 def _numbered(
     raw: ElementGrid, labels: list[IntArray], solid: Quadrature
 ) -> tuple[ElementGrid, Quadrature]:
-    """The same with numbers of elements for labels; pieces without points are left out."""
-    if not len(raw.several):
+    """The same with numbers of elements for labels, and the rule by elements."""
+    if not len(raw.divided_cells):
         return raw, replace(solid, grid=raw)
     element = np.asarray(solid.cells, np.int64)[solid.owners]
-    inside = np.flatnonzero(np.isin(solid.cells, raw.several)[solid.owners])
+    inside = np.flatnonzero(np.isin(solid.cells, raw.divided_cells)[solid.owners])
     owner = element[inside]
     found = raw.element_at(solid.points[inside], owner)
-    ends = (np.searchsorted(owner, raw.several, side) for side in ("left", "right"))
+    ends = (np.searchsorted(owner, raw.divided_cells, side) for side in ("left", "right"))
     out: list[IntArray] = []
     parents: list[int] = []
-    keep: list[bool] = []
-    for cell, mine, begin, end in zip(raw.several, labels, *ends, strict=True):
+    for cell, mine, begin, end in zip(raw.divided_cells, labels, *ends, strict=True):
         inhabited = np.flatnonzero(np.bincount(found[begin:end]))
-        names = np.full(mine.max() + 1, -1)
+        names = np.full(mine.max() + 1, -1 - cell)
         more = max(len(inhabited) - 1, 0)
         new = [cell, *(raw.count + len(parents) + np.arange(more))]
         names[inhabited] = new[: len(inhabited)]
         parents += [cell] * more
         out.append(names[mine])
-        keep.append(len(inhabited) > 1)
         element[inside[begin:end]] = names[found[begin:end]]
-    label = np.concatenate(out)
-    rows = np.repeat(np.array(keep, bool), np.diff(raw.offsets)) & (label >= 0)
-    boxes = np.add.reduceat(rows, raw.offsets[:-1])[np.array(keep, bool)]
     grid = replace(
         raw,
-        divided_cells=read_only(raw.several[np.array(keep, bool)]),
-        offsets=read_only(np.append(0, np.cumsum(boxes)).astype(np.int64)),
-        corner=read_only(raw.corner[rows]),
-        length=read_only(raw.length[rows]),
-        label=read_only(label[rows]),
+        label=read_only(np.concatenate(out)),
         parents=read_only(np.array(parents, np.int64)),
     )
     whole = replace(solid, grid=grid)
-    return grid, regrouped(whole, element, None) if any(keep) else whole
+    return grid, regrouped(whole, element, None) if parents else whole
 
 
 def _on_the_other_side(rule: Quadrature) -> tuple[FloatArray, IntArray]:
@@ -214,8 +219,10 @@ def _on_the_other_side(rule: Quadrature) -> tuple[FloatArray, IntArray]:
     return u, upper
 
 
-def regrouped(rule: Quadrature, low: IntArray, high: IntArray | None) -> Quadrature:
-    """The same points by elements, and by those on the other side.
+def regrouped(
+    rule: Quadrature, low: IntArray, high: IntArray | None, keep: AnyArray | None = None
+) -> Quadrature:
+    """The same points, or some of them, by elements, and by those on the other side.
 
     Parameters
     ----------
@@ -225,6 +232,8 @@ def regrouped(rule: Quadrature, low: IntArray, high: IntArray | None) -> Quadrat
         Element of each point.
     high : ndarray, shape (n,), or None
         Elements on the other side of faces.
+    keep : ndarray of bool, shape (n,), optional
+        Which points.
 
     Returns
     -------
@@ -238,6 +247,7 @@ def regrouped(rule: Quadrature, low: IntArray, high: IntArray | None) -> Quadrat
         "use fewer cells, a smaller q or a part of the solid",
     )
     order = np.argsort(low, kind="stable") if high is None else np.lexsort((high, low))
+    order = order if keep is None else order[keep[order]]
     low = low[order]
     change = low[1:] != low[:-1]
     if high is not None:

@@ -116,8 +116,7 @@ class PhasedGrid(DividedGrid):
         if rule.neighbours is not None:
             high = names[rule.neighbours][rule.owners]
             keep &= high >= 0
-            high = high[keep]
-        return regrouped(_rows(replace(rule, grid=self), keep), low[keep], high)
+        return regrouped(replace(rule, grid=self), low, high, keep)
 
 
 @dataclass(frozen=True, eq=False)
@@ -259,11 +258,10 @@ class PhasedDomain(Domain):
         other = self._behind(rule, self.elements.home(mine), 1 - phase)
         keep = other >= 0
         _check_joined(rule.weights, keep)
-        rule, low, high = _rows(rule, keep), mine[keep], other[keep]
-        if phase:
-            assert rule.normals is not None
-            rule, low, high = replace(rule, normals=-rule.normals), high, low
-        return regrouped(rule, low, high)
+        if not phase:
+            return regrouped(rule, mine, other, keep)
+        assert rule.normals is not None
+        return regrouped(replace(rule, normals=-rule.normals), other, mine, keep)
 
     def _behind(self, rule: Quadrature, cells: IntArray, phase: int) -> IntArray:
         """Elements of a phase at points of the boundary of the other one; -1 for none."""
@@ -438,18 +436,6 @@ def _as_spline(level: Any, domain: FloatArray) -> BSpline:
 
 
 _SAMPLES = grid_points(*[np.linspace(0.0, 1.0, 9)] * 3)
-
-
-def _rows(rule: Quadrature, keep: AnyArray) -> Quadrature:
-    """Some points of a rule, whose cells are to be set."""
-
-    def part(a: Any) -> Any:
-        return None if a is None else a[keep]
-
-    return replace(
-        rule, points=part(rule.points), weights=part(rule.weights), normals=part(rule.normals),
-        sets=part(rule.sets), parameters=part(rule.parameters),
-    )  # fmt: skip
 
 
 def _together(a: Quadrature, b: Quadrature) -> Quadrature:

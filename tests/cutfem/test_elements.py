@@ -461,3 +461,68 @@ def test_copies_cost_few_iterations_of_multigrid(name, degree, monkeypatch):
     alone, known = iterations()
     assert more > 1.01 * known  # there are copies
     assert apart <= 1.2 * alone
+
+
+WAVES = (
+    "(-0.43792214807476765)*x+0.4840840288572748*y+0.7575531963043192*z-0.13666346780338937"
+    "+0.10392007820516357*sin(4.386883476219584*(0.5286028297559082*x+0.8202465965106915*y"
+    "-0.21857394466558194*z))*cos(4.386883476219584*((-0.7271885866813554)*x"
+    "+0.3047263918959691*y-0.6150923389885754*z))"
+)
+SHIFTED = [
+    [-1.5458983966654891, -1.4507228370615939, -1.518593083360026],
+    [1.4541016033345109, 1.5492771629384061, 1.481406916639974],
+]
+
+
+def wavy(u):
+    return u[:, 2] - 0.03 + 0.12 * np.sin(5 * u[:, 0]) * np.cos(5 * u[:, 1])
+
+
+def sliced(u):
+    """A ball with an air gap of a fifth of a cell, or somewhat less."""
+    return np.maximum(np.linalg.norm(u, axis=1) - 0.95, np.minimum(wavy(u), 0.05 - wavy(u)))
+
+
+def by_sides(problem, side):
+    """Volume in cells of each part on both sides of a gap."""
+    domain = problem.domain
+    rule, parts = domain.volume, domain.parts
+    label = parts.labels[np.searchsorted(parts.cells, rule.cells)][rule.owners]
+    low = side(rule.points)
+    cell = np.prod(domain.cut.grid.boxes(np.array([0]))[0, 3:])
+    return np.stack([np.bincount(label, rule.weights * s, len(parts)) for s in (low, ~low)]) / cell
+
+
+@pytest.mark.parametrize("kind", ["field", "function"])
+def test_pieces_without_points_join_nothing(kind):
+    """Slivers beyond a gap, in which rules have no points, have facets in whole cells beside."""
+    fields = il.fields
+    if kind == "field":
+        low, high = fields.equation(WAVES), fields.equation(f"0.0375-({WAVES})")
+        body = fields.intersection(fields.sphere(0.95), fields.union(low, high))
+        problem = il.cutfem.Heat(body, 12, domain=SHIFTED, degree=1)
+        sides = by_sides(problem, lambda u: low(u) < 0.01875)
+    else:
+        box = [[-1.0, -1.0, -1.0], [1.03, 1.0, 1.02]]
+        problem = il.cutfem.Heat(sliced, 8, domain=box, degree=1)
+        sides = by_sides(problem, lambda u: wavy(u) < 0.025)
+    assert (sides.max(axis=1) > 20).all()
+    assert sides.min(axis=0).max() == 0.0
+    elements = problem.domain.elements
+    small = elements.divided_cells[~np.isin(elements.divided_cells, elements.several)]
+    assert len(small)  # cells with such pieces, which have one element
+    for rule in problem.domain.interior_facets:
+        assert np.isin(rule.cells, problem.domain.volume.cells).all()
+    lost = problem.domain.cut.surface(2)
+    kept = elements.divided(lost)
+    assert 0.0 < lost.integrate() - kept.integrate() < 1e-4 * lost.integrate()
+
+
+def test_parts_at_their_own_temperatures_have_no_error_to_tell():
+    box = [[-1.0, -1.0, -1.0], [1.03, 1.0, 1.02]]
+    for degree in (2, 3):
+        problem = il.cutfem.Heat(sliced, 8, domain=box, degree=degree)
+        solution = problem.fix("z < -0.5", 0.0).fix("z > 0.6", 1.0).solve()
+        assert max(map(abs, solution.inflow.values())) < 1e-10
+        assert solution.report.discretization_error == 0.0
