@@ -38,6 +38,16 @@ def facing(x, quads, normal):
 
 
 @njit(cache=True)
+def touched(mask, rows, out):
+    """How many of the vertices in each row are in a mask."""
+    for i in range(len(rows)):
+        count = 0
+        for k in range(rows.shape[1]):
+            count += mask[rows[i, k]]
+        out[i] = count
+
+
+@njit(cache=True)
 def bends(quads, normal, mean, least):
     """Least cosines between the normals around vertices and their mean.
 
@@ -138,23 +148,3 @@ def edges(x, quads, px, py, pz, low, high, found):
         count += _span(py, x, quads[i], 1, low[i], high[i])
         count += _span(pz, x, quads[i], 2, low[i], high[i])
         found[i] = count == 1
-
-
-@njit(cache=True)
-def mark_boxes(x, at, px, py, pz, size, mask):
-    """Mark the boxes of size³ cells that hold vertices `at`, and those next to them."""
-    for v in at:
-        i = _below(px, x[v, 0], len(px) - 1) // size
-        j = _below(py, x[v, 1], len(py) - 1) // size
-        k = _below(pz, x[v, 2], len(pz) - 1) // size
-        mask[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2, max(k - 1, 0) : k + 2] = True
-
-
-@njit(cache=True, parallel=True)
-def in_boxes(x, px, py, pz, size, mask, out):
-    """Which points are in marked boxes."""
-    for v in prange(len(x)):
-        i = _below(px, x[v, 0], len(px) - 1) // size
-        j = _below(py, x[v, 1], len(py) - 1) // size
-        k = _below(pz, x[v, 2], len(pz) - 1) // size
-        out[v] = mask[i, j, k]

@@ -3,7 +3,7 @@
 Guarantees: triangles are marked if and only if one of two pierces the other by more than rounding,
 or both lie in one plane and overlap there; if asked for, also where a corner of one is inside the
 other or an edge of it, as where vertices on an edge of the domain changed places, or tips touch
-its faces. The marks do not depend on the number of threads.
+its faces. The marks do not depend on the number of threads, nor on the order of the triangles.
 
 The triangles are sorted along a curve that fills space. Leaf i of the tree holds the `LEAF`
 triangles from ``LEAF * i``, node n has the children ``2 n`` and ``2 n + 1``, the root is 1.
@@ -42,6 +42,68 @@ def morton(first: int, last: int, x: Any, faces: Any, low: Any, size: float, out
             s = (x[a, k] - low[k]) + (x[b, k] - low[k]) + (x[c, k] - low[k])
             place |= spread(int(s * scale)) << k
         out[f] = place
+
+
+@njit(cache=True)
+def extent(x: Any, out: Any) -> None:
+    """Least and largest coordinates (2, 3) of vertices."""
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for v in range(len(x)):
+        for k in range(3):
+            low[k], high[k] = min(low[k], x[v, k]), max(high[k], x[v, k])
+    for k in range(3):
+        out[0, k], out[1, k] = low[k], high[k]
+
+
+@njit(cache=True)
+def voxels(x: Any, low: Any, scale: Any, n: int, out: Any) -> None:
+    """Voxels (V, 3) of vertices, of n each way from `low` on; ``scale`` (3,) is their inverse."""
+    for v in range(len(x)):
+        for k in range(3):
+            out[v, k] = min(max(int((x[v, k] - low[k]) * scale[k]), 0), n - 1)
+
+
+@inner()
+def _span(voxel: Any, faces: Any, f: int, k: int) -> Any:
+    """First and last voxel of a triangle along an axis."""
+    a, b, c = voxel[faces[f, 0], k], voxel[faces[f, 1], k], voxel[faces[f, 2], k]
+    return min(a, b, c), max(a, b, c)
+
+
+@njit(cache=True)
+def mark_voxels(voxel: Any, faces: Any, active: Any, mask: Any) -> None:
+    """Mark the voxels that the boxes of the active triangles touch."""
+    for f in range(len(faces)):
+        if active[f]:
+            i0, i1 = _span(voxel, faces, f, 0)
+            j0, j1 = _span(voxel, faces, f, 1)
+            k0, k1 = _span(voxel, faces, f, 2)
+            for i in range(i0, i1 + 1):
+                for j in range(j0, j1 + 1):
+                    for k in range(k0, k1 + 1):
+                        mask[i, j, k] = True
+
+
+@inner()
+def _any(mask: Any, voxel: Any, faces: Any, f: int) -> bool:
+    """Whether a voxel of the box of a triangle is marked."""
+    i0, i1 = _span(voxel, faces, f, 0)
+    j0, j1 = _span(voxel, faces, f, 1)
+    k0, k1 = _span(voxel, faces, f, 2)
+    for i in range(i0, i1 + 1):
+        for j in range(j0, j1 + 1):
+            for k in range(k0, k1 + 1):
+                if mask[i, j, k]:
+                    return True
+    return False
+
+
+@in_ranges(GRAIN)
+@njit(cache=True, nogil=True)
+def in_voxels(first: int, last: int, voxel: Any, faces: Any, mask: Any, out: Any) -> None:
+    """Which triangles may touch an active one: those in marked voxels."""
+    for f in range(first, last):
+        out[f] = _any(mask, voxel, faces, f)
 
 
 @inner()
@@ -98,12 +160,16 @@ def _volume(x: Any, a: int, b: int, c: int, d: int) -> float:
 
 
 @inner()
-def _heights(x: Any, faces: Any, f: int, g: int, out: Any) -> None:
-    """Volumes above triangle f of the corners of g, zero for those that are corners of f."""
+def _heights(x: Any, faces: Any, f: int, g: int, out: Any) -> Any:
+    """Volumes above triangle f of the corners of g, zero for those that are corners of f.
+
+    Returns the least and the largest of them.
+    """
     a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
     for j in range(3):
         v = faces[g, j]
         out[j] = 0.0 if v == a or v == b or v == c else _volume(x, a, b, c, v)
+    return min(out[0], out[1], out[2]), max(out[0], out[1], out[2])
 
 
 @inner()
@@ -222,8 +288,10 @@ def _touched(x: Any, faces: Any, f: int, g: int, heights: Any, size: float) -> b
 def _cross(x: Any, faces: Any, f: int, g: int, size: float, touching: bool, heights: Any) -> bool:
     """Whether one of two triangles pierces the other, or both overlap in one plane."""
     least = ROUNDING * size * size * size
-    _heights(x, faces, f, g, heights)
-    low, high = min(heights[0], heights[1], heights[2]), max(heights[0], heights[1], heights[2])
+    low, high = _heights(x, faces, f, g, heights)
+    if max(high, -low) <= COPLANAR * size * size * size:
+        f, g = g, f  # all is flat over slivers, which themselves are not over others
+        low, high = _heights(x, faces, f, g, heights)
     if max(high, -low) <= COPLANAR * size * size * size:
         return _overlap(x, faces, f, g, size)
     if _aside(faces, f, g, heights, COPLANAR * size * size * size):

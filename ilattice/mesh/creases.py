@@ -39,7 +39,6 @@ STEPS = 10  # of root finding along edges, at most
 FOUND = 1e-11  # of the values at the ends of an edge: a value at its crossing that is small enough
 BEYOND = 0.5  # widths of its cell that a vertex may be outside, where no triangles cross
 TURNS = 30  # between planes and cells
-BOX = 3  # cells per side of the boxes in which triangles are compared
 TRIES = 12  # at most, to find places without crossing triangles
 MAX_STEPS = 6  # steps at most from where planes meet to the surface
 NEAR_ENOUGH = 1e-3  # spacings off it that are near enough
@@ -71,7 +70,7 @@ def sharpened(raw: Contour, field: Any, axes: Any, corners: FloatArray | None = 
     real = _off_caps(raw.kind, quads)
     quads, rows = quads[real], np.flatnonzero(real)
     off, near = _suspects(field, x, raw.kind, quads, axes)
-    around = quads[near[quads].any(axis=1)]
+    around = quads[_touched(near, quads) > 0]
     foot, found = _crossings(field, x, around, axes)
     around, foot = around[found], foot[found]
     normal = _normals(field, foot)
@@ -89,7 +88,7 @@ def sharpened(raw: Contour, field: Any, axes: Any, corners: FloatArray | None = 
     if corners is not None:
         at, wide, tight = _snapped(x, at, wide, tight, raw.kind, corners, field, axes)
     positions = np.stack([wide, tight, x[at]])
-    new, faces = _folded(raw.faces, x, at, positions, quads, rows, field, axes)
+    new, faces = _folded(raw.faces, x, at, positions, quads, rows, field)
     return Contour(new.astype(raw.vertices.dtype), faces, raw.kind, raw.first_vertex)
 
 
@@ -107,17 +106,17 @@ def _suspects(
     value, gradient = field.jet(x[at], 1)
     h = min(float(np.diff(planes).min()) for planes in axes)
     off[at] = np.abs(value) > OFF * h * np.linalg.norm(gradient, axis=1)
-    some = quads[bent[quads].any(axis=1)]
+    some = quads[_touched(bent, quads) > 0]
     normal = _normals(field, x[some].mean(axis=1))
     near = off | (bent & (_bends(len(x), some, normal) < BENT))
     # of two vertices that cut a crease off, one may be on the surface, with quads of one side only
-    near[quads[near[quads].any(axis=1)]] = True
+    near[quads[_touched(near, quads) > 0]] = True
     return off, near
 
 
 def _folded(
     old: IntArray, x: FloatArray, at: IntArray, positions: FloatArray, quads: IntArray,
-    rows: IntArray, field: Any, axes: Any,
+    rows: IntArray, field: Any,
 ) -> tuple[FloatArray, IntArray]:  # fmt: skip
     """Vertices and triangles; each takes the first of its positions at which no triangles cross.
 
@@ -132,30 +131,20 @@ def _folded(
         moved[changed] = choice[row[changed]] < len(positions) - 1
         fresh = np.zeros(len(x), np.bool_)
         fresh[changed] = True
-        part = fresh[quads].any(axis=1)
+        part = _touched(fresh, quads) > 0
         _fold(field, new, moved, quads[part], rows[part], old, faces)
         active = np.zeros(len(faces), np.bool_)
         active[2 * rows[part]] = active[2 * rows[part] + 1] = True
-        close = np.flatnonzero(_close_to(x, changed, axes)[old].any(axis=1))
-        pairs, crossing = self_intersections(new, faces[close], active[close])
+        pairs, crossing = self_intersections(new, faces, active)
         if not pairs:
             break
-        corners = faces[close[crossing]]
+        corners = faces[crossing]
         free = moved[corners]
         far = np.where(free, np.linalg.norm(new[corners] - x[corners], axis=2), -1.0)
         one = np.take_along_axis(corners, far.argmax(axis=1)[:, None], axis=1)
         changed = np.unique(one[free.any(axis=1)])
         choice[row[changed]] += 1
     return new, faces
-
-
-def _close_to(x: FloatArray, at: IntArray, axes: Any) -> AnyArray:
-    """Which vertices are in boxes of cells next to, or with, the vertices `at`."""
-    mask = np.zeros([len(planes) // BOX + 2 for planes in axes], np.bool_)
-    kernels.mark_boxes(x, at, *axes, BOX, mask)
-    out = np.empty(len(x), np.bool_)
-    kernels.in_boxes(x, *axes, BOX, mask, out)
-    return out
 
 
 def _snapped(
@@ -188,8 +177,15 @@ def _snapped(
 
 def _off_caps(kind: AnyArray, quads: IntArray) -> AnyArray:
     """Quads that do not lie in a face of the domain."""
-    sides = kind[quads] & 63
-    return np.bitwise_and.reduce(sides, axis=1) == 0
+    a, b, c, d = (kind[corner] for corner in quads.T)
+    return np.asarray(a & b & c & d & 63 == 0)
+
+
+def _touched(mask: AnyArray, quads: IntArray) -> AnyArray:
+    """How many vertices of quads are in a mask (V,)."""
+    out = np.empty(len(quads), np.uint8)
+    kernels.touched(mask, quads, out)
+    return out
 
 
 def _normals(field: Any, x: FloatArray) -> FloatArray:
@@ -336,7 +332,7 @@ def _fold(
     would lie on each other. Other quads keep their old diagonals.
     """
     faces[2 * rows], faces[2 * rows + 1] = old[2 * rows], old[2 * rows + 1]
-    two = moved[quads].sum(axis=1) >= 2
+    two = _touched(moved, quads) >= 2
     quads, rows = quads[two], rows[two]
     a, b, c, d = quads.T
     turn = np.abs(field(0.5 * (x[b] + x[d]))) < np.abs(field(0.5 * (x[a] + x[c])))

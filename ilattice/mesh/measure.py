@@ -14,6 +14,10 @@ from ilattice._validate import read_only, seen
 from ilattice.mesh import _kernels_crossings as crossings
 from ilattice.mesh import _kernels_surface as kernels
 
+#: Voxels in which triangles near others are found: at most so many each way, and so few that there
+#: are as many as the root of the number of triangles divided by this.
+MAX_VOXELS, PER_VOXEL = 128, 4.0
+
 
 class Topology(NamedTuple):
     """What the edge table of a mesh says.
@@ -69,7 +73,7 @@ def volume_and_area(vertices: AnyArray, faces: AnyArray) -> tuple[float, float]:
     """
     if len(faces) == 0:
         return 0.0, 0.0
-    centre = 0.5 * (vertices.min(axis=0).astype(np.float64) + vertices.max(axis=0))
+    centre = 0.5 * _extent(vertices).sum(axis=0)
     volume, area = kernels.volume_and_area(vertices, faces, centre).sum(axis=0)
     return float(volume / 6.0), float(area / 2.0)
 
@@ -119,10 +123,45 @@ def self_intersections(
         faces = faces.astype(np.int32, copy=False)
     vertices, faces = seen(vertices), seen(faces)
     marked = np.zeros(len(faces), np.bool_)
-    if len(faces) == 0:
+    if len(faces) == 0 or (active is not None and not active.any()):
         return 0, marked
-    low = vertices.min(axis=0).astype(np.float64)
-    size = max(float((vertices.max(axis=0) - low).max()), np.finfo(np.float64).tiny)
+    low, high = _extent(vertices)
+    if active is None:
+        return _crossings(vertices, faces, np.ones(len(faces), np.bool_), touching, low, high)
+    near = np.flatnonzero(_near(vertices, faces, active, low, high))
+    pairs, found = _crossings(vertices, seen(faces[near]), active[near], touching, low, high)
+    marked[near[found]] = True
+    return pairs, marked
+
+
+def _extent(vertices: AnyArray) -> FloatArray:
+    """Least and largest coordinates (2, 3) of vertices."""
+    out = np.empty((2, 3))
+    crossings.extent(seen(vertices), out)
+    return out
+
+
+def _near(
+    vertices: AnyArray, faces: AnyArray, active: AnyArray, low: FloatArray, high: FloatArray
+) -> AnyArray:
+    """Triangles (F,) of which the boxes may touch that of an active one: in the same voxels."""
+    n = int(np.clip(len(faces) ** 0.5 / PER_VOXEL, 1, MAX_VOXELS))
+    voxel = np.empty((len(vertices), 3), np.uint8)
+    scale = n / np.maximum(high - low, np.finfo(np.float64).tiny)
+    crossings.voxels(vertices, low, scale, n, voxel)
+    mask, out = np.zeros((n, n, n), np.bool_), np.empty(len(faces), np.bool_)
+    crossings.mark_voxels(voxel, faces, active, mask)
+    crossings.in_voxels(len(faces), voxel, faces, mask, out)
+    return out
+
+
+def _crossings(
+    vertices: AnyArray, faces: AnyArray, active: AnyArray, touching: bool, low: FloatArray,
+    high: FloatArray,
+) -> tuple[int, AnyArray]:  # fmt: skip
+    """Pairs of triangles, one of them active, that cross, and their triangles (F,)."""
+    marked = np.zeros(len(faces), np.bool_)
+    size = max(float((high - low).max()), np.finfo(np.float64).tiny)
     codes = np.empty(len(faces), np.int64)
     crossings.morton(len(faces), vertices, faces, low, size, codes)
     order = np.argsort(codes, kind="stable").astype(np.int32 if len(faces) < 2**31 else np.int64)
@@ -131,7 +170,6 @@ def self_intersections(
     boxes = np.empty((2 * leaves, 6))
     crossings.fill_leaves(leaves, vertices, faces, order, boxes)
     crossings.fill_nodes(boxes)
-    active = np.ones(len(faces), np.bool_) if active is None else active
     pairs = np.zeros(-(-len(faces) // crossings.LEAF), np.int64)
     tree = vertices, faces, order, boxes, active, bool(active.all()), touching
     crossings.mark_crossings(len(pairs), *tree, marked, pairs)
