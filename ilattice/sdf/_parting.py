@@ -13,8 +13,9 @@ from ilattice._geometry import wrapped
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.errors import PrecisionWarning
 from ilattice.mesh.contouring import Contour, contour_arrays
+from ilattice.mesh.envelopes import enclosed
 from ilattice.mesh.measure import self_intersections, triangle_quality
-from ilattice.mesh.repair import remove_slivers
+from ilattice.mesh.repair import Repair, remove_slivers
 
 #: Parts of the way back to the means of crossed edges, one after the other.
 BACK = (0.5, 0.5, 1.0, 1.0)
@@ -25,7 +26,7 @@ SLIVER = 0.005
 def parted(
     field: Any, made: Contour, axes: list[FloatArray], *,
     wrap: tuple[bool, bool, bool] = (False,) * 3,
-    image: Callable[[FloatArray], FloatArray] = np.asarray, slivers: float = 0.0,
+    image: Callable[[FloatArray], FloatArray] | None = None, slivers: float = 0.0,
 ) -> tuple[FloatArray, IntArray]:  # fmt: skip
     """Vertices and faces of a contour; where triangles cross nearer to the means of crossed edges.
 
@@ -43,8 +44,9 @@ def parted(
         Planes of the grid.
     wrap : tuple of bool
         Directions in which the last plane is the first one.
-    image : callable
-        Takes vertices to the space in which triangles are not to cross.
+    image : callable, optional
+        Takes vertices to the space in which triangles are not to cross; by default that of the
+        axes, where most quads are known not to cross from the grid (`ilattice.mesh.envelopes`).
     slivers : float
         Quality below which triangles are removed, but where that makes others cross.
 
@@ -60,23 +62,19 @@ def parted(
     PrecisionWarning
         If triangles cross after all.
     """
-    out, faces = made.vertices, made.faces
-    pairs, crossing = self_intersections(image(out), faces)
-    if slivers:
-        crossing |= _stuck(made, slivers)
+    active = None if image else np.repeat(~enclosed(made, axes), 2)
+    space = image or np.asarray
+    pairs, crossing = self_intersections(space(made.vertices), made.faces, active)
+    repair = remove_slivers(made.vertices, made.faces, made.kind, quality=slivers)
+    if repair.left:
+        poor = triangle_quality(made.vertices[repair.vertices], repair.faces) < slivers
+        crossing[repair.rows[poor]] = True
     if crossing.any():
-        out = out.copy()
-        plain = contour_arrays(field, axes, wrap=wrap, place="linear").vertices
-    for part in BACK:
-        if not crossing.any():
-            break
-        at = np.zeros(len(out), np.bool_)
-        at[faces[crossing]] = True
-        out[at] = _between(out[at], plain[at], part, axes, np.array(wrap))
-        moved = np.asarray(at[faces].any(axis=1))
-        pairs, crossing = self_intersections(image(out), faces, moved)
-    if slivers:
-        out, faces, pairs = _without_slivers(out, made, slivers, image, pairs)
+        out, pairs = _moved_back(field, made, axes, wrap, space, pairs, crossing)
+        repair = remove_slivers(out, made.faces, made.kind, quality=slivers)
+    else:
+        out = made.vertices
+    out, faces, pairs = _without_slivers(out, made, slivers, space, pairs, repair)
     if pairs:
         warnings.warn(
             f"{pairs} pairs of triangles cross, as where parts or gaps are thinner than the "
@@ -87,23 +85,30 @@ def parted(
     return out, faces
 
 
-def _stuck(made: Contour, quality: float) -> AnyArray:
-    """Faces (n,) that are slivers and cannot be removed, as where an edge is as short as none."""
-    repair = remove_slivers(made.vertices, made.faces, made.kind, quality=quality)
-    out = np.zeros(len(made.faces), np.bool_)
-    poor = triangle_quality(made.vertices[repair.vertices], repair.faces) < quality
-    out[repair.rows[poor]] = True
-    return out
+def _moved_back(
+    field: Any, made: Contour, axes: list[FloatArray], wrap: tuple[bool, bool, bool],
+    image: Callable[[FloatArray], FloatArray], pairs: int, crossing: AnyArray,
+) -> tuple[FloatArray, int]:  # fmt: skip
+    """Vertices, of which those of crossing triangles move back; how many pairs cross then."""
+    out, faces = made.vertices.copy(), made.faces
+    plain = contour_arrays(field, axes, wrap=wrap, place="linear").vertices
+    for part in BACK:
+        at = np.zeros(len(out), np.bool_)
+        at[faces[crossing]] = True
+        out[at] = _between(out[at], plain[at], part, axes, np.array(wrap))
+        pairs, crossing = self_intersections(image(out), faces, np.asarray(at[faces].any(axis=1)))
+        if not pairs:
+            break
+    return out, pairs
 
 
 def _without_slivers(
     x: FloatArray, made: Contour, quality: float, image: Callable[[FloatArray], FloatArray],
-    before: int,
+    before: int, repair: Repair,
 ) -> tuple[FloatArray, IntArray, int]:  # fmt: skip
     """Vertices, faces and pairs that cross, of which slivers are left where others would cross."""
     spared = np.zeros(len(x), np.bool_)
-    while True:
-        repair = remove_slivers(x, made.faces, made.kind, quality=quality, spared=spared)
+    while repair.collapses or repair.flips:
         kept, now = x[repair.vertices], repair.vertices[repair.faces]
         new = (now != made.faces[repair.rows]).any(axis=1)
         pairs, crossing = self_intersections(image(kept), repair.faces, None if before else new)
@@ -111,6 +116,8 @@ def _without_slivers(
         if pairs <= before or spared[at].all():
             return kept, repair.faces, pairs
         spared[at] = True
+        repair = remove_slivers(x, made.faces, made.kind, quality=quality, spared=spared)
+    return x, made.faces, before
 
 
 def _between(
