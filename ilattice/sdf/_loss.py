@@ -23,6 +23,8 @@ from ilattice.mesh.sampled import volumes
 TOLD = 0.02
 #: Standard errors within which volumes are not told apart.
 ERRORS = 3.0
+#: How much smaller than that part errors should be, so that what a good mesh is off seldom tells.
+NEARER = 5.5
 #: Part of the volume that a mesh with the recommended spacing may be off by, and the least part of
 #: the spacing that is recommended: what is lost altogether tells little of what is enough.
 MEANT, MIN_SPACING = 0.01, 0.25
@@ -63,7 +65,7 @@ def check_loss(
         If more than `REFUSED` of the volume is lost or gained, unless that is allowed.
     """
     whole, near = 0.0, 0.0
-    for whole, error in volumes(field, box, sides, det):
+    for whole, error in volumes(field, box, sides, det, TOLD / NEARER):
         near = ERRORS * error
         if abs(got - whole) + near <= TOLD * whole:
             return

@@ -31,6 +31,7 @@ from ilattice.macroshape.maps import SplineMap
 from ilattice.mesh import SurfaceMesh
 from ilattice.mesh.contouring import contour_arrays
 from ilattice.mesh.creases import sharpened
+from ilattice.mesh.measure import volume_and_area
 from ilattice.sdf._loss import check_loss
 from ilattice.sdf._parting import SLIVER, parted
 from ilattice.sdf._through import mesh_through
@@ -164,8 +165,8 @@ class Plan(Frozen):
         """Compare the volume of a mesh."""
         ends = np.array([(a[0], a[-1]) for a in self.axes]).T
         check_loss(
-            self.inner, ends, ends[1] - ends[0], float(self.spacing.max()), found.volume,
-            allowed=allow_loss,
+            self.inner, ends, ends[1] - ends[0], float(self.spacing.max()),
+            volume_and_area(found.vertices, found.faces)[0], allowed=allow_loss,
         )  # fmt: skip
 
     def _contoured(self, progress: Progress) -> SurfaceMesh:
