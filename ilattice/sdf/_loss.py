@@ -64,12 +64,14 @@ def check_loss(
     GeometryError
         If more than `REFUSED` of the volume is lost or gained, unless that is allowed.
     """
-    whole, near = 0.0, 0.0
+    whole, near, off = 0.0, 0.0, 0.0
     for whole, error in volumes(field, box, sides, det, TOLD / NEARER):
         near = ERRORS * error
+        off = max(abs(got - whole) - near, 0.0)
         if abs(got - whole) + near <= TOLD * whole:
             return
-    off = max(abs(got - whole) - near, 0.0)
+        if off > REFUSED * whole and near <= TOLD * whole:
+            break
     if off <= TOLD * whole:
         return
     part = (got - whole) / whole if whole > 0.0 else np.inf

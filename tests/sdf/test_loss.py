@@ -1,5 +1,6 @@
 """Meshes of fields that have lost, or gained, a part of the volume: told or refused."""
 
+import re
 import warnings
 
 import numpy as np
@@ -59,6 +60,17 @@ def test_shells_as_thin_as_the_spacing_are_refused(seed, known):
     with pytest.warns(PrecisionWarning, match=r"% less than the solid"):
         found = mesh(field, h, allow_loss=True)
     assert found.volume < 0.95 * exact
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_volumes_that_are_told_are_within_the_errors_told(seed):
+    field, exact = shells(np.random.default_rng(seed))
+    with pytest.raises(GeometryError, match="less than the solid") as refused:
+        mesh(field, 0.15)
+    told = re.search(r"\((\S+) \+- (\S+) at random points", str(refused.value))
+    volume, error = map(float, told.groups())
+    assert 0.0 < error <= 0.03 * exact  # of one digit
+    assert abs(volume - exact) <= 1.5 * error
 
 
 @pytest.mark.parametrize("seed", range(4))
