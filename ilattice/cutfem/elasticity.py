@@ -35,6 +35,7 @@ from ilattice.cutfem import rigid
 from ilattice.cutfem.anisotropic import as_material
 from ilattice.cutfem.choosing import USUAL
 from ilattice.cutfem.conditions import Connection, as_value
+from ilattice.cutfem.deformed import Deformed
 from ilattice.cutfem.dilatation import MAX_SMOOTH, is_near
 from ilattice.cutfem.domain import lattice_of
 from ilattice.cutfem.material import MapProperties, Property
@@ -44,7 +45,6 @@ from ilattice.cutfem.places import Motion, as_vector
 from ilattice.cutfem.problem import ISLANDS
 from ilattice.cutfem.regions import Region, as_place
 from ilattice.cutfem.series import Series
-from ilattice.cutfem.solution import Deformed
 from ilattice.cutfem.solved import Smooth
 from ilattice.errors import InputError
 from ilattice.quadrature.rules import Quadrature

@@ -31,12 +31,12 @@ from ilattice.cutfem import discretization, integration, watching
 from ilattice.cutfem.conditions import as_value, values_at
 from ilattice.cutfem.conduction import Conducting, Conduction
 from ilattice.cutfem.domain import lattice_of
-from ilattice.cutfem.heat_solution import Step, Temperature
 from ilattice.cutfem.material import Property, Scalar
 from ilattice.cutfem.phases import as_phased
 from ilattice.cutfem.problem import ISLANDS, Problem
 from ilattice.cutfem.series import Series
 from ilattice.cutfem.solved import Smooth
+from ilattice.cutfem.temperature import Step, Temperature
 from ilattice.errors import InputError
 from ilattice.linalg.solvers import LARGEST, Solver
 from ilattice.quadrature.rules import on_cells

@@ -21,10 +21,10 @@ from ilattice._validate import read_only
 from ilattice.cutfem import weak
 from ilattice.cutfem.conditions import Connection, Support
 from ilattice.cutfem.constraints import constraints
+from ilattice.cutfem.deformed import Deformed
 from ilattice.cutfem.operators import ElasticOperators
 from ilattice.cutfem.overlaps import check_agreement
 from ilattice.cutfem.places import Motion
-from ilattice.cutfem.solution import Deformed
 from ilattice.errors import InputError
 from ilattice.linalg.solvers import Solver, SolveReport
 from ilattice.quadrature.rules import NAMES, Quadrature
