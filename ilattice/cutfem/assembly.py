@@ -25,7 +25,7 @@ from ilattice.cutfem.stabilise import GhostFaces, LoneCells, Stiffness
 from ilattice.errors import InputError
 from ilattice.macroshape.maps import SplineMap
 from ilattice.quadrature.grid import DividedGrid
-from ilattice.quadrature.rules import Quadrature, in_space, on_cells, some_cells
+from ilattice.quadrature.rules import Quadrature, compressed_cells, in_space, some_cells
 
 BATCH_BYTES = 1 << 24  # the allocator keeps arrays of this size, so that they are warm
 CHUNKS = 64  # of rows, each with scratch for all columns
@@ -423,14 +423,13 @@ def compressed_where_long(rule: Quadrature, degree: int, least: float) -> Quadra
     long = (counts > most) & (rule.integrate_cells() >= least * full)
     if not long.any():
         return rule
-    parts = [on_cells(rule, rule.cells[long]).compressed(degree)]
-    parts.append(on_cells(rule, rule.cells[~long]))
     kept = np.where(long, most, counts)
     offsets = np.append(0, np.cumsum(kept))
     points, weights = np.empty((offsets[-1], 3)), np.empty(offsets[-1])
-    for part, mine in zip(parts, (long, ~long), strict=True):
-        rows = np.repeat(offsets[:-1][mine] - part.offsets[:-1], kept[mine]) + np.arange(len(part))
-        points[rows], weights[rows] = part.points, part.weights
+    rows = offsets[:-1][long, None] + np.arange(most)
+    points[rows], weights[rows] = compressed_cells(rule, long, degree)
+    old, new = (np.repeat(~long, n) for n in (counts, kept))
+    points[new], weights[new] = rule.points[old], rule.weights[old]
     return replace(
         rule, points=read_only(points), weights=read_only(weights), offsets=read_only(offsets)
     )

@@ -28,8 +28,13 @@ def lagrange(t: float, nodes: Any, factors: Any, out: Any) -> None:
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
-def project(points: Any, weights: Any, offsets: Any, boxes: Any, nodes: Any, out: Any) -> None:
-    """Weights out (cells, n, n, n) on the tensor grid of nodes that keep the moments."""
+def project(
+    points: Any, weights: Any, starts: Any, ends: Any, boxes: Any, nodes: Any, out: Any
+) -> None:
+    """Weights out (cells, n, n, n) on the tensor grid of nodes that keep the moments.
+
+    Points of a cell are those from its start to its end.
+    """
     n = len(nodes)
     wide = (n + LANES - 1) // LANES * LANES
     factors = np.ones(n)  # of the polynomials
@@ -42,7 +47,7 @@ def project(points: Any, weights: Any, offsets: Any, boxes: Any, nodes: Any, out
         b = np.empty(n)
         c = np.zeros(wide)  # zeros at the end fill vectors up
         sums = np.zeros((n, n, wide))
-        for p in range(offsets[cell], offsets[cell + 1]):
+        for p in range(starts[cell], ends[cell]):
             lagrange((points[p, 0] - boxes[cell, 0]) / boxes[cell, 3], nodes, factors, a)
             lagrange((points[p, 1] - boxes[cell, 1]) / boxes[cell, 4], nodes, factors, b)
             lagrange((points[p, 2] - boxes[cell, 2]) / boxes[cell, 5], nodes, factors, c)

@@ -225,21 +225,12 @@ class Quadrature(Frozen):
             raise InputError("only volume rules in parameters can be compressed")
         if not among(degree, range(MAX_POINTS)):
             raise InputError(f"degree must be a whole number from 0 to 9, got {degree!r}")
-        n = degree + 1
-        x = gauss(n)[0]
-        boxes = self.grid.boxes(self.cells)
-        weights = np.zeros((len(self.cells), n, n, n))
-        project(self.points, self.weights, self.offsets, boxes, x, weights)
-        points = np.empty((len(self.cells), n, n, n, 3))
-        for a in range(3):
-            shape = [len(self.cells), 1, 1, 1]
-            shape[1 + a] = n
-            points[..., a] = (boxes[:, a, None] + boxes[:, 3 + a, None] * x).reshape(shape)
+        points, weights = compressed_cells(self, slice(None), degree)
         return replace(
             self,
             points=read_only(points.reshape(-1, 3)),
             weights=read_only(weights.ravel()),
-            offsets=read_only(np.arange(len(self.cells) + 1) * n**3),
+            offsets=read_only(np.arange(len(self.cells) + 1) * (degree + 1) ** 3),
             exact_to=degree,
         )
 
@@ -258,6 +249,36 @@ class Quadrature(Frozen):
         if values.ndim == 0:
             return self.weights * values
         return values * self.weights.reshape(-1, *(1,) * (values.ndim - 1))
+
+
+def compressed_cells(rule: Quadrature, which: Any, degree: int) -> tuple[FloatArray, FloatArray]:
+    """Points and weights of `Quadrature.compressed` in some cells.
+
+    Parameters
+    ----------
+    rule : Quadrature
+        On a volume, in parameters.
+    which : index
+        Which of its cells.
+    degree : int
+        See `Quadrature.compressed`.
+
+    Returns
+    -------
+    points, weights : ndarray, shape (cells, (degree + 1)³, 3) and (cells, (degree + 1)³)
+        Gauss points of whole cells, and what they weigh.
+    """
+    n = degree + 1
+    x, boxes = gauss(n)[0], rule.grid.boxes(rule.cells[which])
+    weights = np.zeros((len(boxes), n, n, n))
+    starts, ends = (np.ascontiguousarray(a[which]) for a in (rule.offsets[:-1], rule.offsets[1:]))
+    project(rule.points, rule.weights, starts, ends, boxes, x, weights)
+    points = np.empty((len(boxes), n, n, n, 3))
+    for a in range(3):
+        shape = [len(boxes), 1, 1, 1]
+        shape[1 + a] = n
+        points[..., a] = (boxes[:, a, None] + boxes[:, 3 + a, None] * x).reshape(shape)
+    return points.reshape(len(boxes), -1, 3), weights.reshape(len(boxes), -1)
 
 
 def united(rules: Sequence[Quadrature]) -> Quadrature:
