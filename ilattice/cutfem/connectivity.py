@@ -26,9 +26,6 @@ from ilattice.quadrature.rules import Quadrature, kept, on_cells
 MIN_NECK = 1e-6
 #: Part of its cells below which the volume of a part is what rounding leaves.
 DUST = 1e-14
-#: The same of a part in a single cell, which may be the end of a sliver of which rules have no
-#: points in the cells beside: 5.9e-7 at most in 90 random bodies with curved gaps.
-SPECK = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +70,7 @@ class Parts(Frozen):
         return volume, there.integrate(there.points) / volume
 
     def seen(self, parts: IntArray) -> IntArray:
-        """Those of some parts that are more than what rounding, and rules of slivers, leave.
+        """Those of some parts that are more than what rounding leaves.
 
         Parameters
         ----------
@@ -89,8 +86,7 @@ class Parts(Frozen):
         volumes, cells = (
             np.bincount(self.labels, w, len(self)) for w in (self.solid.integrate_cells(), boxes)
         )
-        least = np.where(np.bincount(self.labels, minlength=len(self)) > 1, DUST, SPECK)
-        return parts[(volumes > least * cells)[parts]]
+        return parts[volumes[parts] > DUST * cells[parts]]
 
     def touching(self, cells: IntArray) -> IntArray:
         """Numbers of the parts that have one or more of some cells.

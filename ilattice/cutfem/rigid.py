@@ -68,7 +68,7 @@ def solved(
     supports = (*base.supports[:first], *(_support(c) for c in moved))
     last = base._with(supports=supports, connections=moved)
     last._set(assembly=base.assembly)  # which tells what is left out when it is made
-    return last, *last._solve(method, tol, max_iterations, progress)
+    return last, *last._solve(*how, progress)
 
 
 def _support(connection: Connection) -> Support:

@@ -1,9 +1,11 @@
 """Conjugate gradients in double precision, for any preconditioner.
 
 Guarantees: the residual at the end is that of the solution, computed afresh, not the one that the
-recursion believes in. Where rounding keeps it up, which it does by |K| |x| however good x is, the
-steps from there on tell how far x is off in the energy norm (Hestenes and Stiefel, Methods of
-conjugate gradients, 1952). Sums are taken in fixed chunks: the same bits for any number of threads.
+recursion believes in; and what the last step changed in the energy norm is below the tolerance,
+too: in slender bodies residuals are small while they still sink. Where rounding keeps a residual
+up, which it does by |K| |x| however good x is, the steps from there on tell how far x is off in the
+energy norm (Hestenes and Stiefel, Methods of conjugate gradients, 1952). Sums are taken in fixed
+chunks: the same bits for any number of threads.
 """
 
 from collections.abc import Callable, Iterator
@@ -29,6 +31,9 @@ STALLED = 0.5
 #: What the last steps changed in the energy norm, over the tolerance, at most: rounding leaves an
 #: error of about this size, not just this one.
 SURE = 0.5
+#: Part of the tolerance below which a residual is small enough whatever steps change, as after the
+#: first one of a factor.
+NEAR = 1e-4
 #: What rounding of products with the matrix would change in the energy norm, over the tolerance, at
 #: most: entries of the matrix are rounded as well, so that its solution is off by about as much.
 DIGITS = 2.0
@@ -53,6 +58,8 @@ class Run:
     rounded : bool
         Whether the residual is above the tolerance only because of rounding: the error of x in the
         energy norm, relative to x, is not.
+    energy : float
+        Square of the energy norm of all that steps have changed.
     """
 
     x: FloatArray
@@ -61,6 +68,7 @@ class Run:
     condition: float = 1.0
     trouble: str = ""
     rounded: bool = False
+    energy: float = 0.0
 
 
 class _Bar:
@@ -136,13 +144,14 @@ class _Row:
     """One right-hand side on its way: its length, and the coefficients of its steps.
 
     `gain` is the square of the energy norm of what they have changed, which that of the error was
-    before, but for what is left of it.
+    before, but for what is left of it, and `last` that of the last step.
     """
 
     run: Run
     length: float
     rz: float = 0.0
     gain: float = 0.0
+    last: float = 0.0
     alphas: list[float] = field(default_factory=list)
     betas: list[float] = field(default_factory=list)
 
@@ -153,7 +162,9 @@ class _Row:
             self.run.trouble = "the matrix or its preconditioner is not positive definite"
             return False
         alpha = self.rz / pq
-        self.gain += alpha * self.rz
+        self.last = alpha * self.rz
+        self.gain += self.last
+        self.run.energy += self.last
         kb.combine(alpha, p, 1.0, self.run.x)
         kb.combine(-alpha, q, 1.0, r)
         self.run.history.append(float(np.sqrt(_dots(r, r)[0]) / self.length))
@@ -164,6 +175,12 @@ class _Row:
                 self.run.trouble = "the matrix is singular to working precision"
                 return False
         return True
+
+    def is_near(self, tol: float) -> bool:
+        """Whether the residual is small enough, and so is what the last step changed."""
+        residual = self.run.history[-1]
+        still = self.last <= tol * tol * self.run.energy
+        return residual <= NEAR * tol or (residual <= tol and still)
 
     def turn(self, z: FloatArray, r: FloatArray, q: FloatArray, p: FloatArray) -> None:
         """Make p the next direction."""
@@ -188,8 +205,8 @@ def _descend(
         q = K(p)
         going = []
         for i, row in enumerate(rows):
-            history = row.run.history
-            if row.advance(p[i], q[i], r[i]) and history[-1] > tol and len(history) <= steps:
+            there = row.advance(p[i], q[i], r[i]) and not row.is_near(tol)
+            if there and len(row.run.history) <= steps:
                 going.append(i)
             else:
                 row.look()
