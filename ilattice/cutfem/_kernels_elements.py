@@ -236,8 +236,13 @@ def is_air(
 
 
 @njit(**FAST)
-def pieces_of(c: Any, tables: Any, which: Any, start: Any, extent: Any, P: int) -> Any:
+def pieces_of(
+    c: Any, tables: Any, which: Any, start: Any, extent: Any, P: int, certain: bool
+) -> Any:
     """Boxes of a cell (corners, lengths), the piece of each, the number of pieces, and a gap.
+
+    Boxes that are not certain join what they touch, but if all has to be `certain`: then they are
+    the last piece, which is none.
 
     The gap is the air, along the three directions, that is too thin to be seen as such everywhere,
     but would divide a piece, and whether it does so alone; 0 if there is none. It is where a piece
@@ -249,15 +254,20 @@ def pieces_of(c: Any, tables: Any, which: Any, start: Any, extent: Any, P: int) 
     n = len(sort)
     parent = np.arange(n)
     firm = np.arange(n)  # without boxes that are not certain
-    connect(
-        corner, length, sort, row, tensor, tables, np.ones(n, np.bool_), P, parent, firm
-    )  # fmt: skip
+    mine = np.ones(n, np.bool_)
+    for i in range(n):
+        mine[i] = not certain or sort[i] != UNSURE
+    connect(corner, length, sort, row, tensor, tables, mine, P, parent, firm)
     label = np.full(n, -1)
     count = 0
     for i in range(n):
-        if root(parent, i) == i:
+        if mine[i] and root(parent, i) == i:
             label[i] = count
             count += 1
+    if certain:
+        for i in range(n):
+            label[i] = label[root(parent, i)] if mine[i] else count
+        return corner, length, label, count, np.zeros(4)
     seen = np.full(n, -1)  # per piece, one set of boxes with solid that holds for certain
     divided = np.zeros(n, np.bool_)
     for i in range(n):
@@ -302,7 +312,7 @@ def count_pieces(
             counts[i] = 1
             gaps[i] = 0.0
         else:
-            found = pieces_of(c, tables, mine, start[part], extent[part], P)
+            found = pieces_of(c, tables, mine, start[part], extent[part], P, False)
             counts[i] = found[3]
             gaps[i] = found[4]
 

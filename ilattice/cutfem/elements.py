@@ -136,10 +136,43 @@ def elements_of(cut: CutGrid, solid: Quadrature) -> tuple[ElementGrid, Quadratur
         As `ElementGrid.divided` would have it.
     """
     cells, counts, widths = _counted(cut)
-    several = cells[counts > 1]
+    thin = widths.max(axis=1, initial=0.0) > 0.0
+    gaps = np.column_stack([cells[thin], widths[thin]])
+    return _made(cut, cells[counts > 1], np.zeros(0, np.int64), gaps, solid)
+
+
+def unbridged(
+    elements: ElementGrid, solid: Quadrature, cells: IntArray
+) -> tuple[ElementGrid, Quadrature]:
+    """What `elements_of` would find if nothing that is not resolved in some cells joined pieces.
+
+    Parameters
+    ----------
+    elements : ElementGrid
+        The elements.
+    solid : Quadrature
+        Rule on the solid by them.
+    cells : ndarray
+        Of `ElementGrid.gaps`.
+
+    Returns
+    -------
+    grid, rule
+        As `elements_of` has them, without gaps.
+    """
+    home = elements.home(solid.cells[solid.owners])
+    by_cells = regrouped(replace(solid, grid=elements.cut.grid), home, None)
+    several = np.union1d(elements.divided_cells, cells)
+    return _made(elements.cut, several, cells, np.zeros((0, 5)), by_cells)
+
+
+def _made(
+    cut: CutGrid, several: IntArray, parted: IntArray, gaps: FloatArray, solid: Quadrature
+) -> tuple[ElementGrid, Quadrature]:
+    """Elements of which some cells have several, in some of these only by what is certain."""
     boxes = [
-        kernels.pieces_of(*cut.layout.insides(one)[:5], cut.pieces.order)[:3]
-        for one in several[:, None]
+        kernels.pieces_of(*cut.layout.insides(one)[:5], cut.pieces.order, bool(certain))[:3]
+        for one, certain in zip(several[:, None], np.isin(several, parted), strict=True)
     ]
     corner = np.concatenate([np.zeros((0, 3), np.int64), *(b[0] for b in boxes)])
     length = np.concatenate([np.zeros((0, 3), np.int64), *(b[1] for b in boxes)])
@@ -147,14 +180,12 @@ def elements_of(cut: CutGrid, solid: Quadrature) -> tuple[ElementGrid, Quadratur
     offsets = np.append(0, np.cumsum([len(b[1]) for b in boxes])).astype(np.int64)
     seen = [label[a:b] for a, b in pairwise(offsets)]
     grid = cut.grid
-    thin = widths.max(axis=1, initial=0.0) > 0.0
-    gaps = read_only(np.column_stack([cells[thin], widths[thin]]))
     raw = ElementGrid(
         grid.axes, grid.closed, cut=cut, divided_cells=read_only(several),
         offsets=read_only(offsets), corner=read_only(corner), length=read_only(length),
-        label=read_only(label), parents=read_only(np.zeros(0, np.int64)), gaps=gaps,
+        label=read_only(label), parents=read_only(np.zeros(0, np.int64)), gaps=read_only(gaps),
     )  # fmt: skip
-    return _numbered(raw, seen, solid)
+    return _numbered(raw, seen, solid, parted)
 
 
 def _counted(cut: CutGrid) -> tuple[IntArray, IntArray, FloatArray]:
@@ -178,9 +209,13 @@ def _counted(cut: CutGrid) -> tuple[IntArray, IntArray, FloatArray]:
 
 
 def _numbered(
-    raw: ElementGrid, labels: list[IntArray], solid: Quadrature
+    raw: ElementGrid, labels: list[IntArray], solid: Quadrature, parted: IntArray
 ) -> tuple[ElementGrid, Quadrature]:
-    """The same with numbers of elements for labels, and the rule by elements."""
+    """The same with numbers of elements for labels, and the rule by elements.
+
+    In cells that are `parted` the last label is of boxes that are not certain, where points are of
+    the first element.
+    """
     if not len(raw.divided_cells):
         return raw, replace(solid, grid=raw)
     element = np.asarray(solid.cells, np.int64)[solid.owners]
@@ -192,13 +227,16 @@ def _numbered(
     parents: list[int] = []
     for cell, mine, begin, end in zip(raw.divided_cells, labels, *ends, strict=True):
         inhabited = np.flatnonzero(np.bincount(found[begin:end]))
+        if cell in parted:
+            inhabited = inhabited[inhabited < mine.max()]
         names = np.full(mine.max() + 1, -1 - cell)
         more = max(len(inhabited) - 1, 0)
-        new = [cell, *(raw.count + len(parents) + np.arange(more))]
-        names[inhabited] = new[: len(inhabited)]
+        numbers = [cell, *(raw.count + len(parents) + np.arange(more))]
+        names[inhabited] = numbers[: len(inhabited)]
         parents += [cell] * more
         out.append(names[mine])
-        element[inside[begin:end]] = names[found[begin:end]]
+        new = names[found[begin:end]]
+        element[inside[begin:end]] = np.where(new < 0, cell, new)
     grid = replace(
         raw,
         label=read_only(np.concatenate(out)),

@@ -4,6 +4,7 @@ The reference is the same body alone on the same grid, or a rigid motion that is
 """
 
 import re
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -529,3 +530,27 @@ def test_parts_at_their_own_temperatures_have_no_error_to_tell():
         solution = problem.fix("z < -0.5", 0.0).fix("z > 0.6", 1.0).solve()
         assert max(map(abs, solution.inflow.values())) < 1e-10
         assert solution.report.discretization_error == 0.0
+
+
+@pytest.mark.parametrize("seed", [1, 103, 216, 467])
+def test_small_bodies_behind_gaps_are_told_of_or_apart(seed):
+    """Balls and ellipsoids of less than a cell, with air of .05 to .15 of a cell around them."""
+    rng = np.random.default_rng(seed)
+    shape = tuple(int(n) for n in rng.integers(3, 6, 3))
+    lengths = rng.uniform(0.7, 2, 3)
+    h = lengths / shape
+    middle = lengths * rng.uniform(0.4, 0.6, 3)
+    radius, gap = rng.uniform(0.5, 1.0) * h.min(), rng.uniform(0.05, 0.25) * h.min()
+    stretch = rng.uniform(0.8, 1.25, 3) if rng.random() < 0.5 else np.ones(3)
+    squares = "+".join(
+        f"(({v}-{m!r})*{s!r})^2"
+        for v, m, s in zip("xyz", middle.tolist(), stretch.tolist(), strict=True)
+    )
+    body = il.fields.equation(f"{gap / 2}-abs(sqrt({squares})-{radius})")
+    problem = il.cutfem.Heat(body, shape, domain=[[0, 0, 0], lengths], degree=1)
+    inside = lambda u: np.linalg.norm((u - middle) * stretch, axis=1) < radius  # noqa: E731
+    joined = by_sides(problem, inside).min(axis=0).max() > 0.0
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        problem.domain.warn_gaps()
+    assert joined == any("too thin to be resolved" in str(w.message) for w in told)
