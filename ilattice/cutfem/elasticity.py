@@ -15,12 +15,13 @@ tolerance of the solver; exact for displacements in the space (affine ones, thro
 from degree 2 on, and of degree 1 with ``q=3, stabilization="ghost"``; of degree 2 where planes meet
 within cells to 1e-5 of the stress, and exact there with ``q=5``.
 Non-guarantees: the defaults of degree 1 are chosen for speed: stresses of an affine displacement
-are off by up to 0.2 % in the mean square, and by up to a tenth in slivers of cells; small
-displacements; stresses at re-entrant edges grow without bound under refinement; walls of a cell or
-two are too stiff, by a part that every solution estimates, and warns of (see `discretization`);
-functions that give loads or materials are integrated by the points of the rules, `q` or more per
-direction and cell; what they do in between is looked at, told from 2 % on, and refused from a half
-(see `sampling`).
+are off by up to 0.2 % in the mean square, and by up to a tenth in slivers of cells, and struts
+thinner than a fifth of a cell bow by several times their thickness, which takes next to no energy
+(``q=4`` or degree 2 keeps them straight); small displacements; stresses at re-entrant edges grow
+without bound under refinement; walls of a cell or two are too stiff, by a part that every solution
+estimates, and warns of (see `discretization`); functions that give loads or materials are
+integrated by the points of the rules, `q` or more per direction and cell; what they do in between
+is looked at, told from 2 % on, and refused from a half (see `sampling`).
 """
 
 from dataclasses import dataclass

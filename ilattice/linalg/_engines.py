@@ -24,13 +24,16 @@ from ilattice.linalg.multigrid import Blocks, Multigrid
 Engine = Callable[[FloatArray], FloatArray]
 #: Length of K⁻¹ b for unit b and a unit diagonal above which K counts as singular.
 SINGULAR = 1e12
-#: Numbers in a factor up to which it is faster than multigrid: SuperLU's, the same where nodes
-#: couple as far as cubic splines do, which multigrid likes less, and PARDISO's. Of 60 matrices of
-#: walls, struts, beams, plates and blocks, of degrees 1 and 2 and up to 1.5e7 numbers, multigrid
-#: takes a fourth of the time in the median from the first on, and 1.7 times at most.
-SMALL, FAR_SMALL, MEDIUM = 1e6, 1.5e7, 6e7
-#: Couplings per node from which on they are far: four neighbours each way, on average.
-FAR = 216
+#: Numbers in a factor up to which it is faster than multigrid: SuperLU's, the same where multigrid
+#: is slow, and PARDISO's. Of 60 matrices of walls, struts, beams, plates and blocks, of degrees 1
+#: and 2 and up to 1.5e7 numbers, multigrid takes a fourth of the time in the median from the first
+#: on, and 1.7 times at most.
+SMALL, SLOW_SMALL, MEDIUM = 1e6, 1.5e7, 6e7
+#: Where it is slow: couplings per node, as of cubic splines; how much longer than thin clouds of
+#: coupled nodes are, as in plates of flat cells (8 times as long as SuperLU for cells of 16 : 1).
+FAR, STRETCHED = 216, 8.0
+#: Nodes that are looked at for that.
+SAMPLE = 256
 #: Numbers in a factor up to which SuperLU takes over where multigrid that was chosen fails.
 LIMIT = 2e8
 
@@ -117,13 +120,27 @@ REMEDY = (
 )
 
 
-def choose(K: bsr_array) -> str:
+def choose(K: bsr_array, coordinates: FloatArray | None = None) -> str:
     """The engine that is likely to be the fastest."""
     size = factor_size(K)
     if size <= MEDIUM and find_spec("pypardiso"):
         return "pardiso"
-    far = len(K.indices) >= FAR * (K.shape[0] // K.blocksize[0])
-    return "superlu" if size <= (FAR_SMALL if far else SMALL) else "multigrid"
+    if SMALL < size <= SLOW_SMALL:
+        far = len(K.indices) >= FAR * (K.shape[0] // K.blocksize[0])
+        slow = far or (coordinates is not None and stretch(K, coordinates) > STRETCHED)
+        return "superlu" if slow else "multigrid"
+    return "superlu" if size <= SMALL else "multigrid"
+
+
+def stretch(K: bsr_array, coordinates: FloatArray) -> float:
+    """How much longer than thin the clouds of coupled nodes are, in the median of some."""
+    n = len(K.indptr) - 1
+    ratios = []
+    for i in np.unique(np.linspace(0, n - 1, SAMPLE).astype(np.int64)):
+        near = coordinates[K.indices[K.indptr[i] : K.indptr[i + 1]]]
+        extents = np.linalg.svd(near - near.mean(axis=0), compute_uv=False)
+        ratios.append(extents[0] / max(extents[-1], 1e-9 * extents[0]) if extents[0] > 0 else 1.0)
+    return float(np.median(ratios))
 
 
 def factor_size(K: bsr_array) -> float:

@@ -149,7 +149,7 @@ class Solver:
         self._near_nullspace = near_nullspace
         self._blocks = Blocks(self._K.indptr, self._K.indices, self._K.data, n // self._m)
         _check_symmetric(self._multiply, n)
-        self._method = choose(self._K) if method == "auto" else method
+        self._method = choose(self._K, self._coordinates) if method == "auto" else method
         self._replaceable = method == "auto" and self._method == "multigrid"
         self._engine, self._bytes = ENGINES[self._method](self._K, modes, self._coordinates)
         self._setup_seconds = time.perf_counter() - start

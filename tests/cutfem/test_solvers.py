@@ -252,6 +252,24 @@ def test_a_block_that_hangs_by_an_edge_is_refused(method):
         ).solve(s.f, max_iterations=150)
 
 
+@pytest.mark.parametrize(
+    ("box", "cells", "degree", "chosen"),
+    [
+        ((1, 1, 1), (12, 12, 12), 2, "multigrid"),
+        ((20, 1, 1), (60, 4, 4), 2, "multigrid"),
+        ((100, 100, 0.5), (25, 25, 2), 2, "superlu"),  # flat cells
+        ((1, 1, 1), (10, 10, 10), 3, "superlu"),  # couple far
+        ((1, 1, 1), (6, 6, 6), 1, "superlu"),  # few
+    ],
+)
+def test_the_faster_engine_is_chosen(box, cells, degree, chosen, monkeypatch):
+    monkeypatch.setattr(_engines, "find_spec", lambda _: None)  # without PARDISO
+    full = lambda u: -np.ones(len(u))  # noqa: E731
+    problem = Elasticity(full, cells, domain=[[0, 0, 0], box], degree=degree).clamp("u=0")
+    S = problem.load(body=(0, 0, 1.0)).system
+    assert _engines.choose(S.K, S.coordinates) == chosen
+
+
 def test_automatic_choice():
     small = system(cross, (8, 8, 8), fixed="z0")
     assert Solver(small.K).method in ("superlu", "pardiso")
@@ -262,7 +280,7 @@ def test_automatic_choice():
 def test_a_factor_takes_over_where_multigrid_does_not_converge(struts, monkeypatch):
     K, b = struts.K, struts.f
     monkeypatch.setitem(_engines.ENGINES, "multigrid", lambda *_: (lambda r: r.copy(), 0))
-    monkeypatch.setattr(solvers, "choose", lambda _: "multigrid")
+    monkeypatch.setattr(solvers, "choose", lambda *_: "multigrid")
     solver = Solver(K, coordinates=struts.coordinates)
     x, report = solver.solve(b, max_iterations=solvers.MANY)
     assert report.method == solver.method == "superlu"
