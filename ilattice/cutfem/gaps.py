@@ -61,7 +61,7 @@ def warn(cut: CutGrid, elements: ElementGrid, parts: Parts, joints: tuple[Quadra
 def long(
     cut: CutGrid, elements: ElementGrid, parts: Parts, joints: tuple[Quadrature, ...]
 ) -> FloatArray:
-    """Gaps of air that go through many cells, or all gaps if parts hang together there."""
+    """Gaps of air that go through many cells, or all if parts or bodies hang together there."""
     gaps = elements.gaps
     cells = gaps[:, 0].astype(np.int64)
     if not len(cells):

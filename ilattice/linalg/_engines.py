@@ -25,13 +25,13 @@ Engine = Callable[[FloatArray], FloatArray]
 #: Length of K⁻¹ b for unit b and a unit diagonal above which K counts as singular.
 SINGULAR = 1e12
 #: Numbers in a factor up to which it is faster than multigrid: SuperLU's, the same where multigrid
-#: is slow, and PARDISO's. Of 60 matrices of walls, struts, beams, plates and blocks, of degrees 1
-#: and 2 and up to 1.5e7 numbers, multigrid takes a fourth of the time in the median from the first
-#: on, and 1.7 times at most.
+#: is slow, and PARDISO's. Of 38 matrices between the first two, of walls, struts, beams, plates and
+#: blocks of degrees 1 and 2, whose cells are not flat, multigrid takes a third of the time of
+#: SuperLU in the median, 1.3 times as long at most.
 SMALL, SLOW_SMALL, MEDIUM = 1e6, 1.5e7, 6e7
 #: Where it is slow: couplings per node, as of cubic splines; how much longer than thin clouds of
-#: coupled nodes are, as in plates of flat cells (8 times as long as SuperLU for cells of 16 : 1).
-FAR, STRETCHED = 216, 8.0
+#: coupled nodes are, as in plates of flat cells (3.8 times as long as SuperLU at 6, 8 times at 29).
+FAR, STRETCHED = 216, 5.0
 #: Nodes that are looked at for that.
 SAMPLE = 256
 #: Numbers in a factor up to which SuperLU takes over where multigrid that was chosen fails.
