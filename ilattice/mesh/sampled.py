@@ -71,7 +71,7 @@ def volumes(
         found = _looked_into(field, *_grid(box, count), det, rng)
         yield found
         most = int(np.prod(count))
-        more = (found.error / max(wanted * found.volume, np.finfo(float).tiny)) ** 0.5
+        more = (found.error / (wanted * found.volume)) ** 0.5 if found.volume > 0.0 else LONGEST
         count = np.ceil(count * max(FINER, min(more, LONGEST))).astype(int)  # as h² in the error
         if np.prod(count) > MAX_BOXES:
             break
