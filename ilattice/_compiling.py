@@ -1,11 +1,15 @@
 """A line on standard error when kernels are being compiled, so that nobody takes it for a hang.
 
+The garbage collector waits meanwhile: it would go through all of the compiler's objects again and
+again, which is a twentieth of the time.
+
 Guarantee: one line in the life of a process, as soon as compiling has taken `PATIENCE` seconds in
 all; it goes through `logging` as a warning of the logger ``ilattice``, which anybody may silence.
 Kernels that are found on the disk are not compiled. The environment variable
 ``ILATTICE_PATIENCE`` sets other seconds, ``inf`` for never.
 """
 
+import gc
 import logging
 import os
 import threading
@@ -27,11 +31,15 @@ class _Clock:
         self.left, self.depth, self.start = patience, 0, 0.0
         self.lock = threading.Lock()
         self.timer: threading.Timer | None = None
+        self.collects = False
 
     def on_start(self) -> None:
         """A kernel begins."""
         with self.lock:
             self.depth += 1
+            if self.depth == 1:
+                self.collects = gc.isenabled()
+                gc.disable()
             if self.depth == 1 and self.left < float("inf"):
                 self.start = time.perf_counter()
                 self.timer = threading.Timer(max(self.left, 0.0), self.tell)
@@ -42,6 +50,8 @@ class _Clock:
         """A kernel is done."""
         with self.lock:
             self.depth -= 1
+            if self.depth == 0 and self.collects:
+                gc.enable()
             if self.depth == 0 and self.timer is not None:
                 self.timer.cancel()
                 self.left -= time.perf_counter() - self.start

@@ -18,6 +18,8 @@ import numba
 from numba import njit, types
 from numba.core.registry import CPUDispatcher
 
+from ilattice._kernels_bitcode import BitcodeCache, ToBitcode, ToMachine
+
 _config: Any = numba.config
 _pool: list[ThreadPoolExecutor] = []
 _SHORT = (types.int8, types.int16, types.int32)
@@ -110,6 +112,10 @@ class _Inner(CPUDispatcher):
         wide = (types.int64 if a in _SHORT else plain(a) for a in args)
         return super().get_call_template(tuple(wide), kws)
 
+    def enable_caching(self) -> None:
+        """Keep it on the disk."""
+        self._cache = BitcodeCache(self.py_func)  # type: ignore[no-untyped-call]
+
     @cached_property
     def _outer(self) -> Any:
         inner = self
@@ -119,10 +125,29 @@ class _Inner(CPUDispatcher):
         return self._outer(*arguments)
 
 
+def outer(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Decorator as `numba.njit`, for kernels that Python calls; always with a cache.
+
+    Parameters
+    ----------
+    **options
+        As of `numba.njit`.
+
+    Returns
+    -------
+    callable
+        The decorator.
+    """
+    if _config.DISABLE_JIT:
+        return lambda function: function
+    options |= {"cache": True, "no_cfunc_wrapper": True, "pipeline_class": ToMachine}
+    return njit(**options)
+
+
 def inner(*, owning: bool = False, **options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Decorator as `numba.njit`, for kernels that only other kernels call; always with a cache.
 
-    Such a kernel is compiled without the wrappers that take arguments from Python or C, and once
+    Such a kernel is compiled up to what its callers link, see `ilattice._kernels_bitcode`, and once
     for whole numbers of any length, however many constants it is called with. A call from Python
     compiles a small kernel around it, which is not kept: tests do that. It does not count
     references of its arguments either, which the caller holds: two atomic operations per array and
@@ -147,7 +172,7 @@ def inner(*, owning: bool = False, **options: Any) -> Callable[[Callable[..., An
     def decorate(function: Callable[..., Any]) -> Any:
         if _config.DISABLE_JIT:
             return function
-        out = _Inner(function, targetoptions=options)
+        out = _Inner(function, targetoptions=options, pipeline_class=ToBitcode)
         out.enable_caching()
         return out
 

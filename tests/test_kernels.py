@@ -1,14 +1,18 @@
 """Kernels over ranges, and kernels that only kernels call."""
 
+import os
+import subprocess
 import sys
 from typing import Any, NamedTuple
 
 import numba
 import numpy as np
 import pytest
+from numba.core.compiler import Flags
 from numba.core.runtime import _nrt_python, rtsys
 
-from ilattice._kernels import in_ranges, inner
+from ilattice._kernels import in_ranges, inner, outer
+from ilattice._kernels_bitcode import _Quick
 from ilattice._kernels_tuples import borrowed
 
 
@@ -107,6 +111,119 @@ def test_inner_kernels_that_own_arrays_must_say_so(function):
     told = "mark it as owning|NRT required|Only accept returning of array"
     with pytest.raises((TypeError, numba.core.errors.NumbaError), match=told):
         inner()(function)(np.arange(3.0))
+
+
+@inner()
+def least(x, limit):
+    out = limit
+    for i in range(len(x)):
+        out = min(out, x[i])
+    return out
+
+
+@outer(fastmath={"contract"})
+def least_of_two(x, y):
+    return least(x, 7.0) + least(y, np.inf)
+
+
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
+def test_inner_kernels_have_no_machine_code_and_their_callers_all_of_it():
+    assert least_of_two(np.array([9.0, 8.0]), np.array([3.0])) == 10.0
+    (inside,) = least.overloads.values()
+    assert not inside.library._object_caching_enabled
+    assert inside.library.get_pointer_to_function(inside.fndesc.llvm_func_name) == 0
+    (around,) = least_of_two.overloads.values()
+    assert around.library.get_pointer_to_function(around.fndesc.llvm_func_name) != 0
+
+
+PROGRAM = """
+import sys
+import numpy as np
+from numba.core import event
+import {module} as m
+
+class Told(event.Listener):
+    names = []
+    def on_start(self, event):
+        self.names.append(event.data["dispatcher"].py_func.__name__)
+    def on_end(self, event):
+        pass
+
+event.register("numba:compile", Told())
+print(m.{function}(np.arange(5.0)), *Told.names)
+"""
+KERNELS = """
+from ilattice._kernels import inner, outer
+
+@inner()
+def half(x):
+    return 0.5 * x
+
+@inner()
+def quarter(x):
+    return half(half(x))
+
+@outer()
+def first(x):
+    return quarter(x[4])
+
+@outer()
+def second(x):
+    return quarter(x[2]) + half(x[4])
+"""
+
+
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
+def test_inner_kernels_are_taken_from_the_disk_for_other_callers(tmp_path):
+    (tmp_path / "some_kernels.py").write_text(KERNELS)
+    paths = os.pathsep.join([str(tmp_path), *sys.path])
+    environment = {**os.environ, "PYTHONPATH": paths, "NUMBA_CACHE_DIR": str(tmp_path / "kept")}
+
+    def run(function):
+        program = PROGRAM.format(module="some_kernels", function=function)
+        command = [sys.executable, "-c", program]
+        out = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+        return out.stdout.split()
+
+    assert run("first") == ["1.0", "first", "quarter", "half"]
+    assert run("second") == ["2.5", "second"]
+    assert run("second") == ["2.5"]
+
+
+def prints(x):
+    print(x)  # noqa: T201
+    return x
+
+
+def tells(x):
+    if x > 1.0:
+        raise ValueError(f"{x} is too large")
+    return x
+
+
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
+@pytest.mark.parametrize("function", [prints, tells])
+def test_inner_kernels_need_no_objects_of_python(function):
+    refusals = (TypeError, RuntimeError, numba.core.errors.NumbaError)
+    with pytest.raises(refusals, match=r"cannot be inner|missing Environment|NRT required"):
+        inner()(function)(0.5)
+
+
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
+def test_options_of_compiling_are_compared_as_numba_does():
+    given, others = [], [{}, {"nrt": True}, {"nrt": False}, {"fastmath": True, "nrt": True}]
+    for kind in (Flags, _Quick):
+        for values in others:
+            flags = kind()
+            for name, value in values.items():
+                setattr(flags, name, value)
+            given.append(flags)
+    for a in given:
+        for b in given:
+            same = Flags.values(a) == Flags.values(b)
+            assert (a == b) is same
+            assert a.values() == Flags.values(a)
+            assert not same or hash(a) == hash(b)
 
 
 class Few(NamedTuple):

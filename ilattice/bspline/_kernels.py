@@ -18,9 +18,8 @@ Non-guarantees: other arguments are not checked; outside the domain the end poly
 """
 
 import numpy as np
-from numba import njit
 
-from ilattice._kernels import in_ranges, inner
+from ilattice._kernels import in_ranges, inner, outer
 from ilattice.bspline._kernels_vector import dot, load, multiply_add, scale, spread, store
 
 FAST = {"contract", "nsz", "arcp", "reassoc"}
@@ -31,7 +30,7 @@ START, DENSITY, LAST, BUCKETS = range(4)  # layout of a direction, see `pack_dir
 LOWER, UPPER, MIDDLE, SCALE, FIRST, TABLE = range(6)  # layout of the row of a knot span
 
 
-@njit(cache=True)
+@outer()
 def monomial_table(t, k, spans):
     """Centred monomial coefficients (ns, k+1, k+1) of the basis functions on knot spans."""
     out = np.zeros((len(spans), k + 1, k + 1))
@@ -251,7 +250,7 @@ def contract2(c, m, i0, j0, l0, k0, k1, k2, b):
 
 
 @in_ranges(CHUNK)
-@njit(cache=True, nogil=True, error_model="numpy")
+@outer(nogil=True, error_model="numpy")
 def inside(first, last, u, lo, hi, out):
     """Set out[0] to False unless all points u (n, nd) lie in the closed box; NaN does not."""
     bad = 0
@@ -263,7 +262,7 @@ def inside(first, last, u, lo, hi, out):
 
 
 @in_ranges(CHUNK)
-@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+@outer(nogil=True, fastmath=FAST, error_model="numpy")
 def values(first, last, d0, d1, d2, k0, k1, k2, c, u, out):
     """Values at points u (n, 3) into out (n, M)."""
     b = np.empty((3, 3, width(k0, k1, k2)))
@@ -276,7 +275,7 @@ def values(first, last, d0, d1, d2, k0, k1, k2, c, u, out):
 
 
 @in_ranges(CHUNK)
-@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+@outer(nogil=True, fastmath=FAST, error_model="numpy")
 def jets1(first, last, d0, d1, d2, k0, k1, k2, c, u, f, g):
     """Values and gradients at points u (n, 3) into f (n, M) and g (n, M, 3)."""
     b = np.empty((3, 3, width(k0, k1, k2)))
@@ -293,7 +292,7 @@ def jets1(first, last, d0, d1, d2, k0, k1, k2, c, u, f, g):
 
 
 @in_ranges(CHUNK)
-@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+@outer(nogil=True, fastmath=FAST, error_model="numpy")
 def jets2(first, last, d0, d1, d2, k0, k1, k2, c, u, f, g, h):
     """Values, gradients and Hessians into f (n, M), g (n, M, 3) and h (n, M, 3, 3)."""
     b = np.empty((3, 3, width(k0, k1, k2)))
@@ -318,7 +317,7 @@ def jets2(first, last, d0, d1, d2, k0, k1, k2, c, u, f, g, h):
             h[p, m, 1, 0] = xuv
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@outer(fastmath=FAST, error_model="numpy")
 def axis_basis(d, deg, x, order):
     """Basis functions at sample sites of one direction: (order+1, k+1, n) and first (n,)."""
     n = len(x)
@@ -381,7 +380,7 @@ def add_rows(rows, r, j, b, o, y, out, x, d):
 
 
 @in_ranges(PLANES)
-@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+@outer(nogil=True, fastmath=FAST, error_model="numpy")
 def grid(first, last, c, bx, fx, by, fy, bz, fz, out):
     """Planes first ... last of values on a tensor grid, one component: out (nx, 1, ny, nz).
 

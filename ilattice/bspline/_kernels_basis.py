@@ -12,9 +12,9 @@ have the same bits for any number of threads.
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
-from ilattice._kernels import inner
+from ilattice._kernels import inner, outer
 from ilattice.bspline._kernels_vector import LANES, load, multiply_add, scale, spread, store
 
 FAST = {"contract"}
@@ -84,7 +84,7 @@ def inverse(J: Any, q: int, G: Any) -> float:
     return det
 
 
-@njit(parallel=True, **INNER)
+@outer(parallel=True, **INNER)
 def determinants(J: Any, out: Any) -> None:
     """Determinants of matrices J (n, 3, 3)."""
     for chunk in prange((len(J) + LONG - 1) // LONG):
@@ -123,7 +123,7 @@ def gradients_of(B: Any, n: int, G: Any, D: Any, at: int) -> None:
                 at += n
 
 
-@njit(parallel=True, **INNER)
+@outer(parallel=True, **INNER)
 def fields(
     t0: Any, t1: Any, t2: Any, ijk: Any, boxes: Any, dofs: Any, owner: Any, u: Any, J: Any,
     c: Any, value: Any, gradient: Any,
@@ -164,7 +164,7 @@ def fields(
                             gradient[q, m, k] += D[k, a] * x
 
 
-@njit(parallel=True, **INNER)
+@outer(parallel=True, **INNER)
 def vectors(
     t0: Any, t1: Any, t2: Any, ijk: Any, boxes: Any, offsets: Any, u: Any, J: Any, f: Any,
     P: Any, out: Any,

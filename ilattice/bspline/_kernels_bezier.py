@@ -15,9 +15,8 @@ arguments are not checked; boxes must lie in the domain.
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
-from ilattice._kernels import in_ranges, inner
+from ilattice._kernels import in_ranges, inner, outer
 from ilattice._kernels_tuples import borrowed
 
 #: Elements that a thread takes at once.
@@ -53,7 +52,7 @@ def span_range(t: Any, k: int, lo: float, hi: float) -> Any:
     return first, max(first, last)
 
 
-@njit(cache=True)
+@outer()
 def restriction(t: Any, k: int, span: int, lo: float, hi: float, out: Any) -> None:
     """Bernstein coefficients on [lo, hi] from those of the span: out (>= k+1, >= k+1)."""
     for j in range(k + 1):
@@ -199,7 +198,7 @@ def box_range(
 
 
 @in_ranges(CHUNK)
-@njit(cache=True, nogil=True, error_model="numpy")
+@outer(nogil=True, error_model="numpy")
 def ranges(
     first: int, last: int, spline: Any, lo: Any, hi: Any, tight: bool, has_level: bool,
     level: float, pad: float, out: Any,

@@ -17,16 +17,15 @@ checked; without pivoting a matrix must be totally positive or positive definite
 from typing import Any
 
 import numpy as np
-from numba import njit
 
-from ilattice._kernels import in_ranges, inner
+from ilattice._kernels import in_ranges, inner, outer
 
 FAST = {"contract", "nsz", "arcp", "reassoc"}
 #: Lines of coefficients that are solved together.
 WIDTH = 32
 
 
-@njit(cache=True)
+@outer()
 def factor(band: Any, rows: Any, cols: Any, lower: int) -> float:
     """LU factorisation in place; the least pivot relative to its original diagonal entry."""
     n, q = cols.shape
@@ -94,7 +93,7 @@ def solve_lines(band: Any, rows: Any, cols: Any, lower: int, y: Any) -> None:
 
 
 @in_ranges(8 * WIDTH)
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@outer(nogil=True, error_model="numpy", fastmath=FAST)
 def apply_lines(
     first: int,
     last: int,

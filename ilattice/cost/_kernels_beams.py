@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from ilattice._kernels import in_ranges, inner
+from ilattice._kernels import in_ranges, inner, outer
 from ilattice.tiles._kernels_closest import FAST
 from ilattice.tiles._kernels_skeleton import _add_curve, _add_point, _segment
 
@@ -64,7 +64,7 @@ def _nearest(
 
 
 @in_ranges(1024)
-@njit(cache=True, nogil=True, fastmath=FAST)
+@outer(nogil=True, fastmath=FAST)
 def values(
     first: int, last: int, points: Any, box: Any, wide: Any, link: Any, beam: Any, out: Any
 ) -> None:
@@ -84,7 +84,7 @@ def values(
 
 
 @in_ranges(512)
-@njit(cache=True, nogil=True, fastmath=FAST)
+@outer(nogil=True, fastmath=FAST)
 def jets(
     first: int, last: int, points: Any, box: Any, wide: Any, link: Any, beam: Any, order: Any,
     value: Any, gradient: Any, hessian: Any,
@@ -144,7 +144,7 @@ def _across(flat: Any, s: int, n: Any) -> None:
 
 
 @in_ranges(256)
-@njit(cache=True, nogil=True, fastmath=FAST)
+@outer(nogil=True, fastmath=FAST)
 def among(
     first: int, last: int, points: Any, reach: Any, box: Any, wide: Any, link: Any, beam: Any,
     out: Any, count: Any,

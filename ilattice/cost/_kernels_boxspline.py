@@ -17,9 +17,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 
-from ilattice._kernels import in_ranges, inner
+from ilattice._kernels import in_ranges, inner, outer
 
 #: Most cells of a box whose polynomials are looked at one by one, and whose controls are.
 FEW_CELLS, MANY_CELLS = 8, 4096
@@ -76,7 +75,7 @@ def _located(x: Any, turn: Any, cell: Any, t: Any, order: Any) -> None:
 
 
 @in_ranges(256)
-@njit(cache=True, nogil=True)
+@outer(nogil=True)
 def jets(
     first: int, last: int, points: Any, turn: Any, c: Any, shape: Any, wrap: bool,
     offsets: Any, powers: Any, table: Any, order: int, f: Any, g: Any, h: Any,
@@ -164,7 +163,7 @@ def _cells(lo: Any, hi: Any, turn: Any, ends: Any) -> float:
 
 
 @in_ranges(64)
-@njit(cache=True, nogil=True)
+@outer(nogil=True)
 def bounds(
     first: int, last: int, lo: Any, hi: Any, turn: Any, c: Any, shape: Any, wrap: bool,
     offsets: Any, powers: Any, table: Any, orders: Any, ends: Any, out: Any,

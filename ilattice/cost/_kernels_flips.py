@@ -8,12 +8,11 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 
-from ilattice._kernels import inner
+from ilattice._kernels import inner, outer
 
 
-@njit(cache=True)
+@outer()
 def swap(s: Any, vt: Any, v: Any, a: Any, b: Any) -> bool:
     """Exchange vertex a of the first simplex of v with vertex b of its second one.
 
@@ -134,7 +133,7 @@ def overlap(x: Any, p: Any, q: Any, eps: float) -> bool:
     return True
 
 
-@njit(cache=True)
+@outer()
 def overlaps(x: Any, s: Any, pairs: Any, eps: Any, out: Any) -> None:
     """Which pairs of simplices overlap."""
     for i in range(len(pairs)):
@@ -161,7 +160,7 @@ def _flat(x: Any, p: Any, eps: float) -> bool:
     return abs(v) <= eps * size * size * size
 
 
-@njit(cache=True)
+@outer()
 def overlaps_any(x: Any, s: Any, one: Any, eps: Any) -> bool:
     """Whether a simplex is flat or overlaps any other one; boxes are compared first."""
     d = x.shape[1]

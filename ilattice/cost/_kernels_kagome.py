@@ -10,9 +10,8 @@ Guarantees: any part of the structure is found from its compositions alone.
 from typing import Any
 
 import numpy as np
-from numba import njit
 
-from ilattice._kernels import inner
+from ilattice._kernels import inner, outer
 
 
 @inner()
@@ -47,7 +46,7 @@ def number3(n: int, count: int, trim: int, j: int, a: int, b: int, c: int) -> in
     return j * (count - 3) + r - before
 
 
-@njit(cache=True)
+@outer()
 def vertices3(n: Any, count: Any, trim: Any, out: Any) -> None:
     """Barycentric integers (V, 4) of all vertices, in their order."""
     for a in range(n + 1):
@@ -66,7 +65,7 @@ def vertices3(n: Any, count: Any, trim: Any, out: Any) -> None:
                     out[i, j] -= 1
 
 
-@njit(cache=True)
+@outer()
 def simplices3(n: Any, count: Any, trim: Any, out: Any) -> None:
     """Vertices (m, 4) of all tetrahedra: upright ones, then turned ones."""
     row = 0
@@ -88,7 +87,7 @@ def simplices3(n: Any, count: Any, trim: Any, out: Any) -> None:
                 row += 1
 
 
-@njit(cache=True)
+@outer()
 def vertices2(n: Any, count: Any, out: Any) -> None:
     """Barycentric integers (V, 3) of all vertices in two dimensions."""
     for a in range(n + 1):
@@ -100,7 +99,7 @@ def vertices2(n: Any, count: Any, out: Any) -> None:
                 out[i, j] -= 1
 
 
-@njit(cache=True)
+@outer()
 def simplices2(n: Any, count: Any, out: Any) -> None:
     """Vertices (m, 3) of all triangles: upright ones, then turned ones."""
     row = 0
@@ -117,7 +116,7 @@ def simplices2(n: Any, count: Any, out: Any) -> None:
             row += 1
 
 
-@njit(cache=True)
+@outer()
 def block3(n: Any, lo: Any, hi: Any, trim: Any, out: Any) -> int:
     """Simplices with compositions in a box: twice the centres' odd integers (m, 4), and the kind.
 

@@ -10,9 +10,8 @@ Guarantee: exact, by whole numbers only; O(n) per edge.
 from typing import Any
 
 import numpy as np
-from numba import njit
 
-from ilattice._kernels import inner
+from ilattice._kernels import inner, outer
 
 
 @inner()
@@ -54,7 +53,7 @@ def _free(out: Any, v: int) -> int:
     return int(out[v, 0] < 0) + int(out[v, 1] < 0)
 
 
-@njit(cache=True)
+@outer()
 def play(n: Any, edges: Any, taken: Any) -> int:
     """Mark the edges that are independent of those before them; their number."""
     out = np.full((n, 2), -1, np.int64)

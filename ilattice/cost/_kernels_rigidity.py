@@ -7,12 +7,12 @@ Guarantees: sums are taken in the order of the edges; nothing is allocated per e
 
 from typing import Any
 
-from numba import njit
+from ilattice._kernels import outer
 
 FAST = {"contract", "nsz"}
 
 
-@njit(cache=True, fastmath=FAST)
+@outer(fastmath=FAST)
 def fill(x: Any, edges: Any, indptr: Any, indices: Any, data: Any) -> None:
     """Rows of the matrix in compressed form, with columns in rising order."""
     d = x.shape[1]
@@ -28,7 +28,7 @@ def fill(x: Any, edges: Any, indptr: Any, indices: Any, data: Any) -> None:
     indptr[len(edges)] = 2 * d * len(edges)
 
 
-@njit(cache=True, fastmath=FAST)
+@outer(fastmath=FAST)
 def stretch(x: Any, edges: Any, u: Any, out: Any) -> None:
     """Product with motions u (n, d): half the rates (e,) of squared lengths."""
     if x.shape[1] == 3:
@@ -46,7 +46,7 @@ def stretch(x: Any, edges: Any, u: Any, out: Any) -> None:
         out[e] = a + (x[i, 1] - x[j, 1]) * (u[i, 1] - u[j, 1])
 
 
-@njit(cache=True, fastmath=FAST)
+@outer(fastmath=FAST)
 def gather(x: Any, edges: Any, s: Any, out: Any) -> None:
     """Product of the transposed matrix with force densities s (e,): forces (n, d), added."""
     three = x.shape[1] == 3

@@ -13,9 +13,9 @@ of threads. Room for all patterns is counted before it is filled.
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
-from ilattice._kernels import inner
+from ilattice._kernels import inner, outer
 from ilattice.bspline._kernels_basis import (
     CHUNK,
     INNER,
@@ -129,7 +129,7 @@ def weigh(L: Any, W: Any, rows: int, R: Any) -> None:
             store(R, at, scale(load(L, at, LANES), w))
 
 
-@njit(parallel=True, **INNER)
+@outer(parallel=True, **INNER)
 def cell_matrices(
     kind: int, t0: Any, t1: Any, t2: Any, ijk: Any, boxes: Any, offsets: Any, u: Any, w: Any,
     J: Any, d: Any, out: Any,
@@ -194,7 +194,7 @@ def cell_matrices(
 # ---------------------------------------------------------------------------------- patterns
 
 
-@njit(cache=True)
+@outer()
 def incidence(dofs: Any, n: int) -> Any:
     """Per node the places (count,) in the flat list of all nodes of elements, and offsets."""
     start = np.zeros(n + 1, np.int64)
@@ -210,7 +210,7 @@ def incidence(dofs: Any, n: int) -> Any:
     return start, out
 
 
-@njit(parallel=True, cache=True)
+@outer(parallel=True)
 def count_columns(
     start: Any, where: Any, owner: Any, first: Any, dofs: Any, chunks: int, count: Any
 ) -> None:
@@ -229,7 +229,7 @@ def count_columns(
             count[r] = found
 
 
-@njit(parallel=True, cache=True)
+@outer(parallel=True)
 def list_columns(
     start: Any, where: Any, owner: Any, first: Any, dofs: Any, chunks: int, indptr: Any,
     indices: Any,
@@ -284,7 +284,7 @@ def add_block(
                 out[to, i, j] += p * A[e, i * n + a, j * n + b]
 
 
-@njit(parallel=True, **INNER)
+@outer(parallel=True, **INNER)
 def fill(
     kind: int, start: Any, where: Any, owner: Any, first: Any, dofs: Any, slot: Any, low: int,
     high: int, reach: int, indptr: Any, indices: Any, A: Any, p: float, q: float, data: Any,
@@ -314,7 +314,7 @@ def fill(
 # ---------------------------------------------------------------------------------- reduction
 
 
-@njit(parallel=True, cache=True)
+@outer(parallel=True)
 def count_free(indptr: Any, indices: Any, nodes: Any, place: Any, count: Any) -> None:
     """Number of blocks of the rows `nodes` in columns with a place."""
     for r in prange(len(nodes)):
@@ -322,7 +322,7 @@ def count_free(indptr: Any, indices: Any, nodes: Any, place: Any, count: Any) ->
             count[r] += place[indices[k]] >= 0
 
 
-@njit(parallel=True, cache=True)
+@outer(parallel=True)
 def take_free(
     indptr: Any, indices: Any, data: Any, nodes: Any, place: Any, fixed: Any, diagonal: bool,
     offsets: Any, columns: Any, blocks: Any,

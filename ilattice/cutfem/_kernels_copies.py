@@ -11,9 +11,9 @@ the same for any number of threads.
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
-from ilattice._kernels import inner
+from ilattice._kernels import inner, outer
 from ilattice.cutfem._kernels_elements import grown, root
 from ilattice.quadrature._kernels_solid import FAST
 
@@ -67,7 +67,7 @@ def _unite(begin: Any, upper: Any, members: Any, size: int, where: Any, parent: 
     return sets
 
 
-@njit(parallel=True, **FAST)
+@outer(parallel=True, **FAST)
 def components(
     shape: Any, count: Any, step: int, p: int, numbers: Any, closed: Any, first: Any, after: Any,
     begin: Any, upper: Any, chunks: int, out: Any, copies: Any,

@@ -11,9 +11,8 @@ Non-guarantee: boxes of the last level that are still not certain count as conne
 from typing import Any
 
 import numpy as np
-from numba import njit
 
-from ilattice._kernels import in_ranges, inner
+from ilattice._kernels import in_ranges, inner, outer
 from ilattice._kernels_tuples import borrowed
 from ilattice.quadrature._kernels_scratch import UNIT
 from ilattice.quadrature._kernels_solid import (
@@ -235,7 +234,7 @@ def is_air(
     return False
 
 
-@njit(**FAST)
+@outer(**FAST)
 def pieces_of(
     c: Any, tables: Any, which: Any, start: Any, extent: Any, P: int, certain: bool
 ) -> Any:
@@ -295,7 +294,7 @@ def pieces_of(
 
 
 @in_ranges(64)
-@njit(nogil=True, **FAST)
+@outer(nogil=True, **FAST)
 def count_pieces(
     first: int, last: int, c: Any, tables: Any, which: Any, start: Any, extent: Any, offsets: Any,
     P: int, counts: Any, gaps: Any,
@@ -337,7 +336,7 @@ def is_inside(x: Any, corner: Any, length: Any) -> bool:
 
 
 @in_ranges(AT_ONCE)
-@njit(nogil=True, **FAST)
+@outer(nogil=True, **FAST)
 def labels_at(
     first: int, last: int, x: Any, cell: Any, offsets: Any, corner: Any, length: Any, label: Any,
     out: Any,

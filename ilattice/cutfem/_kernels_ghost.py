@@ -6,14 +6,14 @@ Guarantees: a matrix depends on its own face only; the same bits for any number 
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
-from ilattice._kernels import inner
+from ilattice._kernels import inner, outer
 from ilattice.bspline._kernels_basis import INNER, line, take_table
 from ilattice.bspline._kernels_vector import LANES
 
 
-@njit(parallel=True, **INNER)
+@outer(parallel=True, **INNER)
 def ghost_matrices(
     axis: int, t1: Any, t2: Any, ijk: Any, nodes: Any, weights: Any, products: Any, out: Any
 ) -> None:

@@ -6,12 +6,13 @@ same bits for any number of threads.
 
 from typing import Any
 
-from numba import njit, prange
+from numba import prange
 
+from ilattice._kernels import outer
 from ilattice.bspline._kernels_basis import INNER
 
 
-@njit(parallel=True, **INNER)
+@outer(parallel=True, **INNER)
 def seam_blocks(offsets: Any, w: Any, N: Any, T: Any, Q: Any, out: Any) -> None:
     """Matrices out (pairs, m nb, m nb) of w (N Q N - N T - its transpose) on pairs of elements.
 

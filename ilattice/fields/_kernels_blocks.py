@@ -9,10 +9,10 @@ threads. Arguments are not checked.
 """
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
 import ilattice.fields._tables as ops
-from ilattice._kernels import inner
+from ilattice._kernels import inner, outer
 from ilattice.fields._kernels_program import apply, begin, bound, narrow
 
 S = 9  # samples per block and direction
@@ -70,7 +70,7 @@ def _run(op, a, b, imm, m, x, y, z, mask, buf, first, second):
         apply(o, u, v, buf[i], _size(mask[i]))
 
 
-@njit(cache=True, parallel=True)
+@outer(parallel=True)
 def fill_program(op, a, b, imm, tx, ty, tz, coords, along, middle, samples):
     """Samples of blocks: ``samples[b, i, j, k]``, k < 9, less `middle`, float32.
 
@@ -143,7 +143,7 @@ def _decided(s, t, lower, upper):
     return s > upper or t < lower or (lower < s and t < upper)
 
 
-@njit(cache=True, parallel=True)
+@outer(parallel=True)
 def block_bounds(op, a, b, imm, ex, ey, ez, lower, upper, low, high):
     """Bounds on a tensor grid of blocks with ends (n, 2) along the axes, from large boxes down.
 

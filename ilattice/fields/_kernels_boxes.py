@@ -8,9 +8,8 @@ Guarantee: the tree does not depend on the number of threads.
 """
 
 import numpy as np
-from numba import njit
 
-from ilattice._kernels import inner
+from ilattice._kernels import inner, outer
 
 FAST = {"contract", "nsz"}
 #: Most boxes in a leaf of things that are quickly looked at; bins among which a node is cut.
@@ -20,7 +19,7 @@ DEEP = 40  # from here on nodes are halved by count
 STACK = 128  # > DEEP + the logarithm of the number of things
 
 
-@njit(cache=True, error_model="numpy")
+@outer(error_model="numpy")
 def build(lo, hi, order, box, link, most):
     """Tree over boxes (F, 3), binned by surface area, with at most `most` in a leaf.
 
@@ -138,7 +137,7 @@ def cheapest(counts, boxes):
     return cut
 
 
-@njit(cache=True)
+@outer()
 def greatest(link, size, out):
     """Greatest of numbers of the things, in the order of the leaves, in each node."""
     for node in range(len(link) - 1, -1, -1):

@@ -5,10 +5,10 @@ does not depend on it. Arguments are not checked.
 """
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
 import ilattice.fields._tables as ops
-from ilattice._kernels import inner
+from ilattice._kernels import inner, outer
 from ilattice.fields._kernels_program import bound
 
 #: States of choices; steps in between numbers have `STEP` + 2 (number + `ORIGIN`), and one more if
@@ -67,7 +67,7 @@ def _step(o, low, high, period):
     return STEP + 2 * (int(low) + ORIGIN) + int(high - low)
 
 
-@njit(cache=True, parallel=True)
+@outer(parallel=True)
 def decide(op, a, b, imm, lows, highs, leaves, choices, out, states):
     """Bounds out (n, 2) on boxes with corners (n, 3), and the states (n, k) of some instructions.
 

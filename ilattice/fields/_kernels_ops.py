@@ -7,10 +7,9 @@ those of the part inside it. ``wrap(a, b)`` is ``a`` less the nearest multiple o
 """
 
 import numpy as np
-from numba import njit
 
 import ilattice.fields._tables as ops
-from ilattice._kernels import inner
+from ilattice._kernels import inner, outer
 
 INF = np.inf
 #: Relative widening of a range for the rounding of its ends, and one for ends near zero.
@@ -20,7 +19,7 @@ HALF_PI = 0.5 * np.pi
 FAR = 1e9  # angles beyond this are not reduced
 
 
-@njit(cache=True, error_model="numpy")
+@outer(error_model="numpy")
 def value(op, a, b):
     """Value of an instruction."""
     if op == ops.ADD:

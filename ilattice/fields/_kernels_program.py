@@ -9,10 +9,10 @@ dropped side could not have won. Arguments are not checked.
 """
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
 import ilattice.fields._tables as ops
-from ilattice._kernels import inner
+from ilattice._kernels import inner, outer
 from ilattice.fields._kernels_ops import bounds, partials, product, slopes, value
 
 WIDE = 64  # points evaluated at once
@@ -145,7 +145,7 @@ def spread(i):
     return (i | i << 2) & 0x1249249249249249
 
 
-@njit(cache=True, parallel=True)
+@outer(parallel=True)
 def places(points, low, scale, out):
     """Places of points along a curve that fills space, from whole numbers scale * (p - low)."""
     for n in prange(len(points)):
@@ -155,7 +155,7 @@ def places(points, low, scale, out):
         out[n] = place
 
 
-@njit(cache=True)
+@outer()
 def divide(places):
     """Boxes of points along the curve, each divided in eight until it holds few points.
 
@@ -190,7 +190,7 @@ def divide(places):
     return nodes[:count]
 
 
-@njit(cache=True)
+@outer()
 def follow(n, prune):
     """Nodes like those of `divide`, of points in the order that they have."""
     per = (TASK // WIDE + 1) if prune else 1
@@ -283,7 +283,7 @@ def _enter(codes, numbers, lengths, points, node, box, w, maps):
     return level, lengths[level]
 
 
-@njit(cache=True, parallel=True)
+@outer(parallel=True)
 def values(op, a, b, imm, points, leaves, nodes, tasks, out):
     """Values (n, 1) at points (n, 3), which nodes of `divide` or `follow` divide.
 
@@ -410,7 +410,7 @@ def _back(op, a, b, m, buf, leaves, i0, i1, slope):
                 slope[op[i], k] += slope[i, k]
 
 
-@njit(cache=True, parallel=True)
+@outer(parallel=True)
 def gradients(op, a, b, imm, points, leaves, nodes, tasks, out):
     """Values and gradients (n, 4) at points; see `values`."""
     for task in prange(len(tasks) - 1):
@@ -432,7 +432,7 @@ def gradients(op, a, b, imm, points, leaves, nodes, tasks, out):
                         out[i0 + k, 1 + axis] = slope[axis, k]
 
 
-@njit(cache=True, parallel=True)
+@outer(parallel=True)
 def jets(op, a, b, imm, points, leaves, nodes, tasks, out):
     """Jets (n, 10) at points: value, gradient, second derivatives; see `values`."""
     for task in prange(len(tasks) - 1):
@@ -543,7 +543,7 @@ def bound(op, a, b, imm, m, box, leaves, w):
         _sharpen(box, w[i])
 
 
-@njit(cache=True, parallel=True)
+@outer(parallel=True)
 def ranges(op, a, b, imm, lows, highs, leaves, prune, out):
     """Bounds (n, 2) on boxes with corners (n, 3); leaves (n, leaves, 3): low, high, steepness."""
     n, last = len(lows), 2 if prune else 0

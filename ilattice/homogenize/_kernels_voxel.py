@@ -11,9 +11,9 @@ to the first plane of the next one waits in a buffer: the same bits for any numb
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
-from ilattice._kernels import inner
+from ilattice._kernels import inner, outer
 
 FAST = {"nsz", "arcp", "contract", "reassoc"}  # NaN stays alive
 
@@ -182,7 +182,7 @@ def _rows_of_matrices(
             )  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@outer(error_model="numpy", parallel=True)
 def forces(
     u: Any, phase: Any, table: Any, h: Any, chunk: int, buffer: Any, out: Any
 ) -> None:  # fmt: skip
@@ -232,7 +232,7 @@ def forces(
         out[:, to] += buffer[b - 1 if b > 0 else chunks - 1]
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@outer(error_model="numpy", parallel=True)
 def invert(z: Any, mass: Any, slope: Any, wave: Any, table: Any) -> None:
     """Divide transforms of forces by the symbol of a homogeneous grid.
 

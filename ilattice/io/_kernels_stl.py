@@ -6,10 +6,11 @@ Guarantee: the normal is that of the rounded corners.
 from typing import Any
 
 import numpy as np
-from numba import njit
+
+from ilattice._kernels import outer
 
 
-@njit(cache=True)
+@outer()
 def fill_triangles(vertices: Any, faces: Any, out: Any) -> int:
     """Normal and corners of each triangle, into ``out`` (F, 12) float32.
 

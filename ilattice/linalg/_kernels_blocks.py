@@ -13,9 +13,9 @@ sums are kept in double precision.
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
-from ilattice._kernels import inner
+from ilattice._kernels import inner, outer
 from ilattice.linalg._kernels_rows import (
     LANES,
     column,
@@ -32,7 +32,7 @@ FAST = {"contract", "nsz", "reassoc"}
 NO_PIVOT = 1e-12
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@outer(error_model="numpy", parallel=True)
 def multiply(
     offsets: Any, columns: Any, blocks: Any, x: Any, y: Any, sign: Any, M: Any, P: Any
 ) -> None:
@@ -53,7 +53,7 @@ def multiply(
                 y[m * first + e] += sign * sums[e]
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@outer(error_model="numpy", parallel=True)
 def multiply_eight(
     offsets: Any, columns: Any, blocks: Any, x: Any, y: Any, sign: Any, M: Any, P: Any
 ) -> None:
@@ -75,7 +75,7 @@ def multiply_eight(
                     y[r, m * first + e] += sign * sums[e, r]
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@outer(error_model="numpy", parallel=True)
 def multiply_transposed(
     offsets: Any, rows: Any, where: Any, blocks: Any, x: Any, y: Any, M: Any, P: Any
 ) -> None:
@@ -87,7 +87,7 @@ def multiply_transposed(
             column(offsets[J], offsets[J + 1], rows, where, blocks, x, M, P, y, p * J)
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@outer(error_model="numpy", parallel=True)
 def multiply_eight_transposed(
     offsets: Any, rows: Any, where: Any, blocks: Any, x: Any, y: Any, M: Any, P: Any
 ) -> None:
@@ -106,7 +106,7 @@ def multiply_eight_transposed(
                 y[r, p * first + e] = sums[e, r]
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@outer(error_model="numpy", parallel=True)
 def side_by_side(x: Any, out: Any) -> None:
     """Numbers of vectors (r, n), at most eight, in rows of out (n, 8); zeros for those missing."""
     n = x.shape[1]
@@ -116,7 +116,7 @@ def side_by_side(x: Any, out: Any) -> None:
                 out[i, r] = x[r, i] if r < len(x) else 0
 
 
-@njit(cache=True, error_model="numpy", parallel=True, fastmath=FAST)
+@outer(error_model="numpy", parallel=True, fastmath=FAST)
 def dots(x: Any, y: Any, z: Any) -> Any:
     """Scalar products x y and x z, one row per chunk."""
     n = len(x)
@@ -133,7 +133,7 @@ def dots(x: Any, y: Any, z: Any) -> Any:
     return out
 
 
-@njit(cache=True, error_model="numpy", parallel=True, fastmath=FAST)
+@outer(error_model="numpy", parallel=True, fastmath=FAST)
 def combine(a: Any, x: Any, b: Any, y: Any) -> None:
     """y = a x + b y."""
     n = len(x)
@@ -142,7 +142,7 @@ def combine(a: Any, x: Any, b: Any, y: Any) -> None:
             y[i] = a * x[i] + b * y[i]
 
 
-@njit(cache=True, error_model="numpy", parallel=True, fastmath=FAST)
+@outer(error_model="numpy", parallel=True, fastmath=FAST)
 def smooth(a: Any, z: Any, b: Any, r: Any, c: Any, x: Any) -> None:
     """z = a z + b r, then x += c z."""
     n = len(x)
@@ -153,7 +153,7 @@ def smooth(a: Any, z: Any, b: Any, r: Any, c: Any, x: Any) -> None:
             x[i] += c * v
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@outer(error_model="numpy", parallel=True)
 def factors(offsets: Any, columns: Any, blocks: Any, L: Any, roots: Any, inverses: Any) -> Any:
     """Cholesky factors (rows, m, m) of the diagonal blocks, and their inverses.
 
@@ -219,7 +219,7 @@ def _invert(F: Any, G: Any, m: int) -> None:
                 G[a, b] = v / F[a, a]
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@outer(error_model="numpy", parallel=True)
 def scaled(offsets: Any, columns: Any, blocks: Any, G: Any, L: Any, out: Any) -> None:
     """out = G_i K_ij G_jᵀ, rounded to what out is."""
     m = len(L)
@@ -243,7 +243,7 @@ def scaled(offsets: Any, columns: Any, blocks: Any, G: Any, L: Any, out: Any) ->
                         out[k, a, b] = v
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@outer(error_model="numpy", parallel=True)
 def multiply_blocks(A: Any, x: Any, transposed: bool, L: Any, y: Any) -> None:
     """y_i = A_i x_i, or A_iᵀ x_i, of vectors or rows (m rows, p)."""
     m = len(L)
@@ -258,7 +258,7 @@ def multiply_blocks(A: Any, x: Any, transposed: bool, L: Any, y: Any) -> None:
                     y[m * i + a, q] = v
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@outer(error_model="numpy", parallel=True)
 def scale_rows(offsets: Any, blocks: Any, G: Any, S: Any, out: Any) -> None:
     """out = G_iᵀ P_ij, G lower triangular."""
     m = len(S[0])
@@ -275,7 +275,7 @@ def scale_rows(offsets: Any, blocks: Any, G: Any, S: Any, out: Any) -> None:
                         out[k, a, b] = v
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@outer(error_model="numpy", parallel=True)
 def scale_columns(columns: Any, blocks: Any, G: Any, S: Any) -> None:
     """P_ij = P_ij G_jᵀ in place, G lower triangular."""
     m = len(S[0])

@@ -7,9 +7,9 @@ to such a node, is in one.
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
-from ilattice._kernels import inner
+from ilattice._kernels import inner, outer
 from ilattice.linalg._kernels_blocks import FAST
 
 #: Parts that rows are cut into for threads, so that sums do not depend on their number.
@@ -18,7 +18,7 @@ PARTS = 64
 DEPENDENT = 1e-8
 
 
-@njit(cache=True, error_model="numpy")
+@outer(error_model="numpy")
 def strengths(offsets: Any, columns: Any, blocks: Any, L: Any, out: Any) -> None:
     """Squared Frobenius norm of every block outside the diagonal, 0 on it."""
     m = len(L)
@@ -32,7 +32,7 @@ def strengths(offsets: Any, columns: Any, blocks: Any, L: Any, out: Any) -> None
             out[k] = v
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@outer(error_model="numpy", parallel=True)
 def mark_strong(
     offsets: Any, columns: Any, strength: Any, least: float, share: float, out: Any
 ) -> None:
@@ -49,7 +49,7 @@ def mark_strong(
                 out[k] = strength[k] > max(least, share * max(top[i], top[columns[k]]))
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@outer(error_model="numpy", parallel=True)
 def unmark_far(offsets: Any, columns: Any, points: Any, most: float, strong: Any) -> None:
     """Unmark couplings to nodes beyond sqrt(`most`) times the nearest one with a mark.
 
@@ -79,7 +79,7 @@ def squared_distance(points: Any, i: int, j: int) -> float:
     return x * x + y * y + z * z
 
 
-@njit(cache=True, error_model="numpy")
+@outer(error_model="numpy")
 def aggregate(offsets: Any, columns: Any, strength: Any, strong: Any, out: Any) -> int:
     """Aggregate of every node, -1 for nodes without couplings; the number of them.
 
@@ -145,7 +145,7 @@ def strongest(
     return out
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@outer(error_model="numpy", parallel=True)
 def tentative(offsets: Any, members: Any, modes: Any, L: Any, blocks: Any, coarse: Any) -> None:
     """Orthonormal modes on every aggregate: blocks (nodes, m, p), and coarse modes (n p, p).
 
@@ -181,7 +181,7 @@ def tentative(offsets: Any, members: Any, modes: Any, L: Any, blocks: Any, coars
                         blocks[rows[k], a, c] = Q[c, m * k + a]
 
 
-@njit(cache=True, error_model="numpy", fastmath=FAST)
+@outer(error_model="numpy", fastmath=FAST)
 def cholesky(A: Any, floor: float) -> Any:
     """Factor in the lower triangle of A; the least pivot over its diagonal entry, and where.
 
@@ -223,7 +223,7 @@ def solve_cholesky(F: Any, b: Any, x: Any) -> None:
             y[k] -= v * F[i, k]
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@outer(error_model="numpy", parallel=True)
 def solve_rows(F: Any, b: Any, x: Any) -> None:
     """As `solve_cholesky`, for all rows of b (r, n)."""
     for r in prange(len(b)):

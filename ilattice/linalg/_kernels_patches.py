@@ -8,16 +8,16 @@ inverses are positive definite; every patch is done by one thread.
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
-from ilattice._kernels import inner
+from ilattice._kernels import inner, outer
 from ilattice.linalg._kernels_multigrid import cholesky, solve_cholesky
 
 #: Least pivot of a patch whose diagonal is one: below it, the matrix in single precision is noise.
 MIN_PIVOT = 1e-6
 
 
-@njit(cache=True, error_model="numpy")
+@outer(error_model="numpy")
 def join(rows: Any, columns: Any, most: int, out: Any) -> None:
     """out[i] = first node of the patch of node i; couplings are taken in the order given."""
     size = np.ones(len(out), np.int32)
@@ -42,7 +42,7 @@ def root(first: Any, i: int) -> int:
     return i
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@outer(error_model="numpy", parallel=True)
 def invert(
     offsets: Any, columns: Any, blocks: Any, starts: Any, members: Any, where: Any, out: Any
 ) -> None:
@@ -70,7 +70,7 @@ def invert(
                 out[where[p] + a * n + c] = x[a]
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@outer(error_model="numpy", parallel=True)
 def apply(starts: Any, members: Any, where: Any, inverses: Any, m: int, r: Any, s: Any) -> None:
     """s = inverse times r on the patches, vectors in rows of r (k, n)."""
     for p in prange(len(starts) - 1):

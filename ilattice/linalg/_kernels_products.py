@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numba import njit, prange
 
+from ilattice._kernels import outer
 from ilattice.linalg._kernels_blocks import FAST
 from ilattice.linalg._kernels_rows import add_product, add_product_transposed
 
@@ -24,7 +25,7 @@ def clear(C: Any, at: int, rows: Any, columns: Any) -> None:
             C[at, a, b] = 0.0
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@outer(error_model="numpy", parallel=True)
 def count_product(
     a_offsets: Any, a_columns: Any, b_offsets: Any, b_columns: Any, width: int, out: Any
 ) -> None:
@@ -44,7 +45,7 @@ def count_product(
             out[i + 1] = count
 
 
-@njit(cache=True, error_model="numpy", parallel=True, fastmath=FAST)
+@outer(error_model="numpy", parallel=True, fastmath=FAST)
 def product(
     a_offsets: Any,
     a_columns: Any,
@@ -80,7 +81,7 @@ def product(
                     add_product(blocks, at, a_blocks, k, b_blocks, e, L, L, R)
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@outer(error_model="numpy", parallel=True)
 def damp(
     offsets: Any, columns: Any, blocks: Any, b_offsets: Any, b_columns: Any, b_blocks: Any, f: Any
 ) -> None:
@@ -95,7 +96,7 @@ def damp(
                         blocks[k] += b_blocks[e]
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@outer(error_model="numpy", parallel=True)
 def count_galerkin(t_offsets: Any, t_rows: Any, b_offsets: Any, b_columns: Any, out: Any) -> None:
     """out[top + 1] = number of blocks on and right of the diagonal in row I of Tᵀ B."""
     n = len(t_offsets) - 1
@@ -113,7 +114,7 @@ def count_galerkin(t_offsets: Any, t_rows: Any, b_offsets: Any, b_columns: Any, 
             out[top + 1] = count
 
 
-@njit(cache=True, error_model="numpy", parallel=True, fastmath=FAST)
+@outer(error_model="numpy", parallel=True, fastmath=FAST)
 def galerkin(
     t_offsets: Any,
     t_rows: Any,
@@ -158,7 +159,7 @@ def galerkin(
                     add_product_transposed(blocks, slot[J], t_blocks, q, b_blocks, e, R, L, R)
 
 
-@njit(cache=True, error_model="numpy")
+@outer(error_model="numpy")
 def mirror(
     u_offsets: Any, u_columns: Any, u_blocks: Any, L: Any, offsets: Any, columns: Any, blocks: Any
 ) -> None:

@@ -19,7 +19,7 @@ Non-guarantees: arguments are not checked.
 import numpy as np
 from numba import njit
 
-from ilattice._kernels import in_ranges, inner
+from ilattice._kernels import in_ranges, inner, outer
 from ilattice.mesh._kernels_bits import lowest, popcount
 from ilattice.mesh._tables import CASES, DOUBLE, FLIPPED, ORDER, PATCHES, START
 
@@ -163,7 +163,7 @@ def is_bare(gx, gy, gz, code):
 
 
 @in_ranges(4 * CHUNK)
-@njit(cache=True, nogil=True, error_model="numpy")
+@outer(nogil=True, error_model="numpy")
 def signs(first, last, samples, coords, shape, lower, upper, rows, crossed):
     """Signs of sampled blocks into `rows`; number of crossed edges of each into `crossed`."""
     for b in range(first, last):
@@ -210,7 +210,7 @@ def _fraction(v0, v1, lower, upper):
 
 
 @in_ranges(4 * CHUNK)
-@njit(cache=True, nogil=True, error_model="numpy")
+@outer(nogil=True, error_model="numpy")
 def crossings(first, last, samples, coords, shape, lower, upper, rows, edge, t):
     """Fractions of the crossed edges of block b into ``t[edge[b] : edge[b + 1]]``."""
     for b in range(first, last):
@@ -299,7 +299,7 @@ def _count_quads(rows, shape, coords, b, caps):
 
 
 @in_ranges(4 * CHUNK)
-@njit(cache=True, nogil=True, error_model="numpy")
+@outer(nogil=True, error_model="numpy")
 def count(first, last, offset, rows, lookup, shape, coords, caps, flips, prefix, quads):
     """Fill `flips` and `prefix` of the blocks from `offset` on; their numbers of faces."""
     for n in range(first, last):
@@ -395,7 +395,7 @@ def face_bits(gx, gy, gz):
 
 
 @in_ranges(4 * CHUNK)
-@njit(cache=True, nogil=True, error_model="numpy")
+@outer(nogil=True, error_model="numpy")
 def vertices(
     first, last, rows, flips, shape, coords, caps, t, t_first, start, cells, out, kind, place,
     cell, alone,

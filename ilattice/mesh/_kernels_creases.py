@@ -6,9 +6,9 @@ are not checked.
 """
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
-from ilattice._kernels import inner
+from ilattice._kernels import inner, outer
 
 
 @inner()
@@ -24,7 +24,7 @@ def _below(planes, p, most):
     return low
 
 
-@njit(cache=True, parallel=True)
+@outer(parallel=True)
 def facing(x, quads, normal):
     """Unit normals (n, 3) of quads; zero where there is none."""
     for i in prange(len(quads)):
@@ -37,7 +37,7 @@ def facing(x, quads, normal):
         normal[i, 0], normal[i, 1], normal[i, 2] = scale * nx, scale * ny, scale * nz
 
 
-@njit(cache=True)
+@outer()
 def touched(mask, rows, out):
     """How many of the vertices in each row are in a mask."""
     for i in range(len(rows)):
@@ -47,7 +47,7 @@ def touched(mask, rows, out):
         out[i] = count
 
 
-@njit(cache=True)
+@outer()
 def bends(quads, normal, mean, least):
     """Least cosines between the normals around vertices and their mean.
 
@@ -70,7 +70,7 @@ def bends(quads, normal, mean, least):
             least[v] = min(least[v], cosine)
 
 
-@njit(cache=True)
+@outer()
 def gather(quads, foot, normal, x, place, A, b):
     """Add to A (n, 3, 3) and b (n, 3) the planes of quads around the vertices with a place."""
     for i in range(len(quads)):
@@ -88,7 +88,7 @@ def gather(quads, foot, normal, x, place, A, b):
                     A[own, r, c] += normal[i, r] * normal[i, c]
 
 
-@njit(cache=True, parallel=True)
+@outer(parallel=True)
 def approach(x, A, b, inverse, low, high, turns, out):
     """Points nearest to planes around x, in boxes: from planes to box and back."""
     for i in prange(len(x)):
@@ -115,7 +115,7 @@ def approach(x, A, b, inverse, low, high, turns, out):
                 break
 
 
-@njit(cache=True, parallel=True)
+@outer(parallel=True)
 def cells(x, px, py, pz, low, high):
     """Lower and upper corners of the cells that hold points."""
     for i in prange(len(x)):
@@ -140,7 +140,7 @@ def _span(planes, x, quad, a, low, high):
     return 1 if along else 0
 
 
-@njit(cache=True, parallel=True)
+@outer(parallel=True)
 def edges(x, quads, px, py, pz, low, high, found):
     """Ends (n, 3) of the edges of the grid that quads surround; whether there is just one."""
     for i in prange(len(quads)):

@@ -12,9 +12,8 @@ triangles from ``LEAF * i``, node n has the children ``2 n`` and ``2 n + 1``, th
 from typing import Any
 
 import numpy as np
-from numba import njit
 
-from ilattice._kernels import in_ranges, inner
+from ilattice._kernels import in_ranges, inner, outer
 from ilattice.fields._kernels_program import spread
 
 #: Triangles per leaf of the tree.
@@ -31,7 +30,7 @@ DEEPEST = 64
 
 
 @in_ranges(GRAIN)
-@njit(cache=True, nogil=True, error_model="numpy")
+@outer(nogil=True, error_model="numpy")
 def morton(first: int, last: int, x: Any, faces: Any, low: Any, size: float, out: Any) -> None:
     """Morton codes of triangles: along a curve that fills the cube at `low` with edges `size`."""
     scale = (2**BITS - 1) / (3.0 * size)
@@ -44,7 +43,7 @@ def morton(first: int, last: int, x: Any, faces: Any, low: Any, size: float, out
         out[f] = place
 
 
-@njit(cache=True)
+@outer()
 def extent(x: Any, out: Any) -> None:
     """Least and largest coordinates (2, 3) of vertices."""
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
@@ -55,7 +54,7 @@ def extent(x: Any, out: Any) -> None:
         out[0, k], out[1, k] = low[k], high[k]
 
 
-@njit(cache=True)
+@outer()
 def voxels(x: Any, low: Any, scale: Any, n: int, out: Any) -> None:
     """Voxels (V, 3) of vertices, of n each way from `low` on; ``scale`` (3,) is their inverse."""
     for v in range(len(x)):
@@ -70,7 +69,7 @@ def _span(voxel: Any, faces: Any, f: int, k: int) -> Any:
     return min(a, b, c), max(a, b, c)
 
 
-@njit(cache=True)
+@outer()
 def mark_voxels(voxel: Any, faces: Any, active: Any, mask: Any) -> None:
     """Mark the voxels that the boxes of the active triangles touch."""
     for f in range(len(faces)):
@@ -99,7 +98,7 @@ def _any(mask: Any, voxel: Any, faces: Any, f: int) -> bool:
 
 
 @in_ranges(GRAIN)
-@njit(cache=True, nogil=True)
+@outer(nogil=True)
 def in_voxels(first: int, last: int, voxel: Any, faces: Any, mask: Any, out: Any) -> None:
     """Which triangles may touch an active one: those in marked voxels."""
     for f in range(first, last):
@@ -116,7 +115,7 @@ def _box(x: Any, faces: Any, f: int, out: Any) -> None:
 
 
 @in_ranges(GRAIN)
-@njit(cache=True, nogil=True, error_model="numpy")
+@outer(nogil=True, error_model="numpy")
 def fill_leaves(first: int, last: int, x: Any, faces: Any, order: Any, boxes: Any) -> None:
     """Boxes of the leaves; those beyond the last triangle hold nothing."""
     leaves = len(boxes) // 2
@@ -132,7 +131,7 @@ def fill_leaves(first: int, last: int, x: Any, faces: Any, order: Any, boxes: An
                 boxes[leaves + leaf, 3 + k] = max(boxes[leaves + leaf, 3 + k], box[3 + k])
 
 
-@njit(cache=True)
+@outer()
 def fill_nodes(boxes: Any) -> None:
     """Boxes of the nodes above the leaves."""
     for n in range(len(boxes) // 2 - 1, 0, -1):
@@ -347,7 +346,7 @@ def _from(node: int, stack: Any) -> int:
 
 
 @in_ranges(CHUNK)
-@njit(cache=True, nogil=True, error_model="numpy")
+@outer(nogil=True, error_model="numpy")
 def mark_crossings(
     first: int,
     last: int,

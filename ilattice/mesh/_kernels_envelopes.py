@@ -10,9 +10,8 @@ Non-guarantees: arguments are not checked.
 from typing import Any
 
 import numpy as np
-from numba import njit
 
-from ilattice._kernels import inner
+from ilattice._kernels import inner, outer
 
 #: Part of the edge, and of its cells, by which triangles pass well inside.
 MARGIN = 1e-3
@@ -40,7 +39,7 @@ def _cell(planes: Any, a: int, n: int, scale: float, p: float, side: int) -> int
     return c if planes[a, c] <= p <= planes[a, c + 1] else NOWHERE
 
 
-@njit(cache=True, error_model="numpy")
+@outer(error_model="numpy")
 def locate(x: Any, kind: Any, planes: Any, counts: Any, table: Any, cell: Any, other: Any) -> None:
     """Codes (V,) of the cells of vertices, and which other vertex is in the same one.
 
@@ -105,7 +104,7 @@ def _edge(cell: Any, a: int, b: int, c: int, d: int, planes: Any, low: Any) -> A
     return axis, planes[axis, own + 1]
 
 
-@njit(cache=True, error_model="numpy")
+@outer(error_model="numpy")
 def add_middles(faces: Any, cell: Any, other: Any, planes: Any, sums: Any) -> None:
     """Add to sums (V, 4) the middles, and number, of edges around vertices that share cells."""
     low = np.empty(3)
@@ -138,7 +137,7 @@ def _way_out(x: Any, cell: Any, v: int, w: int, planes: Any, way: Any) -> float:
     return max(start, out)
 
 
-@njit(cache=True, error_model="numpy")
+@outer(error_model="numpy")
 def reach(
     x: Any, faces: Any, cell: Any, other: Any, planes: Any, sums: Any, least: Any, far: Any
 ) -> None:
@@ -193,7 +192,7 @@ def _crosses(u: float, v: float, w: float, p: float, q: float, r: float, length:
     return MARGIN * area * length < height < (1.0 - MARGIN) * area * length
 
 
-@njit(cache=True, error_model="numpy")
+@outer(error_model="numpy")
 def enclosed(
     x: Any, faces: Any, cell: Any, other: Any, far: Any, least: Any, planes: Any, out: Any
 ) -> None:

@@ -9,7 +9,7 @@ Guarantees: as `_kernels_cells`; ties between the diagonals are decided by the o
 import numpy as np
 from numba import njit
 
-from ilattice._kernels import in_ranges, inner
+from ilattice._kernels import in_ranges, inner, outer
 from ilattice._typing import AnyArray
 from ilattice.mesh._kernels_bits import lowest
 from ilattice.mesh._kernels_cells import (
@@ -178,7 +178,7 @@ def _emit_block(
 
 
 @in_ranges(4 * CHUNK)
-@njit(cache=True, nogil=True, error_model="numpy")
+@outer(nogil=True, error_model="numpy")
 def faces(
     first, last, rows, prefix, lookup, shape, coords, blocks, start, caps, points, place, period,
     numbering, quad, out,

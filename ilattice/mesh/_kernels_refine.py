@@ -7,7 +7,7 @@ threads. Non-guarantees: arguments are not checked.
 import numpy as np
 from numba import njit
 
-from ilattice._kernels import in_ranges, inner
+from ilattice._kernels import in_ranges, inner, outer
 
 GRAIN = 4096  # vertices or quads that a thread takes at once
 LOWER = 128  # bit of `kind`: on the lower of two levels
@@ -15,7 +15,7 @@ REACH = 0.25  # longest part of a step along an axis, as a fraction of the cell
 
 
 @in_ranges(GRAIN)
-@njit(cache=True, nogil=True, error_model="numpy")
+@outer(nogil=True, error_model="numpy")
 def pull_to_centre(first, last, vertices, at, cell, least, most, part, out):
     """Places of the vertices `at`, moved to the centres of their cells by a part of the way."""
     for n in range(first, last):
@@ -54,7 +54,7 @@ def _step(points, n, r, gradient, cell, v, least, most):
 
 
 @in_ranges(GRAIN)
-@njit(cache=True, nogil=True, error_model="numpy")
+@outer(nogil=True, error_model="numpy")
 def first_step(
     first, last, vertices, at, kind, cell, least, most, lower, upper, value, gradient, points, miss,
     stopped,
@@ -74,7 +74,7 @@ def first_step(
 
 
 @in_ranges(GRAIN)
-@njit(cache=True, nogil=True, error_model="numpy")
+@outer(nogil=True, error_model="numpy")
 def second_step(
     first, last, vertices, at, kind, cell, least, most, lower, upper, value, gradient, points, miss,
     stopped,
@@ -103,7 +103,7 @@ def _normal(p, a, b, c, n):
 
 
 @in_ranges(GRAIN)
-@njit(cache=True, nogil=True, error_model="numpy")
+@outer(nogil=True, error_model="numpy")
 def resplit(first, last, points, faces):
     """Take the other diagonal of a quad where it gives the better worst triangle.
 

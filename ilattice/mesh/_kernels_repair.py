@@ -14,9 +14,8 @@ set. A face lies on the faces of the domain that its corners share, or else on t
 from typing import Any
 
 import numpy as np
-from numba import njit
 
-from ilattice._kernels import inner
+from ilattice._kernels import inner, outer
 
 #: Bits of labels: the level set, and all faces of the domain.
 WALL = 64
@@ -29,7 +28,7 @@ REJECTED = -1.0
 FLIP = 2
 
 
-@njit(cache=True)
+@outer()
 def link_corners(faces: Any, head: Any, after: Any) -> None:
     """Lists of the corners at every vertex, ascending; `head` comes filled with -1."""
     for h in range(faces.size - 1, -1, -1):
@@ -325,7 +324,7 @@ def _mark(
         h = after[h]
 
 
-@njit(cache=True)
+@outer()
 def repair(
     x: Any, faces: Any, on: Any, head: Any, after: Any, bad: Any, quality: float, left: Any,
     changed: Any, tried: Any, done: Any,

@@ -11,12 +11,12 @@ number of threads. Non-guarantees: arguments are not checked.
 import numpy as np
 from numba import njit
 
-from ilattice._kernels import in_ranges
+from ilattice._kernels import in_ranges, outer
 from ilattice.mesh._kernels_cells import CHUNK, LANES, B, S
 
 
 @in_ranges(4 * CHUNK)
-@njit(cache=True, nogil=True, error_model="numpy")
+@outer(nogil=True, error_model="numpy")
 def mark_points(first, last, coords, layer, px, py, pz, mark):
     """Set ``mark[x, y, z]`` to 1 at the planes that the blocks use; px < 0 is skipped."""
     for b in range(first, last):
@@ -31,7 +31,7 @@ def mark_points(first, last, coords, layer, px, py, pz, mark):
 
 
 @in_ranges(4 * CHUNK)
-@njit(cache=True, nogil=True, error_model="numpy")
+@outer(nogil=True, error_model="numpy")
 def gather(first, last, values, coords, layer, px, py, pz, samples):
     """Samples of blocks from the values on the planes of a slab."""
     for b in range(first, last):
@@ -44,7 +44,7 @@ def gather(first, last, values, coords, layer, px, py, pz, samples):
 
 
 @in_ranges(4 * CHUNK)
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
+@outer(nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
 def fill_trig(first, last, coef, code, tx, ty, tz, coords, samples):
     """Samples of a separable sum: ``sum_m coef[m] tx[code[m, 0]] ty[code[m, 1]] tz[code[m, 2]]``.
 
@@ -80,7 +80,7 @@ def _product(a0, a1, b0, b1):
 
 
 @in_ranges(4 * CHUNK)
-@njit(cache=True, nogil=True, error_model="numpy")
+@outer(nogil=True, error_model="numpy")
 def ranges_trig(first, last, coef, code, ix, iy, iz, low, high):
     """Bounds of a separable sum on a tensor grid of boxes.
 
@@ -107,7 +107,7 @@ def ranges_trig(first, last, coef, code, ix, iy, iz, low, high):
 
 
 @in_ranges(4 * CHUNK)
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
+@outer(nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
 def fill_spline(first, last, c, bx, sx, by, sy, bz, sz, coords, samples):
     """Samples of a scalar B-spline with coefficients `c` (n0, n1, n2), float32.
 
@@ -149,7 +149,7 @@ def fill_spline(first, last, c, bx, sx, by, sy, bz, sz, coords, samples):
 
 
 @in_ranges(4 * CHUNK)
-@njit(cache=True, nogil=True, error_model="numpy")
+@outer(nogil=True, error_model="numpy")
 def divide(first, last, samples, divisor):
     """``samples / divisor`` in place."""
     for b in range(first, last):

@@ -9,9 +9,8 @@ Not guaranteed: anything for faces with a repeated corner or with indices out of
 from typing import Any
 
 import numpy as np
-from numba import njit
 
-from ilattice._kernels import inner
+from ilattice._kernels import inner, outer
 
 #: Triangles that are summed up one after the other, for any number of threads.
 _CHUNK = 1 << 15
@@ -28,7 +27,7 @@ def _double_area_vector(vertices: Any, faces: Any, f: int) -> Any:
     return py * qz - pz * qy, pz * qx - px * qz, px * qy - py * qx
 
 
-@njit(cache=True)
+@outer()
 def volume_and_area(vertices: Any, faces: Any, centre: Any) -> Any:
     """Partial sums, shape (chunks, 2), of 6 x the signed volume about `centre` and 2 x the area."""
     count = len(faces)
@@ -51,7 +50,7 @@ def volume_and_area(vertices: Any, faces: Any, centre: Any) -> Any:
     return sums
 
 
-@njit(cache=True)
+@outer()
 def triangle_quality(vertices: Any, faces: Any) -> Any:
     """4 sqrt(3) area / (sum of squared sides), shape (F,); 0 for a triangle shrunk to a point."""
     count = len(faces)
@@ -69,7 +68,7 @@ def triangle_quality(vertices: Any, faces: Any) -> Any:
     return q
 
 
-@njit(cache=True)
+@outer()
 def first_bad_face(faces: Any, n_vertices: int) -> int:
     """Index of the first face with a corner out of range or with two equal corners, or -1."""
     for f in range(len(faces)):
@@ -113,7 +112,7 @@ def _sort_bucket(order: Any, upper: Any, lo: int, hi: int) -> None:
         gap //= 3
 
 
-@njit(cache=True)
+@outer()
 def sort_half_edges(faces: Any, start: Any, order: Any) -> None:
     """Half-edges sorted by (lower vertex, upper vertex): a counting sort, then short sorts.
 
@@ -186,7 +185,7 @@ def _unite(parent: Any, i: int, j: int) -> bool:
     return True
 
 
-@njit(cache=True)
+@outer()
 def census(faces: Any, start: Any, order: Any, parent: Any) -> Any:
     """Count the edges by kind and join the corners that meet across edges.
 
@@ -230,7 +229,7 @@ def census(faces: Any, start: Any, order: Any, parent: Any) -> Any:
     return edges, opened, crowded, twisted, fans
 
 
-@njit(cache=True)
+@outer()
 def label_components(parent: Any, labels: Any) -> int:
     """Join the corners of every face, number the trees by their first face; returns their count.
 
@@ -256,7 +255,7 @@ def label_components(parent: Any, labels: Any) -> int:
     return count
 
 
-@njit(cache=True)
+@outer()
 def faulty_edges(faces: Any, start: Any, order: Any, out: Any) -> int:
     """Vertex pairs of the edges without exactly two triangles, into `out`; returns their count."""
     count = 0
@@ -273,7 +272,7 @@ def faulty_edges(faces: Any, start: Any, order: Any, out: Any) -> int:
     return count
 
 
-@njit(cache=True)
+@outer()
 def mark_vertices(faces: Any, used: Any) -> int:
     """Set used[v] for every vertex of a face; returns their number."""
     count = 0

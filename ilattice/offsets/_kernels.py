@@ -7,9 +7,8 @@ Non-guarantee: the foot is the global minimiser only as far as the seeds cover t
 """
 
 import numpy as np
-from numba import njit, prange
 
-from ilattice._kernels import in_ranges, inner
+from ilattice._kernels import in_ranges, inner, outer
 from ilattice._kernels_tuples import borrowed
 from ilattice.offsets._kernels_jets import (
     CLOSED,
@@ -276,14 +275,15 @@ def first_reachable(geom, sp, sx, sn, idx, row, x, q):
     return idx[row, 0]
 
 
-@njit(cache=True, parallel=True, fastmath=FAST, error_model="numpy")
-def spread(geom, sp, sx, sn, sh, x, q, best, idx, out):
+@in_ranges(512)
+@outer(nogil=True, fastmath=FAST, error_model="numpy")
+def spread(first, last, geom, sp, sx, sn, sh, x, q, best, idx, out):
     """Thin out candidates idx (n, m), nearest first: those that count, one per patch; out (n, k).
 
     Those that cannot hold a foot nearer than `best` (n,) are left out. Rows of `out` are filled up
     with -1; the nearest seed stands where none is left.
     """
-    for i in prange(len(idx)):
+    for i in range(first, last):
         xi, qi = (x[i, 0], x[i, 1], x[i, 2]), (q[i, 0], q[i, 1], q[i, 2])
         count = 0
         for a in range(idx.shape[1]):
@@ -329,7 +329,7 @@ def from_query(space, x, q, h, box, orient, tol, feet, seconds, i, work):
 
 
 @in_ranges(CHUNK)
-@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+@outer(nogil=True, fastmath=FAST, error_model="numpy")
 def closest(first, last, space, seeds, x, q, idx, box, orient, tol, feet, seconds, counts, status):
     """Foot points of many queries.
 

@@ -1,13 +1,12 @@
 """Compiled comparison of feet with those of neighbouring queries."""
 
 import numpy as np
-from numba import njit
 
-from ilattice._kernels import in_ranges
+from ilattice._kernels import in_ranges, outer
 
 
 @in_ranges(4096)
-@njit(cache=True, nogil=True, error_model="numpy")
+@outer(nogil=True, error_model="numpy")
 def compare(first, last, x, foot, least, strides, best, pick):
     """Nearest foot (n, 3) of neighbours for the queries x (n, 3), where it is nearer than `best`.
 

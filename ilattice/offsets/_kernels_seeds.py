@@ -4,9 +4,8 @@ Guarantee: the same result for any number of threads.
 """
 
 import numpy as np
-from numba import njit
 
-from ilattice._kernels import in_ranges, inner
+from ilattice._kernels import in_ranges, inner, outer
 from ilattice._kernels_tuples import borrowed
 from ilattice.offsets._kernels import CHUNK
 from ilattice.offsets._kernels_jets import (
@@ -37,7 +36,7 @@ BEND_MARGIN = 2.0
 
 
 @in_ranges(CHUNK)
-@njit(cache=True, nogil=True, error_model="numpy")
+@outer(nogil=True, error_model="numpy")
 def project(first, last, space, p, fixed, limit, travel):
     """Move points p (n, 3), in place, onto I = 0 along grad I; the distance moved, or inf."""
     space = borrowed(space)
@@ -121,7 +120,7 @@ def sagitta(m, cell):
 
 
 @in_ranges(CHUNK)
-@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+@outer(nogil=True, fastmath=FAST, error_model="numpy")
 def place_seeds(first, last, space, p, cell, orient, x, normal, spacing, rest):
     """Image (n, 3), normal (n, 5), size of the image of a cell, at points p (n, 3) in tiles.
 

@@ -7,9 +7,8 @@ among them.
 """
 
 import numpy as np
-from numba import njit, prange
 
-from ilattice._kernels import inner
+from ilattice._kernels import in_ranges, inner, outer
 from ilattice.offsets._kernels_jets import FAST
 from ilattice.offsets._kernels_patches import PLAIN, alike, in_reach, seed_distance, unlikely
 
@@ -50,6 +49,17 @@ def away_from(sn, sh, s, d, best):
 
 
 @inner(owning=True, fastmath=FAST, error_model="numpy")
+def halve(away, found, n):
+    """Keep the n nearest of what was found, nearest first."""
+    rows = np.argsort(away)  # in loops, as arrays of arrays take long to compile
+    near, there = np.empty(n), np.empty(n, np.int64)
+    for k in range(n):
+        near[k], there[k] = away[rows[k]], found[rows[k]]
+    for k in range(n):
+        away[k], found[k] = near[k], there[k]
+
+
+@inner(owning=True, fastmath=FAST, error_model="numpy")
 def gather(geom, sp, sx, sn, sh, lo, hi, slab, first, x, q, best, stack, away, found):
     """Fill in seeds that may have a foot nearer than `best`, and their distances; how many."""
     n, depth, reach = 0, 1, np.finfo(np.float64).max
@@ -72,40 +82,39 @@ def gather(geom, sp, sx, sn, sh, lo, hi, slab, first, x, q, best, stack, away, f
             if not in_reach(geom, sp, sx, sn, j, x, q):
                 continue
             if n == len(away):
-                rows = np.argsort(away)[: n // 2]
-                away[: len(rows)], found[: len(rows)] = away[rows], found[rows]
-                n = len(rows)
+                n //= 2
+                halve(away, found, n)
                 reach = away[n - 1]
             away[n], found[n] = d, j
             n += 1
     return n
 
 
-@njit(cache=True, parallel=True, fastmath=FAST, error_model="numpy")
-def sweep(geom, sp, sx, sn, sh, lo, hi, slab, first, x, q, best, out):
+@in_ranges(CHUNK)
+@outer(nogil=True, fastmath=FAST, error_model="numpy")
+def sweep(begin, end, geom, sp, sx, sn, sh, lo, hi, slab, first, x, q, best, out):
     """Seeds that may have a foot nearer than `best` (n,) from the queries, one per patch.
 
     They fill rows of `out` (n, k), nearest first, up to -1.
     """
-    for chunk in prange((len(x) + CHUNK - 1) // CHUNK):
-        stack = np.empty((FAN * len(first), 2), np.int64)
-        away, found = np.empty(MAX_GATHERED), np.empty(MAX_GATHERED, np.int64)
-        for i in range(chunk * CHUNK, min(len(x), (chunk + 1) * CHUNK)):
-            xi, qi = (x[i, 0], x[i, 1], x[i, 2]), (q[i, 0], q[i, 1], q[i, 2])
-            n = gather(
-                geom, sp, sx, sn, sh, lo, hi, slab, first, xi, qi, best[i], stack, away, found,
-            )  # fmt: skip
-            count = 0
-            for row in np.argsort(away[:n]):
-                s = found[row]
-                apart = True
-                for c in range(count):
-                    if alike(geom, sp, sx, sn, out[i, c], s, 0.6 * sh[s]):
-                        apart = False
-                        break
-                if apart:
-                    out[i, count] = s
-                    count += 1
-                    if count == out.shape[1]:
-                        break
-            out[i, count:] = -1
+    stack = np.empty((FAN * len(first), 2), np.int64)
+    away, found = np.empty(MAX_GATHERED), np.empty(MAX_GATHERED, np.int64)
+    for i in range(begin, end):
+        xi, qi = (x[i, 0], x[i, 1], x[i, 2]), (q[i, 0], q[i, 1], q[i, 2])
+        n = gather(
+            geom, sp, sx, sn, sh, lo, hi, slab, first, xi, qi, best[i], stack, away, found,
+        )  # fmt: skip
+        count = 0
+        for row in np.argsort(away[:n]):
+            s = found[row]
+            apart = True
+            for c in range(count):
+                if alike(geom, sp, sx, sn, out[i, c], s, 0.6 * sh[s]):
+                    apart = False
+                    break
+            if apart:
+                out[i, count] = s
+                count += 1
+                if count == out.shape[1]:
+                    break
+        out[i, count:] = -1

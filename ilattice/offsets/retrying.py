@@ -75,7 +75,7 @@ def _retry(
     _, near = search.candidates(x[at], m)
     idx = np.empty((len(at), RETRY_CANDIDATES), np.int64)
     best = np.where(status[at] < _kernels_newton.FALLBACK, np.abs(feet[0, at, DISTANCE]), np.inf)
-    _kernels.spread(search.space.geom, *search.seeds, x[at], p[at], best, near, idx)
+    _kernels.spread(len(at), search.space.geom, *search.seeds, x[at], p[at], best, near, idx)
     _start(search, at, idx, x, p, feet, counts, status)
 
 
@@ -89,7 +89,9 @@ def _sweep(
     """
     idx = np.empty((len(at), RETRY_CANDIDATES), np.int64)
     best = np.abs(feet[0, at, DISTANCE])
-    _kernels_sweep.sweep(search.space.geom, *search.seeds, *search.boxes, x[at], p[at], best, idx)
+    _kernels_sweep.sweep(
+        len(at), search.space.geom, *search.seeds, *search.boxes, x[at], p[at], best, idx
+    )
     some = np.flatnonzero(idx[:, 0] >= 0)
     _start(search, at[some], idx[some], x, p, feet, counts, status)
     more: IntArray = at[(idx[:, -1] >= 0) & (np.abs(feet[0, at, DISTANCE]) < best)]

@@ -7,9 +7,9 @@ integral over every cell. The same bits for any number of threads.
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
-from ilattice._kernels import inner
+from ilattice._kernels import inner, outer
 from ilattice.bspline._kernels_vector import LANES, load, multiply_add, scale, store
 
 
@@ -27,7 +27,7 @@ def lagrange(t: float, nodes: Any, factors: Any, out: Any) -> None:
         v *= t - nodes[i]
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@outer(error_model="numpy", parallel=True)
 def project(
     points: Any, weights: Any, starts: Any, ends: Any, boxes: Any, nodes: Any, out: Any
 ) -> None:

@@ -7,9 +7,8 @@ results have the same bits for any number of threads.
 from typing import Any
 
 import numpy as np
-from numba import njit
 
-from ilattice._kernels import in_ranges, inner
+from ilattice._kernels import in_ranges, inner, outer
 from ilattice._kernels_tuples import borrowed
 from ilattice.quadrature._kernels_faces import face_rule, whole_face
 from ilattice.quadrature._kernels_rules import cell_rule, cell_sign, solid
@@ -83,7 +82,7 @@ def tensor(
 
 
 @in_ranges(16 * CHUNK)
-@njit(cache=True, nogil=True, error_model="numpy")
+@outer(nogil=True, error_model="numpy")
 def extract(
     first: int, last: int, c: Any, rows0: Any, rows1: Any, rows2: Any, first0: Any, first1: Any,
     first2: Any, pieces: Any, factor: Any, L: Any, out: Any,
@@ -172,7 +171,7 @@ def signs_of_slab(
 
 
 @in_ranges(1)
-@njit(cache=True, nogil=True, error_model="numpy")
+@outer(nogil=True, error_model="numpy")
 def signs_of_splines(
     first: int, last: int, c: Any, rows0: Any, rows1: Any, rows2: Any, first0: Any, first1: Any,
     first2: Any, factors: Any, shifts: Any, table: int, halvings: int, L: Any, out: Any,
@@ -200,7 +199,7 @@ def signs_of_splines(
 
 
 @in_ranges(1)
-@njit(cache=True, nogil=True, error_model="numpy")
+@outer(nogil=True, error_model="numpy")
 def windows(
     first: int, last: int, c: Any, first0: Any, first1: Any, first2: Any, size: Any, factor: Any,
     out: Any,
@@ -226,7 +225,7 @@ def windows(
 
 
 @in_ranges(4 * CHUNK)
-@njit(cache=True, nogil=True, error_model="numpy")
+@outer(nogil=True, error_model="numpy")
 def signs(
     first: int, last: int, tensors: Any, many: Any, tables: Any, halvings: int, L: Any, out: Any
 ) -> None:
@@ -265,7 +264,7 @@ def grow(signs: Any, mark: Any, end: Any, done: int, box: Any) -> None:
 
 
 @in_ranges(64 * CHUNK)
-@njit(cache=True, nogil=True, error_model="numpy")
+@outer(nogil=True, error_model="numpy")
 def boxes_of_cells(
     first: int, last: int, signs: Any, mark: Any, cells: Any, starts0: Any, starts1: Any,
     starts2: Any, offsets: Any, boxes: Any, counts: Any,
@@ -303,7 +302,7 @@ def boxes_of_cells(
 
 
 @in_ranges(4096)
-@njit(cache=True, nogil=True, error_model="numpy")
+@outer(nogil=True, error_model="numpy")
 def places_in_cells(
     first: int, last: int, u: Any, cells: Any, planes: Any, starts: Any, out: Any
 ) -> None:
@@ -372,7 +371,7 @@ def rules_of_chunk(
 
 
 @in_ranges(8)
-@njit(cache=True, nogil=True, error_model="numpy")
+@outer(nogil=True, error_model="numpy")
 def rules(
     first_chunk: int,
     last_chunk: int,
@@ -414,7 +413,7 @@ def rules(
 
 
 @in_ranges(64)
-@njit(cache=True, nogil=True, error_model="numpy")
+@outer(nogil=True, error_model="numpy")
 def gather(
     first: int, last: int, arena: Any, room: Any, starts: Any, used: Any, points: Any, weights: Any,
     normals: Any, sets: Any,

@@ -13,9 +13,8 @@ Guarantees: what is called single is so; the same answers for any number of thre
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
-from ilattice._kernels import in_ranges, inner
+from ilattice._kernels import in_ranges, inner, outer
 from ilattice._kernels_tuples import borrowed
 from ilattice.quadrature._kernels_solid import TINY, one_interval
 
@@ -437,7 +436,7 @@ class Cuts(NamedTuple):
 
 
 @in_ranges(CHUNK)
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=MATH)
+@outer(nogil=True, error_model="numpy", fastmath=MATH)
 def single_cells(
     begin: int, end: int, c: Any, cuts: Any, factors: Any, shifts: Any, signs: Any, ijk: Any,
     most: Any, out: Any,

@@ -13,9 +13,8 @@ in a piece that holds little.
 from typing import Any
 
 import numpy as np
-from numba import njit
 
-from ilattice._kernels import inner
+from ilattice._kernels import inner, outer
 
 #: Error of moments, of polynomials of size 1, as a part of the volume, at which points are kept.
 KEPT = 1e-10
@@ -40,7 +39,7 @@ BOX = Y + LANES
 ROOM = BOX + 6
 
 
-@njit(cache=True)
+@outer()
 def moments_of(degree: int) -> int:
     """Number of polynomials in three variables of a total degree at most."""
     return (degree + 1) * (degree + 2) * (degree + 3) // 6

@@ -10,9 +10,9 @@ digits.
 """
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
-from ilattice._kernels import inner
+from ilattice._kernels import inner, outer
 from ilattice.fields._kernels_boxes import FAST, STACK, box_square
 
 #: Where in a row of `tri` its corners and its normal begin.
@@ -29,7 +29,7 @@ ON = 1e-12  # of the coordinates: points on edges and corners that are nearer ha
 # --- dipoles ----------------------------------------------------------------------------------
 
 
-@njit(cache=True, error_model="numpy")
+@outer(error_model="numpy")
 def dipoles(box, link, tri, area, out):
     """Moments of all nodes, (N, 7): area vector, area-weighted centre, radius about it."""
     for node in range(len(link) - 1, -1, -1):
@@ -204,7 +204,7 @@ def pseudonormal(tri, k, feature, twin, corners, normals, out):
             out[:] = 0.0
 
 
-@njit(cache=True, parallel=True, fastmath=FAST, error_model="numpy")
+@outer(parallel=True, fastmath=FAST, error_model="numpy")
 def closest(points, box, link, tri, number, scale, square, face, feature, foot, height):
     """Nearest triangles (places in the tree), features, feet and heights of points (n, 3)."""
     count = len(points)
@@ -222,7 +222,7 @@ def closest(points, box, link, tri, number, scale, square, face, feature, foot, 
 # --- sides ------------------------------------------------------------------------------------
 
 
-@njit(cache=True, parallel=True, fastmath=FAST, error_model="numpy")
+@outer(parallel=True, fastmath=FAST, error_model="numpy")
 def sides_by_normals(
     points, square, face, feature, foot, height, tri, twin, corners, normals, scale, turn, side
 ):
@@ -285,7 +285,7 @@ def winding(box, link, tri, moment, x, y, z, far, nodes):
     return total / (4.0 * np.pi)
 
 
-@njit(cache=True, parallel=True, fastmath=FAST, error_model="numpy")
+@outer(parallel=True, fastmath=FAST, error_model="numpy")
 def sides_by_winding(points, box, link, tri, moment, turn, side):
     """Fill in the sides that are 0: -1 where `turn` x the winding number is above 1/2, else 1."""
     count = len(points)
@@ -300,7 +300,7 @@ def sides_by_winding(points, box, link, tri, moment, turn, side):
                 side[i] = -1 if w > 0.5 else 1
 
 
-@njit(cache=True, parallel=True, fastmath=FAST, error_model="numpy")
+@outer(parallel=True, fastmath=FAST, error_model="numpy")
 def windings(points, box, link, tri, moment, out):
     """Winding numbers of points, every triangle summed."""
     count = len(points)
@@ -314,7 +314,7 @@ def windings(points, box, link, tri, moment, out):
 # --- derivatives ------------------------------------------------------------------------------
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@outer(fastmath=FAST, error_model="numpy")
 def gradients(points, square, face, feature, foot, height, side, tri, turn, out):
     """Unit vectors (n, 3) along which the signed distance grows."""
     for i in range(len(points)):
@@ -335,7 +335,7 @@ def gradients(points, square, face, feature, foot, height, side, tri, turn, out)
                 out[i, a] = away
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@outer(fastmath=FAST, error_model="numpy")
 def hessians(square, face, feature, side, tri, gradient, out):
     """Second derivatives (n, 3, 3): curved about edges and corners, zero over faces."""
     edge = np.empty(3)
@@ -359,7 +359,7 @@ def hessians(square, face, feature, side, tri, gradient, out):
 # --- preparation ------------------------------------------------------------------------------
 
 
-@njit(cache=True, error_model="numpy")
+@outer(error_model="numpy")
 def vertex_normals(vertices, faces, normals, out):
     """Sum of the face normals around every vertex, weighted by angles; zero beside flat faces."""
     spoilt = np.zeros(len(vertices), np.bool_)
@@ -413,7 +413,7 @@ def pierces(p, q, t):
     return s != 0 and s == orientation(p, q, b, c) and s == orientation(p, q, c, a)
 
 
-@njit(cache=True, parallel=True, error_model="numpy")
+@outer(parallel=True, error_model="numpy")
 def crossings(box, link, tri, corners):
     """How many edges each triangle has that go through another triangle without a common corner.
 

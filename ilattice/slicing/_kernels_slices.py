@@ -9,9 +9,8 @@ checked.
 """
 
 import numpy as np
-from numba import njit
 
-from ilattice._kernels import inner
+from ilattice._kernels import inner, outer
 from ilattice.quadrature._kernels_kuhn import KUHN
 
 #: Corners of the tetrahedra of a cell as bits; then their handedness.
@@ -39,7 +38,7 @@ _EVEN = np.array(  # even orders of four corners, by the bit pattern of those th
 )
 
 
-@njit(cache=True)
+@outer()
 def crossed_cells(height, cells, first, limit, out):
     """Cells of a block, (B, B, B) of B + 1 samples each way, that a level crosses.
 
@@ -77,7 +76,7 @@ def _edge(cell, low, high, planes):
     return ((i * planes[1] + j) * planes[2] + k) * 8 + (high - low)
 
 
-@njit(cache=True)
+@outer()
 def section(cells, corner, level, planes, turn, edges, ends):
     """Triangles in which the level crosses the tetrahedra of cells.
 
@@ -131,7 +130,7 @@ def _crossing(a, b, size, upper):
     return size + 2 * (low * size + high) + upper
 
 
-@njit(cache=True)
+@outer()
 def march(triangles, side, faces, out):
     """Directed segments, the wall on their left, of the boundary of a wall on a section.
 
@@ -165,7 +164,7 @@ def march(triangles, side, faces, out):
     return count
 
 
-@njit(cache=True)
+@outer()
 def chain(following, order, start):
     """Cycles of a permutation: fills `order` (n,) and `start` (n + 1,), returns their number."""
     n = len(following)
@@ -192,7 +191,7 @@ def _near(points, i, j, least):
     return x * x + y * y < least * least
 
 
-@njit(cache=True)
+@outer()
 def thin_out(points, start, least, sharp, keep):
     """Marks points of closed loops to keep: no two in a row nearer than `least` (n,) of the later.
 
@@ -213,7 +212,7 @@ def thin_out(points, start, least, sharp, keep):
             keep[last] = False
 
 
-@njit(cache=True)
+@outer()
 def areas(points, start, out):
     """Signed areas of closed loops, positive for counter-clockwise ones."""
     for loop in range(len(start) - 1):
@@ -226,7 +225,7 @@ def areas(points, start, out):
         out[loop] = 0.5 * total
 
 
-@njit(cache=True)
+@outer()
 def owners(points, start, area, box, out):
     """For each clockwise loop the smallest counter-clockwise one around its first point, or -1."""
     for hole in range(len(area)):
@@ -254,7 +253,7 @@ def owners(points, start, area, box, out):
                 out[hole] = loop
 
 
-@njit(cache=True)
+@outer()
 def hidden(triangles, u, side, beyond, slope, period, out):
     """Edges (T, 3), from each corner to the next, between whose ends a side may be crossed twice.
 
@@ -290,7 +289,7 @@ def _put(out, count, a, b, c):
     return count + 1
 
 
-@njit(cache=True)
+@outer()
 def halve(triangles, middle, out):
     """Triangles with some edges halved, of the same orientation; returns their number.
 
@@ -342,7 +341,7 @@ def _folded(a, b, c, least):
     return ahead < 0.0 and _left(a, b, c, least) == 0
 
 
-@njit(cache=True)
+@outer()
 def crossings(points, after, order, out):
     """Marks edges, from each point to the one after it, that cross or touch others.
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from ilattice._kernels import in_ranges, inner
+from ilattice._kernels import in_ranges, inner, outer
 
 #: Points that a thread takes at once.
 CHUNK = 1024
@@ -145,7 +145,7 @@ def trig_jet(
 
 
 @in_ranges(CHUNK)
-@njit(cache=True, nogil=True, error_model="numpy")
+@outer(nogil=True, error_model="numpy")
 def _jets(
     first: int, last: int, coef: Any, factor: Any, w: Any, p: Any, f: Any, g: Any, h: Any
 ) -> None:

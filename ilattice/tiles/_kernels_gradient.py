@@ -10,9 +10,8 @@ Guarantees: those of `_kernels`; a point has the same result in any place of any
 from typing import Any
 
 import numpy as np
-from numba import njit
 
-from ilattice._kernels import in_ranges, inner
+from ilattice._kernels import in_ranges, inner, outer
 from ilattice.tiles._kernels import _C, _S, CHUNK, FAST, TURNS, TWO_PI
 
 #: Points of a group, one lane of the inner loops each.
@@ -84,7 +83,7 @@ def _add_terms(coef: Any, factor: Any, rows: Any, out: Any) -> None:
 
 
 @in_ranges(CHUNK)
-@njit(cache=True, nogil=True, error_model="numpy")
+@outer(nogil=True, error_model="numpy")
 def _gradients(
     first: int, last: int, coef: Any, factor: Any, w: Any, p: Any, f: Any, g: Any
 ) -> None:

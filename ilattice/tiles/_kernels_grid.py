@@ -9,9 +9,8 @@ Guarantee: no scratch per row, results do not depend on the number of threads.
 from typing import Any
 
 import numpy as np
-from numba import njit
 
-from ilattice._kernels import in_ranges, inner
+from ilattice._kernels import in_ranges, inner, outer
 
 FAST = {"contract", "nsz", "arcp", "reassoc"}
 
@@ -50,7 +49,7 @@ def _slab(i: int, coef: Any, slot: Any, tx: Any, ty: Any, tz: Any, out: Any) -> 
 
 
 @in_ranges(4)
-@njit(cache=True, nogil=True, error_model="numpy")
+@outer(nogil=True, error_model="numpy")
 def tensor_grid(
     first: int, last: int, coef: Any, slot: Any, tx: Any, ty: Any, tz: Any, out: Any
 ) -> None:

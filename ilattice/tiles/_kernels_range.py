@@ -11,9 +11,8 @@ within the bounds, which are widened by a bound of all rounding errors.
 from typing import Any
 
 import numpy as np
-from numba import njit
 
-from ilattice._kernels import in_ranges, inner
+from ilattice._kernels import in_ranges, inner, outer
 from ilattice.tiles._kernels import TURNS, sincos_turns, trig_jet, trig_tab
 
 #: Boxes that a thread takes at once, and the rounding of a double.
@@ -129,7 +128,7 @@ def _rounding(coef: Any, factor: Any, w: Any, reach: Any) -> float:
 
 
 @in_ranges(CHUNK)
-@njit(cache=True, nogil=True, error_model="numpy")
+@outer(nogil=True, error_model="numpy")
 def _ranges(
     first: int, last: int, coef: Any, factor: Any, w: Any, lin: Any, lo: Any, hi: Any, out: Any
 ) -> None:

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit, prange
 
-from ilattice._kernels import inner
+from ilattice._kernels import inner, outer
 from ilattice._kernels_tuples import borrowed
 from ilattice.fields._kernels_boxes import STACK
 from ilattice.tiles._kernels_closest import (
@@ -560,7 +560,7 @@ def _chunk(
             hits[touched[k], 0] = np.inf
 
 
-@njit(cache=True, parallel=True)
+@outer(parallel=True)
 def skeleton_jets(
     points: Any, order: int, blend: float, limit: float, tree: Any, plane: Any, f: Any, g: Any,
     h: Any,

@@ -12,9 +12,8 @@ lattice is that of `_kernels_jets`; so is `less`, the map of which is the half-t
 """
 
 import numpy as np
-from numba import njit
 
-from ilattice._kernels import in_ranges, inner
+from ilattice._kernels import in_ranges, inner, outer
 from ilattice._kernels_tuples import borrowed
 from ilattice.offsets._kernels_jets import FAST, map_jet, metric, scratch, tile_jet
 from ilattice.offsets._kernels_newton import lagrangian, lowest
@@ -252,7 +251,7 @@ def solve(
 
 
 @in_ranges(CHUNK)
-@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+@outer(nogil=True, fastmath=FAST, error_model="numpy")
 def balance(begin, end, space, less, p, feet, weights, count, fixed, reach, last, low, pivot):
     """Newton's method from many starts, in place.
 

@@ -4,9 +4,9 @@ Guarantee: nothing is allocated per set of vectors. Non-guarantee: arguments are
 """
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
-from ilattice._kernels import inner
+from ilattice._kernels import inner, outer
 
 #: Sets of vectors that a thread takes at once.
 CHUNK = 64
@@ -136,7 +136,7 @@ def heaviest_first(active, weight, count, rows, weights):
         rows[place], weights[place] = active[place], weight[place]
 
 
-@njit(cache=True, parallel=True, error_model="numpy")
+@outer(parallel=True, error_model="numpy")
 def shortest_means(ends, vectors, rows, weights, pull):
     """Shortest weighted means of rows ends[n] to ends[n + 1] of vectors (r, 3), for each n.
 

@@ -50,7 +50,7 @@ def test_a_sweep_finds_what_looking_at_all_seeds_does(flat):
     rng = np.random.default_rng(2)
     best = search.candidates(x, 1)[0][:, 0] * rng.uniform(0.3, 4.0, n)
     out = np.empty((n, OUT), np.int64)
-    _kernels_sweep.sweep(search.space.geom, *search.seeds, *search.boxes, x, q, best, out)
+    _kernels_sweep.sweep(len(x), search.space.geom, *search.seeds, *search.boxes, x, q, best, out)
     half, full, held_back = _halves(sn, sh), 0, 0
     for i in range(n):
 
