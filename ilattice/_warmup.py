@@ -24,6 +24,8 @@ import ilattice as il
 from ilattice._progress import Progress, track
 from ilattice._validate import read_only
 from ilattice.errors import PrecisionWarning
+from ilattice.mesh.contouring import split_quads
+from ilattice.mesh.measure import self_intersections
 from ilattice.mesh.repair import remove_slivers
 
 
@@ -165,14 +167,21 @@ def words() -> None:
 
 
 def meshes() -> None:
-    """A sheet between two level sets of a spline: meshed, measured, repaired."""
-    mesh = il.mesh.contour(_plane(), [np.linspace(0.0, 1.0, 12)] * 3, level=(-0.2, 0.2))
+    """A sheet between two level sets of a spline: meshed, measured, repaired, written."""
+    plane = _plane()
+    mesh = il.mesh.contour(plane, [np.linspace(0.0, 1.0, 12)] * 3, level=(-0.2, 0.2))
     mesh.measures()
     _ = mesh.self_intersections
     # whole numbers as NumPy has them, those of meshes that others make
     _ = il.SurfaceMesh(mesh.vertices, np.array(mesh.faces, np.int64)).volume
     # as if everything were wrong with it: good meshes need no repair
-    remove_slivers(np.array(mesh.vertices), np.array(mesh.faces), quality=1.0)
+    vertices, faces = np.array(mesh.vertices), np.array(mesh.faces)
+    remove_slivers(vertices, faces, quality=1.0)
+    plane.range([[0.0] * 3], [[1.0] * 3])
+    split_quads(vertices, faces)
+    self_intersections(vertices, faces, np.arange(len(faces)) == 0)
+    with tempfile.TemporaryDirectory() as folder:
+        mesh.save(Path(folder) / "sheet.stl")
 
 
 @_quietly
