@@ -165,15 +165,15 @@ def descend(
         if not pq > 0.0:
             raise ConvergenceError("the stiffness of the voxels is not positive; check the phases")
         alpha = rz / pq
-        kb.combine(alpha, p.ravel(), 1.0, x.ravel())
-        kb.combine(-alpha, q.ravel(), 1.0, r.ravel())
+        kb.combine(p.size, alpha, p.ravel(), 1.0, x.ravel())
+        kb.combine(q.size, -alpha, q.ravel(), 1.0, r.ravel())
         z = M(r)
         old, rz = rz, _dot(r, z)
         left = (max(rz, 0.0) / first) ** 0.5
         bar(left)
         if left <= tol or not rz > ROUNDING * first:
             return Descent(x, r, k, left)
-        kb.combine(1.0, z.ravel(), -alpha * _dot(z, q) / old, p.ravel())
+        kb.combine(z.size, 1.0, z.ravel(), -alpha * _dot(z, q) / old, p.ravel())
     raise ConvergenceError(
         f"conjugate gradients stopped after {steps} iterations at a relative residual of "
         f"{left:.1e}, above tol = {tol:.1e}; allow more, or a softer contrast of the phases"

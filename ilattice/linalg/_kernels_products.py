@@ -7,13 +7,13 @@ product is symmetric to the last bit.
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
-from ilattice._kernels import outer
-from ilattice.linalg._kernels_blocks import FAST
+from ilattice._kernels import in_ranges, outer
+from ilattice.linalg._kernels_blocks import FAST, GRAIN
 from ilattice.linalg._kernels_rows import add_product, add_product_transposed
 
-#: Parts that rows are cut into for threads, so that sums do not depend on their number.
+#: Parts that rows are cut into for threads, each with scratch as long as a row.
 PARTS = 64
 
 
@@ -25,14 +25,16 @@ def clear(C: Any, at: int, rows: Any, columns: Any) -> None:
             C[at, a, b] = 0.0
 
 
-@outer(error_model="numpy", parallel=True)
+@in_ranges(1)
+@outer(nogil=True, error_model="numpy")
 def count_product(
-    a_offsets: Any, a_columns: Any, b_offsets: Any, b_columns: Any, width: int, out: Any
-) -> None:
+    first: int, last: int, a_offsets: Any, a_columns: Any, b_offsets: Any, b_columns: Any,
+    width: int, out: Any,
+) -> None:  # fmt: skip
     """out[i + 1] = number of blocks in row i of A B, B of `width` columns."""
     n = len(a_offsets) - 1
-    for part in prange(PARTS):
-        seen = np.full(width, -1, np.int32)
+    seen = np.full(width, -1, np.int32)
+    for part in range(first, last):
         for i in range(n * part // PARTS, n * (part + 1) // PARTS):
             count = 0
             for k in range(a_offsets[i], a_offsets[i + 1]):
@@ -45,8 +47,11 @@ def count_product(
             out[i + 1] = count
 
 
-@outer(error_model="numpy", parallel=True, fastmath=FAST)
+@in_ranges(1)
+@outer(nogil=True, error_model="numpy", fastmath=FAST)
 def product(
+    begin: int,
+    end: int,
     a_offsets: Any,
     a_columns: Any,
     a_blocks: Any,
@@ -62,8 +67,8 @@ def product(
     """A B, blocks len(S[0]) square times len(S[0]) x len(S[1]); columns of a row as they come."""
     L, R = S
     n = len(a_offsets) - 1
-    for part in prange(PARTS):
-        slot = np.full(width, -1, np.int32)
+    slot = np.full(width, -1, np.int32)
+    for part in range(begin, end):
         for i in range(n * part // PARTS, n * (part + 1) // PARTS):
             first = offsets[i]
             to = first
@@ -81,27 +86,34 @@ def product(
                     add_product(blocks, at, a_blocks, k, b_blocks, e, L, L, R)
 
 
-@outer(error_model="numpy", parallel=True)
+@in_ranges(GRAIN)
+@outer(nogil=True, error_model="numpy")
 def damp(
-    offsets: Any, columns: Any, blocks: Any, b_offsets: Any, b_columns: Any, b_blocks: Any, f: Any
-) -> None:
+    first: int, last: int, offsets: Any, columns: Any, blocks: Any, b_offsets: Any,
+    b_columns: Any, b_blocks: Any, f: Any,
+) -> None:  # fmt: skip
     """A = f A + B, where A has all blocks of B."""
-    n = len(offsets) - 1
-    for part in prange(PARTS):
-        for i in range(n * part // PARTS, n * (part + 1) // PARTS):
-            for k in range(offsets[i], offsets[i + 1]):
-                blocks[k] *= f
-                for e in range(b_offsets[i], b_offsets[i + 1]):
-                    if b_columns[e] == columns[k]:
-                        blocks[k] += b_blocks[e]
+    for i in range(first, last):
+        for k in range(offsets[i], offsets[i + 1]):
+            for a in range(blocks.shape[1]):
+                for b in range(blocks.shape[2]):
+                    blocks[k, a, b] *= f
+            for e in range(b_offsets[i], b_offsets[i + 1]):
+                if b_columns[e] == columns[k]:
+                    for a in range(blocks.shape[1]):
+                        for b in range(blocks.shape[2]):
+                            blocks[k, a, b] += b_blocks[e, a, b]
 
 
-@outer(error_model="numpy", parallel=True)
-def count_galerkin(t_offsets: Any, t_rows: Any, b_offsets: Any, b_columns: Any, out: Any) -> None:
+@in_ranges(1)
+@outer(nogil=True, error_model="numpy")
+def count_galerkin(
+    first: int, last: int, t_offsets: Any, t_rows: Any, b_offsets: Any, b_columns: Any, out: Any
+) -> None:
     """out[top + 1] = number of blocks on and right of the diagonal in row I of Tᵀ B."""
     n = len(t_offsets) - 1
-    for part in prange(PARTS):
-        seen = np.full(n, -1, np.int32)
+    seen = np.full(n, -1, np.int32)
+    for part in range(first, last):
         for top in range(n * part // PARTS, n * (part + 1) // PARTS):
             count = 0
             for k in range(t_offsets[top], t_offsets[top + 1]):
@@ -114,8 +126,11 @@ def count_galerkin(t_offsets: Any, t_rows: Any, b_offsets: Any, b_columns: Any, 
             out[top + 1] = count
 
 
-@outer(error_model="numpy", parallel=True, fastmath=FAST)
+@in_ranges(1)
+@outer(nogil=True, error_model="numpy", fastmath=FAST)
 def galerkin(
+    begin: int,
+    end: int,
     t_offsets: Any,
     t_rows: Any,
     t_where: Any,
@@ -131,8 +146,8 @@ def galerkin(
     """Blocks of Tᵀ B on and right of the diagonal, columns of a row ascending."""
     L, R = S
     n = len(t_offsets) - 1
-    for part in prange(PARTS):
-        slot = np.full(n, -1, np.int32)
+    slot = np.full(n, -1, np.int32)
+    for part in range(begin, end):
         for top in range(n * part // PARTS, n * (part + 1) // PARTS):
             first = offsets[top]
             to = first
