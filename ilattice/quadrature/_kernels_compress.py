@@ -7,9 +7,8 @@ integral over every cell. The same bits for any number of threads.
 from typing import Any
 
 import numpy as np
-from numba import prange
 
-from ilattice._kernels import inner, outer
+from ilattice._kernels import in_ranges, inner, outer
 from ilattice.bspline._kernels_vector import LANES, load, multiply_add, scale, store
 
 
@@ -27,10 +26,12 @@ def lagrange(t: float, nodes: Any, factors: Any, out: Any) -> None:
         v *= t - nodes[i]
 
 
-@outer(error_model="numpy", parallel=True)
+@in_ranges(32)
+@outer(nogil=True, error_model="numpy")
 def project(
-    points: Any, weights: Any, starts: Any, ends: Any, boxes: Any, nodes: Any, out: Any
-) -> None:
+    first: int, last: int, points: Any, weights: Any, starts: Any, ends: Any, boxes: Any,
+    nodes: Any, out: Any,
+) -> None:  # fmt: skip
     """Weights out (cells, n, n, n) on the tensor grid of nodes that keep the moments.
 
     Points of a cell are those from its start to its end.
@@ -42,11 +43,12 @@ def project(
         for j in range(n):
             if j != i:
                 factors[i] /= nodes[i] - nodes[j]
-    for cell in prange(len(boxes)):
-        a = np.empty(n)
-        b = np.empty(n)
-        c = np.zeros(wide)  # zeros at the end fill vectors up
-        sums = np.zeros((n, n, wide))
+    a = np.empty(n)
+    b = np.empty(n)
+    c = np.zeros(wide)  # zeros at the end fill vectors up
+    sums = np.empty((n, n, wide))
+    for cell in range(first, last):
+        sums[:] = 0.0
         for p in range(starts[cell], ends[cell]):
             lagrange((points[p, 0] - boxes[cell, 0]) / boxes[cell, 3], nodes, factors, a)
             lagrange((points[p, 1] - boxes[cell, 1]) / boxes[cell, 4], nodes, factors, b)
@@ -58,4 +60,7 @@ def project(
                     for j in range(n):
                         at = (i * n + j) * wide + k
                         store(sums, at, multiply_add(plane, b[j], load(sums, at, LANES)))
-        out[cell] = sums[:, :, :n]
+        for i in range(n):
+            for j in range(n):
+                for k in range(n):
+                    out[cell, i, j, k] = sums[i, j, k]
