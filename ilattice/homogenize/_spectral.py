@@ -72,7 +72,8 @@ class VoxelGrid:
         chunk, buffer = self._buffer
         out = np.empty(self.shape)
         h = (float(self.spacing[0]), float(self.spacing[1]), float(self.spacing[2]))
-        kernels.forces(u, self.phase, self.table, h, chunk, buffer, out)
+        kernels.forces(len(buffer), u, self.phase, self.table, h, chunk, buffer, out)
+        kernels.add_planes(len(buffer), chunk, buffer, out)
         return out
 
     def load(self, stress: FloatArray) -> FloatArray:
@@ -99,7 +100,7 @@ class VoxelGrid:
         workers = numba.get_num_threads() if r.size > SMALL else 1
         scale = float(np.abs(r).max()) or 1.0  # single precision has no room for all units
         z = fft.rfftn((r / scale).astype(np.float32), axes=(1, 2, 3), workers=workers)
-        kernels.invert(z, *self._symbols, self.reference / self._unit)
+        kernels.invert(z.shape[1], z, *self._symbols, self.reference / self._unit)
         out = fft.irfftn(z, s=self.phase.shape, axes=(1, 2, 3), workers=workers, overwrite_x=True)
         return np.multiply(out, scale / self._unit, dtype=np.float64)
 
