@@ -48,6 +48,28 @@ def count_product(
 
 
 @in_ranges(1)
+@outer(nogil=True, error_model="numpy")
+def fill_product(
+    begin: int, end: int, a_offsets: Any, a_columns: Any, b_offsets: Any, b_columns: Any,
+    width: int, offsets: Any, columns: Any,
+) -> None:  # fmt: skip
+    """Columns of A B, those of a row as they come."""
+    n = len(a_offsets) - 1
+    seen = np.full(width, -1, np.int32)
+    for part in range(begin, end):
+        for i in range(n * part // PARTS, n * (part + 1) // PARTS):
+            to = offsets[i]
+            for k in range(a_offsets[i], a_offsets[i + 1]):
+                j = a_columns[k]
+                for e in range(b_offsets[j], b_offsets[j + 1]):
+                    J = b_columns[e]
+                    if seen[J] != i:
+                        seen[J] = i
+                        columns[to] = J
+                        to += 1
+
+
+@in_ranges(1)
 @outer(nogil=True, error_model="numpy", fastmath=FAST)
 def product(
     begin: int,
@@ -64,26 +86,22 @@ def product(
     columns: Any,
     blocks: Any,
 ) -> None:
-    """A B, blocks len(S[0]) square times len(S[0]) x len(S[1]); columns of a row as they come."""
+    """Rows of A B with known columns, blocks len(S[0]) square times len(S[0]) x len(S[1]).
+
+    The first of `blocks` is number offsets[0].
+    """
     L, R = S
     n = len(a_offsets) - 1
-    slot = np.full(width, -1, np.int32)
+    slot = np.empty(width, np.int64)
     for part in range(begin, end):
         for i in range(n * part // PARTS, n * (part + 1) // PARTS):
-            first = offsets[i]
-            to = first
+            for at in range(offsets[i] - offsets[0], offsets[i + 1] - offsets[0]):
+                slot[columns[at + offsets[0]]] = at
+                clear(blocks, at, L, R)
             for k in range(a_offsets[i], a_offsets[i + 1]):
                 j = a_columns[k]
                 for e in range(b_offsets[j], b_offsets[j + 1]):
-                    J = b_columns[e]
-                    at = slot[J]
-                    if at < first or at >= to or columns[at] != J:
-                        at = to
-                        to += 1
-                        slot[J] = at
-                        columns[at] = J
-                        clear(blocks, at, L, R)
-                    add_product(blocks, at, a_blocks, k, b_blocks, e, L, L, R)
+                    add_product(blocks, slot[b_columns[e]], a_blocks, k, b_blocks, e, L, L, R)
 
 
 @in_ranges(GRAIN)
@@ -127,51 +145,69 @@ def count_galerkin(
 
 
 @in_ranges(1)
+@outer(nogil=True, error_model="numpy")
+def fill_galerkin(
+    begin: int, end: int, t_offsets: Any, t_rows: Any, b_offsets: Any, b_columns: Any,
+    offsets: Any, columns: Any,
+) -> None:  # fmt: skip
+    """Columns on and right of the diagonal of Tᵀ B, those of a row ascending."""
+    n = len(t_offsets) - 1
+    seen = np.full(n, -1, np.int32)
+    for part in range(begin, end):
+        for top in range(n * part // PARTS, n * (part + 1) // PARTS):
+            to = offsets[top]
+            for k in range(t_offsets[top], t_offsets[top + 1]):
+                i = t_rows[k]
+                for e in range(b_offsets[i], b_offsets[i + 1]):
+                    J = b_columns[e]
+                    if J >= top and seen[J] != top:
+                        seen[J] = top
+                        columns[to] = J
+                        to += 1
+            columns[offsets[top] : to].sort()
+
+
+@in_ranges(1)
 @outer(nogil=True, error_model="numpy", fastmath=FAST)
 def galerkin(
     begin: int,
     end: int,
-    t_offsets: Any,
+    froms: Any,
+    tos: Any,
     t_rows: Any,
     t_where: Any,
     t_blocks: Any,
     b_offsets: Any,
     b_columns: Any,
     b_blocks: Any,
+    base: int,
     S: Any,
     offsets: Any,
     columns: Any,
     blocks: Any,
 ) -> None:
-    """Blocks of Tᵀ B on and right of the diagonal, columns of a row ascending."""
+    """Add blocks of Tᵀ B with known columns, from the rows froms[I] to tos[I] of column I of T.
+
+    The first of `b_blocks` is number `base`.
+    """
     L, R = S
-    n = len(t_offsets) - 1
-    slot = np.full(n, -1, np.int32)
+    n = len(froms)
+    slot = np.empty(n, np.int64)
     for part in range(begin, end):
         for top in range(n * part // PARTS, n * (part + 1) // PARTS):
-            first = offsets[top]
-            to = first
-            for k in range(t_offsets[top], t_offsets[top + 1]):
-                i = t_rows[k]
-                for e in range(b_offsets[i], b_offsets[i + 1]):
-                    J = b_columns[e]
-                    at = slot[J]
-                    if J >= top and (at < first or at >= to or columns[at] != J):
-                        slot[J] = to
-                        columns[to] = J
-                        to += 1
-            columns[first:to].sort()
-            for at in range(first, to):
+            if froms[top] == tos[top]:
+                continue
+            for at in range(offsets[top], offsets[top + 1]):
                 slot[columns[at]] = at
-                clear(blocks, at, R, R)
-            for k in range(t_offsets[top], t_offsets[top + 1]):
+            for k in range(froms[top], tos[top]):
                 i = t_rows[k]
                 q = t_where[k]
                 for e in range(b_offsets[i], b_offsets[i + 1]):
                     J = b_columns[e]
                     if J < top:
                         continue
-                    add_product_transposed(blocks, slot[J], t_blocks, q, b_blocks, e, R, L, R)
+                    e0 = e - base
+                    add_product_transposed(blocks, slot[J], t_blocks, q, b_blocks, e0, R, L, R)
 
 
 @outer(error_model="numpy")

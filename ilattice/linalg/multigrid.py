@@ -50,6 +50,8 @@ FAR = 2.0
 #: Nodes hang on each other if their coupling, of a matrix with ones in its diagonal, is above this
 #: (Frobenius norm); a patch has as many nodes at most.
 TIED, PATCH = 0.6, 16
+#: Blocks of a product that is not kept whole, made at a time: some 300 MB of 3 x 6 numbers.
+BATCH = 2_000_000
 LANCZOS = 16
 #: Largest eigenvalues are taken as this much above their estimate.
 SAFETY = 1.1
@@ -106,18 +108,31 @@ class Blocks:
 
     def times(self, other: Blocks) -> Blocks:
         """The product, of the type of `other`."""
+        offsets, columns = self.pattern(other)
+        blocks = np.empty((offsets[-1], *other.blocks.shape[1:]), other.blocks.dtype)
+        self.rows_times(other, 0, self.rows, offsets, columns, blocks)
+        return Blocks(offsets, columns, blocks, other.width)
+
+    def pattern(self, other: Blocks) -> tuple[AnyArray, AnyArray]:
+        """Offsets and columns of the product."""
+        both = (self.offsets, self.columns, other.offsets, other.columns, other.width)
         counts = np.zeros(self.rows + 1, np.int64)
-        mine = (self.offsets, self.columns)
-        theirs = (other.offsets, other.columns)
-        kq.count_product(kq.PARTS, *mine, *theirs, other.width, counts)
+        kq.count_product(kq.PARTS, *both, counts)
         offsets = np.cumsum(counts).astype(np.int32)
         columns = np.empty(offsets[-1], np.int32)
-        blocks = np.empty((offsets[-1], *other.blocks.shape[1:]), other.blocks.dtype)
+        kq.fill_product(kq.PARTS, *both, offsets, columns)
+        return offsets, columns
+
+    def rows_times(
+        self, other: Blocks, first: int, last: int, offsets: AnyArray, columns: AnyArray,
+        blocks: AnyArray,
+    ) -> None:  # fmt: skip
+        """Blocks of some rows of the product, whose pattern is known."""
         kq.product(
-            kq.PARTS, *mine, self.blocks, *theirs, other.blocks, other.width, other.sizes,
-            offsets, columns, blocks,
+            kq.PARTS, self.offsets[first : last + 1], self.columns, self.blocks, other.offsets,
+            other.columns, other.blocks, other.width, other.sizes, offsets[first : last + 1],
+            columns, blocks,
         )  # fmt: skip
-        return Blocks(offsets, columns, blocks, other.width)
 
 
 def _together(x: AnyArray, y: AnyArray) -> Iterator[tuple[bool, AnyArray, AnyArray]]:
@@ -374,23 +389,40 @@ def _galerkin(A: Blocks, inverses: FloatArray, P: Blocks) -> Blocks:
     """Pᵀ Â P in double precision, Â the scaled matrix."""
     T = Blocks(P.offsets, P.columns, np.empty(P.blocks.shape), P.width)
     kb.scale_rows(P.rows, P.offsets, P.blocks, inverses, P.sizes, T.blocks)
-    B = A.times(T)
+    at, across = A.pattern(T)
     offsets, rows, where = P.transposed
     counts = np.zeros(P.width + 1, np.int64)
-    kq.count_galerkin(kq.PARTS, offsets, rows, B.offsets, B.columns, counts)
+    kq.count_galerkin(kq.PARTS, offsets, rows, at, across, counts)
     upper = np.cumsum(counts).astype(np.int32)
     columns = np.empty(upper[-1], np.int32)
+    kq.fill_galerkin(kq.PARTS, offsets, rows, at, across, upper, columns)
     p = P.blocks.shape[2]
-    blocks = np.empty((upper[-1], p, p))
-    kq.galerkin(
-        kq.PARTS, offsets, rows, where, T.blocks, B.offsets, B.columns, B.blocks, P.sizes,
-        upper, columns, blocks,
-    )  # fmt: skip
+    blocks, done = np.zeros((upper[-1], p, p)), offsets[:-1]
+    for first, last in _batches(at):
+        some = np.empty((at[last] - at[first], *T.blocks.shape[1:]))
+        A.rows_times(T, first, last, at, across, some)
+        here = P.columns[P.offsets[first] : P.offsets[last]]
+        upto = done + np.bincount(here, minlength=P.width).astype(np.int32)
+        kq.galerkin(
+            kq.PARTS, done, upto, rows, where, T.blocks, at, across, some, int(at[first]),
+            P.sizes, upper, columns, blocks,
+        )  # fmt: skip
+        done = upto
     lower = np.bincount(columns, minlength=P.width) - 1
     whole = _offsets(np.diff(upper) + lower)
     out = Blocks(whole, np.empty(whole[-1], np.int32), np.empty((whole[-1], p, p)), P.width)
     kq.mirror(upper, columns, blocks, P.sizes[1], whole, out.columns, out.blocks)
     return out
+
+
+def _batches(offsets: AnyArray) -> Iterator[tuple[int, int]]:
+    """Rows, first and behind the last, that have BATCH blocks together, or are one."""
+    first, rows = 0, len(offsets) - 1
+    while first < rows:
+        last = int(np.searchsorted(offsets, offsets[first] + BATCH, side="right")) - 1
+        last = max(last, first + 1)
+        yield first, last
+        first = last
 
 
 def _factor(A: Blocks) -> FloatArray:

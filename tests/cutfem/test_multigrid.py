@@ -293,6 +293,18 @@ def test_tentative_modes_are_orthonormal_and_give_the_modes_back():
     assert gram[5, 5] == 0
 
 
+@pytest.mark.parametrize("batch", [1, 700, 5000])
+def test_galerkin_products_in_batches_have_the_same_bits(struts, hierarchy, batch, monkeypatch):
+    K = blocks_of(struts.K)
+    _, inverses = _block_factors(K)
+    whole = _galerkin(K, inverses, hierarchy.levels[0].P)
+    monkeypatch.setattr(multigrid, "BATCH", batch)
+    parts = _galerkin(K, inverses, hierarchy.levels[0].P)
+    assert len(whole.columns) > 100
+    for name in ("offsets", "columns", "blocks"):
+        np.testing.assert_array_equal(getattr(parts, name), getattr(whole, name))
+
+
 def test_galerkin_products(struts, hierarchy):
     """The coarse matrix is Pᵀ Â P, symmetric to the last bit, with ascending columns."""
     K = blocks_of(struts.K)
