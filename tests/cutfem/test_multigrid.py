@@ -298,7 +298,7 @@ def test_galerkin_products_in_batches_have_the_same_bits(struts, hierarchy, batc
     K = blocks_of(struts.K)
     _, inverses = _block_factors(K)
     whole = _galerkin(K, inverses, hierarchy.levels[0].P)
-    monkeypatch.setattr(multigrid, "BATCH", batch)
+    monkeypatch.setattr("ilattice.linalg.multigrid.BATCH", batch)
     parts = _galerkin(K, inverses, hierarchy.levels[0].P)
     assert len(whole.columns) > 100
     for name in ("offsets", "columns", "blocks"):
