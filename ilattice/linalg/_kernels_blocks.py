@@ -5,6 +5,9 @@ format. `L` is a tuple of length m: the size of a block is then known to the com
 
 Products go through the matrix once for a vector, or for eight side by side.
 
+Kernels of long vectors take slices, as compilers do not know that `first` is not negative: with
+that question at every number they would go through them one by one.
+
 Guarantees: every row, and every chunk of a sum, is done by one thread in a fixed order, so the
 results have the same bits for any number of threads. Products of single precision stay in it;
 sums are kept in double precision.
@@ -27,7 +30,7 @@ from ilattice.linalg._kernels_rows import (
 #: Rows of a matrix that are multiplied before they are added to a vector; a multiple of them, of
 #: matrices and of vectors, that a thread takes at once.
 ROWS = 32
-GRAIN = 512
+GRAIN = 1024
 LONG = 65536
 #: Numbers of vectors in a sum.
 CHUNK = 4096
@@ -58,7 +61,7 @@ def multiply(
                 y[m * first + e] += sign * sums[e]
 
 
-@in_ranges(GRAIN)
+@in_ranges(GRAIN // 2)
 @outer(nogil=True, error_model="numpy")
 def multiply_eight(
     begin: int, end: int, offsets: Any, columns: Any, blocks: Any, x: Any, y: Any, sign: Any,
@@ -81,7 +84,7 @@ def multiply_eight(
                     y[r, m * first + e] += sign * sums[e, r]
 
 
-@in_ranges(GRAIN // 4)
+@in_ranges(GRAIN // 2)
 @outer(nogil=True, error_model="numpy")
 def multiply_transposed(
     first: int, last: int, offsets: Any, rows: Any, where: Any, blocks: Any, x: Any, y: Any,
@@ -117,7 +120,8 @@ def multiply_eight_transposed(
 @outer(nogil=True, error_model="numpy")
 def side_by_side(first: int, last: int, x: Any, out: Any) -> None:
     """Numbers of vectors (r, n), at most eight, in rows of out (n, 8); zeros for those missing."""
-    for i in range(first, last):
+    x, out = x[:, first:last], out[first:last]
+    for i in range(len(out)):
         for r in range(LANES):
             out[i, r] = x[r, i] if r < len(x) else 0
 
@@ -127,12 +131,14 @@ def side_by_side(first: int, last: int, x: Any, out: Any) -> None:
 def dots_of_chunks(first: int, last: int, x: Any, y: Any, z: Any, out: Any) -> None:
     """Scalar products x y and x z, one row of out (chunks, 2) per chunk."""
     for chunk in range(first, last):
+        begin, end = chunk * CHUNK, min(len(x), (chunk + 1) * CHUNK)
+        p, q, r = x[begin:end], y[begin:end], z[begin:end]
         a = 0.0
         b = 0.0
-        for i in range(chunk * CHUNK, min(len(x), (chunk + 1) * CHUNK)):
-            v = np.float64(x[i])
-            a += v * y[i]
-            b += v * z[i]
+        for i in range(len(p)):
+            v = np.float64(p[i])
+            a += v * q[i]
+            b += v * r[i]
         out[chunk, 0] = a
         out[chunk, 1] = b
 
@@ -148,7 +154,8 @@ def dots(x: AnyArray, y: AnyArray, z: AnyArray) -> FloatArray:
 @outer(nogil=True, error_model="numpy", fastmath=FAST)
 def combine(first: int, last: int, a: Any, x: Any, b: Any, y: Any) -> None:
     """y = a x + b y."""
-    for i in range(first, last):
+    x, y = x[first:last], y[first:last]
+    for i in range(len(y)):
         y[i] = a * x[i] + b * y[i]
 
 
@@ -156,7 +163,8 @@ def combine(first: int, last: int, a: Any, x: Any, b: Any, y: Any) -> None:
 @outer(nogil=True, error_model="numpy", fastmath=FAST)
 def smooth(first: int, last: int, a: Any, z: Any, b: Any, r: Any, c: Any, x: Any) -> None:
     """z = a z + b r, then x += c z."""
-    for i in range(first, last):
+    z, r, x = z[first:last], r[first:last], x[first:last]
+    for i in range(len(z)):
         v = a * z[i] + b * r[i]
         z[i] = v
         x[i] += c * v
@@ -262,13 +270,21 @@ def multiply_blocks(
     """y_i = A_i x_i, or A_iᵀ x_i, of vectors or rows (m rows, p)."""
     m = len(L)
     p = x.shape[1]
-    for i in range(first, last):
-        for a in range(m):
-            for q in range(p):
-                v = 0.0
-                for b in range(m):
-                    v += (A[i, b, a] if transposed else A[i, a, b]) * x[m * i + b, q]
-                y[m * i + a, q] = v
+    A, x, y = A[first:last], x[m * first : m * last], y[m * first : m * last]
+    for i in range(len(A)):
+        for q in range(p):
+            if transposed:
+                for a in range(m):
+                    v = 0.0
+                    for b in range(m):
+                        v += A[i, b, a] * x[m * i + b, q]
+                    y[m * i + a, q] = v
+            else:
+                for a in range(m):
+                    v = 0.0
+                    for b in range(m):
+                        v += A[i, a, b] * x[m * i + b, q]
+                    y[m * i + a, q] = v
 
 
 @in_ranges(GRAIN)

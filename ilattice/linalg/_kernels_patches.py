@@ -71,19 +71,23 @@ def invert(
                 out[where[p] + a * n + c] = x[a]
 
 
-@in_ranges(64)
+@in_ranges(128)
 @outer(nogil=True, error_model="numpy")
 def apply(
-    begin: int, end: int, starts: Any, members: Any, where: Any, inverses: Any, m: int, r: Any,
+    first: int, last: int, starts: Any, members: Any, where: Any, inverses: Any, m: int, r: Any,
     s: Any,
 ) -> None:  # fmt: skip
     """s = inverse times r on the patches, vectors in rows of r (k, n)."""
-    for p in range(begin, end):
-        first = starts[p]
-        n = m * (starts[p + 1] - first)
+    for p in range(first, last):
+        nodes = members[starts[p] : starts[p + 1]]
+        inverse = inverses[where[p] : where[p + 1]]
         for c in range(len(r)):
-            for a in range(n):
-                v = 0.0
-                for b in range(n):
-                    v += inverses[where[p] + a * n + b] * r[c, m * members[first + b // m] + b % m]
-                s[c, m * members[first + a // m] + a % m] = v
+            at = 0
+            for i in range(len(nodes)):
+                for a in range(m):
+                    v = 0.0
+                    for j in range(len(nodes)):
+                        for b in range(m):
+                            v += inverse[at] * r[c, m * nodes[j] + b]
+                            at += 1
+                    s[c, m * nodes[i] + a] = v
