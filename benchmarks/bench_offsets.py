@@ -94,7 +94,8 @@ class Means:
         self.out = np.empty((self.count, 4), np.int64), np.empty((self.count, 4))
 
     def time_means(self) -> None:
-        _kernels_hull.shortest_means(self.ends, self.vectors, *self.out, np.empty(self.count))
+        pull = np.empty(self.count)
+        _kernels_hull.shortest_means(self.count, self.ends, self.vectors, *self.out, pull)
 
     def time_nnls(self) -> None:
         references.shortest_means(self.ends, self.vectors)

@@ -128,7 +128,7 @@ def test_shortest_means_of_the_reference_are_ours():
     means.count = 50
     means.setup()
     pull = np.empty(means.count)
-    _kernels_hull.shortest_means(means.ends, means.vectors, *means.out, pull)
+    _kernels_hull.shortest_means(len(pull), means.ends, means.vectors, *means.out, pull)
     least = references.shortest_means(means.ends, means.vectors)
     np.testing.assert_allclose(pull, least, atol=1e-5)
     assert 0.1 < (least < 1e-3).mean() < 0.9

@@ -5,22 +5,21 @@ that lives in a cell, in r = (u - middle) / length. Degrees are at most 3, so th
 a direction fit into one vector. Function (i, j, k) of a cell has the local number
 (i (p + 1) + j) (p + 1) + k.
 
-Guarantees: one allocation of scratch per chunk; a row depends on its own cell only, so results
+Guarantees: one allocation of scratch per range; a row depends on its own cell only, so results
 have the same bits for any number of threads.
 """
 
 from typing import Any
 
 import numpy as np
-from numba import prange
 
-from ilattice._kernels import inner, outer
+from ilattice._kernels import in_ranges, inner, outer
 from ilattice.bspline._kernels_vector import LANES, load, multiply_add, scale, spread, store
 
 FAST = {"contract"}
 INNER: Any = {"cache": True, "fastmath": FAST, "error_model": "numpy"}
 #: Points that a thread takes at once: where much is computed for each, and where little is.
-CHUNK, LONG = 64, 4096
+CHUNK, LONG = 64, 16384
 
 
 @inner(**INNER)
@@ -84,16 +83,16 @@ def inverse(J: Any, q: int, G: Any) -> float:
     return det
 
 
-@outer(parallel=True, **INNER)
-def determinants(J: Any, out: Any) -> None:
+@in_ranges(LONG)
+@outer(nogil=True, **INNER)
+def determinants(first: int, last: int, J: Any, out: Any) -> None:
     """Determinants of matrices J (n, 3, 3)."""
-    for chunk in prange((len(J) + LONG - 1) // LONG):
-        for q in range(chunk * LONG, min(len(J), (chunk + 1) * LONG)):
-            out[q] = (
-                J[q, 0, 0] * (J[q, 1, 1] * J[q, 2, 2] - J[q, 1, 2] * J[q, 2, 1])
-                + J[q, 0, 1] * (J[q, 1, 2] * J[q, 2, 0] - J[q, 1, 0] * J[q, 2, 2])
-                + J[q, 0, 2] * (J[q, 1, 0] * J[q, 2, 1] - J[q, 1, 1] * J[q, 2, 0])
-            )
+    for q in range(first, last):
+        out[q] = (
+            J[q, 0, 0] * (J[q, 1, 1] * J[q, 2, 2] - J[q, 1, 2] * J[q, 2, 1])
+            + J[q, 0, 1] * (J[q, 1, 2] * J[q, 2, 0] - J[q, 1, 0] * J[q, 2, 2])
+            + J[q, 0, 2] * (J[q, 1, 0] * J[q, 2, 1] - J[q, 1, 1] * J[q, 2, 0])
+        )
 
 
 @inner(**INNER)
@@ -123,10 +122,11 @@ def gradients_of(B: Any, n: int, G: Any, D: Any, at: int) -> None:
                 at += n
 
 
-@outer(parallel=True, **INNER)
+@in_ranges(4 * CHUNK)
+@outer(nogil=True, **INNER)
 def fields(
-    t0: Any, t1: Any, t2: Any, ijk: Any, boxes: Any, dofs: Any, owner: Any, u: Any, J: Any,
-    c: Any, value: Any, gradient: Any,
+    begin: int, end: int, t0: Any, t1: Any, t2: Any, ijk: Any, boxes: Any, dofs: Any, owner: Any,
+    u: Any, J: Any, c: Any, value: Any, gradient: Any,
 ) -> None:  # fmt: skip
     """Value (n, m) and gradient in space (n, m, 3) of a field with coefficients c at points u.
 
@@ -137,37 +137,37 @@ def fields(
     n = t0.shape[1]
     nb = n * n * n
     step = 0 if len(J) == 1 else 1
-    for chunk in prange((len(u) + CHUNK - 1) // CHUNK):
-        T = np.zeros((3, n, LANES))
-        B = np.empty((3, 2, LANES))
-        N = np.empty(nb + LANES)
-        D = np.empty((4, nb))
-        G = np.empty((3, 3))
-        last = -1
-        for q in range(chunk * CHUNK, min(len(u), (chunk + 1) * CHUNK)):
-            e = owner[q]
-            value[q] = np.nan if e < 0 else 0.0
-            gradient[q] = np.nan if e < 0 else 0.0
-            if e >= 0:
-                if e != last:
-                    take_tables(t0, t1, t2, ijk, e, T)
-                    last = e
-                lines(T, boxes, e, u, q, B)
-                inverse(J, q * step, G)
-                values_of(B, n, N, 0)
-                gradients_of(B, n, G, D, 0)
-                for a in range(nb):
-                    for m in range(c.shape[1]):
-                        x = c[dofs[e, a], m]
-                        value[q, m] += N[a] * x
-                        for k in range(3):
-                            gradient[q, m, k] += D[k, a] * x
+    T = np.zeros((3, n, LANES))
+    B = np.empty((3, 2, LANES))
+    N = np.empty(nb + LANES)
+    D = np.empty((4, nb))
+    G = np.empty((3, 3))
+    last = -1
+    for q in range(begin, end):
+        e = owner[q]
+        value[q] = np.nan if e < 0 else 0.0
+        gradient[q] = np.nan if e < 0 else 0.0
+        if e >= 0:
+            if e != last:
+                take_tables(t0, t1, t2, ijk, e, T)
+                last = e
+            lines(T, boxes, e, u, q, B)
+            inverse(J, q * step, G)
+            values_of(B, n, N, 0)
+            gradients_of(B, n, G, D, 0)
+            for a in range(nb):
+                for m in range(c.shape[1]):
+                    x = c[dofs[e, a], m]
+                    value[q, m] += N[a] * x
+                    for k in range(3):
+                        gradient[q, m, k] += D[k, a] * x
 
 
-@outer(parallel=True, **INNER)
+@in_ranges(2 * CHUNK)
+@outer(nogil=True, **INNER)
 def vectors(
-    t0: Any, t1: Any, t2: Any, ijk: Any, boxes: Any, offsets: Any, u: Any, J: Any, f: Any,
-    P: Any, out: Any,
+    first: int, last: int, t0: Any, t1: Any, t2: Any, ijk: Any, boxes: Any, offsets: Any, u: Any,
+    J: Any, f: Any, P: Any, out: Any,
 ) -> None:  # fmt: skip
     """Sums out (cells, nb, m) over the points of each cell of N f (n, m) + P (n, m, 3) grad N.
 
@@ -176,33 +176,32 @@ def vectors(
     n = t0.shape[1]
     nb = n * n * n
     step = 0 if len(J) == 1 else 1
-    for chunk in prange((len(ijk) + CHUNK - 1) // CHUNK):
-        T = np.zeros((3, n, LANES))
-        B = np.empty((3, 2, LANES))
-        N = np.empty(nb + LANES)
-        D = np.empty((4, nb))
-        G = np.empty((3, 3))
-        sums = np.empty((out.shape[2], nb))
-        for e in range(chunk * CHUNK, min(len(ijk), (chunk + 1) * CHUNK)):
-            sums[:] = 0.0
-            take_tables(t0, t1, t2, ijk, e, T)
-            for q in range(offsets[e], offsets[e + 1]):
-                lines(T, boxes, e, u, q, B)
-                if len(f):
-                    values_of(B, n, N, 0)
-                    for m in range(out.shape[2]):
-                        x = f[q, m]
-                        for a in range(nb):
-                            sums[m, a] += N[a] * x
-                if len(P):
-                    inverse(J, q * step, G)
-                    gradients_of(B, n, G, D, 0)
-                    for m in range(out.shape[2]):
-                        x = P[q, m, 0]
-                        y = P[q, m, 1]
-                        z = P[q, m, 2]
-                        for a in range(nb):
-                            sums[m, a] += x * D[0, a] + y * D[1, a] + z * D[2, a]
-            for a in range(nb):
+    T = np.zeros((3, n, LANES))
+    B = np.empty((3, 2, LANES))
+    N = np.empty(nb + LANES)
+    D = np.empty((4, nb))
+    G = np.empty((3, 3))
+    sums = np.empty((out.shape[2], nb))
+    for e in range(first, last):
+        sums[:] = 0.0
+        take_tables(t0, t1, t2, ijk, e, T)
+        for q in range(offsets[e], offsets[e + 1]):
+            lines(T, boxes, e, u, q, B)
+            if len(f):
+                values_of(B, n, N, 0)
                 for m in range(out.shape[2]):
-                    out[e, a, m] = sums[m, a]
+                    x = f[q, m]
+                    for a in range(nb):
+                        sums[m, a] += N[a] * x
+            if len(P):
+                inverse(J, q * step, G)
+                gradients_of(B, n, G, D, 0)
+                for m in range(out.shape[2]):
+                    x = P[q, m, 0]
+                    y = P[q, m, 1]
+                    z = P[q, m, 2]
+                    for a in range(nb):
+                        sums[m, a] += x * D[0, a] + y * D[1, a] + z * D[2, a]
+        for a in range(nb):
+            for m in range(out.shape[2]):
+                out[e, a, m] = sums[m, a]

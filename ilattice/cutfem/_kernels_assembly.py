@@ -13,9 +13,8 @@ of threads. Room for all patterns is counted before it is filled.
 from typing import Any
 
 import numpy as np
-from numba import prange
 
-from ilattice._kernels import inner, outer
+from ilattice._kernels import in_ranges, inner, outer
 from ilattice.bspline._kernels_basis import (
     CHUNK,
     INNER,
@@ -32,6 +31,7 @@ SCALAR, ELASTIC, BLOCKS, ENTRIES = range(4)  # kinds of blocks
 ROWS = 48  # rows of a cell that are multiplied at once
 TILE = 2 * LANES  # columns that are
 SHORT = 512  # rows of a sparse matrix that one thread fills at a time
+LONG = 4096  # and that it counts
 
 
 @inner(**INNER)
@@ -129,10 +129,11 @@ def weigh(L: Any, W: Any, rows: int, R: Any) -> None:
             store(R, at, scale(load(L, at, LANES), w))
 
 
-@outer(parallel=True, **INNER)
+@in_ranges(CHUNK)
+@outer(nogil=True, **INNER)
 def cell_matrices(
-    kind: int, t0: Any, t1: Any, t2: Any, ijk: Any, boxes: Any, offsets: Any, u: Any, w: Any,
-    J: Any, d: Any, out: Any,
+    first: int, last: int, kind: int, t0: Any, t1: Any, t2: Any, ijk: Any, boxes: Any,
+    offsets: Any, u: Any, w: Any, J: Any, d: Any, out: Any,
 ) -> None:  # fmt: skip
     """Matrices out (cells, n, n) of the points u (n, 3) with weights w in parameters.
 
@@ -147,48 +148,47 @@ def cell_matrices(
     wide = (size + TILE - 1) // TILE * TILE
     J_step = 0 if len(J) == 1 else 1
     d_step = 0 if len(d) == 1 else 1
-    for chunk in prange((len(ijk) + CHUNK - 1) // CHUNK):
-        T = np.zeros((3, n, LANES))
-        B = np.empty((3, 2, LANES))
-        D = np.empty((4, n * n * n))
-        G = np.empty((3, 3))
-        L = np.zeros((ROWS + 1, wide))  # one more, for what basis functions write behind a row
-        R = np.zeros((ROWS, wide))
-        W = np.empty(ROWS)
-        A = np.empty((wide, wide))
-        for e in range(chunk * CHUNK, min(len(ijk), (chunk + 1) * CHUNK)):
-            A[:] = 0.0
-            rows = 0
-            take_tables(t0, t1, t2, ijk, e, T)
-            for q in range(offsets[e], offsets[e + 1]):
-                lines(T, boxes, e, u, q, B)
-                weight = w[q] * abs(inverse(J, q * J_step, G))
-                if kind == 1:
-                    gradients_of(B, n, G, D, 0)
-                    tensor_rows(D, weight, d, q * d_step, L, R, rows)
-                    rows += 3
-                elif kind == 4:
-                    gradients_of(B, n, G, D, 0)
-                    strain_rows(D, weight, d, q * d_step, L, R, rows)
-                    rows += 6
-                else:
-                    W[rows] = weight * d[q * d_step, 0]
-                    at = rows * wide
-                    if kind != 0:
-                        gradients_of(B, n, G, L, at)
-                        at += 3 * n * n * n
-                    if kind != 2:
-                        values_of(B, n, L, at)
-                    rows += 1
-                if rows == ROWS or q + 1 == offsets[e + 1]:
-                    if kind != 1 and kind != 4:
-                        weigh(L, W, rows, R)
-                    add_products(L, R, rows, A)
-                    rows = 0
-            for a in range(size):
-                for b in range(a, size):
-                    out[e, a, b] = A[a, b]
-                    out[e, b, a] = A[a, b]
+    T = np.zeros((3, n, LANES))
+    B = np.empty((3, 2, LANES))
+    D = np.empty((4, n * n * n))
+    G = np.empty((3, 3))
+    L = np.zeros((ROWS + 1, wide))  # one more, for what basis functions write behind a row
+    R = np.zeros((ROWS, wide))
+    W = np.empty(ROWS)
+    A = np.empty((wide, wide))
+    for e in range(first, last):
+        A[:] = 0.0
+        rows = 0
+        take_tables(t0, t1, t2, ijk, e, T)
+        for q in range(offsets[e], offsets[e + 1]):
+            lines(T, boxes, e, u, q, B)
+            weight = w[q] * abs(inverse(J, q * J_step, G))
+            if kind == 1:
+                gradients_of(B, n, G, D, 0)
+                tensor_rows(D, weight, d, q * d_step, L, R, rows)
+                rows += 3
+            elif kind == 4:
+                gradients_of(B, n, G, D, 0)
+                strain_rows(D, weight, d, q * d_step, L, R, rows)
+                rows += 6
+            else:
+                W[rows] = weight * d[q * d_step, 0]
+                at = rows * wide
+                if kind != 0:
+                    gradients_of(B, n, G, L, at)
+                    at += 3 * n * n * n
+                if kind != 2:
+                    values_of(B, n, L, at)
+                rows += 1
+            if rows == ROWS or q + 1 == offsets[e + 1]:
+                if kind != 1 and kind != 4:
+                    weigh(L, W, rows, R)
+                add_products(L, R, rows, A)
+                rows = 0
+        for a in range(size):
+            for b in range(a, size):
+                out[e, a, b] = A[a, b]
+                out[e, b, a] = A[a, b]
 
 
 # ---------------------------------------------------------------------------------- patterns
@@ -210,14 +210,19 @@ def incidence(dofs: Any, n: int) -> Any:
     return start, out
 
 
-@outer(parallel=True)
+@in_ranges(1)
+@outer(nogil=True)
 def count_columns(
-    start: Any, where: Any, owner: Any, first: Any, dofs: Any, chunks: int, count: Any
-) -> None:
-    """Number of nodes that share an element with each node, itself included."""
+    begin: int, end: int, start: Any, where: Any, owner: Any, first: Any, dofs: Any, chunks: int,
+    count: Any,
+) -> None:  # fmt: skip
+    """Number of nodes that share an element with each node, itself included.
+
+    Items are the `chunks` that nodes are cut into, each with scratch of their number.
+    """
     n = len(start) - 1
-    for chunk in prange(chunks):
-        mark = np.full(n, -1, np.int32)
+    mark = np.full(n, -1, np.int32)
+    for chunk in range(begin, end):
         for r in range(chunk * n // chunks, (chunk + 1) * n // chunks):
             found = 0
             for i in range(start[r], start[r + 1]):
@@ -229,15 +234,16 @@ def count_columns(
             count[r] = found
 
 
-@outer(parallel=True)
+@in_ranges(1)
+@outer(nogil=True)
 def list_columns(
-    start: Any, where: Any, owner: Any, first: Any, dofs: Any, chunks: int, indptr: Any,
-    indices: Any,
+    begin: int, end: int, start: Any, where: Any, owner: Any, first: Any, dofs: Any, chunks: int,
+    indptr: Any, indices: Any,
 ) -> None:  # fmt: skip
     """The nodes that `count_columns` counts, increasing."""
     n = len(start) - 1
-    for chunk in prange(chunks):
-        mark = np.full(n, -1, np.int32)
+    mark = np.full(n, -1, np.int32)
+    for chunk in range(begin, end):
         for r in range(chunk * n // chunks, (chunk + 1) * n // chunks):
             at = indptr[r]
             for i in range(start[r], start[r + 1]):
@@ -284,65 +290,69 @@ def add_block(
                 out[to, i, j] += p * A[e, i * n + a, j * n + b]
 
 
-@outer(parallel=True, **INNER)
+@in_ranges(SHORT)
+@outer(nogil=True, **INNER)
 def fill(
-    kind: int, start: Any, where: Any, owner: Any, first: Any, dofs: Any, slot: Any, low: int,
-    high: int, reach: int, indptr: Any, indices: Any, A: Any, p: float, q: float, data: Any,
+    begin: int, end: int, kind: int, start: Any, where: Any, owner: Any, first: Any, dofs: Any,
+    slot: Any, reach: int, indptr: Any, indices: Any, A: Any, p: float, q: float, data: Any,
 ) -> None:  # fmt: skip
     """Add the matrices A[slot[e]] of all elements e with slot[e] >= 0 to data (blocks, m, m).
 
-    Their nodes are from `low` to below `high`; no row is longer than `reach`, gaps included.
+    `start` and `indptr` are those from the first row on that they add to; no row is longer than
+    `reach`, gaps included.
     """
-    for chunk in prange((high - low + SHORT - 1) // SHORT):
-        at = np.empty(reach, np.int64)
-        for r in range(low + chunk * SHORT, min(high, low + (chunk + 1) * SHORT)):
-            ready = False
-            left = indices[indptr[r]]
-            for i in range(start[r], start[r + 1]):
-                e = owner[where[i]]
-                if slot[e] >= 0:
-                    if not ready:
-                        ready = True
-                        for k in range(indptr[r], indptr[r + 1]):
-                            at[indices[k] - left] = k
-                    a = where[i] - first[e]
-                    for j in range(first[e], first[e + 1]):
-                        to = at[dofs[j] - left]
-                        add_block(kind, A, slot[e], a, j - first[e], p, q, data, to)
+    at = np.empty(reach, np.int64)
+    for r in range(begin, end):
+        ready = False
+        left = indices[indptr[r]]
+        for i in range(start[r], start[r + 1]):
+            e = owner[where[i]]
+            if slot[e] >= 0:
+                if not ready:
+                    ready = True
+                    for k in range(indptr[r], indptr[r + 1]):
+                        at[indices[k] - left] = k
+                a = where[i] - first[e]
+                for j in range(first[e], first[e + 1]):
+                    to = at[dofs[j] - left]
+                    add_block(kind, A, slot[e], a, j - first[e], p, q, data, to)
 
 
 # ---------------------------------------------------------------------------------- reduction
 
 
-@outer(parallel=True)
-def count_free(indptr: Any, indices: Any, nodes: Any, place: Any, count: Any) -> None:
+@in_ranges(LONG)
+@outer(nogil=True)
+def count_free(
+    first: int, last: int, indptr: Any, indices: Any, nodes: Any, place: Any, count: Any
+) -> None:
     """Number of blocks of the rows `nodes` in columns with a place."""
-    for r in prange(len(nodes)):
+    for r in range(first, last):
         for k in range(indptr[nodes[r]], indptr[nodes[r] + 1]):
             count[r] += place[indices[k]] >= 0
 
 
-@outer(parallel=True)
+@in_ranges(SHORT)
+@outer(nogil=True)
 def take_free(
-    indptr: Any, indices: Any, data: Any, nodes: Any, place: Any, fixed: Any, diagonal: bool,
-    offsets: Any, columns: Any, blocks: Any,
+    first: int, last: int, indptr: Any, indices: Any, data: Any, nodes: Any, place: Any,
+    fixed: Any, diagonal: bool, offsets: Any, columns: Any, blocks: Any,
 ) -> None:  # fmt: skip
     """The blocks that `count_free` counts, zero in rows and columns of `fixed` components.
 
     Of these the diagonal entry is kept, or not.
     """
     m = fixed.shape[1]
-    for chunk in prange((len(nodes) + SHORT - 1) // SHORT):
-        for r in range(chunk * SHORT, min(len(nodes), (chunk + 1) * SHORT)):
-            i = nodes[r]
-            to = offsets[r]
-            for k in range(indptr[i], indptr[i + 1]):
-                j = indices[k]
-                if place[j] >= 0:
-                    columns[to] = place[j]
-                    for a in range(m):
-                        for b in range(m):
-                            keep = not (fixed[i, a] or fixed[j, b])
-                            keep = keep or (diagonal and i == j and a == b)
-                            blocks[to, a, b] = data[k, a, b] if keep else 0.0
-                    to += 1
+    for r in range(first, last):
+        i = nodes[r]
+        to = offsets[r]
+        for k in range(indptr[i], indptr[i + 1]):
+            j = indices[k]
+            if place[j] >= 0:
+                columns[to] = place[j]
+                for a in range(m):
+                    for b in range(m):
+                        keep = not (fixed[i, a] or fixed[j, b])
+                        keep = keep or (diagonal and i == j and a == b)
+                        blocks[to, a, b] = data[k, a, b] if keep else 0.0
+                to += 1

@@ -11,9 +11,8 @@ the same for any number of threads.
 from typing import Any
 
 import numpy as np
-from numba import prange
 
-from ilattice._kernels import inner, outer
+from ilattice._kernels import in_ranges, inner, outer
 from ilattice.cutfem._kernels_elements import grown, root
 from ilattice.quadrature._kernels_solid import FAST
 
@@ -67,27 +66,29 @@ def _unite(begin: Any, upper: Any, members: Any, size: int, where: Any, parent: 
     return sets
 
 
-@outer(parallel=True, **FAST)
+@in_ranges(1)
+@outer(nogil=True, **FAST)
 def components(
-    shape: Any, count: Any, step: int, p: int, numbers: Any, closed: Any, first: Any, after: Any,
-    begin: Any, upper: Any, chunks: int, out: Any, copies: Any,
+    start: int, stop: int, shape: Any, count: Any, step: int, p: int, numbers: Any, closed: Any,
+    first: Any, after: Any, begin: Any, upper: Any, chunks: int, out: Any, copies: Any,
 ) -> None:  # fmt: skip
     """Connected components of the elements in the support of each function.
 
     `numbers` are the functions, on a grid of `shape` cells and `count` functions per direction;
     `first` is an element of every cell, or -1, `after` the next one of the same cell;
     upper[begin[e] : begin[e + 1]] are elements linked to e on its upper sides. The component is
-    written to out (elements, (p + 1)³), the number of components to `copies`.
+    written to out (elements, (p + 1)³), the number of components to `copies`. Items are the
+    `chunks` that functions are cut into, each with scratch for all elements.
     """
     n = p + 1
-    for chunk in prange(chunks):
-        where = np.full(len(begin) - 1, -1, np.int64)
-        members = np.empty(256, np.int64)
-        cells = np.empty(256, np.int64)
-        parent = np.empty(256, np.int64)
-        f = np.empty(3, np.int64)
-        low = np.empty(3, np.int64)
-        high = np.empty(3, np.int64)
+    where = np.full(len(begin) - 1, -1, np.int64)
+    members = np.empty(256, np.int64)
+    cells = np.empty(256, np.int64)
+    parent = np.empty(256, np.int64)
+    f = np.empty(3, np.int64)
+    low = np.empty(3, np.int64)
+    high = np.empty(3, np.int64)
+    for chunk in range(start, stop):
         for r in range(len(numbers) * chunk // chunks, len(numbers) * (chunk + 1) // chunks):
             f[0] = numbers[r] // (count[1] * count[2])
             f[1] = numbers[r] // count[2] % count[1]

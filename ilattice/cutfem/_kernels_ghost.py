@@ -6,17 +6,18 @@ Guarantees: a matrix depends on its own face only; the same bits for any number 
 from typing import Any
 
 import numpy as np
-from numba import prange
 
-from ilattice._kernels import inner, outer
+from ilattice._kernels import in_ranges, inner, outer
 from ilattice.bspline._kernels_basis import INNER, line, take_table
 from ilattice.bspline._kernels_vector import LANES
 
 
-@outer(parallel=True, **INNER)
+@in_ranges(32)
+@outer(nogil=True, **INNER)
 def ghost_matrices(
-    axis: int, t1: Any, t2: Any, ijk: Any, nodes: Any, weights: Any, products: Any, out: Any
-) -> None:
+    first: int, last: int, axis: int, t1: Any, t2: Any, ijk: Any, nodes: Any, weights: Any,
+    products: Any, out: Any,
+) -> None:  # fmt: skip
     """Matrices out (faces, n, n), n = m (p + 1)², of penalties on jumps.
 
     t1 and t2 are the tables of the two directions along the faces, in rising order, and `ijk`
@@ -26,16 +27,21 @@ def ghost_matrices(
     n = t1.shape[1]
     m = products.shape[1]
     q = len(nodes)
-    for e in prange(len(ijk)):
-        T = np.zeros((2, n, LANES))
+    across = np.empty(n * n * m, np.int64)
+    along = np.empty(n * n * m, np.int64)
+    for a in range(n * n * m):
+        across[a], along[a] = split(a, axis, n, m)
+    T = np.zeros((2, n, LANES))
+    B = np.empty((2 * q, 2, LANES))
+    M = np.empty((n * n, n * n))
+    N = np.empty(n * n)
+    for e in range(first, last):
         take_table(t1, ijk[e, 0], T, 0)
         take_table(t2, ijk[e, 1], T, 1)
-        B = np.empty((2 * q, 2, LANES))
         for g in range(q):
             line(T, 0, nodes[g] - 0.5, 1.0, B, g)
             line(T, 1, nodes[g] - 0.5, 1.0, B, q + g)
-        M = np.zeros((n * n, n * n))
-        N = np.empty(n * n)
+        M[:] = 0.0
         for g in range(q):
             for h in range(q):
                 for j in range(n):
@@ -48,10 +54,6 @@ def ghost_matrices(
         for a in range(n * n):
             for b in range(a):
                 M[a, b] = M[b, a]
-        across = np.empty(n * n * m, np.int64)
-        along = np.empty(n * n * m, np.int64)
-        for a in range(n * n * m):
-            across[a], along[a] = split(a, axis, n, m)
         for a in range(n * n * m):
             for b in range(n * n * m):
                 out[e, a, b] = products[e, across[a], across[b]] * M[along[a], along[b]]

@@ -6,14 +6,15 @@ same bits for any number of threads.
 
 from typing import Any
 
-from numba import prange
-
-from ilattice._kernels import outer
+from ilattice._kernels import in_ranges, outer
 from ilattice.bspline._kernels_basis import INNER
 
 
-@outer(parallel=True, **INNER)
-def seam_blocks(offsets: Any, w: Any, N: Any, T: Any, Q: Any, out: Any) -> None:
+@in_ranges(16)
+@outer(nogil=True, **INNER)
+def seam_blocks(
+    first: int, last: int, offsets: Any, w: Any, N: Any, T: Any, Q: Any, out: Any
+) -> None:
     """Matrices out (pairs, m nb, m nb) of w (N Q N - N T - its transpose) on pairs of elements.
 
     N (n, nb) are the jumps of the functions of both elements, T (n, m, nb, m) the mean tractions of
@@ -21,7 +22,7 @@ def seam_blocks(offsets: Any, w: Any, N: Any, T: Any, Q: Any, out: Any) -> None:
     """
     nb = N.shape[1]
     m = Q.shape[1]
-    for e in prange(len(out)):
+    for e in range(first, last):
         A = out[e]
         A[:] = 0.0
         for q in range(offsets[e], offsets[e + 1]):

@@ -76,10 +76,10 @@ class Pattern(Frozen):
         owner = np.repeat(np.arange(len(sizes), dtype=np.int32), sizes)
         start, where = kernels.incidence(dofs, n)
         count = np.zeros(n, np.int64)
-        kernels.count_columns(start, where, owner, first, dofs, CHUNKS, count)
+        kernels.count_columns(CHUNKS, start, where, owner, first, dofs, CHUNKS, count)
         indptr = np.append(0, np.cumsum(count)).astype(np.int32)
         indices = np.empty(indptr[-1], np.int32)
-        kernels.list_columns(start, where, owner, first, dofs, CHUNKS, indptr, indices)
+        kernels.list_columns(CHUNKS, start, where, owner, first, dofs, CHUNKS, indptr, indices)
         return cls(start, where, owner, first, dofs, indptr, indices)
 
     @cached_property
@@ -97,9 +97,10 @@ class Pattern(Frozen):
         slot = np.full(len(self.first) - 1, -1, np.int32)
         slot[elements] = np.arange(len(elements))
         near = self.dofs[self.first[elements.min()] : self.first[elements.max() + 1]]
+        low, high = int(near.min()), int(near.max()) + 1
         kernels.fill(
-            blocks, self.start, self.where, self.owner, self.first, self.dofs, slot, near.min(),
-            near.max() + 1, self._reach, self.indptr, self.indices, A, p, q, data,
+            high - low, blocks, self.start[low:], self.where, self.owner, self.first, self.dofs,
+            slot, self._reach, self.indptr[low:], self.indices, A, p, q, data,
         )  # fmt: skip
 
     def matrix(self, data: FloatArray) -> Any:
@@ -254,9 +255,9 @@ class Assembly(Frozen):
             A = np.empty((len(at), size, size))
             u = rule.points[rows]
             kernels.cell_matrices(
-                kind, *self.space._tables, self.space.cell_indices[at], self.space.boxes[at],
-                rule.offsets[part.start : part.stop + 1] - rows.start, u, rule.weights[rows],
-                self.jacobians(u), d if len(d) == 1 else d[rows], A,
+                len(at), kind, *self.space._tables, self.space.cell_indices[at],
+                self.space.boxes[at], rule.offsets[part.start : part.stop + 1] - rows.start, u,
+                rule.weights[rows], self.jacobians(u), d if len(d) == 1 else d[rows], A,
             )  # fmt: skip
             self.pattern.add(data, blocks, at, A, p, q)
 
@@ -354,8 +355,8 @@ class Assembly(Frozen):
         at = np.searchsorted(self.space.cells, rule.cells)
         J = self.jacobians(u) if len(P) else IDENTITY
         basis.vectors(
-            *self.space._tables, self.space.cell_indices[at], self.space.boxes[at], rule.offsets,
-            u, J, np.ascontiguousarray(f), np.ascontiguousarray(P), out,
+            len(at), *self.space._tables, self.space.cell_indices[at], self.space.boxes[at],
+            rule.offsets, u, J, np.ascontiguousarray(f), np.ascontiguousarray(P), out,
         )  # fmt: skip
 
     def gathered(self, rule: Quadrature, parts: FloatArray) -> FloatArray:
@@ -380,8 +381,8 @@ class Assembly(Frozen):
             owner = owners[rows]
             value, gradient = np.empty((len(owner), m)), np.empty((len(owner), m, 3))
             basis.fields(
-                *self.space._tables, self.space._ijk, self.space._boxes, self.space.dofs, owner,
-                u[rows], self.jacobians(u[rows]) if in_space else IDENTITY,
+                len(owner), *self.space._tables, self.space._ijk, self.space._boxes,
+                self.space.dofs, owner, u[rows], self.jacobians(u[rows]) if in_space else IDENTITY,
                 c, value, gradient,
             )  # fmt: skip
             yield rows, value, gradient

@@ -74,12 +74,13 @@ class Constraints(Frozen):
         place = np.full(len(self.fixed), -1, np.int32)
         place[nodes] = np.arange(len(nodes))
         count = np.zeros(len(nodes), np.int64)
-        kernels.count_free(K.indptr, K.indices, nodes, place, count)
+        kernels.count_free(len(nodes), K.indptr, K.indices, nodes, place, count)
         indptr = np.append(0, np.cumsum(count)).astype(np.int32)
         columns, data = np.empty(indptr[-1], np.int32), np.empty((indptr[-1], m, m))
         kernels.take_free(
-            K.indptr, K.indices, K.data, nodes, place, fixed, diagonal, indptr, columns, data
-        )
+            len(nodes), K.indptr, K.indices, K.data, nodes, place, fixed, diagonal, indptr,
+            columns, data,
+        )  # fmt: skip
         return bsr_array((data, columns, indptr), shape=(m * len(nodes), m * len(nodes)))
 
     def restrict(self, f: FloatArray) -> FloatArray:

@@ -207,7 +207,7 @@ def _add(data: FloatArray, asm: Assembly, Q: FloatArray, flows: Tractions) -> No
             T.append(flows(side, rows, D))
         A = np.empty((pairs.stop - pairs.start, 2 * m * nb, 2 * m * nb))
         seam_blocks(
-            rule.offsets[pairs.start : pairs.stop + 1] - rows.start, rule.weights[rows],
+            len(A), rule.offsets[pairs.start : pairs.stop + 1] - rows.start, rule.weights[rows],
             np.concatenate(N, axis=1), np.concatenate(T, axis=2), Q[rows], A,
         )  # fmt: skip
         asm.add_pairs(data, pairs.start, A)

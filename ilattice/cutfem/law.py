@@ -331,7 +331,7 @@ def functions_at(asm: Assembly, u: FloatArray, elements: IntArray) -> tuple[Floa
     N, D = np.empty((n, nb, 1)), np.empty((n, nb, 3))
     at: tuple[Any, ...] = (space.cell_indices[elements], space.boxes[elements])
     where = (*space._tables, *at, np.arange(n + 1), u)
-    basis.vectors(*where, IDENTITY, np.ones((n, 1)), np.zeros((0, 1, 3)), N)
+    basis.vectors(n, *where, IDENTITY, np.ones((n, 1)), np.zeros((0, 1, 3)), N)
     unit = np.ascontiguousarray(np.broadcast_to(np.eye(3), (n, 3, 3)))
-    basis.vectors(*where, asm.jacobians(u), np.zeros((0, 3)), unit, D)
+    basis.vectors(n, *where, asm.jacobians(u), np.zeros((0, 3)), unit, D)
     return N[:, :, 0], D

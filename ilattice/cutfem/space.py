@@ -219,8 +219,9 @@ class SplineSpace(Frozen):
         out = np.zeros((n, (self.degree + 1) ** 3), np.int32)
         copies = np.ones(len(functions), np.int64)
         components(
-            np.array(self.grid.shape), np.array(self.shape), self.step, self.degree, functions,
-            np.array(self.grid.closed), first, after, begin, high[order], CHUNKS, out, copies,
+            CHUNKS, np.array(self.grid.shape), np.array(self.shape), self.step, self.degree,
+            functions, np.array(self.grid.closed), first, after, begin, high[order], CHUNKS, out,
+            copies,
         )  # fmt: skip
         return out, copies
 
@@ -318,7 +319,7 @@ class SplineSpace(Frozen):
         value = np.empty((len(u), c.shape[1]))
         gradient = np.empty((len(u), c.shape[1], 3))
         kernels.fields(
-            *self._tables, self._ijk, self._boxes, self.dofs, owner, wrapped,
+            len(u), *self._tables, self._ijk, self._boxes, self.dofs, owner, wrapped,
             J, c, value, gradient,
         )  # fmt: skip
         return value, gradient

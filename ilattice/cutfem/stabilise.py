@@ -116,7 +116,8 @@ class GhostFaces(Frozen):
                 at = space.grid.cell_indices(lower)
                 A = np.empty((len(lower), n, n))
                 ghost_matrices(
-                    axis, space._tables[b], space._tables[c], at[:, [b, c]], gauss(p + 1)[0],
+                    len(at), axis, space._tables[b], space._tables[c], at[:, [b, c]],
+                    gauss(p + 1)[0],
                     self._scales(space, axis, part, jacobians, stiffness),
                     _products(space, axis, lower, upper), A,
                 )  # fmt: skip

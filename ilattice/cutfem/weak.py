@@ -74,7 +74,7 @@ def add(data: FloatArray, problem: Pointwise, terms: Terms) -> None:
         if terms.normal is not None:
             T = through(terms.normal[rows], D)
         offsets = rule.offsets[part.start : part.stop + 1] - rows.start
-        seam_blocks(offsets, rule.weights[rows], N, T, terms.Q[rows], A)
+        seam_blocks(len(A), offsets, rule.weights[rows], N, T, terms.Q[rows], A)
         asm.add_blocks(data, at, A)
     if terms.projection is not None:
         f = (rule.weights * terms.pressure)[:, None] * terms.held(_normals(rule))

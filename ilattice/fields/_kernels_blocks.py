@@ -9,10 +9,9 @@ threads. Arguments are not checked.
 """
 
 import numpy as np
-from numba import prange
 
 import ilattice.fields._tables as ops
-from ilattice._kernels import inner, outer
+from ilattice._kernels import in_ranges, inner, outer
 from ilattice.fields._kernels_program import apply, begin, bound, narrow
 
 S = 9  # samples per block and direction
@@ -70,19 +69,21 @@ def _run(op, a, b, imm, m, x, y, z, mask, buf, first, second):
         apply(o, u, v, buf[i], _size(mask[i]))
 
 
-@outer(parallel=True)
-def fill_program(op, a, b, imm, tx, ty, tz, coords, along, middle, samples):
+@in_ranges(CHUNK)
+@outer(nogil=True)
+def fill_program(first, last, op, a, b, imm, tx, ty, tz, coords, along, middle, samples):
     """Samples of blocks: ``samples[b, i, j, k]``, k < 9, less `middle`, float32.
 
     ``tx ty tz`` are the coordinates of the padded samples; block b begins at sample
     ``8 (coords[b, 3], coords[b, 1], coords[b, 2])`` of them. The rows of
     `coords` in the order `along` should be near each other.
     """
-    n, size = len(coords), len(op)
-    for chunk in prange((n + CHUNK - 1) // CHUNK):
-        start, stop = chunk * CHUNK, min(n, (chunk + 1) * CHUNK)
-        codes, numbers, lengths, w, maps = begin(op, a, b, imm, 3)
-        box, whole = np.empty((2, 3)), np.empty((2, 3))
+    codes, numbers, lengths, w, maps = begin(op, a, b, imm, 3)
+    box, whole = np.empty((2, 3)), np.empty((2, 3))
+    mask = np.empty(len(op) + 1, np.int64)
+    buf, repeated = np.empty((64, S * S * S)), np.empty((2, S * S * S))
+    for start in range(first, last, CHUNK):
+        stop = min(last, start + CHUNK)
         whole[0], whole[1] = np.inf, -np.inf
         for block in along[start:stop]:
             _box(tx, ty, tz, coords[block], box)
@@ -90,8 +91,6 @@ def fill_program(op, a, b, imm, tx, ty, tz, coords, along, middle, samples):
                 whole[0, axis] = min(whole[0, axis], box[0, axis])
                 whole[1, axis] = max(whole[1, axis], box[1, axis])
         narrow(codes, numbers, lengths, 0, whole, w, maps)
-        mask = np.empty(size + 1, np.int64)
-        buf, repeated = np.empty((64, S * S * S)), np.empty((2, S * S * S))
         for block in along[start:stop]:
             _box(tx, ty, tz, coords[block], box)
             narrow(codes, numbers, lengths, 1, box, w, maps)
@@ -143,19 +142,20 @@ def _decided(s, t, lower, upper):
     return s > upper or t < lower or (lower < s and t < upper)
 
 
-@outer(parallel=True)
-def block_bounds(op, a, b, imm, ex, ey, ez, lower, upper, low, high):
+@in_ranges(4)
+@outer(nogil=True)
+def block_bounds(first, last, op, a, b, imm, ex, ey, ez, lower, upper, low, high):
     """Bounds on a tensor grid of blocks with ends (n, 2) along the axes, from large boxes down.
 
-    Boxes whose bounds lie beyond `upper` or below `lower`, or between the two, are not divided.
+    Items are the boxes of eight blocks along each axis. Boxes whose bounds lie beyond
+    `upper` or below `lower`, or between the two, are not divided.
     """
     nx, ny, nz = low.shape
-    sx, sy, sz = (nx + 7) // 8, (ny + 7) // 8, (nz + 7) // 8
-    size = len(op)
-    for task in prange(sx * sy * sz):
-        codes, numbers, lengths, scratch, maps = begin(op, a, b, imm, 5)
-        w = np.empty((size + 1, 10))
-        box, none, stack = np.empty((2, 3)), np.empty((0, 3)), np.empty((32, 4), np.int64)
+    sy, sz = (ny + 7) // 8, (nz + 7) // 8
+    codes, numbers, lengths, scratch, maps = begin(op, a, b, imm, 5)
+    w = np.empty((len(op) + 1, 10))
+    box, none, stack = np.empty((2, 3)), np.empty((0, 3)), np.empty((32, 4), np.int64)
+    for task in range(first, last):
         stack[0, 0], stack[0, 1] = 8 * (task // (sy * sz)), 8 * (task // sz % sy)
         stack[0, 2], stack[0, 3] = 8 * (task % sz), 0
         count = 1

@@ -5,10 +5,9 @@ does not depend on it. Arguments are not checked.
 """
 
 import numpy as np
-from numba import prange
 
 import ilattice.fields._tables as ops
-from ilattice._kernels import inner, outer
+from ilattice._kernels import in_ranges, inner, outer
 from ilattice.fields._kernels_program import bound
 
 #: States of choices; steps in between numbers have `STEP` + 2 (number + `ORIGIN`), and one more if
@@ -67,30 +66,30 @@ def _step(o, low, high, period):
     return STEP + 2 * (int(low) + ORIGIN) + int(high - low)
 
 
-@outer(parallel=True)
-def decide(op, a, b, imm, lows, highs, leaves, choices, out, states):
+@in_ranges(TASK)
+@outer(nogil=True)
+def decide(first, last, op, a, b, imm, lows, highs, leaves, choices, out, states):
     """Bounds out (n, 2) on boxes with corners (n, 3), and the states (n, k) of some instructions.
 
     Leaves are those of `ranges`.
     """
-    n, m = len(lows), len(op)
-    for task in prange((n + TASK - 1) // TASK):
-        w, box = np.empty((m, 10)), np.empty((2, 3))
-        cap, floor = np.empty(m), np.empty(m)
-        live, state = np.empty(m, np.int64), np.empty(m, np.int64)
-        for i in range(task * TASK, min(n, (task + 1) * TASK)):
-            box[0], box[1] = lows[i], highs[i]
-            bound(op, a, b, imm, m, box, leaves[i], w)
-            out[i, 0], out[i, 1] = w[m - 1, 0], w[m - 1, 1]
-            _live(op, a, b, m, w, cap, floor, live, state)
-            for k in range(len(choices)):
-                j = choices[k]
-                s = state[j]
-                if s != DEAD:
-                    low, high = w[a[j], 0], w[a[j], 1]
-                    if op[j] == ops.ABS or op[j] == ops.SIGN:
-                        s = FIRST if low >= 0.0 else SECOND if high <= 0.0 else OPEN
-                    elif op[j] != ops.MIN and op[j] != ops.MAX:
-                        period = imm[b[j]] if op[b[j]] == ops.CONST else 0.0
-                        s = _step(op[j], low, high, period)
-                states[i, k] = s
+    m = len(op)
+    w, box = np.empty((m, 10)), np.empty((2, 3))
+    cap, floor = np.empty(m), np.empty(m)
+    live, state = np.empty(m, np.int64), np.empty(m, np.int64)
+    for i in range(first, last):
+        box[0], box[1] = lows[i], highs[i]
+        bound(op, a, b, imm, m, box, leaves[i], w)
+        out[i, 0], out[i, 1] = w[m - 1, 0], w[m - 1, 1]
+        _live(op, a, b, m, w, cap, floor, live, state)
+        for k in range(len(choices)):
+            j = choices[k]
+            s = state[j]
+            if s != DEAD:
+                low, high = w[a[j], 0], w[a[j], 1]
+                if op[j] == ops.ABS or op[j] == ops.SIGN:
+                    s = FIRST if low >= 0.0 else SECOND if high <= 0.0 else OPEN
+                elif op[j] != ops.MIN and op[j] != ops.MAX:
+                    period = imm[b[j]] if op[b[j]] == ops.CONST else 0.0
+                    s = _step(op[j], low, high, period)
+            states[i, k] = s

@@ -9,10 +9,9 @@ dropped side could not have won. Arguments are not checked.
 """
 
 import numpy as np
-from numba import prange
 
 import ilattice.fields._tables as ops
-from ilattice._kernels import inner, outer
+from ilattice._kernels import in_ranges, inner, outer
 from ilattice.fields._kernels_ops import bounds, partials, product, slopes, value
 
 WIDE = 64  # points evaluated at once
@@ -20,6 +19,7 @@ FEW = 32  # points whose derivatives are taken at once
 LEVELS = 8  # of programs that are ever shorter
 TOP = 2  # times that the boxes of the tasks are divided from the box of all points
 TASK = 2048  # points or boxes per task
+TASKS = 2  # that a thread takes at once
 GROUP = 16  # boxes that share a program
 INF = np.inf
 
@@ -145,10 +145,11 @@ def spread(i):
     return (i | i << 2) & 0x1249249249249249
 
 
-@outer(parallel=True)
-def places(points, low, scale, out):
+@in_ranges(8192)
+@outer(nogil=True)
+def places(first, last, points, low, scale, out):
     """Places of points along a curve that fills space, from whole numbers scale * (p - low)."""
-    for n in prange(len(points)):
+    for n in range(first, last):
         place = 0
         for k in range(3):
             place |= spread(int((points[n, k] - low[k]) * scale)) << k
@@ -283,16 +284,17 @@ def _enter(codes, numbers, lengths, points, node, box, w, maps):
     return level, lengths[level]
 
 
-@outer(parallel=True)
-def values(op, a, b, imm, points, leaves, nodes, tasks, out):
+@in_ranges(TASKS)
+@outer(nogil=True)
+def values(first, last, op, a, b, imm, points, leaves, nodes, tasks, out):
     """Values (n, 1) at points (n, 3), which nodes of `divide` or `follow` divide.
 
     ``leaves`` (leaves, n, 1..) has the values of fields computed elsewhere; task k is the nodes
     from ``tasks[k]`` on.
     """
-    for task in prange(len(tasks) - 1):
-        codes, numbers, lengths, w, maps = begin(op, a, b, imm, LEVELS)
-        buf, box = np.empty((64, WIDE)), np.empty((2, 3))
+    codes, numbers, lengths, w, maps = begin(op, a, b, imm, LEVELS)
+    buf, box = np.empty((64, WIDE)), np.empty((2, 3))
+    for task in range(first, last):
         for node in nodes[tasks[task] : tasks[task + 1]]:
             level, m = _enter(codes, numbers, lengths, points, node, box, w, maps)
             if node[3] == 0:
@@ -410,12 +412,13 @@ def _back(op, a, b, m, buf, leaves, i0, i1, slope):
                 slope[op[i], k] += slope[i, k]
 
 
-@outer(parallel=True)
-def gradients(op, a, b, imm, points, leaves, nodes, tasks, out):
+@in_ranges(TASKS)
+@outer(nogil=True)
+def gradients(first, last, op, a, b, imm, points, leaves, nodes, tasks, out):
     """Values and gradients (n, 4) at points; see `values`."""
-    for task in prange(len(tasks) - 1):
-        codes, numbers, lengths, w, maps = begin(op, a, b, imm, LEVELS)
-        buf, slope, box = np.empty((64, FEW)), np.empty((64, FEW)), np.empty((2, 3))
+    codes, numbers, lengths, w, maps = begin(op, a, b, imm, LEVELS)
+    buf, slope, box = np.empty((64, FEW)), np.empty((64, FEW)), np.empty((2, 3))
+    for task in range(first, last):
         for node in nodes[tasks[task] : tasks[task + 1]]:
             level, m = _enter(codes, numbers, lengths, points, node, box, w, maps)
             if node[3] == 0:
@@ -432,12 +435,13 @@ def gradients(op, a, b, imm, points, leaves, nodes, tasks, out):
                         out[i0 + k, 1 + axis] = slope[axis, k]
 
 
-@outer(parallel=True)
-def jets(op, a, b, imm, points, leaves, nodes, tasks, out):
+@in_ranges(TASKS)
+@outer(nogil=True)
+def jets(first, last, op, a, b, imm, points, leaves, nodes, tasks, out):
     """Jets (n, 10) at points: value, gradient, second derivatives; see `values`."""
-    for task in prange(len(tasks) - 1):
-        codes, numbers, lengths, w, maps = begin(op, a, b, imm, LEVELS)
-        jet, box = np.empty((64, 10)), np.empty((2, 3))
+    codes, numbers, lengths, w, maps = begin(op, a, b, imm, LEVELS)
+    jet, box = np.empty((64, 10)), np.empty((2, 3))
+    for task in range(first, last):
         for node in nodes[tasks[task] : tasks[task + 1]]:
             level, m = _enter(codes, numbers, lengths, points, node, box, w, maps)
             if node[3] == 0:
@@ -543,14 +547,15 @@ def bound(op, a, b, imm, m, box, leaves, w):
         _sharpen(box, w[i])
 
 
-@outer(parallel=True)
-def ranges(op, a, b, imm, lows, highs, leaves, prune, out):
+@in_ranges(16 * GROUP)
+@outer(nogil=True)
+def ranges(first, last, op, a, b, imm, lows, highs, leaves, prune, out):
     """Bounds (n, 2) on boxes with corners (n, 3); leaves (n, leaves, 3): low, high, steepness."""
-    n, last = len(lows), 2 if prune else 0
-    for task in prange((n + 16 * GROUP - 1) // (16 * GROUP)):
-        start, stop = task * 16 * GROUP, min(n, (task + 1) * 16 * GROUP)
-        codes, numbers, lengths, scratch, maps = begin(op, a, b, imm, 3)
-        w, box = np.empty((64, 10)), np.empty((2, 3))
+    level = 2 if prune else 0
+    codes, numbers, lengths, scratch, maps = begin(op, a, b, imm, 3)
+    w, box = np.empty((64, 10)), np.empty((2, 3))
+    for start in range(first, last, 16 * GROUP):
+        stop = min(last, start + 16 * GROUP)
         if prune:
             _hull(lows, highs, start, stop, box)
             narrow(codes, numbers, lengths, 0, box, scratch, maps)
@@ -559,12 +564,12 @@ def ranges(op, a, b, imm, lows, highs, leaves, prune, out):
             if prune:
                 _hull(lows, highs, i0, i1, box)
                 narrow(codes, numbers, lengths, 1, box, scratch, maps)
-            m = lengths[last]
+            m = lengths[level]
             w = _grown(w, m)
-            c = codes[last]
+            c = codes[level]
             for i in range(i0, i1):
                 box[0], box[1] = lows[i], highs[i]
-                bound(c[0], c[1], c[2], numbers[last], m, box, leaves[i], w)
+                bound(c[0], c[1], c[2], numbers[level], m, box, leaves[i], w)
                 out[i, 0], out[i, 1] = w[m - 1, 0], w[m - 1, 1]
 
 

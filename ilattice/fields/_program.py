@@ -3,6 +3,7 @@
 Guarantee: constants are folded with the same arithmetic as at run time.
 """
 
+import math
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -322,7 +323,7 @@ class Program(Frozen):
         leaves = self._leaf_jets(points, order)
         tasks = np.append(np.flatnonzero(nodes[:, 2] <= 1), len(nodes))
         kernel = (kernels.values, kernels.gradients, kernels.jets)[order]
-        kernel(*self._args, _own(points), leaves, nodes, tasks, out)
+        kernel(len(tasks) - 1, *self._args, _own(points), leaves, nodes, tasks, out)
         return out
 
     def fill(
@@ -331,7 +332,7 @@ class Program(Frozen):
         """Values less `middle` on blocks of 9 x 9 x 9 grid points; see `_kernels_blocks`."""
         x, y, z = (_own(p) for p in planes)
         along = np.argsort(along_curve(coords[:, [3, 1, 2]].astype(np.float64)), kind="stable")
-        fill_program(*self._args, x, y, z, _own(coords), along, middle, samples)
+        fill_program(len(coords), *self._args, x, y, z, _own(coords), along, middle, samples)
 
     def block_bounds(
         self, ends: Sequence[FloatArray], lower: float, upper: float
@@ -340,14 +341,15 @@ class Program(Frozen):
         low = np.empty([len(e) for e in ends])
         high = np.empty_like(low)
         x, y, z = (_own(e) for e in ends)
-        block_bounds(*self._args, x, y, z, lower, upper, low, high)
+        boxes = math.prod(-(-len(e) // 8) for e in ends)
+        block_bounds(boxes, *self._args, x, y, z, lower, upper, low, high)
         return low, high
 
     def ranges(self, lo: FloatArray, hi: FloatArray) -> FloatArray:
         """Bounds (n, 2) on checked boxes."""
         out = np.empty((len(lo), 2))
         leaves = self._leaf_ranges(lo, hi)
-        kernels.ranges(*self._args, _own(lo), _own(hi), leaves, self.prune, out)
+        kernels.ranges(len(lo), *self._args, _own(lo), _own(hi), leaves, self.prune, out)
         return out
 
     def decided(
@@ -356,7 +358,7 @@ class Program(Frozen):
         """Bounds (n, 2) on checked boxes, and states (n, k) of choices; see `decide`."""
         out = np.empty((len(lo), 2))
         leaves = self._leaf_ranges(lo, hi)
-        decide(*self._args, _own(lo), _own(hi), leaves, choices, out, states)
+        decide(len(lo), *self._args, _own(lo), _own(hi), leaves, choices, out, states)
         return out
 
     def _leaf_ranges(self, lo: FloatArray, hi: FloatArray) -> FloatArray:
@@ -388,7 +390,8 @@ def along_curve(points: FloatArray) -> IntArray:
     if len(points):
         low = points.min(axis=0)
         size = float((points.max(axis=0) - low).max())
-        kernels.places(_own(points), low, CURVE / size if size > 1e-300 else 0.0, places)
+        scale = CURVE / size if size > 1e-300 else 0.0
+        kernels.places(len(points), _own(points), low, scale, places)
     return places
 
 

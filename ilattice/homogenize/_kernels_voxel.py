@@ -11,9 +11,8 @@ to the first plane of the next one waits in a buffer: the same bits for any numb
 from typing import Any
 
 import numpy as np
-from numba import prange
 
-from ilattice._kernels import inner, outer
+from ilattice._kernels import in_ranges, inner, outer
 
 FAST = {"nsz", "arcp", "contract", "reassoc"}  # NaN stays alive
 
@@ -182,14 +181,17 @@ def _rows_of_matrices(
             )  # fmt: skip
 
 
-@outer(error_model="numpy", parallel=True)
+@in_ranges(1)
+@outer(nogil=True, error_model="numpy")
 def forces(
-    u: Any, phase: Any, table: Any, h: Any, chunk: int, buffer: Any, out: Any
-) -> None:  # fmt: skip
-    """Forces of a field on a periodic grid of voxels.
+    begin: int, end: int, u: Any, phase: Any, table: Any, h: Any, chunk: int, buffer: Any, out: Any
+) -> None:
+    """Forces of a field on a periodic grid of voxels, but for what is in `buffer` in the end.
 
     Parameters
     ----------
+    begin, end
+        Which chunks.
     u : ndarray, shape (m, n0, n1, n2)
         Field at the nodes; m = 3 for displacements, 1 for temperatures.
     phase : ndarray of int32, shape (n0, n1, n2)
@@ -201,13 +203,12 @@ def forces(
     chunk : int
         Planes per chunk.
     buffer : ndarray, shape (chunks, m, n1, n2)
-        Scratch.
+        Forces on the first planes of next chunks, see `add_planes`.
     out : ndarray, shape of u
         Result.
     """
     m, n0, n1, n2 = u.shape
-    chunks = buffer.shape[0]
-    for b in prange(chunks):
+    for b in range(begin, end):
         first, last = b * chunk, min((b + 1) * chunk, n0)
         out[:, first:last] = 0.0
         buffer[b] = 0.0
@@ -227,17 +228,30 @@ def forces(
                         m, n2, h, phase[i, j], table, u[:, i, j], u[:, i, g], u[:, e, j],
                         u[:, e, g], lower[:, j], lower[:, g], upper[:, j], upper[:, g],
                     )  # fmt: skip
-    for b in prange(chunks):
-        to = b * chunk
-        out[:, to] += buffer[b - 1 if b > 0 else chunks - 1]
 
 
-@outer(error_model="numpy", parallel=True)
-def invert(z: Any, mass: Any, slope: Any, wave: Any, table: Any) -> None:
+@in_ranges(4)
+@outer(nogil=True, error_model="numpy")
+def add_planes(first: int, last: int, chunk: int, buffer: Any, out: Any) -> None:
+    """Add what `forces` of chunks leaves for the first planes of the next ones."""
+    _, m, n1, n2 = buffer.shape
+    for b in range(first, last):
+        before = b - 1 if b > 0 else len(buffer) - 1
+        for c in range(m):
+            for j in range(n1):
+                for k in range(n2):
+                    out[c, b * chunk, j, k] += buffer[before, c, j, k]
+
+
+@in_ranges(2)
+@outer(nogil=True, error_model="numpy")
+def invert(first: int, last: int, z: Any, mass: Any, slope: Any, wave: Any, table: Any) -> None:
     """Divide transforms of forces by the symbol of a homogeneous grid.
 
     Parameters
     ----------
+    first, last
+        Which planes.
     z : ndarray of complex64, shape (m, n0, n1, r)
         Transforms; overwritten.
     mass, slope, wave : ndarray, shape (3, n)
@@ -246,8 +260,8 @@ def invert(z: Any, mass: Any, slope: Any, wave: Any, table: Any) -> None:
     table : ndarray, shape (2 or 6,)
         As a row of that of `forces`.
     """
-    m, n0, n1, r = z.shape
-    for i in prange(n0):
+    m, _, n1, r = z.shape
+    for i in range(first, last):
         for j in range(n1):
             mx, dx, sx = mass[0, i], slope[0, i], wave[0, i]
             my, dy, sy = mass[1, j], slope[1, j], wave[1, j]

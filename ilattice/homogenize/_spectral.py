@@ -72,7 +72,8 @@ class VoxelGrid:
         chunk, buffer = self._buffer
         out = np.empty(self.shape)
         h = (float(self.spacing[0]), float(self.spacing[1]), float(self.spacing[2]))
-        kernels.forces(u, self.phase, self.table, h, chunk, buffer, out)
+        kernels.forces(len(buffer), u, self.phase, self.table, h, chunk, buffer, out)
+        kernels.add_planes(len(buffer), chunk, buffer, out)
         return out
 
     def load(self, stress: FloatArray) -> FloatArray:
@@ -99,7 +100,7 @@ class VoxelGrid:
         workers = numba.get_num_threads() if r.size > SMALL else 1
         scale = float(np.abs(r).max()) or 1.0  # single precision has no room for all units
         z = fft.rfftn((r / scale).astype(np.float32), axes=(1, 2, 3), workers=workers)
-        kernels.invert(z, *self._symbols, self.reference / self._unit)
+        kernels.invert(z.shape[1], z, *self._symbols, self.reference / self._unit)
         out = fft.irfftn(z, s=self.phase.shape, axes=(1, 2, 3), workers=workers, overwrite_x=True)
         return np.multiply(out, scale / self._unit, dtype=np.float64)
 
@@ -165,15 +166,15 @@ def descend(
         if not pq > 0.0:
             raise ConvergenceError("the stiffness of the voxels is not positive; check the phases")
         alpha = rz / pq
-        kb.combine(alpha, p.ravel(), 1.0, x.ravel())
-        kb.combine(-alpha, q.ravel(), 1.0, r.ravel())
+        kb.combine(p.size, alpha, p.ravel(), 1.0, x.ravel())
+        kb.combine(q.size, -alpha, q.ravel(), 1.0, r.ravel())
         z = M(r)
         old, rz = rz, _dot(r, z)
         left = (max(rz, 0.0) / first) ** 0.5
         bar(left)
         if left <= tol or not rz > ROUNDING * first:
             return Descent(x, r, k, left)
-        kb.combine(1.0, z.ravel(), -alpha * _dot(z, q) / old, p.ravel())
+        kb.combine(z.size, 1.0, z.ravel(), -alpha * _dot(z, q) / old, p.ravel())
     raise ConvergenceError(
         f"conjugate gradients stopped after {steps} iterations at a relative residual of "
         f"{left:.1e}, above tol = {tol:.1e}; allow more, or a softer contrast of the phases"

@@ -214,7 +214,7 @@ class VoxelOperator:
             size = float(np.abs(r).max()) or 1.0
             z = fft.fftn((field / size).astype(np.complex64), axes=(1, 2, 3))
             first = mean @ z[:, 0, 0, 0].astype(np.complex128)
-            kernels.invert(z, *self.symbols, self.waves.reference / scale)
+            kernels.invert(z.shape[1], z, *self.symbols, self.waves.reference / scale)
             z[:, 0, 0, 0] = first * scale
             field = fft.ifftn(z, axes=(1, 2, 3), overwrite_x=True)
             out[b] = field[self.keep].astype(np.complex128) * (size / scale)

@@ -5,6 +5,9 @@ format. `L` is a tuple of length m: the size of a block is then known to the com
 
 Products go through the matrix once for a vector, or for eight side by side.
 
+Kernels of long vectors take slices, as compilers do not know that `first` is not negative: with
+that question at every number they would go through them one by one.
+
 Guarantees: every row, and every chunk of a sum, is done by one thread in a fixed order, so the
 results have the same bits for any number of threads. Products of single precision stay in it;
 sums are kept in double precision.
@@ -13,9 +16,9 @@ sums are kept in double precision.
 from typing import Any
 
 import numpy as np
-from numba import prange
 
-from ilattice._kernels import inner, outer
+from ilattice._kernels import in_ranges, inner, outer
+from ilattice._typing import AnyArray, FloatArray
 from ilattice.linalg._kernels_rows import (
     LANES,
     column,
@@ -24,24 +27,29 @@ from ilattice.linalg._kernels_rows import (
     row_of_eight,
 )
 
-#: Rows that a thread takes at once: of matrices, and of vectors.
+#: Rows of a matrix that are multiplied before they are added to a vector; a multiple of them, of
+#: matrices and of vectors, that a thread takes at once.
 ROWS = 32
+GRAIN = 1024
+LONG = 65536
+#: Numbers of vectors in a sum.
 CHUNK = 4096
 FAST = {"contract", "nsz", "reassoc"}
 #: A pivot of a diagonal block, scaled to ones on its diagonal, counts as zero below this.
 NO_PIVOT = 1e-12
 
 
-@outer(error_model="numpy", parallel=True)
+@in_ranges(GRAIN)
+@outer(nogil=True, error_model="numpy")
 def multiply(
-    offsets: Any, columns: Any, blocks: Any, x: Any, y: Any, sign: Any, M: Any, P: Any
-) -> None:
+    begin: int, end: int, offsets: Any, columns: Any, blocks: Any, x: Any, y: Any, sign: Any,
+    M: Any, P: Any,
+) -> None:  # fmt: skip
     """y += sign K x (or y = K x for sign 0), blocks len(M) x len(P)."""
     m = len(M)
-    n = len(offsets) - 1
-    for chunk in prange((n + ROWS - 1) // ROWS):
-        first, last = chunk * ROWS, min(n, (chunk + 1) * ROWS)
-        sums = np.empty(m * ROWS, x.dtype)
+    sums = np.empty(m * ROWS, x.dtype)
+    for first in range(begin, end, ROWS):
+        last = min(end, first + ROWS)
         for i in range(first, last):
             row(
                 offsets[i], offsets[i + 1], columns, columns, blocks, x, M, P, sums, m * (i - first)
@@ -53,16 +61,17 @@ def multiply(
                 y[m * first + e] += sign * sums[e]
 
 
-@outer(error_model="numpy", parallel=True)
+@in_ranges(GRAIN // 2)
+@outer(nogil=True, error_model="numpy")
 def multiply_eight(
-    offsets: Any, columns: Any, blocks: Any, x: Any, y: Any, sign: Any, M: Any, P: Any
-) -> None:
+    begin: int, end: int, offsets: Any, columns: Any, blocks: Any, x: Any, y: Any, sign: Any,
+    M: Any, P: Any,
+) -> None:  # fmt: skip
     """The same for the first of eight vectors side by side in x (n, 8), and rows of y."""
     m = len(M)
-    n = len(offsets) - 1
-    for chunk in prange((n + ROWS - 1) // ROWS):
-        first, last = chunk * ROWS, min(n, (chunk + 1) * ROWS)
-        sums = np.empty((m * ROWS, LANES), x.dtype)
+    sums = np.empty((m * ROWS, LANES), x.dtype)
+    for first in range(begin, end, ROWS):
+        last = min(end, first + ROWS)
         for i in range(first, last):
             row_of_eight(
                 offsets[i], offsets[i + 1], columns, columns, blocks, x, M, P, sums, m * (i - first)
@@ -75,28 +84,29 @@ def multiply_eight(
                     y[r, m * first + e] += sign * sums[e, r]
 
 
-@outer(error_model="numpy", parallel=True)
+@in_ranges(GRAIN // 2)
+@outer(nogil=True, error_model="numpy")
 def multiply_transposed(
-    offsets: Any, rows: Any, where: Any, blocks: Any, x: Any, y: Any, M: Any, P: Any
-) -> None:
+    first: int, last: int, offsets: Any, rows: Any, where: Any, blocks: Any, x: Any, y: Any,
+    M: Any, P: Any,
+) -> None:  # fmt: skip
     """y = Pᵀ x, blocks len(M) x len(P); column J has blocks where[k] in rows[k]."""
     p = len(P)
-    n = len(offsets) - 1
-    for chunk in prange((n + ROWS - 1) // ROWS):
-        for J in range(chunk * ROWS, min(n, (chunk + 1) * ROWS)):
-            column(offsets[J], offsets[J + 1], rows, where, blocks, x, M, P, y, p * J)
+    for J in range(first, last):
+        column(offsets[J], offsets[J + 1], rows, where, blocks, x, M, P, y, p * J)
 
 
-@outer(error_model="numpy", parallel=True)
+@in_ranges(GRAIN // 4)
+@outer(nogil=True, error_model="numpy")
 def multiply_eight_transposed(
-    offsets: Any, rows: Any, where: Any, blocks: Any, x: Any, y: Any, M: Any, P: Any
-) -> None:
+    begin: int, end: int, offsets: Any, rows: Any, where: Any, blocks: Any, x: Any, y: Any,
+    M: Any, P: Any,
+) -> None:  # fmt: skip
     """The same for the first of eight vectors side by side in x (n, 8), and rows of y."""
     p = len(P)
-    n = len(offsets) - 1
-    for chunk in prange((n + ROWS - 1) // ROWS):
-        first, last = chunk * ROWS, min(n, (chunk + 1) * ROWS)
-        sums = np.empty((p * ROWS, LANES), x.dtype)
+    sums = np.empty((p * ROWS, LANES), x.dtype)
+    for first in range(begin, end, ROWS):
+        last = min(end, first + ROWS)
         for J in range(first, last):
             column_of_eight(
                 offsets[J], offsets[J + 1], rows, where, blocks, x, M, P, sums, p * (J - first)
@@ -106,81 +116,89 @@ def multiply_eight_transposed(
                 y[r, p * first + e] = sums[e, r]
 
 
-@outer(error_model="numpy", parallel=True)
-def side_by_side(x: Any, out: Any) -> None:
+@in_ranges(LONG // LANES)
+@outer(nogil=True, error_model="numpy")
+def side_by_side(first: int, last: int, x: Any, out: Any) -> None:
     """Numbers of vectors (r, n), at most eight, in rows of out (n, 8); zeros for those missing."""
-    n = x.shape[1]
-    for chunk in prange((n + CHUNK - 1) // CHUNK):
-        for i in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
-            for r in range(LANES):
-                out[i, r] = x[r, i] if r < len(x) else 0
+    x, out = x[:, first:last], out[first:last]
+    for i in range(len(out)):
+        for r in range(LANES):
+            out[i, r] = x[r, i] if r < len(x) else 0
 
 
-@outer(error_model="numpy", parallel=True, fastmath=FAST)
-def dots(x: Any, y: Any, z: Any) -> Any:
-    """Scalar products x y and x z, one row per chunk."""
-    n = len(x)
-    out = np.empty(((n + CHUNK - 1) // CHUNK, 2))
-    for chunk in prange(len(out)):
+@in_ranges(LONG // CHUNK)
+@outer(nogil=True, error_model="numpy", fastmath=FAST)
+def dots_of_chunks(first: int, last: int, x: Any, y: Any, z: Any, out: Any) -> None:
+    """Scalar products x y and x z, one row of out (chunks, 2) per chunk."""
+    for chunk in range(first, last):
+        begin, end = chunk * CHUNK, min(len(x), (chunk + 1) * CHUNK)
+        p, q, r = x[begin:end], y[begin:end], z[begin:end]
         a = 0.0
         b = 0.0
-        for i in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
-            v = np.float64(x[i])
-            a += v * y[i]
-            b += v * z[i]
+        for i in range(len(p)):
+            v = np.float64(p[i])
+            a += v * q[i]
+            b += v * r[i]
         out[chunk, 0] = a
         out[chunk, 1] = b
+
+
+def dots(x: AnyArray, y: AnyArray, z: AnyArray) -> FloatArray:
+    """Scalar products x y and x z, one row per chunk."""
+    out = np.empty((-(-len(x) // CHUNK), 2))
+    dots_of_chunks(len(out), x, y, z, out)
     return out
 
 
-@outer(error_model="numpy", parallel=True, fastmath=FAST)
-def combine(a: Any, x: Any, b: Any, y: Any) -> None:
+@in_ranges(LONG)
+@outer(nogil=True, error_model="numpy", fastmath=FAST)
+def combine(first: int, last: int, a: Any, x: Any, b: Any, y: Any) -> None:
     """y = a x + b y."""
-    n = len(x)
-    for chunk in prange((n + CHUNK - 1) // CHUNK):
-        for i in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
-            y[i] = a * x[i] + b * y[i]
+    x, y = x[first:last], y[first:last]
+    for i in range(len(y)):
+        y[i] = a * x[i] + b * y[i]
 
 
-@outer(error_model="numpy", parallel=True, fastmath=FAST)
-def smooth(a: Any, z: Any, b: Any, r: Any, c: Any, x: Any) -> None:
+@in_ranges(LONG)
+@outer(nogil=True, error_model="numpy", fastmath=FAST)
+def smooth(first: int, last: int, a: Any, z: Any, b: Any, r: Any, c: Any, x: Any) -> None:
     """z = a z + b r, then x += c z."""
-    n = len(x)
-    for chunk in prange((n + CHUNK - 1) // CHUNK):
-        for i in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
-            v = a * z[i] + b * r[i]
-            z[i] = v
-            x[i] += c * v
+    z, r, x = z[first:last], r[first:last], x[first:last]
+    for i in range(len(z)):
+        v = a * z[i] + b * r[i]
+        z[i] = v
+        x[i] += c * v
 
 
-@outer(error_model="numpy", parallel=True)
-def factors(offsets: Any, columns: Any, blocks: Any, L: Any, roots: Any, inverses: Any) -> Any:
+@in_ranges(GRAIN)
+@outer(nogil=True, error_model="numpy")
+def factors(
+    first: int, last: int, offsets: Any, columns: Any, blocks: Any, L: Any, roots: Any,
+    inverses: Any, state: Any,
+) -> None:  # fmt: skip
     """Cholesky factors (rows, m, m) of the diagonal blocks, and their inverses.
 
-    Where a block has a pivot next to zero, its diagonal alone is used. Returns per row whether
-    that was so (1), or a diagonal entry is not positive (2).
+    Where a block has a pivot next to zero, its diagonal alone is used. `state` becomes per row
+    whether that was so (1), or a diagonal entry is not positive (2), or neither (0).
     """
     m = len(L)
-    n = len(offsets) - 1
-    state = np.zeros(n, np.uint8)
-    for chunk in prange((n + ROWS - 1) // ROWS):
-        for i in range(chunk * ROWS, min(n, (chunk + 1) * ROWS)):
-            F = roots[i]
-            F[:] = 0.0
-            at = -1
-            for k in range(offsets[i], offsets[i + 1]):
-                if columns[k] == i:
-                    at = k
+    for i in range(first, last):
+        F = roots[i]
+        F[:] = 0.0
+        at = -1
+        for k in range(offsets[i], offsets[i + 1]):
+            if columns[k] == i:
+                at = k
+        state[i] = 0
+        for a in range(m):
+            if at < 0 or not blocks[at, a, a] > 0.0:
+                state[i] = 2
+        if state[i] == 2:
             for a in range(m):
-                if at < 0 or not blocks[at, a, a] > 0.0:
-                    state[i] = 2
-            if state[i] == 2:
-                for a in range(m):
-                    F[a, a] = 1.0
-            else:
-                state[i] = _cholesky(blocks[at], F, m)
-            _invert(F, inverses[i], m)
-    return state
+                F[a, a] = 1.0
+        else:
+            state[i] = _cholesky(blocks[at], F, m)
+        _invert(F, inverses[i], m)
 
 
 @inner(error_model="numpy")
@@ -219,74 +237,83 @@ def _invert(F: Any, G: Any, m: int) -> None:
                 G[a, b] = v / F[a, a]
 
 
-@outer(error_model="numpy", parallel=True)
-def scaled(offsets: Any, columns: Any, blocks: Any, G: Any, L: Any, out: Any) -> None:
+@in_ranges(GRAIN // 4)
+@outer(nogil=True, error_model="numpy")
+def scaled(
+    first: int, last: int, offsets: Any, columns: Any, blocks: Any, G: Any, L: Any, out: Any
+) -> None:
     """out = G_i K_ij G_jᵀ, rounded to what out is."""
     m = len(L)
-    n = len(offsets) - 1
-    for chunk in prange((n + ROWS - 1) // ROWS):
-        half = np.empty((m, m))
-        for i in range(chunk * ROWS, min(n, (chunk + 1) * ROWS)):
-            for k in range(offsets[i], offsets[i + 1]):
-                j = columns[k]
-                for a in range(m):
-                    for b in range(m):
-                        v = 0.0
-                        for c in range(a + 1):
-                            v += G[i, a, c] * blocks[k, c, b]
-                        half[a, b] = v
-                for a in range(m):
-                    for b in range(m):
-                        v = 0.0
-                        for c in range(b + 1):
-                            v += half[a, c] * G[j, b, c]
-                        out[k, a, b] = v
+    half = np.empty((m, m))
+    for i in range(first, last):
+        for k in range(offsets[i], offsets[i + 1]):
+            j = columns[k]
+            for a in range(m):
+                for b in range(m):
+                    v = 0.0
+                    for c in range(a + 1):
+                        v += G[i, a, c] * blocks[k, c, b]
+                    half[a, b] = v
+            for a in range(m):
+                for b in range(m):
+                    v = 0.0
+                    for c in range(b + 1):
+                        v += half[a, c] * G[j, b, c]
+                    out[k, a, b] = v
 
 
-@outer(error_model="numpy", parallel=True)
-def multiply_blocks(A: Any, x: Any, transposed: bool, L: Any, y: Any) -> None:
+@in_ranges(LONG // 16)
+@outer(nogil=True, error_model="numpy")
+def multiply_blocks(
+    first: int, last: int, A: Any, x: Any, transposed: bool, L: Any, y: Any
+) -> None:
     """y_i = A_i x_i, or A_iᵀ x_i, of vectors or rows (m rows, p)."""
     m = len(L)
     p = x.shape[1]
-    for chunk in prange((len(A) + ROWS - 1) // ROWS):
-        for i in range(chunk * ROWS, min(len(A), (chunk + 1) * ROWS)):
-            for a in range(m):
-                for q in range(p):
+    A, x, y = A[first:last], x[m * first : m * last], y[m * first : m * last]
+    for i in range(len(A)):
+        for q in range(p):
+            if transposed:
+                for a in range(m):
                     v = 0.0
                     for b in range(m):
-                        v += (A[i, b, a] if transposed else A[i, a, b]) * x[m * i + b, q]
+                        v += A[i, b, a] * x[m * i + b, q]
+                    y[m * i + a, q] = v
+            else:
+                for a in range(m):
+                    v = 0.0
+                    for b in range(m):
+                        v += A[i, a, b] * x[m * i + b, q]
                     y[m * i + a, q] = v
 
 
-@outer(error_model="numpy", parallel=True)
-def scale_rows(offsets: Any, blocks: Any, G: Any, S: Any, out: Any) -> None:
+@in_ranges(GRAIN)
+@outer(nogil=True, error_model="numpy")
+def scale_rows(first: int, last: int, offsets: Any, blocks: Any, G: Any, S: Any, out: Any) -> None:
     """out = G_iᵀ P_ij, G lower triangular."""
     m = len(S[0])
     p = len(S[1])
-    n = len(offsets) - 1
-    for chunk in prange((n + ROWS - 1) // ROWS):
-        for i in range(chunk * ROWS, min(n, (chunk + 1) * ROWS)):
-            for k in range(offsets[i], offsets[i + 1]):
-                for a in range(m):
-                    for b in range(p):
-                        v = 0.0
-                        for c in range(a, m):
-                            v += G[i, c, a] * blocks[k, c, b]
-                        out[k, a, b] = v
+    for i in range(first, last):
+        for k in range(offsets[i], offsets[i + 1]):
+            for a in range(m):
+                for b in range(p):
+                    v = 0.0
+                    for c in range(a, m):
+                        v += G[i, c, a] * blocks[k, c, b]
+                    out[k, a, b] = v
 
 
-@outer(error_model="numpy", parallel=True)
-def scale_columns(columns: Any, blocks: Any, G: Any, S: Any) -> None:
-    """P_ij = P_ij G_jᵀ in place, G lower triangular."""
+@in_ranges(2 * GRAIN)
+@outer(nogil=True, error_model="numpy")
+def scale_columns(first: int, last: int, columns: Any, blocks: Any, G: Any, S: Any) -> None:
+    """P_ij = P_ij G_jᵀ in place, G lower triangular; items are blocks."""
     m = len(S[0])
     p = len(S[1])
-    n = len(columns)
-    for chunk in prange((n + ROWS - 1) // ROWS):
-        for k in range(chunk * ROWS, min(n, (chunk + 1) * ROWS)):
-            j = columns[k]
-            for a in range(m):
-                for b in range(p - 1, -1, -1):
-                    v = 0.0
-                    for c in range(b + 1):
-                        v += blocks[k, a, c] * G[j, b, c]
-                    blocks[k, a, b] = v
+    for k in range(first, last):
+        j = columns[k]
+        for a in range(m):
+            for b in range(p - 1, -1, -1):
+                v = 0.0
+                for c in range(b + 1):
+                    v += blocks[k, a, c] * G[j, b, c]
+                blocks[k, a, b] = v

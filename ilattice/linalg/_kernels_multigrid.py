@@ -7,13 +7,10 @@ to such a node, is in one.
 from typing import Any
 
 import numpy as np
-from numba import prange
 
-from ilattice._kernels import inner, outer
-from ilattice.linalg._kernels_blocks import FAST
+from ilattice._kernels import in_ranges, inner, outer
+from ilattice.linalg._kernels_blocks import FAST, GRAIN
 
-#: Parts that rows are cut into for threads, so that sums do not depend on their number.
-PARTS = 64
 #: A mode counts as dependent on those before it on an aggregate below this part of its length.
 DEPENDENT = 1e-8
 
@@ -32,42 +29,56 @@ def strengths(offsets: Any, columns: Any, blocks: Any, L: Any, out: Any) -> None
             out[k] = v
 
 
-@outer(error_model="numpy", parallel=True)
+@in_ranges(4 * GRAIN)
+@outer(nogil=True, error_model="numpy")
+def greatest(first: int, last: int, offsets: Any, strength: Any, out: Any) -> None:
+    """out[i] = greatest strength of the couplings of node i."""
+    for i in range(first, last):
+        out[i] = 0.0
+        for k in range(offsets[i], offsets[i + 1]):
+            out[i] = max(out[i], strength[k])
+
+
+@in_ranges(4 * GRAIN)
+@outer(nogil=True, error_model="numpy")
 def mark_strong(
-    offsets: Any, columns: Any, strength: Any, least: float, share: float, out: Any
+    first: int, last: int, offsets: Any, columns: Any, strength: Any, top: Any, least: float,
+    share: float, out: Any,
+) -> None:  # fmt: skip
+    """Which couplings are above `least` and above `share` of the greatest one, `top`, of either."""
+    for i in range(first, last):
+        for k in range(offsets[i], offsets[i + 1]):
+            out[k] = strength[k] > max(least, share * max(top[i], top[columns[k]]))
+
+
+@in_ranges(2 * GRAIN)
+@outer(nogil=True, error_model="numpy")
+def nearest(
+    first: int, last: int, offsets: Any, columns: Any, points: Any, strong: Any, out: Any
 ) -> None:
-    """Which couplings are above `least` and above `share` of the greatest one of either node."""
-    n = len(offsets) - 1
-    top = np.zeros(n, np.float32)
-    for part in prange(PARTS):
-        for i in range(n * part // PARTS, n * (part + 1) // PARTS):
-            for k in range(offsets[i], offsets[i + 1]):
-                top[i] = max(top[i], strength[k])
-    for part in prange(PARTS):
-        for i in range(n * part // PARTS, n * (part + 1) // PARTS):
-            for k in range(offsets[i], offsets[i + 1]):
-                out[k] = strength[k] > max(least, share * max(top[i], top[columns[k]]))
+    """out[i] = squared distance of the nearest node with a mark from node i, or infinity."""
+    for i in range(first, last):
+        out[i] = np.inf
+        for k in range(offsets[i], offsets[i + 1]):
+            if strong[k]:
+                out[i] = min(out[i], squared_distance(points, i, columns[k]))
 
 
-@outer(error_model="numpy", parallel=True)
-def unmark_far(offsets: Any, columns: Any, points: Any, most: float, strong: Any) -> None:
+@in_ranges(2 * GRAIN)
+@outer(nogil=True, error_model="numpy")
+def unmark_far(
+    first: int, last: int, offsets: Any, columns: Any, points: Any, near: Any, most: float,
+    strong: Any,
+) -> None:  # fmt: skip
     """Unmark couplings to nodes beyond sqrt(`most`) times the nearest one with a mark.
 
-    The nearest one of that of the two nodes which has it farther away.
+    The nearest one, see `nearest`, of that of the two nodes which has it farther away.
     """
-    n = len(offsets) - 1
-    near = np.full(n, np.inf)
-    for part in prange(PARTS):
-        for i in range(n * part // PARTS, n * (part + 1) // PARTS):
-            for k in range(offsets[i], offsets[i + 1]):
-                if strong[k]:
-                    near[i] = min(near[i], squared_distance(points, i, columns[k]))
-    for part in prange(PARTS):
-        for i in range(n * part // PARTS, n * (part + 1) // PARTS):
-            for k in range(offsets[i], offsets[i + 1]):
-                j = columns[k]
-                if squared_distance(points, i, j) > most * max(near[i], near[j]):
-                    strong[k] = False
+    for i in range(first, last):
+        for k in range(offsets[i], offsets[i + 1]):
+            j = columns[k]
+            if squared_distance(points, i, j) > most * max(near[i], near[j]):
+                strong[k] = False
 
 
 @inner(error_model="numpy")
@@ -145,40 +156,54 @@ def strongest(
     return out
 
 
-@outer(error_model="numpy", parallel=True)
-def tentative(offsets: Any, members: Any, modes: Any, L: Any, blocks: Any, coarse: Any) -> None:
+@in_ranges(16)
+@outer(nogil=True, error_model="numpy")
+def tentative(
+    first: int, last: int, offsets: Any, members: Any, modes: Any, L: Any, blocks: Any, coarse: Any
+) -> None:
     """Orthonormal modes on every aggregate: blocks (nodes, m, p), and coarse modes (n p, p).
 
     On the members of an aggregate modes = blocks @ coarse. A dependent mode gets a zero column.
     """
     m = len(L)
     p = modes.shape[1]
-    for part in prange(PARTS):
-        for J in range(part, len(offsets) - 1, PARTS):
-            rows = members[offsets[J] : offsets[J + 1]]
-            Q = np.empty((p, m * len(rows)))
-            R = coarse[p * J : p * (J + 1)]
-            R[:] = 0.0
-            for c in range(p):
-                for k in range(len(rows)):
-                    for a in range(m):
-                        Q[c, m * k + a] = modes[m * rows[k] + a, c]
-                before = np.sqrt((Q[c] * Q[c]).sum())
-                for _ in range(2):  # twice is enough
-                    for d in range(c):
-                        v = (Q[d] * Q[c]).sum()
-                        R[d, c] += v
-                        Q[c] -= v * Q[d]
-                after = np.sqrt((Q[c] * Q[c]).sum())
-                if after > DEPENDENT * before:
-                    R[c, c] = after
-                    Q[c] /= after
-                else:
-                    Q[c] = 0.0
+    for J in range(first, last):
+        rows = members[offsets[J] : offsets[J + 1]]
+        n = m * len(rows)
+        Q = np.empty((p, n))
+        R = coarse[p * J : p * (J + 1)]
+        R[:] = 0.0
+        for c in range(p):
             for k in range(len(rows)):
                 for a in range(m):
-                    for c in range(p):
-                        blocks[rows[k], a, c] = Q[c, m * k + a]
+                    Q[c, m * k + a] = modes[m * rows[k] + a, c]
+            before = np.sqrt(product(Q, c, c))
+            for _ in range(2):  # twice is enough
+                for d in range(c):
+                    v = product(Q, d, c)
+                    R[d, c] += v
+                    for e in range(n):
+                        Q[c, e] -= v * Q[d, e]
+            after = np.sqrt(product(Q, c, c))
+            if after > DEPENDENT * before:
+                R[c, c] = after
+                for e in range(n):
+                    Q[c, e] /= after
+            else:
+                Q[c] = 0.0
+        for k in range(len(rows)):
+            for a in range(m):
+                for c in range(p):
+                    blocks[rows[k], a, c] = Q[c, m * k + a]
+
+
+@inner(error_model="numpy")
+def product(Q: Any, c: int, d: int) -> float:
+    """Scalar product of two rows."""
+    out = 0.0
+    for e in range(Q.shape[1]):
+        out += Q[c, e] * Q[d, e]
+    return out
 
 
 @outer(error_model="numpy", fastmath=FAST)
@@ -223,8 +248,9 @@ def solve_cholesky(F: Any, b: Any, x: Any) -> None:
             y[k] -= v * F[i, k]
 
 
-@outer(error_model="numpy", parallel=True)
-def solve_rows(F: Any, b: Any, x: Any) -> None:
+@in_ranges(1)
+@outer(nogil=True, error_model="numpy")
+def solve_rows(first: int, last: int, F: Any, b: Any, x: Any) -> None:
     """As `solve_cholesky`, for all rows of b (r, n)."""
-    for r in prange(len(b)):
+    for r in range(first, last):
         solve_cholesky(F, b[r], x[r])

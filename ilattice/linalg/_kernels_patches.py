@@ -8,9 +8,8 @@ inverses are positive definite; every patch is done by one thread.
 from typing import Any
 
 import numpy as np
-from numba import prange
 
-from ilattice._kernels import inner, outer
+from ilattice._kernels import in_ranges, inner, outer
 from ilattice.linalg._kernels_multigrid import cholesky, solve_cholesky
 
 #: Least pivot of a patch whose diagonal is one: below it, the matrix in single precision is noise.
@@ -42,13 +41,15 @@ def root(first: Any, i: int) -> int:
     return i
 
 
-@outer(error_model="numpy", parallel=True)
+@in_ranges(16)
+@outer(nogil=True, error_model="numpy")
 def invert(
-    offsets: Any, columns: Any, blocks: Any, starts: Any, members: Any, where: Any, out: Any
-) -> None:
+    first: int, last: int, offsets: Any, columns: Any, blocks: Any, starts: Any, members: Any,
+    where: Any, out: Any,
+) -> None:  # fmt: skip
     """Inverses, from out[where[p]] on, of the matrices of the nodes of every patch p."""
     m = blocks.shape[1]
-    for p in prange(len(starts) - 1):
+    for p in range(first, last):
         nodes = members[starts[p] : starts[p + 1]]
         n = m * len(nodes)
         D = np.zeros((n, n))
@@ -70,15 +71,23 @@ def invert(
                 out[where[p] + a * n + c] = x[a]
 
 
-@outer(error_model="numpy", parallel=True)
-def apply(starts: Any, members: Any, where: Any, inverses: Any, m: int, r: Any, s: Any) -> None:
+@in_ranges(128)
+@outer(nogil=True, error_model="numpy")
+def apply(
+    first: int, last: int, starts: Any, members: Any, where: Any, inverses: Any, m: int, r: Any,
+    s: Any,
+) -> None:  # fmt: skip
     """s = inverse times r on the patches, vectors in rows of r (k, n)."""
-    for p in prange(len(starts) - 1):
-        first = starts[p]
-        n = m * (starts[p + 1] - first)
+    for p in range(first, last):
+        nodes = members[starts[p] : starts[p + 1]]
+        inverse = inverses[where[p] : where[p + 1]]
         for c in range(len(r)):
-            for a in range(n):
-                v = 0.0
-                for b in range(n):
-                    v += inverses[where[p] + a * n + b] * r[c, m * members[first + b // m] + b % m]
-                s[c, m * members[first + a // m] + a % m] = v
+            at = 0
+            for i in range(len(nodes)):
+                for a in range(m):
+                    v = 0.0
+                    for j in range(len(nodes)):
+                        for b in range(m):
+                            v += inverse[at] * r[c, m * nodes[j] + b]
+                            at += 1
+                    s[c, m * nodes[i] + a] = v

@@ -7,13 +7,13 @@ product is symmetric to the last bit.
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
-from ilattice._kernels import outer
-from ilattice.linalg._kernels_blocks import FAST
+from ilattice._kernels import in_ranges, outer
+from ilattice.linalg._kernels_blocks import FAST, GRAIN
 from ilattice.linalg._kernels_rows import add_product, add_product_transposed
 
-#: Parts that rows are cut into for threads, so that sums do not depend on their number.
+#: Parts that rows are cut into for threads, each with scratch as long as a row.
 PARTS = 64
 
 
@@ -25,14 +25,16 @@ def clear(C: Any, at: int, rows: Any, columns: Any) -> None:
             C[at, a, b] = 0.0
 
 
-@outer(error_model="numpy", parallel=True)
+@in_ranges(1)
+@outer(nogil=True, error_model="numpy")
 def count_product(
-    a_offsets: Any, a_columns: Any, b_offsets: Any, b_columns: Any, width: int, out: Any
-) -> None:
+    first: int, last: int, a_offsets: Any, a_columns: Any, b_offsets: Any, b_columns: Any,
+    width: int, out: Any,
+) -> None:  # fmt: skip
     """out[i + 1] = number of blocks in row i of A B, B of `width` columns."""
     n = len(a_offsets) - 1
-    for part in prange(PARTS):
-        seen = np.full(width, -1, np.int32)
+    seen = np.full(width, -1, np.int32)
+    for part in range(first, last):
         for i in range(n * part // PARTS, n * (part + 1) // PARTS):
             count = 0
             for k in range(a_offsets[i], a_offsets[i + 1]):
@@ -45,8 +47,33 @@ def count_product(
             out[i + 1] = count
 
 
-@outer(error_model="numpy", parallel=True, fastmath=FAST)
+@in_ranges(1)
+@outer(nogil=True, error_model="numpy")
+def fill_product(
+    begin: int, end: int, a_offsets: Any, a_columns: Any, b_offsets: Any, b_columns: Any,
+    width: int, offsets: Any, columns: Any,
+) -> None:  # fmt: skip
+    """Columns of A B, those of a row as they come."""
+    n = len(a_offsets) - 1
+    seen = np.full(width, -1, np.int32)
+    for part in range(begin, end):
+        for i in range(n * part // PARTS, n * (part + 1) // PARTS):
+            to = offsets[i]
+            for k in range(a_offsets[i], a_offsets[i + 1]):
+                j = a_columns[k]
+                for e in range(b_offsets[j], b_offsets[j + 1]):
+                    J = b_columns[e]
+                    if seen[J] != i:
+                        seen[J] = i
+                        columns[to] = J
+                        to += 1
+
+
+@in_ranges(1)
+@outer(nogil=True, error_model="numpy", fastmath=FAST)
 def product(
+    begin: int,
+    end: int,
     a_offsets: Any,
     a_columns: Any,
     a_blocks: Any,
@@ -59,49 +86,52 @@ def product(
     columns: Any,
     blocks: Any,
 ) -> None:
-    """A B, blocks len(S[0]) square times len(S[0]) x len(S[1]); columns of a row as they come."""
+    """Rows of A B with known columns, blocks len(S[0]) square times len(S[0]) x len(S[1]).
+
+    The first of `blocks` is number offsets[0].
+    """
     L, R = S
     n = len(a_offsets) - 1
-    for part in prange(PARTS):
-        slot = np.full(width, -1, np.int32)
+    slot = np.empty(width, np.int64)
+    for part in range(begin, end):
         for i in range(n * part // PARTS, n * (part + 1) // PARTS):
-            first = offsets[i]
-            to = first
+            for at in range(offsets[i] - offsets[0], offsets[i + 1] - offsets[0]):
+                slot[columns[at + offsets[0]]] = at
+                clear(blocks, at, L, R)
             for k in range(a_offsets[i], a_offsets[i + 1]):
                 j = a_columns[k]
                 for e in range(b_offsets[j], b_offsets[j + 1]):
-                    J = b_columns[e]
-                    at = slot[J]
-                    if at < first or at >= to or columns[at] != J:
-                        at = to
-                        to += 1
-                        slot[J] = at
-                        columns[at] = J
-                        clear(blocks, at, L, R)
-                    add_product(blocks, at, a_blocks, k, b_blocks, e, L, L, R)
+                    add_product(blocks, slot[b_columns[e]], a_blocks, k, b_blocks, e, L, L, R)
 
 
-@outer(error_model="numpy", parallel=True)
+@in_ranges(GRAIN)
+@outer(nogil=True, error_model="numpy")
 def damp(
-    offsets: Any, columns: Any, blocks: Any, b_offsets: Any, b_columns: Any, b_blocks: Any, f: Any
-) -> None:
+    first: int, last: int, offsets: Any, columns: Any, blocks: Any, b_offsets: Any,
+    b_columns: Any, b_blocks: Any, f: Any,
+) -> None:  # fmt: skip
     """A = f A + B, where A has all blocks of B."""
-    n = len(offsets) - 1
-    for part in prange(PARTS):
-        for i in range(n * part // PARTS, n * (part + 1) // PARTS):
-            for k in range(offsets[i], offsets[i + 1]):
-                blocks[k] *= f
-                for e in range(b_offsets[i], b_offsets[i + 1]):
-                    if b_columns[e] == columns[k]:
-                        blocks[k] += b_blocks[e]
+    for i in range(first, last):
+        for k in range(offsets[i], offsets[i + 1]):
+            for a in range(blocks.shape[1]):
+                for b in range(blocks.shape[2]):
+                    blocks[k, a, b] *= f
+            for e in range(b_offsets[i], b_offsets[i + 1]):
+                if b_columns[e] == columns[k]:
+                    for a in range(blocks.shape[1]):
+                        for b in range(blocks.shape[2]):
+                            blocks[k, a, b] += b_blocks[e, a, b]
 
 
-@outer(error_model="numpy", parallel=True)
-def count_galerkin(t_offsets: Any, t_rows: Any, b_offsets: Any, b_columns: Any, out: Any) -> None:
+@in_ranges(1)
+@outer(nogil=True, error_model="numpy")
+def count_galerkin(
+    first: int, last: int, t_offsets: Any, t_rows: Any, b_offsets: Any, b_columns: Any, out: Any
+) -> None:
     """out[top + 1] = number of blocks on and right of the diagonal in row I of Tᵀ B."""
     n = len(t_offsets) - 1
-    for part in prange(PARTS):
-        seen = np.full(n, -1, np.int32)
+    seen = np.full(n, -1, np.int32)
+    for part in range(first, last):
         for top in range(n * part // PARTS, n * (part + 1) // PARTS):
             count = 0
             for k in range(t_offsets[top], t_offsets[top + 1]):
@@ -114,49 +144,70 @@ def count_galerkin(t_offsets: Any, t_rows: Any, b_offsets: Any, b_columns: Any, 
             out[top + 1] = count
 
 
-@outer(error_model="numpy", parallel=True, fastmath=FAST)
+@in_ranges(1)
+@outer(nogil=True, error_model="numpy")
+def fill_galerkin(
+    begin: int, end: int, t_offsets: Any, t_rows: Any, b_offsets: Any, b_columns: Any,
+    offsets: Any, columns: Any,
+) -> None:  # fmt: skip
+    """Columns on and right of the diagonal of Tᵀ B, those of a row ascending."""
+    n = len(t_offsets) - 1
+    seen = np.full(n, -1, np.int32)
+    for part in range(begin, end):
+        for top in range(n * part // PARTS, n * (part + 1) // PARTS):
+            to = offsets[top]
+            for k in range(t_offsets[top], t_offsets[top + 1]):
+                i = t_rows[k]
+                for e in range(b_offsets[i], b_offsets[i + 1]):
+                    J = b_columns[e]
+                    if J >= top and seen[J] != top:
+                        seen[J] = top
+                        columns[to] = J
+                        to += 1
+            columns[offsets[top] : to].sort()
+
+
+@in_ranges(1)
+@outer(nogil=True, error_model="numpy", fastmath=FAST)
 def galerkin(
-    t_offsets: Any,
+    begin: int,
+    end: int,
+    froms: Any,
+    tos: Any,
     t_rows: Any,
     t_where: Any,
     t_blocks: Any,
     b_offsets: Any,
     b_columns: Any,
     b_blocks: Any,
+    base: int,
     S: Any,
     offsets: Any,
     columns: Any,
     blocks: Any,
 ) -> None:
-    """Blocks of Tᵀ B on and right of the diagonal, columns of a row ascending."""
+    """Add blocks of Tᵀ B with known columns, from the rows froms[I] to tos[I] of column I of T.
+
+    The first of `b_blocks` is number `base`.
+    """
     L, R = S
-    n = len(t_offsets) - 1
-    for part in prange(PARTS):
-        slot = np.full(n, -1, np.int32)
+    n = len(froms)
+    slot = np.empty(n, np.int64)
+    for part in range(begin, end):
         for top in range(n * part // PARTS, n * (part + 1) // PARTS):
-            first = offsets[top]
-            to = first
-            for k in range(t_offsets[top], t_offsets[top + 1]):
-                i = t_rows[k]
-                for e in range(b_offsets[i], b_offsets[i + 1]):
-                    J = b_columns[e]
-                    at = slot[J]
-                    if J >= top and (at < first or at >= to or columns[at] != J):
-                        slot[J] = to
-                        columns[to] = J
-                        to += 1
-            columns[first:to].sort()
-            for at in range(first, to):
+            if froms[top] == tos[top]:
+                continue
+            for at in range(offsets[top], offsets[top + 1]):
                 slot[columns[at]] = at
-                clear(blocks, at, R, R)
-            for k in range(t_offsets[top], t_offsets[top + 1]):
+            for k in range(froms[top], tos[top]):
                 i = t_rows[k]
                 q = t_where[k]
                 for e in range(b_offsets[i], b_offsets[i + 1]):
                     J = b_columns[e]
                     if J < top:
                         continue
-                    add_product_transposed(blocks, slot[J], t_blocks, q, b_blocks, e, R, L, R)
+                    e0 = e - base
+                    add_product_transposed(blocks, slot[J], t_blocks, q, b_blocks, e0, R, L, R)
 
 
 @outer(error_model="numpy")

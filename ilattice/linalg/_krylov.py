@@ -165,8 +165,8 @@ class _Row:
         self.last = alpha * self.rz
         self.gain += self.last
         self.run.energy += self.last
-        kb.combine(alpha, p, 1.0, self.run.x)
-        kb.combine(-alpha, q, 1.0, r)
+        kb.combine(len(p), alpha, p, 1.0, self.run.x)
+        kb.combine(len(q), -alpha, q, 1.0, r)
         self.run.history.append(float(np.sqrt(_dots(r, r)[0]) / self.length))
         self.alphas.append(alpha)
         if len(self.alphas) % LOOK == 0:
@@ -187,7 +187,7 @@ class _Row:
         rz, qz = _dots(z, r, q)
         self.betas.append(-self.alphas[-1] * qz / self.rz)
         self.rz = rz
-        kb.combine(1.0, z, self.betas[-1], p)
+        kb.combine(len(z), 1.0, z, self.betas[-1], p)
 
     def look(self) -> None:
         """Update the condition number."""

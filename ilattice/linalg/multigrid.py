@@ -50,6 +50,8 @@ FAR = 2.0
 #: Nodes hang on each other if their coupling, of a matrix with ones in its diagonal, is above this
 #: (Frobenius norm); a patch has as many nodes at most.
 TIED, PATCH = 0.6, 16
+#: Blocks of a product that is not kept whole, made at a time: some 300 MB of 3 x 6 numbers.
+BATCH = 2_000_000
 LANCZOS = 16
 #: Largest eigenvalues are taken as this much above their estimate.
 SAFETY = 1.1
@@ -96,28 +98,41 @@ class Blocks:
         matrix, s = (self.offsets, self.columns, self.blocks), y.dtype.type(sign)
         for rows, given, out in _together(x, y):
             product = kb.multiply_eight if rows else kb.multiply
-            product(*matrix, given, out, s, *self.sizes)
+            product(self.rows, *matrix, given, out, s, *self.sizes)
 
     def multiply_transposed(self, x: AnyArray, y: AnyArray) -> None:
         """y = Aᵀ x; vectors (n,), or in rows (r, n)."""
         for rows, given, out in _together(x, y):
             product = kb.multiply_eight_transposed if rows else kb.multiply_transposed
-            product(*self.transposed, self.blocks, given, out, *self.sizes)
+            product(self.width, *self.transposed, self.blocks, given, out, *self.sizes)
 
     def times(self, other: Blocks) -> Blocks:
         """The product, of the type of `other`."""
+        offsets, columns = self.pattern(other)
+        blocks = np.empty((offsets[-1], *other.blocks.shape[1:]), other.blocks.dtype)
+        self.rows_times(other, 0, self.rows, offsets, columns, blocks)
+        return Blocks(offsets, columns, blocks, other.width)
+
+    def pattern(self, other: Blocks) -> tuple[AnyArray, AnyArray]:
+        """Offsets and columns of the product."""
+        both = (self.offsets, self.columns, other.offsets, other.columns, other.width)
         counts = np.zeros(self.rows + 1, np.int64)
-        mine = (self.offsets, self.columns)
-        theirs = (other.offsets, other.columns)
-        kq.count_product(*mine, *theirs, other.width, counts)
+        kq.count_product(kq.PARTS, *both, counts)
         offsets = np.cumsum(counts).astype(np.int32)
         columns = np.empty(offsets[-1], np.int32)
-        blocks = np.empty((offsets[-1], *other.blocks.shape[1:]), other.blocks.dtype)
+        kq.fill_product(kq.PARTS, *both, offsets, columns)
+        return offsets, columns
+
+    def rows_times(
+        self, other: Blocks, first: int, last: int, offsets: AnyArray, columns: AnyArray,
+        blocks: AnyArray,
+    ) -> None:  # fmt: skip
+        """Blocks of some rows of the product, whose pattern is known."""
         kq.product(
-            *mine, self.blocks, *theirs, other.blocks, other.width, other.sizes,
-            offsets, columns, blocks,
+            kq.PARTS, self.offsets[first : last + 1], self.columns, self.blocks, other.offsets,
+            other.columns, other.blocks, other.width, other.sizes, offsets[first : last + 1],
+            columns, blocks,
         )  # fmt: skip
-        return Blocks(offsets, columns, blocks, other.width)
 
 
 def _together(x: AnyArray, y: AnyArray) -> Iterator[tuple[bool, AnyArray, AnyArray]]:
@@ -129,7 +144,7 @@ def _together(x: AnyArray, y: AnyArray) -> Iterator[tuple[bool, AnyArray, AnyArr
             yield False, np.ascontiguousarray(some[0]), y[first]
         else:
             beside = np.empty((x.shape[1], LANES), x.dtype)
-            kb.side_by_side(some, beside)
+            kb.side_by_side(len(beside), some, beside)
             yield True, beside, y[first : first + LANES]
 
 
@@ -172,7 +187,7 @@ class Multigrid:
                 break
             A = _galerkin(A, inverses, P)
             factors, inverses = _block_factors(A)
-            kb.scale_columns(P.columns, P.blocks, inverses, P.sizes)
+            kb.scale_columns(len(P.columns), P.columns, P.blocks, inverses, P.sizes)
             self.levels.append(_Level(scaled, P, patches, SAFETY * rho))
         self.factor = _factor(_scaled(A, inverses, np.float64))
 
@@ -202,7 +217,7 @@ class Multigrid:
         """One V-cycle for residuals in rows of r, which is overwritten."""
         x = np.zeros_like(r)
         if depth == len(self.levels):
-            km.solve_rows(self.factor, r, x)
+            km.solve_rows(len(r), self.factor, r, x)
             return x
         level = self.levels[depth]
         level.smooth(r, x, last=False)
@@ -211,7 +226,7 @@ class Multigrid:
         step = np.empty_like(r)
         level.P.multiply(self._cycle(depth + 1, coarse), step, 0)
         level.A.multiply(step, r, -1)
-        kb.combine(ONE, step.ravel(), ONE, x.ravel())
+        kb.combine(x.size, ONE, step.ravel(), ONE, x.ravel())
         level.smooth(r, x, last=True)
         return x
 
@@ -230,7 +245,8 @@ class _Patches:
         if len(self.members) == 0:
             return r
         s = r.copy()
-        kp.apply(self.starts, self.members, self.where, self.inverses, m, r, s)
+        matrices = (self.starts, self.members, self.where, self.inverses)
+        kp.apply(len(self.starts) - 1, *matrices, m, r, s)
         return s
 
 
@@ -253,14 +269,15 @@ class _Level:
             a = np.float32((2 * i - 3) / (2 * i + 1))
             b = np.float32((8 * i - 4) / (2 * i + 1) / self.rho)
             solved = self.patches.solve(r, self.A.blocks.shape[1])
-            kb.smooth(a, z.ravel(), b, solved.ravel(), ONE, x.ravel())
+            kb.smooth(z.size, a, z.ravel(), b, solved.ravel(), ONE, x.ravel())
             if not last or i < DEGREE:
                 self.A.multiply(z, r, -1)
 
 
 def _block_factors(A: Blocks) -> tuple[FloatArray, FloatArray]:
     factors, inverses = np.empty((2, A.rows, *A.blocks.shape[1:]))
-    state = kb.factors(A.offsets, A.columns, A.blocks, A.sizes[0], factors, inverses)
+    state = np.empty(A.rows, np.uint8)
+    kb.factors(A.rows, A.offsets, A.columns, A.blocks, A.sizes[0], factors, inverses, state)
     if (state == 2).any():
         i = int(np.argmax(state == 2))
         raise InputError(
@@ -271,13 +288,13 @@ def _block_factors(A: Blocks) -> tuple[FloatArray, FloatArray]:
 
 
 def _multiply_blocks(A: FloatArray, x: AnyArray, transposed: bool, y: AnyArray) -> Any:
-    kb.multiply_blocks(A, x, transposed, (0,) * A.shape[1], y)
+    kb.multiply_blocks(len(A), A, x, transposed, (0,) * A.shape[1], y)
     return y
 
 
 def _scaled(A: Blocks, inverses: FloatArray, dtype: Any) -> Blocks:
     out = np.empty(A.blocks.shape, dtype)
-    kb.scaled(A.offsets, A.columns, A.blocks, inverses, A.sizes[0], out)
+    kb.scaled(A.rows, A.offsets, A.columns, A.blocks, inverses, A.sizes[0], out)
     return Blocks(A.offsets, A.columns, out, A.width)
 
 
@@ -295,7 +312,8 @@ def _patches(A: Blocks, strength: AnyArray) -> _Patches:
     sizes = size[size > 1]
     where = np.concatenate([[0], np.cumsum((A.blocks.shape[1] * sizes) ** 2)])
     out = _Patches(_offsets(sizes), members, where, np.empty(where[-1]))
-    kp.invert(A.offsets, A.columns, A.blocks, out.starts, members, where, out.inverses)
+    matrix = (A.offsets, A.columns, A.blocks)
+    kp.invert(len(sizes), *matrix, out.starts, members, where, out.inverses)
     return out
 
 
@@ -312,9 +330,9 @@ def _largest_eigenvalue(A: Blocks, patches: _Patches) -> float:
         v, z = r / length, z / length
         r = np.empty_like(v)
         A.multiply(z, r, 0)
-        kb.combine(np.float32(-beta), before, ONE, r)
+        kb.combine(n, np.float32(-beta), before, ONE, r)
         alphas.append(float(kb.dots(z, r, r)[:, 0].sum()))
-        kb.combine(np.float32(-alphas[-1]), v, ONE, r)
+        kb.combine(n, np.float32(-alphas[-1]), v, ONE, r)
         z = patches.solve(r[None], m)[0]
         beta = float(np.sqrt(kb.dots(r, z, z)[:, 0].sum()))
         betas.append(beta)
@@ -330,9 +348,14 @@ def _aggregates(
     """Aggregate of every node, -1 for nodes without couplings, and their number."""
     strong = np.empty(len(A.columns), np.bool_)
     bound = least**2 * A.blocks.shape[1]
-    km.mark_strong(A.offsets, A.columns, strength, bound, STRONG**2, strong)
+    matrix = (A.offsets, A.columns)
+    top = np.empty(A.rows, np.float32)
+    km.greatest(A.rows, A.offsets, strength, top)
+    km.mark_strong(A.rows, *matrix, strength, top, bound, STRONG**2, strong)
     if coordinates is not None:
-        km.unmark_far(A.offsets, A.columns, coordinates, FAR**2, strong)
+        near = np.empty(A.rows)
+        km.nearest(A.rows, *matrix, coordinates, strong, near)
+        km.unmark_far(A.rows, *matrix, coordinates, near, FAR**2, strong)
     home = np.empty(A.rows, np.int32)
     return home, km.aggregate(A.offsets, A.columns, strength, strong, home)
 
@@ -354,10 +377,10 @@ def _prolongation(
     members = np.argsort(home, kind="stable")[np.count_nonzero(~inside) :]
     blocks, coarse = np.zeros((A.rows, A.blocks.shape[1], p)), np.empty((count * p, p))
     starts = _offsets(np.bincount(home[inside], minlength=count))
-    km.tentative(starts, members, modes, A.sizes[0], blocks, coarse)
+    km.tentative(count, starts, members, modes, A.sizes[0], blocks, coarse)
     simple = Blocks(_offsets(inside), home[inside], blocks[inside].astype(np.float32), count)
     P = A.times(simple)
-    kq.damp(P.offsets, P.columns, P.blocks, simple.offsets, simple.columns, simple.blocks,
+    kq.damp(P.rows, P.offsets, P.columns, P.blocks, simple.offsets, simple.columns, simple.blocks,
             np.float32(-DAMPING / rho))  # fmt: skip
     return P, coarse
 
@@ -365,24 +388,41 @@ def _prolongation(
 def _galerkin(A: Blocks, inverses: FloatArray, P: Blocks) -> Blocks:
     """Pᵀ Â P in double precision, Â the scaled matrix."""
     T = Blocks(P.offsets, P.columns, np.empty(P.blocks.shape), P.width)
-    kb.scale_rows(P.offsets, P.blocks, inverses, P.sizes, T.blocks)
-    B = A.times(T)
+    kb.scale_rows(P.rows, P.offsets, P.blocks, inverses, P.sizes, T.blocks)
+    at, across = A.pattern(T)
     offsets, rows, where = P.transposed
     counts = np.zeros(P.width + 1, np.int64)
-    kq.count_galerkin(offsets, rows, B.offsets, B.columns, counts)
+    kq.count_galerkin(kq.PARTS, offsets, rows, at, across, counts)
     upper = np.cumsum(counts).astype(np.int32)
     columns = np.empty(upper[-1], np.int32)
+    kq.fill_galerkin(kq.PARTS, offsets, rows, at, across, upper, columns)
     p = P.blocks.shape[2]
-    blocks = np.empty((upper[-1], p, p))
-    kq.galerkin(
-        offsets, rows, where, T.blocks, B.offsets, B.columns, B.blocks, P.sizes,
-        upper, columns, blocks,
-    )  # fmt: skip
+    blocks, done = np.zeros((upper[-1], p, p)), offsets[:-1]
+    for first, last in _batches(at):
+        some = np.empty((at[last] - at[first], *T.blocks.shape[1:]))
+        A.rows_times(T, first, last, at, across, some)
+        here = P.columns[P.offsets[first] : P.offsets[last]]
+        upto = done + np.bincount(here, minlength=P.width).astype(np.int32)
+        kq.galerkin(
+            kq.PARTS, done, upto, rows, where, T.blocks, at, across, some, int(at[first]),
+            P.sizes, upper, columns, blocks,
+        )  # fmt: skip
+        done = upto
     lower = np.bincount(columns, minlength=P.width) - 1
     whole = _offsets(np.diff(upper) + lower)
     out = Blocks(whole, np.empty(whole[-1], np.int32), np.empty((whole[-1], p, p)), P.width)
     kq.mirror(upper, columns, blocks, P.sizes[1], whole, out.columns, out.blocks)
     return out
+
+
+def _batches(offsets: AnyArray) -> Iterator[tuple[int, int]]:
+    """Rows, first and behind the last, that have BATCH blocks together, or are one."""
+    first, rows = 0, len(offsets) - 1
+    while first < rows:
+        last = int(np.searchsorted(offsets, offsets[first] + BATCH, side="right")) - 1
+        last = max(last, first + 1)
+        yield first, last
+        first = last
 
 
 def _factor(A: Blocks) -> FloatArray:

@@ -6,9 +6,11 @@ are not checked.
 """
 
 import numpy as np
-from numba import prange
 
-from ilattice._kernels import inner, outer
+from ilattice._kernels import in_ranges, inner, outer
+
+#: Items that a thread takes at once: where some numbers are computed for each, and where many are.
+MANY, FEW = 4096, 512
 
 
 @inner()
@@ -24,10 +26,11 @@ def _below(planes, p, most):
     return low
 
 
-@outer(parallel=True)
-def facing(x, quads, normal):
+@in_ranges(MANY)
+@outer(nogil=True)
+def facing(first, last, x, quads, normal):
     """Unit normals (n, 3) of quads; zero where there is none."""
-    for i in prange(len(quads)):
+    for i in range(first, last):
         a, b, c, d = quads[i, 0], quads[i, 1], quads[i, 2], quads[i, 3]
         ux, uy, uz = x[c, 0] - x[a, 0], x[c, 1] - x[a, 1], x[c, 2] - x[a, 2]
         vx, vy, vz = x[d, 0] - x[b, 0], x[d, 1] - x[b, 1], x[d, 2] - x[b, 2]
@@ -88,12 +91,13 @@ def gather(quads, foot, normal, x, place, A, b):
                     A[own, r, c] += normal[i, r] * normal[i, c]
 
 
-@outer(parallel=True)
-def approach(x, A, b, inverse, low, high, turns, out):
+@in_ranges(FEW)
+@outer(nogil=True)
+def approach(first, last, x, A, b, inverse, low, high, turns, out):
     """Points nearest to planes around x, in boxes: from planes to box and back."""
-    for i in prange(len(x)):
-        p = np.empty(3)
-        rest = np.empty(3)
+    p = np.empty(3)
+    rest = np.empty(3)
+    for i in range(first, last):
         for r in range(3):
             p[r] = x[i, r]
         for _ in range(turns):
@@ -115,10 +119,11 @@ def approach(x, A, b, inverse, low, high, turns, out):
                 break
 
 
-@outer(parallel=True)
-def cells(x, px, py, pz, low, high):
+@in_ranges(FEW)
+@outer(nogil=True)
+def cells(first, last, x, px, py, pz, low, high):
     """Lower and upper corners of the cells that hold points."""
-    for i in prange(len(x)):
+    for i in range(first, last):
         c = _below(px, x[i, 0], len(px) - 2)
         low[i, 0], high[i, 0] = px[c], px[c + 1]
         c = _below(py, x[i, 1], len(py) - 2)
@@ -140,10 +145,11 @@ def _span(planes, x, quad, a, low, high):
     return 1 if along else 0
 
 
-@outer(parallel=True)
-def edges(x, quads, px, py, pz, low, high, found):
+@in_ranges(FEW)
+@outer(nogil=True)
+def edges(first, last, x, quads, px, py, pz, low, high, found):
     """Ends (n, 3) of the edges of the grid that quads surround; whether there is just one."""
-    for i in prange(len(quads)):
+    for i in range(first, last):
         count = _span(px, x, quads[i], 0, low[i], high[i])
         count += _span(py, x, quads[i], 1, low[i], high[i])
         count += _span(pz, x, quads[i], 2, low[i], high[i])

@@ -14,6 +14,8 @@ a manifold: there both cells separate the outside corners of that face instead (
 pattern, rows 256 to 511), and each of the two patches falls into two.
 """
 
+from functools import cache
+
 import numpy as np
 
 from ilattice._typing import AnyArray
@@ -36,6 +38,7 @@ def _edge_between(a: int, b: int) -> int:
     return 4 * axis + 2 * o + p
 
 
+@cache
 def _face_corners(face: int) -> list[int]:
     """Corners of a face, in cyclic order."""
     axis, side = divmod(face, 2)
@@ -46,8 +49,13 @@ def _face_corners(face: int) -> list[int]:
 
 def _segments(code: int, face: int, flipped: bool) -> list[tuple[int, int]]:
     """Pairs of crossed edges that the surface joins on a face."""
+    return _joined(face, tuple(bool(code >> c & 1) for c in _face_corners(face)), flipped)
+
+
+@cache
+def _joined(face: int, inside: tuple[bool, ...], flipped: bool) -> list[tuple[int, int]]:
+    """The same by the signs of the face's corners: there are few of these."""
     corners = _face_corners(face)
-    inside = [bool(code >> c & 1) for c in corners]
     edges = [_edge_between(corners[i], corners[(i + 1) % 4]) for i in range(4)]
     crossed = [edges[i] for i in range(4) if inside[i] != inside[(i + 1) % 4]]
     if len(crossed) == 4:

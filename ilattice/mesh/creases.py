@@ -100,7 +100,7 @@ def _suspects(
     The field is asked only where quads bend.
     """
     facing = np.empty((len(quads), 3))
-    kernels.facing(x, quads, facing)
+    kernels.facing(len(quads), x, quads, facing)
     bent = _bends(len(x), quads, facing) < PLAIN
     off, at = np.zeros(len(x), np.bool_), np.flatnonzero(bent & (kind & ON_CAP == 0))
     value, gradient = field.jet(x[at], 1)
@@ -202,7 +202,7 @@ def _crossings(
     """Where the edges of the grid that quads surround cross the surface; if they do."""
     low, high = np.empty((2, len(quads), 3))
     found = np.empty(len(quads), np.bool_)
-    kernels.edges(x, quads, *axes, low, high, found)
+    kernels.edges(len(quads), x, quads, *axes, low, high, found)
     f, g = field(low), field(high)
     found &= f * g <= 0.0  # not so where corners lie on planes of the grid
     at = np.flatnonzero(found)
@@ -251,7 +251,7 @@ def _nearest(x: FloatArray, A: FloatArray, b: FloatArray, axes: Any, beyond: flo
     inverse = np.einsum("nij,nj,nkj->nik", way, used / np.where(used, size, 1.0), way)
     low, high = _room(x, axes, beyond)
     new = np.empty_like(x)
-    kernels.approach(x, A, b, inverse, low, high, TURNS, new)
+    kernels.approach(len(x), x, A, b, inverse, low, high, TURNS, new)
     return new
 
 
@@ -266,7 +266,7 @@ def _room(x: FloatArray, axes: Any, beyond: float) -> tuple[FloatArray, FloatArr
 def _cells(x: FloatArray, axes: Any) -> tuple[FloatArray, FloatArray]:
     """Lower and upper corners of the cells that hold points."""
     low, high = np.empty((2, *x.shape))
-    kernels.cells(x, *axes, low, high)
+    kernels.cells(len(x), x, *axes, low, high)
     return low, high
 
 

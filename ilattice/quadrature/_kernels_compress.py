@@ -7,55 +7,59 @@ integral over every cell. The same bits for any number of threads.
 from typing import Any
 
 import numpy as np
-from numba import prange
 
-from ilattice._kernels import inner, outer
-from ilattice.bspline._kernels_vector import LANES, load, multiply_add, scale, store
+from ilattice._kernels import in_ranges, inner, outer
 
-
-@inner(error_model="numpy")
-def lagrange(t: float, nodes: Any, factors: Any, out: Any) -> None:
-    """Values at t of the polynomials that are 1 at one node and 0 at all others."""
-    n = len(nodes)
-    v = 1.0
-    for i in range(n):
-        out[i] = factors[i] * v
-        v *= t - nodes[i]
-    v = 1.0
-    for i in range(n - 1, -1, -1):
-        out[i] *= v
-        v *= t - nodes[i]
+#: Points that are treated at a time, so that loops over them are long enough for vectors.
+CHUNK = 128
+FAST = {"contract", "reassoc"}
 
 
-@outer(error_model="numpy", parallel=True)
+@inner(fastmath=FAST, error_model="numpy")
+def lagrange(t: Any, count: int, nodes: Any, factors: Any, out: Any) -> None:
+    """Values out (n, .) at points of the polynomials that are 1 at one node and 0 at all others."""
+    for i in range(len(nodes)):
+        for p in range(count):
+            out[i, p] = factors[i]
+        for j in range(len(nodes)):
+            if j != i:
+                x = nodes[j]
+                for p in range(count):
+                    out[i, p] *= t[p] - x
+
+
+@in_ranges(32)
+@outer(nogil=True, fastmath=FAST, error_model="numpy")
 def project(
-    points: Any, weights: Any, starts: Any, ends: Any, boxes: Any, nodes: Any, out: Any
-) -> None:
+    first: int, last: int, points: Any, weights: Any, starts: Any, ends: Any, boxes: Any,
+    nodes: Any, out: Any,
+) -> None:  # fmt: skip
     """Weights out (cells, n, n, n) on the tensor grid of nodes that keep the moments.
 
     Points of a cell are those from its start to its end.
     """
     n = len(nodes)
-    wide = (n + LANES - 1) // LANES * LANES
-    factors = np.ones(n)  # of the polynomials
+    values = np.empty((3, n, CHUNK))
+    row = np.empty(CHUNK)
+    factors = np.ones(n)
     for i in range(n):
         for j in range(n):
             if j != i:
                 factors[i] /= nodes[i] - nodes[j]
-    for cell in prange(len(boxes)):
-        a = np.empty(n)
-        b = np.empty(n)
-        c = np.zeros(wide)  # zeros at the end fill vectors up
-        sums = np.zeros((n, n, wide))
-        for p in range(starts[cell], ends[cell]):
-            lagrange((points[p, 0] - boxes[cell, 0]) / boxes[cell, 3], nodes, factors, a)
-            lagrange((points[p, 1] - boxes[cell, 1]) / boxes[cell, 4], nodes, factors, b)
-            lagrange((points[p, 2] - boxes[cell, 2]) / boxes[cell, 5], nodes, factors, c)
-            for k in range(0, wide, LANES):
-                row = scale(load(c, k, LANES), weights[p])
-                for i in range(n):
-                    plane = scale(row, a[i])
-                    for j in range(n):
-                        at = (i * n + j) * wide + k
-                        store(sums, at, multiply_add(plane, b[j], load(sums, at, LANES)))
-        out[cell] = sums[:, :, :n]
+    for cell in range(first, last):
+        for at in range(starts[cell], ends[cell], CHUNK):
+            count = min(CHUNK, ends[cell] - at)
+            for axis in range(3):
+                low, size = boxes[cell, axis], 1.0 / boxes[cell, 3 + axis]
+                for p in range(count):
+                    row[p] = (points[at + p, axis] - low) * size
+                lagrange(row, count, nodes, factors, values[axis])
+            for i in range(n):
+                for j in range(n):
+                    for p in range(count):
+                        row[p] = weights[at + p] * values[0, i, p] * values[1, j, p]
+                    for k in range(n):
+                        v = 0.0
+                        for p in range(count):
+                            v += row[p] * values[2, k, p]
+                        out[cell, i, j, k] += v

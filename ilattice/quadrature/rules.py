@@ -187,7 +187,7 @@ class Quadrature(Frozen):
         for i in range(0, len(self), AT_ONCE):
             part = slice(i, i + AT_ONCE)
             x[part], J = space.jet(self.points[part], 1)
-            determinants(J, scale[part])
+            determinants(len(J), J, scale[part])
             if normals is not None:
                 assert self.normals is not None
                 n = _cofactors(J, self.normals[part]) * np.sign(scale[part])[:, None]
@@ -272,7 +272,7 @@ def compressed_cells(rule: Quadrature, which: Any, degree: int) -> tuple[FloatAr
     x, boxes = gauss(n)[0], rule.grid.boxes(rule.cells[which])
     weights = np.zeros((len(boxes), n, n, n))
     starts, ends = (np.ascontiguousarray(a[which]) for a in (rule.offsets[:-1], rule.offsets[1:]))
-    project(rule.points, rule.weights, starts, ends, boxes, x, weights)
+    project(len(boxes), rule.points, rule.weights, starts, ends, boxes, x, weights)
     points = np.empty((len(boxes), n, n, n, 3))
     for a in range(3):
         shape = [len(boxes), 1, 1, 1]

@@ -10,9 +10,8 @@ digits.
 """
 
 import numpy as np
-from numba import prange
 
-from ilattice._kernels import inner, outer
+from ilattice._kernels import in_ranges, inner, outer
 from ilattice.fields._kernels_boxes import FAST, STACK, box_square
 
 #: Where in a row of `tri` its corners and its normal begin.
@@ -204,15 +203,17 @@ def pseudonormal(tri, k, feature, twin, corners, normals, out):
             out[:] = 0.0
 
 
-@outer(parallel=True, fastmath=FAST, error_model="numpy")
-def closest(points, box, link, tri, number, scale, square, face, feature, foot, height):
+@in_ranges(CHUNK)
+@outer(nogil=True, fastmath=FAST, error_model="numpy")
+def closest(
+    first, last, points, box, link, tri, number, scale, square, face, feature, foot, height
+):
     """Nearest triangles (places in the tree), features, feet and heights of points (n, 3)."""
-    count = len(points)
-    for c in prange((count + CHUNK - 1) // CHUNK):
-        nodes = np.empty(STACK, np.int64)
-        squares = np.empty(STACK)
+    nodes = np.empty(STACK, np.int64)
+    squares = np.empty(STACK)
+    for start in range(first, last, CHUNK):
         k = 0
-        for i in range(c * CHUNK, min(count, (c + 1) * CHUNK)):
+        for i in range(start, min(last, start + CHUNK)):
             x, y, z = points[i, 0], points[i, 1], points[i, 2]
             k, d, f, t = nearest(box, link, tri, number, x, y, z, k, scale, nodes, squares)
             square[i], face[i], feature[i] = d, k, f
@@ -222,26 +223,26 @@ def closest(points, box, link, tri, number, scale, square, face, feature, foot, 
 # --- sides ------------------------------------------------------------------------------------
 
 
-@outer(parallel=True, fastmath=FAST, error_model="numpy")
+@in_ranges(8 * CHUNK)
+@outer(nogil=True, fastmath=FAST, error_model="numpy")
 def sides_by_normals(
-    points, square, face, feature, foot, height, tri, twin, corners, normals, scale, turn, side
-):
+    first, last, points, square, face, feature, foot, height, tri, twin, corners, normals, scale,
+    turn, side,
+):  # fmt: skip
     """-1 inside, 1 outside, 0 where the pseudonormal does not tell; `turn` -1 swaps them."""
-    count = len(points)
-    for c in prange((count + CHUNK - 1) // CHUNK):
-        n = np.empty(3)
-        for i in range(c * CHUNK, min(count, (c + 1) * CHUNK)):
-            if feature[i] == FACE:
-                side[i] = turn if height[i] >= 0.0 else -turn
-                continue
-            pseudonormal(tri, face[i], feature[i], twin, corners, normals, n)
-            length = np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
-            along = 0.0
-            for a in range(3):
-                along += n[a] * (points[i, a] - foot[i, a])
-            slack = rounding(points[i, 0], points[i, 1], points[i, 2], scale)
-            clear = length * (CLEAR * np.sqrt(square[i]) + slack)
-            side[i] = turn if along > clear else (-turn if along < -clear else 0)
+    n = np.empty(3)
+    for i in range(first, last):
+        if feature[i] == FACE:
+            side[i] = turn if height[i] >= 0.0 else -turn
+            continue
+        pseudonormal(tri, face[i], feature[i], twin, corners, normals, n)
+        length = np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
+        along = 0.0
+        for a in range(3):
+            along += n[a] * (points[i, a] - foot[i, a])
+        slack = rounding(points[i, 0], points[i, 1], points[i, 2], scale)
+        clear = length * (CLEAR * np.sqrt(square[i]) + slack)
+        side[i] = turn if along > clear else (-turn if along < -clear else 0)
 
 
 @inner(fastmath=FAST, error_model="numpy")
@@ -285,30 +286,28 @@ def winding(box, link, tri, moment, x, y, z, far, nodes):
     return total / (4.0 * np.pi)
 
 
-@outer(parallel=True, fastmath=FAST, error_model="numpy")
-def sides_by_winding(points, box, link, tri, moment, turn, side):
+@in_ranges(CHUNK)
+@outer(nogil=True, fastmath=FAST, error_model="numpy")
+def sides_by_winding(first, last, points, box, link, tri, moment, turn, side):
     """Fill in the sides that are 0: -1 where `turn` x the winding number is above 1/2, else 1."""
-    count = len(points)
-    for c in prange((count + CHUNK - 1) // CHUNK):
-        nodes = np.empty(STACK, np.int64)
-        for i in range(c * CHUNK, min(count, (c + 1) * CHUNK)):
-            if side[i] == 0:
-                x, y, z = points[i, 0], points[i, 1], points[i, 2]
-                w = turn * winding(box, link, tri, moment, x, y, z, FAR, nodes)
-                if abs(w - 0.5) < SURE:
-                    w = turn * winding(box, link, tri, moment, x, y, z, np.inf, nodes)
-                side[i] = -1 if w > 0.5 else 1
-
-
-@outer(parallel=True, fastmath=FAST, error_model="numpy")
-def windings(points, box, link, tri, moment, out):
-    """Winding numbers of points, every triangle summed."""
-    count = len(points)
-    for c in prange((count + CHUNK - 1) // CHUNK):
-        nodes = np.empty(STACK, np.int64)
-        for i in range(c * CHUNK, min(count, (c + 1) * CHUNK)):
+    nodes = np.empty(STACK, np.int64)
+    for i in range(first, last):
+        if side[i] == 0:
             x, y, z = points[i, 0], points[i, 1], points[i, 2]
-            out[i] = winding(box, link, tri, moment, x, y, z, np.inf, nodes)
+            w = turn * winding(box, link, tri, moment, x, y, z, FAR, nodes)
+            if abs(w - 0.5) < SURE:
+                w = turn * winding(box, link, tri, moment, x, y, z, np.inf, nodes)
+            side[i] = -1 if w > 0.5 else 1
+
+
+@in_ranges(CHUNK // 8)
+@outer(nogil=True, fastmath=FAST, error_model="numpy")
+def windings(first, last, points, box, link, tri, moment, out):
+    """Winding numbers of points, every triangle summed."""
+    nodes = np.empty(STACK, np.int64)
+    for i in range(first, last):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        out[i] = winding(box, link, tri, moment, x, y, z, np.inf, nodes)
 
 
 # --- derivatives ------------------------------------------------------------------------------
@@ -413,26 +412,24 @@ def pierces(p, q, t):
     return s != 0 and s == orientation(p, q, b, c) and s == orientation(p, q, c, a)
 
 
-@outer(parallel=True, error_model="numpy")
-def crossings(box, link, tri, corners):
+@in_ranges(CHUNK)
+@outer(nogil=True, error_model="numpy")
+def crossings(first, last, box, link, tri, corners, out):
     """How many edges each triangle has that go through another triangle without a common corner.
 
     `corners` are vertex numbers in the order of `tri`; an edge counts for each triangle it has.
     """
-    count = len(tri)
-    out = np.zeros(count, np.int64)
-    for c in prange((count + CHUNK - 1) // CHUNK):
-        nodes = np.empty(STACK, np.int64)
-        for k in range(c * CHUNK, min(count, (c + 1) * CHUNK)):
-            for e in range(3):
-                i, j = corners[k, e], corners[k, (e + 1) % 3]
-                if i < j and edge_crosses(
-                    box, link, tri, corners, i, j,
-                    tri[k, 3 * e : 3 * e + 3], tri[k, 3 * ((e + 1) % 3) : 3 * ((e + 1) % 3) + 3],
-                    nodes,
-                ):  # fmt: skip
-                    out[k] += 1
-    return out
+    nodes = np.empty(STACK, np.int64)
+    for k in range(first, last):
+        out[k] = 0
+        for e in range(3):
+            i, j = corners[k, e], corners[k, (e + 1) % 3]
+            if i < j and edge_crosses(
+                box, link, tri, corners, i, j,
+                tri[k, 3 * e : 3 * e + 3], tri[k, 3 * ((e + 1) % 3) : 3 * ((e + 1) % 3) + 3],
+                nodes,
+            ):  # fmt: skip
+                out[k] += 1
 
 
 @inner(fastmath=FAST, error_model="numpy")

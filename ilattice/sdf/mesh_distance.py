@@ -221,12 +221,11 @@ class MeshDistance(Field, Frozen):
         """Count what is wrong; crossings only if the topology is right."""
         topology = self._mesh.topology
         counts = (topology.open_edges, topology.nonmanifold_edges, topology.twisted_edges)
-        crossings = 0
+        crossings = np.zeros(len(self._tri), np.int64)
         if not any(counts):
-            crossings = int(
-                kernels.crossings(self._box, self._link, self._tri, self._corners).sum()
-            )
-        return MeshFaults(*counts, crossings)
+            tree = (self._box, self._link, self._tri)
+            kernels.crossings(len(crossings), *tree, self._corners, crossings)
+        return MeshFaults(*counts, int(crossings.sum()))
 
     def _judge(self, strict: bool) -> None:
         """Warn of faults, or refuse them."""
@@ -388,7 +387,8 @@ class MeshDistance(Field, Frozen):
         """
         points = as_points("p", p)
         out = np.empty(len(points))
-        kernels.windings(points, self._box, self._link, self._tri, self._moment, out)
+        tree = (self._box, self._link, self._tri)
+        kernels.windings(len(points), points, *tree, self._moment, out)
         return out
 
     # --- how ----------------------------------------------------------------------------------
@@ -405,20 +405,19 @@ class MeshDistance(Field, Frozen):
             np.empty(n), np.empty(n, np.int64), np.empty(n, np.int64), np.empty((n, 3)),
             np.empty(n), np.zeros(n, np.int64),
         )  # fmt: skip
+        tree = (self._box, self._link, self._tri)
         kernels.closest(
-            points, self._box, self._link, self._tri, self._number, self._scale, found.square,
-            found.face, found.feature, found.foot, found.height,
+            n, points, *tree, self._number, self._scale, found.square, found.face, found.feature,
+            found.foot, found.height,
         )  # fmt: skip
         if not self._faults:
             kernels.sides_by_normals(
-                points, found.square, found.face, found.feature, found.foot, found.height,
+                n, points, found.square, found.face, found.feature, found.foot, found.height,
                 self._tri, self._twin, self._corners, self._normals, self._scale,
                 self._turn, found.side,
             )  # fmt: skip
             found.side[self._thin[found.face]] = 0
         slack = ON_MESH * (self._scale + np.abs(points).sum(axis=1))
         found.side[(found.side == 0) & (found.square <= slack**2)] = 1
-        kernels.sides_by_winding(
-            points, self._box, self._link, self._tri, self._moment, self._turn, found.side
-        )
+        kernels.sides_by_winding(n, points, *tree, self._moment, self._turn, found.side)
         return found

@@ -12,9 +12,9 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
-from ilattice._kernels import inner, outer
+from ilattice._kernels import in_ranges, inner, outer
 from ilattice._kernels_tuples import borrowed
 from ilattice.fields._kernels_boxes import STACK
 from ilattice.tiles._kernels_closest import (
@@ -560,15 +560,18 @@ def _chunk(
             hits[touched[k], 0] = np.inf
 
 
-@outer(parallel=True)
+@in_ranges(CHUNK)
+@outer(nogil=True)
 def skeleton_jets(
-    points: Any, order: int, blend: float, limit: float, tree: Any, plane: Any, f: Any, g: Any,
-    h: Any,
+    first: int, last: int, points: Any, order: int, blend: float, limit: float, tree: Any,
+    plane: Any, f: Any, g: Any, h: Any,
 ) -> None:  # fmt: skip
     """Value and derivatives of a skeleton at points.
 
     Parameters
     ----------
+    first, last
+        Which points.
     points
         (n, 3).
     order
@@ -585,9 +588,5 @@ def skeleton_jets(
     f, g, h
         Results, (n,), (n, 3), (n, 3, 3); `g` and `h` are used as far as `order` asks.
     """
-    n = points.shape[0]
-    for chunk in prange((n + CHUNK - 1) // CHUNK):
-        _chunk(
-            points, chunk * CHUNK, min(n, (chunk + 1) * CHUNK), order, blend, limit, tree, plane,
-            f, g, h,
-        )  # fmt: skip
+    for start in range(first, last, CHUNK):
+        _chunk(points, start, min(last, start + CHUNK), order, blend, limit, tree, plane, f, g, h)

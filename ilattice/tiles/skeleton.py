@@ -281,7 +281,7 @@ class SkeletonField(Field, Frozen):
         g = np.empty((n if order > 0 else 0, 3))
         h = np.empty((n if order > 1 else 0, 3, 3))
         x = np.ascontiguousarray(x)
-        skeleton_jets(x, order, self.blend, limit, tree, self._planes, f, g, h)
+        skeleton_jets(n, x, order, self.blend, limit, tree, self._planes, f, g, h)
         return (f, g, h)[: order + 1]
 
     def _in_space(self, u: FloatArray) -> FloatArray:

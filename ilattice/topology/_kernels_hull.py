@@ -4,9 +4,8 @@ Guarantee: nothing is allocated per set of vectors. Non-guarantee: arguments are
 """
 
 import numpy as np
-from numba import prange
 
-from ilattice._kernels import inner, outer
+from ilattice._kernels import in_ranges, inner, outer
 
 #: Sets of vectors that a thread takes at once.
 CHUNK = 64
@@ -136,21 +135,20 @@ def heaviest_first(active, weight, count, rows, weights):
         rows[place], weights[place] = active[place], weight[place]
 
 
-@outer(parallel=True, error_model="numpy")
-def shortest_means(ends, vectors, rows, weights, pull):
+@in_ranges(CHUNK)
+@outer(nogil=True, error_model="numpy")
+def shortest_means(first, last, ends, vectors, rows, weights, pull):
     """Shortest weighted means of rows ends[n] to ends[n + 1] of vectors (r, 3), for each n.
 
     Into `rows` (n, 4) and `weights` (n, 4) go those with weights, the heaviest first, -1 ends
     them; into `pull` (n,) the length of the mean.
     """
-    last = len(ends) - 1
-    for chunk in prange((last + CHUNK - 1) // CHUNK):
-        active, weight = np.empty(8, np.int64), np.empty(8)
-        a, y, mean = np.empty((8, 8)), np.empty(8), np.zeros(3)
-        for n in range(chunk * CHUNK, min(last, (chunk + 1) * CHUNK)):
-            rows[n], weights[n], pull[n] = -1, 0.0, np.inf
-            if ends[n] == ends[n + 1]:
-                continue
-            count = shortest(vectors, ends[n], ends[n + 1], active, weight, mean, a, y)
-            pull[n] = np.sqrt(mean[0] ** 2 + mean[1] ** 2 + mean[2] ** 2)
-            heaviest_first(active, weight, count, rows[n], weights[n])
+    active, weight = np.empty(8, np.int64), np.empty(8)
+    a, y, mean = np.empty((8, 8)), np.empty(8), np.zeros(3)
+    for n in range(first, last):
+        rows[n], weights[n], pull[n] = -1, 0.0, np.inf
+        if ends[n] == ends[n + 1]:
+            continue
+        count = shortest(vectors, ends[n], ends[n + 1], active, weight, mean, a, y)
+        pull[n] = np.sqrt(mean[0] ** 2 + mean[1] ** 2 + mean[2] ** 2)
+        heaviest_first(active, weight, count, rows[n], weights[n])

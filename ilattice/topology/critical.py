@@ -362,7 +362,7 @@ def _pull(feet: Feet, on: tuple[int, ...]) -> tuple[FloatArray, float]:
     slopes = np.where(np.array(on) == 0, feet.gradient / feet.size, 0.0)
     n = len(slopes)
     rows, shares, pull = np.empty((1, MAX_FEET), np.int64), np.empty((1, MAX_FEET)), np.empty(1)
-    _kernels_hull.shortest_means(np.array([0, n]), slopes, rows, shares, pull)
+    _kernels_hull.shortest_means(1, np.array([0, n]), slopes, rows, shares, pull)
     weights = np.zeros(n)
     weights[rows[rows >= 0]] = shares[rows >= 0]
     return weights, float(pull[0])

@@ -231,7 +231,7 @@ def _opposed(
     vectors = np.where(np.array(on) == 0, table.pull[flat], 0.0)
     n = len(nodes)
     rows, weights, pull = np.empty((n, MAX_FEET), np.int64), np.empty((n, MAX_FEET)), np.empty(n)
-    _kernels_hull.shortest_means(ends, vectors, rows, weights, pull)
+    _kernels_hull.shortest_means(n, ends, vectors, rows, weights, pull)
     good = np.flatnonzero(pull < PULL)
     rows, weights, middle = np.maximum(rows[good], 0), weights[good], middle[good]
     weights[weights < LIGHT] = 0.0

@@ -116,10 +116,10 @@ def test_sums_and_updates():
     x, y, z = rng.standard_normal((3, 10_000))
     np.testing.assert_allclose(kb.dots(x, y, z).sum(axis=0), [x @ y, x @ z], atol=1e-10)
     w = y.copy()
-    kb.combine(2.0, x, -3.0, w)
+    kb.combine(len(x), 2.0, x, -3.0, w)
     np.testing.assert_allclose(w, 2 * x - 3 * y, atol=1e-14)
     v, w = z.copy(), x.copy()
-    kb.smooth(0.5, v, 2.0, y, 1.0, w)
+    kb.smooth(len(v), 0.5, v, 2.0, y, 1.0, w)
     np.testing.assert_allclose(v, 0.5 * z + 2 * y, atol=1e-14)
     np.testing.assert_allclose(w, x + v, atol=1e-14)
 
@@ -131,7 +131,7 @@ def test_scaled_matrices_have_unit_diagonal_blocks(struts):
         factors @ inverses, np.broadcast_to(np.eye(3), factors.shape), atol=1e-12
     )
     out = np.empty_like(K.blocks)
-    kb.scaled(K.offsets, K.columns, K.blocks, inverses, K.sizes[0], out)
+    kb.scaled(K.rows, K.offsets, K.columns, K.blocks, inverses, K.sizes[0], out)
     rows = np.repeat(np.arange(K.rows), np.diff(K.offsets))
     diagonal = out[rows == K.columns]
     np.testing.assert_allclose(diagonal, np.broadcast_to(np.eye(3), diagonal.shape), atol=1e-12)
@@ -236,14 +236,20 @@ def test_couplings_are_strong_for_both_nodes_and_near():
     expected = (S > 0.2) & (0.5 * np.maximum(top[:, None], top) < S)
     rows, columns = np.repeat(np.arange(40), np.diff(A.indptr)), A.indices
     strong = np.empty(A.nnz, np.bool_)
-    km.mark_strong(A.indptr, columns, S[rows, columns], 0.2, 0.5, strong)
+    most = np.empty(40, np.float32)
+    km.greatest(40, A.indptr, S[rows, columns], most)
+    np.testing.assert_array_equal(most, top)
+    km.mark_strong(40, A.indptr, columns, S[rows, columns], most, 0.2, 0.5, strong)
     np.testing.assert_array_equal(strong, expected[rows, columns])
     assert 40 < strong.sum() < 0.5 * A.nnz
     far = ((places[:, None] - places) ** 2).sum(axis=2)
     near = np.where(expected, far, np.inf).min(axis=1)
     expected &= far <= 1.5 * np.maximum(near[:, None], near)
     before = strong.sum()
-    km.unmark_far(A.indptr, columns, places, 1.5, strong)
+    least = np.empty(40)
+    km.nearest(40, A.indptr, columns, places, strong, least)
+    np.testing.assert_array_equal(least, near)
+    km.unmark_far(40, A.indptr, columns, places, least, 1.5, strong)
     np.testing.assert_array_equal(strong, expected[rows, columns])
     assert 0 < strong.sum() < before
 
@@ -273,7 +279,7 @@ def test_tentative_modes_are_orthonormal_and_give_the_modes_back():
     members = np.argsort(home, kind="stable")
     for used in (modes, np.hstack([modes[:, :5], modes[:, :1]])):  # the second: a mode twice
         blocks, coarse = np.empty((40, 3, 6)), np.empty((30, 6))
-        km.tentative(starts, members, used, (0,) * 3, blocks, coarse)
+        km.tentative(5, starts, members, used, (0,) * 3, blocks, coarse)
         for J in range(5):
             rows = np.flatnonzero(home == J)
             Q = blocks[rows].reshape(-1, 6)
@@ -285,6 +291,18 @@ def test_tentative_modes_are_orthonormal_and_give_the_modes_back():
             np.testing.assert_allclose(gram, np.diag(np.diag(gram)), atol=1e-12)
             np.testing.assert_allclose(np.diag(gram), np.round(np.diag(gram)), atol=1e-12)
     assert gram[5, 5] == 0
+
+
+@pytest.mark.parametrize("batch", [1, 700, 5000])
+def test_galerkin_products_in_batches_have_the_same_bits(struts, hierarchy, batch, monkeypatch):
+    K = blocks_of(struts.K)
+    _, inverses = _block_factors(K)
+    whole = _galerkin(K, inverses, hierarchy.levels[0].P)
+    monkeypatch.setattr("ilattice.linalg.multigrid.BATCH", batch)
+    parts = _galerkin(K, inverses, hierarchy.levels[0].P)
+    assert len(whole.columns) > 100
+    for name in ("offsets", "columns", "blocks"):
+        np.testing.assert_array_equal(getattr(parts, name), getattr(whole, name))
 
 
 def test_galerkin_products(struts, hierarchy):

@@ -39,7 +39,7 @@ def straight(name="schwarz_p"):
 def shortest(vectors):
     n = len(vectors)
     rows, weights, pull = np.empty((1, 4), np.int64), np.empty((1, 4)), np.empty(1)
-    _kernels_hull.shortest_means(np.array([0, n]), vectors, rows, weights, pull)
+    _kernels_hull.shortest_means(1, np.array([0, n]), vectors, rows, weights, pull)
     out = np.zeros(n)
     out[rows[rows >= 0]] = weights[rows >= 0]
     return out, pull[0]
@@ -78,7 +78,7 @@ def test_vectors_may_repeat(copies):
 
 def test_no_vectors_have_no_mean():
     rows, weights, pull = np.empty((1, 4), np.int64), np.empty((1, 4)), np.empty(1)
-    _kernels_hull.shortest_means(np.array([0, 0]), np.empty((0, 3)), rows, weights, pull)
+    _kernels_hull.shortest_means(1, np.array([0, 0]), np.empty((0, 3)), rows, weights, pull)
     assert np.isinf(pull[0])
     assert (rows == -1).all()
 
@@ -88,7 +88,7 @@ def test_many_means_are_those_of_each():
     ends = np.concatenate([[0], np.cumsum(rng.integers(0, 12, 300))])
     vectors = rng.normal((0.5, 0.0, 0.0), 1.0, (ends[-1], 3))
     rows, weights, pull = np.empty((300, 4), np.int64), np.empty((300, 4)), np.empty(300)
-    _kernels_hull.shortest_means(ends, vectors, rows, weights, pull)
+    _kernels_hull.shortest_means(len(pull), ends, vectors, rows, weights, pull)
     for n, (i, j) in enumerate(pairwise(ends.tolist())):
         if j > i:
             each, least = shortest(vectors[i:j])
