@@ -172,8 +172,8 @@ def fill_galerkin(
 def galerkin(
     begin: int,
     end: int,
-    froms: Any,
-    tos: Any,
+    begins: Any,
+    ends: Any,
     t_rows: Any,
     t_where: Any,
     t_blocks: Any,
@@ -186,20 +186,20 @@ def galerkin(
     columns: Any,
     blocks: Any,
 ) -> None:
-    """Add blocks of Tᵀ B with known columns, from the rows froms[I] to tos[I] of column I of T.
+    """Add blocks of Tᵀ B with known columns, from the rows begins[I] to ends[I] of column I of T.
 
     The first of `b_blocks` is number `base`.
     """
     L, R = S
-    n = len(froms)
+    n = len(begins)
     slot = np.empty(n, np.int64)
     for part in range(begin, end):
         for top in range(n * part // PARTS, n * (part + 1) // PARTS):
-            if froms[top] == tos[top]:
+            if begins[top] == ends[top]:
                 continue
             for at in range(offsets[top], offsets[top + 1]):
                 slot[columns[at]] = at
-            for k in range(froms[top], tos[top]):
+            for k in range(begins[top], ends[top]):
                 i = t_rows[k]
                 q = t_where[k]
                 for e in range(b_offsets[i], b_offsets[i + 1]):
