@@ -51,11 +51,7 @@ results do not depend on the number of threads. Importing this package loads Num
 Numba and nothing heavier; names are loaded when first used.
 """
 
-import ctypes
-import sys
-from contextlib import suppress
 from importlib import import_module
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -128,13 +124,6 @@ _HOMES = {
     "Wall": "ilattice.lattice",
     "__version__": "ilattice._version",
 }
-
-
-# pip puts the TBB of the extra "fast" where the loader does not look, so that Numba would take
-# OpenMP, whose threads wait for each other on busy machines. A library that is loaded is found.
-if (_tbb := Path(sys.prefix) / "lib" / "libtbb.so.12").is_file():
-    with suppress(OSError):
-        ctypes.CDLL(str(_tbb), ctypes.RTLD_GLOBAL)
 
 
 def __getattr__(name: str) -> Any:

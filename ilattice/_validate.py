@@ -9,14 +9,13 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from ilattice import _forks  # noqa: F401  (every way to a kernel leads through here)
 from ilattice._caching import stamp_all
 from ilattice._compiling import watch
 from ilattice._shown import Shown
-from ilattice._threads import take_turns
 from ilattice._typing import ArrayLike, FloatArray, IntArray
 from ilattice.errors import IlatticeError, InputError
 
-take_turns()  # every way to a kernel leads through here
 watch()
 stamp_all()
 
