@@ -10,17 +10,20 @@ Non-guarantee: the order of ranges.
 
 import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from functools import cached_property, update_wrapper
 from typing import Any
 
 import numba
 from numba import njit, types
 from numba.core.registry import CPUDispatcher
+from numba.np.ufunc import parallel as _parallel
 
 from ilattice._kernels_bitcode import BitcodeCache, ToBitcode, ToMachine
 
 _config: Any = numba.config
+parallel: Any = _parallel
 _pool: list[ThreadPoolExecutor] = []
 _SHORT = (types.int8, types.int16, types.int32)
 
@@ -30,6 +33,25 @@ def _threads() -> ThreadPoolExecutor:
     if not _pool:
         _pool.append(ThreadPoolExecutor(_config.NUMBA_NUM_THREADS, "ilattice"))
     return _pool[0]
+
+
+def thread_count() -> int:
+    """How many threads `numba.set_num_threads` allows.
+
+    Numba asks its layer of threads, which it starts when first asked, under locks that a child of a
+    fork may find closed for ever. Nobody has set a number before it is started.
+    """
+    started = parallel._is_initialized
+    return parallel._get_num_threads() if started else _config.NUMBA_NUM_THREADS
+
+
+def _helped(work: Callable[[], None], helpers: int) -> list[Future[None]]:
+    """What so many threads have been given to do: nothing when the interpreter is ending."""
+    out: list[Future[None]] = []
+    with suppress(RuntimeError):
+        for _ in range(helpers):
+            out.append(_threads().submit(work))
+    return out
 
 
 if hasattr(os, "register_at_fork"):  # a child has not got the threads
@@ -58,7 +80,7 @@ def in_ranges(grain: int) -> Callable[[Callable[..., None]], Callable[..., None]
     def decorate(kernel: Callable[..., None]) -> Callable[..., None]:
         def over(n: int, *arguments: Any) -> None:
             pieces = -(-n // grain)
-            helpers = min(pieces, numba.get_num_threads()) - 1 if pieces > 1 else 0
+            helpers = min(pieces, thread_count()) - 1 if pieces > 1 else 0
             if helpers < 1:
                 kernel(0, n, *arguments)
                 return
@@ -68,7 +90,7 @@ def in_ranges(grain: int) -> Callable[[Callable[..., None]], Callable[..., None]
                 for first in tickets:
                     kernel(first, min(n, first + grain), *arguments)
 
-            futures = [_threads().submit(work) for _ in range(helpers)]
+            futures = _helped(work, helpers)
             try:
                 work()
             finally:

@@ -40,6 +40,20 @@ def test_every_item_is_treated_once(n, threads):
     assert out.tolist() == [i**2 + i**3 for i in range(n)]
 
 
+def test_numbers_of_threads_are_those_that_numba_allows():
+    code = """
+import numba
+from ilattice._kernels import parallel, thread_count
+print(thread_count(), parallel._is_initialized, numba.get_num_threads(), thread_count())
+numba.set_num_threads(1)
+print(thread_count())
+"""
+    environment = {**os.environ, "NUMBA_NUM_THREADS": "3", "PYTHONPATH": os.pathsep.join(sys.path)}
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["3", "False", "3", "3", "1"]
+
+
 def test_errors_of_ranges_are_raised():
     @in_ranges(2)
     def kernel(first, last):

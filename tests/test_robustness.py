@@ -335,12 +335,8 @@ for i in range(4):
 """
 
 
-LAYERS = pytest.mark.parametrize("layer", ["workqueue", "omp"])  # of Numba, for other packages
-
-
-@LAYERS
-def test_threads_work_at_the_same_time(layer):
-    environment = {**os.environ, **PATH, "NUMBA_THREADING_LAYER": layer}
+def test_threads_work_at_the_same_time():
+    environment = {**os.environ, **PATH}
     environment["NUMBA_NUM_THREADS"] = "2"
     done = subprocess.run(
         [sys.executable, "-c", THREADS], env=environment, capture_output=True, timeout=300,
@@ -350,16 +346,37 @@ def test_threads_work_at_the_same_time(layer):
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs forks")
-@LAYERS
-def test_children_do_not_wait_for_threads_that_they_have_not(layer):
+def test_children_do_not_wait_for_threads_that_they_have_not():
     """Forked while another thread was at work they waited for ever, or were ended."""
-    environment = {**os.environ, **PATH, "NUMBA_THREADING_LAYER": layer}
+    environment = {**os.environ, **PATH}
     environment["NUMBA_NUM_THREADS"] = "2"
     done = subprocess.run(
         [sys.executable, "-c", FORKS], env=environment, capture_output=True, timeout=300,
         check=False, text=True,
     )  # fmt: skip
     assert (done.returncode, done.stdout) == (0, "[0, 0, 0, 0]\n")
+
+
+LATE = """
+import atexit, threading, numpy as np, ilattice as il
+field, points = il.sdf.parse("box gyroid"), np.full((100003, 3), 0.3)
+def work():
+    print(len(field(points)), flush=True)
+def wait():
+    threading.main_thread().join()
+    work()
+atexit.register(work)
+threading.Thread(target=wait).start()
+"""
+
+
+def test_threads_that_outlive_the_main_one_do_their_work():
+    environment = {**os.environ, **PATH, "NUMBA_NUM_THREADS": "2"}
+    done = subprocess.run(
+        [sys.executable, "-c", LATE], env=environment, capture_output=True, timeout=300,
+        check=False, text=True,
+    )  # fmt: skip
+    assert (done.stderr, done.stdout) == ("", "100003\n100003\n")
 
 
 @pytest.mark.parametrize(("patience", "lines"), [("0.2", 1), ("inf", 0), ("1000", 0)])

@@ -11,10 +11,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
-import numba
 import numpy as np
 from scipy import fft
 
+from ilattice._kernels import thread_count
 from ilattice._progress import Progress, track
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.errors import ConvergenceError
@@ -97,7 +97,7 @@ class VoxelGrid:
 
     def precondition(self, r: FloatArray) -> FloatArray:
         """Field of which the homogeneous grid has the forces r."""
-        workers = numba.get_num_threads() if r.size > SMALL else 1
+        workers = thread_count() if r.size > SMALL else 1
         scale = float(np.abs(r).max()) or 1.0  # single precision has no room for all units
         z = fft.rfftn((r / scale).astype(np.float32), axes=(1, 2, 3), workers=workers)
         kernels.invert(z.shape[1], z, *self._symbols, self.reference / self._unit)

@@ -9,11 +9,11 @@ from __future__ import annotations
 from itertools import combinations
 from typing import Any
 
-import numba
 import numpy as np
 from scipy.spatial import cKDTree
 
 from ilattice._geometry import grid_array, grid_points
+from ilattice._kernels import thread_count
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import as_points, as_whole
 from ilattice.errors import GeometryError
@@ -203,7 +203,7 @@ class SeededSpace(TileSpace):
         """
         x = as_points("x", x)
         k = min(as_whole("k", k, 1, MAX_ROWS), len(self.seeds.points))
-        found: Any = self.tree.query(x, k=np.arange(1, k + 1), workers=numba.get_num_threads())
+        found: Any = self.tree.query(x, k=np.arange(1, k + 1), workers=thread_count())
         distance, idx = found
         return distance, np.ascontiguousarray(idx, dtype=np.int64)
 
