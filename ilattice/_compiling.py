@@ -51,10 +51,17 @@ class _Clock:
         with self.lock:
             self.depth -= 1
             if self.depth == 0 and self.collects:
+                self.collects = False
                 gc.enable()
             if self.depth == 0 and self.timer is not None:
                 self.timer.cancel()
                 self.left -= time.perf_counter() - self.start
+
+    def forget(self) -> None:
+        """Be as at rest: a child has not got the thread that was compiling."""
+        self.lock, self.depth, self.timer = threading.Lock(), 0, None
+        if self.collects:
+            gc.enable()
 
     def tell(self) -> None:
         """Say it, once."""
@@ -70,6 +77,9 @@ def watch() -> None:
         from numba.core import event
 
         clock = _Clock(float(os.environ.get("ILATTICE_PATIENCE", PATIENCE)))
+
+        if hasattr(os, "register_at_fork"):
+            os.register_at_fork(after_in_child=clock.forget)
 
         class Listener(event.Listener):
             """Passes events on to the clock."""

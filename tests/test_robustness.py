@@ -370,6 +370,34 @@ threading.Thread(target=wait).start()
 """
 
 
+COMPILING = """
+import gc, os, threading, time, ilattice._validate, numba
+def work():
+    exec("@numba.njit\\ndef f(x):\\n    return sorted([x + j for j in range(9)])\\nf(1)", globals())
+thread = threading.Thread(target=work)
+thread.start()
+while gc.isenabled() and thread.is_alive(): time.sleep(1e-4)
+print(gc.isenabled(), flush=True)
+child = os.fork()
+if child == 0:
+    print(gc.isenabled(), flush=True)
+    os._exit(0)
+os.waitpid(child, 0)
+thread.join()
+print(gc.isenabled(), flush=True)
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs forks")
+def test_garbage_is_collected_in_children_forked_while_kernels_were_compiled():
+    environment = {**os.environ, **PATH}
+    done = subprocess.run(
+        [sys.executable, "-c", COMPILING], env=environment, capture_output=True, timeout=300,
+        check=False, text=True,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout.split()) == (0, ["False", "True", "True"])
+
+
 def test_threads_that_outlive_the_main_one_do_their_work():
     environment = {**os.environ, **PATH, "NUMBA_NUM_THREADS": "2"}
     done = subprocess.run(
