@@ -83,6 +83,36 @@ class Constraints(Frozen):
         )  # fmt: skip
         return bsr_array((data, columns, indptr), shape=(m * len(nodes), m * len(nodes)))
 
+    def split(self, K: Any) -> "Split":
+        """The matrix on free nodes, and what it leaves out; K itself need not be kept.
+
+        Parameters
+        ----------
+        K : bsr_array
+            As in `reduce`.
+
+        Returns
+        -------
+        Split
+            Both.
+        """
+        if not self.fixed.any():
+            return Split(K, None, self)
+        kept, touched = self._marks(K.indptr, K.indices)
+        free = self.reduce(K)
+        rest = K.data[touched]
+        rest[kept[touched]] -= free.data[touched[kept]]
+        rows = np.append(0, np.cumsum(touched))[K.indptr].astype(K.indptr.dtype)
+        return Split(free, bsr_array((rest, K.indices[touched], rows), shape=K.shape), self)
+
+    def _marks(self, indptr: AnyArray, indices: AnyArray) -> tuple[AnyArray, AnyArray]:
+        """Which blocks are on free nodes, and which have something prescribed."""
+        some: AnyArray = np.any(self.fixed, axis=1)
+        every: AnyArray = np.all(self.fixed, axis=1)
+        count = np.diff(indptr)
+        kept = ~(np.repeat(every, count) | every[indices])
+        return kept, np.repeat(some, count) | some[indices]
+
     def restrict(self, f: FloatArray) -> FloatArray:
         """Free rows (free nodes, m) of coefficients (n, m), zero in prescribed components."""
         return np.where(self.fixed, 0.0, f)[self.nodes]
@@ -92,6 +122,44 @@ class Constraints(Frozen):
         out = self.values.copy()
         out[self.nodes] += np.where(self.fixed[self.nodes], 0.0, x)
         return out
+
+
+@dataclass(frozen=True, eq=False)
+class Split(Frozen):
+    """A symmetric matrix in two: free nodes, and the few blocks in which something is prescribed.
+
+    Attributes
+    ----------
+    free : bsr_array
+        On the free nodes; see `Constraints.reduce`.
+    rest : bsr_array or None
+        On all nodes, what is missing in `free`; None where nothing is prescribed.
+    constraints : Constraints
+        What is prescribed.
+    """
+
+    free: Any
+    rest: Any
+    constraints: Constraints
+
+    def times(self, c: FloatArray) -> FloatArray:
+        """The product with coefficients (n, m), of the same shape."""
+        if self.rest is None:
+            return np.asarray(self.free @ c.ravel()).reshape(c.shape)
+        nodes = self.constraints.nodes
+        out = np.asarray(self.rest @ c.ravel()).reshape(c.shape)
+        out[nodes] += (self.free @ c[nodes].ravel()).reshape(-1, c.shape[1])
+        return out
+
+    def whole(self, indptr: AnyArray, indices: AnyArray) -> Any:
+        """The matrix again, to the bit, on its pattern of blocks."""
+        if self.rest is None:
+            return self.free
+        kept, touched = self.constraints._marks(indptr, indices)
+        data = np.zeros((len(indices), *self.free.blocksize))
+        data[kept] = self.free.data
+        data[touched] += self.rest.data
+        return bsr_array((data, indices, indptr), shape=self.rest.shape)
 
 
 def layer(domain: Domain, asm: Assembly, name: str) -> AnyArray:

@@ -161,7 +161,7 @@ class Deformed(Solved, Stresses):
         """Sum of loads and reactions, relative to the sum of what acts on all nodes."""
         problem = self.problem
         total = problem.forces().sum(axis=0) + sum(self.reactions.values())
-        inner = (problem.matrix @ self.coefficients.ravel()).reshape(-1, 3)
+        inner = problem._times(self.coefficients)
         return float(np.abs(total).max() / max(np.abs(inner).sum(), 1e-300))
 
     @property

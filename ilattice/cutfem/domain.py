@@ -39,6 +39,7 @@ from ilattice.quadrature.rules import (
     kept,
     on_cells,
     some_cells,
+    sums_of_cells,
     united,
 )
 
@@ -163,8 +164,9 @@ class Domain(Frozen):
 
     @cached_property
     def interior_facets(self) -> tuple[Quadrature, ...]:
-        """Rules on the faces between elements, of the three directions; good for areas only."""
-        return tuple(self.elements.divided(self.cut.faces(axis, 1)) for axis in range(3))
+        """Areas of the faces between elements, of the three directions, at one point each."""
+        faces = (self.elements.divided(self.cut.faces(axis, 1)) for axis in range(3))
+        return tuple(sums_of_cells(rule) for rule in faces)
 
     @cached_property
     def joints(self) -> tuple[Quadrature, ...]:

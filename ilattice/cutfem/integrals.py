@@ -35,9 +35,10 @@ class Integrals(Pointwise):
     @property
     def matrix(self) -> Any:
         """Stiffness with stabilization, springs and weak supports, before anything is fixed."""
-        if "matrix" not in self._held:
-            self._held["matrix"] = self._matrix()
-        return self._held["matrix"]
+        made = self._held.get("matrix")  # which another thread may take out
+        if made is None:
+            made = self._held["matrix"] = self._matrix()
+        return made
 
     def _matrix(self) -> Any:
         asm, law = self.assembly, self.law
@@ -63,7 +64,8 @@ class Integrals(Pointwise):
     @property
     def unfollowed(self) -> float:
         """Part of an energy that a material which jumps or waves within cells may take."""
-        _ = self.matrix
+        if "unfollowed" not in self._held:
+            _ = self.matrix
         return float(self._held.get("unfollowed", 0.0))
 
     def forces(self) -> FloatArray:

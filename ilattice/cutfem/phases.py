@@ -36,7 +36,7 @@ from ilattice.quadrature.cutting import CutGrid, check_resolved
 from ilattice.quadrature.grid import CUT, IN, OUT, DividedGrid, Grid
 from ilattice.quadrature.levelsets import MAX_DEGREE
 from ilattice.quadrature.making import rule_on
-from ilattice.quadrature.rules import NAMES, Quadrature, in_space, kept
+from ilattice.quadrature.rules import NAMES, Quadrature, in_space, kept, sums_of_cells
 
 #: Error of the spline of a level set, relative to its largest value: asked, and told.
 FIT, TOLD = 1e-9, 1e-4
@@ -211,7 +211,8 @@ class PhasedDomain(Domain):
     @cached_property
     def interior_facets(self) -> tuple[Quadrature, ...]:
         """See `Domain.interior_facets`: there is no face between elements of two phases."""
-        return tuple(self._both([c.faces(a, 1) for c in self.phases]) for a in range(3))
+        faces = (self._both([c.faces(a, 1) for c in self.phases]) for a in range(3))
+        return tuple(sums_of_cells(rule) for rule in faces)
 
     @cached_property
     def parts(self) -> Parts:

@@ -17,7 +17,7 @@ from ilattice._typing import FloatArray
 from ilattice._validate import FixedMapping, Frozen, as_choice, as_flag, read_only
 from ilattice.cutfem import discretization, integration, watching, weak
 from ilattice.cutfem.conditions import Support, stiffness_at
-from ilattice.cutfem.constraints import Constraints, constraints
+from ilattice.cutfem.constraints import Constraints, Split, constraints
 from ilattice.cutfem.discretization import Product
 from ilattice.cutfem.integrals import Integrals
 from ilattice.cutfem.overlaps import check_agreement
@@ -95,8 +95,7 @@ class Problem(Integrals):
         `stored` (functions, m) is what goes into storage.
         """
         out: dict[str, FloatArray] = {}
-        r = (self.matrix @ c.ravel()).reshape(c.shape) - self.forces() - self._from_supports()
-        r += stored
+        r = self._times(c) - self.forces() - self._from_supports() + stored
         for number, s in enumerate(self.supports):
             if not s.weak:
                 mine = np.where(self.constraints.owner == number, r, 0.0).sum(axis=0)
@@ -130,7 +129,7 @@ class Problem(Integrals):
         con, x = self.constraints, self.assembly.coordinates
         f = self.forces() + self._from_supports()
         if con.values.any():
-            f -= (self.matrix @ con.values.ravel()).reshape(f.shape)
+            f -= self._times(con.values)
         size = np.ptp(x, axis=0).max()
         motions = self._motions((x - x.mean(axis=0)) / size)
         motions = np.where(con.fixed[:, :, None], 0.0, motions)[con.nodes]
@@ -142,10 +141,32 @@ class Problem(Integrals):
     def _check_solvable(self) -> None:
         """Refuse equations that are not all of the problem."""
 
+    @property
+    def matrix(self) -> Any:
+        """Stiffness with stabilization, springs and weak supports, before anything is fixed.
+
+        Once there is a `system`, it is put together again at every call, from that and what that
+        leaves out: one of both takes most of the memory that an analysis needs.
+        """
+        if "split" not in self._held:
+            return super().matrix
+        pattern = self.assembly.pattern
+        return self._held["split"].whole(pattern.indptr, pattern.indices)
+
+    @property
+    def _split(self) -> Split:
+        if "split" not in self._held:
+            self._held["split"] = self.constraints.split(self.matrix)
+            self._held.pop("matrix", None)
+        made: Split = self._held["split"]
+        return made
+
+    def _times(self, c: FloatArray) -> FloatArray:
+        """The matrix times coefficients (functions, m)."""
+        return self._split.times(c)
+
     def _reduced(self) -> Any:
-        if "reduced" not in self._held:
-            self._held["reduced"] = self.constraints.reduce(self.matrix)
-        return self._held["reduced"]
+        return self._split.free
 
     def prepare(self, progress: Progress = None, *, held: bool = False) -> None:
         """What solving begins with, in stages that have names.
@@ -161,7 +182,7 @@ class Problem(Integrals):
         work: dict[str, Any] = {"cells": lambda: domain.cut.status, "rules": lambda: domain.volume}
         if as_flag("held", held):
             work["supports"] = self.check_held
-        staged(work | {"matrix": lambda: self.matrix}, progress)
+        staged(work | {"matrix": lambda: self._split}, progress)
 
     def _check_supports(self) -> None:
         if not self.supports and not self.springs:

@@ -223,7 +223,7 @@ def _forces_at(
 
 def _missing(problem: ElasticOperators, c: FloatArray) -> FloatArray:
     """What exact supports do to the solid, as coefficients (functions, 3)."""
-    r = (problem.matrix @ c.ravel()).reshape(c.shape) - problem.forces()
+    r = problem._times(c) - problem.forces()
     return np.asarray(r - problem._from_supports())
 
 

@@ -387,6 +387,19 @@ def _prolongation(
 
 def _galerkin(A: Blocks, inverses: FloatArray, P: Blocks) -> Blocks:
     """Pᵀ Â P in double precision, Â the scaled matrix."""
+    upper, columns, blocks = _upper_galerkin(A, inverses, P)
+    lower = np.bincount(columns, minlength=P.width) - 1
+    whole = _offsets(np.diff(upper) + lower)
+    full = np.empty((whole[-1], *blocks.shape[1:]))
+    out = Blocks(whole, np.empty(whole[-1], np.int32), full, P.width)
+    kq.mirror(upper, columns, blocks, P.sizes[1], whole, out.columns, out.blocks)
+    return out
+
+
+def _upper_galerkin(
+    A: Blocks, inverses: FloatArray, P: Blocks
+) -> tuple[AnyArray, AnyArray, FloatArray]:
+    """Offsets, columns and blocks of its upper half, diagonal included."""
     T = Blocks(P.offsets, P.columns, np.empty(P.blocks.shape), P.width)
     kb.scale_rows(P.rows, P.offsets, P.blocks, inverses, P.sizes, T.blocks)
     at, across = A.pattern(T)
@@ -408,11 +421,7 @@ def _galerkin(A: Blocks, inverses: FloatArray, P: Blocks) -> Blocks:
             P.sizes, upper, columns, blocks,
         )  # fmt: skip
         done = upto
-    lower = np.bincount(columns, minlength=P.width) - 1
-    whole = _offsets(np.diff(upper) + lower)
-    out = Blocks(whole, np.empty(whole[-1], np.int32), np.empty((whole[-1], p, p)), P.width)
-    kq.mirror(upper, columns, blocks, P.sizes[1], whole, out.columns, out.blocks)
-    return out
+    return upper, columns, blocks
 
 
 def _batches(offsets: AnyArray) -> Iterator[tuple[int, int]]:

@@ -621,3 +621,26 @@ def test_what_a_heavy_void_takes_is_in_the_estimate(kind):
     off = abs(c[0] / c[1] - 1)
     assert off > 0.05
     assert void.report.discretization_error == pytest.approx(off, rel=0.5)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_the_matrix_is_kept_once(degree):
+    """Free nodes and what is left out are its parts, from which it is put together to the bit."""
+    problem = il.cutfem.Elasticity(
+        ball, (5, 4, 6), young=2.0, poisson=0.3, degree=degree, domain=([-0.7, -0.75, -0.6], [0.9] * 3)
+    )
+    held = problem.clamp("w=0").clamp("u=0", components="y", value=0.0)  # some nodes partly
+    K = held.matrix.copy()
+    system = held.system
+    assert "matrix" not in held._held
+    again = held.matrix
+    np.testing.assert_array_equal(again.data, K.data)
+    np.testing.assert_array_equal(again.indices, K.indices)
+    c = np.random.default_rng(degree).standard_normal(held.constraints.fixed.shape)
+    expected = (K @ c.ravel()).reshape(c.shape)
+    scale = np.abs(K.data).max() * np.abs(c).max()
+    assert np.abs(held._times(c) - expected).max() < 1e-13 * scale
+    assert held._split.rest.nnz < 0.6 * K.nnz
+    assert system.K is held._split.free
+    unheld = problem.load(gravity=(0, 0, 1))
+    assert unheld.matrix is unheld._split.free  # nothing to leave out

@@ -513,8 +513,13 @@ def test_pieces_without_points_join_nothing(kind):
     elements = problem.domain.elements
     small = elements.divided_cells[~np.isin(elements.divided_cells, elements.several)]
     assert len(small)  # cells with such pieces, which have one element
-    for rule in problem.domain.interior_facets:
+    for axis, rule in enumerate(problem.domain.interior_facets):
         assert np.isin(rule.cells, problem.domain.volume.cells).all()
+        assert len(rule) == len(rule.cells)  # one point each, with the area
+        whole = elements.divided(problem.domain.cut.faces(axis, 1))
+        np.testing.assert_array_equal(whole.cells, rule.cells)
+        np.testing.assert_allclose(rule.weights, whole.integrate_cells(), rtol=1e-14)
+        assert (np.diff(whole.offsets) > 0).all()
     lost = problem.domain.cut.surface(2)
     kept = elements.divided(lost)
     assert 0.0 < lost.integrate() - kept.integrate() < 1e-4 * lost.integrate()
