@@ -27,46 +27,35 @@ def clear(C: Any, at: int, rows: Any, columns: Any) -> None:
 
 @in_ranges(1)
 @outer(nogil=True, error_model="numpy")
-def count_product(
-    first: int, last: int, a_offsets: Any, a_columns: Any, b_offsets: Any, b_columns: Any,
-    width: int, out: Any,
-) -> None:  # fmt: skip
-    """out[i + 1] = number of blocks in row i of A B, B of `width` columns."""
-    n = len(a_offsets) - 1
-    seen = np.full(width, -1, np.int32)
-    for part in range(first, last):
-        for i in range(n * part // PARTS, n * (part + 1) // PARTS):
-            count = 0
-            for k in range(a_offsets[i], a_offsets[i + 1]):
-                j = a_columns[k]
-                for e in range(b_offsets[j], b_offsets[j + 1]):
-                    J = b_columns[e]
-                    if seen[J] != i:
-                        seen[J] = i
-                        count += 1
-            out[i + 1] = count
-
-
-@in_ranges(1)
-@outer(nogil=True, error_model="numpy")
-def fill_product(
+def pattern(
     begin: int, end: int, a_offsets: Any, a_columns: Any, b_offsets: Any, b_columns: Any,
-    width: int, offsets: Any, columns: Any,
+    width: int, half: bool, offsets: Any, columns: Any,
 ) -> None:  # fmt: skip
-    """Columns of A B, those of a row as they come."""
+    """Columns of row i of A B from columns[offsets[i]] on, B of `width` columns, as they come.
+
+    If there is no room for any, offsets[i + 1] becomes their number. Of a symmetric product `half`
+    is enough: those on and right of the diagonal, ascending.
+    """
     n = len(a_offsets) - 1
+    counting = len(columns) == 0
     seen = np.full(width, -1, np.int32)
     for part in range(begin, end):
         for i in range(n * part // PARTS, n * (part + 1) // PARTS):
-            to = offsets[i]
+            to = 0 if counting else offsets[i]
             for k in range(a_offsets[i], a_offsets[i + 1]):
                 j = a_columns[k]
                 for e in range(b_offsets[j], b_offsets[j + 1]):
                     J = b_columns[e]
-                    if seen[J] != i:
-                        seen[J] = i
+                    if (half and J < i) or seen[J] == i:
+                        continue
+                    seen[J] = i
+                    if not counting:
                         columns[to] = J
-                        to += 1
+                    to += 1
+            if counting:
+                offsets[i + 1] = to
+            elif half:
+                columns[offsets[i] : to].sort()
 
 
 @in_ranges(1)
@@ -121,50 +110,6 @@ def damp(
                     for a in range(blocks.shape[1]):
                         for b in range(blocks.shape[2]):
                             blocks[k, a, b] += b_blocks[e, a, b]
-
-
-@in_ranges(1)
-@outer(nogil=True, error_model="numpy")
-def count_galerkin(
-    first: int, last: int, t_offsets: Any, t_rows: Any, b_offsets: Any, b_columns: Any, out: Any
-) -> None:
-    """out[top + 1] = number of blocks on and right of the diagonal in row I of Tᵀ B."""
-    n = len(t_offsets) - 1
-    seen = np.full(n, -1, np.int32)
-    for part in range(first, last):
-        for top in range(n * part // PARTS, n * (part + 1) // PARTS):
-            count = 0
-            for k in range(t_offsets[top], t_offsets[top + 1]):
-                i = t_rows[k]
-                for e in range(b_offsets[i], b_offsets[i + 1]):
-                    J = b_columns[e]
-                    if J >= top and seen[J] != top:
-                        seen[J] = top
-                        count += 1
-            out[top + 1] = count
-
-
-@in_ranges(1)
-@outer(nogil=True, error_model="numpy")
-def fill_galerkin(
-    begin: int, end: int, t_offsets: Any, t_rows: Any, b_offsets: Any, b_columns: Any,
-    offsets: Any, columns: Any,
-) -> None:  # fmt: skip
-    """Columns on and right of the diagonal of Tᵀ B, those of a row ascending."""
-    n = len(t_offsets) - 1
-    seen = np.full(n, -1, np.int32)
-    for part in range(begin, end):
-        for top in range(n * part // PARTS, n * (part + 1) // PARTS):
-            to = offsets[top]
-            for k in range(t_offsets[top], t_offsets[top + 1]):
-                i = t_rows[k]
-                for e in range(b_offsets[i], b_offsets[i + 1]):
-                    J = b_columns[e]
-                    if J >= top and seen[J] != top:
-                        seen[J] = top
-                        columns[to] = J
-                        to += 1
-            columns[offsets[top] : to].sort()
 
 
 @in_ranges(1)

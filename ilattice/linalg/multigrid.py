@@ -115,13 +115,7 @@ class Blocks:
 
     def pattern(self, other: Blocks) -> tuple[AnyArray, AnyArray]:
         """Offsets and columns of the product."""
-        both = (self.offsets, self.columns, other.offsets, other.columns, other.width)
-        counts = np.zeros(self.rows + 1, np.int64)
-        kq.count_product(kq.PARTS, *both, counts)
-        offsets = np.cumsum(counts).astype(np.int32)
-        columns = np.empty(offsets[-1], np.int32)
-        kq.fill_product(kq.PARTS, *both, offsets, columns)
-        return offsets, columns
+        return _pattern(self.offsets, self.columns, other.offsets, other.columns, other.width)
 
     def rows_times(
         self, other: Blocks, first: int, last: int, offsets: AnyArray, columns: AnyArray,
@@ -133,6 +127,20 @@ class Blocks:
             other.columns, other.blocks, other.width, other.sizes, offsets[first : last + 1],
             columns, blocks,
         )  # fmt: skip
+
+
+def _pattern(
+    a_offsets: AnyArray, a_columns: AnyArray, b_offsets: AnyArray, b_columns: AnyArray,
+    width: int, *, half: bool = False,
+) -> tuple[AnyArray, AnyArray]:  # fmt: skip
+    """Offsets and columns of a product, counted first; see `_kernels_products.pattern`."""
+    both = (a_offsets, a_columns, b_offsets, b_columns, width, half)
+    starts, none = np.zeros(len(a_offsets), np.int64), np.empty(0, np.int32)
+    kq.pattern(kq.PARTS, *both, starts, none)
+    starts = np.cumsum(starts)
+    columns = np.empty(starts[-1], np.int32)
+    kq.pattern(kq.PARTS, *both, starts, columns)
+    return starts.astype(np.int32), columns
 
 
 def _together(x: AnyArray, y: AnyArray) -> Iterator[tuple[bool, AnyArray, AnyArray]]:
@@ -172,7 +180,7 @@ class Multigrid:
         self.levels: list[_Level] = []
         A, B, x = K, modes, coordinates
         factors, inverses = _block_factors(A)
-        self.scaling = inverses
+        self.scaling = inverses.copy()  # without the factors, which are beside them
         while A.shape[0] > COARSEST:
             scaled = _scaled(A, inverses, np.float32)
             strength = np.empty(len(A.columns), np.float32)
@@ -404,11 +412,7 @@ def _upper_galerkin(
     kb.scale_rows(P.rows, P.offsets, P.blocks, inverses, P.sizes, T.blocks)
     at, across = A.pattern(T)
     offsets, rows, where = P.transposed
-    counts = np.zeros(P.width + 1, np.int64)
-    kq.count_galerkin(kq.PARTS, offsets, rows, at, across, counts)
-    upper = np.cumsum(counts).astype(np.int32)
-    columns = np.empty(upper[-1], np.int32)
-    kq.fill_galerkin(kq.PARTS, offsets, rows, at, across, upper, columns)
+    upper, columns = _pattern(offsets, rows, at, across, P.width, half=True)
     p = P.blocks.shape[2]
     blocks, done = np.zeros((upper[-1], p, p)), offsets[:-1]
     for first, last in _batches(at):

@@ -38,6 +38,7 @@ from ilattice.offsets._kernels_patches import (
     IMAGE,
     MULTIPLIER,
     across,
+    added,
     alike,
     in_reach,
     outside,
@@ -292,16 +293,9 @@ def spread(first, last, geom, sp, sx, sn, sh, x, q, best, idx, out):
                 best[i] < np.inf and unlikely(xi, sx, sn, s, sh[s], best[i])
             ):
                 continue
-            apart = True
-            for c in range(count):
-                if alike(geom, sp, sx, sn, out[i, c], s, 0.6 * sh[s]):
-                    apart = False
-                    break
-            if apart:
-                out[i, count] = s
-                count += 1
-                if count == out.shape[1]:
-                    break
+            count = added(geom, sp, sx, sn, sh, s, out, i, count)
+            if count == out.shape[1]:
+                break
         for c in range(count, out.shape[1]):
             out[i, c] = -1
         if count == 0:

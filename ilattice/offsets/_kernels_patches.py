@@ -204,6 +204,16 @@ def alike(geom, sp, sx, sn, a, b, h):
 
 
 @inner(fastmath=FAST, error_model="numpy")
+def added(geom, sp, sx, sn, sh, s, out, i, count):
+    """Add the seed s to the first `count` in row i of `out`, unless one is alike; how many then."""
+    for c in range(count):
+        if alike(geom, sp, sx, sn, out[i, c], s, 0.6 * sh[s]):
+            return count
+    out[i, count] = s
+    return count + 1
+
+
+@inner(fastmath=FAST, error_model="numpy")
 def same_patch(geom, sp, sx, sn, s, x, feet, i, h):
     """Whether the patch of seed s is that of the foot in row i: near to it, and facing x alike.
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ilattice._kernels import in_ranges, inner, outer
 from ilattice.offsets._kernels_jets import FAST
-from ilattice.offsets._kernels_patches import PLAIN, alike, in_reach, seed_distance, unlikely
+from ilattice.offsets._kernels_patches import PLAIN, added, in_reach, seed_distance, unlikely
 
 #: Seeds of a box of the lowest level, and boxes in one of the next.
 LEAF, FAN = 4, 4
@@ -106,15 +106,7 @@ def sweep(begin, end, geom, sp, sx, sn, sh, lo, hi, slab, first, x, q, best, out
         )  # fmt: skip
         count = 0
         for row in np.argsort(away[:n]):
-            s = found[row]
-            apart = True
-            for c in range(count):
-                if alike(geom, sp, sx, sn, out[i, c], s, 0.6 * sh[s]):
-                    apart = False
-                    break
-            if apart:
-                out[i, count] = s
-                count += 1
-                if count == out.shape[1]:
-                    break
+            count = added(geom, sp, sx, sn, sh, found[row], out, i, count)
+            if count == out.shape[1]:
+                break
         out[i, count:] = -1
