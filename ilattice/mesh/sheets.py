@@ -28,10 +28,14 @@ from ilattice.offsets._small import least_steps
 from ilattice.offsets.polish import LONGEST, inside, polish
 
 if TYPE_CHECKING:
+    from ilattice.offsets.mid_surface import MidSurface
     from ilattice.offsets.wall import OffsetSolid
 
 #: Part of the way from the mid-surface to which vertices are held back at most.
 MIN_WAY = 0.1
+#: How far, in tiles, vertices of the spline's mid-surface may be from that of the field: others
+#: may have come to another part of it, and are looked for by closest points.
+NEARBY = 0.05
 
 
 class Sheets:
@@ -147,13 +151,28 @@ def _on_middle(
     wall: OffsetSolid, u: FloatArray, kind: AnyArray, exactly: bool
 ) -> tuple[FloatArray, AnyArray]:
     """Parameters of vertices moved onto the mid-surface, and which could not be."""
-    lattice = wall.lattice
-    zero = BSpline([lattice.domain[:, a] for a in range(3)], np.zeros((1, 1, 1)), 0)
-    out, off = polish(
-        lattice, u, fixed_coordinates(kind), np.ones(len(u)), zero,
-        None if exactly else wall.distance,
-    )  # fmt: skip
-    return out, np.isinf(off)
+    lattice, fixed = wall.lattice, fixed_coordinates(kind)
+    out, lost = u.copy(), np.zeros(len(u), np.bool_)
+    rest = np.arange(len(u))
+    if exactly and lattice.search.plain:  # where the field vanishes, or else by closest points
+        out, there = _on_zero(lattice, u, fixed)
+        rest = np.flatnonzero(~there)
+    if len(rest):
+        zero = BSpline([lattice.domain[:, a] for a in range(3)], np.zeros((1, 1, 1)), 0)
+        out[rest], off = polish(
+            lattice, u[rest], fixed[rest], np.ones(len(rest)), zero,
+            None if exactly else wall.distance,
+        )  # fmt: skip
+        lost[rest] = np.isinf(off)
+    return out, lost
+
+
+def _on_zero(lattice: MidSurface, u: FloatArray, fixed: AnyArray) -> tuple[FloatArray, AnyArray]:
+    """Parameters moved to where the field vanishes nearby, and which got there."""
+    search = lattice.search
+    p, moved = search.on_surface(search.to_tile(u), fixed)
+    there = (moved <= NEARBY) & search.within(p)
+    return np.where(there[:, None], inside(lattice, search.from_tile(p)), u), there
 
 
 def to_faces(wall: OffsetSolid, u: FloatArray, way: FloatArray) -> tuple[FloatArray, AnyArray]:
@@ -192,7 +211,9 @@ def _rims(faces: AnyArray, n: int) -> tuple[IntArray, IntArray]:
     """Edges of one triangle only, as it runs from one end to the other."""
     a = faces.ravel().astype(np.int64)
     b = faces[:, [1, 2, 0]].ravel().astype(np.int64)
-    alone = ~np.isin(a * n + b, b * n + a)
+    ways, back = a * n + b, np.sort(b * n + a)
+    at = np.minimum(np.searchsorted(back, ways), len(back) - 1)
+    alone = back[at] != ways
     return a[alone], b[alone]
 
 

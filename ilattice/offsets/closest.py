@@ -51,6 +51,9 @@ from ilattice.offsets.struts import onto_struts, struts_of
 #: Single starts where the nearest seed tells that a foot is missed, or none has led to any, and
 #: the most queries for which these are made at once.
 ALONE, MAX_ALONE = 200, 2000
+#: A foot that is farther than a seed by this part of the distance, or of the least spacing, is as
+#: near: queries of grids often have seeds for feet.
+EVEN = 1e-9
 BATCH = 1 << 17
 #: Largest part of queries that may fall back, and a number that always may.
 MAX_FALLBACK, FEW = 1e-2, 10
@@ -83,6 +86,14 @@ class ClosestPointSearch(SeededSpace):
 
     def __repr__(self) -> str:
         return one_line(f"ClosestPointSearch({len(self.seeds.points)} seeds, {self.lattice!r})")
+
+    @property
+    def plain(self) -> bool:
+        """Whether the mid-surface is where one smooth field vanishes that compiled code evaluates.
+
+        It is not where tiles meet in creases, and that of struts is a spline there.
+        """
+        return self.struts is None and not self.creased
 
     # ------------------------------------------------------------------ queries
 
@@ -240,7 +251,8 @@ class ClosestPointSearch(SeededSpace):
 
     def _missed(self, distance: FloatArray, seed: IntArray, found: FloatArray) -> AnyArray:
         """Where the foot is farther than the nearest seed, and that is in the domain."""
-        out: AnyArray = (np.abs(found) > distance) & self.within(self.seeds.points[seed])
+        known = (1.0 + EVEN) * distance + EVEN * self.least_spacing
+        out: AnyArray = (np.abs(found) > known) & self.within(self.seeds.points[seed])
         return out
 
     def _account(

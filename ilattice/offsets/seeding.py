@@ -303,10 +303,10 @@ def downhill(space: TileSpace, x: FloatArray, p: FloatArray) -> FloatArray:
         gg = np.maximum((g * both[:, :, 1]).sum(axis=1), np.finfo(np.float64).tiny)
         step = both[:, :, 0] - ((g * both[:, :, 0]).sum(axis=1) / gg)[:, None] * both[:, :, 1]
         step = np.where(np.isfinite(step), step, 0.0)
-        q, there = space.on_surface(np.clip(p + part[:, None] * step, *space.box))
+        q, moved = space.on_surface(np.clip(p + part[:, None] * step, *space.box))
         z = lattice.through.x(space.from_tile(q), extrapolate="extend")
         better = ((x - z) ** 2).sum(axis=1) < ((x - y) ** 2).sum(axis=1)
-        better &= there & ((q >= space.box[0]) & (q <= space.box[1])).all(axis=1)
+        better &= np.isfinite(moved) & ((q >= space.box[0]) & (q <= space.box[1])).all(axis=1)
         p[better], y[better] = q[better], z[better]
         part = np.where(better, np.minimum(1.0, 2.0 * part), 0.5 * part)
     return p

@@ -136,24 +136,30 @@ class TileSpace:
         project(len(p), self.space, p, fixed, 0.5 / float(np.min(m)), moved)
         return p[moved <= 1.2 / float(np.min(m))]
 
-    def on_surface(self, p: FloatArray) -> tuple[FloatArray, AnyArray]:
+    def on_surface(
+        self, p: FloatArray, fixed: AnyArray | None = None
+    ) -> tuple[FloatArray, FloatArray]:
         """Points moved onto the mid-surface along the gradient.
 
         Parameters
         ----------
         p : ndarray, shape (n, 3)
             Tile coordinates.
+        fixed : ndarray of bool, shape (n, 3), optional
+            Coordinates that must not change.
 
         Returns
         -------
         tuple of ndarray
-            Tile coordinates (n, 3), and which of them got there (n,).
+            Tile coordinates (n, 3), and how far they have moved (n,), infinite where they have not
+            got there.
         """
         out = as_points("p", p).copy()
+        held = np.zeros((len(out), 3)) if fixed is None else np.asarray(fixed, np.float64)
         moved = np.empty(len(out))
         project: Any = _kernels_seeds.project
-        project(len(out), self.space, out, np.zeros((len(out), 3)), 0.1, moved)
-        return out, np.isfinite(moved)
+        project(len(out), self.space, out, held, 0.1, moved)
+        return out, moved
 
 
 def _triples(name: str, value: AnyArray) -> FloatArray:

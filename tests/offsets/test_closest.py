@@ -77,6 +77,7 @@ def test_dense_seeds_on_faces_hide_no_sheet_farther_apart():
     np.testing.assert_allclose(distance, known, rtol=1e-9)
 
 
+@pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
 def test_feet_next_to_faces_lie_on_the_surface():
     """Steps that end beyond a face are cut off there; that must not be the last step."""
     lattice = nc.lattice_of("G", "gyroid", "clip")

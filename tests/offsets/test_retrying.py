@@ -192,3 +192,11 @@ def test_no_seed_leads_to_a_nearer_foot(tile):
     best = best[np.unique(owner)]
     assert len(best) > 0.9 * n
     assert (nearest > best - 1e-6 * best.max()).all()
+
+
+def test_feet_at_seeds_are_not_looked_for_again():
+    """Many queries of a grid have a seed for a foot, which may be nearer by rounding alone."""
+    lattice = il.Lattice("gyroid", through=il.macroshape.box((3.0, 3.0, 3.0)), repeat=(3, 3, 3))
+    lattice.offset(0.1)
+    assert lattice.statistics.queries > 1e5
+    assert lattice.statistics.retries == 0
