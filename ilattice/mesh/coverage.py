@@ -7,6 +7,7 @@ to triangles. Non-guarantee: holes smaller than the spacing of the points are no
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
+from weakref import WeakKeyDictionary, ref
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -36,6 +37,10 @@ SLACK = 2.0
 OFF, MERGED, SOME = 0.05, 0.5, 1000
 
 
+#: What meshes lack, and of which wall: it is told when they are made, and in their report.
+_known: WeakKeyDictionary[SurfaceMesh, tuple[ref[OffsetSolid], float]] = WeakKeyDictionary()
+
+
 def missing_part(wall: OffsetSolid, mesh: SurfaceMesh) -> float:
     """Part of the offset surfaces of a wall that a mesh lacks.
 
@@ -51,6 +56,15 @@ def missing_part(wall: OffsetSolid, mesh: SurfaceMesh) -> float:
     float
         From 0 to 1, by area of the mid-surface.
     """
+    whose, part = _known.get(mesh, (None, 0.0))
+    if whose is None or whose() is not wall:
+        part = _missing_part(wall, mesh)
+        _known[mesh] = ref(wall), part
+    return part
+
+
+def _missing_part(wall: OffsetSolid, mesh: SurfaceMesh) -> float:
+    """See `missing_part`."""
     both = [_beside(wall, side, POINTS) for side in ((1.0,) if wall.thickness.solid else SIDES)]
     there, area, sides = (np.concatenate(parts) for parts in zip(*both, strict=True))
     error, asked = wall._errors(there, sides)
