@@ -243,13 +243,14 @@ def _by_closest_points(
     lattice: MidSurface, found: ClosestPoints, x: FloatArray, jacobian: FloatArray
 ) -> tuple[list[FloatArray], list[FloatArray]]:
     """Signed distances to the two nearest feet, and their gradients in u."""
-    apart = np.isfinite(found.second_distance)
-    away = np.where(apart[:, None], x - found.second, 0.0)
-    away /= np.where(apart, found.second_distance, 1.0)[:, None]
-    normals = [_gradients(lattice, found, x), away]
-    second = np.where(apart, found.second_distance, np.inf)
-    gradients = [np.einsum("nca,nc->na", jacobian, n) for n in normals]
-    return [found.distance, second], gradients
+    apart = np.flatnonzero(np.isfinite(found.second_distance))  # few: the rest has one foot
+    first = np.einsum("nca,nc->na", jacobian, _gradients(lattice, found, x))
+    away = (x[apart] - found.second[apart]) / found.second_distance[apart, None]
+    other = np.zeros_like(first)
+    other[apart] = np.einsum("nca,nc->na", jacobian[apart], away)
+    second = np.full(len(x), np.inf)
+    second[apart] = found.second_distance[apart]
+    return [found.distance, second], [first, other]
 
 
 def _gradients(lattice: MidSurface, found: ClosestPoints, x: FloatArray) -> FloatArray:
@@ -269,9 +270,14 @@ def _gradients(lattice: MidSurface, found: ClosestPoints, x: FloatArray) -> Floa
 def _least_step(
     metric: FloatArray, a: FloatArray, f: FloatArray, b: FloatArray, g: FloatArray
 ) -> FloatArray:
-    """Least step s with a.s = -f, and b.s = -g where the first alone would leave b.s < -g."""
+    """Least step s with a.s = -f, and b.s = -g where the first alone would leave b.s < -g.
+
+    There is no second condition where g is not finite.
+    """
+    near, ib = np.flatnonzero(np.isfinite(g)), np.zeros_like(b)
     with np.errstate(divide="ignore", invalid="ignore"):
-        ia, ib = (solved(metric, v[:, :, None])[:, :, 0] for v in (a, b))
+        ia = solved(metric, a[:, :, None])[:, :, 0]
+        ib[near] = solved(metric[near], b[near, :, None])[:, :, 0]
         aa, ab, bb = ((v * w).sum(axis=1) for v, w in ((a, ia), (a, ib), (b, ib)))
         alone = -f / aa
         det = aa * bb - ab * ab
