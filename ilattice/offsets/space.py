@@ -155,7 +155,9 @@ class TileSpace:
             got there.
         """
         out = as_points("p", p).copy()
-        held = np.zeros((len(out), 3)) if fixed is None else np.asarray(fixed, np.float64)
+        held = np.zeros(out.shape) if fixed is None else as_array("fixed", fixed)
+        if held.shape != out.shape:
+            raise InputError(f"fixed must have shape {out.shape}, as p has, got {held.shape}")
         moved = np.empty(len(out))
         project: Any = _kernels_seeds.project
         project(len(out), self.space, out, held, 0.1, moved)
