@@ -34,8 +34,8 @@ if TYPE_CHECKING:
 #: Part of the way from the mid-surface to which vertices are held back at most.
 MIN_WAY = 0.1
 #: How far, in tiles, vertices of the spline's mid-surface may be from that of the field: the way
-#: there is the shortest one in tiles, not in space, so that longer ones also lead along the surface,
-#: and triangles cross. Others are moved by closest points.
+#: there is the shortest one in tiles, not in space, so that longer ones also lead along the
+#: surface, and triangles cross. Others are moved by closest points.
 NEARBY = 2e-3
 
 
