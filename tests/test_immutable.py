@@ -312,10 +312,33 @@ def others(examples, folder):
     ]  # fmt: skip
 
 
+def catalogued():
+    """All rows of the catalogue, their tiles and fields."""
+    tiles = [il.tiles.get(name) for name in il.tiles.names()]
+    return [*map(il.tiles.row, il.tiles.names()), *tiles, *(tile.field for tile in tiles)]
+
+
+def laden(examples):
+    """Meshes with much data or many regions, and what is made of them."""
+    mesh, solid = examples[il.SurfaceMesh], examples[il.mesh.SolidMesh]
+    data = {f"data number {i}": np.zeros(len(mesh.vertices)) for i in range(20)}
+    full = il.SurfaceMesh(mesh.vertices, mesh.faces, data)
+    regions = {f"region_number_{i}": f"x < {i}" for i in range(20)}
+    open_mesh = il.SurfaceMesh(mesh.vertices, mesh.faces[1:], data)
+    distances = [il.sdf.MeshDistance(m, strict=False) for m in (full, open_mesh)]
+    return [full, *distances, solid.with_regions(**regions)]
+
+
+@pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
+def test_located_points_show_how_many_there_are(examples):
+    located = examples[il.macroshape.Located]
+    assert repr(located) == "Located(1 points, 0 failures)"
+
+
 @pytest.mark.filterwarnings("ignore::ilattice.errors.PrecisionWarning")
 def test_everything_shows_itself_in_one_short_line(examples, tmp_path):
     unfit = []
-    for thing in [*examples.values(), *others(examples, tmp_path)]:
+    for thing in [*examples.values(), *others(examples, tmp_path), *catalogued(), *laden(examples)]:
         shown = repr(thing)
         if len(shown) >= 120 or "\n" in shown or " at 0x" in shown or "array(" in shown:
             unfit.append(f"{type(thing).__module__}.{type(thing).__name__}: {shown[:150]}")

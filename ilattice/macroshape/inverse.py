@@ -13,7 +13,7 @@ ill-determined as the map is flat there.
 """
 
 import warnings
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -55,10 +55,14 @@ class Located(Frozen):
         Newton steps, over all starts.
     """
 
-    u: FloatArray = field(repr=False)
-    status: IntArray = field(repr=False)
-    distance: FloatArray = field(repr=False)
-    iterations: IntArray = field(repr=False)
+    u: FloatArray
+    status: IntArray
+    distance: FloatArray
+    iterations: IntArray
+
+    def __repr__(self) -> str:
+        """One line: how many points, and how many searches failed."""
+        return f"Located({len(self.u)} points, {self.failures} failures)"
 
     def __post_init__(self) -> None:
         """Leave the arrays open to the search; `SplineMap.locate` closes them."""

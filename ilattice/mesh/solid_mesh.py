@@ -18,6 +18,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ilattice._geometry import grid_points
+from ilattice._shown import one_line
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice._validate import (
     FixedMapping,
@@ -90,7 +91,7 @@ class SolidMesh(Frozen):
 
     def __repr__(self) -> str:
         regions = f", regions: {', '.join(self.regions)}" if self.regions else ""
-        return (
+        return one_line(
             f"SolidMesh({len(self.cells)} {self.kind}, {len(self.points)} nodes, volume "
             f"{self.volume:.6g} ({100.0 * self.error:+.2g} %){regions})"
         )

@@ -13,6 +13,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from ilattice._shown import one_line
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_array, check_finite, read_only
 from ilattice.errors import GeometryError, InputError
@@ -96,7 +97,7 @@ class TriangleMesh:
     def __repr__(self) -> str:
         """One line: sizes and names of the data."""
         names = ", ".join((*self.point_data, *self.cell_data))
-        return (
+        return one_line(
             f"{type(self).__name__}({len(self.vertices)} vertices, {len(self.faces)} faces"
             + (f", data: {names}" if names else "")
             + ")"

@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ilattice._field import Field
-from ilattice._shown import Shown
+from ilattice._shown import Shown, one_line
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import Frozen, among, as_array, as_flag, as_points, read_only
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
@@ -266,7 +266,8 @@ class MeshDistance(Field, Frozen):
 
     def __repr__(self) -> str:
         """One line: the mesh, and its faults if there are any."""
-        return f"MeshDistance({self._mesh!r}" + (f", {self._faults})" if self._faults else ")")
+        faults = f", {self._faults}" if self._faults else ""
+        return one_line(f"MeshDistance({self._mesh!r}{faults})")
 
     def bounding_box(self, level: float = 0.0) -> FloatArray:
         """Box that holds where the field is at most `level`.

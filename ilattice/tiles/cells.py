@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._shown import Shown
 from ilattice._typing import FloatArray
 from ilattice._validate import as_positive
 from ilattice.bspline import BSpline
@@ -32,7 +33,7 @@ Line = tuple[Point, Point]
 
 
 @dataclass(frozen=True, kw_only=True)
-class CellRow:
+class CellRow(Shown):
     """One cell of the library.
 
     Attributes

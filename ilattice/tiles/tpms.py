@@ -12,6 +12,8 @@ of the same name (``lidinoid``, ``c_d`` and ``y`` have not), or that level sets 
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from ilattice._shown import Shown
+
 CESOGEN = "Cesogen (paper of the 27 TPMS), Table 1"
 SCAFFOLDER = "Scaffolder, list of implicit functions"
 MICROGEN = "microgen, surface functions"
@@ -40,7 +42,7 @@ class Symmetry(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Row:
+class Row(Shown):
     """One surface of the catalogue.
 
     Attributes

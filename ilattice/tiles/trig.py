@@ -13,6 +13,7 @@ from typing import Any, Self
 import numpy as np
 
 from ilattice._field import Field
+from ilattice._shown import one_line
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import (
     among,
@@ -146,7 +147,7 @@ class TrigField(Field):
     def __repr__(self) -> str:
         """Short form: the expression, if it is short."""
         text = str(self) if len(self.coef) <= 8 else f"{len(self.coef)} terms"
-        return f"TrigField({text}, period={self.period.tolist()})"
+        return one_line(f"TrigField({text}, period={self.period.tolist()})")
 
     def __str__(self) -> str:
         """Expression that `parse` understands."""
