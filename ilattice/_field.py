@@ -24,6 +24,8 @@ ABILITIES = (
     "jet", "grid", "range", "bounds", "lipschitz", "bounding_box", "node", "repeats", "flattened",
     "breaks", "analysis_box",
 )  # fmt: skip
+#: Which of them wrappers have only if what they wrap does.
+OF_THE_INNER = ("jet", "range")
 
 
 class Field(Shown):
@@ -63,7 +65,7 @@ class Field(Shown):
         Returns
         -------
         bool
-            False where it has the default.
+            False where it has the default, also because the field that it wraps has.
 
         Raises
         ------
@@ -72,6 +74,10 @@ class Field(Shown):
         """
         if not among(name, ABILITIES):
             raise InputError(f"name must be one of {', '.join(ABILITIES)}, got {name!r:.80}")
+        return self._has(name)
+
+    def _has(self, name: str) -> bool:
+        """`has` for a name that is known; wrappers ask what they wrap."""
         return getattr(type(self), name) is not getattr(Field, name)
 
     def jet(self, p: ArrayLike, order: int = 2) -> tuple[FloatArray, ...]:

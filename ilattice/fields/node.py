@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ilattice._field import Field, as_boxes, differences, owns
+from ilattice._field import OF_THE_INNER, Field, as_boxes, differences, owns
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import Frozen, among, as_array, as_points, asked, read_only
 from ilattice.errors import InputError
@@ -169,10 +169,13 @@ class Leaf(Node):
             return np.array(asked("bounding_box of the field", self.f.bounding_box, level))
         return np.array(self.box) if level <= 0.0 else everywhere()
 
+    def _has(self, name: str) -> bool:
+        return super()._has(name) and (name not in OF_THE_INNER or owns(self.f, name))
+
     @property
     def bounded(self) -> bool:
         """Whether its bounds are finite on finite boxes."""
-        return owns(self.f, "range")
+        return self.has("range")
 
     def values(self, points: FloatArray) -> FloatArray:
         """Values, checked for their shape."""

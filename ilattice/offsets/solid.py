@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ilattice._field import Field, as_boxes, owns
+from ilattice._field import Field, as_boxes
 from ilattice._geometry import least_step
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_points, read_only
@@ -115,7 +115,7 @@ class TileField(Field):
             return tuple(self.scale * a for a in self.lattice.implicit_jet(u, order))
         p = self.lattice._in_tile(self.lattice.tile_coordinates(u))
         value, *rest = tile.jet(p, order)
-        if not owns(tile.field, "jet"):
+        if not tile.has("jet"):
             value = tile(p)
         step = np.array(self.lattice.repeat) / (hi - lo)
         factors = (step, step[:, None] * step)
@@ -127,7 +127,7 @@ class TileField(Field):
         lo, hi = as_boxes(lo, hi)
         tile = self.tile
         out = np.stack([np.full(len(lo), -np.inf), np.full(len(lo), np.inf)], axis=1)
-        if isinstance(tile, Mixture) or not owns(tile.field, "range"):
+        if isinstance(tile, Mixture) or not tile.has("range"):
             return out
         a, b = self.lattice.tile_coordinates(lo), self.lattice.tile_coordinates(hi)
         first, last = np.floor(a), np.maximum(np.ceil(b) - 1.0, np.floor(a))

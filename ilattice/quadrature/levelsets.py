@@ -134,7 +134,7 @@ class LevelSets(Frozen):
     @property
     def opaque(self) -> bool:
         """Whether a field has neither a formula nor bounds."""
-        return any(not isinstance(f, Node) and not owns(f, "range") for f in self.fields)
+        return any(not owns(f, "range") for f in self.fields)
 
     def pieces(self, axes: Sequence[FloatArray]) -> "Pieces | FieldPieces":
         """The level sets on the cells of a grid, cut at the breaks of the splines.

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ilattice._field import Field, owns
+from ilattice._field import OF_THE_INNER, Field, as_boxes, owns
 from ilattice._typing import AnyArray, ArrayLike, FloatArray
 from ilattice._validate import (
     as_array,
@@ -203,7 +203,7 @@ class Tile(Field):
         tuple of ndarray
             Values (n,), gradients (n, 3), Hessians (n, 3, 3): the first ``order + 1``.
         """
-        if not owns(self.field, "jet"):
+        if not self.has("jet"):
             return self.kernel_field.jet(u, order)
         value, *rest = self._asked("jet", as_points("u", u), order)
         return (value - self.level, *rest)
@@ -241,7 +241,7 @@ class Tile(Field):
         return out
 
     def range(self, lo: ArrayLike, hi: ArrayLike) -> FloatArray:
-        """Rigorous bounds of the values on boxes.
+        """Rigorous bounds of the values on boxes, infinite if the field is a plain function.
 
         Parameters
         ----------
@@ -256,14 +256,19 @@ class Tile(Field):
         Raises
         ------
         InputError
-            If the field is a plain function: nothing rigorous is known about it.
+            For corners of different shapes, not finite or in the wrong order.
+
+        Notes
+        -----
+        ``tile.fit(tol=...)`` makes a spline tile of a plain function, which has bounds.
         """
-        if not owns(self.field, "range"):
-            raise InputError(
-                f"the field of tile {self.name!r} is a plain function without bounds; "
-                "tile.fit(tol=...) makes a spline tile that has them"
-            )
-        return self._asked("range", as_points("lo", lo), as_points("hi", hi)) - self.level
+        if not self.has("range"):
+            return super().range(lo, hi)
+        return self._asked("range", *as_boxes(lo, hi)) - self.level
+
+    def _has(self, name: str) -> bool:
+        """See `Field.has`: derivatives that are those of a stand-in do not count."""
+        return super()._has(name) and (name not in OF_THE_INNER or owns(self.field, name))
 
     @cached_property
     def kernel_field(self) -> TrigField | BSpline:

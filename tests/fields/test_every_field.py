@@ -206,6 +206,24 @@ def test_a_field_of_its_values_alone_has_the_rest_by_default():
             field.jet(p, bad)
 
 
+@pytest.mark.parametrize("wrapper", [il.tiles.Tile, F.from_callable])
+def test_wrappers_have_what_their_field_has(wrapper):
+    known, unknown = wrapper(il.tiles["gyroid"].field), wrapper(smooth)
+    for name in ("jet", "range"):
+        assert known.has(name)
+        assert not unknown.has(name)
+    assert unknown.has("bounding_box") == (wrapper is not il.tiles.Tile)
+    p = np.random.default_rng(7).random((9, 3))
+    np.testing.assert_array_equal(unknown.range(p, p + 0.1), [[-np.inf, np.inf]] * 9)
+    check_range(known, np.random.default_rng(7), np.array([[0.0] * 3, [1.0] * 3]), False)
+
+
+def test_what_wraps_a_plain_function_may_hide_as_much_as_the_function():
+    box = [[-1] * 3, [1] * 3]
+    for f in (F.from_callable(smooth), smooth):
+        assert il.cutfem.cut(f, 4, domain=box).unseen > 0.0
+
+
 def test_a_lipschitz_constant_gives_bounds():
     class Steep(Plain):
         lipschitz = 3.0
