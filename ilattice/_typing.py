@@ -31,15 +31,7 @@ class Solid(Protocol):
         """Map from the parameters to space, or None if they are coordinates of space."""
 
     def level_sets(self) -> Any:
-        """What is negative in the solid: a field, `SumsOfSplines`, or a pair of fields."""
-
-
-@runtime_checkable
-class SumsOfSplines(Protocol):
-    """A field that is the largest of sums of splines, which quadrature takes as they are."""
-
-    def sums(self) -> tuple[tuple[Any, ...], FloatArray]:
-        """Splines, and factors (sets, splines) by which the level sets are sums of them."""
+        """What is negative in the solid: a field, or a pair of fields."""
 
 
 @runtime_checkable

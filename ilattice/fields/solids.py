@@ -21,7 +21,7 @@ def level_sets_of(solid: Solid) -> Any:
 
     Returns
     -------
-    Field, SumsOfSplines or pair of fields
+    Field or pair of fields
         What `level_sets` gives.
 
     Raises

@@ -19,7 +19,7 @@ import numpy as np
 
 from ilattice._field import Field, owns
 from ilattice._memory import need
-from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray, Solid, SumsOfSplines
+from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray, Solid
 from ilattice._validate import Frozen, as_array, as_points, asked, read_only
 from ilattice.bspline import BSpline
 from ilattice.bspline._kernels_bezier import restriction
@@ -365,7 +365,7 @@ def as_level_sets(field: Any, domain: FloatArray | None, degree: int) -> LevelSe
 
     Parameters
     ----------
-    field : Solid, SumsOfSplines, BSpline, callable, or pair of fields
+    field : Solid, BSpline, callable, or pair of fields
         The solid is where it is negative; of a pair, where both are.
     domain : ndarray, shape (2, 3), optional
         Box, for fields that have no bounds.
@@ -384,8 +384,9 @@ def as_level_sets(field: Any, domain: FloatArray | None, degree: int) -> LevelSe
     """
     if isinstance(field, Solid):
         field = level_sets_of(field)
-    if isinstance(field, SumsOfSplines):
-        return _of_splines(*field.sums(), (field,), domain, degree)
+    sums = field.sums() if isinstance(field, Field) else None
+    if sums is not None:
+        return _of_splines(*sums, (field,), domain, degree)
     parts = tuple(field) if isinstance(field, tuple | list) else (field,)
     if not 1 <= len(parts) <= 2:
         raise InputError(f"field must be one field or a pair, got {len(parts)}")

@@ -201,9 +201,20 @@ def test_a_field_of_its_values_alone_has_the_rest_by_default():
     np.testing.assert_allclose(h[:, 0, 1], -2 * np.cos(x) * np.sin(2 * y), rtol=0, atol=1e-6)
     check_grid(field, rng, BOX)
     assert np.isinf(field.range(p - 0.1, p + 0.1)).all()
+    assert field.sums() is None
     for bad in (-1, 3):
         with pytest.raises(InputError, match="order must be"):
             field.jet(p, bad)
+
+
+def test_what_is_the_largest_of_sums_of_splines_is_cut_as_these():
+    class Both(Plain):
+        def sums(self):
+            return (spline(),), np.array([[1.0], [-1.0]])
+
+    assert Both().has("sums")
+    assert il.cutfem.cut(Both(), 4).sets.exact
+    assert not il.cutfem.cut(Plain(), 4, domain=BOX).sets.exact
 
 
 @pytest.mark.parametrize("wrapper", [il.tiles.Tile, F.from_callable])
