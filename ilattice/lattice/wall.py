@@ -377,8 +377,8 @@ _WALLS: dict[type[OffsetSolid], type[Wall]] = {
 def described(lattice: Any) -> dict[str, Any]:
     """What notebooks tell of a lattice."""
     size = np.ptp(lattice.through.bounds, axis=0)
-    name = str(getattr(lattice.tile, "name", "mixture"))
-    return {"tile": name, "tiles": tuple(lattice.repeat), "size": tuple(map(float, size))}
+    tiles = tuple(lattice.repeat)
+    return {"tile": lattice.tile.name, "tiles": tiles, "size": tuple(map(float, size))}
 
 
 def as_wall(solid: OffsetSolid) -> Any:

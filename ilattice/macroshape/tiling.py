@@ -93,9 +93,8 @@ class Tiling(Shown):
     _cache: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
 
     def __repr__(self) -> str:
-        name = getattr(self.tile, "name", "mixture")
         tiles = " x ".join(map(str, self.repeat))
-        return one_line(f"{self._kind}({name!r}, {tiles} tiles through {self.through!r})")
+        return one_line(f"{self._kind}({self.tile.name!r}, {tiles} tiles through {self.through!r})")
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "tile", _as_tile(self.tile))

@@ -33,7 +33,7 @@ from ilattice.offsets.thickness import Thickness
 from ilattice.offsets.wall import OffsetSolid
 from ilattice.tiles.bars import MAX_BARS, BarsInBox, solid_of_bars
 from ilattice.tiles.mixture import Mixture
-from ilattice.tiles.skeleton import FACES, SkeletonField
+from ilattice.tiles.skeleton import FACES, SkeletonField, skeleton_of
 from ilattice.tiles.tile import Tile
 
 if TYPE_CHECKING:
@@ -186,9 +186,9 @@ class TileField(Field):
     @property
     def _spans(self) -> IntArray:
         """Spans per tile that resolve the radii of struts, or waves."""
-        lattice, field = self.lattice, getattr(self.tile, "field", None)
+        lattice, field = self.lattice, skeleton_of(self.tile)
         spans = np.full(3, lattice.spans)
-        if lattice.spans_per_tile is None and isinstance(field, SkeletonField):
+        if lattice.spans_per_tile is None and field is not None:
             edges = np.linalg.norm(field.cell, axis=0)
             fine = np.ceil(PER_RADIUS * edges / field.thinnest).astype(np.int64)
             spans = np.maximum(spans, _affordable(lattice, fine))
@@ -196,11 +196,11 @@ class TileField(Field):
 
     def _smooth(self, u: FloatArray) -> FloatArray:
         """The values as they are, or those of a skeleton, flat away from it."""
-        field = getattr(self.tile, "field", None)
-        if not isinstance(field, SkeletonField):
+        tile, field = self.tile, skeleton_of(self.tile)
+        if isinstance(tile, Mixture) or field is None:
             return self(u)
         p = self.lattice._in_tile(self.lattice.tile_coordinates(u))
-        return self.scale * field.flattened(float(getattr(self.tile, "level", 0.0)))(p)
+        return self.scale * field.flattened(tile.level)(p)
 
     def _measured(self, spline: BSpline) -> float:
         """Deviation of a spline at the surface: 99th percentile at random points near it."""
@@ -216,12 +216,8 @@ def _uncut(tile: Tile | Mixture) -> Tile | Mixture:
 
     On these planes its field is zero, and tells nothing of the rims there.
     """
-    field = getattr(tile, "field", None)
-    if (
-        isinstance(tile, Mixture)
-        or not isinstance(field, SkeletonField)
-        or "closed" not in field.faces
-    ):
+    field = skeleton_of(tile)
+    if isinstance(tile, Mixture) or field is None or "closed" not in field.faces:
         return tile
     faces = dict(zip(FACES, (k.replace("closed", "open") for k in field.faces), strict=True))
     open_field = SkeletonField(field.entities, field.radius, field.blend, faces, field.cell)
@@ -247,8 +243,8 @@ def onto_zero(field: TileField, u: FloatArray, steps: int = 8) -> tuple[FloatArr
 def thinnest(field: TileField) -> float:
     """Least thickness in space: of struts and plates by their radii, of others `width`."""
     lattice = field.lattice
-    skeleton = getattr(lattice.tile, "field", None)
-    if not isinstance(skeleton, SkeletonField):
+    skeleton = skeleton_of(lattice.tile)
+    if skeleton is None:
         return field.width
     u = _random(lattice, 512, 2)
     step = np.ptp(lattice.domain, axis=0) / np.array(lattice.repeat)
@@ -305,7 +301,7 @@ class TileSolid(OffsetSolid):
 
     @property
     def _of_skeleton(self) -> bool:
-        return isinstance(getattr(self.lattice.tile, "field", None), SkeletonField)
+        return skeleton_of(self.lattice.tile) is not None
 
     @property
     def _countable(self) -> bool:  # type: ignore[override]

@@ -27,6 +27,7 @@ from ilattice.errors import ConvergenceError, InputError, PrecisionWarning
 from ilattice.fields.equation import constant, coordinates_in, equation, names_in
 from ilattice.fields.node import Node
 from ilattice.offsets.kinks import JumpError, fit_evenly, fit_with_kinks
+from ilattice.offsets.scattered import Scattered
 from ilattice.tiles.mixture import Mixture
 
 if TYPE_CHECKING:
@@ -408,7 +409,7 @@ def _fitted(f: Any, lattice: Tiling, name: str) -> _Side:
     values = checked(_grid_points(lattice.domain, 9))
     scale = max(float(np.abs(values).max()), 1e-300)
     try:
-        tol = getattr(f, "tolerance", FIT_TOLERANCE)
+        tol = f.tolerance if isinstance(f, Scattered) else FIT_TOLERANCE
         fit = fit_evenly if tol > FIT_TOLERANCE else fit_with_kinks
         spline, found = fit(checked, lattice.domain, tol * scale)
     except JumpError as e:

@@ -69,7 +69,7 @@ class OffsetSolid(Shown):
     @property
     def name(self) -> str:
         """Name of the tiles."""
-        return str(getattr(self.lattice.tile, "name", "mixture"))
+        return self.lattice.tile.name
 
     def level_sets(self) -> WallField:
         """What is negative in the solid, for quadrature.

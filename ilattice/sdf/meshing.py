@@ -25,7 +25,7 @@ from ilattice._typing import FloatArray, Solid
 from ilattice._validate import Frozen, as_flag, as_positive, as_triple, check_lengths
 from ilattice.errors import GeometryError, InputError, PrecisionWarning
 from ilattice.fields.algebra import split_box
-from ilattice.fields.node import Node, as_node, is_empty
+from ilattice.fields.node import Leaf, Node, as_node, is_empty
 from ilattice.fields.solids import field_of
 from ilattice.macroshape.maps import SplineMap
 from ilattice.mesh import SurfaceMesh
@@ -254,7 +254,7 @@ def planned(solid: Field, spacing: Any = None) -> Plan:
 
 def _corners(solid: Node) -> FloatArray | None:
     """Vertices of the meshes that a solid is made of."""
-    leaves = [getattr(leaf, "f", None) for leaf, _ in solid.program.leaves]
+    leaves = [leaf.f for leaf, _ in solid.program.leaves if isinstance(leaf, Leaf)]
     found = [f.mesh.vertices for f in leaves if isinstance(f, MeshDistance)]
     return np.concatenate(found).astype(np.float64) if found else None
 

@@ -449,6 +449,12 @@ def _as_faces(value: Any) -> tuple[str, ...]:
     return kinds
 
 
+def skeleton_of(tile: Any) -> SkeletonField | None:
+    """The skeleton that a tile is made of, or None if it is of another kind, or a mixture."""
+    field = tile.field if isinstance(tile, Tile) else None
+    return field if isinstance(field, SkeletonField) else None
+
+
 def skeleton(
     entities: Sequence[Any] | AnyArray,
     *,
