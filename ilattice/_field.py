@@ -22,7 +22,7 @@ STEP = 1e-4
 #: What a field can define itself.
 ABILITIES = (
     "jet", "grid", "range", "bounds", "lipschitz", "bounding_box", "node", "repeats", "flattened",
-    "breaks", "analysis_box", "sums",
+    "breaks", "analysis_box", "shown_box", "sums",
 )  # fmt: skip
 #: Which of them wrappers have only if what they wrap does.
 OF_THE_INNER = ("jet", "range")
@@ -45,6 +45,7 @@ class Field(Shown):
     `flattened`       a smoother field for splines: itself
     `breaks`          planes between its smooth pieces: none known
     `analysis_box`    box in which it is analysed: `bounds`
+    `shown_box`       box in which pictures show it: `bounds`
     `sums`            sums of splines of which it is the largest: none
     ================  ==========================================================================
     """
@@ -222,6 +223,11 @@ class Field(Shown):
     @property
     def analysis_box(self) -> FloatArray:
         """Box (2, 3) in which a solid of the field is analysed."""
+        return np.asarray(self.bounds, np.float64)
+
+    @property
+    def shown_box(self) -> FloatArray:
+        """Box (2, 3) in which pictures show the field, perhaps infinite."""
         return np.asarray(self.bounds, np.float64)
 
     def sums(self) -> tuple[tuple[Any, ...], FloatArray] | None:

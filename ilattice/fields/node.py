@@ -19,6 +19,8 @@ from ilattice.fields._program import Builder, Point, Program
 __all__ = ["Node"]
 
 INF = np.inf
+#: Room about a solid in pictures, in units of its size.
+AROUND = 0.1
 
 
 class Node(Field, Frozen):
@@ -90,6 +92,15 @@ class Node(Field, Frozen):
         """Box (2, 3) of the solid, perhaps infinite."""
         box: FloatArray = read_only(self._box(0.0))
         return box
+
+    @property
+    def shown_box(self) -> FloatArray:
+        """The box of the solid with room about it, which is outside."""
+        box = self.bounds
+        if not np.isfinite(box).all():
+            return box
+        around = AROUND * float(np.ptp(box, axis=0).max())
+        return box + np.array([[-around], [around]])
 
     def __call__(self, p: ArrayLike, /) -> FloatArray:
         """Values, shape (n,), at points ``p`` (n, 3)."""

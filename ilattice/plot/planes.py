@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._field import Field
 from ilattice._geometry import grid_array
 from ilattice._typing import AnyArray, FloatArray
 from ilattice._validate import as_array, as_whole, asked
@@ -23,7 +24,6 @@ from ilattice.plot.scene import Scene
 
 _FORM = "write it like 'z = 0.3' or 'x + y = 1'"
 _LIFT = 1e-3  # of the line towards the viewer, in units of the size of the picture
-_AROUND = 0.1  # room about what is finite, in units of its size
 
 
 def heat_map(
@@ -41,7 +41,7 @@ def heat_map(
         A linear equation in x, y and z, such as ``"z = 0.3"``; of fields in parameters these are
         u, v and w.
     box : (2, 3) array-like, optional
-        What of the plane is shown; by default the bounds, or the domain, of the field.
+        What of the plane is shown; by default the bounds of the field.
     n : int
         Points along the longer side, 2 to 2000.
     label, unit : str
@@ -122,17 +122,9 @@ def _as_extent(field: Any, box: Any) -> FloatArray:
     if not callable(field):
         raise InputError(f"field must take points (n, 3), got {type(field).__name__}")
     if box is None:
-        solid = any(kind.__name__ == "Node" for kind in type(field).__mro__)
-        for name, room in (("bounds", _AROUND * solid), ("domain", 0.0)):
-            try:
-                found = np.asarray(getattr(field, name, None), float)
-            except (TypeError, ValueError):
-                continue
-            if found.shape == (3, 2) and name == "domain":  # splines: from, to per direction
-                found = found.T
-            if found.shape == (2, 3) and np.isfinite(found).all():
-                around = room * float(np.ptp(found, axis=0).max())
-                return found + np.array([[-around], [around]])
+        found = _told_box(field)
+        if found is not None:
+            return found
         raise InputError("box: the field does not say where it is; give the corners to be shown")
     ends = as_array("box", box)
     if ends.shape != (2, 3) or not (ends[0] < ends[1]).all():
@@ -140,6 +132,16 @@ def _as_extent(field: Any, box: Any) -> FloatArray:
             f"box must be its lowest and highest corner, shape (2, 3), got {box!r:.80}"
         )
     return ends
+
+
+def _told_box(field: Any) -> FloatArray | None:
+    """Corners that a field, or the bounds of somebody else's callable, tell of; if finite."""
+    told = field.shown_box if isinstance(field, Field) else getattr(field, "bounds", None)
+    try:
+        box = np.asarray(told, float)
+    except (TypeError, ValueError):
+        return None
+    return box if box.shape == (2, 3) and np.isfinite(box).all() else None
 
 
 def _grid(row: FloatArray, ends: FloatArray, n: int, plane: str) -> Any:

@@ -11,6 +11,7 @@ import pyvista as pv
 from PIL import Image
 
 import ilattice as il
+from ilattice._field import Field
 from ilattice.errors import FormatError, InputError
 from ilattice.mesh import SurfaceMesh
 from ilattice.plot import Panels, Scene, animate
@@ -264,6 +265,24 @@ def test_heat_maps_take_splines_tiles_walls_and_callables():
     part = il.plot.heat_map(lambda x: np.where(x[:, 0] > 0.5, np.nan, x[:, 1]), "z = 0",
                             box=[[0, -1, -1], [1, 1, 1]], n=30, size=SIZE)  # fmt: skip
     assert near(part.image(), (215, 215, 215), 12) > 0.1  # where there is no value
+
+
+def test_heat_maps_show_room_about_solids_and_all_of_other_fields():
+    def extent(field):
+        data = il.plot.heat_map(field, "z = 0.1", n=20).layers[0].data
+        return np.asarray(data.points, float)[:, 0].min(), np.asarray(data.points)[:, 0].max()
+
+    class Sheet(Field):
+        bounds = np.array([[-1.0, -1, -1], [2, 1, 1]])
+
+        def __call__(self, p):
+            return p[:, 2] - 0.2
+
+    class Node(Sheet):
+        """It only has the name of a solid."""
+
+    assert extent(il.fields.sphere(1.0)) == pytest.approx((-1.2, 1.2), abs=1e-6)
+    assert extent(Sheet()) == extent(Node()) == pytest.approx((-1.0, 2.0), abs=1e-6)
 
 
 @pytest.mark.parametrize(
