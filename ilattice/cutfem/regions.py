@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import binary_dilation
 
+from ilattice._conditions import as_planes
 from ilattice._field import Field
 from ilattice._typing import AnyArray, FloatArray
 from ilattice._validate import Frozen, among, as_array, asked
 from ilattice.cutfem.places import Inside, Patch
 from ilattice.errors import GeometryError, InputError
 from ilattice.mesh import SurfaceMesh
-from ilattice.plot.clips import as_planes
 from ilattice.quadrature.rules import NAMES, Quadrature
 
 #: Places for conditions besides the end faces: the level sets that bound the solid, or the outer

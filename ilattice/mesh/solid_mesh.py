@@ -17,6 +17,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from ilattice._conditions import as_planes
 from ilattice._geometry import grid_points
 from ilattice._shown import one_line
 from ilattice._typing import AnyArray, FloatArray, IntArray
@@ -31,7 +32,6 @@ from ilattice._validate import (
 )
 from ilattice.errors import GeometryError, InputError
 from ilattice.io.registry import save
-from ilattice.plot.clips import as_planes
 from ilattice.plot.quick import show
 
 #: By nodes of an element: its name, VTK's number, and its sides in CalculiX's order, corners first.

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._conditions import as_affine, as_planes
 from ilattice._field import Field
 from ilattice._geometry import grid_array
 from ilattice._typing import AnyArray, FloatArray
@@ -18,7 +19,7 @@ from ilattice._validate import as_array, as_whole, asked
 from ilattice.errors import InputError
 from ilattice.plot import overlays
 from ilattice.plot.camera import directions
-from ilattice.plot.clips import as_affine, as_planes, clipped
+from ilattice.plot.clips import clipped
 from ilattice.plot.quick import split
 from ilattice.plot.scene import Scene
 

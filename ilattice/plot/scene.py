@@ -16,11 +16,12 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._conditions import as_planes
 from ilattice._typing import AnyArray, FloatArray
 from ilattice._validate import as_array, as_flag, as_positive
 from ilattice.errors import InputError
 from ilattice.plot import camera, overlays, render, styles
-from ilattice.plot.clips import as_planes, clipped
+from ilattice.plot.clips import clipped
 from ilattice.plot.styles import Layer
 
 

@@ -11,11 +11,12 @@ import pyvista as pv
 from PIL import Image
 
 import ilattice as il
+from ilattice._conditions import as_planes
 from ilattice._field import Field
 from ilattice.errors import FormatError, InputError
 from ilattice.mesh import SurfaceMesh
 from ilattice.plot import Panels, Scene, animate
-from ilattice.plot.clips import as_planes, clipped
+from ilattice.plot.clips import clipped
 
 SIZE = (260, 200)
 
@@ -102,6 +103,11 @@ def test_boxes_and_joined_conditions_keep_the_same(ball):
 def test_clips_that_cannot_be_read_are_refused(clip):
     with pytest.raises(InputError, match="clip"):
         as_planes(clip)
+
+
+def test_conditions_tell_what_they_may_contain():
+    with pytest.raises(InputError, match=r"'w<0.3' may contain only numbers, x, y, z, \+, -"):
+        as_planes("w<0.3")
 
 
 def test_parts_have_their_own_colours(ball):
