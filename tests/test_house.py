@@ -14,6 +14,8 @@ DOCS = Path(__file__).parent.parent / "docs"
 HOME = Path(il.__file__).parent
 #: Positional arguments of a kernel.
 MAX_ARGUMENTS = 16
+#: Rooms where one comment may serve all constants that follow it.
+SHARED = ("cutfem", "fields", "io", "plot")
 #: What the values of constants are made of.
 NUMBERS = (ast.Constant, ast.Tuple, ast.BinOp, ast.UnaryOp, ast.operator, ast.unaryop, ast.Load)
 
@@ -90,17 +92,32 @@ def constants(path):
             yield node.lineno, node.end_lineno, names[0]
 
 
+def described(lines, first, last, shared):
+    """Whether a statement has a comment above or on its line; `shared` if one above others will do.
+
+    It always will where nothing else, between blank lines, has one.
+    """
+    own = lines[last - 1].replace("# fmt: skip", "")
+    if "#" in own or lines[first - 2].startswith("#"):
+        return True
+    begin, end = first - 1, last
+    while begin > 0 and lines[begin - 1]:
+        begin -= 1
+    while end < len(lines) and lines[end]:
+        end += 1
+    block = [line.startswith("#") for line in lines[begin:end]]
+    return any(block[: first - 1 - begin]) if shared else block == sorted(block)[::-1] and block[0]
+
+
 def test_constants_say_what_they_are():
-    """By a comment above, or on their line; one may serve statements that follow each other."""
+    """Each by a comment of its own, or together by one at the top of a block of their own."""
     silent, count = [], 0
     for path in HOME.rglob("*.py"):
         lines = path.read_text(encoding="utf-8").splitlines()
+        shared = path.relative_to(HOME).parts[0] in SHARED
         for first, last, name in constants(path):
             count += 1
-            above = first - 2
-            while above >= 0 and lines[above] and not lines[above].startswith("#"):
-                above -= 1
-            if not (lines[above].startswith("#") or "#" in lines[last - 1]):
+            if not described(lines, first, last, shared):
                 silent.append(f"{path.relative_to(HOME)}:{first} {name}")
     assert count > 500
     assert silent == []

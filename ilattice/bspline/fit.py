@@ -67,7 +67,10 @@ __all__ = [
 
 #: Most spans per direction that `fit` refines to, for one, two and three parameters.
 MAX_SPANS = {1: 4096, 2: 512, 3: 128}
+#: Most spans per direction, and most checks of the error, that may be asked for: bounds for
+#: mistakes.
 MAX_ASKED_SPANS, MAX_CHECKS = 1 << 20, 10_000_000
+#: Sites that are evaluated at once: this limits the memory.
 SLAB_POINTS = 1 << 18
 
 _OPERATORS: dict[str, Callable[[Direction], LineOperator]] = {

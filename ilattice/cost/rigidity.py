@@ -52,6 +52,7 @@ __all__ = [
 DENSE = 6000
 #: Part of the largest pivot below which one is zero; what is within `UNSURE` of it is warned of.
 TOLERANCE = 1e-9
+#: Factor by which pivots may be near that bound.
 UNSURE = 1e3
 #: Edges from which on the sparse LU of structures of the right count is tried first; it proves full
 #: rank if no pivot is below this part of the largest.

@@ -31,6 +31,7 @@ from ilattice.quadrature.cutting import CutGrid
 NEAR = 0.1
 #: Step of differences of level sets, in cells.
 STEP = 1e-3
+#: Points in the message of an error, so that it fits on a line or two.
 SHOWN = 3
 #: Names of the columns of vectors and of symmetric matrices.
 COMPONENTS = {1: [""], 3: ["x", "y", "z"], 6: ["xx", "yy", "zz", "yz", "xz", "xy"]}

@@ -30,6 +30,7 @@ from ilattice.minimal import FaceLoop, cuboid, tetrahedron
 KINDS = ("truss", "direct", "conjugate", "asymmetric")
 #: Places of vertices are multiples of this.
 _STEP = 1.0 / 16.0
+#: Largest seed of a random graph: one of 32 bits.
 _MAX_SEED = 2**32 - 1
 
 

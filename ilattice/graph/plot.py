@@ -28,6 +28,7 @@ COLOURS = {
     "group": "#fdd0a2", "object": "#9e9ac8", "boolean": "#9e9ac8", "voxel": "#bcbddc",
     "stiffness": "#fb6a4a", "bandgap": "#fb6a4a",
 }  # fmt: skip
+#: Nodes above which a graph is not drawn; chosen without measurements.
 _MAX_NODES = 400
 #: Cells of the grid by which solids are drawn, and most of them where parts are thin.
 _GRID, _FINEST = 48, 90

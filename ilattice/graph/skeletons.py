@@ -38,6 +38,7 @@ from ilattice.minimal.region import MAX_FACES, Region
 THICKNESS = 0.02
 #: Edges per side of a surface, and the most.
 EDGES, MAX_EDGES = 16, 256
+#: Middle of the unit cell.
 CENTRE = (0.5, 0.5, 0.5)
 SURFACES = ("conjugate", "mixed", "direct")
 

@@ -63,6 +63,7 @@ MISSING = ("E_most", "G_most", "K_most", "bulk", "shear")
 SIGNED = ("nu", "voigt", "reuss", "bulk", "shear")
 #: Part of the largest number of a row below which the sign of others is rounding.
 ROUNDING = 1e-6
+#: Rows of a table above which a sweep is taken for a mistake.
 MAX_RUNS = 1_000_000
 REMEDY = "give a function with a name at the top of a module, or functools.partial of one"
 

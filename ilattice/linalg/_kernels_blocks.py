@@ -29,9 +29,7 @@ from ilattice.linalg._kernels_rows import (
 
 #: Rows of a matrix that are multiplied before they are added to a vector; a multiple of them, of
 #: matrices and of vectors, that a thread takes at once.
-ROWS = 32
-GRAIN = 1024
-LONG = 65536
+ROWS, GRAIN, LONG = 32, 1024, 65536
 #: Numbers of vectors in a sum.
 CHUNK = 4096
 FAST = {"contract", "nsz", "reassoc"}

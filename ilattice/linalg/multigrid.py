@@ -52,6 +52,7 @@ FAR = 2.0
 TIED, PATCH = 0.6, 16
 #: Blocks of a product that is not kept whole, made at a time: some 300 MB of 3 x 6 numbers.
 BATCH = 2_000_000
+#: Steps of Lanczos' method for a largest eigenvalue: what they miss is within `SAFETY`.
 LANCZOS = 16
 #: Largest eigenvalues are taken as this much above their estimate.
 SAFETY = 1.1

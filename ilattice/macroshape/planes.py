@@ -18,6 +18,8 @@ ANISOTROPY = 2.0
 CLOSEST = 32.0
 #: Bytes of memory per site where the map is sampled.
 PER_SITE = 150
+#: Planes along a direction, above which lengths of edges are taken for mistakes: arrays of that
+#: many numbers fit everywhere, grids of them nowhere.
 MAX_PLANES = 10_000_000
 
 

@@ -18,11 +18,11 @@ MARGIN = 1e-3
 #: Of the square of the size of cells: how far what two vertices hold may overlap by rounding.
 ROUNDING = 1e-12
 CLOSE = 1e-2  # sizes of cells between middles of edges that tell no way
-BITS = 21
+BITS = 21  # of the number of a cell along an axis: three of them fill a code
 MASK = (1 << BITS) - 1
 NOWHERE = -1  # code of vertices that are off the face that they should lie on
 ALONE, CROWDED = -1, -2  # instead of the other vertex in the cell
-SPREAD = 0x9E3779B97F4A7C15 >> 1
+SPREAD = 0x9E3779B97F4A7C15 >> 1  # 2**64 over the golden ratio, halved: spreads codes over slots
 
 
 @inner()

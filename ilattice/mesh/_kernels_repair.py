@@ -18,14 +18,12 @@ import numpy as np
 from ilattice._kernels import inner, outer
 
 #: Bits of labels: the level set, and all faces of the domain.
-WALL = 64
-CAPS = 63
+WALL, CAPS = 64, 63
 STEEPEST = 0.5  # least cosine between a triangle and what replaces it
 FAIR = 0.3  # a quality that is good enough: above it, the change of volume decides
 SLIVER = 0.02  # a quality below which the normal of a triangle says nothing
 #: Quality of changes that are not made, and the number of the change that flips an edge.
-REJECTED = -1.0
-FLIP = 2
+REJECTED, FLIP = -1.0, 2
 
 
 @outer()

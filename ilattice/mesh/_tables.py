@@ -26,8 +26,7 @@ LABEL = 2  # 12 columns: patch of each edge, or -1
 ORDER = 14  # 12 columns: crossed edges, sorted by patch
 START = 26  # 5 columns: where each patch starts in ORDER
 #: Entries of a row of the table, and rows before those of flipped patterns.
-WIDTH = 31
-FLIPPED = 256
+WIDTH, FLIPPED = 31, 256
 
 
 def _edge_between(a: int, b: int) -> int:

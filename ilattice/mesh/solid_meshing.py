@@ -32,8 +32,9 @@ from ilattice.quadrature.grid import Grid
 
 _CORNERS = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0),
                      (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)])  # fmt: skip
-#: Corners of a tetrahedron at the ends of its edges, and of its faces.
+#: Corners of a tetrahedron at the ends of its edges.
 _EDGES = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))
+#: And those of its faces.
 _SIDES = ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0))
 #: Asks for ratios of radius to edge up to 1.5, and angles between faces from 10 degrees on.
 _PROGRAM = """

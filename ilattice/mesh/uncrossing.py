@@ -38,8 +38,9 @@ SLIDES, SLIDE = 16, 0.5
 #: Many pairs of triangles that cross are given up sliding once they are more than this part of
 #: those so many slides before.
 MANY, SLOW, STALLED = 100, 0.9, 4
-#: Parts of the way back, one after the other, and most rounds of that.
+#: Parts of the way back, one after the other.
 BACK = np.array([0.0, 0.125, 0.25, 0.5, 1.0])
+#: Most rounds of going back.
 ROUNDS = 16
 
 #: Direction along which vertices are sorted.

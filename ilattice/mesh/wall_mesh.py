@@ -66,6 +66,8 @@ MAX_UNCONVERGED, MAX_OFF, MAX_CREASED, FEW, MAX_NEARER = 1e-3, 1e-3, 2e-2, 10, 1
 FILLED = 4096
 #: Bytes of memory per vertex of a mesh, and per site where the map is sampled.
 PER_VERTEX, PER_SITE = 500, 150
+#: Planes along the longest side, by size over edge, above which no grid is advised: that many are
+#: refused, see `macroshape.planes`.
 MAX_PLANES = 10_000_000
 #: Length of edges, relative to the least thickness: by default, and where vertices are off then.
 DEFAULTS = (0.25, 0.2, 0.16)

@@ -35,8 +35,8 @@ from ilattice.minimal.plateau import Motion, Solved, factorized, fair_step
 
 #: Largest force per area, times the size, of what counts as solved.
 TOLERANCE = 1e-6
-MAX_STEPS = 24
-_FAIR_STEPS = 2
+#: Newton steps at most, and steps before that even out triangles; chosen without measurements.
+MAX_STEPS, _FAIR_STEPS = 24, 2
 #: Layer, in parts of the size, with which to begin where the wanted one does not get there, and
 #: by how much thinner the next one is.
 _STIFF, _THINNER = 0.06, np.sqrt(0.5)

@@ -29,11 +29,13 @@ from ilattice.minimal.disc import (
 
 #: Largest mean curvature, times the size of the surface, of what counts as solved.
 TOLERANCE = 1e-8
+#: Steps at most; chosen without measurements.
 MAX_STEPS = 24
 #: Up to this mean curvature, triangles may be so thin that rounding is all there is.
 _ROUNDED = 1e-4
 #: Steps longer than this part of the mean edge give new normals.
 _SHORT = 0.05
+#: Steps that even out triangles, before Newton's method; chosen without measurements.
 _FAIR_STEPS = 2
 
 

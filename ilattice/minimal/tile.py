@@ -35,7 +35,10 @@ REACH = 0.5
 #: Distances beyond this part of the shortest edge of the cell are not kept, however flat the
 #: surface.
 MAX_REACH = 0.12
+#: Spans of the spline along an edge of the cell: the fewest by default, and the most.
 MIN_SPANS, MAX_SPANS = 8, 128
+#: Points at which the surface is sampled, about, and every how many of them errors are looked at:
+#: chosen without measurements.
 _SAMPLES, _EVERY = 150_000, 16
 
 

@@ -54,6 +54,7 @@ ALONE, MAX_ALONE = 200, 2000
 #: A foot that is farther than a seed by this part of the distance, or of the least spacing, is as
 #: near: queries of grids often have seeds for feet.
 EVEN = 1e-9
+#: Queries that are answered at once: these limit the memory, not the time.
 BATCH = 1 << 17
 #: Largest part of queries that may fall back, and a number that always may.
 MAX_FALLBACK, FEW = 1e-2, 10

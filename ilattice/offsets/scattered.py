@@ -35,6 +35,7 @@ GLOBAL, NEAREST = 1500, 64
 #: A place is beyond the points where the nearest one is farther than this many times the largest
 #: distance of neighbouring points; samples per direction, and the part of them that is told of.
 FAR, SITES, MAX_BEYOND = 1.5, 17, 0.01
+#: Places at which values are interpolated at once: each takes a row as long as there are points.
 BATCH = 1 << 14
 #: Error of the spline over the domain, relative to the largest value.
 TOLERANCE = 2e-3

@@ -31,6 +31,7 @@ from ilattice.tiles.mixture import MixedField
 #: Nearest seeds that are looked at first; and where seeds that were missed have been added, which
 #: crowd on one sheet so that the nearest ones may hide another.
 CANDIDATES, AMONG_ADDED = 8, 32
+#: Largest number of rows that may be asked for: larger ones are mistakes, and would overflow.
 MAX_ROWS = 1 << 40
 #: Last step of a foot that is far away, in spacings of seeds; see `_kernels_newton.converged`.
 TOLERANCE = 1e-7

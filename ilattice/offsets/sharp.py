@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 BAND = 0.3
 #: Least deviation of the length of the gradient from 1 at a kink.
 BENT = 0.05
+#: Places per direction at which the map is looked at for its longest span; chosen without
+#: measurements.
 SITES = 9
 
 

@@ -41,6 +41,7 @@ WARN, REFUSE = 1e-3, 0.05
 #: Coordinates of equations.
 PARAMETERS, SPACE = ("u", "v", "w"), ("x", "y", "z")
 MIXED = "mixes u, v, w, the parameters, with x, y, z, the place in space; use one kind"
+#: Places per direction at which the extremes of a spline are sampled; chosen without measurements.
 SAMPLES = 33
 #: Half-thickness on a side that is filled altogether.
 FULL = 1e30

@@ -36,6 +36,7 @@ CROWDED, CAREFUL = 512, 5
 #: cell up to which, polynomials from which on, and how many. What q points leave falls with a high
 #: power of the length: it stays below that of larger boxes (5e-5 of their volume for q = 4).
 EASED = (4, 5)
+#: These three, for the cases one after the other.
 EASIER = ((0.25, 3, 1), (0.0625, 1, 1), (0.0625, 3, 2))
 #: Points of a rule on pieces of splines that are expected before any are thinned, which takes
 #: longer than what is done with them: a gigabyte. Halved boxes have many more than they need.

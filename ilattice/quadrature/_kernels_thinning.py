@@ -20,6 +20,8 @@ from ilattice._kernels import inner, outer
 KEPT = 1e-10
 #: Pivots below this are none: entries of moments of unit points are about 1.
 PIVOT = 1e-11
+#: Highest total degree of polynomials whose integrals can be kept, and how many these are: scratch
+#: is laid out for them.
 MAX_DEGREE = 5
 MAX_MOMENTS = (MAX_DEGREE + 1) * (MAX_DEGREE + 2) * (MAX_DEGREE + 3) // 6
 #: Groups whose sums are made at once.

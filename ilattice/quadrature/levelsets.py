@@ -35,8 +35,7 @@ from ilattice.quadrature._kernels_scratch import LOW
 from ilattice.quadrature.field_pieces import FieldPieces, field_pieces
 
 #: Highest degree of level sets, and numbers of coefficients for which kernels are unrolled.
-MAX_DEGREE = 4
-UNROLLED = (3, 4)
+MAX_DEGREE, UNROLLED = 4, (3, 4)
 #: Pieces that are worked on at once.
 BATCH = 1 << 14
 PER_PIECE = 24  # bytes of memory

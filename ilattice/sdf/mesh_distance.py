@@ -42,8 +42,7 @@ __all__ = ["ClosestPoints", "MeshDistance", "MeshFaults"]
 THIN = 1e-9
 ON_MESH = 4e-15  # of the coordinates: points that are nearer to an edge have no side
 #: Sizes of meshes of which products of three coordinates are numbers.
-_LARGEST = 1e100
-_SMALLEST = 1e-100
+_LARGEST, _SMALLEST = 1e100, 1e-100
 
 
 class ClosestPoints(NamedTuple):

@@ -44,8 +44,9 @@ MEMORY = 8.0  # gigabytes
 #: Planes of a grid per direction.
 MAX_PLANES = 1_000_000
 PER_TRIANGLE = 60  # bytes, with all that is in memory at once
-#: Bytes per block of the grid, and per cell of it more than meshing can take.
+#: Bytes per block of the grid.
 PER_BLOCK = 100
+#: Bytes per cell of the grid, more than meshing can take.
 MAX_PER_CELL = 320
 COARSE_GRID = 2.5  # spacings along the longest side below which a grid is called coarse
 #: Bytes of the program without a mesh.

@@ -31,6 +31,7 @@ MAX_POSITION = 0.99
 MAX_DERIVATIVE = 100.0
 #: Positions and derivatives that are nearer are equal.
 _EQUAL = 1e-9
+#: Most points of a curve that may be asked for: a bound for mistakes.
 _MAX_POINTS = 100_000
 
 

@@ -31,8 +31,7 @@ from ilattice.shells.refined import refined
 from ilattice.shells.topologies import FACES, Segment, edge_place, others
 
 #: Points per arc for distances, and cells over which colours change at the curves.
-POINTS = 513
-SOFT = 1.5
+POINTS, SOFT = 513, 1.5
 _EVERY = 4  # of the points, for what is on which side
 #: Least absolute value of colours: so that nodes on curves have a side, and a part of a cell inside
 #: of the faces, where the surface is looked for, it is that of the face.

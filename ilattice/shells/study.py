@@ -51,11 +51,14 @@ RANGES: Mapping[str, Mapping[str, tuple[float, float]]] = FixedMapping(
         "topo_19": FixedMapping({"position": (-0.4, 0.4), "derivative": (1.0, 2.0)}),
     }
 )  # fmt: skip
+#: Least and largest relative density by default.
 DENSITY = (0.2, 0.4)
 #: Triangles, layer and cells of the analysis, and its options: good for some per cent.
 N, LAYER, CELLS = 16, 0.03, 12
 OPTIONS = FixedMapping({"estimate": False})
+#: Most designs of a study, a bound for mistakes, and the largest seed, that of a signed integer.
 MAX_SAMPLES, _MAX_SEED = 100_000, 2**63 - 1
+#: Fewest and most cells of an analysis per direction that may be asked for: bounds for mistakes.
 MIN_CELLS, MAX_CELLS = 3, 1000
 
 

@@ -38,6 +38,7 @@ N, LAYER, THICKER, MIN_LAYER = 24, 0.01, (0.02, 0.04), 0.003
 _CURVED, CURVED = 0.04, 0.05
 #: Ratios of layers from one surface to the next where larger ones tear: the first, and the least.
 _SMALL_STEP, _MIN_STEP = 2.0**0.25, 1.05
+#: Fewest and most cells per edge of the octant that may be asked for; chosen without measurements.
 MIN_N, MAX_N = 8, 96
 #: The harmonic function is found on a grid at least so fine.
 _FINE = 48

@@ -40,6 +40,8 @@ SECANTS = 3
 #: How far below the asked height planes cut, relative to the largest height: an upper end that is
 #: flat is cut as a whole, whatever the rounding of its heights.
 BELOW = 1e-11
+#: Blocks that are bounded at once, and nodes of blocks that are evaluated at once: these limit the
+#: memory.
 CHUNK = 1 << 17
 #: Edges of the mesh that stands for all slices, as a part of the thinnest wall.
 COARSE = 0.5

@@ -61,6 +61,7 @@ if TYPE_CHECKING:
 
 #: A polygon as arrays: its outer contour (n, 2), and its holes.
 Polygon = tuple[FloatArray, tuple[FloatArray, ...]]
+#: Layers above which a thickness is taken for a mistake.
 MAX_LAYERS = 50_000
 #: Bytes per cell of a cross-section, and per block of cells, while slicing.
 PER_CELL, PER_BLOCK = 20, 40

@@ -24,8 +24,7 @@ Terms = dict[Codes, float]
 
 ONE: Terms = {(0, 0, 0): 1.0}
 #: What notation may have: multiples of an angle, and brackets.
-MAX_HARMONIC = 32
-MAX_BRACKETS = 200
+MAX_HARMONIC, MAX_BRACKETS = 32, 200
 
 
 def _code(kind: str, harmonic: int) -> tuple[float, int]:

@@ -58,8 +58,9 @@ BALANCED = 1e-5
 #: Weights below which feet play no part, slopes inwards that are none, slopes across the sheet of
 #: equal distances that are none, and bends along it, per distance, that are none.
 LIGHT, LEVEL, ALIKE, FLAT = 1e-3, 1e-3, 0.02, 1e-3
-#: Directions in which the distance falls, by Morse index; and where that is not told.
+#: Directions in which the distance falls, by Morse index.
 FALLS = (0, 0, False), (2, 0, False), (1, 1, False), (1, 0, True)
+#: The same where that is not told.
 UNKNOWN = -1, 0, False
 
 

@@ -42,9 +42,9 @@ STAGES = 6
 #: closed longer ago are thicker than the wall.
 REACH = 0.25
 #: Directions in which the room in a web is measured, at first and in each of ever narrower cones
-#: about the best one: distances have ridges, so that it may be a sharp one. Steps along each
-#: direction to the first one outside, and halvings of that step.
+#: about the best one: distances have ridges, so that it may be a sharp one.
 FIRST, DIRECTIONS, CONES = 256, 64, tuple(0.4 * 0.5**i for i in range(8))
+#: Steps along each direction to the first one outside, and halvings of that step.
 MARCH, HALVINGS = 12, 10
 #: Directions in which a map stretches by less than this part of the most are none.
 FLAT = 1e-9

@@ -19,6 +19,7 @@ from ilattice.topology.clearance import Clearance
 
 #: Feet are looked for that are farther than the nearest by up to so many diagonals of a span.
 NEARLY = 1.2
+#: Seeds from which feet of one point are looked for, at most; chosen without measurements.
 MAX_SEEDS = 64
 #: Feet whose distances differ by less, relative to the size of a span, are equally near.
 EVEN = 1e-5
