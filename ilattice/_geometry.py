@@ -112,6 +112,25 @@ def grid_indices(counts: Any) -> IntArray:
 
 #: Corners of the unit cube, the last coordinate changes first.
 CORNERS = grid_indices((2, 2, 2))
+#: Steps of points that fill the unit cube evenly: the first two powers of the reciprocal of the
+#: plastic number, and a third number that was chosen without measurements.
+SPREAD = (0.7548776662, 0.5698402910, 0.3028)
+
+
+def spread_points(count: int) -> FloatArray:
+    """Points of the unit cube of low discrepancy, the same every time.
+
+    Parameters
+    ----------
+    count : int
+        How many.
+
+    Returns
+    -------
+    ndarray, shape (count, 3)
+        Multiples of `SPREAD` less their whole parts.
+    """
+    return np.mod(np.arange(1.0, count + 1.0)[:, None] * SPREAD, 1.0)
 
 
 def least_step(f: FloatArray, gradient: FloatArray) -> FloatArray:

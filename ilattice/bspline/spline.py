@@ -32,7 +32,7 @@ from ilattice._validate import (
 )
 from ilattice.bspline import _kernels
 from ilattice.bspline.bezier import BezierCells, range_on_boxes, to_bezier
-from ilattice.bspline.knots import elevation_matrix, greville, insertion_matrix
+from ilattice.bspline.knots import elevation_matrix, greville, insertion_matrix, wrap
 from ilattice.errors import InputError
 
 #: Highest degree, and largest finite number.
@@ -240,7 +240,7 @@ class BSpline(Field):
         for axis, (first, last) in enumerate(self.domain.T):
             x = u[:, axis]
             if self.periodic[axis]:
-                x = first + np.mod(x - first, last - first)
+                x = wrap(x, self.t[axis], self.k[axis])
             elif extrapolate == "clamp":
                 x = np.clip(x, first, last)
             out[:, axis] = x
@@ -379,9 +379,8 @@ class BSpline(Field):
         sites = []
         for i, a in enumerate(axes):
             x = as_array(f"axes[{i}]", a, ndim=1)
-            lo, hi = self.domain[:, i]
             if self.periodic[i]:
-                x = lo + np.mod(x - lo, hi - lo)
+                x = wrap(x, self.t[i], self.k[i])
             elif len(x):
                 self._check_inside(x, i)
             sites.append(x)

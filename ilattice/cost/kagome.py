@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ilattice._geometry import grid_points
+from ilattice._geometry import CORNERS, grid_points
 from ilattice._memory import need
 from ilattice._typing import ArrayLike, FloatArray, IntArray
 from ilattice._validate import (
@@ -212,15 +212,12 @@ def divided_box(
     a, b = as_triple("lo", lo), as_triple("hi", hi)
     if not (a < b).all():
         raise InputError(f"hi must be above lo, got {a.tolist()} and {b.tolist()}")
-    grid = np.stack(
-        np.meshgrid(*[np.linspace(0, 1, n + 1) for n in counts], indexing="ij"), -1
-    ).reshape(-1, 3)
+    grid = grid_points(*[np.linspace(0, 1, n + 1) for n in counts])
     even = [(0, 3, 5, 6), (1, 0, 3, 5), (2, 0, 3, 6), (4, 0, 5, 6), (7, 3, 5, 6)]
-    places = np.stack(np.unravel_index(np.arange(8), (2, 2, 2)), 1)
     rows = []
     for at in np.ndindex(*counts):
         flip = np.array([sum(at) % 2, 0, 0])
-        corner = np.array(at) + (places ^ flip)
+        corner = np.array(at) + (CORNERS ^ flip)
         ids = np.ravel_multi_index(tuple(corner.T), tuple(n + 1 for n in counts))
         rows += [ids[list(t)] for t in even]
     tets = np.array(rows, np.int64)

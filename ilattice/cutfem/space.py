@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from ilattice._geometry import cells_at, grid_points, wrapped
+from ilattice._geometry import cells_at, grid_points, within, wrapped
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import (
     Frozen,
@@ -331,7 +331,7 @@ class SplineSpace(Frozen):
         for a in range(3):
             x = greville(self.knots[a], self.degree)[: self.shape[a]]
             lo, hi = self.grid.axes[a][[0, -1]]
-            out.append(lo + np.mod(x - lo, hi - lo) if self.grid.closed[a] else np.clip(x, lo, hi))
+            out.append(within(x, lo, hi, self.grid.closed[a]))
         return tuple(map(read_only, out))
 
     def interpolate(

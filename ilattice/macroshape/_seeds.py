@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import KDTree
 
-from ilattice._geometry import grid_points
+from ilattice._geometry import grid_indices, grid_points
 from ilattice._typing import FloatArray, IntArray
 from ilattice.bspline import BSpline
 
@@ -44,7 +44,7 @@ class Seeds:
         if np.prod([len(e) - 1 for e in edges]) > _MAX_SEEDS:
             edges = [_cells(spline, axis, fine=False) for axis in range(3)]
         self.shape = np.array([len(e) - 1 for e in edges])
-        index = np.indices(tuple(self.shape.tolist())).reshape(3, -1)
+        index = grid_indices(self.shape.tolist()).T
         self.first = np.stack([e[:-1][i] for e, i in zip(edges, index, strict=True)], axis=1)
         self.last = np.stack([e[1:][i] for e, i in zip(edges, index, strict=True)], axis=1)
         self.index: IntArray = np.ascontiguousarray(index.T)

@@ -18,7 +18,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ilattice._geometry import grid_points
+from ilattice._geometry import CORNERS, grid_points
 from ilattice._shown import one_line
 from ilattice._typing import FloatArray, IntArray
 from ilattice._validate import Frozen, as_kind, as_not_negative, as_whole, check_lengths, read_only
@@ -30,7 +30,6 @@ __all__ = ["Certificate", "Status", "certify", "check_map"]
 
 _log = logging.getLogger("ilattice")
 _EPS = float(np.finfo(np.float64).eps)
-_CORNERS = np.array(list(np.ndindex(2, 2, 2)), dtype=np.float64)
 #: Bernstein coefficients handled at once, and kept at most while searching.
 _BATCH, _KEPT = 1 << 18, 1 << 21
 #: Halvings after which elements are as small as rounding.
@@ -387,7 +386,7 @@ class _Search:
             upper = bern.halves(upper)
             lower = None if lower is None else bern.halves(lower)
             step = np.repeat(0.5 * step, 8, axis=0)
-            start = np.repeat(start, 8, axis=0) + np.tile(_CORNERS, (len(start), 1)) * step
+            start = np.repeat(start, 8, axis=0) + np.tile(CORNERS, (len(start), 1)) * step
             c = _quotient(upper, lower)
             ends = c[:, :: c.shape[1] - 1, :: c.shape[2] - 1, :: c.shape[3] - 1]
             self._note(ends.reshape(-1, 8), start, step)
@@ -416,9 +415,9 @@ class _Search:
         i, j = np.unravel_index(int(corners.argmin()), corners.shape)
         if corners[i, j] < self.worst:
             self.worst = float(corners[i, j])
-            self.worst_u = start[i] + _CORNERS[j] * step[i]
+            self.worst_u = start[i] + CORNERS[j] * step[i]
         rows, which = np.nonzero(np.abs(corners) <= self.tol)
-        self.singular.extend(start[rows[:256]] + _CORNERS[which[:256]] * step[rows[:256]])
+        self.singular.extend(start[rows[:256]] + CORNERS[which[:256]] * step[rows[:256]])
 
     def places(self) -> FloatArray:
         """The zeros, each once, at most 32."""

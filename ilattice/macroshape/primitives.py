@@ -7,6 +7,7 @@ Non-guarantees: extreme arguments may fold a shape; `SplineMap.certificate` tell
 
 import numpy as np
 
+from ilattice._geometry import CORNERS
 from ilattice._typing import ArrayLike, FloatArray
 from ilattice._validate import as_array, as_positive, as_triple
 from ilattice.bspline import BSpline
@@ -101,7 +102,7 @@ def affine(matrix: ArrayLike, offset: ArrayLike = 0.0) -> SplineMap:
         raise InputError(f"matrix must be of shape (3, 3), got {a.shape}")
     if np.linalg.cond(a) > 1e14:
         raise InputError(f"matrix must be regular, its singular values are {np.linalg.svd(a)[1]}")
-    u = np.moveaxis(np.indices((2, 2, 2)).astype(np.float64), 0, -1)
+    u = CORNERS.reshape(2, 2, 2, 3).astype(np.float64)
     return _trilinear(u @ a.T + as_triple("offset", offset))
 
 
@@ -189,7 +190,7 @@ def tapered(base: float = 1.0, top: float = 0.5, height: float = 1.0) -> SplineM
     """
     sides = np.array([as_positive("base", base), as_positive("top", top)])
     h = as_positive("height", height)
-    u = np.moveaxis(np.indices((2, 2, 2)).astype(np.float64), 0, -1)
+    u = CORNERS.reshape(2, 2, 2, 3).astype(np.float64)
     across = (u[..., :2] - 0.5) * sides[None, None, :, None]
     return _trilinear(np.concatenate([across, h * u[..., 2:]], axis=-1))
 

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ilattice._geometry import between
+from ilattice._geometry import between, fixed_coordinates, least_step
 from ilattice._typing import AnyArray, FloatArray, IntArray
 from ilattice.mesh import _kernels_creases as kernels
 from ilattice.mesh._kernels_cells import CAP as ON_CAP
@@ -76,7 +76,7 @@ def sharpened(raw: Contour, field: Any, axes: Any, corners: FloatArray | None = 
     normal = _normals(field, foot)
     at = np.flatnonzero(off | (_bends(len(x), around, normal) < BENT))
     A, b = _equations(x, at, raw.kind, around, foot, normal)
-    held = _held(raw.kind[at])
+    held = fixed_coordinates(raw.kind[at])
     wide, tight = (
         _settled(
             field, _kept(field, x[at], _nearest(x[at], A, b, axes, beyond)), x[at], held, axes,
@@ -165,7 +165,7 @@ def _snapped(
     order = order[np.argsort(distance[order], kind="stable")]
     more = order[np.unique(own[order], return_index=True)[1]]  # each corner for one vertex
     target = corners[own[more]]
-    target = np.where(_held(kind[more]), x[more], target)
+    target = np.where(fixed_coordinates(kind[more]), x[more], target)
     low, high = _cells(new[more], axes)
     inside = ((low <= target) & (target <= high)).all(axis=1)
     new[more[inside]] = target[inside]
@@ -229,16 +229,10 @@ def _equations(
     place[at] = np.arange(len(at))
     A, b = np.zeros((len(at), 3, 3)), np.zeros((len(at), 3))
     kernels.gather(quads, foot, normal, x, place, A, b)
-    fixed = _held(kind[at])
+    fixed = fixed_coordinates(kind[at])
     for a in range(3):
         A[fixed[:, a], a, :] = A[fixed[:, a], :, a] = b[fixed[:, a], a] = 0.0
     return A, b
-
-
-def _held(kind: AnyArray) -> AnyArray:
-    """Axes (n, 3) along which vertices stay where they are, in a face of the domain."""
-    out: AnyArray = (kind[:, None] >> (2 * np.arange(3))) & 3 != 0
-    return out
 
 
 def _nearest(x: FloatArray, A: FloatArray, b: FloatArray, axes: Any, beyond: float) -> FloatArray:
@@ -294,13 +288,11 @@ def _settled(
     for _ in range(MAX_STEPS):
         value, gradient = field.jet(out[at], 1)
         gradient = np.where(held[at], 0.0, gradient)
-        square = np.einsum("ni,ni->n", gradient, gradient)
-        off = np.abs(value) > NEAR_ENOUGH * h * np.sqrt(square)
-        at, value, gradient, square = at[off], value[off], gradient[off], square[off]
+        off = np.abs(value) > NEAR_ENOUGH * h * _lengths(gradient)
+        at, value, gradient = at[off], value[off], gradient[off]
         if not len(at):
             return out
-        step = gradient * (value / np.maximum(square, 1e-300))[:, None]
-        out[at] = np.clip(out[at] - step, low[at], high[at])
+        out[at] = np.clip(out[at] - least_step(value, gradient), low[at], high[at])
     value, gradient = field.jet(out[at], 1)
     worse = np.abs(value) > np.maximum(np.abs(field(old[at])), OFF * h * _lengths(gradient))
     out[at[worse]] = old[at[worse]]

@@ -12,13 +12,12 @@ spacing of the seeds only.
 """
 
 from dataclasses import dataclass, field
-from itertools import product
 from typing import Any, Protocol
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ilattice._geometry import least_step
+from ilattice._geometry import CORNERS, grid_indices, least_step
 from ilattice._typing import AnyArray, FloatArray
 from ilattice._validate import as_array
 from ilattice.errors import GeometryError, InputError
@@ -35,9 +34,12 @@ SEEDS = 96  # per side of a box
 STARTS = 3  # seeds from which feet are looked for
 NEAR = 24  # seeds among which starts are chosen
 #: Steps of Newton's method onto a surface, steps along it, and points that are taken at once.
-STEPS = 12
-SLIDES = 12
-BATCH = 1 << 15
+STEPS, SLIDES, BATCH = 12, 12, 1 << 15
+#: How far a seed may be from the middle of its cell, in widths of cells: more than half a diagonal.
+ASTRAY = 1.2
+#: Steps to the zero set below this part of the box count as none; and where feet are right, how far
+#: they are from it, and how far off the normal through the query.
+ZERO, ON_SURFACE, ACROSS = 1e-9, 1e-10, 1e-8
 MARGIN = 0.25  # of a box about which distances are asked for, where the zero set goes on
 
 
@@ -75,18 +77,17 @@ class _Boxed:
     def _seeds(self, box: FloatArray) -> FloatArray:
         """Points of the zero set, one per cell that it may cross."""
         counts = np.maximum(1, np.ceil((box[1] - box[0]) / self.size))
-        corners = np.array(list(product(*(range(int(c)) for c in counts))), float)
+        corners = grid_indices(counts.astype(int))
         lo, width = box[0] + corners * self.size, self.size
-        octants = np.array(list(product((0.0, 0.5), repeat=3)))
         while width > self.h:
             width *= 0.5
-            lo = (lo[:, None] + 2.0 * width * octants).reshape(-1, 3)
+            lo = (lo[:, None] + width * CORNERS).reshape(-1, 3)
             lo = lo[(lo <= box[1]).all(axis=1)]
             bounds = self.part.program.ranges(lo, lo + width)
             lo = lo[(bounds[:, 0] <= 0.0) & (bounds[:, 1] >= 0.0)]
         centres = lo + 0.5 * width
         p = self._onto(centres)
-        near = np.linalg.norm(p - centres, axis=1) <= 1.2 * width
+        near = np.linalg.norm(p - centres, axis=1) <= ASTRAY * width
         p = p[near & self._on(p)]
         if not len(p):
             raise GeometryError(
@@ -98,7 +99,7 @@ class _Boxed:
     def _slack(self, p: FloatArray) -> FloatArray:
         """Values that count as zero."""
         g = self.part.program.jets(p, 1)[:, 1:4]
-        return np.asarray(1e-9 * self.size * np.linalg.norm(g, axis=1))
+        return np.asarray(ZERO * self.size * np.linalg.norm(g, axis=1))
 
     def _onto(self, p: FloatArray, steps: int = 8) -> FloatArray:
         """Points moved along the gradient onto the zero set."""
@@ -171,7 +172,7 @@ class _Boxed:
         lam = np.where(np.isnan(lam), np.einsum("ni,ni->n", x - y, g) / square, lam)
         steep = np.sqrt(square)
         across = np.linalg.norm(np.cross(x - y, g), axis=1) / steep
-        done = (np.abs(f) <= 1e-10 * self.size * steep) & (across <= 1e-8 * self.size)
+        done = (np.abs(f) <= ON_SURFACE * self.size * steep) & (across <= ACROSS * self.size)
         system = np.zeros((len(x), 4, 4))
         system[:, :3, :3] = np.eye(3) + lam[:, None, None] * H
         system[:, :3, 3] = system[:, 3, :3] = g

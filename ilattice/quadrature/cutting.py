@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ilattice._field import owns
+from ilattice._geometry import grid_array
 from ilattice._memory import need
 from ilattice._progress import Progress, staged
 from ilattice._typing import AnyArray, FloatArray, IntArray, Solid
@@ -132,7 +133,7 @@ class CutGrid(Frozen):
         pyvista.UnstructuredGrid
             In space, with cell data ``status``: -1 in, 0 cut.
         """
-        u = np.stack(np.meshgrid(*self.grid.axes, indexing="ij"), axis=-1)
+        u = grid_array(*self.grid.axes)
         x = u if self.through is None else self.through.x(u.reshape(-1, 3)).reshape(u.shape)
         cells = hexahedra(x, self.status < OUT)
         status = self.status.ravel(order="F")

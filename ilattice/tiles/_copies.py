@@ -4,10 +4,11 @@ Guarantee: where a copy is nearest to a point of the cell, it, or one as near, i
 """
 
 from collections.abc import Sequence
-from itertools import permutations, product
+from itertools import permutations
 
 import numpy as np
 
+from ilattice._geometry import CORNERS
 from ilattice._memory import need
 from ilattice._typing import FloatArray, IntArray
 from ilattice.tiles._piece_arrays import PER_PIECE, Pieces
@@ -62,7 +63,7 @@ def copies(
         at, rest = np.divmod(at, sizes[which, axis])
         factors[:, axis] = first[which, axis] + rest
     by = np.einsum("ij,nj->ni", cell, factors)
-    corners = np.array(list(product((0.0, 1.0), repeat=3))) @ cell.T
+    corners = CORNERS @ cell.T
     low, high = corners.min(axis=0), corners.max(axis=0)
     boxes = own.boxes[which]
     gap = np.maximum(np.maximum(boxes[:, :3] + by - high, low - boxes[:, 3:6] - by), 0.0)

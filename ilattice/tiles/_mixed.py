@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._field import Field
-from ilattice._geometry import grid_points
+from ilattice._geometry import grid_points, spread_points
 from ilattice._typing import AnyArray, ArrayLike, FloatArray, IntArray
 from ilattice._validate import as_array, asked
 from ilattice.bspline import BSpline
@@ -221,8 +221,7 @@ class Blend:
         """Refuse weights that differ on the two ends of a closed direction."""
         if self.weight is None:
             return
-        i = np.arange(1.0, 65.0)[:, None]
-        p = np.mod(i * [0.7548776662, 0.5698402910, 0.3028], 1.0) * np.array(self.repeat)
+        p = spread_points(64) * np.array(self.repeat)
         for axis in np.flatnonzero(self.closed):
             ends = []
             for face in (0.0, float(self.repeat[axis])):

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ilattice._geometry import grid_indices
 from ilattice._typing import FloatArray, IntArray
 from ilattice.bspline import BSpline
 from ilattice.errors import InputError
@@ -77,7 +78,7 @@ def _elements(spline: BSpline, radius: float | BSpline) -> list[tuple[IntArray, 
         if isinstance(radius, BSpline):
             radius = radius.insert_knots(0, cuts)
     cells = spline.to_bezier()
-    index = np.indices(cells.shape).reshape(nd, -1).T
+    index = grid_indices(cells.shape)
     points, w = _flat(cells.coefficients, nd), _flat(cells.weights, nd)
     if isinstance(radius, BSpline):
         r = _flat(radius.to_bezier().coefficients, nd)

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from ilattice._field import OF_THE_INNER, Field, as_boxes, owns
+from ilattice._geometry import grid_points, spread_points
 from ilattice._typing import AnyArray, ArrayLike, FloatArray
 from ilattice._validate import (
     as_array,
@@ -236,8 +237,7 @@ class Tile(Field):
             return np.asarray(self._asked("grid", xyz) - self.level, kind)
         out = np.empty(tuple(len(a) for a in xyz), kind)
         for i, x in enumerate(xyz[0]):
-            plane = np.stack(np.meshgrid([x], xyz[1], xyz[2], indexing="ij"), axis=-1)
-            out[i] = self(plane.reshape(-1, 3)).reshape(out.shape[1:])
+            out[i] = self(grid_points([x], xyz[1], xyz[2])).reshape(out.shape[1:])
         return out
 
     def range(self, lo: ArrayLike, hi: ArrayLike) -> FloatArray:
@@ -497,8 +497,7 @@ class Tile(Field):
 
     def _matches(self, axis: int) -> bool:
         """Whether values and normal derivatives agree on the two faces of an axis."""
-        i = np.arange(1.0, 65.0)
-        u = np.mod(np.stack([i * 0.7548776662, i * 0.5698402910, i * 0.3028], axis=1), 1.0)
+        u = spread_points(64)
         h = 3e-3
         ends: list[AnyArray] = []
         for face, sign in ((0.0, 1.0), (1.0, -1.0)):
