@@ -33,6 +33,8 @@ SURVEY, MAX_NEWTON, MAX_FOLLOWED = 20, 4, 4
 MAX_EVALUATIONS = 800
 #: Angle between directions of offsets from which on Newton's method takes over.
 _NEAR = 0.005
+#: Newton steps of one search, and moves of planes when they are followed, at most; chosen without
+#: measurements.
 _MAX_STEPS, _MAX_MOVES = 20, 60
 #: Gaps up to this part of the size of the surface are none.
 _CLOSED = 1e-9
@@ -42,6 +44,21 @@ _STEP = 1e-4
 _FAR = 0.2
 #: Part of the mean length below which a side counts as gone.
 _GONE = 0.03
+#: Singular values of slopes of gaps, and of aims, relative to the largest one, below which unknowns
+#: stay as they are.
+_RANK, _AIM_RANK = 1e-8, 1e-10
+#: Newton's slopes are taken anew where a step leaves more than this part of the gaps.
+_SLOW = 0.3
+#: Part of the way to where a length vanishes that a step may go; how often it is shortened, to
+#: which part, and the part of what it promises that it must bring: chosen without measurements.
+_ROOM, _TRIES, _SHORTER, _GAIN = 0.7, 4, 0.4, 0.1
+#: Random steps from one polygon to the next, and the part of the room that they may take.
+_MIXED, _INSIDE = 4, 0.98
+#: Where planes are followed: the angle of the first step, by how much more the next one may be
+#: than the last, and the least.
+_STRIDE, _LONGER, _LEAST = 0.3, 2.0, 1e-5
+#: Parts of the room and of what a step promises, and the shortening, then.
+_FOLLOWED_ROOM, _FOLLOWED_GAIN, _HALF = 0.6, 0.3, 0.5
 
 
 def conjugated(v: FloatArray, disc: Disc) -> FloatArray:
@@ -281,7 +298,7 @@ class Closing:
             fresh = jacobian is None
             if jacobian is None:
                 jacobian = self._slopes(lengths, best.gaps, "gaps")
-            step = self.free @ -np.linalg.lstsq(jacobian, best.gaps, rcond=1e-8)[0]
+            step = self.free @ -np.linalg.lstsq(jacobian, best.gaps, rcond=_RANK)[0]
             trial = self._tried(lengths, step, size)
             if trial is None:
                 if fresh:
@@ -291,7 +308,7 @@ class Closing:
             t, new = trial
             z = self.free.T @ (t * step)
             change = new.gaps - best.gaps
-            slow = float(np.linalg.norm(new.gaps)) > 0.3 * size
+            slow = float(np.linalg.norm(new.gaps)) > _SLOW * size
             jacobian = None if slow else jacobian + np.outer(change - jacobian @ z, z) / (z @ z)
             lengths, best = lengths + t * step, new
             if np.abs(lengths / base - 1.0).max() > _FAR:
@@ -313,15 +330,15 @@ class Closing:
         self, lengths: FloatArray, step: FloatArray, size: float
     ) -> tuple[float, Placed] | None:
         """Part of a step that brings the sides closer to their planes, lengths staying positive."""
-        t = min(1.0, 0.7 * room(lengths, step))
-        for _ in range(4):
+        t = min(1.0, _ROOM * room(lengths, step))
+        for _ in range(_TRIES):
             try:
                 new = self.placed(lengths + t * step)
             except ConvergenceError:
                 new = None
-            if new is not None and np.linalg.norm(new.gaps) < (1.0 - 0.1 * t) * size:
+            if new is not None and np.linalg.norm(new.gaps) < (1.0 - _GAIN * t) * size:
                 return t, new
-            t *= 0.4
+            t *= _SHORTER
         return None
 
     # ---------------------------------------------------------------- following
@@ -367,15 +384,15 @@ class Closing:
         rng = np.random.default_rng(len(self.faces))
         lengths = self.faces.balance
         for _ in range(count):
-            for _ in range(4):
+            for _ in range(_MIXED):
                 along = self.free @ rng.normal(size=self.free.shape[1])
                 low, high = -room(lengths, -along), room(lengths, along)
-                lengths = lengths + rng.uniform(0.98 * low, 0.98 * high) * along
+                lengths = lengths + rng.uniform(_INSIDE * low, _INSIDE * high) * along
             yield lengths
 
     def _follow(self, lengths: FloatArray) -> FloatArray:
         """Move the planes to where they should be, as far as the surface goes along."""
-        best, stride = self.rebased(lengths), 0.3
+        best, stride = self.rebased(lengths), _STRIDE
         for _ in range(_MAX_MOVES):
             away = _angle(best.aim, self.aim)
             if away < _NEAR:
@@ -385,7 +402,7 @@ class Closing:
             if moved is None:
                 break
             lengths, best, part = moved
-            stride = 2.0 * part * away
+            stride = _LONGER * part * away
         raise self._stopped(lengths, best)
 
     def _advanced(
@@ -393,20 +410,20 @@ class Closing:
     ) -> tuple[FloatArray, Placed, float] | None:
         """Go a part of the way to the planes, or less; None if nothing comes nearer."""
         away, base = _angle(best.aim, self.aim), self.base
-        while part * away > 1e-5:
+        while part * away > _LEAST:
             wanted = np.sin((1.0 - part) * away) * best.aim + np.sin(part * away) * self.aim
             wanted /= np.linalg.norm(wanted)
-            step = self.free @ np.linalg.lstsq(slopes, wanted - best.aim, rcond=1e-10)[0]
-            t = min(1.0, 0.6 * room(lengths, step))
+            step = self.free @ np.linalg.lstsq(slopes, wanted - best.aim, rcond=_AIM_RANK)[0]
+            t = min(1.0, _FOLLOWED_ROOM * room(lengths, step))
             try:
                 new = self.rebased(lengths + t * step, start=False)
-                nearer = _angle(new.aim, self.aim) < away * (1.0 - 0.3 * t * part)
+                nearer = _angle(new.aim, self.aim) < away * (1.0 - _FOLLOWED_GAIN * t * part)
                 if nearer and self.turned(new.dual) is None:
                     return lengths + t * step, new, part
             except ConvergenceError:
                 pass
             self.base = base
-            part *= 0.5
+            part *= _HALF
         return None
 
     def _stopped(self, lengths: FloatArray, best: Placed) -> ConvergenceError:

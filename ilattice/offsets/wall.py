@@ -36,6 +36,9 @@ BOXES, TOLD = 1 << 14, 0.01
 #: What parts of these boxes may do where the spline is off by more than is usual: exact distances
 #: are slow there, and needed far from the surfaces.
 PARTS = (16, 4)
+#: Length of edges over the least thickness from which on there is a warning, and the one that is
+#: advised; chosen without measurements.
+COARSE, ADVISED = 0.6, 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,10 +240,10 @@ class OffsetSolid(Shown):
 
 def warn_coarse(h: float, least: float) -> None:
     """Warn of a mesh that is too coarse for the wall."""
-    if h > 0.6 * least:
+    if h > COARSE * least:
         warnings.warn(
             f"h={h:g} is coarse for a wall that is {least:g} thick at its thinnest: thinner "
-            f"parts may be lost; use h <= {0.5 * least:g}",
+            f"parts may be lost; use h <= {ADVISED * least:g}",
             PrecisionWarning,
             stacklevel=4,
         )
