@@ -52,6 +52,21 @@ ROUNDING, TANGENT = 1e-12, 1e-5
 #: Steps after which an iteration is given up that still makes some longer than this part of the
 #: spacing, as back and forth over a sharp edge, where there is a foot already.
 PATIENCE, ERRATIC = 12, 0.1
+#: An iteration heads for the known foot if it is within this part of the spacing of it, and of the
+#: distance, by a step shorter than the first.
+CLOSE, PART = 0.1, 0.5
+#: One heads for a foot that is farther away if its step is shorter than this part of the spacing,
+#: and the distance, less so many such steps, exceeds the known one by this part of the spacing or
+#: of that distance. Chosen, like those above, without a study of their own.
+SETTLING, STEPS_LEFT, FARTHER = 0.3, 2.0, 0.1
+#: The last step of all converges if it is shorter than this part of the spacing; one before it
+#: only below the next part, and where its square in tile coordinates is less than the last number.
+AT_END, ROUGH, ROUGH_SQUARE = 1e-3, 3e-5, 1e-9
+#: Feet are asked for as sharply as usual where they are farther than the spacing over this number;
+#: nearer ones more sharply, by the root of what is missing, down to this part.
+USUAL, SHARPEST = 1e4, 1e-4
+#: Steps after which convergence may be linear, and the part of the spacing that ends it then.
+LATE, LINEAR = 6, 1e-6
 
 #: How a search ended: inside, on the boundary, with the nearest seed in place of a foot, without
 #: foot, given up as it leads to one that is farther away, without foot within the domain all along.
@@ -339,12 +354,14 @@ def abandon(m, r, lam, size, low, known, h):
     far = known.distance
     if not far < np.inf:
         return False
-    close = known.reach * min(0.1 * h, 0.5 * far)
+    close = known.reach * min(CLOSE * h, PART * far)
     behind = lam * known.multiplier < 0.0
-    if size < 0.1 * h and not behind and near((m[0, 0], m[1, 0], m[2, 0]), known.image, close):
+    if size < CLOSE * h and not behind and near((m[0, 0], m[1, 0], m[2, 0]), known.image, close):
         return True
     dist = np.sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
-    return size < 0.3 * h and low >= SADDLE and dist - 2.0 * size > far + 0.1 * min(h, far)
+    if size >= SETTLING * h or low < SADDLE:
+        return False
+    return dist - STEPS_LEFT * size > far + FARTHER * min(h, far)
 
 
 @inner(fastmath=FAST, error_model="numpy")
@@ -358,11 +375,11 @@ def converged(size, last, d, dist, it, h, tol):
     bend away from J d.
     """
     if it == MAX_ITERATIONS - 1:
-        return size <= 1e-3 * h
-    if size > 3e-5 * h or d[0] * d[0] + d[1] * d[1] + d[2] * d[2] > 1e-9:
+        return size <= AT_END * h
+    if size > ROUGH * h or d[0] * d[0] + d[1] * d[1] + d[2] * d[2] > ROUGH_SQUARE:
         return False
-    sharp = h * max(min(1.0, np.sqrt(1e4 * max(dist - size, 0.0) / h)), 1e-4)
-    if size <= tol * sharp or (it > 6 and size <= 1e-6 * sharp):
+    sharp = h * max(min(1.0, np.sqrt(USUAL * max(dist - size, 0.0) / h)), SHARPEST)
+    if size <= tol * sharp or (it > LATE and size <= LINEAR * sharp):
         return True
     return size * size * size <= tol * sharp * last * last
 

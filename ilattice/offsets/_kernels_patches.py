@@ -33,6 +33,13 @@ BENT, CLEAR, SAGITTA, BULGED = 3, 4, 14, 15
 PLAIN, SQUEEZED_TOO, AROUND = 5, 16, 1.25
 #: Part of a cell, along the normal, by which surfaces bend away from their tangent plane.
 BULGE = 0.3
+#: How far a foot may be from a seed along the surface, in spacings, before the turn of normals.
+ACROSS = 0.9
+#: A seed stands for the patch of a foot that is so near to it, in spacings and in parts of the
+#: distance, whichever is less; or where the foot is within the third number of spacings of the
+#: seed, or a part of one from its tangent plane below the query, and the way from foot to query is
+#: along the normal to the last part. Chosen without a study of their own.
+BESIDE, BESIDE_FAR, WIDE, PLANE, ALONG = 0.2, 0.5, 1.2, 0.5, 0.7
 #: How far below its upper faces a tile ends whose neighbours meet it in creases.
 BELOW = 1e-12
 
@@ -89,7 +96,7 @@ def unlikely(x, sx, sn, i, h, best):
     bulge = BULGE * h
     if sn.shape[1] > PLAIN:
         bulge = min(bulge, sn[i, BULGED])
-    if tangential > 0.9 * h + turn or abs(a) > best + bulge:
+    if tangential > ACROSS * h + turn or abs(a) > best + bulge:
         return True
     return sn.shape[1] > PLAIN and beside(v, a, sn, i, turn)
 
@@ -227,14 +234,15 @@ def same_patch(geom, sp, sx, sn, s, x, feet, i, h):
     a = (x[0] - y[0]) * sn[s, 0] + (x[1] - y[1]) * sn[s, 1] + (x[2] - y[2]) * sn[s, 2]
     if a * feet[i, MULTIPLIER] < 0.0:
         return False
-    if row_near(feet, i, IMAGE, y, min(0.2 * h, 0.5 * feet[i, DISTANCE])):
+    if row_near(feet, i, IMAGE, y, min(BESIDE * h, BESIDE_FAR * feet[i, DISTANCE])):
         return True
     foot = (x[0] - a * sn[s, 0], x[1] - a * sn[s, 1], x[2] - a * sn[s, 2])
-    if not row_near(feet, i, IMAGE, y, 1.2 * h) and not row_near(feet, i, IMAGE, foot, 0.5 * h):
+    near = row_near(feet, i, IMAGE, y, WIDE * h) or row_near(feet, i, IMAGE, foot, PLANE * h)
+    if not near:
         return False
     v = (x[0] - feet[i, IMAGE], x[1] - feet[i, IMAGE + 1], x[2] - feet[i, IMAGE + 2])
     turn = v[0] * sn[s, 0] + v[1] * sn[s, 1] + v[2] * sn[s, 2]
-    return (turn if a > 0.0 else -turn) > 0.7 * feet[i, DISTANCE]
+    return (turn if a > 0.0 else -turn) > ALONG * feet[i, DISTANCE]
 
 
 @inner(fastmath=FAST, error_model="numpy")

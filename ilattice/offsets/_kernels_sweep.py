@@ -20,6 +20,8 @@ CHUNK = 64
 MAX_GATHERED = 4096
 #: A foot next to a seed whose cell is no guide is within this part of its spacing from it, across.
 ACROSS = 0.6
+#: Columns of slabs behind their directions: where they begin and end along these.
+BEGIN, END = 3, 4
 
 
 @inner(fastmath=FAST, error_model="numpy")
@@ -36,7 +38,7 @@ def beyond(lo, hi, row, x, reach):
 def off_slab(slab, row, x, reach):
     """Whether a slab is farther from x than `reach`."""
     s = slab[row, 0] * x[0] + slab[row, 1] * x[1] + slab[row, 2] * x[2]
-    return s < slab[row, 3] - reach or s > slab[row, 4] + reach
+    return s < slab[row, BEGIN] - reach or s > slab[row, END] + reach
 
 
 @inner(fastmath=FAST, error_model="numpy")

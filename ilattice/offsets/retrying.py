@@ -139,7 +139,7 @@ def singly(search: SeededSpace, x: FloatArray, p: FloatArray, count: int) -> Flo
         search._run(*many, near.reshape(-1, 1), feet, counts, status)
         feet[0, status >= _kernels_newton.FALLBACK, DISTANCE] = np.inf
         found = feet[0].reshape(-1, k, 8)
-        out[part] = found[np.arange(len(found)), np.abs(found[:, :, 6]).argmin(axis=1)]
+        out[part] = found[np.arange(len(found)), np.abs(found[:, :, DISTANCE]).argmin(axis=1)]
     return out
 
 

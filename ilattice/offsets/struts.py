@@ -21,6 +21,7 @@ import numpy as np
 from ilattice._typing import AnyArray, FloatArray
 from ilattice.macroshape.tiling import Tiling
 from ilattice.offsets._kernels_newton import FALLBACK
+from ilattice.offsets._kernels_patches import DISTANCE, IMAGE
 from ilattice.offsets._small import solved
 from ilattice.offsets.feet import ClosestPoints
 from ilattice.offsets.space import TileSpace
@@ -96,17 +97,18 @@ def onto_struts(
     if len(near):
         f = space.lattice.tile(_in_tile(p[row[near]]))
         sign[near] = np.where(f < 0.0, -1.0, 1.0)
-    feet = np.full((2, n, 7), np.nan)
+    feet = np.full((2, n, DISTANCE + 1), np.nan)
     feet[0] = np.column_stack([found.u, found.foot, found.distance])
     feet[1] = np.column_stack([found.second_u, found.second, found.second_distance])
     moved = np.column_stack([u, foot, sign * size])
     feet[0, at], feet[1, other] = moved[: len(at)], moved[len(at) :]
-    swap = np.abs(feet[1, :, 6]) < np.abs(feet[0, :, 6])
+    swap = np.abs(feet[1, :, DISTANCE]) < np.abs(feet[0, :, DISTANCE])
     first, second = np.where(swap[:, None], feet[::-1], feet)
     return replace(
-        found, u=first[:, :3].copy(), foot=first[:, 3:6].copy(), distance=first[:, 6].copy(),
-        second_u=second[:, :3].copy(), second=second[:, 3:6].copy(),
-        second_distance=second[:, 6].copy(), start=found.u,
+        found, start=found.u,
+        u=first[:, :IMAGE].copy(), second_u=second[:, :IMAGE].copy(),
+        foot=first[:, IMAGE:DISTANCE].copy(), second=second[:, IMAGE:DISTANCE].copy(),
+        distance=first[:, DISTANCE].copy(), second_distance=second[:, DISTANCE].copy(),
     )  # fmt: skip
 
 

@@ -217,9 +217,10 @@ def solve(
     """
     s0, s1, s2 = p[0], p[1], p[2]
     n = 4 + 5 * m
-    work[7][:] = 0.0
+    _, x, _, _, _, _, _, unit = work
+    unit[:] = 0.0
     look(space, less, p, feet, m, work)
-    g = metric(work[1])
+    g = metric(x)
     length = np.sqrt((g[0] + g[1] + g[2]) / 3.0)
     common, first = estimate(m, work, weights, length, mult), 0.0
     for step in range(STEPS):
